@@ -1,0 +1,26 @@
+//! The ground that every other crate stands on: frames, grids, volumes, triangle meshes.
+//!
+//! A mix-up of frames or of a voxel index with millimetres is silent and, beside a nerve, dangerous. So points and
+//! transforms carry their frame in the type, and [`Grid`] is the only place where an index becomes millimetres.
+//! Lengths are mm. This crate does no input or output and knows no image format.
+//!
+//! ```
+//! use bonemill_geometry::{Base, Ct, Point, Rigid};
+//! use nalgebra::{Rotation3, Vector3};
+//! let base_from_ct: Rigid<Base, Ct> = Rigid::new(Rotation3::identity(), Vector3::new(0.0, 0.0, 5.0));
+//! let p_base: Point<Base> = base_from_ct * Point::<Ct>::new(1.0, 2.0, 3.0);
+//! assert_eq!(p_base.z(), 8.0);
+//! ```
+
+pub mod basis;
+mod frame;
+mod grid;
+mod mesh;
+mod rigid;
+mod volume;
+
+pub use frame::{Base, Ct, Flange, Frame, Point, Tool, Work};
+pub use grid::{Grid, GridError};
+pub use mesh::Mesh;
+pub use rigid::{NotARotation, Rigid};
+pub use volume::{Volume, VolumeError};

@@ -1,0 +1,144 @@
+//! A value per voxel of a grid.
+
+use std::fmt;
+
+use crate::{Frame, Grid, Point};
+
+/// One `T` per voxel, x-fastest.
+#[derive(Debug, Clone)]
+pub struct Volume<T, F: Frame> {
+    grid: Grid<F>,
+    data: Vec<T>,
+}
+
+/// The number of values is not the number of voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct VolumeError {
+    /// Voxels of the grid.
+    pub expected: usize,
+    /// Values given.
+    pub found: usize,
+}
+
+impl fmt::Display for VolumeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} values for a grid of {} voxels", self.found, self.expected)
+    }
+}
+impl std::error::Error for VolumeError {}
+
+impl<T, F: Frame> Volume<T, F> {
+    /// From a grid and its values, x-fastest.
+    ///
+    /// # Errors
+    /// [`VolumeError`] when their numbers differ.
+    pub fn new(grid: Grid<F>, data: Vec<T>) -> Result<Self, VolumeError> {
+        if data.len() != grid.len() {
+            return Err(VolumeError { expected: grid.len(), found: data.len() });
+        }
+        Ok(Self { grid, data })
+    }
+
+    /// The same value in every voxel.
+    pub fn filled(grid: Grid<F>, value: T) -> Self
+    where
+        T: Clone,
+    {
+        let data = vec![value; grid.len()];
+        Self { grid, data }
+    }
+
+    /// Its grid.
+    pub fn grid(&self) -> &Grid<F> {
+        &self.grid
+    }
+
+    /// Its values, x-fastest.
+    pub fn data(&self) -> &[T] {
+        &self.data
+    }
+
+    /// Its values, x-fastest, to change.
+    pub fn data_mut(&mut self) -> &mut [T] {
+        &mut self.data
+    }
+
+    /// Grid and values apart.
+    pub fn into_parts(self) -> (Grid<F>, Vec<T>) {
+        (self.grid, self.data)
+    }
+
+    /// The value of voxel (i, j, k).
+    #[inline]
+    pub fn get(&self, voxel: [usize; 3]) -> &T {
+        &self.data[self.grid.index(voxel)]
+    }
+
+    /// A new volume on the same grid.
+    pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Volume<U, F> {
+        Volume { grid: self.grid.clone(), data: self.data.iter().map(f).collect() }
+    }
+}
+
+impl<T: Copy + Into<f64>, F: Frame> Volume<T, F> {
+    /// Trilinear interpolation at `p`; voxels outside the grid count as `outside`.
+    pub fn trilinear(&self, p: Point<F>, outside: f64) -> f64 {
+        self.trilinear_at(self.grid.continuous_index(p), outside)
+    }
+
+    /// Trilinear interpolation at a continuous index; voxels outside the grid count as `outside`.
+    #[inline]
+    pub fn trilinear_at(&self, index: [f64; 3], outside: f64) -> f64 {
+        let dims = self.grid.dims();
+        let (mut base, mut frac) = ([0i64; 3], [0.0; 3]);
+        for a in 0..3 {
+            let floor = index[a].floor();
+            // also false for NaN: such a point is outside
+            if !(floor >= -1.0 && floor < dims[a] as f64) {
+                return outside;
+            }
+            base[a] = floor as i64;
+            frac[a] = index[a] - floor;
+        }
+        let value = |i: i64, j: i64, k: i64| -> f64 {
+            let inside = |v: i64, a: usize| v >= 0 && (v as usize) < dims[a];
+            if inside(i, 0) && inside(j, 1) && inside(k, 2) {
+                self.data[i as usize + dims[0] * (j as usize + dims[1] * k as usize)].into()
+            } else {
+                outside
+            }
+        };
+        let [i, j, k] = base;
+        let [fx, fy, fz] = frac;
+        let along_x = |j, k| value(i, j, k) * (1.0 - fx) + value(i + 1, j, k) * fx;
+        let along_y = |k| along_x(j, k) * (1.0 - fy) + along_x(j + 1, k) * fy;
+        along_y(k) * (1.0 - fz) + along_y(k + 1) * fz
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Work;
+
+    #[test]
+    fn trilinear_reproduces_a_linear_field_inside_and_fades_outside() {
+        let grid = Grid::<Work>::aligned([5, 4, 3], 0.5, Point::new(-1.0, 0.0, 2.0)).unwrap();
+        let field = |p: Point<Work>| 2.0 * p.x() - 3.0 * p.y() + 0.5 * p.z() + 7.0;
+        let data = (0..grid.len()).map(|n| field(grid.center(grid.voxel(n)))).collect();
+        let v = Volume::new(grid, data).unwrap();
+        for p in [Point::new(-0.3, 0.77, 2.61), Point::new(0.99, 1.49, 2.0), Point::new(-1.0, 0.0, 2.0)] {
+            assert!((v.trilinear(p, 0.0) - field(p)).abs() < 1e-12);
+        }
+        let half = v.trilinear(Point::new(-1.25, 0.0, 2.0), 0.0);
+        assert!((half - 0.5 * field(Point::new(-1.0, 0.0, 2.0))).abs() < 1e-12);
+        assert_eq!(v.trilinear(Point::new(99.0, 0.0, 0.0), -5.0), -5.0);
+        assert_eq!(v.trilinear(Point::new(f64::NAN, 0.0, 0.0), -5.0), -5.0);
+    }
+
+    #[test]
+    fn a_wrong_count_is_refused() {
+        let grid = Grid::<Work>::aligned([2, 2, 2], 1.0, Point::new(0.0, 0.0, 0.0)).unwrap();
+        assert_eq!(Volume::new(grid, vec![0.0; 7]).unwrap_err(), VolumeError { expected: 8, found: 7 });
+    }
+}

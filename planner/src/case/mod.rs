@@ -1,0 +1,301 @@
+//! The case: one patient, one tool, one robot, as validated values.
+//!
+//! Text becomes a [`Case`] in [`Case::parse`]; every number in it is finite and in range, so that inner code need not ask
+//! again. The file's keys, defaults and their sources are those of the case file's documentation. Reading files is not
+//! done here.
+
+use std::path::PathBuf;
+
+use bonemill_imaging::{AffineChoice, DensityTable};
+use nalgebra::{Rotation3, Vector3};
+
+/// One patient, one tool and one robot; resolved and validated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Case {
+    /// Whether `preset = "paper"` chose the defaults.
+    pub paper: bool,
+    /// Which images.
+    pub images: Images,
+    /// Hounsfield units to density, and what counts as air and bone.
+    pub density: Density,
+    /// The bone to be removed.
+    pub target: Target,
+    /// What must not be touched.
+    pub structures: Vec<Structure>,
+    /// Approach direction in ct, unit, out of the bone; `None`: the direction in which the target sees the most air.
+    pub approach: Option<Vector3<f64>>,
+    /// The burr.
+    pub burr: Burr,
+    /// The shank, from the burr outwards.
+    pub shank: Vec<ShankSegment>,
+    /// Cutting coefficients.
+    pub material: Material,
+    /// How the path is laid.
+    pub path: PathSpec,
+    /// Weights of the orientation cost.
+    pub cost: CostSpec,
+    /// How the shaft is oriented.
+    pub orientation: OrientationSpec,
+    /// Speed range and law.
+    pub speed: SpeedSpec,
+    /// The arm and where the patient is.
+    pub robot: RobotSpec,
+    /// The planning grid.
+    pub grid: GridSpec,
+}
+
+/// `[images]`: paths relative to the case file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Images {
+    /// The CT.
+    pub ct: PathBuf,
+    /// The label map.
+    pub labels: PathBuf,
+    /// Which affine to take from the CT.
+    pub ct_affine: AffineChoice,
+    /// Which affine to take from the label map.
+    pub labels_affine: AffineChoice,
+}
+
+/// `[density]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Density {
+    /// HU to g/cm³, piecewise linear.
+    pub table: DensityTable,
+    /// At or below: air, nothing to cut, HU.
+    pub air_hu: f64,
+    /// At or above: bone, which burr and shank may not touch outside the target, HU.
+    pub bone_hu: f64,
+}
+
+/// A label by its number, or by its name in the `labels.json` beside the map.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum LabelRef {
+    /// The value in the map.
+    Number(u16),
+    /// The name in `labels.json`.
+    Name(String),
+}
+
+/// `[target]`: the bone to be removed. Shapes are in ct, mm.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Target {
+    /// A label of the map.
+    Label(LabelRef),
+    /// An axis-aligned box.
+    Box {
+        /// Lower corner.
+        min_mm: Vector3<f64>,
+        /// Upper corner.
+        max_mm: Vector3<f64>,
+    },
+    /// A ball.
+    Ball {
+        /// Its centre.
+        center_mm: Vector3<f64>,
+        /// Its radius.
+        radius_mm: f64,
+    },
+    /// A cone's frustum with flat ends.
+    Frustum {
+        /// Centre of the first end.
+        from_mm: Vector3<f64>,
+        /// Centre of the second end.
+        to_mm: Vector3<f64>,
+        /// Radius at the first end.
+        from_radius_mm: f64,
+        /// Radius at the second end.
+        to_radius_mm: f64,
+    },
+}
+
+/// `[[structure]]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Structure {
+    /// Its name in reports.
+    pub name: String,
+    /// Its label.
+    pub label: LabelRef,
+    /// Least distance of the burr's surface, mm.
+    pub clearance_mm: f64,
+    /// 1 is the most important.
+    pub priority: u32,
+    /// Least distance of the shank's surface, mm.
+    pub shank_clearance_mm: f64,
+}
+
+/// `[burr]`: a fluted ball.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Burr {
+    /// Radius, mm.
+    pub radius_mm: f64,
+    /// Number of identical flutes.
+    pub flutes: u32,
+    /// Spindle speed, rpm.
+    pub spindle_rpm: f64,
+    /// −1 forward (clockwise seen from the handpiece), +1 reverse.
+    pub spin: i8,
+    /// Radius of the neck where the flutes end, mm.
+    pub neck_radius_mm: f64,
+}
+
+/// One cylinder of the shank; the first starts at the burr's radius along the axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShankSegment {
+    /// Length along the axis, mm.
+    pub length_mm: f64,
+    /// Radius, mm.
+    pub radius_mm: f64,
+}
+
+/// Length element of the force sum.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Measure {
+    /// Edge length: energy-consistent.
+    Db,
+    /// Height, as the paper prints it.
+    Dz,
+}
+
+/// `[material]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Material {
+    /// Tangential, radial, axial specific cutting energy, N/mm².
+    pub k_n_mm2: [f64; 3],
+    /// Tangential, radial, axial edge coefficients, N/mm.
+    pub k_edge_n_mm: [f64; 3],
+    /// Density at which `k_n_mm2` holds, g/cm³.
+    pub rho_ref_g_cm3: f64,
+    /// Exponent of density.
+    pub exponent: f64,
+    /// Length element.
+    pub measure: Measure,
+    /// Chip thickness at which the edge term saturates, mm; 0: at once.
+    pub t0_mm: f64,
+}
+
+/// `[path]`: a lawnmower.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathSpec {
+    /// Depth of a layer, mm.
+    pub layer_mm: f64,
+    /// Distance of neighbouring lines, mm.
+    pub stepover_mm: f64,
+    /// Distance of neighbouring waypoints, mm.
+    pub step_mm: f64,
+    /// Direction of the lines from work x towards work y; `None`: chosen.
+    pub raster_rad: Option<f64>,
+}
+
+/// Which force the cost looks at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ForceTerm {
+    /// D6: the cutting force's direction.
+    Cutting,
+    /// D12: the deflection's direction under the arm's compliance.
+    Deflection,
+}
+
+/// `[cost]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CostSpec {
+    /// Decay of α₁ with distance, 1/mm.
+    pub kappa_per_mm: f64,
+    /// α₁ at the clearance, 0..1.
+    pub alpha_max: f64,
+    /// Which force.
+    pub force: ForceTerm,
+}
+
+/// How the shaft's axis is chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OrientationMode {
+    /// Dynamic programming over the whole sequence.
+    Optimal,
+    /// Each waypoint alone, then a low-pass (D II-D, II-G).
+    Greedy,
+    /// Along the approach, or as near as the arm can.
+    Fixed,
+}
+
+/// `[orientation]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OrientationSpec {
+    /// How.
+    pub mode: OrientationMode,
+    /// Largest angle from the approach while cutting, rad.
+    pub tilt_limit_rad: f64,
+}
+
+/// How speed follows the bone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SpeedMode {
+    /// D13: inverse to the mass ahead.
+    Mass,
+    /// The nominal speed.
+    Constant,
+    /// Fastest under force caps.
+    ForceLimited,
+}
+
+/// `[speed]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpeedSpec {
+    /// How.
+    pub mode: SpeedMode,
+    /// Slowest cut, mm/s.
+    pub min_mm_s: f64,
+    /// Fastest cut, mm/s.
+    pub max_mm_s: f64,
+    /// Speed of `constant`, and at which forces are compared, mm/s.
+    pub nominal_mm_s: f64,
+    /// Speed in free space, mm/s.
+    pub link_mm_s: f64,
+    /// Time of the whole plan, s, when it is to be met.
+    pub total_time_s: Option<f64>,
+}
+
+/// Where the patient is, seen from the arm.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Registration {
+    /// p_base = R p_ct + t.
+    Given {
+        /// R.
+        rotation: Rotation3<f64>,
+        /// t, mm.
+        translation_mm: Vector3<f64>,
+    },
+    /// None in the case: the target's centre at the base's origin, base z along the approach, base y along work x, so
+    /// that the arm tilts in the work y–z plane. Stated in the plan.
+    Assumed,
+}
+
+/// `[robot]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RobotSpec {
+    /// `bone-attached`, `ur3e`, `ur5e`, `ur10e`, or a URDF's path.
+    pub model: String,
+    /// Registration of the patient.
+    pub base_from_ct: Registration,
+    /// Burr's centre and axis in the flange: translation mm, fixed-axis roll, pitch, yaw rad.
+    pub flange_from_burr: Option<([f64; 3], [f64; 3])>,
+    /// N/mm for prismatic joints, N·mm/rad for revolute ones.
+    pub joint_stiffness: Option<Vec<f64>>,
+    /// mm/s or rad/s; the stricter of this and the URDF's holds.
+    pub velocity_limits: Option<Vec<f64>>,
+    /// mm/s² or rad/s².
+    pub acceleration_limits: Option<Vec<f64>>,
+    /// mm/s³ or rad/s³.
+    pub jerk_limits: Option<Vec<f64>>,
+    /// Sampling rate of the trajectory, Hz.
+    pub rate_hz: f64,
+}
+
+/// `[grid]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GridSpec {
+    /// Voxel of the planning grid, mm.
+    pub spacing_mm: f64,
+    /// Bone kept around the target beside the tool's own reach, mm.
+    pub margin_mm: f64,
+}
