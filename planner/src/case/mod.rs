@@ -265,8 +265,8 @@ pub enum Registration {
         /// t, mm.
         translation_mm: Vector3<f64>,
     },
-    /// None in the case: the target's centre at the base's origin, base z along the approach, base y along work x, so
-    /// that the arm tilts in the work y–z plane. Stated in the plan.
+    /// None in the case: the target's centre at the base's origin, base x, y, z along work y, −x, z, so that the
+    /// bone-attached arm tilts in the work y–z plane. Stated in the plan.
     Assumed,
 }
 
