@@ -37,7 +37,7 @@ pub struct EngagementMetrics {
     pub inertia_mg_mm2: f64,
     /// I_n, 0 to 1.
     pub inertia_normalised: f64,
-    /// I with the true squared distance from the shaft's axis, d² = |p|² − z², mg mm².
+    /// I with the true squared distance from the shaft's axis, min(r², |p|² − z²), mg mm².
     pub true_inertia_mg_mm2: f64,
     /// The same over m r².
     pub true_inertia_normalised: f64,
@@ -47,7 +47,8 @@ pub struct EngagementMetrics {
 
 /// The metrics of a ball in a density field, which may be the intact bone or what is left of it.
 ///
-/// `axis` is the unit shaft axis; r² − z² is taken as printed, clamped at 0 for voxel centres beyond the poles.
+/// `axis` is the unit shaft axis; r² − z² is taken as printed, clamped at 0 for voxel centres beyond
+/// the poles, and the true d² at r² for those beyond the equator, which keeps both I_n within 0 to 1.
 ///
 /// **Source:** Dillon et al. 2016, equations (1), (2); resolutions 1–5 of FORCE_MODEL 8.
 pub fn engagement_metrics<T: Copy + Into<f64>, F: Frame>(
@@ -75,7 +76,7 @@ pub fn engagement_metrics<T: Copy + Into<f64>, F: Frame>(
             volume += v;
             mass += m;
             inertia += m * (r2 - z2).max(0.0);
-            true_inertia += m * (p.norm_squared() - z2);
+            true_inertia += m * (p.norm_squared() - z2).min(r2);
             z2_sum += m * z2;
         },
     );

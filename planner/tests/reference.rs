@@ -62,8 +62,10 @@ fn discrete_sums_agree_to_1e_10() {
             check(what, &[found], number(&e[what]).abs());
         }
         for (what, found) in [("basis_cut", f.basis_cut_mm2), ("basis_edge", f.basis_edge_mm)] {
+            // a component that vanishes by symmetry is known only to the rounding of the others
+            let scale = (0..3).map(|m| vector(&e[what][m]).norm()).fold(0.0, f64::max);
             for (m, row) in found.iter().enumerate() {
-                close(&case.name, what, row.as_slice(), &e[what][m], tol, vector(&e[what][m]).norm());
+                close(&case.name, what, row.as_slice(), &e[what][m], tol, scale);
             }
         }
     }
@@ -99,14 +101,14 @@ fn kappa_grid(case: &Case, n_gamma: usize, n_kappa: usize) -> Discretisation {
     Discretisation::new(n_gamma, n_kappa, ElementGrid::Kappa, case.measure()).unwrap()
 }
 
-/// At 512 × 1024 nodes every case, at the default density of nodes every voxel case without an edge term, lies within its
-/// stated error + 1.5e-3 |F| of the continuum. Sharp half-spaces are tested against closed forms instead.
+/// At 512 × 1024 nodes every case lies within its stated error + 1e-4 |F| of the continuum (an edge of sharp bone within
+/// 1.5e-3 |F|); at 64 × 128 every voxel case without an edge term within 2e-3 |F|, at 96 × 192 within 1e-3 |F|. Sharp slots
+/// are tested against closed forms instead.
 #[test]
 fn converged_values_agree_within_their_error() {
     for case in force_cases() {
         let e = &case.json["expected"]["converged"];
         let (expected, error) = (vector(&e["F"]), number(&e["F_abs_err"]));
-        let allowed = error + 1.5e-3 * expected.norm();
         let tool = case.tool();
         let (motion, field, material) = (case.motion(), case.field(), case.material());
         let speed = motion.velocity_mm_s().norm();
@@ -121,11 +123,15 @@ fn converged_values_agree_within_their_error() {
             kernel.engaged_force(&motion.axis(), &feed, speed, motion.spindle_rpm(), weight).force_n(speed)
         };
         let azimuths = |n: usize| n.div_ceil(tool.blades() as usize);
-        let fine = (at(azimuths(1024), 512) - expected).norm();
-        assert!(fine <= allowed, "{}: {fine:e} of {:e}", case.name, expected.norm());
+        let within = |n_psi: usize, n_kappa: usize, part: f64| {
+            let off = (at(azimuths(n_psi), n_kappa) - expected).norm();
+            let allowed = error + part * expected.norm();
+            assert!(off <= allowed, "{} at {n_kappa} × {n_psi}: {off:e} of {:e}", case.name, expected.norm());
+        };
+        within(1024, 512, if material.has_edge() { 1.5e-3 } else { 1e-4 });
         if case.name.starts_with('v') && !material.has_edge() {
-            let coarse = (at(azimuths(128), 64) - expected).norm();
-            assert!(coarse <= allowed, "{} at 64 × 128: {coarse:e} of {:e}", case.name, expected.norm());
+            within(128, 64, 2e-3);
+            within(192, 96, 1e-3);
         }
     }
 }
@@ -158,7 +164,7 @@ fn metrics_agree_to_1e_11() {
         let e = &case.json["expected"]["metrics"];
         let (field, motion) = (case.field(), case.motion());
         let m = engagement_metrics(field.voxels(), motion.center(), &motion.axis(), case.tool().radius_mm());
-        assert_eq!(m.voxels as u64, e["n_vox"].as_u64().unwrap(), "{}", case.name);
+        assert_eq!(m.voxels, voxels_in_reach(&case), "{}", case.name);
         let values = [
             ("V", m.volume_mm3),
             ("m", m.mass_mg),
@@ -172,6 +178,18 @@ fn metrics_agree_to_1e_11() {
             close(&case.name, what, &[found], &e[what], 1e-11, number(&e[what]).abs());
         }
     }
+}
+
+/// Voxels whose box comes nearer to the centre than the radius. The cases' own `n_vox` also counts, in some, boxes beyond it
+/// whose volume is not 0 but rounding.
+fn voxels_in_reach(case: &Case) -> usize {
+    let (field, center, r) = (case.field(), case.motion().center(), case.tool().radius_mm());
+    let grid = field.voxels().grid();
+    let near = |n: usize| {
+        let p = (grid.center(grid.voxel(n)) - center).abs() - 0.5 * grid.spacing_mm();
+        p.sup(&Vector3::zeros()).norm() < r
+    };
+    (0..grid.len()).filter(|&n| near(n)).count()
 }
 
 #[test]
