@@ -1,0 +1,212 @@
+//! The sum of [`super::burr_force`], factored over rings of equal κ.
+//!
+//! On a ring, e_v, n and e_a are linear in (cos ψ, sin ψ, 1), so that the three sums Σq, Σq cos ψ, Σq sin ψ of the weights
+//! q = t w carry the whole force; the trigonometry is tabulated once for a tool. What is left per node is one dot
+//! product and, where the node moves forward, one look at the bone. Same nodes, same result to rounding; no allocation.
+
+use std::f64::consts::PI;
+
+use bonemill_geometry::basis;
+use nalgebra::{Unit, Vector3};
+
+use super::force::GRAZING;
+use super::input::{Discretisation, Element, Material, Tool};
+
+/// Force at any feed speed, for one place, axis and feed direction.
+///
+/// The cutting part is proportional to the speed. The edge part does not depend on it, exactly for t0 = 0; with t0 > 0 it
+/// holds at the nominal speed that the kernel was asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EngagedForce {
+    /// Cutting force on the burr per unit of speed, N/(mm/s).
+    pub cut_n_per_mm_s: Vector3<f64>,
+    /// Edge force on the burr, N.
+    pub edge_n: Vector3<f64>,
+    /// Resisting torque of cutting per unit of speed, N mm/(mm/s).
+    pub cut_torque_nmm_per_mm_s: f64,
+    /// Resisting torque of the edges, N mm.
+    pub edge_torque_nmm: f64,
+    /// Removal per mm of feed, mm²: everything that has weight.
+    pub mrr_mm2: f64,
+    /// Removal per mm of feed, mm², weighted with w.
+    pub weighted_mrr_mm2: f64,
+}
+
+impl EngagedForce {
+    /// Nothing is cut.
+    pub const ZERO: Self = Self {
+        cut_n_per_mm_s: Vector3::new(0.0, 0.0, 0.0),
+        edge_n: Vector3::new(0.0, 0.0, 0.0),
+        cut_torque_nmm_per_mm_s: 0.0,
+        edge_torque_nmm: 0.0,
+        mrr_mm2: 0.0,
+        weighted_mrr_mm2: 0.0,
+    };
+
+    /// Force on the burr at a speed, N; zero at rest, where nothing moves into bone.
+    pub fn force_n(&self, speed_mm_s: f64) -> Vector3<f64> {
+        if speed_mm_s > 0.0 { self.cut_n_per_mm_s * speed_mm_s + self.edge_n } else { Vector3::zeros() }
+    }
+
+    /// Resisting torque at a speed, N mm; zero at rest.
+    pub fn torque_nmm(&self, speed_mm_s: f64) -> f64 {
+        if speed_mm_s > 0.0 { self.cut_torque_nmm_per_mm_s * speed_mm_s + self.edge_torque_nmm } else { 0.0 }
+    }
+}
+
+/// The tables of one tool, material and discretisation.
+#[derive(Debug, Clone)]
+pub struct ForceKernel {
+    tool: Tool,
+    material: Material,
+    sample_radius_mm: f64,
+    n_gamma: usize,
+    rings: Vec<Ring>,
+    azimuths: Vec<[f64; 2]>,
+}
+
+#[derive(Debug, Clone)]
+struct Ring {
+    element: Element,
+    /// (cos, sin) of the ring's turn −σ lag; `None` without a helix.
+    turn: Option<[f64; 2]>,
+}
+
+/// Σq, Σq cos ψ, Σq sin ψ.
+#[derive(Clone, Copy, Default)]
+struct Harmonics([f64; 3]);
+
+impl Harmonics {
+    #[inline]
+    fn add(&mut self, q: f64, [c, s]: [f64; 2]) {
+        self.0[0] += q;
+        self.0[1] += q * c;
+        self.0[2] += q * s;
+    }
+}
+
+/// Force per unit of feed per tooth and torque, summed over rings.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    force: Vector3<f64>,
+    torque: f64,
+}
+
+impl ForceKernel {
+    /// Tabulates the nodes.
+    pub fn new(tool: &Tool, material: &Material, disc: &Discretisation) -> Self {
+        let count = tool.blades() as usize * disc.n_gamma();
+        // blade i at increment j stands at i·Ψ + σ(j + ½)Ψ/N_γ: as a set, σ(m + ½)·2π/count
+        let azimuth = |m| {
+            let psi = tool.spin() * (m as f64 + 0.5) * 2.0 * PI / count as f64;
+            [psi.cos(), psi.sin()]
+        };
+        let ring = |k| {
+            let element = disc.element(tool, k);
+            let turn = -tool.spin() * tool.lag_rad(element.kappa_rad);
+            Ring { element, turn: (tool.helix_rad() != 0.0).then(|| [turn.cos(), turn.sin()]) }
+        };
+        Self {
+            tool: tool.clone(),
+            material: material.clone(),
+            sample_radius_mm: tool.radius_mm() + disc.sample_offset_mm(),
+            n_gamma: disc.n_gamma(),
+            rings: (0..disc.n_kappa()).map(ring).collect(),
+            azimuths: (0..count).map(azimuth).collect(),
+        }
+    }
+
+    /// Distance from the burr's centre at which the bone is to be looked at, mm: r + δ.
+    pub fn sample_radius_mm(&self) -> f64 {
+        self.sample_radius_mm
+    }
+
+    /// The tool of the tables.
+    pub fn tool(&self) -> &Tool {
+        &self.tool
+    }
+
+    /// The material of the tables.
+    pub fn material(&self) -> &Material {
+        &self.material
+    }
+
+    /// The force for a shaft `axis` (burr to handpiece) and a unit `feed` direction, both in the frame whose unit normals
+    /// `weight` takes; `weight` is w ≥ 0 of the bone at the centre plus [`Self::sample_radius_mm`] times the normal, 0 where
+    /// it has been removed. `nominal_mm_s` matters only to an edge term with t0 > 0.
+    pub fn engaged_force(
+        &self,
+        axis: &Unit<Vector3<f64>>,
+        feed: &Unit<Vector3<f64>>,
+        nominal_mm_s: f64,
+        spindle_rpm: f64,
+        mut weight: impl FnMut(&Vector3<f64>) -> f64,
+    ) -> EngagedForce {
+        let basis = basis::from_z(axis).into_inner();
+        let (x, y) = (basis.column(0).into_owned(), basis.column(1).into_owned());
+        let tooth_mm = self.tool.feed_per_tooth_mm(nominal_mm_s, spindle_rpm);
+        let mut out = EngagedForce::ZERO;
+        let (mut cut, mut edge) = (Sum::default(), Sum::default());
+        for Ring { element, turn } in &self.rings {
+            let (rx, ry) = match turn {
+                None => (x, y),
+                Some([c, s]) => (x * *c + y * *s, y * *c - x * *s),
+            };
+            let (sx, sy, nz) = (rx * element.sin, ry * element.sin, axis.into_inner() * -element.cos);
+            let (fx, fy, fz) = (sx.dot(feed), sy.dot(feed), nz.dot(feed));
+            // the whole ring looks back: burr above its equator in a plunge
+            if fx.hypot(fy) + fz <= GRAZING {
+                continue;
+            }
+            let (mut q_cut, mut q_edge, mut q_area) = <(Harmonics, Harmonics, f64)>::default();
+            for &[c, s] in &self.azimuths {
+                let forward = fx * c + fy * s + fz;
+                if forward > GRAZING {
+                    let w = weight(&(sx * c + sy * s + nz));
+                    if w > 0.0 {
+                        q_cut.add(forward * w, [c, s]);
+                        q_edge.add(self.material.edge_factor(forward * tooth_mm) * w, [c, s]);
+                        q_area += forward;
+                    }
+                }
+            }
+            let frame = [rx, ry, axis.into_inner()];
+            self.add_ring(&mut cut, element, &frame, q_cut, self.material.k_n_mm2(), element.dl_mm);
+            self.add_ring(&mut edge, element, &frame, q_edge, self.material.k_edge_n_mm(), element.edge_mm);
+            out.mrr_mm2 += q_area * element.dz_mm;
+            out.weighted_mrr_mm2 += q_cut.0[0] * element.dz_mm;
+        }
+        let per_turn = 1.0 / self.n_gamma as f64;
+        let per_speed = self.tool.feed_per_tooth_mm(1.0, spindle_rpm) * per_turn;
+        let area = self.tool.radius_mm() * 2.0 * PI / self.azimuths.len() as f64;
+        out.cut_n_per_mm_s = cut.force * per_speed;
+        out.cut_torque_nmm_per_mm_s = cut.torque * per_speed;
+        if self.material.has_edge() && tooth_mm > 0.0 {
+            out.edge_n = edge.force * per_turn;
+            out.edge_torque_nmm = edge.torque * per_turn;
+        }
+        out.mrr_mm2 *= area;
+        out.weighted_mrr_mm2 *= area;
+        out
+    }
+
+    /// −(K_t σ e_ψ + K_r n + K_a e_a) summed over one ring with the weights' harmonics.
+    fn add_ring(
+        &self,
+        sum: &mut Sum,
+        element: &Element,
+        [x, y, z]: &[Vector3<f64>; 3],
+        Harmonics([q0, qc, qs]): Harmonics,
+        [k_t, k_r, k_a]: [f64; 3],
+        length_mm: f64,
+    ) {
+        let radial = x * qc + y * qs;
+        let around = y * qc - x * qs;
+        let (sk, ck) = (element.sin, element.cos);
+        sum.force -= (around * (k_t * self.tool.spin())
+            + radial * (k_r * sk + k_a * ck)
+            + z * (q0 * (k_a * sk - k_r * ck)))
+            * length_mm;
+        sum.torque += k_t * q0 * self.tool.radius_mm() * sk * length_mm;
+    }
+}

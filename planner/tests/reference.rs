@@ -1,0 +1,309 @@
+//! The reference cases: kinds a (analytic fields), v (voxel fields), m (volumes, cost and speed, removal rate).
+
+mod support;
+
+use bonemill_geometry::{Grid, Point, Work};
+use bonemill_planner::ball::ball_box_volume;
+use bonemill_planner::burr::{BurrForce, Discretisation, ElementGrid, ForceKernel, Material, burr_force};
+use bonemill_planner::cost::{CostModel, Proximity, compliance_mm_per_n};
+use bonemill_planner::metrics::engagement_metrics;
+use bonemill_planner::mrr::{LumpedCoefficients, Removal, split, swept_volume_mm3};
+use bonemill_planner::speed::{Smoothing, SpeedModel, SpeedProfile};
+use nalgebra::{Dyn, Matrix3, OMatrix, U3, Unit, Vector3};
+use serde_json::Value;
+use support::{Case, cases, number, numbers, three, vector};
+
+fn force_of(case: &Case, disc: &Discretisation) -> BurrForce {
+    let field = case.field();
+    burr_force(|p| field.density(p), &case.tool(), &case.material(), disc, &case.motion())
+}
+
+fn force_cases() -> impl Iterator<Item = Case> {
+    cases("a").into_iter().chain(cases("v"))
+}
+
+/// Asserts |found − expected| ≤ tolerance·scale for every component.
+fn close(case: &str, what: &str, found: &[f64], expected: &Value, tolerance: f64, scale: f64) {
+    let expected = if expected.is_array() { numbers(expected) } else { vec![number(expected)] };
+    assert_eq!(found.len(), expected.len(), "{case} {what}");
+    for (f, e) in found.iter().zip(&expected) {
+        assert!(
+            (f - e).abs() <= tolerance * scale,
+            "{case} {what}: {f} not {e}, off by {:e} of {scale:e}",
+            f - e
+        );
+    }
+}
+
+#[test]
+fn discrete_sums_agree_to_1e_10() {
+    for case in force_cases() {
+        let f = force_of(&case, &case.disc());
+        let e = &case.json["expected"]["discrete"];
+        let tol = 1e-10;
+        let check =
+            |what: &str, found: &[f64], scale: f64| close(&case.name, what, found, &e[what], tol, scale);
+        let (force, moment) = (vector(&e["F"]).norm(), vector(&e["M"]).norm());
+        check("F", f.force_n.as_slice(), force);
+        check("F_tool", f.force_tool_n.as_slice(), force);
+        check("M", f.moment_nmm.as_slice(), moment);
+        check("M_tool", f.moment_tool_nmm.as_slice(), moment);
+        check("F_peak", &[f.peak_force_n], force);
+        let scalars = [
+            ("torque", f.torque_nmm),
+            ("power_spindle", f.spindle_power_mw),
+            ("power_feed", f.feed_power_mw),
+            ("mrr", f.mrr_mm3_s),
+            ("mrr_w", f.weighted_mrr_mm3_s),
+            ("contact_area", f.contact_area_mm2),
+            ("t_max", f.t_max_mm),
+        ];
+        for (what, found) in scalars {
+            check(what, &[found], number(&e[what]).abs());
+        }
+        for (what, found) in [("basis_cut", f.basis_cut_mm2), ("basis_edge", f.basis_edge_mm)] {
+            // a component that vanishes by symmetry is known only to the rounding of the others
+            let scale = (0..3).map(|m| vector(&e[what][m]).norm()).fold(0.0, f64::max);
+            for (m, row) in found.iter().enumerate() {
+                close(&case.name, what, row.as_slice(), &e[what][m], tol, scale);
+            }
+        }
+    }
+}
+
+/// The factored kernel sums the same nodes.
+#[test]
+fn the_kernel_agrees_with_the_sum_to_1e_12() {
+    for case in force_cases() {
+        let (field, motion, disc) = (case.field(), case.motion(), case.disc());
+        let literal = force_of(&case, &disc);
+        let speed = motion.velocity_mm_s().norm();
+        if speed == 0.0 {
+            assert_eq!(literal.force_n, Vector3::zeros());
+            continue;
+        }
+        let kernel = ForceKernel::new(&case.tool(), &case.material(), &disc);
+        let feed = Unit::new_normalize(motion.velocity_mm_s());
+        let material = case.material();
+        let at = |n: &Vector3<f64>| field.density(motion.center() + n * kernel.sample_radius_mm());
+        let fast = kernel
+            .engaged_force(&motion.axis(), &feed, speed, motion.spindle_rpm(), |n| material.weight(at(n)));
+        let scale = literal.force_n.norm();
+        assert!((fast.force_n(speed) - literal.force_n).norm() <= 1e-12 * scale, "{}", case.name);
+        assert!((fast.torque_nmm(speed) - literal.torque_nmm).abs() <= 1e-12 * literal.torque_nmm);
+        assert!((fast.mrr_mm2 * speed - literal.mrr_mm3_s).abs() <= 1e-12 * literal.mrr_mm3_s);
+        let weighted = literal.weighted_mrr_mm3_s;
+        assert!((fast.weighted_mrr_mm2 * speed - weighted).abs() <= 1e-12 * weighted);
+    }
+}
+
+fn kappa_grid(case: &Case, n_gamma: usize, n_kappa: usize) -> Discretisation {
+    Discretisation::new(n_gamma, n_kappa, ElementGrid::Kappa, case.measure()).unwrap()
+}
+
+/// At 512 × 1024 nodes every case lies within its stated error + 1e-4 |F| of the continuum (an edge of sharp bone within
+/// 1.5e-3 |F|); at 64 × 128 every voxel case without an edge term within 2e-3 |F|, at 96 × 192 within 1e-3 |F|. Sharp slots
+/// are tested against closed forms instead.
+#[test]
+fn converged_values_agree_within_their_error() {
+    for case in force_cases() {
+        let e = &case.json["expected"]["converged"];
+        let (expected, error) = (vector(&e["F"]), number(&e["F_abs_err"]));
+        let tool = case.tool();
+        let (motion, field, material) = (case.motion(), case.field(), case.material());
+        let speed = motion.velocity_mm_s().norm();
+        if case.name.starts_with("a08") || speed == 0.0 {
+            continue;
+        }
+        let feed = Unit::new_normalize(motion.velocity_mm_s());
+        let at = |n_gamma, n_kappa| {
+            let kernel = ForceKernel::new(&tool, &material, &kappa_grid(&case, n_gamma, n_kappa));
+            let weight =
+                |n: &Vector3<f64>| material.weight(field.density(motion.center() + n * tool.radius_mm()));
+            kernel.engaged_force(&motion.axis(), &feed, speed, motion.spindle_rpm(), weight).force_n(speed)
+        };
+        let azimuths = |n: usize| n.div_ceil(tool.blades() as usize);
+        let within = |n_psi: usize, n_kappa: usize, part: f64| {
+            let off = (at(azimuths(n_psi), n_kappa) - expected).norm();
+            let allowed = error + part * expected.norm();
+            assert!(off <= allowed, "{} at {n_kappa} × {n_psi}: {off:e} of {:e}", case.name, expected.norm());
+        };
+        within(1024, 512, if material.has_edge() { 1.5e-3 } else { 1e-4 });
+        if case.name.starts_with('v') && !material.has_edge() {
+            within(128, 64, 2e-3);
+            within(192, 96, 1e-3);
+        }
+    }
+}
+
+/// Uniform bone against the closed forms; slots as uniform bone under a burr that ends at the slot's edge.
+#[test]
+fn closed_forms_agree() {
+    for case in cases("a") {
+        let Some(e) = case.json["expected"].get("closed_form") else { continue };
+        let (mut tool, mut field) = (case.tool(), case.field());
+        if case.name.starts_with("a08") {
+            let depth = 1.25;
+            tool = tool.clone().with_kappa(0.0, (1.0 - depth / tool.radius_mm()).acos()).unwrap();
+            field = support::Field::Uniform(0.8);
+        }
+        let disc = kappa_grid(&case, 64, 256);
+        let f = burr_force(|p| field.density(p), &tool, &case.material(), &disc, &case.motion());
+        let expected = vector(&e["F"]);
+        assert!((f.force_n - expected).norm() < 1e-4 * expected.norm(), "{}: {}", case.name, f.force_n);
+        assert!((f.torque_nmm / number(&e["torque"]) - 1.0).abs() < 1e-4, "{}", case.name);
+        if let Some(mrr) = e.get("mrr") {
+            assert!((f.mrr_mm3_s / number(mrr) - 1.0).abs() < 1e-4);
+        }
+    }
+}
+
+#[test]
+fn metrics_agree_to_1e_11() {
+    for case in cases("v") {
+        let e = &case.json["expected"]["metrics"];
+        let (field, motion) = (case.field(), case.motion());
+        let m = engagement_metrics(field.voxels(), motion.center(), &motion.axis(), case.tool().radius_mm());
+        assert_eq!(m.voxels, voxels_in_reach(&case), "{}", case.name);
+        let values = [
+            ("V", m.volume_mm3),
+            ("m", m.mass_mg),
+            ("I", m.inertia_mg_mm2),
+            ("In", m.inertia_normalised),
+            ("I_true", m.true_inertia_mg_mm2),
+            ("In_true", m.true_inertia_normalised),
+            ("z2_mean", m.z2_mean_mm2),
+        ];
+        for (what, found) in values {
+            close(&case.name, what, &[found], &e[what], 1e-11, number(&e[what]).abs());
+        }
+    }
+}
+
+/// Voxels whose box comes nearer to the centre than the radius. The cases' own `n_vox` also counts, in some, boxes beyond it
+/// whose volume is not 0 but rounding.
+fn voxels_in_reach(case: &Case) -> usize {
+    let (field, center, r) = (case.field(), case.motion().center(), case.tool().radius_mm());
+    let grid = field.voxels().grid();
+    let near = |n: usize| {
+        let p = (grid.center(grid.voxel(n)) - center).abs() - 0.5 * grid.spacing_mm();
+        p.sup(&Vector3::zeros()).norm() < r
+    };
+    (0..grid.len()).filter(|&n| near(n)).count()
+}
+
+#[test]
+fn volumes_agree_to_4e_15() {
+    for case in cases("m01") {
+        let boxes = case.json["boxes"].as_array().unwrap();
+        let expected = numbers(&case.json["expected"]["V"]);
+        assert_eq!(boxes.len(), expected.len());
+        let radius = number(&case.json["radius"]);
+        for (b, e) in boxes.iter().zip(expected) {
+            let [x0, y0, z0, x1, y1, z1] = numbers(b).try_into().unwrap();
+            let found = ball_box_volume(radius, [x0, y0, z0], [x1, y1, z1]);
+            assert!((found - e).abs() < 4e-15, "{b}: {found} not {e}");
+        }
+    }
+}
+
+#[test]
+fn costs_agree_to_1e_11() {
+    for case in cases("m02") {
+        let p = &case.json["inputs"]["params"];
+        let model = CostModel::new(number(&p["kappa_alpha"]), number(&p["a_max"])).unwrap();
+        let inputs = case.json["inputs"]["cost"].as_array().unwrap();
+        for (n, (input, e)) in
+            inputs.iter().zip(case.json["expected"]["cost"].as_array().unwrap()).enumerate()
+        {
+            let mut push = vector(&input["F"]);
+            if let Some(rows) = input.get("J") {
+                let columns = rows[0].as_array().unwrap().len();
+                let entry = |r: usize, c: usize| number(&rows[r][c]);
+                let jacobian = OMatrix::<f64, U3, Dyn>::from_fn(columns, entry);
+                push = compliance_mm_per_n(&jacobian, &numbers(&input["k"])).unwrap() * push;
+            }
+            let to_nearest = vector(&input["u"]) * number(&input["rv"]);
+            let near = Proximity::new(to_nearest, number(&p["rv_min"])).unwrap();
+            let found = model.cost(&push, Some(&near), number(&input["In"]), number(&input["m"]));
+            let values = [
+                ("C", found.cost),
+                ("Fv", found.toward),
+                ("frac", found.fraction),
+                ("alpha1", found.alpha_1),
+            ];
+            for (what, value) in values {
+                close(&format!("cost {n}"), what, &[value], &e[what], 1e-13, 1.0);
+            }
+        }
+    }
+}
+
+#[test]
+fn speeds_agree_to_1e_11() {
+    for case in cases("m02") {
+        let inputs = case.json["inputs"]["velocity"].as_array().unwrap();
+        for (input, e) in inputs.iter().zip(case.json["expected"]["velocity"].as_array().unwrap()) {
+            let p = &input["params"];
+            assert_eq!(numbers(&p["window"]), [1.0, 2.0, 3.0, 2.0, 1.0]);
+            let model = SpeedModel::new(
+                number(&p["v_min"]),
+                number(&p["v_max"]),
+                number(&p["m_min"]),
+                Smoothing::Average,
+            )
+            .unwrap();
+            let (m, c, ds) = (numbers(&input["m"]), numbers(&input["C"]), numbers(&input["ds"]));
+            let profile: SpeedProfile = match p["mode"].as_str().unwrap() {
+                "centre" => model.centred(&m, &c).unwrap(),
+                "time" => model.in_time(&m, &c, &ds, number(&p["T"])).unwrap(),
+                other => panic!("mode {other}"),
+            };
+            close("speed", "k_vel", &[profile.k_vel.unwrap()], &e["k_vel"], 1e-11, 6.0);
+            close("speed", "v_clamped", &profile.clamped_mm_s, &e["v_clamped"], 1e-11, 1.0);
+            close("speed", "v", &profile.speed_mm_s, &e["v"], 1e-11, 1.0);
+            close("speed", "time", &[profile.time_s(&ds)], &e["time"], 1e-11, 13.0);
+        }
+    }
+}
+
+#[test]
+fn removal_rates_agree() {
+    for case in cases("m03") {
+        let (inputs, expected) = (&case.json["inputs"], &case.json["expected"]);
+        let (i, e) = (&inputs["force"], &expected["force"]);
+        let removal = Removal::new(number(&i["VR"]), number(&i["T"]), number(&i["f"])).unwrap();
+        let force = LumpedCoefficients { k_t_n_mm2: number(&i["Kt"]), k_r: number(&i["Kr"]) }.force(&removal);
+        close("mrr", "mrr", &[removal.rate_mm3_s()], &e["mrr"], 1e-13, 1.0);
+        close("mrr", "Ft", &[force.tangential_n], &e["Ft"], 1e-13, 1.0);
+        close("mrr", "Fr", &[force.radial_n], &e["Fr"], 1e-13, 1.0);
+
+        let (i, e) = (&inputs["calibrate"], &expected["calibrate"]);
+        let removal = Removal::new(number(&i["VR"]), number(&i["T"]), number(&i["f"])).unwrap();
+        let (measured, radial) = (vector(&i["F"]), Unit::new_normalize(vector(&i["d"])));
+        let parts = split(&measured, &radial);
+        let k = LumpedCoefficients::calibrate(&measured, &radial, &removal).unwrap();
+        close("calibrate", "Ft", &[parts.tangential_n], &e["Ft"], 1e-13, 1.0);
+        close("calibrate", "Fr", &[parts.radial_n], &e["Fr"], 1e-13, 1.0);
+        close("calibrate", "Kt", &[k.k_t_n_mm2], &e["Kt"], 1e-13, 220.0);
+        close("calibrate", "Kr", &[k.k_r], &e["Kr"], 1e-13, 1.0);
+
+        let i = &inputs["swept"];
+        let f = &i["field"];
+        let dims = three(&f["shape"]).map(|d| d as usize);
+        let grid = Grid::<Work>::new(dims, vector(&f["spacing"]), Matrix3::identity(), vector(&f["origin"]))
+            .unwrap();
+        let at = |key: &str| Point::from_coords(vector(&i[key]));
+        let swept =
+            swept_volume_mm3(&grid, at("c0"), at("c1"), number(&i["r"]), number(&i["max_step"])).unwrap();
+        close("mrr", "swept_VR", &[swept], &expected["swept_VR"], 1e-11, 1.0);
+    }
+}
+
+/// The material of the paper's preset scales with density as the sum's own weights do.
+#[test]
+fn weight_follows_the_density_law() {
+    let m = Material::new([1.0; 3], 0.8).unwrap().with_density_law(2.0, 0.1).unwrap();
+    assert_eq!((m.weight(0.1), m.weight(-3.0)), (0.0, 0.0));
+    assert!((m.weight(1.6) - 4.0).abs() < 1e-15);
+}
