@@ -1,1 +1,3 @@
-//! placeholder
+//! CT and labels in, scene out.
+
+pub mod surface;
