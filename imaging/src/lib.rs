@@ -11,6 +11,7 @@ mod header;
 mod hounsfield;
 mod names;
 mod read;
+pub mod surface;
 mod write;
 
 pub use affine::{
