@@ -1,0 +1,208 @@
+//! What can be wrong with an arm, a path or an export; every variant says where and with which value.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+/// Errors of this crate. Out of reach is no error but a result: see [`crate::JointExcess`].
+#[derive(Debug, Error)]
+pub enum RobotError {
+    /// The URDF file could not be read.
+    #[error("cannot read the URDF {path}: {source}; check the path under [robot] model")]
+    ReadUrdf {
+        /// The file asked for.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The text is no URDF.
+    #[error("{source_name}: not a URDF: {source}")]
+    ParseUrdf {
+        /// File or arm name.
+        source_name: String,
+        /// The parser's reason.
+        source: urdf_rs::UrdfError,
+    },
+    /// The URDF parses, but describes no serial arm that can be planned for.
+    #[error("{source_name}: {fault}")]
+    Urdf {
+        /// File or arm name.
+        source_name: String,
+        /// What is wrong with it.
+        fault: UrdfFault,
+    },
+    /// A list that must hold one value per joint (or per waypoint) has another length.
+    #[error("{what} has {got} values, expected {expected}")]
+    Length {
+        /// Which list.
+        what: &'static str,
+        /// Its length.
+        got: usize,
+        /// The length it must have.
+        expected: usize,
+    },
+    /// A number is outside its range, or not finite.
+    #[error("{what}[{index}] = {value} {unit}, expected {expected}")]
+    Value {
+        /// Which list or quantity.
+        what: &'static str,
+        /// Where in it: joint, waypoint or 0.
+        index: usize,
+        /// The value found.
+        value: f64,
+        /// Its unit.
+        unit: &'static str,
+        /// What would have been right.
+        expected: &'static str,
+    },
+    /// A path without waypoints.
+    #[error("the joint path has no waypoint; a time law needs at least one")]
+    EmptyPath,
+    /// A trajectory could not be written.
+    #[error("cannot write the trajectory after {rows_written} rows: {source}")]
+    Write {
+        /// Complete rows handed to the writer before.
+        rows_written: u64,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+}
+
+/// Why a URDF describes no serial arm that can be planned for.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum UrdfFault {
+    /// Two links or two joints share a name.
+    #[error("two {kind}s are called {name:?}; names must be unique")]
+    DuplicateName {
+        /// "link" or "joint".
+        kind: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// A joint names a link that does not exist.
+    #[error("joint {joint:?} hangs at link {link:?}, which is not declared; add <link name={link:?}/>")]
+    UnknownLink {
+        /// The joint.
+        joint: String,
+        /// The missing link.
+        link: String,
+    },
+    /// A link is the child of two joints.
+    #[error(
+        "link {link:?} is the child of joints {first:?} and {second:?}; a tree gives each link one parent"
+    )]
+    TwoParents {
+        /// The link.
+        link: String,
+        /// One parent joint.
+        first: String,
+        /// The other.
+        second: String,
+    },
+    /// Following the joints leads round in a circle.
+    #[error("link {link:?} is part of a closed loop of joints; only open chains are supported")]
+    Cycle {
+        /// A link of the loop.
+        link: String,
+    },
+    /// No link, or several that hang nowhere.
+    #[error("expected one root link, found {}: {roots:?}; join every link to the tree", roots.len())]
+    Roots {
+        /// The links that are no joint's child.
+        roots: Vec<String>,
+    },
+    /// The arm's end is ambiguous.
+    #[error("expected one tip link, found {}: {tips:?}; remove the others or call the flange `tool0`", tips.len())]
+    Tips {
+        /// The links without a child.
+        tips: Vec<String>,
+    },
+    /// `base_link` is not below the tip.
+    #[error("the tip {tip:?} does not hang at base_link; the arm must lead from base_link to its tip")]
+    TipNotOnBase {
+        /// The tip link.
+        tip: String,
+    },
+    /// Something moves that is not between base and tip.
+    #[error("joint {joint:?} moves but does not lie between {base:?} and the tip {tip:?}; make it fixed")]
+    MovesOffChain {
+        /// The joint.
+        joint: String,
+        /// The base link.
+        base: String,
+        /// The tip link.
+        tip: String,
+    },
+    /// No joint between base and tip moves.
+    #[error(
+        "no joint between {base:?} and the tip {tip:?} moves; expected at least one prismatic or revolute joint"
+    )]
+    NoMovingJoint {
+        /// The base link.
+        base: String,
+        /// The tip link.
+        tip: String,
+    },
+    /// A joint type that a serial arm does not have.
+    #[error(
+        "joint {joint:?} is of type {joint_type}; supported are prismatic, revolute, continuous and fixed"
+    )]
+    JointType {
+        /// The joint.
+        joint: String,
+        /// Its type.
+        joint_type: String,
+    },
+    /// A joint that follows another.
+    #[error(
+        "joint {joint:?} mimics {leader:?}; coupled joints are not supported, every joint must move on its own"
+    )]
+    Mimic {
+        /// The joint.
+        joint: String,
+        /// The joint that it follows.
+        leader: String,
+    },
+    /// A number is NaN or infinite.
+    #[error("joint {joint:?}: {field} = {value} is not a finite number")]
+    NotFinite {
+        /// The joint.
+        joint: String,
+        /// Attribute and unit.
+        field: &'static str,
+        /// The value.
+        value: f64,
+    },
+    /// An axis without direction.
+    #[error("joint {joint:?}: axis {axis:?} has no direction; expected a vector of length 1")]
+    Axis {
+        /// The joint.
+        joint: String,
+        /// The axis as given.
+        axis: [f64; 3],
+    },
+    /// The range is empty; also what an absent `<limit>` reads as.
+    #[error(
+        "joint {joint:?}: limits {lower}..{upper} {unit} are no range, expected lower < upper; is its <limit> missing?"
+    )]
+    Range {
+        /// The joint.
+        joint: String,
+        /// As given, m or rad.
+        lower: f64,
+        /// As given, m or rad.
+        upper: f64,
+        /// "m" or "rad".
+        unit: &'static str,
+    },
+    /// The velocity limit is absent, zero or negative.
+    #[error("joint {joint:?}: velocity limit {velocity} {unit}, expected above 0; is it missing in <limit>?")]
+    Velocity {
+        /// The joint.
+        joint: String,
+        /// As given.
+        velocity: f64,
+        /// "m/s" or "rad/s".
+        unit: &'static str,
+    },
+}
