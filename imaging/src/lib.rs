@@ -6,11 +6,13 @@
 mod affine;
 mod decode;
 mod density;
+mod distance;
 mod error;
 mod header;
 mod hounsfield;
 mod names;
 mod read;
+mod resample;
 pub mod surface;
 mod write;
 
@@ -18,8 +20,10 @@ pub use affine::{
     AffineChoice, AffineReport, AffineSource, DISAGREEMENT_LIMIT_VOXELS, SHEAR_LIMIT_RAD, SPACING_RANGE_MM,
 };
 pub use density::DensityTable;
+pub use distance::{DistanceField, distance_transform, distance_transform_label, distance_within};
 pub use error::{ImageError, NiftiProblem};
 pub use hounsfield::{GreyKind, GreyRange, looks_like_hu};
 pub use names::{LabelNames, LabelNamesProblem, read_label_names};
 pub use read::{Image, ReadWarning, read_ct, read_labels};
+pub use resample::{AIR_HU, resample_density, resample_hu, resample_hu_and_density, resample_nearest};
 pub use write::{write_ct_i16, write_labels_u8};

@@ -1,4 +1,5 @@
 //! Round trips, every stored type, and files that lie.
+#![allow(clippy::print_stderr)] // a test without its data says so
 
 use super::*;
 use std::io::Write;

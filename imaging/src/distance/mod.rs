@@ -1,0 +1,136 @@
+//! Exact Euclidean distance fields on anisotropic grids, with the nearest voxel.
+//!
+//! Distances run between voxel CENTRES, so a voxel of the mask has distance 0. The transform is separable and exact
+//! (Felzenszwalb and Huttenlocher 2012, whose lower envelope is replaced by a search that suits vector units):
+//! squared distances are sums of one table entry per axis. On cubic voxels they are whole numbers and exact; otherwise
+//! single precision, which puts the distance within 2 × 10⁻⁷ of its value and may swap two sites that are nearer to
+//! each other's distance than that.
+//!
+//! Of several nearest voxels the one with the smallest memory index is given (on cubic voxels; elsewhere a tie is only
+//! as exact as its rounding). Nothing depends on the number of threads. A mask without voxels has no distance: `None`.
+
+mod envelope;
+mod separable;
+
+use bonemill_geometry::{Frame, Grid, Volume};
+use rayon::prelude::*;
+
+use crate::error::ImageError;
+use separable::{Problem, Solution};
+
+/// The distance to the nearest voxel of a mask, and which voxel that is.
+#[derive(Debug, Clone)]
+pub struct DistanceField<F: Frame> {
+    /// Distance between voxel centres, mm; 0 in the mask.
+    pub distance_mm: Volume<f32, F>,
+    /// Memory index of the nearest voxel of the mask, in the order of `distance_mm`.
+    pub nearest: Vec<u32>,
+}
+
+/// Distance to the nearest true voxel and its place; `None` when no voxel is true.
+///
+/// # Errors
+/// [`ImageError::TooManyVoxels`] when a memory index does not fit 32 bits.
+pub fn distance_transform<F: Frame>(mask: &Volume<bool, F>) -> Result<Option<DistanceField<F>>, ImageError> {
+    transform(mask, |v| v)
+}
+
+/// [`distance_transform`] to the voxels of one label, without a mask of its own.
+///
+/// # Errors
+/// As [`distance_transform`].
+pub fn distance_transform_label<F: Frame>(
+    labels: &Volume<u16, F>,
+    label: u16,
+) -> Result<Option<DistanceField<F>>, ImageError> {
+    transform(labels, |v| v == label)
+}
+
+/// min(distance to the nearest true voxel, `max_distance_mm`), mm; `None` when no voxel is true.
+///
+/// Only the surroundings of the mask are solved, so a small bound on a small mask costs next to nothing.
+///
+/// # Errors
+/// As [`distance_transform`]; [`ImageError::MaxDistance`] when the bound is not finite and positive.
+pub fn distance_within<F: Frame>(
+    mask: &Volume<bool, F>,
+    max_distance_mm: f64,
+) -> Result<Option<Volume<f32, F>>, ImageError> {
+    check_size(mask.grid())?;
+    if !(max_distance_mm.is_finite() && max_distance_mm > 0.0) {
+        return Err(ImageError::MaxDistance { max_distance_mm });
+    }
+    let (dims, spacing) = (mask.grid().dims(), mask.grid().spacing_mm());
+    let Some(sites) = bounding_box(mask.data(), dims, |v| v) else { return Ok(None) };
+    let out = std::array::from_fn(|a| {
+        // at least this many voxels away is at least the bound away; the cast saturates
+        let reach = (max_distance_mm / spacing[a]).ceil() as usize;
+        sites[a].start.saturating_sub(reach)..sites[a].end.saturating_add(reach).min(dims[a])
+    });
+    let (along, unit_mm) = euclidean(mask.grid());
+    let [ox, oy, oz] = out.clone();
+    let problem = Problem { values: mask.data(), dims, is_site: |v| v, sites, out, along };
+    let Some(Solution { squared, .. }) = problem.solve(false) else { return Ok(None) };
+    let mut bounded = Volume::filled(mask.grid().clone(), max_distance_mm as f32);
+    for (n, row) in squared.chunks_exact(ox.len()).enumerate() {
+        let (y, z) = (oy.start + n % oy.len(), oz.start + n / oy.len());
+        let start = ox.start + dims[0] * (y + dims[1] * z);
+        for (out, squared) in bounded.data_mut()[start..].iter_mut().zip(row) {
+            *out = (squared.sqrt() * unit_mm).min(*out);
+        }
+    }
+    Ok(Some(bounded))
+}
+
+fn transform<T: Copy + Sync, F: Frame>(
+    volume: &Volume<T, F>,
+    is_site: impl Fn(T) -> bool + Sync,
+) -> Result<Option<DistanceField<F>>, ImageError> {
+    check_size(volume.grid())?;
+    let dims = volume.grid().dims();
+    let (along, unit_mm) = euclidean(volume.grid());
+    let whole = dims.map(|d| 0..d);
+    let problem = Problem { values: volume.data(), dims, is_site, sites: whole.clone(), out: whole, along };
+    let Some(Solution { squared: mut distance, nearest }) = problem.solve(true) else { return Ok(None) };
+    distance.par_chunks_mut(1 << 14).for_each(|part| part.iter_mut().for_each(|d| *d = d.sqrt() * unit_mm));
+    let Ok(distance_mm) = Volume::new(volume.grid().clone(), distance) else { return Ok(None) };
+    Ok(Some(DistanceField { distance_mm, nearest }))
+}
+
+fn check_size<F: Frame>(grid: &Grid<F>) -> Result<(), ImageError> {
+    match u32::try_from(grid.len()) {
+        Ok(_) => Ok(()),
+        Err(_) => Err(ImageError::TooManyVoxels { voxels: grid.len() }),
+    }
+}
+
+/// Squared distances along each axis and the length of their unit, mm: voxels when these are cubes, else mm.
+fn euclidean<F: Frame>(grid: &Grid<F>) -> ([Vec<f32>; 3], f32) {
+    let spacing = grid.spacing_mm();
+    let cubic = spacing.y == spacing.x && spacing.z == spacing.x;
+    let (scale, unit_mm) = if cubic { ([1.0; 3], spacing.x as f32) } else { (spacing.into(), 1.0) };
+    let along =
+        std::array::from_fn(|a| (0..grid.dims()[a]).map(|t| (t as f64 * scale[a]).powi(2) as f32).collect());
+    (along, unit_mm)
+}
+
+/// The smallest box that holds every site.
+fn bounding_box<T: Copy>(
+    values: &[T],
+    dims: [usize; 3],
+    is_site: impl Fn(T) -> bool,
+) -> Option<[std::ops::Range<usize>; 3]> {
+    let mut found: Option<([usize; 3], [usize; 3])> = None;
+    for (n, row) in values.chunks_exact(dims[0]).enumerate() {
+        let Some(first) = row.iter().position(|v| is_site(*v)) else { continue };
+        let last = row.iter().rposition(|v| is_site(*v)).unwrap_or(first);
+        let (y, z) = (n % dims[1], n / dims[1]);
+        let (lo, hi) = found.get_or_insert(([first, y, z], [last, y, z]));
+        *lo = [lo[0].min(first), lo[1].min(y), lo[2].min(z)];
+        *hi = [hi[0].max(last), hi[1].max(y), hi[2].max(z)];
+    }
+    found.map(|(lo, hi)| std::array::from_fn(|a| lo[a]..hi[a] + 1))
+}
+
+#[cfg(test)]
+mod tests;
