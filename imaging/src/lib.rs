@@ -4,9 +4,21 @@
 //! what it cannot read for certain, and says which file, which voxel, what was expected. Lengths are mm.
 
 mod affine;
+mod decode;
 mod density;
 mod error;
+mod header;
+mod hounsfield;
+mod names;
+mod read;
+mod write;
 
-pub use affine::AffineChoice;
+pub use affine::{
+    AffineChoice, AffineReport, AffineSource, DISAGREEMENT_LIMIT_VOXELS, SHEAR_LIMIT_RAD, SPACING_RANGE_MM,
+};
 pub use density::DensityTable;
-pub use error::ImageError;
+pub use error::{ImageError, NiftiProblem};
+pub use hounsfield::{GreyKind, GreyRange, looks_like_hu};
+pub use names::{LabelNames, LabelNamesProblem, read_label_names};
+pub use read::{Image, ReadWarning, read_ct, read_labels};
+pub use write::{write_ct_i16, write_labels_u8};
