@@ -1,3 +1,4 @@
 //! CT and labels in, scene out.
 
+pub mod phantom;
 pub mod surface;
