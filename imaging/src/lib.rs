@@ -10,7 +10,9 @@ mod error;
 mod header;
 mod hounsfield;
 mod names;
+pub mod phantom;
 mod read;
+pub mod surface;
 mod write;
 
 pub use affine::{
