@@ -11,6 +11,7 @@ mod error;
 mod header;
 mod hounsfield;
 mod names;
+pub mod phantom;
 mod read;
 mod resample;
 pub mod surface;

@@ -4,10 +4,28 @@
 //! again. The file's keys, defaults and their sources are those of the case file's documentation. Reading files is not
 //! done here.
 
+mod error;
+mod keys;
+mod parse;
+mod reference;
+mod relations;
+mod suggest;
+#[cfg(test)]
+mod tests;
+mod walker;
+pub(crate) mod write;
+
+use std::fmt;
 use std::path::PathBuf;
 
 use bonemill_imaging::{AffineChoice, DensityTable};
 use nalgebra::{Rotation3, Vector3};
+
+pub use error::{CaseError, CaseFault, Located};
+pub use keys::Unit;
+pub(crate) use parse::{rotation_from_matrix, syntax};
+pub use reference::reference;
+pub(crate) use walker::{as_number, line_at};
 
 /// One patient, one tool and one robot; resolved and validated.
 #[derive(Debug, Clone, PartialEq)]
@@ -75,6 +93,15 @@ pub enum LabelRef {
     Number(u16),
     /// The name in `labels.json`.
     Name(String),
+}
+
+impl fmt::Display for LabelRef {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            LabelRef::Number(n) => write!(f, "{n}"),
+            LabelRef::Name(name) => write!(f, "{name:?}"),
+        }
+    }
 }
 
 /// `[target]`: the bone to be removed. Shapes are in ct, mm.

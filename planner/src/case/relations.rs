@@ -1,0 +1,149 @@
+//! Keys that are right by themselves but contradict each other.
+
+use super::error::CaseFault;
+use super::keys::Unit;
+use super::{Case, SpeedMode, Target};
+
+/// A number against a limit that another key sets.
+struct Bound {
+    key: &'static str,
+    found: f64,
+    holds: bool,
+    relation: &'static str,
+    limit: f64,
+    of: &'static str,
+    unit: Unit,
+}
+
+/// Notes every contradiction; `note` takes the fault and the key it stands at, `is_default` tells absent keys.
+pub(super) fn judge(case: &Case, note: &dyn Fn(CaseFault, &str), is_default: &dyn Fn(&str) -> bool) {
+    for Bound { key, found, holds, relation, limit, of, unit } in bounds(case) {
+        if !holds {
+            let is_default = is_default(key);
+            note(CaseFault::Relation { key: key.into(), found, is_default, relation, limit, of, unit }, key);
+        }
+    }
+    judge_target(case, note);
+    judge_structures(case, note);
+    judge_joints(case, note);
+}
+
+fn bounds(case: &Case) -> Vec<Bound> {
+    let (r, path, speed) = (case.burr.radius_mm, case.path, case.speed);
+    let at_most = |key, found: f64, limit: f64, of, unit| Bound {
+        key,
+        found,
+        holds: found <= limit,
+        relation: "at most",
+        limit,
+        of,
+        unit,
+    };
+    let mut bounds = vec![
+        at_most("path.layer_mm", path.layer_mm, 2.0 * r, "twice burr.radius_mm", Unit::Mm),
+        at_most("path.stepover_mm", path.stepover_mm, 2.0 * r, "twice burr.radius_mm", Unit::Mm),
+        at_most("path.step_mm", path.step_mm, r, "burr.radius_mm", Unit::Mm),
+        at_most("grid.spacing_mm", case.grid.spacing_mm, r / 2.0, "half of burr.radius_mm", Unit::Mm),
+        at_most("speed.min_mm_s", speed.min_mm_s, speed.max_mm_s, "speed.max_mm_s", Unit::MmS),
+        Bound {
+            key: "burr.neck_radius_mm",
+            found: case.burr.neck_radius_mm,
+            holds: case.burr.neck_radius_mm < r,
+            relation: "below",
+            limit: r,
+            of: "burr.radius_mm: the neck is thinner than the ball",
+            unit: Unit::Mm,
+        },
+        Bound {
+            key: "density.bone_hu",
+            found: case.density.bone_hu,
+            holds: case.density.bone_hu > case.density.air_hu,
+            relation: "above",
+            limit: case.density.air_hu,
+            of: "density.air_hu",
+            unit: Unit::Hu,
+        },
+    ];
+    if let Some(first) = case.shank.first() {
+        let of = "burr.radius_mm: a shank thicker than the burr cannot follow it into the bone";
+        bounds.push(at_most("shank.segments", first.radius_mm, r, of, Unit::Mm));
+    }
+    if speed.mode == SpeedMode::Constant {
+        let key = "speed.nominal_mm_s";
+        let (found, unit) = (speed.nominal_mm_s, Unit::MmS);
+        bounds.push(at_most(key, found, speed.max_mm_s, "speed.max_mm_s", unit));
+        let (holds, limit) = (found >= speed.min_mm_s, speed.min_mm_s);
+        bounds.push(Bound { key, found, holds, relation: "at least", limit, of: "speed.min_mm_s", unit });
+    }
+    bounds
+}
+
+fn judge_target(case: &Case, note: &dyn Fn(CaseFault, &str)) {
+    let above = |key: &'static str, found: f64, limit: f64, of: &'static str| {
+        let (relation, unit, is_default) = ("above", Unit::Mm, false);
+        note(CaseFault::Relation { key: key.into(), found, is_default, relation, limit, of, unit }, key);
+    };
+    match &case.target {
+        Target::Box { min_mm, max_mm } => {
+            for (low, high) in min_mm.iter().zip(max_mm.iter()) {
+                if high <= low {
+                    above("target.box.max_mm", *high, *low, "the same coordinate of target.box.min_mm");
+                }
+            }
+        }
+        Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
+            let length = (to_mm - from_mm).norm();
+            if length < 1e-3 {
+                above("target.frustum.to_mm", length, 0.001, "the frustum's length from from_mm to to_mm");
+            }
+            let widest = from_radius_mm.max(*to_radius_mm);
+            if widest < 0.5 {
+                above("target.frustum.from_radius_mm", widest, 0.5, "the wider of the frustum's two radii");
+            }
+        }
+        Target::Label(_) | Target::Ball { .. } => {}
+    }
+}
+
+fn judge_structures(case: &Case, note: &dyn Fn(CaseFault, &str)) {
+    for (n, structure) in case.structures.iter().enumerate() {
+        let earlier = case.structures.iter().take(n).position(|s| s.name == structure.name);
+        if let Some(first) = earlier {
+            let key = format!("structure[{n}].name");
+            let (found, other) = (format!("{:?}", structure.name), format!("structure[{first}].name"));
+            note(CaseFault::Duplicate { key: key.clone(), found, other }, &key);
+        }
+        if matches!(&case.target, Target::Label(label) if *label == structure.label) {
+            let key = format!("structure[{n}].label");
+            let (found, other) = (structure.label.to_string(), "target.label".into());
+            note(CaseFault::Duplicate { key: key.clone(), found, other }, &key);
+        }
+    }
+}
+
+/// Joints of the arms that come with the planner; a URDF's are counted when it is read.
+fn known_joints(model: &str) -> Option<usize> {
+    match model {
+        "bone-attached" => Some(4),
+        "ur3e" | "ur5e" | "ur10e" => Some(6),
+        _ => None,
+    }
+}
+
+fn judge_joints(case: &Case, note: &dyn Fn(CaseFault, &str)) {
+    let Some(joints) = known_joints(&case.robot.model) else { return };
+    let robot = &case.robot;
+    let lists = [
+        ("robot.joint_stiffness", &robot.joint_stiffness),
+        ("robot.velocity_limits", &robot.velocity_limits),
+        ("robot.acceleration_limits", &robot.acceleration_limits),
+        ("robot.jerk_limits", &robot.jerk_limits),
+    ];
+    for (key, list) in lists {
+        let found = list.as_ref().map_or(joints, Vec::len);
+        if found != joints {
+            let expected = format!("{joints}, one per joint of {}", robot.model);
+            note(CaseFault::Length { key: key.into(), found, expected }, key);
+        }
+    }
+}

@@ -1,0 +1,20 @@
+//! A plan's files: `plan.toml`, `waypoints.csv` and the directory that holds them, written whole or not at all.
+//!
+//! Nothing in these files depends on when, where or on how many threads they were written, so that two runs can be
+//! compared byte by byte. A plan is bound to its inputs by their SHA-256; reading one whose inputs changed is an error.
+
+mod csv;
+mod directory;
+mod error;
+mod hash;
+mod record;
+mod value;
+mod waypoint;
+
+pub use csv::{read_waypoints, write_waypoints};
+pub use directory::{Replace, StagedDirectory};
+pub use error::PlanFileError;
+pub use hash::Sha256;
+pub use record::{Input, Metrics, PlanRecord, input_path};
+pub use value::Value;
+pub use waypoint::{Kind, Waypoint};

@@ -1,0 +1,9 @@
+//! How a long computation tells how far it is; the library itself prints nothing.
+
+/// Told by the planner's stages; called from one thread at a time.
+pub trait Progress {
+    /// A stage begins, and the one before has ended.
+    fn stage(&self, name: &str);
+    /// `done` of `of` steps of the stage are done.
+    fn advance(&self, done: usize, of: usize);
+}
