@@ -5,18 +5,7 @@
 //! took of the same tolerance of the given one.
 
 use super::input::{JointPath, PathLimits};
-
-/// Speed at which a move that hardly shifts the burr is measured, mm/s: a move gets at least the length that the burr
-/// would cover at this speed in the time that the joints need. A cut's typical speed (Dillon et al. 2016: 1.5 mm/s), so
-/// that ṡ stays about even from cuts to rotations. It shapes parabolas between the two, and nothing else.
-const REFERENCE_SPEED_MM_S: f64 = 1.5;
-
-/// Share of the corner tolerance within which a waypoint counts as its predecessor. Waypoints nearer than this only
-/// carry noise in their direction, and would slow the arm down for it.
-const MERGE_SHARE: f64 = 1.0 / 32.0;
-
-/// Waypoints nearer than this are one, stops and ends included, mm.
-const SAME_MM: f64 = 1e-12;
+use super::merge::{Kept, joint_mm};
 
 /// A parabola is long enough when its curvature takes this share of the joints' acceleration at full joint speed.
 const CURVATURE_SHARE: f64 = 0.25;
@@ -28,6 +17,35 @@ pub(super) enum Element {
     Straight(u32),
     /// Parabola about kept waypoint i; x = s − its start, in 0..2l.
     Blend(u32),
+}
+
+/// A parabola: B(u) = q − l(1−u)² d₁ + l u² d₂, u = x/(2l) in 0..1; B' = (1−u) d₁ + u d₂, B'' = (d₂ − d₁)/(2l) by s.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Corner<'a> {
+    /// d₁, shape (n).
+    before: &'a [f64],
+    /// d₂, shape (n).
+    after: &'a [f64],
+    /// l, mm.
+    pub half_mm: f64,
+    /// q, mm or rad, shape (n).
+    waypoint: &'a [f64],
+}
+
+impl<'a> Corner<'a> {
+    /// d₁ and d₂ of every joint.
+    fn directions(self) -> impl Iterator<Item = (&'a f64, &'a f64)> {
+        self.before.iter().zip(self.after)
+    }
+
+    /// max|B'| for u in `from..to` and |B''| of every joint; B' is linear, so its greatest stands at an end.
+    pub fn bounds(self, from: f64, to: f64) -> impl Iterator<Item = (f64, f64)> + use<'a> {
+        let per_mm = 0.5 / self.half_mm;
+        self.directions().map(move |(d1, d2)| {
+            let turn = d2 - d1;
+            ((d1 + from * turn).abs().max((d1 + to * turn).abs()), turn.abs() * per_mm)
+        })
+    }
 }
 
 /// Kept waypoints, the segments between them and the parabolas at them. M kept waypoints of n joints.
@@ -56,9 +74,36 @@ impl Geometry {
     /// Merges, measures and rounds the polyline. `path` was checked.
     pub fn new(path: &JointPath<'_>, limits: &PathLimits) -> Self {
         let kept = Kept::new(path, limits);
-        let mut geometry = kept.segments(path, limits);
-        let share = if kept.merged { 1.0 - 2.0 * MERGE_SHARE } else { 1.0 };
+        let mut geometry = Self::through(&kept, path, limits);
+        let share = if kept.merged { 1.0 - 2.0 * Kept::MERGE_SHARE } else { 1.0 };
         geometry.round_corners(limits, share * limits.corner_tolerance_mm);
+        geometry
+    }
+
+    /// The polyline through the kept waypoints, corners still sharp.
+    fn through(kept: &Kept, path: &JointPath<'_>, limits: &PathLimits) -> Self {
+        let dof = limits.dof();
+        let given = |k: usize| &path.q[k * dof..(k + 1) * dof];
+        let segments = kept.of.len() - 1;
+        let mut geometry = Self {
+            dof,
+            kept_of: kept.kept_of.clone(),
+            move_to: kept.moves().collect(),
+            q: kept.of.iter().flat_map(|&k| given(k)).copied().collect(),
+            direction: Vec::with_capacity(segments * dof),
+            length_mm: Vec::with_capacity(segments),
+            burr_per_s: Vec::with_capacity(segments),
+            half_blend_mm: vec![0.0; kept.of.len()],
+            stop: kept.stop.clone(),
+        };
+        for ends in kept.of.windows(2) {
+            let burr_mm: f64 = path.burr_mm[ends[0] + 1..=ends[1]].iter().sum();
+            let length_mm = burr_mm.max(joint_mm(path, limits, ends[0], ends[1]));
+            let steps = given(ends[0]).iter().zip(given(ends[1]));
+            geometry.direction.extend(steps.map(|(from, to)| (to - from) / length_mm));
+            geometry.length_mm.push(length_mm);
+            geometry.burr_per_s.push(burr_mm / length_mm);
+        }
         geometry
     }
 
@@ -77,38 +122,36 @@ impl Geometry {
         &self.direction[i * self.dof..(i + 1) * self.dof]
     }
 
-    /// q and q' of joint j at x on an element; q'' is [`Geometry::curvature`].
-    pub fn at(&self, element: Element, x: f64, j: usize) -> (f64, f64) {
-        match element {
-            Element::Straight(i) => {
-                let i = i as usize;
-                let (d, length) = (self.direction(i)[j], self.length_mm[i]);
-                // from the nearer end, so that both waypoints are met exactly
-                let q = if x <= 0.5 * length {
-                    self.waypoint(i)[j] + d * x
-                } else {
-                    self.waypoint(i + 1)[j] - d * (length - x)
-                };
-                (q, d)
-            }
-            Element::Blend(i) => {
-                let i = i as usize;
-                let l = self.half_blend_mm[i];
-                let (d1, d2) = (self.direction(i - 1)[j], self.direction(i)[j]);
-                let u = x / (2.0 * l);
-                let q = self.waypoint(i)[j] + l * (u * u * d2 - (1.0 - u) * (1.0 - u) * d1);
-                (q, (1.0 - u) * d1 + u * d2)
-            }
+    /// The parabola about kept waypoint i, which must have one.
+    pub fn corner(&self, i: usize) -> Corner<'_> {
+        Corner {
+            before: self.direction(i - 1),
+            after: self.direction(i),
+            half_mm: self.half_blend_mm[i],
+            waypoint: self.waypoint(i),
         }
     }
 
-    /// q'' of joint j on an element: c = (d₂ − d₁)/(2l) on a parabola.
-    pub fn curvature(&self, element: Element, j: usize) -> f64 {
+    /// q, q' and q'' at x on an element, handed to `take` joint by joint.
+    pub fn at(&self, element: Element, x: f64, mut take: impl FnMut(usize, [f64; 3])) {
         match element {
-            Element::Straight(_) => 0.0,
-            Element::Blend(i) => {
+            Element::Straight(i) => {
                 let i = i as usize;
-                (self.direction(i)[j] - self.direction(i - 1)[j]) / (2.0 * self.half_blend_mm[i])
+                let length = self.length_mm[i];
+                // from the nearer end, so that both waypoints are met exactly
+                let (from, x) = if x <= 0.5 * length { (i, x) } else { (i + 1, x - length) };
+                for (j, (q, d)) in self.waypoint(from).iter().zip(self.direction(i)).enumerate() {
+                    take(j, [q + d * x, *d, 0.0]);
+                }
+            }
+            Element::Blend(i) => {
+                let corner = self.corner(i as usize);
+                let l = corner.half_mm;
+                let u = x / (2.0 * l);
+                let (before, after) = (l * (1.0 - u) * (1.0 - u), l * u * u);
+                for (j, (q, (d1, d2))) in corner.waypoint.iter().zip(corner.directions()).enumerate() {
+                    take(j, [q - before * d1 + after * d2, (1.0 - u) * d1 + u * d2, (d2 - d1) / (2.0 * l)]);
+                }
             }
         }
     }
@@ -159,95 +202,4 @@ impl Geometry {
             (d2 - d1).abs() <= 16.0 * f64::EPSILON * (q.abs() + d1.abs() * size_mm) * per_mm
         })
     }
-}
-
-/// Which waypoints are driven through; the others are as good as one of these.
-struct Kept {
-    /// Indices of given waypoints, increasing, shape (M).
-    of: Vec<usize>,
-    /// Kept waypoint of every given one, shape (N).
-    kept_of: Vec<u32>,
-    stop: Vec<bool>,
-    merged: bool,
-}
-
-impl Kept {
-    fn new(path: &JointPath<'_>, limits: &PathLimits) -> Self {
-        let count = path.burr_mm.len();
-        let mut is_stop = vec![false; count];
-        for &stop in path.stops {
-            is_stop[stop] = true;
-        }
-        is_stop[0] = true;
-        is_stop[count - 1] = true;
-        let near_mm = MERGE_SHARE * limits.corner_tolerance_mm;
-        let mut kept = Self { of: vec![0], kept_of: vec![0], stop: vec![true], merged: false };
-        for (k, &stops) in is_stop.iter().enumerate().skip(1) {
-            let last = kept.of.len() - 1;
-            let apart_mm = apart_mm(path, limits, kept.of[last], k);
-            if apart_mm <= SAME_MM {
-                kept.stop[last] |= stops;
-            } else if apart_mm > near_mm || (stops && kept.stop[last]) {
-                kept.of.push(k);
-                kept.stop.push(stops);
-            } else {
-                kept.merged = true;
-                if stops {
-                    // a stop is met exactly: it takes the place of the waypoint just before it
-                    kept.of[last] = k;
-                    kept.stop[last] = true;
-                }
-            }
-            kept.kept_of.push(kept.of.len() as u32 - 1);
-        }
-        kept
-    }
-
-    /// The moves that lead from one kept waypoint's cluster to the next one's.
-    fn moves(&self) -> impl Iterator<Item = u32> {
-        let leads_on = |(k, pair): (usize, &[u32])| (pair[0] != pair[1]).then_some(k as u32 + 1);
-        self.kept_of.windows(2).enumerate().filter_map(leads_on)
-    }
-
-    /// The polyline through the kept waypoints, corners still sharp.
-    fn segments(&self, path: &JointPath<'_>, limits: &PathLimits) -> Geometry {
-        let dof = limits.dof();
-        let given = |k: usize| &path.q[k * dof..(k + 1) * dof];
-        let segments = self.of.len() - 1;
-        let mut geometry = Geometry {
-            dof,
-            kept_of: self.kept_of.clone(),
-            move_to: self.moves().collect(),
-            q: self.of.iter().flat_map(|&k| given(k)).copied().collect(),
-            direction: Vec::with_capacity(segments * dof),
-            length_mm: Vec::with_capacity(segments),
-            burr_per_s: Vec::with_capacity(segments),
-            half_blend_mm: vec![0.0; self.of.len()],
-            stop: self.stop.clone(),
-        };
-        for ends in self.of.windows(2) {
-            let burr_mm: f64 = path.burr_mm[ends[0] + 1..=ends[1]].iter().sum();
-            let length_mm = burr_mm.max(joint_mm(path, limits, ends[0], ends[1]));
-            let steps = given(ends[0]).iter().zip(given(ends[1]));
-            geometry.direction.extend(steps.map(|(from, to)| (to - from) / length_mm));
-            geometry.length_mm.push(length_mm);
-            geometry.burr_per_s.push(burr_mm / length_mm);
-        }
-        geometry
-    }
-}
-
-/// How far two waypoints are apart, as burr and joints notice it: the greater of Σ lever |Δq| and [`joint_mm`].
-fn apart_mm(path: &JointPath<'_>, limits: &PathLimits, from: usize, to: usize) -> f64 {
-    let dof = limits.dof();
-    let steps = path.q[from * dof..].iter().zip(&path.q[to * dof..]).zip(&limits.lever_mm);
-    let burr: f64 = steps.map(|((a, b), lever)| (b - a).abs() * lever).sum();
-    burr.max(joint_mm(path, limits, from, to))
-}
-
-/// What the burr covers at the reference speed while the joints go from one waypoint to the other, mm.
-fn joint_mm(path: &JointPath<'_>, limits: &PathLimits, from: usize, to: usize) -> f64 {
-    let dof = limits.dof();
-    let steps = path.q[from * dof..].iter().zip(&path.q[to * dof..]).zip(&limits.velocity);
-    REFERENCE_SPEED_MM_S * steps.map(|((a, b), v)| (b - a).abs() / v).fold(0.0, f64::max)
 }

@@ -84,7 +84,7 @@ pub(super) fn check_path(path: &JointPath<'_>, dof: usize) -> Result<usize, Robo
     if path.q.len() != count * dof {
         return Err(RobotError::Length { what: "joint path", got: path.q.len(), expected: count * dof });
     }
-    let bad_q = path.q.iter().position(|q| !(q.abs() <= ABSURD_POSITION));
+    let bad_q = path.q.iter().position(|q| !(-ABSURD_POSITION..=ABSURD_POSITION).contains(q));
     if let Some((at, &value)) = bad_q.and_then(|at| Some((at, path.q.get(at)?))) {
         let (what, unit, expected) = ("joint position at waypoint", "mm or rad", "a number within ±1e9");
         return Err(RobotError::Value { what, index: at / dof, value, unit, expected });

@@ -88,7 +88,10 @@ impl TimeLaw {
         state
     }
 
-    /// [`TimeLaw::sample`] into given slices of at least dof values.
+    /// [`TimeLaw::sample`] into given slices.
+    ///
+    /// # Panics
+    /// Where a slice has fewer than dof values.
     pub fn sample_into(&self, time_s: f64, q: &mut [f64], qd: &mut [f64], qdd: Option<&mut [f64]>) {
         let piece = self.pieces.partition_point(|piece| piece.start_s <= time_s);
         self.evaluate(piece.checked_sub(1), time_s, q, qd, qdd);
@@ -123,15 +126,16 @@ impl TimeLaw {
         // rounding at a stop must not turn the arm round
         let speed = (speed_mm_s + acceleration_mm_s2 * elapsed_s).max(0.0);
         let x = start_mm + 0.5 * (speed_mm_s + speed) * elapsed_s;
-        for (j, (q, qd)) in q.iter_mut().zip(qd.iter_mut()).enumerate().take(self.dof()) {
-            let (position, slope) = self.geometry.at(element, x, j);
-            (*q, *qd) = (position, slope * speed);
-        }
-        if let Some(qdd) = qdd {
-            for (j, qdd) in qdd.iter_mut().enumerate().take(self.dof()) {
-                let (_, slope) = self.geometry.at(element, x, j);
-                *qdd = self.geometry.curvature(element, j) * speed * speed + slope * acceleration_mm_s2;
-            }
+        match qdd {
+            None => self.geometry.at(element, x, |j, [position, slope, _]| {
+                q[j] = position;
+                qd[j] = slope * speed;
+            }),
+            Some(qdd) => self.geometry.at(element, x, |j, [position, slope, curvature]| {
+                q[j] = position;
+                qd[j] = slope * speed;
+                qdd[j] = curvature * speed * speed + slope * acceleration_mm_s2;
+            }),
         }
     }
 }

@@ -5,7 +5,7 @@
 //! back and one forth give the greatest σ at every node at once, and σ = 0 is always allowed.
 
 use super::geometry::Element;
-use super::prepared::{Interval, PreparedPath, steepest};
+use super::prepared::{Interval, PreparedPath, part_ends};
 
 /// The greatest σ at every node under `sigma_max` of every interval, mm²/s², shape (intervals + 1).
 ///
@@ -47,18 +47,18 @@ fn reached(path: &PreparedPath, interval: &Interval, sigma: f64, wanted: f64) ->
     if wanted <= sigma {
         return wanted;
     }
-    let Interval { element, start_mm, length_mm, .. } = *interval;
-    if let Element::Straight(_) = element {
-        return wanted.min(sigma + interval.slope * length_mm);
-    }
-    let geometry = &path.geometry;
+    let corner = match interval.element {
+        Element::Straight(_) => return wanted.min(sigma + interval.slope * interval.length_mm),
+        Element::Blend(i) => path.geometry.corner(i as usize),
+    };
+    let [from, to] = part_ends(interval.part);
+    let per_mm = 0.5 / interval.length_mm;
     let mut reached = wanted;
-    for (j, a) in path.limits.acceleration.iter().enumerate() {
-        let g = steepest(geometry, element, start_mm, length_mm, j) / (2.0 * length_mm);
-        let c = geometry.curvature(element, j).abs();
+    for ((steepest, curvature), a) in corner.bounds(from, to).zip(&path.limits.acceleration) {
+        let g = steepest * per_mm;
         // a joint that stands still is 0 ≤ a
-        if c + g > 0.0 {
-            reached = reached.min((a + g * sigma) / (c + g));
+        if curvature + g > 0.0 {
+            reached = reached.min((a + g * sigma) / (curvature + g));
         }
     }
     // rounding must not end below where it began

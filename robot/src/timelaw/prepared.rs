@@ -9,6 +9,9 @@ use super::pass;
 use crate::error::RobotError;
 
 /// Intervals of a parabola; even, so that its waypoint lies between two.
+///
+/// The knob of speed against optimality: against a fine grid with signed constraints, cuts with random caps take 2.7, 1.0
+/// and 0.3 % longer (mean of 6 paths) with 2, 4 and 8 intervals, and preparing and timing a path takes 1 : 1.4 : 2.
 pub(super) const BLEND_INTERVALS: u32 = 4;
 
 /// A stretch of the path on which one bound on σ = ṡ² and σ' holds.
@@ -175,41 +178,31 @@ fn straight(geometry: &Geometry, limits: &PathLimits, i: usize) -> Interval {
 
 /// One part of the parabola at kept waypoint i: |c| σ ≤ a and max|q'| √σ ≤ v.
 fn blend(geometry: &Geometry, limits: &PathLimits, i: usize, part: u32) -> Interval {
-    let element = Element::Blend(i as u32);
-    let length_mm = 2.0 * geometry.half_blend_mm[i] / f64::from(BLEND_INTERVALS);
-    let start_mm = f64::from(part) * length_mm;
+    let corner = geometry.corner(i);
+    let [from, to] = part_ends(part);
     let (mut slowest, mut most_curved) = (0f64, 0f64);
-    for j in 0..geometry.dof {
-        let steepest = steepest(geometry, element, start_mm, length_mm, j);
-        slowest = slowest.max(steepest / limits.velocity[j]);
-        most_curved = most_curved.max(geometry.curvature(element, j).abs() / limits.acceleration[j]);
+    let joints = limits.velocity.iter().zip(&limits.acceleration);
+    for ((steepest, curvature), (v, a)) in corner.bounds(from, to).zip(joints) {
+        slowest = slowest.max(steepest / v);
+        most_curved = most_curved.max(curvature / a);
     }
     let first_half = part < BLEND_INTERVALS / 2;
     // the burr's path length per s goes linearly from one segment's to the other's
-    let u = [part, part + 1].map(|at| f64::from(at) / f64::from(BLEND_INTERVALS));
     let (r1, r2) = (geometry.burr_per_s[i - 1], geometry.burr_per_s[i]);
-    let [from, to] = u.map(|u| (1.0 - u) * r1 + u * r2);
+    let burr_per_s = [from, to].map(|u| (1.0 - u) * r1 + u * r2);
     Interval {
-        element,
-        start_mm,
-        length_mm,
+        element: Element::Blend(i as u32),
+        start_mm: 2.0 * corner.half_mm * from,
+        length_mm: 2.0 * corner.half_mm / f64::from(BLEND_INTERVALS),
         joint_sigma: slowest.powi(-2).min(most_curved.recip()),
         slope: 0.0,
-        burr_per_s: from.max(to),
+        burr_per_s: burr_per_s[0].max(burr_per_s[1]),
         segment: if first_half { i as u32 - 1 } else { i as u32 },
         part,
     }
 }
 
-/// Greatest |q'| of joint j on an interval; q' is linear, so it stands at an end.
-pub(super) fn steepest(
-    geometry: &Geometry,
-    element: Element,
-    start_mm: f64,
-    length_mm: f64,
-    j: usize,
-) -> f64 {
-    let (_, from) = geometry.at(element, start_mm, j);
-    let (_, to) = geometry.at(element, start_mm + length_mm, j);
-    from.abs().max(to.abs())
+/// The u at which a part of a parabola begins and ends.
+pub(super) fn part_ends(part: u32) -> [f64; 2] {
+    [part, part + 1].map(|at| f64::from(at) / f64::from(BLEND_INTERVALS))
 }

@@ -4,185 +4,8 @@ use proptest::prelude::*;
 
 use super::*;
 
-const V: [f64; 4] = [15.0, 15.0, 15.0, 0.6];
-const A: [f64; 4] = [150.0, 150.0, 150.0, 6.0];
-const LEVER_MM: [f64; 4] = [1.0, 1.0, 1.0, 50.0];
-const TOLERANCE_MM: f64 = 0.04;
-
-fn limits() -> PathLimits {
-    PathLimits::new(&V, &A, &LEVER_MM, TOLERANCE_MM).unwrap()
-}
-
-/// Waypoints of the bone-attached arm's joints with the move lengths of x, y, z.
-#[derive(Debug, Clone)]
-struct Case {
-    q: Vec<[f64; 4]>,
-    caps_mm_s: Vec<f64>,
-    stops: Vec<usize>,
-}
-
-impl Case {
-    fn new(q: Vec<[f64; 4]>, cap_mm_s: f64) -> Self {
-        Self { caps_mm_s: vec![cap_mm_s; q.len()], q, stops: vec![] }
-    }
-
-    fn burr_mm(&self) -> Vec<f64> {
-        let moves = self.q.windows(2).map(|ends| linear_mm(&sub(&ends[1], &ends[0])));
-        std::iter::once(0.0).chain(moves).collect()
-    }
-
-    fn prepared(&self, limits: &PathLimits) -> PreparedPath {
-        let (q, burr_mm) = (self.q.concat(), self.burr_mm());
-        PreparedPath::new(&JointPath { q: &q, burr_mm: &burr_mm, stops: &self.stops }, limits).unwrap()
-    }
-
-    fn law(&self) -> TimeLaw {
-        self.prepared(&limits()).law(&self.caps_mm_s).unwrap()
-    }
-}
-
-fn sub(a: &[f64], b: &[f64]) -> [f64; 4] {
-    std::array::from_fn(|j| a[j] - b[j])
-}
-
-/// |(x, y, z)|
-fn linear_mm(q: &[f64]) -> f64 {
-    (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]).sqrt()
-}
-
-/// Σ lever |q|
-fn weighted_mm(q: &[f64; 4]) -> f64 {
-    q.iter().zip(LEVER_MM).map(|(q, lever)| q.abs() * lever).sum()
-}
-
-/// Least Σ lever |q − p| over p on the segment from a to b: convex and piecewise linear, so least at a kink or an end.
-fn to_segment_mm(q: &[f64], a: &[f64; 4], b: &[f64; 4]) -> f64 {
-    let kinks = (0..4).map(|j| ((q[j] - a[j]) / (b[j] - a[j])).clamp(0.0, 1.0)).filter(|at| at.is_finite());
-    let at = |share: f64| {
-        let p: [f64; 4] = std::array::from_fn(|j| a[j] + share * (b[j] - a[j]));
-        weighted_mm(&sub(q, &p))
-    };
-    kinks.chain([0.0, 1.0]).map(at).fold(f64::INFINITY, f64::min)
-}
-
-/// Samples at which everything is checked: 10 kHz, or as dense as 20 000 allow, and around every passing.
-fn instants(law: &TimeLaw) -> Vec<f64> {
-    let step_s = (law.duration_s() / 20_000.0).max(1e-4);
-    let grid = (0..).map(|k| f64::from(k) * step_s).take_while(|t| *t <= law.duration_s());
-    let near = law.waypoint_times_s().iter().flat_map(|t| [t - 1e-9, *t, t + 1e-9]);
-    let mut all: Vec<f64> = grid.chain(near).chain([law.duration_s()]).collect();
-    all.sort_by(f64::total_cmp);
-    all
-}
-
-/// Everything that a law promises, at every instant of [`instants`].
-fn check(case: &Case) {
-    let law = case.law();
-    assert!(law.duration_s().is_finite() && law.duration_s() >= 0.0);
-    check_passings(case, &law);
-    check_limits(&law);
-    check_caps(case, &law);
-    check_deviation(case, &law);
-}
-
-fn check_passings(case: &Case, law: &TimeLaw) {
-    let times = law.waypoint_times_s();
-    assert_eq!(times.len(), case.q.len());
-    assert!(times.windows(2).all(|pair| pair[0] <= pair[1]), "passings go back in time");
-    for (q, &time_s) in case.q.iter().zip(times) {
-        let off = weighted_mm(&sub(&law.sample(time_s).q, q));
-        assert!(off <= TOLERANCE_MM * (1.0 + 1e-9), "passes {off} mm off a waypoint");
-    }
-    for (end, q) in [(0.0, &case.q[0]), (law.duration_s(), &case.q[case.q.len() - 1])] {
-        let state = law.sample(end);
-        assert!(weighted_mm(&sub(&state.q, q)) <= 1e-9 && state.qd.iter().all(|qd| *qd == 0.0));
-    }
-    for &stop in &case.stops {
-        let state = law.sample(times[stop]);
-        assert!(weighted_mm(&sub(&state.q, &case.q[stop])) <= 1e-9, "misses stop {stop}");
-        assert!(state.qd.iter().all(|qd| qd.abs() < 1e-5), "does not stop at {stop}: {:?}", state.qd);
-    }
-}
-
-fn check_limits(law: &TimeLaw) {
-    let mut before: Option<(f64, JointState)> = None;
-    for time_s in instants(law) {
-        let state = law.sample(time_s);
-        for j in 0..4 {
-            assert!(state.qd[j].abs() <= V[j] * (1.0 + 1e-9), "joint {j} at {time_s}: {}", state.qd[j]);
-            assert!(state.qdd[j].abs() <= A[j] * (1.0 + 1e-9), "joint {j} at {time_s}: {}", state.qdd[j]);
-        }
-        if let Some((earlier_s, earlier)) = &before {
-            let step_s = time_s - earlier_s;
-            for j in 0..4 {
-                // a jump of q or q̇ would not scale with the step
-                let moved = state.q[j] - earlier.q[j] - 0.5 * step_s * (state.qd[j] + earlier.qd[j]);
-                assert!(moved.abs() <= 0.5 * A[j] * step_s * step_s + 1e-9, "q_{j} jumps at {time_s}");
-                let faster = (state.qd[j] - earlier.qd[j]).abs();
-                assert!(faster <= A[j] * step_s * (1.0 + 1e-9) + 1e-8, "q̇_{j} jumps by {faster} at {time_s}");
-            }
-        }
-        before = Some((time_s, state));
-    }
-}
-
-/// The burr (x, y, z of this arm) is never faster than the cap of the move that it is on.
-fn check_caps(case: &Case, law: &TimeLaw) {
-    let times = law.waypoint_times_s();
-    for time_s in instants(law) {
-        let speed = linear_mm(&law.sample(time_s).qd);
-        let on = times.partition_point(|t| *t <= time_s).min(times.len() - 1);
-        // at a passing, and where waypoints were merged, a sample belongs to either of its neighbours
-        let near = (0..times.len())
-            .filter(|&k| k > 0 && (k == on || (times[k - 1] - 1e-8..=times[k] + 1e-8).contains(&time_s)));
-        let cap = near.map(|k| case.caps_mm_s[k]).fold(0.0, f64::max);
-        assert!(speed <= cap * (1.0 + 1e-9) || times.len() == 1, "{speed} mm/s at {time_s} s, cap {cap}");
-    }
-}
-
-fn check_deviation(case: &Case, law: &TimeLaw) {
-    if case.q.len() < 2 {
-        return;
-    }
-    let times = law.waypoint_times_s();
-    for time_s in instants(law) {
-        let q = law.sample(time_s).q;
-        let on = times.partition_point(|t| *t <= time_s);
-        let near = on.saturating_sub(4).max(1)..(on + 4).min(case.q.len());
-        let off = near.map(|k| to_segment_mm(&q, &case.q[k - 1], &case.q[k])).fold(f64::INFINITY, f64::min);
-        assert!(off <= TOLERANCE_MM * (1.0 + 1e-9), "{off} mm off the polyline at {time_s} s");
-    }
-}
-
-/// A path with cuts, links, rotations in place, exact and near duplicates and reversals.
-fn any_case() -> impl Strategy<Value = Case> {
-    let step = prop_oneof![
-        4 => (prop::array::uniform3(-0.3f64..0.3), -0.02f64..0.02).prop_map(|(p, t)| [p[0], p[1], p[2], t]),
-        2 => (prop::array::uniform3(-20.0f64..20.0), -0.3f64..0.3).prop_map(|(p, t)| [p[0], p[1], p[2], t]),
-        1 => (-0.3f64..0.3).prop_map(|t| [0.0, 0.0, 0.0, t]),
-        1 => Just([0.0; 4]),
-        1 => prop::array::uniform4(-1e-9f64..1e-9),
-        1 => prop::array::uniform4(-1e-4f64..1e-4),
-        1 => Just([2.0, 0.0, 0.0, 0.0]),
-        1 => Just([-2.0, 0.0, 0.0, 0.0]),
-    ];
-    (
-        prop::collection::vec((step, 0.3f64..12.0), 0..14),
-        prop::array::uniform4(-1.0f64..1.0),
-        prop::option::of(0..20usize),
-    )
-        .prop_map(|(steps, start, stop)| {
-            let mut q = vec![start];
-            let mut caps_mm_s = vec![1.0];
-            for (step, cap) in steps {
-                let from = q[q.len() - 1];
-                q.push(std::array::from_fn(|j| from[j] + step[j]));
-                caps_mm_s.push(cap);
-            }
-            let stops = stop.filter(|stop| *stop < q.len()).into_iter().collect();
-            Case { q, caps_mm_s, stops }
-        })
-}
+mod harness;
+use harness::{A, Case, LEVER_MM, TOLERANCE_MM, V, any_case, check, limits, linear_mm};
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
@@ -258,6 +81,19 @@ fn a_straight_move_is_the_trapezoid() {
 fn a_rotation_in_place_is_bound_by_its_joint_alone() {
     let law = Case::new(vec![[1.0, 2.0, 3.0, -0.5], [1.0, 2.0, 3.0, 0.7]], 1e-3).law();
     assert!((law.duration_s() - (1.2 / 0.6 + 0.6 / 6.0)).abs() < 1e-12);
+}
+
+#[test]
+fn a_smooth_cut_takes_little_longer_than_its_caps_demand() {
+    // a helix of 5 mm radius in steps of 0.25 mm, the tilt swinging by ±17° a turn
+    let at = |k: i32| {
+        let angle = 0.05 * f64::from(k);
+        [5.0 * angle.cos(), 5.0 * angle.sin(), -0.01 * f64::from(k), 0.3 * angle.sin()]
+    };
+    let case = Case::new((0..800).map(at).collect(), 1.5);
+    let bound_s = case.prepared(&limits()).lower_bound_s(&case.caps_mm_s).unwrap();
+    let ratio = case.law().duration_s() / bound_s;
+    assert!((0.999..1.005).contains(&ratio), "{ratio}");
 }
 
 #[test]

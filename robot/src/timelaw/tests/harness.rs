@@ -1,0 +1,185 @@
+//! What every law promises, checked at dense samples, and the paths it is checked on.
+
+use proptest::prelude::*;
+
+use crate::timelaw::*;
+
+pub const V: [f64; 4] = [15.0, 15.0, 15.0, 0.6];
+pub const A: [f64; 4] = [150.0, 150.0, 150.0, 6.0];
+pub const LEVER_MM: [f64; 4] = [1.0, 1.0, 1.0, 50.0];
+pub const TOLERANCE_MM: f64 = 0.04;
+
+pub fn limits() -> PathLimits {
+    PathLimits::new(&V, &A, &LEVER_MM, TOLERANCE_MM).unwrap()
+}
+
+/// Waypoints of the bone-attached arm's joints with the move lengths of x, y, z.
+#[derive(Debug, Clone)]
+pub struct Case {
+    pub q: Vec<[f64; 4]>,
+    pub caps_mm_s: Vec<f64>,
+    pub stops: Vec<usize>,
+}
+
+impl Case {
+    pub fn new(q: Vec<[f64; 4]>, cap_mm_s: f64) -> Self {
+        Self { caps_mm_s: vec![cap_mm_s; q.len()], q, stops: vec![] }
+    }
+
+    pub fn burr_mm(&self) -> Vec<f64> {
+        let moves = self.q.windows(2).map(|ends| linear_mm(&sub(&ends[1], &ends[0])));
+        std::iter::once(0.0).chain(moves).collect()
+    }
+
+    pub fn prepared(&self, limits: &PathLimits) -> PreparedPath {
+        let (q, burr_mm) = (self.q.concat(), self.burr_mm());
+        PreparedPath::new(&JointPath { q: &q, burr_mm: &burr_mm, stops: &self.stops }, limits).unwrap()
+    }
+
+    pub fn law(&self) -> TimeLaw {
+        self.prepared(&limits()).law(&self.caps_mm_s).unwrap()
+    }
+}
+
+pub fn sub(a: &[f64], b: &[f64]) -> [f64; 4] {
+    std::array::from_fn(|j| a[j] - b[j])
+}
+
+/// |(x, y, z)|
+pub fn linear_mm(q: &[f64]) -> f64 {
+    (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]).sqrt()
+}
+
+/// Σ lever |q|
+pub fn weighted_mm(q: &[f64; 4]) -> f64 {
+    q.iter().zip(LEVER_MM).map(|(q, lever)| q.abs() * lever).sum()
+}
+
+/// Least Σ lever |q − p| over p on the segment from a to b: convex and piecewise linear, so least at a kink or an end.
+pub fn to_segment_mm(q: &[f64], a: &[f64; 4], b: &[f64; 4]) -> f64 {
+    let kinks = (0..4).map(|j| ((q[j] - a[j]) / (b[j] - a[j])).clamp(0.0, 1.0)).filter(|at| at.is_finite());
+    let at = |share: f64| {
+        let p: [f64; 4] = std::array::from_fn(|j| a[j] + share * (b[j] - a[j]));
+        weighted_mm(&sub(q, &p))
+    };
+    kinks.chain([0.0, 1.0]).map(at).fold(f64::INFINITY, f64::min)
+}
+
+/// Samples at which everything is checked: 10 kHz, or as dense as 20 000 allow, and around every passing.
+pub fn instants(law: &TimeLaw) -> Vec<f64> {
+    let step_s = (law.duration_s() / 20_000.0).max(1e-4);
+    let grid = (0..).map(|k| f64::from(k) * step_s).take_while(|t| *t <= law.duration_s());
+    let near = law.waypoint_times_s().iter().flat_map(|t| [t - 1e-9, *t, t + 1e-9]);
+    let mut all: Vec<f64> = grid.chain(near).chain([law.duration_s()]).collect();
+    all.sort_by(f64::total_cmp);
+    all
+}
+
+/// Everything that a law promises, at every instant of [`instants`].
+pub fn check(case: &Case) {
+    let law = case.law();
+    assert!(law.duration_s().is_finite() && law.duration_s() >= 0.0);
+    check_passings(case, &law);
+    check_limits(&law);
+    check_caps(case, &law);
+    check_deviation(case, &law);
+}
+
+pub fn check_passings(case: &Case, law: &TimeLaw) {
+    let times = law.waypoint_times_s();
+    assert_eq!(times.len(), case.q.len());
+    assert!(times.windows(2).all(|pair| pair[0] <= pair[1]), "passings go back in time");
+    for (q, &time_s) in case.q.iter().zip(times) {
+        let off = weighted_mm(&sub(&law.sample(time_s).q, q));
+        assert!(off <= TOLERANCE_MM * (1.0 + 1e-9), "passes {off} mm off a waypoint");
+    }
+    for (end, q) in [(0.0, &case.q[0]), (law.duration_s(), &case.q[case.q.len() - 1])] {
+        let state = law.sample(end);
+        assert!(weighted_mm(&sub(&state.q, q)) <= 1e-9 && state.qd.iter().all(|qd| *qd == 0.0));
+    }
+    for &stop in &case.stops {
+        let state = law.sample(times[stop]);
+        assert!(weighted_mm(&sub(&state.q, &case.q[stop])) <= 1e-9, "misses stop {stop}");
+        assert!(state.qd.iter().all(|qd| qd.abs() < 1e-5), "does not stop at {stop}: {:?}", state.qd);
+    }
+}
+
+pub fn check_limits(law: &TimeLaw) {
+    let mut before: Option<(f64, JointState)> = None;
+    for time_s in instants(law) {
+        let state = law.sample(time_s);
+        for j in 0..4 {
+            assert!(state.qd[j].abs() <= V[j] * (1.0 + 1e-9), "joint {j} at {time_s}: {}", state.qd[j]);
+            assert!(state.qdd[j].abs() <= A[j] * (1.0 + 1e-9), "joint {j} at {time_s}: {}", state.qdd[j]);
+        }
+        if let Some((earlier_s, earlier)) = &before {
+            let step_s = time_s - earlier_s;
+            for (j, a) in A.iter().enumerate() {
+                // a jump of q or q̇ would not scale with the step
+                let moved = state.q[j] - earlier.q[j] - 0.5 * step_s * (state.qd[j] + earlier.qd[j]);
+                assert!(moved.abs() <= 0.5 * a * step_s * step_s + 1e-9, "q_{j} jumps at {time_s}");
+                let faster = (state.qd[j] - earlier.qd[j]).abs();
+                assert!(faster <= a * step_s * (1.0 + 1e-9) + 1e-8, "q̇_{j} jumps by {faster} at {time_s}");
+            }
+        }
+        before = Some((time_s, state));
+    }
+}
+
+/// The burr (x, y, z of this arm) is never faster than the cap of the move that it is on.
+pub fn check_caps(case: &Case, law: &TimeLaw) {
+    let times = law.waypoint_times_s();
+    for time_s in instants(law) {
+        let speed = linear_mm(&law.sample(time_s).qd);
+        let on = times.partition_point(|t| *t <= time_s).min(times.len() - 1);
+        // at a passing, and where waypoints were merged, a sample belongs to either of its neighbours
+        let near = (0..times.len())
+            .filter(|&k| k > 0 && (k == on || (times[k - 1] - 1e-8..=times[k] + 1e-8).contains(&time_s)));
+        let cap = near.map(|k| case.caps_mm_s[k]).fold(0.0, f64::max);
+        assert!(speed <= cap * (1.0 + 1e-9) || times.len() == 1, "{speed} mm/s at {time_s} s, cap {cap}");
+    }
+}
+
+pub fn check_deviation(case: &Case, law: &TimeLaw) {
+    if case.q.len() < 2 {
+        return;
+    }
+    let times = law.waypoint_times_s();
+    for time_s in instants(law) {
+        let q = law.sample(time_s).q;
+        let on = times.partition_point(|t| *t <= time_s);
+        let near = on.saturating_sub(4).max(1)..(on + 4).min(case.q.len());
+        let off = near.map(|k| to_segment_mm(&q, &case.q[k - 1], &case.q[k])).fold(f64::INFINITY, f64::min);
+        assert!(off <= TOLERANCE_MM * (1.0 + 1e-9), "{off} mm off the polyline at {time_s} s");
+    }
+}
+
+/// A path with cuts, links, rotations in place, exact and near duplicates and reversals.
+pub fn any_case() -> impl Strategy<Value = Case> {
+    let step = prop_oneof![
+        4 => (prop::array::uniform3(-0.3f64..0.3), -0.02f64..0.02).prop_map(|(p, t)| [p[0], p[1], p[2], t]),
+        2 => (prop::array::uniform3(-20.0f64..20.0), -0.3f64..0.3).prop_map(|(p, t)| [p[0], p[1], p[2], t]),
+        1 => (-0.3f64..0.3).prop_map(|t| [0.0, 0.0, 0.0, t]),
+        1 => Just([0.0; 4]),
+        1 => prop::array::uniform4(-1e-9f64..1e-9),
+        1 => prop::array::uniform4(-1e-4f64..1e-4),
+        1 => Just([2.0, 0.0, 0.0, 0.0]),
+        1 => Just([-2.0, 0.0, 0.0, 0.0]),
+    ];
+    (
+        prop::collection::vec((step, 0.3f64..12.0), 0..14),
+        prop::array::uniform4(-1.0f64..1.0),
+        prop::option::of(0..20usize),
+    )
+        .prop_map(|(steps, start, stop)| {
+            let mut q = vec![start];
+            let mut caps_mm_s = vec![1.0];
+            for (step, cap) in steps {
+                let from = q[q.len() - 1];
+                q.push(std::array::from_fn(|j| from[j] + step[j]));
+                caps_mm_s.push(cap);
+            }
+            let stops = stop.filter(|stop| *stop < q.len()).into_iter().collect();
+            Case { q, caps_mm_s, stops }
+        })
+}
