@@ -21,6 +21,7 @@ pub mod pipeline;
 pub mod plan;
 mod progress;
 pub mod removal;
+pub mod report;
 pub mod space;
 pub mod speed;
 pub mod sweep;

@@ -115,6 +115,12 @@ impl Moments {
         self.second_mg_mm2 += from_center_mm * from_center_mm.transpose() * mass_mg;
     }
 
+    /// Adds what was summed apart.
+    pub fn merge(&mut self, other: &Self) {
+        self.mass_mg += other.mass_mg;
+        self.second_mg_mm2 += other.second_mg_mm2;
+    }
+
     /// m, mg.
     pub fn mass_mg(&self) -> f64 {
         self.mass_mg

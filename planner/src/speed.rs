@@ -90,6 +90,26 @@ impl SpeedModel {
         Ok(self.profile(Some(k_vel), &ratios))
     }
 
+    /// The shortest and the longest time that the moves can take within the range, s.
+    ///
+    /// # Errors
+    /// As [`Self::centred`], and for lengths that are negative or not one per waypoint.
+    pub fn time_range_s(&self, mass_mg: &[f64], cost: &[f64], lengths_mm: &[f64]) -> Result<[f64; 2], ModelError> {
+        let ratios = self.ratios(mass_mg, cost)?;
+        same_length("move lengths", mass_mg.len(), lengths_mm.len())?;
+        for &ds in lengths_mm {
+            checked("length of a move, mm", ds, |ds| ds >= 0.0, "0 or more")?;
+        }
+        let time_s = |k: f64| self.profile(Some(k), &ratios).time_s(lengths_mm);
+        Ok([time_s(self.fastest_factor(&ratios)), time_s(0.0)])
+    }
+
+    /// A factor that lifts everything to the upper end; 1 where nothing can be lifted.
+    fn fastest_factor(&self, ratios: &[Option<f64>]) -> f64 {
+        let least = ratios.iter().flatten().copied().filter(|&r| r > 0.0).fold(f64::INFINITY, f64::min);
+        if least.is_finite() { self.max_mm_s / least } else { 1.0 }
+    }
+
     /// Speeds that take `total_s` in all for the lengths `lengths_mm` of the moves that end at the points, after clamping
     /// and smoothing.
     ///
@@ -105,17 +125,10 @@ impl SpeedModel {
         total_s: f64,
     ) -> Result<SpeedProfile, ModelError> {
         let ratios = self.ratios(mass_mg, cost)?;
-        same_length("move lengths", mass_mg.len(), lengths_mm.len())?;
-        for &ds in lengths_mm {
-            checked("length of a move, mm", ds, |ds| ds >= 0.0, "0 or more")?;
-        }
         checked("total time, s", total_s, |t| t > 0.0, "positive")?;
+        let [shortest_s, longest_s] = self.time_range_s(mass_mg, cost, lengths_mm)?;
         let at = |k: f64| self.profile(Some(k), &ratios);
-        let least = ratios.iter().flatten().copied().filter(|&r| r > 0.0).fold(f64::INFINITY, f64::min);
-        // a factor that lifts everything to the upper end; 1 where nothing can be lifted
-        let mut high = if least.is_finite() { self.max_mm_s / least } else { 1.0 };
-        let mut low = 0.0;
-        let (longest_s, shortest_s) = (at(low).time_s(lengths_mm), at(high).time_s(lengths_mm));
+        let (mut low, mut high) = (0.0, self.fastest_factor(&ratios));
         let slack = 1e-9 * total_s;
         if total_s < shortest_s - slack || total_s > longest_s + slack {
             return Err(ModelError::TimeOutOfReach { requested_s: total_s, shortest_s, longest_s });

@@ -9,8 +9,9 @@ use std::path::Path;
 use bonemill_geometry::Point;
 use nalgebra::Vector3;
 
-use super::{Kind, PlanFileError, Waypoint};
+use super::{PlanFileError, Waypoint};
 use crate::case::Structure;
+use crate::path::MoveKind;
 
 /// The columns, in order.
 const COLUMNS: [&str; 24] = [
@@ -222,7 +223,7 @@ fn read_row(row: &Row<'_>, index: usize, structures: &[Structure]) -> Result<Way
         if (15..18).all(|column| row.text(column).is_empty()) { None } else { Some(row.vector(15)?) };
     Ok(Waypoint {
         layer: row.whole(1)?,
-        kind: Kind::from_word(row.text(2)).ok_or_else(|| row.refuse(2, "cut, link or retract"))?,
+        kind: MoveKind::from_word(row.text(2)).ok_or_else(|| row.refuse(2, "cut, link or retract"))?,
         time_s: row.number(3)?,
         position: Point::from_coords(row.vector(4)?),
         axis,

@@ -21,7 +21,7 @@ fn structures() -> Vec<Structure> {
 fn waypoint() -> impl Strategy<Value = Waypoint> {
     let v = || prop::array::uniform3(-1e3..1e3f64).prop_map(Vector3::from);
     let o = || prop::option::of(prop_oneof![-1e3..1e3f64, 1e-12..1e-9f64, Just(0.0)]);
-    let kind = prop::sample::select(vec![Kind::Cut, Kind::Link, Kind::Retract]);
+    let kind = prop::sample::select(vec![MoveKind::Cut, MoveKind::Link, MoveKind::Retract]);
     let place = (0u32..99, kind, v(), v(), prop::array::uniform4(-9.0..9.0f64));
     let rest = (o(), prop::option::of(v()), o(), prop::option::of(0usize..2), [o(), o(), o(), o()]);
     (place, rest).prop_map(|((layer, kind, p, a, n), (inertia, force_n, toward, structure, more))| Waypoint {
@@ -49,7 +49,7 @@ fn some_waypoints(n: usize) -> Vec<Waypoint> {
     (0..n)
         .map(|n| Waypoint {
             layer: 0,
-            kind: Kind::Cut,
+            kind: MoveKind::Cut,
             time_s: n as f64 / 3.0,
             position: Point::new(0.1 * n as f64, -2.0, 1e-7),
             axis: Vector3::z(),

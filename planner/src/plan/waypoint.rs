@@ -3,31 +3,7 @@
 use bonemill_geometry::{Ct, Point};
 use nalgebra::Vector3;
 
-/// What the move to a waypoint does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    /// Removes target.
-    Cut,
-    /// Goes through free space.
-    Link,
-    /// Leaves the bone along the approach, or comes back.
-    Retract,
-}
-
-impl Kind {
-    /// The word in the file.
-    pub fn word(self) -> &'static str {
-        match self {
-            Kind::Cut => "cut",
-            Kind::Link => "link",
-            Kind::Retract => "retract",
-        }
-    }
-
-    pub(super) fn from_word(word: &str) -> Option<Self> {
-        [Kind::Cut, Kind::Link, Kind::Retract].into_iter().find(|k| k.word() == word)
-    }
-}
+use crate::path::MoveKind;
 
 /// One row of `waypoints.csv`, in ct; the index is the row's place. `None` is an empty cell.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,7 +11,7 @@ pub struct Waypoint {
     /// Layer, from 0 at the outside.
     pub layer: u32,
     /// What the move that ends here does.
-    pub kind: Kind,
+    pub kind: MoveKind,
     /// When the burr is here, s; never falls.
     pub time_s: f64,
     /// Burr's centre, mm.

@@ -1,0 +1,455 @@
+//! Images to scene: approach, crop, resampling, classes, obstacles.
+
+use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work, basis};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::{Class, FarObstacles, Scene, SceneError, SceneStructure, TargetShape, approach, hull, obstacles};
+use crate::{DensityTable, Region, StructureField, distance_within, resample_hu, resample_hu_and_density, resample_nearest};
+
+/// HU of what lies beyond the CT.
+const AIR_HU: f32 = -1000.0;
+/// Radius of the closing that decides which air a geometric target encloses, mm.
+const CLOSING_MM: f64 = 4.0;
+/// Coarse voxel of what lies beyond the work grid, mm.
+const FAR_SPACING_MM: f64 = 1.0;
+/// Most voxels of a work grid: about 3 GB for all that the planner keeps.
+const MOST_VOXELS: f64 = 6e7;
+
+/// What a scene is made of; plain values from the case.
+#[derive(Debug)]
+pub struct SceneSpec<'a> {
+    /// The CT in HU.
+    pub ct: &'a Volume<f32, Ct>,
+    /// The label map, on its own grid.
+    pub labels: &'a Volume<u16, Ct>,
+    /// What to remove.
+    pub target: TargetShape,
+    /// What to keep: name, label.
+    pub structures: &'a [(String, u16)],
+    /// HU to density.
+    pub table: &'a DensityTable,
+    /// At or below: air.
+    pub air_hu: f64,
+    /// At or above: bone.
+    pub bone_hu: f64,
+    /// Approach in ct, unit; `None`: chosen.
+    pub approach: Option<Vector3<f64>>,
+    /// Planning grid, mm.
+    pub spacing_mm: f64,
+    /// Kept around the target, mm.
+    pub margin_mm: f64,
+    /// Burr, mm.
+    pub burr_radius_mm: f64,
+    /// Farthest that distances to structures matter from the target's box, mm.
+    pub influence_mm: f64,
+    /// The shank's whole length from the burr's centre, mm.
+    pub shank_length_mm: f64,
+    /// The shank's largest radius, mm.
+    pub shank_radius_mm: f64,
+}
+
+/// Builds the scene.
+///
+/// # Errors
+/// [`SceneError`] for a target that is absent, empty, outside the scan or touching a structure, for a CT and a map that
+/// do not overlap, and for grids beyond memory.
+pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
+    let mut warnings = Vec::new();
+    check_overlap(spec)?;
+    check_labels(spec)?;
+    let target = target_voxels(spec)?;
+    let approach = match spec.approach {
+        Some(direction) => direction,
+        None => choose_approach(spec, &target)?,
+    };
+    let rotation = basis::from_z(&approach);
+    let (grid, ct_from_work) = work_grid(spec, &target, rotation)?;
+    let (hu, mut density_g_cm3) = resample_hu_and_density(spec.ct, spec.table, &grid, &ct_from_work);
+    let labels = resample_nearest(spec.labels, &grid, &ct_from_work);
+    let in_target = match spec.target {
+        TargetShape::Label(label) => labels.map(|l| *l == label),
+        _ => shape_mask(spec, &grid, &ct_from_work, &labels)?,
+    };
+    let band_mm = [spec.ct.grid().diagonal_mm(), spec.labels.grid().diagonal_mm(), grid.diagonal_mm()]
+        .into_iter()
+        .fold(0.0, f64::max);
+    let class = classify(spec, &hu, &labels, &in_target, band_mm)?;
+    if !class.data().iter().any(|c| c.is(Class::MATERIAL)) {
+        return Err(SceneError::EmptyTarget(format!(
+            "no voxel of it on the {} mm planning grid is above air_hu = {} HU",
+            spec.spacing_mm, spec.air_hu
+        )));
+    }
+    keep_material(&mut density_g_cm3, &class);
+    let obstacle_mm = distance_within(&class.map(|c| c.is(Class::OBSTACLE)), 2.0 * spec.burr_radius_mm)?;
+    let structures = structure_fields(spec, &target)?;
+    check_touching(spec, &target, &structures)?;
+    if touches_edge(spec, &target) {
+        warnings.push(
+            "the target touches the edge of the scan: what lies beyond is taken for air, which may be wrong".into(),
+        );
+    }
+    let far = far_obstacles(spec, &class, &ct_from_work)?;
+    let target_center = mean_center(&class, Class::TARGET);
+    let work_from_ct = ct_from_work.inverse();
+    let hull = target.iter().map(|p| work_from_ct * *p).map(|p| [p.x(), p.y()]).collect();
+    Ok(Scene {
+        ct_from_work,
+        approach,
+        hu,
+        density_g_cm3,
+        class,
+        obstacle_mm,
+        structures,
+        far,
+        band_mm,
+        target_center,
+        target_hull_xy: hull::convex_hull(hull),
+        warnings,
+    })
+}
+
+/// Axis-aligned extent of points in ct.
+fn extent(points: impl IntoIterator<Item = Point<Ct>>) -> (Vector3<f64>, Vector3<f64>) {
+    points.into_iter().fold(
+        (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)),
+        |(lo, hi), p| (lo.inf(&p.coords), hi.sup(&p.coords)),
+    )
+}
+
+fn extent_text((lo, hi): (Vector3<f64>, Vector3<f64>)) -> String {
+    format!("{:.1}..{:.1} × {:.1}..{:.1} × {:.1}..{:.1}", lo.x, hi.x, lo.y, hi.y, lo.z, hi.z)
+}
+
+fn overlaps(a: (Vector3<f64>, Vector3<f64>), b: (Vector3<f64>, Vector3<f64>)) -> bool {
+    (0..3).all(|n| a.0[n] < b.1[n] && b.0[n] < a.1[n])
+}
+
+fn check_overlap(spec: &SceneSpec) -> Result<(), SceneError> {
+    let (ct, labels) = (extent(spec.ct.grid().corners()), extent(spec.labels.grid().corners()));
+    if overlaps(ct, labels) {
+        return Ok(());
+    }
+    Err(SceneError::NoOverlap { ct: extent_text(ct), labels: extent_text(labels) })
+}
+
+/// Every label that the case names is somewhere in the map.
+fn check_labels(spec: &SceneSpec) -> Result<(), SceneError> {
+    let mut present = vec![false; 1 << 16];
+    spec.labels.data().iter().for_each(|l| present[usize::from(*l)] = true);
+    let target = match spec.target {
+        TargetShape::Label(label) => Some(("the target".to_owned(), label)),
+        _ => None,
+    };
+    let wanted = spec.structures.iter().map(|(name, label)| (format!("structure '{name}'"), *label));
+    for (what, label) in target.into_iter().chain(wanted) {
+        if !present[usize::from(label)] {
+            let present = (0..present.len()).filter(|l| present[*l]).map(|l| l.to_string()).collect::<Vec<_>>();
+            return Err(SceneError::LabelAbsent { label, what, present: present.join(", ") });
+        }
+    }
+    Ok(())
+}
+
+/// Centres that stand for the target's extent in ct: label voxels, or a geometric shape's hull.
+fn target_voxels(spec: &SceneSpec) -> Result<Vec<Point<Ct>>, SceneError> {
+    let ct = extent(spec.ct.grid().corners());
+    let points = match spec.target {
+        TargetShape::Label(label) => {
+            let grid = spec.labels.grid();
+            let [nx, ny, _] = grid.dims();
+            spec.labels
+                .data()
+                .par_chunks(nx * ny)
+                .enumerate()
+                .flat_map_iter(|(k, slice)| {
+                    slice
+                        .iter()
+                        .enumerate()
+                        .filter(move |(_, l)| **l == label)
+                        .map(move |(n, _)| grid.center([n % nx, n / nx, k]))
+                })
+                .collect()
+        }
+        _ => spec.target.hull_points(),
+    };
+    let target = extent(points.iter().copied());
+    if overlaps(target, ct) {
+        return Ok(points);
+    }
+    Err(SceneError::TargetOutside { target: extent_text(target), ct: extent_text(ct) })
+}
+
+fn choose_approach(spec: &SceneSpec, target: &[Point<Ct>]) -> Result<Vector3<f64>, SceneError> {
+    let keep: Vec<u16> = spec.structures.iter().map(|(_, label)| *label).collect();
+    let label_at = |p| spec.labels.grid().nearest(p).map_or(0, |v| *spec.labels.get(v));
+    let hu_at = |p| spec.ct.grid().nearest(p).map(|v| f64::from(*spec.ct.get(v)));
+    let in_target = |p: Point<Ct>| match spec.target {
+        TargetShape::Label(label) => label_at(p) == label,
+        _ => spec.target.contains(p),
+    };
+    let reach_mm = spec.ct.grid().dims().map(|d| d as f64).iter().zip(spec.ct.grid().spacing_mm().iter()).map(|(d, s)| d * s).sum();
+    approach::most_air(
+        target,
+        spec.ct.grid().spacing_mm().min().max(spec.spacing_mm),
+        reach_mm,
+        |p| !in_target(p) && (hu_at(p).is_some_and(|hu| hu >= spec.bone_hu) || keep.contains(&label_at(p))),
+        |p| !in_target(p) && hu_at(p).is_none_or(|hu| hu <= spec.air_hu),
+    )
+    .ok_or(SceneError::NoApproach)
+}
+
+/// The crop: the target's box seen along the approach, with room for the burr around and above it.
+fn work_grid(
+    spec: &SceneSpec,
+    target: &[Point<Ct>],
+    rotation: nalgebra::Rotation3<f64>,
+) -> Result<(Grid<Work>, Rigid<Ct, Work>), SceneError> {
+    let half = match spec.target {
+        TargetShape::Label(_) => 0.5 * spec.labels.grid().spacing_mm().max(),
+        _ => 0.0,
+    };
+    let (lo, hi) = extent(target.iter().map(|p| Point::<Ct>::from_coords(rotation.inverse() * p.coords)));
+    let around = spec.burr_radius_mm + spec.margin_mm + half;
+    let low = lo - Vector3::repeat(around);
+    let high = hi + Vector3::new(around, around, around + spec.burr_radius_mm);
+    let dims = ((high - low) / spec.spacing_mm).map(|n| n.ceil() + 1.0);
+    let voxels = dims.product();
+    if !(voxels <= MOST_VOXELS) {
+        return Err(SceneError::TooLarge {
+            voxels,
+            gigabytes: voxels * 50e-9,
+            extent: format!("{:.1} × {:.1} × {:.1}", hi.x - lo.x, hi.y - lo.y, hi.z - lo.z),
+            spacing_mm: spec.spacing_mm,
+        });
+    }
+    let dims = [dims.x as usize, dims.y as usize, dims.z as usize];
+    let grid = Grid::aligned(dims, spec.spacing_mm, Point::new(0.0, 0.0, 0.0))?;
+    Ok((grid, Rigid::new(rotation, rotation * low)))
+}
+
+/// A geometric target: the bone inside the shape, and the air there that a closing of the bone encloses.
+fn shape_mask(
+    spec: &SceneSpec,
+    grid: &Grid<Work>,
+    ct_from_work: &Rigid<Ct, Work>,
+    labels: &Volume<u16, Work>,
+) -> Result<Volume<bool, Work>, SceneError> {
+    // a grid that reaches far enough around the crop for the closing to see the bone there; no finer than the scan
+    let h = spec.spacing_mm.max(0.5 * spec.ct.grid().spacing_mm().min());
+    let pad = (2.0 * CLOSING_MM / h).ceil() * h + h;
+    let size = Vector3::from(grid.dims().map(|d| (d - 1) as f64 * spec.spacing_mm));
+    let dims = (size / h).map(|n| n.ceil()) + Vector3::repeat(2.0 * pad / h + 1.0);
+    let wide = Grid::<Work>::aligned(
+        [dims.x.round() as usize, dims.y.round() as usize, dims.z.round() as usize],
+        h,
+        Point::new(-pad, -pad, -pad),
+    )?;
+    let bone = resample_hu(spec.ct, &wide, ct_from_work, AIR_HU).map(|hu| f64::from(*hu) >= spec.bone_hu);
+    let closed = close(&bone, CLOSING_MM)?;
+    let keep: Vec<u16> = spec.structures.iter().map(|(_, label)| *label).collect();
+    let data = (0..grid.len())
+        .into_par_iter()
+        .map(|n| {
+            let p = grid.center(grid.voxel(n));
+            spec.target.contains(*ct_from_work * p)
+                && !keep.contains(&labels.data()[n])
+                && wide.nearest(p).is_some_and(|v| *closed.get(v))
+        })
+        .collect();
+    Ok(Volume::new(grid.clone(), data).map_err(SceneError::Values)?)
+}
+
+/// Morphological closing by a ball: dilation, then erosion.
+fn close(mask: &Volume<bool, Work>, radius_mm: f64) -> Result<Volume<bool, Work>, SceneError> {
+    let limit_mm = radius_mm + mask.grid().diagonal_mm();
+    let Some(outside) = distance_within(mask, limit_mm)? else { return Ok(mask.clone()) };
+    let beyond = outside.map(|d| f64::from(*d) > radius_mm);
+    let Some(depth) = distance_within(&beyond, limit_mm)? else { return Ok(beyond.map(|b| !b)) };
+    let mut closed = depth.map(|d| f64::from(*d) > radius_mm);
+    closed.data_mut().iter_mut().zip(mask.data()).for_each(|(c, m)| *c |= *m);
+    Ok(closed)
+}
+
+fn classify(
+    spec: &SceneSpec,
+    hu: &Volume<f32, Work>,
+    labels: &Volume<u16, Work>,
+    in_target: &Volume<bool, Work>,
+    band_mm: f64,
+) -> Result<Volume<Class, Work>, SceneError> {
+    let keep: Vec<u16> = spec.structures.iter().map(|(_, label)| *label).collect();
+    let bone_outside = Volume::new(
+        hu.grid().clone(),
+        hu.data().iter().zip(in_target.data()).map(|(hu, t)| !t && f64::from(*hu) >= spec.bone_hu).collect(),
+    )
+    .map_err(SceneError::Values)?;
+    let obstacle = obstacles::obstacle_part(&bone_outside, band_mm)?;
+    let data = (0..hu.data().len())
+        .map(|n| {
+            let value = f64::from(hu.data()[n]);
+            let mut flags = 0;
+            if in_target.data()[n] {
+                flags |= Class::TARGET;
+                if value > spec.air_hu {
+                    flags |= Class::MATERIAL;
+                }
+                if value >= spec.bone_hu {
+                    flags |= Class::TARGET_BONE;
+                }
+            } else if bone_outside.data()[n] {
+                flags |= if obstacle.data()[n] { Class::OBSTACLE } else { Class::SHEET };
+            }
+            if keep.contains(&labels.data()[n]) {
+                flags |= Class::STRUCTURE;
+            }
+            Class(flags)
+        })
+        .collect();
+    Ok(Volume::new(hu.grid().clone(), data).map_err(SceneError::Values)?)
+}
+
+/// Mean of the centres of the voxels with one of `flags`.
+fn mean_center(class: &Volume<Class, Work>, flags: u8) -> Point<Work> {
+    let grid = class.grid();
+    let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+    for (n, _) in class.data().iter().enumerate().filter(|(_, c)| c.is(flags)) {
+        sum += grid.center(grid.voxel(n)).coords;
+        count += 1.0;
+    }
+    Point::from_coords(sum / f64::max(count, 1.0))
+}
+
+/// Density 0 where nothing is to be cut.
+fn keep_material(density_g_cm3: &mut Volume<f32, Work>, class: &Volume<Class, Work>) {
+    for (rho, c) in density_g_cm3.data_mut().iter_mut().zip(class.data()) {
+        if !c.is(Class::MATERIAL) {
+            *rho = 0.0;
+        }
+    }
+}
+
+fn structure_fields(spec: &SceneSpec, target: &[Point<Ct>]) -> Result<Vec<SceneStructure>, SceneError> {
+    let (lo, hi) = extent(target.iter().copied());
+    let region =
+        Region { min: Point::from_coords(lo), max: Point::from_coords(hi), reach_mm: spec.influence_mm };
+    spec.structures
+        .par_iter()
+        .map(|(name, label)| {
+            let field = StructureField::new(spec.labels, *label, Some(&region))?;
+            Ok(SceneStructure { name: name.clone(), label: *label, field })
+        })
+        .collect()
+}
+
+/// No voxel of the target shares a face, an edge or a corner with a structure.
+fn check_touching(
+    spec: &SceneSpec,
+    target: &[Point<Ct>],
+    structures: &[SceneStructure],
+) -> Result<(), SceneError> {
+    let grid = spec.labels.grid();
+    let touching = |structure: &SceneStructure, p: Point<Ct>, voxel| SceneError::TargetTouches {
+        structure: structure.name.clone(),
+        x: p.x(),
+        y: p.y(),
+        z: p.z(),
+        voxel,
+    };
+    for structure in structures {
+        let TargetShape::Label(label) = spec.target else {
+            // a shape touches what lies inside it
+            for (n, _) in spec.labels.data().iter().enumerate().filter(|(_, l)| **l == structure.label) {
+                let voxel = grid.voxel(n);
+                if spec.target.contains(grid.center(voxel)) {
+                    return Err(touching(structure, grid.center(voxel), voxel));
+                }
+            }
+            continue;
+        };
+        debug_assert!(!target.is_empty());
+        if let Some(voxel) = touching_voxel(spec.labels, label, structure.label) {
+            return Err(touching(structure, grid.center(voxel), voxel));
+        }
+    }
+    Ok(())
+}
+
+/// The first voxel of `label` with one of `other` among its 26 neighbours.
+fn touching_voxel(labels: &Volume<u16, Ct>, label: u16, other: u16) -> Option<[usize; 3]> {
+    let dims = labels.grid().dims();
+    let [nx, ny, nz] = dims;
+    (0..nz).into_par_iter().find_map_first(|k| {
+        for j in 0..ny {
+            let row = nx * (j + ny * k);
+            for i in (0..nx).filter(|i| labels.data()[row + i] == other) {
+                let around = |v: usize, n: usize| v.saturating_sub(1)..(v + 2).min(n);
+                for kk in around(k, nz) {
+                    for jj in around(j, ny) {
+                        for ii in around(i, nx) {
+                            if labels.data()[ii + nx * (jj + ny * kk)] == label {
+                                return Some([ii, jj, kk]);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        None
+    })
+}
+
+/// Whether a target voxel lies in the CT's outermost voxels, or beyond.
+fn touches_edge(spec: &SceneSpec, target: &[Point<Ct>]) -> bool {
+    let grid = spec.ct.grid();
+    let dims = grid.dims();
+    target.iter().any(|p| {
+        let c = grid.continuous_index(*p);
+        (0..3).any(|a| c[a] < 0.5 || c[a] > dims[a] as f64 - 1.5)
+    })
+}
+
+/// Everything solid around the work grid that the shank could come near, on a coarse grid: bone and structures as the
+/// images show them, within the work grid as it was classified.
+fn far_obstacles(
+    spec: &SceneSpec,
+    class: &Volume<Class, Work>,
+    ct_from_work: &Rigid<Ct, Work>,
+) -> Result<FarObstacles, SceneError> {
+    let near = class.grid();
+    let reach = Vector3::repeat(spec.shank_length_mm + spec.shank_radius_mm);
+    let size = Vector3::from(near.dims().map(|d| (d - 1) as f64 * spec.spacing_mm));
+    // only as far as there is an image
+    let work_from_ct = ct_from_work.inverse();
+    let corners = spec.ct.grid().corners().into_iter().chain(spec.labels.grid().corners());
+    let (image_lo, image_hi) = extent(corners.map(|p| Point::from_coords((work_from_ct * p).coords)));
+    let lo = image_lo.sup(&-reach).inf(&Vector3::zeros());
+    let hi = image_hi.inf(&(size + reach)).sup(&size);
+    let dims = ((hi - lo) / FAR_SPACING_MM).map(|n| n.ceil() as usize + 1);
+    let grid = Grid::<Work>::aligned([dims.x, dims.y, dims.z], FAR_SPACING_MM, Point::from_coords(lo))?;
+    let mut full = Volume::filled(grid.clone(), false);
+    let mut mark = |p: Point<Work>| {
+        if let Some(voxel) = grid.nearest(p) {
+            full.data_mut()[grid.index(voxel)] = true;
+        }
+    };
+    let mut keep = vec![false; 1 << 16];
+    spec.structures.iter().for_each(|(_, label)| keep[usize::from(*label)] = true);
+    let bone = solid_centers(spec.ct, |hu| f64::from(*hu) >= spec.bone_hu);
+    let kept = solid_centers(spec.labels, |label| keep[usize::from(*label)]);
+    bone.chain(kept).map(|p| work_from_ct * p).filter(|p| near.nearest(*p).is_none()).for_each(&mut mark);
+    (0..near.len())
+        .filter(|n| class.data()[*n].is(Class::OBSTACLE | Class::STRUCTURE))
+        .for_each(|n| mark(near.center(near.voxel(n))));
+    Ok(FarObstacles::new(&full, spec.shank_radius_mm)?)
+}
+
+/// Centres of the voxels for which `solid` holds.
+fn solid_centers<'a, T>(
+    volume: &'a Volume<T, Ct>,
+    solid: impl Fn(&T) -> bool + 'a,
+) -> impl Iterator<Item = Point<Ct>> + 'a {
+    let grid = volume.grid();
+    volume.data().iter().enumerate().filter(move |(_, v)| solid(v)).map(|(n, _)| grid.center(grid.voxel(n)))
+}

@@ -1,0 +1,43 @@
+//! What the handpiece could meet beyond the work grid.
+//!
+//! The shank is tens of millimetres long, the work grid only covers the target. Bone and structures further away are
+//! kept as distances on a coarse grid. A coarse voxel counts as full when any CT voxel centre in it is bone, so the
+//! map errs by at most a voxel diagonal, towards "too near".
+
+use bonemill_geometry::{Grid, Point, Volume, Work};
+
+use crate::{ImageError, distance_within};
+
+/// Distances to bone and structures on a coarse grid around the work grid.
+#[derive(Debug)]
+pub struct FarObstacles {
+    distance_mm: Option<Volume<f32, Work>>,
+    slack_mm: f64,
+}
+
+impl FarObstacles {
+    /// From the coarse voxels that hold something.
+    pub(super) fn new(full: &Volume<bool, Work>, reach_mm: f64) -> Result<Self, ImageError> {
+        // an obstacle anywhere in its voxel, asked for from anywhere in another one
+        let slack_mm = full.grid().diagonal_mm();
+        let distance_mm = distance_within(full, reach_mm + slack_mm)?;
+        Ok(Self { distance_mm, slack_mm })
+    }
+
+    /// A lower bound of the distance from `p` to anything solid, mm; `None` where nothing is known to be near.
+    pub fn at_least_mm(&self, p: Point<Work>) -> Option<f64> {
+        let distance_mm = self.distance_mm.as_ref()?;
+        let voxel = distance_mm.grid().nearest(p)?;
+        Some(f64::from(*distance_mm.get(voxel)) - self.slack_mm)
+    }
+
+    /// How much nearer than the truth an answer may be, mm.
+    pub fn slack_mm(&self) -> f64 {
+        2.0 * self.slack_mm
+    }
+
+    /// The coarse grid, if anything solid lies in it.
+    pub fn grid(&self) -> Option<&Grid<Work>> {
+        self.distance_mm.as_ref().map(Volume::grid)
+    }
+}

@@ -1,0 +1,176 @@
+//! The scene: everything the planner needs of the images, on one isotropic grid along the approach.
+//!
+//! One crop to the target and the burr's reach, one resampling, one class per voxel. Outside the crop nothing fine is
+//! kept; what the handpiece could meet there is a coarse, conservative map ([`far`]). The work frame's origin is the
+//! grid's first voxel centre, its z points out of the bone, so a milling layer is a slab of the grid.
+
+mod approach;
+mod build;
+mod far;
+mod hull;
+mod obstacles;
+mod target;
+
+use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
+use nalgebra::Vector3;
+use thiserror::Error;
+
+pub use build::{SceneSpec, build_scene};
+pub use far::FarObstacles;
+pub use target::TargetShape;
+
+use crate::StructureField;
+
+/// What a voxel of the work grid is; several may hold at once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Class(pub u8);
+
+impl Class {
+    /// Belongs to the target: to be removed, air cells included.
+    pub const TARGET: u8 = 1;
+    /// Target above `air_hu`: gives force and mass.
+    pub const MATERIAL: u8 = 2;
+    /// Target at or above `bone_hu`.
+    pub const TARGET_BONE: u8 = 4;
+    /// Bone outside the target: neither burr nor shank may touch it.
+    pub const OBSTACLE: u8 = 8;
+    /// Bone outside the target so thin that it is taken for partial volume, see [`Scene::band_mm`].
+    pub const SHEET: u8 = 16;
+    /// Inside a structure.
+    pub const STRUCTURE: u8 = 32;
+
+    /// Whether one of `flags` is set.
+    #[inline]
+    pub fn is(self, flags: u8) -> bool {
+        self.0 & flags != 0
+    }
+}
+
+/// One structure to be kept, with its exact distance.
+#[derive(Debug)]
+pub struct SceneStructure {
+    /// Its name.
+    pub name: String,
+    /// Its label in the map.
+    pub label: u16,
+    /// Exact distance to its voxel boxes; `None` when no voxel of it lies in reach of the tool.
+    pub field: Option<StructureField>,
+}
+
+/// Images, target and structures as the planner sees them.
+#[derive(Debug)]
+pub struct Scene {
+    /// Work frame in ct.
+    pub ct_from_work: Rigid<Ct, Work>,
+    /// Approach used: unit, out of the bone.
+    pub approach: Vector3<f64>,
+    /// Hounsfield units.
+    pub hu: Volume<f32, Work>,
+    /// Density of what may be cut, g/cm³: 0 outside the target and in its air.
+    pub density_g_cm3: Volume<f32, Work>,
+    /// Class per voxel.
+    pub class: Volume<Class, Work>,
+    /// Distance from voxel centres to the centres of obstacle voxels, mm, cut off at twice the burr's radius; `None`:
+    /// there is no obstacle.
+    pub obstacle_mm: Option<Volume<f32, Work>>,
+    /// Structures, in the case's order.
+    pub structures: Vec<SceneStructure>,
+    /// What lies beyond the work grid, coarsely.
+    pub far: FarObstacles,
+    /// The largest voxel diagonal of CT, labels and work grid, mm: bone sheets thinner than this are partial volume.
+    pub band_mm: f64,
+    /// Centre of the target's voxels.
+    pub target_center: Point<Work>,
+    /// Convex hull of the target seen along the approach: corners (x, y) in work, mm, counter-clockwise.
+    pub target_hull_xy: Vec<[f64; 2]>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Why no scene can be made of the images.
+#[derive(Debug, Error)]
+pub enum SceneError {
+    /// The label is not in the map.
+    #[error("label {label} ({what}) has no voxel in the label map; labels there: {present}")]
+    LabelAbsent {
+        /// The label's value.
+        label: u16,
+        /// What the case wants it for.
+        what: String,
+        /// What the map holds.
+        present: String,
+    },
+    /// CT and label map do not overlap.
+    #[error(
+        "CT and label map do not overlap: CT spans {ct} mm, the map {labels} mm (both in ct); \
+         are they of the same patient and affine convention?"
+    )]
+    NoOverlap {
+        /// Extent of the CT.
+        ct: String,
+        /// Extent of the map.
+        labels: String,
+    },
+    /// The target holds nothing that can be removed.
+    #[error("the target is empty: {0}")]
+    EmptyTarget(String),
+    /// The target lies outside the scan.
+    #[error("the target lies outside the CT: it spans {target} mm, the CT {ct} mm (both in ct)")]
+    TargetOutside {
+        /// Extent of the target.
+        target: String,
+        /// Extent of the CT.
+        ct: String,
+    },
+    /// The target touches something that must be kept.
+    #[error(
+        "the target touches structure '{structure}' at ct ({x:.2}, {y:.2}, {z:.2}) mm, label voxel {voxel:?}: \
+         separate them in the label map, or choose a smaller target"
+    )]
+    TargetTouches {
+        /// The structure.
+        structure: String,
+        /// Where, mm in ct.
+        x: f64,
+        /// Where, mm in ct.
+        y: f64,
+        /// Where, mm in ct.
+        z: f64,
+        /// The target's voxel in the label map, or the nearest one.
+        voxel: [usize; 3],
+    },
+    /// The planning grid would not fit.
+    #[error(
+        "the planning grid would have {voxels} voxels ({gigabytes:.1} GB): the target spans {extent} mm at a spacing of \
+         {spacing_mm} mm; use a larger grid.spacing_mm"
+    )]
+    TooLarge {
+        /// How many voxels.
+        voxels: f64,
+        /// Memory for them.
+        gigabytes: f64,
+        /// Extent of the target.
+        extent: String,
+        /// The spacing asked for, mm.
+        spacing_mm: f64,
+    },
+    /// The target sees no air in any direction.
+    #[error("the target sees no way out of the bone in any direction: give approach.direction")]
+    NoApproach,
+    /// A grid could not be made.
+    #[error(transparent)]
+    Grid(#[from] bonemill_geometry::GridError),
+    /// Our own bug: values and grid differ.
+    #[error(transparent)]
+    Values(bonemill_geometry::VolumeError),
+    /// A distance or an image step failed.
+    #[error(transparent)]
+    Image(#[from] crate::ImageError),
+}
+
+impl Scene {
+    /// Voxels of the target.
+    pub fn count(&self, flags: u8) -> usize {
+        self.class.data().iter().filter(|c| c.is(flags)).count()
+    }
+}

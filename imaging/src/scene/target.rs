@@ -1,0 +1,140 @@
+//! What is to be removed: a label of the map, or a shape in the CT's millimetres.
+
+use bonemill_geometry::{Ct, Point};
+use nalgebra::Vector3;
+
+/// The target as the case describes it, with the label's name already looked up. Lengths mm, in ct.
+#[derive(Debug, Clone, PartialEq)]
+pub enum TargetShape {
+    /// Every voxel of this label.
+    Label(u16),
+    /// Bone and enclosed air in an axis-aligned box.
+    Box {
+        /// Lower corner.
+        min_mm: Vector3<f64>,
+        /// Upper corner.
+        max_mm: Vector3<f64>,
+    },
+    /// Bone and enclosed air in a ball.
+    Ball {
+        /// Its centre.
+        center_mm: Vector3<f64>,
+        /// Its radius.
+        radius_mm: f64,
+    },
+    /// Bone and enclosed air in a cone's frustum with flat ends.
+    Frustum {
+        /// Centre of the first end.
+        from_mm: Vector3<f64>,
+        /// Centre of the second end.
+        to_mm: Vector3<f64>,
+        /// Radius at the first end.
+        from_radius_mm: f64,
+        /// Radius at the second end.
+        to_radius_mm: f64,
+    },
+}
+
+impl TargetShape {
+    /// Whether a shape holds `p`; a label holds nothing by itself.
+    pub fn contains(&self, p: Point<Ct>) -> bool {
+        match *self {
+            Self::Label(_) => false,
+            Self::Box { min_mm, max_mm } => {
+                (0..3).all(|a| p.coords[a] >= min_mm[a] && p.coords[a] <= max_mm[a])
+            }
+            Self::Ball { center_mm, radius_mm } => {
+                (p.coords - center_mm).norm_squared() <= radius_mm * radius_mm
+            }
+            Self::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
+                let along = to_mm - from_mm;
+                let t = (p.coords - from_mm).dot(&along) / along.norm_squared();
+                let off_axis = (p.coords - from_mm - along * t).norm();
+                (0.0..=1.0).contains(&t) && off_axis <= from_radius_mm + t * (to_radius_mm - from_radius_mm)
+            }
+        }
+    }
+
+    /// Points whose convex hull holds the shape; none for a label.
+    pub(super) fn hull_points(&self) -> Vec<Point<Ct>> {
+        let corners = |lo: Vector3<f64>, hi: Vector3<f64>| {
+            (0..8).map(move |c| {
+                Point::new(
+                    if c & 1 == 0 { lo.x } else { hi.x },
+                    if c & 2 == 0 { lo.y } else { hi.y },
+                    if c & 4 == 0 { lo.z } else { hi.z },
+                )
+            })
+        };
+        match *self {
+            Self::Label(_) => Vec::new(),
+            Self::Box { min_mm, max_mm } => corners(min_mm, max_mm).collect(),
+            Self::Ball { center_mm, radius_mm } => {
+                let r = Vector3::repeat(radius_mm);
+                corners(center_mm - r, center_mm + r).collect()
+            }
+            Self::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
+                // an octagon around each end circle: circumscribed, so its hull holds the disc
+                let basis = bonemill_geometry::basis::from_z(&(to_mm - from_mm).normalize());
+                let ring = |center: Vector3<f64>, radius: f64| {
+                    (0..8).map(move |n| {
+                        let angle = f64::from(n) * std::f64::consts::FRAC_PI_4;
+                        let out = radius / (std::f64::consts::PI / 8.0).cos();
+                        Point::from_coords(
+                            center + basis * Vector3::new(angle.cos() * out, angle.sin() * out, 0.0),
+                        )
+                    })
+                };
+                ring(from_mm, from_radius_mm).chain(ring(to_mm, to_radius_mm)).collect()
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shapes() -> [TargetShape; 3] {
+        [
+            TargetShape::Box { min_mm: Vector3::new(-1.0, 2.0, 3.0), max_mm: Vector3::new(4.0, 6.0, 9.0) },
+            TargetShape::Ball { center_mm: Vector3::new(1.0, -2.0, 0.5), radius_mm: 3.0 },
+            TargetShape::Frustum {
+                from_mm: Vector3::new(1.0, 2.0, 3.0),
+                to_mm: Vector3::new(9.0, -2.0, 6.0),
+                from_radius_mm: 5.0,
+                to_radius_mm: 2.0,
+            },
+        ]
+    }
+
+    /// Every point of a shape lies within its hull points' extent along any direction.
+    #[test]
+    fn hull_points_hold_the_shape() {
+        for shape in shapes() {
+            let hull = shape.hull_points();
+            for direction in
+                [Vector3::x(), -Vector3::y(), Vector3::new(0.3, -0.9, 0.4), Vector3::new(-1.0, 1.0, 2.0)]
+            {
+                let reach = hull.iter().map(|p| p.coords.dot(&direction)).fold(f64::MIN, f64::max);
+                for n in 0..40 * 40 * 40 {
+                    let at = |v: usize| (v % 40) as f64 * 0.5 - 8.0;
+                    let p = Point::new(at(n), at(n / 40), at(n / 1600));
+                    assert!(!shape.contains(p) || p.coords.dot(&direction) <= reach + 1e-9);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_frustum_narrows_and_ends_flat() {
+        let [_, _, frustum] = shapes();
+        let axis = (Vector3::new(8.0, -4.0, 3.0)).normalize();
+        let side = axis.cross(&Vector3::z()).normalize();
+        let (from, to) = (Vector3::new(1.0, 2.0, 3.0), Vector3::new(9.0, -2.0, 6.0));
+        let holds = |p| frustum.contains(Point::from_coords(p));
+        assert!(holds(from + side * 4.99) && !holds(from + side * 5.01));
+        assert!(holds(to + side * 1.99 - axis * 1e-9) && !holds(to + side * 2.01));
+        assert!(!holds(from - axis * 0.01) && !holds(to + axis * 0.01));
+    }
+}

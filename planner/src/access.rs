@@ -1,0 +1,307 @@
+//! Which shaft directions are free at a waypoint (D II-A).
+//!
+//! The shank at axis a is free before move i exactly when no solid voxel with T ≥ i lies in it: the maximum of T over
+//! the shank's volume is below i. Taking the maximum over a ball of the shank's radius once for every voxel turns that
+//! volume into a line: one ray march along the axis per direction.
+//!
+//! A march looks at the nearest voxel at steps of one voxel; the ball is larger by what that can miss, so "free" is
+//! certain and "blocked" errs by less than a voxel. Thick segments (the handpiece) use a coarser field, for which a
+//! block counts as solid as long as any voxel in it is. Beyond the work grid [`FarObstacles`] stands for bone and
+//! structures.
+
+use bonemill_geometry::{Point, Work};
+use bonemill_imaging::{Class, Scene};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use crate::removal::{NEVER, RemovalTime};
+
+/// A cylinder of the shank: distances along the axis from the burr's centre, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShankCylinder {
+    /// Where it starts.
+    pub from_mm: f64,
+    /// Where it ends.
+    pub to_mm: f64,
+    /// Its radius.
+    pub radius_mm: f64,
+}
+
+/// What is in the shank's way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Blocked {
+    /// Bone of the target that is still there, removed at this move at the earliest (or never).
+    NotYetRemoved {
+        /// Distance along the axis, mm.
+        at_mm: f64,
+    },
+    /// Bone outside the target, or a structure.
+    Obstacle {
+        /// Distance along the axis, mm.
+        at_mm: f64,
+    },
+}
+
+/// Removal time of free voxels: before every move.
+const FREE: f32 = -1.0;
+/// Removal time of what is never removed.
+const SOLID: f32 = f32::INFINITY;
+/// Coarser fields have at least this many voxels across a segment's radius.
+const VOXELS_PER_RADIUS: f64 = 8.0;
+
+/// Access for every waypoint of one path.
+#[derive(Debug)]
+pub struct Access<'a> {
+    scene: &'a Scene,
+    segments: Vec<Segment>,
+}
+
+#[derive(Debug)]
+struct Segment {
+    cylinder: ShankCylinder,
+    latest: Field,
+}
+
+impl<'a> Access<'a> {
+    /// Dilates the removal time once per cylinder. `shank_clearances_mm`: one per structure of the scene.
+    pub fn new(
+        scene: &'a Scene,
+        removal: &RemovalTime,
+        shank: &[ShankCylinder],
+        shank_clearances_mm: &[f64],
+    ) -> Self {
+        let fine = Field::removal_time(scene, removal, shank_clearances_mm);
+        let segments = shank
+            .iter()
+            .map(|cylinder| {
+                let factor = (cylinder.radius_mm / (VOXELS_PER_RADIUS * fine.spacing_mm)).floor().max(1.0);
+                let latest = fine.pooled(factor as usize, cylinder.radius_mm).dilated(cylinder.radius_mm);
+                Segment { cylinder: *cylinder, latest }
+            })
+            .collect();
+        Self { scene, segments }
+    }
+
+    /// Whether the shank along `axis` (unit, work) is free while move `index` ends at `center`.
+    pub fn is_free(&self, index: u32, center: Point<Work>, axis: &Vector3<f64>) -> bool {
+        self.blocked(index, center, axis).is_none()
+    }
+
+    /// The nearest thing along `axis` that is in the shank's way.
+    pub fn blocked(&self, index: u32, center: Point<Work>, axis: &Vector3<f64>) -> Option<Blocked> {
+        self.segments.iter().find_map(|segment| self.blocked_segment(segment, index, center, axis))
+    }
+
+    fn blocked_segment(
+        &self,
+        segment: &Segment,
+        index: u32,
+        center: Point<Work>,
+        axis: &Vector3<f64>,
+    ) -> Option<Blocked> {
+        let ShankCylinder { from_mm, to_mm, radius_mm } = segment.cylinder;
+        let step = segment.latest.spacing_mm;
+        let steps = ((to_mm - from_mm) / step).ceil() as usize;
+        let class = &self.scene.class;
+        for n in 0..=steps {
+            let at_mm = (from_mm + n as f64 * step).min(to_mm);
+            let p = center + axis * at_mm;
+            let latest = segment.latest.at(&p.coords);
+            if latest >= index as f32 {
+                return Some(if latest == SOLID {
+                    Blocked::Obstacle { at_mm }
+                } else {
+                    Blocked::NotYetRemoved { at_mm }
+                });
+            }
+            let beyond = class.grid().nearest(p).is_none();
+            if beyond && self.scene.far.at_least_mm(p).is_some_and(|d| d < radius_mm) {
+                return Some(Blocked::Obstacle { at_mm });
+            }
+        }
+        None
+    }
+}
+
+/// A scalar per cubic voxel; free outside.
+#[derive(Debug, Clone)]
+struct Field {
+    dims: [usize; 3],
+    spacing_mm: f64,
+    /// Centre of the first voxel, mm in work.
+    origin_mm: f64,
+    /// Whether a voxel stands for a block of grid voxels.
+    is_blocks: bool,
+    value: Vec<f32>,
+}
+
+impl Field {
+    /// T of what is solid, −1 elsewhere. T is exact: a path has fewer than 2²⁴ waypoints.
+    fn removal_time(scene: &Scene, removal: &RemovalTime, shank_clearances_mm: &[f64]) -> Self {
+        let grid = scene.class.grid();
+        let mut value: Vec<f32> = scene
+            .class
+            .data()
+            .iter()
+            .zip(removal.time())
+            .map(|(class, time)| {
+                if class.is(Class::OBSTACLE | Class::STRUCTURE) || class.is(Class::MATERIAL) && *time == NEVER {
+                    SOLID
+                } else if class.is(Class::MATERIAL) {
+                    *time as f32
+                } else {
+                    FREE
+                }
+            })
+            .collect();
+        for (structure, clearance) in scene.structures.iter().zip(shank_clearances_mm) {
+            // without a clearance the voxels of the structure itself are enough, and they are solid already
+            let Some(field) = structure.field.as_ref().filter(|_| *clearance > 0.0) else { continue };
+            value.par_iter_mut().enumerate().for_each(|(n, v)| {
+                let p = scene.ct_from_work * grid.center(grid.voxel(n));
+                if field.is_nearer_than(p, *clearance) {
+                    *v = SOLID;
+                }
+            });
+        }
+        Self { dims: grid.dims(), spacing_mm: grid.spacing_mm().x, origin_mm: 0.0, is_blocks: false, value }
+    }
+
+    /// Blocks of `factor`³ voxels, each with its latest time, and room of `pad_mm` around, where the handpiece still
+    /// meets what lies at the border.
+    fn pooled(&self, factor: usize, pad_mm: f64) -> Self {
+        let spacing_mm = self.spacing_mm * factor as f64;
+        let pad = (pad_mm / spacing_mm).ceil() as usize + 2;
+        let dims = self.dims.map(|n| n.div_ceil(factor) + 2 * pad);
+        let mut value = vec![FREE; dims.iter().product()];
+        for k in 0..self.dims[2] {
+            for j in 0..self.dims[1] {
+                let row = dims[0] * (j / factor + pad + dims[1] * (k / factor + pad)) + pad;
+                let source = self.dims[0] * (j + self.dims[1] * k);
+                for (i, v) in self.value[source..source + self.dims[0]].iter().enumerate() {
+                    let block = &mut value[row + i / factor];
+                    *block = block.max(*v);
+                }
+            }
+        }
+        let first_center = 0.5 * (factor as f64 - 1.0) * self.spacing_mm;
+        let origin_mm = first_center - pad as f64 * spacing_mm;
+        Self { dims, spacing_mm, origin_mm, is_blocks: factor > 1, value }
+    }
+
+    /// Latest time around each voxel: the maximum over a ball that holds all that a march step stands for.
+    ///
+    /// A solid voxel centre in the cylinder is within √(ρ² + (s/2)²) of the nearest step of the march, and that within
+    /// half a voxel diagonal of the voxel that is looked up; a block may hold it half a diagonal off again.
+    fn dilated(self, radius_mm: f64) -> Self {
+        let half_diagonal = 0.5 * 3f64.sqrt();
+        let mut radius = (radius_mm / self.spacing_mm).hypot(0.5) + half_diagonal;
+        if self.is_blocks {
+            radius += half_diagonal;
+        }
+        Self { value: ball_maximum(&self.value, self.dims, radius), ..self }
+    }
+
+    /// The value of the voxel that holds `p`, [`FREE`] outside.
+    #[inline]
+    fn at(&self, p: &Vector3<f64>) -> f32 {
+        let scale = 1.0 / self.spacing_mm;
+        let at = |c: f64, n: usize| {
+            let v = ((c - self.origin_mm) * scale + 0.5).floor();
+            (v >= 0.0 && v < n as f64).then_some(v as usize)
+        };
+        match (at(p.x, self.dims[0]), at(p.y, self.dims[1]), at(p.z, self.dims[2])) {
+            (Some(i), Some(j), Some(k)) => self.value[i + self.dims[0] * (j + self.dims[1] * k)],
+            _ => FREE,
+        }
+    }
+}
+
+/// Maximum over the ball of `radius` voxels around each voxel.
+///
+/// The ball is a stack of rows. Rows of equal half-width share one running maximum along x; what remains per voxel is
+/// one comparison per row of the ball, in memory order.
+fn ball_maximum(value: &[f32], dims: [usize; 3], radius: f64) -> Vec<f32> {
+    let [nx, ny, nz] = dims;
+    let reach = radius.floor() as i64;
+    let mut by_width: Vec<Vec<[i64; 2]>> = vec![Vec::new(); reach as usize + 1];
+    for dk in -reach..=reach {
+        for dj in -reach..=reach {
+            let left = radius * radius - (dj * dj + dk * dk) as f64;
+            if left >= 0.0 {
+                by_width[left.sqrt().floor() as usize].push([dj, dk]);
+            }
+        }
+    }
+    let mut out = value.to_vec();
+    let mut rows = value.to_vec();
+    for (width, offsets) in by_width.iter().enumerate() {
+        if width > 0 {
+            rows.par_chunks_mut(nx).for_each(widen);
+        }
+        out.par_chunks_mut(nx * ny).enumerate().for_each(|(k, slab)| {
+            for [dj, dk] in offsets {
+                let source_k = k as i64 + dk;
+                if source_k < 0 || source_k >= nz as i64 {
+                    continue;
+                }
+                let (j_from, j_to) = ((-dj).max(0) as usize, (ny as i64 - dj.max(&0)).max(0) as usize);
+                for j in j_from..j_to {
+                    let from = nx * ((j as i64 + dj) as usize + ny * source_k as usize);
+                    let target = &mut slab[nx * j..nx * (j + 1)];
+                    for (t, s) in target.iter_mut().zip(&rows[from..from + nx]) {
+                        *t = if *s > *t { *s } else { *t };
+                    }
+                }
+            }
+        });
+    }
+    out
+}
+
+/// From the maxima over windows of half-width w to those of w + 1, in place.
+fn widen(row: &mut [f32]) {
+    let mut before = FREE;
+    for i in 0..row.len() {
+        let here = row[i];
+        let after = row.get(i + 1).copied().unwrap_or(FREE);
+        row[i] = before.max(here).max(after);
+        before = here;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_ball_maximum_is_the_maximum_over_the_ball(
+            value in prop::collection::vec(-1.0f32..9.0, 7 * 6 * 5), radius in 0.0f64..4.0,
+        ) {
+            let dims = [7, 6, 5];
+            let fast = ball_maximum(&value, dims, radius);
+            let at = |n: usize| [n % 7, n / 7 % 6, n / 42].map(|c| c as f64);
+            for n in 0..value.len() {
+                let near = |m: &usize| {
+                    (0..3).map(|a| (at(n)[a] - at(*m)[a]).powi(2)).sum::<f64>() <= radius * radius
+                };
+                let slow = (0..value.len()).filter(near).map(|m| value[m]).fold(FREE, f32::max);
+                prop_assert_eq!(fast[n], slow);
+            }
+        }
+    }
+
+    #[test]
+    fn pooling_keeps_the_latest_time_of_every_block() {
+        let field = Field { dims: [5, 4, 3], spacing_mm: 0.5, origin_mm: 0.0, is_blocks: false, value: (0..60).map(|n| n as f32).collect() };
+        let coarse = field.pooled(2, 1.0);
+        for n in 0..60usize {
+            let p = Vector3::new((n % 5) as f64, (n / 5 % 4) as f64, (n / 20) as f64) * 0.5;
+            assert!(coarse.at(&p) >= n as f32);
+        }
+        assert_eq!(coarse.at(&Vector3::repeat(-1.3)), FREE);
+        assert_eq!(coarse.value.iter().copied().fold(FREE, f32::max), 59.0);
+    }
+}

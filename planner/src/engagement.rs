@@ -1,0 +1,253 @@
+//! What the burr meets at a waypoint: material in front of it that no earlier move has taken.
+//!
+//! Forces look at points on the ball. A point is in bone when the intact density there is above 0 and it lies in no
+//! earlier piece of the path: exact geometry, without state and independent of the step. The path merges into straight
+//! runs, of which only those near the burr matter; and the removal-time field decides at once wherever all eight voxels
+//! around the point agree, which leaves the exact test to the points near a boundary.
+//!
+//! Masses look at voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes, whose sum over the
+//! path is the mass removed (FORCE_MODEL section 8, row 3).
+
+use bonemill_geometry::{Grid, Point, Volume, Work};
+use bonemill_imaging::Scene;
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use crate::ball::BallVolumes;
+use crate::metrics::Moments;
+use crate::path::PathPoint;
+use crate::removal::RemovalTime;
+use crate::sweep::segment_distance_squared;
+
+/// Consecutive moves that deviate less than this from a straight line are one run, mm.
+const STRAIGHT_MM: f64 = 1e-6;
+/// Side of a cell of the run index, mm.
+const CELL_MM: f64 = 2.0;
+/// Slabs of the grid in which masses are summed apart; fixed, so that sums do not depend on the number of threads.
+const SLABS: usize = 16;
+
+/// A straight piece of the path: moves `first..=last`.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    first: u32,
+    last: u32,
+}
+
+/// The path as straight runs, findable by place.
+#[derive(Debug)]
+pub struct SweptPath<'a> {
+    scene: &'a Scene,
+    removal: &'a RemovalTime,
+    points: &'a [PathPoint],
+    radius_mm: f64,
+    runs: Vec<Run>,
+    cells: [usize; 3],
+    runs_in_cell: Vec<Vec<u32>>,
+}
+
+impl<'a> SweptPath<'a> {
+    /// Indexes the runs of a path.
+    pub fn new(scene: &'a Scene, removal: &'a RemovalTime, points: &'a [PathPoint], radius_mm: f64) -> Self {
+        let runs = straight_runs(points);
+        let grid = scene.class.grid();
+        let cells = [0, 1, 2].map(|a| (grid.dims()[a] as f64 * grid.spacing_mm()[a] / CELL_MM).ceil() as usize + 1);
+        let mut path =
+            Self { scene, removal, points, radius_mm, runs, cells, runs_in_cell: vec![Vec::new(); cells.iter().product()] };
+        path.index_runs();
+        path
+    }
+
+    /// A run is listed in every cell that holds a burr's centre whose ball the run could reach: within 2r.
+    fn index_runs(&mut self) {
+        let reach = 2.0 * self.radius_mm + 0.5 * 3f64.sqrt() * CELL_MM;
+        for (number, run) in self.runs.iter().enumerate() {
+            let (a, b) = (self.start(run), self.points[run.last as usize].position.coords);
+            let (lo, hi) = (a.inf(&b) - Vector3::repeat(reach), a.sup(&b) + Vector3::repeat(reach));
+            let range = |axis: usize| {
+                let cell = |v: f64| ((v / CELL_MM).max(0.0) as usize).min(self.cells[axis] - 1);
+                cell(lo[axis])..=cell(hi[axis])
+            };
+            for k in range(2) {
+                for j in range(1) {
+                    for i in range(0) {
+                        let center = Vector3::new(i as f64 + 0.5, j as f64 + 0.5, k as f64 + 0.5) * CELL_MM;
+                        if segment_distance_squared(&center, &a, &b) <= reach * reach {
+                            let cell = i + self.cells[0] * (j + self.cells[1] * k);
+                            self.runs_in_cell[cell].push(number as u32);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn start(&self, run: &Run) -> Vector3<f64> {
+        self.points[run.first.saturating_sub(1) as usize].position.coords
+    }
+
+    /// The bone that waypoint `index` meets.
+    pub fn bone_at(&self, index: u32) -> BoneAt<'_> {
+        let center = self.points[index as usize].position.coords;
+        let mut capsules = Vec::new();
+        let at = |axis: usize| ((center[axis] / CELL_MM).max(0.0) as usize).min(self.cells[axis] - 1);
+        let cell = at(0) + self.cells[0] * (at(1) + self.cells[1] * at(2));
+        for run in self.runs_in_cell[cell].iter().map(|n| &self.runs[*n as usize]) {
+            if run.first >= index {
+                break; // runs are listed in the path's order
+            }
+            // the part before this move; waypoint 0 is a ball
+            let last = run.last.min(index - 1);
+            let (a, b) = (self.start(run), self.points[last as usize].position.coords);
+            if segment_distance_squared(&center, &a, &b) < (2.0 * self.radius_mm).powi(2) {
+                capsules.push((a, b));
+            }
+        }
+        // the latest first: it is the likeliest to hold a point
+        capsules.reverse();
+        BoneAt { path: self, index, center, capsules }
+    }
+}
+
+/// Maximal straight runs of moves; move 0 is a run of its own.
+fn straight_runs(points: &[PathPoint]) -> Vec<Run> {
+    let mut runs: Vec<Run> = Vec::new();
+    let at = |n: u32| points[n as usize].position.coords;
+    for n in 0..points.len() as u32 {
+        let extends = runs.last().is_some_and(|run| {
+            run.first > 0 && {
+                let (a, b, c) = (at(run.first - 1), at(run.last), at(n));
+                // straight on, not back
+                (b - a).dot(&(c - b)) >= 0.0 && segment_distance_squared(&b, &a, &c) <= STRAIGHT_MM * STRAIGHT_MM
+            }
+        });
+        match runs.last_mut() {
+            Some(run) if extends => run.last = n,
+            _ => runs.push(Run { first: n, last: n }),
+        }
+    }
+    runs
+}
+
+/// The bone before one move, seen from where it ends.
+#[derive(Debug)]
+pub struct BoneAt<'a> {
+    path: &'a SweptPath<'a>,
+    index: u32,
+    center: Vector3<f64>,
+    capsules: Vec<(Vector3<f64>, Vector3<f64>)>,
+}
+
+impl BoneAt<'_> {
+    /// Density of the bone at the burr's centre plus `offset`, g/cm³; 0 where it is gone or never was.
+    pub fn density_g_cm3(&self, offset: &Vector3<f64>) -> f64 {
+        let p = self.center + offset;
+        let grid = self.path.scene.class.grid();
+        let index = grid.continuous_index(Point::from_coords(p));
+        let density = self.path.scene.density_g_cm3.trilinear_at(index, 0.0);
+        if density > 0.0 && !self.is_gone(&p, index) { density } else { 0.0 }
+    }
+
+    fn is_gone(&self, p: &Vector3<f64>, index: [f64; 3]) -> bool {
+        match self.by_voxels(index) {
+            Some(gone) => gone,
+            None => {
+                let reach = self.path.radius_mm * self.path.radius_mm;
+                // a point of the ball itself at a re-visited place lies on the earlier surface: inside, to rounding
+                self.capsules.iter().any(|(a, b)| segment_distance_squared(p, a, b) <= reach * (1.0 + 1e-12))
+            }
+        }
+    }
+
+    /// What the eight voxel centres around a point say when they agree.
+    fn by_voxels(&self, index: [f64; 3]) -> Option<bool> {
+        let [nx, ny, nz] = self.path.scene.class.grid().dims();
+        let [i, j, k] = index.map(|c| c.floor());
+        let inside = |c: f64, n: usize| c >= 0.0 && c + 1.0 < n as f64;
+        if !(inside(i, nx) && inside(j, ny) && inside(k, nz)) {
+            return None;
+        }
+        let first = i as usize + nx * (j as usize + ny * k as usize);
+        let time = self.path.removal.time();
+        let gone = |step: usize| time[first + step] < self.index;
+        let answer = gone(0);
+        let agree = [1, nx, nx + 1, nx * ny, nx * ny + 1, nx * ny + nx, nx * ny + nx + 1]
+            .into_iter()
+            .all(|step| gone(step) == answer);
+        agree.then_some(answer)
+    }
+}
+
+/// Mass that each waypoint's ball takes, and where it lies about the ball's centre (g/cm³ is mg/mm³).
+///
+/// Each slab of the grid is swept by its own walk along the path; the slabs' sums are added in their order.
+pub fn mass_increments(density_g_cm3: &Volume<f32, Work>, points: &[PathPoint], radius_mm: f64) -> Vec<Moments> {
+    let grid = density_g_cm3.grid();
+    let [nx, ny, nz] = grid.dims();
+    let thickness = nz.div_ceil(SLABS);
+    let mut total = vec![Moments::new(radius_mm); points.len()];
+    let slabs: Vec<Vec<(u32, Moments)>> = (0..nz.div_ceil(thickness))
+        .into_par_iter()
+        .map(|slab| {
+            let k = slab * thickness..((slab + 1) * thickness).min(nz);
+            let from = nx * ny * k.start;
+            slab_increments(grid, k.clone(), &density_g_cm3.data()[from..nx * ny * k.end], points, radius_mm)
+        })
+        .collect();
+    for (index, increment) in slabs.into_iter().flatten() {
+        total[index as usize].merge(&increment);
+    }
+    total
+}
+
+/// Increments of the slab k; `density` holds its voxels only.
+fn slab_increments(
+    grid: &Grid<Work>,
+    k: std::ops::Range<usize>,
+    density: &[f32],
+    points: &[PathPoint],
+    radius_mm: f64,
+) -> Vec<(u32, Moments)> {
+    let [nx, ny, _] = grid.dims();
+    let h = grid.spacing_mm().x;
+    let full = grid.voxel_mm3();
+    let first = nx * ny * k.start;
+    let mut removed_mm3 = vec![0f64; density.len()];
+    let mut volumes = BallVolumes::new();
+    let mut out = Vec::new();
+    for (index, point) in points.iter().enumerate() {
+        let c = point.position.coords / h;
+        let reach = radius_mm / h + 0.5;
+        if c.z + reach < k.start as f64 || c.z - reach > (k.end - 1) as f64 {
+            continue;
+        }
+        let bounds = |axis: usize, n: usize| {
+            let lo = (c[axis] - reach).floor().max(0.0) as usize;
+            (lo, ((c[axis] + reach).ceil().max(0.0) as usize).min(n - 1))
+        };
+        let ((i0, i1), (j0, j1)) = (bounds(0, nx), bounds(1, ny));
+        let lo_k = ((c.z - reach).floor().max(k.start as f64)) as usize;
+        let hi_k = ((c.z + reach).ceil().max(0.0) as usize).min(k.end - 1);
+        let mut increment = Moments::new(radius_mm);
+        let mut found = Vec::new();
+        volumes.for_each(
+            grid,
+            point.position,
+            radius_mm,
+            [[i0, j0, lo_k], [i1, j1, hi_k]],
+            |voxel| density[voxel - first] > 0.0 && removed_mm3[voxel - first] < full * (1.0 - 1e-9),
+            |voxel, volume_mm3| found.push((voxel, volume_mm3)),
+        );
+        for (voxel, volume_mm3) in found {
+            let more = volume_mm3 - removed_mm3[voxel - first];
+            if more > 0.0 {
+                removed_mm3[voxel - first] = volume_mm3;
+                let p = grid.center(grid.voxel(voxel)) - point.position;
+                increment.add(f64::from(density[voxel - first]) * more, &p);
+            }
+        }
+        if increment.mass_mg() > 0.0 {
+            out.push((index as u32, increment));
+        }
+    }
+    out
+}

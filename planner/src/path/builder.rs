@@ -1,0 +1,221 @@
+//! Joins passes by links and keeps the removal-time field.
+
+use bonemill_geometry::{Point, Work};
+use bonemill_imaging::Class;
+
+use super::{MillPath, MoveKind, Pass, PathPoint, PathSpacing, search};
+use crate::removal::RemovalTime;
+use crate::space::BurrSpace;
+
+/// Waypoints of a link are this many cutting steps apart.
+const LINK_STEPS: f64 = 4.0;
+/// Passes whose ends are nearer than this many stepovers are joined by a straight cut.
+const ADJACENT_STEPOVERS: f64 = 1.6;
+/// Heights tried for a retract, mm apart.
+const RETRACT_STEP_MM: f64 = 0.5;
+
+/// Grows a path pass by pass.
+#[derive(Debug)]
+pub struct Builder<'a> {
+    space: &'a BurrSpace<'a>,
+    spacing: PathSpacing,
+    points: Vec<PathPoint>,
+    passes: Vec<Pass>,
+    removal: RemovalTime,
+    left: usize,
+    unjoined: usize,
+    /// The pass and its point that the burr is on its way to.
+    heading: (u32, u32),
+}
+
+impl<'a> Builder<'a> {
+    /// An empty path.
+    pub fn new(space: &'a BurrSpace<'a>, spacing: PathSpacing) -> Self {
+        Self {
+            space,
+            spacing,
+            points: Vec::new(),
+            passes: Vec::new(),
+            removal: RemovalTime::new(space.grid()),
+            left: space.reachable().iter().filter(|r| **r).count(),
+            unjoined: 0,
+            heading: (0, 0),
+        }
+    }
+
+    /// Where the burr may be.
+    pub fn space(&self) -> &'a BurrSpace<'a> {
+        self.space
+    }
+
+    /// Lengths that shape the path.
+    pub fn spacing(&self) -> PathSpacing {
+        self.spacing
+    }
+
+    /// What is removed so far.
+    pub fn removal(&self) -> &RemovalTime {
+        &self.removal
+    }
+
+    /// Reachable target voxels that are still there.
+    pub fn left(&self) -> usize {
+        self.left
+    }
+
+    /// Where the burr stands.
+    pub fn position(&self) -> Option<Point<Work>> {
+        self.points.last().map(|p| p.position)
+    }
+
+    /// Reachable target voxels that the burr at `p` would remove, counted up to `enough`.
+    pub fn gain(&self, p: Point<Work>, enough: usize) -> usize {
+        let reachable = self.space.reachable();
+        self.removal.would_remove(p, p, self.space.radius_mm(), enough, |v| reachable[v])
+    }
+
+    /// Whether the move a–b removes no material.
+    pub fn is_free(&self, a: Point<Work>, b: Point<Work>) -> bool {
+        let class = self.space.scene().class.data();
+        self.removal.would_remove(a, b, self.space.radius_mm(), 1, |v| class[v].is(Class::MATERIAL)) == 0
+    }
+
+    /// Joins `pass` to the path and cuts it. Returns false, and changes nothing, when no link leads there.
+    pub fn add(&mut self, pass: Pass) -> bool {
+        let Some(first) = pass.points.first().copied() else { return true };
+        let number = self.passes.len() as u32;
+        self.heading = (number, 0);
+        if !self.go_to(first, pass.layer) {
+            self.unjoined += 1;
+            return false;
+        }
+        for (p, n) in pass.points.iter().zip(0u32..).skip(1) {
+            self.heading = (number, n);
+            self.cut_to(*p, pass.layer);
+        }
+        self.passes.push(pass);
+        true
+    }
+
+    /// Ends with a retract and hands the path out.
+    pub fn into_path(mut self, layers: u32) -> MillPath {
+        if let Some(end) = self.points.last().copied() {
+            let top = self.above(end.position);
+            if self.is_way_clear(end.position, top) && self.is_free(end.position, top) {
+                self.travel_to(top, MoveKind::Retract, end.layer);
+            }
+        }
+        let Self { points, passes, removal, unjoined, .. } = self;
+        MillPath { points, removal, passes, unjoined, layers }
+    }
+
+    /// The highest place above `p` where the whole ball lies in the grid.
+    fn above(&self, p: Point<Work>) -> Point<Work> {
+        let grid = self.space.grid();
+        let top = (grid.dims()[2] - 1) as f64 * grid.spacing_mm().z - self.space.radius_mm();
+        Point::new(p.x(), p.y(), top.max(p.z()))
+    }
+
+    fn is_way_clear(&self, a: Point<Work>, b: Point<Work>) -> bool {
+        self.space.is_move_clear(a, b, 0.5 * self.space.grid().spacing_mm().x)
+    }
+
+    fn is_way_free(&self, a: Point<Work>, b: Point<Work>) -> bool {
+        self.is_way_clear(a, b) && self.is_free(a, b)
+    }
+
+    /// From where the burr is to `to`: a short cut, a straight link, a retract, or a search through free space.
+    fn go_to(&mut self, to: Point<Work>, layer: u32) -> bool {
+        let Some(from) = self.position() else {
+            let top = self.above(to);
+            // the path starts in free space, above its first cut
+            let start = if self.is_way_clear(top, to) { top } else { to };
+            self.push(start, MoveKind::Link, layer);
+            self.plunge_to(to, layer);
+            return true;
+        };
+        if from.distance_mm(&to) <= ADJACENT_STEPOVERS * self.spacing.stepover_mm && self.is_way_clear(from, to) {
+            self.cut_to(to, layer);
+            return true;
+        }
+        if self.is_way_free(from, to) {
+            self.travel_to(to, MoveKind::Link, layer);
+            return true;
+        }
+        if let Some(height) = self.retract_height(from, to) {
+            let (up, down) = (Point::new(from.x(), from.y(), height), Point::new(to.x(), to.y(), height));
+            self.travel_to(up, MoveKind::Retract, layer);
+            self.travel_to(down, MoveKind::Link, layer);
+            self.plunge_to(to, layer);
+            return true;
+        }
+        let Some(way) = search::way(self, from, to) else { return false };
+        for p in way {
+            let here = self.points[self.points.len() - 1].position;
+            if self.is_free(here, p) {
+                self.travel_to(p, MoveKind::Link, layer);
+            } else {
+                self.cut_to(p, layer);
+            }
+        }
+        true
+    }
+
+    /// The lowest height at which up, across and down stay clear, up and across also free.
+    fn retract_height(&self, from: Point<Work>, to: Point<Work>) -> Option<f64> {
+        let top = self.above(from).z();
+        let lowest = from.z().max(to.z());
+        let steps = ((top - lowest) / RETRACT_STEP_MM).ceil().max(0.0) as usize;
+        (0..=steps).map(|n| (lowest + n as f64 * RETRACT_STEP_MM).min(top)).find(|height| {
+            let (up, down) = (Point::new(from.x(), from.y(), *height), Point::new(to.x(), to.y(), *height));
+            self.is_way_free(up, down) && self.is_way_free(from, up) && self.is_way_clear(down, to)
+        })
+    }
+
+    /// Down to `to`: through free space as far as it goes, the rest is a cut.
+    fn plunge_to(&mut self, to: Point<Work>, layer: u32) {
+        let Some(from) = self.position() else { return };
+        let step = LINK_STEPS * self.spacing.step_mm;
+        let pieces = (from.distance_mm(&to) / step).ceil().max(1.0) as usize;
+        for n in 1..=pieces {
+            let here = self.points[self.points.len() - 1].position;
+            let next = from + (to - from) * (n as f64 / pieces as f64);
+            if self.is_free(here, next) {
+                self.push(next, MoveKind::Retract, layer);
+            } else {
+                self.cut_to(next, layer);
+            }
+        }
+    }
+
+    fn travel_to(&mut self, to: Point<Work>, kind: MoveKind, layer: u32) {
+        self.move_to(to, LINK_STEPS * self.spacing.step_mm, kind, layer);
+    }
+
+    fn cut_to(&mut self, to: Point<Work>, layer: u32) {
+        // a hair over the step is still one step: lines are sampled at it
+        self.move_to(to, self.spacing.step_mm * 1.001, MoveKind::Cut, layer);
+    }
+
+    fn move_to(&mut self, to: Point<Work>, step_mm: f64, kind: MoveKind, layer: u32) {
+        let Some(from) = self.position() else { return self.push(to, kind, layer) };
+        let length = from.distance_mm(&to);
+        if length < 1e-9 {
+            return;
+        }
+        let pieces = (length / step_mm).ceil().max(1.0) as usize;
+        for n in 1..=pieces {
+            self.push(from + (to - from) * (n as f64 / pieces as f64), kind, layer);
+        }
+    }
+
+    fn push(&mut self, position: Point<Work>, kind: MoveKind, layer: u32) {
+        let from = self.position().unwrap_or(position);
+        let index = self.points.len() as u32;
+        let (reachable, left) = (self.space.reachable(), &mut self.left);
+        self.removal.sweep(from, position, self.space.radius_mm(), index, |voxel| {
+            *left -= usize::from(reachable[voxel]);
+        });
+        self.points.push(PathPoint { position, kind, layer, leads_to: self.heading });
+    }
+}

@@ -1,0 +1,140 @@
+//! Direction and order of the lines in a layer.
+
+use bonemill_geometry::{Point, Work};
+
+/// Two rectangles whose sides differ by less than this share are taken for squares.
+const SQUARE: f64 = 0.02;
+
+/// In-plane axes of the lawnmower: lines run along u and follow each other along v.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RasterFrame {
+    u: [f64; 2],
+    v: [f64; 2],
+}
+
+impl RasterFrame {
+    /// Lines at `angle_rad` from work x towards work y.
+    pub fn at_angle(angle_rad: f64) -> Self {
+        let (s, c) = angle_rad.sin_cos();
+        Self { u: [c, s], v: [-s, c] }
+    }
+
+    /// Lines along the long side of the smallest rectangle around the target's outline (fewest turns).
+    ///
+    /// `hull`: the outline's convex hull, counter-clockwise. `towards`: direction from the target's centre to the
+    /// nearest structure; lines follow each other towards it, and in a square outline run across it. Everything is
+    /// taken from the anatomy, so a mirrored or turned patient gets the mirrored or turned path.
+    pub fn chosen(hull: &[[f64; 2]], towards: Option<[f64; 2]>) -> Self {
+        let mut best: Option<(f64, [f64; 2], f64, f64)> = None;
+        for n in 0..hull.len() {
+            let (a, b) = (hull[n], hull[(n + 1) % hull.len()]);
+            let length = (b[0] - a[0]).hypot(b[1] - a[1]);
+            if length < 1e-9 {
+                continue;
+            }
+            let u = [(b[0] - a[0]) / length, (b[1] - a[1]) / length];
+            let (along, across) = (extent(hull, u), extent(hull, [-u[1], u[0]]));
+            let area = along * across;
+            // a later edge must be better by more than rounding, so that the first of equal edges wins
+            if best.is_none_or(|(least, ..)| area < least * (1.0 - 1e-9)) {
+                best = Some((area, u, along, across));
+            }
+        }
+        let Some((_, side, along, across)) = best else { return Self::at_angle(0.0) };
+        let other = [-side[1], side[0]];
+        let towards = towards.unwrap_or_else(|| skew(hull));
+        let is_square = (along - across).abs() <= SQUARE * along.max(across);
+        let u = if is_square {
+            if dot(side, towards).abs() <= dot(other, towards).abs() { side } else { other }
+        } else if along > across {
+            side
+        } else {
+            other
+        };
+        let v = [-u[1], u[0]];
+        Self { u: pointing(u, towards), v: pointing(v, towards) }
+    }
+
+    /// (u, v) of a point, mm.
+    pub fn uv(&self, p: Point<Work>) -> [f64; 2] {
+        [dot(self.u, [p.x(), p.y()]), dot(self.v, [p.x(), p.y()])]
+    }
+
+    /// The point at (u, v) and height z, mm.
+    pub fn point(&self, u: f64, v: f64, z: f64) -> Point<Work> {
+        Point::new(self.u[0] * u + self.v[0] * v, self.u[1] * u + self.v[1] * v, z)
+    }
+
+    /// Angle of the lines from work x, rad in (−π/2, π/2].
+    pub fn angle_rad(&self) -> f64 {
+        let [x, y] = if self.u[0] < 0.0 || (self.u[0] == 0.0 && self.u[1] < 0.0) {
+            [-self.u[0], -self.u[1]]
+        } else {
+            self.u
+        };
+        y.atan2(x)
+    }
+}
+
+fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[0] + a[1] * b[1]
+}
+
+fn pointing(axis: [f64; 2], towards: [f64; 2]) -> [f64; 2] {
+    if dot(axis, towards) < 0.0 { [-axis[0], -axis[1]] } else { axis }
+}
+
+fn extent(hull: &[[f64; 2]], axis: [f64; 2]) -> f64 {
+    let (lo, hi) = hull
+        .iter()
+        .map(|p| dot(*p, axis))
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), d| (lo.min(d), hi.max(d)));
+    hi - lo
+}
+
+/// Where the outline's corners lean, for targets without a structure.
+fn skew(hull: &[[f64; 2]]) -> [f64; 2] {
+    let n = hull.len().max(1) as f64;
+    let mean = [0, 1].map(|a| hull.iter().map(|p| p[a]).sum::<f64>() / n);
+    let cubed = |p: &[f64; 2]| (p[0] - mean[0]).hypot(p[1] - mean[1]).powi(2);
+    [0, 1].map(|a| hull.iter().map(|p| (p[a] - mean[a]) * cubed(p)).sum::<f64>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BAR: [[f64; 2]; 4] = [[0.0, 0.0], [8.0, 6.0], [6.5, 8.0], [-1.5, 2.0]];
+
+    #[test]
+    fn lines_run_along_the_long_side() {
+        let f = RasterFrame::chosen(&BAR, Some([1.0, 0.0]));
+        assert!((f.angle_rad() - 0.6f64.asin()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn in_a_square_lines_run_across_the_way_to_the_structure_and_end_there() {
+        let square = [[0.0, 0.0], [15.0, 0.0], [15.0, 15.0], [0.0, 15.0]];
+        let f = RasterFrame::chosen(&square, Some([-1.0, 0.2]));
+        assert!((f.angle_rad().abs() - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+        let at = |x, y| f.uv(Point::new(x, y, 0.0));
+        assert!(at(0.0, 7.0)[1] > at(15.0, 7.0)[1], "the line nearest to the structure comes last");
+    }
+
+    #[test]
+    fn a_mirrored_outline_gives_the_mirrored_frame() {
+        let mirrored: Vec<[f64; 2]> = BAR.iter().rev().map(|p| [-p[0], p[1]]).collect();
+        let (f, m) = (RasterFrame::chosen(&BAR, Some([0.3, 0.7])), RasterFrame::chosen(&mirrored, Some([-0.3, 0.7])));
+        for (x, y) in [(1.0, 2.0), (-3.0, 0.5)] {
+            let (a, b) = (f.uv(Point::new(x, y, 0.0)), m.uv(Point::new(-x, y, 0.0)));
+            assert!((a[0] - b[0]).abs() < 1e-12 && (a[1] - b[1]).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn uv_and_point_are_inverse() {
+        let f = RasterFrame::at_angle(0.7);
+        let p = f.point(3.0, -2.0, 5.0);
+        assert!((f.uv(p)[0] - 3.0).abs() < 1e-12 && (f.uv(p)[1] + 2.0).abs() < 1e-12 && p.z() == 5.0);
+    }
+}

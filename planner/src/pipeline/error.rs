@@ -1,0 +1,88 @@
+//! Why there is no plan.
+
+use std::path::PathBuf;
+
+use bonemill_imaging::{ImageError, SceneError};
+use bonemill_robot::RobotError;
+use thiserror::Error;
+
+use crate::burr::ModelError;
+use crate::plan::PlanFileError;
+
+/// Why a case cannot be planned.
+#[derive(Debug, Error)]
+pub enum PlanError {
+    /// An image or its names cannot be read or trusted.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// No scene can be made of the images.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// An input cannot be hashed.
+    #[error(transparent)]
+    File(#[from] PlanFileError),
+    /// The arm.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    /// A model's parameter is out of range.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A label is named that `labels.json` does not know.
+    #[error("{key}: label name '{name}' is not in {}: {}", beside.with_file_name("labels.json").display(),
+        if *has_names { "check its spelling, or give the label's number" } else { "there is no such file; give the label's number" })]
+    LabelName {
+        /// The key in the case.
+        key: String,
+        /// The name.
+        name: String,
+        /// The label map.
+        beside: PathBuf,
+        /// Whether the file exists.
+        has_names: bool,
+    },
+    /// The case asks for something that this version does not have.
+    #[error("{key} = \"{value}\" is not supported by this version: expected {supported}")]
+    Unsupported {
+        /// The key.
+        key: &'static str,
+        /// What the case says.
+        value: String,
+        /// What it may say.
+        supported: &'static str,
+    },
+    /// The deflection is asked for without a stiffness.
+    #[error("cost.force = \"deflection\" needs robot.joint_stiffness: one value per joint, N/mm or N·mm/rad")]
+    StiffnessMissing,
+    /// The burr reaches nothing of the target.
+    #[error("a burr of radius {radius_mm} mm can reach no voxel of the target: {reason}")]
+    NothingReachable {
+        /// The burr, mm.
+        radius_mm: f64,
+        /// What keeps it out.
+        reason: &'static str,
+    },
+    /// The shank reaches no waypoint.
+    #[error(
+        "the shank can reach no part of the target within a tilt of {tilt_limit_deg:.0}° from the approach: see shank, \
+         approach.direction, orientation.tilt_limit_deg and where the arm stands (robot.base_from_ct)"
+    )]
+    NoAccess {
+        /// The tilt limit, degrees.
+        tilt_limit_deg: f64,
+    },
+    /// The arm cannot reach a waypoint.
+    #[error("the arm cannot reach waypoint {waypoint}: {excess}; move it (robot.base_from_ct)")]
+    OutOfReach {
+        /// The waypoint.
+        waypoint: usize,
+        /// Which joint, by how much.
+        excess: String,
+    },
+}
+
+impl PlanError {
+    /// Whether the case is sound but cannot be fulfilled, rather than wrong.
+    pub fn is_infeasible(&self) -> bool {
+        matches!(self, Self::OutOfReach { .. } | Self::NoAccess { .. })
+    }
+}

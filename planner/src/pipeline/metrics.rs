@@ -1,0 +1,110 @@
+//! Volumes: what is to be removed, what can be, what is, and why the rest stays.
+
+use bonemill_imaging::{Class, ImageError, Scene};
+
+use crate::removal::RemovalTime;
+use crate::space::BurrSpace;
+
+/// One volume in its three kinds, mm³.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Volumes {
+    /// Air cells included.
+    pub all_mm3: f64,
+    /// Its part above `air_hu`.
+    pub material_mm3: f64,
+    /// Its part above `bone_hu`.
+    pub bone_mm3: f64,
+}
+
+/// Coverage of the target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Coverage {
+    /// The target.
+    pub target: Volumes,
+    /// What the ball can reach under the clearances.
+    pub reachable: Volumes,
+    /// What the path removes of the target.
+    pub removed: Volumes,
+    /// What it removes of the reachable part.
+    pub removed_reachable: Volumes,
+    /// What only the clearances keep from being reached, per structure of the scene, mm³.
+    pub kept_by_structure_mm3: Vec<f64>,
+    /// What the ball cannot reach for the bone around it (its radius, ledges), mm³.
+    pub kept_by_bone_mm3: f64,
+    /// Bone outside the target whose voxel centres are removed: sheets within the band, mm³.
+    pub thin_bone_removed_mm3: f64,
+    /// Obstacle bone whose voxel centres are removed, mm³: 0 by construction.
+    pub obstacle_removed_mm3: f64,
+}
+
+impl Coverage {
+    /// Removed share of the reachable volume, 0..1; 1 when nothing is reachable.
+    pub fn reached_share(&self) -> f64 {
+        if self.reachable.all_mm3 > 0.0 { self.removed_reachable.all_mm3 / self.reachable.all_mm3 } else { 1.0 }
+    }
+}
+
+/// Measures coverage by voxel centres.
+///
+/// # Errors
+/// When a distance field cannot be made.
+pub fn coverage(scene: &Scene, space: &BurrSpace, removal: &RemovalTime) -> Result<Coverage, ImageError> {
+    let voxel = scene.class.grid().voxel_mm3();
+    let without_structures = BurrSpace::new(scene, space.radius_mm(), &[])?;
+    let mut found = Coverage {
+        target: Volumes::default(),
+        reachable: Volumes::default(),
+        removed: Volumes::default(),
+        removed_reachable: Volumes::default(),
+        kept_by_structure_mm3: vec![0.0; scene.structures.len()],
+        kept_by_bone_mm3: 0.0,
+        thin_bone_removed_mm3: 0.0,
+        obstacle_removed_mm3: 0.0,
+    };
+    for (n, class) in scene.class.data().iter().enumerate() {
+        let (reachable, removed) = (space.reachable()[n], removal.is_removed(n));
+        if class.is(Class::TARGET) {
+            for (counts, volumes) in [
+                (true, &mut found.target),
+                (reachable, &mut found.reachable),
+                (removed, &mut found.removed),
+                (removed && reachable, &mut found.removed_reachable),
+            ] {
+                if counts {
+                    volumes.add(*class, voxel);
+                }
+            }
+            if !reachable && !removed {
+                match without_structures.reachable()[n].then(|| nearest_limit(scene, space, n)).flatten() {
+                    Some(structure) => found.kept_by_structure_mm3[structure] += voxel,
+                    None => found.kept_by_bone_mm3 += voxel,
+                }
+            }
+        } else if removed && class.is(Class::SHEET) {
+            found.thin_bone_removed_mm3 += voxel;
+        } else if removed && class.is(Class::OBSTACLE) {
+            found.obstacle_removed_mm3 += voxel;
+        }
+    }
+    Ok(found)
+}
+
+impl Volumes {
+    fn add(&mut self, class: Class, voxel_mm3: f64) {
+        self.all_mm3 += voxel_mm3;
+        self.material_mm3 += if class.is(Class::MATERIAL) { voxel_mm3 } else { 0.0 };
+        self.bone_mm3 += if class.is(Class::TARGET_BONE) { voxel_mm3 } else { 0.0 };
+    }
+}
+
+/// The structure whose required distance is missed most at a voxel.
+fn nearest_limit(scene: &Scene, space: &BurrSpace, voxel: usize) -> Option<usize> {
+    let grid = scene.class.grid();
+    let p = scene.ct_from_work * grid.center(grid.voxel(voxel));
+    let margin = |(number, keep): (usize, &f64)| {
+        let field = scene.structures[number].field.as_ref()?;
+        Some((field.distance(p) - keep, number))
+    };
+    let margins = space.keep_mm().iter().enumerate().filter_map(margin);
+    margins.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, number)| number)
+}

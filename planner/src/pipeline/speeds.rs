@@ -1,0 +1,146 @@
+//! Speed caps per move (D13), and the time law under them.
+
+use bonemill_robot::timelaw::{JointPath, PathLimits, PreparedPath, TimeLaw};
+
+use super::PlanError;
+use crate::case::{SpeedMode, SpeedSpec};
+use crate::path::MoveKind;
+use crate::space::TRAJECTORY_TOLERANCE_MM;
+use crate::speed::{Smoothing, SpeedModel};
+
+/// Mass at or below which a waypoint counts as air, mg: a millionth of a cubic millimetre of bone.
+const AIR_MASS_MG: f64 = 1e-6;
+/// Bisections of the cutting time until the whole plan takes the time asked for.
+const TIME_BISECTIONS: usize = 40;
+/// How exactly a total time is met, s.
+const TIME_TOLERANCE_S: f64 = 1e-3;
+
+/// What speeds depend on; one entry per waypoint each.
+#[derive(Debug, Clone, Copy)]
+pub struct SpeedInput<'a> {
+    /// What each move is for.
+    pub kinds: &'a [MoveKind],
+    /// Length of the move that ends here, mm.
+    pub length_mm: &'a [f64],
+    /// Mass ahead, mg.
+    pub mass_mg: &'a [f64],
+    /// Cost C.
+    pub cost: &'a [f64],
+    /// Joint positions, one waypoint after the other.
+    pub q: &'a [f64],
+    /// Nominal distance of cutting waypoints, mm.
+    pub step_mm: f64,
+}
+
+/// Caps and the law under them.
+#[derive(Debug, Clone)]
+pub struct Timing {
+    /// Speed cap of the move that ends at each waypoint, mm/s.
+    pub caps_mm_s: Vec<f64>,
+    /// The motion.
+    pub law: TimeLaw,
+    /// A total time that was asked for and could not be met, s.
+    pub missed_s: Option<f64>,
+}
+
+/// Caps by the case's mode, scaled to its total time if it has one.
+///
+/// # Errors
+/// When the mode is not supported, or the arm's limits are not usable.
+pub fn timing(input: &SpeedInput, spec: &SpeedSpec, paper: bool, limits: &PathLimits) -> Result<Timing, PlanError> {
+    let prepared = PreparedPath::new(&JointPath { q: input.q, burr_mm: input.length_mm, stops: &[] }, limits)?;
+    let cuts = Cuts::new(input, spec, paper)?;
+    let finish = |caps: Vec<f64>, missed_s| -> Result<Timing, PlanError> {
+        Ok(Timing { law: prepared.law(&caps)?, caps_mm_s: caps, missed_s })
+    };
+    let Some(total_s) = spec.total_time_s else { return finish(cuts.caps(None)?, None) };
+    // the total grows with the cutting time: bisection
+    let [mut fast, mut slow] = cuts.time_range_s()?;
+    let total = |cutting_s: f64| -> Result<f64, PlanError> { Ok(prepared.duration_s(&cuts.caps(Some(cutting_s))?)?) };
+    for end in [fast, slow] {
+        let at_end = total(end)?;
+        if (end == fast && at_end > total_s) || (end == slow && at_end < total_s) {
+            return finish(cuts.caps(Some(end))?, Some(at_end));
+        }
+    }
+    for _ in 0..TIME_BISECTIONS {
+        let middle = 0.5 * (fast + slow);
+        let found = total(middle)?;
+        if (found - total_s).abs() < TIME_TOLERANCE_S {
+            (fast, slow) = (middle, middle);
+            break;
+        }
+        if found < total_s { fast = middle } else { slow = middle }
+    }
+    finish(cuts.caps(Some(0.5 * (fast + slow)))?, None)
+}
+
+/// The limits of the time law: the corner tolerance leaves room for the arm's bow between waypoints.
+pub fn path_limits(arm: &bonemill_robot::Arm) -> Result<PathLimits, PlanError> {
+    Ok(PathLimits::of_arm(arm, 0.8 * TRAJECTORY_TOLERANCE_MM)?)
+}
+
+/// The cutting moves, in order.
+struct Cuts<'a> {
+    input: &'a SpeedInput<'a>,
+    spec: &'a SpeedSpec,
+    model: SpeedModel,
+    mass_mg: Vec<f64>,
+    cost: Vec<f64>,
+    length_mm: Vec<f64>,
+}
+
+impl<'a> Cuts<'a> {
+    fn new(input: &'a SpeedInput<'a>, spec: &'a SpeedSpec, paper: bool) -> Result<Self, PlanError> {
+        if spec.mode == SpeedMode::ForceLimited {
+            return Err(PlanError::Unsupported {
+                key: "speed.mode",
+                value: "force_limited".into(),
+                supported: "\"mass\" or \"constant\"",
+            });
+        }
+        let smoothing = if paper { Smoothing::Average } else { Smoothing::MinimumThenAverage };
+        let model = SpeedModel::new(spec.min_mm_s, spec.max_mm_s, AIR_MASS_MG, smoothing)?;
+        let cuts = || (0..input.kinds.len()).filter(|i| input.kinds[*i] == MoveKind::Cut);
+        // a short last step to a wall takes little bone only because it is short: mass per length decides
+        let mass = |i: usize| input.mass_mg[i] * input.step_mm / input.length_mm[i].max(1e-3 * input.step_mm);
+        Ok(Self {
+            mass_mg: cuts().map(mass).collect(),
+            cost: cuts().map(|i| input.cost[i]).collect(),
+            length_mm: cuts().map(|i| input.length_mm[i]).collect(),
+            model,
+            input,
+            spec,
+        })
+    }
+
+    fn length_mm(&self) -> f64 {
+        self.length_mm.iter().sum()
+    }
+
+    /// Shortest and longest time of all cuts within the speed range, s.
+    fn time_range_s(&self) -> Result<[f64; 2], PlanError> {
+        Ok(match self.spec.mode {
+            SpeedMode::Constant => [self.spec.max_mm_s, self.spec.min_mm_s].map(|v| self.length_mm() / v),
+            _ => self.model.time_range_s(&self.mass_mg, &self.cost, &self.length_mm)?,
+        })
+    }
+
+    /// Caps of all moves; cuts take `cutting_s` in all if it is given.
+    fn caps(&self, cutting_s: Option<f64>) -> Result<Vec<f64>, PlanError> {
+        let speeds = match (self.spec.mode, cutting_s) {
+            (SpeedMode::Constant, None) => vec![self.spec.nominal_mm_s; self.mass_mg.len()],
+            (SpeedMode::Constant, Some(s)) => {
+                vec![(self.length_mm() / s).clamp(self.spec.min_mm_s, self.spec.max_mm_s); self.mass_mg.len()]
+            }
+            (_, None) => self.model.centred(&self.mass_mg, &self.cost)?.speed_mm_s,
+            (_, Some(s)) => self.model.in_time(&self.mass_mg, &self.cost, &self.length_mm, s)?.speed_mm_s,
+        };
+        let mut speeds = speeds.into_iter();
+        let cap = |kind: &MoveKind| match kind {
+            MoveKind::Cut => speeds.next().unwrap_or(self.spec.min_mm_s),
+            MoveKind::Link | MoveKind::Retract => self.spec.link_mm_s,
+        };
+        Ok(self.input.kinds.iter().map(cap).collect())
+    }
+}

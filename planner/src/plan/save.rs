@@ -1,0 +1,131 @@
+//! A plan's files, written into a staged directory.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+use bonemill_robot::JointKind;
+use bonemill_robot::export::write_trajectory_csv;
+
+use super::{Input, Metrics, PlanFileError, PlanRecord, StagedDirectory, Value, write_waypoints};
+use crate::case::Registration;
+use crate::pipeline::{Plan, Volumes};
+
+/// What a plan's directory holds, beside `plan.toml`.
+pub const FILES: [&str; 4] = ["waypoints.csv", "trajectory.csv", "robot.urdf", "report.html"];
+
+/// Writes every file of `plan` into the staged directory; `case_path` is where its case was read from.
+///
+/// # Errors
+/// [`PlanFileError`] when a file cannot be written or a figure is not finite; the caller drops the staged directory.
+pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<PlanRecord, PlanFileError> {
+    let dir = staged.path();
+    let [waypoints, trajectory, urdf, report] = FILES.map(|name| dir.join(name));
+    write_waypoints(&waypoints, &plan.waypoints, &plan.case.structures)?;
+    let write_law = || -> std::io::Result<()> {
+        let mut out = BufWriter::with_capacity(1 << 20, File::create(&trajectory)?);
+        let kinds: Vec<JointKind> = plan.arm.joints().iter().map(|joint| joint.kind).collect();
+        let rows = plan.law.rows(plan.case.robot.rate_hz).map_err(std::io::Error::other)?;
+        write_trajectory_csv(&mut out, &rows, &kinds).map_err(std::io::Error::other)?;
+        out.flush()
+    };
+    write_law().map_err(PlanFileError::io("write", &trajectory))?;
+    std::fs::write(&urdf, plan.arm.urdf_text()).map_err(PlanFileError::io("write", &urdf))?;
+    std::fs::write(&report, crate::report::html(plan)).map_err(PlanFileError::io("write", &report))?;
+    let record = record(plan, staged.relative(case_path)?);
+    record.write(dir)?;
+    Ok(record)
+}
+
+fn record(plan: &Plan, case_file: std::path::PathBuf) -> PlanRecord {
+    let mount = &plan.arm.mount().flange_from_burr;
+    let (roll, pitch, yaw) = mount.rotation.euler_angles();
+    PlanRecord {
+        version: env!("CARGO_PKG_VERSION").into(),
+        case: plan.case.clone(),
+        case_file,
+        inputs: plan
+            .inputs
+            .iter()
+            .map(|(name, _, sha256)| Input { path: name.into(), sha256: *sha256 })
+            .collect(),
+        approach_direction: plan.scene.approach,
+        ct_from_work: plan.scene.ct_from_work,
+        base_from_ct: plan.base_from_ct,
+        registration_assumed: plan.case.robot.base_from_ct == Registration::Assumed,
+        flange_from_burr: (mount.translation_mm.into(), [roll, pitch, yaw]),
+        metrics: metrics(plan),
+        modelled: modelled(plan),
+        warnings: plan.warnings.clone(),
+        shortfalls: plan.shortfalls.clone(),
+    }
+}
+
+/// The figures of a plan, in the order in which a reader asks for them.
+fn metrics(plan: &Plan) -> Metrics {
+    let (coverage, figures) = (&plan.coverage, &plan.figures);
+    let volumes = |v: &Volumes| {
+        Value::Table(vec![
+            ("all_mm3".into(), v.all_mm3.into()),
+            ("material_mm3".into(), v.material_mm3.into()),
+            ("bone_mm3".into(), v.bone_mm3.into()),
+        ])
+    };
+    let kept = plan.case.structures.iter().zip(&coverage.kept_by_structure_mm3);
+    let per_structure = plan.case.structures.iter().zip(&figures.structures).map(|(structure, found)| {
+        let mut row = Vec::new();
+        if let Some(distance_mm) = found.least_distance_mm {
+            row.push(("least_distance_mm".into(), distance_mm.into()));
+            row.push(("least_clearance_mm".into(), (distance_mm - plan.case.burr.radius_mm).into()));
+        }
+        row.push(("peak_force_toward_n".into(), found.peak_force_toward_n.into()));
+        (structure.name.clone(), Value::Table(row))
+    });
+    let more = vec![
+        ("reached_share".into(), coverage.reached_share().into()),
+        ("target".into(), volumes(&coverage.target)),
+        ("reachable".into(), volumes(&coverage.reachable)),
+        ("removed".into(), volumes(&coverage.removed)),
+        ("removed_reachable".into(), volumes(&coverage.removed_reachable)),
+        ("kept_by_structure_mm3".into(), Value::Table(kept.map(|(s, v)| (s.name.clone(), (*v).into())).collect())),
+        ("kept_by_bone_mm3".into(), coverage.kept_by_bone_mm3.into()),
+        ("thin_bone_removed_mm3".into(), coverage.thin_bone_removed_mm3.into()),
+        ("obstacle_removed_mm3".into(), coverage.obstacle_removed_mm3.into()),
+        ("band_mm".into(), plan.scene.band_mm.into()),
+        ("removed_mass_mg".into(), figures.removed_mass_mg.into()),
+        ("path_length_mm".into(), figures.path_length_mm.into()),
+        ("peak_force_n".into(), figures.peak_force_n.into()),
+        ("mean_force_n".into(), figures.mean_force_n.into()),
+        ("seconds_by_kind".into(), Value::Table(figures.seconds_by_kind.iter().map(|(k, s)| (k.word().into(), (*s).into())).collect())),
+        ("structures".into(), Value::Table(per_structure.collect())),
+    ];
+    Metrics {
+        removed_mm3: coverage.removed.all_mm3,
+        reachable_mm3: coverage.reachable.all_mm3,
+        target_mm3: coverage.target.all_mm3,
+        removed_material_mm3: coverage.removed.material_mm3,
+        removed_bone_mm3: coverage.removed.bone_mm3,
+        total_time_s: plan.law.duration_s(),
+        more,
+    }
+}
+
+fn modelled(plan: &Plan) -> Vec<(String, Value)> {
+    let m = &plan.modelled;
+    let dropped = m.dropped.iter().map(|(why, n)| ((*why).to_owned(), (*n).into())).collect();
+    let affine = |n: usize| Value::Text(plan.affines[n].to_string());
+    vec![
+        ("waypoints".into(), m.waypoints.into()),
+        ("cutting_waypoints".into(), m.cutting.into()),
+        ("cost_with_force".into(), m.cost_with_force.into()),
+        ("cost_closed_form".into(), m.cost_closed_form.into()),
+        ("low_pass_held".into(), m.low_pass_held.into()),
+        ("dropped_waypoints".into(), Value::Table(dropped)),
+        ("unjoined_passes".into(), m.unjoined_passes.into()),
+        ("raster_deg".into(), m.raster_rad.to_degrees().into()),
+        ("layers".into(), m.layers.into()),
+        ("compliance".into(), plan.case.robot.joint_stiffness.is_some().into()),
+        ("ct_affine".into(), affine(0)),
+        ("labels_affine".into(), affine(1)),
+    ]
+}

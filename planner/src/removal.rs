@@ -1,0 +1,136 @@
+//! The removal-time field: the move that first cuts each voxel.
+//!
+//! A ball's sweep does not depend on the shaft, so for a given path the move T(x) in which the burr first covers the
+//! voxel centre x is one static field, and the bone before move i is [T ≥ i]. Move i ends at waypoint i; waypoint 0 is
+//! where the burr stands at the start. Waypoints thereby become independent of each other.
+
+use std::ops::ControlFlow;
+
+use bonemill_geometry::{Grid, Point, Work};
+
+use crate::sweep::Rows;
+
+/// T of a voxel that no move covers.
+pub const NEVER: u32 = u32::MAX;
+
+/// T(x) for every voxel of the work grid, target or not.
+#[derive(Debug, Clone)]
+pub struct RemovalTime {
+    rows: Rows,
+    time: Vec<u32>,
+}
+
+impl RemovalTime {
+    /// Nothing removed yet.
+    pub fn new(grid: &Grid<Work>) -> Self {
+        Self { rows: Rows::of(grid), time: vec![NEVER; grid.len()] }
+    }
+
+    /// T per voxel, x-fastest; [`NEVER`] where no move came.
+    pub fn time(&self) -> &[u32] {
+        &self.time
+    }
+
+    /// Whether some move covered the voxel.
+    pub fn is_removed(&self, voxel: usize) -> bool {
+        self.time[voxel] != NEVER
+    }
+
+    /// Move `index` sweeps the burr from `a` to `b`; `removed` is told each voxel it covers first.
+    pub fn sweep(
+        &mut self,
+        a: Point<Work>,
+        b: Point<Work>,
+        radius_mm: f64,
+        index: u32,
+        mut removed: impl FnMut(usize),
+    ) {
+        let time = &mut self.time;
+        let _ = self.rows.within_capsule(a, b, radius_mm, |run| {
+            for voxel in run {
+                if time[voxel] == NEVER {
+                    time[voxel] = index;
+                    removed(voxel);
+                }
+            }
+            ControlFlow::Continue(())
+        });
+    }
+
+    /// How many voxels for which `counts` holds the sweep a–b would still remove, up to `enough`.
+    pub fn would_remove(
+        &self,
+        a: Point<Work>,
+        b: Point<Work>,
+        radius_mm: f64,
+        enough: usize,
+        counts: impl Fn(usize) -> bool,
+    ) -> usize {
+        let mut found = 0;
+        let _ = self.rows.within_capsule(a, b, radius_mm, |run| {
+            for voxel in run {
+                if self.time[voxel] == NEVER && counts(voxel) {
+                    found += 1;
+                    if found >= enough {
+                        return ControlFlow::Break(());
+                    }
+                }
+            }
+            ControlFlow::Continue(())
+        });
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn grid() -> Grid<Work> {
+        Grid::aligned([30, 28, 26], 0.25, Point::new(0.0, 0.0, 0.0)).unwrap()
+    }
+
+    fn field(path: &[[f64; 3]]) -> RemovalTime {
+        let mut field = RemovalTime::new(&grid());
+        let at = |n: usize| Point::from_coords(path[n].into());
+        for n in 0..path.len() {
+            field.sweep(at(n.saturating_sub(1)), at(n), 1.1, n as u32, |_| ());
+        }
+        field
+    }
+
+    proptest! {
+        /// The same moves in another order remove the same voxels: only their times change.
+        #[test]
+        fn what_is_removed_does_not_depend_on_the_order(path in prop::collection::vec(prop::array::uniform3(0.0f64..7.0), 2..12)) {
+            let there = field(&path);
+            let back = field(&path.iter().rev().copied().collect::<Vec<_>>());
+            for voxel in 0..grid().len() {
+                prop_assert_eq!(there.is_removed(voxel), back.is_removed(voxel));
+            }
+        }
+
+        /// A longer path never gives bone back, nor changes when the earlier part went.
+        #[test]
+        fn removal_is_monotone(path in prop::collection::vec(prop::array::uniform3(0.0f64..7.0), 3..12)) {
+            let whole = field(&path);
+            let part = field(&path[..path.len() - 1]);
+            for (w, p) in whole.time().iter().zip(part.time()) {
+                prop_assert!(w == p || (*p == NEVER && *w as usize == path.len() - 1));
+            }
+        }
+    }
+
+    #[test]
+    fn each_voxel_is_told_once_and_counts_agree() {
+        let mut f = RemovalTime::new(&grid());
+        let (a, b) = (Point::new(1.0, 2.0, 3.0), Point::new(5.0, 4.0, 2.0));
+        let expected = f.would_remove(a, b, 1.3, usize::MAX, |_| true);
+        let mut told = 0;
+        f.sweep(a, b, 1.3, 7, |_| told += 1);
+        assert!(told == expected && told > 1000);
+        assert_eq!(f.would_remove(a, b, 1.3, usize::MAX, |_| true), 0);
+        assert_eq!(f.time().iter().filter(|t| **t == 7).count(), told);
+    }
+}

@@ -1,0 +1,247 @@
+//! `report.html`: what a surgeon-researcher looks at first, in one file that needs no network.
+//!
+//! Pure text from a [`Plan`]; nothing in it depends on when or where it was made, so equal plans give equal pages.
+
+mod chart;
+mod slices;
+
+use std::fmt::Write;
+
+use chart::{Level, Series, chart};
+
+use crate::case::Registration;
+use crate::pipeline::{Plan, Volumes};
+use crate::plan::Waypoint;
+
+const STYLE: &str = include_str!("style.css");
+
+/// The whole page.
+pub fn html(plan: &Plan) -> String {
+    let mut page = format!(
+        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>Milling plan</title>\
+         <style>{STYLE}</style></head><body><main><h1>Milling plan</h1>\
+         <p class=\"note\">bonemill {}. Research software: not a medical device, not for use on patients.</p>",
+        env!("CARGO_PKG_VERSION")
+    );
+    page.push_str(&verdict(plan));
+    page.push_str(&cards(plan));
+    page.push_str("<h2>Path over the CT</h2>");
+    page.push_str(&legend(plan));
+    let _ = write!(page, "<div class=\"slices\">{}</div>", slices::slices(plan));
+    page.push_str("<h2>Along the path</h2>");
+    page.push_str(&charts(plan));
+    page.push_str("<h2>Coverage</h2>");
+    page.push_str(&coverage(plan));
+    page.push_str("<h2>Structures</h2>");
+    page.push_str(&structures(plan));
+    page.push_str("<h2>What was modelled</h2>");
+    page.push_str(&modelled(plan));
+    page.push_str("<h2>Inputs</h2>");
+    page.push_str(&inputs(plan));
+    let _ = write!(
+        page,
+        "<h2>Case, with every default</h2><details><summary>show</summary><pre>{}</pre></details></main></body></html>",
+        escape(&plan.case.to_toml())
+    );
+    page
+}
+
+fn verdict(plan: &Plan) -> String {
+    let mut text = if plan.shortfalls.is_empty() {
+        "<p class=\"verdict good\">The plan meets its case.</p>".to_owned()
+    } else {
+        let reasons: String = plan.shortfalls.iter().map(|r| format!("<li>{}</li>", escape(r))).collect();
+        format!("<div class=\"verdict bad\">The plan falls short:<ul>{reasons}</ul></div>")
+    };
+    if plan.case.robot.base_from_ct == Registration::Assumed {
+        text.push_str(
+            "<p class=\"verdict warn\">No registration in the case: the arm's place is assumed (target's centre at the \
+             base's origin). The trajectory is not for a real set-up.</p>",
+        );
+    }
+    for warning in &plan.warnings {
+        let _ = write!(text, "<p class=\"verdict warn\">{}</p>", escape(warning));
+    }
+    text
+}
+
+fn cards(plan: &Plan) -> String {
+    let total_s = plan.law.duration_s();
+    let closest = plan
+        .figures
+        .structures
+        .iter()
+        .zip(&plan.case.structures)
+        .filter_map(|(found, s)| Some((found.least_distance_mm? - plan.case.burr.radius_mm, s)))
+        .min_by(|a, b| (a.0 - a.1.clearance_mm).total_cmp(&(b.0 - b.1.clearance_mm)));
+    let peak_toward = plan.figures.structures.iter().map(|s| s.peak_force_toward_n).fold(0.0, f64::max);
+    let mut cards = vec![
+        ("removed of what the burr can reach", format!("{:.1} %", 100.0 * plan.coverage.reached_share())),
+        ("removed of the target", format!("{:.1} %", share(plan.coverage.removed.all_mm3, plan.coverage.target.all_mm3))),
+        ("total time", format!("{:.0} min {:02.0} s", (total_s / 60.0).floor(), (total_s % 60.0).floor())),
+        ("peak force", format!("{:.2} N", plan.figures.peak_force_n)),
+        ("peak force toward a structure", format!("{peak_toward:.2} N")),
+    ];
+    if let Some((margin, structure)) = closest {
+        let name = escape(&structure.name);
+        cards.insert(2, ("smallest distance from the burr's surface", format!("{margin:.2} mm <small>{name}, kept {} mm</small>", structure.clearance_mm)));
+    }
+    let items: String =
+        cards.into_iter().map(|(label, value)| format!("<div><b>{value}</b><span>{label}</span></div>")).collect();
+    format!("<div class=\"cards\">{items}</div>")
+}
+
+fn legend(plan: &Plan) -> String {
+    let chip = |colour: [u8; 3], name: &str| {
+        let [r, g, b] = colour;
+        format!("<span class=\"chip\"><i style=\"background:rgb({r},{g},{b})\"></i>{}</span>", escape(name))
+    };
+    let structures: String = plan
+        .case
+        .structures
+        .iter()
+        .enumerate()
+        .map(|(n, s)| chip(slices::PALETTE[n % slices::PALETTE.len()], &s.name))
+        .collect();
+    format!(
+        "<p class=\"legend\">{}{structures}<span class=\"chip\"><i class=\"cutkey\"></i>cuts within half a layer of the slice</span>\
+         <span class=\"chip\"><i class=\"linkkey\"></i>links and retracts there</span></p>",
+        chip([80, 255, 140], "target")
+    )
+}
+
+fn charts(plan: &Plan) -> String {
+    let over_time = |value: &dyn Fn(&Waypoint) -> Option<f64>| -> Vec<(f64, Option<f64>)> {
+        plan.waypoints.iter().map(|w| (w.time_s, value(w))).collect()
+    };
+    let one = |name, class, value: &dyn Fn(&Waypoint) -> Option<f64>| Series { name, class, points: over_time(value) };
+    let radius = plan.case.burr.radius_mm;
+    let mut charts = vec![
+        chart(
+            "Force",
+            "N",
+            &[
+                one("magnitude", "line-a", &|w| Some(w.force_n.map_or(0.0, |f| f.norm()))),
+                one("toward the nearest structure", "line-b", &|w| Some(w.force_toward_n.unwrap_or(0.0))),
+            ],
+            &[],
+        ),
+        chart("Speed cap", "mm/s", &[one("speed", "line-a", &|w| Some(w.speed_mm_s))], &[]),
+        chart("Mass ahead of the burr", "mg", &[one("mass", "line-a", &|w| Some(w.mass_mg))], &[]),
+    ];
+    if !plan.case.structures.is_empty() {
+        let least = plan.case.structures.iter().map(|s| s.clearance_mm).fold(f64::INFINITY, f64::min);
+        charts.push(chart(
+            "Distance from the burr's surface to the structure that matters",
+            "mm",
+            &[one("distance", "line-a", &|w| w.distance_mm.map(|d| d - radius))],
+            &[Level { name: "smallest clearance", value: least }],
+        ));
+    }
+    charts.push(chart("Tilt from the approach", "°", &[one("tilt", "line-a", &|w| Some(tilt_deg(w)))], &[]));
+    charts.concat()
+}
+
+/// Angle between shaft and approach, degrees: cos = cos θ cos φ.
+fn tilt_deg(waypoint: &Waypoint) -> f64 {
+    (waypoint.theta_rad.cos() * waypoint.phi_rad.cos()).clamp(-1.0, 1.0).acos().to_degrees()
+}
+
+fn share(part: f64, whole: f64) -> f64 {
+    if whole > 0.0 { 100.0 * part / whole } else { 0.0 }
+}
+
+fn coverage(plan: &Plan) -> String {
+    let c = &plan.coverage;
+    let row = |name: &str, v: &Volumes| {
+        format!(
+            "<tr><th>{name}</th><td>{:.1}</td><td>{:.1}</td><td>{:.1}</td><td>{:.1} %</td></tr>",
+            v.all_mm3,
+            v.material_mm3,
+            v.bone_mm3,
+            share(v.all_mm3, c.target.all_mm3)
+        )
+    };
+    let mut kept: Vec<(String, f64)> = plan
+        .case
+        .structures
+        .iter()
+        .zip(&c.kept_by_structure_mm3)
+        .map(|(s, v)| (format!("clearance of {}", escape(&s.name)), *v))
+        .collect();
+    kept.push(("bone around it: corners and ledges that the ball does not fit into".into(), c.kept_by_bone_mm3));
+    kept.push(("left by the path's spacing, the shank or the tilt limit".into(), (c.reachable.all_mm3 - c.removed_reachable.all_mm3).max(0.0)));
+    let kept: String = kept
+        .into_iter()
+        .filter(|(_, v)| *v > 0.0)
+        .map(|(why, v)| format!("<tr><th>{why}</th><td>{v:.1}</td><td>{:.1} %</td></tr>", share(v, c.target.all_mm3)))
+        .collect();
+    format!(
+        "<div class=\"wide\"><table><thead><tr><th></th><th>all [mm³]</th><th>above air [mm³]</th><th>bone [mm³]</th><th>of the target</th></tr></thead><tbody>{}{}{}</tbody></table>\
+         <table><thead><tr><th>Why the rest stays</th><th>[mm³]</th><th>of the target</th></tr></thead><tbody>{kept}</tbody></table></div>\
+         <p>Untargeted bone taken: {:.1} mm³ of sheets thinner than the band of {:.2} mm (partial volume), {:.1} mm³ of anything thicker.</p>",
+        row("target", &c.target),
+        row("reachable by the ball under the clearances", &c.reachable),
+        row("removed", &c.removed),
+        c.thin_bone_removed_mm3,
+        plan.scene.band_mm,
+        c.obstacle_removed_mm3,
+    )
+}
+
+fn structures(plan: &Plan) -> String {
+    let rows: String = plan
+        .case
+        .structures
+        .iter()
+        .zip(&plan.figures.structures)
+        .map(|(s, found)| {
+            let distance = found.least_distance_mm.map_or("never the nearest".into(), |d| {
+                format!("{:.2}", d - plan.case.burr.radius_mm)
+            });
+            format!(
+                "<tr><th>{}</th><td>{:.2}</td><td>{distance}</td><td>{:.3}</td></tr>",
+                escape(&s.name),
+                s.clearance_mm,
+                found.peak_force_toward_n
+            )
+        })
+        .collect();
+    format!(
+        "<div class=\"wide\"><table><thead><tr><th></th><th>clearance [mm]</th><th>least distance of the burr's surface [mm]</th>\
+         <th>peak force toward it [N]</th></tr></thead><tbody>{rows}</tbody></table></div>"
+    )
+}
+
+fn modelled(plan: &Plan) -> String {
+    let m = &plan.modelled;
+    let mut rows = vec![
+        ("waypoints".to_owned(), m.waypoints.to_string()),
+        ("of these, removing material".into(), m.cutting.to_string()),
+        ("orientation cost with the cutting force".into(), m.cost_with_force.to_string()),
+        ("orientation cost in closed form (α₁ below 0.001: the force cannot change the choice)".into(), m.cost_closed_form.to_string()),
+        ("milling layers".into(), m.layers.to_string()),
+        ("raster lines, angle from work x".into(), format!("{:.1}°", m.raster_rad.to_degrees())),
+        ("waypoints at which the low-pass was held at a free angle".into(), m.low_pass_held.to_string()),
+        ("compliance of the arm".into(), if plan.case.robot.joint_stiffness.is_some() { "D10".into() } else { "not modelled: no stiffness in the case".into() }),
+        ("CT affine".into(), escape(&plan.affines[0].to_string())),
+        ("label affine".into(), escape(&plan.affines[1].to_string())),
+    ];
+    rows.extend(m.dropped.iter().map(|(why, n)| (format!("waypoints dropped: {why}"), n.to_string())));
+    let rows: String = rows.into_iter().map(|(k, v)| format!("<tr><th>{k}</th><td>{v}</td></tr>")).collect();
+    format!("<div class=\"wide\"><table><tbody>{rows}</tbody></table></div>")
+}
+
+fn inputs(plan: &Plan) -> String {
+    let row = |(name, _, digest): &(String, std::path::PathBuf, crate::plan::Sha256)| {
+        format!("<tr><th>{}</th><td><code>{digest}</code></td></tr>", escape(name))
+    };
+    let rows: String = plan.inputs.iter().map(row).collect();
+    format!("<div class=\"wide\"><table><thead><tr><th>file</th><th>SHA-256</th></tr></thead><tbody>{rows}</tbody></table></div>")
+}
+
+/// Text for HTML.
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

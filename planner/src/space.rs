@@ -1,0 +1,178 @@
+//! Where the burr's centre may be: free of obstacle bone, away from structures, and connected to the outside.
+//!
+//! A ball of radius r at c is clear when no obstacle voxel centre lies in it and every structure is at least its
+//! clearance away from its surface. Distances to obstacles come from their field on the grid (trilinear: for a field
+//! that is convex towards each voxel the error is below h²·3/(8r), 0.02 mm at the default); distances to structures are
+//! exact wherever the field's bounds leave a doubt. What the trajectory may deviate from its waypoints is added.
+
+use bonemill_geometry::{Grid, Point, Volume, Work};
+use bonemill_imaging::{Class, ImageError, Scene, distance_within};
+use rayon::prelude::*;
+
+use crate::sweep::Rows;
+
+/// Added to every structure's clearance, mm: how far the trajectory may cut a corner between waypoints, and the sag of
+/// a chord between two waypoints around a structure's edge.
+pub const TRAJECTORY_TOLERANCE_MM: f64 = 0.025;
+
+/// Free space of the burr's centre.
+#[derive(Debug)]
+pub struct BurrSpace<'a> {
+    scene: &'a Scene,
+    radius_mm: f64,
+    /// Least distance of the centre from each structure, mm.
+    keep_mm: Vec<f64>,
+    /// Grid nodes that are clear and connected to the outside along the approach.
+    connected: Vec<bool>,
+    /// Target voxels that a ball at some connected node covers.
+    reachable: Vec<bool>,
+}
+
+impl<'a> BurrSpace<'a> {
+    /// Free space for a burr of `radius_mm` with one clearance per structure of the scene.
+    ///
+    /// # Errors
+    /// When a distance field cannot be made.
+    pub fn new(scene: &'a Scene, radius_mm: f64, clearances_mm: &[f64]) -> Result<Self, ImageError> {
+        let keep_mm = clearances_mm.iter().map(|c| radius_mm + c + TRAJECTORY_TOLERANCE_MM).collect();
+        let mut space = Self { scene, radius_mm, keep_mm, connected: Vec::new(), reachable: Vec::new() };
+        let clear = space.clear_nodes();
+        space.connected = connected_to_top(space.grid(), clear);
+        space.reachable = space.covered_target()?;
+        Ok(space)
+    }
+
+    /// The work grid.
+    pub fn grid(&self) -> &Grid<Work> {
+        self.scene.class.grid()
+    }
+
+    /// The scene it belongs to.
+    pub fn scene(&self) -> &Scene {
+        self.scene
+    }
+
+    /// The burr, mm.
+    pub fn radius_mm(&self) -> f64 {
+        self.radius_mm
+    }
+
+    /// Least distance of the burr's centre from each structure, mm.
+    pub fn keep_mm(&self) -> &[f64] {
+        &self.keep_mm
+    }
+
+    /// Nodes where the centre may be and can come from the outside.
+    pub fn connected(&self) -> &[bool] {
+        &self.connected
+    }
+
+    /// Target voxels that the ball can reach: the opening of target and free space, connected to the outside.
+    pub fn reachable(&self) -> &[bool] {
+        &self.reachable
+    }
+
+    /// The structure that forbids the centre to be at `p`, if one does.
+    pub fn blocking_structure(&self, p: Point<Work>) -> Option<usize> {
+        let p_ct = self.scene.ct_from_work * p;
+        self.scene.structures.iter().zip(&self.keep_mm).position(|(structure, keep)| {
+            structure.field.as_ref().is_some_and(|field| field.is_nearer_than(p_ct, *keep))
+        })
+    }
+
+    /// Whether obstacle bone forbids the centre to be at `p`.
+    pub fn blocked_by_bone(&self, p: Point<Work>) -> bool {
+        let obstacle_mm = self.scene.obstacle_mm.as_ref();
+        obstacle_mm.is_some_and(|distance_mm| distance_mm.trilinear(p, 0.0) < self.radius_mm - 1e-5)
+    }
+
+    /// Whether the whole ball at `p` lies in the grid, where everything is known.
+    pub fn is_inside(&self, p: Point<Work>) -> bool {
+        let [nx, ny, nz] = self.grid().dims();
+        let c = self.grid().continuous_index(p);
+        let reach = self.radius_mm / self.grid().spacing_mm().x;
+        [nx, ny, nz].iter().zip(c).all(|(n, c)| c >= reach && c <= (n - 1) as f64 - reach)
+    }
+
+    /// Whether the burr may be at `p`.
+    pub fn is_clear(&self, p: Point<Work>) -> bool {
+        self.is_inside(p) && !self.blocked_by_bone(p) && self.blocking_structure(p).is_none()
+    }
+
+    /// Whether the burr may be at `p` and the nearest node is connected to the outside.
+    pub fn is_open(&self, p: Point<Work>) -> bool {
+        self.grid().nearest(p).is_some_and(|v| self.near_connected(v)) && self.is_clear(p)
+    }
+
+    /// Whether the straight move a–b stays clear, tested every `step_mm` and at b.
+    pub fn is_move_clear(&self, a: Point<Work>, b: Point<Work>, step_mm: f64) -> bool {
+        let pieces = (a.distance_mm(&b) / step_mm).ceil().max(1.0) as usize;
+        (1..=pieces).all(|n| self.is_clear(a + (b - a) * (n as f64 / pieces as f64)))
+    }
+
+    /// Whether a connected node lies within one voxel; a point between nodes need not have a connected nearest node.
+    fn near_connected(&self, [i, j, k]: [usize; 3]) -> bool {
+        let [nx, ny, nz] = self.grid().dims();
+        let around = |v: usize, n: usize| v.saturating_sub(1)..(v + 2).min(n);
+        around(k, nz).any(|k| {
+            around(j, ny).any(|j| around(i, nx).any(|i| self.connected[i + nx * (j + ny * k)]))
+        })
+    }
+
+    fn clear_nodes(&self) -> Vec<bool> {
+        let grid = self.grid();
+        (0..grid.len()).into_par_iter().with_min_len(4096).map(|n| self.is_clear(grid.center(grid.voxel(n)))).collect()
+    }
+
+    fn covered_target(&self) -> Result<Vec<bool>, ImageError> {
+        let centers = Volume::new(self.grid().clone(), self.connected.clone())?;
+        let class = self.scene.class.data();
+        let limit_mm = self.radius_mm + self.grid().diagonal_mm();
+        Ok(match distance_within(&centers, limit_mm)? {
+            None => vec![false; class.len()],
+            Some(distance_mm) => distance_mm
+                .data()
+                .iter()
+                .zip(class)
+                .map(|(d, c)| c.is(Class::TARGET) && f64::from(*d) <= self.radius_mm + 1e-5)
+                .collect(),
+        })
+    }
+
+    /// Rows of the work grid.
+    pub fn rows(&self) -> Rows {
+        Rows::of(self.grid())
+    }
+}
+
+/// The clear nodes that a 6-connected walk reaches from the topmost clear slab.
+///
+/// The walk starts in the highest slab in which any node is clear: above it the ball leaves the grid.
+fn connected_to_top(grid: &Grid<Work>, clear: Vec<bool>) -> Vec<bool> {
+    let [nx, ny, nz] = grid.dims();
+    let slab = nx * ny;
+    let mut reached = vec![false; clear.len()];
+    let Some(top) = (0..nz).rev().find(|k| clear[k * slab..(k + 1) * slab].contains(&true)) else {
+        return reached;
+    };
+    let mut open: Vec<usize> = (top * slab..(top + 1) * slab).filter(|n| clear[*n]).collect();
+    open.iter().for_each(|n| reached[*n] = true);
+    while let Some(n) = open.pop() {
+        let [i, j, k] = grid.voxel(n);
+        let neighbours = [
+            (i > 0).then(|| n - 1),
+            (i + 1 < nx).then(|| n + 1),
+            (j > 0).then(|| n - nx),
+            (j + 1 < ny).then(|| n + nx),
+            (k > 0).then(|| n - slab),
+            (k + 1 < nz).then(|| n + slab),
+        ];
+        for next in neighbours.into_iter().flatten() {
+            if clear[next] && !reached[next] {
+                reached[next] = true;
+                open.push(next);
+            }
+        }
+    }
+    reached
+}
