@@ -13,6 +13,7 @@ mod hounsfield;
 mod names;
 mod read;
 mod resample;
+mod structures;
 mod write;
 
 pub use affine::{
@@ -25,4 +26,5 @@ pub use hounsfield::{GreyKind, GreyRange, looks_like_hu};
 pub use names::{LabelNames, LabelNamesProblem, read_label_names};
 pub use read::{Image, ReadWarning, read_ct, read_labels};
 pub use resample::{AIR_HU, resample_density, resample_hu, resample_hu_and_density, resample_nearest};
+pub use structures::{Region, StructureField};
 pub use write::{write_ct_i16, write_labels_u8};
