@@ -78,6 +78,18 @@ pub enum ImageError {
         /// The labels in the map without 0, ascending, at most 64.
         present: Vec<u16>,
     },
+    /// A region is no box.
+    #[error(
+        "region from {min_mm:?} to {max_mm:?} mm, reach {reach_mm} mm: expected finite, ordered corners and a reach of at least 0"
+    )]
+    Region {
+        /// Smallest coordinates, mm.
+        min_mm: [f64; 3],
+        /// Largest coordinates, mm.
+        max_mm: [f64; 3],
+        /// Reach, mm.
+        reach_mm: f64,
+    },
     /// A grid has more voxels than 32-bit voxel numbers can name.
     #[error("a grid of {voxels} voxels; expected at most {} for a distance field", u32::MAX)]
     TooManyVoxels {

@@ -14,6 +14,8 @@ mod names;
 pub mod phantom;
 mod read;
 mod resample;
+pub mod scene;
+mod structures;
 pub mod surface;
 mod write;
 
@@ -27,4 +29,8 @@ pub use hounsfield::{GreyKind, GreyRange, looks_like_hu};
 pub use names::{LabelNames, LabelNamesProblem, read_label_names};
 pub use read::{Image, ReadWarning, read_ct, read_labels};
 pub use resample::{AIR_HU, resample_density, resample_hu, resample_hu_and_density, resample_nearest};
+pub use scene::{
+    Class, FarObstacles, Scene, SceneError, SceneSpec, SceneStructure, TargetShape, build_scene,
+};
+pub use structures::{Region, StructureField};
 pub use write::{write_ct_i16, write_labels_u8};

@@ -11,8 +11,30 @@
 //! place of the divisions and unpredictable branches of a parabola stack (Felzenszwalb and Huttenlocher 2012).
 //! On equal sums the first site wins.
 
+use std::ops::Range;
+
 /// Lines solved at once.
 pub(super) const LANES: usize = 16;
+
+/// Equally spaced places along an axis, in voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Places {
+    pub first: usize,
+    pub step: usize,
+    pub count: usize,
+}
+
+impl Places {
+    /// Every place of a range.
+    pub fn all(range: Range<usize>) -> Self {
+        Self { first: range.start, step: 1, count: range.len() }
+    }
+
+    #[inline]
+    pub fn at(&self, n: usize) -> usize {
+        self.first + n * self.step
+    }
+}
 
 /// A value per line.
 pub(super) type Lanes = [f32; LANES];
@@ -45,14 +67,15 @@ impl Envelope {
         &mut self.costs
     }
 
-    /// Solves the places `first..first + count`; entry n of `best` and `site` is place `first + n`.
+    /// Solves `places`; entry n of `best` and `site` is for the n-th of them.
     /// `along[t]` is g(t), for every distance t between a site and a place.
-    pub fn solve(&mut self, first: usize, count: usize, along: &[f32]) {
+    pub fn solve(&mut self, places: Places, along: &[f32]) {
+        let Places { count, .. } = places;
         self.best.resize(count, [0.0; LANES]);
         self.site.resize(count, [0; LANES]);
         self.range.resize(count, [0; 2]);
         let last_site = self.places.len() - 1;
-        self.solve_place(0, first, [0, last_site], along);
+        self.solve_place(0, places.first, [0, last_site], along);
         // halve the stride: each new place lies between two solved ones, or behind the last
         let mut stride = count.next_power_of_two();
         while stride > 1 {
@@ -60,7 +83,7 @@ impl Envelope {
             for n in (half..count).step_by(stride) {
                 let lo = self.range[n - half][0] as usize;
                 let hi = self.range.get(n + half).map_or(last_site, |r| r[1] as usize);
-                self.solve_place(n, first + n, [lo, hi], along);
+                self.solve_place(n, places.at(n), [lo, hi], along);
             }
             stride = half;
         }

@@ -16,7 +16,8 @@ use bonemill_geometry::{Frame, Grid, Volume};
 use rayon::prelude::*;
 
 use crate::error::ImageError;
-use separable::{Problem, Solution};
+pub(crate) use envelope::Places;
+pub(crate) use separable::{Problem, Solution};
 
 /// The distance to the nearest voxel of a mask, and which voxel that is.
 #[derive(Debug, Clone)]
@@ -62,19 +63,18 @@ pub fn distance_within<F: Frame>(
     }
     let (dims, spacing) = (mask.grid().dims(), mask.grid().spacing_mm());
     let Some(sites) = bounding_box(mask.data(), dims, |v| v) else { return Ok(None) };
-    let out = std::array::from_fn(|a| {
+    let [ox, oy, oz] = std::array::from_fn(|a| {
         // at least this many voxels away is at least the bound away; the cast saturates
         let reach = (max_distance_mm / spacing[a]).ceil() as usize;
-        sites[a].start.saturating_sub(reach)..sites[a].end.saturating_add(reach).min(dims[a])
+        Places::all(sites[a].start.saturating_sub(reach)..sites[a].end.saturating_add(reach).min(dims[a]))
     });
     let (along, unit_mm) = euclidean(mask.grid());
-    let [ox, oy, oz] = out.clone();
-    let problem = Problem { values: mask.data(), dims, is_site: |v| v, sites, out, along };
+    let problem = Problem { values: mask.data(), dims, is_site: |v| v, sites, out: [ox, oy, oz], along };
     let Some(Solution { squared, .. }) = problem.solve(false) else { return Ok(None) };
     let mut bounded = Volume::filled(mask.grid().clone(), max_distance_mm as f32);
-    for (n, row) in squared.chunks_exact(ox.len()).enumerate() {
-        let (y, z) = (oy.start + n % oy.len(), oz.start + n / oy.len());
-        let start = ox.start + dims[0] * (y + dims[1] * z);
+    for (n, row) in squared.chunks_exact(ox.count).enumerate() {
+        let (y, z) = (oy.at(n % oy.count), oz.at(n / oy.count));
+        let start = ox.first + dims[0] * (y + dims[1] * z);
         for (out, squared) in bounded.data_mut()[start..].iter_mut().zip(row) {
             *out = (squared.sqrt() * unit_mm).min(*out);
         }
@@ -90,7 +90,8 @@ fn transform<T: Copy + Sync, F: Frame>(
     let dims = volume.grid().dims();
     let (along, unit_mm) = euclidean(volume.grid());
     let whole = dims.map(|d| 0..d);
-    let problem = Problem { values: volume.data(), dims, is_site, sites: whole.clone(), out: whole, along };
+    let out = whole.clone().map(Places::all);
+    let problem = Problem { values: volume.data(), dims, is_site, sites: whole, out, along };
     let Some(Solution { squared: mut distance, nearest }) = problem.solve(true) else { return Ok(None) };
     distance.par_chunks_mut(1 << 14).for_each(|part| part.iter_mut().for_each(|d| *d = d.sqrt() * unit_mm));
     let Ok(distance_mm) = Volume::new(volume.grid().clone(), distance) else { return Ok(None) };

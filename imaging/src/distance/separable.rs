@@ -7,10 +7,10 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::envelope::{Envelope, LANES};
+use super::envelope::{Envelope, LANES, Places};
 
 /// The transform's input: which voxels are sites, and what a distance costs.
-pub(super) struct Problem<'a, T, P> {
+pub(crate) struct Problem<'a, T, P> {
     /// Values of a whole volume, x-fastest.
     pub values: &'a [T],
     /// Its dimensions.
@@ -19,14 +19,14 @@ pub(super) struct Problem<'a, T, P> {
     pub is_site: P,
     /// The part of the volume in which sites count.
     pub sites: [Range<usize>; 3],
-    /// The part of the volume for which to answer; none of the ranges is empty.
-    pub out: [Range<usize>; 3],
+    /// The voxels for which to answer; at least one along each axis.
+    pub out: [Places; 3],
     /// The squared cost of t voxels along each axis, convex in t and smallest at 0; as long as the volume.
     pub along: [Vec<f32>; 3],
 }
 
 /// The answer for the voxels of [`Problem::out`], x-fastest.
-pub(super) struct Solution {
+pub(crate) struct Solution {
     /// Squared cost to the nearest site.
     pub squared: Vec<f32>,
     /// Memory index of the nearest site in the volume; empty when it was not asked for.
@@ -65,7 +65,7 @@ impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
             return None;
         }
         let places: Vec<usize> = slices.iter().map(|s| s.z).collect();
-        let [nx, ny, nz] = [0, 1, 2].map(|a| self.out[a].len());
+        let [nx, ny, nz] = self.out.map(|places| places.count);
         let mut squared = vec![0.0; nx * ny * nz];
         let mut nearest = vec![0; if with_nearest { squared.len() } else { 0 }];
         let squared_rows = rows_by_y(&mut squared, nx, ny);
@@ -80,7 +80,7 @@ impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
                     for (costs, slice) in envelope.costs_mut().iter_mut().zip(&slices) {
                         copy_padded(&slice.squared[at..at + width], costs);
                     }
-                    envelope.solve(self.out[2].start, nz, &self.along[2]);
+                    envelope.solve(self.out[2], &self.along[2]);
                     for (row, best) in squared.iter_mut().zip(&envelope.best) {
                         row[x..x + width].copy_from_slice(&best[..width]);
                     }
@@ -99,7 +99,7 @@ impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
     fn solve_slice(&self, z: usize, scratch: &mut Scratch) -> Option<Slice> {
         let Scratch { envelope, row_sites, rows, squared, nearest } = scratch;
         let [nx, ny, _] = self.dims;
-        let width = self.out[0].len();
+        let width = self.out[0].count;
         rows.clear();
         squared.clear();
         nearest.clear();
@@ -119,7 +119,7 @@ impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
         if rows.is_empty() {
             return None;
         }
-        let height = self.out[1].len();
+        let height = self.out[1].count;
         let mut slice = Slice { z, squared: vec![0.0; width * height], nearest: vec![0; width * height] };
         envelope.set_places(rows);
         for x in (0..width).step_by(LANES) {
@@ -127,7 +127,7 @@ impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
             for (costs, row) in envelope.costs_mut().iter_mut().zip(squared.chunks_exact(width)) {
                 copy_padded(&row[x..x + lanes], costs);
             }
-            envelope.solve(self.out[1].start, height, &self.along[1]);
+            envelope.solve(self.out[1], &self.along[1]);
             let solved = envelope.best.iter().zip(&envelope.site);
             let out = slice.squared.chunks_exact_mut(width).zip(slice.nearest.chunks_exact_mut(width));
             for ((best, site), (squared_row, nearest_row)) in solved.zip(out) {
@@ -142,17 +142,20 @@ impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
 
     /// Appends a row's cost and nearest site for the answer's x range. On equal distances the first site wins.
     fn solve_row(&self, start: u32, sites: &[u32], squared: &mut Vec<f32>, nearest: &mut Vec<u32>) {
-        let (mut x, end) = (self.out[0].start as u32, self.out[0].end as u32);
-        let along = &self.along[0];
+        let (out, along) = (self.out[0], &self.along[0]);
+        let mut done = 0;
         for (n, &site) in sites.iter().enumerate() {
-            // nearer to this one than to the next, or as near
-            let until = sites.get(n + 1).map_or(end, |next| (site + next) / 2 + 1).min(end);
-            if until <= x {
+            // places nearer to this one than to the next, or as near
+            let until = sites.get(n + 1).map_or(out.count, |next| {
+                let first_beyond = (site + next) as usize / 2 + 1;
+                first_beyond.saturating_sub(out.first).div_ceil(out.step).min(out.count)
+            });
+            if until <= done {
                 continue;
             }
-            squared.extend((x..until).map(|x| along[x.abs_diff(site) as usize]));
-            nearest.extend((x..until).map(|_| start + site));
-            x = until;
+            squared.extend((done..until).map(|n| along[out.at(n).abs_diff(site as usize)]));
+            nearest.extend((done..until).map(|_| start + site));
+            done = until;
         }
     }
 }

@@ -43,7 +43,7 @@ fn scatter(seed: u64, one_in: u64) -> impl FnMut(usize) -> bool {
     move |n| {
         let mut h = (n as u64 ^ seed).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         h = (h ^ (h >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        (h ^ (h >> 32)) % one_in == 0
+        (h ^ (h >> 32)).is_multiple_of(one_in)
     }
 }
 
