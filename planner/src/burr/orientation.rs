@@ -5,14 +5,20 @@
 //! a lattice that knows the feed but not the shaft, and only the samples in bone are kept; an axis then costs a few
 //! multiplications per sample.
 //!
-//! The lattice is a sunflower on the disc across the feed, lifted to the front hemisphere: each sample stands for the same
-//! Σ t dA, so the weights of the cutting term are equal where the bone is. With an edge term, whose weight does not vanish at
-//! grazing, the lattice is uniform in area instead.
+//! Bone ends in edges, which no smooth rule sees well; so many directions look for bone, and each few neighbours that hit it
+//! are merged into one sample, at their mean: what the axis does to the sum is smooth at that scale, away from the poles.
 //!
-//! Near the poles of the shaft the integrands 1/sin κ (vectors) and 1/sin κ (scalars, db) are singular but integrable: a sample
-//! within its own cell's radius of a pole takes the mean over its cell (see [`cell_mean_vector`], [`cell_mean_scalar`]).
-//! The cut-off at the neck fades over one cell, so that the force is continuous in the axis.
+//! The lattice is a sunflower about the feed, uniform in area over the front hemisphere. Lattices that crowd where chips are
+//! thick do no better: the poles of the shaft, where the sum is most delicate, mostly lie across the feed, at the rim.
+//!
+//! Near those poles the integrands (a×n)/sin²κ and 1/sin κ of db are singular but integrable: the directions that made a
+//! merged sample come back, and one within its own cell's radius of a pole takes the mean over its cell (see
+//! [`cell_mean_vector`], [`cell_mean_scalar`]). The cut-off at the neck fades over one cell. So the force is continuous in the axis
+//! but for steps, below the lattice's own error, where directions come back.
 //! A helix changes only the edge term; the sampling offset is the caller's.
+//!
+//! Measured against 512 × 1024 nodes on 54 scenes of porous voxel bone with sharp earlier passes, db, relative to |F|: at the
+//! default q50 2.4e-3, q75 4.2e-3, q99 7e-3, max 1e-2; the sum over 64 × 128 nodes has 2.2e-3, 3.7e-3, 8e-3, 9e-3 there.
 
 use std::f64::consts::PI;
 
@@ -26,6 +32,8 @@ use super::kernel::EngagedForce;
 const GOLDEN_ANGLE_RAD: f64 = 2.399_963_229_728_653;
 /// Samples are stored and summed in lanes of this many: a width that every SIMD set divides.
 const LANES: usize = 8;
+/// Within this many cell radii of a pole of the shaft, merged samples give way to the directions they were made of.
+const NEAR_POLE: f64 = 3.0;
 
 /// The sampling of one tool, material and measure.
 #[derive(Debug, Clone)]
@@ -33,23 +41,29 @@ pub struct OrientationKernel {
     tool: Tool,
     material: Material,
     measure: Measure,
-    /// Front hemisphere about +z, unit normals.
+    /// Front hemisphere about +z, unit normals; every `merged` in turn are neighbours.
     directions: Vec<Vector3<f64>>,
-    /// dA/r² = 2π/M (uniform) or π/(M n·v) (cosine).
-    uniform: bool,
+    merged: usize,
 }
 
 /// The samples of one waypoint that lie in bone, in lanes of `f32`: the sum's error is that of the lattice, 1e-3, not of
 /// its arithmetic, 1e-6.
 #[derive(Debug, Clone, Default)]
 pub struct EngagedSamples {
-    lanes: Vec<Lane>,
+    /// Merged samples. Neighbours in the list are neighbours on the sphere.
+    merged: Vec<Lane>,
+    /// Every direction in bone; those of `merged[i]` end before `fine[end_fine[i]]`. Empty if none are merged.
+    fine: Vec<Lane>,
+    end_fine: Vec<usize>,
+    /// Samples in the last lane of each list.
+    filled: usize,
+    fine_filled: usize,
     count: usize,
     mrr_mm2: f64,
     weighted_mrr_mm2: f64,
 }
 
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct Lane {
     normal: [[f32; LANES]; 3],
     /// w (n·v) dA/r², and E w dA/r².
@@ -57,10 +71,45 @@ struct Lane {
     edge: [f32; LANES],
     /// Square of the cell's radius, rad².
     cell2: [f32; LANES],
+    /// A shaft with (a·center)² above `near` has its pole within [`NEAR_POLE`] cells of the lane.
+    center: [f32; 3],
+    near: f32,
+}
+
+impl Lane {
+    /// What stays empty weighs nothing; its cell keeps divisions finite. Near nothing.
+    const EMPTY: Self = Self {
+        normal: [[0.0; LANES]; 3],
+        cut: [0.0; LANES],
+        edge: [0.0; LANES],
+        cell2: [1.0; LANES],
+        center: [0.0; 3],
+        near: 2.0,
+    };
+
+    fn set(&mut self, at: usize, sample: &Sample) {
+        let n = sample.normal.normalize();
+        for a in 0..3 {
+            self.normal[a][at] = n[a] as f32;
+        }
+        self.cut[at] = sample.cut as f32;
+        self.edge[at] = sample.edge as f32;
+        self.cell2[at] = (sample.area / PI) as f32;
+    }
+
+    /// Sets the circle within which a pole is near.
+    fn close(&mut self, filled: usize) {
+        let n = |l: usize| Vector3::from_fn(|a, _| f64::from(self.normal[a][l]));
+        let center = (0..filled).map(n).sum::<Vector3<f64>>().normalize();
+        let reach = |l: usize| center.angle(&n(l)) + NEAR_POLE * f64::from(self.cell2[l]).sqrt();
+        let reach = (0..filled).map(reach).fold(0.0, f64::max);
+        self.center = center.map(|c| c as f32).into();
+        self.near = if reach < 0.5 * PI { reach.cos().powi(2) as f32 } else { -1.0 };
+    }
 }
 
 impl EngagedSamples {
-    /// Samples in bone.
+    /// Samples of the sum.
     pub fn len(&self) -> usize {
         self.count
     }
@@ -81,24 +130,109 @@ impl EngagedSamples {
     }
 
     fn clear(&mut self) {
-        self.lanes.clear();
-        (self.count, self.mrr_mm2, self.weighted_mrr_mm2) = (0, 0.0, 0.0);
+        self.merged.clear();
+        self.fine.clear();
+        self.end_fine.clear();
+        (self.filled, self.fine_filled, self.count) = (LANES, LANES, 0);
+        (self.mrr_mm2, self.weighted_mrr_mm2) = (0.0, 0.0);
     }
 
-    fn push(&mut self, n: &Vector3<f64>, cut: f64, edge: f64, cell2: f64) {
-        let at = self.count % LANES;
-        if at == 0 {
-            // what stays empty weighs nothing, and its cell keeps the division finite
-            self.lanes.push(Lane { cell2: [1.0; LANES], ..Lane::default() });
-        }
-        if let Some(lane) = self.lanes.last_mut() {
-            for a in 0..3 {
-                lane.normal[a][at] = n[a] as f32;
-            }
-            (lane.cut[at], lane.edge[at], lane.cell2[at]) = (cut as f32, edge as f32, cell2 as f32);
-            self.count += 1;
+    /// Adds a direction in bone to the lane of fine ones.
+    fn push_fine(&mut self, sample: &Sample) {
+        push(&mut self.fine, &mut self.fine_filled, sample);
+    }
+
+    /// Adds a merged sample, after its fine ones.
+    fn push(&mut self, sample: &Sample) {
+        push(&mut self.merged, &mut self.filled, sample);
+        self.count += 1;
+        if self.filled == LANES {
+            self.close_lane();
         }
     }
+
+    /// The next merged sample and the next fine one begin new lanes.
+    fn close_lane(&mut self) {
+        if let Some(lane) = self.merged.last_mut()
+            && !self.fine.is_empty()
+        {
+            lane.close(self.filled);
+            self.end_fine.push(self.fine.len());
+            self.fine_filled = LANES;
+        }
+        self.filled = LANES;
+    }
+
+    fn finish(&mut self) {
+        if self.filled < LANES {
+            self.close_lane();
+        }
+    }
+
+    /// The fine lanes of merged lane `i`.
+    fn fine_of(&self, i: usize) -> &[Lane] {
+        let start = if i == 0 { 0 } else { self.end_fine[i - 1] };
+        &self.fine[start..self.end_fine[i]]
+    }
+}
+
+/// Puts a sample into the last lane, of which `filled` are taken, or into a new one.
+fn push(lanes: &mut Vec<Lane>, filled: &mut usize, sample: &Sample) {
+    if *filled == LANES {
+        lanes.push(Lane::EMPTY);
+        *filled = 0;
+    }
+    if let Some(lane) = lanes.last_mut() {
+        lane.set(*filled, sample);
+        *filled += 1;
+    }
+}
+
+/// A direction that lies in bone, or neighbouring ones as one.
+#[derive(Default)]
+struct Sample {
+    /// Sum of the normals by weight.
+    normal: Vector3<f64>,
+    /// w (n·v) dA/r², E w dA/r², (n·v) dA/r², dA/r².
+    cut: f64,
+    edge: f64,
+    swept: f64,
+    area: f64,
+}
+
+impl Sample {
+    #[inline]
+    fn one(n: &Vector3<f64>, w: f64, forward: f64, area: f64, edge_factor: f64) -> Self {
+        let cut = w * forward * area;
+        Self { normal: n * cut, cut, edge: edge_factor * w * area, swept: forward * area, area }
+    }
+
+    #[inline]
+    fn merge(&mut self, other: &Self) {
+        self.normal += other.normal;
+        self.cut += other.cut;
+        self.edge += other.edge;
+        self.swept += other.swept;
+        self.area += other.area;
+    }
+}
+
+/// Reorders directions so that each run of `size` is a compact patch: halving at the median across the wider extent.
+fn neighbours_together(directions: &mut [Vector3<f64>], size: usize) {
+    if directions.len() <= size {
+        return;
+    }
+    // whole patches on the left, so that runs of `size` from the front never straddle a cut
+    let middle = (directions.len().div_ceil(size) / 2) * size;
+    let extent = |axis: usize| {
+        let at = directions.iter().map(|d| d[axis]);
+        at.clone().fold(f64::NEG_INFINITY, f64::max) - at.fold(f64::INFINITY, f64::min)
+    };
+    let axis = if extent(0) >= extent(1) { 0 } else { 1 };
+    directions.select_nth_unstable_by(middle, |a, b| a[axis].total_cmp(&b[axis]));
+    let (left, right) = directions.split_at_mut(middle);
+    neighbours_together(left, size);
+    neighbours_together(right, size);
 }
 
 /// Σ q u, Σ q u n, Σ q u (a·n) n, with u the mean of 1/sin^p κ for the vectors, and Σ q s n with s for the radial term.
@@ -112,26 +246,24 @@ struct Sums {
 }
 
 impl OrientationKernel {
-    /// The default number of samples of the front hemisphere.
-    pub const DEFAULT_SAMPLES: usize = 1024;
+    /// Directions in which bone is looked for, by default.
+    pub const DEFAULT_SAMPLES: usize = 4096;
+    /// Neighbouring directions that make one sample, by default.
+    pub const DEFAULT_MERGED: usize = 8;
 
-    /// A lattice of `samples` over the front hemisphere (at least 16 are taken).
-    pub fn new(tool: &Tool, material: &Material, measure: Measure, samples: usize) -> Self {
-        let (uniform, m) = (material.has_edge(), samples.max(16));
+    /// A lattice of `samples` directions over the front hemisphere (at least 16), of which `merged` neighbours (at least 1)
+    /// make one sample of the sum: the edges of the bone are as sharp as all of them, the time per axis is that of the few.
+    pub fn new(tool: &Tool, material: &Material, measure: Measure, samples: usize, merged: usize) -> Self {
+        let (m, merged) = (samples.max(16), merged.max(1));
         let direction = |i: usize| {
-            let u = (i as f64 + 0.5) / m as f64;
-            let z = if uniform { 1.0 - u } else { (1.0 - u).sqrt() };
+            let z = 1.0 - (i as f64 + 0.5) / m as f64;
             let (s, c) = (i as f64 * GOLDEN_ANGLE_RAD).sin_cos();
             let across = (1.0 - z * z).sqrt();
             Vector3::new(across * c, across * s, z)
         };
-        Self {
-            tool: tool.clone(),
-            material: material.clone(),
-            measure,
-            directions: (0..m).map(direction).collect(),
-            uniform,
-        }
+        let mut directions: Vec<_> = (0..m).map(direction).collect();
+        neighbours_together(&mut directions, merged);
+        Self { tool: tool.clone(), material: material.clone(), measure, directions, merged }
     }
 
     /// Gathers the bone in front of the burr into `samples` (cleared first, so that one buffer serves a whole path).
@@ -149,19 +281,29 @@ impl OrientationKernel {
         samples.clear();
         let turn = basis::from_z(feed).into_inner();
         let tooth_mm = self.tool.feed_per_tooth_mm(nominal_mm_s, spindle_rpm);
-        let count = self.directions.len() as f64;
+        let area = 2.0 * PI / self.directions.len() as f64;
         let r2 = self.tool.radius_mm().powi(2);
-        for direction in &self.directions {
-            let (n, forward) = (turn * direction, direction.z);
-            let w = weight(&n);
-            if w > 0.0 {
-                let area = if self.uniform { 2.0 * PI / count } else { PI / (count * forward) };
-                let edge = self.material.edge_factor(forward * tooth_mm) * w * area;
-                samples.push(&n, w * forward * area, edge, area / PI);
-                samples.mrr_mm2 += forward * area * r2;
-                samples.weighted_mrr_mm2 += w * forward * area * r2;
+        for group in self.directions.chunks(self.merged) {
+            let mut sample = Sample::default();
+            for direction in group {
+                let (n, forward) = (turn * direction, direction.z);
+                let w = weight(&n);
+                if w > 0.0 {
+                    let fine =
+                        Sample::one(&n, w, forward, area, self.material.edge_factor(forward * tooth_mm));
+                    sample.merge(&fine);
+                    if self.merged > 1 {
+                        samples.push_fine(&fine);
+                    }
+                }
+            }
+            if sample.area > 0.0 {
+                samples.mrr_mm2 += sample.swept * r2;
+                samples.weighted_mrr_mm2 += sample.cut * r2;
+                samples.push(&sample);
             }
         }
+        samples.finish();
     }
 
     /// The force for a shaft `axis` (unit, burr to handpiece, in the frame of the samples).
@@ -214,7 +356,7 @@ impl OrientationKernel {
         (force, k_t * sums.torque * self.tool.radius_mm())
     }
 
-    /// The lanes' sums. `DB` chooses g = 1/sin κ; otherwise g = 1. `helix2` = tan²helix stretches the edge.
+    /// The sums over all samples. `DB` chooses g = 1/sin κ; otherwise g = 1. `helix2` = tan²helix stretches the edge.
     fn sum<const DB: bool>(
         &self,
         samples: &EngagedSamples,
@@ -222,52 +364,22 @@ impl OrientationKernel {
         helix2: f32,
         weight: impl Fn(&Lane) -> &[f32; LANES],
     ) -> Sums {
-        let [ax, ay, az] = [axis.x as f32, axis.y as f32, axis.z as f32];
+        let axis = [axis.x as f32, axis.y as f32, axis.z as f32];
         // a·n = −cos κ lies between these; they reach past ±1 where nothing is cut off
         let low =
             if self.tool.kappa_min_rad() > 0.0 { -self.tool.kappa_min_rad().cos() } else { -2.0 } as f32;
         let high = if self.tool.kappa_max_rad() < PI { -self.tool.kappa_max_rad().cos() } else { 2.0 } as f32;
-        let cut_off = low > -1.0 || high < 1.0;
+        let view = View { axis, low, high, cut_off: low > -1.0 || high < 1.0, helix2 };
         let mut acc = [[0f32; LANES]; 11];
-        for lane in &samples.lanes {
-            let q = weight(lane);
-            for l in 0..LANES {
-                let (nx, ny, nz) = (lane.normal[0][l], lane.normal[1][l], lane.normal[2][l]);
-                let d = ax * nx + ay * ny + az * nz;
-                let sin2 = (1.0 - d * d).max(0.0);
-                let cell2 = lane.cell2[l];
-                let mut q = q[l];
-                if cut_off {
-                    // per radian of κ, d changes by sin κ
-                    let cell = 2.0 * (sin2 * cell2).sqrt() + 1e-6;
-                    q *= ((high - d) / cell + 0.5).clamp(0.0, 1.0) * ((d - low) / cell + 0.5).clamp(0.0, 1.0);
+        for (i, lane) in samples.merged.iter().enumerate() {
+            let toward =
+                view.axis[0] * lane.center[0] + view.axis[1] * lane.center[1] + view.axis[2] * lane.center[2];
+            if toward * toward > lane.near {
+                for fine in samples.fine_of(i) {
+                    view.add::<DB>(&mut acc, fine, weight(fine));
                 }
-                if helix2 > 0.0 {
-                    q *= (1.0 + helix2 * sin2 * sin2).sqrt();
-                }
-                let (u, s, sin) = if DB {
-                    (cell_mean_vector(sin2, cell2), cell_mean_scalar(sin2, cell2), 1.0)
-                } else {
-                    let sin = sin2.max(1e-12).sqrt();
-                    (1.0 / sin, 1.0, sin)
-                };
-                let (qu, qs) = (q * u, q * s);
-                let terms = [
-                    qu,
-                    qu * nx,
-                    qu * ny,
-                    qu * nz,
-                    qu * d * nx,
-                    qu * d * ny,
-                    qu * d * nz,
-                    qs * nx,
-                    qs * ny,
-                    qs * nz,
-                    q * sin,
-                ];
-                for (sum, term) in acc.iter_mut().zip(terms) {
-                    sum[l] += term;
-                }
+            } else {
+                view.add::<DB>(&mut acc, lane, weight(lane));
             }
         }
         let total = acc.map(|lanes| lanes.iter().map(|&v| f64::from(v)).sum::<f64>());
@@ -277,6 +389,51 @@ impl OrientationKernel {
             twice: Vector3::new(total[4], total[5], total[6]),
             radial: Vector3::new(total[7], total[8], total[9]),
             torque: total[10],
+        }
+    }
+}
+
+/// A shaft and what it cuts off.
+struct View {
+    axis: [f32; 3],
+    low: f32,
+    high: f32,
+    cut_off: bool,
+    helix2: f32,
+}
+
+impl View {
+    /// Adds a lane's terms.
+    #[inline(always)]
+    fn add<const DB: bool>(&self, acc: &mut [[f32; LANES]; 11], lane: &Lane, weight: &[f32; LANES]) {
+        let [ax, ay, az] = self.axis;
+        for l in 0..LANES {
+            let (nx, ny, nz) = (lane.normal[0][l], lane.normal[1][l], lane.normal[2][l]);
+            let d = ax * nx + ay * ny + az * nz;
+            let sin2 = (1.0 - d * d).max(0.0);
+            let cell2 = lane.cell2[l];
+            let mut q = weight[l];
+            if self.cut_off {
+                // per radian of κ, d changes by sin κ
+                let cell = 2.0 * (sin2 * cell2).sqrt() + 1e-6;
+                q *= ((self.high - d) / cell + 0.5).clamp(0.0, 1.0)
+                    * ((d - self.low) / cell + 0.5).clamp(0.0, 1.0);
+            }
+            if self.helix2 > 0.0 {
+                q *= (1.0 + self.helix2 * sin2 * sin2).sqrt();
+            }
+            let (u, s, sin) = if DB {
+                (cell_mean_vector(sin2, cell2), cell_mean_scalar(sin2, cell2), 1.0)
+            } else {
+                let sin = sin2.max(1e-12).sqrt();
+                (1.0 / sin, 1.0, sin)
+            };
+            let (qu, qs) = (q * u, q * s);
+            let (qx, qy, qz) = (qu * nx, qu * ny, qu * nz);
+            let terms = [qu, qx, qy, qz, d * qx, d * qy, d * qz, qs * nx, qs * ny, qs * nz, q * sin];
+            for (sum, term) in acc.iter_mut().zip(terms) {
+                sum[l] += term;
+            }
         }
     }
 }
