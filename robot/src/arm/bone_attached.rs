@@ -5,7 +5,7 @@
 //! axis(t) = (−sin t, 0, cos t), burr = (x + L sin t, y, z + L (1 − cos t)), both in base.
 //! So the tool axis stays in base's x–z plane; any burr position goes with any tilt, inside the limits.
 //!
-//! Invariants: [`ik`] ∘ forward kinematics is the identity to rounding; [`BoneAttached`] and the URDF agree (a test).
+//! Invariants: [`ik`] ∘ forward kinematics is the identity to rounding; it and the URDF agree (a test).
 //!
 //! **Source:** layout: Dillon et al. 2016; formulas: derived here from the URDF.
 

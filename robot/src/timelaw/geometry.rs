@@ -10,6 +10,9 @@ use super::merge::{Kept, joint_mm};
 /// A parabola is long enough when its curvature takes this share of the joints' acceleration at full joint speed.
 const CURVATURE_SHARE: f64 = 0.25;
 
+/// No parabola is made shorter than this for want of curvature, mm: differences of σ over less are rounding.
+const SHORTEST_BLEND_MM: f64 = 1e-3;
+
 /// A piece of the path with one formula.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Element {
@@ -186,7 +189,7 @@ impl Geometry {
             turn_mm += limits.lever_mm[j] * turn;
             curve_s2 = curve_s2.max(turn / limits.acceleration[j]);
         }
-        let wanted = sigma * curve_s2 / (2.0 * CURVATURE_SHARE);
+        let wanted = (sigma * curve_s2 / (2.0 * CURVATURE_SHARE)).max(SHORTEST_BLEND_MM);
         let room = 0.5 * self.length_mm[i - 1].min(self.length_mm[i]);
         // a joint without lever may turn as it likes: 4 tol / 0 = ∞, and 0/0 = NaN, which min passes over
         wanted.min(room).min(4.0 * tolerance_mm / turn_mm)

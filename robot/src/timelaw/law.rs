@@ -52,7 +52,7 @@ impl TimeLaw {
                 start_s,
                 start_mm: phase.start_mm,
                 speed_mm_s: phase.speed_mm_s[0],
-                acceleration_mm_s2: phase.acceleration_mm_s2(),
+                acceleration_mm_s2: phase.acceleration_mm_s2,
                 element: interval.element,
             };
             push_unless_continued(&mut pieces, piece);

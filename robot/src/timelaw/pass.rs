@@ -74,18 +74,14 @@ pub(super) struct Phase {
     pub length_mm: f64,
     /// ṡ at its start and end, mm/s; not both 0.
     pub speed_mm_s: [f64; 2],
+    /// s̈, mm/s²; given, since a difference of speeds over a very short phase is all rounding.
+    pub acceleration_mm_s2: f64,
 }
 
 impl Phase {
     /// 2h/(ṡ₀ + ṡ₁), s.
     pub fn duration_s(&self) -> f64 {
         2.0 * self.length_mm / (self.speed_mm_s[0] + self.speed_mm_s[1])
-    }
-
-    /// s̈ = (σ₁ − σ₀)/(2h), mm/s².
-    pub fn acceleration_mm_s2(&self) -> f64 {
-        let [from, to] = self.speed_mm_s;
-        (to - from) * (to + from) / (2.0 * self.length_mm)
     }
 }
 
@@ -100,7 +96,9 @@ pub(super) fn for_each_phase(
         let (from, to) = (sigma[k], sigma[k + 1]);
         let Interval { start_mm, length_mm, slope, .. } = *interval;
         if let Element::Blend(_) = interval.element {
-            visit(k, Phase { start_mm, length_mm, speed_mm_s: [from.sqrt(), to.sqrt()] });
+            let speed_mm_s = [from.sqrt(), to.sqrt()];
+            let acceleration_mm_s2 = 0.5 * (to - from) / length_mm;
+            visit(k, Phase { start_mm, length_mm, speed_mm_s, acceleration_mm_s2 });
             continue;
         }
         let peak = max.min(0.5 * (from + to + slope * length_mm)).max(from).max(to);
@@ -109,9 +107,12 @@ pub(super) fn for_each_phase(
         let cruise = length_mm - rise - fall;
         let [a, b, c] = [from, peak, to].map(f64::sqrt);
         let mut start_mm = start_mm;
-        for (length_mm, speed_mm_s) in [(rise, [a, b]), (cruise, [b, b]), (fall, [b, c])] {
+        let s_dd = 0.5 * slope;
+        for (length_mm, speed_mm_s, acceleration_mm_s2) in
+            [(rise, [a, b], s_dd), (cruise, [b, b], 0.0), (fall, [b, c], -s_dd)]
+        {
             if length_mm > 0.0 {
-                visit(k, Phase { start_mm, length_mm, speed_mm_s });
+                visit(k, Phase { start_mm, length_mm, speed_mm_s, acceleration_mm_s2 });
             }
             start_mm += length_mm;
         }

@@ -30,6 +30,8 @@ pub(super) struct Interval {
     pub burr_per_s: f64,
     /// Kept segment whose speed cap holds.
     pub segment: u32,
+    /// Kept segment whose speed cap holds where the burr stands still on that one; the same on a straight piece.
+    pub neighbour: u32,
     /// Part of a parabola, 0..[`BLEND_INTERVALS`].
     pub part: u32,
 }
@@ -82,7 +84,8 @@ impl PreparedPath {
 
     /// The time law under speed caps of the burr, mm/s, one per waypoint for the move that ENDS there.
     ///
-    /// The first cap is ignored, as is that of a move in which the burr does not advance.
+    /// The first cap is ignored, as is that of a rotation in place: what the burr still moves at its cut corners is under
+    /// the cap of the neighbouring move.
     ///
     /// # Errors
     /// [`RobotError::Length`] or [`RobotError::Value`] where a cap is missing, not finite or not above 0.
@@ -124,8 +127,11 @@ impl PreparedPath {
     fn sigma_max(&self, caps_mm_s: &[f64]) -> Result<Vec<f64>, RobotError> {
         let caps = self.segment_caps(caps_mm_s)?;
         let sigma = |interval: &Interval| {
+            let own = caps[interval.segment as usize];
+            // a parabola into a rotation in place still carries the burr: the end of the move before
+            let cap = if own.is_finite() { own } else { caps[interval.neighbour as usize] };
             // a burr that stands still has no speed cap: cap / 0 = ∞
-            let cap = caps[interval.segment as usize] / interval.burr_per_s;
+            let cap = cap / interval.burr_per_s;
             interval.joint_sigma.min(cap * cap)
         };
         Ok(self.intervals.iter().map(sigma).collect())
@@ -172,6 +178,7 @@ fn straight(geometry: &Geometry, limits: &PathLimits, i: usize) -> Interval {
         slope: 2.0 / most.fold(0.0, f64::max),
         burr_per_s: geometry.burr_per_s[i],
         segment: i as u32,
+        neighbour: i as u32,
         part: 0,
     }
 }
@@ -186,7 +193,9 @@ fn blend(geometry: &Geometry, limits: &PathLimits, i: usize, part: u32) -> Inter
         slowest = slowest.max(steepest / v);
         most_curved = most_curved.max(curvature / a);
     }
+    let (before, after) = (i as u32 - 1, i as u32);
     let first_half = part < BLEND_INTERVALS / 2;
+    let (segment, neighbour) = if first_half { (before, after) } else { (after, before) };
     // the burr's path length per s goes linearly from one segment's to the other's
     let (r1, r2) = (geometry.burr_per_s[i - 1], geometry.burr_per_s[i]);
     let burr_per_s = [from, to].map(|u| (1.0 - u) * r1 + u * r2);
@@ -197,7 +206,8 @@ fn blend(geometry: &Geometry, limits: &PathLimits, i: usize, part: u32) -> Inter
         joint_sigma: slowest.powi(-2).min(most_curved.recip()),
         slope: 0.0,
         burr_per_s: burr_per_s[0].max(burr_per_s[1]),
-        segment: if first_half { i as u32 - 1 } else { i as u32 },
+        segment,
+        neighbour,
         part,
     }
 }

@@ -107,6 +107,8 @@ fn hostile_paths_have_a_law() {
         vec![x(0.0), x(5e-324)],
         vec![x(0.0), x(1e-9), x(2.0), x(2.0 + 1e-9), x(2.0 - 1e-9), x(2.0), x(4.0)],
         vec![x(0.0), x(2.0), x(0.0), x(2.0), x(0.0)],
+        // a corner of 1e-9 rad at full speed: σ must not change over an interval of rounding
+        vec![[0.0, 0.0, 0.0, -0.68], [2.0, 0.0, 0.0, -0.68], [4.0, 0.0, 0.0, -0.68 + 1e-9]],
         vec![x(0.0), x(0.1), x(0.0), x(0.1), x(0.0)],
         vec![x(0.0), [0.0, 0.0, 0.0, 0.5], x(0.0), [0.0, 0.0, 0.0, 0.5]],
         vec![[-80.0, -39.0, 70.0, -1.2], [80.0, 39.0, -70.0, 1.2], [-80.0, 39.0, -70.0, 1.2]],
@@ -134,6 +136,16 @@ fn the_cap_of_a_merged_move_binds_nothing() {
     let mut case = Case::new(vec![[0.0; 4], [1e-9, 0.0, 0.0, 0.0], [10.0, 0.0, 0.0, 0.0]], 10.0);
     case.caps_mm_s[1] = 0.1;
     assert!(case.law().duration_s() < 1.1);
+}
+
+#[test]
+fn a_rotation_after_a_move_does_not_free_the_burr() {
+    let q = vec![[0.0; 4], [0.0, -0.06, 0.0, 0.001], [0.0, -0.06, 0.0, 0.5], [0.06, -0.06, 0.0, 0.5]];
+    let case = Case::new(q, 0.5);
+    let law = case.law();
+    let fastest =
+        harness::instants(&law).into_iter().map(|t| linear_mm(&law.sample(t).qd)).fold(0.0, f64::max);
+    assert!(fastest <= 0.5 * (1.0 + 1e-12), "{fastest} mm/s");
 }
 
 #[test]

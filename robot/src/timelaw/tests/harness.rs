@@ -126,16 +126,27 @@ pub fn check_limits(law: &TimeLaw) {
     }
 }
 
-/// The burr (x, y, z of this arm) is never faster than the cap of the move that it is on.
+/// The burr (x, y, z of this arm) is never faster than the cap of the move that it is on; on a rotation in place (all of
+/// them in a row), than that of the moves before and after.
 pub fn check_caps(case: &Case, law: &TimeLaw) {
     let times = law.waypoint_times_s();
+    let burr_mm = case.burr_mm();
+    let turns = |k: usize| burr_mm[k] == 0.0;
     for time_s in instants(law) {
         let speed = linear_mm(&law.sample(time_s).qd);
         let on = times.partition_point(|t| *t <= time_s).min(times.len() - 1);
         // at a passing, and where waypoints were merged, a sample belongs to either of its neighbours
-        let near = (0..times.len())
-            .filter(|&k| k > 0 && (k == on || (times[k - 1] - 1e-8..=times[k] + 1e-8).contains(&time_s)));
-        let cap = near.map(|k| case.caps_mm_s[k]).fold(0.0, f64::max);
+        let mut near: Vec<usize> = (1..times.len())
+            .filter(|&k| k == on || (times[k - 1] - 1e-8..=times[k] + 1e-8).contains(&time_s))
+            .collect();
+        for k in near.clone() {
+            if turns(k) {
+                near.extend((1..k).rev().find(|&k| !turns(k)));
+                near.extend((k..times.len()).find(|&k| !turns(k)));
+            }
+        }
+        let caps = near.iter().filter(|k| !turns(**k)).map(|&k| case.caps_mm_s[k]);
+        let cap = caps.fold(0.0, f64::max);
         assert!(speed <= cap * (1.0 + 1e-9) || times.len() == 1, "{speed} mm/s at {time_s} s, cap {cap}");
     }
 }
