@@ -1,1 +1,51 @@
-fn main() {}
+//! The command `bonemill`: arguments in, library called, files and a summary out.
+//!
+//! Exit codes: 0 done, 1 the plan fell short (with the reasons), 2 bad input. An error is printed once, on stderr, with
+//! its causes. What a machine asked for with `--json` is one object on stdout and nothing else.
+
+mod args;
+mod console;
+mod experiment;
+mod outcome;
+mod phantom;
+mod plan;
+mod planning;
+
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::Parser;
+
+use args::{Args, Command};
+use console::Console;
+use outcome::Outcome;
+
+fn main() -> ExitCode {
+    let args = Args::parse();
+    let console = Console::new(args.talk());
+    let result = run(&args, &console);
+    console.finish();
+    match result {
+        Ok(outcome) => {
+            outcome.tell(args.talk(), &console.seconds());
+            outcome.exit_code()
+        }
+        Err(error) => {
+            outcome::tell_error(&error, args.talk());
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
+    if let Some(threads) = args.threads {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads));
+        pool.build_global().context("cannot start the worker threads")?;
+    }
+    match &args.command {
+        Command::Phantom(phantom) => phantom::run(phantom, console),
+        Command::Plan(plan) => plan::run(plan, console),
+        Command::Experiment(experiment) => experiment::run(experiment),
+        Command::Keys => Ok(Outcome::text("keys", bonemill_planner::case::reference())),
+    }
+}

@@ -74,12 +74,16 @@ impl StagedDirectory {
     /// The way from the finished directory to an existing file, be it inside or elsewhere.
     ///
     /// # Errors
-    /// [`PlanFileError::Io`] when the file does not exist.
+    /// [`PlanFileError::WouldBeLost`] when the file is part of what will be replaced, [`PlanFileError::Io`] when it does
+    /// not exist.
     pub fn relative(&self, file: &Path) -> Result<PathBuf, PlanFileError> {
         let file = file.canonicalize().map_err(PlanFileError::io("find", file))?;
         let partial = self.path().canonicalize().map_err(PlanFileError::io("find", self.path()))?;
         Ok(match file.strip_prefix(&partial) {
             Ok(inside) => inside.into(),
+            Err(_) if file.starts_with(&self.target) => {
+                return Err(PlanFileError::WouldBeLost { path: file, target: self.target.clone() });
+            }
             Err(_) => relative(&self.target, &file),
         })
     }

@@ -154,6 +154,18 @@ fn the_way_to_the_case_holds_when_the_directory_is_in_place() {
 }
 
 #[test]
+fn a_plan_cannot_replace_its_own_inputs() {
+    let root = tempfile::tempdir().unwrap();
+    let out = root.path().join("plan");
+    write_plan(root.path(), &out, "first").unwrap();
+    fs::create_dir(out.join("phantom")).unwrap();
+    fs::write(out.join("phantom/case.toml"), "").unwrap();
+    let staged = StagedDirectory::create(&out, Replace::Plan).unwrap();
+    let e = staged.relative(&out.join("phantom/case.toml")).unwrap_err();
+    assert!(matches!(e, PlanFileError::WouldBeLost { .. }), "{e}");
+}
+
+#[test]
 fn a_path_without_a_name_is_refused() {
     for path in ["/", "no/such/../folder"] {
         let e = StagedDirectory::create(Path::new(path), Replace::Plan).unwrap_err();

@@ -36,6 +36,14 @@ pub enum PlanFileError {
         /// What was found.
         why: String,
     },
+    /// An input of the new plan lies in the directory that it would replace.
+    #[error("{} lies in {}, which the new plan would replace: choose another folder", path.display(), target.display())]
+    WouldBeLost {
+        /// The input.
+        path: PathBuf,
+        /// The directory.
+        target: PathBuf,
+    },
     /// A table's header, row or cell is not as specified.
     #[error("{}:{line}: column `{column}`: found {found:?}, expected {expected}", path.display())]
     Cell {

@@ -1,0 +1,126 @@
+//! The command line as it is parsed; nothing here is checked against the file system.
+
+use std::path::PathBuf;
+
+use bonemill_imaging::phantom::PhantomKind;
+use clap::{ArgGroup, Parser, Subcommand};
+
+/// Plans how a robot mills bone: path, burr angle, speed and joint trajectory from CT.
+///
+/// Exit code 0: done; 1: the plan fell short, with the reasons; 2: bad input.
+#[derive(Debug, Parser)]
+#[command(version)]
+pub struct Args {
+    /// Say nothing but errors
+    #[arg(long, global = true)]
+    pub quiet: bool,
+    /// Print one JSON object with figures, warnings and seconds by stage, and no progress
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Number of worker threads; the result does not depend on it
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// How much the command says, and to whom.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Talk {
+    /// Errors only.
+    Quiet,
+    /// Progress and a summary for people.
+    People,
+    /// One JSON object.
+    Machine,
+}
+
+impl Args {
+    /// `--json` wins over `--quiet`: who asks for an object gets it.
+    pub fn talk(&self) -> Talk {
+        match (self.json, self.quiet) {
+            (true, _) => Talk::Machine,
+            (false, true) => Talk::Quiet,
+            (false, false) => Talk::People,
+        }
+    }
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Write a test body: CT, labels and a commented case file
+    Phantom(PhantomArgs),
+    /// Plan a case, or a phantom
+    Plan(PlanArgs),
+    /// Repeat a published measurement
+    Experiment(ExperimentArgs),
+    /// Print the case file's keys with units, ranges, defaults and their sources, as Markdown
+    Keys,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct PhantomArgs {
+    /// Which: block (the foam block of Dillon et al. 2016) or temporal (a procedural mastoid)
+    #[arg(long)]
+    pub kind: PhantomKind,
+    /// Another seed, another body of the same kind
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Folder to write; must not exist, or be empty
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(group = ArgGroup::new("source").required(true))]
+pub struct PlanArgs {
+    /// Case file; `bonemill keys` lists what may stand in it
+    #[arg(group = "source", value_name = "CASE.toml")]
+    pub case: Option<PathBuf>,
+    /// Plan a phantom instead (block or temporal); it is kept in the plan
+    #[arg(long, group = "source", value_name = "KIND")]
+    pub phantom: Option<PhantomKind>,
+    /// The phantom's seed
+    #[arg(long, default_value_t = 1, requires = "phantom", conflicts_with = "case")]
+    pub seed: u64,
+    /// Folder to write: new, empty, or a plan, which is replaced
+    #[arg(long, value_name = "PLAN")]
+    pub out: PathBuf,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct ExperimentArgs {
+    /// Its name; an unknown one lists those there are
+    pub name: String,
+    /// Folder for tables and figures
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_arguments_are_consistent() {
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn a_plan_has_exactly_one_source() {
+        let parse = |line: &str| Args::try_parse_from(line.split(' '));
+        assert!(parse("bonemill plan case.toml --out p").is_ok());
+        assert!(parse("bonemill plan --phantom block --seed 3 --out p --json --threads 2").is_ok());
+        for wrong in [
+            "bonemill plan --out p",
+            "bonemill plan case.toml --phantom block --out p",
+            "bonemill plan case.toml --seed 3 --out p",
+            "bonemill plan case.toml",
+            "bonemill plan --phantom skull --out p",
+            "bonemill plan case.toml --out p --threads 0",
+        ] {
+            assert!(parse(wrong).is_err(), "{wrong}");
+        }
+    }
+}

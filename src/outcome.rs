@@ -1,0 +1,142 @@
+//! What a subcommand has to tell in the end, for people, for machines and as an exit code.
+
+use std::io::{Write, stdout};
+use std::path::Path;
+use std::process::ExitCode;
+
+use bonemill_planner::plan::{PlanRecord, Value};
+use serde_json::{Map, json};
+
+use crate::args::Talk;
+
+/// The end of a subcommand that did what it could.
+pub struct Outcome {
+    /// For people, on stdout.
+    text: String,
+    /// For machines, on stdout.
+    object: Map<String, serde_json::Value>,
+    /// Why the result falls short; exit code 1 unless empty.
+    shortfalls: Vec<String>,
+}
+
+impl Outcome {
+    /// Only text.
+    pub fn text(command: &str, text: String) -> Self {
+        let mut outcome = Self::new(command, text);
+        outcome.object.insert("text".into(), outcome.text.clone().into());
+        outcome
+    }
+
+    /// Files were written to `out`.
+    pub fn written(command: &str, out: &Path, what: &str) -> Self {
+        let mut outcome = Self::new(command, format!("wrote {}: {what}\n", out.display()));
+        outcome.object.insert("out".into(), out.to_string_lossy().into());
+        outcome
+    }
+
+    /// A plan was written to `out`.
+    pub fn planned(out: &Path, record: &PlanRecord) -> Self {
+        let m = &record.metrics;
+        let share = |part: f64, whole: f64| if whole > 0.0 { 100.0 * part / whole } else { 0.0 };
+        let mut text = format!(
+            "wrote {}\nremoved {:.1} mm³: {:.1} % of the {:.1} mm³ that the burr can reach, {:.1} % of the target's \
+             {:.1} mm³; {:.0} s of milling\n",
+            out.display(),
+            m.removed_mm3,
+            share(m.removed_mm3, m.reachable_mm3),
+            m.reachable_mm3,
+            share(m.removed_mm3, m.target_mm3),
+            m.target_mm3,
+            m.total_time_s
+        );
+        text.extend(record.warnings.iter().map(|w| format!("warning: {w}\n")));
+        text.extend(record.shortfalls.iter().map(|s| format!("fell short: {s}\n")));
+        let mut metrics = Map::new();
+        for (name, value) in [
+            ("removed_mm3", m.removed_mm3),
+            ("reachable_mm3", m.reachable_mm3),
+            ("target_mm3", m.target_mm3),
+            ("removed_material_mm3", m.removed_material_mm3),
+            ("removed_bone_mm3", m.removed_bone_mm3),
+            ("total_time_s", m.total_time_s),
+        ] {
+            metrics.insert(name.into(), value.into());
+        }
+        metrics.extend(m.more.iter().map(|(name, value)| (name.clone(), to_json(value))));
+        let mut outcome = Self::new("plan", text);
+        outcome.shortfalls.clone_from(&record.shortfalls);
+        outcome.object.insert("out".into(), out.to_string_lossy().into());
+        outcome.object.insert("metrics".into(), metrics.into());
+        outcome.object.insert("warnings".into(), record.warnings.clone().into());
+        outcome.object.insert("shortfalls".into(), record.shortfalls.clone().into());
+        outcome
+    }
+
+    fn new(command: &str, text: String) -> Self {
+        let mut object = Map::new();
+        object.insert("command".into(), command.into());
+        Self { text, object, shortfalls: Vec::new() }
+    }
+
+    pub fn exit_code(&self) -> ExitCode {
+        ExitCode::from(u8::from(!self.shortfalls.is_empty()))
+    }
+
+    /// Prints it. A closed pipe is the reader's choice, not an error.
+    pub fn tell(&self, talk: Talk, seconds: &[(String, f64)]) {
+        let text = match talk {
+            Talk::Quiet => return,
+            Talk::People => self.text.clone(),
+            Talk::Machine => {
+                let mut object = self.object.clone();
+                let word = if self.shortfalls.is_empty() { "done" } else { "fell_short" };
+                object.insert("outcome".into(), word.into());
+                object.insert("stage_seconds".into(), by_stage(seconds).into());
+                format!("{}\n", serde_json::Value::from(object))
+            }
+        };
+        let _ = stdout().write_all(text.as_bytes());
+    }
+}
+
+/// Seconds by stage; a stage that came twice counts together.
+fn by_stage(seconds: &[(String, f64)]) -> Map<String, serde_json::Value> {
+    let mut map = Map::new();
+    for (name, s) in seconds {
+        let before = map.get(name).and_then(serde_json::Value::as_f64).unwrap_or(0.0);
+        map.insert(name.clone(), (before + s).into());
+    }
+    map
+}
+
+fn to_json(value: &Value) -> serde_json::Value {
+    match value {
+        Value::Number(v) => (*v).into(),
+        Value::Integer(v) => (*v).into(),
+        Value::Text(v) => v.clone().into(),
+        Value::Flag(v) => (*v).into(),
+        Value::List(items) => items.iter().map(to_json).collect(),
+        Value::Table(entries) => entries.iter().map(|(name, v)| (name.clone(), to_json(v))).collect(),
+    }
+}
+
+/// Prints an error with its causes on stderr, and as an object on stdout for machines.
+pub fn tell_error(error: &anyhow::Error, talk: Talk) {
+    // an error may hold several lines, one per fault
+    for line in error.to_string().lines() {
+        eprintln!("error: {line}");
+    }
+    let mut said = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        // some errors already quote their cause
+        if !said.contains(&cause) {
+            eprintln!("  because: {cause}");
+            said = cause;
+        }
+    }
+    if talk == Talk::Machine {
+        let causes: Vec<String> = error.chain().skip(1).map(ToString::to_string).collect();
+        let object = json!({ "outcome": "error", "error": error.to_string(), "causes": causes });
+        let _ = writeln!(stdout(), "{object}");
+    }
+}

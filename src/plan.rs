@@ -1,0 +1,64 @@
+//! `bonemill plan`: a case file, or a phantom, to a plan's directory.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use bonemill_planner::Progress;
+use bonemill_planner::case::Case;
+use bonemill_planner::plan::{Replace, StagedDirectory};
+
+use crate::args::PlanArgs;
+use crate::outcome::Outcome;
+use crate::{phantom, planning};
+
+/// Where a phantom lies in the plan that was made of it.
+const PHANTOM_DIR: &str = "phantom";
+
+pub fn run(args: &PlanArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> {
+    // a case that cannot be read is told before anything about the output
+    let given = args
+        .case
+        .as_deref()
+        .map(|path| read_case(path).map(|case| (case, path.to_path_buf())))
+        .transpose()?;
+    let staged = StagedDirectory::create(&args.out, Replace::Plan)?;
+    let (case, case_path) = match given {
+        Some(given) => given,
+        None => make_phantom(args, &staged, progress)?,
+    };
+    spare_inputs(&case, &case_path, &staged)?;
+    let record = planning::plan_into(&case, &case_path, &staged, progress)?;
+    let out = staged.commit()?;
+    Ok(Outcome::planned(&out, &record))
+}
+
+fn read_case(path: &Path) -> anyhow::Result<Case> {
+    let text =
+        fs::read_to_string(path).with_context(|| format!("cannot read the case {}", path.display()))?;
+    Ok(Case::parse(&text, path)?)
+}
+
+/// Writes the phantom into the plan, so that the plan's inputs can be found again.
+fn make_phantom(
+    args: &PlanArgs,
+    staged: &StagedDirectory,
+    progress: &dyn Progress,
+) -> anyhow::Result<(Case, PathBuf)> {
+    let kind = args.phantom.context("expected a case or a phantom")?;
+    let dir = staged.path().join(PHANTOM_DIR);
+    fs::create_dir(&dir).with_context(|| format!("cannot create {}", dir.display()))?;
+    phantom::write_into(&dir, kind, args.seed, progress)?;
+    let case_path = dir.join(phantom::CASE_FILE);
+    Ok((read_case(&case_path)?, case_path))
+}
+
+/// Refuses to replace a directory in which the new plan's own inputs lie.
+fn spare_inputs(case: &Case, case_path: &Path, staged: &StagedDirectory) -> anyhow::Result<()> {
+    staged.relative(case_path)?;
+    let folder = case_path.parent().unwrap_or(Path::new(""));
+    for (key, image) in [("images.ct", &case.images.ct), ("images.labels", &case.images.labels)] {
+        staged.relative(&folder.join(image)).with_context(|| format!("{}: {key}", case_path.display()))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,225 @@
+//! The command from outside: exit codes, what stands on which stream, and that bad input writes nothing.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+struct Place(tempfile::TempDir);
+
+impl Place {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// Names in the place, hidden ones too.
+    fn names(&self) -> Vec<String> {
+        names(self.0.path())
+    }
+
+    fn run(&self, args: &[&str]) -> Ran {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_bonemill"));
+        let Output { status, stdout, stderr } =
+            command.args(args).current_dir(self.0.path()).output().unwrap();
+        let text = |bytes| String::from_utf8(bytes).unwrap();
+        Ran { code: status.code().unwrap(), out: text(stdout), err: text(stderr) }
+    }
+}
+
+struct Ran {
+    code: i32,
+    out: String,
+    err: String,
+}
+
+impl Ran {
+    /// Exit code 2, and one error that says `parts`.
+    #[track_caller]
+    fn refused(&self, parts: &[&str]) {
+        assert_eq!(self.code, 2, "{}{}", self.out, self.err);
+        assert_eq!(self.err.matches("error:").count(), 1, "told once: {}", self.err);
+        for part in parts {
+            assert!(self.err.contains(part), "{part:?} is not in {}", self.err);
+        }
+        for trace in ["panicked", "RUST_BACKTRACE", "Stack backtrace", "Some(", "{ "] {
+            assert!(!self.err.contains(trace), "{trace:?} in {}", self.err);
+        }
+    }
+}
+
+fn names(dir: &Path) -> Vec<String> {
+    let mut names: Vec<_> =
+        fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+const CASE: &str =
+    "structure = []\n[images]\nct = \"ct.nii.gz\"\nlabels = \"labels.nii.gz\"\n[target]\nlabel = 20\n";
+
+#[test]
+fn a_phantom_is_a_case_with_its_images() {
+    let place = Place::new();
+    let ran = place.run(&["phantom", "--kind", "block", "--seed", "3", "--out", "block"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(ran.out.starts_with("wrote ") && ran.out.contains("block phantom, seed 3"), "{}", ran.out);
+    assert_eq!(names(&place.path("block")), ["case.toml", "ct.nii.gz", "labels.json", "labels.nii.gz"]);
+    assert_eq!(place.names(), ["block"]);
+    let case = fs::read_to_string(place.path("block/case.toml")).unwrap();
+    let case = bonemill_planner::case::Case::parse(&case, Path::new("case.toml")).unwrap();
+    assert_eq!(case.structures[0].name, "facial_nerve");
+    bonemill_imaging::read_ct(place.path("block/ct.nii.gz"), case.images.ct_affine).unwrap();
+    bonemill_imaging::read_labels(place.path("block/labels.nii.gz"), case.images.labels_affine).unwrap();
+    let names = bonemill_imaging::read_label_names(place.path("block/labels.nii.gz")).unwrap().unwrap();
+    assert_eq!(names.number("target"), Some(20));
+}
+
+#[test]
+fn the_temporal_phantoms_case_parses() {
+    let phantom = bonemill_imaging::phantom::phantom(bonemill_imaging::phantom::PhantomKind::Temporal, 1);
+    let case = bonemill_planner::case::Case::parse(&phantom.case_toml, Path::new("case.toml")).unwrap();
+    assert_eq!(case.structures.len(), 5);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
+    let place = Place::new();
+    for (threads, out) in [("1", "a"), ("2", "b")] {
+        let ran =
+            place.run(&["phantom", "--kind", "block", "--seed", "7", "--out", out, "--threads", threads]);
+        assert_eq!(ran.code, 0, "{}", ran.err);
+    }
+    for file in names(&place.path("a")) {
+        let bytes = |dir: &str| fs::read(place.path(dir).join(&file)).unwrap();
+        assert!(bytes("a") == bytes("b"), "{file}");
+    }
+}
+
+#[test]
+fn json_is_one_object_and_quiet_is_silence() {
+    let place = Place::new();
+    let ran = place.run(&["phantom", "--kind", "block", "--out", "a", "--json"]);
+    assert_eq!((ran.code, ran.err.as_str()), (0, ""));
+    let object: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
+    assert_eq!(object["outcome"], "done");
+    assert!(object["stage_seconds"]["write phantom"].as_f64().unwrap() >= 0.0);
+    assert_eq!(ran.out.lines().count(), 1);
+    let ran = place.run(&["phantom", "--kind", "block", "--out", "b", "--quiet"]);
+    assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (0, "", ""));
+    // progress, as plain lines where there is no terminal, is on stderr
+    let ran = place.run(&["phantom", "--kind", "block", "--out", "c"]);
+    assert_eq!(ran.err, "make phantom\nwrite phantom\n");
+    // an error is an object too, and still told on stderr
+    let ran = place.run(&["plan", "nowhere.toml", "--out", "p", "--json"]);
+    ran.refused(&["nowhere.toml"]);
+    let object: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
+    assert_eq!(object["outcome"], "error");
+}
+
+#[test]
+fn a_phantom_replaces_nothing() {
+    let place = Place::new();
+    fs::create_dir(place.path("mine")).unwrap();
+    fs::write(place.path("mine/thesis.tex"), "text").unwrap();
+    place.run(&["phantom", "--kind", "block", "--out", "mine"]).refused(&["mine", "is not empty"]);
+    assert_eq!(names(&place.path("mine")), ["thesis.tex"]);
+    assert_eq!(place.names(), ["mine"]);
+}
+
+#[test]
+fn a_case_that_cannot_be_read_is_refused_with_its_cause() {
+    let place = Place::new();
+    let ran = place.run(&["plan", "nowhere.toml", "--out", "plan"]);
+    ran.refused(&["error: cannot read the case nowhere.toml\n", "because: No such file"]);
+    fs::write(place.path("case.toml"), [0xff, 0xfe, 0x00]).unwrap();
+    place.run(&["plan", "case.toml", "--out", "plan"]).refused(&["cannot read the case case.toml"]);
+    assert_eq!(place.names(), ["case.toml"]);
+}
+
+#[test]
+fn a_bad_case_is_refused_by_file_line_and_key_and_nothing_is_written() {
+    let place = Place::new();
+    for (more, parts) in [
+        (
+            "[burr]\nraduis_mm = 2\n",
+            ["case.toml:8: unknown key `burr.raduis_mm`", "did you mean `burr.radius_mm`?"],
+        ),
+        ("[burr]\nradius_mm = 0.0025\n", ["case.toml:8: `burr.radius_mm` = 0.0025", "looks like metres"]),
+        ("[burr]\nradius_mm = 2500\n", ["case.toml:8: `burr.radius_mm` = 2500", "looks like µm"]),
+        ("[path]\nlayer_mm = -1\n", ["case.toml:8: `path.layer_mm` = -1", "expected 0.05 to 20 mm"]),
+        ("[speed]\nmin_mm_s = 0\n", ["case.toml:8: `speed.min_mm_s` = 0", "expected 0.001 to 1000 mm/s"]),
+        (
+            "[shank]\nsegments = [[25, 3]]\n",
+            ["case.toml:8: `shank.segments` = 3 mm", "thicker than the burr"],
+        ),
+        ("[speed]\nmode = \"fast\"\n", ["case.toml:8: `speed.mode` = \"fast\"", "`mass` or `constant`"]),
+    ] {
+        fs::write(place.path("case.toml"), format!("{CASE}{more}")).unwrap();
+        place.run(&["plan", "case.toml", "--out", "plan"]).refused(&parts);
+        assert_eq!(place.names(), ["case.toml"]);
+    }
+}
+
+#[test]
+fn missing_images_are_named_with_their_key() {
+    let place = Place::new();
+    fs::write(place.path("case.toml"), CASE).unwrap();
+    place.run(&["plan", "case.toml", "--out", "plan"]).refused(&[
+        "case.toml: images.ct",
+        "ct.nii.gz",
+        "No such file",
+    ]);
+    assert_eq!(place.names(), ["case.toml"]);
+}
+
+#[test]
+fn an_output_that_is_not_a_plan_is_never_touched() {
+    let place = Place::new();
+    fs::create_dir(place.path("mine")).unwrap();
+    fs::write(place.path("mine/thesis.tex"), "text").unwrap();
+    fs::write(place.path("file"), "text").unwrap();
+    for out in ["mine", "file"] {
+        let ran = place.run(&["plan", "--phantom", "block", "--out", out]);
+        ran.refused(&[out, "exists and is not a plan"]);
+    }
+    assert_eq!(names(&place.path("mine")), ["thesis.tex"]);
+    assert_eq!(place.names(), ["file", "mine"]);
+}
+
+#[test]
+fn wrong_arguments_exit_with_2() {
+    let place = Place::new();
+    for args in [
+        &["plan", "--out", "p"][..],
+        &["plan", "c.toml", "--phantom", "block", "--out", "p"],
+        &["phantom", "--kind", "skull", "--out", "p"],
+        &["phantom", "--kind", "block"],
+        &["plan", "c.toml", "--out", "p", "--threads", "0"],
+        &["simulate", "p"],
+        &[],
+    ] {
+        let ran = place.run(args);
+        assert_eq!(ran.code, 2, "{args:?}: {}", ran.err);
+        assert!(!ran.err.contains("panicked"), "{args:?}: {}", ran.err);
+    }
+    assert!(place.names().is_empty());
+}
+
+#[test]
+fn an_unknown_experiment_lists_those_there_are() {
+    let place = Place::new();
+    place.run(&["experiment", "nonsense"]).refused(&["no experiment is called \"nonsense\"; there are "]);
+}
+
+#[test]
+fn the_case_files_keys_are_printed() {
+    let ran = Place::new().run(&["keys"]);
+    assert_eq!(ran.code, 0);
+    assert_eq!(
+        ran.out,
+        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/case.md")).unwrap()
+    );
+}

@@ -1,0 +1,332 @@
+//! The house rules, kept by a test: which crate may know which, who may touch files, and how a source file looks.
+//!
+//! Every rule is a function from a file's path and text to its complaints, so that each is also shown to complain.
+
+use std::fs;
+use std::path::Path;
+
+/// A file's path from the workspace's root, with forward slashes, and its text.
+struct Source {
+    path: String,
+    text: String,
+}
+
+impl Source {
+    fn is_rust(&self) -> bool {
+        self.path.ends_with(".rs")
+    }
+
+    /// Tests, benchmarks and examples: they may read fixtures, print and panic.
+    fn is_test(&self) -> bool {
+        let name = self.path.rsplit('/').next().unwrap_or_default();
+        let folders = ["tests/", "benches/", "examples/"];
+        name == "tests.rs" || name.ends_with("_tests.rs") || folders.iter().any(|f| self.path.contains(f))
+    }
+
+    /// Whether the file belongs to a library crate (the command may print).
+    fn is_library(&self) -> bool {
+        self.is_rust() && !self.is_test() && !self.path.starts_with("src/")
+    }
+
+    /// Lines of code from 1, without comments and without the tests at the file's end.
+    fn code(&self) -> impl Iterator<Item = (usize, &str)> {
+        let end = self.text.find("#[cfg(test)]\nmod tests {").unwrap_or(self.text.len());
+        let lines = self.text[..end].lines().enumerate();
+        lines.map(|(n, line)| (n + 1, line.split("//").next().unwrap_or_default()))
+    }
+
+    /// A complaint for every line of code in which `wrong` finds something.
+    fn complain(&self, wrong: impl Fn(&str) -> Option<String>) -> Vec<String> {
+        self.code().filter_map(|(n, line)| Some(format!("{}:{n}: {}", self.path, wrong(line)?))).collect()
+    }
+
+    fn starts_with_any(&self, places: &[&str]) -> bool {
+        places.iter().any(|place| self.path.starts_with(place))
+    }
+}
+
+type Rule = fn(&Source) -> Vec<String>;
+
+/// Every rule, with a file that keeps it and one that breaks it.
+const RULES: &[(&str, Rule, (&str, &str), (&str, &str))] = &[
+    (
+        "crates know only those below them",
+        crate_directions,
+        ("robot/Cargo.toml", "[dependencies]\nbonemill-geometry.workspace = true\n"),
+        ("imaging/Cargo.toml", "[dev-dependencies]\nbonemill-planner.workspace = true\n"),
+    ),
+    (
+        "only readers and writers touch files",
+        file_access,
+        ("imaging/src/read.rs", "let bytes = std::fs::read(path)?;"),
+        ("planner/src/path.rs", "let bytes = std::fs::read(path)?;"),
+    ),
+    (
+        "only the viewer knows rerun",
+        rerun,
+        ("src/view.rs", "use rerun::RecordingStream;"),
+        ("src/plan.rs", "use rerun::Mesh3D;"),
+    ),
+    (
+        "only python/ knows pyo3",
+        pyo3,
+        ("python/src/lib.rs", "use pyo3::prelude::*;"),
+        ("planner/src/lib.rs", "#[pyo3::pyclass]"),
+    ),
+    (
+        "libraries neither print nor panic",
+        silence,
+        (
+            "planner/src/a.rs",
+            "/// like println!\nlet x = 1;\n#[cfg(test)]\nmod tests {\n    panic!(\"here\");\n}",
+        ),
+        ("planner/src/a.rs", "eprintln!(\"hm\");"),
+    ),
+    (
+        "the verification shares no code with what it checks",
+        verify_apart,
+        ("planner/src/verify/gouge.rs", "use crate::case::Case;"),
+        ("planner/src/verify/gouge.rs", "use crate::removal::RemovalTime;"),
+    ),
+    ("files are one concept", length, ("a/src/b.rs", "//! Small."), ("a/src/b.rs", LONG)),
+    (
+        "every module says what it is",
+        module_doc,
+        ("a/src/b.rs", "//! What it is.\nfn f() {}"),
+        ("a/src/b.rs", "fn f() {}"),
+    ),
+    (
+        "no test is switched off",
+        ignored,
+        ("a/src/b.rs", "//! `#[ignore]` is not used.\n#[test]"),
+        ("a/src/b.rs", "#[ignore = \"slow\"]"),
+    ),
+    (
+        "nothing is left to do",
+        unfinished,
+        ("a/src/b.rs", "//! Done."),
+        ("a/src/b.rs", concat!("fn f() { to", "do!() }")),
+    ),
+    (
+        "no file names a machine's folders",
+        machine_paths,
+        ("README.md", "see ../shared/DESIGN.md"),
+        ("README.md", concat!("see /ho", "me/me/x")),
+    ),
+    (
+        "lengths are mm: no name ends in _m",
+        metres,
+        ("planner/src/a.rs", "let radius_mm = 2.0; let k_t_n_mm2 = 1.0;"),
+        ("planner/src/a.rs", "let radius_m = 0.002;"),
+    ),
+];
+
+/// 600 lines.
+const LONG: &str = {
+    const TEXT: [u8; 600] = [b'\n'; 600];
+    match std::str::from_utf8(&TEXT) {
+        Ok(text) => text,
+        Err(_) => "",
+    }
+};
+
+/// The most lines of a source file.
+const MOST_LINES: usize = 500;
+
+#[test]
+fn every_file_keeps_every_rule() {
+    let sources = sources();
+    assert!(sources.len() > 30, "the tree was not found: {} files", sources.len());
+    let complaints: Vec<String> = RULES
+        .iter()
+        .flat_map(|(name, rule, ..)| sources.iter().flat_map(rule).map(move |c| format!("{c} ({name})")))
+        .collect();
+    assert!(complaints.is_empty(), "\n{}", complaints.join("\n"));
+}
+
+#[test]
+fn every_rule_can_fail_and_can_hold() {
+    let source = |(path, text): (&str, &str)| Source { path: path.into(), text: text.into() };
+    for (name, rule, good, bad) in RULES {
+        assert_eq!(rule(&source(*good)), Vec::<String>::new(), "{name}");
+        assert!(!rule(&source(*bad)).is_empty(), "{name}");
+    }
+}
+
+/// Which of our crates a crate may depend on.
+fn allowed_dependencies(crate_dir: &str) -> Option<&'static [&'static str]> {
+    Some(match crate_dir {
+        "geometry" => &[],
+        "imaging" | "robot" => &["bonemill-geometry"],
+        "planner" => &["bonemill-geometry", "bonemill-imaging", "bonemill-robot"],
+        "experiments" => &["bonemill-geometry", "bonemill-imaging", "bonemill-robot", "bonemill-planner"],
+        "" | "python" => &[
+            "bonemill-geometry",
+            "bonemill-imaging",
+            "bonemill-robot",
+            "bonemill-planner",
+            "bonemill-experiments",
+        ],
+        _ => return None,
+    })
+}
+
+fn crate_directions(source: &Source) -> Vec<String> {
+    let Some(dir) = source.path.strip_suffix("Cargo.toml").map(|d| d.trim_end_matches('/')) else {
+        return vec![];
+    };
+    let Some(allowed) = allowed_dependencies(dir) else {
+        return vec![format!("{}: no rule for this crate: say what it may depend on", source.path)];
+    };
+    let manifest: toml::Table = source.text.parse().unwrap();
+    let kinds = ["dependencies", "dev-dependencies", "build-dependencies"];
+    let named = kinds.iter().filter_map(|kind| manifest.get(*kind)?.as_table()).flat_map(|t| t.keys());
+    named
+        .filter(|name| name.starts_with("bonemill") && !allowed.contains(&name.as_str()))
+        .map(|name| format!("{}: must not depend on {name}", source.path))
+        .collect()
+}
+
+fn file_access(source: &Source) -> Vec<String> {
+    const ALLOWED: &[&str] = &[
+        "src/",
+        "imaging/src/read",
+        "imaging/src/write",
+        "imaging/src/names",
+        "robot/src/urdf",
+        "robot/src/export",
+        "planner/src/plan/",
+        "experiments/",
+        "python/",
+    ];
+    if !source.is_library() || source.starts_with_any(ALLOWED) {
+        return vec![];
+    }
+    let words = ["std::fs", " fs::", "(fs::", "File::", "OpenOptions", "tempfile"];
+    source.complain(|line| words.iter().find(|w| line.contains(**w)).map(|w| format!("`{w}` touches files")))
+}
+
+fn rerun(source: &Source) -> Vec<String> {
+    if source.path == "src/view.rs" || !source.is_rust() || source.path == "tests/tidy.rs" {
+        return vec![];
+    }
+    source.complain(|line| line.contains("rerun::").then(|| "knows rerun".into()))
+}
+
+fn pyo3(source: &Source) -> Vec<String> {
+    if source.path.starts_with("python/") || !source.is_rust() || source.path == "tests/tidy.rs" {
+        return vec![];
+    }
+    source.complain(|line| line.contains("pyo3").then(|| "knows pyo3".into()))
+}
+
+fn silence(source: &Source) -> Vec<String> {
+    if !source.is_library() || source.path == "build.rs" {
+        return vec![];
+    }
+    let words = ["print!(", "println!(", "dbg!(", "panic!("];
+    source
+        .complain(|line| words.iter().find(|w| line.contains(**w)).map(|w| format!("`{w}..)` in a library")))
+}
+
+fn verify_apart(source: &Source) -> Vec<String> {
+    if !source.starts_with_any(&["planner/src/verify"]) {
+        return vec![];
+    }
+    let words = ["path", "access", "orientation", "removal", "space", "sweep", "engagement", "pipeline"];
+    source.complain(|line| {
+        let used = words
+            .iter()
+            .find(|w| line.contains(&format!("crate::{w}")) || line.contains(&format!("super::{w}")));
+        used.map(|w| format!("uses `{w}`, which it checks"))
+    })
+}
+
+fn length(source: &Source) -> Vec<String> {
+    let lines = source.text.lines().count();
+    let too_long = source.is_rust() && lines > MOST_LINES;
+    if too_long { vec![format!("{}: {lines} lines, at most {MOST_LINES}", source.path)] } else { vec![] }
+}
+
+fn module_doc(source: &Source) -> Vec<String> {
+    let documented = !source.is_rust() || source.text.starts_with("//!");
+    if documented { vec![] } else { vec![format!("{}:1: opens without `//!`", source.path)] }
+}
+
+fn ignored(source: &Source) -> Vec<String> {
+    if !source.is_rust() || source.path == "tests/tidy.rs" {
+        return vec![];
+    }
+    let lines = source.text.lines().enumerate();
+    let lines = lines.filter(|(_, line)| line.trim_start().starts_with("#[ignore"));
+    lines.map(|(n, _)| format!("{}:{}: a test is switched off", source.path, n + 1)).collect()
+}
+
+fn unfinished(source: &Source) -> Vec<String> {
+    let words =
+        [concat!("to", "do!("), concat!("unimplemented", "!("), concat!("FIX", "ME"), concat!("TO", "DO")];
+    if !source.is_rust() {
+        return vec![];
+    }
+    let lines = source.text.lines().enumerate();
+    let lines = lines.filter(|(_, line)| words.iter().any(|w| line.contains(w)));
+    lines.map(|(n, _)| format!("{}:{}: left to do", source.path, n + 1)).collect()
+}
+
+fn machine_paths(source: &Source) -> Vec<String> {
+    let words = [
+        concat!("/wo", "rk/"),
+        concat!("/ho", "me/"),
+        concat!("/ro", "ot/"),
+        concat!("/Us", "ers/"),
+        concat!("/tm", "p/"),
+    ];
+    let lines = source.text.lines().enumerate();
+    let lines = lines.filter_map(|(n, line)| Some((n, words.iter().find(|w| line.contains(**w))?)));
+    lines.map(|(n, w)| format!("{}:{}: names a folder of one machine, {w}", source.path, n + 1)).collect()
+}
+
+fn metres(source: &Source) -> Vec<String> {
+    // where URDF, ROS and UR data enter or leave
+    let outside =
+        source.starts_with_any(&["robot/src/urdf", "robot/src/export", "robot/src/ros", "robot/src/ur"]);
+    // the keys' units are compared with those that people write
+    if outside || !source.is_library() || source.path == "planner/src/case/suggest.rs" {
+        return vec![];
+    }
+    source.complain(|line| {
+        let names = line.split(|c: char| !(c.is_ascii_alphanumeric() || c == '_'));
+        names.filter(|n| n.len() > 3).find(|n| n.ends_with("_m")).map(|n| format!("`{n}` is in metres"))
+    })
+}
+
+/// Every text of ours, without what is built or generated.
+fn sources() -> Vec<Source> {
+    let mut found = Vec::new();
+    collect(Path::new(env!("CARGO_MANIFEST_DIR")), "", &mut found);
+    found
+}
+
+fn collect(dir: &Path, prefix: &str, found: &mut Vec<Source>) {
+    let mut entries: Vec<_> = fs::read_dir(dir).unwrap().map(|e| e.unwrap().path()).collect();
+    entries.sort();
+    for path in entries {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if (name.starts_with('.') && name != ".ci") || name == "target" || name == "plan" && prefix.is_empty()
+        {
+            continue;
+        }
+        let rel = if prefix.is_empty() { name.clone() } else { format!("{prefix}/{name}") };
+        let ours = [".rs", ".toml", ".md", ".py", ".pyi", ".urdf", ".html", ".yml"]
+            .iter()
+            .any(|e| name.ends_with(e));
+        if path.is_dir() {
+            // a folder with a plan in it is output
+            if !path.join("plan.toml").exists() {
+                collect(&path, &rel, found);
+            }
+        } else if ours || rel == ".ci/run" {
+            found.push(Source { path: rel, text: fs::read_to_string(&path).unwrap() });
+        }
+    }
+}
