@@ -4,14 +4,16 @@ use std::path::Path;
 
 use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
-use bonemill_planner::plan::{PlanRecord, StagedDirectory};
+use bonemill_planner::plan::{self, PlanRecord, StagedDirectory};
 
 /// Plans `case` and writes the plan's files into the staged directory.
 pub fn plan_into(
-    _case: &Case,
+    case: &Case,
     case_path: &Path,
-    _staged: &StagedDirectory,
-    _progress: &dyn Progress,
+    staged: &StagedDirectory,
+    progress: &dyn Progress,
 ) -> anyhow::Result<PlanRecord> {
-    anyhow::bail!("{}: this build has no planner", case_path.display())
+    let plan = bonemill_planner::plan(case, case_path, progress)?;
+    progress.stage("write files");
+    Ok(plan::save(&plan, case_path, staged)?)
 }

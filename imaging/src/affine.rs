@@ -71,6 +71,16 @@ pub struct AffineReport {
     pub shear_rad: f64,
 }
 
+impl fmt::Display for AffineReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} (sform code {}, qform code {})", self.source, self.sform_code, self.qform_code)?;
+        match self.disagreement_voxels {
+            Some(voxels) => write!(f, ", which differ by {voxels:.3} voxel"),
+            None => Ok(()),
+        }
+    }
+}
+
 /// The affine map from voxel index to `ct`, mm.
 #[derive(Debug, Clone, Copy)]
 struct Placement {

@@ -125,7 +125,8 @@ impl<'a> BurrSpace<'a> {
     }
 
     fn covered_target(&self) -> Result<Vec<bool>, ImageError> {
-        let centers = Volume::new(self.grid().clone(), self.connected.clone())?;
+        let mut centers = Volume::filled(self.grid().clone(), false);
+        centers.data_mut().copy_from_slice(&self.connected);
         let class = self.scene.class.data();
         let limit_mm = self.radius_mm + self.grid().diagonal_mm();
         Ok(match distance_within(&centers, limit_mm)? {

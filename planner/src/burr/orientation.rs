@@ -129,7 +129,8 @@ impl EngagedSamples {
         self.weighted_mrr_mm2
     }
 
-    fn clear(&mut self) {
+    /// Forgets the samples, and keeps their memory.
+    pub fn clear(&mut self) {
         self.merged.clear();
         self.fine.clear();
         self.end_fine.clear();
@@ -264,6 +265,11 @@ impl OrientationKernel {
         let mut directions: Vec<_> = (0..m).map(direction).collect();
         neighbours_together(&mut directions, merged);
         Self { tool: tool.clone(), material: material.clone(), measure, directions, merged }
+    }
+
+    /// The tool of the lattice.
+    pub fn tool(&self) -> &Tool {
+        &self.tool
     }
 
     /// Gathers the bone in front of the burr into `samples` (cleared first, so that one buffer serves a whole path).

@@ -37,7 +37,7 @@ use crate::engagement::{SweptPath, mass_increments};
 use crate::metrics::Moments;
 use crate::orientation::Scan;
 use crate::orientation::optimal::RateLimit;
-use crate::path::{MoveKind, PathPoint, PathSpacing, RasterFrame, lay_path};
+use crate::path::{PathPoint, PathSpacing, RasterFrame, lay_path};
 use crate::plan::{Sha256, Waypoint};
 use crate::Progress;
 use crate::space::BurrSpace;
@@ -202,7 +202,8 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let (material, measure) = setup::material(&case.material)?;
     let model = CostModel::new(case.cost.kappa_per_mm, case.cost.alpha_max)?;
     let swept = SweptPath::new(&scene, &reached.path.removal, points, radius);
-    let kernel = OrientationKernel::new(&tool, &material, measure, OrientationKernel::DEFAULT_SAMPLES);
+    let (samples, merged) = (OrientationKernel::DEFAULT_SAMPLES, OrientationKernel::DEFAULT_MERGED);
+    let kernel = OrientationKernel::new(&tool, &material, measure, samples, merged);
     let compliance = Compliance::new(case, &arm, &base_from_work)?;
     let field = orient::CostField {
         scene: &scene,
@@ -319,7 +320,6 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let shortfalls = shortfalls(&coverage, &modelled, case.speed.total_time_s.zip(timing.missed_s));
     let seconds = watch.seconds;
     let law = timing.law;
-    drop((swept, field));
     Ok(Plan {
         case: case.clone(),
         inputs: files,

@@ -77,7 +77,7 @@ impl CostField<'_> {
         samples.clear();
         let Some(feed) = self.feeds[i].filter(|_| self.needs_force(i)) else { return };
         let bone = self.swept.bone_at(i as u32);
-        let radius = self.kernel.sample_radius_mm();
+        let radius = self.kernel.tool().radius_mm();
         self.kernel.gather(samples, &feed, self.nominal_mm_s, self.spindle_rpm, |n| {
             self.material.weight(bone.density_g_cm3(&(n * radius)))
         });
