@@ -3,6 +3,8 @@
 //! Exit codes: 0 done, 1 the plan fell short (with the reasons), 2 bad input. An error is printed once, on stderr, with
 //! its causes. What a machine asked for with `--json` is one object on stdout and nothing else.
 
+#![expect(clippy::print_stderr, reason = "only the command speaks")]
+
 mod args;
 mod console;
 mod experiment;

@@ -1,5 +1,7 @@
 //! The command from outside: exit codes, what stands on which stream, and that bad input writes nothing.
 
+#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -187,6 +189,36 @@ fn an_output_that_is_not_a_plan_is_never_touched() {
     }
     assert_eq!(names(&place.path("mine")), ["thesis.tex"]);
     assert_eq!(place.names(), ["file", "mine"]);
+}
+
+#[test]
+fn a_full_disk_is_bad_input_and_leaves_nothing() {
+    let place = Place::new();
+    let disk = place.path("disk");
+    fs::create_dir(&disk).unwrap();
+    let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", "size=64k", "none"]).arg(&disk).output();
+    if !mounted.is_ok_and(|o| o.status.success()) {
+        eprintln!("SKIPPED: a small disk cannot be mounted here");
+        return;
+    }
+    let phantom = place.run(&["phantom", "--kind", "block", "--out", "disk/block", "--quiet"]);
+    let plan = place.run(&["plan", "--phantom", "block", "--out", "disk/plan", "--quiet"]);
+    let left = names(&disk);
+    let unmounted = Command::new("umount").arg(&disk).status().unwrap();
+    assert!(unmounted.success() && left.is_empty(), "{left:?}");
+    phantom.refused(&["ct.nii.gz", "No space left"]);
+    plan.refused(&["ct.nii.gz", "No space left"]);
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_is_bad_input() {
+    if !Path::new("/proc/sys").exists() {
+        eprintln!("SKIPPED: there is no /proc here");
+        return;
+    }
+    // not even root can make a folder there
+    let ran = Place::new().run(&["phantom", "--kind", "block", "--out", "/proc/sys/block", "--quiet"]);
+    ran.refused(&["error: cannot write into /proc/sys", "because: "]);
 }
 
 #[test]

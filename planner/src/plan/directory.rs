@@ -38,7 +38,10 @@ pub enum Replace {
 /// A directory being written; dropped without [`StagedDirectory::commit`], it leaves nothing behind.
 #[derive(Debug)]
 pub struct StagedDirectory {
-    partial: TempDir,
+    /// Removed when dropped.
+    _partial: TempDir,
+    /// In it, and made with the permissions of any new folder, which a temporary one has not.
+    inside: PathBuf,
     target: PathBuf,
     replace: Replace,
 }
@@ -58,12 +61,14 @@ impl StagedDirectory {
             .prefix(&hidden(&target, ".partial-"))
             .tempdir_in(home)
             .map_err(PlanFileError::io("write into", home))?;
-        Ok(Self { partial, target, replace })
+        let inside = partial.path().join("new");
+        fs::create_dir(&inside).map_err(PlanFileError::io("create", &inside))?;
+        Ok(Self { _partial: partial, inside, target, replace })
     }
 
     /// Where to write the files now.
     pub fn path(&self) -> &Path {
-        self.partial.path()
+        &self.inside
     }
 
     /// Where they will stand, absolute.
@@ -97,7 +102,6 @@ impl StagedDirectory {
         check_vacant(&self.target, self.replace)?;
         let parent = self.target.parent().unwrap_or(Path::new("/"));
         fs::create_dir_all(parent).map_err(PlanFileError::io("create", parent))?;
-        share(self.path())?;
         let aside = self.target.with_file_name(hidden(&self.target, ".replaced"));
         let replaces = self.target.join("plan.toml").exists();
         if replaces {
@@ -110,7 +114,6 @@ impl StagedDirectory {
             }
             return Err(PlanFileError::io("put into place", &self.target)(e));
         }
-        let _ = self.partial.keep();
         sync(parent)?;
         if replaces {
             fs::remove_dir_all(&aside).map_err(PlanFileError::io("remove the replaced plan", &aside))?;
@@ -204,13 +207,6 @@ fn sync_tree(dir: &Path) -> Result<(), PlanFileError> {
         if path.is_dir() { sync_tree(&path)? } else { sync(&path)? }
     }
     sync(dir)
-}
-
-/// Gives the temporary folder, made for its owner only, the permissions of the folder around it.
-fn share(partial: &Path) -> Result<(), PlanFileError> {
-    let parent = partial.parent().unwrap_or(partial);
-    let like = fs::metadata(parent).map_err(PlanFileError::io("inspect", parent))?;
-    fs::set_permissions(partial, like.permissions()).map_err(PlanFileError::io("open up", partial))
 }
 
 #[cfg(test)]

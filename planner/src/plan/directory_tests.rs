@@ -39,6 +39,17 @@ fn a_plan_appears_whole_and_is_replaced_whole() {
 }
 
 #[test]
+fn the_directory_is_as_open_as_any_other() {
+    use std::os::unix::fs::PermissionsExt;
+    let root = tempfile::tempdir().unwrap();
+    let (out, other) = (root.path().join("plan"), root.path().join("other"));
+    write_plan(root.path(), &out, "x").unwrap();
+    fs::create_dir(&other).unwrap();
+    let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
+    assert_eq!(mode(&out), mode(&other));
+}
+
+#[test]
 fn missing_parents_are_made_and_empty_folders_used() {
     let root = tempfile::tempdir().unwrap();
     let out = root.path().join("a/b/plan");
