@@ -149,7 +149,8 @@ fn solid(grid: &Grid<Ct>) -> Volume<f32, Ct> {
 fn carve(foam: &mut Volume<f32, Ct>, cell: &Cell) {
     let grid = foam.grid().clone();
     let half_diagonal = 0.5 * grid.diagonal_mm();
-    let at = |sign: f64| grid.continuous_index(Point::from_coords(cell.center.add_scalar(sign * cell.radius_mm)));
+    let at =
+        |sign: f64| grid.continuous_index(Point::from_coords(cell.center.add_scalar(sign * cell.radius_mm)));
     let (lo, hi) = (at(-1.0), at(1.0));
     let first = |a: usize| lo[a].floor().max(0.0) as usize;
     let last = |a: usize| (hi[a].ceil().max(0.0) as usize).min(DIMS[a] - 1);

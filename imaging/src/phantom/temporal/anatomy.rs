@@ -4,7 +4,7 @@
 //! +z superior, mm. Places and sizes are those of textbooks, rounded, each with the play that is written beside it; they
 //! are no statistics. Structures are built from bodies whose distance is never overrated, so that clearances hold.
 
-use super::super::cells::{AirCells, LocalCells};
+use super::super::cells::AirCells;
 use super::super::rng::Rng;
 use super::super::shapes::{Ellipsoid, Torus, Tube, V3, rounded_intersection};
 
@@ -16,7 +16,6 @@ pub(super) struct Anatomy {
     surface: Surface,
     bone_waves: [Wave; 3],
     cell_region: Ellipsoid,
-    cells: AirCells,
     canal: Tube,
     antrum: Tube,
     pub(super) middle_ear: Ellipsoid,
@@ -184,8 +183,9 @@ impl Dura {
 
     fn distance(&self, p: &V3, lateral_mm: f64) -> f64 {
         let ball = |(center, radius): (V3, f64)| (p - center).norm() - radius;
-        let middle = ball(self.middle).max(lateral_mm + Self::INNER_TABLE_MM[0]);
-        middle.min(ball(self.posterior).max(lateral_mm + Self::INNER_TABLE_MM[1]))
+        let fossa = |body, table_mm: f64| rounded_intersection(&[ball(body), lateral_mm + table_mm], 3.0);
+        let [middle, posterior] = Self::INNER_TABLE_MM;
+        fossa(self.middle, middle).min(fossa(self.posterior, posterior))
     }
 }
 
@@ -213,9 +213,8 @@ impl Anatomy {
         let tegmen_z = rng.range(8.6, 10.2);
         let sinus = V3::new(rng.range(-0.8, 0.8), rng.range(-2.0, 0.5), 0.0);
         let cell_region = Ellipsoid { center: V3::new(-9.0, -9.0, -5.0), radii: V3::new(15.0, 18.0, 18.0) };
-        let mut anatomy = Self {
+        Self {
             bone_waves,
-            cells: AirCells::scatter((V3::zeros(), V3::zeros()), 0, Rng::new(seed, 2), |_| None),
             canal: ear_canal(canal_y, canal_r),
             antrum: antrum(inner, rng),
             middle_ear: Ellipsoid {
@@ -239,20 +238,18 @@ impl Anatomy {
             cavity: Cavity {
                 outer: Section {
                     x: 0.0,
-                    center: [-12.3 + canal_y, -4.0],
-                    half: [rng.range(10.3, 11.3), rng.range(11.0, 12.5)],
+                    center: [-12.1 + canal_y, -3.7],
+                    half: [rng.range(11.2, 12.2), rng.range(12.0, 13.3)],
                 },
-                inner: Section { x: -16.0 + inner.x, center: [-6.5 + inner.y, 1.0], half: [5.2, 5.5] },
+                inner: Section { x: -16.0 + inner.x, center: [-6.5 + inner.y, 1.0], half: [5.7, 6.0] },
             },
             cell_region,
             surface,
-        };
-        anatomy.cells = anatomy.scattered_cells(seed);
-        anatomy
+        }
     }
 
     /// Cells of 2 to 5 mm, smaller towards the edge of the region.
-    fn scattered_cells(&self, seed: u64) -> AirCells {
+    pub(super) fn air_cells(&self, seed: u64) -> AirCells {
         let (center, radii) = (self.cell_region.center, self.cell_region.radii);
         let spacing = |p: &V3| {
             let lateral = self.lateral_mm(p);
@@ -292,14 +289,18 @@ impl Anatomy {
         self.cavity.distances(p)
     }
 
+    /// Whether a cell may lie within `reach_mm` of `center`.
+    pub(super) fn is_pneumatised(&self, center: &V3, reach_mm: f64) -> bool {
+        let bone = self.bone_mm(center, self.lateral_mm(center));
+        // the region's distance is no bound; twice the reach covers its error
+        self.pneumatised_mm(center, bone) < 2.0 * reach_mm
+    }
+
     /// What matters within `reach_mm` of `center`.
     pub(super) fn near(&self, center: &V3, reach_mm: f64) -> Local<'_> {
-        let lateral = self.lateral_mm(center);
-        let pneumatised = self.pneumatised_mm(center, self.bone_mm(center, lateral));
         let tube = |t: &Tube| t.near(center, reach_mm);
         Local {
             anatomy: self,
-            cells: (pneumatised < 2.0 * reach_mm).then(|| self.cells.near(center, super::BRICK_RADIUS_MM)),
             canal: tube(&self.canal),
             antrum: tube(&self.antrum),
             middle_ear: self.middle_ear.distance(center) < reach_mm,
@@ -315,7 +316,6 @@ impl Anatomy {
 #[derive(Debug)]
 pub(super) struct Local<'a> {
     pub(super) anatomy: &'a Anatomy,
-    pub(super) cells: Option<LocalCells<'a>>,
     pub(super) canal: Tube,
     pub(super) antrum: Tube,
     pub(super) middle_ear: bool,
