@@ -194,7 +194,7 @@ fn labels(grid: &Grid<Ct>, params: &BlockParams) -> Volume<u8, Ct> {
         let in_block = (0..3).all(|a| p[a] > BLOCK_MIN_MM[a] && p[a] < BLOCK_MAX_MM[a]);
         if p.x.abs() < half && p.y.abs() < half && p.z < 0.0 && p.z > -POCKET_MM {
             *label = TARGET;
-        } else if in_block && nerve.distance(&p) <= 0.0 {
+        } else if in_block && nerve.contains(&p) {
             *label = NERVE;
         }
     }

@@ -65,9 +65,19 @@ impl Tube {
         self.segments.iter().map(|s| s.distance(p)).fold(f64::INFINITY, f64::min)
     }
 
+    /// Whether `p` is inside.
+    pub(super) fn contains(&self, p: &V3) -> bool {
+        self.outside_bounds(p) <= 0.0 && self.distance(p) <= 0.0
+    }
+
+    /// Above 0 outside the box around the tube, then at most the distance, mm.
+    fn outside_bounds(&self, p: &V3) -> f64 {
+        ((p - self.bounds.0).abs() - self.bounds.1).max()
+    }
+
     /// The part of the tube whose distance from `center` is below `reach_mm`.
     pub(super) fn near(&self, center: &V3, reach_mm: f64) -> Self {
-        let outside = ((center - self.bounds.0).abs() - self.bounds.1).max();
+        let outside = self.outside_bounds(center);
         let near = |s: &&Segment| outside < reach_mm && s.distance(center) < reach_mm;
         Self { segments: self.segments.iter().filter(near).cloned().collect(), bounds: self.bounds }
     }

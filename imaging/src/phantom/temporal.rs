@@ -8,6 +8,7 @@
 //! Work goes by bricks of 4 × 4 × 4 voxels, so that a voxel only asks the bodies near it.
 
 mod anatomy;
+mod labyrinth;
 #[cfg(test)]
 mod tests;
 

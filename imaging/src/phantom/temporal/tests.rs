@@ -37,12 +37,10 @@ fn gap_mm(a: &[V3], b: &[V3]) -> f64 {
 
 #[test]
 fn every_seed_is_a_mastoid_with_a_cavity_clear_of_its_structures() {
-    let mut volumes = Vec::new();
     for seed in 0..=50 {
         let labels = coarse_labels(&Anatomy::new(seed));
         let (target, mm3) = rim(&labels, TARGET);
-        assert!((3000..6000).contains(&mm3), "seed {seed}: a target of {mm3} mm³");
-        volumes.push(mm3);
+        assert!((3500..5000).contains(&mm3), "seed {seed}: a target of {mm3} mm³");
         let rims: Vec<_> = CLEARANCES_MM.map(|(label, _)| rim(&labels, label)).into();
         for ((label, clearance), (structure, voxels)) in CLEARANCES_MM.iter().zip(&rims) {
             // between points, so the whole spare must be there
@@ -55,8 +53,6 @@ fn every_seed_is_a_mastoid_with_a_cavity_clear_of_its_structures() {
             assert!(gap > 1.0, "seed {seed}: {a} and {b} are {gap} mm apart");
         }
     }
-    volumes.sort_unstable();
-    eprintln!("target of 51 seeds: {} to {} mm³, median {}", volumes[0], volumes[50], volumes[25]);
 }
 
 #[test]
