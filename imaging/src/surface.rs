@@ -153,8 +153,10 @@ mod tests {
             assert_closed_manifold(&mesh);
             let (e_area, e_volume) =
                 ((mesh.area_mm2() / area - 1.0).abs(), (mesh.volume_mm3() / volume - 1.0).abs());
-            eprintln!("r/h {cells}: area {e_area:.2e}, volume {e_volume:.2e}");
-            assert!(e_area < 0.7 / (cells * cells) && e_volume < 1.15 / (cells * cells));
+            assert!(
+                e_area < 0.7 / (cells * cells) && e_volume < 1.15 / (cells * cells),
+                "r/h {cells}: area {e_area:.2e}, volume {e_volume:.2e}"
+            );
             errors.push(e_volume);
         }
         assert!(errors.windows(2).all(|e| e[1] < 0.35 * e[0]), "second order: {errors:?}");

@@ -149,7 +149,8 @@ fn solid(grid: &Grid<Ct>) -> Volume<f32, Ct> {
 fn carve(foam: &mut Volume<f32, Ct>, cell: &Cell) {
     let grid = foam.grid().clone();
     let half_diagonal = 0.5 * grid.diagonal_mm();
-    let at = |sign: f64| grid.continuous_index(Point::from_coords(cell.center.add_scalar(sign * cell.radius_mm)));
+    let at =
+        |sign: f64| grid.continuous_index(Point::from_coords(cell.center.add_scalar(sign * cell.radius_mm)));
     let (lo, hi) = (at(-1.0), at(1.0));
     let first = |a: usize| lo[a].floor().max(0.0) as usize;
     let last = |a: usize| (hi[a].ceil().max(0.0) as usize).min(DIMS[a] - 1);
@@ -193,7 +194,7 @@ fn labels(grid: &Grid<Ct>, params: &BlockParams) -> Volume<u8, Ct> {
         let in_block = (0..3).all(|a| p[a] > BLOCK_MIN_MM[a] && p[a] < BLOCK_MAX_MM[a]);
         if p.x.abs() < half && p.y.abs() < half && p.z < 0.0 && p.z > -POCKET_MM {
             *label = TARGET;
-        } else if in_block && nerve.distance(&p) <= 0.0 {
+        } else if in_block && nerve.contains(&p) {
             *label = NERVE;
         }
     }

@@ -46,7 +46,8 @@ impl AirCells {
         let nearest = (0..self.seeds.len()).map(distance).fold(f64::INFINITY, f64::min);
         // a wall to a seed d farther than the nearest is at least d/2 away
         let reach = nearest + 2.0 * (radius_mm + ROUNDING_MM + HALF_SEPTUM_MM[1]);
-        let seeds = (0..self.seeds.len()).filter(|&n| distance(n) <= reach).collect();
+        let seeds =
+            (0..self.seeds.len()).filter(|&n| distance(n) <= reach).map(|n| (n, self.seeds[n])).collect();
         LocalCells { cells: self, seeds }
     }
 
@@ -65,30 +66,26 @@ impl AirCells {
 #[derive(Debug)]
 pub(super) struct LocalCells<'a> {
     cells: &'a AirCells,
-    seeds: Vec<usize>,
+    /// Number and place.
+    seeds: Vec<(usize, V3)>,
 }
 
 impl LocalCells<'_> {
     /// Depth below 0 in a cell, mm, also below the `bound_mm` of the pneumatised region (negative inside it); above 0 in
     /// a septum or outside. Valid within the radius given to [`AirCells::near`].
     pub(super) fn distance(&self, p: &V3, bound_mm: f64) -> f64 {
-        let seeds = &self.cells.seeds;
-        let square = |n: usize| (seeds[n] - p).norm_squared();
-        let Some(&own) = self.seeds.iter().min_by(|&&a, &&b| square(a).total_cmp(&square(b))) else {
-            return f64::INFINITY;
-        };
-        let own_square = square(own);
+        let squares = self.seeds.iter().map(|(_, seed)| (seed - p).norm_squared());
+        let nearest = squares.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((own, own_square)) = nearest else { return f64::INFINITY };
+        let (own_number, own_seed) = self.seeds[own];
         // rounded_intersection of all walls, without their list
         let (mut deepest, mut sum) = (bound_mm, (bound_mm + ROUNDING_MM).max(0.0).powi(2));
-        for &other in &self.seeds {
-            if other == own {
-                continue;
-            }
-            let bisector = 0.5 * (square(other) - own_square) / (seeds[other] - seeds[own]).norm();
+        for (_, &(number, seed)) in self.seeds.iter().enumerate().filter(|(n, _)| *n != own) {
+            let bisector = 0.5 * ((seed - p).norm_squared() - own_square) / (seed - own_seed).norm();
             if bisector > ROUNDING_MM + HALF_SEPTUM_MM[1] {
                 continue;
             }
-            let Some(half) = self.cells.half_septum_mm(own, other) else { continue };
+            let Some(half) = self.cells.half_septum_mm(own_number, number) else { continue };
             let wall = half - bisector;
             deepest = deepest.max(wall);
             sum += (wall + ROUNDING_MM).max(0.0).powi(2);

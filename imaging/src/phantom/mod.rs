@@ -5,7 +5,7 @@
 //! names and the text of a case file; nothing is written here.
 //!
 //! Invariants: the same kind and seed give the same voxels, whatever the number of threads; every seed gives a case whose
-//! target is one piece, open along the approach, and at least its clearance away from every structure.
+//! target is one piece, reaches the outside along the approach, and keeps every structure's clearance.
 //!
 //! ```
 //! use bonemill_imaging::phantom::{PhantomKind, phantom};
@@ -85,7 +85,7 @@ pub struct Phantom {
     pub case_toml: String,
 }
 
-/// The phantom of a kind and seed. Takes about a second at most.
+/// The phantom of a kind and seed. Takes 0.3 s (block) or 2 s (temporal) of processor time, shared among rayon's threads.
 pub fn phantom(kind: PhantomKind, seed: u64) -> Phantom {
     match kind {
         PhantomKind::Block => block(&BlockParams::paper(), seed),

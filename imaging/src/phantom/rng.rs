@@ -64,7 +64,8 @@ mod tests {
     #[test]
     fn the_generator_is_splitmix64() {
         // first outputs for state 1234567, published with the reference implementation
-        let expected: [u64; 3] = [6_457_827_717_110_365_317, 3_203_168_211_198_807_973, 9_817_491_932_198_370_423];
+        let expected: [u64; 3] =
+            [6_457_827_717_110_365_317, 3_203_168_211_198_807_973, 9_817_491_932_198_370_423];
         for (n, e) in expected.into_iter().enumerate() {
             assert_eq!(mix(1_234_567u64.wrapping_add((n as u64 + 1).wrapping_mul(GAMMA))), e);
         }

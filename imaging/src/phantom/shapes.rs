@@ -11,6 +11,8 @@ pub(super) type V3 = Vector3<f64>;
 #[derive(Debug, Clone)]
 pub(super) struct Tube {
     segments: Vec<Segment>,
+    /// A box around the tube: its middle and half its size.
+    bounds: (V3, V3),
 }
 
 #[derive(Debug, Clone)]
@@ -30,7 +32,13 @@ impl Tube {
             let inverse_square = 1.0 / along.norm_squared().max(1e-12);
             Segment { from: w[0].0, along, inverse_square, radius: w[0].1, growth: w[1].1 - w[0].1 }
         };
-        Self { segments: knots.windows(2).map(segment).collect() }
+        let corner = |sign: f64, pick: fn(&V3, &V3) -> V3| {
+            let first = V3::repeat(-sign * f64::MAX);
+            knots.iter().fold(first, |all, (p, r)| pick(&all, &p.add_scalar(sign * r)))
+        };
+        let (lo, hi) = (corner(-1.0, V3::inf), corner(1.0, V3::sup));
+        let bounds = (lo * 0.5 + hi * 0.5, hi * 0.5 - lo * 0.5);
+        Self { segments: knots.windows(2).map(segment).collect(), bounds }
     }
 
     /// Through the knots on a Catmull-Rom curve, in `pieces` straight pieces between two knots.
@@ -57,10 +65,21 @@ impl Tube {
         self.segments.iter().map(|s| s.distance(p)).fold(f64::INFINITY, f64::min)
     }
 
+    /// Whether `p` is inside.
+    pub(super) fn contains(&self, p: &V3) -> bool {
+        self.outside_bounds(p) <= 0.0 && self.distance(p) <= 0.0
+    }
+
+    /// Above 0 outside the box around the tube, then at most the distance, mm.
+    fn outside_bounds(&self, p: &V3) -> f64 {
+        ((p - self.bounds.0).abs() - self.bounds.1).max()
+    }
+
     /// The part of the tube whose distance from `center` is below `reach_mm`.
     pub(super) fn near(&self, center: &V3, reach_mm: f64) -> Self {
-        let segments = self.segments.iter().filter(|s| s.distance(center) < reach_mm).cloned().collect();
-        Self { segments }
+        let outside = self.outside_bounds(center);
+        let near = |s: &&Segment| outside < reach_mm && s.distance(center) < reach_mm;
+        Self { segments: self.segments.iter().filter(near).cloned().collect(), bounds: self.bounds }
     }
 }
 
@@ -88,7 +107,8 @@ impl Torus {
         let from = p - self.center;
         let height = from.dot(&self.normal);
         let in_plane = (from - self.normal * height).norm();
-        (in_plane - self.major_mm).hypot(height) - minor_mm
+        let off = in_plane - self.major_mm;
+        (off * off + height * height).sqrt() - minor_mm
     }
 }
 

@@ -8,12 +8,14 @@
 //! Work goes by bricks of 4 × 4 × 4 voxels, so that a voxel only asks the bodies near it.
 
 mod anatomy;
+mod labyrinth;
 #[cfg(test)]
 mod tests;
 
 use bonemill_geometry::{Ct, Grid, Point, Volume};
 use rayon::prelude::*;
 
+use super::cells::{AirCells, LocalCells};
 use super::rng::Rng;
 use super::shapes::{V3, coverage, rounded_intersection};
 use super::{Phantom, TARGET, ct_grid, names, with_noise};
@@ -63,7 +65,8 @@ const REACH_MM: f64 = TARGET_ROUNDING_MM + 1.0 + SPARE_MM;
 /// The mastoid of a seed.
 pub(super) fn temporal(seed: u64) -> Phantom {
     let grid = ct_grid(DIMS, SPACING_MM, ORIGIN);
-    let (hu, mut labels) = painted(&Anatomy::new(seed), &grid);
+    let anatomy = Anatomy::new(seed);
+    let (hu, mut labels) = painted(&anatomy, &anatomy.air_cells(seed), &grid);
     keep_largest_piece(&mut labels, TARGET);
     Phantom {
         ct: with_noise(&blurred(hu, BLUR_MM / SPACING_MM), NOISE_HU, &Rng::new(seed, 1)),
@@ -81,7 +84,7 @@ pub(super) fn temporal(seed: u64) -> Phantom {
 }
 
 /// HU before blur and noise, and labels.
-fn painted(anatomy: &Anatomy, grid: &Grid<Ct>) -> (Volume<f32, Ct>, Volume<u8, Ct>) {
+fn painted(anatomy: &Anatomy, cells: &AirCells, grid: &Grid<Ct>) -> (Volume<f32, Ct>, Volume<u8, Ct>) {
     let [nx, ny, _] = DIMS;
     let mut hu = Volume::filled(grid.clone(), 0f32);
     let mut labels = Volume::filled(grid.clone(), 0u8);
@@ -92,13 +95,18 @@ fn painted(anatomy: &Anatomy, grid: &Grid<Ct>) -> (Volume<f32, Ct>, Volume<u8, C
             let middle = 0.5 * (BRICK - 1) as f64;
             let center = grid.at([i as f64 + middle, j as f64 + middle, (b * BRICK) as f64 + middle]).coords;
             let local = anatomy.near(&center, BRICK_RADIUS_MM + REACH_MM);
+            let uniform = local.uniform(&center);
+            let pneumatised = anatomy.is_pneumatised(&center, BRICK_RADIUS_MM);
+            let cells = pneumatised.then(|| cells.near(&center, BRICK_RADIUS_MM));
             for n in 0..BRICK * BRICK * BRICK {
                 let (di, dj, dk) = (n % BRICK, n / BRICK % BRICK, n / (BRICK * BRICK));
                 let at = i + di + nx * (j + dj + ny * dk);
-                let p = grid.center([i + di, j + dj, b * BRICK + dk]).coords;
-                let distances = local.distances(&p);
-                hu[at] = local.hu(&p, &distances) as f32;
-                labels[at] = local.label(&p, &distances);
+                let (value, label) = uniform.unwrap_or_else(|| {
+                    let p = grid.center([i + di, j + dj, b * BRICK + dk]).coords;
+                    let distances = local.distances(&p);
+                    (local.hu(&p, &distances, cells.as_ref()), local.label(&p, &distances))
+                });
+                (hu[at], labels[at]) = (value as f32, label);
             }
         }
     });
@@ -117,6 +125,19 @@ struct Distances {
 }
 
 impl anatomy::Local<'_> {
+    /// HU and label of a brick that lies wholly in the air outside or in the brain, by its middle: most of them do.
+    fn uniform(&self, center: &V3) -> Option<(f64, u8)> {
+        const DEEP_MM: f64 = BRICK_RADIUS_MM + SPACING_MM;
+        let d = self.distances(center);
+        let far = REACH_MM + BRICK_RADIUS_MM;
+        if d.lateral > SCALP_MM + DEEP_MM {
+            return Some((AIR_HU, 0));
+        }
+        let alone =
+            [d.nerve, d.labyrinth, d.sinus, self.inner_canal.distance(center)].iter().all(|&d| d > far);
+        (d.dura < -DEEP_MM && alone).then_some((BRAIN_HU, DURA))
+    }
+
     fn distances(&self, p: &V3) -> Distances {
         let lateral = self.anatomy.lateral_mm(p);
         Distances {
@@ -131,13 +152,18 @@ impl anatomy::Local<'_> {
     }
 
     /// HU of a voxel: each tissue over those before it.
-    fn hu(&self, p: &V3, d: &Distances) -> f64 {
+    fn hu(&self, p: &V3, d: &Distances, cells: Option<&LocalCells>) -> f64 {
         let mut hu = AIR_HU;
         let mut paint = |value: f64, distance: f64| hu += (value - hu) * coverage(distance, SPACING_MM);
         paint(SOFT_HU, d.lateral - SCALP_MM);
-        paint(self.anatomy.bone_hu(p), d.bone);
-        if let Some(cells) = &self.cells {
-            paint(CELL_AIR_HU, cells.distance(p, self.anatomy.pneumatised_mm(p, d.bone)));
+        if d.bone < SPACING_MM && d.dura > -SPACING_MM {
+            paint(self.anatomy.bone_hu(p), d.bone);
+        }
+        if let Some(cells) = cells {
+            let bound = self.anatomy.pneumatised_mm(p, d.bone);
+            if bound < SPACING_MM {
+                paint(CELL_AIR_HU, cells.distance(p, bound));
+            }
         }
         paint(CELL_AIR_HU, self.antrum.distance(p));
         // plates and walls are of bone, so they end where the bone ends
@@ -152,11 +178,12 @@ impl anatomy::Local<'_> {
             paint(CAPSULE_HU, d.labyrinth);
             paint(FLUID_HU, self.anatomy.labyrinth.fluid_mm(p));
         }
+        // before the inner canal, in which the nerve has no wall
+        paint(PLATE_HU, (d.nerve - NERVE_CANAL_WALL_MM).max(d.bone));
         paint(FLUID_HU, self.inner_canal.distance(p));
         paint(PLATE_HU, (d.sinus - SINUS_PLATE_MM).min(d.dura - DURA_PLATE_MM).max(d.bone));
         paint(BRAIN_HU, d.dura);
         paint(BLOOD_HU, d.sinus);
-        paint(PLATE_HU, (d.nerve - NERVE_CANAL_WALL_MM).max(d.bone));
         paint(SOFT_HU, d.nerve);
         hu
     }
@@ -177,6 +204,9 @@ impl anatomy::Local<'_> {
     /// Signed distance of the cavity below and above the cortex, mm: it may be too large, never too small.
     fn target_mm(&self, p: &V3, d: &Distances) -> f64 {
         let [walls, floor] = self.anatomy.cavity_mm(p);
+        if walls > 0.0 || floor > 0.0 {
+            return walls.max(floor);
+        }
         let bounds = [
             walls,
             floor,
@@ -194,9 +224,8 @@ impl anatomy::Local<'_> {
 fn blurred(mut image: Volume<f32, Ct>, sigma_voxels: f64) -> Volume<f32, Ct> {
     let [nx, ny, nz] = image.grid().dims();
     let half = (3.0 * sigma_voxels).ceil() as usize;
-    let raw: Vec<f64> = (0..=2 * half)
-        .map(|n| (-0.5 * ((n as f64 - half as f64) / sigma_voxels).powi(2)).exp())
-        .collect();
+    let raw: Vec<f64> =
+        (0..=2 * half).map(|n| (-0.5 * ((n as f64 - half as f64) / sigma_voxels).powi(2)).exp()).collect();
     let sum: f64 = raw.iter().sum();
     let kernel: Vec<f32> = raw.iter().map(|w| (w / sum) as f32).collect();
     let shift = |at: usize, tap: usize, n: usize| (at + tap).saturating_sub(half).min(n - 1);
@@ -212,7 +241,8 @@ fn blurred(mut image: Volume<f32, Ct>, sigma_voxels: f64) -> Volume<f32, Ct> {
                         *o += w * source[row * nx + shift(i, tap, nx)];
                     }),
                     _ => {
-                        let from = if axis == 1 { shift(j, tap, ny) + ny * k } else { j + ny * shift(k, tap, nz) };
+                        let from =
+                            if axis == 1 { shift(j, tap, ny) + ny * k } else { j + ny * shift(k, tap, nz) };
                         let line = &source[from * nx..][..nx];
                         out.iter_mut().zip(line).for_each(|(o, &s)| *o += w * s);
                     }

@@ -60,7 +60,8 @@ fn the_case_names_every_label_and_only_keys_of_the_case_file() {
             assert!(phantom.labels.data().contains(&label), "{kind}: {name} is empty");
         }
         for n in 0..2 {
-            let range = phantom.ct.data().iter().fold([i16::MAX, i16::MIN], |[l, h], &v| [l.min(v), h.max(v)]);
+            let range =
+                phantom.ct.data().iter().fold([i16::MAX, i16::MIN], |[l, h], &v| [l.min(v), h.max(v)]);
             assert!(range[n] > -1400 && range[n] < 2400, "{kind}: {range:?} HU");
         }
     }

@@ -36,13 +36,19 @@ fn foam_and_air_have_their_density_and_noise() {
     for n in 0..grid.len() {
         let share = (f64::from(clean.ct.data()[n]) / 1000.0 + 1.0) / FOAM_G_CM3;
         assert!((0.0..=1.0).contains(&share));
-        kinds[if share == 0.0 { 0 } else if share < 1.0 { 1 } else { 2 }] += 1;
+        kinds[if share == 0.0 {
+            0
+        } else if share < 1.0 {
+            1
+        } else {
+            2
+        }] += 1;
         material += share * grid.voxel_mm3();
         let noise = f64::from(noisy.ct.data()[n]) - f64::from(clean.ct.data()[n]);
         difference += noise;
         square += noise * noise;
     }
-    assert!(kinds.iter().all(|&n| n > 100_000), "air, cell walls and foam: {kinds:?}");
+    assert!(kinds.iter().all(|&n| n > 50_000), "air, cell walls and foam: {kinds:?}");
     let n = grid.len() as f64;
     let mean_g_cm3 = FOAM_G_CM3 * material / (26.0 * 26.0 * 22.0);
     let sd = (square / n - (difference / n).powi(2)).sqrt();

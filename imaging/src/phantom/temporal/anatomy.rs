@@ -4,9 +4,10 @@
 //! +z superior, mm. Places and sizes are those of textbooks, rounded, each with the play that is written beside it; they
 //! are no statistics. Structures are built from bodies whose distance is never overrated, so that clearances hold.
 
-use super::super::cells::{AirCells, LocalCells};
+use super::super::cells::AirCells;
 use super::super::rng::Rng;
-use super::super::shapes::{Ellipsoid, Torus, Tube, V3, rounded_intersection};
+use super::super::shapes::{Ellipsoid, Tube, V3, rounded_intersection};
+use super::labyrinth::Labyrinth;
 
 const CELL_THROWS: usize = 30_000;
 
@@ -16,7 +17,6 @@ pub(super) struct Anatomy {
     surface: Surface,
     bone_waves: [Wave; 3],
     cell_region: Ellipsoid,
-    cells: AirCells,
     canal: Tube,
     antrum: Tube,
     pub(super) middle_ear: Ellipsoid,
@@ -44,15 +44,6 @@ struct Surface {
 struct Wave {
     per_mm: V3,
     phase: f64,
-}
-
-/// The otic capsule.
-#[derive(Debug)]
-pub(super) struct Labyrinth {
-    canals: [Torus; 3],
-    vestibule: Tube,
-    cochlea: Tube,
-    cochlear_duct: Tube,
 }
 
 /// Middle and posterior fossa: two large balls, cut off at the inner table.
@@ -124,68 +115,14 @@ impl Surface {
     }
 }
 
-impl Labyrinth {
-    const CANAL_CAPSULE_MM: f64 = 1.1;
-    const CANAL_LUMEN_MM: f64 = 0.45;
-    const VESTIBULE_WALL_MM: f64 = 1.0;
-
-    /// With its vestibule's middle at `at`.
-    fn new(at: V3, rng: &mut Rng) -> Self {
-        let mut canal = |x: f64, y: f64, z: f64, normal: V3| Torus {
-            center: at + V3::new(x, y, z),
-            normal: normal.normalize(),
-            major_mm: rng.range(2.6, 3.0),
-        };
-        // lateral: nearly horizontal, its front raised; posterior: along the petrous bone; superior: across it
-        let canals = [
-            canal(2.2, -3.3, 1.8, V3::new(0.1, -0.4, 0.9)),
-            canal(-0.5, -5.8, -0.7, V3::new(0.514, 0.857, 0.0)),
-            canal(-0.8, 0.7, 3.0, V3::new(0.857, -0.514, 0.0)),
-        ];
-        let vestibule = Tube::straight(&[
-            (at + V3::new(0.2, -2.3, 0.6), 2.2), // its wall included
-            (at + V3::new(-0.3, 2.2, -0.5), 2.3),
-        ]);
-        let center = at + V3::new(-1.8, 6.5, -2.5);
-        let cochlea = Tube::straight(&[(center, 3.6), (center, 3.6)]);
-        Self { canals, vestibule, cochlea, cochlear_duct: cochlear_duct(center) }
-    }
-
-    /// Signed distance of the dense capsule, mm.
-    pub(super) fn capsule_mm(&self, p: &V3) -> f64 {
-        let canals = self.canals.iter().map(|c| c.distance(p, Self::CANAL_CAPSULE_MM));
-        canals.fold(self.vestibule.distance(p).min(self.cochlea.distance(p)), f64::min)
-    }
-
-    /// Signed distance of the fluid inside it, mm.
-    pub(super) fn fluid_mm(&self, p: &V3) -> f64 {
-        let canals = self.canals.iter().map(|c| c.distance(p, Self::CANAL_LUMEN_MM));
-        let vestibule = self.vestibule.distance(p) + Self::VESTIBULE_WALL_MM;
-        canals.fold(vestibule.min(self.cochlear_duct.distance(p)), f64::min)
-    }
-}
-
-/// Two and a half turns about an axis that points forwards and outwards.
-fn cochlear_duct(center: V3) -> Tube {
-    let axis = V3::new(0.6, 0.75, -0.28).normalize();
-    let x = axis.cross(&V3::z()).normalize();
-    let y = axis.cross(&x);
-    let knot = |n: i32| {
-        let t = f64::from(n) / 40.0;
-        let (radius, angle) = (2.3 - 1.6 * t, t * 2.5 * std::f64::consts::TAU);
-        let p = center + x * (radius * angle.cos()) + y * (radius * angle.sin()) + axis * (3.0 * t - 1.3);
-        (p, 0.6 - 0.25 * t)
-    };
-    Tube::straight(&(0..=40).map(knot).collect::<Vec<_>>())
-}
-
 impl Dura {
     const INNER_TABLE_MM: [f64; 2] = [4.0, 6.5];
 
     fn distance(&self, p: &V3, lateral_mm: f64) -> f64 {
         let ball = |(center, radius): (V3, f64)| (p - center).norm() - radius;
-        let middle = ball(self.middle).max(lateral_mm + Self::INNER_TABLE_MM[0]);
-        middle.min(ball(self.posterior).max(lateral_mm + Self::INNER_TABLE_MM[1]))
+        let fossa = |body, table_mm: f64| rounded_intersection(&[ball(body), lateral_mm + table_mm], 3.0);
+        let [middle, posterior] = Self::INNER_TABLE_MM;
+        fossa(self.middle, middle).min(fossa(self.posterior, posterior))
     }
 }
 
@@ -213,9 +150,8 @@ impl Anatomy {
         let tegmen_z = rng.range(8.6, 10.2);
         let sinus = V3::new(rng.range(-0.8, 0.8), rng.range(-2.0, 0.5), 0.0);
         let cell_region = Ellipsoid { center: V3::new(-9.0, -9.0, -5.0), radii: V3::new(15.0, 18.0, 18.0) };
-        let mut anatomy = Self {
+        Self {
             bone_waves,
-            cells: AirCells::scatter((V3::zeros(), V3::zeros()), 0, Rng::new(seed, 2), |_| None),
             canal: ear_canal(canal_y, canal_r),
             antrum: antrum(inner, rng),
             middle_ear: Ellipsoid {
@@ -239,20 +175,18 @@ impl Anatomy {
             cavity: Cavity {
                 outer: Section {
                     x: 0.0,
-                    center: [-12.3 + canal_y, -4.0],
-                    half: [rng.range(10.3, 11.3), rng.range(11.0, 12.5)],
+                    center: [-12.1 + canal_y, -3.7],
+                    half: [rng.range(11.2, 12.2), rng.range(12.0, 13.3)],
                 },
-                inner: Section { x: -16.0 + inner.x, center: [-6.5 + inner.y, 1.0], half: [5.2, 5.5] },
+                inner: Section { x: -16.0 + inner.x, center: [-6.5 + inner.y, 1.0], half: [5.7, 6.0] },
             },
             cell_region,
             surface,
-        };
-        anatomy.cells = anatomy.scattered_cells(seed);
-        anatomy
+        }
     }
 
     /// Cells of 2 to 5 mm, smaller towards the edge of the region.
-    fn scattered_cells(&self, seed: u64) -> AirCells {
+    pub(super) fn air_cells(&self, seed: u64) -> AirCells {
         let (center, radii) = (self.cell_region.center, self.cell_region.radii);
         let spacing = |p: &V3| {
             let lateral = self.lateral_mm(p);
@@ -292,14 +226,18 @@ impl Anatomy {
         self.cavity.distances(p)
     }
 
+    /// Whether a cell may lie within `reach_mm` of `center`.
+    pub(super) fn is_pneumatised(&self, center: &V3, reach_mm: f64) -> bool {
+        let bone = self.bone_mm(center, self.lateral_mm(center));
+        // the region's distance is no bound; twice the reach covers its error
+        self.pneumatised_mm(center, bone) < 2.0 * reach_mm
+    }
+
     /// What matters within `reach_mm` of `center`.
     pub(super) fn near(&self, center: &V3, reach_mm: f64) -> Local<'_> {
-        let lateral = self.lateral_mm(center);
-        let pneumatised = self.pneumatised_mm(center, self.bone_mm(center, lateral));
         let tube = |t: &Tube| t.near(center, reach_mm);
         Local {
             anatomy: self,
-            cells: (pneumatised < 2.0 * reach_mm).then(|| self.cells.near(center, super::BRICK_RADIUS_MM)),
             canal: tube(&self.canal),
             antrum: tube(&self.antrum),
             middle_ear: self.middle_ear.distance(center) < reach_mm,
@@ -315,7 +253,6 @@ impl Anatomy {
 #[derive(Debug)]
 pub(super) struct Local<'a> {
     pub(super) anatomy: &'a Anatomy,
-    pub(super) cells: Option<LocalCells<'a>>,
     pub(super) canal: Tube,
     pub(super) antrum: Tube,
     pub(super) middle_ear: bool,
