@@ -53,6 +53,7 @@ const VOXELS_PER_RADIUS: f64 = 8.0;
 #[derive(Debug)]
 pub struct Access<'a> {
     scene: &'a Scene,
+    near_box: Bounds,
     segments: Vec<Segment>,
 }
 
@@ -79,7 +80,7 @@ impl<'a> Access<'a> {
                 Segment { cylinder: *cylinder, latest }
             })
             .collect();
-        Self { scene, segments }
+        Self { scene, near_box: fine.bounds(), segments }
     }
 
     /// Whether the shank along `axis` (unit, work) is free while move `index` ends at `center`.
@@ -100,13 +101,10 @@ impl<'a> Access<'a> {
         axis: &Vector3<f64>,
     ) -> Option<Blocked> {
         let ShankCylinder { from_mm, to_mm, radius_mm } = segment.cylinder;
-        let step = segment.latest.spacing_mm;
-        let steps = ((to_mm - from_mm) / step).ceil() as usize;
-        let class = &self.scene.class;
-        for n in 0..=steps {
-            let at_mm = (from_mm + n as f64 * step).min(to_mm);
-            let p = center + axis * at_mm;
-            let latest = segment.latest.at(&p.coords);
+        let field = &segment.latest;
+        let (enter, leave) = field.crossing(&center.coords, axis);
+        for at_mm in steps(from_mm.max(enter), to_mm.min(leave), field.spacing_mm) {
+            let latest = field.at(&(center.coords + axis * at_mm));
             if latest >= index as f32 {
                 return Some(if latest == SOLID {
                     Blocked::Obstacle { at_mm }
@@ -114,12 +112,49 @@ impl<'a> Access<'a> {
                     Blocked::NotYetRemoved { at_mm }
                 });
             }
-            let beyond = class.grid().nearest(p).is_none();
-            if beyond && self.scene.far.at_least_mm(p).is_some_and(|d| d < radius_mm) {
-                return Some(Blocked::Obstacle { at_mm });
+        }
+        // the segment beyond the work grid
+        let step = self.scene.far.spacing_mm();
+        let (_, leave) = self.near_box.crossing(&center.coords, axis);
+        steps(from_mm.max(leave), to_mm, step)
+            .find(|at_mm| {
+                let near = self.scene.far.at_least_mm(center + axis * *at_mm);
+                near.is_some_and(|d| d < radius_mm.hypot(0.5 * step))
+            })
+            .map(|at_mm| Blocked::Obstacle { at_mm })
+    }
+}
+
+/// Distances from..=to, `step` apart, the end included; none when to < from.
+fn steps(from: f64, to: f64, step: f64) -> impl Iterator<Item = f64> {
+    let count = if to >= from { ((to - from) / step) as usize + 2 } else { 0 };
+    (0..count).map(move |n| (from + n as f64 * step).min(to))
+}
+
+/// An axis-aligned box in work, mm.
+#[derive(Debug, Clone, Copy)]
+struct Bounds {
+    low_mm: Vector3<f64>,
+    high_mm: Vector3<f64>,
+}
+
+impl Bounds {
+    /// Where the ray center + t·axis, t ≥ 0, enters and leaves the box; enter > leave when it misses it.
+    fn crossing(&self, center: &Vector3<f64>, axis: &Vector3<f64>) -> (f64, f64) {
+        let (mut enter, mut leave) = (0f64, f64::INFINITY);
+        for a in 0..3 {
+            let (low, high) = (self.low_mm[a] - center[a], self.high_mm[a] - center[a]);
+            if axis[a].abs() < 1e-12 {
+                if low > 0.0 || high < 0.0 {
+                    return (f64::INFINITY, 0.0);
+                }
+            } else {
+                let (t0, t1) = (low / axis[a], high / axis[a]);
+                enter = enter.max(t0.min(t1));
+                leave = leave.min(t0.max(t1));
             }
         }
-        None
+        (enter, leave)
     }
 }
 
@@ -202,12 +237,25 @@ impl Field {
         Self { value: ball_maximum(&self.value, self.dims, radius), ..self }
     }
 
+    /// The box of all voxels.
+    fn bounds(&self) -> Bounds {
+        let low = self.origin_mm - 0.5 * self.spacing_mm;
+        let size = Vector3::from(self.dims.map(|n| n as f64 * self.spacing_mm));
+        Bounds { low_mm: Vector3::repeat(low), high_mm: Vector3::repeat(low) + size }
+    }
+
+    /// [`Bounds::crossing`] of the box of all voxels.
+    fn crossing(&self, center: &Vector3<f64>, axis: &Vector3<f64>) -> (f64, f64) {
+        self.bounds().crossing(center, axis)
+    }
+
     /// The value of the voxel that holds `p`, [`FREE`] outside.
     #[inline]
     fn at(&self, p: &Vector3<f64>) -> f32 {
         let scale = 1.0 / self.spacing_mm;
         let at = |c: f64, n: usize| {
-            let v = ((c - self.origin_mm) * scale + 0.5).floor();
+            // truncation is rounding down for what is not negative
+            let v = (c - self.origin_mm) * scale + 0.5;
             (v >= 0.0 && v < n as f64).then_some(v as usize)
         };
         match (at(p.x, self.dims[0]), at(p.y, self.dims[1]), at(p.z, self.dims[2])) {

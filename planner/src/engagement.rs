@@ -40,6 +40,8 @@ pub struct SweptPath<'a> {
     removal: &'a RemovalTime,
     points: &'a [PathPoint],
     radius_mm: f64,
+    dims: [usize; 3],
+    per_mm: f64,
     runs: Vec<Run>,
     cells: [usize; 3],
     runs_in_cell: Vec<Vec<u32>>,
@@ -51,8 +53,17 @@ impl<'a> SweptPath<'a> {
         let runs = straight_runs(points);
         let grid = scene.class.grid();
         let cells = [0, 1, 2].map(|a| (grid.dims()[a] as f64 * grid.spacing_mm()[a] / CELL_MM).ceil() as usize + 1);
-        let mut path =
-            Self { scene, removal, points, radius_mm, runs, cells, runs_in_cell: vec![Vec::new(); cells.iter().product()] };
+        let mut path = Self {
+            scene,
+            removal,
+            points,
+            radius_mm,
+            dims: grid.dims(),
+            per_mm: 1.0 / grid.spacing_mm().x,
+            runs,
+            cells,
+            runs_in_cell: vec![Vec::new(); cells.iter().product()],
+        };
         path.index_runs();
         path
     }
@@ -79,6 +90,24 @@ impl<'a> SweptPath<'a> {
                 }
             }
         }
+    }
+
+    /// The cell of a point; `None` where not all eight voxels lie in the grid: no burr that is clear gets there.
+    #[inline]
+    fn cell(&self, p: &Vector3<f64>) -> Option<Cell> {
+        let [nx, ny, nz] = self.dims;
+        let (x, y, z) = (p.x * self.per_mm, p.y * self.per_mm, p.z * self.per_mm);
+        let inside = |c: f64, n: usize| c >= 0.0 && c < (n - 1) as f64;
+        if !(inside(x, nx) && inside(y, ny) && inside(z, nz)) {
+            return None;
+        }
+        let (i, j, k) = (x as usize, y as usize, z as usize);
+        let slab = nx * ny;
+        Some(Cell {
+            first: i + nx * j + slab * k,
+            steps: [0, 1, nx, nx + 1, slab, slab + 1, slab + nx, slab + nx + 1],
+            fraction: [x - i as f64, y - j as f64, z - k as f64],
+        })
     }
 
     fn start(&self, run: &Run) -> Vector3<f64> {
@@ -141,39 +170,53 @@ impl BoneAt<'_> {
     /// Density of the bone at the burr's centre plus `offset`, g/cm³; 0 where it is gone or never was.
     pub fn density_g_cm3(&self, offset: &Vector3<f64>) -> f64 {
         let p = self.center + offset;
-        let grid = self.path.scene.class.grid();
-        let index = grid.continuous_index(Point::from_coords(p));
-        let density = self.path.scene.density_g_cm3.trilinear_at(index, 0.0);
-        if density > 0.0 && !self.is_gone(&p, index) { density } else { 0.0 }
-    }
-
-    fn is_gone(&self, p: &Vector3<f64>, index: [f64; 3]) -> bool {
-        match self.by_voxels(index) {
-            Some(gone) => gone,
+        let Some(cell) = self.path.cell(&p) else { return 0.0 };
+        match cell.gone_before(self.path.removal.time(), self.index) {
+            Some(true) => 0.0,
+            Some(false) => cell.interpolate(self.path.scene.density_g_cm3.data()),
             None => {
-                let reach = self.path.radius_mm * self.path.radius_mm;
-                // a point of the ball itself at a re-visited place lies on the earlier surface: inside, to rounding
-                self.capsules.iter().any(|(a, b)| segment_distance_squared(p, a, b) <= reach * (1.0 + 1e-12))
+                let density = cell.interpolate(self.path.scene.density_g_cm3.data());
+                if density > 0.0 && !self.is_swept(&p) { density } else { 0.0 }
             }
         }
     }
 
-    /// What the eight voxel centres around a point say when they agree.
-    fn by_voxels(&self, index: [f64; 3]) -> Option<bool> {
-        let [nx, ny, nz] = self.path.scene.class.grid().dims();
-        let [i, j, k] = index.map(|c| c.floor());
-        let inside = |c: f64, n: usize| c >= 0.0 && c + 1.0 < n as f64;
-        if !(inside(i, nx) && inside(j, ny) && inside(k, nz)) {
-            return None;
+    fn is_swept(&self, p: &Vector3<f64>) -> bool {
+        // a point of the ball itself at a re-visited place lies on the earlier surface: inside, to rounding
+        let reach = self.path.radius_mm * self.path.radius_mm * (1.0 + 1e-12);
+        self.capsules.iter().any(|(a, b)| segment_distance_squared(p, a, b) <= reach)
+    }
+}
+
+/// The eight voxel centres around a point.
+struct Cell {
+    first: usize,
+    steps: [usize; 8],
+    fraction: [f64; 3],
+}
+
+impl Cell {
+    /// Whether all eight are gone before move `index` (true), all are still there (false), or neither.
+    fn gone_before(&self, time: &[u32], index: u32) -> Option<bool> {
+        let gone = self.steps.iter().filter(|step| time[self.first + **step] < index).count();
+        match gone {
+            0 => Some(false),
+            8 => Some(true),
+            _ => None,
         }
-        let first = i as usize + nx * (j as usize + ny * k as usize);
-        let time = self.path.removal.time();
-        let gone = |step: usize| time[first + step] < self.index;
-        let answer = gone(0);
-        let agree = [1, nx, nx + 1, nx * ny, nx * ny + 1, nx * ny + nx, nx * ny + nx + 1]
-            .into_iter()
-            .all(|step| gone(step) == answer);
-        agree.then_some(answer)
+    }
+
+    /// Trilinear interpolation.
+    fn interpolate(&self, values: &[f32]) -> f64 {
+        let v = self.steps.map(|step| f64::from(values[self.first + step]));
+        let [fx, fy, fz] = self.fraction;
+        let along_x = |n: usize| v[n] + (v[n + 1] - v[n]) * fx;
+        let along_y = |n: usize| {
+            let (a, b) = (along_x(n), along_x(n + 2));
+            a + (b - a) * fy
+        };
+        let (a, b) = (along_y(0), along_y(4));
+        a + (b - a) * fz
     }
 }
 

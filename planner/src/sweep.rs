@@ -62,10 +62,17 @@ impl Rows {
 }
 
 /// Whole numbers in [lo, hi], cut to 0..n.
+///
+/// By truncation: rounding functions are calls on targets without SSE4.1, and this runs once per row.
+#[inline]
 fn clip(lo: f64, hi: f64, n: usize) -> Range<usize> {
-    let start = lo.ceil().max(0.0);
-    let end = (hi.floor() + 1.0).min(n as f64);
-    if start < end { start as usize..end as usize } else { 0..0 }
+    if !(hi >= 0.0 && lo <= n as f64) {
+        return 0..0; // also for NaN
+    }
+    let truncated = lo.max(0.0) as usize;
+    let start = truncated + usize::from((truncated as f64) < lo);
+    let end = (hi.min(n as f64) as usize + 1).min(n);
+    if start < end { start..end } else { 0..0 }
 }
 
 /// A capsule in voxel units.

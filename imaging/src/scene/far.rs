@@ -13,6 +13,7 @@ use crate::{ImageError, distance_within};
 pub struct FarObstacles {
     distance_mm: Option<Volume<f32, Work>>,
     slack_mm: f64,
+    spacing_mm: f64,
 }
 
 impl FarObstacles {
@@ -21,7 +22,7 @@ impl FarObstacles {
         // an obstacle anywhere in its voxel, asked for from anywhere in another one
         let slack_mm = full.grid().diagonal_mm();
         let distance_mm = distance_within(full, reach_mm + slack_mm)?;
-        Ok(Self { distance_mm, slack_mm })
+        Ok(Self { distance_mm, slack_mm, spacing_mm: full.grid().spacing_mm().x })
     }
 
     /// A lower bound of the distance from `p` to anything solid, mm; `None` where nothing is known to be near.
@@ -34,6 +35,11 @@ impl FarObstacles {
     /// How much nearer than the truth an answer may be, mm.
     pub fn slack_mm(&self) -> f64 {
         2.0 * self.slack_mm
+    }
+
+    /// The coarse grid's spacing, mm.
+    pub fn spacing_mm(&self) -> f64 {
+        self.spacing_mm
     }
 
     /// The coarse grid, if anything solid lies in it.

@@ -101,8 +101,8 @@ impl<'a> Builder<'a> {
     pub fn into_path(mut self, layers: u32) -> MillPath {
         if let Some(end) = self.points.last().copied() {
             let top = self.above(end.position);
-            if self.is_way_clear(end.position, top) && self.is_free(end.position, top) {
-                self.travel_to(top, MoveKind::Retract, end.layer);
+            if self.is_way_clear(end.position, top) {
+                self.lift_or_plunge(top, end.layer);
             }
         }
         let Self { points, passes, removal, unjoined, .. } = self;
@@ -131,7 +131,7 @@ impl<'a> Builder<'a> {
             // the path starts in free space, above its first cut
             let start = if self.is_way_clear(top, to) { top } else { to };
             self.push(start, MoveKind::Link, layer);
-            self.plunge_to(to, layer);
+            self.lift_or_plunge(to, layer);
             return true;
         };
         if from.distance_mm(&to) <= ADJACENT_STEPOVERS * self.spacing.stepover_mm && self.is_way_clear(from, to) {
@@ -144,9 +144,9 @@ impl<'a> Builder<'a> {
         }
         if let Some(height) = self.retract_height(from, to) {
             let (up, down) = (Point::new(from.x(), from.y(), height), Point::new(to.x(), to.y(), height));
-            self.travel_to(up, MoveKind::Retract, layer);
+            self.lift_or_plunge(up, layer);
             self.travel_to(down, MoveKind::Link, layer);
-            self.plunge_to(to, layer);
+            self.lift_or_plunge(to, layer);
             return true;
         }
         let Some(way) = search::way(self, from, to) else { return false };
@@ -161,22 +161,26 @@ impl<'a> Builder<'a> {
         true
     }
 
-    /// The lowest height at which up, across and down stay clear, up and across also free.
+    /// The lowest height at which up, across and down stay clear and across is free. Up may take cusps beside it along:
+    /// such a piece is a cut.
     fn retract_height(&self, from: Point<Work>, to: Point<Work>) -> Option<f64> {
         let top = self.above(from).z();
         let lowest = from.z().max(to.z());
         let steps = ((top - lowest) / RETRACT_STEP_MM).ceil().max(0.0) as usize;
-        (0..=steps).map(|n| (lowest + n as f64 * RETRACT_STEP_MM).min(top)).find(|height| {
-            let (up, down) = (Point::new(from.x(), from.y(), *height), Point::new(to.x(), to.y(), *height));
-            self.is_way_free(up, down) && self.is_way_free(from, up) && self.is_way_clear(down, to)
-        })
+        let height = |n: usize| (lowest + n as f64 * RETRACT_STEP_MM).min(top);
+        let ends = |z: f64| (Point::new(from.x(), from.y(), z), Point::new(to.x(), to.y(), z));
+        let across = |n: &usize| {
+            let (up, down) = ends(height(*n));
+            self.is_way_free(up, down) && self.is_way_clear(from, up) && self.is_way_clear(down, to)
+        };
+        (0..=steps).find(across).map(height)
     }
 
-    /// Down to `to`: through free space as far as it goes, the rest is a cut.
-    fn plunge_to(&mut self, to: Point<Work>, layer: u32) {
+    /// Along the approach to `to`: through free space as far as it goes, the rest is a cut.
+    fn lift_or_plunge(&mut self, to: Point<Work>, layer: u32) {
         let Some(from) = self.position() else { return };
         let step = LINK_STEPS * self.spacing.step_mm;
-        let pieces = (from.distance_mm(&to) / step).ceil().max(1.0) as usize;
+        let pieces = (from.distance_mm(&to) / step).ceil() as usize;
         for n in 1..=pieces {
             let here = self.points[self.points.len() - 1].position;
             let next = from + (to - from) * (n as f64 / pieces as f64);

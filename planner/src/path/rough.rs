@@ -17,7 +17,7 @@ pub(super) fn rough(builder: &mut Builder, frame: &RasterFrame) -> u32 {
     let Some(extent) = Extent::of(builder, frame) else { return 0 };
     let spacing = builder.spacing();
     let depth = extent.top - extent.floor + builder.space().radius_mm();
-    let layers = (depth / spacing.layer_mm - LAYER_SLACK).ceil().max(1.0);
+    let layers = (depth / (spacing.layer_mm * (1.0 + LAYER_SLACK))).ceil().max(1.0);
     let layer_mm = depth / layers;
     for layer in 0..layers as u32 {
         let z = extent.top - f64::from(layer + 1) * layer_mm + builder.space().radius_mm();

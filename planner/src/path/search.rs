@@ -12,6 +12,8 @@ use super::Builder;
 
 /// A millimetre through material counts as this many through free space.
 const CUT_COST: f64 = 6.0;
+/// Nodes looked at before the search gives up: the pass is then reported as unjoined.
+const MOST_NODES: usize = 60_000;
 
 struct Open {
     estimate: f64,
@@ -47,6 +49,9 @@ pub(super) fn way(builder: &Builder, from: Point<Work>, to: Point<Work>) -> Opti
     let mut free = HashMap::new();
     let mut open = BinaryHeap::from([Open { estimate: 0.0, node: start }]);
     while let Some(Open { node, estimate }) = open.pop() {
+        if free.len() > MOST_NODES {
+            return None;
+        }
         if node == goal {
             let mut nodes = vec![node];
             while let Some(previous) = came_from.get(&nodes[nodes.len() - 1]) {
