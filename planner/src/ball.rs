@@ -30,7 +30,10 @@ const DROP: f64 = 1e-13;
 
 /// Volume of the box `lo_mm`..`hi_mm` inside the ball of `radius_mm` about the origin, mm³; 0 for an empty box or ball.
 pub fn ball_box_volume(radius_mm: f64, lo_mm: [f64; 3], hi_mm: [f64; 3]) -> f64 {
-    if !(radius_mm > 0.0) || (0..3).any(|a| !(hi_mm[a] > lo_mm[a])) {
+    let is_box = (0..3).all(|a| hi_mm[a] > lo_mm[a]);
+    // false for NaN, too
+    let is_there = radius_mm > 0.0 && is_box;
+    if !is_there {
         return 0.0;
     }
     // per axis: the parts on either side of 0, mirrored to be positive
