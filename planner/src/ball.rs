@@ -17,7 +17,8 @@
 //! ```
 //!
 //! so that a block of voxels needs its transcendental functions once per pair of lattice coordinates, not per voxel, and a
-//! voxel wholly inside or outside none at all. Precision: a few 1e-16 r³.
+//! voxel wholly inside or outside none at all. Precision: 4e-15 r³ (2.4e-15 r³ was the most between orders of the axes over
+//! 150 000 boxes).
 //!
 //! **Source:** FORCE_MODEL 8, by the divergence theorem and Gauss–Bonnet; the separation into pairs is ours.
 

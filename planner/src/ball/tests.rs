@@ -42,7 +42,7 @@ proptest! {
         let (mut first, mut second) = (hi, lo);
         (first[axis], second[axis]) = (cut, cut);
         let parts = ball_box_volume(radius, lo, first) + ball_box_volume(radius, second, hi);
-        prop_assert!((parts - ball_box_volume(radius, lo, hi)).abs() < 3e-15 * radius.powi(3));
+        prop_assert!((parts - ball_box_volume(radius, lo, hi)).abs() < 4e-15 * radius.powi(3));
     }
 
     #[test]
@@ -56,7 +56,7 @@ proptest! {
         let mirrored = ball_box_volume(1.0, [-hi[0], lo[1], -hi[2]], [-lo[0], hi[1], -lo[2]]);
         prop_assert!((v - mirrored).abs() < 1e-15);
         let turned = ball_box_volume(1.0, [lo[1], lo[2], lo[0]], [hi[1], hi[2], hi[0]]);
-        prop_assert!((v - turned).abs() < 2e-15);
+        prop_assert!((v - turned).abs() < 4e-15);
     }
 }
 
@@ -80,7 +80,7 @@ proptest! {
         prop_assert!((found.iter().sum::<f64>() - ball).abs() < 1e-12 * ball);
         for (n, v) in found.iter().enumerate() {
             let [lo, hi] = box_of(&grid, center, n);
-            prop_assert!((v - ball_box_volume(radius, lo, hi)).abs() < 3e-15 * radius.powi(3));
+            prop_assert!((v - ball_box_volume(radius, lo, hi)).abs() < 4e-15 * radius.powi(3));
         }
     }
 }
