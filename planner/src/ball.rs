@@ -17,7 +17,8 @@
 //! ```
 //!
 //! so that a block of voxels needs its transcendental functions once per pair of lattice coordinates, not per voxel, and a
-//! voxel wholly inside or outside none at all. Precision: a few 1e-16 r³.
+//! voxel wholly inside or outside none at all. Precision: 4e-15 r³ (2.4e-15 r³ was the most between orders of the axes over
+//! 150 000 boxes).
 //!
 //! **Source:** FORCE_MODEL 8, by the divergence theorem and Gauss–Bonnet; the separation into pairs is ours.
 
@@ -30,7 +31,10 @@ const DROP: f64 = 1e-13;
 
 /// Volume of the box `lo_mm`..`hi_mm` inside the ball of `radius_mm` about the origin, mm³; 0 for an empty box or ball.
 pub fn ball_box_volume(radius_mm: f64, lo_mm: [f64; 3], hi_mm: [f64; 3]) -> f64 {
-    if !(radius_mm > 0.0) || (0..3).any(|a| !(hi_mm[a] > lo_mm[a])) {
+    let is_box = (0..3).all(|a| hi_mm[a] > lo_mm[a]);
+    // false for NaN, too
+    let is_there = radius_mm > 0.0 && is_box;
+    if !is_there {
         return 0.0;
     }
     // per axis: the parts on either side of 0, mirrored to be positive

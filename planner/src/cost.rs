@@ -86,7 +86,8 @@ impl CostModel {
         mass_mg: f64,
     ) -> Cost {
         let alpha_1 = near.map_or(0.0, |n| self.alpha_1(n.distance_mm, n.least_mm));
-        if !(mass_mg > 0.0) {
+        let cuts = mass_mg > 0.0;
+        if !cuts {
             return Cost { alpha_1, toward: 0.0, fraction: 0.0, cost: 0.0 };
         }
         let magnitude = push.norm();
@@ -145,6 +146,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::fixed(256))]
+
         #[test]
         fn cost_is_between_0_and_1_and_ignores_the_force_s_size(
             force in vector(), to in vector(), i_n in 0.0f64..1.0, scale in 0.1f64..100.0,

@@ -147,7 +147,7 @@ impl Moments {
 
     /// The axis of the largest I_n, one of ±a: an eigenvector of the least eigenvalue of S. `None` without mass.
     pub fn best_axis(&self) -> Option<Unit<Vector3<f64>>> {
-        if !(self.mass_mg > 0.0) {
+        if self.mass_mg <= 0.0 {
             return None;
         }
         let eigen = SymmetricEigen::new(self.scaled());

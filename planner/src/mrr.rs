@@ -154,6 +154,8 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
+        #![proptest_config(crate::fixed(256))]
+
         #[test]
         fn calibration_inverts_the_force(
             k_t in 0.01f64..500.0, k_r in 0.0f64..3.0, v in 1e-4f64..10.0, t in 1e-3f64..10.0, f in 0.01f64..10.0,

@@ -1,4 +1,5 @@
 //! The orientation kernel's error against the converged sum, as quantiles over random bone, feeds and axes.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stderr)] // a test's helpers are tests
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
 use bonemill_planner::burr::{

@@ -1,4 +1,5 @@
 //! The reference cases: kinds a (analytic fields), v (voxel fields), m (volumes, cost and speed, removal rate).
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stderr)] // a test's helpers are tests
 
 mod support;
 

@@ -85,8 +85,8 @@ pub fn burr_force<F: Frame>(
                 let (sk, ck) = (element.sin, element.cos);
                 let n = Vector3::new(sk * cp, sk * sp, -ck);
                 let t = n.dot(&f);
-                // false for v = 0, too
-                if !(t > graze) {
+                // not even for v = 0
+                if t <= graze {
                     continue;
                 }
                 let x = motion.center() + rotation * n * (r + disc.sample_offset_mm());

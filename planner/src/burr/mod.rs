@@ -35,6 +35,7 @@ mod force;
 mod input;
 mod kernel;
 mod orientation;
+mod sampler;
 #[cfg(test)]
 mod tests;
 
@@ -44,3 +45,4 @@ pub(crate) use input::direction;
 pub use input::{Discretisation, ElementGrid, Material, Measure, Motion, Tool};
 pub use kernel::{EngagedForce, ForceKernel};
 pub use orientation::{EngagedSamples, OrientationKernel};
+pub use sampler::SphereSampler;

@@ -57,7 +57,8 @@ impl InertiaAlongTurn {
 
     /// The θ in [`low_rad`, `high_rad`] with the largest I_n; the lowest of equals. `None` for an empty interval.
     pub fn argmax(&self, low_rad: f64, high_rad: f64) -> Option<f64> {
-        if !(low_rad <= high_rad) {
+        let is_interval = low_rad <= high_rad;
+        if !is_interval {
             return None;
         }
         let inner = self.maxima().into_iter().flat_map(|theta| {

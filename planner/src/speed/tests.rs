@@ -17,6 +17,8 @@ fn paths() -> impl Strategy<Value = (Vec<f64>, Vec<f64>, Vec<f64>)> {
 }
 
 proptest! {
+    #![proptest_config(crate::fixed(256))]
+
     #[test]
     fn speeds_keep_their_range((m, c, _) in paths()) {
         for smoothing in BOTH {
