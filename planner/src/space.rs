@@ -15,6 +15,12 @@ use crate::sweep::Rows;
 /// a chord between two waypoints around a structure's edge.
 pub const TRAJECTORY_TOLERANCE_MM: f64 = 0.025;
 
+/// How much nearer to obstacle bone a move may pass than its ends may stand, mm: the field's error between grid nodes,
+/// so that a move along a wall is not refused for rounding.
+const PASSING_BONE_MM: f64 = 0.02;
+/// The same for structures, mm: the sag of a chord; what is left of the tolerance is the trajectory's corners.
+const PASSING_STRUCTURE_MM: f64 = 0.005;
+
 /// Free space of the burr's centre.
 #[derive(Debug)]
 pub struct BurrSpace<'a> {
@@ -72,18 +78,18 @@ impl<'a> BurrSpace<'a> {
         &self.reachable
     }
 
-    /// The structure that forbids the centre to be at `p`, if one does.
-    pub fn blocking_structure(&self, p: Point<Work>) -> Option<usize> {
+    /// Whether a structure forbids the centre to be at `p`, `slack_mm` nearer than it should be allowed.
+    fn blocked_by_structure(&self, p: Point<Work>, slack_mm: f64) -> bool {
         let p_ct = self.scene.ct_from_work * p;
-        self.scene.structures.iter().zip(&self.keep_mm).position(|(structure, keep)| {
-            structure.field.as_ref().is_some_and(|field| field.is_nearer_than(p_ct, *keep))
+        self.scene.structures.iter().zip(&self.keep_mm).any(|(structure, keep)| {
+            structure.field.as_ref().is_some_and(|field| field.is_nearer_than(p_ct, *keep - slack_mm))
         })
     }
 
-    /// Whether obstacle bone forbids the centre to be at `p`.
-    pub fn blocked_by_bone(&self, p: Point<Work>) -> bool {
+    /// Whether obstacle bone forbids the centre to be at `p`, `slack_mm` nearer than it should be allowed.
+    fn blocked_by_bone(&self, p: Point<Work>, slack_mm: f64) -> bool {
         let obstacle_mm = self.scene.obstacle_mm.as_ref();
-        obstacle_mm.is_some_and(|distance_mm| distance_mm.trilinear(p, 0.0) < self.radius_mm - 1e-5)
+        obstacle_mm.is_some_and(|distance_mm| distance_mm.trilinear(p, 0.0) < self.radius_mm - slack_mm)
     }
 
     /// Whether the whole ball at `p` lies in the grid, where everything is known.
@@ -94,9 +100,16 @@ impl<'a> BurrSpace<'a> {
         [nx, ny, nz].iter().zip(c).all(|(n, c)| c >= reach && c <= (n - 1) as f64 - reach)
     }
 
-    /// Whether the burr may be at `p`.
+    /// Whether the burr may stop at `p`.
     pub fn is_clear(&self, p: Point<Work>) -> bool {
-        self.is_inside(p) && !self.blocked_by_bone(p) && self.blocking_structure(p).is_none()
+        self.is_inside(p) && !self.blocked_by_bone(p, 1e-5) && !self.blocked_by_structure(p, 0.0)
+    }
+
+    /// Whether the burr may pass `p` on a move between clear places.
+    fn is_passable(&self, p: Point<Work>) -> bool {
+        self.is_inside(p)
+            && !self.blocked_by_bone(p, PASSING_BONE_MM)
+            && !self.blocked_by_structure(p, PASSING_STRUCTURE_MM)
     }
 
     /// Whether the burr may be at `p` and the nearest node is connected to the outside.
@@ -104,10 +117,10 @@ impl<'a> BurrSpace<'a> {
         self.grid().nearest(p).is_some_and(|v| self.near_connected(v)) && self.is_clear(p)
     }
 
-    /// Whether the straight move a–b stays clear, tested every `step_mm` and at b.
+    /// Whether the straight move a–b between clear places is passable, tested every `step_mm`.
     pub fn is_move_clear(&self, a: Point<Work>, b: Point<Work>, step_mm: f64) -> bool {
         let pieces = (a.distance_mm(&b) / step_mm).ceil().max(1.0) as usize;
-        (1..=pieces).all(|n| self.is_clear(a + (b - a) * (n as f64 / pieces as f64)))
+        (1..=pieces).all(|n| self.is_passable(a + (b - a) * (n as f64 / pieces as f64)))
     }
 
     /// Whether a connected node lies within one voxel; a point between nodes need not have a connected nearest node.

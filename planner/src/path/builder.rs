@@ -11,6 +11,10 @@ use crate::space::BurrSpace;
 const LINK_STEPS: f64 = 4.0;
 /// Passes whose ends are nearer than this many stepovers are joined by a straight cut.
 const ADJACENT_STEPOVERS: f64 = 1.6;
+/// Points of a pass from which it may be entered, counted from its end.
+const FROM_WITHIN: usize = 24;
+/// Waypoints that the burr may go back before it retracts.
+const BACK_OUT: usize = 40;
 /// Heights tried for a retract, mm apart.
 const RETRACT_STEP_MM: f64 = 0.5;
 
@@ -82,12 +86,16 @@ impl<'a> Builder<'a> {
 
     /// Joins `pass` to the path and cuts it. Returns false, and changes nothing, when no link leads there.
     pub fn add(&mut self, pass: Pass) -> bool {
-        let Some(first) = pass.points.first().copied() else { return true };
         let number = self.passes.len() as u32;
         self.heading = (number, 0);
-        if !self.go_to(first, pass.layer) {
+        let Some(entry) = self.enter(&pass) else {
             self.unjoined += 1;
             return false;
+        };
+        // an end that lies under a ledge is entered from within the line: back to it first, then all along
+        for n in (0..entry).rev() {
+            self.heading = (number, n as u32);
+            self.cut_to(pass.points[n], pass.layer);
         }
         for (p, n) in pass.points.iter().zip(0u32..).skip(1) {
             self.heading = (number, n);
@@ -95,6 +103,30 @@ impl<'a> Builder<'a> {
         }
         self.passes.push(pass);
         true
+    }
+
+    /// Goes to the first point of a pass that can be reached; its place in the pass.
+    fn enter(&mut self, pass: &Pass) -> Option<usize> {
+        let first = *pass.points.first()?;
+        let Some(from) = self.position() else {
+            self.start_above(first, pass.layer);
+            return Some(0);
+        };
+        for (entry, to) in pass.points.iter().enumerate().take(FROM_WITHIN) {
+            if self.go_to(from, *to, pass.layer) {
+                return Some(entry);
+            }
+        }
+        let way = search::way(self, from, first)?;
+        for p in way {
+            let here = self.points[self.points.len() - 1].position;
+            if self.is_free(here, p) {
+                self.travel_to(p, MoveKind::Link, pass.layer);
+            } else {
+                self.cut_to(p, pass.layer);
+            }
+        }
+        Some(0)
     }
 
     /// Ends with a retract and hands the path out.
@@ -124,16 +156,17 @@ impl<'a> Builder<'a> {
         self.is_way_clear(a, b) && self.is_free(a, b)
     }
 
-    /// From where the burr is to `to`: a short cut, a straight link, a retract, or a search through free space.
-    fn go_to(&mut self, to: Point<Work>, layer: u32) -> bool {
-        let Some(from) = self.position() else {
-            let top = self.above(to);
-            // the path starts in free space, above its first cut
-            let start = if self.is_way_clear(top, to) { top } else { to };
-            self.push(start, MoveKind::Link, layer);
-            self.lift_or_plunge(to, layer);
-            return true;
-        };
+    /// The path starts in free space, above its first cut.
+    fn start_above(&mut self, to: Point<Work>, layer: u32) {
+        let top = self.above(to);
+        let start = if self.is_way_clear(top, to) { top } else { to };
+        self.push(start, MoveKind::Link, layer);
+        self.lift_or_plunge(to, layer);
+    }
+
+    /// From where the burr is to `to`: a short cut, a straight link, or a retract, if need be from a place that the burr
+    /// has just come from. Returns false, and does nothing, when none of them is possible.
+    fn go_to(&mut self, from: Point<Work>, to: Point<Work>, layer: u32) -> bool {
         if from.distance_mm(&to) <= ADJACENT_STEPOVERS * self.spacing.stepover_mm && self.is_way_clear(from, to) {
             self.cut_to(to, layer);
             return true;
@@ -142,22 +175,19 @@ impl<'a> Builder<'a> {
             self.travel_to(to, MoveKind::Link, layer);
             return true;
         }
-        if let Some(height) = self.retract_height(from, to) {
-            let (up, down) = (Point::new(from.x(), from.y(), height), Point::new(to.x(), to.y(), height));
-            self.lift_or_plunge(up, layer);
-            self.travel_to(down, MoveKind::Link, layer);
-            self.lift_or_plunge(to, layer);
-            return true;
+        let last = self.points.len() - 1;
+        let came_by: Vec<_> =
+            (last.saturating_sub(BACK_OUT)..=last).rev().map(|n| self.points[n].position).collect();
+        let found = came_by.iter().enumerate().step_by(2).find_map(|(n, p)| Some((n, self.retract_height(*p, to)?)));
+        let Some((back, height)) = found else { return false };
+        for p in &came_by[1..=back] {
+            self.travel_to(*p, MoveKind::Link, layer);
         }
-        let Some(way) = search::way(self, from, to) else { return false };
-        for p in way {
-            let here = self.points[self.points.len() - 1].position;
-            if self.is_free(here, p) {
-                self.travel_to(p, MoveKind::Link, layer);
-            } else {
-                self.cut_to(p, layer);
-            }
-        }
+        let (up, down) =
+            (Point::new(came_by[back].x(), came_by[back].y(), height), Point::new(to.x(), to.y(), height));
+        self.lift_or_plunge(up, layer);
+        self.travel_to(down, MoveKind::Link, layer);
+        self.lift_or_plunge(to, layer);
         true
     }
 
