@@ -64,7 +64,7 @@ pub fn reached<'a>(scene: &'a Scene, space: &BurrSpace, mut path: MillPath, spec
             return Some(ReachedPath { path, access, free, length_mm, dropped });
         }
         let mut points = HashSet::new();
-        eprintln!("round: {} blocked of {}: {:?}", blocked.len(), path.points.len(), blocked.iter().take(3).map(|i| (i, path.points[*i], access.blocked(*i as u32, path.points[*i].position, &Vector3::z()))).collect::<Vec<_>>());
+eprintln!("round {} of {}", blocked.len(), path.points.len());
         for i in blocked {
             if points.insert(path.points[i].leads_to) {
                 let why = reason(&access, i as u32, path.points[i].position, free[i] == 0);
