@@ -21,6 +21,9 @@ const PASSING_BONE_MM: f64 = 0.02;
 /// The same for structures, mm: the sag of a chord; what is left of the tolerance is the trajectory's corners.
 const PASSING_STRUCTURE_MM: f64 = 0.005;
 
+/// Margins are kept up to this, mm: beyond it nothing is in doubt.
+const MARGIN_CUT_MM: f64 = 0.15;
+
 /// Free space of the burr's centre.
 #[derive(Debug)]
 pub struct BurrSpace<'a> {
@@ -28,6 +31,8 @@ pub struct BurrSpace<'a> {
     radius_mm: f64,
     /// Least distance of the centre from each structure, mm.
     keep_mm: Vec<f64>,
+    /// Per node, how much farther from everything than need be, mm, cut off at ±[`MARGIN_CUT_MM`].
+    margin_mm: Volume<f32, Work>,
     /// Grid nodes that are clear and connected to the outside along the approach.
     connected: Vec<bool>,
     /// Target voxels that a ball at some connected node covers.
@@ -41,8 +46,12 @@ impl<'a> BurrSpace<'a> {
     /// When a distance field cannot be made.
     pub fn new(scene: &'a Scene, radius_mm: f64, clearances_mm: &[f64]) -> Result<Self, ImageError> {
         let keep_mm = clearances_mm.iter().map(|c| radius_mm + c + TRAJECTORY_TOLERANCE_MM).collect();
-        let mut space = Self { scene, radius_mm, keep_mm, connected: Vec::new(), reachable: Vec::new() };
-        let clear = space.clear_nodes();
+        let margin_mm = Volume::filled(scene.class.grid().clone(), 0.0);
+        let mut space =
+            Self { scene, radius_mm, keep_mm, margin_mm, connected: Vec::new(), reachable: Vec::new() };
+        let margins = space.node_margins();
+        space.margin_mm.data_mut().copy_from_slice(&margins);
+        let clear = margins.into_iter().map(|m| m >= 0.0).collect();
         space.connected = connected_to_top(space.grid(), clear);
         space.reachable = space.covered_target()?;
         Ok(space)
@@ -102,14 +111,28 @@ impl<'a> BurrSpace<'a> {
 
     /// Whether the burr may stop at `p`.
     pub fn is_clear(&self, p: Point<Work>) -> bool {
-        self.is_inside(p) && !self.blocked_by_bone(p, 1e-5) && !self.blocked_by_structure(p, 0.0)
+        self.is_allowed(p, 1e-5, 0.0)
     }
 
     /// Whether the burr may pass `p` on a move between clear places.
     fn is_passable(&self, p: Point<Work>) -> bool {
-        self.is_inside(p)
-            && !self.blocked_by_bone(p, PASSING_BONE_MM)
-            && !self.blocked_by_structure(p, PASSING_STRUCTURE_MM)
+        self.is_allowed(p, PASSING_BONE_MM, PASSING_STRUCTURE_MM)
+    }
+
+    /// The margins of the nodes around decide where they leave no doubt, which is nearly everywhere.
+    fn is_allowed(&self, p: Point<Work>, bone_slack_mm: f64, structure_slack_mm: f64) -> bool {
+        if !self.is_inside(p) {
+            return false;
+        }
+        let margin = self.margin_mm.trilinear(p, 0.0);
+        let h = self.grid().spacing_mm().x;
+        // a distance is convex in each direction, and curves by 1/d at most: interpolation adds up to 3h²/(8d)
+        if margin >= 3.0 * h * h / (8.0 * self.radius_mm) {
+            return true;
+        }
+        margin > -0.9 * MARGIN_CUT_MM
+            && !self.blocked_by_bone(p, bone_slack_mm)
+            && !self.blocked_by_structure(p, structure_slack_mm)
     }
 
     /// Whether the burr may be at `p` and the nearest node is connected to the outside.
@@ -132,9 +155,34 @@ impl<'a> BurrSpace<'a> {
         })
     }
 
-    fn clear_nodes(&self) -> Vec<bool> {
+    /// min(distance to obstacles − r, distance to each structure − what it must be) per node; negative: not clear.
+    fn node_margins(&self) -> Vec<f32> {
         let grid = self.grid();
-        (0..grid.len()).into_par_iter().with_min_len(4096).map(|n| self.is_clear(grid.center(grid.voxel(n)))).collect()
+        let margin = |n: usize| -> f64 {
+            let p = grid.center(grid.voxel(n));
+            if !self.is_inside(p) {
+                return -MARGIN_CUT_MM;
+            }
+            let bone = self.scene.obstacle_mm.as_ref().map_or(MARGIN_CUT_MM, |d| {
+                f64::from(d.data()[n]) - self.radius_mm + 1e-5
+            });
+            let mut least = bone.min(MARGIN_CUT_MM);
+            let p_ct = self.scene.ct_from_work * p;
+            for (structure, keep) in self.scene.structures.iter().zip(&self.keep_mm) {
+                let Some(field) = &structure.field else { continue };
+                if least <= -MARGIN_CUT_MM {
+                    break;
+                }
+                let (lower, upper) = field.bounds(p_ct);
+                if upper - keep <= -MARGIN_CUT_MM {
+                    least = -MARGIN_CUT_MM;
+                } else if lower - keep < least {
+                    least = least.min(field.distance(p_ct) - keep);
+                }
+            }
+            least.max(-MARGIN_CUT_MM)
+        };
+        (0..grid.len()).into_par_iter().with_min_len(4096).map(|n| margin(n) as f32).collect()
     }
 
     fn covered_target(&self) -> Result<Vec<bool>, ImageError> {

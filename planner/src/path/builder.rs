@@ -11,8 +11,6 @@ use crate::space::BurrSpace;
 const LINK_STEPS: f64 = 4.0;
 /// Passes whose ends are nearer than this many stepovers are joined by a straight cut.
 const ADJACENT_STEPOVERS: f64 = 1.6;
-/// Points of a pass from which it may be entered, counted from its end.
-const FROM_WITHIN: usize = 24;
 /// Waypoints that the burr may go back before it retracts.
 const BACK_OUT: usize = 40;
 /// Heights tried for a retract, mm apart.
@@ -105,35 +103,75 @@ impl<'a> Builder<'a> {
         true
     }
 
-    /// Goes to the first point of a pass that can be reached; its place in the pass.
+    /// Goes to the first point of a pass that can be reached; its place in the pass. By a short cut, a straight link, or
+    /// out of the bone and in again, if need be from a place that the burr has just come from; else by a search.
     fn enter(&mut self, pass: &Pass) -> Option<usize> {
-        let first = *pass.points.first()?;
+        let (first, layer) = (*pass.points.first()?, pass.layer);
         let Some(from) = self.position() else {
-            self.start_above(first, pass.layer);
+            self.start_above(first, layer);
             return Some(0);
         };
-        for (entry, to) in pass.points.iter().enumerate().take(FROM_WITHIN) {
-            if self.go_to(from, *to, pass.layer) {
-                return Some(entry);
-            }
+        if from.distance_mm(&first) <= ADJACENT_STEPOVERS * self.spacing.stepover_mm && self.is_way_clear(from, first) {
+            self.cut_to(first, layer);
+            return Some(0);
         }
-        let way = search::way(self, from, first)?;
-        for p in way {
+        if self.is_way_free(from, first) {
+            self.travel_to(first, MoveKind::Link, layer);
+            return Some(0);
+        }
+        if let Some(entry) = self.retract_to(pass) {
+            return Some(entry);
+        }
+        for p in search::way(self, from, first)? {
             let here = self.points[self.points.len() - 1].position;
             if self.is_free(here, p) {
-                self.travel_to(p, MoveKind::Link, pass.layer);
+                self.travel_to(p, MoveKind::Link, layer);
             } else {
-                self.cut_to(p, pass.layer);
+                self.cut_to(p, layer);
             }
         }
         Some(0)
+    }
+
+    /// Out of the bone along the approach and into `pass` at its first point with nothing above it.
+    fn retract_to(&mut self, pass: &Pass) -> Option<usize> {
+        let last = self.points.len().checked_sub(1)?;
+        let mut came_by: Vec<_> =
+            (last.saturating_sub(BACK_OUT)..=last).rev().map(|n| self.points[n].position).collect();
+        let back = came_by.iter().position(|p| self.is_open_above(*p))?;
+        let entry = pass.points.iter().position(|p| self.is_open_above(*p))?;
+        let (from, to) = (came_by[back], pass.points[entry]);
+        let height = self.crossing_height(from, to)?;
+        came_by.truncate(back + 1);
+        for p in came_by.into_iter().skip(1) {
+            self.travel_to(p, MoveKind::Link, pass.layer);
+        }
+        self.lift_or_plunge(Point::new(from.x(), from.y(), height), pass.layer);
+        self.travel_to(Point::new(to.x(), to.y(), height), MoveKind::Link, pass.layer);
+        self.lift_or_plunge(to, pass.layer);
+        Some(entry)
+    }
+
+    /// Whether the burr can leave straight along the approach; it may take cusps along on its way.
+    fn is_open_above(&self, p: Point<Work>) -> bool {
+        self.is_way_clear(p, self.above(p))
+    }
+
+    /// The lowest height at which the way across is clear and free.
+    fn crossing_height(&self, from: Point<Work>, to: Point<Work>) -> Option<f64> {
+        let top = self.above(from).z();
+        let lowest = from.z().max(to.z());
+        let steps = ((top - lowest) / RETRACT_STEP_MM).ceil().max(0.0) as usize;
+        (0..=steps).map(|n| (lowest + n as f64 * RETRACT_STEP_MM).min(top)).find(|height| {
+            self.is_way_free(Point::new(from.x(), from.y(), *height), Point::new(to.x(), to.y(), *height))
+        })
     }
 
     /// Ends with a retract and hands the path out.
     pub fn into_path(mut self, layers: u32) -> MillPath {
         if let Some(end) = self.points.last().copied() {
             let top = self.above(end.position);
-            if self.is_way_clear(end.position, top) {
+            if self.is_open_above(end.position) {
                 self.lift_or_plunge(top, end.layer);
             }
         }
@@ -162,48 +200,6 @@ impl<'a> Builder<'a> {
         let start = if self.is_way_clear(top, to) { top } else { to };
         self.push(start, MoveKind::Link, layer);
         self.lift_or_plunge(to, layer);
-    }
-
-    /// From where the burr is to `to`: a short cut, a straight link, or a retract, if need be from a place that the burr
-    /// has just come from. Returns false, and does nothing, when none of them is possible.
-    fn go_to(&mut self, from: Point<Work>, to: Point<Work>, layer: u32) -> bool {
-        if from.distance_mm(&to) <= ADJACENT_STEPOVERS * self.spacing.stepover_mm && self.is_way_clear(from, to) {
-            self.cut_to(to, layer);
-            return true;
-        }
-        if self.is_way_free(from, to) {
-            self.travel_to(to, MoveKind::Link, layer);
-            return true;
-        }
-        let last = self.points.len() - 1;
-        let came_by: Vec<_> =
-            (last.saturating_sub(BACK_OUT)..=last).rev().map(|n| self.points[n].position).collect();
-        let found = came_by.iter().enumerate().step_by(2).find_map(|(n, p)| Some((n, self.retract_height(*p, to)?)));
-        let Some((back, height)) = found else { return false };
-        for p in &came_by[1..=back] {
-            self.travel_to(*p, MoveKind::Link, layer);
-        }
-        let (up, down) =
-            (Point::new(came_by[back].x(), came_by[back].y(), height), Point::new(to.x(), to.y(), height));
-        self.lift_or_plunge(up, layer);
-        self.travel_to(down, MoveKind::Link, layer);
-        self.lift_or_plunge(to, layer);
-        true
-    }
-
-    /// The lowest height at which up, across and down stay clear and across is free. Up may take cusps beside it along:
-    /// such a piece is a cut.
-    fn retract_height(&self, from: Point<Work>, to: Point<Work>) -> Option<f64> {
-        let top = self.above(from).z();
-        let lowest = from.z().max(to.z());
-        let steps = ((top - lowest) / RETRACT_STEP_MM).ceil().max(0.0) as usize;
-        let height = |n: usize| (lowest + n as f64 * RETRACT_STEP_MM).min(top);
-        let ends = |z: f64| (Point::new(from.x(), from.y(), z), Point::new(to.x(), to.y(), z));
-        let across = |n: &usize| {
-            let (up, down) = ends(height(*n));
-            self.is_way_free(up, down) && self.is_way_clear(from, up) && self.is_way_clear(down, to)
-        };
-        (0..=steps).find(across).map(height)
     }
 
     /// Along the approach to `to`: through free space as far as it goes, the rest is a cut.
