@@ -65,8 +65,7 @@ impl<F: Frame> Grid<F> {
             return Err(GridError::Origin(origin_mm.into()));
         }
         let error = (axes.transpose() * axes - Matrix3::identity()).amax();
-        // a NaN fails the comparison too
-        if !(error <= 1e-6) {
+        if error > 1e-6 || error.is_nan() {
             return Err(GridError::Axes(error));
         }
         Ok(Self { dims, spacing_mm, axes, origin_mm, frame: PhantomData })
@@ -159,11 +158,11 @@ impl<F: Frame> Grid<F> {
         let c = self.continuous_index(p);
         let mut voxel = [0; 3];
         for axis in 0..3 {
-            let r = (c[axis] + 0.5).floor();
-            if !(r >= 0.0 && r < self.dims[axis] as f64) {
+            let shifted = c[axis] + 0.5;
+            if !(shifted >= 0.0 && shifted < self.dims[axis] as f64) {
                 return None;
             }
-            voxel[axis] = r as usize;
+            voxel[axis] = shifted as usize; // truncation rounds down what is not negative
         }
         Some(voxel)
     }

@@ -50,10 +50,8 @@ mod tests {
     fn a_tetrahedron_has_its_area_and_volume() {
         let vertices = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
             .map(|[x, y, z]| Point::<Work>::new(x, y, z));
-        let mesh = Mesh {
-            vertices: vertices.to_vec(),
-            triangles: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
-        };
+        let mesh =
+            Mesh { vertices: vertices.to_vec(), triangles: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] };
         assert!((mesh.volume_mm3() - 1.0 / 6.0).abs() < 1e-15);
         assert!((mesh.area_mm2() - (1.5 + 3f64.sqrt() / 2.0)).abs() < 1e-15);
     }

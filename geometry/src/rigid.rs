@@ -50,8 +50,7 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
     pub fn from_matrix(r: &Matrix3<f64>, translation_mm: Vector3<f64>) -> Result<Self, NotARotation> {
         let orthogonality_error = (r.transpose() * r - Matrix3::identity()).amax();
         let determinant = r.determinant();
-        // a NaN fails the comparison too
-        if !(orthogonality_error <= 1e-3 && determinant > 0.0) {
+        if orthogonality_error > 1e-3 || determinant <= 0.0 || r.iter().any(|v| !v.is_finite()) {
             return Err(NotARotation { orthogonality_error, determinant });
         }
         Ok(Self::new(nearest_rotation(r), translation_mm))

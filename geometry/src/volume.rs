@@ -92,13 +92,13 @@ impl<T: Copy + Into<f64>, F: Frame> Volume<T, F> {
         let dims = self.grid.dims();
         let (mut base, mut frac) = ([0i64; 3], [0.0; 3]);
         for a in 0..3 {
-            let floor = index[a].floor();
             // also false for NaN: such a point is outside
-            if !(floor >= -1.0 && floor < dims[a] as f64) {
+            if !(index[a] >= -1.0 && index[a] < dims[a] as f64) {
                 return outside;
             }
-            base[a] = floor as i64;
-            frac[a] = index[a] - floor;
+            // rounding down by truncation: `floor` is a call on targets without SSE4.1
+            base[a] = (index[a] + 1.0) as i64 - 1;
+            frac[a] = index[a] - base[a] as f64;
         }
         let value = |i: i64, j: i64, k: i64| -> f64 {
             let inside = |v: i64, a: usize| v >= 0 && (v as usize) < dims[a];

@@ -5,7 +5,7 @@
 
 use nifti::{Endianness, NiftiHeader, NiftiType};
 
-use crate::error::NiftiProblem;
+use crate::problem::NiftiProblem;
 use crate::read::ReadWarning;
 
 /// Bytes of a NIfTI-1 header.

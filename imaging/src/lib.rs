@@ -1,7 +1,31 @@
-//! Images in: CT and label maps from NIfTI-1 files into frames, densities, distance fields.
+//! Images in: CT and label maps from NIfTI-1 files into frames, densities and distances.
 //!
 //! A wrong affine mirrors the anatomy and a grey value taken for HU invents bone, both silently. So this crate refuses
-//! what it cannot read for certain, and says which file, which voxel, what was expected. Lengths are mm.
+//! what it cannot read for certain, and says which file, which voxel, what was expected. Lengths are mm. The frame `ct`
+//! is NIfTI's own world, RAS+; nothing is flipped.
+//!
+//! - files: [`read_ct`], [`read_labels`], [`read_label_names`], [`write_ct_i16`], [`write_labels_u8`];
+//! - grey values: [`looks_like_hu`], [`DensityTable`], [`resample_hu_and_density`], [`resample_nearest`];
+//! - distances on a grid: [`distance_transform`], [`distance_within`]; from any point: [`StructureField`].
+//!
+//! ```
+//! use bonemill_geometry::{Ct, Grid, Point, Volume};
+//! use bonemill_imaging::{StructureField, distance_transform};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! // one labelled voxel in a row of 0.5 mm voxels
+//! let row: Grid<Ct> = Grid::aligned([9, 1, 1], 0.5, Point::new(0.0, 0.0, 0.0))?;
+//! let mut labels = Volume::filled(row, 0u16);
+//! labels.data_mut()[2] = 10;
+//!
+//! // between voxel centres
+//! let field = distance_transform(&labels.map(|v| *v == 10))?.ok_or("no voxel")?;
+//! assert_eq!((field.distance_mm.data()[8], field.nearest[8]), (3.0, 2));
+//! // to the closed voxel box, which ends at 1.25 mm
+//! let nerve = StructureField::new(&labels, 10, None)?.ok_or("out of reach")?;
+//! assert_eq!(nerve.distance(Point::new(4.25, 0.0, 0.0)), 3.0);
+//! # Ok(())
+//! # }
+//! ```
 
 mod affine;
 mod decode;
@@ -11,7 +35,11 @@ mod error;
 mod header;
 mod hounsfield;
 mod names;
+<<<<<<< HEAD
 pub mod phantom;
+=======
+mod problem;
+>>>>>>> imaging
 mod read;
 mod resample;
 pub mod scene;
@@ -24,9 +52,10 @@ pub use affine::{
 };
 pub use density::DensityTable;
 pub use distance::{DistanceField, distance_transform, distance_transform_label, distance_within};
-pub use error::{ImageError, NiftiProblem};
+pub use error::ImageError;
 pub use hounsfield::{GreyKind, GreyRange, looks_like_hu};
 pub use names::{LabelNames, LabelNamesProblem, read_label_names};
+pub use problem::NiftiProblem;
 pub use read::{Image, ReadWarning, read_ct, read_labels};
 pub use resample::{AIR_HU, resample_density, resample_hu, resample_hu_and_density, resample_nearest};
 pub use scene::{

@@ -15,8 +15,9 @@ use flate2::bufread::MultiGzDecoder;
 
 use crate::affine::{AffineChoice, AffineReport, grid_from_header};
 use crate::decode::{Faults, Voxel, decode};
-use crate::error::{ImageError, NiftiProblem};
+use crate::error::ImageError;
 use crate::header::{HEADER_BYTES, Layout, parse};
+use crate::problem::NiftiProblem;
 
 /// Bytes converted at a time; a multiple of every voxel size.
 const PIECE_BYTES: usize = 1 << 18;

@@ -91,7 +91,8 @@ pub fn resample_nearest(
     resampled.data_mut().par_chunks_exact_mut(nx).enumerate().for_each(|(row, out)| {
         let start = index.row_start(row % ny, row / ny);
         for (i, value) in out.iter_mut().enumerate() {
-            let [x, y, z] = index.along(start, i).map(|c| (c + 0.5).floor());
+            // half a voxel up, so that the cast, which is the floor of what is not negative, rounds
+            let [x, y, z] = index.along(start, i).map(|c| c + 0.5);
             if x >= 0.0 && y >= 0.0 && z >= 0.0 && x < dims[0] && y < dims[1] && z < dims[2] {
                 *value = labels.data()[x as usize + mx * (y as usize + my * z as usize)];
             }

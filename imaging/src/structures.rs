@@ -1,8 +1,8 @@
 //! How far a point is from a structure, exactly, on the label map's own grid.
 //!
 //! A structure is the union of its CLOSED voxel boxes, and the distance is 0 inside: the planner's own grid adds nothing
-//! to it. Boxes along x merge into runs, so a nerve is some hundred boxes and the dura some ten thousand; an R-tree over
-//! them gives the nearest point in about a microsecond from any thread. The label grid may be oblique or mirrored:
+//! to it. Inside is looked up in the label; outside, the nearest point lies on a voxel with an uncovered face, and a tree
+//! over these gives it in about a microsecond, from any thread. The label grid may be oblique or mirrored:
 //! its axes are orthonormal, so everything happens in millimetres along them.
 //!
 //! Most questions are "farther than the clearance?" far from the threshold. For these there is a coarse field: the
@@ -11,11 +11,14 @@
 
 use bonemill_geometry::{Ct, Grid, Point, Volume};
 use nalgebra::Vector3;
-use rstar::primitives::Rectangle;
-use rstar::{PointDistance, RTree, RTreeObject};
 
 use crate::distance::{Places, Problem, Solution};
 use crate::error::ImageError;
+
+mod mask;
+mod tree;
+use mask::Mask;
+use tree::{Bounds, Tree};
 
 /// Voxels from one entry of the coarse field to the next.
 const COARSE_STEP: usize = 2;
@@ -40,29 +43,10 @@ pub struct StructureField {
     grid: Grid<Ct>,
     count: usize,
     bounding_box: [Point<Ct>; 2],
-    runs: RTree<Run>,
+    mask: Mask,
+    /// Boxes of voxels with an uncovered face, in mm along the grid's axes from the centre of voxel (0, 0, 0).
+    surface: Tree,
     coarse: Coarse,
-}
-
-/// Voxels x0..=x1 of a row, as one box in mm along the grid's axes from voxel (0, 0, 0)'s centre.
-#[derive(Debug, Clone, Copy)]
-struct Run {
-    bounds: Rectangle<[f64; 3]>,
-    first: [u32; 3],
-    length: u32,
-}
-
-impl RTreeObject for Run {
-    type Envelope = <Rectangle<[f64; 3]> as RTreeObject>::Envelope;
-    fn envelope(&self) -> Self::Envelope {
-        self.bounds.envelope()
-    }
-}
-
-impl PointDistance for Run {
-    fn distance_2(&self, point: &[f64; 3]) -> f64 {
-        self.bounds.distance_2(point)
-    }
 }
 
 /// Distances at every [`COARSE_STEP`]th voxel centre of a window, mm.
@@ -100,13 +84,10 @@ impl StructureField {
                 (sites, region.voxels(grid, 0.0).unwrap_or(sites))
             }
         };
-        let runs = runs(labels, label, sites);
-        if runs.is_empty() {
-            return Ok(None);
-        }
+        let mask = Mask::new(labels, label, sites);
         let Some(coarse) = Coarse::new(labels, label, sites, places) else { return Ok(None) };
-        let runs = RTree::bulk_load(runs);
-        Ok(Some(Self { label, grid: grid.clone(), count, bounding_box, runs, coarse }))
+        let surface = Tree::new(mask.surface(&grid.spacing_mm()));
+        Ok(Some(Self { label, grid: grid.clone(), count, bounding_box, mask, surface, coarse }))
     }
 
     /// The structure's label.
@@ -124,32 +105,26 @@ impl StructureField {
         self.bounding_box
     }
 
-    /// The voxels kept, on the label map's grid; all of them without a region. In no particular order.
+    /// The voxels kept, on the label map's grid, ascending in memory; all of them without a region.
     pub fn voxels(&self) -> impl Iterator<Item = [usize; 3]> {
-        self.runs.iter().flat_map(|run| {
-            let [x, y, z] = run.first.map(|v| v as usize);
-            (0..run.length as usize).map(move |n| [x + n, y, z])
-        })
+        self.mask.voxels()
     }
 
     /// Distance from `p` to the union of the closed voxel boxes, mm; 0 inside.
     ///
-    /// Exact without a region, and with one for a point in its box up to `reach_mm`; beyond that never too small by
-    /// more than the voxels left out allow: the true distance is then above `reach_mm` too. A point that is not finite
-    /// has distance 0, the side on which nothing is cut.
+    /// Exact without a region. With one, and for a point in its box: exact up to `reach_mm`; where the true distance is
+    /// larger, so is the one given, and never smaller than the true one. A point that is not finite has distance 0, the
+    /// side on which nothing is cut.
     pub fn distance(&self, p: Point<Ct>) -> f64 {
-        self.nearest_run(p).map_or(0.0, |(_, squared, _)| squared.sqrt())
+        self.nearest_box(p).map_or(0.0, |(_, squared, _)| squared.sqrt())
     }
 
     /// [`StructureField::distance`] and a point of the structure that has it; `p` itself inside.
     pub fn nearest(&self, p: Point<Ct>) -> (f64, Point<Ct>) {
-        match self.nearest_run(p) {
-            Some((run, squared, along)) if squared > 0.0 => {
-                let nearest = Vector3::from(run.bounds.nearest_point(&along));
-                (squared.sqrt(), Point::from_coords(self.grid.origin().coords + self.grid.axes() * nearest))
-            }
-            _ => (0.0, p),
-        }
+        self.nearest_box(p).map_or((0.0, p), |(bounds, squared, along)| {
+            let nearest = self.grid.axes() * Vector3::from(bounds.nearest(along));
+            (squared.sqrt(), Point::from_coords(self.grid.origin().coords + nearest))
+        })
     }
 
     /// A lower and an upper bound of [`StructureField::distance`], mm, without a search.
@@ -162,8 +137,8 @@ impl StructureField {
         let axes = index.into_iter().zip(self.coarse.places).zip(&spacing);
         for ((index, places), spacing) in axes {
             let n = (index - places.first as f64) / places.step as f64;
-            // the cast saturates
-            let n = (n.round().max(0.0) as usize).min(places.count - 1);
+            // the cast is the floor and saturates
+            let n = ((n + 0.5).max(0.0) as usize).min(places.count - 1);
             off_squared += ((index - places.at(n) as f64) * spacing).powi(2);
             at += stride * n;
             stride *= places.count;
@@ -185,14 +160,16 @@ impl StructureField {
         }
     }
 
-    /// The nearest run, its squared distance, mm², and `p` along the grid's axes, mm.
-    fn nearest_run(&self, p: Point<Ct>) -> Option<(&Run, f64, [f64; 3])> {
-        if !p.is_finite() {
+    /// The nearest box, its squared distance, mm², and `p` along the grid's axes, mm; `None` inside.
+    fn nearest_box(&self, p: Point<Ct>) -> Option<(&Bounds, f64, [f64; 3])> {
+        if !p.is_finite() || self.grid.nearest(p).is_some_and(|voxel| self.mask.holds(voxel)) {
             return None;
         }
         let along: [f64; 3] = (self.grid.axes().transpose() * (p - self.grid.origin())).into();
-        let (run, squared) = self.runs.nearest_neighbor_with_distance_2(along)?;
-        Some((run, squared, along))
+        let (_, upper) = self.bounds(p);
+        let nearest =
+            self.surface.nearest(along, upper * upper).or_else(|| self.surface.nearest(along, f64::INFINITY));
+        nearest.map(|(bounds, squared)| (bounds, squared, along))
     }
 }
 
@@ -263,40 +240,11 @@ impl Coarse {
             sites: sites.map(|[first, last]| first..last + 1),
             out: places,
             along,
+            unit_mm: 1.0,
         };
-        let Solution { squared: mut distance_mm, .. } = problem.solve(false)?;
-        distance_mm.iter_mut().for_each(|d| *d = d.sqrt());
+        let Solution { distance_mm, .. } = problem.solve(false)?;
         Some(Self { places, distance_mm })
     }
-}
-
-/// The runs of `label` inside the window.
-fn runs(labels: &Volume<u16, Ct>, label: u16, [xs, ys, zs]: [[usize; 2]; 3]) -> Vec<Run> {
-    let grid = labels.grid();
-    let spacing = grid.spacing_mm();
-    let mut runs = Vec::new();
-    for (z, y) in (zs[0]..=zs[1]).flat_map(|z| (ys[0]..=ys[1]).map(move |y| (z, y))) {
-        let start = grid.index([xs[0], y, z]);
-        let row = &labels.data()[start..=start + xs[1] - xs[0]];
-        if !row.iter().fold(false, |any, v| any | (*v == label)) {
-            continue;
-        }
-        let mut x = xs[0];
-        for part in row.chunk_by(|a, b| (*a == label) == (*b == label)) {
-            if part[0] == label {
-                let low = [x as f64 - 0.5, y as f64 - 0.5, z as f64 - 0.5];
-                let high = [low[0] + part.len() as f64, low[1] + 1.0, low[2] + 1.0];
-                let mm = |v: [f64; 3]| -> [f64; 3] { std::array::from_fn(|a| v[a] * spacing[a]) };
-                runs.push(Run {
-                    bounds: Rectangle::from_corners(mm(low), mm(high)),
-                    first: [x as u32, y as u32, z as u32],
-                    length: part.len() as u32,
-                });
-            }
-            x += part.len();
-        }
-    }
-    runs
 }
 
 /// Number of voxels of `label` and the corners, in `ct`, of the box of voxels that holds them.

@@ -94,8 +94,11 @@ impl<'a> Access<'a> {
                 let factor = (cylinder.radius_mm / (VOXELS_PER_RADIUS * latest.spacing_mm)).floor().max(1.0);
                 let pooled = latest.pooled(factor as usize, cylinder.radius_mm);
                 let reach_mm = pooled.ball_voxels(cylinder.radius_mm) * pooled.spacing_mm;
-                let front =
-                    if cylinder.radius_mm > thin_mm { front_balls(cylinder, reach_mm, thin_mm) } else { Vec::new() };
+                let front = if cylinder.radius_mm > thin_mm {
+                    front_balls(cylinder, reach_mm, thin_mm)
+                } else {
+                    Vec::new()
+                };
                 Segment { cylinder: *cylinder, latest: pooled.dilated(cylinder.radius_mm), reach_mm, front }
             })
             .collect();
@@ -295,7 +298,8 @@ impl Field {
             .iter()
             .zip(removal.time())
             .map(|(class, time)| {
-                if class.is(Class::OBSTACLE | Class::STRUCTURE) || class.is(Class::MATERIAL) && *time == NEVER {
+                if class.is(Class::OBSTACLE | Class::STRUCTURE) || class.is(Class::MATERIAL) && *time == NEVER
+                {
                     SOLID
                 } else if class.is(Class::MATERIAL) {
                     *time as f32
@@ -460,7 +464,13 @@ mod tests {
 
     #[test]
     fn pooling_keeps_the_latest_time_of_every_block() {
-        let field = Field { dims: [5, 4, 3], spacing_mm: 0.5, origin_mm: 0.0, is_blocks: false, value: (0..60).map(|n| n as f32).collect() };
+        let field = Field {
+            dims: [5, 4, 3],
+            spacing_mm: 0.5,
+            origin_mm: 0.0,
+            is_blocks: false,
+            value: (0..60).map(|n| n as f32).collect(),
+        };
         let coarse = field.pooled(2, 1.0);
         for n in 0..60usize {
             let p = Vector3::new((n % 5) as f64, (n / 5 % 4) as f64, (n / 20) as f64) * 0.5;

@@ -52,7 +52,8 @@ impl<'a> SweptPath<'a> {
     pub fn new(scene: &'a Scene, removal: &'a RemovalTime, points: &'a [PathPoint], radius_mm: f64) -> Self {
         let runs = straight_runs(points);
         let grid = scene.class.grid();
-        let cells = [0, 1, 2].map(|a| (grid.dims()[a] as f64 * grid.spacing_mm()[a] / CELL_MM).ceil() as usize + 1);
+        let cells =
+            [0, 1, 2].map(|a| (grid.dims()[a] as f64 * grid.spacing_mm()[a] / CELL_MM).ceil() as usize + 1);
         let mut path = Self {
             scene,
             removal,
@@ -146,7 +147,8 @@ fn straight_runs(points: &[PathPoint]) -> Vec<Run> {
             run.first > 0 && {
                 let (a, b, c) = (at(run.first - 1), at(run.last), at(n));
                 // straight on, not back
-                (b - a).dot(&(c - b)) >= 0.0 && segment_distance_squared(&b, &a, &c) <= STRAIGHT_MM * STRAIGHT_MM
+                (b - a).dot(&(c - b)) >= 0.0
+                    && segment_distance_squared(&b, &a, &c) <= STRAIGHT_MM * STRAIGHT_MM
             }
         });
         match runs.last_mut() {
@@ -223,7 +225,11 @@ impl Cell {
 /// Mass that each waypoint's ball takes, and where it lies about the ball's centre (g/cm³ is mg/mm³).
 ///
 /// Each slab of the grid is swept by its own walk along the path; the slabs' sums are added in their order.
-pub fn mass_increments(density_g_cm3: &Volume<f32, Work>, points: &[PathPoint], radius_mm: f64) -> Vec<Moments> {
+pub fn mass_increments(
+    density_g_cm3: &Volume<f32, Work>,
+    points: &[PathPoint],
+    radius_mm: f64,
+) -> Vec<Moments> {
     let grid = density_g_cm3.grid();
     let [nx, ny, nz] = grid.dims();
     let thickness = nz.div_ceil(SLABS);

@@ -150,9 +150,8 @@ impl<'a> BurrSpace<'a> {
     fn near_connected(&self, [i, j, k]: [usize; 3]) -> bool {
         let [nx, ny, nz] = self.grid().dims();
         let around = |v: usize, n: usize| v.saturating_sub(1)..(v + 2).min(n);
-        around(k, nz).any(|k| {
-            around(j, ny).any(|j| around(i, nx).any(|i| self.connected[i + nx * (j + ny * k)]))
-        })
+        around(k, nz)
+            .any(|k| around(j, ny).any(|j| around(i, nx).any(|i| self.connected[i + nx * (j + ny * k)])))
     }
 
     /// min(distance to obstacles − r, distance to each structure − what it must be) per node; negative: not clear.
@@ -163,9 +162,11 @@ impl<'a> BurrSpace<'a> {
             if !self.is_inside(p) {
                 return -MARGIN_CUT_MM;
             }
-            let bone = self.scene.obstacle_mm.as_ref().map_or(MARGIN_CUT_MM, |d| {
-                f64::from(d.data()[n]) - self.radius_mm + 1e-5
-            });
+            let bone = self
+                .scene
+                .obstacle_mm
+                .as_ref()
+                .map_or(MARGIN_CUT_MM, |d| f64::from(d.data()[n]) - self.radius_mm + 1e-5);
             let mut least = bone.min(MARGIN_CUT_MM);
             let p_ct = self.scene.ct_from_work * p;
             for (structure, keep) in self.scene.structures.iter().zip(&self.keep_mm) {

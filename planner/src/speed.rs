@@ -94,7 +94,12 @@ impl SpeedModel {
     ///
     /// # Errors
     /// As [`Self::centred`], and for lengths that are negative or not one per waypoint.
-    pub fn time_range_s(&self, mass_mg: &[f64], cost: &[f64], lengths_mm: &[f64]) -> Result<[f64; 2], ModelError> {
+    pub fn time_range_s(
+        &self,
+        mass_mg: &[f64],
+        cost: &[f64],
+        lengths_mm: &[f64],
+    ) -> Result<[f64; 2], ModelError> {
         let ratios = self.ratios(mass_mg, cost)?;
         same_length("move lengths", mass_mg.len(), lengths_mm.len())?;
         for &ds in lengths_mm {

@@ -20,7 +20,10 @@ pub struct Rows {
 impl Rows {
     /// The rows of `grid`.
     pub fn of(grid: &Grid<Work>) -> Self {
-        debug_assert!(grid.origin() == Point::new(0.0, 0.0, 0.0), "the work frame starts at the first centre");
+        debug_assert!(
+            grid.origin() == Point::new(0.0, 0.0, 0.0),
+            "the work frame starts at the first centre"
+        );
         Self { dims: grid.dims(), spacing_mm: grid.spacing_mm().x }
     }
 

@@ -10,11 +10,16 @@
 //! candidate ranges: one pass without branches over contiguous lanes, which the compiler turns into vector code, in
 //! place of the divisions and unpredictable branches of a parabola stack (Felzenszwalb and Huttenlocher 2012).
 //! On equal sums the first site wins.
+//!
+//! Lines cross rows: line x consists of the x-th values of all rows given. Rows are taken in and handed out whole, so
+//! that memory is read and written in long stretches, and what lies between stays in the processor's cache.
 
 use std::ops::Range;
 
 /// Lines solved at once.
-pub(super) const LANES: usize = 16;
+const LANES: usize = 16;
+/// The most lines of an [`Envelope`]: with 512 sites and places, a mebibyte of values.
+pub(super) const MAX_LINES: usize = 8 * LANES;
 
 /// Equally spaced places along an axis, in voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,67 +39,106 @@ impl Places {
     pub fn at(&self, n: usize) -> usize {
         self.first + n * self.step
     }
+
+    /// How many places lie before voxel `end`.
+    #[inline]
+    pub fn before(&self, end: usize) -> usize {
+        end.saturating_sub(self.first).div_ceil(self.step).min(self.count)
+    }
 }
 
-/// A value per line.
-pub(super) type Lanes = [f32; LANES];
-
-/// Sites of [`LANES`] lines, and room for the solution.
+/// Up to [`MAX_LINES`] lines: their sites and, once solved, the best of them at each place.
+///
+/// Lines are kept in blocks of [`LANES`]; an entry of a block is one site, or place, of all its lines.
 #[derive(Default)]
 pub(super) struct Envelope {
     /// Places of the sites, ascending; the same for all lines.
-    places: Vec<usize>,
-    /// f per site and line.
-    costs: Vec<Lanes>,
-    /// The smallest sum per place and line.
-    pub best: Vec<Lanes>,
+    sites: Vec<usize>,
+    /// f by block and site.
+    costs: Vec<[f32; LANES]>,
+    /// What a site stands for, by block and site; empty when nobody asks.
+    names: Vec<[u32; LANES]>,
+    /// The smallest sum by block and place.
+    best: Vec<[f32; LANES]>,
     /// The site that gives it.
-    pub site: Vec<[u32; LANES]>,
-    /// Smallest and largest entry of `site` at each place.
+    site: Vec<[u32; LANES]>,
+    /// Smallest and largest site at each place of the block being solved.
     range: Vec<[u32; 2]>,
+    /// Places solved.
+    count: usize,
 }
 
 impl Envelope {
-    /// Sites at `places`, ascending and at least one; costs are set with [`Envelope::costs_mut`].
-    pub fn set_places(&mut self, places: &[usize]) {
-        self.places.clear();
-        self.places.extend_from_slice(places);
-        self.costs.resize(places.len(), [0.0; LANES]);
+    /// Lines with sites at `sites`, ascending and at least one, to be given by [`Envelope::set_site`].
+    pub fn begin(&mut self, sites: &[usize], lines: usize, named: bool) {
+        let blocks = lines.div_ceil(LANES);
+        self.sites.clear();
+        self.sites.extend_from_slice(sites);
+        self.costs.resize(blocks * sites.len(), [0.0; LANES]);
+        self.names.resize(if named { blocks * sites.len() } else { 0 }, [0; LANES]);
     }
 
-    /// f per site and line.
-    pub fn costs_mut(&mut self) -> &mut [Lanes] {
-        &mut self.costs
+    /// The n-th site's f in every line, and what it stands for (an empty row when nobody asks).
+    pub fn set_site(&mut self, n: usize, costs: &[f32], names: &[u32]) {
+        let sites = self.sites.len();
+        for (block, values) in costs.chunks(LANES).enumerate() {
+            copy_padded(values, &mut self.costs[block * sites + n]);
+        }
+        for (block, values) in names.chunks(LANES).enumerate() {
+            copy_padded(values, &mut self.names[block * sites + n]);
+        }
     }
 
-    /// Solves `places`; entry n of `best` and `site` is for the n-th of them.
-    /// `along[t]` is g(t), for every distance t between a site and a place.
+    /// Solves `places`; `along[t]` is g(t), for every distance t between a site and a place.
     pub fn solve(&mut self, places: Places, along: &[f32]) {
-        let Places { count, .. } = places;
-        self.best.resize(count, [0.0; LANES]);
-        self.site.resize(count, [0; LANES]);
-        self.range.resize(count, [0; 2]);
-        let last_site = self.places.len() - 1;
-        self.solve_place(0, places.first, [0, last_site], along);
+        let blocks = self.costs.len() / self.sites.len();
+        self.count = places.count;
+        self.best.resize(blocks * places.count, [0.0; LANES]);
+        self.site.resize(blocks * places.count, [0; LANES]);
+        self.range.resize(places.count, [0; 2]);
+        for block in 0..blocks {
+            self.solve_block(block, places, along);
+        }
+    }
+
+    /// The smallest sum of every line at the n-th place, and what its site stands for.
+    pub fn row(&self, n: usize, best: &mut [f32], names: &mut [u32]) {
+        for (block, out) in best.chunks_mut(LANES).enumerate() {
+            out.copy_from_slice(&self.best[block * self.count + n][..out.len()]);
+        }
+        let sites = self.sites.len();
+        for (block, out) in names.chunks_mut(LANES).enumerate() {
+            let names = &self.names[block * sites..(block + 1) * sites];
+            let site = &self.site[block * self.count + n];
+            for ((l, out), site) in out.iter_mut().enumerate().zip(site) {
+                *out = names[*site as usize][l];
+            }
+        }
+    }
+
+    fn solve_block(&mut self, block: usize, places: Places, along: &[f32]) {
+        let last_site = self.sites.len() - 1;
+        self.solve_place(block, 0, places, [0, last_site], along);
         // halve the stride: each new place lies between two solved ones, or behind the last
-        let mut stride = count.next_power_of_two();
+        let mut stride = places.count.next_power_of_two();
         while stride > 1 {
             let half = stride / 2;
-            for n in (half..count).step_by(stride) {
+            for n in (half..places.count).step_by(stride) {
                 let lo = self.range[n - half][0] as usize;
                 let hi = self.range.get(n + half).map_or(last_site, |r| r[1] as usize);
-                self.solve_place(n, places.at(n), [lo, hi], along);
+                self.solve_place(block, n, places, [lo, hi], along);
             }
             stride = half;
         }
     }
 
     #[inline]
-    fn solve_place(&mut self, n: usize, place: usize, [lo, hi]: [usize; 2], along: &[f32]) {
+    fn solve_place(&mut self, block: usize, n: usize, places: Places, [lo, hi]: [usize; 2], along: &[f32]) {
+        let place = places.at(n);
+        let costs = &self.costs[block * self.sites.len()..][lo..=hi];
         let (mut best, mut site) = ([f32::INFINITY; LANES], [lo as u32; LANES]);
-        for (c, (costs, p)) in self.costs[lo..=hi].iter().zip(&self.places[lo..=hi]).enumerate() {
+        for (c, (costs, p)) in (lo as u32..).zip(costs.iter().zip(&self.sites[lo..=hi])) {
             let add = along[place.abs_diff(*p)];
-            let c = (lo + c) as u32;
             for l in 0..LANES {
                 let sum = costs[l] + add;
                 let better = sum < best[l];
@@ -102,9 +146,23 @@ impl Envelope {
                 site[l] = if better { c } else { site[l] };
             }
         }
-        self.best[n] = best;
-        self.site[n] = site;
-        self.range[n] =
-            [site.iter().copied().fold(u32::MAX, u32::min), site.iter().copied().fold(0, u32::max)];
+        self.best[block * self.count + n] = best;
+        self.site[block * self.count + n] = site;
+        // odd places come last: no other place asks them
+        if n.is_multiple_of(2) {
+            let min = site.iter().copied().fold(u32::MAX, u32::min);
+            self.range[n] = [min, site.iter().copied().fold(0, u32::max)];
+        }
+    }
+}
+
+/// `values` and, in the lanes behind them, their last one: a lane like its neighbours widens no range of candidates.
+#[inline]
+fn copy_padded<T: Copy>(values: &[T], lanes: &mut [T; LANES]) {
+    if let Ok(all) = <&[T; LANES]>::try_from(values) {
+        *lanes = *all;
+    } else if let Some(last) = values.last() {
+        *lanes = [*last; LANES];
+        lanes[..values.len()].copy_from_slice(values);
     }
 }

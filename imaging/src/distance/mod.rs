@@ -13,7 +13,6 @@ mod envelope;
 mod separable;
 
 use bonemill_geometry::{Frame, Grid, Volume};
-use rayon::prelude::*;
 
 use crate::error::ImageError;
 pub(crate) use envelope::Places;
@@ -69,14 +68,15 @@ pub fn distance_within<F: Frame>(
         Places::all(sites[a].start.saturating_sub(reach)..sites[a].end.saturating_add(reach).min(dims[a]))
     });
     let (along, unit_mm) = euclidean(mask.grid());
-    let problem = Problem { values: mask.data(), dims, is_site: |v| v, sites, out: [ox, oy, oz], along };
-    let Some(Solution { squared, .. }) = problem.solve(false) else { return Ok(None) };
+    let out = [ox, oy, oz];
+    let problem = Problem { values: mask.data(), dims, is_site: |v| v, sites, out, along, unit_mm };
+    let Some(Solution { distance_mm, .. }) = problem.solve(false) else { return Ok(None) };
     let mut bounded = Volume::filled(mask.grid().clone(), max_distance_mm as f32);
-    for (n, row) in squared.chunks_exact(ox.count).enumerate() {
+    for (n, row) in distance_mm.chunks_exact(ox.count).enumerate() {
         let (y, z) = (oy.at(n % oy.count), oz.at(n / oy.count));
         let start = ox.first + dims[0] * (y + dims[1] * z);
-        for (out, squared) in bounded.data_mut()[start..].iter_mut().zip(row) {
-            *out = (squared.sqrt() * unit_mm).min(*out);
+        for (out, distance_mm) in bounded.data_mut()[start..].iter_mut().zip(row) {
+            *out = distance_mm.min(*out);
         }
     }
     Ok(Some(bounded))
@@ -91,10 +91,9 @@ fn transform<T: Copy + Sync, F: Frame>(
     let (along, unit_mm) = euclidean(volume.grid());
     let whole = dims.map(|d| 0..d);
     let out = whole.clone().map(Places::all);
-    let problem = Problem { values: volume.data(), dims, is_site, sites: whole, out, along };
-    let Some(Solution { squared: mut distance, nearest }) = problem.solve(true) else { return Ok(None) };
-    distance.par_chunks_mut(1 << 14).for_each(|part| part.iter_mut().for_each(|d| *d = d.sqrt() * unit_mm));
-    let Ok(distance_mm) = Volume::new(volume.grid().clone(), distance) else { return Ok(None) };
+    let problem = Problem { values: volume.data(), dims, is_site, sites: whole, out, along, unit_mm };
+    let Some(Solution { distance_mm, nearest }) = problem.solve(true) else { return Ok(None) };
+    let Ok(distance_mm) = Volume::new(volume.grid().clone(), distance_mm) else { return Ok(None) };
     Ok(Some(DistanceField { distance_mm, nearest }))
 }
 

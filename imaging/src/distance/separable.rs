@@ -1,13 +1,15 @@
 //! The separable transform: along x by a scan, along y within each slice, along z across slices.
 //!
 //! A row without sites is skipped after one look, a slice without sites is never stored. Both matter: a nerve fills
-//! few of either. Rows and slices are handed to threads whole, and no result depends on who computed it.
+//! few of either. The slices that are left are solved along x and y into the first slots of the answer's memory, and
+//! from there, all slots of one y at a time, along z into the same memory. Slices and then y are handed to threads
+//! whole, and no result depends on who computed it.
 
 use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::envelope::{Envelope, LANES, Places};
+use super::envelope::{Envelope, MAX_LINES, Places};
 
 /// The transform's input: which voxels are sites, and what a distance costs.
 pub(crate) struct Problem<'a, T, P> {
@@ -21,33 +23,27 @@ pub(crate) struct Problem<'a, T, P> {
     pub sites: [Range<usize>; 3],
     /// The voxels for which to answer; at least one along each axis.
     pub out: [Places; 3],
-    /// The squared cost of t voxels along each axis, convex in t and smallest at 0; as long as the volume.
+    /// The squared cost of t voxels along each axis: 0 at 0, convex in t; as long as the volume.
     pub along: [Vec<f32>; 3],
+    /// What the root of a squared cost of 1 is, mm.
+    pub unit_mm: f32,
 }
 
 /// The answer for the voxels of [`Problem::out`], x-fastest.
 pub(crate) struct Solution {
-    /// Squared cost to the nearest site.
-    pub squared: Vec<f32>,
+    /// Root of the cost to the nearest site, mm.
+    pub distance_mm: Vec<f32>,
     /// Memory index of the nearest site in the volume; empty when it was not asked for.
     pub nearest: Vec<u32>,
-}
-
-/// A slice after x and y: cost and site per voxel of the answer's x and y range.
-struct Slice {
-    z: usize,
-    squared: Vec<f32>,
-    nearest: Vec<u32>,
 }
 
 /// Room that a thread reuses.
 #[derive(Default)]
 struct Scratch {
     envelope: Envelope,
-    /// Places of the sites of a row.
-    row_sites: Vec<u32>,
     /// Rows with sites.
     rows: Vec<usize>,
+    /// Their costs and nearest sites after x.
     squared: Vec<f32>,
     nearest: Vec<u32>,
 }
@@ -55,125 +51,152 @@ struct Scratch {
 impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
     /// Cost and, if `with_nearest`, place of the nearest site; `None` when there is no site.
     pub fn solve(&self, with_nearest: bool) -> Option<Solution> {
-        let slices: Vec<Slice> = self.sites[2]
+        let slices: Vec<usize> = self.sites[2]
             .clone()
             .into_par_iter()
-            .map_init(Scratch::default, |scratch, z| self.solve_slice(z, scratch))
-            .flatten()
+            .filter(|z| self.sites[1].clone().any(|y| self.has_site(y, *z)))
             .collect();
         if slices.is_empty() {
             return None;
         }
-        let places: Vec<usize> = slices.iter().map(|s| s.z).collect();
         let [nx, ny, nz] = self.out.map(|places| places.count);
-        let mut squared = vec![0.0; nx * ny * nz];
+        let slots = nz.max(slices.len());
+        let mut squared = vec![0.0; nx * ny * slots];
         let mut nearest = vec![0; if with_nearest { squared.len() } else { 0 }];
-        let squared_rows = rows_by_y(&mut squared, nx, ny);
-        let nearest_rows = rows_by_y(&mut nearest, nx, ny);
-        squared_rows.into_par_iter().zip(nearest_rows).enumerate().for_each_init(
-            Envelope::default,
-            |envelope, (y, (mut squared, mut nearest))| {
-                envelope.set_places(&places);
-                for x in (0..nx).step_by(LANES) {
-                    let width = LANES.min(nx - x);
-                    let at = x + nx * y;
-                    for (costs, slice) in envelope.costs_mut().iter_mut().zip(&slices) {
-                        copy_padded(&slice.squared[at..at + width], costs);
-                    }
-                    envelope.solve(self.out[2], &self.along[2]);
-                    for (row, best) in squared.iter_mut().zip(&envelope.best) {
-                        row[x..x + width].copy_from_slice(&best[..width]);
-                    }
-                    for (row, site) in nearest.iter_mut().zip(&envelope.site) {
-                        for (l, out) in row[x..x + width].iter_mut().enumerate() {
-                            *out = slices[site[l] as usize].nearest[at + l];
-                        }
-                    }
-                }
-            },
-        );
-        Some(Solution { squared, nearest })
+
+        let slabs =
+            parts(&mut squared, nx * ny, slots).into_par_iter().zip(parts(&mut nearest, nx * ny, slots));
+        slabs.zip(&slices).for_each_init(Scratch::default, |scratch, ((squared, nearest), z)| {
+            self.solve_slice(*z, scratch, squared, nearest);
+        });
+        let rows = by_y(parts(&mut squared, nx, ny * slots), ny).into_par_iter();
+        let rows = rows.zip(by_y(parts(&mut nearest, nx, ny * slots), ny));
+        rows.for_each_init(Envelope::default, |envelope, (squared, nearest)| {
+            self.solve_across(envelope, &slices, squared, nearest);
+        });
+        squared.truncate(nx * ny * nz);
+        nearest.truncate(if with_nearest { nx * ny * nz } else { 0 });
+        Some(Solution { distance_mm: squared, nearest })
     }
 
-    /// Slice z along x and y; `None` without sites.
-    fn solve_slice(&self, z: usize, scratch: &mut Scratch) -> Option<Slice> {
-        let Scratch { envelope, row_sites, rows, squared, nearest } = scratch;
-        let [nx, ny, _] = self.dims;
+    fn row(&self, y: usize, z: usize) -> (usize, &[T]) {
+        let start = self.dims[0] * (y + self.dims[1] * z);
+        (start, &self.values[start..start + self.dims[0]][self.sites[0].clone()])
+    }
+
+    fn has_site(&self, y: usize, z: usize) -> bool {
+        // looks at all of the row: that is vector code, a search is not
+        self.row(y, z).1.iter().fold(false, |any, v| any | (self.is_site)(*v))
+    }
+
+    /// Slice z along x and y.
+    fn solve_slice(&self, z: usize, scratch: &mut Scratch, squared_out: &mut [f32], nearest_out: &mut [u32]) {
+        let Scratch { envelope, rows, squared, nearest } = scratch;
         let width = self.out[0].count;
         rows.clear();
-        squared.clear();
-        nearest.clear();
-        for y in self.sites[1].clone() {
-            let start = nx * (y + ny * z);
-            let row = &self.values[start + self.sites[0].start..start + self.sites[0].end];
-            if !row.iter().fold(false, |any, v| any | (self.is_site)(*v)) {
-                continue;
-            }
-            rows.push(y);
-            row_sites.clear();
-            row_sites.extend(
-                (self.sites[0].start as u32..).zip(row).filter(|(_, v)| (self.is_site)(**v)).map(|(x, _)| x),
-            );
-            self.solve_row(start as u32, row_sites, squared, nearest);
+        rows.extend(self.sites[1].clone().filter(|y| self.has_site(*y, z)));
+        squared.resize(rows.len() * width, 0.0);
+        nearest.resize(rows.len() * width, 0);
+        for (n, y) in rows.iter().enumerate() {
+            let part = n * width..(n + 1) * width;
+            self.solve_row(*y, z, &mut squared[part.clone()], &mut nearest[part]);
         }
-        if rows.is_empty() {
-            return None;
-        }
-        let height = self.out[1].count;
-        let mut slice = Slice { z, squared: vec![0.0; width * height], nearest: vec![0; width * height] };
-        envelope.set_places(rows);
-        for x in (0..width).step_by(LANES) {
-            let lanes = LANES.min(width - x);
-            for (costs, row) in envelope.costs_mut().iter_mut().zip(squared.chunks_exact(width)) {
-                copy_padded(&row[x..x + lanes], costs);
+        let named = !nearest_out.is_empty();
+        for x in (0..width).step_by(MAX_LINES) {
+            let lines = x..(x + MAX_LINES).min(width);
+            envelope.begin(rows, lines.len(), named);
+            for n in 0..rows.len() {
+                let part = n * width + lines.start..n * width + lines.end;
+                envelope.set_site(n, &squared[part.clone()], if named { &nearest[part] } else { &[] });
             }
             envelope.solve(self.out[1], &self.along[1]);
-            let solved = envelope.best.iter().zip(&envelope.site);
-            let out = slice.squared.chunks_exact_mut(width).zip(slice.nearest.chunks_exact_mut(width));
-            for ((best, site), (squared_row, nearest_row)) in solved.zip(out) {
-                squared_row[x..x + lanes].copy_from_slice(&best[..lanes]);
-                for (l, out) in nearest_row[x..x + lanes].iter_mut().enumerate() {
-                    *out = nearest[site[l] as usize * width + x + l];
-                }
+            for n in 0..self.out[1].count {
+                let part = n * width + lines.start..n * width + lines.end;
+                let names = if named { &mut nearest_out[part.clone()] } else { &mut [] };
+                envelope.row(n, &mut squared_out[part], names);
             }
         }
-        Some(slice)
     }
 
-    /// Appends a row's cost and nearest site for the answer's x range. On equal distances the first site wins.
-    fn solve_row(&self, start: u32, sites: &[u32], squared: &mut Vec<f32>, nearest: &mut Vec<u32>) {
-        let (out, along) = (self.out[0], &self.along[0]);
-        let mut done = 0;
-        for (n, &site) in sites.iter().enumerate() {
-            // places nearer to this one than to the next, or as near
-            let until = sites.get(n + 1).map_or(out.count, |next| {
-                let first_beyond = (site + next) as usize / 2 + 1;
-                first_beyond.saturating_sub(out.first).div_ceil(out.step).min(out.count)
-            });
-            if until <= done {
-                continue;
+    /// A row's cost and nearest site. On equal distances the first site wins.
+    fn solve_row(&self, y: usize, z: usize, squared: &mut [f32], nearest: &mut [u32]) {
+        let (start, row) = self.row(y, z);
+        let (out, along, first) = (self.out[0], &self.along[0], self.sites[0].start);
+        let mut assign = |places: Range<usize>, site: usize| {
+            for n in places {
+                squared[n] = along[out.at(n).abs_diff(site)];
+                nearest[n] = (start + site) as u32;
             }
-            squared.extend((done..until).map(|n| along[out.at(n).abs_diff(site as usize)]));
-            nearest.extend((done..until).map(|_| start + site));
-            done = until;
+        };
+        // places done, and the last site before them
+        let (mut done, mut last) = (0, None);
+        let mut x = 0;
+        while let Some(gap) = row[x..].iter().position(|v| (self.is_site)(*v)) {
+            let length =
+                row[x + gap..].iter().position(|v| !(self.is_site)(*v)).unwrap_or(row.len() - x - gap);
+            let run = first + x + gap..first + x + gap + length;
+            if let Some(last) = last {
+                // nearer to the run before than to this one, or as near
+                let until = out.before((last + run.start) / 2 + 1);
+                assign(done..until, last);
+                done = until;
+            }
+            let until = out.before(run.start);
+            assign(done..until, run.start);
+            done = until.max(done);
+            for n in done..out.before(run.end) {
+                assign(n..n + 1, out.at(n));
+            }
+            done = out.before(run.end).max(done);
+            last = Some(run.end - 1);
+            x += gap + length;
+        }
+        if let Some(last) = last {
+            assign(done..out.count, last);
+        }
+    }
+
+    /// All slots of one y, along z.
+    fn solve_across(
+        &self,
+        envelope: &mut Envelope,
+        slices: &[usize],
+        mut squared: Vec<&mut [f32]>,
+        mut nearest: Vec<&mut [u32]>,
+    ) {
+        let width = self.out[0].count;
+        for x in (0..width).step_by(MAX_LINES) {
+            let lines = x..(x + MAX_LINES).min(width);
+            let named = |row: &[u32]| if row.is_empty() { 0..0 } else { lines.clone() };
+            envelope.begin(slices, lines.len(), nearest.first().is_some_and(|row| !row.is_empty()));
+            for (n, (costs, names)) in squared.iter().zip(&nearest).take(slices.len()).enumerate() {
+                envelope.set_site(n, &costs[lines.clone()], &names[named(names)]);
+            }
+            envelope.solve(self.out[2], &self.along[2]);
+            for (n, (distance, names)) in
+                squared.iter_mut().zip(&mut nearest).take(self.out[2].count).enumerate()
+            {
+                let part = named(names);
+                let distance = &mut distance[lines.clone()];
+                envelope.row(n, distance, &mut names[part]);
+                distance.iter_mut().for_each(|d| *d = d.sqrt() * self.unit_mm);
+            }
         }
     }
 }
 
-/// `values` and, in the lanes behind them, their last one: a lane like its neighbours widens no range of candidates.
-fn copy_padded(values: &[f32], lanes: &mut [f32; LANES]) {
-    if let Ok(all) = <&[f32; LANES]>::try_from(values) {
-        *lanes = *all;
-    } else if let Some(last) = values.last() {
-        *lanes = [*last; LANES];
-        lanes[..values.len()].copy_from_slice(values);
+/// `count` parts of `size` values; parts of nothing when there are no values at all.
+fn parts<T>(values: &mut [T], size: usize, count: usize) -> Vec<&mut [T]> {
+    if values.is_empty() {
+        return (0..count).map(|_| <&mut [T]>::default()).collect();
     }
+    values.chunks_exact_mut(size).collect()
 }
 
-/// The rows of a volume, grouped by y, each group ascending in z; groups of nothing for an empty volume.
-fn rows_by_y<T>(values: &mut [T], nx: usize, ny: usize) -> Vec<Vec<&mut [T]>> {
-    let mut groups: Vec<Vec<&mut [T]>> = (0..ny).map(|_| Vec::new()).collect();
-    for (n, row) in values.chunks_exact_mut(nx).enumerate() {
+/// Rows in memory's order, grouped by y, each group ascending in z.
+fn by_y<R>(rows: Vec<R>, ny: usize) -> Vec<Vec<R>> {
+    let mut groups: Vec<Vec<R>> = (0..ny).map(|_| Vec::with_capacity(rows.len() / ny)).collect();
+    for (n, row) in rows.into_iter().enumerate() {
         groups[n % ny].push(row);
     }
     groups

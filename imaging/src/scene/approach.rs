@@ -140,7 +140,11 @@ mod tests {
         let mirror = Matrix3::from_diagonal(&Vector3::new(-1.0, 1.0, 1.0));
         for change in [turn, mirror, turn * mirror] {
             let (turned, _) = approach(change);
-            assert!((change * straight).angle(&turned) < 0.035, "off by {} rad", (change * straight).angle(&turned));
+            assert!(
+                (change * straight).angle(&turned) < 0.035,
+                "off by {} rad",
+                (change * straight).angle(&turned)
+            );
         }
     }
 

@@ -5,7 +5,10 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::{Class, FarObstacles, Scene, SceneError, SceneStructure, TargetShape, approach, hull, obstacles};
-use crate::{DensityTable, Region, StructureField, distance_within, resample_hu, resample_hu_and_density, resample_nearest};
+use crate::{
+    DensityTable, Region, StructureField, distance_within, resample_hu, resample_hu_and_density,
+    resample_nearest,
+};
 
 /// HU of what lies beyond the CT.
 const AIR_HU: f32 = -1000.0;
@@ -87,7 +90,8 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     check_touching(spec, &target, &structures)?;
     if touches_edge(spec, &target) {
         warnings.push(
-            "the target touches the edge of the scan: what lies beyond is taken for air, which may be wrong".into(),
+            "the target touches the edge of the scan: what lies beyond is taken for air, which may be wrong"
+                .into(),
         );
     }
     let far = far_obstacles(spec, &class, &ct_from_work)?;
@@ -112,10 +116,11 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
 
 /// Axis-aligned extent of points in ct.
 fn extent(points: impl IntoIterator<Item = Point<Ct>>) -> (Vector3<f64>, Vector3<f64>) {
-    points.into_iter().fold(
-        (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)),
-        |(lo, hi), p| (lo.inf(&p.coords), hi.sup(&p.coords)),
-    )
+    points
+        .into_iter()
+        .fold((Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)), |(lo, hi), p| {
+            (lo.inf(&p.coords), hi.sup(&p.coords))
+        })
 }
 
 fn extent_text((lo, hi): (Vector3<f64>, Vector3<f64>)) -> String {
@@ -145,7 +150,8 @@ fn check_labels(spec: &SceneSpec) -> Result<(), SceneError> {
     let wanted = spec.structures.iter().map(|(name, label)| (format!("structure '{name}'"), *label));
     for (what, label) in target.into_iter().chain(wanted) {
         if !present[usize::from(label)] {
-            let present = (0..present.len()).filter(|l| present[*l]).map(|l| l.to_string()).collect::<Vec<_>>();
+            let present =
+                (0..present.len()).filter(|l| present[*l]).map(|l| l.to_string()).collect::<Vec<_>>();
             return Err(SceneError::LabelAbsent { label, what, present: present.join(", ") });
         }
     }
@@ -189,7 +195,15 @@ fn choose_approach(spec: &SceneSpec, target: &[Point<Ct>]) -> Result<Vector3<f64
         TargetShape::Label(label) => label_at(p) == label,
         _ => spec.target.contains(p),
     };
-    let reach_mm = spec.ct.grid().dims().map(|d| d as f64).iter().zip(spec.ct.grid().spacing_mm().iter()).map(|(d, s)| d * s).sum();
+    let reach_mm = spec
+        .ct
+        .grid()
+        .dims()
+        .map(|d| d as f64)
+        .iter()
+        .zip(spec.ct.grid().spacing_mm().iter())
+        .map(|(d, s)| d * s)
+        .sum();
     approach::most_air(
         target,
         spec.ct.grid().spacing_mm().min().max(spec.spacing_mm),

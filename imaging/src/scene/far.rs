@@ -14,6 +14,7 @@ pub struct FarObstacles {
     distance_mm: Option<Volume<f32, Work>>,
     slack_mm: f64,
     spacing_mm: f64,
+    per_mm: f64,
 }
 
 impl FarObstacles {
@@ -22,14 +23,23 @@ impl FarObstacles {
         // an obstacle anywhere in its voxel, asked for from anywhere in another one
         let slack_mm = full.grid().diagonal_mm();
         let distance_mm = distance_within(full, reach_mm + slack_mm)?;
-        Ok(Self { distance_mm, slack_mm, spacing_mm: full.grid().spacing_mm().x })
+        let spacing_mm = full.grid().spacing_mm().x;
+        Ok(Self { distance_mm, slack_mm, spacing_mm, per_mm: 1.0 / spacing_mm })
     }
 
     /// A lower bound of the distance from `p` to anything solid, mm; `None` where nothing is known to be near.
+    #[inline]
     pub fn at_least_mm(&self, p: Point<Work>) -> Option<f64> {
         let distance_mm = self.distance_mm.as_ref()?;
-        let voxel = distance_mm.grid().nearest(p)?;
-        Some(f64::from(*distance_mm.get(voxel)) - self.slack_mm)
+        let (grid, dims) = (distance_mm.grid(), distance_mm.grid().dims());
+        // the grid lies along work's axes: no need of its general pose, in the innermost loop of access
+        let shifted = (p - grid.origin()) * self.per_mm;
+        let at = |a: usize| {
+            let v = shifted[a] + 0.5;
+            (v >= 0.0 && v < dims[a] as f64).then_some(v as usize)
+        };
+        let (i, j, k) = (at(0)?, at(1)?, at(2)?);
+        Some(f64::from(distance_mm.data()[i + dims[0] * (j + dims[1] * k)]) - self.slack_mm)
     }
 
     /// How much nearer than the truth an answer may be, mm.

@@ -37,8 +37,9 @@ mod tests {
 
     #[test]
     fn holds_every_point_and_turns_left_only() {
-        let points: Vec<[f64; 2]> =
-            (0..500).map(|n| [f64::from(n * 37 % 101), f64::from(n * 53 % 89) + 0.25 * f64::from(n % 7)]).collect();
+        let points: Vec<[f64; 2]> = (0..500)
+            .map(|n| [f64::from(n * 37 % 101), f64::from(n * 53 % 89) + 0.25 * f64::from(n % 7)])
+            .collect();
         let hull = convex_hull(points.clone());
         assert!(hull.len() >= 4);
         for n in 0..hull.len() {

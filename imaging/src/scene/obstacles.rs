@@ -12,7 +12,10 @@ use crate::{ImageError, distance_within};
 /// The obstacle part of `bone` (bone outside the target), same grid.
 ///
 /// Whatever is dropped is thinner than `band_mm` plus one voxel.
-pub(super) fn obstacle_part(bone: &Volume<bool, Work>, band_mm: f64) -> Result<Volume<bool, Work>, ImageError> {
+pub(super) fn obstacle_part(
+    bone: &Volume<bool, Work>,
+    band_mm: f64,
+) -> Result<Volume<bool, Work>, ImageError> {
     let h = bone.grid().spacing_mm().x;
     let mut core = hold_a_cube(bone);
     // distance to the nearest voxel that is not bone; a centre lies half a voxel deeper than that voxel's face

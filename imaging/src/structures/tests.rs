@@ -65,8 +65,8 @@ proptest! {
             field => field.unwrap().unwrap(),
         };
         prop_assert_eq!(field.count(), labels.data().iter().filter(|v| **v == 1).count());
-        let mut voxels: Vec<_> = field.voxels().map(|v| labels.grid().index(v)).collect();
-        voxels.sort_unstable();
+        let voxels: Vec<_> = field.voxels().map(|v| labels.grid().index(v)).collect();
+        prop_assert!(voxels.is_sorted());
         prop_assert!(voxels.iter().all(|n| labels.data()[*n] == 1) && voxels.len() == field.count());
         for share in points {
             let p = point_near(labels.grid(), share);

@@ -97,12 +97,8 @@ mod tests {
     use nalgebra::Vector3;
 
     fn scan() -> Scan {
-        let family = TiltFamily {
-            hinge: Vector3::x_axis(),
-            zero: Vector3::z_axis(),
-            lower_rad: -1.0,
-            upper_rad: 1.0,
-        };
+        let family =
+            TiltFamily { hinge: Vector3::x_axis(), zero: Vector3::z_axis(), lower_rad: -1.0, upper_rad: 1.0 };
         Scan::new(&family, 2f64.to_radians(), 1.0)
     }
 

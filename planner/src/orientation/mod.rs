@@ -84,9 +84,9 @@ impl Scan {
 
     /// The free angle nearest to `q_rad`, if any is free; the smaller one of two equally near.
     pub fn nearest_free(&self, free: u128, q_rad: f64) -> Option<usize> {
-        (0..self.len())
-            .filter(|n| free >> n & 1 == 1)
-            .min_by(|a, b| (self.angles_rad[*a] - q_rad).abs().total_cmp(&(self.angles_rad[*b] - q_rad).abs()))
+        (0..self.len()).filter(|n| free >> n & 1 == 1).min_by(|a, b| {
+            (self.angles_rad[*a] - q_rad).abs().total_cmp(&(self.angles_rad[*b] - q_rad).abs())
+        })
     }
 }
 
@@ -123,7 +123,12 @@ mod tests {
     use super::*;
 
     fn family(hinge: Vector3<f64>) -> TiltFamily {
-        TiltFamily { hinge: Unit::new_normalize(hinge), zero: Vector3::z_axis(), lower_rad: -1.2, upper_rad: 1.2 }
+        TiltFamily {
+            hinge: Unit::new_normalize(hinge),
+            zero: Vector3::z_axis(),
+            lower_rad: -1.2,
+            upper_rad: 1.2,
+        }
     }
 
     #[test]
@@ -143,7 +148,9 @@ mod tests {
         let mut leaning = family(Vector3::new(0.1, 0.9, 0.2));
         leaning.zero = Unit::new_normalize(Vector3::new(0.5, 0.1, 0.8));
         let best = nearest_to_z(&leaning);
-        let brute = (-1200..=1200).map(|n| f64::from(n) * 1e-3).max_by(|a, b| leaning.axis(*a).z.total_cmp(&leaning.axis(*b).z));
+        let brute = (-1200..=1200)
+            .map(|n| f64::from(n) * 1e-3)
+            .max_by(|a, b| leaning.axis(*a).z.total_cmp(&leaning.axis(*b).z));
         assert!((best - brute.unwrap()).abs() < 1e-3);
     }
 

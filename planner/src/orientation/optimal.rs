@@ -29,7 +29,13 @@ pub struct RateLimit {
 ///
 /// `cost`: C of waypoint i and angle n at `i * scan.len() + n`, read only where free; `free`: bits per waypoint;
 /// `length_mm[i]`: length of the move that ends at i. Ties go to the smaller change of angle.
-pub fn best_sequence(scan: &Scan, cost: &[f32], free: &[u128], length_mm: &[f64], rate: RateLimit) -> Sequence {
+pub fn best_sequence(
+    scan: &Scan,
+    cost: &[f32],
+    free: &[u128],
+    length_mm: &[f64],
+    rate: RateLimit,
+) -> Sequence {
     let angles = scan.len();
     let center = scan.nearest(0.0);
     let mut came_from = vec![0u8; free.len() * angles];

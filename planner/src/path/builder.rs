@@ -111,7 +111,9 @@ impl<'a> Builder<'a> {
             self.start_above(first, layer);
             return Some(0);
         };
-        if from.distance_mm(&first) <= ADJACENT_STEPOVERS * self.spacing.stepover_mm && self.is_way_clear(from, first) {
+        if from.distance_mm(&first) <= ADJACENT_STEPOVERS * self.spacing.stepover_mm
+            && self.is_way_clear(from, first)
+        {
             self.cut_to(first, layer);
             return Some(0);
         }

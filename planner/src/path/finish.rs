@@ -165,7 +165,11 @@ impl Gains {
                 let length = ((o[0] * o[0] + o[1] * o[1] + o[2] * o[2]) as f64).sqrt();
                 let value = f64::from(self.gain[node]) / (length + 1.0);
                 if best.is_none_or(|(b, _)| value > b)
-                    && space.is_move_clear(grid.center(grid.voxel(here)), grid.center(grid.voxel(node)), grid.spacing_mm().x)
+                    && space.is_move_clear(
+                        grid.center(grid.voxel(here)),
+                        grid.center(grid.voxel(node)),
+                        grid.spacing_mm().x,
+                    )
                 {
                     best = Some((value, node));
                 }

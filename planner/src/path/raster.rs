@@ -124,7 +124,8 @@ mod tests {
     #[test]
     fn a_mirrored_outline_gives_the_mirrored_frame() {
         let mirrored: Vec<[f64; 2]> = BAR.iter().rev().map(|p| [-p[0], p[1]]).collect();
-        let (f, m) = (RasterFrame::chosen(&BAR, Some([0.3, 0.7])), RasterFrame::chosen(&mirrored, Some([-0.3, 0.7])));
+        let (f, m) =
+            (RasterFrame::chosen(&BAR, Some([0.3, 0.7])), RasterFrame::chosen(&mirrored, Some([-0.3, 0.7])));
         for (x, y) in [(1.0, 2.0), (-3.0, 0.5)] {
             let (a, b) = (f.uv(Point::new(x, y, 0.0)), m.uv(Point::new(-x, y, 0.0)));
             assert!((a[0] - b[0]).abs() < 1e-12 && (a[1] - b[1]).abs() < 1e-12);

@@ -50,7 +50,8 @@ impl Extent {
         for uv in hull {
             (0..2).for_each(|a| outline[a] = [outline[a][0].min(uv[a]), outline[a][1].max(uv[a])]);
         }
-        let mut found = Self { u: outline[0], v: [f64::INFINITY, f64::NEG_INFINITY], top: f64::MIN, floor: f64::MAX };
+        let mut found =
+            Self { u: outline[0], v: [f64::INFINITY, f64::NEG_INFINITY], top: f64::MIN, floor: f64::MAX };
         for n in 0..grid.len() {
             let p = || grid.center(grid.voxel(n));
             if space.reachable()[n] {
@@ -92,7 +93,9 @@ fn layer_passes(
         let at = |n: f64| floor_at(builder, frame, extent.u[0] - reach + n * spacing.step_mm, v, slab);
         let row: Vec<Option<Point<Work>>> = (0..=samples).map(|n| at(n as f64)).collect();
         for run in clear_runs(builder, &row) {
-            for worth in worth_cutting(builder, &row[run.clone()].iter().flatten().copied().collect::<Vec<_>>()) {
+            for worth in
+                worth_cutting(builder, &row[run.clone()].iter().flatten().copied().collect::<Vec<_>>())
+            {
                 let (start, end) = (run.start + worth.start, run.start + worth.end);
                 let mut points: Vec<_> = row[start..end].iter().flatten().copied().collect();
                 // to the wall, where the line ends at one
@@ -115,7 +118,13 @@ fn layer_passes(
 }
 
 /// The lowest open place in the column (u, v) within the slab.
-fn floor_at(builder: &Builder, frame: &RasterFrame, u: f64, v: f64, [low, high]: [f64; 2]) -> Option<Point<Work>> {
+fn floor_at(
+    builder: &Builder,
+    frame: &RasterFrame,
+    u: f64,
+    v: f64,
+    [low, high]: [f64; 2],
+) -> Option<Point<Work>> {
     let space = builder.space();
     let at = |z: f64| frame.point(u, v, z);
     if space.is_open(at(low)) {

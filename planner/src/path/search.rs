@@ -68,8 +68,7 @@ pub(super) fn way(builder: &Builder, from: Point<Work>, to: Point<Work>) -> Opti
             if !space.connected()[next] {
                 continue;
             }
-            let is_free =
-                *free.entry(next).or_insert_with(|| builder.is_free(center(next), center(next)));
+            let is_free = *free.entry(next).or_insert_with(|| builder.is_free(center(next), center(next)));
             let step = center(node).distance_mm(&center(next));
             let through = here + step * if is_free { 1.0 } else { CUT_COST };
             if cost.get(&next).is_none_or(|known| through < known - 1e-12) {

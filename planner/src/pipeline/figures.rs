@@ -53,7 +53,10 @@ impl Figures {
                 cutting_s += seconds;
             }
             if let Some(structure) = waypoint.structure.and_then(|n| found.structures.get_mut(n)) {
-                let least = [structure.least_distance_mm, waypoint.distance_mm].into_iter().flatten().reduce(f64::min);
+                let least = [structure.least_distance_mm, waypoint.distance_mm]
+                    .into_iter()
+                    .flatten()
+                    .reduce(f64::min);
                 structure.least_distance_mm = least;
                 structure.peak_force_toward_n =
                     structure.peak_force_toward_n.max(waypoint.force_toward_n.unwrap_or(0.0));

@@ -40,7 +40,11 @@ pub struct Coverage {
 impl Coverage {
     /// Removed share of the reachable volume, 0..1; 1 when nothing is reachable.
     pub fn reached_share(&self) -> f64 {
-        if self.reachable.all_mm3 > 0.0 { self.removed_reachable.all_mm3 / self.reachable.all_mm3 } else { 1.0 }
+        if self.reachable.all_mm3 > 0.0 {
+            self.removed_reachable.all_mm3 / self.reachable.all_mm3
+        } else {
+            1.0
+        }
     }
 }
 

@@ -30,6 +30,7 @@ use rayon::prelude::*;
 pub use figures::{Figures, StructureFigures};
 pub use metrics::{Coverage, Volumes};
 
+use crate::Progress;
 use crate::burr::{ForceKernel, OrientationKernel};
 use crate::case::{Case, ForceTerm, LabelRef, Target};
 use crate::cost::CostModel;
@@ -39,7 +40,6 @@ use crate::orientation::Scan;
 use crate::orientation::optimal::RateLimit;
 use crate::path::{PathPoint, PathSpacing, RasterFrame, lay_path};
 use crate::plan::{Sha256, Waypoint};
-use crate::Progress;
 use crate::space::BurrSpace;
 
 pub use error::PlanError;
@@ -221,8 +221,8 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
             ForceTerm::Cutting => None,
         },
     };
-    let oriented =
-        watch.run("orientation", || orient::orient(case.orientation.mode, &reached, &family, &scan, &field, rate));
+    let oriented = watch
+        .run("orientation", || orient::orient(case.orientation.mode, &reached, &family, &scan, &field, rate));
 
     let force_kernel = ForceKernel::new(&tool, &material, &setup::discretisation(&tool, measure)?);
     let forces = watch.run("forces", || {
@@ -232,18 +232,22 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
                 let feed = feeds[i].filter(|_| moments[i].mass_mg() > 0.0)?;
                 let (bone, axis) = (swept.bone_at(i as u32), family.axis(oriented.angles_rad[i]));
                 let at = force_kernel.sample_radius_mm();
-                Some(force_kernel.engaged_force(&axis, &feed, case.speed.nominal_mm_s, case.burr.spindle_rpm, |n| {
-                    material.weight(bone.density_g_cm3(&(n * at)))
-                }))
+                Some(force_kernel.engaged_force(
+                    &axis,
+                    &feed,
+                    case.speed.nominal_mm_s,
+                    case.burr.spindle_rpm,
+                    |n| material.weight(bone.density_g_cm3(&(n * at))),
+                ))
             })
             .collect::<Vec<_>>()
     });
 
-    let q = watch.run("inverse kinematics", || joints(&arm, &base_from_work, points, &oriented.angles_rad))?;
-    let compliances: Vec<Option<Matrix3<f64>>> = compliance.at_angles(&oriented.angles_rad)?.map_or_else(
-        || vec![None; points.len()],
-        |all| all.into_iter().map(Some).collect(),
-    );
+    let q =
+        watch.run("inverse kinematics", || joints(&arm, &base_from_work, points, &oriented.angles_rad))?;
+    let compliances: Vec<Option<Matrix3<f64>>> = compliance
+        .at_angles(&oriented.angles_rad)?
+        .map_or_else(|| vec![None; points.len()], |all| all.into_iter().map(Some).collect());
     // D13 takes C at the nominal speed
     let costs: Vec<_> = (0..points.len())
         .map(|i| {
@@ -358,7 +362,9 @@ fn read_inputs(case: &Case, case_path: &Path) -> Result<Inputs, PlanError> {
     let target = match &case.target {
         Target::Label(label) => TargetShape::Label(number("target.label".into(), label)?),
         Target::Box { min_mm, max_mm } => TargetShape::Box { min_mm: *min_mm, max_mm: *max_mm },
-        Target::Ball { center_mm, radius_mm } => TargetShape::Ball { center_mm: *center_mm, radius_mm: *radius_mm },
+        Target::Ball { center_mm, radius_mm } => {
+            TargetShape::Ball { center_mm: *center_mm, radius_mm: *radius_mm }
+        }
         Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => TargetShape::Frustum {
             from_mm: *from_mm,
             to_mm: *to_mm,
@@ -395,12 +401,14 @@ fn label_number(
 ) -> Result<u16, PlanError> {
     match label {
         LabelRef::Number(number) => Ok(*number),
-        LabelRef::Name(name) => names.and_then(|names| names.number(name)).ok_or_else(|| PlanError::LabelName {
-            key,
-            name: name.clone(),
-            beside: labels_path.to_owned(),
-            has_names: names.is_some(),
-        }),
+        LabelRef::Name(name) => {
+            names.and_then(|names| names.number(name)).ok_or_else(|| PlanError::LabelName {
+                key,
+                name: name.clone(),
+                beside: labels_path.to_owned(),
+                has_names: names.is_some(),
+            })
+        }
     }
 }
 
@@ -437,7 +445,11 @@ fn why_nothing(scene: &Scene, radius_mm: f64) -> Result<&'static str, PlanError>
 }
 
 /// Direction in the layer from the target's centre to the structure that is nearest less its clearance.
-fn toward_structure(scene: &Scene, clearances_mm: &[f64], radius_mm: f64) -> Result<Option<[f64; 2]>, PlanError> {
+fn toward_structure(
+    scene: &Scene,
+    clearances_mm: &[f64],
+    radius_mm: f64,
+) -> Result<Option<[f64; 2]>, PlanError> {
     let near = near::nearest_structure(scene, clearances_mm, radius_mm, scene.target_center)?;
     Ok(near.map(|n| [n.proximity.toward.x, n.proximity.toward.y]))
 }
@@ -503,7 +515,8 @@ fn shortfalls(coverage: &Coverage, modelled: &Modelled, time: Option<(f64, f64)>
     let mut reasons = Vec::new();
     let share = coverage.reached_share();
     if share < ENOUGH_REACHED {
-        let mut why: Vec<String> = modelled.dropped.iter().map(|(why, n)| format!("{n} waypoints: {why}")).collect();
+        let mut why: Vec<String> =
+            modelled.dropped.iter().map(|(why, n)| format!("{n} waypoints: {why}")).collect();
         if modelled.unjoined_passes > 0 {
             why.push(format!("{} passes could not be joined", modelled.unjoined_passes));
         }

@@ -84,7 +84,13 @@ impl CostField<'_> {
     }
 
     /// C of waypoint i for an axis; `compliance`: of that axis.
-    fn cost(&self, i: usize, samples: &EngagedSamples, axis: &Unit<Vector3<f64>>, compliance: Option<&Matrix3<f64>>) -> f64 {
+    fn cost(
+        &self,
+        i: usize,
+        samples: &EngagedSamples,
+        axis: &Unit<Vector3<f64>>,
+        compliance: Option<&Matrix3<f64>>,
+    ) -> f64 {
         let moments = &self.moments[i];
         if !(moments.mass_mg() > 0.0) {
             return 0.0;

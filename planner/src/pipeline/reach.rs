@@ -50,7 +50,12 @@ pub struct ReachSpec<'a> {
 }
 
 /// Drops what cannot be reached; `None` when nothing settles or nothing is left.
-pub fn reached<'a>(scene: &'a Scene, space: &BurrSpace, mut path: MillPath, spec: &ReachSpec) -> Option<ReachedPath<'a>> {
+pub fn reached<'a>(
+    scene: &'a Scene,
+    space: &BurrSpace,
+    mut path: MillPath,
+    spec: &ReachSpec,
+) -> Option<ReachedPath<'a>> {
     let mut dropped = BTreeMap::new();
     for _ in 0..MOST_ROUNDS {
         if path.points.is_empty() {
@@ -64,7 +69,6 @@ pub fn reached<'a>(scene: &'a Scene, space: &BurrSpace, mut path: MillPath, spec
             return Some(ReachedPath { path, access, free, length_mm, dropped });
         }
         let mut points = HashSet::new();
-eprintln!("round {} of {}", blocked.len(), path.points.len());
         for i in blocked {
             if points.insert(path.points[i].leads_to) {
                 let why = reason(&access, i as u32, path.points[i].position, free[i] == 0);

@@ -44,11 +44,8 @@ pub fn shank(case: &Case) -> Vec<ShankCylinder> {
     case.shank
         .iter()
         .map(|segment| {
-            let cylinder = ShankCylinder {
-                from_mm,
-                to_mm: from_mm + segment.length_mm,
-                radius_mm: segment.radius_mm,
-            };
+            let cylinder =
+                ShankCylinder { from_mm, to_mm: from_mm + segment.length_mm, radius_mm: segment.radius_mm };
             from_mm = cylinder.to_mm;
             cylinder
         })
@@ -76,7 +73,8 @@ pub fn base_from_ct(registration: &Registration, scene: &Scene) -> Rigid<Base, C
         Registration::Given { rotation, translation_mm } => Rigid::new(*rotation, *translation_mm),
         Registration::Assumed => {
             // base x, y, z are work y, −x, z
-            let turn = Rotation3::from_matrix_unchecked(Matrix3::new(0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0));
+            let turn =
+                Rotation3::from_matrix_unchecked(Matrix3::new(0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0));
             let base_from_work: Rigid<Base, Work> = Rigid::new(turn, -(turn * scene.target_center.coords));
             base_from_work * scene.ct_from_work.inverse()
         }

@@ -47,8 +47,14 @@ pub struct Timing {
 ///
 /// # Errors
 /// When the mode is not supported, or the arm's limits are not usable.
-pub fn timing(input: &SpeedInput, spec: &SpeedSpec, paper: bool, limits: &PathLimits) -> Result<Timing, PlanError> {
-    let prepared = PreparedPath::new(&JointPath { q: input.q, burr_mm: input.length_mm, stops: &[] }, limits)?;
+pub fn timing(
+    input: &SpeedInput,
+    spec: &SpeedSpec,
+    paper: bool,
+    limits: &PathLimits,
+) -> Result<Timing, PlanError> {
+    let prepared =
+        PreparedPath::new(&JointPath { q: input.q, burr_mm: input.length_mm, stops: &[] }, limits)?;
     let cuts = Cuts::new(input, spec, paper)?;
     let finish = |caps: Vec<f64>, missed_s| -> Result<Timing, PlanError> {
         Ok(Timing { law: prepared.law(&caps)?, caps_mm_s: caps, missed_s })
@@ -56,7 +62,8 @@ pub fn timing(input: &SpeedInput, spec: &SpeedSpec, paper: bool, limits: &PathLi
     let Some(total_s) = spec.total_time_s else { return finish(cuts.caps(None)?, None) };
     // the total grows with the cutting time: bisection
     let [mut fast, mut slow] = cuts.time_range_s()?;
-    let total = |cutting_s: f64| -> Result<f64, PlanError> { Ok(prepared.duration_s(&cuts.caps(Some(cutting_s))?)?) };
+    let total =
+        |cutting_s: f64| -> Result<f64, PlanError> { Ok(prepared.duration_s(&cuts.caps(Some(cutting_s))?)?) };
     for end in [fast, slow] {
         let at_end = total(end)?;
         if (end == fast && at_end > total_s) || (end == slow && at_end < total_s) {

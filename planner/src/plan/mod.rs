@@ -16,7 +16,7 @@ pub use csv::{read_waypoints, write_waypoints};
 pub use directory::{Replace, StagedDirectory};
 pub use error::PlanFileError;
 pub use hash::Sha256;
-pub use save::{FILES, save};
 pub use record::{Input, Metrics, PlanRecord, input_path};
+pub use save::{FILES, save};
 pub use value::Value;
 pub use waypoint::Waypoint;

@@ -87,7 +87,10 @@ fn metrics(plan: &Plan) -> Metrics {
         ("reachable".into(), volumes(&coverage.reachable)),
         ("removed".into(), volumes(&coverage.removed)),
         ("removed_reachable".into(), volumes(&coverage.removed_reachable)),
-        ("kept_by_structure_mm3".into(), Value::Table(kept.map(|(s, v)| (s.name.clone(), (*v).into())).collect())),
+        (
+            "kept_by_structure_mm3".into(),
+            Value::Table(kept.map(|(s, v)| (s.name.clone(), (*v).into())).collect()),
+        ),
         ("kept_by_bone_mm3".into(), coverage.kept_by_bone_mm3.into()),
         ("thin_bone_removed_mm3".into(), coverage.thin_bone_removed_mm3.into()),
         ("obstacle_removed_mm3".into(), coverage.obstacle_removed_mm3.into()),
@@ -96,7 +99,12 @@ fn metrics(plan: &Plan) -> Metrics {
         ("path_length_mm".into(), figures.path_length_mm.into()),
         ("peak_force_n".into(), figures.peak_force_n.into()),
         ("mean_force_n".into(), figures.mean_force_n.into()),
-        ("seconds_by_kind".into(), Value::Table(figures.seconds_by_kind.iter().map(|(k, s)| (k.word().into(), (*s).into())).collect())),
+        (
+            "seconds_by_kind".into(),
+            Value::Table(
+                figures.seconds_by_kind.iter().map(|(k, s)| (k.word().into(), (*s).into())).collect(),
+            ),
+        ),
         ("structures".into(), Value::Table(per_structure.collect())),
     ];
     Metrics {

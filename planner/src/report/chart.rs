@@ -144,13 +144,15 @@ fn curves(points: &[(f64, Option<f64>)], x: &impl Fn(f64) -> f64, y: &impl Fn(f6
 fn ticks(end: f64, count: usize) -> (f64, f64) {
     let raw = end / count as f64;
     let power = 10f64.powf(raw.log10().floor());
-    let step = [1.0, 2.0, 2.5, 5.0, 10.0].into_iter().map(|m| m * power).find(|s| *s >= raw * 0.999).unwrap_or(raw);
+    let step =
+        [1.0, 2.0, 2.5, 5.0, 10.0].into_iter().map(|m| m * power).find(|s| *s >= raw * 0.999).unwrap_or(raw);
     (step, (end / step - 1e-9).ceil() * step)
 }
 
 /// A tick's label, with as many decimals as its step needs.
 fn number(value: f64, step: f64) -> String {
-    let decimals = (0..6).find(|d| (step * 10f64.powi(*d) - (step * 10f64.powi(*d)).round()).abs() < 1e-6).unwrap_or(6);
+    let decimals =
+        (0..6).find(|d| (step * 10f64.powi(*d) - (step * 10f64.powi(*d)).round()).abs() < 1e-6).unwrap_or(6);
     format!("{value:.*}", decimals as usize)
 }
 
@@ -170,7 +172,8 @@ mod tests {
 
     #[test]
     fn many_points_become_a_short_curve_that_keeps_the_peak() {
-        let points = (0..100_000).map(|n| (f64::from(n), Some(if n == 77_777 { 9.0 } else { 1.0 }))).collect();
+        let points =
+            (0..100_000).map(|n| (f64::from(n), Some(if n == 77_777 { 9.0 } else { 1.0 }))).collect();
         let svg = chart("Force", "N", &[Series { name: "F", class: "a", points }], &[]);
         assert!(svg.len() < 40_000);
         let top = svg.split("<path").nth(1).unwrap();

@@ -78,17 +78,28 @@ fn cards(plan: &Plan) -> String {
     let peak_toward = plan.figures.structures.iter().map(|s| s.peak_force_toward_n).fold(0.0, f64::max);
     let mut cards = vec![
         ("removed of what the burr can reach", format!("{:.1} %", 100.0 * plan.coverage.reached_share())),
-        ("removed of the target", format!("{:.1} %", share(plan.coverage.removed.all_mm3, plan.coverage.target.all_mm3))),
+        (
+            "removed of the target",
+            format!("{:.1} %", share(plan.coverage.removed.all_mm3, plan.coverage.target.all_mm3)),
+        ),
         ("total time", format!("{:.0} min {:02.0} s", (total_s / 60.0).floor(), (total_s % 60.0).floor())),
         ("peak force", format!("{:.2} N", plan.figures.peak_force_n)),
         ("peak force toward a structure", format!("{peak_toward:.2} N")),
     ];
     if let Some((margin, structure)) = closest {
         let name = escape(&structure.name);
-        cards.insert(2, ("smallest distance from the burr's surface", format!("{margin:.2} mm <small>{name}, kept {} mm</small>", structure.clearance_mm)));
+        cards.insert(
+            2,
+            (
+                "smallest distance from the burr's surface",
+                format!("{margin:.2} mm <small>{name}, kept {} mm</small>", structure.clearance_mm),
+            ),
+        );
     }
-    let items: String =
-        cards.into_iter().map(|(label, value)| format!("<div><b>{value}</b><span>{label}</span></div>")).collect();
+    let items: String = cards
+        .into_iter()
+        .map(|(label, value)| format!("<div><b>{value}</b><span>{label}</span></div>"))
+        .collect();
     format!("<div class=\"cards\">{items}</div>")
 }
 
@@ -115,7 +126,11 @@ fn charts(plan: &Plan) -> String {
     let over_time = |value: &dyn Fn(&Waypoint) -> Option<f64>| -> Vec<(f64, Option<f64>)> {
         plan.waypoints.iter().map(|w| (w.time_s, value(w))).collect()
     };
-    let one = |name, class, value: &dyn Fn(&Waypoint) -> Option<f64>| Series { name, class, points: over_time(value) };
+    let one = |name, class, value: &dyn Fn(&Waypoint) -> Option<f64>| Series {
+        name,
+        class,
+        points: over_time(value),
+    };
     let radius = plan.case.burr.radius_mm;
     let mut charts = vec![
         chart(
@@ -170,12 +185,20 @@ fn coverage(plan: &Plan) -> String {
         .zip(&c.kept_by_structure_mm3)
         .map(|(s, v)| (format!("clearance of {}", escape(&s.name)), *v))
         .collect();
-    kept.push(("bone around it: corners and ledges that the ball does not fit into".into(), c.kept_by_bone_mm3));
-    kept.push(("left by the path's spacing, the shank or the tilt limit".into(), (c.reachable.all_mm3 - c.removed_reachable.all_mm3).max(0.0)));
+    kept.push((
+        "bone around it: corners and ledges that the ball does not fit into".into(),
+        c.kept_by_bone_mm3,
+    ));
+    kept.push((
+        "left by the path's spacing, the shank or the tilt limit".into(),
+        (c.reachable.all_mm3 - c.removed_reachable.all_mm3).max(0.0),
+    ));
     let kept: String = kept
         .into_iter()
         .filter(|(_, v)| *v > 0.0)
-        .map(|(why, v)| format!("<tr><th>{why}</th><td>{v:.1}</td><td>{:.1} %</td></tr>", share(v, c.target.all_mm3)))
+        .map(|(why, v)| {
+            format!("<tr><th>{why}</th><td>{v:.1}</td><td>{:.1} %</td></tr>", share(v, c.target.all_mm3))
+        })
         .collect();
     format!(
         "<div class=\"wide\"><table><thead><tr><th></th><th>all [mm³]</th><th>above air [mm³]</th><th>bone [mm³]</th><th>of the target</th></tr></thead><tbody>{}{}{}</tbody></table>\
@@ -197,9 +220,9 @@ fn structures(plan: &Plan) -> String {
         .iter()
         .zip(&plan.figures.structures)
         .map(|(s, found)| {
-            let distance = found.least_distance_mm.map_or("never the nearest".into(), |d| {
-                format!("{:.2}", d - plan.case.burr.radius_mm)
-            });
+            let distance = found
+                .least_distance_mm
+                .map_or("never the nearest".into(), |d| format!("{:.2}", d - plan.case.burr.radius_mm));
             format!(
                 "<tr><th>{}</th><td>{:.2}</td><td>{distance}</td><td>{:.3}</td></tr>",
                 escape(&s.name),
@@ -220,11 +243,21 @@ fn modelled(plan: &Plan) -> String {
         ("waypoints".to_owned(), m.waypoints.to_string()),
         ("of these, removing material".into(), m.cutting.to_string()),
         ("orientation cost with the cutting force".into(), m.cost_with_force.to_string()),
-        ("orientation cost in closed form (α₁ below 0.001: the force cannot change the choice)".into(), m.cost_closed_form.to_string()),
+        (
+            "orientation cost in closed form (α₁ below 0.001: the force cannot change the choice)".into(),
+            m.cost_closed_form.to_string(),
+        ),
         ("milling layers".into(), m.layers.to_string()),
         ("raster lines, angle from work x".into(), format!("{:.1}°", m.raster_rad.to_degrees())),
         ("waypoints at which the low-pass was held at a free angle".into(), m.low_pass_held.to_string()),
-        ("compliance of the arm".into(), if plan.case.robot.joint_stiffness.is_some() { "D10".into() } else { "not modelled: no stiffness in the case".into() }),
+        (
+            "compliance of the arm".into(),
+            if plan.case.robot.joint_stiffness.is_some() {
+                "D10".into()
+            } else {
+                "not modelled: no stiffness in the case".into()
+            },
+        ),
         ("CT affine".into(), escape(&plan.affines[0].to_string())),
         ("label affine".into(), escape(&plan.affines[1].to_string())),
     ];
@@ -238,7 +271,9 @@ fn inputs(plan: &Plan) -> String {
         format!("<tr><th>{}</th><td><code>{digest}</code></td></tr>", escape(name))
     };
     let rows: String = plan.inputs.iter().map(row).collect();
-    format!("<div class=\"wide\"><table><thead><tr><th>file</th><th>SHA-256</th></tr></thead><tbody>{rows}</tbody></table></div>")
+    format!(
+        "<div class=\"wide\"><table><thead><tr><th>file</th><th>SHA-256</th></tr></thead><tbody>{rows}</tbody></table></div>"
+    )
 }
 
 /// Text for HTML.

@@ -51,7 +51,8 @@ fn figure(plan: &Plan, plane: &Plane) -> String {
     let grid = scene.class.grid();
     let h = grid.spacing_mm().x;
     let dims = grid.dims();
-    let cut = (scene.target_center.coords[plane.along] / h).round().clamp(0.0, (dims[plane.along] - 1) as f64) as usize;
+    let cut = (scene.target_center.coords[plane.along] / h).round().clamp(0.0, (dims[plane.along] - 1) as f64)
+        as usize;
     let (width, height) = (dims[plane.right], dims[plane.up]);
     let mut svg = format!(
         "<figure class=\"slice\"><figcaption>{}, at {:.1} mm</figcaption>\
