@@ -33,7 +33,7 @@ pub fn labels() -> Image {
     let mut labels = Image::new(DIMS, SPACING_MM, ORIGIN_MM, |_| 0.0);
     labels.fill([11..27, 12..26, 15..AIR_FROM], TARGET);
     labels.fill([11..18, 26..31, 17..AIR_FROM], TARGET);
-    labels.fill([30..32, 4..36, 12..14], NERVE);
+    labels.fill([30..32, 24..36, 12..14], NERVE);
     labels
 }
 
