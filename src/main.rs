@@ -12,6 +12,7 @@ mod outcome;
 mod phantom;
 mod plan;
 mod planning;
+mod refused;
 
 use std::process::ExitCode;
 
@@ -21,6 +22,7 @@ use clap::Parser;
 use args::{Args, Command};
 use console::Console;
 use outcome::Outcome;
+use refused::Refused;
 
 fn main() -> ExitCode {
     let args = Args::parse();
@@ -33,8 +35,9 @@ fn main() -> ExitCode {
             outcome.exit_code()
         }
         Err(error) => {
-            outcome::tell_error(&error, args.talk());
-            ExitCode::from(2)
+            let falls_short = error.downcast_ref::<Refused>().is_some_and(Refused::falls_short);
+            outcome::tell_error(&error, falls_short, args.talk());
+            ExitCode::from(if falls_short { 1 } else { 2 })
         }
     }
 }

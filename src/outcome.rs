@@ -120,8 +120,8 @@ fn to_json(value: &Value) -> serde_json::Value {
     }
 }
 
-/// Prints an error with its causes on stderr, and as an object on stdout for machines.
-pub fn tell_error(error: &anyhow::Error, talk: Talk) {
+/// Prints an error with its causes on stderr, and as an object on stdout for machines; `falls_short`: the input is sound.
+pub fn tell_error(error: &anyhow::Error, falls_short: bool, talk: Talk) {
     // an error may hold several lines, one per fault
     for line in error.to_string().lines() {
         eprintln!("error: {line}");
@@ -136,7 +136,8 @@ pub fn tell_error(error: &anyhow::Error, talk: Talk) {
     }
     if talk == Talk::Machine {
         let causes: Vec<String> = error.chain().skip(1).map(ToString::to_string).collect();
-        let object = json!({ "outcome": "error", "error": error.to_string(), "causes": causes });
+        let word = if falls_short { "fell_short" } else { "error" };
+        let object = json!({ "outcome": word, "error": error.to_string(), "causes": causes });
         let _ = writeln!(stdout(), "{object}");
     }
 }

@@ -10,6 +10,7 @@ use bonemill_planner::plan::{Replace, StagedDirectory};
 
 use crate::args::PlanArgs;
 use crate::outcome::Outcome;
+use crate::refused::place;
 use crate::{phantom, planning};
 
 /// Where a phantom lies in the plan that was made of it.
@@ -58,7 +59,7 @@ fn spare_inputs(case: &Case, case_path: &Path, staged: &StagedDirectory) -> anyh
     staged.relative(case_path)?;
     let folder = case_path.parent().unwrap_or(Path::new(""));
     for (key, image) in [("images.ct", &case.images.ct), ("images.labels", &case.images.labels)] {
-        staged.relative(&folder.join(image)).with_context(|| format!("{}: {key}", case_path.display()))?;
+        staged.relative(&folder.join(image)).with_context(|| place(case_path, key))?;
     }
     Ok(())
 }

@@ -6,6 +6,8 @@ use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
 use bonemill_planner::plan::{self, PlanRecord, StagedDirectory};
 
+use crate::refused::Refused;
+
 /// Plans `case` and writes the plan's files into the staged directory.
 pub fn plan_into(
     case: &Case,
@@ -13,7 +15,7 @@ pub fn plan_into(
     staged: &StagedDirectory,
     progress: &dyn Progress,
 ) -> anyhow::Result<PlanRecord> {
-    let plan = bonemill_planner::plan(case, case_path, progress)?;
+    let plan = bonemill_planner::plan(case, case_path, progress).map_err(|e| Refused::new(e, case, case_path))?;
     progress.stage("write files");
     Ok(plan::save(&plan, case_path, staged)?)
 }

@@ -2,7 +2,7 @@
 
 use super::error::CaseFault;
 use super::keys::Unit;
-use super::{Case, SpeedMode, Target};
+use super::{Case, ForceTerm, SpeedMode, Target};
 
 /// A number against a limit that another key sets.
 struct Bound {
@@ -26,6 +26,7 @@ pub(super) fn judge(case: &Case, note: &dyn Fn(CaseFault, &str), is_default: &dy
     judge_target(case, note);
     judge_structures(case, note);
     judge_joints(case, note);
+    judge_choices(case, note);
 }
 
 fn bounds(case: &Case) -> Vec<Bound> {
@@ -145,5 +146,17 @@ fn judge_joints(case: &Case, note: &dyn Fn(CaseFault, &str)) {
             let expected = format!("{joints}, one per joint of {}", robot.model);
             note(CaseFault::Length { key: key.into(), found, expected }, key);
         }
+    }
+}
+
+/// What one choice needs and another lacks.
+fn judge_choices(case: &Case, note: &dyn Fn(CaseFault, &str)) {
+    if case.cost.force == ForceTerm::Deflection && case.robot.joint_stiffness.is_none() {
+        let expected = "one value per joint, N/mm or N·mm/rad, for cost.force = \"deflection\"".into();
+        note(CaseFault::Missing { key: "robot.joint_stiffness".into(), expected }, "cost.force");
+    }
+    if case.speed.mode == SpeedMode::ForceLimited {
+        let instead = "expected \"mass\" or \"constant\"";
+        note(CaseFault::NotSupported { key: "speed.mode = \"force_limited\"".into(), instead }, "speed.mode");
     }
 }

@@ -1,12 +1,13 @@
 //! Why there is no plan.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use bonemill_imaging::{ImageError, SceneError};
+use bonemill_imaging::{ImageError, NiftiProblem, SceneError};
 use bonemill_robot::RobotError;
 use thiserror::Error;
 
 use crate::burr::ModelError;
+use crate::case::{Case, LabelRef, Target};
 use crate::plan::PlanFileError;
 
 /// Why a case cannot be planned.
@@ -85,4 +86,70 @@ impl PlanError {
     pub fn is_infeasible(&self) -> bool {
         matches!(self, Self::OutOfReach { .. } | Self::NoAccess { .. })
     }
+
+    /// The key of the case that is to be looked at, as in [`Case::line_of`]; `None` where no single one is.
+    ///
+    /// `folder` is the case file's, to which the paths in the case are relative.
+    pub fn key(&self, case: &Case, folder: &Path) -> Option<String> {
+        let key = match self {
+            Self::Image(error) => return image_key(error, case, folder),
+            Self::Scene(error) => return scene_key(error, case, folder),
+            Self::LabelName { name, .. } => return label_key(case, &LabelRef::Name(name.clone())),
+            Self::Unsupported { key, .. } => key,
+            Self::StiffnessMissing => "cost.force",
+            Self::NothingReachable { .. } => "target",
+            Self::OutOfReach { .. } => "robot.base_from_ct",
+            Self::File(_) | Self::Robot(_) | Self::Model(_) | Self::NoAccess { .. } => return None,
+        };
+        Some(key.into())
+    }
+}
+
+fn image_key(error: &ImageError, case: &Case, folder: &Path) -> Option<String> {
+    let key = match error {
+        ImageError::NotHounsfield { .. } => "images.ct",
+        ImageError::Nifti { path, problem } => {
+            let is_choice =
+                matches!(problem, NiftiProblem::Disagreement { .. } | NiftiProblem::TransformUnset { .. });
+            match (*path == folder.join(&case.images.ct), is_choice) {
+                (true, false) => "images.ct",
+                (true, true) => "images.ct_affine",
+                (false, false) => "images.labels",
+                (false, true) => "images.labels_affine",
+            }
+        }
+        ImageError::LabelNames { .. } => "images.labels",
+        ImageError::LabelAbsent { label, .. } => return label_key(case, &LabelRef::Number(*label)),
+        _ => return None,
+    };
+    Some(key.into())
+}
+
+fn scene_key(error: &SceneError, case: &Case, folder: &Path) -> Option<String> {
+    let key = match error {
+        SceneError::LabelAbsent { what, label, .. } => {
+            // a label that the case names is known here by its number alone; the structure by its name
+            let structure = case.structures.iter().position(|s| *what == format!("structure '{}'", s.name));
+            return structure
+                .map(|n| format!("structure[{n}].label"))
+                .or_else(|| label_key(case, &LabelRef::Number(*label)))
+                .or(Some("target.label".into()));
+        }
+        SceneError::NoOverlap { .. } => "images.labels",
+        SceneError::EmptyTarget(_) | SceneError::TargetOutside { .. } | SceneError::TargetTouches { .. } => "target",
+        SceneError::TooLarge { .. } => "grid.spacing_mm",
+        SceneError::NoApproach => "approach.direction",
+        SceneError::Image(error) => return image_key(error, case, folder),
+        SceneError::Grid(_) | SceneError::Values(_) => return None,
+    };
+    Some(key.into())
+}
+
+/// Where the case names a label.
+fn label_key(case: &Case, label: &LabelRef) -> Option<String> {
+    if matches!(&case.target, Target::Label(target) if target == label) {
+        return Some("target.label".into());
+    }
+    let n = case.structures.iter().position(|s| s.label == *label)?;
+    Some(format!("structure[{n}].label"))
 }

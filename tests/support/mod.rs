@@ -1,0 +1,7 @@
+//! A small patient for tests of the command: images as raw bytes that are easy to damage, a case, and a folder to plan in.
+
+#![allow(dead_code, reason = "every test program uses its own part of it")]
+
+pub mod body;
+pub mod image;
+pub mod place;

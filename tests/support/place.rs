@@ -1,0 +1,183 @@
+//! A folder with the patient in it, and the command run there.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use super::body;
+use super::image::{Image, Stored};
+
+/// A temporary folder in which the command runs.
+pub struct Place(tempfile::TempDir);
+
+/// What a run of the command left.
+pub struct Ran {
+    /// Exit code.
+    pub code: i32,
+    /// Standard output.
+    pub out: String,
+    /// Standard error.
+    pub err: String,
+}
+
+impl Place {
+    /// An empty folder.
+    pub fn empty() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    /// A folder with the healthy patient.
+    pub fn healthy() -> Self {
+        let place = Self::empty();
+        place.put_ct(&body::ct());
+        place.put_labels(&body::labels());
+        fs::write(place.path("case.toml"), body::CASE).unwrap();
+        place
+    }
+
+    /// A path in it.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// Writes the CT as singles.
+    pub fn put_ct(&self, image: &Image) {
+        fs::write(self.path("ct.nii"), image.bytes(Stored::Single)).unwrap();
+    }
+
+    /// Writes the labels as 16-bit numbers.
+    pub fn put_labels(&self, image: &Image) {
+        fs::write(self.path("labels.nii"), image.bytes(Stored::Unsigned16)).unwrap();
+    }
+
+    /// Writes the healthy labels after a change.
+    pub fn with_labels(self, change: impl FnOnce(&mut Image)) -> Self {
+        let mut labels = body::labels();
+        change(&mut labels);
+        self.put_labels(&labels);
+        self
+    }
+
+    /// Writes the healthy CT after a change.
+    pub fn with_ct(self, change: impl FnOnce(&mut Image)) -> Self {
+        let mut ct = body::ct();
+        change(&mut ct);
+        self.put_ct(&ct);
+        self
+    }
+
+    /// Changes the bytes of a file.
+    pub fn with_bytes(self, name: &str, change: impl FnOnce(&mut Vec<u8>)) -> Self {
+        let mut bytes = fs::read(self.path(name)).unwrap();
+        change(&mut bytes);
+        fs::write(self.path(name), bytes).unwrap();
+        self
+    }
+
+    /// Replaces `old`, which must stand there once, in the case.
+    #[track_caller]
+    pub fn with_case(self, old: &str, new: &str) -> Self {
+        let text = fs::read_to_string(self.path("case.toml")).unwrap();
+        assert_eq!(text.matches(old).count(), 1, "{old:?} in the case");
+        fs::write(self.path("case.toml"), text.replace(old, new)).unwrap();
+        self
+    }
+
+    /// `case.toml:LINE` of the line in which `part` stands first.
+    #[track_caller]
+    pub fn line_of(&self, part: &str) -> String {
+        let text = fs::read_to_string(self.path("case.toml")).unwrap();
+        let line = text.lines().position(|line| line.contains(part)).unwrap();
+        format!("case.toml:{}: ", line + 1)
+    }
+
+    /// Runs the command in the folder.
+    pub fn run(&self, args: &[&str]) -> Ran {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_bonemill"));
+        let Output { status, stdout, stderr } = command.args(args).current_dir(self.0.path()).output().unwrap();
+        let text = |bytes| String::from_utf8(bytes).unwrap();
+        Ran { code: status.code().unwrap(), out: text(stdout), err: text(stderr) }
+    }
+
+    /// Plans the case into `plan`.
+    pub fn plan(&self) -> Ran {
+        self.run(&["plan", "case.toml", "--out", "plan"])
+    }
+
+    /// The plan is refused as bad input with these words, and the folder stays as it was.
+    #[track_caller]
+    pub fn refuses(&self, parts: &[&str]) {
+        self.refuses_into("plan", parts);
+    }
+
+    /// The same for a given output.
+    #[track_caller]
+    pub fn refuses_into(&self, out: &str, parts: &[&str]) {
+        let before = self.files();
+        let ran = self.run(&["plan", "case.toml", "--out", out]);
+        ran.refused(parts);
+        self.unchanged(&before);
+    }
+
+    /// The case is sound but cannot be fulfilled: exit code 1, the reason, and the folder stays as it was.
+    #[track_caller]
+    pub fn falls_short_of_a_plan(&self, parts: &[&str]) {
+        let before = self.files();
+        self.plan().failed(1, parts);
+        self.unchanged(&before);
+    }
+
+    #[track_caller]
+    fn unchanged(&self, before: &BTreeMap<PathBuf, Option<Vec<u8>>>) {
+        let after = self.files();
+        let names = |files: &BTreeMap<PathBuf, _>| files.keys().cloned().collect::<Vec<_>>();
+        assert_eq!(names(before), names(&after), "what stands in the folder");
+        assert!(*before == after, "a file was changed");
+    }
+
+    /// Every file and folder with its bytes, hidden ones too.
+    pub fn files(&self) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
+        let mut found = BTreeMap::new();
+        collect(self.0.path(), &mut found);
+        found
+    }
+}
+
+fn collect(dir: &Path, found: &mut BTreeMap<PathBuf, Option<Vec<u8>>>) {
+    for entry in fs::read_dir(dir).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            collect(&path, found);
+            found.insert(path, None);
+        } else {
+            let bytes = fs::read(&path).unwrap();
+            found.insert(path, Some(bytes));
+        }
+    }
+}
+
+impl Ran {
+    /// Exit code 2, and one error that says `parts`.
+    #[track_caller]
+    pub fn refused(&self, parts: &[&str]) {
+        self.failed(2, parts);
+    }
+
+    /// This exit code, and one error that says `parts` in words for people.
+    #[track_caller]
+    pub fn failed(&self, code: i32, parts: &[&str]) {
+        assert_eq!(self.code, code, "{}{}", self.out, self.err);
+        assert_eq!(self.out, "", "an error has nothing to say on stdout");
+        assert_eq!(self.err.matches("error:").count(), 1, "told once: {}", self.err);
+        for part in parts {
+            assert!(self.err.contains(part), "{part:?} is not in {}", self.err);
+        }
+        for trace in ["panicked", "RUST_BACKTRACE", "Stack backtrace", "Some(", "{ ", "Error("] {
+            assert!(!self.err.contains(trace), "{trace:?} in {}", self.err);
+        }
+        if std::env::var_os("SHOW_MESSAGES").is_some() {
+            eprintln!("{}", self.err.lines().skip_while(|l| !l.starts_with("error")).collect::<Vec<_>>().join("\n"));
+        }
+    }
+}
