@@ -35,11 +35,8 @@ mod error;
 mod header;
 mod hounsfield;
 mod names;
-<<<<<<< HEAD
 pub mod phantom;
-=======
 mod problem;
->>>>>>> imaging
 mod read;
 mod resample;
 pub mod scene;

@@ -22,7 +22,8 @@ impl FarObstacles {
     pub(super) fn new(full: &Volume<bool, Work>, reach_mm: f64) -> Result<Self, ImageError> {
         // an obstacle anywhere in its voxel, asked for from anywhere in another one
         let slack_mm = full.grid().diagonal_mm();
-        let distance_mm = distance_within(full, reach_mm + slack_mm)?;
+        // cut off where an answer is certainly more than `reach_mm`, however it is asked for
+        let distance_mm = distance_within(full, reach_mm + 2.0 * slack_mm)?;
         let spacing_mm = full.grid().spacing_mm().x;
         Ok(Self { distance_mm, slack_mm, spacing_mm, per_mm: 1.0 / spacing_mm })
     }
