@@ -7,7 +7,7 @@ use std::hint::black_box;
 use std::time::Duration;
 
 use bonemill_geometry::{Ct, Grid, Point, Volume};
-use bonemill_imaging::{distance_transform, distance_within};
+use bonemill_imaging::{distance_only, distance_transform, distance_within};
 use criterion::{Criterion, criterion_group, criterion_main};
 
 const N: usize = 256;
@@ -93,6 +93,9 @@ fn bench(c: &mut Criterion) {
                 b.iter(|| pool.install(|| black_box(distance_transform(&mask))));
             });
             if threads == 1 {
+                group.bench_function(format!("1 thread/{name} without nearest"), |b| {
+                    b.iter(|| pool.install(|| black_box(distance_only(&mask))));
+                });
                 group.bench_function(format!("1 thread/{name} within 5 mm"), |b| {
                     b.iter(|| pool.install(|| black_box(distance_within(&mask, 5.0))));
                 });

@@ -5,6 +5,10 @@
 //! one of them is a lie (often a mirrored one), and the case must say which holds. A header with voxel sizes alone
 //! does not know left from right and is refused.
 //!
+//! A qform stores b, c, d of its quaternion as singles and leaves a = √(1 − b² − c² − d²) out. Close to a half turn
+//! their rounding alone moves a by up to 10⁻³, and a corner of a large scan by a third of a voxel. Where that rounding
+//! can explain a disagreement with the sform, there is none.
+//!
 //! Axes must be perpendicular: a grid is a box, and what the planner measures along its axes are distances. They may
 //! be off by [`SHEAR_LIMIT_RAD`] (direction cosines are often stored with 4 to 6 digits; a gantry tilt, the usual true
 //! shear, is 10⁻² or more) as long as the nearest orthonormal axes, which are used instead, move no corner by more
@@ -13,7 +17,7 @@
 use std::fmt;
 
 use bonemill_geometry::{Ct, Grid};
-use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use nifti::NiftiHeader;
 
 use crate::problem::NiftiProblem;
@@ -24,6 +28,8 @@ pub const DISAGREEMENT_LIMIT_VOXELS: f64 = 0.1;
 pub const SHEAR_LIMIT_RAD: f64 = 1e-3;
 /// Believable voxel sizes, mm: finer than any micro-CT of a bone to coarser than any planning scan.
 pub const SPACING_RANGE_MM: [f64; 2] = [1e-3, 20.0];
+/// What rounding b, c, d to singles can change b² + c² + d² by, with some room for writers that compute in singles.
+const QUATERNION_ROUNDING: f64 = 5e-7;
 /// Below this share of a box's volume the axes count as singular, not as sheared.
 const SINGULAR: f64 = 1e-3;
 
@@ -119,24 +125,23 @@ pub(crate) fn grid_from_header(
 ) -> Result<(Grid<Ct>, AffineReport), NiftiProblem> {
     let (sform_code, qform_code) = (header.sform_code, header.qform_code);
     let source = chosen(choice, sform_code, qform_code)?;
-    let read = |which| match which {
-        AffineSource::Sform => sform(header, mm_per_unit),
-        AffineSource::Qform => qform(header, mm_per_unit),
+    let placement = match source {
+        AffineSource::Sform => sform(header, mm_per_unit)?,
+        AffineSource::Qform => qform(header, mm_per_unit, None)?,
     };
-    let placement = read(source)?;
     let (spacing_mm, axes, shear_rad) = straighten(&placement, dims, source)?;
 
     let other = match source {
-        AffineSource::Sform if qform_code > 0 => Some(AffineSource::Qform),
-        AffineSource::Qform if sform_code > 0 => Some(AffineSource::Sform),
+        AffineSource::Sform if qform_code > 0 => Some(qform(header, mm_per_unit, Some(real_part(&axes)))),
+        AffineSource::Qform if sform_code > 0 => Some(sform(header, mm_per_unit)),
         _ => None,
     };
-    let disagreement_voxels = match (other, choice) {
-        (None, _) => None,
-        (Some(o), AffineChoice::Auto) => Some(placement.corner_distance_voxels(&read(o)?, dims)),
+    let other = match choice {
+        AffineChoice::Auto => other.transpose()?,
         // the case has decided: what is wrong with the other one does not matter
-        (Some(o), _) => read(o).ok().map(|p| placement.corner_distance_voxels(&p, dims)),
+        _ => other.and_then(Result::ok),
     };
+    let disagreement_voxels = other.map(|other| placement.corner_distance_voxels(&other, dims));
     if let (AffineChoice::Auto, Some(voxels)) = (choice, disagreement_voxels)
         && voxels > DISAGREEMENT_LIMIT_VOXELS
     {
@@ -172,8 +177,16 @@ fn sform(header: &NiftiHeader, mm_per_unit: f64) -> Result<Placement, NiftiProbl
     })
 }
 
-/// The standard's "method 2": R(quaternion) · diag(pixdim) with the third axis times qfac.
-fn qform(header: &NiftiHeader, mm_per_unit: f64) -> Result<Placement, NiftiProblem> {
+/// a of the quaternion of a grid's axes, the third one turned round if they are mirrored; not negative.
+fn real_part(axes: &Matrix3<f64>) -> f64 {
+    let mut turn = *axes;
+    turn.set_column(2, &(axes.column(2) * axes.determinant().signum()));
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turn)).w.abs()
+}
+
+/// The standard's "method 2": R(quaternion) · diag(pixdim) with the third axis times qfac. Of all a that b, c and d
+/// may have been rounded from, the one nearest to `real_part` is taken, if given.
+fn qform(header: &NiftiHeader, mm_per_unit: f64, real_part: Option<f64>) -> Result<Placement, NiftiProblem> {
     let vector = Vector3::new(header.quatern_b, header.quatern_c, header.quatern_d).map(f64::from);
     let offset = Vector3::new(header.quatern_x, header.quatern_y, header.quatern_z).map(f64::from);
     let pixdim: [f32; 3] = std::array::from_fn(|a| header.pixdim[a + 1]);
@@ -186,7 +199,10 @@ fn qform(header: &NiftiHeader, mm_per_unit: f64) -> Result<Placement, NiftiProbl
     if square > 1.0 + 1e-5 || size.min() <= 0.0 {
         return Err(NiftiProblem::Qform { quaternion_square: square, pixdim });
     }
-    let quaternion = Quaternion::from_parts((1.0 - square).max(0.0).sqrt(), vector);
+    let root = |rounding: f64| (1.0 - square + rounding).max(0.0).sqrt();
+    let real =
+        real_part.map_or(root(0.0), |a| a.clamp(root(-QUATERNION_ROUNDING), root(QUATERNION_ROUNDING)));
+    let quaternion = Quaternion::from_parts(real, vector);
     let rotation = UnitQuaternion::from_quaternion(quaternion).to_rotation_matrix();
     // qfac 0 means +1
     let qfac = if header.pixdim[0] < 0.0 { -1.0 } else { 1.0 };

@@ -48,7 +48,9 @@ pub use affine::{
     AffineChoice, AffineReport, AffineSource, DISAGREEMENT_LIMIT_VOXELS, SHEAR_LIMIT_RAD, SPACING_RANGE_MM,
 };
 pub use density::DensityTable;
-pub use distance::{DistanceField, distance_transform, distance_transform_label, distance_within};
+pub use distance::{
+    DistanceField, distance_only, distance_transform, distance_transform_label, distance_within,
+};
 pub use error::ImageError;
 pub use hounsfield::{GreyKind, GreyRange, looks_like_hu};
 pub use names::{LabelNames, LabelNamesProblem, read_label_names};

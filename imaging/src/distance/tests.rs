@@ -51,6 +51,7 @@ fn check(mask: &Volume<bool, Ct>) {
     let field = distance_transform(mask).unwrap();
     assert_eq!(field.is_some(), mask.data().contains(&true));
     let Some(field) = field else { return };
+    assert_eq!(field.distance_mm.data(), distance_only(mask).unwrap().unwrap().data());
     for n in 0..mask.grid().len() {
         let (expected, first) = brute_force(mask, n);
         let found = f64::from(field.distance_mm.data()[n]);

@@ -479,6 +479,23 @@ fn the_sform_counts_then_the_qform_and_pixdim_alone_never() {
 }
 
 #[test]
+fn a_quaternion_rounded_close_to_a_half_turn_is_no_disagreement() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("ct.nii");
+    for axis in [Vector3::new(1.975, -2.293, -0.845), Vector3::x(), Vector3::new(0.3, 1.0, 0.2)] {
+        for short_of_half_rad in [0.0, 1e-4, 3e-4, 7e-4, 2e-3, 1e-2, -5e-4] {
+            let turn = axis.normalize() * (std::f64::consts::PI - short_of_half_rad);
+            let axes = Rotation3::new(turn).into_inner();
+            let grid = Grid::new([512, 3, 400], Vector3::new(0.3, 0.5, 0.6), axes, Vector3::zeros()).unwrap();
+            write_labels_u8(&path, &Volume::filled(grid, 1)).unwrap();
+            let affine = read_labels(&path, AUTO).unwrap().affine;
+            // without allowing for the rounding 0.3 voxels, and the file refused
+            assert!(affine.disagreement_voxels.unwrap() < 0.01, "{turn:?} {affine:?}");
+        }
+    }
+}
+
+#[test]
 fn a_turned_sform_disagrees_at_the_far_corner_only() {
     // 0.03 voxels over the first axis' 5 voxels, 0.15 over the third's: the origin agrees exactly
     let file = Changed::new(|b| {
