@@ -15,7 +15,8 @@ pub fn plan_into(
     staged: &StagedDirectory,
     progress: &dyn Progress,
 ) -> anyhow::Result<PlanRecord> {
-    let plan = bonemill_planner::plan(case, case_path, progress).map_err(|e| Refused::new(e, case, case_path))?;
+    let plan =
+        bonemill_planner::plan(case, case_path, progress).map_err(|e| Refused::new(e, case, case_path))?;
     progress.stage("write files");
     Ok(plan::save(&plan, case_path, staged)?)
 }

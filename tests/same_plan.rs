@@ -69,13 +69,16 @@ fn the_healthy_patient_is_planned_and_every_file_is_there() {
     let ran = place.plan();
     assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
     assert!(ran.out.starts_with("wrote ") && !ran.out.contains("fell short"), "{}", ran.out);
-    let mut files: Vec<_> =
-        fs::read_dir(place.path("plan")).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    let mut files: Vec<_> = fs::read_dir(place.path("plan"))
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
     files.sort();
     assert_eq!(files, ["plan.toml", "report.html", "robot.urdf", "trajectory.csv", "waypoints.csv"]);
     // every cut keeps the clearance from the rod, whose nearest face is at x = -11 + 29.5 · 0.5
     let face = body::ORIGIN_MM[0] + 29.5 * body::SPACING_MM;
-    let [least, most] = [body::ORIGIN_MM[2] + 11.5 * body::SPACING_MM, body::ORIGIN_MM[2] + 13.5 * body::SPACING_MM];
+    let [least, most] =
+        [body::ORIGIN_MM[2] + 11.5 * body::SPACING_MM, body::ORIGIN_MM[2] + 13.5 * body::SPACING_MM];
     for [x, _, z] in cuts(&place) {
         let away = (face - x).max(0.0).hypot((least - z).max(z - most).max(0.0));
         assert!(away >= 2.5 - 1e-6, "({x}, {z}): {away} mm");

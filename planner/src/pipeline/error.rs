@@ -136,7 +136,9 @@ fn scene_key(error: &SceneError, case: &Case, folder: &Path) -> Option<String> {
                 .or(Some("target.label".into()));
         }
         SceneError::NoOverlap { .. } => "images.labels",
-        SceneError::EmptyTarget(_) | SceneError::TargetOutside { .. } | SceneError::TargetTouches { .. } => "target",
+        SceneError::EmptyTarget(_) | SceneError::TargetOutside { .. } | SceneError::TargetTouches { .. } => {
+            "target"
+        }
         SceneError::TooLarge { .. } => "grid.spacing_mm",
         SceneError::NoApproach => "approach.direction",
         SceneError::Image(error) => return image_key(error, case, folder),
