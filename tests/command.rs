@@ -170,7 +170,7 @@ fn missing_images_are_named_with_their_key() {
     let place = Place::new();
     fs::write(place.path("case.toml"), CASE).unwrap();
     place.run(&["plan", "case.toml", "--out", "plan"]).refused(&[
-        "case.toml: images.ct",
+        "case.toml:3: `images.ct`",
         "ct.nii.gz",
         "No such file",
     ]);

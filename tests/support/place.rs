@@ -177,11 +177,5 @@ impl Ran {
         for trace in ["panicked", "RUST_BACKTRACE", "Stack backtrace", "Some(", "{ ", "Error("] {
             assert!(!self.err.contains(trace), "{trace:?} in {}", self.err);
         }
-        if std::env::var_os("SHOW_MESSAGES").is_some() {
-            eprintln!(
-                "{}",
-                self.err.lines().skip_while(|l| !l.starts_with("error")).collect::<Vec<_>>().join("\n")
-            );
-        }
     }
 }

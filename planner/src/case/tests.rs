@@ -421,3 +421,14 @@ fn the_shared_mastoidectomy_case_parses() {
     let case = Case::parse(&text, &file).unwrap();
     assert_eq!((case.structures.len(), case.burr.radius_mm), (8, 2.0));
 }
+
+#[test]
+fn a_choice_that_lacks_what_it_needs_is_refused_at_its_line() {
+    let deflection = "[cost]\nforce = \"deflection\"\n";
+    let message = refusal(deflection);
+    assert!(message.starts_with("case.toml:8: `robot.joint_stiffness` is missing"), "{message}");
+    let stiff = format!("{LEAST}{deflection}[robot]\njoint_stiffness = [1e3, 1e3, 1e3, 1e6]\n");
+    assert!(parse(&stiff).is_ok());
+    let message = refusal("[speed]\nmode = \"force_limited\"\n");
+    assert!(message.contains(":8: ") && message.contains("expected \"mass\" or \"constant\""), "{message}");
+}
