@@ -52,7 +52,7 @@ impl<'a> BurrSpace<'a> {
         let margins = space.node_margins();
         space.margin_mm.data_mut().copy_from_slice(&margins);
         let clear = margins.into_iter().map(|m| m >= 0.0).collect();
-        space.connected = connected_to_top(space.grid(), clear);
+        space.connected = connected_to_top(space.grid(), clear, radius_mm);
         space.reachable = space.covered_target()?;
         Ok(space)
     }
@@ -208,16 +208,15 @@ impl<'a> BurrSpace<'a> {
     }
 }
 
-/// The clear nodes that a 6-connected walk reaches from the topmost clear slab.
+/// The clear nodes that a 6-connected walk reaches from the highest slab in which the ball fits into the grid.
 ///
-/// The walk starts in the highest slab in which any node is clear: above it the ball leaves the grid.
-fn connected_to_top(grid: &Grid<Work>, clear: Vec<bool>) -> Vec<bool> {
+/// Above that slab the ball leaves the grid; a hollow deep in the bone is no way out.
+fn connected_to_top(grid: &Grid<Work>, clear: Vec<bool>, radius_mm: f64) -> Vec<bool> {
     let [nx, ny, nz] = grid.dims();
     let slab = nx * ny;
     let mut reached = vec![false; clear.len()];
-    let Some(top) = (0..nz).rev().find(|k| clear[k * slab..(k + 1) * slab].contains(&true)) else {
-        return reached;
-    };
+    let below = (radius_mm / grid.spacing_mm().z).ceil() as usize;
+    let Some(top) = (nz - 1).checked_sub(below) else { return reached };
     let mut open: Vec<usize> = (top * slab..(top + 1) * slab).filter(|n| clear[*n]).collect();
     open.iter().for_each(|n| reached[*n] = true);
     while let Some(n) = open.pop() {

@@ -1,3 +1,5 @@
+//! Tests of `phantom`.
+
 use super::*;
 
 #[test]

@@ -69,7 +69,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let rotation = basis::from_z(&approach);
     let (grid, ct_from_work) = work_grid(spec, &target, rotation)?;
     let (hu, mut density_g_cm3) = resample_hu_and_density(spec.ct, spec.table, &grid, &ct_from_work);
-    let labels = resample_nearest(spec.labels, &grid, &ct_from_work);
+    let labels = work_labels(spec, &grid, &ct_from_work)?;
     let in_target = match spec.target {
         TargetShape::Label(label) => labels.map(|l| *l == label),
         _ => shape_mask(spec, &grid, &ct_from_work, &labels)?,
@@ -220,15 +220,26 @@ fn work_grid(
     target: &[Point<Ct>],
     rotation: nalgebra::Rotation3<f64>,
 ) -> Result<(Grid<Work>, Rigid<Ct, Work>), SceneError> {
+    // of a label's voxel boxes, seen along the work axes
     let half = match spec.target {
-        TargetShape::Label(_) => 0.5 * spec.labels.grid().spacing_mm().max(),
-        _ => 0.0,
+        TargetShape::Label(_) => {
+            let grid = spec.labels.grid();
+            (rotation.inverse().matrix() * grid.axes()).abs() * grid.spacing_mm() * 0.5
+        }
+        _ => Vector3::zeros(),
     };
     let (lo, hi) = extent(target.iter().map(|p| Point::<Ct>::from_coords(rotation.inverse() * p.coords)));
-    let around = spec.burr_radius_mm + spec.margin_mm + half;
-    let low = lo - Vector3::repeat(around);
-    let high = hi + Vector3::new(around, around, around + spec.burr_radius_mm);
-    let dims = ((high - low) / spec.spacing_mm).map(|n| n.ceil() + 1.0);
+    let (lo, hi) = (lo - half, hi + half);
+    let h = spec.spacing_mm;
+    // Voxels cover the target's extent and are centred on it: where they divide it, their faces are its faces; and a mirrored
+    // or turned scan has the mirrored or turned grid. Rounding must not add a voxel in one copy of a scan.
+    let cells = |length: f64| (length / h - 1e-4).ceil().max(1.0);
+    let inner = (hi - lo).map(cells);
+    let around = cells(spec.burr_radius_mm + spec.margin_mm);
+    let above = cells(spec.burr_radius_mm);
+    let dims = inner + Vector3::new(2.0 * around, 2.0 * around, 2.0 * around + above);
+    let middle = 0.5 * (lo + hi);
+    let low = middle - (inner * 0.5 + Vector3::repeat(around - 0.5)) * h;
     let voxels = dims.product();
     if !(voxels <= MOST_VOXELS) {
         return Err(SceneError::TooLarge {
@@ -241,6 +252,23 @@ fn work_grid(
     let dims = [dims.x as usize, dims.y as usize, dims.z as usize];
     let grid = Grid::aligned(dims, spec.spacing_mm, Point::new(0.0, 0.0, 0.0))?;
     Ok((grid, Rigid::new(rotation, rotation * low)))
+}
+
+/// The label at each work voxel's centre.
+///
+/// Centres often lie exactly on the face between two label voxels; rounding, which depends on how the map is stored, must
+/// not decide which one counts. They are taken a 10⁻⁴ part farther from the grid's middle, so ties go to the outer voxel.
+fn work_labels(
+    spec: &SceneSpec,
+    grid: &Grid<Work>,
+    ct_from_work: &Rigid<Ct, Work>,
+) -> Result<Volume<u16, Work>, SceneError> {
+    const STRETCH: f64 = 1e-4;
+    let half = Vector3::from(grid.dims().map(|d| 0.5 * (d - 1) as f64 * spec.spacing_mm));
+    let stretched =
+        Grid::aligned(grid.dims(), spec.spacing_mm * (1.0 + STRETCH), Point::from_coords(-half * STRETCH))?;
+    let labels = resample_nearest(spec.labels, &stretched, ct_from_work);
+    Volume::new(grid.clone(), labels.into_parts().1).map_err(SceneError::Values)
 }
 
 /// A geometric target: the bone inside the shape, and the air there that a closing of the bone encloses.

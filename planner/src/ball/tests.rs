@@ -1,3 +1,5 @@
+//! Tests of `ball`.
+
 use super::*;
 use bonemill_geometry::Work;
 use nalgebra::{Matrix3, Vector3};

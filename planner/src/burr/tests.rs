@@ -1,3 +1,5 @@
+//! Tests of `burr`.
+
 use super::*;
 use bonemill_geometry::{Grid, Point, Volume, Work};
 use nalgebra::{Rotation3, Unit, Vector3};

@@ -1,3 +1,5 @@
+//! Tests of `metrics`.
+
 use super::*;
 use bonemill_geometry::{Grid, Work};
 use nalgebra::Rotation3;

@@ -5,6 +5,9 @@ use bonemill_geometry::{Point, Work};
 /// Two rectangles whose sides differ by less than this share are taken for squares.
 const SQUARE: f64 = 0.02;
 
+/// Below this cosine two directions count as perpendicular.
+const ACROSS: f64 = 0.05;
+
 /// In-plane axes of the lawnmower: lines run along u and follow each other along v.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RasterFrame {
@@ -52,7 +55,10 @@ impl RasterFrame {
             other
         };
         let v = [-u[1], u[0]];
-        Self { u: pointing(u, towards), v: pointing(v, towards) }
+        // a direction across an axis says nothing about its sign: then the outline's own lean decides
+        let length = towards[0].hypot(towards[1]);
+        let sign = |axis| if dot(axis, towards).abs() > ACROSS * length { towards } else { skew(hull) };
+        Self { u: pointing(u, sign(u)), v: pointing(v, sign(v)) }
     }
 
     /// (u, v) of a point, mm.

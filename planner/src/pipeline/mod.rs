@@ -4,7 +4,9 @@
 //! joint trajectory. Every stage takes values and hands values on; none keeps state. What a stage cannot do is a
 //! result with its reason ([`Plan::shortfalls`]), an error only where nothing sensible can be planned.
 
+mod error;
 mod figures;
+mod inputs;
 mod metrics;
 mod near;
 mod orient;
@@ -17,22 +19,20 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use bonemill_geometry::{Base, Ct, Point, Rigid, Work, basis};
-use bonemill_imaging::{
-    AffineReport, Image, LabelNames, Scene, SceneSpec, TargetShape, build_scene, looks_like_hu, read_ct,
-    read_label_names, read_labels,
-};
+use bonemill_imaging::{AffineReport, Scene};
 use bonemill_robot::Arm;
 use bonemill_robot::arm::bone_attached;
 use bonemill_robot::timelaw::TimeLaw;
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
+pub use error::PlanError;
 pub use figures::{Figures, StructureFigures};
 pub use metrics::{Coverage, Volumes};
 
 use crate::Progress;
 use crate::burr::{ForceKernel, OrientationKernel};
-use crate::case::{Case, ForceTerm, LabelRef, Target};
+use crate::case::{Case, ForceTerm};
 use crate::cost::CostModel;
 use crate::engagement::{SweptPath, mass_increments};
 use crate::metrics::Moments;
@@ -42,18 +42,12 @@ use crate::path::{PathPoint, PathSpacing, RasterFrame, lay_path};
 use crate::plan::{Sha256, Waypoint};
 use crate::space::BurrSpace;
 
-pub use error::PlanError;
-mod error;
-
 /// Step of the orientation scan, rad.
 const SCAN_STEP_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 /// λ of the orientation's rate penalty, mm/rad² per unit of cost.
 const RATE_WEIGHT_MM: f64 = 1.0;
 /// Share of the reachable volume below which a plan fell short.
 const ENOUGH_REACHED: f64 = 0.99;
-/// Distances to structures are kept this far from the target's box, mm, beside what the burr and its cost need.
-const INFLUENCE_MM: f64 = 12.0;
-
 /// A plan with all that its files and its report say.
 #[derive(Debug)]
 pub struct Plan {
@@ -110,16 +104,6 @@ pub struct Modelled {
     pub layers: u32,
 }
 
-/// The images of a case.
-struct Inputs {
-    ct: Image<f32>,
-    labels: Image<u16>,
-    target: TargetShape,
-    structures: Vec<(String, u16)>,
-    files: Vec<(String, PathBuf, Sha256)>,
-    warnings: Vec<String>,
-}
-
 /// Notes how long each stage took.
 struct Stopwatch<'a> {
     progress: &'a dyn Progress,
@@ -144,9 +128,9 @@ impl Stopwatch<'_> {
 pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Plan, PlanError> {
     let mut watch = Stopwatch { progress, seconds: Vec::new() };
     let arm = setup::arm(case)?;
-    let inputs = watch.run("read images", || read_inputs(case, case_path))?;
-    let scene = watch.run("scene", || make_scene(case, &inputs))?;
-    let Inputs { ct, labels, files, mut warnings, .. } = inputs;
+    let inputs = watch.run("read images", || inputs::read_inputs(case, case_path))?;
+    let scene = watch.run("scene", || inputs::make_scene(case, &inputs))?;
+    let inputs::Inputs { ct, labels, files, mut warnings, .. } = inputs;
     let affines = [ct.affine.clone(), labels.affine.clone()];
     drop((ct, labels)); // the scene holds what is needed of them
     warnings.extend(scene.warnings.iter().cloned());
@@ -271,6 +255,11 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         cost: &cost,
         q: &q,
         step_mm: case.path.step_mm,
+        slot_mass_mg: std::f64::consts::PI
+            * radius
+            * radius
+            * case.path.step_mm
+            * case.material.rho_ref_g_cm3,
     };
     let limits = speeds::path_limits(&arm)?;
     let timing = watch.run("time law", || speeds::timing(&speed_input, &case.speed, case.paper, &limits))?;
@@ -340,97 +329,6 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         seconds,
         scene,
     })
-}
-
-/// Reads and checks the images; hashes every input.
-fn read_inputs(case: &Case, case_path: &Path) -> Result<Inputs, PlanError> {
-    let folder = case_path.parent().unwrap_or(Path::new(""));
-    let (ct_path, labels_path) = (folder.join(&case.images.ct), folder.join(&case.images.labels));
-    let (ct, labels) = rayon::join(
-        || -> Result<_, PlanError> {
-            let ct = read_ct(&ct_path, case.images.ct_affine)?;
-            looks_like_hu(&ct.volume)?;
-            Ok((ct, Sha256::of_file(&ct_path)?))
-        },
-        || -> Result<_, PlanError> {
-            let labels = read_labels(&labels_path, case.images.labels_affine)?;
-            Ok((labels, Sha256::of_file(&labels_path)?, read_label_names(&labels_path)?))
-        },
-    );
-    let ((ct, ct_digest), (labels, labels_digest, names)) = (ct?, labels?);
-    let number = |key: String, label: &LabelRef| label_number(key, label, names.as_ref(), &labels_path);
-    let target = match &case.target {
-        Target::Label(label) => TargetShape::Label(number("target.label".into(), label)?),
-        Target::Box { min_mm, max_mm } => TargetShape::Box { min_mm: *min_mm, max_mm: *max_mm },
-        Target::Ball { center_mm, radius_mm } => {
-            TargetShape::Ball { center_mm: *center_mm, radius_mm: *radius_mm }
-        }
-        Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => TargetShape::Frustum {
-            from_mm: *from_mm,
-            to_mm: *to_mm,
-            from_radius_mm: *from_radius_mm,
-            to_radius_mm: *to_radius_mm,
-        },
-    };
-    let structures = case
-        .structures
-        .iter()
-        .map(|s| Ok((s.name.clone(), number(format!("structure '{}'", s.name), &s.label)?)))
-        .collect::<Result<_, PlanError>>()?;
-    let text = |path: &Path| path.to_string_lossy().into_owned();
-    let mut files = Vec::new();
-    if let Some(name) = case_path.file_name() {
-        files.push((name.to_string_lossy().into_owned(), case_path.to_owned(), Sha256::of_file(case_path)?));
-    }
-    files.push((text(&case.images.ct), ct_path, ct_digest));
-    files.push((text(&case.images.labels), labels_path.clone(), labels_digest));
-    if names.is_some() {
-        let path = labels_path.with_file_name("labels.json");
-        let name = case.images.labels.with_file_name("labels.json");
-        files.push((text(&name), path.clone(), Sha256::of_file(&path)?));
-    }
-    let warnings = ct.warnings.iter().chain(&labels.warnings).map(ToString::to_string).collect();
-    Ok(Inputs { ct, labels, target, structures, files, warnings })
-}
-
-fn label_number(
-    key: String,
-    label: &LabelRef,
-    names: Option<&LabelNames>,
-    labels_path: &Path,
-) -> Result<u16, PlanError> {
-    match label {
-        LabelRef::Number(number) => Ok(*number),
-        LabelRef::Name(name) => {
-            names.and_then(|names| names.number(name)).ok_or_else(|| PlanError::LabelName {
-                key,
-                name: name.clone(),
-                beside: labels_path.to_owned(),
-                has_names: names.is_some(),
-            })
-        }
-    }
-}
-
-fn make_scene(case: &Case, inputs: &Inputs) -> Result<Scene, PlanError> {
-    Ok(build_scene(&SceneSpec {
-        ct: &inputs.ct.volume,
-        labels: &inputs.labels.volume,
-        target: inputs.target.clone(),
-        structures: &inputs.structures,
-        table: &case.density.table,
-        air_hu: case.density.air_hu,
-        bone_hu: case.density.bone_hu,
-        approach: case.approach,
-        spacing_mm: case.grid.spacing_mm,
-        margin_mm: case.grid.margin_mm,
-        burr_radius_mm: case.burr.radius_mm,
-        influence_mm: 2.0 * case.burr.radius_mm
-            + case.structures.iter().map(|s| s.clearance_mm.max(s.shank_clearance_mm)).fold(0.0, f64::max)
-            + INFLUENCE_MM,
-        shank_length_mm: case.burr.radius_mm + case.shank.iter().map(|s| s.length_mm).sum::<f64>(),
-        shank_radius_mm: case.shank.iter().map(|s| s.radius_mm).fold(0.0, f64::max),
-    })?)
 }
 
 /// Why no target voxel can be reached.

@@ -61,6 +61,19 @@ pub fn arm(case: &Case) -> Result<Arm, PlanError> {
             supported: "\"bone-attached\"",
         });
     }
+    for (key, given) in [
+        ("robot.jerk_limits", case.robot.jerk_limits.is_some()),
+        ("robot.flange_from_burr", case.robot.flange_from_burr.is_some()),
+    ] {
+        if given {
+            // silently ignoring either would give another motion than the case asks for
+            return Err(PlanError::Unsupported {
+                key,
+                value: "given".into(),
+                supported: "no such key with the bone-attached arm, whose URDF ends at the burr",
+            });
+        }
+    }
     let velocity = case.robot.velocity_limits.as_deref();
     let acceleration = case.robot.acceleration_limits.as_deref();
     Ok(Arm::bone_attached()?.with_limits(velocity, acceleration)?)

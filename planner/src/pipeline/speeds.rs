@@ -8,8 +8,9 @@ use crate::path::MoveKind;
 use crate::space::TRAJECTORY_TOLERANCE_MM;
 use crate::speed::{Smoothing, SpeedModel};
 
-/// Mass at or below which a waypoint counts as air, mg: a millionth of a cubic millimetre of bone.
-const AIR_MASS_MG: f64 = 1e-6;
+/// Share of a full slot's mass per step at or below which a waypoint counts as air. D13 takes a mean of 1/m: the crumbs of
+/// finishing passes would otherwise set the speed of the whole plan.
+const AIR_SHARE: f64 = 0.02;
 /// Bisections of the cutting time until the whole plan takes the time asked for.
 const TIME_BISECTIONS: usize = 40;
 /// How exactly a total time is met, s.
@@ -30,6 +31,8 @@ pub struct SpeedInput<'a> {
     pub q: &'a [f64],
     /// Nominal distance of cutting waypoints, mm.
     pub step_mm: f64,
+    /// Mass that a step takes in a full slot of the reference material, mg.
+    pub slot_mass_mg: f64,
 }
 
 /// Caps and the law under them.
@@ -107,7 +110,7 @@ impl<'a> Cuts<'a> {
             });
         }
         let smoothing = if paper { Smoothing::Average } else { Smoothing::MinimumThenAverage };
-        let model = SpeedModel::new(spec.min_mm_s, spec.max_mm_s, AIR_MASS_MG, smoothing)?;
+        let model = SpeedModel::new(spec.min_mm_s, spec.max_mm_s, AIR_SHARE * input.slot_mass_mg, smoothing)?;
         let cuts = || (0..input.kinds.len()).filter(|i| input.kinds[*i] == MoveKind::Cut);
         // a short last step to a wall takes little bone only because it is short: mass per length decides
         let mass = |i: usize| input.mass_mg[i] * input.step_mm / input.length_mm[i].max(1e-3 * input.step_mm);

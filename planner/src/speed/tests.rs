@@ -1,3 +1,5 @@
+//! Tests of `speed`.
+
 use super::*;
 use proptest::prelude::*;
 

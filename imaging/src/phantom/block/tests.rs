@@ -1,3 +1,5 @@
+//! Tests of `block`.
+
 use super::*;
 
 fn hu(phantom: &Phantom, voxel: [usize; 3]) -> f64 {

@@ -1,3 +1,5 @@
+//! Tests of `temporal`.
+
 use super::*;
 
 /// Labels and clearances of the structures, as the case file has them.

@@ -1,0 +1,116 @@
+//! The images of a case, read, checked and hashed, and the scene made of them.
+
+use std::path::{Path, PathBuf};
+
+use bonemill_imaging::{
+    Image, LabelNames, Scene, SceneSpec, TargetShape, build_scene, looks_like_hu, read_ct, read_label_names,
+    read_labels,
+};
+
+use super::PlanError;
+use crate::case::{Case, LabelRef, Target};
+use crate::plan::Sha256;
+
+/// Distances to structures are kept this far from the target's box, mm, beside what the burr and its cost need.
+const INFLUENCE_MM: f64 = 12.0;
+
+/// The images of a case.
+pub struct Inputs {
+    pub ct: Image<f32>,
+    pub labels: Image<u16>,
+    pub target: TargetShape,
+    pub structures: Vec<(String, u16)>,
+    pub files: Vec<(String, PathBuf, Sha256)>,
+    pub warnings: Vec<String>,
+}
+
+/// Reads and checks the images; hashes every input.
+pub fn read_inputs(case: &Case, case_path: &Path) -> Result<Inputs, PlanError> {
+    let folder = case_path.parent().unwrap_or(Path::new(""));
+    let (ct_path, labels_path) = (folder.join(&case.images.ct), folder.join(&case.images.labels));
+    let (ct, labels) = rayon::join(
+        || -> Result<_, PlanError> {
+            let ct = read_ct(&ct_path, case.images.ct_affine)?;
+            looks_like_hu(&ct.volume)?;
+            Ok((ct, Sha256::of_file(&ct_path)?))
+        },
+        || -> Result<_, PlanError> {
+            let labels = read_labels(&labels_path, case.images.labels_affine)?;
+            Ok((labels, Sha256::of_file(&labels_path)?, read_label_names(&labels_path)?))
+        },
+    );
+    let ((ct, ct_digest), (labels, labels_digest, names)) = (ct?, labels?);
+    let number = |key: String, label: &LabelRef| label_number(key, label, names.as_ref(), &labels_path);
+    let target = match &case.target {
+        Target::Label(label) => TargetShape::Label(number("target.label".into(), label)?),
+        Target::Box { min_mm, max_mm } => TargetShape::Box { min_mm: *min_mm, max_mm: *max_mm },
+        Target::Ball { center_mm, radius_mm } => {
+            TargetShape::Ball { center_mm: *center_mm, radius_mm: *radius_mm }
+        }
+        Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => TargetShape::Frustum {
+            from_mm: *from_mm,
+            to_mm: *to_mm,
+            from_radius_mm: *from_radius_mm,
+            to_radius_mm: *to_radius_mm,
+        },
+    };
+    let structures = case
+        .structures
+        .iter()
+        .map(|s| Ok((s.name.clone(), number(format!("structure '{}'", s.name), &s.label)?)))
+        .collect::<Result<_, PlanError>>()?;
+    let text = |path: &Path| path.to_string_lossy().into_owned();
+    let mut files = Vec::new();
+    if let Some(name) = case_path.file_name() {
+        files.push((name.to_string_lossy().into_owned(), case_path.to_owned(), Sha256::of_file(case_path)?));
+    }
+    files.push((text(&case.images.ct), ct_path, ct_digest));
+    files.push((text(&case.images.labels), labels_path.clone(), labels_digest));
+    if names.is_some() {
+        let path = labels_path.with_file_name("labels.json");
+        let name = case.images.labels.with_file_name("labels.json");
+        files.push((text(&name), path.clone(), Sha256::of_file(&path)?));
+    }
+    let warnings = ct.warnings.iter().chain(&labels.warnings).map(ToString::to_string).collect();
+    Ok(Inputs { ct, labels, target, structures, files, warnings })
+}
+
+fn label_number(
+    key: String,
+    label: &LabelRef,
+    names: Option<&LabelNames>,
+    labels_path: &Path,
+) -> Result<u16, PlanError> {
+    match label {
+        LabelRef::Number(number) => Ok(*number),
+        LabelRef::Name(name) => {
+            names.and_then(|names| names.number(name)).ok_or_else(|| PlanError::LabelName {
+                key,
+                name: name.clone(),
+                beside: labels_path.to_owned(),
+                has_names: names.is_some(),
+            })
+        }
+    }
+}
+
+pub fn make_scene(case: &Case, inputs: &Inputs) -> Result<Scene, PlanError> {
+    Ok(build_scene(&SceneSpec {
+        ct: &inputs.ct.volume,
+        labels: &inputs.labels.volume,
+        target: inputs.target.clone(),
+        structures: &inputs.structures,
+        table: &case.density.table,
+        air_hu: case.density.air_hu,
+        bone_hu: case.density.bone_hu,
+        approach: case.approach,
+        spacing_mm: case.grid.spacing_mm,
+        margin_mm: case.grid.margin_mm,
+        burr_radius_mm: case.burr.radius_mm,
+        influence_mm: 2.0 * case.burr.radius_mm
+            + case.structures.iter().map(|s| s.clearance_mm.max(s.shank_clearance_mm)).fold(0.0, f64::max)
+            + INFLUENCE_MM,
+        shank_length_mm: case.burr.radius_mm + case.shank.iter().map(|s| s.length_mm).sum::<f64>(),
+        shank_radius_mm: case.shank.iter().map(|s| s.radius_mm).fold(0.0, f64::max),
+    })?)
+}
