@@ -8,7 +8,7 @@
 //! Masses look at voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes, whose sum over the
 //! path is the mass removed (FORCE_MODEL section 8, row 3).
 
-use bonemill_geometry::{Grid, Point, Volume, Work};
+use bonemill_geometry::{Grid, Volume, Work};
 use bonemill_imaging::Scene;
 use nalgebra::Vector3;
 use rayon::prelude::*;

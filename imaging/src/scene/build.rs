@@ -241,7 +241,7 @@ fn work_grid(
     let middle = 0.5 * (lo + hi);
     let low = middle - (inner * 0.5 + Vector3::repeat(around - 0.5)) * h;
     let voxels = dims.product();
-    if !(voxels <= MOST_VOXELS) {
+    if voxels > MOST_VOXELS || voxels.is_nan() {
         return Err(SceneError::TooLarge {
             voxels,
             gigabytes: voxels * 50e-9,
@@ -300,7 +300,7 @@ fn shape_mask(
                 && wide.nearest(p).is_some_and(|v| *closed.get(v))
         })
         .collect();
-    Ok(Volume::new(grid.clone(), data).map_err(SceneError::Values)?)
+    Volume::new(grid.clone(), data).map_err(SceneError::Values)
 }
 
 /// Morphological closing by a ball: dilation, then erosion.
@@ -349,7 +349,7 @@ fn classify(
             Class(flags)
         })
         .collect();
-    Ok(Volume::new(hu.grid().clone(), data).map_err(SceneError::Values)?)
+    Volume::new(hu.grid().clone(), data).map_err(SceneError::Values)
 }
 
 /// Mean of the centres of the voxels with one of `flags`.

@@ -99,10 +99,11 @@ fn layer_passes(
                 let (start, end) = (run.start + worth.start, run.start + worth.end);
                 let mut points: Vec<_> = row[start..end].iter().flatten().copied().collect();
                 // to the wall, where the line ends at one
-                if start == run.start && start > 0 {
-                    if let Some(p) = last_clear(builder, points[0], |f| at(start as f64 - f)) {
-                        points.insert(0, p);
-                    }
+                if start == run.start
+                    && start > 0
+                    && let Some(p) = last_clear(builder, points[0], |f| at(start as f64 - f))
+                {
+                    points.insert(0, p);
                 }
                 if end == run.end && end < row.len() {
                     let last = points[points.len() - 1];

@@ -2,8 +2,10 @@
 
 use bonemill_imaging::{Class, ImageError, Scene};
 
+use crate::path::PathPoint;
 use crate::removal::RemovalTime;
 use crate::space::BurrSpace;
+use crate::sweep::segment_distance_squared;
 
 /// One volume in its three kinds, mm³.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -33,8 +35,9 @@ pub struct Coverage {
     pub kept_by_bone_mm3: f64,
     /// Bone outside the target whose voxel centres are removed: sheets within the band, mm³.
     pub thin_bone_removed_mm3: f64,
-    /// Obstacle bone whose voxel centres are removed, mm³: 0 by construction.
-    pub obstacle_removed_mm3: f64,
+    /// How far the centre of an obstacle voxel lies inside the swept ball at most, mm: the distance field's error between
+    /// grid nodes, some hundredths of a voxel.
+    pub deepest_in_obstacle_mm: f64,
 }
 
 impl Coverage {
@@ -52,7 +55,12 @@ impl Coverage {
 ///
 /// # Errors
 /// When a distance field cannot be made.
-pub fn coverage(scene: &Scene, space: &BurrSpace, removal: &RemovalTime) -> Result<Coverage, ImageError> {
+pub fn coverage(
+    scene: &Scene,
+    space: &BurrSpace,
+    removal: &RemovalTime,
+    points: &[PathPoint],
+) -> Result<Coverage, ImageError> {
     let voxel = scene.class.grid().voxel_mm3();
     let without_structures = BurrSpace::new(scene, space.radius_mm(), &[])?;
     let mut found = Coverage {
@@ -63,7 +71,7 @@ pub fn coverage(scene: &Scene, space: &BurrSpace, removal: &RemovalTime) -> Resu
         kept_by_structure_mm3: vec![0.0; scene.structures.len()],
         kept_by_bone_mm3: 0.0,
         thin_bone_removed_mm3: 0.0,
-        obstacle_removed_mm3: 0.0,
+        deepest_in_obstacle_mm: 0.0,
     };
     for (n, class) in scene.class.data().iter().enumerate() {
         let (reachable, removed) = (space.reachable()[n], removal.is_removed(n));
@@ -87,7 +95,8 @@ pub fn coverage(scene: &Scene, space: &BurrSpace, removal: &RemovalTime) -> Resu
         } else if removed && class.is(Class::SHEET) {
             found.thin_bone_removed_mm3 += voxel;
         } else if removed && class.is(Class::OBSTACLE) {
-            found.obstacle_removed_mm3 += voxel;
+            found.deepest_in_obstacle_mm =
+                found.deepest_in_obstacle_mm.max(depth_in_sweep(scene, space, points, n));
         }
     }
     Ok(found)
@@ -99,6 +108,15 @@ impl Volumes {
         self.material_mm3 += if class.is(Class::MATERIAL) { voxel_mm3 } else { 0.0 };
         self.bone_mm3 += if class.is(Class::TARGET_BONE) { voxel_mm3 } else { 0.0 };
     }
+}
+
+/// How deep a voxel's centre lies in the burr's whole sweep, mm.
+fn depth_in_sweep(scene: &Scene, space: &BurrSpace, points: &[PathPoint], voxel: usize) -> f64 {
+    let grid = scene.class.grid();
+    let p = grid.center(grid.voxel(voxel)).coords;
+    let moves =
+        points.windows(2).map(|w| segment_distance_squared(&p, &w[0].position.coords, &w[1].position.coords));
+    space.radius_mm() - moves.fold(f64::INFINITY, f64::min).sqrt()
 }
 
 /// The structure whose required distance is missed most at a voxel.

@@ -131,7 +131,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let inputs = watch.run("read images", || inputs::read_inputs(case, case_path))?;
     let scene = watch.run("scene", || inputs::make_scene(case, &inputs))?;
     let inputs::Inputs { ct, labels, files, mut warnings, .. } = inputs;
-    let affines = [ct.affine.clone(), labels.affine.clone()];
+    let affines = [ct.affine, labels.affine];
     drop((ct, labels)); // the scene holds what is needed of them
     warnings.extend(scene.warnings.iter().cloned());
 
@@ -190,7 +190,6 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let kernel = OrientationKernel::new(&tool, &material, measure, samples, merged);
     let compliance = Compliance::new(case, &arm, &base_from_work)?;
     let field = orient::CostField {
-        scene: &scene,
         swept: &swept,
         kernel: &kernel,
         material: &material,
@@ -263,7 +262,8 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     };
     let limits = speeds::path_limits(&arm)?;
     let timing = watch.run("time law", || speeds::timing(&speed_input, &case.speed, case.paper, &limits))?;
-    let coverage = watch.run("coverage", || metrics::coverage(&scene, &space, &reached.path.removal))?;
+    let coverage =
+        watch.run("coverage", || metrics::coverage(&scene, &space, &reached.path.removal, points))?;
 
     let waypoints: Vec<Waypoint> = (0..points.len())
         .map(|i| {

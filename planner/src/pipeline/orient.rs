@@ -1,6 +1,5 @@
 //! The shaft's angle at every waypoint, by the case's mode.
 
-use bonemill_imaging::Scene;
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
@@ -26,8 +25,6 @@ const ROUNDING_SWEEPS: usize = 6;
 /// Everything a waypoint's cost is made of.
 #[derive(Debug)]
 pub struct CostField<'a> {
-    /// Images.
-    pub scene: &'a Scene,
     /// The path, for what is gone.
     pub swept: &'a SweptPath<'a>,
     /// Force of the gathered samples.
@@ -92,7 +89,7 @@ impl CostField<'_> {
         compliance: Option<&Matrix3<f64>>,
     ) -> f64 {
         let moments = &self.moments[i];
-        if !(moments.mass_mg() > 0.0) {
+        if moments.mass_mg() <= 0.0 {
             return 0.0;
         }
         let force = if samples.is_empty() {
@@ -168,7 +165,7 @@ fn optimal(
     let angles = scan.len();
     let mut cost = vec![0f32; reached.free.len() * angles];
     cost.par_chunks_mut(angles).enumerate().for_each_init(EngagedSamples::default, |samples, (i, row)| {
-        if !(field.moments[i].mass_mg() > 0.0) {
+        if field.moments[i].mass_mg() <= 0.0 {
             return;
         }
         field.gather(i, samples);

@@ -93,7 +93,7 @@ fn metrics(plan: &Plan) -> Metrics {
         ),
         ("kept_by_bone_mm3".into(), coverage.kept_by_bone_mm3.into()),
         ("thin_bone_removed_mm3".into(), coverage.thin_bone_removed_mm3.into()),
-        ("obstacle_removed_mm3".into(), coverage.obstacle_removed_mm3.into()),
+        ("deepest_in_obstacle_mm".into(), coverage.deepest_in_obstacle_mm.into()),
         ("band_mm".into(), plan.scene.band_mm.into()),
         ("removed_mass_mg".into(), figures.removed_mass_mg.into()),
         ("path_length_mm".into(), figures.path_length_mm.into()),

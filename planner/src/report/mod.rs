@@ -203,13 +203,13 @@ fn coverage(plan: &Plan) -> String {
     format!(
         "<div class=\"wide\"><table><thead><tr><th></th><th>all [mm³]</th><th>above air [mm³]</th><th>bone [mm³]</th><th>of the target</th></tr></thead><tbody>{}{}{}</tbody></table>\
          <table><thead><tr><th>Why the rest stays</th><th>[mm³]</th><th>of the target</th></tr></thead><tbody>{kept}</tbody></table></div>\
-         <p>Untargeted bone taken: {:.1} mm³ of sheets thinner than the band of {:.2} mm (partial volume), {:.1} mm³ of anything thicker.</p>",
+         <p>Untargeted bone taken: {:.1} mm³ of sheets thinner than the band of {:.2} mm (partial volume). Thicker bone outside the target: no voxel centre deeper than {:.3} mm inside the swept ball.</p>",
         row("target", &c.target),
         row("reachable by the ball under the clearances", &c.reachable),
         row("removed", &c.removed),
         c.thin_bone_removed_mm3,
         plan.scene.band_mm,
-        c.obstacle_removed_mm3,
+        c.deepest_in_obstacle_mm,
     )
 }
 
