@@ -3,7 +3,11 @@
 //!
 //! What is sound but cannot be fulfilled ends with exit code 1 and its reasons.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::type_complexity,
+    reason = "a test's helper fails by panicking; tables of cases"
+)]
 
 mod support;
 

@@ -38,7 +38,7 @@ use crate::engagement::{SweptPath, mass_increments};
 use crate::metrics::Moments;
 use crate::orientation::Scan;
 use crate::orientation::optimal::RateLimit;
-use crate::path::{PathPoint, PathSpacing, RasterFrame, lay_path};
+use crate::path::{MoveKind, PathPoint, PathSpacing, RasterFrame, lay_path};
 use crate::plan::{Sha256, Waypoint};
 use crate::space::BurrSpace;
 
@@ -244,7 +244,11 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
             model.cost(&push, proximity, moments[i].inertia_normalised(&axis), moments[i].mass_mg())
         })
         .collect();
-    let kinds: Vec<_> = points.iter().map(|p| p.kind).collect();
+    // a link that grazes a cusp by a part of a voxel removes it: it is a cut, and as slow as one
+    let within_limit = |i: usize| scan.within_limit >> scan.nearest(oriented.angles_rad[i]) & 1 == 1;
+    let removes = |i: usize| moments[i].mass_mg() > 0.0 && within_limit(i);
+    let kinds: Vec<_> =
+        points.iter().enumerate().map(|(i, p)| if removes(i) { MoveKind::Cut } else { p.kind }).collect();
     let mass_mg: Vec<_> = moments.iter().map(Moments::mass_mg).collect();
     let cost: Vec<_> = costs.iter().map(|c| c.cost).collect();
     let speed_input = speeds::SpeedInput {
@@ -276,7 +280,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
             let towards = |push: Vector3<f64>| toward.map(|u| push.dot(&u).max(0.0));
             Waypoint {
                 layer: points[i].layer,
-                kind: points[i].kind,
+                kind: kinds[i],
                 time_s: timing.law.waypoint_times_s()[i],
                 position: scene.ct_from_work * points[i].position,
                 axis,

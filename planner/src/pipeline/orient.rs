@@ -176,8 +176,12 @@ fn optimal(
     });
     let chosen = match best_sequence(scan, &cost, &reached.free, &reached.length_mm, rate) {
         Sequence::Found(sequence) => sequence,
-        // the same constraints were found feasible when waypoints were dropped
-        Sequence::Blocked(_) => vec![scan.nearest(0.0); reached.free.len()],
+        // not reached: the same constraints were found feasible when waypoints were dropped; each angle is free all the same
+        Sequence::Blocked(_) => reached
+            .free
+            .iter()
+            .map(|free| scan.nearest_free(*free, 0.0).unwrap_or(scan.nearest(0.0)))
+            .collect(),
     };
     rounded(chosen.into_iter().map(|n| scan.angles_rad[n]).collect(), scan.step_rad, is_free)
 }
