@@ -214,8 +214,15 @@ impl<'a> Builder<'a> {
             let next = from + (to - from) * (n as f64 / pieces as f64);
             if self.is_free(here, next) {
                 self.push(next, MoveKind::Retract, layer);
-            } else {
-                self.cut_to(next, layer);
+                continue;
+            }
+            // step by step, so that only what cuts is as slow as a cut
+            let steps = (here.distance_mm(&next) / self.spacing.step_mm).ceil() as usize;
+            for n in 1..=steps {
+                let before = self.points[self.points.len() - 1].position;
+                let p = here + (next - here) * (n as f64 / steps as f64);
+                let kind = if self.is_free(before, p) { MoveKind::Retract } else { MoveKind::Cut };
+                self.push(p, kind, layer);
             }
         }
     }
