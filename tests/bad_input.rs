@@ -1,7 +1,5 @@
-//! Bad images, targets and outputs, from outside: exit code 2, a message that says what is wrong, where, and what was
-//! expected, and nothing written.
-//!
-//! What is sound but cannot be fulfilled ends with exit code 1 and its reasons.
+//! Bad images, targets and outputs, from outside: exit code 2 with what is wrong, where, and what was expected, and
+//! nothing written. What is sound but cannot be fulfilled ends with exit code 1 and its reasons.
 
 #![allow(
     clippy::unwrap_used,
@@ -28,8 +26,6 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
     encoder.write_all(bytes).unwrap();
     encoder.finish().unwrap()
 }
-
-// images: files
 
 #[test]
 fn a_missing_image_is_named_with_its_key_and_line() {

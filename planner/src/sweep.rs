@@ -37,6 +37,9 @@ impl Rows {
         radius_mm: f64,
         mut visit: impl FnMut(Range<usize>) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
+        if !(a.is_finite() && b.is_finite()) {
+            return ControlFlow::Continue(());
+        }
         let scale = 1.0 / self.spacing_mm;
         let capsule = Capsule::new(a.coords * scale, b.coords * scale, radius_mm * scale);
         let [ys, zs] = [1, 2].map(|axis| capsule.extent(axis, self.dims[axis]));

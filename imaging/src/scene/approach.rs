@@ -119,7 +119,7 @@ mod tests {
 
     fn approach(turn: Matrix3<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let (points, normal) = lump(turn);
-        let plane = 3.0;
+        let plane = 4.0; // just above the lump
         let targets: Vec<Vector3<f64>> = points.iter().map(|p| p.coords).collect();
         let is_target = |p: Point<Ct>| targets.iter().any(|t| (t - p.coords).norm_squared() < 0.12);
         let found = most_air(
@@ -127,7 +127,7 @@ mod tests {
             0.5,
             30.0,
             |p| p.coords.dot(&normal) < plane && !is_target(p),
-            |p| p.coords.dot(&normal) > plane + 1.0,
+            |p| p.coords.dot(&normal) > plane + 0.5,
         );
         (found.unwrap(), normal)
     }

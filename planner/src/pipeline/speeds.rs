@@ -27,12 +27,45 @@ pub struct SpeedInput<'a> {
     pub mass_mg: &'a [f64],
     /// Cost C.
     pub cost: &'a [f64],
-    /// Joint positions, one waypoint after the other.
-    pub q: &'a [f64],
+    /// The joint path through all waypoints.
+    pub dense: &'a DensePath,
     /// Nominal distance of cutting waypoints, mm.
     pub step_mm: f64,
     /// Mass that a step takes in a full slot of the reference material, mg.
     pub slot_mass_mg: f64,
+}
+
+/// A joint path that has places between waypoints.
+#[derive(Debug, Clone, Default)]
+pub struct DensePath {
+    /// Joint positions, one place after the other.
+    q: Vec<f64>,
+    /// Path length of the burr to each place, mm.
+    burr_mm: Vec<f64>,
+    /// The place of each waypoint.
+    waypoints: Vec<usize>,
+}
+
+impl DensePath {
+    /// Adds a place; `burr_mm`: how far the burr moves to it.
+    pub fn push(&mut self, q: &[f64], burr_mm: f64) {
+        self.q.extend(q);
+        self.burr_mm.push(burr_mm);
+    }
+
+    /// The last place added is a waypoint.
+    pub fn end_waypoint(&mut self) {
+        self.waypoints.push(self.burr_mm.len().saturating_sub(1));
+    }
+
+    /// A value per waypoint's move as one per place's move.
+    fn per_place(&self, per_waypoint: &[f64]) -> Vec<f64> {
+        let mut values = Vec::with_capacity(self.burr_mm.len());
+        for (place, value) in self.waypoints.iter().zip(per_waypoint) {
+            values.resize(place + 1, *value);
+        }
+        values
+    }
 }
 
 /// Caps and the law under them.
@@ -42,6 +75,8 @@ pub struct Timing {
     pub caps_mm_s: Vec<f64>,
     /// The motion.
     pub law: TimeLaw,
+    /// When each waypoint is passed, s.
+    pub waypoint_times_s: Vec<f64>,
     /// A total time that was asked for and could not be met, s.
     pub missed_s: Option<f64>,
 }
@@ -56,17 +91,23 @@ pub fn timing(
     paper: bool,
     limits: &PathLimits,
 ) -> Result<Timing, PlanError> {
-    let prepared =
-        PreparedPath::new(&JointPath { q: input.q, burr_mm: input.length_mm, stops: &[] }, limits)?;
+    let prepared = PreparedPath::new(
+        &JointPath { q: &input.dense.q, burr_mm: &input.dense.burr_mm, stops: &[] },
+        limits,
+    )?;
     let cuts = Cuts::new(input, spec, paper)?;
     let finish = |caps: Vec<f64>, missed_s| -> Result<Timing, PlanError> {
-        Ok(Timing { law: prepared.law(&caps)?, caps_mm_s: caps, missed_s })
+        let law = prepared.law(&input.dense.per_place(&caps))?;
+        let times = law.waypoint_times_s();
+        let waypoint_times_s = input.dense.waypoints.iter().map(|place| times[*place]).collect();
+        Ok(Timing { law, waypoint_times_s, caps_mm_s: caps, missed_s })
     };
     let Some(total_s) = spec.total_time_s else { return finish(cuts.caps(None)?, None) };
     // the total grows with the cutting time: bisection
     let [mut fast, mut slow] = cuts.time_range_s()?;
-    let total =
-        |cutting_s: f64| -> Result<f64, PlanError> { Ok(prepared.duration_s(&cuts.caps(Some(cutting_s))?)?) };
+    let total = |cutting_s: f64| -> Result<f64, PlanError> {
+        Ok(prepared.duration_s(&input.dense.per_place(&cuts.caps(Some(cutting_s))?))?)
+    };
     for end in [fast, slow] {
         let at_end = total(end)?;
         if (end == fast && at_end > total_s) || (end == slow && at_end < total_s) {
