@@ -89,10 +89,14 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
 }
 
 fn assert_same_grid(a: &Grid<Ct>, b: &Grid<Ct>) {
+    // singles at 210 mm
+    assert_grids_within(a, b, 5e-5);
+}
+
+fn assert_grids_within(a: &Grid<Ct>, b: &Grid<Ct>, tolerance_mm: f64) {
     assert_eq!(a.dims(), b.dims());
     for (p, q) in a.corners().iter().zip(b.corners()) {
-        // singles at 210 mm
-        assert!(p.distance_mm(&q) < 5e-5, "{p:?} {q:?}");
+        assert!(p.distance_mm(&q) < tolerance_mm, "{p:?} {q:?}");
     }
 }
 
@@ -107,7 +111,10 @@ proptest! {
         write_ct_i16(&path, &volume).unwrap();
         let choice = [AffineChoice::Auto, AffineChoice::Sform, AffineChoice::Qform][which];
         let image = read_ct(&path, choice).unwrap();
-        assert_same_grid(image.volume.grid(), volume.grid());
+        // a quaternion keeps b, c, d as singles: a = √(1 − b² − c² − d²), and with it the turn, loses digits near a half turn
+        let a = (0.5 * Vector3::from(turn).norm()).cos().abs().max(3e-4);
+        let quaternion_mm = if which == 2 { 60.0 * 3.0 * 6e-8 / a } else { 0.0 };
+        assert_grids_within(image.volume.grid(), volume.grid(), 5e-5 + quaternion_mm);
         prop_assert!(image.volume.data().iter().zip(volume.data()).all(|(a, b)| *a == f32::from(*b)));
         prop_assert!(image.affine.disagreement_voxels.unwrap() < 1e-3);
         prop_assert!(image.affine.shear_rad < 1e-6);
