@@ -3,6 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
+use bonemill_robot::RobotError;
 use thiserror::Error;
 
 use crate::case::CaseError;
@@ -115,6 +116,14 @@ pub enum PlanFileError {
         found: String,
         /// Its digest in the plan.
         expected: String,
+    },
+    /// The plan's URDF describes no arm, or not one that the case's limits fit.
+    #[error("{}: no arm for this plan", path.display())]
+    Arm {
+        /// The URDF.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: Box<RobotError>,
     },
     /// The plan does not say what it was made from.
     #[error("{} does not list `{missing}` among its inputs", path.display())]

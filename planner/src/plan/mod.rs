@@ -9,6 +9,8 @@ mod error;
 mod hash;
 mod record;
 mod save;
+mod stored;
+mod trajectory;
 mod value;
 mod waypoint;
 
@@ -18,5 +20,7 @@ pub use error::PlanFileError;
 pub use hash::Sha256;
 pub use record::{Input, Metrics, PlanRecord, input_path};
 pub use save::{FILES, save};
+pub use stored::StoredPlan;
+pub use trajectory::Trajectory;
 pub use value::Value;
 pub use waypoint::Waypoint;
