@@ -23,8 +23,12 @@ macro_rules! frames {
 frames! {
     /// The CT's RAS+ millimetre world, as the NIfTI affine gives it. Plans are stored in it.
     Ct = "ct",
-    /// The planning grid's frame: origin at its first voxel centre, z along the approach, out of the bone.
+    /// The planning grid's frame: origin at its first voxel centre, z along the approach, out of the bone; x and y follow
+    /// the target's outline.
     Work = "work",
+    /// The grid's frame turned about z so that x and y are FORCE_MODEL's basis of z. θ and φ are measured here, and plans
+    /// call it work: it depends on the approach alone.
+    Approach = "approach",
     /// The robot's base: the URDF's `base_link`, else its root.
     Base = "base",
     /// The robot's tip, where the tool is mounted.

@@ -19,7 +19,7 @@ mod mesh;
 mod rigid;
 mod volume;
 
-pub use frame::{Base, Ct, Flange, Frame, Point, Tool, Work};
+pub use frame::{Approach, Base, Ct, Flange, Frame, Point, Tool, Work};
 pub use grid::{Grid, GridError};
 pub use mesh::Mesh;
 pub use rigid::{NotARotation, Rigid};

@@ -1,7 +1,7 @@
 //! Images to scene: approach, crop, resampling, classes, obstacles.
 
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work, basis};
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
 
 use super::{Class, FarObstacles, Scene, SceneError, SceneStructure, TargetShape, approach, hull, obstacles};
@@ -16,6 +16,8 @@ const AIR_HU: f32 = -1000.0;
 const CLOSING_MM: f64 = 4.0;
 /// Coarse voxel of what lies beyond the work grid, mm.
 const FAR_SPACING_MM: f64 = 1.0;
+/// A rectangle within this of the axes lies along them, rad.
+const ALIGNED_RAD: f64 = 1e-9;
 /// Most voxels of a work grid: about 3 GB for all that the planner keeps.
 const MOST_VOXELS: f64 = 6e7;
 
@@ -66,7 +68,8 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
         Some(direction) => direction,
         None => choose_approach(spec, &target)?,
     };
-    let rotation = basis::from_z(&approach);
+    let turn_rad = grid_turn(&target, &approach);
+    let rotation = basis::from_z(&approach) * Rotation3::from_axis_angle(&Vector3::z_axis(), turn_rad);
     let (grid, ct_from_work) = work_grid(spec, &target, rotation)?;
     let (hu, mut density_g_cm3) = resample_hu_and_density(spec.ct, spec.table, &grid, &ct_from_work);
     let labels = work_labels(spec, &grid, &ct_from_work)?;
@@ -100,6 +103,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let hull = target.iter().map(|p| work_from_ct * *p).map(|p| [p.x(), p.y()]).collect();
     Ok(Scene {
         ct_from_work,
+        turn_rad,
         approach,
         hu,
         density_g_cm3,
@@ -212,6 +216,19 @@ fn choose_approach(spec: &SceneSpec, target: &[Point<Ct>]) -> Result<Vector3<f64
         |p| !in_target(p) && hu_at(p).is_none_or(|hu| hu <= spec.air_hu),
     )
     .ok_or(SceneError::NoApproach)
+}
+
+/// How far the grid is turned about the approach from the basis of z, so that its lines lie along the smallest rectangle
+/// around the target: a turned scan then has the turned grid. Rad in [−π/4, π/4].
+fn grid_turn(target: &[Point<Ct>], approach: &Vector3<f64>) -> f64 {
+    let approach_from_ct = basis::from_z(approach).inverse();
+    let seen = target.iter().map(|p| approach_from_ct * p.coords).map(|p| [p.x, p.y]).collect();
+    let Some(rectangle) = hull::smallest_rectangle(&hull::convex_hull(seen)) else { return 0.0 };
+    let angle = rectangle.side[1].atan2(rectangle.side[0]);
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let turn = angle - (angle / quarter).round() * quarter;
+    // along the axes to rounding: exactly along them
+    if turn.abs() < ALIGNED_RAD { 0.0 } else { turn }
 }
 
 /// The crop: the target's box seen along the approach, with room for the burr around and above it.

@@ -11,12 +11,13 @@ mod hull;
 mod obstacles;
 mod target;
 
-use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
+use bonemill_geometry::{Approach, Ct, Point, Rigid, Volume, Work, basis};
 use nalgebra::Vector3;
 use thiserror::Error;
 
 pub use build::{SceneSpec, build_scene};
 pub use far::FarObstacles;
+pub use hull::{Rectangle, smallest_rectangle};
 pub use target::TargetShape;
 
 use crate::StructureField;
@@ -60,8 +61,11 @@ pub struct SceneStructure {
 /// Images, target and structures as the planner sees them.
 #[derive(Debug)]
 pub struct Scene {
-    /// Work frame in ct.
+    /// Work frame, the grid's, in ct.
     pub ct_from_work: Rigid<Ct, Work>,
+    /// How far the grid is turned about the approach from the basis of z, rad in [−π/4, π/4]: see
+    /// [`Scene::ct_from_approach`].
+    pub turn_rad: f64,
     /// Approach used: unit, out of the bone.
     pub approach: Vector3<f64>,
     /// Hounsfield units.
@@ -169,6 +173,14 @@ pub enum SceneError {
 }
 
 impl Scene {
+    /// The frame in which θ and φ are measured: the grid's origin and approach, x and y by the basis of the approach.
+    ///
+    /// The grid itself follows the target's outline, so that a turned scan has the turned grid; a basis that depends on
+    /// the approach alone cannot.
+    pub fn ct_from_approach(&self) -> Rigid<Ct, Approach> {
+        Rigid::new(basis::from_z(&self.approach), self.ct_from_work.translation_mm)
+    }
+
     /// Voxels of the target.
     pub fn count(&self, flags: u8) -> usize {
         self.class.data().iter().filter(|c| c.is(flags)).count()

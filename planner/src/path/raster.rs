@@ -1,6 +1,7 @@
 //! Direction and order of the lines in a layer.
 
 use bonemill_geometry::{Point, Work};
+use bonemill_imaging::scene::{Rectangle, smallest_rectangle};
 
 /// Two rectangles whose sides differ by less than this share are taken for squares.
 const SQUARE: f64 = 0.02;
@@ -28,22 +29,9 @@ impl RasterFrame {
     /// nearest structure; lines follow each other towards it, and in a square outline run across it. Everything is
     /// taken from the anatomy, so a mirrored or turned patient gets the mirrored or turned path.
     pub fn chosen(hull: &[[f64; 2]], towards: Option<[f64; 2]>) -> Self {
-        let mut best: Option<(f64, [f64; 2], f64, f64)> = None;
-        for n in 0..hull.len() {
-            let (a, b) = (hull[n], hull[(n + 1) % hull.len()]);
-            let length = (b[0] - a[0]).hypot(b[1] - a[1]);
-            if length < 1e-9 {
-                continue;
-            }
-            let u = [(b[0] - a[0]) / length, (b[1] - a[1]) / length];
-            let (along, across) = (extent(hull, u), extent(hull, [-u[1], u[0]]));
-            let area = along * across;
-            // a later edge must be better by more than rounding, so that the first of equal edges wins
-            if best.is_none_or(|(least, ..)| area < least * (1.0 - 1e-9)) {
-                best = Some((area, u, along, across));
-            }
-        }
-        let Some((_, side, along, across)) = best else { return Self::at_angle(0.0) };
+        let Some(Rectangle { side, along, across }) = smallest_rectangle(hull) else {
+            return Self::at_angle(0.0);
+        };
         let other = [-side[1], side[0]];
         let towards = towards.unwrap_or_else(|| skew(hull));
         let is_square = (along - across).abs() <= SQUARE * along.max(across);
@@ -88,14 +76,6 @@ fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
 
 fn pointing(axis: [f64; 2], towards: [f64; 2]) -> [f64; 2] {
     if dot(axis, towards) < 0.0 { [-axis[0], -axis[1]] } else { axis }
-}
-
-fn extent(hull: &[[f64; 2]], axis: [f64; 2]) -> f64 {
-    let (lo, hi) = hull
-        .iter()
-        .map(|p| dot(*p, axis))
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), d| (lo.min(d), hi.max(d)));
-    hi - lo
 }
 
 /// Where the outline's corners lean, for targets without a structure.

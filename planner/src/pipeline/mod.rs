@@ -98,7 +98,7 @@ pub struct Modelled {
     pub dropped: BTreeMap<&'static str, usize>,
     /// Passes that no link could join.
     pub unjoined_passes: usize,
-    /// Angle of the raster lines from work x, rad.
+    /// Angle of the raster lines from work x as plans call it ([`bonemill_geometry::Approach`]), rad in (−π/2, π/2].
     pub raster_rad: f64,
     /// Milling layers.
     pub layers: u32,
@@ -148,7 +148,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         step_mm: case.path.step_mm,
     };
     let frame = match case.path.raster_rad {
-        Some(angle) => RasterFrame::at_angle(angle),
+        Some(angle) => RasterFrame::at_angle(angle - scene.turn_rad),
         None => RasterFrame::chosen(&scene.target_hull_xy, toward_structure(&scene, &clearances, radius)?),
     };
     let path = watch.run("path", || lay_path(&space, spacing, &frame));
@@ -269,10 +269,11 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let coverage =
         watch.run("coverage", || metrics::coverage(&scene, &space, &reached.path.removal, points))?;
 
+    let approach_from_ct = scene.ct_from_approach().inverse();
     let waypoints: Vec<Waypoint> = (0..points.len())
         .map(|i| {
             let axis = scene.ct_from_work.rotate(&family.axis(oriented.angles_rad[i]));
-            let (theta_rad, phi_rad) = basis::angles_from_axis(&family.axis(oriented.angles_rad[i]));
+            let (theta_rad, phi_rad) = basis::angles_from_axis(&approach_from_ct.rotate(&axis));
             let cuts = moments[i].mass_mg() > 0.0;
             let speed_mm_s = timing.caps_mm_s[i];
             let force = forces[i].map(|f| f.force_n(speed_mm_s));
@@ -310,7 +311,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         low_pass_held: oriented.held,
         dropped: reached.dropped.clone(),
         unjoined_passes: reached.path.unjoined,
-        raster_rad: frame.angle_rad(),
+        raster_rad: half_turn(frame.angle_rad() + scene.turn_rad),
         layers: reached.path.layers,
     };
     let figures = Figures::of(&waypoints, &reached.length_mm, case.structures.len());
@@ -354,6 +355,12 @@ fn toward_structure(
 ) -> Result<Option<[f64; 2]>, PlanError> {
     let near = near::nearest_structure(scene, clearances_mm, radius_mm, scene.target_center)?;
     Ok(near.map(|n| [n.proximity.toward.x, n.proximity.toward.y]))
+}
+
+/// The direction of a line as an angle in (−π/2, π/2], rad.
+fn half_turn(angle_rad: f64) -> f64 {
+    let turned = angle_rad.rem_euclid(std::f64::consts::PI);
+    if turned > std::f64::consts::FRAC_PI_2 { turned - std::f64::consts::PI } else { turned }
 }
 
 /// Unit direction of the move that ends at each waypoint; that of the last real move where the burr only turns.

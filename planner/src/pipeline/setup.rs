@@ -1,6 +1,6 @@
 //! From the case's values to the tools of planning: burr, material, arm, registration.
 
-use bonemill_geometry::{Base, Ct, Rigid, Work};
+use bonemill_geometry::{Approach, Base, Ct, Rigid, Work};
 use bonemill_imaging::Scene;
 use bonemill_robot::Arm;
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
@@ -80,16 +80,18 @@ pub fn arm(case: &Case) -> Result<Arm, PlanError> {
 }
 
 /// base_from_ct: the case's, or the assumed one, which puts the target's centre at the base's origin and lets the arm
-/// tilt in the work y–z plane.
+/// tilt in the y–z plane of θ.
 pub fn base_from_ct(registration: &Registration, scene: &Scene) -> Rigid<Base, Ct> {
     match registration {
         Registration::Given { rotation, translation_mm } => Rigid::new(*rotation, *translation_mm),
         Registration::Assumed => {
-            // base x, y, z are work y, −x, z
+            // base x, y, z are approach y, −x, z
             let turn =
                 Rotation3::from_matrix_unchecked(Matrix3::new(0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0));
-            let base_from_work: Rigid<Base, Work> = Rigid::new(turn, -(turn * scene.target_center.coords));
-            base_from_work * scene.ct_from_work.inverse()
+            let ct_from_approach = scene.ct_from_approach();
+            let center = ct_from_approach.inverse() * (scene.ct_from_work * scene.target_center);
+            let base_from_approach: Rigid<Base, Approach> = Rigid::new(turn, -(turn * center.coords));
+            base_from_approach * ct_from_approach.inverse()
         }
     }
 }

@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use bonemill_geometry::{Base, Ct, Rigid, Work};
+use bonemill_geometry::{Approach, Base, Ct, Rigid};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use toml::de::{DeTable, DeValue};
 
@@ -67,8 +67,9 @@ pub struct PlanRecord {
     pub inputs: Vec<Input>,
     /// Approach direction in ct, unit, out of the bone: the case's, or the one chosen.
     pub approach_direction: Vector3<f64>,
-    /// Where the planning grid is.
-    pub ct_from_work: Rigid<Ct, Work>,
+    /// Where θ and φ are measured: origin at the planning grid's first voxel centre, z the approach, x and y by the basis
+    /// of z. In the file it is `ct_from_work`.
+    pub ct_from_approach: Rigid<Ct, Approach>,
     /// The registration that was used.
     pub base_from_ct: Rigid<Base, Ct>,
     /// Whether the case gave none, so that it was assumed.
@@ -141,7 +142,7 @@ impl PlanRecord {
             texts(&self.warnings),
             texts(&self.shortfalls),
             vector(&self.approach_direction),
-            rigid(self.ct_from_work.rotation.matrix(), &self.ct_from_work.translation_mm),
+            rigid(self.ct_from_approach.rotation.matrix(), &self.ct_from_approach.translation_mm),
             rigid(self.base_from_ct.rotation.matrix(), &self.base_from_ct.translation_mm),
             if self.registration_assumed { "assumed" } else { "case" },
             list(mount_mm),
@@ -181,7 +182,7 @@ impl PlanRecord {
             case_file: PathBuf::from(reader.text("case_file")?),
             inputs: reader.inputs()?,
             approach_direction: Vector3::from(reader.three("frames.approach_direction")?),
-            ct_from_work: reader.rigid("frames.ct_from_work")?,
+            ct_from_approach: reader.rigid("frames.ct_from_work")?,
             base_from_ct: reader.rigid("frames.base_from_ct")?,
             registration_assumed: match reader.text("frames.registration")?.as_str() {
                 "assumed" => true,

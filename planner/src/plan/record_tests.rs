@@ -24,7 +24,7 @@ pub(in crate::plan) fn record(root: &Path) -> PlanRecord {
         case_file: PathBuf::from("../data/case.toml"),
         inputs: vec![input("case.toml"), input("images/ct.nii.gz"), input("labels.nii.gz")],
         approach_direction: Vector3::new(0.6, 0.0, 0.8),
-        ct_from_work: Rigid::new(turn, Vector3::new(1.0, 2.0, 1.0 / 3.0)),
+        ct_from_approach: Rigid::new(turn, Vector3::new(1.0, 2.0, 1.0 / 3.0)),
         base_from_ct: Rigid::new(turn.inverse(), Vector3::new(-0.5, 1e-9, 7.0)),
         registration_assumed: true,
         flange_from_burr: ([0.0, 0.0, 120.0], [0.0, 0.1, 0.2]),

@@ -50,7 +50,7 @@ fn record(plan: &Plan, case_file: std::path::PathBuf) -> PlanRecord {
             .map(|(name, _, sha256)| Input { path: name.into(), sha256: *sha256 })
             .collect(),
         approach_direction: plan.scene.approach,
-        ct_from_work: plan.scene.ct_from_work,
+        ct_from_approach: plan.scene.ct_from_approach(),
         base_from_ct: plan.base_from_ct,
         registration_assumed: plan.case.robot.base_from_ct == Registration::Assumed,
         flange_from_burr: (mount.translation_mm.into(), [roll, pitch, yaw]),
