@@ -1,9 +1,10 @@
 //! What the burr meets at a waypoint: material in front of it that no earlier move has taken.
 //!
-//! Forces look at points on the ball. A point is in bone when the intact density there is above 0 and it lies in no
-//! earlier piece of the path: exact geometry, without state and independent of the step. The path merges into straight
-//! runs, of which only those near the burr matter; and the removal-time field decides at once wherever all eight voxels
-//! around the point agree, which leaves the exact test to the points near a boundary.
+//! Forces look at points on the ball, each for a patch of its surface. A point is in bone when the intact density there is
+//! above 0 and it lies in no earlier piece of the path: exact geometry, without state and independent of the step. A patch
+//! that an earlier piece's edge crosses counts by its share. The path merges into straight runs, of which only those near
+//! the burr matter; and the removal-time field decides at once wherever all eight voxels around the point agree, which
+//! leaves the exact test to the points near a boundary.
 //!
 //! Masses look at voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes, whose sum over the
 //! path is the mass removed (FORCE_MODEL section 8, row 3).
@@ -16,13 +17,17 @@ use rayon::prelude::*;
 use crate::ball::BallVolumes;
 use crate::metrics::Moments;
 use crate::path::PathPoint;
-use crate::removal::RemovalTime;
+use crate::removal::{NEVER, RemovalTime};
 use crate::sweep::segment_distance_squared;
 
 /// Consecutive moves that deviate less than this from a straight line are one run, mm.
 const STRAIGHT_MM: f64 = 1e-6;
 /// Side of a cell of the run index, mm.
 const CELL_MM: f64 = 2.0;
+/// How far from a pivot its list of capsules serves, mm.
+const NEIGHBOURHOOD_MM: f64 = 0.5;
+/// Half of the sum of a patch's sides is at most this share of the burr's radius.
+const LARGEST_PATCH: f64 = 0.1;
 /// Slabs of the grid in which masses are summed apart; fixed, so that sums do not depend on the number of threads.
 const SLABS: usize = 16;
 
@@ -37,7 +42,7 @@ struct Run {
 #[derive(Debug)]
 pub struct SweptPath<'a> {
     scene: &'a Scene,
-    removal: &'a RemovalTime,
+    times: Vec<CellTimes>,
     points: &'a [PathPoint],
     radius_mm: f64,
     dims: [usize; 3],
@@ -49,14 +54,14 @@ pub struct SweptPath<'a> {
 
 impl<'a> SweptPath<'a> {
     /// Indexes the runs of a path.
-    pub fn new(scene: &'a Scene, removal: &'a RemovalTime, points: &'a [PathPoint], radius_mm: f64) -> Self {
+    pub fn new(scene: &'a Scene, removal: &RemovalTime, points: &'a [PathPoint], radius_mm: f64) -> Self {
         let runs = straight_runs(points);
         let grid = scene.class.grid();
         let cells =
             [0, 1, 2].map(|a| (grid.dims()[a] as f64 * grid.spacing_mm()[a] / CELL_MM).ceil() as usize + 1);
         let mut path = Self {
             scene,
-            removal,
+            times: cell_times(&scene.density_g_cm3, removal.time()),
             points,
             radius_mm,
             dims: grid.dims(),
@@ -129,12 +134,12 @@ impl<'a> SweptPath<'a> {
             let last = run.last.min(index - 1);
             let (a, b) = (self.start(run), self.points[last as usize].position.coords);
             if segment_distance_squared(&center, &a, &b) < (2.0 * self.radius_mm).powi(2) {
-                capsules.push((a, b));
+                capsules.push(Capsule::new(a, b));
             }
         }
-        // the latest first: it is the likeliest to hold a point
         capsules.reverse();
-        BoneAt { path: self, index, center, capsules }
+        let nowhere = Vector3::repeat(f64::INFINITY);
+        BoneAt { path: self, index, center, capsules, in_reach: Vec::new(), pivot: nowhere }
     }
 }
 
@@ -165,29 +170,142 @@ pub struct BoneAt<'a> {
     path: &'a SweptPath<'a>,
     index: u32,
     center: Vector3<f64>,
-    capsules: Vec<(Vector3<f64>, Vector3<f64>)>,
+    /// The earlier path within reach of the ball; the latest first: it is the likeliest to hold a point.
+    capsules: Vec<Capsule>,
+    /// Those within reach of the neighbourhood of the pivot.
+    in_reach: Vec<Capsule>,
+    pivot: Vector3<f64>,
 }
 
 impl BoneAt<'_> {
-    /// Density of the bone at the burr's centre plus `offset`, g/cm³; 0 where it is gone or never was.
-    pub fn density_g_cm3(&self, offset: &Vector3<f64>) -> f64 {
+    /// `weight` of the density at the burr's centre plus `offset`, times the share of a patch of the burr's surface around it
+    /// that lies in no earlier piece of the path.
+    ///
+    /// Earlier passes end in edges, at which a sum over points is off by whole patches; the share makes it smooth. The
+    /// edge is straight at a patch's size, so the share follows from its distance alone. `sides_mm`: the patch's sides
+    /// projected onto a unit direction (from the earlier sweep's middle to the point), not negative; their sum at most
+    /// a fifth of the burr's radius.
+    #[inline]
+    pub fn mean_weight(
+        &mut self,
+        offset: &Vector3<f64>,
+        sides_mm: impl Fn(&Vector3<f64>) -> [f64; 2],
+        weight: impl Fn(f64) -> f64,
+    ) -> f64 {
         let p = self.center + offset;
         let Some(cell) = self.path.cell(&p) else { return 0.0 };
-        match cell.gone_before(self.path.removal.time(), self.index) {
-            Some(true) => 0.0,
-            Some(false) => cell.interpolate(self.path.scene.density_g_cm3.data()),
-            None => {
-                let density = cell.interpolate(self.path.scene.density_g_cm3.data());
-                if density > 0.0 && !self.is_swept(&p) { density } else { 0.0 }
-            }
+        let CellTimes { first, last } = self.path.times[cell.first];
+        if last < self.index {
+            return 0.0;
         }
+        let share = if first >= self.index { 1.0 } else { self.share_left(&p, sides_mm) };
+        if share > 0.0 { share * weight(cell.interpolate(self.path.scene.density_g_cm3.data())) } else { 0.0 }
     }
 
-    fn is_swept(&self, p: &Vector3<f64>) -> bool {
+    /// Share of a patch around `p` that no earlier piece of the path has swept.
+    fn share_left(&mut self, p: &Vector3<f64>, sides_mm: impl Fn(&Vector3<f64>) -> [f64; 2]) -> f64 {
         // a point of the ball itself at a re-visited place lies on the earlier surface: inside, to rounding
-        let reach = self.path.radius_mm * self.path.radius_mm * (1.0 + 1e-12);
-        self.capsules.iter().any(|(a, b)| segment_distance_squared(p, a, b) <= reach)
+        let reach = self.path.radius_mm * (1.0 + 1e-12);
+        let patch_mm = LARGEST_PATCH * self.path.radius_mm;
+        if (p - self.pivot).norm_squared() > NEIGHBOURHOOD_MM * NEIGHBOURHOOD_MM {
+            self.move_pivot(p, reach + patch_mm + NEIGHBOURHOOD_MM);
+        }
+        let certain = (reach - patch_mm).max(0.0).powi(2);
+        let mut nearest = (f64::INFINITY, Vector3::zeros());
+        for capsule in &self.in_reach {
+            let away = capsule.to(p);
+            let squared = away.norm_squared();
+            if squared <= certain {
+                return 0.0;
+            }
+            if squared < nearest.0 {
+                nearest = (squared, away);
+            }
+        }
+        let distance = nearest.0.sqrt();
+        let beyond = distance - reach;
+        if beyond >= patch_mm {
+            return 1.0;
+        }
+        share_beyond(beyond, sides_mm(&(nearest.1 / distance)))
     }
+
+    /// Points are asked for in neighbourhoods, and few capsules matter in each: a capsule farther than `reach_mm` from the
+    /// pivot cannot touch a patch in the pivot's neighbourhood.
+    fn move_pivot(&mut self, p: &Vector3<f64>, reach_mm: f64) {
+        self.pivot = *p;
+        self.in_reach.clear();
+        let within = |capsule: &&Capsule| capsule.to(p).norm_squared() <= reach_mm * reach_mm;
+        self.in_reach.extend(self.capsules.iter().filter(within));
+    }
+}
+
+/// The axis of a straight piece of the path.
+#[derive(Debug, Clone, Copy)]
+struct Capsule {
+    from: Vector3<f64>,
+    along: Vector3<f64>,
+    /// 1/length²; 0 for a point.
+    per_squared: f64,
+}
+
+impl Capsule {
+    fn new(from: Vector3<f64>, to: Vector3<f64>) -> Self {
+        let along = to - from;
+        let squared = along.norm_squared();
+        Self { from, along, per_squared: if squared > 0.0 { 1.0 / squared } else { 0.0 } }
+    }
+
+    /// The vector from the nearest point of the axis to `p`.
+    #[inline]
+    fn to(&self, p: &Vector3<f64>) -> Vector3<f64> {
+        let from = p - self.from;
+        let t = (from.dot(&self.along) * self.per_squared).clamp(0.0, 1.0);
+        from - self.along * t
+    }
+}
+
+/// Share, 0..1, of a rectangle beyond a straight edge that its centre is `beyond` beyond (negative: short of); `sides`: its
+/// sides projected onto the edge's normal, in the same unit. The distribution function of a sum of two uniform variables.
+pub fn share_beyond(beyond: f64, [a, b]: [f64; 2]) -> f64 {
+    let (wide, narrow) = (0.5 * a.max(b), 0.5 * a.min(b));
+    if wide <= 0.0 {
+        return if beyond > 0.0 { 1.0 } else { 0.0 };
+    }
+    // a sliver's corner rounds the ramp off by less than rounding matters
+    let narrow = narrow.max(1e-6 * wide);
+    let ramp = |t: f64| 0.5 * t.max(0.0).powi(2);
+    let sum = ramp(beyond + wide + narrow) - ramp(beyond + wide - narrow) - ramp(beyond - wide + narrow)
+        + ramp(beyond - wide - narrow);
+    (sum / (4.0 * wide * narrow)).clamp(0.0, 1.0)
+}
+
+/// When the eight voxels around a point go. Where none of them has density, before every move.
+#[derive(Debug, Clone, Copy)]
+struct CellTimes {
+    first: u32,
+    last: u32,
+}
+
+/// [`CellTimes`] of every cell, at its first voxel.
+fn cell_times(density: &Volume<f32, Work>, time: &[u32]) -> Vec<CellTimes> {
+    let [nx, ny, nz] = density.grid().dims();
+    let slab = nx * ny;
+    let steps = [0, 1, nx, nx + 1, slab, slab + 1, slab + nx, slab + nx + 1];
+    let mut times = vec![CellTimes { first: 0, last: 0 }; time.len()];
+    times.par_chunks_mut(slab).enumerate().take(nz.saturating_sub(1)).for_each(|(k, cells)| {
+        for j in 0..ny.saturating_sub(1) {
+            for i in 0..nx.saturating_sub(1) {
+                let voxels = steps.map(|step| k * slab + j * nx + i + step);
+                if voxels.iter().any(|v| density.data()[*v] > 0.0) {
+                    let ends = voxels.iter().map(|v| time[*v]);
+                    cells[j * nx + i] =
+                        CellTimes { first: ends.clone().fold(NEVER, u32::min), last: ends.fold(0, u32::max) };
+                }
+            }
+        }
+    });
+    times
 }
 
 /// The eight voxel centres around a point.
@@ -198,16 +316,6 @@ struct Cell {
 }
 
 impl Cell {
-    /// Whether all eight are gone before move `index` (true), all are still there (false), or neither.
-    fn gone_before(&self, time: &[u32], index: u32) -> Option<bool> {
-        let gone = self.steps.iter().filter(|step| time[self.first + **step] < index).count();
-        match gone {
-            0 => Some(false),
-            8 => Some(true),
-            _ => None,
-        }
-    }
-
     /// Trilinear interpolation.
     fn interpolate(&self, values: &[f32]) -> f64 {
         let v = self.steps.map(|step| f64::from(values[self.first + step]));
@@ -299,4 +407,30 @@ fn slab_increments(
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Against counting: a turned rectangle, its centre short of or beyond a straight edge.
+        #[test]
+        fn the_share_beyond_an_edge_is_the_share_of_points_beyond_it(
+            beyond in -1.2f64..1.2, a in 0.05f64..1.0, b in 0.05f64..1.0, angle in 0.0f64..1.5,
+        ) {
+            let (s, c) = angle.sin_cos();
+            const N: usize = 400;
+            let at = |n: usize| (n as f64 + 0.5) / N as f64 - 0.5;
+            let inside = (0..N * N).filter(|n| beyond + at(n % N) * a * c + at(n / N) * b * s > 0.0).count();
+            let counted = inside as f64 / (N * N) as f64;
+            prop_assert!((share_beyond(beyond, [a * c, b * s]) - counted).abs() < 5e-3);
+        }
+    }
+
+    #[test]
+    fn a_point_is_there_or_not() {
+        assert_eq!([-0.1, 0.0, 0.1].map(|d| share_beyond(d, [0.0, 0.0])), [0.0, 0.0, 1.0]);
+    }
 }

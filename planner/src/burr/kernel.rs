@@ -54,6 +54,48 @@ impl EngagedForce {
     }
 }
 
+/// The piece of the burr's surface that a sample stands for.
+#[derive(Debug, Clone, Copy)]
+pub struct Patch<'a> {
+    normal: &'a Vector3<f64>,
+    shape: PatchShape<'a>,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum PatchShape<'a> {
+    /// Between two rings and two meridians about the axis; `sin` κ.
+    Cell { axis: &'a Vector3<f64>, sin: f64, along_mm: f64, around_mm: f64 },
+    /// As wide as long, turned somehow.
+    Round { side_mm: f64 },
+}
+
+impl<'a> Patch<'a> {
+    /// A patch as wide as long about a unit normal.
+    pub fn round(normal: &'a Vector3<f64>, side_mm: f64) -> Self {
+        Self { normal, shape: PatchShape::Round { side_mm } }
+    }
+
+    /// Its two sides projected onto a unit direction, mm, not negative.
+    #[inline]
+    pub fn sides_mm(&self, direction: &Vector3<f64>) -> [f64; 2] {
+        match self.shape {
+            PatchShape::Cell { axis, sin, along_mm, around_mm } => {
+                let (up, out) = (axis.dot(direction), self.normal.dot(direction));
+                // e_a = (a − (a·n) n)/sin κ, e_ψ = a × n/sin κ
+                let along = (up - axis.dot(self.normal) * out) / sin;
+                let around = axis.cross(self.normal).dot(direction) / sin;
+                [along_mm * along.abs(), around_mm * around.abs()]
+            }
+            PatchShape::Round { side_mm } => {
+                let out = self.normal.dot(direction);
+                let across = side_mm * (1.0 - out * out).max(0.0).sqrt();
+                // a square at 30°, between lying along the edge and across it
+                [0.866 * across, 0.5 * across]
+            }
+        }
+    }
+}
+
 /// The tables of one tool, material and discretisation.
 #[derive(Debug, Clone)]
 pub struct ForceKernel {
@@ -142,6 +184,19 @@ impl ForceKernel {
         spindle_rpm: f64,
         mut weight: impl FnMut(&Vector3<f64>) -> f64,
     ) -> EngagedForce {
+        self.engaged_force_over(axis, feed, nominal_mm_s, spindle_rpm, |n, _| weight(n))
+    }
+
+    /// [`Self::engaged_force`] for bone that is asked for patch by patch: `weight` may give the mean over the patch, which
+    /// makes the sum smooth where bone ends in an edge.
+    pub fn engaged_force_over(
+        &self,
+        axis: &Unit<Vector3<f64>>,
+        feed: &Unit<Vector3<f64>>,
+        nominal_mm_s: f64,
+        spindle_rpm: f64,
+        mut weight: impl FnMut(&Vector3<f64>, &Patch) -> f64,
+    ) -> EngagedForce {
         let basis = basis::from_z(axis).into_inner();
         let (x, y) = (basis.column(0).into_owned(), basis.column(1).into_owned());
         let tooth_mm = self.tool.feed_per_tooth_mm(nominal_mm_s, spindle_rpm);
@@ -158,11 +213,18 @@ impl ForceKernel {
             if fx.hypot(fy) + fz <= GRAZING {
                 continue;
             }
+            let shape = PatchShape::Cell {
+                axis,
+                sin: element.sin,
+                along_mm: element.dz_mm / element.sin,
+                around_mm: self.tool.radius_mm() * element.sin * 2.0 * PI / self.azimuths.len() as f64,
+            };
             let (mut q_cut, mut q_edge, mut q_area) = <(Harmonics, Harmonics, f64)>::default();
             for &[c, s] in &self.azimuths {
                 let forward = fx * c + fy * s + fz;
                 if forward > GRAZING {
-                    let w = weight(&(sx * c + sy * s + nz));
+                    let n = sx * c + sy * s + nz;
+                    let w = weight(&n, &Patch { normal: &n, shape });
                     if w > 0.0 {
                         q_cut.add(forward * w, [c, s]);
                         q_edge.add(self.material.edge_factor(forward * tooth_mm) * w, [c, s]);

@@ -43,6 +43,6 @@ pub use error::ModelError;
 pub use force::{BurrForce, burr_force};
 pub(crate) use input::direction;
 pub use input::{Discretisation, ElementGrid, Material, Measure, Motion, Tool};
-pub use kernel::{EngagedForce, ForceKernel};
+pub use kernel::{EngagedForce, ForceKernel, Patch};
 pub use orientation::{EngagedSamples, OrientationKernel};
 pub use sampler::SphereSampler;

@@ -27,7 +27,7 @@ use bonemill_geometry::basis;
 use nalgebra::{Unit, Vector3};
 
 use super::input::{Material, Measure, Tool};
-use super::kernel::EngagedForce;
+use super::kernel::{EngagedForce, Patch};
 
 /// Golden angle of the sunflower, rad: 2π(1 − 1/φ).
 const GOLDEN_ANGLE_RAD: f64 = 2.399_963_229_728_653;
@@ -285,7 +285,21 @@ impl OrientationKernel {
         spindle_rpm: f64,
         mut weight: impl FnMut(&Vector3<f64>) -> f64,
     ) {
+        self.gather_over(samples, feed, nominal_mm_s, spindle_rpm, |n, _| weight(n));
+    }
+
+    /// [`Self::gather`] for bone that is asked for patch by patch: `weight` may give the mean over the patch, which makes the
+    /// sums smooth where bone ends in an edge.
+    pub fn gather_over(
+        &self,
+        samples: &mut EngagedSamples,
+        feed: &Unit<Vector3<f64>>,
+        nominal_mm_s: f64,
+        spindle_rpm: f64,
+        mut weight: impl FnMut(&Vector3<f64>, &Patch) -> f64,
+    ) {
         samples.clear();
+        let side_mm = self.tool.radius_mm() * (2.0 * PI / self.directions.len() as f64).sqrt();
         let turn = basis::from_z(feed).into_inner();
         let tooth_mm = self.tool.feed_per_tooth_mm(nominal_mm_s, spindle_rpm);
         let area = 2.0 * PI / self.directions.len() as f64;
@@ -294,7 +308,7 @@ impl OrientationKernel {
             let mut sample = Sample::default();
             for direction in group {
                 let (n, forward) = (turn * direction, direction.z);
-                let w = weight(&n);
+                let w = weight(&n, &Patch::round(&n, side_mm));
                 if w > 0.0 {
                     let fine =
                         Sample::one(&n, w, forward, area, self.material.edge_factor(forward * tooth_mm));

@@ -25,7 +25,7 @@ use crate::removal::RemovalTime;
 use crate::space::BurrSpace;
 
 /// What a move is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum MoveKind {
     /// Removes bone, or lies between moves that do.
     Cut,

@@ -7,6 +7,7 @@
 mod error;
 mod figures;
 mod inputs;
+mod known;
 mod metrics;
 mod near;
 mod orient;
@@ -213,14 +214,15 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
             .into_par_iter()
             .map(|i| {
                 let feed = feeds[i].filter(|_| moments[i].mass_mg() > 0.0)?;
-                let (bone, axis) = (swept.bone_at(i as u32), family.axis(oriented.angles_rad[i]));
+                let (mut bone, axis) = (swept.bone_at(i as u32), family.axis(oriented.angles_rad[i]));
                 let at = force_kernel.sample_radius_mm();
-                Some(force_kernel.engaged_force(
+                let weight = |density| material.weight(density);
+                Some(force_kernel.engaged_force_over(
                     &axis,
                     &feed,
                     case.speed.nominal_mm_s,
                     case.burr.spindle_rpm,
-                    |n| material.weight(bone.density_g_cm3(&(n * at))),
+                    |n, patch| bone.mean_weight(&(n * at), |g| patch.sides_mm(g), weight),
                 ))
             })
             .collect::<Vec<_>>()

@@ -73,10 +73,10 @@ impl CostField<'_> {
     fn gather(&self, i: usize, samples: &mut EngagedSamples) {
         samples.clear();
         let Some(feed) = self.feeds[i].filter(|_| self.needs_force(i)) else { return };
-        let bone = self.swept.bone_at(i as u32);
+        let mut bone = self.swept.bone_at(i as u32);
         let radius = self.kernel.tool().radius_mm();
-        self.kernel.gather(samples, &feed, self.nominal_mm_s, self.spindle_rpm, |n| {
-            self.material.weight(bone.density_g_cm3(&(n * radius)))
+        self.kernel.gather_over(samples, &feed, self.nominal_mm_s, self.spindle_rpm, |n, patch| {
+            bone.mean_weight(&(n * radius), |g| patch.sides_mm(g), |density| self.material.weight(density))
         });
     }
 

@@ -16,6 +16,8 @@ use crate::orientation::optimal::{RateLimit, Sequence, best_sequence};
 use crate::path::{MillPath, MoveKind, PathPoint, PathSpacing, join_passes, without_points};
 use crate::space::BurrSpace;
 
+use super::known::{KnownAngles, Round};
+
 /// Rounds of dropping before the planner gives up; each drops at least one waypoint, few are usual.
 const MOST_ROUNDS: usize = 30;
 
@@ -57,12 +59,14 @@ pub fn reached<'a>(
     spec: &ReachSpec,
 ) -> Option<ReachedPath<'a>> {
     let mut dropped = BTreeMap::new();
+    let mut before: Option<Round> = None;
     for _ in 0..MOST_ROUNDS {
         if path.points.is_empty() {
             return None;
         }
         let access = Access::new(scene, &path.removal, spec.shank, spec.shank_clearances_mm);
-        let free = free_angles(&access, &path.points, spec.scan);
+        let known = before.as_ref().map(|round| round.known_of(scene, &path));
+        let free = free_angles(&access, &path.points, spec, known.as_ref());
         let length_mm = lengths(&path.points);
         let blocked = blocked_waypoints(&free, &length_mm, spec);
         if blocked.is_empty() {
@@ -75,7 +79,9 @@ pub fn reached<'a>(
                 *dropped.entry(why).or_insert(0) += 1;
             }
         }
-        path = join_passes(space, spec.spacing, without_points(&path.passes, &points), path.layers);
+        let next = join_passes(space, spec.spacing, without_points(&path.passes, &points), path.layers);
+        before = Some(Round { path, free, dropped: points });
+        path = next;
     }
     None
 }
@@ -86,15 +92,28 @@ pub fn lengths(points: &[PathPoint]) -> Vec<f64> {
     std::iter::once(0.0).chain(moves).take(points.len()).collect()
 }
 
-fn free_angles(access: &Access, points: &[PathPoint], scan: &Scan) -> Vec<u128> {
+fn free_angles(
+    access: &Access,
+    points: &[PathPoint],
+    spec: &ReachSpec,
+    known: Option<&KnownAngles>,
+) -> Vec<u128> {
+    let scan = spec.scan;
     points
         .par_iter()
         .enumerate()
         .map(|(i, p)| {
             let allowed = if p.kind == MoveKind::Cut { scan.within_limit } else { u128::MAX };
+            let known = known.and_then(|k| k.free[i].map(|free| (free, k)));
             let mut free = 0;
-            for (n, axis) in scan.axes.iter().enumerate() {
-                if allowed >> n & 1 == 1 && access.is_free(i as u32, p.position, axis) {
+            for (n, axis) in scan.axes.iter().enumerate().filter(|(n, _)| allowed >> n & 1 == 1) {
+                let is_free = match known {
+                    // less is removed than before: what was blocked stays so
+                    Some((before, _)) if before >> n & 1 == 0 => false,
+                    Some((_, known)) if !known.may_have_changed(p.position, axis, spec.shank) => true,
+                    _ => access.is_free(i as u32, p.position, axis),
+                };
+                if is_free {
                     free |= 1 << n;
                 }
             }

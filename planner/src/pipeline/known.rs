@@ -1,0 +1,124 @@
+//! What one round of dropping waypoints leaves for the next.
+//!
+//! A round drops a few waypoints and keeps the others' order, so nearly every voxel goes in the move that took it before,
+//! and an angle can change only where its shank comes near a voxel of which that is not true. Those are found once per
+//! round, as coarse cells; every other angle keeps its answer. Where the rounds do not match, nothing is assumed.
+
+use std::collections::{BTreeSet, HashMap, HashSet};
+
+use bonemill_geometry::{Point, Work};
+use bonemill_imaging::{Class, Scene};
+use nalgebra::Vector3;
+
+use crate::access::ShankCylinder;
+use crate::path::{MillPath, MoveKind, Pass, PathPoint};
+use crate::removal::NEVER;
+
+/// Voxels along a side of a coarse cell.
+const CELL: usize = 8;
+/// More than a march of the access test looks past the shank, mm: a voxel or a block of the handpiece's field.
+const SLACK_MM: f64 = 2.0;
+
+/// A finished round.
+#[derive(Debug)]
+pub struct Round {
+    /// Its path.
+    pub path: MillPath,
+    /// The angles it found free.
+    pub free: Vec<u128>,
+    /// The pass points that it dropped.
+    pub dropped: HashSet<(u32, u32)>,
+}
+
+/// What is known of the next round's angles.
+#[derive(Debug)]
+pub struct KnownAngles {
+    /// Angles that were free at the same waypoint; `None` where there was none.
+    pub free: Vec<Option<u128>>,
+    /// Centres of the cells in which a voxel goes at another move than before, mm.
+    changed: Vec<Vector3<f64>>,
+    /// From a cell's centre to its corner, mm.
+    cell_mm: f64,
+}
+
+impl Round {
+    /// What this round knows of a path made of what it left.
+    pub fn known_of(&self, scene: &Scene, path: &MillPath) -> KnownAngles {
+        let then = self.same_waypoints(path);
+        let grid = scene.class.grid();
+        let [nx, ny, _] = grid.dims();
+        let goes_as_before =
+            |voxel: usize| match (self.path.removal.time()[voxel], path.removal.time()[voxel]) {
+                (NEVER, NEVER) => true,
+                (NEVER, _) | (_, NEVER) => false,
+                (before, now) => then[now as usize] == Some(before),
+            };
+        let mut cells = BTreeSet::new();
+        for (voxel, class) in scene.class.data().iter().enumerate() {
+            if class.is(Class::MATERIAL) && !goes_as_before(voxel) {
+                cells.insert([voxel % nx, voxel / nx % ny, voxel / (nx * ny)].map(|i| i / CELL));
+            }
+        }
+        let side_mm = CELL as f64 * grid.spacing_mm().x;
+        let center = |cell: &[usize; 3]| {
+            let first = grid.center(cell.map(|i| i * CELL)).coords;
+            first + Vector3::repeat(0.5 * (CELL as f64 - 1.0) * grid.spacing_mm().x)
+        };
+        KnownAngles {
+            free: then.iter().map(|before| before.map(|i| self.free[i as usize])).collect(),
+            changed: cells.iter().map(center).collect(),
+            cell_mm: 0.5 * 3f64.sqrt() * side_mm,
+        }
+    }
+
+    /// For every waypoint of `path` the one of this round that stands at the same place on the way to the same point of a
+    /// pass; in the same order, or `None`.
+    fn same_waypoints(&self, path: &MillPath) -> Vec<Option<u32>> {
+        type Key = (usize, [u64; 3], MoveKind);
+        let key = |place: &HashMap<(u32, u32), usize>, p: &PathPoint| -> Option<Key> {
+            let bits = [p.position.x(), p.position.y(), p.position.z()].map(f64::to_bits);
+            place.get(&p.leads_to).map(|place| (*place, bits, p.kind))
+        };
+        let kept = ordinals(&self.path.passes, |at| !self.dropped.contains(&at));
+        let now = ordinals(&path.passes, |_| true);
+        let mut before: HashMap<Key, u32> = HashMap::new();
+        for (p, i) in self.path.points.iter().zip(0u32..) {
+            if let Some(key) = key(&kept, p) {
+                before.entry(key).or_insert(i);
+            }
+        }
+        let mut last = None;
+        let find = |p: &PathPoint| {
+            let found = before.get(&key(&now, p)?).copied().filter(|i| last.is_none_or(|l| *i > l))?;
+            last = Some(found);
+            Some(found)
+        };
+        path.points.iter().map(find).collect()
+    }
+}
+
+/// The number of every kept point of the passes, in their order.
+fn ordinals(passes: &[Pass], is_kept: impl Fn((u32, u32)) -> bool) -> HashMap<(u32, u32), usize> {
+    let all =
+        passes.iter().zip(0u32..).flat_map(|(pass, n)| (0..pass.points.len() as u32).map(move |m| (n, m)));
+    all.filter(|at| is_kept(*at)).enumerate().map(|(place, at)| (at, place)).collect()
+}
+
+impl KnownAngles {
+    /// Whether the shank along `axis` comes near a cell in which something has changed.
+    pub fn may_have_changed(
+        &self,
+        center: Point<Work>,
+        axis: &Vector3<f64>,
+        shank: &[ShankCylinder],
+    ) -> bool {
+        self.changed.iter().any(|cell| {
+            let from = cell - center.coords;
+            let along = from.dot(axis);
+            shank.iter().any(|cylinder| {
+                let nearest = axis * along.clamp(cylinder.from_mm, cylinder.to_mm);
+                (from - nearest).norm() <= cylinder.radius_mm + self.cell_mm + SLACK_MM
+            })
+        })
+    }
+}
