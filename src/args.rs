@@ -92,7 +92,10 @@ pub struct PlanArgs {
 pub struct ExperimentArgs {
     /// Its name; an unknown one lists those there are
     pub name: String,
-    /// Folder for tables and figures
+    /// Bodies of each kind: seeds 1 to N
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub seeds: u64,
+    /// Folder for tables, as Markdown and CSV
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }

@@ -1,24 +1,33 @@
 //! `bonemill experiment`: measurements by name.
 
+use std::fs;
 use std::path::Path;
+
+use anyhow::Context;
+use bonemill_experiments::{EXPERIMENTS, Size, Table};
+use bonemill_planner::Progress;
 
 use crate::args::ExperimentArgs;
 use crate::outcome::Outcome;
 
-/// An experiment's name and what runs it.
-type Entry = (&'static str, fn(Option<&Path>) -> anyhow::Result<Outcome>);
-
-/// Every experiment, by name.
-const EXPERIMENTS: &[Entry] = &[];
-
-pub fn run(args: &ExperimentArgs) -> anyhow::Result<Outcome> {
-    match EXPERIMENTS.iter().find(|(name, _)| *name == args.name) {
-        Some((_, experiment)) => experiment(args.out.as_deref()),
-        None => anyhow::bail!("no experiment is called \"{}\"; there are {}", args.name, names()),
+pub fn run(args: &ExperimentArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> {
+    let Some(experiment) = EXPERIMENTS.iter().find(|e| e.name == args.name) else {
+        let known: Vec<_> = EXPERIMENTS.iter().map(|e| format!("  {:<14} {}", e.name, e.about)).collect();
+        anyhow::bail!("no experiment is called \"{}\"; there are\n{}", args.name, known.join("\n"));
+    };
+    let tables = (experiment.run)(Size { seeds: args.seeds }, progress)?;
+    if let Some(dir) = &args.out {
+        tables.iter().try_for_each(|table| write(dir, table))?;
     }
+    let text: Vec<_> = tables.iter().map(Table::markdown).collect();
+    Ok(Outcome::text("experiment", text.join("\n")))
 }
 
-fn names() -> String {
-    let names: Vec<_> = EXPERIMENTS.iter().map(|(name, _)| *name).collect();
-    if names.is_empty() { "none in this version".into() } else { names.join(", ") }
+fn write(dir: &Path, table: &Table) -> anyhow::Result<()> {
+    fs::create_dir_all(dir).with_context(|| format!("cannot make {}", dir.display()))?;
+    for (ending, text) in [("md", table.markdown()), ("csv", table.csv())] {
+        let path = dir.join(&table.name).with_extension(ending);
+        fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
 }

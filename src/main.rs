@@ -50,7 +50,7 @@ fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     match &args.command {
         Command::Phantom(phantom) => phantom::run(phantom, console),
         Command::Plan(plan) => plan::run(plan, console),
-        Command::Experiment(experiment) => experiment::run(experiment),
+        Command::Experiment(experiment) => experiment::run(experiment, console),
         Command::Keys => Ok(Outcome::text("keys", bonemill_planner::case::reference())),
     }
 }

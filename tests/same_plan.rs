@@ -146,15 +146,7 @@ fn a_patient_turned_obliquely_is_the_turned_plan() {
     };
     let found = planned(&patient_in(turn, false));
     let expected: Vec<_> = plan.iter().map(|p| turned(turn, *p)).collect();
-    // the turned images are sampled at other points of the same world: a few places at the path's ends differ by more
-    // than a voxel, where whether a last sliver counts is decided by where the grid's voxels lie
-    let within = |from: &[[f64; 3]], to: &[[f64; 3]]| {
-        let is_near = |p: &&[f64; 3]| to.iter().any(|q| distance_mm(p, q) <= VOXEL_MM);
-        from.iter().filter(is_near).count() as f64 / from.len() as f64
-    };
-    let share = within(&expected, &found).min(within(&found, &expected));
     let off_mm = hausdorff_mm(&expected, &found);
-    eprintln!("turned obliquely: {:.1} % of cuts within a voxel, farthest {off_mm:.3} mm", 100.0 * share);
-    assert!(share >= 0.85, "turned obliquely: only {share} of the cuts are within a voxel");
-    assert!(off_mm <= 3.0 * VOXEL_MM, "turned obliquely: {off_mm} mm");
+    eprintln!("turned obliquely: {off_mm:.3} mm");
+    assert!(off_mm <= VOXEL_MM + 1e-6, "turned obliquely: {off_mm} mm");
 }

@@ -1,1 +1,69 @@
-//! placeholder
+//! Measurements behind the published tables: each has a name, takes a size, and gives tables.
+//!
+//! `bonemill experiment NAME` runs one and prints its tables; with `--out` they are written as Markdown and CSV. Nothing here
+//! decides anything: experiments call the planner as its users do, and count.
+//!
+//! Invariants: the same size gives the same tables, but for columns of wall-clock time; a body that is not there (scans that
+//! are not part of the repository) is left out and said.
+
+pub mod force_error;
+mod table;
+
+use bonemill_planner::Progress;
+
+pub use table::Table;
+
+/// How much is run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Size {
+    /// Bodies of each kind: seeds 1 to this.
+    pub seeds: u64,
+}
+
+/// What an experiment can fail of.
+#[derive(Debug, thiserror::Error)]
+pub enum ExperimentError {
+    /// A burr or material that cannot be.
+    #[error(transparent)]
+    Model(#[from] bonemill_planner::burr::ModelError),
+    /// A grid that cannot be.
+    #[error(transparent)]
+    Grid(#[from] bonemill_geometry::GridError),
+    /// Values that do not fit their grid.
+    #[error(transparent)]
+    Values(#[from] bonemill_geometry::VolumeError),
+}
+
+/// What runs an experiment.
+pub type Run = fn(Size, &dyn Progress) -> Result<Vec<Table>, ExperimentError>;
+
+/// An experiment.
+#[derive(Debug, Clone, Copy)]
+pub struct Experiment {
+    /// Its name.
+    pub name: &'static str,
+    /// What it measures, in a line.
+    pub about: &'static str,
+    /// What runs it.
+    pub run: Run,
+}
+
+/// Every experiment, by name.
+pub const EXPERIMENTS: &[Experiment] = &[Experiment {
+    name: "force-error",
+    about: "the burr's force: error against the converged sum, and time, over the discretisations",
+    run: force_error::run,
+}];
+
+#[cfg(test)]
+mod tests {
+    use super::EXPERIMENTS;
+
+    #[test]
+    fn names_are_distinct() {
+        let mut names: Vec<_> = EXPERIMENTS.iter().map(|e| e.name).collect();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), EXPERIMENTS.len());
+    }
+}

@@ -1,0 +1,58 @@
+//! A table of results: for people as Markdown, for programs as CSV.
+
+/// Rows under named columns.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Table {
+    /// File name without ending.
+    pub name: String,
+    /// What it shows, with the conditions.
+    pub title: String,
+    /// Column heads with units.
+    pub columns: Vec<String>,
+    /// One text per column each.
+    pub rows: Vec<Vec<String>>,
+}
+
+impl Table {
+    /// An empty table.
+    pub fn new(name: &str, title: impl Into<String>, columns: &[&str]) -> Self {
+        let columns = columns.iter().map(|c| (*c).to_owned()).collect();
+        Self { name: name.into(), title: title.into(), columns, rows: Vec::new() }
+    }
+
+    /// Adds a row.
+    pub fn push(&mut self, row: Vec<String>) {
+        self.rows.push(row);
+    }
+
+    /// GitHub Markdown.
+    pub fn markdown(&self) -> String {
+        let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+        let rule = format!("|{}\n", "---|".repeat(self.columns.len()));
+        let rows: String = self.rows.iter().map(|row| line(row)).collect();
+        format!("{}\n\n{}{rule}{rows}", self.title, line(&self.columns))
+    }
+
+    /// Comma-separated values; cells with commas or quotes are quoted.
+    pub fn csv(&self) -> String {
+        let cell = |c: &String| match c.contains([',', '"', '\n']) {
+            true => format!("\"{}\"", c.replace('"', "\"\"")),
+            false => c.clone(),
+        };
+        let line = |cells: &Vec<String>| cells.iter().map(cell).collect::<Vec<_>>().join(",") + "\n";
+        std::iter::once(&self.columns).chain(&self.rows).map(line).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_forms_hold_every_cell() {
+        let mut table = Table::new("t", "A title", &["a", "b [N]"]);
+        table.push(vec!["1, 2".into(), "x".into()]);
+        assert_eq!(table.markdown(), "A title\n\n| a | b [N] |\n|---|---|\n| 1, 2 | x |\n");
+        assert_eq!(table.csv(), "a,b [N]\n\"1, 2\",x\n");
+    }
+}
