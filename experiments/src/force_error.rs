@@ -99,18 +99,18 @@ impl Scene {
     }
 
     /// From the earlier pass' axis, which lies along x.
-    fn from_pass(&self, offset: &Vector3<f64>) -> Vector3<f64> {
+    fn away_from_pass(&self, offset: &Vector3<f64>) -> Vector3<f64> {
         Vector3::new(0.0, offset.y - self.pass[0], offset.z - self.pass[1])
     }
 
     fn weight(&self, n: &Vector3<f64>) -> f64 {
         let offset = n * RADIUS_MM;
-        if self.from_pass(&offset).norm() < RADIUS_MM { 0.0 } else { self.density(&offset) }
+        if self.away_from_pass(&offset).norm() < RADIUS_MM { 0.0 } else { self.density(&offset) }
     }
 
     fn mean_weight(&self, n: &Vector3<f64>, patch: &Patch) -> f64 {
         let offset = n * RADIUS_MM;
-        let away = self.from_pass(&offset);
+        let away = self.away_from_pass(&offset);
         let share = share_beyond(away.norm() - RADIUS_MM, patch.sides_mm(&away.normalize()));
         if share > 0.0 { share * self.density(&offset) } else { 0.0 }
     }

@@ -1,9 +1,10 @@
 //! Images to scene: approach, crop, resampling, classes, obstacles.
 
-use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work, basis};
-use nalgebra::{Rotation3, Vector3};
+use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::crop::{Crop, extent};
 use super::{Class, FarObstacles, Scene, SceneError, SceneStructure, TargetShape, approach, hull, obstacles};
 use crate::{
     DensityTable, Region, StructureField, distance_within, resample_hu, resample_hu_and_density,
@@ -16,10 +17,6 @@ const AIR_HU: f32 = -1000.0;
 const CLOSING_MM: f64 = 4.0;
 /// Coarse voxel of what lies beyond the work grid, mm.
 const FAR_SPACING_MM: f64 = 1.0;
-/// A rectangle within this of the axes lies along them, rad.
-const ALIGNED_RAD: f64 = 1e-9;
-/// Most voxels of a work grid: about 3 GB for all that the planner keeps.
-const MOST_VOXELS: f64 = 6e7;
 
 /// What a scene is made of; plain values from the case.
 #[derive(Debug)]
@@ -68,9 +65,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
         Some(direction) => direction,
         None => choose_approach(spec, &target)?,
     };
-    let turn_rad = grid_turn(&target, &approach);
-    let rotation = basis::from_z(&approach) * Rotation3::from_axis_angle(&Vector3::z_axis(), turn_rad);
-    let (grid, ct_from_work) = work_grid(spec, &target, rotation)?;
+    let Crop { grid, ct_from_work, turn_rad } = Crop::around(spec, &target, &approach)?;
     let (hu, mut density_g_cm3) = resample_hu_and_density(spec.ct, spec.table, &grid, &ct_from_work);
     let labels = work_labels(spec, &grid, &ct_from_work)?;
     let in_target = match spec.target {
@@ -116,15 +111,6 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
         target_hull_xy: hull::convex_hull(hull),
         warnings,
     })
-}
-
-/// Axis-aligned extent of points in ct.
-fn extent(points: impl IntoIterator<Item = Point<Ct>>) -> (Vector3<f64>, Vector3<f64>) {
-    points
-        .into_iter()
-        .fold((Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)), |(lo, hi), p| {
-            (lo.inf(&p.coords), hi.sup(&p.coords))
-        })
 }
 
 fn extent_text((lo, hi): (Vector3<f64>, Vector3<f64>)) -> String {
@@ -216,59 +202,6 @@ fn choose_approach(spec: &SceneSpec, target: &[Point<Ct>]) -> Result<Vector3<f64
         |p| !in_target(p) && hu_at(p).is_none_or(|hu| hu <= spec.air_hu),
     )
     .ok_or(SceneError::NoApproach)
-}
-
-/// How far the grid is turned about the approach from the basis of z, so that its lines lie along the smallest rectangle
-/// around the target: a turned scan then has the turned grid. Rad in [−π/4, π/4].
-fn grid_turn(target: &[Point<Ct>], approach: &Vector3<f64>) -> f64 {
-    let approach_from_ct = basis::from_z(approach).inverse();
-    let seen = target.iter().map(|p| approach_from_ct * p.coords).map(|p| [p.x, p.y]).collect();
-    let Some(rectangle) = hull::smallest_rectangle(&hull::convex_hull(seen)) else { return 0.0 };
-    let angle = rectangle.side[1].atan2(rectangle.side[0]);
-    let quarter = std::f64::consts::FRAC_PI_2;
-    let turn = angle - (angle / quarter).round() * quarter;
-    // along the axes to rounding: exactly along them
-    if turn.abs() < ALIGNED_RAD { 0.0 } else { turn }
-}
-
-/// The crop: the target's box seen along the approach, with room for the burr around and above it.
-fn work_grid(
-    spec: &SceneSpec,
-    target: &[Point<Ct>],
-    rotation: nalgebra::Rotation3<f64>,
-) -> Result<(Grid<Work>, Rigid<Ct, Work>), SceneError> {
-    // of a label's voxel boxes, seen along the work axes
-    let half = match spec.target {
-        TargetShape::Label(_) => {
-            let grid = spec.labels.grid();
-            (rotation.inverse().matrix() * grid.axes()).abs() * grid.spacing_mm() * 0.5
-        }
-        _ => Vector3::zeros(),
-    };
-    let (lo, hi) = extent(target.iter().map(|p| Point::<Ct>::from_coords(rotation.inverse() * p.coords)));
-    let (lo, hi) = (lo - half, hi + half);
-    let h = spec.spacing_mm;
-    // Voxels cover the target's extent and are centred on it: where they divide it, their faces are its faces; and a mirrored
-    // or turned scan has the mirrored or turned grid. Rounding must not add a voxel in one copy of a scan.
-    let cells = |length: f64| (length / h - 1e-4).ceil().max(1.0);
-    let inner = (hi - lo).map(cells);
-    let around = cells(spec.burr_radius_mm + spec.margin_mm);
-    let above = cells(spec.burr_radius_mm);
-    let dims = inner + Vector3::new(2.0 * around, 2.0 * around, 2.0 * around + above);
-    let middle = 0.5 * (lo + hi);
-    let low = middle - (inner * 0.5 + Vector3::repeat(around - 0.5)) * h;
-    let voxels = dims.product();
-    if voxels > MOST_VOXELS || voxels.is_nan() {
-        return Err(SceneError::TooLarge {
-            voxels,
-            gigabytes: voxels * 50e-9,
-            extent: format!("{:.1} × {:.1} × {:.1}", hi.x - lo.x, hi.y - lo.y, hi.z - lo.z),
-            spacing_mm: spec.spacing_mm,
-        });
-    }
-    let dims = [dims.x as usize, dims.y as usize, dims.z as usize];
-    let grid = Grid::aligned(dims, spec.spacing_mm, Point::new(0.0, 0.0, 0.0))?;
-    Ok((grid, Rigid::new(rotation, rotation * low)))
 }
 
 /// The label at each work voxel's centre.

@@ -6,6 +6,7 @@
 
 mod approach;
 mod build;
+mod crop;
 mod far;
 mod hull;
 mod obstacles;

@@ -36,6 +36,7 @@ mod input;
 mod kernel;
 mod orientation;
 mod sampler;
+mod samples;
 #[cfg(test)]
 mod tests;
 
@@ -44,5 +45,6 @@ pub use force::{BurrForce, burr_force};
 pub(crate) use input::direction;
 pub use input::{Discretisation, ElementGrid, Material, Measure, Motion, Tool};
 pub use kernel::{EngagedForce, ForceKernel, Patch};
-pub use orientation::{EngagedSamples, OrientationKernel};
+pub use orientation::OrientationKernel;
 pub use sampler::SphereSampler;
+pub use samples::EngagedSamples;

@@ -1,0 +1,91 @@
+//! The crop: the planning grid around the target, along the approach and the target's outline.
+
+use bonemill_geometry::{Ct, Grid, Point, Rigid, Work, basis};
+use nalgebra::{Rotation3, Vector3};
+
+use super::{SceneError, SceneSpec, TargetShape, hull};
+
+/// A rectangle within this of the axes lies along them, rad.
+const ALIGNED_RAD: f64 = 1e-9;
+/// Most voxels of a work grid: about 3 GB for all that the planner keeps.
+const MOST_VOXELS: f64 = 6e7;
+
+/// The planning grid and where it lies.
+#[derive(Debug)]
+pub(super) struct Crop {
+    /// Cubic voxels.
+    pub grid: Grid<Work>,
+    /// Its frame in ct.
+    pub ct_from_work: Rigid<Ct, Work>,
+    /// How far it is turned about the approach from the basis of z, rad.
+    pub turn_rad: f64,
+}
+
+impl Crop {
+    /// The target's box seen along the approach, with room for the burr around and above it.
+    ///
+    /// # Errors
+    /// [`SceneError::TooLarge`] beyond memory.
+    pub fn around(
+        spec: &SceneSpec,
+        target: &[Point<Ct>],
+        approach: &Vector3<f64>,
+    ) -> Result<Self, SceneError> {
+        let turn_rad = grid_turn(target, approach);
+        let rotation = basis::from_z(approach) * Rotation3::from_axis_angle(&Vector3::z_axis(), turn_rad);
+        // of a label's voxel boxes, seen along the work axes
+        let half = match spec.target {
+            TargetShape::Label(_) => {
+                let grid = spec.labels.grid();
+                (rotation.inverse().matrix() * grid.axes()).abs() * grid.spacing_mm() * 0.5
+            }
+            _ => Vector3::zeros(),
+        };
+        let (lo, hi) = extent(target.iter().map(|p| Point::<Ct>::from_coords(rotation.inverse() * p.coords)));
+        let (lo, hi) = (lo - half, hi + half);
+        let h = spec.spacing_mm;
+        // Voxels cover the target's extent and are centred on it: where they divide it, their faces are its faces; and a mirrored
+        // or turned scan has the mirrored or turned grid. Rounding must not add a voxel in one copy of a scan.
+        let cells = |length: f64| (length / h - 1e-4).ceil().max(1.0);
+        let inner = (hi - lo).map(cells);
+        let around = cells(spec.burr_radius_mm + spec.margin_mm);
+        let above = cells(spec.burr_radius_mm);
+        let dims = inner + Vector3::new(2.0 * around, 2.0 * around, 2.0 * around + above);
+        let middle = 0.5 * (lo + hi);
+        let low = middle - (inner * 0.5 + Vector3::repeat(around - 0.5)) * h;
+        let voxels = dims.product();
+        if voxels > MOST_VOXELS || voxels.is_nan() {
+            return Err(SceneError::TooLarge {
+                voxels,
+                gigabytes: voxels * 50e-9,
+                extent: format!("{:.1} × {:.1} × {:.1}", hi.x - lo.x, hi.y - lo.y, hi.z - lo.z),
+                spacing_mm: spec.spacing_mm,
+            });
+        }
+        let dims = [dims.x as usize, dims.y as usize, dims.z as usize];
+        let grid = Grid::aligned(dims, spec.spacing_mm, Point::new(0.0, 0.0, 0.0))?;
+        Ok(Self { grid, ct_from_work: Rigid::new(rotation, rotation * low), turn_rad })
+    }
+}
+
+/// How far the grid is turned about the approach from the basis of z, so that its lines lie along the smallest rectangle
+/// around the target: a turned scan then has the turned grid. Rad in [−π/4, π/4].
+fn grid_turn(target: &[Point<Ct>], approach: &Vector3<f64>) -> f64 {
+    let approach_from_ct = basis::from_z(approach).inverse();
+    let seen = target.iter().map(|p| approach_from_ct * p.coords).map(|p| [p.x, p.y]).collect();
+    let Some(rectangle) = hull::smallest_rectangle(&hull::convex_hull(seen)) else { return 0.0 };
+    let angle = rectangle.side[1].atan2(rectangle.side[0]);
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let turn = angle - (angle / quarter).round() * quarter;
+    // along the axes to rounding: exactly along them
+    if turn.abs() < ALIGNED_RAD { 0.0 } else { turn }
+}
+
+/// Axis-aligned extent of points in ct.
+pub(super) fn extent(points: impl IntoIterator<Item = Point<Ct>>) -> (Vector3<f64>, Vector3<f64>) {
+    points
+        .into_iter()
+        .fold((Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)), |(lo, hi), p| {
+            (lo.inf(&p.coords), hi.sup(&p.coords))
+        })
+}
