@@ -24,7 +24,7 @@ frames! {
     /// The CT's RAS+ millimetre world, as the NIfTI affine gives it. Plans are stored in it.
     Ct = "ct",
     /// The planning grid's frame: origin at its first voxel centre, z along the approach, out of the bone; x and y follow
-    /// the target's outline.
+    /// the CT's voxels.
     Work = "work",
     /// The grid's frame turned about z so that x and y are FORCE_MODEL's basis of z. θ and φ are measured here, and plans
     /// call it work: it depends on the approach alone.

@@ -1,11 +1,11 @@
-//! The crop: the planning grid around the target, along the approach and the target's outline.
+//! The crop: the planning grid around the target, along the approach and the CT's voxels.
 
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Work, basis};
 use nalgebra::{Rotation3, Vector3};
 
-use super::{SceneError, SceneSpec, TargetShape, hull};
+use super::{SceneError, SceneSpec, TargetShape};
 
-/// A rectangle within this of the axes lies along them, rad.
+/// A voxel axis within this of the basis lies along it, rad.
 const ALIGNED_RAD: f64 = 1e-9;
 /// Most voxels of a work grid: about 3 GB for all that the planner keeps.
 const MOST_VOXELS: f64 = 6e7;
@@ -31,7 +31,7 @@ impl Crop {
         target: &[Point<Ct>],
         approach: &Vector3<f64>,
     ) -> Result<Self, SceneError> {
-        let turn_rad = grid_turn(target, approach);
+        let turn_rad = grid_turn(spec.ct.grid(), approach);
         let rotation = basis::from_z(approach) * Rotation3::from_axis_angle(&Vector3::z_axis(), turn_rad);
         // of a label's voxel boxes, seen along the work axes
         let half = match spec.target {
@@ -68,13 +68,20 @@ impl Crop {
     }
 }
 
-/// How far the grid is turned about the approach from the basis of z, so that its lines lie along the smallest rectangle
-/// around the target: a turned scan then has the turned grid. Rad in [−π/4, π/4].
-fn grid_turn(target: &[Point<Ct>], approach: &Vector3<f64>) -> f64 {
-    let approach_from_ct = basis::from_z(approach).inverse();
-    let seen = target.iter().map(|p| approach_from_ct * p.coords).map(|p| [p.x, p.y]).collect();
-    let Some(rectangle) = hull::smallest_rectangle(&hull::convex_hull(seen)) else { return 0.0 };
-    let angle = rectangle.side[1].atan2(rectangle.side[0]);
+/// How far the grid is turned about the approach from the basis of z, so that it lies along the voxels of the CT as far as
+/// the approach lets it: a turned scan then has the turned grid, and where the approach is an axis of the scan, nothing is
+/// blurred by sampling obliquely. Rad in [−π/4, π/4].
+fn grid_turn(ct: &Grid<Ct>, approach: &Vector3<f64>) -> f64 {
+    let axes = ct.axes();
+    // the axis most nearly across the approach; a later one must be so by more than rounding
+    let mut across = axes.column(0).into_owned();
+    for axis in axes.column_iter().skip(1) {
+        if axis.dot(approach).abs() < across.dot(approach).abs() - ALIGNED_RAD {
+            across = axis.into_owned();
+        }
+    }
+    let seen = basis::from_z(approach).inverse() * across;
+    let angle = seen.y.atan2(seen.x);
     let quarter = std::f64::consts::FRAC_PI_2;
     let turn = angle - (angle / quarter).round() * quarter;
     // along the axes to rounding: exactly along them

@@ -176,8 +176,8 @@ pub enum SceneError {
 impl Scene {
     /// The frame in which θ and φ are measured: the grid's origin and approach, x and y by the basis of the approach.
     ///
-    /// The grid itself follows the target's outline, so that a turned scan has the turned grid; a basis that depends on
-    /// the approach alone cannot.
+    /// The grid itself follows the CT's voxels, so that a turned scan has the turned grid; a basis that depends on the
+    /// approach alone cannot.
     pub fn ct_from_approach(&self) -> Rigid<Ct, Approach> {
         Rigid::new(basis::from_z(&self.approach), self.ct_from_work.translation_mm)
     }
