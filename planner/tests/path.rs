@@ -1,0 +1,242 @@
+//! The path against brute force: an L-shaped pocket in bone with a rod beside it, every voxel looked at for every move.
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // a test's helpers are tests
+
+use std::collections::VecDeque;
+
+use bonemill_geometry::{Ct, Grid, Point, Volume, Work};
+use bonemill_imaging::DensityTable;
+use bonemill_imaging::scene::{Class, Scene, SceneSpec, TargetShape, build_scene};
+use bonemill_planner::engagement::mass_increments;
+use bonemill_planner::path::{MillPath, MoveKind, PathSpacing, RasterFrame, lay_path};
+use bonemill_planner::removal::NEVER;
+use bonemill_planner::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
+use nalgebra::Vector3;
+
+const RADIUS_MM: f64 = 1.5;
+const CLEARANCE_MM: f64 = 1.0;
+const TARGET: u16 = 20;
+const ROD: u16 = 7;
+const DIMS: [usize; 3] = [40, 40, 30];
+const SPACING_MM: f64 = 0.5;
+const FIRST: Point<Ct> = Point::new(-11.0, -8.0, 3.0);
+/// First voxel of air along k.
+const AIR_FROM: usize = 22;
+/// The rod's voxels.
+const ROD_VOXELS: [[usize; 2]; 3] = [[30, 32], [24, 36], [12, 14]];
+const SPACING: PathSpacing = PathSpacing { layer_mm: 1.5, stepover_mm: 1.0, step_mm: 0.5 };
+
+fn inside(voxel: [usize; 3], ranges: [[usize; 2]; 3]) -> bool {
+    (0..3).all(|a| (ranges[a][0]..ranges[a][1]).contains(&voxel[a]))
+}
+
+fn scene() -> Scene {
+    let grid: Grid<Ct> = Grid::aligned(DIMS, SPACING_MM, FIRST).unwrap();
+    let ct = (0..grid.len()).map(|n| {
+        let [i, j, k] = grid.voxel(n);
+        if k >= AIR_FROM { -1000.0 } else { 1100.0 + ((7 * i + 13 * j + 5 * k) % 11) as f32 * 20.0 }
+    });
+    let ct = Volume::new(grid.clone(), ct.collect()).unwrap();
+    let labels = (0..grid.len()).map(|n| match grid.voxel(n) {
+        v if inside(v, [[11, 27], [12, 26], [15, AIR_FROM]])
+            || inside(v, [[11, 18], [26, 31], [17, AIR_FROM]]) =>
+        {
+            TARGET
+        }
+        v if inside(v, ROD_VOXELS) => ROD,
+        _ => 0,
+    });
+    let labels = Volume::new(grid.clone(), labels.collect()).unwrap();
+    build_scene(&SceneSpec {
+        ct: &ct,
+        labels: &labels,
+        target: TargetShape::Label(TARGET),
+        structures: &[("rod".into(), ROD)],
+        table: &DensityTable::new(&[-1000.0, 300.0, 2000.0], &[0.01, 1.145, 1.856]).unwrap(),
+        air_hu: -700.0,
+        bone_hu: 200.0,
+        approach: Some(Vector3::z()),
+        spacing_mm: SPACING_MM,
+        margin_mm: 3.0,
+        burr_radius_mm: RADIUS_MM,
+        influence_mm: 10.0,
+        shank_length_mm: 85.0,
+        shank_radius_mm: 6.0,
+    })
+    .unwrap()
+}
+
+fn path(space: &BurrSpace) -> MillPath {
+    lay_path(space, SPACING, &RasterFrame::at_angle(0.0))
+}
+
+/// Distance of `p` from the segment a–b, mm.
+fn from_segment(p: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    let d = b - a;
+    let t = if d.norm_squared() > 0.0 { ((p - a).dot(&d) / d.norm_squared()).clamp(0.0, 1.0) } else { 0.0 };
+    (p - a - d * t).norm()
+}
+
+/// Distance of a point in ct from the rod's closed box, mm.
+fn from_rod(p: Point<Ct>) -> f64 {
+    let off = |a: usize| {
+        let low = FIRST.coords[a] + (ROD_VOXELS[a][0] as f64 - 0.5) * SPACING_MM;
+        let high = FIRST.coords[a] + (ROD_VOXELS[a][1] as f64 - 0.5) * SPACING_MM;
+        (low - p.coords[a]).max(p.coords[a] - high).max(0.0)
+    };
+    Vector3::new(off(0), off(1), off(2)).norm()
+}
+
+/// Ends of every move; the first has no length.
+fn moves(path: &MillPath) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+    let at = |n: usize| path.points[n].position.coords;
+    (0..path.points.len()).map(|n| (at(n.saturating_sub(1)), at(n))).collect()
+}
+
+#[test]
+fn every_place_and_move_keeps_its_distance() {
+    let scene = scene();
+    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let path = path(&space);
+    let grid = scene.class.grid();
+    let obstacles: Vec<Vector3<f64>> = (0..grid.len())
+        .filter(|n| scene.class.data()[*n].is(Class::OBSTACLE))
+        .map(|n| grid.center(grid.voxel(n)).coords)
+        .collect();
+    let (mut nearest_rod, mut deepest) = (f64::INFINITY, 0f64);
+    for (a, b) in moves(&path) {
+        for t in [0.0, 0.25, 0.5, 0.75, 1.0] {
+            let p: Point<Work> = Point::from_coords(a + (b - a) * t);
+            nearest_rod = nearest_rod.min(from_rod(scene.ct_from_work * p));
+        }
+        for o in &obstacles {
+            deepest = deepest.max(RADIUS_MM - from_segment(o, &a, &b));
+        }
+    }
+    eprintln!(
+        "{} waypoints: rod {nearest_rod:.4} mm from the centre, bone {deepest:.4} mm deep",
+        path.points.len()
+    );
+    assert!(nearest_rod >= RADIUS_MM + CLEARANCE_MM + 0.5 * TRAJECTORY_TOLERANCE_MM, "{nearest_rod}");
+    // the error of a trilinear distance field between grid nodes
+    let field_mm = 3.0 * SPACING_MM * SPACING_MM / (8.0 * RADIUS_MM);
+    assert!(deepest <= field_mm, "an obstacle voxel's centre is {deepest} mm inside the swept ball");
+}
+
+#[test]
+fn removal_times_are_those_of_the_moves_and_links_remove_nothing() {
+    let scene = scene();
+    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let path = path(&space);
+    let grid = scene.class.grid();
+    let mut time = vec![NEVER; grid.len()];
+    for (i, (a, b)) in moves(&path).iter().enumerate() {
+        for (n, t) in time.iter_mut().enumerate() {
+            let p = grid.center(grid.voxel(n)).coords;
+            // voxels within rounding of the surface may go either way
+            if *t == NEVER && from_segment(&p, a, b) <= RADIUS_MM - 1e-9 {
+                *t = i as u32;
+            }
+        }
+    }
+    let differ = |n: &usize| {
+        let found = path.removal.time()[*n];
+        found != time[*n] && {
+            let p = grid.center(grid.voxel(*n)).coords;
+            let surface = |i: u32| {
+                let (a, b) = moves(&path)[i as usize];
+                (from_segment(&p, &a, &b) - RADIUS_MM).abs() < 1e-6
+            };
+            !(found != NEVER && surface(found))
+        }
+    };
+    assert_eq!((0..grid.len()).filter(differ).count(), 0);
+    for (n, t) in path.removal.time().iter().enumerate() {
+        if *t != NEVER && scene.class.data()[n].is(Class::MATERIAL) {
+            let kind = path.points[*t as usize].kind;
+            assert_eq!(kind, MoveKind::Cut, "a {} removes target voxel {:?}", kind.word(), grid.voxel(n));
+        }
+    }
+}
+
+#[test]
+fn what_can_be_reached_is_the_opening_and_nearly_all_of_it_goes() {
+    let scene = scene();
+    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let grid = scene.class.grid();
+    let [nx, ny, nz] = grid.dims();
+    let keep = RADIUS_MM + CLEARANCE_MM + TRAJECTORY_TOLERANCE_MM;
+    let at = |n: usize| grid.center(grid.voxel(n)).coords;
+    let obstacles: Vec<_> =
+        (0..grid.len()).filter(|n| scene.class.data()[*n].is(Class::OBSTACLE)).map(at).collect();
+    let clear: Vec<bool> = (0..grid.len())
+        .map(|n| {
+            let p = at(n);
+            from_rod(scene.ct_from_work * Point::<Work>::from_coords(p)) >= keep
+                && obstacles.iter().all(|o| (o - p).norm() >= RADIUS_MM - 1e-5)
+        })
+        .collect();
+    // connected to the outside: a flood from the uppermost clear nodes
+    let mut connected = vec![false; grid.len()];
+    let top = nz - 1 - (RADIUS_MM / SPACING_MM).ceil() as usize;
+    let mut front: VecDeque<usize> = (0..nx * ny).map(|n| n + nx * ny * top).filter(|n| clear[*n]).collect();
+    front.iter().for_each(|n| connected[*n] = true);
+    while let Some(n) = front.pop_front() {
+        let [i, j, k] = grid.voxel(n);
+        let beside = [
+            (i > 0, n.wrapping_sub(1)),
+            (i + 1 < nx, n + 1),
+            (j > 0, n.wrapping_sub(nx)),
+            (j + 1 < ny, n + nx),
+            (k > 0, n.wrapping_sub(nx * ny)),
+            (k < top, n + nx * ny),
+        ];
+        for (_, m) in beside.into_iter().filter(|(inside, _)| *inside) {
+            if clear[m] && !connected[m] {
+                connected[m] = true;
+                front.push_back(m);
+            }
+        }
+    }
+    let places: Vec<_> = (0..grid.len()).filter(|n| connected[*n]).map(at).collect();
+    let (mut reachable, mut agree, mut removed) = (0, 0, 0);
+    let path = path(&space);
+    for n in (0..grid.len()).filter(|n| scene.class.data()[*n].is(Class::TARGET)) {
+        let p = at(n);
+        let is_reachable = places.iter().any(|c| (c - p).norm() <= RADIUS_MM);
+        reachable += usize::from(is_reachable);
+        agree += usize::from(is_reachable == space.reachable()[n]);
+        removed += usize::from(is_reachable && path.removal.is_removed(n));
+    }
+    let target = scene.count(Class::TARGET);
+    eprintln!("target {target} voxels, reachable {reachable}, removed {removed}, agree {agree}");
+    assert!(target - agree <= target / 200, "{} of {target} voxels differ", target - agree);
+    assert!(removed as f64 >= 0.99 * reachable as f64, "{removed} of {reachable}");
+    assert_eq!(path.unjoined, 0);
+}
+
+#[test]
+fn masses_add_up_to_what_the_balls_cover() {
+    let scene = scene();
+    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let path = path(&space);
+    let masses = mass_increments(&scene.density_g_cm3, &path.points, RADIUS_MM);
+    let sum: f64 = masses.iter().map(|m| m.mass_mg()).sum();
+    // every voxel by 5³ points, each in some ball or not
+    let grid = scene.class.grid();
+    let centers: Vec<Vector3<f64>> = path.points.iter().map(|p| p.position.coords).collect();
+    let mut counted = 0.0;
+    for (n, density) in scene.density_g_cm3.data().iter().enumerate().filter(|(_, d)| **d > 0.0) {
+        let p = grid.center(grid.voxel(n)).coords;
+        let near: Vec<_> =
+            centers.iter().filter(|c| (*c - p).norm() <= RADIUS_MM + 0.87 * SPACING_MM).collect();
+        let part = |m: usize| [m % 5, m / 5 % 5, m / 25].map(|i| ((i as f64 + 0.5) / 5.0 - 0.5) * SPACING_MM);
+        let covered = (0..125).filter(|m| {
+            let q = p + Vector3::from(part(*m));
+            near.iter().any(|c| (*c - q).norm() <= RADIUS_MM)
+        });
+        counted += f64::from(*density) * grid.voxel_mm3() * covered.count() as f64 / 125.0;
+    }
+    // D's increments take the largest ball at a voxel, not the union of balls: never more, and nearly as much
+    eprintln!("increments {sum:.3} mg, balls {counted:.3} mg");
+    assert!(sum <= counted * 1.002 && sum >= counted * 0.98, "{sum} mg, {counted} mg");
+}
