@@ -9,6 +9,10 @@
 //! Δp = J χ⁻¹ Jᵀ F takes the place of F: only directions enter, so the caller passes either vector. Without mass nothing is
 //! cut: C = 0.
 
+mod several;
+
+pub use several::{Ranked, SeveralStructures, Terms};
+
 use nalgebra::{Dyn, Matrix3, OMatrix, U3, Unit, Vector3};
 
 use crate::burr::ModelError;

@@ -7,6 +7,12 @@
 //! k_vel puts the mean of the unclamped values at the middle of the range, or makes the whole take a given time. The range
 //! holds after smoothing, which only mixes values within it.
 
+mod caps;
+mod limited;
+
+pub use caps::{DistanceCurve, ForceCaps};
+pub use limited::{LimitedProfile, fastest_profile};
+
 use crate::burr::ModelError;
 use crate::burr::error::checked;
 

@@ -6,8 +6,16 @@
 //!
 //! Invariant: every angle handed out was found free by the access test itself, not only by its neighbours on the grid.
 
+pub mod directions;
+pub mod free;
 pub mod greedy;
 pub mod optimal;
+pub mod refine;
+pub mod sequence;
+
+pub use directions::Directions;
+pub use free::FreeSets;
+pub use optimal::RateLimit;
 
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 
@@ -51,19 +59,15 @@ impl Scan {
     /// About `step_rad` apart over the whole family, its ends included; `limit_rad` is the largest angle from +z (the
     /// approach) that a cut may have. The grid holds the angle nearest to the approach.
     pub fn new(family: &TiltFamily, step_rad: f64, limit_rad: f64) -> Self {
-        let nearest = nearest_to_z(family);
-        let step_rad = step_rad.max((family.upper_rad - family.lower_rad) / (MOST_ANGLES - 3) as f64);
-        let below = ((nearest - family.lower_rad) / step_rad).floor().max(0.0);
-        let above = ((family.upper_rad - nearest) / step_rad).floor().max(0.0);
-        let angles_rad: Vec<f64> =
-            (0..=(below + above) as usize).map(|n| nearest + (n as f64 - below) * step_rad).collect();
-        let axes: Vec<_> = angles_rad.iter().map(|q| family.axis(*q)).collect();
-        let within_limit = axes
-            .iter()
-            .enumerate()
-            .filter(|(_, a)| a.z.clamp(-1.0, 1.0).acos() <= limit_rad + 1e-9)
-            .fold(0, |mask, (n, _)| mask | 1 << n);
-        Self { angles_rad, axes, within_limit, step_rad }
+        let directions = Directions::in_plane(family, step_rad, limit_rad);
+        let axes = directions.axes().to_vec();
+        let within = axes.iter().enumerate().filter(|(_, a)| directions.is_within_limit(a));
+        Self {
+            angles_rad: directions.angles_rad().unwrap_or_default().to_vec(),
+            within_limit: within.fold(0, |mask, (n, _)| mask | 1 << n),
+            step_rad: directions.spacing_rad(),
+            axes,
+        }
     }
 
     /// Number of angles.

@@ -1,0 +1,281 @@
+//! The shaft directions to choose from, and how one turns into another.
+//!
+//! A finite set on the sphere: along a plane for an arm with one tilt ([`Directions::in_plane`]), or over a cap about the
+//! approach for an arm with two ([`Directions::cap`]). Every direction knows all others by their angle from it (its fan),
+//! and for each of those the one that is passed last on the way there: so "turn from here to there without passing
+//! anything blocked" is one look per place passed, and no edge of the layered graph over a path is ever stored.
+//!
+//! Invariants: at least one direction; the tilt limit itself is among the directions wherever they reach it, so that
+//! rounding never goes past it; the set is symmetric in x and in y wherever the plane is.
+
+use std::f64::consts::PI;
+
+use nalgebra::{Unit, Vector3};
+
+use super::{TiltFamily, nearest_to_z};
+
+/// Most directions of a set. A cap of 60° takes 331 at 6°.
+pub const MOST_DIRECTIONS: usize = 512;
+/// Most places of a fan that a turn may use: a byte remembers which.
+pub(super) const MOST_SLOTS: usize = 256;
+/// Most steps along a plane: as many directions as a byte's half.
+const MOST_STEPS: f64 = 124.0;
+/// A tilt may exceed its limit by this much, rad: rounding, not a choice.
+const ROUNDING_RAD: f64 = 1e-9;
+/// Directions nearer than this many spacings are neighbours: nothing lies between.
+const NEIGHBOURS: f64 = 1.5;
+
+/// A set of directions with their fans.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Directions {
+    axes: Vec<Unit<Vector3<f64>>>,
+    /// The family's angle of each direction, rad; none for a cap.
+    angles_rad: Option<Vec<f64>>,
+    limit_rad: f64,
+    spacing_rad: f64,
+    fans: Vec<Fan>,
+}
+
+/// All directions by their angle from one of them, which comes first.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Fan {
+    /// The direction in each slot.
+    pub node: Vec<u16>,
+    /// The slot that is passed last on the way to a slot; 0 for neighbours.
+    pub parent: Vec<u8>,
+    /// Angle, rad, ascending.
+    pub angle_rad: Vec<f32>,
+    /// Its square.
+    pub square: Vec<f64>,
+}
+
+impl Directions {
+    /// Along a plane, about `step_rad` apart, over the whole family; `limit_rad` is the largest tilt from +z of a cut.
+    ///
+    /// The direction nearest to +z and, where the family reaches it, the limit itself on both sides are in the set.
+    pub fn in_plane(family: &TiltFamily, step_rad: f64, limit_rad: f64) -> Self {
+        let nearest = nearest_to_z(family);
+        let span = family.upper_rad - family.lower_rad;
+        let wanted = step_rad.max(1.01 * span / MOST_STEPS);
+        // tilt(q): cos = cos(least tilt) cos(q − nearest); the limit is reached at nearest ± half
+        let cosine = limit_rad.cos() / family.axis(nearest).z.clamp(-1.0, 1.0);
+        let half = if cosine.abs() < 1.0 { cosine.acos() } else { 0.0 };
+        let dividing = half / (half / wanted).round().max(1.0);
+        // a limit much finer than the steps is not worth a direction of its own
+        let spacing_rad = if dividing * MOST_STEPS >= span && dividing > 0.0 { dividing } else { wanted };
+        let count = |room: f64| (room.max(0.0) / spacing_rad + 1e-9).floor() as i64;
+        let (below, above) = (count(nearest - family.lower_rad), count(family.upper_rad - nearest));
+        let angle = |n: i64| (nearest + n as f64 * spacing_rad).clamp(family.lower_rad, family.upper_rad);
+        let angles_rad: Vec<f64> = (-below..=above).map(angle).collect();
+        let axes = angles_rad.iter().map(|q| family.axis(*q)).collect();
+        Self::of(axes, Some(angles_rad), limit_rad, spacing_rad)
+    }
+
+    /// Over the cap of tilts up to `limit_rad` about +z, about `step_rad` apart: rings of 6, 12, 18, … directions.
+    pub fn cap(step_rad: f64, limit_rad: f64) -> Self {
+        let rings_of = |step: f64| (limit_rad / step).ceil().max(0.0) as usize;
+        // 1 + 3 n (n + 1) directions for n rings
+        let most = (((MOST_DIRECTIONS - 1) as f64 / 3.0 + 0.25).sqrt() - 0.5).floor() as usize;
+        let rings = rings_of(step_rad.max(1e-6)).min(most);
+        let spacing_rad = if rings == 0 { step_rad } else { limit_rad / rings as f64 };
+        let mut axes = vec![Vector3::z_axis()];
+        for ring in 1..=rings {
+            let (sin, cos) = (ring as f64 * spacing_rad).sin_cos();
+            for place in 0..6 * ring {
+                let (s, c) = (place as f64 * PI / (3 * ring) as f64).sin_cos();
+                axes.push(Unit::new_normalize(Vector3::new(sin * c, sin * s, cos)));
+            }
+        }
+        Self::of(axes, None, limit_rad, spacing_rad)
+    }
+
+    fn of(
+        axes: Vec<Unit<Vector3<f64>>>,
+        angles_rad: Option<Vec<f64>>,
+        limit_rad: f64,
+        spacing_rad: f64,
+    ) -> Self {
+        let fans = (0..axes.len()).map(|n| fan(&axes, n, spacing_rad)).collect();
+        Self { axes, angles_rad, limit_rad, spacing_rad, fans }
+    }
+
+    /// Number of directions, at least 1.
+    pub fn len(&self) -> usize {
+        self.axes.len()
+    }
+
+    /// Never.
+    pub fn is_empty(&self) -> bool {
+        self.axes.is_empty()
+    }
+
+    /// Unit axes from the burr to the handpiece, in work.
+    pub fn axes(&self) -> &[Unit<Vector3<f64>>] {
+        &self.axes
+    }
+
+    /// The family's angle of each direction, rad; `None` for a cap.
+    pub fn angles_rad(&self) -> Option<&[f64]> {
+        self.angles_rad.as_deref()
+    }
+
+    /// Angle between neighbours, rad, about.
+    pub fn spacing_rad(&self) -> f64 {
+        self.spacing_rad
+    }
+
+    /// Whether a cut may have this axis.
+    pub fn is_within_limit(&self, axis: &Vector3<f64>) -> bool {
+        tilt_rad(axis) <= self.limit_rad + ROUNDING_RAD
+    }
+
+    /// The direction nearest to an axis; the first of equally near ones.
+    pub fn nearest(&self, axis: &Vector3<f64>) -> usize {
+        let mut best = (0, f64::NEG_INFINITY);
+        for (n, a) in self.axes.iter().enumerate() {
+            let cosine = a.dot(axis);
+            if cosine > best.1 + 1e-12 {
+                best = (n, cosine);
+            }
+        }
+        best.0
+    }
+
+    /// Of those that `is_free`, the one nearest to direction `from`.
+    pub fn nearest_of(&self, from: usize, is_free: impl Fn(usize) -> bool) -> Option<usize> {
+        self.fans.get(from)?.node.iter().map(|n| usize::from(*n)).find(|n| is_free(*n))
+    }
+
+    /// Angle between two directions, rad.
+    pub fn angle_rad(&self, a: usize, b: usize) -> f64 {
+        angle_between(&self.axes[a], &self.axes[b])
+    }
+
+    /// Directions around `n` with nothing between: nearest first, itself left out.
+    pub fn neighbours(&self, n: usize) -> impl Iterator<Item = usize> + '_ {
+        let fan = &self.fans[n];
+        let end = fan.angle_rad.partition_point(|a| f64::from(*a) <= NEIGHBOURS * self.spacing_rad);
+        fan.node[1.min(end)..end].iter().map(|m| usize::from(*m))
+    }
+
+    pub(super) fn fan(&self, n: usize) -> &Fan {
+        &self.fans[n]
+    }
+}
+
+/// Angle of an axis from +z, rad; exact at 0 too, where acos loses half its digits.
+pub fn tilt_rad(axis: &Vector3<f64>) -> f64 {
+    axis.x.hypot(axis.y).atan2(axis.z)
+}
+
+/// Angle between two unit axes, rad.
+pub fn angle_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    a.cross(b).norm().atan2(a.dot(b))
+}
+
+fn fan(axes: &[Unit<Vector3<f64>>], from: usize, spacing_rad: f64) -> Fan {
+    let mut by_angle: Vec<(f64, usize)> =
+        axes.iter().enumerate().map(|(n, a)| (angle_between(&axes[from], a), n)).collect();
+    // equal to rounding is equal: then the order in the set decides, which is the same on every machine
+    by_angle.sort_by_key(|(angle, n)| ((angle * 1e9).round() as i64, *n));
+    by_angle.truncate(MOST_SLOTS);
+    let parent = |slot: usize| -> u8 {
+        let (angle, node) = by_angle[slot];
+        if angle <= NEIGHBOURS * spacing_rad {
+            return 0;
+        }
+        // the place before: a neighbour of the end that lies nearer, off the great circle by least
+        let off = |(before, m): &(f64, usize)| {
+            let last = angle_between(&axes[*m], &axes[node]);
+            (*before < angle - 1e-9 && last <= NEIGHBOURS * spacing_rad).then_some(before + last - angle)
+        };
+        let found = by_angle[..slot].iter().enumerate().filter_map(|(s, place)| Some((off(place)?, s)));
+        let best = found.min_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        best.map_or(0, |(_, s)| s as u8)
+    };
+    Fan {
+        node: by_angle.iter().map(|(_, n)| *n as u16).collect(),
+        parent: (0..by_angle.len()).map(parent).collect(),
+        angle_rad: by_angle.iter().map(|(angle, _)| *angle as f32).collect(),
+        square: by_angle.iter().map(|(angle, _)| angle * angle).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn family(zero: Vector3<f64>) -> TiltFamily {
+        TiltFamily { hinge: Vector3::x_axis(), zero: Unit::new_normalize(zero), lower_rad: -1.22, upper_rad: 1.22 }
+    }
+
+    #[test]
+    fn the_limit_is_a_direction_on_both_sides_also_in_a_leaning_plane() {
+        for zero in [Vector3::z(), Vector3::new(0.3, 0.1, 1.0)] {
+            let limit = 50.3f64.to_radians();
+            let set = Directions::in_plane(&family(zero), 2f64.to_radians(), limit);
+            let at_limit = set.axes().iter().filter(|a| (tilt_rad(a) - limit).abs() < 1e-9).count();
+            assert_eq!(at_limit, 2);
+            assert!(set.axes().iter().any(|a| tilt_rad(a) > limit), "links may tilt farther");
+            assert!(set.spacing_rad() <= 2f64.to_radians() + 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_plane_that_never_comes_within_the_limit_has_no_direction_for_cuts() {
+        let set = Directions::in_plane(&family(Vector3::new(1.0, 0.0, 0.2)), 0.05, 0.5);
+        assert!(!set.axes().iter().any(|a| set.is_within_limit(a)));
+    }
+
+    #[test]
+    fn a_cap_ends_at_its_limit_and_is_even() {
+        let limit = 60f64.to_radians();
+        let set = Directions::cap(6f64.to_radians(), limit);
+        assert_eq!(set.len(), 331);
+        assert!(set.axes().iter().all(|a| set.is_within_limit(a)));
+        for n in 0..set.len() {
+            let nearest = set.neighbours(n).map(|m| set.angle_rad(n, m)).fold(f64::INFINITY, f64::min);
+            assert!(nearest > 0.8 * set.spacing_rad() && nearest < 1.06 * set.spacing_rad());
+            // x and y mirrored
+            let [mut x, mut y] = [set.axes()[n].into_inner(); 2];
+            (x.x, y.y) = (-x.x, -y.y);
+            for m in [x, y] {
+                assert!(angle_between(&set.axes()[set.nearest(&m)], &m) < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn fine_sets_are_capped_and_no_limit_leaves_the_approach() {
+        assert!(Directions::cap(0.01, 1.0).len() <= MOST_DIRECTIONS);
+        assert!(Directions::in_plane(&family(Vector3::z()), 1e-4, 1.0).len() <= MOST_SLOTS / 2);
+        assert_eq!(Directions::cap(0.1, 0.0).len(), 1);
+    }
+
+    /// From neighbour to neighbour, never far from the great circle.
+    #[test]
+    fn the_way_of_a_fan_is_connected_and_nearly_straight() {
+        for set in [
+            Directions::cap(10f64.to_radians(), 60f64.to_radians()),
+            Directions::in_plane(&family(Vector3::z()), 0.05, 1.0),
+        ] {
+            for n in 0..set.len() {
+                let fan = set.fan(n);
+                assert_eq!(usize::from(fan.node[0]), n);
+                for slot in 1..fan.node.len() {
+                    let (mut here, mut length) = (slot, 0.0);
+                    while here != 0 {
+                        let next = usize::from(fan.parent[here]);
+                        assert!(next < here);
+                        let step = set.angle_rad(usize::from(fan.node[here]), usize::from(fan.node[next]));
+                        assert!(step <= NEIGHBOURS * set.spacing_rad() + 1e-9, "{step}");
+                        length += step;
+                        here = next;
+                    }
+                    let straight = f64::from(fan.angle_rad[slot]);
+                    assert!(length <= 1.16 * straight + 1e-6, "{length} for {straight}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,256 @@
+//! The whole sequence of directions at once: dynamic programming over a layered graph whose edges are never stored.
+//!
+//! One layer per waypoint, one state per free direction; the sequence a_0, a_1, … that minimises
+//!
+//! ```text
+//! J = Σ C_i(a_i) Δs_i + λ Σ ∠(a_{i−1}, a_i)²/Δs_i
+//! ```
+//!
+//! subject to: a_i is free at i; ∠(a_{i−1}, a_i) is at most what the arm can turn during the move; every direction that
+//! is passed on the way from a_{i−1} to a_i is free before or after the move; and the turn is not in a list of forbidden
+//! ones. The second term is λ ∫ (da/ds)² ds, so the weight does not depend on the step. Bellman's recursion goes over the
+//! layers once; it finds the optimum over all sequences, which the tests hold against every sequence one by one.
+//!
+//! An edge is a place in a direction's fan ([`Directions`]): its angle and the place passed before are looked up, never
+//! stored per waypoint. One byte per state remembers where its best sequence came from. Ties go to the smaller turn, and at
+//! the first waypoint to the direction nearer to the approach.
+
+use std::collections::HashMap;
+
+use super::directions::{Directions, Fan, MOST_SLOTS, tilt_rad};
+use super::{FreeSets, RateLimit};
+
+/// Shorter moves count as this long: a turn on the spot is dear, not infinitely so, mm.
+const SHORTEST_MM: f64 = 1e-3;
+/// Decides between first directions of equal cost, per rad of tilt.
+const UPRIGHT: f64 = 1e-9;
+
+/// A sequence, or where none gets through.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Found {
+    /// The best sequence.
+    Sequence {
+        /// Direction of each waypoint.
+        directions: Vec<u16>,
+        /// J of it.
+        total: f64,
+        /// Edges that were evaluated.
+        edges: u64,
+    },
+    /// No free direction of this waypoint can be reached from the waypoints before it.
+    Blocked(usize),
+}
+
+/// The problem. Lists have one entry per waypoint; costs are those of waypoint i and direction n at
+/// `i * directions.len() + n`, and are read only where free.
+#[derive(Debug, Clone, Copy)]
+pub struct Problem<'a> {
+    /// The directions.
+    pub directions: &'a Directions,
+    /// C.
+    pub cost: &'a [f32],
+    /// Which are free.
+    pub free: &'a FreeSets,
+    /// Length of the move that ends at each waypoint, mm; the first is not looked at but for C's weight.
+    pub length_mm: &'a [f64],
+    /// λ, and how fast directions may change.
+    pub rate: RateLimit,
+    /// Turns that must not be used.
+    pub forbidden: &'a Forbidden,
+}
+
+/// Turns that must not be used, by the waypoint at which they end.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Forbidden(HashMap<u32, Vec<[u16; 2]>>);
+
+impl Forbidden {
+    /// No turn from direction `from` to direction `to` during the move that ends at `waypoint`.
+    pub fn insert(&mut self, waypoint: usize, from: u16, to: u16) {
+        self.0.entry(waypoint as u32).or_default().push([from, to]);
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.0.values().map(Vec::len).sum()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    fn at(&self, waypoint: usize) -> &[[u16; 2]] {
+        self.0.get(&(waypoint as u32)).map_or(&[], Vec::as_slice)
+    }
+}
+
+impl Problem<'_> {
+    /// The largest turn during the move that ends at i, rad; at least one spacing, or nothing could ever turn: the time
+    /// law slows such a move.
+    pub(super) fn reach_rad(&self, i: usize) -> f64 {
+        let spacing = 1.5 * self.directions.spacing_rad();
+        (self.rate.most_rad_per_mm * self.length_mm[i]).max(spacing)
+    }
+
+    /// λ/Δs_i.
+    pub(super) fn turn_weight(&self, i: usize) -> f64 {
+        self.rate.weight_mm / self.length_mm[i].max(SHORTEST_MM)
+    }
+
+    /// C Δs of waypoint i and direction n.
+    pub(super) fn own(&self, i: usize, n: usize) -> f64 {
+        f64::from(self.cost[i * self.directions.len() + n]) * self.length_mm[i].max(SHORTEST_MM)
+    }
+}
+
+/// The sequence with the least J.
+pub fn best_sequence(problem: &Problem) -> Found {
+    let (count, waypoints) = (problem.directions.len(), problem.free.len());
+    let mut came_from = vec![0u8; waypoints * count];
+    let mut layer = Layer::new(problem);
+    let mut edges = 0;
+    for i in 0..waypoints {
+        let alive = if i == 0 { layer.start() } else { layer.advance(i, &mut came_from, &mut edges) };
+        if !alive {
+            return Found::Blocked(i);
+        }
+    }
+    let (last, total) = layer.best_end();
+    let mut here = last;
+    let mut directions = vec![0u16; waypoints];
+    for i in (0..waypoints).rev() {
+        directions[i] = here as u16;
+        here = usize::from(problem.directions.fan(here).node[usize::from(came_from[i * count + here])]);
+    }
+    Found::Sequence { directions, total, edges }
+}
+
+/// The least cost of getting to each direction of one waypoint.
+struct Layer<'a> {
+    problem: &'a Problem<'a>,
+    best: Vec<f64>,
+    next: Vec<f64>,
+    /// Free before or after the move.
+    passable: Vec<bool>,
+    /// Slots of each fan within reach, for the reach they were counted for.
+    slots: Vec<u16>,
+    slots_for_rad: f64,
+}
+
+impl<'a> Layer<'a> {
+    fn new(problem: &'a Problem<'a>) -> Self {
+        let n = problem.directions.len();
+        Self {
+            problem,
+            best: vec![f64::INFINITY; n],
+            next: vec![f64::INFINITY; n],
+            passable: vec![false; n],
+            slots: vec![0; n],
+            slots_for_rad: -1.0,
+        }
+    }
+
+    /// The first waypoint; whether it has a free direction.
+    fn start(&mut self) -> bool {
+        for n in self.problem.free.iter(0) {
+            let tilt = tilt_rad(&self.problem.directions.axes()[n]);
+            self.best[n] = self.problem.own(0, n) + UPRIGHT * tilt;
+        }
+        self.problem.free.count(0) > 0
+    }
+
+    /// From waypoint i − 1 to i; whether any direction is reached.
+    fn advance(&mut self, i: usize, came_from: &mut [u8], edges: &mut u64) -> bool {
+        let p = self.problem;
+        let count = p.directions.len();
+        self.count_slots(p.reach_rad(i));
+        self.passable.iter_mut().for_each(|b| *b = false);
+        for n in p.free.iter(i).chain(p.free.iter(i - 1)) {
+            self.passable[n] = true;
+        }
+        let turn = p.turn_weight(i);
+        let forbidden = p.forbidden.at(i);
+        let only_neighbours = p.reach_rad(i) <= 1.5 * p.directions.spacing_rad();
+        self.next.iter_mut().for_each(|v| *v = f64::INFINITY);
+        let mut alive = false;
+        for n in p.free.iter(i) {
+            let (fan, slots) = (p.directions.fan(n), usize::from(self.slots[n]));
+            *edges += slots as u64;
+            let (slot, least) = if !forbidden.is_empty() {
+                self.among_allowed(fan, slots, turn, |from| forbidden.contains(&[from, n as u16]))
+            } else if only_neighbours {
+                self.among_neighbours(fan, slots, turn)
+            } else {
+                self.among_allowed(fan, slots, turn, |_| false)
+            };
+            if least.is_finite() {
+                self.next[n] = least + p.own(i, n);
+                came_from[i * count + n] = slot as u8;
+                alive = true;
+            }
+        }
+        std::mem::swap(&mut self.best, &mut self.next);
+        alive
+    }
+
+    fn count_slots(&mut self, reach_rad: f64) {
+        if self.slots_for_rad == reach_rad {
+            return;
+        }
+        self.slots_for_rad = reach_rad;
+        for (n, slots) in self.slots.iter_mut().enumerate() {
+            let fan = self.problem.directions.fan(n);
+            *slots = fan.angle_rad.partition_point(|a| f64::from(*a) <= reach_rad + 1e-6) as u16;
+        }
+    }
+
+    /// The best slot to come from when nothing lies between.
+    #[inline]
+    fn among_neighbours(&self, fan: &Fan, slots: usize, turn: f64) -> (usize, f64) {
+        let (mut from, mut least) = (0, f64::INFINITY);
+        for (slot, (node, square)) in fan.node[..slots].iter().zip(&fan.square[..slots]).enumerate() {
+            let total = self.best[usize::from(*node)] + turn * square;
+            if total < least {
+                (from, least) = (slot, total);
+            }
+        }
+        (from, least)
+    }
+
+    /// The best slot to come from, over places that are all passable.
+    #[inline]
+    fn among_allowed(
+        &self,
+        fan: &Fan,
+        slots: usize,
+        turn: f64,
+        is_forbidden: impl Fn(u16) -> bool,
+    ) -> (usize, f64) {
+        let mut open = [true; MOST_SLOTS];
+        let (mut from, mut least) = (0, f64::INFINITY);
+        for slot in 0..slots {
+            let node = fan.node[slot];
+            let on_way = open[usize::from(fan.parent[slot])];
+            // slot 0 is the end itself, which is free
+            open[slot] = on_way && self.passable[usize::from(node)];
+            let total = self.best[usize::from(node)] + turn * fan.square[slot];
+            if on_way && total < least && !is_forbidden(node) {
+                (from, least) = (slot, total);
+            }
+        }
+        (from, least)
+    }
+
+    fn best_end(&self) -> (usize, f64) {
+        let mut end = (0, f64::INFINITY);
+        for (n, total) in self.best.iter().enumerate() {
+            if *total < end.1 {
+                end = (n, *total);
+            }
+        }
+        if end.1.is_finite() { end } else { (0, 0.0) }
+    }
+}
+
+#[cfg(test)]
+mod tests;
