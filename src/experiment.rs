@@ -12,8 +12,8 @@ use crate::outcome::Outcome;
 
 pub fn run(args: &ExperimentArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> {
     let Some(experiment) = EXPERIMENTS.iter().find(|e| e.name == args.name) else {
-        let known: Vec<_> = EXPERIMENTS.iter().map(|e| format!("  {:<14} {}", e.name, e.about)).collect();
-        anyhow::bail!("no experiment is called \"{}\"; there are\n{}", args.name, known.join("\n"));
+        let known: Vec<_> = EXPERIMENTS.iter().map(|e| format!("{} ({})", e.name, e.about)).collect();
+        anyhow::bail!("no experiment is called \"{}\"; there are {}", args.name, known.join("; "));
     };
     let tables = (experiment.run)(Size { seeds: args.seeds }, progress)?;
     if let Some(dir) = &args.out {

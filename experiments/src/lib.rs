@@ -6,10 +6,17 @@
 //! Invariants: the same size gives the same tables, but for columns of wall-clock time; a body that is not there (scans that
 //! are not part of the repository) is left out and said.
 
+mod body;
 pub mod force_error;
+mod orientation;
 mod table;
+mod trials;
 
-use bonemill_planner::Progress;
+use std::io;
+
+use bonemill_imaging::ImageError;
+use bonemill_planner::case::CaseError;
+use bonemill_planner::{PlanError, Progress};
 
 pub use table::Table;
 
@@ -23,6 +30,18 @@ pub struct Size {
 /// What an experiment can fail of.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
+    /// A temporary folder.
+    #[error("cannot write a phantom's files to the temporary folder")]
+    Folder(#[source] io::Error),
+    /// A phantom's image.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// Its case.
+    #[error(transparent)]
+    Case(#[from] CaseError),
+    /// Planning.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
     /// A burr or material that cannot be.
     #[error(transparent)]
     Model(#[from] bonemill_planner::burr::ModelError),
@@ -49,11 +68,28 @@ pub struct Experiment {
 }
 
 /// Every experiment, by name.
-pub const EXPERIMENTS: &[Experiment] = &[Experiment {
-    name: "force-error",
-    about: "the burr's force: error against the converged sum, and time, over the discretisations",
-    run: force_error::run,
-}];
+pub const EXPERIMENTS: &[Experiment] = &[
+    Experiment {
+        name: "force-error",
+        about: "the burr's force: error against the converged sum, and time, over the discretisations",
+        run: force_error::run,
+    },
+    Experiment {
+        name: "trials",
+        about: "the three trials of Dillon et al. 2016 on the foam block, greedy and optimal",
+        run: trials::run,
+    },
+    Experiment {
+        name: "trials-sweep",
+        about: "how the reductions of those trials change over what is assumed",
+        run: trials::sweep,
+    },
+    Experiment {
+        name: "orientation",
+        about: "optimal against greedy orientation, one and two angles: cost, forces, rates, violations, time",
+        run: orientation::run,
+    },
+];
 
 #[cfg(test)]
 mod tests {

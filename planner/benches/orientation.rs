@@ -74,7 +74,8 @@ fn edges(c: &mut Criterion) {
         let n = directions.len();
         let cost: Vec<f32> = (0..n * waypoints).map(|k| ((k * 7919) % 1009) as f32 / 1009.0).collect();
         // free on one side that wanders, as beside a wall
-        let free = FreeSets::fill(waypoints, n, |i, k| directions.axes()[k].y < 0.4 + 0.3 * (i as f64 * 0.01).sin());
+        let free =
+            FreeSets::fill(waypoints, n, |i, k| directions.axes()[k].y < 0.4 + 0.3 * (i as f64 * 0.01).sin());
         let forbidden = Forbidden::default();
         let problem = Problem {
             directions: &directions,
@@ -106,7 +107,8 @@ fn cost(c: &mut Criterion) {
         // a layer of 1.5 mm beside an earlier line
         if p.z > -1.0 || p.y > 0.8 || cells > 0.35 { 0.0 } else { 0.8 + 0.1 * cells as f32 }
     };
-    let bone = Volume::new(grid.clone(), (0..grid.len()).map(density).collect()).expect("one value per voxel");
+    let bone =
+        Volume::new(grid.clone(), (0..grid.len()).map(density).collect()).expect("one value per voxel");
     let tool = Tool::new(2.5, 8, -1).and_then(|t| t.with_neck(1.1)).expect("a tool");
     let material = Material::new([1400.0, 840.0, 140.0], 0.8).expect("a material");
     let center = Point::new(0.03, -0.02, 0.01);

@@ -211,6 +211,14 @@ pub enum CaseFault {
         /// The name.
         found: String,
     },
+    /// One choice rules out another.
+    #[error("`{key}` cannot hold: {why}")]
+    Contradiction {
+        /// The key.
+        key: String,
+        /// What it contradicts, and what to do.
+        why: &'static str,
+    },
     /// Known, but not built yet.
     #[error("`{key}` is not supported yet; {instead}")]
     NotSupported {

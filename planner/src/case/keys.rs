@@ -7,7 +7,7 @@ use std::fmt;
 
 use bonemill_imaging::AffineChoice;
 
-use super::{ForceTerm, Measure, OrientationMode, SpeedMode};
+use super::{ForceTerm, Measure, OrientationMode, SeveralStructures, SpeedMode};
 
 /// Unit of a number in the case file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,6 +34,14 @@ pub enum Unit {
     NMm2,
     /// Edge force per length.
     NMm,
+    /// Force.
+    N,
+    /// Small length.
+    Um,
+    /// Power.
+    W,
+    /// Acceleration.
+    MmS2,
     /// Decay with distance.
     PerMm,
     /// CT number.
@@ -56,6 +64,10 @@ impl fmt::Display for Unit {
             Unit::GCm3 => "g/cm³",
             Unit::NMm2 => "N/mm²",
             Unit::NMm => "N/mm",
+            Unit::N => "N",
+            Unit::Um => "µm",
+            Unit::W => "W",
+            Unit::MmS2 => "mm/s²",
             Unit::PerMm => "1/mm",
             Unit::Hu => "HU",
             Unit::Joint => "the joint's unit (mm or rad)",
@@ -72,6 +84,9 @@ impl Unit {
             Unit::Rpm => &[("thousands of rpm", 1e3), ("revolutions per second", 60.0)],
             Unit::GCm3 => &[("kg/m³", 1e-3)],
             Unit::NMm2 => &[("Pa", 1e-6), ("GPa", 1e3)],
+            Unit::N => &[("mN", 1e-3), ("kN", 1e3)],
+            Unit::Um => &[("mm", 1e3), ("m", 1e6)],
+            Unit::W => &[("mW", 1e-3), ("kW", 1e3)],
             Unit::Hz => &[("kHz", 1e3)],
             Unit::One => &[("per cent", 1e-2)],
             _ => &[],
@@ -233,6 +248,13 @@ table! {
         NOMINAL_SPEED = "speed.nominal_mm_s" MmS 0.001..1000.0, Value(1.5), "speed of `constant`, and at which forces are compared", "D: 1.5 mm/s";
         LINK_SPEED = "speed.link_mm_s" MmS 0.001..1000.0, Value(10.0), "speed in free space", ASSUMED;
         TOTAL_TIME = "speed.total_time_s" S 0.1..1e6, Words(ABSENT), "time of the whole plan, when it is to be met", "-";
+        ANGLES = "orientation.angles" One 1.0..2.0, Words("1 for the bone-attached arm, 2 for others"), "tilt angles of the shaft: θ in one plane, or θ and φ", "D: four joints leave θ";
+        FORCE_CAP = "speed.force_n" N 0.001..1000.0, Words("with mode = \"force_limited\": 1.7; else none"), "largest predicted force on the burr", "D IV: peak 1.69 N of the third trial";
+        TOWARD_CAP = "speed.force_toward_n" One 0.0..1000.0, Words("with mode = \"force_limited\": [[2, 0.8], [6, 1.7]]; else none"),
+            "largest predicted force toward every structure: [distance from the burr's surface in mm, N], linear between, constant beyond", "D IV: peak 0.80 N within 2 mm in the third trial; the rise beyond is assumed";
+        DEFLECTION_CAP = "speed.deflection_um" Um 0.001..1e5, Words(ABSENT), "largest predicted deflection of the burr; needs robot.joint_stiffness", "-";
+        POWER_CAP = "speed.power_w" W 0.001..1e4, Words(ABSENT), "largest predicted spindle power", "-";
+        SPEED_ACCELERATION = "speed.acceleration_mm_s2" MmS2 0.01..1e6, Value(50.0), "largest acceleration of the burr along the path with mode = \"force_limited\"; the joints' own limits hold anyway", ASSUMED;
         STIFFNESS = "robot.joint_stiffness" Joint 1e-6..1e12, Words("none: rigid, no deflection"), "N/mm of prismatic joints, N·mm/rad of revolute ones", "D eq. 10";
         VELOCITY = "robot.velocity_limits" Joint 1e-6..1e9, Words("the URDF's"), "per joint and second; the stricter of this and the URDF's holds", "-";
         ACCELERATION = "robot.acceleration_limits" Joint 1e-6..1e9, Words("the arm's, marked assumed"), "per joint and s²", "-";
@@ -259,6 +281,8 @@ table! {
         PATTERN: () = "path.pattern" ["lawnmower" => ()], "layers of serpentine lines", "D II-A";
         COST_FORCE: ForceTerm = "cost.force" ["cutting" => ForceTerm::Cutting, "deflection" => ForceTerm::Deflection],
             "which force the cost looks at: D6 or D12", "D eq. 6";
+        COST_STRUCTURES: SeveralStructures = "cost.structures" ["nearest" => SeveralStructures::Nearest, "priority" => SeveralStructures::Priority, "sum" => SeveralStructures::Sum],
+            "which structures the cost looks at where several are near: the closest; the one of highest priority among the close ones; all, each by its own α₁", "D II-D names all three";
         ORIENTATION: OrientationMode = "orientation.mode" ["optimal" => OrientationMode::Optimal, "greedy" => OrientationMode::Greedy, "fixed" => OrientationMode::Fixed],
             "dynamic programming over the sequence; each waypoint alone, then a low-pass; along the approach. `greedy` with preset = \"paper\"", "assumed; greedy: D II-D";
         SPEED_MODE: SpeedMode = "speed.mode" ["mass" => SpeedMode::Mass, "constant" => SpeedMode::Constant, "force_limited" => SpeedMode::ForceLimited],

@@ -21,6 +21,8 @@ use std::path::PathBuf;
 use bonemill_imaging::{AffineChoice, DensityTable};
 use nalgebra::{Rotation3, Vector3};
 
+pub use crate::cost::SeveralStructures;
+pub use crate::speed::DistanceCurve;
 pub use error::{CaseError, CaseFault, Located};
 pub use keys::Unit;
 pub(crate) use parse::{rotation_from_matrix, syntax};
@@ -232,6 +234,8 @@ pub struct CostSpec {
     pub alpha_max: f64,
     /// Which force.
     pub force: ForceTerm,
+    /// Which structures, where several are near.
+    pub structures: SeveralStructures,
 }
 
 /// How the shaft's axis is chosen.
@@ -250,6 +254,8 @@ pub enum OrientationMode {
 pub struct OrientationSpec {
     /// How.
     pub mode: OrientationMode,
+    /// Tilt angles: 1 or 2.
+    pub angles: u32,
     /// Largest angle from the approach while cutting, rad.
     pub tilt_limit_rad: f64,
 }
@@ -265,8 +271,23 @@ pub enum SpeedMode {
     ForceLimited,
 }
 
+/// Caps of `force_limited`; absent ones do not bind.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SpeedCaps {
+    /// Largest force, N.
+    pub force_n: Option<f64>,
+    /// Largest force toward a structure, N, by the distance from the burr's surface to it, mm.
+    pub force_toward_n: Option<DistanceCurve>,
+    /// Largest deflection, µm.
+    pub deflection_um: Option<f64>,
+    /// Largest spindle power, W.
+    pub power_w: Option<f64>,
+    /// Largest acceleration along the path, mm/s².
+    pub acceleration_mm_s2: f64,
+}
+
 /// `[speed]`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct SpeedSpec {
     /// How.
     pub mode: SpeedMode,
@@ -280,6 +301,8 @@ pub struct SpeedSpec {
     pub link_mm_s: f64,
     /// Time of the whole plan, s, when it is to be met.
     pub total_time_s: Option<f64>,
+    /// Of `force_limited`.
+    pub caps: SpeedCaps,
 }
 
 /// Where the patient is, seen from the arm.

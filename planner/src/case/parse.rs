@@ -12,8 +12,9 @@ use super::keys::{self as k, Fallback, Number, Other};
 use super::relations;
 use super::walker::{Log, Walk, as_number, line_at};
 use super::{
-    Burr, Case, CostSpec, Density, GridSpec, Images, LabelRef, Material, Measure, OrientationMode,
-    OrientationSpec, PathSpec, Registration, RobotSpec, ShankSegment, SpeedSpec, Structure, Target,
+    Burr, Case, CostSpec, Density, DistanceCurve, GridSpec, Images, LabelRef, Material, Measure,
+    OrientationMode, OrientationSpec, PathSpec, Registration, RobotSpec, ShankSegment, SpeedCaps, SpeedSpec,
+    Structure, Target,
 };
 
 /// HU and g/cm³ of the default calibration curve. Assumed.
@@ -24,6 +25,13 @@ const DEFAULT_TABLE: ([f64; 7], [f64; 7]) = (
 
 /// Length and radius of the default shank's cylinders, mm. Assumed.
 const DEFAULT_SHANK: [[f64; 2]; 2] = [[25.0, 1.1], [60.0, 6.0]];
+
+/// D IV: peak force of the third trial.
+const DEFAULT_FORCE_CAP_N: f64 = 1.7;
+/// D IV: peak force toward the nerve within 2 mm in the third trial; the rise beyond is assumed.
+const DEFAULT_TOWARD_CAP_N: [[f64; 2]; 2] = [[2.0, 0.8], [6.0, 1.7]];
+/// The arm with one tilt.
+const BONE_ATTACHED: &str = "bone-attached";
 
 impl Case {
     /// The case in `text`; `source` names the file in messages. No file is touched.
@@ -87,6 +95,7 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
     let root = Walk::root(log, table, path);
     let paper = root.choice(&k::PRESET, false);
     let burr = read_burr(root.table("burr"));
+    let robot = read_robot(root.table("robot"));
     let case = Case {
         paper,
         images: read_images(root.table("images")),
@@ -98,9 +107,9 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
         material: read_material(root.table("material"), paper),
         path: read_path(root.table("path"), burr.radius_mm),
         cost: read_cost(root.table("cost"), paper),
-        orientation: read_orientation(root.table("orientation"), paper),
+        orientation: read_orientation(root.table("orientation"), paper, &robot.model),
         speed: read_speed(root.table("speed")),
-        robot: read_robot(root.table("robot")),
+        robot,
         grid: read_grid(root.table("grid")),
         burr,
     };
@@ -328,15 +337,17 @@ fn read_cost(t: Walk<'_, '_>, paper: bool) -> CostSpec {
         kappa_per_mm: t.number(&k::KAPPA),
         alpha_max: t.optional(&k::ALPHA_MAX).unwrap_or(if paper { 0.5 } else { 0.8 }),
         force: t.choice(&k::COST_FORCE, super::ForceTerm::Cutting),
+        structures: t.choice(&k::COST_STRUCTURES, super::SeveralStructures::Nearest),
     };
     t.finish();
     cost
 }
 
-fn read_orientation(t: Walk<'_, '_>, paper: bool) -> OrientationSpec {
+fn read_orientation(t: Walk<'_, '_>, paper: bool, model: &str) -> OrientationSpec {
     let default = if paper { OrientationMode::Greedy } else { OrientationMode::Optimal };
     let orientation = OrientationSpec {
         mode: t.choice(&k::ORIENTATION, default),
+        angles: t.whole(&k::ANGLES, if model == BONE_ATTACHED { 1 } else { 2 }),
         tilt_limit_rad: t.number(&k::TILT_LIMIT).to_radians(),
     };
     t.finish();
@@ -344,23 +355,45 @@ fn read_orientation(t: Walk<'_, '_>, paper: bool) -> OrientationSpec {
 }
 
 fn read_speed(t: Walk<'_, '_>) -> SpeedSpec {
+    let mode = t.choice(&k::SPEED_MODE, super::SpeedMode::Mass);
     let speed = SpeedSpec {
-        mode: t.choice(&k::SPEED_MODE, super::SpeedMode::Mass),
+        mode,
         min_mm_s: t.number(&k::MIN_SPEED),
         max_mm_s: t.number(&k::MAX_SPEED),
         nominal_mm_s: t.number(&k::NOMINAL_SPEED),
         link_mm_s: t.number(&k::LINK_SPEED),
         total_time_s: t.optional(&k::TOTAL_TIME),
+        caps: read_caps(&t, mode == super::SpeedMode::ForceLimited),
     };
     t.finish();
     speed
+}
+
+/// Caps on force, D's own where the mode needs some and the case has none.
+fn read_caps(t: &Walk<'_, '_>, bind: bool) -> SpeedCaps {
+    let curve = t.rows::<2>(&k::TOWARD_CAP).and_then(|points| {
+        let curve = DistanceCurve::new(&points);
+        if curve.is_err() {
+            let expected = "[[mm, N], …] with rising distances and forces that do not fall".into();
+            let key = t.key(k::name_of(k::TOWARD_CAP.path));
+            t.note(k::name_of(k::TOWARD_CAP.path), CaseFault::Length { key, found: points.len(), expected });
+        }
+        curve.ok()
+    });
+    SpeedCaps {
+        force_n: t.optional(&k::FORCE_CAP).or(bind.then_some(DEFAULT_FORCE_CAP_N)),
+        force_toward_n: curve.or_else(|| DistanceCurve::new(&DEFAULT_TOWARD_CAP_N).ok().filter(|_| bind)),
+        deflection_um: t.optional(&k::DEFLECTION_CAP),
+        power_w: t.optional(&k::POWER_CAP),
+        acceleration_mm_s2: t.number(&k::SPEED_ACCELERATION),
+    }
 }
 
 fn read_robot(t: Walk<'_, '_>) -> RobotSpec {
     let base_from_ct = t.table("base_from_ct");
     let flange_from_burr = t.table("flange_from_burr");
     let robot = RobotSpec {
-        model: t.text(&k::MODEL).unwrap_or_else(|| "bone-attached".into()),
+        model: t.text(&k::MODEL).unwrap_or_else(|| BONE_ATTACHED.into()),
         base_from_ct: read_registration(base_from_ct),
         flange_from_burr: read_mount(flange_from_burr),
         joint_stiffness: read_joints(&t, &k::STIFFNESS),

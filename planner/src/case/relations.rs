@@ -30,7 +30,7 @@ pub(super) fn judge(case: &Case, note: &dyn Fn(CaseFault, &str), is_default: &dy
 }
 
 fn bounds(case: &Case) -> Vec<Bound> {
-    let (r, path, speed) = (case.burr.radius_mm, case.path, case.speed);
+    let (r, path, speed) = (case.burr.radius_mm, case.path, &case.speed);
     let at_most = |key, found: f64, limit: f64, of, unit| Bound {
         key,
         found,
@@ -155,8 +155,27 @@ fn judge_choices(case: &Case, note: &dyn Fn(CaseFault, &str)) {
         let expected = "one value per joint, N/mm or N·mm/rad, for cost.force = \"deflection\"".into();
         note(CaseFault::Missing { key: "robot.joint_stiffness".into(), expected }, "cost.force");
     }
-    if case.speed.mode == SpeedMode::ForceLimited {
-        let instead = "expected \"mass\" or \"constant\"";
-        note(CaseFault::NotSupported { key: "speed.mode = \"force_limited\"".into(), instead }, "speed.mode");
+    let caps = &case.speed.caps;
+    if caps.deflection_um.is_some() && case.robot.joint_stiffness.is_none() {
+        let expected = "one value per joint, N/mm or N·mm/rad, for speed.deflection_um".into();
+        note(CaseFault::Missing { key: "robot.joint_stiffness".into(), expected }, "speed.deflection_um");
+    }
+    if case.orientation.angles == 2 && case.robot.model == "bone-attached" {
+        let why =
+            "the bone-attached arm has one tilt: leave the key out, say 1, or choose another robot.model";
+        note(CaseFault::Contradiction { key: "orientation.angles = 2".into(), why }, "orientation.angles");
+    }
+    let caps_given = [
+        ("speed.force_n", caps.force_n.is_some()),
+        ("speed.force_toward_n", caps.force_toward_n.is_some()),
+        ("speed.deflection_um", caps.deflection_um.is_some()),
+        ("speed.power_w", caps.power_w.is_some()),
+    ];
+    for (key, given) in caps_given {
+        if given && case.speed.mode != SpeedMode::ForceLimited {
+            // a cap that nothing keeps would be read as a promise
+            let why = "caps are kept with speed.mode = \"force_limited\" only";
+            note(CaseFault::Contradiction { key: key.into(), why }, key);
+        }
     }
 }

@@ -46,7 +46,7 @@ fn the_least_case_has_every_documented_default() {
     assert_eq!(case.orientation.mode, OrientationMode::Optimal);
     assert_eq!(case.orientation.tilt_limit_rad, 60f64.to_radians());
     assert_eq!(case.speed.mode, SpeedMode::Mass);
-    let s = case.speed;
+    let s = &case.speed;
     assert_eq!(
         (s.min_mm_s, s.max_mm_s, s.nominal_mm_s, s.link_mm_s, s.total_time_s),
         (0.5, 4.0, 1.5, 10.0, None)
@@ -429,6 +429,28 @@ fn a_choice_that_lacks_what_it_needs_is_refused_at_its_line() {
     assert!(message.starts_with("case.toml:8: `robot.joint_stiffness` is missing"), "{message}");
     let stiff = format!("{LEAST}{deflection}[robot]\njoint_stiffness = [1e3, 1e3, 1e3, 1e6]\n");
     assert!(parse(&stiff).is_ok());
-    let message = refusal("[speed]\nmode = \"force_limited\"\n");
-    assert!(message.contains(":8: ") && message.contains("expected \"mass\" or \"constant\""), "{message}");
+    let message = refusal("[speed]\ndeflection_um = 20\nmode = \"force_limited\"\n");
+    assert!(message.contains(":8: `robot.joint_stiffness` is missing"), "{message}");
+    let message = refusal("[speed]\nforce_n = 1.5\n");
+    assert!(
+        message.contains(":8: `speed.force_n` cannot hold") && message.contains("force_limited"),
+        "{message}"
+    );
+    let message = refusal("[orientation]\nangles = 2\n");
+    assert!(message.contains(":8: ") && message.contains("one tilt"), "{message}");
+    let message = refusal("[speed]\nmode = \"force_limited\"\nforce_toward_n = [[2, 0.5], [1, 0.4]]\n");
+    assert!(message.contains(":9: ") && message.contains("rising distances"), "{message}");
+}
+
+#[test]
+fn force_caps_default_to_the_papers_peaks_and_bind_only_where_asked() {
+    let case = parse(&format!("{LEAST}[speed]\nmode = \"force_limited\"\nforce_n = 2.5\n")).unwrap();
+    let caps = &case.speed.caps;
+    assert_eq!((caps.force_n, caps.power_w, caps.deflection_um), (Some(2.5), None, None));
+    let toward = caps.force_toward_n.as_ref().unwrap();
+    assert_eq!([1.0, 4.0, 9.0].map(|mm| (toward.at(mm) * 1e3).round()), [800.0, 1250.0, 1700.0]);
+    assert_eq!(Case::parse(&case.to_toml(), Path::new("again.toml")).unwrap(), case);
+    let plain = parse(LEAST).unwrap();
+    assert!(plain.speed.caps.force_n.is_none() && plain.speed.caps.force_toward_n.is_none());
+    assert_eq!((plain.orientation.angles, plain.cost.structures), (1, SeveralStructures::Nearest));
 }

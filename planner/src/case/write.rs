@@ -122,12 +122,14 @@ impl Case {
                 ("kappa_per_mm", float(self.cost.kappa_per_mm)),
                 ("alpha_max", float(self.cost.alpha_max)),
                 ("force", text(k::COST_FORCE.word(self.cost.force))),
+                ("structures", text(k::COST_STRUCTURES.word(self.cost.structures))),
             ],
         );
         out.table(
             "orientation",
             &[
                 ("mode", text(k::ORIENTATION.word(self.orientation.mode))),
+                ("angles", self.orientation.angles.to_string()),
                 ("tilt_limit_deg", float(degrees(self.orientation.tilt_limit_rad))),
             ],
         );
@@ -139,6 +141,15 @@ impl Case {
             ("link_mm_s", float(self.speed.link_mm_s)),
         ];
         speed.extend(self.speed.total_time_s.map(|s| ("total_time_s", float(s))));
+        let caps = &self.speed.caps;
+        let numbers =
+            [("force_n", caps.force_n), ("deflection_um", caps.deflection_um), ("power_w", caps.power_w)];
+        speed.extend(numbers.into_iter().filter_map(|(key, cap)| Some((key, float(cap?)))));
+        if let Some(curve) = &caps.force_toward_n {
+            let points: Vec<_> = curve.points().iter().map(|p| list(p)).collect();
+            speed.push(("force_toward_n", format!("[{}]", points.join(", "))));
+        }
+        speed.push(("acceleration_mm_s2", float(caps.acceleration_mm_s2)));
         out.table("speed", &speed);
     }
 

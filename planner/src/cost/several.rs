@@ -117,6 +117,8 @@ impl CostModel {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cost::compliance_mm_per_n;
+    use nalgebra::{Dyn, OMatrix, U3};
     use proptest::prelude::*;
 
     fn ranked(to: Vector3<f64>, priority: u32) -> Ranked {
@@ -200,5 +202,33 @@ mod tests {
         // inside the clearance the weight is that of the clearance
         let inside = [ranked(Vector3::x() * 2.0, 1)];
         assert_eq!(model.terms(&inside, SeveralStructures::Sum).total_alpha(), 0.8);
+    }
+
+    /// A force along x with a little z: with a soft third joint the burr moves along z, and that is what counts (D12).
+    #[test]
+    fn one_soft_joint_decides_where_the_burr_gives_way() {
+        let columns = [Vector3::x(), Vector3::y(), Vector3::z()];
+        let jacobian = OMatrix::<f64, U3, Dyn>::from_columns(&columns);
+        let compliance = compliance_mm_per_n(&jacobian, &[1e3, 1e3, 1.0]).unwrap();
+        let model = CostModel::new(0.7, 1.0).unwrap();
+        let force = Vector3::new(1.0, 0.0, 0.1);
+        let cost = |to: Vector3<f64>, push: Vector3<f64>| {
+            model.terms(&[ranked(to * 3.5, 1)], SeveralStructures::Nearest).cost(&push, 1.0, 1.0).cost
+        };
+        assert!(cost(Vector3::x(), force) > 0.99 && cost(Vector3::x(), compliance * force) < 0.02);
+        assert!(cost(Vector3::z(), force) < 0.11 && cost(Vector3::z(), compliance * force) > 0.99);
+    }
+
+    /// A pose from which the arm cannot move along z: it does not give way there, and nothing is infinite or NaN.
+    #[test]
+    fn a_singular_pose_is_rigid_in_its_lost_direction() {
+        let columns = [Vector3::x() * 40.0, Vector3::x() * 25.0, Vector3::y() * 30.0, Vector3::zeros()];
+        let jacobian = OMatrix::<f64, U3, Dyn>::from_columns(&columns);
+        let compliance = compliance_mm_per_n(&jacobian, &[1e5, 1e5, 1e5, 1e5]).unwrap();
+        let model = CostModel::new(0.7, 0.8).unwrap();
+        let terms = model.terms(&[ranked(Vector3::z() * 4.0, 1)], SeveralStructures::Nearest);
+        let lost = terms.cost(&(compliance * Vector3::z()), 0.6, 1.0);
+        assert_eq!((lost.toward, lost.fraction), (0.0, 0.0));
+        assert!((lost.cost - (1.0 - terms.total_alpha()) * 0.4).abs() < 1e-15);
     }
 }

@@ -86,7 +86,7 @@ mod tests {
         }
         sets.retain(4, |n| n % 2 == 0);
         assert!(sets.iter(4).all(|n| n % 2 == 0 && rule(4, n)) && sets.count(4) > 20);
-        assert!(sets.contains(5, 0) && !sets.contains(4, 1));
+        assert!(sets.contains(5, 1) && !sets.contains(5, 0) && !sets.contains(4, 1));
         assert_eq!(FreeSets::fill(0, 5, |_, _| true).len(), 0);
     }
 }

@@ -1,23 +1,48 @@
-//! D's way: the best angle of each waypoint alone, then a low-pass (D7, II-G).
+//! D's way: the best direction of each waypoint alone, then a low-pass (D7, II-G).
 //!
-//! Per waypoint: a scan of the free angles, their interval's ends among them, then argmin's bounded Brent between the
-//! neighbours of the best. The low-pass would leave the permissible interval at many waypoints; there it is held at the
-//! nearest free angle, and counted.
+//! Per waypoint: a scan of the free directions, the exact ends of their interval (where 95 % of the optima lie) and argmin's
+//! bounded Brent between the neighbours of the best; on two angles a compass search around the best. A waypoint at which
+//! every free direction costs the same keeps the direction before it: ties go to the smallest change.
+//!
+//! The low-pass is a zero-phase moving average of the angles themselves: θ, or θ and φ. It leaves the permissible set at many
+//! waypoints; there the axis is held at the nearest free direction, and counted. Nothing here looks between waypoints:
+//! that is the paper's way, and what [`super::sequence`] and [`super::refine`] are for.
+//!
+//! **Source:** Dillon et al. 2016, equation (7) and II-G; FORCE_MODEL 8, resolution 17.
 
 use argmin::core::{CostFunction, Error, Executor, State};
 use argmin::solver::brent::BrentOpt;
+use bonemill_geometry::basis;
+use nalgebra::{Unit, Vector3};
 
-use super::{Scan, moving_average};
+use super::{Directions, TiltFamily, moving_average};
 
 /// Iterations of Brent's method: 2° to below 0.01°.
 const BRENT_ITERATIONS: u64 = 12;
+/// Halvings that find where an interval ends: 2° to 0.03°.
+const END_HALVINGS: usize = 6;
+/// Costs nearer than this are equal.
+const EQUAL: f64 = 1e-12;
 
-/// Angles and what the low-pass did to them.
+/// What one waypoint wants.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Wish {
+    /// This axis.
+    Axis(Unit<Vector3<f64>>),
+    /// Every free direction costs the same.
+    Any,
+    /// Nothing is free.
+    Nothing,
+}
+
+/// Axes, and what the low-pass did to them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Greedy {
-    /// Angle per waypoint, rad.
-    pub angles_rad: Vec<f64>,
-    /// Waypoints at which the filtered angle was not free and was held back.
+    /// Axis per waypoint.
+    pub axes: Vec<Unit<Vector3<f64>>>,
+    /// The family's angle per waypoint, rad, for a plane.
+    pub angles_rad: Option<Vec<f64>>,
+    /// Waypoints at which the filtered axis was not free and was held back.
     pub held: usize,
 }
 
@@ -31,106 +56,267 @@ impl<F: Fn(f64) -> f64> CostFunction for Along<F> {
     }
 }
 
-/// The best free angle of one waypoint, rad; `None` when none is free.
-///
-/// `free`: bits of the scan; `cost(q)` and `is_free(q)` for any angle. Ties go to the angle nearest to `near_rad`.
-pub fn best_angle(
-    scan: &Scan,
-    free: u128,
-    near_rad: f64,
-    cost: impl Fn(f64) -> f64,
-    is_free: impl Fn(f64) -> bool,
-) -> Option<f64> {
-    let (mut best, mut least) = (None, f64::INFINITY);
-    for n in (0..scan.len()).filter(|n| free >> n & 1 == 1) {
-        let (q, c) = (scan.angles_rad[n], cost(scan.angles_rad[n]));
-        let nearer = best.is_none_or(|b: f64| (q - near_rad).abs() < (b - near_rad).abs());
-        if c < least - 1e-12 || (c <= least + 1e-12 && nearer) {
-            (best, least) = (Some(q), c);
-        }
-    }
-    let q = best?;
-    let is_free_at = |n: Option<usize>| n.is_some_and(|n| n < scan.len() && free >> n & 1 == 1);
-    let n = scan.nearest(q);
-    let lower = if is_free_at(n.checked_sub(1)) { scan.angles_rad[n - 1] } else { q };
-    let upper = if is_free_at(Some(n + 1)) { scan.angles_rad[n + 1] } else { q };
-    if lower >= upper {
-        return Some(q);
-    }
-    let solver = BrentOpt::new(lower, upper);
-    let run = Executor::new(Along(&cost), solver).configure(|s| s.max_iters(BRENT_ITERATIONS)).run();
-    // a failed refinement leaves the scan's answer; NaN cost gives no parameter
-    let refined = run.ok().and_then(|r| r.state().get_best_param().copied());
-    Some(refined.filter(|r| cost(*r) < least - 1e-12 && is_free(*r)).unwrap_or(q))
+/// One waypoint: its free directions, the access test and the cost of any axis.
+#[derive(Debug, Clone, Copy)]
+pub struct Waypoint<'a, Set, Free, Cost> {
+    /// The directions.
+    pub directions: &'a Directions,
+    /// The family of a plane; none for a cap.
+    pub family: Option<&'a TiltFamily>,
+    /// Whether direction n is free.
+    pub in_set: Set,
+    /// Whether any axis is.
+    pub is_free: Free,
+    /// C.
+    pub cost: Cost,
 }
 
-/// The low-pass: a zero-phase moving average over 2·`half` + 1 waypoints, held at free angles.
+impl<Set, Free, Cost> Waypoint<'_, Set, Free, Cost>
+where
+    Set: Fn(usize) -> bool,
+    Free: Fn(&Unit<Vector3<f64>>) -> bool,
+    Cost: Fn(&Unit<Vector3<f64>>) -> f64,
+{
+    /// The axis of least cost among the free ones.
+    pub fn wish(&self) -> Wish {
+        let (mut best, mut least, mut most) = (None, f64::INFINITY, f64::NEG_INFINITY);
+        for n in (0..self.directions.len()).filter(|n| (self.in_set)(*n)) {
+            let c = (self.cost)(&self.directions.axes()[n]);
+            most = most.max(c);
+            if c < least - EQUAL {
+                (best, least) = (Some(n), c);
+            }
+        }
+        match (best, self.family, self.directions.angles_rad()) {
+            (None, ..) => Wish::Nothing,
+            _ if most - least <= EQUAL => Wish::Any,
+            (Some(n), Some(family), Some(angles)) => Wish::Axis(self.in_plane(n, least, family, angles)),
+            (Some(n), ..) => Wish::Axis(self.compass(n, least)),
+        }
+    }
+
+    /// Between the neighbours of the best scanned angle, or the exact ends of the free interval.
+    fn in_plane(&self, n: usize, least: f64, family: &TiltFamily, angles: &[f64]) -> Unit<Vector3<f64>> {
+        let q = angles[n];
+        let limit = |m: Option<usize>| {
+            let Some(m) = m.filter(|m| *m < angles.len()) else { return q };
+            if (self.in_set)(m) { angles[m] } else { self.end_of_interval(q, angles[m], family) }
+        };
+        let (lower, upper) = (limit(n.checked_sub(1)), limit(Some(n + 1)));
+        let cost = |q: f64| (self.cost)(&family.axis(q));
+        let mut best = (q, least);
+        let mut consider = |q: f64| {
+            let c = cost(q);
+            if c < best.1 - EQUAL && (self.is_free)(&family.axis(q)) {
+                best = (q, c);
+            }
+        };
+        // Brent never returns the ends
+        consider(lower);
+        consider(upper);
+        if lower < upper {
+            let solver = BrentOpt::new(lower, upper);
+            let run = Executor::new(Along(&cost), solver).configure(|s| s.max_iters(BRENT_ITERATIONS)).run();
+            // a failed refinement leaves the scan's answer; NaN cost gives no parameter
+            if let Some(q) = run.ok().and_then(|r| r.state().get_best_param().copied()) {
+                consider(q);
+            }
+        }
+        family.axis(best.0)
+    }
+
+    /// The last free angle from `free` towards `blocked`, to END_HALVINGS.
+    fn end_of_interval(&self, free: f64, blocked: f64, family: &TiltFamily) -> f64 {
+        let (mut inside, mut outside) = (free, blocked);
+        for _ in 0..END_HALVINGS {
+            let middle = 0.5 * (inside + outside);
+            if (self.is_free)(&family.axis(middle)) { inside = middle } else { outside = middle }
+        }
+        inside
+    }
+
+    /// Steps to lower cost in six directions, halved where none helps.
+    fn compass(&self, n: usize, least: f64) -> Unit<Vector3<f64>> {
+        let mut best = (self.directions.axes()[n], least);
+        let mut step = 0.5 * self.directions.spacing_rad();
+        for _ in 0..4 {
+            let [theta, phi] = <[f64; 2]>::from(basis::angles_from_axis(&best.0));
+            let around = (0..6).map(|k| {
+                let (s, c) = (f64::from(k) * std::f64::consts::FRAC_PI_3).sin_cos();
+                axis_from_angles(theta + step * s, phi + step * c)
+            });
+            let found = around
+                .map(|axis| ((self.cost)(&axis), axis))
+                .filter(|(c, a)| *c < best.1 - EQUAL && (self.is_free)(a));
+            match found.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                Some((c, axis)) => best = (axis, c),
+                None => step *= 0.5,
+            }
+        }
+        best.0
+    }
+}
+
+fn axis_from_angles(theta_rad: f64, phi_rad: f64) -> Unit<Vector3<f64>> {
+    Unit::new_normalize(basis::axis_from_angles(theta_rad, phi_rad))
+}
+
+/// Every waypoint's axis from what each wants: no preference keeps the axis before it, or the nearest free direction.
 ///
-/// `is_free(i, q)`: the access test; `free[i]`: bits of the scan, not empty.
+/// `in_set(i, n)`: whether direction n is free at waypoint i. The first waypoint starts from the approach.
+pub fn settle(
+    directions: &Directions,
+    wishes: &[Wish],
+    in_set: impl Fn(usize, usize) -> bool,
+    is_free: impl Fn(usize, &Unit<Vector3<f64>>) -> bool,
+) -> Vec<Unit<Vector3<f64>>> {
+    let upright = directions.axes()[directions.nearest(&Vector3::z())];
+    let mut before = upright;
+    let mut settled = Vec::with_capacity(wishes.len());
+    for (i, wish) in wishes.iter().enumerate() {
+        before = match wish {
+            Wish::Axis(axis) => *axis,
+            Wish::Any if is_free(i, &before) => before,
+            _ => {
+                let nearest = directions.nearest_of(directions.nearest(&before), |n| in_set(i, n));
+                nearest.map_or(before, |n| directions.axes()[n])
+            }
+        };
+        settled.push(before);
+    }
+    settled
+}
+
+/// The low-pass: a zero-phase moving average of the angles over 2·`half` + 1 waypoints, held at free directions.
+///
+/// `is_free(i, axis)`: the access test; `in_set(i, n)`: whether direction n is free.
 pub fn low_pass(
-    scan: &Scan,
-    raw_rad: &[f64],
+    directions: &Directions,
+    family: Option<&TiltFamily>,
+    raw: &[Unit<Vector3<f64>>],
     half: usize,
-    free: &[u128],
-    is_free: impl Fn(usize, f64) -> bool,
+    in_set: impl Fn(usize, usize) -> bool,
+    is_free: impl Fn(usize, &Unit<Vector3<f64>>) -> bool,
 ) -> Greedy {
-    let filtered = moving_average(raw_rad, half);
+    let filtered: Vec<_> = match family {
+        Some(family) => {
+            let angles: Vec<f64> = raw.iter().map(|a| family.angle(a)).collect();
+            moving_average(&angles, half).into_iter().map(|q| family.axis(q)).collect()
+        }
+        None => {
+            let (theta, phi): (Vec<_>, Vec<_>) = raw.iter().map(|a| basis::angles_from_axis(a)).unzip();
+            let smooth = moving_average(&theta, half).into_iter().zip(moving_average(&phi, half));
+            smooth.map(|(theta, phi)| axis_from_angles(theta, phi)).collect()
+        }
+    };
     let mut held = 0;
-    let angles_rad = filtered
+    let axes: Vec<_> = filtered
         .into_iter()
         .enumerate()
-        .map(|(i, q)| {
-            if is_free(i, q) {
-                return q;
+        .map(|(i, axis)| {
+            if is_free(i, &axis) {
+                return axis;
             }
             held += 1;
-            scan.nearest_free(free[i], q).map_or(raw_rad[i], |n| scan.angles_rad[n])
+            let nearest = directions.nearest_of(directions.nearest(&axis), |n| in_set(i, n));
+            nearest.map_or(raw[i], |n| directions.axes()[n])
         })
         .collect();
-    Greedy { angles_rad, held }
+    let angles_rad = family.map(|family| axes.iter().map(|a| family.angle(a)).collect());
+    Greedy { axes, angles_rad, held }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::orientation::TiltFamily;
-    use nalgebra::Vector3;
 
-    fn scan() -> Scan {
-        let family =
-            TiltFamily { hinge: Vector3::x_axis(), zero: Vector3::z_axis(), lower_rad: -1.0, upper_rad: 1.0 };
-        Scan::new(&family, 2f64.to_radians(), 1.0)
+    fn family() -> TiltFamily {
+        TiltFamily { hinge: Vector3::x_axis(), zero: Vector3::z_axis(), lower_rad: -1.0, upper_rad: 1.0 }
+    }
+
+    fn set() -> Directions {
+        Directions::in_plane(&family(), 2f64.to_radians(), 1.0)
+    }
+
+    /// The wish for a cost of the family's angle where `is_free`.
+    fn wish(cost: impl Fn(f64) -> f64, is_free: impl Fn(f64) -> bool + Copy) -> Wish {
+        let (family, set) = (family(), set());
+        let in_set = |n: usize| is_free(family.angle(&set.axes()[n]));
+        Waypoint {
+            directions: &set,
+            family: Some(&family),
+            in_set,
+            is_free: |a: &Unit<Vector3<f64>>| is_free(family.angle(a)),
+            cost: |a: &Unit<Vector3<f64>>| cost(family.angle(a)),
+        }
+        .wish()
+    }
+
+    fn angle(wish: Wish) -> f64 {
+        match wish {
+            Wish::Axis(axis) => family().angle(&axis),
+            other => panic!("{other:?}"),
+        }
     }
 
     #[test]
     fn the_best_angle_is_refined_between_the_scan() {
-        let q = best_angle(&scan(), u128::MAX, 0.0, |q| (q - 0.1234).powi(2), |_| true).unwrap();
-        assert!((q - 0.1234).abs() < 1e-3);
+        assert!((angle(wish(|q| (q - 0.1234).powi(2), |_| true)) - 0.1234).abs() < 1e-3);
     }
 
     #[test]
-    fn the_ends_of_the_interval_are_found() {
-        let s = scan();
-        let free = 0b111 << 10;
-        let lowest = best_angle(&s, free, 0.0, |q| q, |q| q >= s.angles_rad[10] - 1e-12).unwrap();
-        assert_eq!(lowest, s.angles_rad[10]);
-        assert_eq!(best_angle(&s, 0, 0.0, |q| q, |_| true), None);
+    fn the_ends_of_the_free_interval_are_found_to_a_fraction_of_the_scan() {
+        let lowest = angle(wish(|q| q, |q| q > -0.3217 && q < 0.4));
+        assert!((-0.3217..-0.32).contains(&lowest), "{lowest}");
+        // two pieces far apart: the better one wins, and its own end
+        let upper = angle(wish(|q| -q.abs(), |q| !(-0.5..0.6).contains(&q) && q < 0.777));
+        assert!((upper + 1.0).abs() < 1e-9, "{upper}");
+        assert_eq!(wish(|q| q, |_| false), Wish::Nothing);
     }
 
     #[test]
     fn equal_costs_move_least() {
-        let q = best_angle(&scan(), u128::MAX, 0.4, |_| 0.5, |_| true).unwrap();
-        assert!((q - 0.4).abs() <= 1f64.to_radians() + 1e-9);
+        assert_eq!(wish(|_| 0.5, |_| true), Wish::Any);
+        let (set, family) = (set(), family());
+        let wishes = [Wish::Axis(family.axis(0.4)), Wish::Any, Wish::Any, Wish::Nothing, Wish::Any];
+        let free = |i: usize, q: f64| i != 2 || q > 0.5;
+        let settled = settle(
+            &set,
+            &wishes,
+            |i, n| free(i, family.angle(&set.axes()[n])),
+            |i, a| free(i, family.angle(a)),
+        );
+        let q: Vec<f64> = settled.iter().map(|a| family.angle(a)).collect();
+        assert!((q[0] - 0.4).abs() < 1e-12 && q[1] == q[0]);
+        // pushed out of the way once, by as little as the set allows, and not back
+        assert!(q[2] > 0.5 && q[2] < 0.54 && (q[4] - q[2]).abs() < 1e-12, "{q:?}");
     }
 
     #[test]
-    fn the_low_pass_is_held_inside_the_free_angles() {
-        let s = scan();
-        let raw = [vec![-0.5; 20], vec![0.5; 20]].concat();
+    fn the_low_pass_is_held_inside_the_free_angles_and_counted() {
+        let (set, family) = (set(), family());
+        let raw: Vec<_> = (0..40).map(|i| family.axis(if i < 20 { -0.5 } else { 0.5 })).collect();
         // a ban around the middle, which the average would cross
-        let bits = (0..s.len()).filter(|n| s.angles_rad[*n].abs() > 0.3).fold(0u128, |m, n| m | 1 << n);
-        let out = low_pass(&s, &raw, 4, &vec![bits; 40], |_, q| q.abs() > 0.3);
-        assert!(out.angles_rad.iter().all(|q| q.abs() > 0.3));
-        assert!(out.held > 0 && out.held < 10);
+        let free = |a: &Vector3<f64>| family.angle(a).abs() > 0.3;
+        let out = low_pass(&set, Some(&family), &raw, 4, |_, n| free(&set.axes()[n]), |_, a| free(a));
+        assert!(out.axes.iter().all(|a| free(a)) && (4..10).contains(&out.held), "{}", out.held);
+        assert_eq!(out.angles_rad.map(|q| q.len()), Some(40));
+    }
+
+    #[test]
+    fn two_angles_are_searched_around_the_best_and_filtered_each() {
+        let cap = Directions::cap(6f64.to_radians(), 1.0);
+        let wanted = axis_from_angles(0.31, -0.22);
+        let at = Waypoint {
+            directions: &cap,
+            family: None,
+            in_set: |_| true,
+            is_free: |_: &Unit<Vector3<f64>>| true,
+            cost: |a: &Unit<Vector3<f64>>| 1.0 - a.dot(&wanted),
+        };
+        let Wish::Axis(found) = at.wish() else { panic!("no axis") };
+        assert!(found.angle(&wanted) < 0.03, "{}", found.angle(&wanted));
+        let out = low_pass(&cap, None, &[wanted; 9], 2, |_, _| true, |_, _| true);
+        assert!(out.held == 0 && out.axes.iter().all(|a| a.angle(&wanted) < 1e-7));
     }
 }

@@ -1,21 +1,21 @@
 //! Which way the shaft points at every waypoint (D II-D, II-G).
 //!
-//! The shaft's axis moves in a plane: a [`TiltFamily`], one angle. Angles are scanned on a grid; [`FreeAngles`] says
-//! which of them the shank allows at each waypoint, and a cost says how good they are. [`greedy`] is the paper's way:
-//! each waypoint alone, then a low-pass. [`optimal`] chooses the whole sequence at once.
+//! An arm with one tilt moves the axis in a plane ([`TiltFamily`], θ); one with two over a cap (θ, φ). [`Directions`] is a
+//! finite set of either kind; [`FreeSets`] says which of them the shank allows at each waypoint, and a cost says how good
+//! they are. [`greedy`] is the paper's way: each waypoint alone, then a low-pass. [`sequence`] chooses the whole sequence at
+//! once, and [`refine`] moves it off the set, smooth, without leaving what is free.
 //!
-//! Invariant: every angle handed out was found free by the access test itself, not only by its neighbours on the grid.
+//! Invariants: every axis handed out was found free by the access test itself, not only by its neighbours in the set; no cut
+//! is tilted beyond the limit, which is asked of the axis itself and never rounded.
 
 pub mod directions;
 pub mod free;
 pub mod greedy;
-pub mod optimal;
 pub mod refine;
 pub mod sequence;
 
 pub use directions::Directions;
 pub use free::FreeSets;
-pub use optimal::RateLimit;
 
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 
@@ -37,61 +37,23 @@ impl TiltFamily {
     pub fn axis(&self, q_rad: f64) -> Unit<Vector3<f64>> {
         UnitQuaternion::from_axis_angle(&self.hinge, q_rad) * self.zero
     }
+
+    /// The angle whose axis is nearest to `axis`, rad, within the limits: the inverse of [`Self::axis`].
+    pub fn angle(&self, axis: &Vector3<f64>) -> f64 {
+        let across = |v: &Vector3<f64>| v - self.hinge.into_inner() * self.hinge.dot(v);
+        let (from, to) = (across(&self.zero), across(axis));
+        let q = self.hinge.dot(&from.cross(&to)).atan2(from.dot(&to));
+        q.clamp(self.lower_rad, self.upper_rad)
+    }
 }
 
-/// Most angles of a scan: one bit each.
-pub const MOST_ANGLES: usize = 128;
-
-/// The angles of a scan.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Scan {
-    /// Angles, rad, equally spaced, ascending.
-    pub angles_rad: Vec<f64>,
-    /// Their axes in work.
-    pub axes: Vec<Unit<Vector3<f64>>>,
-    /// Bit n: angle n is within the tilt limit.
-    pub within_limit: u128,
-    /// Distance of neighbouring angles, rad.
-    pub step_rad: f64,
-}
-
-impl Scan {
-    /// About `step_rad` apart over the whole family, its ends included; `limit_rad` is the largest angle from +z (the
-    /// approach) that a cut may have. The grid holds the angle nearest to the approach.
-    pub fn new(family: &TiltFamily, step_rad: f64, limit_rad: f64) -> Self {
-        let directions = Directions::in_plane(family, step_rad, limit_rad);
-        let axes = directions.axes().to_vec();
-        let within = axes.iter().enumerate().filter(|(_, a)| directions.is_within_limit(a));
-        Self {
-            angles_rad: directions.angles_rad().unwrap_or_default().to_vec(),
-            within_limit: within.fold(0, |mask, (n, _)| mask | 1 << n),
-            step_rad: directions.spacing_rad(),
-            axes,
-        }
-    }
-
-    /// Number of angles.
-    pub fn len(&self) -> usize {
-        self.angles_rad.len()
-    }
-
-    /// Never: there is at least the angle nearest to the approach.
-    pub fn is_empty(&self) -> bool {
-        self.angles_rad.is_empty()
-    }
-
-    /// The scanned angle nearest to `q_rad`.
-    pub fn nearest(&self, q_rad: f64) -> usize {
-        let n = ((q_rad - self.angles_rad[0]) / self.step_rad).round().max(0.0) as usize;
-        n.min(self.len() - 1)
-    }
-
-    /// The free angle nearest to `q_rad`, if any is free; the smaller one of two equally near.
-    pub fn nearest_free(&self, free: u128, q_rad: f64) -> Option<usize> {
-        (0..self.len()).filter(|n| free >> n & 1 == 1).min_by(|a, b| {
-            (self.angles_rad[*a] - q_rad).abs().total_cmp(&(self.angles_rad[*b] - q_rad).abs())
-        })
-    }
+/// How a sequence of directions is judged, and how fast it may turn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RateLimit {
+    /// λ, mm/rad² per unit of cost.
+    pub weight_mm: f64,
+    /// Largest change of the axis per mm of path, rad/mm.
+    pub most_rad_per_mm: f64,
 }
 
 /// The angle at which the axis is nearest to +z.
@@ -103,9 +65,6 @@ fn nearest_to_z(family: &TiltFamily) -> f64 {
     let sine = family.hinge.cross(&across).z;
     sine.atan2(cosine).clamp(family.lower_rad, family.upper_rad)
 }
-
-/// What an orientation is chosen from: per waypoint, bit n says that angle n is free.
-pub type FreeAngles = Vec<u128>;
 
 /// Moving average over 2·`half` + 1 waypoints, truncated and renormalised at the ends.
 pub(crate) fn moving_average(values: &[f64], half: usize) -> Vec<f64> {
@@ -136,18 +95,6 @@ mod tests {
     }
 
     #[test]
-    fn a_scan_holds_the_approach_and_knows_the_tilt_limit() {
-        let scan = Scan::new(&family(Vector3::x()), 2f64.to_radians(), 60f64.to_radians());
-        let middle = scan.nearest(0.0);
-        assert_eq!(scan.angles_rad[middle], 0.0);
-        for n in 0..scan.len() {
-            let within = scan.angles_rad[n].abs() <= 60f64.to_radians() + 1e-9;
-            assert_eq!(scan.within_limit >> n & 1 == 1, within);
-        }
-        assert!(scan.angles_rad[0] >= -1.2 && scan.angles_rad[scan.len() - 1] <= 1.2);
-    }
-
-    #[test]
     fn the_nearest_angle_to_the_approach_is_found_in_a_leaning_family() {
         let mut leaning = family(Vector3::new(0.1, 0.9, 0.2));
         leaning.zero = Unit::new_normalize(Vector3::new(0.5, 0.1, 0.8));
@@ -159,17 +106,18 @@ mod tests {
     }
 
     #[test]
-    fn fine_scans_are_capped_and_the_average_keeps_a_constant() {
-        assert!(Scan::new(&family(Vector3::x()), 1e-4, 1.0).len() <= MOST_ANGLES);
-        assert!(moving_average(&[3.5; 9], 2).iter().all(|v| (v - 3.5).abs() < 1e-12));
-        assert_eq!(moving_average(&[0.0, 3.0, 0.0], 1), vec![1.5, 1.0, 1.5]);
+    fn angle_and_axis_are_inverse_also_in_a_leaning_family() {
+        let mut leaning = family(Vector3::new(0.1, 0.9, 0.2));
+        leaning.zero = Unit::new_normalize(Vector3::new(0.5, 0.1, 0.8));
+        for n in -120..=120 {
+            let q = f64::from(n) * 0.01;
+            assert!((leaning.angle(&leaning.axis(q)) - q).abs() < 1e-12);
+        }
     }
 
     #[test]
-    fn the_nearest_free_angle() {
-        let scan = Scan::new(&family(Vector3::x()), 0.1, 1.0);
-        let middle = scan.nearest(0.0);
-        assert_eq!(scan.nearest_free(1 << (middle + 3) | 1 << (middle - 2), 0.0), Some(middle - 2));
-        assert_eq!(scan.nearest_free(0, 0.0), None);
+    fn the_average_keeps_a_constant() {
+        assert!(moving_average(&[3.5; 9], 2).iter().all(|v| (v - 3.5).abs() < 1e-12));
+        assert_eq!(moving_average(&[0.0, 3.0, 0.0], 1), vec![1.5, 1.0, 1.5]);
     }
 }

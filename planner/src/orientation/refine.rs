@@ -192,7 +192,9 @@ impl<'a> State<'a> {
                 for end in [i - 1, i] {
                     if self.offset[end].norm() > 0.0 {
                         self.offset[end] = Vector2::zeros();
-                        look.extend([end, end + 1].into_iter().filter(|i| (1..self.sequence.len()).contains(i)));
+                        look.extend(
+                            [end, end + 1].into_iter().filter(|i| (1..self.sequence.len()).contains(i)),
+                        );
                     }
                 }
             }
@@ -261,7 +263,9 @@ fn from_tangent(from: &Unit<Vector3<f64>>, t: &Vector2<f64>) -> Unit<Vector3<f64
     let basis = bonemill_geometry::basis::from_z(from);
     let angle = t.norm();
     match Unit::try_new(Vector3::new(-t.y, t.x, 0.0), 1e-15) {
-        Some(about) => UnitQuaternion::from_axis_angle(&Unit::new_normalize(basis * about.into_inner()), angle) * from,
+        Some(about) => {
+            UnitQuaternion::from_axis_angle(&Unit::new_normalize(basis * about.into_inner()), angle) * from
+        }
         None => *from,
     }
 }

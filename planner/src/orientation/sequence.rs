@@ -12,8 +12,8 @@
 //! layers once; it finds the optimum over all sequences, which the tests hold against every sequence one by one.
 //!
 //! An edge is a place in a direction's fan ([`Directions`]): its angle and the place passed before are looked up, never
-//! stored per waypoint. One byte per state remembers where its best sequence came from. Ties go to the smaller turn, and at
-//! the first waypoint to the direction nearer to the approach.
+//! stored per waypoint. One byte per state remembers where its best sequence came from. Ties go to the least motion, for
+//! which λ is never quite 0, and at the first waypoint to the direction nearer to the approach.
 
 use std::collections::HashMap;
 
@@ -22,6 +22,8 @@ use super::{FreeSets, RateLimit};
 
 /// Shorter moves count as this long: a turn on the spot is dear, not infinitely so, mm.
 const SHORTEST_MM: f64 = 1e-3;
+/// λ is at least this, mm/rad² per unit of cost: without any, equal costs would wander.
+const LEAST_WEIGHT_MM: f64 = 1e-6;
 /// Decides between first directions of equal cost, per rad of tilt.
 const UPRIGHT: f64 = 1e-9;
 
@@ -94,7 +96,7 @@ impl Problem<'_> {
 
     /// λ/Δs_i.
     pub(super) fn turn_weight(&self, i: usize) -> f64 {
-        self.rate.weight_mm / self.length_mm[i].max(SHORTEST_MM)
+        self.rate.weight_mm.max(LEAST_WEIGHT_MM) / self.length_mm[i].max(SHORTEST_MM)
     }
 
     /// C Δs of waypoint i and direction n.

@@ -110,6 +110,13 @@ pub fn lay_path(space: &BurrSpace, spacing: PathSpacing, frame: &RasterFrame) ->
     builder.into_path(layers)
 }
 
+/// The roughing alone: what a comparison of directions needs.
+pub fn lay_rough(space: &BurrSpace, spacing: PathSpacing, frame: &RasterFrame) -> MillPath {
+    let mut builder = Builder::new(space, spacing);
+    let layers = rough::rough(&mut builder, frame);
+    builder.into_path(layers)
+}
+
 /// What is left of the passes without some of their points: passes fall apart where points are missing.
 pub fn without_points(passes: &[Pass], dropped: &HashSet<(u32, u32)>) -> Vec<Pass> {
     let mut left = Vec::new();

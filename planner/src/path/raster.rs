@@ -49,6 +49,12 @@ impl RasterFrame {
         Self { u: pointing(u, sign(u)), v: pointing(v, sign(v)) }
     }
 
+    /// Lines along v that follow each other along u.
+    #[must_use]
+    pub fn across(&self) -> Self {
+        Self { u: self.v, v: self.u }
+    }
+
     /// (u, v) of a point, mm.
     pub fn uv(&self, p: Point<Work>) -> [f64; 2] {
         [dot(self.u, [p.x(), p.y()]), dot(self.v, [p.x(), p.y()])]

@@ -1,8 +1,8 @@
 //! What one round of dropping waypoints leaves for the next.
 //!
 //! A round drops a few waypoints and keeps the others' order, so nearly every voxel goes in the move that took it before,
-//! and an angle can change only where its shank comes near a voxel of which that is not true. Those are found once per
-//! round, as coarse cells; every other angle keeps its answer. Where the rounds do not match, nothing is assumed.
+//! and a direction can change only where its shank comes near a voxel of which that is not true. Those are found once per
+//! round, as coarse cells; every other one keeps its answer. Where the rounds do not match, nothing is assumed.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
@@ -11,6 +11,7 @@ use bonemill_imaging::{Class, Scene};
 use nalgebra::Vector3;
 
 use crate::access::ShankCylinder;
+use crate::orientation::FreeSets;
 use crate::path::{MillPath, MoveKind, Pass, PathPoint};
 use crate::removal::NEVER;
 
@@ -24,17 +25,19 @@ const SLACK_MM: f64 = 2.0;
 pub struct Round {
     /// Its path.
     pub path: MillPath,
-    /// The angles it found free.
-    pub free: Vec<u128>,
+    /// The directions it found free.
+    pub free: FreeSets,
     /// The pass points that it dropped.
     pub dropped: HashSet<(u32, u32)>,
 }
 
-/// What is known of the next round's angles.
+/// What is known of the next round's directions.
 #[derive(Debug)]
-pub struct KnownAngles {
-    /// Angles that were free at the same waypoint; `None` where there was none.
-    pub free: Vec<Option<u128>>,
+pub struct KnownDirections<'a> {
+    /// What was free at the round's waypoints.
+    free: &'a FreeSets,
+    /// The same waypoint of the round; `None` where there was none.
+    then: Vec<Option<u32>>,
     /// Centres of the cells in which a voxel goes at another move than before, mm.
     changed: Vec<Vector3<f64>>,
     /// From a cell's centre to its corner, mm.
@@ -43,7 +46,7 @@ pub struct KnownAngles {
 
 impl Round {
     /// What this round knows of a path made of what it left.
-    pub fn known_of(&self, scene: &Scene, path: &MillPath) -> KnownAngles {
+    pub fn known_of(&self, scene: &Scene, path: &MillPath) -> KnownDirections<'_> {
         let then = self.same_waypoints(path);
         let grid = scene.class.grid();
         let [nx, ny, _] = grid.dims();
@@ -64,10 +67,11 @@ impl Round {
             let first = grid.center(cell.map(|i| i * CELL)).coords;
             first + Vector3::repeat(0.5 * (CELL as f64 - 1.0) * grid.spacing_mm().x)
         };
-        KnownAngles {
-            free: then.iter().map(|before| before.map(|i| self.free[i as usize])).collect(),
+        KnownDirections {
+            free: &self.free,
             changed: cells.iter().map(center).collect(),
             cell_mm: 0.5 * 3f64.sqrt() * side_mm,
+            then,
         }
     }
 
@@ -104,7 +108,12 @@ fn ordinals(passes: &[Pass], is_kept: impl Fn((u32, u32)) -> bool) -> HashMap<(u
     all.filter(|at| is_kept(*at)).enumerate().map(|(place, at)| (at, place)).collect()
 }
 
-impl KnownAngles {
+impl KnownDirections<'_> {
+    /// Whether direction n was free at the same waypoint; `None` where there was none.
+    pub fn was_free(&self, i: usize, n: usize) -> Option<bool> {
+        self.then[i].map(|i| self.free.contains(i as usize, n))
+    }
+
     /// Whether the shank along `axis` comes near a cell in which something has changed.
     pub fn may_have_changed(
         &self,

@@ -61,3 +61,39 @@ pub fn nearest_structures(
 ) -> Result<Vec<Option<Near>>, ModelError> {
     points.par_iter().map(|p| nearest_structure(scene, clearances_mm, radius_mm, p.position)).collect()
 }
+
+/// The structures of every waypoint that the cost or a cap looks at: the nearest one first, then those whose distance less
+/// clearance is below `influence_mm` beyond the burr's radius.
+///
+/// # Errors
+/// As [`nearest_structure`].
+pub fn structures_in_reach(
+    scene: &Scene,
+    clearances_mm: &[f64],
+    radius_mm: f64,
+    influence_mm: f64,
+    points: &[PathPoint],
+    nearest: &[Option<Near>],
+) -> Result<Vec<Vec<Near>>, ModelError> {
+    let others = |(point, first): (&PathPoint, &Option<Near>)| -> Result<Vec<Near>, ModelError> {
+        let mut near: Vec<Near> = first.iter().copied().collect();
+        let Some(first) = first else { return Ok(near) };
+        let center_ct = scene.ct_from_work * point.position;
+        for (number, (structure, clearance)) in scene.structures.iter().zip(clearances_mm).enumerate() {
+            let Some(field) = structure.field.as_ref().filter(|_| number != first.structure) else {
+                continue;
+            };
+            if !field.is_nearer_than(center_ct, radius_mm + clearance + influence_mm) {
+                continue;
+            }
+            let (_, place) = field.nearest(center_ct);
+            let to_nearest = scene.ct_from_work.rotation.inverse() * (place - center_ct);
+            near.push(Near {
+                structure: number,
+                proximity: Proximity::new(to_nearest, radius_mm + clearance)?,
+            });
+        }
+        Ok(near)
+    };
+    points.par_iter().zip(nearest).map(others).collect()
+}

@@ -1,26 +1,29 @@
-//! The shaft's angle at every waypoint, by the case's mode.
+//! The shaft's axis at every waypoint, by the case's mode.
 
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
-use super::near::Near;
 use super::reach::ReachedPath;
 use crate::burr::{EngagedSamples, Material, OrientationKernel};
 use crate::case::OrientationMode;
-use crate::cost::CostModel;
+use crate::cost::Terms;
 use crate::engagement::SweptPath;
 use crate::metrics::Moments;
-use crate::orientation::greedy::{best_angle, low_pass};
-use crate::orientation::optimal::{RateLimit, Sequence, best_sequence};
-use crate::orientation::{Scan, TiltFamily};
-use crate::path::MoveKind;
+use crate::orientation::directions::angle_between;
+use crate::orientation::greedy::{self, Waypoint, low_pass, settle};
+use crate::orientation::refine::{Chart, best_checked, refine};
+use crate::orientation::sequence::{Forbidden, Found, Problem};
+use crate::orientation::{Directions, FreeSets, RateLimit, TiltFamily};
 
-/// Below this α₁ the force cannot change the choice: the cost is closed form.
-pub const FORCE_MATTERS: f64 = 1e-3;
-/// Half-width of the greedy mode's low-pass, waypoints.
+/// Below this weight of forces in the cost they are left out: the choice is then worse by less than it, and the plan says by
+/// how much at most ([`super::Modelled::closed_form_error`]).
+pub const FORCE_MATTERS: f64 = 1e-2;
+/// Half-width of the greedy mode's low-pass, waypoints. Assumed: D gives none.
 const LOW_PASS_HALF: usize = 6;
-/// Sweeps that round the optimal sequence's grid steps off.
-const ROUNDING_SWEEPS: usize = 6;
+/// Lever at which a turn is followed between waypoints: the thin shaft's end, mm.
+const LEVER_MM: f64 = 30.0;
+/// Most places looked at between two waypoints.
+const MOST_BETWEEN: f64 = 48.0;
 
 /// Everything a waypoint's cost is made of.
 #[derive(Debug)]
@@ -31,10 +34,8 @@ pub struct CostField<'a> {
     pub kernel: &'a OrientationKernel,
     /// Density to weight.
     pub material: &'a Material,
-    /// α₁, D6, D12.
-    pub model: &'a CostModel,
-    /// Nearest structures.
-    pub near: &'a [Option<Near>],
+    /// Structures near each waypoint, with their weights.
+    pub terms: &'a [Terms],
     /// Mass ahead and its moments.
     pub moments: &'a [Moments],
     /// Direction of the move that ends at each waypoint.
@@ -43,30 +44,48 @@ pub struct CostField<'a> {
     pub nominal_mm_s: f64,
     /// rpm.
     pub spindle_rpm: f64,
-    /// Deflection per force in work, mm/N, as a function of the angle; `None`: the force itself is looked at.
+    /// Deflection per force in work, mm/N, by direction; `None`: the force itself is looked at.
     pub compliance: Option<Vec<Matrix3<f64>>>,
 }
 
-/// Angles, and how they came about.
+/// Where axes may go.
+#[derive(Debug, Clone, Copy)]
+pub struct Room<'a> {
+    /// The path and its access.
+    pub reached: &'a ReachedPath<'a>,
+    /// To choose from.
+    pub directions: &'a Directions,
+    /// The plane of an arm with one tilt.
+    pub family: Option<&'a TiltFamily>,
+    /// How fast axes may turn.
+    pub rate: RateLimit,
+    /// Voxel of the access test, mm.
+    pub voxel_mm: f64,
+}
+
+/// Axes, and how they came about.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Oriented {
-    /// Per waypoint, rad.
-    pub angles_rad: Vec<f64>,
+    /// Per waypoint, work.
+    pub axes: Vec<Unit<Vector3<f64>>>,
+    /// The family's angle per waypoint, rad, for an arm with one tilt.
+    pub angles_rad: Option<Vec<f64>>,
     /// Waypoints whose cost needed no force.
     pub closed_form: usize,
     /// Waypoints whose cost needed the force.
     pub with_force: usize,
     /// Waypoints at which the low-pass was held (greedy).
-    pub held: usize,
+    pub low_pass_held: usize,
+    /// Moves during which the shaft is not free all the way.
+    pub blocked_turns: usize,
 }
 
 impl CostField<'_> {
     /// Whether the force is looked at for waypoint i.
-    fn needs_force(&self, i: usize) -> bool {
-        let alpha = |near: &Near| self.model.alpha_1(near.proximity.distance_mm, near.proximity.least_mm);
+    pub fn needs_force(&self, i: usize) -> bool {
         self.moments[i].mass_mg() > 0.0
             && self.feeds[i].is_some()
-            && self.near[i].as_ref().is_some_and(|near| alpha(near) >= FORCE_MATTERS)
+            && self.terms[i].total_alpha() >= FORCE_MATTERS
     }
 
     /// Gathers what waypoint i cuts.
@@ -98,104 +117,150 @@ impl CostField<'_> {
             self.kernel.force_for_axis(samples, axis, self.spindle_rpm).force_n(self.nominal_mm_s)
         };
         let push = compliance.map_or(force, |c| c * force);
-        let near = self.near[i].as_ref().map(|n| &n.proximity);
-        self.model.cost(&push, near, moments.inertia_normalised(axis), moments.mass_mg()).cost
+        self.terms[i].cost(&push, moments.inertia_normalised(axis), moments.mass_mg()).cost
     }
 }
 
-/// Chooses the angles.
-///
-/// `rate`: as the sequence was found feasible with.
-pub fn orient(
-    mode: OrientationMode,
-    reached: &ReachedPath,
-    family: &TiltFamily,
-    scan: &Scan,
-    field: &CostField,
-    rate: RateLimit,
-) -> Oriented {
-    let points = &reached.path.points;
-    let with_force = (0..points.len()).filter(|i| field.needs_force(*i)).count();
-    let closed_form = (0..points.len()).filter(|i| field.moments[*i].mass_mg() > 0.0).count() - with_force;
-    let is_free = |i: usize, q: f64| {
-        let axis = family.axis(q);
-        reached.access.is_free(i as u32, points[i].position, &axis)
-            && (points[i].kind != MoveKind::Cut || scan.within_limit >> scan.nearest(q) & 1 == 1)
-    };
-    let (angles_rad, held) = match mode {
-        OrientationMode::Fixed => {
-            let upright = scan.nearest(0.0);
-            let fixed = |free: &u128| scan.nearest_free(*free, scan.angles_rad[upright]).unwrap_or(upright);
-            (reached.free.iter().map(|free| scan.angles_rad[fixed(free)]).collect(), 0)
-        }
-        OrientationMode::Greedy => greedy(reached, family, scan, field, is_free),
-        OrientationMode::Optimal => (optimal(reached, scan, field, rate, is_free), 0),
-    };
-    Oriented { angles_rad, closed_form, with_force, held }
+impl Room<'_> {
+    /// Whether waypoint i may have the axis.
+    pub fn is_free(&self, i: usize, axis: &Vector3<f64>) -> bool {
+        let position = self.reached.path.points[i].position;
+        (!self.reached.limited[i] || self.directions.is_within_limit(axis))
+            && self.reached.access.is_free(i as u32, position, axis)
+    }
+
+    /// Whether the shank is free all the way while the axis turns during the move that ends at i. Bone that this very move
+    /// takes counts as still there.
+    pub fn is_turn_free(&self, i: usize, from: &Unit<Vector3<f64>>, to: &Unit<Vector3<f64>>) -> bool {
+        let points = &self.reached.path.points;
+        let (a, b) = (points[i - 1].position, points[i].position);
+        let turn_rad = angle_between(from, to);
+        let travel_mm = self.reached.length_mm[i] + LEVER_MM * turn_rad;
+        let pieces = (travel_mm / (2.0 * self.voxel_mm)).ceil().clamp(1.0, MOST_BETWEEN) as usize;
+        (1..pieces).all(|k| {
+            let t = k as f64 / pieces as f64;
+            // between nearly equal axes the chord is the arc
+            let axis = Unit::try_new(from.lerp(to, t), 1e-9).unwrap_or(*to);
+            self.reached.access.is_free(i as u32, a + (b - a) * t, &axis)
+        })
+    }
+
+    fn is_in_set(&self, i: usize, n: usize) -> bool {
+        self.reached.free.contains(i, n)
+    }
+
+    fn blocked_turns(&self, axes: &[Unit<Vector3<f64>>]) -> usize {
+        (1..axes.len()).into_par_iter().filter(|i| !self.is_turn_free(*i, &axes[i - 1], &axes[*i])).count()
+    }
 }
 
-fn greedy(
-    reached: &ReachedPath,
-    family: &TiltFamily,
-    scan: &Scan,
-    field: &CostField,
-    is_free: impl Fn(usize, f64) -> bool + Sync,
-) -> (Vec<f64>, usize) {
-    let upright = scan.angles_rad[scan.nearest(0.0)];
-    let raw: Vec<f64> = (0..reached.free.len())
+/// Chooses the axes.
+pub fn orient(mode: OrientationMode, room: &Room, field: &CostField) -> Oriented {
+    let count = room.reached.path.points.len();
+    let with_force = (0..count).filter(|i| field.needs_force(*i)).count();
+    let closed_form = (0..count).filter(|i| field.moments[*i].mass_mg() > 0.0).count() - with_force;
+    let mut oriented = match mode {
+        OrientationMode::Fixed => fixed(room),
+        OrientationMode::Greedy => by_waypoint(room, field),
+        OrientationMode::Optimal => optimal(room, field),
+    };
+    (oriented.with_force, oriented.closed_form) = (with_force, closed_form);
+    oriented.blocked_turns = room.blocked_turns(&oriented.axes);
+    oriented
+}
+
+impl Oriented {
+    fn new(axes: Vec<Unit<Vector3<f64>>>, family: Option<&TiltFamily>) -> Self {
+        let angles_rad = family.map(|family| axes.iter().map(|a| family.angle(a)).collect());
+        Self { axes, angles_rad, closed_form: 0, with_force: 0, low_pass_held: 0, blocked_turns: 0 }
+    }
+}
+
+/// Along the approach, or as near as is free.
+fn fixed(room: &Room) -> Oriented {
+    let upright = room.directions.nearest(&Vector3::z());
+    let axis = |i: usize| {
+        let n = room.directions.nearest_of(upright, |n| room.is_in_set(i, n)).unwrap_or(upright);
+        room.directions.axes()[n]
+    };
+    Oriented::new((0..room.reached.free.len()).map(axis).collect(), room.family)
+}
+
+fn by_waypoint(room: &Room, field: &CostField) -> Oriented {
+    let wishes: Vec<_> = (0..room.reached.free.len())
         .into_par_iter()
         .map_init(EngagedSamples::default, |samples, i| {
+            if field.moments[i].mass_mg() <= 0.0 {
+                return if room.reached.free.count(i) > 0 {
+                    greedy::Wish::Any
+                } else {
+                    greedy::Wish::Nothing
+                };
+            }
             field.gather(i, samples);
-            let compliance = |q: f64| field.compliance.as_ref().map(|c| &c[scan.nearest(q)]);
-            let cost = |q: f64| field.cost(i, samples, &family.axis(q), compliance(q));
-            best_angle(scan, reached.free[i], upright, cost, |q| is_free(i, q)).unwrap_or(upright)
+            let compliance =
+                |axis: &Vector3<f64>| Some(&field.compliance.as_ref()?[room.directions.nearest(axis)]);
+            Waypoint {
+                directions: room.directions,
+                family: room.family,
+                in_set: |n: usize| room.is_in_set(i, n),
+                is_free: |axis: &Unit<Vector3<f64>>| room.is_free(i, axis),
+                cost: |axis: &Unit<Vector3<f64>>| field.cost(i, samples, axis, compliance(axis)),
+            }
+            .wish()
         })
         .collect();
-    let filtered = low_pass(scan, &raw, LOW_PASS_HALF, &reached.free, is_free);
-    (filtered.angles_rad, filtered.held)
+    let in_set = |i: usize, n: usize| room.is_in_set(i, n);
+    let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);
+    let raw = settle(room.directions, &wishes, in_set, is_free);
+    let filtered = low_pass(room.directions, room.family, &raw, LOW_PASS_HALF, in_set, is_free);
+    Oriented { low_pass_held: filtered.held, ..Oriented::new(filtered.axes, room.family) }
 }
 
-fn optimal(
-    reached: &ReachedPath,
-    scan: &Scan,
-    field: &CostField,
-    rate: RateLimit,
-    is_free: impl Fn(usize, f64) -> bool,
-) -> Vec<f64> {
-    let angles = scan.len();
-    let mut cost = vec![0f32; reached.free.len() * angles];
-    cost.par_chunks_mut(angles).enumerate().for_each_init(EngagedSamples::default, |samples, (i, row)| {
-        if field.moments[i].mass_mg() <= 0.0 {
-            return;
-        }
-        field.gather(i, samples);
-        for (n, c) in row.iter_mut().enumerate().filter(|(n, _)| reached.free[i] >> n & 1 == 1) {
-            let compliance = field.compliance.as_ref().map(|c| &c[n]);
-            *c = field.cost(i, samples, &scan.axes[n], compliance) as f32;
-        }
-    });
-    let chosen = match best_sequence(scan, &cost, &reached.free, &reached.length_mm, rate) {
-        Sequence::Found(sequence) => sequence,
-        // not reached: the same constraints were found feasible when waypoints were dropped; each angle is free all the same
-        Sequence::Blocked(_) => reached
-            .free
-            .iter()
-            .map(|free| scan.nearest_free(*free, 0.0).unwrap_or(scan.nearest(0.0)))
-            .collect(),
+/// C of every waypoint and free direction, one row per waypoint.
+pub fn cost_rows(directions: &Directions, free: &FreeSets, field: &CostField) -> Vec<f32> {
+    let axes = directions.axes();
+    let mut cost = vec![0f32; free.len() * axes.len()];
+    cost.par_chunks_mut(axes.len()).enumerate().for_each_init(
+        EngagedSamples::default,
+        |samples, (i, row)| {
+            if field.moments[i].mass_mg() <= 0.0 {
+                return;
+            }
+            field.gather(i, samples);
+            for n in free.iter(i) {
+                let compliance = field.compliance.as_ref().map(|c| &c[n]);
+                row[n] = field.cost(i, samples, &axes[n], compliance) as f32;
+            }
+        },
+    );
+    cost
+}
+
+fn optimal(room: &Room, field: &CostField) -> Oriented {
+    let (free, axes) = (&room.reached.free, room.directions.axes());
+    let cost = cost_rows(room.directions, free, field);
+    let none = Forbidden::default();
+    let problem = Problem {
+        directions: room.directions,
+        cost: &cost,
+        free,
+        length_mm: &room.reached.length_mm,
+        rate: room.rate,
+        forbidden: &none,
     };
-    rounded(chosen.into_iter().map(|n| scan.angles_rad[n]).collect(), scan.step_rad, is_free)
-}
-
-/// Evens the grid's steps out where the rounded angle is free; never farther than half a step from the optimum.
-fn rounded(chosen: Vec<f64>, step_rad: f64, is_free: impl Fn(usize, f64) -> bool) -> Vec<f64> {
-    let mut smooth = chosen.clone();
-    for _ in 0..ROUNDING_SWEEPS {
-        let before = smooth.clone();
-        for i in 1..smooth.len().saturating_sub(1) {
-            let q = 0.25 * before[i - 1] + 0.5 * before[i] + 0.25 * before[i + 1];
-            smooth[i] = q.clamp(chosen[i] - 0.5 * step_rad, chosen[i] + 0.5 * step_rad);
-        }
-    }
-    // free at the end: an angle that was only passed through while rounding need not be
-    smooth.iter().zip(&chosen).enumerate().map(|(i, (s, c))| if is_free(i, *s) { *s } else { *c }).collect()
+    let axis = |n: u16| &axes[usize::from(n)];
+    let checked = best_checked(&problem, |i, from, to| room.is_turn_free(i, axis(from), axis(to)));
+    let Found::Sequence { directions, .. } = checked.found else {
+        // the same constraints were found feasible when waypoints were dropped; each axis is free all the same
+        return fixed(room);
+    };
+    let chart = room.family.map_or(Chart::Sphere, Chart::Plane);
+    // a turn that failed on the set may fail refined too: it is counted in the end
+    let failing: std::collections::HashSet<usize> = checked.failing.into_iter().collect();
+    let is_turn_free = |i: usize, from: &Unit<Vector3<f64>>, to: &Unit<Vector3<f64>>| {
+        failing.contains(&i) || room.is_turn_free(i, from, to)
+    };
+    let refined = refine(&problem, &directions, chart, |i, a| room.is_free(i, a), is_turn_free);
+    Oriented { angles_rad: refined.angles_rad, ..Oriented::new(refined.axes, None) }
 }

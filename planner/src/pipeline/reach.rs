@@ -8,15 +8,14 @@ use std::collections::{BTreeMap, HashSet};
 use bonemill_geometry::{Point, Work};
 use bonemill_imaging::Scene;
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 use crate::access::{Access, Blocked, ShankCylinder};
-use crate::orientation::Scan;
-use crate::orientation::optimal::{RateLimit, Sequence, best_sequence};
+use crate::orientation::sequence::{Forbidden, Found, Problem, best_sequence};
+use crate::orientation::{Directions, FreeSets, RateLimit};
 use crate::path::{MillPath, MoveKind, PathPoint, PathSpacing, join_passes, without_points};
 use crate::space::BurrSpace;
 
-use super::known::{KnownAngles, Round};
+use super::known::{KnownDirections, Round};
 
 /// Rounds of dropping before the planner gives up; each drops at least one waypoint, few are usual.
 const MOST_ROUNDS: usize = 30;
@@ -28,8 +27,10 @@ pub struct ReachedPath<'a> {
     pub path: MillPath,
     /// The access test for it.
     pub access: Access<'a>,
-    /// Bit n: angle n of the scan is free at the waypoint, and within the tilt limit where it cuts.
-    pub free: Vec<u128>,
+    /// Which directions are free at each waypoint, and within the tilt limit where it binds.
+    pub free: FreeSets,
+    /// Whether the tilt limit binds at the waypoint.
+    pub limited: Vec<bool>,
     /// Length of the move that ends at each waypoint, mm.
     pub length_mm: Vec<f64>,
     /// Waypoints dropped, by what stands in the way.
@@ -43,9 +44,9 @@ pub struct ReachSpec<'a> {
     pub shank: &'a [ShankCylinder],
     /// One per structure.
     pub shank_clearances_mm: &'a [f64],
-    /// Angles to choose from.
-    pub scan: &'a Scan,
-    /// How fast angles may change.
+    /// Directions to choose from.
+    pub directions: &'a Directions,
+    /// How fast they may change.
     pub rate: RateLimit,
     /// For joining passes anew.
     pub spacing: PathSpacing,
@@ -65,17 +66,18 @@ pub fn reached<'a>(
             return None;
         }
         let access = Access::new(scene, &path.removal, spec.shank, spec.shank_clearances_mm);
+        let limited = limited(path.points.len(), |i| path.points[i].kind == MoveKind::Cut);
         let known = before.as_ref().map(|round| round.known_of(scene, &path));
-        let free = free_angles(&access, &path.points, spec, known.as_ref());
+        let free = free_directions(&access, &path.points, &limited, spec, known.as_ref());
         let length_mm = lengths(&path.points);
         let blocked = blocked_waypoints(&free, &length_mm, spec);
         if blocked.is_empty() {
-            return Some(ReachedPath { path, access, free, length_mm, dropped });
+            return Some(ReachedPath { path, access, free, limited, length_mm, dropped });
         }
         let mut points = HashSet::new();
         for i in blocked {
             if points.insert(path.points[i].leads_to) {
-                let why = reason(&access, i as u32, path.points[i].position, free[i] == 0);
+                let why = reason(&access, i as u32, path.points[i].position, free.count(i) == 0);
                 *dropped.entry(why).or_insert(0) += 1;
             }
         }
@@ -92,47 +94,99 @@ pub fn lengths(points: &[PathPoint]) -> Vec<f64> {
     std::iter::once(0.0).chain(moves).take(points.len()).collect()
 }
 
-fn free_angles(
-    access: &Access,
-    points: &[PathPoint],
-    spec: &ReachSpec,
-    known: Option<&KnownAngles>,
-) -> Vec<u128> {
-    let scan = spec.scan;
-    points
-        .par_iter()
-        .enumerate()
-        .map(|(i, p)| {
-            let allowed = if p.kind == MoveKind::Cut { scan.within_limit } else { u128::MAX };
-            let known = known.and_then(|k| k.free[i].map(|free| (free, k)));
-            let mut free = 0;
-            for (n, axis) in scan.axes.iter().enumerate().filter(|(n, _)| allowed >> n & 1 == 1) {
-                let is_free = match known {
-                    // less is removed than before: what was blocked stays so
-                    Some((before, _)) if before >> n & 1 == 0 => false,
-                    Some((_, known)) if !known.may_have_changed(p.position, axis, spec.shank) => true,
-                    _ => access.is_free(i as u32, p.position, axis),
-                };
-                if is_free {
-                    free |= 1 << n;
-                }
-            }
-            free
-        })
-        .collect()
+/// Where the tilt limit binds: at both ends of a cut and, since the motion rounds the corners there, one waypoint beyond.
+///
+/// A turn between two axes within the limit stays within it, so that no part of a cut is tilted beyond the limit.
+pub fn limited(waypoints: usize, is_cut: impl Fn(usize) -> bool) -> Vec<bool> {
+    let mut limited = vec![false; waypoints];
+    for i in (0..waypoints).filter(|i| is_cut(*i)) {
+        limited[i.saturating_sub(2)..(i + 2).min(waypoints)].fill(true);
+    }
+    limited
 }
 
-/// Waypoints without a free angle; if there are none, the first that no sequence of angles gets to.
-fn blocked_waypoints(free: &[u128], length_mm: &[f64], spec: &ReachSpec) -> Vec<usize> {
-    let empty: Vec<usize> = (0..free.len()).filter(|i| free[*i] == 0).collect();
+/// Directions that are free at each waypoint, and within the tilt limit where it binds.
+pub fn free_directions(
+    access: &Access,
+    points: &[PathPoint],
+    limited: &[bool],
+    spec: &ReachSpec,
+    known: Option<&KnownDirections>,
+) -> FreeSets {
+    let axes = spec.directions.axes();
+    let within: Vec<bool> = axes.iter().map(|a| spec.directions.is_within_limit(a)).collect();
+    FreeSets::fill(points.len(), axes.len(), |i, n| {
+        if limited[i] && !within[n] {
+            return false;
+        }
+        // beyond the limit, "not free" may only have meant "not allowed"
+        match known.filter(|_| within[n]).and_then(|known| known.was_free(i, n).map(|free| (free, known))) {
+            // less is removed than before: what was blocked stays so
+            Some((false, _)) => false,
+            Some((true, known)) if !known.may_have_changed(points[i].position, &axes[n], spec.shank) => true,
+            _ => access.is_free(i as u32, points[i].position, &axes[n]),
+        }
+    })
+}
+
+/// Waypoints without a free direction; if there are none, the first that no sequence gets to.
+fn blocked_waypoints(free: &FreeSets, length_mm: &[f64], spec: &ReachSpec) -> Vec<usize> {
+    let empty: Vec<usize> = (0..free.len()).filter(|i| free.count(*i) == 0).collect();
     if !empty.is_empty() {
         return empty;
     }
-    let no_cost = vec![0.0; free.len() * spec.scan.len()];
-    match best_sequence(spec.scan, &no_cost, free, length_mm, spec.rate) {
-        Sequence::Found(_) => Vec::new(),
-        Sequence::Blocked(i) => vec![i],
+    let problem = Problem {
+        directions: spec.directions,
+        cost: &vec![0.0; free.len() * spec.directions.len()],
+        free,
+        length_mm,
+        rate: spec.rate,
+        forbidden: &Forbidden::default(),
+    };
+    match best_sequence(&problem) {
+        Found::Sequence { .. } => Vec::new(),
+        Found::Blocked(i) => vec![i],
     }
+}
+
+/// Rounds of exempting grazing links before the limit is left as it was laid.
+const MOST_EXEMPTIONS: usize = 200;
+
+/// Makes the tilt limit bind wherever a move `cuts` anything, links that graze a cusp included. Where that leaves no way
+/// through, the grazing link keeps its freedom; how many do is returned.
+pub fn limit_where_it_cuts(reached: &mut ReachedPath, cuts: &[bool], spec: &ReachSpec) -> usize {
+    let count = reached.path.points.len();
+    let is_laid = |i: usize| reached.path.points[i].kind == MoveKind::Cut;
+    let mut grazing: Vec<bool> = (0..count).map(|i| cuts[i] && !is_laid(i)).collect();
+    if !grazing.contains(&true) {
+        return 0;
+    }
+    let axes = spec.directions.axes();
+    let within: Vec<bool> = axes.iter().map(|a| spec.directions.is_within_limit(a)).collect();
+    let mut exempt = 0;
+    for _ in 0..MOST_EXEMPTIONS {
+        let bound = limited(count, |i| grazing[i]);
+        let mut free = reached.free.clone();
+        for i in (0..count).filter(|i| bound[*i] && !reached.limited[*i]) {
+            free.retain(i, |n| within[n]);
+        }
+        let blocked = blocked_waypoints(&free, &reached.length_mm, spec);
+        if blocked.is_empty() {
+            reached.free = free;
+            reached.limited.iter_mut().zip(bound).for_each(|(limited, bound)| *limited |= bound);
+            return exempt;
+        }
+        let before = exempt;
+        for i in blocked {
+            for near in grazing.iter_mut().take(i + 3).skip(i.saturating_sub(2)) {
+                exempt += usize::from(std::mem::take(near));
+            }
+        }
+        if exempt == before {
+            break;
+        }
+    }
+    exempt + grazing.iter().filter(|g| **g).count()
 }
 
 fn reason(access: &Access, index: u32, center: Point<Work>, no_angle: bool) -> &'static str {

@@ -1,4 +1,4 @@
-//! Speed caps per move (D13), and the time law under them.
+//! Speed caps per move (D13, or force caps), and the time law under them.
 
 use bonemill_robot::timelaw::{JointPath, PathLimits, PreparedPath, TimeLaw};
 
@@ -6,13 +6,15 @@ use super::PlanError;
 use crate::case::{SpeedMode, SpeedSpec};
 use crate::path::MoveKind;
 use crate::space::TRAJECTORY_TOLERANCE_MM;
-use crate::speed::{Smoothing, SpeedModel};
+use crate::speed::{LimitedProfile, Smoothing, SpeedModel, fastest_profile};
 
 /// Share of a full slot's mass per step at or below which a waypoint counts as air. D13 takes a mean of 1/m: the crumbs of
 /// finishing passes would otherwise set the speed of the whole plan.
 const AIR_SHARE: f64 = 0.02;
 /// Bisections of the cutting time until the whole plan takes the time asked for.
 const TIME_BISECTIONS: usize = 40;
+/// Bisections of the share of the caps until the cuts take the time asked for.
+const SHARE_BISECTIONS: usize = 40;
 /// How exactly a total time is met, s.
 const TIME_TOLERANCE_S: f64 = 1e-3;
 
@@ -29,6 +31,8 @@ pub struct SpeedInput<'a> {
     pub cost: &'a [f64],
     /// The joint path through all waypoints.
     pub dense: &'a DensePath,
+    /// Fastest speed that the case's caps on force, deflection and power allow, mm/s; infinite where none binds.
+    pub force_cap_mm_s: &'a [f64],
     /// Nominal distance of cutting waypoints, mm.
     pub step_mm: f64,
     /// Mass that a step takes in a full slot of the reference material, mg.
@@ -126,6 +130,19 @@ pub fn timing(
     finish(cuts.caps(Some(0.5 * (fast + slow)))?, None)
 }
 
+/// Caps by the case's mode alone; cuts take `cutting_s` in all if it is given.
+///
+/// # Errors
+/// As [`timing`].
+pub fn caps(
+    input: &SpeedInput,
+    spec: &SpeedSpec,
+    paper: bool,
+    cutting_s: Option<f64>,
+) -> Result<Vec<f64>, PlanError> {
+    Cuts::new(input, spec, paper)?.caps(cutting_s)
+}
+
 /// The limits of the time law: the corner tolerance leaves room for the arm's bow between waypoints.
 pub fn path_limits(arm: &bonemill_robot::Arm) -> Result<PathLimits, PlanError> {
     Ok(PathLimits::of_arm(arm, 0.8 * TRAJECTORY_TOLERANCE_MM)?)
@@ -143,13 +160,6 @@ struct Cuts<'a> {
 
 impl<'a> Cuts<'a> {
     fn new(input: &'a SpeedInput<'a>, spec: &'a SpeedSpec, paper: bool) -> Result<Self, PlanError> {
-        if spec.mode == SpeedMode::ForceLimited {
-            return Err(PlanError::Unsupported {
-                key: "speed.mode",
-                value: "force_limited".into(),
-                supported: "\"mass\" or \"constant\"",
-            });
-        }
         let smoothing = if paper { Smoothing::Average } else { Smoothing::MinimumThenAverage };
         let model = SpeedModel::new(spec.min_mm_s, spec.max_mm_s, AIR_SHARE * input.slot_mass_mg, smoothing)?;
         let cuts = || (0..input.kinds.len()).filter(|i| input.kinds[*i] == MoveKind::Cut);
@@ -173,12 +183,17 @@ impl<'a> Cuts<'a> {
     fn time_range_s(&self) -> Result<[f64; 2], PlanError> {
         Ok(match self.spec.mode {
             SpeedMode::Constant => [self.spec.max_mm_s, self.spec.min_mm_s].map(|v| self.length_mm() / v),
+            SpeedMode::ForceLimited => [self.cutting_s(1.0)?, self.cutting_s(0.0)?],
             _ => self.model.time_range_s(&self.mass_mg, &self.cost, &self.length_mm)?,
         })
     }
 
     /// Caps of all moves; cuts take `cutting_s` in all if it is given.
     fn caps(&self, cutting_s: Option<f64>) -> Result<Vec<f64>, PlanError> {
+        if self.spec.mode == SpeedMode::ForceLimited {
+            let share = cutting_s.map_or(Ok(1.0), |s| self.share_for(s))?;
+            return Ok(self.under_force_caps(share)?.move_mm_s);
+        }
         let speeds = match (self.spec.mode, cutting_s) {
             (SpeedMode::Constant, None) => vec![self.spec.nominal_mm_s; self.mass_mg.len()],
             (SpeedMode::Constant, Some(s)) => {
@@ -193,5 +208,34 @@ impl<'a> Cuts<'a> {
             MoveKind::Link | MoveKind::Retract => self.spec.link_mm_s,
         };
         Ok(self.input.kinds.iter().map(cap).collect())
+    }
+
+    /// The fastest profile over the whole path, links included, with cuts at `share` of their caps.
+    fn under_force_caps(&self, share: f64) -> Result<LimitedProfile, PlanError> {
+        let SpeedSpec { min_mm_s, max_mm_s, link_mm_s, .. } = *self.spec;
+        let cap = |(kind, force): (&MoveKind, &f64)| match kind {
+            MoveKind::Cut => (share * force.min(max_mm_s)).max(min_mm_s),
+            MoveKind::Link | MoveKind::Retract => link_mm_s,
+        };
+        let caps: Vec<f64> = self.input.kinds.iter().zip(self.input.force_cap_mm_s).map(cap).collect();
+        let floor = min_mm_s.min(link_mm_s);
+        Ok(fastest_profile(&caps, self.input.length_mm, floor, self.spec.caps.acceleration_mm_s2)?)
+    }
+
+    /// Time of the cuts at that share, s; it falls as the share grows.
+    fn cutting_s(&self, share: f64) -> Result<f64, PlanError> {
+        let speeds = self.under_force_caps(share)?.move_mm_s;
+        let moves = self.input.kinds.iter().zip(self.input.length_mm).zip(speeds);
+        Ok(moves.filter(|((kind, _), _)| **kind == MoveKind::Cut).map(|((_, ds), v)| ds / v).sum())
+    }
+
+    /// The share of the caps at which the cuts take `cutting_s`.
+    fn share_for(&self, cutting_s: f64) -> Result<f64, PlanError> {
+        let (mut slow, mut fast) = (0.0, 1.0);
+        for _ in 0..SHARE_BISECTIONS {
+            let middle = 0.5 * (slow + fast);
+            if self.cutting_s(middle)? > cutting_s { slow = middle } else { fast = middle }
+        }
+        Ok(fast)
     }
 }

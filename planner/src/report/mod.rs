@@ -244,9 +244,13 @@ fn modelled(plan: &Plan) -> String {
         ("of these, removing material".into(), m.cutting.to_string()),
         ("orientation cost with the cutting force".into(), m.cost_with_force.to_string()),
         (
-            "orientation cost in closed form (α₁ below 0.001: the force cannot change the choice)".into(),
-            m.cost_closed_form.to_string(),
+            "orientation cost in closed form (weight of forces below 0.01)".into(),
+            format!(
+                "{}; no choice is worse by more than {:.1e} of C",
+                m.cost_closed_form, m.closed_form_error
+            ),
         ),
+        ("moves during which the turning shank is not certainly free".into(), m.blocked_turns.to_string()),
         ("milling layers".into(), m.layers.to_string()),
         ("raster lines, angle from work x".into(), format!("{:.1}°", m.raster_rad.to_degrees())),
         ("waypoints at which the low-pass was held at a free angle".into(), m.low_pass_held.to_string()),

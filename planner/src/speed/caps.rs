@@ -44,6 +44,11 @@ impl DistanceCurve {
         Ok(Self(points.to_vec()))
     }
 
+    /// The points.
+    pub fn points(&self) -> &[[f64; 2]] {
+        &self.0
+    }
+
     /// The value at x.
     pub fn at(&self, x: f64) -> f64 {
         let after = self.0.partition_point(|p| p[0] <= x);
@@ -179,7 +184,8 @@ mod tests {
     #[test]
     fn without_caps_or_force_nothing_binds() {
         let near = [Proximity::new(Vector3::x() * 4.0, 3.5).unwrap()];
-        let caps = ForceCaps { toward_n: Some(DistanceCurve::new(&[[1.0, 0.3]]).unwrap()), ..ForceCaps::default() };
+        let caps =
+            ForceCaps { toward_n: Some(DistanceCurve::new(&[[1.0, 0.3]]).unwrap()), ..ForceCaps::default() };
         assert_eq!(caps.fastest_mm_s(&EngagedForce::ZERO, &near, 2.5, None, 6e4), f64::INFINITY);
         let pushes = EngagedForce { cut_n_per_mm_s: Vector3::new(0.6, 0.0, 0.0), ..EngagedForce::ZERO };
         assert_eq!(ForceCaps::default().fastest_mm_s(&pushes, &near, 2.5, None, 6e4), f64::INFINITY);
@@ -194,8 +200,12 @@ mod tests {
     #[test]
     fn the_curve_is_constant_beyond_its_ends() {
         let curve = DistanceCurve::new(&[[1.0, 0.2], [3.0, 1.0]]).unwrap();
-        assert_eq!([0.0, 1.0, 2.0, 3.0, 9.0].map(|x| curve.at(x)), [0.2, 0.2, 0.6, 1.0, 1.0]);
+        assert_eq!([0.0, 1.0, 3.0, 9.0].map(|x| curve.at(x)), [0.2, 0.2, 1.0, 1.0]);
+        assert!((curve.at(2.0) - 0.6).abs() < 1e-15);
         assert!(DistanceCurve::new(&[]).is_err() && DistanceCurve::new(&[[1.0, -0.1]]).is_err());
-        assert!(DistanceCurve::new(&[[1.0, 0.5], [1.0, 0.6]]).is_err() && DistanceCurve::new(&[[1.0, 0.5], [2.0, 0.4]]).is_err());
+        assert!(
+            DistanceCurve::new(&[[1.0, 0.5], [1.0, 0.6]]).is_err()
+                && DistanceCurve::new(&[[1.0, 0.5], [2.0, 0.4]]).is_err()
+        );
     }
 }

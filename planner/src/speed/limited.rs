@@ -81,9 +81,7 @@ mod tests {
         let bound = |i: usize| caps[i].min(*caps.get(i + 1).unwrap_or(&most));
         (0..most.pow(n as u32))
             .map(|code| (0..n).map(|i| code / most.pow(i as u32) % most + 1).collect::<Vec<i64>>())
-            .filter(|x| {
-                (0..n).all(|i| x[i] <= bound(i) && (i == 0 || (x[i] - x[i - 1]).abs() <= gains[i]))
-            })
+            .filter(|x| (0..n).all(|i| x[i] <= bound(i) && (i == 0 || (x[i] - x[i - 1]).abs() <= gains[i])))
             .collect()
     }
 

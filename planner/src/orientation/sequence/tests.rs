@@ -22,7 +22,9 @@ fn sets(in_plane: bool, count: usize) -> Directions {
 
 /// The slots of n's fan: whether m may turn to n.
 fn may_turn(p: &Problem, i: usize, m: usize, n: usize) -> bool {
-    if p.directions.angle_rad(m, n) > p.reach_rad(i) + 1e-6 || p.forbidden.at(i).contains(&[m as u16, n as u16]) {
+    if p.directions.angle_rad(m, n) > p.reach_rad(i) + 1e-6
+        || p.forbidden.at(i).contains(&[m as u16, n as u16])
+    {
         return false;
     }
     // walk back along the fan: every place between must be free before or after
@@ -47,7 +49,10 @@ fn total_of(p: &Problem, sequence: &[usize]) -> Option<f64> {
             return None;
         }
         let turn = if i > 0 { p.directions.angle_rad(sequence[i - 1], n) } else { 0.0 };
-        Some(sum + f64::from(p.cost[i * p.directions.len() + n]) * p.length_mm[i] + p.turn_weight(i) * turn * turn)
+        Some(
+            sum + f64::from(p.cost[i * p.directions.len() + n]) * p.length_mm[i]
+                + p.turn_weight(i) * turn * turn,
+        )
     })
 }
 
@@ -176,7 +181,8 @@ fn no_waypoint_and_one() {
 /// Two pieces with a gap that is never free: no sequence jumps it, whatever it costs.
 #[test]
 fn a_free_set_in_two_pieces_is_not_jumped() {
-    let cost: Vec<f32> = (0..20).flat_map(|i| (0..7).map(move |n| if (n < 3) == (i < 10) { 0.0 } else { 1.0 })).collect();
+    let cost: Vec<f32> =
+        (0..20).flat_map(|i| (0..7).map(move |n| if (n < 3) == (i < 10) { 0.0 } else { 1.0 })).collect();
     let found = directions_of(solve(true, 20, &cost, |_, n| n != 3));
     assert!(found.iter().all(|n| *n < 3) || found.iter().all(|n| *n > 3), "{found:?}");
     // once the gap opens it is crossed, step by step
@@ -196,7 +202,9 @@ fn a_million_waypoints() {
         rate: RateLimit { weight_mm: 1.0, most_rad_per_mm: 0.4 },
         forbidden: &Forbidden::default(),
     };
-    let Found::Sequence { directions: found, total, edges } = best_sequence(&problem) else { panic!("blocked") };
+    let Found::Sequence { directions: found, total, edges } = best_sequence(&problem) else {
+        panic!("blocked")
+    };
     let sequence: Vec<usize> = found.iter().map(|d| usize::from(*d)).collect();
     // the total of a million terms is still the sequence's own
     let own = total_of(&problem, &sequence).unwrap();

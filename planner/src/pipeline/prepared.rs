@@ -1,0 +1,323 @@
+//! What a plan needs that does not depend on spin, material, weights or speeds: scene, path, access and engagement; and the
+//! choice of axes on it. So several variants of a case can be compared on one path, as D's trials are.
+
+use std::path::Path;
+
+use bonemill_geometry::{Base, Rigid, Work};
+use bonemill_imaging::Scene;
+use bonemill_robot::Arm;
+use nalgebra::{Matrix3, Unit, Vector3};
+use rayon::prelude::*;
+
+use super::compliance::Compliance;
+use super::near::{self, Near};
+use super::orient::{CostField, Oriented, Room, orient};
+use super::reach::{self, ReachSpec, ReachedPath};
+use super::{PlanError, Stopwatch, raster, setup};
+use crate::Progress;
+use crate::burr::{EngagedForce, ForceKernel, OrientationKernel};
+use crate::case::{Case, ForceTerm};
+use crate::cost::{Cost, CostModel, Proximity, Ranked, Terms};
+use crate::engagement::{SweptPath, mass_increments};
+use crate::metrics::Moments;
+use crate::orientation::{Directions, RateLimit, TiltFamily};
+use crate::path::{MoveKind, PathPoint, PathSpacing, RasterFrame, lay_path};
+use crate::space::BurrSpace;
+
+/// Step of the directions, rad: along a plane, and over a cap.
+const PLANE_STEP_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
+const CAP_STEP_RAD: f64 = 6.0 * std::f64::consts::PI / 180.0;
+/// Steps of a draft's directions are this many times as long.
+const DRAFT_COARSER: f64 = 2.0;
+/// λ of the orientation's rate penalty, mm/rad² per unit of cost.
+const RATE_WEIGHT_MM: f64 = 1.0;
+/// Rate of an axis with two angles at the planned speed, rad/s. Assumed: that of the bone-attached arm's tilt.
+const CAP_RATE_RAD_S: f64 = 0.6;
+/// Structures farther than this beyond burr and clearance matter to nothing but the plan's columns, mm.
+const INFLUENCE_MM: f64 = 8.0;
+
+/// Scene, path, access and engagement of a case.
+#[derive(Debug)]
+pub struct Prepared<'a> {
+    /// Images as planned on.
+    pub scene: &'a Scene,
+    pub(super) base_from_work: Rigid<Base, Work>,
+    pub(super) arm: &'a Arm,
+    pub(super) family: Option<TiltFamily>,
+    pub(super) directions: Directions,
+    pub(super) rate: RateLimit,
+    pub(super) reached: ReachedPath<'a>,
+    /// Links that graze a cusp where no axis within the tilt limit is free.
+    pub(super) beyond_limit: usize,
+    /// Mass that each move takes, and where it lies.
+    pub moments: Vec<Moments>,
+    /// Per waypoint the nearest structure first, then others within influence.
+    pub(super) near: Vec<Vec<Near>>,
+    feeds: Vec<Option<Unit<Vector3<f64>>>>,
+    radius_mm: f64,
+    /// Angle of the raster lines from work x, rad.
+    pub raster_rad: f64,
+}
+
+/// Axes, and what they lead to at the nominal speed.
+#[derive(Debug, Clone)]
+pub struct Chosen {
+    /// The axes, and how they came about.
+    pub oriented: Oriented,
+    /// What each move is for: one that removes material is a cut.
+    pub kinds: Vec<MoveKind>,
+    /// Force at any speed, where something is cut.
+    pub forces: Vec<Option<EngagedForce>>,
+    /// C with its parts, the force included everywhere.
+    pub costs: Vec<Cost>,
+    /// mm/N in work, when the stiffness is known.
+    pub compliances: Option<Vec<Matrix3<f64>>>,
+    /// The most by which a choice without the force is worse than one with it, in units of C.
+    pub closed_form_error: f64,
+}
+
+impl<'a> Prepared<'a> {
+    /// Lays the path and finds what is free on it.
+    pub(super) fn new(
+        case: &'a Case,
+        arm: &'a Arm,
+        scene: &'a Scene,
+        space: &'a BurrSpace,
+        base_from_work: Rigid<Base, Work>,
+        watch: &mut Stopwatch,
+    ) -> Result<Self, PlanError> {
+        let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
+        let shank_clearances: Vec<f64> = case.structures.iter().map(|s| s.shank_clearance_mm).collect();
+        let radius = case.burr.radius_mm;
+        let spacing = PathSpacing {
+            layer_mm: case.path.layer_mm,
+            stepover_mm: case.path.stepover_mm,
+            step_mm: case.path.step_mm,
+        };
+        let limit_rad = case.orientation.tilt_limit_rad;
+        let family = (case.orientation.angles == 1).then(|| setup::tilt_family(arm, &base_from_work));
+        let directions = directions(family.as_ref(), limit_rad, 1.0);
+        let rate_rad_s = family.map_or(CAP_RATE_RAD_S, |_| arm.joints()[3].velocity_limit);
+        let rate =
+            RateLimit { weight_mm: RATE_WEIGHT_MM, most_rad_per_mm: rate_rad_s / case.speed.nominal_mm_s };
+        let shank = setup::shank(case);
+        let spec = ReachSpec {
+            shank: &shank,
+            shank_clearances_mm: &shank_clearances,
+            directions: &directions,
+            rate,
+            spacing,
+        };
+        let frame = match case.path.raster_rad {
+            Some(angle) => RasterFrame::at_angle(angle - scene.turn_rad),
+            None => watch.run("raster", || chosen_frame(case, scene, space, family.as_ref(), &spec))?,
+        };
+        let path = watch.run("path", || lay_path(space, spacing, &frame));
+        let mut reached = watch
+            .run("access", || reach::reached(scene, space, path, &spec))
+            .ok_or(PlanError::NoAccess { tilt_limit_deg: limit_rad.to_degrees() })?;
+        let points = &reached.path.points;
+        let (near, moments) = watch.run("engagement", || {
+            rayon::join(
+                || -> Result<_, PlanError> {
+                    let nearest = near::nearest_structures(scene, &clearances, radius, points)?;
+                    let reach = INFLUENCE_MM;
+                    Ok(near::structures_in_reach(scene, &clearances, radius, reach, points, &nearest)?)
+                },
+                || mass_increments(&scene.density_g_cm3, points, radius),
+            )
+        });
+        let feeds = feeds(points);
+        let cuts: Vec<bool> = moments.iter().map(|m| m.mass_mg() > 0.0).collect();
+        let beyond_limit = reach::limit_where_it_cuts(&mut reached, &cuts, &spec);
+        Ok(Self {
+            scene,
+            arm,
+            base_from_work,
+            family,
+            rate,
+            near: near?,
+            moments,
+            feeds,
+            radius_mm: radius,
+            raster_rad: frame.angle_rad(),
+            beyond_limit,
+            reached,
+            directions,
+        })
+    }
+
+    /// The waypoints.
+    pub fn points(&self) -> &[PathPoint] {
+        &self.reached.path.points
+    }
+
+    /// Length of the move that ends at each waypoint, mm.
+    pub fn length_mm(&self) -> &[f64] {
+        &self.reached.length_mm
+    }
+
+    /// The burr's radius, mm.
+    pub fn radius_mm(&self) -> f64 {
+        self.radius_mm
+    }
+
+    /// The nearest structure of a waypoint.
+    pub fn nearest(&self, i: usize) -> Option<&Proximity> {
+        self.near[i].first().map(|n| &n.proximity)
+    }
+
+    /// What is chosen from.
+    pub fn directions(&self) -> &Directions {
+        &self.directions
+    }
+
+    /// Chooses axes as the case wants them. The case may differ from the one that was prepared in spin, material, weights,
+    /// mode and speeds; what was prepared stays.
+    ///
+    /// # Errors
+    /// When a parameter is out of range, or the deflection is asked for without a stiffness.
+    pub fn choose(&self, case: &Case) -> Result<Chosen, PlanError> {
+        self.choose_timed(case, &mut Stopwatch { progress: &(), seconds: Vec::new() })
+    }
+
+    pub(super) fn choose_timed(&self, case: &Case, watch: &mut Stopwatch) -> Result<Chosen, PlanError> {
+        let points = self.points();
+        let tool = setup::tool(&case.burr)?;
+        let (material, measure) = setup::material(&case.material)?;
+        let (samples, merged) = (OrientationKernel::DEFAULT_SAMPLES, OrientationKernel::DEFAULT_MERGED);
+        let kernel = OrientationKernel::new(&tool, &material, measure, samples, merged);
+        let swept = SweptPath::new(self.scene, &self.reached.path.removal, points, case.burr.radius_mm);
+        let terms = terms(case, &self.near)?;
+        let compliance = Compliance::new(case, self.arm, &self.base_from_work)?;
+        let field = CostField {
+            swept: &swept,
+            kernel: &kernel,
+            material: &material,
+            terms: &terms,
+            moments: &self.moments,
+            feeds: &self.feeds,
+            nominal_mm_s: case.speed.nominal_mm_s,
+            spindle_rpm: case.burr.spindle_rpm,
+            compliance: match (case.cost.force, self.directions.angles_rad()) {
+                (ForceTerm::Deflection, Some(angles)) => compliance.at_angles(angles)?,
+                _ => None,
+            },
+        };
+        let room = Room {
+            reached: &self.reached,
+            directions: &self.directions,
+            family: self.family.as_ref(),
+            rate: self.rate,
+            voxel_mm: case.grid.spacing_mm,
+        };
+        let oriented = watch.run("orientation", || orient(case.orientation.mode, &room, &field));
+        let force_kernel = ForceKernel::new(&tool, &material, &setup::discretisation(&tool, measure)?);
+        let force = |i: usize| {
+            let feed = self.feeds[i].filter(|_| self.moments[i].mass_mg() > 0.0)?;
+            let (mut bone, at) = (swept.bone_at(i as u32), force_kernel.sample_radius_mm());
+            let weight = |density| material.weight(density);
+            let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
+            Some(force_kernel.engaged_force_over(&oriented.axes[i], &feed, speed, rpm, |n, patch| {
+                bone.mean_weight(&(n * at), |g| patch.sides_mm(g), weight)
+            }))
+        };
+        let forces: Vec<_> = watch.run("forces", || (0..points.len()).into_par_iter().map(force).collect());
+        let compliances = match &oriented.angles_rad {
+            Some(angles) => compliance.at_angles(angles)?,
+            None => None,
+        };
+        // D13 takes C at the nominal speed
+        let push = |i: usize| {
+            let force =
+                forces[i].map_or(Vector3::zeros(), |f: EngagedForce| f.force_n(case.speed.nominal_mm_s));
+            match (case.cost.force, &compliances) {
+                (ForceTerm::Deflection, Some(c)) => c[i] * force,
+                _ => force,
+            }
+        };
+        let cost_of = |i: usize, terms: &Terms| {
+            let moments = &self.moments[i];
+            terms.cost(&push(i), moments.inertia_normalised(&oriented.axes[i]), moments.mass_mg())
+        };
+        let costs: Vec<Cost> = (0..points.len()).map(|i| cost_of(i, &terms[i])).collect();
+        // what was left out is never negative: no choice with the force can be better by more than it
+        let left_out = |i: usize| costs[i].cost - cost_of(i, &terms[i].without_force()).cost;
+        let closed_form_error =
+            (0..points.len()).filter(|i| !field.needs_force(*i)).map(left_out).fold(0.0, f64::max);
+        let kinds = (0..points.len()).map(|i| self.kind(i, &oriented.axes[i])).collect();
+        Ok(Chosen { oriented, kinds, forces, costs, compliances, closed_form_error })
+    }
+
+    /// A link that grazes a cusp by a part of a voxel removes it: it is a cut, and as slow as one.
+    fn kind(&self, i: usize, axis: &Vector3<f64>) -> MoveKind {
+        let removes = self.moments[i].mass_mg() > 0.0 && self.directions.is_within_limit(axis);
+        if removes { MoveKind::Cut } else { self.points()[i].kind }
+    }
+}
+
+/// About 2° apart in a plane, 6° over a cap, `coarser` times that.
+fn directions(family: Option<&TiltFamily>, limit_rad: f64, coarser: f64) -> Directions {
+    match family {
+        Some(family) => Directions::in_plane(family, coarser * PLANE_STEP_RAD, limit_rad),
+        None => Directions::cap(coarser * CAP_STEP_RAD, limit_rad),
+    }
+}
+
+/// Along the target's longer side or across it, by the cost of a draft.
+fn chosen_frame(
+    case: &Case,
+    scene: &Scene,
+    space: &BurrSpace,
+    family: Option<&TiltFamily>,
+    spec: &ReachSpec,
+) -> Result<RasterFrame, PlanError> {
+    let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
+    let toward = raster::toward_structure(scene, &clearances, case.burr.radius_mm)?;
+    let along = RasterFrame::chosen(&scene.target_hull_xy, toward);
+    let coarse = directions(family, case.orientation.tilt_limit_rad, DRAFT_COARSER);
+    let spec = ReachSpec { directions: &coarse, ..*spec };
+    raster::cheaper(case, scene, space, &spec, [along, along.across()])
+}
+
+/// What the cost of each waypoint looks at.
+pub(super) fn terms(case: &Case, near: &[Vec<Near>]) -> Result<Vec<Terms>, PlanError> {
+    let model = CostModel::new(case.cost.kappa_per_mm, case.cost.alpha_max)?;
+    let ranked = |n: &Near| {
+        let priority = case.structures.get(n.structure).map_or(u32::MAX, |s| s.priority);
+        Ranked { proximity: n.proximity, priority }
+    };
+    let of =
+        |near: &Vec<Near>| model.terms(&near.iter().map(ranked).collect::<Vec<_>>(), case.cost.structures);
+    Ok(near.par_iter().map(of).collect())
+}
+
+/// Prepares a case whose images are read from files beside `case_path`, and hands it to `work`.
+///
+/// # Errors
+/// As [`super::plan`], and what `work` returns.
+pub fn with_prepared<R>(
+    case: &Case,
+    case_path: &Path,
+    progress: &dyn Progress,
+    work: impl FnOnce(&Prepared) -> Result<R, PlanError>,
+) -> Result<R, PlanError> {
+    let mut watch = Stopwatch { progress, seconds: Vec::new() };
+    let arm = setup::arm(case)?;
+    let inputs = super::inputs::read_inputs(case, case_path)?;
+    let scene = super::inputs::make_scene(case, &inputs)?;
+    let space = super::free_space(case, &scene)?;
+    let base_from_work = setup::base_from_ct(&case.robot.base_from_ct, &scene) * scene.ct_from_work;
+    work(&Prepared::new(case, &arm, &scene, &space, base_from_work, &mut watch)?)
+}
+
+/// Unit direction of the move that ends at each waypoint; that of the last real move where the burr only turns.
+pub(super) fn feeds(points: &[PathPoint]) -> Vec<Option<Unit<Vector3<f64>>>> {
+    let mut last = None;
+    let mut feeds = vec![None; points.len().min(1)];
+    for pair in points.windows(2) {
+        last = Unit::try_new(pair[1].position - pair[0].position, 1e-9).or(last);
+        feeds.push(last);
+    }
+    feeds
+}
