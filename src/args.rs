@@ -52,6 +52,8 @@ pub enum Command {
     Phantom(PhantomArgs),
     /// Plan a case, or a phantom
     Plan(PlanArgs),
+    /// Write a plan's motion for a controller: ROS, URScript or G-code
+    Export(ExportArgs),
     /// Repeat a published measurement
     Experiment(ExperimentArgs),
     /// Print the case file's keys with units, ranges, defaults and their sources, as Markdown
@@ -86,6 +88,33 @@ pub struct PlanArgs {
     /// Folder to write: new, empty, or a plan, which is replaced
     #[arg(long, value_name = "PLAN")]
     pub out: PathBuf,
+}
+
+/// What a controller reads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum ExportFormat {
+    /// trajectory_msgs/JointTrajectory, as JSON and as the YAML that `ros2 topic pub` takes
+    Ros,
+    /// A program for a UR controller
+    Urscript,
+    /// For Cartesian machines
+    Gcode,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct ExportArgs {
+    /// The plan's folder
+    #[arg(value_name = "PLAN")]
+    pub plan: PathBuf,
+    /// What for
+    #[arg(long)]
+    pub format: ExportFormat,
+    /// Folder for the files, which are called as the plan
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    pub out: PathBuf,
+    /// Rows per second (ros: 50, urscript: 25); at most the trajectory's own
+    #[arg(long = "rate", value_name = "HZ")]
+    pub rate_hz: Option<f64>,
 }
 
 #[derive(Debug, clap::Args)]

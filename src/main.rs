@@ -8,6 +8,7 @@
 mod args;
 mod console;
 mod experiment;
+mod export;
 mod outcome;
 mod phantom;
 mod plan;
@@ -50,6 +51,7 @@ fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     match &args.command {
         Command::Phantom(phantom) => phantom::run(phantom, console),
         Command::Plan(plan) => plan::run(plan, console),
+        Command::Export(export) => export::run(export),
         Command::Experiment(experiment) => experiment::run(experiment, console),
         Command::Keys => Ok(Outcome::text("keys", bonemill_planner::case::reference())),
     }

@@ -6,6 +6,7 @@
 //! Invariants: the same size gives the same tables, but for columns of wall-clock time; a body that is not there (scans that
 //! are not part of the repository) is left out and said.
 
+pub mod arms;
 mod body;
 pub mod force_error;
 mod orientation;
@@ -45,6 +46,9 @@ pub enum ExperimentError {
     /// A burr or material that cannot be.
     #[error(transparent)]
     Model(#[from] bonemill_planner::burr::ModelError),
+    /// An arm that cannot be, or what is asked of it.
+    #[error(transparent)]
+    Robot(#[from] bonemill_robot::RobotError),
     /// A grid that cannot be.
     #[error(transparent)]
     Grid(#[from] bonemill_geometry::GridError),
@@ -69,6 +73,11 @@ pub struct Experiment {
 
 /// Every experiment, by name.
 pub const EXPERIMENTS: &[Experiment] = &[
+    Experiment {
+        name: "arms",
+        about: "forward kinematics and Jacobians for other libraries to compare with; the UR inverse on 10⁶ poses an arm",
+        run: arms::run,
+    },
     Experiment {
         name: "force-error",
         about: "the burr's force: error against the converged sum, and time, over the discretisations",

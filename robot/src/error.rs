@@ -31,6 +31,22 @@ pub enum RobotError {
         /// What is wrong with it.
         fault: UrdfFault,
     },
+    /// A UR calibration cannot be used.
+    #[error("{source_name}: {fault}; see robot.calibration")]
+    Calibration {
+        /// File or arm name.
+        source_name: String,
+        /// What is wrong with it.
+        fault: CalibrationFault,
+    },
+    /// No arm of this name comes with the program.
+    #[error(
+        "no arm is called {name:?}: expected bone-attached, ur3e, ur5e, ur10e or the path of a .urdf file"
+    )]
+    UnknownArm {
+        /// The name.
+        name: String,
+    },
     /// A list that must hold one value per joint (or per waypoint) has another length.
     #[error("{what} has {got} values, expected {expected}")]
     Length {
@@ -65,6 +81,48 @@ pub enum RobotError {
         rows_written: u64,
         /// The system's reason.
         source: std::io::Error,
+    },
+}
+
+/// Why a file is no calibration of a UR arm.
+#[derive(Debug, Error)]
+pub enum CalibrationFault {
+    /// It cannot be read.
+    #[error("cannot read the calibration: {0}")]
+    Read(std::io::Error),
+    /// It is no YAML.
+    #[error("not a YAML file: {0}")]
+    Syntax(String),
+    /// It is YAML of another kind.
+    #[error(
+        "no calibration: expected delta_theta, delta_a, delta_d and delta_alpha (six numbers each), or kinematics with \
+         shoulder, upper_arm, forearm, wrist_1, wrist_2, wrist_3"
+    )]
+    Unknown,
+    /// A key is not there.
+    #[error("{key} is missing")]
+    Missing {
+        /// The key.
+        key: String,
+    },
+    /// A value is no finite number.
+    #[error("{key} is not a finite number")]
+    Number {
+        /// The key.
+        key: String,
+    },
+    /// The arm that comes out is not the one asked for.
+    #[error(
+        "the flange would be {worst_mm:.1} mm from where a nominal {model} has it, at most {most_mm} mm are taken for a \
+         calibration: does the file belong to another model?"
+    )]
+    OtherModel {
+        /// The model asked for.
+        model: &'static str,
+        /// Greatest distance found, mm.
+        worst_mm: f64,
+        /// Greatest distance allowed, mm.
+        most_mm: f64,
     },
 }
 

@@ -258,12 +258,14 @@ table! {
         STIFFNESS = "robot.joint_stiffness" Joint 1e-6..1e12, Words("none: rigid, no deflection"), "N/mm of prismatic joints, N·mm/rad of revolute ones", "D eq. 10";
         VELOCITY = "robot.velocity_limits" Joint 1e-6..1e9, Words("the URDF's"), "per joint and second; the stricter of this and the URDF's holds", "-";
         ACCELERATION = "robot.acceleration_limits" Joint 1e-6..1e9, Words("the arm's, marked assumed"), "per joint and s²", "-";
-        JERK = "robot.jerk_limits" Joint 1e-6..1e12, Words(ABSENT), "per joint and s³", "-";
+        JERK = "robot.jerk_limits" Joint 1e-6..1e12, Words("full acceleration within 0.05 s, marked assumed"), "per joint and s³", "-";
         RATE = "robot.rate_hz" Hz 1.0..10_000.0, Value(500.0), "sampling rate of the trajectory", "UR e-series controllers";
         ROTATION = "robot.base_from_ct.rotation" One -1.1..1.1, Words(REQUIRED), "R of p_base = R p_ct + t, by rows; or quaternion_wxyz, or rpy_rad", "-";
         QUATERNION = "robot.base_from_ct.quaternion_wxyz" One -1.1..1.1, Words("instead of rotation"), "R as a unit quaternion", "-";
         RPY = "robot.base_from_ct.rpy_rad" Rad -10.0..10.0, Words("instead of rotation"), "R = Rz(yaw) Ry(pitch) Rx(roll), as in URDF", "-";
         TRANSLATION = "robot.base_from_ct.translation_mm" Mm -1e5..1e5, Words(REQUIRED), "t of p_base = R p_ct + t", "-";
+        FIDUCIALS_CT = "robot.base_from_ct.fiducials.ct_mm" Mm -1e5..1e5, Words("instead of rotation"), "points in ct, at least three and not on a line; base_from_ct is fitted to them", "Arun et al. 1987";
+        FIDUCIALS_BASE = "robot.base_from_ct.fiducials.base_mm" Mm -1e5..1e5, Words("instead of rotation"), "the same points as the arm touched them, in base, in the same order", "-";
         FLANGE_TRANSLATION = "robot.flange_from_burr.translation_mm" Mm -1e4..1e4, Words(REQUIRED), "burr's centre in the flange", "-";
         FLANGE_RPY = "robot.flange_from_burr.rpy_rad" Rad -10.0..10.0, Words(REQUIRED), "burr's axes in the flange, z to the handpiece", "-";
         SPACING = "grid.spacing_mm" Mm 0.02..2.0, Value(0.25), "voxel of the planning grid, at most half the radius", ASSUMED;
@@ -299,10 +301,10 @@ table! {
         STRUCTURE_NAME = "structure.name" "text without commas and quotes", REQUIRED, "name in results", "-";
         STRUCTURE_LABEL = "structure.label" "a number from 1 to 65535 or a name of labels.json", REQUIRED, "its label", "-";
         MODEL = "robot.model" "`bone-attached`, `ur3e`, `ur5e`, `ur10e` or the path of a .urdf file", "\"bone-attached\"", "the arm", "D: bone-attached robot";
-        BASE_FROM_CT = "robot.base_from_ct" "a table { rotation | quaternion_wxyz | rpy_rad, translation_mm }",
-            "assumed: the target's centre at the base's origin, base x, y, z along work y, -x, z", "registration: where the patient is", "assumed, stated in plan.toml";
-        FIDUCIALS = "robot.base_from_ct.fiducials" "a table { ct_mm, base_mm }", "not supported yet", "registration from points", "-";
-        FLANGE_FROM_BURR = "robot.flange_from_burr" "a table { translation_mm, rpy_rad }", "the URDF ends at the burr", "where the burr is mounted", "-";
+        CALIBRATION = "robot.calibration" "a path relative to the case file", "none: nominal kinematics, with a warning", "a UR's own calibration: YAML or calibration.conf with delta_theta, delta_a, delta_d, delta_alpha, or the ROS driver's extraction", "-";
+        BASE_FROM_CT = "robot.base_from_ct" "a table { rotation | quaternion_wxyz | rpy_rad, translation_mm } or { fiducials }",
+            "assumed: base x, y, z along work y, -x, z; the target's centre at the bone-attached arm's base, or before a UR's base by 0.55 and above it by 0.05 of its reach; needed for a URDF", "registration: where the patient is", "assumed, stated in plan.toml";
+        FLANGE_FROM_BURR = "robot.flange_from_burr" "a table { translation_mm, rpy_rad }", "the URDF ends at the burr; needed for a UR", "where the burr is mounted", "-";
     }
 }
 

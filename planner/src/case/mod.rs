@@ -7,6 +7,7 @@
 mod error;
 mod keys;
 mod parse;
+mod parse_robot;
 mod reference;
 mod relations;
 mod suggest;
@@ -25,7 +26,8 @@ pub use crate::cost::SeveralStructures;
 pub use crate::speed::DistanceCurve;
 pub use error::{CaseError, CaseFault, Located};
 pub use keys::Unit;
-pub(crate) use parse::{rotation_from_matrix, syntax};
+pub(crate) use parse::syntax;
+pub(crate) use parse_robot::rotation_from_matrix;
 pub use reference::reference;
 pub(crate) use walker::{as_number, line_at};
 
@@ -315,8 +317,15 @@ pub enum Registration {
         /// t, mm.
         translation_mm: Vector3<f64>,
     },
-    /// None in the case: the target's centre at the base's origin, base x, y, z along work y, −x, z, so that the
-    /// bone-attached arm tilts in the work y–z plane. Stated in the plan.
+    /// Fitted to points given in both frames, in pairs, mm.
+    Fiducials {
+        /// In ct.
+        ct_mm: Vec<[f64; 3]>,
+        /// In base.
+        base_mm: Vec<[f64; 3]>,
+    },
+    /// None in the case: base x, y, z along work y, −x, z, so that the bone-attached arm tilts in the work y–z plane; the
+    /// target's centre at its base's origin, or before a UR's base. Stated in the plan.
     Assumed,
 }
 
@@ -325,6 +334,8 @@ pub enum Registration {
 pub struct RobotSpec {
     /// `bone-attached`, `ur3e`, `ur5e`, `ur10e`, or a URDF's path.
     pub model: String,
+    /// A UR's calibration file, relative to the case.
+    pub calibration: Option<PathBuf>,
     /// Registration of the patient.
     pub base_from_ct: Registration,
     /// Burr's centre and axis in the flange: translation mm, fixed-axis roll, pitch, yaw rad.

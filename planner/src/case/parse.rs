@@ -2,19 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use bonemill_geometry::{Base, Ct, NotARotation, Rigid};
 use bonemill_imaging::DensityTable;
-use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use toml::de::{DeTable, DeValue};
 
 use super::error::{CaseError, CaseFault, Located};
 use super::keys::{self as k, Fallback, Number, Other};
+use super::parse_robot::read_robot;
 use super::relations;
 use super::walker::{Log, Walk, as_number, line_at};
 use super::{
     Burr, Case, CostSpec, Density, DistanceCurve, GridSpec, Images, LabelRef, Material, Measure,
-    OrientationMode, OrientationSpec, PathSpec, Registration, RobotSpec, ShankSegment, SpeedCaps, SpeedSpec,
-    Structure, Target,
+    OrientationMode, OrientationSpec, PathSpec, ShankSegment, SpeedCaps, SpeedSpec, Structure, Target,
 };
 
 /// HU and g/cm³ of the default calibration curve. Assumed.
@@ -31,7 +30,7 @@ const DEFAULT_FORCE_CAP_N: f64 = 1.7;
 /// D IV: peak force toward the nerve within 2 mm in the third trial; the rise beyond is assumed.
 const DEFAULT_TOWARD_CAP_N: [[f64; 2]; 2] = [[2.0, 0.8], [6.0, 1.7]];
 /// The arm with one tilt.
-const BONE_ATTACHED: &str = "bone-attached";
+pub(super) const BONE_ATTACHED: &str = "bone-attached";
 
 impl Case {
     /// The case in `text`; `source` names the file in messages. No file is touched.
@@ -387,103 +386,6 @@ fn read_caps(t: &Walk<'_, '_>, bind: bool) -> SpeedCaps {
         power_w: t.optional(&k::POWER_CAP),
         acceleration_mm_s2: t.number(&k::SPEED_ACCELERATION),
     }
-}
-
-fn read_robot(t: Walk<'_, '_>) -> RobotSpec {
-    let base_from_ct = t.table("base_from_ct");
-    let flange_from_burr = t.table("flange_from_burr");
-    let robot = RobotSpec {
-        model: t.text(&k::MODEL).unwrap_or_else(|| BONE_ATTACHED.into()),
-        base_from_ct: read_registration(base_from_ct),
-        flange_from_burr: read_mount(flange_from_burr),
-        joint_stiffness: read_joints(&t, &k::STIFFNESS),
-        velocity_limits: read_joints(&t, &k::VELOCITY),
-        acceleration_limits: read_joints(&t, &k::ACCELERATION),
-        jerk_limits: read_joints(&t, &k::JERK),
-        rate_hz: t.number(&k::RATE),
-    };
-    t.finish();
-    robot
-}
-
-fn read_joints(t: &Walk<'_, '_>, of: &Number) -> Option<Vec<f64>> {
-    let list = t.list(of)?;
-    if list.is_empty() {
-        let name = k::name_of(of.path);
-        let expected = "one per joint, or the key left out".into();
-        t.note(name, CaseFault::Length { key: t.key(name), found: 0, expected });
-    }
-    Some(list)
-}
-
-fn read_mount(t: Walk<'_, '_>) -> Option<([f64; 3], [f64; 3])> {
-    if !t.is_present() {
-        return None;
-    }
-    let mount = (t.required_vector(&k::FLANGE_TRANSLATION).into(), t.required_vector(&k::FLANGE_RPY).into());
-    t.finish();
-    Some(mount)
-}
-
-fn read_registration(t: Walk<'_, '_>) -> Registration {
-    if !t.is_present() {
-        return Registration::Assumed;
-    }
-    if t.raw(&k::FIDUCIALS).is_some() {
-        let instead = "give rotation and translation_mm of p_base = R p_ct + t";
-        t.note("fiducials", CaseFault::NotSupported { key: t.key("fiducials"), instead });
-        t.accept(&["rotation", "quaternion_wxyz", "rpy_rad", "translation_mm"]);
-        t.finish();
-        return Registration::Assumed;
-    }
-    let options = vec!["rotation", "quaternion_wxyz", "rpy_rad"];
-    let found: Vec<_> = options.iter().copied().filter(|o| t.has(o)).collect();
-    if found.len() != 1 {
-        t.note("", CaseFault::ExactlyOne { table: t.path().into(), found, options });
-    }
-    let given = [read_matrix(&t), read_quaternion(&t), read_rpy(&t)];
-    let rotation = given.into_iter().flatten().next().unwrap_or_else(Rotation3::identity);
-    let translation_mm = t.required_vector(&k::TRANSLATION);
-    t.finish();
-    Registration::Given { rotation, translation_mm }
-}
-
-fn read_matrix(t: &Walk<'_, '_>) -> Option<Rotation3<f64>> {
-    let rows = t.rows::<3>(&k::ROTATION)?;
-    let key = t.key("rotation");
-    let found = rows.len();
-    let Ok([a, b, c]) = <[[f64; 3]; 3]>::try_from(rows) else {
-        t.note("rotation", CaseFault::Length { key, found, expected: "3 rows".into() });
-        return None;
-    };
-    let matrix = Matrix3::from_rows(&[a.into(), b.into(), c.into()]);
-    rotation_from_matrix(&matrix)
-        .map_err(|problem| t.note("rotation", CaseFault::NotARotation { key, problem }))
-        .ok()
-}
-
-/// The rotation nearest to a matrix; a rotation stays as it is, so that a written one reads back bit for bit.
-pub(crate) fn rotation_from_matrix(matrix: &Matrix3<f64>) -> Result<Rotation3<f64>, NotARotation> {
-    let nearest = Rigid::<Base, Ct>::from_matrix(matrix, Vector3::zeros())?;
-    let error = (matrix.transpose() * matrix - Matrix3::identity()).amax();
-    Ok(if error < 1e-14 { Rotation3::from_matrix_unchecked(*matrix) } else { nearest.rotation })
-}
-
-fn read_quaternion(t: &Walk<'_, '_>) -> Option<Rotation3<f64>> {
-    let [w, x, y, z] = t.exactly::<4>(&k::QUATERNION)?;
-    let quaternion = Quaternion::new(w, x, y, z);
-    let norm = quaternion.norm();
-    if (norm - 1.0).abs() > 1e-3 {
-        let key = t.key("quaternion_wxyz");
-        t.note("quaternion_wxyz", CaseFault::NotAUnitQuaternion { key, norm });
-        return None;
-    }
-    Some(UnitQuaternion::from_quaternion(quaternion).to_rotation_matrix())
-}
-
-fn read_rpy(t: &Walk<'_, '_>) -> Option<Rotation3<f64>> {
-    let [roll, pitch, yaw] = t.exactly::<3>(&k::RPY)?;
-    Some(Rotation3::from_euler_angles(roll, pitch, yaw))
 }
 
 fn read_grid(t: Walk<'_, '_>) -> GridSpec {

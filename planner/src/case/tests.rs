@@ -219,7 +219,7 @@ const REFUSALS: &[(&str, &[&str])] = &[
     ("[robot.base_from_ct]\nrpy_rad = [0,0,0]\n", &["`robot.base_from_ct.translation_mm` is missing"]),
     (
         "[robot.base_from_ct]\nfiducials = { ct_mm = [], base_mm = [] }\n",
-        &["case.toml:8: ", "fiducials` is not supported yet"],
+        &["case.toml:8: ", "`robot.base_from_ct.fiducials.base_mm` has 0 entries", "at least three"],
     ),
     (
         "[robot.flange_from_burr]\nrpy_rad = [0,0,0]\n",
@@ -453,4 +453,19 @@ fn force_caps_default_to_the_papers_peaks_and_bind_only_where_asked() {
     let plain = parse(LEAST).unwrap();
     assert!(plain.speed.caps.force_n.is_none() && plain.speed.caps.force_toward_n.is_none());
     assert_eq!((plain.orientation.angles, plain.cost.structures), (1, SeveralStructures::Nearest));
+}
+
+#[test]
+fn fiducials_are_read_and_written_and_stand_alone() {
+    let points = "[[0, 0, 0], [40, 0, 5.25], [0, 50, -3]]";
+    let text = format!(
+        "{LEAST}[robot]\nbase_from_ct = {{ fiducials = {{ ct_mm = {points}, base_mm = {points} }} }}\n"
+    );
+    let case = parse(&text).unwrap();
+    let Registration::Fiducials { ct_mm, base_mm } = &case.robot.base_from_ct else { panic!() };
+    assert_eq!((ct_mm[1], base_mm.len()), ([40.0, 0.0, 5.25], 3));
+    assert_eq!(parse(&case.to_toml()).unwrap(), case);
+    let both = text.replace("fiducials =", "translation_mm = [0, 0, 0], fiducials =");
+    let error = parse(&both).unwrap_err().to_string();
+    assert!(error.contains("fiducials") && error.contains("exactly one"), "{error}");
 }

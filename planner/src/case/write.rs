@@ -156,6 +156,7 @@ impl Case {
     fn write_robot(&self, out: &mut Text) {
         let robot = &self.robot;
         let mut lines = vec![("model", text(&robot.model))];
+        lines.extend(robot.calibration.as_ref().map(|path| ("calibration", text(&path.to_string_lossy()))));
         let joints = [
             ("joint_stiffness", &robot.joint_stiffness),
             ("velocity_limits", &robot.velocity_limits),
@@ -166,6 +167,12 @@ impl Case {
         lines.push(("rate_hz", float(robot.rate_hz)));
         if let Registration::Given { rotation, translation_mm } = &robot.base_from_ct {
             lines.push(("base_from_ct", rigid(rotation.matrix(), translation_mm)));
+        }
+        if let Registration::Fiducials { ct_mm, base_mm } = &robot.base_from_ct {
+            let rows = |points: &[[f64; 3]]| points.iter().map(|p| list(p)).collect::<Vec<_>>().join(", ");
+            let fiducials =
+                format!("{{ fiducials = {{ ct_mm = [{}], base_mm = [{}] }} }}", rows(ct_mm), rows(base_mm));
+            lines.push(("base_from_ct", fiducials));
         }
         if let Some((translation_mm, rpy_rad)) = &robot.flange_from_burr {
             let mount =

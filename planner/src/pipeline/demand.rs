@@ -1,8 +1,10 @@
 //! What the moves of a path ask of their speed: mass, cost, and caps on force.
 
+use bonemill_robot::resolve::DensePath;
+
 use super::PlanError;
 use super::prepared::{Chosen, Prepared};
-use super::speeds::{self, DensePath, SpeedInput};
+use super::speeds::{self, SpeedInput};
 use crate::case::{Case, SpeedMode};
 use crate::cost::Proximity;
 use crate::metrics::Moments;

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use bonemill_imaging::{ImageError, NiftiProblem, SceneError};
 use bonemill_robot::RobotError;
+use bonemill_robot::registration::RegistrationFault;
 use thiserror::Error;
 
 use crate::burr::ModelError;
@@ -51,6 +52,19 @@ pub enum PlanError {
         /// What it may say.
         supported: &'static str,
     },
+    /// The fiducials give no registration.
+    #[error("robot.base_from_ct.fiducials: {0}")]
+    Registration(#[from] RegistrationFault),
+    /// The chosen arm needs a key that the case does not have.
+    #[error("{key} is needed for robot.model = \"{model}\": {example}")]
+    Needed {
+        /// The key.
+        key: &'static str,
+        /// The arm.
+        model: String,
+        /// What to write.
+        example: &'static str,
+    },
     /// The deflection is asked for without a stiffness.
     #[error("cost.force = \"deflection\" needs robot.joint_stiffness: one value per joint, N/mm or N·mm/rad")]
     StiffnessMissing,
@@ -97,8 +111,14 @@ impl PlanError {
             Self::LabelName { name, .. } => return label_key(case, &LabelRef::Name(name.clone())),
             Self::Unsupported { key, .. } => key,
             Self::StiffnessMissing => "cost.force",
+            Self::Needed { .. } => "robot.model",
+            Self::Registration(_) => "robot.base_from_ct",
             Self::NothingReachable { .. } => "target",
             Self::OutOfReach { .. } => "robot.base_from_ct",
+            Self::Robot(RobotError::Calibration { .. }) => "robot.calibration",
+            Self::Robot(
+                RobotError::ReadUrdf { .. } | RobotError::ParseUrdf { .. } | RobotError::Urdf { .. },
+            ) => "robot.model",
             Self::File(_) | Self::Robot(_) | Self::Model(_) | Self::NoAccess { .. } => return None,
         };
         Some(key.into())

@@ -4,13 +4,13 @@
 //! joint trajectory. Every stage takes values and hands values on; none keeps state. What a stage cannot do is a
 //! result with its reason ([`Plan::shortfalls`]), an error only where nothing sensible can be planned.
 
-mod compliance;
 mod demand;
 mod error;
 mod figures;
 mod inputs;
 mod known;
 mod metrics;
+mod motion;
 mod near;
 mod orient;
 mod prepared;
@@ -23,11 +23,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use bonemill_geometry::{Base, Ct, Rigid, Work, basis};
+use bonemill_geometry::{Base, Ct, Rigid, basis};
 use bonemill_imaging::{AffineReport, Scene};
 use bonemill_robot::Arm;
-use bonemill_robot::arm::bone_attached;
-use bonemill_robot::timelaw::TimeLaw;
+use bonemill_robot::registration::Fitted;
+use bonemill_robot::timelaw::{LimitRatios, TimeLaw};
 use nalgebra::Vector3;
 
 pub use error::PlanError;
@@ -38,7 +38,6 @@ pub use prepared::{Chosen, Prepared, with_prepared};
 
 use crate::Progress;
 use crate::case::Case;
-use crate::path::PathPoint;
 use crate::plan::{Sha256, Waypoint};
 use crate::space::BurrSpace;
 
@@ -59,6 +58,8 @@ pub struct Plan {
     pub arm: Arm,
     /// Registration used.
     pub base_from_ct: Rigid<Base, Ct>,
+    /// The fit of the registration and its expected error at each structure, mm, where the case gives fiducials.
+    pub fitted: Option<(Fitted, Vec<Option<f64>>)>,
     /// Images as planned on.
     pub scene: Scene,
     /// Volumes.
@@ -99,6 +100,14 @@ pub struct Modelled {
     pub low_pass_held: usize,
     /// Waypoints dropped, by reason.
     pub dropped: BTreeMap<&'static str, usize>,
+    /// Smallest singular value along the path, mm/s: see [`Arm::slowest_mm_s`].
+    pub slowest_mm_s: f64,
+    /// How near the motion comes to the joints' limits.
+    pub limit_ratios: LimitRatios,
+    /// What the plan would take if every move ran at its speed cap, s.
+    pub time_at_caps_s: f64,
+    /// The branch of the arm's inverse that the whole path is on.
+    pub branch: u8,
     /// Passes that no link could join.
     pub unjoined_passes: usize,
     /// Angle of the raster lines from work x as plans call it ([`bonemill_geometry::Approach`]), rad in (−π/2, π/2].
@@ -130,31 +139,27 @@ impl Stopwatch<'_> {
 /// case asks for and this version does not have.
 pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Plan, PlanError> {
     let mut watch = Stopwatch { progress, seconds: Vec::new() };
-    let arm = setup::arm(case)?;
+    let arm = setup::arm(case, case_path.parent().unwrap_or(Path::new("")))?;
     let inputs = watch.run("read images", || inputs::read_inputs(case, case_path))?;
     let scene = watch.run("scene", || inputs::make_scene(case, &inputs))?;
     let inputs::Inputs { ct, labels, files, mut warnings, .. } = inputs;
     let affines = [ct.affine, labels.affine];
     drop((ct, labels)); // the scene holds what is needed of them
     warnings.extend(scene.warnings.iter().cloned());
+    warnings.extend(setup::arm_warning(case));
 
     let space = watch.run("free space", || free_space(case, &scene))?;
-    let base_from_ct = setup::base_from_ct(&case.robot.base_from_ct, &scene);
+    let registered = setup::registration(&case.robot, &scene)?;
+    warnings.extend(registered.warnings(case));
+    let base_from_ct = registered.base_from_ct;
     let base_from_work = base_from_ct * scene.ct_from_work;
     let prepared = Prepared::new(case, &arm, &scene, &space, base_from_work, &mut watch)?;
     let chosen = prepared.choose_timed(case, &mut watch)?;
     let Chosen { oriented, kinds, forces, costs, compliances, .. } = &chosen;
     let (points, near, moments) = (prepared.points(), &prepared.near, &prepared.moments);
-    let Some(angles_rad) = &oriented.angles_rad else {
-        return Err(PlanError::Unsupported {
-            key: "orientation.angles",
-            value: case.orientation.angles.to_string(),
-            supported: "1 with this arm",
-        });
-    };
-    let q = watch.run("inverse kinematics", || joints(&arm, &base_from_work, points, angles_rad))?;
+    let motion = watch.run("inverse kinematics", || prepared.motion(case, &oriented.axes))?;
     let demand = prepared.demand(case, &chosen);
-    let speed_input = demand.input(case, &prepared, &chosen, &q);
+    let speed_input = demand.input(case, &prepared, &chosen, &motion.dense);
     let limits = speeds::path_limits(&arm)?;
     let timing = watch.run("time law", || speeds::timing(&speed_input, &case.speed, case.paper, &limits))?;
     let coverage = watch
@@ -206,6 +211,10 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         links_beyond_limit: prepared.beyond_limit,
         dropped: prepared.reached.dropped.clone(),
         unjoined_passes: prepared.reached.path.unjoined,
+        slowest_mm_s: motion::slowest_mm_s(&arm, &motion.resolved.q)?,
+        limit_ratios: timing.law.limit_ratios(&limits),
+        time_at_caps_s: prepared.length_mm().iter().zip(&timing.caps_mm_s).map(|(mm, cap)| mm / cap).sum(),
+        branch: motion.resolved.branch,
         raster_rad: half_turn(prepared.raster_rad + scene.turn_rad),
         layers: prepared.reached.path.layers,
     };
@@ -222,6 +231,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         law,
         arm,
         base_from_ct,
+        fitted: registered.fitted,
         coverage,
         figures,
         modelled,
@@ -248,37 +258,6 @@ fn why_nothing(scene: &Scene, radius_mm: f64) -> Result<&'static str, PlanError>
 fn half_turn(angle_rad: f64) -> f64 {
     let turned = angle_rad.rem_euclid(std::f64::consts::PI);
     if turned > std::f64::consts::FRAC_PI_2 { turned - std::f64::consts::PI } else { turned }
-}
-
-/// Largest change of tilt in one piece of the joint path, rad: the arm swings about a pivot, and between two joint positions
-/// the burr bows out of its line by L Δq²/8, 0.006 mm at 50 mm.
-const TILT_PIECE_RAD: f64 = 0.03;
-
-/// Joint positions along the path: every waypoint, and as many places between two as the tilt needs.
-fn joints(
-    arm: &Arm,
-    base_from_work: &Rigid<Base, Work>,
-    points: &[PathPoint],
-    angles_rad: &[f64],
-) -> Result<speeds::DensePath, PlanError> {
-    let mut dense = speeds::DensePath::default();
-    for (i, (point, angle)) in points.iter().zip(angles_rad).enumerate() {
-        let before = i.saturating_sub(1);
-        let (from, from_angle) = (points[before].position, angles_rad[before]);
-        let pieces = ((angle - from_angle).abs() / TILT_PIECE_RAD).ceil().max(1.0) as usize;
-        let first = if i == 0 { pieces } else { 1 };
-        for n in first..=pieces {
-            let t = n as f64 / pieces as f64;
-            let position = from + (point.position - from) * t;
-            let q = bone_attached::ik(*base_from_work * position, from_angle + (angle - from_angle) * t);
-            if let Some(excess) = bone_attached::beyond_limits(arm, &q) {
-                return Err(PlanError::OutOfReach { waypoint: i, excess: excess.to_string() });
-            }
-            dense.push(&q, from.distance_mm(&point.position) / pieces as f64);
-        }
-        dense.end_waypoint();
-    }
-    Ok(dense)
 }
 
 /// Where the burr's centre may be.

@@ -6,10 +6,11 @@ use std::path::Path;
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_imaging::Scene;
 use bonemill_robot::Arm;
+use bonemill_robot::resolve::Stiffness;
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
-use super::compliance::Compliance;
+use super::motion::{Compliance, Motion, Placed};
 use super::near::{self, Near};
 use super::orient::{CostField, Oriented, Room, orient};
 use super::reach::{self, ReachSpec, ReachedPath};
@@ -31,8 +32,6 @@ const CAP_STEP_RAD: f64 = 6.0 * std::f64::consts::PI / 180.0;
 const DRAFT_COARSER: f64 = 2.0;
 /// λ of the orientation's rate penalty, mm/rad² per unit of cost.
 const RATE_WEIGHT_MM: f64 = 1.0;
-/// Rate of an axis with two angles at the planned speed, rad/s. Assumed: that of the bone-attached arm's tilt.
-const CAP_RATE_RAD_S: f64 = 0.6;
 /// Structures farther than this beyond burr and clearance matter to nothing but the plan's columns, mm.
 const INFLUENCE_MM: f64 = 8.0;
 
@@ -95,9 +94,9 @@ impl<'a> Prepared<'a> {
             step_mm: case.path.step_mm,
         };
         let limit_rad = case.orientation.tilt_limit_rad;
-        let family = (case.orientation.angles == 1).then(|| setup::tilt_family(arm, &base_from_work));
+        let family = (case.orientation.angles == 1).then(|| setup::tilt_family(arm, &base_from_work, scene));
         let directions = directions(family.as_ref(), limit_rad, 1.0);
-        let rate_rad_s = family.map_or(CAP_RATE_RAD_S, |_| arm.joints()[3].velocity_limit);
+        let rate_rad_s = setup::tilt_rate_rad_s(arm);
         let rate =
             RateLimit { weight_mm: RATE_WEIGHT_MM, most_rad_per_mm: rate_rad_s / case.speed.nominal_mm_s };
         let shank = setup::shank(case);
@@ -189,7 +188,7 @@ impl<'a> Prepared<'a> {
         let kernel = OrientationKernel::new(&tool, &material, measure, samples, merged);
         let swept = SweptPath::new(self.scene, &self.reached.path.removal, points, case.burr.radius_mm);
         let terms = terms(case, &self.near)?;
-        let compliance = Compliance::new(case, self.arm, &self.base_from_work)?;
+        let compliance = Compliance::new(case, self.placed())?;
         let field = CostField {
             swept: &swept,
             kernel: &kernel,
@@ -199,9 +198,11 @@ impl<'a> Prepared<'a> {
             feeds: &self.feeds,
             nominal_mm_s: case.speed.nominal_mm_s,
             spindle_rpm: case.burr.spindle_rpm,
-            compliance: match (case.cost.force, self.directions.angles_rad()) {
-                (ForceTerm::Deflection, Some(angles)) => compliance.at_angles(angles)?,
-                _ => None,
+            compliance: match case.cost.force {
+                ForceTerm::Deflection => {
+                    compliance.at_axes(self.scene.target_center, self.directions.axes())?
+                }
+                ForceTerm::Cutting => None,
             },
         };
         let room = Room {
@@ -223,8 +224,8 @@ impl<'a> Prepared<'a> {
             }))
         };
         let forces: Vec<_> = watch.run("forces", || (0..points.len()).into_par_iter().map(force).collect());
-        let compliances = match &oriented.angles_rad {
-            Some(angles) => compliance.at_angles(angles)?,
+        let compliances = match compliance.stiffness() {
+            Some(_) => compliance.along(&self.motion(case, &oriented.axes)?.resolved.q)?,
             None => None,
         };
         // D13 takes C at the nominal speed
@@ -247,6 +248,22 @@ impl<'a> Prepared<'a> {
             (0..points.len()).filter(|i| !field.needs_force(*i)).map(left_out).fold(0.0, f64::max);
         let kinds = (0..points.len()).map(|i| self.kind(i, &oriented.axes[i])).collect();
         Ok(Chosen { oriented, kinds, forces, costs, compliances, closed_form_error })
+    }
+
+    /// The arm where it stands.
+    fn placed(&self) -> Placed<'_> {
+        Placed { arm: self.arm, base_from_work: &self.base_from_work }
+    }
+
+    /// Joint positions along the path with the shaft along `axes`; stiff toward structures where the case looks at the
+    /// deflection.
+    pub(super) fn motion(&self, case: &Case, axes: &[Unit<Vector3<f64>>]) -> Result<Motion, PlanError> {
+        let positions: Vec<_> = self.points().iter().map(|point| point.position).collect();
+        let toward: Vec<_> = (0..positions.len()).map(|i| self.nearest(i).map(|near| near.toward)).collect();
+        let stiff = case.robot.joint_stiffness.as_deref();
+        let stiff = stiff.filter(|_| case.cost.force == ForceTerm::Deflection);
+        let stiffness = stiff.map(|joint| Stiffness { joint, toward: &toward });
+        self.placed().motion(&positions, axes, self.length_mm(), stiffness)
     }
 
     /// A link that grazes a cusp by a part of a voxel removes it: it is a cut, and as slow as one.
@@ -303,11 +320,11 @@ pub fn with_prepared<R>(
     work: impl FnOnce(&Prepared) -> Result<R, PlanError>,
 ) -> Result<R, PlanError> {
     let mut watch = Stopwatch { progress, seconds: Vec::new() };
-    let arm = setup::arm(case)?;
+    let arm = setup::arm(case, case_path.parent().unwrap_or(Path::new("")))?;
     let inputs = super::inputs::read_inputs(case, case_path)?;
     let scene = super::inputs::make_scene(case, &inputs)?;
     let space = super::free_space(case, &scene)?;
-    let base_from_work = setup::base_from_ct(&case.robot.base_from_ct, &scene) * scene.ct_from_work;
+    let base_from_work = setup::registration(&case.robot, &scene)?.base_from_ct * scene.ct_from_work;
     work(&Prepared::new(case, &arm, &scene, &space, base_from_work, &mut watch)?)
 }
 

@@ -1,8 +1,12 @@
 //! From the case's values to the tools of planning: burr, material, arm, registration.
 
-use bonemill_geometry::{Approach, Base, Ct, Rigid, Work};
+use std::path::Path;
+
+use bonemill_geometry::{Approach, Base, Ct, Point, Rigid, Work};
 use bonemill_imaging::Scene;
-use bonemill_robot::Arm;
+use bonemill_robot::registration::{Fitted, fit};
+use bonemill_robot::ur::{UrModel, read_calibration};
+use bonemill_robot::{Arm, ArmKind, ToolMount, read_urdf};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
 use super::PlanError;
@@ -52,52 +56,166 @@ pub fn shank(case: &Case) -> Vec<ShankCylinder> {
         .collect()
 }
 
-/// The arm of a case, with its limits.
-pub fn arm(case: &Case) -> Result<Arm, PlanError> {
-    if case.robot.model != "bone-attached" {
-        return Err(PlanError::Unsupported {
-            key: "robot.model",
-            value: case.robot.model.clone(),
-            supported: "\"bone-attached\"",
-        });
+/// How fast an arm that can point anywhere turns the shaft while it cuts, rad/s: as the bone-attached arm does. Assumed.
+const TILT_RATE_RAD_S: f64 = 0.6;
+/// How far it tilts the shaft from the approach, rad: 70°, as the bone-attached arm does. Assumed; the case's limit binds
+/// cuts beside it.
+const TILT_RANGE_RAD: f64 = 70.0 * std::f64::consts::PI / 180.0;
+/// Where a UR's patient is assumed, as shares of its reach: before the base and above it. In the middle of the range, the
+/// handpiece upright above it, far from the base and the shoulder's cylinder.
+const ASSUMED_PLACE: [f64; 2] = [0.55, 0.05];
+
+/// The arm of a case, with its tool and limits; `folder` is the case file's.
+///
+/// # Errors
+/// [`PlanError::Needed`] where a UR has no tool, [`PlanError::Unsupported`] where the bone-attached arm is given one,
+/// [`PlanError::Robot`] where a file cannot be used or limits do not fit.
+pub fn arm(case: &Case, folder: &Path) -> Result<Arm, PlanError> {
+    let robot = &case.robot;
+    let refused = |key, supported| Err(PlanError::Unsupported { key, value: "given".into(), supported });
+    let model = UrModel::by_name(&robot.model);
+    if robot.calibration.is_some() && model.is_none() {
+        return refused("robot.calibration", "a calibration file for ur3e, ur5e or ur10e only");
     }
-    for (key, given) in [
-        ("robot.jerk_limits", case.robot.jerk_limits.is_some()),
-        ("robot.flange_from_burr", case.robot.flange_from_burr.is_some()),
-    ] {
-        if given {
-            // silently ignoring either would give another motion than the case asks for
-            return Err(PlanError::Unsupported {
-                key,
-                value: "given".into(),
-                supported: "no such key with the bone-attached arm, whose URDF ends at the burr",
+    let arm = match (robot.model.as_str(), model) {
+        ("bone-attached", _) if robot.flange_from_burr.is_some() => {
+            // silently ignoring it would give another motion than the case asks for
+            return refused(
+                "robot.flange_from_burr",
+                "no such key with the bone-attached arm, whose URDF ends at the burr",
+            );
+        }
+        ("bone-attached", _) => Arm::bone_attached()?,
+        (_, Some(_)) if robot.flange_from_burr.is_none() => {
+            return Err(PlanError::Needed {
+                key: "robot.flange_from_burr",
+                model: robot.model.clone(),
+                example: "where the burr's centre is in the flange's frame, and the axes with z to the handpiece; for a \
+                          handpiece straight on the flange with the burr 180 mm before it: flange_from_burr with \
+                          translation_mm = [0, 0, 180] and rpy_rad = [3.141592653589793, 0, 0]",
             });
         }
-    }
-    let velocity = case.robot.velocity_limits.as_deref();
-    let acceleration = case.robot.acceleration_limits.as_deref();
-    Ok(Arm::bone_attached()?.with_limits(velocity, acceleration)?)
-}
-
-/// base_from_ct: the case's, or the assumed one, which puts the target's centre at the base's origin and lets the arm
-/// tilt in the y–z plane of θ.
-pub fn base_from_ct(registration: &Registration, scene: &Scene) -> Rigid<Base, Ct> {
-    match registration {
-        Registration::Given { rotation, translation_mm } => Rigid::new(*rotation, *translation_mm),
-        Registration::Assumed => {
-            // base x, y, z are approach y, −x, z
-            let turn =
-                Rotation3::from_matrix_unchecked(Matrix3::new(0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0));
-            let ct_from_approach = scene.ct_from_approach();
-            let center = ct_from_approach.inverse() * (scene.ct_from_work * scene.target_center);
-            let base_from_approach: Rigid<Base, Approach> = Rigid::new(turn, -(turn * center.coords));
-            base_from_approach * ct_from_approach.inverse()
+        (_, Some(model)) => {
+            let calibration = robot.calibration.as_ref().map(|path| read_calibration(&folder.join(path)));
+            Arm::ur(model, calibration.transpose()?.as_ref())?
         }
+        (path, None) => read_urdf(&folder.join(path))?,
+    };
+    let arm = arm.with_limits(robot.velocity_limits.as_deref(), robot.acceleration_limits.as_deref())?;
+    let arm = match &robot.jerk_limits {
+        Some(jerk) => arm.with_jerk_limits(jerk)?,
+        None => arm,
+    };
+    Ok(match robot.flange_from_burr {
+        None => arm,
+        Some((translation_mm, [roll, pitch, yaw])) => {
+            let turn = Rotation3::from_euler_angles(roll, pitch, yaw);
+            arm.with_mount(ToolMount { flange_from_burr: Rigid::new(turn, translation_mm.into()) })
+        }
+    })
+}
+
+/// What is to be known about the arm's accuracy.
+pub fn arm_warning(case: &Case) -> Option<String> {
+    let model = UrModel::by_name(&case.robot.model).filter(|_| case.robot.calibration.is_none())?;
+    Some(format!(
+        "nominal kinematics of the {}: a real arm's tool is 1 to 2 mm off; give its calibration file as robot.calibration",
+        model.name()
+    ))
+}
+
+/// Where the patient is, and how well that is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Registered {
+    /// p_base = R p_ct + t.
+    pub base_from_ct: Rigid<Base, Ct>,
+    /// The fit, where the case gives fiducials, and its expected error at each structure (at its point nearest to the
+    /// target's centre), mm; `None` for a structure too far away to matter.
+    pub fitted: Option<(Fitted, Vec<Option<f64>>)>,
+}
+
+impl Registered {
+    /// What is said of a fit that is worse than a clearance.
+    pub fn warnings(&self, case: &Case) -> Vec<String> {
+        let Some((fitted, tre_mm)) = &self.fitted else { return vec![] };
+        let fre_mm = fitted.fre_mm;
+        let mut warnings = Vec::new();
+        for (structure, tre_mm) in case.structures.iter().zip(tre_mm) {
+            let tre_mm = tre_mm.unwrap_or(0.0);
+            if fre_mm.max(tre_mm) > structure.clearance_mm {
+                warnings.push(format!(
+                    "the registration's error (FRE {fre_mm:.2} mm, expected at {}: {tre_mm:.2} mm RMS) is larger than its \
+                     clearance of {} mm",
+                    structure.name, structure.clearance_mm
+                ));
+            }
+        }
+        warnings
     }
 }
 
-/// Axes that the bone-attached arm reaches, in work.
-pub fn tilt_family(arm: &Arm, base_from_work: &Rigid<Base, Work>) -> TiltFamily {
+/// The case's registration, fitted where it gives fiducials, assumed where it gives none.
+///
+/// # Errors
+/// [`PlanError::Registration`], and those of [`base_from_ct`].
+pub fn registration(robot: &case::RobotSpec, scene: &Scene) -> Result<Registered, PlanError> {
+    let Registration::Fiducials { ct_mm, base_mm } = &robot.base_from_ct else {
+        return Ok(Registered { base_from_ct: base_from_ct(robot, scene)?, fitted: None });
+    };
+    let ct: Vec<Point<Ct>> = ct_mm.iter().map(|p| Point::from_coords(Vector3::from(*p))).collect();
+    let base: Vec<Point<Base>> = base_mm.iter().map(|p| Point::from_coords(Vector3::from(*p))).collect();
+    let fitted = fit(&ct, &base)?;
+    let center = scene.ct_from_work * scene.target_center;
+    let fields = scene.structures.iter().map(|structure| structure.field.as_ref());
+    let tre_mm = fields.map(|field| Some(fitted.tre_mm(&field?.nearest(center).1))).collect();
+    Ok(Registered { base_from_ct: fitted.base_from_ct, fitted: Some((fitted, tre_mm)) })
+}
+
+/// base_from_ct: the case's, or an assumed one with base x, y, z along the approach's y, −x, z.
+///
+/// The bone-attached arm has the target's centre at its base's origin; a UR has it before and above its base by
+/// [`ASSUMED_PLACE`], the approach upright.
+///
+/// # Errors
+/// [`PlanError::Needed`] for an arm from a URDF, of which nothing is known that could be assumed.
+fn base_from_ct(robot: &case::RobotSpec, scene: &Scene) -> Result<Rigid<Base, Ct>, PlanError> {
+    if let Registration::Given { rotation, translation_mm } = &robot.base_from_ct {
+        return Ok(Rigid::new(*rotation, *translation_mm));
+    }
+    let place = match (robot.model.as_str(), UrModel::by_name(&robot.model)) {
+        ("bone-attached", _) => Vector3::zeros(),
+        (_, Some(model)) => {
+            let [before, above] = ASSUMED_PLACE.map(|share| share * model.reach_mm());
+            Vector3::new(before, 0.0, above)
+        }
+        (path, None) => {
+            return Err(PlanError::Needed {
+                key: "robot.base_from_ct",
+                model: path.into(),
+                example: "where the patient is, e.g. base_from_ct with rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]] and \
+                          translation_mm = [400, 0, 100], or with fiducials",
+            });
+        }
+    };
+    let turn = Rotation3::from_matrix_unchecked(Matrix3::new(0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0));
+    let ct_from_approach = scene.ct_from_approach();
+    let center = ct_from_approach.inverse() * (scene.ct_from_work * scene.target_center);
+    let base_from_approach: Rigid<Base, Approach> = Rigid::new(turn, place - turn * center.coords);
+    Ok(base_from_approach * ct_from_approach.inverse())
+}
+
+/// Axes that are looked at, in work: those of the bone-attached arm's tilt; for an arm that can point anywhere the y–z
+/// plane of θ, which is where the bone-attached arm tilts under the assumed registration.
+pub fn tilt_family(arm: &Arm, base_from_work: &Rigid<Base, Work>, scene: &Scene) -> TiltFamily {
+    if arm.kind() != ArmKind::BoneAttached {
+        let work_from_approach = scene.ct_from_work.inverse() * scene.ct_from_approach();
+        return TiltFamily {
+            hinge: Unit::new_normalize(work_from_approach.rotate(&Vector3::x())),
+            zero: Vector3::z_axis(),
+            lower_rad: -TILT_RANGE_RAD,
+            upper_rad: TILT_RANGE_RAD,
+        };
+    }
     let work_from_base = base_from_work.rotation.inverse();
     let tilt = &arm.joints()[3];
     TiltFamily {
@@ -106,5 +224,13 @@ pub fn tilt_family(arm: &Arm, base_from_work: &Rigid<Base, Work>) -> TiltFamily 
         zero: Unit::new_normalize(work_from_base * Vector3::z()),
         lower_rad: tilt.lower,
         upper_rad: tilt.upper,
+    }
+}
+
+/// How fast the arm turns the shaft while it cuts, rad/s.
+pub fn tilt_rate_rad_s(arm: &Arm) -> f64 {
+    match arm.kind() {
+        ArmKind::BoneAttached => arm.joints()[3].velocity_limit,
+        ArmKind::Ur | ArmKind::Other => TILT_RATE_RAD_S,
     }
 }

@@ -1,6 +1,7 @@
 //! Speed caps per move (D13, or force caps), and the time law under them.
 
-use bonemill_robot::timelaw::{JointPath, PathLimits, PreparedPath, TimeLaw};
+use bonemill_robot::resolve::DensePath;
+use bonemill_robot::timelaw::{CornerTolerance, JointPath, PathLimits, PreparedPath, TimeLaw};
 
 use super::PlanError;
 use crate::case::{SpeedMode, SpeedSpec};
@@ -39,39 +40,6 @@ pub struct SpeedInput<'a> {
     pub slot_mass_mg: f64,
 }
 
-/// A joint path that has places between waypoints.
-#[derive(Debug, Clone, Default)]
-pub struct DensePath {
-    /// Joint positions, one place after the other.
-    q: Vec<f64>,
-    /// Path length of the burr to each place, mm.
-    burr_mm: Vec<f64>,
-    /// The place of each waypoint.
-    waypoints: Vec<usize>,
-}
-
-impl DensePath {
-    /// Adds a place; `burr_mm`: how far the burr moves to it.
-    pub fn push(&mut self, q: &[f64], burr_mm: f64) {
-        self.q.extend(q);
-        self.burr_mm.push(burr_mm);
-    }
-
-    /// The last place added is a waypoint.
-    pub fn end_waypoint(&mut self) {
-        self.waypoints.push(self.burr_mm.len().saturating_sub(1));
-    }
-
-    /// A value per waypoint's move as one per place's move.
-    fn per_place(&self, per_waypoint: &[f64]) -> Vec<f64> {
-        let mut values = Vec::with_capacity(self.burr_mm.len());
-        for (place, value) in self.waypoints.iter().zip(per_waypoint) {
-            values.resize(place + 1, *value);
-        }
-        values
-    }
-}
-
 /// Caps and the law under them.
 #[derive(Debug, Clone)]
 pub struct Timing {
@@ -96,7 +64,7 @@ pub fn timing(
     limits: &PathLimits,
 ) -> Result<Timing, PlanError> {
     let prepared = PreparedPath::new(
-        &JointPath { q: &input.dense.q, burr_mm: &input.dense.burr_mm, stops: &[] },
+        &JointPath { q: &input.dense.q, burr_mm: &input.dense.burr_mm, pose: &input.dense.pose, stops: &[] },
         limits,
     )?;
     let cuts = Cuts::new(input, spec, paper)?;
@@ -145,7 +113,8 @@ pub fn caps(
 
 /// The limits of the time law: the corner tolerance leaves room for the arm's bow between waypoints.
 pub fn path_limits(arm: &bonemill_robot::Arm) -> Result<PathLimits, PlanError> {
-    Ok(PathLimits::of_arm(arm, 0.8 * TRAJECTORY_TOLERANCE_MM)?)
+    let corner = CornerTolerance { burr_mm: 0.8 * TRAJECTORY_TOLERANCE_MM, ..CornerTolerance::default() };
+    Ok(PathLimits::of_arm(arm, corner)?)
 }
 
 /// The cutting moves, in order.

@@ -63,7 +63,7 @@ fn record(plan: &Plan, case_file: std::path::PathBuf) -> PlanRecord {
 
 /// The figures of a plan, in the order in which a reader asks for them.
 fn metrics(plan: &Plan) -> Metrics {
-    let (coverage, figures) = (&plan.coverage, &plan.figures);
+    let (coverage, figures, ratios) = (&plan.coverage, &plan.figures, plan.modelled.limit_ratios);
     let volumes = |v: &Volumes| {
         Value::Table(vec![
             ("all_mm3".into(), v.all_mm3.into()),
@@ -81,7 +81,7 @@ fn metrics(plan: &Plan) -> Metrics {
         row.push(("peak_force_toward_n".into(), found.peak_force_toward_n.into()));
         (structure.name.clone(), Value::Table(row))
     });
-    let more = vec![
+    let mut more = vec![
         ("reached_share".into(), coverage.reached_share().into()),
         ("target".into(), volumes(&coverage.target)),
         ("reachable".into(), volumes(&coverage.reachable)),
@@ -97,6 +97,16 @@ fn metrics(plan: &Plan) -> Metrics {
         ("band_mm".into(), plan.scene.band_mm.into()),
         ("removed_mass_mg".into(), figures.removed_mass_mg.into()),
         ("path_length_mm".into(), figures.path_length_mm.into()),
+        ("time_at_speed_caps_s".into(), plan.modelled.time_at_caps_s.into()),
+        (
+            "joint_limit_ratios".into(),
+            Value::Table(vec![
+                ("velocity".into(), ratios.velocity.into()),
+                ("acceleration".into(), ratios.acceleration.into()),
+                ("jerk".into(), ratios.jerk.into()),
+            ]),
+        ),
+        ("smallest_singular_value_mm_s".into(), plan.modelled.slowest_mm_s.into()),
         ("peak_force_n".into(), figures.peak_force_n.into()),
         ("mean_force_n".into(), figures.mean_force_n.into()),
         (
@@ -107,6 +117,12 @@ fn metrics(plan: &Plan) -> Metrics {
         ),
         ("structures".into(), Value::Table(per_structure.collect())),
     ];
+    if let Some((fitted, tre_mm)) = &plan.fitted {
+        let at = plan.case.structures.iter().zip(tre_mm);
+        let at = at.filter_map(|(structure, tre)| Some((structure.name.clone(), (*tre)?.into()))).collect();
+        more.push(("fre_mm".into(), fitted.fre_mm.into()));
+        more.push(("expected_error_mm".into(), Value::Table(at)));
+    }
     Metrics {
         removed_mm3: coverage.removed.all_mm3,
         reachable_mm3: coverage.reachable.all_mm3,
@@ -133,6 +149,7 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
         ("links_beyond_limit".into(), m.links_beyond_limit.into()),
         ("dropped_waypoints".into(), Value::Table(dropped)),
         ("unjoined_passes".into(), m.unjoined_passes.into()),
+        ("branch".into(), usize::from(m.branch).into()),
         ("raster_deg".into(), m.raster_rad.to_degrees().into()),
         ("layers".into(), m.layers.into()),
         ("compliance".into(), plan.case.robot.joint_stiffness.is_some().into()),

@@ -62,5 +62,12 @@ fn arm(urdf: &Path, record: &PlanRecord) -> Result<Arm, PlanFileError> {
     let flange_from_burr = Rigid::new(rotation, Vector3::from(translation_mm));
     let robot = &record.case.robot;
     let arm = read_urdf(urdf).map_err(refused)?.with_mount(ToolMount { flange_from_burr });
-    arm.with_limits(robot.velocity_limits.as_deref(), robot.acceleration_limits.as_deref()).map_err(refused)
+    let arm = arm.of_model(&robot.model).map_err(refused)?;
+    let arm = arm
+        .with_limits(robot.velocity_limits.as_deref(), robot.acceleration_limits.as_deref())
+        .map_err(refused)?;
+    match &robot.jerk_limits {
+        Some(jerk) => arm.with_jerk_limits(jerk).map_err(refused),
+        None => Ok(arm),
+    }
 }

@@ -56,8 +56,8 @@ fn verdict(plan: &Plan) -> String {
     };
     if plan.case.robot.base_from_ct == Registration::Assumed {
         text.push_str(
-            "<p class=\"verdict warn\">No registration in the case: the arm's place is assumed (target's centre at the \
-             base's origin). The trajectory is not for a real set-up.</p>",
+            "<p class=\"verdict warn\">No registration in the case: the arm's place is assumed (frames.base_from_ct \
+             in plan.toml). The trajectory is not for a real set-up.</p>",
         );
     }
     for warning in &plan.warnings {

@@ -21,7 +21,7 @@ pub const URDF: &str = include_str!("../../urdf/bone_attached.urdf");
 /// Distance from the burr's centre back along the shaft to the tilt's pivot, mm. Assumed.
 pub const PIVOT_TO_BURR_MM: f64 = 50.0;
 
-/// Acceleration limits of x, y, z [mm/s²] and tilt [rad/s²]: full speed within 0.1 s. Assumed.
+/// Acceleration limits of x, y, z [mm/s²] and tilt [rad/s²]: full speed within 0.1 s. Assumed; jerks follow from them.
 pub const ACCELERATION_LIMITS: [f64; 4] = [150.0, 150.0, 150.0, 6.0];
 
 impl Arm {
@@ -30,7 +30,8 @@ impl Arm {
     /// # Errors
     /// None in practice: the shipped description is checked by a test. The type is that of [`Arm::from_urdf`].
     pub fn bone_attached() -> Result<Self, RobotError> {
-        Self::from_urdf(URDF, "bone-attached")?.with_limits(None, Some(&ACCELERATION_LIMITS))
+        let arm = Self::from_urdf(URDF, "bone-attached")?.with_limits(None, Some(&ACCELERATION_LIMITS))?;
+        Ok(arm.with_bone_attached_inverse())
     }
 }
 

@@ -34,12 +34,20 @@ pub struct Joint {
     pub velocity_limit: f64,
     /// Greatest acceleration in both directions, mm/s² or rad/s²; above 0.
     pub acceleration_limit: f64,
+    /// Greatest jerk in both directions, mm/s³ or rad/s³; above 0.
+    pub jerk_limit: f64,
 }
 
 /// The acceleration taken where nobody states one, since URDF has no field for it: full speed within 0.1 s. Assumed.
 pub(super) fn assumed_acceleration(velocity_limit: f64) -> f64 {
     const PER_S: f64 = 10.0;
     velocity_limit * PER_S
+}
+
+/// The jerk taken where nobody states one: full acceleration within 0.05 s. Assumed.
+pub(super) fn assumed_jerk(acceleration_limit: f64) -> f64 {
+    const PER_S: f64 = 20.0;
+    acceleration_limit * PER_S
 }
 
 /// A joint position beyond its limits: how far the arm falls short there.

@@ -1,7 +1,7 @@
 //! Forward kinematics, Jacobian and compliance of any serial arm.
 //!
 //! Invariants: all of it is a pure function of the joint vector; the pose is the product of the URDF's origins and joint
-//! motions, nothing fitted. Not here: inverse kinematics (closed forms live with their arms).
+//! motions, nothing fitted. Not here: inverse kinematics.
 
 use bonemill_geometry::{Base, Flange, Rigid, Tool};
 use nalgebra::{Matrix3, Matrix3xX, Matrix6xX, Rotation3, Unit, Vector3};
@@ -74,6 +74,49 @@ impl Arm {
         let jacobian = self.burr_jacobian(q)?;
         let columns = jacobian.column_iter().zip(stiffness);
         Ok(columns.map(|(column, chi)| column * column.transpose() / *chi).sum())
+    }
+
+    /// Jacobian of the tool at the burr's centre, in base, shape 6 × dof, rows as in [`Arm::jacobian`].
+    ///
+    /// # Errors
+    /// As [`Arm::forward`].
+    pub fn tool_jacobian(&self, q: &[f64]) -> Result<Matrix6xX<f64>, RobotError> {
+        self.check_q(q)?;
+        Ok(self.tool_jacobian_at(q))
+    }
+
+    /// The same for a joint vector that was checked.
+    pub(crate) fn tool_jacobian_at(&self, q: &[f64]) -> Matrix6xX<f64> {
+        self.jacobian_at(q, &self.mount().flange_from_burr.translation_mm)
+    }
+
+    /// [`Arm::burr`] for a joint vector that was checked.
+    pub(crate) fn tool_at(&self, q: &[f64]) -> Rigid<Base, Tool> {
+        self.walk(q, |_| ()) * self.mount().flange_from_burr
+    }
+
+    /// The slowest direction of the tool when every joint runs at its speed limit at most, mm/s: the smallest singular
+    /// value of the task's Jacobian times diag(q̇ max), where the axis counts 100 mm per rad.
+    ///
+    /// The task is the burr's centre and the shaft's axis, five coordinates; of an arm with fewer joints, the motions that
+    /// it has. 0 at a singularity.
+    ///
+    /// # Errors
+    /// As [`Arm::forward`].
+    pub fn slowest_mm_s(&self, q: &[f64]) -> Result<f64, RobotError> {
+        const LEVER_MM: f64 = 100.0;
+        self.check_q(q)?;
+        let axis = self.tool_at(q).rotation * Vector3::z();
+        let mut jacobian = self.tool_jacobian_at(q);
+        for (mut column, joint) in jacobian.column_iter_mut().zip(self.joints()) {
+            let turn = column.fixed_rows::<3>(3).into_owned();
+            column.fixed_rows_mut::<3>(3).copy_from(&((turn - axis * axis.dot(&turn)) * LEVER_MM));
+            column *= joint.velocity_limit;
+        }
+        // JᵀJ or JJᵀ, whichever is smaller, would square the condition: singular values of J itself
+        let mut values: Vec<f64> = jacobian.singular_values().iter().copied().collect();
+        values.sort_by(|a, b| b.total_cmp(a));
+        Ok(values.get(self.dof().min(5) - 1).copied().unwrap_or(0.0))
     }
 
     /// How far the burr moves at most per unit of each joint, mm per mm or mm per rad, shape (dof).

@@ -4,9 +4,12 @@
 //! An [`Arm`] is plain data: every function is pure, and threads may share one. Built and checked once; whatever a
 //! constructed arm is asked, only the length and finiteness of the joint vector can still be wrong.
 //!
-//! UR arms come in by [`Arm::from_urdf`] too; their closed-form inverse is not here yet.
+//! Every arm has an inverse ([`Arm::inverse`]): UR arms and the bone-attached one in closed form, others by damped least
+//! squares.
 
 pub mod bone_attached;
+pub(crate) mod dls;
+pub(crate) mod inverse;
 mod joint;
 mod kinematics;
 mod reader;
@@ -14,11 +17,27 @@ mod urdf;
 
 use bonemill_geometry::{Flange, Rigid, Tool};
 
+pub use inverse::{AxisPose, Solutions};
 pub use joint::{Joint, JointExcess, JointKind};
-pub use reader::read_urdf;
+pub(crate) use reader::read_text;
+pub use reader::{load, read_urdf};
 
 use crate::error::RobotError;
+use crate::ur::{UrGeometry, UrModel};
+pub(crate) use dls::Goal;
+pub(crate) use inverse::InverseKind;
 use urdf::Segment;
+
+/// Which arm it is, as far as that changes how it is planned for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ArmKind {
+    /// Three linear joints and a tilt.
+    BoneAttached,
+    /// A UR.
+    Ur,
+    /// Any serial URDF.
+    Other,
+}
 
 /// How the tool sits on the flange.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,12 +60,14 @@ pub struct Arm {
     segments: Vec<Segment>,
     joints: Vec<Joint>,
     mount: ToolMount,
+    inverse: InverseKind,
 }
 
 impl Arm {
     /// The arm that a URDF describes, from `base_link` (else the root) to `tool0` (else the only tip).
     ///
-    /// Accelerations are assumed: URDF has no field for them, so every joint reaches full speed in 0.1 s.
+    /// Accelerations and jerks are assumed: URDF has no field for them, so every joint reaches full speed in 0.1 s, and
+    /// full acceleration in 0.05 s.
     /// `source_name` is the file or arm that messages name.
     ///
     /// # Errors
@@ -54,7 +75,8 @@ impl Arm {
     /// chain with one tip, where nothing moves, or where a number or limit makes no sense.
     pub fn from_urdf(text: &str, source_name: &str) -> Result<Self, RobotError> {
         let urdf::Description { segments, joints } = urdf::parse(text, source_name)?;
-        Ok(Self { urdf_text: text.to_owned(), segments, joints, mount: ToolMount::default() })
+        let (mount, inverse) = (ToolMount::default(), InverseKind::Numeric);
+        Ok(Self { urdf_text: text.to_owned(), segments, joints, mount, inverse })
     }
 
     /// The same arm within tighter limits, one value per joint, mm/s or rad/s and mm/s² or rad/s².
@@ -80,9 +102,34 @@ impl Arm {
             check_positive("acceleration_limits", acceleration, dof, "mm/s² or rad/s²")?;
             for (joint, &limit) in self.joints.iter_mut().zip(acceleration) {
                 joint.acceleration_limit = limit;
+                joint.jerk_limit = joint::assumed_jerk(limit);
             }
         }
         Ok(self)
+    }
+
+    /// The same arm with other jerk limits, one per joint, mm/s³ or rad/s³; what stood here was an assumption.
+    ///
+    /// # Errors
+    /// [`RobotError::Length`] or [`RobotError::Value`] (not finite, not above 0).
+    pub fn with_jerk_limits(mut self, jerk: &[f64]) -> Result<Self, RobotError> {
+        check_positive("jerk_limits", jerk, self.dof(), "mm/s³ or rad/s³")?;
+        for (joint, &limit) in self.joints.iter_mut().zip(jerk) {
+            joint.jerk_limit = limit;
+        }
+        Ok(self)
+    }
+
+    /// The same arm with the closed form of a UR's geometry; `calibrated`: it only starts the search.
+    pub(crate) fn with_ur_inverse(mut self, geometry: UrGeometry, calibrated: bool) -> Self {
+        self.inverse = InverseKind::Ur { geometry, calibrated };
+        self
+    }
+
+    /// The same arm with the closed form of the bone-attached layout.
+    fn with_bone_attached_inverse(mut self) -> Self {
+        self.inverse = InverseKind::BoneAttached;
+        self
     }
 
     /// The same arm with a tool on its flange.
@@ -90,6 +137,32 @@ impl Arm {
     pub fn with_mount(mut self, mount: ToolMount) -> Self {
         self.mount = mount;
         self
+    }
+
+    /// The arm read back from the URDF that was written for a model: what a URDF cannot say of it, its assumed limits and its
+    /// closed form. A name that is no model's changes nothing.
+    ///
+    /// # Errors
+    /// [`RobotError::Length`] where the URDF has another number of joints than the model.
+    pub fn of_model(self, name: &str) -> Result<Self, RobotError> {
+        if name == "bone-attached" {
+            let arm = self.with_limits(None, Some(&bone_attached::ACCELERATION_LIMITS))?;
+            return Ok(arm.with_bone_attached_inverse());
+        }
+        match UrModel::by_name(name) {
+            // exact whether or not the URDF is a calibrated one
+            Some(model) => Ok(self.with_assumed_ur_limits()?.with_ur_inverse(model.geometry(), true)),
+            None => Ok(self),
+        }
+    }
+
+    /// Which arm it is.
+    pub fn kind(&self) -> ArmKind {
+        match self.inverse {
+            InverseKind::BoneAttached => ArmKind::BoneAttached,
+            InverseKind::Ur { .. } => ArmKind::Ur,
+            InverseKind::Numeric => ArmKind::Other,
+        }
     }
 
     /// Number of moving joints.
@@ -119,6 +192,16 @@ impl Arm {
     pub fn beyond_limits(&self, q: &[f64]) -> Result<Option<JointExcess>, RobotError> {
         self.check_q(q)?;
         Ok(joint::worst_excess(&self.joints, q))
+    }
+
+    /// [`Arm::beyond_limits`] for a joint vector that was checked.
+    pub(crate) fn excess_at(&self, q: &[f64]) -> Option<JointExcess> {
+        joint::worst_excess(&self.joints, q)
+    }
+
+    /// How this arm is inverted.
+    pub(crate) fn inverse_kind(&self) -> InverseKind {
+        self.inverse
     }
 
     /// `q` has one finite value per joint.

@@ -13,7 +13,7 @@ use std::collections::HashMap;
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use urdf_rs::JointType;
 
-use super::joint::{Joint, JointKind, assumed_acceleration};
+use super::joint::{Joint, JointKind, assumed_acceleration, assumed_jerk};
 use crate::error::{RobotError, UrdfFault};
 
 const MM_PER_M: f64 = 1000.0;
@@ -215,7 +215,8 @@ fn limits(joint: &urdf_rs::Joint) -> Joint {
     };
     let velocity_limit = joint.limit.velocity * per_urdf_unit;
     let acceleration_limit = assumed_acceleration(velocity_limit);
-    Joint { name: joint.name.clone(), kind, lower, upper, velocity_limit, acceleration_limit }
+    let jerk_limit = assumed_jerk(acceleration_limit);
+    Joint { name: joint.name.clone(), kind, lower, upper, velocity_limit, acceleration_limit, jerk_limit }
 }
 
 /// The joint's constants as `k` reads them.

@@ -1,6 +1,17 @@
 //! Trajectories as bytes. Exporters write to what they are handed; whoever opens a file decides where.
+//!
+//! Inside everything is mm and rad; ROS and UR get metres, G-code mm and degrees. Each format is read back and compared in a
+//! test. Numbers are decimals with a fixed resolution, so that the same motion is the same bytes.
 
 mod csv;
 mod decimal;
+mod gcode;
+mod ros;
+mod rows;
+mod urscript;
 
 pub use csv::write_trajectory_csv;
+pub use gcode::{GcodeMove, write_gcode};
+pub use ros::{write_ros_json, write_ros_yaml};
+pub use rows::ExportRows;
+pub use urscript::{UrScript, write_urscript};

@@ -1,16 +1,16 @@
-//! The path that is driven: straight pieces in joint space joined by parabolas.
+//! The path that is driven: straight pieces in joint space joined by rounded corners.
 //!
-//! Invariants: consecutive kept waypoints differ; q(s) and q'(s) are continuous except at stops; at equal s the path is
-//! within the corner tolerance (Σ lever |Δq|) of the polyline through the kept waypoints, and that within what merging
-//! took of the same tolerance of the given one.
+//! Invariants: consecutive kept waypoints differ; q(s), q'(s) and q''(s) are continuous except at stops; at equal s burr and
+//! axis are within the corner tolerance of the polyline through the kept waypoints, to first order in a corner's size, and
+//! that within what merging took of the same tolerance of the given one.
 
-use super::input::{JointPath, PathLimits};
+use super::input::{CornerTolerance, JointPath, PathLimits};
 use super::merge::{Kept, joint_mm};
 
-/// A parabola is long enough when its curvature takes this share of the joints' acceleration at full joint speed.
+/// A corner is long enough when its curvature takes this share of the joints' acceleration at full joint speed.
 const CURVATURE_SHARE: f64 = 0.25;
 
-/// No parabola is made shorter than this for want of curvature, mm: differences of σ over less are rounding.
+/// No corner is made shorter than this for want of curvature, mm: differences of ṡ² over less are rounding.
 const SHORTEST_BLEND_MM: f64 = 1e-3;
 
 /// A piece of the path with one formula.
@@ -18,11 +18,13 @@ const SHORTEST_BLEND_MM: f64 = 1e-3;
 pub(super) enum Element {
     /// Kept segment i, from kept waypoint i to i + 1; x = s − s(i).
     Straight(u32),
-    /// Parabola about kept waypoint i; x = s − its start, in 0..2l.
+    /// Rounded corner about kept waypoint i; x = s − its start, in 0..2l.
     Blend(u32),
 }
 
-/// A parabola: B(u) = q − l(1−u)² d₁ + l u² d₂, u = x/(2l) in 0..1; B' = (1−u) d₁ + u d₂, B'' = (d₂ − d₁)/(2l) by s.
+/// A rounded corner, u = x/(2l) in 0..1: B' = d₁ + (d₂ − d₁)(3u² − 2u³), B = q − l d₁ + x d₁ + 2l (d₂ − d₁)(u³ − u⁴/2).
+///
+/// B'' = (d₂ − d₁) 6u(1 − u)/(2l) is 0 at both ends, at most 1.5 |d₂ − d₁|/(2l); |B'''| ≤ 6 |d₂ − d₁|/(2l)².
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Corner<'a> {
     /// d₁, shape (n).
@@ -41,17 +43,17 @@ impl<'a> Corner<'a> {
         self.before.iter().zip(self.after)
     }
 
-    /// max|B'| for u in `from..to` and |B''| of every joint; B' is linear, so its greatest stands at an end.
-    pub fn bounds(self, from: f64, to: f64) -> impl Iterator<Item = (f64, f64)> + use<'a> {
+    /// max|B'|, max|B''| and max|B'''| of every joint.
+    pub fn bounds(self) -> impl Iterator<Item = [f64; 3]> + use<'a> {
         let per_mm = 0.5 / self.half_mm;
         self.directions().map(move |(d1, d2)| {
-            let turn = d2 - d1;
-            ((d1 + from * turn).abs().max((d1 + to * turn).abs()), turn.abs() * per_mm)
+            let turn = (d2 - d1).abs();
+            [d1.abs().max(d2.abs()), 1.5 * turn * per_mm, 6.0 * turn * per_mm * per_mm]
         })
     }
 }
 
-/// Kept waypoints, the segments between them and the parabolas at them. M kept waypoints of n joints.
+/// Kept waypoints, the segments between them and the corners at them. M kept waypoints of n joints.
 #[derive(Debug)]
 pub(super) struct Geometry {
     pub dof: usize,
@@ -63,11 +65,15 @@ pub(super) struct Geometry {
     q: Vec<f64>,
     /// dq/ds of the kept segments, shape (M−1 × n).
     direction: Vec<f64>,
+    /// d(burr's centre)/ds and d(axis)/ds of the kept segments, shape (M−1).
+    pose_direction: Vec<[f64; 6]>,
+    /// s at the kept waypoints, mm, shape (M).
+    pub s_mm: Vec<f64>,
     /// Length of the kept segments in s, mm, shape (M−1); above 0.
     pub length_mm: Vec<f64>,
     /// Burr's path length per s on the kept segments, in 0..=1, shape (M−1).
     pub burr_per_s: Vec<f64>,
-    /// l of the parabolas, mm, shape (M); 0: none.
+    /// l of the corners, mm, shape (M); 0: none.
     pub half_blend_mm: Vec<f64>,
     /// Whether the arm must stand still at a kept waypoint, shape (M).
     pub stop: Vec<bool>,
@@ -79,7 +85,9 @@ impl Geometry {
         let kept = Kept::new(path, limits);
         let mut geometry = Self::through(&kept, path, limits);
         let share = if kept.merged { 1.0 - 2.0 * Kept::MERGE_SHARE } else { 1.0 };
-        geometry.round_corners(limits, share * limits.corner_tolerance_mm);
+        let CornerTolerance { burr_mm, axis_rad } = limits.corner;
+        geometry
+            .round_corners(limits, CornerTolerance { burr_mm: share * burr_mm, axis_rad: share * axis_rad });
         geometry
     }
 
@@ -94,6 +102,8 @@ impl Geometry {
             move_to: kept.moves().collect(),
             q: kept.of.iter().flat_map(|&k| given(k)).copied().collect(),
             direction: Vec::with_capacity(segments * dof),
+            pose_direction: Vec::with_capacity(segments),
+            s_mm: vec![0.0],
             length_mm: Vec::with_capacity(segments),
             burr_per_s: Vec::with_capacity(segments),
             half_blend_mm: vec![0.0; kept.of.len()],
@@ -104,6 +114,9 @@ impl Geometry {
             let length_mm = burr_mm.max(joint_mm(path, limits, ends[0], ends[1]));
             let steps = given(ends[0]).iter().zip(given(ends[1]));
             geometry.direction.extend(steps.map(|(from, to)| (to - from) / length_mm));
+            let [from, to] = [ends[0], ends[1]].map(|k| &path.pose[k]);
+            geometry.pose_direction.push(std::array::from_fn(|k| (to[k] - from[k]) / length_mm));
+            geometry.s_mm.push(geometry.s_mm[geometry.s_mm.len() - 1] + length_mm);
             geometry.length_mm.push(length_mm);
             geometry.burr_per_s.push(burr_mm / length_mm);
         }
@@ -125,7 +138,7 @@ impl Geometry {
         &self.direction[i * self.dof..(i + 1) * self.dof]
     }
 
-    /// The parabola about kept waypoint i, which must have one.
+    /// The rounded corner about kept waypoint i, which must have one.
     pub fn corner(&self, i: usize) -> Corner<'_> {
         Corner {
             before: self.direction(i - 1),
@@ -135,8 +148,8 @@ impl Geometry {
         }
     }
 
-    /// q, q' and q'' at x on an element, handed to `take` joint by joint.
-    pub fn at(&self, element: Element, x: f64, mut take: impl FnMut(usize, [f64; 3])) {
+    /// q, q', q'' and q''' at x on an element, handed to `take` joint by joint.
+    pub fn at(&self, element: Element, x: f64, mut take: impl FnMut(usize, [f64; 4])) {
         match element {
             Element::Straight(i) => {
                 let i = i as usize;
@@ -144,17 +157,48 @@ impl Geometry {
                 // from the nearer end, so that both waypoints are met exactly
                 let (from, x) = if x <= 0.5 * length { (i, x) } else { (i + 1, x - length) };
                 for (j, (q, d)) in self.waypoint(from).iter().zip(self.direction(i)).enumerate() {
-                    take(j, [q + d * x, *d, 0.0]);
+                    take(j, [q + d * x, *d, 0.0, 0.0]);
                 }
             }
             Element::Blend(i) => {
                 let corner = self.corner(i as usize);
                 let l = corner.half_mm;
                 let u = x / (2.0 * l);
-                let (before, after) = (l * (1.0 - u) * (1.0 - u), l * u * u);
+                let per_mm = 0.5 / l;
+                let step = u * u * (3.0 - 2.0 * u);
+                let area = 2.0 * l * u * u * u * (1.0 - 0.5 * u);
+                let (bend, snap) = (6.0 * u * (1.0 - u) * per_mm, 6.0 * (1.0 - 2.0 * u) * per_mm * per_mm);
                 for (j, (q, (d1, d2))) in corner.waypoint.iter().zip(corner.directions()).enumerate() {
-                    take(j, [q - before * d1 + after * d2, (1.0 - u) * d1 + u * d2, (d2 - d1) / (2.0 * l)]);
+                    let turn = d2 - d1;
+                    take(j, [q + (x - l) * d1 + area * turn, d1 + step * turn, bend * turn, snap * turn]);
                 }
+            }
+        }
+    }
+
+    /// Every element in the order of travel, with s where it starts and its length, mm.
+    pub fn elements(&self) -> Vec<(f64, f64, Element)> {
+        let mut elements = Vec::with_capacity(2 * self.count());
+        for i in 0..self.count() - 1 {
+            let (length, l1, l2) = (self.length_mm[i], self.half_blend_mm[i], self.half_blend_mm[i + 1]);
+            // what rounding leaves of a segment between two corners that meet is no piece
+            if length - l1 - l2 > 1e-12 * length {
+                elements.push((self.s_mm[i] + l1, length - l1 - l2, Element::Straight(i as u32)));
+            }
+            if l2 > 0.0 {
+                elements.push((self.s_mm[i + 1] - l2, 2.0 * l2, Element::Blend(i as u32 + 1)));
+            }
+        }
+        elements
+    }
+
+    /// x on an element for s.
+    pub fn place(&self, element: Element, s_mm: f64) -> f64 {
+        match element {
+            Element::Straight(i) => (s_mm - self.s_mm[i as usize]).clamp(0.0, self.length_mm[i as usize]),
+            Element::Blend(i) => {
+                let l = self.half_blend_mm[i as usize];
+                (s_mm - self.s_mm[i as usize] + l).clamp(0.0, 2.0 * l)
             }
         }
     }
@@ -165,44 +209,45 @@ impl Geometry {
         slowest.fold(0.0, f64::max).powi(-2)
     }
 
-    /// Sets the parabola of every inner waypoint, or a stop where the tolerance allows none.
-    fn round_corners(&mut self, limits: &PathLimits, tolerance_mm: f64) {
+    /// Rounds the corner of every inner waypoint, or stops there where the tolerance allows no rounding.
+    fn round_corners(&mut self, limits: &PathLimits, tolerance: CornerTolerance) {
         for i in 1..self.count().saturating_sub(1) {
-            if self.stop[i] || self.is_straight(i, limits) {
+            if self.stop[i] || self.is_straight(i) {
                 continue;
             }
-            let l = self.half_blend(i, limits, tolerance_mm);
+            let l = self.half_blend(i, limits, tolerance);
             self.half_blend_mm[i] = l;
             self.stop[i] = l <= 0.0;
         }
     }
 
-    /// l at kept waypoint i: as the curvature needs it, within half of both segments and the tolerance.
+    /// l at kept waypoint i: as curvature and jerk need it, within half of both segments and the tolerance.
     ///
-    /// The parabola B(u) = q − l(1−u)² d₁ + l u² d₂ differs from the polyline at the same s by l u² (d₂ − d₁) for u ≤ ½ and
-    /// symmetrically beyond, so l/4 Σ w |d₂ − d₁| is its greatest deviation.
-    fn half_blend(&self, i: usize, limits: &PathLimits, tolerance_mm: f64) -> f64 {
+    /// B leaves the polyline at the same s by ∫ (d₂ − d₁)(3u² − 2u³) up to the waypoint: 3l/16 (d₂ − d₁).
+    fn half_blend(&self, i: usize, limits: &PathLimits, tolerance: CornerTolerance) -> f64 {
         let sigma = self.joint_sigma(i - 1, limits).min(self.joint_sigma(i, limits));
-        let (mut turn_mm, mut curve_s2) = (0.0, 0f64);
+        let mut wanted = SHORTEST_BLEND_MM;
         for (j, (d1, d2)) in self.direction(i - 1).iter().zip(self.direction(i)).enumerate() {
             let turn = (d2 - d1).abs();
-            turn_mm += limits.lever_mm[j] * turn;
-            curve_s2 = curve_s2.max(turn / limits.acceleration[j]);
+            wanted = wanted
+                .max(0.75 * turn * sigma / (CURVATURE_SHARE * limits.acceleration[j]))
+                .max(0.5 * (6.0 * turn * sigma * sigma.sqrt() / (CURVATURE_SHARE * limits.jerk[j])).sqrt());
         }
-        let wanted = (sigma * curve_s2 / (2.0 * CURVATURE_SHARE)).max(SHORTEST_BLEND_MM);
         let room = 0.5 * self.length_mm[i - 1].min(self.length_mm[i]);
-        // a joint without lever may turn as it likes: 4 tol / 0 = ∞, and 0/0 = NaN, which min passes over
-        wanted.min(room).min(4.0 * tolerance_mm / turn_mm)
+        let [a, b] = [i - 1, i].map(|k| &self.pose_direction[k]);
+        let turn = |range: std::ops::Range<usize>| range.map(|k| (b[k] - a[k]).powi(2)).sum::<f64>().sqrt();
+        let most = |tolerance: f64, turn: f64| 16.0 / 3.0 * tolerance / turn;
+        // where nothing turns: tol / 0 = ∞, and 0/0 = NaN, which min passes over
+        wanted.min(room).min(most(tolerance.burr_mm, turn(0..3))).min(most(tolerance.axis_rad, turn(3..6)))
     }
 
     /// Whether the directions before and after kept waypoint i are the same but for rounding of the input.
-    fn is_straight(&self, i: usize, limits: &PathLimits) -> bool {
+    fn is_straight(&self, i: usize) -> bool {
         let per_mm = self.length_mm[i - 1].recip() + self.length_mm[i].recip();
-        let q = self.waypoint(i);
-        let size_mm: f64 = 1.0 + q.iter().zip(&limits.lever_mm).map(|(q, w)| q.abs() * w).sum::<f64>();
         let directions = self.direction(i - 1).iter().zip(self.direction(i));
-        directions.zip(q).all(|((d1, d2), q)| {
-            (d2 - d1).abs() <= 16.0 * f64::EPSILON * (q.abs() + d1.abs() * size_mm) * per_mm
+        directions.zip(self.waypoint(i)).all(|((d1, d2), q)| {
+            let step = d1.abs() * self.s_mm[i].max(1.0);
+            (d2 - d1).abs() <= 16.0 * f64::EPSILON * (q.abs() + step) * per_mm
         })
     }
 }

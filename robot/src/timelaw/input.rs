@@ -14,6 +14,9 @@ pub struct JointPath<'a> {
     /// Path length of the burr in the move that ENDS at each waypoint, mm, 0 for a pure rotation, shape (n); the first
     /// is ignored.
     pub burr_mm: &'a [f64],
+    /// The burr's centre (mm) and the shaft's axis (unit) at each waypoint, in any one frame, shape (n): what a corner's
+    /// tolerance is measured by.
+    pub pose: &'a [[f64; 6]],
     /// Waypoints to stop at, besides the first and the last; in any order.
     pub stops: &'a [usize],
 }
@@ -23,50 +26,59 @@ pub struct JointPath<'a> {
 pub struct PathLimits {
     pub(super) velocity: Vec<f64>,
     pub(super) acceleration: Vec<f64>,
-    pub(super) lever_mm: Vec<f64>,
-    pub(super) corner_tolerance_mm: f64,
+    pub(super) jerk: Vec<f64>,
+    pub(super) corner: CornerTolerance,
+}
+
+/// How far a corner may be cut.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CornerTolerance {
+    /// Between the burr's centre and the polyline, mm, at least 0; at 0 the arm stops at corners.
+    pub burr_mm: f64,
+    /// Between the shaft's axis and the polyline's at the same place, rad, at least 0.
+    pub axis_rad: f64,
+}
+
+impl Default for CornerTolerance {
+    /// Inside the 0.05 mm and 5 mrad that a plan's trajectory may deviate.
+    fn default() -> Self {
+        Self { burr_mm: 0.04, axis_rad: 1e-3 }
+    }
 }
 
 impl PathLimits {
-    /// How far corners are cut by default, mm at the burr: inside the 0.05 mm that a plan's trajectory may deviate.
-    pub const CORNER_TOLERANCE_MM: f64 = 0.04;
-
-    /// Limits per joint, shape (dof) each.
-    ///
-    /// - `velocity`: mm/s or rad/s, `acceleration`: mm/s² or rad/s², both above 0;
-    /// - `lever_mm`: mm that the burr moves at most per unit of the joint, at least 0: 1 for a prismatic joint, the
-    ///   distance from axis to burr for a revolute one;
-    /// - `corner_tolerance_mm`: Σ lever |Δq| between trajectory and polyline, at least 0; at 0 the arm stops at corners.
+    /// Limits per joint, shape (dof) each, all above 0: mm/s or rad/s, mm/s² or rad/s², mm/s³ or rad/s³.
     ///
     /// # Errors
     /// [`RobotError::Length`] or [`RobotError::Value`] where a list has another length or a number is out of range.
     pub fn new(
         velocity: &[f64],
         acceleration: &[f64],
-        lever_mm: &[f64],
-        corner_tolerance_mm: f64,
+        jerk: &[f64],
+        corner: CornerTolerance,
     ) -> Result<Self, RobotError> {
         let dof = velocity.len().max(1);
         check_positive("velocity limit", velocity, dof, "mm/s or rad/s")?;
         check_positive("acceleration limit", acceleration, dof, "mm/s² or rad/s²")?;
-        check_not_negative("lever", lever_mm, dof)?;
-        check_not_negative("corner tolerance", &[corner_tolerance_mm], 1)?;
+        check_positive("jerk limit", jerk, dof, "mm/s³ or rad/s³")?;
+        check_not_negative("corner tolerance", corner.burr_mm, "mm")?;
+        check_not_negative("corner tolerance of the axis", corner.axis_rad, "rad")?;
         Ok(Self {
             velocity: velocity.to_vec(),
             acceleration: acceleration.to_vec(),
-            lever_mm: lever_mm.to_vec(),
-            corner_tolerance_mm,
+            jerk: jerk.to_vec(),
+            corner,
         })
     }
 
-    /// The limits of an arm, with its own bound on the levers.
+    /// The limits of an arm.
     ///
     /// # Errors
     /// As [`PathLimits::new`]; an arm's own limits are in range.
-    pub fn of_arm(arm: &Arm, corner_tolerance_mm: f64) -> Result<Self, RobotError> {
-        let velocity: Vec<f64> = arm.joints().iter().map(|joint| joint.velocity_limit).collect();
-        let acceleration: Vec<f64> = arm.joints().iter().map(|joint| joint.acceleration_limit).collect();
-        Self::new(&velocity, &acceleration, &arm.lever_mm(), corner_tolerance_mm)
+    pub fn of_arm(arm: &Arm, corner: CornerTolerance) -> Result<Self, RobotError> {
+        let each = |of: fn(&crate::Joint) -> f64| arm.joints().iter().map(of).collect::<Vec<f64>>();
+        let velocity = each(|joint| joint.velocity_limit);
+        Self::new(&velocity, &each(|joint| joint.acceleration_limit), &each(|joint| joint.jerk_limit), corner)
     }
 
     /// Number of joints.
@@ -83,6 +95,17 @@ pub(super) fn check_path(path: &JointPath<'_>, dof: usize) -> Result<usize, Robo
     }
     if path.q.len() != count * dof {
         return Err(RobotError::Length { what: "joint path", got: path.q.len(), expected: count * dof });
+    }
+    if path.pose.len() != count {
+        return Err(RobotError::Length { what: "burr's place", got: path.pose.len(), expected: count });
+    }
+    let in_range = |v: &f64| (-ABSURD_POSITION..=ABSURD_POSITION).contains(v);
+    let places = path.pose.iter().enumerate();
+    let bad_place =
+        places.filter_map(|(index, pose)| Some((index, *pose.iter().find(|v| !in_range(v))?))).next();
+    if let Some((index, value)) = bad_place {
+        let (what, unit, expected) = ("burr's place at waypoint", "mm or 1", "a number within ±1e9");
+        return Err(RobotError::Value { what, index, value, unit, expected });
     }
     let bad_q = path.q.iter().position(|q| !(-ABSURD_POSITION..=ABSURD_POSITION).contains(q));
     if let Some((at, &value)) = bad_q.and_then(|at| Some((at, path.q.get(at)?))) {
@@ -119,14 +142,9 @@ pub(super) fn check_caps(caps_mm_s: &[f64], count: usize) -> Result<(), RobotErr
     }
 }
 
-fn check_not_negative(what: &'static str, values: &[f64], expected_len: usize) -> Result<(), RobotError> {
-    if values.len() != expected_len {
-        return Err(RobotError::Length { what, got: values.len(), expected: expected_len });
+fn check_not_negative(what: &'static str, value: f64, unit: &'static str) -> Result<(), RobotError> {
+    if value.is_finite() && value >= 0.0 {
+        return Ok(());
     }
-    match values.iter().enumerate().find(|(_, value)| !(value.is_finite() && **value >= 0.0)) {
-        None => Ok(()),
-        Some((index, &value)) => {
-            Err(RobotError::Value { what, index, value, unit: "mm", expected: "a finite number, at least 0" })
-        }
-    }
+    Err(RobotError::Value { what, index: 0, value, unit, expected: "a finite number, at least 0" })
 }

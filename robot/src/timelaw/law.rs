@@ -1,68 +1,77 @@
-//! The time law: position, velocity and acceleration of every joint at every instant, in closed form.
+//! The time law: position, velocity, acceleration and jerk of every joint at every instant, in closed form.
 
 use std::sync::Arc;
 
+use rayon::prelude::*;
+
 use super::geometry::{Element, Geometry};
-use super::pass;
-use super::prepared::{BLEND_INTERVALS, Interval, PreparedPath};
+use super::input::PathLimits;
+use super::pass::{Phase, for_each_phase};
+use super::smooth::{Piece, smooth};
+use super::stretch::{Stretch, element_at};
 
-/// A stretch of constant s̈ with its start in time.
-#[derive(Debug, Clone, Copy)]
-struct Piece {
-    start_s: f64,
-    /// x at its start, mm of s on its element.
-    start_mm: f64,
-    speed_mm_s: f64,
-    acceleration_mm_s2: f64,
-    element: Element,
-}
-
-/// Joint positions, velocities and accelerations at one instant; mm and rad by joint, shape (dof) each.
+/// Joint positions and their derivatives at one instant; mm and rad by joint, shape (dof) each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointState {
     /// Positions, mm or rad.
     pub q: Vec<f64>,
     /// Velocities, mm/s or rad/s.
     pub qd: Vec<f64>,
-    /// Accelerations, mm/s² or rad/s²; at an instant where they jump, those that follow.
+    /// Accelerations, mm/s² or rad/s².
     pub qdd: Vec<f64>,
+    /// Jerks, mm/s³ or rad/s³; at an instant where they jump, those that follow.
+    pub qddd: Vec<f64>,
 }
+
+/// How near a motion comes to the joints' limits: 1 is at the limit.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LimitRatios {
+    /// Greatest |q̇|/limit over all joints and instants looked at.
+    pub velocity: f64,
+    /// Greatest |q̈|/limit.
+    pub acceleration: f64,
+    /// Greatest |q⃛|/limit.
+    pub jerk: f64,
+}
+
+/// Instants that limits are looked at in a piece, and as many more for every formula of the path in it.
+const INSTANTS: usize = 6;
 
 /// A motion along a prepared path: at rest at both ends, within all limits at every instant between.
 ///
-/// q(t) = q(s(t)), q̇ = q' ṡ, q̈ = q'' ṡ² + q' s̈, with s̈ constant on each piece.
+/// q(t) = q(s(t)), q̇ = q' ṡ, q̈ = q'' ṡ² + q' s̈, q⃛ = q''' ṡ³ + 3 q'' ṡ s̈ + q' s⃛, with s⃛ constant on each piece.
 #[derive(Debug, Clone)]
 pub struct TimeLaw {
     geometry: Arc<Geometry>,
+    elements: Arc<[(f64, f64, Element)]>,
+    /// The first element of each stretch between rests, and their number.
+    rests: Vec<usize>,
     pieces: Vec<Piece>,
     duration_s: f64,
     waypoint_times_s: Vec<f64>,
 }
 
 impl TimeLaw {
-    /// Lays the speed profile `sigma` (per node, under `sigma_max` per interval) out in time.
-    pub(super) fn new(path: &PreparedPath, sigma_max: &[f64], sigma: &[f64]) -> Self {
-        let geometry = Arc::clone(&path.geometry);
-        let mut pieces = Vec::with_capacity(path.intervals.len());
-        let mut kept_times_s = vec![0.0; geometry.count()];
-        let mut start_s = 0.0;
-        pass::for_each_phase(path, sigma_max, sigma, |k, phase| {
-            let interval = &path.intervals[k];
-            let piece = Piece {
-                start_s,
-                start_mm: phase.start_mm,
-                speed_mm_s: phase.speed_mm_s[0],
-                acceleration_mm_s2: phase.acceleration_mm_s2,
-                element: interval.element,
-            };
-            push_unless_continued(&mut pieces, piece);
-            start_s += phase.duration_s();
-            if let Some(passed) = passed_at_end(&geometry, interval) {
-                kept_times_s[passed] = start_s;
-            }
+    /// Lays the base through `stretches` out in time and smooths it over a window.
+    pub(super) fn new(
+        geometry: Arc<Geometry>,
+        elements: Arc<[(f64, f64, Element)]>,
+        stretches: &[Stretch],
+        window_s: f64,
+    ) -> Self {
+        let mut phases: Vec<Phase> = Vec::with_capacity(stretches.len());
+        for_each_phase(stretches, window_s, |phase| push_unless_continued(&mut phases, phase));
+        let end_mm = phases.last().map_or(0.0, |last| {
+            let t = last.duration_s;
+            last.s_mm + t * (last.speed_mm_s + 0.5 * last.acceleration_mm_s2 * t)
         });
-        let waypoint_times_s = geometry.kept_of.iter().map(|&i| kept_times_s[i as usize]).collect();
-        Self { geometry, pieces, duration_s: start_s, waypoint_times_s }
+        let (pieces, duration_s) =
+            if phases.is_empty() { (vec![], 0.0) } else { smooth(&phases, window_s, end_mm) };
+        let rests = rests(&geometry, &elements);
+        let mut law = Self { geometry, elements, rests, pieces, duration_s, waypoint_times_s: vec![] };
+        let kept_times_s = law.kept_times_s();
+        law.waypoint_times_s = law.geometry.kept_of.iter().map(|&i| kept_times_s[i as usize]).collect();
+        law
     }
 
     /// Number of joints.
@@ -75,108 +84,181 @@ impl TimeLaw {
         self.duration_s
     }
 
-    /// When each given waypoint is passed, s, never decreasing, shape (waypoints): at a cut corner the parabola's middle.
+    /// When each given waypoint is passed, s, never decreasing, shape (waypoints): at a cut corner its middle.
     pub fn waypoint_times_s(&self) -> &[f64] {
         &self.waypoint_times_s
     }
 
     /// Joint state at a time; before the start and from the end on the arm stands at the first and the last waypoint.
     pub fn sample(&self, time_s: f64) -> JointState {
-        let zeros = vec![0.0; self.dof()];
-        let mut state = JointState { q: zeros.clone(), qd: zeros.clone(), qdd: zeros };
-        self.sample_into(time_s, &mut state.q, &mut state.qd, Some(&mut state.qdd));
+        let mut state = JointState {
+            q: vec![0.0; self.dof()],
+            qd: vec![0.0; self.dof()],
+            qdd: vec![0.0; self.dof()],
+            qddd: vec![0.0; self.dof()],
+        };
+        let mut cursor = self.cursor(time_s);
+        cursor.visit(time_s, |j, [q, qd, qdd, qddd]| {
+            (state.q[j], state.qd[j], state.qdd[j], state.qddd[j]) = (q, qd, qdd, qddd);
+        });
         state
     }
 
-    /// [`TimeLaw::sample`] into given slices.
-    ///
-    /// # Panics
-    /// Where a slice has fewer than dof values.
-    pub fn sample_into(&self, time_s: f64, q: &mut [f64], qd: &mut [f64], qdd: Option<&mut [f64]>) {
-        let piece = self.pieces.partition_point(|piece| piece.start_s <= time_s);
-        self.evaluate(piece.checked_sub(1), time_s, q, qd, qdd);
+    /// How near this motion comes to limits, looked at several times in every piece of its closed form and in every formula
+    /// of the path that the piece passes: between the rows of any file, too.
+    pub fn limit_ratios(&self, limits: &PathLimits) -> LimitRatios {
+        let instants = |(k, piece): (usize, &Piece)| {
+            let end_s = self.pieces.get(k + 1).map_or(self.duration_s, |next| next.start_s);
+            let length_s = end_s - piece.start_s;
+            let mut cursor = self.cursor(piece.start_s);
+            let passed = element_at(&self.elements, piece.at(length_s)[0]) - cursor.element;
+            let count = INSTANTS + INSTANTS * passed;
+            let mut worst = LimitRatios::default();
+            for n in 0..=count {
+                // the end belongs to the next piece
+                let share = (n as f64 / count as f64).min(1.0 - 1e-9);
+                cursor.visit(piece.start_s + share * length_s, |j, [_, qd, qdd, qddd]| {
+                    worst.velocity = worst.velocity.max(qd.abs() / limits.velocity[j]);
+                    worst.acceleration = worst.acceleration.max(qdd.abs() / limits.acceleration[j]);
+                    worst.jerk = worst.jerk.max(qddd.abs() / limits.jerk[j]);
+                });
+            }
+            worst
+        };
+        let worse = |a: LimitRatios, b: LimitRatios| LimitRatios {
+            velocity: a.velocity.max(b.velocity),
+            acceleration: a.acceleration.max(b.acceleration),
+            jerk: a.jerk.max(b.jerk),
+        };
+        self.pieces.par_iter().enumerate().map(instants).reduce(LimitRatios::default, worse)
     }
 
     /// A reader that goes forth in time without searching.
     pub(super) fn cursor(&self, time_s: f64) -> Cursor<'_> {
-        Cursor { law: self, next: self.pieces.partition_point(|piece| piece.start_s <= time_s) }
+        let piece = self.pieces.partition_point(|piece| piece.start_s <= time_s).saturating_sub(1);
+        let s_mm = self.pieces.get(piece).map_or(0.0, |piece| piece.s_mm);
+        Cursor { law: self, piece, element: element_at(&self.elements, s_mm) }
     }
 
-    /// State at a time on a piece; `None` is before the first.
-    fn evaluate(
-        &self,
-        piece: Option<usize>,
-        time_s: f64,
-        q: &mut [f64],
-        qd: &mut [f64],
-        qdd: Option<&mut [f64]>,
-    ) {
-        let piece = piece.and_then(|at| self.pieces.get(at));
-        let Some(piece) = piece.filter(|_| time_s < self.duration_s) else {
-            let end = if time_s < self.duration_s { 0 } else { self.geometry.count() - 1 };
-            q[..self.dof()].copy_from_slice(self.geometry.waypoint(end));
-            qd.fill(0.0);
-            if let Some(qdd) = qdd {
-                qdd.fill(0.0);
+    /// The element next to a rest on the side on which a piece is, should rounding have put s on the other.
+    fn beside_rest(&self, piece: &Piece, element: usize) -> usize {
+        let at = piece.rests as usize;
+        let first = self.rests.get(at).copied().unwrap_or(0);
+        let end = self.rests.get(at + 1).copied().unwrap_or(self.elements.len());
+        element.clamp(first, end.saturating_sub(1).max(first))
+    }
+
+    /// When each kept waypoint is passed, s.
+    fn kept_times_s(&self) -> Vec<f64> {
+        let mut times_s = Vec::with_capacity(self.geometry.count());
+        let mut at = 0;
+        let mut last_s = 0.0f64;
+        for &s_mm in &self.geometry.s_mm {
+            while self.pieces.get(at + 1).is_some_and(|next| next.s_mm < s_mm) {
+                at += 1;
             }
-            return;
-        };
-        let &Piece { start_mm, speed_mm_s, acceleration_mm_s2, element, .. } = piece;
-        let elapsed_s = time_s - piece.start_s;
-        // rounding at a stop must not turn the arm round
-        let speed = (speed_mm_s + acceleration_mm_s2 * elapsed_s).max(0.0);
-        let x = start_mm + 0.5 * (speed_mm_s + speed) * elapsed_s;
-        match qdd {
-            None => self.geometry.at(element, x, |j, [position, slope, _]| {
-                q[j] = position;
-                qd[j] = slope * speed;
-            }),
-            Some(qdd) => self.geometry.at(element, x, |j, [position, slope, curvature]| {
-                q[j] = position;
-                qd[j] = slope * speed;
-                qdd[j] = curvature * speed * speed + slope * acceleration_mm_s2;
-            }),
+            let Some(piece) = self.pieces.get(at) else {
+                times_s.push(0.0);
+                continue;
+            };
+            let end_s = self.pieces.get(at + 1).map_or(self.duration_s, |next| next.start_s);
+            last_s = last_s.max(piece.start_s + passed_after_s(piece, s_mm, end_s - piece.start_s));
+            times_s.push(last_s);
+        }
+        if let Some(last) = times_s.last_mut() {
+            *last = self.duration_s;
+        }
+        times_s
+    }
+}
+
+/// Where stretches between rests begin and end, as indices of elements.
+fn rests(geometry: &Geometry, elements: &[(f64, f64, Element)]) -> Vec<usize> {
+    let is_rest = |element: &Element| matches!(element, Element::Straight(i) if geometry.stop[*i as usize]);
+    let starts = elements.iter().enumerate().filter(|(_, (_, _, element))| is_rest(element));
+    starts.map(|(at, _)| at).chain([elements.len()]).collect()
+}
+
+/// When s reaches a place within a piece, s after its start: bisection, since ṡ may be 0 at either end.
+fn passed_after_s(piece: &Piece, s_mm: f64, length_s: f64) -> f64 {
+    let (mut low, mut high) = (0.0, length_s);
+    if piece.s_mm >= s_mm {
+        return 0.0;
+    }
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if piece.at(middle)[0] < s_mm {
+            low = middle
+        } else {
+            high = middle
+        }
+        if high - low <= 1e-13 * length_s {
+            break;
         }
     }
+    high
 }
 
 /// Reads a law at times that never decrease.
 pub(super) struct Cursor<'a> {
     law: &'a TimeLaw,
-    /// The first piece that starts later than the last time asked for.
-    next: usize,
+    piece: usize,
+    element: usize,
 }
 
 impl Cursor<'_> {
     /// Positions and velocities at `time_s`, not before the last one asked for.
     pub fn read(&mut self, time_s: f64, q: &mut [f64], qd: &mut [f64]) {
-        while self.law.pieces.get(self.next).is_some_and(|piece| piece.start_s <= time_s) {
-            self.next += 1;
+        self.visit(time_s, |j, [position, velocity, ..]| {
+            q[j] = position;
+            qd[j] = velocity;
+        });
+    }
+
+    /// q, q̇, q̈ and q⃛ of every joint at `time_s`, not before the last one asked for.
+    pub fn visit(&mut self, time_s: f64, mut take: impl FnMut(usize, [f64; 4])) {
+        let law = self.law;
+        let ended = time_s >= law.duration_s;
+        if ended || time_s < 0.0 || law.pieces.is_empty() {
+            let at = if ended { law.geometry.count() - 1 } else { 0 };
+            law.geometry.waypoint(at).iter().enumerate().for_each(|(j, q)| take(j, [*q, 0.0, 0.0, 0.0]));
+            return;
         }
-        self.law.evaluate(self.next.checked_sub(1), time_s, q, qd, None);
+        while law.pieces.get(self.piece + 1).is_some_and(|next| next.start_s <= time_s) {
+            self.piece += 1;
+        }
+        let piece = &law.pieces[self.piece];
+        let [s_mm, v, a] = piece.at(time_s - piece.start_s);
+        let jerk = piece.jerk_mm_s3;
+        while law.elements.get(self.element + 1).is_some_and(|(start, ..)| *start <= s_mm) {
+            self.element += 1;
+        }
+        let Some((_, _, element)) = law.elements.get(law.beside_rest(piece, self.element)) else { return };
+        let x = law.geometry.place(*element, s_mm);
+        law.geometry.at(*element, x, |j, [q, slope, bend, snap]| {
+            take(
+                j,
+                [
+                    q,
+                    slope * v,
+                    bend * v * v + slope * a,
+                    snap * v * v * v + 3.0 * bend * v * a + slope * jerk,
+                ],
+            );
+        });
     }
 }
 
-/// Adds a piece, but not where the last one goes on at the same even speed.
-fn push_unless_continued(pieces: &mut Vec<Piece>, piece: Piece) {
-    let goes_on = |last: &Piece| {
-        last.element == piece.element
-            && last.acceleration_mm_s2 == 0.0
-            && piece.acceleration_mm_s2 == 0.0
-            && last.speed_mm_s == piece.speed_mm_s
-    };
-    if !pieces.last().is_some_and(goes_on) {
-        pieces.push(piece);
-    }
-}
-
-/// The kept waypoint that the end of an interval passes, if any; the last of several phases wins.
-fn passed_at_end(geometry: &Geometry, interval: &Interval) -> Option<usize> {
-    match interval.element {
-        Element::Straight(i) => {
-            let next = i as usize + 1;
-            (geometry.half_blend_mm[next] <= 0.0).then_some(next)
+/// Adds a phase, but lengthens the last where it goes on with the same acceleration.
+fn push_unless_continued(phases: &mut Vec<Phase>, phase: Phase) {
+    match phases.last_mut() {
+        Some(last)
+            if last.acceleration_mm_s2 == 0.0
+                && phase.acceleration_mm_s2 == 0.0
+                && last.speed_mm_s == phase.speed_mm_s =>
+        {
+            last.duration_s += phase.duration_s;
         }
-        Element::Blend(i) => (interval.part + 1 == BLEND_INTERVALS / 2).then_some(i as usize),
+        _ => phases.push(phase),
     }
 }

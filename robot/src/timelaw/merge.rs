@@ -40,7 +40,7 @@ impl Kept {
         }
         is_stop[0] = true;
         is_stop[count - 1] = true;
-        let near_mm = Self::MERGE_SHARE * limits.corner_tolerance_mm;
+        let near_mm = Self::MERGE_SHARE * limits.corner.burr_mm;
         let mut kept = Self { of: vec![0], kept_of: vec![0], stop: vec![true], merged: false };
         for (k, &stops) in is_stop.iter().enumerate().skip(1) {
             let last = kept.of.len() - 1;
@@ -70,12 +70,13 @@ impl Kept {
     }
 }
 
-/// How far two waypoints are apart, as burr and joints notice it: the greater of Σ lever |Δq| and [`joint_mm`].
+/// How far two waypoints are apart, as burr, axis and joints notice it, mm: an axis by what its tolerance is worth.
 fn apart_mm(path: &JointPath<'_>, limits: &PathLimits, from: usize, to: usize) -> f64 {
-    let dof = limits.dof();
-    let steps = path.q[from * dof..].iter().zip(&path.q[to * dof..]).zip(&limits.lever_mm);
-    let burr: f64 = steps.map(|((a, b), lever)| (b - a).abs() * lever).sum();
-    burr.max(joint_mm(path, limits, from, to))
+    let [a, b] = [from, to].map(|k| &path.pose[k]);
+    let apart = |range: std::ops::Range<usize>| range.map(|k| (b[k] - a[k]).powi(2)).sum::<f64>().sqrt();
+    // both tolerances 0: corners are stops, and the axis has no scale
+    let per_rad = limits.corner.burr_mm / limits.corner.axis_rad.max(f64::MIN_POSITIVE);
+    apart(0..3).max((apart(3..6) * per_rad).min(1e9)).max(joint_mm(path, limits, from, to))
 }
 
 /// What the burr covers at the reference speed while the joints go from one waypoint to the other, mm.

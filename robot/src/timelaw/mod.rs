@@ -1,25 +1,32 @@
 //! The time law: how fast an arm may go along a polyline of joint positions.
 //!
-//! Input: waypoints in joint space, the burr's path length and speed cap of every move between them. Output: the
-//! fastest motion (within the scheme below) that starts and ends at rest, keeps every speed cap and every joint's
-//! velocity and acceleration limit **at every instant**, and stays within a tolerance of the polyline.
+//! Input: waypoints in joint space with the burr's place at each, the burr's path length and speed cap of every move between
+//! them. Output: a motion that starts and ends at rest, keeps every speed cap and every joint's velocity, acceleration and
+//! jerk limit **at every instant**, and stays within a tolerance of the polyline; within the scheme below, the fastest.
 //!
 //! 1. *Parameter* (`geometry`, `merge`): s, mm, the burr's path length; a move that hardly shifts the burr gets the length that
 //!    the joints' speed limits give it. Along a move q(s) is linear, q' = d.
-//! 2. *Corners* (`geometry`): a parabola of half-length l at a waypoint leads from q' = d₁ to q' = d₂, so q̇ is
-//!    continuous; it leaves the polyline by at most l/4 · Σ w |d₂ − d₁|, which is the tolerance.
-//! 3. *Speed* (`pass`): on σ = ṡ², one sweep back and one forth over straight pieces (exact trapezoids) and a few
-//!    intervals per parabola, on which σ is linear in s. There q̈ = c σ + q' σ'/2, c = (d₂ − d₁)/(2l), and
-//!    |c| max σ + max|q'| |σ'|/2 ≤ a bounds it over the whole interval, not only at its ends. A bound of this form
-//!    lets the sweeps' result be the greatest σ there is, monotone in the caps, and never infeasible (σ = 0 always is).
-//! 4. *Law* (`law`): the pieces in closed form, ṡ linear in time: exact to sample, to differentiate, to integrate.
+//! 2. *Corners* (`geometry`): around a waypoint q' goes from d₁ to d₂ by d₁ + (d₂ − d₁)(3u² − 2u³) over a length 2l, so q'' is
+//!    continuous; burr and axis leave the polyline by 3l/16 of the change of their directions, which is the tolerance.
+//! 3. *Boxes* (`stretch`): with P, c, e the greatest |q'|, |q''|, |q'''| of a stretch, ṡ ≤ v and |s̈| ≤ A with
+//!    P v ≤ q̇, c v² + P A ≤ q̈ and e v³ + 3 c v A + P 2A/T ≤ q⃛ for every joint.
+//! 4. *Base* (`pass`): the fastest s₀(t) with ṡ₀ ≤ v and |s̈₀| ≤ A: trapezoids in one sweep back and one forth.
+//! 5. *Law* (`smooth`, `law`): s(t) = the mean of s₀ over a window of length T. It stays on the same path; ṡ and s̈ are means
+//!    of ṡ₀ and s̈₀, and s⃛ = (s̈₀ at the window's end − at its start)/T ≤ 2A/T, which is where the jerk's bound comes from.
+//!    A stop is a rest of s₀ of length T. T is the best of a few.
+//!
+//! What the window mixes must be allowed where the arm then is. So a box holds in its surroundings too, up to v T away: a
+//! motion that is no faster than v there cannot come from farther within T. That makes the bounds hold at every instant,
+//! not at grid points.
 //!
 //! Linear in the number of waypoints. Near-duplicate waypoints, reversals and pure rotations are ordinary input.
 //! Joint limits on position need no check here: the path stays in the convex hull of neighbouring waypoints.
-//! Not here: limits on jerk, and the burr's bow between waypoints (the arm's nonlinearity inside one move).
+//! Not here: the arm's nonlinearity inside one move; `resolve::dense` lays places so close that it does not matter.
 //!
-//! **Source:** corner parabolas and sweeps: Kunz & Stilman 2012, "Time-optimal trajectory generation for path following
-//! with bounded acceleration and velocity"; reachable sets: Pham & Pham 2018 (TOPP-RA); the interval bound is ours.
+//! **Source:** sweeps on a path with rounded corners: Kunz & Stilman 2012, "Time-optimal trajectory generation for path
+//! following with bounded acceleration and velocity"; jerk limits by moving averages: Biagiotti & Melchiorri 2012, "FIR
+//! filters for online trajectory planning with time- and frequency-domain specifications"; the boxes' surroundings are
+//! ours.
 
 mod geometry;
 mod input;
@@ -28,9 +35,11 @@ mod merge;
 mod pass;
 mod prepared;
 mod rows;
+mod smooth;
+mod stretch;
 
-pub use input::{JointPath, PathLimits};
-pub use law::{JointState, TimeLaw};
+pub use input::{CornerTolerance, JointPath, PathLimits};
+pub use law::{JointState, LimitRatios, TimeLaw};
 pub use prepared::PreparedPath;
 pub use rows::{JointTrajectory, RowGrid};
 

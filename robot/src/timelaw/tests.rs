@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use super::*;
 
 mod harness;
-use harness::{A, Case, LEVER_MM, TOLERANCE_MM, V, any_case, check, limits, linear_mm};
+use harness::{A, Case, J, V, any_case, check, limits, linear_mm};
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
@@ -16,27 +16,22 @@ proptest! {
     }
 
     #[test]
-    fn a_higher_cap_never_takes_longer(case in any_case(), factors in prop::collection::vec(1.0f64..3.0, 20)) {
-        let prepared = case.prepared(&limits());
-        let faster: Vec<f64> = case.caps_mm_s.iter().zip(&factors).map(|(cap, f)| cap * f).collect();
-        let (slow, fast) = (prepared.duration_s(&case.caps_mm_s).unwrap(), prepared.duration_s(&faster).unwrap());
-        prop_assert!(fast <= slow * (1.0 + 1e-12), "{fast} > {slow}");
-    }
-
-    #[test]
     fn half_the_caps_take_at_most_twice_as_long(case in any_case()) {
         // half of any allowed motion is an allowed motion under half the caps
         let prepared = case.prepared(&limits());
         let half: Vec<f64> = case.caps_mm_s.iter().map(|cap| 0.5 * cap).collect();
         let (whole, half) = (prepared.duration_s(&case.caps_mm_s).unwrap(), prepared.duration_s(&half).unwrap());
-        prop_assert!(half <= 2.0 * whole * (1.0 + 1e-12) && half >= whole * (1.0 - 1e-12), "{whole} s, half caps {half} s");
+        prop_assert!(half <= 2.0 * whole * (1.0 + 1e-12), "{whole} s, half caps {half} s");
+        let bound = prepared.lower_bound_s(&case.caps_mm_s).unwrap();
+        // corners are cut by less than their own size
+        prop_assert!(whole >= 0.9 * bound, "{whole} s, at least {bound} s");
     }
 
     #[test]
     fn duration_and_law_agree_and_repeat(case in any_case()) {
         let prepared = case.prepared(&limits());
         let law = prepared.law(&case.caps_mm_s).unwrap();
-        prop_assert_eq!(law.duration_s(), prepared.duration_s(&case.caps_mm_s).unwrap());
+        prop_assert!((law.duration_s() - prepared.duration_s(&case.caps_mm_s).unwrap()).abs() <= 1e-11 * law.duration_s());
         let again = case.law();
         prop_assert_eq!(law.waypoint_times_s(), again.waypoint_times_s());
         let at = 0.37 * law.duration_s();
@@ -63,24 +58,43 @@ proptest! {
         let mut halves = q.clone();
         halves.insert(before.len() + 1, std::array::from_fn(|j| from[j] + share * (to[j] - from[j])));
         let (whole, halves) = (Case::new(q, cap).law(), Case::new(halves, cap).law());
-        prop_assert!((whole.duration_s() - halves.duration_s()).abs() <= 1e-12 * whole.duration_s());
+        prop_assert!((whole.duration_s() - halves.duration_s()).abs() <= 1e-9 * whole.duration_s());
+    }
+}
+
+/// The shortest of the windows' laws for a straight move of the first joint.
+fn by_hand(length_mm: f64, cap_mm_s: f64) -> f64 {
+    let of = |share: f64| {
+        let window_s = 0.1 * share;
+        let a = 150f64.min(0.5 * 3000.0 * window_s);
+        let top = cap_mm_s.min((a * length_mm).sqrt());
+        length_mm / top + top / a + window_s
+    };
+    [1.0, 0.5, 0.25, 0.125, 0.0625].map(of).into_iter().fold(f64::INFINITY, f64::min)
+}
+
+#[test]
+fn a_straight_move_is_the_smoothed_trapezoid() {
+    for (length_mm, cap_mm_s) in [(10.0, 4.0), (0.1, 4.0), (10.0, 0.5), (60.0, 14.0)] {
+        let law = Case::new(vec![[0.0; 4], [length_mm, 0.0, 0.0, 0.0]], cap_mm_s).law();
+        let expected = by_hand(length_mm, cap_mm_s);
+        assert!((law.duration_s() - expected).abs() < 1e-9, "{} against {expected}", law.duration_s());
+        // the fastest jerk-limited move: v/a + a/j to full speed where v is above a²/j, else 2 √(v/j)
+        let (a, j) = (150.0, 3000.0);
+        let top = cap_mm_s;
+        let ramp = if top > a * a / j { top / a + a / j } else { 2.0 * (top / j).sqrt() };
+        if length_mm > top * ramp {
+            let best = length_mm / top + ramp;
+            assert!(law.duration_s() < best + 0.06, "{} against the optimum {best}", law.duration_s());
+        }
     }
 }
 
 #[test]
-fn a_straight_move_is_the_trapezoid() {
-    // v = 4 mm/s after v/a, cruise, and back: T = d/v + v/a
-    let law = Case::new(vec![[0.0; 4], [10.0, 0.0, 0.0, 0.0]], 4.0).law();
-    assert!((law.duration_s() - (10.0 / 4.0 + 4.0 / 150.0)).abs() < 1e-12);
-    // too short for its cap: T = 2 √(d/a)
-    let law = Case::new(vec![[0.0; 4], [0.01, 0.0, 0.0, 0.0]], 14.0).law();
-    assert!((law.duration_s() - 2.0 * (0.01f64 / 150.0).sqrt()).abs() < 1e-12);
-}
-
-#[test]
-fn a_rotation_in_place_is_bound_by_its_joint_alone() {
-    let law = Case::new(vec![[1.0, 2.0, 3.0, -0.5], [1.0, 2.0, 3.0, 0.7]], 1e-3).law();
-    assert!((law.duration_s() - (1.2 / 0.6 + 0.6 / 6.0)).abs() < 1e-12);
+fn a_rotation_in_place_is_bound_by_its_joint() {
+    let law = Case::new(vec![[0.0; 4], [0.0, 0.0, 0.0, 0.6]], 1.0).law();
+    // 0.6 rad at 0.6 rad/s, to full speed in 0.1 s
+    assert!((1.1..1.25).contains(&law.duration_s()), "{}", law.duration_s());
 }
 
 #[test]
@@ -93,7 +107,7 @@ fn a_smooth_cut_takes_little_longer_than_its_caps_demand() {
     let case = Case::new((0..800).map(at).collect(), 1.5);
     let bound_s = case.prepared(&limits()).lower_bound_s(&case.caps_mm_s).unwrap();
     let ratio = case.law().duration_s() / bound_s;
-    assert!((0.999..1.005).contains(&ratio), "{ratio}");
+    assert!((0.999..1.01).contains(&ratio), "{ratio}");
 }
 
 #[test]
@@ -128,14 +142,14 @@ fn near_duplicates_cost_nothing() {
     let line: Vec<[f64; 4]> = (0..=40).map(|k| [0.25 * f64::from(k), 0.0, 0.0, 0.0]).collect();
     let noisy = line.iter().flat_map(|q| [*q, [q[0] - 1e-9, 1e-9, -1e-9, 1e-11], [q[0], 0.0, 2e-9, 0.0]]);
     let (clean, noisy) = (Case::new(line.clone(), 2.0).law(), Case::new(noisy.collect(), 2.0).law());
-    assert!((clean.duration_s() - noisy.duration_s()).abs() < 1e-6, "{}", noisy.duration_s());
+    assert!((clean.duration_s() - noisy.duration_s()).abs() < 1e-3, "{}", noisy.duration_s());
 }
 
 #[test]
 fn the_cap_of_a_merged_move_binds_nothing() {
     let mut case = Case::new(vec![[0.0; 4], [1e-9, 0.0, 0.0, 0.0], [10.0, 0.0, 0.0, 0.0]], 10.0);
     case.caps_mm_s[1] = 0.1;
-    assert!(case.law().duration_s() < 1.1);
+    assert!(case.law().duration_s() < 1.25);
 }
 
 #[test]
@@ -152,24 +166,31 @@ fn a_rotation_after_a_move_does_not_free_the_burr() {
 fn a_right_angle_is_cut_by_the_tolerance() {
     let case = Case::new(vec![[0.0; 4], [5.0, 0.0, 0.0, 0.0], [5.0, 5.0, 0.0, 0.0]], 14.0);
     let law = case.law();
-    let at_corner = law.sample(law.waypoint_times_s()[1]).q;
-    // l = 4 tol / (1 + 1), the vertex is l/4 (d₂ − d₁) away
-    assert!((at_corner[0] - (5.0 - 0.5 * TOLERANCE_MM)).abs() < 1e-12);
-    assert!((at_corner[1] - 0.5 * TOLERANCE_MM).abs() < 1e-12);
-    // σ = a/|c| = 2 l a: 4.9 mm/s through the corner
-    let through = linear_mm(&law.sample(law.waypoint_times_s()[1]).qd);
-    assert!((through - (2.0 * 0.08 * 150.0f64).sqrt() / 2f64.sqrt()).abs() < 1e-9, "{through}");
+    let at_corner = law.sample(law.waypoint_times_s()[1]);
+    // the middle is 3l/16 (d₂ − d₁) away: all of the tolerance
+    let off = [at_corner.q[0] - 5.0, at_corner.q[1]];
+    assert!((off[0].hypot(off[1]) - 0.04).abs() < 1e-9, "{off:?}");
+    // l = 16/3 · 0.04/√2; ṡ³ |q'''| ≤ j/4 with |q'''| = 6/(2l)² is what binds
+    let l = 16.0 / 3.0 * 0.04 / 2f64.sqrt();
+    let through = (0.25 * 3000.0 * (2.0 * l).powi(2) / 6.0).cbrt();
+    // d₁ and d₂ share the middle: |q'| = 1/√2
+    let speed = linear_mm(&at_corner.qd) * 2f64.sqrt();
+    assert!((0.9 * through..=through * (1.0 + 1e-9)).contains(&speed), "{speed} mm/s, {through}");
 }
 
 #[test]
 fn without_tolerance_the_arm_stops_at_corners_only() {
-    let limits = PathLimits::new(&V, &A, &LEVER_MM, 0.0).unwrap();
+    let limits = PathLimits::new(&V, &A, &J, CornerTolerance { burr_mm: 0.0, axis_rad: 0.0 }).unwrap();
     let case =
         Case::new(vec![[0.0; 4], [2.0, 0.0, 0.0, 0.0], [5.0, 0.0, 0.0, 0.0], [5.0, 5.0, 0.0, 0.0]], 2.0);
     let law = case.prepared(&limits).law(&case.caps_mm_s).unwrap();
     let speeds = law.waypoint_times_s().iter().map(|t| linear_mm(&law.sample(*t).qd)).collect::<Vec<_>>();
-    assert_eq!(speeds, [0.0, 2.0, 0.0, 0.0]);
-    assert_eq!(law.sample(law.waypoint_times_s()[2]).q, case.q[2]);
+    assert!(
+        speeds[0] == 0.0 && (speeds[1] - 2.0).abs() < 1e-9 && speeds[2] < 1e-5 && speeds[3] == 0.0,
+        "{speeds:?}"
+    );
+    let corner = law.sample(law.waypoint_times_s()[2]).q;
+    assert!(linear_mm(&harness::sub(&corner, &case.q[2])) < 1e-9);
 }
 
 #[test]
@@ -196,7 +217,8 @@ fn rows_start_and_end_at_rest_on_the_grid() {
         assert!(rows.qd[4 * last..].iter().chain(&rows.qd[..4]).all(|qd| *qd == 0.0));
         for (time_s, q, qd) in rows.rows().take(last) {
             let state = law.sample(time_s);
-            assert_eq!((q, qd), (&state.q[..], &state.qd[..]));
+            let apart = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
+            assert!(apart(q, &state.q) && apart(qd, &state.qd));
         }
     }
     assert!(law.rows(0.0).is_err() && law.rows(f64::NAN).is_err() && law.rows(f64::INFINITY).is_err());
@@ -206,10 +228,11 @@ fn rows_start_and_end_at_rest_on_the_grid() {
 
 #[test]
 fn bad_input_is_named() {
-    let ok = JointPath { q: &[0.0; 8], burr_mm: &[0.0, 1.0], stops: &[] };
+    let pose = [[0.0; 6]; 2];
+    let ok = JointPath { q: &[0.0; 8], burr_mm: &[0.0, 1.0], pose: &pose, stops: &[] };
     let prepared =
         |path: JointPath<'_>| PreparedPath::new(&path, &limits()).map(|_| ()).unwrap_err().to_string();
-    assert!(prepared(JointPath { q: &[], burr_mm: &[], ..ok }).contains("no waypoint"));
+    assert!(prepared(JointPath { q: &[], burr_mm: &[], pose: &[], ..ok }).contains("no waypoint"));
     assert!(prepared(JointPath { q: &[0.0; 7], ..ok }).contains("7 values, expected 8"));
     let nan = [0.0, 0.0, 0.0, 0.0, 0.0, f64::NAN, 0.0, 0.0];
     assert!(prepared(JointPath { q: &nan, ..ok }).contains("waypoint[1] = NaN"));
@@ -219,8 +242,64 @@ fn bad_input_is_named() {
     for caps in [&[1.0][..], &[1.0, 0.0], &[1.0, -1.0], &[1.0, f64::NAN], &[1.0, f64::INFINITY]] {
         assert!(path.law(caps).is_err() && path.duration_s(caps).is_err(), "{caps:?}");
     }
-    assert!(PathLimits::new(&[], &[], &[], 0.04).is_err());
-    assert!(PathLimits::new(&[1.0], &[0.0], &[1.0], 0.04).is_err());
-    assert!(PathLimits::new(&[1.0], &[1.0], &[-1.0], 0.04).is_err());
-    assert!(PathLimits::new(&[1.0], &[1.0], &[1.0], f64::NAN).is_err());
+    assert!(prepared(JointPath { pose: &pose[..1], ..ok }).contains("burr's place has 1 values, expected 2"));
+    let lost = [[0.0; 6], [f64::NAN; 6]];
+    assert!(prepared(JointPath { pose: &lost, ..ok }).contains("waypoint[1] = NaN"));
+    let corner = CornerTolerance::default();
+    assert!(PathLimits::new(&[], &[], &[], corner).is_err());
+    assert!(PathLimits::new(&[1.0], &[0.0], &[1.0], corner).is_err());
+    assert!(PathLimits::new(&[1.0], &[1.0], &[-1.0], corner).is_err());
+    assert!(
+        PathLimits::new(&[1.0], &[1.0], &[1.0], CornerTolerance { burr_mm: f64::NAN, ..corner }).is_err()
+    );
+    assert!(PathLimits::new(&[1.0], &[1.0], &[1.0], CornerTolerance { axis_rad: -1.0, ..corner }).is_err());
+}
+
+#[test]
+fn a_hundred_thousand_waypoints_are_one_motion() {
+    let at = |k: i32| {
+        let angle = 0.05 * f64::from(k);
+        [5.0 * angle.cos(), 5.0 * angle.sin(), -1e-4 * f64::from(k), 0.3 * (0.1 * angle).sin()]
+    };
+    let case = Case::new((0..100_000).map(at).collect(), 1.5);
+    let law = case.law();
+    let bound_s = case.prepared(&limits()).lower_bound_s(&case.caps_mm_s).unwrap();
+    assert!((0.999..1.01).contains(&(law.duration_s() / bound_s)), "{} of {bound_s}", law.duration_s());
+    let ratios = law.limit_ratios(&limits());
+    assert!(ratios.velocity.max(ratios.acceleration).max(ratios.jerk) <= 1.0 + 1e-6, "{ratios:?}");
+    assert_eq!(law.sample(law.duration_s()).q, case.q[99_999]);
+}
+
+#[test]
+fn two_waypoints_a_nanometre_apart_and_a_half_turn_are_ordinary() {
+    let x = |x: f64, t: f64| [x, 0.0, 0.0, t];
+    check(&Case::new(vec![x(0.0, 0.0), x(1.0, 0.0), x(1.0 + 1e-6, 0.0), x(2.0, 0.0)], 2.0));
+    check(&Case::new(vec![x(0.0, 0.0), x(3.0, 0.0), x(0.0, 0.0)], 2.0));
+    check(&Case::new(vec![x(0.0, -1.5), x(0.0, 1.5), x(0.0, -1.5)], 2.0));
+}
+
+#[test]
+fn a_stop_between_a_move_and_a_turn_is_one_for_both() {
+    // rounding puts s on either side of the rest
+    let x = |x: f64, z: f64, t: f64| [x, 0.0, z, t];
+    let far = 11.307616843912339;
+    let turn = vec![
+        x(0.0, 0.0, 0.0),
+        x(far, 0.0, 0.0),
+        x(far, 0.0, 0.0162331473082486),
+        x(far, -5e-10, 0.0162331473082486),
+    ];
+    check(&Case { stops: vec![1], ..Case::new(turn, 0.3) });
+    // a stop with a near duplicate behind it, then a short move
+    let (z, t) = (-0.31649993321551234, 0.7446567286080935);
+    let short = vec![
+        x(0.0, -0.28157021887839023, 0.7346047008074594),
+        x(0.0, z, t),
+        x(0.0, z, t + 5.1e-10),
+        x(0.07805535574037184, z, t + 5.1e-10),
+        x(0.07805535574037184, z, t),
+        x(2.078055355740372, z, t),
+    ];
+    let caps_mm_s = vec![1.0, 5.218583764605534, 0.3, 10.933559679825775, 0.3, 0.5581625046268726];
+    check(&Case { q: short, caps_mm_s, stops: vec![1] });
 }

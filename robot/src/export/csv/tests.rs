@@ -1,21 +1,23 @@
 //! The file read back, at several rates, on several threads, and into a writer that fails.
 
 use super::*;
-use crate::timelaw::{JointPath, PathLimits, PreparedPath, TimeLaw};
+use crate::timelaw::{CornerTolerance, JointPath, PathLimits, PreparedPath, TimeLaw};
 
 const KINDS: [JointKind; 4] =
     [JointKind::Prismatic, JointKind::Prismatic, JointKind::Prismatic, JointKind::Revolute];
 
 /// A screw with a swinging tilt, about `moves` · 0.17 s long.
 fn law(moves: usize) -> TimeLaw {
-    let limits =
-        PathLimits::new(&[15.0, 15.0, 15.0, 0.6], &[150.0, 150.0, 150.0, 6.0], &[1.0, 1.0, 1.0, 50.0], 0.04);
+    let (velocity, acceleration) = ([15.0, 15.0, 15.0, 0.6], [150.0, 150.0, 150.0, 6.0]);
+    let jerk = acceleration.map(|a| 20.0 * a);
+    let limits = PathLimits::new(&velocity, &acceleration, &jerk, CornerTolerance::default());
     let at = |k: usize| {
         let angle = k as f64 * 0.05;
         [5.0 * angle.cos(), 5.0 * angle.sin(), -1e-3 * k as f64, 0.3 * (0.4 * angle).sin()]
     };
     let q: Vec<f64> = (0..=moves).flat_map(at).collect();
-    let path = JointPath { q: &q, burr_mm: &vec![0.25; moves + 1], stops: &[] };
+    let pose: Vec<[f64; 6]> = q.chunks(4).map(|q| [q[0], q[1], q[2], q[3].sin(), 0.0, q[3].cos()]).collect();
+    let path = JointPath { q: &q, burr_mm: &vec![0.25; moves + 1], pose: &pose, stops: &[] };
     PreparedPath::new(&path, &limits.unwrap()).unwrap().law(&vec![1.5; moves + 1]).unwrap()
 }
 

@@ -6,14 +6,15 @@ use crate::timelaw::*;
 
 pub const V: [f64; 4] = [15.0, 15.0, 15.0, 0.6];
 pub const A: [f64; 4] = [150.0, 150.0, 150.0, 6.0];
-pub const LEVER_MM: [f64; 4] = [1.0, 1.0, 1.0, 50.0];
-pub const TOLERANCE_MM: f64 = 0.04;
+pub const J: [f64; 4] = [3000.0, 3000.0, 3000.0, 120.0];
+pub const TOLERANCE: CornerTolerance = CornerTolerance { burr_mm: 0.04, axis_rad: 1e-3 };
 
 pub fn limits() -> PathLimits {
-    PathLimits::new(&V, &A, &LEVER_MM, TOLERANCE_MM).unwrap()
+    PathLimits::new(&V, &A, &J, TOLERANCE).unwrap()
 }
 
-/// Waypoints of the bone-attached arm's joints with the move lengths of x, y, z.
+/// Waypoints of three linear joints, which carry the burr, and a tilt, which turns the axis about the burr; the axis is
+/// taken to first order, (−t, 0, 1), so that tolerances are the same numbers for tilt and axis.
 #[derive(Debug, Clone)]
 pub struct Case {
     pub q: Vec<[f64; 4]>,
@@ -33,7 +34,9 @@ impl Case {
 
     pub fn prepared(&self, limits: &PathLimits) -> PreparedPath {
         let (q, burr_mm) = (self.q.concat(), self.burr_mm());
-        PreparedPath::new(&JointPath { q: &q, burr_mm: &burr_mm, stops: &self.stops }, limits).unwrap()
+        let pose: Vec<[f64; 6]> = self.q.iter().map(|[x, y, z, t]| [*x, *y, *z, -t, 0.0, 1.0]).collect();
+        let path = JointPath { q: &q, burr_mm: &burr_mm, pose: &pose, stops: &self.stops };
+        PreparedPath::new(&path, limits).unwrap()
     }
 
     pub fn law(&self) -> TimeLaw {
@@ -50,19 +53,23 @@ pub fn linear_mm(q: &[f64]) -> f64 {
     (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]).sqrt()
 }
 
-/// Σ lever |q|
-pub fn weighted_mm(q: &[f64; 4]) -> f64 {
-    q.iter().zip(LEVER_MM).map(|(q, lever)| q.abs() * lever).sum()
+/// How far a deviation goes of its tolerances, burr and axis: 1 is all of it.
+pub fn share_of_tolerance(q: &[f64; 4]) -> f64 {
+    (linear_mm(q) / TOLERANCE.burr_mm).max(q[3].abs() / TOLERANCE.axis_rad)
 }
 
-/// Least Σ lever |q − p| over p on the segment from a to b: convex and piecewise linear, so least at a kink or an end.
-pub fn to_segment_mm(q: &[f64], a: &[f64; 4], b: &[f64; 4]) -> f64 {
-    let kinks = (0..4).map(|j| ((q[j] - a[j]) / (b[j] - a[j])).clamp(0.0, 1.0)).filter(|at| at.is_finite());
+/// Least [`share_of_tolerance`] of q − p over p on the segment from a to b: convex, so ternary search finds it.
+pub fn to_segment(q: &[f64], a: &[f64; 4], b: &[f64; 4]) -> f64 {
     let at = |share: f64| {
         let p: [f64; 4] = std::array::from_fn(|j| a[j] + share * (b[j] - a[j]));
-        weighted_mm(&sub(q, &p))
+        share_of_tolerance(&sub(q, &p))
     };
-    kinks.chain([0.0, 1.0]).map(at).fold(f64::INFINITY, f64::min)
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..60 {
+        let [m1, m2] = [low + (high - low) / 3.0, high - (high - low) / 3.0];
+        if at(m1) < at(m2) { high = m2 } else { low = m1 }
+    }
+    at(low).min(at(0.0)).min(at(1.0))
 }
 
 /// Samples at which everything is checked: 10 kHz, or as dense as 20 000 allow, and around every passing.
@@ -90,36 +97,41 @@ pub fn check_passings(case: &Case, law: &TimeLaw) {
     assert_eq!(times.len(), case.q.len());
     assert!(times.windows(2).all(|pair| pair[0] <= pair[1]), "passings go back in time");
     for (q, &time_s) in case.q.iter().zip(times) {
-        let off = weighted_mm(&sub(&law.sample(time_s).q, q));
-        assert!(off <= TOLERANCE_MM * (1.0 + 1e-9), "passes {off} mm off a waypoint");
+        let off = share_of_tolerance(&sub(&law.sample(time_s).q, q));
+        assert!(off <= 1.0 + 1e-6, "passes a waypoint at {off} of the tolerance");
     }
     for (end, q) in [(0.0, &case.q[0]), (law.duration_s(), &case.q[case.q.len() - 1])] {
         let state = law.sample(end);
-        assert!(weighted_mm(&sub(&state.q, q)) <= 1e-9 && state.qd.iter().all(|qd| *qd == 0.0));
+        assert!(share_of_tolerance(&sub(&state.q, q)) <= 1e-7 && state.qd.iter().all(|qd| *qd == 0.0));
     }
     for &stop in &case.stops {
         let state = law.sample(times[stop]);
-        assert!(weighted_mm(&sub(&state.q, &case.q[stop])) <= 1e-9, "misses stop {stop}");
+        assert!(share_of_tolerance(&sub(&state.q, &case.q[stop])) <= 1e-6, "misses stop {stop}");
         assert!(state.qd.iter().all(|qd| qd.abs() < 1e-5), "does not stop at {stop}: {:?}", state.qd);
     }
 }
 
 pub fn check_limits(law: &TimeLaw) {
+    let ratios = law.limit_ratios(&limits());
+    assert!(ratios.velocity.max(ratios.acceleration).max(ratios.jerk) <= 1.0 + 1e-6, "{ratios:?}");
     let mut before: Option<(f64, JointState)> = None;
     for time_s in instants(law) {
         let state = law.sample(time_s);
         for j in 0..4 {
-            assert!(state.qd[j].abs() <= V[j] * (1.0 + 1e-9), "joint {j} at {time_s}: {}", state.qd[j]);
-            assert!(state.qdd[j].abs() <= A[j] * (1.0 + 1e-9), "joint {j} at {time_s}: {}", state.qdd[j]);
+            for (value, limit) in [(state.qd[j], V[j]), (state.qdd[j], A[j]), (state.qddd[j], J[j])] {
+                assert!(value.abs() <= limit * (1.0 + 1e-6), "joint {j} at {time_s}: {value} over {limit}");
+            }
         }
         if let Some((earlier_s, earlier)) = &before {
             let step_s = time_s - earlier_s;
-            for (j, a) in A.iter().enumerate() {
-                // a jump of q or q̇ would not scale with the step
+            for j in 0..4 {
+                // a jump of q, q̇ or q̈ would not scale with the step
                 let moved = state.q[j] - earlier.q[j] - 0.5 * step_s * (state.qd[j] + earlier.qd[j]);
-                assert!(moved.abs() <= 0.5 * a * step_s * step_s + 1e-9, "q_{j} jumps at {time_s}");
+                assert!(moved.abs() <= 0.5 * A[j] * step_s * step_s + 1e-8, "q_{j} jumps at {time_s}");
                 let faster = (state.qd[j] - earlier.qd[j]).abs();
-                assert!(faster <= a * step_s * (1.0 + 1e-9) + 1e-8, "q̇_{j} jumps by {faster} at {time_s}");
+                assert!(faster <= A[j] * step_s * (1.0 + 1e-6) + 1e-8, "q̇_{j} jumps by {faster} at {time_s}");
+                let harder = (state.qdd[j] - earlier.qdd[j]).abs();
+                assert!(harder <= J[j] * step_s * (1.0 + 1e-6) + 1e-5, "q̈_{j} jumps by {harder} at {time_s}");
             }
         }
         before = Some((time_s, state));
@@ -147,7 +159,7 @@ pub fn check_caps(case: &Case, law: &TimeLaw) {
         }
         let caps = near.iter().filter(|k| !turns(**k)).map(|&k| case.caps_mm_s[k]);
         let cap = caps.fold(0.0, f64::max);
-        assert!(speed <= cap * (1.0 + 1e-9) || times.len() == 1, "{speed} mm/s at {time_s} s, cap {cap}");
+        assert!(speed <= cap * (1.0 + 1e-8) || times.len() == 1, "{speed} mm/s at {time_s} s, cap {cap}");
     }
 }
 
@@ -160,8 +172,8 @@ pub fn check_deviation(case: &Case, law: &TimeLaw) {
         let q = law.sample(time_s).q;
         let on = times.partition_point(|t| *t <= time_s);
         let near = on.saturating_sub(4).max(1)..(on + 4).min(case.q.len());
-        let off = near.map(|k| to_segment_mm(&q, &case.q[k - 1], &case.q[k])).fold(f64::INFINITY, f64::min);
-        assert!(off <= TOLERANCE_MM * (1.0 + 1e-9), "{off} mm off the polyline at {time_s} s");
+        let off = near.map(|k| to_segment(&q, &case.q[k - 1], &case.q[k])).fold(f64::INFINITY, f64::min);
+        assert!(off <= 1.0 + 1e-6, "{off} of the tolerance off the polyline at {time_s} s");
     }
 }
 

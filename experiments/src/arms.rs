@@ -1,0 +1,166 @@
+//! Arms: kinematics for an independent library to compare with, the inverse on a million poses, singular ones among them.
+//!
+//! `kinematics_<arm>.csv` holds joint vectors with the pose and Jacobian that this crate gives for them, in m and rad as
+//! other libraries have it; any of them can read the arm's URDF (`Arm::urdf_text`, or `robot.urdf` of a plan) and say where
+//! they differ. The inverse's table needs no other library: forward kinematics is the judge.
+
+use std::f64::consts::{PI, TAU};
+
+use bonemill_geometry::{Base, Flange, Rigid};
+use bonemill_planner::Progress;
+use bonemill_robot::Arm;
+use bonemill_robot::ur::{UrModel, UrSolutions};
+use rayon::prelude::*;
+
+use crate::{ExperimentError, Size, Table};
+
+/// Joint vectors in a table for other libraries, and poses inverted, per seed.
+const VECTORS: u64 = 10_000;
+const POSES: u64 = 1_000_000;
+
+/// A fixed stream of numbers in 0..1 (SplitMix64).
+struct Stream(u64);
+
+impl Stream {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+/// Runs it.
+///
+/// # Errors
+/// [`ExperimentError::Robot`] if a shipped arm cannot be made, which a test excludes.
+pub fn run(_: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
+    let mut tables = Vec::new();
+    for model in UrModel::ALL {
+        progress.stage("forward kinematics");
+        tables.push(kinematics(&Arm::ur(model, None)?, model.name())?);
+    }
+    tables.push(kinematics(&Arm::bone_attached()?, "bone-attached")?);
+    let columns = [
+        "arm",
+        "poses",
+        "branches found",
+        "largest error [mm]",
+        "largest error [rad]",
+        "asked-for joints missing",
+    ];
+    let mut table =
+        Table::new("inverse", "UR inverse, every tenth pose singular or within 1e-3 rad of it", &columns);
+    for model in UrModel::ALL {
+        progress.stage("inverse kinematics");
+        table.push(inverse(model)?);
+    }
+    tables.push(table);
+    Ok(tables)
+}
+
+fn random_q(arm: &Arm, stream: &mut Stream) -> Vec<f64> {
+    let within = |joint: &bonemill_robot::Joint| joint.lower + stream.next() * (joint.upper - joint.lower);
+    arm.joints().iter().map(within).collect()
+}
+
+/// Joint vectors, poses and Jacobians, in m and rad.
+fn kinematics(arm: &Arm, name: &str) -> Result<Table, ExperimentError> {
+    let mut columns: Vec<String> = (1..=arm.dof()).map(|j| format!("q{j}")).collect();
+    columns.extend(["x", "y", "z"].map(String::from));
+    columns.extend((0..9).map(|k| format!("r{}{}", k / 3 + 1, k % 3 + 1)));
+    columns.extend((0..6 * arm.dof()).map(|k| format!("j{}{}", k / arm.dof() + 1, k % arm.dof() + 1)));
+    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
+    let title = format!("{name}: flange and its Jacobian in base, m and rad");
+    let mut table = Table::new(&format!("kinematics_{name}"), title, &columns);
+    let mut stream = Stream(11);
+    let metres: Vec<f64> = arm
+        .joints()
+        .iter()
+        .map(|joint| if joint.kind == bonemill_robot::JointKind::Prismatic { 1e-3 } else { 1.0 })
+        .collect();
+    for _ in 0..VECTORS {
+        let q = random_q(arm, &mut stream);
+        let (pose, jacobian) = (arm.forward(&q)?, arm.jacobian(&q)?);
+        let mut row: Vec<f64> = q.iter().zip(&metres).map(|(q, m)| q * m).collect();
+        row.extend((pose.translation_mm * 1e-3).iter());
+        row.extend(pose.rotation.matrix().transpose().iter());
+        for k in 0..6 {
+            let lengths = if k < 3 { 1e-3 } else { 1.0 };
+            row.extend(metres.iter().enumerate().map(|(j, m)| jacobian[(k, j)] * lengths / m));
+        }
+        table.push(row.iter().map(|v| format!("{v:?}")).collect());
+    }
+    Ok(table)
+}
+
+/// What is found out about one pose.
+#[derive(Debug, Clone, Copy, Default)]
+struct Found {
+    branches: u64,
+    worst_mm: f64,
+    worst_rad: f64,
+    missing: u64,
+}
+
+fn inverse(model: UrModel) -> Result<Vec<String>, ExperimentError> {
+    let arm = Arm::ur(model, None)?;
+    let portions: Result<Vec<Found>, ExperimentError> =
+        (0..POSES / 1000).into_par_iter().map(|portion| inverse_portion(&arm, model, portion)).collect();
+    let sum = portions?.into_iter().fold(Found::default(), |a, b| Found {
+        branches: a.branches + b.branches,
+        worst_mm: a.worst_mm.max(b.worst_mm),
+        worst_rad: a.worst_rad.max(b.worst_rad),
+        missing: a.missing + b.missing,
+    });
+    Ok(vec![
+        model.name().into(),
+        POSES.to_string(),
+        sum.branches.to_string(),
+        format!("{:.2e}", sum.worst_mm),
+        format!("{:.2e}", sum.worst_rad),
+        sum.missing.to_string(),
+    ])
+}
+
+fn inverse_portion(arm: &Arm, model: UrModel, portion: u64) -> Result<Found, ExperimentError> {
+    let mut stream = Stream(1 + portion);
+    let mut found = Found::default();
+    for k in 0..1000 {
+        let mut q: [f64; 6] = std::array::from_fn(|_| (stream.next() - 0.5) * TAU);
+        let near = [0.0, 1e-12, 1e-9, 1e-6, 1e-3][k / 10 % 5] * (stream.next() - 0.5);
+        match k % 30 {
+            0 => q[4] = near,
+            10 => q[2] = near,
+            20 => q[4] = PI + near,
+            _ => {}
+        }
+        let pose = arm.forward(&q)?;
+        let solutions = model.geometry().inverse(&pose, q[5]);
+        found.branches += solutions.len() as u64;
+        for (_, solution) in solutions.iter() {
+            let (mm, rad) = apart(&arm.forward(solution)?, &pose);
+            found.worst_mm = found.worst_mm.max(mm);
+            found.worst_rad = found.worst_rad.max(rad);
+        }
+        // at a singularity joints may share their turn differently; the pose is what counts there
+        let is_singular = k % 10 == 0;
+        found.missing += u64::from(solutions.is_empty() || !(is_singular || is_among(&solutions, &q)));
+    }
+    Ok(found)
+}
+
+fn apart(a: &Rigid<Base, Flange>, b: &Rigid<Base, Flange>) -> (f64, f64) {
+    let turn = a.rotation.matrix() - b.rotation.matrix();
+    // |R − R'| of a small turn is √2 of its angle
+    ((a.translation_mm - b.translation_mm).norm(), turn.norm() / 2f64.sqrt())
+}
+
+fn is_among(solutions: &UrSolutions, q: &[f64; 6]) -> bool {
+    let near = |a: &f64, b: &f64| {
+        let turned = (a - b).rem_euclid(TAU);
+        turned.min(TAU - turned) < 1e-5
+    };
+    solutions.iter().any(|(_, found)| found.iter().zip(q).all(|(a, b)| near(a, b)))
+}

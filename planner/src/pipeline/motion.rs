@@ -1,0 +1,146 @@
+//! Joint positions along the planned path, and how much the arm yields on it.
+//!
+//! What is planned so far are points and unit axes in work; which joint vectors the arm takes there is decided over the
+//! whole sequence (`bonemill_robot::resolve`). Out of reach is told by waypoint.
+//!
+//! Compliance is asked for twice: by tilt, before the angles are chosen, and at every waypoint, when the joints are known.
+//! Before that, the bone-attached arm's depends on the tilt alone; another's is taken with the burr at the target's centre,
+//! a few mm of an arm's reach away from where it will be.
+
+use bonemill_geometry::{Base, Point, Rigid, Work};
+use bonemill_robot::Arm;
+use bonemill_robot::arm::AxisPose;
+use bonemill_robot::resolve::{DensePath, OutOfReach, PosePath, Resolved, SpinFrame, Stiffness, resolve};
+use nalgebra::{Matrix3, Unit, Vector3};
+use rayon::prelude::*;
+
+use super::PlanError;
+use crate::case::{Case, ForceTerm};
+
+/// The arm where it stands.
+#[derive(Debug, Clone, Copy)]
+pub struct Placed<'a> {
+    /// Its kinematics.
+    pub arm: &'a Arm,
+    /// Where the patient is.
+    pub base_from_work: &'a Rigid<Base, Work>,
+}
+
+/// Joint positions along the path.
+#[derive(Debug, Clone)]
+pub struct Motion {
+    /// At the waypoints.
+    pub resolved: Resolved,
+    /// With places between them.
+    pub dense: DensePath,
+}
+
+impl<'a> Placed<'a> {
+    /// A point and a shaft axis in work, as the arm sees them.
+    fn pose(&self, position: Point<Work>, axis: &Unit<Vector3<f64>>) -> AxisPose {
+        AxisPose {
+            position: *self.base_from_work * position,
+            axis: Unit::new_normalize(self.base_from_work.rotate(axis)),
+        }
+    }
+
+    /// Spins are counted about the approach.
+    fn frame(&self) -> SpinFrame {
+        SpinFrame::about(&Unit::new_normalize(self.base_from_work.rotate(&Vector3::z())))
+    }
+
+    /// Joint positions along points and axes in work.
+    ///
+    /// `stiffness`: of the joints, and where the arm shall yield little, here in work; `None` leaves that out.
+    ///
+    /// # Errors
+    /// [`PlanError::OutOfReach`] naming the waypoint.
+    pub fn motion(
+        &self,
+        positions: &[Point<Work>],
+        axes: &[Unit<Vector3<f64>>],
+        length_mm: &[f64],
+        stiffness: Option<Stiffness<'_>>,
+    ) -> Result<Motion, PlanError> {
+        let poses: Vec<AxisPose> = positions.iter().zip(axes).map(|(p, a)| self.pose(*p, a)).collect();
+        let in_base: Option<Vec<_>> = stiffness.map(|stiffness| {
+            let turned = |u: &Unit<Vector3<f64>>| Unit::new_normalize(self.base_from_work.rotate(u));
+            stiffness.toward.iter().map(|u| u.as_ref().map(turned)).collect()
+        });
+        let stiffness = stiffness
+            .zip(in_base.as_deref())
+            .map(|(Stiffness { joint, .. }, toward)| Stiffness { joint, toward });
+        let path = PosePath { poses: &poses, length_mm, frame: self.frame(), stiffness };
+        let out_of_reach = |failed: OutOfReach| PlanError::OutOfReach {
+            waypoint: failed.pose,
+            excess: failed.reason.to_string(),
+        };
+        let resolved = resolve(self.arm, &path)?.map_err(out_of_reach)?;
+        let dense = DensePath::lay(self.arm, &path, &resolved).map_err(out_of_reach)?;
+        Ok(Motion { resolved, dense })
+    }
+}
+
+/// Smallest singular value along joint vectors, mm/s: see [`Arm::slowest_mm_s`].
+///
+/// # Errors
+/// Where `q` holds no joint vectors of the arm.
+pub fn slowest_mm_s(arm: &Arm, q: &[f64]) -> Result<f64, PlanError> {
+    let values: Result<Vec<f64>, _> = q.par_chunks(arm.dof()).map(|q| arm.slowest_mm_s(q)).collect();
+    Ok(values?.into_iter().fold(f64::INFINITY, f64::min))
+}
+
+/// The arm's compliance, when its stiffness is known.
+pub struct Compliance<'a> {
+    placed: Placed<'a>,
+    stiffness: Option<&'a [f64]>,
+}
+
+impl<'a> Compliance<'a> {
+    /// Of a case's arm.
+    ///
+    /// # Errors
+    /// [`PlanError::StiffnessMissing`] where the case's cost asks for the deflection and gives no stiffness.
+    pub fn new(case: &'a Case, placed: Placed<'a>) -> Result<Self, PlanError> {
+        let stiffness = case.robot.joint_stiffness.as_deref();
+        if stiffness.is_none() && case.cost.force == ForceTerm::Deflection {
+            return Err(PlanError::StiffnessMissing);
+        }
+        Ok(Self { placed, stiffness })
+    }
+
+    /// The joints' stiffness.
+    pub fn stiffness(&self) -> Option<&'a [f64]> {
+        self.stiffness
+    }
+
+    /// mm/N in work for each of neighbouring axes, the burr at `at`.
+    ///
+    /// # Errors
+    /// [`PlanError::OutOfReach`] where the arm cannot stand there.
+    pub fn at_axes(
+        &self,
+        at: Point<Work>,
+        axes: &[Unit<Vector3<f64>>],
+    ) -> Result<Option<Vec<Matrix3<f64>>>, PlanError> {
+        if self.stiffness.is_none() {
+            return Ok(None);
+        }
+        let motion = self.placed.motion(&vec![at; axes.len()], axes, &vec![0.0; axes.len()], None)?;
+        self.along(&motion.resolved.q)
+    }
+
+    /// mm/N in work at each of a sequence of joint vectors.
+    ///
+    /// # Errors
+    /// Where the stiffness does not fit the arm.
+    pub fn along(&self, q: &[f64]) -> Result<Option<Vec<Matrix3<f64>>>, PlanError> {
+        let Some(stiffness) = self.stiffness else { return Ok(None) };
+        let turn = self.placed.base_from_work.rotation.into_inner();
+        let arm = self.placed.arm;
+        let one = |q: &[f64]| -> Result<_, PlanError> {
+            Ok(turn.transpose() * arm.compliance(q, stiffness)? * turn)
+        };
+        q.par_chunks(arm.dof()).map(one).collect::<Result<Vec<_>, _>>().map(Some)
+    }
+}

@@ -1,0 +1,146 @@
+//! Universal Robots' e-series: their nominal kinematics, the URDF made of it, calibration and closed-form inverse.
+//!
+//! base = the DH table's frame 0, the frame in which the controller and its pendant give positions. ROS descriptions
+//! turn their `base_link` by π about z against it; joint values are the same. `tool0` is the DH table's frame 6.
+//!
+//! Nominal parameters are 1–2 mm off a real arm; [`Calibration`] holds a particular arm's. Accelerations and jerks are
+//! unpublished, so those here are assumed and stand in [`LIMITS_ASSUMED`].
+//!
+//! Metres exist here only, where UR's data enter. Invariants: the URDF and [`UrGeometry`] describe the same arm (a test);
+//! a calibrated arm's inverse starts from the nominal one's branches and ends exact.
+//!
+//! **Source:** DH parameters, ranges and speeds: Universal Robots, "DH parameters for calculations of kinematics and
+//! dynamics" and the e-series data sheets.
+
+pub mod calibration;
+pub mod ik;
+mod urdf;
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+pub use calibration::{Calibration, read_calibration};
+pub use ik::{UrGeometry, UrSolutions};
+
+use crate::arm::Arm;
+use crate::error::RobotError;
+
+/// Acceleration and jerk of every joint: 5 rad/s² and 100 rad/s³, that is full acceleration within 0.05 s. Assumed:
+/// well below the 40 rad/s² that the controller accepts, about the 5 rad/s² that ROS descriptions plan with.
+pub const LIMITS_ASSUMED: (f64, f64) = (5.0, 100.0);
+
+/// An arm of the e-series.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum UrModel {
+    /// 500 mm of reach.
+    Ur3e,
+    /// 850 mm of reach.
+    Ur5e,
+    /// 1300 mm of reach.
+    Ur10e,
+}
+
+/// One row of a DH table: Rz(q + θ) Tz(d) Tx(a) Rx(α); metres and radians, as UR gives them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct DhRow {
+    pub theta: f64,
+    pub d_m: f64,
+    pub a_m: f64,
+    pub alpha: f64,
+}
+
+impl UrModel {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Ur3e, Self::Ur5e, Self::Ur10e];
+
+    /// As in a case file: `ur3e`, `ur5e`, `ur10e`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ur3e => "ur3e",
+            Self::Ur5e => "ur5e",
+            Self::Ur10e => "ur10e",
+        }
+    }
+
+    /// The model of a name, if it is one.
+    pub fn by_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|model| model.name() == name)
+    }
+
+    /// Reach from the base's axis to the wrist, mm, as the data sheets print it.
+    pub fn reach_mm(self) -> f64 {
+        match self {
+            Self::Ur3e => 500.0,
+            Self::Ur5e => 850.0,
+            Self::Ur10e => 1300.0,
+        }
+    }
+
+    /// The nominal DH table.
+    pub(crate) fn dh(self) -> [DhRow; 6] {
+        let [a2, a3, d1, d4, d5, d6] = match self {
+            Self::Ur3e => [-0.24355, -0.2132, 0.15185, 0.13105, 0.08535, 0.0921],
+            Self::Ur5e => [-0.425, -0.3922, 0.1625, 0.1333, 0.0997, 0.0996],
+            Self::Ur10e => [-0.6127, -0.57155, 0.1807, 0.17415, 0.11985, 0.11655],
+        };
+        let row = |d_m, a_m, alpha| DhRow { theta: 0.0, d_m, a_m, alpha };
+        [
+            row(d1, 0.0, FRAC_PI_2),
+            row(0.0, a2, 0.0),
+            row(0.0, a3, 0.0),
+            row(d4, 0.0, FRAC_PI_2),
+            row(d5, 0.0, -FRAC_PI_2),
+            row(d6, 0.0, 0.0),
+        ]
+    }
+
+    /// The nominal geometry for the closed-form inverse.
+    pub fn geometry(self) -> UrGeometry {
+        let dh = self.dh();
+        let mm = |metres: f64| metres * 1000.0;
+        UrGeometry {
+            d1_mm: mm(dh[0].d_m),
+            a2_mm: mm(dh[1].a_m),
+            a3_mm: mm(dh[2].a_m),
+            d4_mm: mm(dh[3].d_m),
+            d5_mm: mm(dh[4].d_m),
+            d6_mm: mm(dh[5].d_m),
+        }
+    }
+
+    /// Greatest joint speeds, rad/s: 180°/s, the UR10e's first two 120°/s, small arms' wrists 360°/s on the UR3e.
+    pub(crate) fn velocity(self) -> [f64; 6] {
+        let (half, third) = (TAU / 2.0, TAU / 3.0);
+        match self {
+            Self::Ur3e => [half, half, half, TAU, TAU, TAU],
+            Self::Ur5e => [half; 6],
+            Self::Ur10e => [third, third, half, half, half, half],
+        }
+    }
+}
+
+impl Arm {
+    /// A UR arm with its nominal kinematics, or those of a calibration; its chain ends at `tool0`.
+    ///
+    /// # Errors
+    /// [`RobotError::Calibration`] where the calibration is not of this model: its chain would end more than 20 mm from
+    /// the nominal one.
+    pub fn ur(model: UrModel, calibration: Option<&Calibration>) -> Result<Self, RobotError> {
+        let text = urdf::text(model, calibration);
+        let arm = Self::from_urdf(&text, model.name())?
+            .with_assumed_ur_limits()?
+            .with_ur_inverse(model.geometry(), calibration.is_some());
+        if calibration.is_some() {
+            calibration::check(model, &arm)?;
+        }
+        Ok(arm)
+    }
+
+    /// What no URDF of a UR states.
+    pub(crate) fn with_assumed_ur_limits(self) -> Result<Self, RobotError> {
+        let (acceleration, jerk) = LIMITS_ASSUMED;
+        self.with_limits(None, Some(&[acceleration; 6]))?.with_jerk_limits(&[jerk; 6])
+    }
+}
+
+#[cfg(test)]
+mod tests;

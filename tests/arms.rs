@@ -1,0 +1,200 @@
+//! Plans for every kind of arm: the burr follows the waypoints, limits hold, and what an arm lacks is told.
+
+#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
+
+mod support;
+
+use std::fs;
+
+use bonemill_planner::plan::StoredPlan;
+use bonemill_robot::Arm;
+use bonemill_robot::ur::UrModel;
+use nalgebra::Vector3;
+use support::place::Place;
+
+/// A handpiece bent by 30° on the flange.
+const MOUNT: &str =
+    "flange_from_burr = { translation_mm = [0, -90, 155], rpy_rad = [2.617993877991494, 0, 0] }";
+
+fn with_robot(lines: &str) -> Place {
+    Place::healthy().with_case("rate_hz = 100", &format!("rate_hz = 500\n{lines}"))
+}
+
+#[track_caller]
+fn planned(place: &Place) -> StoredPlan {
+    let ran = place.plan();
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    StoredPlan::load(&place.path("plan")).unwrap()
+}
+
+/// A pose of the polyline: burr's centre and axis, in base.
+type Pose = (Vector3<f64>, Vector3<f64>);
+
+/// How far a pose is from the polyline's segment: mm at the place where `angle_mrad/5 + mm/0.05` is least, and mrad there.
+fn to_segment(pose: &Pose, from: &Pose, to: &Pose) -> (f64, f64) {
+    let at = |share: f64| {
+        let p = from.0 + (to.0 - from.0) * share;
+        let a = (from.1 + (to.1 - from.1) * share).normalize();
+        ((pose.0 - p).norm(), pose.1.angle(&a) * 1e3)
+    };
+    let size = |(mm, mrad): (f64, f64)| (mm / 0.05).max(mrad / 5.0);
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..50 {
+        let [m1, m2] = [low + (high - low) / 3.0, high - (high - low) / 3.0];
+        if size(at(m1)) < size(at(m2)) { high = m2 } else { low = m1 }
+    }
+    [at(0.0), at(1.0), at(low)].into_iter().min_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap()
+}
+
+/// Every row of the trajectory follows the waypoints' polyline, at rest at both ends and inside the joints' limits.
+fn follows(plan: &StoredPlan) {
+    let base_from_ct = plan.record.base_from_ct;
+    let poses: Vec<Pose> = plan
+        .waypoints
+        .iter()
+        .map(|w| ((base_from_ct * w.position).coords, base_from_ct.rotate(&w.axis)))
+        .collect();
+    let trajectory = &plan.trajectory;
+    let (mut worst_mm, mut worst_mrad, mut fastest) = (0f64, 0f64, 0f64);
+    let mut before: Option<Vector3<f64>> = None;
+    for row in 0..trajectory.len() {
+        let (q, time_s) = (trajectory.q_at(row), trajectory.time_s[row]);
+        assert_eq!(plan.arm.beyond_limits(q).unwrap(), None);
+        for (qd, joint) in trajectory.qd_at(row).iter().zip(plan.arm.joints()) {
+            assert!(qd.abs() <= joint.velocity_limit * (1.0 + 1e-6));
+        }
+        let tool = plan.arm.burr(q).unwrap();
+        let pose = (tool.translation_mm, tool.rotation * Vector3::z());
+        let on = plan.waypoints.partition_point(|w| w.time_s <= time_s).clamp(1, poses.len() - 1);
+        let near = on.saturating_sub(6).max(1)..(on + 7).min(poses.len());
+        let off = near.clone().map(|k| to_segment(&pose, &poses[k - 1], &poses[k]));
+        let (mm, mrad) =
+            off.min_by(|a, b| (a.0 / 0.05 + a.1 / 5.0).total_cmp(&(b.0 / 0.05 + b.1 / 5.0))).unwrap();
+        (worst_mm, worst_mrad) = (worst_mm.max(mm), worst_mrad.max(mrad));
+        if let Some(before) = before {
+            let speed = (pose.0 - before).norm() * 500.0;
+            let cap = near.map(|k| plan.waypoints[k].speed_mm_s).fold(0.0, f64::max);
+            fastest = fastest.max(speed / cap);
+        }
+        before = Some(pose.0);
+    }
+    assert!(
+        worst_mm < 0.05 && worst_mrad < 5.0,
+        "{worst_mm} mm, {worst_mrad} mrad off the waypoints' polyline"
+    );
+    assert!(fastest < 1.0 + 1e-3, "{fastest} of the cap");
+    for row in [0, trajectory.len() - 1] {
+        assert!(trajectory.qd_at(row).iter().all(|qd| *qd == 0.0));
+    }
+}
+
+#[test]
+fn the_bone_attached_arm_follows_its_plan() {
+    follows(&planned(&with_robot("")));
+}
+
+#[test]
+fn every_ur_follows_its_plan() {
+    for model in UrModel::ALL {
+        let place = with_robot(&format!("model = \"{}\"\n{MOUNT}", model.name()));
+        let plan = planned(&place);
+        assert!(
+            plan.record.warnings.iter().any(|w| w.contains("nominal kinematics")),
+            "{:?}",
+            plan.record.warnings
+        );
+        assert!(plan.record.registration_assumed);
+        // the plan's own URDF is the arm
+        let nominal = Arm::ur(model, None).unwrap();
+        let q = plan.trajectory.q_at(0);
+        let apart = plan.arm.forward(q).unwrap().translation_mm - nominal.forward(q).unwrap().translation_mm;
+        assert!(apart.norm() < 1e-9);
+        follows(&plan);
+        // the tool stays above the base's plane and away from its axis
+        for row in (0..plan.trajectory.len()).step_by(500) {
+            let tool = plan.arm.burr(plan.trajectory.q_at(row)).unwrap().translation_mm;
+            assert!(tool.x.hypot(tool.y) > 0.3 * model.reach_mm() && tool.z > -0.1 * model.reach_mm());
+        }
+    }
+}
+
+#[test]
+fn a_urdf_of_one_s_own_is_followed_by_damped_least_squares() {
+    let text = Arm::ur(UrModel::Ur5e, None).unwrap().urdf_text().to_owned();
+    let place = with_robot(&format!("model = \"own.urdf\"\n{MOUNT}"));
+    fs::write(place.path("own.urdf"), &text).unwrap();
+    place.refuses(&[&place.line_of("own.urdf"), "robot.base_from_ct is needed", "translation_mm"]);
+    let place = with_robot(&format!(
+        "model = \"own.urdf\"\n{MOUNT}\n\
+         base_from_ct = {{ rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [450, 0, 40] }}"
+    ));
+    fs::write(place.path("own.urdf"), &text).unwrap();
+    follows(&planned(&place));
+}
+
+#[test]
+fn a_ur_without_a_tool_is_refused_with_an_example() {
+    let place = with_robot("model = \"ur5e\"");
+    place.refuses(&[
+        &place.line_of("ur5e"),
+        "robot.flange_from_burr is needed",
+        "translation_mm = [0, 0, 180]",
+    ]);
+}
+
+#[test]
+fn a_calibration_is_used_and_a_wrong_one_refused() {
+    let calibration = "mounting:\n  delta_theta: [1e-4, -2e-4, 3e-4, 1e-4, 0, 0]\n  delta_a: [0, 0.0004, -0.0003, 0, 0, 0]\n  \
+                       delta_d: [0.0002, 0, 0, 0.0001, 0, 0]\n  delta_alpha: [0.0005, -0.0004, 0.0003, 0.0002, 0, 0]\n";
+    let robot = format!("model = \"ur5e\"\n{MOUNT}\ncalibration = \"arm.yaml\"");
+    let place = with_robot(&robot);
+    fs::write(place.path("arm.yaml"), calibration).unwrap();
+    let plan = planned(&place);
+    assert!(!plan.record.warnings.iter().any(|w| w.contains("nominal")), "{:?}", plan.record.warnings);
+    follows(&plan);
+    let place = with_robot(&robot);
+    place.refuses(&[&place.line_of("arm.yaml"), "cannot read the calibration", "arm.yaml"]);
+    fs::write(place.path("arm.yaml"), "some: thing\n").unwrap();
+    place.refuses(&[&place.line_of("arm.yaml"), "expected delta_theta"]);
+    let place = with_robot("calibration = \"arm.yaml\"");
+    place.refuses(&["robot.calibration", "ur3e, ur5e or ur10e"]);
+}
+
+#[test]
+fn fiducials_give_the_registration_and_say_how_well() {
+    // an exact quarter turn about z, and one point 3 mm off
+    let ct = [[0.0, 0.0, 0.0], [40.0, 0.0, 5.0], [0.0, 50.0, -3.0], [20.0, 10.0, 30.0], [-30.0, 5.0, 12.0]];
+    let text = |off: f64| {
+        let base = ct.map(|[x, y, z]| [-y, x, z - 12.0]);
+        let mut base = base.map(|p| p.to_vec());
+        base[4][0] += off;
+        format!("base_from_ct = {{ fiducials = {{ ct_mm = {ct:?}, base_mm = {base:?} }} }}")
+    };
+    // the arm's own place: turned so that its tilt plane is another
+    let plan = planned(&with_robot(&text(0.0)));
+    assert!(!plan.record.registration_assumed);
+    assert!((plan.record.base_from_ct.translation_mm - Vector3::new(0.0, 0.0, -12.0)).norm() < 1e-9);
+    let number = |plan: &StoredPlan, name: &str| {
+        let found = plan.record.metrics.more.iter().find(|(key, _)| key == name);
+        found.map(|(_, value)| format!("{value:?}"))
+    };
+    assert!(number(&plan, "fre_mm").is_some() && number(&plan, "expected_error_mm").is_some());
+    let plan = planned(&with_robot(&text(6.0)));
+    assert!(
+        plan.record.warnings.iter().any(|w| w.contains("FRE") && w.contains("clearance")),
+        "{:?}",
+        plan.record.warnings
+    );
+    let line = "base_from_ct = { fiducials = { ct_mm = [[0,0,0],[10,0,0],[20,0,0]], base_mm = [[0,0,0],[10,0,0],[20,0,0]] } }";
+    let place = with_robot(line);
+    place.refuses(&[&place.line_of("fiducials"), "of a line"]);
+}
+
+#[test]
+fn an_arm_that_stands_too_far_away_is_told_by_how_much() {
+    let place = with_robot(&format!(
+        "model = \"ur3e\"\n{MOUNT}\n\
+         base_from_ct = {{ rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [900, 0, 40] }}"
+    ));
+    place.falls_short_of_a_plan(&["cannot reach waypoint 0", "mm", "robot.base_from_ct"]);
+}
