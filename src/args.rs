@@ -54,6 +54,8 @@ pub enum Command {
     Plan(PlanArgs),
     /// Write a plan's motion for a controller: ROS, URScript or G-code
     Export(ExportArgs),
+    /// Show a plan in the rerun viewer, or write a file for it (needs a build with the feature `rerun`)
+    View(ViewArgs),
     /// Repeat a published measurement
     Experiment(ExperimentArgs),
     /// Print the case file's keys with units, ranges, defaults and their sources, as Markdown
@@ -115,6 +117,16 @@ pub struct ExportArgs {
     /// Rows per second (ros: 50, urscript: 25); at most the trajectory's own
     #[arg(long = "rate", value_name = "HZ")]
     pub rate_hz: Option<f64>,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct ViewArgs {
+    /// Folder of a plan
+    #[arg(value_name = "PLAN")]
+    pub plan: PathBuf,
+    /// Write this file instead of opening the viewer
+    #[arg(long, value_name = "F.rrd")]
+    pub save: Option<PathBuf>,
 }
 
 #[derive(Debug, clap::Args)]

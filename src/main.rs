@@ -13,17 +13,18 @@ mod outcome;
 mod phantom;
 mod plan;
 mod planning;
-mod refused;
+#[cfg(feature = "rerun")]
+mod view;
 
 use std::process::ExitCode;
 
 use anyhow::Context;
+use bonemill_planner::plan::Refused;
 use clap::Parser;
 
 use args::{Args, Command};
 use console::Console;
 use outcome::Outcome;
-use refused::Refused;
 
 fn main() -> ExitCode {
     let args = Args::parse();
@@ -52,6 +53,13 @@ fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         Command::Phantom(phantom) => phantom::run(phantom, console),
         Command::Plan(plan) => plan::run(plan, console),
         Command::Export(export) => export::run(export),
+        #[cfg(feature = "rerun")]
+        Command::View(view) => view::run(view, console),
+        #[cfg(not(feature = "rerun"))]
+        Command::View(view) => anyhow::bail!(
+            "this build has no viewer to show {}: build it with `cargo build --release --features rerun`",
+            view.plan.display()
+        ),
         Command::Experiment(experiment) => experiment::run(experiment, console),
         Command::Keys => Ok(Outcome::text("keys", bonemill_planner::case::reference())),
     }

@@ -4,13 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use bonemill_imaging::PHANTOM_CASE_FILE;
 use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
-use bonemill_planner::plan::{Replace, StagedDirectory};
+use bonemill_planner::plan::{Replace, StagedDirectory, place};
 
 use crate::args::PlanArgs;
 use crate::outcome::Outcome;
-use crate::refused::place;
 use crate::{phantom, planning};
 
 /// Where a phantom lies in the plan that was made of it.
@@ -50,7 +50,7 @@ fn make_phantom(
     let dir = staged.path().join(PHANTOM_DIR);
     fs::create_dir(&dir).with_context(|| format!("cannot create {}", dir.display()))?;
     phantom::write_into(&dir, kind, args.seed, progress)?;
-    let case_path = dir.join(phantom::CASE_FILE);
+    let case_path = dir.join(PHANTOM_CASE_FILE);
     Ok((read_case(&case_path)?, case_path))
 }
 

@@ -4,9 +4,7 @@ use std::path::Path;
 
 use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
-use bonemill_planner::plan::{self, PlanRecord, StagedDirectory};
-
-use crate::refused::Refused;
+use bonemill_planner::plan::{self, PlanRecord, Refused, StagedDirectory};
 
 /// Plans `case` and writes the plan's files into the staged directory.
 pub fn plan_into(

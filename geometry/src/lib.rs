@@ -1,4 +1,4 @@
-//! The ground that every other crate stands on: frames, grids, volumes, triangle meshes.
+//! The ground that every other crate stands on: frames, grids, volumes, triangle meshes, and how long work is stopped.
 //!
 //! A mix-up of frames or of a voxel index with millimetres is silent and, beside a nerve, dangerous. So points and
 //! transforms carry their frame in the type, and [`Grid`] is the only place where an index becomes millimetres.
@@ -13,6 +13,7 @@
 //! ```
 
 pub mod basis;
+pub mod cancel;
 mod frame;
 mod grid;
 mod mesh;

@@ -4,7 +4,8 @@
 //! what it cannot read for certain, and says which file, which voxel, what was expected. Lengths are mm. The frame `ct`
 //! is NIfTI's own world, RAS+; nothing is flipped.
 //!
-//! - files: [`read_ct`], [`read_labels`], [`read_label_names`], [`write_ct_i16`], [`write_labels_u8`];
+//! - files: [`read_ct`], [`read_labels`], [`read_label_names`], [`write_ct_i16`], [`write_labels_u8`],
+//!   [`write_phantom`];
 //! - grey values: [`looks_like_hu`], [`DensityTable`], [`resample_hu_and_density`], [`resample_nearest`];
 //! - distances on a grid: [`distance_transform`], [`distance_within`]; from any point: [`StructureField`].
 //!
@@ -43,6 +44,7 @@ pub mod scene;
 mod structures;
 pub mod surface;
 mod write;
+mod write_phantom;
 
 pub use affine::{
     AffineChoice, AffineReport, AffineSource, DISAGREEMENT_LIMIT_VOXELS, SHEAR_LIMIT_RAD, SPACING_RANGE_MM,
@@ -62,3 +64,4 @@ pub use scene::{
 };
 pub use structures::{Region, StructureField};
 pub use write::{write_ct_i16, write_labels_u8};
+pub use write_phantom::{PHANTOM_CASE_FILE, write_phantom};

@@ -10,7 +10,7 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
-use bonemill_geometry::{Ct, Volume};
+use bonemill_geometry::{Ct, Volume, cancel};
 use flate2::bufread::MultiGzDecoder;
 
 use crate::affine::{AffineChoice, AffineReport, grid_from_header};
@@ -228,6 +228,7 @@ fn read_voxels<T: Voxel>(
     let mut piece = vec![0; PIECE_BYTES];
     let mut faults = None;
     while done < expected_bytes {
+        cancel::poll();
         let wanted = (expected_bytes - done).min(PIECE_BYTES as u64) as usize;
         let found = read_full(source, &mut piece[..wanted])?;
         if found < wanted {

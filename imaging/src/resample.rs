@@ -10,7 +10,7 @@
 
 use std::ops::Range;
 
-use bonemill_geometry::{Ct, Grid, Rigid, Volume, Work};
+use bonemill_geometry::{Ct, Grid, Rigid, Volume, Work, cancel};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
@@ -116,6 +116,7 @@ impl IndexMap {
     }
 
     fn row_start(&self, j: usize, k: usize) -> Vector3<f64> {
+        cancel::poll();
         self.offset + self.linear.column(1) * j as f64 + self.linear.column(2) * k as f64
     }
 

@@ -15,7 +15,7 @@
 
 use std::ops::ControlFlow;
 
-use bonemill_geometry::{Point, Work, basis};
+use bonemill_geometry::{Point, Work, basis, cancel};
 use bonemill_imaging::{Class, Scene};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -112,6 +112,7 @@ impl<'a> Access<'a> {
 
     /// The nearest thing along `axis` that is in the shank's way.
     pub fn blocked(&self, index: u32, center: Point<Work>, axis: &Vector3<f64>) -> Option<Blocked> {
+        cancel::poll();
         self.segments.iter().find_map(|segment| self.blocked_segment(segment, index, center, axis))
     }
 
@@ -312,6 +313,7 @@ impl Field {
             // without a clearance the voxels of the structure itself are enough, and they are solid already
             let Some(field) = structure.field.as_ref().filter(|_| *clearance > 0.0) else { continue };
             value.par_iter_mut().enumerate().for_each(|(n, v)| {
+                cancel::poll();
                 let p = scene.ct_from_work * grid.center(grid.voxel(n));
                 if field.is_nearer_than(p, *clearance) {
                     *v = SOLID;
@@ -410,6 +412,7 @@ fn ball_maximum(value: &[f32], dims: [usize; 3], radius: f64) -> Vec<f32> {
         }
         out.par_chunks_mut(nx * ny).enumerate().for_each(|(k, slab)| {
             for [dj, dk] in offsets {
+                cancel::poll();
                 let source_k = k as i64 + dk;
                 if source_k < 0 || source_k >= nz as i64 {
                     continue;

@@ -9,7 +9,7 @@
 //! Masses look at voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes, whose sum over the
 //! path is the mass removed (FORCE_MODEL section 8, row 3).
 
-use bonemill_geometry::{Grid, Volume, Work};
+use bonemill_geometry::{Grid, Volume, Work, cancel};
 use bonemill_imaging::Scene;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -294,6 +294,7 @@ fn cell_times(density: &Volume<f32, Work>, time: &[u32]) -> Vec<CellTimes> {
     let steps = [0, 1, nx, nx + 1, slab, slab + 1, slab + nx, slab + nx + 1];
     let mut times = vec![CellTimes { first: 0, last: 0 }; time.len()];
     times.par_chunks_mut(slab).enumerate().take(nz.saturating_sub(1)).for_each(|(k, cells)| {
+        cancel::poll();
         for j in 0..ny.saturating_sub(1) {
             for i in 0..nx.saturating_sub(1) {
                 let voxels = steps.map(|step| k * slab + j * nx + i + step);
@@ -372,6 +373,7 @@ fn slab_increments(
     let mut volumes = BallVolumes::new();
     let mut out = Vec::new();
     for (index, point) in points.iter().enumerate() {
+        cancel::poll();
         let c = point.position.coords / h;
         let reach = radius_mm / h + 0.5;
         if c.z + reach < k.start as f64 || c.z - reach > (k.end - 1) as f64 {

@@ -22,6 +22,7 @@ pub mod plan;
 mod progress;
 pub mod removal;
 pub mod report;
+pub mod show;
 pub mod space;
 pub mod speed;
 pub mod sweep;

@@ -5,7 +5,7 @@
 //! that is convex towards each voxel the error is below h²·3/(8r), 0.02 mm at the default); distances to structures are
 //! exact wherever the field's bounds leave a doubt. What the trajectory may deviate from its waypoints is added.
 
-use bonemill_geometry::{Grid, Point, Volume, Work};
+use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
 use bonemill_imaging::{Class, ImageError, Scene, distance_within};
 use rayon::prelude::*;
 
@@ -158,6 +158,7 @@ impl<'a> BurrSpace<'a> {
     fn node_margins(&self) -> Vec<f32> {
         let grid = self.grid();
         let margin = |n: usize| -> f64 {
+            cancel::poll();
             let p = grid.center(grid.voxel(n));
             if !self.is_inside(p) {
                 return -MARGIN_CUT_MM;

@@ -5,7 +5,7 @@
 
 use std::ops::{ControlFlow, Range};
 
-use bonemill_geometry::{Grid, Point, Work};
+use bonemill_geometry::{Grid, Point, Work, cancel};
 use nalgebra::Vector3;
 
 /// A cubic work grid seen as rows along x.
@@ -37,6 +37,7 @@ impl Rows {
         radius_mm: f64,
         mut visit: impl FnMut(Range<usize>) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
+        cancel::poll();
         if !(a.is_finite() && b.is_finite()) {
             return ControlFlow::Continue(());
         }

@@ -5,6 +5,7 @@
 //! from there, all slots of one y at a time, along z into the same memory. Slices and then y are handed to threads
 //! whole, and no result depends on who computed it.
 
+use bonemill_geometry::cancel;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -67,11 +68,13 @@ impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
         let slabs =
             parts(&mut squared, nx * ny, slots).into_par_iter().zip(parts(&mut nearest, nx * ny, slots));
         slabs.zip(&slices).for_each_init(Scratch::default, |scratch, ((squared, nearest), z)| {
+            cancel::poll();
             self.solve_slice(*z, scratch, squared, nearest);
         });
         let rows = by_y(parts(&mut squared, nx, ny * slots), ny).into_par_iter();
         let rows = rows.zip(by_y(parts(&mut nearest, nx, ny * slots), ny));
         rows.for_each_init(Envelope::default, |envelope, (squared, nearest)| {
+            cancel::poll();
             self.solve_across(envelope, &slices, squared, nearest);
         });
         squared.truncate(nx * ny * nz);

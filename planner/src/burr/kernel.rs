@@ -6,7 +6,7 @@
 
 use std::f64::consts::PI;
 
-use bonemill_geometry::basis;
+use bonemill_geometry::{basis, cancel};
 use nalgebra::{Unit, Vector3};
 
 use super::force::GRAZING;
@@ -197,6 +197,7 @@ impl ForceKernel {
         spindle_rpm: f64,
         mut weight: impl FnMut(&Vector3<f64>, &Patch) -> f64,
     ) -> EngagedForce {
+        cancel::poll();
         let basis = basis::from_z(axis).into_inner();
         let (x, y) = (basis.column(0).into_owned(), basis.column(1).into_owned());
         let tooth_mm = self.tool.feed_per_tooth_mm(nominal_mm_s, spindle_rpm);

@@ -23,7 +23,7 @@
 use std::array::from_fn;
 use std::f64::consts::PI;
 
-use bonemill_geometry::basis;
+use bonemill_geometry::{basis, cancel};
 use nalgebra::{Unit, Vector3};
 
 use super::input::{Material, Measure, Tool};
@@ -123,6 +123,7 @@ impl OrientationKernel {
         spindle_rpm: f64,
         mut weight: impl FnMut(&Vector3<f64>, &Patch) -> f64,
     ) {
+        cancel::poll();
         samples.clear();
         let side_mm = self.tool.radius_mm() * (2.0 * PI / self.directions.len() as f64).sqrt();
         let turn = basis::from_z(feed).into_inner();

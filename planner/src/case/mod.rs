@@ -5,6 +5,7 @@
 //! done here.
 
 mod error;
+mod explain;
 mod keys;
 mod parse;
 mod parse_robot;
@@ -25,6 +26,7 @@ use nalgebra::{Rotation3, Vector3};
 pub use crate::cost::SeveralStructures;
 pub use crate::speed::DistanceCurve;
 pub use error::{CaseError, CaseFault, Located};
+pub use explain::{Parameter, explained};
 pub use keys::Unit;
 pub(crate) use parse::syntax;
 pub(crate) use parse_robot::rotation_from_matrix;

@@ -15,6 +15,7 @@
 //! stored per waypoint. One byte per state remembers where its best sequence came from. Ties go to the least motion, for
 //! which λ is never quite 0, and at the first waypoint to the direction nearer to the approach.
 
+use bonemill_geometry::cancel;
 use std::collections::HashMap;
 
 use super::directions::{Directions, Fan, MOST_SLOTS, tilt_rad};
@@ -112,6 +113,7 @@ pub fn best_sequence(problem: &Problem) -> Found {
     let mut layer = Layer::new(problem);
     let mut edges = 0;
     for i in 0..waypoints {
+        cancel::poll();
         let alive = if i == 0 { layer.start() } else { layer.advance(i, &mut came_from, &mut edges) };
         if !alive {
             return Found::Blocked(i);

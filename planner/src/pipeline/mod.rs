@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use bonemill_geometry::{Base, Ct, Rigid, basis};
+use bonemill_geometry::{Base, Ct, Rigid, basis, cancel};
 use bonemill_imaging::{AffineReport, Scene};
 use bonemill_robot::Arm;
 use bonemill_robot::registration::Fitted;
@@ -124,12 +124,24 @@ struct Stopwatch<'a> {
 
 impl Stopwatch<'_> {
     fn run<T>(&mut self, stage: &'static str, work: impl FnOnce() -> T) -> T {
+        cancel::poll();
         self.progress.stage(stage);
         let start = Instant::now();
         let result = work();
         self.seconds.push((stage, start.elapsed().as_secs_f64()));
         result
     }
+}
+
+/// The scene of a case, as it is planned on; paths in the case are relative to the folder of `case_path`.
+///
+/// # Errors
+/// [`PlanError`] for images that cannot be read or trusted.
+pub fn scene_of(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Scene, PlanError> {
+    progress.stage("read images");
+    let inputs = inputs::read_inputs(case, case_path)?;
+    progress.stage("scene");
+    inputs::make_scene(case, &inputs)
 }
 
 /// Plans a case; paths in it are relative to the folder of `case_path`.

@@ -1,6 +1,6 @@
 //! The structure that matters at a waypoint: the one with the smallest distance less clearance.
 
-use bonemill_geometry::{Point, Work};
+use bonemill_geometry::{Point, Work, cancel};
 use bonemill_imaging::Scene;
 use rayon::prelude::*;
 
@@ -27,6 +27,7 @@ pub fn nearest_structure(
     radius_mm: f64,
     center: Point<Work>,
 ) -> Result<Option<Near>, ModelError> {
+    cancel::poll();
     let center_ct = scene.ct_from_work * center;
     let mut best: Option<(f64, usize, Point<bonemill_geometry::Ct>)> = None;
     for (number, (structure, clearance)) in scene.structures.iter().zip(clearances_mm).enumerate() {

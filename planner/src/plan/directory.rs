@@ -16,7 +16,7 @@ use super::PlanFileError;
 use super::record::is_plan;
 
 /// What stands in a plan's directory; anything else there is somebody's own and is not removed.
-const PLAN_ENTRIES: [&str; 7] = [
+const PLAN_ENTRIES: [&str; 8] = [
     "plan.toml",
     "waypoints.csv",
     "trajectory.csv",
@@ -24,6 +24,7 @@ const PLAN_ENTRIES: [&str; 7] = [
     "report.html",
     "simulation.csv",
     "phantom",
+    "inputs",
 ];
 
 /// What the new directory may take the place of, besides nothing and an empty folder.

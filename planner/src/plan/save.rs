@@ -37,7 +37,8 @@ pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<P
     Ok(record)
 }
 
-fn record(plan: &Plan, case_file: std::path::PathBuf) -> PlanRecord {
+/// What `plan.toml` says of a plan; `case_file` is its case's file, relative to the plan's directory once it has one.
+pub fn record(plan: &Plan, case_file: std::path::PathBuf) -> PlanRecord {
     let mount = &plan.arm.mount().flange_from_burr;
     let (roll, pitch, yaw) = mount.rotation.euler_angles();
     PlanRecord {

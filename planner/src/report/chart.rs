@@ -7,7 +7,7 @@ const HEIGHT: f64 = 190.0;
 const LEFT: f64 = 64.0;
 const RIGHT: f64 = 12.0;
 const TOP: f64 = 10.0;
-const BOTTOM: f64 = 34.0;
+const BOTTOM: f64 = 26.0;
 
 /// One curve; a gap where there is no value.
 pub struct Series<'a> {
@@ -37,7 +37,7 @@ pub fn chart(title: &str, unit: &str, series: &[Series], levels: &[Level]) -> St
     let x = |t: f64| LEFT + t / end_s * (WIDTH - LEFT - RIGHT);
     let y = |v: f64| HEIGHT - BOTTOM - v / y_end * (HEIGHT - TOP - BOTTOM);
     let mut svg = format!(
-        "<figure><figcaption>{title} <span class=\"unit\">[{unit}]</span>{}</figcaption>\
+        "<figure><figcaption>{title} <span class=\"unit\">[{unit}] over time [s]</span>{}</figcaption>\
          <svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{title}\">",
         legend(series)
     );
@@ -55,23 +55,20 @@ pub fn chart(title: &str, unit: &str, series: &[Series], levels: &[Level]) -> St
         );
         v += y_step;
     }
-    let mut t = 0.0;
+    let (mut t, mut n) = (0.0, 0);
     while t <= end_s {
+        // a narrow page shows every second one
+        let class = if n % 2 == 1 { "tick minor" } else { "tick" };
         let _ = write!(
             svg,
-            "<text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
+            "<text class=\"{class}\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
             x(t),
-            HEIGHT - BOTTOM + 15.0,
+            HEIGHT - 6.0,
             number(t, x_step)
         );
         t += x_step;
+        n += 1;
     }
-    let _ = write!(
-        svg,
-        "<text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">time [s]</text>",
-        WIDTH - RIGHT,
-        HEIGHT - 3.0
-    );
     for s in series {
         for line in curves(&s.points, &x, &y) {
             let _ = write!(svg, "<path class=\"{}\" d=\"{line}\"/>", s.class);

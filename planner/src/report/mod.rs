@@ -9,7 +9,7 @@ use std::fmt::Write;
 
 use chart::{Level, Series, chart};
 
-use crate::case::Registration;
+use crate::case::{Parameter, Registration, explained};
 use crate::pipeline::{Plan, Volumes};
 use crate::plan::Waypoint;
 
@@ -39,6 +39,8 @@ pub fn html(plan: &Plan) -> String {
     page.push_str(&modelled(plan));
     page.push_str("<h2>Inputs</h2>");
     page.push_str(&inputs(plan));
+    page.push_str("<h2>Parameters</h2>");
+    page.push_str(&parameters(plan));
     let _ = write!(
         page,
         "<h2>Case, with every default</h2><details><summary>show</summary><pre>{}</pre></details></main></body></html>",
@@ -92,7 +94,7 @@ fn cards(plan: &Plan) -> String {
             2,
             (
                 "smallest distance from the burr's surface",
-                format!("{margin:.2} mm <small>{name}, kept {} mm</small>", structure.clearance_mm),
+                format!("{margin:.2} mm <small>{name}, kept {}\u{a0}mm</small>", structure.clearance_mm),
             ),
         );
     }
@@ -267,7 +269,7 @@ fn modelled(plan: &Plan) -> String {
     ];
     rows.extend(m.dropped.iter().map(|(why, n)| (format!("waypoints dropped: {why}"), n.to_string())));
     let rows: String = rows.into_iter().map(|(k, v)| format!("<tr><th>{k}</th><td>{v}</td></tr>")).collect();
-    format!("<div class=\"wide\"><table><tbody>{rows}</tbody></table></div>")
+    format!("<div class=\"wide\"><table class=\"words\"><tbody>{rows}</tbody></table></div>")
 }
 
 fn inputs(plan: &Plan) -> String {
@@ -276,7 +278,28 @@ fn inputs(plan: &Plan) -> String {
     };
     let rows: String = plan.inputs.iter().map(row).collect();
     format!(
-        "<div class=\"wide\"><table><thead><tr><th>file</th><th>SHA-256</th></tr></thead><tbody>{rows}</tbody></table></div>"
+        "<div class=\"wide\"><table class=\"words\"><thead><tr><th>file</th><th>SHA-256</th></tr></thead><tbody>{rows}</tbody></table></div>"
+    )
+}
+
+/// Every value of the case with its meaning and its source.
+fn parameters(plan: &Plan) -> String {
+    let row = |p: &Parameter| {
+        let source = match p.source {
+            None => "the case".to_owned(),
+            Some("-") => "default".to_owned(),
+            Some(source) => format!("default; {}", escape(source)),
+        };
+        format!(
+            "<tr><th><code>{}</code></th><td><code>{}</code></td><td>{}</td><td>{source}</td></tr>",
+            escape(&p.key),
+            escape(&p.value),
+            escape(p.meaning)
+        )
+    };
+    let rows: String = explained(&plan.case).iter().map(row).collect();
+    format!(
+        "<div class=\"wide\"><table class=\"words\"><thead><tr><th>key</th><th>value</th><th>meaning</th><th>from</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
 }
 

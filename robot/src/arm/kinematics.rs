@@ -3,7 +3,7 @@
 //! Invariants: all of it is a pure function of the joint vector; the pose is the product of the URDF's origins and joint
 //! motions, nothing fitted. Not here: inverse kinematics.
 
-use bonemill_geometry::{Base, Flange, Rigid, Tool};
+use bonemill_geometry::{Base, Flange, Point, Rigid, Tool};
 use nalgebra::{Matrix3, Matrix3xX, Matrix6xX, Rotation3, Unit, Vector3};
 
 use super::{Arm, JointKind, check_positive};
@@ -37,6 +37,18 @@ impl Arm {
     /// As [`Arm::forward`].
     pub fn burr(&self, q: &[f64]) -> Result<Rigid<Base, Tool>, RobotError> {
         Ok(self.forward(q)? * self.mount().flange_from_burr)
+    }
+
+    /// Where the moving joints are, each on its axis, and the flange last, in base, shape (dof + 1): the arm as a line.
+    ///
+    /// # Errors
+    /// As [`Arm::forward`].
+    pub fn joint_places(&self, q: &[f64]) -> Result<Vec<Point<Base>>, RobotError> {
+        self.check_q(q)?;
+        let mut places = Vec::with_capacity(self.dof() + 1);
+        let flange = self.walk(q, |axis| places.push(Point::from_coords(axis.point_mm)));
+        places.push(Point::from_coords(flange.translation_mm));
+        Ok(places)
     }
 
     /// Geometric Jacobian at the flange's origin, in base, shape 6 × dof.

@@ -1,4 +1,4 @@
-//! Why a case got no plan, with the line of the case file at which to look.
+//! Why a case got no plan, with the line of the case file at which to look: the words of the command and of Python.
 
 use std::error::Error;
 use std::fmt;
@@ -6,8 +6,9 @@ use std::fs;
 use std::path::Path;
 
 use bonemill_imaging::ImageError;
-use bonemill_planner::PlanError;
-use bonemill_planner::case::Case;
+
+use crate::case::Case;
+use crate::pipeline::PlanError;
 
 /// A planner's error and the place in the case file that it belongs to.
 #[derive(Debug)]
@@ -31,6 +32,11 @@ impl Refused {
             place += &format!("{}: ", folder.join(&case.images.ct).display());
         }
         Self { place, error }
+    }
+
+    /// The planner's error, without its place.
+    pub fn error(&self) -> &PlanError {
+        &self.error
     }
 
     /// Whether the case is sound, but cannot be fulfilled.

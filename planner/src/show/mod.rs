@@ -1,0 +1,120 @@
+//! What a viewer draws of a finished plan, without knowing any viewer: surfaces, slices, colours, motion.
+//!
+//! Read anew from the plan's own images and files; everything is in the work frame, whose z is the approach, out of the
+//! bone. The removal times come from the waypoints as they stand in the file, the motion from the trajectory by forward
+//! kinematics: what is drawn is what would be executed. Nothing here judges or computes forces.
+
+mod colour;
+mod motion;
+mod paint;
+mod slice;
+mod surface;
+
+use bonemill_geometry::{Point, Rigid, Volume, Work};
+use bonemill_imaging::{Class, Scene};
+use rayon::prelude::*;
+
+pub use colour::{STRUCTURE_COLOURS, scale_colour};
+pub use motion::Moment;
+pub use paint::{ARROW_MM_PER_N, PAINTS, Paint};
+pub use slice::{PLANES, Plane, Slice};
+pub use surface::Surface;
+
+use crate::Progress;
+use crate::pipeline::{PlanError, scene_of};
+use crate::plan::StoredPlan;
+use crate::removal::RemovalTime;
+
+/// Voxel codes of a slice: nothing of interest, target that is there, target that is cut; structures follow in the case's order.
+pub const NOTHING: u8 = 0;
+/// Target that is still there.
+pub const TARGET: u8 = 1;
+/// Target that is cut away.
+pub const CUT: u8 = 2;
+/// Code of the case's first structure.
+pub const FIRST_STRUCTURE: u8 = 3;
+
+/// A plan with its images, ready to be drawn.
+#[derive(Debug)]
+pub struct Show<'a> {
+    plan: &'a StoredPlan,
+    scene: Scene,
+    path: Vec<Point<Work>>,
+    removal: RemovalTime,
+    /// Structure of each voxel by its code, else [`NOTHING`].
+    structure: Volume<u8, Work>,
+}
+
+impl<'a> Show<'a> {
+    /// Reads a plan's images and lays its path through them.
+    ///
+    /// # Errors
+    /// [`PlanError`] when the images cannot be read.
+    pub fn read(plan: &'a StoredPlan, progress: &dyn Progress) -> Result<Self, PlanError> {
+        let scene = scene_of(&plan.record.case, &plan.case_path(), progress)?;
+        progress.stage("removal");
+        let work_from_ct = scene.ct_from_work.inverse();
+        let path: Vec<_> = plan.waypoints.iter().map(|w| work_from_ct * w.position).collect();
+        let mut removal = RemovalTime::new(scene.class.grid());
+        let mut before = path.first().copied();
+        for (to, index) in path.iter().zip(0u32..) {
+            let from = before.replace(*to).unwrap_or(*to);
+            removal.sweep(from, *to, plan.record.case.burr.radius_mm, index, |_| ());
+        }
+        let structure = structures(&scene);
+        Ok(Self { plan, scene, path, removal, structure })
+    }
+
+    /// The plan.
+    pub fn plan(&self) -> &StoredPlan {
+        self.plan
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The burr's centre at every waypoint.
+    pub fn path(&self) -> &[Point<Work>] {
+        &self.path
+    }
+
+    /// Where the arm's base is.
+    pub fn work_from_base(&self) -> Rigid<Work, bonemill_geometry::Base> {
+        (self.plan.record.base_from_ct * self.scene.ct_from_work).inverse()
+    }
+
+    /// Code of a voxel once waypoint `index` is reached.
+    fn code(&self, voxel: usize, index: u32) -> u8 {
+        let structure = self.structure.data()[voxel];
+        match self.scene.class.data()[voxel] {
+            _ if structure != NOTHING => structure,
+            class if !class.is(Class::TARGET) => NOTHING,
+            _ if self.removal.time()[voxel] <= index => CUT,
+            _ => TARGET,
+        }
+    }
+}
+
+/// Which structure each voxel belongs to, by code.
+fn structures(scene: &Scene) -> Volume<u8, Work> {
+    let grid = scene.class.grid();
+    let code = |(n, class): (usize, &Class)| {
+        if !class.is(Class::STRUCTURE) {
+            return NOTHING;
+        }
+        let p = scene.ct_from_work * grid.center(grid.voxel(n));
+        let inside =
+            |s: &bonemill_imaging::SceneStructure| s.field.as_ref().is_some_and(|f| f.distance(p) <= 0.0);
+        let found = scene.structures.iter().zip(FIRST_STRUCTURE..).find(|(s, _)| inside(s));
+        found.map_or(NOTHING, |(_, code)| code)
+    };
+    let codes: Vec<u8> = scene.class.data().par_iter().enumerate().map(code).collect();
+    let mut volume = Volume::filled(grid.clone(), NOTHING);
+    volume.data_mut().copy_from_slice(&codes);
+    volume
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,85 @@
+//! A block's plan, drawn: the target shrinks, structures stay, slices and surfaces agree.
+
+use std::path::{Path, PathBuf};
+
+use bonemill_imaging::phantom::{PhantomKind, phantom};
+use bonemill_imaging::{PHANTOM_CASE_FILE, write_phantom};
+
+use super::*;
+use crate::case::Case;
+use crate::plan::{Replace, StagedDirectory, save};
+
+struct Silent;
+impl Progress for Silent {
+    fn stage(&self, _: &str) {}
+    fn advance(&self, _: usize, _: usize) {}
+}
+
+/// Plans a small pocket of the block in `dir`.
+fn small_plan(dir: &Path) -> PathBuf {
+    let folder = dir.join("case");
+    std::fs::create_dir(&folder).unwrap();
+    let mut block = phantom(PhantomKind::Block, 1);
+    let pocket = "box = { min_mm = [-1.0, -4.0, -4.0], max_mm = [7.0, 4.0, 0.0] } #";
+    block.case_toml = block.case_toml.replace("label = 20 ", pocket);
+    write_phantom(&folder, &block).unwrap();
+    let case_path = folder.join(PHANTOM_CASE_FILE);
+    let case = Case::parse(&std::fs::read_to_string(&case_path).unwrap(), &case_path).unwrap();
+    let plan = crate::plan(&case, &case_path, &Silent).unwrap();
+    let staged = StagedDirectory::create(&dir.join("plan"), Replace::Nothing).unwrap();
+    save(&plan, &case_path, &staged).unwrap();
+    staged.commit().unwrap()
+}
+
+/// Signed volume by the divergence theorem, mm³.
+fn volume_mm3(s: &Surface) -> f64 {
+    let at = |n: u32| nalgebra::Vector3::from(s.vertices[n as usize].map(f64::from));
+    s.triangles.iter().map(|t| at(t[0]).dot(&at(t[1]).cross(&at(t[2]))) / 6.0).sum()
+}
+
+#[test]
+fn what_is_drawn_is_what_the_plan_does() {
+    let dir = tempfile::tempdir().unwrap();
+    let stored = StoredPlan::load(&small_plan(dir.path())).unwrap();
+    let show = Show::read(&stored, &Silent).unwrap();
+    let last = stored.waypoints.len() as u32 - 1;
+
+    // the target shrinks by what the plan says
+    let whole = volume_mm3(&show.target(None));
+    let left = [last / 4, last / 2, last].map(|i| volume_mm3(&show.target(Some(i))));
+    assert!(whole > left[0] && left[0] > left[1] && left[1] > left[2] && left[2] > 0.0, "{whole} {left:?}");
+    let metrics = &stored.record.metrics;
+    assert!((whole / metrics.target_mm3 - 1.0).abs() < 0.03, "{whole}");
+    assert!(((whole - left[2]) / metrics.removed_mm3 - 1.0).abs() < 0.05, "{whole} {left:?}");
+
+    // the shell is around the nerve
+    let (nerve, shell) = (show.structure(0).unwrap(), show.shell(0).unwrap());
+    assert!(!nerve.is_empty() && volume_mm3(&shell) > 2.0 * volume_mm3(&nerve));
+    assert!(show.structure(1).unwrap().is_empty());
+    assert!(nerve.normals.iter().all(|n| (n.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-4));
+
+    // slices: the same voxels, cut one after the other
+    let mid = show.path()[last as usize / 2];
+    for plane in &PLANES {
+        let [before, after] = [0, last].map(|i| show.slice(plane, mid, i));
+        assert_eq!(before.code.len(), before.width * before.height);
+        let count = |s: &Slice, code| s.code.iter().filter(|c| **c == code).count();
+        assert!(count(&after, CUT) > 0 && count(&before, CUT) < count(&after, CUT));
+        assert_eq!(count(&before, TARGET) + count(&before, CUT), count(&after, TARGET) + count(&after, CUT));
+        let [x, y] = show.pixel(plane, mid);
+        assert!(x > 0.0 && x < before.width as f32 && y > 0.0 && y < before.height as f32);
+    }
+
+    // the trajectory's burr is at the waypoints
+    let moments = show.moments(300).unwrap();
+    assert!(moments.len() > 200 && moments.len() <= 301);
+    for m in &moments {
+        let burr = Point::<Work>::from_coords(m.tool.translation_mm);
+        let (a, b) = (show.path()[m.waypoint.saturating_sub(1)].coords, show.path()[m.waypoint].coords);
+        let off = crate::sweep::segment_distance_squared(&burr.coords, &a, &b).sqrt();
+        assert!(off < 0.06, "{off} mm at {} s", m.time_s);
+        // the bone-attached arm ends at the burr
+        assert!(m.links.last().unwrap().distance_mm(&burr) < 1e-9 && m.links.len() == 5);
+    }
+    assert!(moments.iter().any(|m| m.force_n.is_some()));
+}

@@ -1,0 +1,233 @@
+"""The plan: what a case becomes."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _arrays, _folders, _native
+from ._arm import Arm
+from ._case import Case
+
+if TYPE_CHECKING:
+    from tempfile import TemporaryDirectory
+
+Progress = Callable[[str, int, int], object]
+"""``progress(stage, done, of)``: a stage begins with 0, 0. What it raises stops the work."""
+
+
+class Structure(NamedTuple):
+    """A structure of the case."""
+
+    name: str
+    clearance_mm: float
+    priority: int
+
+
+class Plan:
+    """A plan: made by `plan`, or read with `Plan.load`. It does not change.
+
+    Attributes that are arrays are made when first asked for, and read-only. Plans can be pickled: the files go along,
+    the case's images stay where they are (unless they are in memory) and must still be there and the same.
+    """
+
+    _made: _native.Plan
+    _case: Case | None
+    _folder: TemporaryDirectory[str] | None
+
+    def __init__(self) -> None:
+        raise TypeError("use bonemill.plan(case) or Plan.load(dir)")
+
+    @classmethod
+    def _make(
+        cls, native: _native.Plan, case: Case | None, folder: TemporaryDirectory[str] | None = None
+    ) -> Plan:
+        plan = object.__new__(cls)
+        plan._made, plan._case, plan._folder = native, case, folder
+        return plan
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Plan:
+        """Reads a plan's folder.
+
+        Raises:
+            PlanFileError: a file is missing or not one of ours, or an input has changed since the plan was made.
+        """
+        return cls._make(_native.Plan.load(Path(path)), None)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Writes ``plan.toml``, ``waypoints.csv``, ``trajectory.csv``, ``robot.urdf`` and ``report.html``.
+
+        The folder appears whole or not at all; a plan that stands there is replaced, anything else is refused. The bytes
+        are those that the command writes. Images in memory are kept in the plan, in ``inputs``.
+
+        Returns:
+            The folder, absolute.
+
+        Raises:
+            PlanFileError: the folder cannot be written, or holds something else.
+        """
+        in_memory = self._case is not None and self._case._folder is not None
+        return self._made.save(Path(path), in_memory)
+
+    @property
+    def case(self) -> Case:
+        """The case that was planned."""
+        if self._case is None:
+            self._case = Case.load(self._made.case_path())
+        return self._case
+
+    @cached_property
+    def waypoints(self) -> NDArray[np.void]:
+        """One row a waypoint, shape (n,): the columns of ``waypoints.csv`` by name, in its order, ct frame.
+
+        ``kind`` and ``structure`` are text ("" for none); where the file's cell is empty, a number is NaN.
+        """
+        layers, kinds, structures = self._made.codes()
+        names = np.array([s.name for s in self.structures] + [""])
+        columns: dict[str, NDArray[Any]] = {
+            "index": np.arange(len(layers)),
+            "layer": layers,
+            "kind": np.array(self._made.kinds())[kinds],
+        }
+        for name, values in self._made.columns():
+            if name == "distance_mm":
+                columns["structure"] = names[structures]
+            columns[name] = values
+        rows = np.empty(len(layers), dtype=[(name, values.dtype) for name, values in columns.items()])
+        for name, values in columns.items():
+            rows[name] = values
+        return _fixed(rows)
+
+    @cached_property
+    def trajectory(self) -> NDArray[np.void]:
+        """One row a controller period, shape (n,): ``time_s, q1..qn, qd1..qdn``, as in ``trajectory.csv``.
+
+        Revolute joints in rad and rad/s, prismatic ones in mm and mm/s. `q` and `qd` are views of it.
+        """
+        joints = range(1, self.arm.dof + 1)
+        names = ["time_s", *(f"q{n}" for n in joints), *(f"qd{n}" for n in joints)]
+        table = self._made.trajectory()
+        return _fixed(table.view([(name, np.float64) for name in names])[:, 0])
+
+    @property
+    def q(self) -> NDArray[np.float64]:
+        """Joint positions of the trajectory, shape (n, dof); a view."""
+        return self._table()[:, 1 : 1 + self.arm.dof]
+
+    @property
+    def qd(self) -> NDArray[np.float64]:
+        """Joint velocities of the trajectory, shape (n, dof); a view."""
+        return self._table()[:, 1 + self.arm.dof :]
+
+    def _table(self) -> NDArray[np.float64]:
+        return self.trajectory.view(np.float64).reshape(len(self.trajectory), -1)
+
+    @cached_property
+    def metrics(self) -> dict[str, Any]:
+        """The figures of ``plan.toml``: ``removed_mm3``, ``reachable_mm3``, ``total_time_s``, …; names end in units."""
+        return self._made.metrics()
+
+    @cached_property
+    def modelled(self) -> dict[str, Any]:
+        """What was modelled where."""
+        return self._made.modelled()
+
+    @property
+    def shortfalls(self) -> list[str]:
+        """Why the plan falls short of its case; empty when it does not."""
+        return self._made.words()[0]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What one should know."""
+        return self._made.words()[1]
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Wall-clock seconds by stage of planning; empty for a plan that was read."""
+        found: dict[str, float] = {}
+        for stage, seconds in self._made.seconds():
+            found[stage] = found.get(stage, 0.0) + seconds
+        return found
+
+    @property
+    def registration_assumed(self) -> bool:
+        """Whether the case says nothing of where the arm stands, so that the trajectory is for no real set-up."""
+        return self._made.registration_assumed()
+
+    @cached_property
+    def structures(self) -> tuple[Structure, ...]:
+        """The case's structures."""
+        return tuple(Structure(*row) for row in self._made.structure_rows())
+
+    @cached_property
+    def arm(self) -> Arm:
+        """The arm, within the case's limits."""
+        return Arm(self._made.robot())
+
+    def __repr__(self) -> str:
+        m = self.metrics
+        return (
+            f"<bonemill.Plan: {m['removed_mm3']:.1f} of {m['reachable_mm3']:.1f} mm³ in {m['total_time_s']:.0f} s"
+            f"{', falls short' if self.shortfalls else ''}>"
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        with _folders.temporary() as folder:
+            saved = self.save(Path(folder, "plan"))
+            files = {p.relative_to(saved).as_posix(): p.read_bytes() for p in saved.rglob("*") if p.is_file()}
+        return _restore, (files, os.path.abspath(self._made.case_path()))
+
+
+def _restore(files: dict[str, bytes], case_path: str) -> Plan:
+    folder = _folders.temporary()
+    home = Path(folder.name, "plan")
+    for name, content in files.items():
+        path = home / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    record = home / "plan.toml"
+    if not any(name.endswith("/case.toml") for name in files):
+        # the case stayed where it is, seen from here
+        away = json.dumps(os.path.relpath(case_path, os.path.realpath(home)))
+        text = record.read_text(encoding="utf-8")
+        record.write_text(
+            re.sub(r"(?m)^case_file = .*$", lambda _: f"case_file = {away}", text, count=1), encoding="utf-8"
+        )
+    return Plan._make(_native.Plan.load(home), None, folder)
+
+
+def _fixed(rows: NDArray[np.void]) -> NDArray[np.void]:
+    rows.flags.writeable = False
+    return rows
+
+
+def plan(
+    case: Case | str | os.PathLike[str], *, progress: Progress | None = None, threads: int | None = None
+) -> Plan:
+    """Plans a case. The numbers are those of the command, whatever the number of threads.
+
+    Args:
+        case: a `Case`, or a case file.
+        progress: told ``(stage, done, of)`` in the calling thread; what it raises stops the planning.
+        threads: worker threads; default: one per core.
+
+    Ctrl-C stops it within a fifth of a second. Other Python threads go on, and may plan, too.
+
+    Raises:
+        CaseError, ImageError, PlanFileError, PlanError, RobotError, ModelError: why there is no plan, in the command's
+            words. A plan that falls short of its case is no error: see `Plan.shortfalls`.
+    """
+    asked = case if isinstance(case, Case) else Case.load(case)
+    asked._unchanged()
+    count = None if threads is None else _arrays.whole("threads", threads, 1, 1024)
+    return Plan._make(_native.plan(asked._native, progress, count), asked)

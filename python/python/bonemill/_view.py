@@ -1,0 +1,172 @@
+"""A plan in the rerun viewer, from Python: the same drawing as ``bonemill view``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import _folders, _native
+from ._errors import BonemillError
+from ._plan import Plan, Progress
+
+_TIME = "time"
+_SLICES = ("x_y", "x_z", "y_z")
+_TARGET, _BONE = (80, 255, 140), (226, 201, 160)
+
+
+def view(plan: Plan, *, save: str | os.PathLike[str] | None = None, progress: Progress | None = None) -> None:
+    """Opens the plan in the rerun viewer, or writes a file for it. Needs ``rerun-sdk`` (the extra ``view``).
+
+    Args:
+        plan: the plan; its images must still be there and the same.
+        save: write this ``.rrd`` file instead of opening the viewer.
+        progress: told ``(stage, done, of)``.
+
+    Raises:
+        BonemillError: rerun-sdk is not installed, or the images cannot be read.
+    """
+    try:
+        import rerun as rr
+    except ImportError as error:
+        raise BonemillError("view needs rerun-sdk: pip install 'bonemill[view]'") from error
+    with _folders.temporary() as folder:
+        drawn = _native.show(plan.save(Path(folder, "plan")), 4000, 80, progress)
+    recording = rr.RecordingStream("bonemill")
+    if save is None:
+        recording.spawn()
+    else:
+        recording.save(os.fspath(save))
+    _scene(rr, recording, drawn)
+    _motion(rr, recording, drawn)
+    for time_s, target, slices in drawn["frames"]:
+        recording.set_time(_TIME, duration=time_s)
+        recording.log("scene/target", _mesh(rr, target, _BONE, 150))
+        for name, found in zip(_SLICES, slices):
+            _slice(rr, recording, drawn, name, found)
+    recording.reset_time()
+    _plots(rr, recording, drawn, plan)
+    recording.log("about", rr.TextDocument(drawn["about"], media_type="text/markdown"), static=True)
+    recording.send_blueprint(_layout(drawn))
+    recording.flush()
+
+
+def _mesh(rr: Any, surface: dict[str, Any], colour: tuple[int, int, int], alpha: int) -> Any:
+    return rr.Mesh3D(
+        vertex_positions=surface["vertices"],
+        vertex_normals=surface["normals"],
+        triangle_indices=surface["triangles"],
+        albedo_factor=(*colour, alpha),
+    )
+
+
+def _scene(rr: Any, recording: Any, drawn: dict[str, Any]) -> None:
+    recording.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    classes = [(0, "elsewhere", (0, 0, 0, 0)), (1, "target, still there", _TARGET), (2, "cut away", (0, 0, 0))]
+    corner = drawn["path"].max(axis=0) + [8.0, 0.0, 0.0]
+    for n, (name, colour, body, shell) in enumerate(drawn["structures"]):
+        classes.append((3 + n, name, colour))
+        if len(body["vertices"]) == 0:
+            continue
+        entity = f"scene/structures/{rr.escape_entity_path_part(name)}"
+        at = corner - [0.0, 0.0, 3.0 * n]
+        nearest = body["vertices"][np.linalg.norm(body["vertices"] - at, axis=1).argmin()]
+        recording.log(f"{entity}/name", rr.Points3D([at], labels=[name], radii=0.05, colors=colour), static=True)
+        leader = rr.LineStrips3D([[at, nearest]], colors=colour, radii=rr.Radius.ui_points(0.7))
+        recording.log(f"{entity}/leader", leader, static=True)
+        recording.log(f"{entity}/clearance", _mesh(rr, shell, colour, 40), static=True)
+        recording.log(f"{entity}/surface", _mesh(rr, body, colour, 140), static=True)
+    recording.log("slices", rr.AnnotationContext(classes), static=True)
+    for name, colours in drawn["paints"]:
+        # consecutive moves of one colour as one strip
+        ends = np.flatnonzero((colours[2:] != colours[1:-1]).any(axis=1)) + 2
+        bounds = np.r_[1, ends, len(colours)]
+        strips = [drawn["path"][a - 1 : b] for a, b in zip(bounds[:-1], bounds[1:])]
+        lines = rr.LineStrips3D(strips, colors=colours[bounds[:-1]], radii=rr.Radius.ui_points(1.2))
+        recording.log(f"scene/path/{name.replace(' ', '_')}", lines, static=True)
+
+
+def _motion(rr: Any, recording: Any, drawn: dict[str, Any]) -> None:
+    radius = drawn["radius_mm"]
+    burr = rr.Ellipsoids3D(radii=[radius], colors=(235, 235, 240), fill_mode="solid")
+    recording.log("scene/tool/burr", burr, static=True)
+    start = radius
+    for n, (length, thick) in enumerate(drawn["shank"]):
+        part = "handpiece" if thick > radius else "shank"
+        cylinder = rr.Cylinders3D(
+            lengths=[length], radii=[thick], centers=[(0, 0, start + length / 2)], colors=(170, 176, 186), fill_mode="solid"
+        )
+        recording.log(f"scene/tool/{part}/{n}", cylinder, static=True)
+        start += length
+    times = [rr.TimeColumn(_TIME, duration=drawn["time_s"])]
+    poses = rr.Transform3D.columns(translation=drawn["tool"], quaternion=drawn["turn"])
+    recording.send_columns("scene/tool", indexes=times, columns=poses)
+    arrows = rr.Arrows3D.columns(vectors=drawn["force"] * drawn["arrow_mm_per_n"], origins=drawn["tool"])
+    recording.send_columns("scene/force", indexes=times, columns=arrows)
+    recording.log("scene/force", rr.Arrows3D.from_fields(colors=(255, 60, 60), radii=0.25), static=True)
+    recording.send_columns("scene/arm", indexes=times, columns=rr.LineStrips3D.columns(strips=drawn["links"]))
+    recording.log("scene/arm", rr.LineStrips3D.from_fields(colors=(120, 140, 170), radii=1.5), static=True)
+
+
+def _slice(rr: Any, recording: Any, drawn: dict[str, Any], name: str, found: dict[str, Any]) -> None:
+    recording.log(f"slices/{name}/ct", rr.Image(found["grey"]))
+    recording.log(f"slices/{name}/labels", rr.SegmentationImage(found["code"], opacity=0.35))
+    turn = np.linspace(0, 2 * np.pi, 49)
+    circle = np.asarray(found["burr"]) + drawn["radius_mm"] / drawn["pixel_mm"] * np.stack([np.cos(turn), np.sin(turn)], -1)
+    outline = rr.LineStrips2D([circle], colors=(255, 255, 255), radii=rr.Radius.ui_points(1.0))
+    recording.log(f"slices/{name}/burr", outline)
+    low = 0.9 * found["grey"].shape[0]
+    bar = rr.LineStrips2D([[(3, low), (3 + 5.0 / drawn["pixel_mm"], low)]], labels=["5 mm"], colors=(255, 255, 255))
+    recording.log(f"slices/{name}/scale", bar, static=True)
+
+
+def _plots(rr: Any, recording: Any, drawn: dict[str, Any], plan: Plan) -> None:
+    w = plan.waypoints
+    clearance = {s.name: s.clearance_mm for s in plan.structures} | {"": np.nan}
+    force = np.sqrt(w["fx_n"] ** 2 + w["fy_n"] ** 2 + w["fz_n"] ** 2)
+    curves = [
+        ("force/magnitude", "magnitude", w["time_s"], np.nan_to_num(force)),
+        ("force/toward", "toward the nearest structure", w["time_s"], np.nan_to_num(w["force_toward_n"])),
+        ("speed/cap", "speed", w["time_s"], w["speed_mm_s"]),
+        ("distance/surface", "burr's surface to structure", w["time_s"], w["distance_mm"] - drawn["radius_mm"]),
+        ("distance/clearance", "clearance kept from it", w["time_s"], np.array([clearance[s] for s in w["structure"]])),
+    ]
+    for n, (name, unit) in enumerate(drawn["joints"]):
+        folder = "linear" if unit == "mm" else "turning"
+        curves.append((f"joints_{folder}/q{n + 1}", f"{name} [{unit}]", drawn["time_s"], drawn["q"][:, n]))
+    for entity, name, times, values in curves:
+        there = np.isfinite(values)
+        if there.any():
+            recording.log(f"plots/{entity}", rr.SeriesLines(names=[name], widths=[1.5]), static=True)
+            column = [rr.TimeColumn(_TIME, duration=times[there])]
+            recording.send_columns(f"plots/{entity}", indexes=column, columns=rr.Scalars.columns(scalars=values[there]))
+
+
+def _layout(drawn: dict[str, Any]) -> Any:
+    import rerun.blueprint as rrb
+
+    tabs = []
+    for name, _ in drawn["paints"]:
+        shown = f"+ $origin/path/{name.replace(' ', '_')}"
+        hidden = ["- $origin/path/**", "- $origin/arm/**", "- $origin/tool/handpiece/**"]
+        tabs.append(
+            rrb.Spatial3DView(name=f"path by {name}", origin="scene", contents=["+ $origin/**", *hidden, shown])
+        )
+    tabs.append(rrb.Spatial3DView(name="arm", origin="scene", contents=["+ $origin/**", "- $origin/path/**"]))
+    tabs.append(rrb.TextDocumentView(name="about", origin="about"))
+    slices = [rrb.Spatial2DView(name=p, origin=f"slices/{s}") for p, s in zip(drawn["planes"], _SLICES)]
+    plots = [("force [N]", "force"), ("distance [mm]", "distance"), ("speed [mm/s]", "speed")]
+    if not drawn["structures"]:
+        del plots[1]
+    units = {unit for _, unit in drawn["joints"]}
+    plots += [p for u, p in (("mm", ("joints [mm]", "joints_linear")), ("rad", ("joints [rad]", "joints_turning"))) if u in units]
+    curves = [rrb.TimeSeriesView(name=name, origin=f"plots/{entity}") for name, entity in plots]
+    above = rrb.Horizontal(rrb.Tabs(*tabs), rrb.Vertical(*slices), column_shares=[1.7, 1.0])
+    return rrb.Blueprint(
+        rrb.Vertical(above, rrb.Horizontal(*curves), row_shares=[2.8, 1.0]),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=_TIME, playback_speed=20.0),
+    )

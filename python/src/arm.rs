@@ -1,0 +1,109 @@
+//! Arms: kinematics of many joint vectors at once.
+
+use std::path::Path;
+
+use bonemill_robot::{Arm as RustArm, read_urdf};
+use numpy::ndarray::{Array2, Array3};
+use numpy::{IntoPyArray, PyArray3, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+use crate::errors;
+
+/// Name, kind (prismatic or revolute), lower, upper, velocity limit, acceleration limit.
+type JointRow = (String, &'static str, f64, f64, f64, f64);
+
+/// A serial arm.
+#[pyclass(frozen, module = "bonemill._native")]
+pub struct Arm(pub RustArm);
+
+#[pymethods]
+impl Arm {
+    /// The arm of this name, else of the URDF at this path.
+    #[new]
+    fn new(model: &str) -> PyResult<Self> {
+        let arm = match model {
+            "bone-attached" => RustArm::bone_attached(),
+            path => read_urdf(Path::new(path)),
+        };
+        Ok(Self(arm.map_err(|e| errors::robot(&e))?))
+    }
+
+    /// The moving joints from base to tip.
+    fn joints(&self) -> Vec<JointRow> {
+        let row = |j: &bonemill_robot::Joint| {
+            let kind = match j.kind {
+                bonemill_robot::JointKind::Prismatic => "prismatic",
+                bonemill_robot::JointKind::Revolute => "revolute",
+            };
+            (j.name.clone(), kind, j.lower, j.upper, j.velocity_limit, j.acceleration_limit)
+        };
+        self.0.joints().iter().map(row).collect()
+    }
+
+    /// The URDF's text.
+    fn urdf(&self) -> &str {
+        self.0.urdf_text()
+    }
+
+    /// Pose of the flange in base for each row of `q`, shape (n, 4, 4), mm.
+    fn fk<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let q = rows(&q);
+        let mut poses = Array3::zeros((q.nrows(), 4, 4));
+        for (n, q) in q.outer_iter().enumerate() {
+            let pose = self.0.forward(&q.to_vec()).map_err(|e| errors::robot(&e))?;
+            for r in 0..3 {
+                for c in 0..3 {
+                    poses[(n, r, c)] = pose.rotation[(r, c)];
+                }
+                poses[(n, r, 3)] = pose.translation_mm[r];
+            }
+            poses[(n, 3, 3)] = 1.0;
+        }
+        Ok(poses.into_pyarray(py))
+    }
+
+    /// Geometric Jacobian at the flange for each row of `q`, shape (n, 6, dof).
+    fn jacobian<'py>(
+        &self,
+        py: Python<'py>,
+        q: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let q = rows(&q);
+        let mut all = Array3::zeros((q.nrows(), 6, self.0.dof()));
+        for (n, q) in q.outer_iter().enumerate() {
+            let jacobian = self.0.jacobian(&q.to_vec()).map_err(|e| errors::robot(&e))?;
+            for r in 0..6 {
+                for c in 0..self.0.dof() {
+                    all[(n, r, c)] = jacobian[(r, c)];
+                }
+            }
+        }
+        Ok(all.into_pyarray(py))
+    }
+
+    /// Compliance at the flange for each row of `q`, shape (n, 3, 3), mm/N.
+    fn compliance<'py>(
+        &self,
+        py: Python<'py>,
+        q: PyReadonlyArray2<'py, f64>,
+        joint_stiffness: Vec<f64>,
+    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let q = rows(&q);
+        let mut all = Array3::zeros((q.nrows(), 3, 3));
+        for (n, q) in q.outer_iter().enumerate() {
+            let found = self.0.compliance(&q.to_vec(), &joint_stiffness).map_err(|e| errors::robot(&e))?;
+            for r in 0..3 {
+                for c in 0..3 {
+                    all[(n, r, c)] = found[(r, c)];
+                }
+            }
+        }
+        Ok(all.into_pyarray(py))
+    }
+}
+
+/// A copy in C order, so that rows are slices; there may be none.
+fn rows(q: &PyReadonlyArray2<'_, f64>) -> Array2<f64> {
+    let view = q.as_array();
+    Array2::from_shape_vec(view.dim(), view.iter().copied().collect()).unwrap_or_default()
+}

@@ -1,0 +1,88 @@
+//! The crates' errors as the package's exceptions, in the command's words.
+
+use std::error::Error;
+
+use bonemill_geometry::{GridError, VolumeError};
+use bonemill_imaging::ImageError as RustImageError;
+use bonemill_planner::PlanError as RustPlanError;
+use bonemill_planner::burr::ModelError as RustModelError;
+use bonemill_planner::case::CaseError as RustCaseError;
+use bonemill_planner::plan::{PlanFileError as RustPlanFileError, Refused};
+use bonemill_robot::RobotError as RustRobotError;
+use pyo3::{PyErr, import_exception};
+
+import_exception!(bonemill._errors, ArrayError);
+import_exception!(bonemill._errors, CaseError);
+import_exception!(bonemill._errors, ImageError);
+import_exception!(bonemill._errors, InfeasibleError);
+import_exception!(bonemill._errors, ModelError);
+import_exception!(bonemill._errors, PlanError);
+import_exception!(bonemill._errors, PlanFileError);
+import_exception!(bonemill._errors, RobotError);
+
+/// An error with its causes, one to a line, as the command prints them.
+pub fn words(error: &dyn Error) -> String {
+    let mut text = error.to_string();
+    let mut said = text.clone();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        // some errors already quote their cause
+        if !said.contains(&error.to_string()) {
+            said = error.to_string();
+            text.push_str(&format!("\n  because: {said}"));
+        }
+        cause = error.source();
+    }
+    text
+}
+
+/// A case got no plan.
+pub fn refused(refused: &Refused) -> PyErr {
+    let text = words(refused);
+    match refused.error() {
+        _ if refused.falls_short() => InfeasibleError::new_err(text),
+        RustPlanError::Image(_) | RustPlanError::Scene(_) => ImageError::new_err(text),
+        RustPlanError::File(_) => PlanFileError::new_err(text),
+        RustPlanError::Robot(_) => RobotError::new_err(text),
+        RustPlanError::Model(_) => ModelError::new_err(text),
+        RustPlanError::LabelName { .. }
+        | RustPlanError::Unsupported { .. }
+        | RustPlanError::StiffnessMissing => CaseError::new_err(text),
+        _ => PlanError::new_err(text),
+    }
+}
+
+/// A case file is none.
+pub fn case(error: &RustCaseError) -> PyErr {
+    CaseError::new_err(words(error))
+}
+
+/// An image, or a field on its grid.
+pub fn image(error: &RustImageError) -> PyErr {
+    ImageError::new_err(words(error))
+}
+
+/// A plan's files.
+pub fn file(error: &RustPlanFileError) -> PyErr {
+    PlanFileError::new_err(words(error))
+}
+
+/// An arm.
+pub fn robot(error: &RustRobotError) -> PyErr {
+    RobotError::new_err(words(error))
+}
+
+/// A number that the force model cannot take.
+pub fn model(error: &RustModelError) -> PyErr {
+    ModelError::new_err(words(error))
+}
+
+/// An array's grid makes no sense.
+pub fn grid(error: &GridError) -> PyErr {
+    ArrayError::new_err(words(error))
+}
+
+/// Values and grid differ.
+pub fn volume(error: &VolumeError) -> PyErr {
+    ArrayError::new_err(words(error))
+}

@@ -1,0 +1,38 @@
+//! `bonemill._native`: the planner for Python.
+//!
+//! Thin: it turns arrays and texts into the crates' types, calls them, and turns the results back. What a user sees
+//! (names, units, defaults, structured arrays) is the package's Python code. Arrays are copied into our memory while
+//! Python is held, so that a change during a call has no effect; results are handed over without a copy. Long work runs
+//! apart from Python ([`apart`]), so that other Python threads go on and Ctrl-C is heard.
+
+mod apart;
+mod arm;
+mod arrays;
+mod case;
+mod errors;
+mod fields;
+mod force;
+mod phantoms;
+mod plan;
+mod show;
+mod values;
+mod waypoints;
+
+use pyo3::prelude::*;
+
+/// The module's contents; `bonemill/_native.pyi` types them.
+#[pymodule(gil_used = true)]
+fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    m.add_class::<case::Case>()?;
+    m.add_class::<plan::Plan>()?;
+    m.add_class::<arm::Arm>()?;
+    m.add_function(wrap_pyfunction!(plan::plan, m)?)?;
+    m.add_function(wrap_pyfunction!(show::show, m)?)?;
+    m.add_function(wrap_pyfunction!(phantoms::write_phantom, m)?)?;
+    m.add_function(wrap_pyfunction!(fields::distance_transform, m)?)?;
+    m.add_function(wrap_pyfunction!(fields::ball_volumes, m)?)?;
+    m.add_function(wrap_pyfunction!(force::burr_force, m)?)?;
+    m.add_function(wrap_pyfunction!(force::engagement_metrics, m)?)?;
+    Ok(())
+}

@@ -1,0 +1,188 @@
+//! What a viewer draws of a plan, as arrays.
+
+use std::path::PathBuf;
+
+use bonemill_geometry::{Point, Work};
+use bonemill_planner::plan::{PlanFileError, Refused, StoredPlan};
+use bonemill_planner::show::{self as rust, Moment, PAINTS, PLANES, STRUCTURE_COLOURS, Show, Slice, Surface};
+use bonemill_robot::{JointKind, RobotError};
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray2};
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
+
+use crate::{apart, errors};
+
+/// Everything, drawn.
+struct Drawn {
+    about: String,
+    pixel_mm: f64,
+    structures: Vec<(String, [u8; 3], Surface, Surface)>,
+    path: Vec<[f32; 3]>,
+    paints: Vec<(&'static str, Vec<[u8; 3]>)>,
+    moments: Vec<Moment>,
+    frames: Vec<Frame>,
+    shank: Vec<(f64, f64)>,
+    radius_mm: f64,
+    joints: Vec<(String, &'static str)>,
+}
+
+/// One moment at which target and slices are drawn anew.
+struct Frame {
+    time_s: f64,
+    target: Surface,
+    slices: Vec<(Slice, [f32; 2])>,
+}
+
+/// Why a plan cannot be drawn.
+enum Failed {
+    File(PlanFileError),
+    Images(Box<Refused>),
+    Robot(RobotError),
+}
+
+/// The drawing of the plan in `dir`: about `motion` moments of the arm, `frames` of the bone.
+#[pyfunction]
+pub fn show(
+    py: Python<'_>,
+    dir: PathBuf,
+    motion: usize,
+    frames: usize,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'_, PyDict>> {
+    let drawn = apart::run(py, progress, None, move |progress| {
+        let plan = StoredPlan::load(&dir).map_err(Failed::File)?;
+        let show = Show::read(&plan, progress)
+            .map_err(|e| Failed::Images(Box::new(Refused::new(e, &plan.record.case, &plan.case_path()))))?;
+        draw(&show, motion, frames)
+    })?;
+    match drawn {
+        Ok(drawn) => to_python(py, drawn),
+        Err(Failed::File(error)) => Err(errors::file(&error)),
+        Err(Failed::Images(error)) => Err(errors::refused(&error)),
+        Err(Failed::Robot(error)) => Err(errors::robot(&error)),
+    }
+}
+
+fn draw(show: &Show, motion: usize, frames: usize) -> Result<Drawn, Failed> {
+    let plan = show.plan();
+    let case = &plan.record.case;
+    let surface = |found: Result<Surface, bonemill_imaging::ImageError>| {
+        let refuse = |e: bonemill_imaging::ImageError| Refused::new(e.into(), case, &plan.case_path());
+        found.map_err(|e| Failed::Images(Box::new(refuse(e))))
+    };
+    let mut structures = Vec::new();
+    for (n, structure) in case.structures.iter().enumerate() {
+        let tint = STRUCTURE_COLOURS[n % STRUCTURE_COLOURS.len()];
+        structures.push((structure.name.clone(), tint, surface(show.structure(n))?, surface(show.shell(n))?));
+    }
+    let moments = show.moments(motion).map_err(Failed::Robot)?;
+    let step = moments.len().div_ceil(frames.max(1)).max(1);
+    let last = moments.len().saturating_sub(1);
+    let frame = |m: &Moment| {
+        let burr: Point<Work> = Point::from_coords(m.tool.translation_mm);
+        let index = m.waypoint as u32;
+        let slices = PLANES.iter().map(|p| (show.slice(p, burr, index), show.pixel(p, burr))).collect();
+        Frame { time_s: m.time_s, target: show.target(Some(index)), slices }
+    };
+    let chosen = moments.iter().enumerate().filter(|(n, _)| n % step == 0 || *n == last);
+    let frames = chosen.map(|(_, m)| frame(m)).collect();
+    let kind = |k| if k == JointKind::Prismatic { "mm" } else { "rad" };
+    let drawn_paints = PAINTS.iter().filter(|p| p.range(plan).is_some());
+    Ok(Drawn {
+        about: show.about(),
+        pixel_mm: show.pixel_mm(),
+        structures,
+        path: show.path().iter().map(single).collect(),
+        paints: drawn_paints.map(|p| (p.name, p.colours(plan))).collect(),
+        frames,
+        shank: case.shank.iter().map(|s| (s.length_mm, s.radius_mm)).collect(),
+        radius_mm: case.burr.radius_mm,
+        joints: plan.arm.joints().iter().map(|j| (j.name.clone(), kind(j.kind))).collect(),
+        moments,
+    })
+}
+
+fn single(p: &Point<Work>) -> [f32; 3] {
+    [p.x() as f32, p.y() as f32, p.z() as f32]
+}
+
+/// Rows of equal length as an array.
+fn table<'py, T: numpy::Element + Copy, const N: usize>(
+    py: Python<'py>,
+    rows: &[[T; N]],
+) -> Bound<'py, PyArray2<T>> {
+    Array2::from_shape_fn((rows.len(), N), |(r, c)| rows[r][c]).into_pyarray(py)
+}
+
+fn surface<'py>(py: Python<'py>, s: &Surface) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("vertices", table(py, &s.vertices))?;
+    dict.set_item("normals", table(py, &s.normals))?;
+    dict.set_item("triangles", table(py, &s.triangles))?;
+    Ok(dict)
+}
+
+fn slice<'py>(py: Python<'py>, (slice, burr): (Slice, [f32; 2])) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    let image = |values: Vec<u8>| -> PyResult<_> {
+        let image = Array2::from_shape_vec((slice.height, slice.width), values);
+        Ok(image.map_err(|e| errors::ArrayError::new_err(e.to_string()))?.into_pyarray(py))
+    };
+    dict.set_item("grey", image(slice.grey.clone())?)?;
+    dict.set_item("code", image(slice.code.clone())?)?;
+    dict.set_item("burr", burr)?;
+    Ok(dict)
+}
+
+fn to_python(py: Python<'_>, drawn: Drawn) -> PyResult<Bound<'_, PyDict>> {
+    let all = PyDict::new(py);
+    all.set_item("about", drawn.about)?;
+    all.set_item("pixel_mm", drawn.pixel_mm)?;
+    all.set_item("arrow_mm_per_n", rust::ARROW_MM_PER_N)?;
+    all.set_item("planes", PLANES.map(|p| p.name))?;
+    let structures = PyList::empty(py);
+    for (name, tint, body, shell) in &drawn.structures {
+        structures.append((name, *tint, surface(py, body)?, surface(py, shell)?))?;
+    }
+    all.set_item("structures", structures)?;
+    all.set_item("path", table(py, &drawn.path))?;
+    let paints = PyList::empty(py);
+    for (name, colours) in &drawn.paints {
+        paints.append((name, table(py, colours)))?;
+    }
+    all.set_item("paints", paints)?;
+    let frames = PyList::empty(py);
+    for frame in drawn.frames {
+        let slices = PyList::empty(py);
+        for found in frame.slices {
+            slices.append(slice(py, found)?)?;
+        }
+        frames.append((frame.time_s, surface(py, &frame.target)?, slices))?;
+    }
+    all.set_item("frames", frames)?;
+    all.set_item("shank", drawn.shank)?;
+    all.set_item("radius_mm", drawn.radius_mm)?;
+    all.set_item("joints", drawn.joints.clone())?;
+    let moments = &drawn.moments;
+    let tool: Vec<[f32; 3]> =
+        moments.iter().map(|m| single(&Point::from_coords(m.tool.translation_mm))).collect();
+    let turn = |m: &Moment| {
+        let q = nalgebra::UnitQuaternion::from_rotation_matrix(&m.tool.rotation);
+        [q.i, q.j, q.k, q.w].map(|c| c as f32)
+    };
+    let force = |m: &Moment| -> [f32; 3] { m.force_n.unwrap_or_default().map(|f| f as f32).into() };
+    all.set_item("time_s", moments.iter().map(|m| m.time_s).collect::<Vec<_>>().into_pyarray(py))?;
+    all.set_item("tool", table(py, &tool))?;
+    all.set_item("turn", table(py, &moments.iter().map(turn).collect::<Vec<_>>()))?;
+    all.set_item("force", table(py, &moments.iter().map(force).collect::<Vec<_>>()))?;
+    let dof = drawn.joints.len();
+    let q = Array2::from_shape_fn((moments.len(), dof), |(m, j)| moments[m].q[j]);
+    all.set_item("q", q.into_pyarray(py))?;
+    let links = PyList::empty(py);
+    for m in moments {
+        links.append(table(py, &m.links.iter().map(single).collect::<Vec<_>>()))?;
+    }
+    all.set_item("links", links)?;
+    Ok(all)
+}

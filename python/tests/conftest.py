@@ -1,0 +1,46 @@
+"""One small phantom and its plan for all tests."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+import bonemill
+
+ROOT = Path(__file__).resolve().parents[2]
+REFERENCE = ROOT / "planner/tests/data"
+POCKET = "box = { min_mm = [-1.0, -4.0, -4.0], max_mm = [7.0, 4.0, 0.0] } # "
+
+
+@pytest.fixture(scope="session")
+def block(tmp_path_factory: pytest.TempPathFactory) -> bonemill.Case:
+    """The foam block with a small pocket beside the nerve, planned in a second or two; not to be written to."""
+    case = bonemill.phantom("block", tmp_path_factory.mktemp("case") / "block")
+    text = case.text.replace("label = 20 ", POCKET)
+    assert text != case.text
+    case.path.write_text(text, encoding="utf-8")
+    return bonemill.Case.load(case.path)
+
+
+@pytest.fixture
+def own_block(block: bonemill.Case, tmp_path: Path) -> bonemill.Case:
+    """A copy of the block's files, to change."""
+    shutil.copytree(block.path.parent, tmp_path / "block")
+    return bonemill.Case.load(tmp_path / "block" / "case.toml")
+
+
+@pytest.fixture(scope="session")
+def planned(block: bonemill.Case) -> bonemill.Plan:
+    """The block's plan."""
+    return bonemill.plan(block)
+
+
+@pytest.fixture(scope="session")
+def command() -> Path:
+    """The command of the same sources."""
+    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+    built = [p for p in (target / "debug/bonemill", target / "release/bonemill") if p.exists()]
+    if not built:
+        pytest.skip("the command is not built: cargo build")
+    return max(built, key=lambda p: p.stat().st_mtime)

@@ -1,0 +1,284 @@
+"""Cases and plans: the command's numbers, files that come and go whole, pickling, threads, stopping."""
+
+import csv
+import filecmp
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import nibabel
+import numpy as np
+import pytest
+
+import bonemill
+
+FILES = ["plan.toml", "waypoints.csv", "trajectory.csv", "robot.urdf", "report.html"]
+
+
+def same_rows(a: np.ndarray, b: np.ndarray) -> None:
+    assert a.dtype == b.dtype
+    for name in a.dtype.names or ():
+        np.testing.assert_array_equal(a[name], b[name], name)
+
+
+def test_the_bytes_are_the_commands(
+    planned: bonemill.Plan, block: bonemill.Case, command: Path, tmp_path: Path
+) -> None:
+    by_command = tmp_path / "command"
+    subprocess.run([command, "plan", block.path, "--out", by_command, "--quiet"], check=True)
+    saved = planned.save(tmp_path / "python")
+    assert filecmp.cmpfiles(saved, by_command, FILES, shallow=False) == (FILES, [], [])
+
+
+def test_arrays_are_the_files(planned: bonemill.Plan, tmp_path: Path) -> None:
+    saved = planned.save(tmp_path / "plan")
+    with open(saved / "waypoints.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == list(planned.waypoints.dtype.names or ())
+    for name in rows[0]:
+        column = planned.waypoints[name]
+        for cell, value in zip((row[name] for row in rows), column, strict=True):
+            if column.dtype.kind == "U":
+                assert cell == value
+            elif cell == "":
+                assert np.isnan(value)
+            else:
+                assert float(cell) == value, name
+    table = np.loadtxt(saved / "trajectory.csv", delimiter=",", skiprows=1)
+    assert planned.trajectory.dtype.names == tuple((saved / "trajectory.csv").open().readline().strip().split(","))
+    np.testing.assert_array_equal(table[:, 1:5], planned.q)
+    np.testing.assert_array_equal(table[:, 5:], planned.qd)
+    np.testing.assert_array_equal(table[:, 0], planned.trajectory["time_s"])
+    assert np.shares_memory(planned.q, planned.trajectory)
+
+
+def test_a_plan_reads_back(planned: bonemill.Plan, tmp_path: Path) -> None:
+    read = bonemill.Plan.load(planned.save(tmp_path / "plan"))
+    same_rows(read.waypoints, planned.waypoints)
+    same_rows(read.trajectory, planned.trajectory)
+    assert (read.metrics, read.modelled) == (planned.metrics, planned.modelled)
+    assert (read.shortfalls, read.warnings) == (planned.shortfalls, planned.warnings)
+    assert read.structures == planned.structures == (("facial_nerve", 1.0, 1),)
+    assert read.case.text == planned.case.text
+    # and is written elsewhere, with a way to its case from there
+    again = bonemill.Plan.load(read.save(tmp_path / "deep" / "er" / "plan"))
+    same_rows(again.trajectory, planned.trajectory)
+    for name in FILES[1:]:
+        assert filecmp.cmp(tmp_path / "plan" / name, tmp_path / "deep/er/plan" / name, shallow=False)
+
+
+def test_the_arm_brings_the_burr_to_the_waypoints(planned: bonemill.Plan) -> None:
+    """Distances between waypoints, which no registration changes, by forward kinematics."""
+    at = np.searchsorted(planned.trajectory["time_s"], planned.waypoints["time_s"][:: 40])
+    burr = planned.arm.fk(planned.q[at])[:, :3, 3]
+    place = np.stack([planned.waypoints[n][:: 40] for n in ("x_mm", "y_mm", "z_mm")], axis=-1)
+    apart = [np.linalg.norm(p[:, None] - p, axis=-1) for p in (burr, place)]
+    # a sample is up to 2 ms after its waypoint, at up to 10 mm/s
+    np.testing.assert_allclose(*apart, atol=0.1)
+
+
+def test_metrics_say_what_the_arrays_say(planned: bonemill.Plan) -> None:
+    m, w = planned.metrics, planned.waypoints
+    assert m["total_time_s"] == pytest.approx(w["time_s"][-1], abs=1e-6)
+    assert m["peak_force_n"] == pytest.approx(
+        np.nanmax(np.linalg.norm([w["fx_n"], w["fy_n"], w["fz_n"]], axis=0)), rel=1e-12
+    )
+    nearest = np.nanmin(w["distance_mm"])
+    assert m["structures"]["facial_nerve"]["least_distance_mm"] == nearest > 2.5 + 1.0
+    assert planned.modelled["waypoints"] == len(w)
+    assert set(planned.seconds) >= {"scene", "path", "access"}
+
+
+def test_arrays_are_read_only(planned: bonemill.Plan) -> None:
+    for rows in (planned.waypoints, planned.trajectory):
+        with pytest.raises(ValueError, match="read-only"):
+            rows["time_s"][0] = 1.0
+    assert planned.waypoints is planned.waypoints
+
+
+def test_threads_change_nothing_and_two_plan_at_once(planned: bonemill.Plan, block: bonemill.Case) -> None:
+    with ThreadPoolExecutor(2) as pool:
+        for made in pool.map(lambda n: bonemill.plan(block, threads=n), (1, 3)):
+            same_rows(made.waypoints, planned.waypoints)
+            same_rows(made.trajectory, planned.trajectory)
+
+
+def test_python_goes_on_meanwhile(block: bonemill.Case) -> None:
+    counted = 0
+    done = threading.Event()
+
+    def count() -> None:
+        nonlocal counted
+        while not done.is_set():
+            counted += 1
+            time.sleep(0.001)
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    bonemill.plan(block)
+    done.set()
+    thread.join()
+    # the lock is held while nothing is computed: otherwise the count would stand still
+    assert counted > 20
+
+
+def test_progress_comes_in_order_and_in_this_thread(block: bonemill.Case) -> None:
+    told: list[tuple[str, int, int]] = []
+    threads = set()
+
+    def progress(stage: str, done: int, of: int) -> None:
+        told.append((stage, done, of))
+        threads.add(threading.get_ident())
+
+    bonemill.plan(block, progress=progress)
+    assert [stage for stage, done, _ in told if done == 0][:3] == ["read images", "scene", "free space"]
+    assert threads == {threading.get_ident()}
+
+
+def test_what_progress_raises_stops_the_plan(block: bonemill.Case) -> None:
+    class MyStop(Exception):
+        pass
+
+    def progress(stage: str, done: int, of: int) -> None:
+        if stage == "scene":
+            raise MyStop
+
+    with pytest.raises(MyStop):
+        bonemill.plan(block, progress=progress)
+    # and the next one is whole
+    assert bonemill.plan(block).shortfalls == []
+
+
+INTERRUPTED = """
+import os, signal, sys, threading, time
+import bonemill
+stage, delay = sys.argv[2], float(sys.argv[3])
+sent = []
+def kill():
+    sent.append(time.perf_counter())
+    os.kill(os.getpid(), signal.SIGINT)
+def progress(name, done, of):
+    if name == stage and not sent:
+        threading.Timer(delay, kill).start()
+try:
+    bonemill.plan(sys.argv[1], progress=progress, threads=2)
+    print("whole")
+except KeyboardInterrupt:
+    print(time.perf_counter() - sent[0])
+"""
+
+
+def interrupted(case: Path, stage: str, delay_s: float) -> float | None:
+    """Seconds from Ctrl-C in a stage to its exception; None if the plan was made before."""
+    run = [sys.executable, "-c", INTERRUPTED, str(case), stage, str(delay_s)]
+    words = subprocess.run(run, check=True, capture_output=True, text=True).stdout.split()
+    return None if words == ["whole"] else float(words[0])
+
+
+@pytest.mark.parametrize("stage", ["scene", "access"])
+def test_ctrl_c_stops_a_plan(block: bonemill.Case, stage: str) -> None:
+    # how fast is measured, not asserted: machines differ
+    assert interrupted(block.path, stage, 0.0) is not None
+
+
+def test_cases_are_values(block: bonemill.Case, tmp_path: Path) -> None:
+    copy = pickle.loads(pickle.dumps(block))
+    assert copy == block and hash(copy) == hash(block) and copy.to_toml() == block.to_toml()
+    assert copy != bonemill.phantom("block", tmp_path / "other")
+    assert "case.toml" in repr(block)
+    with pytest.raises(TypeError, match="Case.load"):
+        bonemill.Case()
+
+
+def test_a_plan_is_pickled_with_its_files(planned: bonemill.Plan) -> None:
+    copy = pickle.loads(pickle.dumps(planned))
+    same_rows(copy.waypoints, planned.waypoints)
+    same_rows(copy.trajectory, planned.trajectory)
+    assert copy.metrics == planned.metrics and copy.case.text == planned.case.text
+    twice = pickle.loads(pickle.dumps(copy))
+    assert twice.metrics == planned.metrics
+
+
+def images(case: bonemill.Case) -> tuple[Any, Any]:
+    return nibabel.load(case.path.with_name("ct.nii.gz")), nibabel.load(case.path.with_name("labels.nii.gz"))
+
+
+@pytest.mark.parametrize("how", ["nibabel", "arrays", "fortran floats", "paths"])
+def test_images_in_memory_give_the_same_plan(
+    planned: bonemill.Plan, block: bonemill.Case, how: str, tmp_path: Path
+) -> None:
+    ct, labels = images(block)
+    match how:
+        case "nibabel":
+            case = block.with_images(ct=ct, labels=labels)
+        case "arrays":
+            case = block.with_images(
+                ct=(np.ascontiguousarray(ct.dataobj), ct.affine),
+                labels=(np.asarray(labels.dataobj)[::-1][::-1], labels.affine.tolist()),
+            )
+        case "fortran floats":
+            case = block.with_images(
+                ct=(np.asfortranarray(ct.get_fdata()), ct.affine), labels=(labels.get_fdata(), labels.affine)
+            )
+        case "paths":
+            case = block.with_images(ct=block.path.with_name("ct.nii.gz"), labels=labels)
+    made = bonemill.plan(case)
+    same_rows(made.waypoints, planned.waypoints)
+    same_rows(made.trajectory, planned.trajectory)
+    saved = made.save(tmp_path / "plan")
+    del case, made
+    # what was in memory lies in the plan
+    read = bonemill.Plan.load(saved)
+    same_rows(read.waypoints, planned.waypoints)
+    assert (saved / "inputs" / "labels.nii").exists()
+    assert bonemill.Plan.load(read.save(tmp_path / "elsewhere")).metrics == planned.metrics
+
+
+def test_a_case_with_images_in_memory_is_pickled_whole(planned: bonemill.Plan, block: bonemill.Case) -> None:
+    ct, labels = images(block)
+    packed = pickle.dumps(block.with_images(ct=ct, labels=labels))
+    made = pickle.loads(pickle.dumps(bonemill.plan(pickle.loads(packed))))
+    same_rows(made.waypoints, planned.waypoints)
+
+
+def test_images_are_copied_when_given(planned: bonemill.Plan, block: bonemill.Case) -> None:
+    ct, labels = images(block)
+    values = np.array(ct.dataobj)
+    case = block.with_images(ct=(values, ct.affine), labels=labels)
+    values[:] = 0
+    same_rows(bonemill.plan(case).waypoints, planned.waypoints)
+
+
+def test_a_plan_whose_inputs_changed_is_refused(own_block: bonemill.Case, tmp_path: Path) -> None:
+    saved = bonemill.plan(own_block).save(tmp_path / "plan")
+    own_block.path.write_text(own_block.text + "# one more line\n")
+    with pytest.raises(bonemill.PlanFileError, match="has changed since the plan was made"):
+        bonemill.Plan.load(saved)
+    with pytest.raises(bonemill.CaseError, match="load it again"):
+        bonemill.plan(own_block)
+
+
+def test_import_is_quick_enough_to_measure() -> None:
+    """Nothing heavy is imported with the package."""
+    heavy = "nibabel", "matplotlib", "rerun", "distributed", "rtde_control", "concurrent.futures.process"
+    check = f"import bonemill, sys; print([m for m in {heavy!r} if m in sys.modules])"
+    out = subprocess.run([sys.executable, "-c", check], check=True, capture_output=True, text=True).stdout
+    assert out.strip() == "[]"
+
+
+def test_signals_reach_python_while_it_waits(block: bonemill.Case) -> None:
+    """A handler of one's own runs during the work, and the work goes on when it does not raise."""
+    heard: list[int] = []
+    before = signal.signal(signal.SIGUSR1, lambda number, frame: heard.append(number))
+    try:
+        made = bonemill.plan(block, progress=lambda *told: os.kill(os.getpid(), signal.SIGUSR1))
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert heard and made.shortfalls == []

@@ -1,0 +1,45 @@
+"""The plan in rerun: a file is written that rerun's own reader opens, with every entity in it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import bonemill
+
+pytest.importorskip("rerun")
+
+ENTITIES = [
+    "/scene/target",
+    "/scene/structures/facial_nerve/surface",
+    "/scene/structures/facial_nerve/clearance",
+    "/scene/path/force_toward_structures",
+    "/scene/path/speed",
+    "/scene/tool/burr",
+    "/scene/force",
+    "/scene/arm",
+    "/slices/x_y/ct",
+    "/slices/y_z/labels",
+    "/plots/force/toward",
+    "/plots/distance/clearance",
+    "/plots/joints_turning/q4",
+    "/about",
+]
+
+
+def test_a_recording_holds_everything(planned: bonemill.Plan, tmp_path: Path) -> None:
+    path = tmp_path / "plan.rrd"
+    stages: list[str] = []
+    bonemill.view(planned, save=path, progress=lambda stage, done, of: stages.append(stage))
+    assert path.stat().st_size > 100_000 and "scene" in stages
+    call = [sys.executable, "-m", "rerun", "rrd", "print", str(path)]
+    said = subprocess.run(call, capture_output=True, text=True, check=True).stdout
+    for entity in ENTITIES:
+        assert entity in said, entity
+
+
+def test_without_rerun_it_says_what_is_missing(planned: bonemill.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(bonemill.BonemillError, match="rerun-sdk"):
+        bonemill.view(planned)
