@@ -1,10 +1,10 @@
 //! Arms: kinematics of many joint vectors at once.
 
-use std::path::Path;
-
-use bonemill_robot::{Arm as RustArm, read_urdf};
+use bonemill_geometry::{Base, Flange, Rigid};
+use bonemill_robot::{Arm as RustArm, arm::load};
+use nalgebra::{Matrix3, Vector3};
 use numpy::ndarray::{Array2, Array3};
-use numpy::{IntoPyArray, PyArray3, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use crate::errors;
@@ -21,11 +21,7 @@ impl Arm {
     /// The arm of this name, else of the URDF at this path.
     #[new]
     fn new(model: &str) -> PyResult<Self> {
-        let arm = match model {
-            "bone-attached" => RustArm::bone_attached(),
-            path => read_urdf(Path::new(path)),
-        };
-        Ok(Self(arm.map_err(|e| errors::robot(&e))?))
+        Ok(Self(load(model).map_err(|e| errors::robot(&e))?))
     }
 
     /// The moving joints from base to tip.
@@ -60,6 +56,23 @@ impl Arm {
             poses[(n, 3, 3)] = 1.0;
         }
         Ok(poses.into_pyarray(py))
+    }
+
+    /// Every joint vector that brings the flange to a pose (rotation by rows, translation in mm), shape (n, dof).
+    fn ik<'py>(
+        &self,
+        py: Python<'py>,
+        rotation: [[f64; 3]; 3],
+        translation_mm: [f64; 3],
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let matrix = Matrix3::from_fn(|r, c| rotation[r][c]);
+        let base_from_flange: Rigid<Base, Flange> =
+            Rigid::from_matrix(&matrix, Vector3::from(translation_mm))
+                .map_err(|e| errors::RobotError::new_err(format!("pose: {e}")))?;
+        let base_from_tool = base_from_flange * self.0.mount().flange_from_burr;
+        let found = self.0.inverse(&base_from_tool).map_err(|e| errors::robot(&e))?;
+        let q = Array2::from_shape_fn((found.q.len(), self.0.dof()), |(n, j)| found.q[n][j]);
+        Ok(q.into_pyarray(py))
     }
 
     /// Geometric Jacobian at the flange for each row of `q`, shape (n, 6, dof).

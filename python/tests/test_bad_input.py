@@ -154,11 +154,34 @@ def test_arms_refuse_what_is_no_joint_vector(tmp_path: Path) -> None:
     soft = bonemill.Arm.load("bone-attached", joint_stiffness=[100, 200, 400, 1e5])
     j = soft.jacobian(np.zeros(4))[:3]
     np.testing.assert_allclose(soft.compliance(np.zeros(4)), j @ np.diag(1 / soft.joint_stiffness) @ j.T, atol=1e-15)
+    with pytest.raises(bonemill.RobotError):
+        bonemill.Arm.load("ur99")
     with pytest.raises(bonemill.RobotError, match="cannot read the URDF"):
         bonemill.Arm.load(tmp_path / "no.urdf")
     (tmp_path / "bad.urdf").write_text("<robot/>")
     with pytest.raises(bonemill.RobotError):
         bonemill.Arm.load(tmp_path / "bad.urdf")
+
+
+@pytest.mark.parametrize("model", ["bone-attached", "ur3e", "ur5e", "ur10e"])
+def test_fk_undoes_ik(model: str) -> None:
+    arm = bonemill.Arm.load(model)
+    rng = np.random.default_rng(5)
+    for q in rng.uniform(-1.2, 1.2, (50, arm.dof)):
+        pose = arm.fk(q)
+        found = arm.ik(pose)
+        assert 1 <= len(found) <= 8 and found.shape[1] == arm.dof
+        np.testing.assert_allclose(arm.fk(found)[:, :3, 2:], np.broadcast_to(pose[:3, 2:], (len(found), 3, 2)), atol=1e-8)
+        off = (found - q + np.pi) % (2 * np.pi) - np.pi if arm.dof == 6 else found - q
+        assert abs(off).max(axis=1).min() < 1e-6
+    far = np.eye(4)
+    far[0, 3] = 5000.0
+    assert model == "bone-attached" or arm.ik(far).shape == (0, 6)
+    for bad in (np.eye(3), np.full((4, 4), np.nan), np.ones((4, 4))):
+        with pytest.raises(bonemill.ArrayError):
+            arm.ik(bad)
+    with pytest.raises(bonemill.RobotError, match="not a rotation"):
+        arm.ik(np.diag([1, 1, -1, 1]))
 
 
 def test_the_jacobian_is_the_derivative() -> None:

@@ -71,6 +71,23 @@ class Arm:
         rows, shape = self._rows(q)
         return self._native.fk(rows).reshape(*shape, 4, 4)
 
+    def ik(self, pose: ArrayLike) -> Floats:
+        """Every joint vector that brings the flange to a pose, shape (n, dof); n = 0 where the arm does not reach.
+
+        A UR has up to 8, in closed form; an arm without a closed form is searched, and may have more than are found. Arms
+        of fewer than six joints answer for the pose's place and z axis. Joint limits are not judged.
+
+        Args:
+            pose: homogeneous matrix, mm, shape (4, 4), as `fk` gives it.
+
+        Raises:
+            ArrayError, RobotError: no such matrix, or its rotation is none.
+        """
+        found = _arrays.real("pose", pose)
+        if found.shape != (4, 4) or not np.array_equal(found[3], [0, 0, 0, 1]):
+            raise ArrayError(f"pose has shape {found.shape}: expected (4, 4) with the last row 0, 0, 0, 1")
+        return self._native.ik(found[:3, :3].tolist(), found[:3, 3].tolist())
+
     def jacobian(self, q: ArrayLike) -> Floats:
         """Geometric Jacobian at the flange's origin, in base, shape (..., 6, dof).
 

@@ -92,6 +92,9 @@ class Case:
         for name, file in named.items():
             entry = f"{name} = {json.dumps(file)}"
             text = re.sub(rf"(?m)^{name} = .*$", lambda _, entry=entry: entry, text, count=1)  # type: ignore[misc]
+        for name in ("calibration", "model"):
+            # an arm's own files stay where they are
+            text = re.sub(rf'(?m)^{name} = "(.+\.\w+)"$', lambda m, n=name: f"{n} = {json.dumps(self._beside(m[1]))}", text)  # type: ignore[misc]
         home = Path(folder.name, "case.toml")
         home.write_text(text, encoding="utf-8")
         return Case._make(text, home, folder)
@@ -113,6 +116,9 @@ class Case:
     def _image_paths(self) -> tuple[Path, Path]:
         ct, labels = self._native.images()
         return self._path.parent / ct, self._path.parent / labels
+
+    def _beside(self, name: str) -> str:
+        return os.path.abspath(self._path.parent / name)
 
     def _unchanged(self) -> None:
         """A plan records the digest of its case file, so the file must still be the case."""
