@@ -56,6 +56,8 @@ pub enum Command {
     Export(ExportArgs),
     /// Show a plan in the rerun viewer, or write a file for it (needs a build with the feature `rerun`)
     View(ViewArgs),
+    /// Check a plan by code that did not make it, and write verification.toml beside it
+    Verify(VerifyArgs),
     /// Repeat a published measurement
     Experiment(ExperimentArgs),
     /// Print the case file's keys with units, ranges, defaults and their sources, as Markdown
@@ -127,6 +129,45 @@ pub struct ViewArgs {
     /// Write this file instead of opening the viewer
     #[arg(long, value_name = "F.rrd")]
     pub save: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct VerifyArgs {
+    /// Folder of a plan
+    #[arg(value_name = "PLAN")]
+    pub plan: PathBuf,
+    /// Also repeat the plan N times under drawn errors: how likely it touches each structure, how far forces are off
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub samples: Option<u32>,
+    #[command(flatten)]
+    pub errors: ErrorArgs,
+}
+
+/// Standard deviations of what may be wrong. The defaults are assumed.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Errors to draw (with --samples)")]
+pub struct ErrorArgs {
+    /// Registration along each axis, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.3, requires = "samples")]
+    pub registration_mm: f64,
+    /// Registration about each axis through the middle of the path, degrees
+    #[arg(long, value_name = "DEG", default_value_t = 0.3, requires = "samples")]
+    pub registration_deg: f64,
+    /// Boundary of each structure, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.15, requires = "samples")]
+    pub boundary_mm: f64,
+    /// Density, as a share
+    #[arg(long, value_name = "SHARE", default_value_t = 0.1, requires = "samples")]
+    pub density_share: f64,
+    /// Cutting coefficients, as a share
+    #[arg(long, value_name = "SHARE", default_value_t = 0.25, requires = "samples")]
+    pub k_share: f64,
+    /// Probability with which every structure is to be kept
+    #[arg(long, value_name = "P", default_value_t = 0.95, requires = "samples")]
+    pub keep: f64,
+    /// Where the draws begin
+    #[arg(long, value_name = "SEED", default_value_t = 1, requires = "samples")]
+    pub draw_seed: u64,
 }
 
 #[derive(Debug, clap::Args)]

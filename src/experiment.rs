@@ -20,7 +20,8 @@ pub fn run(args: &ExperimentArgs, progress: &dyn Progress) -> anyhow::Result<Out
         tables.iter().try_for_each(|table| write(dir, table))?;
     }
     let text: Vec<_> = tables.iter().map(Table::markdown).collect();
-    Ok(Outcome::text("experiment", text.join("\n")))
+    let shortfalls = tables.iter().flat_map(|table| table.shortfalls.iter().cloned()).collect();
+    Ok(Outcome::text("experiment", text.join("\n")).falling_short(shortfalls))
 }
 
 fn write(dir: &Path, table: &Table) -> anyhow::Result<()> {

@@ -13,6 +13,7 @@ mod outcome;
 mod phantom;
 mod plan;
 mod planning;
+mod verify;
 #[cfg(feature = "rerun")]
 mod view;
 
@@ -61,6 +62,7 @@ fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
             view.plan.display()
         ),
         Command::Experiment(experiment) => experiment::run(experiment, console),
+        Command::Verify(verify) => verify::run(verify, console),
         Command::Keys => Ok(Outcome::text("keys", bonemill_planner::case::reference())),
     }
 }

@@ -5,6 +5,8 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use bonemill_planner::plan::{PlanRecord, Value};
+use bonemill_planner::uncertainty::Risk;
+use bonemill_planner::verify::Verification;
 use serde_json::{Map, json};
 
 use crate::args::Talk;
@@ -25,6 +27,14 @@ impl Outcome {
         let mut outcome = Self::new(command, text);
         outcome.object.insert("text".into(), outcome.text.clone().into());
         outcome
+    }
+
+    /// With reasons why the result falls short, told after the text; exit code 1 unless there are none.
+    pub fn falling_short(mut self, shortfalls: Vec<String>) -> Self {
+        self.text.extend(shortfalls.iter().map(|s| format!("fell short: {s}\n")));
+        self.object.insert("shortfalls".into(), shortfalls.clone().into());
+        self.shortfalls = shortfalls;
+        self
     }
 
     /// Files were written to `out`.
@@ -70,6 +80,66 @@ impl Outcome {
         outcome.object.insert("warnings".into(), record.warnings.clone().into());
         outcome.object.insert("shortfalls".into(), record.shortfalls.clone().into());
         outcome
+    }
+
+    /// A plan was verified; the verdict stands in `path`.
+    pub fn verified(path: &Path, found: &Verification) -> Self {
+        let line = |c: &bonemill_planner::verify::Check| {
+            format!("{}  {c}\n", if c.passed() { "pass" } else { "FAIL" })
+        };
+        let mut text: String = found.checks.iter().map(line).collect();
+        let failed = found.failed().count();
+        text += &format!("{} checks, {failed} failed; wrote {}\n", found.checks.len(), path.display());
+        let checks: Vec<_> = found
+            .checks
+            .iter()
+            .map(|c| {
+                json!({
+                    "name": c.name, "subject": c.subject, "passed": c.passed(), "value": c.value,
+                    "limit": c.limit, "margin": c.margin(), "unit": c.unit,
+                    "place": c.place.as_ref().map(ToString::to_string), "note": c.note,
+                })
+            })
+            .collect();
+        let mut outcome = Self::new("verify", text);
+        outcome.shortfalls = found.failed().map(ToString::to_string).collect();
+        outcome.object.insert("out".into(), path.to_string_lossy().into());
+        outcome.object.insert("passed".into(), found.passed().into());
+        outcome.object.insert("checks".into(), checks.into());
+        outcome.object.insert("shortfalls".into(), outcome.shortfalls.clone().into());
+        outcome
+    }
+
+    /// What a plan risks under errors, and where that is more than it may.
+    pub fn risking(mut self, risk: &Risk, keep: f64) -> Self {
+        self.text += "\nunder drawn errors: touched (95 % interval); distance kept in 5, 50, 95 %; clearance that keeps it\n";
+        let mut structures = Vec::new();
+        for s in &risk.structures {
+            let (t, [low, middle, high]) = (&s.touched, s.kept_mm);
+            let line = format!(
+                "{}: {:.4} ({:.4} to {:.4}); {low:.2}, {middle:.2}, {high:.2} mm; {:.2} mm",
+                s.name, t.estimate, t.low, t.high, s.clearance_mm
+            );
+            self.text += &format!("  {line}\n");
+            // only where even the interval's lower end is too much has the plan been shown to fall short
+            if t.low > 1.0 - keep {
+                self.shortfalls.push(format!("probability of touching {line}: more than {:.4}", 1.0 - keep));
+            }
+            structures.push(json!({
+                "name": s.name, "touched": t.estimate, "interval_95": [t.low, t.high], "hits": t.hits,
+                "samples": t.samples, "kept_mm_05_50_95": s.kept_mm, "clearance_mm": s.clearance_mm,
+            }));
+        }
+        let mut forces = Vec::new();
+        for f in &risk.forces {
+            let [low, middle, high] = f.spread_n;
+            self.text +=
+                &format!("  force, {}: {:.3} N; {low:.3}, {middle:.3}, {high:.3} N\n", f.name, f.planned_n);
+            forces.push(json!({ "name": f.name, "planned_n": f.planned_n, "n_05_50_95": f.spread_n }));
+        }
+        self.object.insert("risk".into(), json!({ "structures": structures, "forces": forces }));
+        self.object.insert("shortfalls".into(), self.shortfalls.clone().into());
+        self
     }
 
     fn new(command: &str, text: String) -> Self {

@@ -26,6 +26,8 @@ pub mod show;
 pub mod space;
 pub mod speed;
 pub mod sweep;
+pub mod uncertainty;
+pub mod verify;
 
 pub use pipeline::{Plan, PlanError, plan};
 pub use progress::Progress;

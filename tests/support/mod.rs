@@ -3,5 +3,6 @@
 #![allow(dead_code, reason = "every test program uses its own part of it")]
 
 pub mod body;
+pub mod faults;
 pub mod image;
 pub mod place;

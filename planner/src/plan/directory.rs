@@ -16,13 +16,14 @@ use super::PlanFileError;
 use super::record::is_plan;
 
 /// What stands in a plan's directory; anything else there is somebody's own and is not removed.
-const PLAN_ENTRIES: [&str; 8] = [
+const PLAN_ENTRIES: [&str; 9] = [
     "plan.toml",
     "waypoints.csv",
     "trajectory.csv",
     "robot.urdf",
     "report.html",
     "simulation.csv",
+    "verification.toml",
     "phantom",
     "inputs",
 ];

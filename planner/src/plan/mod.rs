@@ -13,6 +13,7 @@ mod save;
 mod stored;
 mod trajectory;
 mod value;
+mod verdict;
 mod waypoint;
 
 pub use csv::{read_waypoints, write_waypoints};
@@ -25,4 +26,5 @@ pub use save::{FILES, record, save};
 pub use stored::StoredPlan;
 pub use trajectory::Trajectory;
 pub use value::Value;
+pub use verdict::{VERDICT, digests, read_case_text, write_verdict};
 pub use waypoint::Waypoint;

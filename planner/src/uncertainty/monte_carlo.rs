@@ -1,0 +1,222 @@
+//! A finished plan under drawn errors: how often it touches each structure, and how far its forces are off.
+//!
+//! Each sample moves the patient rigidly, moves each structure's boundary, and scales K and density. The burr goes along
+//! its waypoints; the distance to a structure is exact at places no farther apart than [`STEP_MM`]. Places are asked in the
+//! order of their planned distance, until none that is left can be nearer, so a sample costs a few hundred questions.
+
+use bonemill_geometry::{Ct, Point};
+use rayon::prelude::*;
+
+use super::draws::Draws;
+use super::rigid_error::Motion;
+use super::{RigidError, Share, UncertaintyError, clearance_mm, not_negative, probability};
+use crate::plan::StoredPlan;
+use crate::verify::{Anatomy, Boxes};
+
+/// Between places of the burr, mm.
+const STEP_MM: f64 = 0.1;
+/// The most samples.
+const MOST_SAMPLES: usize = 1_000_000;
+
+/// What may be wrong, by how much.
+#[derive(Debug, Clone)]
+pub struct ErrorModel {
+    /// Of the registration.
+    pub registration: RigidError,
+    /// Standard deviation of every structure's boundary, mm.
+    pub boundary_sigma_mm: f64,
+    /// Standard deviation of density, as a share.
+    pub density_share: f64,
+    /// Standard deviation of the cutting coefficients, as a share.
+    pub coefficient_share: f64,
+    /// Samples.
+    pub samples: usize,
+    /// Where the draws begin.
+    pub seed: u64,
+    /// The probability with which every structure is to be kept.
+    pub keep: f64,
+}
+
+/// What a plan risks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Risk {
+    /// Per structure, in the case's order.
+    pub structures: Vec<StructureRisk>,
+    /// Of forces.
+    pub forces: Vec<ForceSpread>,
+}
+
+/// What one structure risks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StructureRisk {
+    /// Its name.
+    pub name: String,
+    /// The burr touches it.
+    pub touched: Share,
+    /// Distance kept in 5 %, 50 % and 95 % of the samples, mm; below 0 it is cut.
+    pub kept_mm: [f64; 3],
+    /// The clearance that would keep it with the probability asked for, mm.
+    pub clearance_mm: f64,
+}
+
+/// A force and what it may be.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ForceSpread {
+    /// Which.
+    pub name: String,
+    /// As planned, N.
+    pub planned_n: f64,
+    /// In 5 %, 50 % and 95 % of the samples, N.
+    pub spread_n: [f64; 3],
+}
+
+impl ErrorModel {
+    fn check(&self) -> Result<(), UncertaintyError> {
+        not_negative("boundary sigma, mm", self.boundary_sigma_mm)?;
+        not_negative("density's standard deviation", self.density_share)?;
+        not_negative("coefficients' standard deviation", self.coefficient_share)?;
+        probability(self.keep)?;
+        if (1..=MOST_SAMPLES).contains(&self.samples) {
+            return Ok(());
+        }
+        Err(UncertaintyError::Value { what: "samples", value: self.samples as f64, expected: "1 to 1000000" })
+    }
+}
+
+/// Draws errors and repeats the plan under each.
+///
+/// # Errors
+/// [`UncertaintyError`] for numbers out of range and images that cannot be read.
+pub fn simulate_errors(plan: &StoredPlan, model: &ErrorModel) -> Result<Risk, UncertaintyError> {
+    model.check()?;
+    let anatomy = Anatomy::read(&plan.record.case, &plan.ct_path(), &plan.labels_path())?;
+    let places = places(plan);
+    let radius = plan.record.case.burr.radius_mm;
+    let structures = anatomy
+        .kept
+        .iter()
+        .enumerate()
+        .filter_map(|(n, kept)| Some((n, kept, Boxes::new(&anatomy.labels, kept.label)?)))
+        .map(|(n, kept, boxes)| {
+            let near = Near::new(&places, &boxes, &model.registration);
+            let mut kept_mm: Vec<f64> = (0..model.samples as u64)
+                .into_par_iter()
+                .map(|sample| {
+                    let mut draws = Draws::of_sample(model.seed, sample);
+                    let motion = model.registration.draw(&mut draws);
+                    // every structure has a boundary of its own: the n-th number after the motion
+                    let offset = (0..=n).map(|_| draws.normal()).last().unwrap_or(0.0);
+                    near.least_mm(&boxes, &motion) - radius - model.boundary_sigma_mm * offset
+                })
+                .collect();
+            let touched = kept_mm.iter().filter(|d| **d <= 0.0).count();
+            let clearance = clearance_mm(
+                &model.registration,
+                model.boundary_sigma_mm,
+                near_surface(&boxes, &places, radius),
+                model.keep,
+            )?;
+            Ok(StructureRisk {
+                name: kept.name.clone(),
+                touched: Share::of(touched, model.samples),
+                kept_mm: quantiles(&mut kept_mm),
+                clearance_mm: clearance,
+            })
+        })
+        .collect::<Result<_, UncertaintyError>>()?;
+    Ok(Risk { structures, forces: forces(plan, model) })
+}
+
+/// Places of the burr's centre along the moves.
+fn places(plan: &StoredPlan) -> Vec<Point<Ct>> {
+    let mut places: Vec<_> = plan.waypoints.first().map(|w| w.position).into_iter().collect();
+    for pair in plan.waypoints.windows(2) {
+        let way = pair[1].position - pair[0].position;
+        let parts = (way.norm() / STEP_MM).ceil().clamp(1.0, 1e5);
+        places.extend((1..=parts as usize).map(|n| pair[0].position + way * (n as f64 / parts)));
+    }
+    places
+}
+
+/// The structure's points that face the burr where it comes near: enough to know how they move.
+fn near_surface(boxes: &Boxes<'_>, places: &[Point<Ct>], radius_mm: f64) -> Vec<Point<Ct>> {
+    const NEAR_MM: f64 = 10.0;
+    let every = places.len().div_ceil(2000).max(1);
+    let facing = |p: &Point<Ct>| {
+        let (d, q) = boxes.nearest(*p);
+        (d - radius_mm < NEAR_MM).then_some(q)
+    };
+    places.par_iter().step_by(every).filter_map(facing).collect()
+}
+
+/// Places by their planned distance to one structure.
+struct Near {
+    /// Ascending.
+    places: Vec<(f64, Point<Ct>)>,
+    /// Farthest place from the centre of rotation, mm.
+    reach_mm: f64,
+}
+
+impl Near {
+    fn new(places: &[Point<Ct>], boxes: &Boxes<'_>, registration: &RigidError) -> Self {
+        let mut places: Vec<_> = places.par_iter().map(|p| (boxes.distance_mm(*p), *p)).collect();
+        places.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let about = *registration.draw(&mut Draws::of_sample(0, 0)).about();
+        let reach_mm = places.iter().map(|(_, p)| (p.coords - about).norm()).fold(0.0, f64::max);
+        Self { places, reach_mm }
+    }
+
+    /// Least distance of the burr's centre under a motion, mm.
+    fn least_mm(&self, boxes: &Boxes<'_>, motion: &Motion) -> f64 {
+        let most = motion.most_mm(self.reach_mm);
+        let mut least = f64::INFINITY;
+        for (planned, p) in &self.places {
+            if planned - most >= least {
+                break;
+            }
+            let moved = motion.in_images(*p);
+            if planned - moved.distance_mm(p) < least {
+                least = least.min(boxes.distance_mm(moved));
+            }
+        }
+        least
+    }
+}
+
+/// Peak and mean force, and the peak toward each structure, scaled by drawn K and density.
+fn forces(plan: &StoredPlan, model: &ErrorModel) -> Vec<ForceSpread> {
+    let exponent = plan.record.case.material.exponent;
+    let scales: Vec<f64> = (0..model.samples as u64)
+        .map(|sample| {
+            // draws of their own: the registration's do not change when these are asked for
+            let mut draws = Draws::of_sample(model.seed ^ u64::MAX, sample);
+            let k = (1.0 + model.coefficient_share * draws.normal()).max(0.0);
+            let density = (1.0 + model.density_share * draws.normal()).max(0.0);
+            k * density.powf(exponent)
+        })
+        .collect();
+    let spread = |name: String, planned_n: f64| {
+        let mut all: Vec<f64> = scales.iter().map(|s| s * planned_n).collect();
+        ForceSpread { name, planned_n, spread_n: quantiles(&mut all) }
+    };
+    let rows = &plan.waypoints;
+    let norms = || rows.iter().filter_map(|w| w.force_n).map(|f| f.norm());
+    let mut found = vec![
+        spread("peak".into(), norms().fold(0.0, f64::max)),
+        spread("mean of waypoints".into(), norms().sum::<f64>() / norms().count().max(1) as f64),
+    ];
+    for (n, structure) in plan.record.case.structures.iter().enumerate() {
+        let toward = rows.iter().filter(|w| w.structure == Some(n)).filter_map(|w| w.force_toward_n);
+        found.push(spread(format!("peak toward {}", structure.name), toward.fold(0.0, f64::max)));
+    }
+    found
+}
+
+/// The values that 5 %, 50 % and 95 % do not exceed.
+fn quantiles(values: &mut [f64]) -> [f64; 3] {
+    values.sort_by(f64::total_cmp);
+    [0.05, 0.5, 0.95].map(|share| {
+        let at = (share * (values.len().max(1) - 1) as f64).round() as usize;
+        values.get(at).copied().unwrap_or(0.0)
+    })
+}

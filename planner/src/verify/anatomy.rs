@@ -1,0 +1,205 @@
+//! The patient as the files show it: grey values, labels, what is to be removed and what is to be kept.
+//!
+//! Read anew from the plan's inputs. Everything is a function of a point in ct; no grid of the planner's is involved.
+
+use std::path::Path;
+
+use bonemill_geometry::{Approach, Ct, Point, Rigid, Volume};
+use bonemill_imaging::{LabelNames, read_ct, read_label_names, read_labels};
+use nalgebra::Vector3;
+
+use super::VerifyError;
+use crate::case::{Case, LabelRef, Target};
+
+/// HU of what lies beyond the scan.
+const OUTSIDE_HU: f64 = -1000.0;
+
+/// A structure to be kept.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Kept {
+    /// Its name.
+    pub name: String,
+    /// Its label in the map.
+    pub label: u16,
+    /// Least distance of the burr's surface, mm.
+    pub clearance_mm: f64,
+    /// Least distance of the shank's surface, mm.
+    pub shank_clearance_mm: f64,
+}
+
+/// What is to be removed.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Aim {
+    /// Every voxel of a label.
+    Label(u16),
+    /// Bone and enclosed air in a shape.
+    Shape(Target),
+}
+
+/// Images, target and structures.
+#[derive(Debug)]
+pub struct Anatomy {
+    /// HU.
+    pub ct: Volume<f32, Ct>,
+    /// Labels on their own grid.
+    pub labels: Volume<u16, Ct>,
+    /// What is to be removed.
+    pub aim: Aim,
+    /// What is to be kept, in the case's order.
+    pub kept: Vec<Kept>,
+}
+
+impl Anatomy {
+    /// Reads the images of a case.
+    ///
+    /// # Errors
+    /// [`VerifyError::Image`] when a file cannot be read or trusted, [`VerifyError::LabelName`] for a name without number.
+    pub fn read(case: &Case, ct_path: &Path, labels_path: &Path) -> Result<Self, VerifyError> {
+        let (ct, labels) = rayon::join(
+            || read_ct(ct_path, case.images.ct_affine),
+            || read_labels(labels_path, case.images.labels_affine),
+        );
+        let (ct, labels, names) = (ct?.volume, labels?.volume, read_label_names(labels_path)?);
+        let number = |label: &LabelRef| number(label, names.as_ref());
+        let aim = match &case.target {
+            Target::Label(label) => Aim::Label(number(label)?),
+            shape => Aim::Shape(shape.clone()),
+        };
+        let kept = case.structures.iter().map(|s| {
+            Ok(Kept {
+                name: s.name.clone(),
+                label: number(&s.label)?,
+                clearance_mm: s.clearance_mm,
+                shank_clearance_mm: s.shank_clearance_mm,
+            })
+        });
+        let kept = kept.collect::<Result<_, VerifyError>>()?;
+        Ok(Self { ct, labels, aim, kept })
+    }
+
+    /// Interpolated HU; beyond the scan is air.
+    pub fn hu(&self, p: Point<Ct>) -> f64 {
+        self.ct.trilinear(p, OUTSIDE_HU)
+    }
+
+    /// The label of the voxel that holds a point; 0 beyond the map.
+    pub fn label(&self, p: Point<Ct>) -> u16 {
+        self.labels.grid().nearest(p).map_or(0, |v| *self.labels.get(v))
+    }
+
+    /// Whether a label belongs to a structure that is to be kept.
+    pub fn is_kept(&self, label: u16) -> bool {
+        self.kept.iter().any(|k| k.label == label)
+    }
+
+    /// Corners, smallest and largest, of the target's box along the approach axes, mm; `None` when the label has no voxel.
+    pub fn aim_box(&self, approach_from_ct: &Rigid<Approach, Ct>) -> Option<[Vector3<f64>; 2]> {
+        let mut found = Extent::default();
+        match &self.aim {
+            Aim::Label(label) => {
+                let grid = self.labels.grid();
+                for (n, _) in self.labels.data().iter().enumerate().filter(|(_, l)| *l == label) {
+                    found.hold((*approach_from_ct * grid.center(grid.voxel(n))).coords);
+                }
+                let turn = approach_from_ct.rotation.matrix() * grid.axes();
+                let half = turn.abs() * grid.spacing_mm() * 0.5;
+                found.grown(&half)
+            }
+            Aim::Shape(shape) => {
+                let (center, reach_mm) = ball_around(shape)?;
+                found.hold((*approach_from_ct * Point::from_coords(center)).coords);
+                found.grown(&Vector3::repeat(reach_mm))
+            }
+        }
+    }
+}
+
+/// A box that grows to hold points.
+#[derive(Debug, Clone, Copy)]
+pub struct Extent {
+    lo: Vector3<f64>,
+    hi: Vector3<f64>,
+}
+
+impl Default for Extent {
+    fn default() -> Self {
+        Self { lo: Vector3::repeat(f64::INFINITY), hi: Vector3::repeat(f64::NEG_INFINITY) }
+    }
+}
+
+impl Extent {
+    /// Takes in a point.
+    pub fn hold(&mut self, p: Vector3<f64>) {
+        self.lo = self.lo.inf(&p);
+        self.hi = self.hi.sup(&p);
+    }
+
+    /// The corners, farther out by `by`; none if nothing was held.
+    pub fn grown(&self, by: &Vector3<f64>) -> Option<[Vector3<f64>; 2]> {
+        (self.lo.x <= self.hi.x).then(|| [self.lo - by, self.hi + by])
+    }
+}
+
+/// Whether a shape holds a point of ct; a label holds nothing by itself.
+pub fn shape_holds(shape: &Target, p: &Vector3<f64>) -> bool {
+    match shape {
+        Target::Label(_) => false,
+        Target::Box { min_mm, max_mm } => (0..3).all(|a| (min_mm[a]..=max_mm[a]).contains(&p[a])),
+        Target::Ball { center_mm, radius_mm } => (p - center_mm).norm() <= *radius_mm,
+        Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
+            let axis = to_mm - from_mm;
+            let share = (p - from_mm).dot(&axis) / axis.norm_squared();
+            let radius_mm = from_radius_mm * (1.0 - share) + to_radius_mm * share;
+            (0.0..=1.0).contains(&share) && (p - from_mm - axis * share).norm() <= radius_mm
+        }
+    }
+}
+
+/// Centre and radius of a ball that holds a shape.
+fn ball_around(shape: &Target) -> Option<(Vector3<f64>, f64)> {
+    Some(match shape {
+        Target::Label(_) => return None,
+        Target::Box { min_mm, max_mm } => ((min_mm + max_mm) * 0.5, (max_mm - min_mm).norm() * 0.5),
+        Target::Ball { center_mm, radius_mm } => (*center_mm, *radius_mm),
+        Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
+            let half_mm = (to_mm - from_mm).norm() * 0.5;
+            ((from_mm + to_mm) * 0.5, half_mm.hypot(from_radius_mm.max(*to_radius_mm)))
+        }
+    })
+}
+
+fn number(label: &LabelRef, names: Option<&LabelNames>) -> Result<u16, VerifyError> {
+    match label {
+        LabelRef::Number(number) => Ok(*number),
+        LabelRef::Name(name) => names
+            .and_then(|names| names.number(name))
+            .ok_or_else(|| VerifyError::LabelName { name: name.clone() }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shapes_end_where_they_should() {
+        let v = Vector3::new;
+        let slab = Target::Box { min_mm: v(0.0, 1.0, 2.0), max_mm: v(1.0, 2.0, 3.0) };
+        assert!(shape_holds(&slab, &v(1.0, 1.0, 2.5)) && !shape_holds(&slab, &v(1.01, 1.5, 2.5)));
+        let cone = Target::Frustum {
+            from_mm: v(0.0, 0.0, 0.0),
+            to_mm: v(0.0, 0.0, 10.0),
+            from_radius_mm: 4.0,
+            to_radius_mm: 2.0,
+        };
+        assert!(shape_holds(&cone, &v(2.99, 0.0, 5.0)) && !shape_holds(&cone, &v(3.01, 0.0, 5.0)));
+        assert!(!shape_holds(&cone, &v(0.0, 0.0, -0.01)) && !shape_holds(&cone, &v(0.0, 0.0, 10.01)));
+        for shape in [slab, cone] {
+            let (center, reach) = ball_around(&shape).unwrap();
+            for n in 0..8000 {
+                let p = v((n % 20) as f64 - 9.5, (n / 20 % 20) as f64 - 9.5, (n / 400) as f64 * 0.6);
+                assert!(!shape_holds(&shape, &p) || (p - center).norm() <= reach);
+            }
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! How near the burr comes to every structure: along the moves between waypoints and along the joint trajectory.
+//!
+//! The distance to a structure changes no faster than the burr moves. So a stretch of length L between places at distances
+//! d₀ and d₁ comes no nearer than (d₀ + d₁ − L)/2; stretches that could beat the nearest place found are halved, the rest
+//! are passed over. What is reported is certain: the nearest place found less [`TOLERANCE_MM`].
+
+use bonemill_geometry::{Approach, Ct, Point, Rigid};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::boxes::Boxes;
+
+/// How much nearer the burr can be than any place that was asked, mm.
+pub const TOLERANCE_MM: f64 = 1e-3;
+
+/// Rows or moves that one task searches; fixed, so that threads change nothing.
+const PORTION: usize = 4096;
+
+/// The nearest place along a polyline.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Nearest {
+    /// Certain least distance of the burr's centre from the structure, mm.
+    pub distance_mm: f64,
+    /// End of the stretch in which it lies.
+    pub at: usize,
+}
+
+/// The least distance from a structure along the polyline through `points` (approach); `None` for no point.
+pub fn nearest_along(
+    boxes: &Boxes<'_>,
+    ct_from_approach: &Rigid<Ct, Approach>,
+    points: &[Vector3<f64>],
+) -> Option<Nearest> {
+    let distance =
+        |p: &Vector3<f64>| boxes.distance_mm(*ct_from_approach * Point::<Approach>::from_coords(*p));
+    let starts: Vec<usize> = (0..points.len()).step_by(PORTION).collect();
+    let portions: Vec<Nearest> = starts
+        .into_par_iter()
+        .filter_map(|start| {
+            // one place of overlap: the stretch between portions belongs to the later one
+            let first = start.saturating_sub(1);
+            let mut search = Search { distance, best: f64::INFINITY, at: start };
+            let mut before: Option<(&Vector3<f64>, f64)> = None;
+            let mut free_mm = 0.0; // how far from the last place asked nothing can be nearer
+            let mut skipped = Vec::new();
+            for (n, p) in points.iter().enumerate().take(start + PORTION).skip(first) {
+                let Some((last, d_last)) = before else {
+                    before = Some((p, search.ask(p, n)));
+                    continue;
+                };
+                let step = (p - skipped.last().copied().unwrap_or(last)).norm();
+                free_mm += step;
+                // all stretches so far stay farther than the best, whatever they do
+                if d_last - free_mm >= search.best {
+                    skipped.push(p);
+                    continue;
+                }
+                // the stretch could be nearer: it is searched from the last place whose distance is known
+                let from = skipped.last().copied().unwrap_or(last);
+                let d_from = if skipped.is_empty() { d_last } else { search.ask(from, n - 1) };
+                let d = search.ask(p, n);
+                search.stretch(from, p, d_from, d, n);
+                before = Some((p, d));
+                skipped.clear();
+                free_mm = 0.0;
+            }
+            search.best.is_finite().then_some(Nearest { distance_mm: search.best, at: search.at })
+        })
+        .collect();
+    let least = portions.into_iter().reduce(|a, b| if b.distance_mm < a.distance_mm { b } else { a })?;
+    Some(Nearest { distance_mm: (least.distance_mm - TOLERANCE_MM).max(0.0), at: least.at })
+}
+
+struct Search<D> {
+    distance: D,
+    best: f64,
+    at: usize,
+}
+
+impl<D: Fn(&Vector3<f64>) -> f64> Search<D> {
+    fn ask(&mut self, p: &Vector3<f64>, n: usize) -> f64 {
+        let d = (self.distance)(p);
+        if d < self.best {
+            (self.best, self.at) = (d, n);
+        }
+        d
+    }
+
+    /// Halves the stretch while it could come nearer; each half is half as long, so the depth is bounded.
+    fn stretch(&mut self, a: &Vector3<f64>, b: &Vector3<f64>, da: f64, db: f64, n: usize) {
+        let length = (b - a).norm();
+        if 0.5 * (da + db - length) >= self.best - TOLERANCE_MM || !length.is_finite() {
+            return;
+        }
+        let middle = (a + b) * 0.5;
+        let d = self.ask(&middle, n);
+        self.stretch(a, &middle, da, d, n);
+        self.stretch(&middle, b, d, db, n);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bonemill_geometry::{Grid, Volume};
+
+    #[test]
+    fn the_nearest_place_is_that_of_a_dense_walk() {
+        let grid = Grid::<Ct>::aligned([9, 9, 9], 0.5, Point::new(0.0, 0.0, 0.0)).unwrap();
+        let mut labels = Volume::filled(grid, 0u16);
+        for voxel in [[2, 2, 2], [3, 2, 2], [6, 7, 5]] {
+            let n = labels.grid().index(voxel);
+            labels.data_mut()[n] = 4;
+        }
+        let boxes = Boxes::new(&labels, 4).unwrap();
+        let place: Rigid<Ct, Approach> =
+            Rigid::new(nalgebra::Rotation3::new(Vector3::new(0.1, 0.7, -0.3)), Vector3::new(0.5, -1.0, 2.0));
+        for seed in 0..60usize {
+            let coordinate = |n: usize| ((seed * 97 + n * 53) % 101) as f64 / 10.0 - 4.0;
+            let points: Vec<_> = (0..30)
+                .map(|n| Vector3::new(coordinate(n), coordinate(n + 31), coordinate(n + 77)))
+                .collect();
+            let found = nearest_along(&boxes, &place, &points).unwrap();
+            let mut brute = f64::INFINITY;
+            for pair in points.windows(2) {
+                for n in 0..=4000 {
+                    let p = pair[0] + (pair[1] - pair[0]) * (f64::from(n) / 4000.0);
+                    brute = brute.min(boxes.distance_mm(place * Point::from_coords(p)));
+                }
+            }
+            let error = brute - found.distance_mm;
+            assert!((-1e-9..=2.0 * TOLERANCE_MM + 3e-3).contains(&error), "seed {seed}: {error}");
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! Bone that must stay, and what links do: the burr's sweep on the fine lattice.
+//!
+//! A point of obstacle bone may lie inside the sweep by no more than the band, within which a scan does not tell bone from
+//! air; the volume is said. Links and retracts reach no material of the target before a cut does, but for what lies
+//! between the points of the planner's grid.
+
+use super::carve::{NEVER, Piece, deepest};
+use super::check::{Check, Place};
+use super::lattice::{Lattice, MATERIAL, OBSTACLE, SHEET};
+use super::moves::{Executed, Kind, Moves};
+use crate::plan::StoredPlan;
+use nalgebra::Vector3;
+
+/// What links may take between the points of the planner's grid, as a share of what is removed.
+const LINK_SHARE: f64 = 5e-4;
+/// Rows of the trajectory are joined to stretches no longer than this, mm, for their sweep.
+const STRETCH_MM: f64 = 0.1;
+
+/// Gouging by the moves and by the trajectory; links through material.
+pub fn ground(
+    plan: &StoredPlan,
+    lattice: &Lattice,
+    pieces: &[Piece],
+    first: &[u32],
+    moves: &Moves,
+    executed: &Executed,
+    band_mm: f64,
+) -> Vec<Check> {
+    let radius = plan.record.case.burr.radius_mm;
+    let is_obstacle = |n: usize| lattice.class[n] & OBSTACLE != 0;
+    let by_moves = deepest(&lattice.grid, pieces, radius, |n, _| first[n] != NEVER && is_obstacle(n));
+    let stretches = stretches(executed);
+    let by_arm = deepest(&lattice.grid, &stretches, radius, |n, _| is_obstacle(n));
+    let volume = |flags| lattice.volume_mm3(flags, |n| first[n] != NEVER);
+    let gouge = |name, found: Option<(f64, usize, u32)>| {
+        Check::at_most(name, found.map_or(0.0, |f| f.0), band_mm, "mm deep")
+    };
+    let row_place = |row: u32| Place::Instant {
+        time_s: plan.trajectory.time_s.get(row as usize).copied().unwrap_or(0.0),
+        waypoint: executed.next.get(row as usize).copied().unwrap_or(0) as usize,
+    };
+    vec![
+        gouge("bone outside the target, by moves", by_moves)
+            .at(by_moves.map(|f| Place::Waypoint(f.2 as usize)))
+            .noting(format!(
+                "{:.2} mm³ of it in the sweep, all within the band unless this fails; {:.2} mm³ of sheets",
+                volume(OBSTACLE),
+                volume(SHEET)
+            )),
+        gouge("bone outside the target, by the arm", by_arm).at(by_arm.map(|f| row_place(f.2))),
+    ]
+    .into_iter()
+    .chain(links(plan, lattice, pieces, first, moves))
+    .collect()
+}
+
+/// The deepest that a link or retract reaches into material which no earlier move reached, and how much they take in all.
+fn links(plan: &StoredPlan, lattice: &Lattice, pieces: &[Piece], first: &[u32], moves: &Moves) -> [Check; 2] {
+    let radius = plan.record.case.burr.radius_mm;
+    let is_free = |number: u32| moves.kinds.get(number as usize) == Some(&Kind::Free);
+    let taken = |n: usize| lattice.class[n] & MATERIAL != 0 && first[n] != NEVER && is_free(first[n]);
+    let free: Vec<Piece> = pieces.iter().filter(|p| is_free(p.number)).copied().collect();
+    let found = deepest(&lattice.grid, &free, radius, |n, number| first[n] == number && taken(n));
+    let volume = lattice.volume_mm3(MATERIAL, taken);
+    let removed = lattice.volume_mm3(MATERIAL, |n| first[n] != NEVER);
+    // a lattice point may lie this far from the planner's grid
+    let spacing = plan.record.case.grid.spacing_mm;
+    let unseen_mm = 0.5 * 3f64.sqrt() * spacing;
+    let place = found.map(|f| Place::Waypoint(f.2 as usize));
+    let limit = LINK_SHARE * removed + spacing.powi(3);
+    [
+        Check::at_most("links in target bone", found.map_or(0.0, |f| f.0), unseen_mm, "mm deep")
+            .of("depth")
+            .at(place.clone()),
+        Check::at_most("links in target bone", volume, limit, "mm³").of("in all").at(place),
+    ]
+}
+
+/// The trajectory's polyline, thinned; the number is the row in which a stretch ends.
+fn stretches(executed: &Executed) -> Vec<Piece> {
+    let mut found = Vec::new();
+    let mut from: Option<Vector3<f64>> = None;
+    for (row, p) in executed.points.iter().enumerate() {
+        let a = *from.get_or_insert(*p);
+        if (p - a).norm() >= STRETCH_MM || row + 1 == executed.len() {
+            found.push(Piece { a, b: *p, number: row as u32 });
+            from = Some(*p);
+        }
+    }
+    found
+}

@@ -1,0 +1,175 @@
+//! What stands at every point of a cubic lattice of the verifier's own: target, material, bone that must stay.
+//!
+//! Two lattices are used, both along the approach. The fine one has half the planner's spacing; gouging, links, the shank
+//! and the figures are judged on it. A coarser one, of the planner's spacing, serves to say what a ball can reach.
+//! Obstacle bone is bone outside the target without sheets thinner than the band: a ball of the band's diameter fits into
+//! it, or it lies within a band of such a place (thick bone keeps its corners).
+
+use bonemill_geometry::{Approach, Ct, Grid, Point, Rigid};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::anatomy::{Aim, Anatomy, shape_holds};
+use super::{VerifyError, edt};
+use crate::case::Density;
+
+/// Belongs to the target.
+pub const TARGET: u8 = 1;
+/// Target above `air_hu`.
+pub const MATERIAL: u8 = 2;
+/// Target at or above `bone_hu`.
+pub const TARGET_BONE: u8 = 4;
+/// Bone outside the target that neither burr nor shank may touch.
+pub const OBSTACLE: u8 = 8;
+/// Bone outside the target in sheets thinner than the band.
+pub const SHEET: u8 = 16;
+/// Inside a structure that is to be kept.
+pub const STRUCTURE: u8 = 32;
+
+/// Radius of the closing that decides which air a shape encloses, mm.
+const CLOSING_MM: f64 = 4.0;
+
+/// Classes on a lattice.
+#[derive(Debug)]
+pub struct Lattice {
+    /// Where the points are.
+    pub grid: Grid<Approach>,
+    /// Flags per point, x-fastest.
+    pub class: Vec<u8>,
+}
+
+impl Lattice {
+    /// Classifies the points of `grid`.
+    ///
+    /// # Errors
+    /// [`VerifyError::Grid`] for a closing's grid that cannot be made.
+    pub fn new(
+        anatomy: &Anatomy,
+        density: &Density,
+        ct_from_approach: &Rigid<Ct, Approach>,
+        grid: Grid<Approach>,
+        band_mm: f64,
+    ) -> Result<Self, VerifyError> {
+        let enclosed = match &anatomy.aim {
+            Aim::Label(_) => None,
+            Aim::Shape(_) => Some(Closed::new(anatomy, density.bone_hu, ct_from_approach, &grid)?),
+        };
+        let in_target = |p: Point<Ct>, label: u16| match &anatomy.aim {
+            Aim::Label(aim) => label == *aim,
+            Aim::Shape(shape) => {
+                shape_holds(shape, &p.coords)
+                    && !anatomy.is_kept(label)
+                    && enclosed.as_ref().is_some_and(|c| c.holds(p))
+            }
+        };
+        let [nx, ny, _] = grid.dims();
+        let mut class = vec![0u8; grid.len()];
+        class.par_chunks_mut(nx).enumerate().for_each(|(row, class)| {
+            for (i, class) in class.iter_mut().enumerate() {
+                let p = *ct_from_approach * grid.center([i, row % ny, row / ny]);
+                let (value, label) = (anatomy.hu(p), anatomy.label(p));
+                let mut flags = if anatomy.is_kept(label) { STRUCTURE } else { 0 };
+                if in_target(p, label) {
+                    flags |= TARGET;
+                    flags |= if value > density.air_hu { MATERIAL } else { 0 };
+                    flags |= if value >= density.bone_hu { TARGET_BONE } else { 0 };
+                } else if value >= density.bone_hu {
+                    flags |= SHEET;
+                }
+                *class = flags;
+            }
+        });
+        let mut lattice = Self { grid, class };
+        lattice.find_obstacles(band_mm);
+        Ok(lattice)
+    }
+
+    /// Spacing, mm.
+    pub fn spacing_mm(&self) -> f64 {
+        self.grid.spacing_mm().x
+    }
+
+    /// Turns what is thicker than the band from SHEET to OBSTACLE.
+    fn find_obstacles(&mut self, band_mm: f64) {
+        let (dims, h) = (self.grid.dims(), self.spacing_mm());
+        let class = &self.class;
+        let deep = edt::squared_voxels(dims, |n| class[n] & SHEET == 0);
+        // a face lies half a voxel before the first centre beyond it
+        let core = ((0.5 * band_mm / h + 0.5).powi(2) - 1e-6) as f32;
+        let from_core = edt::squared_voxels(dims, |n| deep[n] >= core);
+        let reach = ((band_mm / h + 0.5).powi(2) + 1e-6) as f32;
+        self.class.par_iter_mut().zip(from_core).for_each(|(class, from_core)| {
+            if *class & SHEET != 0 && from_core <= reach {
+                *class ^= SHEET | OBSTACLE;
+            }
+        });
+    }
+
+    /// Whether a point has one of `flags`.
+    pub fn is(&self, n: usize, flags: u8) -> bool {
+        self.class[n] & flags != 0
+    }
+
+    /// The number of points for which `holds`.
+    pub fn count(&self, holds: &(impl Fn(usize) -> bool + Sync)) -> usize {
+        (0..self.class.len()).into_par_iter().with_min_len(1 << 14).filter(|n| holds(*n)).count()
+    }
+
+    /// Volume of the points with one of `flags` for which `holds`, mm³.
+    pub fn volume_mm3(&self, flags: u8, holds: impl Fn(usize) -> bool + Sync) -> f64 {
+        let count = self.class.par_iter().enumerate().filter(|(n, c)| **c & flags != 0 && holds(*n)).count();
+        count as f64 * self.grid.voxel_mm3()
+    }
+}
+
+/// A grid over a box, with points at `phase_mm` + whole multiples of the spacing along every axis.
+///
+/// # Errors
+/// [`VerifyError::Grid`].
+pub fn grid_over(
+    [lo, hi]: [Vector3<f64>; 2],
+    spacing_mm: f64,
+    phase_mm: f64,
+) -> Result<Grid<Approach>, VerifyError> {
+    let first = lo.map(|v| ((v - phase_mm) / spacing_mm).floor());
+    let last = hi.map(|v| ((v - phase_mm) / spacing_mm).ceil());
+    let dims = (last - first).map(|n| n as usize + 1);
+    let origin = first * spacing_mm + Vector3::repeat(phase_mm);
+    Ok(Grid::aligned([dims.x, dims.y, dims.z], spacing_mm, Point::from_coords(origin))?)
+}
+
+/// Bone closed by a ball: bone and the air that it encloses.
+struct Closed {
+    grid: Grid<Approach>,
+    approach_from_ct: Rigid<Approach, Ct>,
+    holds: Vec<bool>,
+}
+
+impl Closed {
+    fn new(
+        anatomy: &Anatomy,
+        bone_hu: f64,
+        ct_from_approach: &Rigid<Ct, Approach>,
+        around: &Grid<Approach>,
+    ) -> Result<Self, VerifyError> {
+        // no finer than half a voxel of the scan, and far enough out that bone around the lattice counts
+        let h = around.spacing_mm().x.max(0.5 * anatomy.ct.grid().spacing_mm().min());
+        let size = Vector3::from(around.dims().map(|d| (d - 1) as f64)) * around.spacing_mm().x;
+        let wide = Vector3::repeat(2.0 * CLOSING_MM + 2.0 * h);
+        let lo = around.origin().coords;
+        let grid = grid_over([lo - wide, lo + size + wide], h, 0.0)?;
+        let bone: Vec<bool> = (0..grid.len())
+            .into_par_iter()
+            .map(|n| anatomy.hu(*ct_from_approach * grid.center(grid.voxel(n))) >= bone_hu)
+            .collect();
+        let reach = (CLOSING_MM / h).powi(2) as f32;
+        let outside = edt::squared_voxels(grid.dims(), |n| bone[n]);
+        let depth = edt::squared_voxels(grid.dims(), |n| outside[n] > reach);
+        let holds = bone.iter().zip(depth).map(|(bone, depth)| *bone || depth > reach).collect();
+        Ok(Self { grid, approach_from_ct: ct_from_approach.inverse(), holds })
+    }
+
+    fn holds(&self, p: Point<Ct>) -> bool {
+        self.grid.nearest(self.approach_from_ct * p).is_some_and(|v| self.holds[self.grid.index(v)])
+    }
+}

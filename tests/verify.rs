@@ -1,0 +1,155 @@
+//! The verifier against faults that were put into a sound plan: each must be caught by the check that is there for it.
+//!
+//! A fault is planted where only one check should see it: where positions change, the trajectory is laid anew through
+//! them, so that it follows the wrong path faithfully.
+
+#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
+
+mod support;
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::sync::OnceLock;
+
+use bonemill_planner::Progress;
+use bonemill_planner::plan::StoredPlan;
+use bonemill_planner::verify::{Check, Verification, verify};
+
+use support::faults::{self, Fault};
+use support::place::Place;
+
+struct Quiet;
+impl Progress for Quiet {
+    fn stage(&self, _: &str) {}
+    fn advance(&self, _: usize, _: usize) {}
+}
+
+/// A patient whose plan is sound by a wide margin: the shaft stays upright, so the shank stays behind the burr.
+fn upright() -> Place {
+    Place::healthy().with_case("[robot]\n", "[orientation]\nmode = \"fixed\"\n\n[robot]\n")
+}
+
+/// A sound plan, made once.
+fn sound() -> &'static (Place, StoredPlan) {
+    static PLAN: OnceLock<(Place, StoredPlan)> = OnceLock::new();
+    PLAN.get_or_init(|| {
+        let place = upright();
+        let ran = place.plan();
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        let plan = StoredPlan::load(&place.path("plan")).unwrap();
+        (place, plan)
+    })
+}
+
+fn verified(plan: &StoredPlan) -> Verification {
+    verify(plan, &Quiet).unwrap()
+}
+
+/// The checks that failed: `name` and `name/subject` of each.
+fn failed(found: &Verification) -> BTreeSet<String> {
+    let subject = |c: &Check| c.subject.as_ref().map(|s| format!("{}/{s}", c.name));
+    found.failed().flat_map(|c| subject(c).into_iter().chain([c.name.to_owned()])).collect()
+}
+
+#[test]
+fn a_sound_plan_passes_every_check() {
+    let found = verified(&sound().1);
+    let reasons: Vec<String> = found.failed().map(ToString::to_string).collect();
+    assert!(found.passed(), "\n{}", reasons.join("\n"));
+    assert!(found.checks.len() > 50, "{}", found.checks.len());
+}
+
+#[test]
+fn every_planted_fault_is_caught_by_the_check_for_it() {
+    let mut missed = Vec::new();
+    for Fault { name, plant, caught_by } in faults::ALL {
+        let mut plan = sound().1.clone();
+        plant(&mut plan);
+        let found = failed(&verified(&plan));
+        let by: Vec<_> = caught_by.iter().filter(|c| !found.contains(**c)).collect();
+        if !by.is_empty() {
+            missed.push(format!("{name}: not by {by:?}, but by {found:?}"));
+        }
+    }
+    assert!(missed.is_empty(), "\n{}", missed.join("\n"));
+    assert!(faults::ALL.len() >= 40, "{}", faults::ALL.len());
+}
+
+#[test]
+fn every_check_has_a_fault_that_fails_it() {
+    let name = |caught: &'static str| caught.split_once('/').map_or(caught, |(name, _)| name);
+    let named: BTreeSet<&str> = faults::ALL.iter().flat_map(|f| f.caught_by).map(|c| name(c)).collect();
+    // planted outside a plan in memory, in tests of their own
+    let elsewhere = ["inputs unchanged", "burr stays where it is checked", "lattice spacing"];
+    let all: BTreeSet<&str> = verified(&sound().1).checks.iter().map(|c| c.name).collect();
+    let without: Vec<_> = all.iter().filter(|c| !named.contains(**c) && !elsewhere.contains(*c)).collect();
+    assert!(without.is_empty(), "no fault fails {without:?}");
+}
+
+#[test]
+fn threads_change_no_byte_of_the_verdict() {
+    let text = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| verified(&sound().1).to_toml())
+    };
+    assert!(text(1) == text(3));
+}
+
+#[test]
+fn the_command_says_what_it_found_and_writes_it() {
+    let place = upright();
+    assert_eq!(place.plan().code, 0);
+    let ran = place.run(&["verify", "plan"]);
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    let line = "pass  clearance of moves (nerve): ";
+    assert!(ran.out.contains(line) && !ran.out.contains("FAIL"), "{}", ran.out);
+    let verdict = || fs::read_to_string(place.path("plan/verification.toml")).unwrap();
+    let read: toml::Table = verdict().parse().unwrap();
+    assert_eq!(read["passed"].as_bool(), Some(true));
+    let digest = read["files"]["waypoints.csv"].as_str().unwrap();
+    assert_eq!(digest.len(), 64);
+    // the same again, as an object
+    let first = verdict();
+    let ran = place.run(&["verify", "plan", "--json", "--threads", "1"]);
+    let object: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
+    assert_eq!((ran.code, &object["passed"]), (0, &true.into()));
+    assert!(verdict() == first);
+    // a verdict is no stranger: the plan can be made again over it
+    assert_eq!(place.plan().code, 0);
+    assert!(!place.path("plan/verification.toml").exists());
+}
+
+#[test]
+fn another_ct_is_caught_and_the_verdict_says_so() {
+    let place = upright();
+    assert_eq!(place.plan().code, 0);
+    let place = place.with_bytes("ct.nii", |bytes| *bytes.last_mut().unwrap() ^= 1);
+    let ran = place.run(&["verify", "plan"]);
+    assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
+    assert!(ran.out.contains("FAIL  inputs unchanged: 1 <= 0") && ran.out.contains("ct.nii"), "{}", ran.out);
+    let verdict = fs::read_to_string(place.path("plan/verification.toml")).unwrap();
+    assert!(verdict.contains("passed = false"));
+}
+
+#[test]
+fn what_is_no_plan_is_bad_input() {
+    let place = upright();
+    place.run(&["verify", "nowhere"]).refused(&["nowhere", "cannot be read"]);
+    assert_eq!(place.plan().code, 0);
+    let edited = |name: &str, from: &str, to: &str| {
+        let path = place.path(name);
+        let text = fs::read_to_string(&path).unwrap();
+        assert!(text.contains(from), "{from}");
+        fs::write(&path, text.replacen(from, to, 1)).unwrap();
+        let ran = place.run(&["verify", "plan"]);
+        fs::write(&path, text).unwrap();
+        ran
+    };
+    edited("plan/waypoints.csv", "index,layer", "layer,index").refused(&["waypoints.csv:1:", "header"]);
+    edited("plan/trajectory.csv", "\n0.01,", "\nNaN,").refused(&["trajectory.csv:3:", "finite"]);
+    edited("plan/plan.toml", "removed_mm3 = ", "removed_mm3 = \"much\" #").refused(&["metrics.removed_mm3"]);
+    edited("plan/robot.urdf", "<robot", "<rabbit").refused(&["robot.urdf"]);
+    // numbers that are only wrong are the verifier's own business
+    let ran = edited("plan/plan.toml", "\ntarget_mm3 = ", "\ntarget_mm3 = 9");
+    assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
+}
