@@ -264,7 +264,7 @@ mod tests {
 
     /// One block as the paper has it: the shape of the result, not its digits.
     #[test]
-    fn choosing_the_angle_lowers_the_force_toward_the_nerve_and_speed_lowers_it_further() {
+    fn angle_and_speed_at_equal_time_lower_the_force_toward_the_nerve() {
         let setup = Setup { seed: 3, nerve: NerveSide::BesideTiltPlane, raster_rad: 0.0 };
         let coarse = |case: &mut Case| case.path.step_mm = 0.5;
         on_block(&setup, coarse, |body, prepared| {
@@ -275,7 +275,7 @@ mod tests {
                 let found = trials(prepared, &case, &still, mode)?;
                 let [angle, full] = found.changes();
                 assert!(found.control.peak_n > 0.3 && found.control.mean_toward_n > 0.05, "{name} {found:?}");
-                assert!(angle[1] < -5.0 && full[1] < angle[1], "{name}: {angle:?} {full:?}");
+                assert!(full[1] < -20.0 && full[1] < angle[1], "{name}: {angle:?} {full:?}");
             }
             Ok(())
         })
