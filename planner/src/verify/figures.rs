@@ -15,7 +15,8 @@ use crate::plan::{StoredPlan, Value};
 /// Share of the reachable volume that a plan removes, unless it says that it falls short.
 const ENOUGH: f64 = 0.99;
 /// Two lattices give a body volumes that differ by this share of it, and by this share of the layer of one voxel of the
-/// planner's around it: measured on bodies from 200 to 4700 mm³, the layer's share is 0.02 at most.
+/// planner's around it. Chosen from two bodies: 1.5 % of the volume on one of 217 mm³ at 0.5 mm, 0.6 % on one of 4717 mm³
+/// at 0.25 mm.
 const VOLUME_SHARE: f64 = 0.003;
 const LAYER_SHARE: f64 = 0.05;
 /// The same for mass, which also ends there.
