@@ -59,7 +59,8 @@ fn what_is_drawn_is_what_the_plan_does() {
     assert!(nerve.normals.iter().all(|n| (n.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-4));
 
     // slices: the same voxels, cut one after the other
-    let mid = show.path()[last as usize / 2];
+    // through the deepest place of the burr: every plane there meets the cavity
+    let mid = *show.path().iter().min_by(|a, b| a.z().total_cmp(&b.z())).unwrap();
     for plane in &PLANES {
         let [before, after] = [0, last].map(|i| show.slice(plane, mid, i));
         assert_eq!(before.code.len(), before.width * before.height);
