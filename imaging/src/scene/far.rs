@@ -4,7 +4,7 @@
 //! kept as distances on a coarse grid. A coarse voxel counts as full when any CT voxel centre in it is bone, so the
 //! map errs by at most a voxel diagonal, towards "too near".
 
-use bonemill_geometry::{Grid, Point, Volume, Work};
+use bonemill_geometry::{Point, Volume, Work};
 
 use crate::{ImageError, distance_within};
 
@@ -43,18 +43,8 @@ impl FarObstacles {
         Some(f64::from(distance_mm.data()[i + dims[0] * (j + dims[1] * k)]) - self.slack_mm)
     }
 
-    /// How much nearer than the truth an answer may be, mm.
-    pub fn slack_mm(&self) -> f64 {
-        2.0 * self.slack_mm
-    }
-
     /// The coarse grid's spacing, mm.
     pub fn spacing_mm(&self) -> f64 {
         self.spacing_mm
-    }
-
-    /// The coarse grid, if anything solid lies in it.
-    pub fn grid(&self) -> Option<&Grid<Work>> {
-        self.distance_mm.as_ref().map(Volume::grid)
     }
 }

@@ -12,6 +12,7 @@ use chart::{Level, Series, chart};
 use crate::case::{Parameter, Registration, explained};
 use crate::pipeline::{Plan, Volumes};
 use crate::plan::Waypoint;
+use crate::show::STRUCTURE_COLOURS;
 
 const STYLE: &str = include_str!("style.css");
 
@@ -115,7 +116,7 @@ fn legend(plan: &Plan) -> String {
         .structures
         .iter()
         .enumerate()
-        .map(|(n, s)| chip(slices::PALETTE[n % slices::PALETTE.len()], &s.name))
+        .map(|(n, s)| chip(STRUCTURE_COLOURS[n % STRUCTURE_COLOURS.len()], &s.name))
         .collect();
     format!(
         "<p class=\"legend\">{}{structures}<span class=\"chip\"><i class=\"cutkey\"></i>cuts within half a layer of the slice</span>\

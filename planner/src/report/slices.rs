@@ -8,20 +8,8 @@ use bonemill_imaging::{Class, Scene};
 
 use crate::path::MoveKind;
 use crate::pipeline::Plan;
+use crate::show::STRUCTURE_COLOURS;
 
-/// Colours of structures on the CT, by their order in the case.
-pub const PALETTE: [[u8; 3]; 10] = [
-    [255, 221, 51],
-    [255, 127, 39],
-    [64, 196, 255],
-    [90, 120, 255],
-    [236, 96, 220],
-    [188, 140, 255],
-    [120, 220, 120],
-    [255, 90, 90],
-    [170, 170, 90],
-    [90, 200, 190],
-];
 /// HU shown as black and as white.
 const WINDOW_HU: [f32; 2] = [-1000.0, 2000.0];
 /// Colour of the target.
@@ -114,7 +102,8 @@ fn png(scene: &Scene, plane: &Plane, cut: usize) -> Vec<u8> {
             let grey = (share.clamp(0.0, 1.0) * 255.0) as u8;
             let class = scene.class.data()[n];
             let tint = if class.is(Class::STRUCTURE) {
-                structure_at(scene, grid.center(voxel)).map(|s| (PALETTE[s % PALETTE.len()], 0.65))
+                structure_at(scene, grid.center(voxel))
+                    .map(|s| (STRUCTURE_COLOURS[s % STRUCTURE_COLOURS.len()], 0.65))
             } else if class.is(Class::TARGET) {
                 Some((TARGET, 0.22))
             } else {
