@@ -13,6 +13,8 @@ mod outcome;
 mod phantom;
 mod plan;
 mod planning;
+mod simulate;
+mod stream;
 #[cfg(feature = "rerun")]
 mod view;
 
@@ -60,6 +62,7 @@ fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
             "this build has no viewer to show {}: build it with `cargo build --release --features rerun`",
             view.plan.display()
         ),
+        Command::Simulate(simulate) => simulate::run(simulate, console, args.talk()),
         Command::Experiment(experiment) => experiment::run(experiment, console),
         Command::Keys => Ok(Outcome::text("keys", bonemill_planner::case::reference())),
     }
