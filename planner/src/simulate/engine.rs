@@ -136,7 +136,7 @@ pub struct EngineSpec {
 }
 
 impl EngineSpec {
-    /// Cells per radius: force within 1 % of exact capsules, see `bonemill experiment engine-state`.
+    /// Cells per radius, assumed; `bonemill experiment engine-state` measures what other values cost in error and time.
     pub const CELLS_PER_RADIUS: f64 = 10.0;
 }
 
