@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 
 use bonemill_imaging::phantom::PhantomKind;
+use bonemill_planner::calibrate::Coefficient;
+use bonemill_planner::simulate::ModelName;
 use clap::{ArgGroup, Parser, Subcommand};
 
 /// Plans how a robot mills bone: path, burr angle, speed and joint trajectory from CT.
@@ -58,6 +60,8 @@ pub enum Command {
     View(ViewArgs),
     /// Check a plan by code that did not make it, and write verification.toml beside it
     Verify(VerifyArgs),
+    /// Replay a plan's trajectory through the bone: removal and forces, into simulation.csv and the report
+    Simulate(SimulateArgs),
     /// Repeat a published measurement
     Experiment(ExperimentArgs),
     /// Print the case file's keys with units, ranges, defaults and their sources, as Markdown
@@ -168,6 +172,37 @@ pub struct ErrorArgs {
     /// Where the draws begin
     #[arg(long, value_name = "SEED", default_value_t = 1, requires = "samples")]
     pub draw_seed: u64,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct SimulateArgs {
+    /// Folder of a plan
+    #[arg(value_name = "PLAN")]
+    pub plan: PathBuf,
+    /// Longest step of the burr, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.1, conflicts_with = "rate_hz")]
+    pub step_mm: f64,
+    /// So many poses a second instead
+    #[arg(long, value_name = "HZ")]
+    pub rate_hz: Option<f64>,
+    /// Force model: fluted, lumped or lumped-as-printed
+    #[arg(long, value_name = "NAME", default_value_t)]
+    pub model: ModelName,
+    /// Read poses from stdin, a line each (time_s x y z axis_x axis_y axis_z, ct), and answer each with a line of forces
+    #[arg(long, conflicts_with_all = ["calibrate", "rate_hz", "step_mm"])]
+    pub stream: bool,
+    /// Fit the burr's coefficients to a log of poses and forces instead
+    #[arg(long, value_name = "LOG.csv", conflicts_with_all = ["rate_hz", "step_mm", "model"])]
+    pub calibrate: Option<PathBuf>,
+    /// The coefficients to fit
+    #[arg(
+        long,
+        value_name = "KEYS",
+        value_delimiter = ',',
+        requires = "calibrate",
+        default_value = "k_t,k_r,k_a,k_te,k_re,k_ae"
+    )]
+    pub coefficients: Vec<Coefficient>,
 }
 
 #[derive(Debug, clap::Args)]

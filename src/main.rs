@@ -13,6 +13,8 @@ mod outcome;
 mod phantom;
 mod plan;
 mod planning;
+mod simulate;
+mod stream;
 mod verify;
 #[cfg(feature = "rerun")]
 mod view;
@@ -61,6 +63,7 @@ fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
             "this build has no viewer to show {}: build it with `cargo build --release --features rerun`",
             view.plan.display()
         ),
+        Command::Simulate(simulate) => simulate::run(simulate, console, args.talk()),
         Command::Experiment(experiment) => experiment::run(experiment, console),
         Command::Verify(verify) => verify::run(verify, console),
         Command::Keys => Ok(Outcome::text("keys", bonemill_planner::case::reference())),

@@ -5,6 +5,8 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use bonemill_planner::plan::{PlanRecord, Value};
+use bonemill_planner::report::simulation::figures;
+use bonemill_planner::simulate::{Kind, Simulation};
 use bonemill_planner::uncertainty::Risk;
 use bonemill_planner::verify::Verification;
 use serde_json::{Map, json};
@@ -110,6 +112,50 @@ impl Outcome {
         outcome
     }
 
+    /// A simulation's figures; a shank in bone falls short.
+    pub fn simulated(out: &Path, simulation: &Simulation) -> Self {
+        let mut text = format!("wrote {}\n", out.display());
+        let figures = figures(simulation);
+        text.extend(figures.iter().map(|(name, value)| format!("{name}: {value}\n")));
+        let mut outcome = Self::new("simulate", text);
+        if let Some((time_s, c)) = simulation.contacts.first() {
+            outcome.shortfalls.push(format!(
+                "the shank touches bone: {} steps were stopped, the first at {time_s:.3} s, {:.2} mm deep in {}, {:.1} mm behind \
+                 the burr's centre",
+                simulation.stopped,
+                c.depth_mm,
+                c.kind.word(),
+                c.along_mm
+            ));
+        }
+        outcome.text.extend(outcome.shortfalls.iter().map(|s| format!("fell short: {s}\n")));
+        let removed: Map<_, _> = Kind::ALL
+            .into_iter()
+            .map(|kind| {
+                let n = kind as usize;
+                let amount = json!({
+                    "mm3": simulation.removed.volume_mm3[n],
+                    "mg": simulation.removed.mass_mg[n],
+                });
+                (kind.word().to_owned(), amount)
+            })
+            .collect();
+        let values = json!({
+            "poses": simulation.rows.len(),
+            "peak_force_n": simulation.peak_force_n(),
+            "mean_force_n": simulation.mean_force_n(),
+            "spindle_energy_j": simulation.energy_j(),
+            "removed": removed,
+            "removed_by_rate_mg": simulation.removed_by_rate.total_mg(),
+            "stopped_steps": simulation.stopped,
+            "cell_mm": simulation.cell_mm,
+        });
+        outcome.object.insert("out".into(), out.to_string_lossy().into());
+        outcome.object.insert("figures".into(), values);
+        outcome.object.insert("shortfalls".into(), outcome.shortfalls.clone().into());
+        outcome
+    }
+
     /// What a plan risks under errors, and where that is more than it may.
     pub fn risking(mut self, risk: &Risk, keep: f64) -> Self {
         self.text += "\nunder drawn errors: touched (95 % interval); distance kept in 5, 50, 95 %; clearance that keeps it\n";
@@ -140,6 +186,13 @@ impl Outcome {
         self.object.insert("risk".into(), json!({ "structures": structures, "forces": forces }));
         self.object.insert("shortfalls".into(), self.shortfalls.clone().into());
         self
+    }
+
+    /// Values for machines, text for people.
+    pub fn values(command: &str, text: String, values: serde_json::Value) -> Self {
+        let mut outcome = Self::new(command, text);
+        outcome.object.insert("figures".into(), values);
+        outcome
     }
 
     fn new(command: &str, text: String) -> Self {

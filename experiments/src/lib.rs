@@ -8,6 +8,7 @@
 
 pub mod arms;
 mod body;
+pub mod engine;
 pub mod force_error;
 mod orientation;
 mod table;
@@ -52,6 +53,9 @@ pub enum ExperimentError {
     /// A grid that cannot be.
     #[error(transparent)]
     Grid(#[from] bonemill_geometry::GridError),
+    /// What the engine refuses.
+    #[error(transparent)]
+    Engine(#[from] bonemill_planner::simulate::EngineError),
     /// Values that do not fit their grid.
     #[error(transparent)]
     Values(#[from] bonemill_geometry::VolumeError),
@@ -97,6 +101,21 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "orientation",
         about: "optimal against greedy orientation, one and two angles: cost, forces, rates, violations, time",
         run: orientation::run,
+    },
+    Experiment {
+        name: "engine-convergence",
+        about: "removed volume and force of the voxel engine against closed forms, from coarse to fine cells",
+        run: engine::convergence::run,
+    },
+    Experiment {
+        name: "engine-speed",
+        about: "time of an engine's step over voxmaps and tools, beside a loop over the tool's box",
+        run: engine::speed::run,
+    },
+    Experiment {
+        name: "engine-state",
+        about: "what to remember of the bone that is gone: error and time of six ways",
+        run: engine::state::run,
     },
 ];
 

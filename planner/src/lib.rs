@@ -10,6 +10,7 @@
 pub mod access;
 pub mod ball;
 pub mod burr;
+pub mod calibrate;
 pub mod case;
 pub mod cost;
 pub mod engagement;
@@ -23,6 +24,7 @@ mod progress;
 pub mod removal;
 pub mod report;
 pub mod show;
+pub mod simulate;
 pub mod space;
 pub mod speed;
 pub mod sweep;

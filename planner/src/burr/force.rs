@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use super::input::{Discretisation, Material, Motion, Tool};
 
 /// A grazing element counts only above this fraction of the feed per tooth: the sign of less is rounding.
-pub(super) const GRAZING: f64 = 1e-12;
+pub(crate) const GRAZING: f64 = 1e-12;
 
 /// What the bone does to the burr. Vectors without "tool" are in the frame of the motion.
 #[derive(Debug, Clone, PartialEq)]

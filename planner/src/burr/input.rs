@@ -98,7 +98,7 @@ impl Tool {
         60.0 * speed_mm_s / (spindle_rpm * f64::from(self.blades))
     }
     /// How far the blade lags behind its tip at κ, rad.
-    pub(super) fn lag_rad(&self, kappa_rad: f64) -> f64 {
+    pub(crate) fn lag_rad(&self, kappa_rad: f64) -> f64 {
         self.helix_rad.tan() * (1.0 - kappa_rad.cos())
     }
     /// dS/db = sqrt(1 + sin⁴κ tan²helix).
@@ -171,13 +171,17 @@ impl Material {
     pub fn k_edge_n_mm(&self) -> [f64; 3] {
         self.k_edge_n_mm
     }
+    /// Chip thickness at which the edge term is half, t0, mm.
+    pub fn t0_mm(&self) -> f64 {
+        self.t0_mm
+    }
     /// Whether any edge coefficient is not 0.
     pub fn has_edge(&self) -> bool {
         self.k_edge_n_mm.iter().any(|&k| k > 0.0)
     }
     /// Edge factor E of a chip thickness t > 0: t/(t + t0), 1 for t0 = 0.
     #[inline]
-    pub(super) fn edge_factor(&self, t_mm: f64) -> f64 {
+    pub(crate) fn edge_factor(&self, t_mm: f64) -> f64 {
         if self.t0_mm > 0.0 { t_mm / (t_mm + self.t0_mm) } else { 1.0 }
     }
 }
@@ -274,7 +278,7 @@ impl Discretisation {
     }
 
     /// Element `k` of a blade.
-    pub(super) fn element(&self, tool: &Tool, k: usize) -> Element {
+    pub(crate) fn element(&self, tool: &Tool, k: usize) -> Element {
         let (r, n) = (tool.radius_mm, self.n_kappa as f64);
         let mid = k as f64 + 0.5;
         let (kappa_rad, sin_cos, db_mm, dz_mm) = match self.grid {
@@ -303,7 +307,7 @@ impl Discretisation {
 
 /// A differential element of a blade: its polar angle and its lengths.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Element {
+pub(crate) struct Element {
     pub kappa_rad: f64,
     pub sin: f64,
     pub cos: f64,

@@ -31,8 +31,8 @@
 //! ```
 
 pub(crate) mod error;
-mod force;
-mod input;
+pub(crate) mod force;
+pub(crate) mod input;
 mod kernel;
 mod orientation;
 mod sampler;

@@ -7,16 +7,16 @@
 mod demand;
 mod error;
 mod figures;
-mod inputs;
+pub(crate) mod inputs;
 mod known;
 mod metrics;
 mod motion;
-mod near;
+pub(crate) mod near;
 mod orient;
 mod prepared;
 mod raster;
 mod reach;
-mod setup;
+pub(crate) mod setup;
 mod speeds;
 
 use std::collections::BTreeMap;

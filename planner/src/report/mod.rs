@@ -3,6 +3,7 @@
 //! Pure text from a [`Plan`]; nothing in it depends on when or where it was made, so equal plans give equal pages.
 
 mod chart;
+pub mod simulation;
 mod slices;
 
 use std::fmt::Write;

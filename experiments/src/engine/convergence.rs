@@ -1,0 +1,233 @@
+//! Removed volume and force against closed forms, from coarse to fine cells, in cells per radius.
+//!
+//! Voxels and cells are the same size here, so r/h is r/s. Volumes: FORCE_MODEL's tube, segment and cap; forces: its
+//! section 6. Blocks end on voxel faces, where the density fades over a voxel. Paths start off the lattice, so that
+//! no cell is special.
+
+use std::f64::consts::PI;
+
+use bonemill_planner::Progress;
+use bonemill_planner::simulate::{Bone, Engine, Step};
+use nalgebra::Vector3;
+
+use super::{FEED_MM_S, RADIUS_MM, block, line, model, moves, pose, spec};
+use crate::{ExperimentError, Size, Table};
+
+/// Cells per radius.
+const LEVELS: [f64; 5] = [2.5, 5.0, 10.0, 20.0, 50.0];
+/// Half the block's side, mm.
+const HALF_MM: f64 = 7.5;
+const R: f64 = RADIUS_MM;
+
+/// A sweep and what it must remove.
+struct Sweep {
+    name: &'static str,
+    /// The first place, and the others.
+    way: Vec<Vector3<f64>>,
+    volume_mm3: f64,
+}
+
+/// Area of a disc's segment of this depth.
+fn segment_mm2(depth_mm: f64) -> f64 {
+    let ke = (1.0 - depth_mm / R).acos();
+    R * R * (ke - 0.5 * (2.0 * ke).sin())
+}
+
+fn sweeps() -> Vec<Sweep> {
+    let ball = 4.0 / 3.0 * PI * R.powi(3);
+    let tube = PI * R * R;
+    let from_to = |a: Vector3<f64>, b: Vector3<f64>| [vec![a], line(a, b, 60)].concat();
+    let (a, b) = (Vector3::new(-3.01, -1.3, 2.07), Vector3::new(2.6, 2.2, -1.9));
+    let arc: Vec<_> = (0..=200)
+        .map(|n| {
+            let t = 0.5 * PI * n as f64 / 200.0;
+            Vector3::new(4.0 * t.cos() - 2.03, 4.0 * t.sin() - 2.01, 0.07)
+        })
+        .collect();
+    // polygons are shorter than their arc, and turn: the tube's length is the polygon's
+    let arc_mm: f64 = arc.windows(2).map(|p| (p[1] - p[0]).norm()).sum();
+    let through = |y: f64, z: f64| from_to(Vector3::new(-11.0, y, z), Vector3::new(11.0, y, z));
+    let down = from_to(Vector3::new(0.13, -0.21, 11.0), Vector3::new(0.13, -0.21, 3.0));
+    vec![
+        Sweep { name: "full ball", way: vec![Vector3::new(0.13, -0.21, 0.07)], volume_mm3: ball },
+        Sweep { name: "straight", way: from_to(a, b), volume_mm3: ball + tube * (b - a).norm() },
+        Sweep { name: "arc", way: arc, volume_mm3: ball + tube * arc_mm },
+        Sweep { name: "plunge", way: down, volume_mm3: 0.5 * ball + tube * (HALF_MM - 3.0) },
+        Sweep {
+            name: "slot 1.5 mm",
+            way: through(0.13, HALF_MM + R - 1.5),
+            volume_mm3: segment_mm2(1.5) * 2.0 * HALF_MM,
+        },
+        Sweep { name: "side cut", way: through(-HALF_MM, 0.07), volume_mm3: 0.5 * tube * 2.0 * HALF_MM },
+    ]
+}
+
+/// A cut along x and the force that it must feel.
+struct Cut {
+    name: &'static str,
+    y: f64,
+    z: f64,
+    /// A pass at the same height beforehand.
+    after: Option<f64>,
+    force_n: Option<Vector3<f64>>,
+    mrr_mm3_s: f64,
+}
+
+fn cuts() -> Vec<Cut> {
+    let c = 60.0 * FEED_MM_S * R / 20_000.0;
+    let [k_t, k_r, k_a] = [100.0, 60.0, 20.0];
+    // σ = −1, db
+    let full = Vector3::new(-PI * k_r / 8.0, 0.5 * k_t, -0.5 * k_a) * c;
+    let ke = (1.0f64 - 1.5 / R).acos();
+    let (s2, sin2) = (ke / 2.0 - (2.0 * ke).sin() / 4.0, ke.sin().powi(2));
+    let slot = Vector3::new(
+        -k_r * s2 / 4.0 - k_a * sin2 / 8.0,
+        k_t * (1.0 - ke.cos()) / 4.0,
+        k_r * sin2 / (2.0 * PI) - k_a * s2 / PI,
+    ) * c;
+    // bone at y above the centre: h = +1; I2 = 2, I3 = π/2
+    let side = Vector3::new(-k_t - k_r * PI * PI / 8.0, k_t * PI / 2.0 - k_r * PI / 4.0, -k_a * PI / 2.0)
+        * (c / (2.0 * PI));
+    let apart = 0.5 * R;
+    let overlap =
+        2.0 * R * R * (apart / (2.0 * R)).acos() - 0.5 * apart * (4.0 * R * R - apart * apart).sqrt();
+    let tube = PI * R * R * FEED_MM_S;
+    vec![
+        Cut { name: "full slot", y: 0.13, z: 0.07, after: None, force_n: Some(full), mrr_mm3_s: tube },
+        Cut {
+            name: "slot 1.5 mm",
+            y: 0.13,
+            z: HALF_MM + R - 1.5,
+            after: None,
+            force_n: Some(slot),
+            mrr_mm3_s: segment_mm2(1.5) * FEED_MM_S,
+        },
+        Cut {
+            name: "side cut",
+            y: -HALF_MM,
+            z: 0.07,
+            after: None,
+            force_n: Some(side),
+            mrr_mm3_s: 0.5 * tube,
+        },
+        Cut {
+            name: "second pass",
+            y: apart,
+            z: 0.07,
+            after: Some(0.0),
+            force_n: None,
+            mrr_mm3_s: tube - overlap * FEED_MM_S,
+        },
+    ]
+}
+
+/// Measures both tables. The bodies are given: `_size` changes nothing.
+///
+/// # Errors
+/// [`ExperimentError`] when the engine refuses its own experiment.
+pub fn run(_size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
+    progress.stage("volumes");
+    let volumes = volumes()?;
+    progress.stage("forces");
+    Ok(vec![volumes, forces()?])
+}
+
+fn volumes() -> Result<Table, ExperimentError> {
+    let title = format!(
+        "Removed volume against the analytic sweep: r = {R} mm, cells as large as voxels, steps of about 0.1 mm. \
+         Order: from the level before."
+    );
+    let columns = ["sweep", "r/h", "removed [mm³]", "exact [mm³]", "error [%]", "order"];
+    let mut table = Table::new("engine-volume", title, &columns);
+    for sweep in sweeps() {
+        let mut last: Option<(f64, f64)> = None;
+        for level in LEVELS {
+            let bone = solid(level)?;
+            let spec = spec(4, 8, level)?;
+            let model = model(&spec);
+            let start = pose(sweep.way[0])?;
+            let mut engine = Engine::new(Bone::new(&bone)?, spec, model, start)?;
+            engine.steps(&moves(start, &sweep.way[1..])?)?;
+            engine.settle();
+            let found = engine.removed().total_mm3();
+            let error = found / sweep.volume_mm3 - 1.0;
+            table.push(vec![
+                sweep.name.into(),
+                level.to_string(),
+                format!("{found:.4}"),
+                format!("{:.4}", sweep.volume_mm3),
+                format!("{:+.4}", 100.0 * error),
+                order(last, level, error),
+            ]);
+            last = Some((level, error));
+        }
+    }
+    Ok(table)
+}
+
+fn forces() -> Result<Table, ExperimentError> {
+    let title = "Force and removal rate along a straight cut, 64 × 128 nodes: error of the mean over its middle \
+                 third; ripple: half the range of |F| over its mean there.";
+    let columns = ["cut", "r/h", "force error [%]", "order", "removal rate error [%]", "force ripple [%]"];
+    let mut table = Table::new("engine-force", title, &columns);
+    for cut in cuts() {
+        let mut last: Option<(f64, f64)> = None;
+        for level in LEVELS {
+            let bone = solid(level)?;
+            let steps = along(&bone, level, &cut)?;
+            let middle = &steps[steps.len() / 3..2 * steps.len() / 3];
+            let count = middle.len() as f64;
+            let mean = middle.iter().map(|s| s.force.force_n).sum::<Vector3<f64>>() / count;
+            let sizes = || middle.iter().map(|s| s.force.force_n.norm());
+            let ripple =
+                0.5 * (sizes().fold(0.0, f64::max) - sizes().fold(f64::INFINITY, f64::min)) / mean.norm();
+            let rate = middle.iter().map(|s| s.mrr_mm3_s).sum::<f64>() / count / cut.mrr_mm3_s - 1.0;
+            let error = cut.force_n.map(|f| (mean - f).norm() / f.norm());
+            let shown = error.map_or("-".into(), |e| format!("{:.3}", 100.0 * e));
+            table.push(vec![
+                cut.name.into(),
+                level.to_string(),
+                shown,
+                order(last, level, error.unwrap_or(rate)),
+                format!("{:+.3}", 100.0 * rate),
+                format!("{:.3}", 100.0 * ripple),
+            ]);
+            last = Some((level, error.unwrap_or(rate)));
+        }
+    }
+    Ok(table)
+}
+
+fn along(
+    bone: &bonemill_geometry::Volume<f32, bonemill_geometry::Work>,
+    level: f64,
+    cut: &Cut,
+) -> Result<Vec<Step>, ExperimentError> {
+    let spec = spec(64, 128, level)?;
+    let model = model(&spec);
+    let at = |x: f64, y: f64| Vector3::new(x, y, cut.z);
+    let first = cut.after.unwrap_or(cut.y);
+    let start = pose(at(-11.0, first))?;
+    let mut engine = Engine::new(Bone::new(bone)?, spec, model, start)?;
+    if let Some(y) = cut.after {
+        let there = [line(at(-11.0, y), at(11.0, y), 220), line(at(11.0, y), at(11.0, 9.0), 10)].concat();
+        let back =
+            [line(at(11.0, 9.0), at(-11.0, 20.0), 1), line(at(-11.0, 20.0), at(-11.0, cut.y), 1)].concat();
+        engine.steps(&moves(start, &[there, back].concat())?)?;
+    }
+    let from = engine.pose();
+    Ok(engine.steps(&moves(from, &line(at(-11.0, cut.y), at(11.0, cut.y), 220))?)?)
+}
+
+fn solid(level: f64) -> Result<bonemill_geometry::Volume<f32, bonemill_geometry::Work>, ExperimentError> {
+    let h = R / level;
+    let n = (2.0 * HALF_MM / h).round() as usize;
+    block([n; 3], h, Vector3::repeat(-HALF_MM), |_| 0.8)
+}
+
+/// Observed order between two levels.
+fn order(last: Option<(f64, f64)>, level: f64, error: f64) -> String {
+    last.map_or("-".into(), |(before, e)| {
+        format!("{:.1}", (e.abs() / error.abs().max(1e-16)).ln() / (level / before).ln())
+    })
+}

@@ -1,0 +1,234 @@
+//! What the burr mills: densities and kinds on one cubic grid along the work frame's axes; never changed.
+//!
+//! What is left of it is the [`Lattice`](super::Lattice)'s business. A voxel is solid when its class is bone,
+//! structure or material of the target; without classes, when its density is above 0. Only solid voxels count in
+//! volumes and masses, and only they stop the shank.
+
+use bonemill_geometry::{Grid, Point, Volume, Work};
+use bonemill_imaging::{Class, FarObstacles};
+use nalgebra::{Matrix3, Vector3};
+
+use super::EngineError;
+
+/// What a solid voxel is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Target above air and below bone.
+    Material,
+    /// Target that is bone; everything where no classes are known.
+    Bone,
+    /// Bone outside the target.
+    Obstacle,
+    /// A structure to be kept.
+    Structure,
+}
+
+impl Kind {
+    /// Every kind, in the order of their numbers.
+    pub const ALL: [Self; 4] = [Self::Material, Self::Bone, Self::Obstacle, Self::Structure];
+
+    /// The word in files and reports.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Material => "material",
+            Self::Bone => "bone",
+            Self::Obstacle => "obstacle",
+            Self::Structure => "structure",
+        }
+    }
+
+    fn of(class: Class) -> Option<Self> {
+        // the gravest first: a voxel may be several
+        if class.is(Class::STRUCTURE) {
+            Some(Self::Structure)
+        } else if class.is(Class::OBSTACLE) {
+            Some(Self::Obstacle)
+        } else if class.is(Class::TARGET_BONE) {
+            Some(Self::Bone)
+        } else {
+            class.is(Class::MATERIAL).then_some(Self::Material)
+        }
+    }
+}
+
+/// Volume and mass by kind.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Amount {
+    /// mm³ of each kind.
+    pub volume_mm3: [f64; 4],
+    /// mg of each kind.
+    pub mass_mg: [f64; 4],
+}
+
+impl Amount {
+    /// Adds a part of this kind.
+    pub fn add(&mut self, kind: Kind, volume_mm3: f64, mass_mg: f64) {
+        self.volume_mm3[kind as usize] += volume_mm3;
+        self.mass_mg[kind as usize] += mass_mg;
+    }
+
+    /// Adds another amount.
+    pub fn merge(&mut self, other: &Self) {
+        for kind in Kind::ALL {
+            self.add(kind, other.volume_mm3[kind as usize], other.mass_mg[kind as usize]);
+        }
+    }
+
+    /// mm³ of all kinds together.
+    pub fn total_mm3(&self) -> f64 {
+        self.volume_mm3.iter().sum()
+    }
+
+    /// mg of all kinds together.
+    pub fn total_mg(&self) -> f64 {
+        self.mass_mg.iter().sum()
+    }
+}
+
+/// Densities, kinds, and what lies beyond.
+#[derive(Debug, Clone, Copy)]
+pub struct Bone<'a, T> {
+    density_g_cm3: &'a Volume<T, Work>,
+    class: Option<&'a Volume<Class, Work>>,
+    far: Option<&'a FarObstacles>,
+    origin_mm: Vector3<f64>,
+    per_mm: f64,
+}
+
+impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
+    /// Densities, g/cm³: finite and not negative.
+    ///
+    /// # Errors
+    /// [`EngineError::Grid`] unless the grid is cubic and along the work frame's axes.
+    pub fn new(density_g_cm3: &'a Volume<T, Work>) -> Result<Self, EngineError> {
+        let grid = density_g_cm3.grid();
+        let spacing = grid.spacing_mm();
+        let cubic = (spacing.max() - spacing.min()) <= 1e-9 * spacing.max();
+        if !cubic || (grid.axes() - Matrix3::identity()).amax() > 1e-9 {
+            return Err(EngineError::Grid { spacing_mm: spacing.into() });
+        }
+        let (origin_mm, per_mm) = (grid.origin().coords, 1.0 / spacing.x);
+        Ok(Self { density_g_cm3, class: None, far: None, origin_mm, per_mm })
+    }
+
+    /// The same with the class of every voxel.
+    ///
+    /// # Errors
+    /// [`EngineError::Classes`] when they are not one per voxel of the same grid.
+    pub fn with_classes(self, class: &'a Volume<Class, Work>) -> Result<Self, EngineError> {
+        let (expected, found) = (self.grid().dims(), class.grid().dims());
+        if expected == found {
+            Ok(Self { class: Some(class), ..self })
+        } else {
+            Err(EngineError::Classes { expected, found })
+        }
+    }
+
+    /// The same with what the handpiece could meet beyond the grid.
+    #[must_use]
+    pub fn with_far(self, far: &'a FarObstacles) -> Self {
+        Self { far: Some(far), ..self }
+    }
+
+    /// The grid of densities and classes.
+    pub fn grid(&self) -> &'a Grid<Work> {
+        self.density_g_cm3.grid()
+    }
+
+    pub(super) fn far(&self) -> Option<&'a FarObstacles> {
+        self.far
+    }
+
+    /// Voxel side, mm.
+    pub fn spacing_mm(&self) -> f64 {
+        1.0 / self.per_mm
+    }
+
+    /// Continuous voxel index of a point; integers are voxel centres.
+    #[inline]
+    pub(super) fn index(&self, p: &Vector3<f64>) -> Vector3<f64> {
+        (p - self.origin_mm) * self.per_mm
+    }
+
+    /// Point at a continuous index.
+    pub(super) fn at(&self, index: Vector3<f64>) -> Point<Work> {
+        Point::from_coords(self.origin_mm + index / self.per_mm)
+    }
+
+    /// Trilinear density at a continuous index, g/cm³; 0 outside the array.
+    #[inline]
+    pub(super) fn density_at(&self, index: &Vector3<f64>) -> f64 {
+        self.interpolated(index)
+            .unwrap_or_else(|| self.density_g_cm3.trilinear_at((*index).into(), 0.0).max(0.0))
+    }
+
+    /// Interpolation among eight voxels of the array, if it has them.
+    #[inline]
+    fn interpolated(&self, index: &Vector3<f64>) -> Option<f64> {
+        let [nx, ny, nz] = self.grid().dims();
+        // false for NaN, too; truncation is the floor of what is not negative
+        let inside = |v: f64, n: usize| v >= 0.0 && v < (n - 1) as f64;
+        if !(inside(index.x, nx) && inside(index.y, ny) && inside(index.z, nz)) {
+            return None;
+        }
+        let [i, j, k] = [index.x as usize, index.y as usize, index.z as usize];
+        let (sy, sz) = (nx, nx * ny);
+        let start = i + sy * j + sz * k;
+        // one slice that ends with the farthest of the eight, so that one check serves all
+        let cell = self.density_g_cm3.data().get(start..start + sz + sy + 2)?;
+        let [fx, fy, fz] = [index.x - i as f64, index.y - j as f64, index.z - k as f64];
+        let along_x = |at: usize| {
+            let (a, b): (f64, f64) = (cell[at].into(), cell[at + 1].into());
+            a + (b - a) * fx
+        };
+        let along_y = |at: usize| {
+            let (a, b) = (along_x(at), along_x(at + sy));
+            a + (b - a) * fy
+        };
+        let (a, b) = (along_y(0), along_y(sz));
+        Some(a + (b - a) * fz)
+    }
+
+    /// Density and kind of the voxel nearest to a continuous index; `None` outside and where nothing is solid.
+    #[inline]
+    pub(super) fn nearest(&self, index: &Vector3<f64>) -> Option<(f64, Kind)> {
+        let dims = self.grid().dims();
+        let mut voxel = [0; 3];
+        for a in 0..3 {
+            let shifted = index[a] + 0.5;
+            if !(shifted >= 0.0 && shifted < dims[a] as f64) {
+                return None;
+            }
+            voxel[a] = shifted as usize;
+        }
+        self.voxel(voxel)
+    }
+
+    /// Density and kind of a voxel of the grid; `None` where nothing is solid.
+    #[inline]
+    pub(super) fn voxel(&self, voxel: [usize; 3]) -> Option<(f64, Kind)> {
+        let n = self.grid().index(voxel);
+        let density = self.density_g_cm3.data()[n].into();
+        let kind = match self.class {
+            Some(class) => Kind::of(class.data()[n]),
+            None => (density > 0.0).then_some(Kind::Bone),
+        };
+        kind.map(|kind| (density, kind))
+    }
+
+    /// All that is solid, voxel by voxel.
+    pub fn whole(&self) -> Amount {
+        let (grid, mut amount) = (self.grid(), Amount::default());
+        let [nx, ny, nz] = grid.dims();
+        let voxel_mm3 = grid.voxel_mm3();
+        for (k, j) in (0..nz).flat_map(|k| (0..ny).map(move |j| (k, j))) {
+            // summed by row: a long sum of like terms drifts
+            let mut row = Amount::default();
+            for (density, kind) in (0..nx).filter_map(|i| self.voxel([i, j, k])) {
+                row.add(kind, voxel_mm3, density * voxel_mm3);
+            }
+            amount.merge(&row);
+        }
+        amount
+    }
+}

@@ -1,0 +1,202 @@
+//! Whether the shank touches what is left (Yang and Chen's alarm): where, and how deep.
+//!
+//! The shank is a row of cylinders behind the burr. A solid cell whose centre lies in one and inside the remaining
+//! bone is touched; the depth is how far that centre lies below the cylinder's side. Bricks without solid cells, or
+//! gone, cost one look each.
+//!
+//! Bone only disappears, so a clearance found once stays until the shank has moved as far: most steps ask nothing at
+//! all. Beyond the lattice a coarse map stands for bone; there only what is certain is reported.
+
+use bonemill_geometry::{Point, Work};
+use nalgebra::{Unit, Vector3};
+
+use super::bone::Kind;
+use super::lattice::{Brick, Lattice, SIDE, tag};
+use crate::access::ShankCylinder;
+use crate::sweep::segment_distance_squared;
+
+/// The shank touches bone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShankContact {
+    /// The deepest place.
+    pub at: Point<Work>,
+    /// How far it lies below the cylinder's side, mm.
+    pub depth_mm: f64,
+    /// Distance from the burr's centre along the shaft, mm.
+    pub along_mm: f64,
+    /// What is touched there.
+    pub kind: Kind,
+}
+
+/// The nearest solid cell to the shank.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct ShankView {
+    /// The deepest contact.
+    pub contact: Option<ShankContact>,
+    /// Without contact: nothing solid is nearer to the shank's side than this, mm.
+    pub clear_mm: f64,
+}
+
+/// A shaft at a place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shaft {
+    pub center: Vector3<f64>,
+    pub axis: Unit<Vector3<f64>>,
+}
+
+impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
+    /// Looks for solid cells within `look_mm` of the shank's sides; `is_swept` tells what the lattice does not know
+    /// yet.
+    pub(super) fn view_shank(
+        &self,
+        shaft: &Shaft,
+        shank: &[ShankCylinder],
+        look_mm: f64,
+        is_swept: impl Fn(&Vector3<f64>) -> bool,
+    ) -> ShankView {
+        let mut view = ShankView { contact: None, clear_mm: look_mm };
+        for cylinder in shank {
+            let mut nearest_mm = cylinder.radius_mm + look_mm;
+            self.bricks_around(shaft, cylinder, look_mm, |brick, first| {
+                self.view_brick(brick, first, shaft, cylinder, &mut nearest_mm, &is_swept, &mut view);
+            });
+            self.view_far(shaft, cylinder, &mut view);
+            view.clear_mm = view.clear_mm.min(nearest_mm - cylinder.radius_mm);
+        }
+        view
+    }
+
+    /// Bricks with something solid that may lie within `look_mm` of a cylinder's side.
+    fn bricks_around(
+        &self,
+        shaft: &Shaft,
+        cylinder: &ShankCylinder,
+        look_mm: f64,
+        mut visit: impl FnMut(usize, [usize; 3]),
+    ) {
+        let s = self.spacing_mm();
+        let side = SIDE as f64;
+        let half = 0.5 * side;
+        let [from, to] = [cylinder.from_mm, cylinder.to_mm]
+            .map(|at| self.cell_of(&(shaft.center + shaft.axis.into_inner() * at)));
+        let reach = (cylinder.radius_mm + look_mm) / s + half * 3f64.sqrt();
+        let a = shaft.axis.iamax();
+        let [b, c] = [(a + 1) % 3, (a + 2) % 3];
+        let lean = 1.0 / shaft.axis[a].abs();
+        // layers of bricks across the axis' main direction; in each the line is short
+        let clip = |lo: f64, hi: f64, axis: usize| {
+            let last = ((hi / side).floor()).min((self.bricks[axis] - 1) as f64);
+            let first = (lo / side).floor().max(0.0);
+            if hi < 0.0 || first > last { 0..0 } else { first as usize..last as usize + 1 }
+        };
+        let wide = reach * lean + half * lean;
+        for layer in clip(from[a].min(to[a]) - reach, from[a].max(to[a]) + reach, a) {
+            let t = ((layer as f64 + 0.5) * side - from[a]) / shaft.axis[a];
+            let line = from + shaft.axis.into_inner() * t;
+            for j in clip(line[c] - wide, line[c] + wide, c) {
+                for i in clip(line[b] - wide, line[b] + wide, b) {
+                    let mut at = [0; 3];
+                    (at[a], at[b], at[c]) = (layer, i, j);
+                    let brick = self.brick_index(at);
+                    let tag = self.tags[brick];
+                    if tag == tag::GONE || tag == tag::NOTHING {
+                        continue;
+                    }
+                    let middle = Vector3::from(at.map(|v| v as f64 * side)).add_scalar(half - 0.5);
+                    if segment_distance_squared(&middle, &from, &to) <= reach * reach
+                        && (tag != tag::UNKNOWN || self.has_solid(brick))
+                    {
+                        visit(brick, at.map(|v| v * SIDE));
+                    }
+                }
+            }
+        }
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "one innermost loop, taken out of its three outer ones")]
+    fn view_brick(
+        &self,
+        brick: usize,
+        first: [usize; 3],
+        shaft: &Shaft,
+        cylinder: &ShankCylinder,
+        nearest_mm: &mut f64,
+        is_swept: &impl Fn(&Vector3<f64>) -> bool,
+        view: &mut ShankView,
+    ) {
+        let tag = self.tags[brick];
+        let stored = if tag < tag::FIRST { self.stored[tag as usize].as_deref() } else { None };
+        self.sites(first, |site, at| {
+            let point = self.point(at);
+            let from_burr = point.coords - shaft.center;
+            let along_mm = from_burr.dot(&shaft.axis);
+            if along_mm < cylinder.from_mm || along_mm > cylinder.to_mm {
+                return;
+            }
+            let across_mm = (from_burr.norm_squared() - along_mm * along_mm).max(0.0).sqrt();
+            if across_mm >= *nearest_mm {
+                return;
+            }
+            let Some(kind) = self.kind_at(stored, site) else { return };
+            if (stored.is_some() && self.depth_at(&at) <= 0.0) || is_swept(&point.coords) {
+                return;
+            }
+            *nearest_mm = across_mm;
+            if across_mm < cylinder.radius_mm {
+                let contact =
+                    ShankContact { at: point, depth_mm: cylinder.radius_mm - across_mm, along_mm, kind };
+                if view.contact.is_none_or(|c| c.depth_mm < contact.depth_mm) {
+                    view.contact = Some(contact);
+                }
+            }
+        });
+    }
+
+    /// Centres of a brick's voxels, or of its cells where these are larger: a cell of each, and the centre's cell coordinates.
+    ///
+    /// Parts of a voxel are no more certain than the voxel: as for the planner, it is where its centre is.
+    fn sites(&self, first: [usize; 3], mut visit: impl FnMut([usize; 3], Vector3<f64>)) {
+        let split = self.split();
+        // cells that hold a centre: the first of each voxel's upper half
+        let cells = |a: usize| (first[a]..first[a] + SIDE).filter(move |c| c % split == split / 2);
+        let middle = if split.is_multiple_of(2) { 0.5 } else { 0.0 };
+        for z in cells(2) {
+            for y in cells(1) {
+                for x in cells(0) {
+                    visit([x, y, z], Vector3::new(x as f64, y as f64, z as f64).add_scalar(-middle));
+                }
+            }
+        }
+    }
+
+    fn kind_at(&self, stored: Option<&Brick>, cell: [usize; 3]) -> Option<Kind> {
+        match stored {
+            Some(cells) => {
+                let [x, y, z] = cell.map(|c| c % SIDE);
+                cells.kind[x + SIDE * (y + SIDE * z)]
+            }
+            None => self.content(cell).2,
+        }
+    }
+
+    /// Contact beyond the grid, where the coarse map is certain of it.
+    fn view_far(&self, shaft: &Shaft, cylinder: &ShankCylinder, view: &mut ShankView) {
+        let Some(far) = self.bone().far() else { return };
+        let step_mm = far.spacing_mm();
+        let count = ((cylinder.to_mm - cylinder.from_mm) / step_mm).ceil().clamp(0.0, 1e4) as usize;
+        for n in 0..=count {
+            let along_mm = (cylinder.from_mm + n as f64 * step_mm).min(cylinder.to_mm);
+            let at = Point::from_coords(shaft.center + shaft.axis.into_inner() * along_mm);
+            if self.bone().grid().nearest(at).is_some() {
+                continue;
+            }
+            let Some(at_least_mm) = far.at_least_mm(at) else { continue };
+            let clear_mm = at_least_mm - cylinder.radius_mm;
+            view.clear_mm = view.clear_mm.min(clear_mm.max(0.0));
+            let depth_mm = -(clear_mm + far.slack_mm());
+            if depth_mm > 0.0 && view.contact.is_none_or(|c| c.depth_mm < depth_mm) {
+                view.contact = Some(ShankContact { at, depth_mm, along_mm, kind: Kind::Obstacle });
+            }
+        }
+    }
+}

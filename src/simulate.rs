@@ -1,0 +1,73 @@
+//! `bonemill simulate`: a plan's trajectory through the bone, a hand's poses, or a force log.
+
+use std::path::Path;
+
+use anyhow::Context;
+use bonemill_planner::Progress;
+use bonemill_planner::calibrate::{Calibration, Coefficient, calibrate};
+use bonemill_planner::plan::{StoredPlan, read_force_log, save_simulation};
+use bonemill_planner::simulate::{Sampling, SimulationSetup, observe, simulate};
+use serde_json::json;
+
+use crate::args::{SimulateArgs, Talk};
+use crate::outcome::Outcome;
+use crate::stream;
+
+pub fn run(args: &SimulateArgs, progress: &dyn Progress, talk: Talk) -> anyhow::Result<Outcome> {
+    progress.stage("read plan");
+    let plan = StoredPlan::load(&args.plan)
+        .with_context(|| format!("the plan in {} cannot be read", args.plan.display()))?;
+    let cannot = || format!("the plan in {} cannot be simulated", args.plan.display());
+    if args.stream {
+        return stream::run(&plan, args.model, progress, talk);
+    }
+    if let Some(log) = &args.calibrate {
+        return fit(&plan, log, &args.coefficients, progress);
+    }
+    let sampling = match args.rate_hz {
+        Some(rate_hz) => Sampling::Rate { rate_hz },
+        None => Sampling::Step { step_mm: args.step_mm },
+    };
+    let simulation = simulate(&plan, args.model, sampling, progress).with_context(cannot)?;
+    progress.stage("write files");
+    let out = save_simulation(&args.plan, &simulation, &plan.record.case)?;
+    Ok(Outcome::simulated(&out, &simulation))
+}
+
+/// Fits the burr's coefficients to a log.
+fn fit(
+    plan: &StoredPlan,
+    log: &Path,
+    coefficients: &[Coefficient],
+    progress: &dyn Progress,
+) -> anyhow::Result<Outcome> {
+    let rows = read_force_log(log)?;
+    let setup = SimulationSetup::read(plan, progress)?;
+    progress.stage("mill along the log");
+    let observations = observe(&setup, &rows)?;
+    progress.stage("fit");
+    let fit = calibrate(&observations, coefficients)
+        .with_context(|| format!("{}: no calibration; `--coefficients` fits fewer", log.display()))?;
+    Ok(Outcome::values("simulate", text(&fit), values(&fit)))
+}
+
+fn text(fit: &Calibration) -> String {
+    let line = |e: &bonemill_planner::calibrate::Estimate| {
+        let (key, unit) = (e.coefficient.key(), e.coefficient.unit());
+        format!("{key} = {:.5} ± {:.5} {unit} (95 %)\n", e.value, e.half_width)
+    };
+    let lines: String = fit.estimates.iter().map(line).collect();
+    format!("{lines}the model leaves {:.4} N of a force component, over {} rows\n", fit.residual_n, fit.used)
+}
+
+fn values(fit: &Calibration) -> serde_json::Value {
+    let estimates: serde_json::Map<_, _> = fit
+        .estimates
+        .iter()
+        .map(|e| {
+            let value = json!({ "value": e.value, "half_width": e.half_width, "unit": e.coefficient.unit() });
+            (e.coefficient.key().to_owned(), value)
+        })
+        .collect();
+    json!({ "coefficients": estimates, "residual_n": fit.residual_n, "rows": fit.used })
+}

@@ -1,0 +1,146 @@
+//! `bonemill simulate --stream`: a pose per line in, a force per line out, as fast as a hand's device asks.
+//!
+//! A line holds `time_s x y z axis_x axis_y axis_z`, ct, mm, between blanks or commas; the first places the burr. The
+//! answer holds `time_s,fx_n,fy_n,fz_n,torque_nmm,power_w,mrr_mm3_s,force_toward_n,structure,distance_mm,contact_mm`:
+//! contact_mm is how deep the shank would be in bone; that step was not made. A line that is no pose is answered with
+//! `refused: ` and why, and changes nothing.
+
+use std::io::{BufRead, Write, stdin, stdout};
+use std::time::Instant;
+
+use anyhow::Context;
+use bonemill_geometry::Point;
+use bonemill_planner::Progress;
+use bonemill_planner::plan::StoredPlan;
+use bonemill_planner::simulate::{
+    Engine, EngineError, ForceModel, ModelName, Move, Pose, SimulationSetup, Step, bone_of,
+};
+use nalgebra::Vector3;
+use serde_json::json;
+
+use crate::args::Talk;
+use crate::outcome::Outcome;
+
+type Milling<'a> = Engine<'a, f32, Box<dyn ForceModel>>;
+
+pub fn run(
+    plan: &StoredPlan,
+    model: ModelName,
+    progress: &dyn Progress,
+    talk: Talk,
+) -> anyhow::Result<Outcome> {
+    let setup = SimulationSetup::read(plan, progress)?;
+    progress.stage("stream");
+    let mut hand = Hand { plan, setup: &setup, model, engine: None, time_s: 0.0 };
+    let mut took_us = Vec::new();
+    let mut out = stdout().lock();
+    for line in stdin().lock().lines() {
+        let line = line.context("cannot read stdin")?;
+        if line.trim().is_empty() {
+            continue;
+        }
+        let start = Instant::now();
+        let answer = hand.answer(&line);
+        took_us.push(start.elapsed().as_secs_f64() * 1e6);
+        // a closed pipe is the reader's choice: the hand has let go
+        if writeln!(out, "{answer}").and_then(|()| out.flush()).is_err() {
+            break;
+        }
+    }
+    drop(out);
+    Ok(summary(&mut took_us, talk))
+}
+
+/// The times of the steps; on stderr for people, whose stdout holds the answers.
+fn summary(took_us: &mut [f64], talk: Talk) -> Outcome {
+    took_us.sort_by(f64::total_cmp);
+    let quantile = |q: f64| took_us.get((q * (took_us.len() as f64 - 1.0)).round().max(0.0) as usize);
+    let [p50, p99, max] = [0.5, 0.99, 1.0].map(|q| quantile(q).copied().unwrap_or(0.0));
+    if talk == Talk::People {
+        eprintln!("{} lines; time of one: p50 {p50:.1} µs, p99 {p99:.1} µs, max {max:.1} µs", took_us.len());
+    }
+    let values = json!({ "lines": took_us.len(), "p50_us": p50, "p99_us": p99, "max_us": max });
+    Outcome::values("simulate", String::new(), values)
+}
+
+/// A tool in somebody's hand.
+struct Hand<'a> {
+    plan: &'a StoredPlan,
+    setup: &'a SimulationSetup,
+    model: ModelName,
+    engine: Option<Milling<'a>>,
+    time_s: f64,
+}
+
+impl Hand<'_> {
+    fn answer(&mut self, line: &str) -> String {
+        self.step(line).unwrap_or_else(|refused| format!("refused: {refused}"))
+    }
+
+    fn step(&mut self, line: &str) -> anyhow::Result<String> {
+        let [time_s, pose @ ..] = numbers(line)?;
+        let pose = self.pose(pose)?;
+        let Some(engine) = &mut self.engine else {
+            let model = self.model.model(&self.plan.record.case, &self.setup.spec)?;
+            let bone = bone_of(&self.setup.scene, &self.setup.density_g_cm3)?;
+            self.engine = Some(Engine::new(bone, self.setup.spec.clone(), model, pose)?);
+            self.time_s = time_s;
+            return Ok(self.row(time_s, pose.center, None));
+        };
+        let step = engine.step(Move { to: pose, seconds: time_s - self.time_s })?;
+        let center = engine.pose().center;
+        self.time_s = time_s;
+        Ok(self.row(time_s, center, Some(step)))
+    }
+
+    fn pose(&self, [x, y, z, axis @ ..]: [f64; 6]) -> Result<Pose, EngineError> {
+        let work_from_ct = self.setup.scene.ct_from_work.inverse();
+        Pose::new(work_from_ct * Point::new(x, y, z), work_from_ct.rotate(&Vector3::from(axis)))
+    }
+
+    fn row(&self, time_s: f64, center: Point<bonemill_geometry::Work>, step: Option<Step>) -> String {
+        let (force, mrr, contact) =
+            step.map_or_else(Default::default, |s| (s.force, s.mrr_mm3_s, s.contact.map(|c| c.depth_mm)));
+        let f = self.setup.scene.ct_from_work.rotate(&force.force_n);
+        let (structure, toward, distance) = self.setup.nearest(center, &force.force_n);
+        let name = structure.and_then(|n| self.plan.record.case.structures.get(n)).map_or("", |s| &s.name);
+        let cell = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:?}"));
+        format!(
+            "{time_s:?},{:?},{:?},{:?},{:?},{:?},{mrr:?},{},{name},{},{}",
+            f.x + 0.0,
+            f.y + 0.0,
+            f.z + 0.0,
+            force.torque_nmm,
+            force.spindle_power_mw * 1e-3,
+            cell(toward),
+            cell(distance),
+            cell(contact)
+        )
+    }
+}
+
+fn numbers(line: &str) -> anyhow::Result<[f64; 7]> {
+    let words = line.split([',', ' ', '\t']).filter(|word| !word.is_empty());
+    let numbers: Vec<f64> = words
+        .map(|word| match word.parse::<f64>() {
+            Ok(v) if v.is_finite() => Ok(v),
+            _ => Err(anyhow::anyhow!("{word:?}: expected a finite number")),
+        })
+        .collect::<Result<_, _>>()?;
+    let found = numbers.len();
+    <[f64; 7]>::try_from(numbers)
+        .map_err(|_| anyhow::anyhow!("{found} numbers: expected time_s x y z axis_x axis_y axis_z"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_seven_numbers_between_blanks_or_commas() {
+        assert_eq!(numbers("0.5 1 2,3\t0 0,1").unwrap(), [0.5, 1.0, 2.0, 3.0, 0.0, 0.0, 1.0]);
+        for bad in ["", "1 2 3", "0 1 2 3 0 0 NaN", "0 1 2 3 0 0 inf", "0 1 2 3 0 0 1 9", "0 a 2 3 0 0 1"] {
+            assert!(numbers(bad).is_err(), "{bad}");
+        }
+    }
+}
