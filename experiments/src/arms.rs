@@ -18,6 +18,9 @@ use crate::{ExperimentError, Size, Table};
 const VECTORS: u64 = 10_000;
 const POSES: u64 = 1_000_000;
 
+/// Slowest direction of the tool below which a pose counts as singular, mm/s.
+const SINGULAR_MM_S: f64 = 0.05;
+
 /// A fixed stream of numbers in 0..1 (SplitMix64).
 struct Stream(u64);
 
@@ -31,17 +34,24 @@ impl Stream {
     }
 }
 
-/// Runs it.
+/// Joint vectors with their poses and Jacobians: long tables, meant for `--out` with `--quiet`.
 ///
 /// # Errors
 /// [`ExperimentError::Robot`] if a shipped arm cannot be made, which a test excludes.
-pub fn run(_: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
-    let mut tables = Vec::new();
+pub fn run_kinematics(_: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
+    progress.stage("forward kinematics");
+    let mut tables = vec![kinematics(&Arm::bone_attached()?, "bone-attached")?];
     for model in UrModel::ALL {
-        progress.stage("forward kinematics");
         tables.push(kinematics(&Arm::ur(model, None)?, model.name())?);
     }
-    tables.push(kinematics(&Arm::bone_attached()?, "bone-attached")?);
+    Ok(tables)
+}
+
+/// The inverse on a million poses of every UR.
+///
+/// # Errors
+/// As [`run_kinematics`].
+pub fn run_inverse(_: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     let columns = [
         "arm",
         "poses",
@@ -56,8 +66,7 @@ pub fn run(_: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentErr
         progress.stage("inverse kinematics");
         table.push(inverse(model)?);
     }
-    tables.push(table);
-    Ok(tables)
+    Ok(vec![table])
 }
 
 fn random_q(arm: &Arm, stream: &mut Stream) -> Vec<f64> {
@@ -144,8 +153,8 @@ fn inverse_portion(arm: &Arm, model: UrModel, portion: u64) -> Result<Found, Exp
             found.worst_mm = found.worst_mm.max(mm);
             found.worst_rad = found.worst_rad.max(rad);
         }
-        // at a singularity joints may share their turn differently; the pose is what counts there
-        let is_singular = k % 10 == 0;
+        // near a singularity joints may share their turn differently; the pose is what counts there
+        let is_singular = k % 10 == 0 || arm.slowest_mm_s(&q)? < SINGULAR_MM_S;
         found.missing += u64::from(solutions.is_empty() || !(is_singular || is_among(&solutions, &q)));
     }
     Ok(found)

@@ -78,9 +78,14 @@ pub struct Experiment {
 /// Every experiment, by name.
 pub const EXPERIMENTS: &[Experiment] = &[
     Experiment {
-        name: "arms",
-        about: "forward kinematics and Jacobians for other libraries to compare with; the UR inverse on 10⁶ poses an arm",
-        run: arms::run,
+        name: "inverse",
+        about: "the UR inverse on 10⁶ poses an arm, singular ones among them",
+        run: arms::run_inverse,
+    },
+    Experiment {
+        name: "kinematics",
+        about: "forward kinematics and Jacobians for other libraries to compare with: long tables, for --out with --quiet",
+        run: arms::run_kinematics,
     },
     Experiment {
         name: "force-error",

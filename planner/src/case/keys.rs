@@ -258,7 +258,7 @@ table! {
         STIFFNESS = "robot.joint_stiffness" Joint 1e-6..1e12, Words("none: rigid, no deflection"), "N/mm of prismatic joints, N·mm/rad of revolute ones", "D eq. 10";
         VELOCITY = "robot.velocity_limits" Joint 1e-6..1e9, Words("the URDF's"), "per joint and second; the stricter of this and the URDF's holds", "-";
         ACCELERATION = "robot.acceleration_limits" Joint 1e-6..1e9, Words("the arm's, marked assumed"), "per joint and s²", "-";
-        JERK = "robot.jerk_limits" Joint 1e-6..1e12, Words("full acceleration within 0.05 s, marked assumed"), "per joint and s³", "-";
+        JERK = "robot.jerk_limits" Joint 1e-6..1e12, Words("full acceleration within 0.02 s, marked assumed"), "per joint and s³", "-";
         RATE = "robot.rate_hz" Hz 1.0..10_000.0, Value(500.0), "sampling rate of the trajectory", "UR e-series controllers";
         ROTATION = "robot.base_from_ct.rotation" One -1.1..1.1, Words(REQUIRED), "R of p_base = R p_ct + t, by rows; or quaternion_wxyz, or rpy_rad", "-";
         QUATERNION = "robot.base_from_ct.quaternion_wxyz" One -1.1..1.1, Words("instead of rotation"), "R as a unit quaternion", "-";

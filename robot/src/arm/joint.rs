@@ -44,9 +44,9 @@ pub(super) fn assumed_acceleration(velocity_limit: f64) -> f64 {
     velocity_limit * PER_S
 }
 
-/// The jerk taken where nobody states one: full acceleration within 0.05 s. Assumed.
+/// The jerk taken where nobody states one: full acceleration within 0.02 s. Assumed.
 pub(super) fn assumed_jerk(acceleration_limit: f64) -> f64 {
-    const PER_S: f64 = 20.0;
+    const PER_S: f64 = 50.0;
     acceleration_limit * PER_S
 }
 

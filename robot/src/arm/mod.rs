@@ -67,7 +67,7 @@ impl Arm {
     /// The arm that a URDF describes, from `base_link` (else the root) to `tool0` (else the only tip).
     ///
     /// Accelerations and jerks are assumed: URDF has no field for them, so every joint reaches full speed in 0.1 s, and
-    /// full acceleration in 0.05 s.
+    /// full acceleration in 0.02 s.
     /// `source_name` is the file or arm that messages name.
     ///
     /// # Errors

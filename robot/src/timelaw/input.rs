@@ -42,7 +42,7 @@ pub struct CornerTolerance {
 impl Default for CornerTolerance {
     /// Inside the 0.05 mm and 5 mrad that a plan's trajectory may deviate.
     fn default() -> Self {
-        Self { burr_mm: 0.04, axis_rad: 1e-3 }
+        Self { burr_mm: 0.04, axis_rad: 3e-3 }
     }
 }
 

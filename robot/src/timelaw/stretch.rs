@@ -3,9 +3,12 @@
 //! ṡ ≤ v and |s̈| ≤ A. For every joint, with P, c, e the greatest |q'|, |q''|, |q'''| of the stretch:
 //!
 //! ```text
-//! P v ≤ q̇max      c v² ≤ q̈max/2      e v³ ≤ q⃛max/4      P A ≤ q̈max/2 (q̈max where c = 0)
-//! A (3 c v + 2 P/T) ≤ 3/4 q⃛max (q⃛max where e = 0)
+//! P v ≤ q̇max      c v² ≤ q̈max/2      e v³ ≤ 0.6 q⃛max      P A ≤ q̈max/2 (q̈max where c = 0)
+//! f + 2 P A/T ≤ q⃛max,  f the greatest |q''' ṡ³ + 3 q'' ṡ s̈| of the corner
 //! ```
+//!
+//! In a corner q''' is greatest at the ends and q'' in the middle: with x = |1 − 2u|, f = max e v³ x + 3 c v A (1 − x²). It is
+//! e v³ as long as 6 c v A ≤ e v³, that is A ≤ v²/(3l), and at most 3 c v A + e v³/2 beyond.
 //!
 //! A box holds up to v T around its stretch ([`spread`]): what the window mixes into a place comes from no farther.
 //! Invariants: stretches lie end to end over the whole path; v and A are above 0 and finite.
@@ -31,6 +34,9 @@ pub(super) struct Stretch {
 /// Speeds above this are none, mm/s: numbers stay finite where nothing binds.
 const ABSURD_MM_S: f64 = 1e6;
 
+/// Share of the jerk limit that a corner's own shape may take.
+const SNAP_SHARE: f64 = 0.6;
+
 /// What an element allows, speed caps aside: v, A for a window of length T.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Box2 {
@@ -51,18 +57,22 @@ fn straight(geometry: &Geometry, limits: &PathLimits, i: usize, window_s: f64) -
 }
 
 fn blend(geometry: &Geometry, limits: &PathLimits, i: usize, window_s: f64) -> Box2 {
+    let corner = geometry.corner(i);
     let mut speed = ABSURD_MM_S;
-    for (j, [slope, bend, snap]) in geometry.corner(i).bounds().enumerate() {
+    for (j, [slope, bend, snap]) in corner.bounds().enumerate() {
         speed = speed
             .min(limits.velocity[j] / slope)
             .min((0.5 * limits.acceleration[j] / bend).sqrt())
-            .min((0.25 * limits.jerk[j] / snap).cbrt());
+            .min((SNAP_SHARE * limits.jerk[j] / snap).cbrt());
     }
+    let natural = speed * speed / (3.0 * corner.half_mm);
     let mut acceleration = ABSURD_MM_S;
-    for (j, [slope, bend, _]) in geometry.corner(i).bounds().enumerate() {
-        acceleration = acceleration
-            .min(0.5 * limits.acceleration[j] / slope)
-            .min(0.75 * limits.jerk[j] / (3.0 * bend * speed + 2.0 * slope / window_s));
+    for (j, [slope, bend, snap]) in corner.bounds().enumerate() {
+        let (jerk, turning) = (limits.jerk[j], snap * speed.powi(3));
+        let gentle = (jerk - turning) * window_s / (2.0 * slope);
+        let hard = (jerk - 0.5 * turning) / (3.0 * bend * speed + 2.0 * slope / window_s);
+        let allowed = if gentle <= natural { gentle } else { natural.max(hard) };
+        acceleration = acceleration.min(0.5 * limits.acceleration[j] / slope).min(allowed);
     }
     Box2 { speed_mm_s: speed, acceleration_mm_s2: acceleration }
 }

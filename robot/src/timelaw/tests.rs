@@ -170,9 +170,9 @@ fn a_right_angle_is_cut_by_the_tolerance() {
     // the middle is 3l/16 (d₂ − d₁) away: all of the tolerance
     let off = [at_corner.q[0] - 5.0, at_corner.q[1]];
     assert!((off[0].hypot(off[1]) - 0.04).abs() < 1e-9, "{off:?}");
-    // l = 16/3 · 0.04/√2; ṡ³ |q'''| ≤ j/4 with |q'''| = 6/(2l)² is what binds
+    // l = 16/3 · 0.04/√2; ṡ³ |q'''| ≤ 0.6 j with |q'''| = 6/(2l)² is what binds
     let l = 16.0 / 3.0 * 0.04 / 2f64.sqrt();
-    let through = (0.25 * 3000.0 * (2.0 * l).powi(2) / 6.0).cbrt();
+    let through = (0.6 * 3000.0 * (2.0 * l).powi(2) / 6.0).cbrt();
     // d₁ and d₂ share the middle: |q'| = 1/√2
     let speed = linear_mm(&at_corner.qd) * 2f64.sqrt();
     assert!((0.9 * through..=through * (1.0 + 1e-9)).contains(&speed), "{speed} mm/s, {through}");

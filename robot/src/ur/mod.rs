@@ -24,9 +24,9 @@ pub use ik::{UrGeometry, UrSolutions};
 use crate::arm::Arm;
 use crate::error::RobotError;
 
-/// Acceleration and jerk of every joint: 5 rad/s² and 100 rad/s³, that is full acceleration within 0.05 s. Assumed:
+/// Acceleration and jerk of every joint: 5 rad/s² and 250 rad/s³, that is full acceleration within 0.02 s. Assumed:
 /// well below the 40 rad/s² that the controller accepts, about the 5 rad/s² that ROS descriptions plan with.
-pub const LIMITS_ASSUMED: (f64, f64) = (5.0, 100.0);
+pub const LIMITS_ASSUMED: (f64, f64) = (5.0, 250.0);
 
 /// An arm of the e-series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
