@@ -16,8 +16,8 @@ use super::{TiltFamily, nearest_to_z};
 
 /// Most directions of a set. A cap of 60° takes 331 at 6°.
 pub const MOST_DIRECTIONS: usize = 512;
-/// Most places of a fan that a turn may use: a byte remembers which.
-pub(super) const MOST_SLOTS: usize = 256;
+/// Most places of a fan that a turn may use: a byte remembers which, and four words hold a bit for each.
+const MOST_SLOTS: usize = 256;
 /// Most steps along a plane: as many directions as a byte's half.
 const MOST_STEPS: f64 = 124.0;
 /// A tilt may exceed its limit by this much, rad: rounding, not a choice.

@@ -13,6 +13,7 @@ pub mod free;
 pub mod greedy;
 pub mod refine;
 pub mod sequence;
+pub mod stencil;
 
 pub use directions::Directions;
 pub use free::FreeSets;

@@ -18,7 +18,7 @@
 use bonemill_geometry::cancel;
 use std::collections::HashMap;
 
-use super::directions::{Directions, Fan, MOST_SLOTS, tilt_rad};
+use super::directions::{Directions, Fan, tilt_rad};
 use super::{FreeSets, RateLimit};
 
 /// Shorter moves count as this long: a turn on the spot is dear, not infinitely so, mm.
@@ -230,13 +230,16 @@ impl<'a> Layer<'a> {
         turn: f64,
         is_forbidden: impl Fn(u16) -> bool,
     ) -> (usize, f64) {
-        let mut open = [true; MOST_SLOTS];
+        // a bit per slot: nothing blocked on the way there, the slot itself included
+        let mut open = [1u64, 0, 0, 0];
         let (mut from, mut least) = (0, f64::INFINITY);
         for slot in 0..slots {
             let node = fan.node[slot];
-            let on_way = open[usize::from(fan.parent[slot])];
+            let parent = usize::from(fan.parent[slot]);
+            let on_way = open[parent / 64 % 4] >> (parent % 64) & 1 == 1;
             // slot 0 is the end itself, which is free
-            open[slot] = on_way && self.passable[usize::from(node)];
+            let passes = on_way && self.passable[usize::from(node)];
+            open[slot / 64 % 4] |= u64::from(passes) << (slot % 64);
             let total = self.best[usize::from(node)] + turn * fan.square[slot];
             if on_way && total < least && !is_forbidden(node) {
                 (from, least) = (slot, total);

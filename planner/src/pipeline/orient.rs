@@ -13,6 +13,7 @@ use crate::orientation::directions::angle_between;
 use crate::orientation::greedy::{self, Waypoint, low_pass, settle};
 use crate::orientation::refine::{Chart, best_checked, refine};
 use crate::orientation::sequence::{Forbidden, Found, Problem};
+use crate::orientation::stencil::Stencil;
 use crate::orientation::{Directions, FreeSets, RateLimit, TiltFamily};
 
 /// Below this weight of forces in the cost they are left out: the choice is then worse by less than it, and the plan says by
@@ -99,24 +100,24 @@ impl CostField<'_> {
         });
     }
 
-    /// C of waypoint i for an axis; `compliance`: of that axis.
-    fn cost(
+    /// Force of what was gathered, for an axis.
+    fn force_n(&self, samples: &EngagedSamples, axis: &Unit<Vector3<f64>>) -> Vector3<f64> {
+        if samples.is_empty() {
+            return Vector3::zeros();
+        }
+        self.kernel.force_for_axis(samples, axis, self.spindle_rpm).force_n(self.nominal_mm_s)
+    }
+
+    /// C of waypoint i for an axis and the force on it; `compliance`: of that axis.
+    fn cost_of(
         &self,
         i: usize,
-        samples: &EngagedSamples,
+        force_n: &Vector3<f64>,
         axis: &Unit<Vector3<f64>>,
         compliance: Option<&Matrix3<f64>>,
     ) -> f64 {
         let moments = &self.moments[i];
-        if moments.mass_mg() <= 0.0 {
-            return 0.0;
-        }
-        let force = if samples.is_empty() {
-            Vector3::zeros()
-        } else {
-            self.kernel.force_for_axis(samples, axis, self.spindle_rpm).force_n(self.nominal_mm_s)
-        };
-        let push = compliance.map_or(force, |c| c * force);
+        let push = compliance.map_or(*force_n, |c| c * force_n);
         self.terms[i].cost(&push, moments.inertia_normalised(axis), moments.mass_mg()).cost
     }
 }
@@ -205,7 +206,9 @@ fn by_waypoint(room: &Room, field: &CostField) -> Oriented {
                 family: room.family,
                 in_set: |n: usize| room.is_in_set(i, n),
                 is_free: |axis: &Unit<Vector3<f64>>| room.is_free(i, axis),
-                cost: |axis: &Unit<Vector3<f64>>| field.cost(i, samples, axis, compliance(axis)),
+                cost: |axis: &Unit<Vector3<f64>>| {
+                    field.cost_of(i, &field.force_n(samples, axis), axis, compliance(axis))
+                },
             }
             .wish()
         })
@@ -217,23 +220,31 @@ fn by_waypoint(room: &Room, field: &CostField) -> Oriented {
     Oriented { low_pass_held: filtered.held, ..Oriented::new(filtered.axes, room.family) }
 }
 
-/// C of every waypoint and free direction, one row per waypoint.
+/// C of every waypoint and free direction, one row per waypoint; forces by the set's stencil where that asks for fewer.
 pub fn cost_rows(directions: &Directions, free: &FreeSets, field: &CostField) -> Vec<f32> {
     let axes = directions.axes();
+    let stencil = Stencil::new(directions);
     let mut cost = vec![0f32; free.len() * axes.len()];
-    cost.par_chunks_mut(axes.len()).enumerate().for_each_init(
-        EngagedSamples::default,
-        |samples, (i, row)| {
-            if field.moments[i].mass_mg() <= 0.0 {
-                return;
+    let workspace = || (EngagedSamples::default(), vec![Vector3::zeros(); stencil.nodes().len()]);
+    cost.par_chunks_mut(axes.len()).enumerate().for_each_init(workspace, |(samples, at_nodes), (i, row)| {
+        if field.moments[i].mass_mg() <= 0.0 {
+            return;
+        }
+        field.gather(i, samples);
+        let mut needed = vec![false; at_nodes.len()];
+        free.iter(i).flat_map(|n| stencil.needs(n)).for_each(|place| needed[place] = true);
+        let interpolates = !samples.is_empty() && needed.iter().filter(|n| **n).count() < free.count(i);
+        if interpolates {
+            for place in (0..needed.len()).filter(|place| needed[*place]) {
+                at_nodes[place] = field.force_n(samples, &axes[stencil.nodes()[place]]);
             }
-            field.gather(i, samples);
-            for n in free.iter(i) {
-                let compliance = field.compliance.as_ref().map(|c| &c[n]);
-                row[n] = field.cost(i, samples, &axes[n], compliance) as f32;
-            }
-        },
-    );
+        }
+        for n in free.iter(i) {
+            let force = if interpolates { stencil.at(n, at_nodes) } else { field.force_n(samples, &axes[n]) };
+            let compliance = field.compliance.as_ref().map(|c| &c[n]);
+            row[n] = field.cost_of(i, &force, &axes[n], compliance) as f32;
+        }
+    });
     cost
 }
 
