@@ -18,7 +18,7 @@ use rerun::blueprint::{
     Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial2DView,
     Spatial3DView, Tabs, TextDocumentView, TimePanel, TimeSeriesView, Vertical,
 };
-use rerun::external::re_sdk_types::blueprint::components::PanelState;
+use rerun::external::re_sdk_types::blueprint::components::{PanelState, PlayState};
 use rerun::{Color, RecordingStream, RecordingStreamBuilder, TimeColumn};
 
 use crate::args::ViewArgs;
@@ -405,6 +405,10 @@ fn blueprint(plan: &StoredPlan) -> Blueprint {
         .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Collapsed))
         .with_selection_panel(SelectionPanel::from_state(PanelState::Collapsed))
         .with_time_panel(
-            TimePanel::new().with_state(PanelState::Collapsed).with_timeline(TIME).with_playback_speed(20.0),
+            TimePanel::new()
+                .with_state(PanelState::Collapsed)
+                .with_timeline(TIME)
+                .with_play_state(PlayState::Paused)
+                .with_playback_speed(20.0),
         )
 }

@@ -44,3 +44,23 @@ def command() -> Path:
     if not built:
         pytest.skip("the command is not built: cargo build")
     return max(built, key=lambda p: p.stat().st_mtime)
+
+
+ROBOT = """
+[robot]
+model = "ur5e"
+flange_from_burr = { translation_mm = [0.0, 0.0, 180.0], rpy_rad = [3.141592653589793, 0.0, 0.0] }
+base_from_ct = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [450.0, 50.0, 150.0] }
+
+"""
+
+
+@pytest.fixture(scope="session")
+def ur_planned(block: bonemill.Case) -> bonemill.Plan:
+    """The same pocket for a UR5e on a table."""
+    head, found, tail = block.text.partition("[robot]")
+    assert found
+    _, next_table, rest = tail.partition("\n[")
+    path = block.path.with_name("case_ur5e.toml")
+    path.write_text(head + ROBOT + (next_table + rest).lstrip("\n"), encoding="utf-8")
+    return bonemill.plan(path)

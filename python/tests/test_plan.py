@@ -250,7 +250,7 @@ def test_a_case_with_images_in_memory_is_pickled_whole(planned: bonemill.Plan, b
 
 def test_images_are_copied_when_given(planned: bonemill.Plan, block: bonemill.Case) -> None:
     ct, labels = images(block)
-    values = np.array(ct.dataobj)
+    values = np.asanyarray(ct.dataobj).copy()
     case = block.with_images(ct=(values, ct.affine), labels=labels)
     values[:] = 0
     same_rows(bonemill.plan(case).waypoints, planned.waypoints)

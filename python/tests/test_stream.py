@@ -67,6 +67,22 @@ def test_an_arm_that_does_not_follow_is_stopped() -> None:
         assert double.get("commands")[-2:] == [SERVO_STOP, STOP_SCRIPT]
 
 
+def test_a_plan_for_a_ur_arm_is_streamed(ur_planned: bonemill.Plan, tmp_path: Path) -> None:
+    pytest.importorskip("rtde_control")
+    saved = ur_planned.save(tmp_path / "plan")
+    rows = rows_of(bonemill.Plan.load(saved))
+    assert rows.period_s == pytest.approx(0.002) and rows.q.shape == (len(ur_planned.trajectory), 6)
+    # a second of it
+    some = Rows(rows.period_s, rows.q[:500])
+    with Double(next(addresses), some.q[0]) as double:
+        report = follow(UrLink(double.host, 500.0, PATIENT), some, PATIENT)
+        np.testing.assert_array_equal(np.array(double.get("sent"))[:500], some.q)
+    assert report.rows == 500
+    done = run("stream", saved, "--host", "192.0.2.1", "--dry-run")
+    assert done.returncode == 0 and f"would send {len(rows.q)} rows" in done.stdout, done.stderr
+    assert "nominal kinematics" in done.stderr
+
+
 class Imagined:
     """An arm that is where it was told to be, with a clock of its own."""
 

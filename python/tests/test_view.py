@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
@@ -31,7 +32,10 @@ ENTITIES = [
 def test_a_recording_holds_everything(planned: bonemill.Plan, tmp_path: Path) -> None:
     path = tmp_path / "plan.rrd"
     stages: list[str] = []
-    bonemill.view(planned, save=path, progress=lambda stage, done, of: stages.append(stage))
+    with warnings.catch_warnings():
+        # rerun warns where it drops what it does not understand
+        warnings.simplefilter("error")
+        bonemill.view(planned, save=path, progress=lambda stage, done, of: stages.append(stage))
     assert path.stat().st_size > 100_000 and "scene" in stages
     call = [sys.executable, "-m", "rerun", "rrd", "print", str(path)]
     said = subprocess.run(call, capture_output=True, text=True, check=True).stdout

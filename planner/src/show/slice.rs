@@ -2,7 +2,7 @@
 
 use bonemill_geometry::{Point, Work};
 
-use super::Show;
+use super::{CUT, Show};
 
 /// HU shown as black and as white.
 const WINDOW_HU: [f32; 2] = [-1000.0, 2000.0];
@@ -59,9 +59,11 @@ impl Show<'_> {
                 let mut voxel = [0; 3];
                 (voxel[plane.right], voxel[plane.up], voxel[plane.along]) = (column, height - 1 - row, cut);
                 let n = grid.index(voxel);
+                let code = self.code(n, index);
                 let share = (self.scene.hu.data()[n] - WINDOW_HU[0]) / (WINDOW_HU[1] - WINDOW_HU[0]);
-                slice.grey.push((share.clamp(0.0, 1.0) * 255.0) as u8);
-                slice.code.push(self.code(n, index));
+                // what is cut is no bone any more
+                slice.grey.push(if code == CUT { 0 } else { (share.clamp(0.0, 1.0) * 255.0) as u8 });
+                slice.code.push(code);
             }
         }
         slice

@@ -66,7 +66,8 @@ def _scene(rr: Any, recording: Any, drawn: dict[str, Any]) -> None:
     recording.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     classes = [(0, "elsewhere", (0, 0, 0, 0)), (1, "target, still there", _TARGET), (2, "cut away", (0, 0, 0))]
     corner = drawn["path"].max(axis=0) + [8.0, 0.0, 0.0]
-    for n, (name, colour, body, shell) in enumerate(drawn["structures"]):
+    for n, (name, tint, body, shell) in enumerate(drawn["structures"]):
+        colour = tuple(tint)
         classes.append((3 + n, name, colour))
         if len(body["vertices"]) == 0:
             continue
@@ -168,5 +169,5 @@ def _layout(drawn: dict[str, Any]) -> Any:
         rrb.Vertical(above, rrb.Horizontal(*curves), row_shares=[2.8, 1.0]),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=_TIME, playback_speed=20.0),
+        rrb.TimePanel(state="collapsed", timeline=_TIME, play_state="paused", playback_speed=20.0),
     )
