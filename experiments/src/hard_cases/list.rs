@@ -1,0 +1,269 @@
+//! The hard cases of images and anatomy; those of tools, limits and bad input are in [`super::list_tools`].
+
+use super::list_tools::{input_scenes, tool_scenes};
+use super::scene::{AIR, BONE, Expect, NERVE, SOFT, Scene, TARGET, V, block, nerve, pocket};
+
+/// Every hard case.
+pub fn scenes() -> Vec<Scene> {
+    [image_scenes(), target_scenes(), structure_scenes(), bone_scenes(), tool_scenes(), input_scenes()]
+        .concat()
+}
+
+/// How a body is stored must not matter.
+fn image_scenes() -> Vec<Scene> {
+    let stored = |name, why| Scene::plain(name, why);
+    let turned = |name, why, turn_rad: [f64; 3]| Scene { turn_rad, ..stored(name, why) };
+    let quarter = std::f64::consts::FRAC_PI_2;
+    vec![
+        stored("plain", "nothing: the reference"),
+        Scene { mirrored: [true, false, false], ..stored("i backwards", "a left-handed storage order") },
+        Scene { mirrored: [true, true, false], ..stored("LPS order", "what DICOM converters write") },
+        Scene { mirrored: [true, true, true], ..stored("all backwards", "a left-handed storage order") },
+        turned("approach along x", "the grid's z is the scan's x", [0.0, quarter, 0.0]),
+        turned("approach along -y", "a basis near a pole of none", [quarter, 0.0, 0.0]),
+        turned("approach from below", "the basis at its own pole", [std::f64::consts::PI, 0.0, 0.0]),
+        turned("oblique scan", "no axis along any other", [0.4, -0.7, 1.1]),
+        Scene {
+            mirrored: [false, true, false],
+            ..turned("oblique and mirrored", "det -1 and no axis along any other", [-0.9, 0.3, 2.0])
+        },
+        Scene { spacing_mm: [0.4, 0.5, 0.8], ..stored("anisotropic voxels", "a diagonal of 1 mm") },
+        Scene { spacing_mm: [0.3, 0.3, 1.2], ..stored("thick slices", "a band wider than two grid voxels") },
+        Scene {
+            label_grid: Some(([0.35, 0.45, 0.4], [0.1, -0.05, 0.15])),
+            ..stored("labels on a grid of their own", "no label voxel lies on a CT voxel")
+        },
+        Scene {
+            label_grid: Some(([1.0; 3], [0.0; 3])),
+            ..stored("coarse labels", "label boxes of eight CT voxels")
+                .with("clearance_mm = 0.8", "clearance_mm = 0.6")
+        },
+        stored("finer planning grid", "voxels below those of the scan")
+            .with("spacing_mm = 0.5\n", "spacing_mm = 0.3\n"),
+    ]
+}
+
+fn target_scenes() -> Vec<Scene> {
+    fn slab(p: &V) -> u8 {
+        let target = p.x.abs() < 4.5 && p.y.abs() < 4.5 && (-0.6..0.0).contains(&p.z);
+        if target { TARGET } else { nerve(p).into_label() }
+    }
+    fn two(p: &V) -> u8 {
+        let in_one = |x: f64| (p.x - x).abs() < 1.9 && p.y.abs() < 1.9 && (-2.0..0.0).contains(&p.z);
+        if in_one(-4.2) || in_one(0.8) { TARGET } else { 0 }
+    }
+    fn voxel(p: &V) -> u8 {
+        if p.x.abs() < 0.5 && p.y.abs() < 0.5 && (-0.5..0.0).contains(&p.z) { TARGET } else { 0 }
+    }
+    fn slot(p: &V) -> u8 {
+        if p.x.abs() < 1.0 && p.y.abs() < 4.0 && (-3.0..0.0).contains(&p.z) { TARGET } else { 0 }
+    }
+    fn well(p: &V) -> u8 {
+        if p.x.hypot(p.y) < 2.0 && (-6.0..0.0).contains(&p.z) { TARGET } else { 0 }
+    }
+    fn undercut(p: &V) -> u8 {
+        let (neck, hall) =
+            (p.x.hypot(p.y) < 2.2 && p.z >= -3.0, p.x.abs() < 5.0 && p.y.abs() < 2.2 && p.z < -3.0);
+        if (neck || hall) && (-6.0..0.0).contains(&p.z) { TARGET } else { 0 }
+    }
+    fn ball(p: &V) -> u8 {
+        if (p - V::new(0.0, 0.0, -1.0)).norm() < 3.5 { TARGET } else { 0 }
+    }
+    fn oblique_pit(p: &V) -> u8 {
+        let axis = V::new(0.5, 0.0, 0.866);
+        let along = p.dot(&axis);
+        if (p - axis * along).norm() < 2.6 && along > -4.0 && p.z < 0.0 { TARGET } else { 0 }
+    }
+    fn buried(p: &V) -> u8 {
+        if p.x.abs() < 2.0 && p.y.abs() < 2.0 && (-5.0..-2.0).contains(&p.z) { TARGET } else { 0 }
+    }
+    fn airy(p: &V) -> f32 {
+        let cell = (p.x * 1.7).sin() * (p.y * 1.3).sin() * (p.z * 1.9).cos() > 0.35;
+        if p.z < 0.0 && !(cell && pocket(p) == TARGET) { BONE } else { AIR }
+    }
+    fn hollow(p: &V) -> f32 {
+        if pocket(p) == TARGET { AIR } else { block(p) }
+    }
+    fn edge(p: &V) -> u8 {
+        if p.x > 4.0 && p.y.abs() < 3.0 && (-2.5..0.0).contains(&p.z) { TARGET } else { 0 }
+    }
+    let with = |name, why, label: fn(&V) -> u8| Scene::plain(name, why).body(block, label).without_nerve();
+    let shape = |name, why, target: &str| {
+        Scene::plain(name, why).with("[target]\nlabel = 20", format!("[target]\n{target}"))
+    };
+    vec![
+        Scene::plain("thin slab", "one layer, thinner than half a burr").body(block, slab),
+        with("two pieces", "a link between cavities", two),
+        with("a few voxels", "smaller than the burr: part of a ball", voxel)
+            .must(Expect::Refused("can reach no voxel of the target")),
+        with("slot narrower than the burr", "only its rim can be touched", slot)
+            .must(Expect::Refused("can reach no voxel of the target")),
+        with("narrow deep well", "the burr just fits and the shank follows", well),
+        with("undercut hall", "the shaft has to tilt under a roof, or say so", undercut)
+            .must(Expect::FallsShort("")),
+        with("ball that leaves the bone", "a target half in air", ball),
+        with("oblique pit", "walls that lean over the floor", oblique_pit),
+        with("buried target", "no way in but through bone that must stay", buried)
+            .must(Expect::Refused("can reach no voxel of the target")),
+        Scene::plain("air cells", "a third of the target is air").body(airy, pocket),
+        Scene::plain("target of air alone", "nothing to cut")
+            .body(hollow, pocket)
+            .must(Expect::Refused("empty")),
+        with("target at the scan's edge", "what lies beyond is unknown: a warning", edge),
+        shape(
+            "box",
+            "the bone in a box, structures left out",
+            "box = { min_mm = [-3, -3, -3], max_mm = [3, 3, 1] }",
+        ),
+        shape(
+            "sphere",
+            "the bone in a ball that reaches into air",
+            "ball = { center_mm = [0, 0, -0.5], radius_mm = 3.2 }",
+        ),
+        shape(
+            "frustum",
+            "a cone that widens towards the surface",
+            "frustum = { from_mm = [0, 0, -3], to_mm = [0, 0, 1], from_radius_mm = 2.2, to_radius_mm = 3.6 }",
+        ),
+        shape("box in thin air", "no bone in it", "box = { min_mm = [-3, -3, 0.6], max_mm = [3, 3, 2] }")
+            .must(Expect::Refused("empty")),
+        shape(
+            "box outside the scan",
+            "of another patient",
+            "box = { min_mm = [90, 90, 90], max_mm = [99, 99, 99] }",
+        )
+        .must(Expect::Refused("outside the CT")),
+    ]
+}
+
+fn structure_scenes() -> Vec<Scene> {
+    fn bridge(p: &V) -> u8 {
+        // a nerve across the pocket, 1 mm below its floor
+        let across = p.y.abs() < 0.5 && p.x.abs() < 6.0 && (-4.6..-3.9).contains(&p.z);
+        if across { NERVE } else { only_pocket(p) }
+    }
+    fn over(p: &V) -> u8 {
+        // a nerve across the way in, above the surface
+        let across = p.y.abs() < 0.5 && (1.0..1.8).contains(&p.z);
+        if across { NERVE } else { only_pocket(p) }
+    }
+    fn lid(p: &V) -> u8 {
+        if (1.0..1.6).contains(&p.z) { NERVE } else { only_pocket(p) }
+    }
+    fn touching(p: &V) -> u8 {
+        if (3.0..4.0).contains(&p.x) && p.y.abs() < 3.0 && (-3.0..-1.0).contains(&p.z) {
+            NERVE
+        } else {
+            only_pocket(p)
+        }
+    }
+    fn speck(p: &V) -> u8 {
+        if (p.x - 4.8).abs() < 0.26 && p.y.abs() < 0.26 && (p.z + 1.0).abs() < 0.26 {
+            NERVE
+        } else {
+            only_pocket(p)
+        }
+    }
+    fn cup(p: &V) -> u8 {
+        // all around and below, 1.5 mm away
+        let far = (p.x.abs() - 3.0).max(p.y.abs() - 3.0).max(-3.0 - p.z);
+        if p.z < -1.0 && (1.5..2.2).contains(&far) { NERVE } else { only_pocket(p) }
+    }
+    let with = |name, why, label: fn(&V) -> u8| Scene::plain(name, why).body(block, label);
+    let clearance = |mm: &str| format!("clearance_mm = {mm}");
+    vec![
+        Scene::plain("no clearance", "the label box itself is the limit")
+            .with("clearance_mm = 0.8", clearance("0")),
+        Scene::plain("clearance into the target", "a corner of the pocket is forbidden")
+            .with("clearance_mm = 0.8", clearance("2.4")),
+        Scene::plain("clearance over all of the target", "nothing is left to reach")
+            .with("clearance_mm = 0.8", clearance("12"))
+            .must(Expect::Refused("clearances of the structures leave no room")),
+        with("nerve under the floor", "the clearance lifts the floor along a line", bridge),
+        with("nerve over the way in", "burr and shank have to pass beside it", over)
+            .must(Expect::FallsShort("")),
+        with("structure as a lid", "no way in", lid).must(Expect::Refused("can reach no voxel")),
+        with("structure that touches the target", "no clearance can be kept", touching)
+            .must(Expect::Refused("touches structure 'nerve'")),
+        with("structure of one voxel", "a box tree with one leaf", speck),
+        with("structure all around", "every wall is a clearance", cup),
+        Scene::plain("clearance of the shank", "the shaft keeps 2 mm from the nerve")
+            .with("clearance_mm = 0.8", "clearance_mm = 0.8\nshank_clearance_mm = 2"),
+        Scene::plain("no structure at all", "no distance, no force toward anything").without_nerve(),
+    ]
+}
+
+fn bone_scenes() -> Vec<Scene> {
+    fn sheet(p: &V) -> f32 {
+        // a film of bone over the pocket, as partial volume leaves it
+        if (0.0..0.5).contains(&p.z) && p.x.abs() < 3.5 { 400.0 } else { block(p) }
+    }
+    fn overhang(p: &V) -> f32 {
+        // thick bone over half of the pocket
+        if (0.0..2.0).contains(&p.z) && p.x > 1.0 { BONE } else { block(p) }
+    }
+    fn wall(p: &V) -> f32 {
+        // a ridge beside the pocket that the shank must not lean on
+        if (0.0..2.8).contains(&p.z) && (3.0..6.0).contains(&p.x.abs()) { BONE } else { block(p) }
+    }
+    fn soft(p: &V) -> f32 {
+        if p.z < 0.0 {
+            BONE
+        } else if p.z < 1.5 {
+            SOFT
+        } else {
+            AIR
+        }
+    }
+    fn texture(p: &V) -> f32 {
+        if p.z < 0.0 {
+            900.0 + 700.0 * ((7.3 * p.x).sin() + (5.1 * p.y).cos() + (6.7 * p.z).sin()) as f32 / 3.0
+        } else {
+            AIR
+        }
+    }
+    fn specks(p: &V) -> f32 {
+        let speck = (p.x * 2.0).floor() as i64 % 5 == 0
+            && (p.y * 2.0).floor() as i64 % 5 == 0
+            && (0.5..1.0).contains(&p.z);
+        if speck { 600.0 } else { block(p) }
+    }
+    fn cave(p: &V) -> f32 {
+        // air under the floor: the burr breaks through
+        if p.z < -3.0 && p.x.hypot(p.y) < 2.5 && p.z > -5.5 { AIR } else { block(p) }
+    }
+    fn threshold(p: &V) -> f32 {
+        // just above what counts as bone
+        if p.z < 0.0 { 205.0 } else { AIR }
+    }
+    let with = |name, why, hu: fn(&V) -> f32| Scene::plain(name, why).body(hu, pocket);
+    vec![
+        with("partial-volume film over the way in", "a sheet thinner than the band is no wall", sheet),
+        with("overhang over half the pocket", "half of it cannot be reached from above", overhang),
+        with("ridges beside the pocket", "tilting is limited by bone that stays", wall),
+        with("soft tissue over the bone", "retracted: no obstacle", soft),
+        with("textured bone", "forces differ from voxel to voxel", texture),
+        with("specks over the way in", "noise is no bone", specks),
+        with("cave under the floor", "air beyond the target", cave),
+        with("bone at the threshold", "every voxel is barely bone", threshold),
+    ]
+}
+
+/// The pocket without a nerve.
+fn only_pocket(p: &V) -> u8 {
+    match pocket(p) {
+        TARGET => TARGET,
+        _ => 0,
+    }
+}
+
+/// A flag as the nerve's label.
+trait IntoLabel {
+    fn into_label(self) -> u8;
+}
+
+impl IntoLabel for bool {
+    fn into_label(self) -> u8 {
+        if self { NERVE } else { 0 }
+    }
+}

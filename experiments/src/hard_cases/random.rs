@@ -1,0 +1,183 @@
+//! Random small bodies, planned and verified; one that fails is made as simple as it can be while it still fails.
+//!
+//! A body is a handful of numbers drawn from a seed, each with a simplest value. Shrinking sets them to it one after the
+//! other, as long as the scene still ends badly: what is left names what it takes.
+
+use bonemill_planner::Progress;
+use rayon::prelude::*;
+
+use super::run::{End, run};
+use super::scene::{AIR, BONE, NERVE, Scene, TARGET, V};
+use crate::Table;
+
+/// What a random body is made of. All numbers are small integers, so that a body can be written down.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RandomBody {
+    /// Half the pocket's length and width, and its depth, in half millimetres.
+    pub pocket: [u8; 3],
+    /// The nerve's place beside it: distance and height in half millimetres, 0 for no nerve.
+    pub nerve: [u8; 2],
+    /// Air cells: 0 none, else their period in tenths of a millimetre.
+    pub cells: u8,
+    /// Roof over a part of the pocket, in half millimetres; 0 none.
+    pub roof: u8,
+    /// Burr in tenths of a millimetre.
+    pub burr: u8,
+    /// Clearance in tenths of a millimetre.
+    pub clearance: u8,
+    /// Tilt limit in degrees.
+    pub tilt_deg: u8,
+    /// Turn of the scan about three axes in tenths of a radian.
+    pub turn: [u8; 3],
+    /// CT voxel along each axis in tenths of a millimetre.
+    pub voxel: [u8; 3],
+}
+
+impl RandomBody {
+    /// The body of a number.
+    pub fn draw(number: u64) -> Self {
+        let mut state = number.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        // splitmix64 (Steele et al. 2014)
+        let mut below = |n: u64| -> u8 {
+            state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let mut z = state;
+            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            ((z ^ (z >> 31)) % n) as u8
+        };
+        Self {
+            pocket: [4 + below(6), 4 + below(6), 3 + below(6)],
+            nerve: [below(6), below(8)],
+            cells: below(3) * (12 + below(20)),
+            roof: below(4).saturating_sub(1) * (1 + below(3)),
+            burr: 10 + below(12),
+            clearance: below(16),
+            tilt_deg: 5 + below(60),
+            turn: [below(32), below(32), below(32)],
+            voxel: [4 + below(4), 4 + below(4), 4 + below(6)],
+        }
+    }
+
+    /// The simplest body.
+    const PLAIN: Self = Self {
+        pocket: [6, 6, 6],
+        nerve: [0, 0],
+        cells: 0,
+        roof: 0,
+        burr: 15,
+        clearance: 8,
+        tilt_deg: 45,
+        turn: [0; 3],
+        voxel: [5; 3],
+    };
+
+    /// Bodies that are simpler by one part each.
+    fn simpler(self) -> Vec<Self> {
+        let p = Self::PLAIN;
+        let all = [
+            Self { turn: p.turn, ..self },
+            Self { voxel: p.voxel, ..self },
+            Self { cells: p.cells, ..self },
+            Self { roof: p.roof, ..self },
+            Self { nerve: p.nerve, ..self },
+            Self { tilt_deg: p.tilt_deg, ..self },
+            Self { clearance: p.clearance, ..self },
+            Self { burr: p.burr, ..self },
+            Self { pocket: p.pocket, ..self },
+        ];
+        all.into_iter().filter(|simpler| *simpler != self).collect()
+    }
+
+    /// The scene of the body. It may be planned, fall short or be refused for a reason of [`REASONS`]; nothing else.
+    pub fn scene(self) -> Scene {
+        let mm = |v: u8| f64::from(v) * 0.5;
+        let plain = Scene::plain("random", "drawn from a number");
+        let mut scene = plain.body(move |p| self.hu(p), move |p| self.label(p));
+        scene.spacing_mm = self.voxel.map(|v| f64::from(v) * 0.1);
+        scene.turn_rad = self.turn.map(|v| f64::from(v) * 0.1);
+        scene.half_mm = [mm(self.pocket[0]) + 5.0, mm(self.pocket[1]) + 5.0, mm(self.pocket[2]) + 4.5];
+        let scene = scene
+            .with("radius_mm = 1.5", format!("radius_mm = {:?}", f64::from(self.burr) * 0.1))
+            .with("clearance_mm = 0.8", format!("clearance_mm = {:?}", f64::from(self.clearance) * 0.1))
+            .with("[speed]", format!("[orientation]\ntilt_limit_deg = {}\n\n[speed]", self.tilt_deg));
+        if self.nerve[0] == 0 { scene.without_nerve() } else { scene }
+    }
+
+    /// HU at a place.
+    fn hu(&self, p: &V) -> f32 {
+        let period = f64::from(self.cells) * 0.1;
+        let cell = self.cells > 0 && {
+            let wave = |v: f64| (v * std::f64::consts::TAU / period).sin();
+            wave(p.x) * wave(p.y + 0.3) * wave(p.z + 0.7) > 0.3
+        };
+        let roof = f64::from(self.roof) * 0.5;
+        if p.z >= 0.0 {
+            if p.z < roof && p.x > 0.5 { BONE } else { AIR }
+        } else if cell && self.label(p) == TARGET {
+            AIR
+        } else {
+            BONE
+        }
+    }
+
+    /// Label at a place.
+    fn label(&self, p: &V) -> u8 {
+        let [a, b, depth] = self.pocket.map(|v| f64::from(v) * 0.5);
+        if p.x.abs() < a && p.y.abs() < b && p.z < 0.0 && p.z >= -depth {
+            return TARGET;
+        }
+        let [beside, height] = self.nerve.map(|v| f64::from(v) * 0.5);
+        let off = (p.x - a - 0.6 - beside).abs();
+        let is_nerve =
+            self.nerve[0] > 0 && off < 0.6 && p.y.abs() < b + 2.0 && (p.z + height + 0.5).abs() < 0.6;
+        if is_nerve { NERVE } else { 0 }
+    }
+}
+
+/// Why a random body may be refused.
+const REASONS: [&str; 3] = ["can reach no voxel", "touches structure", "empty"];
+
+/// Whether a body may end so.
+fn ended_well(end: &End) -> bool {
+    match end {
+        End::Verified(_) | End::FallsShort(_) => true,
+        End::Refused(why) => REASONS.iter().any(|reason| why.contains(reason)),
+        End::Faulty(_) | End::Broken(_) => false,
+    }
+}
+
+/// The simplest body that fails, found from one that does: each step takes the first simpler one that still fails.
+pub fn shrink(body: RandomBody, fails: impl Fn(RandomBody) -> bool) -> RandomBody {
+    let mut body = body;
+    // every step sets a part to its simplest value for good
+    while let Some(simpler) = body.simpler().into_iter().find(|b| fails(*b)) {
+        body = simpler;
+    }
+    body
+}
+
+/// Runs bodies 0 to `count`: how they ended, and what is left of each that failed.
+pub fn random_scenes(count: u64, progress: &dyn Progress) -> Table {
+    const PORTION: u64 = 50;
+    let mut table =
+        Table::new("random-scenes", format!("{count} random bodies"), &["ended", "bodies", "an example"]);
+    let mut ends: Vec<(u64, End)> = Vec::new();
+    for first in (0..count).step_by(PORTION as usize) {
+        let portion: Vec<u64> = (first..(first + PORTION).min(count)).collect();
+        let run_one = |n: &u64| (*n, run(&RandomBody::draw(*n).scene()));
+        ends.extend(portion.par_iter().map(run_one).collect::<Vec<_>>());
+        progress.advance(ends.len(), count as usize);
+    }
+    for word in ["verified", "fell short", "refused", "FAULTY", "BROKEN"] {
+        let of_word: Vec<_> = ends.iter().filter(|(_, end)| end.word() == word).collect();
+        if let Some((n, end)) = of_word.first() {
+            let example = format!("body {n}: {}", end.reason().replace('\n', "; ").replace('|', "/"));
+            table.push(vec![word.into(), of_word.len().to_string(), example]);
+        }
+    }
+    for (n, end) in ends.iter().filter(|(_, end)| !ended_well(end)) {
+        let small = shrink(RandomBody::draw(*n), |body| !ended_well(&run(&body.scene())));
+        table.shortfalls.push(format!("body {n}: {end}; as simple as {small:?}"));
+    }
+    table
+}

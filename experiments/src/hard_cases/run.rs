@@ -1,0 +1,140 @@
+//! Runs a scene as a user would: files, plan, files, verification.
+
+use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use bonemill_imaging::{write_ct_i16, write_labels_u8};
+use bonemill_planner::Progress;
+use bonemill_planner::case::Case;
+use bonemill_planner::plan::{Replace, StagedDirectory, StoredPlan, save};
+use bonemill_planner::verify::verify;
+
+use super::OPEN;
+use super::scene::{Expect, Scene};
+
+/// A result whose error is only told.
+type Told<T> = Result<T, Box<dyn std::error::Error>>;
+
+/// What became of a scene.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum End {
+    /// A plan that passes every check; the checks of [`OPEN`] that it fails.
+    Verified(Vec<&'static str>),
+    /// The same, but it says that it falls short; or there is no plan for a reason of the case.
+    FallsShort(String),
+    /// Bad input.
+    Refused(String),
+    /// A plan that fails checks.
+    Faulty(String),
+    /// Something that must never happen: a panic, a file that cannot be written or read back.
+    Broken(String),
+}
+
+impl End {
+    /// Whether it is what must happen.
+    pub fn keeps(&self, expect: &Expect) -> bool {
+        match (self, expect) {
+            (Self::Verified(_), Expect::Verified) => true,
+            (Self::FallsShort(said), Expect::FallsShort(words))
+            | (Self::Refused(said), Expect::Refused(words)) => said.contains(words),
+            _ => false,
+        }
+    }
+
+    /// In a word.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Verified(_) => "verified",
+            Self::FallsShort(_) => "fell short",
+            Self::Refused(_) => "refused",
+            Self::Faulty(_) => "FAULTY",
+            Self::Broken(_) => "BROKEN",
+        }
+    }
+
+    /// Why.
+    pub fn reason(&self) -> String {
+        match self {
+            Self::Verified(open) if open.is_empty() => "every check passed".into(),
+            Self::Verified(open) => format!("every check passed but the open ones: {}", open.join(", ")),
+            Self::FallsShort(why) | Self::Refused(why) | Self::Faulty(why) | Self::Broken(why) => why.clone(),
+        }
+    }
+}
+
+impl fmt::Display for End {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.word(), self.reason())
+    }
+}
+
+/// Runs a scene in a folder of its own.
+pub fn run(scene: &Scene) -> End {
+    let folder = match tempfile::tempdir() {
+        Ok(folder) => folder,
+        Err(error) => return End::Broken(format!("no folder: {error}")),
+    };
+    catch_unwind(AssertUnwindSafe(|| run_in(scene, folder.path()))).unwrap_or_else(|panic| {
+        let said = panic.downcast_ref::<String>().cloned();
+        let said = said.or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()));
+        End::Broken(format!("a panic: {}", said.unwrap_or_default()))
+    })
+}
+
+/// Nobody watches.
+struct Unseen;
+impl Progress for Unseen {
+    fn stage(&self, _: &str) {}
+    fn advance(&self, _: usize, _: usize) {}
+}
+
+fn run_in(scene: &Scene, folder: &Path) -> End {
+    let case_path = folder.join("case.toml");
+    let text = scene.case();
+    let written = || -> Told<()> {
+        let (ct, labels) = scene.images()?;
+        write_ct_i16(folder.join("ct.nii"), &ct)?;
+        write_labels_u8(folder.join("labels.nii"), &labels)?;
+        std::fs::write(&case_path, &text)?;
+        Ok(())
+    };
+    if let Err(error) = written() {
+        return End::Broken(format!("the body cannot be written: {error}"));
+    }
+    let case = match Case::parse(&text, &case_path) {
+        Ok(case) => case,
+        Err(error) => return End::Refused(error.to_string()),
+    };
+    let plan = match bonemill_planner::plan(&case, &case_path, &Unseen) {
+        Ok(plan) => plan,
+        Err(error) if error.is_infeasible() => return End::FallsShort(error.to_string()),
+        Err(error) => return End::Refused(error.to_string()),
+    };
+    let stored = || -> Told<StoredPlan> {
+        let staged = StagedDirectory::create(&folder.join("plan"), Replace::Plan)?;
+        save(&plan, &case_path, &staged)?;
+        let dir = staged.commit()?;
+        Ok(StoredPlan::load(&dir)?)
+    };
+    let stored = match stored() {
+        Ok(stored) => stored,
+        Err(error) => return End::Broken(format!("the plan does not come back from its files: {error}")),
+    };
+    match verify(&stored, &Unseen) {
+        Err(error) => End::Broken(format!("the plan cannot be verified: {error}")),
+        Ok(found) => {
+            let is_open = |name: &str| OPEN.iter().find(|open| **open == name);
+            let faults: Vec<String> =
+                found.failed().filter(|c| is_open(c.name).is_none()).map(ToString::to_string).collect();
+            let mut open: Vec<&'static str> =
+                found.failed().filter_map(|c| is_open(c.name).copied()).collect();
+            open.dedup();
+            match (faults.is_empty(), stored.record.shortfalls.is_empty()) {
+                (false, _) => End::Faulty(faults.join("; ")),
+                (true, false) => End::FallsShort(stored.record.shortfalls.join("; ")),
+                (true, true) => End::Verified(open),
+            }
+        }
+    }
+}

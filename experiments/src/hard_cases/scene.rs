@@ -1,0 +1,228 @@
+//! One hard case: a body, how it is stored, and the case file that goes with it.
+//!
+//! Bodies are given in mm of their own: bone below z = 0, air above, the target a pocket under the origin, a nerve beside
+//! it. A scene says only in what it differs.
+
+use std::fmt;
+use std::sync::Arc;
+
+use bonemill_geometry::{Ct, Grid, GridError, Volume};
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+/// mm in the body.
+pub type V = Vector3<f64>;
+/// A value at a place of the body.
+pub type Formula<T> = Arc<dyn Fn(&V) -> T + Send + Sync>;
+
+/// Air, soft tissue and bone, HU.
+pub const AIR: f32 = -1000.0;
+/// Soft tissue.
+pub const SOFT: f32 = 40.0;
+/// Bone.
+pub const BONE: f32 = 1200.0;
+/// Label of the target.
+pub const TARGET: u8 = 20;
+/// Label of the nerve.
+pub const NERVE: u8 = 7;
+
+/// What must become of a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Expect {
+    /// A plan that passes every check, and does not say that it falls short.
+    Verified,
+    /// A plan that passes every check but says that it falls short, or no plan for a reason of the case: with these words.
+    FallsShort(&'static str),
+    /// Bad input, with these words.
+    Refused(&'static str),
+}
+
+impl fmt::Display for Expect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Verified => f.write_str("be planned and verified"),
+            Self::FallsShort(words) => write!(f, "fall short: {words}"),
+            Self::Refused(words) => write!(f, "be refused: {words}"),
+        }
+    }
+}
+
+/// A hard case.
+#[derive(Clone)]
+pub struct Scene {
+    /// Its name.
+    pub name: &'static str,
+    /// Why it is hard.
+    pub why: &'static str,
+    /// What must happen.
+    pub expect: Expect,
+    /// HU at a place of the body.
+    pub hu: Formula<f32>,
+    /// Label there.
+    pub label: Formula<u8>,
+    /// Half of the body's extent, mm.
+    pub half_mm: [f64; 3],
+    /// CT voxel, mm.
+    pub spacing_mm: [f64; 3],
+    /// Label voxel, mm, and shift of its grid; the CT's grid where none.
+    pub label_grid: Option<([f64; 3], [f64; 3])>,
+    /// The body's turn in ct, a rotation vector in rad.
+    pub turn_rad: [f64; 3],
+    /// Storage axes that run backwards.
+    pub mirrored: [bool; 3],
+    /// Lines of the case that differ: (what stands there, what shall).
+    pub edits: Vec<(&'static str, String)>,
+}
+
+/// Bone under air.
+pub fn block(p: &V) -> f32 {
+    if p.z < 0.0 { BONE } else { AIR }
+}
+
+/// A pocket and a nerve beside it.
+pub fn pocket(p: &V) -> u8 {
+    if p.x.abs() < 3.0 && p.y.abs() < 3.0 && (-3.0..0.0).contains(&p.z) {
+        TARGET
+    } else if nerve(p) {
+        NERVE
+    } else {
+        0
+    }
+}
+
+/// The nerve.
+pub fn nerve(p: &V) -> bool {
+    (4.5..5.5).contains(&p.x) && p.y.abs() < 6.0 && (-4.0..-3.0).contains(&p.z)
+}
+
+/// The case of a scene that differs in nothing; AXIS stands for the approach.
+const CASE: &str = "\
+[images]
+ct = \"ct.nii\"
+labels = \"labels.nii\"
+
+[target]
+label = 20
+
+[[structure]]
+name = \"nerve\"
+label = 7
+clearance_mm = 0.8
+
+[approach]
+direction = AXIS
+
+[burr]
+radius_mm = 1.5
+neck_radius_mm = 0.6
+
+[shank]
+segments = [[25.0, 0.7], [60.0, 6.0]]
+
+[path]
+layer_mm = 1.5
+step_mm = 0.5
+
+[speed]
+min_mm_s = 0.5
+
+[robot]
+rate_hz = 100
+
+[grid]
+spacing_mm = 0.5
+";
+
+impl Scene {
+    /// The scene that is hard in nothing.
+    pub fn plain(name: &'static str, why: &'static str) -> Self {
+        Self {
+            name,
+            why,
+            expect: Expect::Verified,
+            hu: Arc::new(block),
+            label: Arc::new(pocket),
+            half_mm: [8.0, 8.0, 7.0],
+            spacing_mm: [0.5; 3],
+            label_grid: None,
+            turn_rad: [0.0; 3],
+            mirrored: [false; 3],
+            edits: Vec::new(),
+        }
+    }
+
+    /// Something else must happen.
+    #[must_use]
+    pub fn must(mut self, expect: Expect) -> Self {
+        self.expect = expect;
+        self
+    }
+
+    /// Another body.
+    #[must_use]
+    pub fn body(
+        mut self,
+        hu: impl Fn(&V) -> f32 + Send + Sync + 'static,
+        label: impl Fn(&V) -> u8 + Send + Sync + 'static,
+    ) -> Self {
+        (self.hu, self.label) = (Arc::new(hu), Arc::new(label));
+        self
+    }
+
+    /// Another line in the case: `from` must stand there.
+    #[must_use]
+    pub fn with(mut self, from: &'static str, to: impl Into<String>) -> Self {
+        self.edits.push((from, to.into()));
+        self
+    }
+
+    /// The case file; an edit whose line does not stand there is our own mistake and makes the case invalid.
+    pub fn case(&self) -> String {
+        let axis = Rotation3::new(V::from(self.turn_rad)) * V::z();
+        let mut text = CASE.replace("AXIS", &format!("[{:?}, {:?}, {:?}]", axis.x, axis.y, axis.z));
+        for (from, to) in &self.edits {
+            let found = text.contains(from);
+            text = if found { text.replace(from, to) } else { format!("\"no line {from}\" = 1\n{text}") };
+        }
+        text
+    }
+
+    /// The CT and the label map.
+    ///
+    /// # Errors
+    /// [`GridError`] for a grid that cannot be.
+    pub fn images(&self) -> Result<(Volume<i16, Ct>, Volume<u8, Ct>), GridError> {
+        let (spacing, shift) = self.label_grid.unwrap_or((self.spacing_mm, [0.0; 3]));
+        let ct = self.filled(self.spacing_mm, [0.0; 3], |p| (self.hu)(p) as i16)?;
+        Ok((ct, self.filled(spacing, shift, |p| (self.label)(p))?))
+    }
+
+    fn filled<T>(
+        &self,
+        spacing_mm: [f64; 3],
+        shift_mm: [f64; 3],
+        value: impl Fn(&V) -> T,
+    ) -> Result<Volume<T, Ct>, GridError> {
+        let turn = Rotation3::new(V::from(self.turn_rad));
+        let flip = Matrix3::from_diagonal(&V::from(self.mirrored.map(|m| if m { -1.0 } else { 1.0 })));
+        let dims = [0, 1, 2].map(|a| (2.0 * self.half_mm[a] / spacing_mm[a]).round() as usize);
+        // the grid's middle is the body's, lifted so that the surface lies where most of the box is bone
+        let middle = V::new(0.0, 0.0, -0.25 * self.half_mm[2]) + V::from(shift_mm);
+        let half = V::from_fn(|a, _| 0.5 * (dims[a] as f64 - 1.0) * spacing_mm[a]);
+        let axes = turn.matrix() * flip;
+        let origin = turn * middle - axes * half;
+        let grid = Grid::<Ct>::new(dims, V::from(spacing_mm), axes, origin)?;
+        let data =
+            (0..grid.len()).map(|n| value(&(turn.inverse() * grid.center(grid.voxel(n)).coords))).collect();
+        // as many values as voxels, by construction
+        Ok(Volume::new(grid.clone(), data).unwrap_or_else(|_| unreachable!("one value a voxel")))
+    }
+}
+
+impl Scene {
+    /// No structure in the case.
+    #[must_use]
+    pub fn without_nerve(self) -> Self {
+        self.with("[[structure]]\nname = \"nerve\"\nlabel = 7\nclearance_mm = 0.8\n", "")
+            .with("[images]", "structure = []\n[images]")
+    }
+}

@@ -1,0 +1,191 @@
+//! One function per reader: bytes in, and whatever they are, no panic, no hang, no gigabytes.
+//!
+//! Errors are expected; what is read must also keep what it promises (a case that parses must come back from its own
+//! text). libFuzzer and the in-tree mutator (`--bin mutate`) call the same functions and start from the same [`seeds`].
+
+use std::cell::RefCell;
+use std::path::{Path, PathBuf};
+
+use bonemill_geometry::{Ct, Grid, Point, Volume};
+use bonemill_imaging::phantom::{PhantomKind, phantom};
+use bonemill_imaging::{AffineChoice, read_ct, read_label_names, read_labels, write_ct_i16, write_labels_u8};
+use bonemill_planner::case::Case;
+use bonemill_planner::plan::{PlanRecord, Trajectory, read_waypoints};
+use bonemill_robot::Arm;
+
+/// A target: its name and its function.
+pub type Target = (&'static str, fn(&[u8]));
+
+/// Every target.
+pub const TARGETS: &[Target] = &[
+    ("nifti", nifti),
+    ("labels_json", labels_json),
+    ("case_toml", case_toml),
+    ("plan_toml", plan_toml),
+    ("waypoints_csv", waypoints_csv),
+    ("trajectory_csv", trajectory_csv),
+    ("urdf", urdf),
+];
+
+thread_local! {
+    static FOLDER: RefCell<Option<tempfile::TempDir>> = const { RefCell::new(None) };
+}
+
+/// A file with these bytes, in memory where the system has such a place.
+fn file(name: &str, data: &[u8]) -> PathBuf {
+    FOLDER.with(|folder| {
+        let mut folder = folder.borrow_mut();
+        let made = folder.get_or_insert_with(|| {
+            let memory = Path::new("/dev/shm");
+            let builder = tempfile::Builder::new();
+            let made = if memory.is_dir() { builder.tempdir_in(memory) } else { builder.tempdir() };
+            made.expect("a folder for inputs")
+        });
+        let path = made.path().join(name);
+        std::fs::write(&path, data).expect("room for an input");
+        path
+    })
+}
+
+/// A CT and a label map.
+pub fn nifti(data: &[u8]) {
+    let path = file("image.nii", data);
+    for choice in [AffineChoice::Auto, AffineChoice::Sform, AffineChoice::Qform] {
+        if let Ok(image) = read_ct(&path, choice) {
+            let grid = image.volume.grid();
+            assert_eq!(image.volume.data().len(), grid.len());
+            assert!(image.volume.data().iter().all(|v| v.is_finite()));
+            assert!(grid.corners().iter().all(Point::is_finite));
+        }
+        let _ = read_labels(&path, choice).map_err(|e| e.to_string());
+    }
+}
+
+/// Names of labels.
+pub fn labels_json(data: &[u8]) {
+    let path = file("labels.json", data).with_file_name("labels.nii");
+    if let Ok(Some(names)) = read_label_names(&path) {
+        for (number, name) in names.iter() {
+            assert_eq!((names.number(name), names.name(number)), (Some(number), Some(name)));
+        }
+    }
+}
+
+/// A case file: what is read comes back from its own text.
+pub fn case_toml(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    match Case::parse(text, Path::new("case.toml")) {
+        Ok(case) => {
+            let again = Case::parse(&case.to_toml(), Path::new("again.toml"));
+            assert_eq!(again.as_ref().ok(), Some(&case), "{:?}", again.err().map(|e| e.to_string()));
+        }
+        Err(error) => drop(error.to_string()),
+    }
+}
+
+/// `plan.toml`, whose inputs are not there.
+pub fn plan_toml(data: &[u8]) {
+    let path = file("plan.toml", data);
+    let dir = path.parent().expect("a folder");
+    drop(PlanRecord::read(dir).map_err(|e| e.to_string()));
+}
+
+/// `waypoints.csv` of a case with two structures.
+pub fn waypoints_csv(data: &[u8]) {
+    let path = file("waypoints.csv", data);
+    let case = Case::parse(CASE, Path::new("case.toml")).expect("a valid case");
+    if let Ok(rows) = read_waypoints(&path, &case.structures) {
+        assert!(rows.windows(2).all(|w| w[0].time_s <= w[1].time_s));
+        assert!(rows.iter().all(|w| w.position.is_finite() && (w.axis.norm() - 1.0).abs() < 1e-5));
+    }
+}
+
+/// `trajectory.csv` of an arm with four joints.
+pub fn trajectory_csv(data: &[u8]) {
+    if let Ok(rows) = Trajectory::read(&file("trajectory.csv", data), 4) {
+        assert_eq!((rows.q.len(), rows.qd.len()), (4 * rows.len(), 4 * rows.len()));
+        assert!(rows.q.iter().chain(&rows.qd).chain(&rows.time_s).all(|v| v.is_finite()));
+    }
+}
+
+/// A URDF: an arm that is read can be moved.
+pub fn urdf(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    if let Ok(arm) = Arm::from_urdf(text, "fuzz") {
+        assert!(arm.dof() > 0);
+        let q = vec![0.1; arm.dof()];
+        assert!(arm.burr(&q).is_ok() && arm.jacobian(&q).is_ok());
+    }
+}
+
+/// A case with all that a small one has.
+const CASE: &str = "\
+[images]\nct = \"ct.nii\"\nlabels = \"labels.nii\"\n[target]\nlabel = 20\n\
+[[structure]]\nname = \"nerve\"\nlabel = 7\nclearance_mm = 1.0\npriority = 1\n\
+[[structure]]\nname = \"dura\"\nlabel = 8\nclearance_mm = 0.5\n\
+[approach]\ndirection = [0.0, 0.0, 1.0]\n[burr]\nradius_mm = 1.5\nneck_radius_mm = 0.6\nspin = -1\n\
+[shank]\nsegments = [[25.0, 0.7], [60.0, 6.0]]\n[path]\nlayer_mm = 1.5\n[speed]\nmin_mm_s = 0.5\n\
+[robot]\nrate_hz = 100\nbase_from_ct = { rpy_rad = [0, 0, 0.6], translation_mm = [0, 0, 0] }\n[grid]\nspacing_mm = 0.5\n";
+
+/// Valid inputs of a target, small ones.
+pub fn seeds(target: &str) -> Vec<Vec<u8>> {
+    let header = "index,layer,kind,time_s,x_mm,y_mm,z_mm,axis_x,axis_y,axis_z,theta_rad,phi_rad,speed_mm_s,mass_mg,inertia,\
+                  fx_n,fy_n,fz_n,force_toward_n,structure,distance_mm,alpha1,cost,deflection_toward_um";
+    match target {
+        "nifti" => images(),
+        "labels_json" => vec![
+            b"{\"target\": 20, \"facial_nerve\": 10}".to_vec(),
+            b"{\"10\": \"facial_nerve\", \"20\": \"target\"}".to_vec(),
+        ],
+        "case_toml" => vec![
+            CASE.into(),
+            phantom(PhantomKind::Block, 1).case_toml.into(),
+            format!("preset = \"paper\"\n{CASE}[cost]\nkappa_per_mm = 0.7\nforce = \"deflection\"\n").into(),
+        ],
+        "plan_toml" => vec![plan_text().into()],
+        "waypoints_csv" => vec![
+            format!(
+                "{header}\n0,0,link,0.0,1.0,2.0,3.0,0.0,0.0,1.0,0.0,0.0,10.0,0.0,,,,,,nerve,4.5,0.1,,\n\
+                 1,0,cut,0.5,1.0,2.5,3.0,0.0,0.6,0.8,-0.6435,0.0,1.5,0.25,0.75,0.1,0.2,0.3,0.1,dura,4.5,0.1,0.4,12.0\n"
+            )
+            .into(),
+            format!("{header}\n").into(),
+        ],
+        "trajectory_csv" => vec![
+            b"time_s,q1,q2,q3,q4,qd1,qd2,qd3,qd4\n0,1,2,3,0.5,0,0,0,0\n0.002,1.0001,2,3,0.5,0.1,-2e-3,0,0\n".to_vec(),
+        ],
+        "urdf" => vec![bonemill_robot::arm::bone_attached::URDF.into()],
+        _ => Vec::new(),
+    }
+}
+
+/// Small images: plain, gzip, oblique, labels.
+fn images() -> Vec<Vec<u8>> {
+    let grid = Grid::<Ct>::aligned([5, 4, 3], 0.5, Point::new(-1.0, 2.0, 3.0)).expect("a grid");
+    let data = (0..grid.len()).map(|n| (n * 37 % 2000) as i16 - 1000).collect();
+    let ct = Volume::new(grid, data).expect("a value a voxel");
+    let labels = ct.map(|v| (*v % 7).unsigned_abs() as u8);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    write_ct_i16(path("ct.nii"), &ct).expect("a file");
+    write_ct_i16(path("ct.nii.gz"), &ct).expect("a file");
+    write_labels_u8(path("labels.nii"), &labels).expect("a file");
+    ["ct.nii", "ct.nii.gz", "labels.nii"].map(|name| std::fs::read(path(name)).expect("a file")).to_vec()
+}
+
+/// A `plan.toml` as plans have it.
+fn plan_text() -> String {
+    let case = Case::parse(CASE, Path::new("case.toml")).expect("a valid case").to_toml();
+    let case = case.replace("\n[[", "\n[[case.").replace("\n[", "\n[case.").replace("[case.[case.", "[[case.");
+    let digest = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+    format!(
+        "version = \"0.1.0\"\ncase_file = \"case.toml\"\nwarnings = []\nshortfalls = [\"a reason\"]\n\n[frames]\n\
+         approach_direction = [0.0, 0.0, 1.0]\n\
+         ct_from_work = {{ rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation_mm = [0.0, 0.0, 0.0] }}\n\
+         base_from_ct = {{ rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation_mm = [0.0, 0.0, 0.0] }}\n\
+         registration = \"case\"\nflange_from_burr = {{ translation_mm = [0.0, 0.0, 0.0], rpy_rad = [0.0, 0.0, 0.0] }}\n\n\
+         [inputs]\n\"case.toml\" = \"{digest}\"\n\n[metrics]\nremoved_mm3 = 1.0\nreachable_mm3 = 1.0\ntarget_mm3 = 2.0\n\
+         removed_material_mm3 = 1.0\nremoved_bone_mm3 = 1.0\ntotal_time_s = 10.0\nmore = {{ a = [1, 2.5, \"b\"], c = true }}\n\n\
+         [modelled]\nwaypoints = 10\n\n[case]\n{case}"
+    )
+}

@@ -1,0 +1,185 @@
+//! What a killed run, a full disk and a read-only folder leave: the old files, or complete new ones, and nothing lost.
+//!
+//! Processes are killed at moments spread over their whole run. `BONEMILL_KILLS` sets how often each command is killed
+//! (24 by default; a release is tested with 200).
+
+#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
+
+mod support;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use support::body;
+use support::place::Place;
+
+type Files = BTreeMap<PathBuf, Vec<u8>>;
+
+/// Every file below a folder.
+fn files(dir: &Path) -> Files {
+    let mut found = Files::new();
+    let mut open = vec![dir.to_path_buf()];
+    while let Some(folder) = open.pop() {
+        for entry in fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                open.push(path);
+            } else {
+                found.insert(path.strip_prefix(dir).unwrap().into(), fs::read(&path).unwrap());
+            }
+        }
+    }
+    found
+}
+
+fn kills() -> u32 {
+    std::env::var("BONEMILL_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(24)
+}
+
+/// Starts the command and kills it after a share of `whole`; whether it was still running.
+fn run_and_kill(place: &Place, args: &[&str], whole: Duration, share: f64) -> bool {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_bonemill"))
+        .args(args)
+        .current_dir(place.path("."))
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(whole.mul_f64(share));
+    let running = child.try_wait().unwrap().is_none();
+    // SIGKILL on Unix: nothing is cleaned up
+    child.kill().unwrap();
+    child.wait().unwrap();
+    running
+}
+
+/// Two cases of one patient, their plans' files, and how long the second took.
+struct Patient {
+    place: Place,
+    plans: [Files; 2],
+    took: Duration,
+}
+
+impl Patient {
+    fn new() -> Self {
+        let place = Place::healthy();
+        fs::write(place.path("other.toml"), body::CASE.replace("min_mm_s = 0.5", "min_mm_s = 0.6")).unwrap();
+        let plan = |case| {
+            let begun = Instant::now();
+            let ran = place.run(&["plan", case, "--out", "plan", "--quiet"]);
+            assert_eq!(ran.code, 0, "{}", ran.err);
+            (files(&place.path("plan")), begun.elapsed())
+        };
+        let ((first, _), (second, took)) = (plan("case.toml"), plan("other.toml"));
+        assert!(first != second);
+        Self { place, plans: [first, second], took }
+    }
+}
+
+#[test]
+fn a_plan_killed_at_any_moment_leaves_the_old_plan_or_the_new_one() {
+    let Patient { place, plans, took } = Patient::new();
+    let (mut killed, mut finished) = (0, 0);
+    for n in 0..kills() {
+        // which plan stands there, and which is being made, alternates whenever one was finished
+        let before = files(&place.path("plan"));
+        let case = if before == plans[1] { "case.toml" } else { "other.toml" };
+        let share = 1.15 * f64::from(n) / f64::from(kills());
+        let running = run_and_kill(&place, &["plan", case, "--out", "plan"], took, share);
+        killed += u32::from(running);
+        let stands = ["plan", ".plan.replaced"].map(|name| place.path(name)).into_iter().find(|p| p.exists());
+        let after = files(&stands.expect("one of the plans stands there"));
+        assert!(plans.contains(&after), "kill {n}: neither plan: {:?}", after.keys());
+        finished += u32::from(after != before);
+        // the next run finds its way, whatever was left
+        if !place.path("plan").exists() {
+            assert_eq!(place.run(&["plan", case, "--out", "plan", "--quiet"]).code, 0);
+        }
+    }
+    assert!(killed > 0, "no run was killed while it ran");
+    eprintln!("killed {killed} of {} runs, {finished} had put their plan into place", kills());
+    // what killed runs left beside it are hidden folders, and nothing else
+    for entry in fs::read_dir(place.path(".")).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        let known = ["case.toml", "other.toml", "ct.nii", "labels.nii", "plan"].contains(&name.as_str());
+        assert!(known || name.starts_with(".plan."), "{name}");
+    }
+}
+
+#[test]
+fn a_verification_killed_at_any_moment_leaves_the_plan_and_no_half_verdict() {
+    let Patient { place, plans, .. } = Patient::new();
+    let begun = Instant::now();
+    let code = place.run(&["verify", "plan", "--quiet"]).code;
+    let took = begun.elapsed();
+    assert!(code == 0 || code == 1, "{code}");
+    let verdict = place.path("plan/verification.toml");
+    let whole = fs::read(&verdict).unwrap();
+    for n in 0..kills() {
+        if n % 2 == 0 {
+            fs::remove_file(&verdict).unwrap_or_default();
+        }
+        let had = verdict.exists();
+        run_and_kill(&place, &["verify", "plan"], took, 1.1 * f64::from(n) / f64::from(kills()));
+        match fs::read(&verdict) {
+            Ok(bytes) => assert!(bytes == whole, "kill {n}: a verdict of {} bytes", bytes.len()),
+            Err(_) => assert!(!had, "kill {n}: the verdict that stood there is gone"),
+        }
+        let mut left = files(&place.path("plan"));
+        left.retain(|name, _| !name.to_string_lossy().contains("verification.toml"));
+        assert!(left == plans[1], "kill {n}: the plan changed");
+    }
+}
+
+/// A small disk at `dir` for as long as `work` runs; `None` where none can be mounted.
+fn on_a_small_disk<T>(dir: &Path, size: &str, work: impl FnOnce() -> T) -> Option<T> {
+    fs::create_dir(dir).unwrap();
+    let mount = |args: &[&str]| Command::new("mount").args(args).arg(dir).output();
+    if !mount(&["-t", "tmpfs", "-o", &format!("size={size}"), "none"]).is_ok_and(|o| o.status.success()) {
+        eprintln!("SKIPPED: a small disk cannot be mounted here");
+        return None;
+    }
+    let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
+    assert!(Command::new("umount").arg(dir).status().unwrap().success());
+    Some(result.unwrap())
+}
+
+#[test]
+fn a_full_disk_and_a_read_only_one_lose_nothing() {
+    let Patient { place, plans, .. } = Patient::new();
+    let disk = place.path("disk");
+    let bytes: usize = plans[1].values().map(Vec::len).sum();
+    // room for one plan and a half: the next one does not fit beside it
+    let size = format!("{}k", bytes * 3 / 2 / 1024 + 64);
+    on_a_small_disk(&disk, &size, || {
+        let on_disk = |args: &[&str]| place.run(args);
+        assert_eq!(on_disk(&["plan", "case.toml", "--out", "disk/plan", "--quiet"]).code, 0);
+        let before = files(&place.path("disk/plan"));
+        on_disk(&["plan", "other.toml", "--out", "disk/plan", "--quiet"]).refused(&["No space left"]);
+        assert!(files(&place.path("disk/plan")) == before, "the old plan changed");
+        assert_eq!(fs::read_dir(&disk).unwrap().count(), 1, "something was left on the disk");
+        // a verdict that does not fit
+        let code = on_disk(&["verify", "disk/plan", "--quiet"]).code;
+        assert!(code == 0 || code == 1, "{code}");
+        let with_verdict = files(&place.path("disk/plan"));
+        let mut filler = vec![0u8; 4096];
+        while fs::write(place.path("disk/filler"), &filler).is_ok() {
+            filler.resize(filler.len() * 2, 0);
+        }
+        let left = fs::OpenOptions::new().append(true).open(place.path("disk/filler")).unwrap();
+        let fill =
+            |mut file: fs::File| while std::io::Write::write(&mut file, &[0; 1024]).is_ok_and(|n| n > 0) {};
+        fill(left);
+        on_disk(&["verify", "disk/plan", "--quiet"]).refused(&["verification.toml", "No space left"]);
+        assert!(files(&place.path("disk/plan")) == with_verdict, "a full disk changed the plan");
+        // and a disk that may only be read
+        let remounted = Command::new("mount").args(["-o", "remount,ro"]).arg(&disk).status().unwrap();
+        assert!(remounted.success());
+        on_disk(&["plan", "other.toml", "--out", "disk/plan", "--quiet"]).refused(&["disk", "Read-only"]);
+        on_disk(&["verify", "disk/plan", "--quiet"]).refused(&["verification.toml", "Read-only"]);
+        assert!(files(&place.path("disk/plan")) == with_verdict, "a read-only disk changed");
+    });
+}
