@@ -99,7 +99,7 @@ impl<'a> Prepared<'a> {
         let rate_rad_s = setup::tilt_rate_rad_s(arm);
         let rate =
             RateLimit { weight_mm: RATE_WEIGHT_MM, most_rad_per_mm: rate_rad_s / case.speed.nominal_mm_s };
-        let shank = setup::shank(case);
+        let shank = setup::planned_shank(case);
         let spec = ReachSpec {
             shank: &shank,
             shank_clearances_mm: &shank_clearances,
