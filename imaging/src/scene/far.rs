@@ -43,6 +43,11 @@ impl FarObstacles {
         Some(f64::from(distance_mm.data()[i + dims[0] * (j + dims[1] * k)]) - self.slack_mm)
     }
 
+    /// How much nearer than the truth an answer may be, mm.
+    pub fn slack_mm(&self) -> f64 {
+        2.0 * self.slack_mm
+    }
+
     /// The coarse grid's spacing, mm.
     pub fn spacing_mm(&self) -> f64 {
         self.spacing_mm
