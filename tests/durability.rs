@@ -3,7 +3,11 @@
 //! Processes are killed at moments spread over their whole run. `BONEMILL_KILLS` sets how often each command is killed
 //! (24 by default; a release is tested with 200).
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stderr,
+    reason = "a test's helper fails by panicking and says what it skips"
+)]
 
 mod support;
 
