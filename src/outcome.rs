@@ -5,8 +5,8 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use bonemill_planner::plan::{PlanRecord, Value};
-use bonemill_planner::report::simulation::figures;
-use bonemill_planner::simulate::{Kind, Simulation};
+use bonemill_planner::report::simulation::{figures, values};
+use bonemill_planner::simulate::Simulation;
 use bonemill_planner::uncertainty::Risk;
 use bonemill_planner::verify::Verification;
 use serde_json::{Map, json};
@@ -129,29 +129,10 @@ impl Outcome {
             ));
         }
         outcome.text.extend(outcome.shortfalls.iter().map(|s| format!("fell short: {s}\n")));
-        let removed: Map<_, _> = Kind::ALL
-            .into_iter()
-            .map(|kind| {
-                let n = kind as usize;
-                let amount = json!({
-                    "mm3": simulation.removed.volume_mm3[n],
-                    "mg": simulation.removed.mass_mg[n],
-                });
-                (kind.word().to_owned(), amount)
-            })
-            .collect();
-        let values = json!({
-            "poses": simulation.rows.len(),
-            "peak_force_n": simulation.peak_force_n(),
-            "mean_force_n": simulation.mean_force_n(),
-            "spindle_energy_j": simulation.energy_j(),
-            "removed": removed,
-            "removed_by_rate_mg": simulation.removed_by_rate.total_mg(),
-            "stopped_steps": simulation.stopped,
-            "cell_mm": simulation.cell_mm,
-        });
+        let values: Map<_, _> =
+            values(simulation).into_iter().map(|(name, value)| (name, to_json(&value))).collect();
         outcome.object.insert("out".into(), out.to_string_lossy().into());
-        outcome.object.insert("figures".into(), values);
+        outcome.object.insert("figures".into(), values.into());
         outcome.object.insert("shortfalls".into(), outcome.shortfalls.clone().into());
         outcome
     }

@@ -3,7 +3,7 @@
 use anyhow::Context;
 use bonemill_geometry::Point;
 use bonemill_planner::Progress;
-use bonemill_planner::plan::{PlanFileError, StoredPlan, digests, write_verdict};
+use bonemill_planner::plan::{PlanFileError, StoredPlan, digests, save_verification};
 use bonemill_planner::uncertainty::{ErrorModel, RigidError, simulate_errors};
 use bonemill_planner::verify::{Check, Place, Verification, verify};
 
@@ -35,7 +35,7 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
         }
     };
     progress.stage("write verdict");
-    let path = write_verdict(&args.plan, &found.to_toml())?;
+    let path = save_verification(&args.plan, &found)?;
     let outcome = Outcome::verified(&path, &found);
     Ok(match risk {
         Some(risk) => outcome.risking(&risk, args.errors.keep),

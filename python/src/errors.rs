@@ -12,6 +12,7 @@ use bonemill_robot::RobotError as RustRobotError;
 use pyo3::{PyErr, import_exception};
 
 import_exception!(bonemill._errors, ArrayError);
+import_exception!(bonemill._errors, CalibrationError);
 import_exception!(bonemill._errors, CaseError);
 import_exception!(bonemill._errors, ImageError);
 import_exception!(bonemill._errors, InfeasibleError);

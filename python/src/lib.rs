@@ -8,14 +8,18 @@
 mod apart;
 mod arm;
 mod arrays;
+mod calibrate;
 mod case;
 mod errors;
 mod fields;
+mod finished;
 mod force;
 mod phantoms;
 mod plan;
 mod show;
+mod simulate;
 mod values;
+mod verify;
 mod waypoints;
 
 use pyo3::prelude::*;
@@ -28,6 +32,9 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<plan::Plan>()?;
     m.add_class::<arm::Arm>()?;
     m.add_function(wrap_pyfunction!(plan::plan, m)?)?;
+    m.add_function(wrap_pyfunction!(simulate::simulate, m)?)?;
+    m.add_function(wrap_pyfunction!(verify::verify, m)?)?;
+    m.add_function(wrap_pyfunction!(calibrate::calibrate, m)?)?;
     m.add_function(wrap_pyfunction!(show::show, m)?)?;
     m.add_function(wrap_pyfunction!(phantoms::write_phantom, m)?)?;
     m.add_function(wrap_pyfunction!(fields::distance_transform, m)?)?;

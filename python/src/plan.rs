@@ -69,6 +69,14 @@ impl Plan {
         }
     }
 
+    /// The folder that it was read from, and what stood there; none for a plan of this process.
+    pub fn home(&self) -> Option<(PathBuf, &PlanRecord)> {
+        match &self.body {
+            Body::Made(_) => None,
+            Body::Read(plan) => Some((plan.dir.clone(), &self.record)),
+        }
+    }
+
     fn structures(&self) -> &[Structure] {
         &self.record.case.structures
     }
@@ -136,6 +144,11 @@ impl Plan {
     /// `keep_inputs`: the case and its images are copied into the plan.
     fn save(&self, py: Python<'_>, out: PathBuf, keep_inputs: bool) -> PyResult<PathBuf> {
         py.detach(|| self.write(&out, keep_inputs)).map_err(|e| errors::file(&e))
+    }
+
+    /// Whether it was read from a folder, its own.
+    fn has_folder(&self) -> bool {
+        self.home().is_some()
     }
 
     /// The case's file.

@@ -2,15 +2,18 @@
 
 use std::path::PathBuf;
 
-use bonemill_planner::plan::{StoredPlan, save_simulation};
+use bonemill_planner::plan::save_simulation;
+use bonemill_planner::report::simulation::values as figures;
 use bonemill_planner::simulate::{
-    ModelName, NoSuchModel, Sampling, SimulateError, Simulation, SimulationRow, simulate as rust_simulate,
+    ModelName, NoSuchModel, Sampling, Simulation, SimulationRow, simulate as rust_simulate,
 };
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::{apart, errors};
+use crate::finished::{Finished, NotDone};
+use crate::plan::Plan;
+use crate::{apart, errors, values};
 
 /// A column's name and a row's value; `None` is an empty cell.
 type Column = (&'static str, fn(&SimulationRow) -> Option<f64>);
@@ -36,29 +39,33 @@ const COLUMNS: [Column; 13] = [
 type Simulated<'py> =
     (Vec<(&'static str, Bound<'py, PyArray1<f64>>)>, Bound<'py, PyArray1<i64>>, Bound<'py, PyDict>);
 
-/// Replays the plan in `dir`; `keep`: `simulation.csv` is written beside it, as the command does.
+/// Replays a plan, which lies in `saved` unless it was read from its own folder; `keep`: `simulation.csv` and its part
+/// of the report are written there, as the command does. One of `step_mm` and `rate_hz` is given.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the package's Python names them")]
 pub fn simulate<'py>(
     py: Python<'py>,
-    dir: PathBuf,
+    plan: &Plan,
+    saved: Option<PathBuf>,
     model: &str,
     step_mm: f64,
+    rate_hz: Option<f64>,
     keep: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Simulated<'py>> {
     let model: ModelName =
-        model.parse().map_err(|e: NoSuchModel| errors::ModelError::new_err(errors::words(&e)))?;
+        model.parse().map_err(|e: NoSuchModel| errors::ModelError::new_err(e.to_string()))?;
+    let sampling = rate_hz.map_or(Sampling::Step { step_mm }, |rate_hz| Sampling::Rate { rate_hz });
+    let finished = Finished::new(plan, saved)?;
     let done = apart::run(py, progress, None, move |progress| {
-        let plan = StoredPlan::load(&dir).map_err(|e| errors::words(&e))?;
-        let sampling = Sampling::Step { step_mm };
-        let simulated =
-            rust_simulate(&plan, model, sampling, progress).map_err(|e: SimulateError| errors::words(&e))?;
+        let plan = finished.read()?;
+        let simulated = rust_simulate(&plan, model, sampling, progress)?;
         if keep {
-            save_simulation(&dir, &simulated, &plan.record.case).map_err(|e| errors::words(&e))?;
+            save_simulation(finished.dir(), &simulated, &plan.record.case)?;
         }
-        Ok::<_, String>(simulated)
+        Ok::<_, NotDone>(simulated)
     })?;
-    to_python(py, &done.map_err(errors::PlanError::new_err)?)
+    to_python(py, &done?)
 }
 
 fn to_python<'py>(py: Python<'py>, simulation: &Simulation) -> PyResult<Simulated<'py>> {
@@ -67,11 +74,6 @@ fn to_python<'py>(py: Python<'py>, simulation: &Simulation) -> PyResult<Simulate
         (*name, values.collect::<Vec<_>>().into_pyarray(py))
     };
     let structures = simulation.rows.iter().map(|r| r.structure.map_or(-1, |n| n as i64));
-    let figures = PyDict::new(py);
-    figures.set_item("peak_force_n", simulation.peak_force_n())?;
-    figures.set_item("mean_force_n", simulation.mean_force_n())?;
-    figures.set_item("energy_j", simulation.energy_j())?;
-    figures.set_item("stopped", simulation.stopped)?;
-    figures.set_item("compliant", simulation.compliant)?;
-    Ok((COLUMNS.iter().map(column).collect(), structures.collect::<Vec<_>>().into_pyarray(py), figures))
+    let structures = structures.collect::<Vec<_>>().into_pyarray(py);
+    Ok((COLUMNS.iter().map(column).collect(), structures, values::dict(py, &figures(simulation))?))
 }

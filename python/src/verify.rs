@@ -2,22 +2,31 @@
 
 use std::path::PathBuf;
 
-use bonemill_planner::plan::{StoredPlan, write_verdict};
+use bonemill_planner::plan::save_verification;
 use bonemill_planner::verify::verify as rust_verify;
 use pyo3::prelude::*;
 
-use crate::{apart, errors};
+use crate::apart;
+use crate::finished::{Finished, NotDone};
+use crate::plan::Plan;
 
-/// The verdict on the plan in `dir`, as `verification.toml` has it; `keep`: it is written beside the plan.
+/// The verdict on a plan, which lies in `saved` unless it was read from its own folder, as `verification.toml` has it;
+/// `keep`: that file and its part of the report are written there, as the command does.
 #[pyfunction]
-pub fn verify(py: Python<'_>, dir: PathBuf, keep: bool, progress: Option<Py<PyAny>>) -> PyResult<String> {
+pub fn verify(
+    py: Python<'_>,
+    plan: &Plan,
+    saved: Option<PathBuf>,
+    keep: bool,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<String> {
+    let finished = Finished::new(plan, saved)?;
     let done = apart::run(py, progress, None, move |progress| {
-        let plan = StoredPlan::load(&dir).map_err(|e| errors::words(&e))?;
-        let verdict = rust_verify(&plan, progress).map_err(|e| errors::words(&e))?.to_toml();
+        let verdict = rust_verify(&finished.read()?, progress)?;
         if keep {
-            write_verdict(&dir, &verdict).map_err(|e| errors::words(&e))?;
+            save_verification(finished.dir(), &verdict)?;
         }
-        Ok::<_, String>(verdict)
+        Ok::<_, NotDone>(verdict.to_toml())
     })?;
-    done.map_err(errors::PlanError::new_err)
+    Ok(done?)
 }

@@ -1,6 +1,5 @@
 """Cases and plans: the command's numbers, files that come and go whole, pickling, threads, stopping."""
 
-import csv
 import filecmp
 import os
 import pickle
@@ -18,14 +17,9 @@ import numpy as np
 import pytest
 
 import bonemill
+from tables import same_as_file, same_rows
 
 FILES = ["plan.toml", "waypoints.csv", "trajectory.csv", "robot.urdf", "report.html"]
-
-
-def same_rows(a: np.ndarray, b: np.ndarray) -> None:
-    assert a.dtype == b.dtype
-    for name in a.dtype.names or ():
-        np.testing.assert_array_equal(a[name], b[name], name)
 
 
 def test_the_bytes_are_the_commands(
@@ -39,18 +33,7 @@ def test_the_bytes_are_the_commands(
 
 def test_arrays_are_the_files(planned: bonemill.Plan, tmp_path: Path) -> None:
     saved = planned.save(tmp_path / "plan")
-    with open(saved / "waypoints.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert list(rows[0]) == list(planned.waypoints.dtype.names or ())
-    for name in rows[0]:
-        column = planned.waypoints[name]
-        for cell, value in zip((row[name] for row in rows), column, strict=True):
-            if column.dtype.kind == "U":
-                assert cell == value
-            elif cell == "":
-                assert np.isnan(value)
-            else:
-                assert float(cell) == value, name
+    same_as_file(planned.waypoints, saved / "waypoints.csv")
     table = np.loadtxt(saved / "trajectory.csv", delimiter=",", skiprows=1)
     assert planned.trajectory.dtype.names == tuple((saved / "trajectory.csv").open().readline().strip().split(","))
     np.testing.assert_array_equal(table[:, 1:5], planned.q)

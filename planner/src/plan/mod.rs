@@ -3,6 +3,7 @@
 //! Nothing in these files depends on when, where or on how many threads they were written, so that two runs can be
 //! compared byte by byte. A plan is bound to its inputs by their SHA-256; reading one whose inputs changed is an error.
 
+mod addition;
 mod csv;
 mod directory;
 mod error;
@@ -18,6 +19,7 @@ mod value;
 mod verdict;
 mod waypoint;
 
+pub use addition::ReportPart;
 pub use csv::{read_waypoints, write_waypoints};
 pub use directory::{Replace, StagedDirectory};
 pub use error::PlanFileError;
@@ -30,5 +32,5 @@ pub use simulation::{SIMULATION, save_simulation};
 pub use stored::StoredPlan;
 pub use trajectory::Trajectory;
 pub use value::Value;
-pub use verdict::{VERDICT, digests, read_case_text, write_verdict};
+pub use verdict::{VERDICT, digests, read_case_text, save_verification};
 pub use waypoint::Waypoint;

@@ -4,14 +4,12 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::PlanFileError;
+use super::addition::{ReportPart, add_to_report, replace};
 use crate::case::Case;
 use crate::simulate::{Simulation, SimulationRow};
 
 /// The table's name in a plan's directory.
 pub const SIMULATION: &str = "simulation.csv";
-const REPORT: &str = "report.html";
-/// Where a simulation's part of the report begins and ends.
-const MARKS: [&str; 2] = ["<!-- simulation -->", "<!-- end of simulation -->"];
 
 /// The columns, in order; ct frame.
 const COLUMNS: [&str; 14] = [
@@ -43,42 +41,8 @@ pub fn save_simulation(dir: &Path, simulation: &Simulation, case: &Case) -> Resu
         push_row(&mut text, index, row, case)?;
     }
     replace(dir, SIMULATION, &text)?;
-    let report = dir.join(REPORT);
-    match std::fs::read_to_string(&report) {
-        Ok(page) => {
-            let section = crate::report::simulation::section(simulation, case);
-            replace(dir, REPORT, with_section(&page, &section).as_bytes())?;
-        }
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
-        Err(e) => return Err(PlanFileError::io("read", &report)(e)),
-    }
+    add_to_report(dir, ReportPart::Simulation, &crate::report::simulation::section(simulation, case))?;
     Ok(path)
-}
-
-/// The page with the section in the place of an earlier one, or at its end.
-fn with_section(page: &str, section: &str) -> String {
-    let [begin, end] = MARKS;
-    let (head, tail) = match (page.find(begin), page.find(end)) {
-        (Some(from), Some(to)) if from < to => (&page[..from], &page[to + end.len()..]),
-        _ => page.split_at(page.find("</main>").unwrap_or(page.len())),
-    };
-    format!("{head}{begin}{section}{end}{tail}")
-}
-
-fn replace(dir: &Path, name: &str, bytes: &[u8]) -> Result<(), PlanFileError> {
-    let path = dir.join(name);
-    let prefix = format!(".{name}.partial-");
-    let write = || -> std::io::Result<()> {
-        let mut file = tempfile::Builder::new().prefix(&prefix).tempfile_in(dir)?;
-        if let Ok(there) = std::fs::metadata(&path) {
-            file.as_file().set_permissions(there.permissions())?;
-        }
-        file.write_all(bytes)?;
-        file.as_file().sync_all()?;
-        file.persist(&path).map_err(|e| e.error)?;
-        std::fs::File::open(dir)?.sync_all()
-    };
-    write().map_err(PlanFileError::io("write", &path))
 }
 
 fn push_row(out: &mut Vec<u8>, index: usize, row: &SimulationRow, case: &Case) -> Result<(), PlanFileError> {
@@ -118,24 +82,4 @@ fn push_row(out: &mut Vec<u8>, index: usize, row: &SimulationRow, case: &Case) -
     }
     out.push(b'\n');
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_section_goes_to_the_end_and_then_into_its_own_place() {
-        let page = "<html><main><h1>x</h1></main></html>";
-        let once = with_section(page, "A");
-        assert_eq!(
-            once,
-            "<html><main><h1>x</h1><!-- simulation -->A<!-- end of simulation --></main></html>"
-        );
-        assert_eq!(with_section(&once, "A"), once);
-        assert!(
-            with_section(&once, "B").contains("-->B<!--") && !with_section(&once, "B").contains("-->A<!--")
-        );
-        assert!(with_section("no page", "A").starts_with("no page<!--"));
-    }
 }

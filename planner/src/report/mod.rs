@@ -1,10 +1,12 @@
 //! `report.html`: what a surgeon-researcher looks at first, in one file that needs no network.
 //!
 //! Pure text from a [`Plan`]; nothing in it depends on when or where it was made, so equal plans give equal pages.
+//! Simulation and verification add parts of their own later, at the places that the page keeps for them.
 
 mod chart;
 pub mod simulation;
 mod slices;
+pub mod verification;
 
 use std::fmt::Write;
 
@@ -12,7 +14,7 @@ use chart::{Level, Series, chart};
 
 use crate::case::{Parameter, Registration, explained};
 use crate::pipeline::{Plan, Volumes};
-use crate::plan::Waypoint;
+use crate::plan::{ReportPart, Waypoint};
 use crate::show::STRUCTURE_COLOURS;
 
 const STYLE: &str = include_str!("style.css");
@@ -28,11 +30,13 @@ pub fn html(plan: &Plan) -> String {
     );
     page.push_str(&verdict(plan));
     page.push_str(&cards(plan));
+    page.push_str(&ReportPart::Verification.marks().concat());
     page.push_str("<h2>Path over the CT</h2>");
     page.push_str(&legend(plan));
     let _ = write!(page, "<div class=\"slices\">{}</div>", slices::slices(plan));
     page.push_str("<h2>Along the path</h2>");
     page.push_str(&charts(plan));
+    page.push_str(&ReportPart::Simulation.marks().concat());
     page.push_str("<h2>Coverage</h2>");
     page.push_str(&coverage(plan));
     page.push_str("<h2>Structures</h2>");

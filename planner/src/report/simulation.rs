@@ -5,6 +5,7 @@ use std::fmt::Write;
 use super::chart::{Series, chart};
 use super::escape;
 use crate::case::Case;
+use crate::plan::Value;
 use crate::simulate::{Kind, Simulation, SimulationRow};
 
 /// Contacts that the page lists.
@@ -129,4 +130,25 @@ pub fn figures(simulation: &Simulation) -> Vec<(String, String)> {
         ));
     }
     out
+}
+
+/// Names and values of a simulation's figures, for machines; names end in units.
+pub fn values(simulation: &Simulation) -> Vec<(String, Value)> {
+    let removed = Kind::ALL.into_iter().map(|kind| {
+        let (mm3, mg) =
+            (simulation.removed.volume_mm3[kind as usize], simulation.removed.mass_mg[kind as usize]);
+        let amount = vec![("mm3".into(), mm3.into()), ("mg".into(), mg.into())];
+        (kind.word().to_owned(), Value::Table(amount))
+    });
+    vec![
+        ("poses".into(), simulation.rows.len().into()),
+        ("peak_force_n".into(), simulation.peak_force_n().into()),
+        ("mean_force_n".into(), simulation.mean_force_n().into()),
+        ("spindle_energy_j".into(), simulation.energy_j().into()),
+        ("removed".into(), Value::Table(removed.collect())),
+        ("removed_by_rate_mg".into(), simulation.removed_by_rate.total_mg().into()),
+        ("stopped_steps".into(), simulation.stopped.into()),
+        ("cell_mm".into(), simulation.cell_mm.into()),
+        ("compliant".into(), simulation.compliant.into()),
+    ]
 }

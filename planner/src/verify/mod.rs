@@ -39,7 +39,7 @@ use nalgebra::Vector3;
 
 pub(crate) use anatomy::Anatomy;
 pub(crate) use boxes::Boxes;
-pub use check::{Check, Place, Sense};
+pub use check::{Check, Place, Sense, Short};
 pub use error::VerifyError;
 pub use result::Verification;
 

@@ -15,6 +15,7 @@ from ._case import Case, phantom
 from ._errors import (
     ArrayError,
     BonemillError,
+    CalibrationError,
     CaseError,
     ImageError,
     InfeasibleError,
@@ -25,6 +26,17 @@ from ._errors import (
     StreamError,
 )
 from ._fields import Disc, Material, Tool, ball_volumes, burr_force, distance_transform, engagement_metrics
+from ._judge import (
+    LOG_COLUMNS,
+    Calibration,
+    Check,
+    Estimate,
+    Simulation,
+    Verification,
+    calibrate,
+    simulate,
+    verify,
+)
 from ._native import __version__
 from ._plan import Plan, Structure, plan
 from ._view import view
@@ -33,27 +45,37 @@ __all__ = [
     "Arm",
     "ArrayError",
     "BonemillError",
+    "Calibration",
+    "CalibrationError",
     "Case",
     "CaseError",
+    "Check",
     "Disc",
+    "Estimate",
     "ImageError",
     "InfeasibleError",
     "Joint",
     "Material",
+    "LOG_COLUMNS",
     "ModelError",
     "Plan",
     "PlanError",
     "PlanFileError",
     "RobotError",
+    "Simulation",
     "StreamError",
     "Structure",
     "Tool",
+    "Verification",
     "__version__",
     "ball_volumes",
     "burr_force",
+    "calibrate",
     "distance_transform",
     "engagement_metrics",
     "phantom",
     "plan",
+    "simulate",
+    "verify",
     "view",
 ]

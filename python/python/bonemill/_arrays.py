@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 from ._errors import ArrayError
 
 Vector = tuple[float, float, float]
+
+
+def table(columns: Iterable[tuple[str, NDArray[Any]]], structure: NDArray[np.str_]) -> NDArray[np.void]:
+    """Columns as a structured array; ``structure`` comes before ``distance_mm``, as in the files."""
+    named: list[tuple[str, NDArray[Any]]] = []
+    for name, values in columns:
+        if name == "distance_mm":
+            named.append(("structure", structure))
+        named.append((name, values))
+    rows = np.empty(len(structure), dtype=[(name, values.dtype) for name, values in named])
+    for name, values in named:
+        rows[name] = values
+    return rows
 
 
 def number(name: str, value: Any) -> float:

@@ -9,6 +9,10 @@ class ArrayError(BonemillError, ValueError):
     """An array or a number has the wrong shape, type or value."""
 
 
+class CalibrationError(BonemillError):
+    """A force log cannot tell the coefficients that were asked for."""
+
+
 class CaseError(BonemillError, ValueError):
     """A case file is not valid: every fault with its key and line."""
 

@@ -1,8 +1,9 @@
-"""What becomes of a plan: replayed through the bone, and checked by code that did not make it."""
+"""What becomes of a plan: replayed through the bone, checked by code that did not make it, calibrated with measured forces."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,17 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _arrays, _folders, _native
-from ._plan import Plan, Progress
+from ._errors import ArrayError
+from ._plan import Plan, Progress, _fixed
+
+LOG_COLUMNS = ("time_s", "x_mm", "y_mm", "z_mm", "axis_x", "axis_y", "axis_z", "fx_n", "fy_n", "fz_n")
+"""Columns of a force log, ct frame: clock, burr centre, shaft from the burr to the handpiece, mean force on the burr."""
 
 
 class Simulation(NamedTuple):
     """A plan, replayed."""
 
     rows: NDArray[np.void]
-    """The columns of ``simulation.csv`` by name, shape (n,); a number is NaN and a text "" where its cell is empty."""
+    """The columns of ``simulation.csv`` by name, shape (n,), ct frame, read-only; a number is NaN and a text "" where
+    its cell is empty."""
     figures: dict[str, Any]
-    """``peak_force_n``, ``mean_force_n`` (while something is removed), ``energy_j``, ``stopped`` (steps that the shank
-    stopped), ``compliant`` (whether the arm yielded)."""
+    """The figures of ``bonemill simulate --json``: ``peak_force_n`` and ``mean_force_n`` (while something is removed),
+    ``spindle_energy_j``, ``removed`` (``mm3`` and ``mg`` by kind), ``stopped_steps`` (in which the shank touched bone),
+    ``compliant`` (whether the arm yielded), …; names end in units."""
 
 
 class Check(NamedTuple):
@@ -32,11 +39,12 @@ class Check(NamedTuple):
     """Of what, where there are several: a structure, a joint, a file; else ""."""
     passed: bool
     value: float
+    """The worst that was found, in `unit`."""
     limit: float
     sense: str
     """``at_most`` or ``at_least`` the limit."""
     margin: float
-    """How far the value is on the right side."""
+    """How far the value is on the right side of the limit; negative: by how much it misses it."""
     unit: str
     place: str
     """Where the worst is; "" where that makes no sense."""
@@ -55,66 +63,134 @@ class Verification(NamedTuple):
         return tuple(c for c in self.checks if not c.passed)
 
 
+class Estimate(NamedTuple):
+    """A fitted coefficient."""
+
+    value: float
+    half_width: float
+    """Half the width of its 95 % interval."""
+    unit: str
+
+
+class Calibration(NamedTuple):
+    """Coefficients of the burr's force model, from a log."""
+
+    coefficients: dict[str, Estimate]
+    """By their key in a case file: ``k_t``, ``k_r``, ``k_a`` (N/mm²), ``k_te``, ``k_re``, ``k_ae`` (N/mm)."""
+    residual_n: float
+    """Root mean square of what the model leaves of a force component, N."""
+    rows: int
+    """Rows of the log in which the burr cut."""
+
+
 def simulate(
-    plan: Plan, *, model: str = "fluted", step_mm: float = 0.1, progress: Progress | None = None
+    plan: Plan,
+    *,
+    model: str = "fluted",
+    step_mm: float = 0.1,
+    rate_hz: float | None = None,
+    save: bool = False,
+    progress: Progress | None = None,
 ) -> Simulation:
     """Replays a plan's trajectory through the bone: forces, power, removal and deflection on the way.
 
+    The numbers are those of ``bonemill simulate``.
+
     Args:
-        plan: the plan; its images must still be there and the same. A plan that was read gets its ``simulation.csv``, as
-            by the command.
+        plan: the plan; its images must still be there and the same.
         model: ``fluted`` (Dillon et al. 2016, blade by blade), ``lumped`` or ``lumped-as-printed`` (Yang and Chen).
         step_mm: how far the burr goes at most between two rows.
+        rate_hz: so many rows a second instead.
+        save: also write ``simulation.csv`` and its part of ``report.html`` into the plan's folder, as the command does;
+            for a plan that was loaded.
+        progress: told ``(stage, done, of)``; what it raises stops the work, and so does Ctrl-C.
 
     Raises:
-        PlanError, ModelError: why it cannot be replayed. Ctrl-C stops it.
+        ArrayError: a step or rate that is none. ModelError: no such model.
+        PlanFileError, ImageError, PlanError: why the plan cannot be replayed.
     """
     step = _arrays.positive("step_mm", step_mm)
-    with _on_disk(plan) as (folder, keep):
-        columns, structures, figures = _native.simulate(folder, model, step, keep, progress)
-    names = np.array([s.name for s in plan.structures] + [""])
-    by_name: dict[str, NDArray[Any]] = {}
-    for name, values in columns:
-        if name == "distance_mm":
-            by_name["structure"] = names[structures]
-        by_name[name] = values
-    rows = np.empty(len(structures), dtype=[(name, values.dtype) for name, values in by_name.items()])
-    for name, values in by_name.items():
-        rows[name] = values
-    return Simulation(rows, figures)
+    rate = None if rate_hz is None else _arrays.positive("rate_hz", rate_hz)
+    with _on_disk(plan, save) as saved:
+        columns, structures, figures = _native.simulate(plan._made, saved, model, step, rate, save, progress)
+    return Simulation(_fixed(_arrays.table(columns, plan._names()[structures])), figures)
 
 
-def verify(plan: Plan, *, progress: Progress | None = None) -> Verification:
-    """Checks a plan by code that did not make it: clearances, shank, limits, coverage, every figure.
+def verify(plan: Plan, *, save: bool = False, progress: Progress | None = None) -> Verification:
+    """Checks a plan by code that did not make it: clearances, shank, limits, coverage, every column and figure.
 
     Args:
-        plan: the plan; its images must still be there and the same. A plan that was read gets its
-            ``verification.toml``, as by the command.
+        plan: the plan; its images must still be there and the same.
+        save: also write ``verification.toml`` and its part of ``report.html`` into the plan's folder, as the command does;
+            for a plan that was loaded.
+        progress: told ``(stage, done, of)``; what it raises stops the work, and so does Ctrl-C.
 
     Raises:
-        PlanError: there is nothing to verify. A plan that fails is no error. Ctrl-C stops it.
+        PlanFileError, ImageError, PlanError: there is nothing to verify. A plan that fails is no error.
     """
     import tomllib
 
-    with _on_disk(plan) as (folder, keep):
-        verdict = tomllib.loads(_native.verify(folder, keep, progress))
-    checks = []
-    for found in verdict.get("check", []):
-        sense = "at_most" if "at_most" in found else "at_least"
-        texts = {key: str(found.get(key, "")) for key in ("subject", "unit", "place", "note")}
-        numbers = {key: float(found[key]) for key in ("value", "margin")}
-        checks.append(
-            Check(name=found["name"], passed=found["passed"], limit=float(found[sense]), sense=sense, **texts, **numbers)
-        )
-    return Verification(bool(verdict["passed"]), tuple(checks))
+    with _on_disk(plan, save) as saved:
+        verdict = tomllib.loads(_native.verify(plan._made, saved, save, progress))
+    return Verification(verdict["passed"], tuple(_check(found) for found in verdict["check"]))
+
+
+def _check(found: Mapping[str, Any]) -> Check:
+    sense = "at_most" if "at_most" in found else "at_least"
+    subject, unit, place, note = (found.get(key, "") for key in ("subject", "unit", "place", "note"))
+    value, limit, margin = (found[key] for key in ("value", sense, "margin"))
+    return Check(found["name"], subject, found["passed"], value, limit, sense, margin, unit, place, note)
+
+
+def calibrate(
+    plan: Plan,
+    log: str | os.PathLike[str] | NDArray[np.void] | Mapping[str, Any],
+    *,
+    coefficients: Sequence[str] = ("k_t", "k_r", "k_a"),
+    progress: Progress | None = None,
+) -> Calibration:
+    """Fits the force model's coefficients to measured forces, by milling the plan's bone along the log's poses.
+
+    Args:
+        plan: says bone, burr and spindle; the log need not follow its path. Bone that was milled before the log's first
+            row must not matter: the log begins with the whole bone.
+        log: a CSV file, or columns by name, shape (n,) each: `LOG_COLUMNS`. The clock rises; the force is the mean over
+            the move that ends at the row.
+        coefficients: which to fit; those left out are taken as 0.
+        progress: told ``(stage, done, of)``; what it raises stops the work, and so does Ctrl-C.
+
+    Raises:
+        CalibrationError: the log cannot tell the coefficients, with the reason.
+        ArrayError, ModelError, PlanFileError, ImageError, PlanError: a log, a key or a plan that is none.
+    """
+    rows = Path(log) if isinstance(log, (str, os.PathLike)) else _log(log)
+    with _on_disk(plan, False) as saved:
+        found, residual_n, used = _native.calibrate(plan._made, saved, rows, list(coefficients), progress)
+    return Calibration({key: Estimate(value, half, unit) for key, value, half, unit in found}, residual_n, used)
+
+
+def _log(log: NDArray[np.void] | Mapping[str, Any]) -> NDArray[np.float64]:
+    names = log.dtype.names or () if isinstance(log, np.ndarray) else tuple(log)
+    for name in LOG_COLUMNS:
+        if name not in names:
+            raise ArrayError(f"the log has no column {name!r}: expected {', '.join(LOG_COLUMNS)}")
+    columns = [_arrays.real(f"the log's {name}", log[name]) for name in LOG_COLUMNS]
+    for name, column in zip(LOG_COLUMNS, columns):
+        if column.ndim != 1 or column.shape != columns[0].shape:
+            raise ArrayError(f"the log's {name} has shape {column.shape}: expected {columns[0].shape[:1]}, as time_s")
+    falls = np.flatnonzero(np.diff(columns[0]) <= 0)
+    if len(falls):
+        raise ArrayError(f"the log's time_s does not rise at row {int(falls[0]) + 1}: expected rows in order of time")
+    return np.stack(columns, axis=-1)
 
 
 @contextmanager
-def _on_disk(plan: Plan) -> Iterator[tuple[Path, bool]]:
-    """The plan's folder: its own, or a temporary one; and whether results are kept there."""
-    own = plan._made.folder()
-    if own is not None:
-        yield own, plan._folder is None
+def _on_disk(plan: Plan, save: bool) -> Iterator[Path | None]:
+    """Where a plan of this process lies meanwhile; None for one that has a folder of its own."""
+    if plan._made.has_folder():
+        yield None
         return
+    if save:
+        raise ArrayError("save = True is for a plan with a folder: bonemill.Plan.load(plan.save(folder))")
     with _folders.temporary() as folder:
-        yield plan.save(Path(folder, "plan")), False
+        yield plan.save(Path(folder, "plan"))

@@ -92,20 +92,13 @@ class Plan:
         ``kind`` and ``structure`` are text ("" for none); where the file's cell is empty, a number is NaN.
         """
         layers, kinds, structures = self._made.codes()
-        names = np.array([s.name for s in self.structures] + [""])
-        columns: dict[str, NDArray[Any]] = {
-            "index": np.arange(len(layers)),
-            "layer": layers,
-            "kind": np.array(self._made.kinds())[kinds],
-        }
-        for name, values in self._made.columns():
-            if name == "distance_mm":
-                columns["structure"] = names[structures]
-            columns[name] = values
-        rows = np.empty(len(layers), dtype=[(name, values.dtype) for name, values in columns.items()])
-        for name, values in columns.items():
-            rows[name] = values
-        return _fixed(rows)
+        columns: list[tuple[str, NDArray[Any]]] = [("index", np.arange(len(layers))), ("layer", layers)]
+        columns += [("kind", np.array(self._made.kinds())[kinds]), *self._made.columns()]
+        return _fixed(_arrays.table(columns, self._names()[structures]))
+
+    def _names(self) -> NDArray[np.str_]:
+        """Names of the structures by place; at −1: none."""
+        return np.array([s.name for s in self.structures] + [""])
 
     @cached_property
     def trajectory(self) -> NDArray[np.void]:

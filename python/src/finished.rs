@@ -1,0 +1,91 @@
+//! A finished plan on disk: what simulation, verification and calibration work on, and why they cannot.
+
+use std::path::PathBuf;
+
+use bonemill_planner::PlanError as RustPlanError;
+use bonemill_planner::calibrate::CalibrateError;
+use bonemill_planner::plan::{PlanFileError as RustPlanFileError, PlanRecord, StoredPlan};
+use bonemill_planner::simulate::{EngineError, PoseError, SimulateError};
+use bonemill_planner::verify::VerifyError;
+use pyo3::prelude::*;
+use thiserror::Error;
+
+use crate::errors::{self, words};
+use crate::plan::Plan;
+
+/// Where a plan lies, and what must stand there.
+pub struct Finished {
+    dir: PathBuf,
+    record: Option<PlanRecord>,
+}
+
+impl Finished {
+    /// A plan that was just written to `saved`, or else one that was read from its folder.
+    pub fn new(plan: &Plan, saved: Option<PathBuf>) -> PyResult<Self> {
+        match (saved, plan.home()) {
+            (Some(dir), _) => Ok(Self { dir, record: None }),
+            (None, Some((dir, record))) => Ok(Self { dir, record: Some(record.clone()) }),
+            (None, None) => {
+                Err(errors::PlanFileError::new_err("the plan lies in no folder: save and load it"))
+            }
+        }
+    }
+
+    /// The plan's folder.
+    pub fn dir(&self) -> &std::path::Path {
+        &self.dir
+    }
+
+    /// Reads the files again, inputs included: another plan may stand there by now.
+    pub fn read(&self) -> Result<StoredPlan, NotDone> {
+        let stored = StoredPlan::load(&self.dir)?;
+        match &self.record {
+            Some(record) if *record != stored.record => Err(NotDone::Replaced(self.dir.clone())),
+            _ => Ok(stored),
+        }
+    }
+}
+
+/// Why nothing came of it.
+#[derive(Debug, Error)]
+pub enum NotDone {
+    /// The plan's files, or those of the result.
+    #[error(transparent)]
+    File(#[from] RustPlanFileError),
+    /// The folder holds another plan by now.
+    #[error("{} holds another plan than the one that was loaded: load it again", .0.display())]
+    Replaced(PathBuf),
+    /// No simulation.
+    #[error(transparent)]
+    Simulate(#[from] SimulateError),
+    /// No verification.
+    #[error(transparent)]
+    Verify(#[from] VerifyError),
+    /// No calibration.
+    #[error(transparent)]
+    Calibrate(#[from] CalibrateError),
+}
+
+impl From<NotDone> for PyErr {
+    fn from(error: NotDone) -> Self {
+        let text = words(&error);
+        match &error {
+            NotDone::File(_) | NotDone::Replaced(_) | NotDone::Verify(VerifyError::File(_)) => {
+                errors::PlanFileError::new_err(text)
+            }
+            NotDone::Simulate(SimulateError::Images(RustPlanError::Image(_) | RustPlanError::Scene(_)))
+            | NotDone::Verify(VerifyError::Image(_)) => errors::ImageError::new_err(text),
+            NotDone::Simulate(SimulateError::Engine(EngineError::Model(_))) => {
+                errors::ModelError::new_err(text)
+            }
+            NotDone::Simulate(SimulateError::Poses(PoseError::Sampling { .. })) => {
+                errors::ArrayError::new_err(text)
+            }
+            NotDone::Simulate(SimulateError::Compliance { .. }) | NotDone::Verify(VerifyError::Robot(_)) => {
+                errors::RobotError::new_err(text)
+            }
+            NotDone::Calibrate(_) => errors::CalibrationError::new_err(text),
+            NotDone::Simulate(_) | NotDone::Verify(_) => errors::PlanError::new_err(text),
+        }
+    }
+}
