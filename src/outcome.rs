@@ -63,22 +63,10 @@ impl Outcome {
         );
         text.extend(record.warnings.iter().map(|w| format!("warning: {w}\n")));
         text.extend(record.shortfalls.iter().map(|s| format!("fell short: {s}\n")));
-        let mut metrics = Map::new();
-        for (name, value) in [
-            ("removed_mm3", m.removed_mm3),
-            ("reachable_mm3", m.reachable_mm3),
-            ("target_mm3", m.target_mm3),
-            ("removed_material_mm3", m.removed_material_mm3),
-            ("removed_bone_mm3", m.removed_bone_mm3),
-            ("total_time_s", m.total_time_s),
-        ] {
-            metrics.insert(name.into(), value.into());
-        }
-        metrics.extend(m.more.iter().map(|(name, value)| (name.clone(), to_json(value))));
         let mut outcome = Self::new("plan", text);
         outcome.shortfalls.clone_from(&record.shortfalls);
         outcome.object.insert("out".into(), out.to_string_lossy().into());
-        outcome.object.insert("metrics".into(), metrics.into());
+        outcome.object.insert("metrics".into(), to_json(&Value::Table(m.entries())));
         outcome.object.insert("warnings".into(), record.warnings.clone().into());
         outcome.object.insert("shortfalls".into(), record.shortfalls.clone().into());
         outcome
@@ -129,10 +117,8 @@ impl Outcome {
             ));
         }
         outcome.text.extend(outcome.shortfalls.iter().map(|s| format!("fell short: {s}\n")));
-        let values: Map<_, _> =
-            values(simulation).into_iter().map(|(name, value)| (name, to_json(&value))).collect();
         outcome.object.insert("out".into(), out.to_string_lossy().into());
-        outcome.object.insert("figures".into(), values.into());
+        outcome.object.insert("figures".into(), to_json(&Value::Table(values(simulation))));
         outcome.object.insert("shortfalls".into(), outcome.shortfalls.clone().into());
         outcome
     }

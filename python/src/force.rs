@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray3};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{IntoPyDict, PyDict};
 
 use crate::{arrays, errors};
 
@@ -112,23 +112,28 @@ fn densities_at(function: &Bound<'_, PyAny>, coordinates: Vec<f64>) -> PyResult<
 }
 
 fn force_dict<'py>(py: Python<'py>, force: &BurrForce) -> PyResult<Bound<'py, PyDict>> {
-    let vector = |v: &Vector3<f64>| v.as_slice().to_vec().into_pyarray(py);
-    let rows = |rows: &[Vector3<f64>; 3]| Array2::from_shape_fn((3, 3), |(m, a)| rows[m][a]).into_pyarray(py);
-    let dict = PyDict::new(py);
-    dict.set_item("F", vector(&force.force_n))?;
-    dict.set_item("M", vector(&force.moment_nmm))?;
-    dict.set_item("F_tool", vector(&force.force_tool_n))?;
-    dict.set_item("M_tool", vector(&force.moment_tool_nmm))?;
-    dict.set_item("torque", force.torque_nmm)?;
-    dict.set_item("power_spindle", force.spindle_power_mw)?;
-    dict.set_item("power_feed", force.feed_power_mw)?;
-    dict.set_item("mrr", force.mrr_mm3_s)?;
-    dict.set_item("mrr_w", force.weighted_mrr_mm3_s)?;
-    dict.set_item("contact_area", force.contact_area_mm2)?;
-    dict.set_item("t_max", force.t_max_mm)?;
-    dict.set_item("basis_cut", rows(&force.basis_cut_mm2))?;
-    dict.set_item("basis_edge", rows(&force.basis_edge_mm))?;
-    dict.set_item("F_peak", force.peak_force_n)?;
+    let dict = [
+        ("torque", force.torque_nmm),
+        ("power_spindle", force.spindle_power_mw),
+        ("power_feed", force.feed_power_mw),
+        ("mrr", force.mrr_mm3_s),
+        ("mrr_w", force.weighted_mrr_mm3_s),
+        ("contact_area", force.contact_area_mm2),
+        ("t_max", force.t_max_mm),
+        ("F_peak", force.peak_force_n),
+    ]
+    .into_py_dict(py)?;
+    for (name, vector) in [
+        ("F", &force.force_n),
+        ("M", &force.moment_nmm),
+        ("F_tool", &force.force_tool_n),
+        ("M_tool", &force.moment_tool_nmm),
+    ] {
+        dict.set_item(name, vector.as_slice().to_vec().into_pyarray(py))?;
+    }
+    for (name, rows) in [("basis_cut", &force.basis_cut_mm2), ("basis_edge", &force.basis_edge_mm)] {
+        dict.set_item(name, Array2::from_shape_fn((3, 3), |(m, a)| rows[m][a]).into_pyarray(py))?;
+    }
     Ok(dict)
 }
 
@@ -147,14 +152,16 @@ pub fn engagement_metrics<'py>(
     let at = Motion::<Work>::new(Point::from_coords(center_mm.into()), axis.into(), Vector3::zeros(), 1.0)
         .map_err(|e| errors::model(&e))?;
     let found = py.detach(|| rust_engagement_metrics(&volume, at.center(), &at.axis(), radius_mm));
-    let dict = PyDict::new(py);
+    let dict = [
+        ("V", found.volume_mm3),
+        ("m", found.mass_mg),
+        ("I", found.inertia_mg_mm2),
+        ("In", found.inertia_normalised),
+        ("I_true", found.true_inertia_mg_mm2),
+        ("In_true", found.true_inertia_normalised),
+        ("z2_mean", found.z2_mean_mm2),
+    ]
+    .into_py_dict(py)?;
     dict.set_item("n_vox", found.voxels)?;
-    dict.set_item("V", found.volume_mm3)?;
-    dict.set_item("m", found.mass_mg)?;
-    dict.set_item("I", found.inertia_mg_mm2)?;
-    dict.set_item("In", found.inertia_normalised)?;
-    dict.set_item("I_true", found.true_inertia_mg_mm2)?;
-    dict.set_item("In_true", found.true_inertia_normalised)?;
-    dict.set_item("z2_mean", found.z2_mean_mm2)?;
     Ok(dict)
 }

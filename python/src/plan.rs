@@ -190,7 +190,7 @@ impl Plan {
 
     /// Figures.
     fn metrics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        values::metrics(py, &self.record.metrics)
+        values::dict(py, &self.record.metrics.entries())
     }
 
     /// What was modelled where.

@@ -54,6 +54,22 @@ pub struct Metrics {
     pub more: Vec<(String, Value)>,
 }
 
+impl Metrics {
+    /// All figures by name, in the order of the file.
+    pub fn entries(&self) -> Vec<(String, Value)> {
+        let always = [
+            self.removed_mm3,
+            self.reachable_mm3,
+            self.target_mm3,
+            self.removed_material_mm3,
+            self.removed_bone_mm3,
+            self.total_time_s,
+        ];
+        let always = REQUIRED.iter().zip(always).map(|(name, v)| ((*name).to_owned(), v.into()));
+        always.chain(self.more.iter().cloned()).collect()
+    }
+}
+
 /// The contents of `plan.toml`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlanRecord {
@@ -151,13 +167,8 @@ impl PlanRecord {
         for input in &self.inputs {
             out += &format!("{} = \"{}\"\n", text(&slashes(&input.path)), input.sha256);
         }
-        let m = &self.metrics;
-        let metrics = REQUIRED.iter().zip(required(m)).map(|(key, v)| (*key, Value::Number(*v)));
         out += "\n[metrics]\n";
-        for (key, value) in metrics {
-            out += &format!("{key} = {}\n", value.to_toml(key)?);
-        }
-        push_values(&mut out, &m.more)?;
+        push_values(&mut out, &self.metrics.entries())?;
         out += "\n[modelled]\n";
         push_values(&mut out, &self.modelled)?;
         out.push('\n');
@@ -225,17 +236,6 @@ const REQUIRED: [&str; 6] = [
     "removed_bone_mm3",
     "total_time_s",
 ];
-
-fn required(m: &Metrics) -> [&f64; 6] {
-    [
-        &m.removed_mm3,
-        &m.reachable_mm3,
-        &m.target_mm3,
-        &m.removed_material_mm3,
-        &m.removed_bone_mm3,
-        &m.total_time_s,
-    ]
-}
 
 fn push_values(out: &mut String, values: &[(String, Value)]) -> Result<(), PlanFileError> {
     for (key, value) in values {

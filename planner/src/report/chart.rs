@@ -1,13 +1,26 @@
 //! Line charts over time as SVG: axes, ticks, units; themed by the page's style sheet.
+//!
+//! Each chart is drawn twice, for a wide page and for a narrow one, so that letters and curves have their proper size on
+//! both; the style sheet shows one of them.
 
 use std::fmt::Write;
 
-const WIDTH: f64 = 1000.0;
-const HEIGHT: f64 = 190.0;
-const LEFT: f64 = 64.0;
+/// A drawing's size and margins, in its own units: pixels of the page that it is made for.
+struct Shape {
+    /// CSS class.
+    class: &'static str,
+    width: f64,
+    height: f64,
+    left: f64,
+    /// About so many ticks along the time.
+    ticks: usize,
+}
+
 const RIGHT: f64 = 12.0;
 const TOP: f64 = 10.0;
 const BOTTOM: f64 = 26.0;
+const WIDE: Shape = Shape { class: "on-wide", width: 1000.0, height: 190.0, left: 64.0, ticks: 8 };
+const NARROW: Shape = Shape { class: "on-narrow", width: 380.0, height: 170.0, left: 38.0, ticks: 4 };
 
 /// One curve; a gap where there is no value.
 pub struct Series<'a> {
@@ -29,73 +42,78 @@ pub struct Level<'a> {
 
 /// A chart of several series over time. `unit` labels the vertical axis.
 pub fn chart(title: &str, unit: &str, series: &[Series], levels: &[Level]) -> String {
-    let values = || series.iter().flat_map(|s| s.points.iter().filter_map(|p| p.1));
-    let top = values().chain(levels.iter().map(|l| l.value)).fold(0.0, f64::max);
-    let end_s = series.iter().flat_map(|s| s.points.last().map(|p| p.0)).fold(0.0, f64::max).max(1e-9);
-    let (y_step, y_end) = ticks(top.max(1e-9), 4);
-    let (x_step, _) = ticks(end_s, 8);
-    let x = |t: f64| LEFT + t / end_s * (WIDTH - LEFT - RIGHT);
-    let y = |v: f64| HEIGHT - BOTTOM - v / y_end * (HEIGHT - TOP - BOTTOM);
-    let mut svg = format!(
-        "<figure><figcaption>{title} <span class=\"unit\">[{unit}] over time [s]</span>{}</figcaption>\
-         <svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{title}\">",
-        legend(series)
-    );
-    let mut v = 0.0;
-    while v <= y_end * 1.0001 {
-        let at = y(v);
-        let _ = write!(
-            svg,
-            "<line class=\"grid\" x1=\"{LEFT}\" x2=\"{:.1}\" y1=\"{at:.1}\" y2=\"{at:.1}\"/>\
-             <text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
-            WIDTH - RIGHT,
-            LEFT - 6.0,
-            at + 4.0,
-            number(v, y_step)
-        );
-        v += y_step;
-    }
-    let (mut t, mut n) = (0.0, 0);
-    while t <= end_s {
-        // a narrow page shows every second one
-        let class = if n % 2 == 1 { "tick minor" } else { "tick" };
-        let _ = write!(
-            svg,
-            "<text class=\"{class}\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
-            x(t),
-            HEIGHT - 6.0,
-            number(t, x_step)
-        );
-        t += x_step;
-        n += 1;
-    }
-    for s in series {
-        for line in curves(&s.points, &x, &y) {
-            let _ = write!(svg, "<path class=\"{}\" d=\"{line}\"/>", s.class);
-        }
-    }
-    for level in levels {
-        let at = y(level.value);
-        let _ = write!(
-            svg,
-            "<line class=\"level\" x1=\"{LEFT}\" x2=\"{:.1}\" y1=\"{at:.1}\" y2=\"{at:.1}\"/>\
-             <text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
-            WIDTH - RIGHT,
-            LEFT + 4.0,
-            at - 4.0,
-            level.name
-        );
-    }
-    svg.push_str("</svg></figure>");
-    svg
+    format!(
+        "<figure><figcaption>{title} <span class=\"unit\">[{unit}] over time [s]</span>{}</figcaption>{}{}</figure>",
+        legend(unit, series, levels),
+        WIDE.draw(title, series, levels),
+        NARROW.draw(title, series, levels)
+    )
 }
 
-fn legend(series: &[Series]) -> String {
-    if series.len() < 2 {
+impl Shape {
+    fn draw(&self, title: &str, series: &[Series], levels: &[Level]) -> String {
+        let &Shape { class, width, height, left, .. } = self;
+        let values = || series.iter().flat_map(|s| s.points.iter().filter_map(|p| p.1));
+        let top = values().chain(levels.iter().map(|l| l.value)).fold(0.0, f64::max);
+        let end_s = series.iter().flat_map(|s| s.points.last().map(|p| p.0)).fold(0.0, f64::max).max(1e-9);
+        let (y_step, y_end) = ticks(top.max(1e-9), 4);
+        let (x_step, _) = ticks(end_s, self.ticks);
+        let x = |t: f64| left + t / end_s * (width - left - RIGHT);
+        let y = |v: f64| height - BOTTOM - v / y_end * (height - TOP - BOTTOM);
+        let mut svg = format!(
+            "<svg class=\"{class}\" viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{title}\">"
+        );
+        let mut v = 0.0;
+        while v <= y_end * 1.0001 {
+            let at = y(v);
+            let _ = write!(
+                svg,
+                "<line class=\"grid\" x1=\"{left}\" x2=\"{:.1}\" y1=\"{at:.1}\" y2=\"{at:.1}\"/>\
+                 <text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
+                width - RIGHT,
+                left - 6.0,
+                at + 4.0,
+                number(v, y_step)
+            );
+            v += y_step;
+        }
+        let mut t = 0.0;
+        while t <= end_s {
+            let _ = write!(
+                svg,
+                "<text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
+                x(t),
+                height - 6.0,
+                number(t, x_step)
+            );
+            t += x_step;
+        }
+        for s in series {
+            for line in curves(&s.points, &x, &y) {
+                let _ = write!(svg, "<path class=\"{}\" d=\"{line}\"/>", s.class);
+            }
+        }
+        for level in levels {
+            let at = y(level.value);
+            let _ = write!(
+                svg,
+                "<line class=\"level\" x1=\"{left}\" x2=\"{:.1}\" y1=\"{at:.1}\" y2=\"{at:.1}\"/>",
+                width - RIGHT
+            );
+        }
+        svg + "</svg>"
+    }
+}
+
+/// What the colours mean, where there is more than one thing to see.
+fn legend(unit: &str, series: &[Series], levels: &[Level]) -> String {
+    if series.len() + levels.len() < 2 {
         return String::new();
     }
-    let item = |s: &Series| format!(" <span class=\"key {}\">{}</span>", s.class, s.name);
-    series.iter().map(item).collect()
+    let curve = |s: &Series| format!(" <span class=\"key {}\">{}</span>", s.class, s.name);
+    let level =
+        |l: &Level| format!(" <span class=\"key line-b\">{} ({} {unit}, dashed)</span>", l.name, l.value);
+    series.iter().map(curve).chain(levels.iter().map(level)).collect()
 }
 
 /// At most two points a pixel: the least and the largest value that falls into it. Gaps split the curve.
@@ -174,14 +192,29 @@ mod tests {
         let svg = chart("Force", "N", &[Series { name: "F", class: "a", points }], &[]);
         assert!(svg.len() < 40_000);
         let top = svg.split("<path").nth(1).unwrap();
-        assert!(top.contains(&format!("{:.1}", HEIGHT - BOTTOM - 9.0 / 10.0 * (HEIGHT - TOP - BOTTOM))));
+        assert!(
+            top.contains(&format!("{:.1}", WIDE.height - BOTTOM - 9.0 / 10.0 * (WIDE.height - TOP - BOTTOM)))
+        );
     }
 
     #[test]
     fn gaps_split_the_curve_and_an_empty_chart_is_a_chart() {
         let points = vec![(0.0, Some(1.0)), (1.0, None), (2.0, Some(2.0))];
-        let svg = chart("x", "mm", &[Series { name: "x", class: "a", points }], &[]);
+        let svg = WIDE.draw("x", &[Series { name: "x", class: "a", points }], &[]);
         assert_eq!(svg.matches("<path").count(), 2);
         assert!(chart("x", "mm", &[], &[]).contains("</svg>"));
+    }
+
+    #[test]
+    fn a_level_is_named_with_its_unit() {
+        let points = vec![(0.0, Some(1.0))];
+        let page = chart(
+            "x",
+            "mm",
+            &[Series { name: "distance", class: "a", points }],
+            &[Level { name: "least", value: 0.5 }],
+        );
+        assert!(page.contains(">distance<") && page.contains(">least (0.5 mm, dashed)<"), "{page}");
+        assert_eq!(page.matches("class=\"level\"").count(), 2);
     }
 }

@@ -69,7 +69,7 @@ fn verdict(plan: &Plan) -> String {
         );
     }
     for warning in &plan.warnings {
-        let _ = write!(text, "<p class=\"verdict warn\">{}</p>", escape(warning));
+        let _ = write!(text, "<p class=\"verdict warn\">Warning: {}</p>", escape(warning));
     }
     text
 }
@@ -84,15 +84,22 @@ fn cards(plan: &Plan) -> String {
         .filter_map(|(found, s)| Some((found.least_distance_mm? - plan.case.burr.radius_mm, s)))
         .min_by(|a, b| (a.0 - a.1.clearance_mm).total_cmp(&(b.0 - b.1.clearance_mm)));
     let peak_toward = plan.figures.structures.iter().map(|s| s.peak_force_toward_n).fold(0.0, f64::max);
+    let plain = |label, value| (label, value, String::new());
     let mut cards = vec![
-        ("removed of what the burr can reach", format!("{:.1} %", 100.0 * plan.coverage.reached_share())),
-        (
+        plain(
+            "removed of what the burr can reach",
+            format!("{:.1} %", 100.0 * plan.coverage.reached_share()),
+        ),
+        plain(
             "removed of the target",
             format!("{:.1} %", share(plan.coverage.removed.all_mm3, plan.coverage.target.all_mm3)),
         ),
-        ("total time", format!("{:.0} min {:02.0} s", (total_s / 60.0).floor(), (total_s % 60.0).floor())),
-        ("peak force", format!("{:.2} N", plan.figures.peak_force_n)),
-        ("peak force toward a structure", format!("{peak_toward:.2} N")),
+        plain(
+            "total time",
+            format!("{:.0} min {:02.0} s", (total_s / 60.0).floor(), (total_s % 60.0).floor()),
+        ),
+        plain("peak force", format!("{:.2} N", plan.figures.peak_force_n)),
+        plain("peak force toward a structure", format!("{peak_toward:.2} N")),
     ];
     if let Some((margin, structure)) = closest {
         let name = escape(&structure.name);
@@ -100,13 +107,14 @@ fn cards(plan: &Plan) -> String {
             2,
             (
                 "smallest distance from the burr's surface",
-                format!("{margin:.2} mm <small>{name}, kept {}\u{a0}mm</small>", structure.clearance_mm),
+                format!("{margin:.2} mm"),
+                format!("<small>{name}, kept {}\u{a0}mm</small>", structure.clearance_mm),
             ),
         );
     }
     let items: String = cards
         .into_iter()
-        .map(|(label, value)| format!("<div><b>{value}</b><span>{label}</span></div>"))
+        .map(|(label, value, more)| format!("<div><b>{value}</b><span>{label}</span>{more}</div>"))
         .collect();
     format!("<div class=\"cards\">{items}</div>")
 }
@@ -230,7 +238,7 @@ fn structures(plan: &Plan) -> String {
         .map(|(s, found)| {
             let distance = found
                 .least_distance_mm
-                .map_or("never the nearest".into(), |d| format!("{:.2}", d - plan.case.burr.radius_mm));
+                .map_or("–".into(), |d| format!("{:.2}", d - plan.case.burr.radius_mm));
             format!(
                 "<tr><th>{}</th><td>{:.2}</td><td>{distance}</td><td>{:.3}</td></tr>",
                 escape(&s.name),
@@ -239,9 +247,14 @@ fn structures(plan: &Plan) -> String {
             )
         })
         .collect();
+    let unknown = if plan.figures.structures.iter().any(|s| s.least_distance_mm.is_none()) {
+        "<p class=\"note\">–: at every waypoint another structure is nearer, clearances taken off.</p>"
+    } else {
+        ""
+    };
     format!(
         "<div class=\"wide\"><table><thead><tr><th></th><th>clearance [mm]</th><th>least distance of the burr's surface [mm]</th>\
-         <th>peak force toward it [N]</th></tr></thead><tbody>{rows}</tbody></table></div>"
+         <th>peak force toward it [N]</th></tr></thead><tbody>{rows}</tbody></table></div>{unknown}"
     )
 }
 
@@ -294,19 +307,31 @@ fn parameters(plan: &Plan) -> String {
         let source = match p.source {
             None => "the case".to_owned(),
             Some("-") => "default".to_owned(),
-            Some(source) => format!("default; {}", escape(source)),
+            Some(source) => format!("default; {}", with_code(&escape(source))),
         };
         format!(
             "<tr><th><code>{}</code></th><td><code>{}</code></td><td>{}</td><td>{source}</td></tr>",
-            escape(&p.key),
+            breakable(&escape(&p.key)),
             escape(&p.value),
-            escape(p.meaning)
+            with_code(&escape(p.meaning))
         )
     };
     let rows: String = explained(&plan.case).iter().map(row).collect();
     format!(
-        "<div class=\"wide\"><table class=\"words\"><thead><tr><th>key</th><th>value</th><th>meaning</th><th>from</th></tr></thead><tbody>{rows}</tbody></table></div>"
+        "<div class=\"wide\"><table class=\"words params\"><thead><tr><th>key</th><th>value</th><th>meaning</th><th>from</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
+}
+
+/// A key that may be broken after its dots and underscores.
+fn breakable(key: &str) -> String {
+    key.replace('.', ".<wbr>").replace('_', "_<wbr>")
+}
+
+/// Text with `words` in backticks set as code.
+fn with_code(text: &str) -> String {
+    let part =
+        |(n, part): (usize, &str)| if n % 2 == 1 { format!("<code>{part}</code>") } else { part.into() };
+    text.split('`').enumerate().map(part).collect()
 }
 
 /// Text for HTML.

@@ -17,6 +17,7 @@ const TARGET: [u8; 3] = [80, 255, 140];
 
 /// A plane of the work grid: the axes shown to the right and upwards, and the one looked along.
 struct Plane {
+    /// What it shows, up to the place of the slice.
     name: &'static str,
     right: usize,
     up: usize,
@@ -24,9 +25,9 @@ struct Plane {
 }
 
 const PLANES: [Plane; 3] = [
-    Plane { name: "seen along the approach (work x–y)", right: 0, up: 1, along: 2 },
-    Plane { name: "side view (work x–z, approach up)", right: 0, up: 2, along: 1 },
-    Plane { name: "side view (work y–z, approach up)", right: 1, up: 2, along: 0 },
+    Plane { name: "from above, along the approach: x to the right, y up; z =", right: 0, up: 1, along: 2 },
+    Plane { name: "from the side: x to the right, approach z up; y =", right: 0, up: 2, along: 1 },
+    Plane { name: "from the side: y to the right, approach z up; x =", right: 1, up: 2, along: 0 },
 ];
 
 /// Three figures.
@@ -43,7 +44,7 @@ fn figure(plan: &Plan, plane: &Plane) -> String {
         as usize;
     let (width, height) = (dims[plane.right], dims[plane.up]);
     let mut svg = format!(
-        "<figure class=\"slice\"><figcaption>{}, at {:.1} mm</figcaption>\
+        "<figure class=\"slice\"><figcaption>{} {:.1}\u{a0}mm</figcaption>\
          <svg viewBox=\"0 0 {:.2} {:.2}\" role=\"img\" aria-label=\"CT slice with path\">\
          <image width=\"{:.2}\" height=\"{:.2}\" preserveAspectRatio=\"none\" style=\"image-rendering:auto\" href=\"data:image/png;base64,{}\"/>",
         plane.name,
