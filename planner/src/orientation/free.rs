@@ -45,7 +45,7 @@ impl FreeSets {
     }
 
     /// The free directions of waypoint i, ascending.
-    pub fn iter(&self, i: usize) -> impl Iterator<Item = usize> + '_ {
+    pub fn iter(&self, i: usize) -> impl Iterator<Item = usize> + Clone + '_ {
         self.row(i).iter().enumerate().flat_map(|(w, word)| {
             let mut left = *word;
             std::iter::from_fn(move || {

@@ -220,29 +220,28 @@ fn by_waypoint(room: &Room, field: &CostField) -> Oriented {
     Oriented { low_pass_held: filtered.held, ..Oriented::new(filtered.axes, room.family) }
 }
 
-/// C of every waypoint and free direction, one row per waypoint; forces by the set's stencil where that asks for fewer.
+/// C of every waypoint and free direction, one row per waypoint; forces by a plane's stencil where that asks for fewer.
 pub fn cost_rows(directions: &Directions, free: &FreeSets, field: &CostField) -> Vec<f32> {
     let axes = directions.axes();
-    let stencil = Stencil::new(directions);
+    let stencil = directions.angles_rad().map(Stencil::new);
     let mut cost = vec![0f32; free.len() * axes.len()];
-    let workspace = || (EngagedSamples::default(), vec![Vector3::zeros(); stencil.nodes().len()]);
-    cost.par_chunks_mut(axes.len()).enumerate().for_each_init(workspace, |(samples, at_nodes), (i, row)| {
+    let workspace = || (EngagedSamples::default(), vec![None; axes.len()]);
+    cost.par_chunks_mut(axes.len()).enumerate().for_each_init(workspace, |(samples, forces), (i, row)| {
         if field.moments[i].mass_mg() <= 0.0 {
             return;
         }
         field.gather(i, samples);
-        let mut needed = vec![false; at_nodes.len()];
-        free.iter(i).flat_map(|n| stencil.needs(n)).for_each(|place| needed[place] = true);
-        let interpolates = !samples.is_empty() && needed.iter().filter(|n| **n).count() < free.count(i);
-        if interpolates {
-            for place in (0..needed.len()).filter(|place| needed[*place]) {
-                at_nodes[place] = field.force_n(samples, &axes[stencil.nodes()[place]]);
-            }
+        let force = |n: usize| field.force_n(samples, &axes[n]);
+        forces.fill(None);
+        match stencil.as_ref().filter(|_| !samples.is_empty()) {
+            Some(stencil) => stencil.fill(free.iter(i), force, forces),
+            None => free.iter(i).for_each(|n| forces[n] = Some(force(n))),
         }
-        for n in free.iter(i) {
-            let force = if interpolates { stencil.at(n, at_nodes) } else { field.force_n(samples, &axes[n]) };
-            let compliance = field.compliance.as_ref().map(|c| &c[n]);
-            row[n] = field.cost_of(i, &force, &axes[n], compliance) as f32;
+        for (n, force) in forces.iter().enumerate() {
+            if let Some(force) = force {
+                let compliance = field.compliance.as_ref().map(|c| &c[n]);
+                row[n] = field.cost_of(i, force, &axes[n], compliance) as f32;
+            }
         }
     });
     cost

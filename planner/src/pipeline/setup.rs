@@ -56,11 +56,11 @@ pub fn shank(case: &Case) -> Vec<ShankCylinder> {
         .collect()
 }
 
-/// The shank that access keeps free: wider by half a voxel, since a voxel whose centre is free may hold bone up to there.
+/// The shank that access keeps free: wider by half a voxel's diagonal, since a voxel may hold bone up to there.
 /// Never wider than the burr for that alone: behind a burr in its own slot nothing wider fits.
 pub fn planned_shank(case: &Case) -> Vec<ShankCylinder> {
     let widened = |radius_mm: f64| {
-        let wide_mm = radius_mm + 0.5 * case.grid.spacing_mm;
+        let wide_mm = radius_mm + 0.5 * 3f64.sqrt() * case.grid.spacing_mm;
         wide_mm.min(radius_mm.max(case.burr.radius_mm - 0.5 * case.grid.spacing_mm))
     };
     shank(case).into_iter().map(|c| ShankCylinder { radius_mm: widened(c.radius_mm), ..c }).collect()

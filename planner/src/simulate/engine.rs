@@ -33,8 +33,12 @@ const LAG_CELLS: f64 = 2.5;
 const STRETCH_CELLS: f64 = 2.0;
 /// How far a piece of the trail may be from the burr's way, cells.
 const BENT_CELLS: f64 = 0.004;
-/// How far around the shank bone is looked for, mm: what is found farther away saves looking again.
+/// How far around the shank bone is looked for, mm and mm per mm behind the burr, where a turn moves it more: what is
+/// found farther away saves looking again.
 const LOOK_MM: f64 = 1.0;
+const LOOK_PER_MM: f64 = 0.03;
+/// The shank is looked at in pieces of at most this length, mm: each may move as far as it is clear itself.
+const SHANK_PIECE_MM: f64 = 5.0;
 /// Places along a step at which the shank is looked at, at most.
 const MOST_PLACES: f64 = 1000.0;
 
@@ -149,8 +153,8 @@ pub struct Engine<'a, T, M> {
     spec: EngineSpec,
     pose: Pose,
     removed: Amount,
-    /// How far the shank may move before it can touch anything, mm.
-    shank_clear_mm: f64,
+    /// The shank in pieces, and how far each may move before it can touch anything, mm.
+    shank: Vec<(ShankCylinder, f64)>,
     /// Time of stopped steps, which the next one that is made has as well, s.
     waited_s: f64,
 }
@@ -170,6 +174,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         let lattice = Lattice::new(bone, spec.tool.radius_mm(), spec.cells_per_radius)?;
         let tolerance_mm = BENT_CELLS * lattice.spacing_mm();
         let nodes = BurrNodes::new(&spec.tool, &spec.disc);
+        let shank = spec.shank.iter().flat_map(pieces).map(|piece| (piece, 0.0)).collect();
         Ok(Self {
             trail: Trail::new(start.center, tolerance_mm),
             lattice,
@@ -178,7 +183,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
             spec,
             pose: start,
             removed: Amount::default(),
-            shank_clear_mm: 0.0,
+            shank,
             waited_s: 0.0,
         })
     }
@@ -394,38 +399,58 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
 
     /// The first contact of the shank on the way from the present pose.
     fn alarm(&mut self, to: &Pose) -> Option<ShankContact> {
-        let (Some(last), Some(first)) = (self.spec.shank.last(), self.spec.shank.first()) else {
-            return None;
-        };
-        let length_mm = last.to_mm;
+        let thin_mm = self.spec.shank.iter().map(|c| c.radius_mm).reduce(f64::min)?;
         let turn = (to.axis.into_inner() - self.pose.axis.into_inner()).norm();
-        let moved_mm = (to.center - self.pose.center).norm() + length_mm * turn;
-        self.shank_clear_mm -= moved_mm;
-        if self.shank_clear_mm > 0.0 {
-            return None;
+        let way_mm = (to.center - self.pose.center).norm();
+        let mut moved_mm = 0f64;
+        let mut close = Vec::new();
+        for (n, (piece, clear_mm)) in self.shank.iter_mut().enumerate() {
+            let moves_mm = way_mm + piece.to_mm * turn;
+            *clear_mm -= moves_mm;
+            if *clear_mm <= 0.0 {
+                close.push(n);
+                moved_mm = moved_mm.max(moves_mm);
+            }
         }
-        let places = (moved_mm / first.radius_mm).ceil().clamp(1.0, MOST_PLACES) as usize;
-        let mut view = ShankView { contact: None, clear_mm: 0.0 };
-        for n in 1..=places {
-            let part = n as f64 / places as f64;
+        let places = (moved_mm / thin_mm).ceil().clamp(1.0, MOST_PLACES) as usize;
+        for place in 1..=places {
+            let part = place as f64 / places as f64;
             let axis = self.pose.axis.lerp(&to.axis, part);
             let center = self.pose.center + (to.center - self.pose.center) * part;
             let shaft = Shaft { center: center.coords, axis: Unit::try_new(axis, 1e-9).unwrap_or(to.axis) };
-            view = self.view(&shaft);
-            if view.contact.is_some() {
-                break;
+            let mut deepest: Option<ShankContact> = None;
+            for &n in &close {
+                let view = self.view(&shaft, &self.shank[n].0);
+                self.shank[n].1 = if view.contact.is_some() { 0.0 } else { view.clear_mm };
+                deepest = deepest
+                    .into_iter()
+                    .chain(view.contact)
+                    .reduce(|a, b| if b.depth_mm > a.depth_mm { b } else { a });
+            }
+            if deepest.is_some() {
+                // the step is not made: these were looked at elsewhere
+                close.iter().for_each(|&n| self.shank[n].1 = 0.0);
+                return deepest;
             }
         }
-        self.shank_clear_mm = if view.contact.is_some() { 0.0 } else { view.clear_mm };
-        view.contact
+        None
     }
 
-    fn view(&self, shaft: &Shaft) -> ShankView {
+    fn view(&self, shaft: &Shaft, piece: &ShankCylinder) -> ShankView {
         let r2 = self.spec.tool.radius_mm().powi(2);
         let is_swept =
             |p: &Vector3<f64>| self.trail.pieces().any(|(a, b)| segment_distance_squared(p, &a, &b) <= r2);
-        self.lattice.view_shank(shaft, &self.spec.shank, LOOK_MM, is_swept)
+        let look_mm = LOOK_MM + LOOK_PER_MM * piece.to_mm;
+        self.lattice.view_shank(shaft, piece, look_mm, is_swept)
     }
+}
+
+/// A cylinder in pieces of equal length.
+fn pieces(cylinder: &ShankCylinder) -> impl Iterator<Item = ShankCylinder> {
+    let ShankCylinder { from_mm, to_mm, radius_mm } = *cylinder;
+    let count = ((to_mm - from_mm) / SHANK_PIECE_MM).ceil().max(1.0) as usize;
+    let at = move |n: usize| from_mm + (to_mm - from_mm) * (n as f64 / count as f64);
+    (0..count).map(move |n| ShankCylinder { from_mm: at(n), to_mm: at(n + 1), radius_mm })
 }
 
 impl Near {

@@ -4,8 +4,8 @@
 //! bone is touched; the depth is how far that centre lies below the cylinder's side. Bricks without solid cells, or
 //! gone, cost one look each.
 //!
-//! Bone only disappears, so a clearance found once stays until the shank has moved as far: most steps ask nothing at
-//! all. Beyond the lattice a coarse map stands for bone; there only what is certain is reported.
+//! Bone only disappears, so a clearance found once stays until that part of the shank has moved as far: most steps ask
+//! nothing at all. Beyond the lattice a coarse map stands for bone; there only what is certain is reported.
 
 use bonemill_geometry::{Point, Work};
 use nalgebra::{Unit, Vector3};
@@ -28,12 +28,12 @@ pub struct ShankContact {
     pub kind: Kind,
 }
 
-/// The nearest solid cell to the shank.
+/// The nearest solid cell to a cylinder of the shank.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ShankView {
     /// The deepest contact.
     pub contact: Option<ShankContact>,
-    /// Without contact: nothing solid is nearer to the shank's side than this, mm.
+    /// Without contact: nothing solid is nearer to it than this, mm.
     pub clear_mm: f64,
 }
 
@@ -45,24 +45,20 @@ pub(super) struct Shaft {
 }
 
 impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
-    /// Looks for solid cells within `look_mm` of the shank's sides; `is_swept` tells what the lattice does not know
+    /// Looks for solid cells within `look_mm` of a cylinder's side; `is_swept` tells what the lattice does not know
     /// yet.
     pub(super) fn view_shank(
         &self,
         shaft: &Shaft,
-        shank: &[ShankCylinder],
+        cylinder: &ShankCylinder,
         look_mm: f64,
         is_swept: impl Fn(&Vector3<f64>) -> bool,
     ) -> ShankView {
         let mut view = ShankView { contact: None, clear_mm: look_mm };
-        for cylinder in shank {
-            let mut nearest_mm = cylinder.radius_mm + look_mm;
-            self.bricks_around(shaft, cylinder, look_mm, |brick, first| {
-                self.view_brick(brick, first, shaft, cylinder, &mut nearest_mm, &is_swept, &mut view);
-            });
-            self.view_far(shaft, cylinder, &mut view);
-            view.clear_mm = view.clear_mm.min(nearest_mm - cylinder.radius_mm);
-        }
+        self.bricks_around(shaft, cylinder, look_mm, |brick, first| {
+            self.view_brick(brick, first, shaft, cylinder, &is_swept, &mut view);
+        });
+        self.view_far(shaft, cylinder, &mut view);
         view
     }
 
@@ -113,14 +109,13 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         }
     }
 
-    #[expect(clippy::too_many_arguments, reason = "one innermost loop, taken out of its three outer ones")]
+    /// A cell beyond an end counts with its distance from it, too: it may come beside the cylinder by the same way.
     fn view_brick(
         &self,
         brick: usize,
         first: [usize; 3],
         shaft: &Shaft,
         cylinder: &ShankCylinder,
-        nearest_mm: &mut f64,
         is_swept: &impl Fn(&Vector3<f64>) -> bool,
         view: &mut ShankView,
     ) {
@@ -130,24 +125,21 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
             let point = self.point(at);
             let from_burr = point.coords - shaft.center;
             let along_mm = from_burr.dot(&shaft.axis);
-            if along_mm < cylinder.from_mm || along_mm > cylinder.to_mm {
-                return;
-            }
+            let beyond_mm = (cylinder.from_mm - along_mm).max(along_mm - cylinder.to_mm).max(0.0);
             let across_mm = (from_burr.norm_squared() - along_mm * along_mm).max(0.0).sqrt();
-            if across_mm >= *nearest_mm {
+            let depth_mm = cylinder.radius_mm - across_mm;
+            let is_inside = beyond_mm <= 0.0 && depth_mm > 0.0;
+            let clear_mm = beyond_mm.hypot((-depth_mm).max(0.0));
+            if !is_inside && clear_mm >= view.clear_mm {
                 return;
             }
             let Some(kind) = self.kind_at(stored, site) else { return };
             if (stored.is_some() && self.depth_at(&at) <= 0.0) || is_swept(&point.coords) {
                 return;
             }
-            *nearest_mm = across_mm;
-            if across_mm < cylinder.radius_mm {
-                let contact =
-                    ShankContact { at: point, depth_mm: cylinder.radius_mm - across_mm, along_mm, kind };
-                if view.contact.is_none_or(|c| c.depth_mm < contact.depth_mm) {
-                    view.contact = Some(contact);
-                }
+            view.clear_mm = view.clear_mm.min(clear_mm);
+            if is_inside && view.contact.is_none_or(|c| c.depth_mm < depth_mm) {
+                view.contact = Some(ShankContact { at: point, depth_mm, along_mm, kind });
             }
         });
     }

@@ -82,6 +82,11 @@ impl Anatomy {
         self.ct.trilinear(p, OUTSIDE_HU)
     }
 
+    /// HU of the voxel that holds a point; beyond the scan is air.
+    pub fn hu_of_voxel(&self, p: Point<Ct>) -> f64 {
+        self.ct.grid().nearest(p).map_or(OUTSIDE_HU, |v| f64::from(*self.ct.get(v)))
+    }
+
     /// The label of the voxel that holds a point; 0 beyond the map.
     pub fn label(&self, p: Point<Ct>) -> u16 {
         self.labels.grid().nearest(p).map_or(0, |v| *self.labels.get(v))

@@ -25,6 +25,10 @@ pub const OBSTACLE: u8 = 8;
 pub const SHEET: u8 = 16;
 /// Inside a structure that is to be kept.
 pub const STRUCTURE: u8 = 32;
+/// Target whose nearest voxel of the scan is above `air_hu`: what [`MATERIAL`] would be without interpolation.
+pub const MATERIAL_VOXEL: u8 = 64;
+/// The same of [`TARGET_BONE`].
+pub const TARGET_BONE_VOXEL: u8 = 128;
 
 /// Radius of the closing that decides which air a shape encloses, mm.
 const CLOSING_MM: f64 = 4.0;
@@ -72,6 +76,9 @@ impl Lattice {
                 if in_target(p, label) {
                     flags |= TARGET;
                     flags |= if value > density.air_hu { MATERIAL } else { 0 };
+                    let voxel = anatomy.hu_of_voxel(p);
+                    flags |= if voxel > density.air_hu { MATERIAL_VOXEL } else { 0 };
+                    flags |= if voxel >= density.bone_hu { TARGET_BONE_VOXEL } else { 0 };
                     flags |= if value >= density.bone_hu { TARGET_BONE } else { 0 };
                 } else if value >= density.bone_hu {
                     flags |= SHEET;
