@@ -8,7 +8,6 @@ use bonemill_planner::burr::{
 };
 use bonemill_planner::engagement::share_beyond;
 use bonemill_planner::orientation::stencil::Stencil;
-use bonemill_planner::orientation::{Directions, TiltFamily};
 use nalgebra::{Unit, Vector3};
 
 const RPM: f64 = 60_000.0;
@@ -280,5 +279,5 @@ fn the_stencil_gives_the_force_of_every_direction() {
         found[3]
     );
     assert!(errors.len() > 1000);
-    assert!(found.iter().zip([2e-3, 4e-3, 1.5e-2, 6e-2]).all(|(f, most)| f <= most), "{found:?}");
+    assert!(found.iter().zip([2e-3, 4e-3, 1.5e-2, 6e-2]).all(|(f, most)| *f <= most), "{found:?}");
 }

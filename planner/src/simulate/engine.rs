@@ -12,13 +12,14 @@ use bonemill_geometry::{Point, Work};
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
+use super::behind::Behind;
 use super::bone::{Amount, Bone, Kind};
 use super::engagement::{BurrNodes, Engagement, Feed};
 use super::error::EngineError;
-use super::lattice::{Lattice, crossing, share};
+use super::lattice::Lattice;
 use super::model::{CutForce, ForceModel};
 use super::shank::{Shaft, ShankContact, ShankView};
-use super::trail::{Near, Trail};
+use super::trail::Trail;
 use crate::access::ShankCylinder;
 use crate::burr::error::checked;
 use crate::burr::{Discretisation, Material, Tool, direction};
@@ -366,24 +367,27 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         let center = to.to.center.coords;
         let half_mm = self.nodes.half_patch_mm();
         // no more than the lattice's own lag is surely the burr's own surface
-        let mut near = trail.newest(LAG_CELLS * self.lattice.spacing_mm());
-        let reach2 = (2.0 * r + half_mm).powi(2);
-        near.retain(|piece| {
-            !piece.leads_to(&center, &feed.direction)
-                && segment_distance_squared(&center, &piece.from, &piece.to) < reach2
-        });
-        let bone = self.lattice.bone();
         let sample_mm = r + self.spec.disc.sample_offset_mm();
+        let reach2 = (2.0 * r + half_mm).powi(2);
+        let near: Vec<Behind> = trail
+            .newest(LAG_CELLS * self.lattice.spacing_mm())
+            .into_iter()
+            .filter(|piece| {
+                !piece.leads_to(&center, &feed.direction)
+                    && segment_distance_squared(&center, &piece.from, &piece.to) < reach2
+            })
+            .map(|piece| Behind::new(&piece, &center, sample_mm))
+            .collect();
+        let bone = self.lattice.bone();
         Some(self.nodes.engage(&feed, &self.spec.material, |normal| {
-            let p = center + normal * sample_mm;
             let mut part = 1.0;
             for piece in &near {
-                part = piece.part_outside(&p, normal, r, half_mm).min(part);
+                part = piece.part_outside(normal, r, half_mm).min(part);
                 if part <= 0.0 {
                     return None;
                 }
             }
-            let index = bone.index(&p);
+            let index = bone.index(&(center + normal * sample_mm));
             part = self.lattice.patch_left(&index, normal, half_mm).min(part);
             if part <= 0.0 {
                 return None;
@@ -420,7 +424,8 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
             let shaft = Shaft { center: center.coords, axis: Unit::try_new(axis, 1e-9).unwrap_or(to.axis) };
             let mut deepest: Option<ShankContact> = None;
             for &n in &close {
-                let view = self.view(&shaft, &self.shank[n].0);
+                let piece = self.shank[n].0;
+                let view = self.view(&shaft, &piece);
                 self.shank[n].1 = if view.contact.is_some() { 0.0 } else { view.clear_mm };
                 deepest = deepest
                     .into_iter()
@@ -436,10 +441,11 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         None
     }
 
-    fn view(&self, shaft: &Shaft, piece: &ShankCylinder) -> ShankView {
+    fn view(&mut self, shaft: &Shaft, piece: &ShankCylinder) -> ShankView {
         let r2 = self.spec.tool.radius_mm().powi(2);
+        let trail = &self.trail;
         let is_swept =
-            |p: &Vector3<f64>| self.trail.pieces().any(|(a, b)| segment_distance_squared(p, &a, &b) <= r2);
+            |p: &Vector3<f64>| trail.pieces().any(|(a, b)| segment_distance_squared(p, &a, &b) <= r2);
         let look_mm = LOOK_MM + LOOK_PER_MM * piece.to_mm;
         self.lattice.view_shank(shaft, piece, look_mm, is_swept)
     }
@@ -451,46 +457,6 @@ fn pieces(cylinder: &ShankCylinder) -> impl Iterator<Item = ShankCylinder> {
     let count = ((to_mm - from_mm) / SHANK_PIECE_MM).ceil().max(1.0) as usize;
     let at = move |n: usize| from_mm + (to_mm - from_mm) * (n as f64 / count as f64);
     (0..count).map(move |n| ShankCylinder { from_mm: at(n), to_mm: at(n + 1), radius_mm })
-}
-
-impl Near {
-    /// Whether the burr goes on along this piece's own line: then it holds nothing of the burr's front.
-    fn leads_to(&self, center: &Vector3<f64>, feed: &Unit<Vector3<f64>>) -> bool {
-        const STRAIGHT_MM: f64 = 1e-9;
-        let (along, onwards) = (self.to - self.from, center - self.to);
-        along.dot(feed) > 0.0
-            && onwards.dot(feed) >= 0.0
-            && along.cross(feed).norm() <= STRAIGHT_MM
-            && onwards.cross(feed).norm() <= STRAIGHT_MM
-    }
-
-    /// The part of a patch at `p` that lies outside the capsule.
-    ///
-    /// The burr's own surface has no edge there: in or out. Of a burr that goes straight on, every node is out.
-    #[inline]
-    fn part_outside(&self, p: &Vector3<f64>, normal: &Vector3<f64>, radius_mm: f64, half_mm: f64) -> f64 {
-        let squared = segment_distance_squared(p, &self.from, &self.to);
-        if self.is_own {
-            // a point of the ball itself at a re-visited place lies on the earlier surface: inside, to rounding
-            return if squared <= radius_mm * radius_mm * (1.0 + 1e-12) { 0.0 } else { 1.0 };
-        }
-        if squared >= (radius_mm + half_mm).powi(2) {
-            return 1.0;
-        }
-        let depth = squared.sqrt() - radius_mm;
-        if depth <= -half_mm {
-            return 0.0;
-        }
-        share(depth, half_mm, crossing(&(p - self.nearest(p)), normal), 1e-9 * radius_mm)
-    }
-
-    /// The point of the piece that is nearest to `p`.
-    fn nearest(&self, p: &Vector3<f64>) -> Vector3<f64> {
-        let along = self.to - self.from;
-        let squared = along.norm_squared();
-        let t = if squared > 0.0 { ((p - self.from).dot(&along) / squared).clamp(0.0, 1.0) } else { 0.0 };
-        self.from + along * t
-    }
 }
 
 /// Whether a step can be made.

@@ -9,6 +9,7 @@
 //! Sources: Dillon et al. 2016, II-C; Faieghi et al., II (voxmap and point shell, elemental forces); Yang & Chen, 2
 //! (swept volume, removal rate, shank collision). What is done otherwise, and why, stands in each module.
 
+mod behind;
 mod bone;
 mod carve;
 mod choice;

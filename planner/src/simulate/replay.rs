@@ -20,7 +20,7 @@ use crate::pipeline::{PlanError, inputs, near, setup};
 use crate::plan::StoredPlan;
 
 /// Poses that are worked on together; part of the result's definition.
-const BATCH: usize = 64;
+const BATCH: usize = 16;
 /// Elements of the force sum from tip to shaft, and around.
 const N_KAPPA: usize = 32;
 const N_AROUND: usize = 64;

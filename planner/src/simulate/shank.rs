@@ -48,28 +48,28 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
     /// Looks for solid cells within `look_mm` of a cylinder's side; `is_swept` tells what the lattice does not know
     /// yet.
     pub(super) fn view_shank(
-        &self,
+        &mut self,
         shaft: &Shaft,
         cylinder: &ShankCylinder,
         look_mm: f64,
         is_swept: impl Fn(&Vector3<f64>) -> bool,
     ) -> ShankView {
         let mut view = ShankView { contact: None, clear_mm: look_mm };
-        self.bricks_around(shaft, cylinder, look_mm, |brick, first| {
+        for (brick, first) in self.bricks_around(shaft, cylinder, look_mm) {
             self.view_brick(brick, first, shaft, cylinder, &is_swept, &mut view);
-        });
+        }
         self.view_far(shaft, cylinder, &mut view);
         view
     }
 
     /// Bricks with something solid that may lie within `look_mm` of a cylinder's side.
     fn bricks_around(
-        &self,
+        &mut self,
         shaft: &Shaft,
         cylinder: &ShankCylinder,
         look_mm: f64,
-        mut visit: impl FnMut(usize, [usize; 3]),
-    ) {
+    ) -> Vec<(usize, [usize; 3])> {
+        let (bricks, mut found) = (self.bricks, Vec::new());
         let s = self.spacing_mm();
         let side = SIDE as f64;
         let half = 0.5 * side;
@@ -81,7 +81,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         let lean = 1.0 / shaft.axis[a].abs();
         // layers of bricks across the axis' main direction; in each the line is short
         let clip = |lo: f64, hi: f64, axis: usize| {
-            let last = ((hi / side).floor()).min((self.bricks[axis] - 1) as f64);
+            let last = ((hi / side).floor()).min((bricks[axis] - 1) as f64);
             let first = (lo / side).floor().max(0.0);
             if hi < 0.0 || first > last { 0..0 } else { first as usize..last as usize + 1 }
         };
@@ -94,19 +94,19 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
                     let mut at = [0; 3];
                     (at[a], at[b], at[c]) = (layer, i, j);
                     let brick = self.brick_index(at);
-                    let tag = self.tags[brick];
-                    if tag == tag::GONE || tag == tag::NOTHING {
+                    if matches!(self.tags[brick], tag::GONE | tag::NOTHING) {
                         continue;
                     }
                     let middle = Vector3::from(at.map(|v| v as f64 * side)).add_scalar(half - 0.5);
                     if segment_distance_squared(&middle, &from, &to) <= reach * reach
-                        && (tag != tag::UNKNOWN || self.has_solid(brick))
+                        && self.looked_at(brick) != tag::NOTHING
                     {
-                        visit(brick, at.map(|v| v * SIDE));
+                        found.push((brick, at.map(|v| v * SIDE)));
                     }
                 }
             }
         }
+        found
     }
 
     /// A cell beyond an end counts with its distance from it, too: it may come beside the cylinder by the same way.
@@ -126,10 +126,15 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
             let from_burr = point.coords - shaft.center;
             let along_mm = from_burr.dot(&shaft.axis);
             let beyond_mm = (cylinder.from_mm - along_mm).max(along_mm - cylinder.to_mm).max(0.0);
-            let across_mm = (from_burr.norm_squared() - along_mm * along_mm).max(0.0).sqrt();
-            let depth_mm = cylinder.radius_mm - across_mm;
+            let near_mm = cylinder.radius_mm + view.clear_mm;
+            let across2 = (from_burr.norm_squared() - along_mm * along_mm).max(0.0);
+            if across2 >= near_mm * near_mm || beyond_mm > view.clear_mm {
+                return;
+            }
+            let depth_mm = cylinder.radius_mm - across2.sqrt();
             let is_inside = beyond_mm <= 0.0 && depth_mm > 0.0;
-            let clear_mm = beyond_mm.hypot((-depth_mm).max(0.0));
+            let apart_mm = (-depth_mm).max(0.0);
+            let clear_mm = (beyond_mm * beyond_mm + apart_mm * apart_mm).sqrt();
             if !is_inside && clear_mm >= view.clear_mm {
                 return;
             }

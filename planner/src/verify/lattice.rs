@@ -2,8 +2,9 @@
 //!
 //! Two lattices are used, both along the approach. The fine one has half the planner's spacing; gouging, links, the shank
 //! and the figures are judged on it. A coarser one, of the planner's spacing, serves to say what a ball can reach.
-//! Obstacle bone is bone outside the target without sheets thinner than the band: a ball of the band's diameter fits into
-//! it, or it lies within a band of such a place (thick bone keeps its corners).
+//! Obstacle bone is bone outside the target without sheets that the planner's voxels may not show as thicker than the
+//! band, which are those thinner than the band and a voxel: a ball of that diameter fits into it, or it lies within a band
+//! of such a place (thick bone keeps its corners). What is left out is reported by volume.
 
 use bonemill_geometry::{Approach, Ct, Grid, Point, Rigid};
 use nalgebra::Vector3;
@@ -43,7 +44,7 @@ pub struct Lattice {
 }
 
 impl Lattice {
-    /// Classifies the points of `grid`.
+    /// Classifies the points of `grid`; `planner_mm` is the spacing of the planner's voxels.
     ///
     /// # Errors
     /// [`VerifyError::Grid`] for a closing's grid that cannot be made.
@@ -53,6 +54,7 @@ impl Lattice {
         ct_from_approach: &Rigid<Ct, Approach>,
         grid: Grid<Approach>,
         band_mm: f64,
+        planner_mm: f64,
     ) -> Result<Self, VerifyError> {
         let enclosed = match &anatomy.aim {
             Aim::Label(_) => None,
@@ -87,7 +89,7 @@ impl Lattice {
             }
         });
         let mut lattice = Self { grid, class };
-        lattice.find_obstacles(band_mm);
+        lattice.find_obstacles(band_mm, planner_mm);
         Ok(lattice)
     }
 
@@ -96,14 +98,14 @@ impl Lattice {
         self.grid.spacing_mm().x
     }
 
-    /// Turns what is thicker than the band from SHEET to OBSTACLE.
-    fn find_obstacles(&mut self, band_mm: f64) {
+    /// Turns what is thicker than the band and a voxel of the planner's from SHEET to OBSTACLE.
+    fn find_obstacles(&mut self, band_mm: f64, planner_mm: f64) {
         let (dims, h) = (self.grid.dims(), self.spacing_mm());
         let class = &self.class;
         let deep = edt::squared_voxels(dims, |n| class[n] & SHEET == 0);
-        // a face lies half a voxel before the first centre beyond it
-        let core = ((0.5 * band_mm / h + 0.5).powi(2) - 1e-6) as f32;
+        let core = ((0.5 * (band_mm + planner_mm) / h).powi(2) - 1e-6) as f32;
         let from_core = edt::squared_voxels(dims, |n| deep[n] >= core);
+        // a face lies half a voxel before the first centre beyond it
         let reach = ((band_mm / h + 0.5).powi(2) + 1e-6) as f32;
         self.class.par_iter_mut().zip(from_core).for_each(|(class, from_core)| {
             if *class & SHEET != 0 && from_core <= reach {

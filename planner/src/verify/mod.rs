@@ -110,7 +110,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     }));
     checks.push(Check::at_most("lattice spacing", grid.spacing_mm().x, spacing, "mm"));
     let ct_from_approach = &plan.record.ct_from_approach;
-    let fine = Lattice::new(&anatomy, &case.density, ct_from_approach, grid, band_mm)?;
+    let fine = Lattice::new(&anatomy, &case.density, ct_from_approach, grid, band_mm, case.grid.spacing_mm)?;
 
     progress.stage("remove bone");
     let pieces = carve::pieces(&moves.points);
@@ -141,7 +141,8 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
 
     progress.stage("check coverage");
     let grid = coarse_grid(plan, &aim)?;
-    let coarse = Lattice::new(&anatomy, &case.density, ct_from_approach, grid, band_mm)?;
+    let coarse =
+        Lattice::new(&anatomy, &case.density, ct_from_approach, grid, band_mm, case.grid.spacing_mm)?;
     let first = carve::first_moves(&coarse.grid, &pieces, radius);
     checks.extend(figures::coverage(plan, &anatomy, &boxes, &coarse, &first)?);
     Ok(Verification { checks, files: digests(&plan.dir)? })

@@ -1,0 +1,96 @@
+//! From a CT to a verified plan, on both phantoms and on real scans: what every plan must show.
+//!
+//! Real scans are looked for in `BONEMILL_DATA`, or beside the workspace in `../shared/data`; where one is missing, the test
+//! says so and looks at the others.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stderr,
+    reason = "a test's helper fails by panicking and says what it skips"
+)]
+
+mod support;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use support::place::Place;
+
+/// What of the reachable part is removed at least.
+const ENOUGH: f64 = 0.99;
+
+/// A plan that is whole by its own figures, by the verifier's, and by the simulation's.
+fn goes_the_whole_way(place: &Place, plan: &[&str]) {
+    let ran = place.run(&[&["plan", "--out", "plan", "--json"], plan].concat());
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    let planned: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
+    let metric = |key: &str| planned["metrics"][key].as_f64().unwrap();
+    let reached = metric("reached_share");
+    assert!((ENOUGH..=1.0).contains(&reached), "{reached} of the reachable");
+    assert!(metric("reachable_mm3") > 0.9 * metric("target_mm3"));
+    let record: toml::Table = fs::read_to_string(place.path("plan/plan.toml")).unwrap().parse().unwrap();
+    for structure in record["case"]["structure"].as_array().unwrap() {
+        let name = structure["name"].as_str().unwrap();
+        // a structure that the burr never came near has no least clearance
+        if let Some(least) = planned["metrics"]["structures"][name]["least_clearance_mm"].as_f64() {
+            let kept = structure["clearance_mm"].as_float().unwrap();
+            assert!(least >= kept, "{name}: {least} mm, {kept} mm to be kept");
+        }
+    }
+    let ran = place.run(&["verify", "plan"]);
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    let ran = place.run(&["simulate", "plan", "--json"]);
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    let simulated: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
+    let figures = &simulated["figures"];
+    assert_eq!(figures["stopped_steps"], 0);
+    assert_eq!(figures["removed"]["structure"]["mm3"].as_f64(), Some(0.0));
+    // voxels are there or not for the planner, partly there for the simulation
+    let removed = figures["removed"]["bone"]["mm3"].as_f64().unwrap()
+        + figures["removed"]["material"]["mm3"].as_f64().unwrap();
+    assert!((removed / metric("removed_material_mm3") - 1.0).abs() < 0.02, "{removed} mm³");
+}
+
+/// A folder with a scan's images and this case, or `None` where the scan is absent.
+fn scan(name: &str, case: Option<&Path>) -> Option<Place> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let data = std::env::var_os("BONEMILL_DATA").map_or_else(|| root.join("../shared/data"), PathBuf::from);
+    let folder = data.join(name);
+    if !folder.is_dir() {
+        eprintln!("SKIPPED: {} is absent (set BONEMILL_DATA)", folder.display());
+        return None;
+    }
+    let place = Place::empty();
+    for file in fs::read_dir(&folder).unwrap() {
+        let file = file.unwrap();
+        fs::copy(file.path(), place.path(&file.file_name().to_string_lossy())).unwrap();
+    }
+    if let Some(case) = case {
+        fs::copy(root.join(case), place.path("case.toml")).unwrap();
+    }
+    Some(place)
+}
+
+#[test]
+fn the_foam_block() {
+    goes_the_whole_way(&Place::empty(), &["--phantom", "block"]);
+}
+
+#[test]
+fn the_procedural_mastoid() {
+    goes_the_whole_way(&Place::empty(), &["--phantom", "temporal"]);
+}
+
+#[test]
+fn a_segmented_temporal_bone() {
+    if let Some(place) = scan("tbone_RT143", None) {
+        goes_the_whole_way(&place, &["case.toml"]);
+    }
+}
+
+#[test]
+fn a_clinical_head() {
+    if let Some(place) = scan("head_cranium0051", Some(Path::new("tests/data/head_frustum.toml"))) {
+        goes_the_whole_way(&place, &["case.toml"]);
+    }
+}
