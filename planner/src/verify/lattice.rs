@@ -60,12 +60,12 @@ impl Lattice {
             Aim::Label(_) => None,
             Aim::Shape(_) => Some(Closed::new(anatomy, density.bone_hu, ct_from_approach, &grid)?),
         };
-        let in_target = |p: Point<Ct>, label: u16| match &anatomy.aim {
+        let in_target = |p: Point<Ct>, label: u16, hu: f64| match &anatomy.aim {
             Aim::Label(aim) => label == *aim,
             Aim::Shape(shape) => {
                 shape_holds(shape, &p.coords)
                     && !anatomy.is_kept(label)
-                    && enclosed.as_ref().is_some_and(|c| c.holds(p))
+                    && (hu >= density.bone_hu || enclosed.as_ref().is_some_and(|c| c.holds(p)))
             }
         };
         let [nx, ny, _] = grid.dims();
@@ -75,7 +75,7 @@ impl Lattice {
                 let p = *ct_from_approach * grid.center([i, row % ny, row / ny]);
                 let (value, label) = (anatomy.hu(p), anatomy.label(p));
                 let mut flags = if anatomy.is_kept(label) { STRUCTURE } else { 0 };
-                if in_target(p, label) {
+                if in_target(p, label, value) {
                     flags |= TARGET;
                     flags |= if value > density.air_hu { MATERIAL } else { 0 };
                     let voxel = anatomy.hu_of_voxel(p);
