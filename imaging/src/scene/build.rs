@@ -70,7 +70,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let labels = work_labels(spec, &grid, &ct_from_work)?;
     let in_target = match spec.target {
         TargetShape::Label(label) => labels.map(|l| *l == label),
-        _ => shape_mask(spec, &grid, &ct_from_work, &labels)?,
+        _ => shape_mask(spec, &hu, &ct_from_work, &labels)?,
     };
     let band_mm = [spec.ct.grid().diagonal_mm(), spec.labels.grid().diagonal_mm(), grid.diagonal_mm()]
         .into_iter()
@@ -221,13 +221,14 @@ fn work_labels(
     Volume::new(grid.clone(), labels.into_parts().1).map_err(SceneError::Values)
 }
 
-/// A geometric target: the bone inside the shape, and the air there that a closing of the bone encloses.
+/// A geometric target: the bone inside the shape, and what else there a closing of the bone encloses.
 fn shape_mask(
     spec: &SceneSpec,
-    grid: &Grid<Work>,
+    hu: &Volume<f32, Work>,
     ct_from_work: &Rigid<Ct, Work>,
     labels: &Volume<u16, Work>,
 ) -> Result<Volume<bool, Work>, SceneError> {
+    let grid = hu.grid();
     // a grid that reaches far enough around the crop for the closing to see the bone there; no finer than the scan
     let h = spec.spacing_mm.max(0.5 * spec.ct.grid().spacing_mm().min());
     let pad = (2.0 * CLOSING_MM / h).ceil() * h + h;
@@ -247,7 +248,8 @@ fn shape_mask(
             let p = grid.center(grid.voxel(n));
             spec.target.contains(*ct_from_work * p)
                 && !keep.contains(&labels.data()[n])
-                && wide.nearest(p).is_some_and(|v| *closed.get(v))
+                // bone is bone, wherever the nearest voxel of the coarser grid lies
+                && (f64::from(hu.data()[n]) >= spec.bone_hu || wide.nearest(p).is_some_and(|v| *closed.get(v)))
         })
         .collect();
     Volume::new(grid.clone(), data).map_err(SceneError::Values)
