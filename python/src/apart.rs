@@ -2,19 +2,23 @@
 //!
 //! The work runs on a pool of its own threads, which never touch Python; the calling thread waits without holding Python,
 //! delivers progress and looks for signals every [`LOOK`]. So other Python threads run, two plans can be made at once,
-//! and the library needs no more than to be polled ([`bonemill_geometry::cancel`]).
+//! and the library needs no more than to be polled ([`bonemill_geometry::cancel`]). Work that is to stop is waited for no
+//! longer than [`PATIENCE`]: between two polls it may take a while, but nobody waits for what comes of it. It holds
+//! nothing of Python's, and writes no file, since every file comes after a stage of its own.
 
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use bonemill_geometry::cancel::{Cancel, Cancelled};
+use bonemill_geometry::cancel::{self, Cancel, Cancelled};
 use bonemill_planner::Progress;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
 /// How long a signal waits at most before it is looked for.
 const LOOK: Duration = Duration::from_millis(20);
+/// How long work that was told to stop is waited for.
+const PATIENCE: Duration = Duration::from_millis(100);
 
 /// What the work tells.
 struct Told {
@@ -36,6 +40,8 @@ impl Progress for Teller {
     }
 
     fn advance(&self, done: usize, of: usize) {
+        // what is told how far it is can also be told to stop
+        cancel::poll();
         // nobody listens any more: the work is being stopped
         let _ = self.to.send(Told { stage: self.stage.borrow().clone(), done, of });
     }
@@ -67,7 +73,7 @@ pub fn run<T: Send + 'static>(
             watched.run(|| work(&teller))
         })
     });
-    let mut stopped: Option<PyErr> = None;
+    let mut stopped: Option<(PyErr, Instant)> = None;
     loop {
         let event;
         (event, told) = py.detach(move || (told.recv_timeout(LOOK), told));
@@ -78,12 +84,16 @@ pub fn run<T: Send + 'static>(
         };
         if let Err(error) = heard.and_then(|()| py.check_signals()) {
             cancel.trigger();
-            stopped.get_or_insert(error);
+            stopped.get_or_insert((error, Instant::now()));
+        }
+        match stopped {
+            Some((error, since)) if since.elapsed() > PATIENCE => return Err(error),
+            still => stopped = still,
         }
     }
     let result = py.detach(|| worker.join());
     match (result, stopped) {
-        (_, Some(error)) => Err(error),
+        (_, Some((error, _))) => Err(error),
         (Ok(Ok(result)), None) => Ok(result),
         (Ok(Err(Cancelled)), None) => Err(PyRuntimeError::new_err("stopped")),
         (Err(_), None) => Err(PyRuntimeError::new_err(

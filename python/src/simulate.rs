@@ -61,6 +61,7 @@ pub fn simulate<'py>(
         let plan = finished.read()?;
         let simulated = rust_simulate(&plan, model, sampling, progress)?;
         if keep {
+            progress.stage("write files");
             save_simulation(finished.dir(), &simulated, &plan.record.case)?;
         }
         Ok::<_, NotDone>(simulated)

@@ -24,6 +24,7 @@ pub fn verify(
     let done = apart::run(py, progress, None, move |progress| {
         let verdict = rust_verify(&finished.read()?, progress)?;
         if keep {
+            progress.stage("write verdict");
             save_verification(finished.dir(), &verdict)?;
         }
         Ok::<_, NotDone>(verdict.to_toml())

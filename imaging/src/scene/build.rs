@@ -1,6 +1,6 @@
 //! Images to scene: approach, crop, resampling, classes, obstacles.
 
-use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work};
+use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -67,6 +67,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     };
     let Crop { grid, ct_from_work, turn_rad } = Crop::around(spec, &target, &approach)?;
     let (hu, mut density_g_cm3) = resample_hu_and_density(spec.ct, spec.table, &grid, &ct_from_work);
+    cancel::poll();
     let labels = work_labels(spec, &grid, &ct_from_work)?;
     let in_target = match spec.target {
         TargetShape::Label(label) => labels.map(|l| *l == label),
@@ -75,6 +76,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let band_mm = [spec.ct.grid().diagonal_mm(), spec.labels.grid().diagonal_mm(), grid.diagonal_mm()]
         .into_iter()
         .fold(0.0, f64::max);
+    cancel::poll();
     let class = classify(spec, &hu, &labels, &in_target, band_mm)?;
     if !class.data().iter().any(|c| c.is(Class::MATERIAL)) {
         return Err(SceneError::EmptyTarget(format!(
@@ -82,9 +84,11 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
             spec.spacing_mm, spec.air_hu
         )));
     }
+    cancel::poll();
     keep_material(&mut density_g_cm3, &class);
     let obstacle_mm = distance_within(&class.map(|c| c.is(Class::OBSTACLE)), 2.0 * spec.burr_radius_mm)?;
     let structures = structure_fields(spec, &target)?;
+    cancel::poll();
     check_touching(spec, &target, &structures)?;
     if touches_edge(spec, &target) {
         warnings.push(
@@ -92,6 +96,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
                 .into(),
         );
     }
+    cancel::poll();
     let far = far_obstacles(spec, &class, &ct_from_work)?;
     let target_center = mean_center(&class, Class::TARGET);
     let work_from_ct = ct_from_work.inverse();
@@ -375,6 +380,7 @@ fn touching_voxel(labels: &Volume<u16, Ct>, label: u16, other: u16) -> Option<[u
     let dims = labels.grid().dims();
     let [nx, ny, nz] = dims;
     (0..nz).into_par_iter().find_map_first(|k| {
+        cancel::poll();
         for j in 0..ny {
             let row = nx * (j + ny * k);
             for i in (0..nx).filter(|i| labels.data()[row + i] == other) {

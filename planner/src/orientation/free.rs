@@ -1,5 +1,6 @@
 //! Which directions are free at each waypoint: one bit each.
 
+use bonemill_geometry::cancel;
 use rayon::prelude::*;
 
 /// A set of directions per waypoint.
@@ -16,6 +17,7 @@ impl FreeSets {
         let words = directions.div_ceil(64).max(1);
         let mut bits = vec![0u64; waypoints * words];
         bits.par_chunks_mut(words).enumerate().for_each(|(i, row)| {
+            cancel::poll();
             for n in (0..directions).filter(|n| is_free(i, *n)) {
                 row[n / 64] |= 1 << (n % 64);
             }

@@ -9,6 +9,7 @@
 //! Refinement minimises J with C replaced, within half a spacing of the chosen direction, by the quadratic through the
 //! neighbours' costs. Coordinate descent: the minimum over one waypoint's axis with its neighbours held is a 2 × 2 system.
 
+use bonemill_geometry::cancel;
 use nalgebra::{Matrix2, Matrix3, Unit, UnitQuaternion, Vector2, Vector3};
 use rayon::prelude::*;
 
@@ -46,7 +47,10 @@ pub fn best_checked(problem: &Problem, is_turn_free: impl Fn(usize, u16, u16) ->
         let Found::Sequence { directions, .. } = &found else { break };
         let failing: Vec<usize> = (1..directions.len())
             .into_par_iter()
-            .filter(|i| !is_turn_free(*i, directions[*i - 1], directions[*i]))
+            .filter(|i| {
+                cancel::poll();
+                !is_turn_free(*i, directions[*i - 1], directions[*i])
+            })
             .collect();
         if failing.is_empty() {
             return Checked { found, forbidden: forbidden.len(), failing };
@@ -94,11 +98,13 @@ pub fn refine(
 ) -> Refined {
     let mut state = State::new(problem, sequence, chart);
     for _ in 0..SWEEPS {
+        cancel::poll();
         state.sweep();
     }
     let retreated: Vec<Vector2<f64>> = (0..sequence.len())
         .into_par_iter()
         .map(|i| {
+            cancel::poll();
             let t = state.offset[i];
             let shares = RETREATS.iter().map(|share| t * *share).filter(|t| t.norm() > 0.0);
             shares.into_iter().find(|t| is_free(i, &state.axis(i, t))).unwrap_or_default()
@@ -130,7 +136,10 @@ impl<'a> State<'a> {
     fn new(problem: &'a Problem<'a>, sequence: &'a [u16], chart: Chart<'a>) -> Self {
         let model = (0..sequence.len())
             .into_par_iter()
-            .map(|i| quadratic(problem, i, usize::from(sequence[i]), chart))
+            .map(|i| {
+                cancel::poll();
+                quadratic(problem, i, usize::from(sequence[i]), chart)
+            })
             .collect();
         Self { problem, sequence, chart, offset: vec![Vector2::zeros(); sequence.len()], model }
     }
@@ -183,6 +192,7 @@ impl<'a> State<'a> {
                 .par_iter()
                 .copied()
                 .filter(|i| {
+                    cancel::poll();
                     let (from, to) = (self.axis(i - 1, &self.offset[i - 1]), self.axis(*i, &self.offset[*i]));
                     !is_turn_free(*i, &from, &to)
                 })

@@ -1,5 +1,6 @@
 //! The shaft's axis at every waypoint, by the case's mode.
 
+use bonemill_geometry::cancel;
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
@@ -191,6 +192,7 @@ fn by_waypoint(room: &Room, field: &CostField) -> Oriented {
     let wishes: Vec<_> = (0..room.reached.free.len())
         .into_par_iter()
         .map_init(EngagedSamples::default, |samples, i| {
+            cancel::poll();
             if field.moments[i].mass_mg() <= 0.0 {
                 return if room.reached.free.count(i) > 0 {
                     greedy::Wish::Any
@@ -227,6 +229,7 @@ pub fn cost_rows(directions: &Directions, free: &FreeSets, field: &CostField) ->
     let mut cost = vec![0f32; free.len() * axes.len()];
     let workspace = || (EngagedSamples::default(), vec![None; axes.len()]);
     cost.par_chunks_mut(axes.len()).enumerate().for_each_init(workspace, |(samples, forces), (i, row)| {
+        cancel::poll();
         if field.moments[i].mass_mg() <= 0.0 {
             return;
         }

@@ -8,7 +8,7 @@
 //! the trail, so they are worked on in parallel; how a way is cut into batches is fixed, so results do not depend on
 //! the number of threads.
 
-use bonemill_geometry::{Point, Work};
+use bonemill_geometry::{Point, Work, cancel};
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
@@ -308,6 +308,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
             .collect();
         let from = |n: usize| if n == 0 { self.pose } else { moves[n - 1].to };
         let one = |n: usize| {
+            cancel::poll();
             let to = &moves[n];
             let start = from(n);
             let waited_s = if n == 0 { self.waited_s } else { 0.0 };

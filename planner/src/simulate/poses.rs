@@ -1,6 +1,6 @@
 //! A plan's joint trajectory as burr poses, close enough for a simulation.
 
-use bonemill_geometry::{Base, Point, Rigid, Tool, Work};
+use bonemill_geometry::{Base, Point, Rigid, Tool, Work, cancel};
 use bonemill_robot::{Arm, RobotError};
 use rayon::prelude::*;
 
@@ -119,7 +119,10 @@ pub fn sample(
         Sampling::Step { step_mm } => {
             let rows: Vec<Pose> = (0..trajectory.len())
                 .into_par_iter()
-                .map(|row| pose(trajectory.time_s[row], trajectory.q_at(row)))
+                .map(|row| {
+                    cancel::poll();
+                    pose(trajectory.time_s[row], trajectory.q_at(row))
+                })
                 .collect::<Result<_, _>>()?;
             let way_mm: f64 = rows.windows(2).map(|r| r[0].center.distance_mm(&r[1].center)).sum();
             check("simulation step, mm", step_mm, way_mm / step_mm)?;

@@ -3,7 +3,7 @@
 //! Each point of a grid stands until a move's number; blocks of 8×8×8 points know the latest of theirs, so that a block
 //! in which nothing is left is passed over. Works along the grid's own axes, in mm.
 
-use bonemill_geometry::{Frame, Grid};
+use bonemill_geometry::{Frame, Grid, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -48,6 +48,7 @@ impl<F: Frame> Bricks<F> {
         let latest = (0..blocks.iter().product::<usize>())
             .into_par_iter()
             .map(|b| {
+                cancel::poll();
                 let [x, y, z] = ranges(blocks, dims, b);
                 z.flat_map(|k| y.clone().map(move |j| (j, k)))
                     .filter_map(|(j, k)| {

@@ -3,8 +3,7 @@
 //! A move sweeps the points within the burr's radius of its segment. Long moves are looked at in pieces, so that the
 //! boxes searched stay small; slabs of the lattice are independent, so threads change nothing.
 
-use bonemill_geometry::Approach;
-use bonemill_geometry::Grid;
+use bonemill_geometry::{Approach, Grid, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -56,6 +55,7 @@ pub fn first_moves(grid: &Grid<Approach>, pieces: &[Piece], radius_mm: f64) -> V
     let radius2 = radius_mm * radius_mm;
     let mut first = vec![NEVER; nx * ny * nz];
     first.par_chunks_mut(nx * ny).enumerate().for_each(|(k, slab)| {
+        cancel::poll();
         for piece in pieces {
             for_each_near(grid, piece, radius_mm, k, |n, p| {
                 if slab[n] == NEVER && piece.squared(p) <= radius2 {
@@ -80,6 +80,7 @@ pub fn deepest(
     let slabs: Vec<Option<(f64, usize, u32)>> = (0..nz)
         .into_par_iter()
         .map(|k| {
+            cancel::poll();
             let mut best: Option<(f64, usize, u32)> = None;
             for piece in pieces {
                 for_each_near(grid, piece, radius_mm, k, |n, p| {

@@ -4,7 +4,7 @@
 //! d₀ and d₁ comes no nearer than (d₀ + d₁ − L)/2; stretches that could beat the nearest place found are halved, the rest
 //! are passed over. What is reported is certain: the nearest place found less [`TOLERANCE_MM`].
 
-use bonemill_geometry::{Approach, Ct, Point, Rigid};
+use bonemill_geometry::{Approach, Ct, Point, Rigid, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -37,6 +37,7 @@ pub fn nearest_along(
     let portions: Vec<Nearest> = starts
         .into_par_iter()
         .filter_map(|start| {
+            cancel::poll();
             // one place of overlap: the stretch between portions belongs to the later one
             let first = start.saturating_sub(1);
             let mut search = Search { distance, best: f64::INFINITY, at: start };

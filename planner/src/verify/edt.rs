@@ -5,6 +5,7 @@
 //!
 //! **Source:** Felzenszwalb & Huttenlocher 2012, "Distance transforms of sampled functions", algorithm 1.
 
+use bonemill_geometry::cancel;
 use rayon::prelude::*;
 
 /// Squared distance where there is no voxel of the mask, voxels².
@@ -15,6 +16,7 @@ pub fn squared_voxels(dims: [usize; 3], is: impl Fn(usize) -> bool + Sync) -> Ve
     let [nx, ny, nz] = dims;
     let mut field = vec![NONE; nx * ny * nz];
     field.par_chunks_mut(nx * ny).enumerate().for_each(|(k, slice)| {
+        cancel::poll();
         for (j, row) in slice.chunks_mut(nx).enumerate() {
             along_x(row, |i| is(i + nx * (j + ny * k)));
         }
@@ -28,6 +30,7 @@ pub fn squared_voxels(dims: [usize; 3], is: impl Fn(usize) -> bool + Sync) -> Ve
     let columns: Vec<Vec<f32>> = (0..ny)
         .into_par_iter()
         .map(|j| {
+            cancel::poll();
             // a line without any voxel of the mask stays as it is
             let mut plane = vec![NONE; nx * nz];
             let mut line = Envelope::new(nz);

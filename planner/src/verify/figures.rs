@@ -1,5 +1,6 @@
 //! The plan's figures computed again: volumes and mass on the fine lattice, what a ball can reach by morphology, times.
 
+use bonemill_geometry::cancel;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -140,6 +141,7 @@ fn keep_away(plan: &StoredPlan, lattice: &Lattice, boxes: &Boxes<'_>, least_mm: 
     let grid = &lattice.grid;
     let ([nx, ny, _], h) = (grid.dims(), lattice.spacing_mm());
     clear.par_chunks_mut(nx).enumerate().for_each(|(row, clear)| {
+        cancel::poll();
         let mut i = 0;
         while i < nx {
             let p = plan.record.ct_from_approach * grid.center([i, row % ny, row / ny]);
@@ -227,6 +229,7 @@ fn mass_by_move(
     let radius2 = plan.record.case.burr.radius_mm.powi(2);
     let [nx, ny, nz] = grid.dims();
     let slab = |k: usize| -> Vec<(u32, f64)> {
+        cancel::poll();
         (k * nx * ny..(k + 1) * nx * ny)
             .filter(|n| lattice.class[*n] & MATERIAL != 0 && first[*n] != NEVER)
             .filter_map(|n| {

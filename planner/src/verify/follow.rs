@@ -4,6 +4,7 @@
 //! A row agrees with the polyline when some place of it has both: the burr within a distance and the shaft within an angle.
 //! The place is sought on the moves near the one of that instant, so a trajectory that leaves out a move does not agree.
 
+use bonemill_geometry::cancel;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -25,7 +26,10 @@ const MOST_NEAR: usize = 12;
 pub fn follow(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check> {
     let off: Vec<Off> = (0..executed.len())
         .into_par_iter()
-        .map(|row| nearest_on_polyline(moves, executed, row, plan.trajectory.time_s[row]))
+        .map(|row| {
+            cancel::poll();
+            nearest_on_polyline(moves, executed, row, plan.trajectory.time_s[row])
+        })
         .collect();
     let instant = |row: usize| Place::Instant {
         time_s: plan.trajectory.time_s[row],

@@ -6,7 +6,7 @@
 //! band, which are those thinner than the band and a voxel: a ball of that diameter fits into it, or it lies within a band
 //! of such a place (thick bone keeps its corners). What is left out is reported by volume.
 
-use bonemill_geometry::{Approach, Ct, Grid, Point, Rigid};
+use bonemill_geometry::{Approach, Ct, Grid, Point, Rigid, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -71,6 +71,7 @@ impl Lattice {
         let [nx, ny, _] = grid.dims();
         let mut class = vec![0u8; grid.len()];
         class.par_chunks_mut(nx).enumerate().for_each(|(row, class)| {
+            cancel::poll();
             for (i, class) in class.iter_mut().enumerate() {
                 let p = *ct_from_approach * grid.center([i, row % ny, row / ny]);
                 let (value, label) = (anatomy.hu(p), anatomy.label(p));
@@ -169,7 +170,10 @@ impl Closed {
         let grid = grid_over([lo - wide, lo + size + wide], h, 0.0)?;
         let bone: Vec<bool> = (0..grid.len())
             .into_par_iter()
-            .map(|n| anatomy.hu(*ct_from_approach * grid.center(grid.voxel(n))) >= bone_hu)
+            .map(|n| {
+                cancel::poll();
+                anatomy.hu(*ct_from_approach * grid.center(grid.voxel(n))) >= bone_hu
+            })
             .collect();
         let reach = (CLOSING_MM / h).powi(2) as f32;
         let outside = edt::squared_voxels(grid.dims(), |n| bone[n]);

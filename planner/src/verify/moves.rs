@@ -1,6 +1,6 @@
 //! The burr's way in approach: as the waypoints say, and as the arm goes by its joint trajectory.
 
-use bonemill_geometry::{Approach, Base, Ct, Rigid};
+use bonemill_geometry::{Approach, Base, Ct, Rigid, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -93,6 +93,7 @@ impl Executed {
         let poses: Vec<_> = (0..rows.len())
             .into_par_iter()
             .map(|row| {
+                cancel::poll();
                 let pose = approach_from_base * plan.arm.burr(rows.q_at(row))?;
                 Ok((pose.translation_mm, pose.rotation * Vector3::z()))
             })

@@ -5,7 +5,7 @@
 //! Near the target bone is judged on the fine lattice, elsewhere at the CT's own voxels; structures by their exact boxes.
 //! The trajectory is looked at so often that no point of the shank within [`REACH_MM`] moves farther than [`STRIDE_MM`].
 
-use bonemill_geometry::{Approach, Ct, Point, Rigid};
+use bonemill_geometry::{Approach, Ct, Point, Rigid, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -125,6 +125,7 @@ pub fn far_bone(
     let near = |p: Point<Ct>| lattice.grid.nearest(*approach_from_ct * p).is_some();
     let mut until = vec![0; grid.len()];
     until.par_chunks_mut(nx * ny).enumerate().for_each(|(k, slab)| {
+        cancel::poll();
         for (n, until) in slab.iter_mut().enumerate() {
             let (i, j) = (n % nx, n / nx);
             if is_bone[n + k * nx * ny] && thick(i, j, k) {
@@ -147,7 +148,10 @@ pub fn against_bone(
     ct_from_approach: &Rigid<Ct, Approach>,
 ) -> Vec<Check> {
     let deepest = |ask: &(dyn Fn(&Pose, &Cylinder) -> Option<f64> + Sync)| -> Option<(f64, usize)> {
-        let of = |pose: &Pose| cylinders.iter().filter_map(|c| ask(pose, c)).max_by(f64::total_cmp);
+        let of = |pose: &Pose| {
+            cancel::poll();
+            cylinders.iter().filter_map(|c| ask(pose, c)).max_by(f64::total_cmp)
+        };
         let found: Vec<Option<f64>> = poses.par_iter().map(of).collect();
         let found = found.into_iter().enumerate().filter_map(|(n, depth)| Some((depth?, n)));
         // of equals the first
@@ -189,6 +193,7 @@ pub fn against_structure(
         .par_chunks(PORTION)
         .enumerate()
         .map(|(portion, poses)| {
+            cancel::poll();
             let mut best = (most_mm, None);
             // how near the shank can be since the last search, whatever it did
             let mut nearest_mm = 0.0;
