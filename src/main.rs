@@ -13,6 +13,7 @@ mod outcome;
 mod phantom;
 mod plan;
 mod planning;
+mod pose_line;
 mod simulate;
 mod stream;
 mod verify;

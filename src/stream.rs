@@ -20,6 +20,7 @@ use serde_json::json;
 
 use crate::args::Talk;
 use crate::outcome::Outcome;
+use crate::pose_line::numbers;
 
 type Milling<'a> = Engine<'a, f32, Box<dyn ForceModel>>;
 
@@ -116,31 +117,5 @@ impl Hand<'_> {
             cell(distance),
             cell(contact)
         )
-    }
-}
-
-fn numbers(line: &str) -> anyhow::Result<[f64; 7]> {
-    let words = line.split([',', ' ', '\t']).filter(|word| !word.is_empty());
-    let numbers: Vec<f64> = words
-        .map(|word| match word.parse::<f64>() {
-            Ok(v) if v.is_finite() => Ok(v),
-            _ => Err(anyhow::anyhow!("{word:?}: expected a finite number")),
-        })
-        .collect::<Result<_, _>>()?;
-    let found = numbers.len();
-    <[f64; 7]>::try_from(numbers)
-        .map_err(|_| anyhow::anyhow!("{found} numbers: expected time_s x y z axis_x axis_y axis_z"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_line_is_seven_numbers_between_blanks_or_commas() {
-        assert_eq!(numbers("0.5 1 2,3\t0 0,1").unwrap(), [0.5, 1.0, 2.0, 3.0, 0.0, 0.0, 1.0]);
-        for bad in ["", "1 2 3", "0 1 2 3 0 0 NaN", "0 1 2 3 0 0 inf", "0 1 2 3 0 0 1 9", "0 a 2 3 0 0 1"] {
-            assert!(numbers(bad).is_err(), "{bad}");
-        }
     }
 }

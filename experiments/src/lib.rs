@@ -10,6 +10,7 @@ pub mod arms;
 mod body;
 pub mod engine;
 pub mod force_error;
+pub mod hard_cases;
 mod orientation;
 mod table;
 mod trials;
@@ -121,6 +122,16 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "engine-state",
         about: "what to remember of the bone that is gone: error and time of six ways",
         run: engine::state::run,
+    },
+    Experiment {
+        name: "hard-cases",
+        about: "small bodies, each hard in one way: what must become of each, and what does",
+        run: hard_cases::run,
+    },
+    Experiment {
+        name: "random-scenes",
+        about: "random bodies planned and verified, 25 a seed; one that fails is made as simple as it can be",
+        run: hard_cases::run_random,
     },
 ];
 

@@ -6,12 +6,16 @@
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 
-use bonemill_geometry::{Ct, Grid, Point, Volume};
+use bonemill_geometry::{Ct, Grid, Point, Volume, Work};
 use bonemill_imaging::phantom::{PhantomKind, phantom};
 use bonemill_imaging::{AffineChoice, read_ct, read_label_names, read_labels, write_ct_i16, write_labels_u8};
+use bonemill_planner::burr::{Discretisation, ElementGrid, Material, Measure, Tool};
 use bonemill_planner::case::Case;
 use bonemill_planner::plan::{PlanRecord, Trajectory, read_waypoints};
+use bonemill_planner::simulate::{Bone, Engine, EngineSpec, FlutedBurr, Move, Pose};
 use bonemill_robot::Arm;
+use bonemill_robot::ur::Calibration;
+use nalgebra::Vector3;
 
 /// A target: its name and its function.
 pub type Target = (&'static str, fn(&[u8]));
@@ -25,7 +29,12 @@ pub const TARGETS: &[Target] = &[
     ("waypoints_csv", waypoints_csv),
     ("trajectory_csv", trajectory_csv),
     ("urdf", urdf),
+    ("calibration_yaml", calibration_yaml),
+    ("poses", poses),
 ];
+
+#[path = "../../src/pose_line.rs"]
+mod pose_line;
 
 thread_local! {
     static FOLDER: RefCell<Option<tempfile::TempDir>> = const { RefCell::new(None) };
@@ -118,6 +127,72 @@ pub fn urdf(data: &[u8]) {
     }
 }
 
+/// A UR arm's calibration: an arm that is made with it can be moved.
+pub fn calibration_yaml(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    match Calibration::parse(text) {
+        Err(fault) => drop(fault.to_string()),
+        Ok(Calibration::Deltas { theta, a_m, d_m, alpha }) => {
+            assert!([theta, a_m, d_m, alpha].as_flattened().iter().all(|v| v.is_finite()));
+        }
+        Ok(Calibration::Origins(origins)) => {
+            assert!(origins.iter().all(|o| o.xyz_m.iter().chain(&o.rpy_rad).all(|v| v.is_finite())));
+        }
+    }
+}
+
+/// Lines of `simulate --stream`, stepped through a small block of bone: a refused line changes nothing, an answer is finite.
+pub fn poses(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    BLOCK.with(|block| {
+        let mut engine: Option<Engine<'_, f32, FlutedBurr>> = None;
+        let mut last_s = 0.0;
+        for line in text.lines().take(64) {
+            let Ok([time_s, x, y, z, axis @ ..]) = pose_line::numbers(line) else { continue };
+            let Ok(to) = Pose::new(Point::new(x, y, z), Vector3::from(axis)) else { continue };
+            match &mut engine {
+                None => {
+                    let spec = spec();
+                    let model = FlutedBurr { tool: spec.tool.clone(), material: spec.material.clone() };
+                    let bone = Bone::new(block).expect("a block of bone");
+                    engine = Engine::new(bone, spec, model, to).ok();
+                    last_s = time_s;
+                }
+                Some(engine) => {
+                    let before = engine.pose().center;
+                    match engine.step(Move { to, seconds: time_s - last_s }) {
+                        Ok(step) => {
+                            assert!(step.force.force_n.iter().all(|v| v.is_finite()) && step.mrr_mm3_s >= 0.0);
+                            last_s = time_s;
+                        }
+                        Err(_) => assert_eq!(engine.pose().center, before),
+                    }
+                }
+            }
+        }
+    });
+}
+
+thread_local! {
+    /// 8 mm of dense bone, the burr's way in from above.
+    static BLOCK: Volume<f32, Work> = {
+        let grid = Grid::<Work>::aligned([16, 16, 16], 0.5, Point::new(0.0, 0.0, 0.0)).expect("a grid");
+        let data = vec![1.2; grid.len()];
+        Volume::new(grid, data).expect("a value a voxel")
+    };
+}
+
+fn spec() -> EngineSpec {
+    EngineSpec {
+        tool: Tool::new(1.5, 8, -1).expect("a burr"),
+        material: Material::new([1400.0, 840.0, 140.0], 0.8).expect("a material"),
+        disc: Discretisation::new(4, 16, ElementGrid::Kappa, Measure::Db).expect("a mesh"),
+        spindle_rpm: 60_000.0,
+        shank: Vec::new(),
+        cells_per_radius: EngineSpec::CELLS_PER_RADIUS,
+    }
+}
+
 /// A case with all that a small one has.
 const CASE: &str = "\
 [images]\nct = \"ct.nii\"\nlabels = \"labels.nii\"\n[target]\nlabel = 20\n\
@@ -155,8 +230,29 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
             b"time_s,q1,q2,q3,q4,qd1,qd2,qd3,qd4\n0,1,2,3,0.5,0,0,0,0\n0.002,1.0001,2,3,0.5,0.1,-2e-3,0,0\n".to_vec(),
         ],
         "urdf" => vec![bonemill_robot::arm::bone_attached::URDF.into()],
+        "calibration_yaml" => vec![
+            b"mounting:\n  delta_theta: [1e-7, 0.2, -0.1, 0.1, 1e-6, -2e-7]\n  delta_a: [1e-5, 0.01, -0.02, 1e-5, 1e-5, 0.0]\n  \
+              delta_d: [1e-5, 200.5, -200.0, -0.5, 1e-5, 1e-5]\n  delta_alpha: [1e-4, 1e-3, -1e-3, 1e-4, 1e-4, 0.0]\n"
+                .to_vec(),
+            b"[mounting]\ndelta_theta = [ 1e-7, 0.2, -0.1, 0.1, 1e-6, -2e-7 ]\ndelta_a = [0, 0, 0, 0, 0, 0]\n\
+              delta_d = [0, 0, 0, 0, 0, 0]\ndelta_alpha = [0, 0, 0, 0, 0, 0]\njoint_checksum = [0x1, 0x2]\n"
+                .to_vec(),
+            origins_yaml().into(),
+        ],
+        "poses" => vec![
+            b"0 4 4 12 0 0 1\n0.5 4 4 9.2 0 0 1\n1.0,5,4,8.8,0,0.1,1\n1.5\t5.5 4 8.8 0 0 1\n".to_vec(),
+            b"0 4 4 9 0 0 1\n0.001 4 4 8.99 0 0 1\n0.001 4 4 8.99 0 0 1\n0.002 40 4 8.9 1 0 0\n".to_vec(),
+        ],
         _ => Vec::new(),
     }
+}
+
+/// A calibration as the ROS driver extracts it.
+fn origins_yaml() -> String {
+    let links = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"];
+    let link = |name| format!("  {name}:\n    x: 0.0\n    y: -0.1\n    z: 0.15\n    roll: 0.001\n    pitch: 0\n    yaw: -1e-6\n");
+    let links: String = links.into_iter().map(link).collect();
+    format!("kinematics:\n{links}  hash: calib_12345\n")
 }
 
 /// Small images: plain, gzip, oblique, labels.

@@ -9,7 +9,7 @@
 //! Masses look at voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes, whose sum over the
 //! path is the mass removed (FORCE_MODEL section 8, row 3).
 
-use bonemill_geometry::{Grid, Volume, Work, cancel};
+use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
 use bonemill_imaging::Scene;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -331,8 +331,10 @@ impl Cell {
     }
 }
 
-/// Mass that each waypoint's ball takes, and where it lies about the ball's centre (g/cm³ is mg/mm³).
+/// Mass that each waypoint's ball takes less the sweep of all earlier moves, and where it lies about the ball's centre
+/// (g/cm³ is mg/mm³).
 ///
+/// What a long move takes on its way and not at its end belongs to no waypoint; later ones do not find it.
 /// Each slab of the grid is swept by its own walk along the path; the slabs' sums are added in their order.
 pub fn mass_increments(
     density_g_cm3: &Volume<f32, Work>,
@@ -365,50 +367,85 @@ fn slab_increments(
     points: &[PathPoint],
     radius_mm: f64,
 ) -> Vec<(u32, Moments)> {
-    let [nx, ny, _] = grid.dims();
-    let h = grid.spacing_mm().x;
-    let full = grid.voxel_mm3();
-    let first = nx * ny * k.start;
-    let mut removed_mm3 = vec![0f64; density.len()];
-    let mut volumes = BallVolumes::new();
+    let mut slab = Slab {
+        grid,
+        k,
+        density,
+        radius_mm,
+        removed_mm3: vec![0f64; density.len()],
+        volumes: BallVolumes::new(),
+        found: Vec::new(),
+    };
     let mut out = Vec::new();
+    let mut before: Option<Point<Work>> = None;
     for (index, point) in points.iter().enumerate() {
         cancel::poll();
-        let c = point.position.coords / h;
-        let reach = radius_mm / h + 0.5;
-        if c.z + reach < k.start as f64 || c.z - reach > (k.end - 1) as f64 {
-            continue;
+        let mut increment = Moments::new(radius_mm);
+        slab.take(point.position, |p, mass_mg| increment.add(mass_mg, p));
+        if increment.mass_mg() > 0.0 {
+            out.push((index as u32, increment));
+        }
+        if let Some(from) = before.replace(point.position) {
+            // balls so close that what stands between two is no higher than a 288th of the radius
+            let way = point.position - from;
+            let parts = (way.norm() / (radius_mm / 6.0)).ceil().max(1.0) as usize;
+            for n in 1..parts {
+                slab.take(from + way * (n as f64 / parts as f64), |_, _| {});
+            }
+        }
+    }
+    out
+}
+
+/// A slab of the grid, and what is gone of its voxels.
+struct Slab<'a> {
+    grid: &'a Grid<Work>,
+    k: std::ops::Range<usize>,
+    /// Of its voxels only.
+    density: &'a [f32],
+    radius_mm: f64,
+    removed_mm3: Vec<f64>,
+    volumes: BallVolumes,
+    /// Kept between calls for its memory.
+    found: Vec<(usize, f64)>,
+}
+
+impl Slab<'_> {
+    /// Removes a ball: `visit(from the ball's centre to the voxel, mg)` for each voxel that loses something.
+    fn take(&mut self, center: Point<Work>, mut visit: impl FnMut(&Vector3<f64>, f64)) {
+        let [nx, ny, _] = self.grid.dims();
+        let c = center.coords / self.grid.spacing_mm().x;
+        let reach = self.radius_mm / self.grid.spacing_mm().x + 0.5;
+        if c.z + reach < self.k.start as f64 || c.z - reach > (self.k.end - 1) as f64 {
+            return;
         }
         let bounds = |axis: usize, n: usize| {
             let lo = (c[axis] - reach).floor().max(0.0) as usize;
             (lo, ((c[axis] + reach).ceil().max(0.0) as usize).min(n - 1))
         };
         let ((i0, i1), (j0, j1)) = (bounds(0, nx), bounds(1, ny));
-        let lo_k = ((c.z - reach).floor().max(k.start as f64)) as usize;
-        let hi_k = ((c.z + reach).ceil().max(0.0) as usize).min(k.end - 1);
-        let mut increment = Moments::new(radius_mm);
-        let mut found = Vec::new();
-        volumes.for_each(
+        let lo_k = ((c.z - reach).floor().max(self.k.start as f64)) as usize;
+        let hi_k = ((c.z + reach).ceil().max(0.0) as usize).min(self.k.end - 1);
+        let (first, full) = (nx * ny * self.k.start, self.grid.voxel_mm3());
+        let Self { grid, density, removed_mm3, found, .. } = self;
+        found.clear();
+        self.volumes.for_each(
             grid,
-            point.position,
-            radius_mm,
+            center,
+            self.radius_mm,
             [[i0, j0, lo_k], [i1, j1, hi_k]],
             |voxel| density[voxel - first] > 0.0 && removed_mm3[voxel - first] < full * (1.0 - 1e-9),
             |voxel, volume_mm3| found.push((voxel, volume_mm3)),
         );
-        for (voxel, volume_mm3) in found {
+        for (voxel, volume_mm3) in found.drain(..) {
             let more = volume_mm3 - removed_mm3[voxel - first];
             if more > 0.0 {
                 removed_mm3[voxel - first] = volume_mm3;
-                let p = grid.center(grid.voxel(voxel)) - point.position;
-                increment.add(f64::from(density[voxel - first]) * more, &p);
+                let p = grid.center(grid.voxel(voxel)) - center;
+                visit(&p, f64::from(density[voxel - first]) * more);
             }
         }
-        if increment.mass_mg() > 0.0 {
-            out.push((index as u32, increment));
-        }
     }
-    out
 }
 
 #[cfg(test)]

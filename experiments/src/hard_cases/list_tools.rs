@@ -10,21 +10,31 @@ pub(super) fn tool_scenes() -> Vec<Scene> {
         plain("small burr", "many layers and lines")
             .with("radius_mm = 1.5\nneck_radius_mm = 0.6", "radius_mm = 0.8\nneck_radius_mm = 0.4")
             .with("[25.0, 0.7]", "[25.0, 0.5]")
-            .with("layer_mm = 1.5", "layer_mm = 0.8"),
+            .with("layer_mm = 1.5", "layer_mm = 0.8")
+            .with("spacing_mm = 0.25\n", "spacing_mm = 0.125\n"),
         plain("burr that just fits", "0.4 mm of play in the pocket")
             .with("radius_mm = 1.5", "radius_mm = 2.8")
-            .with("spacing_mm = 0.5\n", "spacing_mm = 0.4\n"),
-        plain("burr larger than the pocket", "nothing can be reached")
+            .with("spacing_mm = 0.25\n", "spacing_mm = 0.2\n"),
+        plain("burr larger than the pocket", "a cap of it can be reached, less cleanly than a pocket")
             .with("radius_mm = 1.5", "radius_mm = 4.5")
-            .must(Expect::Refused("can reach no voxel")),
-        plain("shank as thick as the burr", "every tilt leans on the wall").with("[25.0, 0.7]", "[25.0, 1.45]"),
+            .must(short("of what the burr can reach is removed")),
+        // no room is left to keep half a voxel free around it
+        plain("shank as thick as the burr", "every tilt leans on the wall")
+            .with("[25.0, 0.7]", "[25.0, 1.45]")
+            .must(Expect::KnownFault("shank in")),
         plain("handpiece near the burr", "6 mm of radius 5 mm above the bone").with("[25.0, 0.7]", "[5.0, 0.7]"),
-        plain("handpiece in the bone", "too near to get to the floor")
-            .with("[25.0, 0.7], [60.0, 6.0]", "[0.6, 0.7], [60.0, 1.49]"),
-        plain("long steps", "waypoints as far apart as the burr is wide").with("step_mm = 0.5", "step_mm = 1.4"),
-        plain("short steps", "thousands of waypoints").with("step_mm = 0.5", "step_mm = 0.12"),
-        plain("one deep layer", "deeper than the target").with("layer_mm = 1.5", "layer_mm = 4"),
-        plain("lines at an angle", "a raster across the outline").with("step_mm = 0.5", "step_mm = 0.5\nraster_deg = 31"),
+        plain("handpiece in the cavity", "it follows the burr down, hardly thinner")
+            .with("[25.0, 0.7], [60.0, 6.0]", "[0.6, 0.7], [60.0, 1.2]"),
+        plain("handpiece that cannot follow", "0.5 mm behind the burr and as thick as the pocket is wide")
+            .with("[25.0, 0.7], [60.0, 6.0]", "[0.5, 0.7], [60.0, 6.0]")
+            .must(short("shank would meet untargeted bone")),
+        plain("long steps", "waypoints as far apart as the burr is wide").with("step_mm = 0.25", "step_mm = 1.4"),
+        plain("short steps", "thousands of waypoints").with("step_mm = 0.25", "step_mm = 0.12"),
+        plain("one deep layer", "as deep as the target and the burr").with("layer_mm = 1.5", "layer_mm = 3"),
+        plain("a layer deeper than the burr", "ridges between lines")
+            .with("layer_mm = 1.5", "layer_mm = 4")
+            .must(Expect::Refused("expected at most 3 mm")),
+        plain("lines at an angle", "a raster across the outline").with("step_mm = 0.25", "step_mm = 0.25\nraster_deg = 31"),
         plain("no tilt", "the axis is the approach").with("[speed]", "[orientation]\ntilt_limit_deg = 0.5\n\n[speed]"),
         plain("large tilt", "the handpiece may nearly lie on the bone")
             .with("[speed]", "[orientation]\ntilt_limit_deg = 69\n\n[speed]"),
@@ -94,6 +104,6 @@ pub(super) fn input_scenes() -> Vec<Scene> {
             .with("direction = ", "direction = [0, 0, 0] #"),
         refused("a missing image", "named, but not there", "No such file").with("ct.nii", "other.nii"),
         refused("a grid beyond memory", "0.02 mm voxels", "")
-            .with("spacing_mm = 0.5\n", "spacing_mm = 0.02\n"),
+            .with("spacing_mm = 0.25\n", "spacing_mm = 0.02\n"),
     ]
 }

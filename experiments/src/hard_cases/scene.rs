@@ -9,6 +9,8 @@ use std::sync::Arc;
 use bonemill_geometry::{Ct, Grid, GridError, Volume};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
+/// CT and label map.
+pub type Images = (Volume<i16, Ct>, Volume<u8, Ct>);
 /// mm in the body.
 pub type V = Vector3<f64>;
 /// A value at a place of the body.
@@ -34,6 +36,9 @@ pub enum Expect {
     FallsShort(&'static str),
     /// Bad input, with these words.
     Refused(&'static str),
+    /// A plan that passes every check but those whose names begin so: a fault of the planner that is known and not yet
+    /// mended. What a user sees of it is that `verify` refuses the plan.
+    KnownFault(&'static str),
 }
 
 impl fmt::Display for Expect {
@@ -42,6 +47,7 @@ impl fmt::Display for Expect {
             Self::Verified => f.write_str("be planned and verified"),
             Self::FallsShort(words) => write!(f, "fall short: {words}"),
             Self::Refused(words) => write!(f, "be refused: {words}"),
+            Self::KnownFault(check) => write!(f, "be planned and verified; known to fail: {check}"),
         }
     }
 }
@@ -76,6 +82,30 @@ pub struct Scene {
 /// Bone under air.
 pub fn block(p: &V) -> f32 {
     if p.z < 0.0 { BONE } else { AIR }
+}
+
+/// Bone with a domed surface.
+pub fn dome(p: &V) -> f32 {
+    if p.z < dome_mm(p) { BONE } else { AIR }
+}
+
+fn dome_mm(p: &V) -> f64 {
+    0.4 - (p.x * p.x + 1.3 * p.y * p.y) / 25.0
+}
+
+/// A bowl under the dome, and the nerve beside it.
+///
+/// Nothing of it is flat: a flat face that lies along one grid and not along another is rounded to the same side by all
+/// its voxels, and a body of such faces has no volume to a percent at voxels of half a millimetre.
+pub fn bowl(p: &V) -> u8 {
+    let inside = V::new(p.x / 3.4, p.y / 3.1, (p.z - 0.3) / 3.4).norm() < 1.0;
+    if inside && p.z < dome_mm(p) {
+        TARGET
+    } else if nerve(p) {
+        NERVE
+    } else {
+        0
+    }
 }
 
 /// A pocket and a nerve beside it.
@@ -120,7 +150,7 @@ segments = [[25.0, 0.7], [60.0, 6.0]]
 
 [path]
 layer_mm = 1.5
-step_mm = 0.5
+step_mm = 0.25
 
 [speed]
 min_mm_s = 0.5
@@ -129,7 +159,7 @@ min_mm_s = 0.5
 rate_hz = 100
 
 [grid]
-spacing_mm = 0.5
+spacing_mm = 0.25
 ";
 
 impl Scene {
@@ -190,7 +220,7 @@ impl Scene {
     ///
     /// # Errors
     /// [`GridError`] for a grid that cannot be.
-    pub fn images(&self) -> Result<(Volume<i16, Ct>, Volume<u8, Ct>), GridError> {
+    pub fn images(&self) -> Result<Images, GridError> {
         let (spacing, shift) = self.label_grid.unwrap_or((self.spacing_mm, [0.0; 3]));
         let ct = self.filled(self.spacing_mm, [0.0; 3], |p| (self.hu)(p) as i16)?;
         Ok((ct, self.filled(spacing, shift, |p| (self.label)(p))?))

@@ -3,34 +3,32 @@
 use super::random::shrink;
 use super::*;
 
+/// Of the scenes that are planned, one in this many runs here; `bonemill experiment hard-cases` of a release build runs all.
+const ONE_IN: usize = 10;
+
 #[test]
-fn every_hard_case_ends_as_it_must() {
+fn hard_cases_end_as_they_must() {
     let scenes = scenes();
     assert!(scenes.len() >= 60, "{}", scenes.len());
-    let ends: Vec<End> = scenes.par_iter().map(run).collect();
-    let wrong: Vec<String> = scenes
+    let is_refused = |scene: &Scene| matches!(scene.expect, Expect::Refused(_));
+    let (refused, planned): (Vec<Scene>, Vec<Scene>) = scenes.into_iter().partition(is_refused);
+    let here: Vec<Scene> = refused.into_iter().chain(planned.into_iter().step_by(ONE_IN)).collect();
+    let ends: Vec<End> = here.par_iter().map(run_scene).collect();
+    let wrong: Vec<String> = here
         .iter()
         .zip(&ends)
         .filter(|(scene, end)| !end.keeps(&scene.expect))
         .map(|(scene, end)| format!("{}: must {}, did: {end}", scene.name, scene.expect))
         .collect();
-    assert!(wrong.is_empty(), "{} of {}:\n{}", wrong.len(), scenes.len(), wrong.join("\n"));
-    // what is open must still be so somewhere
-    for open in OPEN {
-        let fails = |end: &End| matches!(end, End::Verified(open_here) if open_here.contains(open));
-        assert!(ends.iter().any(fails), "no scene fails `{open}` any longer: take it off the list");
-    }
+    assert!(wrong.is_empty(), "{} of {}:\n{}", wrong.len(), here.len(), wrong.join("\n"));
 }
 
 #[test]
 fn random_bodies_are_planned_and_verified_or_say_why_not() {
-    struct Unseen;
-    impl Progress for Unseen {
-        fn stage(&self, _: &str) {}
-        fn advance(&self, _: usize, _: usize) {}
-    }
-    let table = random_scenes(16, &Unseen);
-    assert!(table.shortfalls.is_empty(), "{}", table.shortfalls.join("\n"));
+    let ends: Vec<(u64, End)> =
+        (0..4).into_par_iter().map(|n| (n, run_scene(&RandomBody::draw(n).scene()))).collect();
+    let wrong: Vec<_> = ends.iter().filter(|(_, end)| !super::random::ended_well(end)).collect();
+    assert!(wrong.is_empty(), "{wrong:?}");
 }
 
 #[test]
@@ -51,7 +49,13 @@ fn another_end_than_the_one_that_must_be_is_told() {
     assert!(end.keeps(&Expect::Refused("empty")));
     assert!(!end.keeps(&Expect::Refused("touches")));
     assert!(!end.keeps(&Expect::FallsShort("empty")) && !end.keeps(&Expect::Verified));
-    assert!(!End::Faulty("clearance".into()).keeps(&Expect::Verified));
+    let faulty = |names: &[&'static str]| End::Faulty(names.to_vec(), "how".into());
+    assert!(!faulty(&["clearance"]).keeps(&Expect::Verified));
+    assert!(faulty(&["shank"]).keeps(&Expect::KnownFault("shank")));
+    assert!(End::Verified.keeps(&Expect::KnownFault("shank")));
+    // worse than known
+    assert!(!faulty(&["shank", "clearance"]).keeps(&Expect::KnownFault("shank")));
+    assert!(!End::Refused("no".into()).keeps(&Expect::KnownFault("shank")));
 }
 
 #[test]

@@ -4,10 +4,11 @@
 //! A row agrees with the polyline when some place of it has both: the burr within a distance and the shaft within an angle.
 //! The place is sought on the moves near the one of that instant, so a trajectory that leaves out a move does not agree.
 
-use bonemill_geometry::cancel;
+use bonemill_geometry::{Approach, Base, Rigid, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::VerifyError;
 use super::check::{Check, Place};
 use super::motion::rounding;
 use super::moves::{Executed, Kind, Moves, angle_rad, between};
@@ -23,7 +24,10 @@ const NEAR_MM: f64 = 0.2;
 const MOST_NEAR: usize = 12;
 
 /// Place, axis and clock.
-pub fn follow(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check> {
+///
+/// # Errors
+/// [`VerifyError::Robot`] where the joints between two rows are none of the arm.
+pub fn follow(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Result<Vec<Check>, VerifyError> {
     let off: Vec<Off> = (0..executed.len())
         .into_par_iter()
         .map(|row| {
@@ -46,11 +50,11 @@ pub fn follow(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Chec
         }
         check
     };
-    vec![
+    Ok(vec![
         worst("trajectory's place on the path", PLACE_MM, "mm", 1.0, |o| o.place_mm),
         worst("trajectory's axis on the path", AXIS_RAD, "mrad", 1e3, |o| o.axis_rad),
-        clock(plan, moves, executed),
-    ]
+        clock(plan, moves)?,
+    ])
 }
 
 /// How far a row is from the polyline.
@@ -145,21 +149,38 @@ impl<'a> OnMove<'a> {
 }
 
 /// Where the arm is when the waypoints say that they are passed.
-fn clock(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Check {
+///
+/// Between two rows each joint is taken to follow the cubic with the rows' places and velocities: a chord would leave the
+/// way by a \|q̈\| dt²/8, more than is allowed here where rows are some 0.1 s apart.
+fn clock(plan: &StoredPlan, moves: &Moves) -> Result<Check, VerifyError> {
     let rows = &plan.trajectory;
-    let mut worst = (0.0, 0);
-    for (n, time_s) in moves.times_s.iter().enumerate() {
+    let approach_from_base: Rigid<Approach, Base> =
+        (plan.record.base_from_ct * plan.record.ct_from_approach).inverse();
+    let off = |(time_s, point): (&f64, &Vector3<f64>)| -> Result<f64, VerifyError> {
         let after = rows.time_s.partition_point(|t| t < time_s).min(rows.len() - 1);
         let before = after.saturating_sub(1);
-        let span = rows.time_s[after] - rows.time_s[before];
-        let share = if span > 0.0 { ((time_s - rows.time_s[before]) / span).clamp(0.0, 1.0) } else { 0.0 };
-        let there = executed.points[before].lerp(&executed.points[after], share);
-        let off = (there - moves.points[n]).norm();
-        if off > worst.0 {
-            worst = (off, n);
-        }
-    }
-    Check::at_most("arm at each waypoint's time", worst.0, PLACE_MM, "mm").at(Place::Waypoint(worst.1))
+        let span_s = rows.time_s[after] - rows.time_s[before];
+        let share =
+            if span_s > 0.0 { ((time_s - rows.time_s[before]) / span_s).clamp(0.0, 1.0) } else { 0.0 };
+        let joint = |j: usize| {
+            let place = |row: usize| rows.q_at(row)[j];
+            let velocity = |row: usize| rows.qd_at(row)[j] * span_s;
+            cubic([place(before), place(after)], [velocity(before), velocity(after)], share)
+        };
+        let q: Vec<f64> = (0..rows.q_at(before).len()).map(joint).collect();
+        Ok(((approach_from_base * plan.arm.burr(&q)?).translation_mm - point).norm())
+    };
+    let off: Vec<f64> =
+        moves.times_s.par_iter().zip(&moves.points).map(off).collect::<Result<_, VerifyError>>()?;
+    let worst =
+        off.iter().enumerate().fold((0.0, 0), |worst, (n, v)| if *v > worst.0 { (*v, n) } else { worst });
+    Ok(Check::at_most("arm at each waypoint's time", worst.0, PLACE_MM, "mm").at(Place::Waypoint(worst.1)))
+}
+
+/// Hermite's cubic over a unit step, from the ends' values and slopes.
+fn cubic([p0, p1]: [f64; 2], [v0, v1]: [f64; 2], s: f64) -> f64 {
+    let d = p1 - p0;
+    p0 + s * (v0 + s * ((3.0 * d - 2.0 * v0 - v1) + s * (v0 + v1 - 2.0 * d)))
 }
 
 /// The burr's speed from row to row against the cap of the moves in between, and against the range for cuts.
@@ -202,4 +223,19 @@ pub fn speeds(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Chec
             check
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::cubic;
+
+    #[test]
+    fn a_cubic_comes_back_from_its_ends() {
+        let at = |t: f64| 2.0 - 3.0 * t + 0.5 * t * t + 4.0 * t * t * t;
+        let slope = |t: f64| -3.0 + t + 12.0 * t * t;
+        for n in 0..=10 {
+            let s = f64::from(n) / 10.0;
+            assert!((cubic([at(0.0), at(1.0)], [slope(0.0), slope(1.0)], s) - at(s)).abs() < 1e-12);
+        }
+    }
 }

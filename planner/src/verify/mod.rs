@@ -83,7 +83,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
         end_s: moves.times_s.last().copied().unwrap_or(0.0),
     };
     checks.extend(motion::motion(&plan.trajectory, &limits));
-    checks.extend(follow::follow(plan, &moves, &executed));
+    checks.extend(follow::follow(plan, &moves, &executed)?);
     checks.extend(follow::speeds(plan, &moves, &executed));
 
     progress.stage("check rows");
