@@ -67,7 +67,10 @@ mod tests {
         let sound = of(vec![good.clone()]);
         assert!(sound.contains("All 1 checks passed") && !sound.contains("bad"), "{sound}");
         let page = of(vec![good, bad]);
-        assert!(page.contains("<li>joint jerk: 8 ≤ 7.5 mm/s³, at waypoint 7; why &amp; how</li>"), "{page}");
+        assert!(
+            page.contains("<li>joint jerk: 8 ≤ 7.5000 mm/s³, at waypoint 7; why &amp; how</li>"),
+            "{page}"
+        );
         assert!(page.contains("1 of 2 checks failed") && page.contains("a &lt;nerve&gt;"), "{page}");
         let row = page.split("<tr class=\"bad\">").nth(1).unwrap();
         assert!(row.contains("≤ 7.5") && row.contains("waypoint 7; why &amp; how"), "{row}");
