@@ -71,7 +71,7 @@ pub struct Engagement {
     pub edge: Vec<Directions>,
     /// Σ w n n·v̂ dA, tool frame, mm²: where the bone is.
     pub toward_bone_mm2: Vector3<f64>,
-    /// Removal per mm of feed, mm²: everything that has weight.
+    /// Removal per mm of feed, mm²: everything solid that has weight.
     pub mrr_mm2: f64,
     /// The same weighted with w.
     pub weighted_mrr_mm2: f64,
@@ -147,13 +147,14 @@ impl BurrNodes {
             / self.rings.len() as f64
     }
 
-    /// Looks at the bone in every direction that moves forward; `bone` gives density and kind of what is left there,
-    /// and the part of the node's patch in which it is left.
+    /// Looks at the bone in every direction that moves forward; `bone` gives the density of what is left there, the kind of
+    /// the voxel that holds it (none beyond a body's face, where density still fades), and the part of the node's patch in
+    /// which it is left.
     pub(super) fn engage(
         &self,
         feed: &Feed,
         material: &Material,
-        mut bone: impl FnMut(&Vector3<f64>) -> Option<(f64, Kind, f64)>,
+        mut bone: impl FnMut(&Vector3<f64>) -> Option<(f64, Option<Kind>, f64)>,
     ) -> Engagement {
         let tool_axes = basis::from_z(&feed.axis).into_inner();
         let (x, y, z) =
@@ -207,10 +208,12 @@ impl BurrNodes {
                     add(&mut edge[slot], material.edge_factor(forward * tooth_mm) * w, c, s);
                 }
                 let rate = forward * area_mm2 * part;
-                out.mrr_mm2 += rate;
                 out.weighted_mrr_mm2 += w * forward * area_mm2;
                 out.contact_area_mm2 += area_mm2 * part;
-                out.by_kind_per_mm.add(kind, rate, rate * density);
+                // volume ends at the body's face, mass where its interpolated density does
+                let volume = if kind.is_some() { rate } else { 0.0 };
+                out.mrr_mm2 += volume;
+                out.by_kind_per_mm.add(kind.unwrap_or(Kind::Material), volume, rate * density);
             }
             if found {
                 let ring = RingFrame { turn: [*tc, *ts], sk, ck, spin: self.tool.spin() };

@@ -397,8 +397,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
             if density <= 0.0 {
                 return None;
             }
-            // material fades over a voxel, at whose far end nothing is solid
-            Some((density, bone.nearest(&index).map_or(Kind::Material, |(_, kind)| kind), part))
+            Some((density, bone.nearest(&index).map(|(_, kind)| kind), part))
         }))
     }
 

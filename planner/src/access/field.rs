@@ -1,0 +1,308 @@
+//! Removal times on a grid, dilated, pooled, and looked up at points.
+
+use bonemill_geometry::cancel;
+use bonemill_imaging::{Class, Scene};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use crate::removal::{NEVER, RemovalTime};
+
+/// Removal time of free voxels: before every move.
+const FREE: f32 = -1.0;
+/// Removal time of what is never removed.
+pub(super) const SOLID: f32 = f32::INFINITY;
+
+/// An axis-aligned box in work, mm.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bounds {
+    low_mm: Vector3<f64>,
+    high_mm: Vector3<f64>,
+}
+
+impl Bounds {
+    /// Where the ray center + t·axis, t ≥ 0, enters and leaves the box; enter > leave when it misses it.
+    pub(super) fn crossing(&self, center: &Vector3<f64>, axis: &Vector3<f64>) -> (f64, f64) {
+        let (mut enter, mut leave) = (0f64, f64::INFINITY);
+        for a in 0..3 {
+            let (low, high) = (self.low_mm[a] - center[a], self.high_mm[a] - center[a]);
+            if axis[a].abs() < 1e-12 {
+                if low > 0.0 || high < 0.0 {
+                    return (f64::INFINITY, 0.0);
+                }
+            } else {
+                let (t0, t1) = (low / axis[a], high / axis[a]);
+                enter = enter.max(t0.min(t1));
+                leave = leave.min(t0.max(t1));
+            }
+        }
+        (enter, leave)
+    }
+}
+
+/// A scalar per cubic voxel; free outside.
+#[derive(Debug, Clone)]
+pub(super) struct Field {
+    dims: [usize; 3],
+    pub(super) spacing_mm: f64,
+    /// Centre of the first voxel, mm in work.
+    origin_mm: f64,
+    /// Whether a voxel stands for a block of grid voxels.
+    is_blocks: bool,
+    pub(super) value: Vec<f32>,
+}
+
+impl Field {
+    /// T of what is solid, −1 elsewhere. T is exact: a path has fewer than 2²⁴ waypoints.
+    pub(super) fn removal_time(scene: &Scene, removal: &RemovalTime, shank_clearances_mm: &[f64]) -> Self {
+        let grid = scene.class.grid();
+        let mut value: Vec<f32> = scene
+            .class
+            .data()
+            .iter()
+            .zip(removal.time())
+            .map(|(class, time)| {
+                if class.is(Class::OBSTACLE | Class::STRUCTURE) || class.is(Class::MATERIAL) && *time == NEVER
+                {
+                    SOLID
+                } else if class.is(Class::MATERIAL) {
+                    *time as f32
+                } else {
+                    FREE
+                }
+            })
+            .collect();
+        for (structure, clearance) in scene.structures.iter().zip(shank_clearances_mm) {
+            // without a clearance the voxels of the structure itself are enough, and they are solid already
+            let Some(field) = structure.field.as_ref().filter(|_| *clearance > 0.0) else { continue };
+            value.par_iter_mut().enumerate().for_each(|(n, v)| {
+                cancel::poll();
+                let p = scene.ct_from_work * grid.center(grid.voxel(n));
+                if field.is_nearer_than(p, *clearance) {
+                    *v = SOLID;
+                }
+            });
+        }
+        Self { dims: grid.dims(), spacing_mm: grid.spacing_mm().x, origin_mm: 0.0, is_blocks: false, value }
+    }
+
+    /// Blocks of `factor`³ voxels, each with its latest time, and room of `pad_mm` around, where the handpiece still
+    /// meets what lies at the border.
+    pub(super) fn pooled(&self, factor: usize, pad_mm: f64) -> Self {
+        let spacing_mm = self.spacing_mm * factor as f64;
+        let pad = (pad_mm / spacing_mm).ceil() as usize + 2;
+        let dims = self.dims.map(|n| n.div_ceil(factor) + 2 * pad);
+        let mut value = vec![FREE; dims.iter().product()];
+        for k in 0..self.dims[2] {
+            for j in 0..self.dims[1] {
+                let row = dims[0] * (j / factor + pad + dims[1] * (k / factor + pad)) + pad;
+                let source = self.dims[0] * (j + self.dims[1] * k);
+                for (i, v) in self.value[source..source + self.dims[0]].iter().enumerate() {
+                    let block = &mut value[row + i / factor];
+                    *block = block.max(*v);
+                }
+            }
+        }
+        let first_center = 0.5 * (factor as f64 - 1.0) * self.spacing_mm;
+        let origin_mm = first_center - pad as f64 * spacing_mm;
+        Self { dims, spacing_mm, origin_mm, is_blocks: factor > 1, value }
+    }
+
+    /// Latest time around each voxel: the maximum over a ball that holds all that a march step stands for.
+    ///
+    /// A solid voxel centre in the cylinder is within √(ρ² + (s/2)²) of the nearest step of the march, and that within
+    /// half a voxel diagonal of the voxel that is looked up; a block may hold it half a diagonal off again.
+    pub(super) fn dilated(self, radius_mm: f64) -> Self {
+        Self { value: ball_maximum(&self.value, self.dims, self.ball_voxels(radius_mm)), ..self }
+    }
+
+    /// The radius of that ball, voxels.
+    pub(super) fn ball_voxels(&self, radius_mm: f64) -> f64 {
+        let half_diagonal = 0.5 * 3f64.sqrt();
+        let radius = (radius_mm / self.spacing_mm).hypot(0.5) + half_diagonal;
+        if self.is_blocks { radius + half_diagonal } else { radius }
+    }
+
+    /// The box of all voxels.
+    pub(super) fn bounds(&self) -> Bounds {
+        let low = self.origin_mm - 0.5 * self.spacing_mm;
+        let size = Vector3::from(self.dims.map(|n| n as f64 * self.spacing_mm));
+        Bounds { low_mm: Vector3::repeat(low), high_mm: Vector3::repeat(low) + size }
+    }
+
+    /// [`Bounds::crossing`] of the box of all voxels.
+    pub(super) fn crossing(&self, center: &Vector3<f64>, axis: &Vector3<f64>) -> (f64, f64) {
+        self.bounds().crossing(center, axis)
+    }
+
+    /// The value of the voxel that holds `p`, [`FREE`] outside.
+    #[inline]
+    pub(super) fn at(&self, p: &Vector3<f64>) -> f32 {
+        self.voxel(p).map_or(FREE, |[i, j, k]| self.value[i + self.dims[0] * (j + self.dims[1] * k)])
+    }
+
+    /// The voxel that holds `p`.
+    #[inline]
+    fn voxel(&self, p: &Vector3<f64>) -> Option<[usize; 3]> {
+        let scale = 1.0 / self.spacing_mm;
+        let at = |c: f64, n: usize| {
+            // truncation is rounding down for what is not negative
+            let v = (c - self.origin_mm) * scale + 0.5;
+            (v >= 0.0 && v < n as f64).then_some(v as usize)
+        };
+        Some([at(p.x, self.dims[0])?, at(p.y, self.dims[1])?, at(p.z, self.dims[2])?])
+    }
+
+    /// The latest time in and around blocks of this field.
+    pub(super) fn skips(&self) -> Skips {
+        let dims = self.dims.map(|n| n.div_ceil(Skips::SIDE));
+        let mut value = vec![FREE; dims.iter().product()];
+        for (row, voxels) in self.value.chunks_exact(self.dims[0]).enumerate() {
+            let (j, k) = (row % self.dims[1] / Skips::SIDE, row / self.dims[1] / Skips::SIDE);
+            let first = dims[0] * (j + dims[1] * k);
+            for (block, voxels) in value[first..first + dims[0]].iter_mut().zip(voxels.chunks(Skips::SIDE)) {
+                *block = voxels.iter().fold(*block, |latest, v| latest.max(*v));
+            }
+        }
+        // a cube of blocks lies within this radius
+        Skips { value: ball_maximum(&value, dims, 3f64.sqrt() + 1e-9), dims }
+    }
+}
+
+/// The latest time in and around blocks of voxels of a field.
+#[derive(Debug)]
+pub(super) struct Skips {
+    dims: [usize; 3],
+    value: Vec<f32>,
+}
+
+impl Skips {
+    /// Voxels along a block's side.
+    const SIDE: usize = 5;
+    /// A voxel and those fewer than a side from it lie in its block and those around it, whatever the rounding.
+    pub(super) const STEPS: usize = Self::SIDE - 1;
+
+    /// The latest time within [`Self::STEPS`] voxels of `p`, or later; infinite outside.
+    #[inline]
+    pub(super) fn at(&self, field: &Field, p: &Vector3<f64>) -> f32 {
+        field.voxel(p).map_or(f32::INFINITY, |voxel| {
+            let [i, j, k] = voxel.map(|v| v / Self::SIDE);
+            self.value[i + self.dims[0] * (j + self.dims[1] * k)]
+        })
+    }
+}
+
+/// Maximum over the ball of `radius` voxels around each voxel.
+///
+/// The ball is a stack of rows. Rows of equal half-width share one running maximum along x; what remains per voxel is
+/// one comparison per row of the ball, in memory order.
+fn ball_maximum(value: &[f32], dims: [usize; 3], radius: f64) -> Vec<f32> {
+    let [nx, ny, nz] = dims;
+    let reach = radius.floor() as i64;
+    let mut by_width: Vec<Vec<[i64; 2]>> = vec![Vec::new(); reach as usize + 1];
+    for dk in -reach..=reach {
+        for dj in -reach..=reach {
+            let left = radius * radius - (dj * dj + dk * dk) as f64;
+            if left >= 0.0 {
+                by_width[left.sqrt().floor() as usize].push([dj, dk]);
+            }
+        }
+    }
+    let mut out = value.to_vec();
+    let mut rows = value.to_vec();
+    for (width, offsets) in by_width.iter().enumerate() {
+        if width > 0 {
+            rows.par_chunks_mut(nx).for_each(widen);
+        }
+        out.par_chunks_mut(nx * ny).enumerate().for_each(|(k, slab)| {
+            for [dj, dk] in offsets {
+                cancel::poll();
+                let source_k = k as i64 + dk;
+                if source_k < 0 || source_k >= nz as i64 {
+                    continue;
+                }
+                let (j_from, j_to) = ((-dj).max(0) as usize, (ny as i64 - dj.max(&0)).max(0) as usize);
+                for j in j_from..j_to {
+                    let from = nx * ((j as i64 + dj) as usize + ny * source_k as usize);
+                    let target = &mut slab[nx * j..nx * (j + 1)];
+                    for (t, s) in target.iter_mut().zip(&rows[from..from + nx]) {
+                        *t = if *s > *t { *s } else { *t };
+                    }
+                }
+            }
+        });
+    }
+    out
+}
+
+/// From the maxima over windows of half-width w to those of w + 1, in place.
+fn widen(row: &mut [f32]) {
+    let mut before = FREE;
+    for i in 0..row.len() {
+        let here = row[i];
+        let after = row.get(i + 1).copied().unwrap_or(FREE);
+        row[i] = before.max(here).max(after);
+        before = here;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_ball_maximum_is_the_maximum_over_the_ball(
+            value in prop::collection::vec(-1.0f32..9.0, 7 * 6 * 5), radius in 0.0f64..4.0,
+        ) {
+            let dims = [7, 6, 5];
+            let fast = ball_maximum(&value, dims, radius);
+            let at = |n: usize| [n % 7, n / 7 % 6, n / 42].map(|c| c as f64);
+            for (n, found) in fast.iter().enumerate() {
+                let near = |m: &usize| {
+                    (0..3).map(|a| (at(n)[a] - at(*m)[a]).powi(2)).sum::<f64>() <= radius * radius
+                };
+                let slow = (0..value.len()).filter(near).map(|m| value[m]).fold(FREE, f32::max);
+                prop_assert_eq!(*found, slow);
+            }
+        }
+    }
+
+    proptest! {
+        /// What is said not to need a look holds nothing later, in any direction.
+        #[test]
+        fn skips_know_the_latest_time_of_the_next_steps(
+            seed in prop::collection::vec(0usize..23 * 17 * 13, 0..6),
+            from in prop::array::uniform3(0.0f64..6.0), axis in prop::array::uniform3(-1.0f64..1.0),
+        ) {
+            let mut field = Field {
+                dims: [23, 17, 13], spacing_mm: 0.5, origin_mm: 0.0, is_blocks: false, value: vec![FREE; 23 * 17 * 13],
+            };
+            seed.iter().enumerate().for_each(|(n, at)| field.value[*at] = n as f32);
+            let axis = Vector3::from(axis).try_normalize(1e-3).unwrap_or(Vector3::z());
+            let from = Vector3::from(from);
+            let latest = field.skips().at(&field, &from);
+            for n in 0..=Skips::STEPS {
+                prop_assert!(field.at(&(from + axis * (n as f64 * field.spacing_mm))) <= latest);
+            }
+        }
+    }
+
+    #[test]
+    fn pooling_keeps_the_latest_time_of_every_block() {
+        let field = Field {
+            dims: [5, 4, 3],
+            spacing_mm: 0.5,
+            origin_mm: 0.0,
+            is_blocks: false,
+            value: (0..60).map(|n| n as f32).collect(),
+        };
+        let coarse = field.pooled(2, 1.0);
+        for n in 0..60usize {
+            let p = Vector3::new((n % 5) as f64, (n / 5 % 4) as f64, (n / 20) as f64) * 0.5;
+            assert!(coarse.at(&p) >= n as f32);
+        }
+        assert_eq!(coarse.at(&Vector3::repeat(-1.3)), FREE);
+        assert_eq!(coarse.value.iter().copied().fold(FREE, f32::max), 59.0);
+    }
+}
