@@ -86,7 +86,12 @@ pub fn case_toml(data: &[u8]) {
     match Case::parse(text, Path::new("case.toml")) {
         Ok(case) => {
             let again = Case::parse(&case.to_toml(), Path::new("again.toml"));
-            assert_eq!(again.as_ref().ok(), Some(&case), "{:?}", again.err().map(|e| e.to_string()));
+            assert_eq!(
+                again.as_ref().ok(),
+                Some(&case),
+                "{:?}",
+                again.as_ref().err().map(ToString::to_string)
+            );
         }
         Err(error) => drop(error.to_string()),
     }
@@ -162,7 +167,9 @@ pub fn poses(data: &[u8]) {
                     let before = engine.pose().center;
                     match engine.step(Move { to, seconds: time_s - last_s }) {
                         Ok(step) => {
-                            assert!(step.force.force_n.iter().all(|v| v.is_finite()) && step.mrr_mm3_s >= 0.0);
+                            assert!(
+                                step.force.force_n.iter().all(|v| v.is_finite()) && step.mrr_mm3_s >= 0.0
+                            );
                             last_s = time_s;
                         }
                         Err(_) => assert_eq!(engine.pose().center, before),
@@ -250,7 +257,11 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
 /// A calibration as the ROS driver extracts it.
 fn origins_yaml() -> String {
     let links = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"];
-    let link = |name| format!("  {name}:\n    x: 0.0\n    y: -0.1\n    z: 0.15\n    roll: 0.001\n    pitch: 0\n    yaw: -1e-6\n");
+    let link = |name| {
+        format!(
+            "  {name}:\n    x: 0.0\n    y: -0.1\n    z: 0.15\n    roll: 0.001\n    pitch: 0\n    yaw: -1e-6\n"
+        )
+    };
     let links: String = links.into_iter().map(link).collect();
     format!("kinematics:\n{links}  hash: calib_12345\n")
 }
@@ -272,7 +283,8 @@ fn images() -> Vec<Vec<u8>> {
 /// A `plan.toml` as plans have it.
 fn plan_text() -> String {
     let case = Case::parse(CASE, Path::new("case.toml")).expect("a valid case").to_toml();
-    let case = case.replace("\n[[", "\n[[case.").replace("\n[", "\n[case.").replace("[case.[case.", "[[case.");
+    let case =
+        case.replace("\n[[", "\n[[case.").replace("\n[", "\n[case.").replace("[case.[case.", "[[case.");
     let digest = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
     format!(
         "version = \"0.1.0\"\ncase_file = \"case.toml\"\nwarnings = []\nshortfalls = [\"a reason\"]\n\n[frames]\n\

@@ -30,8 +30,32 @@ impl Draws {
 
 /// What readers trip over.
 const WORDS: &[&[u8]] = &[
-    b"nan", b"inf", b"-inf", b"1e999", b"-0", b"0", b"-1", b"99999999999999999999", b"1e-320", b"0x10", b"", b"\"", b"\n",
-    b"[[", b"]]", b"{", b"}", b"=", b",", b",,", b"\0", b"\xff\xfe", b"\xf0\x9f\xa6\xb4", b"true", b"..", b"../../..",
+    b"nan",
+    b"inf",
+    b"-inf",
+    b"1e999",
+    b"-0",
+    b"0",
+    b"-1",
+    b"99999999999999999999",
+    b"1e-320",
+    b"0x10",
+    b"",
+    b"\"",
+    b"\n",
+    b"[[",
+    b"]]",
+    b"{",
+    b"}",
+    b"=",
+    b",",
+    b",,",
+    b"\0",
+    b"\xff\xfe",
+    b"\xf0\x9f\xa6\xb4",
+    b"true",
+    b"..",
+    b"../../..",
 ];
 
 fn damage(draws: &mut Draws, seeds: &[Vec<u8>]) -> Vec<u8> {
@@ -121,6 +145,7 @@ fn main() -> ExitCode {
 }
 
 fn keep(dir: &std::path::Path, target: &str, what: &str, call: u64, data: &[u8]) {
-    let kept = std::fs::create_dir_all(dir).and_then(|()| std::fs::write(dir.join(format!("{target}-{what}-{call}")), data));
+    let kept = std::fs::create_dir_all(dir)
+        .and_then(|()| std::fs::write(dir.join(format!("{target}-{what}-{call}")), data));
     eprintln!("{target}: {what} at input {call}, kept in {}: {kept:?}", dir.display());
 }
