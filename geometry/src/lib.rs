@@ -24,4 +24,4 @@ pub use frame::{Approach, Base, Ct, Flange, Frame, Point, Tool, Work};
 pub use grid::{Grid, GridError};
 pub use mesh::Mesh;
 pub use rigid::{NotARotation, Rigid};
-pub use volume::{Volume, VolumeError};
+pub use volume::{Volume, VolumeError, trilinear};

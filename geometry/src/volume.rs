@@ -1,6 +1,7 @@
 //! A value per voxel of a grid.
 
 use std::fmt;
+use std::ops::{Add, Mul, Sub};
 
 use crate::{Frame, Grid, Point};
 
@@ -80,7 +81,39 @@ impl<T, F: Frame> Volume<T, F> {
     }
 }
 
+/// Trilinear interpolation among the corners of a cell, x-fastest, at fractions of its sides.
+#[inline]
+pub fn trilinear<T>(corners: &[T; 8], [fx, fy, fz]: [T; 3]) -> T
+where
+    T: Copy + Add<Output = T> + Sub<Output = T> + Mul<Output = T>,
+{
+    let between = |a: T, b: T, f: T| a + (b - a) * f;
+    let along_x = |n: usize| between(corners[n], corners[n + 1], fx);
+    let along_y = |n: usize| between(along_x(n), along_x(n + 2), fy);
+    between(along_y(0), along_y(4), fz)
+}
+
 impl<T: Copy + Into<f64>, F: Frame> Volume<T, F> {
+    /// Trilinear interpolation at a continuous index with all eight neighbours in the grid; `None` elsewhere.
+    ///
+    /// As [`Self::trilinear_at`], to rounding, without its checks of every neighbour.
+    #[inline]
+    pub fn trilinear_inside(&self, index: [f64; 3]) -> Option<f64> {
+        let dims = self.grid.dims();
+        // also false for NaN
+        if !(0..3).all(|a| index[a] >= 0.0 && index[a] < (dims[a] - 1) as f64) {
+            return None;
+        }
+        // truncation is the floor of what is not negative
+        let [i, j, k] = index.map(|v| v as usize);
+        let (sy, sz) = (dims[0], dims[0] * dims[1]);
+        let start = i + sy * j + sz * k;
+        // one slice that ends with the farthest of the eight, so that one check serves all
+        let cell = self.data.get(start..start + sz + sy + 2)?;
+        let corners = [0, 1, sy, sy + 1, sz, sz + 1, sz + sy, sz + sy + 1].map(|at| cell[at].into());
+        Some(trilinear(&corners, [index[0] - i as f64, index[1] - j as f64, index[2] - k as f64]))
+    }
+
     /// Trilinear interpolation at `p`; voxels outside the grid count as `outside`.
     pub fn trilinear(&self, p: Point<F>, outside: f64) -> f64 {
         self.trilinear_at(self.grid.continuous_index(p), outside)
@@ -129,6 +162,11 @@ mod tests {
         let v = Volume::new(grid, data).unwrap();
         for p in [Point::new(-0.3, 0.77, 2.61), Point::new(0.99, 1.49, 2.0), Point::new(-1.0, 0.0, 2.0)] {
             assert!((v.trilinear(p, 0.0) - field(p)).abs() < 1e-12);
+        }
+        let inside = v.grid().continuous_index(Point::new(-0.3, 0.77, 2.61));
+        assert!((v.trilinear_inside(inside).unwrap() - field(Point::new(-0.3, 0.77, 2.61))).abs() < 1e-12);
+        for outside in [[-0.1, 1.0, 1.0], [1.0, 3.0, 1.0], [1.0, 1.0, f64::NAN]] {
+            assert_eq!(v.trilinear_inside(outside), None);
         }
         let half = v.trilinear(Point::new(-1.25, 0.0, 2.0), 0.0);
         assert!((half - 0.5 * field(Point::new(-1.0, 0.0, 2.0))).abs() < 1e-12);

@@ -9,7 +9,7 @@
 //! Masses look at voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes, whose sum over the
 //! path is the mass removed (FORCE_MODEL section 8, row 3).
 
-use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
+use bonemill_geometry::{Grid, Point, Volume, Work, cancel, trilinear};
 use bonemill_imaging::Scene;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -320,14 +320,7 @@ impl Cell {
     /// Trilinear interpolation.
     fn interpolate(&self, values: &[f32]) -> f64 {
         let v = self.steps.map(|step| f64::from(values[self.first + step]));
-        let [fx, fy, fz] = self.fraction;
-        let along_x = |n: usize| v[n] + (v[n + 1] - v[n]) * fx;
-        let along_y = |n: usize| {
-            let (a, b) = (along_x(n), along_x(n + 2));
-            a + (b - a) * fy
-        };
-        let (a, b) = (along_y(0), along_y(4));
-        a + (b - a) * fz
+        trilinear(&v, self.fraction)
     }
 }
 

@@ -13,57 +13,25 @@ pub struct SphereSampler<'a, T, F: Frame> {
     /// Continuous index of the centre, and what a unit normal adds to it.
     center: Vector3<f64>,
     index_from_normal: Matrix3<f64>,
-    /// Steps in memory along j and k.
-    strides: [usize; 2],
 }
 
 impl<'a, T: Copy + Into<f64>, F: Frame> SphereSampler<'a, T, F> {
     /// Looks from `center` at the sphere of `radius_mm` (the burr's radius plus the sampling offset).
     pub fn new(volume: &'a Volume<T, F>, center: Point<F>, radius_mm: f64) -> Self {
-        let (grid, [nx, ny, _]) = (volume.grid(), volume.grid().dims());
+        let grid = volume.grid();
         let per_mm = Matrix3::from_diagonal(&grid.spacing_mm().map(|s| radius_mm / s));
         Self {
             volume,
             center: grid.continuous_index(center).into(),
             index_from_normal: per_mm * grid.axes().transpose(),
-            strides: [nx, nx * ny],
         }
     }
 
     /// Density in the direction of a unit normal in `F`; voxels outside the volume count as 0.
     #[inline]
     pub fn at(&self, normal: &Vector3<f64>) -> f64 {
-        let index = self.center + self.index_from_normal * normal;
-        self.inside(&index).unwrap_or_else(|| self.volume.trilinear_at(index.into(), 0.0))
-    }
-
-    /// Interpolation among eight voxels of the volume, if it has them.
-    #[inline]
-    fn inside(&self, index: &Vector3<f64>) -> Option<f64> {
-        // truncation is the floor of what is not negative; a negative or NaN coordinate is refused first
-        if !(index.x >= 0.0 && index.y >= 0.0 && index.z >= 0.0) {
-            return None;
-        }
-        let [i, j, k] = [index.x as usize, index.y as usize, index.z as usize];
-        let [nx, ny, nz] = self.volume.grid().dims();
-        if i >= nx - 1 || j >= ny - 1 || k >= nz - 1 {
-            return None;
-        }
-        let [fx, fy, fz] = [index.x - i as f64, index.y - j as f64, index.z - k as f64];
-        let [sy, sz] = self.strides;
-        // one slice that ends with the farthest of the eight, so that one check serves all
-        let start = i + sy * j + sz * k;
-        let cell = self.volume.data().get(start..start + sz + sy + 2)?;
-        let along_x = |at: usize| {
-            let (a, b): (f64, f64) = (cell[at].into(), cell[at + 1].into());
-            a + (b - a) * fx
-        };
-        let along_y = |at: usize| {
-            let (a, b) = (along_x(at), along_x(at + sy));
-            a + (b - a) * fy
-        };
-        let (a, b) = (along_y(0), along_y(sz));
-        Some(a + (b - a) * fz)
+        let index = (self.center + self.index_from_normal * normal).into();
+        self.volume.trilinear_inside(index).unwrap_or_else(|| self.volume.trilinear_at(index, 0.0))
     }
 }
 

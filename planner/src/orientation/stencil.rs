@@ -61,7 +61,7 @@ impl Stencil {
     }
 
     /// The value at angle `n` from those at the nodes.
-    pub fn at(&self, n: usize, at_nodes: &[Vector3<f64>]) -> Vector3<f64> {
+    fn at(&self, n: usize, at_nodes: &[Vector3<f64>]) -> Vector3<f64> {
         self.weights[n].iter().fold(Vector3::zeros(), |sum, (place, w)| sum + at_nodes[*place] * *w)
     }
 }

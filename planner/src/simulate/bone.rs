@@ -158,35 +158,9 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
     /// Trilinear density at a continuous index, g/cm³; 0 outside the array.
     #[inline]
     pub(super) fn density_at(&self, index: &Vector3<f64>) -> f64 {
-        self.interpolated(index)
-            .unwrap_or_else(|| self.density_g_cm3.trilinear_at((*index).into(), 0.0).max(0.0))
-    }
-
-    /// Interpolation among eight voxels of the array, if it has them.
-    #[inline]
-    fn interpolated(&self, index: &Vector3<f64>) -> Option<f64> {
-        let [nx, ny, nz] = self.grid().dims();
-        // false for NaN, too; truncation is the floor of what is not negative
-        let inside = |v: f64, n: usize| v >= 0.0 && v < (n - 1) as f64;
-        if !(inside(index.x, nx) && inside(index.y, ny) && inside(index.z, nz)) {
-            return None;
-        }
-        let [i, j, k] = [index.x as usize, index.y as usize, index.z as usize];
-        let (sy, sz) = (nx, nx * ny);
-        let start = i + sy * j + sz * k;
-        // one slice that ends with the farthest of the eight, so that one check serves all
-        let cell = self.density_g_cm3.data().get(start..start + sz + sy + 2)?;
-        let [fx, fy, fz] = [index.x - i as f64, index.y - j as f64, index.z - k as f64];
-        let along_x = |at: usize| {
-            let (a, b): (f64, f64) = (cell[at].into(), cell[at + 1].into());
-            a + (b - a) * fx
-        };
-        let along_y = |at: usize| {
-            let (a, b) = (along_x(at), along_x(at + sy));
-            a + (b - a) * fy
-        };
-        let (a, b) = (along_y(0), along_y(sz));
-        Some(a + (b - a) * fz)
+        let index = (*index).into();
+        let inside = self.density_g_cm3.trilinear_inside(index);
+        inside.unwrap_or_else(|| self.density_g_cm3.trilinear_at(index, 0.0).max(0.0))
     }
 
     /// Density and kind of the voxel nearest to a continuous index; `None` outside and where nothing is solid.

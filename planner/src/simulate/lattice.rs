@@ -15,7 +15,7 @@
 //! Depths are cut off at ±[`FAR`] cells. A brick is unknown until a burr comes near, then empty of solid cells,
 //! intact, cut (and stored) or gone (and forgotten): memory is that of the cut surface.
 
-use bonemill_geometry::{Point, Work};
+use bonemill_geometry::{Point, Work, trilinear};
 use nalgebra::Vector3;
 
 use super::bone::{Amount, Bone, Kind};
@@ -173,7 +173,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         };
         // a tube bends across two of three directions, half of each in the mean
         let bent: f32 = u.iter().map(|u| u * (1.0 - u)).sum::<f32>() * (self.bend / 6.0) as f32;
-        let depth = f64::from(lerp(&corners, u) - bent);
+        let depth = f64::from(trilinear(&corners, u) - bent);
         let half = half_mm / self.spacing_mm();
         if depth >= half {
             return 1.0;
@@ -226,7 +226,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         match self.around(cell) {
             Around::Bone => FAR,
             Around::Gone => -FAR,
-            Around::Cut(corners, u) => lerp(&corners, u),
+            Around::Cut(corners, u) => trilinear(&corners, u),
         }
     }
 
@@ -397,18 +397,6 @@ pub(super) fn share(depth: f64, half: f64, sin: f64, doubt: f64) -> f64 {
 pub(super) fn crossing(gradient: &Vector3<f64>, normal: &Vector3<f64>) -> f64 {
     let squared = gradient.norm_squared().max(1e-12);
     (1.0 - gradient.dot(normal).powi(2) / squared).max(0.0).sqrt()
-}
-
-/// Trilinear interpolation.
-#[inline]
-fn lerp(v: &[f32; 8], [fx, fy, fz]: [f32; 3]) -> f32 {
-    let along_x = |n: usize| v[n] + (v[n + 1] - v[n]) * fx;
-    let along_y = |n: usize| {
-        let (a, b) = (along_x(n), along_x(n + 2));
-        a + (b - a) * fy
-    };
-    let (a, b) = (along_y(0), along_y(4));
-    a + (b - a) * fz
 }
 
 /// Gradient of the trilinear interpolation.
