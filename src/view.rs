@@ -11,7 +11,7 @@ use bonemill_geometry::{Point, Work};
 use bonemill_planner::Progress;
 use bonemill_planner::plan::{StoredPlan, Waypoint};
 use bonemill_planner::show::{
-    self, ARROW_MM_PER_N, Moment, PAINTS, PLANES, STRUCTURE_COLOURS, Show, Surface,
+    self, ARROW_MM_PER_N, Moment, PAINTS, PLANES, STRUCTURE_COLOURS, Show, Slice, Surface,
 };
 use bonemill_robot::JointKind;
 use rerun::blueprint::{
@@ -74,13 +74,14 @@ fn draw(stream: &RecordingStream, show: &Show, progress: &dyn Progress) -> anyho
     path(stream, show)?;
     let moments = show.moments(MOTION_MOMENTS)?;
     motion(stream, show, &moments)?;
-    let step = moments.len().div_ceil(SLICE_MOMENTS).max(1);
-    let last = moments.len().saturating_sub(1);
-    for (n, moment) in moments.iter().enumerate().filter(|(n, _)| n % step == 0 || *n == last) {
-        stream.set_duration_secs(TIME, moment.time_s);
-        target(stream, show, moment)?;
-        slices(stream, show, moment)?;
-        progress.advance(n, moments.len());
+    let frames = show.frames(&moments, SLICE_MOMENTS);
+    progress.stage("write drawing");
+    let count = frames.len();
+    for (n, frame) in frames.into_iter().enumerate() {
+        stream.set_duration_secs(TIME, frame.time_s);
+        stream.log("scene/target", &mesh(frame.target, BONE_COLOUR, 150))?; // the path shows through
+        slices(stream, show, frame.slices)?;
+        progress.advance(n, count);
     }
     stream.reset_time();
     plots(stream, plan, &moments)?;
@@ -258,19 +259,10 @@ fn motion(stream: &RecordingStream, show: &Show, moments: &[Moment]) -> anyhow::
     Ok(())
 }
 
-/// What is still there of the target; the path shows through.
-fn target(stream: &RecordingStream, show: &Show, moment: &Moment) -> anyhow::Result<()> {
-    let left = mesh(show.target(Some(moment.waypoint as u32)), BONE_COLOUR, 150);
-    stream.log("scene/target", &left)?;
-    Ok(())
-}
-
 /// The slices through the burr, with target and structures over them and the burr's outline.
-fn slices(stream: &RecordingStream, show: &Show, moment: &Moment) -> anyhow::Result<()> {
-    let burr = Point::from_coords(moment.tool.translation_mm);
+fn slices(stream: &RecordingStream, show: &Show, drawn: [(Slice, [f32; 2]); 3]) -> anyhow::Result<()> {
     let radius = (show.plan().record.case.burr.radius_mm / show.pixel_mm()) as f32;
-    for (plane, name) in PLANES.iter().zip(SLICE_NAMES) {
-        let slice = show.slice(plane, burr, moment.waypoint as u32);
+    for ((slice, [x, y]), name) in drawn.into_iter().zip(SLICE_NAMES) {
         let size = [slice.width as u32, slice.height as u32];
         stream.log(format!("slices/{name}/ct"), &rerun::Image::from_l8(slice.grey, size))?;
         let format = rerun::components::ImageFormat::from(rerun::datatypes::ImageFormat::segmentation(
@@ -279,7 +271,6 @@ fn slices(stream: &RecordingStream, show: &Show, moment: &Moment) -> anyhow::Res
         ));
         let labels = rerun::SegmentationImage::new(slice.code, format).with_opacity(0.35);
         stream.log(format!("slices/{name}/labels"), &labels)?;
-        let [x, y] = show.pixel(plane, burr);
         let circle = (0..=48).map(|n| {
             let (sin, cos) = (n as f32 / 48.0 * std::f32::consts::TAU).sin_cos();
             [x + radius * cos, y + radius * sin]

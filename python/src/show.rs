@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use bonemill_geometry::{Point, Work};
 use bonemill_planner::plan::{PlanFileError, Refused, StoredPlan};
-use bonemill_planner::show::{self as rust, Moment, PAINTS, PLANES, STRUCTURE_COLOURS, Show, Slice, Surface};
+use bonemill_planner::show::{
+    self as rust, Frame, Moment, PAINTS, PLANES, STRUCTURE_COLOURS, Show, Slice, Surface,
+};
 use bonemill_robot::{JointKind, RobotError};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2};
@@ -25,13 +27,6 @@ struct Drawn {
     shank: Vec<(f64, f64)>,
     radius_mm: f64,
     joints: Vec<(String, &'static str)>,
-}
-
-/// One moment at which target and slices are drawn anew.
-struct Frame {
-    time_s: f64,
-    target: Surface,
-    slices: Vec<(Slice, [f32; 2])>,
 }
 
 /// Why a plan cannot be drawn.
@@ -77,16 +72,7 @@ fn draw(show: &Show, motion: usize, frames: usize) -> Result<Drawn, Failed> {
         structures.push((structure.name.clone(), tint, surface(show.structure(n))?, surface(show.shell(n))?));
     }
     let moments = show.moments(motion).map_err(Failed::Robot)?;
-    let step = moments.len().div_ceil(frames.max(1)).max(1);
-    let last = moments.len().saturating_sub(1);
-    let frame = |m: &Moment| {
-        let burr: Point<Work> = Point::from_coords(m.tool.translation_mm);
-        let index = m.waypoint as u32;
-        let slices = PLANES.iter().map(|p| (show.slice(p, burr, index), show.pixel(p, burr))).collect();
-        Frame { time_s: m.time_s, target: show.target(Some(index)), slices }
-    };
-    let chosen = moments.iter().enumerate().filter(|(n, _)| n % step == 0 || *n == last);
-    let frames = chosen.map(|(_, m)| frame(m)).collect();
+    let frames = show.frames(&moments, frames);
     let kind = |k| if k == JointKind::Prismatic { "mm" } else { "rad" };
     let drawn_paints = PAINTS.iter().filter(|p| p.range(plan).is_some());
     Ok(Drawn {

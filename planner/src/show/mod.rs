@@ -5,6 +5,7 @@
 //! kinematics: what is drawn is what would be executed. Nothing here judges or computes forces.
 
 mod colour;
+mod frame;
 mod motion;
 mod paint;
 mod slice;
@@ -15,6 +16,7 @@ use bonemill_imaging::{Class, Scene};
 use rayon::prelude::*;
 
 pub use colour::{STRUCTURE_COLOURS, scale_colour};
+pub use frame::Frame;
 pub use motion::Moment;
 pub use paint::{ARROW_MM_PER_N, PAINTS, Paint};
 pub use slice::{PLANES, Plane, Slice};

@@ -83,4 +83,16 @@ fn what_is_drawn_is_what_the_plan_does() {
         assert!(m.links.last().unwrap().distance_mm(&burr) < 1e-9 && m.links.len() == 5);
     }
     assert!(moments.iter().any(|m| m.force_n.is_some()));
+
+    // frames are the surfaces and slices of their moments, first and last among them
+    let frames = show.frames(&moments, 10);
+    assert!((10..=12).contains(&frames.len()) && frames.windows(2).all(|f| f[0].time_s < f[1].time_s));
+    for (frame, moment) in
+        [(&frames[0], &moments[0]), (&frames[frames.len() - 1], &moments[moments.len() - 1])]
+    {
+        let burr = Point::<Work>::from_coords(moment.tool.translation_mm);
+        assert_eq!(frame.time_s, moment.time_s);
+        assert_eq!(frame.target, show.target(Some(moment.waypoint as u32)));
+        assert_eq!(frame.slices[1].0, show.slice(&PLANES[1], burr, moment.waypoint as u32));
+    }
 }
