@@ -29,7 +29,7 @@ const NEIGHBOURHOOD_MM: f64 = 0.5;
 /// Half of the sum of a patch's sides is at most this share of the burr's radius.
 const LARGEST_PATCH: f64 = 0.1;
 /// Slabs of the grid in which masses are summed apart; fixed, so that sums do not depend on the number of threads.
-const SLABS: usize = 16;
+const SLABS: usize = 6;
 
 /// A straight piece of the path: moves `first..=last`.
 #[derive(Debug, Clone, Copy)]

@@ -30,6 +30,7 @@ pub mod speed;
 pub mod sweep;
 pub mod uncertainty;
 pub mod verify;
+pub mod voxels;
 
 pub use pipeline::{Plan, PlanError, plan};
 pub use progress::Progress;

@@ -90,12 +90,31 @@ struct Capsule {
     length_squared: f64,
     radius_squared: f64,
     radius: f64,
+    /// What every row needs, divided once: 1/|d|², 1/d.x, the quadratic coefficient 1 − d.x²/|d|² and its inverse.
+    per_length_squared: f64,
+    per_along_x: f64,
+    quadratic: f64,
+    per_quadratic: f64,
 }
 
 impl Capsule {
     fn new(a: Vector3<f64>, b: Vector3<f64>, radius: f64) -> Self {
         let along = b - a;
-        Self { a, b, along, length_squared: along.norm_squared(), radius_squared: radius * radius, radius }
+        let length_squared = along.norm_squared();
+        let per_length_squared = 1.0 / length_squared;
+        let quadratic = 1.0 - along.x * along.x * per_length_squared;
+        Self {
+            a,
+            b,
+            along,
+            length_squared,
+            radius_squared: radius * radius,
+            radius,
+            per_length_squared,
+            per_along_x: 1.0 / along.x,
+            quadratic,
+            per_quadratic: 1.0 / quadratic,
+        }
     }
 
     /// Rows along `axis` that the capsule can meet.
@@ -140,25 +159,24 @@ impl Capsule {
             }
             (f64::NEG_INFINITY, f64::INFINITY)
         } else {
-            let (s0, s1) = (-side / d.x, (self.length_squared - side) / d.x);
+            let (s0, s1) = (-side * self.per_along_x, (self.length_squared - side) * self.per_along_x);
             (s0.min(s1), s0.max(s1))
         };
-        let quadratic = 1.0 - d.x * d.x / self.length_squared;
-        let half_linear = -d.x * side / self.length_squared;
-        let constant = wy * wy + wz * wz - side * side / self.length_squared - self.radius_squared;
-        if quadratic < 1e-12 {
+        let half_linear = -d.x * side * self.per_length_squared;
+        let constant = wy * wy + wz * wz - side * side * self.per_length_squared - self.radius_squared;
+        if self.quadratic < 1e-12 {
             // along the row: inside or outside as a whole
             if constant > 0.0 {
                 return None;
             }
         } else {
-            let discriminant = half_linear * half_linear - quadratic * constant;
+            let discriminant = half_linear * half_linear - self.quadratic * constant;
             if discriminant < 0.0 {
                 return None;
             }
             let root = discriminant.sqrt();
-            lo = lo.max((-half_linear - root) / quadratic);
-            hi = hi.min((-half_linear + root) / quadratic);
+            lo = lo.max((-half_linear - root) * self.per_quadratic);
+            hi = hi.min((-half_linear + root) * self.per_quadratic);
         }
         (lo <= hi).then_some((self.a.x + lo, self.a.x + hi))
     }

@@ -3,9 +3,12 @@
 use bonemill_geometry::{Point, Work};
 use bonemill_imaging::Class;
 
-use super::{MillPath, MoveKind, Pass, PathPoint, PathSpacing, search};
+use super::search::Search;
+use super::{MillPath, MoveKind, Pass, PathPoint, PathSpacing};
 use crate::removal::RemovalTime;
 use crate::space::BurrSpace;
+use crate::sweep::Rows;
+use crate::voxels::VoxelSet;
 
 /// Waypoints of a link are this many cutting steps apart.
 const LINK_STEPS: f64 = 4.0;
@@ -24,6 +27,12 @@ pub struct Builder<'a> {
     points: Vec<PathPoint>,
     passes: Vec<Pass>,
     removal: RemovalTime,
+    search: Search,
+    rows: Rows,
+    /// Material, and reachable target, that is still there.
+    material: VoxelSet,
+    reachable: VoxelSet,
+    /// How many reachable ones are.
     left: usize,
     unjoined: usize,
     /// The pass and its point that the burr is on its way to.
@@ -33,13 +42,18 @@ pub struct Builder<'a> {
 impl<'a> Builder<'a> {
     /// An empty path.
     pub fn new(space: &'a BurrSpace<'a>, spacing: PathSpacing) -> Self {
+        let (class, reachable) = (space.scene().class.data(), space.reachable());
         Self {
             space,
             spacing,
             points: Vec::new(),
             passes: Vec::new(),
             removal: RemovalTime::new(space.grid()),
-            left: space.reachable().iter().filter(|r| **r).count(),
+            search: Search::new(space.grid().len()),
+            rows: space.rows(),
+            material: VoxelSet::of(class.len(), |voxel| class[voxel].is(Class::MATERIAL)),
+            reachable: VoxelSet::of(reachable.len(), |voxel| reachable[voxel]),
+            left: reachable.iter().filter(|r| **r).count(),
             unjoined: 0,
             heading: (0, 0),
         }
@@ -55,14 +69,14 @@ impl<'a> Builder<'a> {
         self.spacing
     }
 
-    /// What is removed so far.
-    pub fn removal(&self) -> &RemovalTime {
-        &self.removal
-    }
-
     /// Reachable target voxels that are still there.
     pub fn left(&self) -> usize {
         self.left
+    }
+
+    /// Whether a reachable target voxel is still there.
+    pub fn is_left(&self, voxel: usize) -> bool {
+        self.reachable.contains(voxel)
     }
 
     /// Where the burr stands.
@@ -70,16 +84,14 @@ impl<'a> Builder<'a> {
         self.points.last().map(|p| p.position)
     }
 
-    /// Reachable target voxels that the burr at `p` would remove, counted up to `enough`.
+    /// Reachable target voxels that the burr at `p` would remove, counted up to about `enough`.
     pub fn gain(&self, p: Point<Work>, enough: usize) -> usize {
-        let reachable = self.space.reachable();
-        self.removal.would_remove(p, p, self.space.radius_mm(), enough, |v| reachable[v])
+        self.reachable.count_within(&self.rows, [p, p], self.space.radius_mm(), enough)
     }
 
     /// Whether the move a–b removes no material.
     pub fn is_free(&self, a: Point<Work>, b: Point<Work>) -> bool {
-        let class = self.space.scene().class.data();
-        self.removal.would_remove(a, b, self.space.radius_mm(), 1, |v| class[v].is(Class::MATERIAL)) == 0
+        self.material.count_within(&self.rows, [a, b], self.space.radius_mm(), 1) == 0
     }
 
     /// Joins `pass` to the path and cuts it. Returns false, and changes nothing, when no link leads there.
@@ -124,7 +136,10 @@ impl<'a> Builder<'a> {
         if let Some(entry) = self.retract_to(pass) {
             return Some(entry);
         }
-        for p in search::way(self, from, first)? {
+        let mut search = std::mem::take(&mut self.search);
+        let way = search.way(self, from, first);
+        self.search = search;
+        for p in way? {
             let here = self.points[self.points.len() - 1].position;
             if self.is_free(here, p) {
                 self.travel_to(p, MoveKind::Link, layer);
@@ -251,9 +266,10 @@ impl<'a> Builder<'a> {
     fn push(&mut self, position: Point<Work>, kind: MoveKind, layer: u32) {
         let from = self.position().unwrap_or(position);
         let index = self.points.len() as u32;
-        let (reachable, left) = (self.space.reachable(), &mut self.left);
-        self.removal.sweep(from, position, self.space.radius_mm(), index, |voxel| {
-            *left -= usize::from(reachable[voxel]);
+        let Self { removal, material, reachable, left, .. } = self;
+        removal.sweep(from, position, self.space.radius_mm(), index, |voxel| {
+            material.remove(voxel);
+            *left -= usize::from(reachable.remove(voxel));
         });
         self.points.push(PathPoint { position, kind, layer, leads_to: self.heading });
     }

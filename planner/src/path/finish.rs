@@ -5,11 +5,10 @@
 //! and jumps when nothing near is left. Gains are kept up to date as voxels go; a voxel is subtracted once from each
 //! node in its ball, so the whole costs as much as the first count.
 
-use std::ops::ControlFlow;
-
 use bonemill_geometry::{Point, Work};
 
 use super::{Builder, Pass};
+use crate::voxels::VoxelSet;
 
 /// A node is worth a visit when at least this share of a full ball's volume would go (at least two voxels).
 const WORTH_SHARE: f64 = 0.001;
@@ -34,7 +33,7 @@ pub(super) fn finish(builder: &mut Builder, layer: u32) {
         if !builder.add(Pass { layer, points }) || builder.left() == before {
             gains.strike(start);
         }
-        gains.update(builder);
+        gains.settle(builder);
     }
 }
 
@@ -42,10 +41,16 @@ struct Gains {
     gain: Vec<u32>,
     /// Starts that led nowhere: never tried again.
     struck: Vec<bool>,
-    /// Reachable voxels that were there at the last update.
+    /// Nodes that may be worth a visit, in order: gains never grow.
+    starts: Vec<usize>,
+    /// Reachable voxels that were there at the last settling.
     left: Vec<usize>,
+    /// Those of them that the walk has not taken, and those that it has.
+    there: VoxelSet,
+    taken: Vec<usize>,
     worth: u32,
     offsets: Vec<[i64; 3]>,
+    ball: BallRows,
 }
 
 impl Gains {
@@ -67,16 +72,19 @@ impl Gains {
         let mut gains = Self {
             gain: vec![0; grid.len()],
             struck: vec![false; grid.len()],
-            left: (0..grid.len())
-                .filter(|n| builder.space().reachable()[*n] && !builder.removal().is_removed(*n))
-                .collect(),
+            starts: Vec::new(),
+            left: (0..grid.len()).filter(|n| builder.is_left(*n)).collect(),
+            there: VoxelSet::of(grid.len(), |n| builder.is_left(n)),
+            taken: Vec::new(),
             worth: ((WORTH_SHARE * ball_voxels) as u32).max(2),
             offsets,
+            ball: BallRows::new(grid.dims(), builder.space().radius_mm() / grid.spacing_mm().x),
         };
         for n in 0..gains.left.len() {
             let voxel = gains.left[n];
             gains.add(builder, voxel, 1);
         }
+        gains.starts = (0..grid.len()).filter(|n| gains.is_worth(*n)).collect();
         gains
     }
 
@@ -87,27 +95,27 @@ impl Gains {
 
     /// `sign` to the gain of every connected node whose ball holds `voxel`.
     fn add(&mut self, builder: &Builder, voxel: usize, sign: i32) {
-        let space = builder.space();
-        let center = self.center(builder, voxel);
-        let gain = &mut self.gain;
-        let _ = space.rows().within_ball(center, space.radius_mm(), |run| {
-            for node in run {
-                if space.connected()[node] {
-                    gain[node] = gain[node].wrapping_add_signed(sign);
-                }
+        let connected = builder.space().connected();
+        for run in self.ball.around(voxel) {
+            for (gain, is_node) in self.gain[run.clone()].iter_mut().zip(&connected[run]) {
+                *gain = gain.wrapping_add_signed(sign * i32::from(*is_node));
             }
-            ControlFlow::Continue(())
-        });
+        }
     }
 
-    /// Subtracts what went since the last update.
-    fn update(&mut self, builder: &Builder) {
-        let left = std::mem::take(&mut self.left);
-        for voxel in left {
-            if builder.removal().is_removed(voxel) {
-                self.add(builder, voxel, -1);
-            } else {
+    /// Brings the gains up to what the builder has really removed.
+    fn settle(&mut self, builder: &Builder) {
+        for voxel in std::mem::take(&mut self.taken) {
+            if builder.is_left(voxel) {
+                self.there.insert(voxel);
+                self.add(builder, voxel, 1);
+            }
+        }
+        for voxel in std::mem::take(&mut self.left) {
+            if builder.is_left(voxel) {
                 self.left.push(voxel);
+            } else if self.there.remove(voxel) {
+                self.add(builder, voxel, -1);
             }
         }
     }
@@ -122,17 +130,20 @@ impl Gains {
     }
 
     /// The worthwhile node with the best gain less the cost of travelling there.
-    fn best_start(&self, builder: &Builder) -> Option<usize> {
+    fn best_start(&mut self, builder: &Builder) -> Option<usize> {
+        let mut starts = std::mem::take(&mut self.starts);
+        starts.retain(|node| self.is_worth(*node));
+        self.starts = starts;
         let from = builder.position();
         let value = |node: usize| {
             let travel = from.map_or(0.0, |p| p.distance_mm(&self.center(builder, node)));
             f64::from(self.gain[node]) - TRAVEL_COST * travel
         };
         let mut best: Option<(f64, usize)> = None;
-        for node in (0..self.gain.len()).filter(|n| self.is_worth(*n)) {
-            let v = value(node);
+        for node in &self.starts {
+            let v = value(*node);
             if best.is_none_or(|(b, _)| v > b) {
-                best = Some((v, node));
+                best = Some((v, *node));
             }
         }
         best.map(|(_, node)| node)
@@ -140,14 +151,13 @@ impl Gains {
 
     /// Nodes from `start` on, each the best per millimetre among those near the last, as long as one is worth it.
     ///
-    /// The gain of voxels that the walk itself takes is counted once, by a scratch copy of the nearby gains.
+    /// What the walk would take is taken from the gains, until [`Gains::settle`].
     fn walk(&mut self, builder: &Builder, start: usize) -> Vec<usize> {
         let space = builder.space();
         let grid = space.grid();
         let dims = grid.dims().map(|d| d as i64);
-        let mut taken = std::collections::HashSet::new();
         let mut nodes = vec![start];
-        self.take(builder, start, &mut taken);
+        self.take(builder, start);
         // bounded: each further node takes at least `worth` voxels
         loop {
             let here = nodes[nodes.len() - 1];
@@ -175,28 +185,71 @@ impl Gains {
                 }
             }
             let Some((_, node)) = best else { break };
-            self.take(builder, node, &mut taken);
+            self.take(builder, node);
             nodes.push(node);
-        }
-        // the builder's own removal decides what really went: give the gains back, `update` takes them again
-        for voxel in taken {
-            self.add(builder, voxel, 1);
         }
         nodes
     }
 
-    /// Removes from the gains what a ball at `node` takes.
-    fn take(&mut self, builder: &Builder, node: usize, taken: &mut std::collections::HashSet<usize>) {
-        let space = builder.space();
-        let mut here = Vec::new();
-        let _ = space.rows().within_ball(self.center(builder, node), space.radius_mm(), |run| {
-            here.extend(run.filter(|v| space.reachable()[*v] && !builder.removal().is_removed(*v)));
-            ControlFlow::Continue(())
-        });
-        for voxel in here {
-            if taken.insert(voxel) {
-                self.add(builder, voxel, -1);
-            }
+    /// Takes what a ball at `node` would remove.
+    fn take(&mut self, builder: &Builder, node: usize) {
+        let first = self.taken.len();
+        for run in self.ball.around(node) {
+            self.there.take(run, |voxel| self.taken.push(voxel));
+        }
+        for n in first..self.taken.len() {
+            let voxel = self.taken[n];
+            self.add(builder, voxel, -1);
+        }
+    }
+}
+
+/// The rows of a ball about a voxel's centre.
+struct BallRows {
+    dims: [usize; 3],
+    /// Rows away along y and z, and how many voxels the ball reaches to either side.
+    rows: Vec<([i64; 2], usize)>,
+}
+
+impl BallRows {
+    fn new(dims: [usize; 3], radius_voxels: f64) -> Self {
+        let reach = radius_voxels.floor() as i64;
+        let half = |j: i64, k: i64| {
+            let squared = radius_voxels * radius_voxels - (j * j + k * k) as f64;
+            (squared >= 0.0).then(|| squared.sqrt() as usize)
+        };
+        let all = (-reach..=reach).flat_map(|k| (-reach..=reach).map(move |j| [j, k]));
+        Self { dims, rows: all.filter_map(|[j, k]| Some(([j, k], half(j, k)?))).collect() }
+    }
+
+    /// Its runs about `voxel`, as far as they lie in the grid.
+    fn around(&self, voxel: usize) -> impl Iterator<Item = std::ops::Range<usize>> + use<'_> {
+        let [nx, ny, nz] = self.dims;
+        let (i, j, k) = (voxel % nx, (voxel / nx % ny) as i64, (voxel / (nx * ny)) as i64);
+        self.rows.iter().filter_map(move |([dj, dk], half)| {
+            let (j, k) = (j + dj, k + dk);
+            let is_in = (0..ny as i64).contains(&j) && (0..nz as i64).contains(&k);
+            let row = is_in.then(|| nx * (j as usize + ny * k as usize))?;
+            Some(row + i.saturating_sub(*half)..row + (i + half + 1).min(nx))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rows_of_a_ball_are_the_voxels_within_its_radius() {
+        let dims = [9usize, 8, 7];
+        for (radius, center) in [(2.7f64, [4usize, 4, 3]), (3.0, [0, 7, 2]), (0.4, [8, 0, 6])] {
+            let at = |n: usize| [n % 9, n / 9 % 8, n / 72];
+            let index = center[0] + 9 * (center[1] + 8 * center[2]);
+            let found: Vec<usize> = BallRows::new(dims, radius).around(index).flatten().collect();
+            let squared =
+                |n: usize| -> f64 { (0..3).map(|a| (at(n)[a] as f64 - center[a] as f64).powi(2)).sum() };
+            let expected: Vec<usize> = (0..504).filter(|n| squared(*n) <= radius * radius).collect();
+            assert_eq!(found, expected);
         }
     }
 }

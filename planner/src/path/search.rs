@@ -4,11 +4,12 @@
 //! made only where there is no free way of reasonable length.
 
 use std::cmp::Ordering;
-use std::collections::{BinaryHeap, HashMap};
+use std::collections::BinaryHeap;
 
 use bonemill_geometry::{Point, Work};
 
 use super::Builder;
+use crate::voxels::VoxelSet;
 
 /// A millimetre through material counts as this many through free space.
 const CUT_COST: f64 = 6.0;
@@ -40,48 +41,107 @@ impl Ord for Open {
     }
 }
 
-/// Positions from `from` (left out) to `to` (last), each move clear; `None` when there is no way.
-pub(super) fn way(builder: &Builder, from: Point<Work>, to: Point<Work>) -> Option<Vec<Point<Work>>> {
-    let space = builder.space();
-    let grid = space.grid();
-    let (start, goal) = (node_at(builder, from)?, node_at(builder, to)?);
-    let center = |node: usize| grid.center(grid.voxel(node));
-    let left = |node: usize| HASTE * center(node).distance_mm(&center(goal));
-    let mut cost = HashMap::from([(start, 0.0)]);
-    let mut came_from = HashMap::new();
-    let mut free = HashMap::new();
-    let mut open = BinaryHeap::from([Open { estimate: left(start), node: start }]);
-    while let Some(Open { node, estimate }) = open.pop() {
-        if free.len() > MOST_NODES {
-            return None;
-        }
-        if node == goal {
-            let mut nodes = vec![node];
-            while let Some(previous) = came_from.get(&nodes[nodes.len() - 1]) {
-                nodes.push(*previous);
-            }
-            nodes.reverse();
-            return Some(straightened(builder, from, nodes.into_iter().map(center).chain([to])));
-        }
-        let here = cost[&node];
-        if estimate > here + left(node) + 1e-9 {
-            continue; // an older, dearer entry
-        }
-        for next in neighbours(grid.dims(), grid.voxel(node)).map(|v| grid.index(v)) {
-            if !space.connected()[next] {
-                continue;
-            }
-            let is_free = *free.entry(next).or_insert_with(|| builder.is_free(center(next), center(next)));
-            let step = center(node).distance_mm(&center(next));
-            let through = here + step * if is_free { 1.0 } else { CUT_COST };
-            if cost.get(&next).is_none_or(|known| through < known - 1e-12) {
-                cost.insert(next, through);
-                came_from.insert(next, node);
-                open.push(Open { estimate: through + left(next), node: next });
-            }
-        }
+/// A node that a search has looked at.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    node: usize,
+    /// Of the way to it.
+    cost: f64,
+    /// Where that came from, as a place in the list; the start's is its own.
+    from: u32,
+    is_free: bool,
+}
+
+/// Searches on one grid, one after the other.
+#[derive(Debug, Default)]
+pub(super) struct Search {
+    /// Nodes at which the ball was once found to cut nothing: it never does again.
+    free: VoxelSet,
+    /// Place of a node in `seen`, plus 1; 0 where it is not.
+    place: Vec<u32>,
+    seen: Vec<Seen>,
+}
+
+impl Search {
+    /// On a grid of `len` nodes.
+    pub(super) fn new(len: usize) -> Self {
+        Self { free: VoxelSet::of(len, |_| false), place: vec![0; len], seen: Vec::new() }
     }
-    None
+
+    /// Positions from `from` (left out) to `to` (last), each move clear; `None` when there is no way.
+    pub(super) fn way(
+        &mut self,
+        builder: &Builder,
+        from: Point<Work>,
+        to: Point<Work>,
+    ) -> Option<Vec<Point<Work>>> {
+        let (start, goal) = (node_at(builder, from)?, node_at(builder, to)?);
+        let nodes = self.nodes(builder, start, goal);
+        for seen in self.seen.drain(..) {
+            self.place[seen.node] = 0;
+        }
+        let grid = builder.space().grid();
+        let centers = nodes?.into_iter().map(|node| grid.center(grid.voxel(node)));
+        Some(straightened(builder, from, centers.chain([to])))
+    }
+
+    /// The cheapest nodes from `start` to `goal`, both included.
+    fn nodes(&mut self, builder: &Builder, start: usize, goal: usize) -> Option<Vec<usize>> {
+        let space = builder.space();
+        let grid = space.grid();
+        let center = |node: usize| grid.center(grid.voxel(node));
+        let left = |node: usize| HASTE * center(node).distance_mm(&center(goal));
+        self.see(Seen { node: start, cost: 0.0, from: 0, is_free: true });
+        let mut open = BinaryHeap::from([Open { estimate: left(start), node: start }]);
+        while let Some(Open { node, estimate }) = open.pop() {
+            if self.seen.len() > MOST_NODES {
+                return None;
+            }
+            let mut here = self.place[node] as usize - 1;
+            if node == goal {
+                let mut nodes = vec![node];
+                while here != 0 {
+                    here = self.seen[here].from as usize;
+                    nodes.push(self.seen[here].node);
+                }
+                nodes.reverse();
+                return Some(nodes);
+            }
+            let cost = self.seen[here].cost;
+            if estimate > cost + left(node) + 1e-9 {
+                continue; // an older, dearer entry
+            }
+            for next in neighbours(grid.dims(), grid.voxel(node)).map(|v| grid.index(v)) {
+                if !space.connected()[next] {
+                    continue;
+                }
+                let place = match self.place[next] {
+                    0 => {
+                        let is_free = self.free.contains(next) || builder.is_free(center(next), center(next));
+                        if is_free {
+                            self.free.insert(next);
+                        }
+                        self.see(Seen { node: next, cost: f64::INFINITY, from: 0, is_free })
+                    }
+                    place => place as usize - 1,
+                };
+                let seen = &mut self.seen[place];
+                let step = center(node).distance_mm(&center(next));
+                let through = cost + step * if seen.is_free { 1.0 } else { CUT_COST };
+                if through < seen.cost - 1e-12 {
+                    (seen.cost, seen.from) = (through, here as u32);
+                    open.push(Open { estimate: through + left(next), node: next });
+                }
+            }
+        }
+        None
+    }
+
+    fn see(&mut self, seen: Seen) -> usize {
+        self.seen.push(seen);
+        self.place[seen.node] = self.seen.len() as u32;
+        self.seen.len() - 1
+    }
 }
 
 /// A connected node next to `p`, from which a straight clear move leads to it.
