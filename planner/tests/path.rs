@@ -7,7 +7,7 @@ use bonemill_geometry::{Ct, Grid, Point, Volume, Work};
 use bonemill_imaging::DensityTable;
 use bonemill_imaging::scene::{Class, Scene, SceneSpec, TargetShape, build_scene};
 use bonemill_planner::engagement::mass_increments;
-use bonemill_planner::path::{MillPath, MoveKind, PathSpacing, RasterFrame, lay_path};
+use bonemill_planner::path::{MillPath, MoveKind, Pass, PathSpacing, RasterFrame, join_passes, lay_path};
 use bonemill_planner::removal::NEVER;
 use bonemill_planner::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
 use nalgebra::Vector3;
@@ -63,6 +63,41 @@ fn scene() -> Scene {
         shank_radius_mm: 6.0,
     })
     .unwrap()
+}
+
+/// From under a ledge the burr goes back the way it came: straight up, the shank would have to be in the bone above.
+#[test]
+fn the_burr_leaves_from_under_a_ledge_as_it_went_in() {
+    let scene = scene();
+    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let work_from_ct = scene.ct_from_work.inverse();
+    let at = |voxel: [f64; 3]| work_from_ct * (FIRST + Vector3::from(voxel) * SPACING_MM);
+    let under = Pass {
+        layer: 0,
+        points: vec![at([15.0, 19.0, 22.0]), at([15.0, 19.0, 18.5]), at([22.0, 19.0, 18.5])],
+        put_off: false,
+    };
+    let next = Pass { layer: 1, points: vec![at([20.0, 16.0, 22.0])], put_off: false };
+    let path = join_passes(&space, SPACING, vec![under, next], 2);
+    assert_eq!(path.passes.len(), 2);
+    let end = path.points.iter().rposition(|p| p.leads_to.0 == 0).unwrap();
+    assert!(path.points[end].position.distance_mm(&at([22.0, 19.0, 18.5])) < 1e-9);
+    // out and over to the next pass, and out at the end: only its plunge cuts
+    let cuts: Vec<_> = (0..scene.class.data().len())
+        .filter(|n| scene.class.data()[*n].is(Class::MATERIAL) && path.removal.time()[*n] != NEVER)
+        .map(|n| path.removal.time()[n] as usize)
+        .filter(|move_| *move_ > end)
+        .collect();
+    let arrival = path
+        .points
+        .iter()
+        .position(|p| p.leads_to.0 == 1 && p.position.distance_mm(&at([20.0, 16.0, 22.0])) < 1e-9);
+    let above = path.points[end..arrival.unwrap()].iter().map(|p| p.position.z()).fold(f64::MIN, f64::max);
+    assert!(above > at([0.0, 0.0, 22.0]).z());
+    assert!(
+        !cuts.is_empty() && cuts.iter().all(|m| path.points[*m].position.z() > at([0.0, 0.0, 21.0]).z()),
+        "{cuts:?}"
+    );
 }
 
 fn path(space: &BurrSpace) -> MillPath {

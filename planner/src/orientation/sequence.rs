@@ -114,7 +114,7 @@ pub fn best_sequence(problem: &Problem) -> Found {
     let mut edges = 0;
     for i in 0..waypoints {
         cancel::poll();
-        let alive = if i == 0 { layer.start() } else { layer.advance(i, &mut came_from, &mut edges) };
+        let alive = if i == 0 { layer.start(0) } else { layer.advance(i, &mut came_from, &mut edges) };
         if !alive {
             return Found::Blocked(i);
         }
@@ -127,6 +127,25 @@ pub fn best_sequence(problem: &Problem) -> Found {
         here = usize::from(problem.directions.fan(here).node[usize::from(came_from[i * count + here])]);
     }
     Found::Sequence { directions, total, edges }
+}
+
+/// The waypoints that no sequence gets to from the one before, if whatever follows such a one starts anew; none exactly
+/// where there is a sequence through all.
+pub fn blocked_waypoints(problem: &Problem) -> Vec<usize> {
+    let waypoints = problem.free.len();
+    let mut came_from = vec![0u8; waypoints * problem.directions.len()];
+    let mut layer = Layer::new(problem);
+    let mut edges = 0;
+    let mut blocked = Vec::new();
+    let mut alive = false;
+    for i in 0..waypoints {
+        cancel::poll();
+        alive = if alive { layer.advance(i, &mut came_from, &mut edges) } else { layer.start(i) };
+        if !alive {
+            blocked.push(i);
+        }
+    }
+    blocked
 }
 
 /// The least cost of getting to each direction of one waypoint.
@@ -154,13 +173,14 @@ impl<'a> Layer<'a> {
         }
     }
 
-    /// The first waypoint; whether it has a free direction.
-    fn start(&mut self) -> bool {
-        for n in self.problem.free.iter(0) {
+    /// Waypoint i as the first; whether it has a free direction.
+    fn start(&mut self, i: usize) -> bool {
+        self.best.fill(f64::INFINITY);
+        for n in self.problem.free.iter(i) {
             let tilt = tilt_rad(&self.problem.directions.axes()[n]);
-            self.best[n] = self.problem.own(0, n) + UPRIGHT * tilt;
+            self.best[n] = self.problem.own(i, n) + UPRIGHT * tilt;
         }
-        self.problem.free.count(0) > 0
+        self.problem.free.count(i) > 0
     }
 
     /// From waypoint i − 1 to i; whether any direction is reached.

@@ -16,6 +16,8 @@ const LINK_STEPS: f64 = 4.0;
 const ADJACENT_STEPOVERS: f64 = 1.6;
 /// Waypoints that the burr may go back before it retracts.
 const BACK_OUT: usize = 40;
+/// A retract may take cusps along, up to this share of a ball: more is a ledge, which the shank would meet first.
+const CUSPS_SHARE: f64 = 0.02;
 /// Heights tried for a retract, mm apart.
 const RETRACT_STEP_MM: f64 = 0.5;
 
@@ -97,8 +99,9 @@ impl<'a> Builder<'a> {
     /// Joins `pass` to the path and cuts it. Returns false, and changes nothing, when no link leads there.
     pub fn add(&mut self, pass: Pass) -> bool {
         let number = self.passes.len() as u32;
-        self.heading = (number, 0);
+        let before = std::mem::replace(&mut self.heading, (number, 0));
         let Some(entry) = self.enter(&pass) else {
+            self.heading = before;
             self.unjoined += 1;
             return false;
         };
@@ -152,15 +155,11 @@ impl<'a> Builder<'a> {
 
     /// Out of the bone along the approach and into `pass` at its first point with nothing above it.
     fn retract_to(&mut self, pass: &Pass) -> Option<usize> {
-        let last = self.points.len().checked_sub(1)?;
-        let mut came_by: Vec<_> =
-            (last.saturating_sub(BACK_OUT)..=last).rev().map(|n| self.points[n].position).collect();
-        let back = came_by.iter().position(|p| self.is_open_above(*p))?;
+        let back = self.way_back()?;
         let entry = pass.points.iter().position(|p| self.is_open_above(*p))?;
-        let (from, to) = (came_by[back], pass.points[entry]);
+        let (from, to) = (*back.last()?, pass.points[entry]);
         let height = self.crossing_height(from, to)?;
-        came_by.truncate(back + 1);
-        for p in came_by.into_iter().skip(1) {
+        for p in back.into_iter().skip(1) {
             self.travel_to(p, MoveKind::Link, pass.layer);
         }
         self.lift_or_plunge(Point::new(from.x(), from.y(), height), pass.layer);
@@ -169,9 +168,30 @@ impl<'a> Builder<'a> {
         Some(entry)
     }
 
-    /// Whether the burr can leave straight along the approach; it may take cusps along on its way.
+    /// Where the burr stands, and from there the way that it came by, back to a place from which it can leave: from under
+    /// a ledge it goes out as it went in. Where there is none, one from which only bone of the target is in the way.
+    fn way_back(&self) -> Option<Vec<Point<Work>>> {
+        let last = self.points.len().checked_sub(1)?;
+        let came_by = (last.saturating_sub(BACK_OUT)..=last).rev().map(|n| self.points[n].position);
+        let is_open = |p: &Point<Work>| self.is_open_above(*p);
+        let back = came_by
+            .clone()
+            .position(|p| is_open(&p) && self.takes_cusps_only(p))
+            .or_else(|| came_by.clone().position(|p| is_open(&p)))?;
+        Some(came_by.take(back + 1).collect())
+    }
+
+    /// Whether bone that is to stay, or a structure, is nowhere in the way straight along the approach.
     fn is_open_above(&self, p: Point<Work>) -> bool {
         self.is_way_clear(p, self.above(p))
+    }
+
+    /// Whether next to nothing is above the burr.
+    fn takes_cusps_only(&self, p: Point<Work>) -> bool {
+        let radius = self.space.radius_mm();
+        let cusps = CUSPS_SHARE * 4.19 * radius.powi(3) / self.space.grid().voxel_mm3();
+        let most = cusps as usize + 1;
+        self.material.count_within(&self.rows, [p, self.above(p)], radius, most) < most
     }
 
     /// The lowest height at which the way across is clear and free.
@@ -186,11 +206,11 @@ impl<'a> Builder<'a> {
 
     /// Ends with a retract and hands the path out.
     pub fn into_path(mut self, layers: u32) -> MillPath {
-        if let Some(end) = self.points.last().copied() {
-            let top = self.above(end.position);
-            if self.is_open_above(end.position) {
-                self.lift_or_plunge(top, end.layer);
+        if let Some((back, end)) = self.way_back().zip(self.points.last().copied()) {
+            for p in &back[1..] {
+                self.travel_to(*p, MoveKind::Link, end.layer);
             }
+            self.lift_or_plunge(self.above(back[back.len() - 1]), end.layer);
         }
         let Self { points, passes, removal, unjoined, .. } = self;
         MillPath { points, removal, passes, unjoined, layers }

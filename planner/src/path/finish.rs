@@ -30,7 +30,7 @@ pub(super) fn finish(builder: &mut Builder, layer: u32) {
         let nodes = gains.walk(builder, start);
         let before = builder.left();
         let points = nodes.iter().map(|n| gains.center(builder, *n)).collect();
-        if !builder.add(Pass { layer, points }) || builder.left() == before {
+        if !builder.add(Pass { layer, points, put_off: false }) || builder.left() == before {
             gains.strike(start);
         }
         gains.settle(builder);

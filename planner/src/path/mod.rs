@@ -74,6 +74,8 @@ pub struct Pass {
     pub layer: u32,
     /// Positions of the burr's centre, at least one.
     pub points: Vec<Point<Work>>,
+    /// Whether the shank could not get there where the pass belonged.
+    pub put_off: bool,
 }
 
 /// Lengths that shape the path, mm.
@@ -117,30 +119,59 @@ pub fn lay_rough(space: &BurrSpace, spacing: PathSpacing, frame: &RasterFrame) -
     builder.into_path(layers)
 }
 
-/// What is left of the passes without some of their points: passes fall apart where points are missing.
-pub fn without_points(passes: &[Pass], dropped: &HashSet<(u32, u32)>) -> Vec<Pass> {
-    let mut left = Vec::new();
+/// The passes without some of their points: passes fall apart where points are missing. These come again at the end, as
+/// layer `layer`, when more of the bone is gone; those that are there for the second time are left out.
+pub fn put_off_points(passes: &[Pass], points: &HashSet<(u32, u32)>, layer: u32) -> Vec<Pass> {
+    let (mut kept, mut put_off) = (Vec::new(), Vec::new());
     for (pass, number) in passes.iter().zip(0u32..) {
-        let mut points = Vec::new();
-        for (point, n) in pass.points.iter().zip(0u32..) {
-            if !dropped.contains(&(number, n)) {
-                points.push(*point);
-            } else if !points.is_empty() {
-                left.push(Pass { layer: pass.layer, points: std::mem::take(&mut points) });
+        let is_out = |n: &u32| points.contains(&(number, *n));
+        let numbers: Vec<u32> = (0..pass.points.len() as u32).collect();
+        for run in numbers.chunk_by(|a, b| is_out(a) == is_out(b)) {
+            let points = run.iter().map(|n| pass.points[*n as usize]).collect();
+            if !is_out(&run[0]) {
+                kept.push(Pass { points, ..*pass });
+            } else if !pass.put_off {
+                put_off.push(Pass { layer, points, put_off: true });
             }
         }
-        if !points.is_empty() {
-            left.push(Pass { layer: pass.layer, points });
-        }
     }
-    left
+    kept.extend(put_off);
+    kept
 }
 
-/// The same passes, or what is left of them, joined anew.
+/// Passes, joined anew. One that was put off is left out where nothing is left to take.
 pub fn join_passes(space: &BurrSpace, spacing: PathSpacing, passes: Vec<Pass>, layers: u32) -> MillPath {
     let mut builder = Builder::new(space, spacing);
     for pass in passes {
-        builder.add(pass);
+        if !pass.put_off || pass.points.iter().any(|p| builder.gain(*p, 1) > 0) {
+            builder.add(pass);
+        }
     }
     builder.into_path(layers)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_are_put_off_once() {
+        let at = |n: u32| Point::new(f64::from(n), 0.0, 0.0);
+        let pass = |layer, points: &[u32], put_off| Pass {
+            layer,
+            points: points.iter().map(|n| at(*n)).collect(),
+            put_off,
+        };
+        let passes = [pass(0, &[0, 1, 2, 3, 4], false), pass(1, &[5, 6], false), pass(2, &[7, 8, 9], true)];
+        let blocked = HashSet::from([(0, 1), (0, 2), (1, 0), (1, 1), (2, 1)]);
+        let expected = [
+            pass(0, &[0], false),
+            pass(0, &[3, 4], false),
+            pass(2, &[7], true),
+            pass(2, &[9], true),
+            pass(2, &[1, 2], true),
+            pass(2, &[5, 6], true),
+        ];
+        assert_eq!(put_off_points(&passes, &blocked, 2), expected);
+    }
 }

@@ -7,6 +7,7 @@ use bonemill_robot::RobotError;
 use bonemill_robot::registration::RegistrationFault;
 use thiserror::Error;
 
+use super::reach::Unreached;
 use crate::burr::ModelError;
 use crate::case::{Case, LabelRef, Target};
 use crate::plan::PlanFileError;
@@ -76,12 +77,14 @@ pub enum PlanError {
         /// What keeps it out.
         reason: &'static str,
     },
-    /// The shank reaches no waypoint.
+    /// The shank reaches no waypoint, or not all that are left.
     #[error(
-        "the shank can reach no part of the target within a tilt of {tilt_limit_deg:.0}° from the approach: see shank, \
-         approach.direction, orientation.tilt_limit_deg and where the arm stands (robot.base_from_ct)"
+        "{why} within a tilt of {tilt_limit_deg:.0}° from the approach: see shank, approach.direction, \
+         orientation.tilt_limit_deg and where the arm stands (robot.base_from_ct)"
     )]
     NoAccess {
+        /// What it does not reach.
+        why: Unreached,
         /// The tilt limit, degrees.
         tilt_limit_deg: f64,
     },

@@ -35,6 +35,7 @@ pub use figures::{Figures, StructureFigures};
 pub use metrics::{Coverage, Volumes};
 pub use orient::Oriented;
 pub use prepared::{Chosen, Prepared, with_prepared};
+pub use reach::Unreached;
 
 use crate::Progress;
 use crate::case::Case;
@@ -98,6 +99,8 @@ pub struct Modelled {
     pub links_beyond_limit: usize,
     /// Waypoints at which the low-pass was held at a free angle.
     pub low_pass_held: usize,
+    /// Places that the shank could not get to where they belonged, and that were milled at the end.
+    pub put_off: usize,
     /// Waypoints dropped, by reason.
     pub dropped: BTreeMap<&'static str, usize>,
     /// Smallest singular value along the path, mm/s: see [`Arm::slowest_mm_s`].
@@ -221,6 +224,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         low_pass_held: oriented.low_pass_held,
         blocked_turns: oriented.blocked_turns,
         links_beyond_limit: prepared.beyond_limit,
+        put_off: prepared.reached.put_off(),
         dropped: prepared.reached.dropped.clone(),
         unjoined_passes: prepared.reached.path.unjoined,
         slowest_mm_s: motion::slowest_mm_s(&arm, &motion.resolved.q)?,

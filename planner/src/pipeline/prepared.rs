@@ -114,7 +114,7 @@ impl<'a> Prepared<'a> {
         let path = watch.run("path", || lay_path(space, spacing, &frame));
         let mut reached = watch
             .run("access", || reach::reached(scene, space, path, &spec))
-            .ok_or(PlanError::NoAccess { tilt_limit_deg: limit_rad.to_degrees() })?;
+            .map_err(|why| PlanError::NoAccess { why, tilt_limit_deg: limit_rad.to_degrees() })?;
         let points = &reached.path.points;
         let (near, moments) = watch.run("engagement", || {
             rayon::join(

@@ -1,6 +1,7 @@
-//! Waypoints that the shank cannot get to are dropped, and the rest is joined anew.
+//! Waypoints that the shank cannot get to are put off to the end, when more of the bone is gone, and dropped when it cannot
+//! get to them there either; the rest is joined anew.
 //!
-//! Dropping a waypoint leaves its bone in place, which may close another's way: the loop repeats until every waypoint
+//! Putting off a waypoint leaves its bone in place, which may close another's way: the loop repeats until every waypoint
 //! has a free angle and a sequence of angles leads through all of them.
 
 use std::collections::{BTreeMap, HashSet};
@@ -8,16 +9,17 @@ use std::collections::{BTreeMap, HashSet};
 use bonemill_geometry::{Point, Work};
 use bonemill_imaging::Scene;
 use nalgebra::Vector3;
+use thiserror::Error;
 
 use crate::access::{Access, Blocked, ShankCylinder};
-use crate::orientation::sequence::{Forbidden, Found, Problem, best_sequence};
+use crate::orientation::sequence::{self, Forbidden, Problem};
 use crate::orientation::{Directions, FreeSets, RateLimit};
-use crate::path::{MillPath, MoveKind, PathPoint, PathSpacing, join_passes, without_points};
+use crate::path::{MillPath, MoveKind, PathPoint, PathSpacing, join_passes, put_off_points};
 use crate::space::BurrSpace;
 
 use super::known::{KnownDirections, Round};
 
-/// Rounds of dropping before the planner gives up; each drops at least one waypoint, few are usual.
+/// Rounds before the planner gives up; each puts off or drops at least one waypoint, few are usual.
 const MOST_ROUNDS: usize = 30;
 
 /// A path whose every waypoint the shank can reach.
@@ -37,6 +39,13 @@ pub struct ReachedPath<'a> {
     pub dropped: BTreeMap<&'static str, usize>,
 }
 
+impl ReachedPath<'_> {
+    /// Points of passes that were put off, and then reached.
+    pub fn put_off(&self) -> usize {
+        self.path.passes.iter().filter(|pass| pass.put_off).map(|pass| pass.points.len()).sum()
+    }
+}
+
 /// What access depends on.
 #[derive(Debug, Clone, Copy)]
 pub struct ReachSpec<'a> {
@@ -52,18 +61,40 @@ pub struct ReachSpec<'a> {
     pub spacing: PathSpacing,
 }
 
-/// Drops what cannot be reached; `None` when nothing settles or nothing is left.
+/// Why there is no path that the shank can reach.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum Unreached {
+    /// Nothing is left of it.
+    #[error("the shank can reach no part of the target")]
+    Nothing,
+    /// Some waypoints are still out of reach when the planner gives up.
+    #[error(
+        "after {rounds} rounds of leaving out what the shank cannot get to, {waypoints} waypoints are still out of its reach"
+    )]
+    Unsettled {
+        /// How many.
+        waypoints: usize,
+        /// After how many rounds of dropping.
+        rounds: usize,
+    },
+}
+
+/// Puts off what cannot be reached, then drops it.
+///
+/// # Errors
+/// [`Unreached`].
 pub fn reached<'a>(
     scene: &'a Scene,
     space: &BurrSpace,
     mut path: MillPath,
     spec: &ReachSpec,
-) -> Option<ReachedPath<'a>> {
+) -> Result<ReachedPath<'a>, Unreached> {
     let mut dropped = BTreeMap::new();
     let mut before: Option<Round> = None;
+    let mut waypoints = usize::MAX;
     for _ in 0..MOST_ROUNDS {
         if path.points.is_empty() {
-            return None;
+            return Err(Unreached::Nothing);
         }
         let access = Access::new(scene, &path.removal, spec.shank, spec.shank_clearances_mm);
         let limited = limited(path.points.len(), |i| path.points[i].kind == MoveKind::Cut);
@@ -72,20 +103,33 @@ pub fn reached<'a>(
         let length_mm = lengths(&path.points);
         let blocked = blocked_waypoints(&free, &length_mm, spec);
         if blocked.is_empty() {
-            return Some(ReachedPath { path, access, free, limited, length_mm, dropped });
+            return Ok(ReachedPath { path, access, free, limited, length_mm, dropped });
         }
+        // a way between two points may be blocked at either end: where going elsewhere was of no help, it does not start there
+        let from_too = blocked.len() >= waypoints;
+        waypoints = blocked.len();
         let mut points = HashSet::new();
         for i in blocked {
-            if points.insert(path.points[i].leads_to) {
-                let why = reason(&access, i as u32, path.points[i].position, free.count(i) == 0);
-                *dropped.entry(why).or_insert(0) += 1;
+            let from = from_too.then(|| departure(&path.points, i)).flatten();
+            for point in [Some(path.points[i].leads_to), from].into_iter().flatten() {
+                if points.insert(point) && path.passes.get(point.0 as usize).is_some_and(|p| p.put_off) {
+                    let why = reason(&access, i as u32, path.points[i].position, free.count(i) == 0);
+                    *dropped.entry(why).or_insert(0) += 1;
+                }
             }
         }
-        let next = join_passes(space, spec.spacing, without_points(&path.passes, &points), path.layers);
+        let passes = put_off_points(&path.passes, &points, path.layers);
+        let next = join_passes(space, spec.spacing, passes, path.layers);
         before = Some(Round { path, free, dropped: points });
         path = next;
     }
-    None
+    Err(Unreached::Unsettled { waypoints, rounds: MOST_ROUNDS })
+}
+
+/// The point of a pass from which the burr is on its way at waypoint i.
+fn departure(points: &[PathPoint], i: usize) -> Option<(u32, u32)> {
+    let heading = points[i].leads_to;
+    points[..i].iter().rev().map(|p| p.leads_to).find(|leads_to| *leads_to != heading)
 }
 
 /// Lengths of the moves, the first 0, mm.
@@ -129,7 +173,7 @@ pub fn free_directions(
     })
 }
 
-/// Waypoints without a free direction; if there are none, the first that no sequence gets to.
+/// Waypoints without a free direction; if there are none, those that no sequence gets to.
 fn blocked_waypoints(free: &FreeSets, length_mm: &[f64], spec: &ReachSpec) -> Vec<usize> {
     let empty: Vec<usize> = (0..free.len()).filter(|i| free.count(*i) == 0).collect();
     if !empty.is_empty() {
@@ -143,10 +187,7 @@ fn blocked_waypoints(free: &FreeSets, length_mm: &[f64], spec: &ReachSpec) -> Ve
         rate: spec.rate,
         forbidden: &Forbidden::default(),
     };
-    match best_sequence(&problem) {
-        Found::Sequence { .. } => Vec::new(),
-        Found::Blocked(i) => vec![i],
-    }
+    sequence::blocked_waypoints(&problem)
 }
 
 /// Rounds of exempting grazing links before the limit is left as it was laid.

@@ -148,6 +148,7 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
         ("low_pass_held".into(), m.low_pass_held.into()),
         ("blocked_turns".into(), m.blocked_turns.into()),
         ("links_beyond_limit".into(), m.links_beyond_limit.into()),
+        ("put_off_waypoints".into(), m.put_off.into()),
         ("dropped_waypoints".into(), Value::Table(dropped)),
         ("unjoined_passes".into(), m.unjoined_passes.into()),
         ("branch".into(), usize::from(m.branch).into()),

@@ -286,6 +286,7 @@ fn modelled(plan: &Plan) -> String {
         ("CT affine".into(), escape(&plan.affines[0].to_string())),
         ("label affine".into(), escape(&plan.affines[1].to_string())),
     ];
+    rows.push(("places put off to the end, for the shank".into(), m.put_off.to_string()));
     rows.extend(m.dropped.iter().map(|(why, n)| (format!("waypoints dropped: {why}"), n.to_string())));
     let rows: String = rows.into_iter().map(|(k, v)| format!("<tr><th>{k}</th><td>{v}</td></tr>")).collect();
     format!("<div class=\"wide\"><table class=\"words\"><tbody>{rows}</tbody></table></div>")

@@ -90,8 +90,27 @@ proptest! {
             rate: RateLimit { weight_mm, most_rad_per_mm },
             forbidden: &forbidden,
         };
+        let blocked = blocked_waypoints(&problem);
         match (best_sequence(&problem), brute_force(&problem)) {
-            (Found::Blocked(_), None) => {}
+            // what is blocked is blocked from the start or from the last such waypoint on
+            (Found::Blocked(i), None) => {
+                prop_assert_eq!(blocked[0], i);
+                for pair in blocked.windows(2).filter(|pair| pair[0] + 1 < pair[1]) {
+                    let from = pair[0] + 1;
+                    let reaches = |to: usize| {
+                        let part = Problem {
+                            cost: &cost[from * k..to * k],
+                            free: &FreeSets::fill(to - from, k, |i, d| free[from + i][d]),
+                            length_mm: &length_mm[from..to],
+                            forbidden: &forbidden.from(from),
+                            ..problem
+                        };
+                        brute_force(&part).is_some()
+                    };
+                    prop_assert!(reaches(pair[1]) && !reaches(pair[1] + 1));
+                }
+            }
+            (Found::Sequence { .. }, _) if !blocked.is_empty() => prop_assert!(false, "{blocked:?}"),
             (Found::Sequence { directions, total, .. }, Some(expected)) => {
                 let sequence: Vec<usize> = directions.iter().map(|d| usize::from(*d)).collect();
                 let own = total_of(&problem, &sequence);
@@ -101,6 +120,14 @@ proptest! {
             }
             (found, expected) => prop_assert!(false, "{found:?} {expected:?}"),
         }
+    }
+}
+
+impl Forbidden {
+    /// As seen from waypoint `first` on.
+    fn from(&self, first: usize) -> Self {
+        let later = self.0.iter().filter(|(i, _)| **i as usize > first);
+        Self(later.map(|(i, turns)| (i - first as u32, turns.clone())).collect())
     }
 }
 
