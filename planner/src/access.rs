@@ -14,7 +14,8 @@
 //!
 //! A ball at a cylinder's flat front reaches out of it: back into the burr's own cut, or from the handpiece down to the
 //! skull. Where only that part of a march is blocked, the front is looked at again: voxel by voxel for the first
-//! cylinder, with balls of the first cylinder's radius for the others.
+//! cylinder, with balls of the first cylinder's radius for the others. A voxel whose centre lies before the front may
+//! reach past it by half its diagonal: one that still stands after the move is in the way, too.
 
 mod field;
 
@@ -214,10 +215,13 @@ impl<'a> Access<'a> {
     ) -> Option<Blocked> {
         let mut found = None;
         let grid = self.scene.class.grid();
+        let hidden_mm = 0.5 * grid.diagonal_mm();
         let _ = self.rows.within_capsule(center + axis * from_mm, end, radius_mm, |run| {
             for voxel in run.filter(|v| self.latest.value[*v] >= index as f32) {
                 let at_mm = (grid.center(grid.voxel(voxel)) - center).dot(axis);
-                if at_mm >= from_mm {
+                // what the burr takes in this very move lies before the front, but for its corners
+                let is_before = at_mm < from_mm;
+                if !is_before || at_mm >= from_mm - hidden_mm && self.latest.value[voxel] > index as f32 {
                     found = Some(Blocked::by(self.latest.value[voxel], at_mm));
                     return ControlFlow::Break(());
                 }

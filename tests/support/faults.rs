@@ -396,28 +396,58 @@ pub const ALL: &[Fault] = &[
     },
     Fault {
         name: "a larger removed volume claimed",
-        plant: |p| p.record.metrics.removed_mm3 *= 1.05,
+        plant: |p| p.record.metrics.removed_mm3 *= 1.01,
         caught_by: &["figures/removed_mm3"],
     },
     Fault {
         name: "a smaller target claimed",
-        plant: |p| p.record.metrics.target_mm3 *= 0.95,
+        plant: |p| p.record.metrics.target_mm3 *= 0.99,
         caught_by: &["figures/target_mm3"],
     },
     Fault {
         name: "less to reach claimed",
-        plant: |p| p.record.metrics.reachable_mm3 *= 0.9,
+        plant: |p| p.record.metrics.reachable_mm3 *= 0.99,
         caught_by: &["figures/reachable_mm3"],
     },
     Fault {
         name: "more material claimed",
-        plant: |p| p.record.metrics.removed_material_mm3 *= 1.1,
+        plant: |p| p.record.metrics.removed_material_mm3 *= 1.01,
         caught_by: &["figures/removed_material_mm3"],
     },
     Fault {
         name: "more bone claimed",
-        plant: |p| p.record.metrics.removed_bone_mm3 *= 1.1,
+        plant: |p| p.record.metrics.removed_bone_mm3 *= 1.01,
         caught_by: &["figures/removed_bone_mm3"],
+    },
+    Fault {
+        name: "less of the reachable bone claimed",
+        plant: |p| {
+            let entry = p.record.metrics.more.iter_mut().find(|(k, _)| k == "reachable").unwrap();
+            let Value::Table(entries) = &mut entry.1 else { unreachable!() };
+            let bone = entries.iter_mut().find(|(k, _)| k == "bone_mm3").unwrap();
+            if let Value::Number(v) = &mut bone.1 {
+                *v *= 0.999;
+            }
+        },
+        caught_by: &["figures/reachable.bone_mm3"],
+    },
+    Fault {
+        name: "a target twice as large, and all of it removed",
+        plant: |p| {
+            p.record.metrics.target_mm3 *= 2.0;
+            p.record.metrics.removed_mm3 *= 2.0;
+        },
+        caught_by: &["figures on a finer lattice/target_mm3", "figures on a finer lattice/removed_mm3"],
+    },
+    Fault {
+        name: "a planning grid that leaves out a part of the target",
+        plant: |p| p.record.grid.dims[1] -= 12,
+        caught_by: &["planning grid around the target", "figures/target_mm3"],
+    },
+    Fault {
+        name: "a planning grid that lies otherwise",
+        plant: |p| p.record.grid.turn_rad += 0.05,
+        caught_by: &["figures/target_mm3"],
     },
     Fault {
         name: "a shorter time claimed",

@@ -29,8 +29,7 @@ pub struct RandomBody {
     pub tilt_deg: u8,
     /// Turn of the scan about three axes in tenths of a radian.
     pub turn: [u8; 3],
-    /// CT voxel along each axis in quarters of a millimetre: the planner's grid fits them, since label boxes that no grid
-    /// line meets have no volume to a percent on it.
+    /// CT voxel along each axis in quarters of a millimetre, which the planner's grid fits.
     pub voxel: [u8; 3],
 }
 
@@ -140,27 +139,12 @@ impl RandomBody {
 /// Why a random body may be refused.
 const REASONS: [&str; 3] = ["can reach no voxel", "touches structure", "empty"];
 
-/// Checks that compare volumes on two lattices. Bodies of some 5 to 140 mm³ at voxels of a quarter of a millimetre may fail
-/// them for being small; such a plan is refused by `verify`, and counted apart here.
-const COARSE: [&str; 3] = ["figures", "mass", "coverage"];
-
-/// How a body ended, in a word.
-fn word(end: &End) -> &'static str {
-    match end {
-        End::Faulty(names, _) if names.iter().all(|name| COARSE.contains(name)) => {
-            "too coarse for its figures"
-        }
-        _ => end.word(),
-    }
-}
-
 /// Whether a body may end so.
 pub(super) fn ended_well(end: &End) -> bool {
     match end {
         End::Verified | End::FallsShort(_) => true,
         End::Refused(why) => REASONS.iter().any(|reason| why.contains(reason)),
-        End::Faulty(names, _) => names.iter().all(|name| COARSE.contains(name)),
-        End::Broken(_) => false,
+        End::Faulty(..) | End::Broken(_) => false,
     }
 }
 
@@ -186,8 +170,8 @@ pub fn random_scenes(count: u64, progress: &dyn Progress) -> Table {
         ends.extend(portion.par_iter().map(run_one).collect::<Vec<_>>());
         progress.advance(ends.len(), count as usize);
     }
-    for told in ["verified", "fell short", "refused", "too coarse for its figures", "FAULTY", "BROKEN"] {
-        let of_word: Vec<_> = ends.iter().filter(|(_, end)| word(end) == told).collect();
+    for told in ["verified", "fell short", "refused", "FAULTY", "BROKEN"] {
+        let of_word: Vec<_> = ends.iter().filter(|(_, end)| end.word() == told).collect();
         if let Some((n, end)) = of_word.first() {
             let example = format!("body {n}: {}", end.reason().replace('\n', "; ").replace('|', "/"));
             table.push(vec![told.into(), of_word.len().to_string(), example]);

@@ -66,8 +66,13 @@ fn bounds(case: &Case) -> Vec<Bound> {
         },
     ];
     if let Some(first) = case.shank.first() {
-        let of = "burr.radius_mm: a shank thicker than the burr cannot follow it into the bone";
-        bounds.push(at_most("shank.segments", first.radius_mm, r, of, Unit::Mm));
+        let (limit, of) = if first.radius_mm > r {
+            (r, "burr.radius_mm: a shank thicker than the burr cannot follow it into the bone")
+        } else {
+            let room = "burr.radius_mm less half of grid.spacing_mm: a voxel hides so much bone beside the burr's slot";
+            (r - 0.5 * case.grid.spacing_mm, room)
+        };
+        bounds.push(at_most("shank.segments", first.radius_mm, limit, of, Unit::Mm));
     }
     if speed.mode == SpeedMode::Constant {
         let key = "speed.nominal_mm_s";

@@ -184,7 +184,14 @@ const REFUSALS: &[(&str, &[&str])] = &[
     ("[path]\nstep_mm = 3\n", &["`path.step_mm` = 3 mm: expected at most 2.5 mm"]),
     ("[grid]\nspacing_mm = 2\n", &["`grid.spacing_mm` = 2 mm: expected at most 1.25 mm"]),
     ("[burr]\nneck_radius_mm = 2.5\n", &["`burr.neck_radius_mm` = 2.5 mm: expected below 2.5 mm"]),
-    ("[burr]\nradius_mm = 1.1\n", &["`burr.neck_radius_mm` = 1.1 mm (the default): expected below 1.1 mm"]),
+    (
+        "[burr]\nradius_mm = 1.1\n[shank]\nsegments = [[25.0, 0.8]]\n",
+        &["`burr.neck_radius_mm` = 1.1 mm (the default): expected below 1.1 mm"],
+    ),
+    (
+        "[shank]\nsegments = [[25.0, 2.4]]\n",
+        &["`shank.segments` = 2.4 mm: expected at most 2.375 mm", "less half of grid.spacing_mm"],
+    ),
     (
         "[shank]\nsegments = [[25, 2.6]]\n",
         &["`shank.segments` = 2.6 mm: expected at most 2.5 mm", "thicker than the burr"],

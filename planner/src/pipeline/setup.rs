@@ -57,7 +57,8 @@ pub fn shank(case: &Case) -> Vec<ShankCylinder> {
 }
 
 /// The shank that access keeps free: wider by half a voxel's diagonal, since a voxel may hold bone up to there.
-/// Never wider than the burr for that alone: behind a burr in its own slot nothing wider fits.
+/// Never so wide for that alone that less than half a voxel is left in the burr's own slot; a case whose shank is so wide by
+/// itself is refused.
 pub fn planned_shank(case: &Case) -> Vec<ShankCylinder> {
     let widened = |radius_mm: f64| {
         let wide_mm = radius_mm + 0.5 * 3f64.sqrt() * case.grid.spacing_mm;

@@ -25,7 +25,7 @@ pub use directory::{Replace, StagedDirectory};
 pub use error::PlanFileError;
 pub use force_log::{LogRow, read_force_log};
 pub use hash::Sha256;
-pub use record::{Input, Metrics, PlanRecord, input_path};
+pub use record::{Input, Metrics, PlanRecord, PlanningGrid, input_path};
 pub use refused::{Refused, place};
 pub use save::{FILES, record, save};
 pub use simulation::{SIMULATION, save_simulation};

@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use bonemill_geometry::{Approach, Base, Ct, Rigid};
+use bonemill_geometry::{Approach, Base, Ct, Rigid, Work};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use toml::de::{DeTable, DeValue};
 
@@ -15,6 +15,9 @@ use crate::case::{Case, CaseError, as_number, line_at, rotation_from_matrix, syn
 
 /// The file's name in a plan's directory.
 pub(super) const FILE_NAME: &str = "plan.toml";
+
+/// Most voxels of a planning grid that is read back.
+const MOST_VOXELS: f64 = 1e8;
 
 /// A file that the plan was made from.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -70,6 +73,15 @@ impl Metrics {
     }
 }
 
+/// The planning grid: every stated volume is a count of its voxels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlanningGrid {
+    /// Voxels along x, y and z.
+    pub dims: [usize; 3],
+    /// How far x and y are turned about z from those of [`PlanRecord::ct_from_approach`], rad.
+    pub turn_rad: f64,
+}
+
 /// The contents of `plan.toml`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlanRecord {
@@ -86,6 +98,8 @@ pub struct PlanRecord {
     /// Where θ and φ are measured: origin at the planning grid's first voxel centre, z the approach, x and y by the basis
     /// of z. In the file it is `ct_from_work`.
     pub ct_from_approach: Rigid<Ct, Approach>,
+    /// The planning grid in that frame; its spacing is the case's.
+    pub grid: PlanningGrid,
     /// The registration that was used.
     pub base_from_ct: Rigid<Base, Ct>,
     /// Whether the case gave none, so that it was assumed.
@@ -103,6 +117,12 @@ pub struct PlanRecord {
 }
 
 impl PlanRecord {
+    /// The planning grid's frame in ct.
+    pub fn ct_from_grid(&self) -> Rigid<Ct, Work> {
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), self.grid.turn_rad);
+        self.ct_from_approach * Rigid::new(turn, Vector3::zeros())
+    }
+
     /// Writes `plan.toml` into `dir`.
     ///
     /// # Errors
@@ -151,7 +171,8 @@ impl PlanRecord {
         let mut out = format!(
             "# A plan by bonemill. The case below is resolved: every default is spelled out.\n\
              version = {}\ncase_file = {}\nwarnings = [{}]\nshortfalls = [{}]\n\n\
-             [frames]\napproach_direction = {}\nct_from_work = {}\nbase_from_ct = {}\nregistration = \"{}\"\n\
+             [frames]\napproach_direction = {}\nct_from_work = {}\n\
+             grid = {{ dims = {}, turn_rad = {:?} }}\nbase_from_ct = {}\nregistration = \"{}\"\n\
              flange_from_burr = {{ translation_mm = {}, rpy_rad = {} }}\n\n[inputs]\n",
             text(&self.version),
             text(&slashes(&self.case_file)),
@@ -159,6 +180,8 @@ impl PlanRecord {
             texts(&self.shortfalls),
             vector(&self.approach_direction),
             rigid(self.ct_from_approach.rotation.matrix(), &self.ct_from_approach.translation_mm),
+            format_args!("{:?}", self.grid.dims),
+            self.grid.turn_rad,
             rigid(self.base_from_ct.rotation.matrix(), &self.base_from_ct.translation_mm),
             if self.registration_assumed { "assumed" } else { "case" },
             list(mount_mm),
@@ -194,6 +217,7 @@ impl PlanRecord {
             inputs: reader.inputs()?,
             approach_direction: Vector3::from(reader.three("frames.approach_direction")?),
             ct_from_approach: reader.rigid("frames.ct_from_work")?,
+            grid: reader.grid()?,
             base_from_ct: reader.rigid("frames.base_from_ct")?,
             registration_assumed: match reader.text("frames.registration")?.as_str() {
                 "assumed" => true,
@@ -299,6 +323,19 @@ impl<'a, 'i> Reader<'a, 'i> {
         let rotation = self.rotation(&format!("{key}.rotation"));
         let rotation = rotation.ok_or_else(|| self.refuse(key, "a rotation, by rows"))?;
         Ok(Rigid::new(rotation, Vector3::from(self.three(&format!("{key}.translation_mm"))?)))
+    }
+
+    fn grid(&self) -> Result<PlanningGrid, PlanFileError> {
+        let dims = self.get("frames.grid.dims").and_then(three).filter(|dims| {
+            dims.iter().all(|d| *d >= 1.0 && d.fract() == 0.0) && dims.iter().product::<f64>() <= MOST_VOXELS
+        });
+        let turn_rad = self.get("frames.grid.turn_rad").and_then(as_number).filter(|v| v.is_finite());
+        Ok(PlanningGrid {
+            dims: dims
+                .ok_or_else(|| self.refuse("frames.grid.dims", "three whole numbers, at most 1e8 voxels"))?
+                .map(|d| d as usize),
+            turn_rad: turn_rad.ok_or_else(|| self.refuse("frames.grid.turn_rad", "a finite number"))?,
+        })
     }
 
     fn rotation(&self, key: &str) -> Option<Rotation3<f64>> {

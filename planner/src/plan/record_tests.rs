@@ -25,6 +25,7 @@ pub(in crate::plan) fn record(root: &Path) -> PlanRecord {
         inputs: vec![input("case.toml"), input("images/ct.nii.gz"), input("labels.nii.gz")],
         approach_direction: Vector3::new(0.6, 0.0, 0.8),
         ct_from_approach: Rigid::new(turn, Vector3::new(1.0, 2.0, 1.0 / 3.0)),
+        grid: PlanningGrid { dims: [40, 30, 20], turn_rad: -0.1 },
         base_from_ct: Rigid::new(turn.inverse(), Vector3::new(-0.5, 1e-9, 7.0)),
         registration_assumed: true,
         flange_from_burr: ([0.0, 0.0, 120.0], [0.0, 0.1, 0.2]),
@@ -129,6 +130,9 @@ fn a_damaged_record_names_the_key() {
     damage("removed_mm3 = 100.5", "removed_mm3 = \"much\"", "`metrics.removed_mm3`");
     damage("registration = \"assumed\"", "registration = \"guessed\"", "`frames.registration`");
     damage("approach_direction = [0.6, ", "approach_direction = [", "`frames.approach_direction`");
+    damage("dims = [40, 30, 20]", "dims = [40, 30, 0]", "`frames.grid.dims`");
+    damage("dims = [40, 30, 20]", "dims = [40, 30.5, 20]", "`frames.grid.dims`");
+    damage("turn_rad = -0.1", "turn_rad = inf", "`frames.grid.turn_rad`");
     damage("radius_mm = 2.5", "radius_mm = 0.0", "`case.burr.radius_mm` = 0");
     damage("[modelled]", "[modeled]", "`modelled`: expected a table");
     damage("[frames]", "[frames", "not valid TOML");

@@ -7,7 +7,9 @@ use std::path::Path;
 use bonemill_robot::JointKind;
 use bonemill_robot::export::write_trajectory_csv;
 
-use super::{Input, Metrics, PlanFileError, PlanRecord, StagedDirectory, Value, write_waypoints};
+use super::{
+    Input, Metrics, PlanFileError, PlanRecord, PlanningGrid, StagedDirectory, Value, write_waypoints,
+};
 use crate::case::Registration;
 use crate::pipeline::{Plan, Volumes};
 
@@ -52,6 +54,7 @@ pub fn record(plan: &Plan, case_file: std::path::PathBuf) -> PlanRecord {
             .collect(),
         approach_direction: plan.scene.approach,
         ct_from_approach: plan.scene.ct_from_approach(),
+        grid: PlanningGrid { dims: plan.scene.class.grid().dims(), turn_rad: plan.scene.turn_rad },
         base_from_ct: plan.base_from_ct,
         registration_assumed: plan.case.robot.base_from_ct == Registration::Assumed,
         flange_from_burr: (mount.translation_mm.into(), [roll, pitch, yaw]),

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use bonemill_geometry::{Approach, Ct, Point, Rigid, Volume};
+use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
 use bonemill_imaging::{LabelNames, read_ct, read_label_names, read_labels};
 use nalgebra::Vector3;
 
@@ -82,11 +82,6 @@ impl Anatomy {
         self.ct.trilinear(p, OUTSIDE_HU)
     }
 
-    /// HU of the voxel that holds a point; beyond the scan is air.
-    pub fn hu_of_voxel(&self, p: Point<Ct>) -> f64 {
-        self.ct.grid().nearest(p).map_or(OUTSIDE_HU, |v| f64::from(*self.ct.get(v)))
-    }
-
     /// The label of the voxel that holds a point; 0 beyond the map.
     pub fn label(&self, p: Point<Ct>) -> u16 {
         self.labels.grid().nearest(p).map_or(0, |v| *self.labels.get(v))
@@ -97,23 +92,26 @@ impl Anatomy {
         self.kept.iter().any(|k| k.label == label)
     }
 
-    /// Corners, smallest and largest, of the target's box along the approach axes, mm; `None` when the label has no voxel.
-    pub fn aim_box(&self, approach_from_ct: &Rigid<Approach, Ct>) -> Option<[Vector3<f64>; 2]> {
+    /// Corners, smallest and largest, of the target's box along work's axes, mm; `None` when the label has no voxel.
+    pub fn aim_box(&self, grid_from_ct: &Rigid<Work, Ct>) -> Option<[Vector3<f64>; 2]> {
         let mut found = Extent::default();
         match &self.aim {
             Aim::Label(label) => {
                 let grid = self.labels.grid();
                 for (n, _) in self.labels.data().iter().enumerate().filter(|(_, l)| *l == label) {
-                    found.hold((*approach_from_ct * grid.center(grid.voxel(n))).coords);
+                    found.hold((*grid_from_ct * grid.center(grid.voxel(n))).coords);
                 }
-                let turn = approach_from_ct.rotation.matrix() * grid.axes();
+                let turn = grid_from_ct.rotation.matrix() * grid.axes();
                 let half = turn.abs() * grid.spacing_mm() * 0.5;
                 found.grown(&half)
             }
             Aim::Shape(shape) => {
-                let (center, reach_mm) = ball_around(shape)?;
-                found.hold((*approach_from_ct * Point::from_coords(center)).coords);
-                found.grown(&Vector3::repeat(reach_mm))
+                for (center, half) in parts(shape, grid_from_ct) {
+                    let center = (*grid_from_ct * Point::from_coords(center)).coords;
+                    found.hold(center - half);
+                    found.hold(center + half);
+                }
+                found.grown(&Vector3::zeros())
             }
         }
     }
@@ -160,17 +158,42 @@ pub fn shape_holds(shape: &Target, p: &Vector3<f64>) -> bool {
     }
 }
 
-/// Centre and radius of a ball that holds a shape.
-fn ball_around(shape: &Target) -> Option<(Vector3<f64>, f64)> {
-    Some(match shape {
-        Target::Label(_) => return None,
-        Target::Box { min_mm, max_mm } => ((min_mm + max_mm) * 0.5, (max_mm - min_mm).norm() * 0.5),
-        Target::Ball { center_mm, radius_mm } => (*center_mm, *radius_mm),
-        Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
-            let half_mm = (to_mm - from_mm).norm() * 0.5;
-            ((from_mm + to_mm) * 0.5, half_mm.hypot(from_radius_mm.max(*to_radius_mm)))
+/// The same shape with its surface farther out by `by_mm`.
+pub fn resized(shape: &Target, by_mm: f64) -> Target {
+    let by = Vector3::repeat(by_mm);
+    match shape {
+        Target::Label(label) => Target::Label(label.clone()),
+        Target::Box { min_mm, max_mm } => Target::Box { min_mm: min_mm - by, max_mm: max_mm + by },
+        Target::Ball { center_mm, radius_mm } => {
+            Target::Ball { center_mm: *center_mm, radius_mm: radius_mm + by_mm }
         }
-    })
+        Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
+            let along = (to_mm - from_mm).normalize() * by_mm;
+            Target::Frustum {
+                from_mm: from_mm - along,
+                to_mm: to_mm + along,
+                from_radius_mm: from_radius_mm + by_mm,
+                to_radius_mm: to_radius_mm + by_mm,
+            }
+        }
+    }
+}
+
+/// Places in ct and half boxes around them along work's axes, which together have the shape's box.
+fn parts(shape: &Target, grid_from_ct: &Rigid<Work, Ct>) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+    match shape {
+        Target::Label(_) => Vec::new(),
+        Target::Box { min_mm, max_mm } => {
+            let half = grid_from_ct.rotation.matrix().abs() * (max_mm - min_mm) * 0.5;
+            vec![((min_mm + max_mm) * 0.5, half)]
+        }
+        Target::Ball { center_mm, radius_mm } => vec![(*center_mm, Vector3::repeat(*radius_mm))],
+        Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
+            let axis = grid_from_ct.rotate(&(to_mm - from_mm).normalize());
+            let disc = |radius_mm: f64| axis.map(|a| radius_mm * (1.0 - a * a).max(0.0).sqrt());
+            vec![(*from_mm, disc(*from_radius_mm)), (*to_mm, disc(*to_radius_mm))]
+        }
+    }
 }
 
 fn number(label: &LabelRef, names: Option<&LabelNames>) -> Result<u16, VerifyError> {
@@ -185,6 +208,7 @@ fn number(label: &LabelRef, names: Option<&LabelNames>) -> Result<u16, VerifyErr
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Rotation3;
 
     #[test]
     fn shapes_end_where_they_should() {
@@ -199,11 +223,25 @@ mod tests {
         };
         assert!(shape_holds(&cone, &v(2.99, 0.0, 5.0)) && !shape_holds(&cone, &v(3.01, 0.0, 5.0)));
         assert!(!shape_holds(&cone, &v(0.0, 0.0, -0.01)) && !shape_holds(&cone, &v(0.0, 0.0, 10.01)));
-        for shape in [slab, cone] {
-            let (center, reach) = ball_around(&shape).unwrap();
+        let ball = Target::Ball { center_mm: v(1.0, 0.0, 5.0), radius_mm: 3.0 };
+        let turned: Rigid<Work, Ct> = Rigid::new(Rotation3::new(v(0.3, -0.5, 0.2)), v(1.0, 2.0, 3.0));
+        for shape in [slab, cone, ball] {
+            let (smaller, larger) = (resized(&shape, -0.1), resized(&shape, 0.1));
+            let mut extent = Extent::default();
+            for (center, half) in parts(&shape, &turned) {
+                let center = (turned * Point::from_coords(center)).coords;
+                extent.hold(center - half);
+                extent.hold(center + half);
+            }
+            let [lo, hi] = extent.grown(&Vector3::zeros()).unwrap();
             for n in 0..8000 {
-                let p = v((n % 20) as f64 - 9.5, (n / 20 % 20) as f64 - 9.5, (n / 400) as f64 * 0.6);
-                assert!(!shape_holds(&shape, &p) || (p - center).norm() <= reach);
+                let p =
+                    v((n % 20) as f64 * 0.5 - 4.5, (n / 20 % 20) as f64 * 0.5 - 4.5, (n / 400) as f64 * 0.6);
+                let is_in = shape_holds(&shape, &p);
+                assert!(is_in || !shape_holds(&smaller, &p));
+                assert!(!is_in || shape_holds(&larger, &p));
+                let q = (turned * Point::from_coords(p)).coords;
+                assert!(!is_in || (0..3).all(|a| q[a] >= lo[a] - 1e-9 && q[a] <= hi[a] + 1e-9));
             }
         }
     }

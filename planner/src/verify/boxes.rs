@@ -99,12 +99,6 @@ impl<'a> Boxes<'a> {
         let (squared, q) = best;
         q.map(|q| (squared.sqrt(), Point::from_coords(grid.origin().coords + grid.axes() * q)))
     }
-
-    /// Whether `p` is nearer than `distance_mm`, and how much farther or nearer, mm: |distance − `distance_mm`|.
-    pub fn side(&self, p: Point<Ct>, distance_mm: f64) -> (bool, f64) {
-        let d = self.distance_mm(p);
-        (d < distance_mm, (d - distance_mm).abs())
-    }
 }
 
 impl Node {
@@ -227,6 +221,5 @@ mod tests {
         assert_eq!(boxes.distance_mm(labels.grid().center([3, 6, 3])), 0.0);
         assert_eq!(boxes.distance_mm(Point::new(f64::NAN, 0.0, 0.0)), 0.0);
         assert!(Boxes::new(&labels, 6).is_none());
-        assert!(boxes.side(labels.grid().at([-2.5, 6.0, 3.0]), 1.0).0);
     }
 }

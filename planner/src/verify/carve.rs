@@ -3,9 +3,11 @@
 //! A move sweeps the points within the burr's radius of its segment. Long moves are looked at in pieces, so that the
 //! boxes searched stay small; slabs of the lattice are independent, so threads change nothing.
 
-use bonemill_geometry::{Approach, Grid, cancel};
+use bonemill_geometry::{Grid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
+
+use super::voxels::{DOUBT_MM, Doubtful};
 
 /// Never reached.
 pub const NEVER: u32 = u32::MAX;
@@ -16,9 +18,9 @@ const PIECE_MM: f64 = 1.0;
 /// A straight piece of the burr's way, and the number of its move.
 #[derive(Debug, Clone, Copy)]
 pub struct Piece {
-    /// Start, mm in approach.
+    /// Start, mm in work.
     pub a: Vector3<f64>,
-    /// End, mm in approach.
+    /// End, mm in work.
     pub b: Vector3<f64>,
     /// Its move.
     pub number: u32,
@@ -50,7 +52,7 @@ pub fn pieces(points: &[Vector3<f64>]) -> Vec<Piece> {
 }
 
 /// The number of the first piece within `radius_mm` of each point of the lattice; [`NEVER`] where there is none.
-pub fn first_moves(grid: &Grid<Approach>, pieces: &[Piece], radius_mm: f64) -> Vec<u32> {
+pub fn first_moves(grid: &Grid<Work>, pieces: &[Piece], radius_mm: f64) -> Vec<u32> {
     let [nx, ny, nz] = grid.dims();
     let radius2 = radius_mm * radius_mm;
     let mut first = vec![NEVER; nx * ny * nz];
@@ -67,11 +69,33 @@ pub fn first_moves(grid: &Grid<Approach>, pieces: &[Piece], radius_mm: f64) -> V
     first
 }
 
+/// The points of a grid that the pieces sweep: those within the radius, and those so near to it that rounding decides.
+pub fn swept(grid: &Grid<Work>, pieces: &[Piece], radius_mm: f64) -> Doubtful<Vec<bool>> {
+    let [nx, ny, nz] = grid.dims();
+    let [inner2, outer2] = [radius_mm - DOUBT_MM, radius_mm + DOUBT_MM].map(|r| r * r);
+    let mut surely = vec![false; nx * ny * nz];
+    let mut possibly = surely.clone();
+    let slabs = surely.par_chunks_mut(nx * ny).zip(possibly.par_chunks_mut(nx * ny));
+    slabs.enumerate().for_each(|(k, (surely, possibly))| {
+        cancel::poll();
+        for piece in pieces {
+            for_each_near(grid, piece, radius_mm + DOUBT_MM, k, |n, p| {
+                if !surely[n] {
+                    let squared = piece.squared(p);
+                    surely[n] = squared <= inner2;
+                    possibly[n] |= squared <= outer2;
+                }
+            });
+        }
+    });
+    Doubtful { surely, possibly }
+}
+
 /// Over all points and pieces for which `is(point, move)` holds: the point that lies deepest inside the sweep: (depth mm, point, move).
 ///
 /// A point's depth is the radius less its distance from the nearest piece; only the deepest of all is found.
 pub fn deepest(
-    grid: &Grid<Approach>,
+    grid: &Grid<Work>,
     pieces: &[Piece],
     radius_mm: f64,
     is: impl Fn(usize, u32) -> bool + Sync,
@@ -103,7 +127,7 @@ pub fn deepest(
 /// Calls `visit(place in the slab, point)` for every point of slab `k` whose distance from the piece's box along the
 /// axes is within the radius: all that the piece sweeps, and few others.
 fn for_each_near(
-    grid: &Grid<Approach>,
+    grid: &Grid<Work>,
     piece: &Piece,
     radius_mm: f64,
     k: usize,
@@ -159,6 +183,24 @@ mod tests {
             let brute = (0..path.len()).find(|i| near(*i)).map_or(NEVER, |i| i as u32);
             assert_eq!(*found, brute, "point {n}");
         }
+    }
+
+    #[test]
+    fn what_is_swept_is_what_some_move_reaches_and_the_surface_is_in_doubt() {
+        let grid = Grid::aligned([20, 14, 17], 0.4, Point::new(-0.3, 0.2, 0.1)).unwrap();
+        let pieces = pieces(&path());
+        let first = first_moves(&grid, &pieces, 1.1);
+        let found = swept(&grid, &pieces, 1.1);
+        for (n, first) in first.iter().enumerate() {
+            assert!(!found.surely[n] || *first != NEVER && found.possibly[n]);
+            assert!(found.possibly[n] || *first == NEVER);
+        }
+        assert!(found.surely.iter().filter(|s| **s).count() > 200);
+        // a ball of four spacings around a point of the grid
+        let center = grid.center([9, 7, 8]).coords;
+        let found = swept(&grid, &[Piece { a: center, b: center, number: 0 }], 1.6);
+        let on_it = grid.index([13, 7, 8]);
+        assert!(!found.surely[on_it] && found.possibly[on_it]);
     }
 
     #[test]

@@ -4,7 +4,7 @@
 //! d₀ and d₁ comes no nearer than (d₀ + d₁ − L)/2; stretches that could beat the nearest place found are halved, the rest
 //! are passed over. What is reported is certain: the nearest place found less [`TOLERANCE_MM`].
 
-use bonemill_geometry::{Approach, Ct, Point, Rigid, cancel};
+use bonemill_geometry::{Ct, Point, Rigid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -25,14 +25,13 @@ pub struct Nearest {
     pub at: usize,
 }
 
-/// The least distance from a structure along the polyline through `points` (approach); `None` for no point.
+/// The least distance from a structure along the polyline through `points` (work); `None` for no point.
 pub fn nearest_along(
     boxes: &Boxes<'_>,
-    ct_from_approach: &Rigid<Ct, Approach>,
+    ct_from_grid: &Rigid<Ct, Work>,
     points: &[Vector3<f64>],
 ) -> Option<Nearest> {
-    let distance =
-        |p: &Vector3<f64>| boxes.distance_mm(*ct_from_approach * Point::<Approach>::from_coords(*p));
+    let distance = |p: &Vector3<f64>| boxes.distance_mm(*ct_from_grid * Point::<Work>::from_coords(*p));
     let starts: Vec<usize> = (0..points.len()).step_by(PORTION).collect();
     let portions: Vec<Nearest> = starts
         .into_par_iter()
@@ -114,7 +113,7 @@ mod tests {
             labels.data_mut()[n] = 4;
         }
         let boxes = Boxes::new(&labels, 4).unwrap();
-        let place: Rigid<Ct, Approach> =
+        let place: Rigid<Ct, Work> =
             Rigid::new(nalgebra::Rotation3::new(Vector3::new(0.1, 0.7, -0.3)), Vector3::new(0.5, -1.0, 2.0));
         for seed in 0..60usize {
             let coordinate = |n: usize| ((seed * 97 + n * 53) % 101) as f64 / 10.0 - 4.0;

@@ -1,82 +1,135 @@
-//! The plan's figures computed again: volumes and mass on the fine lattice, what a ball can reach by morphology, times.
+//! The plan's figures computed again: volumes on the planner's voxels, times and lengths, masses on the fine lattice.
 
-use bonemill_geometry::cancel;
-use nalgebra::Vector3;
+use bonemill_geometry::{Ct, Point, cancel};
+use bonemill_imaging::DensityTable;
 use rayon::prelude::*;
 
 use super::anatomy::Anatomy;
-use super::boxes::Boxes;
 use super::carve::NEVER;
 use super::check::{Check, Place};
-use super::lattice::{Lattice, MATERIAL, MATERIAL_VOXEL, OBSTACLE, TARGET, TARGET_BONE, TARGET_BONE_VOXEL};
+use super::lattice::{Lattice, MATERIAL, TARGET, TARGET_BONE};
 use super::moves::Moves;
-use super::{VerifyError, edt};
+use super::voxels::{Doubtful, Voxels};
 use crate::plan::{StoredPlan, Value};
 
 /// Share of the reachable volume that a plan removes, unless it says that it falls short.
 const ENOUGH: f64 = 0.99;
-/// Two lattices give a body volumes that differ by this share of it, and by this share of the layer of one voxel of the
-/// planner's around it. Chosen from two bodies: 1.5 % of the volume on one of 217 mm³ at 0.5 mm, 0.6 % on one of 4717 mm³
-/// at 0.25 mm.
-const VOLUME_SHARE: f64 = 0.003;
-const LAYER_SHARE: f64 = 0.05;
-/// The same layer's share for what a ball can reach: an opening on a lattice that lies across the scan's voxels loses more
-/// than one along them. 15 % on a bowl of 70 mm³ in an oblique scan at 0.2 mm, 10 % at 0.25 mm.
-const OPENING_SHARE: f64 = 0.2;
-/// The same for mass, which also ends there.
+/// A volume that was summed voxel by voxel may differ by this share of itself.
+const SUM_SHARE: f64 = 1e-9;
+/// Masses on two lattices differ by this share.
 const MASS_SHARE: f64 = 0.03;
 /// Runs of waypoints whose masses are compared take this share of all, and may differ by that share of theirs.
 const RUN_SHARE: f64 = 0.02;
 const RUN_MASS_SHARE: f64 = 0.2;
+/// And no less than so many of the planner's voxels of 1 g/cm³: a voxel cut from two sides gives its mass later than its
+/// points go, so that few of them say little.
+const RUN_VOXELS: f64 = 512.0;
 
-/// Volumes of the target and of what is removed of it.
-///
-/// What lies above a grey value has no one volume in a noisy scan: interpolated values are smoother than voxels, and fewer
-/// of them lie beyond a threshold. Such a figure must lie within those of both readings.
-pub fn volumes(plan: &StoredPlan, lattice: &Lattice, first: &[u32]) -> Vec<Check> {
+/// Which part of what the ball can reach is removed, and every volume that the plan states, counted on its own voxels.
+pub fn volumes(
+    plan: &StoredPlan,
+    voxels: &Voxels,
+    swept: &Doubtful<Vec<bool>>,
+    reachable: &Doubtful<Vec<bool>>,
+) -> Vec<Check> {
     let m = &plan.record.metrics;
-    let spacing_mm = plan.record.case.grid.spacing_mm;
-    let removed = |n: usize| first[n] != NEVER;
-    let removed_of = |what, said, readings: [u8; 2]| {
-        let [a, b] = readings.map(|flag| move |n: usize| lattice.is(n, flag) && removed(n));
-        same_volume(lattice, what, said, spacing_mm, LAYER_SHARE, [&a, &b])
+    let parts: [(&str, &[&Doubtful<Vec<bool>>]); 4] = [
+        ("target", &[]),
+        ("reachable", &[reachable]),
+        ("removed", &[swept]),
+        ("removed_reachable", &[swept, reachable]),
+    ];
+    let kinds = [("all_mm3", TARGET), ("material_mm3", MATERIAL), ("bone_mm3", TARGET_BONE)];
+    let mut checks = vec![
+        counted("target_mm3", Some(m.target_mm3), voxels.volume_mm3(TARGET, &[])),
+        counted("reachable_mm3", Some(m.reachable_mm3), voxels.volume_mm3(TARGET, &[reachable])),
+        counted("removed_mm3", Some(m.removed_mm3), voxels.volume_mm3(TARGET, &[swept])),
+        counted("removed_material_mm3", Some(m.removed_material_mm3), voxels.volume_mm3(MATERIAL, &[swept])),
+        counted("removed_bone_mm3", Some(m.removed_bone_mm3), voxels.volume_mm3(TARGET_BONE, &[swept])),
+    ];
+    for (part, sets) in parts {
+        for (kind, flag) in kinds {
+            let what = format!("{part}.{kind}");
+            checks.push(counted(&what, nested(plan, part, kind), voxels.volume_mm3(flag, sets)));
+        }
+    }
+    checks.push(coverage(plan, voxels, swept, reachable));
+    checks
+}
+
+/// Whether a volume that the plan states lies between the least and the largest count.
+fn counted(what: &str, said: Option<f64>, [least, most]: [f64; 2]) -> Check {
+    let off = said.map_or(f64::INFINITY, |said| (least - said).max(said - most).max(0.0));
+    let found = if least == most { format!("{most:.4}") } else { format!("{least:.4} to {most:.4}") };
+    let said = said.map_or("nothing".into(), |said| format!("{said:.4}"));
+    Check::at_most("figures", off, SUM_SHARE * (1.0 + most), "mm³")
+        .of(what)
+        .noting(format!("says {said}, counted {found}"))
+}
+
+/// Whether enough of the reachable is removed, or the plan says that it is not. What is in doubt counts for the plan.
+fn coverage(
+    plan: &StoredPlan,
+    voxels: &Voxels,
+    swept: &Doubtful<Vec<bool>>,
+    reachable: &Doubtful<Vec<bool>>,
+) -> Check {
+    let [_, removed] = voxels.volume_mm3(TARGET, &[swept, reachable]);
+    let missed = (0..voxels.grid.len()).filter(|n| reachable.surely[*n] && !swept.possibly[*n]).count();
+    let whole = removed + missed as f64 * voxels.grid.voxel_mm3();
+    let share = if whole > 0.0 { removed / whole } else { 1.0 };
+    let admitted = !plan.record.shortfalls.is_empty();
+    Check::at_least("coverage", share, if admitted { 0.0 } else { ENOUGH }, "of the reachable").noting(
+        format!(
+            "removed {removed:.1} of {whole:.1} mm³{}",
+            if admitted { "; the plan says that it falls short" } else { "" }
+        ),
+    )
+}
+
+/// How far the planner's voxels are from the fine lattice: the resolution of what the plan states.
+///
+/// A flat face lies between two planes of points along it, and the count puts it halfway between them: off by half their
+/// distance at worst. That is h along an axis and less for every other direction, and never more than the thickness of the
+/// layer of points at the face, h times the largest component of its normal. So a count is off by half its own layer at
+/// most, and two counts differ by half of both.
+pub fn resolution(
+    plan: &StoredPlan,
+    lattice: &Lattice,
+    first: &[u32],
+    voxels: &Voxels,
+    swept: &Doubtful<Vec<bool>>,
+) -> Vec<Check> {
+    let m = &plan.record.metrics;
+    let of = |what, said: f64, flag: u8, is_removed: bool| {
+        let fine = |n: usize| lattice.is(n, flag) && (!is_removed || first[n] != NEVER);
+        let planned = |n: usize| voxels.class.possibly[n] & flag != 0 && (!is_removed || swept.possibly[n]);
+        let found = lattice.count(&fine) as f64 * lattice.grid.voxel_mm3();
+        let layers = layer(lattice.grid.dims(), &fine) as f64 * lattice.grid.voxel_mm3()
+            + layer(voxels.grid.dims(), &planned) as f64 * voxels.grid.voxel_mm3();
+        Check::at_most("figures on a finer lattice", (said - found).abs(), 0.5 * layers, "mm³")
+            .of(what)
+            .noting(format!("says {said:.3}, found {found:.3} at {} mm", lattice.spacing_mm()))
     };
-    let target = |n: usize| lattice.is(n, TARGET);
     vec![
-        same_volume(lattice, "target_mm3", m.target_mm3, spacing_mm, LAYER_SHARE, [&target; 2]),
-        removed_of("removed_mm3", m.removed_mm3, [TARGET; 2]),
-        removed_of("removed_material_mm3", m.removed_material_mm3, [MATERIAL, MATERIAL_VOXEL]),
-        removed_of("removed_bone_mm3", m.removed_bone_mm3, [TARGET_BONE, TARGET_BONE_VOXEL]),
+        of("target_mm3", m.target_mm3, TARGET, false),
+        of("removed_mm3", m.removed_mm3, TARGET, true),
+        of("removed_material_mm3", m.removed_material_mm3, MATERIAL, true),
+        of("removed_bone_mm3", m.removed_bone_mm3, TARGET_BONE, true),
     ]
 }
 
-/// Whether a volume that the plan states is that of the points for which a reading holds, or between those of two.
-fn same_volume<F: Fn(usize) -> bool + Sync>(
-    lattice: &Lattice,
-    what: &str,
-    said: f64,
-    spacing_mm: f64,
-    layer_share: f64,
-    readings: [&F; 2],
-) -> Check {
-    let [holds, _] = readings;
-    let [found, other] = readings.map(|holds| lattice.count(holds) as f64 * lattice.grid.voxel_mm3());
-    let [nx, ny, nz] = lattice.grid.dims();
+/// The number of points of a body that have a neighbour of six outside it.
+fn layer([nx, ny, nz]: [usize; 3], holds: &(impl Fn(usize) -> bool + Sync)) -> usize {
     let steps = [(1, nx), (nx, ny), (nx * ny, nz)];
-    let at_surface = |n: usize| {
+    let at_surface = |n: &usize| {
         let at = [n % nx, n / nx % ny, n / (nx * ny)];
-        holds(n)
+        holds(*n)
             && steps.iter().zip(at).any(|((step, count), at)| {
                 at == 0 || at + 1 == *count || !holds(n - step) || !holds(n + step)
             })
     };
-    // points at the surface make a layer as thick as the lattice's spacing
-    let layer =
-        lattice.count(&at_surface) as f64 * lattice.grid.voxel_mm3() * spacing_mm / lattice.spacing_mm();
-    let limit = VOLUME_SHARE * found + layer_share * layer + lattice.grid.voxel_mm3();
-    let off = (found.min(other) - said).max(said - found.max(other)).max(0.0);
-    let found = if found == other { format!("{found:.3}") } else { format!("{found:.3} to {other:.3}") };
-    Check::at_most("figures", off, limit, "mm³").of(what).noting(format!("says {said:.3}, found {found}"))
+    (0..nx * ny * nz).into_par_iter().with_min_len(1 << 14).filter(at_surface).count()
 }
 
 /// Times and lengths that the plan states.
@@ -104,115 +157,43 @@ fn more(plan: &StoredPlan, key: &str) -> Option<f64> {
     }
 }
 
-/// Coverage: which part of what the ball can reach is removed, and whether the plan says the truth about it.
-///
-/// Reachable: the opening by the ball of free space and target, less clearances, connected to the outside along the
-/// approach. `lattice` is coarse and reaches above the target by more than the burr; `first` belongs to it.
-pub fn coverage(
-    plan: &StoredPlan,
-    anatomy: &Anatomy,
-    boxes: &[Option<Boxes<'_>>],
-    lattice: &Lattice,
-    first: &[u32],
-) -> Result<Vec<Check>, VerifyError> {
-    let (grid, h) = (&lattice.grid, lattice.spacing_mm());
-    let radius = plan.record.case.burr.radius_mm;
-    let class = &lattice.class;
-    let from_bone = edt::squared_voxels(grid.dims(), |n| class[n] & OBSTACLE != 0);
-    let least = ((radius / h).powi(2) - 1e-5) as f32;
-    let mut clear: Vec<bool> = from_bone.iter().map(|d| *d >= least).collect();
-    for (kept, boxes) in anatomy.kept.iter().zip(boxes) {
-        let Some(boxes) = boxes else { continue };
-        keep_away(plan, lattice, boxes, radius + kept.clearance_mm, &mut clear);
+/// A figure of a table beyond the required ones.
+fn nested(plan: &StoredPlan, table: &str, key: &str) -> Option<f64> {
+    let Value::Table(entries) = &plan.record.metrics.more.iter().find(|(k, _)| k == table)?.1 else {
+        return None;
+    };
+    match entries.iter().find(|(k, _)| k == key)?.1 {
+        Value::Number(v) => Some(v),
+        _ => None,
     }
-    let inside = connected_to_top(grid.dims(), &clear);
-    let from_centers = edt::squared_voxels(grid.dims(), |n| inside[n]);
-    let reach = ((radius / h).powi(2) + 1e-5) as f32;
-    let reachable = lattice.volume_mm3(TARGET, |n| from_centers[n] <= reach);
-    let removed = lattice.volume_mm3(TARGET, |n| from_centers[n] <= reach && first[n] != NEVER);
-    let share = if reachable > 0.0 { removed / reachable } else { 1.0 };
-    let said = plan.record.metrics.reachable_mm3;
-    let admitted = !plan.record.shortfalls.is_empty();
-    let mut covered =
-        Check::at_least("coverage", share, if admitted { 0.0 } else { ENOUGH }, "of the reachable");
-    covered = covered.noting(format!(
-        "removed {removed:.1} of {reachable:.1} mm³{}",
-        if admitted { "; the plan says that it falls short" } else { "" }
-    ));
-    let held = |n: usize| lattice.is(n, TARGET) && from_centers[n] <= reach;
-    Ok(vec![
-        covered,
-        same_volume(lattice, "reachable_mm3", said, lattice.spacing_mm(), OPENING_SHARE, [&held; 2]),
-    ])
-}
-
-/// Takes out the points nearer to a structure than `least_mm`. Along a row, the distance says how far the side cannot change.
-fn keep_away(plan: &StoredPlan, lattice: &Lattice, boxes: &Boxes<'_>, least_mm: f64, clear: &mut [bool]) {
-    let grid = &lattice.grid;
-    let ([nx, ny, _], h) = (grid.dims(), lattice.spacing_mm());
-    clear.par_chunks_mut(nx).enumerate().for_each(|(row, clear)| {
-        cancel::poll();
-        let mut i = 0;
-        while i < nx {
-            let p = plan.record.ct_from_approach * grid.center([i, row % ny, row / ny]);
-            let (nearer, by_mm) = boxes.side(p, least_mm);
-            let same = ((by_mm - 1e-9) / h).max(0.0) as usize;
-            if nearer {
-                clear[i..(i + same + 1).min(nx)].fill(false);
-            }
-            i += same + 1;
-        }
-    });
-}
-
-/// The points that a walk from face to face reaches from the highest slab.
-fn connected_to_top([nx, ny, nz]: [usize; 3], clear: &[bool]) -> Vec<bool> {
-    let slab = nx * ny;
-    let mut reached = vec![false; clear.len()];
-    let mut open: Vec<usize> = (slab * (nz - 1)..slab * nz).filter(|n| clear[*n]).collect();
-    open.iter().for_each(|n| reached[*n] = true);
-    while let Some(n) = open.pop() {
-        let (i, j, k) = (n % nx, n / nx % ny, n / slab);
-        let sides = [
-            (i > 0, n.wrapping_sub(1)),
-            (i + 1 < nx, n + 1),
-            (j > 0, n.wrapping_sub(nx)),
-            (j + 1 < ny, n + nx),
-            (k > 0, n.wrapping_sub(slab)),
-            (k + 1 < nz, n + slab),
-        ];
-        for (_, m) in sides.into_iter().filter(|(is_in, _)| *is_in) {
-            if clear[m] && !reached[m] {
-                reached[m] = true;
-                open.push(m);
-            }
-        }
-    }
-    reached
 }
 
 /// The mass column: in all, and over runs of waypoints that take a fiftieth of it each.
 ///
-/// A point of material counts for the move that first reaches it, if it lies in the ball where that move ends.
+/// What is weighed is the planner's voxels, each of its density: a point of the lattice in one of them stands for its share
+/// of it, counts for the move that first reaches it, and only if it lies in the ball where that move ends.
 pub fn masses(
     plan: &StoredPlan,
     anatomy: &Anatomy,
+    voxels: &Voxels,
     lattice: &Lattice,
     first: &[u32],
     moves: &Moves,
 ) -> Vec<Check> {
-    let found = mass_by_move(plan, anatomy, lattice, first, moves);
+    let found = mass_by_move(plan, anatomy, voxels, lattice, first, moves);
     let total: f64 = found.iter().sum();
     let said: f64 = plan.waypoints.iter().map(|w| w.mass_mg).sum();
     let note = |said: f64, found: f64| format!("says {said:.4} mg, found {found:.4} mg");
     let of = |whole: f64, said: f64, found: f64| (said - found).abs() / whole.max(1e-9);
+    // a run of a few voxels cannot be weighed by points
+    let least = (RUN_SHARE * total).max(RUN_VOXELS * voxels.grid.voxel_mm3());
     let mut worst = (0.0, 0, 0.0, 0.0);
     let mut run = (0.0, 0.0);
     for (n, (found, row)) in found.iter().zip(&plan.waypoints).enumerate() {
         run = (run.0 + row.mass_mg, run.1 + found);
-        if run.0.max(run.1) >= RUN_SHARE * total || n + 1 == plan.waypoints.len() {
+        if run.0.max(run.1) >= least || n + 1 == plan.waypoints.len() {
             // a single move can take more than that
-            let by = of(run.1.max(RUN_SHARE * total), run.0, run.1);
+            let by = of(run.1.max(least), run.0, run.1);
             if by > worst.0 {
                 worst = (by, n, run.0, run.1);
             }
@@ -220,7 +201,7 @@ pub fn masses(
         }
     }
     vec![
-        Check::at_most("mass", of(total, said, total), MASS_SHARE, "of it")
+        Check::at_most("mass", of(total.max(least), said, total), MASS_SHARE, "of it")
             .of("in all")
             .noting(note(said, total)),
         Check::at_most("mass", worst.0, RUN_MASS_SHARE, "of it")
@@ -233,23 +214,25 @@ pub fn masses(
 fn mass_by_move(
     plan: &StoredPlan,
     anatomy: &Anatomy,
+    voxels: &Voxels,
     lattice: &Lattice,
     first: &[u32],
     moves: &Moves,
 ) -> Vec<f64> {
     let grid = &lattice.grid;
-    let table = &plan.record.case.density.table;
     let radius2 = plan.record.case.burr.radius_mm.powi(2);
     let [nx, ny, nz] = grid.dims();
+    let density = densities(plan, anatomy, voxels);
     let slab = |k: usize| -> Vec<(u32, f64)> {
         cancel::poll();
         (k * nx * ny..(k + 1) * nx * ny)
-            .filter(|n| lattice.class[*n] & MATERIAL != 0 && first[*n] != NEVER)
+            .filter(|n| first[*n] != NEVER)
             .filter_map(|n| {
-                let p: Vector3<f64> = grid.center(grid.voxel(n)).coords;
+                let p = grid.center(grid.voxel(n));
                 let end = moves.points.get(first[n] as usize)?;
-                let inside = (p - end).norm_squared() <= radius2;
-                inside.then(|| (first[n], density(anatomy, table, plan, grid.center(grid.voxel(n)))))
+                let rho = density[voxels.grid.index(voxels.grid.nearest(p)?)];
+                let inside = rho > 0.0 && (p.coords - end).norm_squared() <= radius2;
+                inside.then_some((first[n], f64::from(rho)))
             })
             .collect()
     };
@@ -262,15 +245,23 @@ fn mass_by_move(
     mass
 }
 
+/// Density of the planner's voxels, g/cm³; 0 where there is no material of the target.
+fn densities(plan: &StoredPlan, anatomy: &Anatomy, voxels: &Voxels) -> Vec<f32> {
+    let table = &plan.record.case.density.table;
+    let of = |(n, class): (usize, &u8)| {
+        if class & MATERIAL == 0 {
+            return 0.0;
+        }
+        let p = voxels.ct_from_grid * voxels.grid.center(voxels.grid.voxel(n));
+        density(anatomy, table, p) as f32
+    };
+    voxels.class.possibly.par_iter().enumerate().with_min_len(1 << 12).map(of).collect()
+}
+
 /// Density of the CT's voxels around a point, interpolated, g/cm³: calibrated first, interpolated then.
-fn density(
-    anatomy: &Anatomy,
-    table: &bonemill_imaging::DensityTable,
-    plan: &StoredPlan,
-    p: bonemill_geometry::Point<bonemill_geometry::Approach>,
-) -> f64 {
+fn density(anatomy: &Anatomy, table: &DensityTable, p: Point<Ct>) -> f64 {
     let ct = &anatomy.ct;
-    let index = ct.grid().continuous_index(plan.record.ct_from_approach * p);
+    let index = ct.grid().continuous_index(p);
     let dims = ct.grid().dims();
     let base = index.map(f64::floor);
     let mut sum = 0.0;

@@ -4,7 +4,7 @@
 //! A row agrees with the polyline when some place of it has both: the burr within a distance and the shaft within an angle.
 //! The place is sought on the moves near the one of that instant, so a trajectory that leaves out a move does not agree.
 
-use bonemill_geometry::{Approach, Base, Rigid, cancel};
+use bonemill_geometry::{Base, Rigid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -154,8 +154,7 @@ impl<'a> OnMove<'a> {
 /// way by a \|q̈\| dt²/8, more than is allowed here where rows are some 0.1 s apart.
 fn clock(plan: &StoredPlan, moves: &Moves) -> Result<Check, VerifyError> {
     let rows = &plan.trajectory;
-    let approach_from_base: Rigid<Approach, Base> =
-        (plan.record.base_from_ct * plan.record.ct_from_approach).inverse();
+    let grid_from_base: Rigid<Work, Base> = (plan.record.base_from_ct * plan.record.ct_from_grid()).inverse();
     let off = |(time_s, point): (&f64, &Vector3<f64>)| -> Result<f64, VerifyError> {
         let after = rows.time_s.partition_point(|t| t < time_s).min(rows.len() - 1);
         let before = after.saturating_sub(1);
@@ -168,7 +167,7 @@ fn clock(plan: &StoredPlan, moves: &Moves) -> Result<Check, VerifyError> {
             cubic([place(before), place(after)], [velocity(before), velocity(after)], share)
         };
         let q: Vec<f64> = (0..rows.q_at(before).len()).map(joint).collect();
-        Ok(((approach_from_base * plan.arm.burr(&q)?).translation_mm - point).norm())
+        Ok(((grid_from_base * plan.arm.burr(&q)?).translation_mm - point).norm())
     };
     let off: Vec<f64> =
         moves.times_s.par_iter().zip(&moves.points).map(off).collect::<Result<_, VerifyError>>()?;

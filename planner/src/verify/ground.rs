@@ -67,7 +67,9 @@ fn links(plan: &StoredPlan, lattice: &Lattice, pieces: &[Piece], first: &[u32], 
     let spacing = plan.record.case.grid.spacing_mm;
     let unseen_mm = 0.5 * 3f64.sqrt() * spacing;
     let place = found.map(|f| Place::Waypoint(f.2 as usize));
-    let limit = LINK_SHARE * removed + spacing.powi(3);
+    // and one bite into a face that lies between two planes of its points
+    let bite = std::f64::consts::PI * (0.5 * spacing).powi(2) * radius;
+    let limit = LINK_SHARE * removed + spacing.powi(3) + bite;
     [
         Check::at_most("links in target bone", found.map_or(0.0, |f| f.0), unseen_mm, "mm deep")
             .of("depth")

@@ -1,12 +1,12 @@
 //! What stands at every point of a cubic lattice of the verifier's own: target, material, bone that must stay.
 //!
-//! Two lattices are used, both along the approach. The fine one has half the planner's spacing; gouging, links, the shank
-//! and the figures are judged on it. A coarser one, of the planner's spacing, serves to say what a ball can reach.
+//! The lattice has half the planner's spacing, so that each voxel of the planner's has eight points in it; gouging, links,
+//! masses and the shank are judged on it. Volumes are counted on the planner's voxels, and set beside the lattice's.
 //! Obstacle bone is bone outside the target without sheets that the planner's voxels may not show as thicker than the
 //! band, which are those thinner than the band and a voxel: a ball of that diameter fits into it, or it lies within a band
 //! of such a place (thick bone keeps its corners). What is left out is reported by volume.
 
-use bonemill_geometry::{Approach, Ct, Grid, Point, Rigid, cancel};
+use bonemill_geometry::{Ct, Grid, Point, Rigid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -26,19 +26,17 @@ pub const OBSTACLE: u8 = 8;
 pub const SHEET: u8 = 16;
 /// Inside a structure that is to be kept.
 pub const STRUCTURE: u8 = 32;
-/// Target whose nearest voxel of the scan is above `air_hu`: what [`MATERIAL`] would be without interpolation.
-pub const MATERIAL_VOXEL: u8 = 64;
-/// The same of [`TARGET_BONE`].
-pub const TARGET_BONE_VOXEL: u8 = 128;
 
 /// Radius of the closing that decides which air a shape encloses, mm.
 const CLOSING_MM: f64 = 4.0;
+/// A distance larger by less than this than the closing's radius is not larger, mm.
+const SAME_MM: f64 = 1e-6;
 
 /// Classes on a lattice.
 #[derive(Debug)]
 pub struct Lattice {
     /// Where the points are.
-    pub grid: Grid<Approach>,
+    pub grid: Grid<Work>,
     /// Flags per point, x-fastest.
     pub class: Vec<u8>,
 }
@@ -51,21 +49,21 @@ impl Lattice {
     pub fn new(
         anatomy: &Anatomy,
         density: &Density,
-        ct_from_approach: &Rigid<Ct, Approach>,
-        grid: Grid<Approach>,
+        ct_from_grid: &Rigid<Ct, Work>,
+        grid: Grid<Work>,
         band_mm: f64,
         planner_mm: f64,
     ) -> Result<Self, VerifyError> {
         let enclosed = match &anatomy.aim {
             Aim::Label(_) => None,
-            Aim::Shape(_) => Some(Closed::new(anatomy, density.bone_hu, ct_from_approach, &grid)?),
+            Aim::Shape(_) => Some(Closed::new(anatomy, density.bone_hu, ct_from_grid, &grid)?),
         };
-        let in_target = |p: Point<Ct>, label: u16, hu: f64| match &anatomy.aim {
+        let in_target = |center: Point<Work>, p: Point<Ct>, label: u16, hu: f64| match &anatomy.aim {
             Aim::Label(aim) => label == *aim,
             Aim::Shape(shape) => {
                 shape_holds(shape, &p.coords)
                     && !anatomy.is_kept(label)
-                    && (hu >= density.bone_hu || enclosed.as_ref().is_some_and(|c| c.holds(p)))
+                    && (hu >= density.bone_hu || enclosed.as_ref().is_some_and(|c| c.holds(center)))
             }
         };
         let [nx, ny, _] = grid.dims();
@@ -73,15 +71,13 @@ impl Lattice {
         class.par_chunks_mut(nx).enumerate().for_each(|(row, class)| {
             cancel::poll();
             for (i, class) in class.iter_mut().enumerate() {
-                let p = *ct_from_approach * grid.center([i, row % ny, row / ny]);
+                let center = grid.center([i, row % ny, row / ny]);
+                let p = *ct_from_grid * center;
                 let (value, label) = (anatomy.hu(p), anatomy.label(p));
                 let mut flags = if anatomy.is_kept(label) { STRUCTURE } else { 0 };
-                if in_target(p, label, value) {
+                if in_target(center, p, label, value) {
                     flags |= TARGET;
                     flags |= if value > density.air_hu { MATERIAL } else { 0 };
-                    let voxel = anatomy.hu_of_voxel(p);
-                    flags |= if voxel > density.air_hu { MATERIAL_VOXEL } else { 0 };
-                    flags |= if voxel >= density.bone_hu { TARGET_BONE_VOXEL } else { 0 };
                     flags |= if value >= density.bone_hu { TARGET_BONE } else { 0 };
                 } else if value >= density.bone_hu {
                     flags |= SHEET;
@@ -140,7 +136,7 @@ pub fn grid_over(
     [lo, hi]: [Vector3<f64>; 2],
     spacing_mm: f64,
     phase_mm: f64,
-) -> Result<Grid<Approach>, VerifyError> {
+) -> Result<Grid<Work>, VerifyError> {
     let first = lo.map(|v| ((v - phase_mm) / spacing_mm).floor());
     let last = hi.map(|v| ((v - phase_mm) / spacing_mm).ceil());
     let dims = (last - first).map(|n| n as usize + 1);
@@ -149,20 +145,25 @@ pub fn grid_over(
 }
 
 /// Bone closed by a ball: bone and the air that it encloses.
-struct Closed {
-    grid: Grid<Approach>,
-    approach_from_ct: Rigid<Approach, Ct>,
+#[derive(Debug)]
+pub struct Closed {
+    /// No finer than half a voxel of the scan.
+    pub grid: Grid<Work>,
     holds: Vec<bool>,
 }
 
 impl Closed {
-    fn new(
+    /// Closes the bone in and around a grid.
+    ///
+    /// # Errors
+    /// [`VerifyError::Grid`].
+    pub fn new(
         anatomy: &Anatomy,
         bone_hu: f64,
-        ct_from_approach: &Rigid<Ct, Approach>,
-        around: &Grid<Approach>,
+        ct_from_grid: &Rigid<Ct, Work>,
+        around: &Grid<Work>,
     ) -> Result<Self, VerifyError> {
-        // no finer than half a voxel of the scan, and far enough out that bone around the lattice counts
+        // far enough out that bone around the lattice counts
         let h = around.spacing_mm().x.max(0.5 * anatomy.ct.grid().spacing_mm().min());
         let size = Vector3::from(around.dims().map(|d| (d - 1) as f64)) * around.spacing_mm().x;
         let wide = Vector3::repeat(2.0 * CLOSING_MM + 2.0 * h);
@@ -172,17 +173,23 @@ impl Closed {
             .into_par_iter()
             .map(|n| {
                 cancel::poll();
-                anatomy.hu(*ct_from_approach * grid.center(grid.voxel(n))) >= bone_hu
+                anatomy.hu(*ct_from_grid * grid.center(grid.voxel(n))) >= bone_hu
             })
             .collect();
-        let reach = (CLOSING_MM / h).powi(2) as f32;
+        let reach = ((CLOSING_MM + SAME_MM) / h).powi(2) as f32;
         let outside = edt::squared_voxels(grid.dims(), |n| bone[n]);
         let depth = edt::squared_voxels(grid.dims(), |n| outside[n] > reach);
         let holds = bone.iter().zip(depth).map(|(bone, depth)| *bone || depth > reach).collect();
-        Ok(Self { grid, approach_from_ct: ct_from_approach.inverse(), holds })
+        Ok(Self { grid, holds })
     }
 
-    fn holds(&self, p: Point<Ct>) -> bool {
-        self.grid.nearest(self.approach_from_ct * p).is_some_and(|v| self.holds[self.grid.index(v)])
+    /// Whether the voxel of the closing's grid that holds a point is closed.
+    fn holds(&self, p: Point<Work>) -> bool {
+        self.grid.nearest(p).is_some_and(|v| self.at(v))
+    }
+
+    /// Whether a voxel of the closing's grid is closed.
+    pub fn at(&self, voxel: [usize; 3]) -> bool {
+        self.holds[self.grid.index(voxel)]
     }
 }

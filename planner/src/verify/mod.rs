@@ -3,7 +3,7 @@
 //! The planner's way from images to joints is walked back: the trajectory goes through the arm's forward kinematics, the
 //! burr's sweep is asked point by point on a lattice of half the planner's spacing, the shank is held against everything
 //! that still stands at each moment, distances to structures are exact to their label boxes, and every figure that the
-//! plan states is computed again. A [`Check`] says its value, its limit, the margin and where the worst is.
+//! plan states is computed again: volumes are counted on the planner's own voxels, so that a true one needs no allowance. A [`Check`] says its value, its limit, the margin and where the worst is.
 //!
 //! Shared with the planner: frames and grids, the NIfTI reader, the arm's forward kinematics, and the reader of plan
 //! files. Not shared, and kept so by a test of the tree: path, space, access, orientation, removal, engagement, pipeline,
@@ -31,10 +31,12 @@ mod lattice;
 mod motion;
 mod moves;
 mod provenance;
+mod reach;
 mod result;
 mod shaft;
+mod voxels;
 
-use bonemill_geometry::{Approach, Ct, Grid, Rigid};
+use bonemill_geometry::{Ct, Grid, Point, Rigid, Work};
 use nalgebra::Vector3;
 
 pub(crate) use anatomy::Anatomy;
@@ -49,9 +51,12 @@ use anatomy::Extent;
 use lattice::{Lattice, grid_over};
 use motion::MotionLimits;
 use moves::{Executed, Moves};
+use voxels::Voxels;
 
 /// The most points of the fine lattice: about 1.5 GB.
 const MOST_POINTS: f64 = 8e7;
+/// What a planning grid may fall short of the target by, voxels.
+const GRID_ROUNDING: f64 = 1e-3;
 /// Up to this beyond its clearance the shank's distance to a structure is told, mm.
 const SHANK_LOOK_MM: f64 = 1.0;
 /// Rounding of a clearance that was written, mm.
@@ -95,8 +100,9 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     checks.extend(clearances(plan, &anatomy, &boxes, &moves, &executed));
 
     progress.stage("classify bone");
-    let approach_from_ct = plan.record.ct_from_approach.inverse();
-    let aim = anatomy.aim_box(&approach_from_ct).ok_or(VerifyError::NoTarget)?;
+    let ct_from_grid = &plan.record.ct_from_grid();
+    let grid_from_ct = ct_from_grid.inverse();
+    let aim = anatomy.aim_box(&grid_from_ct).ok_or(VerifyError::NoTarget)?;
     let spacing = case.grid.spacing_mm;
     let band_mm =
         [anatomy.ct.grid().diagonal_mm(), anatomy.labels.grid().diagonal_mm(), spacing * 3f64.sqrt()]
@@ -109,42 +115,47 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
         ""
     }));
     checks.push(Check::at_most("lattice spacing", grid.spacing_mm().x, spacing, "mm"));
-    let ct_from_approach = &plan.record.ct_from_approach;
-    let fine = Lattice::new(&anatomy, &case.density, ct_from_approach, grid, band_mm, case.grid.spacing_mm)?;
+    let fine = Lattice::new(&anatomy, &case.density, ct_from_grid, grid, band_mm, case.grid.spacing_mm)?;
+
+    progress.stage("count voxels");
+    let pieces = carve::pieces(&moves.points);
+    let (voxels, beyond_mm) = planned_voxels(plan, &anatomy)?;
+    checks.push(Check::at_most("planning grid around the target", beyond_mm, voxels::DOUBT_MM, "mm beyond"));
+    let swept = carve::swept(&voxels.grid, &pieces, case.burr.radius_mm);
+    let kept: Vec<(&Boxes<'_>, f64)> = boxes
+        .iter()
+        .zip(&anatomy.kept)
+        .filter_map(|(boxes, kept)| Some((boxes.as_ref()?, kept.clearance_mm)))
+        .collect();
+    let reachable = reach::reachable(case, &kept, &voxels, band_mm);
+    checks.extend(figures::volumes(plan, &voxels, &swept, &reachable));
 
     progress.stage("remove bone");
-    let pieces = carve::pieces(&moves.points);
     let radius = case.burr.radius_mm;
     let first = carve::first_moves(&fine.grid, &pieces, radius);
     checks.extend(ground::ground(plan, &fine, &pieces, &first, &moves, &executed, band_mm));
-    checks.extend(figures::volumes(plan, &fine, &first));
-    checks.extend(figures::masses(plan, &anatomy, &fine, &first, &moves));
+    checks.extend(figures::resolution(plan, &fine, &first, &voxels, &swept));
+    checks.extend(figures::masses(plan, &anatomy, &voxels, &fine, &first, &moves));
+    drop((voxels, swept, reachable));
 
     progress.stage("check shank");
     let cylinders = shaft::cylinders(case);
     let poses = shaft::poses(plan, &moves, &executed);
     let standing = shaft::standing(&fine, &first);
-    let far = shaft::far_bone(&anatomy, case.density.bone_hu, &fine, &approach_from_ct);
-    checks.extend(shaft::against_bone(&poses, &cylinders, &standing, &far, ct_from_approach));
+    let far = shaft::far_bone(&anatomy, case.density.bone_hu, &fine, &grid_from_ct);
+    checks.extend(shaft::against_bone(&poses, &cylinders, &standing, &far, ct_from_grid));
     drop((standing, far, first, fine));
     for (kept, boxes) in anatomy.kept.iter().zip(&boxes) {
         let Some(boxes) = boxes else { continue };
         // a clearance of 0 still means that the shank must not touch: what is certain must be above 0
         let limit = kept.shank_clearance_mm.max(f64::MIN_POSITIVE);
         let most_mm = kept.shank_clearance_mm + SHANK_LOOK_MM;
-        let found = shaft::against_structure(&poses, &cylinders, boxes, ct_from_approach, most_mm);
+        let found = shaft::against_structure(&poses, &cylinders, boxes, ct_from_grid, most_mm);
         let (least, place) = found.unwrap_or((most_mm, None));
         let check = Check::at_least("clearance of the shank", least, limit, "mm").of(kept.name.clone());
         let note = if place.is_none() { "or more" } else { "" };
         checks.push(check.at(place).noting(note));
     }
-
-    progress.stage("check coverage");
-    let grid = coarse_grid(plan, &aim)?;
-    let coarse =
-        Lattice::new(&anatomy, &case.density, ct_from_approach, grid, band_mm, case.grid.spacing_mm)?;
-    let first = carve::first_moves(&coarse.grid, &pieces, radius);
-    checks.extend(figures::coverage(plan, &anatomy, &boxes, &coarse, &first)?);
     Ok(Verification { checks, files: digests(&plan.dir)? })
 }
 
@@ -157,6 +168,7 @@ fn clearances(
     executed: &Executed,
 ) -> Vec<Check> {
     let radius = plan.record.case.burr.radius_mm;
+    let ct_from_grid = plan.record.ct_from_grid();
     let mut checks = Vec::new();
     for (kept, boxes) in anatomy.kept.iter().zip(boxes) {
         let name = kept.name.clone();
@@ -165,7 +177,7 @@ fn clearances(
             continue;
         };
         let limit = kept.clearance_mm - CLEARANCE_ROUNDING_MM;
-        let nearest = |points| clearance::nearest_along(boxes, &plan.record.ct_from_approach, points);
+        let nearest = |points| clearance::nearest_along(boxes, &ct_from_grid, points);
         if let Some(n) = nearest(&moves.points) {
             let check = Check::at_least("clearance of moves", n.distance_mm - radius, limit, "mm");
             checks.push(check.of(name.clone()).at(Place::Waypoint(n.at)));
@@ -189,12 +201,12 @@ fn fine_grid(
     aim: &[Vector3<f64>; 2],
     moves: &Moves,
     band_mm: f64,
-) -> Result<(Grid<Approach>, usize), VerifyError> {
+) -> Result<(Grid<Work>, usize), VerifyError> {
     let case = &plan.record.case;
     let reach_mm = case.burr.radius_mm + band_mm + case.grid.spacing_mm;
     let room = Room {
         aim,
-        scan: &scan_box(anatomy, &plan.record.ct_from_approach.inverse()),
+        scan: &scan_box(anatomy, &plan.record.ct_from_grid().inverse()),
         reach_mm,
         around_mm: reach_mm + case.grid.margin_mm + 2.0 * case.burr.radius_mm,
         most_points: MOST_POINTS,
@@ -203,7 +215,7 @@ fn fine_grid(
     Ok((grid_over(corners, h, 0.5 * h)?, missed))
 }
 
-/// What decides where the fine lattice is. Boxes by smallest and largest corner, mm in approach.
+/// What decides where the fine lattice is. Boxes by smallest and largest corner, mm in work.
 struct Room<'a> {
     /// The target.
     aim: &'a [Vector3<f64>; 2],
@@ -242,19 +254,27 @@ impl Room<'_> {
     }
 }
 
-/// The lattice on which reach is judged: around the target as far as the burr needs to go around and above it.
-fn coarse_grid(plan: &StoredPlan, aim: &[Vector3<f64>; 2]) -> Result<Grid<Approach>, VerifyError> {
+/// The voxels on which the planner counts, and how far the target with the burr around it reaches beyond them, mm.
+fn planned_voxels(plan: &StoredPlan, anatomy: &Anatomy) -> Result<(Voxels, f64), VerifyError> {
     let case = &plan.record.case;
-    let around = Vector3::repeat(case.burr.radius_mm + case.grid.margin_mm);
-    let above = Vector3::new(0.0, 0.0, case.burr.radius_mm);
-    grid_over([aim[0] - around, aim[1] + around + above], case.grid.spacing_mm, 0.0)
+    let (dims, h) = (plan.record.grid.dims, case.grid.spacing_mm);
+    let ct_from_grid = plan.record.ct_from_grid();
+    let [lo, hi] = anatomy.aim_box(&ct_from_grid.inverse()).ok_or(VerifyError::NoTarget)?;
+    let size = Vector3::from(dims.map(|d| d as f64)) * h;
+    // voxels reach half a spacing beyond their centres
+    let below = Vector3::repeat(case.burr.radius_mm - 0.5 * h) - lo;
+    let above = hi + Vector3::repeat(case.burr.radius_mm + 0.5 * h) - size;
+    // the planner leaves out up to this much of a voxel, for rounding
+    let beyond_mm = below.sup(&above).max() - GRID_ROUNDING * h;
+    let grid = Grid::aligned(dims, h, Point::new(0.0, 0.0, 0.0))?;
+    Ok((Voxels::new(anatomy, &case.density, ct_from_grid, grid)?, beyond_mm.max(0.0)))
 }
 
-/// The box of CT and label map along the approach axes.
-fn scan_box(anatomy: &Anatomy, approach_from_ct: &Rigid<Approach, Ct>) -> [Vector3<f64>; 2] {
+/// The box of CT and label map along work's axes.
+fn scan_box(anatomy: &Anatomy, grid_from_ct: &Rigid<Work, Ct>) -> [Vector3<f64>; 2] {
     let mut extent = Extent::default();
     for corner in anatomy.ct.grid().corners().into_iter().chain(anatomy.labels.grid().corners()) {
-        extent.hold((*approach_from_ct * corner).coords);
+        extent.hold((*grid_from_ct * corner).coords);
     }
     extent.grown(&Vector3::zeros()).unwrap_or([Vector3::zeros(); 2])
 }

@@ -1,6 +1,6 @@
-//! The burr's way in approach: as the waypoints say, and as the arm goes by its joint trajectory.
+//! The burr's way in the planning grid's frame: as the waypoints say, and as the arm goes by its joint trajectory.
 
-use bonemill_geometry::{Approach, Base, Ct, Rigid, cancel};
+use bonemill_geometry::{Base, Ct, Rigid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -45,9 +45,9 @@ pub struct Executed {
 impl Moves {
     /// The waypoints of a plan.
     pub fn new(plan: &StoredPlan) -> Self {
-        let approach_from_ct: Rigid<Approach, Ct> = plan.record.ct_from_approach.inverse();
+        let grid_from_ct: Rigid<Work, Ct> = plan.record.ct_from_grid().inverse();
         let rows = &plan.waypoints;
-        let points: Vec<_> = rows.iter().map(|w| (approach_from_ct * w.position).coords).collect();
+        let points: Vec<_> = rows.iter().map(|w| (grid_from_ct * w.position).coords).collect();
         let mut arc_mm = Vec::with_capacity(points.len());
         let mut sum = 0.0;
         for (n, p) in points.iter().enumerate() {
@@ -55,7 +55,7 @@ impl Moves {
             arc_mm.push(sum);
         }
         Self {
-            axes: rows.iter().map(|w| approach_from_ct.rotate(&w.axis)).collect(),
+            axes: rows.iter().map(|w| grid_from_ct.rotate(&w.axis)).collect(),
             kinds: rows.iter().map(|w| if w.kind.word() == "cut" { Kind::Cut } else { Kind::Free }).collect(),
             times_s: rows.iter().map(|w| w.time_s).collect(),
             points,
@@ -86,15 +86,14 @@ impl Executed {
     /// # Errors
     /// [`VerifyError::Robot`] where a row is no joint vector of the arm.
     pub fn new(plan: &StoredPlan, moves: &Moves) -> Result<Self, VerifyError> {
-        let base_from_approach: Rigid<Base, Approach> =
-            plan.record.base_from_ct * plan.record.ct_from_approach;
-        let approach_from_base = base_from_approach.inverse();
+        let base_from_grid: Rigid<Base, Work> = plan.record.base_from_ct * plan.record.ct_from_grid();
+        let grid_from_base = base_from_grid.inverse();
         let rows = &plan.trajectory;
         let poses: Vec<_> = (0..rows.len())
             .into_par_iter()
             .map(|row| {
                 cancel::poll();
-                let pose = approach_from_base * plan.arm.burr(rows.q_at(row))?;
+                let pose = grid_from_base * plan.arm.burr(rows.q_at(row))?;
                 Ok((pose.translation_mm, pose.rotation * Vector3::z()))
             })
             .collect::<Result<_, VerifyError>>()?;

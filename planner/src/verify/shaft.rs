@@ -1,11 +1,11 @@
 //! The shank against everything that stands: by brute force, at every waypoint and along the joint trajectory.
 //!
-//! Bone of the target stands until the first move whose ball reaches it; the ball leads, so at a pose on the way to
-//! waypoint i everything stands that no move before i reached. Bone outside the target and structures always stand.
+//! Bone stands until the first move whose ball reaches it; the ball leads, so at a pose on the way to waypoint i
+//! everything stands that no move before i reached. Structures always stand.
 //! Near the target bone is judged on the fine lattice, elsewhere at the CT's own voxels; structures by their exact boxes.
 //! The trajectory is looked at so often that no point of the shank within [`REACH_MM`] moves farther than [`STRIDE_MM`].
 
-use bonemill_geometry::{Approach, Ct, Point, Rigid, cancel};
+use bonemill_geometry::{Ct, Point, Rigid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -84,12 +84,15 @@ pub fn poses(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Pose>
 }
 
 /// What stands on the fine lattice and when: `first` is the first move at each point.
-pub fn standing(lattice: &Lattice, first: &[u32]) -> [Bricks<Approach>; 2] {
+pub fn standing(lattice: &Lattice, first: &[u32]) -> [Bricks<Work>; 2] {
     let target = lattice.class.iter().zip(first).map(|(class, first)| {
         // a point first reached by move i stands before every move up to and including i
         if class & MATERIAL == 0 { 0 } else { first.saturating_add(1) }
     });
-    let outside = lattice.class.iter().map(|class| if class & OBSTACLE == 0 { 0 } else { NEVER });
+    let outside = lattice.class.iter().zip(first).map(|(class, first)| {
+        // whether the burr may be there is another check's business; what it took is gone
+        if class & OBSTACLE == 0 { 0 } else { first.saturating_add(1) }
+    });
     [
         Bricks::new(lattice.grid.clone(), target.collect()),
         Bricks::new(lattice.grid.clone(), outside.collect()),
@@ -101,7 +104,7 @@ pub fn far_bone(
     anatomy: &Anatomy,
     bone_hu: f64,
     lattice: &Lattice,
-    approach_from_ct: &Rigid<Approach, Ct>,
+    grid_from_ct: &Rigid<Work, Ct>,
 ) -> Bricks<Ct> {
     let grid = anatomy.ct.grid();
     let [nx, ny, nz] = grid.dims();
@@ -122,7 +125,7 @@ pub fn far_bone(
                     .all(|d| is_bone[x + (d & 1) + nx * (y + (d >> 1 & 1) + ny * (z + (d >> 2 & 1)))])
         })
     };
-    let near = |p: Point<Ct>| lattice.grid.nearest(*approach_from_ct * p).is_some();
+    let near = |p: Point<Ct>| lattice.grid.nearest(*grid_from_ct * p).is_some();
     let mut until = vec![0; grid.len()];
     until.par_chunks_mut(nx * ny).enumerate().for_each(|(k, slab)| {
         cancel::poll();
@@ -143,9 +146,9 @@ pub fn far_bone(
 pub fn against_bone(
     poses: &[Pose],
     cylinders: &[Cylinder],
-    [target, outside]: &[Bricks<Approach>; 2],
+    [target, outside]: &[Bricks<Work>; 2],
     far: &Bricks<Ct>,
-    ct_from_approach: &Rigid<Ct, Approach>,
+    ct_from_grid: &Rigid<Ct, Work>,
 ) -> Vec<Check> {
     let deepest = |ask: &(dyn Fn(&Pose, &Cylinder) -> Option<f64> + Sync)| -> Option<(f64, usize)> {
         let of = |pose: &Pose| {
@@ -164,12 +167,12 @@ pub fn against_bone(
             None => check.noting("nothing that near"),
         }
     };
-    let on = |bricks: &'_ Bricks<Approach>| {
+    let on = |bricks: &'_ Bricks<Work>| {
         deepest(&|p: &Pose, c: &Cylinder| bricks.deepest(&p.center, &p.axis, c, p.moment).map(|f| f.0))
     };
     let far = deepest(&|p: &Pose, c: &Cylinder| {
-        let center = (*ct_from_approach * Point::<Approach>::from_coords(p.center)).coords;
-        far.deepest(&center, &ct_from_approach.rotate(&p.axis), c, p.moment).map(|f| f.0)
+        let center = (*ct_from_grid * Point::<Work>::from_coords(p.center)).coords;
+        far.deepest(&center, &ct_from_grid.rotate(&p.axis), c, p.moment).map(|f| f.0)
     });
     vec![
         check("shank in target bone that still stands", on(target)),
@@ -185,7 +188,7 @@ pub fn against_structure(
     poses: &[Pose],
     cylinders: &[Cylinder],
     boxes: &Boxes<'_>,
-    ct_from_approach: &Rigid<Ct, Approach>,
+    ct_from_grid: &Rigid<Ct, Work>,
     most_mm: f64,
 ) -> Option<(f64, Option<Place>)> {
     let end_mm = cylinders.iter().map(|c| c.to_mm + c.radius_mm).fold(0.0, f64::max);
@@ -205,7 +208,7 @@ pub fn against_structure(
                 if nearest_mm >= best.0 {
                     continue;
                 }
-                let mut search = Solid { boxes, ct_from_approach, pose, best: best.0 + AHEAD_MM };
+                let mut search = Solid { boxes, ct_from_grid, pose, best: best.0 + AHEAD_MM };
                 cylinders.iter().for_each(|cylinder| search.cylinder(cylinder));
                 nearest_mm = search.best - TOLERANCE_MM;
                 if search.best < best.0 {
@@ -222,7 +225,7 @@ pub fn against_structure(
 /// Branch and bound over the places inside the shank: the distance changes no faster than the place.
 struct Solid<'a> {
     boxes: &'a Boxes<'a>,
-    ct_from_approach: &'a Rigid<Ct, Approach>,
+    ct_from_grid: &'a Rigid<Ct, Work>,
     pose: &'a Pose,
     best: f64,
 }
@@ -230,7 +233,7 @@ struct Solid<'a> {
 impl Solid<'_> {
     /// The distance from a place, if it is below `cut_mm`.
     fn distance_below(&self, p: Vector3<f64>, cut_mm: f64) -> Option<f64> {
-        let p = *self.ct_from_approach * Point::<Approach>::from_coords(p);
+        let p = *self.ct_from_grid * Point::<Work>::from_coords(p);
         self.boxes.nearest_within(p, cut_mm).map(|(d, _)| d)
     }
 
@@ -275,5 +278,27 @@ impl Solid<'_> {
             part[axis] += side * smaller[axis];
             self.cell(frame, radius_mm, part, smaller);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bonemill_geometry::Grid;
+
+    #[test]
+    fn bone_stands_until_the_burr_takes_it_whether_it_may_or_not() {
+        let grid = Grid::aligned([4, 1, 1], 0.5, Point::new(0.0, 0.0, 0.0)).unwrap();
+        let class = vec![MATERIAL, OBSTACLE, OBSTACLE, 0];
+        let lattice = Lattice { grid, class };
+        let [target, outside] = standing(&lattice, &[3, 3, NEVER, NEVER]);
+        let cylinder = Cylinder { from_mm: 0.3, to_mm: 5.0, radius_mm: 0.2 };
+        let stands = |bricks: &Bricks<Work>, n: usize, moment| {
+            let center = Vector3::new(0.5 * n as f64, 0.0, -1.0);
+            bricks.deepest(&center, &Vector3::z(), &cylinder, moment).is_some_and(|found| found.0 > 0.0)
+        };
+        assert!(stands(&target, 0, 3) && !stands(&target, 0, 4));
+        assert!(stands(&outside, 1, 3) && !stands(&outside, 1, 4));
+        assert!(stands(&outside, 2, NEVER - 1) && !stands(&outside, 3, 0));
     }
 }
