@@ -109,6 +109,6 @@ fn figures(prepared: &Prepared, chosen: &Chosen, nominal_mm_s: f64) -> [String; 
         format!("{mean:.3}"),
         format!("{peak:.2}"),
         chosen.oriented.low_pass_held.to_string(),
-        chosen.oriented.blocked_turns.to_string(),
+        chosen.oriented.blocked_turns.len().to_string(),
     ]
 }

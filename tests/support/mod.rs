@@ -6,3 +6,4 @@ pub mod body;
 pub mod faults;
 pub mod image;
 pub mod place;
+pub mod relay;

@@ -208,7 +208,18 @@ fn structure_scenes() -> Vec<Scene> {
         let far = (p.x.abs() - 3.0).max(p.y.abs() - 3.0).max(-3.0 - p.z);
         if p.z < -1.0 && (1.5..2.2).contains(&far) { NERVE } else { only_pocket(p) }
     }
+    fn both(p: &V) -> u8 {
+        // the nerve, and another below the pocket, nearer in places
+        let below = p.x.abs() < 6.0 && (p.y + 1.0).abs() < 0.5 && (-5.4..-4.6).contains(&p.z);
+        if below { NERVE + 1 } else { pocket(p) }
+    }
     let with = |name, why, label: fn(&V) -> u8| Scene::plain(name, why).body(block, label);
+    let two = |name, why, rule: &str| {
+        let second = "clearance_mm = 0.8\npriority = 2\n[[structure]]\nname = \"vein\"\nlabel = 8\nclearance_mm = 0.5\npriority = 1";
+        with(name, why, both)
+            .with("clearance_mm = 0.8", second)
+            .with("[speed]", format!("[cost]\nstructures = \"{rule}\"\n[speed]"))
+    };
     let clearance = |mm: &str| format!("clearance_mm = {mm}");
     vec![
         Scene::plain("no clearance", "the label box itself is the limit")
@@ -230,6 +241,9 @@ fn structure_scenes() -> Vec<Scene> {
         with("structure all around", "every wall is a clearance", cup),
         Scene::plain("clearance of the shank", "the shaft keeps 2 mm from the nerve")
             .with("clearance_mm = 0.8", "clearance_mm = 0.8\nshank_clearance_mm = 2"),
+        two("two structures, nearest", "which one changes along the path", "nearest"),
+        two("two structures, by priority", "the cost looks at the farther one", "priority"),
+        two("two structures, summed", "the cost looks at both", "sum"),
         Scene::plain("no structure at all", "no distance, no force toward anything").without_nerve(),
     ]
 }

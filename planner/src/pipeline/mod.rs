@@ -38,7 +38,7 @@ pub use prepared::{Chosen, Prepared, with_prepared};
 pub use reach::Unreached;
 
 use crate::Progress;
-use crate::case::Case;
+use crate::case::{Case, OrientationMode};
 use crate::plan::{Sha256, Waypoint};
 use crate::space::BurrSpace;
 
@@ -222,7 +222,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         cost_closed_form: oriented.closed_form,
         closed_form_error: chosen.closed_form_error,
         low_pass_held: oriented.low_pass_held,
-        blocked_turns: oriented.blocked_turns,
+        blocked_turns: oriented.blocked_turns.len(),
         links_beyond_limit: prepared.beyond_limit,
         put_off: prepared.reached.put_off(),
         dropped: prepared.reached.dropped.clone(),
@@ -237,6 +237,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let figures = Figures::of(&waypoints, prepared.length_mm(), case.structures.len());
     let mut shortfalls = shortfalls(&coverage, &modelled, case.speed.total_time_s.zip(timing.missed_s));
     shortfalls.extend(demand.caps_missed(case, &prepared, &chosen));
+    shortfalls.extend(turns_missed(case, &oriented.blocked_turns));
     drop(prepared);
     let seconds = watch.seconds;
     let law = timing.law;
@@ -257,6 +258,17 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         seconds,
         scene,
     })
+}
+
+/// Turns that the whole sequence could not avoid. Greedy and fixed angles do not look ahead: theirs are only counted.
+fn turns_missed(case: &Case, blocked: &[usize]) -> Option<String> {
+    let first = blocked.first().filter(|_| case.orientation.mode == OrientationMode::Optimal)?;
+    let count = blocked.len();
+    Some(format!(
+        "the shank is not certainly free of bone while it turns on {count} {} (the first to waypoint {first}): verify says \
+         whether it touches; thinner layers or another shank may help",
+        if count == 1 { "move" } else { "moves" },
+    ))
 }
 
 /// Why no target voxel can be reached.

@@ -78,8 +78,8 @@ pub struct Oriented {
     pub with_force: usize,
     /// Waypoints at which the low-pass was held (greedy).
     pub low_pass_held: usize,
-    /// Moves during which the shaft is not free all the way.
-    pub blocked_turns: usize,
+    /// Waypoints on the way to which the shaft is not certainly free all the way.
+    pub blocked_turns: Vec<usize>,
 }
 
 impl CostField<'_> {
@@ -151,8 +151,9 @@ impl Room<'_> {
         self.reached.free.contains(i, n)
     }
 
-    fn blocked_turns(&self, axes: &[Unit<Vector3<f64>>]) -> usize {
-        (1..axes.len()).into_par_iter().filter(|i| !self.is_turn_free(*i, &axes[i - 1], &axes[*i])).count()
+    fn blocked_turns(&self, axes: &[Unit<Vector3<f64>>]) -> Vec<usize> {
+        let is_blocked = |i: &usize| !self.is_turn_free(*i, &axes[i - 1], &axes[*i]);
+        (1..axes.len()).into_par_iter().filter(is_blocked).collect()
     }
 }
 
@@ -174,7 +175,7 @@ pub fn orient(mode: OrientationMode, room: &Room, field: &CostField) -> Oriented
 impl Oriented {
     fn new(axes: Vec<Unit<Vector3<f64>>>, family: Option<&TiltFamily>) -> Self {
         let angles_rad = family.map(|family| axes.iter().map(|a| family.angle(a)).collect());
-        Self { axes, angles_rad, closed_form: 0, with_force: 0, low_pass_held: 0, blocked_turns: 0 }
+        Self { axes, angles_rad, closed_form: 0, with_force: 0, low_pass_held: 0, blocked_turns: Vec::new() }
     }
 }
 

@@ -11,13 +11,17 @@ use super::anatomy::Kept;
 use super::boxes::Boxes;
 use super::check::{Check, Place};
 use super::moves::{Executed, Kind, Moves, angle_rad};
-use crate::case::{Case, ForceTerm};
+use crate::case::{Case, ForceTerm, SeveralStructures};
 use crate::plan::{StoredPlan, Waypoint};
 
 /// Rounding of sums and file, for angles (rad), ratios and α₁.
 const ROUNDING: f64 = 1e-6;
 /// Below this α₁ the planner does not evaluate the force, and the cost is that of the inertia alone.
 const NO_FORCE_ALPHA: f64 = 1e-3;
+/// Structures farther than this beyond burr and clearance matter to no cost, mm, unless one is the nearest.
+const INFLUENCE_MM: f64 = 8.0;
+/// Structures of which the first in priority counts: α at least this share of the largest.
+const CLOSE_SHARE: f64 = 0.5;
 /// How far the trajectory may cut a corner, mm.
 const PLACE_MM: f64 = 0.05;
 /// How much the trajectory's axis may deviate from the waypoints', rad.
@@ -157,13 +161,46 @@ fn row_again(row: &Waypoint, case: &Case, kept: &[Kept], boxes: &[Option<Boxes<'
         return Again { structure: f64::INFINITY, ..Again::default() };
     };
     let said = |cell: Option<f64>| cell.unwrap_or(f64::NAN);
-    let alpha = alpha_of(own_slack);
+    let in_reach = |n: &usize| slack(*n).is_some_and(|slack| *n == own || slack - radius <= INFLUENCE_MM);
+    let near: Vec<Weighted> = (0..kept.len())
+        .filter(in_reach)
+        .filter_map(|n| Some(Weighted { structure: n, slack_mm: slack(n)?, alpha: alpha_of(slack(n)?) }))
+        .collect();
+    let looked_at = looked_at(near, own, case);
+    let alpha: f64 = looked_at.iter().map(|w| w.alpha).sum();
     Again {
         structure: own_slack - nearest,
         distance: (said(row.distance_mm) - own_slack - kept[own].clearance_mm).abs(),
         alpha: (said(row.alpha1) - alpha).abs(),
         toward: toward_again(row, boxes.get(own).and_then(Option::as_ref)),
-        cost: cost_again(row, case, alpha),
+        cost: cost_again(row, case, &looked_at, boxes),
+    }
+}
+
+/// A structure in a row's cost.
+#[derive(Debug, Clone, Copy)]
+struct Weighted {
+    structure: usize,
+    slack_mm: f64,
+    alpha: f64,
+}
+
+/// Which structures the cost looks at (D II-D): the nearest, `own`; the first in priority of those that matter about as much; or
+/// all, their α scaled down to a sum of 1 at most.
+fn looked_at(near: Vec<Weighted>, own: usize, case: &Case) -> Vec<Weighted> {
+    match case.cost.structures {
+        SeveralStructures::Nearest => near.into_iter().filter(|w| w.structure == own).collect(),
+        SeveralStructures::Priority => {
+            let most = near.iter().map(|w| w.alpha).fold(0.0, f64::max);
+            let rank = |w: &Weighted| case.structures.get(w.structure).map_or(u32::MAX, |s| s.priority);
+            let order =
+                |a: &Weighted, b: &Weighted| rank(a).cmp(&rank(b)).then(a.slack_mm.total_cmp(&b.slack_mm));
+            near.into_iter().filter(|w| w.alpha >= CLOSE_SHARE * most).min_by(order).into_iter().collect()
+        }
+        SeveralStructures::Sum => {
+            let scale = near.iter().map(|w| w.alpha).sum::<f64>().max(1.0).recip();
+            near.into_iter().map(|w| Weighted { alpha: scale * w.alpha, ..w }).collect()
+        }
     }
 }
 
@@ -173,23 +210,43 @@ fn toward_again(row: &Waypoint, boxes: Option<&Boxes<'_>>) -> f64 {
     let (Some(force), Some(said), Some(boxes)) = (row.force_n, row.force_toward_n, boxes) else {
         return if row.force_n.is_some() == row.force_toward_n.is_some() { 0.0 } else { f64::INFINITY };
     };
-    const HAIR_MM: f64 = 1e-6;
-    let off = |shift: Vector3<f64>| {
-        let (_, q) = boxes.nearest(row.position + shift);
-        let along = (q - row.position).try_normalize(1e-9);
-        (along.map_or(0.0, |u| force.dot(&u).max(0.0)) - said).abs()
-    };
-    let shifts = [Vector3::x(), Vector3::y(), Vector3::z()].map(|v: Vector3<f64>| v * HAIR_MM);
-    let beside = shifts.into_iter().flat_map(|s| [off(s), off(-s)]);
-    beside.fold(off(Vector3::zeros()), f64::min)
+    towards(row, boxes, &force).map(|toward| (toward - said).abs()).fold(f64::INFINITY, f64::min)
 }
 
-/// |C − (α₁ F_v/|F| + (1 − α₁)(1 − I_n))| where C is said and follows from the row: D5 to D7, force by cutting and without
-/// edge terms, so that its direction does not depend on the speed.
-fn cost_again(row: &Waypoint, case: &Case, alpha: f64) -> f64 {
+/// The components of a force toward the nearest points of a structure, not negative, N.
+fn towards<'a>(
+    row: &Waypoint,
+    boxes: &'a Boxes<'_>,
+    force: &Vector3<f64>,
+) -> impl Iterator<Item = f64> + use<'a> {
+    const HAIR_MM: f64 = 1e-6;
+    let (position, force) = (row.position, *force);
+    let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|v: Vector3<f64>| v * HAIR_MM);
+    let beside = axes.into_iter().flat_map(|s| [s, -s]);
+    std::iter::once(Vector3::zeros()).chain(beside).map(move |shift| {
+        let (_, q) = boxes.nearest(position + shift);
+        (q - position).try_normalize(1e-9).map_or(0.0, |u| force.dot(&u).max(0.0))
+    })
+}
+
+/// How far C is from Σ α F_v/|F| + (1 − Σ α)(1 − I_n), where it is said and follows from the row: D5 to D7, force by cutting and
+/// without edge terms, so that its direction does not depend on the speed.
+fn cost_again(row: &Waypoint, case: &Case, looked_at: &[Weighted], boxes: &[Option<Boxes<'_>>]) -> f64 {
     let follows = case.cost.force == ForceTerm::Cutting && case.material.k_edge_n_mm == [0.0; 3];
     let (Some(said), Some(inertia), true) = (row.cost, row.inertia, follows) else { return 0.0 };
-    let norm = row.force_n.map_or(0.0, |f| f.norm());
-    let share = row.force_toward_n.map_or(0.0, |v| if norm > 0.0 { v / norm } else { 0.0 });
-    (said - alpha * share - (1.0 - alpha) * (1.0 - inertia)).abs()
+    let force = row.force_n.filter(|f| f.norm() > 0.0);
+    let alpha: f64 = looked_at.iter().map(|w| w.alpha).sum();
+    // from the least to the most, where several points of a structure are equally near
+    let mut least = (1.0 - alpha) * (1.0 - inertia);
+    let mut most = least;
+    for w in looked_at {
+        let (Some(force), Some(boxes)) = (&force, boxes.get(w.structure).and_then(Option::as_ref)) else {
+            continue;
+        };
+        let (low, high) = towards(row, boxes, force)
+            .fold((f64::INFINITY, 0f64), |(low, high), v| (low.min(v), high.max(v)));
+        least += w.alpha * low / force.norm();
+        most += w.alpha * high / force.norm();
+    }
+    (least - said).max(said - most).max(0.0)
 }
