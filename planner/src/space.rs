@@ -72,6 +72,11 @@ impl<'a> BurrSpace<'a> {
         self.radius_mm
     }
 
+    /// Voxels in a ball of the burr's radius, about.
+    pub fn ball_voxels(&self) -> f64 {
+        4.19 * self.radius_mm.powi(3) / self.grid().voxel_mm3()
+    }
+
     /// Least distance of the burr's centre from each structure, mm.
     pub fn keep_mm(&self) -> &[f64] {
         &self.keep_mm

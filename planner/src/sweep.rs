@@ -56,16 +56,6 @@ impl Rows {
         }
         ControlFlow::Continue(())
     }
-
-    /// Every run of the whole ball at `center`, as [`Rows::within_capsule`].
-    pub fn within_ball(
-        &self,
-        center: Point<Work>,
-        radius_mm: f64,
-        visit: impl FnMut(Range<usize>) -> ControlFlow<()>,
-    ) -> ControlFlow<()> {
-        self.within_capsule(center, center, radius_mm, visit)
-    }
 }
 
 /// Whole numbers in [lo, hi], cut to 0..n.

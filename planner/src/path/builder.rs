@@ -188,10 +188,8 @@ impl<'a> Builder<'a> {
 
     /// Whether next to nothing is above the burr.
     fn takes_cusps_only(&self, p: Point<Work>) -> bool {
-        let radius = self.space.radius_mm();
-        let cusps = CUSPS_SHARE * 4.19 * radius.powi(3) / self.space.grid().voxel_mm3();
-        let most = cusps as usize + 1;
-        self.material.count_within(&self.rows, [p, self.above(p)], radius, most) < most
+        let most = (CUSPS_SHARE * self.space.ball_voxels()) as usize + 1;
+        self.material.count_within(&self.rows, [p, self.above(p)], self.space.radius_mm(), most) < most
     }
 
     /// The lowest height at which the way across is clear and free.

@@ -56,7 +56,6 @@ struct Gains {
 impl Gains {
     fn new(builder: &Builder) -> Self {
         let grid = builder.space().grid();
-        let ball_voxels = 4.19 * builder.space().radius_mm().powi(3) / grid.voxel_mm3();
         let around = -LOOK_VOXELS..=LOOK_VOXELS;
         let mut offsets = Vec::new();
         for k in around.clone() {
@@ -76,7 +75,7 @@ impl Gains {
             left: (0..grid.len()).filter(|n| builder.is_left(*n)).collect(),
             there: VoxelSet::of(grid.len(), |n| builder.is_left(n)),
             taken: Vec::new(),
-            worth: ((WORTH_SHARE * ball_voxels) as u32).max(2),
+            worth: ((WORTH_SHARE * builder.space().ball_voxels()) as u32).max(2),
             offsets,
             ball: BallRows::new(grid.dims(), builder.space().radius_mm() / grid.spacing_mm().x),
         };

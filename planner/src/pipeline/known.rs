@@ -27,7 +27,7 @@ pub struct Round {
     pub path: MillPath,
     /// The directions it found free.
     pub free: FreeSets,
-    /// The pass points that it dropped.
+    /// The pass points that it put off or dropped.
     pub dropped: HashSet<(u32, u32)>,
 }
 

@@ -40,17 +40,18 @@ pub fn volumes(
         ("removed_reachable", &[swept, reachable]),
     ];
     let kinds = [("all_mm3", TARGET), ("material_mm3", MATERIAL), ("bone_mm3", TARGET_BONE)];
+    let found = parts.map(|(_, sets)| kinds.map(|(_, flag)| voxels.volume_mm3(flag, sets)));
+    let [[target, ..], [reached, ..], [removed, material, bone], _] = found;
     let mut checks = vec![
-        counted("target_mm3", Some(m.target_mm3), voxels.volume_mm3(TARGET, &[])),
-        counted("reachable_mm3", Some(m.reachable_mm3), voxels.volume_mm3(TARGET, &[reachable])),
-        counted("removed_mm3", Some(m.removed_mm3), voxels.volume_mm3(TARGET, &[swept])),
-        counted("removed_material_mm3", Some(m.removed_material_mm3), voxels.volume_mm3(MATERIAL, &[swept])),
-        counted("removed_bone_mm3", Some(m.removed_bone_mm3), voxels.volume_mm3(TARGET_BONE, &[swept])),
+        counted("target_mm3", Some(m.target_mm3), target),
+        counted("reachable_mm3", Some(m.reachable_mm3), reached),
+        counted("removed_mm3", Some(m.removed_mm3), removed),
+        counted("removed_material_mm3", Some(m.removed_material_mm3), material),
+        counted("removed_bone_mm3", Some(m.removed_bone_mm3), bone),
     ];
-    for (part, sets) in parts {
-        for (kind, flag) in kinds {
-            let what = format!("{part}.{kind}");
-            checks.push(counted(&what, nested(plan, part, kind), voxels.volume_mm3(flag, sets)));
+    for ((part, _), found) in parts.iter().zip(found) {
+        for ((kind, _), found) in kinds.iter().zip(found) {
+            checks.push(counted(&format!("{part}.{kind}"), nested(plan, part, kind), found));
         }
     }
     checks.push(coverage(plan, voxels, swept, reachable));

@@ -3,7 +3,8 @@
 //! The planner's way from images to joints is walked back: the trajectory goes through the arm's forward kinematics, the
 //! burr's sweep is asked point by point on a lattice of half the planner's spacing, the shank is held against everything
 //! that still stands at each moment, distances to structures are exact to their label boxes, and every figure that the
-//! plan states is computed again: volumes are counted on the planner's own voxels, so that a true one needs no allowance. A [`Check`] says its value, its limit, the margin and where the worst is.
+//! plan states is computed again: volumes are counted on the planner's own voxels, so that a true one needs no allowance.
+//! A [`Check`] says its value, its limit, the margin and where the worst is.
 //!
 //! Shared with the planner: frames and grids, the NIfTI reader, the arm's forward kinematics, and the reader of plan
 //! files. Not shared, and kept so by a test of the tree: path, space, access, orientation, removal, engagement, pipeline,
