@@ -18,11 +18,14 @@ use crate::{ExperimentError, Size, Table};
 const VECTORS: u64 = 10_000;
 const POSES: u64 = 1_000_000;
 
+/// Of the poses, how many are searched by damped least squares from many starts as well, per arm.
+const SEARCHED: u64 = 1000;
+
 /// Slowest direction of the tool below which a pose counts as singular, mm/s.
 const SINGULAR_MM_S: f64 = 0.05;
 
 /// A fixed stream of numbers in 0..1 (SplitMix64).
-struct Stream(u64);
+pub(crate) struct Stream(pub(crate) u64);
 
 impl Stream {
     fn next(&mut self) -> f64 {
@@ -59,6 +62,9 @@ pub fn run_inverse(_: Size, progress: &dyn Progress) -> Result<Vec<Table>, Exper
         "largest error [mm]",
         "largest error [rad]",
         "asked-for joints missing",
+        "poses searched",
+        "joints found by search",
+        "of these missing",
     ];
     let mut table =
         Table::new("inverse", "UR inverse, every tenth pose singular or within 1e-3 rad of it", &columns);
@@ -69,7 +75,8 @@ pub fn run_inverse(_: Size, progress: &dyn Progress) -> Result<Vec<Table>, Exper
     Ok(vec![table])
 }
 
-fn random_q(arm: &Arm, stream: &mut Stream) -> Vec<f64> {
+/// A joint vector within the arm's limits.
+pub(crate) fn random_q(arm: &Arm, stream: &mut Stream) -> Vec<f64> {
     let within = |joint: &bonemill_robot::Joint| joint.lower + stream.next() * (joint.upper - joint.lower);
     arm.joints().iter().map(within).collect()
 }
@@ -104,12 +111,19 @@ fn kinematics(arm: &Arm, name: &str) -> Result<Table, ExperimentError> {
     Ok(table)
 }
 
-/// What is found out about one pose.
+/// What is found out about poses inverted in closed form.
 #[derive(Debug, Clone, Copy, Default)]
 struct Found {
     branches: u64,
     worst_mm: f64,
     worst_rad: f64,
+    missing: u64,
+}
+
+/// What a search found, and how much of it the closed form does not have.
+#[derive(Debug, Clone, Copy, Default)]
+struct Searched {
+    found: u64,
     missing: u64,
 }
 
@@ -123,6 +137,13 @@ fn inverse(model: UrModel) -> Result<Vec<String>, ExperimentError> {
         worst_rad: a.worst_rad.max(b.worst_rad),
         missing: a.missing + b.missing,
     });
+    let numeric = Arm::from_urdf(arm.urdf_text(), model.name())?;
+    let searches: Result<Vec<Searched>, ExperimentError> =
+        (0..SEARCHED).into_par_iter().map(|k| search(&numeric, model, k)).collect();
+    let searched = searches?.into_iter().fold(Searched::default(), |a, b| Searched {
+        found: a.found + b.found,
+        missing: a.missing + b.missing,
+    });
     Ok(vec![
         model.name().into(),
         POSES.to_string(),
@@ -130,7 +151,24 @@ fn inverse(model: UrModel) -> Result<Vec<String>, ExperimentError> {
         format!("{:.2e}", sum.worst_mm),
         format!("{:.2e}", sum.worst_rad),
         sum.missing.to_string(),
+        SEARCHED.to_string(),
+        searched.found.to_string(),
+        searched.missing.to_string(),
     ])
+}
+
+/// A random pose searched from many starts, which knows nothing of branches: all it finds, the closed form must have.
+fn search(numeric: &Arm, model: UrModel, pose: u64) -> Result<Searched, ExperimentError> {
+    let mut stream = Stream(!pose);
+    let q: [f64; 6] = std::array::from_fn(|_| (stream.next() - 0.5) * TAU);
+    let closed = model.geometry().inverse(&numeric.forward(&q)?, q[5]);
+    let mut searched = Searched::default();
+    for q in &numeric.inverse(&numeric.burr(&q)?)?.q {
+        searched.found += 1;
+        let six = <[f64; 6]>::try_from(&q[..]).is_ok_and(|q| is_among(&closed, &q));
+        searched.missing += u64::from(!six && numeric.slowest_mm_s(q)? >= SINGULAR_MM_S);
+    }
+    Ok(searched)
 }
 
 fn inverse_portion(arm: &Arm, model: UrModel, portion: u64) -> Result<Found, ExperimentError> {

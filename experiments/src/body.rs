@@ -55,3 +55,9 @@ impl Body {
         &self.case_path
     }
 }
+
+/// Scans that are not part of the repository.
+pub fn data() -> PathBuf {
+    std::env::var_os("BONEMILL_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from)
+}

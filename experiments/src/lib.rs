@@ -7,11 +7,12 @@
 //! are not part of the repository) is left out and said.
 
 pub mod arms;
-mod body;
+pub mod body;
 pub mod engine;
 pub mod force_error;
 pub mod hard_cases;
 mod orientation;
+pub mod peers;
 mod table;
 mod trials;
 
@@ -87,6 +88,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "kinematics",
         about: "forward kinematics and Jacobians for other libraries to compare with: long tables, for --out with --quiet",
         run: arms::run_kinematics,
+    },
+    Experiment {
+        name: "peers",
+        about: "distance fields, time law and kinematics beside the Python packages edt, toppra and pin, one thread",
+        run: peers::run,
     },
     Experiment {
         name: "force-error",

@@ -1,7 +1,6 @@
 //! Optimal against greedy orientation on the paper's own cost, one and two angles: cost, forces toward structures, angular
 //! rates, permissibility, time.
 
-use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use bonemill_imaging::phantom::{PhantomKind, phantom};
@@ -10,7 +9,7 @@ use bonemill_planner::case::OrientationMode;
 use bonemill_planner::orientation::directions::angle_between;
 use bonemill_planner::pipeline::{Chosen, Prepared, with_prepared};
 
-use crate::body::Body;
+use crate::body::{Body, data};
 use crate::{ExperimentError, Size, Table};
 
 const COLUMNS: [&str; 12] = [
@@ -54,12 +53,6 @@ fn title(size: Size) -> String {
          access and engagement. Greedy takes each waypoint alone, then the low-pass, held at free directions.{absent}",
         size.seeds
     )
-}
-
-/// Scans that are not part of the repository.
-fn data() -> PathBuf {
-    std::env::var_os("BONEMILL_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from)
 }
 
 fn rows(body: &Body, name: &str, progress: &dyn Progress, table: &mut Table) -> Result<(), ExperimentError> {

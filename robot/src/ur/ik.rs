@@ -21,8 +21,9 @@ use std::f64::consts::PI;
 
 use bonemill_geometry::{Base, Flange, Rigid};
 
-/// A pose this little beyond reach is at the edge, mm: rounding of the pose itself.
-const EDGE_MM: f64 = 1e-10;
+/// A pose this little beyond reach is at the edge, mm: what rounding makes of a pose whose shoulder and elbow are both
+/// singular, and half of what a solution may be off.
+const EDGE_MM: f64 = 5e-10;
 
 /// |s₅| at or below which q₆ is free.
 const WRIST_SINGULAR: f64 = 1e-12;

@@ -206,6 +206,29 @@ fn singular_poses_have_a_stated_answer() {
     }
 }
 
+#[test]
+fn shoulder_and_elbow_singular_at_once_are_still_reached() {
+    // the wrist hardly off the first axis' cylinder: its root amplifies rounding, and the arm is stretched
+    let found_among_a_million = [
+        (UrModel::Ur5e, [0.418_252_915_470_652_63, -1.518_023_968_259_074_6, 0.0]),
+        (UrModel::Ur10e, [3.002_709_794_545_157_5, -1.641_389_280_836_598_9, -3.148_889_284_118_595_3e-13]),
+    ];
+    let wrists = [
+        [-2.073_099_931_825_045_6, 0.147_513_469_722_083_93, -0.921_108_993_076_170_9],
+        [-0.733_548_149_187_128_2, -2.854_698_586_040_062, 0.702_757_825_646_723_2],
+    ];
+    for ((model, [q1, q2, q3]), [q4, q5, q6]) in found_among_a_million.into_iter().zip(wrists) {
+        let arm = Arm::ur(model, None).unwrap();
+        let pose = arm.forward(&[q1, q2, q3, q4, q5, q6]).unwrap();
+        let solutions = model.geometry().inverse(&pose, q6);
+        assert!(!solutions.is_empty(), "{model:?} is short by {} mm", solutions.short_mm);
+        for (_, found) in solutions.iter() {
+            let (mm, rad) = apart(&arm.forward(found).unwrap(), &pose);
+            assert!(mm < 1e-9 && rad < 1e-9, "{mm} {rad}");
+        }
+    }
+}
+
 proptest! {
     #[test]
     fn the_edge_of_reach_is_reached(q in prop::array::uniform6(-3.0f64..3.0), model in 0..3usize) {

@@ -1,52 +1,16 @@
 //! Distance fields, beside a textbook transform in the same run: `distance/256³/…`.
 //!
-//! The masks are what planning asks for: thin structures (a nerve), blocks (a labyrinth), large ones (dura), and as
-//! the worst case scattered voxels.
+//! The masks are those on which `bonemill experiment peers` compares with the package that others use.
 
 use std::hint::black_box;
 use std::time::Duration;
 
-use bonemill_geometry::{Ct, Grid, Point, Volume};
+use bonemill_experiments::peers::masks;
+use bonemill_geometry::{Ct, Volume};
 use bonemill_imaging::{distance_only, distance_transform, distance_within};
 use criterion::{Criterion, criterion_group, criterion_main};
 
 const N: usize = 256;
-
-fn mask(is: impl Fn([f64; 3]) -> bool) -> Volume<bool, Ct> {
-    let grid = match Grid::aligned([N; 3], 0.25, Point::new(0.0, 0.0, 0.0)) {
-        Ok(grid) => grid,
-        Err(e) => unreachable!("{e}"),
-    };
-    let mut mask = Volume::filled(grid, false);
-    for (n, v) in mask.data_mut().iter_mut().enumerate() {
-        *v = is([(n % N) as f64, (n / N % N) as f64, (n / (N * N)) as f64]);
-    }
-    mask
-}
-
-fn structures() -> Vec<(&'static str, Volume<bool, Ct>)> {
-    let ball = |p: [f64; 3], c: [f64; 3], r: f64| (0..3).map(|a| (p[a] - c[a]).powi(2)).sum::<f64>() < r * r;
-    vec![
-        (
-            "tube",
-            mask(|[x, y, z]| {
-                let (cx, cy) = (90.0 + 20.0 * (z / 40.0).sin(), 110.0 + 25.0 * (z / 55.0).cos());
-                (x - cx).hypot(y - cy) < 3.0 && (60.0..200.0).contains(&z)
-            }),
-        ),
-        ("ball", mask(|p| ball(p, [120.0, 140.0, 128.0], 25.0))),
-        ("sheet", mask(|[x, y, z]| (x + 0.3 * y - 0.2 * z - 200.0 - 10.0 * (y / 30.0).sin()).abs() < 4.0)),
-        ("half", mask(|[x, y, z]| y + 20.0 * (x / 37.0).sin() + 15.0 * (z / 23.0).cos() > 160.0)),
-        (
-            "scattered",
-            mask(|[x, y, z]| {
-                ((x * 7919.0 + y * 104_729.0 + z * 1_299_709.0) as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)
-                    >> 54
-                    == 0
-            }),
-        ),
-    ]
-}
 
 /// Felzenszwalb and Huttenlocher 2012 as printed, line by line, without the nearest voxel.
 fn textbook(mask: &Volume<bool, Ct>) -> Vec<f32> {
@@ -86,7 +50,7 @@ fn textbook(mask: &Volume<bool, Ct>) -> Vec<f32> {
 fn bench(c: &mut Criterion) {
     let mut group = c.benchmark_group("distance/256³");
     group.sample_size(10).warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(3));
-    for (name, mask) in structures() {
+    for (name, mask) in masks() {
         for threads in [1, 2] {
             let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(threads).build() else { continue };
             group.bench_function(format!("{threads} thread/{name}"), |b| {
