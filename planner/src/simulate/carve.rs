@@ -113,7 +113,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
             for j in range(1) {
                 for i in range(0) {
                     let brick = self.brick_index([i, j, k]);
-                    if matches!(self.tags[brick], tag::GONE | tag::NOTHING) {
+                    if matches!(self.tag(brick), tag::GONE | tag::NOTHING) {
                         continue;
                     }
                     let middle = Vector3::new(i as f64, j as f64, k as f64) * SIDE as f64;
@@ -160,14 +160,14 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
 
     fn put_back(&mut self, carved: Carved) {
         let Carved { brick, cells, changed, .. } = carved;
-        let tag = self.tags[brick];
+        let tag = self.tag(brick);
         let is_stored = tag < tag::FIRST;
         match cells {
             // an intact brick that stays so is not kept
             Some(_) if !changed && !is_stored => {}
             Some(cells) if is_stored => self.stored[tag as usize] = Some(cells),
             Some(cells) => {
-                self.tags[brick] = match self.vacant.pop() {
+                let place = match self.vacant.pop() {
                     Some(place) => {
                         self.stored[place as usize] = Some(cells);
                         place
@@ -177,12 +177,13 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
                         (self.stored.len() - 1) as u32
                     }
                 };
+                self.set_tag(brick, place);
             }
             None => {
                 if is_stored {
                     self.vacant.push(tag);
                 }
-                self.tags[brick] = tag::GONE;
+                self.set_tag(brick, tag::GONE);
             }
         }
         if changed {

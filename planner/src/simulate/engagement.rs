@@ -22,6 +22,35 @@ pub struct BurrNodes {
     rings: Vec<Ring>,
     azimuths: Vec<[f64; 2]>,
     increments: usize,
+    tiles: Tiles,
+}
+
+/// Neighbouring nodes that are looked at together first: most of a burr is in the open.
+#[derive(Debug, Clone)]
+struct Tiles {
+    /// Rings and azimuths of a tile.
+    size: [usize; 2],
+    /// The tile at the first azimuth of every group of rings.
+    first: Vec<Tile>,
+}
+
+/// A tile's middle: its polar angle from the tip and its place around; and how far its nodes are from it, of the radius.
+#[derive(Debug, Clone, Copy)]
+struct Tile {
+    sin: f64,
+    cos: f64,
+    turn: [f64; 2],
+    reach: f64,
+}
+
+/// What there is around a burr.
+pub(super) trait Around {
+    /// Whether nothing is met at any direction that differs from this one by less than `reach`.
+    fn is_open(&self, normal: &Vector3<f64>, reach: f64) -> bool;
+
+    /// The density of what is left in a direction, the kind of the voxel that holds it (none beyond a body's face, where
+    /// density still fades), and the part of the node's patch in which it is left.
+    fn bone(&self, normal: &Vector3<f64>) -> Option<(f64, Option<Kind>, f64)>;
 }
 
 #[derive(Debug, Clone)]
@@ -108,8 +137,8 @@ pub(super) struct Feed {
 }
 
 impl BurrNodes {
-    /// Tabulates the nodes.
-    pub fn new(tool: &Tool, disc: &Discretisation) -> Self {
+    /// Tabulates the nodes; [`Around::is_open`] is asked of tiles with a reach of at most `tile_reach`, of the radius.
+    pub fn new(tool: &Tool, disc: &Discretisation, tile_reach: f64) -> Self {
         let count = tool.blades() as usize * disc.n_gamma();
         // blade i at increment j: as a set, σ(m + ½)·2π/count with j = m mod n_gamma
         let azimuth = |m| {
@@ -121,12 +150,10 @@ impl BurrNodes {
             let turn = -tool.spin() * tool.lag_rad(element.kappa_rad);
             Ring { element, turn: [turn.cos(), turn.sin()] }
         };
-        Self {
-            tool: tool.clone(),
-            rings: (0..disc.n_kappa()).map(ring).collect(),
-            azimuths: (0..count).map(azimuth).collect(),
-            increments: disc.n_gamma(),
-        }
+        let rings: Vec<Ring> = (0..disc.n_kappa()).map(ring).collect();
+        let azimuths: Vec<[f64; 2]> = (0..count).map(azimuth).collect();
+        let tiles = Tiles::largest(&rings, &azimuths, tile_reach);
+        Self { tool: tool.clone(), rings, azimuths, increments: disc.n_gamma(), tiles }
     }
 
     /// The tool.
@@ -142,20 +169,12 @@ impl BurrNodes {
     /// Half the width of a node's patch across an edge of the bone, mm: 0.35 of the distance of nodes along a blade,
     /// which halves to thirds the error of counting nodes in or out (tried on crescents of 0.12 to 1 r at all tilts:
     /// 32 × 64 nodes then do as 64 × 128).
-    pub(super) fn half_patch_mm(&self) -> f64 {
-        0.35 * self.tool.radius_mm() * (self.tool.kappa_max_rad() - self.tool.kappa_min_rad())
-            / self.rings.len() as f64
+    pub(super) fn half_patch_mm(tool: &Tool, disc: &Discretisation) -> f64 {
+        0.35 * tool.radius_mm() * (tool.kappa_max_rad() - tool.kappa_min_rad()) / disc.n_kappa() as f64
     }
 
-    /// Looks at the bone in every direction that moves forward; `bone` gives the density of what is left there, the kind of
-    /// the voxel that holds it (none beyond a body's face, where density still fades), and the part of the node's patch in
-    /// which it is left.
-    pub(super) fn engage(
-        &self,
-        feed: &Feed,
-        material: &Material,
-        mut bone: impl FnMut(&Vector3<f64>) -> Option<(f64, Option<Kind>, f64)>,
-    ) -> Engagement {
+    /// Looks at the bone in every direction that moves forward.
+    pub(super) fn engage(&self, feed: &Feed, material: &Material, around: &impl Around) -> Engagement {
         let tool_axes = basis::from_z(&feed.axis).into_inner();
         let (x, y, z) =
             (tool_axes.column(0).into_owned(), tool_axes.column(1).into_owned(), feed.axis.into_inner());
@@ -177,46 +196,55 @@ impl BurrNodes {
         };
         let mut cut = vec![[0.0; 3]; self.increments];
         let mut edge = vec![[0.0; 3]; self.increments];
-        for Ring { element, turn: [tc, ts] } in &self.rings {
-            let (sk, ck) = (element.sin, element.cos);
-            let (rx, ry) = (x * *tc + y * *ts, y * *tc - x * *ts);
-            let (sx, sy, nz) = (rx * sk, ry * sk, z * -ck);
-            let (fx, fy, fz) = (sx.dot(&feed.direction), sy.dot(&feed.direction), nz.dot(&feed.direction));
+        let [high, wide] = self.tiles.size;
+        let mut open = vec![false; self.azimuths.len().div_ceil(wide)];
+        for (k, Ring { element, turn }) in self.rings.iter().enumerate() {
+            if k % high == 0 {
+                let tile = &self.tiles.first[k / high];
+                let circle = Circle::new([&x, &y, &z], [tile.sin, tile.cos], &tile.turn, &feed.direction);
+                for (open, &[c, s]) in open.iter_mut().zip(self.azimuths.iter().step_by(wide)) {
+                    *open = tile.reach > 0.0
+                        && (circle.forward(c, s) <= GRAZING - tile.reach
+                            || around.is_open(&circle.normal(c, s), tile.reach));
+                }
+            }
+            let circle = Circle::new([&x, &y, &z], [element.sin, element.cos], turn, &feed.direction);
             // the whole ring looks back: burr above its equator in a plunge
-            if fx.hypot(fy) + fz <= GRAZING {
+            if circle.most_forward() <= GRAZING {
                 continue;
             }
             let area_mm2 = self.tool.radius_mm() * element.dz_mm * around_rad;
             let mut found = false;
-            let mut increment = 0;
-            for &[c, s] in &self.azimuths {
-                let slot = increment;
-                increment = if increment + 1 == self.increments { 0 } else { increment + 1 };
-                let forward = fx * c + fy * s + fz;
-                if forward <= GRAZING {
-                    continue;
+            let nodes = self.azimuths.chunks(wide).zip(&open).enumerate().filter(|(_, (_, open))| !**open);
+            for (tile, (azimuths, _)) in nodes {
+                for (m, &[c, s]) in azimuths.iter().enumerate() {
+                    let forward = circle.forward(c, s);
+                    if forward <= GRAZING {
+                        continue;
+                    }
+                    let Some((density, kind, part)) = around.bone(&circle.normal(c, s)) else { continue };
+                    let w = material.weight(density);
+                    if w <= 0.0 {
+                        continue;
+                    }
+                    found = true;
+                    let (w, slot) = (w * part, (tile * wide + m) % self.increments);
+                    add(&mut cut[slot], forward * w, c, s);
+                    if has_edge {
+                        add(&mut edge[slot], material.edge_factor(forward * tooth_mm) * w, c, s);
+                    }
+                    let rate = forward * area_mm2 * part;
+                    out.weighted_mrr_mm2 += w * forward * area_mm2;
+                    out.contact_area_mm2 += area_mm2 * part;
+                    // volume ends at the body's face, mass where its interpolated density does
+                    let volume = if kind.is_some() { rate } else { 0.0 };
+                    out.mrr_mm2 += volume;
+                    out.by_kind_per_mm.add(kind.unwrap_or(Kind::Material), volume, rate * density);
                 }
-                let Some((density, kind, part)) = bone(&(sx * c + sy * s + nz)) else { continue };
-                let w = material.weight(density);
-                if w <= 0.0 {
-                    continue;
-                }
-                found = true;
-                let w = w * part;
-                add(&mut cut[slot], forward * w, c, s);
-                if has_edge {
-                    add(&mut edge[slot], material.edge_factor(forward * tooth_mm) * w, c, s);
-                }
-                let rate = forward * area_mm2 * part;
-                out.weighted_mrr_mm2 += w * forward * area_mm2;
-                out.contact_area_mm2 += area_mm2 * part;
-                // volume ends at the body's face, mass where its interpolated density does
-                let volume = if kind.is_some() { rate } else { 0.0 };
-                out.mrr_mm2 += volume;
-                out.by_kind_per_mm.add(kind.unwrap_or(Kind::Material), volume, rate * density);
             }
             if found {
-                let ring = RingFrame { turn: [*tc, *ts], sk, ck, spin: self.tool.spin() };
+                let ring =
+                    RingFrame { turn: *turn, sk: element.sin, ck: element.cos, spin: self.tool.spin() };
                 for (sum, slot) in out.cut.iter_mut().zip(&mut cut) {
                     out.toward_bone_mm2 += ring.outwards(*slot) * area_mm2;
                     ring.expand(sum, std::mem::take(slot), element.dl_mm);
@@ -227,6 +255,92 @@ impl BurrNodes {
             }
         }
         out
+    }
+}
+
+impl Tiles {
+    /// The largest tiles whose nodes are within `most` of their middle, of the radius; single nodes, with a reach of 0, where
+    /// there are none.
+    fn largest(rings: &[Ring], azimuths: &[[f64; 2]], most: f64) -> Self {
+        const MOST_NODES: usize = 8;
+        let sizes = (1..=MOST_NODES).flat_map(|high| (1..=MOST_NODES).map(move |wide| [high, wide]));
+        let tiles = sizes.map(|[high, wide]| Self {
+            size: [high, wide],
+            first: rings
+                .chunks(high)
+                .map(|rings| Tile::around(rings, &azimuths[..wide.min(azimuths.len())]))
+                .collect(),
+        });
+        let fitting = tiles.filter(|tiles| tiles.first.iter().all(|tile| tile.reach <= most));
+        // of the same number of nodes the nearest to a square
+        let worth = |tiles: &Self| {
+            let [high, wide] = tiles.size;
+            (high * wide, std::cmp::Reverse(high.abs_diff(wide)))
+        };
+        fitting.max_by_key(worth).unwrap_or_else(|| Self {
+            size: [1, 1],
+            first: rings
+                .iter()
+                .map(|ring| Tile::around(std::slice::from_ref(ring), &azimuths[..1]))
+                .collect(),
+        })
+    }
+}
+
+impl Tile {
+    fn around(rings: &[Ring], azimuths: &[[f64; 2]]) -> Self {
+        let nodes: Vec<Vector3<f64>> = rings
+            .iter()
+            .flat_map(|Ring { element, turn: [tc, ts] }| {
+                let around = move |&[c, s]: &[f64; 2]| {
+                    let (x, y) = (c * tc - s * ts, s * tc + c * ts);
+                    Vector3::new(element.sin * x, element.sin * y, -element.cos)
+                };
+                azimuths.iter().map(around)
+            })
+            .collect();
+        let middle = nodes.iter().sum::<Vector3<f64>>().normalize();
+        // turned back by the first azimuth, so that each tile's own turns it to its place
+        let ([c, s], sin) = (azimuths[0], middle.x.hypot(middle.y));
+        let turn = [(middle.x * c + middle.y * s) / sin, (middle.y * c - middle.x * s) / sin];
+        let reach = nodes.iter().map(|node| (node - middle).norm()).fold(0.0, f64::max);
+        Self { sin, cos: -middle.z, turn, reach }
+    }
+}
+
+/// Directions at one polar angle, in the frame of the bone.
+struct Circle {
+    x: Vector3<f64>,
+    y: Vector3<f64>,
+    z: Vector3<f64>,
+    forward: [f64; 3],
+}
+
+impl Circle {
+    fn new(
+        axes: [&Vector3<f64>; 3],
+        [sin, cos]: [f64; 2],
+        turn: &[f64; 2],
+        feed: &Unit<Vector3<f64>>,
+    ) -> Self {
+        let ([x, y, z], [tc, ts]) = (axes, *turn);
+        let (x, y, z) = ((x * tc + y * ts) * sin, (y * tc - x * ts) * sin, z * -cos);
+        Self { forward: [x.dot(feed), y.dot(feed), z.dot(feed)], x, y, z }
+    }
+
+    #[inline]
+    fn normal(&self, c: f64, s: f64) -> Vector3<f64> {
+        self.x * c + self.y * s + self.z
+    }
+
+    /// How far a direction looks along the feed.
+    #[inline]
+    fn forward(&self, c: f64, s: f64) -> f64 {
+        self.forward[0] * c + self.forward[1] * s + self.forward[2]
+    }
+
+    fn most_forward(&self) -> f64 {
+        self.forward[0].hypot(self.forward[1]) + self.forward[2]
     }
 }
 

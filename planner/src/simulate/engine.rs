@@ -14,12 +14,13 @@ use rayon::prelude::*;
 
 use super::behind::Behind;
 use super::bone::{Amount, Bone, Kind};
-use super::engagement::{BurrNodes, Engagement, Feed};
+use super::engagement::{Around, BurrNodes, Engagement, Feed};
 use super::error::EngineError;
 use super::lattice::Lattice;
 use super::model::{CutForce, ForceModel};
-use super::shank::{Shaft, ShankContact, ShankView};
+use super::shank::ShankContact;
 use super::trail::Trail;
+use super::watch::ShankWatch;
 use crate::access::ShankCylinder;
 use crate::burr::error::checked;
 use crate::burr::{Discretisation, Material, Tool, direction};
@@ -34,15 +35,6 @@ const LAG_CELLS: f64 = 2.5;
 const STRETCH_CELLS: f64 = 2.0;
 /// How far a piece of the trail may be from the burr's way, cells.
 const BENT_CELLS: f64 = 0.004;
-/// How far around the shank bone is looked for, mm and mm per mm behind the burr, where a turn moves it more: what is
-/// found farther away saves looking again.
-const LOOK_MM: f64 = 1.0;
-const LOOK_PER_MM: f64 = 0.03;
-/// The shank is looked at in pieces of at most this length, mm: each may move as far as it is clear itself.
-const SHANK_PIECE_MM: f64 = 5.0;
-/// Places along a step at which the shank is looked at, at most.
-const MOST_PLACES: f64 = 1000.0;
-
 /// Where the burr is and how it lies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
@@ -154,8 +146,7 @@ pub struct Engine<'a, T, M> {
     spec: EngineSpec,
     pose: Pose,
     removed: Amount,
-    /// The shank in pieces, and how far each may move before it can touch anything, mm.
-    shank: Vec<(ShankCylinder, f64)>,
+    watch: ShankWatch,
     /// Time of stopped steps, which the next one that is made has as well, s.
     waited_s: f64,
 }
@@ -174,8 +165,11 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         }
         let lattice = Lattice::new(bone, spec.tool.radius_mm(), spec.cells_per_radius)?;
         let tolerance_mm = BENT_CELLS * lattice.spacing_mm();
-        let nodes = BurrNodes::new(&spec.tool, &spec.disc);
-        let shank = spec.shank.iter().flat_map(pieces).map(|piece| (piece, 0.0)).collect();
+        let r = spec.tool.radius_mm();
+        let half_mm = BurrNodes::half_patch_mm(&spec.tool, &spec.disc);
+        let tile_reach = lattice.longest_reach_mm(half_mm) / (r + spec.disc.sample_offset_mm());
+        let nodes = BurrNodes::new(&spec.tool, &spec.disc, tile_reach);
+        let watch = ShankWatch::new(&spec.shank, r);
         Ok(Self {
             trail: Trail::new(start.center, tolerance_mm),
             lattice,
@@ -184,7 +178,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
             spec,
             pose: start,
             removed: Amount::default(),
-            shank,
+            watch,
             waited_s: 0.0,
         })
     }
@@ -246,7 +240,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         let length_mm = (end.center - self.pose.center).norm();
         let before = self.trail.clone();
         self.trail.extend(end.center.coords);
-        if let Some(contact) = self.alarm(&end) {
+        if let Some(contact) = self.watch.contact(&self.lattice, &self.trail, &self.pose, &end) {
             self.trail = before;
             self.waited_s += to.seconds;
             return Ok(Step::nothing(Some(contact)));
@@ -296,39 +290,50 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
 
     /// Steps up to and with the first that the shank stops.
     fn together(&mut self, moves: &[Move]) -> Vec<Step> {
-        // each step's own trail: the corners before it, and where the burr is then
-        let mut trail = self.trail.clone();
-        let trails: Vec<Trail> = moves
-            .iter()
-            .map(|to| {
-                let before = trail.clone();
-                trail.extend(to.to.center.coords);
-                before
-            })
-            .collect();
-        let from = |n: usize| if n == 0 { self.pose } else { moves[n - 1].to };
-        let one = |n: usize| {
-            cancel::poll();
-            let to = &moves[n];
-            let start = from(n);
-            let waited_s = if n == 0 { self.waited_s } else { 0.0 };
-            let met = self.engage(&start, to, &trails[n], waited_s);
-            let length_mm = (to.to.center - start.center).norm();
-            met.map_or_else(|| Step::nothing(None), |met| Step::of(&met, self.model.force(&met), length_mm))
-        };
-        let mut steps: Vec<Step> = (0..moves.len()).into_par_iter().map(one).collect();
-        for (n, to) in moves.iter().enumerate() {
-            let before = self.trail.clone();
-            self.trail.extend(to.to.center.coords);
-            if let Some(contact) = self.alarm(&to.to) {
-                self.trail = before;
-                self.waited_s += to.seconds;
-                steps.truncate(n);
-                steps.push(Step::nothing(Some(contact)));
-                break;
-            }
-            self.pose = to.to;
+        // the trail before each step, and after the last
+        let mut trails = vec![self.trail.clone()];
+        for to in moves {
+            let mut trail = trails[trails.len() - 1].clone();
+            trail.extend(to.to.center.coords);
+            trails.push(trail);
+        }
+        let start = self.pose;
+        let from = |n: usize| if n == 0 { start } else { moves[n - 1].to };
+        let waited_s = self.waited_s;
+        let (lattice, mut watch) = (&self.lattice, self.watch.clone());
+        // both look at the bone as it is before the batch, and neither at what the other finds
+        let (mut steps, stopped) = rayon::join(
+            || {
+                let one = |n: usize| {
+                    cancel::poll();
+                    let to = &moves[n];
+                    let met = self.engage(&from(n), to, &trails[n], if n == 0 { waited_s } else { 0.0 });
+                    let length_mm = (to.to.center - from(n).center).norm();
+                    met.map_or_else(
+                        || Step::nothing(None),
+                        |met| Step::of(&met, self.model.force(&met), length_mm),
+                    )
+                };
+                (0..moves.len()).into_par_iter().map(one).collect::<Vec<Step>>()
+            },
+            || {
+                moves
+                    .iter()
+                    .enumerate()
+                    .find_map(|(n, to)| Some((n, watch.contact(lattice, &trails[n + 1], &from(n), &to.to)?)))
+            },
+        );
+        self.watch = watch;
+        let made = stopped.as_ref().map_or(moves.len(), |(n, _)| *n);
+        self.trail = trails.swap_remove(made);
+        if made > 0 {
+            self.pose = moves[made - 1].to;
             self.waited_s = 0.0;
+        }
+        if let Some((n, contact)) = stopped {
+            steps.truncate(n);
+            steps.push(Step::nothing(Some(contact)));
+            self.waited_s += moves[n].seconds;
         }
         self.follow(0.0);
         steps
@@ -366,7 +371,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         };
         let r = self.spec.tool.radius_mm();
         let center = to.to.center.coords;
-        let half_mm = self.nodes.half_patch_mm();
+        let half_mm = BurrNodes::half_patch_mm(&self.spec.tool, &self.spec.disc);
         // no more than the lattice's own lag is surely the burr's own surface
         let sample_mm = r + self.spec.disc.sample_offset_mm();
         let reach2 = (2.0 * r + half_mm).powi(2);
@@ -379,84 +384,49 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
             })
             .map(|piece| Behind::new(&piece, &center, sample_mm))
             .collect();
-        let bone = self.lattice.bone();
-        Some(self.nodes.engage(&feed, &self.spec.material, |normal| {
-            let mut part = 1.0;
-            for piece in &near {
-                part = piece.part_outside(normal, r, half_mm).min(part);
-                if part <= 0.0 {
-                    return None;
-                }
-            }
-            let index = bone.index(&(center + normal * sample_mm));
-            part = self.lattice.patch_left(&index, normal, half_mm).min(part);
-            if part <= 0.0 {
-                return None;
-            }
-            let density = bone.density_at(&index);
-            if density <= 0.0 {
-                return None;
-            }
-            Some((density, bone.nearest(&index).map(|(_, kind)| kind), part))
-        }))
-    }
-
-    /// The first contact of the shank on the way from the present pose.
-    fn alarm(&mut self, to: &Pose) -> Option<ShankContact> {
-        let thin_mm = self.spec.shank.iter().map(|c| c.radius_mm).reduce(f64::min)?;
-        let turn = (to.axis.into_inner() - self.pose.axis.into_inner()).norm();
-        let way_mm = (to.center - self.pose.center).norm();
-        let mut moved_mm = 0f64;
-        let mut close = Vec::new();
-        for (n, (piece, clear_mm)) in self.shank.iter_mut().enumerate() {
-            let moves_mm = way_mm + piece.to_mm * turn;
-            *clear_mm -= moves_mm;
-            if *clear_mm <= 0.0 {
-                close.push(n);
-                moved_mm = moved_mm.max(moves_mm);
-            }
-        }
-        let places = (moved_mm / thin_mm).ceil().clamp(1.0, MOST_PLACES) as usize;
-        for place in 1..=places {
-            let part = place as f64 / places as f64;
-            let axis = self.pose.axis.lerp(&to.axis, part);
-            let center = self.pose.center + (to.center - self.pose.center) * part;
-            let shaft = Shaft { center: center.coords, axis: Unit::try_new(axis, 1e-9).unwrap_or(to.axis) };
-            let mut deepest: Option<ShankContact> = None;
-            for &n in &close {
-                let piece = self.shank[n].0;
-                let view = self.view(&shaft, &piece);
-                self.shank[n].1 = if view.contact.is_some() { 0.0 } else { view.clear_mm };
-                deepest = deepest
-                    .into_iter()
-                    .chain(view.contact)
-                    .reduce(|a, b| if b.depth_mm > a.depth_mm { b } else { a });
-            }
-            if deepest.is_some() {
-                // the step is not made: these were looked at elsewhere
-                close.iter().for_each(|&n| self.shank[n].1 = 0.0);
-                return deepest;
-            }
-        }
-        None
-    }
-
-    fn view(&mut self, shaft: &Shaft, piece: &ShankCylinder) -> ShankView {
-        let r2 = self.spec.tool.radius_mm().powi(2);
-        let trail = &self.trail;
-        let is_swept =
-            |p: &Vector3<f64>| trail.pieces().any(|(a, b)| segment_distance_squared(p, &a, &b) <= r2);
-        let look_mm = LOOK_MM + LOOK_PER_MM * piece.to_mm;
-        self.lattice.view_shank(shaft, piece, look_mm, is_swept)
+        let around = Seen { lattice: &self.lattice, near: &near, center, radius_mm: r, sample_mm, half_mm };
+        Some(self.nodes.engage(&feed, &self.spec.material, &around))
     }
 }
 
-/// A cylinder in pieces of equal length.
-fn pieces(cylinder: &ShankCylinder) -> impl Iterator<Item = ShankCylinder> {
-    let ShankCylinder { from_mm, to_mm, radius_mm } = *cylinder;
-    let count = ((to_mm - from_mm) / SHANK_PIECE_MM).ceil().max(1.0) as usize;
-    let at = move |n: usize| from_mm + (to_mm - from_mm) * (n as f64 / count as f64);
-    (0..count).map(move |n| ShankCylinder { from_mm: at(n), to_mm: at(n + 1), radius_mm })
+/// The bone as a burr sees it from a place: what the lattice holds, less the newest stretch of the way.
+struct Seen<'a, 'b, T> {
+    lattice: &'b Lattice<'a, T>,
+    near: &'b [Behind],
+    center: Vector3<f64>,
+    radius_mm: f64,
+    /// Where a node looks, from the centre.
+    sample_mm: f64,
+    half_mm: f64,
+}
+
+impl<T: Copy + Into<f64> + Sync> Around for Seen<'_, '_, T> {
+    #[inline]
+    fn is_open(&self, normal: &Vector3<f64>, reach: f64) -> bool {
+        let index = self.lattice.bone().index(&(self.center + normal * self.sample_mm));
+        self.lattice.is_gone_around(&index, reach * self.sample_mm, self.half_mm)
+    }
+
+    #[inline]
+    fn bone(&self, normal: &Vector3<f64>) -> Option<(f64, Option<Kind>, f64)> {
+        let bone = self.lattice.bone();
+        let index = bone.index(&(self.center + normal * self.sample_mm));
+        let mut part = self.lattice.patch_left(&index, normal, self.half_mm);
+        if part <= 0.0 {
+            return None;
+        }
+        let density = bone.density_at(&index);
+        if density <= 0.0 {
+            return None;
+        }
+        for piece in self.near {
+            part = piece.part_outside(normal, self.radius_mm, self.half_mm).min(part);
+            if part <= 0.0 {
+                return None;
+            }
+        }
+        Some((density, bone.nearest(&index).map(|(_, kind)| kind), part))
+    }
 }
 
 /// Whether a step can be made.

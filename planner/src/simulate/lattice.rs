@@ -15,6 +15,8 @@
 //! Depths are cut off at ±[`FAR`] cells. A brick is unknown until a burr comes near, then empty of solid cells,
 //! intact, cut (and stored) or gone (and forgotten): memory is that of the cut surface.
 
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
 use bonemill_geometry::{Point, Work, trilinear};
 use nalgebra::Vector3;
 
@@ -30,6 +32,9 @@ pub(super) const FAR: f32 = 2.0;
 /// What interpolation leaves of the depth on a ball's surface, after what is put right in the mean: 1/6 of s/r, in
 /// cells.
 const DOUBT: f64 = 0.2;
+/// What interpolation may say too little of D, cells: ½ at a ridge between two balls, and less than a hundredth where one
+/// ball bends.
+const BETWEEN: f64 = 0.52;
 /// More bricks than this over the grid are refused: 256 MB of tags.
 const MOST_BRICKS: f64 = 67_108_864.0;
 
@@ -37,7 +42,7 @@ const MOST_BRICKS: f64 = 67_108_864.0;
 pub(super) mod tag {
     /// Nobody looked yet.
     pub const UNKNOWN: u32 = u32::MAX;
-    /// No solid cell.
+    /// No solid cell, nor one nearby.
     pub const NOTHING: u32 = u32::MAX - 1;
     /// Solid cells, none cut.
     pub const INTACT: u32 = u32::MAX - 2;
@@ -72,7 +77,8 @@ pub struct Lattice<'a, T> {
     /// s/r: how far the surface bends within a cell.
     bend: f64,
     pub(super) bricks: [usize; 3],
-    pub(super) tags: Vec<u32>,
+    /// By brick; atomic so that several threads may find out what nobody looked at: all find the same.
+    tags: Vec<AtomicU32>,
     pub(super) stored: Vec<Option<Box<Brick>>>,
     pub(super) vacant: Vec<u32>,
     dirty: Vec<u32>,
@@ -114,7 +120,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
             cells,
             bend: h * block as f64 / (split as f64 * radius_mm),
             bricks,
-            tags: vec![tag::UNKNOWN; count],
+            tags: (0..count).map(|_| AtomicU32::new(tag::UNKNOWN)).collect(),
             stored: Vec::new(),
             vacant: Vec::new(),
             dirty: Vec::new(),
@@ -186,6 +192,21 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         share(depth, half, sin, DOUBT * self.bend)
     }
 
+    /// Whether nothing is left within `reach_mm` of the point with this continuous voxel index, and no patch of this half width
+    /// there sees any; `reach_mm` is at most [`Lattice::longest_reach_mm`].
+    ///
+    /// D grows by at most 1 per length, and so do all patches' depths but for what interpolation adds.
+    #[inline]
+    pub(super) fn is_gone_around(&self, index: &Vector3<f64>, reach_mm: f64, half_mm: f64) -> bool {
+        let depth = self.depth_at(&self.cell_of_index(index));
+        f64::from(depth) <= -((reach_mm + half_mm) / self.spacing_mm() + BETWEEN)
+    }
+
+    /// How far [`Lattice::is_gone_around`] can look for patches of a half width, mm.
+    pub(super) fn longest_reach_mm(&self, half_mm: f64) -> f64 {
+        (f64::from(FAR) - BETWEEN) * self.spacing_mm() - half_mm
+    }
+
     /// The eight cells around cell coordinates and the place between them. Beyond the lattice as at its edge.
     #[inline]
     fn around(&self, cell: &Vector3<f64>) -> Around {
@@ -198,7 +219,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         }
         let local = base.map(|c| c % SIDE);
         if local.iter().all(|&l| l < SIDE - 1) {
-            let stored = match self.tags[self.brick_index(base.map(|c| c / SIDE))] {
+            let stored = match self.tag(self.brick_index(base.map(|c| c / SIDE))) {
                 place if place < tag::FIRST => self.stored[place as usize].as_ref(),
                 tag::GONE => return Around::Gone,
                 _ => return Around::Bone,
@@ -233,7 +254,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
     /// D of a cell.
     #[inline]
     pub(super) fn depth_of(&self, cell: [usize; 3]) -> f32 {
-        match self.tags[self.brick_index(cell.map(|c| c / SIDE))] {
+        match self.tag(self.brick_index(cell.map(|c| c / SIDE))) {
             place if place < tag::FIRST => self.stored[place as usize].as_ref().map_or(FAR, |brick| {
                 let [x, y, z] = cell.map(|c| c % SIDE);
                 brick.depth[x + SIDE * (y + SIDE * z)]
@@ -260,21 +281,40 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         self.cells
     }
 
-    /// A brick's tag; one that nobody looked at is looked at.
-    pub(super) fn looked_at(&mut self, brick: usize) -> u32 {
-        if self.tags[brick] == tag::UNKNOWN {
-            self.tags[brick] = if self.has_solid(brick) { tag::INTACT } else { tag::NOTHING };
-        }
-        self.tags[brick]
+    /// Bricks in all.
+    pub(super) fn brick_count(&self) -> usize {
+        self.tags.len()
     }
 
-    /// Whether a brick has a solid cell, cut or not.
+    /// A brick's tag.
+    #[inline]
+    pub(super) fn tag(&self, brick: usize) -> u32 {
+        self.tags[brick].load(Relaxed)
+    }
+
+    pub(super) fn set_tag(&mut self, brick: usize, tag: u32) {
+        *self.tags[brick].get_mut() = tag;
+    }
+
+    /// A brick's tag; one that nobody looked at is looked at.
+    pub(super) fn looked_at(&self, brick: usize) -> u32 {
+        if self.tag(brick) == tag::UNKNOWN {
+            let found = if self.has_solid(brick) { tag::INTACT } else { tag::NOTHING };
+            self.tags[brick].store(found, Relaxed);
+        }
+        self.tag(brick)
+    }
+
+    /// Whether a brick has a solid cell, cut or not, or one is so near that what is left of it is interpolated from here: the
+    /// density of a solid voxel fades over one more, and D is read between neighbouring cells.
     pub(super) fn has_solid(&self, brick: usize) -> bool {
         let first = self.first_cell(brick);
         let dims = self.bone.grid().dims();
+        let around = 1 + self.block.div_ceil(self.split);
         let range = |a: usize| {
             let last = (first[a] + SIDE).min(self.cells[a]);
-            first[a] * self.block / self.split..(last * self.block).div_ceil(self.split).min(dims[a])
+            let from = (first[a] * self.block / self.split).saturating_sub(around);
+            from..((last * self.block).div_ceil(self.split) + around).min(dims[a])
         };
         range(2).any(|k| range(1).any(|j| range(0).any(|i| self.bone.voxel([i, j, k]).is_some())))
     }
@@ -327,9 +367,9 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
     pub fn left(&self) -> Amount {
         let mut left = Amount::default();
         let part_mm3 = self.part_mm3();
-        for (index, &tag) in self.tags.iter().enumerate() {
+        for index in 0..self.brick_count() {
             let owned;
-            let brick = match tag {
+            let brick = match self.tag(index) {
                 tag::GONE | tag::NOTHING => continue,
                 place if place < tag::FIRST => self.stored[place as usize].as_deref(),
                 _ => {

@@ -27,6 +27,7 @@ mod surface;
 #[cfg(test)]
 mod tests;
 mod trail;
+mod watch;
 
 pub use bone::{Amount, Bone, Kind};
 pub use carve::Piece;

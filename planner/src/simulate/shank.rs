@@ -4,8 +4,7 @@
 //! bone is touched; the depth is how far that centre lies below the cylinder's side. Bricks without solid cells, or
 //! gone, cost one look each.
 //!
-//! Bone only disappears, so a clearance found once stays until that part of the shank has moved as far: most steps ask
-//! nothing at all. Beyond the lattice a coarse map stands for bone; there only what is certain is reported.
+//! Beyond the lattice a coarse map stands for bone; there only what is certain is reported.
 
 use bonemill_geometry::{Point, Work};
 use nalgebra::{Unit, Vector3};
@@ -44,31 +43,42 @@ pub(super) struct Shaft {
     pub axis: Unit<Vector3<f64>>,
 }
 
+/// A brick in which the shank may meet something.
+#[derive(Debug, Clone, Copy)]
+struct NearBrick {
+    brick: usize,
+    /// Its first cell.
+    first: [usize; 3],
+    /// Nothing in it is nearer to the cylinder's axis than this, mm; negative where the axis may pass through.
+    apart_mm: f64,
+}
+
 impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
     /// Looks for solid cells within `look_mm` of a cylinder's side; `is_swept` tells what the lattice does not know
     /// yet.
     pub(super) fn view_shank(
-        &mut self,
+        &self,
         shaft: &Shaft,
         cylinder: &ShankCylinder,
         look_mm: f64,
         is_swept: impl Fn(&Vector3<f64>) -> bool,
     ) -> ShankView {
         let mut view = ShankView { contact: None, clear_mm: look_mm };
-        for (brick, first) in self.bricks_around(shaft, cylinder, look_mm) {
-            self.view_brick(brick, first, shaft, cylinder, &is_swept, &mut view);
+        let mut bricks = self.bricks_around(shaft, cylinder, look_mm);
+        // what is found in the nearest spares looking at the others
+        bricks.sort_unstable_by(|a, b| a.apart_mm.total_cmp(&b.apart_mm).then(a.brick.cmp(&b.brick)));
+        for near in bricks {
+            if near.apart_mm > cylinder.radius_mm + view.clear_mm {
+                break;
+            }
+            self.view_brick(&near, shaft, cylinder, &is_swept, &mut view);
         }
         self.view_far(shaft, cylinder, &mut view);
         view
     }
 
     /// Bricks with something solid that may lie within `look_mm` of a cylinder's side.
-    fn bricks_around(
-        &mut self,
-        shaft: &Shaft,
-        cylinder: &ShankCylinder,
-        look_mm: f64,
-    ) -> Vec<(usize, [usize; 3])> {
+    fn bricks_around(&self, shaft: &Shaft, cylinder: &ShankCylinder, look_mm: f64) -> Vec<NearBrick> {
         let (bricks, mut found) = (self.bricks, Vec::new());
         let s = self.spacing_mm();
         let side = SIDE as f64;
@@ -94,14 +104,14 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
                     let mut at = [0; 3];
                     (at[a], at[b], at[c]) = (layer, i, j);
                     let brick = self.brick_index(at);
-                    if matches!(self.tags[brick], tag::GONE | tag::NOTHING) {
+                    if matches!(self.tag(brick), tag::GONE | tag::NOTHING) {
                         continue;
                     }
                     let middle = Vector3::from(at.map(|v| v as f64 * side)).add_scalar(half - 0.5);
-                    if segment_distance_squared(&middle, &from, &to) <= reach * reach
-                        && self.looked_at(brick) != tag::NOTHING
-                    {
-                        found.push((brick, at.map(|v| v * SIDE)));
+                    let squared = segment_distance_squared(&middle, &from, &to);
+                    if squared <= reach * reach && self.looked_at(brick) != tag::NOTHING {
+                        let apart_mm = (squared.sqrt() - half * 3f64.sqrt()) * s;
+                        found.push(NearBrick { brick, first: at.map(|v| v * SIDE), apart_mm });
                     }
                 }
             }
@@ -112,14 +122,13 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
     /// A cell beyond an end counts with its distance from it, too: it may come beside the cylinder by the same way.
     fn view_brick(
         &self,
-        brick: usize,
-        first: [usize; 3],
+        &NearBrick { brick, first, .. }: &NearBrick,
         shaft: &Shaft,
         cylinder: &ShankCylinder,
         is_swept: &impl Fn(&Vector3<f64>) -> bool,
         view: &mut ShankView,
     ) {
-        let tag = self.tags[brick];
+        let tag = self.tag(brick);
         let stored = if tag < tag::FIRST { self.stored[tag as usize].as_deref() } else { None };
         self.sites(first, |site, at| {
             let point = self.point(at);

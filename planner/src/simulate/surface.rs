@@ -28,7 +28,7 @@ pub struct BrickMesh {
 impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
     /// The surface of every brick; `level_g_cm3` is the density at which bone begins.
     pub fn whole_surface(&self, level_g_cm3: f64) -> Vec<BrickMesh> {
-        let bricks: Vec<usize> = (0..self.tags.len()).collect();
+        let bricks: Vec<usize> = (0..self.brick_count()).collect();
         let meshes: Vec<_> = bricks.into_par_iter().map(|brick| self.mesh(brick, level_g_cm3)).collect();
         meshes.into_iter().filter(|part| !part.mesh.triangles.is_empty()).collect()
     }
