@@ -115,34 +115,44 @@ fn a_plan_killed_at_any_moment_leaves_the_old_plan_or_the_new_one() {
 
 #[test]
 fn a_verification_killed_at_any_moment_leaves_the_plan_and_no_half_verdict() {
+    killed_while_it_adds("verify", "verification.toml");
+}
+
+#[test]
+fn a_simulation_killed_at_any_moment_leaves_the_plan_and_no_half_table() {
+    killed_while_it_adds("simulate", "simulation.csv");
+}
+
+/// Kills a command that adds a file to a plan and tells of it in the report: the file is the whole one, the one that was there
+/// before, or not there; the report is the one before or the one after; nothing else changes.
+fn killed_while_it_adds(command: &str, added: &str) {
     let Patient { place, plans, .. } = Patient::new();
     let begun = Instant::now();
-    let code = place.run(&["verify", "plan", "--quiet"]).code;
+    let code = place.run(&[command, "plan", "--quiet"]).code;
     let took = begun.elapsed();
     assert!(code == 0 || code == 1, "{code}");
-    let verdict = place.path("plan/verification.toml");
-    let whole = fs::read(&verdict).unwrap();
-    // the report tells of the verdict: it may be the one before or the one after, and whole
-    let verified = files(&place.path("plan"));
+    let file = place.path("plan").join(added);
+    let whole = fs::read(&file).unwrap();
+    let complete = files(&place.path("plan"));
     for n in 0..kills() {
         if n % 2 == 0 {
-            fs::remove_file(&verdict).unwrap_or_default();
+            fs::remove_file(&file).unwrap_or_default();
         }
-        let had = verdict.exists();
-        run_and_kill(&place, &["verify", "plan"], took, 1.1 * f64::from(n) / f64::from(kills()));
-        match fs::read(&verdict) {
-            Ok(bytes) => assert!(bytes == whole, "kill {n}: a verdict of {} bytes", bytes.len()),
-            Err(_) => assert!(!had, "kill {n}: the verdict that stood there is gone"),
+        let had = file.exists();
+        run_and_kill(&place, &[command, "plan"], took, 1.1 * f64::from(n) / f64::from(kills()));
+        match fs::read(&file) {
+            Ok(bytes) => assert!(bytes == whole, "kill {n}: {added} of {} bytes", bytes.len()),
+            Err(_) => assert!(!had, "kill {n}: the {added} that stood there is gone"),
         }
         let mut left = files(&place.path("plan"));
         // what a killed run was writing stands beside it, hidden
         left.retain(|name, _| {
             let name = name.to_string_lossy();
-            name != "verification.toml" && !name.starts_with('.')
+            name != added && !name.starts_with('.')
         });
         assert!(left.keys().eq(plans[1].keys()), "kill {n}: {:?}", left.keys());
         for (name, bytes) in &left {
-            let is_whole = plans[1].get(name) == Some(bytes) || verified.get(name) == Some(bytes);
+            let is_whole = plans[1].get(name) == Some(bytes) || complete.get(name) == Some(bytes);
             assert!(is_whole, "kill {n}: {} changed", name.display());
         }
     }

@@ -301,6 +301,34 @@ fn removal_rates_agree() {
     }
 }
 
+/// Yang and Chen's Table 1: aluminium, a ball end mill of 6 mm with two teeth, step-over and depth of 0.1 mm, at four feeds.
+///
+/// With d along z, K_t is the force across it per 0.01 mm² of cross-section. It grows with the feed by half where a lumped
+/// K_t would stay, which is why one measurement stands for one feed; each gives its own forces back.
+#[test]
+fn measured_forces_of_yang_and_chen_are_calibrated_and_given_back() {
+    let measured = [
+        (0.1, [2.0103, 0.8967, 0.7849], 220.1222, 0.356_575),
+        (0.2, [2.2274, 1.1029, 1.1326], 248.5498, 0.455_683),
+        (0.5, [2.3736, 1.4637, 0.8746], 278.8619, 0.313_632),
+        (1.0, [3.1328, 1.3029, 1.1927], 339.2932, 0.351_525),
+    ];
+    let d = Vector3::z_axis();
+    let mut before = 0.0;
+    for (feed_mm_s, force_n, k_t, k_r) in measured {
+        let removal = Removal::new(0.1 * 0.1 * feed_mm_s, 1.0, feed_mm_s).unwrap();
+        let force_n = Vector3::from(force_n);
+        let k = LumpedCoefficients::calibrate(&force_n, &d, &removal).unwrap();
+        assert!((k.k_t_n_mm2 - k_t).abs() < 1e-3, "{feed_mm_s} mm/s: K_t {}", k.k_t_n_mm2);
+        assert!((k.k_r - k_r).abs() < 1e-5, "{feed_mm_s} mm/s: K_r {}", k.k_r);
+        let given = k.force(&removal);
+        assert!((given.tangential_n - force_n.xy().norm()).abs() < 1e-12);
+        assert!((given.radial_n - force_n.z).abs() < 1e-12);
+        assert!(k.k_t_n_mm2 > before);
+        before = k.k_t_n_mm2;
+    }
+}
+
 /// The material of the paper's preset scales with density as the sum's own weights do.
 #[test]
 fn weight_follows_the_density_law() {
