@@ -404,7 +404,7 @@ impl<T: Copy + Into<f64> + Sync> Around for Seen<'_, '_, T> {
     #[inline]
     fn is_open(&self, normal: &Vector3<f64>, reach: f64) -> bool {
         let index = self.lattice.bone().index(&(self.center + normal * self.sample_mm));
-        self.lattice.is_gone_around(&index, reach * self.sample_mm, self.half_mm)
+        self.lattice.is_open_around(&index, reach * self.sample_mm, self.half_mm)
     }
 
     #[inline]

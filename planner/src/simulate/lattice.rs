@@ -192,17 +192,22 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         share(depth, half, sin, DOUBT * self.bend)
     }
 
-    /// Whether nothing is left within `reach_mm` of the point with this continuous voxel index, and no patch of this half width
-    /// there sees any; `reach_mm` is at most [`Lattice::longest_reach_mm`].
+    /// Whether nothing is or is left within `reach_mm` of the point with this continuous voxel index, and no patch of this half
+    /// width there sees any; `reach_mm` is at most [`Lattice::longest_reach_mm`].
     ///
     /// D grows by at most 1 per length, and so do all patches' depths but for what interpolation adds.
     #[inline]
-    pub(super) fn is_gone_around(&self, index: &Vector3<f64>, reach_mm: f64, half_mm: f64) -> bool {
-        let depth = self.depth_at(&self.cell_of_index(index));
+    pub(super) fn is_open_around(&self, index: &Vector3<f64>, reach_mm: f64, half_mm: f64) -> bool {
+        let cell = self.cell_of_index(index);
+        let brick = std::array::from_fn(|a| (cell[a].max(0.0) as usize).min(self.cells[a] - 1) / SIDE);
+        if self.looked_at(self.brick_index(brick)) == tag::NOTHING {
+            return true;
+        }
+        let depth = self.depth_at(&cell);
         f64::from(depth) <= -((reach_mm + half_mm) / self.spacing_mm() + BETWEEN)
     }
 
-    /// How far [`Lattice::is_gone_around`] can look for patches of a half width, mm.
+    /// How far [`Lattice::is_open_around`] can look for patches of a half width, mm.
     pub(super) fn longest_reach_mm(&self, half_mm: f64) -> f64 {
         (f64::from(FAR) - BETWEEN) * self.spacing_mm() - half_mm
     }
@@ -305,12 +310,12 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         self.tag(brick)
     }
 
-    /// Whether a brick has a solid cell, cut or not, or one is so near that what is left of it is interpolated from here: the
-    /// density of a solid voxel fades over one more, and D is read between neighbouring cells.
+    /// Whether a brick has a solid cell, cut or not, or one is so near that something of it is felt within [`FAR`] cells of the
+    /// brick: the density of a solid voxel fades over one more, and D is read between neighbouring cells.
     pub(super) fn has_solid(&self, brick: usize) -> bool {
         let first = self.first_cell(brick);
         let dims = self.bone.grid().dims();
-        let around = 1 + self.block.div_ceil(self.split);
+        let around = 1 + (FAR as usize * self.block).div_ceil(self.split);
         let range = |a: usize| {
             let last = (first[a] + SIDE).min(self.cells[a]);
             let from = (first[a] * self.block / self.split).saturating_sub(around);
