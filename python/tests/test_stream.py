@@ -163,6 +163,42 @@ def fake(rows: Rows, **changes: Any) -> Any:
     return SimpleNamespace(**(plan | changes))
 
 
+def test_nonsense_from_the_arm_stops_it_before_another_row() -> None:
+    """Damaged answers at random rows, from the first to the last: never a row after one, always stopped, always ours."""
+    random = np.random.default_rng(20261122)
+    nan, inf = float("nan"), float("inf")
+    nonsense: dict[str, list[Any]] = {
+        "actual_q": [
+            np.full(6, nan), [*START[:5], nan], [*START[:5], inf], [*START[:5], -inf], [], START[:5], [*START, 0.0],
+            START[None], None, "q", [None] * 6, ["x"] * 6, 3.0, START + 1e300, START - 0.1, RuntimeError("gone"), OSError("gone"),
+        ],
+        "speed_fraction": [nan, inf, -inf, -0.1, 0.0, 0.99, 1.01, 1e300, None, "fast", [], RuntimeError("gone")],
+        "safety_mode": [0, 2, -1, 2**40, nan, inf, None, "normal", [], RuntimeError("gone")],
+    }  # fmt: skip
+    cases = [(name, value) for name, values in nonsense.items() for value in values]
+    for trial in range(4 * len(cases)):
+        name, value = cases[trial % len(cases)]
+        arm = Imagined()
+        honest, asked = getattr(arm, name), 0
+        # asked once before the first row and once after each
+        at = int(random.integers(0, 501)) if trial >= 2 * len(cases) else (trial // len(cases)) * 500
+
+        def answer(value: Any = value, at: int = at, honest: Any = honest) -> Any:
+            nonlocal asked
+            asked += 1
+            if asked <= at:
+                return honest()
+            if isinstance(value, Exception):
+                raise value
+            return value
+
+        setattr(arm, name, answer)
+        with pytest.raises(bonemill.StreamError) as caught:
+            arm.run()
+        assert arm.stopped and arm.rows <= at, (name, value, at, arm.rows)
+        assert str(caught.value).startswith(("the arm", "the speed slider", "at the start", f"row {max(at - 1, 0)}"))
+
+
 def test_a_dry_run_needs_no_arm() -> None:
     assert stream(fake(swing()), "192.0.2.1", dry_run=True) == Report(500, pytest.approx(0.998), 0, 0.0, 0.0)
 

@@ -28,6 +28,8 @@ _NORMAL = 1
 """Safety mode NORMAL."""
 _FULL_SPEED = 0.999
 """Speed fraction above which the slider counts as being at 100 %."""
+_MOST_SPEED = 1.001
+"""A slider ends at 100 %."""
 
 
 @dataclass(frozen=True)
@@ -226,8 +228,7 @@ def follow(
             late, latest = late + (behind > rows.period_s), max(latest, behind)
             if behind > settings.late_s:
                 raise StreamError(f"row {row} of {len(rows.q)}: {behind:.3f} s late, at most {settings.late_s} s")
-            if not link.servo(q, rows.period_s, settings):
-                raise StreamError(f"row {row} of {len(rows.q)}: the arm did not take it")
+            _send(link, q, f"row {row} of {len(rows.q)}", rows.period_s, settings)
             told = rows.q[max(0, row - window) : row + 1]
             largest = max(largest, _watch(link, row, told, settings))
             if progress is not None and row % max(1, round(0.5 / rows.period_s)) == 0:
@@ -235,18 +236,18 @@ def follow(
         for _ in range(window):
             # the last row is rest: the arm gets there, and the watchdog hears of us meanwhile
             sleep(rows.period_s)
-            link.servo(rows.q[-1], rows.period_s, settings)
+            _send(link, rows.q[-1], "at rest in the end", rows.period_s, settings)
         largest = max(largest, _watch(link, len(rows.q) - 1, rows.q[-1:], settings))
         return Report(len(rows.q), clock() - began, late, latest, largest)
 
 
 def _check_start(link: Link, rows: Rows, settings: Settings) -> None:
-    if link.safety_mode() != _NORMAL:
-        raise StreamError(f"the arm's safety mode is {link.safety_mode()}: expected {_NORMAL} (normal)")
-    fraction = link.speed_fraction()
+    mode, fraction, actual = _state(link, "at the start")
+    if mode != _NORMAL:
+        raise StreamError(f"the arm's safety mode is {mode}: expected {_NORMAL} (normal)")
     if fraction < _FULL_SPEED:
         raise StreamError(f"the speed slider is at {100 * fraction:.0f} %: the plan's times hold at 100 % only")
-    off = np.abs(link.actual_q() - rows.q[0])
+    off = np.abs(actual - rows.q[0])
     if off.max() > settings.start_tolerance_rad:
         joint = int(off.argmax())
         raise StreamError(
@@ -255,13 +256,36 @@ def _check_start(link: Link, rows: Rows, settings: Settings) -> None:
         )
 
 
+def _send(link: Link, q: Floats, what: str, period_s: float, settings: Settings) -> None:
+    try:
+        taken = link.servo(q, period_s, settings)
+    except (RuntimeError, OSError) as error:
+        raise StreamError(f"{what}: cannot be sent\n  because: {error}") from error
+    if not taken:
+        raise StreamError(f"{what}: the arm did not take it")
+
+
+def _state(link: Link, when: str) -> tuple[int, float, Floats]:
+    """Safety mode, speed fraction and joints, rad, as the arm says them; nonsense is refused: NaN is below no limit."""
+    try:
+        mode, fraction = int(link.safety_mode()), float(link.speed_fraction())
+        actual = np.asarray(link.actual_q(), dtype=np.float64)
+    except (RuntimeError, TypeError, ValueError, OverflowError, OSError) as error:
+        raise StreamError(f"{when}: the arm's state cannot be read\n  because: {error}") from error
+    if not (np.isfinite(fraction) and 0.0 <= fraction <= _MOST_SPEED):
+        raise StreamError(f"{when}: the arm gives {fraction} as its speed fraction: expected 0 to {_MOST_SPEED:g}")
+    if actual.shape != (6,) or not np.isfinite(actual).all():
+        raise StreamError(f"{when}: the arm gives {actual.tolist()} as its joints: expected six finite numbers, rad")
+    return mode, fraction, actual
+
+
 def _watch(link: Link, row: int, told: Floats, settings: Settings) -> float:
     """How far the arm is from all that it was told lately, rad."""
-    if link.safety_mode() != _NORMAL:
-        raise StreamError(f"row {row}: the arm stopped itself, safety mode {link.safety_mode()}")
-    if link.speed_fraction() < _FULL_SPEED:
-        raise StreamError(f"row {row}: the speed slider was moved to {100 * link.speed_fraction():.0f} %")
-    actual = link.actual_q()
+    mode, fraction, actual = _state(link, f"row {row}")
+    if mode != _NORMAL:
+        raise StreamError(f"row {row}: the arm stopped itself, safety mode {mode}")
+    if fraction < _FULL_SPEED:
+        raise StreamError(f"row {row}: the speed slider was moved to {100 * fraction:.0f} %")
     off = np.maximum(told.min(axis=0) - actual, actual - told.max(axis=0)).max()
     if off > settings.track_tolerance_rad:
         raise StreamError(f"row {row}: the arm is {off:.4f} rad off its track, at most {settings.track_tolerance_rad}")
