@@ -51,8 +51,11 @@ fn alone<T: Send>(work: impl FnOnce() -> T + Send) -> T {
 
 /// What a peer prints about the inputs in `folder`: a line each, numbers between spaces; or why there is nothing.
 fn ask(script: &str, folder: &Path) -> Result<Vec<Vec<f64>>, String> {
-    let python = std::env::var(PYTHON).unwrap_or_else(|_| "python3".into());
-    let answer = Command::new(&python)
+    ask_of(&std::env::var(PYTHON).unwrap_or_else(|_| "python3".into()), script, folder)
+}
+
+fn ask_of(python: &str, script: &str, folder: &Path) -> Result<Vec<Vec<f64>>, String> {
+    let answer = Command::new(python)
         .args(["-c", script])
         .arg(folder)
         .output()
@@ -82,4 +85,21 @@ fn least_s<T>(runs: usize, mut work: impl FnMut() -> T) -> (f64, Option<T>) {
 fn write_f64(path: &Path, values: &[f64]) -> Result<(), ExperimentError> {
     let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
     std::fs::write(path, bytes).map_err(ExperimentError::Folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_peer_answers_in_numbers_or_says_why_not() {
+        let ask = |script| ask_of("python3", script, Path::new("a folder"));
+        assert_eq!(
+            ask("import sys; print(1, 2.5); print(len(sys.argv[1]))"),
+            Ok(vec![vec![1.0, 2.5], vec![8.0]])
+        );
+        assert!(ask("import no_such_peer").unwrap_err().contains("No module named 'no_such_peer'"));
+        assert!(ask("print('fast')").unwrap_err().contains("fast"));
+        assert!(ask_of("no-such-python", "", Path::new("")).unwrap_err().contains("no-such-python"));
+    }
 }
