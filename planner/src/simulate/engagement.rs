@@ -302,7 +302,11 @@ impl Tile {
         let middle = nodes.iter().sum::<Vector3<f64>>().normalize();
         // turned back by the first azimuth, so that each tile's own turns it to its place
         let ([c, s], sin) = (azimuths[0], middle.x.hypot(middle.y));
-        let turn = [(middle.x * c + middle.y * s) / sin, (middle.y * c - middle.x * s) / sin];
+        let turn = if sin > 0.0 {
+            [(middle.x * c + middle.y * s) / sin, (middle.y * c - middle.x * s) / sin]
+        } else {
+            [1.0, 0.0] // all the way around a pole
+        };
         let reach = nodes.iter().map(|node| (node - middle).norm()).fold(0.0, f64::max);
         Self { sin, cos: -middle.z, turn, reach }
     }
