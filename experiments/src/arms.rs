@@ -8,8 +8,9 @@ use std::f64::consts::{PI, TAU};
 
 use bonemill_geometry::{Base, Flange, Rigid};
 use bonemill_planner::Progress;
-use bonemill_robot::Arm;
 use bonemill_robot::ur::{UrModel, UrSolutions};
+use bonemill_robot::{Arm, JointKind};
+use nalgebra::Matrix6xX;
 use rayon::prelude::*;
 
 use crate::{ExperimentError, Size, Table};
@@ -91,24 +92,32 @@ fn kinematics(arm: &Arm, name: &str) -> Result<Table, ExperimentError> {
     let title = format!("{name}: flange and its Jacobian in base, m and rad");
     let mut table = Table::new(&format!("kinematics_{name}"), title, &columns);
     let mut stream = Stream(11);
-    let metres: Vec<f64> = arm
-        .joints()
-        .iter()
-        .map(|joint| if joint.kind == bonemill_robot::JointKind::Prismatic { 1e-3 } else { 1.0 })
-        .collect();
     for _ in 0..VECTORS {
         let q = random_q(arm, &mut stream);
-        let (pose, jacobian) = (arm.forward(&q)?, arm.jacobian(&q)?);
-        let mut row: Vec<f64> = q.iter().zip(&metres).map(|(q, m)| q * m).collect();
-        row.extend((pose.translation_mm * 1e-3).iter());
-        row.extend(pose.rotation.matrix().transpose().iter());
-        for k in 0..6 {
-            let lengths = if k < 3 { 1e-3 } else { 1.0 };
-            row.extend(metres.iter().enumerate().map(|(j, m)| jacobian[(k, j)] * lengths / m));
-        }
+        let row = in_metres(arm, &q, &arm.forward(&q)?, &arm.jacobian(&q)?);
         table.push(row.iter().map(|v| format!("{v:?}")).collect());
     }
     Ok(table)
+}
+
+/// Joints, the flange's position, its rotation by rows and the Jacobian by rows, in m and rad, as other libraries have them.
+pub(crate) fn in_metres(
+    arm: &Arm,
+    q: &[f64],
+    pose: &Rigid<Base, Flange>,
+    jacobian: &Matrix6xX<f64>,
+) -> Vec<f64> {
+    let of_joint =
+        |joint: &bonemill_robot::Joint| if joint.kind == JointKind::Prismatic { 1e-3 } else { 1.0 };
+    let metres: Vec<f64> = arm.joints().iter().map(of_joint).collect();
+    let mut row: Vec<f64> = q.iter().zip(&metres).map(|(q, m)| q * m).collect();
+    row.extend((pose.translation_mm * 1e-3).iter());
+    row.extend(pose.rotation.matrix().transpose().iter());
+    for k in 0..6 {
+        let lengths = if k < 3 { 1e-3 } else { 1.0 };
+        row.extend(metres.iter().enumerate().map(|(j, m)| jacobian[(k, j)] * lengths / m));
+    }
+    row
 }
 
 /// What is found out about poses inverted in closed form.

@@ -141,6 +141,14 @@ pub const EXPERIMENTS: &[Experiment] = &[
     },
 ];
 
+/// On one thread: what is timed there is the work, not the machine.
+pub(crate) fn alone<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
+        Ok(pool) => pool.install(work),
+        Err(_) => work(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::EXPERIMENTS;

@@ -13,7 +13,7 @@ use bonemill_planner::simulate::{Bone, Engine, Lattice, Piece};
 use nalgebra::Vector3;
 
 use super::{RADIUS_MM, line, model, moves, pose, spec};
-use crate::{ExperimentError, Size, Table};
+use crate::{ExperimentError, Size, Table, alone};
 
 /// Side of the bone, mm.
 const SIDE_MM: f64 = 50.0;
@@ -136,14 +136,6 @@ fn cells() -> f64 {
 fn way(step_mm: f64, steps: usize) -> (Vector3<f64>, Vec<Vector3<f64>>) {
     let from = Vector3::new(4.03, 24.87, SIDE_MM - 0.02);
     (from, line(from, from + Vector3::new(step_mm * steps as f64, 0.0, 0.0), steps))
-}
-
-/// Runs on one thread; without a pool of its own, on however many there are.
-fn alone<R: Send>(work: impl FnOnce() -> R + Send) -> R {
-    match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
-        Ok(pool) => pool.install(work),
-        Err(_) => work(),
-    }
 }
 
 fn quantile(values: &mut [f64], q: f64) -> f64 {

@@ -1,10 +1,10 @@
 //! Forward kinematics and Jacobians beside PyPI `pin`, which reads the same URDF; and in Rust beside `k`.
 
+use bonemill_robot::Arm;
 use bonemill_robot::ur::UrModel;
-use bonemill_robot::{Arm, JointKind};
 
 use super::{ask, least_s, write_f64};
-use crate::arms::{Stream, random_q};
+use crate::arms::{Stream, in_metres, random_q};
 use crate::{ExperimentError, Table};
 
 const CONFIGURATIONS: usize = 10_000;
@@ -40,18 +40,9 @@ fn row(arm: &Arm, name: &str, tip: &str) -> Result<Vec<String>, ExperimentError>
             .map(|q| Ok((arm.forward(q)?, arm.jacobian(q)?)))
             .collect::<Result<Vec<_>, ExperimentError>>()
     });
-    // in m and rad, as the peer has it
-    let metres = |j: usize| if arm.joints()[j].kind == JointKind::Prismatic { 1e-3 } else { 1.0 };
-    let mut numbers = Vec::new();
-    for (q, (pose, jacobian)) in all.iter().zip(found.transpose()?.unwrap_or_default()) {
-        numbers.extend(q.iter().enumerate().map(|(j, q)| q * metres(j)));
-        numbers.extend((pose.translation_mm * 1e-3).iter());
-        numbers.extend(pose.rotation.matrix().transpose().iter());
-        for k in 0..6 {
-            let lengths = if k < 3 { 1e-3 } else { 1.0 };
-            numbers.extend((0..arm.dof()).map(|j| jacobian[(k, j)] * lengths / metres(j)));
-        }
-    }
+    let found = found.transpose()?.unwrap_or_default();
+    let numbers: Vec<f64> =
+        all.iter().zip(&found).flat_map(|(q, (pose, jacobian))| in_metres(arm, q, pose, jacobian)).collect();
     let folder = tempfile::tempdir().map_err(ExperimentError::Folder)?;
     write_f64(&folder.path().join("answers"), &numbers)?;
     let urdf = folder.path().join("arm.urdf");

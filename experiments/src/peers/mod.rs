@@ -22,7 +22,7 @@ use std::process::Command;
 
 use bonemill_planner::Progress;
 
-use crate::{ExperimentError, Size, Table};
+use crate::{ExperimentError, Size, Table, alone};
 
 /// Names the interpreter that has the peers.
 const PYTHON: &str = "BONEMILL_PEERS_PYTHON";
@@ -39,14 +39,6 @@ pub fn run(_size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experimen
     progress.stage("kinematics");
     let kinematics = alone(kinematics::table)?;
     Ok(vec![distance, timelaw, kinematics])
-}
-
-/// On one thread, as the peers are.
-fn alone<T: Send>(work: impl FnOnce() -> T + Send) -> T {
-    match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
-        Ok(pool) => pool.install(work),
-        Err(_) => work(),
-    }
 }
 
 /// What a peer prints about the inputs in `folder`: a line each, numbers between spaces; or why there is nothing.

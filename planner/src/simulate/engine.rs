@@ -35,6 +35,7 @@ const LAG_CELLS: f64 = 2.5;
 const STRETCH_CELLS: f64 = 2.0;
 /// How far a piece of the trail may be from the burr's way, cells.
 const BENT_CELLS: f64 = 0.004;
+
 /// Where the burr is and how it lies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
