@@ -51,10 +51,14 @@ impl AxisPose {
     ///
     /// Continuous in all of them, except where the axis is opposite to the reference.
     pub fn spun(&self, reference: &SpinFrame, spin_rad: f64) -> Rigid<Base, Tool> {
+        Rigid::new(self.upright(reference) * about_z(spin_rad), self.position.coords)
+    }
+
+    /// The rotation at spin 0.
+    pub(crate) fn upright(&self, reference: &SpinFrame) -> Rotation3<f64> {
         let turn = Rotation3::rotation_between(&reference.direction(), &self.axis)
             .unwrap_or_else(|| Rotation3::from_axis_angle(&reference.across(), std::f64::consts::PI));
-        let spin = Rotation3::from_axis_angle(&Vector3::z_axis(), spin_rad);
-        Rigid::new(turn * reference.base_from_upright * spin, self.position.coords)
+        turn * reference.base_from_upright
     }
 
     /// Between two poses: the point on the line, the axis on the great circle; `share` in 0..=1.
@@ -65,6 +69,11 @@ impl AxisPose {
             across.map_or(self.axis, |across| Rotation3::from_axis_angle(&across, angle * share) * self.axis);
         Self { position, axis }
     }
+}
+
+/// A spin about the shaft, in the tool's frame.
+pub(crate) fn about_z(spin_rad: f64) -> Rotation3<f64> {
+    Rotation3::from_axis_angle(&Vector3::z_axis(), spin_rad)
 }
 
 /// Angle between two axes, rad, and the axis to turn the first about; none where they are (nearly) parallel.
@@ -230,8 +239,10 @@ impl Arm {
             {
                 continue;
             }
-            let middle = 0.5 * (joint.lower + joint.upper);
-            *q -= TURN * ((*q - middle) / TURN).round();
+            let off = *q - 0.5 * (joint.lower + joint.upper);
+            if off.abs() > 0.5 * TURN {
+                *q -= TURN * (off / TURN).round();
+            }
         }
     }
 }

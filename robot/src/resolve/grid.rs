@@ -6,10 +6,13 @@
 
 use std::f64::consts::TAU;
 
+use bonemill_geometry::{Base, Flange, Rigid};
+use nalgebra::Rotation3;
 use rayon::prelude::*;
 
 use super::{EXACT, Follower, OutOfReach, PosePath, ReachReason, Resolved, Stiffness};
-use crate::arm::{Arm, AxisPose, InverseKind};
+use crate::arm::inverse::about_z;
+use crate::arm::{Arm, AxisPose, InverseKind, Joint};
 use crate::ur::UrGeometry;
 use crate::ur::ik::wrapped;
 
@@ -28,23 +31,49 @@ const SHORTEST_MM: f64 = 0.05;
 /// Sweeps that even the spins out.
 const SWEEPS: usize = 64;
 
-/// One spin of one branch: joint positions and g; g is infinite where the arm cannot be.
-#[derive(Debug, Clone, Copy)]
-struct Node {
-    q: [f32; 6],
-    cost: f32,
+/// Spins with the last one again before the first and the first again behind the last.
+const RING: usize = SPINS + 2;
+
+/// Every spin and branch of one pose; spin k of branch b is node b·SPINS + k. A joint's positions lie side by side, so that moves are
+/// computed several at a time.
+#[derive(Debug, Clone)]
+struct Layer {
+    /// rad within half a turn around the middle of the joint's range, shape (branch, joint, ring of spins); 0 where the arm cannot be.
+    q: Vec<f32>,
+    /// g; infinite where the arm cannot be.
+    cost: Vec<f32>,
 }
 
-const NOWHERE: Node = Node { q: [0.0; 6], cost: f32::INFINITY };
+impl Layer {
+    fn empty() -> Self {
+        Self { q: vec![0.0; BRANCHES * 6 * RING], cost: vec![f32::INFINITY; BRANCHES * SPINS] }
+    }
 
-/// Every spin and branch of one pose, shape (branch, spin).
-type Layer = Vec<Node>;
+    fn set(&mut self, branch: usize, spin: usize, q: &[f64; 6], cost: f64) {
+        self.cost[branch * SPINS + spin] = cost as f32;
+        for (ring, q) in self.q[branch * 6 * RING..].chunks_exact_mut(RING).zip(q) {
+            ring[spin + 1] = *q as f32;
+        }
+    }
+
+    fn close_rings(&mut self) {
+        for ring in self.q.chunks_exact_mut(RING) {
+            ring[0] = ring[SPINS];
+            ring[RING - 1] = ring[1];
+        }
+    }
+
+    /// A joint's positions on a branch.
+    fn ring(&self, branch: usize, joint: usize) -> &[f32] {
+        &self.q[(branch * 6 + joint) * RING..][..RING]
+    }
+}
 
 pub(super) fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfReach> {
     let InverseKind::Ur { geometry, .. } = arm.inverse_kind() else {
         return Err(OutOfReach { pose: 0, reason: ReachReason::Jump });
     };
-    let nodes = Nodes { arm, geometry, path };
+    let nodes = Nodes::new(arm, geometry, path);
     let chosen = nodes.best_sequence()?;
     let frame = path.frame;
     let mut spin_rad = chosen.spin_rad;
@@ -84,13 +113,41 @@ struct Nodes<'a> {
     arm: &'a Arm,
     geometry: UrGeometry,
     path: &'a PosePath<'a>,
+    spins: [Rotation3<f64>; SPINS],
+    ranges: [Range; 6],
 }
 
-impl Nodes<'_> {
+/// A joint's range, rad.
+#[derive(Debug, Clone, Copy)]
+struct Range {
+    lower: f64,
+    upper: f64,
+    middle: f64,
+    per_half: f64,
+}
+
+impl<'a> Nodes<'a> {
+    fn new(arm: &'a Arm, geometry: UrGeometry, path: &'a PosePath<'a>) -> Self {
+        let range = |joint: &Joint| Range {
+            lower: joint.lower,
+            upper: joint.upper,
+            middle: 0.5 * (joint.lower + joint.upper),
+            per_half: 2.0 / (joint.upper - joint.lower),
+        };
+        Self {
+            arm,
+            geometry,
+            path,
+            spins: std::array::from_fn(|spin| about_z(spin as f64 * STEP_RAD)),
+            ranges: std::array::from_fn(|joint| range(&arm.joints()[joint])),
+        }
+    }
+
     fn best_sequence(&self) -> Result<Chosen, OutOfReach> {
         let poses = self.path.poses;
+        let weights = self.weights();
         let mut from = vec![0u8; poses.len() * BRANCHES * SPINS];
-        let mut before: Layer = vec![NOWHERE; BRANCHES * SPINS];
+        let mut before = Layer::empty();
         let mut total = vec![0f64; BRANCHES * SPINS];
         for start in (0..poses.len()).step_by(PORTION) {
             let range = start..(start + PORTION).min(poses.len());
@@ -101,7 +158,7 @@ impl Nodes<'_> {
                 let next = if i == 0 {
                     first(&layer)
                 } else {
-                    advance(&before, &total, &layer, length_mm, &self.weights(), came)
+                    advance(&before, &total, &layer, length_mm, &weights, came)
                 };
                 if next.iter().all(|cost| cost.is_infinite()) {
                     return Err(OutOfReach { pose: i, reason: self.why(i, &layer) });
@@ -123,43 +180,46 @@ impl Nodes<'_> {
     }
 
     fn layer(&self, i: usize) -> Layer {
-        let mut layer = vec![NOWHERE; BRANCHES * SPINS];
-        let pose = &self.path.poses[i];
-        let flange_to = self.arm.mount().flange_from_burr.inverse();
-        for spin in 0..SPINS {
-            let flange = pose.spun(&self.path.frame, spin as f64 * STEP_RAD) * flange_to;
-            for (branch, q) in self.geometry.inverse(&flange, 0.0).iter() {
+        let mut layer = Layer::empty();
+        for (spin, flange) in self.flanges(i).enumerate() {
+            let found = self.geometry.inverse(&flange, 0.0);
+            for (branch, q) in found.iter() {
                 let mut q = *q;
                 self.arm.bring_into_range(&mut q);
-                let node = &mut layer[branch * SPINS + spin];
-                let cost = self.posture(&q) + self.yielding(i, &q);
+                let cost = self.posture(&q, found.from_singular_mm[branch]) + self.yielding(i, &q);
                 if cost.is_finite() {
-                    *node = Node { q: q.map(|q| q as f32), cost: cost as f32 };
+                    layer.set(branch, spin, &q, cost);
                 }
             }
         }
+        layer.close_rings();
         layer
+    }
+
+    /// Where the flange is at a pose, by spin.
+    fn flanges(&self, i: usize) -> impl Iterator<Item = Rigid<Base, Flange>> {
+        let pose: &AxisPose = &self.path.poses[i];
+        let upright = pose.upright(&self.path.frame);
+        let flange_to = self.arm.mount().flange_from_burr.inverse();
+        self.spins.iter().map(move |spin| Rigid::new(upright * spin, pose.position.coords) * flange_to)
     }
 
     /// g: what a posture costs per mm; infinite beyond a joint's range.
     ///
     /// Limits: Σ (u/0.25)² with u how far |q| is past three quarters of the half range. Singularity: 0.02/(σ² + 1e-4), σ = s₃ s₅ w
     /// with w the wrist's distance from the first axis in units of a link: the factors of the Jacobian's determinant.
-    fn posture(&self, q: &[f64; 6]) -> f64 {
+    fn posture(&self, q: &[f64; 6], from_singular_mm: f64) -> f64 {
         let mut cost = 0.0;
-        for (joint, q) in self.arm.joints().iter().zip(q) {
-            if !(joint.lower..=joint.upper).contains(q) {
+        for (range, q) in self.ranges.iter().zip(q) {
+            if !(range.lower..=range.upper).contains(q) {
                 return f64::INFINITY;
             }
-            let share = (q - 0.5 * (joint.lower + joint.upper)).abs() / (0.5 * (joint.upper - joint.lower));
+            let share = (q - range.middle).abs() * range.per_half;
             if share > 0.75 {
                 cost += ((share - 0.75) * 4.0).powi(2);
             }
         }
-        let g = &self.geometry;
-        let (q23, q234) = (q[1] + q[2], q[1] + q[2] + q[3]);
-        let outward = g.a2_mm * q[1].cos() + g.a3_mm * q23.cos() + g.d5_mm * q234.sin();
-        let sigma = q[2].sin() * q[4].sin() * outward / (0.5 * (g.a2_mm + g.a3_mm));
+        let sigma = from_singular_mm / (0.5 * (self.geometry.a2_mm + self.geometry.a3_mm));
         cost + 0.02 / (sigma * sigma + 1e-4)
     }
 
@@ -176,17 +236,13 @@ impl Nodes<'_> {
 
     /// Why no node of a layer can be reached.
     fn why(&self, i: usize, layer: &Layer) -> ReachReason {
-        if layer.iter().any(|node| node.cost.is_finite()) {
+        if layer.cost.iter().any(|cost| cost.is_finite()) {
             return ReachReason::Jump;
         }
-        let pose: &AxisPose = &self.path.poses[i];
-        let flange_to = self.arm.mount().flange_from_burr.inverse();
         let mut least_mm = f64::INFINITY;
         let mut excess = None;
-        for spin in 0..SPINS {
-            let found = self
-                .geometry
-                .inverse(&(pose.spun(&self.path.frame, spin as f64 * STEP_RAD) * flange_to), 0.0);
+        for flange in self.flanges(i) {
+            let found = self.geometry.inverse(&flange, 0.0);
             least_mm = least_mm.min(found.short_mm);
             for (_, q) in found.iter() {
                 let mut q = *q;
@@ -207,7 +263,7 @@ impl Nodes<'_> {
 }
 
 fn first(layer: &Layer) -> Vec<f64> {
-    layer.iter().map(|node| f64::from(node.cost) * SHORTEST_MM).collect()
+    layer.cost.iter().map(|cost| f64::from(*cost) * SHORTEST_MM).collect()
 }
 
 /// The best total at each node of a layer; notes where it came from: 0, 1, 2 for one spin less, the same, one more.
@@ -219,35 +275,45 @@ fn advance(
     weights: &[f32; 6],
     came: &mut [u8],
 ) -> Vec<f64> {
-    let mut next = vec![f64::INFINITY; layer.len()];
+    let mut next = vec![f64::INFINITY; layer.cost.len()];
     let per_motion = MOTION_MM / length_mm;
-    for (at, node) in layer.iter().enumerate() {
-        if node.cost.is_infinite() {
+    for branch in 0..BRANCHES {
+        let nodes = branch * SPINS..(branch + 1) * SPINS;
+        let total = &total[nodes.clone()];
+        if total.iter().all(|total| total.is_infinite()) {
             continue;
         }
-        let (branch, spin) = (at / SPINS, at % SPINS);
-        let mut best = (f64::INFINITY, 1u8);
-        // the same spin first, so that it wins when all are equal
-        for (how, other) in [(1, spin), (0, (spin + SPINS - 1) % SPINS), (2, (spin + 1) % SPINS)] {
-            let other = branch * SPINS + other;
-            if total[other].is_infinite() {
-                continue;
-            }
-            let mut motion = 0f32;
-            for ((a, b), weight) in node.q.iter().zip(&before[other].q).zip(weights) {
-                let apart = a - b;
-                let apart = apart - std::f32::consts::TAU * (apart / std::f32::consts::TAU).round();
-                motion += apart * apart * weight;
-            }
-            let cost = total[other] + f64::from(motion) * per_motion;
-            if cost < best.0 {
-                best = (cost, how);
-            }
+        let motion = [0, 1, 2].map(|how| motion(before, layer, branch, how, weights));
+        let nodes = next[nodes.clone()].iter_mut().zip(&layer.cost[nodes.clone()]).zip(&mut came[nodes]);
+        for (spin, ((next, cost), came)) in nodes.enumerate() {
+            let at = [(spin + SPINS - 1) % SPINS, spin, (spin + 1) % SPINS];
+            let [less, same, more] =
+                [0, 1, 2].map(|how| total[at[how]] + f64::from(motion[how][spin]) * per_motion);
+            // the same spin wins when all are equal
+            let (best, how) = if less < same { (less, 0) } else { (same, 1) };
+            let (best, how) = if more < best { (more, 2) } else { (best, how) };
+            *next = best + f64::from(*cost) * length_mm;
+            *came = how;
         }
-        next[at] = best.0 + f64::from(node.cost) * length_mm;
-        came[at] = best.1;
     }
     next
+}
+
+/// Σⱼ (Δqⱼ/q̇ⱼ)² to each spin of a branch from one spin less, the same or one more (`how` 0, 1, 2), s².
+fn motion(before: &Layer, layer: &Layer, branch: usize, how: usize, weights: &[f32; 6]) -> [f32; SPINS] {
+    use std::f32::consts::TAU;
+    let mut motion = [0f32; SPINS];
+    for (joint, weight) in weights.iter().enumerate() {
+        let to = &layer.ring(branch, joint)[1..=SPINS];
+        let from = &before.ring(branch, joint)[how..how + SPINS];
+        for ((motion, to), from) in motion.iter_mut().zip(to).zip(from) {
+            let one_way = (to - from).abs();
+            let other_way = TAU - one_way;
+            let apart = if one_way < other_way { one_way } else { other_way };
+            *motion += apart * apart * weight;
+        }
+    }
+    motion
 }
 
 /// Walks back from the best end.

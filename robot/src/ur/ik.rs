@@ -17,7 +17,7 @@
 //!
 //! **Source:** geometry as in Hawkins 2013, "Analytic inverse kinematics for the Universal Robots"; derived anew here.
 
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 use bonemill_geometry::{Base, Flange, Rigid};
 
@@ -50,6 +50,9 @@ pub struct UrGeometry {
 pub struct UrSolutions {
     /// Joint vectors, rad, by branch: 4·shoulder + 2·wrist + elbow, each 0 or 1; `None` where the branch does not reach.
     pub branches: [Option<[f64; 6]>; 8],
+    /// |s₃ s₅ w| by branch, mm, with w the distance of the origin of frame 5 from the first axis in the plane of the arm: the factors of the
+    /// Jacobian's determinant, 0 at a singularity.
+    pub from_singular_mm: [f64; 8],
     /// By how much the flange has to be moved, the best way that was looked at, for a branch to reach, mm; 0 where one does.
     pub short_mm: f64,
     /// Whether q₆ was free and taken from the caller.
@@ -57,6 +60,15 @@ pub struct UrSolutions {
 }
 
 impl UrSolutions {
+    fn none() -> Self {
+        Self {
+            branches: [None; 8],
+            from_singular_mm: [0.0; 8],
+            short_mm: f64::INFINITY,
+            wrist_singular: false,
+        }
+    }
+
     /// The joint vectors there are, with their branch.
     pub fn iter(&self) -> impl Iterator<Item = (usize, &[f64; 6])> {
         self.branches.iter().enumerate().filter_map(|(branch, q)| Some((branch, q.as_ref()?)))
@@ -80,8 +92,8 @@ impl UrGeometry {
         let p = &base_from_flange.translation_mm;
         let [x6, y6, z6] = [0, 1, 2].map(|k| [r[(0, k)], r[(1, k)], r[(2, k)]]);
         let p5: [f64; 3] = std::array::from_fn(|k| p[k] - self.d6_mm * z6[k]);
-        let mut found = UrSolutions { branches: [None; 8], short_mm: f64::INFINITY, wrist_singular: false };
-        let across = p5[0].hypot(p5[1]);
+        let mut found = UrSolutions::none();
+        let across = length(p5[0], p5[1]);
         if !across.is_finite() || across < self.d4_mm - EDGE_MM {
             found.short_mm = self.way_out_mm(base_from_flange, &p5, across);
             return found;
@@ -92,34 +104,35 @@ impl UrGeometry {
             let s1 = (p5[1] * along + p5[0] * self.d4_mm) * per_square;
             let c1 = (p5[0] * along - p5[1] * self.d4_mm) * per_square;
             let on_z1 = |v: &[f64; 3]| s1 * v[0] - c1 * v[1];
+            let in_plane = |v: &[f64; 3]| [c1 * v[0] + s1 * v[1], v[2]];
             let (cx, cy, c5) = (on_z1(&x6), on_z1(&y6), on_z1(&z6));
-            let s5_size = cx.hypot(cy);
-            let free = s5_size <= WRIST_SINGULAR;
+            let s5 = length(cx, cy);
+            let free = s5 <= WRIST_SINGULAR;
             found.wrist_singular |= free;
-            let plane = Plane { geometry: self, s1, c1, q1: s1.atan2(c1), p5: &p5, z6: &z6 };
-            for wrist in 0..2 {
-                let sign = if wrist == 0 { 1.0 } else { -1.0 };
-                let (s5, s6, c6, q6) = if free {
-                    let (s6, c6) = free_q6_rad.sin_cos();
-                    (0.0, s6, c6, free_q6_rad)
-                } else {
-                    let (s6, c6) = (-sign * cy / s5_size, sign * cx / s5_size);
-                    (sign * s5_size, s6, c6, s6.atan2(c6))
-                };
-                let rolled = Rolled {
-                    // x₅ and −z₄ of the wrist's frames
-                    x5: std::array::from_fn(|k| c6 * x6[k] - s6 * y6[k]),
-                    y5: std::array::from_fn(|k| s6 * x6[k] + c6 * y6[k]),
-                    s5,
-                    c5,
-                    q5: s5.atan2(c5),
-                    q6,
-                };
-                let at = 4 * shoulder + 2 * wrist;
-                match plane.elbows(&rolled) {
-                    Ok(both) => {
-                        found.branches[at] = Some(both[0]);
-                        found.branches[at + 1] = Some(both[1]);
+            let (s6, c6, q6) = if free {
+                let (s6, c6) = free_q6_rad.sin_cos();
+                (s6, c6, free_q6_rad)
+            } else {
+                let (s6, c6) = (-cy / s5, cx / s5);
+                (s6, c6, s6.atan2(c6))
+            };
+            let s5 = if free { 0.0 } else { s5 };
+            let (x6, y6, z6) = (in_plane(&x6), in_plane(&y6), in_plane(&z6));
+            // x₅ and y₅ = −z₄ of the wrist's frames, then x₄
+            let x5: [f64; 2] = std::array::from_fn(|k| c6 * x6[k] - s6 * y6[k]);
+            let y5: [f64; 2] = std::array::from_fn(|k| s6 * x6[k] + c6 * y6[k]);
+            let x4: [f64; 2] = std::array::from_fn(|k| c5 * x5[k] - s5 * z6[k]);
+            let wrist = Wrist { y5, q234: x4[1].atan2(x4[0]), q5: s5.atan2(c5), q6 };
+            let plane = Plane { geometry: self, q1: s1.atan2(c1), p5: [along, p5[2] - self.d1_mm] };
+            for (turned, wrist) in
+                [&wrist, &if free { wrist } else { wrist.turned() }].into_iter().enumerate()
+            {
+                let at = 4 * shoulder + 2 * turned;
+                match plane.elbows(wrist) {
+                    Ok(elbows) => {
+                        found.branches[at] = Some(elbows.q[0]);
+                        found.branches[at + 1] = Some(elbows.q[1]);
+                        found.from_singular_mm[at..at + 2].fill((along * s5 * elbows.s3).abs());
                         found.short_mm = 0.0;
                     }
                     Err(short_mm) => found.short_mm = found.short_mm.min(short_mm),
@@ -144,35 +157,45 @@ impl UrGeometry {
 }
 
 /// The wrist as one branch rolls it.
-struct Rolled {
-    x5: [f64; 3],
-    y5: [f64; 3],
-    s5: f64,
-    c5: f64,
+#[derive(Debug, Clone, Copy)]
+struct Wrist {
+    /// Outward and up.
+    y5: [f64; 2],
+    q234: f64,
     q5: f64,
     q6: f64,
+}
+
+impl Wrist {
+    /// The other wrist: s₅, s₆ and c₆ change their signs, and x₄ and y₅ with them.
+    fn turned(self) -> Self {
+        let opposite = |angle: f64| angle - PI.copysign(angle);
+        Self { y5: self.y5.map(|y| -y), q234: opposite(self.q234), q5: -self.q5, q6: opposite(self.q6) }
+    }
 }
 
 /// The plane in which joints 2 and 3 move, for one shoulder.
 struct Plane<'a> {
     geometry: &'a UrGeometry,
-    s1: f64,
-    c1: f64,
     q1: f64,
-    p5: &'a [f64; 3],
-    z6: &'a [f64; 3],
+    /// Outward and up from the shoulder, mm.
+    p5: [f64; 2],
+}
+
+/// Both ways to bend the elbow.
+struct Elbows {
+    q: [[f64; 6]; 2],
+    /// |s₃|, the same for both.
+    s3: f64,
 }
 
 impl Plane<'_> {
     /// Both elbows, or how many mm the wrist is out of their reach.
-    fn elbows(&self, wrist: &Rolled) -> Result<[[f64; 6]; 2], f64> {
+    fn elbows(&self, wrist: &Wrist) -> Result<Elbows, f64> {
         let g = self.geometry;
-        let p4: [f64; 3] = std::array::from_fn(|k| self.p5[k] + g.d5_mm * wrist.y5[k]);
-        let x4: [f64; 3] = std::array::from_fn(|k| wrist.c5 * wrist.x5[k] - wrist.s5 * self.z6[k]);
-        let outward = |v: &[f64; 3]| self.c1 * v[0] + self.s1 * v[1];
-        let (x, y) = (outward(&p4), p4[2] - g.d1_mm);
+        let [x, y]: [f64; 2] = std::array::from_fn(|k| self.p5[k] + g.d5_mm * wrist.y5[k]);
         let (longest, shortest) = ((g.a2_mm + g.a3_mm).abs(), (g.a2_mm - g.a3_mm).abs());
-        let length = x.hypot(y);
+        let length = length(x, y);
         let short_mm = (length - longest).max(shortest - length);
         if !short_mm.is_finite() || short_mm > EDGE_MM {
             return Err(short_mm);
@@ -181,16 +204,23 @@ impl Plane<'_> {
         // 1 − c₃ and 1 + c₃ as products: exact to the last digit at both ends
         let less = ((longest - length) * (longest + length) * half).max(0.0);
         let more = ((length - shortest) * (length + shortest) * half).max(0.0);
-        let q3_size = 2.0 * less.sqrt().atan2(more.sqrt());
-        let (s3_size, c3) = ((less * more).sqrt(), 0.5 * (more - less));
-        let q234 = x4[2].atan2(outward(&x4));
-        Ok([1.0, -1.0].map(|sign| {
-            let (k1, k2) = (g.a2_mm + g.a3_mm * c3, sign * g.a3_mm * s3_size);
-            let q2 = (k1 * y - k2 * x).atan2(k1 * x + k2 * y);
-            let q3 = sign * q3_size;
-            [self.q1, q2, q3, wrapped(q234 - q2 - q3), wrist.q5, wrist.q6]
-        }))
+        let (less_root, more_root) = (less.sqrt(), more.sqrt());
+        let q3 = 2.0 * less_root.atan2(more_root);
+        let (s3, c3) = (less_root * more_root, 0.5 * (more - less));
+        // what the elbow adds to the upper arm's angle; its sign is the elbow's
+        let aside = (g.a3_mm * s3).atan2(g.a2_mm + g.a3_mm * c3);
+        let direct = y.atan2(x);
+        let q = [1.0, -1.0].map(|sign| {
+            let (q2, q3) = (wrapped(direct - sign * aside), sign * q3);
+            [self.q1, q2, q3, wrapped(wrist.q234 - q2 - q3), wrist.q5, wrist.q6]
+        });
+        Ok(Elbows { q, s3 })
     }
+}
+
+/// √(x² + y²): for lengths of metres, where squares neither overflow nor vanish.
+fn length(x: f64, y: f64) -> f64 {
+    (x * x + y * y).sqrt()
 }
 
 /// The same direction in [−π, π], for angles a few turns at most away.
@@ -198,6 +228,6 @@ pub(crate) fn wrapped(angle_rad: f64) -> f64 {
     if angle_rad.abs() <= PI {
         return angle_rad;
     }
-    let turned = angle_rad - 2.0 * PI * (angle_rad / (2.0 * PI)).round();
-    turned.clamp(-PI, PI)
+    let turns = if angle_rad.abs() < 3.0 * PI { 1f64.copysign(angle_rad) } else { (angle_rad / TAU).round() };
+    (angle_rad - TAU * turns).clamp(-PI, PI)
 }
