@@ -120,9 +120,12 @@ pub struct ExportArgs {
     /// Folder for the files, which are called as the plan
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
-    /// Rows per second (ros: 50, urscript: 25); at most the trajectory's own
+    /// Rows per second, at most the trajectory's own; the default is chosen so that the burr keeps to the trajectory
     #[arg(long = "rate", value_name = "HZ")]
     pub rate_hz: Option<f64>,
+    /// gcode: links as G0; only for a machine that drives G0 along a straight line
+    #[arg(long)]
+    pub rapid: bool,
 }
 
 #[derive(Debug, clap::Args)]

@@ -6,7 +6,7 @@ mod support;
 
 use std::fs;
 
-use bonemill_planner::plan::StoredPlan;
+use bonemill_planner::plan::{StoredPlan, Value};
 use bonemill_robot::Arm;
 use bonemill_robot::ur::UrModel;
 use nalgebra::Vector3;
@@ -156,6 +156,17 @@ fn a_calibration_is_used_and_a_wrong_one_refused() {
     place.refuses(&[&place.line_of("arm.yaml"), "cannot read the calibration", "arm.yaml"]);
     fs::write(place.path("arm.yaml"), "some: thing\n").unwrap();
     place.refuses(&[&place.line_of("arm.yaml"), "expected delta_theta"]);
+    // another model's, and one in degrees: by the file's name
+    for (key, value, why) in [
+        ("delta_a", "[0, -0.2, 0, 0, 0, 0]", "another model"),
+        ("delta_alpha", "[0, 0, 0, 0, 0, 0.5]", "turned"),
+    ] {
+        let zeros = "[0, 0, 0, 0, 0, 0]";
+        let keys = ["delta_theta", "delta_a", "delta_d", "delta_alpha"];
+        let text: String = keys.map(|k| format!("{k}: {}\n", if k == key { value } else { zeros })).concat();
+        fs::write(place.path("arm.yaml"), text).unwrap();
+        place.refuses(&[&place.line_of("arm.yaml"), "arm.yaml", why]);
+    }
     let place = with_robot("calibration = \"arm.yaml\"");
     place.refuses(&["robot.calibration", "ur3e, ur5e or ur10e"]);
 }
@@ -179,7 +190,9 @@ fn fiducials_give_the_registration_and_say_how_well() {
         found.map(|(_, value)| format!("{value:?}"))
     };
     assert!(number(&plan, "fre_mm").is_some() && number(&plan, "expected_error_mm").is_some());
+    assert!(number(&plan, "fiducial_residuals_mm").is_some());
     let plan = planned(&with_robot(&text(6.0)));
+    assert!(plan.record.warnings.iter().any(|w| w.contains("fiducial 5 is")), "{:?}", plan.record.warnings);
     assert!(
         plan.record.warnings.iter().any(|w| w.contains("FRE") && w.contains("clearance")),
         "{:?}",
@@ -188,6 +201,37 @@ fn fiducials_give_the_registration_and_say_how_well() {
     let line = "base_from_ct = { fiducials = { ct_mm = [[0,0,0],[10,0,0],[20,0,0]], base_mm = [[0,0,0],[10,0,0],[20,0,0]] } }";
     let place = with_robot(line);
     place.refuses(&[&place.line_of("fiducials"), "of a line"]);
+}
+
+#[test]
+fn the_burr_s_stiffness_along_the_path_is_told() {
+    let joints = [30.0, 40.0, 50.0, 2e4];
+    let plan = planned(&with_robot(&format!("joint_stiffness = {joints:?}")));
+    let told =
+        plan.record.metrics.more.iter().find(|(key, _)| key == "stiffness_n_mm").map(|(_, value)| value);
+    let Some(Value::Table(told)) = told else { panic!("{told:?}") };
+    let number = |name: &str| match told.iter().find(|(key, _)| key == name) {
+        Some((_, Value::Number(number))) => *number,
+        other => panic!("{other:?}"),
+    };
+    let t = &plan.trajectory;
+    let softest = (0..t.len()).map(|row| {
+        let compliance = plan.arm.compliance(t.q_at(row), &joints).unwrap();
+        1.0 / compliance.symmetric_eigenvalues().max()
+    });
+    // the trajectory passes between the waypoints, too
+    let softest = softest.fold(f64::INFINITY, f64::min);
+    assert!((number("softest") / softest - 1.0).abs() < 0.02, "{} and {softest} N/mm", number("softest"));
+    assert!(
+        number("softest") < number("mean_softest") && number("least_toward_structure") >= number("softest")
+    );
+}
+
+#[test]
+fn limits_that_make_a_motion_endless_are_refused() {
+    let place =
+        with_robot("acceleration_limits = [1e-6, 1e-6, 1e-6, 1e-6]\njerk_limits = [1e-6, 1e-6, 1e-6, 1e-6]");
+    place.refuses(&["500 Hz", "rows", "limits"]);
 }
 
 #[test]

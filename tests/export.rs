@@ -32,6 +32,13 @@ fn row(plan: &StoredPlan, n: usize, stride: usize) -> usize {
     (n * stride).min(plan.trajectory.len() - 1)
 }
 
+/// How far a point is from a line between two, mm.
+fn from_segment(p: &nalgebra::Vector3<f64>, ends: &[nalgebra::Vector3<f64>]) -> f64 {
+    let way = ends[1] - ends[0];
+    let share = if way.norm_squared() > 0.0 { (p - ends[0]).dot(&way) / way.norm_squared() } else { 0.0 };
+    (p - ends[0] - way * share.clamp(0.0, 1.0)).norm()
+}
+
 #[test]
 fn ros_and_urscript_hold_the_trajectory() {
     let place = Place::healthy().with_case("rate_hz = 100", UR);
@@ -59,11 +66,37 @@ fn ros_and_urscript_hold_the_trajectory() {
     );
 
     let script = exported(&place, &["--format", "urscript"], "plan.script");
+    assert!(script.contains("nominal kinematics"));
     let mut time_s = 0.0;
     let steps: Vec<&str> = script.lines().filter(|line| line.starts_with("  step(")).collect();
-    assert_eq!(steps.len(), (plan.trajectory.len() - 1).div_ceil(20));
+    // as many rows as it takes to keep to the trajectory: 25 a second or more
+    let first_s: f64 = steps[0].trim_end_matches(')').rsplit_once(", ").unwrap().1.parse().unwrap();
+    let stride = (first_s * 500.0).round() as usize;
+    assert!((1..=20).contains(&stride), "{first_s} s");
+    assert_eq!(steps.len(), (plan.trajectory.len() - 1).div_ceil(stride));
+    // between them, straight in joint space, the burr stays beside no more of the trajectory than is said
+    let burr = |q: &[f64]| plan.arm.burr(q).unwrap().translation_mm;
+    let places: Vec<_> = (0..plan.trajectory.len()).map(|k| burr(plan.trajectory.q_at(k))).collect();
+    for n in 0..steps.len() {
+        let (from, to) = (row(&plan, n, stride), row(&plan, n + 1, stride));
+        for k in from..=to {
+            let u = (k - from) as f64 / (to - from) as f64;
+            let (a, b) = (plan.trajectory.q_at(from), plan.trajectory.q_at(to));
+            let q: Vec<f64> = a.iter().zip(b).map(|(a, b)| a + u * (b - a)).collect();
+            let near = &places[from.saturating_sub(1)..=(to + 1).min(places.len() - 1)];
+            let off = near.windows(2).map(|ends| from_segment(&burr(&q), ends)).fold(f64::INFINITY, f64::min);
+            assert!(off < 0.0051, "{off} mm at row {k}");
+        }
+    }
+    for rate in ["1", "0.001"] {
+        place
+            .run(&["export", "plan", "--format", "urscript", "--rate", rate])
+            .refused(&["mm aside", "higher rate"]);
+    }
+    place.run(&["export", "plan", "--format", "ros", "--rate", "0.01"]).refused(&["mm aside"]);
+    place.run(&["export", "plan", "--format", "ros", "--rapid"]).refused(&["--rapid", "G-code"]);
     for (n, line) in steps.iter().enumerate() {
-        let at = row(&plan, n + 1, 20);
+        let at = row(&plan, n + 1, stride);
         let (list, dt) = line.trim_start_matches("  step([").trim_end_matches(')').split_once("], ").unwrap();
         time_s += dt.parse::<f64>().unwrap();
         assert!((time_s - plan.trajectory.time_s[at]).abs() < 1e-6);
@@ -107,9 +140,22 @@ fn g_code_drives_the_bone_attached_arm_through_every_waypoint() {
         next += found.unwrap();
     }
     assert_eq!(next, path.len() - 1);
+    assert!(text.contains(" M3\n") && text.lines().filter(|line| line.starts_with("G0 ")).count() == 1);
+    // links as rapids where the machine drives them straight; its blocks end where they did
+    let rapid = exported(&place, &["--format", "gcode", "--rapid"], "plan.ngc");
+    assert!(rapid.lines().filter(|line| line.starts_with("G0 ")).count() > 1);
+    let ends = |text: &str| -> Vec<String> {
+        let blocks = text.lines().filter(|line| line.starts_with("G0 ") || line.starts_with("G1 "));
+        blocks.map(|line| line[3..].split(" F").next().unwrap().to_owned()).collect()
+    };
+    assert_eq!(ends(&text), ends(&rapid));
     let planned_s = plan.waypoints[plan.waypoints.len() - 1].time_s;
     assert!((minutes * 60.0 / planned_s - 1.0).abs() < 1e-3, "{} s of {planned_s}", minutes * 60.0);
     place
         .run(&["export", "plan", "--format", "urscript"])
         .refused(&["bone-attached", "ur3e, ur5e and ur10e"]);
+    // the other way round
+    let place = Place::healthy().with_case("spin = -1", "spin = 1");
+    planned(&place);
+    assert!(exported(&place, &["--format", "gcode"], "plan.ngc").contains(" M4\n"));
 }

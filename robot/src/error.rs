@@ -74,6 +74,19 @@ pub enum RobotError {
     /// A path without waypoints.
     #[error("the joint path has no waypoint; a time law needs at least one")]
     EmptyPath,
+    /// A motion of more rows than anyone writes.
+    #[error(
+        "the motion takes {duration_s:.3e} s, which at {rate_hz} Hz is more than {most_rows:.0e} rows: are the joints' or the \
+         speeds' limits meant so small?"
+    )]
+    TooLong {
+        /// Its duration, s.
+        duration_s: f64,
+        /// Rows per second.
+        rate_hz: f64,
+        /// Most rows there may be.
+        most_rows: f64,
+    },
     /// A trajectory could not be written.
     #[error("cannot write the trajectory after {rows_written} rows: {source}")]
     Write {
@@ -123,6 +136,19 @@ pub enum CalibrationFault {
         worst_mm: f64,
         /// Greatest distance allowed, mm.
         most_mm: f64,
+    },
+    /// The flange is turned too far.
+    #[error(
+        "the flange would be turned by {worst_rad:.3} rad from where a nominal {model} has it, at most {most_rad} rad are \
+         taken for a calibration: are angles in degrees, or does the file belong to another model?"
+    )]
+    Turned {
+        /// The model asked for.
+        model: &'static str,
+        /// Greatest angle found, rad.
+        worst_rad: f64,
+        /// Greatest angle allowed, rad.
+        most_rad: f64,
     },
 }
 
@@ -262,5 +288,31 @@ pub enum UrdfFault {
         velocity: f64,
         /// "m/s" or "rad/s".
         unit: &'static str,
+    },
+    /// A limit that no arm has, most often one in another unit.
+    #[error(
+        "joint {joint:?}: limit {field} = {value} {unit}, expected {expected} {unit}; URDF is in m, rad and s"
+    )]
+    Limit {
+        /// The joint.
+        joint: String,
+        /// The attribute of `<limit>`.
+        field: &'static str,
+        /// As given.
+        value: f64,
+        /// The attribute's unit.
+        unit: &'static str,
+        /// What is taken.
+        expected: &'static str,
+    },
+    /// An attribute of `<limit>` that is no number.
+    #[error("joint {joint:?}: limit {field} = {text:?}, expected a number")]
+    LimitText {
+        /// The joint.
+        joint: String,
+        /// The attribute of `<limit>`.
+        field: &'static str,
+        /// As given.
+        text: String,
     },
 }

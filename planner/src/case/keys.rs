@@ -46,8 +46,14 @@ pub enum Unit {
     PerMm,
     /// CT number.
     Hu,
-    /// mm for a prismatic joint, rad for a revolute one, with the key's derivative or stiffness.
-    Joint,
+    /// Of a prismatic or a revolute joint.
+    JointSpeed,
+    /// Of a prismatic or a revolute joint.
+    JointAcceleration,
+    /// Of a prismatic or a revolute joint.
+    JointJerk,
+    /// Of a prismatic or a revolute joint.
+    JointStiffness,
 }
 
 impl fmt::Display for Unit {
@@ -70,7 +76,10 @@ impl fmt::Display for Unit {
             Unit::MmS2 => "mm/s²",
             Unit::PerMm => "1/mm",
             Unit::Hu => "HU",
-            Unit::Joint => "the joint's unit (mm or rad)",
+            Unit::JointSpeed => "mm/s or rad/s",
+            Unit::JointAcceleration => "mm/s² or rad/s²",
+            Unit::JointJerk => "mm/s³ or rad/s³",
+            Unit::JointStiffness => "N/mm or N·mm/rad",
         })
     }
 }
@@ -255,10 +264,10 @@ table! {
         DEFLECTION_CAP = "speed.deflection_um" Um 0.001..1e5, Words(ABSENT), "largest predicted deflection of the burr; needs robot.joint_stiffness", "-";
         POWER_CAP = "speed.power_w" W 0.001..1e4, Words(ABSENT), "largest predicted spindle power", "-";
         SPEED_ACCELERATION = "speed.acceleration_mm_s2" MmS2 0.01..1e6, Value(50.0), "largest acceleration of the burr along the path with mode = \"force_limited\"; the joints' own limits hold anyway", ASSUMED;
-        STIFFNESS = "robot.joint_stiffness" Joint 1e-6..1e12, Words("none: rigid, no deflection"), "N/mm of prismatic joints, N·mm/rad of revolute ones", "D eq. 10";
-        VELOCITY = "robot.velocity_limits" Joint 1e-6..1e9, Words("the URDF's"), "per joint and second; the stricter of this and the URDF's holds", "-";
-        ACCELERATION = "robot.acceleration_limits" Joint 1e-6..1e9, Words("the arm's, marked assumed"), "per joint and s²", "-";
-        JERK = "robot.jerk_limits" Joint 1e-6..1e12, Words("full acceleration within 0.02 s, marked assumed"), "per joint and s³", "-";
+        STIFFNESS = "robot.joint_stiffness" JointStiffness 1e-6..1e12, Words("none: rigid, no deflection"), "N/mm of prismatic joints, N·mm/rad of revolute ones", "D eq. 10";
+        VELOCITY = "robot.velocity_limits" JointSpeed 1e-6..1e9, Words("the URDF's"), "per joint and second; the stricter of this and the URDF's holds", "-";
+        ACCELERATION = "robot.acceleration_limits" JointAcceleration 1e-6..1e9, Words("the arm's, marked assumed"), "per joint and s²", "-";
+        JERK = "robot.jerk_limits" JointJerk 1e-6..1e12, Words("full acceleration within 0.02 s, marked assumed"), "per joint and s³", "-";
         RATE = "robot.rate_hz" Hz 1.0..10_000.0, Value(500.0), "sampling rate of the trajectory", "UR e-series controllers";
         ROTATION = "robot.base_from_ct.rotation" One -1.1..1.1, Words(REQUIRED), "R of p_base = R p_ct + t, by rows; or quaternion_wxyz, or rpy_rad", "-";
         QUATERNION = "robot.base_from_ct.quaternion_wxyz" One -1.1..1.1, Words("instead of rotation"), "R as a unit quaternion", "-";

@@ -105,6 +105,8 @@ pub struct Modelled {
     pub dropped: BTreeMap<&'static str, usize>,
     /// Smallest singular value along the path, mm/s: see [`Arm::slowest_mm_s`].
     pub slowest_mm_s: f64,
+    /// How stiff the arm is at the burr, where its joints' stiffness is known.
+    pub stiffness: Option<motion::Stiffnesses>,
     /// How near the motion comes to the joints' limits.
     pub limit_ratios: LimitRatios,
     /// What the plan would take if every move ran at its speed cap, s.
@@ -177,6 +179,8 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let speed_input = demand.input(case, &prepared, &chosen, &motion.dense);
     let limits = speeds::path_limits(&arm)?;
     let timing = watch.run("time law", || speeds::timing(&speed_input, &case.speed, case.paper, &limits))?;
+    // refused here, before anything is written
+    timing.law.rows(case.robot.rate_hz)?;
     let coverage = watch
         .run("coverage", || metrics::coverage(&scene, &space, &prepared.reached.path.removal, points))?;
 
@@ -228,6 +232,9 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         dropped: prepared.reached.dropped.clone(),
         unjoined_passes: prepared.reached.path.unjoined,
         slowest_mm_s: motion::slowest_mm_s(&arm, &motion.resolved.q)?,
+        stiffness: compliances.as_ref().and_then(|c| {
+            motion::Stiffnesses::along(c, near.iter().map(|n| n.first().map(|n| &n.proximity.toward)))
+        }),
         limit_ratios: timing.law.limit_ratios(&limits),
         time_at_caps_s: prepared.length_mm().iter().zip(&timing.caps_mm_s).map(|(mm, cap)| mm / cap).sum(),
         branch: motion.resolved.branch,
@@ -238,6 +245,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let mut shortfalls = shortfalls(&coverage, &modelled, case.speed.total_time_s.zip(timing.missed_s));
     shortfalls.extend(demand.caps_missed(case, &prepared, &chosen));
     shortfalls.extend(turns_missed(case, &oriented.blocked_turns));
+    shortfalls.extend(limits_missed(&modelled.limit_ratios));
     drop(prepared);
     let seconds = watch.seconds;
     let law = timing.law;
@@ -298,6 +306,17 @@ fn free_space<'a>(case: &Case, scene: &'a Scene) -> Result<BurrSpace<'a>, PlanEr
     } else {
         Err(PlanError::NothingReachable { radius_mm, reason: why_nothing(scene, radius_mm)? })
     }
+}
+
+/// The time law's own promise, looked at on what it gave.
+fn limits_missed(ratios: &LimitRatios) -> Option<String> {
+    let LimitRatios { velocity, acceleration, jerk } = *ratios;
+    let worst = velocity.max(acceleration).max(jerk);
+    (!(worst <= 1.0 + 1e-6)).then(|| {
+        format!(
+            "joint limits are passed: velocity {velocity:.6}, acceleration {acceleration:.6}, jerk {jerk:.6} of what is allowed"
+        )
+    })
 }
 
 fn shortfalls(coverage: &Coverage, modelled: &Modelled, time: Option<(f64, f64)>) -> Vec<String> {

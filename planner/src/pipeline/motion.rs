@@ -90,6 +90,39 @@ pub fn slowest_mm_s(arm: &Arm, q: &[f64]) -> Result<f64, PlanError> {
     Ok(values?.into_iter().fold(f64::INFINITY, f64::min))
 }
 
+/// How stiff the arm is at the burr, N/mm: along a path, the eigenvalues of C(q)⁻¹ (D eq. 10).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stiffnesses {
+    /// In the direction in which it yields most, where it yields most.
+    pub softest_n_mm: f64,
+    /// That waypoint.
+    pub softest_waypoint: usize,
+    /// In the direction in which it yields most, in the mean over waypoints.
+    pub mean_softest_n_mm: f64,
+    /// Toward the nearest structure, the least over waypoints that are near one.
+    pub least_toward_n_mm: Option<f64>,
+}
+
+impl Stiffnesses {
+    /// From compliances, mm/N, and directions to the nearest structure; none without a waypoint.
+    pub fn along<'a>(
+        compliances: &[Matrix3<f64>],
+        toward: impl Iterator<Item = Option<&'a Unit<Vector3<f64>>>>,
+    ) -> Option<Self> {
+        let softest: Vec<f64> = compliances.iter().map(|c| c.symmetric_eigenvalues().max().recip()).collect();
+        let (softest_waypoint, softest_n_mm) =
+            softest.iter().copied().enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let to_structure =
+            compliances.iter().zip(toward).filter_map(|(c, u)| Some(u?.dot(&(c * u?.as_ref())).recip()));
+        Some(Self {
+            softest_n_mm,
+            softest_waypoint,
+            mean_softest_n_mm: softest.iter().sum::<f64>() / softest.len() as f64,
+            least_toward_n_mm: to_structure.min_by(f64::total_cmp),
+        })
+    }
+}
+
 /// The arm's compliance, when its stiffness is known.
 pub struct Compliance<'a> {
     placed: Placed<'a>,

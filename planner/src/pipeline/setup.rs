@@ -6,7 +6,7 @@ use bonemill_geometry::{Approach, Base, Ct, Point, Rigid, Work};
 use bonemill_imaging::Scene;
 use bonemill_robot::registration::{Fitted, fit};
 use bonemill_robot::ur::{UrModel, read_calibration};
-use bonemill_robot::{Arm, ArmKind, ToolMount, read_urdf};
+use bonemill_robot::{Arm, ArmKind, RobotError, ToolMount, read_urdf};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
 use super::PlanError;
@@ -107,8 +107,15 @@ pub fn arm(case: &Case, folder: &Path) -> Result<Arm, PlanError> {
             });
         }
         (_, Some(model)) => {
-            let calibration = robot.calibration.as_ref().map(|path| read_calibration(&folder.join(path)));
-            Arm::ur(model, calibration.transpose()?.as_ref())?
+            let file = robot.calibration.as_ref().map(|path| folder.join(path));
+            let calibration = file.as_deref().map(read_calibration).transpose()?;
+            Arm::ur(model, calibration.as_ref()).map_err(|e| match (e, &file) {
+                // an arm that does not come out as one of the model is the file's fault
+                (RobotError::Calibration { fault, .. }, Some(file)) => {
+                    RobotError::Calibration { source_name: file.display().to_string(), fault }
+                }
+                (other, _) => other,
+            })?
         }
         (path, None) => read_urdf(&folder.join(path))?,
     };
@@ -151,6 +158,14 @@ impl Registered {
         let Some((fitted, tre_mm)) = &self.fitted else { return vec![] };
         let fre_mm = fitted.fre_mm;
         let mut warnings = Vec::new();
+        if fre_mm > NOTABLE_FRE_MM {
+            let worst = fitted.residual_mm.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
+            let worst =
+                worst.map_or(String::new(), |(n, mm)| format!("; fiducial {} is {mm:.2} mm off", n + 1));
+            warnings.push(format!(
+                "the registration's fiducials do not fit well: FRE {fre_mm:.2} mm, expected at most {NOTABLE_FRE_MM} mm{worst}"
+            ));
+        }
         for (structure, tre_mm) in case.structures.iter().zip(tre_mm) {
             let tre_mm = tre_mm.unwrap_or(0.0);
             if fre_mm.max(tre_mm) > structure.clearance_mm {
@@ -164,6 +179,9 @@ impl Registered {
         warnings
     }
 }
+
+/// Bone-anchored fiducials fit to a few tenths of a mm; beyond this one was touched or paired wrongly, or a scale is wrong.
+const NOTABLE_FRE_MM: f64 = 1.0;
 
 /// The case's registration, fitted where it gives fiducials, assumed where it gives none.
 ///

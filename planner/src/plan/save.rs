@@ -121,10 +121,22 @@ fn metrics(plan: &Plan) -> Metrics {
         ),
         ("structures".into(), Value::Table(per_structure.collect())),
     ];
+    if let Some(stiffness) = &plan.modelled.stiffness {
+        let mut along = vec![
+            ("softest".into(), stiffness.softest_n_mm.into()),
+            ("softest_waypoint".into(), stiffness.softest_waypoint.into()),
+            ("mean_softest".into(), stiffness.mean_softest_n_mm.into()),
+        ];
+        along.extend(stiffness.least_toward_n_mm.map(|n_mm| ("least_toward_structure".into(), n_mm.into())));
+        more.push(("stiffness_n_mm".into(), Value::Table(along)));
+    }
     if let Some((fitted, tre_mm)) = &plan.fitted {
         let at = plan.case.structures.iter().zip(tre_mm);
         let at = at.filter_map(|(structure, tre)| Some((structure.name.clone(), (*tre)?.into()))).collect();
         more.push(("fre_mm".into(), fitted.fre_mm.into()));
+        let residuals = fitted.residual_mm.iter().enumerate();
+        let residuals = residuals.map(|(n, mm)| ((n + 1).to_string(), (*mm).into())).collect();
+        more.push(("fiducial_residuals_mm".into(), Value::Table(residuals)));
         more.push(("expected_error_mm".into(), Value::Table(at)));
     }
     Metrics {

@@ -277,11 +277,16 @@ fn modelled(plan: &Plan) -> String {
         ("waypoints at which the low-pass was held at a free angle".into(), m.low_pass_held.to_string()),
         (
             "compliance of the arm".into(),
-            if plan.case.robot.joint_stiffness.is_some() {
-                "D10".into()
-            } else {
-                "not modelled: no stiffness in the case".into()
-            },
+            m.stiffness.map_or("not modelled: no stiffness in the case".into(), |along| {
+                let toward = along.least_toward_n_mm;
+                format!(
+                    "D10; the burr's stiffness along the path: {:.3} N/mm where it is softest (waypoint {}), {:.3} N/mm in the mean{}",
+                    along.softest_n_mm,
+                    along.softest_waypoint,
+                    along.mean_softest_n_mm,
+                    toward.map_or(String::new(), |n_mm| format!(", at least {n_mm:.3} N/mm toward the nearest structure"))
+                )
+            }),
         ),
         ("CT affine".into(), escape(&plan.affines[0].to_string())),
         ("label affine".into(), escape(&plan.affines[1].to_string())),

@@ -234,9 +234,7 @@ impl Arm {
     pub(crate) fn bring_into_range(&self, q: &mut [f64]) {
         const TURN: f64 = std::f64::consts::TAU;
         for (joint, q) in self.joints().iter().zip(q) {
-            if joint.kind == super::JointKind::Prismatic
-                || !(joint.lower.is_finite() && joint.upper.is_finite())
-            {
+            if joint.kind == super::JointKind::Prismatic || !joint.is_bounded() {
                 continue;
             }
             let off = *q - 0.5 * (joint.lower + joint.upper);

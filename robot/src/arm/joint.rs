@@ -38,7 +38,14 @@ pub struct Joint {
     pub jerk_limit: f64,
 }
 
-/// The acceleration taken where nobody states one, since URDF has no field for it: full speed within 0.1 s. Assumed.
+impl Joint {
+    /// Whether its range has two ends.
+    pub fn is_bounded(&self) -> bool {
+        self.lower.is_finite() && self.upper.is_finite()
+    }
+}
+
+/// The acceleration taken where nobody states one: full speed within 0.1 s. Assumed.
 pub(super) fn assumed_acceleration(velocity_limit: f64) -> f64 {
     const PER_S: f64 = 10.0;
     velocity_limit * PER_S

@@ -6,11 +6,14 @@
 //! from `urdf-rs`. `k`'s chain keeps joint positions behind locks; its constants are copied into [`Segment`]s, plain
 //! data that many threads evaluate at once.
 //!
+//! Accelerations and jerks of `<limit>`, which URDF has since 1.2 and `urdf-rs` does not, are read here.
+//!
 //! Metres end here: what leaves is mm and rad. Not read: inertias, meshes, transmissions, safety controllers.
 
 use std::collections::HashMap;
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
+use quick_xml::events::{BytesStart, Event};
 use urdf_rs::JointType;
 
 use super::joint::{Joint, JointKind, assumed_acceleration, assumed_jerk};
@@ -42,10 +45,56 @@ pub(super) struct Description {
 pub(super) fn parse(text: &str, source_name: &str) -> Result<Description, RobotError> {
     let robot = urdf_rs::read_from_string(text)
         .map_err(|source| RobotError::ParseUrdf { source_name: source_name.to_owned(), source })?;
-    describe(&robot).map_err(|fault| RobotError::Urdf { source_name: source_name.to_owned(), fault })
+    further_limits(text)
+        .and_then(|further| describe(&robot, &further))
+        .map_err(|fault| RobotError::Urdf { source_name: source_name.to_owned(), fault })
 }
 
-fn describe(robot: &urdf_rs::Robot) -> Result<Description, UrdfFault> {
+/// Acceleration and jerk of a `<limit>`, m or rad, where it has them.
+#[derive(Debug, Clone, Copy, Default)]
+struct Further {
+    acceleration: Option<f64>,
+    jerk: Option<f64>,
+}
+
+/// By joint. A text that `urdf-rs` could read is XML.
+fn further_limits(text: &str) -> Result<HashMap<String, Further>, UrdfFault> {
+    let mut found = HashMap::new();
+    let mut joint = None;
+    let mut reader = quick_xml::Reader::from_str(text);
+    loop {
+        let event = match reader.read_event() {
+            Err(_) | Ok(Event::Eof) => return Ok(found),
+            Ok(event) => event,
+        };
+        match event {
+            Event::Start(tag) if tag.name().as_ref() == b"joint" => joint = attribute(&tag, "name"),
+            Event::End(tag) if tag.name().as_ref() == b"joint" => joint = None,
+            Event::Start(tag) | Event::Empty(tag) if tag.name().as_ref() == b"limit" => {
+                let Some(joint) = &joint else { continue };
+                let number = |field: &'static str| match attribute(&tag, field)
+                    .map(|text| (text.trim().parse(), text))
+                {
+                    None => Ok(None),
+                    Some((Ok(value), _)) => Ok(Some(value)),
+                    Some((Err(_), text)) => Err(UrdfFault::LimitText { joint: joint.clone(), field, text }),
+                };
+                let further = Further { acceleration: number("acceleration")?, jerk: number("jerk")? };
+                found.insert(joint.clone(), further);
+            }
+            _ => {}
+        }
+    }
+}
+
+fn attribute(tag: &BytesStart<'_>, name: &str) -> Option<String> {
+    let found = tag.try_get_attribute(name).ok().flatten()?;
+    Some(String::from_utf8_lossy(&found.value).into_owned())
+}
+
+fn describe(robot: &urdf_rs::Robot, further: &HashMap<String, Further>) -> Result<Description, UrdfFault> {
+    let none = Further::default();
+    let further = |joint: &urdf_rs::Joint| further.get(&joint.name).unwrap_or(&none);
     check_names(robot)?;
     let parents = parents(robot)?;
     check_open(robot, &parents)?;
@@ -53,7 +102,7 @@ fn describe(robot: &urdf_rs::Robot) -> Result<Description, UrdfFault> {
     let tip = tip(robot)?;
     let path = path(base, tip, &parents)?;
     for joint in &robot.joints {
-        check_joint(joint)?;
+        check_joint(joint, further(joint))?;
         if moves(joint) && !path.iter().any(|on_path| std::ptr::eq(*on_path, joint)) {
             return Err(UrdfFault::MovesOffChain {
                 joint: joint.name.clone(),
@@ -62,7 +111,8 @@ fn describe(robot: &urdf_rs::Robot) -> Result<Description, UrdfFault> {
             });
         }
     }
-    let joints: Vec<Joint> = path.iter().filter(|joint| moves(joint)).map(|joint| limits(joint)).collect();
+    let joints: Vec<Joint> =
+        path.iter().filter(|joint| moves(joint)).map(|joint| limits(joint, further(joint))).collect();
     if joints.is_empty() {
         return Err(UrdfFault::NoMovingJoint { base: base.to_owned(), tip: tip.to_owned() });
     }
@@ -164,7 +214,7 @@ fn moves(joint: &urdf_rs::Joint) -> bool {
     !matches!(joint.joint_type, JointType::Fixed)
 }
 
-fn check_joint(joint: &urdf_rs::Joint) -> Result<(), UrdfFault> {
+fn check_joint(joint: &urdf_rs::Joint, further: &Further) -> Result<(), UrdfFault> {
     let name = || joint.name.clone();
     let finite = |field: &'static str, values: &[f64]| match values.iter().find(|value| !value.is_finite()) {
         Some(&value) => Err(UrdfFault::NotFinite { joint: name(), field, value }),
@@ -200,11 +250,38 @@ fn check_joint(joint: &urdf_rs::Joint) -> Result<(), UrdfFault> {
     if limit.velocity <= 0.0 {
         return Err(UrdfFault::Velocity { joint: name(), velocity: limit.velocity, unit: velocity_unit });
     }
+    let sane: [(_, _, Sane); 5] = if joint.joint_type == JointType::Prismatic {
+        [
+            ("lower", Some(limit.lower), (-100.0..=100.0, "m", "-100 to 100")),
+            ("upper", Some(limit.upper), (-100.0..=100.0, "m", "-100 to 100")),
+            ("velocity", Some(limit.velocity), (1e-6..=100.0, "m/s", "1e-6 to 100")),
+            ("acceleration", further.acceleration, (1e-6..=1e6, "m/s²", "1e-6 to 1e6")),
+            ("jerk", further.jerk, (1e-6..=1e9, "m/s³", "1e-6 to 1e9")),
+        ]
+    } else {
+        [
+            ("lower", Some(limit.lower), (-30.0..=30.0, "rad", "-30 to 30")),
+            ("upper", Some(limit.upper), (-30.0..=30.0, "rad", "-30 to 30")),
+            ("velocity", Some(limit.velocity), (1e-4..=100.0, "rad/s", "1e-4 to 100")),
+            ("acceleration", further.acceleration, (1e-4..=1e6, "rad/s²", "1e-4 to 1e6")),
+            ("jerk", further.jerk, (1e-4..=1e9, "rad/s³", "1e-4 to 1e9")),
+        ]
+    };
+    for (field, value, (range, unit, expected)) in sane {
+        // a continuous joint has no range
+        let unused = joint.joint_type == JointType::Continuous && unit == "rad";
+        if let Some(value) = value.filter(|value| !unused && !range.contains(value)) {
+            return Err(UrdfFault::Limit { joint: name(), field, value, unit, expected });
+        }
+    }
     Ok(())
 }
 
+/// A range, its unit, and both in words.
+type Sane = (std::ops::RangeInclusive<f64>, &'static str, &'static str);
+
 /// A moving joint's limits, in mm and rad.
-fn limits(joint: &urdf_rs::Joint) -> Joint {
+fn limits(joint: &urdf_rs::Joint, further: &Further) -> Joint {
     let (kind, per_urdf_unit) = match joint.joint_type {
         JointType::Prismatic => (JointKind::Prismatic, MM_PER_M),
         _ => (JointKind::Revolute, 1.0),
@@ -214,8 +291,10 @@ fn limits(joint: &urdf_rs::Joint) -> Joint {
         _ => (joint.limit.lower * per_urdf_unit, joint.limit.upper * per_urdf_unit),
     };
     let velocity_limit = joint.limit.velocity * per_urdf_unit;
-    let acceleration_limit = assumed_acceleration(velocity_limit);
-    let jerk_limit = assumed_jerk(acceleration_limit);
+    let stated = |limit: Option<f64>| limit.map(|limit| limit * per_urdf_unit);
+    let acceleration_limit =
+        stated(further.acceleration).unwrap_or_else(|| assumed_acceleration(velocity_limit));
+    let jerk_limit = stated(further.jerk).unwrap_or_else(|| assumed_jerk(acceleration_limit));
     Joint { name: joint.name.clone(), kind, lower, upper, velocity_limit, acceleration_limit, jerk_limit }
 }
 

@@ -24,9 +24,20 @@ pub struct GcodeMove<'a> {
     pub cuts: bool,
 }
 
+/// What a program needs beside the motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gcode {
+    /// Spindle speed, rpm.
+    pub spindle_rpm: f64,
+    /// Clockwise seen from the handpiece (M3), else counter-clockwise (M4).
+    pub clockwise: bool,
+    /// Whether links may be G0: for machines that drive G0 straight.
+    pub rapid: bool,
+}
+
 /// Writes a program: the first move's end is where the machine is driven to with the spindle off.
 ///
-/// `rapid`: whether links may be G0. Gives the number of motion blocks.
+/// Gives the number of motion blocks.
 ///
 /// # Errors
 /// [`RobotError::Length`] where the machine has no three linear axes and at most one rotary one behind them;
@@ -34,8 +45,7 @@ pub struct GcodeMove<'a> {
 pub fn write_gcode<'a>(
     out: &mut impl Write,
     joints: &[Joint],
-    spindle_rpm: f64,
-    rapid: bool,
+    options: &Gcode,
     moves: impl IntoIterator<Item = GcodeMove<'a>>,
 ) -> Result<u64, RobotError> {
     let linear = joints.iter().take_while(|joint| joint.kind == JointKind::Prismatic).count();
@@ -52,7 +62,8 @@ pub fn write_gcode<'a>(
         format!("(bonemill: X Y Z in mm{})\n", if tilts { ", A in degrees" } else { "" }).into_bytes();
     text.extend_from_slice(format!("G21 G90 G17 {}\nM5\nG0", mode).as_bytes());
     push_axes(&mut text, first.q, &[]);
-    text.extend_from_slice(format!("\nS{spindle_rpm:.0} M3\nG4 P3\n").as_bytes());
+    let turn = if options.clockwise { "M3" } else { "M4" };
+    text.extend_from_slice(format!("\nS{:.0} {turn}\nG4 P3\n", options.spindle_rpm).as_bytes());
     out.write_all(&text).map_err(failed(0))?;
     let mut before = first.q.to_vec();
     let mut blocks = 0;
@@ -71,7 +82,7 @@ pub fn write_gcode<'a>(
             });
         }
         text.clear();
-        if rapid && !cuts {
+        if options.rapid && !cuts {
             text.extend_from_slice(b"G0");
             push_axes(&mut text, q, &before);
         } else {
@@ -137,6 +148,9 @@ mod tests {
         blocks
     }
 
+    const RAPID: Gcode = Gcode { spindle_rpm: 60_000.0, clockwise: true, rapid: true };
+    const STRAIGHT: Gcode = Gcode { spindle_rpm: 1.0, clockwise: false, rapid: false };
+
     fn joints(count: usize) -> Vec<Joint> {
         Arm::bone_attached().unwrap().joints()[..count].to_vec()
     }
@@ -156,7 +170,7 @@ mod tests {
                 cuts: k % 5 != 0,
             });
             let mut out = Vec::new();
-            assert_eq!(write_gcode(&mut out, &joints(count), 60_000.0, true, moves).unwrap(), 199);
+            assert_eq!(write_gcode(&mut out, &joints(count), &RAPID, moves).unwrap(), 199);
             let text = String::from_utf8(out).unwrap();
             assert!(
                 text.contains("S60000 M3") && text.contains("G21 G90") && text.trim_end().ends_with("M2")
@@ -187,19 +201,20 @@ mod tests {
         let at = |q: &'static [f64; 3], duration_s: f64| GcodeMove { q, duration_s, cuts: true };
         let mut out = Vec::new();
         let moves = [at(&[0.0; 3], 0.0), at(&[1e-6, 0.0, 0.0], 0.0), at(&[1.0, 0.0, 0.0], 1.0)];
-        assert_eq!(write_gcode(&mut out, &joints(3), 1.0, false, moves).unwrap(), 1);
+        assert_eq!(write_gcode(&mut out, &joints(3), &STRAIGHT, moves).unwrap(), 1);
+        assert!(String::from_utf8(out).unwrap().contains("S1 M4\n"));
         let hasty = [at(&[0.0; 3], 0.0), at(&[1.0, 0.0, 0.0], 0.0)];
         assert!(matches!(
-            write_gcode(&mut Vec::new(), &joints(3), 1.0, false, hasty),
+            write_gcode(&mut Vec::new(), &joints(3), &STRAIGHT, hasty),
             Err(RobotError::Value { .. })
         ));
         assert!(matches!(
-            write_gcode(&mut Vec::new(), &joints(3), 1.0, false, []),
+            write_gcode(&mut Vec::new(), &joints(3), &STRAIGHT, []),
             Err(RobotError::EmptyPath)
         ));
         let ur = Arm::ur(crate::ur::UrModel::Ur5e, None).unwrap();
         assert!(matches!(
-            write_gcode(&mut Vec::new(), ur.joints(), 1.0, false, []),
+            write_gcode(&mut Vec::new(), ur.joints(), &STRAIGHT, []),
             Err(RobotError::Length { .. })
         ));
     }

@@ -11,7 +11,7 @@ mod rows;
 mod urscript;
 
 pub use csv::write_trajectory_csv;
-pub use gcode::{GcodeMove, write_gcode};
+pub use gcode::{Gcode, GcodeMove, write_gcode};
 pub use ros::{write_ros_json, write_ros_yaml};
-pub use rows::ExportRows;
+pub use rows::{Between, ExportRows};
 pub use urscript::{UrScript, write_urscript};

@@ -26,6 +26,8 @@ pub struct UrScript {
     pub stop_input: u8,
     /// Time that the spindle needs to run up, s.
     pub run_up_s: f64,
+    /// Whether joint positions were planned with this arm's own calibration.
+    pub calibrated: bool,
     /// Farthest that a joint may be from its plan before the program stops, rad.
     pub most_lag_rad: f64,
 }
@@ -34,15 +36,15 @@ impl UrScript {
     /// Outputs and inputs as numbered first; 3 s to run up; 0.05 rad, twice what `servoj` lags at a joint's fastest cut.
     /// Assumed.
     pub fn with_mount(mount: ToolMount) -> Self {
-        Self { mount, spindle_output: 0, stop_input: 0, run_up_s: 3.0, most_lag_rad: 0.05 }
+        Self { mount, spindle_output: 0, stop_input: 0, run_up_s: 3.0, calibrated: false, most_lag_rad: 0.05 }
     }
 }
 
 /// Writes a program.
 ///
 /// # Errors
-/// [`RobotError::Length`] where the arm has other than six joints; [`RobotError::Value`] where a joint is not revolute or a
-/// step is faster than its joint's limit; [`RobotError::Write`] when the writer fails.
+/// [`RobotError::Length`] where the arm has other than six joints; [`RobotError::Value`] where a joint is not revolute, a
+/// step is faster than its joint's limit or longer than what the program lets a joint lag by; [`RobotError::Write`] when the writer fails.
 pub fn write_urscript(
     out: &mut impl Write,
     rows: &ExportRows<'_>,
@@ -59,7 +61,7 @@ pub fn write_urscript(
         let (what, unit, expected) = ("joint of a UR program", "(prismatic)", "a revolute joint");
         return Err(RobotError::Value { what, index, value: index as f64, unit, expected });
     }
-    check_speeds(rows)?;
+    check_steps(rows, options.most_lag_rad)?;
     let failed =
         |rows_written: usize| move |source| RobotError::Write { rows_written: rows_written as u64, source };
     let (_, start, _) = rows.row(0);
@@ -74,12 +76,18 @@ pub fn write_urscript(
     out.write_all(b"  safe_stop(\"done\")\nend\nbonemill()\n").map_err(failed(rows.count()))
 }
 
-/// No step asks for more than a joint's speed limit.
-fn check_speeds(rows: &ExportRows<'_>) -> Result<(), RobotError> {
+/// No step asks for more than a joint's speed limit, nor is so long that the program would stop in it.
+fn check_steps(rows: &ExportRows<'_>, most_lag_rad: f64) -> Result<(), RobotError> {
     for n in 1..rows.count() {
         let ((t0, from, _), (t1, to, _)) = (rows.row(n - 1), rows.row(n));
         for (joint, (a, b)) in rows.joints().iter().zip(from.iter().zip(to)) {
-            let speed = (b - a).abs() / (t1 - t0);
+            let step = (b - a).abs();
+            if step > most_lag_rad {
+                let (what, unit, expected) =
+                    ("joint's way in step", "rad", "at most what the program lets a joint lag by: more rows");
+                return Err(RobotError::Value { what, index: n, value: step, unit, expected });
+            }
+            let speed = step / (t1 - t0);
             if !speed.is_finite() || speed > joint.velocity_limit * (1.0 + 1e-6) {
                 let (what, unit, expected) = ("joint speed in step", "rad/s", "at most the joint's limit");
                 return Err(RobotError::Value { what, index: n, value: speed, unit, expected });
@@ -95,10 +103,15 @@ fn head(options: &UrScript, start: &str) -> String {
     let p = tool.translation_mm * 1e-3;
     let tcp = list(&[p.x, p.y, p.z, turn.x, turn.y, turn.z]);
     let UrScript { spindle_output, stop_input, run_up_s, most_lag_rad, .. } = options;
+    let kinematics = if options.calibrated {
+        "this arm's own calibration"
+    } else {
+        "nominal kinematics, 1-2 mm off the real arm"
+    };
     format!(
         "def bonemill():
-  # a planned cut, followed on its own clock; m, rad, s. Written for nominal or calibrated kinematics as planned:
-  # joint positions are what counts, the tool's pose follows from this arm's own calibration.
+  # a planned cut, followed on its own clock; m, rad, s. Planned with {kinematics}.
+  # Joint positions are what counts; the tool's pose follows from the arm's own calibration.
   global reason = \"\"
   def safe_stop(why):
     reason = why
@@ -210,7 +223,8 @@ mod tests {
 
     #[test]
     fn what_a_controller_cannot_run_is_refused() {
-        assert!(matches!(written(4.0), Err(RobotError::Value { what: "joint speed in step", .. })));
+        assert!(matches!(written(4.0), Err(RobotError::Value { what: "joint's way in step", .. })));
+        assert!(written(1.2).is_ok());
         let bone = Arm::bone_attached().unwrap();
         let rows = ExportRows::new(bone.joints(), &[0.0], &[0.0; 4], &[0.0; 4], 1).unwrap();
         let options = UrScript::with_mount(ToolMount::default());

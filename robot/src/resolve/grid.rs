@@ -10,7 +10,7 @@ use bonemill_geometry::{Base, Flange, Rigid};
 use nalgebra::Rotation3;
 use rayon::prelude::*;
 
-use super::{EXACT, Follower, OutOfReach, PosePath, ReachReason, Resolved, Stiffness};
+use super::{EXACT, Follower, OutOfReach, PosePath, ReachReason, Resolved, into_range, yielding};
 use crate::arm::inverse::about_z;
 use crate::arm::{Arm, AxisPose, InverseKind, Joint};
 use crate::ur::UrGeometry;
@@ -38,7 +38,7 @@ const RING: usize = SPINS + 2;
 /// computed several at a time.
 #[derive(Debug, Clone)]
 struct Layer {
-    /// rad within half a turn around the middle of the joint's range, shape (branch, joint, ring of spins); 0 where the arm cannot be.
+    /// rad within half a turn around the middle of the joint's range, or around 0 where it has none, shape (branch, joint, ring of spins); 0 where the arm cannot be.
     q: Vec<f32>,
     /// g; infinite where the arm cannot be.
     cost: Vec<f32>,
@@ -96,7 +96,9 @@ fn follow(
         follower.step(at, *spin, &mut q).map_err(|reason| OutOfReach { pose, reason })?;
         all.extend_from_slice(&q);
     }
-    Ok(Resolved { q: all, spin_rad: spin_rad.to_vec(), branch: follower.branch })
+    let mut resolved = Resolved { q: all, spin_rad: spin_rad.to_vec(), branch: follower.branch };
+    into_range(arm, &mut resolved)?;
+    Ok(resolved)
 }
 
 /// Spins as the dynamic program chose them.
@@ -131,7 +133,8 @@ impl<'a> Nodes<'a> {
         let range = |joint: &Joint| Range {
             lower: joint.lower,
             upper: joint.upper,
-            middle: 0.5 * (joint.lower + joint.upper),
+            // a range without ends has no middle, and nothing is far from it
+            middle: if joint.is_bounded() { 0.5 * (joint.lower + joint.upper) } else { 0.0 },
             per_half: 2.0 / (joint.upper - joint.lower),
         };
         Self {
@@ -186,7 +189,8 @@ impl<'a> Nodes<'a> {
             for (branch, q) in found.iter() {
                 let mut q = *q;
                 self.arm.bring_into_range(&mut q);
-                let cost = self.posture(&q, found.from_singular_mm[branch]) + self.yielding(i, &q);
+                let cost =
+                    self.posture(&q, found.from_singular_mm[branch]) + yielding(self.arm, self.path, i, &q);
                 if cost.is_finite() {
                     layer.set(branch, spin, &q, cost);
                 }
@@ -221,17 +225,6 @@ impl<'a> Nodes<'a> {
         }
         let sigma = from_singular_mm / (0.5 * (self.geometry.a2_mm + self.geometry.a3_mm));
         cost + 0.02 / (sigma * sigma + 1e-4)
-    }
-
-    /// ûᵀ C û, mm/N, counted at 100 N/mm: as much as a posture half-way to its limits for an arm of that stiffness.
-    fn yielding(&self, i: usize, q: &[f64; 6]) -> f64 {
-        let Some(Stiffness { joint, toward }) = self.path.stiffness else { return 0.0 };
-        let Some(toward) = toward.get(i).copied().flatten() else { return 0.0 };
-        let jacobian = self.arm.tool_jacobian_at(q);
-        let columns = jacobian.column_iter().zip(joint);
-        let yields: f64 =
-            columns.map(|(column, chi)| column.fixed_rows::<3>(0).dot(&toward).powi(2) / chi).sum();
-        100.0 * yields
     }
 
     /// Why no node of a layer can be reached.

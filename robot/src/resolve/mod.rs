@@ -8,7 +8,7 @@
 //!   stay on its line, cannot go round it.
 //! - The bone-attached arm has one joint vector for every pose.
 //! - Other arms ([`track`]) follow the path by damped least squares from several starts, drifting towards the middle of
-//!   their ranges where the task leaves that free.
+//!   their ranges, and to where they yield less, as far as the task leaves that free.
 //!
 //! J = Σ g(q) Δs + w Σ Σⱼ (Δqⱼ/q̇ⱼ)²/Δs: g grows near limits and singularities, and with the compliance toward a structure
 //! where one is given; the second term is the joints' motion.
@@ -123,12 +123,23 @@ pub fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Result<Resolved, OutOfR
     if path.poses.is_empty() {
         return Ok(Ok(Resolved { q: vec![], spin_rad: vec![], branch: 0 }));
     }
-    let found = match arm.inverse_kind() {
-        InverseKind::BoneAttached => closed_form(arm, path),
+    let in_range = |mut resolved| into_range(arm, &mut resolved).map(|()| resolved);
+    Ok(match arm.inverse_kind() {
+        InverseKind::BoneAttached => closed_form(arm, path).and_then(in_range),
         InverseKind::Ur { .. } => grid::resolve(arm, path),
-        InverseKind::Numeric => track::resolve(arm, path),
-    };
-    Ok(found.and_then(|mut resolved| into_range(arm, &mut resolved).map(|()| resolved)))
+        InverseKind::Numeric => track::resolve(arm, path).and_then(in_range),
+    })
+}
+
+/// ûᵀ C û toward a pose's structure, mm/N, counted at 100 N/mm: as much as a posture half-way to its limits for an arm of that
+/// stiffness; 0 where none counts.
+fn yielding(arm: &Arm, path: &PosePath<'_>, pose: usize, q: &[f64]) -> f64 {
+    let Some(Stiffness { joint, toward }) = path.stiffness else { return 0.0 };
+    let Some(toward) = toward.get(pose).copied().flatten() else { return 0.0 };
+    let jacobian = arm.tool_jacobian_at(q);
+    let columns = jacobian.column_iter().zip(joint);
+    let yields: f64 = columns.map(|(column, chi)| column.fixed_rows::<3>(0).dot(&toward).powi(2) / chi).sum();
+    100.0 * yields
 }
 
 /// The bone-attached arm.
@@ -152,8 +163,7 @@ fn into_range(arm: &Arm, resolved: &mut Resolved) -> Result<(), OutOfReach> {
         let values = || resolved.q.iter().skip(j).step_by(dof);
         let least = values().copied().fold(f64::INFINITY, f64::min);
         let most = values().copied().fold(f64::NEG_INFINITY, f64::max);
-        let bounded = joint.lower.is_finite() && joint.upper.is_finite();
-        if joint.kind == crate::JointKind::Revolute && bounded {
+        if joint.kind == crate::JointKind::Revolute && joint.is_bounded() {
             let turns = ((0.5 * (least + most) - 0.5 * (joint.lower + joint.upper)) / TURN).round();
             if turns != 0.0 {
                 resolved.q.iter_mut().skip(j).step_by(dof).for_each(|q| *q -= TURN * turns);

@@ -177,9 +177,11 @@ fn a_wrist_singularity_is_avoided_where_the_spin_can_and_told_where_it_cannot() 
         let path = PosePath { poses: &poses, length_mm: &length_mm, frame, stiffness: None };
         let resolved = resolve(&arm, &path).unwrap();
         resolved.map(|resolved| {
-            check_continuous(&resolved);
             let least = resolved.q.chunks_exact(6).map(|q| q[4].sin().abs()).fold(f64::INFINITY, f64::min);
-            (least, DensePath::lay(&arm, &path, &resolved).map(|dense| dense.len()))
+            let laid = DensePath::lay(&arm, &path, &resolved);
+            // what is laid has no jump
+            laid.iter().for_each(|dense| check_continuous(&dense.q));
+            (least, laid.map(|dense| dense.len()))
         })
     };
     // bent, the spin leads round it
@@ -193,8 +195,13 @@ fn a_wrist_singularity_is_avoided_where_the_spin_can_and_told_where_it_cannot() 
     }
 }
 
-fn check_continuous(resolved: &Resolved) {
-    assert!(resolved.q.iter().all(|q| q.is_finite()));
+fn check_continuous(q: &[f64]) {
+    let rows: Vec<&[f64]> = q.chunks_exact(6).collect();
+    assert!(rows.iter().all(|q| q.iter().all(|q| q.is_finite())));
+    for (n, pair) in rows.windows(2).enumerate() {
+        let step = pair[0].iter().zip(pair[1]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(step < 0.1, "{step} rad to place {}", n + 1);
+    }
 }
 
 #[test]
@@ -240,6 +247,27 @@ fn any_urdf_is_followed_by_damped_least_squares() {
         failed.unwrap().unwrap_err().reason,
         ReachReason::Beyond { .. } | ReachReason::Axis { .. }
     ));
+}
+
+#[test]
+fn stiffness_counts_for_any_urdf_whose_spin_is_free() {
+    let text = Arm::ur(UrModel::Ur5e, None).unwrap().urdf_text().to_owned();
+    let arm = Arm::from_urdf(&text, "some arm").unwrap().with_mount(ur5e(FRAC_PI_2 / 2.0).mount());
+    let (poses, length_mm) = raster([450.0, 0.0, 100.0], 0.1, 200);
+    let toward = vec![Some(Vector3::y_axis()); poses.len()];
+    let joint = [1e7, 1e7, 1e7, 1e4, 1e7, 1e7];
+    let mean = |resolved: &Resolved| {
+        let yields = resolved.q.chunks_exact(6).map(|q| arm.compliance(q, &joint).unwrap()[(1, 1)]);
+        yields.sum::<f64>() / 200.0
+    };
+    let plain = resolve(&arm, &path(&poses, &length_mm)).unwrap().unwrap();
+    let stiff = PosePath {
+        stiffness: Some(Stiffness { joint: &joint, toward: &toward }),
+        ..path(&poses, &length_mm)
+    };
+    let stiff = resolve(&arm, &stiff).unwrap().unwrap();
+    check(&arm, &poses, &stiff);
+    assert!(mean(&stiff) < 0.9 * mean(&plain), "{} against {}", mean(&stiff), mean(&plain));
 }
 
 #[test]

@@ -6,7 +6,7 @@
 
 use nalgebra::DVector;
 
-use super::{EXACT, Follower, OutOfReach, PosePath, ReachReason, Resolved};
+use super::{EXACT, Follower, OutOfReach, PosePath, ReachReason, Resolved, yielding};
 use crate::arm::{Arm, AxisPose, Goal, dls};
 
 /// Starts that are searched from, and solutions that are followed to the end.
@@ -16,6 +16,8 @@ const FOLLOWED: usize = 4;
 const SETTLE: usize = 60;
 /// Share of the free way to the middle of the ranges that a step takes.
 const DRIFT: f64 = 0.05;
+/// Steps of which slopes are taken, as a share of what a joint moves at full speed in a second.
+const SLOPE_S: f64 = 1e-4;
 /// Largest change of a joint at a pose that is followed, as a share of what it moves at full speed in a second.
 const JUMP_S: f64 = 0.5;
 
@@ -60,7 +62,7 @@ fn starts(arm: &Arm, pose: &AxisPose) -> Result<Vec<Vec<f64>>, ReachReason> {
         let mut q = end.q;
         arm.bring_into_range(&mut q);
         for _ in 0..SETTLE {
-            let drifted = drifted(arm, &q);
+            let drifted = drifted(arm, &q, |_| 0.0);
             let settled = dls::solve(arm, &Goal::Axis(*pose), &drifted);
             if !settled.is_within(EXACT)
                 || arm.excess_at(&settled.q).is_some_and(|_| arm.excess_at(&q).is_none())
@@ -96,7 +98,7 @@ fn follow(
     for (i, pose) in path.poses.iter().enumerate() {
         let before = q.clone();
         if i > 0 {
-            q = drifted(arm, &q);
+            q = drifted(arm, &q, |q| yielding(arm, path, i, q));
         }
         let failed = |reason| OutOfReach { pose: i, reason };
         follower.step(pose, 0.0, &mut q).map_err(failed)?;
@@ -114,7 +116,8 @@ fn follow(
         if let Some(excess) = arm.excess_at(&q) {
             return Err(failed(ReachReason::Limit(excess)));
         }
-        cost += posture(arm, &q) * apart_mm + moves().map(|m| m * m).sum::<f64>() / apart_mm.max(0.05);
+        cost += (posture(arm, &q) + yielding(arm, path, i, &q)) * apart_mm
+            + moves().map(|m| m * m).sum::<f64>() / apart_mm.max(0.05);
         all.extend_from_slice(&q);
     }
     Ok((cost, Resolved { spin_rad: vec![0.0; path.poses.len()], q: all, branch }))
@@ -127,14 +130,15 @@ fn posture(arm: &Arm, q: &[f64]) -> f64 {
 
 /// −1 at the lower limit, 0 in the middle, 1 at the upper; 0 for a joint without limits.
 fn share(joint: &crate::Joint, q: f64) -> f64 {
-    if !(joint.lower.is_finite() && joint.upper.is_finite()) {
+    if !joint.is_bounded() {
         return 0.0;
     }
     (q - 0.5 * (joint.lower + joint.upper)) / (0.5 * (joint.upper - joint.lower))
 }
 
-/// A step towards the middle of the ranges that leaves burr and axis where they are, to first order.
-fn drifted(arm: &Arm, q: &[f64]) -> Vec<f64> {
+/// A step towards the middle of the ranges, and to where `yielding` is less, that leaves burr and axis where they are, to first
+/// order.
+fn drifted(arm: &Arm, q: &[f64], yielding: impl Fn(&[f64]) -> f64) -> Vec<f64> {
     if arm.dof() <= 5 {
         return q.to_vec();
     }
@@ -145,7 +149,18 @@ fn drifted(arm: &Arm, q: &[f64]) -> Vec<f64> {
         column.fixed_rows_mut::<3>(3).copy_from(&((turn - axis * axis.dot(&turn)) * 100.0));
         column *= joint.velocity_limit;
     }
-    let wish = arm.joints().iter().zip(q).map(|(joint, q)| -DRIFT * share(joint, *q));
+    let mut near = q.to_vec();
+    let wish = arm.joints().iter().enumerate().map(|(j, joint)| {
+        let mut at = |step: f64| {
+            near[j] = q[j] + step * joint.velocity_limit;
+            let yields = yielding(&near);
+            near[j] = q[j];
+            yields
+        };
+        // half the slope, as the share is half of its square's
+        let slope = (at(SLOPE_S) - at(-SLOPE_S)) / (4.0 * SLOPE_S);
+        -DRIFT * (share(joint, q[j]) + slope.clamp(-1.0, 1.0))
+    });
     let wish = DVector::from_iterator(arm.dof(), wish);
     let square = &jacobian * jacobian.transpose();
     // the task's five dimensions; the spin's row is zero

@@ -13,6 +13,10 @@ use crate::error::RobotError;
 /// bind accelerations on straight moves. A shorter one costs acceleration and saves time at stops and slow places.
 const WINDOW_SHARES: [f64; 5] = [1.0, 0.5, 0.25, 0.125, 0.0625];
 
+/// The shortest window, s: half a controller's cycle. Jerk limits that would allow less bind nothing that a controller can
+/// follow, and differences over microseconds would be lost in the rounding of the clock.
+const SHORTEST_WINDOW_S: f64 = 1e-3;
+
 /// A joint path with its corners rounded; times any set of speed caps.
 ///
 /// ```
@@ -102,7 +106,7 @@ impl PreparedPath {
             limits.acceleration.iter().zip(&limits.jerk).map(|(a, j)| 2.0 * a / j).fold(0.0, f64::max);
         let mut best: Option<(f64, f64, Vec<Stretch>)> = None;
         for share in WINDOW_SHARES {
-            let window_s = share * longest_s;
+            let window_s = (share * longest_s).max(SHORTEST_WINDOW_S);
             let boxes = stretches(&self.geometry, limits, &caps, window_s);
             let duration_s =
                 if boxes.is_empty() { 0.0 } else { pass::duration_s(&boxes, window_s) + window_s };

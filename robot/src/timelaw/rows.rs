@@ -6,6 +6,9 @@
 use super::law::TimeLaw;
 use crate::error::RobotError;
 
+/// Most rows that a trajectory may have: some 2 GB of text, five hours at 500 Hz.
+pub const MOST_ROWS: f64 = 1e7;
+
 /// Rows of a law at k/rate, k = 0..count.
 #[derive(Debug, Clone, Copy)]
 pub struct RowGrid<'a> {
@@ -33,18 +36,16 @@ impl TimeLaw {
     /// The rows of this law at `rate_hz`.
     ///
     /// # Errors
-    /// [`RobotError::Value`] where the rate is not finite, not above 0, or so high that there would be over 1e9 rows.
+    /// [`RobotError::Value`] where the rate is not finite or not above 0, [`RobotError::TooLong`] where there would be more
+    /// than [`MOST_ROWS`].
     pub fn rows(&self, rate_hz: f64) -> Result<RowGrid<'_>, RobotError> {
+        if !(rate_hz.is_finite() && rate_hz > 0.0) {
+            let (what, unit, expected) = ("rate_hz", "Hz", "a finite rate above 0");
+            return Err(RobotError::Value { what, index: 0, value: rate_hz, unit, expected });
+        }
         let periods = (self.duration_s() * rate_hz).ceil();
-        if !(rate_hz.is_finite() && rate_hz > 0.0 && periods < 1e9) {
-            let expected = "a finite rate above 0 that gives fewer than 1e9 rows";
-            return Err(RobotError::Value {
-                what: "rate_hz",
-                index: 0,
-                value: rate_hz,
-                unit: "Hz",
-                expected,
-            });
+        if !(periods < MOST_ROWS) {
+            return Err(RobotError::TooLong { duration_s: self.duration_s(), rate_hz, most_rows: MOST_ROWS });
         }
         Ok(RowGrid { law: self, rate_hz, count: periods as u64 + 1 })
     }

@@ -111,6 +111,43 @@ fn a_smooth_cut_takes_little_longer_than_its_caps_demand() {
 }
 
 #[test]
+fn jerk_limits_that_bind_nothing_cost_no_other_limit() {
+    let at = |k: i32| {
+        let angle = 0.3 * f64::from(k);
+        [5.0 * angle.cos(), 5.0 * angle.sin(), -0.1 * f64::from(k), 0.3 * angle.sin()]
+    };
+    let case = Case::new((0..200).map(at).collect(), 1.5);
+    for (acceleration, jerk) in
+        [(150.0, 1e6), (150.0, 1e9), (150.0, 1e12), (0.01, 3000.0), (1e9, 1e12), (1e9, 3000.0)]
+    {
+        let limits = PathLimits::new(&V, &[acceleration; 4], &[jerk; 4], harness::TOLERANCE).unwrap();
+        let law = case.prepared(&limits).law(&case.caps_mm_s).unwrap();
+        let LimitRatios { velocity, acceleration: a, jerk: j } = law.limit_ratios(&limits);
+        assert!(velocity.max(a).max(j) <= 1.0 + 1e-9, "{acceleration} {jerk}: {velocity} {a} {j}");
+        // it arrives where it should
+        let end = law.sample(law.duration_s() - 1e-9);
+        assert!(
+            end.q.iter().zip(&at(199)).all(|(q, to)| (q - to).abs() < 1e-6),
+            "{acceleration} {jerk}: {:?}",
+            end.q
+        );
+    }
+}
+
+#[test]
+fn a_motion_of_too_many_rows_is_refused() {
+    let case = Case::new(vec![[0.0; 4], [10.0, 0.0, 0.0, 0.0]], 1e-4);
+    let law = case.law();
+    assert!(law.rows(50.0).is_ok());
+    let error = law.rows(500.0).unwrap_err();
+    assert!(
+        matches!(error, crate::RobotError::TooLong { .. }) && error.to_string().contains("500 Hz"),
+        "{error}"
+    );
+    assert!(matches!(law.rows(f64::NAN), Err(crate::RobotError::Value { .. })));
+}
+
+#[test]
 fn hostile_paths_have_a_law() {
     let x = |x: f64| [x, 0.0, 0.0, 0.0];
     let paths = [

@@ -21,6 +21,9 @@ use crate::error::{CalibrationFault, RobotError};
 /// hundreds.
 const MOST_OFF_MM: f64 = 20.0;
 
+/// Farthest that a calibrated flange may be turned, rad: the factory's angles are milliradians.
+const MOST_TURNED_RAD: f64 = 0.02;
+
 /// Names of the links in the ROS driver's extraction.
 const LINKS: [&str; 6] = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"];
 
@@ -132,18 +135,23 @@ fn number(value: &Yaml<'_>) -> Option<f64> {
     number.filter(|number| number.is_finite())
 }
 
-/// The calibrated flange stays near the nominal one over a spread of joint vectors.
+/// The calibrated flange stays near the nominal one, in place and direction, over a spread of joint vectors.
 pub(super) fn check(model: UrModel, calibrated: &Arm) -> Result<(), RobotError> {
     let nominal = Arm::ur(model, None)?;
-    let mut worst_mm = 0f64;
+    let (mut worst_mm, mut worst_rad) = (0f64, 0f64);
     for k in 0..32 {
         // golden-ratio steps spread over the torus
         let q: [f64; 6] = std::array::from_fn(|j| {
             let share = f64::from(k) * (0.618_033_988_75 + 0.1 * j as f64);
             (share.fract() - 0.5) * std::f64::consts::TAU
         });
-        let apart = calibrated.forward(&q)?.translation_mm - nominal.forward(&q)?.translation_mm;
-        worst_mm = worst_mm.max(apart.norm());
+        let (there, here) = (calibrated.forward(&q)?, nominal.forward(&q)?);
+        worst_mm = worst_mm.max((there.translation_mm - here.translation_mm).norm());
+        worst_rad = worst_rad.max(here.rotation.angle_to(&there.rotation));
+    }
+    if worst_mm <= MOST_OFF_MM && worst_rad > MOST_TURNED_RAD {
+        let fault = CalibrationFault::Turned { model: model.name(), worst_rad, most_rad: MOST_TURNED_RAD };
+        return Err(RobotError::Calibration { source_name: "calibration".into(), fault });
     }
     if worst_mm > MOST_OFF_MM {
         let fault = CalibrationFault::OtherModel { model: model.name(), worst_mm, most_mm: MOST_OFF_MM };

@@ -7,7 +7,8 @@
 //! 3. p₄ = p₅ + d₅ (s₆ x₆ + c₆ y₆) is reached in the plane of joints 2 and 3: two elbows;
 //! 4. x₄ gives q₂ + q₃ + q₄.
 //!
-//! Every angle is an arc tangent of two lengths, never an arc cosine of a ratio, so that nothing is lost near the ends.
+//! Every angle is an arc tangent of two lengths, a sum or difference of such, or half a turn from one; never an arc cosine of
+//! a ratio, so that nothing is lost near the ends.
 //!
 //! Singular poses have a stated answer. Wrist (s₅ = 0): q₆ is free and taken from the caller, both wrists give the same.
 //! Elbow stretched or folded, shoulder at its edge: the two branches coincide and both are given.

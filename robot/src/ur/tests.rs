@@ -336,4 +336,12 @@ fn what_is_no_calibration_is_refused() {
     let far = "delta_theta: [0,0,0,0,0,0]\ndelta_a: [0,-0.2,0,0,0,0]\ndelta_d: [0,0,0,0,0,0]\ndelta_alpha: [0,0,0,0,0,0]\n";
     let error = Arm::ur(UrModel::Ur5e, Some(&Calibration::parse(far).unwrap())).unwrap_err().to_string();
     assert!(error.contains("ur5e") && error.contains("another model"), "{error}");
+    // degrees: the flange stays in place and turns
+    for at in ["delta_theta", "delta_alpha"] {
+        let turned = "delta_theta: [0,0,0,0,0,0]\ndelta_a: [0,0,0,0,0,0]\ndelta_d: [0,0,0,0,0,0]\ndelta_alpha: [0,0,0,0,0,0]\n"
+            .replace(&format!("{at}: [0,0,0,0,0,0]"), &format!("{at}: [0,0,0,0,0,0.5]"));
+        let error =
+            Arm::ur(UrModel::Ur5e, Some(&Calibration::parse(&turned).unwrap())).unwrap_err().to_string();
+        assert!(error.contains("0.500 rad") && error.contains("degrees"), "{error}");
+    }
 }

@@ -122,6 +122,42 @@ fn numbers_must_be_finite_and_limits_a_range() {
 }
 
 #[test]
+fn limits_in_other_units_are_refused() {
+    let limit = |inner: &str| one(&format!("<limit effort=\"1\" {inner}/>"));
+    for (inner, at) in [
+        (r#"lower="-360" upper="360" velocity="3""#, "lower"),
+        (r#"lower="0" upper="180" velocity="3""#, "upper"),
+        (r#"lower="-3" upper="3" velocity="180""#, "velocity"),
+        (r#"lower="-3" upper="3" velocity="1e300""#, "velocity"),
+        (r#"lower="-3" upper="3" velocity="1e-300""#, "velocity"),
+        (r#"lower="-3" upper="3" velocity="3" acceleration="0""#, "acceleration"),
+        (r#"lower="-3" upper="3" velocity="3" acceleration="NaN""#, "acceleration"),
+        (r#"lower="-3" upper="3" velocity="3" jerk="-1""#, "jerk"),
+    ] {
+        assert!(matches!(fault(&limit(inner)), UrdfFault::Limit { field, .. } if field == at), "{inner}");
+    }
+    let text = limit(r#"lower="-3" upper="3" velocity="3" jerk="fast""#);
+    assert!(matches!(fault(&text), UrdfFault::LimitText { field: "jerk", text, .. } if text == "fast"));
+    // a continuous joint's range is not read
+    let endless = r#"<limit lower="-1e9" upper="1e9" velocity="1" effort="1"/>"#;
+    assert!(parse(&robot(&["a", "b"], &[("j", "continuous", "a", "b", endless)]), "test.urdf").is_ok());
+}
+
+#[test]
+fn accelerations_and_jerks_of_a_limit_are_read() {
+    let limit = |inner: &str| format!("<limit lower='-1' upper='1' velocity='1' effort='1' {inner}/>");
+    let joints = |kind, inner: &str| {
+        let text = robot(&["a", "b"], &[("j", kind, "a", "b", &limit(inner))]);
+        parse(&text, "test.urdf").unwrap().joints.remove(0)
+    };
+    let own = joints("revolute", "acceleration='2.5' jerk='40'");
+    assert_eq!((own.acceleration_limit, own.jerk_limit), (2.5, 40.0));
+    let own = joints("prismatic", "acceleration='2.5'");
+    assert_eq!((own.acceleration_limit, own.jerk_limit), (2500.0, assumed_jerk(2500.0)));
+    assert_eq!(joints("revolute", "").acceleration_limit, assumed_acceleration(1.0));
+}
+
+#[test]
 fn what_is_no_urdf_is_said_to_be_none() {
     for text in ["", "not xml", "<robot", "<robot name=\"r\"><joint/></robot>", "<html></html>"] {
         let error = parse(text, "some.urdf").unwrap_err().to_string();
