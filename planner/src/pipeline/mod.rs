@@ -312,7 +312,7 @@ fn free_space<'a>(case: &Case, scene: &'a Scene) -> Result<BurrSpace<'a>, PlanEr
 fn limits_missed(ratios: &LimitRatios) -> Option<String> {
     let LimitRatios { velocity, acceleration, jerk } = *ratios;
     let worst = velocity.max(acceleration).max(jerk);
-    (!(worst <= 1.0 + 1e-6)).then(|| {
+    (worst.is_nan() || worst > 1.0 + 1e-6).then(|| {
         format!(
             "joint limits are passed: velocity {velocity:.6}, acceleration {acceleration:.6}, jerk {jerk:.6} of what is allowed"
         )

@@ -44,7 +44,7 @@ impl TimeLaw {
             return Err(RobotError::Value { what, index: 0, value: rate_hz, unit, expected });
         }
         let periods = (self.duration_s() * rate_hz).ceil();
-        if !(periods < MOST_ROWS) {
+        if periods.is_nan() || periods >= MOST_ROWS {
             return Err(RobotError::TooLong { duration_s: self.duration_s(), rate_hz, most_rows: MOST_ROWS });
         }
         Ok(RowGrid { law: self, rate_hz, count: periods as u64 + 1 })
