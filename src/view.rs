@@ -121,6 +121,11 @@ fn extent(surface: &Surface) -> f32 {
     if surface.is_empty() { 0.0 } else { (0..3).map(|a| side(a).powi(2)).sum::<f32>().sqrt() }
 }
 
+/// Mean height of a surface's vertices, mm.
+fn height(surface: &Surface) -> f32 {
+    surface.vertices.iter().map(|v| v[2]).sum::<f32>() / surface.vertices.len() as f32
+}
+
 /// A structure's name in a column beside the bone, with a line to it, so that names do not cover each other.
 fn label(
     stream: &RecordingStream,
@@ -156,20 +161,25 @@ fn structures(stream: &RecordingStream, show: &Show) -> anyhow::Result<()> {
         (u16::from(show::TARGET), "target, still there", rerun::Rgba32::from(colour(TARGET_COLOUR).0)),
         (u16::from(show::CUT), "cut away", rerun::Rgba32::from(colour([0, 0, 0]).0)),
     ];
+    let mut found = Vec::new();
     for (n, structure) in show.plan().record.case.structures.iter().enumerate() {
         let tint = structure_colour(n);
         let code = u16::from(show::FIRST_STRUCTURE) + n as u16;
         classes.push((code, structure.name.as_str(), rerun::Rgba32::from(colour(tint).0)));
         let surface = show.structure(n)?;
-        if surface.is_empty() {
-            continue;
+        if !surface.is_empty() {
+            found.push((n, structure.name.as_str(), surface));
         }
-        let name =
-            format!("scene/structures/{}", rerun::EntityPath::from_single_string(structure.name.clone()));
+    }
+    // names from top to bottom as the structures lie, so that few leaders cross
+    found.sort_by(|a, b| height(&b.2).total_cmp(&height(&a.2)));
+    for (place, (n, name, surface)) in found.into_iter().enumerate() {
+        let tint = structure_colour(n);
+        let entity = format!("scene/structures/{}", rerun::EntityPath::from_single_string(name.to_owned()));
         let alpha = if extent(&surface) > LARGE_SHARE * size { 100 } else { 255 };
-        label(stream, &name, &structure.name, &surface, tint, [beside, 0.5 * label_y, top - 3.0 * n as f32])?;
-        stream.log_static(format!("{name}/clearance"), &mesh(show.shell(n)?, tint, 40))?;
-        stream.log_static(format!("{name}/surface"), &mesh(surface, tint, alpha))?;
+        label(stream, &entity, name, &surface, tint, [beside, 0.5 * label_y, top - 3.0 * place as f32])?;
+        stream.log_static(format!("{entity}/clearance"), &mesh(show.shell(n)?, tint, 40))?;
+        stream.log_static(format!("{entity}/surface"), &mesh(surface, tint, alpha))?;
     }
     stream.log_static("slices", &rerun::AnnotationContext::new(classes))?;
     Ok(())

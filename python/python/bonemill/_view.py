@@ -65,14 +65,15 @@ def _mesh(rr: Any, surface: dict[str, Any], colour: tuple[int, int, int], alpha:
 def _scene(rr: Any, recording: Any, drawn: dict[str, Any]) -> None:
     recording.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     classes = [(0, "elsewhere", (0, 0, 0, 0)), (1, "target, still there", _TARGET), (2, "cut away", (0, 0, 0))]
+    classes += [(3 + n, name, tuple(tint)) for n, (name, tint, _, _) in enumerate(drawn["structures"])]
     corner = drawn["path"].max(axis=0) + [8.0, 0.0, 0.0]
-    for n, (name, tint, body, shell) in enumerate(drawn["structures"]):
+    found = [structure for structure in drawn["structures"] if len(structure[2]["vertices"]) > 0]
+    # names from top to bottom as the structures lie, so that few leaders cross
+    found.sort(key=lambda structure: -structure[2]["vertices"][:, 2].mean())
+    for place, (name, tint, body, shell) in enumerate(found):
         colour = tuple(tint)
-        classes.append((3 + n, name, colour))
-        if len(body["vertices"]) == 0:
-            continue
         entity = f"scene/structures/{rr.escape_entity_path_part(name)}"
-        at = corner - [0.0, 0.0, 3.0 * n]
+        at = corner - [0.0, 0.0, 3.0 * place]
         nearest = body["vertices"][np.linalg.norm(body["vertices"] - at, axis=1).argmin()]
         recording.log(f"{entity}/name", rr.Points3D([at], labels=[name], radii=0.05, colors=colour), static=True)
         leader = rr.LineStrips3D([[at, nearest]], colors=colour, radii=rr.Radius.ui_points(0.7))
