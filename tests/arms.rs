@@ -129,7 +129,9 @@ fn a_urdf_of_one_s_own_is_followed_by_damped_least_squares() {
          base_from_ct = {{ rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [450, 0, 40] }}"
     ));
     fs::write(place.path("own.urdf"), &text).unwrap();
-    follows(&planned(&place));
+    let plan = planned(&place);
+    assert!(plan.record.warnings.iter().any(|w| w.contains("a UR's joints")), "{:?}", plan.record.warnings);
+    follows(&plan);
 }
 
 #[test]

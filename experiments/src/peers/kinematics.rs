@@ -1,4 +1,4 @@
-//! Forward kinematics and Jacobians beside PyPI `pin`, which reads the same URDF; and in Rust beside `k`.
+//! Forward kinematics and Jacobians beside PyPI `pin`, which reads the same URDF. (`k` is in the arms' benchmark.)
 
 use bonemill_robot::Arm;
 use bonemill_robot::ur::UrModel;

@@ -163,7 +163,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let affines = [ct.affine, labels.affine];
     drop((ct, labels)); // the scene holds what is needed of them
     warnings.extend(scene.warnings.iter().cloned());
-    warnings.extend(setup::arm_warning(case));
+    warnings.extend(setup::arm_warning(case, &arm));
 
     let space = watch.run("free space", || free_space(case, &scene))?;
     let registered = setup::registration(&case.robot, &scene)?;

@@ -5,7 +5,7 @@ use std::path::Path;
 use bonemill_geometry::{Approach, Base, Ct, Point, Rigid, Work};
 use bonemill_imaging::Scene;
 use bonemill_robot::registration::{Fitted, fit};
-use bonemill_robot::ur::{UrModel, read_calibration};
+use bonemill_robot::ur::{UrModel, has_ur_joints, read_calibration};
 use bonemill_robot::{Arm, ArmKind, RobotError, ToolMount, read_urdf};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
@@ -134,12 +134,22 @@ pub fn arm(case: &Case, folder: &Path) -> Result<Arm, PlanError> {
 }
 
 /// What is to be known about the arm's accuracy.
-pub fn arm_warning(case: &Case) -> Option<String> {
-    let model = UrModel::by_name(&case.robot.model).filter(|_| case.robot.calibration.is_none())?;
-    Some(format!(
-        "nominal kinematics of the {}: a real arm's tool is 1 to 2 mm off; give its calibration file as robot.calibration",
-        model.name()
-    ))
+pub fn arm_warning(case: &Case, arm: &Arm) -> Option<String> {
+    let Some(model) = UrModel::by_name(&case.robot.model) else {
+        return has_ur_joints(arm).then(|| {
+            format!(
+                "{} has a UR's joints: unless it was made from the arm's own calibration, its kinematics are nominal and a real \
+                 arm's tool is 1 to 2 mm off",
+                case.robot.model
+            )
+        });
+    };
+    case.robot.calibration.is_none().then(|| {
+        format!(
+            "nominal kinematics of the {}: a real arm's tool is 1 to 2 mm off; give its calibration file as robot.calibration",
+            model.name()
+        )
+    })
 }
 
 /// Where the patient is, and how well that is known.

@@ -132,6 +132,32 @@ fn the_dense_path_keeps_to_the_line_and_bounds_the_burr_s_speed() {
 }
 
 #[test]
+fn a_path_to_the_edge_of_reach_is_followed_and_one_beyond_it_is_told() {
+    let arm = ur5e(0.0);
+    let pose = |x: f64| AxisPose { position: Point::new(x, 30.0, 100.0), axis: Vector3::z_axis() };
+    let resolved_to = |last_mm: f64| {
+        let poses: Vec<AxisPose> = (0..=80).map(|n| pose(last_mm - 20.0 + 0.25 * f64::from(n))).collect();
+        let length_mm = lengths(&poses);
+        (resolve(&arm, &path(&poses, &length_mm)).unwrap(), poses)
+    };
+    let is_reached = |x: f64| resolve(&arm, &path(&[pose(x)], &[0.0])).unwrap().is_ok();
+    let (mut within, mut beyond) = (600.0, 1200.0);
+    assert!(is_reached(within) && !is_reached(beyond));
+    for _ in 0..60 {
+        let middle = 0.5 * (within + beyond);
+        if is_reached(middle) { within = middle } else { beyond = middle }
+    }
+    let (resolved, poses) = resolved_to(within);
+    check(&arm, &poses, &resolved.unwrap());
+    let failed = resolved_to(within + 0.3).0.unwrap_err();
+    assert_eq!(failed.pose, 79);
+    assert!(
+        matches!(failed.reason, ReachReason::Beyond { short_mm } if (0.02..0.06).contains(&short_mm)),
+        "{failed:?}"
+    );
+}
+
+#[test]
 fn out_of_reach_is_told_with_place_and_distance() {
     let arm = ur5e(0.0);
     let (mut poses, _) = raster([450.0, 0.0, 100.0], 0.0, 200);

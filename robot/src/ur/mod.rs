@@ -20,6 +20,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 pub use calibration::{Calibration, read_calibration};
 pub use ik::{UrGeometry, UrSolutions};
+pub use urdf::has_ur_joints;
 
 use crate::arm::Arm;
 use crate::error::RobotError;

@@ -8,6 +8,7 @@ use std::fmt::Write;
 
 use super::calibration::{Calibration, Origin};
 use super::{DhRow, UrModel};
+use crate::arm::Arm;
 
 const LINKS: [&str; 7] = [
     "base_link",
@@ -27,6 +28,12 @@ const JOINTS: [&str; 6] = [
     "wrist_2_joint",
     "wrist_3_joint",
 ];
+
+/// Whether an arm's joints are called as a UR's, with any prefix, as in a URDF from ROS.
+pub fn has_ur_joints(arm: &Arm) -> bool {
+    let names = || arm.joints().iter().map(|joint| joint.name.as_str());
+    names().count() == JOINTS.len() && names().zip(JOINTS).all(|(name, ours)| name.ends_with(ours))
+}
 
 /// The URDF's text.
 pub(super) fn text(model: UrModel, calibration: Option<&Calibration>) -> String {
