@@ -311,8 +311,8 @@ fn free_space<'a>(case: &Case, scene: &'a Scene) -> Result<BurrSpace<'a>, PlanEr
 /// The time law's own promise, looked at on what it gave.
 fn limits_missed(ratios: &LimitRatios) -> Option<String> {
     let LimitRatios { velocity, acceleration, jerk } = *ratios;
-    let worst = velocity.max(acceleration).max(jerk);
-    (worst.is_nan() || worst > 1.0 + 1e-6).then(|| {
+    let passed = [velocity, acceleration, jerk].into_iter().any(|ratio| ratio.is_nan() || ratio > 1.0 + 1e-6);
+    passed.then(|| {
         format!(
             "joint limits are passed: velocity {velocity:.6}, acceleration {acceleration:.6}, jerk {jerk:.6} of what is allowed"
         )
@@ -341,4 +341,17 @@ fn shortfalls(coverage: &Coverage, modelled: &Modelled, time: Option<(f64, f64)>
         ));
     }
     reasons
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_motion_beyond_a_limit_is_a_shortfall() {
+        let ratios = |acceleration: f64| LimitRatios { velocity: 0.2, acceleration, jerk: 1.0 };
+        assert_eq!(limits_missed(&ratios(1.0 + 1e-9)), None);
+        assert!(limits_missed(&ratios(1.0003)).unwrap().contains("acceleration 1.000300"));
+        assert!(limits_missed(&ratios(f64::NAN)).is_some());
+    }
 }
