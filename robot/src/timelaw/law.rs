@@ -118,17 +118,17 @@ impl TimeLaw {
                 // the end belongs to the next piece
                 let share = (n as f64 / count as f64).min(1.0 - 1e-9);
                 cursor.visit(piece.start_s + share * length_s, |j, [_, qd, qdd, qddd]| {
-                    worst.velocity = worst.velocity.max(qd.abs() / limits.velocity[j]);
-                    worst.acceleration = worst.acceleration.max(qdd.abs() / limits.acceleration[j]);
-                    worst.jerk = worst.jerk.max(qddd.abs() / limits.jerk[j]);
+                    worst.velocity = greater(worst.velocity, qd.abs() / limits.velocity[j]);
+                    worst.acceleration = greater(worst.acceleration, qdd.abs() / limits.acceleration[j]);
+                    worst.jerk = greater(worst.jerk, qddd.abs() / limits.jerk[j]);
                 });
             }
             worst
         };
         let worse = |a: LimitRatios, b: LimitRatios| LimitRatios {
-            velocity: a.velocity.max(b.velocity),
-            acceleration: a.acceleration.max(b.acceleration),
-            jerk: a.jerk.max(b.jerk),
+            velocity: greater(a.velocity, b.velocity),
+            acceleration: greater(a.acceleration, b.acceleration),
+            jerk: greater(a.jerk, b.jerk),
         };
         self.pieces.par_iter().enumerate().map(instants).reduce(LimitRatios::default, worse)
     }
@@ -170,6 +170,11 @@ impl TimeLaw {
         }
         times_s
     }
+}
+
+/// The greater of two; what is no number is greater than all.
+fn greater(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a > b { a } else { b }
 }
 
 /// Where stretches between rests begin and end, as indices of elements.
