@@ -291,7 +291,7 @@ pub enum UrdfFault {
     },
     /// A limit that no arm has, most often one in another unit.
     #[error(
-        "joint {joint:?}: limit {field} = {value} {unit}, expected {expected} {unit}; URDF is in m, rad and s"
+        "joint {joint:?}: limit {field} = {value} {unit}, expected {least} to {most} {unit}; URDF is in m, rad and s"
     )]
     Limit {
         /// The joint.
@@ -302,8 +302,10 @@ pub enum UrdfFault {
         value: f64,
         /// The attribute's unit.
         unit: &'static str,
-        /// What is taken.
-        expected: &'static str,
+        /// The least that is taken.
+        least: f64,
+        /// The most that is taken.
+        most: f64,
     },
     /// An attribute of `<limit>` that is no number.
     #[error("joint {joint:?}: limit {field} = {text:?}, expected a number")]

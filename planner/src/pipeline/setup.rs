@@ -5,8 +5,8 @@ use std::path::Path;
 use bonemill_geometry::{Approach, Base, Ct, Point, Rigid, Work};
 use bonemill_imaging::Scene;
 use bonemill_robot::registration::{Fitted, fit};
-use bonemill_robot::ur::{UrModel, has_ur_joints, read_calibration};
-use bonemill_robot::{Arm, ArmKind, RobotError, ToolMount, read_urdf};
+use bonemill_robot::ur::{UrModel, has_ur_joints, read_ur};
+use bonemill_robot::{Arm, ArmKind, ToolMount, read_urdf};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
 use super::PlanError;
@@ -107,15 +107,7 @@ pub fn arm(case: &Case, folder: &Path) -> Result<Arm, PlanError> {
             });
         }
         (_, Some(model)) => {
-            let file = robot.calibration.as_ref().map(|path| folder.join(path));
-            let calibration = file.as_deref().map(read_calibration).transpose()?;
-            Arm::ur(model, calibration.as_ref()).map_err(|e| match (e, &file) {
-                // an arm that does not come out as one of the model is the file's fault
-                (RobotError::Calibration { fault, .. }, Some(file)) => {
-                    RobotError::Calibration { source_name: file.display().to_string(), fault }
-                }
-                (other, _) => other,
-            })?
+            read_ur(model, robot.calibration.as_ref().map(|path| folder.join(path)).as_deref())?
         }
         (path, None) => read_urdf(&folder.join(path))?,
     };

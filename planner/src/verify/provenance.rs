@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use bonemill_geometry::{Base, Ct, Point, Rigid, basis};
-use bonemill_robot::ur::{UrModel, read_calibration};
+use bonemill_robot::ur::{UrModel, read_ur};
 use bonemill_robot::{Arm, read_urdf};
 use nalgebra::{Rotation3, Vector3};
 
@@ -121,10 +121,7 @@ fn arm(plan: &StoredPlan) -> Result<Check, VerifyError> {
     let beside = |path: &Path| input_path(&plan.dir, &plan.record.case_file, path);
     let named = match (robot.model.as_str(), UrModel::by_name(&robot.model)) {
         ("bone-attached", _) => Arm::bone_attached()?,
-        (_, Some(model)) => {
-            let calibration = robot.calibration.as_deref().map(|path| read_calibration(&beside(path)));
-            Arm::ur(model, calibration.transpose()?.as_ref())?
-        }
+        (_, Some(model)) => read_ur(model, robot.calibration.as_deref().map(beside).as_deref())?,
         (path, None) => read_urdf(&beside(Path::new(path)))?,
     };
     let same = named.urdf_text() == plan.arm.urdf_text();

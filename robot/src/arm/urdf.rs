@@ -222,10 +222,11 @@ fn check_joint(joint: &urdf_rs::Joint, further: &Further) -> Result<(), UrdfFaul
     };
     finite("origin xyz [m]", &*joint.origin.xyz)?;
     finite("origin rpy [rad]", &*joint.origin.rpy)?;
-    let (unit, velocity_unit) = match joint.joint_type {
+    // of range, velocity, acceleration and jerk
+    let [unit, velocity_unit, acceleration_unit, jerk_unit] = match joint.joint_type {
         JointType::Fixed => return Ok(()),
-        JointType::Prismatic => ("m", "m/s"),
-        JointType::Revolute | JointType::Continuous => ("rad", "rad/s"),
+        JointType::Prismatic => ["m", "m/s", "m/s²", "m/s³"],
+        JointType::Revolute | JointType::Continuous => ["rad", "rad/s", "rad/s²", "rad/s³"],
         ref other => {
             return Err(UrdfFault::JointType {
                 joint: name(),
@@ -250,35 +251,24 @@ fn check_joint(joint: &urdf_rs::Joint, further: &Further) -> Result<(), UrdfFaul
     if limit.velocity <= 0.0 {
         return Err(UrdfFault::Velocity { joint: name(), velocity: limit.velocity, unit: velocity_unit });
     }
-    let sane: [(_, _, Sane); 5] = if joint.joint_type == JointType::Prismatic {
-        [
-            ("lower", Some(limit.lower), (-100.0..=100.0, "m", "-100 to 100")),
-            ("upper", Some(limit.upper), (-100.0..=100.0, "m", "-100 to 100")),
-            ("velocity", Some(limit.velocity), (1e-6..=100.0, "m/s", "1e-6 to 100")),
-            ("acceleration", further.acceleration, (1e-6..=1e6, "m/s²", "1e-6 to 1e6")),
-            ("jerk", further.jerk, (1e-6..=1e9, "m/s³", "1e-6 to 1e9")),
-        ]
-    } else {
-        [
-            ("lower", Some(limit.lower), (-30.0..=30.0, "rad", "-30 to 30")),
-            ("upper", Some(limit.upper), (-30.0..=30.0, "rad", "-30 to 30")),
-            ("velocity", Some(limit.velocity), (1e-4..=100.0, "rad/s", "1e-4 to 100")),
-            ("acceleration", further.acceleration, (1e-4..=1e6, "rad/s²", "1e-4 to 1e6")),
-            ("jerk", further.jerk, (1e-4..=1e9, "rad/s³", "1e-4 to 1e9")),
-        ]
-    };
-    for (field, value, (range, unit, expected)) in sane {
-        // a continuous joint has no range
-        let unused = joint.joint_type == JointType::Continuous && unit == "rad";
-        if let Some(value) = value.filter(|value| !unused && !range.contains(value)) {
-            return Err(UrdfFault::Limit { joint: name(), field, value, unit, expected });
+    // no arm has a limit beyond these; most often such a one is in another unit
+    let (farthest, slowest) =
+        if joint.joint_type == JointType::Prismatic { (100.0, 1e-6) } else { (30.0, 1e-4) };
+    // a continuous joint has no range
+    let ends = (joint.joint_type != JointType::Continuous).then_some((limit.lower, limit.upper));
+    for (field, value, unit, least, most) in [
+        ("lower", ends.map(|(lower, _)| lower), unit, -farthest, farthest),
+        ("upper", ends.map(|(_, upper)| upper), unit, -farthest, farthest),
+        ("velocity", Some(limit.velocity), velocity_unit, slowest, 100.0),
+        ("acceleration", further.acceleration, acceleration_unit, slowest, 1e6),
+        ("jerk", further.jerk, jerk_unit, slowest, 1e9),
+    ] {
+        if let Some(value) = value.filter(|value| !(least..=most).contains(value)) {
+            return Err(UrdfFault::Limit { joint: name(), field, value, unit, least, most });
         }
     }
     Ok(())
 }
-
-/// A range, its unit, and both in words.
-type Sane = (std::ops::RangeInclusive<f64>, &'static str, &'static str);
 
 /// A moving joint's limits, in mm and rad.
 fn limits(joint: &urdf_rs::Joint, further: &Further) -> Joint {

@@ -79,20 +79,20 @@ impl<'a> ExportRows<'a> {
             let ((t0, q0, qd0), (t1, q1, qd1)) = (self.row(n), self.row(n + 1));
             let span_s = t1 - t0;
             let first = n * self.stride;
-            let left_out = first + 1..(first + self.stride).min(self.time_s.len() - 1);
-            let burr = |at: usize| burr(arm, &self.q[at * dof..(at + 1) * dof]);
+            let last = (first + self.stride).min(self.time_s.len() - 1);
+            let sampled = self.q[first * dof..(last + 1) * dof].chunks_exact(dof);
+            let places = sampled.map(|q| burr(arm, q)).collect::<Result<Vec<_>, _>>()?;
             let mut q = vec![0.0; dof];
             let mut worst_mm = 0f64;
-            for at in left_out {
-                let u = (self.time_s[at] - t0) / span_s;
+            for (around, time_s) in places.windows(3).zip(&self.time_s[first + 1..]) {
+                let u = (time_s - t0) / span_s;
                 for (j, q) in q.iter_mut().enumerate() {
                     *q = match between {
                         Between::Straight => q0[j] + u * (q1[j] - q0[j]),
                         Between::Cubic => cubic([q0[j], q1[j]], [qd0[j] * span_s, qd1[j] * span_s], u),
                     };
                 }
-                let off = burr_off(&[burr(at - 1)?, burr(at)?, burr(at + 1)?], &self::burr(arm, &q)?);
-                worst_mm = worst_mm.max(off);
+                worst_mm = worst_mm.max(aside(around, &burr(arm, &q)?));
             }
             Ok((worst_mm, n))
         };
@@ -114,10 +114,10 @@ fn burr(arm: &Arm, q: &[f64]) -> Result<Point<Base>, RobotError> {
 }
 
 /// How far a point is aside of the middle of three places on the way, mm.
-fn burr_off([before, here, after]: &[Point<Base>; 3], there: &Point<Base>) -> f64 {
-    let (way, off) = (*after - *before, *there - *here);
-    let along = if way.norm_squared() > 0.0 { way * (off.dot(&way) / way.norm_squared()) } else { 0.0 * way };
-    (off - along).norm()
+fn aside(around: &[Point<Base>], there: &Point<Base>) -> f64 {
+    let (way, off) = (around[2] - around[0], *there - around[1]);
+    let share = if way.norm_squared() > 0.0 { off.dot(&way) / way.norm_squared() } else { 0.0 };
+    (off - way * share).norm()
 }
 
 /// The cubic between two values with their slopes per whole step.

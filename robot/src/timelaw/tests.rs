@@ -97,14 +97,18 @@ fn a_rotation_in_place_is_bound_by_its_joint() {
     assert!((1.1..1.25).contains(&law.duration_s()), "{}", law.duration_s());
 }
 
+/// A helix of 5 mm radius in equal turns, sinking by 0.2 mm per rad, the tilt swinging by ±17° a turn.
+fn helix(count: i32, step_rad: f64) -> Vec<[f64; 4]> {
+    let at = |k: i32| {
+        let angle = step_rad * f64::from(k);
+        [5.0 * angle.cos(), 5.0 * angle.sin(), -0.2 * angle, 0.3 * angle.sin()]
+    };
+    (0..count).map(at).collect()
+}
+
 #[test]
 fn a_smooth_cut_takes_little_longer_than_its_caps_demand() {
-    // a helix of 5 mm radius in steps of 0.25 mm, the tilt swinging by ±17° a turn
-    let at = |k: i32| {
-        let angle = 0.05 * f64::from(k);
-        [5.0 * angle.cos(), 5.0 * angle.sin(), -0.01 * f64::from(k), 0.3 * angle.sin()]
-    };
-    let case = Case::new((0..800).map(at).collect(), 1.5);
+    let case = Case::new(helix(800, 0.05), 1.5);
     let bound_s = case.prepared(&limits()).lower_bound_s(&case.caps_mm_s).unwrap();
     let ratio = case.law().duration_s() / bound_s;
     assert!((0.999..1.01).contains(&ratio), "{ratio}");
@@ -112,11 +116,7 @@ fn a_smooth_cut_takes_little_longer_than_its_caps_demand() {
 
 #[test]
 fn jerk_limits_that_bind_nothing_cost_no_other_limit() {
-    let at = |k: i32| {
-        let angle = 0.3 * f64::from(k);
-        [5.0 * angle.cos(), 5.0 * angle.sin(), -0.1 * f64::from(k), 0.3 * angle.sin()]
-    };
-    let case = Case::new((0..200).map(at).collect(), 1.5);
+    let case = Case::new(helix(200, 0.3), 1.5);
     for (acceleration, jerk) in
         [(150.0, 1e6), (150.0, 1e9), (150.0, 1e12), (0.01, 3000.0), (1e9, 1e12), (1e9, 3000.0)]
     {
@@ -127,7 +127,7 @@ fn jerk_limits_that_bind_nothing_cost_no_other_limit() {
         // it arrives where it should
         let end = law.sample(law.duration_s() - 1e-9);
         assert!(
-            end.q.iter().zip(&at(199)).all(|(q, to)| (q - to).abs() < 1e-6),
+            end.q.iter().zip(&case.q[199]).all(|(q, to)| (q - to).abs() < 1e-6),
             "{acceleration} {jerk}: {:?}",
             end.q
         );

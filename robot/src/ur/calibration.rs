@@ -65,6 +65,20 @@ pub fn read_calibration(path: &Path) -> Result<Calibration, RobotError> {
     Calibration::parse(&text).map_err(fail)
 }
 
+/// The arm of a model, by its own calibration where there is one.
+///
+/// # Errors
+/// [`RobotError::Calibration`] naming the file, also where no arm of the model comes out.
+pub fn read_ur(model: UrModel, calibration: Option<&Path>) -> Result<Arm, RobotError> {
+    let Some(path) = calibration else { return Arm::ur(model, None) };
+    Arm::ur(model, Some(&read_calibration(path)?)).map_err(|error| match error {
+        RobotError::Calibration { fault, .. } => {
+            RobotError::Calibration { source_name: path.display().to_string(), fault }
+        }
+        other => other,
+    })
+}
+
 impl Calibration {
     /// The calibration in a file's text.
     ///
@@ -149,13 +163,13 @@ pub(super) fn check(model: UrModel, calibrated: &Arm) -> Result<(), RobotError> 
         worst_mm = worst_mm.max((there.translation_mm - here.translation_mm).norm());
         worst_rad = worst_rad.max(here.rotation.angle_to(&there.rotation));
     }
-    if worst_mm <= MOST_OFF_MM && worst_rad > MOST_TURNED_RAD {
-        let fault = CalibrationFault::Turned { model: model.name(), worst_rad, most_rad: MOST_TURNED_RAD };
-        return Err(RobotError::Calibration { source_name: "calibration".into(), fault });
-    }
-    if worst_mm > MOST_OFF_MM {
-        let fault = CalibrationFault::OtherModel { model: model.name(), worst_mm, most_mm: MOST_OFF_MM };
-        return Err(RobotError::Calibration { source_name: "calibration".into(), fault });
-    }
-    Ok(())
+    let model = model.name();
+    let fault = if worst_mm > MOST_OFF_MM {
+        CalibrationFault::OtherModel { model, worst_mm, most_mm: MOST_OFF_MM }
+    } else if worst_rad > MOST_TURNED_RAD {
+        CalibrationFault::Turned { model, worst_rad, most_rad: MOST_TURNED_RAD }
+    } else {
+        return Ok(());
+    };
+    Err(RobotError::Calibration { source_name: "calibration".into(), fault })
 }

@@ -18,7 +18,7 @@ mod urdf;
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-pub use calibration::{Calibration, read_calibration};
+pub use calibration::{Calibration, read_calibration, read_ur};
 pub use ik::{UrGeometry, UrSolutions};
 pub use urdf::has_ur_joints;
 
