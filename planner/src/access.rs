@@ -5,28 +5,36 @@
 //! volume into a line: one ray march along the axis per direction.
 //!
 //! A march looks at the nearest voxel at steps of one voxel; the ball is larger by what that can miss, so "free" is
-//! certain and "blocked" errs by less than a voxel. Thick segments (the handpiece) use a coarser field, for which a
-//! block counts as solid as long as any voxel in it is. Beyond the work grid `FarObstacles` stands for bone and
-//! structures.
+//! certain. Where a march of the thin shank is not, the voxels around that part of it are asked one by one, each by its
+//! eighths ([`OctantTimes`]): bone that stands anywhere in a voxel stands there. Thick segments (the handpiece) use a
+//! coarser field, for which a block counts as solid as long as any voxel in it is. Beyond the work grid `FarObstacles`
+//! stands for bone and structures.
+//!
+//! The arm rounds corners within a tolerance, and between two places that are asked the shank sweeps a little more than
+//! it holds at either: the shank that is asked for is wider by both ([`aside_mm`]).
 //!
 //! A march through free space is long and most of it far from everything: blocks of voxels with the latest time in and
 //! around each say how many steps need no look ([`Skips`]); the answer is the same.
 //!
-//! A ball at a cylinder's flat front reaches out of it: back into the burr's own cut, or from the handpiece down to the
-//! skull. Where only that part of a march is blocked, the front is looked at again: voxel by voxel for the first
-//! cylinder, with balls of the first cylinder's radius for the others. A voxel whose centre lies before the front may
-//! reach past it by half its diagonal: one that still stands after the move is in the way, too.
+//! A ball at a thick cylinder's flat front reaches out of it, from the handpiece down to the skull. Where only that part of
+//! a march is blocked, the front is looked at again with balls of the first cylinder's radius.
 
 mod field;
+mod octants;
+mod solid;
+
+pub use self::octants::OctantTimes;
+pub use self::solid::Solid;
 
 use std::ops::ControlFlow;
 
 use bonemill_geometry::{Point, Work, basis, cancel};
 use bonemill_imaging::Scene;
+use bonemill_robot::timelaw::CornerTolerance;
 use nalgebra::Vector3;
 
-use self::field::{Bounds, Field, SOLID, Skips};
-use crate::removal::RemovalTime;
+use self::field::{Bounds, Field, STAYS, Skips};
+use crate::space::TRAJECTORY_TOLERANCE_MM;
 use crate::sweep::Rows;
 
 /// A cylinder of the shank: distances along the axis from the burr's centre, mm.
@@ -55,15 +63,29 @@ pub enum Blocked {
     },
 }
 
+/// What the shank may sweep beyond where it stands at the places that are asked, between two of them, mm: a cylinder of
+/// radius ρ that moves sideways by d sweeps d²/8ρ more, for d of [`crate::pipeline`]'s stride and ρ of half a millimetre.
+const BETWEEN_MM: f64 = 0.02;
+
+/// How far the shank may be aside of where the path has it, at a distance from the burr's centre, mm.
+pub fn aside_mm(along_mm: f64) -> f64 {
+    TRAJECTORY_TOLERANCE_MM + BETWEEN_MM + CornerTolerance::default().axis_rad * along_mm
+}
+
 /// Coarser fields have at least this many voxels across a segment's radius.
 const VOXELS_PER_RADIUS: f64 = 8.0;
+
+/// Steps of a march that are asked eighth by eighth at once.
+const PART: usize = 4;
 
 /// Access for every waypoint of one path.
 #[derive(Debug)]
 pub struct Access<'a> {
     scene: &'a Scene,
+    solid: &'a Solid,
     rows: Rows,
-    /// T of what is solid, voxel by voxel.
+    octants: OctantTimes,
+    /// T of what is solid, voxel by voxel: of the eighth that goes last.
     latest: Field,
     near_box: Bounds,
     segments: Vec<Segment>,
@@ -82,31 +104,40 @@ struct Segment {
 }
 
 impl<'a> Access<'a> {
-    /// Dilates the removal time once per cylinder. `shank_clearances_mm`: one per structure of the scene.
-    pub fn new(
-        scene: &'a Scene,
-        removal: &RemovalTime,
-        shank: &[ShankCylinder],
-        shank_clearances_mm: &[f64],
-    ) -> Self {
-        let latest = Field::removal_time(scene, removal, shank_clearances_mm);
+    /// Dilates the removal time once per cylinder. `octants`: of the path, on the scene's `solid`.
+    pub fn new(scene: &'a Scene, solid: &'a Solid, octants: OctantTimes, shank: &[ShankCylinder]) -> Self {
+        let latest = Field::removal_time(solid, &octants);
         let thin_mm = shank.first().map_or(0.0, |c| c.radius_mm);
         let segments = shank
             .iter()
             .map(|cylinder| {
                 let factor = (cylinder.radius_mm / (VOXELS_PER_RADIUS * latest.spacing_mm)).floor().max(1.0);
-                let pooled = latest.pooled(factor as usize, cylinder.radius_mm);
-                let reach_mm = pooled.ball_voxels(cylinder.radius_mm) * pooled.spacing_mm;
+                let wide_mm = cylinder.radius_mm + aside_mm(cylinder.to_mm);
+                let pooled = latest.pooled(factor as usize, wide_mm);
+                let reach_mm = pooled.ball_voxels(wide_mm) * pooled.spacing_mm;
                 let front = if cylinder.radius_mm > thin_mm {
-                    front_balls(cylinder, reach_mm, thin_mm)
+                    front_balls(&ShankCylinder { radius_mm: wide_mm, ..*cylinder }, reach_mm, thin_mm)
                 } else {
                     Vec::new()
                 };
-                let latest = pooled.dilated(cylinder.radius_mm);
+                let latest = pooled.dilated(wide_mm);
                 Segment { cylinder: *cylinder, skips: latest.skips(), latest, reach_mm, front }
             })
             .collect();
-        Self { scene, rows: Rows::of(scene.class.grid()), near_box: latest.bounds(), latest, segments }
+        Self {
+            scene,
+            solid,
+            rows: Rows::of(solid.grid()),
+            octants,
+            near_box: latest.bounds(),
+            latest,
+            segments,
+        }
+    }
+
+    /// The removal times that it was made of.
+    pub fn into_octants(self) -> OctantTimes {
+        self.octants
     }
 
     /// Whether the shank along `axis` (unit, work) is free while move `index` ends at `center`.
@@ -131,7 +162,8 @@ impl<'a> Access<'a> {
         let field = &segment.latest;
         let (enter, leave) = field.crossing(&center.coords, axis);
         let behind_front = from_mm + segment.reach_mm;
-        let mut front_is_free = false;
+        let is_thin = segment.front.is_empty();
+        let (mut front_is_free, mut doubted) = (false, false);
         let (mut marched, mut look) = (steps(from_mm.max(enter), to_mm.min(leave), field.spacing_mm), true);
         while let Some(at_mm) = marched.next() {
             if front_is_free && at_mm < behind_front {
@@ -148,6 +180,21 @@ impl<'a> Access<'a> {
             if latest < index as f32 {
                 continue;
             }
+            if is_thin {
+                if !doubted
+                    && let Some(blocked) = self.blocked_axis(&segment.cylinder, index, center, axis, at_mm)
+                {
+                    return Some(blocked);
+                }
+                doubted = true;
+                let end_mm = at_mm + PART as f64 * field.spacing_mm;
+                let part = [at_mm - field.spacing_mm, end_mm + field.spacing_mm];
+                if let Some(blocked) = self.blocked_part(&segment.cylinder, index, center, axis, part) {
+                    return Some(blocked);
+                }
+                marched.nth(PART - 1);
+                continue;
+            }
             if at_mm >= behind_front {
                 return Some(Blocked::by(latest, at_mm));
             }
@@ -161,13 +208,13 @@ impl<'a> Access<'a> {
         let (_, leave) = self.near_box.crossing(&center.coords, axis);
         let is_near = |at_mm: f64| {
             let distance = self.scene.far.at_least_mm(center + axis * at_mm);
-            distance.is_some_and(|d| d < radius_mm.hypot(0.5 * step))
+            distance.is_some_and(|d| d < (radius_mm + aside_mm(at_mm)).hypot(0.5 * step))
         };
         for at_mm in steps(from_mm.max(leave), to_mm, step) {
             if (front_is_free && at_mm < behind_front) || !is_near(at_mm) {
                 continue;
             }
-            if segment.front.is_empty() || at_mm >= behind_front {
+            if is_thin || at_mm >= behind_front {
                 return Some(Blocked::Obstacle { at_mm });
             }
             if let Some(blocked) = self.blocked_front(segment, index, center, axis) {
@@ -178,7 +225,7 @@ impl<'a> Access<'a> {
         None
     }
 
-    /// What is in the way of a cylinder's first `reach_mm`.
+    /// What is in the way of a thick cylinder's first `reach_mm`.
     fn blocked_front(
         &self,
         segment: &Segment,
@@ -186,11 +233,7 @@ impl<'a> Access<'a> {
         center: Point<Work>,
         axis: &Vector3<f64>,
     ) -> Option<Blocked> {
-        let ShankCylinder { from_mm, to_mm, radius_mm } = segment.cylinder;
-        let Some(thin) = self.segments.first().filter(|_| !segment.front.is_empty()) else {
-            let end = center + axis * to_mm.min(from_mm + segment.reach_mm);
-            return self.blocked_voxels(index, center, axis, [from_mm, radius_mm], end);
-        };
+        let thin = self.segments.first()?;
         let basis = basis::from_z(axis);
         segment.front.iter().find_map(|offset| {
             let p = center + basis * offset;
@@ -204,25 +247,59 @@ impl<'a> Access<'a> {
         })
     }
 
-    /// Solid voxel centres in the cylinder from `from_mm` along the axis to `end`.
-    fn blocked_voxels(
+    /// What stands on the axis itself beyond `start_mm`: where the voxel that holds a place of it lies within the cylinder, no
+    /// more need be asked.
+    fn blocked_axis(
         &self,
+        cylinder: &ShankCylinder,
         index: u32,
         center: Point<Work>,
         axis: &Vector3<f64>,
-        [from_mm, radius_mm]: [f64; 2],
-        end: Point<Work>,
+        start_mm: f64,
     ) -> Option<Blocked> {
+        let ShankCylinder { from_mm, to_mm, radius_mm } = *cylinder;
+        let voxel_mm = self.solid.grid().diagonal_mm();
+        if radius_mm <= voxel_mm {
+            return None;
+        }
+        let (_, leave) = self.near_box.crossing(&center.coords, axis);
+        let mut places =
+            steps(start_mm.max(from_mm + voxel_mm), leave.min(to_mm - voxel_mm), self.latest.spacing_mm);
+        places.find_map(|at_mm| {
+            let latest = self.latest.at(&(center.coords + axis * at_mm));
+            (latest >= index as f32).then(|| Blocked::by(latest, at_mm))
+        })
+    }
+
+    /// What stands in a cylinder between two distances along the axis, asked eighth by eighth; beyond them it may find
+    /// more of what stands in the cylinder.
+    fn blocked_part(
+        &self,
+        cylinder: &ShankCylinder,
+        index: u32,
+        center: Point<Work>,
+        axis: &Vector3<f64>,
+        [start_mm, end_mm]: [f64; 2],
+    ) -> Option<Blocked> {
+        let ShankCylinder { from_mm, to_mm, radius_mm } = *cylinder;
+        let corner_mm = 0.5 * self.solid.grid().diagonal_mm();
+        let stands = |p: &Point<Work>, latest: f32| {
+            let off = *p - center;
+            let at_mm = off.dot(axis);
+            let (aside_mm, across_mm) = (aside_mm(at_mm.max(0.0)), (off - axis * at_mm).norm());
+            // what the burr takes in this very move lies before the front
+            let first_mm = if latest > index as f32 { from_mm - aside_mm } else { from_mm };
+            let is_in = (first_mm..=to_mm + aside_mm).contains(&at_mm) && across_mm <= radius_mm + aside_mm;
+            (latest >= index as f32 && is_in).then(|| Blocked::by(latest, at_mm))
+        };
+        let at = |at_mm: f64| center + axis * at_mm.clamp(from_mm, to_mm);
+        let wide_mm = radius_mm + aside_mm(end_mm) + corner_mm;
         let mut found = None;
-        let grid = self.scene.class.grid();
-        let hidden_mm = 0.5 * grid.diagonal_mm();
-        let _ = self.rows.within_capsule(center + axis * from_mm, end, radius_mm, |run| {
-            for voxel in run.filter(|v| self.latest.value[*v] >= index as f32) {
-                let at_mm = (grid.center(grid.voxel(voxel)) - center).dot(axis);
-                // what the burr takes in this very move lies before the front, but for its corners
-                let is_before = at_mm < from_mm;
-                if !is_before || at_mm >= from_mm - hidden_mm && self.latest.value[voxel] > index as f32 {
-                    found = Some(Blocked::by(self.latest.value[voxel], at_mm));
+        let _ = self.rows.within_capsule(at(start_mm), at(end_mm), wide_mm, |run| {
+            for n in run.filter(|n| self.latest.value[*n] >= index as f32) {
+                let latest = field::latest_of_eighths(self.solid, &self.octants, n);
+                found = self.solid.centers(n).iter().zip(latest).find_map(|(p, latest)| stands(p, latest));
+                if found.is_some() {
                     return ControlFlow::Break(());
                 }
             }
@@ -234,7 +311,7 @@ impl<'a> Access<'a> {
 
 impl Blocked {
     fn by(latest: f32, at_mm: f64) -> Self {
-        if latest == SOLID { Self::Obstacle { at_mm } } else { Self::NotYetRemoved { at_mm } }
+        if latest >= STAYS { Self::Obstacle { at_mm } } else { Self::NotYetRemoved { at_mm } }
     }
 }
 

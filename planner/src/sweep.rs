@@ -24,7 +24,12 @@ impl Rows {
             grid.origin() == Point::new(0.0, 0.0, 0.0),
             "the work frame starts at the first centre"
         );
-        Self { dims: grid.dims(), spacing_mm: grid.spacing_mm().x }
+        Self::new(grid.dims(), grid.spacing_mm().x)
+    }
+
+    /// Rows of cubic voxels whose first centre is the origin.
+    pub fn new(dims: [usize; 3], spacing_mm: f64) -> Self {
+        Self { dims, spacing_mm }
     }
 
     /// Hands `visit` every run of voxels (memory range) whose centres lie within `radius_mm` of the segment a–b.

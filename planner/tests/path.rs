@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use bonemill_geometry::{Ct, Grid, Point, Volume, Work};
 use bonemill_imaging::DensityTable;
 use bonemill_imaging::scene::{Class, Scene, SceneSpec, TargetShape, build_scene};
+use bonemill_planner::access::{Access, OctantTimes, ShankCylinder, Solid, aside_mm};
 use bonemill_planner::engagement::mass_increments;
 use bonemill_planner::path::{MillPath, MoveKind, Pass, PathSpacing, RasterFrame, join_passes, lay_path};
 use bonemill_planner::removal::NEVER;
@@ -274,4 +275,75 @@ fn masses_add_up_to_what_the_balls_cover() {
     // D's increments take the largest ball at a voxel, not the union of balls: never more, and nearly as much
     eprintln!("increments {sum:.3} mg, balls {counted:.3} mg");
     assert!(sum <= counted * 1.002 && sum >= counted * 0.98, "{sum} mg, {counted} mg");
+}
+
+/// Every eighth of every voxel is asked: when it goes, and whether it stands in the shank.
+#[test]
+fn the_shank_is_free_where_no_eighth_stands_in_it() {
+    let scene = scene();
+    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let path = path(&space);
+    let (solid, moves) = (Solid::new(&scene, &[0.0]), moves(&path));
+    let octants = OctantTimes::new(&solid, &path.points, RADIUS_MM);
+    let mut standing: Vec<(Vector3<f64>, u32)> = Vec::new();
+    for n in 0..scene.class.data().len() {
+        let times = octants.of(solid.grid().voxel(n));
+        for (eighth, center) in solid.centers(n).iter().enumerate() {
+            if solid.stays(n) >> eighth & 1 == 1 {
+                standing.push((center.coords, NEVER));
+            } else if solid.goes(n) >> eighth & 1 == 1 {
+                standing.push((center.coords, times[eighth]));
+                let distance = |(a, b): &(Vector3<f64>, Vector3<f64>)| from_segment(&center.coords, a, b);
+                if n % 7 == 0 && !moves.iter().any(|m| (distance(m) - RADIUS_MM).abs() < 1e-9) {
+                    let first = moves.iter().position(|m| distance(m) < RADIUS_MM);
+                    assert_eq!(
+                        times[eighth],
+                        first.map_or(NEVER, |i| i as u32),
+                        "voxel {n}, eighth {eighth}"
+                    );
+                }
+            }
+        }
+    }
+    let shank = [
+        ShankCylinder { from_mm: RADIUS_MM, to_mm: 7.0, radius_mm: 0.8 },
+        ShankCylinder { from_mm: 7.0, to_mm: 20.0, radius_mm: 2.5 },
+    ];
+    let access = |shank: &[ShankCylinder], octants| Access::new(&scene, &solid, octants, shank);
+    let (thin, whole) = (access(&shank[..1], octants.clone()), access(&shank, octants));
+    let (mut free, mut blocked, mut only_just) = (0, 0, 0);
+    for i in (0..path.points.len()).step_by(path.points.len() / 40) {
+        let center = path.points[i].position;
+        for (tilt, turn) in [0.0f64, 0.15, 0.3, 0.5, 0.8].into_iter().zip([0.0f64, 0.9, 2.3, 3.9, 5.5]) {
+            let axis = Vector3::new(tilt.sin() * turn.cos(), tilt.sin() * turn.sin(), tilt.cos());
+            // whether something stands in cylinders that are wider by so much
+            let stands = |shank: &[ShankCylinder], wider: &dyn Fn(f64) -> f64| {
+                standing.iter().filter(|(_, time)| *time >= i as u32).any(|(p, _)| {
+                    let off = p - center.coords;
+                    let at_mm = off.dot(&axis);
+                    let (across_mm, wider_mm) = ((off - axis * at_mm).norm(), wider(at_mm));
+                    shank.iter().any(|c| {
+                        (c.from_mm - wider_mm..=c.to_mm + wider_mm).contains(&at_mm)
+                            && across_mm <= c.radius_mm + wider_mm
+                    })
+                })
+            };
+            let index = i as u32;
+            if whole.is_free(index, center, &axis) {
+                free += 1;
+                assert!(!stands(&shank, &|_| 0.0), "waypoint {i}, tilt {tilt}");
+            }
+            if thin.is_free(index, center, &axis) {
+                assert!(!stands(&shank[..1], &|_| 0.0), "waypoint {i}, tilt {tilt}");
+            } else {
+                blocked += 1;
+                only_just += usize::from(!stands(&shank[..1], &|_| 0.0));
+                assert!(
+                    stands(&shank[..1], &|at_mm| aside_mm(at_mm.max(0.0)) + 1e-9),
+                    "waypoint {i}, tilt {tilt}"
+                );
+            }
+        }
+    }
+    assert!(free > 100 && blocked > 20 && only_just < blocked / 4, "{free} {blocked} {only_just}");
 }

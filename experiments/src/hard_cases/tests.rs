@@ -23,10 +23,16 @@ fn hard_cases_end_as_they_must() {
     assert!(wrong.is_empty(), "{} of {}:\n{}", wrong.len(), here.len(), wrong.join("\n"));
 }
 
+/// Bodies that once failed: 22 by bone before the shank's front, 44 by a skin that the burr took, 81, 180 and 936 by the
+/// masses of a scrap, 13, 36, 226 and 952 by the shank in a part of a voxel whose centre was gone, 584, 803 and 894 by a
+/// path that began in the bone, 875 by a sheet of just the band's thickness.
+const FAILED: [u64; 13] = [22, 44, 81, 13, 36, 180, 226, 584, 803, 875, 894, 936, 952];
+
 #[test]
 fn random_bodies_are_planned_and_verified_or_say_why_not() {
-    // the last three: bone before the shank's front, a skin that the burr took, a small body's masses
-    let ends: Vec<(u64, End)> = [0, 1, 2, 3, 22, 44, 81]
+    let ends: Vec<(u64, End)> = (0..4)
+        .chain(FAILED)
+        .collect::<Vec<_>>()
         .into_par_iter()
         .map(|n| (n, run_scene(&RandomBody::draw(n).scene())))
         .collect();

@@ -1,16 +1,31 @@
 //! Removal times on a grid, dilated, pooled, and looked up at points.
 
 use bonemill_geometry::cancel;
-use bonemill_imaging::{Class, Scene};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::removal::{NEVER, RemovalTime};
+use super::octants::OctantTimes;
+use super::solid::Solid;
+use crate::removal::NEVER;
 
 /// Removal time of free voxels: before every move.
 const FREE: f32 = -1.0;
-/// Removal time of what is never removed.
+/// Removal time of bone of the target that no move takes.
+pub(super) const STAYS: f32 = f32::MAX;
+/// Removal time of what must stay: bone outside the target, structures and what is kept around them.
 pub(super) const SOLID: f32 = f32::INFINITY;
+
+/// T of each eighth of a voxel, [`FREE`] where there is nothing; exact: a path has fewer than 2²⁴ waypoints.
+pub(super) fn latest_of_eighths(solid: &Solid, octants: &OctantTimes, voxel: usize) -> [f32; 8] {
+    let (stays, goes) = (solid.stays(voxel), solid.goes(voxel));
+    let time = if goes == 0 { [NEVER; 8] } else { octants.of(solid.grid().voxel(voxel)) };
+    std::array::from_fn(|n| match (stays >> n & 1, goes >> n & 1, time[n]) {
+        (1, _, _) => SOLID,
+        (_, 0, _) => FREE,
+        (_, _, NEVER) => STAYS,
+        (_, _, time) => time as f32,
+    })
+}
 
 /// An axis-aligned box in work, mm.
 #[derive(Debug, Clone, Copy)]
@@ -52,36 +67,19 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// T of what is solid, −1 elsewhere. T is exact: a path has fewer than 2²⁴ waypoints.
-    pub(super) fn removal_time(scene: &Scene, removal: &RemovalTime, shank_clearances_mm: &[f64]) -> Self {
-        let grid = scene.class.grid();
-        let mut value: Vec<f32> = scene
-            .class
-            .data()
-            .iter()
-            .zip(removal.time())
-            .map(|(class, time)| {
-                if class.is(Class::OBSTACLE | Class::STRUCTURE) || class.is(Class::MATERIAL) && *time == NEVER
-                {
-                    SOLID
-                } else if class.is(Class::MATERIAL) {
-                    *time as f32
-                } else {
-                    FREE
-                }
-            })
-            .collect();
-        for (structure, clearance) in scene.structures.iter().zip(shank_clearances_mm) {
-            // without a clearance the voxels of the structure itself are enough, and they are solid already
-            let Some(field) = structure.field.as_ref().filter(|_| *clearance > 0.0) else { continue };
-            value.par_iter_mut().enumerate().for_each(|(n, v)| {
-                cancel::poll();
-                let p = scene.ct_from_work * grid.center(grid.voxel(n));
-                if field.is_nearer_than(p, *clearance) {
-                    *v = SOLID;
-                }
-            });
-        }
+    /// T of the eighth of a voxel that goes last, [`FREE`] where there is nothing.
+    pub(super) fn removal_time(solid: &Solid, octants: &OctantTimes) -> Self {
+        let grid = solid.grid();
+        let of = |voxel: usize| {
+            if solid.stays(voxel) != 0 {
+                SOLID
+            } else if solid.goes(voxel) != 0 {
+                latest_of_eighths(solid, octants, voxel).into_iter().fold(FREE, f32::max)
+            } else {
+                FREE
+            }
+        };
+        let value = (0..grid.len()).into_par_iter().with_min_len(1 << 14).map(of).collect();
         Self { dims: grid.dims(), spacing_mm: grid.spacing_mm().x, origin_mm: 0.0, is_blocks: false, value }
     }
 
@@ -109,8 +107,9 @@ impl Field {
 
     /// Latest time around each voxel: the maximum over a ball that holds all that a march step stands for.
     ///
-    /// A solid voxel centre in the cylinder is within √(ρ² + (s/2)²) of the nearest step of the march, and that within
-    /// half a voxel diagonal of the voxel that is looked up; a block may hold it half a diagonal off again.
+    /// A solid eighth in the cylinder is within √(ρ² + (s/2)²) of the nearest step of the march, that within half a voxel's
+    /// diagonal of the voxel that is looked up, and the eighth within half of that of its own; a block may hold it half
+    /// of the block's diagonal off.
     pub(super) fn dilated(self, radius_mm: f64) -> Self {
         Self { value: ball_maximum(&self.value, self.dims, self.ball_voxels(radius_mm)), ..self }
     }
@@ -119,7 +118,7 @@ impl Field {
     pub(super) fn ball_voxels(&self, radius_mm: f64) -> f64 {
         let half_diagonal = 0.5 * 3f64.sqrt();
         let radius = (radius_mm / self.spacing_mm).hypot(0.5) + half_diagonal;
-        if self.is_blocks { radius + half_diagonal } else { radius }
+        radius + if self.is_blocks { half_diagonal } else { 0.5 * half_diagonal }
     }
 
     /// The box of all voxels.

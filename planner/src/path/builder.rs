@@ -122,10 +122,7 @@ impl<'a> Builder<'a> {
     /// out of the bone and in again, if need be from a place that the burr has just come from; else by a search.
     fn enter(&mut self, pass: &Pass) -> Option<usize> {
         let (first, layer) = (*pass.points.first()?, pass.layer);
-        let Some(from) = self.position() else {
-            self.start_above(first, layer);
-            return Some(0);
-        };
+        let Some(from) = self.position() else { return self.begin(pass) };
         if from.distance_mm(&first) <= ADJACENT_STEPOVERS * self.spacing.stepover_mm
             && self.is_way_clear(from, first)
         {
@@ -139,10 +136,16 @@ impl<'a> Builder<'a> {
         if let Some(entry) = self.retract_to(pass) {
             return Some(entry);
         }
+        self.search_to(from, first, layer).then_some(0)
+    }
+
+    /// Goes to `to` by a search; false, and nothing is changed, where it finds no way.
+    fn search_to(&mut self, from: Point<Work>, to: Point<Work>, layer: u32) -> bool {
         let mut search = std::mem::take(&mut self.search);
-        let way = search.way(self, from, first);
+        let way = search.way(self, from, to);
         self.search = search;
-        for p in way? {
+        let Some(way) = way else { return false };
+        for p in way {
             let here = self.points[self.points.len() - 1].position;
             if self.is_free(here, p) {
                 self.travel_to(p, MoveKind::Link, layer);
@@ -150,7 +153,41 @@ impl<'a> Builder<'a> {
                 self.cut_to(p, layer);
             }
         }
-        Some(0)
+        true
+    }
+
+    /// The path starts in free space: above the pass's first point with nothing above it; else at the nearest place from
+    /// which a search leads under what is there. `None` where there is neither.
+    fn begin(&mut self, pass: &Pass) -> Option<usize> {
+        let may_start =
+            |p: &Point<Work>| self.is_open_above(*p) && self.is_free(self.above(*p), self.above(*p));
+        if let Some(entry) = pass.points.iter().position(may_start) {
+            self.push(self.above(pass.points[entry]), MoveKind::Link, pass.layer);
+            self.lift_or_plunge(pass.points[entry], pass.layer);
+            return Some(entry);
+        }
+        let first = *pass.points.first()?;
+        let start = self.nearest_open(first)?;
+        self.push(start, MoveKind::Link, pass.layer);
+        let is_there = self.search_to(start, first, pass.layer);
+        if !is_there {
+            // it took nothing there
+            self.points.clear();
+        }
+        is_there.then_some(0)
+    }
+
+    /// The free place nearest to `p` from which the burr can leave along the approach without taking anything.
+    fn nearest_open(&self, p: Point<Work>) -> Option<Point<Work>> {
+        let grid = self.space.grid();
+        let mut nodes: Vec<(f64, usize)> = (0..grid.len())
+            .filter(|node| self.space.connected()[*node])
+            .map(|node| (grid.center(grid.voxel(node)).distance_mm(&p), node))
+            .collect();
+        nodes.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let center = |(_, node): &(f64, usize)| grid.center(grid.voxel(*node));
+        let is_open = |p: &Point<Work>| self.is_free(*p, self.above(*p)) && self.is_open_above(*p);
+        nodes.iter().map(center).find(is_open)
     }
 
     /// Out of the bone along the approach and into `pass` at its first point with nothing above it.
@@ -227,14 +264,6 @@ impl<'a> Builder<'a> {
 
     fn is_way_free(&self, a: Point<Work>, b: Point<Work>) -> bool {
         self.is_way_clear(a, b) && self.is_free(a, b)
-    }
-
-    /// The path starts in free space, above its first cut.
-    fn start_above(&mut self, to: Point<Work>, layer: u32) {
-        let top = self.above(to);
-        let start = if self.is_way_clear(top, to) { top } else { to };
-        self.push(start, MoveKind::Link, layer);
-        self.lift_or_plunge(to, layer);
     }
 
     /// Along the approach to `to`: through free space as far as it goes, the rest is a cut.

@@ -7,10 +7,9 @@
 use std::collections::{BTreeSet, HashMap, HashSet};
 
 use bonemill_geometry::{Point, Work};
-use bonemill_imaging::{Class, Scene};
 use nalgebra::Vector3;
 
-use crate::access::ShankCylinder;
+use crate::access::{OctantTimes, ShankCylinder, Solid};
 use crate::orientation::FreeSets;
 use crate::path::{MillPath, MoveKind, Pass, PathPoint};
 use crate::removal::NEVER;
@@ -25,6 +24,8 @@ const SLACK_MM: f64 = 2.0;
 pub struct Round {
     /// Its path.
     pub path: MillPath,
+    /// When its path takes each eighth of a voxel.
+    pub octants: OctantTimes,
     /// The directions it found free.
     pub free: FreeSets,
     /// The pass points that it put off or dropped.
@@ -46,19 +47,22 @@ pub struct KnownDirections<'a> {
 
 impl Round {
     /// What this round knows of a path made of what it left.
-    pub fn known_of(&self, scene: &Scene, path: &MillPath) -> KnownDirections<'_> {
+    pub fn known_of(&self, solid: &Solid, path: &MillPath, octants: &OctantTimes) -> KnownDirections<'_> {
         let then = self.same_waypoints(path);
-        let grid = scene.class.grid();
+        let grid = solid.grid();
         let [nx, ny, _] = grid.dims();
-        let goes_as_before =
-            |voxel: usize| match (self.path.removal.time()[voxel], path.removal.time()[voxel]) {
-                (NEVER, NEVER) => true,
-                (NEVER, _) | (_, NEVER) => false,
-                (before, now) => then[now as usize] == Some(before),
-            };
+        let goes_as_before = |(before, now): (u32, u32)| match (before, now) {
+            (NEVER, NEVER) => true,
+            (NEVER, _) | (_, NEVER) => false,
+            (before, now) => then[now as usize] == Some(before),
+        };
+        let has_changed = |voxel: usize| {
+            let [before, now] = [&self.octants, octants].map(|octants| octants.of(grid.voxel(voxel)));
+            !before.into_iter().zip(now).all(goes_as_before)
+        };
         let mut cells = BTreeSet::new();
-        for (voxel, class) in scene.class.data().iter().enumerate() {
-            if class.is(Class::MATERIAL) && !goes_as_before(voxel) {
+        for voxel in (0..grid.len()).filter(|voxel| solid.goes(*voxel) != 0) {
+            if has_changed(voxel) {
                 cells.insert([voxel % nx, voxel / nx % ny, voxel / (nx * ny)].map(|i| i / CELL));
             }
         }

@@ -38,6 +38,7 @@ pub use prepared::{Chosen, Prepared, with_prepared};
 pub use reach::Unreached;
 
 use crate::Progress;
+use crate::access::Solid;
 use crate::case::{Case, OrientationMode};
 use crate::plan::{Sha256, Waypoint};
 use crate::space::BurrSpace;
@@ -138,6 +139,12 @@ impl Stopwatch<'_> {
     }
 }
 
+/// What the shank of a case may not touch.
+fn solid(case: &Case, scene: &Scene) -> Solid {
+    let clearances: Vec<f64> = case.structures.iter().map(|s| s.shank_clearance_mm).collect();
+    Solid::new(scene, &clearances)
+}
+
 /// The scene of a case, as it is planned on; paths in the case are relative to the folder of `case_path`.
 ///
 /// # Errors
@@ -170,7 +177,8 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     warnings.extend(registered.warnings(case));
     let base_from_ct = registered.base_from_ct;
     let base_from_work = base_from_ct * scene.ct_from_work;
-    let prepared = Prepared::new(case, &arm, &scene, &space, base_from_work, &mut watch)?;
+    let solid = watch.run("solid", || solid(case, &scene));
+    let prepared = Prepared::new(case, &arm, &scene, &space, &solid, base_from_work, &mut watch)?;
     let chosen = prepared.choose_timed(case, &mut watch)?;
     let Chosen { oriented, kinds, forces, costs, compliances, .. } = &chosen;
     let (points, near, moments) = (prepared.points(), &prepared.near, &prepared.moments);

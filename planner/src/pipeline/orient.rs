@@ -24,8 +24,11 @@ pub const FORCE_MATTERS: f64 = 1e-2;
 const LOW_PASS_HALF: usize = 6;
 /// Lever at which a turn is followed between waypoints: the thin shaft's end, mm.
 const LEVER_MM: f64 = 30.0;
+/// How far it moves from place to place that is looked at, mm; [`crate::access::aside_mm`] stands for what it sweeps in
+/// between.
+const STRIDE_MM: f64 = 0.3;
 /// Most places looked at between two waypoints.
-const MOST_BETWEEN: f64 = 48.0;
+const MOST_BETWEEN: f64 = 80.0;
 
 /// Everything a waypoint's cost is made of.
 #[derive(Debug)]
@@ -61,8 +64,6 @@ pub struct Room<'a> {
     pub family: Option<&'a TiltFamily>,
     /// How fast axes may turn.
     pub rate: RateLimit,
-    /// Voxel of the access test, mm.
-    pub voxel_mm: f64,
 }
 
 /// Axes, and how they came about.
@@ -138,7 +139,7 @@ impl Room<'_> {
         let (a, b) = (points[i - 1].position, points[i].position);
         let turn_rad = angle_between(from, to);
         let travel_mm = self.reached.length_mm[i] + LEVER_MM * turn_rad;
-        let pieces = (travel_mm / (2.0 * self.voxel_mm)).ceil().clamp(1.0, MOST_BETWEEN) as usize;
+        let pieces = (travel_mm / STRIDE_MM).ceil().clamp(1.0, MOST_BETWEEN) as usize;
         (1..pieces).all(|k| {
             let t = k as f64 / pieces as f64;
             // between nearly equal axes the chord is the arc

@@ -16,6 +16,7 @@ use super::orient::{CostField, Oriented, Room, orient};
 use super::reach::{self, ReachSpec, ReachedPath};
 use super::{PlanError, Stopwatch, raster, setup};
 use crate::Progress;
+use crate::access::Solid;
 use crate::burr::{EngagedForce, ForceKernel, OrientationKernel};
 use crate::case::{Case, ForceTerm};
 use crate::cost::{Cost, CostModel, Proximity, Ranked, Terms};
@@ -82,11 +83,11 @@ impl<'a> Prepared<'a> {
         arm: &'a Arm,
         scene: &'a Scene,
         space: &'a BurrSpace,
+        solid: &'a Solid,
         base_from_work: Rigid<Base, Work>,
         watch: &mut Stopwatch,
     ) -> Result<Self, PlanError> {
         let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
-        let shank_clearances: Vec<f64> = case.structures.iter().map(|s| s.shank_clearance_mm).collect();
         let radius = case.burr.radius_mm;
         let spacing = PathSpacing {
             layer_mm: case.path.layer_mm,
@@ -99,14 +100,9 @@ impl<'a> Prepared<'a> {
         let rate_rad_s = setup::tilt_rate_rad_s(arm);
         let rate =
             RateLimit { weight_mm: RATE_WEIGHT_MM, most_rad_per_mm: rate_rad_s / case.speed.nominal_mm_s };
-        let shank = setup::planned_shank(case);
-        let spec = ReachSpec {
-            shank: &shank,
-            shank_clearances_mm: &shank_clearances,
-            directions: &directions,
-            rate,
-            spacing,
-        };
+        let shank = setup::shank(case);
+        let spec =
+            ReachSpec { radius_mm: radius, shank: &shank, solid, directions: &directions, rate, spacing };
         let frame = match case.path.raster_rad {
             Some(angle) => RasterFrame::at_angle(angle - scene.turn_rad),
             None => watch.run("raster", || chosen_frame(case, scene, space, family.as_ref(), &spec))?,
@@ -210,7 +206,6 @@ impl<'a> Prepared<'a> {
             directions: &self.directions,
             family: self.family.as_ref(),
             rate: self.rate,
-            voxel_mm: case.grid.spacing_mm,
         };
         let oriented = watch.run("orientation", || orient(case.orientation.mode, &room, &field));
         let force_kernel = ForceKernel::new(&tool, &material, &setup::discretisation(&tool, measure)?);
@@ -325,7 +320,8 @@ pub fn with_prepared<R>(
     let scene = super::inputs::make_scene(case, &inputs)?;
     let space = super::free_space(case, &scene)?;
     let base_from_work = setup::registration(&case.robot, &scene)?.base_from_ct * scene.ct_from_work;
-    work(&Prepared::new(case, &arm, &scene, &space, base_from_work, &mut watch)?)
+    let solid = super::solid(case, &scene);
+    work(&Prepared::new(case, &arm, &scene, &space, &solid, base_from_work, &mut watch)?)
 }
 
 /// Unit direction of the move that ends at each waypoint; that of the last real move where the burr only turns.

@@ -11,7 +11,7 @@ use bonemill_imaging::Scene;
 use nalgebra::Vector3;
 use thiserror::Error;
 
-use crate::access::{Access, Blocked, ShankCylinder};
+use crate::access::{Access, Blocked, OctantTimes, ShankCylinder, Solid};
 use crate::orientation::sequence::{self, Forbidden, Problem};
 use crate::orientation::{Directions, FreeSets, RateLimit};
 use crate::path::{MillPath, MoveKind, PathPoint, PathSpacing, join_passes, put_off_points};
@@ -48,11 +48,13 @@ impl ReachedPath<'_> {
 
 /// What access depends on.
 #[derive(Debug, Clone, Copy)]
-pub struct ReachSpec<'a> {
+pub struct ReachSpec<'a, 's> {
+    /// The burr's.
+    pub radius_mm: f64,
     /// The shank.
     pub shank: &'a [ShankCylinder],
-    /// One per structure.
-    pub shank_clearances_mm: &'a [f64],
+    /// What it may not touch.
+    pub solid: &'s Solid,
     /// Directions to choose from.
     pub directions: &'a Directions,
     /// How fast they may change.
@@ -87,7 +89,7 @@ pub fn reached<'a>(
     scene: &'a Scene,
     space: &BurrSpace,
     mut path: MillPath,
-    spec: &ReachSpec,
+    spec: &ReachSpec<'_, 'a>,
 ) -> Result<ReachedPath<'a>, Unreached> {
     let mut dropped = BTreeMap::new();
     let mut before: Option<Round> = None;
@@ -96,9 +98,10 @@ pub fn reached<'a>(
         if path.points.is_empty() {
             return Err(Unreached::Nothing);
         }
-        let access = Access::new(scene, &path.removal, spec.shank, spec.shank_clearances_mm);
+        let octants = OctantTimes::new(spec.solid, &path.points, spec.radius_mm);
+        let known = before.as_ref().map(|round| round.known_of(spec.solid, &path, &octants));
+        let access = Access::new(scene, spec.solid, octants, spec.shank);
         let limited = limited(path.points.len(), |i| path.points[i].kind == MoveKind::Cut);
-        let known = before.as_ref().map(|round| round.known_of(scene, &path));
         let free = free_directions(&access, &path.points, &limited, spec, known.as_ref());
         let length_mm = lengths(&path.points);
         let blocked = blocked_waypoints(&free, &length_mm, spec);
@@ -120,7 +123,7 @@ pub fn reached<'a>(
         }
         let passes = put_off_points(&path.passes, &points, path.layers);
         let next = join_passes(space, spec.spacing, passes, path.layers);
-        before = Some(Round { path, free, dropped: points });
+        before = Some(Round { path, octants: access.into_octants(), free, dropped: points });
         path = next;
     }
     Err(Unreached::Unsettled { waypoints, rounds: MOST_ROUNDS })

@@ -56,17 +56,6 @@ pub fn shank(case: &Case) -> Vec<ShankCylinder> {
         .collect()
 }
 
-/// The shank that access keeps free: wider by half a voxel's diagonal, since a voxel may hold bone up to there.
-/// Never so wide for that alone that less than half a voxel is left in the burr's own slot; a case whose shank is so wide by
-/// itself is refused.
-pub fn planned_shank(case: &Case) -> Vec<ShankCylinder> {
-    let widened = |radius_mm: f64| {
-        let wide_mm = radius_mm + 0.5 * 3f64.sqrt() * case.grid.spacing_mm;
-        wide_mm.min(radius_mm.max(case.burr.radius_mm - 0.5 * case.grid.spacing_mm))
-    };
-    shank(case).into_iter().map(|c| ShankCylinder { radius_mm: widened(c.radius_mm), ..c }).collect()
-}
-
 /// How fast an arm that can point anywhere turns the shaft while it cuts, rad/s: as the bone-attached arm does. Assumed.
 const TILT_RATE_RAD_S: f64 = 0.6;
 /// How far it tilts the shaft from the approach, rad: 70°, as the bone-attached arm does. Assumed; the case's limit binds

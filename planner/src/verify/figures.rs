@@ -187,7 +187,8 @@ pub fn masses(
     let note = |said: f64, found: f64| format!("says {said:.4} mg, found {found:.4} mg");
     let of = |whole: f64, said: f64, found: f64| (said - found).abs() / whole.max(1e-9);
     // a run of a few voxels cannot be weighed by points
-    let least = (RUN_SHARE * total).max(RUN_VOXELS * voxels.grid.voxel_mm3());
+    let few = RUN_VOXELS * voxels.grid.voxel_mm3();
+    let least = (RUN_SHARE * total).max(few);
     let mut worst = (0.0, 0, 0.0, 0.0);
     let mut run = (0.0, 0.0);
     for (n, (found, row)) in found.iter().zip(&plan.waypoints).enumerate() {
@@ -201,8 +202,16 @@ pub fn masses(
             run = (0.0, 0.0);
         }
     }
+    // a scrap is all surface: half its own layer, and half the planner's, which is twice as thick
+    let taken = |n: usize| lattice.is(n, MATERIAL) && first[n] != NEVER;
+    let share = if total < few {
+        let layer = layer(lattice.grid.dims(), &taken) as f64 / lattice.count(&taken).max(1) as f64;
+        (1.5 * layer * total / few).max(MASS_SHARE)
+    } else {
+        MASS_SHARE
+    };
     vec![
-        Check::at_most("mass", of(total.max(least), said, total), MASS_SHARE, "of it")
+        Check::at_most("mass", of(total.max(least), said, total), share, "of it")
             .of("in all")
             .noting(note(said, total)),
         Check::at_most("mass", worst.0, RUN_MASS_SHARE, "of it")

@@ -3,8 +3,8 @@
 //! The lattice has half the planner's spacing, so that each voxel of the planner's has eight points in it; gouging, links,
 //! masses and the shank are judged on it. Volumes are counted on the planner's voxels, and set beside the lattice's.
 //! Obstacle bone is bone outside the target without sheets that the planner's voxels may not show as thicker than the
-//! band, which are those thinner than the band and a voxel: a ball of that diameter fits into it, or it lies within a band
-//! of such a place (thick bone keeps its corners). What is left out is reported by volume.
+//! band ([`thickest_sheet_mm`]): a ball of that diameter surely fits into it, or it lies within a band of such a place
+//! (thick bone keeps its corners). What is left out is reported by volume.
 
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Work, cancel};
 use nalgebra::Vector3;
@@ -95,12 +95,13 @@ impl Lattice {
         self.grid.spacing_mm().x
     }
 
-    /// Turns what is thicker than the band and a voxel of the planner's from SHEET to OBSTACLE.
+    /// Turns what is surely thicker than a sheet from SHEET to OBSTACLE.
     fn find_obstacles(&mut self, band_mm: f64, planner_mm: f64) {
         let (dims, h) = (self.grid.dims(), self.spacing_mm());
         let class = &self.class;
         let deep = edt::squared_voxels(dims, |n| class[n] & SHEET == 0);
-        let core = ((0.5 * (band_mm + planner_mm) / h).powi(2) - 1e-6) as f32;
+        // n points across may be a body of n - 1 spacings, the middle one of which is (n + 1) / 2 from the first beyond
+        let core = ((0.5 * thickest_sheet_mm(band_mm, planner_mm) / h + 1.0).powi(2) - 1e-6) as f32;
         let from_core = edt::squared_voxels(dims, |n| deep[n] >= core);
         // a face lies half a voxel before the first centre beyond it
         let reach = ((band_mm / h + 0.5).powi(2) + 1e-6) as f32;
@@ -126,6 +127,19 @@ impl Lattice {
         let count = self.class.par_iter().enumerate().filter(|(n, c)| **c & flags != 0 && holds(*n)).count();
         count as f64 * self.grid.voxel_mm3()
     }
+}
+
+/// Up to which thickness, mm, bone may be a sheet on voxels of `planner_mm`.
+///
+/// Bone is kept where a voxel centre is half the band and half a voxel from the first centre beyond it. The middle of n
+/// layers is (n + 1) / 2 voxels from there where n is odd, but n / 2 where it is even; and n layers of centres may be bone of
+/// up to n + 1 voxels.
+fn thickest_sheet_mm(band_mm: f64, planner_mm: f64) -> f64 {
+    let band = band_mm / planner_mm;
+    // for both, n.div_ceil(2) voxels
+    let layers =
+        (1u32..).take_while(|n| f64::from(n.div_ceil(2)) < 0.5 * (band + 1.0) - 1e-6).last().unwrap_or(0);
+    f64::from(layers + 1) * planner_mm
 }
 
 /// A grid over a box, with points at `phase_mm` + whole multiples of the spacing along every axis.
