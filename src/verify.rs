@@ -1,10 +1,9 @@
 //! `bonemill verify`: a second opinion on a plan, printed and kept as `verification.toml` beside it.
 
 use anyhow::Context;
-use bonemill_geometry::Point;
 use bonemill_planner::Progress;
 use bonemill_planner::plan::{PlanFileError, StoredPlan, digests, save_verification};
-use bonemill_planner::uncertainty::{ErrorModel, RigidError, simulate_errors};
+use bonemill_planner::uncertainty::{ErrorModel, Sigmas, UncertaintyError, simulate_errors};
 use bonemill_planner::verify::{Check, Place, Verification, verify};
 
 use crate::args::{ErrorArgs, VerifyArgs};
@@ -15,11 +14,12 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
     let mut risk = None;
     let found = match StoredPlan::load(&args.plan) {
         Ok(plan) => {
+            // numbers that make no sense are refused before minutes go by
+            let model = args.samples.map(|n| error_model(&plan, &args.errors, n)).transpose()?;
             let failed = || format!("the plan in {} cannot be verified", args.plan.display());
             let found = verify(&plan, progress).with_context(failed)?;
-            if let Some(samples) = args.samples {
-                progress.stage("draw errors");
-                risk = Some(simulate_errors(&plan, &error_model(&plan, &args.errors, samples)?)?);
+            if let Some(model) = model {
+                risk = Some(simulate_errors(&plan, &model, progress)?);
             }
             found
         }
@@ -43,20 +43,14 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
     })
 }
 
-/// The errors asked for; rotations are about the middle of the path.
-fn error_model(plan: &StoredPlan, args: &ErrorArgs, samples: u32) -> anyhow::Result<ErrorModel> {
-    let mut middle = Point::new(0.0, 0.0, 0.0);
-    for w in &plan.waypoints {
-        middle = middle + w.position.coords / plan.waypoints.len() as f64;
-    }
-    let rotation_rad = args.registration_deg.to_radians();
-    Ok(ErrorModel {
-        registration: RigidError::of_sigmas([args.registration_mm; 3], [rotation_rad; 3], middle)?,
-        boundary_sigma_mm: args.boundary_mm,
+/// The errors asked for.
+fn error_model(plan: &StoredPlan, args: &ErrorArgs, samples: u32) -> Result<ErrorModel, UncertaintyError> {
+    let sigmas = Sigmas {
+        registration_mm: args.registration_mm,
+        registration_rad: args.registration_deg.to_radians(),
+        boundary_mm: args.boundary_mm,
         density_share: args.density_share,
         coefficient_share: args.k_share,
-        samples: samples as usize,
-        seed: args.draw_seed,
-        keep: args.keep,
-    })
+    };
+    ErrorModel::about_path(plan, &sigmas, samples as usize, args.draw_seed, args.keep)
 }

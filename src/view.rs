@@ -9,29 +9,30 @@ use std::path::Path;
 use anyhow::Context;
 use bonemill_geometry::{Point, Work};
 use bonemill_planner::Progress;
-use bonemill_planner::plan::{StoredPlan, Waypoint};
+use bonemill_planner::plan::StoredPlan;
 use bonemill_planner::show::{
-    self, ARROW_MM_PER_N, Moment, PAINTS, PLANES, STRUCTURE_COLOURS, Show, Slice, Surface,
+    self, ARROW_MM_PER_N, Body, Moment, PAINTS, PLANES, Plot, Show, Slice, Surface,
 };
-use bonemill_robot::JointKind;
+use rerun::blueprint::components::{Corner2D, PanelState, PlayState};
 use rerun::blueprint::{
     Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial2DView,
     Spatial3DView, Tabs, TextDocumentView, TimePanel, TimeSeriesView, Vertical,
 };
-use rerun::external::re_sdk_types::blueprint::components::{PanelState, PlayState};
-use rerun::{Color, RecordingStream, RecordingStreamBuilder, TimeColumn};
+use rerun::datatypes::{TimeInt, TimeRange, TimeRangeBoundary};
+use rerun::external::re_sdk_types::blueprint::archetypes::{EyeControls3D, PlotLegend, ScalarAxis, TimeAxis};
+use rerun::{Color, EntityPath, RecordingStream, RecordingStreamBuilder, TimeColumn};
 
 use crate::args::ViewArgs;
 use crate::outcome::Outcome;
 
+/// The viewer's name for what it is shown.
+const APPLICATION: &str = "bonemill";
 /// The time line's name.
 const TIME: &str = "time";
 /// Moments at which the cut and the slices are drawn anew.
 const SLICE_MOMENTS: usize = 80;
 /// Moments of the burr and the arm.
 const MOTION_MOMENTS: usize = 4000;
-/// A structure whose box has a diagonal above this share of the target's is drawn so that one sees through.
-const LARGE_SHARE: f32 = 1.0;
 /// Of the target in slices, as in the report.
 const TARGET_COLOUR: [u8; 3] = [80, 255, 140];
 /// Of the target in 3-D.
@@ -56,7 +57,7 @@ pub fn run(args: &ViewArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
 }
 
 fn open(save: Option<&Path>) -> anyhow::Result<RecordingStream> {
-    let builder = RecordingStreamBuilder::new("bonemill");
+    let builder = RecordingStreamBuilder::new(APPLICATION);
     match save {
         Some(path) => builder.save(path).with_context(|| format!("cannot write {}", path.display())),
         None => builder.spawn().context(
@@ -67,12 +68,14 @@ fn open(save: Option<&Path>) -> anyhow::Result<RecordingStream> {
 
 /// Draws everything.
 fn draw(stream: &RecordingStream, show: &Show, progress: &dyn Progress) -> anyhow::Result<()> {
-    let plan = show.plan();
     progress.stage("draw");
     stream.log_static("scene", &rerun::ViewCoordinates::RIGHT_HAND_Z_UP())?;
+    let moments = show.moments(MOTION_MOMENTS)?;
+    let plots = show.plots(&moments);
+    // first, so that the viewer is told to wait at the beginning before it has anything to play
+    layout(stream, show, &plots)?;
     structures(stream, show)?;
     path(stream, show)?;
-    let moments = show.moments(MOTION_MOMENTS)?;
     motion(stream, show, &moments)?;
     let frames = show.frames(&moments, SLICE_MOMENTS);
     progress.stage("write drawing");
@@ -84,18 +87,13 @@ fn draw(stream: &RecordingStream, show: &Show, progress: &dyn Progress) -> anyho
         progress.advance(n, count);
     }
     stream.reset_time();
-    plots(stream, plan, &moments)?;
+    curves(stream, &plots)?;
     stream.log_static("about", &rerun::TextDocument::from_markdown(show.about()))?;
-    blueprint(plan).send(stream, BlueprintActivation::default())?;
     Ok(())
 }
 
 fn colour([r, g, b]: [u8; 3]) -> Color {
     Color::from_rgb(r, g, b)
-}
-
-fn structure_colour(n: usize) -> [u8; 3] {
-    STRUCTURE_COLOURS[n % STRUCTURE_COLOURS.len()]
 }
 
 fn single(p: &Point<Work>) -> [f32; 3] {
@@ -112,76 +110,38 @@ fn mesh(surface: Surface, [r, g, b]: [u8; 3], alpha: u8) -> rerun::Mesh3D {
         .with_albedo_factor(rerun::Rgba32::from_unmultiplied_rgba(r, g, b, alpha))
 }
 
-/// Diagonal of a surface's box, mm.
-fn extent(surface: &Surface) -> f32 {
-    let side = |a: usize| {
-        let along = surface.vertices.iter().map(|v| v[a]);
-        along.clone().fold(f32::NEG_INFINITY, f32::max) - along.fold(f32::INFINITY, f32::min)
-    };
-    if surface.is_empty() { 0.0 } else { (0..3).map(|a| side(a).powi(2)).sum::<f32>().sqrt() }
-}
-
-/// Mean height of a surface's vertices, mm.
-fn height(surface: &Surface) -> f32 {
-    surface.vertices.iter().map(|v| v[2]).sum::<f32>() / surface.vertices.len() as f32
-}
-
 /// A structure's name in a column beside the bone, with a line to it, so that names do not cover each other.
-fn label(
-    stream: &RecordingStream,
-    entity: &str,
-    name: &str,
-    surface: &Surface,
-    tint: [u8; 3],
-    at: [f32; 3],
-) -> anyhow::Result<()> {
-    let apart = |v: &[f32; 3]| (0..3).map(|a| (v[a] - at[a]).powi(2)).sum::<f32>();
-    let Some(nearest) = surface.vertices.iter().min_by(|a, b| apart(a).total_cmp(&apart(b))) else {
-        return Ok(());
-    };
-    let point = rerun::Points3D::new([at]).with_labels([name]).with_radii([0.05]).with_colors([colour(tint)]);
+fn label(stream: &RecordingStream, entity: &str, body: &Body) -> anyhow::Result<()> {
+    let point = rerun::Points3D::new([body.name_at])
+        .with_labels([body.name.as_str()])
+        .with_radii([0.05])
+        .with_colors([colour(body.colour)]);
     stream.log_static(format!("{entity}/name"), &point)?;
-    let line = rerun::LineStrips3D::new([[at, *nearest]])
-        .with_colors([colour(tint)])
+    let line = rerun::LineStrips3D::new([body.leader])
+        .with_colors([colour(body.colour)])
         .with_radii([rerun::Radius::new_ui_points(0.7)]);
     stream.log_static(format!("{entity}/leader"), &line)?;
     Ok(())
 }
 
 fn structures(stream: &RecordingStream, show: &Show) -> anyhow::Result<()> {
-    // room for the names: beside the grid, from its top downwards
-    let grid = show.scene().class.grid();
-    let [beside, label_y, top] = std::array::from_fn(|a| {
-        let along = grid.dims()[a] as f32 * grid.spacing_mm()[a] as f32;
-        if a == 0 { along + 6.0 } else { along }
-    });
-    let size = extent(&show.target(None));
+    let opaque = |tint: [u8; 3]| rerun::Rgba32::from(colour(tint).0);
     let mut classes = vec![
         (u16::from(show::NOTHING), "elsewhere", rerun::Rgba32::TRANSPARENT),
-        (u16::from(show::TARGET), "target, still there", rerun::Rgba32::from(colour(TARGET_COLOUR).0)),
-        (u16::from(show::CUT), "cut away", rerun::Rgba32::from(colour([0, 0, 0]).0)),
+        (u16::from(show::TARGET), "target, still there", opaque(TARGET_COLOUR)),
+        (u16::from(show::CUT), "cut away", opaque([0, 0, 0])),
     ];
-    let mut found = Vec::new();
-    for (n, structure) in show.plan().record.case.structures.iter().enumerate() {
-        let tint = structure_colour(n);
-        let code = u16::from(show::FIRST_STRUCTURE) + n as u16;
-        classes.push((code, structure.name.as_str(), rerun::Rgba32::from(colour(tint).0)));
-        let surface = show.structure(n)?;
-        if !surface.is_empty() {
-            found.push((n, structure.name.as_str(), surface));
-        }
-    }
-    // names from top to bottom as the structures lie, so that few leaders cross
-    found.sort_by(|a, b| height(&b.2).total_cmp(&height(&a.2)));
-    for (place, (n, name, surface)) in found.into_iter().enumerate() {
-        let tint = structure_colour(n);
-        let entity = format!("scene/structures/{}", rerun::EntityPath::from_single_string(name.to_owned()));
-        let alpha = if extent(&surface) > LARGE_SHARE * size { 100 } else { 255 };
-        label(stream, &entity, name, &surface, tint, [beside, 0.5 * label_y, top - 3.0 * place as f32])?;
-        stream.log_static(format!("{entity}/clearance"), &mesh(show.shell(n)?, tint, 40))?;
-        stream.log_static(format!("{entity}/surface"), &mesh(surface, tint, alpha))?;
-    }
+    let codes = u16::from(show::FIRST_STRUCTURE)..;
+    classes
+        .extend(codes.zip(show.structure_colours()).map(|(code, (name, tint))| (code, name, opaque(tint))));
     stream.log_static("slices", &rerun::AnnotationContext::new(classes))?;
+    for body in show.bodies()? {
+        let entity = format!("scene/structures/{}", EntityPath::from_single_string(body.name.clone()));
+        label(stream, &entity, &body)?;
+        stream.log_static(format!("{entity}/clearance"), &mesh(body.shell, body.colour, 40))?;
+        let alpha = if body.large { 100 } else { 255 };
+        stream.log_static(format!("{entity}/surface"), &mesh(body.surface, body.colour, alpha))?;
+    }
     Ok(())
 }
 
@@ -302,107 +262,57 @@ fn slices(stream: &RecordingStream, show: &Show, drawn: [(Slice, [f32; 2]); 3]) 
 /// Entities of the planes of [`PLANES`].
 const SLICE_NAMES: [&str; 3] = ["x_y", "x_z", "y_z"];
 
-fn plots(stream: &RecordingStream, plan: &StoredPlan, moments: &[Moment]) -> anyhow::Result<()> {
-    let radius = plan.record.case.burr.radius_mm;
-    let series: [(&str, &str, [u8; 3], Box<dyn Fn(&Waypoint) -> Option<f64>>); 5] = [
-        (
-            "force/magnitude",
-            "magnitude",
-            [86, 156, 214],
-            Box::new(|w| Some(w.force_n.map_or(0.0, |f| f.norm()))),
-        ),
-        (
-            "force/toward",
-            "toward the nearest structure",
-            [232, 140, 50],
-            Box::new(|w| Some(w.force_toward_n.unwrap_or(0.0))),
-        ),
-        ("speed/cap", "speed", [86, 156, 214], Box::new(|w| Some(w.speed_mm_s))),
-        (
-            "distance/surface",
-            "burr's surface to structure",
-            [86, 156, 214],
-            Box::new(move |w| w.distance_mm.map(|d| d - radius)),
-        ),
-        ("distance/clearance", "clearance kept from it", [230, 80, 80], {
-            let clearances: Vec<f64> = plan.record.case.structures.iter().map(|s| s.clearance_mm).collect();
-            Box::new(move |w| w.structure.and_then(|n| clearances.get(n).copied()))
-        }),
-    ];
-    for (entity, name, tint, value) in series {
-        let found = plan.waypoints.iter().filter_map(|w| Some((w.time_s, value(w)?)));
-        line(stream, &format!("plots/{entity}"), name, Some(tint), found)?;
+/// Curves over time.
+fn curves(stream: &RecordingStream, plots: &[Plot]) -> anyhow::Result<()> {
+    for plot in plots {
+        for curve in &plot.curves {
+            let entity = format!("plots/{}/{}", plot.entity, curve.entity);
+            let look = rerun::SeriesLines::new()
+                .with_names([curve.name.as_str()])
+                .with_widths([1.5])
+                .with_colors([colour(curve.colour)]);
+            stream.log_static(entity.as_str(), &look)?;
+            let times = TimeColumn::new_duration_secs(TIME, curve.time_s.iter().copied());
+            let values = rerun::Scalars::new(curve.values.iter().copied());
+            stream.send_columns(entity, [times], values.columns_of_unit_batches()?)?;
+        }
     }
-    for (n, joint) in plan.arm.joints().iter().enumerate() {
-        let name = format!("{} [{}]", joint.name, joint.kind.unit());
-        let places = moments.iter().filter_map(|m| Some((m.time_s, *m.q.get(n)?)));
-        let folder = if joint.kind == JointKind::Prismatic { "linear" } else { "turning" };
-        line(stream, &format!("plots/joints_{folder}/q{}", n + 1), &name, None, places)?;
-    }
-    Ok(())
-}
-
-/// One curve over time.
-fn line(
-    stream: &RecordingStream,
-    entity: &str,
-    name: &str,
-    tint: Option<[u8; 3]>,
-    values: impl Iterator<Item = (f64, f64)>,
-) -> anyhow::Result<()> {
-    let (times, values): (Vec<f64>, Vec<f64>) = values.unzip();
-    if values.is_empty() {
-        return Ok(());
-    }
-    let mut look = rerun::SeriesLines::new().with_names([name]).with_widths([1.5]);
-    if let Some(tint) = tint {
-        look = look.with_colors([colour(tint)]);
-    }
-    stream.log_static(entity, &look)?;
-    let column = TimeColumn::new_duration_secs(TIME, times);
-    stream.send_columns(entity, [column], rerun::Scalars::new(values).columns_of_unit_batches()?)?;
     Ok(())
 }
 
 /// The first look: path and bone large, slices beside them, curves below.
-fn blueprint(plan: &StoredPlan) -> Blueprint {
-    let view = |name: &str, contents: &[&str]| {
+fn layout(stream: &RecordingStream, show: &Show, plots: &[Plot]) -> anyhow::Result<()> {
+    let space = |name: &str, contents: &[&str]| {
         let contents = contents.iter().map(|c| (*c).to_owned());
         ContainerLike::from(Spatial3DView::new(name).with_origin("scene").with_contents(contents))
     };
     let mut tabs = Vec::new();
     for paint in PAINTS {
-        if paint.range(plan).is_some() {
+        if paint.range(show.plan()).is_some() {
             let shown = format!("+ $origin/path/{}", paint.entity());
             let hidden = ["- $origin/path/**", "- $origin/arm/**", "- $origin/tool/handpiece/**"];
             let contents = [&["+ $origin/**"], &hidden[..], &[shown.as_str()]].concat();
-            tabs.push(view(&format!("path by {}", paint.name), &contents));
+            tabs.push(space(&format!("path by {}", paint.name), &contents));
         }
     }
-    tabs.push(view("arm", &["+ $origin/**", "- $origin/path/**"]));
-    tabs.push(ContainerLike::from(TextDocumentView::new("about").with_origin("about")));
+    tabs.push(space("arm", &["+ $origin/**", "- $origin/path/**"]));
     let slices = PLANES.iter().zip(SLICE_NAMES).map(|(plane, name)| {
         ContainerLike::from(Spatial2DView::new(plane.name).with_origin(format!("slices/{name}")))
     });
-    let plot = |name: &str, entity: &str| {
-        ContainerLike::from(TimeSeriesView::new(name).with_origin(format!("plots/{entity}")))
-    };
-    let mut plots = vec![plot("force [N]", "force"), plot("speed [mm/s]", "speed")];
-    if !plan.record.case.structures.is_empty() {
-        plots.insert(1, plot("distance [mm]", "distance"));
-    }
-    let joints = [
-        (JointKind::Prismatic, "joints [mm]", "joints_linear"),
-        (JointKind::Revolute, "joints [rad]", "joints_turning"),
-    ];
-    for (kind, name, entity) in joints {
-        if plan.arm.joints().iter().any(|j| j.kind == kind) {
-            plots.push(plot(name, entity));
-        }
-    }
+    let below: Vec<_> = plots
+        .iter()
+        .map(|plot| {
+            let view = TimeSeriesView::new(plot.title.as_str());
+            ContainerLike::from(view.with_origin(format!("plots/{}", plot.entity)))
+        })
+        .collect();
+    let eyes: Vec<_> = tabs.iter().filter_map(path_of).collect();
+    let axes: Vec<_> = below.iter().filter_map(path_of).collect();
+    tabs.push(ContainerLike::from(TextDocumentView::new("about").with_origin("about")));
     let above = Horizontal::new([Tabs::new(tabs).into(), Vertical::new(slices).into()])
         .with_column_shares([1.7, 1.0]);
-    Blueprint::new(Vertical::new([above.into(), Horizontal::new(plots).into()]).with_row_shares([2.8, 1.0]))
+    let views = Vertical::new([above.into(), Horizontal::new(below).into()]).with_row_shares([2.8, 1.0]);
+    let blueprint = Blueprint::new(views)
         .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Collapsed))
         .with_selection_panel(SelectionPanel::from_state(PanelState::Collapsed))
         .with_time_panel(
@@ -411,5 +321,57 @@ fn blueprint(plan: &StoredPlan) -> Blueprint {
                 .with_timeline(TIME)
                 .with_play_state(PlayState::Paused)
                 .with_playback_speed(20.0),
-        )
+        );
+    send(stream, &blueprint, |blueprint| {
+        let [position, target] = show.eye();
+        for view in &eyes {
+            let eye = EyeControls3D::new().with_position(position).with_look_target(target);
+            blueprint.log(format!("{view}/EyeControls3D"), &eye)?;
+        }
+        axes.iter().zip(plots).try_for_each(|(view, plot)| axes_of(blueprint, view, plot))
+    })
+}
+
+/// Where a view's properties are in a blueprint.
+fn path_of(view: &ContainerLike) -> Option<EntityPath> {
+    match view {
+        ContainerLike::View(view) => Some(view.blueprint_path()),
+        _ => None,
+    }
+}
+
+/// Where a plot's axes end, and whether and where its curves' names stand.
+fn axes_of(blueprint: &RecordingStream, view: &EntityPath, plot: &Plot) -> anyhow::Result<()> {
+    let at = |s: f64| TimeInt((s * 1e9) as i64).into();
+    let seconds = TimeRange {
+        start: TimeRangeBoundary::Absolute(at(plot.time_s[0])),
+        end: TimeRangeBoundary::Absolute(at(plot.time_s[1])),
+    };
+    blueprint.log(format!("{view}/TimeAxis"), &TimeAxis::new().with_view_range(seconds))?;
+    blueprint.log(format!("{view}/ScalarAxis"), &ScalarAxis::new().with_range(plot.values))?;
+    let legend = PlotLegend::new().with_corner(Corner2D::RightTop).with_visible(plot.legend());
+    blueprint.log(format!("{view}/PlotLegend"), &legend)?;
+    Ok(())
+}
+
+/// Sends a blueprint and what `more` adds to it. Rust's blueprints have no way to say how a plot's axes and legend look or where the eye is,
+/// but they are entities below the view's path like any other.
+fn send(
+    stream: &RecordingStream,
+    blueprint: &Blueprint,
+    more: impl FnOnce(&RecordingStream) -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
+    let (scratch, taken) = RecordingStreamBuilder::new(APPLICATION).memory()?;
+    blueprint.send(&scratch, BlueprintActivation::default())?;
+    let mut messages = taken.take();
+    messages.retain(|m| m.store_id().is_blueprint());
+    // it activates the blueprint, which must be whole by then
+    let last = messages.pop().context("the blueprint is empty")?;
+    messages.into_iter().for_each(|m| stream.record_msg(m));
+    let (addition, taken) = RecordingStreamBuilder::from_store_id(last.store_id()).memory()?;
+    addition.set_time_sequence("blueprint", 0);
+    more(&addition)?;
+    taken.take().into_iter().for_each(|m| stream.record_msg(m));
+    stream.record_msg(last);
+    Ok(())
 }

@@ -120,6 +120,22 @@ fn the_command_says_what_it_found_and_writes_it() {
 }
 
 #[test]
+fn errors_that_make_no_sense_are_refused_and_no_verdict_is_written() {
+    let place = upright();
+    assert_eq!(place.plan().code, 0);
+    for (samples, key, value, says) in [
+        ("0", "--keep", "0.9", "samples = 0: expected a whole number from 1 to 1000000"),
+        ("1000001", "--keep", "0.9", "samples = 1000001: expected"),
+        ("10", "--keep", "1", "probability = 1: expected 0.5 to below 1"),
+        ("10", "--boundary-mm=-1", "--quiet", "boundary sigma, mm = -1"),
+        ("10", "--registration-mm=-1", "--quiet", "standard deviation is negative"),
+    ] {
+        place.run(&["verify", "plan", "--samples", samples, key, value]).refused(&[says]);
+    }
+    assert!(!place.path("plan/verification.toml").exists());
+}
+
+#[test]
 fn another_ct_is_caught_and_the_verdict_says_so() {
     let place = upright();
     assert_eq!(place.plan().code, 0);

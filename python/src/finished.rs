@@ -6,6 +6,7 @@ use bonemill_planner::PlanError as RustPlanError;
 use bonemill_planner::calibrate::CalibrateError;
 use bonemill_planner::plan::{PlanFileError as RustPlanFileError, PlanRecord, StoredPlan};
 use bonemill_planner::simulate::{EngineError, PoseError, SimulateError};
+use bonemill_planner::uncertainty::UncertaintyError;
 use bonemill_planner::verify::VerifyError;
 use pyo3::prelude::*;
 use thiserror::Error;
@@ -61,9 +62,21 @@ pub enum NotDone {
     /// No verification.
     #[error(transparent)]
     Verify(#[from] VerifyError),
+    /// No risk.
+    #[error(transparent)]
+    Uncertainty(UncertaintyError),
     /// No calibration.
     #[error(transparent)]
     Calibrate(#[from] CalibrateError),
+}
+
+impl From<UncertaintyError> for NotDone {
+    fn from(error: UncertaintyError) -> Self {
+        match error {
+            UncertaintyError::Verify(error) => Self::Verify(error),
+            error => Self::Uncertainty(error),
+        }
+    }
 }
 
 impl From<NotDone> for PyErr {
@@ -78,7 +91,7 @@ impl From<NotDone> for PyErr {
             NotDone::Simulate(SimulateError::Engine(EngineError::Model(_))) => {
                 errors::ModelError::new_err(text)
             }
-            NotDone::Simulate(SimulateError::Poses(PoseError::Sampling { .. })) => {
+            NotDone::Simulate(SimulateError::Poses(PoseError::Sampling { .. })) | NotDone::Uncertainty(_) => {
                 errors::ArrayError::new_err(text)
             }
             NotDone::Simulate(SimulateError::Compliance { .. }) | NotDone::Verify(VerifyError::Robot(_)) => {

@@ -3,11 +3,10 @@
 use std::path::PathBuf;
 
 use bonemill_geometry::{Point, Work};
+use bonemill_imaging::ImageError;
 use bonemill_planner::plan::{PlanFileError, Refused, StoredPlan};
-use bonemill_planner::show::{
-    self as rust, Frame, Moment, PAINTS, PLANES, STRUCTURE_COLOURS, Show, Slice, Surface,
-};
-use bonemill_robot::{JointKind, RobotError};
+use bonemill_planner::show::{self as rust, Body, Frame, Moment, PAINTS, PLANES, Plot, Show, Slice, Surface};
+use bonemill_robot::RobotError;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2};
 use pyo3::prelude::*;
@@ -19,14 +18,16 @@ use crate::{apart, errors};
 struct Drawn {
     about: String,
     pixel_mm: f64,
-    structures: Vec<(String, [u8; 3], Surface, Surface)>,
+    structures: Vec<(String, [u8; 3])>,
+    bodies: Vec<Body>,
+    eye: [[f32; 3]; 2],
     path: Vec<[f32; 3]>,
     paints: Vec<(&'static str, Vec<[u8; 3]>)>,
     moments: Vec<Moment>,
     frames: Vec<Frame>,
     shank: Vec<(f64, f64)>,
     radius_mm: f64,
-    joints: Vec<(String, &'static str)>,
+    plots: Vec<Plot>,
 }
 
 /// Why a plan cannot be drawn.
@@ -62,29 +63,23 @@ pub fn show(
 fn draw(show: &Show, motion: usize, frames: usize) -> Result<Drawn, Failed> {
     let plan = show.plan();
     let case = &plan.record.case;
-    let surface = |found: Result<Surface, bonemill_imaging::ImageError>| {
-        let refuse = |e: bonemill_imaging::ImageError| Refused::new(e.into(), case, &plan.case_path());
-        found.map_err(|e| Failed::Images(Box::new(refuse(e))))
-    };
-    let mut structures = Vec::new();
-    for (n, structure) in case.structures.iter().enumerate() {
-        let tint = STRUCTURE_COLOURS[n % STRUCTURE_COLOURS.len()];
-        structures.push((structure.name.clone(), tint, surface(show.structure(n))?, surface(show.shell(n))?));
-    }
+    let refuse = |e: ImageError| Refused::new(e.into(), case, &plan.case_path());
+    let bodies = show.bodies().map_err(|e| Failed::Images(Box::new(refuse(e))))?;
     let moments = show.moments(motion).map_err(Failed::Robot)?;
     let frames = show.frames(&moments, frames);
-    let kind = |k| if k == JointKind::Prismatic { "mm" } else { "rad" };
     let drawn_paints = PAINTS.iter().filter(|p| p.range(plan).is_some());
     Ok(Drawn {
         about: show.about(),
         pixel_mm: show.pixel_mm(),
-        structures,
+        structures: show.structure_colours().map(|(name, tint)| (name.to_owned(), tint)).collect(),
+        bodies,
+        eye: show.eye(),
         path: show.path().iter().map(single).collect(),
         paints: drawn_paints.map(|p| (p.name, p.colours(plan))).collect(),
         frames,
         shank: case.shank.iter().map(|s| (s.length_mm, s.radius_mm)).collect(),
         radius_mm: case.burr.radius_mm,
-        joints: plan.arm.joints().iter().map(|j| (j.name.clone(), kind(j.kind))).collect(),
+        plots: show.plots(&moments),
         moments,
     })
 }
@@ -121,17 +116,43 @@ fn slice<'py>(py: Python<'py>, (slice, burr): (Slice, [f32; 2])) -> PyResult<Bou
     Ok(dict)
 }
 
+fn plot<'py>(py: Python<'py>, plot: Plot) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("entity", plot.entity)?;
+    dict.set_item("title", &plot.title)?;
+    dict.set_item("time_s", plot.time_s)?;
+    dict.set_item("values", plot.values)?;
+    dict.set_item("legend", plot.legend())?;
+    let curves = PyList::empty(py);
+    for c in plot.curves {
+        let (time_s, values) = (c.time_s.into_pyarray(py), c.values.into_pyarray(py));
+        curves.append((c.entity, c.name, c.colour, time_s, values))?;
+    }
+    dict.set_item("curves", curves)?;
+    Ok(dict)
+}
+
 fn to_python(py: Python<'_>, drawn: Drawn) -> PyResult<Bound<'_, PyDict>> {
     let all = PyDict::new(py);
     all.set_item("about", drawn.about)?;
     all.set_item("pixel_mm", drawn.pixel_mm)?;
     all.set_item("arrow_mm_per_n", rust::ARROW_MM_PER_N)?;
     all.set_item("planes", PLANES.map(|p| p.name))?;
-    let structures = PyList::empty(py);
-    for (name, tint, body, shell) in &drawn.structures {
-        structures.append((name, *tint, surface(py, body)?, surface(py, shell)?))?;
+    all.set_item("structures", drawn.structures)?;
+    let bodies = PyList::empty(py);
+    for b in &drawn.bodies {
+        let dict = PyDict::new(py);
+        dict.set_item("name", &b.name)?;
+        dict.set_item("colour", b.colour)?;
+        dict.set_item("surface", surface(py, &b.surface)?)?;
+        dict.set_item("shell", surface(py, &b.shell)?)?;
+        dict.set_item("large", b.large)?;
+        dict.set_item("name_at", b.name_at)?;
+        dict.set_item("leader", b.leader)?;
+        bodies.append(dict)?;
     }
-    all.set_item("structures", structures)?;
+    all.set_item("bodies", bodies)?;
+    all.set_item("eye", drawn.eye)?;
     all.set_item("path", table(py, &drawn.path))?;
     let paints = PyList::empty(py);
     for (name, colours) in &drawn.paints {
@@ -149,7 +170,11 @@ fn to_python(py: Python<'_>, drawn: Drawn) -> PyResult<Bound<'_, PyDict>> {
     all.set_item("frames", frames)?;
     all.set_item("shank", drawn.shank)?;
     all.set_item("radius_mm", drawn.radius_mm)?;
-    all.set_item("joints", drawn.joints.clone())?;
+    let plots = PyList::empty(py);
+    for found in drawn.plots {
+        plots.append(plot(py, found)?)?;
+    }
+    all.set_item("plots", plots)?;
     let moments = &drawn.moments;
     let tool: Vec<[f32; 3]> =
         moments.iter().map(|m| single(&Point::from_coords(m.tool.translation_mm))).collect();
@@ -162,9 +187,6 @@ fn to_python(py: Python<'_>, drawn: Drawn) -> PyResult<Bound<'_, PyDict>> {
     all.set_item("tool", table(py, &tool))?;
     all.set_item("turn", table(py, &moments.iter().map(turn).collect::<Vec<_>>()))?;
     all.set_item("force", table(py, &moments.iter().map(force).collect::<Vec<_>>()))?;
-    let dof = drawn.joints.len();
-    let q = Array2::from_shape_fn((moments.len(), dof), |(m, j)| moments[m].q[j]);
-    all.set_item("q", q.into_pyarray(py))?;
     let links = PyList::empty(py);
     for m in moments {
         links.append(table(py, &m.links.iter().map(single).collect::<Vec<_>>()))?;

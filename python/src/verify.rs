@@ -2,7 +2,10 @@
 
 use std::path::PathBuf;
 
-use bonemill_planner::plan::save_verification;
+use bonemill_planner::plan::{StoredPlan, save_verification};
+use bonemill_planner::uncertainty::{
+    self as rust, ErrorModel, Risk, Sigmas, UncertaintyError, simulate_errors,
+};
 use bonemill_planner::verify::verify as rust_verify;
 use pyo3::prelude::*;
 
@@ -10,24 +13,58 @@ use crate::apart;
 use crate::finished::{Finished, NotDone};
 use crate::plan::Plan;
 
+/// Standard deviations: registration (mm, degrees), boundary (mm), density and coefficients (shares); probability with
+/// which structures are to be kept; where the draws begin.
+type Errors = ([f64; 5], f64, u64);
+/// Name, samples in which it is touched and all, their share with its 95 % interval; distances kept in 5, 50 and 95 %,
+/// clearance that would keep it, mm.
+type StructureRisk = (String, (usize, usize), [f64; 3], [f64; 3], f64);
+/// Name, as planned, in 5, 50 and 95 %, N.
+type ForceSpread = (String, f64, [f64; 3]);
+/// What errors would do.
+type Risks = (Vec<StructureRisk>, Vec<ForceSpread>);
+
 /// The verdict on a plan, which lies in `saved` unless it was read from its own folder, as `verification.toml` has it;
-/// `keep`: that file and its part of the report are written there, as the command does.
+/// `keep`: that file and its part of the report are written there, as the command does; `samples`: also repeat the plan
+/// so often under drawn `errors`.
 #[pyfunction]
 pub fn verify(
     py: Python<'_>,
     plan: &Plan,
     saved: Option<PathBuf>,
     keep: bool,
+    samples: Option<usize>,
+    errors: Errors,
     progress: Option<Py<PyAny>>,
-) -> PyResult<String> {
+) -> PyResult<(String, Option<Risks>)> {
     let finished = Finished::new(plan, saved)?;
     let done = apart::run(py, progress, None, move |progress| {
-        let verdict = rust_verify(&finished.read()?, progress)?;
+        let plan = finished.read()?;
+        let model = samples.map(|n| model(&plan, n, errors)).transpose()?;
+        let verdict = rust_verify(&plan, progress)?;
+        let risk = model.map(|m| simulate_errors(&plan, &m, progress)).transpose()?;
         if keep {
             progress.stage("write verdict");
             save_verification(finished.dir(), &verdict)?;
         }
-        Ok::<_, NotDone>(verdict.to_toml())
+        Ok::<_, NotDone>((verdict.to_toml(), risk.map(risks)))
     })?;
     Ok(done?)
+}
+
+fn model(plan: &StoredPlan, samples: usize, errors: Errors) -> Result<ErrorModel, UncertaintyError> {
+    let ([registration_mm, registration_deg, boundary_mm, density_share, coefficient_share], keep, seed) =
+        errors;
+    let registration_rad = registration_deg.to_radians();
+    let sigmas = Sigmas { registration_mm, registration_rad, boundary_mm, density_share, coefficient_share };
+    ErrorModel::about_path(plan, &sigmas, samples, seed, keep)
+}
+
+fn risks(risk: Risk) -> Risks {
+    let structure = |s: rust::StructureRisk| {
+        let t = s.touched;
+        (s.name, (t.hits, t.samples), [t.estimate, t.low, t.high], s.kept_mm, s.clearance_mm)
+    };
+    let structures = risk.structures.into_iter().map(structure).collect();
+    (structures, risk.forces.into_iter().map(|f| (f.name, f.planned_n, f.spread_n)).collect())
 }

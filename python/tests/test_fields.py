@@ -1,5 +1,7 @@
 """Distances and volumes on arrays, against brute force, in every memory layout; and what is refused."""
 
+import threading
+import time
 from typing import Any
 
 import numpy as np
@@ -56,6 +58,36 @@ def test_strides_do_not_matter() -> None:
         np.testing.assert_array_equal(found["F"], force["F"], name)
         metrics = bonemill.engagement_metrics(array, **ball, radius=1.5)
         assert metrics == bonemill.engagement_metrics(density, **ball, radius=1.5), name
+
+
+def test_an_array_is_copied_before_others_may_change_it() -> None:
+    """Another thread clears the mask as long as the call lasts: the call has its own, all set or all cleared."""
+    mask = np.zeros((150, 150, 150), bool)
+    mask[75, 75, 75] = True
+    expected, _ = bonemill.distance_transform(mask, 0.5)
+    begun, done = threading.Event(), threading.Event()
+
+    def clear() -> None:
+        begun.set()
+        # the call holds Python until it has its copy, so this begins before or after that
+        while not done.is_set():
+            mask[75, 75, 75] = not mask[75, 75, 75]
+            time.sleep(0)
+
+    thread = threading.Thread(target=clear)
+    thread.start()
+    begun.wait()
+    try:
+        for _ in range(8):
+            try:
+                found, _ = bonemill.distance_transform(mask, 0.5)
+            except bonemill.ArrayError as error:
+                assert "no True voxel" in str(error)
+            else:
+                np.testing.assert_array_equal(found, expected)
+    finally:
+        done.set()
+        thread.join()
 
 
 def test_only_what_the_ball_sees_matters() -> None:

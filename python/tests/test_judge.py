@@ -3,6 +3,7 @@
 import filecmp
 import json
 import subprocess
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +71,72 @@ def test_a_verification_is_the_commands(twins: tuple[Path, Path], planned: bonem
     assert [c.value for c in bonemill.verify(planned).checks] == [c.value for c in found.checks]
 
 
+def test_a_risk_is_the_commands(twins: tuple[Path, Path], planned: bonemill.Plan, command: Path) -> None:
+    def same(found: bonemill.Risk | None, told: dict[str, Any]) -> None:
+        assert found is not None
+        for s, by_command in zip(found.structures, told["structures"], strict=True):
+            assert by_command == {
+                "name": s.name,
+                "touched": s.touched,
+                "interval_95": list(s.interval_95),
+                "hits": s.hits,
+                "samples": s.samples,
+                "kept_mm_05_50_95": list(s.kept_mm),
+                "clearance_mm": s.clearance_mm,
+            }
+        for f, by_command in zip(found.forces, told["forces"], strict=True):
+            assert by_command == {"name": f.name, "planned_n": f.planned_n, "n_05_50_95": list(f.spread_n)}
+
+    told = command_json(command, "verify", twins[0], "--samples", "1500")
+    found = bonemill.verify(bonemill.Plan.load(twins[1]), samples=1500, save=True)
+    same(found.risk, told["risk"])
+    assert found.risk is not None and found.risk.exceeded == ()
+    files = ["verification.toml", "report.html"]
+    assert filecmp.cmpfiles(*twins, files, shallow=False) == (files, [], [])
+    # a registration that is a centimetre off is too much, and the command says so, too
+    options = ("--registration-mm", 10, "--boundary-mm", 0.4, "--k-share", 0.5, "--keep", 0.9, "--draw-seed", 7)
+    told = command_json(command, "verify", twins[0], "--samples", "300", *map(str, options))
+    errors: bonemill.Errors = {"registration_mm": 10, "boundary_mm": 0.4, "k_share": 0.5, "keep": 0.9, "draw_seed": 7}
+    lost = bonemill.verify(planned, samples=300, errors=errors)
+    same(lost.risk, told["risk"])
+    assert lost.passed and lost.risk is not None
+    assert [s.name for s in lost.risk.exceeded] == ["facial_nerve"]
+    assert [line.split(":")[0] for line in told["shortfalls"]] == ["probability of touching facial_nerve"]
+
+
+@pytest.mark.parametrize("samples", [0, 1_000_001])
+def test_samples_are_refused_in_the_commands_words(
+    twins: tuple[Path, Path], planned: bonemill.Plan, command: Path, samples: int
+) -> None:
+    with pytest.raises(bonemill.ArrayError) as caught:
+        bonemill.verify(planned, samples=samples)
+    call: list[str | Path] = [command, "verify", twins[0], "--samples", str(samples), "--quiet"]
+    ran = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert ran.returncode == 2 and ran.stderr.removeprefix("error: ").strip() == str(caught.value)
+
+
+def test_errors_that_are_none_are_refused(planned: bonemill.Plan) -> None:
+    for samples in (-1, 2.5, np.nan, "many"):
+        with pytest.raises(bonemill.ArrayError, match="samples"):
+            bonemill.verify(planned, samples=samples)  # type: ignore[arg-type]
+    with pytest.raises(bonemill.ArrayError, match="without samples"):
+        bonemill.verify(planned, errors={})
+    with pytest.raises(bonemill.ModelError, match="'registration'"):
+        bonemill.verify(planned, samples=10, errors={"registration": 1.0})  # type: ignore[arg-type]
+    for key, value, says in [
+        ("registration_mm", -1, "standard deviation is negative"),
+        ("registration_deg", np.nan, "registration_deg"),
+        ("boundary_mm", -0.1, "boundary sigma, mm = -0.1"),
+        ("density_share", -1, "density"),
+        ("k_share", "a", "k_share"),
+        ("keep", 1.0, "probability = 1: expected 0.5 to below 1"),
+        ("draw_seed", -1, "draw_seed"),
+        ("draw_seed", 1.5, "draw_seed"),
+    ]:
+        with pytest.raises(bonemill.ArrayError, match=says):
+            bonemill.verify(planned, samples=10, errors={key: value})  # type: ignore[arg-type]
+
+
 def test_a_fault_is_found(twins: tuple[Path, Path]) -> None:
     dir = twins[0]
     head, *lines = (dir / "waypoints.csv").read_text().splitlines()
@@ -108,13 +175,20 @@ def test_what_cannot_be_is_refused(planned: bonemill.Plan) -> None:
             judge(planned, save=True)
 
 
-@pytest.mark.parametrize("judge", [bonemill.simulate, bonemill.verify])
-def test_what_progress_raises_stops_it(planned: bonemill.Plan, judge: Any) -> None:
+@pytest.mark.parametrize(
+    ("judge", "at"),
+    [
+        (bonemill.simulate, "simulate"),
+        (bonemill.verify, "check rows"),
+        (partial(bonemill.verify, samples=1_000_000), "draw errors"),
+    ],
+)
+def test_what_progress_raises_stops_it(planned: bonemill.Plan, judge: Any, at: str) -> None:
     class MyStop(Exception):
         pass
 
     def progress(stage: str, done: int, of: int) -> None:
-        if stage in ("simulate", "check rows"):
+        if stage == at and (at != "draw errors" or done > 0):
             raise MyStop
 
     with pytest.raises(MyStop):

@@ -4,10 +4,12 @@
 //! bone. The removal times come from the waypoints as they stand in the file, the motion from the trajectory by forward
 //! kinematics: what is drawn is what would be executed. Nothing here judges or computes forces.
 
+mod body;
 mod colour;
 mod frame;
 mod motion;
 mod paint;
+mod plot;
 mod slice;
 mod surface;
 
@@ -15,10 +17,12 @@ use bonemill_geometry::{Point, Rigid, Volume, Work};
 use bonemill_imaging::{Class, Scene};
 use rayon::prelude::*;
 
+pub use body::Body;
 pub use colour::{STRUCTURE_COLOURS, scale_colour};
 pub use frame::Frame;
 pub use motion::Moment;
 pub use paint::{ARROW_MM_PER_N, PAINTS, Paint};
+pub use plot::{Curve, Plot};
 pub use slice::{PLANES, Plane, Slice};
 pub use surface::Surface;
 

@@ -95,4 +95,35 @@ fn what_is_drawn_is_what_the_plan_does() {
         assert_eq!(frame.target, show.target(Some(moment.waypoint as u32)));
         assert_eq!(frame.slices[1].0, show.slice(&PLANES[1], burr, moment.waypoint as u32));
     }
+
+    // structures are drawn with names that stand beside the bone and lead to them
+    let bodies = show.bodies().unwrap();
+    assert_eq!(bodies.iter().map(|b| b.name.as_str()).collect::<Vec<_>>(), ["facial_nerve"]);
+    assert!(bodies[0].surface == nerve && bodies[0].shell == shell);
+    let [before, body] = bodies[0].leader;
+    assert!(nerve.vertices.contains(&body) && bodies[0].name_at[0] > before[0] && before[0] > body[0]);
+
+    // plots hold the files' values, inside axes that end beyond them where names stand
+    let plots = show.plots(&moments);
+    let found: Vec<_> = plots.iter().map(|p| (p.title.as_str(), p.curves.len(), p.legend())).collect();
+    let (several, one) = (true, false);
+    assert_eq!(
+        found,
+        [
+            ("force [N]", 2, several),
+            ("distance [mm]", 2, several),
+            ("speed [mm/s]", 1, one),
+            ("joints [mm]", 3, several),
+            ("tilt [rad]", 1, one)
+        ]
+    );
+    assert_eq!(plots[2].curves[0].values, stored.waypoints.iter().map(|w| w.speed_mm_s).collect::<Vec<_>>());
+    for plot in &plots {
+        let end = stored.waypoints[last as usize].time_s;
+        assert!(plot.time_s[0] <= 0.0 && plot.time_s[1] >= end);
+        for curve in &plot.curves {
+            assert_eq!(curve.time_s.len(), curve.values.len());
+            assert!(curve.values.iter().all(|v| *v > plot.values[0] && *v < plot.values[1]));
+        }
+    }
 }

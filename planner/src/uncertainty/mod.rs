@@ -21,7 +21,7 @@ use thiserror::Error;
 
 pub use interval::Share;
 pub use margin::clearance_mm;
-pub use monte_carlo::{ErrorModel, ForceSpread, Risk, StructureRisk, simulate_errors};
+pub use monte_carlo::{ErrorModel, ForceSpread, Risk, Sigmas, StructureRisk, simulate_errors};
 pub use rigid_error::RigidError;
 
 use crate::verify::VerifyError;

@@ -4,12 +4,13 @@
 //! its waypoints; the distance to a structure is exact at places no farther apart than [`STEP_MM`]. Places are asked in the
 //! order of their planned distance, until none that is left can be nearer, so a sample costs a few hundred questions.
 
-use bonemill_geometry::{Ct, Point};
+use bonemill_geometry::{Ct, Point, cancel};
 use rayon::prelude::*;
 
 use super::draws::Draws;
 use super::rigid_error::Motion;
 use super::{RigidError, Share, UncertaintyError, clearance_mm, not_negative, probability};
+use crate::Progress;
 use crate::plan::StoredPlan;
 use crate::verify::{Anatomy, Boxes};
 
@@ -17,6 +18,9 @@ use crate::verify::{Anatomy, Boxes};
 const STEP_MM: f64 = 0.1;
 /// The most samples.
 const MOST_SAMPLES: usize = 1_000_000;
+
+/// Samples between two words on how far it is.
+const AT_ONCE: usize = 1024;
 
 /// What may be wrong, by how much.
 #[derive(Debug, Clone)]
@@ -70,7 +74,51 @@ pub struct ForceSpread {
     pub spread_n: [f64; 3],
 }
 
+/// Standard deviations of what may be wrong, the same along and about every axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sigmas {
+    /// Registration along each axis of ct, mm.
+    pub registration_mm: f64,
+    /// Registration about each axis through the middle of the path, rad.
+    pub registration_rad: f64,
+    /// Boundary of each structure, mm.
+    pub boundary_mm: f64,
+    /// Density, as a share.
+    pub density_share: f64,
+    /// Cutting coefficients, as a share.
+    pub coefficient_share: f64,
+}
+
 impl ErrorModel {
+    /// Errors about the middle of a plan's path.
+    ///
+    /// # Errors
+    /// [`UncertaintyError`] for a number out of range.
+    pub fn about_path(
+        plan: &StoredPlan,
+        sigmas: &Sigmas,
+        samples: usize,
+        seed: u64,
+        keep: f64,
+    ) -> Result<Self, UncertaintyError> {
+        let mut middle = Point::new(0.0, 0.0, 0.0);
+        for w in &plan.waypoints {
+            middle = middle + w.position.coords / plan.waypoints.len() as f64;
+        }
+        let (along, about) = ([sigmas.registration_mm; 3], [sigmas.registration_rad; 3]);
+        let model = Self {
+            registration: RigidError::of_sigmas(along, about, middle)?,
+            boundary_sigma_mm: sigmas.boundary_mm,
+            density_share: sigmas.density_share,
+            coefficient_share: sigmas.coefficient_share,
+            samples,
+            seed,
+            keep,
+        };
+        model.check()?;
+        Ok(model)
+    }
+
     fn check(&self) -> Result<(), UncertaintyError> {
         not_negative("boundary sigma, mm", self.boundary_sigma_mm)?;
         not_negative("density's standard deviation", self.density_share)?;
@@ -79,16 +127,22 @@ impl ErrorModel {
         if (1..=MOST_SAMPLES).contains(&self.samples) {
             return Ok(());
         }
-        Err(UncertaintyError::Value { what: "samples", value: self.samples as f64, expected: "1 to 1000000" })
+        let expected = "a whole number from 1 to 1000000";
+        Err(UncertaintyError::Value { what: "samples", value: self.samples as f64, expected })
     }
 }
 
-/// Draws errors and repeats the plan under each.
+/// Draws errors and repeats the plan under each; `progress` is told samples, over all structures.
 ///
 /// # Errors
 /// [`UncertaintyError`] for numbers out of range and images that cannot be read.
-pub fn simulate_errors(plan: &StoredPlan, model: &ErrorModel) -> Result<Risk, UncertaintyError> {
+pub fn simulate_errors(
+    plan: &StoredPlan,
+    model: &ErrorModel,
+    progress: &dyn Progress,
+) -> Result<Risk, UncertaintyError> {
     model.check()?;
+    progress.stage("draw errors");
     let anatomy = Anatomy::read(&plan.record.case, &plan.ct_path(), &plan.labels_path())?;
     let places = places(plan);
     let radius = plan.record.case.burr.radius_mm;
@@ -99,16 +153,21 @@ pub fn simulate_errors(plan: &StoredPlan, model: &ErrorModel) -> Result<Risk, Un
         .filter_map(|(n, kept)| Some((n, kept, Boxes::new(&anatomy.labels, kept.label)?)))
         .map(|(n, kept, boxes)| {
             let near = Near::new(&places, &boxes, &model.registration);
-            let mut kept_mm: Vec<f64> = (0..model.samples as u64)
-                .into_par_iter()
-                .map(|sample| {
-                    let mut draws = Draws::of_sample(model.seed, sample);
-                    let motion = model.registration.draw(&mut draws);
-                    // every structure has a boundary of its own: the n-th number after the motion
-                    let offset = (0..=n).map(|_| draws.normal()).last().unwrap_or(0.0);
-                    near.least_mm(&boxes, &motion) - radius - model.boundary_sigma_mm * offset
-                })
-                .collect();
+            let distance_mm = |sample: u64| {
+                cancel::poll();
+                let mut draws = Draws::of_sample(model.seed, sample);
+                let motion = model.registration.draw(&mut draws);
+                // every structure has a boundary of its own: the n-th number after the motion
+                let offset = (0..=n).map(|_| draws.normal()).last().unwrap_or(0.0);
+                near.least_mm(&boxes, &motion) - radius - model.boundary_sigma_mm * offset
+            };
+            let mut kept_mm: Vec<f64> = Vec::with_capacity(model.samples);
+            while kept_mm.len() < model.samples {
+                let from = kept_mm.len();
+                progress.advance(n * model.samples + from, anatomy.kept.len() * model.samples);
+                let to = model.samples.min(from + AT_ONCE);
+                kept_mm.par_extend((from as u64..to as u64).into_par_iter().map(distance_mm));
+            }
             let touched = kept_mm.iter().filter(|d| **d <= 0.0).count();
             let clearance = clearance_mm(
                 &model.registration,

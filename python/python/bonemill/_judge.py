@@ -6,12 +6,12 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _arrays, _folders, _native
+from . import _arrays, _fields, _folders, _native
 from ._errors import ArrayError
 from ._plan import Plan, Progress, _fixed
 
@@ -51,11 +51,72 @@ class Check(NamedTuple):
     note: str
 
 
+class Errors(TypedDict, total=False):
+    """Standard deviations of what may be wrong; every key has a default, that of the command, and it is assumed."""
+
+    registration_mm: float
+    """Registration along each axis, mm; default 0.3."""
+    registration_deg: float
+    """Registration about each axis through the middle of the path, degrees; default 0.3."""
+    boundary_mm: float
+    """Boundary of each structure, mm; default 0.15."""
+    density_share: float
+    """Density, as a share; default 0.1."""
+    k_share: float
+    """Cutting coefficients, as a share; default 0.25."""
+    keep: float
+    """Probability with which every structure is to be kept; default 0.95."""
+    draw_seed: int
+    """Where the draws begin; default 1."""
+
+
+class StructureRisk(NamedTuple):
+    """What drawn errors do to one structure."""
+
+    name: str
+    touched: float
+    """Probability that the burr touches it: ``hits / samples``."""
+    interval_95: tuple[float, float]
+    """95 % interval of that probability."""
+    hits: int
+    samples: int
+    kept_mm: tuple[float, float, float]
+    """Distance kept in 5 %, 50 % and 95 % of the samples, mm; below 0 it is cut."""
+    clearance_mm: float
+    """The clearance that would keep it with the probability asked for, mm."""
+
+
+class ForceSpread(NamedTuple):
+    """A force and what drawn errors make of it."""
+
+    name: str
+    planned_n: float
+    spread_n: tuple[float, float, float]
+    """In 5 %, 50 % and 95 % of the samples, N."""
+
+
+class Risk(NamedTuple):
+    """A plan under drawn errors."""
+
+    structures: tuple[StructureRisk, ...]
+    forces: tuple[ForceSpread, ...]
+    keep: float
+    """The probability with which every structure is to be kept."""
+
+    @property
+    def exceeded(self) -> tuple[StructureRisk, ...]:
+        """The structures that are touched more often than `keep` allows, shown by their interval's lower end."""
+        return tuple(s for s in self.structures if s.interval_95[0] > 1.0 - self.keep)
+
+
 class Verification(NamedTuple):
     """The verdict on a plan."""
 
     passed: bool
+    """Whether no check failed; what errors would do has no part in it."""
     checks: tuple[Check, ...]
+    risk: Risk | None = None
+    """What errors would do, where samples were asked for."""
 
     @property
     def failed(self) -> tuple[Check, ...]:
@@ -116,23 +177,72 @@ def simulate(
     return Simulation(_fixed(_arrays.table(columns, plan._names()[structures])), figures)
 
 
-def verify(plan: Plan, *, save: bool = False, progress: Progress | None = None) -> Verification:
+def verify(
+    plan: Plan,
+    *,
+    samples: int | None = None,
+    errors: Errors | None = None,
+    save: bool = False,
+    progress: Progress | None = None,
+) -> Verification:
     """Checks a plan by code that did not make it: clearances, shank, limits, coverage, every column and figure.
+
+    The numbers are those of ``bonemill verify``.
 
     Args:
         plan: the plan; its images must still be there and the same.
+        samples: also repeat the plan so often, 1 to 1000000, under drawn errors of registration, boundaries, density and
+            coefficients: how likely it touches each structure, how far forces are off.
+        errors: how large they are; with ``samples``.
         save: also write ``verification.toml`` and its part of ``report.html`` into the plan's folder, as the command does;
-            for a plan that was loaded.
+            for a plan that was loaded. They say nothing of drawn errors.
         progress: told ``(stage, done, of)``; what it raises stops the work, and so does Ctrl-C.
 
     Raises:
+        ArrayError: a number of samples or an error that is none. ModelError: an unknown key in ``errors``.
         PlanFileError, ImageError, PlanError: there is nothing to verify. A plan that fails is no error.
     """
     import tomllib
 
+    if samples is None and errors is not None:
+        raise ArrayError("errors are given without samples: expected how often to draw them")
+    count = None if samples is None else _arrays.whole("samples", samples, 1, 1_000_000)
+    sigmas, keep, seed = _errors_of(errors if errors is not None else {})
     with _on_disk(plan, save) as saved:
-        verdict = tomllib.loads(_native.verify(plan._made, saved, save, progress))
-    return Verification(verdict["passed"], tuple(_check(found) for found in verdict["check"]))
+        text, found = _native.verify(plan._made, saved, save, count, (sigmas, keep, seed), progress)
+    verdict = tomllib.loads(text)
+    risk = None if found is None else _risk(*found, keep)
+    return Verification(verdict["passed"], tuple(_check(one) for one in verdict["check"]), risk)
+
+
+def _errors_of(given: Errors) -> tuple[tuple[float, float, float, float, float], float, int]:
+    _fields._checked("errors", given, (), Errors.__optional_keys__)
+
+    def sigma(key: str, default: float) -> float:
+        return _arrays.number(f"errors['{key}']", given.get(key, default))
+
+    sigmas = (
+        sigma("registration_mm", 0.3),
+        sigma("registration_deg", 0.3),
+        sigma("boundary_mm", 0.15),
+        sigma("density_share", 0.1),
+        sigma("k_share", 0.25),
+    )
+    seed = given.get("draw_seed", 1)
+    if not isinstance(seed, int) or not 0 <= seed < 2**64:
+        raise ArrayError(f"errors['draw_seed'] = {seed!r}: expected a whole number from 0 to 2**64 - 1")
+    return sigmas, sigma("keep", 0.95), seed
+
+
+def _risk(structures: Sequence[_native._StructureRisk], forces: Sequence[_native._ForceSpread], keep: float) -> Risk:
+    return Risk(
+        tuple(
+            StructureRisk(name, touched, (low, high), *counts, kept, clearance_mm)
+            for name, counts, (touched, low, high), kept, clearance_mm in structures
+        ),
+        tuple(ForceSpread(name, planned_n, n) for name, planned_n, n in forces),
+        keep,
+    )
 
 
 def _check(found: Mapping[str, Any]) -> Check:

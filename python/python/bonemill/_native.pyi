@@ -11,6 +11,8 @@ __version__: str
 
 _Floats = NDArray[np.float64]
 _Vector = tuple[float, float, float]
+_StructureRisk = tuple[str, tuple[int, int], _Vector, _Vector, float]
+_ForceSpread = tuple[str, float, _Vector]
 _Progress = Callable[[str, int, int], object] | None
 
 class Case:
@@ -57,7 +59,14 @@ def simulate(
     keep: bool,
     progress: _Progress,
 ) -> tuple[list[tuple[str, _Floats]], NDArray[np.int64], dict[str, Any]]: ...
-def verify(plan: Plan, saved: Path | None, keep: bool, progress: _Progress) -> str: ...
+def verify(
+    plan: Plan,
+    saved: Path | None,
+    keep: bool,
+    samples: int | None,
+    errors: tuple[tuple[float, float, float, float, float], float, int],
+    progress: _Progress,
+) -> tuple[str, tuple[list[_StructureRisk], list[_ForceSpread]] | None]: ...
 def calibrate(
     plan: Plan, saved: Path | None, log: Path | _Floats, coefficients: list[str], progress: _Progress
 ) -> tuple[list[tuple[str, float, float, str]], float, int]: ...

@@ -39,6 +39,8 @@ def view(plan: Plan, *, save: str | os.PathLike[str] | None = None, progress: Pr
         recording.spawn()
     else:
         recording.save(os.fspath(save))
+    # first, so that the viewer is told to wait at the beginning before it has anything to play
+    recording.send_blueprint(_layout(drawn))
     _scene(rr, recording, drawn)
     _motion(rr, recording, drawn)
     for time_s, target, slices in drawn["frames"]:
@@ -47,9 +49,8 @@ def view(plan: Plan, *, save: str | os.PathLike[str] | None = None, progress: Pr
         for name, found in zip(_SLICES, slices):
             _slice(rr, recording, drawn, name, found)
     recording.reset_time()
-    _plots(rr, recording, drawn, plan)
+    _curves(rr, recording, drawn["plots"])
     recording.log("about", rr.TextDocument(drawn["about"], media_type="text/markdown"), static=True)
-    recording.send_blueprint(_layout(drawn))
     recording.flush()
 
 
@@ -65,22 +66,18 @@ def _mesh(rr: Any, surface: dict[str, Any], colour: tuple[int, int, int], alpha:
 def _scene(rr: Any, recording: Any, drawn: dict[str, Any]) -> None:
     recording.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     classes = [(0, "elsewhere", (0, 0, 0, 0)), (1, "target, still there", _TARGET), (2, "cut away", (0, 0, 0))]
-    classes += [(3 + n, name, tuple(tint)) for n, (name, tint, _, _) in enumerate(drawn["structures"])]
-    corner = drawn["path"].max(axis=0) + [8.0, 0.0, 0.0]
-    found = [structure for structure in drawn["structures"] if len(structure[2]["vertices"]) > 0]
-    # names from top to bottom as the structures lie, so that few leaders cross
-    found.sort(key=lambda structure: -structure[2]["vertices"][:, 2].mean())
-    for place, (name, tint, body, shell) in enumerate(found):
-        colour = tuple(tint)
-        entity = f"scene/structures/{rr.escape_entity_path_part(name)}"
-        at = corner - [0.0, 0.0, 3.0 * place]
-        nearest = body["vertices"][np.linalg.norm(body["vertices"] - at, axis=1).argmin()]
-        recording.log(f"{entity}/name", rr.Points3D([at], labels=[name], radii=0.05, colors=colour), static=True)
-        leader = rr.LineStrips3D([[at, nearest]], colors=colour, radii=rr.Radius.ui_points(0.7))
-        recording.log(f"{entity}/leader", leader, static=True)
-        recording.log(f"{entity}/clearance", _mesh(rr, shell, colour, 40), static=True)
-        recording.log(f"{entity}/surface", _mesh(rr, body, colour, 140), static=True)
+    classes += [(3 + n, name, tuple(tint)) for n, (name, tint) in enumerate(drawn["structures"])]
     recording.log("slices", rr.AnnotationContext(classes), static=True)
+    for body in drawn["bodies"]:
+        colour = tuple(body["colour"])
+        entity = f"scene/structures/{rr.escape_entity_path_part(body['name'])}"
+        label = rr.Points3D([body["name_at"]], labels=[body["name"]], radii=0.05, colors=colour)
+        recording.log(f"{entity}/name", label, static=True)
+        leader = rr.LineStrips3D([body["leader"]], colors=colour, radii=rr.Radius.ui_points(0.7))
+        recording.log(f"{entity}/leader", leader, static=True)
+        recording.log(f"{entity}/clearance", _mesh(rr, body["shell"], colour, 40), static=True)
+        alpha = 100 if body["large"] else 255
+        recording.log(f"{entity}/surface", _mesh(rr, body["surface"], colour, alpha), static=True)
     for name, colours in drawn["paints"]:
         # consecutive moves of one colour as one strip
         ends = np.flatnonzero((colours[2:] != colours[1:-1]).any(axis=1)) + 2
@@ -124,51 +121,49 @@ def _slice(rr: Any, recording: Any, drawn: dict[str, Any], name: str, found: dic
     recording.log(f"slices/{name}/scale", bar, static=True)
 
 
-def _plots(rr: Any, recording: Any, drawn: dict[str, Any], plan: Plan) -> None:
-    w = plan.waypoints
-    clearance = {s.name: s.clearance_mm for s in plan.structures} | {"": np.nan}
-    force = np.sqrt(w["fx_n"] ** 2 + w["fy_n"] ** 2 + w["fz_n"] ** 2)
-    curves = [
-        ("force/magnitude", "magnitude", w["time_s"], np.nan_to_num(force)),
-        ("force/toward", "toward the nearest structure", w["time_s"], np.nan_to_num(w["force_toward_n"])),
-        ("speed/cap", "speed", w["time_s"], w["speed_mm_s"]),
-        ("distance/surface", "burr's surface to structure", w["time_s"], w["distance_mm"] - drawn["radius_mm"]),
-        ("distance/clearance", "clearance kept from it", w["time_s"], np.array([clearance[s] for s in w["structure"]])),
-    ]
-    for n, (name, unit) in enumerate(drawn["joints"]):
-        folder = "linear" if unit == "mm" else "turning"
-        curves.append((f"joints_{folder}/q{n + 1}", f"{name} [{unit}]", drawn["time_s"], drawn["q"][:, n]))
-    for entity, name, times, values in curves:
-        there = np.isfinite(values)
-        if there.any():
-            recording.log(f"plots/{entity}", rr.SeriesLines(names=[name], widths=[1.5]), static=True)
-            column = [rr.TimeColumn(_TIME, duration=times[there])]
-            recording.send_columns(f"plots/{entity}", indexes=column, columns=rr.Scalars.columns(scalars=values[there]))
+def _curves(rr: Any, recording: Any, plots: list[dict[str, Any]]) -> None:
+    for plot in plots:
+        for part, name, colour, times, values in plot["curves"]:
+            entity = f"plots/{plot['entity']}/{part}"
+            recording.log(entity, rr.SeriesLines(names=[name], widths=[1.5], colors=[tuple(colour)]), static=True)
+            column = [rr.TimeColumn(_TIME, duration=times)]
+            recording.send_columns(entity, indexes=column, columns=rr.Scalars.columns(scalars=values))
 
 
 def _layout(drawn: dict[str, Any]) -> Any:
     import rerun.blueprint as rrb
 
+    position, target = drawn["eye"]
+    eye = rrb.EyeControls3D(position=position, look_target=target)
+
+    def space(name: str, contents: list[str]) -> Any:
+        return rrb.Spatial3DView(name=name, origin="scene", contents=contents, eye_controls=eye)
+
     tabs = []
     for name, _ in drawn["paints"]:
         shown = f"+ $origin/path/{name.replace(' ', '_')}"
         hidden = ["- $origin/path/**", "- $origin/arm/**", "- $origin/tool/handpiece/**"]
-        tabs.append(
-            rrb.Spatial3DView(name=f"path by {name}", origin="scene", contents=["+ $origin/**", *hidden, shown])
-        )
-    tabs.append(rrb.Spatial3DView(name="arm", origin="scene", contents=["+ $origin/**", "- $origin/path/**"]))
+        tabs.append(space(f"path by {name}", ["+ $origin/**", *hidden, shown]))
+    tabs.append(space("arm", ["+ $origin/**", "- $origin/path/**"]))
     tabs.append(rrb.TextDocumentView(name="about", origin="about"))
     slices = [rrb.Spatial2DView(name=p, origin=f"slices/{s}") for p, s in zip(drawn["planes"], _SLICES)]
-    plots = [("force [N]", "force"), ("distance [mm]", "distance"), ("speed [mm/s]", "speed")]
-    if not drawn["structures"]:
-        del plots[1]
-    units = {unit for _, unit in drawn["joints"]}
-    plots += [p for u, p in (("mm", ("joints [mm]", "joints_linear")), ("rad", ("joints [rad]", "joints_turning"))) if u in units]
-    curves = [rrb.TimeSeriesView(name=name, origin=f"plots/{entity}") for name, entity in plots]
+    plots = [_plot(rrb, plot) for plot in drawn["plots"]]
     above = rrb.Horizontal(rrb.Tabs(*tabs), rrb.Vertical(*slices), column_shares=[1.7, 1.0])
     return rrb.Blueprint(
-        rrb.Vertical(above, rrb.Horizontal(*curves), row_shares=[2.8, 1.0]),
+        rrb.Vertical(above, rrb.Horizontal(*plots), row_shares=[2.8, 1.0]),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=_TIME, play_state="paused", playback_speed=20.0),
+    )
+
+
+def _plot(rrb: Any, plot: dict[str, Any]) -> Any:
+    """A plot whose axes leave room for the curves' names."""
+    start, end = (rrb.TimeRangeBoundary.absolute(seconds=s) for s in plot["time_s"])
+    return rrb.TimeSeriesView(
+        name=plot["title"],
+        origin=f"plots/{plot['entity']}",
+        axis_x=rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end)),
+        axis_y=rrb.ScalarAxis(range=tuple(plot["values"])),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=plot["legend"]),
     )

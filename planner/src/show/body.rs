@@ -1,0 +1,112 @@
+//! The case's structures as they are drawn, where their names stand, and from where all is seen.
+
+use bonemill_imaging::ImageError;
+
+use super::{STRUCTURE_COLOURS, Show, Surface};
+
+/// From the scene's box to where the names' lines begin; this and what follows in diagonals of that box, because the eye is
+/// so many of them away.
+const BESIDE: f32 = 0.05;
+/// From one name to the next.
+const BELOW: f32 = 0.05;
+/// Half a letter.
+const HALF_LETTER: f32 = 0.005;
+/// From a name to the point that it hangs from.
+const ABOVE: f32 = 0.02;
+/// Where the eye is, seen from the bone: above and in front, so that names stand to the right.
+const EYE_FROM: [f32; 3] = [0.1, -0.8, 0.6];
+/// How far away it is, in diagonals of the scene's box.
+const AWAY: f32 = 0.95;
+
+/// A structure to draw.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Body {
+    /// Its name.
+    pub name: String,
+    /// Its colour.
+    pub colour: [u8; 3],
+    /// Its surface, not empty.
+    pub surface: Surface,
+    /// The surface at the clearance kept from it.
+    pub shell: Surface,
+    /// It is larger than the target and would hide it: to be seen through.
+    pub large: bool,
+    /// Where its name hangs, by the middle, in a column beside the bone.
+    pub name_at: [f32; 3],
+    /// A line from before the name to its surface.
+    pub leader: [[f32; 3]; 2],
+}
+
+impl Show<'_> {
+    /// Name and colour of every structure of the case, drawn or not.
+    pub fn structure_colours(&self) -> impl Iterator<Item = (&str, [u8; 3])> {
+        let names = self.plan.record.case.structures.iter().map(|s| s.name.as_str());
+        names.zip(STRUCTURE_COLOURS.into_iter().cycle())
+    }
+
+    /// The structures that are there, the highest first: the names' lines then cross seldom.
+    ///
+    /// # Errors
+    /// When a distance field cannot be made.
+    pub fn bodies(&self) -> Result<Vec<Body>, ImageError> {
+        let size = extent(&self.target(None));
+        let mut bodies = Vec::new();
+        for (n, (name, colour)) in self.structure_colours().enumerate() {
+            let surface = self.structure(n)?;
+            if !surface.is_empty() {
+                bodies.push(Body {
+                    name: name.to_owned(),
+                    colour,
+                    shell: self.shell(n)?,
+                    large: extent(&surface) > size,
+                    surface,
+                    name_at: [0.0; 3],
+                    leader: [[0.0; 3]; 2],
+                });
+            }
+        }
+        bodies.sort_by(|a, b| height(&b.surface).total_cmp(&height(&a.surface)));
+        let ([x, y, z], diagonal) = self.sides();
+        for (place, body) in bodies.iter_mut().enumerate() {
+            let before = [x + BESIDE * diagonal, 0.5 * y, z - BELOW * diagonal * place as f32];
+            let half = HALF_LETTER * diagonal * (body.name.chars().count() as f32 + 2.0);
+            body.leader = [before, nearest(&body.surface, before)];
+            body.name_at = [before[0] + half, before[1], before[2] + ABOVE * diagonal];
+        }
+        Ok(bodies)
+    }
+
+    /// Where an eye stands that sees the bone, the names beside it and some of the shaft, and what it looks at.
+    pub fn eye(&self) -> [[f32; 3]; 2] {
+        let ([x, y, z], diagonal) = self.sides();
+        let middle = [0.5 * (x + 2.0 * BESIDE * diagonal), 0.5 * y, 0.5 * z];
+        [std::array::from_fn(|a| middle[a] + AWAY * diagonal * EYE_FROM[a]), middle]
+    }
+
+    /// Sides of the scene's box and its diagonal, mm.
+    fn sides(&self) -> ([f32; 3], f32) {
+        let grid = self.scene.class.grid();
+        let sides: [f32; 3] = std::array::from_fn(|a| grid.dims()[a] as f32 * grid.spacing_mm()[a] as f32);
+        (sides, sides.iter().map(|s| s * s).sum::<f32>().sqrt())
+    }
+}
+
+/// Diagonal of a surface's box, mm.
+fn extent(surface: &Surface) -> f32 {
+    let side = |a: usize| {
+        let along = surface.vertices.iter().map(|v| v[a]);
+        along.clone().fold(f32::NEG_INFINITY, f32::max) - along.fold(f32::INFINITY, f32::min)
+    };
+    if surface.is_empty() { 0.0 } else { (0..3).map(|a| side(a).powi(2)).sum::<f32>().sqrt() }
+}
+
+/// Mean height of a surface's vertices, mm.
+fn height(surface: &Surface) -> f32 {
+    surface.vertices.iter().map(|v| v[2]).sum::<f32>() / surface.vertices.len() as f32
+}
+
+/// The surface's vertex that is nearest to a point.
+fn nearest(surface: &Surface, at: [f32; 3]) -> [f32; 3] {
+    let apart = |v: &[f32; 3]| (0..3).map(|a| (v[a] - at[a]).powi(2)).sum::<f32>();
+    surface.vertices.iter().copied().min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap_or(at)
+}
