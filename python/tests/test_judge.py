@@ -93,10 +93,10 @@ def test_a_risk_is_the_commands(twins: tuple[Path, Path], planned: bonemill.Plan
     assert found.risk is not None and found.risk.exceeded == ()
     files = ["verification.toml", "report.html"]
     assert filecmp.cmpfiles(*twins, files, shallow=False) == (files, [], [])
-    # a registration that is a centimetre off is too much, and the command says so, too
-    options = ("--registration-mm", 10, "--boundary-mm", 0.4, "--k-share", 0.5, "--keep", 0.9, "--draw-seed", 7)
+    # a registration that may be a centimetre off is too much for 99 %, and the command says so, too
+    options = ("--registration-mm", 10, "--boundary-mm", 0.4, "--k-share", 0.5, "--keep", 0.99, "--draw-seed", 7)
     told = command_json(command, "verify", twins[0], "--samples", "300", *map(str, options))
-    errors: bonemill.Errors = {"registration_mm": 10, "boundary_mm": 0.4, "k_share": 0.5, "keep": 0.9, "draw_seed": 7}
+    errors: bonemill.Errors = {"registration_mm": 10, "boundary_mm": 0.4, "k_share": 0.5, "keep": 0.99, "draw_seed": 7}
     lost = bonemill.verify(planned, samples=300, errors=errors)
     same(lost.risk, told["risk"])
     assert lost.passed and lost.risk is not None
