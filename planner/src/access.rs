@@ -5,7 +5,7 @@
 //! volume into a line: one ray march along the axis per direction.
 //!
 //! A march looks at the nearest voxel at steps of one voxel; the ball is larger by what that can miss, so "free" is
-//! certain. Where a march of the thin shank is not, the voxels around that part of it are asked one by one, each by its
+//! certain. Where a march on voxels is not, the voxels around that part of it are asked one by one, each by its
 //! eighths ([`OctantTimes`]): bone that stands anywhere in a voxel stands there. Thick segments (the handpiece) use a
 //! coarser field, for which a block counts as solid as long as any voxel in it is. Beyond the work grid `FarObstacles`
 //! stands for bone and structures.
@@ -115,7 +115,7 @@ impl<'a> Access<'a> {
                 let wide_mm = cylinder.radius_mm + aside_mm(cylinder.to_mm);
                 let pooled = latest.pooled(factor as usize, wide_mm);
                 let reach_mm = pooled.ball_voxels(wide_mm) * pooled.spacing_mm;
-                let front = if cylinder.radius_mm > thin_mm {
+                let front = if pooled.is_blocks && cylinder.radius_mm > thin_mm {
                     front_balls(&ShankCylinder { radius_mm: wide_mm, ..*cylinder }, reach_mm, thin_mm)
                 } else {
                     Vec::new()
@@ -162,7 +162,7 @@ impl<'a> Access<'a> {
         let field = &segment.latest;
         let (enter, leave) = field.crossing(&center.coords, axis);
         let behind_front = from_mm + segment.reach_mm;
-        let is_thin = segment.front.is_empty();
+        let by_eighths = segment.front.is_empty();
         let (mut front_is_free, mut doubted) = (false, false);
         let (mut marched, mut look) = (steps(from_mm.max(enter), to_mm.min(leave), field.spacing_mm), true);
         while let Some(at_mm) = marched.next() {
@@ -180,7 +180,7 @@ impl<'a> Access<'a> {
             if latest < index as f32 {
                 continue;
             }
-            if is_thin {
+            if by_eighths {
                 if !doubted
                     && let Some(blocked) = self.blocked_axis(&segment.cylinder, index, center, axis, at_mm)
                 {
@@ -214,7 +214,7 @@ impl<'a> Access<'a> {
             if (front_is_free && at_mm < behind_front) || !is_near(at_mm) {
                 continue;
             }
-            if is_thin || at_mm >= behind_front {
+            if by_eighths || at_mm >= behind_front {
                 return Some(Blocked::Obstacle { at_mm });
             }
             if let Some(blocked) = self.blocked_front(segment, index, center, axis) {

@@ -50,7 +50,7 @@ impl RemovalTime {
         mut removed: impl FnMut(usize),
     ) {
         let Self { rows, time, standing } = self;
-        let _ = rows.within_capsule(a, b, radius_mm, |run| {
+        let _ = rows.within_capsule_where(a, b, radius_mm, standing, VoxelSet::may_hold, |standing, run| {
             standing.take(run, |voxel| {
                 time[voxel] = index;
                 removed(voxel);

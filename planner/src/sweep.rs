@@ -42,6 +42,21 @@ impl Rows {
         radius_mm: f64,
         mut visit: impl FnMut(Range<usize>) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
+        self.within_capsule_where(a, b, radius_mm, &mut (), |(), _| true, |(), run| visit(run))
+    }
+
+    /// [`Self::within_capsule`], but for rows of which `may` says that nothing in the run matters; that run holds all of the
+    /// row that the capsule can meet. Where most of what a ball meets is gone, asking is cheaper than finding where the row
+    /// is met.
+    pub fn within_capsule_where<S>(
+        &self,
+        a: Point<Work>,
+        b: Point<Work>,
+        radius_mm: f64,
+        state: &mut S,
+        may: impl Fn(&S, Range<usize>) -> bool,
+        mut visit: impl FnMut(&mut S, Range<usize>) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
         cancel::poll();
         if !(a.is_finite() && b.is_finite()) {
             return ControlFlow::Continue(());
@@ -49,13 +64,19 @@ impl Rows {
         let scale = 1.0 / self.spacing_mm;
         let capsule = Capsule::new(a.coords * scale, b.coords * scale, radius_mm * scale);
         let [ys, zs] = [1, 2].map(|axis| capsule.extent(axis, self.dims[axis]));
+        // a voxel more at either end, whatever the rounding
+        let xs = capsule.extent(0, self.dims[0]);
+        let xs = xs.start.saturating_sub(1)..(xs.end + 1).min(self.dims[0]);
         for k in zs {
             for j in ys.clone() {
+                let row = self.dims[0] * (j + self.dims[1] * k);
+                if !may(state, row + xs.start..row + xs.end) {
+                    continue;
+                }
                 let Some((lo, hi)) = capsule.chord(j as f64, k as f64) else { continue };
                 let run = clip(lo, hi, self.dims[0]);
                 if !run.is_empty() {
-                    let row = self.dims[0] * (j + self.dims[1] * k);
-                    visit(row + run.start..row + run.end)?;
+                    visit(state, row + run.start..row + run.end)?;
                 }
             }
         }

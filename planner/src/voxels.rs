@@ -55,6 +55,11 @@ impl VoxelSet {
         }
     }
 
+    /// Whether a voxel of a run, or one that shares a word with it, is in the set.
+    pub fn may_hold(&self, run: Range<usize>) -> bool {
+        !run.is_empty() && self.words[run.start / 64..run.end.div_ceil(64)].iter().any(|word| *word != 0)
+    }
+
     /// How many voxels of the set lie within `radius_mm` of the segment a–b, counted up to about `enough`.
     pub fn count_within(
         &self,
@@ -64,10 +69,11 @@ impl VoxelSet {
         enough: usize,
     ) -> usize {
         let mut found = 0;
-        let _ = rows.within_capsule(a, b, radius_mm, |run| {
+        let may = |_: &usize, run| self.may_hold(run);
+        let _ = rows.within_capsule_where(a, b, radius_mm, &mut found, may, |found, run| {
             let in_run = masks(run).map(|(w, mask)| (self.words[w] & mask).count_ones() as usize);
-            found += in_run.sum::<usize>();
-            if found >= enough { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            *found += in_run.sum::<usize>();
+            if *found >= enough { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
         found
     }

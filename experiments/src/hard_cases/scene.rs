@@ -36,9 +36,6 @@ pub enum Expect {
     FallsShort(&'static str),
     /// Bad input, with these words.
     Refused(&'static str),
-    /// A plan that passes every check but those whose names begin so: a fault of the planner that is known and not yet
-    /// mended. What a user sees of it is that `verify` refuses the plan.
-    KnownFault(&'static str),
 }
 
 impl fmt::Display for Expect {
@@ -47,7 +44,6 @@ impl fmt::Display for Expect {
             Self::Verified => f.write_str("be planned and verified"),
             Self::FallsShort(words) => write!(f, "fall short: {words}"),
             Self::Refused(words) => write!(f, "be refused: {words}"),
-            Self::KnownFault(check) => write!(f, "be planned and verified; known to fail: {check}"),
         }
     }
 }

@@ -62,7 +62,7 @@ pub(super) struct Field {
     /// Centre of the first voxel, mm in work.
     origin_mm: f64,
     /// Whether a voxel stands for a block of grid voxels.
-    is_blocks: bool,
+    pub(super) is_blocks: bool,
     pub(super) value: Vec<f32>,
 }
 

@@ -53,10 +53,12 @@ impl OctantTimes {
             let origin = lowest + Vector3::z() * (below as f64 * half_mm);
             let at = |i: usize| points[i].position + -origin;
             for (i, index) in (0..points.len()).zip(0u32..) {
-                let _ = rows.within_capsule(at(i.saturating_sub(1)), at(i), radius_mm, |run| {
-                    standing.take(run, |n| time[n] = index);
-                    ControlFlow::Continue(())
-                });
+                let (from, to, left) = (at(i.saturating_sub(1)), at(i), &mut standing);
+                let _ =
+                    rows.within_capsule_where(from, to, radius_mm, left, VoxelSet::may_hold, |left, run| {
+                        left.take(run, |n| time[n] = index);
+                        ControlFlow::Continue(())
+                    });
             }
         });
         Self { first, dims, time }

@@ -18,6 +18,8 @@ const ADJACENT_STEPOVERS: f64 = 1.6;
 const BACK_OUT: usize = 40;
 /// A retract may take cusps along, up to this share of a ball: more is a ledge, which the shank would meet first.
 const CUSPS_SHARE: f64 = 0.02;
+/// Searches for a way in from outside before only passes with nothing above them may begin the path.
+const MOST_VAIN_STARTS: usize = 20;
 /// Heights tried for a retract, mm apart.
 const RETRACT_STEP_MM: f64 = 0.5;
 
@@ -37,6 +39,9 @@ pub struct Builder<'a> {
     /// How many reachable ones are.
     left: usize,
     unjoined: usize,
+    /// Where a path may begin, once it is asked for.
+    tops: Option<Vec<Point<Work>>>,
+    vain_starts: usize,
     /// The pass and its point that the burr is on its way to.
     heading: (u32, u32),
 }
@@ -57,6 +62,8 @@ impl<'a> Builder<'a> {
             reachable: VoxelSet::of(reachable.len(), |voxel| reachable[voxel]),
             left: reachable.iter().filter(|r| **r).count(),
             unjoined: 0,
+            tops: None,
+            vain_starts: 0,
             heading: (0, 0),
         }
     }
@@ -156,8 +163,8 @@ impl<'a> Builder<'a> {
         true
     }
 
-    /// The path starts in free space: above the pass's first point with nothing above it; else at the nearest place from
-    /// which a search leads under what is there. `None` where there is neither.
+    /// The path starts in free space: above the pass's first point with nothing above it; else at the nearest place at the
+    /// top, from where a search leads under what is there. `None` where there is neither.
     fn begin(&mut self, pass: &Pass) -> Option<usize> {
         let may_start =
             |p: &Point<Work>| self.is_open_above(*p) && self.is_free(self.above(*p), self.above(*p));
@@ -167,27 +174,33 @@ impl<'a> Builder<'a> {
             return Some(entry);
         }
         let first = *pass.points.first()?;
-        let start = self.nearest_open(first)?;
+        if self.vain_starts >= MOST_VAIN_STARTS {
+            return None;
+        }
+        if self.tops.is_none() {
+            self.tops = Some(self.find_tops());
+        }
+        let nearest =
+            self.tops.iter().flatten().min_by(|a, b| a.distance_mm(&first).total_cmp(&b.distance_mm(&first)));
+        let start = *nearest?;
         self.push(start, MoveKind::Link, pass.layer);
         let is_there = self.search_to(start, first, pass.layer);
         if !is_there {
             // it took nothing there
             self.points.clear();
+            self.vain_starts += 1;
         }
         is_there.then_some(0)
     }
 
-    /// The free place nearest to `p` from which the burr can leave along the approach without taking anything.
-    fn nearest_open(&self, p: Point<Work>) -> Option<Point<Work>> {
-        let grid = self.space.grid();
-        let mut nodes: Vec<(f64, usize)> = (0..grid.len())
-            .filter(|node| self.space.connected()[*node])
-            .map(|node| (grid.center(grid.voxel(node)).distance_mm(&p), node))
-            .collect();
-        nodes.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let center = |(_, node): &(f64, usize)| grid.center(grid.voxel(*node));
-        let is_open = |p: &Point<Work>| self.is_free(*p, self.above(*p)) && self.is_open_above(*p);
-        nodes.iter().map(center).find(is_open)
+    /// The highest places where the burr can be and takes nothing.
+    fn find_tops(&self) -> Vec<Point<Work>> {
+        let (grid, connected) = (self.space.grid(), self.space.connected());
+        let Some(highest) = connected.iter().rposition(|c| *c) else { return Vec::new() };
+        let layer = grid.dims()[0] * grid.dims()[1];
+        let nodes = highest / layer * layer..=highest;
+        let centers = nodes.filter(|node| connected[*node]).map(|node| grid.center(grid.voxel(node)));
+        centers.filter(|p| self.is_free(*p, *p)).collect()
     }
 
     /// Out of the bone along the approach and into `pass` at its first point with nothing above it.
