@@ -17,7 +17,7 @@ use super::TiltFamily;
 use super::sequence::{Forbidden, Found, Problem, best_sequence};
 
 /// Times the dynamic program is run before turns that fail are left and counted.
-const MOST_ROUNDS: usize = 12;
+const MOST_ROUNDS: usize = 60;
 /// Sweeps of coordinate descent. The error halves with every few.
 const SWEEPS: usize = 24;
 /// How far an axis may be moved from its direction, spacings.
