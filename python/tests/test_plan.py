@@ -142,6 +142,8 @@ def test_what_progress_raises_stops_the_plan(block: bonemill.Case) -> None:
 INTERRUPTED = """
 import os, signal, sys, threading, time
 import bonemill
+# a shell's background job begins with it ignored
+signal.signal(signal.SIGINT, signal.default_int_handler)
 stage, delay = sys.argv[2], float(sys.argv[3])
 sent = []
 def kill():

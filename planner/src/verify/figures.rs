@@ -202,11 +202,11 @@ pub fn masses(
             run = (0.0, 0.0);
         }
     }
-    // a scrap is all surface: half its own layer, and half the planner's, which is twice as thick
+    // a scrap is all surface: half its own layer, and half the planner's, which is twice as thick, but never its half
     let taken = |n: usize| lattice.is(n, MATERIAL) && first[n] != NEVER;
     let share = if total < few {
         let layer = layer(lattice.grid.dims(), &taken) as f64 / lattice.count(&taken).max(1) as f64;
-        (1.5 * layer * total / few).max(MASS_SHARE)
+        ((1.5 * layer).min(0.5) * total / few).max(MASS_SHARE)
     } else {
         MASS_SHARE
     };

@@ -207,3 +207,30 @@ impl Closed {
         self.holds[self.grid.index(voxel)]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Against every slab: as the planner counts its layers, for every place of its faces between the centres.
+    #[test]
+    fn no_slab_thicker_than_a_sheet_is_one_on_voxels() {
+        for (band_mm, planner_mm) in [(0.433, 0.25), (0.935, 0.25), (0.866, 0.5), (0.5, 0.1), (1.9, 0.4)] {
+            let thickest = thickest_sheet_mm(band_mm, planner_mm);
+            let mut thickest_dropped: f64 = 0.0;
+            for thousandths in 1..6000 {
+                let thick_mm = f64::from(thousandths) * 1e-3;
+                // the fewest layers of centres in it, and from the middle one to the first centre beyond
+                let layers = (thick_mm / planner_mm + 1e-9).floor();
+                let depth_mm = (0.5 * layers).ceil() * planner_mm;
+                if depth_mm < 0.5 * (band_mm + planner_mm) - 1e-9 {
+                    thickest_dropped = thickest_dropped.max(thick_mm);
+                }
+            }
+            assert!(
+                (thickest - thickest_dropped - 1e-3).abs() < 1.1e-3,
+                "{band_mm} {thickest} {thickest_dropped}"
+            );
+        }
+    }
+}
