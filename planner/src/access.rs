@@ -33,7 +33,7 @@ use bonemill_imaging::Scene;
 use bonemill_robot::timelaw::CornerTolerance;
 use nalgebra::Vector3;
 
-use self::field::{Bounds, Field, STAYS, Skips};
+use self::field::{Bounds, Field, SOLID, Skips};
 use crate::space::TRAJECTORY_TOLERANCE_MM;
 use crate::sweep::Rows;
 
@@ -64,7 +64,7 @@ pub enum Blocked {
 }
 
 /// What the shank may sweep beyond where it stands at the places that are asked, between two of them, mm: a cylinder of
-/// radius ρ that moves sideways by d sweeps d²/8ρ more, for d of [`crate::pipeline`]'s stride and ρ of half a millimetre.
+/// radius ρ that moves sideways by d sweeps d²/8ρ more, for d of 0.3 mm, the stride, and ρ of 0.6 mm.
 const BETWEEN_MM: f64 = 0.02;
 
 /// How far the shank may be aside of where the path has it, at a distance from the burr's centre, mm.
@@ -311,7 +311,7 @@ impl<'a> Access<'a> {
 
 impl Blocked {
     fn by(latest: f32, at_mm: f64) -> Self {
-        if latest >= STAYS { Self::Obstacle { at_mm } } else { Self::NotYetRemoved { at_mm } }
+        if latest == SOLID { Self::Obstacle { at_mm } } else { Self::NotYetRemoved { at_mm } }
     }
 }
 

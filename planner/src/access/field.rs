@@ -10,9 +10,7 @@ use crate::removal::NEVER;
 
 /// Removal time of free voxels: before every move.
 const FREE: f32 = -1.0;
-/// Removal time of bone of the target that no move takes.
-pub(super) const STAYS: f32 = f32::MAX;
-/// Removal time of what must stay: bone outside the target, structures and what is kept around them.
+/// Removal time of what is never removed.
 pub(super) const SOLID: f32 = f32::INFINITY;
 
 /// T of each eighth of a voxel, [`FREE`] where there is nothing; exact: a path has fewer than 2²⁴ waypoints.
@@ -20,9 +18,8 @@ pub(super) fn latest_of_eighths(solid: &Solid, octants: &OctantTimes, voxel: usi
     let (stays, goes) = (solid.stays(voxel), solid.goes(voxel));
     let time = if goes == 0 { [NEVER; 8] } else { octants.of(solid.grid().voxel(voxel)) };
     std::array::from_fn(|n| match (stays >> n & 1, goes >> n & 1, time[n]) {
-        (1, _, _) => SOLID,
+        (1, _, _) | (0, 1, NEVER) => SOLID,
         (_, 0, _) => FREE,
-        (_, _, NEVER) => STAYS,
         (_, _, time) => time as f32,
     })
 }

@@ -143,24 +143,29 @@ impl<'a> Builder<'a> {
         if let Some(entry) = self.retract_to(pass) {
             return Some(entry);
         }
-        self.search_to(from, first, layer).then_some(0)
+        let way = self.find_way(from, first)?;
+        self.follow(&way, layer);
+        Some(0)
     }
 
-    /// Goes to `to` by a search; false, and nothing is changed, where it finds no way.
-    fn search_to(&mut self, from: Point<Work>, to: Point<Work>, layer: u32) -> bool {
+    /// A way that a search finds.
+    fn find_way(&mut self, from: Point<Work>, to: Point<Work>) -> Option<Vec<Point<Work>>> {
         let mut search = std::mem::take(&mut self.search);
         let way = search.way(self, from, to);
         self.search = search;
-        let Some(way) = way else { return false };
+        way
+    }
+
+    /// Goes along a way, cutting where something is in it.
+    fn follow(&mut self, way: &[Point<Work>], layer: u32) {
         for p in way {
             let here = self.points[self.points.len() - 1].position;
-            if self.is_free(here, p) {
-                self.travel_to(p, MoveKind::Link, layer);
+            if self.is_free(here, *p) {
+                self.travel_to(*p, MoveKind::Link, layer);
             } else {
-                self.cut_to(p, layer);
+                self.cut_to(*p, layer);
             }
         }
-        true
     }
 
     /// The path starts in free space: above the pass's first point with nothing above it; else at the nearest place at the
@@ -183,14 +188,13 @@ impl<'a> Builder<'a> {
         let nearest =
             self.tops.iter().flatten().min_by(|a, b| a.distance_mm(&first).total_cmp(&b.distance_mm(&first)));
         let start = *nearest?;
-        self.push(start, MoveKind::Link, pass.layer);
-        let is_there = self.search_to(start, first, pass.layer);
-        if !is_there {
-            // it took nothing there
-            self.points.clear();
+        let Some(way) = self.find_way(start, first) else {
             self.vain_starts += 1;
-        }
-        is_there.then_some(0)
+            return None;
+        };
+        self.push(start, MoveKind::Link, pass.layer);
+        self.follow(&way, pass.layer);
+        Some(0)
     }
 
     /// The highest places where the burr can be and takes nothing.

@@ -50,7 +50,6 @@ impl Round {
     pub fn known_of(&self, solid: &Solid, path: &MillPath, octants: &OctantTimes) -> KnownDirections<'_> {
         let then = self.same_waypoints(path);
         let grid = solid.grid();
-        let [nx, ny, _] = grid.dims();
         let goes_as_before = |(before, now): (u32, u32)| match (before, now) {
             (NEVER, NEVER) => true,
             (NEVER, _) | (_, NEVER) => false,
@@ -61,10 +60,8 @@ impl Round {
             !before.into_iter().zip(now).all(goes_as_before)
         };
         let mut cells = BTreeSet::new();
-        for voxel in (0..grid.len()).filter(|voxel| solid.goes(*voxel) != 0) {
-            if has_changed(voxel) {
-                cells.insert([voxel % nx, voxel / nx % ny, voxel / (nx * ny)].map(|i| i / CELL));
-            }
+        for voxel in (0..grid.len()).filter(|voxel| solid.goes(*voxel) != 0 && has_changed(*voxel)) {
+            cells.insert(grid.voxel(voxel).map(|i| i / CELL));
         }
         let side_mm = CELL as f64 * grid.spacing_mm().x;
         let center = |cell: &[usize; 3]| {
