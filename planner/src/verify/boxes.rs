@@ -99,9 +99,71 @@ impl<'a> Boxes<'a> {
         let (squared, q) = best;
         q.map(|q| (squared.sqrt(), Point::from_coords(grid.origin().coords + grid.axes() * q)))
     }
+
+    /// What a straight line from `a` to `b` keeps from the structure at least, mm, told up to `cut_mm`. Less than what it
+    /// truly keeps by no more than half a voxel's diagonal; 0 where it meets the structure or is not finite.
+    pub fn kept_by_line(&self, a: Point<Ct>, b: Point<Ct>, cut_mm: f64) -> f64 {
+        // a line that begins outside meets an outer voxel before an inner one
+        if !(a.is_finite() && b.is_finite()) || holds(self.labels, self.label, a) {
+            return 0.0;
+        }
+        let line = Line::new(along(self.labels.grid(), a), along(self.labels.grid(), b));
+        let half_diagonal_mm = self.half_mm.norm();
+        let mut least = cut_mm;
+        let mut stack = [0u32; 64];
+        let mut left = 1;
+        while left > 0 {
+            left -= 1;
+            let n = stack[left];
+            let Some(node) = self.nodes.get(n as usize) else { continue };
+            let (middle, reach_mm) = node.ball();
+            if line.squared(&middle) >= (least + reach_mm).powi(2) {
+                continue;
+            }
+            if node.right == 0 {
+                for center in &self.centers_mm[node.run[0] as usize..node.run[1] as usize] {
+                    least = least.min((line.squared(center).sqrt() - half_diagonal_mm).max(0.0));
+                }
+                continue;
+            }
+            for child in [n + 1, node.right] {
+                stack[left] = child;
+                left += 1;
+            }
+        }
+        least
+    }
+}
+
+/// A straight line between two places, mm along the grid's axes.
+struct Line {
+    from: Vector3<f64>,
+    way: Vector3<f64>,
+    /// 1/|way|², 0 for a point.
+    per_squared: f64,
+}
+
+impl Line {
+    fn new(from: Vector3<f64>, to: Vector3<f64>) -> Self {
+        let way = to - from;
+        let squared = way.norm_squared();
+        Self { from, way, per_squared: if squared > 0.0 { squared.recip() } else { 0.0 } }
+    }
+
+    /// Squared distance of a place, mm².
+    fn squared(&self, p: &Vector3<f64>) -> f64 {
+        let d = p - self.from;
+        let t = (d.dot(&self.way) * self.per_squared).clamp(0.0, 1.0);
+        (d - self.way * t).norm_squared()
+    }
 }
 
 impl Node {
+    /// Centre and radius of the ball around the box, mm.
+    fn ball(&self) -> (Vector3<f64>, f64) {
+        ((self.lo_mm + self.hi_mm) * 0.5, 0.5 * (self.hi_mm - self.lo_mm).norm())
+    }
+
     /// Squared distance from a point to the box, mm².
     fn squared(&self, at: &Vector3<f64>) -> f64 {
         (at.sup(&self.lo_mm).inf(&self.hi_mm) - at).norm_squared()
@@ -212,6 +274,33 @@ mod tests {
                 assert!((p.distance_mm(&nearest) - found).abs() < 1e-9);
             }
         }
+    }
+
+    #[test]
+    fn a_line_keeps_no_more_than_its_nearest_place_and_little_less() {
+        let labels = labels(true);
+        let grid = labels.grid();
+        let boxes = Boxes::new(&labels, 5).unwrap();
+        let (mut met, mut kept) = (0, 0);
+        for n in 0..600 {
+            let at = |m: usize, span: f64| ((n * m) % 1009) as f64 / 1009.0 * span - 4.0;
+            let a = grid.at([at(7, 23.0), at(13, 21.0), at(29, 19.0)]);
+            let b = if n % 9 == 0 { a } else { grid.at([at(83, 23.0), at(5, 21.0), at(131, 19.0)]) };
+            let places = (0..=400).map(|i| Point::from_coords(a.coords.lerp(&b.coords, i as f64 / 400.0)));
+            let true_mm = places.map(|p| boxes.distance_mm(p)).fold(f64::INFINITY, f64::min);
+            let step_mm = a.distance_mm(&b) / 800.0;
+            let said_mm = boxes.kept_by_line(a, b, 2.5);
+            assert!(said_mm <= true_mm + 1e-9, "{a:?} {b:?}: {said_mm} above {true_mm}");
+            let least_mm = (true_mm - step_mm - boxes.half_mm.norm()).min(2.5);
+            assert!(said_mm >= least_mm - 1e-9, "{a:?} {b:?}: {said_mm} of {true_mm}");
+            met += usize::from(true_mm == 0.0);
+            kept += usize::from(said_mm > 0.5);
+        }
+        assert!(met > 50 && kept > 50, "{met} {kept}");
+        // all of it deep inside
+        let inner = grid.center([2, 6, 2]);
+        assert_eq!(boxes.kept_by_line(inner, inner, 2.5), 0.0);
+        assert_eq!(boxes.kept_by_line(Point::new(f64::NAN, 0.0, 0.0), inner, 2.5), 0.0);
     }
 
     #[test]

@@ -31,7 +31,11 @@ pub fn nearest_along(
     ct_from_grid: &Rigid<Ct, Work>,
     points: &[Vector3<f64>],
 ) -> Option<Nearest> {
-    let distance = |p: &Vector3<f64>| boxes.distance_mm(*ct_from_grid * Point::<Work>::from_coords(*p));
+    // what is known to be near is found sooner
+    let distance = |p: &Vector3<f64>, at_most_mm: f64| {
+        let p = *ct_from_grid * Point::<Work>::from_coords(*p);
+        boxes.nearest_within(p, at_most_mm + TOLERANCE_MM).unwrap_or_else(|| boxes.nearest(p)).0
+    };
     let starts: Vec<usize> = (0..points.len()).step_by(PORTION).collect();
     let portions: Vec<Nearest> = starts
         .into_par_iter()
@@ -45,7 +49,7 @@ pub fn nearest_along(
             let mut skipped = Vec::new();
             for (n, p) in points.iter().enumerate().take(start + PORTION).skip(first) {
                 let Some((last, d_last)) = before else {
-                    before = Some((p, search.ask(p, n)));
+                    before = Some((p, search.ask(p, n, f64::INFINITY)));
                     continue;
                 };
                 let step = (p - skipped.last().copied().unwrap_or(last)).norm();
@@ -57,8 +61,9 @@ pub fn nearest_along(
                 }
                 // the stretch could be nearer: it is searched from the last place whose distance is known
                 let from = skipped.last().copied().unwrap_or(last);
-                let d_from = if skipped.is_empty() { d_last } else { search.ask(from, n - 1) };
-                let d = search.ask(p, n);
+                let d_from =
+                    if skipped.is_empty() { d_last } else { search.ask(from, n - 1, d_last + free_mm) };
+                let d = search.ask(p, n, d_from + step);
                 search.stretch(from, p, d_from, d, n);
                 before = Some((p, d));
                 skipped.clear();
@@ -77,9 +82,10 @@ struct Search<D> {
     at: usize,
 }
 
-impl<D: Fn(&Vector3<f64>) -> f64> Search<D> {
-    fn ask(&mut self, p: &Vector3<f64>, n: usize) -> f64 {
-        let d = (self.distance)(p);
+impl<D: Fn(&Vector3<f64>, f64) -> f64> Search<D> {
+    /// The distance of a place that is `at_most_mm` away.
+    fn ask(&mut self, p: &Vector3<f64>, n: usize, at_most_mm: f64) -> f64 {
+        let d = (self.distance)(p, at_most_mm);
         if d < self.best {
             (self.best, self.at) = (d, n);
         }
@@ -93,7 +99,7 @@ impl<D: Fn(&Vector3<f64>) -> f64> Search<D> {
             return;
         }
         let middle = (a + b) * 0.5;
-        let d = self.ask(&middle, n);
+        let d = self.ask(&middle, n, da.min(db) + 0.5 * length);
         self.stretch(a, &middle, da, d, n);
         self.stretch(&middle, b, d, db, n);
     }

@@ -27,6 +27,8 @@ const STRIDE_MM: f64 = 0.12;
 const TOLERANCE_MM: f64 = 0.02;
 /// Structures farther than the nearest by more than this need no search at every pose, mm.
 const AHEAD_MM: f64 = 0.5;
+/// The same for the look that goes before a search, mm.
+const LOOK_AHEAD_MM: f64 = 4.0;
 /// Poses that one task searches; fixed, so that threads change nothing.
 const PORTION: usize = 512;
 
@@ -208,6 +210,10 @@ pub fn against_structure(
                 if nearest_mm >= best.0 {
                     continue;
                 }
+                nearest_mm = kept_by_capsules(boxes, ct_from_grid, pose, cylinders, best.0 + LOOK_AHEAD_MM);
+                if nearest_mm >= best.0 {
+                    continue;
+                }
                 let mut search = Solid { boxes, ct_from_grid, pose, best: best.0 + AHEAD_MM };
                 cylinders.iter().for_each(|cylinder| search.cylinder(cylinder));
                 nearest_mm = search.best - TOLERANCE_MM;
@@ -220,6 +226,20 @@ pub fn against_structure(
         .collect();
     let (least, n) = portions.into_iter().reduce(|a, b| if b.0 < a.0 { b } else { a })?;
     Some(((least - TOLERANCE_MM).max(0.0), n.and_then(|n| poses.get(n)).map(|p| p.place.clone())))
+}
+
+/// What the shank keeps from a structure at least, mm, told up to `cut_mm`: its cylinders rounded at both ends hold it.
+fn kept_by_capsules(
+    boxes: &Boxes<'_>,
+    ct_from_grid: &Rigid<Ct, Work>,
+    pose: &Pose,
+    cylinders: &[Cylinder],
+    cut_mm: f64,
+) -> f64 {
+    let at = |along_mm: f64| *ct_from_grid * Point::<Work>::from_coords(pose.center + pose.axis * along_mm);
+    let kept =
+        |c: &Cylinder| boxes.kept_by_line(at(c.from_mm), at(c.to_mm), cut_mm + c.radius_mm) - c.radius_mm;
+    cylinders.iter().map(kept).fold(cut_mm, f64::min)
 }
 
 /// Branch and bound over the places inside the shank: the distance changes no faster than the place.
