@@ -26,7 +26,7 @@ mod solid;
 pub use self::octants::OctantTimes;
 pub use self::solid::Solid;
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 
 use bonemill_geometry::{Point, Work, basis, cancel};
 use bonemill_imaging::Scene;
@@ -87,7 +87,11 @@ pub struct Access<'a> {
     octants: OctantTimes,
     /// T of what is solid, voxel by voxel: of the eighth that goes last.
     latest: Field,
+    /// The latest of every few of them.
+    latest_of_runs: Vec<f32>,
     near_box: Bounds,
+    /// Where something beyond the work grid is known; `None` where nothing is.
+    far_box: Option<Bounds>,
     segments: Vec<Segment>,
 }
 
@@ -130,6 +134,8 @@ impl<'a> Access<'a> {
             rows: Rows::of(solid.grid()),
             octants,
             near_box: latest.bounds(),
+            far_box: scene.far.grid().map(Bounds::of),
+            latest_of_runs: latest.runs(),
             latest,
             segments,
         }
@@ -204,14 +210,23 @@ impl<'a> Access<'a> {
             front_is_free = true;
         }
         // the segment beyond the work grid
-        let step = self.scene.far.spacing_mm();
-        let (_, leave) = self.near_box.crossing(&center.coords, axis);
-        let is_near = |at_mm: f64| {
-            let distance = self.scene.far.at_least_mm(center + axis * at_mm);
-            distance.is_some_and(|d| d < (radius_mm + aside_mm(at_mm)).hypot(0.5 * step))
-        };
-        for at_mm in steps(from_mm.max(leave), to_mm, step) {
-            if (front_is_free && at_mm < behind_front) || !is_near(at_mm) {
+        let (far, far_box) = (&self.scene.far, self.far_box.as_ref()?);
+        let step = far.spacing_mm();
+        let (_, begin) = self.near_box.crossing(&center.coords, axis);
+        let (_, end) = far_box.crossing(&center.coords, axis);
+        let near_mm = |at_mm: f64| (radius_mm + aside_mm(at_mm)).hypot(0.5 * step);
+        let most_mm = near_mm(to_mm);
+        let mut marched = steps(from_mm.max(begin), to_mm.min(end + step), step);
+        while let Some(at_mm) = marched.next() {
+            if front_is_free && at_mm < behind_front {
+                continue;
+            }
+            let Some(distance_mm) = far.at_least_mm(center + axis * at_mm) else { continue };
+            if distance_mm >= near_mm(at_mm) {
+                let certain = (far.certain_within_mm(distance_mm, most_mm) / step) as usize;
+                if certain > 0 {
+                    marched.nth(certain - 1);
+                }
                 continue;
             }
             if by_eighths || at_mm >= behind_front {
@@ -294,11 +309,15 @@ impl<'a> Access<'a> {
         };
         let at = |at_mm: f64| center + axis * at_mm.clamp(from_mm, to_mm);
         let wide_mm = radius_mm + aside_mm(end_mm) + corner_mm;
-        let mut found = None;
-        let _ = self.rows.within_capsule(at(start_mm), at(end_mm), wide_mm, |run| {
+        let may_stand = |_: &_, run: Range<usize>| {
+            let runs = run.start / field::RUN..run.end.div_ceil(field::RUN);
+            self.latest_of_runs[runs].iter().any(|latest| *latest >= index as f32)
+        };
+        let (a, b, mut found) = (at(start_mm), at(end_mm), None);
+        let _ = self.rows.within_capsule_where(a, b, wide_mm, &mut found, may_stand, |found, run| {
             for n in run.filter(|n| self.latest.value[*n] >= index as f32) {
                 let latest = field::latest_of_eighths(self.solid, &self.octants, n);
-                found = self.solid.centers(n).iter().zip(latest).find_map(|(p, latest)| stands(p, latest));
+                *found = self.solid.centers(n).iter().zip(latest).find_map(|(p, latest)| stands(p, latest));
                 if found.is_some() {
                     return ControlFlow::Break(());
                 }

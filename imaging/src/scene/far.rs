@@ -4,9 +4,12 @@
 //! kept as distances on a coarse grid. A coarse voxel counts as full when any CT voxel centre in it is bone, so the
 //! map errs by at most a voxel diagonal, towards "too near".
 
-use bonemill_geometry::{Point, Volume, Work};
+use bonemill_geometry::{Grid, Point, Volume, Work};
 
 use crate::{ImageError, distance_within};
+
+/// Distances are told apart this far beyond what is asked for, mm, so that long ways need few looks.
+const AHEAD_MM: f64 = 12.0;
 
 /// Distances to bone and structures on a coarse grid around the work grid.
 #[derive(Debug)]
@@ -23,7 +26,7 @@ impl FarObstacles {
         // an obstacle anywhere in its voxel, asked for from anywhere in another one
         let slack_mm = full.grid().diagonal_mm();
         // cut off where an answer is certainly more than `reach_mm`, however it is asked for
-        let distance_mm = distance_within(full, reach_mm + 2.0 * slack_mm)?;
+        let distance_mm = distance_within(full, reach_mm + 2.0 * slack_mm + AHEAD_MM)?;
         let spacing_mm = full.grid().spacing_mm().x;
         Ok(Self { distance_mm, slack_mm, spacing_mm, per_mm: 1.0 / spacing_mm })
     }
@@ -41,6 +44,18 @@ impl FarObstacles {
         };
         let (i, j, k) = (at(0)?, at(1)?, at(2)?);
         Some(f64::from(distance_mm.data()[i + dims[0] * (j + dims[1] * k)]) - self.slack_mm)
+    }
+
+    /// How far from a place with the answer `here_mm` every answer is `least_mm` or more, mm: distances between voxels change
+    /// no faster than their centres move, and either place may lie half a diagonal from its own.
+    #[inline]
+    pub fn certain_within_mm(&self, here_mm: f64, least_mm: f64) -> f64 {
+        here_mm - least_mm - self.slack_mm
+    }
+
+    /// The coarse grid, where there is anything to be near.
+    pub fn grid(&self) -> Option<&Grid<Work>> {
+        self.distance_mm.as_ref().map(Volume::grid)
     }
 
     /// How much nearer than the truth an answer may be, mm.

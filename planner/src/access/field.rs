@@ -1,6 +1,6 @@
 //! Removal times on a grid, dilated, pooled, and looked up at points.
 
-use bonemill_geometry::cancel;
+use bonemill_geometry::{Grid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -24,6 +24,9 @@ pub(super) fn latest_of_eighths(solid: &Solid, octants: &OctantTimes, voxel: usi
     })
 }
 
+/// Voxels in a run.
+pub(super) const RUN: usize = 8;
+
 /// An axis-aligned box in work, mm.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bounds {
@@ -32,6 +35,13 @@ pub(super) struct Bounds {
 }
 
 impl Bounds {
+    /// That of all voxels of a grid along work's axes.
+    pub(super) fn of(grid: &Grid<Work>) -> Self {
+        let low_mm = grid.origin().coords - 0.5 * grid.spacing_mm();
+        let size = Vector3::from(grid.dims().map(|n| n as f64)).component_mul(&grid.spacing_mm());
+        Self { low_mm, high_mm: low_mm + size }
+    }
+
     /// Where the ray center + t·axis, t ≥ 0, enters and leaves the box; enter > leave when it misses it.
     pub(super) fn crossing(&self, center: &Vector3<f64>, axis: &Vector3<f64>) -> (f64, f64) {
         let (mut enter, mut leave) = (0f64, f64::INFINITY);
@@ -146,6 +156,11 @@ impl Field {
             (v >= 0.0 && v < n as f64).then_some(v as usize)
         };
         Some([at(p.x, self.dims[0])?, at(p.y, self.dims[1])?, at(p.z, self.dims[2])?])
+    }
+
+    /// The latest time in each run of [`RUN`] voxels in memory.
+    pub(super) fn runs(&self) -> Vec<f32> {
+        self.value.chunks(RUN).map(|run| run.iter().copied().fold(FREE, f32::max)).collect()
     }
 
     /// The latest time in and around blocks of this field.
