@@ -2,7 +2,12 @@
 
 use std::path::Path;
 
+use rayon::prelude::*;
+
 use super::PlanFileError;
+
+/// What one task parses.
+const PART_BYTES: usize = 1 << 20;
 
 /// The joints over time. Row-major: the value of joint j in row k is `q[k * dof + j]`.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,49 +56,83 @@ impl Trajectory {
             found,
             expected,
         };
-        let mut lines = text.lines().enumerate().map(|(n, line)| (n + 1, line));
         let header = header(dof);
-        let first = lines.next().map_or("", |(_, line)| line);
+        let first = text.lines().next().unwrap_or("");
         if first != header {
             return Err(refuse(1, format!("the header {first:?}"), format!("{header:?}")));
         }
+        let rows = text.split_once('\n').map_or("", |(_, rows)| rows);
+        let parts: Vec<Part> = parts(rows).into_par_iter().map(|part| Part::parse(part, dof)).collect();
         let mut read = Self { dof, time_s: Vec::new(), q: Vec::new(), qd: Vec::new() };
-        let mut row = Vec::with_capacity(1 + 2 * dof);
-        for (line, text) in lines {
-            row.clear();
-            for cell in text.split(',') {
-                let value = cell.parse().ok().filter(|v: &f64| v.is_finite());
-                let finite = || refuse(line, format!("{cell:?}"), "a finite number".into());
-                row.push(value.ok_or_else(finite)?);
-            }
-            if row.len() != 1 + 2 * dof {
-                return Err(refuse(line, format!("{} cells", row.len()), (1 + 2 * dof).to_string()));
-            }
-            match read.time_s.last() {
-                None if row[0] != 0.0 => {
-                    return Err(refuse(
-                        line,
-                        format!("the time {} s", row[0]),
-                        "a clock that starts at 0".into(),
-                    ));
+        let mut line = 2;
+        for part in parts {
+            for row in part.rows.chunks_exact(1 + 2 * dof) {
+                let expected = match read.time_s.last() {
+                    None if row[0] != 0.0 => Some("a clock that starts at 0".to_owned()),
+                    Some(last) if row[0] <= *last => Some(format!("later than {last} s")),
+                    _ => None,
+                };
+                if let Some(expected) = expected {
+                    return Err(refuse(line, format!("the time {} s", row[0]), expected));
                 }
-                Some(last) if row[0] <= *last => {
-                    return Err(refuse(
-                        line,
-                        format!("the time {} s", row[0]),
-                        format!("later than {last} s"),
-                    ));
-                }
-                _ => {}
+                read.time_s.push(row[0]);
+                read.q.extend_from_slice(&row[1..=dof]);
+                read.qd.extend_from_slice(&row[1 + dof..]);
+                line += 1;
             }
-            read.time_s.push(row[0]);
-            read.q.extend_from_slice(&row[1..=dof]);
-            read.qd.extend_from_slice(&row[1 + dof..]);
+            if let Some((found, expected)) = part.wrong {
+                return Err(refuse(line, found, expected));
+            }
         }
         if read.is_empty() {
             return Err(refuse(2, "no row".into(), "at least one row".into()));
         }
         Ok(read)
+    }
+}
+
+/// Whole lines of about [`PART_BYTES`].
+fn parts(mut text: &str) -> Vec<&str> {
+    let mut parts = Vec::with_capacity(text.len() / PART_BYTES + 1);
+    while !text.is_empty() {
+        let from = PART_BYTES.min(text.len());
+        let end =
+            text.as_bytes()[from..].iter().position(|b| *b == b'\n').map_or(text.len(), |n| from + n + 1);
+        let (part, rest) = text.split_at(end);
+        parts.push(part);
+        text = rest;
+    }
+    parts
+}
+
+/// Some lines: the rows up to the first that is none, and what is wrong with that: found, expected.
+struct Part {
+    rows: Vec<f64>,
+    wrong: Option<(String, String)>,
+}
+
+impl Part {
+    fn parse(text: &str, dof: usize) -> Self {
+        let width = 1 + 2 * dof;
+        let mut part = Self { rows: Vec::new(), wrong: None };
+        for line in text.lines() {
+            let before = part.rows.len();
+            for cell in line.split(',') {
+                let Some(value) = cell.parse().ok().filter(|v: &f64| v.is_finite()) else {
+                    part.rows.truncate(before);
+                    part.wrong = Some((format!("{cell:?}"), "a finite number".into()));
+                    return part;
+                };
+                part.rows.push(value);
+            }
+            let cells = part.rows.len() - before;
+            if cells != width {
+                part.rows.truncate(before);
+                part.wrong = Some((format!("{cells} cells"), width.to_string()));
+                return part;
+            }
+        }
+        part
     }
 }
 
@@ -118,6 +157,29 @@ mod tests {
         let t = read("time_s,q1,q2,qd1,qd2\n0,1,2,3,4\n0.002,5,6,7,-8e-1\n").unwrap();
         assert_eq!((t.len(), t.q_at(1), t.qd_at(1)), (2, &[5.0, 6.0][..], &[7.0, -0.8][..]));
         assert_eq!(t.time_s, [0.0, 0.002]);
+    }
+
+    #[test]
+    fn parts_are_joined_in_order_and_the_first_wrong_line_is_named() {
+        let row = |n: usize| format!("{},{n},-{n}.5,0.25,1e-3\n", n as f64 * 0.002);
+        let text: String =
+            std::iter::once("time_s,q1,q2,qd1,qd2\n".to_owned()).chain((0..120_000).map(row)).collect();
+        assert!(text.len() > 2 * PART_BYTES);
+        let t = read(&text).unwrap();
+        assert_eq!(t.len(), 120_000);
+        assert!(
+            (0..t.len()).all(|n| t.q_at(n) == [n as f64, -(n as f64) - 0.5] && t.qd_at(n) == [0.25, 1e-3])
+        );
+        for wrong in [[70_000, 110_000], [40, 119_999]] {
+            let lines: Vec<&str> = text.lines().collect();
+            let with = |n: usize| if wrong.contains(&n) { "0,1,2,three,4" } else { lines[n] };
+            let text: Vec<&str> = (0..lines.len()).map(with).collect();
+            let message = read(&text.join("\r\n")).unwrap_err().to_string();
+            assert!(
+                message.contains(&format!(":{}: ", wrong[0] + 1)) && message.contains("three"),
+                "{message}"
+            );
+        }
     }
 
     #[test]
