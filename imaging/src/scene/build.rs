@@ -1,6 +1,8 @@
 //! Images to scene: approach, crop, resampling, classes, obstacles.
 
-use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work, cancel};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use bonemill_geometry::{Ct, Frame, Grid, Point, Rigid, Volume, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -286,6 +288,8 @@ fn classify(
     .map_err(SceneError::Values)?;
     let obstacle = obstacles::obstacle_part(&bone_outside, band_mm)?;
     let data = (0..hu.data().len())
+        .into_par_iter()
+        .with_min_len(1 << 14)
         .map(|n| {
             let value = f64::from(hu.data()[n]);
             let mut flags = 0;
@@ -356,34 +360,49 @@ fn check_touching(
         z: p.z(),
         voxel,
     };
-    for structure in structures {
-        let TargetShape::Label(label) = spec.target else {
-            // a shape touches what lies inside it
-            for (n, _) in spec.labels.data().iter().enumerate().filter(|(_, l)| **l == structure.label) {
-                let voxel = grid.voxel(n);
-                if spec.target.contains(grid.center(voxel)) {
-                    return Err(touching(structure, grid.center(voxel), voxel));
+    let label = match spec.target {
+        TargetShape::Label(label) => label,
+        // a shape touches what lies inside it
+        _ => {
+            for structure in structures {
+                for (n, _) in spec.labels.data().iter().enumerate().filter(|(_, l)| **l == structure.label) {
+                    let voxel = grid.voxel(n);
+                    if spec.target.contains(grid.center(voxel)) {
+                        return Err(touching(structure, grid.center(voxel), voxel));
+                    }
                 }
             }
-            continue;
-        };
-        debug_assert!(!target.is_empty());
-        if let Some(voxel) = touching_voxel(spec.labels, label, structure.label) {
+            return Ok(());
+        }
+    };
+    debug_assert!(!target.is_empty());
+    let mut is_structure = vec![false; 1 << 16];
+    structures.iter().for_each(|structure| is_structure[usize::from(structure.label)] = true);
+    if touching_voxel(spec.labels, label, |l| is_structure[usize::from(l)]).is_none() {
+        return Ok(());
+    }
+    // the first in the case's order is named
+    for structure in structures {
+        if let Some(voxel) = touching_voxel(spec.labels, label, |l| l == structure.label) {
             return Err(touching(structure, grid.center(voxel), voxel));
         }
     }
     Ok(())
 }
 
-/// The first voxel of `label` with one of `other` among its 26 neighbours.
-fn touching_voxel(labels: &Volume<u16, Ct>, label: u16, other: u16) -> Option<[usize; 3]> {
+/// The first voxel of `label` with one that `is_other` among its 26 neighbours.
+fn touching_voxel(
+    labels: &Volume<u16, Ct>,
+    label: u16,
+    is_other: impl Fn(u16) -> bool + Sync,
+) -> Option<[usize; 3]> {
     let dims = labels.grid().dims();
     let [nx, ny, nz] = dims;
     (0..nz).into_par_iter().find_map_first(|k| {
         cancel::poll();
         for j in 0..ny {
             let row = nx * (j + ny * k);
-            for i in (0..nx).filter(|i| labels.data()[row + i] == other) {
+            for i in (0..nx).filter(|i| is_other(labels.data()[row + i])) {
                 let around = |v: usize, n: usize| v.saturating_sub(1)..(v + 2).min(n);
                 for kk in around(k, nz) {
                     for jj in around(j, ny) {
@@ -404,7 +423,7 @@ fn touching_voxel(labels: &Volume<u16, Ct>, label: u16, other: u16) -> Option<[u
 fn touches_edge(spec: &SceneSpec, target: &[Point<Ct>]) -> bool {
     let grid = spec.ct.grid();
     let dims = grid.dims();
-    target.iter().any(|p| {
+    target.par_iter().any(|p| {
         let c = grid.continuous_index(*p);
         (0..3).any(|a| c[a] < 0.5 || c[a] > dims[a] as f64 - 1.5)
     })
@@ -428,28 +447,44 @@ fn far_obstacles(
     let hi = image_hi.inf(&(size + reach)).sup(&size);
     let dims = ((hi - lo) / FAR_SPACING_MM).map(|n| n.ceil() as usize + 1);
     let grid = Grid::<Work>::aligned([dims.x, dims.y, dims.z], FAR_SPACING_MM, Point::from_coords(lo))?;
-    let mut full = Volume::filled(grid.clone(), false);
-    let mut mark = |p: Point<Work>| {
+    let full: Vec<AtomicBool> = (0..grid.len()).map(|_| AtomicBool::new(false)).collect();
+    let mark = |p: Point<Work>| {
         if let Some(voxel) = grid.nearest(p) {
-            full.data_mut()[grid.index(voxel)] = true;
+            let full = &full[grid.index(voxel)];
+            // most are full already: looking takes no cache line from another thread
+            if !full.load(Ordering::Relaxed) {
+                full.store(true, Ordering::Relaxed);
+            }
+        }
+    };
+    let mark_beyond = |p: Point<Ct>| {
+        let p = work_from_ct * p;
+        if near.nearest(p).is_none() {
+            mark(p);
         }
     };
     let mut keep = vec![false; 1 << 16];
     spec.structures.iter().for_each(|(_, label)| keep[usize::from(*label)] = true);
-    let bone = solid_centers(spec.ct, |hu| f64::from(*hu) >= spec.bone_hu);
-    let kept = solid_centers(spec.labels, |label| keep[usize::from(*label)]);
-    bone.chain(kept).map(|p| work_from_ct * p).filter(|p| near.nearest(*p).is_none()).for_each(&mut mark);
-    (0..near.len())
-        .filter(|n| class.data()[*n].is(Class::OBSTACLE | Class::STRUCTURE))
-        .for_each(|n| mark(near.center(near.voxel(n))));
+    for_each_center(spec.ct, |hu| f64::from(*hu) >= spec.bone_hu, mark_beyond);
+    for_each_center(spec.labels, |label| keep[usize::from(*label)], mark_beyond);
+    for_each_center(class, |class| class.is(Class::OBSTACLE | Class::STRUCTURE), mark);
+    let full = full.into_iter().map(AtomicBool::into_inner).collect();
+    let full = Volume::new(grid, full).map_err(SceneError::Values)?;
     Ok(FarObstacles::new(&full, spec.shank_radius_mm)?)
 }
 
-/// Centres of the voxels for which `solid` holds.
-fn solid_centers<'a, T>(
-    volume: &'a Volume<T, Ct>,
-    solid: impl Fn(&T) -> bool + 'a,
-) -> impl Iterator<Item = Point<Ct>> + 'a {
+/// Centres of the voxels for which `is_solid` holds, slices in parallel.
+fn for_each_center<T: Sync, F: Frame>(
+    volume: &Volume<T, F>,
+    is_solid: impl Fn(&T) -> bool + Sync,
+    visit: impl Fn(Point<F>) + Sync,
+) {
     let grid = volume.grid();
-    volume.data().iter().enumerate().filter(move |(_, v)| solid(v)).map(|(n, _)| grid.center(grid.voxel(n)))
+    let [nx, ny, _] = grid.dims();
+    volume.data().par_chunks(nx * ny).enumerate().for_each(|(k, slice)| {
+        cancel::poll();
+        for (n, _) in slice.iter().enumerate().filter(|(_, value)| is_solid(value)) {
+            visit(grid.center([n % nx, n / nx, k]));
+        }
+    });
 }
