@@ -3,7 +3,8 @@
 //!
 //! 50 mm of bone, a burr of 2.5 mm radius half sunk into its face, straight cuts, one thread. Steps of 0.1 mm are
 //! those of a simulated plan, of 0.01 mm those of a hand at 10 mm/s and 1 kHz. Densities are bytes, so that 1024³ fit
-//! into a gigabyte; the engine's own memory is that of the cut surface.
+//! into a gigabyte and 2048³ into nine; the engine's own memory is that of the cut surface. A voxmap that does not fit
+//! into what memory is free is left out, and the table says so.
 
 use std::time::Instant;
 
@@ -18,7 +19,9 @@ use crate::{ExperimentError, Size, Table, alone};
 /// Side of the bone, mm.
 const SIDE_MM: f64 = 50.0;
 /// Voxels along it.
-const VOXMAPS: [usize; 4] = [128, 256, 512, 1024];
+const VOXMAPS: [usize; 5] = [128, 256, 512, 1024, 2048];
+/// Memory that a voxmap needs, bytes a voxel: its densities, and what the baseline touches of its flags.
+const BYTES_A_VOXEL: f64 = 1.3;
 /// Nodes along and around the burr.
 const TOOLS: [[usize; 2]; 3] = [[16, 32], [32, 64], [64, 128]];
 /// Steps per figure, and the baseline's.
@@ -51,6 +54,13 @@ pub fn run(_size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experimen
         Table::new("engine-meshes", title, &["voxmap", "bricks a frame", "median [ms]", "max [ms]"]);
     for n in VOXMAPS {
         progress.stage(&format!("voxmap {n}³"));
+        let needed = (n as f64).powi(3) * BYTES_A_VOXEL;
+        if free_bytes().is_some_and(|free| free < needed) {
+            let mut row = vec![format!("{n}³"), format!("not measured: needs {:.0} GB", needed * 1e-9)];
+            row.resize(columns.len(), "-".into());
+            table.push(row);
+            continue;
+        }
         let h = SIDE_MM / n as f64;
         let grid = Grid::aligned([n; 3], h, Point::from_coords(Vector3::repeat(0.5 * h)))?;
         let bone = Volume::filled(grid, 1u8);
@@ -126,6 +136,13 @@ fn time_meshes(bone: &Volume<u8, Work>) -> Result<(f64, Vec<f64>), ExperimentErr
         }
     });
     Ok((bricks as f64 / took.len() as f64, took))
+}
+
+/// Memory that can be had; `None` where the system does not say.
+fn free_bytes() -> Option<f64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<f64>().ok().map(|kb| kb * 1024.0)
 }
 
 fn cells() -> f64 {
