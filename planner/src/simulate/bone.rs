@@ -4,6 +4,8 @@
 //! structure or material of the target; without classes, when its density is above 0. Only solid voxels count in
 //! volumes and masses, and only they stop the shank.
 
+use std::ops::Range;
+
 use bonemill_geometry::{Grid, Point, Volume, Work};
 use bonemill_imaging::{Class, FarObstacles};
 use nalgebra::{Matrix3, Vector3};
@@ -182,12 +184,17 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
     #[inline]
     pub(super) fn voxel(&self, voxel: [usize; 3]) -> Option<(f64, Kind)> {
         let n = self.grid().index(voxel);
-        let density = self.density_g_cm3.data()[n].into();
-        let kind = match self.class {
-            Some(class) => Kind::of(class.data()[n]),
-            None => (density > 0.0).then_some(Kind::Bone),
-        };
-        kind.map(|kind| (density, kind))
+        solid(self.density_g_cm3.data()[n], self.class.map(|class| class.data()[n]))
+    }
+
+    /// Density and kind of the solid voxels among those of a row along x.
+    #[inline]
+    pub(super) fn row(&self, x: Range<usize>, j: usize, k: usize) -> impl Iterator<Item = (f64, Kind)> {
+        let start = self.grid().index([0, j, k]);
+        let run = start + x.start..start + x.end;
+        let class = self.class.map(|class| &class.data()[run.clone()]);
+        let density = self.density_g_cm3.data()[run].iter().enumerate();
+        density.filter_map(move |(n, density)| solid(*density, class.map(|class| class[n])))
     }
 
     /// All that is solid, voxel by voxel.
@@ -198,11 +205,22 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         for (k, j) in (0..nz).flat_map(|k| (0..ny).map(move |j| (k, j))) {
             // summed by row: a long sum of like terms drifts
             let mut row = Amount::default();
-            for (density, kind) in (0..nx).filter_map(|i| self.voxel([i, j, k])) {
+            for (density, kind) in self.row(0..nx, j, k) {
                 row.add(kind, voxel_mm3, density * voxel_mm3);
             }
             amount.merge(&row);
         }
         amount
     }
+}
+
+/// Density and kind of a voxel, if it is solid.
+#[inline]
+fn solid(density: impl Into<f64>, class: Option<Class>) -> Option<(f64, Kind)> {
+    let density = density.into();
+    let kind = match class {
+        Some(class) => Kind::of(class),
+        None => (density > 0.0).then_some(Kind::Bone),
+    };
+    kind.map(|kind| (density, kind))
 }

@@ -321,7 +321,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
             let from = (first[a] * self.block / self.split).saturating_sub(around);
             from..((last * self.block).div_ceil(self.split) + around).min(dims[a])
         };
-        range(2).any(|k| range(1).any(|j| range(0).any(|i| self.bone.voxel([i, j, k]).is_some())))
+        range(2).any(|k| range(1).any(|j| self.bone.row(range(0), j, k).next().is_some()))
     }
 
     /// A cell's mass, its solid parts and the gravest kind among them.
@@ -339,7 +339,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         let (mut sum, mut parts, mut worst) = (0.0, 0, None);
         for k in range(2) {
             for j in range(1) {
-                for (density, kind) in range(0).filter_map(|i| self.bone.voxel([i, j, k])) {
+                for (density, kind) in self.bone.row(range(0), j, k) {
                     sum += density;
                     parts += 1;
                     if worst.is_none_or(|w| kind as u8 > w as u8) {
