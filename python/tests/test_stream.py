@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import fuzz_stream
 import numpy as np
 import pytest
 from ur_double import SERVO_STOP, STOP_SCRIPT, Double
@@ -197,6 +198,11 @@ def test_nonsense_from_the_arm_stops_it_before_another_row() -> None:
             arm.run()
         assert arm.stopped and arm.rows <= at, (name, value, at, arm.rows)
         assert str(caught.value).startswith(("the arm", "the speed slider", "at the start", f"row {max(at - 1, 0)}"))
+
+
+def test_random_answers_stop_the_arm_when_they_must_and_only_then() -> None:
+    done = [fuzz_stream.trial(number) for number in range(300)]
+    assert 50 < sum(done) < 250
 
 
 def test_a_dry_run_needs_no_arm() -> None:

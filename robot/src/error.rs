@@ -307,6 +307,24 @@ pub enum UrdfFault {
         /// The most that is taken.
         most: f64,
     },
+    /// The text is no well-formed XML.
+    #[error("not a URDF: no well-formed XML up to byte {byte}: {why}")]
+    Xml {
+        /// How far it was read.
+        byte: u64,
+        /// The reader's reason.
+        why: String,
+    },
+    /// A name in a namespace of its own, or a namespace that is declared within the robot.
+    #[error(
+        "{name:?} in the tag that ends at byte {byte}: expected a name without a prefix, or one that the robot's own tag declares"
+    )]
+    Namespace {
+        /// Element or attribute.
+        name: String,
+        /// Where its tag ends.
+        byte: u64,
+    },
     /// An attribute of `<limit>` that is no number.
     #[error("joint {joint:?}: limit {field} = {text:?}, expected a number")]
     LimitText {

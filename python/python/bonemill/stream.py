@@ -10,6 +10,7 @@ Units here are the arm's: rad, s. Not here: moving to the first position, force 
 
 from __future__ import annotations
 
+import operator
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -268,7 +269,8 @@ def _send(link: Link, q: Floats, what: str, period_s: float, settings: Settings)
 def _state(link: Link, when: str) -> tuple[int, float, Floats]:
     """Safety mode, speed fraction and joints, rad, as the arm says them; nonsense is refused: NaN is below no limit."""
     try:
-        mode, fraction = int(link.safety_mode()), float(link.speed_fraction())
+        # a mode is a whole number: 1.9 is not normal
+        mode, fraction = operator.index(link.safety_mode()), float(link.speed_fraction())
         actual = np.asarray(link.actual_q(), dtype=np.float64)
     except (RuntimeError, TypeError, ValueError, OverflowError, OSError) as error:
         raise StreamError(f"{when}: the arm's state cannot be read\n  because: {error}") from error

@@ -6,16 +6,18 @@
 //! from `urdf-rs`. `k`'s chain keeps joint positions behind locks; its constants are copied into [`Segment`]s, plain
 //! data that many threads evaluate at once.
 //!
-//! Accelerations and jerks of `<limit>`, which URDF has since 1.2 and `urdf-rs` does not, are read here.
+//! Accelerations and jerks of `<limit>`, which URDF has since 1.2 and `urdf-rs` does not, come from the XML itself.
 //!
 //! Metres end here: what leaves is mm and rad. Not read: inertias, meshes, transmissions, safety controllers.
+
+mod xml;
 
 use std::collections::HashMap;
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
-use quick_xml::events::{BytesStart, Event};
 use urdf_rs::JointType;
 
+use self::xml::Further;
 use super::joint::{Joint, JointKind, assumed_acceleration, assumed_jerk};
 use crate::error::{RobotError, UrdfFault};
 
@@ -43,53 +45,11 @@ pub(super) struct Description {
 
 /// Reads, checks and converts a URDF.
 pub(super) fn parse(text: &str, source_name: &str) -> Result<Description, RobotError> {
+    let faulty = |fault| RobotError::Urdf { source_name: source_name.to_owned(), fault };
+    xml::check(text).map_err(faulty)?;
     let robot = urdf_rs::read_from_string(text)
         .map_err(|source| RobotError::ParseUrdf { source_name: source_name.to_owned(), source })?;
-    further_limits(text)
-        .and_then(|further| describe(&robot, &further))
-        .map_err(|fault| RobotError::Urdf { source_name: source_name.to_owned(), fault })
-}
-
-/// Acceleration and jerk of a `<limit>`, m or rad, where it has them.
-#[derive(Debug, Clone, Copy, Default)]
-struct Further {
-    acceleration: Option<f64>,
-    jerk: Option<f64>,
-}
-
-/// By joint. A text that `urdf-rs` could read is XML.
-fn further_limits(text: &str) -> Result<HashMap<String, Further>, UrdfFault> {
-    let mut found = HashMap::new();
-    let mut joint = None;
-    let mut reader = quick_xml::Reader::from_str(text);
-    loop {
-        let event = match reader.read_event() {
-            Err(_) | Ok(Event::Eof) => return Ok(found),
-            Ok(event) => event,
-        };
-        match event {
-            Event::Start(tag) if tag.name().as_ref() == b"joint" => joint = attribute(&tag, "name"),
-            Event::End(tag) if tag.name().as_ref() == b"joint" => joint = None,
-            Event::Start(tag) | Event::Empty(tag) if tag.name().as_ref() == b"limit" => {
-                let Some(joint) = &joint else { continue };
-                let number = |field: &'static str| match attribute(&tag, field)
-                    .map(|text| (text.trim().parse(), text))
-                {
-                    None => Ok(None),
-                    Some((Ok(value), _)) => Ok(Some(value)),
-                    Some((Err(_), text)) => Err(UrdfFault::LimitText { joint: joint.clone(), field, text }),
-                };
-                let further = Further { acceleration: number("acceleration")?, jerk: number("jerk")? };
-                found.insert(joint.clone(), further);
-            }
-            _ => {}
-        }
-    }
-}
-
-fn attribute(tag: &BytesStart<'_>, name: &str) -> Option<String> {
-    let found = tag.try_get_attribute(name).ok().flatten()?;
-    Some(String::from_utf8_lossy(&found.value).into_owned())
+    xml::further_limits(text).and_then(|further| describe(&robot, &further)).map_err(faulty)
 }
 
 fn describe(robot: &urdf_rs::Robot, further: &HashMap<String, Further>) -> Result<Description, UrdfFault> {

@@ -157,6 +157,36 @@ fn accelerations_and_jerks_of_a_limit_are_read() {
     assert_eq!(joints("revolute", "").acceleration_limit, assumed_acceleration(1.0));
 }
 
+/// `urdf-rs` panicked on some of these, found by fuzzing.
+#[test]
+fn names_in_namespaces_that_nothing_declares_are_refused() {
+    let limit = "lower='-1' upper='1' velocity='1' effort='1'";
+    for inner in [
+        format!("<limit xmlns='x' {limit} :extra='0.6'/>"),
+        format!("<limit {limit} :extra='0.6'/>"),
+        format!("<limit {limit} a:extra='0.6'/>"),
+        format!("<limit {limit} xmlns:a='u' a:extra='0.6'/>"),
+        format!("<limit xmlns='' {limit}/>"),
+        format!("<:limit {limit}/>"),
+        format!("<a:limit {limit}/>"),
+        format!("<limit {limit} xml:='1'/>"),
+        format!("<limit {limit} xml:a:b='1'/>"),
+    ] {
+        let found = fault(&one(&inner));
+        assert!(matches!(found, UrdfFault::Namespace { .. }), "{inner}: {found}");
+    }
+    for inner in [format!("<limit {limit} lower='0'/>"), format!("<limit {limit}></limits>"), "<limit".into()]
+    {
+        let found = fault(&one(&inner));
+        assert!(matches!(found, UrdfFault::Xml { .. }), "{inner}: {found}");
+    }
+    // as xacro and Gazebo leave them
+    let text = one(&format!("{LIMIT}<g:sensor xml:lang='en' g:rate='3'/>"));
+    let text =
+        text.replace("name=\"r\"", "name=\"r\" xmlns:xacro=\"http://www.ros.org/wiki/xacro\" xmlns:g='u'");
+    assert_eq!(parse(&text, "test.urdf").unwrap().joints.len(), 1);
+}
+
 #[test]
 fn what_is_no_urdf_is_said_to_be_none() {
     for text in ["", "not xml", "<robot", "<robot name=\"r\"><joint/></robot>", "<html></html>"] {
