@@ -27,6 +27,13 @@ impl Table {
         self.rows.push(row);
     }
 
+    /// A row without figures: its name, and why.
+    pub fn push_note(&mut self, name: String, why: String) {
+        let mut row = vec![name, why];
+        row.resize(self.columns.len(), "-".into());
+        self.rows.push(row);
+    }
+
     /// GitHub Markdown.
     pub fn markdown(&self) -> String {
         let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));

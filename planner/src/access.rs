@@ -51,25 +51,30 @@ pub struct ShankCylinder {
 /// What is in the shank's way.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Blocked {
-    /// Bone of the target that is still there, removed at this move at the earliest (or never).
+    /// Bone of the target that is still there, removed at this move at the earliest.
     NotYetRemoved {
         /// Distance along the axis, mm.
         at_mm: f64,
     },
-    /// Bone outside the target, or a structure.
+    /// Bone outside the target, a structure, or bone of the target that no move takes.
     Obstacle {
         /// Distance along the axis, mm.
         at_mm: f64,
     },
 }
 
-/// What the shank may sweep beyond where it stands at the places that are asked, between two of them, mm: a cylinder of
-/// radius ρ that moves sideways by d sweeps d²/8ρ more, for d of 0.3 mm, the stride, and ρ of 0.6 mm.
+/// How far the shank moves between two places that are asked about, mm.
+pub const STRIDE_MM: f64 = 0.3;
+
+/// What the shank is widened by for what it sweeps between those places, mm, or more where it is thin.
 const BETWEEN_MM: f64 = 0.02;
 
-/// How far the shank may be aside of where the path has it, at a distance from the burr's centre, mm.
-pub fn aside_mm(along_mm: f64) -> f64 {
-    TRAJECTORY_TOLERANCE_MM + BETWEEN_MM + CornerTolerance::default().axis_rad * along_mm
+/// How far a shank of radius `radius_mm` may be aside of where the path has it, at a distance from the burr's centre, mm; with
+/// what it sweeps on the way from place to place: a cylinder that moves sideways by d sweeps √(ρ² + d²/4) − ρ beyond what it
+/// holds at both ends.
+pub fn aside_mm(radius_mm: f64, along_mm: f64) -> f64 {
+    let between_mm = BETWEEN_MM.max(radius_mm.hypot(0.5 * STRIDE_MM) - radius_mm);
+    TRAJECTORY_TOLERANCE_MM + between_mm + CornerTolerance::default().axis_rad * along_mm
 }
 
 /// Coarser fields have at least this many voxels across a segment's radius.
@@ -116,7 +121,7 @@ impl<'a> Access<'a> {
             .iter()
             .map(|cylinder| {
                 let factor = (cylinder.radius_mm / (VOXELS_PER_RADIUS * latest.spacing_mm)).floor().max(1.0);
-                let wide_mm = cylinder.radius_mm + aside_mm(cylinder.to_mm);
+                let wide_mm = cylinder.radius_mm + aside_mm(cylinder.radius_mm, cylinder.to_mm);
                 let pooled = latest.pooled(factor as usize, wide_mm);
                 let reach_mm = pooled.ball_voxels(wide_mm) * pooled.spacing_mm;
                 let front = if pooled.is_blocks && cylinder.radius_mm > thin_mm {
@@ -214,7 +219,7 @@ impl<'a> Access<'a> {
         let step = far.spacing_mm();
         let (_, begin) = self.near_box.crossing(&center.coords, axis);
         let (_, end) = far_box.crossing(&center.coords, axis);
-        let near_mm = |at_mm: f64| (radius_mm + aside_mm(at_mm)).hypot(0.5 * step);
+        let near_mm = |at_mm: f64| (radius_mm + aside_mm(radius_mm, at_mm)).hypot(0.5 * step);
         let most_mm = near_mm(to_mm);
         let mut marched = steps(from_mm.max(begin), to_mm.min(end + step), step);
         while let Some(at_mm) = marched.next() {
@@ -301,14 +306,15 @@ impl<'a> Access<'a> {
         let stands = |p: &Point<Work>, latest: f32| {
             let off = *p - center;
             let at_mm = off.dot(axis);
-            let (aside_mm, across_mm) = (aside_mm(at_mm.max(0.0)), (off - axis * at_mm).norm());
+            let aside_mm = aside_mm(radius_mm, at_mm.max(0.0));
+            let across_mm = (off - axis * at_mm).norm();
             // what the burr takes in this very move lies before the front
             let first_mm = if latest > index as f32 { from_mm - aside_mm } else { from_mm };
             let is_in = (first_mm..=to_mm + aside_mm).contains(&at_mm) && across_mm <= radius_mm + aside_mm;
             (latest >= index as f32 && is_in).then(|| Blocked::by(latest, at_mm))
         };
         let at = |at_mm: f64| center + axis * at_mm.clamp(from_mm, to_mm);
-        let wide_mm = radius_mm + aside_mm(end_mm) + corner_mm;
+        let wide_mm = radius_mm + aside_mm(radius_mm, end_mm) + corner_mm;
         let may_stand = |_: &_, run: Range<usize>| {
             let runs = run.start / field::RUN..run.end.div_ceil(field::RUN);
             self.latest_of_runs[runs].iter().any(|latest| *latest >= index as f32)
@@ -359,4 +365,22 @@ fn front_balls(cylinder: &ShankCylinder, length_mm: f64, ball_mm: f64) -> Vec<Ve
 fn steps(from: f64, to: f64, step: f64) -> impl Iterator<Item = f64> {
     let count = if to >= from { ((to - from) / step) as usize + 2 } else { 0 };
     (0..count).map(move |n| (from + n as f64 * step).min(to))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_shank_sweeps_between_two_places_lies_in_the_wider_shank_at_one_of_them() {
+        for radius_mm in [0.05, 0.2, 0.55, 0.6, 1.5] {
+            let wide_mm = radius_mm + aside_mm(radius_mm, 0.0) - TRAJECTORY_TOLERANCE_MM;
+            for n in 0..=300 {
+                let along_mm = STRIDE_MM * f64::from(n) / 300.0;
+                // on the side of what is swept
+                let nearest_mm = along_mm.min(STRIDE_MM - along_mm).hypot(radius_mm);
+                assert!(nearest_mm <= wide_mm + 1e-12, "{radius_mm}: {nearest_mm} beyond {wide_mm}");
+            }
+        }
+    }
 }

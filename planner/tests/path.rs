@@ -339,7 +339,7 @@ fn the_shank_is_free_where_no_eighth_stands_in_it() {
                 blocked += 1;
                 only_just += usize::from(!stands(&shank[..1], &|_| 0.0));
                 assert!(
-                    stands(&shank[..1], &|at_mm| aside_mm(at_mm.max(0.0)) + 1e-9),
+                    stands(&shank[..1], &|at_mm| aside_mm(shank[0].radius_mm, at_mm.max(0.0)) + 1e-9),
                     "waypoint {i}, tilt {tilt}"
                 );
             }

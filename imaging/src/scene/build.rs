@@ -390,7 +390,7 @@ fn check_touching(
     Ok(())
 }
 
-/// The first voxel of `label` with one that `is_other` among its 26 neighbours.
+/// A voxel of `label` among the 26 neighbours of one that `is_other`: of the first in the map's order that has one.
 fn touching_voxel(
     labels: &Volume<u16, Ct>,
     label: u16,

@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
 use super::reach::ReachedPath;
+use crate::access::STRIDE_MM;
 use crate::burr::{EngagedSamples, Material, OrientationKernel};
 use crate::case::OrientationMode;
 use crate::cost::Terms;
@@ -24,11 +25,8 @@ pub const FORCE_MATTERS: f64 = 1e-2;
 const LOW_PASS_HALF: usize = 6;
 /// Lever at which a turn is followed between waypoints: the thin shaft's end, mm.
 const LEVER_MM: f64 = 30.0;
-/// How far it moves from place to place that is looked at, mm; [`crate::access::aside_mm`] stands for what it sweeps in
-/// between.
-const STRIDE_MM: f64 = 0.3;
-/// Most places looked at between two waypoints.
-const MOST_BETWEEN: f64 = 80.0;
+/// Most places looked at between two waypoints: beyond the longest of moves.
+const MOST_BETWEEN: f64 = 4000.0;
 
 /// Everything a waypoint's cost is made of.
 #[derive(Debug)]

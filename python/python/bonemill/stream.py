@@ -296,7 +296,14 @@ def _watch(link: Link, row: int, told: Floats, settings: Settings) -> float:
 
 @contextmanager
 def _stopped_in_the_end(link: Link) -> Iterator[None]:
+    before = ""
     try:
         yield
+    except StreamError as error:
+        before = f"\n  before that: {error}"
+        raise
     finally:
-        link.stop()
+        try:
+            link.stop()
+        except (RuntimeError, OSError) as error:
+            raise StreamError(f"the arm may still move: it could not be stopped\n  because: {error}{before}") from error
