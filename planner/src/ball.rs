@@ -23,6 +23,7 @@
 //! **Source:** FORCE_MODEL 8, by the divergence theorem and Gauss–Bonnet; the separation into pairs is ours.
 
 use std::f64::consts::{FRAC_PI_2, PI};
+use std::ops::Range;
 
 use bonemill_geometry::{Frame, Grid, Point};
 
@@ -212,6 +213,16 @@ pub struct BallVolumes {
     xy: Vec<f64>,
     xz: Vec<f64>,
     yz: Vec<f64>,
+    /// The voxels that are wanted, in memory order.
+    wanted: Vec<Wanted>,
+}
+
+/// A voxel that the ball reaches into: its index, its spans' places, and whether the ball holds all of it.
+#[derive(Debug, Clone, Copy)]
+struct Wanted {
+    index: usize,
+    spans: [u32; 3],
+    is_whole: bool,
 }
 
 impl BallVolumes {
@@ -221,7 +232,8 @@ impl BallVolumes {
     }
 
     /// Calls `visit(index, volume_mm3)` in memory order for every voxel of the block `lo..=hi` (clipped to the grid) that the
-    /// ball covers at least in part and that is `wanted(index)`. A voxel that is not wanted costs that one question.
+    /// ball covers at least in part and that is `wanted(index)`. A voxel that is not wanted costs that one question; the tables
+    /// are filled around those that are.
     ///
     /// Nothing is visited for a radius that is not positive, or a centre or radius that is not finite.
     pub fn for_each<F: Frame>(
@@ -244,29 +256,39 @@ impl BallVolumes {
         if self.axes.iter().any(|axis| axis.voxels.is_empty()) {
             return;
         }
-        self.fill_pairs();
-        let (whole, scale) = (grid.voxel_mm3(), radius_mm.powi(3));
         let [xs, ys, zs] = &self.axes;
-        for z in &zs.voxels {
-            for y in &ys.voxels {
+        self.wanted.clear();
+        // of the planes of voxels on the ball's surface
+        let mut planes = [[usize::MAX, 0]; 3];
+        for (k, z) in (0..).zip(&zs.voxels) {
+            for (j, y) in (0..).zip(&ys.voxels) {
                 let (near2, far2) = (y.near2 + z.near2, y.far2 + z.far2);
                 if near2 >= 1.0 {
                     continue;
                 }
                 let row = dims[0] * (y.voxel + dims[1] * z.voxel);
-                for x in &xs.voxels {
+                for (i, x) in (0..).zip(&xs.voxels) {
                     if x.near2 + near2 >= 1.0 || !wanted(row + x.voxel) {
                         continue;
                     }
-                    let volume = if x.far2 + far2 <= 1.0 {
-                        whole
-                    } else {
-                        settle(self.partial(x, y, z) * scale, whole)
-                    };
-                    if volume > 0.0 {
-                        visit(row + x.voxel, volume);
+                    let is_whole = x.far2 + far2 <= 1.0;
+                    if !is_whole {
+                        for ([first, last], span) in planes.iter_mut().zip([x, y, z]) {
+                            *first = span.plane.min(*first);
+                            *last = (span.plane + span.cells).max(*last);
+                        }
                     }
+                    self.wanted.push(Wanted { index: row + x.voxel, spans: [i, j, k], is_whole });
                 }
+            }
+        }
+        self.fill_pairs(planes.map(|[first, last]| first..last + 1));
+        let (whole, scale) = (grid.voxel_mm3(), radius_mm.powi(3));
+        for &Wanted { index, spans, is_whole } in &self.wanted {
+            let [x, y, z] = [0, 1, 2].map(|a| &self.axes[a].voxels[spans[a] as usize]);
+            let volume = if is_whole { whole } else { settle(self.partial(x, y, z) * scale, whole) };
+            if volume > 0.0 {
+                visit(index, volume);
             }
         }
     }
@@ -301,21 +323,31 @@ impl BallVolumes {
         volume.abs()
     }
 
-    fn fill_pairs(&mut self) {
+    /// Fills the tables between the given planes; beyond them they hold what an earlier ball left.
+    fn fill_pairs(&mut self, [i, j, k]: [Range<usize>; 3]) {
         let [x, y, z] = &self.axes;
-        let fill = |table: &mut Vec<f64>, rows: &[f64], columns: &[f64], row_extra: fn(f64) -> f64| {
-            table.clear();
-            for &b in rows {
-                let extra = row_extra(b);
-                table.extend(columns.iter().map(|&a| pair(a, b) + extra));
+        let fill = |table: &mut Vec<f64>,
+                    rows: (&Axis, &Range<usize>),
+                    columns: (&Axis, &Range<usize>),
+                    extra: fn(f64) -> f64| {
+            let width = columns.0.at.len();
+            table.resize(width * rows.0.at.len(), 0.0);
+            for n in rows.1.clone() {
+                let (b, row) = (rows.0.at[n], &mut table[width * n..width * (n + 1)]);
+                let extra = extra(b);
+                for (value, &a) in row[columns.1.clone()].iter_mut().zip(&columns.0.at[columns.1.clone()]) {
+                    *value = pair(a, b) + extra;
+                }
             }
         };
-        fill(&mut self.xy, &y.at, &x.at, |b| single(b) - PI);
-        fill(&mut self.xz, &z.at, &x.at, |_| 0.0);
-        fill(&mut self.yz, &z.at, &y.at, single);
+        fill(&mut self.xy, (y, &j), (x, &i), |b| single(b) - PI);
+        fill(&mut self.xz, (z, &k), (x, &i), |_| 0.0);
+        fill(&mut self.yz, (z, &k), (y, &j), single);
         // G(x), column by column
-        for row in self.xy.chunks_exact_mut(x.at.len()) {
-            for (value, &a) in row.iter_mut().zip(&x.at) {
+        let width = x.at.len();
+        for n in j {
+            let row = &mut self.xy[width * n..width * (n + 1)];
+            for (value, &a) in row[i.clone()].iter_mut().zip(&x.at[i.clone()]) {
                 *value += single(a);
             }
         }

@@ -15,6 +15,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::ball::BallVolumes;
+use crate::burr::{Bone, Patch, TILE_REACH};
 use crate::metrics::Moments;
 use crate::path::PathPoint;
 use crate::removal::{NEVER, RemovalTime};
@@ -24,8 +25,6 @@ use crate::sweep::segment_distance_squared;
 const STRAIGHT_MM: f64 = 1e-6;
 /// Side of a cell of the run index, mm.
 const CELL_MM: f64 = 2.0;
-/// How far from a pivot its list of capsules serves, mm.
-const NEIGHBOURHOOD_MM: f64 = 0.5;
 /// Half of the sum of a patch's sides is at most this share of the burr's radius.
 const LARGEST_PATCH: f64 = 0.1;
 /// Slabs of the grid in which masses are summed apart; fixed, so that sums do not depend on the number of threads.
@@ -43,6 +42,7 @@ struct Run {
 pub struct SweptPath<'a> {
     scene: &'a Scene,
     times: Vec<CellTimes>,
+    last_times: LastTimes,
     points: &'a [PathPoint],
     radius_mm: f64,
     dims: [usize; 3],
@@ -59,9 +59,11 @@ impl<'a> SweptPath<'a> {
         let grid = scene.class.grid();
         let cells =
             [0, 1, 2].map(|a| (grid.dims()[a] as f64 * grid.spacing_mm()[a] / CELL_MM).ceil() as usize + 1);
+        let times = cell_times(&scene.density_g_cm3, removal.time());
         let mut path = Self {
             scene,
-            times: cell_times(&scene.density_g_cm3, removal.time()),
+            last_times: LastTimes::new(&times, grid, TILE_REACH * radius_mm),
+            times,
             points,
             radius_mm,
             dims: grid.dims(),
@@ -120,8 +122,24 @@ impl<'a> SweptPath<'a> {
         self.points[run.first.saturating_sub(1) as usize].position.coords
     }
 
-    /// The bone that waypoint `index` meets.
-    pub fn bone_at(&self, index: u32) -> BoneAt<'_> {
+    /// Within which of an earlier piece's axis bone is gone, mm. A point of the ball itself at a re-visited place lies on the
+    /// earlier surface: inside, to rounding.
+    fn reach_mm(&self) -> f64 {
+        self.radius_mm * (1.0 + 1e-12)
+    }
+
+    /// Within which of an earlier surface a patch may be cut by it, mm.
+    fn patch_mm(&self) -> f64 {
+        LARGEST_PATCH * self.radius_mm
+    }
+
+    /// The bone that waypoint `index` meets: `weight_of` its density, looked at `sample_radius_mm` from the burr's centre.
+    pub fn bone_at<W: Fn(f64) -> f64>(
+        &self,
+        index: u32,
+        sample_radius_mm: f64,
+        weight_of: W,
+    ) -> BoneAt<'_, W> {
         let center = self.points[index as usize].position.coords;
         let mut capsules = Vec::new();
         let at = |axis: usize| ((center[axis] / CELL_MM).max(0.0) as usize).min(self.cells[axis] - 1);
@@ -138,8 +156,7 @@ impl<'a> SweptPath<'a> {
             }
         }
         capsules.reverse();
-        let nowhere = Vector3::repeat(f64::INFINITY);
-        BoneAt { path: self, index, center, capsules, in_reach: Vec::new(), pivot: nowhere }
+        BoneAt { path: self, index, center, sample_radius_mm, weight_of, capsules, in_reach: Vec::new() }
     }
 }
 
@@ -166,51 +183,22 @@ fn straight_runs(points: &[PathPoint]) -> Vec<Run> {
 
 /// The bone before one move, seen from where it ends.
 #[derive(Debug)]
-pub struct BoneAt<'a> {
+pub struct BoneAt<'a, W> {
     path: &'a SweptPath<'a>,
     index: u32,
     center: Vector3<f64>,
+    sample_radius_mm: f64,
+    weight_of: W,
     /// The earlier path within reach of the ball; the latest first: it is the likeliest to hold a point.
     capsules: Vec<Capsule>,
-    /// Those within reach of the neighbourhood of the pivot.
+    /// Those within reach of what was last asked about.
     in_reach: Vec<Capsule>,
-    pivot: Vector3<f64>,
 }
 
-impl BoneAt<'_> {
-    /// `weight` of the density at the burr's centre plus `offset`, times the share of a patch of the burr's surface around it
-    /// that lies in no earlier piece of the path.
-    ///
-    /// Earlier passes end in edges, at which a sum over points is off by whole patches; the share makes it smooth. The
-    /// edge is straight at a patch's size, so the share follows from its distance alone. `sides_mm`: the patch's sides
-    /// projected onto a unit direction (from the earlier sweep's middle to the point), not negative; their sum at most
-    /// a fifth of the burr's radius.
-    #[inline]
-    pub fn mean_weight(
-        &mut self,
-        offset: &Vector3<f64>,
-        sides_mm: impl Fn(&Vector3<f64>) -> [f64; 2],
-        weight: impl Fn(f64) -> f64,
-    ) -> f64 {
-        let p = self.center + offset;
-        let Some(cell) = self.path.cell(&p) else { return 0.0 };
-        let CellTimes { first, last } = self.path.times[cell.first];
-        if last < self.index {
-            return 0.0;
-        }
-        let share = if first >= self.index { 1.0 } else { self.share_left(&p, sides_mm) };
-        if share > 0.0 { share * weight(cell.interpolate(self.path.scene.density_g_cm3.data())) } else { 0.0 }
-    }
-
+impl<W> BoneAt<'_, W> {
     /// Share of a patch around `p` that no earlier piece of the path has swept.
-    fn share_left(&mut self, p: &Vector3<f64>, sides_mm: impl Fn(&Vector3<f64>) -> [f64; 2]) -> f64 {
-        // a point of the ball itself at a re-visited place lies on the earlier surface: inside, to rounding
-        let reach = self.path.radius_mm * (1.0 + 1e-12);
-        let patch_mm = LARGEST_PATCH * self.path.radius_mm;
-        if (p - self.pivot).norm_squared() > NEIGHBOURHOOD_MM * NEIGHBOURHOOD_MM {
-            self.move_pivot(p, reach + patch_mm + NEIGHBOURHOOD_MM);
-        }
-        let certain = (reach - patch_mm).max(0.0).powi(2);
+    fn share_left(&self, p: &Vector3<f64>, sides_mm: impl Fn(&Vector3<f64>) -> [f64; 2]) -> f64 {
+        let certain = (self.path.reach_mm() - self.path.patch_mm()).max(0.0).powi(2);
         let mut nearest = (f64::INFINITY, Vector3::zeros());
         for capsule in &self.in_reach {
             let away = capsule.to(p);
@@ -223,20 +211,62 @@ impl BoneAt<'_> {
             }
         }
         let distance = nearest.0.sqrt();
-        let beyond = distance - reach;
-        if beyond >= patch_mm {
+        let beyond = distance - self.path.reach_mm();
+        if beyond >= self.path.patch_mm() {
             return 1.0;
         }
         share_beyond(beyond, sides_mm(&(nearest.1 / distance)))
     }
+}
 
-    /// Points are asked for in neighbourhoods, and few capsules matter in each: a capsule farther than `reach_mm` from the
-    /// pivot cannot touch a patch in the pivot's neighbourhood.
-    fn move_pivot(&mut self, p: &Vector3<f64>, reach_mm: f64) {
-        self.pivot = *p;
+impl<W: Fn(f64) -> f64> Bone for BoneAt<'_, W> {
+    /// Not where all is gone before this move, nor where one earlier piece holds all of it. Few capsules matter in each
+    /// neighbourhood: one that is farther than a patch from all of it is left out.
+    fn is_near(&mut self, normal: &Vector3<f64>, reach: f64) -> bool {
+        let p = self.center + normal * self.sample_radius_mm;
+        let around_mm = reach * self.sample_radius_mm;
+        if self.path.last_times.around(&p, around_mm).is_some_and(|last| last < self.index) {
+            return false;
+        }
+        let rounding_mm = 1e-9 * self.path.radius_mm;
+        let slack_mm = self.path.patch_mm() + around_mm;
+        let holds_all_mm = self.path.reach_mm() - slack_mm - rounding_mm;
+        let touches_mm = self.path.reach_mm() + slack_mm + rounding_mm;
+        let squares = |mm: f64| if mm > 0.0 { mm * mm } else { -1.0 };
+        let (holds_all, touches) = (squares(holds_all_mm), squares(touches_mm));
         self.in_reach.clear();
-        let within = |capsule: &&Capsule| capsule.to(p).norm_squared() <= reach_mm * reach_mm;
-        self.in_reach.extend(self.capsules.iter().filter(within));
+        for capsule in &self.capsules {
+            let squared = capsule.to(&p).norm_squared();
+            if squared <= holds_all {
+                return false;
+            }
+            if squared <= touches {
+                self.in_reach.push(*capsule);
+            }
+        }
+        true
+    }
+
+    /// `weight` of the density at a point of the burr's surface, times the share of the patch around it that lies in no
+    /// earlier piece of the path.
+    ///
+    /// Earlier passes end in edges, at which a sum over points is off by whole patches; the share makes it smooth. The
+    /// edge is straight at a patch's size, so the share follows from its distance alone. The patch's sides, projected onto
+    /// any unit direction, sum to at most a fifth of the burr's radius.
+    #[inline]
+    fn weight(&mut self, normal: &Vector3<f64>, patch: &Patch) -> f64 {
+        let p = self.center + normal * self.sample_radius_mm;
+        let Some(cell) = self.path.cell(&p) else { return 0.0 };
+        let CellTimes { first, last } = self.path.times[cell.first];
+        if last < self.index {
+            return 0.0;
+        }
+        let share = if first >= self.index { 1.0 } else { self.share_left(&p, |g| patch.sides_mm(g)) };
+        if share > 0.0 {
+            share * (self.weight_of)(cell.interpolate(self.path.scene.density_g_cm3.data()))
+        } else {
+            0.0
+        }
     }
 }
 
@@ -307,6 +337,72 @@ fn cell_times(density: &Volume<f32, Work>, time: &[u32]) -> Vec<CellTimes> {
         }
     });
     times
+}
+
+/// The latest of [`CellTimes`] in blocks of cells and in those around each.
+#[derive(Debug)]
+struct LastTimes {
+    dims: [usize; 3],
+    value: Vec<u32>,
+    per_mm: f64,
+    /// How far around a point is looked, mm.
+    reach_mm: f64,
+}
+
+impl LastTimes {
+    /// Cells along a side of a block.
+    const SIDE: usize = 2;
+
+    /// Of the cells of a grid; for looks of `reach_mm` around a point.
+    fn new(times: &[CellTimes], grid: &Grid<Work>, reach_mm: f64) -> Self {
+        let ([nx, ny, nz], spacing_mm) = (grid.dims(), grid.spacing_mm().x);
+        let block_mm = Self::SIDE as f64 * spacing_mm;
+        let blocks = (reach_mm / block_mm).ceil().max(1.0) as usize;
+        let dims = [nx, ny, nz].map(|n| n.div_ceil(Self::SIDE));
+        let [bx, by, _] = dims;
+        let mut value = vec![0; dims.iter().product()];
+        value.par_chunks_mut(bx * by).enumerate().for_each(|(block, slab)| {
+            cancel::poll();
+            for k in block * Self::SIDE..((block + 1) * Self::SIDE).min(nz) {
+                for j in 0..ny {
+                    let blocks = &mut slab[bx * (j / Self::SIDE)..][..bx];
+                    for (i, times) in times[nx * (j + ny * k)..][..nx].iter().enumerate() {
+                        let latest = &mut blocks[i / Self::SIDE];
+                        *latest = times.last.max(*latest);
+                    }
+                }
+            }
+        });
+        for _ in 0..blocks {
+            value = around(&value, dims);
+        }
+        Self { dims, value, per_mm: 1.0 / spacing_mm, reach_mm: blocks as f64 * block_mm }
+    }
+
+    /// When the last of the cells within `around_mm` of `p` goes, or later; `None` where that is not known.
+    fn around(&self, p: &Vector3<f64>, around_mm: f64) -> Option<u32> {
+        let block = |a: usize| {
+            let cell = p[a] * self.per_mm;
+            let block = cell as usize / Self::SIDE;
+            (cell >= 0.0 && block < self.dims[a]).then_some(block)
+        };
+        let [i, j, k] = [block(0)?, block(1)?, block(2)?];
+        (around_mm <= self.reach_mm).then(|| self.value[i + self.dims[0] * (j + self.dims[1] * k)])
+    }
+}
+
+/// The greatest of each value and its 26 neighbours.
+fn around(value: &[u32], [nx, ny, nz]: [usize; 3]) -> Vec<u32> {
+    let spread = |value: &[u32], step: usize, count: usize| -> Vec<u32> {
+        let of = |n: usize| {
+            let at = n / step % count;
+            let before = if at > 0 { value[n - step] } else { 0 };
+            let after = if at + 1 < count { value[n + step] } else { 0 };
+            before.max(value[n]).max(after)
+        };
+        (0..value.len()).into_par_iter().with_min_len(1 << 14).map(of).collect()
+    };
+    spread(&spread(&spread(value, 1, nx), nx, ny), nx * ny, nz)
 }
 
 /// The eight voxel centres around a point.

@@ -2,7 +2,8 @@
 //!
 //! On a ring, e_v, n and e_a are linear in (cos ψ, sin ψ, 1), so that the three sums Σq, Σq cos ψ, Σq sin ψ of the weights
 //! q = t w carry the whole force; the trigonometry is tabulated once for a tool. What is left per node is one dot
-//! product and, where the node moves forward, one look at the bone. Same nodes, same result to rounding; no allocation.
+//! product and, where the node moves forward, one look at the bone; where a tile of nodes meets nothing, one look serves
+//! all of it. Same nodes, same result to rounding.
 
 use std::f64::consts::PI;
 
@@ -11,6 +12,34 @@ use nalgebra::{Unit, Vector3};
 
 use super::force::GRAZING;
 use super::input::{Discretisation, Element, Material, Tool};
+use super::rings::{Circle, Nodes};
+
+/// The reach of a tile of directions that are looked at together, of the burr's radius.
+pub(crate) const TILE_REACH: f64 = 0.25;
+
+/// What a burr meets, as seen from its centre.
+pub trait Bone {
+    /// Whether anything may be met in a direction that differs from the unit `normal` by at most `reach`. The weights that
+    /// are asked for until the next call lie there.
+    fn is_near(&mut self, normal: &Vector3<f64>, reach: f64) -> bool;
+
+    /// w ≥ 0 of the bone in the direction of a unit normal, the mean over the patch around it; 0 where it has been removed.
+    fn weight(&mut self, normal: &Vector3<f64>, patch: &Patch) -> f64;
+}
+
+/// Bone that only says what each patch meets.
+pub(super) struct ByPatch<W>(pub(super) W);
+
+impl<W: FnMut(&Vector3<f64>, &Patch) -> f64> Bone for ByPatch<W> {
+    fn is_near(&mut self, _: &Vector3<f64>, _: f64) -> bool {
+        true
+    }
+
+    #[inline]
+    fn weight(&mut self, normal: &Vector3<f64>, patch: &Patch) -> f64 {
+        (self.0)(normal, patch)
+    }
+}
 
 /// Force at any feed speed, for one place, axis and feed direction.
 ///
@@ -103,15 +132,7 @@ pub struct ForceKernel {
     material: Material,
     sample_radius_mm: f64,
     n_gamma: usize,
-    rings: Vec<Ring>,
-    azimuths: Vec<[f64; 2]>,
-}
-
-#[derive(Debug, Clone)]
-struct Ring {
-    element: Element,
-    /// (cos, sin) of the ring's turn −σ lag; `None` without a helix.
-    turn: Option<[f64; 2]>,
+    nodes: Nodes,
 }
 
 /// Σq, Σq cos ψ, Σq sin ψ.
@@ -137,24 +158,12 @@ struct Sum {
 impl ForceKernel {
     /// Tabulates the nodes.
     pub fn new(tool: &Tool, material: &Material, disc: &Discretisation) -> Self {
-        let count = tool.blades() as usize * disc.n_gamma();
-        // blade i at increment j stands at i·Ψ + σ(j + ½)Ψ/N_γ: as a set, σ(m + ½)·2π/count
-        let azimuth = |m| {
-            let psi = tool.spin() * (m as f64 + 0.5) * 2.0 * PI / count as f64;
-            [psi.cos(), psi.sin()]
-        };
-        let ring = |k| {
-            let element = disc.element(tool, k);
-            let turn = -tool.spin() * tool.lag_rad(element.kappa_rad);
-            Ring { element, turn: (tool.helix_rad() != 0.0).then(|| [turn.cos(), turn.sin()]) }
-        };
         Self {
             tool: tool.clone(),
             material: material.clone(),
             sample_radius_mm: tool.radius_mm() + disc.sample_offset_mm(),
             n_gamma: disc.n_gamma(),
-            rings: (0..disc.n_kappa()).map(ring).collect(),
-            azimuths: (0..count).map(azimuth).collect(),
+            nodes: Nodes::new(tool, disc, TILE_REACH),
         }
     }
 
@@ -195,53 +204,88 @@ impl ForceKernel {
         feed: &Unit<Vector3<f64>>,
         nominal_mm_s: f64,
         spindle_rpm: f64,
-        mut weight: impl FnMut(&Vector3<f64>, &Patch) -> f64,
+        weight: impl FnMut(&Vector3<f64>, &Patch) -> f64,
+    ) -> EngagedForce {
+        self.engaged_force_in(axis, feed, nominal_mm_s, spindle_rpm, &mut ByPatch(weight))
+    }
+
+    /// [`Self::engaged_force_over`] for bone that also says where none is.
+    pub fn engaged_force_in(
+        &self,
+        axis: &Unit<Vector3<f64>>,
+        feed: &Unit<Vector3<f64>>,
+        nominal_mm_s: f64,
+        spindle_rpm: f64,
+        bone: &mut impl Bone,
     ) -> EngagedForce {
         cancel::poll();
         let basis = basis::from_z(axis).into_inner();
-        let (x, y) = (basis.column(0).into_owned(), basis.column(1).into_owned());
+        let (x, y, z) = (basis.column(0).into_owned(), basis.column(1).into_owned(), axis.into_inner());
         let tooth_mm = self.tool.feed_per_tooth_mm(nominal_mm_s, spindle_rpm);
         let mut out = EngagedForce::ZERO;
         let (mut cut, mut edge) = (Sum::default(), Sum::default());
-        for Ring { element, turn } in &self.rings {
-            let (rx, ry) = match turn {
-                None => (x, y),
-                Some([c, s]) => (x * *c + y * *s, y * *c - x * *s),
-            };
-            let (sx, sy, nz) = (rx * element.sin, ry * element.sin, axis.into_inner() * -element.cos);
-            let (fx, fy, fz) = (sx.dot(feed), sy.dot(feed), nz.dot(feed));
-            // the whole ring looks back: burr above its equator in a plunge
-            if fx.hypot(fy) + fz <= GRAZING {
+        let Nodes { rings, azimuths, tile_size: [high, wide], tiles } = &self.nodes;
+        let mut weights = vec![0.0; high * azimuths.len()];
+        for (tile, rings) in tiles.iter().zip(rings.chunks(*high)) {
+            let circles: Vec<Circle> = rings.iter().map(|ring| ring.circle([&x, &y, &z], feed)).collect();
+            // all look back: the burr above its equator in a plunge
+            if circles.iter().all(|circle| circle.most_forward() <= GRAZING) {
                 continue;
             }
-            let shape = PatchShape::Cell {
-                axis,
-                sin: element.sin,
-                along_mm: element.dz_mm / element.sin,
-                around_mm: self.tool.radius_mm() * element.sin * 2.0 * PI / self.azimuths.len() as f64,
-            };
-            let (mut q_cut, mut q_edge, mut q_area) = <(Harmonics, Harmonics, f64)>::default();
-            for &[c, s] in &self.azimuths {
-                let forward = fx * c + fy * s + fz;
-                if forward > GRAZING {
-                    let n = sx * c + sy * s + nz;
-                    let w = weight(&n, &Patch { normal: &n, shape });
+            weights.fill(0.0);
+            let mut found = false;
+            let middles = tile.circle([&x, &y, &z], feed);
+            for (t, places) in azimuths.chunks(*wide).enumerate() {
+                let [c, s] = places[0];
+                if middles.forward(c, s) <= GRAZING - tile.reach
+                    || !bone.is_near(&middles.normal(c, s), tile.reach)
+                {
+                    continue;
+                }
+                for ((ring, circle), weights) in
+                    rings.iter().zip(&circles).zip(weights.chunks_mut(azimuths.len()))
+                {
+                    let shape = self.patch_shape(axis, &ring.element);
+                    for (&[c, s], weight) in places.iter().zip(&mut weights[t * wide..]) {
+                        if circle.forward(c, s) > GRAZING {
+                            let n = circle.normal(c, s);
+                            *weight = bone.weight(&n, &Patch { normal: &n, shape });
+                            found |= *weight > 0.0;
+                        }
+                    }
+                }
+            }
+            if !found {
+                continue;
+            }
+            for ((ring, circle), weights) in rings.iter().zip(&circles).zip(weights.chunks(azimuths.len())) {
+                let (mut q_cut, mut q_edge, mut q_area) = <(Harmonics, Harmonics, f64)>::default();
+                for (&[c, s], &w) in azimuths.iter().zip(weights) {
                     if w > 0.0 {
+                        let forward = circle.forward(c, s);
                         q_cut.add(forward * w, [c, s]);
                         q_edge.add(self.material.edge_factor(forward * tooth_mm) * w, [c, s]);
                         q_area += forward;
                     }
                 }
+                let (element, [tc, ts]) = (&ring.element, ring.turn);
+                let frame = [x * tc + y * ts, y * tc - x * ts, z];
+                self.add_ring(&mut cut, element, &frame, q_cut, self.material.k_n_mm2(), element.dl_mm);
+                self.add_ring(
+                    &mut edge,
+                    element,
+                    &frame,
+                    q_edge,
+                    self.material.k_edge_n_mm(),
+                    element.edge_mm,
+                );
+                out.mrr_mm2 += q_area * element.dz_mm;
+                out.weighted_mrr_mm2 += q_cut.0[0] * element.dz_mm;
             }
-            let frame = [rx, ry, axis.into_inner()];
-            self.add_ring(&mut cut, element, &frame, q_cut, self.material.k_n_mm2(), element.dl_mm);
-            self.add_ring(&mut edge, element, &frame, q_edge, self.material.k_edge_n_mm(), element.edge_mm);
-            out.mrr_mm2 += q_area * element.dz_mm;
-            out.weighted_mrr_mm2 += q_cut.0[0] * element.dz_mm;
         }
         let per_turn = 1.0 / self.n_gamma as f64;
         let per_speed = self.tool.feed_per_tooth_mm(1.0, spindle_rpm) * per_turn;
-        let area = self.tool.radius_mm() * 2.0 * PI / self.azimuths.len() as f64;
+        let area = self.tool.radius_mm() * 2.0 * PI / azimuths.len() as f64;
         out.cut_n_per_mm_s = cut.force * per_speed;
         out.cut_torque_nmm_per_mm_s = cut.torque * per_speed;
         if self.material.has_edge() && tooth_mm > 0.0 {
@@ -251,6 +295,15 @@ impl ForceKernel {
         out.mrr_mm2 *= area;
         out.weighted_mrr_mm2 *= area;
         out
+    }
+
+    fn patch_shape<'a>(&self, axis: &'a Vector3<f64>, element: &Element) -> PatchShape<'a> {
+        PatchShape::Cell {
+            axis,
+            sin: element.sin,
+            along_mm: element.dz_mm / element.sin,
+            around_mm: self.tool.radius_mm() * element.sin * 2.0 * PI / self.nodes.azimuths.len() as f64,
+        }
     }
 
     /// −(K_t σ e_ψ + K_r n + K_a e_a) summed over one ring with the weights' harmonics.

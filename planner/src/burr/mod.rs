@@ -35,6 +35,7 @@ pub(crate) mod force;
 pub(crate) mod input;
 mod kernel;
 mod orientation;
+pub(crate) mod rings;
 mod sampler;
 mod samples;
 #[cfg(test)]
@@ -44,7 +45,8 @@ pub use error::ModelError;
 pub use force::{BurrForce, burr_force};
 pub(crate) use input::direction;
 pub use input::{Discretisation, ElementGrid, Material, Measure, Motion, Tool};
-pub use kernel::{EngagedForce, ForceKernel, Patch};
+pub(crate) use kernel::TILE_REACH;
+pub use kernel::{Bone, EngagedForce, ForceKernel, Patch};
 pub use orientation::OrientationKernel;
 pub use sampler::SphereSampler;
 pub use samples::EngagedSamples;

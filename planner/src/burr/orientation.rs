@@ -22,12 +22,13 @@
 
 use std::array::from_fn;
 use std::f64::consts::PI;
+use std::ops::Range;
 
 use bonemill_geometry::{basis, cancel};
 use nalgebra::{Unit, Vector3};
 
 use super::input::{Material, Measure, Tool};
-use super::kernel::{EngagedForce, Patch};
+use super::kernel::{Bone, ByPatch, EngagedForce, Patch, TILE_REACH};
 use super::samples::{EngagedSamples, LANES, Lane, Sample};
 
 /// Golden angle of the sunflower, rad: 2π(1 − 1/φ).
@@ -42,6 +43,36 @@ pub struct OrientationKernel {
     /// Front hemisphere about +z, unit normals; every `merged` in turn are neighbours.
     directions: Vec<Vector3<f64>>,
     merged: usize,
+    tiles: Vec<Tile>,
+}
+
+/// Directions in turn that are looked at together first.
+#[derive(Debug, Clone)]
+struct Tile {
+    directions: Range<usize>,
+    middle: Vector3<f64>,
+    /// The most that a direction differs from the middle.
+    reach: f64,
+}
+
+impl Tile {
+    /// Halves `range` until what is left reaches no farther than [`TILE_REACH`] or is one run of `merged`.
+    fn split(directions: &[Vector3<f64>], range: Range<usize>, merged: usize, out: &mut Vec<Self>) {
+        let of = &directions[range.clone()];
+        let middle = of.iter().sum::<Vector3<f64>>().normalize();
+        let reach = of.iter().map(|d| (d - middle).norm()).fold(0.0, f64::max);
+        if reach <= TILE_REACH || range.len() <= merged {
+            return out.push(Self { directions: range, middle, reach });
+        }
+        let cut = range.start + middle_of_runs(range.len(), merged);
+        Self::split(directions, range.start..cut, merged, out);
+        Self::split(directions, cut..range.end, merged, out);
+    }
+}
+
+/// Where directions are halved: whole runs of `size` on the left, so that runs from the front never straddle a cut.
+fn middle_of_runs(count: usize, size: usize) -> usize {
+    (count.div_ceil(size) / 2) * size
 }
 
 /// Reorders directions so that each run of `size` is a compact patch: halving at the median across the wider extent.
@@ -49,8 +80,7 @@ fn neighbours_together(directions: &mut [Vector3<f64>], size: usize) {
     if directions.len() <= size {
         return;
     }
-    // whole patches on the left, so that runs of `size` from the front never straddle a cut
-    let middle = (directions.len().div_ceil(size) / 2) * size;
+    let middle = middle_of_runs(directions.len(), size);
     let extent = |axis: usize| {
         let at = directions.iter().map(|d| d[axis]);
         at.clone().fold(f64::NEG_INFINITY, f64::max) - at.fold(f64::INFINITY, f64::min)
@@ -90,7 +120,9 @@ impl OrientationKernel {
         };
         let mut directions: Vec<_> = (0..m).map(direction).collect();
         neighbours_together(&mut directions, merged);
-        Self { tool: tool.clone(), material: material.clone(), measure, directions, merged }
+        let mut tiles = Vec::new();
+        Tile::split(&directions, 0..m, merged, &mut tiles);
+        Self { tool: tool.clone(), material: material.clone(), measure, directions, merged, tiles }
     }
 
     /// The tool of the lattice.
@@ -121,7 +153,19 @@ impl OrientationKernel {
         feed: &Unit<Vector3<f64>>,
         nominal_mm_s: f64,
         spindle_rpm: f64,
-        mut weight: impl FnMut(&Vector3<f64>, &Patch) -> f64,
+        weight: impl FnMut(&Vector3<f64>, &Patch) -> f64,
+    ) {
+        self.gather_in(samples, feed, nominal_mm_s, spindle_rpm, &mut ByPatch(weight));
+    }
+
+    /// [`Self::gather_over`] for bone that also says where none is.
+    pub fn gather_in(
+        &self,
+        samples: &mut EngagedSamples,
+        feed: &Unit<Vector3<f64>>,
+        nominal_mm_s: f64,
+        spindle_rpm: f64,
+        bone: &mut impl Bone,
     ) {
         cancel::poll();
         samples.clear();
@@ -130,24 +174,29 @@ impl OrientationKernel {
         let tooth_mm = self.tool.feed_per_tooth_mm(nominal_mm_s, spindle_rpm);
         let area = 2.0 * PI / self.directions.len() as f64;
         let r2 = self.tool.radius_mm().powi(2);
-        for group in self.directions.chunks(self.merged) {
-            let mut sample = Sample::default();
-            for direction in group {
-                let (n, forward) = (turn * direction, direction.z);
-                let w = weight(&n, &Patch::round(&n, side_mm));
-                if w > 0.0 {
-                    let fine =
-                        Sample::one(&n, w, forward, area, self.material.edge_factor(forward * tooth_mm));
-                    sample.merge(&fine);
-                    if self.merged > 1 {
-                        samples.push_fine(&fine);
+        for Tile { directions, middle, reach } in &self.tiles {
+            if !bone.is_near(&(turn * middle), *reach) {
+                continue;
+            }
+            for group in self.directions[directions.clone()].chunks(self.merged) {
+                let mut sample = Sample::default();
+                for direction in group {
+                    let (n, forward) = (turn * direction, direction.z);
+                    let w = bone.weight(&n, &Patch::round(&n, side_mm));
+                    if w > 0.0 {
+                        let fine =
+                            Sample::one(&n, w, forward, area, self.material.edge_factor(forward * tooth_mm));
+                        sample.merge(&fine);
+                        if self.merged > 1 {
+                            samples.push_fine(&fine);
+                        }
                     }
                 }
-            }
-            if sample.area > 0.0 {
-                samples.mrr_mm2 += sample.swept * r2;
-                samples.weighted_mrr_mm2 += sample.cut * r2;
-                samples.push(&sample);
+                if sample.area > 0.0 {
+                    samples.mrr_mm2 += sample.swept * r2;
+                    samples.weighted_mrr_mm2 += sample.cut * r2;
+                    samples.push(&sample);
+                }
             }
         }
         samples.finish();

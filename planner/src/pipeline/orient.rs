@@ -93,11 +93,9 @@ impl CostField<'_> {
     fn gather(&self, i: usize, samples: &mut EngagedSamples) {
         samples.clear();
         let Some(feed) = self.feeds[i].filter(|_| self.needs_force(i)) else { return };
-        let mut bone = self.swept.bone_at(i as u32);
-        let radius = self.kernel.tool().radius_mm();
-        self.kernel.gather_over(samples, &feed, self.nominal_mm_s, self.spindle_rpm, |n, patch| {
-            bone.mean_weight(&(n * radius), |g| patch.sides_mm(g), |density| self.material.weight(density))
-        });
+        let weight = |density| self.material.weight(density);
+        let mut bone = self.swept.bone_at(i as u32, self.kernel.tool().radius_mm(), weight);
+        self.kernel.gather_in(samples, &feed, self.nominal_mm_s, self.spindle_rpm, &mut bone);
     }
 
     /// Force of what was gathered, for an axis.

@@ -211,12 +211,10 @@ impl<'a> Prepared<'a> {
         let force_kernel = ForceKernel::new(&tool, &material, &setup::discretisation(&tool, measure)?);
         let force = |i: usize| {
             let feed = self.feeds[i].filter(|_| self.moments[i].mass_mg() > 0.0)?;
-            let (mut bone, at) = (swept.bone_at(i as u32), force_kernel.sample_radius_mm());
-            let weight = |density| material.weight(density);
             let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
-            Some(force_kernel.engaged_force_over(&oriented.axes[i], &feed, speed, rpm, |n, patch| {
-                bone.mean_weight(&(n * at), |g| patch.sides_mm(g), weight)
-            }))
+            let weight = |density| material.weight(density);
+            let mut bone = swept.bone_at(i as u32, force_kernel.sample_radius_mm(), weight);
+            Some(force_kernel.engaged_force_in(&oriented.axes[i], &feed, speed, rpm, &mut bone))
         };
         let forces: Vec<_> = watch.run("forces", || (0..points.len()).into_par_iter().map(force).collect());
         let compliances = match compliance.stiffness() {

@@ -12,35 +12,15 @@ use nalgebra::{Matrix3, Unit, Vector3};
 
 use super::bone::{Amount, Kind};
 use crate::burr::force::GRAZING;
-use crate::burr::input::Element;
+use crate::burr::rings::{Nodes, Ring};
 use crate::burr::{Discretisation, Material, Tool};
 
 /// The nodes of a tool.
 #[derive(Debug, Clone)]
 pub struct BurrNodes {
     tool: Tool,
-    rings: Vec<Ring>,
-    azimuths: Vec<[f64; 2]>,
+    nodes: Nodes,
     increments: usize,
-    tiles: Tiles,
-}
-
-/// Neighbouring nodes that are looked at together first: most of a burr is in the open.
-#[derive(Debug, Clone)]
-struct Tiles {
-    /// Rings and azimuths of a tile.
-    size: [usize; 2],
-    /// The tile at the first azimuth of every group of rings.
-    first: Vec<Tile>,
-}
-
-/// A tile's middle: its polar angle from the tip and its place around; and how far its nodes are from it, of the radius.
-#[derive(Debug, Clone, Copy)]
-struct Tile {
-    sin: f64,
-    cos: f64,
-    turn: [f64; 2],
-    reach: f64,
 }
 
 /// What there is around a burr.
@@ -51,13 +31,6 @@ pub(super) trait Around {
     /// The density of what is left in a direction, the kind of the voxel that holds it (none beyond a body's face, where
     /// density still fades), and the part of the node's patch in which it is left.
     fn bone(&self, normal: &Vector3<f64>) -> Option<(f64, Option<Kind>, f64)>;
-}
-
-#[derive(Debug, Clone)]
-struct Ring {
-    element: Element,
-    /// (cos, sin) of the ring's turn −σ lag.
-    turn: [f64; 2],
 }
 
 /// Direction sums of one increment of rotation, tool frame, mm: Σ q e_v dl, Σ q n dl, Σ q e_a dl.
@@ -139,21 +112,7 @@ pub(super) struct Feed {
 impl BurrNodes {
     /// Tabulates the nodes; [`Around::is_open`] is asked of tiles with a reach of at most `tile_reach`, of the radius.
     pub fn new(tool: &Tool, disc: &Discretisation, tile_reach: f64) -> Self {
-        let count = tool.blades() as usize * disc.n_gamma();
-        // blade i at increment j: as a set, σ(m + ½)·2π/count with j = m mod n_gamma
-        let azimuth = |m| {
-            let psi = tool.spin() * (m as f64 + 0.5) * 2.0 * PI / count as f64;
-            [psi.cos(), psi.sin()]
-        };
-        let ring = |k| {
-            let element = disc.element(tool, k);
-            let turn = -tool.spin() * tool.lag_rad(element.kappa_rad);
-            Ring { element, turn: [turn.cos(), turn.sin()] }
-        };
-        let rings: Vec<Ring> = (0..disc.n_kappa()).map(ring).collect();
-        let azimuths: Vec<[f64; 2]> = (0..count).map(azimuth).collect();
-        let tiles = Tiles::largest(&rings, &azimuths, tile_reach);
-        Self { tool: tool.clone(), rings, azimuths, increments: disc.n_gamma(), tiles }
+        Self { tool: tool.clone(), nodes: Nodes::new(tool, disc, tile_reach), increments: disc.n_gamma() }
     }
 
     /// The tool.
@@ -163,7 +122,7 @@ impl BurrNodes {
 
     /// Nodes in all, of which about half move forward.
     pub fn count(&self) -> usize {
-        self.rings.len() * self.azimuths.len()
+        self.nodes.rings.len() * self.nodes.azimuths.len()
     }
 
     /// Half the width of a node's patch across an edge of the bone, mm: 0.35 of the distance of nodes along a blade,
@@ -179,7 +138,8 @@ impl BurrNodes {
         let (x, y, z) =
             (tool_axes.column(0).into_owned(), tool_axes.column(1).into_owned(), feed.axis.into_inner());
         let tooth_mm = self.tool.feed_per_tooth_mm(feed.speed_mm_s, feed.spindle_rpm);
-        let around_rad = 2.0 * PI / self.azimuths.len() as f64;
+        let Nodes { rings, azimuths, tile_size: [high, wide], tiles } = &self.nodes;
+        let around_rad = 2.0 * PI / azimuths.len() as f64;
         let has_edge = material.has_edge();
         let mut out = Engagement {
             tool_axes,
@@ -196,26 +156,25 @@ impl BurrNodes {
         };
         let mut cut = vec![[0.0; 3]; self.increments];
         let mut edge = vec![[0.0; 3]; self.increments];
-        let [high, wide] = self.tiles.size;
-        let mut open = vec![false; self.azimuths.len().div_ceil(wide)];
-        for (k, Ring { element, turn }) in self.rings.iter().enumerate() {
+        let mut open = vec![false; azimuths.len().div_ceil(*wide)];
+        for (k, ring) in rings.iter().enumerate() {
             if k % high == 0 {
-                let tile = &self.tiles.first[k / high];
-                let circle = Circle::new([&x, &y, &z], [tile.sin, tile.cos], &tile.turn, &feed.direction);
-                for (open, &[c, s]) in open.iter_mut().zip(self.azimuths.iter().step_by(wide)) {
+                let tile = &tiles[k / high];
+                let circle = tile.circle([&x, &y, &z], &feed.direction);
+                for (open, &[c, s]) in open.iter_mut().zip(azimuths.iter().step_by(*wide)) {
                     *open = tile.reach > 0.0
                         && (circle.forward(c, s) <= GRAZING - tile.reach
                             || around.is_open(&circle.normal(c, s), tile.reach));
                 }
             }
-            let circle = Circle::new([&x, &y, &z], [element.sin, element.cos], turn, &feed.direction);
+            let (circle, Ring { element, turn }) = (ring.circle([&x, &y, &z], &feed.direction), ring);
             // the whole ring looks back: burr above its equator in a plunge
             if circle.most_forward() <= GRAZING {
                 continue;
             }
             let area_mm2 = self.tool.radius_mm() * element.dz_mm * around_rad;
             let mut found = false;
-            let nodes = self.azimuths.chunks(wide).zip(&open).enumerate().filter(|(_, (_, open))| !**open);
+            let nodes = azimuths.chunks(*wide).zip(&open).enumerate().filter(|(_, (_, open))| !**open);
             for (tile, (azimuths, _)) in nodes {
                 for (m, &[c, s]) in azimuths.iter().enumerate() {
                     let forward = circle.forward(c, s);
@@ -255,96 +214,6 @@ impl BurrNodes {
             }
         }
         out
-    }
-}
-
-impl Tiles {
-    /// The largest tiles whose nodes are within `most` of their middle, of the radius; single nodes, with a reach of 0, where
-    /// there are none.
-    fn largest(rings: &[Ring], azimuths: &[[f64; 2]], most: f64) -> Self {
-        const MOST_NODES: usize = 8;
-        let sizes = (1..=MOST_NODES).flat_map(|high| (1..=MOST_NODES).map(move |wide| [high, wide]));
-        let tiles = sizes.map(|[high, wide]| Self {
-            size: [high, wide],
-            first: rings
-                .chunks(high)
-                .map(|rings| Tile::around(rings, &azimuths[..wide.min(azimuths.len())]))
-                .collect(),
-        });
-        let fitting = tiles.filter(|tiles| tiles.first.iter().all(|tile| tile.reach <= most));
-        // of the same number of nodes the nearest to a square
-        let worth = |tiles: &Self| {
-            let [high, wide] = tiles.size;
-            (high * wide, std::cmp::Reverse(high.abs_diff(wide)))
-        };
-        fitting.max_by_key(worth).unwrap_or_else(|| Self {
-            size: [1, 1],
-            first: rings
-                .iter()
-                .map(|ring| Tile::around(std::slice::from_ref(ring), &azimuths[..1]))
-                .collect(),
-        })
-    }
-}
-
-impl Tile {
-    fn around(rings: &[Ring], azimuths: &[[f64; 2]]) -> Self {
-        let nodes: Vec<Vector3<f64>> = rings
-            .iter()
-            .flat_map(|Ring { element, turn: [tc, ts] }| {
-                let around = move |&[c, s]: &[f64; 2]| {
-                    let (x, y) = (c * tc - s * ts, s * tc + c * ts);
-                    Vector3::new(element.sin * x, element.sin * y, -element.cos)
-                };
-                azimuths.iter().map(around)
-            })
-            .collect();
-        let middle = nodes.iter().sum::<Vector3<f64>>().normalize();
-        // turned back by the first azimuth, so that each tile's own turns it to its place
-        let ([c, s], sin) = (azimuths[0], middle.x.hypot(middle.y));
-        let turn = if sin > 0.0 {
-            [(middle.x * c + middle.y * s) / sin, (middle.y * c - middle.x * s) / sin]
-        } else {
-            [1.0, 0.0] // all the way around a pole
-        };
-        let reach = nodes.iter().map(|node| (node - middle).norm()).fold(0.0, f64::max);
-        Self { sin, cos: -middle.z, turn, reach }
-    }
-}
-
-/// Directions at one polar angle, in the frame of the bone.
-struct Circle {
-    x: Vector3<f64>,
-    y: Vector3<f64>,
-    z: Vector3<f64>,
-    forward: [f64; 3],
-}
-
-impl Circle {
-    fn new(
-        axes: [&Vector3<f64>; 3],
-        [sin, cos]: [f64; 2],
-        turn: &[f64; 2],
-        feed: &Unit<Vector3<f64>>,
-    ) -> Self {
-        let ([x, y, z], [tc, ts]) = (axes, *turn);
-        let (x, y, z) = ((x * tc + y * ts) * sin, (y * tc - x * ts) * sin, z * -cos);
-        Self { forward: [x.dot(feed), y.dot(feed), z.dot(feed)], x, y, z }
-    }
-
-    #[inline]
-    fn normal(&self, c: f64, s: f64) -> Vector3<f64> {
-        self.x * c + self.y * s + self.z
-    }
-
-    /// How far a direction looks along the feed.
-    #[inline]
-    fn forward(&self, c: f64, s: f64) -> f64 {
-        self.forward[0] * c + self.forward[1] * s + self.forward[2]
-    }
-
-    fn most_forward(&self) -> f64 {
-        self.forward[0].hypot(self.forward[1]) + self.forward[2]
     }
 }
 
