@@ -116,7 +116,7 @@ fn volumes(c: &mut Criterion) {
     let block = [[0; 3], grid.dims()];
     let (mut volumes, r) = (BallVolumes::new(), 2.0);
     let mut count = 0;
-    volumes.for_each(grid, CENTER, r, block, |_| true, |_, _| count += 1);
+    volumes.for_each(grid, CENTER, r, block, |row| row, |_, _| count += 1);
     let mut group = c.benchmark_group(format!("ball/r8voxels_{count}"));
     group.bench_function("box_by_box", |b| {
         let h = grid.spacing_mm() * 0.5;
@@ -129,7 +129,7 @@ fn volumes(c: &mut Criterion) {
     group.bench_function("lattice", |b| {
         b.iter(|| {
             let mut sum = 0.0;
-            volumes.for_each(grid, black_box(CENTER), r, block, |_| true, |_, v| sum += v);
+            volumes.for_each(grid, black_box(CENTER), r, block, |row| row, |_, v| sum += v);
             sum
         })
     });
@@ -140,12 +140,19 @@ fn volumes(c: &mut Criterion) {
     group.bench_function("lattice_front_only", |b| {
         b.iter(|| {
             let mut sum = 0.0;
-            volumes.for_each(grid, black_box(CENTER), r, block, |n| left[n], |_, v| sum += v);
+            volumes.for_each(
+                grid,
+                black_box(CENTER),
+                r,
+                block,
+                |row| row.filter(|n| left[*n]),
+                |_, v| sum += v,
+            );
             sum
         })
     });
     group.bench_function("lattice_nothing_wanted", |b| {
-        b.iter(|| volumes.for_each(grid, black_box(CENTER), r, block, |_| false, |_, _| ()))
+        b.iter(|| volumes.for_each(grid, black_box(CENTER), r, block, |_| None, |_, _| ()))
     });
     group.finish();
 }

@@ -221,7 +221,7 @@ pub struct BallVolumes {
 #[derive(Debug, Clone, Copy)]
 struct Wanted {
     index: usize,
-    spans: [u32; 3],
+    spans: [usize; 3],
     is_whole: bool,
 }
 
@@ -232,17 +232,17 @@ impl BallVolumes {
     }
 
     /// Calls `visit(index, volume_mm3)` in memory order for every voxel of the block `lo..=hi` (clipped to the grid) that the
-    /// ball covers at least in part and that is `wanted(index)`. A voxel that is not wanted costs that one question; the tables
-    /// are filled around those that are.
+    /// ball covers at least in part and that is wanted: `wanted` says which of a run of a row are, in order. The tables are
+    /// filled around those.
     ///
     /// Nothing is visited for a radius that is not positive, or a centre or radius that is not finite.
-    pub fn for_each<F: Frame>(
+    pub fn for_each<F: Frame, W: IntoIterator<Item = usize>>(
         &mut self,
         grid: &Grid<F>,
         center: Point<F>,
         radius_mm: f64,
         [lo, hi]: [[usize; 3]; 2],
-        mut wanted: impl FnMut(usize) -> bool,
+        wanted: impl Fn(Range<usize>) -> W,
         mut visit: impl FnMut(usize, f64),
     ) {
         if !(radius_mm > 0.0 && radius_mm.is_finite() && center.is_finite()) {
@@ -266,9 +266,11 @@ impl BallVolumes {
                 if near2 >= 1.0 {
                     continue;
                 }
-                let row = dims[0] * (y.voxel + dims[1] * z.voxel);
-                for (i, x) in (0..).zip(&xs.voxels) {
-                    if x.near2 + near2 >= 1.0 || !wanted(row + x.voxel) {
+                let row = dims[0] * (y.voxel + dims[1] * z.voxel) + xs.voxels[0].voxel;
+                for index in wanted(row..row + xs.voxels.len()) {
+                    let i = index - row;
+                    let x = &xs.voxels[i];
+                    if x.near2 + near2 >= 1.0 {
                         continue;
                     }
                     let is_whole = x.far2 + far2 <= 1.0;
@@ -278,14 +280,14 @@ impl BallVolumes {
                             *last = (span.plane + span.cells).max(*last);
                         }
                     }
-                    self.wanted.push(Wanted { index: row + x.voxel, spans: [i, j, k], is_whole });
+                    self.wanted.push(Wanted { index, spans: [i, j, k], is_whole });
                 }
             }
         }
         self.fill_pairs(planes.map(|[first, last]| first..last + 1));
         let (whole, scale) = (grid.voxel_mm3(), radius_mm.powi(3));
         for &Wanted { index, spans, is_whole } in &self.wanted {
-            let [x, y, z] = [0, 1, 2].map(|a| &self.axes[a].voxels[spans[a] as usize]);
+            let [x, y, z] = [0, 1, 2].map(|a| &self.axes[a].voxels[spans[a]]);
             let volume = if is_whole { whole } else { settle(self.partial(x, y, z) * scale, whole) };
             if volume > 0.0 {
                 visit(index, volume);

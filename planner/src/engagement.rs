@@ -19,23 +19,16 @@ use crate::burr::{Bone, Patch, TILE_REACH};
 use crate::metrics::Moments;
 use crate::path::PathPoint;
 use crate::removal::{NEVER, RemovalTime};
+use crate::runs::{Run, straight_runs};
 use crate::sweep::segment_distance_squared;
+use crate::voxels::VoxelSet;
 
-/// Consecutive moves that deviate less than this from a straight line are one run, mm.
-const STRAIGHT_MM: f64 = 1e-6;
 /// Side of a cell of the run index, mm.
 const CELL_MM: f64 = 2.0;
 /// Half of the sum of a patch's sides is at most this share of the burr's radius.
 const LARGEST_PATCH: f64 = 0.1;
 /// Slabs of the grid in which masses are summed apart; fixed, so that sums do not depend on the number of threads.
 const SLABS: usize = 6;
-
-/// A straight piece of the path: moves `first..=last`.
-#[derive(Debug, Clone, Copy)]
-struct Run {
-    first: u32,
-    last: u32,
-}
 
 /// The path as straight runs, findable by place.
 #[derive(Debug)]
@@ -55,7 +48,7 @@ pub struct SweptPath<'a> {
 impl<'a> SweptPath<'a> {
     /// Indexes the runs of a path.
     pub fn new(scene: &'a Scene, removal: &RemovalTime, points: &'a [PathPoint], radius_mm: f64) -> Self {
-        let runs = straight_runs(points);
+        let runs = straight_runs(0..points.len() as u32, |n| points[n as usize].position);
         let grid = scene.class.grid();
         let cells =
             [0, 1, 2].map(|a| (grid.dims()[a] as f64 * grid.spacing_mm()[a] / CELL_MM).ceil() as usize + 1);
@@ -119,7 +112,7 @@ impl<'a> SweptPath<'a> {
     }
 
     fn start(&self, run: &Run) -> Vector3<f64> {
-        self.points[run.first.saturating_sub(1) as usize].position.coords
+        self.points[run.start() as usize].position.coords
     }
 
     /// Within which of an earlier piece's axis bone is gone, mm. A point of the ball itself at a re-visited place lies on the
@@ -158,27 +151,6 @@ impl<'a> SweptPath<'a> {
         capsules.reverse();
         BoneAt { path: self, index, center, sample_radius_mm, weight_of, capsules, in_reach: Vec::new() }
     }
-}
-
-/// Maximal straight runs of moves; move 0 is a run of its own.
-fn straight_runs(points: &[PathPoint]) -> Vec<Run> {
-    let mut runs: Vec<Run> = Vec::new();
-    let at = |n: u32| points[n as usize].position.coords;
-    for n in 0..points.len() as u32 {
-        let extends = runs.last().is_some_and(|run| {
-            run.first > 0 && {
-                let (a, b, c) = (at(run.first - 1), at(run.last), at(n));
-                // straight on, not back
-                (b - a).dot(&(c - b)) >= 0.0
-                    && segment_distance_squared(&b, &a, &c) <= STRAIGHT_MM * STRAIGHT_MM
-            }
-        });
-        match runs.last_mut() {
-            Some(run) if extends => run.last = n,
-            _ => runs.push(Run { first: n, last: n }),
-        }
-    }
-    runs
 }
 
 /// The bone before one move, seen from where it ends.
@@ -462,6 +434,7 @@ fn slab_increments(
         density,
         radius_mm,
         removed_mm3: vec![0f64; density.len()],
+        left: VoxelSet::of(density.len(), |n| density[n] > 0.0),
         volumes: BallVolumes::new(),
         found: Vec::new(),
     };
@@ -494,6 +467,8 @@ struct Slab<'a> {
     density: &'a [f32],
     radius_mm: f64,
     removed_mm3: Vec<f64>,
+    /// What has density and is not wholly gone.
+    left: VoxelSet,
     volumes: BallVolumes,
     /// Kept between calls for its memory.
     found: Vec<(usize, f64)>,
@@ -516,20 +491,23 @@ impl Slab<'_> {
         let lo_k = ((c.z - reach).floor().max(self.k.start as f64)) as usize;
         let hi_k = ((c.z + reach).ceil().max(0.0) as usize).min(self.k.end - 1);
         let (first, full) = (nx * ny * self.k.start, self.grid.voxel_mm3());
-        let Self { grid, density, removed_mm3, found, .. } = self;
+        let Self { grid, density, removed_mm3, left, found, .. } = self;
         found.clear();
         self.volumes.for_each(
             grid,
             center,
             self.radius_mm,
             [[i0, j0, lo_k], [i1, j1, hi_k]],
-            |voxel| density[voxel - first] > 0.0 && removed_mm3[voxel - first] < full * (1.0 - 1e-9),
+            |row| left.within(row.start - first..row.end - first).map(|n| n + first),
             |voxel, volume_mm3| found.push((voxel, volume_mm3)),
         );
         for (voxel, volume_mm3) in found.drain(..) {
             let more = volume_mm3 - removed_mm3[voxel - first];
             if more > 0.0 {
                 removed_mm3[voxel - first] = volume_mm3;
+                if volume_mm3 >= full * (1.0 - 1e-9) {
+                    left.remove(voxel - first);
+                }
                 let p = grid.center(grid.voxel(voxel)) - center;
                 visit(&p, f64::from(density[voxel - first]) * more);
             }

@@ -23,6 +23,7 @@ pub mod plan;
 mod progress;
 pub mod removal;
 pub mod report;
+pub mod runs;
 pub mod show;
 pub mod simulate;
 pub mod space;

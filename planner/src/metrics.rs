@@ -67,7 +67,7 @@ pub fn engagement_metrics<T: Copy + Into<f64>, F: Frame>(
         center,
         radius_mm,
         block,
-        |_| true,
+        |row| row,
         |index, v| {
             let p = grid.center(grid.voxel(index)) - center;
             let rho: f64 = density_g_cm3.data()[index].into();

@@ -139,10 +139,10 @@ pub fn swept_volume_mm3<F: Frame>(
     let (mut start, mut most) = (vec![0.0; grid.len()], vec![0f64; grid.len()]);
     let block = [[0; 3], grid.dims()];
     let mut volumes = BallVolumes::new();
-    volumes.for_each(grid, from, radius_mm, block, |_| true, |n, v| start[n] = v);
+    volumes.for_each(grid, from, radius_mm, block, |row| row, |n, v| start[n] = v);
     for step in 1..=steps as usize {
         let center = from + (to - from) * (step as f64 / steps);
-        volumes.for_each(grid, center, radius_mm, block, |_| true, |n, v| most[n] = most[n].max(v));
+        volumes.for_each(grid, center, radius_mm, block, |row| row, |n, v| most[n] = most[n].max(v));
     }
     Ok(start.iter().zip(&most).map(|(s, m)| (m - s).max(0.0)).sum())
 }

@@ -4,10 +4,11 @@
 //! voxel centre x is one static field, and the bone before move i is [T ≥ i]. Move i ends at waypoint i; waypoint 0 is
 //! where the burr stands at the start. Waypoints thereby become independent of each other.
 
-use std::ops::ControlFlow;
+use std::ops::Range;
 
 use bonemill_geometry::{Grid, Point, Work};
 
+use crate::runs::{straight_runs, take_runs};
 use crate::sweep::Rows;
 use crate::voxels::VoxelSet;
 
@@ -40,22 +41,19 @@ impl RemovalTime {
         self.time[voxel] != NEVER
     }
 
-    /// Move `index` sweeps the burr from `a` to `b`; `removed` is told each voxel it covers first.
+    /// Sweeps the burr along moves of a path whose places are `at`; `removed` is told each voxel that they cover first.
     pub fn sweep(
         &mut self,
-        a: Point<Work>,
-        b: Point<Work>,
+        moves: Range<u32>,
+        at: impl Fn(u32) -> Point<Work>,
         radius_mm: f64,
-        index: u32,
         mut removed: impl FnMut(usize),
     ) {
         let Self { rows, time, standing } = self;
-        let _ = rows.within_capsule_where(a, b, radius_mm, standing, VoxelSet::may_hold, |standing, run| {
-            standing.take(run, |voxel| {
-                time[voxel] = index;
-                removed(voxel);
-            });
-            ControlFlow::Continue(())
+        let runs = straight_runs(moves, &at);
+        take_runs(&runs, at, rows, radius_mm, standing, |voxel, index| {
+            time[voxel] = index;
+            removed(voxel);
         });
     }
 }
@@ -72,9 +70,7 @@ mod tests {
     fn field(path: &[[f64; 3]]) -> RemovalTime {
         let mut field = RemovalTime::new(&grid());
         let at = |n: usize| Point::from_coords(path[n].into());
-        for n in 0..path.len() {
-            field.sweep(at(n.saturating_sub(1)), at(n), 1.1, n as u32, |_| ());
-        }
+        field.sweep(0..path.len() as u32, |n| at(n as usize), 1.1, |_| ());
         field
     }
 
@@ -106,9 +102,10 @@ mod tests {
         let (a, b) = (Point::new(1.0, 2.0, 3.0), Point::new(5.0, 4.0, 2.0));
         let expected = f.standing.count_within(&f.rows, [a, b], 1.3, usize::MAX);
         let mut told = 0;
-        f.sweep(a, b, 1.3, 7, |_| told += 1);
+        let at = |n: u32| if n == 6 { a } else { b };
+        f.sweep(7..8, at, 1.3, |_| told += 1);
         assert!(told == expected && told > 1000);
-        f.sweep(a, b, 1.3, 8, |voxel| panic!("{voxel} goes again"));
+        f.sweep(8..9, at, 1.3, |voxel| panic!("{voxel} goes again"));
         assert_eq!(f.time().iter().filter(|t| **t == 7).count(), told);
     }
 }

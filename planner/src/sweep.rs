@@ -32,6 +32,14 @@ impl Rows {
         Self { dims, spacing_mm }
     }
 
+    /// Centre of a voxel.
+    #[inline]
+    pub fn center(&self, voxel: usize) -> Point<Work> {
+        let [nx, ny, _] = self.dims;
+        let [i, j, k] = [voxel % nx, voxel / nx % ny, voxel / (nx * ny)];
+        Point::from_coords(Vector3::new(i as f64, j as f64, k as f64) * self.spacing_mm)
+    }
+
     /// Hands `visit` every run of voxels (memory range) whose centres lie within `radius_mm` of the segment a–b.
     ///
     /// Parts outside the grid are left out. Stops early on [`ControlFlow::Break`].

@@ -46,11 +46,24 @@ impl VoxelSet {
     /// Takes the voxels of a run out, and hands each that was there to `taken`.
     pub fn take(&mut self, run: Range<usize>, mut taken: impl FnMut(usize)) {
         for (w, mask) in masks(run) {
-            let mut found = self.words[w] & mask;
+            let found = Bits(self.words[w] & mask);
             self.words[w] &= !mask;
-            while found != 0 {
-                taken(64 * w + found.trailing_zeros() as usize);
-                found &= found - 1;
+            found.for_each(|bit| taken(64 * w + bit));
+        }
+    }
+
+    /// The voxels of a run that are in the set, in order.
+    pub fn within(&self, run: Range<usize>) -> impl Iterator<Item = usize> {
+        masks(run).flat_map(|(w, mask)| Bits(self.words[w] & mask).map(move |bit| 64 * w + bit))
+    }
+
+    /// Takes those voxels of a run out that `taken` is true of; it is asked of each that is there, in order.
+    pub fn take_where(&mut self, run: Range<usize>, mut taken: impl FnMut(usize) -> bool) {
+        for (w, mask) in masks(run) {
+            for bit in Bits(self.words[w] & mask) {
+                if taken(64 * w + bit) {
+                    self.words[w] &= !(1 << bit);
+                }
             }
         }
     }
@@ -79,6 +92,20 @@ impl VoxelSet {
     }
 }
 
+/// The places of a word's ones, from the lowest.
+struct Bits(u64);
+
+impl Iterator for Bits {
+    type Item = usize;
+
+    #[inline]
+    fn next(&mut self) -> Option<usize> {
+        let bit = self.0.trailing_zeros() as usize;
+        self.0 &= self.0.wrapping_sub(1);
+        (bit < 64).then_some(bit)
+    }
+}
+
 /// The words that a run lies in, each with the bits that are the run's.
 fn masks(run: Range<usize>) -> impl Iterator<Item = (usize, u64)> {
     let words = run.start / 64..run.end.div_ceil(64);
@@ -103,9 +130,14 @@ mod tests {
         ) {
             let mut set = VoxelSet::of(flags.len(), |v| flags[v]);
             let run = ends[0].min(ends[1]).min(flags.len())..ends[0].max(ends[1]).min(flags.len());
+            let expected: Vec<_> = run.clone().filter(|v| flags[*v]).collect();
+            prop_assert_eq!(set.within(run.clone()).collect::<Vec<_>>(), &expected[..]);
+            let mut some = set.clone();
+            some.take_where(run.clone(), |v| v % 3 == 0);
+            prop_assert!((0..flags.len()).all(|v| some.contains(v) == (flags[v] && !(run.contains(&v) && v % 3 == 0))));
             let mut taken = Vec::new();
             set.take(run.clone(), |v| taken.push(v));
-            prop_assert_eq!(taken, run.clone().filter(|v| flags[*v]).collect::<Vec<_>>());
+            prop_assert_eq!(taken, expected);
             for (v, flag) in flags.iter().enumerate() {
                 prop_assert_eq!(set.contains(v), *flag && !run.contains(&v));
             }

@@ -99,7 +99,7 @@ impl Memory for Fractions {
             Point::from_coords(b),
             R,
             [lo, hi],
-            |n| gone[n] < 1.0,
+            |row| row.filter(|n| gone[*n] < 1.0),
             |n, volume| found.push((n, (volume / voxel_mm3) as f32)),
         );
         found.into_iter().for_each(|(n, part)| gone[n] = gone[n].max(part));

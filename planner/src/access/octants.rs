@@ -3,14 +3,13 @@
 //! A voxel whose centre is gone may keep a corner, for a few moves or for good, and a shank that passes where centres are
 //! gone may meet it. Eighths count by their own centres, as voxels do by theirs.
 
-use std::ops::ControlFlow;
-
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::solid::Solid;
 use crate::path::PathPoint;
 use crate::removal::NEVER;
+use crate::runs::{straight_runs, take_runs};
 use crate::sweep::Rows;
 use crate::voxels::VoxelSet;
 
@@ -38,6 +37,7 @@ impl OctantTimes {
         let half_mm = 0.5 * grid.spacing_mm().x;
         let slab = dims[0] * dims[1];
         let mut time = vec![NEVER; slab * dims[2]];
+        let runs = straight_runs(0..points.len() as u32, |n| points[n as usize].position);
         time.par_chunks_mut((slab * LAYERS).max(1)).enumerate().for_each(|(portion, time)| {
             let below = portion * LAYERS;
             let goes = |n: usize| {
@@ -51,15 +51,8 @@ impl OctantTimes {
             // the rows begin at the centre of the portion's first eighth
             let lowest = grid.center(first).coords - Vector3::repeat(0.5 * half_mm);
             let origin = lowest + Vector3::z() * (below as f64 * half_mm);
-            let at = |i: usize| points[i].position + -origin;
-            for (i, index) in (0..points.len()).zip(0u32..) {
-                let (from, to, left) = (at(i.saturating_sub(1)), at(i), &mut standing);
-                let _ =
-                    rows.within_capsule_where(from, to, radius_mm, left, VoxelSet::may_hold, |left, run| {
-                        left.take(run, |n| time[n] = index);
-                        ControlFlow::Continue(())
-                    });
-            }
+            let at = |n: u32| points[n as usize].position + -origin;
+            take_runs(&runs, at, &rows, radius_mm, &mut standing, |n, index| time[n] = index);
         });
         Self { first, dims, time }
     }

@@ -29,6 +29,8 @@ pub struct Builder<'a> {
     space: &'a BurrSpace<'a>,
     spacing: PathSpacing,
     points: Vec<PathPoint>,
+    /// Of these, the moves that `removal` knows.
+    swept: usize,
     passes: Vec<Pass>,
     removal: RemovalTime,
     search: Search,
@@ -54,6 +56,7 @@ impl<'a> Builder<'a> {
             space,
             spacing,
             points: Vec::new(),
+            swept: 0,
             passes: Vec::new(),
             removal: RemovalTime::new(space.grid()),
             search: Search::new(space.grid().len()),
@@ -115,12 +118,13 @@ impl<'a> Builder<'a> {
         // an end that lies under a ledge is entered from within the line: back to it first, then all along
         for n in (0..entry).rev() {
             self.heading = (number, n as u32);
-            self.cut_to(pass.points[n], pass.layer);
+            self.lay_cut(pass.points[n], pass.layer);
         }
         for (p, n) in pass.points.iter().zip(0u32..).skip(1) {
             self.heading = (number, n);
-            self.cut_to(*p, pass.layer);
+            self.lay_cut(*p, pass.layer);
         }
+        self.sweep();
         self.passes.push(pass);
         true
     }
@@ -307,34 +311,49 @@ impl<'a> Builder<'a> {
     }
 
     fn travel_to(&mut self, to: Point<Work>, kind: MoveKind, layer: u32) {
-        self.move_to(to, LINK_STEPS * self.spacing.step_mm, kind, layer);
+        self.lay(to, LINK_STEPS * self.spacing.step_mm, kind, layer);
+        self.sweep();
     }
 
     fn cut_to(&mut self, to: Point<Work>, layer: u32) {
-        // a hair over the step is still one step: lines are sampled at it
-        self.move_to(to, self.spacing.step_mm * 1.001, MoveKind::Cut, layer);
+        self.lay_cut(to, layer);
+        self.sweep();
     }
 
-    fn move_to(&mut self, to: Point<Work>, step_mm: f64, kind: MoveKind, layer: u32) {
-        let Some(from) = self.position() else { return self.push(to, kind, layer) };
+    /// Lays a cut that is yet to be swept.
+    fn lay_cut(&mut self, to: Point<Work>, layer: u32) {
+        // a hair over the step is still one step: lines are sampled at it
+        self.lay(to, self.spacing.step_mm * 1.001, MoveKind::Cut, layer);
+    }
+
+    fn lay(&mut self, to: Point<Work>, step_mm: f64, kind: MoveKind, layer: u32) {
+        let before = self.position();
+        let mut place = |position| {
+            self.points.push(PathPoint { position, kind, layer, leads_to: self.heading });
+        };
+        let Some(from) = before else { return place(to) };
         let length = from.distance_mm(&to);
         if length < 1e-9 {
             return;
         }
         let pieces = (length / step_mm).ceil().max(1.0) as usize;
-        for n in 1..=pieces {
-            self.push(from + (to - from) * (n as f64 / pieces as f64), kind, layer);
-        }
+        (1..=pieces).for_each(|n| place(from + (to - from) * (n as f64 / pieces as f64)));
     }
 
     fn push(&mut self, position: Point<Work>, kind: MoveKind, layer: u32) {
-        let from = self.position().unwrap_or(position);
-        let index = self.points.len() as u32;
-        let Self { removal, material, reachable, left, .. } = self;
-        removal.sweep(from, position, self.space.radius_mm(), index, |voxel| {
+        self.points.push(PathPoint { position, kind, layer, leads_to: self.heading });
+        self.sweep();
+    }
+
+    /// Takes what the moves remove that were laid since the last time. Nothing is asked of the bone in between.
+    fn sweep(&mut self) {
+        let Self { points, removal, material, reachable, left, .. } = self;
+        let moves = self.swept as u32..points.len() as u32;
+        let at = |n: u32| points[n as usize].position;
+        removal.sweep(moves, at, self.space.radius_mm(), |voxel| {
             material.remove(voxel);
             *left -= usize::from(reachable.remove(voxel));
         });
-        self.points.push(PathPoint { position, kind, layer, leads_to: self.heading });
+        self.swept = self.points.len();
     }
 }

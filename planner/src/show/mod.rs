@@ -62,11 +62,8 @@ impl<'a> Show<'a> {
         let work_from_ct = scene.ct_from_work.inverse();
         let path: Vec<_> = plan.waypoints.iter().map(|w| work_from_ct * w.position).collect();
         let mut removal = RemovalTime::new(scene.class.grid());
-        let mut before = path.first().copied();
-        for (to, index) in path.iter().zip(0u32..) {
-            let from = before.replace(*to).unwrap_or(*to);
-            removal.sweep(from, *to, plan.record.case.burr.radius_mm, index, |_| ());
-        }
+        let radius_mm = plan.record.case.burr.radius_mm;
+        removal.sweep(0..path.len() as u32, |n| path[n as usize], radius_mm, |_| ());
         let structure = structures(&scene);
         Ok(Self { plan, scene, path, removal, structure })
     }

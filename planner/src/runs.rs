@@ -1,0 +1,157 @@
+//! A path as straight runs: consecutive moves on one line, which sweep one capsule.
+//!
+//! Which of a run's moves covers a place first has a closed form: the first whose end has come as far along the line as the
+//! place is, less half the chord of a ball through it. So a run is swept once, not move by move.
+
+use std::ops::{ControlFlow, Range};
+
+use bonemill_geometry::{Point, Work};
+use nalgebra::Vector3;
+
+use crate::sweep::{Rows, segment_distance_squared};
+use crate::voxels::VoxelSet;
+
+/// Consecutive moves that deviate less than this from a straight line are one run, mm.
+const STRAIGHT_MM: f64 = 1e-6;
+
+/// A straight piece of a path: moves `first..=last`. Move i leads from place i − 1 to place i; move 0 stands at place 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Run {
+    /// Its first move.
+    pub first: u32,
+    /// Its last move.
+    pub last: u32,
+}
+
+impl Run {
+    /// Where it starts.
+    pub fn start(&self) -> u32 {
+        self.first.saturating_sub(1)
+    }
+}
+
+/// Maximal straight runs of the moves of a path whose places are `at`; move 0 is a run of its own.
+pub fn straight_runs(moves: Range<u32>, at: impl Fn(u32) -> Point<Work>) -> Vec<Run> {
+    let mut runs: Vec<Run> = Vec::new();
+    let at = |n: u32| at(n).coords;
+    for n in moves {
+        let extends = runs.last().is_some_and(|run| {
+            run.first > 0 && {
+                let (a, b, c) = (at(run.first - 1), at(run.last), at(n));
+                // straight on, not back
+                (b - a).dot(&(c - b)) >= 0.0
+                    && segment_distance_squared(&b, &a, &c) <= STRAIGHT_MM * STRAIGHT_MM
+            }
+        });
+        match runs.last_mut() {
+            Some(run) if extends => run.last = n,
+            _ => runs.push(Run { first: n, last: n }),
+        }
+    }
+    runs
+}
+
+/// Takes out of `standing` what a ball of `radius_mm` covers on its way along `runs`, and tells `taken` each voxel and the
+/// first move that covers it. What the ball covers where the runs start is gone already, but for a path's first place.
+pub fn take_runs(
+    runs: &[Run],
+    at: impl Fn(u32) -> Point<Work>,
+    rows: &Rows,
+    radius_mm: f64,
+    standing: &mut VoxelSet,
+    mut taken: impl FnMut(usize, u32),
+) {
+    for run in runs {
+        let (a, b) = (at(run.start()), at(run.last));
+        let may = VoxelSet::may_hold;
+        if run.first == run.last {
+            let _ = rows.within_capsule_where(a, b, radius_mm, standing, may, |standing, row| {
+                standing.take(row, |voxel| taken(voxel, run.first));
+                ControlFlow::Continue(())
+            });
+            continue;
+        }
+        let places = Places::new(run, &at, radius_mm);
+        let wide_mm = radius_mm + 2.0 * STRAIGHT_MM;
+        let _ = rows.within_capsule_where(a, b, wide_mm, standing, may, |standing, row| {
+            standing.take_where(row, |voxel| {
+                let first = places.first_that_covers(&rows.center(voxel).coords);
+                first.inspect(|index| taken(voxel, *index)).is_some()
+            });
+            ControlFlow::Continue(())
+        });
+    }
+}
+
+/// Where the moves of a run start and end.
+struct Places {
+    first: u32,
+    /// One more than there are moves.
+    at: Vec<Vector3<f64>>,
+    along: Vector3<f64>,
+    /// How far along the line each move ends.
+    ends_mm: Vec<f64>,
+    squared_mm2: f64,
+}
+
+impl Places {
+    fn new(run: &Run, at: impl Fn(u32) -> Point<Work>, radius_mm: f64) -> Self {
+        let at: Vec<_> = (run.start()..=run.last).map(|n| at(n).coords).collect();
+        let along = (at[at.len() - 1] - at[0]).try_normalize(0.0).unwrap_or_else(Vector3::zeros);
+        let ends_mm = at[1..].iter().map(|p| (p - at[0]).dot(&along)).collect();
+        Self { first: run.first, at, along, ends_mm, squared_mm2: radius_mm * radius_mm }
+    }
+
+    fn first_that_covers(&self, p: &Vector3<f64>) -> Option<u32> {
+        let from = p - self.at[0];
+        let along = from.dot(&self.along);
+        let half_chord = (self.squared_mm2 - (from - self.along * along).norm_squared()).max(0.0).sqrt();
+        let about = self.ends_mm.partition_point(|end| *end < along - half_chord);
+        // rounding, and what a run may deviate from its line
+        let near = about.saturating_sub(1)..(about + 2).min(self.ends_mm.len());
+        let covers =
+            |n: &usize| segment_distance_squared(p, &self.at[*n], &self.at[n + 1]) <= self.squared_mm2;
+        near.into_iter().find(covers).map(|n| self.first + n as u32)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bonemill_geometry::Grid;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Against every move of its own, in turn.
+        #[test]
+        fn runs_take_what_their_moves_take_one_by_one(
+            corners in prop::collection::vec(prop::array::uniform3(0.0f64..6.0), 1..6),
+            pieces in prop::collection::vec(1usize..9, 6), radius in 0.3f64..1.6,
+        ) {
+            let grid = Grid::<Work>::aligned([25, 24, 23], 0.25, Point::new(0.0, 0.0, 0.0)).unwrap();
+            let rows = Rows::of(&grid);
+            let mut path = vec![Point::from_coords(corners[0].into())];
+            for (corner, pieces) in corners[1..].iter().zip(pieces) {
+                let (from, to) = (path[path.len() - 1], Point::from_coords((*corner).into()));
+                // uneven steps, a stand among them
+                path.extend((0..=pieces).map(|n| from + (to - from) * (n as f64 / pieces as f64).powi(2)));
+            }
+            let at = |n: u32| path[n as usize];
+            let runs = straight_runs(0..path.len() as u32, at);
+            prop_assert!(runs.len() <= 2 * corners.len());
+            let mut found = vec![None; grid.len()];
+            let mut standing = VoxelSet::of(grid.len(), |_| true);
+            take_runs(&runs, at, &rows, radius, &mut standing, |voxel, index| found[voxel] = Some(index));
+            for (voxel, found) in found.into_iter().enumerate() {
+                let p = rows.center(voxel).coords;
+                let beyond = |n: usize| {
+                    segment_distance_squared(&p, &path[n.saturating_sub(1)].coords, &path[n].coords).sqrt() - radius
+                };
+                let expected = (0..path.len()).find(|n| beyond(*n) <= 0.0).map(|n| n as u32);
+                let doubt = (0..path.len()).any(|n| beyond(n).abs() < 1e-5);
+                prop_assert!(found == expected || doubt, "{voxel}: {found:?}, not {expected:?}");
+                prop_assert_eq!(standing.contains(voxel), found.is_none());
+            }
+        }
+    }
+}
