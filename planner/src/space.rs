@@ -6,7 +6,8 @@
 //! exact wherever the field's bounds leave a doubt. What the trajectory may deviate from its waypoints is added.
 
 use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
-use bonemill_imaging::{Class, ImageError, Scene, distance_within};
+use bonemill_imaging::{Class, ImageError, Scene, StructureField, distance_within};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::sweep::Rows;
@@ -23,6 +24,8 @@ const PASSING_STRUCTURE_MM: f64 = 0.005;
 
 /// Margins are kept up to this, mm: beyond it nothing is in doubt.
 const MARGIN_CUT_MM: f64 = 0.15;
+/// Nodes along a side of a block that is asked about at once which structures are near.
+const BLOCK: usize = 8;
 
 /// Free space of the burr's centre.
 #[derive(Debug)]
@@ -162,6 +165,8 @@ impl<'a> BurrSpace<'a> {
     /// min(distance to obstacles − r, distance to each structure − what it must be) per node; negative: not clear.
     fn node_margins(&self) -> Vec<f32> {
         let grid = self.grid();
+        let near = self.structures_near_blocks();
+        let [bx, by, _] = grid.dims().map(|n| n.div_ceil(BLOCK));
         let margin = |n: usize| -> f64 {
             cancel::poll();
             let p = grid.center(grid.voxel(n));
@@ -175,8 +180,8 @@ impl<'a> BurrSpace<'a> {
                 .map_or(MARGIN_CUT_MM, |d| f64::from(d.data()[n]) - self.radius_mm + 1e-5);
             let mut least = bone.min(MARGIN_CUT_MM);
             let p_ct = self.scene.ct_from_work * p;
-            for (structure, keep) in self.scene.structures.iter().zip(&self.keep_mm) {
-                let Some(field) = &structure.field else { continue };
+            let [i, j, k] = grid.voxel(n).map(|i| i / BLOCK);
+            for (field, keep) in &near[i + bx * (j + by * k)] {
                 if least <= -MARGIN_CUT_MM {
                     break;
                 }
@@ -190,6 +195,24 @@ impl<'a> BurrSpace<'a> {
             least.max(-MARGIN_CUT_MM)
         };
         (0..grid.len()).into_par_iter().with_min_len(4096).map(|n| margin(n) as f32).collect()
+    }
+
+    /// Per block of nodes the structures that may decide its margins, with what they are to be kept.
+    fn structures_near_blocks(&self) -> Vec<Vec<(&StructureField, f64)>> {
+        let grid = self.grid();
+        let dims = grid.dims().map(|n| n.div_ceil(BLOCK));
+        let half_mm = 0.5 * (BLOCK - 1) as f64 * grid.spacing_mm().x;
+        let near = |block: usize| {
+            let block = [block % dims[0], block / dims[0] % dims[1], block / (dims[0] * dims[1])];
+            let middle = grid.center(block.map(|b| b * BLOCK)) + Vector3::repeat(half_mm);
+            let p_ct = self.scene.ct_from_work * middle;
+            let fields = self.scene.structures.iter().map(|structure| structure.field.as_ref());
+            let decides = |(field, keep): &(&StructureField, f64)| {
+                field.bounds(p_ct).0 - 3f64.sqrt() * half_mm - keep < MARGIN_CUT_MM
+            };
+            fields.zip(&self.keep_mm).filter_map(|(f, keep)| f.zip(Some(*keep))).filter(decides).collect()
+        };
+        (0..dims.iter().product()).into_par_iter().map(near).collect()
     }
 
     fn covered_target(&self) -> Result<Vec<bool>, ImageError> {

@@ -152,17 +152,21 @@ impl Capsule {
     /// The capsule is the union of the balls at both ends and the cylinder between them, each an interval; their hull
     /// is the answer because the union is convex.
     fn chord(&self, y: f64, z: f64) -> Option<(f64, f64)> {
-        let at_a = self.ball_chord(&self.a, y, z);
-        if self.length_squared < 1e-24 {
-            return at_a;
+        let (mut lo, mut hi) = (f64::INFINITY, f64::NEG_INFINITY);
+        let mut join = |part: Option<(f64, f64)>| {
+            if let Some((l, h)) = part {
+                (lo, hi) = (lo.min(l), hi.max(h));
+            }
+        };
+        join(self.ball_chord(&self.a, y, z));
+        if self.length_squared >= 1e-24 {
+            join(self.ball_chord(&self.b, y, z));
+            join(self.cylinder_chord(y, z));
         }
-        let at_b = self.ball_chord(&self.b, y, z);
-        [at_a, at_b, self.cylinder_chord(y, z)]
-            .into_iter()
-            .flatten()
-            .reduce(|(lo, hi), (l, h)| (lo.min(l), hi.max(h)))
+        (lo <= hi).then_some((lo, hi))
     }
 
+    #[inline]
     fn ball_chord(&self, c: &Vector3<f64>, y: f64, z: f64) -> Option<(f64, f64)> {
         let half_squared = self.radius_squared - (y - c.y).powi(2) - (z - c.z).powi(2);
         (half_squared >= 0.0).then(|| {
@@ -172,6 +176,7 @@ impl Capsule {
     }
 
     /// |w|² − (w·d)²/|d|² ≤ r² with w = (x, y, z) − a, cut to 0 ≤ w·d ≤ |d|².
+    #[inline]
     fn cylinder_chord(&self, y: f64, z: f64) -> Option<(f64, f64)> {
         let d = &self.along;
         let (wy, wz) = (y - self.a.y, z - self.a.z);

@@ -24,6 +24,8 @@ pub(super) fn latest_of_eighths(solid: &Solid, octants: &OctantTimes, voxel: usi
     })
 }
 
+/// Values that one look at memory brings.
+const LINE: usize = 16;
 /// Voxels in a run.
 pub(super) const RUN: usize = 8;
 
@@ -64,6 +66,9 @@ impl Bounds {
 /// A scalar per cubic voxel; free outside.
 #[derive(Debug, Clone)]
 pub(super) struct Field {
+    /// Whether memory runs along z first, then y, then x; else along x first.
+    is_z_first: bool,
+    /// Voxels along the axes in memory's order.
     dims: [usize; 3],
     pub(super) spacing_mm: f64,
     /// Centre of the first voxel, mm in work.
@@ -87,29 +92,43 @@ impl Field {
             }
         };
         let value = (0..grid.len()).into_par_iter().with_min_len(1 << 14).map(of).collect();
-        Self { dims: grid.dims(), spacing_mm: grid.spacing_mm().x, origin_mm: 0.0, is_blocks: false, value }
+        Self {
+            is_z_first: false,
+            dims: grid.dims(),
+            spacing_mm: grid.spacing_mm().x,
+            origin_mm: 0.0,
+            is_blocks: false,
+            value,
+        }
     }
 
     /// Blocks of `factor`³ voxels, each with its latest time, and room of `pad_mm` around, where the handpiece still
-    /// meets what lies at the border.
+    /// meets what lies at the border. In memory z comes first, along which marches go.
     pub(super) fn pooled(&self, factor: usize, pad_mm: f64) -> Self {
         let spacing_mm = self.spacing_mm * factor as f64;
         let pad = (pad_mm / spacing_mm).ceil() as usize + 2;
-        let dims = self.dims.map(|n| n.div_ceil(factor) + 2 * pad);
-        let mut value = vec![FREE; dims.iter().product()];
-        for k in 0..self.dims[2] {
-            for j in 0..self.dims[1] {
-                let row = dims[0] * (j / factor + pad + dims[1] * (k / factor + pad)) + pad;
-                let source = self.dims[0] * (j + self.dims[1] * k);
-                for (i, v) in self.value[source..source + self.dims[0]].iter().enumerate() {
-                    let block = &mut value[row + i / factor];
-                    *block = block.max(*v);
+        let [nx, ny, nz] = self.dims;
+        let [bz, by, bx] = [nz, ny, nx].map(|n| n.div_ceil(factor) + 2 * pad);
+        let mut value = vec![FREE; bx * by * bz];
+        // several slabs at once, since a look at a row of voxels brings its neighbours along
+        let portion = LINE.div_ceil(factor).max(1);
+        value[pad * by * bz..].par_chunks_mut(portion * by * bz).enumerate().for_each(|(n, slabs)| {
+            let voxels = n * portion * factor..((n + 1) * portion * factor).min(nx);
+            for j in 0..if voxels.is_empty() { 0 } else { ny } {
+                cancel::poll();
+                let row = pad + bz * (j / factor + pad);
+                for k in 0..nz {
+                    let source = nx * (j + ny * k);
+                    for (i, v) in self.value[source..][voxels.clone()].iter().enumerate() {
+                        let block = &mut slabs[i / factor * by * bz + row + k / factor];
+                        *block = if *v > *block { *v } else { *block };
+                    }
                 }
             }
-        }
+        });
         let first_center = 0.5 * (factor as f64 - 1.0) * self.spacing_mm;
         let origin_mm = first_center - pad as f64 * spacing_mm;
-        Self { dims, spacing_mm, origin_mm, is_blocks: factor > 1, value }
+        Self { is_z_first: true, dims: [bz, by, bx], spacing_mm, origin_mm, is_blocks: factor > 1, value }
     }
 
     /// Latest time around each voxel: the maximum over a ball that holds all that a march step stands for.
@@ -131,7 +150,7 @@ impl Field {
     /// The box of all voxels.
     pub(super) fn bounds(&self) -> Bounds {
         let low = self.origin_mm - 0.5 * self.spacing_mm;
-        let size = Vector3::from(self.dims.map(|n| n as f64 * self.spacing_mm));
+        let size = Vector3::from(self.turned(self.dims.map(|n| n as f64 * self.spacing_mm)));
         Bounds { low_mm: Vector3::repeat(low), high_mm: Vector3::repeat(low) + size }
     }
 
@@ -146,7 +165,13 @@ impl Field {
         self.voxel(p).map_or(FREE, |[i, j, k]| self.value[i + self.dims[0] * (j + self.dims[1] * k)])
     }
 
-    /// The voxel that holds `p`.
+    /// From work's axes to memory's order, or back.
+    #[inline]
+    fn turned(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        if self.is_z_first { [z, y, x] } else { [x, y, z] }
+    }
+
+    /// The voxel that holds `p`, along the axes in memory's order.
     #[inline]
     fn voxel(&self, p: &Vector3<f64>) -> Option<[usize; 3]> {
         let scale = 1.0 / self.spacing_mm;
@@ -155,7 +180,8 @@ impl Field {
             let v = (c - self.origin_mm) * scale + 0.5;
             (v >= 0.0 && v < n as f64).then_some(v as usize)
         };
-        Some([at(p.x, self.dims[0])?, at(p.y, self.dims[1])?, at(p.z, self.dims[2])?])
+        let ([x, y, z], [nx, ny, nz]) = (self.turned([p.x, p.y, p.z]), self.dims);
+        Some([at(x, nx)?, at(y, ny)?, at(z, nz)?])
     }
 
     /// The latest time in each run of [`RUN`] voxels in memory.
@@ -287,7 +313,7 @@ mod tests {
             from in prop::array::uniform3(0.0f64..6.0), axis in prop::array::uniform3(-1.0f64..1.0),
         ) {
             let mut field = Field {
-                dims: [23, 17, 13], spacing_mm: 0.5, origin_mm: 0.0, is_blocks: false, value: vec![FREE; 23 * 17 * 13],
+                is_z_first: false, dims: [23, 17, 13], spacing_mm: 0.5, origin_mm: 0.0, is_blocks: false, value: vec![FREE; 23 * 17 * 13],
             };
             seed.iter().enumerate().for_each(|(n, at)| field.value[*at] = n as f32);
             let axis = Vector3::from(axis).try_normalize(1e-3).unwrap_or(Vector3::z());
@@ -302,6 +328,7 @@ mod tests {
     #[test]
     fn pooling_keeps_the_latest_time_of_every_block() {
         let field = Field {
+            is_z_first: false,
             dims: [5, 4, 3],
             spacing_mm: 0.5,
             origin_mm: 0.0,

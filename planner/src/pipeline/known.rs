@@ -4,7 +4,7 @@
 //! and a direction can change only where its shank comes near a voxel of which that is not true. Those are found once per
 //! round, as coarse cells; every other one keeps its answer. Where the rounds do not match, nothing is assumed.
 
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 
 use bonemill_geometry::{Point, Work};
 use nalgebra::Vector3;
@@ -16,6 +16,8 @@ use crate::removal::NEVER;
 
 /// Voxels along a side of a coarse cell.
 const CELL: usize = 8;
+/// Cells along a side of a group.
+const GROUP: usize = 4;
 /// More than a march of the access test looks past the shank, mm: a voxel or a block of the handpiece's field.
 const SLACK_MM: f64 = 2.0;
 
@@ -39,10 +41,20 @@ pub struct KnownDirections<'a> {
     free: &'a FreeSets,
     /// The same waypoint of the round; `None` where there was none.
     then: Vec<Option<u32>>,
-    /// Centres of the cells in which a voxel goes at another move than before, mm.
-    changed: Vec<Vector3<f64>>,
+    /// The cells in which a voxel goes at another move than before, in groups.
+    changed: Vec<Group>,
     /// From a cell's centre to its corner, mm.
     cell_mm: f64,
+}
+
+/// Neighbouring cells.
+#[derive(Debug)]
+struct Group {
+    /// Their middle, and how far the corners of the farthest are from it, mm.
+    middle: Vector3<f64>,
+    reach_mm: f64,
+    /// Centres, mm.
+    cells: Vec<Vector3<f64>>,
 }
 
 impl Round {
@@ -68,10 +80,20 @@ impl Round {
             let first = grid.center(cell.map(|i| i * CELL)).coords;
             first + Vector3::repeat(0.5 * (CELL as f64 - 1.0) * grid.spacing_mm().x)
         };
+        let mut groups: BTreeMap<[usize; 3], Vec<Vector3<f64>>> = BTreeMap::new();
+        for cell in &cells {
+            groups.entry(cell.map(|i| i / GROUP)).or_default().push(center(cell));
+        }
+        let cell_mm = 0.5 * 3f64.sqrt() * side_mm;
+        let group = |cells: Vec<Vector3<f64>>| {
+            let middle = cells.iter().sum::<Vector3<f64>>() / cells.len() as f64;
+            let reach_mm = cells.iter().map(|c| (c - middle).norm()).fold(0.0, f64::max) + cell_mm;
+            Group { middle, reach_mm, cells }
+        };
         KnownDirections {
             free: &self.free,
-            changed: cells.iter().map(center).collect(),
-            cell_mm: 0.5 * 3f64.sqrt() * side_mm,
+            changed: groups.into_values().map(group).collect(),
+            cell_mm,
             then,
         }
     }
@@ -122,13 +144,17 @@ impl KnownDirections<'_> {
         axis: &Vector3<f64>,
         shank: &[ShankCylinder],
     ) -> bool {
-        self.changed.iter().any(|cell| {
-            let from = cell - center.coords;
+        let is_near = |place: &Vector3<f64>, reach_mm: f64| {
+            let from = place - center.coords;
             let along = from.dot(axis);
             shank.iter().any(|cylinder| {
                 let nearest = axis * along.clamp(cylinder.from_mm, cylinder.to_mm);
-                (from - nearest).norm() <= cylinder.radius_mm + self.cell_mm + SLACK_MM
+                (from - nearest).norm() <= cylinder.radius_mm + reach_mm + SLACK_MM
             })
+        };
+        self.changed.iter().any(|group| {
+            is_near(&group.middle, group.reach_mm)
+                && group.cells.iter().any(|cell| is_near(cell, self.cell_mm))
         })
     }
 }

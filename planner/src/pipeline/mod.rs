@@ -186,11 +186,16 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let demand = prepared.demand(case, &chosen);
     let speed_input = demand.input(case, &prepared, &chosen, &motion.dense);
     let limits = speeds::path_limits(&arm)?;
-    let timing = watch.run("time law", || speeds::timing(&speed_input, &case.speed, case.paper, &limits))?;
+    let (timing, coverage) = watch.run("time law, coverage", || {
+        rayon::join(
+            || speeds::timing(&speed_input, &case.speed, case.paper, &limits),
+            || metrics::coverage(&scene, &space, &prepared.reached.path.removal, points),
+        )
+    });
+    let timing = timing?;
     // refused here, before anything is written
     timing.law.rows(case.robot.rate_hz)?;
-    let coverage = watch
-        .run("coverage", || metrics::coverage(&scene, &space, &prepared.reached.path.removal, points))?;
+    let coverage = coverage?;
 
     let approach_from_ct = scene.ct_from_approach().inverse();
     let waypoints: Vec<Waypoint> = (0..points.len())
