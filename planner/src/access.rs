@@ -32,6 +32,7 @@ use bonemill_geometry::{Point, Work, basis, cancel};
 use bonemill_imaging::Scene;
 use bonemill_robot::timelaw::CornerTolerance;
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 use self::field::{Bounds, Field, SOLID, Skips};
 use crate::space::TRAJECTORY_TOLERANCE_MM;
@@ -117,22 +118,21 @@ impl<'a> Access<'a> {
     pub fn new(scene: &'a Scene, solid: &'a Solid, octants: OctantTimes, shank: &[ShankCylinder]) -> Self {
         let latest = Field::removal_time(solid, &octants);
         let thin_mm = shank.first().map_or(0.0, |c| c.radius_mm);
-        let segments = shank
-            .iter()
-            .map(|cylinder| {
-                let factor = (cylinder.radius_mm / (VOXELS_PER_RADIUS * latest.spacing_mm)).floor().max(1.0);
-                let wide_mm = cylinder.radius_mm + aside_mm(cylinder.radius_mm, cylinder.to_mm);
-                let pooled = latest.pooled(factor as usize, wide_mm);
-                let reach_mm = pooled.ball_voxels(wide_mm) * pooled.spacing_mm;
-                let front = if pooled.is_blocks && cylinder.radius_mm > thin_mm {
-                    front_balls(&ShankCylinder { radius_mm: wide_mm, ..*cylinder }, reach_mm, thin_mm)
-                } else {
-                    Vec::new()
-                };
-                let latest = pooled.dilated(wide_mm);
-                Segment { cylinder: *cylinder, skips: latest.skips(), latest, reach_mm, front }
-            })
-            .collect();
+        let segment = |cylinder: &ShankCylinder| {
+            let factor = (cylinder.radius_mm / (VOXELS_PER_RADIUS * latest.spacing_mm)).floor().max(1.0);
+            let wide_mm = cylinder.radius_mm + aside_mm(cylinder.radius_mm, cylinder.to_mm);
+            let pooled = latest.pooled(factor as usize, wide_mm);
+            let reach_mm = pooled.ball_voxels(wide_mm) * pooled.spacing_mm;
+            let front = if pooled.is_blocks && cylinder.radius_mm > thin_mm {
+                front_balls(&ShankCylinder { radius_mm: wide_mm, ..*cylinder }, reach_mm, thin_mm)
+            } else {
+                Vec::new()
+            };
+            let latest = pooled.dilated(wide_mm);
+            Segment { cylinder: *cylinder, skips: latest.skips(), latest, reach_mm, front }
+        };
+        let (segments, latest_of_runs) =
+            rayon::join(|| shank.par_iter().map(segment).collect(), || latest.runs());
         Self {
             scene,
             solid,
@@ -140,7 +140,7 @@ impl<'a> Access<'a> {
             octants,
             near_box: latest.bounds(),
             far_box: scene.far.grid().map(Bounds::of),
-            latest_of_runs: latest.runs(),
+            latest_of_runs,
             latest,
             segments,
         }

@@ -14,6 +14,11 @@ use crate::voxels::VoxelSet;
 /// Consecutive moves that deviate less than this from a straight line are one run, mm.
 const STRAIGHT_MM: f64 = 1e-6;
 
+/// Where less than this is left to a ball's surface, or to the end of a move, each move is asked: beyond rounding and what a
+/// run deviates from its line.
+const CERTAIN_MM2: f64 = 1e-2;
+const CERTAIN_MM: f64 = 1e-4;
+
 /// A straight piece of a path: moves `first..=last`. Move i leads from place i − 1 to place i; move 0 stands at place 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Run {
@@ -74,8 +79,9 @@ pub fn take_runs(
         let places = Places::new(run, &at, radius_mm);
         let wide_mm = radius_mm + 2.0 * STRAIGHT_MM;
         let _ = rows.within_capsule_where(a, b, wide_mm, standing, may, |standing, row| {
+            let center = rows.centers_in_row(row.start);
             standing.take_where(row, |voxel| {
-                let first = places.first_that_covers(&rows.center(voxel).coords);
+                let first = places.first_that_covers(&center(voxel));
                 first.inspect(|index| taken(voxel, *index)).is_some()
             });
             ControlFlow::Continue(())
@@ -102,13 +108,22 @@ impl Places {
         Self { first: run.first, at, along, ends_mm, squared_mm2: radius_mm * radius_mm }
     }
 
+    #[inline]
     fn first_that_covers(&self, p: &Vector3<f64>) -> Option<u32> {
         let from = p - self.at[0];
         let along = from.dot(&self.along);
-        let half_chord = (self.squared_mm2 - (from - self.along * along).norm_squared()).max(0.0).sqrt();
-        let about = self.ends_mm.partition_point(|end| *end < along - half_chord);
-        // rounding, and what a run may deviate from its line
-        let near = about.saturating_sub(1)..(about + 2).min(self.ends_mm.len());
+        let left_mm2 = self.squared_mm2 - (from.norm_squared() - along * along);
+        let half_chord = left_mm2.max(0.0).sqrt();
+        let front = along - half_chord;
+        let n = self.ends_mm.partition_point(|end| *end < front);
+        let before = n.checked_sub(1).map_or(-2.0 * half_chord, |n| self.ends_mm[n]);
+        let is_certain = left_mm2 > CERTAIN_MM2
+            && front - before > CERTAIN_MM
+            && self.ends_mm.get(n).is_some_and(|end| end - front > CERTAIN_MM);
+        if is_certain {
+            return Some(self.first + n as u32);
+        }
+        let near = n.saturating_sub(1)..(n + 2).min(self.ends_mm.len());
         let covers =
             |n: &usize| segment_distance_squared(p, &self.at[*n], &self.at[n + 1]) <= self.squared_mm2;
         near.into_iter().find(covers).map(|n| self.first + n as u32)
@@ -143,7 +158,7 @@ mod tests {
             let mut standing = VoxelSet::of(grid.len(), |_| true);
             take_runs(&runs, at, &rows, radius, &mut standing, |voxel, index| found[voxel] = Some(index));
             for (voxel, found) in found.into_iter().enumerate() {
-                let p = rows.center(voxel).coords;
+                let p = grid.center(grid.voxel(voxel)).coords;
                 let beyond = |n: usize| {
                     segment_distance_squared(&p, &path[n.saturating_sub(1)].coords, &path[n].coords).sqrt() - radius
                 };

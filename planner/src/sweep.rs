@@ -32,12 +32,12 @@ impl Rows {
         Self { dims, spacing_mm }
     }
 
-    /// Centre of a voxel.
-    #[inline]
-    pub fn center(&self, voxel: usize) -> Point<Work> {
+    /// Centres of the voxels of a row, mm, of which `first` is one.
+    pub fn centers_in_row(&self, first: usize) -> impl Fn(usize) -> Vector3<f64> {
         let [nx, ny, _] = self.dims;
-        let [i, j, k] = [voxel % nx, voxel / nx % ny, voxel / (nx * ny)];
-        Point::from_coords(Vector3::new(i as f64, j as f64, k as f64) * self.spacing_mm)
+        let (row, spacing_mm) = (first - first % nx, self.spacing_mm);
+        let [y, z] = [first / nx % ny, first / (nx * ny)].map(|n| n as f64 * spacing_mm);
+        move |voxel| Vector3::new((voxel - row) as f64 * spacing_mm, y, z)
     }
 
     /// Hands `visit` every run of voxels (memory range) whose centres lie within `radius_mm` of the segment a–b.

@@ -137,7 +137,8 @@ impl Field {
     /// diagonal of the voxel that is looked up, and the eighth within half of that of its own; a block may hold it half
     /// of the block's diagonal off.
     pub(super) fn dilated(self, radius_mm: f64) -> Self {
-        Self { value: ball_maximum(&self.value, self.dims, self.ball_voxels(radius_mm)), ..self }
+        let radius = self.ball_voxels(radius_mm);
+        Self { value: ball_maximum(self.value, self.dims, radius), ..self }
     }
 
     /// The radius of that ball, voxels.
@@ -201,7 +202,7 @@ impl Field {
             }
         }
         // a cube of blocks lies within this radius
-        Skips { value: ball_maximum(&value, dims, 3f64.sqrt() + 1e-9), dims }
+        Skips { value: ball_maximum(value, dims, 3f64.sqrt() + 1e-9), dims }
     }
 }
 
@@ -232,7 +233,7 @@ impl Skips {
 ///
 /// The ball is a stack of rows. Rows of equal half-width share one running maximum along x; what remains per voxel is
 /// one comparison per row of the ball, in memory order.
-fn ball_maximum(value: &[f32], dims: [usize; 3], radius: f64) -> Vec<f32> {
+fn ball_maximum(value: Vec<f32>, dims: [usize; 3], radius: f64) -> Vec<f32> {
     let [nx, ny, nz] = dims;
     let reach = radius.floor() as i64;
     let mut by_width: Vec<Vec<[i64; 2]>> = vec![Vec::new(); reach as usize + 1];
@@ -244,8 +245,8 @@ fn ball_maximum(value: &[f32], dims: [usize; 3], radius: f64) -> Vec<f32> {
             }
         }
     }
-    let mut out = value.to_vec();
-    let mut rows = value.to_vec();
+    let mut out = value.clone();
+    let mut rows = value;
     for (width, offsets) in by_width.iter().enumerate() {
         if width > 0 {
             rows.par_chunks_mut(nx).for_each(widen);
@@ -293,7 +294,7 @@ mod tests {
             value in prop::collection::vec(-1.0f32..9.0, 7 * 6 * 5), radius in 0.0f64..4.0,
         ) {
             let dims = [7, 6, 5];
-            let fast = ball_maximum(&value, dims, radius);
+            let fast = ball_maximum(value.clone(), dims, radius);
             let at = |n: usize| [n % 7, n / 7 % 6, n / 42].map(|c| c as f64);
             for (n, found) in fast.iter().enumerate() {
                 let near = |m: &usize| {

@@ -31,6 +31,10 @@ const PLANE_STEP_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 const CAP_STEP_RAD: f64 = 6.0 * std::f64::consts::PI / 180.0;
 /// Steps of a draft's directions are this many times as long.
 const DRAFT_COARSER: f64 = 2.0;
+/// Directions in which the choice of axes looks for bone, and how many make a sample. Forces are then summed over the nodes
+/// of D4; with 4096 directions by 8, Σ C Δs + λ ∫ (da/ds)² ds of a mastoidectomy comes out 0.007 % lower.
+const CHOICE_SAMPLES: usize = 1024;
+const CHOICE_MERGED: usize = 2;
 /// λ of the orientation's rate penalty, mm/rad² per unit of cost.
 const RATE_WEIGHT_MM: f64 = 1.0;
 /// Structures farther than this beyond burr and clearance matter to nothing but the plan's columns, mm.
@@ -180,8 +184,7 @@ impl<'a> Prepared<'a> {
         let points = self.points();
         let tool = setup::tool(&case.burr)?;
         let (material, measure) = setup::material(&case.material)?;
-        let (samples, merged) = (OrientationKernel::DEFAULT_SAMPLES, OrientationKernel::DEFAULT_MERGED);
-        let kernel = OrientationKernel::new(&tool, &material, measure, samples, merged);
+        let kernel = OrientationKernel::new(&tool, &material, measure, CHOICE_SAMPLES, CHOICE_MERGED);
         let swept = SweptPath::new(self.scene, &self.reached.path.removal, points, case.burr.radius_mm);
         let terms = terms(case, &self.near)?;
         let compliance = Compliance::new(case, self.placed())?;

@@ -23,7 +23,6 @@ pub const FILES: [&str; 4] = ["waypoints.csv", "trajectory.csv", "robot.urdf", "
 pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<PlanRecord, PlanFileError> {
     let dir = staged.path();
     let [waypoints, trajectory, urdf, report] = FILES.map(|name| dir.join(name));
-    write_waypoints(&waypoints, &plan.waypoints, &plan.case.structures)?;
     let write_law = || -> std::io::Result<()> {
         let mut out = BufWriter::with_capacity(1 << 20, File::create(&trajectory)?);
         let kinds: Vec<JointKind> = plan.arm.joints().iter().map(|joint| joint.kind).collect();
@@ -31,9 +30,14 @@ pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<P
         write_trajectory_csv(&mut out, &rows, &kinds).map_err(std::io::Error::other)?;
         out.flush()
     };
-    write_law().map_err(PlanFileError::io("write", &trajectory))?;
-    std::fs::write(&urdf, plan.arm.urdf_text()).map_err(PlanFileError::io("write", &urdf))?;
-    std::fs::write(&report, crate::report::html(plan)).map_err(PlanFileError::io("write", &report))?;
+    let write_rest = || -> Result<(), PlanFileError> {
+        write_waypoints(&waypoints, &plan.waypoints, &plan.case.structures)?;
+        std::fs::write(&urdf, plan.arm.urdf_text()).map_err(PlanFileError::io("write", &urdf))?;
+        std::fs::write(&report, crate::report::html(plan)).map_err(PlanFileError::io("write", &report))
+    };
+    let (law, rest) = rayon::join(write_law, write_rest);
+    law.map_err(PlanFileError::io("write", &trajectory))?;
+    rest?;
     let record = record(plan, staged.relative(case_path)?);
     record.write(dir)?;
     Ok(record)
