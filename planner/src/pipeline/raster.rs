@@ -5,7 +5,7 @@
 //! coarse steps, coarse directions. Each draft is oriented by the dynamic program, and the lower J wins.
 //!
 //! A draft is a comparison, not a plan: waypoints that no axis reaches count as much as the dearest cut, and nothing is
-//! dropped or refined.
+//! dropped or refined, and bone stands by voxels, not by eighths of them.
 
 use bonemill_imaging::Scene;
 use nalgebra::Vector3;
@@ -59,7 +59,7 @@ fn draft_cost(
     let step_mm = (COARSER * spec.spacing.step_mm).min(radius);
     let path = lay_rough(space, PathSpacing { step_mm, ..spec.spacing }, frame);
     let points = &path.points;
-    let octants = OctantTimes::new(spec.solid, points, radius);
+    let octants = OctantTimes::of_voxels(spec.solid, path.removal.time());
     let access = Access::new(scene, spec.solid, octants, spec.shank);
     let limited = limited(points.len(), |i| points[i].kind == MoveKind::Cut);
     let free = free_directions(&access, points, &limited, spec, None);
