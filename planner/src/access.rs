@@ -267,7 +267,7 @@ impl<'a> Access<'a> {
             if latest >= index as f32 {
                 return Some(Blocked::by(latest, offset.z));
             }
-            let is_beyond = self.scene.class.grid().nearest(p).is_none();
+            let is_beyond = !self.near_box.holds(&p.coords);
             let near = || self.scene.far.at_least_mm(p).is_some_and(|d| d < thin.cylinder.radius_mm);
             (is_beyond && near()).then_some(Blocked::Obstacle { at_mm: offset.z })
         })

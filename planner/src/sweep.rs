@@ -71,12 +71,12 @@ impl Rows {
         }
         let scale = 1.0 / self.spacing_mm;
         let capsule = Capsule::new(a.coords * scale, b.coords * scale, radius_mm * scale);
-        let [ys, zs] = [1, 2].map(|axis| capsule.extent(axis, self.dims[axis]));
-        // a voxel more at either end, whatever the rounding
-        let xs = capsule.extent(0, self.dims[0]);
-        let xs = xs.start.saturating_sub(1)..(xs.end + 1).min(self.dims[0]);
-        for k in zs {
-            for j in ys.clone() {
+        for k in capsule.extent(2, capsule.radius, self.dims[2]) {
+            let Some(radius) = capsule.radius_at_z(k as f64) else { continue };
+            // a voxel more at either end, whatever the rounding
+            let xs = capsule.extent(0, radius, self.dims[0]);
+            let xs = xs.start.saturating_sub(1)..(xs.end + 1).min(self.dims[0]);
+            for j in capsule.extent(1, radius, self.dims[1]) {
                 let row = self.dims[0] * (j + self.dims[1] * k);
                 if !may(state, row + xs.start..row + xs.end) {
                     continue;
@@ -141,10 +141,17 @@ impl Capsule {
         }
     }
 
-    /// Rows along `axis` that the capsule can meet.
-    fn extent(&self, axis: usize, n: usize) -> Range<usize> {
+    /// Places along `axis` within `radius` of the capsule's own axis.
+    fn extent(&self, axis: usize, radius: f64, n: usize) -> Range<usize> {
         let (lo, hi) = (self.a[axis].min(self.b[axis]), self.a[axis].max(self.b[axis]));
-        clip(lo - self.radius, hi + self.radius, n)
+        clip(lo - radius, hi + radius, n)
+    }
+
+    /// How far the layer at z may be from the capsule's axis within the layer; a hair more, whatever the rounding.
+    fn radius_at_z(&self, z: f64) -> Option<f64> {
+        let beyond = (self.a.z.min(self.b.z) - z).max(z - self.a.z.max(self.b.z)).max(0.0);
+        let squared = self.radius_squared * (1.0 + 1e-9) - beyond * beyond;
+        (squared >= 0.0).then(|| squared.sqrt())
     }
 
     /// The interval of x in which (x, y, z) lies in the capsule.

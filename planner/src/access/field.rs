@@ -44,6 +44,12 @@ impl Bounds {
         Self { low_mm, high_mm: low_mm + size }
     }
 
+    /// Whether it holds a point.
+    #[inline]
+    pub(super) fn holds(&self, p: &Vector3<f64>) -> bool {
+        (0..3).all(|a| self.low_mm[a] <= p[a] && p[a] <= self.high_mm[a])
+    }
+
     /// Where the ray center + t·axis, t ≥ 0, enters and leaves the box; enter > leave when it misses it.
     pub(super) fn crossing(&self, center: &Vector3<f64>, axis: &Vector3<f64>) -> (f64, f64) {
         let (mut enter, mut leave) = (0f64, f64::INFINITY);
