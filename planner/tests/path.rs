@@ -7,11 +7,14 @@ use bonemill_geometry::{Ct, Grid, Point, Volume, Work};
 use bonemill_imaging::DensityTable;
 use bonemill_imaging::scene::{Class, Scene, SceneSpec, TargetShape, build_scene};
 use bonemill_planner::access::{Access, OctantTimes, ShankCylinder, Solid, aside_mm};
-use bonemill_planner::engagement::mass_increments;
+use bonemill_planner::burr::{
+    Bone, Discretisation, EngagedSamples, ForceKernel, Material, Measure, OrientationKernel, Patch, Tool,
+};
+use bonemill_planner::engagement::{SweptPath, mass_increments, share_beyond};
 use bonemill_planner::path::{MillPath, MoveKind, Pass, PathSpacing, RasterFrame, join_passes, lay_path};
 use bonemill_planner::removal::NEVER;
 use bonemill_planner::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
-use nalgebra::Vector3;
+use nalgebra::{Unit, Vector3};
 
 const RADIUS_MM: f64 = 1.5;
 const CLEARANCE_MM: f64 = 1.0;
@@ -277,6 +280,55 @@ fn masses_add_up_to_what_the_balls_cover() {
     assert!(sum <= counted * 1.002 && sum >= counted * 0.98, "{sum} mg, {counted} mg");
 }
 
+/// Tiles of directions are passed over where nothing is met; no direction that meets something may be in one.
+#[test]
+fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
+    let scene = scene();
+    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let path = path(&space);
+    let swept = SweptPath::new(&scene, &path.removal, &path.points, RADIUS_MM);
+    let tool = Tool::new(RADIUS_MM, 8, -1).unwrap();
+    let material = Material::new([100.0, 60.0, 20.0], 0.8).unwrap();
+    let nodes = ForceKernel::new(&tool, &material, &Discretisation::default());
+    let lattice = OrientationKernel::new(&tool, &material, Measure::Db, 1024, 2);
+    let (moves, weight) = (moves(&path), |density| material.weight(density));
+    let (mut compared, mut most, mut off) = (0, 0f64, 0f64);
+    for i in (1..path.points.len()).step_by(3) {
+        let (from, to) = moves[i];
+        let Some(feed) = Unit::try_new(to - from, 1e-9) else { continue };
+        let axis = Unit::new_normalize(Vector3::new(0.3, (i % 5) as f64 * 0.1 - 0.2, 1.0));
+        let by_tiles =
+            nodes.engaged_force_in(&axis, &feed, 1.5, 6e4, &mut swept.bone_at(i as u32, RADIUS_MM, weight));
+        let mut bone = swept.bone_at(i as u32, RADIUS_MM, weight);
+        let mut alone =
+            |n: &Vector3<f64>, patch: &Patch| if bone.is_near(n, 0.0) { bone.weight(n, patch) } else { 0.0 };
+        assert_eq!(by_tiles, nodes.engaged_force_over(&axis, &feed, 1.5, 6e4, &mut alone), "waypoint {i}");
+        let [mut gathered, mut expected] = [EngagedSamples::default(), EngagedSamples::default()];
+        lattice.gather_over(&mut expected, &feed, 1.5, 6e4, &mut alone);
+        let mut bone = swept.bone_at(i as u32, RADIUS_MM, weight);
+        lattice.gather_in(&mut gathered, &feed, 1.5, 6e4, &mut bone);
+        let force = |samples| lattice.force_for_axis(samples, &axis, 6e4);
+        assert_eq!(force(&gathered), force(&expected), "waypoint {i}");
+        // all of the earlier path, without an index of it and without removal times
+        let brute = |n: &Vector3<f64>, patch: &Patch| {
+            let p = to + n * RADIUS_MM;
+            let away = |(a, b): &(Vector3<f64>, Vector3<f64>)| {
+                let along = b - a;
+                let t = if along.norm() > 0.0 { (p - a).dot(&along) / along.norm_squared() } else { 0.0 };
+                p - a - along * t.clamp(0.0, 1.0)
+            };
+            let away = moves[..i].iter().map(away).min_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap();
+            let share = share_beyond(away.norm() - RADIUS_MM, patch.sides_mm(&away.normalize()));
+            share * material.weight(scene.density_g_cm3.trilinear(Point::from_coords(p), 0.0))
+        };
+        let brute = nodes.engaged_force_over(&axis, &feed, 1.5, 6e4, brute).force_n(1.5);
+        compared += usize::from(brute.norm() > 0.0);
+        (most, off) = (most.max(brute.norm()), off.max((by_tiles.force_n(1.5) - brute).norm()));
+    }
+    eprintln!("{compared} forces, at most {most:.3} N, {:.2e} of it aside of brute force", off / most);
+    assert!(compared > 100 && off < 2e-3 * most, "{compared} forces, {off} N of {most} N");
+}
+
 /// Every eighth of every voxel is asked: when it goes, and whether it stands in the shank.
 #[test]
 fn the_shank_is_free_where_no_eighth_stands_in_it() {
@@ -285,9 +337,14 @@ fn the_shank_is_free_where_no_eighth_stands_in_it() {
     let path = path(&space);
     let (solid, moves) = (Solid::new(&scene, &[0.0]), moves(&path));
     let octants = OctantTimes::new(&solid, &path.points, RADIUS_MM);
+    let whole = OctantTimes::of_voxels(&solid, path.removal.time());
     let mut standing: Vec<(Vector3<f64>, u32)> = Vec::new();
     for n in 0..scene.class.data().len() {
         let times = octants.of(solid.grid().voxel(n));
+        let of_voxel = if solid.goes(n) == 0 { NEVER } else { path.removal.time()[n] };
+        for (eighth, time) in whole.of(solid.grid().voxel(n)).into_iter().enumerate() {
+            assert_eq!(time, if solid.goes(n) >> eighth & 1 == 1 { of_voxel } else { NEVER });
+        }
         for (eighth, center) in solid.centers(n).iter().enumerate() {
             if solid.stays(n) >> eighth & 1 == 1 {
                 standing.push((center.coords, NEVER));
