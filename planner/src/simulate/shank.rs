@@ -130,13 +130,25 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
     ) {
         let tag = self.tag(brick);
         let stored = if tag < tag::FIRST { self.stored[tag as usize].as_deref() } else { None };
-        self.sites(first, |site, at| {
-            let point = self.point(at);
+        // along the axis, beyond the cylinder's ends, and the square of the distance from the axis
+        let seen = |at| {
+            let point: Point<Work> = self.point(at);
             let from_burr = point.coords - shaft.center;
             let along_mm = from_burr.dot(&shaft.axis);
             let beyond_mm = (cylinder.from_mm - along_mm).max(along_mm - cylinder.to_mm).max(0.0);
-            let near_mm = cylinder.radius_mm + view.clear_mm;
             let across2 = (from_burr.norm_squared() - along_mm * along_mm).max(0.0);
+            (point, along_mm, beyond_mm, across2)
+        };
+        // half a row, and half a cell for rounding
+        let half_row_mm = 0.5 * SIDE as f64 * self.spacing_mm();
+        let is_row_near = |view: &ShankView, middle| {
+            let (_, _, beyond_mm, across2) = seen(middle);
+            let look_mm = view.clear_mm + half_row_mm;
+            across2 < (cylinder.radius_mm + look_mm).powi(2) && beyond_mm <= look_mm
+        };
+        self.sites(first, view, is_row_near, |view, site, at| {
+            let (point, along_mm, beyond_mm, across2) = seen(at);
+            let near_mm = cylinder.radius_mm + view.clear_mm;
             if across2 >= near_mm * near_mm || beyond_mm > view.clear_mm {
                 return;
             }
@@ -160,16 +172,24 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
 
     /// Centres of a brick's voxels, or of its cells where these are larger: a cell of each, and the centre's cell coordinates.
     ///
-    /// Parts of a voxel are no more certain than the voxel: as for the planner, it is where its centre is.
-    fn sites(&self, first: [usize; 3], mut visit: impl FnMut([usize; 3], Vector3<f64>)) {
+    /// Parts of a voxel are no more certain than the voxel: as for the planner, it is where its centre is. A row of which `may`
+    /// says, by its middle, that nothing in it matters is passed over.
+    fn sites<S>(
+        &self,
+        first: [usize; 3],
+        state: &mut S,
+        may: impl Fn(&S, Vector3<f64>) -> bool,
+        mut visit: impl FnMut(&mut S, [usize; 3], Vector3<f64>),
+    ) {
         let split = self.split();
         // cells that hold a centre: the first of each voxel's upper half
         let cells = |a: usize| (first[a]..first[a] + SIDE).filter(move |c| c % split == split / 2);
         let middle = if split.is_multiple_of(2) { 0.5 } else { 0.0 };
         for z in cells(2) {
             for y in cells(1) {
-                for x in cells(0) {
-                    visit([x, y, z], Vector3::new(x as f64, y as f64, z as f64).add_scalar(-middle));
+                let at = |x: f64| Vector3::new(x, y as f64, z as f64).add_scalar(-middle);
+                if may(state, at(first[0] as f64 + 0.5 * (SIDE - 1) as f64)) {
+                    cells(0).for_each(|x| visit(state, [x, y, z], at(x as f64)));
                 }
             }
         }
