@@ -5,30 +5,27 @@
 //! that an earlier piece's edge crosses counts by its share. The path merges into straight runs, of which only those near
 //! the burr matter; and the removal-time field decides at once wherever all eight voxels around the point agree, which
 //! leaves the exact test to the points near a boundary.
-//!
-//! Masses look at voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes, whose sum over the
-//! path is the mass removed (FORCE_MODEL section 8, row 3).
 
-use bonemill_geometry::{Grid, Point, Volume, Work, cancel, trilinear};
+mod masses;
+mod times;
+
+pub use self::masses::mass_increments;
+
+use bonemill_geometry::trilinear;
 use bonemill_imaging::Scene;
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
-use crate::ball::BallVolumes;
+use self::times::{CellTimes, LastTimes, cell_times};
 use crate::burr::{Bone, Patch, TILE_REACH};
-use crate::metrics::Moments;
 use crate::path::PathPoint;
-use crate::removal::{NEVER, RemovalTime};
+use crate::removal::RemovalTime;
 use crate::runs::{Run, straight_runs};
 use crate::sweep::segment_distance_squared;
-use crate::voxels::VoxelSet;
 
 /// Side of a cell of the run index, mm.
 const CELL_MM: f64 = 2.0;
 /// Half of the sum of a patch's sides is at most this share of the burr's radius.
 const LARGEST_PATCH: f64 = 0.1;
-/// Slabs of the grid in which masses are summed apart; fixed, so that sums do not depend on the number of threads.
-const SLABS: usize = 6;
 
 /// The path as straight runs, findable by place.
 #[derive(Debug)]
@@ -282,101 +279,6 @@ pub fn share_beyond(beyond: f64, [a, b]: [f64; 2]) -> f64 {
     (sum / (4.0 * wide * narrow)).clamp(0.0, 1.0)
 }
 
-/// When the eight voxels around a point go. Where none of them has density, before every move.
-#[derive(Debug, Clone, Copy)]
-struct CellTimes {
-    first: u32,
-    last: u32,
-}
-
-/// [`CellTimes`] of every cell, at its first voxel.
-fn cell_times(density: &Volume<f32, Work>, time: &[u32]) -> Vec<CellTimes> {
-    let [nx, ny, nz] = density.grid().dims();
-    let slab = nx * ny;
-    let steps = [0, 1, nx, nx + 1, slab, slab + 1, slab + nx, slab + nx + 1];
-    let mut times = vec![CellTimes { first: 0, last: 0 }; time.len()];
-    times.par_chunks_mut(slab).enumerate().take(nz.saturating_sub(1)).for_each(|(k, cells)| {
-        cancel::poll();
-        for j in 0..ny.saturating_sub(1) {
-            for i in 0..nx.saturating_sub(1) {
-                let voxels = steps.map(|step| k * slab + j * nx + i + step);
-                if voxels.iter().any(|v| density.data()[*v] > 0.0) {
-                    let ends = voxels.iter().map(|v| time[*v]);
-                    cells[j * nx + i] =
-                        CellTimes { first: ends.clone().fold(NEVER, u32::min), last: ends.fold(0, u32::max) };
-                }
-            }
-        }
-    });
-    times
-}
-
-/// The latest of [`CellTimes`] in blocks of cells and in those around each.
-#[derive(Debug)]
-struct LastTimes {
-    dims: [usize; 3],
-    value: Vec<u32>,
-    per_mm: f64,
-    /// How far around a point is looked, mm.
-    reach_mm: f64,
-}
-
-impl LastTimes {
-    /// Cells along a side of a block.
-    const SIDE: usize = 2;
-
-    /// Of the cells of a grid; for looks of `reach_mm` around a point.
-    fn new(times: &[CellTimes], grid: &Grid<Work>, reach_mm: f64) -> Self {
-        let ([nx, ny, nz], spacing_mm) = (grid.dims(), grid.spacing_mm().x);
-        let block_mm = Self::SIDE as f64 * spacing_mm;
-        let blocks = (reach_mm / block_mm).ceil().max(1.0) as usize;
-        let dims = [nx, ny, nz].map(|n| n.div_ceil(Self::SIDE));
-        let [bx, by, _] = dims;
-        let mut value = vec![0; dims.iter().product()];
-        value.par_chunks_mut(bx * by).enumerate().for_each(|(block, slab)| {
-            cancel::poll();
-            for k in block * Self::SIDE..((block + 1) * Self::SIDE).min(nz) {
-                for j in 0..ny {
-                    let blocks = &mut slab[bx * (j / Self::SIDE)..][..bx];
-                    for (i, times) in times[nx * (j + ny * k)..][..nx].iter().enumerate() {
-                        let latest = &mut blocks[i / Self::SIDE];
-                        *latest = times.last.max(*latest);
-                    }
-                }
-            }
-        });
-        for _ in 0..blocks {
-            value = around(&value, dims);
-        }
-        Self { dims, value, per_mm: 1.0 / spacing_mm, reach_mm: blocks as f64 * block_mm }
-    }
-
-    /// When the last of the cells within `around_mm` of `p` goes, or later; `None` where that is not known.
-    fn around(&self, p: &Vector3<f64>, around_mm: f64) -> Option<u32> {
-        let block = |a: usize| {
-            let cell = p[a] * self.per_mm;
-            let block = cell as usize / Self::SIDE;
-            (cell >= 0.0 && block < self.dims[a]).then_some(block)
-        };
-        let [i, j, k] = [block(0)?, block(1)?, block(2)?];
-        (around_mm <= self.reach_mm).then(|| self.value[i + self.dims[0] * (j + self.dims[1] * k)])
-    }
-}
-
-/// The greatest of each value and its 26 neighbours.
-fn around(value: &[u32], [nx, ny, nz]: [usize; 3]) -> Vec<u32> {
-    let spread = |value: &[u32], step: usize, count: usize| -> Vec<u32> {
-        let of = |n: usize| {
-            let at = n / step % count;
-            let before = if at > 0 { value[n - step] } else { 0 };
-            let after = if at + 1 < count { value[n + step] } else { 0 };
-            before.max(value[n]).max(after)
-        };
-        (0..value.len()).into_par_iter().with_min_len(1 << 14).map(of).collect()
-    };
-    spread(&spread(&spread(value, 1, nx), nx, ny), nx * ny, nz)
-}
-
 /// The eight voxel centres around a point.
 struct Cell {
     first: usize,
@@ -389,129 +291,6 @@ impl Cell {
     fn interpolate(&self, values: &[f32]) -> f64 {
         let v = self.steps.map(|step| f64::from(values[self.first + step]));
         trilinear(&v, self.fraction)
-    }
-}
-
-/// Mass that each waypoint's ball takes less the sweep of all earlier moves, and where it lies about the ball's centre
-/// (g/cm³ is mg/mm³).
-///
-/// What a long move takes on its way and not at its end belongs to no waypoint; later ones do not find it.
-/// Each slab of the grid is swept by its own walk along the path; the slabs' sums are added in their order.
-pub fn mass_increments(
-    density_g_cm3: &Volume<f32, Work>,
-    points: &[PathPoint],
-    radius_mm: f64,
-) -> Vec<Moments> {
-    let grid = density_g_cm3.grid();
-    let [nx, ny, nz] = grid.dims();
-    let thickness = nz.div_ceil(SLABS);
-    let mut total = vec![Moments::new(radius_mm); points.len()];
-    let slabs: Vec<Vec<(u32, Moments)>> = (0..nz.div_ceil(thickness))
-        .into_par_iter()
-        .map(|slab| {
-            let k = slab * thickness..((slab + 1) * thickness).min(nz);
-            let from = nx * ny * k.start;
-            slab_increments(grid, k.clone(), &density_g_cm3.data()[from..nx * ny * k.end], points, radius_mm)
-        })
-        .collect();
-    for (index, increment) in slabs.into_iter().flatten() {
-        total[index as usize].merge(&increment);
-    }
-    total
-}
-
-/// Increments of the slab k; `density` holds its voxels only.
-fn slab_increments(
-    grid: &Grid<Work>,
-    k: std::ops::Range<usize>,
-    density: &[f32],
-    points: &[PathPoint],
-    radius_mm: f64,
-) -> Vec<(u32, Moments)> {
-    let mut slab = Slab {
-        grid,
-        k,
-        density,
-        radius_mm,
-        removed_mm3: vec![0f64; density.len()],
-        left: VoxelSet::of(density.len(), |n| density[n] > 0.0),
-        volumes: BallVolumes::new(),
-        found: Vec::new(),
-    };
-    let mut out = Vec::new();
-    let mut before: Option<Point<Work>> = None;
-    for (index, point) in points.iter().enumerate() {
-        cancel::poll();
-        let mut increment = Moments::new(radius_mm);
-        slab.take(point.position, |p, mass_mg| increment.add(mass_mg, p));
-        if increment.mass_mg() > 0.0 {
-            out.push((index as u32, increment));
-        }
-        if let Some(from) = before.replace(point.position) {
-            // balls so close that what stands between two is no higher than a 288th of the radius
-            let way = point.position - from;
-            let parts = (way.norm() / (radius_mm / 6.0)).ceil().max(1.0) as usize;
-            for n in 1..parts {
-                slab.take(from + way * (n as f64 / parts as f64), |_, _| {});
-            }
-        }
-    }
-    out
-}
-
-/// A slab of the grid, and what is gone of its voxels.
-struct Slab<'a> {
-    grid: &'a Grid<Work>,
-    k: std::ops::Range<usize>,
-    /// Of its voxels only.
-    density: &'a [f32],
-    radius_mm: f64,
-    removed_mm3: Vec<f64>,
-    /// What has density and is not wholly gone.
-    left: VoxelSet,
-    volumes: BallVolumes,
-    /// Kept between calls for its memory.
-    found: Vec<(usize, f64)>,
-}
-
-impl Slab<'_> {
-    /// Removes a ball: `visit(from the ball's centre to the voxel, mg)` for each voxel that loses something.
-    fn take(&mut self, center: Point<Work>, mut visit: impl FnMut(&Vector3<f64>, f64)) {
-        let [nx, ny, _] = self.grid.dims();
-        let c = center.coords / self.grid.spacing_mm().x;
-        let reach = self.radius_mm / self.grid.spacing_mm().x + 0.5;
-        if c.z + reach < self.k.start as f64 || c.z - reach > (self.k.end - 1) as f64 {
-            return;
-        }
-        let bounds = |axis: usize, n: usize| {
-            let lo = (c[axis] - reach).floor().max(0.0) as usize;
-            (lo, ((c[axis] + reach).ceil().max(0.0) as usize).min(n - 1))
-        };
-        let ((i0, i1), (j0, j1)) = (bounds(0, nx), bounds(1, ny));
-        let lo_k = ((c.z - reach).floor().max(self.k.start as f64)) as usize;
-        let hi_k = ((c.z + reach).ceil().max(0.0) as usize).min(self.k.end - 1);
-        let (first, full) = (nx * ny * self.k.start, self.grid.voxel_mm3());
-        let Self { grid, density, removed_mm3, left, found, .. } = self;
-        found.clear();
-        self.volumes.for_each(
-            grid,
-            center,
-            self.radius_mm,
-            [[i0, j0, lo_k], [i1, j1, hi_k]],
-            |row| left.within(row.start - first..row.end - first).map(|n| n + first),
-            |voxel, volume_mm3| found.push((voxel, volume_mm3)),
-        );
-        for (voxel, volume_mm3) in found.drain(..) {
-            let more = volume_mm3 - removed_mm3[voxel - first];
-            if more > 0.0 {
-                removed_mm3[voxel - first] = volume_mm3;
-                if volume_mm3 >= full * (1.0 - 1e-9) {
-                    left.remove(voxel - first);
-                }
-                let p = grid.center(grid.voxel(voxel)) - center;
-                visit(&p, f64::from(density[voxel - first]) * more);
-            }
-        }
     }
 }
 
