@@ -76,12 +76,14 @@ pub fn take_runs(
             });
             continue;
         }
-        let places = Places::new(run, &at, radius_mm);
+        let mut places = None;
         let wide_mm = radius_mm + 2.0 * STRAIGHT_MM;
         let _ = rows.within_capsule_where(a, b, wide_mm, standing, may, |standing, row| {
+            let places = places.get_or_insert_with(|| Places::new(run, &at, radius_mm));
             let center = rows.centers_in_row(row.start);
             standing.take_where(row, |voxel| {
-                let first = places.first_that_covers(&center(voxel));
+                let is_in = |[a, b]: [Point<Work>; 2]| rows.is_within(voxel, a, b, radius_mm);
+                let first = places.first_that_covers(&center(voxel), is_in);
                 first.inspect(|index| taken(voxel, *index)).is_some()
             });
             ControlFlow::Continue(())
@@ -93,7 +95,7 @@ pub fn take_runs(
 struct Places {
     first: u32,
     /// One more than there are moves.
-    at: Vec<Vector3<f64>>,
+    at: Vec<Point<Work>>,
     along: Vector3<f64>,
     /// How far along the line each move ends.
     ends_mm: Vec<f64>,
@@ -102,15 +104,16 @@ struct Places {
 
 impl Places {
     fn new(run: &Run, at: impl Fn(u32) -> Point<Work>, radius_mm: f64) -> Self {
-        let at: Vec<_> = (run.start()..=run.last).map(|n| at(n).coords).collect();
+        let at: Vec<_> = (run.start()..=run.last).map(at).collect();
         let along = (at[at.len() - 1] - at[0]).try_normalize(0.0).unwrap_or_else(Vector3::zeros);
-        let ends_mm = at[1..].iter().map(|p| (p - at[0]).dot(&along)).collect();
+        let ends_mm = at[1..].iter().map(|p| (*p - at[0]).dot(&along)).collect();
         Self { first: run.first, at, along, ends_mm, squared_mm2: radius_mm * radius_mm }
     }
 
+    /// The first move that covers `p`; `is_in` says of a move whether it does, where that is in doubt.
     #[inline]
-    fn first_that_covers(&self, p: &Vector3<f64>) -> Option<u32> {
-        let from = p - self.at[0];
+    fn first_that_covers(&self, p: &Vector3<f64>, is_in: impl Fn([Point<Work>; 2]) -> bool) -> Option<u32> {
+        let from = p - self.at[0].coords;
         let along = from.dot(&self.along);
         let left_mm2 = self.squared_mm2 - (from.norm_squared() - along * along);
         let half_chord = left_mm2.max(0.0).sqrt();
@@ -124,9 +127,7 @@ impl Places {
             return Some(self.first + n as u32);
         }
         let near = n.saturating_sub(1)..(n + 2).min(self.ends_mm.len());
-        let covers =
-            |n: &usize| segment_distance_squared(p, &self.at[*n], &self.at[n + 1]) <= self.squared_mm2;
-        near.into_iter().find(covers).map(|n| self.first + n as u32)
+        near.into_iter().find(|n| is_in([self.at[*n], self.at[n + 1]])).map(|n| self.first + n as u32)
     }
 }
 
@@ -166,6 +167,32 @@ mod tests {
                 let doubt = (0..path.len()).any(|n| beyond(n).abs() < 1e-5);
                 prop_assert!(found == expected || doubt, "{voxel}: {found:?}, not {expected:?}");
                 prop_assert_eq!(standing.contains(voxel), found.is_none());
+            }
+        }
+    }
+
+    /// Voxels on the very surface of a ball are in or out by rounding: as for each move alone, so for the run.
+    #[test]
+    fn ties_are_decided_as_by_the_moves_one_by_one() {
+        for spacing_mm in [0.2, 0.25, 0.3] {
+            let (nodes, radius_mm) = ([37, 35, 34], 10.0 * spacing_mm);
+            let grid = Grid::<Work>::aligned(nodes, spacing_mm, Point::new(0.0, 0.0, 0.0)).unwrap();
+            let rows = Rows::of(&grid);
+            for step in [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [0, 1, 1]] {
+                let path: Vec<_> = (0..8).map(|n| grid.center(step.map(|s| 12 + n * s))).collect();
+                let at = |n: u32| path[n as usize];
+                let sweep = |runs: &[Run]| {
+                    let (mut found, mut standing) =
+                        (vec![None; grid.len()], VoxelSet::of(grid.len(), |_| true));
+                    take_runs(runs, at, &rows, radius_mm, &mut standing, |voxel, index| {
+                        found[voxel] = Some(index);
+                    });
+                    found
+                };
+                let runs = straight_runs(0..8, at);
+                assert_eq!(runs.len(), 2);
+                let alone: Vec<_> = (0..8).map(|n| Run { first: n, last: n }).collect();
+                assert!(sweep(&runs) == sweep(&alone), "{spacing_mm} mm, {step:?}");
             }
         }
     }

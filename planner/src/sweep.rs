@@ -40,6 +40,19 @@ impl Rows {
         move |voxel| Vector3::new((voxel - row) as f64 * spacing_mm, y, z)
     }
 
+    /// Whether a voxel's centre lies within `radius_mm` of the segment a–b: by the same arithmetic as [`Self::within_capsule`], so
+    /// that a voxel on the very surface is in for both or for none.
+    pub fn is_within(&self, voxel: usize, a: Point<Work>, b: Point<Work>, radius_mm: f64) -> bool {
+        let [nx, ny, _] = self.dims;
+        let chord = self.capsule(a, b, radius_mm).chord((voxel / nx % ny) as f64, (voxel / (nx * ny)) as f64);
+        chord.is_some_and(|(lo, hi)| clip(lo, hi, nx).contains(&(voxel % nx)))
+    }
+
+    fn capsule(&self, a: Point<Work>, b: Point<Work>, radius_mm: f64) -> Capsule {
+        let scale = 1.0 / self.spacing_mm;
+        Capsule::new(a.coords * scale, b.coords * scale, radius_mm * scale)
+    }
+
     /// Hands `visit` every run of voxels (memory range) whose centres lie within `radius_mm` of the segment a–b.
     ///
     /// Parts outside the grid are left out. Stops early on [`ControlFlow::Break`].
@@ -69,8 +82,7 @@ impl Rows {
         if !(a.is_finite() && b.is_finite()) {
             return ControlFlow::Continue(());
         }
-        let scale = 1.0 / self.spacing_mm;
-        let capsule = Capsule::new(a.coords * scale, b.coords * scale, radius_mm * scale);
+        let capsule = self.capsule(a, b, radius_mm);
         for k in capsule.extent(2, capsule.radius, self.dims[2]) {
             let Some(radius) = capsule.radius_at_z(k as f64) else { continue };
             // a voxel more at either end, whatever the rounding

@@ -47,7 +47,7 @@ impl Bounds {
     /// Whether it holds a point.
     #[inline]
     pub(super) fn holds(&self, p: &Vector3<f64>) -> bool {
-        (0..3).all(|a| self.low_mm[a] <= p[a] && p[a] <= self.high_mm[a])
+        (0..3).all(|a| self.low_mm[a] <= p[a] && p[a] < self.high_mm[a])
     }
 
     /// Where the ray center + t·axis, t ≥ 0, enters and leaves the box; enter > leave when it misses it.
@@ -237,7 +237,7 @@ impl Skips {
 
 /// Maximum over the ball of `radius` voxels around each voxel.
 ///
-/// The ball is a stack of rows. Rows of equal half-width share one running maximum along x; what remains per voxel is
+/// The ball is a stack of rows. Rows of equal half-width share one running maximum along memory; what remains per voxel is
 /// one comparison per row of the ball, in memory order.
 fn ball_maximum(value: Vec<f32>, dims: [usize; 3], radius: f64) -> Vec<f32> {
     let [nx, ny, nz] = dims;

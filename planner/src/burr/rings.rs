@@ -97,7 +97,9 @@ impl Tile {
                 azimuths.iter().map(around)
             })
             .collect();
-        let middle = nodes.iter().sum::<Vector3<f64>>().normalize();
+        // all the way around the equator there is no middle, and any will do: it reaches everything
+        let sum = nodes.iter().sum::<Vector3<f64>>();
+        let middle = sum.try_normalize(1e-9).unwrap_or_else(Vector3::z);
         // turned back by the first azimuth, so that each tile's own turns it to its place
         let ([c, s], sin) = (azimuths[0], middle.x.hypot(middle.y));
         let turn = if sin > 0.0 {

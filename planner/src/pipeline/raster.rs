@@ -5,7 +5,7 @@
 //! coarse steps, coarse directions. Each draft is oriented by the dynamic program, and the lower J wins.
 //!
 //! A draft is a comparison, not a plan: waypoints that no axis reaches count as much as the dearest cut, and nothing is
-//! dropped or refined, and bone stands by voxels, not by eighths of them.
+//! dropped or refined. Bone stands by voxels, not by eighths of them.
 
 use bonemill_imaging::Scene;
 use nalgebra::Vector3;
