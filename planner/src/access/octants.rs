@@ -30,10 +30,7 @@ pub struct OctantTimes {
 impl OctantTimes {
     /// Sweeps the path. Each task has some layers to itself, so threads change nothing.
     pub fn new(solid: &Solid, points: &[PathPoint], radius_mm: f64) -> Self {
-        let grid = solid.grid();
-        let going = solid.going();
-        let first = going.clone().map(|range| range.start);
-        let dims = going.map(|range| 2 * range.len());
+        let (grid, (first, dims)) = (solid.grid(), eighths_that_go(solid));
         let half_mm = 0.5 * grid.spacing_mm().x;
         let slab = dims[0] * dims[1];
         let mut time = vec![NEVER; slab * dims[2]];
@@ -59,10 +56,7 @@ impl OctantTimes {
 
     /// Each eighth with its voxel's time: for a comparison of paths, not for a plan.
     pub fn of_voxels(solid: &Solid, removal_time: &[u32]) -> Self {
-        let grid = solid.grid();
-        let going = solid.going();
-        let first = going.clone().map(|range| range.start);
-        let dims = going.clone().map(|range| 2 * range.len());
+        let (grid, (first, dims)) = (solid.grid(), eighths_that_go(solid));
         let mut time = vec![NEVER; dims.iter().product()];
         time.par_chunks_mut((dims[0] * dims[1]).max(1)).enumerate().for_each(|(k, layer)| {
             for (j, row) in layer.chunks_mut(dims[0]).enumerate() {
@@ -92,4 +86,10 @@ impl OctantTimes {
             self.time[i + self.dims[0] * (j + self.dims[1] * k)]
         })
     }
+}
+
+/// The first voxel of the box of those with eighths that go, and the box's eighths along each axis.
+fn eighths_that_go(solid: &Solid) -> ([usize; 3], [usize; 3]) {
+    let going = solid.going();
+    (going.clone().map(|range| range.start), going.map(|range| 2 * range.len()))
 }
