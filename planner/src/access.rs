@@ -297,8 +297,7 @@ impl<'a> Access<'a> {
         })
     }
 
-    /// What stands in a cylinder between two distances along the axis, asked eighth by eighth; beyond them it may find
-    /// more of what stands in the cylinder.
+    /// What stands in a cylinder between two distances along the axis, asked eighth by eighth.
     fn blocked_part(
         &self,
         cylinder: &ShankCylinder,
@@ -308,7 +307,6 @@ impl<'a> Access<'a> {
         [start_mm, end_mm]: [f64; 2],
     ) -> Option<Blocked> {
         let ShankCylinder { from_mm, to_mm, radius_mm } = *cylinder;
-        let corner_mm = 0.5 * self.solid.grid().diagonal_mm();
         let stands = |p: &Point<Work>, latest: f32| {
             let off = *p - center;
             let at_mm = off.dot(axis);
@@ -319,14 +317,18 @@ impl<'a> Access<'a> {
             let is_in = (first_mm..=to_mm + aside_mm).contains(&at_mm) && across_mm <= radius_mm + aside_mm;
             (latest >= index as f32 && is_in).then(|| Blocked::by(latest, at_mm))
         };
-        let at = |at_mm: f64| center + axis * at_mm.clamp(from_mm, to_mm);
-        let wide_mm = radius_mm + aside_mm(radius_mm, end_mm) + corner_mm;
-        let may_stand = |_: &_, run: Range<usize>| {
+        let may_stand = |run: Range<usize>| {
             let runs = run.start / field::RUN..run.end.div_ceil(field::RUN);
             self.latest_of_runs[runs].iter().any(|latest| *latest >= index as f32)
         };
-        let (a, b, mut found) = (at(start_mm), at(end_mm), None);
-        let _ = self.rows.within_capsule_where(a, b, wide_mm, &mut found, may_stand, |found, run| {
+        // from a voxel's centre to that of an eighth, and what the shank may be aside, also along the axis
+        let eighth_mm = 0.25 * self.solid.grid().diagonal_mm();
+        let aside_mm = aside_mm(radius_mm, end_mm.max(to_mm));
+        let low_mm = if start_mm > from_mm { start_mm } else { from_mm - aside_mm };
+        let high_mm = if end_mm < to_mm { end_mm } else { to_mm + aside_mm };
+        let (ends_mm, wide_mm) = ([low_mm - eighth_mm, high_mm + eighth_mm], radius_mm + aside_mm + eighth_mm);
+        let mut found = None;
+        let visit = |found: &mut Option<Blocked>, run: Range<usize>| {
             for n in run.filter(|n| self.latest.value[*n] >= index as f32) {
                 let latest = field::latest_of_eighths(self.solid, &self.octants, n);
                 *found = self.solid.centers(n).iter().zip(latest).find_map(|(p, latest)| stands(p, latest));
@@ -335,7 +337,8 @@ impl<'a> Access<'a> {
                 }
             }
             ControlFlow::Continue(())
-        });
+        };
+        let _ = self.rows.within_cylinder_where((center, axis), ends_mm, wide_mm, &mut found, may_stand, visit);
         found
     }
 }

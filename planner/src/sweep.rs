@@ -3,10 +3,14 @@
 //! A capsule is convex, so it meets a row of voxel centres in one interval, which has a closed form. Rows are handed out
 //! one by one; a caller touches contiguous memory and tests no voxel twice. A voxel counts by its centre.
 
+mod cylinder;
+
 use std::ops::{ControlFlow, Range};
 
 use bonemill_geometry::{Grid, Point, Work, cancel};
 use nalgebra::Vector3;
+
+use self::cylinder::{Cylinder, Layer};
 
 /// A cubic work grid seen as rows along x.
 ///
@@ -94,6 +98,37 @@ impl Rows {
                     continue;
                 }
                 let Some((lo, hi)) = capsule.chord(j as f64, k as f64) else { continue };
+                let run = clip(lo, hi, self.dims[0]);
+                if !run.is_empty() {
+                    visit(state, row + run.start..row + run.end)?;
+                }
+            }
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// [`Self::within_capsule_where`] for a cylinder with flat ends: that of `radius_mm` about `axis` (unit) through `center`, between
+    /// two distances from it, mm. The run that `may` is asked about holds all of the row that the cylinder can meet.
+    pub fn within_cylinder_where<S>(
+        &self,
+        (center, axis): (Point<Work>, &Vector3<f64>),
+        ends_mm: [f64; 2],
+        radius_mm: f64,
+        state: &mut S,
+        may: impl Fn(Range<usize>) -> bool,
+        mut visit: impl FnMut(&mut S, Range<usize>) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        let scale = 1.0 / self.spacing_mm;
+        let (center, ends) = (center.coords * scale, ends_mm.map(|at_mm| at_mm * scale));
+        let cylinder = Cylinder { center, axis: *axis, ends, radius: radius_mm * scale };
+        for k in cylinder.layers(self.dims[2]) {
+            let Layer { rows, places } = cylinder.layer(k as f64, self.dims);
+            for j in rows {
+                let row = self.dims[0] * (j + self.dims[1] * k);
+                if places.is_empty() || !may(row + places.start..row + places.end) {
+                    continue;
+                }
+                let Some((lo, hi)) = cylinder.chord(j as f64, k as f64) else { continue };
                 let run = clip(lo, hi, self.dims[0]);
                 if !run.is_empty() {
                     visit(state, row + run.start..row + run.end)?;
