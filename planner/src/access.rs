@@ -13,13 +13,15 @@
 //! The arm rounds corners within a tolerance, and between two places that are asked the shank sweeps a little more than
 //! it holds at either: the shank that is asked for is wider by both ([`aside_mm`]).
 //!
-//! A march through free space is long and most of it far from everything: blocks of voxels with the latest time in and
-//! around each say how many steps need no look ([`Skips`]); the answer is the same.
+//! A march through free space is long and most of it far from everything: blocks of voxels with the latest time in each say
+//! how many steps need no look ([`march`]). Where a march is in doubt, the rest of the way is looked at with a ball that is
+//! small enough to be certain of "blocked"; only what lies between the two is asked by eighths. The answer is the same.
 //!
 //! A ball at a thick cylinder's flat front reaches out of it, from the handpiece down to the skull. Where only that part of
 //! a march is blocked, the front is looked at again with balls of the first cylinder's radius.
 
 mod field;
+mod march;
 mod octants;
 mod solid;
 
@@ -34,7 +36,8 @@ use bonemill_robot::timelaw::CornerTolerance;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use self::field::{Bounds, Field, SOLID, Skips};
+use self::field::{Bounds, Field, SOLID};
+use self::march::Marched;
 use crate::space::TRAJECTORY_TOLERANCE_MM;
 use crate::sweep::Rows;
 
@@ -110,9 +113,12 @@ pub struct Access<'a> {
 #[derive(Debug)]
 struct Segment {
     cylinder: ShankCylinder,
-    /// T dilated by the cylinder's radius.
-    latest: Field,
-    skips: Skips,
+    /// T dilated by the cylinder's radius: where it is early enough, the cylinder is free.
+    outer: Marched,
+    /// T dilated by less: where it is late, the cylinder is blocked, more than `inner_mm` from its ends. None for a thin cylinder and
+    /// one that is asked by blocks.
+    inner: Option<Marched>,
+    inner_mm: f64,
     /// How far a march's ball may reach ahead of where it stands, mm.
     reach_mm: f64,
     /// Centres of balls of the first cylinder's radius that hold this cylinder's front: along and across the axis, mm.
@@ -134,8 +140,11 @@ impl<'a> Access<'a> {
             } else {
                 Vec::new()
             };
-            let latest = pooled.dilated(wide_mm);
-            Segment { cylinder: *cylinder, skips: latest.skips(), latest, reach_mm, front }
+            let inner_mm = cylinder.radius_mm + aside_mm(cylinder.radius_mm, 0.0);
+            let inner =
+                if front.is_empty() { pooled.surely_within(inner_mm).map(Marched::new) } else { None };
+            let outer = Marched::new(pooled.dilated(wide_mm));
+            Segment { cylinder: *cylinder, outer, inner, inner_mm, reach_mm, front }
         };
         let (segments, latest_of_runs) =
             rayon::join(|| shank.par_iter().map(segment).collect(), || latest.runs());
@@ -176,40 +185,31 @@ impl<'a> Access<'a> {
         axis: &Vector3<f64>,
     ) -> Option<Blocked> {
         let ShankCylinder { from_mm, to_mm, radius_mm } = segment.cylinder;
-        let field = &segment.latest;
-        let (enter, leave) = field.crossing(&center.coords, axis);
+        let (enter, leave) = segment.outer.field.crossing(&center.coords, axis);
         let behind_front = from_mm + segment.reach_mm;
         let by_eighths = segment.front.is_empty();
         let (mut front_is_free, mut doubted) = (false, false);
-        let (mut marched, mut look) = (steps(from_mm.max(enter), to_mm.min(leave), field.spacing_mm), true);
-        while let Some(at_mm) = marched.next() {
+        let (begin_mm, step_mm) = (from_mm.max(enter), segment.outer.field.spacing_mm);
+        let mut ray = segment.outer.ray(&center.coords, axis, [begin_mm, to_mm.min(leave)]);
+        while let Some((sample, latest)) =
+            ray.as_mut().and_then(|ray| ray.next_standing(&segment.outer, index as f32))
+        {
+            let at_mm = (begin_mm + sample as f64 * step_mm).min(to_mm.min(leave));
             if front_is_free && at_mm < behind_front {
                 continue;
             }
-            let p = center.coords + axis * at_mm;
-            // where the last look was of no use, this one would be of none
-            if look && segment.skips.at(field, &p) < index as f32 {
-                marched.nth(Skips::STEPS - 1);
-                continue;
-            }
-            look = !look;
-            let latest = field.at(&p);
-            if latest < index as f32 {
-                continue;
-            }
             if by_eighths {
-                if !doubted
-                    && let Some(blocked) = self.blocked_axis(&segment.cylinder, index, center, axis, at_mm)
+                if !doubted && let Some(blocked) = segment.surely_blocked(index, center, axis, [at_mm, leave])
                 {
                     return Some(blocked);
                 }
                 doubted = true;
-                let end_mm = at_mm + PART as f64 * field.spacing_mm;
-                let part = [at_mm - field.spacing_mm, end_mm + field.spacing_mm];
+                let end_mm = at_mm + PART as f64 * step_mm;
+                let part = [at_mm - step_mm, end_mm + step_mm];
                 if let Some(blocked) = self.blocked_part(&segment.cylinder, index, center, axis, part) {
                     return Some(blocked);
                 }
-                marched.nth(PART - 1);
+                ray.iter_mut().for_each(|ray| ray.skip(PART));
                 continue;
             }
             if at_mm >= behind_front {
@@ -263,37 +263,13 @@ impl<'a> Access<'a> {
         let basis = basis::from_z(axis);
         segment.front.iter().find_map(|offset| {
             let p = center + basis * offset;
-            let latest = thin.latest.at(&p.coords);
+            let latest = thin.outer.field.at(&p.coords);
             if latest >= index as f32 {
                 return Some(Blocked::by(latest, offset.z));
             }
             let is_beyond = !self.near_box.holds(&p.coords);
             let near = || self.scene.far.at_least_mm(p).is_some_and(|d| d < thin.cylinder.radius_mm);
             (is_beyond && near()).then_some(Blocked::Obstacle { at_mm: offset.z })
-        })
-    }
-
-    /// What stands on the axis itself beyond `start_mm`: where the voxel that holds a place of it lies within the cylinder, no
-    /// more need be asked.
-    fn blocked_axis(
-        &self,
-        cylinder: &ShankCylinder,
-        index: u32,
-        center: Point<Work>,
-        axis: &Vector3<f64>,
-        start_mm: f64,
-    ) -> Option<Blocked> {
-        let ShankCylinder { from_mm, to_mm, radius_mm } = *cylinder;
-        let voxel_mm = self.solid.grid().diagonal_mm();
-        if radius_mm <= voxel_mm {
-            return None;
-        }
-        let (_, leave) = self.near_box.crossing(&center.coords, axis);
-        let mut places =
-            steps(start_mm.max(from_mm + voxel_mm), leave.min(to_mm - voxel_mm), self.latest.spacing_mm);
-        places.find_map(|at_mm| {
-            let latest = self.latest.at(&(center.coords + axis * at_mm));
-            (latest >= index as f32).then(|| Blocked::by(latest, at_mm))
         })
     }
 
@@ -326,9 +302,17 @@ impl<'a> Access<'a> {
         let aside_mm = aside_mm(radius_mm, end_mm.max(to_mm));
         let low_mm = if start_mm > from_mm { start_mm } else { from_mm - aside_mm };
         let high_mm = if end_mm < to_mm { end_mm } else { to_mm + aside_mm };
-        let (ends_mm, wide_mm) = ([low_mm - eighth_mm, high_mm + eighth_mm], radius_mm + aside_mm + eighth_mm);
+        let (ends_mm, wide_mm) =
+            ([low_mm - eighth_mm, high_mm + eighth_mm], radius_mm + aside_mm + eighth_mm);
         let mut found = None;
         let visit = |found: &mut Option<Blocked>, run: Range<usize>| {
+            // without a way out of the loop, which is quicker than with one
+            if !self.latest.value[run.clone()]
+                .iter()
+                .fold(false, |stands, latest| stands | (*latest >= index as f32))
+            {
+                return ControlFlow::Continue(());
+            }
             for n in run.filter(|n| self.latest.value[*n] >= index as f32) {
                 let latest = field::latest_of_eighths(self.solid, &self.octants, n);
                 *found = self.solid.centers(n).iter().zip(latest).find_map(|(p, latest)| stands(p, latest));
@@ -338,8 +322,27 @@ impl<'a> Access<'a> {
             }
             ControlFlow::Continue(())
         };
-        let _ = self.rows.within_cylinder_where((center, axis), ends_mm, wide_mm, &mut found, may_stand, visit);
+        let _ =
+            self.rows.within_cylinder_where((center, axis), ends_mm, wide_mm, &mut found, may_stand, visit);
         found
+    }
+}
+
+impl Segment {
+    /// What is certain to stand in the cylinder, where its axis runs between two distances.
+    fn surely_blocked(
+        &self,
+        index: u32,
+        center: Point<Work>,
+        axis: &Vector3<f64>,
+        [start_mm, end_mm]: [f64; 2],
+    ) -> Option<Blocked> {
+        let inner = self.inner.as_ref()?;
+        let begin_mm = start_mm.max(self.cylinder.from_mm + self.inner_mm);
+        let end_mm = end_mm.min(self.cylinder.to_mm - self.inner_mm);
+        let mut ray = inner.ray(&center.coords, axis, [begin_mm, end_mm])?;
+        let (sample, latest) = ray.next_standing(inner, index as f32)?;
+        Some(Blocked::by(latest, (begin_mm + sample as f64 * inner.field.spacing_mm).min(end_mm)))
     }
 }
 

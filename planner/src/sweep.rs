@@ -10,7 +10,7 @@ use std::ops::{ControlFlow, Range};
 use bonemill_geometry::{Grid, Point, Work, cancel};
 use nalgebra::Vector3;
 
-use self::cylinder::{Cylinder, Layer};
+use self::cylinder::{Cylinder, Outline};
 
 /// A cubic work grid seen as rows along x.
 ///
@@ -119,13 +119,17 @@ impl Rows {
         mut visit: impl FnMut(&mut S, Range<usize>) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
         let scale = 1.0 / self.spacing_mm;
-        let (center, ends) = (center.coords * scale, ends_mm.map(|at_mm| at_mm * scale));
-        let cylinder = Cylinder { center, axis: *axis, ends, radius: radius_mm * scale };
-        for k in cylinder.layers(self.dims[2]) {
-            let Layer { rows, places } = cylinder.layer(k as f64, self.dims);
+        let (center, ends, radius) = (center.coords * scale, ends_mm.map(|mm| mm * scale), radius_mm * scale);
+        let (cylinder, outline) =
+            (Cylinder::new(center, *axis, ends, radius), Outline::new(center, axis, ends, radius));
+        for k in outline.layers(self.dims[2]) {
+            let [places, rows] = outline.in_layer(k as f64, self.dims);
+            if places.is_empty() {
+                continue;
+            }
             for j in rows {
                 let row = self.dims[0] * (j + self.dims[1] * k);
-                if places.is_empty() || !may(row + places.start..row + places.end) {
+                if !may(row + places.start..row + places.end) {
                     continue;
                 }
                 let Some((lo, hi)) = cylinder.chord(j as f64, k as f64) else { continue };
@@ -157,35 +161,18 @@ fn clip(lo: f64, hi: f64, n: usize) -> Range<usize> {
 struct Capsule {
     a: Vector3<f64>,
     b: Vector3<f64>,
-    along: Vector3<f64>,
     length_squared: f64,
+    between: Cylinder,
     radius_squared: f64,
     radius: f64,
-    /// What every row needs, divided once: 1/|d|², 1/d.x, the quadratic coefficient 1 − d.x²/|d|² and its inverse.
-    per_length_squared: f64,
-    per_along_x: f64,
-    quadratic: f64,
-    per_quadratic: f64,
 }
 
 impl Capsule {
     fn new(a: Vector3<f64>, b: Vector3<f64>, radius: f64) -> Self {
         let along = b - a;
         let length_squared = along.norm_squared();
-        let per_length_squared = 1.0 / length_squared;
-        let quadratic = 1.0 - along.x * along.x * per_length_squared;
-        Self {
-            a,
-            b,
-            along,
-            length_squared,
-            radius_squared: radius * radius,
-            radius,
-            per_length_squared,
-            per_along_x: 1.0 / along.x,
-            quadratic,
-            per_quadratic: 1.0 / quadratic,
-        }
+        let between = Cylinder::new(a, along, [0.0, length_squared], radius);
+        Self { a, b, length_squared, between, radius_squared: radius * radius, radius }
     }
 
     /// Places along `axis` within `radius` of the capsule's own axis.
@@ -215,7 +202,7 @@ impl Capsule {
         join(self.ball_chord(&self.a, y, z));
         if self.length_squared >= 1e-24 {
             join(self.ball_chord(&self.b, y, z));
-            join(self.cylinder_chord(y, z));
+            join(self.between.chord(y, z));
         }
         (lo <= hi).then_some((lo, hi))
     }
@@ -227,41 +214,6 @@ impl Capsule {
             let half = half_squared.sqrt();
             (c.x - half, c.x + half)
         })
-    }
-
-    /// |w|² − (w·d)²/|d|² ≤ r² with w = (x, y, z) − a, cut to 0 ≤ w·d ≤ |d|².
-    #[inline]
-    fn cylinder_chord(&self, y: f64, z: f64) -> Option<(f64, f64)> {
-        let d = &self.along;
-        let (wy, wz) = (y - self.a.y, z - self.a.z);
-        let side = wy * d.y + wz * d.z;
-        let (mut lo, mut hi) = if d.x.abs() < 1e-12 {
-            // perpendicular to the row: the whole row or nothing lies between the ends
-            if !(0.0..=self.length_squared).contains(&side) {
-                return None;
-            }
-            (f64::NEG_INFINITY, f64::INFINITY)
-        } else {
-            let (s0, s1) = (-side * self.per_along_x, (self.length_squared - side) * self.per_along_x);
-            (s0.min(s1), s0.max(s1))
-        };
-        let half_linear = -d.x * side * self.per_length_squared;
-        let constant = wy * wy + wz * wz - side * side * self.per_length_squared - self.radius_squared;
-        if self.quadratic < 1e-12 {
-            // along the row: inside or outside as a whole
-            if constant > 0.0 {
-                return None;
-            }
-        } else {
-            let discriminant = half_linear * half_linear - self.quadratic * constant;
-            if discriminant < 0.0 {
-                return None;
-            }
-            let root = discriminant.sqrt();
-            lo = lo.max((-half_linear - root) * self.per_quadratic);
-            hi = hi.min((-half_linear + root) * self.per_quadratic);
-        }
-        (lo <= hi).then_some((self.a.x + lo, self.a.x + hi))
     }
 }
 
@@ -319,6 +271,38 @@ mod tests {
             // moves along an axis and in place are the common ones, and have their own branches
             let b = std::array::from_fn(|n| if axis < 3 && n != axis || axis == 4 { a[n] } else { b[n] });
             for (inside, beyond) in swept(a, b, r).into_iter().zip(brute(a, b, r)) {
+                prop_assert!(inside == (beyond <= 0.0) || beyond.abs() < 1e-9, "{beyond}");
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_flat_cylinder_holds_what_lies_beside_its_axis_between_its_ends(
+            center in prop::array::uniform3(-1.0f64..7.0),
+            axis in prop::array::uniform3(-1.0f64..1.0),
+            along in 0usize..6,
+            ends in prop::array::uniform2(-4.0f64..4.0),
+            r in 0.05f64..2.0,
+        ) {
+            // axes along the grid and in its planes have their own branches
+            let axis = std::array::from_fn(|n| if along < 3 && n != along || along == n + 3 { 0.0 } else { axis[n] });
+            let Some(axis) = Vector3::from(axis).try_normalize(1e-3) else { return Ok(()) };
+            let (center, ends) = (Point::from_coords(center.into()), [ends[0].min(ends[1]), ends[0].max(ends[1])]);
+            let mut inside = vec![false; grid().len()];
+            let asked = std::cell::RefCell::new(Vec::new());
+            let may = |run: Range<usize>| { asked.borrow_mut().push(run); true };
+            let _ = Rows::of(&grid()).within_cylinder_where((center, &axis), ends, r, &mut inside, may, |inside, run| {
+                let asked = asked.borrow().last().cloned().unwrap();
+                assert!(asked.start <= run.start && run.end <= asked.end, "{run:?} in {asked:?}");
+                inside[run].fill(true);
+                ControlFlow::Continue(())
+            });
+            let g = grid();
+            for (n, inside) in inside.into_iter().enumerate() {
+                let off = g.center(g.voxel(n)) - center;
+                let at = off.dot(&axis);
+                let beyond = ((off - axis * at).norm() - r).max(ends[0] - at).max(at - ends[1]);
                 prop_assert!(inside == (beyond <= 0.0) || beyond.abs() < 1e-9, "{beyond}");
             }
         }

@@ -24,6 +24,10 @@ pub(super) fn latest_of_eighths(solid: &Solid, octants: &OctantTimes, voxel: usi
     })
 }
 
+/// From a voxel's centre to its corner, voxels.
+const HALF_DIAGONAL: f64 = 0.866_025_403_784_438_6;
+/// More than rounding moves a sample of a march, voxels.
+const ROUNDING: f64 = 1e-5;
 /// Values that one look at memory brings.
 const LINE: usize = 16;
 /// Voxels in a run.
@@ -147,11 +151,18 @@ impl Field {
         Self { value: ball_maximum(self.value, self.dims, radius), ..self }
     }
 
-    /// The radius of that ball, voxels.
+    /// Latest time within the largest ball that holds nothing beyond `radius_mm` from any point that the voxel holds; `None` where
+    /// there is no such ball.
+    pub(super) fn surely_within(&self, radius_mm: f64) -> Option<Self> {
+        let radius = radius_mm / self.spacing_mm - 1.5 * HALF_DIAGONAL - ROUNDING;
+        let value = (radius >= 0.0).then(|| ball_maximum(self.value.clone(), self.dims, radius))?;
+        Some(Self { value, ..*self })
+    }
+
+    /// The radius of the ball of [`Self::dilated`], voxels.
     pub(super) fn ball_voxels(&self, radius_mm: f64) -> f64 {
-        let half_diagonal = 0.5 * 3f64.sqrt();
-        let radius = (radius_mm / self.spacing_mm).hypot(0.5) + half_diagonal;
-        radius + if self.is_blocks { half_diagonal } else { 0.5 * half_diagonal }
+        let radius = (radius_mm / self.spacing_mm).hypot(0.5) + HALF_DIAGONAL + ROUNDING;
+        radius + if self.is_blocks { HALF_DIAGONAL } else { 0.5 * HALF_DIAGONAL }
     }
 
     /// The box of all voxels.
@@ -172,22 +183,31 @@ impl Field {
         self.voxel(p).map_or(FREE, |[i, j, k]| self.value[i + self.dims[0] * (j + self.dims[1] * k)])
     }
 
+    /// Voxels along the axes in memory's order.
+    #[inline]
+    pub(super) fn dims(&self) -> [usize; 3] {
+        self.dims
+    }
+
+    /// A point along the axes in memory's order, in voxels; whole numbers are faces between them.
+    #[inline]
+    pub(super) fn place(&self, p: &Vector3<f64>) -> [f64; 3] {
+        let scale = 1.0 / self.spacing_mm;
+        self.turned([p.x, p.y, p.z]).map(|c| (c - self.origin_mm) * scale + 0.5)
+    }
+
     /// From work's axes to memory's order, or back.
     #[inline]
-    fn turned(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+    pub(super) fn turned(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         if self.is_z_first { [z, y, x] } else { [x, y, z] }
     }
 
     /// The voxel that holds `p`, along the axes in memory's order.
     #[inline]
     fn voxel(&self, p: &Vector3<f64>) -> Option<[usize; 3]> {
-        let scale = 1.0 / self.spacing_mm;
-        let at = |c: f64, n: usize| {
-            // truncation is rounding down for what is not negative
-            let v = (c - self.origin_mm) * scale + 0.5;
-            (v >= 0.0 && v < n as f64).then_some(v as usize)
-        };
-        let ([x, y, z], [nx, ny, nz]) = (self.turned([p.x, p.y, p.z]), self.dims);
+        // truncation is rounding down for what is not negative
+        let at = |v: f64, n: usize| (v >= 0.0 && v < n as f64).then_some(v as usize);
+        let ([x, y, z], [nx, ny, nz]) = (self.place(p), self.dims);
         Some([at(x, nx)?, at(y, ny)?, at(z, nz)?])
     }
 
@@ -196,42 +216,18 @@ impl Field {
         self.value.chunks(RUN).map(|run| run.iter().copied().fold(FREE, f32::max)).collect()
     }
 
-    /// The latest time in and around blocks of this field.
-    pub(super) fn skips(&self) -> Skips {
-        let dims = self.dims.map(|n| n.div_ceil(Skips::SIDE));
+    /// The latest time in each block of `side`³ voxels, and how many blocks there are along each axis.
+    pub(super) fn blocks(&self, side: usize) -> ([usize; 3], Vec<f32>) {
+        let dims = self.dims.map(|n| n.div_ceil(side));
         let mut value = vec![FREE; dims.iter().product()];
         for (row, voxels) in self.value.chunks_exact(self.dims[0]).enumerate() {
-            let (j, k) = (row % self.dims[1] / Skips::SIDE, row / self.dims[1] / Skips::SIDE);
+            let (j, k) = (row % self.dims[1] / side, row / self.dims[1] / side);
             let first = dims[0] * (j + dims[1] * k);
-            for (block, voxels) in value[first..first + dims[0]].iter_mut().zip(voxels.chunks(Skips::SIDE)) {
+            for (block, voxels) in value[first..first + dims[0]].iter_mut().zip(voxels.chunks(side)) {
                 *block = voxels.iter().fold(*block, |latest, v| latest.max(*v));
             }
         }
-        // a cube of blocks lies within this radius
-        Skips { value: ball_maximum(value, dims, 3f64.sqrt() + 1e-9), dims }
-    }
-}
-
-/// The latest time in and around blocks of voxels of a field.
-#[derive(Debug)]
-pub(super) struct Skips {
-    dims: [usize; 3],
-    value: Vec<f32>,
-}
-
-impl Skips {
-    /// Voxels along a block's side.
-    const SIDE: usize = 5;
-    /// A voxel and those fewer than a side from it lie in its block and those around it, whatever the rounding.
-    pub(super) const STEPS: usize = Self::SIDE - 1;
-
-    /// The latest time within [`Self::STEPS`] voxels of `p`, or later; infinite outside.
-    #[inline]
-    pub(super) fn at(&self, field: &Field, p: &Vector3<f64>) -> f32 {
-        field.voxel(p).map_or(f32::INFINITY, |voxel| {
-            let [i, j, k] = voxel.map(|v| v / Self::SIDE);
-            self.value[i + self.dims[0] * (j + self.dims[1] * k)]
-        })
+        (dims, value)
     }
 }
 
@@ -290,6 +286,21 @@ fn widen(row: &mut [f32]) {
 }
 
 #[cfg(test)]
+impl Field {
+    /// A field that is free but for some voxels.
+    pub(super) fn of_test(
+        dims: [usize; 3],
+        spacing_mm: f64,
+        is_z_first: bool,
+        solid: &[(usize, f32)],
+    ) -> Self {
+        let mut value = vec![FREE; dims.iter().product()];
+        solid.iter().for_each(|(voxel, latest)| value[*voxel] = *latest);
+        Self { is_z_first, dims, spacing_mm, origin_mm: 0.0, is_blocks: false, value }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
@@ -312,36 +323,10 @@ mod tests {
         }
     }
 
-    proptest! {
-        /// What is said not to need a look holds nothing later, in any direction.
-        #[test]
-        fn skips_know_the_latest_time_of_the_next_steps(
-            seed in prop::collection::vec(0usize..23 * 17 * 13, 0..6),
-            from in prop::array::uniform3(0.0f64..6.0), axis in prop::array::uniform3(-1.0f64..1.0),
-        ) {
-            let mut field = Field {
-                is_z_first: false, dims: [23, 17, 13], spacing_mm: 0.5, origin_mm: 0.0, is_blocks: false, value: vec![FREE; 23 * 17 * 13],
-            };
-            seed.iter().enumerate().for_each(|(n, at)| field.value[*at] = n as f32);
-            let axis = Vector3::from(axis).try_normalize(1e-3).unwrap_or(Vector3::z());
-            let from = Vector3::from(from);
-            let latest = field.skips().at(&field, &from);
-            for n in 0..=Skips::STEPS {
-                prop_assert!(field.at(&(from + axis * (n as f64 * field.spacing_mm))) <= latest);
-            }
-        }
-    }
-
     #[test]
     fn pooling_keeps_the_latest_time_of_every_block() {
-        let field = Field {
-            is_z_first: false,
-            dims: [5, 4, 3],
-            spacing_mm: 0.5,
-            origin_mm: 0.0,
-            is_blocks: false,
-            value: (0..60).map(|n| n as f32).collect(),
-        };
+        let times: Vec<(usize, f32)> = (0..60).map(|n| (n, n as f32)).collect();
+        let field = Field::of_test([5, 4, 3], 0.5, false, &times);
         let coarse = field.pooled(2, 1.0);
         for n in 0..60usize {
             let p = Vector3::new((n % 5) as f64, (n / 5 % 4) as f64, (n / 20) as f64) * 0.5;

@@ -1,94 +1,125 @@
-//! A straight piece of a cylinder with flat ends on rows of voxels: what a part of a shank holds.
+//! The piece of a cylinder between two planes across its axis, on rows of voxels; all in voxel units.
+
+use std::ops::Range;
 
 use nalgebra::Vector3;
-use std::ops::Range;
 
 use super::clip;
 
-/// Steeper than this against z, the lines across which a cylinder meets a layer are not looked for: the box does.
+/// Flatter than this against the layers, a cylinder's ellipse in them is not looked for: its box is all there is.
 const LEAST_SLOPE: f64 = 0.1;
 /// What rounding may take from an extent, voxels.
 const ROUNDING: f64 = 1e-6;
 
-/// A cylinder along `axis` (unit) through `center`, between two places on the axis; in voxel units.
+/// A cylinder about the line from `start` along d, |d| > 0, where w·d lies between two numbers, with w from the start.
 #[derive(Debug)]
 pub(super) struct Cylinder {
-    pub center: Vector3<f64>,
-    pub axis: Vector3<f64>,
-    /// The ends, places on the axis from the centre.
-    pub ends: [f64; 2],
-    pub radius: f64,
-}
-
-/// A layer of voxels that a cylinder meets.
-pub(super) struct Layer {
-    /// The rows that it may meet, and the places in them; a hair more.
-    pub rows: Range<usize>,
-    pub places: Range<usize>,
+    start: Vector3<f64>,
+    along: Vector3<f64>,
+    between: [f64; 2],
+    radius_squared: f64,
+    /// What every row needs, divided once: 1/|d|², 1/d.x, the quadratic coefficient 1 − d.x²/|d|² and its inverse.
+    per_length_squared: f64,
+    per_along_x: f64,
+    quadratic: f64,
+    per_quadratic: f64,
 }
 
 impl Cylinder {
-    /// Layers along z that it may meet, of `n`.
-    pub(super) fn layers(&self, n: usize) -> Range<usize> {
-        let (lo, hi) = self.extent(2);
-        clip(lo, hi, n)
+    pub(super) fn new(start: Vector3<f64>, along: Vector3<f64>, between: [f64; 2], radius: f64) -> Self {
+        let per_length_squared = 1.0 / along.norm_squared();
+        let quadratic = 1.0 - along.x * along.x * per_length_squared;
+        Self {
+            start,
+            along,
+            between,
+            radius_squared: radius * radius,
+            per_length_squared,
+            per_along_x: 1.0 / along.x,
+            quadratic,
+            per_quadratic: 1.0 / quadratic,
+        }
     }
 
-    /// Where it lies along an axis of the grid.
-    fn extent(&self, a: usize) -> (f64, f64) {
-        let disc = self.radius * (1.0 - self.axis[a] * self.axis[a]).max(0.0).sqrt() + ROUNDING;
-        let [s, t] = self.ends.map(|at| self.center[a] + at * self.axis[a]);
-        (s.min(t) - disc, s.max(t) + disc)
-    }
-
-    /// What of layer `z` it may meet: the box of the ellipse in which the endless cylinder does, within its own box.
-    pub(super) fn layer(&self, z: f64, dims: [usize; 3]) -> Layer {
-        let d = &self.axis;
-        let range = |a: usize| {
-            let (mut lo, mut hi) = self.extent(a);
-            if d.z.abs() > LEAST_SLOPE {
-                let other = d[1 - a];
-                let middle = self.center[a] + (z - self.center.z) * d[a] / d.z;
-                let half = self.radius * (1.0 - other * other).max(0.0).sqrt() / d.z.abs() + ROUNDING;
-                (lo, hi) = (lo.max(middle - half), hi.min(middle + half));
-            }
-            clip(lo, hi, dims[a])
-        };
-        Layer { rows: range(1), places: range(0) }
-    }
-
-    /// The interval of x in which (x, y, z) lies in it: |w|² − (w·d)² ≤ r², cut to the ends' w·d, with w from the centre.
+    /// The interval of x in which (x, y, z) lies in it: |w|² − (w·d)²/|d|² ≤ r², cut to where w·d may be.
     #[inline]
     pub(super) fn chord(&self, y: f64, z: f64) -> Option<(f64, f64)> {
-        let d = &self.axis;
-        let (wy, wz) = (y - self.center.y, z - self.center.z);
+        let (d, [first, last]) = (&self.along, self.between);
+        let (wy, wz) = (y - self.start.y, z - self.start.z);
         let side = wy * d.y + wz * d.z;
-        let constant = wy * wy + wz * wz - side * side - self.radius * self.radius;
-        let quadratic = 1.0 - d.x * d.x;
-        let (mut lo, mut hi) = if quadratic < 1e-12 {
-            // along the row: inside or outside as a whole
-            if constant > 0.0 {
+        let (mut lo, mut hi) = if d.x.abs() < 1e-12 {
+            // perpendicular to the row: the whole row or nothing lies between the ends
+            if !(first..=last).contains(&side) {
                 return None;
             }
             (f64::NEG_INFINITY, f64::INFINITY)
         } else {
-            let half_linear = d.x * side;
-            let discriminant = half_linear * half_linear - quadratic * constant;
-            if discriminant < 0.0 {
-                return None;
-            }
-            let (root, per) = (discriminant.sqrt(), 1.0 / quadratic);
-            ((half_linear - root) * per, (half_linear + root) * per)
+            let (s0, s1) = ((first - side) * self.per_along_x, (last - side) * self.per_along_x);
+            (s0.min(s1), s0.max(s1))
         };
-        let [s, t] = self.ends;
-        if d.x.abs() < 1e-12 {
-            if !(s..=t).contains(&side) {
+        let half_linear = -d.x * side * self.per_length_squared;
+        let constant = wy * wy + wz * wz - side * side * self.per_length_squared - self.radius_squared;
+        if self.quadratic < 1e-12 {
+            // along the row: inside or outside as a whole
+            if constant > 0.0 {
                 return None;
             }
         } else {
-            let (s, t) = ((s - side) / d.x, (t - side) / d.x);
-            (lo, hi) = (lo.max(s.min(t)), hi.min(s.max(t)));
+            let discriminant = half_linear * half_linear - self.quadratic * constant;
+            if discriminant < 0.0 {
+                return None;
+            }
+            let root = discriminant.sqrt();
+            lo = lo.max((-half_linear - root) * self.per_quadratic);
+            hi = hi.min((-half_linear + root) * self.per_quadratic);
         }
-        (lo <= hi).then_some((self.center.x + lo, self.center.x + hi))
+        (lo <= hi).then_some((self.start.x + lo, self.start.x + hi))
+    }
+}
+
+/// Which rows a cylinder may meet, and where; a hair more, whatever the rounding.
+#[derive(Debug)]
+pub(super) struct Outline {
+    start: Vector3<f64>,
+    /// Its box.
+    extent: [(f64, f64); 3],
+    /// How far the endless cylinder's ellipse in a layer moves along x and y from layer to layer, and half its box; endless where the
+    /// cylinder is too flat.
+    per_layer: [f64; 2],
+    half: [f64; 2],
+}
+
+impl Outline {
+    /// That of the cylinder of a radius about `start` + t·axis (unit) for t between two places.
+    pub(super) fn new(start: Vector3<f64>, axis: &Vector3<f64>, between: [f64; 2], radius: f64) -> Self {
+        let across = |a: usize| (1.0 - axis[a] * axis[a]).max(0.0).sqrt();
+        let extent = [0, 1, 2].map(|a| {
+            let disc = radius * across(a) + ROUNDING;
+            let [s, t] = between.map(|at| start[a] + at * axis[a]);
+            (s.min(t) - disc, s.max(t) + disc)
+        });
+        let (per_layer, half) = if axis.z.abs() > LEAST_SLOPE {
+            let per_z = 1.0 / axis.z;
+            let half = [1, 0].map(|other| radius * across(other) * per_z.abs() + ROUNDING);
+            ([axis.x * per_z, axis.y * per_z], half)
+        } else {
+            ([0.0; 2], [f64::INFINITY; 2])
+        };
+        Self { start, extent, per_layer, half }
+    }
+
+    /// Layers along z, of `n`.
+    pub(super) fn layers(&self, n: usize) -> Range<usize> {
+        clip(self.extent[2].0, self.extent[2].1, n)
+    }
+
+    /// Places along x and y in layer `z`.
+    #[inline]
+    pub(super) fn in_layer(&self, z: f64, dims: [usize; 3]) -> [Range<usize>; 2] {
+        [0, 1].map(|a| {
+            let ((lo, hi), half) = (self.extent[a], self.half[a]);
+            let middle = self.start[a] + (z - self.start.z) * self.per_layer[a];
+            clip(lo.max(middle - half), hi.min(middle + half), dims[a])
+        })
     }
 }
