@@ -73,6 +73,17 @@ impl VoxelSet {
         !run.is_empty() && self.words[run.start / 64..run.end.div_ceil(64)].iter().any(|word| *word != 0)
     }
 
+    /// A voxel of the set within `radius_mm` of the segment a–b: the first in memory.
+    pub fn first_within(&self, rows: &Rows, [a, b]: [Point<Work>; 2], radius_mm: f64) -> Option<usize> {
+        let mut found = None;
+        let may = |_: &Option<usize>, run| self.may_hold(run);
+        let _ = rows.within_capsule_where(a, b, radius_mm, &mut found, may, |found, run| {
+            *found = self.within(run).next();
+            if found.is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        found
+    }
+
     /// How many voxels of the set lie within `radius_mm` of the segment a–b, counted up to about `enough`.
     pub fn count_within(
         &self,

@@ -103,7 +103,16 @@ impl<'a> Builder<'a> {
 
     /// Whether the move a–b removes no material.
     pub fn is_free(&self, a: Point<Work>, b: Point<Work>) -> bool {
-        self.material.count_within(&self.rows, [a, b], self.space.radius_mm(), 1) == 0
+        self.met(a, b, None).is_none()
+    }
+
+    /// A voxel of material that the move a–b would take; `before`, if it would take that: where moves are much alike, what one of
+    /// them meets is likely to be met by the next.
+    pub fn met(&self, a: Point<Work>, b: Point<Work>, before: Option<usize>) -> Option<usize> {
+        let radius_mm = self.space.radius_mm();
+        let still_met = before
+            .filter(|voxel| self.material.contains(*voxel) && self.rows.is_within(*voxel, a, b, radius_mm));
+        still_met.or_else(|| self.material.first_within(&self.rows, [a, b], radius_mm))
     }
 
     /// Joins `pass` to the path and cuts it. Returns false, and changes nothing, when no link leads there.

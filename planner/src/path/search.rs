@@ -57,6 +57,8 @@ struct Seen {
 pub(super) struct Search {
     /// Nodes at which the ball was once found to cut nothing: it never does again.
     free: VoxelSet,
+    /// What the ball was last found to cut at a node, plus 1; 0 where it was never looked for. Most of it is still there.
+    met: Vec<u32>,
     /// Place of a node in `seen`, plus 1; 0 where it is not.
     place: Vec<u32>,
     seen: Vec<Seen>,
@@ -65,7 +67,7 @@ pub(super) struct Search {
 impl Search {
     /// On a grid of `len` nodes.
     pub(super) fn new(len: usize) -> Self {
-        Self { free: VoxelSet::of(len, |_| false), place: vec![0; len], seen: Vec::new() }
+        Self { free: VoxelSet::of(len, |_| false), met: vec![0; len], place: vec![0; len], seen: Vec::new() }
     }
 
     /// Positions from `from` (left out) to `to` (last), each move clear; `None` when there is no way.
@@ -117,10 +119,7 @@ impl Search {
                 }
                 let place = match self.place[next] {
                     0 => {
-                        let is_free = self.free.contains(next) || builder.is_free(center(next), center(next));
-                        if is_free {
-                            self.free.insert(next);
-                        }
+                        let is_free = self.is_free(builder, next, [node, next]);
                         self.see(Seen { node: next, cost: f64::INFINITY, from: 0, is_free })
                     }
                     place => place as usize - 1,
@@ -135,6 +134,21 @@ impl Search {
             }
         }
         None
+    }
+
+    /// Whether the ball cuts nothing at a node; first it is asked whether what it met at `near` nodes is met here.
+    fn is_free(&mut self, builder: &Builder, node: usize, near: [usize; 2]) -> bool {
+        if self.free.contains(node) {
+            return true;
+        }
+        let grid = builder.space().grid();
+        let center = grid.center(grid.voxel(node));
+        let before = near.into_iter().rev().find_map(|near| (self.met[near] as usize).checked_sub(1));
+        match builder.met(center, center, before) {
+            Some(voxel) => self.met[node] = voxel as u32 + 1,
+            None => _ = self.free.insert(node),
+        }
+        self.free.contains(node)
     }
 
     fn see(&mut self, seen: Seen) -> usize {
@@ -175,9 +189,14 @@ fn straightened(
     let mut n = 0;
     while n < way.len() {
         // the farthest of the next few that a straight free move reaches, else the very next
+        let mut met = None;
+        let mut is_free = |to| {
+            met = builder.met(here, to, met);
+            met.is_none()
+        };
         let reach = (n..way.len().min(n + 40))
             .rev()
-            .find(|m| builder.is_free(here, way[*m]) && builder.space().is_move_clear(here, way[*m], step));
+            .find(|m| is_free(way[*m]) && builder.space().is_move_clear(here, way[*m], step));
         let next = reach.unwrap_or(n);
         here = way[next];
         kept.push(here);
