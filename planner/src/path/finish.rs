@@ -7,6 +7,7 @@
 
 use bonemill_geometry::{Point, Work};
 
+use super::ball_rows::BallRows;
 use super::{Builder, Pass};
 use crate::voxels::VoxelSet;
 
@@ -199,56 +200,6 @@ impl Gains {
         for n in first..self.taken.len() {
             let voxel = self.taken[n];
             self.add(builder, voxel, -1);
-        }
-    }
-}
-
-/// The rows of a ball about a voxel's centre.
-struct BallRows {
-    dims: [usize; 3],
-    /// Rows away along y and z, and how many voxels the ball reaches to either side.
-    rows: Vec<([i64; 2], usize)>,
-}
-
-impl BallRows {
-    fn new(dims: [usize; 3], radius_voxels: f64) -> Self {
-        let reach = radius_voxels.floor() as i64;
-        let half = |j: i64, k: i64| {
-            let squared = radius_voxels * radius_voxels - (j * j + k * k) as f64;
-            (squared >= 0.0).then(|| squared.sqrt() as usize)
-        };
-        let all = (-reach..=reach).flat_map(|k| (-reach..=reach).map(move |j| [j, k]));
-        Self { dims, rows: all.filter_map(|[j, k]| Some(([j, k], half(j, k)?))).collect() }
-    }
-
-    /// Its runs about `voxel`, as far as they lie in the grid.
-    fn around(&self, voxel: usize) -> impl Iterator<Item = std::ops::Range<usize>> + use<'_> {
-        let [nx, ny, nz] = self.dims;
-        let (i, j, k) = (voxel % nx, (voxel / nx % ny) as i64, (voxel / (nx * ny)) as i64);
-        self.rows.iter().filter_map(move |([dj, dk], half)| {
-            let (j, k) = (j + dj, k + dk);
-            let is_in = (0..ny as i64).contains(&j) && (0..nz as i64).contains(&k);
-            let row = is_in.then(|| nx * (j as usize + ny * k as usize))?;
-            Some(row + i.saturating_sub(*half)..row + (i + half + 1).min(nx))
-        })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_rows_of_a_ball_are_the_voxels_within_its_radius() {
-        let dims = [9usize, 8, 7];
-        for (radius, center) in [(2.7f64, [4usize, 4, 3]), (3.0, [0, 7, 2]), (0.4, [8, 0, 6])] {
-            let at = |n: usize| [n % 9, n / 9 % 8, n / 72];
-            let index = center[0] + 9 * (center[1] + 8 * center[2]);
-            let found: Vec<usize> = BallRows::new(dims, radius).around(index).flatten().collect();
-            let squared =
-                |n: usize| -> f64 { (0..3).map(|a| (at(n)[a] as f64 - center[a] as f64).powi(2)).sum() };
-            let expected: Vec<usize> = (0..504).filter(|n| squared(*n) <= radius * radius).collect();
-            assert_eq!(found, expected);
         }
     }
 }

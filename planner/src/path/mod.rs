@@ -8,6 +8,7 @@
 //! Invariants: every position is clear ([`BurrSpace::is_clear`]); a link or retract removes no material; the path is the
 //! same for any number of threads.
 
+mod ball_rows;
 mod builder;
 mod finish;
 mod raster;

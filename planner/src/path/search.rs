@@ -9,6 +9,8 @@ use std::collections::BinaryHeap;
 use bonemill_geometry::{Point, Work};
 
 use super::Builder;
+use super::ball_rows::BallRows;
+use crate::space::BurrSpace;
 use crate::voxels::VoxelSet;
 
 /// A millimetre through material counts as this many through free space.
@@ -59,15 +61,24 @@ pub(super) struct Search {
     free: VoxelSet,
     /// What the ball was last found to cut at a node, plus 1; 0 where it was never looked for. Most of it is still there.
     met: Vec<u32>,
+    /// What the ball holds at a node and not where it came from, by the step.
+    crescents: Vec<BallRows>,
     /// Place of a node in `seen`, plus 1; 0 where it is not.
     place: Vec<u32>,
     seen: Vec<Seen>,
 }
 
 impl Search {
-    /// On a grid of `len` nodes.
-    pub(super) fn new(len: usize) -> Self {
-        Self { free: VoxelSet::of(len, |_| false), met: vec![0; len], place: vec![0; len], seen: Vec::new() }
+    pub(super) fn new(space: &BurrSpace) -> Self {
+        let (grid, len) = (space.grid(), space.grid().len());
+        let radius = space.radius_mm() / grid.spacing_mm().x;
+        Self {
+            free: VoxelSet::of(len, |_| false),
+            met: vec![0; len],
+            crescents: (0..27).map(|n| BallRows::beyond(grid.dims(), radius, step(n))).collect(),
+            place: vec![0; len],
+            seen: Vec::new(),
+        }
     }
 
     /// Positions from `from` (left out) to `to` (last), each move clear; `None` when there is no way.
@@ -113,13 +124,14 @@ impl Search {
             if estimate > cost + left(node) + 1e-9 {
                 continue; // an older, dearer entry
             }
-            for next in neighbours(grid.dims(), grid.voxel(node)).map(|v| grid.index(v)) {
+            for (n, next) in neighbours(grid.dims(), grid.voxel(node)) {
+                let next = grid.index(next);
                 if !space.connected()[next] {
                     continue;
                 }
                 let place = match self.place[next] {
                     0 => {
-                        let is_free = self.is_free(builder, next, [node, next]);
+                        let is_free = self.is_free(builder, next, node, n);
                         self.see(Seen { node: next, cost: f64::INFINITY, from: 0, is_free })
                     }
                     place => place as usize - 1,
@@ -136,19 +148,24 @@ impl Search {
         None
     }
 
-    /// Whether the ball cuts nothing at a node; first it is asked whether what it met at `near` nodes is met here.
-    fn is_free(&mut self, builder: &Builder, node: usize, near: [usize; 2]) -> bool {
+    /// Whether the ball cuts nothing at a node, the n-th neighbour of another. Where it cuts nothing there, only what it holds more
+    /// is looked at; else what it met here or there before is asked first.
+    fn is_free(&mut self, builder: &Builder, node: usize, from: usize, n: usize) -> bool {
         if self.free.contains(node) {
             return true;
         }
-        let grid = builder.space().grid();
-        let center = grid.center(grid.voxel(node));
-        let before = near.into_iter().rev().find_map(|near| (self.met[near] as usize).checked_sub(1));
-        match builder.met(center, center, before) {
-            Some(voxel) => self.met[node] = voxel as u32 + 1,
-            None => _ = self.free.insert(node),
+        let is_free = self.free.contains(from)
+            && !self.crescents[n].around(node).any(|run| builder.holds_material(run));
+        if !is_free {
+            let center = builder.space().grid().center(builder.space().grid().voxel(node));
+            let before = [node, from].into_iter().find_map(|near| (self.met[near] as usize).checked_sub(1));
+            if let Some(voxel) = builder.met(center, center, before) {
+                self.met[node] = voxel as u32 + 1;
+                return false;
+            }
         }
-        self.free.contains(node)
+        self.free.insert(node);
+        true
     }
 
     fn see(&mut self, seen: Seen) -> usize {
@@ -163,17 +180,24 @@ fn node_at(builder: &Builder, p: Point<Work>) -> Option<usize> {
     let (space, grid) = (builder.space(), builder.space().grid());
     let nearest = grid.nearest(p)?;
     std::iter::once(nearest)
-        .chain(neighbours(grid.dims(), nearest))
+        .chain(neighbours(grid.dims(), nearest).map(|(_, v)| v))
         .filter(|v| space.connected()[grid.index(*v)])
         .min_by(|a, b| grid.center(*a).distance_mm(&p).total_cmp(&grid.center(*b).distance_mm(&p)))
         .map(|v| grid.index(v))
 }
 
-fn neighbours(dims: [usize; 3], [i, j, k]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+/// The neighbours of a voxel, each with its number: [`step`] leads there.
+fn neighbours(dims: [usize; 3], at: [usize; 3]) -> impl Iterator<Item = (usize, [usize; 3])> {
     (0..27).filter(|n| *n != 13).filter_map(move |n| {
-        let at = |v: usize, d: usize, dim: usize| (v + d).checked_sub(1).filter(|v| *v < dim);
-        Some([at(i, n % 3, dims[0])?, at(j, n / 3 % 3, dims[1])?, at(k, n / 9, dims[2])?])
+        let [i, j, k] =
+            std::array::from_fn(|a| at[a].checked_add_signed(step(n)[a] as isize).filter(|v| *v < dims[a]));
+        Some((n, [i?, j?, k?]))
     })
+}
+
+/// From a voxel to its n-th neighbour of 27, itself among them.
+fn step(n: usize) -> [i64; 3] {
+    [n % 3, n / 3 % 3, n / 9].map(|d| d as i64 - 1)
 }
 
 /// Leaves out positions that a straight move may skip: clear, and free where the skipped ones were.
