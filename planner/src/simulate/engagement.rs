@@ -21,6 +21,8 @@ pub struct BurrNodes {
     tool: Tool,
     nodes: Nodes,
     increments: usize,
+    /// The increment of rotation of every azimuth.
+    increment_of: Vec<usize>,
 }
 
 /// What there is around a burr.
@@ -112,7 +114,9 @@ pub(super) struct Feed {
 impl BurrNodes {
     /// Tabulates the nodes; [`Around::is_open`] is asked of tiles with a reach of at most `tile_reach`, of the radius.
     pub fn new(tool: &Tool, disc: &Discretisation, tile_reach: f64) -> Self {
-        Self { tool: tool.clone(), nodes: Nodes::new(tool, disc, tile_reach), increments: disc.n_gamma() }
+        let (nodes, increments) = (Nodes::new(tool, disc, tile_reach), disc.n_gamma());
+        let increment_of = (0..nodes.azimuths.len()).map(|m| m % increments).collect();
+        Self { tool: tool.clone(), nodes, increments, increment_of }
     }
 
     /// The tool.
@@ -174,9 +178,9 @@ impl BurrNodes {
             }
             let area_mm2 = self.tool.radius_mm() * element.dz_mm * around_rad;
             let mut found = false;
-            let nodes = azimuths.chunks(*wide).zip(&open).enumerate().filter(|(_, (_, open))| !**open);
-            for (tile, (azimuths, _)) in nodes {
-                for (m, &[c, s]) in azimuths.iter().enumerate() {
+            let tiles = azimuths.chunks(*wide).zip(self.increment_of.chunks(*wide)).zip(&open);
+            for (azimuths, increments) in tiles.filter(|(_, open)| !**open).map(|(tile, _)| tile) {
+                for (&[c, s], &slot) in azimuths.iter().zip(increments) {
                     let forward = circle.forward(c, s);
                     if forward <= GRAZING {
                         continue;
@@ -187,7 +191,7 @@ impl BurrNodes {
                         continue;
                     }
                     found = true;
-                    let (w, slot) = (w * part, (tile * wide + m) % self.increments);
+                    let w = w * part;
                     add(&mut cut[slot], forward * w, c, s);
                     if has_edge {
                         add(&mut edge[slot], material.edge_factor(forward * tooth_mm) * w, c, s);

@@ -385,7 +385,9 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
             })
             .map(|piece| Behind::new(&piece, &center, sample_mm))
             .collect();
-        let around = Seen { lattice: &self.lattice, near: &near, center, radius_mm: r, sample_mm, half_mm };
+        let half_cells = half_mm / self.lattice.spacing_mm();
+        let lattice = &self.lattice;
+        let around = Seen { lattice, near: &near, center, radius_mm: r, sample_mm, half_mm, half_cells };
         Some(self.nodes.engage(&feed, &self.spec.material, &around))
     }
 }
@@ -398,7 +400,9 @@ struct Seen<'a, 'b, T> {
     radius_mm: f64,
     /// Where a node looks, from the centre.
     sample_mm: f64,
+    /// Half the width of a patch.
     half_mm: f64,
+    half_cells: f64,
 }
 
 impl<T: Copy + Into<f64> + Sync> Around for Seen<'_, '_, T> {
@@ -412,7 +416,7 @@ impl<T: Copy + Into<f64> + Sync> Around for Seen<'_, '_, T> {
     fn bone(&self, normal: &Vector3<f64>) -> Option<(f64, Option<Kind>, f64)> {
         let bone = self.lattice.bone();
         let index = bone.index(&(self.center + normal * self.sample_mm));
-        let mut part = self.lattice.patch_left(&index, normal, self.half_mm);
+        let mut part = self.lattice.patch_left(&index, normal, self.half_cells);
         if part <= 0.0 {
             return None;
         }

@@ -35,6 +35,8 @@ const DOUBT: f64 = 0.2;
 /// What interpolation may say too little of D, cells: ½ at a ridge between two balls, and less than a hundredth where one
 /// ball bends.
 const BETWEEN: f64 = 0.52;
+/// From the cell nearest to a point to the eight around the point, by their weights, at most, cells: (3 + 3√2 + √3)/8.
+const AROUND: f64 = 1.122;
 /// More bricks than this over the grid are refused: 256 MB of tags.
 const MOST_BRICKS: f64 = 67_108_864.0;
 
@@ -68,10 +70,10 @@ pub(super) struct Brick {
 /// The state of the bone.
 #[derive(Debug)]
 pub struct Lattice<'a, T> {
-    bone: Bone<'a, T>,
+    pub(super) bone: Bone<'a, T>,
     /// Cells along a voxel, or voxels along a cell: one of them is 1.
-    split: usize,
-    block: usize,
+    pub(super) split: usize,
+    pub(super) block: usize,
     cells_per_voxel: f64,
     cells: [usize; 3],
     /// s/r: how far the surface bends within a cell.
@@ -166,13 +168,18 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
     }
 
     /// The part of a patch of the burr's surface that lies in bone that is left, 0 to 1. The patch is around the
-    /// point with this continuous voxel index, its outward normal and its half width, mm, are given.
+    /// point with this continuous voxel index, its outward normal and its half width, cells, are given.
     ///
     /// Where an older surface crosses the burr's at an angle θ, D changes by sin θ per length along the patch: m =
     /// clamp(½ + D/(w sin θ), 0, 1).
     #[inline]
-    pub(super) fn patch_left(&self, index: &Vector3<f64>, normal: &Vector3<f64>, half_mm: f64) -> f64 {
-        let (corners, u) = match self.around(&self.cell_of_index(index)) {
+    pub(super) fn patch_left(&self, index: &Vector3<f64>, normal: &Vector3<f64>, half: f64) -> f64 {
+        let cell = self.cell_of_index(index);
+        // most patches are far from any cut surface, and one cell says so
+        if let Some(is_left) = self.is_surely_left(&cell, half) {
+            return f64::from(u8::from(is_left));
+        }
+        let (corners, u) = match self.around(&cell) {
             Around::Bone => return 1.0,
             Around::Gone => return 0.0,
             Around::Cut(corners, u) => (corners, u),
@@ -180,7 +187,6 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         // a tube bends across two of three directions, half of each in the mean
         let bent: f32 = u.iter().map(|u| u * (1.0 - u)).sum::<f32>() * (self.bend / 6.0) as f32;
         let depth = f64::from(trilinear(&corners, u) - bent);
-        let half = half_mm / self.spacing_mm();
         if depth >= half {
             return 1.0;
         }
@@ -190,6 +196,16 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         // the slope of an interpolation turns within a cell as the surface does
         let sin = (crossing(&slope(&corners, u), normal) - self.bend).max(0.0);
         share(depth, half, sin, DOUBT * self.bend)
+    }
+
+    /// Whether a patch of half width `half`, cells, is all left or all gone, where the cell nearest to its middle is so deep that no
+    /// interpolation around it says otherwise: the eight cells are [`AROUND`] from the nearest in the mean, and D grows by at most 1
+    /// per length.
+    #[inline]
+    fn is_surely_left(&self, cell: &Vector3<f64>, half: f64) -> Option<bool> {
+        let depth = f64::from(self.depth_of(self.nearest_cell(cell)));
+        let sure = half + AROUND + self.bend;
+        if depth >= sure { Some(true) } else { (depth <= -sure).then_some(false) }
     }
 
     /// Whether nothing is or is left within `reach_mm` of the point with this continuous voxel index, and no patch of this half
@@ -203,8 +219,10 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         if self.looked_at(self.brick_index(brick)) == tag::NOTHING {
             return true;
         }
-        let depth = self.depth_at(&cell);
-        f64::from(depth) <= -((reach_mm + half_mm) / self.spacing_mm() + BETWEEN)
+        let least = (reach_mm + half_mm) / self.spacing_mm() + BETWEEN;
+        // in bone one cell says so
+        f64::from(self.depth_of(self.nearest_cell(&cell))) <= AROUND - least
+            && f64::from(self.depth_at(&cell)) <= -least
     }
 
     /// How far [`Lattice::is_open_around`] can look for patches of a half width, mm.
@@ -239,6 +257,12 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
             self.depth_of(std::array::from_fn(|a| cell[a].min(self.cells[a] - 1)))
         };
         Around::Cut(std::array::from_fn(corner), u)
+    }
+
+    /// The cell nearest to cell coordinates. Beyond the lattice the one at its edge; NaN becomes 0.
+    #[inline]
+    fn nearest_cell(&self, cell: &Vector3<f64>) -> [usize; 3] {
+        std::array::from_fn(|a| ((cell[a] + 0.5).max(0.0) as usize).min(self.cells[a] - 1))
     }
 
     /// Cells along a voxel; 1 where a cell is as large or larger.
@@ -308,64 +332,6 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
             self.tags[brick].store(found, Relaxed);
         }
         self.tag(brick)
-    }
-
-    /// Whether a brick has a solid cell, cut or not, or one is so near that something of it is felt within [`FAR`] cells of the
-    /// brick: the density of a solid voxel fades over one more, and D is read between neighbouring cells.
-    pub(super) fn has_solid(&self, brick: usize) -> bool {
-        let first = self.first_cell(brick);
-        let dims = self.bone.grid().dims();
-        let around = 1 + (FAR as usize * self.block).div_ceil(self.split);
-        let range = |a: usize| {
-            let last = (first[a] + SIDE).min(self.cells[a]);
-            let from = (first[a] * self.block / self.split).saturating_sub(around);
-            from..((last * self.block).div_ceil(self.split) + around).min(dims[a])
-        };
-        range(2).any(|k| range(1).any(|j| self.bone.row(range(0), j, k).next().is_some()))
-    }
-
-    /// A cell's mass, its solid parts and the gravest kind among them.
-    pub(super) fn content(&self, cell: [usize; 3]) -> (f64, u16, Option<Kind>) {
-        let part_mm3 = self.part_mm3();
-        if (0..3).any(|a| cell[a] >= self.cells[a]) {
-            return (0.0, 0, None);
-        }
-        if self.block == 1 {
-            let found = self.bone.voxel(cell.map(|c| c / self.split));
-            return found.map_or((0.0, 0, None), |(density, kind)| (density * part_mm3, 1, Some(kind)));
-        }
-        let dims = self.bone.grid().dims();
-        let range = |a: usize| cell[a] * self.block..((cell[a] + 1) * self.block).min(dims[a]);
-        let (mut sum, mut parts, mut worst) = (0.0, 0, None);
-        for k in range(2) {
-            for j in range(1) {
-                for (density, kind) in self.bone.row(range(0), j, k) {
-                    sum += density;
-                    parts += 1;
-                    if worst.is_none_or(|w| kind as u8 > w as u8) {
-                        worst = Some(kind);
-                    }
-                }
-            }
-        }
-        (sum * part_mm3, parts, worst)
-    }
-
-    /// A brick as the images have it.
-    pub(super) fn fresh(&self, brick: usize) -> Box<Brick> {
-        let first = self.first_cell(brick);
-        let mut fresh = Box::new(Brick {
-            depth: [FAR; CELLS],
-            mass_mg: [0.0; CELLS],
-            parts: [0; CELLS],
-            kind: [None; CELLS],
-        });
-        for n in 0..CELLS {
-            let local = [n % SIDE, n / SIDE % SIDE, n / (SIDE * SIDE)];
-            let cell = std::array::from_fn(|a| first[a] + local[a]);
-            (fresh.mass_mg[n], fresh.parts[n], fresh.kind[n]) = self.content(cell);
-        }
-        fresh
     }
 
     /// What is left of everything solid. Looks at every voxel.

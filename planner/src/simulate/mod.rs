@@ -16,6 +16,7 @@ mod choice;
 mod engagement;
 mod engine;
 mod error;
+mod fresh;
 mod lattice;
 mod log;
 mod model;
