@@ -16,6 +16,7 @@ pub mod cost;
 pub mod engagement;
 pub mod metrics;
 pub mod mrr;
+mod neighbours;
 pub mod orientation;
 pub mod path;
 pub mod pipeline;

@@ -11,6 +11,8 @@ use bonemill_imaging::{Class, Scene};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use crate::neighbours::joined;
+
 /// All eighths of a voxel.
 const ALL: u8 = 0xff;
 
@@ -31,7 +33,8 @@ impl Solid {
         let grid = scene.class.grid().clone();
         let class = scene.class.data();
         let seen = Class::STRUCTURE | Class::OBSTACLE | Class::MATERIAL;
-        let around = around(grid.dims(), class.iter().map(|class| class.0 & seen).collect());
+        let own: Vec<u8> = class.iter().map(|class| class.0 & seen).collect();
+        let around = joined(&own, grid.dims(), |a, b| a | b);
         let hidden_mm = 0.5 * grid.diagonal_mm();
         let is_kept_clear = |n: usize| {
             scene.structures.iter().zip(shank_clearances_mm).any(|(structure, clearance)| {
@@ -112,22 +115,6 @@ fn facing(grid: &Grid<Work>, class: &[Class], n: usize) -> (u8, u8) {
     (stays, goes)
 }
 
-/// The flags of each voxel and its 26 neighbours together.
-fn around([nx, ny, nz]: [usize; 3], mut flags: Vec<u8>) -> Vec<u8> {
-    let spread = |flags: &[u8], step: usize, place: &(dyn Fn(usize) -> (usize, usize) + Sync)| -> Vec<u8> {
-        let of = |n: usize| {
-            let (at, count) = place(n);
-            let before = if at > 0 { flags[n - step] } else { 0 };
-            let after = if at + 1 < count { flags[n + step] } else { 0 };
-            before | flags[n] | after
-        };
-        (0..flags.len()).into_par_iter().with_min_len(1 << 14).map(of).collect()
-    };
-    flags = spread(&flags, 1, &|n| (n % nx, nx));
-    flags = spread(&flags, nx, &|n| (n / nx % ny, ny));
-    spread(&flags, nx * ny, &|n| (n / (nx * ny), nz))
-}
-
 /// The box of the voxels with a value other than 0, per axis; empty if there are none.
 fn hull(grid: &Grid<Work>, value: &[u8]) -> [Range<usize>; 3] {
     let dims = grid.dims();
@@ -154,20 +141,6 @@ mod tests {
 
     fn grid() -> Grid<Work> {
         Grid::aligned([5, 4, 3], 0.5, Point::new(0.0, 0.0, 0.0)).unwrap()
-    }
-
-    #[test]
-    fn flags_spread_to_all_neighbours_and_no_farther() {
-        let grid = grid();
-        let mut flags = vec![0; grid.len()];
-        flags[grid.index([1, 2, 0])] = 4;
-        flags[grid.index([4, 0, 2])] = 1;
-        let found = around(grid.dims(), flags);
-        for (n, found) in found.iter().enumerate() {
-            let near = |at: [usize; 3]| grid.voxel(n).iter().zip(at).all(|(a, b)| a.abs_diff(b) <= 1);
-            let expected = (4 * u8::from(near([1, 2, 0]))) | u8::from(near([4, 0, 2]));
-            assert_eq!(*found, expected, "{:?}", grid.voxel(n));
-        }
     }
 
     #[test]

@@ -4,6 +4,7 @@ use bonemill_geometry::{Grid, Volume, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use crate::neighbours::joined;
 use crate::removal::NEVER;
 
 /// When the eight voxels around a point go. Where none of them has density, before every move.
@@ -70,7 +71,7 @@ impl LastTimes {
             }
         });
         for _ in 0..blocks {
-            value = around(&value, dims);
+            value = joined(&value, dims, u32::max);
         }
         Self { dims, value, per_mm: 1.0 / spacing_mm, reach_mm: blocks as f64 * block_mm }
     }
@@ -85,18 +86,4 @@ impl LastTimes {
         let [i, j, k] = [block(0)?, block(1)?, block(2)?];
         (around_mm <= self.reach_mm).then(|| self.value[i + self.dims[0] * (j + self.dims[1] * k)])
     }
-}
-
-/// The greatest of each value and its 26 neighbours.
-fn around(value: &[u32], [nx, ny, nz]: [usize; 3]) -> Vec<u32> {
-    let spread = |value: &[u32], step: usize, count: usize| -> Vec<u32> {
-        let of = |n: usize| {
-            let at = n / step % count;
-            let before = if at > 0 { value[n - step] } else { 0 };
-            let after = if at + 1 < count { value[n + step] } else { 0 };
-            before.max(value[n]).max(after)
-        };
-        (0..value.len()).into_par_iter().with_min_len(1 << 14).map(of).collect()
-    };
-    spread(&spread(&spread(value, 1, nx), nx, ny), nx * ny, nz)
 }
