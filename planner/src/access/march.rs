@@ -102,7 +102,7 @@ impl Ray {
     /// Passes over samples; never over the last, unless that is the next.
     #[inline]
     pub(super) fn skip(&mut self, samples: usize) {
-        if self.next == self.last {
+        if self.next >= self.last {
             self.next += samples.min(1);
             return;
         }
