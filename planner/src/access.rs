@@ -116,7 +116,7 @@ struct Segment {
     /// T dilated by the cylinder's radius: where it is early enough, the cylinder is free.
     outer: Marched,
     /// T dilated by less: where it is late, the cylinder is blocked, more than `inner_mm` from its ends. None for a thin cylinder and
-    /// one that is asked by blocks.
+    /// one with a front.
     inner: Option<Marched>,
     inner_mm: f64,
     /// How far a march's ball may reach ahead of where it stands, mm.
@@ -171,7 +171,7 @@ impl<'a> Access<'a> {
         self.blocked(index, center, axis).is_none()
     }
 
-    /// The nearest thing along `axis` that is in the shank's way.
+    /// Something along `axis` that is in the shank's way, if there is anything: not always the nearest.
     pub fn blocked(&self, index: u32, center: Point<Work>, axis: &Vector3<f64>) -> Option<Blocked> {
         cancel::poll();
         self.segments.iter().find_map(|segment| self.blocked_segment(segment, index, center, axis))
@@ -297,9 +297,9 @@ impl<'a> Access<'a> {
             let runs = run.start / field::RUN..run.end.div_ceil(field::RUN);
             self.latest_of_runs[runs].iter().any(|latest| *latest >= index as f32)
         };
-        // from a voxel's centre to that of an eighth, and what the shank may be aside, also along the axis
-        let eighth_mm = 0.25 * self.solid.grid().diagonal_mm();
-        let aside_mm = aside_mm(radius_mm, end_mm.max(to_mm));
+        // from a voxel's centre to that of an eighth, whatever the rounding; and what the shank may be aside, also along the axis
+        let eighth_mm = 0.25 * (1.0 + 1e-6) * self.solid.grid().diagonal_mm();
+        let aside_mm = aside_mm(radius_mm, to_mm + 2.0 * aside_mm(radius_mm, to_mm));
         let low_mm = if start_mm > from_mm { start_mm } else { from_mm - aside_mm };
         let high_mm = if end_mm < to_mm { end_mm } else { to_mm + aside_mm };
         let (ends_mm, wide_mm) =

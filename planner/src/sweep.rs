@@ -1,4 +1,5 @@
-//! Voxels inside a ball that moves along a straight line: the one kernel behind removal, coverage and access.
+//! Voxels inside a ball that moves along a straight line, and in a straight piece of a cylinder: the one kernel behind removal,
+//! coverage and access.
 //!
 //! A capsule is convex, so it meets a row of voxel centres in one interval, which has a closed form. Rows are handed out
 //! one by one; a caller touches contiguous memory and tests no voxel twice. A voxel counts by its centre.

@@ -151,10 +151,11 @@ impl Field {
         Self { value: ball_maximum(&self.value, self.dims, radius), ..self }
     }
 
-    /// Latest time within the largest ball that holds nothing beyond `radius_mm` from any point that the voxel holds; `None` where
-    /// there is no such ball.
+    /// Latest time within a ball that holds no eighth beyond `radius_mm` from any point that the voxel holds; `None` where there is no
+    /// such ball. An eighth is within half of half a diagonal of its voxel's centre, in a block within half a diagonal.
     pub(super) fn surely_within(&self, radius_mm: f64) -> Option<Self> {
-        let radius = radius_mm / self.spacing_mm - 1.5 * HALF_DIAGONAL - ROUNDING;
+        let eighth = if self.is_blocks { HALF_DIAGONAL } else { 0.5 * HALF_DIAGONAL };
+        let radius = radius_mm / self.spacing_mm - HALF_DIAGONAL - eighth - ROUNDING;
         let value = (radius >= 0.0).then(|| ball_maximum(&self.value, self.dims, radius))?;
         Some(Self { value, ..*self })
     }
@@ -347,6 +348,28 @@ mod tests {
                 };
                 let slow = (0..value.len()).filter(near).map(|m| value[m]).fold(FREE, f32::max);
                 prop_assert_eq!(*found, slow);
+            }
+        }
+    }
+
+    /// Against every eighth there may be, for voxels and for blocks of them.
+    #[test]
+    fn what_is_surely_within_is_within_of_every_point_of_the_voxel() {
+        for factor in [1, 2, 3] {
+            let solid = [(3 + 14 * (5 + 14 * 9), 1.0)];
+            let field = Field::of_test([14, 14, 14], 0.2, false, &solid);
+            for radius_mm in [0.7, 0.9, 1.3, 1.345, 1.9] {
+                let pooled = field.pooled(factor, 0.0);
+                let Some(within) = pooled.surely_within(radius_mm) else { continue };
+                // the farthest eighth of the one solid voxel, from the corners of each voxel that says it is near
+                let center = Vector3::new(3.0, 5.0, 9.0) * 0.2;
+                let [bz, by, _] = within.dims;
+                for n in (0..within.value.len()).filter(|n| within.value[*n] > FREE) {
+                    let at = Vector3::from([n / (bz * by), n / bz % by, n % bz].map(|v| v as f64));
+                    let middle = at * within.spacing_mm + Vector3::repeat(within.origin_mm);
+                    let reach = (middle - center).map(|d| d.abs() + 0.5 * within.spacing_mm + 0.25 * 0.2);
+                    assert!(reach.norm() <= radius_mm, "{factor}: {} beyond {radius_mm}", reach.norm());
+                }
             }
         }
     }

@@ -27,7 +27,7 @@ pub(super) struct Ray {
     next: usize,
     /// The last.
     last: usize,
-    /// Where the next one is, along the field's axes, and from each to the one after it.
+    /// Where the next one is, along the field's axes, unless it is the last; and from each to the one after it.
     at: [i64; 3],
     step: [i64; 3],
     per_step: [f64; 3],

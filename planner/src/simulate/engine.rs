@@ -400,7 +400,7 @@ struct Seen<'a, 'b, T> {
     radius_mm: f64,
     /// Where a node looks, from the centre.
     sample_mm: f64,
-    /// Half the width of a patch.
+    /// Half the width of a patch, mm and cells.
     half_mm: f64,
     half_cells: f64,
 }

@@ -203,6 +203,10 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
     /// per length.
     #[inline]
     fn is_surely_left(&self, cell: &Vector3<f64>, half: f64) -> Option<bool> {
+        // beyond the last cells the nearest of all need not be the nearest of the eight
+        if (0..3).any(|a| cell[a] > self.cells[a] as f64 - 1.0) {
+            return None;
+        }
         let depth = f64::from(self.depth_of(self.nearest_cell(cell)));
         let sure = half + AROUND + self.bend;
         if depth >= sure { Some(true) } else { (depth <= -sure).then_some(false) }
