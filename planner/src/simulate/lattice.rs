@@ -179,7 +179,13 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         if let Some(is_left) = self.is_surely_left(&cell, half) {
             return f64::from(u8::from(is_left));
         }
-        let (corners, u) = match self.around(&cell) {
+        self.interpolated(&cell, normal, half)
+    }
+
+    /// [`Self::patch_left`] by the eight cells around.
+    #[inline]
+    fn interpolated(&self, cell: &Vector3<f64>, normal: &Vector3<f64>, half: f64) -> f64 {
+        let (corners, u) = match self.around(cell) {
             Around::Bone => return 1.0,
             Around::Gone => return 0.0,
             Around::Cut(corners, u) => (corners, u),
@@ -203,11 +209,12 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
     /// per length.
     #[inline]
     fn is_surely_left(&self, cell: &Vector3<f64>, half: f64) -> Option<bool> {
+        let nearest: [usize; 3] = std::array::from_fn(|a| (cell[a] + 0.5).max(0.0) as usize);
         // beyond the last cells the nearest of all need not be the nearest of the eight
-        if (0..3).any(|a| cell[a] > self.cells[a] as f64 - 1.0) {
+        if (0..3).any(|a| nearest[a] >= self.cells[a]) {
             return None;
         }
-        let depth = f64::from(self.depth_of(self.nearest_cell(cell)));
+        let depth = f64::from(self.depth_of(nearest));
         let sure = half + AROUND + self.bend;
         if depth >= sure { Some(true) } else { (depth <= -sure).then_some(false) }
     }
@@ -424,3 +431,6 @@ fn slope(v: &[f32; 8], u: [f32; 3]) -> Vector3<f64> {
     };
     Vector3::new(axis(0), axis(1), axis(2))
 }
+
+#[cfg(test)]
+mod tests;
