@@ -12,8 +12,8 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::EngineError;
 
-/// What a solid voxel is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// What a solid voxel is; the gravest last.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     /// Target above air and below bone.
     Material,
@@ -85,6 +85,15 @@ impl Amount {
     pub fn total_mg(&self) -> f64 {
         self.mass_mg.iter().sum()
     }
+}
+
+/// What is solid among voxels, added up.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct RowSum {
+    pub density_g_cm3: f64,
+    pub count: u16,
+    /// The gravest; `None` where nothing is solid.
+    pub kind: Option<Kind>,
 }
 
 /// Densities, kinds, and what lies beyond.
@@ -195,6 +204,34 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         let class = self.class.map(|class| &class.data()[run.clone()]);
         let density = self.density_g_cm3.data()[run].iter().enumerate();
         density.filter_map(move |(n, density)| solid(*density, class.map(|class| class[n])))
+    }
+
+    /// Sums over the solid voxels of a row along x of at most 65 535.
+    #[inline]
+    pub(super) fn row_sum(&self, x: Range<usize>, j: usize, k: usize) -> RowSum {
+        let mut sum = RowSum::default();
+        if self.class.is_some() {
+            for (density, kind) in self.row(x, j, k) {
+                sum.density_g_cm3 += density;
+                sum.count += 1;
+                sum.kind = sum.kind.max(Some(kind));
+            }
+            return sum;
+        }
+        // all are of one kind: nothing to branch on, and four sums that do not wait for each other
+        let start = self.grid().index([0, j, k]);
+        let (quads, rest) = self.density_g_cm3.data()[start + x.start..start + x.end].as_chunks::<4>();
+        let mut lanes = [0.0; 4];
+        let mut add = |lane: usize, density: T| {
+            let density: f64 = density.into();
+            lanes[lane] += density.max(0.0);
+            sum.count += u16::from(density > 0.0);
+        };
+        quads.iter().for_each(|quad| (0..4).for_each(|lane| add(lane, quad[lane])));
+        rest.iter().enumerate().for_each(|(lane, &density)| add(lane, density));
+        sum.density_g_cm3 = (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
+        sum.kind = (sum.count > 0).then_some(Kind::Bone);
+        sum
     }
 
     /// All that is solid, voxel by voxel.

@@ -136,7 +136,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         cells: Option<Box<Brick>>,
         capsules: impl Iterator<Item = &'c Capsule>,
     ) -> Carved {
-        let mut brick = cells.unwrap_or_else(|| self.fresh(index));
+        let mut brick = cells.unwrap_or_else(|| Box::new(Brick::INTACT));
         let first = Vector3::from(self.first_cell(index).map(|c| c as f64));
         let before = brick.depth;
         let mut changed = false;
@@ -148,9 +148,11 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
             let part_mm3 = self.part_mm3();
             for (n, (&old, &new)) in before.iter().zip(&brick.depth).enumerate() {
                 // what is far on either side of the surface has nothing to lose
-                if let (true, Some(kind)) = (new < old && new < 0.5 && old > -1.0, brick.kind[n]) {
+                if new < old && new < 0.5 && old > -1.0 {
+                    let held = brick.held[n].get_or_insert_with(|| self.held(self.cell_in(index, n)));
+                    let Some(kind) = held.kind else { continue };
                     let part = self.part_left(old) - self.part_left(new);
-                    lost.add(kind, part * f64::from(brick.parts[n]) * part_mm3, part * brick.mass_mg[n]);
+                    lost.add(kind, part * f64::from(held.parts) * part_mm3, part * held.mass_mg);
                 }
             }
         }

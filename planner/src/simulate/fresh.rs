@@ -1,7 +1,6 @@
 //! Cells of the lattice as the images have them, before anything is cut.
 
-use super::bone::Kind;
-use super::lattice::{Brick, CELLS, FAR, Lattice, SIDE};
+use super::lattice::{FAR, Held, Lattice, SIDE};
 
 impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
     /// Whether a brick has a solid cell, cut or not, or one is so near that something of it is felt within [`FAR`] cells of the
@@ -18,47 +17,31 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         range(2).any(|k| range(1).any(|j| self.bone.row(range(0), j, k).next().is_some()))
     }
 
-    /// A cell's mass, its solid parts and the gravest kind among them.
-    pub(super) fn content(&self, cell: [usize; 3]) -> (f64, u16, Option<Kind>) {
+    /// What a cell held before anything was cut.
+    pub(super) fn held(&self, cell: [usize; 3]) -> Held {
         let part_mm3 = self.part_mm3();
+        let mut held = Held { mass_mg: 0.0, parts: 0, kind: None };
         if (0..3).any(|a| cell[a] >= self.cells()[a]) {
-            return (0.0, 0, None);
+            return held;
         }
         if self.block == 1 {
-            let found = self.bone.voxel(cell.map(|c| c / self.split));
-            return found.map_or((0.0, 0, None), |(density, kind)| (density * part_mm3, 1, Some(kind)));
+            if let Some((density, kind)) = self.bone.voxel(cell.map(|c| c / self.split)) {
+                held = Held { mass_mg: density * part_mm3, parts: 1, kind: Some(kind) };
+            }
+            return held;
         }
         let dims = self.bone.grid().dims();
         let range = |a: usize| cell[a] * self.block..((cell[a] + 1) * self.block).min(dims[a]);
-        let (mut sum, mut parts, mut worst) = (0.0, 0, None);
+        let mut sum = 0.0;
         for k in range(2) {
             for j in range(1) {
-                for (density, kind) in self.bone.row(range(0), j, k) {
-                    sum += density;
-                    parts += 1;
-                    if worst.is_none_or(|w| kind as u8 > w as u8) {
-                        worst = Some(kind);
-                    }
-                }
+                let row = self.bone.row_sum(range(0), j, k);
+                sum += row.density_g_cm3;
+                held.parts += row.count;
+                held.kind = held.kind.max(row.kind);
             }
         }
-        (sum * part_mm3, parts, worst)
-    }
-
-    /// A brick as the images have it.
-    pub(super) fn fresh(&self, brick: usize) -> Box<Brick> {
-        let first = self.first_cell(brick);
-        let mut fresh = Box::new(Brick {
-            depth: [FAR; CELLS],
-            mass_mg: [0.0; CELLS],
-            parts: [0; CELLS],
-            kind: [None; CELLS],
-        });
-        for n in 0..CELLS {
-            let local = [n % SIDE, n / SIDE % SIDE, n / (SIDE * SIDE)];
-            let cell = std::array::from_fn(|a| first[a] + local[a]);
-            (fresh.mass_mg[n], fresh.parts[n], fresh.kind[n]) = self.content(cell);
-        }
-        fresh
+        held.mass_mg = sum * part_mm3;
+        held
     }
 }

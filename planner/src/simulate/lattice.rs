@@ -59,12 +59,24 @@ pub(super) mod tag {
 pub(super) struct Brick {
     /// D, cells.
     pub depth: [f32; CELLS],
-    /// Mass of the whole cell, mg.
-    pub mass_mg: [f64; CELLS],
-    /// Solid parts of the cell, each of [`Lattice::part_mm3`].
-    pub parts: [u16; CELLS],
-    /// What they are.
-    pub kind: [Option<Kind>; CELLS],
+    /// What a cell held before anything was cut; `None` where nobody asked yet.
+    pub held: [Option<Held>; CELLS],
+}
+
+impl Brick {
+    /// Nothing cut, nothing asked.
+    pub const INTACT: Self = Self { depth: [FAR; CELLS], held: [None; CELLS] };
+}
+
+/// What is solid in a cell of which nothing is cut.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Held {
+    /// Its mass, mg.
+    pub mass_mg: f64,
+    /// How many parts it is, each of [`Lattice::part_mm3`].
+    pub parts: u16,
+    /// The gravest kind among them; `None` where nothing is solid.
+    pub kind: Option<Kind>,
 }
 
 /// The state of the bone.
@@ -316,6 +328,12 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         [brick % nx, brick / nx % ny, brick / (nx * ny)].map(|b| b * SIDE)
     }
 
+    /// Cell number `n` of a brick.
+    pub(super) fn cell_in(&self, brick: usize, n: usize) -> [usize; 3] {
+        let first = self.first_cell(brick);
+        [first[0] + n % SIDE, first[1] + n / SIDE % SIDE, first[2] + n / (SIDE * SIDE)]
+    }
+
     /// Cells along x, y, z.
     pub(super) fn cells(&self) -> [usize; 3] {
         self.cells
@@ -350,22 +368,19 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         let mut left = Amount::default();
         let part_mm3 = self.part_mm3();
         for index in 0..self.brick_count() {
-            let owned;
             let brick = match self.tag(index) {
                 tag::GONE | tag::NOTHING => continue,
                 place if place < tag::FIRST => self.stored[place as usize].as_deref(),
-                _ => {
-                    owned = self.fresh(index);
-                    Some(&*owned)
-                }
+                _ => Some(&Brick::INTACT),
             };
             let Some(brick) = brick else { continue };
             // summed by brick: a long sum of like terms drifts
             let mut own = Amount::default();
             for n in 0..CELLS {
-                if let Some(kind) = brick.kind[n] {
+                let held = brick.held[n].unwrap_or_else(|| self.held(self.cell_in(index, n)));
+                if let Some(kind) = held.kind {
                     let part = self.part_left(brick.depth[n]);
-                    own.add(kind, part * f64::from(brick.parts[n]) * part_mm3, part * brick.mass_mg[n]);
+                    own.add(kind, part * f64::from(held.parts) * part_mm3, part * held.mass_mg);
                 }
             }
             left.merge(&own);

@@ -159,8 +159,11 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
             if !is_inside && clear_mm >= view.clear_mm {
                 return;
             }
+            if stored.is_some() && self.depth_at(&at) <= 0.0 {
+                return;
+            }
             let Some(kind) = self.kind_at(stored, site) else { return };
-            if (stored.is_some() && self.depth_at(&at) <= 0.0) || is_swept(&point.coords) {
+            if is_swept(&point.coords) {
                 return;
             }
             view.clear_mm = view.clear_mm.min(clear_mm);
@@ -196,13 +199,9 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
     }
 
     fn kind_at(&self, stored: Option<&Brick>, cell: [usize; 3]) -> Option<Kind> {
-        match stored {
-            Some(cells) => {
-                let [x, y, z] = cell.map(|c| c % SIDE);
-                cells.kind[x + SIDE * (y + SIDE * z)]
-            }
-            None => self.content(cell).2,
-        }
+        let [x, y, z] = cell.map(|c| c % SIDE);
+        let known = stored.and_then(|brick| brick.held[x + SIDE * (y + SIDE * z)]);
+        known.unwrap_or_else(|| self.held(cell)).kind
     }
 
     /// Contact beyond the grid, where the coarse map is certain of it.
