@@ -221,12 +221,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
     /// per length.
     #[inline]
     fn is_surely_left(&self, cell: &Vector3<f64>, half: f64) -> Option<bool> {
-        let nearest: [usize; 3] = std::array::from_fn(|a| (cell[a] + 0.5).max(0.0) as usize);
-        // beyond the last cells the nearest of all need not be the nearest of the eight
-        if (0..3).any(|a| nearest[a] >= self.cells[a]) {
-            return None;
-        }
-        let depth = f64::from(self.depth_of(nearest));
+        let depth = f64::from(self.depth_of(self.nearest_cell(cell)));
         let sure = half + AROUND + self.bend;
         if depth >= sure { Some(true) } else { (depth <= -sure).then_some(false) }
     }
