@@ -21,6 +21,7 @@
 //! a march is blocked, the front is looked at again with balls of the first cylinder's radius.
 
 mod field;
+mod front;
 mod march;
 mod octants;
 mod solid;
@@ -37,6 +38,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use self::field::{Bounds, Field, SOLID};
+use self::front::Front;
 use self::march::Marched;
 use crate::space::TRAJECTORY_TOLERANCE_MM;
 use crate::sweep::Rows;
@@ -90,6 +92,9 @@ fn across_mm(a_mm: f64, b_mm: f64) -> f64 {
 /// Coarser fields have at least this many voxels across a segment's radius.
 const VOXELS_PER_RADIUS: f64 = 8.0;
 
+/// Voxels along a side of the blocks in which groups of a front's balls are looked up.
+const AROUND_VOXELS: usize = 2;
+
 /// Steps of a march that are asked eighth by eighth at once.
 const PART: usize = 4;
 
@@ -108,6 +113,9 @@ pub struct Access<'a> {
     /// Where something beyond the work grid is known; `None` where nothing is.
     far_box: Option<Bounds>,
     segments: Vec<Segment>,
+    /// The latest of what the first cylinder's field has within `around_mm` of a place: for groups of a front's balls.
+    around: Option<Field>,
+    around_mm: f64,
 }
 
 #[derive(Debug)]
@@ -121,8 +129,8 @@ struct Segment {
     inner_mm: f64,
     /// How far a march's ball may reach ahead of where it stands, mm.
     reach_mm: f64,
-    /// Centres of balls of the first cylinder's radius that hold this cylinder's front: along and across the axis, mm.
-    front: Vec<Vector3<f64>>,
+    /// Balls of the first cylinder's radius that hold this cylinder's front; none for a thin cylinder.
+    front: Option<Front>,
 }
 
 impl<'a> Access<'a> {
@@ -135,19 +143,18 @@ impl<'a> Access<'a> {
             let wide_mm = cylinder.radius_mm + aside_mm(cylinder.radius_mm, cylinder.to_mm);
             let pooled = latest.pooled(factor as usize, wide_mm);
             let reach_mm = pooled.ball_voxels(wide_mm) * pooled.spacing_mm;
-            let front = if pooled.is_blocks && cylinder.radius_mm > thin_mm {
-                front_balls(&ShankCylinder { radius_mm: wide_mm, ..*cylinder }, reach_mm, thin_mm)
-            } else {
-                Vec::new()
-            };
+            let front = (pooled.is_blocks && cylinder.radius_mm > thin_mm)
+                .then(|| Front::new(&ShankCylinder { radius_mm: wide_mm, ..*cylinder }, reach_mm, thin_mm));
             let inner_mm = cylinder.radius_mm + aside_mm(cylinder.radius_mm, 0.0);
-            let inner =
-                if front.is_empty() { pooled.surely_within(inner_mm).map(Marched::new) } else { None };
+            let inner = if front.is_none() { pooled.surely_within(inner_mm).map(Marched::new) } else { None };
             let outer = Marched::new(pooled.dilated(wide_mm));
             Segment { cylinder: *cylinder, outer, inner, inner_mm, reach_mm, front }
         };
-        let (segments, latest_of_runs) =
+        let (segments, latest_of_runs): (Vec<_>, _) =
             rayon::join(|| shank.par_iter().map(segment).collect(), || latest.runs());
+        let fronts_mm = segments.iter().filter_map(|segment| segment.front.as_ref()).map(Front::reach_mm);
+        let around_mm = fronts_mm.fold(0.0, f64::max);
+        let around = segments.first().map(|thin| thin.outer.field.latest_around(AROUND_VOXELS, around_mm));
         Self {
             scene,
             solid,
@@ -158,6 +165,8 @@ impl<'a> Access<'a> {
             latest_of_runs,
             latest,
             segments,
+            around,
+            around_mm,
         }
     }
 
@@ -187,7 +196,7 @@ impl<'a> Access<'a> {
         let ShankCylinder { from_mm, to_mm, radius_mm } = segment.cylinder;
         let (enter, leave) = segment.outer.field.crossing(&center.coords, axis);
         let behind_front = from_mm + segment.reach_mm;
-        let by_eighths = segment.front.is_empty();
+        let by_eighths = segment.front.is_none();
         let (mut front_is_free, mut doubted) = (false, false);
         let (begin_mm, step_mm) = (from_mm.max(enter), segment.outer.field.spacing_mm);
         let mut ray = segment.outer.ray(&center.coords, axis, [begin_mm, to_mm.min(leave)]);
@@ -259,16 +268,26 @@ impl<'a> Access<'a> {
         center: Point<Work>,
         axis: &Vector3<f64>,
     ) -> Option<Blocked> {
-        let thin = self.segments.first()?;
+        let (thin, around, front) = (self.segments.first()?, self.around.as_ref()?, segment.front.as_ref()?);
+        let (far, thin_mm) = (&self.scene.far, thin.cylinder.radius_mm);
         let basis = basis::from_z(axis);
-        segment.front.iter().find_map(|offset| {
+        let (near_box, far_box, around_mm) = (&self.near_box, self.far_box.as_ref(), self.around_mm);
+        let is_free = |offset: &Vector3<f64>| {
+            let p = center + basis * offset;
+            // what of the ball is in the far box is no farther from the place in the box that is nearest to its middle
+            let far_mm = || far.at_least_mm(Point::from_coords(far_box?.nearest(&p.coords)));
+            around.at(&p.coords) < index as f32
+                && (near_box.holds_ball(&p.coords, around_mm)
+                    || far_mm().is_none_or(|far_mm| far.certain_within_mm(far_mm, thin_mm) >= around_mm))
+        };
+        front.find(is_free, |offset| {
             let p = center + basis * offset;
             let latest = thin.outer.field.at(&p.coords);
             if latest >= index as f32 {
                 return Some(Blocked::by(latest, offset.z));
             }
-            let is_beyond = !self.near_box.holds(&p.coords);
-            let near = || self.scene.far.at_least_mm(p).is_some_and(|d| d < thin.cylinder.radius_mm);
+            let is_beyond = !near_box.holds(&p.coords);
+            let near = || far.at_least_mm(p).is_some_and(|d| d < thin_mm);
             (is_beyond && near()).then_some(Blocked::Obstacle { at_mm: offset.z })
         })
     }
@@ -350,27 +369,6 @@ impl Blocked {
     fn by(latest: f32, at_mm: f64) -> Self {
         if latest == SOLID { Self::Obstacle { at_mm } } else { Self::NotYetRemoved { at_mm } }
     }
-}
-
-/// Centres (across, across, along the axis) of balls of `ball_mm` whose union holds the cylinder's first `length_mm`:
-/// one per cube of a lattice that such a ball holds.
-fn front_balls(cylinder: &ShankCylinder, length_mm: f64, ball_mm: f64) -> Vec<Vector3<f64>> {
-    let side = 2.0 * ball_mm / 3f64.sqrt();
-    let across = (cylinder.radius_mm / side).ceil() as i64;
-    let along = (length_mm / side).ceil() as i64;
-    let mut centers = Vec::new();
-    for k in 0..along {
-        for j in -across..across {
-            for i in -across..across {
-                let nearest = |n: i64| if n >= 0 { n as f64 * side } else { (n + 1) as f64 * side };
-                if nearest(i).hypot(nearest(j)) < cylinder.radius_mm {
-                    let middle = |n: i64| (n as f64 + 0.5) * side;
-                    centers.push(Vector3::new(middle(i), middle(j), cylinder.from_mm + middle(k)));
-                }
-            }
-        }
-    }
-    centers
 }
 
 /// Distances from..=to, `step` apart, the end included; none when to < from.

@@ -54,6 +54,16 @@ impl Bounds {
         (0..3).all(|a| self.low_mm[a] <= p[a] && p[a] < self.high_mm[a])
     }
 
+    /// Whether it holds all of a ball.
+    pub(super) fn holds_ball(&self, p: &Vector3<f64>, radius_mm: f64) -> bool {
+        self.holds(&p.add_scalar(-radius_mm)) && self.holds(&p.add_scalar(radius_mm))
+    }
+
+    /// The place in it that is nearest to a point, within a millionth of a voxel of a work grid.
+    pub(super) fn nearest(&self, p: &Vector3<f64>) -> Vector3<f64> {
+        p.sup(&self.low_mm).inf(&self.high_mm.add_scalar(-1e-7))
+    }
+
     /// Where the ray center + t·axis, t ≥ 0, enters and leaves the box; enter > leave when it misses it.
     pub(super) fn crossing(&self, center: &Vector3<f64>, axis: &Vector3<f64>) -> (f64, f64) {
         let (mut enter, mut leave) = (0f64, f64::INFINITY);
@@ -158,6 +168,30 @@ impl Field {
         let radius = radius_mm / self.spacing_mm - HALF_DIAGONAL - eighth - ROUNDING;
         let value = (radius >= 0.0).then(|| ball_maximum(&self.value, self.dims, radius))?;
         Some(Self { value, ..*self })
+    }
+
+    /// The latest time within `reach_mm` of any point of a block of `side`³ voxels: of the voxels that hold such points.
+    pub(super) fn latest_around(&self, side: usize, reach_mm: f64) -> Self {
+        let spacing_mm = self.spacing_mm * side as f64;
+        // from the middle of a block to that of another, each half a diagonal from its farthest point
+        let radius = reach_mm / spacing_mm + 2.0 * HALF_DIAGONAL + ROUNDING;
+        let pad = radius.ceil() as usize;
+        let (blocks, latest) = self.blocks(side);
+        let dims = blocks.map(|n| n + 2 * pad);
+        let mut value = vec![FREE; dims.iter().product()];
+        for (row, latest) in latest.chunks_exact(blocks[0]).enumerate() {
+            let [j, k] = [row % blocks[1] + pad, row / blocks[1] + pad];
+            value[pad + dims[0] * (j + dims[1] * k)..][..blocks[0]].copy_from_slice(latest);
+        }
+        let first_center = self.origin_mm + 0.5 * (side as f64 - 1.0) * self.spacing_mm;
+        Self {
+            is_z_first: self.is_z_first,
+            dims,
+            spacing_mm,
+            origin_mm: first_center - pad as f64 * spacing_mm,
+            is_blocks: true,
+            value: ball_maximum(&value, dims, radius),
+        }
     }
 
     /// The radius of the ball of [`Self::dilated`], voxels.
@@ -369,6 +403,25 @@ mod tests {
                     let middle = at * within.spacing_mm + Vector3::repeat(within.origin_mm);
                     let reach = (middle - center).map(|d| d.abs() + 0.5 * within.spacing_mm + 0.25 * 0.2);
                     assert!(reach.norm() <= radius_mm, "{factor}: {} beyond {radius_mm}", reach.norm());
+                }
+            }
+        }
+    }
+
+    /// Against every place around, in the field and beyond it.
+    #[test]
+    fn what_is_latest_around_a_place_is_no_earlier_than_what_any_place_around_has() {
+        let times: Vec<(usize, f32)> = (0..40).map(|n| (n * 7919 % (11 * 9 * 13), n as f32)).collect();
+        for is_z_first in [true, false] {
+            let field = Field::of_test([11, 9, 13], 0.3, is_z_first, &times);
+            for (side, reach_mm) in [(1, 0.4), (2, 0.7), (3, 0.0), (2, 1.5)] {
+                let around = field.latest_around(side, reach_mm);
+                for n in 0..4000u32 {
+                    let part = |k: u32| f64::from(n * k % 3989) / 3989.0 - 0.5;
+                    let p = Vector3::new(part(17), part(101), part(977)).add_scalar(0.5) * 8.0
+                        - Vector3::repeat(2.0);
+                    let off = Vector3::new(part(211), part(31), part(503)).normalize() * reach_mm;
+                    assert!(field.at(&(p + off)) <= around.at(&p), "{p}");
                 }
             }
         }
