@@ -7,8 +7,8 @@ use std::hint::black_box;
 use bonemill_geometry::{Grid, Point, Volume, Work, basis};
 use bonemill_planner::ball::{BallVolumes, ball_box_volume};
 use bonemill_planner::burr::{
-    Discretisation, ElementGrid, EngagedSamples, ForceKernel, Material, Measure, Motion, OrientationKernel,
-    SphereSampler, Tool, burr_force,
+    AtPoints, Discretisation, ElementGrid, EngagedSamples, ForceKernel, Material, Measure, Motion,
+    OrientationKernel, SphereSampler, Tool, burr_force,
 };
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::{Unit, Vector3};
@@ -78,10 +78,18 @@ fn forces(c: &mut Criterion) {
         b.iter(|| burr_force(|p| bone.trilinear(p, 0.0), &tool, &material, &disc, black_box(&motion)))
     });
     group.bench_function("kernel", |b| {
-        b.iter(|| kernel.engaged_force(black_box(&axis), &feed, 1.5, RPM, weight))
+        b.iter(|| kernel.engaged_force(black_box(&axis), &feed, 1.5, RPM, &mut AtPoints(weight)))
     });
     group.bench_function("kernel_without_lookups", |b| {
-        b.iter(|| kernel.engaged_force(black_box(&axis), &feed, 1.5, RPM, |n| f64::from(n.z < 0.3)))
+        b.iter(|| {
+            kernel.engaged_force(
+                black_box(&axis),
+                &feed,
+                1.5,
+                RPM,
+                &mut AtPoints(|n: &Vector3<f64>| f64::from(n.z < 0.3)),
+            )
+        })
     });
     group.finish();
 
@@ -93,9 +101,9 @@ fn forces(c: &mut Criterion) {
         let mut engaged = EngagedSamples::default();
         let mut group = c.benchmark_group(format!("orientation/{samples}"));
         group.bench_function("gather", |b| {
-            b.iter(|| orientation.gather(&mut engaged, black_box(&feed), 1.5, RPM, weight))
+            b.iter(|| orientation.gather(&mut engaged, black_box(&feed), 1.5, RPM, &mut AtPoints(weight)))
         });
-        orientation.gather(&mut engaged, &feed, 1.5, RPM, weight);
+        orientation.gather(&mut engaged, &feed, 1.5, RPM, &mut AtPoints(weight));
         let n = engaged.len();
         group.bench_function(format!("axis_db_{n}_engaged"), |b| {
             b.iter(|| orientation.force_for_axis(&engaged, black_box(&axis), RPM))

@@ -5,7 +5,9 @@
 use std::hint::black_box;
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
-use bonemill_planner::burr::{EngagedSamples, Material, Measure, OrientationKernel, SphereSampler, Tool};
+use bonemill_planner::burr::{
+    AtPoints, EngagedSamples, Material, Measure, OrientationKernel, SphereSampler, Tool,
+};
 use bonemill_planner::cost::{CostModel, Proximity};
 use bonemill_planner::metrics::Moments;
 use bonemill_planner::orientation::sequence::{Forbidden, Found, Problem, best_sequence};
@@ -124,7 +126,13 @@ fn cost(c: &mut Criterion) {
         let (samples, merged) = (OrientationKernel::DEFAULT_SAMPLES, OrientationKernel::DEFAULT_MERGED);
         let kernel = OrientationKernel::new(&tool, &material, measure, samples, merged);
         let mut engaged = EngagedSamples::default();
-        kernel.gather(&mut engaged, &feed, 1.5, RPM, |n| material.weight(sampler.at(n)));
+        kernel.gather(
+            &mut engaged,
+            &feed,
+            1.5,
+            RPM,
+            &mut AtPoints(|n: &Vector3<f64>| material.weight(sampler.at(n))),
+        );
         let mut group = c.benchmark_group(format!("orientation_cost/{measure:?}/{}_engaged", engaged.len()));
         group.throughput(Throughput::Elements(axes.len() as u64));
         group.bench_function("all_axes_of_a_cap", |b| {

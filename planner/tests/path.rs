@@ -8,7 +8,8 @@ use bonemill_imaging::DensityTable;
 use bonemill_imaging::scene::{Class, Scene, SceneSpec, TargetShape, build_scene};
 use bonemill_planner::access::{Access, OctantTimes, ShankCylinder, Solid, aside_mm};
 use bonemill_planner::burr::{
-    Bone, Discretisation, EngagedSamples, ForceKernel, Material, Measure, OrientationKernel, Patch, Tool,
+    Bone, Discretisation, EngagedSamples, ForceKernel, Material, Measure, OrientationKernel, OverPatches,
+    Patch, Tool,
 };
 use bonemill_planner::engagement::{SweptPath, mass_increments, share_beyond};
 use bonemill_planner::path::{MillPath, MoveKind, Pass, PathSpacing, RasterFrame, join_passes, lay_path};
@@ -298,15 +299,19 @@ fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
         let Some(feed) = Unit::try_new(to - from, 1e-9) else { continue };
         let axis = Unit::new_normalize(Vector3::new(0.3, (i % 5) as f64 * 0.1 - 0.2, 1.0));
         let by_tiles =
-            nodes.engaged_force_in(&axis, &feed, 1.5, 6e4, &mut swept.bone_at(i as u32, RADIUS_MM, weight));
+            nodes.engaged_force(&axis, &feed, 1.5, 6e4, &mut swept.bone_at(i as u32, RADIUS_MM, weight));
         let mut bone = swept.bone_at(i as u32, RADIUS_MM, weight);
         let mut alone =
             |n: &Vector3<f64>, patch: &Patch| if bone.is_near(n, 0.0) { bone.weight(n, patch) } else { 0.0 };
-        assert_eq!(by_tiles, nodes.engaged_force_over(&axis, &feed, 1.5, 6e4, &mut alone), "waypoint {i}");
+        assert_eq!(
+            by_tiles,
+            nodes.engaged_force(&axis, &feed, 1.5, 6e4, &mut OverPatches(&mut alone)),
+            "waypoint {i}"
+        );
         let [mut gathered, mut expected] = [EngagedSamples::default(), EngagedSamples::default()];
-        lattice.gather_over(&mut expected, &feed, 1.5, 6e4, &mut alone);
+        lattice.gather(&mut expected, &feed, 1.5, 6e4, &mut OverPatches(&mut alone));
         let mut bone = swept.bone_at(i as u32, RADIUS_MM, weight);
-        lattice.gather_in(&mut gathered, &feed, 1.5, 6e4, &mut bone);
+        lattice.gather(&mut gathered, &feed, 1.5, 6e4, &mut bone);
         let force = |samples| lattice.force_for_axis(samples, &axis, 6e4);
         assert_eq!(force(&gathered), force(&expected), "waypoint {i}");
         // all of the earlier path, without an index of it and without removal times
@@ -321,7 +326,7 @@ fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
             let share = share_beyond(away.norm() - RADIUS_MM, patch.sides_mm(&away.normalize()));
             share * material.weight(scene.density_g_cm3.trilinear(Point::from_coords(p), 0.0))
         };
-        let brute = nodes.engaged_force_over(&axis, &feed, 1.5, 6e4, brute).force_n(1.5);
+        let brute = nodes.engaged_force(&axis, &feed, 1.5, 6e4, &mut OverPatches(brute)).force_n(1.5);
         compared += usize::from(brute.norm() > 0.0);
         (most, off) = (most.max(brute.norm()), off.max((by_tiles.force_n(1.5) - brute).norm()));
     }

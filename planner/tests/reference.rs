@@ -5,7 +5,9 @@ mod support;
 
 use bonemill_geometry::{Grid, Point, Work};
 use bonemill_planner::ball::ball_box_volume;
-use bonemill_planner::burr::{BurrForce, Discretisation, ElementGrid, ForceKernel, Material, burr_force};
+use bonemill_planner::burr::{
+    AtPoints, BurrForce, Discretisation, ElementGrid, ForceKernel, Material, burr_force,
+};
 use bonemill_planner::cost::{CostModel, Proximity, compliance_mm_per_n};
 use bonemill_planner::metrics::engagement_metrics;
 use bonemill_planner::mrr::{LumpedCoefficients, Removal, split, swept_volume_mm3};
@@ -87,8 +89,13 @@ fn the_kernel_agrees_with_the_sum_to_1e_12() {
         let feed = Unit::new_normalize(motion.velocity_mm_s());
         let material = case.material();
         let at = |n: &Vector3<f64>| field.density(motion.center() + n * kernel.sample_radius_mm());
-        let fast = kernel
-            .engaged_force(&motion.axis(), &feed, speed, motion.spindle_rpm(), |n| material.weight(at(n)));
+        let fast = kernel.engaged_force(
+            &motion.axis(),
+            &feed,
+            speed,
+            motion.spindle_rpm(),
+            &mut AtPoints(|n: &Vector3<f64>| material.weight(at(n))),
+        );
         let scale = literal.force_n.norm();
         assert!((fast.force_n(speed) - literal.force_n).norm() <= 1e-12 * scale, "{}", case.name);
         assert!((fast.torque_nmm(speed) - literal.torque_nmm).abs() <= 1e-12 * literal.torque_nmm);
@@ -121,7 +128,9 @@ fn converged_values_agree_within_their_error() {
             let kernel = ForceKernel::new(&tool, &material, &kappa_grid(&case, n_gamma, n_kappa));
             let weight =
                 |n: &Vector3<f64>| material.weight(field.density(motion.center() + n * tool.radius_mm()));
-            kernel.engaged_force(&motion.axis(), &feed, speed, motion.spindle_rpm(), weight).force_n(speed)
+            kernel
+                .engaged_force(&motion.axis(), &feed, speed, motion.spindle_rpm(), &mut AtPoints(weight))
+                .force_n(speed)
         };
         let azimuths = |n: usize| n.div_ceil(tool.blades() as usize);
         let within = |n_psi: usize, n_kappa: usize, part: f64| {

@@ -28,9 +28,9 @@ pub trait Bone {
 }
 
 /// Bone that only says what each patch meets.
-pub(super) struct ByPatch<W>(pub(super) W);
+pub struct OverPatches<W>(pub W);
 
-impl<W: FnMut(&Vector3<f64>, &Patch) -> f64> Bone for ByPatch<W> {
+impl<W: FnMut(&Vector3<f64>, &Patch) -> f64> Bone for OverPatches<W> {
     fn is_near(&mut self, _: &Vector3<f64>, _: f64) -> bool {
         true
     }
@@ -38,6 +38,20 @@ impl<W: FnMut(&Vector3<f64>, &Patch) -> f64> Bone for ByPatch<W> {
     #[inline]
     fn weight(&mut self, normal: &Vector3<f64>, patch: &Patch) -> f64 {
         (self.0)(normal, patch)
+    }
+}
+
+/// Bone that only says what is met in each direction.
+pub struct AtPoints<W>(pub W);
+
+impl<W: FnMut(&Vector3<f64>) -> f64> Bone for AtPoints<W> {
+    fn is_near(&mut self, _: &Vector3<f64>, _: f64) -> bool {
+        true
+    }
+
+    #[inline]
+    fn weight(&mut self, normal: &Vector3<f64>, _: &Patch) -> f64 {
+        (self.0)(normal)
     }
 }
 
@@ -182,35 +196,11 @@ impl ForceKernel {
         &self.material
     }
 
-    /// The force for a shaft `axis` (burr to handpiece) and a unit `feed` direction, both in the frame whose unit normals
-    /// `weight` takes; `weight` is w ≥ 0 of the bone at the centre plus [`Self::sample_radius_mm`] times the normal, 0 where
-    /// it has been removed. `nominal_mm_s` matters only to an edge term with t0 > 0.
+    /// The force for a shaft `axis` (burr to handpiece) and a unit `feed` direction, both in the frame in which the bone is asked:
+    /// at the centre plus [`Self::sample_radius_mm`] times a unit normal. `nominal_mm_s` matters only to an edge term with t0 > 0.
+    ///
+    /// Bone that gives the mean over each patch makes the sum smooth where it ends in an edge.
     pub fn engaged_force(
-        &self,
-        axis: &Unit<Vector3<f64>>,
-        feed: &Unit<Vector3<f64>>,
-        nominal_mm_s: f64,
-        spindle_rpm: f64,
-        mut weight: impl FnMut(&Vector3<f64>) -> f64,
-    ) -> EngagedForce {
-        self.engaged_force_over(axis, feed, nominal_mm_s, spindle_rpm, |n, _| weight(n))
-    }
-
-    /// [`Self::engaged_force`] for bone that is asked for patch by patch: `weight` may give the mean over the patch, which
-    /// makes the sum smooth where bone ends in an edge.
-    pub fn engaged_force_over(
-        &self,
-        axis: &Unit<Vector3<f64>>,
-        feed: &Unit<Vector3<f64>>,
-        nominal_mm_s: f64,
-        spindle_rpm: f64,
-        weight: impl FnMut(&Vector3<f64>, &Patch) -> f64,
-    ) -> EngagedForce {
-        self.engaged_force_in(axis, feed, nominal_mm_s, spindle_rpm, &mut ByPatch(weight))
-    }
-
-    /// [`Self::engaged_force_over`] for bone that also says where none is.
-    pub fn engaged_force_in(
         &self,
         axis: &Unit<Vector3<f64>>,
         feed: &Unit<Vector3<f64>>,

@@ -46,7 +46,7 @@ pub use force::{BurrForce, burr_force};
 pub(crate) use input::direction;
 pub use input::{Discretisation, ElementGrid, Material, Measure, Motion, Tool};
 pub(crate) use kernel::TILE_REACH;
-pub use kernel::{Bone, EngagedForce, ForceKernel, Patch};
+pub use kernel::{AtPoints, Bone, EngagedForce, ForceKernel, OverPatches, Patch};
 pub use orientation::OrientationKernel;
 pub use sampler::SphereSampler;
 pub use samples::EngagedSamples;

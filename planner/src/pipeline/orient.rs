@@ -95,7 +95,7 @@ impl CostField<'_> {
         let Some(feed) = self.feeds[i].filter(|_| self.needs_force(i)) else { return };
         let weight = |density| self.material.weight(density);
         let mut bone = self.swept.bone_at(i as u32, self.kernel.tool().radius_mm(), weight);
-        self.kernel.gather_in(samples, &feed, self.nominal_mm_s, self.spindle_rpm, &mut bone);
+        self.kernel.gather(samples, &feed, self.nominal_mm_s, self.spindle_rpm, &mut bone);
     }
 
     /// Force of what was gathered, for an axis.

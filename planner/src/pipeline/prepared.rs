@@ -217,7 +217,7 @@ impl<'a> Prepared<'a> {
             let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
             let weight = |density| material.weight(density);
             let mut bone = swept.bone_at(i as u32, force_kernel.sample_radius_mm(), weight);
-            Some(force_kernel.engaged_force_in(&oriented.axes[i], &feed, speed, rpm, &mut bone))
+            Some(force_kernel.engaged_force(&oriented.axes[i], &feed, speed, rpm, &mut bone))
         };
         let forces: Vec<_> = watch.run("forces", || (0..points.len()).into_par_iter().map(force).collect());
         let compliances = match compliance.stiffness() {
