@@ -92,6 +92,14 @@ fn across_mm(a_mm: f64, b_mm: f64) -> f64 {
 /// Coarser fields have at least this many voxels across a segment's radius.
 const VOXELS_PER_RADIUS: f64 = 8.0;
 
+/// A shaft along `axis` (unit, work) while move `index` ends at `center`.
+#[derive(Debug, Clone, Copy)]
+struct Pose<'a> {
+    index: u32,
+    center: Point<Work>,
+    axis: &'a Vector3<f64>,
+}
+
 /// Voxels along a side of the blocks in which groups of a front's balls are looked up.
 const AROUND_VOXELS: usize = 2;
 
@@ -183,16 +191,12 @@ impl<'a> Access<'a> {
     /// Something along `axis` that is in the shank's way, if there is anything: not always the nearest.
     pub fn blocked(&self, index: u32, center: Point<Work>, axis: &Vector3<f64>) -> Option<Blocked> {
         cancel::poll();
-        self.segments.iter().find_map(|segment| self.blocked_segment(segment, index, center, axis))
+        let pose = Pose { index, center, axis };
+        self.segments.iter().find_map(|segment| self.blocked_segment(segment, &pose))
     }
 
-    fn blocked_segment(
-        &self,
-        segment: &Segment,
-        index: u32,
-        center: Point<Work>,
-        axis: &Vector3<f64>,
-    ) -> Option<Blocked> {
+    fn blocked_segment(&self, segment: &Segment, pose: &Pose) -> Option<Blocked> {
+        let Pose { index, center, axis } = *pose;
         let ShankCylinder { from_mm, to_mm, radius_mm } = segment.cylinder;
         let (enter, leave) = segment.outer.field.crossing(&center.coords, axis);
         let behind_front = from_mm + segment.reach_mm;
@@ -208,14 +212,13 @@ impl<'a> Access<'a> {
                 continue;
             }
             if by_eighths {
-                if !doubted && let Some(blocked) = segment.surely_blocked(index, center, axis, [at_mm, leave])
-                {
+                if !doubted && let Some(blocked) = segment.surely_blocked(pose, [at_mm, leave]) {
                     return Some(blocked);
                 }
                 doubted = true;
                 let end_mm = at_mm + PART as f64 * step_mm;
                 let part = [at_mm - step_mm, end_mm + step_mm];
-                if let Some(blocked) = self.blocked_part(&segment.cylinder, index, center, axis, part) {
+                if let Some(blocked) = self.blocked_part(&segment.cylinder, pose, part) {
                     return Some(blocked);
                 }
                 ray.iter_mut().for_each(|ray| ray.skip(PART));
@@ -224,7 +227,7 @@ impl<'a> Access<'a> {
             if at_mm >= behind_front {
                 return Some(Blocked::by(latest, at_mm));
             }
-            if let Some(blocked) = self.blocked_front(segment, index, center, axis) {
+            if let Some(blocked) = self.blocked_front(segment, pose) {
                 return Some(blocked);
             }
             front_is_free = true;
@@ -252,7 +255,7 @@ impl<'a> Access<'a> {
             if by_eighths || at_mm >= behind_front {
                 return Some(Blocked::Obstacle { at_mm });
             }
-            if let Some(blocked) = self.blocked_front(segment, index, center, axis) {
+            if let Some(blocked) = self.blocked_front(segment, pose) {
                 return Some(blocked);
             }
             front_is_free = true;
@@ -261,13 +264,8 @@ impl<'a> Access<'a> {
     }
 
     /// What is in the way of a thick cylinder's first `reach_mm`.
-    fn blocked_front(
-        &self,
-        segment: &Segment,
-        index: u32,
-        center: Point<Work>,
-        axis: &Vector3<f64>,
-    ) -> Option<Blocked> {
+    fn blocked_front(&self, segment: &Segment, pose: &Pose) -> Option<Blocked> {
+        let Pose { index, center, axis } = *pose;
         let (thin, around, front) = (self.segments.first()?, self.around.as_ref()?, segment.front.as_ref()?);
         let (far, thin_mm) = (&self.scene.far, thin.cylinder.radius_mm);
         let basis = basis::from_z(axis);
@@ -296,11 +294,10 @@ impl<'a> Access<'a> {
     fn blocked_part(
         &self,
         cylinder: &ShankCylinder,
-        index: u32,
-        center: Point<Work>,
-        axis: &Vector3<f64>,
+        pose: &Pose,
         [start_mm, end_mm]: [f64; 2],
     ) -> Option<Blocked> {
+        let Pose { index, center, axis } = *pose;
         let ShankCylinder { from_mm, to_mm, radius_mm } = *cylinder;
         let stands = |p: &Point<Work>, latest: f32| {
             let off = *p - center;
@@ -349,13 +346,8 @@ impl<'a> Access<'a> {
 
 impl Segment {
     /// What is certain to stand in the cylinder, where its axis runs between two distances.
-    fn surely_blocked(
-        &self,
-        index: u32,
-        center: Point<Work>,
-        axis: &Vector3<f64>,
-        [start_mm, end_mm]: [f64; 2],
-    ) -> Option<Blocked> {
+    fn surely_blocked(&self, pose: &Pose, [start_mm, end_mm]: [f64; 2]) -> Option<Blocked> {
+        let Pose { index, center, axis } = *pose;
         let inner = self.inner.as_ref()?;
         let begin_mm = start_mm.max(self.cylinder.from_mm + self.inner_mm);
         let end_mm = end_mm.min(self.cylinder.to_mm - self.inner_mm);

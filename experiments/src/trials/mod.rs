@@ -34,6 +34,12 @@ const COLUMNS: [&str; 7] = [
     "peak |F|",
 ];
 
+/// A control's force below this is no measure of another, N.
+const LEAST_N: f64 = 0.01;
+
+/// Changes in the order of [`TrialFigures::values`], %.
+type Changes = [Option<f64>; 7];
+
 /// One block and one way to mill it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setup {
@@ -57,12 +63,12 @@ pub struct Trials {
 }
 
 impl Trials {
-    /// Changes of trials 2 and 3 against the control, %, in the order of [`TrialFigures::values`].
-    fn changes(&self) -> [[f64; 7]; 2] {
+    /// Changes of trials 2 and 3 against the control, %, in the order of [`TrialFigures::values`]; none of forces below [`LEAST_N`].
+    fn changes(&self) -> [Changes; 2] {
         let control = self.control.values();
         [self.angle, self.full].map(|trial| {
             let v = trial.values();
-            std::array::from_fn(|k| if control[k] > 0.0 { 100.0 * (v[k] / control[k] - 1.0) } else { 0.0 })
+            std::array::from_fn(|k| (control[k] >= LEAST_N).then(|| 100.0 * (v[k] / control[k] - 1.0)))
         })
     }
 }
@@ -142,9 +148,10 @@ const SPINS: [i8; 2] = [-1, 1];
 /// One cell of the table: the runs that differ in seed, spin and raster.
 #[derive(Default)]
 struct Cell {
-    changes: Vec<[[f64; 7]; 2]>,
-    by_spin: [Vec<f64>; 2],
-    by_raster: [Vec<f64>; 2],
+    found: Vec<Trials>,
+    changes: Vec<[Changes; 2]>,
+    by_spin: [Vec<Option<f64>>; 2],
+    by_raster: [Vec<Option<f64>>; 2],
 }
 
 /// D's table, over seeds, spins, rasters, nerve planes, presets and modes.
@@ -173,6 +180,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
                                     let found = trials(prepared, &case, &still, *mode)?;
                                     let cell = &mut cells[plane * 4 + preset * 2 + way];
                                     let changes = found.changes();
+                                    cell.found.push(found);
                                     cell.changes.push(changes);
                                     cell.by_spin[turn].push(changes[1][0]);
                                     cell.by_raster[direction].push(changes[1][0]);
@@ -188,19 +196,29 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
             }
         }
     }
-    Ok(vec![changes_table(size, &cells), parts_table(&cells), control_table(&controls)])
+    Ok(vec![
+        changes_table(size, &cells),
+        parts_table(&cells),
+        newtons_table(&cells),
+        control_table(&controls),
+    ])
 }
 
-fn percent(values: impl Iterator<Item = f64> + Clone) -> String {
-    let n = values.clone().count().max(1) as f64;
-    let mean = values.clone().sum::<f64>() / n;
-    let sd = (values.map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0)).sqrt();
-    format!("{mean:+.0} ± {sd:.0}")
+/// Mean and standard deviation of those that there are; of how many, if not of all.
+fn percent(values: impl Iterator<Item = Option<f64>> + Clone) -> String {
+    let (all, some) = (values.clone().count(), values.flatten());
+    let of = some.clone().count();
+    let n = of.max(1) as f64;
+    let mean = some.clone().sum::<f64>() / n;
+    let sd = (some.map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0)).sqrt();
+    let how_many = if of < all { format!(" ({of} of {all})") } else { String::new() };
+    if of > 0 { format!("{mean:+.0} ± {sd:.0}{how_many}") } else { "-".into() }
 }
 
 fn changes_table(size: Size, cells: &[Cell]) -> Table {
     let title = format!(
-        "Changes against the control in % (mean ± standard deviation over {} hole seeds, both spins, both raster directions).",
+        "Changes against the control in % (mean ± standard deviation over {} hole seeds, both spins, both raster directions; \
+         plans whose control has less than {LEAST_N} N are left out).",
         size.seeds
     );
     let mut table =
@@ -243,6 +261,32 @@ fn parts_table(cells: &[Cell]) -> Table {
     table
 }
 
+/// The figures themselves, N: what a change in % hides where a control's is small.
+fn newtons_table(cells: &[Cell]) -> Table {
+    let title = "Forces in N, means over all plans.";
+    let mut table = Table::new(
+        "trials-newtons",
+        title,
+        &[&["nerve", "preset", "mode", "trial"][..], &COLUMNS[..]].concat(),
+    );
+    for (plane, (_, where_)) in NERVES.iter().enumerate() {
+        for (preset, (_, preset_name)) in PRESETS.iter().enumerate() {
+            for (way, (_, mode)) in MODES.iter().enumerate() {
+                let found = &cells[plane * 4 + preset * 2 + way].found;
+                let trials: [(&str, fn(&Trials) -> TrialFigures); 3] =
+                    [("control", |t| t.control), ("angle", |t| t.angle), ("angle and speed", |t| t.full)];
+                for (name, of) in trials {
+                    let n = found.len().max(1) as f64;
+                    let mean = |k: usize| found.iter().map(|t| of(t).values()[k]).sum::<f64>() / n;
+                    let head = [where_, preset_name, mode, name].map(|s| (*s).to_owned());
+                    table.push(head.into_iter().chain((0..7).map(|k| format!("{:.3}", mean(k)))).collect());
+                }
+            }
+        }
+    }
+    table
+}
+
 /// The control's own figures beside D's, N.
 fn control_table(controls: &[[f64; 7]]) -> Table {
     let mut table = Table::new(
@@ -275,7 +319,8 @@ mod tests {
                 let found = trials(prepared, &case, &still, mode)?;
                 let [angle, full] = found.changes();
                 assert!(found.control.peak_n > 0.3 && found.control.mean_toward_n > 0.05, "{name} {found:?}");
-                assert!(full[1] < -20.0 && full[1] < angle[1], "{name}: {angle:?} {full:?}");
+                let (angle, full) = (angle[1].unwrap(), full[1].unwrap());
+                assert!(full < -20.0 && full < angle, "{name}: {angle} {full}");
             }
             Ok(())
         })

@@ -3,7 +3,7 @@
 use bonemill_planner::Progress;
 use bonemill_planner::case::{Case, Measure, OrientationMode};
 
-use super::{NERVES, SPINS, Setup, control, on_block, percent, trials};
+use super::{Changes, NERVES, SPINS, Setup, control, on_block, percent, trials};
 use crate::{ExperimentError, Size, Table};
 
 /// An assumption, its value in words, and how it is set.
@@ -68,7 +68,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
         for (nerve, where_) in NERVES {
             progress.stage("sweep");
             progress.advance(done, of);
-            let mut found: Vec<Vec<[[f64; 7]; 2]>> = vec![Vec::new(); variants.len()];
+            let mut found: Vec<Vec<[Changes; 2]>> = vec![Vec::new(); variants.len()];
             for seed in 1..=size.seeds {
                 let setup = Setup { seed, nerve, raster_rad: 0.0 };
                 let lay = |case: &mut Case| {
