@@ -273,11 +273,10 @@ fn newtons_table(cells: &[Cell]) -> Table {
         for (preset, (_, preset_name)) in PRESETS.iter().enumerate() {
             for (way, (_, mode)) in MODES.iter().enumerate() {
                 let found = &cells[plane * 4 + preset * 2 + way].found;
-                let trials: [(&str, fn(&Trials) -> TrialFigures); 3] =
-                    [("control", |t| t.control), ("angle", |t| t.angle), ("angle and speed", |t| t.full)];
-                for (name, of) in trials {
+                for (trial, name) in ["control", "angle", "angle and speed"].iter().enumerate() {
                     let n = found.len().max(1) as f64;
-                    let mean = |k: usize| found.iter().map(|t| of(t).values()[k]).sum::<f64>() / n;
+                    let value = |t: &Trials, k: usize| [t.control, t.angle, t.full][trial].values()[k];
+                    let mean = |k: usize| found.iter().map(|t| value(t, k)).sum::<f64>() / n;
                     let head = [where_, preset_name, mode, name].map(|s| (*s).to_owned());
                     table.push(head.into_iter().chain((0..7).map(|k| format!("{:.3}", mean(k)))).collect());
                 }
