@@ -89,9 +89,9 @@ fn absurd_numbers_are_refused_by_line_with_what_was_expected() {
         ("layer_mm = 1.5", "layer_mm = 1500", "looks like µm"),
         ("step_mm = 0.5", "step_mm = 0", "`path.step_mm` = 0: expected 0.01 to 5 mm"),
         ("step_mm = 0.5", "stepover_mm = 0", "`path.stepover_mm` = 0: expected 0.05 to 20 mm"),
-        ("min_mm_s = 0.5", "min_mm_s = 0", "`speed.min_mm_s` = 0: expected 0.001 to 1000 mm/s"),
-        ("min_mm_s = 0.5", "max_mm_s = -4", "`speed.max_mm_s` = -4: expected 0.001 to 1000 mm/s"),
-        ("min_mm_s = 0.5", "max_mm_s = 1e6", "`speed.max_mm_s` = 1000000: expected 0.001 to 1000 mm/s"),
+        ("min_mm_s = 0.5", "min_mm_s = 0", "`speed.min_mm_s` = 0: expected 0.01 to 1000 mm/s"),
+        ("min_mm_s = 0.5", "max_mm_s = -4", "`speed.max_mm_s` = -4: expected 0.01 to 1000 mm/s"),
+        ("min_mm_s = 0.5", "max_mm_s = 1e6", "`speed.max_mm_s` = 1000000: expected 0.01 to 1000 mm/s"),
         (
             "min_mm_s = 0.5",
             "min_mm_s = 5",

@@ -152,7 +152,7 @@ fn a_bad_case_is_refused_by_file_line_and_key_and_nothing_is_written() {
         ("[burr]\nradius_mm = 0.0025\n", ["case.toml:8: `burr.radius_mm` = 0.0025", "looks like metres"]),
         ("[burr]\nradius_mm = 2500\n", ["case.toml:8: `burr.radius_mm` = 2500", "looks like µm"]),
         ("[path]\nlayer_mm = -1\n", ["case.toml:8: `path.layer_mm` = -1", "expected 0.05 to 20 mm"]),
-        ("[speed]\nmin_mm_s = 0\n", ["case.toml:8: `speed.min_mm_s` = 0", "expected 0.001 to 1000 mm/s"]),
+        ("[speed]\nmin_mm_s = 0\n", ["case.toml:8: `speed.min_mm_s` = 0", "expected 0.01 to 1000 mm/s"]),
         (
             "[shank]\nsegments = [[25, 3]]\n",
             ["case.toml:8: `shank.segments` = 3 mm", "thicker than the burr"],

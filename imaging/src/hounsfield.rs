@@ -6,7 +6,8 @@
 //!
 //! 1. more than 1 % of the voxels above 10 000: no HU (metal gets there, but in few voxels);
 //! 2. at least one voxel in 10 000 below −500 (air, with the partial volume of small cells and the bad calibration of
-//!    cone-beam scanners) and at least one in 10 000 above −300 (something that is not air): HU;
+//!    cone-beam scanners), and not below −1500 (what scanners write outside their field of view, whatever their units), and at
+//!    least one in 10 000 above −300 (something that is not air): HU;
 //! 3. else not, and the range says what it looks like.
 //!
 //! Nothing is asked about bone: a foam block or a soft specimen is for the planner to judge. The price of the rule is
@@ -20,6 +21,8 @@ use crate::error::ImageError;
 
 /// Below: air.
 const AIR_HU: f32 = -500.0;
+/// Below: padding, no grey value.
+const PADDING_HU: f32 = -1500.0;
 /// Above: not air.
 const MATTER_HU: f32 = -300.0;
 /// Above: metal, if few.
@@ -91,17 +94,19 @@ impl fmt::Display for GreyRange {
 pub fn looks_like_hu(ct: &Volume<f32, Ct>) -> Result<(), ImageError> {
     let values = ct.data();
     let share = |is: fn(f32) -> bool| values.iter().filter(|v| is(**v)).count() as f64 / values.len() as f64;
-    let air = share(|v| v < AIR_HU);
+    let air = share(|v| (PADDING_HU..AIR_HU).contains(&v));
     let matter = share(|v| v > MATTER_HU);
     let metal = share(|v| v > METAL_HU);
     if air >= SHARE && matter >= SHARE && metal <= METAL_SHARE {
         return Ok(());
     }
     let range = range(values);
-    Err(ImageError::NotHounsfield { kind: kind(&range, air, metal), range })
+    let least = values.iter().copied().filter(|v| *v >= PADDING_HU).fold(f32::INFINITY, f32::min);
+    Err(ImageError::NotHounsfield { kind: kind(&range, least, air, metal), range })
 }
 
-fn kind(range: &GreyRange, air: f64, metal: f64) -> GreyKind {
+/// `least`: of what is not padding.
+fn kind(range: &GreyRange, least: f32, air: f64, metal: f64) -> GreyKind {
     let within = |lo, hi| range.min >= lo && range.max <= hi;
     let [_, _, p99] = range.percentiles;
     if range.min == range.max {
@@ -115,7 +120,7 @@ fn kind(range: &GreyRange, air: f64, metal: f64) -> GreyKind {
     } else if air >= SHARE {
         GreyKind::OnlyAir
     // noise about air at 0 stays well above -500; water lies at 1000 or 1024
-    } else if range.min > AIR_HU && range.min <= 400.0 && p99 >= 900.0 {
+    } else if least > AIR_HU && least <= 400.0 && p99 >= 900.0 {
         GreyKind::Shifted
     } else {
         GreyKind::NoAir
@@ -174,7 +179,10 @@ mod tests {
         assert_eq!(kind_of(|n| ((head(n) + 1050.0) / 2300.0 * 255.0).floor()), GreyKind::EightBit);
         assert_eq!(kind_of(|n| head(n) + 1024.0), GreyKind::Shifted);
         assert_eq!(kind_of(|n| (head(n) + 1024.0).max(0.0)), GreyKind::Shifted);
+        // padding is no air
+        assert_eq!(kind_of(|n| if n % 5 == 0 { -2000.0 } else { head(n) + 1024.0 }), GreyKind::Shifted);
         assert_eq!(kind_of(|n| (head(n) + 1050.0) * 28.0), GreyKind::SixteenBit);
+        assert_eq!(kind_of(|n| 10.0 * head(n)), GreyKind::SixteenBit);
         assert_eq!(kind_of(|n| -1000.0 + (n % 7) as f32), GreyKind::OnlyAir);
         assert_eq!(kind_of(|n| (n % 700) as f32), GreyKind::NoAir);
     }

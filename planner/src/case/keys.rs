@@ -233,7 +233,7 @@ table! {
         SPIN = "burr.spin" One -1.0..1.0, Value(-1.0),
             "-1 forward (clockwise seen from the handpiece), +1 reverse", "assumed: forward (FORCE_MODEL 1)";
         NECK = "burr.neck_radius_mm" Mm 0.05..10.0, Value(1.1), "radius of the neck where the flutes end", "assumed: asin(0.44) of the 5 mm burr (FORCE_MODEL 10)";
-        SEGMENTS = "shank.segments" Mm 0.05..1000.0, Words("[[25.0, 1.1], [60.0, 6.0]]"),
+        SEGMENTS = "shank.segments" Mm 0.05..200.0, Words("[[25.0, 1.1], [60.0, 6.0]]"),
             "[length, radius] of cylinders, one after the other, the first from radius_mm along the axis", "assumed: thin shaft, then handpiece";
         K_T = "material.k_t" NMm2 0.001..1e5, Words("1400; 2100 with measure = \"dz\""), "tangential specific cutting energy at rho_ref and 60 000 rpm",
             "assumed: lumped to D's mean 0.73 N with the element length in use; dz: times 551/363 (FORCE_MODEL 10), since one measure's value must not be used with the other";
@@ -252,10 +252,10 @@ table! {
         KAPPA = "cost.kappa_per_mm" PerMm 0.0..100.0, Value(0.7), "decay of α₁ with distance", "assumed (FORCE_MODEL 10): α₁ halves with each mm";
         ALPHA_MAX = "cost.alpha_max" One 0.0..1.0, Words("0.8; 0.5 with preset = \"paper\""), "α₁ at the clearance", "FORCE_MODEL 8.10: 0.5 as D prints it, 0.8 as D's text and trials ask";
         TILT_LIMIT = "orientation.tilt_limit_deg" Deg 0.0..90.0, Value(60.0), "largest angle from the approach while cutting", ASSUMED;
-        MIN_SPEED = "speed.min_mm_s" MmS 0.001..1000.0, Value(0.5), "slowest cut", "assumed (FORCE_MODEL 10)";
-        MAX_SPEED = "speed.max_mm_s" MmS 0.001..1000.0, Value(4.0), "fastest cut", "assumed (FORCE_MODEL 10)";
-        NOMINAL_SPEED = "speed.nominal_mm_s" MmS 0.001..1000.0, Value(1.5), "speed of `constant`, and at which forces are compared", "D: 1.5 mm/s";
-        LINK_SPEED = "speed.link_mm_s" MmS 0.001..1000.0, Value(10.0), "speed in free space", ASSUMED;
+        MIN_SPEED = "speed.min_mm_s" MmS 0.01..1000.0, Value(0.5), "slowest cut", "assumed (FORCE_MODEL 10)";
+        MAX_SPEED = "speed.max_mm_s" MmS 0.01..1000.0, Value(4.0), "fastest cut", "assumed (FORCE_MODEL 10)";
+        NOMINAL_SPEED = "speed.nominal_mm_s" MmS 0.01..1000.0, Value(1.5), "speed of `constant`, and at which forces are compared", "D: 1.5 mm/s";
+        LINK_SPEED = "speed.link_mm_s" MmS 0.01..1000.0, Value(10.0), "speed in free space", ASSUMED;
         TOTAL_TIME = "speed.total_time_s" S 0.1..1e6, Words(ABSENT), "time of the whole plan, when it is to be met", "-";
         ANGLES = "orientation.angles" One 1.0..2.0, Words("1 for the bone-attached arm, 2 for others"), "tilt angles of the shaft: θ in one plane, or θ and φ", "D: four joints leave θ";
         FORCE_CAP = "speed.force_n" N 0.001..1000.0, Words("with mode = \"force_limited\": 1.7; else none"), "largest predicted force on the burr", "D IV: peak 1.69 N of the third trial";

@@ -4,6 +4,9 @@ use super::error::CaseFault;
 use super::keys::Unit;
 use super::{Case, ForceTerm, SpeedMode, Target};
 
+/// No handpiece is thicker, mm; access grows with the cube of it.
+const MOST_SHANK_RADIUS_MM: f64 = 30.0;
+
 /// A number against a limit that another key sets.
 struct Bound {
     key: &'static str,
@@ -73,6 +76,10 @@ fn bounds(case: &Case) -> Vec<Bound> {
             (r - 0.5 * case.grid.spacing_mm, room)
         };
         bounds.push(at_most("shank.segments", first.radius_mm, limit, of, Unit::Mm));
+    }
+    for cylinder in &case.shank {
+        let of = "the thickest handpiece";
+        bounds.push(at_most("shank.segments", cylinder.radius_mm, MOST_SHANK_RADIUS_MM, of, Unit::Mm));
     }
     if speed.mode == SpeedMode::Constant {
         let key = "speed.nominal_mm_s";

@@ -151,6 +151,15 @@ const REFUSALS: &[(&str, &[&str])] = &[
         &["= 0.0025: expected 0.2 to 10 mm", "looks like metres, which would be 2.5 here"],
     ),
     ("[burr]\nradius_mm = 2500\n", &["looks like µm, which would be 2.5 here"]),
+    (
+        "[shank]\nsegments = [[25.0, 1.1], [60.0, 600.0]]\n",
+        &["`shank.segments[1][1]` = 600", "looks like µm"],
+    ),
+    (
+        "[shank]\nsegments = [[25.0, 1.1], [60.0, 45.0]]\n",
+        &["`shank.segments` = 45 mm: expected at most 30 mm, the thickest handpiece"],
+    ),
+    ("[speed]\nmin_mm_s = 0.0005\n", &["`speed.min_mm_s` = 0.0005", "looks like m/s"]),
     ("[burr]\nradius_mm = 0\n", &["`burr.radius_mm` = 0: expected 0.2 to 10 mm"]),
     ("[burr]\nradius_mm = -2.5\n", &["`burr.radius_mm` = -2.5: expected"]),
     ("[burr]\nspindle_rpm = 0\n", &["`burr.spindle_rpm` = 0"]),

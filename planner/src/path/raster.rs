@@ -26,14 +26,17 @@ impl RasterFrame {
     /// Lines along the long side of the smallest rectangle around the target's outline (fewest turns).
     ///
     /// `hull`: the outline's convex hull, counter-clockwise. `towards`: direction from the target's centre to the
-    /// nearest structure; lines follow each other towards it, and in a square outline run across it. Everything is
-    /// taken from the anatomy, so a mirrored or turned patient gets the mirrored or turned path.
-    pub fn chosen(hull: &[[f64; 2]], towards: Option<[f64; 2]>) -> Self {
+    /// nearest structure; lines follow each other towards it, and in a square outline run across it. `mass_center`: that of what
+    /// is milled; it decides what the structure does not. Everything is taken from the anatomy, so a mirrored or turned patient
+    /// gets the mirrored or turned path.
+    pub fn chosen(hull: &[[f64; 2]], towards: Option<[f64; 2]>, mass_center: [f64; 2]) -> Self {
         let Some(Rectangle { side, along, across }) = smallest_rectangle(hull) else {
             return Self::at_angle(0.0);
         };
         let other = [-side[1], side[0]];
-        let towards = towards.unwrap_or_else(|| skew(hull));
+        let middle = [side, other].map(|axis| middle(hull, axis));
+        let lean = [0, 1].map(|a| mass_center[a] - middle[0] * side[a] - middle[1] * other[a]);
+        let towards = towards.unwrap_or(lean);
         let is_square = (along - across).abs() <= SQUARE * along.max(across);
         let u = if is_square {
             if dot(side, towards).abs() <= dot(other, towards).abs() { side } else { other }
@@ -43,9 +46,9 @@ impl RasterFrame {
             other
         };
         let v = [-u[1], u[0]];
-        // a direction across an axis says nothing about its sign: then the outline's own lean decides
+        // a direction across an axis says nothing about its sign: then it is where more bone is
         let length = towards[0].hypot(towards[1]);
-        let sign = |axis| if dot(axis, towards).abs() > ACROSS * length { towards } else { skew(hull) };
+        let sign = |axis| if dot(axis, towards).abs() > ACROSS * length { towards } else { lean };
         Self { u: pointing(u, sign(u)), v: pointing(v, sign(v)) }
     }
 
@@ -84,12 +87,10 @@ fn pointing(axis: [f64; 2], towards: [f64; 2]) -> [f64; 2] {
     if dot(axis, towards) < 0.0 { [-axis[0], -axis[1]] } else { axis }
 }
 
-/// Where the outline's corners lean, for targets without a structure.
-fn skew(hull: &[[f64; 2]]) -> [f64; 2] {
-    let n = hull.len().max(1) as f64;
-    let mean = [0, 1].map(|a| hull.iter().map(|p| p[a]).sum::<f64>() / n);
-    let cubed = |p: &[f64; 2]| (p[0] - mean[0]).hypot(p[1] - mean[1]).powi(2);
-    [0, 1].map(|a| hull.iter().map(|p| (p[a] - mean[a]) * cubed(p)).sum::<f64>())
+/// The middle of an outline's extent along an axis.
+fn middle(hull: &[[f64; 2]], axis: [f64; 2]) -> f64 {
+    let along = hull.iter().map(|p| dot(*p, axis));
+    0.5 * (along.clone().fold(f64::INFINITY, f64::min) + along.fold(f64::NEG_INFINITY, f64::max))
 }
 
 #[cfg(test)]
@@ -100,14 +101,14 @@ mod tests {
 
     #[test]
     fn lines_run_along_the_long_side() {
-        let f = RasterFrame::chosen(&BAR, Some([1.0, 0.0]));
+        let f = RasterFrame::chosen(&BAR, Some([1.0, 0.0]), [3.0, 4.0]);
         assert!((f.angle_rad() - 0.6f64.asin()).abs() < 1e-12);
     }
 
     #[test]
     fn in_a_square_lines_run_across_the_way_to_the_structure_and_end_there() {
         let square = [[0.0, 0.0], [15.0, 0.0], [15.0, 15.0], [0.0, 15.0]];
-        let f = RasterFrame::chosen(&square, Some([-1.0, 0.2]));
+        let f = RasterFrame::chosen(&square, Some([-1.0, 0.2]), [7.0, 7.0]);
         assert!((f.angle_rad().abs() - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
         let at = |x, y| f.uv(Point::new(x, y, 0.0));
         assert!(at(0.0, 7.0)[1] > at(15.0, 7.0)[1], "the line nearest to the structure comes last");
@@ -116,11 +117,28 @@ mod tests {
     #[test]
     fn a_mirrored_outline_gives_the_mirrored_frame() {
         let mirrored: Vec<[f64; 2]> = BAR.iter().rev().map(|p| [-p[0], p[1]]).collect();
-        let (f, m) =
-            (RasterFrame::chosen(&BAR, Some([0.3, 0.7])), RasterFrame::chosen(&mirrored, Some([-0.3, 0.7])));
-        for (x, y) in [(1.0, 2.0), (-3.0, 0.5)] {
-            let (a, b) = (f.uv(Point::new(x, y, 0.0)), m.uv(Point::new(-x, y, 0.0)));
-            assert!((a[0] - b[0]).abs() < 1e-12 && (a[1] - b[1]).abs() < 1e-12);
+        // the bar's long side is (0.8, 0.6); the last structure lies across it, and no structure leaves all to the mass
+        for towards in [Some([0.3, 0.7]), Some([-0.6, 0.8]), None] {
+            let other = towards.map(|[x, y]: [f64; 2]| [-x, y]);
+            let f = RasterFrame::chosen(&BAR, towards, [3.5, 4.4]);
+            let m = RasterFrame::chosen(&mirrored, other, [-3.5, 4.4]);
+            for (x, y) in [(1.0, 2.0), (-3.0, 0.5)] {
+                let (a, b) = (f.uv(Point::new(x, y, 0.0)), m.uv(Point::new(-x, y, 0.0)));
+                assert!((a[0] - b[0]).abs() < 1e-12 && (a[1] - b[1]).abs() < 1e-12);
+            }
+        }
+    }
+
+    /// A square's corners lean nowhere: the bone in it decides.
+    #[test]
+    fn a_square_with_its_structure_across_an_axis_mirrors_too() {
+        let square = [[0.0, 0.0], [15.0, 1e-13], [15.0, 15.0], [-1e-13, 15.0]];
+        let mirrored: Vec<[f64; 2]> = square.iter().rev().map(|p| [15.0 - p[0], p[1]]).collect();
+        let f = RasterFrame::chosen(&square, Some([0.0, 1.0]), [7.8, 7.4]);
+        let m = RasterFrame::chosen(&mirrored, Some([0.0, 1.0]), [7.2, 7.4]);
+        for (x, y) in [(1.0, 2.0), (9.0, 0.5)] {
+            let (a, b) = (f.uv(Point::new(x - 7.5, y, 0.0)), m.uv(Point::new(7.5 - x, y, 0.0)));
+            assert!((a[0] - b[0]).abs() < 1e-9 && (a[1] - b[1]).abs() < 1e-9, "{a:?} {b:?}");
         }
     }
 

@@ -77,6 +77,8 @@ pub struct Oriented {
     pub with_force: usize,
     /// Waypoints at which the low-pass was held (greedy).
     pub low_pass_held: usize,
+    /// Waypoints at which the paper's low-pass over what each wants alone leaves the free directions.
+    pub low_pass_leaves: usize,
     /// Waypoints on the way to which the shaft is not certainly free all the way.
     pub blocked_turns: Vec<usize>,
 }
@@ -172,7 +174,15 @@ pub fn orient(mode: OrientationMode, room: &Room, field: &CostField) -> Oriented
 impl Oriented {
     fn new(axes: Vec<Unit<Vector3<f64>>>, family: Option<&TiltFamily>) -> Self {
         let angles_rad = family.map(|family| axes.iter().map(|a| family.angle(a)).collect());
-        Self { axes, angles_rad, closed_form: 0, with_force: 0, low_pass_held: 0, blocked_turns: Vec::new() }
+        Self {
+            axes,
+            angles_rad,
+            closed_form: 0,
+            with_force: 0,
+            low_pass_held: 0,
+            low_pass_leaves: 0,
+            blocked_turns: Vec::new(),
+        }
     }
 }
 
@@ -217,7 +227,8 @@ fn by_waypoint(room: &Room, field: &CostField) -> Oriented {
     let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);
     let raw = settle(room.directions, &wishes, in_set, is_free);
     let filtered = low_pass(room.directions, room.family, &raw, LOW_PASS_HALF, in_set, is_free);
-    Oriented { low_pass_held: filtered.held, ..Oriented::new(filtered.axes, room.family) }
+    let (low_pass_held, low_pass_leaves) = (filtered.held, filtered.held);
+    Oriented { low_pass_held, low_pass_leaves, ..Oriented::new(filtered.axes, room.family) }
 }
 
 /// C of every waypoint and free direction, one row per waypoint; forces by a plane's stencil where that asks for fewer.
@@ -248,6 +259,24 @@ pub fn cost_rows(directions: &Directions, free: &FreeSets, field: &CostField) ->
     cost
 }
 
+/// Waypoints at which the paper's low-pass would leave the free directions, if each waypoint took its cheapest.
+fn low_pass_leaves(room: &Room, field: &CostField, cost: &[f32]) -> usize {
+    let (free, axes) = (&room.reached.free, room.directions.axes());
+    let wish = |i: usize| {
+        let row = &cost[i * axes.len()..(i + 1) * axes.len()];
+        match free.iter(i).min_by(|a, b| row[*a].total_cmp(&row[*b])) {
+            None => greedy::Wish::Nothing,
+            Some(_) if field.moments[i].mass_mg() <= 0.0 => greedy::Wish::Any,
+            Some(n) => greedy::Wish::Axis(axes[n]),
+        }
+    };
+    let wishes: Vec<_> = (0..free.len()).map(wish).collect();
+    let in_set = |i: usize, n: usize| room.is_in_set(i, n);
+    let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);
+    let raw = settle(room.directions, &wishes, in_set, is_free);
+    low_pass(room.directions, room.family, &raw, LOW_PASS_HALF, in_set, is_free).held
+}
+
 fn optimal(room: &Room, field: &CostField) -> Oriented {
     let (free, axes) = (&room.reached.free, room.directions.axes());
     let cost = cost_rows(room.directions, free, field);
@@ -273,5 +302,6 @@ fn optimal(room: &Room, field: &CostField) -> Oriented {
         failing.contains(&i) || room.is_turn_free(i, from, to)
     };
     let refined = refine(&problem, &directions, chart, |i, a| room.is_free(i, a), is_turn_free);
-    Oriented { angles_rad: refined.angles_rad, ..Oriented::new(refined.axes, None) }
+    let low_pass_leaves = low_pass_leaves(room, field, &cost);
+    Oriented { angles_rad: refined.angles_rad, low_pass_leaves, ..Oriented::new(refined.axes, None) }
 }

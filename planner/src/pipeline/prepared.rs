@@ -287,7 +287,7 @@ fn chosen_frame(
 ) -> Result<RasterFrame, PlanError> {
     let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
     let toward = raster::toward_structure(scene, &clearances, case.burr.radius_mm)?;
-    let along = RasterFrame::chosen(&scene.target_hull_xy, toward);
+    let along = RasterFrame::chosen(&scene.target_hull_xy, toward, raster::mass_center(scene));
     let coarse = directions(family, case.orientation.tilt_limit_rad, DRAFT_COARSER);
     let spec = ReachSpec { directions: &coarse, ..*spec };
     raster::cheaper(case, scene, space, &spec, [along, along.across()])

@@ -7,7 +7,7 @@
 //! A draft is a comparison, not a plan: waypoints that no axis reaches count as much as the dearest cut, and nothing is
 //! dropped or refined. Bone stands by voxels, not by eighths of them.
 
-use bonemill_imaging::Scene;
+use bonemill_imaging::{Class, Scene};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -107,6 +107,26 @@ fn draft_cost(
         // no sequence gets through without dropping waypoints: as dear as it can be, in proportion
         Found::Blocked(i) => length_mm.iter().sum::<f64>() * (2.0 - i as f64 / points.len() as f64),
     })
+}
+
+/// The centre of mass of the target's bone in the layers' plane; the target's centre where there is none.
+pub fn mass_center(scene: &Scene) -> [f64; 2] {
+    let grid = scene.class.grid();
+    let [nx, ny, _] = grid.dims();
+    let (mut mass, mut moment) = (0.0, [0.0; 2]);
+    for (row, classes) in scene.class.data().chunks_exact(nx).enumerate() {
+        if !classes.iter().any(|class| class.is(Class::TARGET_BONE)) {
+            continue;
+        }
+        let start = grid.center([0, row % ny, row / ny]);
+        for (i, _) in classes.iter().enumerate().filter(|(_, class)| class.is(Class::TARGET_BONE)) {
+            let density = f64::from(scene.density_g_cm3.data()[row * nx + i]);
+            mass += density;
+            moment[0] += density * (start.x() + i as f64 * grid.spacing_mm().x);
+            moment[1] += density * start.y();
+        }
+    }
+    if mass > 0.0 { moment.map(|m| m / mass) } else { [scene.target_center.x(), scene.target_center.y()] }
 }
 
 /// Direction in the layer from the target's centre to the structure that is nearest less its clearance.

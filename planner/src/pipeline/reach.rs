@@ -18,6 +18,7 @@ use crate::path::{MillPath, MoveKind, PathPoint, PathSpacing, join_passes, put_o
 use crate::space::BurrSpace;
 
 use super::known::{KnownDirections, Round};
+use super::near;
 
 /// Rounds before the planner gives up; each puts off or drops at least one waypoint, few are usual.
 const MOST_ROUNDS: usize = 30;
@@ -36,7 +37,7 @@ pub struct ReachedPath<'a> {
     /// Length of the move that ends at each waypoint, mm.
     pub length_mm: Vec<f64>,
     /// Waypoints dropped, by what stands in the way.
-    pub dropped: BTreeMap<&'static str, usize>,
+    pub dropped: BTreeMap<String, usize>,
 }
 
 impl ReachedPath<'_> {
@@ -116,7 +117,14 @@ pub fn reached<'a>(
             let from = from_too.then(|| departure(&path.points, i)).flatten();
             for point in [Some(path.points[i].leads_to), from].into_iter().flatten() {
                 if points.insert(point) && path.passes.get(point.0 as usize).is_some_and(|p| p.put_off) {
-                    let why = reason(&access, i as u32, path.points[i].position, free.count(i) == 0);
+                    let why = reason(
+                        scene,
+                        spec.shank,
+                        &access,
+                        i as u32,
+                        path.points[i].position,
+                        free.count(i) == 0,
+                    );
                     *dropped.entry(why).or_insert(0) += 1;
                 }
             }
@@ -233,13 +241,37 @@ pub fn limit_where_it_cuts(reached: &mut ReachedPath, cuts: &[bool], spec: &Reac
     exempt + grazing.iter().filter(|g| **g).count()
 }
 
-fn reason(access: &Access, index: u32, center: Point<Work>, no_angle: bool) -> &'static str {
+/// Structures within this of the shank may be what it would meet, mm.
+const BESIDE_MM: f64 = 2.0;
+
+/// Why a waypoint is dropped: what the shank would meet along the approach.
+fn reason(
+    scene: &Scene,
+    shank: &[ShankCylinder],
+    access: &Access,
+    index: u32,
+    center: Point<Work>,
+    no_angle: bool,
+) -> String {
     if !no_angle {
-        return "no way to turn the shaft there";
+        return "no way to turn the shaft there".into();
     }
     match access.blocked(index, center, &Vector3::z()) {
-        Some(Blocked::NotYetRemoved { .. }) => "shank would meet bone that is not yet removed",
-        Some(Blocked::Obstacle { .. }) => "shank would meet untargeted bone or a structure",
-        None => "tilt limit",
+        Some(Blocked::NotYetRemoved { .. }) => "shank would meet bone that is not yet removed".into(),
+        Some(Blocked::Obstacle { at_mm }) => {
+            let at = center + Vector3::z() * at_mm;
+            let holds = |c: &&ShankCylinder| at_mm <= c.to_mm;
+            let radius_mm = shank.iter().find(holds).or(shank.last()).map_or(0.0, |c| c.radius_mm);
+            let none = vec![0.0; scene.structures.len()];
+            match near::nearest_structure(scene, &none, 0.0, at) {
+                Ok(Some(near)) if near.proximity.distance_mm <= radius_mm + BESIDE_MM => {
+                    format!("shank would meet {} or bone beside it", scene.structures[near.structure].name)
+                }
+                Ok(_) => "shank would meet untargeted bone".into(),
+                // inside of one
+                Err(_) => "shank would meet a structure".into(),
+            }
+        }
+        None => "tilt limit".into(),
     }
 }

@@ -156,7 +156,7 @@ fn metrics(plan: &Plan) -> Metrics {
 
 fn modelled(plan: &Plan) -> Vec<(String, Value)> {
     let m = &plan.modelled;
-    let dropped = m.dropped.iter().map(|(why, n)| ((*why).to_owned(), (*n).into())).collect();
+    let dropped = m.dropped.iter().map(|(why, n)| (why.clone(), (*n).into())).collect();
     let affine = |n: usize| Value::Text(plan.affines[n].to_string());
     vec![
         ("waypoints".into(), m.waypoints.into()),
@@ -165,6 +165,7 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
         ("cost_closed_form".into(), m.cost_closed_form.into()),
         ("closed_form_error".into(), m.closed_form_error.into()),
         ("low_pass_held".into(), m.low_pass_held.into()),
+        ("low_pass_leaves".into(), m.low_pass_leaves.into()),
         ("blocked_turns".into(), m.blocked_turns.into()),
         ("links_beyond_limit".into(), m.links_beyond_limit.into()),
         ("put_off_waypoints".into(), m.put_off.into()),

@@ -274,7 +274,10 @@ fn modelled(plan: &Plan) -> String {
         ("moves during which the turning shank is not certainly free".into(), m.blocked_turns.to_string()),
         ("milling layers".into(), m.layers.to_string()),
         ("raster lines, angle from work x".into(), format!("{:.1}°", m.raster_rad.to_degrees())),
-        ("waypoints at which the low-pass was held at a free angle".into(), m.low_pass_held.to_string()),
+        (
+            "waypoints at which the paper's low-pass leaves the free angles".into(),
+            format!("{}; held there: {}", m.low_pass_leaves, m.low_pass_held),
+        ),
         (
             "compliance of the arm".into(),
             m.stiffness.map_or("not modelled: no stiffness in the case".into(), |along| {
@@ -292,7 +295,9 @@ fn modelled(plan: &Plan) -> String {
         ("label affine".into(), escape(&plan.affines[1].to_string())),
     ];
     rows.push(("places put off to the end, for the shank".into(), m.put_off.to_string()));
-    rows.extend(m.dropped.iter().map(|(why, n)| (format!("waypoints dropped: {why}"), n.to_string())));
+    rows.extend(
+        m.dropped.iter().map(|(why, n)| (format!("waypoints dropped: {}", escape(why)), n.to_string())),
+    );
     let rows: String = rows.into_iter().map(|(k, v)| format!("<tr><th>{k}</th><td>{v}</td></tr>")).collect();
     format!("<div class=\"wide\"><table class=\"words\"><tbody>{rows}</tbody></table></div>")
 }
