@@ -9,7 +9,7 @@ use clap::{ArgGroup, Parser, Subcommand};
 
 /// Plans how a robot mills bone: path, burr angle, speed and joint trajectory from CT.
 ///
-/// Exit code 0: done; 1: the plan fell short, with the reasons; 2: bad input.
+/// Exit code 0: done; 1: the plan fell short, with the reasons; 2: bad input; 130: stopped by a signal.
 #[derive(Debug, Parser)]
 #[command(version)]
 pub struct Args {
@@ -44,6 +44,18 @@ impl Args {
             (true, _) => Talk::Machine,
             (false, true) => Talk::Quiet,
             (false, false) => Talk::People,
+        }
+    }
+}
+
+impl Command {
+    /// Whether a signal lets the command tidy up, rather than end it on the spot: not where it waits for somebody's poses, nor with
+    /// a viewer open.
+    pub fn is_stopped_tidily(&self) -> bool {
+        match self {
+            Self::View(_) => false,
+            Self::Simulate(simulate) => !simulate.stream,
+            _ => true,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The command `bonemill`: arguments in, library called, files and a summary out.
 //!
-//! Exit codes: 0 done, 1 the plan fell short (with the reasons), 2 bad input. An error is printed once, on stderr, with
+//! Exit codes: 0 done, 1 the plan fell short (with the reasons), 2 bad input, 130 stopped by a signal. An error is printed once, on stderr, with
 //! its causes. What a machine asked for with `--json` is one object on stdout and nothing else.
 
 #![expect(clippy::print_stderr, reason = "only the command speaks")]
@@ -14,6 +14,7 @@ mod phantom;
 mod plan;
 mod planning;
 mod pose_line;
+mod signals;
 mod simulate;
 mod stream;
 mod verify;
@@ -23,6 +24,7 @@ mod view;
 use std::process::ExitCode;
 
 use anyhow::Context;
+use bonemill_geometry::cancel::{Cancel, Cancelled};
 use bonemill_planner::plan::Refused;
 use clap::Parser;
 
@@ -33,8 +35,16 @@ use outcome::Outcome;
 fn main() -> ExitCode {
     let args = Args::parse();
     let console = Console::new(args.talk());
-    let result = run(&args, &console);
+    let cancel = Cancel::new();
+    let result = cancel.run(|| run(&args, &console, &cancel));
     console.finish();
+    let result = match result {
+        Ok(result) => result,
+        Err(Cancelled) => {
+            outcome::tell_error(&anyhow::anyhow!("stopped by a signal"), false, args.talk());
+            return ExitCode::from(signals::STOPPED);
+        }
+    };
     match result {
         Ok(outcome) => {
             outcome.tell(args.talk(), &console.seconds());
@@ -48,11 +58,15 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
-    if let Some(threads) = args.threads {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads));
-        pool.build_global().context("cannot start the worker threads")?;
+fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcome> {
+    if args.command.is_stopped_tidily() {
+        signals::watch(cancel)?;
     }
+    let watched = cancel.clone();
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(args.threads.map_or(0, usize::from))
+        .start_handler(move |_| watched.enter());
+    pool.build_global().context("cannot start the worker threads")?;
     match &args.command {
         Command::Phantom(phantom) => phantom::run(phantom, console),
         Command::Plan(plan) => plan::run(plan, console),

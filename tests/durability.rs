@@ -113,6 +113,35 @@ fn a_plan_killed_at_any_moment_leaves_the_old_plan_or_the_new_one() {
     }
 }
 
+/// Ctrl-C, `kill` and a closed terminal: nothing is left at all.
+#[cfg(unix)]
+#[test]
+fn a_plan_stopped_by_a_signal_leaves_nothing_behind() {
+    for signal in ["-INT", "-TERM", "-HUP"] {
+        let place = Place::empty();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_bonemill"))
+            .args(["plan", "--phantom", "temporal", "--out", "plan"])
+            .current_dir(place.path("."))
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let begun = Instant::now();
+        let names =
+            || fs::read_dir(place.path(".")).unwrap().map(|e| e.unwrap().file_name()).collect::<Vec<_>>();
+        while names().is_empty() {
+            assert!(begun.elapsed() < Duration::from_secs(60) && child.try_wait().unwrap().is_none());
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        std::thread::sleep(Duration::from_millis(300));
+        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        let ended = child.wait_with_output().unwrap();
+        let said = String::from_utf8(ended.stderr).unwrap();
+        assert_eq!(ended.status.code(), Some(130), "{signal}: {said}");
+        assert!(said.contains("stopped by a signal") && names().is_empty(), "{signal}: {said} {:?}", names());
+    }
+}
+
 #[test]
 fn a_verification_killed_at_any_moment_leaves_the_plan_and_no_half_verdict() {
     killed_while_it_adds("verify", "verification.toml");
