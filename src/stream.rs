@@ -22,6 +22,9 @@ use crate::args::Talk;
 use crate::outcome::Outcome;
 use crate::pose_line::numbers;
 
+/// Steps in less time than this are no hand's, s: speeds would be rounding.
+const LEAST_SECONDS: f64 = 1e-6;
+
 type Milling<'a> = Engine<'a, f32, Box<dyn ForceModel>>;
 
 pub fn run(
@@ -35,13 +38,15 @@ pub fn run(
     let mut hand = Hand { plan, setup: &setup, model, engine: None, time_s: 0.0 };
     let mut took_us = Vec::new();
     let mut out = stdout().lock();
-    for line in stdin().lock().lines() {
+    for line in stdin().lock().split(b'\n') {
+        // bytes that are no text make a line that is no pose
         let line = line.context("cannot read stdin")?;
+        let line = String::from_utf8_lossy(&line);
         if line.trim().is_empty() {
             continue;
         }
         let start = Instant::now();
-        let answer = hand.answer(&line);
+        let answer = hand.answer(line.trim());
         took_us.push(start.elapsed().as_secs_f64() * 1e6);
         // a closed pipe is the reader's choice: the hand has let go
         if writeln!(out, "{answer}").and_then(|()| out.flush()).is_err() {
@@ -88,7 +93,12 @@ impl Hand<'_> {
             self.time_s = time_s;
             return Ok(self.row(time_s, pose.center, None));
         };
-        let step = engine.step(Move { to: pose, seconds: time_s - self.time_s })?;
+        let seconds = time_s - self.time_s;
+        anyhow::ensure!(
+            seconds <= 0.0 || seconds >= LEAST_SECONDS,
+            "{seconds:e} s since the last pose: expected at least {LEAST_SECONDS:e}"
+        );
+        let step = engine.step(Move { to: pose, seconds })?;
         let center = engine.pose().center;
         self.time_s = time_s;
         Ok(self.row(time_s, center, Some(step)))

@@ -36,7 +36,7 @@ fn done(ran: &Ran) {
 }
 
 /// Feeds lines to `simulate --stream`.
-fn stream(place: &Place, lines: &str) -> (Vec<String>, String) {
+fn stream(place: &Place, lines: &[u8]) -> (Vec<String>, String) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_bonemill"))
         .args(["simulate", "plan", "--stream"])
         .current_dir(place.path(""))
@@ -47,7 +47,7 @@ fn stream(place: &Place, lines: &str) -> (Vec<String>, String) {
         .unwrap();
     let mut stdin = child.stdin.take().unwrap();
     let text = lines.to_owned();
-    let writer = std::thread::spawn(move || stdin.write_all(text.as_bytes()).unwrap());
+    let writer = std::thread::spawn(move || stdin.write_all(&text).unwrap());
     let output = child.wait_with_output().unwrap();
     writer.join().unwrap();
     assert!(output.status.success());
@@ -154,11 +154,13 @@ fn a_hand_s_poses_are_answered_line_by_line() {
         lines += &format!("{} -1.5 1.5 {} 0 0 1\n", 0.1 * n as f64, 20.0 - 0.1 * n as f64);
     }
     lines += "8.1 NaN 0 0 0 0 1\n8.1 0 0\n8.1 -1.5 1.5 11.9 0 0 0\n7.0 -1.5 1.5 11.9 0 0 1\n";
-    lines += "8.1,-1.5,1.5,11.9,0,0,1\n";
+    lines += "8.1,-1.5,1.5,11.9,0,0,1\n8.1000001 -1.5 1.5 11.8 0 0 1\n";
+    // and what is no text
+    let lines = [lines.as_bytes(), b"\xff\xfe\n"].concat();
     let (answers, said) = stream(&place, &lines);
-    assert_eq!(answers.len(), 86);
-    let refused: Vec<usize> = (0..86).filter(|n| answers[*n].starts_with("refused: ")).collect();
-    assert_eq!(refused, [81, 82, 83, 84], "{answers:#?}");
+    assert_eq!(answers.len(), 88);
+    let refused: Vec<usize> = (0..88).filter(|n| answers[*n].starts_with("refused: ")).collect();
+    assert_eq!(refused, [81, 82, 83, 84, 86, 87], "{answers:#?}");
     let cells = |n: usize| answers[n].split(',').map(str::to_owned).collect::<Vec<_>>();
     assert!(answers.iter().enumerate().all(|(n, _)| refused.contains(&n) || cells(n).len() == 11));
     // in the air nothing, in bone a push back along the way
@@ -167,7 +169,7 @@ fn a_hand_s_poses_are_answered_line_by_line() {
     // what was refused changed nothing: the next step is as the one before
     let (before, after) = (number(&cells(80)[3]), number(&cells(85)[3]));
     assert!((before - after).abs() < 0.1 * before, "{before} {after}");
-    assert!(said.contains("86 lines; time of one: p50 ") && said.contains("p99 "), "{said}");
+    assert!(said.contains("88 lines; time of one: p50 ") && said.contains("p99 "), "{said}");
 }
 
 #[test]
@@ -192,7 +194,7 @@ fn coefficients_come_back_from_a_log_and_a_poor_log_is_refused() {
     for (t, p) in &poses {
         lines += &format!("{t} {} {} {} {} {} {}\n", p[0], p[1], p[2], p[3], p[4], p[5]);
     }
-    let (answers, _) = stream(&place, &lines);
+    let (answers, _) = stream(&place, lines.as_bytes());
     let mut log = "time_s,x_mm,y_mm,z_mm,axis_x,axis_y,axis_z,fx_n,fy_n,fz_n\n".to_owned();
     for ((t, p), answer) in poses.iter().zip(&answers) {
         let cells: Vec<_> = answer.split(',').collect();

@@ -134,6 +134,21 @@ pub enum CalibrateError {
         /// What is allowed.
         most: f64,
     },
+    /// A coefficient that no bone has.
+    #[error(
+        "the log says {name} = {value:.4} ± {half_width:.4} {unit}, and a coefficient is above 0: is the force that on the burr, in \
+         the frame of the poses?"
+    )]
+    Senseless {
+        /// Key of the coefficient.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// Half its interval.
+        half_width: f64,
+        /// Its unit.
+        unit: &'static str,
+    },
     /// The noise hides a coefficient.
     #[error(
         "the log cannot tell {name}: {value:.4} ± {half_width:.4} {unit}, an interval wider than the largest coefficient of its \
@@ -157,6 +172,8 @@ pub enum CalibrateError {
 const MOST_CONDITION: f64 = 1e5;
 /// A direction of the problem with less than this share in a coefficient is not its fault.
 const SHARE: f64 = 0.3;
+/// A coefficient of 0 comes out within this share of the largest of its kind.
+const ROUNDING: f64 = 1e-9;
 /// Forces per coefficient below this are none, mm² or mm.
 const NOTHING: f64 = 1e-12;
 
@@ -224,6 +241,16 @@ pub fn calibrate(log: &[Observation], wanted: &[Coefficient]) -> Result<Calibrat
     for estimate in &estimates {
         let alike = estimates.iter().filter(|e| e.coefficient.unit() == estimate.coefficient.unit());
         let largest = alike.map(|e| e.value.abs()).fold(0.0, f64::max);
+        // not above 0 with all that its interval allows; nor where it is no number
+        let reaches = estimate.value + estimate.half_width >= -ROUNDING * largest;
+        if !(largest > 0.0 && reaches && estimate.half_width.is_finite()) {
+            return Err(CalibrateError::Senseless {
+                name: estimate.coefficient.key(),
+                value: estimate.value,
+                half_width: estimate.half_width,
+                unit: estimate.coefficient.unit(),
+            });
+        }
         if estimate.half_width > largest {
             return Err(CalibrateError::Uncertain {
                 name: estimate.coefficient.key(),
@@ -344,6 +371,13 @@ mod tests {
         broken[3].force_n.y = f64::NAN;
         assert_eq!(calibrate(&broken, &Coefficient::ALL), Err(CalibrateError::NotFinite { index: 3 }));
         assert!(calibrate(&log(20, 0.0, |_| 1.0), &[]).is_err());
+        // forces the other way, none at all, and too large to be squared
+        for factor in [-1.0, 0.0, 1e300] {
+            let mut log = log(20, 0.0, |_| 1.0);
+            log.iter_mut().for_each(|o| o.force_n *= factor);
+            let found = calibrate(&log, &Coefficient::ALL[..3]);
+            assert!(matches!(found, Err(CalibrateError::Senseless { .. })), "{factor}: {found:?}");
+        }
         // a coefficient without any force in the log
         let mut silent = log(20, 0.0, |_| 1.0);
         silent.iter_mut().for_each(|o| o.per_coefficient[2] = Vector3::zeros());

@@ -11,6 +11,9 @@ use crate::plan::Trajectory;
 const TURN_RAD: f64 = 0.02;
 /// More poses than this are refused.
 const MOST_POSES: f64 = 2e7;
+/// Rarer poses, or longer steps, leave out what a path does between them.
+const LEAST_RATE_HZ: f64 = 1.0;
+const MOST_STEP_MM: f64 = 5.0;
 
 /// How a trajectory is sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,6 +51,16 @@ pub struct Sample {
 /// What is wrong with a trajectory as a way of the burr.
 #[derive(Debug, thiserror::Error)]
 pub enum PoseError {
+    /// A step or rate that says nothing of what lies between two poses.
+    #[error("{name} = {value}: too coarse; expected {expected}")]
+    Coarse {
+        /// Which.
+        name: &'static str,
+        /// What was given.
+        value: f64,
+        /// What would do.
+        expected: &'static str,
+    },
     /// A step or rate that is no number above 0, or that makes too many poses.
     #[error(
         "{name} = {value}: expected a number above 0 that makes at most {most:.0e} poses, not {poses:.3e}"
@@ -111,6 +124,7 @@ pub fn sample(
     match sampling {
         Sampling::Rate { rate_hz } => {
             let count = check("simulation rate, Hz", rate_hz, duration_s * rate_hz)?;
+            fine_enough("simulation rate, Hz", rate_hz, rate_hz >= LEAST_RATE_HZ, "at least 1 Hz")?;
             let times = (0..=count as usize).map(|n| n as f64 / rate_hz).chain([duration_s]);
             let mut times: Vec<f64> = times.filter(|t| *t <= duration_s).collect();
             times.dedup_by(|b, a| *b - *a <= 1e-9);
@@ -126,9 +140,19 @@ pub fn sample(
                 .collect::<Result<_, _>>()?;
             let way_mm: f64 = rows.windows(2).map(|r| r[0].center.distance_mm(&r[1].center)).sum();
             check("simulation step, mm", step_mm, way_mm / step_mm)?;
+            fine_enough("simulation step, mm", step_mm, step_mm <= MOST_STEP_MM, "at most 5 mm")?;
             thin_out(trajectory, &rows, step_mm, at)
         }
     }
+}
+
+fn fine_enough(
+    name: &'static str,
+    value: f64,
+    is_fine: bool,
+    expected: &'static str,
+) -> Result<(), PoseError> {
+    if is_fine { Ok(()) } else { Err(PoseError::Coarse { name, value, expected }) }
 }
 
 fn check(name: &'static str, value: f64, poses: f64) -> Result<f64, PoseError> {
@@ -154,7 +178,8 @@ fn thin_out(
             next.center.distance_mm(&rows[last].center) > step_mm
                 || next.axis.angle(&rows[last].axis) > TURN_RAD
         };
-        if !is_end && !leaves(&rows[n + 1]) {
+        // a row that is far off itself may be the tip of a sharp turn
+        if !is_end && !leaves(&rows[n]) && !leaves(&rows[n + 1]) {
             continue;
         }
         let between = (rows[n].center.distance_mm(&rows[last].center) / step_mm * (1.0 - 1e-9)).floor();
@@ -238,6 +263,17 @@ mod tests {
         }
     }
 
+    /// One row far off between two that are near each other.
+    #[test]
+    fn the_tip_of_a_sharp_turn_is_kept() {
+        let arm = Arm::bone_attached().unwrap();
+        let mut path = circle();
+        path.q[4 * 50] += 40.0;
+        let samples = sample(&path, &arm, &Rigid::identity(), Sampling::Step { step_mm: 0.3 }).unwrap();
+        let is_tip = |s: &Sample| s.q[0] == path.q[4 * 50];
+        assert!(samples.iter().any(is_tip));
+    }
+
     #[test]
     fn what_cannot_be_sampled_is_refused() {
         let arm = Arm::bone_attached().unwrap();
@@ -247,6 +283,9 @@ mod tests {
             Sampling::Step { step_mm: 1e-9 },
             Sampling::Rate { rate_hz: -1.0 },
             Sampling::Rate { rate_hz: 1e12 },
+            Sampling::Rate { rate_hz: 1e-300 },
+            Sampling::Rate { rate_hz: 0.5 },
+            Sampling::Step { step_mm: 1000.0 },
         ] {
             assert!(sample(&circle(), &arm, &Rigid::identity(), sampling).is_err(), "{sampling:?}");
         }
