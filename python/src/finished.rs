@@ -91,9 +91,10 @@ impl From<NotDone> for PyErr {
             NotDone::Simulate(SimulateError::Engine(EngineError::Model(_))) => {
                 errors::ModelError::new_err(text)
             }
-            NotDone::Simulate(SimulateError::Poses(PoseError::Sampling { .. })) | NotDone::Uncertainty(_) => {
-                errors::ArrayError::new_err(text)
-            }
+            NotDone::Simulate(SimulateError::Poses(
+                PoseError::Sampling { .. } | PoseError::Coarse { .. },
+            ))
+            | NotDone::Uncertainty(_) => errors::ArrayError::new_err(text),
             NotDone::Simulate(SimulateError::Compliance { .. }) | NotDone::Verify(VerifyError::Robot(_)) => {
                 errors::RobotError::new_err(text)
             }
