@@ -33,17 +33,22 @@ fn segment_mm2(depth_mm: f64) -> f64 {
     R * R * (ke - 0.5 * (2.0 * ke).sin())
 }
 
+/// Places on a circle of 4 mm radius, up to an angle.
+fn arc(angle_rad: f64) -> Vec<Vector3<f64>> {
+    (0..=200)
+        .map(|n| {
+            let t = angle_rad * n as f64 / 200.0;
+            Vector3::new(4.0 * t.cos() - 2.03, 4.0 * t.sin() - 2.01, 0.07)
+        })
+        .collect()
+}
+
 fn sweeps() -> Vec<Sweep> {
     let ball = 4.0 / 3.0 * PI * R.powi(3);
     let tube = PI * R * R;
     let from_to = |a: Vector3<f64>, b: Vector3<f64>| [vec![a], line(a, b, 60)].concat();
     let (a, b) = (Vector3::new(-3.01, -1.3, 2.07), Vector3::new(2.6, 2.2, -1.9));
-    let arc: Vec<_> = (0..=200)
-        .map(|n| {
-            let t = 0.5 * PI * n as f64 / 200.0;
-            Vector3::new(4.0 * t.cos() - 2.03, 4.0 * t.sin() - 2.01, 0.07)
-        })
-        .collect();
+    let arc = arc(0.5 * PI);
     // polygons are shorter than their arc, and turn: the tube's length is the polygon's
     let arc_mm: f64 = arc.windows(2).map(|p| (p[1] - p[0]).norm()).sum();
     let through = |y: f64, z: f64| from_to(Vector3::new(-11.0, y, z), Vector3::new(11.0, y, z));
@@ -62,15 +67,39 @@ fn sweeps() -> Vec<Sweep> {
     ]
 }
 
-/// A cut along x and the force that it must feel.
+/// A cut and the force that it must feel.
 struct Cut {
     name: &'static str,
-    y: f64,
-    z: f64,
-    /// A pass at the same height beforehand.
-    after: Option<f64>,
+    /// The first place, and the others.
+    way: Vec<Vector3<f64>>,
+    /// What is cut beforehand, from its first place on.
+    before: Vec<Vector3<f64>>,
+    /// Turned about z so that the feed, unless it is along z, is along x.
     force_n: Option<Vector3<f64>>,
     mrr_mm3_s: f64,
+}
+
+impl Cut {
+    /// Along x at this place in y and z.
+    fn along_x(name: &'static str, y: f64, z: f64, force_n: Option<Vector3<f64>>, mrr_mm3_s: f64) -> Self {
+        Self { name, way: pass(y, z), before: Vec::new(), force_n, mrr_mm3_s }
+    }
+}
+
+/// Along x through the block.
+fn pass(y: f64, z: f64) -> Vec<Vector3<f64>> {
+    let (from, to) = (Vector3::new(-11.0, y, z), Vector3::new(11.0, y, z));
+    [vec![from], line(from, to, 220)].concat()
+}
+
+/// A force seen along the feed: turned about z so that the feed is along x; as it is where the feed is along z.
+fn seen_along(feed: &Vector3<f64>, force: &Vector3<f64>) -> Vector3<f64> {
+    let across = feed.x.hypot(feed.y);
+    if across < 1e-9 {
+        return *force;
+    }
+    let (c, s) = (feed.x / across, feed.y / across);
+    Vector3::new(c * force.x + s * force.y, c * force.y - s * force.x, force.z)
 }
 
 fn cuts() -> Vec<Cut> {
@@ -92,29 +121,30 @@ fn cuts() -> Vec<Cut> {
     let overlap =
         2.0 * R * R * (apart / (2.0 * R)).acos() - 0.5 * apart * (4.0 * R * R - apart * apart).sqrt();
     let tube = PI * R * R * FEED_MM_S;
+    // a plunge: n has cos κ along the feed, e_a has sin κ along the axis; what goes around cancels
+    let plunge = Vector3::z() * (c * (k_r * PI / 4.0 - 0.5 * k_a));
+    let (top, bottom) = (Vector3::new(0.13, -0.21, 11.0), Vector3::new(0.13, -0.21, -5.0));
+    let second = pass(apart, 0.07);
+    let first =
+        [pass(0.0, 0.07), line(Vector3::new(11.0, 0.0, 0.07), Vector3::new(11.0, 9.0, 0.07), 10)].concat();
+    let back = [Vector3::new(-11.0, 20.0, 0.07), second[0]];
     vec![
-        Cut { name: "full slot", y: 0.13, z: 0.07, after: None, force_n: Some(full), mrr_mm3_s: tube },
+        Cut::along_x("full slot", 0.13, 0.07, Some(full), tube),
+        // the front hemisphere is in bone all the way, as the circle is wider than the burr
+        Cut { name: "arc", way: arc(PI), before: Vec::new(), force_n: Some(full), mrr_mm3_s: tube },
         Cut {
-            name: "slot 1.5 mm",
-            y: 0.13,
-            z: HALF_MM + R - 1.5,
-            after: None,
-            force_n: Some(slot),
-            mrr_mm3_s: segment_mm2(1.5) * FEED_MM_S,
+            name: "plunge",
+            way: [vec![top], line(top, bottom, 160)].concat(),
+            before: Vec::new(),
+            force_n: Some(plunge),
+            mrr_mm3_s: tube,
         },
-        Cut {
-            name: "side cut",
-            y: -HALF_MM,
-            z: 0.07,
-            after: None,
-            force_n: Some(side),
-            mrr_mm3_s: 0.5 * tube,
-        },
+        Cut::along_x("slot 1.5 mm", 0.13, HALF_MM + R - 1.5, Some(slot), segment_mm2(1.5) * FEED_MM_S),
+        Cut::along_x("side cut", -HALF_MM, 0.07, Some(side), 0.5 * tube),
         Cut {
             name: "second pass",
-            y: apart,
-            z: 0.07,
-            after: Some(0.0),
+            way: second,
+            before: [&first[..], &back[..]].concat(),
             force_n: None,
             mrr_mm3_s: tube - overlap * FEED_MM_S,
         },
@@ -166,7 +196,7 @@ fn volumes() -> Result<Table, ExperimentError> {
 }
 
 fn forces() -> Result<Table, ExperimentError> {
-    let title = "Force and removal rate along a straight cut, 64 × 128 nodes: error of the mean over its middle \
+    let title = "Force and removal rate along a cut, 64 × 128 nodes: error of the mean over its middle \
                  third; ripple: half the range of |F| over its mean there.";
     let columns = ["cut", "r/h", "force error [%]", "order", "removal rate error [%]", "force ripple [%]"];
     let mut table = Table::new("engine-force", title, &columns);
@@ -177,11 +207,12 @@ fn forces() -> Result<Table, ExperimentError> {
             let steps = along(&bone, level, &cut)?;
             let middle = &steps[steps.len() / 3..2 * steps.len() / 3];
             let count = middle.len() as f64;
-            let mean = middle.iter().map(|s| s.force.force_n).sum::<Vector3<f64>>() / count;
-            let sizes = || middle.iter().map(|s| s.force.force_n.norm());
+            let mean = middle.iter().map(|(_, force)| force).sum::<Vector3<f64>>() / count;
+            let sizes = || middle.iter().map(|(_, force)| force.norm());
             let ripple =
                 0.5 * (sizes().fold(0.0, f64::max) - sizes().fold(f64::INFINITY, f64::min)) / mean.norm();
-            let rate = middle.iter().map(|s| s.mrr_mm3_s).sum::<f64>() / count / cut.mrr_mm3_s - 1.0;
+            let rate =
+                middle.iter().map(|(step, _)| step.mrr_mm3_s).sum::<f64>() / count / cut.mrr_mm3_s - 1.0;
             let error = cut.force_n.map(|f| (mean - f).norm() / f.norm());
             let shown = error.map_or("-".into(), |e| format!("{:.3}", 100.0 * e));
             table.push(vec![
@@ -198,25 +229,27 @@ fn forces() -> Result<Table, ExperimentError> {
     Ok(table)
 }
 
+/// The steps of a cut, and their forces as seen along the feed.
 fn along(
     bone: &bonemill_geometry::Volume<f32, bonemill_geometry::Work>,
     level: f64,
     cut: &Cut,
-) -> Result<Vec<Step>, ExperimentError> {
+) -> Result<Vec<(Step, Vector3<f64>)>, ExperimentError> {
     let spec = spec(64, 128, level)?;
     let model = model(&spec);
-    let at = |x: f64, y: f64| Vector3::new(x, y, cut.z);
-    let first = cut.after.unwrap_or(cut.y);
-    let start = pose(at(-11.0, first))?;
+    let start = pose(*cut.before.first().unwrap_or(&cut.way[0]))?;
     let mut engine = Engine::new(Bone::new(bone)?, spec, model, start)?;
-    if let Some(y) = cut.after {
-        let there = [line(at(-11.0, y), at(11.0, y), 220), line(at(11.0, y), at(11.0, 9.0), 10)].concat();
-        let back =
-            [line(at(11.0, 9.0), at(-11.0, 20.0), 1), line(at(-11.0, 20.0), at(-11.0, cut.y), 1)].concat();
-        engine.steps(&moves(start, &[there, back].concat())?)?;
+    if cut.before.len() > 1 {
+        engine.steps(&moves(start, &cut.before[1..])?)?;
     }
     let from = engine.pose();
-    Ok(engine.steps(&moves(from, &line(at(-11.0, cut.y), at(11.0, cut.y), 220))?)?)
+    let steps = engine.steps(&moves(from, &cut.way[1..])?)?;
+    let feeds = cut.way.windows(2).map(|pair| pair[1] - pair[0]);
+    let seen = |(step, feed): (Step, Vector3<f64>)| {
+        let force = seen_along(&feed, &step.force.force_n);
+        (step, force)
+    };
+    Ok(steps.into_iter().zip(feeds).map(seen).collect())
 }
 
 fn solid(level: f64) -> Result<bonemill_geometry::Volume<f32, bonemill_geometry::Work>, ExperimentError> {
