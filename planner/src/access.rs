@@ -121,7 +121,8 @@ pub struct Access<'a> {
     /// Where something beyond the work grid is known; `None` where nothing is.
     far_box: Option<Bounds>,
     segments: Vec<Segment>,
-    /// The latest of what the first cylinder's field has within `around_mm` of a place: for groups of a front's balls.
+    /// The latest of what the first cylinder's field has within `around_mm` of a place: for groups of a front's balls, where there is
+    /// a front.
     around: Option<Field>,
     around_mm: f64,
 }
@@ -162,7 +163,8 @@ impl<'a> Access<'a> {
             rayon::join(|| shank.par_iter().map(segment).collect(), || latest.runs());
         let fronts_mm = segments.iter().filter_map(|segment| segment.front.as_ref()).map(Front::reach_mm);
         let around_mm = fronts_mm.fold(0.0, f64::max);
-        let around = segments.first().map(|thin| thin.outer.field.latest_around(AROUND_VOXELS, around_mm));
+        let thin = segments.first().filter(|_| around_mm > 0.0);
+        let around = thin.map(|thin| thin.outer.field.latest_around(AROUND_VOXELS, around_mm));
         Self {
             scene,
             solid,

@@ -223,12 +223,17 @@ fn by_waypoint(room: &Room, field: &CostField) -> Oriented {
             .wish()
         })
         .collect();
-    let in_set = |i: usize, n: usize| room.is_in_set(i, n);
-    let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);
-    let raw = settle(room.directions, &wishes, in_set, is_free);
-    let filtered = low_pass(room.directions, room.family, &raw, LOW_PASS_HALF, in_set, is_free);
+    let filtered = filtered(room, &wishes);
     let (low_pass_held, low_pass_leaves) = (filtered.held, filtered.held);
     Oriented { low_pass_held, low_pass_leaves, ..Oriented::new(filtered.axes, room.family) }
+}
+
+/// The paper's low-pass over what each waypoint wants alone.
+fn filtered(room: &Room, wishes: &[greedy::Wish]) -> greedy::Greedy {
+    let in_set = |i: usize, n: usize| room.is_in_set(i, n);
+    let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);
+    let raw = settle(room.directions, wishes, in_set, is_free);
+    low_pass(room.directions, room.family, &raw, LOW_PASS_HALF, in_set, is_free)
 }
 
 /// C of every waypoint and free direction, one row per waypoint; forces by a plane's stencil where that asks for fewer.
@@ -271,10 +276,7 @@ fn low_pass_leaves(room: &Room, field: &CostField, cost: &[f32]) -> usize {
         }
     };
     let wishes: Vec<_> = (0..free.len()).map(wish).collect();
-    let in_set = |i: usize, n: usize| room.is_in_set(i, n);
-    let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);
-    let raw = settle(room.directions, &wishes, in_set, is_free);
-    low_pass(room.directions, room.family, &raw, LOW_PASS_HALF, in_set, is_free).held
+    filtered(room, &wishes).held
 }
 
 fn optimal(room: &Room, field: &CostField) -> Oriented {
