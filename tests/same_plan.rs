@@ -63,6 +63,17 @@ fn patient_in(turn: [[f64; 3]; 3], is_mirror: bool) -> Place {
     if is_mirror { place.with_case("spin = -1", "spin = 1") } else { place }
 }
 
+/// What a plan's folder holds, by name.
+const FILES: [&str; 7] = [
+    "access.csv",
+    "dropped.csv",
+    "plan.toml",
+    "report.html",
+    "robot.urdf",
+    "trajectory.csv",
+    "waypoints.csv",
+];
+
 #[test]
 fn the_healthy_patient_is_planned_and_every_file_is_there() {
     let place = Place::healthy();
@@ -74,7 +85,7 @@ fn the_healthy_patient_is_planned_and_every_file_is_there() {
         .map(|e| e.unwrap().file_name().into_string().unwrap())
         .collect();
     files.sort();
-    assert_eq!(files, ["plan.toml", "report.html", "robot.urdf", "trajectory.csv", "waypoints.csv"]);
+    assert_eq!(files, FILES);
     // every cut keeps the clearance from the rod, whose nearest face is at x = -11 + 29.5 · 0.5
     let face = body::ORIGIN_MM[0] + 29.5 * body::SPACING_MM;
     let [least, most] =
@@ -93,7 +104,7 @@ fn runs_and_numbers_of_threads_give_the_same_bytes() {
         let ran = place.run(&["plan", "case.toml", "--out", out, "--threads", threads]);
         assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
     }
-    for file in ["plan.toml", "waypoints.csv", "trajectory.csv", "robot.urdf", "report.html"] {
+    for file in FILES {
         let [a, b, c] = outs.map(|(out, _)| fs::read(place.path(out).join(file)).unwrap());
         assert!(!a.is_empty() && a == b, "{file} depends on the number of threads");
         assert!(b == c, "{file} differs from run to run");

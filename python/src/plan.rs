@@ -239,6 +239,9 @@ impl Plan {
                 for name in files::FILES {
                     copy(&plan.dir.join(name), &staged.path().join(name))?;
                 }
+                for name in files::NOTES.into_iter().filter(|name| plan.dir.join(name).exists()) {
+                    copy(&plan.dir.join(name), &staged.path().join(name))?;
+                }
                 let mut record = self.record.clone();
                 record.case_file = staged.relative(case_path)?;
                 record.write(staged.path())?;

@@ -19,7 +19,15 @@ import pytest
 import bonemill
 from tables import same_as_file, same_rows
 
-FILES = ["plan.toml", "waypoints.csv", "trajectory.csv", "robot.urdf", "report.html"]
+FILES = [
+    "plan.toml",
+    "waypoints.csv",
+    "trajectory.csv",
+    "robot.urdf",
+    "report.html",
+    "access.csv",
+    "dropped.csv",
+]
 
 
 def test_the_bytes_are_the_commands(

@@ -11,12 +11,14 @@
 pub mod directions;
 pub mod free;
 pub mod greedy;
+pub mod permissible;
 pub mod refine;
 pub mod sequence;
 pub mod stencil;
 
 pub use directions::Directions;
 pub use free::FreeSets;
+pub use permissible::{Around, Permissible};
 
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 

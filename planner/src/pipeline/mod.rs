@@ -35,11 +35,12 @@ pub use figures::{Figures, StructureFigures};
 pub use metrics::{Coverage, Volumes};
 pub use orient::Oriented;
 pub use prepared::{Chosen, Prepared, with_prepared};
-pub use reach::Unreached;
+pub use reach::{Dropped, Unreached};
 
 use crate::Progress;
 use crate::access::Solid;
 use crate::case::{Case, OrientationMode};
+use crate::orientation::Permissible;
 use crate::plan::{Sha256, Waypoint};
 use crate::space::BurrSpace;
 
@@ -68,6 +69,10 @@ pub struct Plan {
     pub coverage: Coverage,
     /// Forces, times and distances in one number each.
     pub figures: Figures,
+    /// What the shank leaves open at each waypoint.
+    pub allowed: Vec<Permissible>,
+    /// Places that it kept the path from.
+    pub dropped: Vec<Dropped>,
     /// What was modelled how.
     pub modelled: Modelled,
     /// Which affine was taken from the CT and from the labels.
@@ -104,8 +109,6 @@ pub struct Modelled {
     pub low_pass_leaves: usize,
     /// Places that the shank could not get to where they belonged, and that were milled at the end.
     pub put_off: usize,
-    /// Waypoints dropped, by reason.
-    pub dropped: BTreeMap<String, usize>,
     /// Smallest singular value along the path, mm/s: see [`Arm::slowest_mm_s`].
     pub slowest_mm_s: f64,
     /// How stiff the arm is at the burr, where its joints' stiffness is known.
@@ -245,7 +248,6 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         blocked_turns: oriented.blocked_turns.len(),
         links_beyond_limit: prepared.beyond_limit,
         put_off: prepared.reached.put_off(),
-        dropped: prepared.reached.dropped.clone(),
         unjoined_passes: prepared.reached.path.unjoined,
         slowest_mm_s: motion::slowest_mm_s(&arm, &motion.resolved.q)?,
         stiffness: compliances.as_ref().and_then(|c| {
@@ -258,7 +260,9 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         layers: prepared.reached.path.layers,
     };
     let figures = Figures::of(&waypoints, prepared.length_mm(), case.structures.len());
-    let mut shortfalls = shortfalls(&coverage, &modelled, case.speed.total_time_s.zip(timing.missed_s));
+    let dropped = prepared.reached.dropped.clone();
+    let allowed = prepared.allowed(oriented);
+    let mut shortfalls = shortfalls(&coverage, &modelled, &dropped, case.speed.total_time_s.zip(timing.missed_s));
     shortfalls.extend(demand.caps_missed(case, &prepared, &chosen));
     shortfalls.extend(turns_missed(case, &oriented.blocked_turns));
     shortfalls.extend(limits_missed(&modelled.limit_ratios));
@@ -275,6 +279,8 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         fitted: registered.fitted,
         coverage,
         figures,
+        allowed,
+        dropped,
         modelled,
         affines,
         warnings,
@@ -335,12 +341,21 @@ fn limits_missed(ratios: &LimitRatios) -> Option<String> {
     })
 }
 
-fn shortfalls(coverage: &Coverage, modelled: &Modelled, time: Option<(f64, f64)>) -> Vec<String> {
+/// How many places were dropped for each reason.
+pub fn dropped_by_reason(dropped: &[Dropped]) -> BTreeMap<&str, usize> {
+    let mut counts = BTreeMap::new();
+    for place in dropped {
+        *counts.entry(place.reason.as_str()).or_insert(0) += 1;
+    }
+    counts
+}
+
+fn shortfalls(coverage: &Coverage, modelled: &Modelled, dropped: &[Dropped], time: Option<(f64, f64)>) -> Vec<String> {
     let mut reasons = Vec::new();
     let share = coverage.reached_share();
     if share < ENOUGH_REACHED {
         let mut why: Vec<String> =
-            modelled.dropped.iter().map(|(why, n)| format!("{n} waypoints: {why}")).collect();
+            dropped_by_reason(dropped).into_iter().map(|(why, n)| format!("{n} waypoints: {why}")).collect();
         if modelled.unjoined_passes > 0 {
             why.push(format!("{} passes could not be joined", modelled.unjoined_passes));
         }

@@ -22,7 +22,7 @@ use crate::case::{Case, ForceTerm};
 use crate::cost::{Cost, CostModel, Proximity, Ranked, Terms};
 use crate::engagement::{SweptPath, mass_increments};
 use crate::metrics::Moments;
-use crate::orientation::{Directions, RateLimit, TiltFamily};
+use crate::orientation::{Directions, Permissible, RateLimit, TiltFamily};
 use crate::path::{MoveKind, PathPoint, PathSpacing, RasterFrame, lay_path};
 use crate::space::BurrSpace;
 
@@ -244,6 +244,13 @@ impl<'a> Prepared<'a> {
             (0..points.len()).filter(|i| !field.needs_force(*i)).map(left_out).fold(0.0, f64::max);
         let kinds = (0..points.len()).map(|i| self.kind(i, &oriented.axes[i])).collect();
         Ok(Chosen { oriented, kinds, forces, costs, compliances, closed_form_error })
+    }
+
+    /// What the shank leaves open around each axis.
+    pub(super) fn allowed(&self, oriented: &Oriented) -> Vec<Permissible> {
+        let angle = |i: usize| oriented.angles_rad.as_ref().map_or(f64::NAN, |angles| angles[i]);
+        let at = |i: usize| Permissible::at(&self.directions, &self.reached.free, i, &oriented.axes[i], angle(i));
+        (0..oriented.axes.len()).into_par_iter().map(at).collect()
     }
 
     /// The arm where it stands.

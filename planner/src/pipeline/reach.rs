@@ -4,7 +4,7 @@
 //! Putting off a waypoint leaves its bone in place, which may close another's way: the loop repeats until every waypoint
 //! has a free angle and a sequence of angles leads through all of them.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::HashSet;
 
 use bonemill_geometry::{Point, Work};
 use bonemill_imaging::Scene;
@@ -36,8 +36,17 @@ pub struct ReachedPath<'a> {
     pub limited: Vec<bool>,
     /// Length of the move that ends at each waypoint, mm.
     pub length_mm: Vec<f64>,
-    /// Waypoints dropped, by what stands in the way.
-    pub dropped: BTreeMap<String, usize>,
+    /// What was dropped.
+    pub dropped: Vec<Dropped>,
+}
+
+/// A place that the path leaves out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dropped {
+    /// Where the burr's centre would have been.
+    pub position: Point<Work>,
+    /// What stands in the way.
+    pub reason: String,
 }
 
 impl ReachedPath<'_> {
@@ -92,7 +101,7 @@ pub fn reached<'a>(
     mut path: MillPath,
     spec: &ReachSpec<'_, 'a>,
 ) -> Result<ReachedPath<'a>, Unreached> {
-    let mut dropped = BTreeMap::new();
+    let mut dropped = Vec::new();
     let mut before: Option<Round> = None;
     let mut waypoints = usize::MAX;
     for _ in 0..MOST_ROUNDS {
@@ -116,8 +125,10 @@ pub fn reached<'a>(
         for i in blocked {
             let from = from_too.then(|| departure(&path.points, i)).flatten();
             for point in [Some(path.points[i].leads_to), from].into_iter().flatten() {
-                if points.insert(point) && path.passes.get(point.0 as usize).is_some_and(|p| p.put_off) {
-                    let why = reason(
+                let pass = path.passes.get(point.0 as usize).filter(|pass| pass.put_off && !points.contains(&point));
+                points.insert(point);
+                if let Some(position) = pass.and_then(|pass| pass.points.get(point.1 as usize)) {
+                    let reason = reason(
                         scene,
                         spec.shank,
                         &access,
@@ -125,7 +136,7 @@ pub fn reached<'a>(
                         path.points[i].position,
                         free.count(i) == 0,
                     );
-                    *dropped.entry(why).or_insert(0) += 1;
+                    dropped.push(Dropped { position: *position, reason });
                 }
             }
         }

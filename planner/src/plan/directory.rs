@@ -16,12 +16,14 @@ use super::PlanFileError;
 use super::record::is_plan;
 
 /// What stands in a plan's directory; anything else there is somebody's own and is not removed.
-const PLAN_ENTRIES: [&str; 9] = [
+const PLAN_ENTRIES: [&str; 11] = [
     "plan.toml",
     "waypoints.csv",
     "trajectory.csv",
     "robot.urdf",
     "report.html",
+    "access.csv",
+    "dropped.csv",
     "simulation.csv",
     "verification.toml",
     "phantom",

@@ -3,6 +3,7 @@
 //! Nothing in these files depends on when, where or on how many threads they were written, so that two runs can be
 //! compared byte by byte. A plan is bound to its inputs by their SHA-256; reading one whose inputs changed is an error.
 
+mod access_csv;
 mod addition;
 mod csv;
 mod directory;
@@ -27,7 +28,7 @@ pub use force_log::{LogRow, read_force_log};
 pub use hash::Sha256;
 pub use record::{Input, Metrics, PlanRecord, PlanningGrid, input_path};
 pub use refused::{Refused, place};
-pub use save::{FILES, record, save};
+pub use save::{FILES, NOTES, record, save};
 pub use simulation::{SIMULATION, save_simulation};
 pub use stored::StoredPlan;
 pub use trajectory::Trajectory;

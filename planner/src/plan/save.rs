@@ -7,14 +7,17 @@ use std::path::Path;
 use bonemill_robot::JointKind;
 use bonemill_robot::export::write_trajectory_csv;
 
+use super::access_csv::{access_csv, dropped_csv};
 use super::{
     Input, Metrics, PlanFileError, PlanRecord, PlanningGrid, StagedDirectory, Value, write_waypoints,
 };
 use crate::case::Registration;
-use crate::pipeline::{Plan, Volumes};
+use crate::pipeline::{Plan, Volumes, dropped_by_reason};
 
 /// What a plan's directory holds, beside `plan.toml`.
 pub const FILES: [&str; 4] = ["waypoints.csv", "trajectory.csv", "robot.urdf", "report.html"];
+/// What it holds for a reader alone: no command needs it.
+pub const NOTES: [&str; 2] = ["access.csv", "dropped.csv"];
 
 /// Writes every file of `plan` into the staged directory; `case_path` is where its case was read from.
 ///
@@ -23,6 +26,7 @@ pub const FILES: [&str; 4] = ["waypoints.csv", "trajectory.csv", "robot.urdf", "
 pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<PlanRecord, PlanFileError> {
     let dir = staged.path();
     let [waypoints, trajectory, urdf, report] = FILES.map(|name| dir.join(name));
+    let [access, dropped] = NOTES.map(|name| dir.join(name));
     let write_law = || -> std::io::Result<()> {
         let mut out = BufWriter::with_capacity(1 << 20, File::create(&trajectory)?);
         let kinds: Vec<JointKind> = plan.arm.joints().iter().map(|joint| joint.kind).collect();
@@ -32,8 +36,11 @@ pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<P
     };
     let write_rest = || -> Result<(), PlanFileError> {
         write_waypoints(&waypoints, &plan.waypoints, &plan.case.structures)?;
-        std::fs::write(&urdf, plan.arm.urdf_text()).map_err(PlanFileError::io("write", &urdf))?;
-        std::fs::write(&report, crate::report::html(plan)).map_err(PlanFileError::io("write", &report))
+        let write = |path: &Path, text: &str| std::fs::write(path, text).map_err(PlanFileError::io("write", path));
+        write(&urdf, plan.arm.urdf_text())?;
+        write(&access, &access_csv(&plan.allowed))?;
+        write(&dropped, &dropped_csv(&plan.dropped, &plan.scene))?;
+        write(&report, &crate::report::html(plan))
     };
     let (law, rest) = rayon::join(write_law, write_rest);
     law.map_err(PlanFileError::io("write", &trajectory))?;
@@ -156,7 +163,8 @@ fn metrics(plan: &Plan) -> Metrics {
 
 fn modelled(plan: &Plan) -> Vec<(String, Value)> {
     let m = &plan.modelled;
-    let dropped = m.dropped.iter().map(|(why, n)| (why.clone(), (*n).into())).collect();
+    let dropped = dropped_by_reason(&plan.dropped).into_iter();
+    let dropped = dropped.map(|(why, n)| (why.to_owned(), n.into())).collect();
     let affine = |n: usize| Value::Text(plan.affines[n].to_string());
     vec![
         ("waypoints".into(), m.waypoints.into()),

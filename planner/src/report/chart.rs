@@ -55,16 +55,20 @@ impl Shape {
         let &Shape { class, width, height, left, .. } = self;
         let values = || series.iter().flat_map(|s| s.points.iter().filter_map(|p| p.1));
         let top = values().chain(levels.iter().map(|l| l.value)).fold(0.0, f64::max);
+        let bottom = values().fold(0.0, f64::min);
         let end_s = series.iter().flat_map(|s| s.points.last().map(|p| p.0)).fold(0.0, f64::max).max(1e-9);
-        let (y_step, y_end) = ticks(top.max(1e-9), 4);
+        let (y_step, _) = ticks((top - bottom).max(1e-9), 4);
+        let tick = |value: f64| (value / y_step - 1e-9).ceil() * y_step;
+        let y_start = -tick(-bottom);
+        let y_end = tick(top).max(y_start + y_step);
         let (x_step, _) = ticks(end_s, self.ticks);
         let x = |t: f64| left + t / end_s * (width - left - RIGHT);
-        let y = |v: f64| height - BOTTOM - v / y_end * (height - TOP - BOTTOM);
+        let y = |v: f64| height - BOTTOM - (v - y_start) / (y_end - y_start) * (height - TOP - BOTTOM);
         let mut svg = format!(
             "<svg class=\"{class}\" viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{title}\">"
         );
-        let mut v = 0.0;
-        while v <= y_end * 1.0001 {
+        let ticks = ((y_end - y_start) / y_step).round() as i64;
+        for v in (0..=ticks).map(|n| y_start + n as f64 * y_step) {
             let at = y(v);
             let _ = write!(
                 svg,
@@ -73,9 +77,8 @@ impl Shape {
                 width - RIGHT,
                 left - 6.0,
                 at + 4.0,
-                number(v, y_step)
+                number(v + 0.0, y_step)
             );
-            v += y_step;
         }
         let mut t = 0.0;
         while t <= end_s {

@@ -13,7 +13,8 @@ use std::fmt::Write;
 use chart::{Level, Series, chart};
 
 use crate::case::{Parameter, Registration, explained};
-use crate::pipeline::{Plan, Volumes};
+use crate::orientation::Around;
+use crate::pipeline::{Plan, Volumes, dropped_by_reason};
 use crate::plan::{ReportPart, Waypoint};
 use crate::show::STRUCTURE_COLOURS;
 
@@ -171,7 +172,36 @@ fn charts(plan: &Plan) -> String {
         ));
     }
     charts.push(chart("Tilt from the approach", "°", &[one("tilt", "line-a", &|w| Some(tilt_deg(w)))], &[]));
+    charts.push(free_angles(plan));
     charts.concat()
+}
+
+/// What the shank leaves open around the axis that was chosen.
+fn free_angles(plan: &Plan) -> String {
+    let series = |name, class, value: &dyn Fn(&Around) -> Option<f64>| {
+        let around = plan.waypoints.iter().zip(&plan.allowed).map(|(w, allowed)| (w.time_s, &allowed.around));
+        Series { name, class, points: around.map(|(t, a)| (t, value(a).map(f64::to_degrees))).collect() }
+    };
+    let in_plane = |pick: fn([f64; 3]) -> f64| {
+        move |around: &Around| match *around {
+            Around::Interval { low_rad, at_rad, high_rad } => Some(pick([low_rad, at_rad, high_rad])),
+            Around::Cap { .. } => None,
+        }
+    };
+    let cap = |around: &Around| match *around {
+        Around::Cap { radius_rad } => Some(radius_rad),
+        Around::Interval { .. } => None,
+    };
+    if plan.allowed.iter().any(|allowed| cap(&allowed.around).is_some()) {
+        let title = "Cap around the axis within which every direction is free, half its opening";
+        return chart(title, "°", &[series("cap", "line-a", &cap)], &[]);
+    }
+    let curves = [
+        series("lowest and", "line-b", &in_plane(|[low, ..]| low)),
+        series("highest free around it", "line-b", &in_plane(|[.., high]| high)),
+        series("chosen", "line-a", &in_plane(|[_, at, _]| at)),
+    ];
+    chart("Angle in the tilt plane", "°", &curves, &[])
 }
 
 /// Angle between shaft and approach, degrees: cos = cos θ cos φ.
@@ -296,7 +326,9 @@ fn modelled(plan: &Plan) -> String {
     ];
     rows.push(("places put off to the end, for the shank".into(), m.put_off.to_string()));
     rows.extend(
-        m.dropped.iter().map(|(why, n)| (format!("waypoints dropped: {}", escape(why)), n.to_string())),
+        dropped_by_reason(&plan.dropped)
+            .into_iter()
+            .map(|(why, n)| (format!("waypoints dropped: {}", escape(why)), n.to_string())),
     );
     let rows: String = rows.into_iter().map(|(k, v)| format!("<tr><th>{k}</th><td>{v}</td></tr>")).collect();
     format!("<div class=\"wide\"><table class=\"words\"><tbody>{rows}</tbody></table></div>")

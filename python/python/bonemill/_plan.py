@@ -64,7 +64,7 @@ class Plan:
         return cls._make(_native.Plan.load(Path(path)), None)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Writes ``plan.toml``, ``waypoints.csv``, ``trajectory.csv``, ``robot.urdf`` and ``report.html``.
+        """Writes ``plan.toml``, ``waypoints.csv``, ``trajectory.csv``, ``robot.urdf``, ``report.html`` and two notes.
 
         The folder appears whole or not at all; a plan that stands there is replaced, anything else is refused. The bytes
         are those that the command writes. Images in memory are kept in the plan, in ``inputs``.

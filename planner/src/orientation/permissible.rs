@@ -1,0 +1,154 @@
+//! What the shank leaves open around the axis that a waypoint got: an interval of a plane, or a cap of the sphere.
+//!
+//! The finite set of directions is what was asked, so an interval ends at its last free direction and a cap at the
+//! farthest circle within which every direction of the set is free: neither promises anything between directions, and
+//! neither is wider than what was found free.
+
+use nalgebra::Vector3;
+
+use super::directions::angle_between;
+use super::{Directions, FreeSets};
+
+/// The free directions of one waypoint, seen from its axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Permissible {
+    /// How many directions of the set are free.
+    pub free: usize,
+    /// Into how many pieces they fall: runs along a plane, or parts of the sphere of which no direction is the other's neighbour.
+    pub pieces: usize,
+    /// Around the axis.
+    pub around: Around,
+}
+
+/// How far the axis may go from where it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Around {
+    /// Along a plane: the free directions on both sides of the axis's angle without a blocked one between, rad.
+    Interval {
+        /// The lowest.
+        low_rad: f64,
+        /// The axis's own.
+        at_rad: f64,
+        /// The highest.
+        high_rad: f64,
+    },
+    /// On the sphere: every direction of the set within this of the axis is free, rad; 0 where the nearest one is not.
+    Cap {
+        /// Half of its opening.
+        radius_rad: f64,
+    },
+}
+
+impl Permissible {
+    /// Of waypoint i with the shaft along `axis` (unit, work), which is free; `angle_rad` is the plane's, and not looked at for a cap.
+    pub fn at(directions: &Directions, free: &FreeSets, i: usize, axis: &Vector3<f64>, angle_rad: f64) -> Self {
+        let (pieces, around) = match directions.angles_rad() {
+            Some(angles) => runs(angles, free, i, angle_rad),
+            None => (parts(directions, free, i), cap(directions, free, i, axis)),
+        };
+        Self { free: free.count(i), pieces, around }
+    }
+}
+
+/// Number of runs of free angles, and the one that holds `at_rad`.
+fn runs(angles_rad: &[f64], free: &FreeSets, i: usize, at_rad: f64) -> (usize, Around) {
+    // an axis that was moved off the set is free itself: at most half a spacing beyond a run, and beside no other
+    let (mut best, mut least) = ((at_rad, at_rad), f64::INFINITY);
+    let numbers: Vec<usize> = free.iter(i).collect();
+    let mut pieces = 0;
+    for run in numbers.chunk_by(|a, b| a + 1 == *b) {
+        let (low, high) = (angles_rad[run[0]], angles_rad[run[run.len() - 1]]);
+        let off = (low - at_rad).max(at_rad - high).max(0.0);
+        if off < least {
+            (best, least) = ((low.min(at_rad), high.max(at_rad)), off);
+        }
+        pieces += 1;
+    }
+    (pieces, Around::Interval { low_rad: best.0, at_rad, high_rad: best.1 })
+}
+
+/// Number of parts that neighbours join.
+fn parts(directions: &Directions, free: &FreeSets, i: usize) -> usize {
+    let mut seen = vec![false; directions.len()];
+    let (mut stack, mut parts) = (Vec::new(), 0);
+    for first in free.iter(i) {
+        if std::mem::replace(&mut seen[first], true) {
+            continue;
+        }
+        parts += 1;
+        stack.push(first);
+        while let Some(n) = stack.pop() {
+            for m in directions.neighbours(n).filter(|m| free.contains(i, *m)) {
+                if !std::mem::replace(&mut seen[m], true) {
+                    stack.push(m);
+                }
+            }
+        }
+    }
+    parts
+}
+
+/// The farthest free direction that is nearer to `axis` than every blocked one.
+fn cap(directions: &Directions, free: &FreeSets, i: usize, axis: &Vector3<f64>) -> Around {
+    let angle = |n: usize| angle_between(axis, &directions.axes()[n]);
+    let blocked = (0..directions.len()).filter(|n| !free.contains(i, *n)).map(angle).fold(f64::INFINITY, f64::min);
+    let radius_rad = free.iter(i).map(angle).filter(|a| *a < blocked).fold(0.0, f64::max);
+    Around::Cap { radius_rad }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::orientation::TiltFamily;
+
+    fn plane() -> Directions {
+        let family =
+            TiltFamily { hinge: Vector3::x_axis(), zero: Vector3::z_axis(), lower_rad: -1.0, upper_rad: 1.0 };
+        Directions::in_plane(&family, 0.1, 1.0)
+    }
+
+    #[test]
+    fn an_interval_is_the_run_that_holds_the_axis() {
+        let set = plane();
+        let angles = set.angles_rad().unwrap().to_vec();
+        let last = angles.len() - 1;
+        let free = FreeSets::fill(1, set.len(), |_, n| n <= 4 || (9..=12).contains(&n) || n == last);
+        let at = |angle| Permissible::at(&set, &free, 0, &Vector3::z(), angle);
+        let interval = |low_rad, at_rad, high_rad| Around::Interval { low_rad, at_rad, high_rad };
+        assert_eq!((at(angles[10]).free, at(angles[10]).pieces), (10, 3));
+        assert_eq!(at(angles[10]).around, interval(angles[9], angles[10], angles[12]));
+        assert_eq!(at(angles[0]).around, interval(angles[0], angles[0], angles[4]));
+        assert_eq!(at(angles[last]).around, interval(angles[last], angles[last], angles[last]));
+        // refined beyond the run's end, where it was found free
+        let beyond = angles[12] + 0.04;
+        assert_eq!(at(beyond).around, interval(angles[9], beyond, beyond));
+    }
+
+    #[test]
+    fn a_cap_reaches_to_the_nearest_blocked_direction() {
+        let set = Directions::cap(0.1, 0.5);
+        let axis = set.axes()[3];
+        let angle = |n: usize| angle_between(&axis, &set.axes()[n]);
+        let radius_of = |p: Permissible| match p.around {
+            Around::Cap { radius_rad } => radius_rad,
+            other => panic!("{other:?}"),
+        };
+        for hole in [10, 40, 70] {
+            let free = FreeSets::fill(1, set.len(), |_, n| n != hole);
+            let found = Permissible::at(&set, &free, 0, &axis, f64::NAN);
+            let radius_rad = radius_of(found);
+            assert_eq!((found.free, found.pieces), (set.len() - 1, 1));
+            assert!(radius_rad < angle(hole) && radius_rad > angle(hole) - 1.1 * set.spacing_rad());
+            assert!((0..set.len()).all(|n| n == hole || angle(n) <= radius_rad || angle(n) >= angle(hole)));
+        }
+        let all = FreeSets::fill(1, set.len(), |_, _| true);
+        let farthest = (0..set.len()).map(angle).fold(0.0, f64::max);
+        assert_eq!(radius_of(Permissible::at(&set, &all, 0, &axis, f64::NAN)), farthest);
+        // a hexagon about the middle and one direction far away
+        let [middle, far] = [0, set.len() - 1];
+        let free = FreeSets::fill(1, set.len(), |_, n| n <= 6 || n == far);
+        let found = Permissible::at(&set, &free, 0, &set.axes()[middle], f64::NAN);
+        assert_eq!((found.free, found.pieces), (8, 2));
+        assert!((radius_of(found) - set.spacing_rad()).abs() < 1e-9);
+    }
+}
