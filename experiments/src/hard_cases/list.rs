@@ -100,6 +100,13 @@ fn target_scenes() -> Vec<Scene> {
         let cell = (p.x * 1.7).sin() * (p.y * 1.3).sin() * (p.z * 1.9).cos() > 0.35;
         if p.z < 0.0 && !(cell && pocket(p) == TARGET) { BONE } else { AIR }
     }
+    fn deep(p: &V) -> u8 {
+        if p.x.abs() < 3.0 && p.y.abs() < 3.0 && (-6.0..0.0).contains(&p.z) { TARGET } else { 0 }
+    }
+    fn storeys(p: &V) -> f32 {
+        // a room of air, twice as high as a layer, between two floors of bone
+        if deep(p) == TARGET && (-4.5..-1.2).contains(&p.z) { AIR } else { block(p) }
+    }
     fn hollow(p: &V) -> f32 {
         // wider than the target: at its rim interpolation makes a skin of material
         let wide = p.x.abs() < 4.0 && p.y.abs() < 4.0 && p.z > -4.0;
@@ -140,6 +147,12 @@ fn target_scenes() -> Vec<Scene> {
             spacing_mm: [0.25; 3],
             ..Scene::plain("air cells", "a third of the target is air").body(airy, pocket)
         },
+        Scene {
+            half_mm: [8.0, 8.0, 9.0],
+            ..Scene::plain("layers of air", "a layer with nothing to cut between two with bone")
+        }
+        .body(storeys, deep)
+        .without_nerve(),
         Scene::plain("target of air alone", "nothing to cut")
             .body(hollow, pocket)
             .must(Expect::Refused("empty")),
@@ -213,7 +226,24 @@ fn structure_scenes() -> Vec<Scene> {
         let below = p.x.abs() < 6.0 && (p.y + 1.0).abs() < 0.5 && (-5.4..-4.6).contains(&p.z);
         if below { NERVE + 1 } else { pocket(p) }
     }
+    fn between(p: &V) -> u8 {
+        // a slot with a structure 1 mm beside either wall
+        let aside = (2.8..3.4).contains(&p.x.abs()) && p.y.abs() < 5.0 && (-3.0..-1.0).contains(&p.z);
+        if aside {
+            if p.x < 0.0 { NERVE } else { NERVE + 1 }
+        } else if p.x.abs() < 1.8 && p.y.abs() < 3.0 && (-3.0..0.0).contains(&p.z) {
+            TARGET
+        } else {
+            0
+        }
+    }
     let with = |name, why, label: fn(&V) -> u8| Scene::plain(name, why).body(block, label);
+    let sides = |name, why| {
+        let second = "clearance_mm = 0.8\npriority = 2\n[[structure]]\nname = \"vein\"\nlabel = 8\nclearance_mm = 0.5\npriority = 1";
+        with(name, why, between)
+            .with("clearance_mm = 0.8", second)
+            .with("[speed]", "[cost]\nstructures = \"sum\"\n[speed]")
+    };
     let two = |name, why, rule: &str| {
         let second = "clearance_mm = 0.8\npriority = 2\n[[structure]]\nname = \"vein\"\nlabel = 8\nclearance_mm = 0.5\npriority = 1";
         with(name, why, both)
@@ -244,6 +274,10 @@ fn structure_scenes() -> Vec<Scene> {
         two("two structures, nearest", "which one changes along the path", "nearest"),
         two("two structures, by priority", "the cost looks at the farther one", "priority"),
         two("two structures, summed", "the cost looks at both", "sum"),
+        sides("structures on both sides", "every push goes toward one of them"),
+        sides("structures on both sides, two angles", "a UR5e tilts away from both")
+            .with("[speed]", "[orientation]\nangles = 2\n[speed]")
+            .with("rate_hz = 100", "rate_hz = 100\nmodel = \"ur5e\"\nflange_from_burr = { translation_mm = [0, 0, 180], rpy_rad = [3.141592653589793, 0, 0] }"),
         Scene::plain("no structure at all", "no distance, no force toward anything").without_nerve(),
     ]
 }

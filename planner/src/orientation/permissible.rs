@@ -41,7 +41,13 @@ pub enum Around {
 
 impl Permissible {
     /// Of waypoint i with the shaft along `axis` (unit, work), which is free; `angle_rad` is the plane's, and not looked at for a cap.
-    pub fn at(directions: &Directions, free: &FreeSets, i: usize, axis: &Vector3<f64>, angle_rad: f64) -> Self {
+    pub fn at(
+        directions: &Directions,
+        free: &FreeSets,
+        i: usize,
+        axis: &Vector3<f64>,
+        angle_rad: f64,
+    ) -> Self {
         let (pieces, around) = match directions.angles_rad() {
             Some(angles) => runs(angles, free, i, angle_rad),
             None => (parts(directions, free, i), cap(directions, free, i, axis)),
@@ -91,7 +97,8 @@ fn parts(directions: &Directions, free: &FreeSets, i: usize) -> usize {
 /// The farthest free direction that is nearer to `axis` than every blocked one.
 fn cap(directions: &Directions, free: &FreeSets, i: usize, axis: &Vector3<f64>) -> Around {
     let angle = |n: usize| angle_between(axis, &directions.axes()[n]);
-    let blocked = (0..directions.len()).filter(|n| !free.contains(i, *n)).map(angle).fold(f64::INFINITY, f64::min);
+    let blocked =
+        (0..directions.len()).filter(|n| !free.contains(i, *n)).map(angle).fold(f64::INFINITY, f64::min);
     let radius_rad = free.iter(i).map(angle).filter(|a| *a < blocked).fold(0.0, f64::max);
     Around::Cap { radius_rad }
 }

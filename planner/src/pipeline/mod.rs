@@ -262,7 +262,8 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let figures = Figures::of(&waypoints, prepared.length_mm(), case.structures.len());
     let dropped = prepared.reached.dropped.clone();
     let allowed = prepared.allowed(oriented);
-    let mut shortfalls = shortfalls(&coverage, &modelled, &dropped, case.speed.total_time_s.zip(timing.missed_s));
+    let mut shortfalls =
+        shortfalls(&coverage, &modelled, &dropped, case.speed.total_time_s.zip(timing.missed_s));
     shortfalls.extend(demand.caps_missed(case, &prepared, &chosen));
     shortfalls.extend(turns_missed(case, &oriented.blocked_turns));
     shortfalls.extend(limits_missed(&modelled.limit_ratios));
@@ -350,7 +351,12 @@ pub fn dropped_by_reason(dropped: &[Dropped]) -> BTreeMap<&str, usize> {
     counts
 }
 
-fn shortfalls(coverage: &Coverage, modelled: &Modelled, dropped: &[Dropped], time: Option<(f64, f64)>) -> Vec<String> {
+fn shortfalls(
+    coverage: &Coverage,
+    modelled: &Modelled,
+    dropped: &[Dropped],
+    time: Option<(f64, f64)>,
+) -> Vec<String> {
     let mut reasons = Vec::new();
     let share = coverage.reached_share();
     if share < ENOUGH_REACHED {

@@ -147,6 +147,23 @@ impl<'a> Compliance<'a> {
         self.stiffness
     }
 
+    /// What a case's cost turns forces by, mm/N in work for each of neighbouring axes with the burr at `at`; `None` where it looks at
+    /// the force itself.
+    ///
+    /// # Errors
+    /// As [`Compliance::at_axes`].
+    pub fn of_cost(
+        &self,
+        case: &Case,
+        at: Point<Work>,
+        axes: &[Unit<Vector3<f64>>],
+    ) -> Result<Option<Vec<Matrix3<f64>>>, PlanError> {
+        match case.cost.force {
+            ForceTerm::Deflection => self.at_axes(at, axes),
+            ForceTerm::Cutting => Ok(None),
+        }
+    }
+
     /// mm/N in work for each of neighbouring axes, the burr at `at`.
     ///
     /// # Errors

@@ -107,9 +107,12 @@ impl<'a> Prepared<'a> {
         let shank = setup::shank(case);
         let spec =
             ReachSpec { radius_mm: radius, shank: &shank, solid, directions: &directions, rate, spacing };
+        let placed = Placed { arm, base_from_work: &base_from_work };
         let frame = match case.path.raster_rad {
             Some(angle) => RasterFrame::at_angle(angle - scene.turn_rad),
-            None => watch.run("raster", || chosen_frame(case, scene, space, family.as_ref(), &spec))?,
+            None => {
+                watch.run("raster", || chosen_frame(case, scene, space, family.as_ref(), &spec, placed))?
+            }
         };
         let path = watch.run("path", || lay_path(space, spacing, &frame));
         let mut reached = watch
@@ -197,12 +200,7 @@ impl<'a> Prepared<'a> {
             feeds: &self.feeds,
             nominal_mm_s: case.speed.nominal_mm_s,
             spindle_rpm: case.burr.spindle_rpm,
-            compliance: match case.cost.force {
-                ForceTerm::Deflection => {
-                    compliance.at_axes(self.scene.target_center, self.directions.axes())?
-                }
-                ForceTerm::Cutting => None,
-            },
+            compliance: compliance.of_cost(case, self.scene.target_center, self.directions.axes())?,
         };
         let room = Room {
             reached: &self.reached,
@@ -249,7 +247,8 @@ impl<'a> Prepared<'a> {
     /// What the shank leaves open around each axis.
     pub(super) fn allowed(&self, oriented: &Oriented) -> Vec<Permissible> {
         let angle = |i: usize| oriented.angles_rad.as_ref().map_or(f64::NAN, |angles| angles[i]);
-        let at = |i: usize| Permissible::at(&self.directions, &self.reached.free, i, &oriented.axes[i], angle(i));
+        let at =
+            |i: usize| Permissible::at(&self.directions, &self.reached.free, i, &oriented.axes[i], angle(i));
         (0..oriented.axes.len()).into_par_iter().map(at).collect()
     }
 
@@ -291,13 +290,15 @@ fn chosen_frame(
     space: &BurrSpace,
     family: Option<&TiltFamily>,
     spec: &ReachSpec,
+    placed: Placed,
 ) -> Result<RasterFrame, PlanError> {
     let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
     let toward = raster::toward_structure(scene, &clearances, case.burr.radius_mm)?;
     let along = RasterFrame::chosen(&scene.target_hull_xy, toward, raster::mass_center(scene));
     let coarse = directions(family, case.orientation.tilt_limit_rad, DRAFT_COARSER);
+    let compliance = Compliance::new(case, placed)?.of_cost(case, scene.target_center, coarse.axes())?;
     let spec = ReachSpec { directions: &coarse, ..*spec };
-    raster::cheaper(case, scene, space, &spec, [along, along.across()])
+    raster::cheaper(case, scene, space, &spec, compliance.as_deref(), [along, along.across()])
 }
 
 /// What the cost of each waypoint looks at.

@@ -8,7 +8,7 @@
 //! dropped or refined. Bone stands by voxels, not by eighths of them.
 
 use bonemill_imaging::{Class, Scene};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use super::PlanError;
@@ -31,16 +31,17 @@ const COARSER: f64 = 4.0;
 /// The second candidate must be better by this share: ties keep the first.
 const CLEARLY: f64 = 0.01;
 
-/// The candidate of lower cost; the first where they do not differ.
+/// The candidate of lower cost; the first where they do not differ. `compliance`: of each direction, where the cost looks at the deflection.
 pub fn cheaper(
     case: &Case,
     scene: &Scene,
     space: &BurrSpace,
     spec: &ReachSpec,
+    compliance: Option<&[Matrix3<f64>]>,
     candidates: [RasterFrame; 2],
 ) -> Result<RasterFrame, PlanError> {
     let costs: Vec<Result<f64, PlanError>> =
-        candidates.par_iter().map(|frame| draft_cost(case, scene, space, spec, frame)).collect();
+        candidates.par_iter().map(|frame| draft_cost(case, scene, space, spec, compliance, frame)).collect();
     let [first, second] = candidates;
     let mut costs = costs.into_iter();
     let mut next = || costs.next().unwrap_or(Ok(f64::INFINITY));
@@ -53,6 +54,7 @@ fn draft_cost(
     scene: &Scene,
     space: &BurrSpace,
     spec: &ReachSpec,
+    compliance: Option<&[Matrix3<f64>]>,
     frame: &RasterFrame,
 ) -> Result<f64, PlanError> {
     let radius = case.burr.radius_mm;
@@ -84,7 +86,7 @@ fn draft_cost(
         feeds: &feeds,
         nominal_mm_s: case.speed.nominal_mm_s,
         spindle_rpm: case.burr.spindle_rpm,
-        compliance: None,
+        compliance: compliance.map(<[_]>::to_vec),
     };
     let cost = cost_rows(spec.directions, &free, &field);
     let length_mm = lengths(points);

@@ -18,7 +18,6 @@ use crate::path::{MillPath, MoveKind, PathPoint, PathSpacing, join_passes, put_o
 use crate::space::BurrSpace;
 
 use super::known::{KnownDirections, Round};
-use super::near;
 
 /// Rounds before the planner gives up; each puts off or drops at least one waypoint, few are usual.
 const MOST_ROUNDS: usize = 30;
@@ -125,17 +124,17 @@ pub fn reached<'a>(
         for i in blocked {
             let from = from_too.then(|| departure(&path.points, i)).flatten();
             for point in [Some(path.points[i].leads_to), from].into_iter().flatten() {
-                let pass = path.passes.get(point.0 as usize).filter(|pass| pass.put_off && !points.contains(&point));
+                let pass =
+                    path.passes.get(point.0 as usize).filter(|pass| pass.put_off && !points.contains(&point));
                 points.insert(point);
                 if let Some(position) = pass.and_then(|pass| pass.points.get(point.1 as usize)) {
-                    let reason = reason(
-                        scene,
-                        spec.shank,
-                        &access,
-                        i as u32,
-                        path.points[i].position,
-                        free.count(i) == 0,
-                    );
+                    let (index, center) = (i as u32, path.points[i].position);
+                    let reason = if free.count(i) > 0 {
+                        "no way to turn the shaft there".into()
+                    } else {
+                        let blocked = access.blocked(index, center, &Vector3::z());
+                        what_blocks(scene, spec.shank, center, blocked)
+                    };
                     dropped.push(Dropped { position: *position, reason });
                 }
             }
@@ -255,34 +254,26 @@ pub fn limit_where_it_cuts(reached: &mut ReachedPath, cuts: &[bool], spec: &Reac
 /// Structures within this of the shank may be what it would meet, mm.
 const BESIDE_MM: f64 = 2.0;
 
-/// Why a waypoint is dropped: what the shank would meet along the approach.
-fn reason(
+/// What the shank would meet along the approach, in words.
+fn what_blocks(
     scene: &Scene,
     shank: &[ShankCylinder],
-    access: &Access,
-    index: u32,
     center: Point<Work>,
-    no_angle: bool,
+    blocked: Option<Blocked>,
 ) -> String {
-    if !no_angle {
-        return "no way to turn the shaft there".into();
-    }
-    match access.blocked(index, center, &Vector3::z()) {
-        Some(Blocked::NotYetRemoved { .. }) => "shank would meet bone that is not yet removed".into(),
-        Some(Blocked::Obstacle { at_mm }) => {
-            let at = center + Vector3::z() * at_mm;
-            let holds = |c: &&ShankCylinder| at_mm <= c.to_mm;
-            let radius_mm = shank.iter().find(holds).or(shank.last()).map_or(0.0, |c| c.radius_mm);
-            let none = vec![0.0; scene.structures.len()];
-            match near::nearest_structure(scene, &none, 0.0, at) {
-                Ok(Some(near)) if near.proximity.distance_mm <= radius_mm + BESIDE_MM => {
-                    format!("shank would meet {} or bone beside it", scene.structures[near.structure].name)
-                }
-                Ok(_) => "shank would meet untargeted bone".into(),
-                // inside of one
-                Err(_) => "shank would meet a structure".into(),
-            }
+    let at_mm = match blocked {
+        None => return "tilt limit".into(),
+        Some(Blocked::NotYetRemoved { .. }) => return "shank would meet bone that is not yet removed".into(),
+        Some(Blocked::Obstacle { at_mm }) => at_mm,
+    };
+    let at = scene.ct_from_work * (center + Vector3::z() * at_mm);
+    let holds = |c: &&ShankCylinder| at_mm <= c.to_mm;
+    let radius_mm = shank.iter().find(holds).or(shank.last()).map_or(0.0, |c| c.radius_mm);
+    let distances = scene.structures.iter().filter_map(|s| Some((s.field.as_ref()?.distance(at), &s.name)));
+    match distances.min_by(|a, b| a.0.total_cmp(&b.0)) {
+        Some((distance_mm, name)) if distance_mm <= radius_mm + BESIDE_MM => {
+            format!("shank would meet {name} or bone beside it")
         }
-        None => "tilt limit".into(),
+        _ => "shank would meet untargeted bone".into(),
     }
 }

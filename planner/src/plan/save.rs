@@ -36,7 +36,8 @@ pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<P
     };
     let write_rest = || -> Result<(), PlanFileError> {
         write_waypoints(&waypoints, &plan.waypoints, &plan.case.structures)?;
-        let write = |path: &Path, text: &str| std::fs::write(path, text).map_err(PlanFileError::io("write", path));
+        let write =
+            |path: &Path, text: &str| std::fs::write(path, text).map_err(PlanFileError::io("write", path));
         write(&urdf, plan.arm.urdf_text())?;
         write(&access, &access_csv(&plan.allowed))?;
         write(&dropped, &dropped_csv(&plan.dropped, &plan.scene))?;
