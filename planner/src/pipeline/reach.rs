@@ -251,8 +251,8 @@ pub fn limit_where_it_cuts(reached: &mut ReachedPath, cuts: &[bool], spec: &Reac
     exempt + grazing.iter().filter(|g| **g).count()
 }
 
-/// Structures within this of the shank may be what it would meet, mm.
-const BESIDE_MM: f64 = 2.0;
+/// Beyond a shank's radius a structure counts as met within this many voxels: as far as a march may stop before it.
+const BESIDE_VOXELS: f64 = 2.0;
 
 /// What the shank would meet along the approach, in words.
 fn what_blocks(
@@ -271,7 +271,9 @@ fn what_blocks(
     let radius_mm = shank.iter().find(holds).or(shank.last()).map_or(0.0, |c| c.radius_mm);
     let distances = scene.structures.iter().filter_map(|s| Some((s.field.as_ref()?.distance(at), &s.name)));
     match distances.min_by(|a, b| a.0.total_cmp(&b.0)) {
-        Some((distance_mm, name)) if distance_mm <= radius_mm + BESIDE_MM => {
+        Some((distance_mm, name))
+            if distance_mm <= radius_mm + BESIDE_VOXELS * scene.class.grid().spacing_mm().x =>
+        {
             format!("shank would meet {name} or bone beside it")
         }
         _ => "shank would meet untargeted bone".into(),
