@@ -92,6 +92,13 @@ impl EngagedSamples {
         self.weighted_mrr_mm2
     }
 
+    /// Gives back what memory it does not use.
+    pub fn shrink_to_fit(&mut self) {
+        self.merged.shrink_to_fit();
+        self.fine.shrink_to_fit();
+        self.end_fine.shrink_to_fit();
+    }
+
     /// Forgets the samples, and keeps their memory.
     pub fn clear(&mut self) {
         self.merged.clear();

@@ -11,11 +11,12 @@
 use std::f64::consts::PI;
 
 use nalgebra::{Unit, Vector3};
+use rayon::prelude::*;
 
 use super::{TiltFamily, nearest_to_z};
 
-/// Most directions of a set. A cap of 60° takes 331 at 6°.
-pub const MOST_DIRECTIONS: usize = 512;
+/// Most directions of a set. A cap of 60° takes 721 at 4°.
+pub const MOST_DIRECTIONS: usize = 1024;
 /// Most places of a fan that a turn may use: a byte remembers which, and four words hold a bit for each.
 const MOST_SLOTS: usize = 256;
 /// Most steps along a plane: as many directions as a byte's half.
@@ -73,10 +74,30 @@ impl Directions {
 
     /// Over the cap of tilts up to `limit_rad` about +z, about `step_rad` apart: rings of 6, 12, 18, … directions.
     pub fn cap(step_rad: f64, limit_rad: f64) -> Self {
-        let rings_of = |step: f64| (limit_rad / step).ceil().max(0.0) as usize;
-        // 1 + 3 n (n + 1) directions for n rings
-        let most = (((MOST_DIRECTIONS - 1) as f64 / 3.0 + 0.25).sqrt() - 0.5).floor() as usize;
-        let rings = rings_of(step_rad.max(1e-6)).min(most);
+        let rings = (limit_rad / step_rad.max(1e-6)).ceil().max(0.0) as usize;
+        Self::of_rings(rings.min(most_rings()), step_rad, limit_rad)
+    }
+
+    /// Over the same cap with every spacing divided into `times`, or into as many parts as fit into [`MOST_DIRECTIONS`]; with the
+    /// number there of each of this set's directions. `None` for a plane, and where no division fits.
+    pub fn finer(&self, times: usize) -> Option<(Self, Vec<u16>)> {
+        let rings = self.rings().filter(|rings| *rings > 0)?;
+        let times = (2..=times).rev().find(|times| rings * times <= most_rings())?;
+        let finer = Self::of_rings(rings * times, self.spacing_rad / times as f64, self.limit_rad);
+        let there = |ring: usize, place: usize| (first_of_ring(times * ring) + times * place) as u16;
+        let places = |ring: usize| if ring == 0 { 1 } else { 6 * ring };
+        let numbers = (0..=rings).flat_map(|ring| (0..places(ring)).map(move |place| there(ring, place)));
+        Some((finer, numbers.collect()))
+    }
+
+    /// Rings of a cap; `None` for a plane.
+    fn rings(&self) -> Option<usize> {
+        (0..=most_rings())
+            .find(|rings| first_of_ring(rings + 1) == self.len())
+            .filter(|_| self.angles_rad.is_none())
+    }
+
+    fn of_rings(rings: usize, step_rad: f64, limit_rad: f64) -> Self {
         let spacing_rad = if rings == 0 { step_rad } else { limit_rad / rings as f64 };
         let mut axes = vec![Vector3::z_axis()];
         for ring in 1..=rings {
@@ -95,8 +116,9 @@ impl Directions {
         limit_rad: f64,
         spacing_rad: f64,
     ) -> Self {
-        let near: Vec<_> = (0..axes.len()).map(|n| neighbours_of(&axes, n, spacing_rad)).collect();
-        let fans = (0..axes.len()).map(|n| fan(&axes, &near, n, spacing_rad)).collect();
+        let near: Vec<_> =
+            (0..axes.len()).into_par_iter().map(|n| neighbours_of(&axes, n, spacing_rad)).collect();
+        let fans = (0..axes.len()).into_par_iter().map(|n| fan(&axes, &near, n, spacing_rad)).collect();
         Self { axes, angles_rad, limit_rad, spacing_rad, fans }
     }
 
@@ -154,14 +176,29 @@ impl Directions {
 
     /// Directions around `n` with nothing between: nearest first, itself left out.
     pub fn neighbours(&self, n: usize) -> impl Iterator<Item = usize> + '_ {
+        self.within(n, NEIGHBOURS * self.spacing_rad).skip(1)
+    }
+
+    /// Directions within an angle of `n`, rad: itself, then the nearest first; at most as many as a fan has.
+    pub fn within(&self, n: usize, angle_rad: f64) -> impl Iterator<Item = usize> + '_ {
         let fan = &self.fans[n];
-        let end = fan.angle_rad.partition_point(|a| f64::from(*a) <= NEIGHBOURS * self.spacing_rad);
-        fan.node[1.min(end)..end].iter().map(|m| usize::from(*m))
+        let end = fan.angle_rad.partition_point(|a| f64::from(*a) <= angle_rad);
+        fan.node[..end].iter().map(|m| usize::from(*m))
     }
 
     pub(super) fn fan(&self, n: usize) -> &Fan {
         &self.fans[n]
     }
+}
+
+/// The number of a ring's first direction: 1 + 3 n (n + 1) directions lie in rings 0 to n.
+fn first_of_ring(ring: usize) -> usize {
+    if ring == 0 { 0 } else { 1 + 3 * ring * (ring - 1) }
+}
+
+/// Most rings of a cap.
+fn most_rings() -> usize {
+    (0..).take_while(|rings| first_of_ring(rings + 1) <= MOST_DIRECTIONS).last().unwrap_or(0)
 }
 
 /// Angle of an axis from +z, rad; exact at 0 too, where acos loses half its digits.
@@ -176,13 +213,22 @@ pub fn angle_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
 
 /// Directions with nothing between them and one, with their angles.
 fn neighbours_of(axes: &[Unit<Vector3<f64>>], of: usize, spacing_rad: f64) -> Vec<(usize, f64)> {
-    let angles = axes.iter().enumerate().map(|(n, a)| (n, angle_between(&axes[of], a)));
+    let least_cosine = (NEIGHBOURS * spacing_rad).cos() - 1e-6;
+    let near = axes.iter().enumerate().filter(|(_, a)| a.dot(&axes[of]) >= least_cosine);
+    let angles = near.map(|(n, a)| (n, angle_between(&axes[of], a)));
     angles.filter(|(n, angle)| *n != of && *angle <= NEIGHBOURS * spacing_rad).collect()
 }
 
 fn fan(axes: &[Unit<Vector3<f64>>], near: &[Vec<(usize, f64)>], from: usize, spacing_rad: f64) -> Fan {
-    let mut by_angle: Vec<(f64, usize)> =
-        axes.iter().enumerate().map(|(n, a)| (angle_between(&axes[from], a), n)).collect();
+    let cosines: Vec<f64> = axes.iter().map(|a| a.dot(&axes[from])).collect();
+    // what can have a slot; rounding cannot bring others among them
+    let mut greatest = cosines.clone();
+    let least_cosine = match greatest.get(MOST_SLOTS) {
+        Some(_) => *greatest.select_nth_unstable_by(MOST_SLOTS, |a, b| b.total_cmp(a)).1 - 1e-6,
+        None => f64::NEG_INFINITY,
+    };
+    let within = (0..axes.len()).filter(|n| cosines[*n] >= least_cosine);
+    let mut by_angle: Vec<(f64, usize)> = within.map(|n| (angle_between(&axes[from], &axes[n]), n)).collect();
     // equal to rounding is equal: then the order in the set decides, which is the same on every machine
     by_angle.sort_by_key(|(angle, n)| ((angle * 1e9).round() as i64, *n));
     by_angle.truncate(MOST_SLOTS);
@@ -268,6 +314,26 @@ mod tests {
         assert!(Directions::cap(0.01, 1.0).len() <= MOST_DIRECTIONS);
         assert!(Directions::in_plane(&family(Vector3::z()), 1e-4, 1.0).len() <= MOST_SLOTS / 2);
         assert_eq!(Directions::cap(0.1, 0.0).len(), 1);
+    }
+
+    #[test]
+    fn a_finer_cap_holds_every_direction_of_the_coarser() {
+        for (step, limit, times, divided) in
+            [(0.2, 1.0, 3, 3), (0.21, 1.05, 2, 2), (0.05, 0.7, 5, 1), (0.1, 0.8, 3, 2)]
+        {
+            let coarse = Directions::cap(step, limit);
+            let Some((fine, numbers)) = coarse.finer(times) else {
+                assert_eq!(divided, 1);
+                continue;
+            };
+            assert!((coarse.spacing_rad() / fine.spacing_rad() - divided as f64).abs() < 1e-9);
+            assert_eq!(numbers.len(), coarse.len());
+            for (axis, number) in coarse.axes().iter().zip(numbers) {
+                assert!(angle_between(axis, &fine.axes()[usize::from(number)]) < 1e-12);
+            }
+        }
+        assert!(Directions::in_plane(&family(Vector3::z()), 0.1, 1.0).finer(2).is_none());
+        assert!(Directions::cap(0.1, 0.0).finer(3).is_none());
     }
 
     /// From neighbour to neighbour, never far from the great circle.

@@ -60,6 +60,17 @@ impl FreeSets {
         })
     }
 
+    /// Nothing is free.
+    pub fn none(waypoints: usize, directions: usize) -> Self {
+        let words = directions.div_ceil(64).max(1);
+        Self { waypoints, words, bits: vec![0; waypoints * words] }
+    }
+
+    /// Direction n is free at waypoint i.
+    pub fn insert(&mut self, i: usize, n: usize) {
+        self.bits[i * self.words + n / 64] |= 1 << (n % 64);
+    }
+
     /// Takes directions away from waypoint i.
     pub fn retain(&mut self, i: usize, keep: impl Fn(usize) -> bool) {
         let dropped: Vec<usize> = self.iter(i).filter(|n| !keep(*n)).collect();

@@ -8,6 +8,7 @@
 //! Invariants: every axis handed out was found free by the access test itself, not only by its neighbours in the set; no cut
 //! is tilted beyond the limit, which is asked of the axis itself and never rounded.
 
+pub mod corridor;
 pub mod directions;
 pub mod free;
 pub mod greedy;

@@ -6,13 +6,14 @@
 
 use nalgebra::Vector3;
 
+use super::corridor::Corridor;
 use super::directions::angle_between;
 use super::{Directions, FreeSets};
 
 /// The free directions of one waypoint, seen from its axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Permissible {
-    /// How many directions of the set are free.
+    /// How many directions of the set are free; a finer cap beside it is not counted.
     pub free: usize,
     /// Into how many pieces they fall: runs along a plane, or parts of the sphere of which no direction is the other's neighbour.
     pub pieces: usize,
@@ -40,19 +41,31 @@ pub enum Around {
 }
 
 impl Permissible {
-    /// Of waypoint i with the shaft along `axis` (unit, work), which is free; `angle_rad` is the plane's, and not looked at for a cap.
-    pub fn at(
+    /// Of waypoint i with the shaft at `angle_rad` of a plane, where it is free.
+    pub fn in_plane(directions: &Directions, free: &FreeSets, i: usize, angle_rad: f64) -> Self {
+        let angles = directions.angles_rad().unwrap_or_default();
+        let (pieces, around) = runs(angles, free, i, angle_rad);
+        Self { free: free.count(i), pieces, around }
+    }
+
+    /// Of waypoint i with the shaft along `axis` (unit, work), which is free, over a cap; `fine`: what was asked of a finer one beside.
+    pub fn on_cap(
         directions: &Directions,
         free: &FreeSets,
         i: usize,
         axis: &Vector3<f64>,
-        angle_rad: f64,
+        fine: Option<(&Directions, &Corridor)>,
     ) -> Self {
-        let (pieces, around) = match directions.angles_rad() {
-            Some(angles) => runs(angles, free, i, angle_rad),
-            None => (parts(directions, free, i), cap(directions, free, i, axis)),
-        };
-        Self { free: free.count(i), pieces, around }
+        let off = |directions: &Directions, n: usize| angle_between(axis, &directions.axes()[n]);
+        let on_set = (0..directions.len()).map(|n| (off(directions, n), free.contains(i, n)));
+        let beside = fine.into_iter().flat_map(|(directions, corridor)| {
+            corridor.asked.iter(i).map(move |n| (off(directions, n), corridor.free.contains(i, n)))
+        });
+        let asked: Vec<(f64, bool)> = on_set.chain(beside).collect();
+        let blocked =
+            asked.iter().filter(|(_, is_free)| !is_free).map(|(off, _)| *off).fold(f64::INFINITY, f64::min);
+        let radius_rad = asked.iter().map(|(off, _)| *off).filter(|off| *off < blocked).fold(0.0, f64::max);
+        Self { free: free.count(i), pieces: parts(directions, free, i), around: Around::Cap { radius_rad } }
     }
 }
 
@@ -94,15 +107,6 @@ fn parts(directions: &Directions, free: &FreeSets, i: usize) -> usize {
     parts
 }
 
-/// The farthest free direction that is nearer to `axis` than every blocked one.
-fn cap(directions: &Directions, free: &FreeSets, i: usize, axis: &Vector3<f64>) -> Around {
-    let angle = |n: usize| angle_between(axis, &directions.axes()[n]);
-    let blocked =
-        (0..directions.len()).filter(|n| !free.contains(i, *n)).map(angle).fold(f64::INFINITY, f64::min);
-    let radius_rad = free.iter(i).map(angle).filter(|a| *a < blocked).fold(0.0, f64::max);
-    Around::Cap { radius_rad }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -120,7 +124,7 @@ mod tests {
         let angles = set.angles_rad().unwrap().to_vec();
         let last = angles.len() - 1;
         let free = FreeSets::fill(1, set.len(), |_, n| n <= 4 || (9..=12).contains(&n) || n == last);
-        let at = |angle| Permissible::at(&set, &free, 0, &Vector3::z(), angle);
+        let at = |angle| Permissible::in_plane(&set, &free, 0, angle);
         let interval = |low_rad, at_rad, high_rad| Around::Interval { low_rad, at_rad, high_rad };
         assert_eq!((at(angles[10]).free, at(angles[10]).pieces), (10, 3));
         assert_eq!(at(angles[10]).around, interval(angles[9], angles[10], angles[12]));
@@ -142,7 +146,7 @@ mod tests {
         };
         for hole in [10, 40, 70] {
             let free = FreeSets::fill(1, set.len(), |_, n| n != hole);
-            let found = Permissible::at(&set, &free, 0, &axis, f64::NAN);
+            let found = Permissible::on_cap(&set, &free, 0, &axis, None);
             let radius_rad = radius_of(found);
             assert_eq!((found.free, found.pieces), (set.len() - 1, 1));
             assert!(radius_rad < angle(hole) && radius_rad > angle(hole) - 1.1 * set.spacing_rad());
@@ -150,11 +154,11 @@ mod tests {
         }
         let all = FreeSets::fill(1, set.len(), |_, _| true);
         let farthest = (0..set.len()).map(angle).fold(0.0, f64::max);
-        assert_eq!(radius_of(Permissible::at(&set, &all, 0, &axis, f64::NAN)), farthest);
+        assert_eq!(radius_of(Permissible::on_cap(&set, &all, 0, &axis, None)), farthest);
         // a hexagon about the middle and one direction far away
         let [middle, far] = [0, set.len() - 1];
         let free = FreeSets::fill(1, set.len(), |_, n| n <= 6 || n == far);
-        let found = Permissible::at(&set, &free, 0, &set.axes()[middle], f64::NAN);
+        let found = Permissible::on_cap(&set, &free, 0, &set.axes()[middle], None);
         assert_eq!((found.free, found.pieces), (8, 2));
         assert!((radius_of(found) - set.spacing_rad()).abs() < 1e-9);
     }

@@ -38,12 +38,15 @@ pub struct Checked {
 
 /// The best sequence among those whose turns `is_turn_free(i, from, to)` during the move that ends at i.
 ///
-/// `problem.forbidden` is where it starts from.
-pub fn best_checked(problem: &Problem, is_turn_free: impl Fn(usize, u16, u16) -> bool + Sync) -> Checked {
+/// `first`: the best sequence of `problem`, whose forbidden turns stay so.
+pub fn best_checked(
+    problem: &Problem,
+    first: Found,
+    is_turn_free: impl Fn(usize, u16, u16) -> bool + Sync,
+) -> Checked {
     let mut forbidden: Forbidden = problem.forbidden.clone();
-    let mut last = None;
+    let (mut found, mut last) = (first, None);
     for _ in 0..MOST_ROUNDS {
-        let found = best_sequence(&Problem { forbidden: &forbidden, ..*problem });
         let Found::Sequence { directions, .. } = &found else { break };
         let failing: Vec<usize> = (1..directions.len())
             .into_par_iter()
@@ -59,9 +62,10 @@ pub fn best_checked(problem: &Problem, is_turn_free: impl Fn(usize, u16, u16) ->
             forbidden.insert(*i, directions[*i - 1], directions[*i]);
         }
         last = Some((found, failing));
+        found = best_sequence(&Problem { forbidden: &forbidden, ..*problem });
     }
     // nothing gets through without a turn that fails: the last sequence, with its failures named
-    let (found, failing) = last.unwrap_or_else(|| (best_sequence(problem), Vec::new()));
+    let (found, failing) = last.unwrap_or((found, Vec::new()));
     Checked { found, forbidden: forbidden.len(), failing }
 }
 

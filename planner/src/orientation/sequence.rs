@@ -25,6 +25,8 @@ use super::{FreeSets, RateLimit};
 const SHORTEST_MM: f64 = 1e-3;
 /// λ is at least this, mm/rad² per unit of cost: without any, equal costs would wander.
 const LEAST_WEIGHT_MM: f64 = 1e-6;
+/// Up to so many directions that a sequence may come from are looked at for how near to each other they are.
+const MOST_NARROW: usize = 64;
 /// Decides between first directions of equal cost, per rad of tilt.
 const UPRIGHT: f64 = 1e-9;
 
@@ -194,11 +196,16 @@ impl<'a> Layer<'a> {
         }
         let turn = p.turn_weight(i);
         let forbidden = p.forbidden.at(i);
+        let alive_within = self.alive_within();
         let only_neighbours = p.reach_rad(i) <= 1.5 * p.directions.spacing_rad();
         self.next.iter_mut().for_each(|v| *v = f64::INFINITY);
         let mut alive = false;
         for n in p.free.iter(i) {
-            let (fan, slots) = (p.directions.fan(n), usize::from(self.slots[n]));
+            let (fan, mut slots) = (p.directions.fan(n), usize::from(self.slots[n]));
+            if let Some((middle, radius_rad)) = alive_within {
+                let most = p.directions.angle_rad(middle, n) + radius_rad + 1e-6;
+                slots = fan.angle_rad[..slots].partition_point(|a| f64::from(*a) <= most);
+            }
             *edges += slots as u64;
             let (slot, least) = if !forbidden.is_empty() {
                 self.among_allowed(fan, slots, turn, |from| forbidden.contains(&[from, n as u16]))
@@ -215,6 +222,16 @@ impl<'a> Layer<'a> {
         }
         std::mem::swap(&mut self.best, &mut self.next);
         alive
+    }
+
+    /// A direction and the angle around it that holds every one the sequence may come from; `None` where that are many, and
+    /// telling would cost more than it saves.
+    fn alive_within(&self) -> Option<(usize, f64)> {
+        let alive = || (0..self.best.len()).filter(|n| self.best[*n].is_finite());
+        let count = alive().take(MOST_NARROW + 1).count();
+        let middle = alive().nth(count / 2).filter(|_| count <= MOST_NARROW)?;
+        let angle = |n: usize| self.problem.directions.angle_rad(middle, n);
+        Some((middle, alive().map(angle).fold(0.0, f64::max)))
     }
 
     fn count_slots(&mut self, reach_rad: f64) {

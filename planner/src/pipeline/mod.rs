@@ -16,6 +16,7 @@ mod orient;
 mod prepared;
 mod raster;
 mod reach;
+mod sets;
 pub(crate) mod setup;
 mod speeds;
 
@@ -99,6 +100,8 @@ pub struct Modelled {
     /// The most by which a choice in closed form is worse than one with the force, in units of C: what the force, evaluated
     /// afterwards, would have added.
     pub closed_form_error: f64,
+    /// Angle between neighbours of the directions that axes were chosen from, rad.
+    pub direction_spacing_rad: f64,
     /// Moves during which the shank, turning from one free axis to the next, is not certainly free all the way.
     pub blocked_turns: usize,
     /// Links that graze a cusp beyond the tilt limit, since no axis within it is free there.
@@ -139,7 +142,11 @@ impl Stopwatch<'_> {
         self.progress.stage(stage);
         let start = Instant::now();
         let result = work();
-        self.seconds.push((stage, start.elapsed().as_secs_f64()));
+        let seconds = start.elapsed().as_secs_f64();
+        match self.seconds.iter_mut().find(|(name, _)| *name == stage) {
+            Some((_, so_far)) => *so_far += seconds,
+            None => self.seconds.push((stage, seconds)),
+        }
         result
     }
 }
@@ -243,6 +250,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         cost_with_force: oriented.with_force,
         cost_closed_form: oriented.closed_form,
         closed_form_error: chosen.closed_form_error,
+        direction_spacing_rad: oriented.spacing_rad,
         low_pass_held: oriented.low_pass_held,
         low_pass_leaves: oriented.low_pass_leaves,
         blocked_turns: oriented.blocked_turns.len(),
@@ -261,7 +269,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     };
     let figures = Figures::of(&waypoints, prepared.length_mm(), case.structures.len());
     let dropped = prepared.reached.dropped.clone();
-    let allowed = prepared.allowed(oriented);
+    let allowed = oriented.allowed.clone();
     let mut shortfalls =
         shortfalls(&coverage, &modelled, &dropped, case.speed.total_time_s.zip(timing.missed_s));
     shortfalls.extend(demand.caps_missed(case, &prepared, &chosen));

@@ -5,18 +5,20 @@ use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
 use super::reach::ReachedPath;
+use super::sets::Finer;
 use crate::access::STRIDE_MM;
 use crate::burr::{EngagedSamples, Material, OrientationKernel};
 use crate::case::OrientationMode;
 use crate::cost::Terms;
 use crate::engagement::SweptPath;
 use crate::metrics::Moments;
+use crate::orientation::corridor::{Corridor, best_near};
 use crate::orientation::directions::angle_between;
 use crate::orientation::greedy::{self, Waypoint, low_pass, settle};
 use crate::orientation::refine::{Chart, best_checked, refine};
-use crate::orientation::sequence::{Forbidden, Found, Problem};
+use crate::orientation::sequence::{Forbidden, Found, Problem, best_sequence};
 use crate::orientation::stencil::Stencil;
-use crate::orientation::{Directions, FreeSets, RateLimit, TiltFamily};
+use crate::orientation::{Directions, FreeSets, Permissible, RateLimit, TiltFamily};
 
 /// Below this weight of forces in the cost they are left out: the choice is then worse by less than it, and the plan says by
 /// how much at most ([`super::Modelled::closed_form_error`]).
@@ -49,6 +51,8 @@ pub struct CostField<'a> {
     pub spindle_rpm: f64,
     /// Deflection per force in work, mm/N, by direction; `None`: the force itself is looked at.
     pub compliance: Option<Vec<Matrix3<f64>>>,
+    /// The same by direction of [`Room::finer`].
+    pub finer_compliance: Option<Vec<Matrix3<f64>>>,
 }
 
 /// Where axes may go.
@@ -58,6 +62,8 @@ pub struct Room<'a> {
     pub reached: &'a ReachedPath<'a>,
     /// To choose from.
     pub directions: &'a Directions,
+    /// A finer cap to choose from near the best of these, with the number in it of each of these.
+    pub finer: Option<&'a Finer>,
     /// The plane of an arm with one tilt.
     pub family: Option<&'a TiltFamily>,
     /// How fast axes may turn.
@@ -81,6 +87,10 @@ pub struct Oriented {
     pub low_pass_leaves: usize,
     /// Waypoints on the way to which the shaft is not certainly free all the way.
     pub blocked_turns: Vec<usize>,
+    /// What the shank leaves open around each axis.
+    pub allowed: Vec<Permissible>,
+    /// Angle between neighbouring directions of the finest set that the axes were chosen from, rad.
+    pub spacing_rad: f64,
 }
 
 impl CostField<'_> {
@@ -98,6 +108,20 @@ impl CostField<'_> {
         let weight = |density| self.material.weight(density);
         let mut bone = self.swept.bone_at(i as u32, self.kernel.tool().radius_mm(), weight);
         self.kernel.gather(samples, &feed, self.nominal_mm_s, self.spindle_rpm, &mut bone);
+    }
+
+    /// What waypoint i cuts, gathered into `own` unless it was kept.
+    fn kept_or_gathered<'a>(
+        &self,
+        kept: Option<&'a [EngagedSamples]>,
+        i: usize,
+        own: &'a mut EngagedSamples,
+    ) -> &'a EngagedSamples {
+        if let Some(kept) = kept {
+            return &kept[i];
+        }
+        self.gather(i, own);
+        own
     }
 
     /// Force of what was gathered, for an axis.
@@ -150,6 +174,17 @@ impl Room<'_> {
         self.reached.free.contains(i, n)
     }
 
+    /// What is open around each axis; `corridor`: of the finer cap.
+    fn allowed(&self, oriented: &Oriented, corridor: Option<&Corridor>) -> Vec<Permissible> {
+        let free = &self.reached.free;
+        let fine = self.finer.zip(corridor).map(|((directions, _), corridor)| (directions, corridor));
+        let at = |(i, axis): (usize, &Unit<Vector3<f64>>)| match oriented.angles_rad.as_ref() {
+            Some(angles) => Permissible::in_plane(self.directions, free, i, angles[i]),
+            None => Permissible::on_cap(self.directions, free, i, axis, fine),
+        };
+        oriented.axes.par_iter().enumerate().map(at).collect()
+    }
+
     fn blocked_turns(&self, axes: &[Unit<Vector3<f64>>]) -> Vec<usize> {
         let is_blocked = |i: &usize| !self.is_turn_free(*i, &axes[i - 1], &axes[*i]);
         (1..axes.len()).into_par_iter().filter(is_blocked).collect()
@@ -168,6 +203,10 @@ pub fn orient(mode: OrientationMode, room: &Room, field: &CostField) -> Oriented
     };
     (oriented.with_force, oriented.closed_form) = (with_force, closed_form);
     oriented.blocked_turns = room.blocked_turns(&oriented.axes);
+    if oriented.allowed.is_empty() {
+        oriented.allowed = room.allowed(&oriented, None);
+        oriented.spacing_rad = room.directions.spacing_rad();
+    }
     oriented
 }
 
@@ -182,6 +221,8 @@ impl Oriented {
             low_pass_held: 0,
             low_pass_leaves: 0,
             blocked_turns: Vec::new(),
+            allowed: Vec::new(),
+            spacing_rad: 0.0,
         }
     }
 }
@@ -237,17 +278,23 @@ fn filtered(room: &Room, wishes: &[greedy::Wish]) -> greedy::Greedy {
 }
 
 /// C of every waypoint and free direction, one row per waypoint; forces by a plane's stencil where that asks for fewer.
-pub fn cost_rows(directions: &Directions, free: &FreeSets, field: &CostField) -> Vec<f32> {
+/// `kept`: what was gathered, where it was.
+pub fn cost_rows(
+    directions: &Directions,
+    free: &FreeSets,
+    field: &CostField,
+    kept: Option<&[EngagedSamples]>,
+) -> Vec<f32> {
     let axes = directions.axes();
     let stencil = directions.angles_rad().map(Stencil::new);
     let mut cost = vec![0f32; free.len() * axes.len()];
     let workspace = || (EngagedSamples::default(), vec![None; axes.len()]);
-    cost.par_chunks_mut(axes.len()).enumerate().for_each_init(workspace, |(samples, forces), (i, row)| {
+    cost.par_chunks_mut(axes.len()).enumerate().for_each_init(workspace, |(own, forces), (i, row)| {
         cancel::poll();
         if field.moments[i].mass_mg() <= 0.0 {
             return;
         }
-        field.gather(i, samples);
+        let samples = field.kept_or_gathered(kept, i, own);
         let force = |n: usize| field.force_n(samples, &axes[n]);
         forces.fill(None);
         match stencil.as_ref().filter(|_| !samples.is_empty()) {
@@ -264,7 +311,7 @@ pub fn cost_rows(directions: &Directions, free: &FreeSets, field: &CostField) ->
     cost
 }
 
-/// Waypoints at which the paper's low-pass would leave the free directions, if each waypoint took its cheapest.
+/// Waypoints at which the paper's low-pass would leave the free directions, if each waypoint took its cheapest of the set.
 fn low_pass_leaves(room: &Room, field: &CostField, cost: &[f32]) -> usize {
     let (free, axes) = (&room.reached.free, room.directions.axes());
     let wish = |i: usize| {
@@ -279,20 +326,39 @@ fn low_pass_leaves(room: &Room, field: &CostField, cost: &[f32]) -> usize {
     filtered(room, &wishes).held
 }
 
+/// The best sequence on the set; near it on a finer cap, where there is one; then between its directions.
 fn optimal(room: &Room, field: &CostField) -> Oriented {
-    let (free, axes) = (&room.reached.free, room.directions.axes());
-    let cost = cost_rows(room.directions, free, field);
     let none = Forbidden::default();
+    let waypoints = room.reached.free.len();
+    let kept: Option<Vec<EngagedSamples>> = room.finer.filter(|_| waypoints <= MOST_KEPT).map(|_| {
+        let gathered = |i: usize| {
+            let mut samples = EngagedSamples::default();
+            field.gather(i, &mut samples);
+            samples.shrink_to_fit();
+            samples
+        };
+        (0..waypoints).into_par_iter().map(gathered).collect()
+    });
+    let kept = kept.as_deref();
+    let cost = cost_rows(room.directions, &room.reached.free, field, kept);
     let problem = Problem {
         directions: room.directions,
         cost: &cost,
-        free,
+        free: &room.reached.free,
         length_mm: &room.reached.length_mm,
         rate: room.rate,
         forbidden: &none,
     };
-    let axis = |n: u16| &axes[usize::from(n)];
-    let checked = best_checked(&problem, |i, from, to| room.is_turn_free(i, axis(from), axis(to)));
+    let found = best_sequence(&problem);
+    let corridor = room.finer.and_then(|finer| on_finer(room, field, kept, finer, &found));
+    let (problem, found) = match (room.finer, &corridor) {
+        (Some((directions, _)), Some(Corridor { free, cost, found, .. })) => {
+            (Problem { directions, cost, free, ..problem }, found.clone())
+        }
+        _ => (problem, found),
+    };
+    let axis = |n: u16| &problem.directions.axes()[usize::from(n)];
+    let checked = best_checked(&problem, found, |i, from, to| room.is_turn_free(i, axis(from), axis(to)));
     let Found::Sequence { directions, .. } = checked.found else {
         // the same constraints were found feasible when waypoints were dropped; each axis is free all the same
         return fixed(room);
@@ -304,6 +370,39 @@ fn optimal(room: &Room, field: &CostField) -> Oriented {
         failing.contains(&i) || room.is_turn_free(i, from, to)
     };
     let refined = refine(&problem, &directions, chart, |i, a| room.is_free(i, a), is_turn_free);
-    let low_pass_leaves = low_pass_leaves(room, field, &cost);
-    Oriented { angles_rad: refined.angles_rad, low_pass_leaves, ..Oriented::new(refined.axes, None) }
+    let mut oriented = Oriented { angles_rad: refined.angles_rad, ..Oriented::new(refined.axes, None) };
+    oriented.allowed = room.allowed(&oriented, corridor.as_ref());
+    oriented.spacing_rad = problem.directions.spacing_rad();
+    oriented.low_pass_leaves = low_pass_leaves(room, field, &cost);
+    oriented
+}
+
+/// Up to so many waypoints what they cut is kept from set to set, about 10 kB each.
+const MOST_KEPT: usize = 20_000;
+
+/// The best sequence of the finer cap near one of the set; `None` where none gets through.
+fn on_finer(
+    room: &Room,
+    field: &CostField,
+    kept: Option<&[EngagedSamples]>,
+    (finer, numbers): &Finer,
+    found: &Found,
+) -> Option<Corridor> {
+    let Found::Sequence { directions, .. } = found else { return None };
+    let start: Vec<u16> = directions.iter().map(|n| numbers[usize::from(*n)]).collect();
+    let ask = |i: usize, wanted: &[usize]| {
+        cancel::poll();
+        let axis = |n: usize| &finer.axes()[n];
+        let is_free: Vec<bool> = wanted.iter().map(|n| room.is_free(i, axis(*n))).collect();
+        let cuts = field.moments[i].mass_mg() > 0.0;
+        let mut own = EngagedSamples::default();
+        let samples = field.kept_or_gathered(kept, i, &mut own);
+        let compliance = |n: usize| Some(&field.finer_compliance.as_ref()?[n]);
+        let cost = |n: usize| {
+            let force_n = field.force_n(samples, axis(n));
+            if cuts { field.cost_of(i, &force_n, axis(n), compliance(n)) as f32 } else { 0.0 }
+        };
+        wanted.iter().zip(is_free).map(|(n, is_free)| is_free.then(|| cost(*n))).collect()
+    };
+    best_near(finer, &start, &room.reached.length_mm, room.rate, ask)
 }

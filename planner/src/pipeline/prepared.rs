@@ -14,21 +14,19 @@ use super::motion::{Compliance, Motion, Placed};
 use super::near::{self, Near};
 use super::orient::{CostField, Oriented, Room, orient};
 use super::reach::{self, ReachSpec, ReachedPath};
+use super::sets::{self, Finer};
 use super::{PlanError, Stopwatch, raster, setup};
 use crate::Progress;
 use crate::access::Solid;
 use crate::burr::{EngagedForce, ForceKernel, OrientationKernel};
-use crate::case::{Case, ForceTerm};
+use crate::case::{Case, ForceTerm, OrientationMode};
 use crate::cost::{Cost, CostModel, Proximity, Ranked, Terms};
 use crate::engagement::{SweptPath, mass_increments};
 use crate::metrics::Moments;
-use crate::orientation::{Directions, Permissible, RateLimit, TiltFamily};
+use crate::orientation::{Directions, RateLimit, TiltFamily};
 use crate::path::{MoveKind, PathPoint, PathSpacing, RasterFrame, lay_path};
 use crate::space::BurrSpace;
 
-/// Step of the directions, rad: along a plane, and over a cap.
-const PLANE_STEP_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
-const CAP_STEP_RAD: f64 = 6.0 * std::f64::consts::PI / 180.0;
 /// Steps of a draft's directions are this many times as long.
 const DRAFT_COARSER: f64 = 2.0;
 /// Directions in which the choice of axes looks for bone, and how many make a sample. Forces are then summed over the nodes
@@ -49,6 +47,8 @@ pub struct Prepared<'a> {
     pub(super) arm: &'a Arm,
     pub(super) family: Option<TiltFamily>,
     pub(super) directions: Directions,
+    /// A finer cap to choose from near the best of these.
+    finer: Option<Finer>,
     pub(super) rate: RateLimit,
     pub(super) reached: ReachedPath<'a>,
     /// Links that graze a cusp where no axis within the tilt limit is free.
@@ -100,24 +100,43 @@ impl<'a> Prepared<'a> {
         };
         let limit_rad = case.orientation.tilt_limit_rad;
         let family = (case.orientation.angles == 1).then(|| setup::tilt_family(arm, &base_from_work, scene));
-        let directions = directions(family.as_ref(), limit_rad, 1.0);
         let rate_rad_s = setup::tilt_rate_rad_s(arm);
         let rate =
             RateLimit { weight_mm: RATE_WEIGHT_MM, most_rad_per_mm: rate_rad_s / case.speed.nominal_mm_s };
         let shank = setup::shank(case);
-        let spec =
-            ReachSpec { radius_mm: radius, shank: &shank, solid, directions: &directions, rate, spacing };
+        let draft = sets::one(family.as_ref(), limit_rad, DRAFT_COARSER);
+        let spec = ReachSpec { radius_mm: radius, shank: &shank, solid, directions: &draft, rate, spacing };
         let placed = Placed { arm, base_from_work: &base_from_work };
         let frame = match case.path.raster_rad {
             Some(angle) => RasterFrame::at_angle(angle - scene.turn_rad),
-            None => {
-                watch.run("raster", || chosen_frame(case, scene, space, family.as_ref(), &spec, placed))?
-            }
+            None => watch.run("raster", || chosen_frame(case, scene, space, &spec, placed))?,
         };
-        let path = watch.run("path", || lay_path(space, spacing, &frame));
-        let mut reached = watch
-            .run("access", || reach::reached(scene, space, path, &spec))
-            .map_err(|why| PlanError::NoAccess { why, tilt_limit_deg: limit_rad.to_degrees() })?;
+        let lay = || lay_path(space, spacing, &frame);
+        let path = watch.run("path", lay);
+        let is_whole = family.is_none() && case.orientation.mode == OrientationMode::Optimal;
+        let narrow = is_whole.then(|| sets::coarse_and_finer(limit_rad, path.points.len())).flatten();
+        let reach = |path, set: &Directions, watch: &mut Stopwatch| {
+            watch
+                .run("access", || reach::reached(scene, space, path, &ReachSpec { directions: set, ..spec }))
+                .map_err(|why| PlanError::NoAccess { why, tilt_limit_deg: limit_rad.to_degrees() })
+        };
+        let plain = || sets::one(family.as_ref(), limit_rad, 1.0);
+        let (directions, finer, mut reached) = match narrow {
+            None => {
+                let set = plain();
+                let reached = reach(path, &set, watch)?;
+                (set, None, reached)
+            }
+            Some((coarse, finer)) => match reach(path, &coarse, watch) {
+                Ok(reached) if !reached.leaves_out() => (coarse, Some(finer), reached),
+                // gaps between coarse directions are no reason to leave anything out
+                _ => {
+                    let (set, path) = (plain(), watch.run("path", lay));
+                    let reached = reach(path, &set, watch)?;
+                    (set, None, reached)
+                }
+            },
+        };
         let points = &reached.path.points;
         let (near, moments) = watch.run("engagement", || {
             rayon::join(
@@ -131,7 +150,8 @@ impl<'a> Prepared<'a> {
         });
         let feeds = feeds(points);
         let cuts: Vec<bool> = moments.iter().map(|m| m.mass_mg() > 0.0).collect();
-        let beyond_limit = reach::limit_where_it_cuts(&mut reached, &cuts, &spec);
+        let beyond_limit =
+            reach::limit_where_it_cuts(&mut reached, &cuts, &ReachSpec { directions: &directions, ..spec });
         Ok(Self {
             scene,
             arm,
@@ -146,6 +166,7 @@ impl<'a> Prepared<'a> {
             beyond_limit,
             reached,
             directions,
+            finer,
         })
     }
 
@@ -191,6 +212,7 @@ impl<'a> Prepared<'a> {
         let swept = SweptPath::new(self.scene, &self.reached.path.removal, points, case.burr.radius_mm);
         let terms = terms(case, &self.near)?;
         let compliance = Compliance::new(case, self.placed())?;
+        let of_cost = |set: &Directions| compliance.of_cost(case, self.scene.target_center, set.axes());
         let field = CostField {
             swept: &swept,
             kernel: &kernel,
@@ -200,11 +222,13 @@ impl<'a> Prepared<'a> {
             feeds: &self.feeds,
             nominal_mm_s: case.speed.nominal_mm_s,
             spindle_rpm: case.burr.spindle_rpm,
-            compliance: compliance.of_cost(case, self.scene.target_center, self.directions.axes())?,
+            compliance: of_cost(&self.directions)?,
+            finer_compliance: self.finer.as_ref().map_or(Ok(None), |(finer, _)| of_cost(finer))?,
         };
         let room = Room {
             reached: &self.reached,
             directions: &self.directions,
+            finer: self.finer.as_ref(),
             family: self.family.as_ref(),
             rate: self.rate,
         };
@@ -244,14 +268,6 @@ impl<'a> Prepared<'a> {
         Ok(Chosen { oriented, kinds, forces, costs, compliances, closed_form_error })
     }
 
-    /// What the shank leaves open around each axis.
-    pub(super) fn allowed(&self, oriented: &Oriented) -> Vec<Permissible> {
-        let angle = |i: usize| oriented.angles_rad.as_ref().map_or(f64::NAN, |angles| angles[i]);
-        let at =
-            |i: usize| Permissible::at(&self.directions, &self.reached.free, i, &oriented.axes[i], angle(i));
-        (0..oriented.axes.len()).into_par_iter().map(at).collect()
-    }
-
     /// The arm where it stands.
     fn placed(&self) -> Placed<'_> {
         Placed { arm: self.arm, base_from_work: &self.base_from_work }
@@ -275,30 +291,20 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// About 2° apart in a plane, 6° over a cap, `coarser` times that.
-fn directions(family: Option<&TiltFamily>, limit_rad: f64, coarser: f64) -> Directions {
-    match family {
-        Some(family) => Directions::in_plane(family, coarser * PLANE_STEP_RAD, limit_rad),
-        None => Directions::cap(coarser * CAP_STEP_RAD, limit_rad),
-    }
-}
-
 /// Along the target's longer side or across it, by the cost of a draft.
 fn chosen_frame(
     case: &Case,
     scene: &Scene,
     space: &BurrSpace,
-    family: Option<&TiltFamily>,
     spec: &ReachSpec,
     placed: Placed,
 ) -> Result<RasterFrame, PlanError> {
     let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
     let toward = raster::toward_structure(scene, &clearances, case.burr.radius_mm)?;
     let along = RasterFrame::chosen(&scene.target_hull_xy, toward, raster::mass_center(scene));
-    let coarse = directions(family, case.orientation.tilt_limit_rad, DRAFT_COARSER);
-    let compliance = Compliance::new(case, placed)?.of_cost(case, scene.target_center, coarse.axes())?;
-    let spec = ReachSpec { directions: &coarse, ..*spec };
-    raster::cheaper(case, scene, space, &spec, compliance.as_deref(), [along, along.across()])
+    let axes = spec.directions.axes();
+    let compliance = Compliance::new(case, placed)?.of_cost(case, scene.target_center, axes)?;
+    raster::cheaper(case, scene, space, spec, compliance.as_deref(), [along, along.across()])
 }
 
 /// What the cost of each waypoint looks at.

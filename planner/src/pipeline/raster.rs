@@ -87,8 +87,9 @@ fn draft_cost(
         nominal_mm_s: case.speed.nominal_mm_s,
         spindle_rpm: case.burr.spindle_rpm,
         compliance: compliance.map(<[_]>::to_vec),
+        finer_compliance: None,
     };
-    let cost = cost_rows(spec.directions, &free, &field);
+    let cost = cost_rows(spec.directions, &free, &field, None);
     let length_mm = lengths(points);
     // what no axis reaches is left out of the sequence, and counted as dear
     let reached: Vec<usize> = (0..points.len()).filter(|i| free.count(*i) > 0).collect();

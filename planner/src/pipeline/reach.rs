@@ -49,6 +49,11 @@ pub struct Dropped {
 }
 
 impl ReachedPath<'_> {
+    /// Whether anything was put off or dropped.
+    pub fn leaves_out(&self) -> bool {
+        !self.dropped.is_empty() || self.path.passes.iter().any(|pass| pass.put_off)
+    }
+
     /// Points of passes that were put off, and then reached.
     pub fn put_off(&self) -> usize {
         self.path.passes.iter().filter(|pass| pass.put_off).map(|pass| pass.points.len()).sum()

@@ -173,6 +173,7 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
         ("cost_with_force".into(), m.cost_with_force.into()),
         ("cost_closed_form".into(), m.cost_closed_form.into()),
         ("closed_form_error".into(), m.closed_form_error.into()),
+        ("direction_spacing_deg".into(), m.direction_spacing_rad.to_degrees().into()),
         ("low_pass_held".into(), m.low_pass_held.into()),
         ("low_pass_leaves".into(), m.low_pass_leaves.into()),
         ("blocked_turns".into(), m.blocked_turns.into()),

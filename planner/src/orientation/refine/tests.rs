@@ -117,8 +117,9 @@ fn refinement_stays_inside_the_permissible_set_between_waypoints_too() {
             })
         };
         let axes = setup.directions.axes();
-        let checked =
-            best_checked(&problem, |i, m, n| turn_free(i, &axes[usize::from(m)], &axes[usize::from(n)]));
+        let checked = best_checked(&problem, best_sequence(&problem), |i, m, n| {
+            turn_free(i, &axes[usize::from(m)], &axes[usize::from(n)])
+        });
         assert!(checked.failing.is_empty());
         let refined = refine(&problem, &sequence_of(checked.found), chart, is_free, turn_free);
         for (i, axis) in refined.axes.iter().enumerate() {
@@ -141,12 +142,12 @@ fn turns_that_fail_between_waypoints_are_taken_elsewhere_or_named() {
     let turning: Vec<usize> = (1..60).filter(|i| free_choice[*i] != free_choice[i - 1]).collect();
     assert!(turning.len() > 3);
     // no turn where it would like to
-    let checked = best_checked(&problem, |i, a, b| a == b || !turning.contains(&i));
+    let checked = best_checked(&problem, best_sequence(&problem), |i, a, b| a == b || !turning.contains(&i));
     assert!(checked.failing.is_empty() && checked.forbidden >= turning.len());
     let found = sequence_of(checked.found);
     assert!(turning.iter().all(|i| found[*i] == found[i - 1]));
     // nothing is free at move 7: named, not hidden
-    let stuck = best_checked(&problem, |i, _, _| i != 7);
+    let stuck = best_checked(&problem, best_sequence(&problem), |i, _, _| i != 7);
     assert!(stuck.failing.contains(&7));
 }
 

@@ -1,0 +1,199 @@
+//! From the best sequence on a coarse cap to the best one near it on a finer cap.
+//!
+//! A cap's directions grow with the square of their fineness, and with them what access and cost take, while the best sequence
+//! on the fine cap stays near that on the coarse one. So only a corridor around the coarse sequence is asked: at every
+//! waypoint the fine directions within [`AROUND`] spacings of its own direction and its neighbours'. Where the best sequence
+//! in the corridor runs along its edge, the corridor grows there, until it hardly does or [`MOST_WIDENINGS`] times.
+//!
+//! What comes out is the best sequence within its corridor, hence no worse than any small change of it; a sequence that
+//! takes another way round is looked for on the coarse cap alone.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::sequence::{Forbidden, Found, Problem, best_sequence, blocked_waypoints};
+use super::{Directions, FreeSets, RateLimit};
+
+/// Half-width of the corridor in the fine cap's spacings: two rings, 19 directions.
+const AROUND: f64 = 2.1;
+/// Waypoints before and after one that cannot be got to at which the corridor grows too.
+const BESIDE: usize = 16;
+/// Times that the corridor grows.
+const MOST_WIDENINGS: usize = 16;
+/// It is wide enough when the sequence runs along its edge at no more than one waypoint of so many.
+const FEW: usize = 50;
+
+/// What was asked of a fine cap, and the best sequence in it.
+#[derive(Debug, Clone)]
+pub struct Corridor {
+    /// Directions that were asked at each waypoint.
+    pub asked: FreeSets,
+    /// Those of them that are free.
+    pub free: FreeSets,
+    /// C of these, as [`Problem::cost`].
+    pub cost: Vec<f32>,
+    /// The best sequence.
+    pub found: Found,
+}
+
+/// The best sequence of the `fine` cap near a sequence of it; `None` where none gets through the corridor.
+///
+/// `ask(i, directions)`: C of each of these at waypoint i, `None` for one that is not free; asked in parallel, of no direction twice.
+/// Lengths and rate as in [`Problem`].
+pub fn best_near(
+    fine: &Directions,
+    sequence: &[u16],
+    length_mm: &[f64],
+    rate: RateLimit,
+    ask: impl Fn(usize, &[usize]) -> Vec<Option<f32>> + Sync,
+) -> Option<Corridor> {
+    let (waypoints, count) = (sequence.len(), fine.len());
+    let [mut asked, mut free] = [FreeSets::none(waypoints, count), FreeSets::none(waypoints, count)];
+    let mut cost = vec![0f32; waypoints * count];
+    // where the corridor is to grow: around which directions, and how far
+    let all = |at: Range<usize>, sequence: &[u16], spacings: f64| -> Vec<Growth> {
+        let middles = |i: usize| sequence[i.saturating_sub(1)..(i + 2).min(waypoints)].to_vec();
+        at.map(|i| Growth { i, middles: middles(i), spacings }).collect()
+    };
+    let mut grow = all(0..waypoints, sequence, AROUND);
+    let mut round = 0;
+    loop {
+        let answers: Vec<(usize, Vec<usize>, Vec<Option<f32>>)> = grow
+            .par_iter()
+            .map(|Growth { i, middles, spacings }| {
+                let within = |n: &u16| fine.within(usize::from(*n), spacings * fine.spacing_rad());
+                let mut wanted: Vec<usize> = middles.iter().flat_map(within).collect();
+                wanted.sort_unstable();
+                wanted.dedup();
+                wanted.retain(|n| !asked.contains(*i, *n));
+                let answers = if wanted.is_empty() { Vec::new() } else { ask(*i, &wanted) };
+                (*i, wanted, answers)
+            })
+            .collect();
+        for (i, wanted, answers) in answers {
+            for (n, answer) in wanted.into_iter().zip(answers) {
+                asked.insert(i, n);
+                if let Some(c) = answer {
+                    free.insert(i, n);
+                    cost[i * count + n] = c;
+                }
+            }
+        }
+        let forbidden = Forbidden::default();
+        let problem =
+            Problem { directions: fine, cost: &cost, free: &free, length_mm, rate, forbidden: &forbidden };
+        let found = best_sequence(&problem);
+        round += 1;
+        grow = match &found {
+            Found::Sequence { directions, .. } => {
+                let is_inside =
+                    |i: usize| fine.neighbours(usize::from(directions[i])).all(|n| asked.contains(i, n));
+                let edge = (0..waypoints).filter(|i| !is_inside(*i));
+                edge.map(|i| Growth { i, middles: vec![directions[i]], spacings: AROUND }).collect()
+            }
+            // the coarse sequence turns there past what the fine cap sees to be blocked
+            Found::Blocked(_) => {
+                let spacings = AROUND * (1 + round) as f64;
+                let beside = |i: usize| i.saturating_sub(BESIDE)..(i + BESIDE).min(waypoints);
+                let mut near: Vec<usize> = blocked_waypoints(&problem).into_iter().flat_map(beside).collect();
+                near.sort_unstable();
+                near.dedup();
+                near.into_iter().flat_map(|i| all(i..i + 1, sequence, spacings)).collect()
+            }
+        };
+        let is_blocked = matches!(found, Found::Blocked(_));
+        if round > MOST_WIDENINGS || (!is_blocked && grow.len() * FEW <= waypoints) {
+            return (!is_blocked).then_some(Corridor { asked, free, cost, found });
+        }
+    }
+}
+
+/// Where the corridor is to be wider.
+struct Growth {
+    /// The waypoint.
+    i: usize,
+    /// Around these directions.
+    middles: Vec<u16>,
+    /// As far, in the fine cap's spacings.
+    spacings: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    const RATE: RateLimit = RateLimit { weight_mm: 1.0, most_rad_per_mm: 2.0 };
+
+    /// A valley that winds over the cap, with a wall that the sequence must go around.
+    fn cost_at(fine: &Directions, i: usize, n: usize) -> Option<f32> {
+        let axis = &fine.axes()[n];
+        let t = i as f64 * 0.05;
+        let off = (axis.x - 0.5 * t.sin()).hypot(axis.y - 0.3 * (1.7 * t).cos());
+        let is_wall = (20..40).contains(&i) && axis.x > 0.35;
+        (!is_wall).then_some((3.0 * off * off + 0.05 * (9.0 * axis.y).sin()) as f32)
+    }
+
+    /// The whole fine cap, asked everywhere.
+    fn whole(fine: &Directions, length_mm: &[f64]) -> Found {
+        let at = |k: usize| cost_at(fine, k / fine.len(), k % fine.len());
+        let cost: Vec<f32> = (0..length_mm.len() * fine.len()).map(|k| at(k).unwrap_or(0.0)).collect();
+        let free = FreeSets::fill(length_mm.len(), fine.len(), |i, n| cost_at(fine, i, n).is_some());
+        let forbidden = Forbidden::default();
+        best_sequence(&Problem {
+            directions: fine,
+            cost: &cost,
+            free: &free,
+            length_mm,
+            rate: RATE,
+            forbidden: &forbidden,
+        })
+    }
+
+    fn total(found: &Found) -> f64 {
+        match found {
+            Found::Sequence { total, .. } => *total,
+            Found::Blocked(i) => panic!("blocked at {i}"),
+        }
+    }
+
+    #[test]
+    fn near_the_coarse_sequence_the_fine_caps_best_is_found_with_few_questions() {
+        let coarse = Directions::cap(0.21, 1.05);
+        let (fine, numbers) = coarse.finer(3).unwrap();
+        let length_mm = vec![0.5; 80];
+        let Found::Sequence { directions, total: rough, .. } = whole(&coarse, &length_mm) else { panic!() };
+        let start: Vec<u16> = directions.iter().map(|n| numbers[usize::from(*n)]).collect();
+        let asked = AtomicUsize::new(0);
+        let ask = |i: usize, wanted: &[usize]| {
+            asked.fetch_add(wanted.len(), Ordering::Relaxed);
+            wanted.iter().map(|n| cost_at(&fine, i, *n)).collect()
+        };
+        let corridor = best_near(&fine, &start, &length_mm, RATE, ask).unwrap();
+        let best = total(&whole(&fine, &length_mm));
+        assert!((total(&corridor.found) - best).abs() < 1e-9, "{} of {best}", total(&corridor.found));
+        assert!(best < rough);
+        let asked = asked.load(Ordering::Relaxed);
+        assert!(asked < 80 * fine.len() / 10, "{asked}");
+        assert_eq!((0..80).map(|i| corridor.asked.count(i)).sum::<usize>(), asked, "nothing is asked twice");
+    }
+
+    /// A start far from the valley: the corridor follows it there.
+    #[test]
+    fn the_corridor_grows_to_where_the_best_sequence_is() {
+        let (fine, _) = Directions::cap(0.21, 1.05).finer(3).unwrap();
+        let length_mm = vec![0.5; 12];
+        let start = vec![fine.nearest(&nalgebra::Vector3::new(0.2, -0.1, 1.0).normalize()) as u16; 12];
+        let ask = |i: usize, wanted: &[usize]| wanted.iter().map(|n| cost_at(&fine, i, *n)).collect();
+        let corridor = best_near(&fine, &start, &length_mm, RATE, ask).unwrap();
+        assert!((total(&corridor.found) - total(&whole(&fine, &length_mm))).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_corridor_that_is_blocked_is_told() {
+        let (fine, _) = Directions::cap(0.21, 1.05).finer(2).unwrap();
+        let ask = |i: usize, wanted: &[usize]| vec![(i != 3).then_some(0.0); wanted.len()];
+        assert!(best_near(&fine, &[0; 6], &[0.5; 6], RATE, ask).is_none());
+    }
+}
