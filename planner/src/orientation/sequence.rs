@@ -155,6 +155,9 @@ struct Layer<'a> {
     problem: &'a Problem<'a>,
     best: Vec<f64>,
     next: Vec<f64>,
+    /// The directions that are reached, ascending: where `best` is finite; `next` is finite nowhere.
+    alive: Vec<u16>,
+    reached: Vec<u16>,
     /// Free before or after the move.
     passable: Vec<bool>,
     /// Slots of each fan within reach, for the reach they were counted for.
@@ -169,6 +172,8 @@ impl<'a> Layer<'a> {
             problem,
             best: vec![f64::INFINITY; n],
             next: vec![f64::INFINITY; n],
+            alive: Vec::with_capacity(n),
+            reached: Vec::with_capacity(n),
             passable: vec![false; n],
             slots: vec![0; n],
             slots_for_rad: -1.0,
@@ -178,9 +183,11 @@ impl<'a> Layer<'a> {
     /// Waypoint i as the first; whether it has a free direction.
     fn start(&mut self, i: usize) -> bool {
         self.best.fill(f64::INFINITY);
+        self.alive.clear();
         for n in self.problem.free.iter(i) {
             let tilt = tilt_rad(&self.problem.directions.axes()[n]);
             self.best[n] = self.problem.own(i, n) + UPRIGHT * tilt;
+            self.alive.push(n as u16);
         }
         self.problem.free.count(i) > 0
     }
@@ -190,20 +197,17 @@ impl<'a> Layer<'a> {
         let p = self.problem;
         let count = p.directions.len();
         self.count_slots(p.reach_rad(i));
-        self.passable.iter_mut().for_each(|b| *b = false);
-        for n in p.free.iter(i).chain(p.free.iter(i - 1)) {
-            self.passable[n] = true;
-        }
+        let beside = || p.free.iter(i).chain(p.free.iter(i - 1));
+        beside().for_each(|n| self.passable[n] = true);
         let turn = p.turn_weight(i);
         let forbidden = p.forbidden.at(i);
         let alive_within = self.alive_within();
         let only_neighbours = p.reach_rad(i) <= 1.5 * p.directions.spacing_rad();
-        self.next.iter_mut().for_each(|v| *v = f64::INFINITY);
-        let mut alive = false;
+        self.reached.clear();
         for n in p.free.iter(i) {
             let (fan, mut slots) = (p.directions.fan(n), usize::from(self.slots[n]));
             if let Some((middle, radius_rad)) = alive_within {
-                let most = p.directions.angle_rad(middle, n) + radius_rad + 1e-6;
+                let most = p.directions.angle_at_most(middle, n) + radius_rad + 1e-6;
                 slots = fan.angle_rad[..slots].partition_point(|a| f64::from(*a) <= most);
             }
             *edges += slots as u64;
@@ -217,21 +221,23 @@ impl<'a> Layer<'a> {
             if least.is_finite() {
                 self.next[n] = least + p.own(i, n);
                 came_from[i * count + n] = slot as u8;
-                alive = true;
+                self.reached.push(n as u16);
             }
         }
+        beside().for_each(|n| self.passable[n] = false);
+        self.alive.iter().for_each(|n| self.best[usize::from(*n)] = f64::INFINITY);
         std::mem::swap(&mut self.best, &mut self.next);
-        alive
+        std::mem::swap(&mut self.alive, &mut self.reached);
+        !self.alive.is_empty()
     }
 
     /// A direction and the angle around it that holds every one the sequence may come from; `None` where that are many, and
     /// telling would cost more than it saves.
     fn alive_within(&self) -> Option<(usize, f64)> {
-        let alive = || (0..self.best.len()).filter(|n| self.best[*n].is_finite());
-        let count = alive().take(MOST_NARROW + 1).count();
-        let middle = alive().nth(count / 2).filter(|_| count <= MOST_NARROW)?;
-        let angle = |n: usize| self.problem.directions.angle_rad(middle, n);
-        Some((middle, alive().map(angle).fold(0.0, f64::max)))
+        let middle =
+            usize::from(*self.alive.get(self.alive.len() / 2).filter(|_| self.alive.len() <= MOST_NARROW)?);
+        let angle = |n: &u16| self.problem.directions.angle_at_most(middle, usize::from(*n));
+        Some((middle, self.alive.iter().map(angle).fold(0.0, f64::max)))
     }
 
     fn count_slots(&mut self, reach_rad: f64) {
