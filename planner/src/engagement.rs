@@ -9,7 +9,7 @@
 mod masses;
 mod times;
 
-pub use self::masses::mass_increments;
+pub use self::masses::{mass_increments, mass_increments_by_voxels};
 
 use bonemill_geometry::trilinear;
 use bonemill_imaging::Scene;

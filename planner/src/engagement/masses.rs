@@ -1,5 +1,5 @@
 //! Masses look at voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes, whose sum over the path is the
-//! mass removed (FORCE_MODEL section 8, row 3).
+//! mass removed (FORCE_MODEL section 8, row 3); for drafts by whole voxels.
 
 use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
 use nalgebra::Vector3;
@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use crate::ball::BallVolumes;
 use crate::metrics::Moments;
 use crate::path::PathPoint;
+use crate::removal::{NEVER, RemovalTime};
 use crate::voxels::VoxelSet;
 
 /// Slabs of the grid in which masses are summed apart; fixed, so that sums do not depend on the number of threads.
@@ -37,6 +38,26 @@ pub fn mass_increments(
         .collect();
     for (index, increment) in slabs.into_iter().flatten() {
         total[index as usize].merge(&increment);
+    }
+    total
+}
+
+/// The same by whole voxels: each belongs to the move that first covers its centre. For drafts: an order of magnitude quicker, and
+/// what a long move takes on its way counts.
+pub fn mass_increments_by_voxels(
+    density_g_cm3: &Volume<f32, Work>,
+    removal: &RemovalTime,
+    points: &[PathPoint],
+    radius_mm: f64,
+) -> Vec<Moments> {
+    let grid = density_g_cm3.grid();
+    let mut total = vec![Moments::new(radius_mm); points.len()];
+    let voxels = removal.time().iter().zip(density_g_cm3.data()).enumerate();
+    for (voxel, (index, density)) in
+        voxels.filter(|(_, (index, density))| **index != NEVER && **density > 0.0)
+    {
+        let from_center = grid.center(grid.voxel(voxel)) - points[*index as usize].position;
+        total[*index as usize].add(f64::from(*density) * grid.voxel_mm3(), &from_center);
     }
     total
 }

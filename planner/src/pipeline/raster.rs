@@ -5,7 +5,7 @@
 //! coarse steps, coarse directions. Each draft is oriented by the dynamic program, and the lower J wins.
 //!
 //! A draft is a comparison, not a plan: waypoints that no axis reaches count as much as the dearest cut, and nothing is
-//! dropped or refined. Bone stands by voxels, not by eighths of them.
+//! dropped or refined. Bone stands and goes by voxels, not by parts of them.
 
 use bonemill_imaging::{Class, Scene};
 use nalgebra::{Matrix3, Vector3};
@@ -20,7 +20,7 @@ use super::setup;
 use crate::access::{Access, OctantTimes};
 use crate::burr::OrientationKernel;
 use crate::case::Case;
-use crate::engagement::{SweptPath, mass_increments};
+use crate::engagement::{SweptPath, mass_increments_by_voxels};
 use crate::orientation::FreeSets;
 use crate::orientation::sequence::{Forbidden, Found, Problem, best_sequence};
 use crate::path::{MoveKind, PathSpacing, RasterFrame, lay_rough};
@@ -71,7 +71,7 @@ fn draft_cost(
         .into_iter()
         .map(|n| n.into_iter().collect())
         .collect();
-    let moments = mass_increments(&scene.density_g_cm3, points, radius);
+    let moments = mass_increments_by_voxels(&scene.density_g_cm3, &path.removal, points, radius);
     let (terms, feeds) = (terms(case, &near)?, feeds(points));
     let tool = setup::tool(&case.burr)?;
     let (material, measure) = setup::material(&case.material)?;
