@@ -49,8 +49,7 @@ fn title(size: Size) -> String {
         " The segmented bone is not there: left out."
     };
     format!(
-        "Optimal against greedy on the paper's cost (equation 6), {} seeds of each phantom; the first phase of both is the same \
-         access and engagement. Greedy takes each waypoint alone, then the low-pass, held at free directions.{absent}",
+        "Optimal against greedy on the paper's cost (equation 6), {} seeds of each phantom; both on the same path. Greedy takes each waypoint alone, then the low-pass, held at free directions.{absent}",
         size.seeds
     )
 }
@@ -61,19 +60,18 @@ fn rows(body: &Body, name: &str, progress: &dyn Progress, table: &mut Table) -> 
         // two angles need another arm than the case's: what is compared here is the choice of axes, not the joints
         case.orientation.angles = angles;
         progress.stage(name);
-        with_prepared(&case, body.case_path(), &(), |prepared| {
-            for (mode, word) in [(OrientationMode::Greedy, "greedy"), (OrientationMode::Optimal, "optimal")] {
-                let mut case = case.clone();
-                case.orientation.mode = mode;
+        for (mode, word) in [(OrientationMode::Greedy, "greedy"), (OrientationMode::Optimal, "optimal")] {
+            case.orientation.mode = mode;
+            with_prepared(&case, body.case_path(), &(), |prepared| {
                 let start = Instant::now();
                 let chosen = prepared.choose(&case)?;
                 let seconds = start.elapsed().as_secs_f64();
                 let head = [name.to_owned(), angles.to_string(), word.to_owned()];
                 let figures = figures(prepared, &chosen, case.speed.nominal_mm_s);
                 table.push(head.into_iter().chain(figures).chain([format!("{seconds:.2}")]).collect());
-            }
-            Ok(())
-        })?;
+                Ok(())
+            })?;
+        }
     }
     Ok(())
 }

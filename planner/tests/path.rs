@@ -11,7 +11,8 @@ use bonemill_planner::burr::{
     Bone, Discretisation, EngagedSamples, ForceKernel, Material, Measure, OrientationKernel, OverPatches,
     Patch, Tool,
 };
-use bonemill_planner::engagement::{SweptPath, mass_increments, share_beyond};
+use bonemill_planner::engagement::{SweptPath, mass_increments, mass_increments_by_voxels, share_beyond};
+use bonemill_planner::metrics::Moments;
 use bonemill_planner::path::{MillPath, MoveKind, Pass, PathSpacing, RasterFrame, join_passes, lay_path};
 use bonemill_planner::removal::NEVER;
 use bonemill_planner::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
@@ -279,6 +280,27 @@ fn masses_add_up_to_what_the_balls_cover() {
     // D's increments take the largest ball at a voxel, not the union of balls: never more, and nearly as much
     eprintln!("increments {sum:.3} mg, balls {counted:.3} mg");
     assert!(sum <= counted * 1.002 && sum >= counted * 0.98, "{sum} mg, {counted} mg");
+}
+
+#[test]
+fn masses_by_whole_voxels_are_nearly_those_of_parts() {
+    let scene = scene();
+    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let path = path(&space);
+    let parts = mass_increments(&scene.density_g_cm3, &path.points, RADIUS_MM);
+    let whole = mass_increments_by_voxels(&scene.density_g_cm3, &path.removal, &path.points, RADIUS_MM);
+    let sum = |masses: &[Moments]| masses.iter().map(Moments::mass_mg).sum::<f64>();
+    assert!((sum(&whole) / sum(&parts) - 1.0).abs() < 0.05, "{} mg, {} mg", sum(&whole), sum(&parts));
+    // what is of weight in one is so in the other, and lies on the same side of the burr
+    let axis = Unit::new_normalize(Vector3::new(0.3, 0.0, 1.0));
+    let much = 0.5 * sum(&parts) / parts.len() as f64;
+    let heavy: Vec<_> =
+        parts.iter().zip(&whole).filter(|(p, w)| p.mass_mg() > much && w.mass_mg() > 0.0).collect();
+    assert!(heavy.len() > 50, "{}", heavy.len());
+    let off =
+        |(p, w): &&(&Moments, &Moments)| (p.inertia_normalised(&axis) - w.inertia_normalised(&axis)).abs();
+    let mean = heavy.iter().map(|pair| off(&pair)).sum::<f64>() / heavy.len() as f64;
+    assert!(mean < 0.08, "{mean}");
 }
 
 /// Tiles of directions are passed over where nothing is met; no direction that meets something may be in one.

@@ -138,6 +138,13 @@ fn target_scenes() -> Vec<Scene> {
             .must(Expect::FallsShort("of what the burr can reach is removed")),
         with("undercut hall", "the shaft has to tilt under a roof, or say so", undercut)
             .must(Expect::FallsShort("")),
+        with(
+            "undercut hall, two angles",
+            "directions 12 degrees apart leave out what finer ones reach",
+            undercut,
+        )
+        .two_angles()
+        .must(Expect::FallsShort("")),
         Scene { spacing_mm: [0.2; 3], ..with("ball that leaves the bone", "a target half in air", ball) }
             .with("spacing_mm = 0.25\n", "spacing_mm = 0.2\n"),
         with("oblique pit", "walls that lean over the floor", oblique_pit),
@@ -275,9 +282,7 @@ fn structure_scenes() -> Vec<Scene> {
         two("two structures, by priority", "the cost looks at the farther one", "priority"),
         two("two structures, summed", "the cost looks at both", "sum"),
         sides("structures on both sides", "every push goes toward one of them"),
-        sides("structures on both sides, two angles", "a UR5e tilts away from both")
-            .with("[speed]", "[orientation]\nangles = 2\n[speed]")
-            .with("rate_hz = 100", "rate_hz = 100\nmodel = \"ur5e\"\nflange_from_burr = { translation_mm = [0, 0, 180], rpy_rad = [3.141592653589793, 0, 0] }"),
+        sides("structures on both sides, two angles", "a UR5e tilts away from both").two_angles(),
         Scene::plain("no structure at all", "no distance, no force toward anything").without_nerve(),
     ]
 }

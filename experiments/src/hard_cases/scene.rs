@@ -245,6 +245,14 @@ impl Scene {
 }
 
 impl Scene {
+    /// A UR5e, which tilts to every side.
+    #[must_use]
+    pub fn two_angles(self) -> Self {
+        let arm = "model = \"ur5e\"\nflange_from_burr = { translation_mm = [0, 0, 180], rpy_rad = [3.141592653589793, 0, 0] }";
+        self.with("[speed]", "[orientation]\nangles = 2\n[speed]")
+            .with("rate_hz = 100", format!("rate_hz = 100\n{arm}"))
+    }
+
     /// No structure in the case.
     #[must_use]
     pub fn without_nerve(self) -> Self {

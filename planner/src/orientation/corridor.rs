@@ -20,7 +20,7 @@ const AROUND: f64 = 2.1;
 /// Waypoints before and after one that cannot be got to at which the corridor grows too.
 const BESIDE: usize = 16;
 /// Times that the corridor grows.
-const MOST_WIDENINGS: usize = 12;
+const MOST_WIDENINGS: usize = 16;
 /// It is wide enough when the sequence runs along its edge at no more than one waypoint of so many.
 const FEW: usize = 12;
 

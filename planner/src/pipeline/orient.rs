@@ -349,7 +349,10 @@ fn optimal(room: &Room, field: &CostField) -> Oriented {
         rate: room.rate,
         forbidden: &none,
     };
-    let found = best_sequence(&problem);
+    // where directions are far apart a turn of one spacing stands for a way over several of the finer ones
+    let lighter = room.finer.map_or(1.0, |(finer, _)| finer.spacing_rad() / room.directions.spacing_rad());
+    let rate = RateLimit { weight_mm: lighter * room.rate.weight_mm, ..room.rate };
+    let found = best_sequence(&Problem { rate, ..problem });
     let corridor = room.finer.and_then(|finer| on_finer(room, field, kept, finer, &found));
     let (problem, found) = match (room.finer, &corridor) {
         (Some((directions, _)), Some(Corridor { free, cost, found, .. })) => {
