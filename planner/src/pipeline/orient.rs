@@ -311,18 +311,24 @@ pub fn cost_rows(
     cost
 }
 
-/// Waypoints at which the paper's low-pass would leave the free directions, if each waypoint took its cheapest of the set.
-fn low_pass_leaves(room: &Room, field: &CostField, cost: &[f32]) -> usize {
-    let (free, axes) = (&room.reached.free, room.directions.axes());
+/// Waypoints at which the paper's low-pass would leave the free directions, if each waypoint took its cheapest of those asked.
+fn low_pass_leaves(room: &Room, field: &CostField, cost: &[f32], corridor: Option<&Corridor>) -> usize {
+    let cheapest = |i: usize, directions: &Directions, free: &FreeSets, cost: &[f32]| {
+        let row = &cost[i * directions.len()..(i + 1) * directions.len()];
+        let n = free.iter(i).min_by(|a, b| row[*a].total_cmp(&row[*b]))?;
+        Some((row[n], directions.axes()[n]))
+    };
+    let fine = room.finer.zip(corridor);
     let wish = |i: usize| {
-        let row = &cost[i * axes.len()..(i + 1) * axes.len()];
-        match free.iter(i).min_by(|a, b| row[*a].total_cmp(&row[*b])) {
+        let on_set = cheapest(i, room.directions, &room.reached.free, cost);
+        let beside = fine.and_then(|((finer, _), found)| cheapest(i, finer, &found.free, &found.cost));
+        match on_set.into_iter().chain(beside).min_by(|a, b| a.0.total_cmp(&b.0)) {
             None => greedy::Wish::Nothing,
             Some(_) if field.moments[i].mass_mg() <= 0.0 => greedy::Wish::Any,
-            Some(n) => greedy::Wish::Axis(axes[n]),
+            Some((_, axis)) => greedy::Wish::Axis(axis),
         }
     };
-    let wishes: Vec<_> = (0..free.len()).map(wish).collect();
+    let wishes: Vec<_> = (0..room.reached.free.len()).map(wish).collect();
     filtered(room, &wishes).held
 }
 
@@ -332,6 +338,7 @@ fn optimal(room: &Room, field: &CostField) -> Oriented {
     let waypoints = room.reached.free.len();
     let kept: Option<Vec<EngagedSamples>> = room.finer.filter(|_| waypoints <= MOST_KEPT).map(|_| {
         let gathered = |i: usize| {
+            cancel::poll();
             let mut samples = EngagedSamples::default();
             field.gather(i, &mut samples);
             samples.shrink_to_fit();
@@ -358,7 +365,8 @@ fn optimal(room: &Room, field: &CostField) -> Oriented {
         (Some((directions, _)), Some(Corridor { free, cost, found, .. })) => {
             (Problem { directions, cost, free, ..problem }, found.clone())
         }
-        _ => (problem, found),
+        (Some(_), None) => (problem, best_sequence(&problem)),
+        (None, _) => (problem, found),
     };
     let axis = |n: u16| &problem.directions.axes()[usize::from(n)];
     let checked = best_checked(&problem, found, |i, from, to| room.is_turn_free(i, axis(from), axis(to)));
@@ -376,7 +384,7 @@ fn optimal(room: &Room, field: &CostField) -> Oriented {
     let mut oriented = Oriented { angles_rad: refined.angles_rad, ..Oriented::new(refined.axes, None) };
     oriented.allowed = room.allowed(&oriented, corridor.as_ref());
     oriented.spacing_rad = problem.directions.spacing_rad();
-    oriented.low_pass_leaves = low_pass_leaves(room, field, &cost);
+    oriented.low_pass_leaves = low_pass_leaves(room, field, &cost, corridor.as_ref());
     oriented
 }
 

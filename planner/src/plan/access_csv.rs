@@ -12,8 +12,7 @@ use crate::pipeline::Dropped;
 /// One row per waypoint: `index,free,pieces,angle_rad,low_rad,high_rad,cap_rad`.
 ///
 /// `free`: directions of the set that are free, and within the tilt limit where that binds; `pieces`: into how many parts they
-/// fall; for one angle that of the tilt plane and the free interval
-/// around it, for two the cap around the axis chosen.
+/// fall; for one angle that of the tilt plane and the free interval around it, for two the cap around the axis chosen.
 pub(super) fn access_csv(allowed: &[Permissible]) -> String {
     let mut text = String::from("index,free,pieces,angle_rad,low_rad,high_rad,cap_rad\n");
     for (index, Permissible { free, pieces, around }) in allowed.iter().enumerate() {
