@@ -191,10 +191,9 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let base_from_work = base_from_ct * scene.ct_from_work;
     let solid = watch.run("solid", || solid(case, &scene));
     let prepared = Prepared::new(case, &arm, &scene, &space, &solid, base_from_work, &mut watch)?;
-    let chosen = prepared.choose_timed(case, &mut watch)?;
+    let (chosen, motion) = prepared.choose_with_motion(case, &mut watch)?;
     let Chosen { oriented, kinds, forces, costs, compliances, .. } = &chosen;
     let (points, near, moments) = (prepared.points(), &prepared.near, &prepared.moments);
-    let motion = watch.run("inverse kinematics", || prepared.motion(case, &oriented.axes))?;
     let demand = prepared.demand(case, &chosen);
     let speed_input = demand.input(case, &prepared, &chosen, &motion.dense);
     let limits = speeds::path_limits(&arm)?;

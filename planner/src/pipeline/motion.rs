@@ -142,11 +142,6 @@ impl<'a> Compliance<'a> {
         Ok(Self { placed, stiffness })
     }
 
-    /// The joints' stiffness.
-    pub fn stiffness(&self) -> Option<&'a [f64]> {
-        self.stiffness
-    }
-
     /// What a case's cost turns forces by, mm/N in work for each of neighbouring axes with the burr at `at`; `None` where it looks at
     /// the force itself.
     ///

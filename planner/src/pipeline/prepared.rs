@@ -201,10 +201,29 @@ impl<'a> Prepared<'a> {
     /// # Errors
     /// When a parameter is out of range, or the deflection is asked for without a stiffness.
     pub fn choose(&self, case: &Case) -> Result<Chosen, PlanError> {
-        self.choose_timed(case, &mut Stopwatch { progress: &(), seconds: Vec::new() })
+        let with_motion = case.robot.joint_stiffness.is_some();
+        let mut watch = Stopwatch { progress: &(), seconds: Vec::new() };
+        Ok(self.choose_timed(case, with_motion, &mut watch)?.0)
     }
 
-    pub(super) fn choose_timed(&self, case: &Case, watch: &mut Stopwatch) -> Result<Chosen, PlanError> {
+    /// [`Self::choose`] with the motion that leads through these axes.
+    pub(super) fn choose_with_motion(
+        &self,
+        case: &Case,
+        watch: &mut Stopwatch,
+    ) -> Result<(Chosen, Motion), PlanError> {
+        let (chosen, motion) = self.choose_timed(case, true, watch)?;
+        // it was asked for
+        let motion = motion.map_or_else(|| self.motion(case, &chosen.oriented.axes), Ok)?;
+        Ok((chosen, motion))
+    }
+
+    fn choose_timed(
+        &self,
+        case: &Case,
+        with_motion: bool,
+        watch: &mut Stopwatch,
+    ) -> Result<(Chosen, Option<Motion>), PlanError> {
         let points = self.points();
         let tool = setup::tool(&case.burr)?;
         let (material, measure) = setup::material(&case.material)?;
@@ -241,11 +260,14 @@ impl<'a> Prepared<'a> {
             let mut bone = swept.bone_at(i as u32, force_kernel.sample_radius_mm(), weight);
             Some(force_kernel.engaged_force(&oriented.axes[i], &feed, speed, rpm, &mut bone))
         };
-        let forces: Vec<_> = watch.run("forces", || (0..points.len()).into_par_iter().map(force).collect());
-        let compliances = match compliance.stiffness() {
-            Some(_) => compliance.along(&self.motion(case, &oriented.axes)?.resolved.q)?,
-            None => None,
-        };
+        let (forces, motion): (Vec<_>, _) = watch.run("forces, inverse kinematics", || {
+            rayon::join(
+                || (0..points.len()).into_par_iter().map(force).collect(),
+                || with_motion.then(|| self.motion(case, &oriented.axes)).transpose(),
+            )
+        });
+        let motion = motion?;
+        let compliances = motion.as_ref().map_or(Ok(None), |motion| compliance.along(&motion.resolved.q))?;
         // D13 takes C at the nominal speed
         let push = |i: usize| {
             let force =
@@ -265,7 +287,7 @@ impl<'a> Prepared<'a> {
         let closed_form_error =
             (0..points.len()).filter(|i| !field.needs_force(*i)).map(left_out).fold(0.0, f64::max);
         let kinds = (0..points.len()).map(|i| self.kind(i, &oriented.axes[i])).collect();
-        Ok(Chosen { oriented, kinds, forces, costs, compliances, closed_form_error })
+        Ok((Chosen { oriented, kinds, forces, costs, compliances, closed_form_error }, motion))
     }
 
     /// The arm where it stands.
