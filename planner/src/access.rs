@@ -20,6 +20,7 @@
 //! A ball at a thick cylinder's flat front reaches out of it, from the handpiece down to the skull. Where only that part of
 //! a march is blocked, the front is looked at again with balls of the first cylinder's radius.
 
+mod eighths;
 mod field;
 mod front;
 mod march;
@@ -29,19 +30,17 @@ mod solid;
 pub use self::octants::OctantTimes;
 pub use self::solid::Solid;
 
-use std::ops::{ControlFlow, Range};
-
 use bonemill_geometry::{Point, Work, basis, cancel};
 use bonemill_imaging::Scene;
 use bonemill_robot::timelaw::CornerTolerance;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use self::eighths::Eighths;
 use self::field::{Bounds, Field, SOLID};
 use self::front::Front;
 use self::march::Marched;
 use crate::space::TRAJECTORY_TOLERANCE_MM;
-use crate::sweep::Rows;
 
 /// A cylinder of the shank: distances along the axis from the burr's centre, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -110,13 +109,8 @@ const PART: usize = 4;
 #[derive(Debug)]
 pub struct Access<'a> {
     scene: &'a Scene,
-    solid: &'a Solid,
-    rows: Rows,
-    octants: OctantTimes,
-    /// T of what is solid, voxel by voxel: of the eighth that goes last.
-    latest: Field,
-    /// The latest of every few of them.
-    latest_of_runs: Vec<f32>,
+    /// For what balls leave in doubt; none for a comparison of paths, which takes the balls' answer.
+    eighths: Option<Eighths<'a>>,
     near_box: Bounds,
     /// Where something beyond the work grid is known; `None` where nothing is.
     far_box: Option<Bounds>,
@@ -145,44 +139,31 @@ struct Segment {
 impl<'a> Access<'a> {
     /// Dilates the removal time once per cylinder. `octants`: of the path, on the scene's `solid`.
     pub fn new(scene: &'a Scene, solid: &'a Solid, octants: OctantTimes, shank: &[ShankCylinder]) -> Self {
-        let latest = Field::removal_time(solid, &octants);
-        let thin_mm = shank.first().map_or(0.0, |c| c.radius_mm);
-        let segment = |cylinder: &ShankCylinder| {
-            let factor = (cylinder.radius_mm / (VOXELS_PER_RADIUS * latest.spacing_mm)).floor().max(1.0);
-            let wide_mm = cylinder.radius_mm + aside_mm(cylinder.radius_mm, cylinder.to_mm);
-            let pooled = latest.pooled(factor as usize, wide_mm);
-            let reach_mm = pooled.ball_voxels(wide_mm) * pooled.spacing_mm;
-            let front = (pooled.is_blocks && cylinder.radius_mm > thin_mm)
-                .then(|| Front::new(&ShankCylinder { radius_mm: wide_mm, ..*cylinder }, reach_mm, thin_mm));
-            let inner_mm = cylinder.radius_mm + aside_mm(cylinder.radius_mm, 0.0);
-            let inner = if front.is_none() { pooled.surely_within(inner_mm).map(Marched::new) } else { None };
-            let outer = Marched::new(pooled.dilated(wide_mm));
-            Segment { cylinder: *cylinder, outer, inner, inner_mm, reach_mm, front }
-        };
-        let (segments, latest_of_runs): (Vec<_>, _) =
-            rayon::join(|| shank.par_iter().map(segment).collect(), || latest.runs());
+        let eighths = Eighths::new(solid, octants);
+        let segments = segments(&eighths.latest, shank, Segment::certain);
+        let access = Self::of(scene, eighths.latest.bounds(), segments);
+        Self { eighths: Some(eighths), ..access }
+    }
+
+    /// For a comparison of paths: bone goes by voxels, at `removal_time`, and what a ball of a thin cylinder's radius meets along
+    /// its axis is in the way, off by up to a voxel to either side. Thick cylinders as for a plan.
+    pub fn draft(scene: &'a Scene, solid: &Solid, removal_time: &[u32], shank: &[ShankCylinder]) -> Self {
+        let latest = Field::of_voxels(solid, removal_time);
+        Self::of(scene, latest.bounds(), segments(&latest, shank, Segment::nearly))
+    }
+
+    fn of(scene: &'a Scene, near_box: Bounds, segments: Vec<Segment>) -> Self {
         let fronts_mm = segments.iter().filter_map(|segment| segment.front.as_ref()).map(Front::reach_mm);
         let around_mm = fronts_mm.fold(0.0, f64::max);
         let thin = segments.first().filter(|_| around_mm > 0.0);
         let around = thin.map(|thin| thin.outer.field.latest_around(AROUND_VOXELS, around_mm));
-        Self {
-            scene,
-            solid,
-            rows: Rows::of(solid.grid()),
-            octants,
-            near_box: latest.bounds(),
-            far_box: scene.far.grid().map(Bounds::of),
-            latest_of_runs,
-            latest,
-            segments,
-            around,
-            around_mm,
-        }
+        let far_box = scene.far.grid().map(Bounds::of);
+        Self { scene, eighths: None, near_box, far_box, segments, around, around_mm }
     }
 
-    /// The removal times that it was made of.
-    pub fn into_octants(self) -> OctantTimes {
-        self.octants
+    /// The removal times that it was made of; none of a draft.
+    pub fn into_octants(self) -> Option<OctantTimes> {
+        self.eighths.map(|eighths| eighths.octants)
     }
 
     /// Whether the shank along `axis` (unit, work) is free while move `index` ends at `center`.
@@ -206,21 +187,25 @@ impl<'a> Access<'a> {
         let (mut front_is_free, mut doubted) = (false, false);
         let (begin_mm, step_mm) = (from_mm.max(enter), segment.outer.field.spacing_mm);
         let mut ray = segment.outer.ray(&center.coords, axis, [begin_mm, to_mm.min(leave)]);
+        // a draft's balls reach ahead of the cylinder, where the burr takes what it takes in this very move
+        let is_nearly = by_eighths && self.eighths.is_none();
+        let standing_at = (index + u32::from(is_nearly)) as f32;
         while let Some((sample, latest)) =
-            ray.as_mut().and_then(|ray| ray.next_standing(&segment.outer, index as f32))
+            ray.as_mut().and_then(|ray| ray.next_standing(&segment.outer, standing_at))
         {
             let at_mm = (begin_mm + sample as f64 * step_mm).min(to_mm.min(leave));
             if front_is_free && at_mm < behind_front {
                 continue;
             }
             if by_eighths {
+                let Some(eighths) = &self.eighths else { return Some(Blocked::by(latest, at_mm)) };
                 if !doubted && let Some(blocked) = segment.surely_blocked(pose, [at_mm, leave]) {
                     return Some(blocked);
                 }
                 doubted = true;
                 let end_mm = at_mm + PART as f64 * step_mm;
                 let part = [at_mm - step_mm, end_mm + step_mm];
-                if let Some(blocked) = self.blocked_part(&segment.cylinder, pose, part) {
+                if let Some(blocked) = eighths.blocked_part(&segment.cylinder, pose, part) {
                     return Some(blocked);
                 }
                 ray.iter_mut().for_each(|ray| ray.skip(PART));
@@ -291,62 +276,50 @@ impl<'a> Access<'a> {
             (is_beyond && near()).then_some(Blocked::Obstacle { at_mm: offset.z })
         })
     }
+}
 
-    /// What stands in a cylinder between two distances along the axis, asked eighth by eighth.
-    fn blocked_part(
-        &self,
-        cylinder: &ShankCylinder,
-        pose: &Pose,
-        [start_mm, end_mm]: [f64; 2],
-    ) -> Option<Blocked> {
-        let Pose { index, center, axis } = *pose;
-        let ShankCylinder { from_mm, to_mm, radius_mm } = *cylinder;
-        let stands = |p: &Point<Work>, latest: f32| {
-            let off = *p - center;
-            let at_mm = off.dot(axis);
-            let aside_mm = aside_mm(radius_mm, at_mm.max(0.0));
-            let across_mm = (off - axis * at_mm).norm();
-            // what the burr takes in this very move lies before the front
-            let first_mm = if latest > index as f32 { from_mm - aside_mm } else { from_mm };
-            let is_in = (first_mm..=to_mm + aside_mm).contains(&at_mm) && across_mm <= radius_mm + aside_mm;
-            (latest >= index as f32 && is_in).then(|| Blocked::by(latest, at_mm))
-        };
-        let may_stand = |run: Range<usize>| {
-            let runs = run.start / field::RUN..run.end.div_ceil(field::RUN);
-            self.latest_of_runs[runs].iter().any(|latest| *latest >= index as f32)
-        };
-        // from a voxel's centre to that of an eighth, whatever the rounding; and what the shank may be aside, also along the axis
-        let eighth_mm = 0.25 * (1.0 + 1e-6) * self.solid.grid().diagonal_mm();
-        let aside_mm = aside_mm(radius_mm, to_mm + 2.0 * aside_mm(radius_mm, to_mm));
-        let low_mm = if start_mm > from_mm { start_mm } else { from_mm - aside_mm };
-        let high_mm = if end_mm < to_mm { end_mm } else { to_mm + aside_mm };
-        let (ends_mm, wide_mm) =
-            ([low_mm - eighth_mm, high_mm + eighth_mm], radius_mm + aside_mm + eighth_mm);
-        let mut found = None;
-        let visit = |found: &mut Option<Blocked>, run: Range<usize>| {
-            // without a way out of the loop, which is quicker than with one
-            if !self.latest.value[run.clone()]
-                .iter()
-                .fold(false, |stands, latest| stands | (*latest >= index as f32))
-            {
-                return ControlFlow::Continue(());
-            }
-            for n in run.filter(|n| self.latest.value[*n] >= index as f32) {
-                let latest = field::latest_of_eighths(self.solid, &self.octants, n);
-                *found = self.solid.centers(n).iter().zip(latest).find_map(|(p, latest)| stands(p, latest));
-                if found.is_some() {
-                    return ControlFlow::Break(());
-                }
-            }
-            ControlFlow::Continue(())
-        };
-        let _ =
-            self.rows.within_cylinder_where((center, axis), ends_mm, wide_mm, &mut found, may_stand, visit);
-        found
-    }
+/// One per cylinder; `make`: from the cylinder, the radius of the first and the field with room around it.
+fn segments(
+    latest: &Field,
+    shank: &[ShankCylinder],
+    make: impl Fn(&ShankCylinder, f64, Field) -> Segment + Sync,
+) -> Vec<Segment> {
+    let thin_mm = shank.first().map_or(0.0, |c| c.radius_mm);
+    let segment = |cylinder: &ShankCylinder| {
+        let factor = (cylinder.radius_mm / (VOXELS_PER_RADIUS * latest.spacing_mm)).floor().max(1.0);
+        make(cylinder, thin_mm, latest.pooled(factor as usize, wide_mm(cylinder)))
+    };
+    shank.par_iter().map(segment).collect()
+}
+
+/// The radius of a cylinder with what it may be aside anywhere, mm.
+fn wide_mm(cylinder: &ShankCylinder) -> f64 {
+    cylinder.radius_mm + aside_mm(cylinder.radius_mm, cylinder.to_mm)
 }
 
 impl Segment {
+    /// With balls that are certain of what they say.
+    fn certain(cylinder: &ShankCylinder, thin_mm: f64, pooled: Field) -> Self {
+        let wide_mm = wide_mm(cylinder);
+        let reach_mm = pooled.ball_voxels(wide_mm) * pooled.spacing_mm;
+        let front = (pooled.is_blocks && cylinder.radius_mm > thin_mm)
+            .then(|| Front::new(&ShankCylinder { radius_mm: wide_mm, ..*cylinder }, reach_mm, thin_mm));
+        let inner_mm = cylinder.radius_mm + aside_mm(cylinder.radius_mm, 0.0);
+        let inner = if front.is_none() { pooled.surely_within(inner_mm).map(Marched::new) } else { None };
+        let outer = Marched::new(pooled.dilated(wide_mm));
+        Self { cylinder: *cylinder, outer, inner, inner_mm, reach_mm, front }
+    }
+
+    /// With a ball of the cylinder's own radius, where there is no front to look at.
+    fn nearly(cylinder: &ShankCylinder, thin_mm: f64, pooled: Field) -> Self {
+        if pooled.is_blocks && cylinder.radius_mm > thin_mm {
+            return Self::certain(cylinder, thin_mm, pooled);
+        }
+        let reach_mm = wide_mm(cylinder);
+        let outer = Marched::new(pooled.within(reach_mm));
+        Self { cylinder: *cylinder, outer, inner: None, inner_mm: 0.0, reach_mm, front: None }
+    }
+
     /// What is certain to stand in the cylinder, where its axis runs between two distances.
     fn surely_blocked(&self, pose: &Pose, [start_mm, end_mm]: [f64; 2]) -> Option<Blocked> {
         let Pose { index, center, axis } = *pose;

@@ -364,14 +364,9 @@ fn the_shank_is_free_where_no_eighth_stands_in_it() {
     let path = path(&space);
     let (solid, moves) = (Solid::new(&scene, &[0.0]), moves(&path));
     let octants = OctantTimes::new(&solid, &path.points, RADIUS_MM);
-    let whole = OctantTimes::of_voxels(&solid, path.removal.time());
     let mut standing: Vec<(Vector3<f64>, u32)> = Vec::new();
     for n in 0..scene.class.data().len() {
         let times = octants.of(solid.grid().voxel(n));
-        let of_voxel = if solid.goes(n) == 0 { NEVER } else { path.removal.time()[n] };
-        for (eighth, time) in whole.of(solid.grid().voxel(n)).into_iter().enumerate() {
-            assert_eq!(time, if solid.goes(n) >> eighth & 1 == 1 { of_voxel } else { NEVER });
-        }
         for (eighth, center) in solid.centers(n).iter().enumerate() {
             if solid.stays(n) >> eighth & 1 == 1 {
                 standing.push((center.coords, NEVER));
@@ -430,4 +425,53 @@ fn the_shank_is_free_where_no_eighth_stands_in_it() {
         }
     }
     assert!(free > 100 && blocked > 20 && only_just < blocked / 4, "{free} {blocked} {only_just}");
+}
+
+/// The access of a comparison of paths: off by no more than its balls and its march are, and seldom another answer than a plan's.
+#[test]
+fn a_drafts_shank_is_free_where_the_voxels_along_its_axis_say_so() {
+    let scene = scene();
+    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let path = path(&space);
+    let (solid, grid) = (Solid::new(&scene, &[0.0]), scene.class.grid());
+    let shank = [ShankCylinder { from_mm: RADIUS_MM, to_mm: 12.0, radius_mm: 0.8 }];
+    let draft = Access::draft(&scene, &solid, path.removal.time(), &shank);
+    let exact = Access::new(&scene, &solid, OctantTimes::new(&solid, &path.points, RADIUS_MM), &shank);
+    let standing: Vec<(Vector3<f64>, u32)> = (0..grid.len())
+        .filter(|n| solid.stays(*n).count_ones().max(solid.goes(*n).count_ones()) >= 4)
+        .map(|n| {
+            let time = if solid.stays(n).count_ones() >= 4 { NEVER } else { path.removal.time()[n] };
+            (grid.center(grid.voxel(n)).coords, time)
+        })
+        .collect();
+    // from a place to the voxel that holds it, and half a step along the axis
+    let off_mm = 0.5 * grid.diagonal_mm() + 0.5 * grid.spacing_mm().x;
+    let wide_mm = shank[0].radius_mm + aside_mm(shank[0].radius_mm, shank[0].to_mm);
+    let (mut free, mut blocked, mut other) = (0, 0, 0);
+    for i in (0..path.points.len()).step_by(path.points.len() / 60) {
+        let center = path.points[i].position;
+        for (tilt, turn) in [0.0f64, 0.15, 0.3, 0.5, 0.8].into_iter().zip([0.0f64, 0.9, 2.3, 3.9, 5.5]) {
+            let axis = Vector3::new(tilt.sin() * turn.cos(), tilt.sin() * turn.sin(), tilt.cos());
+            let stands = |radius_mm: f64| {
+                standing.iter().filter(|(_, time)| *time > i as u32).any(|(p, _)| {
+                    let off = p - center.coords;
+                    // the balls' centres lie on this part of the axis
+                    let at_mm = off.dot(&axis).clamp(RADIUS_MM, shank[0].to_mm);
+                    (off - axis * at_mm).norm() <= radius_mm
+                })
+            };
+            let index = i as u32;
+            let is_free = draft.is_free(index, center, &axis);
+            if is_free {
+                free += 1;
+                assert!(!stands(wide_mm - off_mm), "waypoint {i}, tilt {tilt}");
+            } else {
+                blocked += 1;
+                assert!(stands(wide_mm + off_mm), "waypoint {i}, tilt {tilt}");
+            }
+            other += usize::from(is_free != exact.is_free(index, center, &axis));
+        }
+    }
+    assert!(free > 100 && blocked > 20 && other <= (free + blocked) / 20, "{free} {blocked} {other}");
+    assert!(draft.into_octants().is_none());
 }

@@ -111,6 +111,22 @@ impl Field {
                 FREE
             }
         };
+        Self::of_each(grid, of)
+    }
+
+    /// T by voxels, as a comparison of paths has it: a voxel stands for the most of its eighths.
+    pub(super) fn of_voxels(solid: &Solid, removal_time: &[u32]) -> Self {
+        let most = |eighths: u8| eighths.count_ones() >= 4;
+        let of = |voxel: usize| match (most(solid.stays(voxel)), most(solid.goes(voxel)), removal_time[voxel])
+        {
+            (true, _, _) | (false, true, NEVER) => SOLID,
+            (false, true, time) => time as f32,
+            (false, false, _) => FREE,
+        };
+        Self::of_each(solid.grid(), of)
+    }
+
+    fn of_each(grid: &Grid<Work>, of: impl Fn(usize) -> f32 + Sync + Send) -> Self {
         let value = (0..grid.len()).into_par_iter().with_min_len(1 << 14).map(of).collect();
         Self {
             is_z_first: false,
@@ -159,6 +175,11 @@ impl Field {
     pub(super) fn dilated(self, radius_mm: f64) -> Self {
         let radius = self.ball_voxels(radius_mm);
         Self { value: ball_maximum(&self.value, self.dims, radius), ..self }
+    }
+
+    /// Latest time of the voxels with their centres within `radius_mm` of each voxel's.
+    pub(super) fn within(self, radius_mm: f64) -> Self {
+        Self { value: ball_maximum(&self.value, self.dims, radius_mm / self.spacing_mm), ..self }
     }
 
     /// Latest time within a ball that holds no eighth beyond `radius_mm` from any point that the voxel holds; `None` where there is no

@@ -54,27 +54,6 @@ impl OctantTimes {
         Self { first, dims, time }
     }
 
-    /// Each eighth with its voxel's time: for a comparison of paths, not for a plan.
-    pub fn of_voxels(solid: &Solid, removal_time: &[u32]) -> Self {
-        let (grid, (first, dims)) = (solid.grid(), eighths_that_go(solid));
-        let mut time = vec![NEVER; dims.iter().product()];
-        time.par_chunks_mut((dims[0] * dims[1]).max(1)).enumerate().for_each(|(k, layer)| {
-            for (j, row) in layer.chunks_mut(dims[0]).enumerate() {
-                let start = grid.index([first[0], first[1] + j / 2, first[2] + k / 2]);
-                let low = 2 * (j & 1) + 4 * (k & 1);
-                for (i, pair) in row.chunks_mut(2).enumerate() {
-                    let goes = solid.goes(start + i) >> low;
-                    for (n, time) in pair.iter_mut().enumerate() {
-                        if goes >> n & 1 == 1 {
-                            *time = removal_time[start + i];
-                        }
-                    }
-                }
-            }
-        });
-        Self { first, dims, time }
-    }
-
     /// Times of a voxel's eighths, in the order of [`Solid`]'s bits; [`NEVER`] for those that do not go.
     pub fn of(&self, voxel: [usize; 3]) -> [u32; 8] {
         let low: [usize; 3] = std::array::from_fn(|a| voxel[a].wrapping_sub(self.first[a]));

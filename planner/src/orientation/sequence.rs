@@ -27,6 +27,8 @@ const SHORTEST_MM: f64 = 1e-3;
 const LEAST_WEIGHT_MM: f64 = 1e-6;
 /// Up to so many directions that a sequence may come from are looked at for how near to each other they are.
 const MOST_NARROW: usize = 64;
+/// Squares of a fan's angles ascend but for so much, rad².
+const UNEVEN: f64 = 1e-8;
 /// Decides between first directions of equal cost, per rad of tilt.
 const UPRIGHT: f64 = 1e-9;
 
@@ -158,11 +160,10 @@ struct Layer<'a> {
     /// The directions that are reached, ascending: where `best` is finite; `next` is finite nowhere.
     alive: Vec<u16>,
     reached: Vec<u16>,
+    /// The least of `best`.
+    least: f64,
     /// Free before or after the move.
     passable: Vec<bool>,
-    /// Slots of each fan within reach, for the reach they were counted for.
-    slots: Vec<u16>,
-    slots_for_rad: f64,
 }
 
 impl<'a> Layer<'a> {
@@ -174,9 +175,8 @@ impl<'a> Layer<'a> {
             next: vec![f64::INFINITY; n],
             alive: Vec::with_capacity(n),
             reached: Vec::with_capacity(n),
+            least: f64::INFINITY,
             passable: vec![false; n],
-            slots: vec![0; n],
-            slots_for_rad: -1.0,
         }
     }
 
@@ -189,6 +189,7 @@ impl<'a> Layer<'a> {
             self.best[n] = self.problem.own(i, n) + UPRIGHT * tilt;
             self.alive.push(n as u16);
         }
+        self.least = self.least_of_alive();
         self.problem.free.count(i) > 0
     }
 
@@ -196,28 +197,28 @@ impl<'a> Layer<'a> {
     fn advance(&mut self, i: usize, came_from: &mut [u8], edges: &mut u64) -> bool {
         let p = self.problem;
         let count = p.directions.len();
-        self.count_slots(p.reach_rad(i));
         let beside = || p.free.iter(i).chain(p.free.iter(i - 1));
         beside().for_each(|n| self.passable[n] = true);
         let turn = p.turn_weight(i);
         let forbidden = p.forbidden.at(i);
         let alive_within = self.alive_within();
-        let only_neighbours = p.reach_rad(i) <= 1.5 * p.directions.spacing_rad();
+        let reach_rad = p.reach_rad(i);
+        let only_neighbours = reach_rad <= 1.5 * p.directions.spacing_rad();
         self.reached.clear();
         for n in p.free.iter(i) {
-            let (fan, mut slots) = (p.directions.fan(n), usize::from(self.slots[n]));
-            if let Some((middle, radius_rad)) = alive_within {
-                let most = p.directions.angle_at_most(middle, n) + radius_rad + 1e-6;
-                slots = fan.angle_rad[..slots].partition_point(|a| f64::from(*a) <= most);
-            }
-            *edges += slots as u64;
-            let (slot, least) = if !forbidden.is_empty() {
-                self.among_allowed(fan, slots, turn, |from| forbidden.contains(&[from, n as u16]))
+            let fan = p.directions.fan(n);
+            let most_rad = alive_within.map_or(reach_rad, |(middle, radius_rad)| {
+                reach_rad.min(p.directions.angle_at_most(middle, n) + radius_rad)
+            });
+            let most_rad = most_rad + 1e-6;
+            let (slot, least, looked_at) = if !forbidden.is_empty() {
+                self.among_allowed(fan, most_rad, turn, |from| forbidden.contains(&[from, n as u16]))
             } else if only_neighbours {
-                self.among_neighbours(fan, slots, turn)
+                self.among_neighbours(fan, most_rad, turn)
             } else {
-                self.among_allowed(fan, slots, turn, |_| false)
+                self.among_allowed(fan, most_rad, turn, |_| false)
             };
+            *edges += looked_at as u64;
             if least.is_finite() {
                 self.next[n] = least + p.own(i, n);
                 came_from[i * count + n] = slot as u8;
@@ -228,7 +229,12 @@ impl<'a> Layer<'a> {
         self.alive.iter().for_each(|n| self.best[usize::from(*n)] = f64::INFINITY);
         std::mem::swap(&mut self.best, &mut self.next);
         std::mem::swap(&mut self.alive, &mut self.reached);
+        self.least = self.least_of_alive();
         !self.alive.is_empty()
+    }
+
+    fn least_of_alive(&self) -> f64 {
+        self.alive.iter().map(|n| self.best[usize::from(*n)]).fold(f64::INFINITY, f64::min)
     }
 
     /// A direction and the angle around it that holds every one the sequence may come from; `None` where that are many, and
@@ -240,55 +246,52 @@ impl<'a> Layer<'a> {
         Some((middle, self.alive.iter().map(angle).fold(0.0, f64::max)))
     }
 
-    fn count_slots(&mut self, reach_rad: f64) {
-        if self.slots_for_rad == reach_rad {
-            return;
-        }
-        self.slots_for_rad = reach_rad;
-        for (n, slots) in self.slots.iter_mut().enumerate() {
-            let fan = self.problem.directions.fan(n);
-            *slots = fan.angle_rad.partition_point(|a| f64::from(*a) <= reach_rad + 1e-6) as u16;
-        }
-    }
-
-    /// The best slot to come from when nothing lies between.
+    /// The best slot to come from when nothing lies between, what it leads to, and how many were looked at.
     #[inline]
-    fn among_neighbours(&self, fan: &Fan, slots: usize, turn: f64) -> (usize, f64) {
-        let (mut from, mut least) = (0, f64::INFINITY);
-        for (slot, (node, square)) in fan.node[..slots].iter().zip(&fan.square[..slots]).enumerate() {
+    fn among_neighbours(&self, fan: &Fan, most_rad: f64, turn: f64) -> (usize, f64, usize) {
+        let (mut from, mut least, mut slots) = (0, f64::INFINITY, 0);
+        for ((node, square), angle_rad) in fan.node.iter().zip(&fan.square).zip(&fan.angle_rad) {
+            if f64::from(*angle_rad) > most_rad {
+                break;
+            }
             let total = self.best[usize::from(*node)] + turn * square;
             if total < least {
-                (from, least) = (slot, total);
+                (from, least) = (slots, total);
             }
+            slots += 1;
         }
-        (from, least)
+        (from, least, slots)
     }
 
-    /// The best slot to come from, over places that are all passable.
+    /// The same over places that are all passable. Slots are looked at up to where the turn alone makes every farther one worse.
     #[inline]
     fn among_allowed(
         &self,
         fan: &Fan,
-        slots: usize,
+        most_rad: f64,
         turn: f64,
         is_forbidden: impl Fn(u16) -> bool,
-    ) -> (usize, f64) {
+    ) -> (usize, f64, usize) {
         // a bit per slot: nothing blocked on the way there, the slot itself included
         let mut open = [1u64, 0, 0, 0];
         let (mut from, mut least) = (0, f64::INFINITY);
-        for slot in 0..slots {
+        for (slot, angle_rad) in fan.angle_rad.iter().enumerate() {
+            let by_turn = turn * fan.square[slot];
+            if f64::from(*angle_rad) > most_rad || self.least + turn * (fan.square[slot] - UNEVEN) >= least {
+                return (from, least, slot);
+            }
             let node = fan.node[slot];
             let parent = usize::from(fan.parent[slot]);
             let on_way = open[parent / 64 % 4] >> (parent % 64) & 1 == 1;
             // slot 0 is the end itself, which is free
             let passes = on_way && self.passable[usize::from(node)];
             open[slot / 64 % 4] |= u64::from(passes) << (slot % 64);
-            let total = self.best[usize::from(node)] + turn * fan.square[slot];
+            let total = self.best[usize::from(node)] + by_turn;
             if on_way && total < least && !is_forbidden(node) {
                 (from, least) = (slot, total);
             }
         }
-        (from, least)
+        (from, least, fan.angle_rad.len())
     }
 
     fn best_end(&self) -> (usize, f64) {

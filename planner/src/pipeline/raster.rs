@@ -17,7 +17,7 @@ use super::orient::{CostField, cost_rows};
 use super::prepared::{feeds, terms};
 use super::reach::{ReachSpec, free_directions, lengths, limited};
 use super::setup;
-use crate::access::{Access, OctantTimes};
+use crate::access::Access;
 use crate::burr::OrientationKernel;
 use crate::case::Case;
 use crate::engagement::{SweptPath, mass_increments_by_voxels};
@@ -61,8 +61,7 @@ fn draft_cost(
     let step_mm = (COARSER * spec.spacing.step_mm).min(radius);
     let path = lay_rough(space, PathSpacing { step_mm, ..spec.spacing }, frame);
     let points = &path.points;
-    let octants = OctantTimes::of_voxels(spec.solid, path.removal.time());
-    let access = Access::new(scene, spec.solid, octants, spec.shank);
+    let access = Access::draft(scene, spec.solid, path.removal.time(), spec.shank);
     let limited = limited(points.len(), |i| points[i].kind == MoveKind::Cut);
     let free = free_directions(&access, points, &limited, spec, None);
     drop(access);

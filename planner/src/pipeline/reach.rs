@@ -146,7 +146,7 @@ pub fn reached<'a>(
         }
         let passes = put_off_points(&path.passes, &points, path.layers);
         let next = join_passes(space, spec.spacing, passes, path.layers);
-        before = Some(Round { path, octants: access.into_octants(), free, dropped: points });
+        before = access.into_octants().map(|octants| Round { path, octants, free, dropped: points });
         path = next;
     }
     Err(Unreached::Unsettled { waypoints, rounds: MOST_ROUNDS })
