@@ -1,28 +1,29 @@
 //! From the best sequence on a coarse cap to the best one near it on a finer cap.
 //!
 //! A cap's directions grow with the square of their fineness, and with them what access and cost take, while the best sequence
-//! on the fine cap stays near that on the coarse one. So only a corridor around the coarse sequence is asked: at every
+//! on the fine cap stays near that on the coarse one. So only a corridor around the coarse sequence, smoothed, is asked: at every
 //! waypoint the fine directions within [`AROUND`] spacings of its own direction and its neighbours'. Where the best sequence
-//! in the corridor runs along its edge, the corridor grows there, until it hardly does or [`MOST_WIDENINGS`] times.
+//! in the corridor runs along its edge, or none gets through, the corridor grows there, until it hardly does or
+//! [`MOST_WIDENINGS`] times.
 //!
 //! What comes out is the best sequence within its corridor, hence no worse than any small change of it; a sequence that
 //! takes another way round is looked for on the coarse cap alone.
-
-use std::ops::Range;
 
 use rayon::prelude::*;
 
 use super::sequence::{Forbidden, Found, Problem, best_sequence, blocked_waypoints};
 use super::{Directions, FreeSets, RateLimit};
 
-/// Half-width of the corridor in the fine cap's spacings: two rings, 19 directions.
-const AROUND: f64 = 2.1;
+/// Waypoints to either side over which the start is smoothed.
+const GLIDE: usize = 10;
+/// Half-width of the corridor in the fine cap's spacings: one ring, 7 directions.
+const AROUND: f64 = 1.6;
 /// Waypoints before and after one that cannot be got to at which the corridor grows too.
 const BESIDE: usize = 16;
 /// Times that the corridor grows.
 const MOST_WIDENINGS: usize = 16;
 /// It is wide enough when the sequence runs along its edge at no more than one waypoint of so many.
-const FEW: usize = 12;
+const FEW: usize = 8;
 
 /// What was asked of a fine cap, and the best sequence in it.
 #[derive(Debug, Clone)]
@@ -51,13 +52,12 @@ pub fn best_near(
     let (waypoints, count) = (sequence.len(), fine.len());
     let [mut asked, mut free] = [FreeSets::none(waypoints, count), FreeSets::none(waypoints, count)];
     let mut cost = vec![0f32; waypoints * count];
+    let start = smoothed(fine, sequence);
     // where the corridor is to grow: around which directions, and how far
-    let all = |at: Range<usize>, sequence: &[u16], spacings: f64| -> Vec<Growth> {
-        let middles = |i: usize| sequence[i.saturating_sub(1)..(i + 2).min(waypoints)].to_vec();
-        at.map(|i| Growth { i, middles: middles(i), spacings }).collect()
-    };
-    let mut grow = all(0..waypoints, sequence, AROUND);
-    let mut round = 0;
+    let beside = |sequence: &[u16], i: usize| sequence[i.saturating_sub(1)..(i + 2).min(waypoints)].to_vec();
+    let mut grow: Vec<Growth> =
+        (0..waypoints).map(|i| Growth { i, middles: beside(&start, i), spacings: AROUND }).collect();
+    let (nothing, mut round) = (Forbidden::default(), 0);
     loop {
         let answers: Vec<(usize, Vec<usize>, Vec<Option<f32>>)> = grow
             .par_iter()
@@ -80,9 +80,8 @@ pub fn best_near(
                 }
             }
         }
-        let forbidden = Forbidden::default();
         let problem =
-            Problem { directions: fine, cost: &cost, free: &free, length_mm, rate, forbidden: &forbidden };
+            Problem { directions: fine, cost: &cost, free: &free, length_mm, rate, forbidden: &nothing };
         let found = best_sequence(&problem);
         round += 1;
         grow = match &found {
@@ -92,14 +91,15 @@ pub fn best_near(
                 let edge = (0..waypoints).filter(|i| !is_inside(*i));
                 edge.map(|i| Growth { i, middles: vec![directions[i]], spacings: AROUND }).collect()
             }
-            // the coarse sequence turns there past what the fine cap sees to be blocked
+            // the coarse sequence turns there past what the fine cap sees to be blocked, or faster than it may there
             Found::Blocked(_) => {
                 let spacings = AROUND * (1 + round) as f64;
-                let beside = |i: usize| i.saturating_sub(BESIDE)..(i + BESIDE).min(waypoints);
-                let mut near: Vec<usize> = blocked_waypoints(&problem).into_iter().flat_map(beside).collect();
+                let around = |i: usize| i.saturating_sub(BESIDE)..(i + BESIDE).min(waypoints);
+                let mut near: Vec<usize> = blocked_waypoints(&problem).into_iter().flat_map(around).collect();
                 near.sort_unstable();
                 near.dedup();
-                near.into_iter().flat_map(|i| all(i..i + 1, sequence, spacings)).collect()
+                let middles = |i: usize| [beside(&start, i), beside(sequence, i)].concat();
+                near.into_iter().map(|i| Growth { i, middles: middles(i), spacings }).collect()
             }
         };
         let is_blocked = matches!(found, Found::Blocked(_));
@@ -107,6 +107,16 @@ pub fn best_near(
             return (!is_blocked).then_some(Corridor { asked, free, cost, found });
         }
     }
+}
+
+/// The means over [`GLIDE`] waypoints before and after each: the best sequence glides where the coarse one jumps.
+fn smoothed(fine: &Directions, sequence: &[u16]) -> Vec<u16> {
+    let axis = |n: &u16| fine.axes()[usize::from(*n)].into_inner();
+    let mean = |i: usize| {
+        let near = &sequence[i.saturating_sub(GLIDE)..(i + GLIDE + 1).min(sequence.len())];
+        fine.nearest(&near.iter().map(axis).sum()) as u16
+    };
+    (0..sequence.len()).into_par_iter().map(mean).collect()
 }
 
 /// Where the corridor is to be wider.
@@ -126,20 +136,20 @@ mod tests {
 
     const RATE: RateLimit = RateLimit { weight_mm: 1.0, most_rad_per_mm: 2.0 };
 
-    /// A valley that winds over the cap, with a wall that the sequence must go around.
-    fn cost_at(fine: &Directions, i: usize, n: usize) -> Option<f32> {
+    /// A valley that winds over the cap, with a wall that the sequence must go around, and ripples so high.
+    fn cost_at(fine: &Directions, i: usize, n: usize, ripple: f64) -> Option<f32> {
         let axis = &fine.axes()[n];
         let t = i as f64 * 0.05;
         let off = (axis.x - 0.5 * t.sin()).hypot(axis.y - 0.3 * (1.7 * t).cos());
         let is_wall = (20..40).contains(&i) && axis.x > 0.35;
-        (!is_wall).then_some((3.0 * off * off + 0.05 * (9.0 * axis.y).sin()) as f32)
+        (!is_wall).then_some((3.0 * off * off + ripple * (9.0 * axis.y).sin()) as f32)
     }
 
     /// The whole fine cap, asked everywhere.
-    fn whole(fine: &Directions, length_mm: &[f64]) -> Found {
-        let at = |k: usize| cost_at(fine, k / fine.len(), k % fine.len());
+    fn whole(fine: &Directions, length_mm: &[f64], ripple: f64) -> Found {
+        let at = |k: usize| cost_at(fine, k / fine.len(), k % fine.len(), ripple);
         let cost: Vec<f32> = (0..length_mm.len() * fine.len()).map(|k| at(k).unwrap_or(0.0)).collect();
-        let free = FreeSets::fill(length_mm.len(), fine.len(), |i, n| cost_at(fine, i, n).is_some());
+        let free = FreeSets::fill(length_mm.len(), fine.len(), |i, n| cost_at(fine, i, n, ripple).is_some());
         let forbidden = Forbidden::default();
         best_sequence(&Problem {
             directions: fine,
@@ -158,25 +168,43 @@ mod tests {
         }
     }
 
+    /// Where ripples are as wide as the corridor is at first, it may stay in one beside the best.
     #[test]
     fn near_the_coarse_sequence_the_fine_caps_best_is_found_with_few_questions() {
         let coarse = Directions::cap(0.21, 1.05);
         let (fine, numbers) = coarse.finer(3).unwrap();
         let length_mm = vec![0.5; 80];
-        let Found::Sequence { directions, total: rough, .. } = whole(&coarse, &length_mm) else { panic!() };
-        let start: Vec<u16> = directions.iter().map(|n| numbers[usize::from(*n)]).collect();
-        let asked = AtomicUsize::new(0);
-        let ask = |i: usize, wanted: &[usize]| {
-            asked.fetch_add(wanted.len(), Ordering::Relaxed);
-            wanted.iter().map(|n| cost_at(&fine, i, *n)).collect()
-        };
-        let corridor = best_near(&fine, &start, &length_mm, RATE, ask).unwrap();
-        let best = total(&whole(&fine, &length_mm));
-        assert!((total(&corridor.found) - best).abs() < 1e-9, "{} of {best}", total(&corridor.found));
-        assert!(best < rough);
-        let asked = asked.load(Ordering::Relaxed);
-        assert!(asked < 80 * fine.len() / 10, "{asked}");
-        assert_eq!((0..80).map(|i| corridor.asked.count(i)).sum::<usize>(), asked, "nothing is asked twice");
+        for (ripple, above) in [(0.0, 1e-9), (0.01, 1e-9), (0.05, 1e-3)] {
+            let found = whole(&coarse, &length_mm, ripple);
+            let Found::Sequence { directions, total: rough, .. } = found else { panic!() };
+            let start: Vec<u16> = directions.iter().map(|n| numbers[usize::from(*n)]).collect();
+            let asked = AtomicUsize::new(0);
+            let ask = |i: usize, wanted: &[usize]| {
+                asked.fetch_add(wanted.len(), Ordering::Relaxed);
+                wanted.iter().map(|n| cost_at(&fine, i, *n, ripple)).collect()
+            };
+            let corridor = best_near(&fine, &start, &length_mm, RATE, ask).unwrap();
+            let (best, found) = (total(&whole(&fine, &length_mm, ripple)), total(&corridor.found));
+            assert!(found - best < above * best, "{found} of {best} with ripples of {ripple}");
+            assert!(found < rough);
+            let asked = asked.load(Ordering::Relaxed);
+            assert!(asked < 80 * fine.len() / 10, "{asked}");
+            let counted = (0..80).map(|i| corridor.asked.count(i)).sum::<usize>();
+            assert_eq!(counted, asked, "nothing is asked twice");
+            // what was found is the best of what was asked
+            let free = &corridor.free;
+            let forbidden = Forbidden::default();
+            let cost = &corridor.cost;
+            let again = Problem {
+                directions: &fine,
+                cost,
+                free,
+                length_mm: &length_mm,
+                rate: RATE,
+                forbidden: &forbidden,
+            };
+            assert_eq!(best_sequence(&again), corridor.found);
+        }
     }
 
     /// A start far from the valley: the corridor follows it there.
@@ -185,9 +213,9 @@ mod tests {
         let (fine, _) = Directions::cap(0.21, 1.05).finer(3).unwrap();
         let length_mm = vec![0.5; 12];
         let start = vec![fine.nearest(&nalgebra::Vector3::new(0.2, -0.1, 1.0).normalize()) as u16; 12];
-        let ask = |i: usize, wanted: &[usize]| wanted.iter().map(|n| cost_at(&fine, i, *n)).collect();
+        let ask = |i: usize, wanted: &[usize]| wanted.iter().map(|n| cost_at(&fine, i, *n, 0.05)).collect();
         let corridor = best_near(&fine, &start, &length_mm, RATE, ask).unwrap();
-        assert!((total(&corridor.found) - total(&whole(&fine, &length_mm))).abs() < 1e-9);
+        assert!((total(&corridor.found) - total(&whole(&fine, &length_mm, 0.05))).abs() < 1e-9);
     }
 
     #[test]

@@ -160,8 +160,6 @@ struct Layer<'a> {
     /// The directions that are reached, ascending: where `best` is finite; `next` is finite nowhere.
     alive: Vec<u16>,
     reached: Vec<u16>,
-    /// The least of `best`.
-    least: f64,
     /// Free before or after the move.
     passable: Vec<bool>,
 }
@@ -175,7 +173,6 @@ impl<'a> Layer<'a> {
             next: vec![f64::INFINITY; n],
             alive: Vec::with_capacity(n),
             reached: Vec::with_capacity(n),
-            least: f64::INFINITY,
             passable: vec![false; n],
         }
     }
@@ -189,7 +186,6 @@ impl<'a> Layer<'a> {
             self.best[n] = self.problem.own(i, n) + UPRIGHT * tilt;
             self.alive.push(n as u16);
         }
-        self.least = self.least_of_alive();
         self.problem.free.count(i) > 0
     }
 
@@ -197,13 +193,13 @@ impl<'a> Layer<'a> {
     fn advance(&mut self, i: usize, came_from: &mut [u8], edges: &mut u64) -> bool {
         let p = self.problem;
         let count = p.directions.len();
-        let beside = || p.free.iter(i).chain(p.free.iter(i - 1));
+        let (turn, forbidden, reach_rad) = (p.turn_weight(i), p.forbidden.at(i), p.reach_rad(i));
+        // between neighbours nothing lies that could be blocked
+        let only_neighbours = reach_rad <= 1.5 * p.directions.spacing_rad() && forbidden.is_empty();
+        let beside = || p.free.iter(i).chain(p.free.iter(i - 1)).filter(|_| !only_neighbours);
         beside().for_each(|n| self.passable[n] = true);
-        let turn = p.turn_weight(i);
-        let forbidden = p.forbidden.at(i);
-        let alive_within = self.alive_within();
-        let reach_rad = p.reach_rad(i);
-        let only_neighbours = reach_rad <= 1.5 * p.directions.spacing_rad();
+        let alive_within = if only_neighbours { None } else { self.alive_within() };
+        let least_alive = self.alive.iter().map(|n| self.best[usize::from(*n)]).fold(f64::INFINITY, f64::min);
         self.reached.clear();
         for n in p.free.iter(i) {
             let fan = p.directions.fan(n);
@@ -211,12 +207,13 @@ impl<'a> Layer<'a> {
                 reach_rad.min(p.directions.angle_at_most(middle, n) + radius_rad)
             });
             let most_rad = most_rad + 1e-6;
-            let (slot, least, looked_at) = if !forbidden.is_empty() {
-                self.among_allowed(fan, most_rad, turn, |from| forbidden.contains(&[from, n as u16]))
-            } else if only_neighbours {
+            let (slot, least, looked_at) = if only_neighbours {
                 self.among_neighbours(fan, most_rad, turn)
+            } else if forbidden.is_empty() {
+                self.among_allowed(fan, most_rad, turn, least_alive, |_| false)
             } else {
-                self.among_allowed(fan, most_rad, turn, |_| false)
+                let is_forbidden = |from| forbidden.contains(&[from, n as u16]);
+                self.among_allowed(fan, most_rad, turn, least_alive, is_forbidden)
             };
             *edges += looked_at as u64;
             if least.is_finite() {
@@ -229,12 +226,7 @@ impl<'a> Layer<'a> {
         self.alive.iter().for_each(|n| self.best[usize::from(*n)] = f64::INFINITY);
         std::mem::swap(&mut self.best, &mut self.next);
         std::mem::swap(&mut self.alive, &mut self.reached);
-        self.least = self.least_of_alive();
         !self.alive.is_empty()
-    }
-
-    fn least_of_alive(&self) -> f64 {
-        self.alive.iter().map(|n| self.best[usize::from(*n)]).fold(f64::INFINITY, f64::min)
     }
 
     /// A direction and the angle around it that holds every one the sequence may come from; `None` where that are many, and
@@ -263,13 +255,15 @@ impl<'a> Layer<'a> {
         (from, least, slots)
     }
 
-    /// The same over places that are all passable. Slots are looked at up to where the turn alone makes every farther one worse.
+    /// The same over places that are all passable. Slots are looked at up to where the turn alone makes every farther one worse, since
+    /// none costs less than `least_alive`.
     #[inline]
     fn among_allowed(
         &self,
         fan: &Fan,
         most_rad: f64,
         turn: f64,
+        least_alive: f64,
         is_forbidden: impl Fn(u16) -> bool,
     ) -> (usize, f64, usize) {
         // a bit per slot: nothing blocked on the way there, the slot itself included
@@ -277,7 +271,7 @@ impl<'a> Layer<'a> {
         let (mut from, mut least) = (0, f64::INFINITY);
         for (slot, angle_rad) in fan.angle_rad.iter().enumerate() {
             let by_turn = turn * fan.square[slot];
-            if f64::from(*angle_rad) > most_rad || self.least + turn * (fan.square[slot] - UNEVEN) >= least {
+            if f64::from(*angle_rad) > most_rad || least_alive + turn * (fan.square[slot] - UNEVEN) >= least {
                 return (from, least, slot);
             }
             let node = fan.node[slot];

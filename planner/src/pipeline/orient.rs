@@ -197,16 +197,11 @@ pub fn orient(mode: OrientationMode, room: &Room, field: &CostField) -> Oriented
     let with_force = (0..count).filter(|i| field.needs_force(*i)).count();
     let closed_form = (0..count).filter(|i| field.moments[*i].mass_mg() > 0.0).count() - with_force;
     let mut oriented = match mode {
-        OrientationMode::Fixed => fixed(room),
-        OrientationMode::Greedy => by_waypoint(room, field),
+        OrientationMode::Fixed => fixed(room).surveyed(room, None),
+        OrientationMode::Greedy => by_waypoint(room, field).surveyed(room, None),
         OrientationMode::Optimal => optimal(room, field),
     };
     (oriented.with_force, oriented.closed_form) = (with_force, closed_form);
-    oriented.blocked_turns = room.blocked_turns(&oriented.axes);
-    if oriented.allowed.is_empty() {
-        oriented.allowed = room.allowed(&oriented, None);
-        oriented.spacing_rad = room.directions.spacing_rad();
-    }
     oriented
 }
 
@@ -224,6 +219,15 @@ impl Oriented {
             allowed: Vec::new(),
             spacing_rad: 0.0,
         }
+    }
+
+    /// With what is open around each axis and on the way to it; `corridor`: where the axes are of the finer cap.
+    fn surveyed(mut self, room: &Room, corridor: Option<&Corridor>) -> Self {
+        let set = room.finer.filter(|_| corridor.is_some()).map_or(room.directions, |(finer, _)| finer);
+        self.spacing_rad = set.spacing_rad();
+        self.allowed = room.allowed(&self, corridor);
+        self.blocked_turns = room.blocked_turns(&self.axes);
+        self
     }
 }
 
@@ -328,7 +332,7 @@ fn low_pass_leaves(room: &Room, field: &CostField, cost: &[f32], corridor: Optio
             Some((_, axis)) => greedy::Wish::Axis(axis),
         }
     };
-    let wishes: Vec<_> = (0..room.reached.free.len()).map(wish).collect();
+    let wishes: Vec<_> = (0..room.reached.free.len()).into_par_iter().map(wish).collect();
     filtered(room, &wishes).held
 }
 
@@ -372,7 +376,7 @@ fn optimal(room: &Room, field: &CostField) -> Oriented {
     let checked = best_checked(&problem, found, |i, from, to| room.is_turn_free(i, axis(from), axis(to)));
     let Found::Sequence { directions, .. } = checked.found else {
         // the same constraints were found feasible when waypoints were dropped; each axis is free all the same
-        return fixed(room);
+        return fixed(room).surveyed(room, None);
     };
     let chart = room.family.map_or(Chart::Sphere, Chart::Plane);
     // a turn that failed on the set may fail refined too: it is counted in the end
@@ -381,11 +385,12 @@ fn optimal(room: &Room, field: &CostField) -> Oriented {
         failing.contains(&i) || room.is_turn_free(i, from, to)
     };
     let refined = refine(&problem, &directions, chart, |i, a| room.is_free(i, a), is_turn_free);
-    let mut oriented = Oriented { angles_rad: refined.angles_rad, ..Oriented::new(refined.axes, None) };
-    oriented.allowed = room.allowed(&oriented, corridor.as_ref());
-    oriented.spacing_rad = problem.directions.spacing_rad();
-    oriented.low_pass_leaves = low_pass_leaves(room, field, &cost, corridor.as_ref());
-    oriented
+    let oriented = Oriented { angles_rad: refined.angles_rad, ..Oriented::new(refined.axes, None) };
+    let (oriented, low_pass_leaves) = rayon::join(
+        || oriented.surveyed(room, corridor.as_ref()),
+        || low_pass_leaves(room, field, &cost, corridor.as_ref()),
+    );
+    Oriented { low_pass_leaves, ..oriented }
 }
 
 /// Up to so many waypoints what they cut is kept from set to set, about 10 kB each.
