@@ -18,8 +18,8 @@ use crate::timelaw::RowGrid;
 /// Rows that one task formats.
 const PORTION: u64 = 2048;
 
-/// Portions in flight: enough for every core of a large machine, a few tens of MB.
-const BATCH: u64 = 64;
+/// Portions that are formatted while as many are written: enough for every core of a large machine, some 10 MB.
+const BATCH: u64 = 16;
 
 /// Decimals of a time that does not end earlier.
 const TIME_DECIMALS: u32 = 9;
@@ -31,7 +31,7 @@ const TIME_DECIMALS: u32 = 9;
 /// # Errors
 /// [`RobotError::Length`] where `kinds` does not match the law's joints; [`RobotError::Write`] when the writer fails.
 pub fn write_trajectory_csv(
-    out: &mut impl Write,
+    out: &mut (impl Write + Send),
     rows: &RowGrid<'_>,
     kinds: &[JointKind],
 ) -> Result<u64, RobotError> {
@@ -39,18 +39,28 @@ pub fn write_trajectory_csv(
         return Err(RobotError::Length { what: "joint kind", got: kinds.len(), expected: rows.dof() });
     }
     let decimals: Vec<u32> = kinds.iter().map(|kind| decimals(*kind)).collect();
-    let write_error = |rows_written: u64| move |source| RobotError::Write { rows_written, source };
-    out.write_all(header(rows.dof()).as_bytes()).map_err(write_error(0))?;
+    out.write_all(header(rows.dof()).as_bytes())
+        .map_err(|source| RobotError::Write { rows_written: 0, source })?;
     let clock = Clock::new(rows.rate_hz());
-    for batch in (0..rows.count()).step_by((PORTION * BATCH) as usize) {
+    let format = |batch: u64| -> Vec<(u64, Vec<u8>)> {
         let end = (batch + PORTION * BATCH).min(rows.count());
         let starts: Vec<u64> = (batch..end).step_by(PORTION as usize).collect();
-        let format = |&start: &u64| portion(rows, start..(start + PORTION).min(end), &decimals, &clock);
-        let texts: Vec<Vec<u8>> = starts.par_iter().map(format).collect();
-        for (start, text) in starts.iter().zip(texts) {
-            out.write_all(&text).map_err(write_error(*start))?;
-        }
+        let one = |start: u64| (start, portion(rows, start..(start + PORTION).min(end), &decimals, &clock));
+        starts.into_par_iter().map(one).collect()
+    };
+    let mut write = |texts: Vec<(u64, Vec<u8>)>| {
+        texts.into_iter().try_for_each(|(rows_written, text)| {
+            out.write_all(&text).map_err(|source| RobotError::Write { rows_written, source })
+        })
+    };
+    // one batch is written while the next is formatted
+    let mut formatted = Vec::new();
+    for batch in (0..rows.count()).step_by((PORTION * BATCH) as usize) {
+        let (written, next) = rayon::join(|| write(std::mem::take(&mut formatted)), || format(batch));
+        written?;
+        formatted = next;
     }
+    write(formatted)?;
     Ok(rows.count())
 }
 

@@ -1,6 +1,8 @@
 //! UR arms: dynamic programming over sampled spin, branch by branch, then refinement between the samples.
 //!
-//! A layer per pose, a node per spin and branch. Nodes are computed for a portion of layers at a time, in parallel, and
+//! A layer per pose that is looked at, a node per spin and branch. Spins change slowly along a path, so poses are looked at about
+//! a millimetre apart ([`some_poses`]) and spins laid evenly between them; where the arm cannot follow those, or would have to hurry,
+//! every pose is looked at. Nodes are computed for a portion of layers at a time, in parallel, and
 //! dropped when the next portion has passed; what is kept is one byte per node, where its best path came from. Edges go
 //! to the same spin and its two neighbours on the same branch and are never stored.
 
@@ -30,6 +32,12 @@ const MOTION_MM: f64 = 20.0;
 const SHORTEST_MM: f64 = 0.05;
 /// Sweeps that even the spins out.
 const SWEEPS: usize = 64;
+/// A pose is looked at where the path has gone so far since the last one, mm.
+const EVERY_MM: f64 = 1.0;
+/// Or where the axis has turned so far, rad.
+const EVERY_RAD: f64 = 0.1;
+/// A joint that moves farther between two poses hurries, rad.
+const HURRY_RAD: f64 = 0.3;
 
 /// Spins with the last one again before the first and the first again behind the last.
 const RING: usize = SPINS + 2;
@@ -74,13 +82,39 @@ pub(super) fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfR
         return Err(OutOfReach { pose: 0, reason: ReachReason::Jump });
     };
     let nodes = Nodes::new(arm, geometry, path);
-    let chosen = nodes.best_sequence()?;
-    let frame = path.frame;
-    let mut spin_rad = chosen.spin_rad;
-    even_out(&mut spin_rad, path.length_mm);
-    let follower = Follower { arm, frame, branch: chosen.branch };
-    // on the samples each pose was found free; between them it is asked again
-    follow(&follower, path, &spin_rad, arm).or_else(|_| follow(&follower, path, &chosen.sampled_rad, arm))
+    match nodes.resolved(&some_poses(path)) {
+        Ok(resolved) if !hurries(&resolved.q, arm.dof()) => Ok(resolved),
+        _ => nodes.resolved(&every_pose(path)),
+    }
+}
+
+/// The first pose, the last, and between them some that are [`EVERY_MM`] of path or [`EVERY_RAD`] of turning apart, or nearer.
+pub(super) fn some_poses(path: &PosePath<'_>) -> Vec<usize> {
+    let poses = path.poses;
+    let (mut some, mut along_mm) = (vec![0], 0.0);
+    for i in 1..poses.len() {
+        // the pose before is looked at where this one is too far from the last
+        along_mm += path.length_mm[i];
+        let last = some[some.len() - 1];
+        let is_far = along_mm > EVERY_MM || poses[last].axis.angle(&poses[i].axis) > EVERY_RAD;
+        if is_far && last < i - 1 {
+            some.push(i - 1);
+            along_mm = path.length_mm[i];
+        }
+    }
+    if poses.len() > 1 {
+        some.push(poses.len() - 1);
+    }
+    some
+}
+
+pub(super) fn every_pose(path: &PosePath<'_>) -> Vec<usize> {
+    (0..path.poses.len()).collect()
+}
+
+/// Whether a joint moves farther than [`HURRY_RAD`] between two poses.
+pub(super) fn hurries(q: &[f64], dof: usize) -> bool {
+    q.iter().zip(q.iter().skip(dof)).any(|(before, after)| (after - before).abs() > HURRY_RAD)
 }
 
 /// The joint vectors of given spins.
@@ -104,14 +138,11 @@ fn follow(
 /// Spins as the dynamic program chose them.
 struct Chosen {
     branch: u8,
-    /// To be evened out.
     spin_rad: Vec<f64>,
-    /// As sampled.
-    sampled_rad: Vec<f64>,
 }
 
 /// Where nodes come from.
-struct Nodes<'a> {
+pub(super) struct Nodes<'a> {
     arm: &'a Arm,
     geometry: UrGeometry,
     path: &'a PosePath<'a>,
@@ -129,7 +160,7 @@ struct Range {
 }
 
 impl<'a> Nodes<'a> {
-    fn new(arm: &'a Arm, geometry: UrGeometry, path: &'a PosePath<'a>) -> Self {
+    pub(super) fn new(arm: &'a Arm, geometry: UrGeometry, path: &'a PosePath<'a>) -> Self {
         let range = |joint: &Joint| Range {
             lower: joint.lower,
             upper: joint.upper,
@@ -146,19 +177,33 @@ impl<'a> Nodes<'a> {
         }
     }
 
-    fn best_sequence(&self) -> Result<Chosen, OutOfReach> {
-        let poses = self.path.poses;
+    /// Joint vectors along the whole path, chosen at some of its poses.
+    pub(super) fn resolved(&self, at: &[usize]) -> Result<Resolved, OutOfReach> {
+        let (arm, path) = (self.arm, self.path);
+        let chosen = self.best_sequence(at)?;
+        let sampled_rad = between(&chosen.spin_rad, at, path.length_mm);
+        let mut spin_rad = sampled_rad.clone();
+        even_out(&mut spin_rad, path.length_mm);
+        let follower = Follower { arm, frame: path.frame, branch: chosen.branch };
+        // on the samples each pose was found free; between them it is asked again
+        follow(&follower, path, &spin_rad, arm).or_else(|_| follow(&follower, path, &sampled_rad, arm))
+    }
+
+    /// Over the poses `at`.
+    fn best_sequence(&self, at: &[usize]) -> Result<Chosen, OutOfReach> {
         let weights = self.weights();
-        let mut from = vec![0u8; poses.len() * BRANCHES * SPINS];
+        let mut from = vec![0u8; at.len() * BRANCHES * SPINS];
         let mut before = Layer::empty();
         let mut total = vec![0f64; BRANCHES * SPINS];
-        for start in (0..poses.len()).step_by(PORTION) {
-            let range = start..(start + PORTION).min(poses.len());
-            let layers: Vec<Layer> = range.clone().into_par_iter().map(|i| self.layer(i)).collect();
-            for (i, layer) in range.zip(layers) {
-                let length_mm = if i == 0 { SHORTEST_MM } else { self.path.length_mm[i].max(SHORTEST_MM) };
-                let came = &mut from[i * BRANCHES * SPINS..][..BRANCHES * SPINS];
-                let next = if i == 0 {
+        for start in (0..at.len()).step_by(PORTION) {
+            let range = start..(start + PORTION).min(at.len());
+            let layers: Vec<Layer> = at[range.clone()].par_iter().map(|i| self.layer(*i)).collect();
+            for (n, layer) in range.zip(layers) {
+                let i = at[n];
+                let moves = if n == 0 { i..i } else { at[n - 1] + 1..i + 1 };
+                let length_mm: f64 = self.path.length_mm[moves].iter().map(|mm| mm.max(SHORTEST_MM)).sum();
+                let came = &mut from[n * BRANCHES * SPINS..][..BRANCHES * SPINS];
+                let next = if n == 0 {
                     first(&layer)
                 } else {
                     advance(&before, &total, &layer, length_mm, &weights, came)
@@ -170,7 +215,7 @@ impl<'a> Nodes<'a> {
             }
         }
         let best = (0..total.len()).min_by(|a, b| total[*a].total_cmp(&total[*b])).unwrap_or(0);
-        Ok(traced(&from, best, poses.len()))
+        Ok(traced(&from, best, at.len()))
     }
 
     /// 1/q̇², s²/rad², per joint.
@@ -322,8 +367,25 @@ fn traced(from: &[u8], best: usize, count: usize) -> Chosen {
             _ => {}
         }
     }
-    let spin_rad: Vec<f64> = turns.iter().map(|turn| *turn as f64 * STEP_RAD).collect();
-    Chosen { branch: branch as u8, sampled_rad: spin_rad.clone(), spin_rad }
+    let spin_rad = turns.iter().map(|turn| *turn as f64 * STEP_RAD).collect();
+    Chosen { branch: branch as u8, spin_rad }
+}
+
+/// Spins of every pose from those of the poses `at`, even along the path between them.
+fn between(spin_rad: &[f64], at: &[usize], length_mm: &[f64]) -> Vec<f64> {
+    let mut all = spin_rad[..spin_rad.len().min(1)].to_vec();
+    for (spins, ends) in spin_rad.windows(2).zip(at.windows(2)) {
+        let lengths = length_mm[ends[0] + 1..=ends[1]].iter().map(|mm| mm.max(SHORTEST_MM));
+        let whole_mm: f64 = lengths.clone().sum();
+        let mut along_mm = 0.0;
+        for (i, length_mm) in (ends[0] + 1..).zip(lengths) {
+            along_mm += length_mm;
+            // at a pose that was looked at exactly what was chosen
+            let share = if i == ends[1] { 1.0 } else { along_mm / whole_mm };
+            all.push(spins[0] + (spins[1] - spins[0]) * share);
+        }
+    }
+    all
 }
 
 /// Evens the samples' steps out, weighted by the moves' lengths; never farther than one step from the sample.

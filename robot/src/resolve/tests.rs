@@ -76,6 +76,40 @@ fn a_raster_is_followed_without_a_flip() {
     }
 }
 
+/// ∫ Σ (dq/ds)² ds of the joints.
+fn motion(q: &[f64], length_mm: &[f64]) -> f64 {
+    let moves = q.chunks_exact(6).zip(q.chunks_exact(6).skip(1)).zip(&length_mm[1..]);
+    moves.map(|((a, b), mm)| a.iter().zip(b).map(|(a, b)| (b - a).powi(2)).sum::<f64>() / mm).sum()
+}
+
+/// Where shafts swing slowly, quickly, and all at once.
+#[test]
+fn spins_chosen_at_some_poses_are_as_good_as_those_chosen_at_every_pose() {
+    let arm = ur5e(0.3);
+    let InverseKind::Ur { geometry, .. } = arm.inverse_kind() else { panic!() };
+    for (swing_rad, at_once_rad) in [(0.1, 0.0), (0.6, 0.0), (0.3, 0.6)] {
+        let (mut poses, length_mm) = raster([450.0, 0.0, 100.0], swing_rad, 2000);
+        let turn = Rotation3::from_axis_angle(&Vector3::y_axis(), at_once_rad);
+        poses[1000..1020].iter_mut().for_each(|pose| pose.axis = turn * pose.axis);
+        let path = path(&poses, &length_mm);
+        let [some, every] = [grid::some_poses(&path), grid::every_pose(&path)];
+        assert!(some.len() < every.len() / 2 && some[0] == 0 && *some.last().unwrap() == 1999);
+        for pair in some.windows(2).filter(|pair| pair[1] > pair[0] + 1) {
+            let along_mm: f64 = length_mm[pair[0] + 1..=pair[1]].iter().sum();
+            let turned_rad = poses[pair[0]].axis.angle(&poses[pair[1]].axis);
+            assert!(along_mm <= 1.0 + 1e-9 && turned_rad <= 0.1 + 1e-9, "{along_mm} {turned_rad}");
+        }
+        let nodes = grid::Nodes::new(&arm, geometry, &path);
+        let [of_some, of_every] = [&some, &every].map(|at| nodes.resolved(at).unwrap());
+        check(&arm, &poses, &resolve(&arm, &path).unwrap().unwrap());
+        assert_eq!(of_some.branch, of_every.branch);
+        let [some, every] = [&of_some, &of_every].map(|resolved| motion(&resolved.q, &length_mm));
+        assert!(some <= 1.01 * every, "{some} for {every}");
+        // a jump of the axis is a hurry: then every pose is looked at
+        assert_eq!(grid::hurries(&of_some.q, 6), at_once_rad > 0.0);
+    }
+}
+
 #[test]
 fn the_dense_path_keeps_to_the_line_and_bounds_the_burr_s_speed() {
     for arm in [ur5e(0.6), Arm::bone_attached().unwrap()] {
