@@ -150,20 +150,18 @@ impl TimeLaw {
 
     /// When each kept waypoint is passed, s.
     fn kept_times_s(&self) -> Vec<f64> {
-        let mut times_s = Vec::with_capacity(self.geometry.count());
-        let mut at = 0;
-        let mut last_s = 0.0f64;
-        for &s_mm in &self.geometry.s_mm {
-            while self.pieces.get(at + 1).is_some_and(|next| next.s_mm < s_mm) {
-                at += 1;
-            }
-            let Some(piece) = self.pieces.get(at) else {
-                times_s.push(0.0);
-                continue;
-            };
+        let passed_s = |&s_mm: &f64| {
+            let at = self.pieces.partition_point(|piece| piece.s_mm < s_mm).saturating_sub(1);
+            let Some(piece) = self.pieces.get(at) else { return 0.0 };
             let end_s = self.pieces.get(at + 1).map_or(self.duration_s, |next| next.start_s);
-            last_s = last_s.max(piece.start_s + passed_after_s(piece, s_mm, end_s - piece.start_s));
-            times_s.push(last_s);
+            piece.start_s + passed_after_s(piece, s_mm, end_s - piece.start_s)
+        };
+        let mut times_s: Vec<f64> = self.geometry.s_mm.par_iter().map(passed_s).collect();
+        // rounding aside they never decrease
+        let mut last_s = 0.0f64;
+        for time_s in &mut times_s {
+            last_s = last_s.max(*time_s);
+            *time_s = last_s;
         }
         if let Some(last) = times_s.last_mut() {
             *last = self.duration_s;

@@ -11,7 +11,7 @@ use crate::error::RobotError;
 
 /// Window lengths that are tried, as shares of the longest that helps: at that one, 2 q̈max/q⃛max, jerk limits no longer
 /// bind accelerations on straight moves. A shorter one costs acceleration and saves time at stops and slow places.
-const WINDOW_SHARES: [f64; 5] = [1.0, 0.5, 0.25, 0.125, 0.0625];
+pub(super) const WINDOW_SHARES: [f64; 5] = [1.0, 0.5, 0.25, 0.125, 0.0625];
 
 /// The shortest window, s: half a controller's cycle. Jerk limits that would allow less bind nothing that a controller can
 /// follow, and differences over microseconds would be lost in the rounding of the clock.
@@ -98,28 +98,35 @@ impl PreparedPath {
         Ok(seconds.sum())
     }
 
-    /// The window with the shortest law: its length, the law's duration, the boxes.
+    /// The window with the shortest law: its length, the law's duration, the boxes. A shorter window saves time at rests and costs
+    /// acceleration everywhere else, ever more: once a shorter one takes longer, none that is shorter still is tried.
     fn best(&self, caps_mm_s: &[f64]) -> Result<(f64, f64, Vec<Stretch>), RobotError> {
         let caps = self.segment_caps(caps_mm_s)?;
+        let mut best = self.through_window(&caps, WINDOW_SHARES[0]);
+        for share in &WINDOW_SHARES[1..] {
+            let shorter = self.through_window(&caps, *share);
+            if shorter.1 >= best.1 {
+                break;
+            }
+            best = shorter;
+        }
+        Ok(best)
+    }
+
+    /// The same for one window, given as a share of the longest.
+    pub(super) fn through_window(&self, caps: &[f64], share: f64) -> (f64, f64, Vec<Stretch>) {
         let limits = &self.limits;
         let longest_s =
             limits.acceleration.iter().zip(&limits.jerk).map(|(a, j)| 2.0 * a / j).fold(0.0, f64::max);
-        let mut best: Option<(f64, f64, Vec<Stretch>)> = None;
-        for share in WINDOW_SHARES {
-            let window_s = (share * longest_s).max(SHORTEST_WINDOW_S);
-            let boxes = stretches(&self.geometry, limits, &caps, window_s);
-            let duration_s =
-                if boxes.is_empty() { 0.0 } else { pass::duration_s(&boxes, window_s) + window_s };
-            if best.as_ref().is_none_or(|(_, least_s, _)| duration_s < *least_s) {
-                best = Some((window_s, duration_s, boxes));
-            }
-        }
-        Ok(best.unwrap_or((longest_s, 0.0, vec![])))
+        let window_s = (share * longest_s).max(SHORTEST_WINDOW_S);
+        let boxes = stretches(&self.geometry, limits, caps, window_s);
+        let duration_s = if boxes.is_empty() { 0.0 } else { pass::duration_s(&boxes, window_s) + window_s };
+        (window_s, duration_s, boxes)
     }
 
     /// The cap of each kept segment, mm/s; ∞ where the burr stands still. A move that was merged away takes no time, so
     /// its cap binds nothing.
-    fn segment_caps(&self, caps_mm_s: &[f64]) -> Result<Vec<f64>, RobotError> {
+    pub(super) fn segment_caps(&self, caps_mm_s: &[f64]) -> Result<Vec<f64>, RobotError> {
         check_caps(caps_mm_s, self.waypoint_count())?;
         let cap = |&k: &u32| {
             let k = k as usize;

@@ -38,6 +38,18 @@ proptest! {
         prop_assert_eq!(law.sample(at), again.sample(at));
     }
 
+    /// Windows are tried from the longest on until one takes longer.
+    #[test]
+    fn no_window_that_is_left_out_is_better(case in any_case()) {
+        let prepared = case.prepared(&limits());
+        let caps = prepared.segment_caps(&case.caps_mm_s).unwrap();
+        let found_s = prepared.duration_s(&case.caps_mm_s).unwrap();
+        for share in prepared::WINDOW_SHARES {
+            let (_, duration_s, _) = prepared.through_window(&caps, share);
+            prop_assert!(found_s <= duration_s * (1.0 + 1e-9), "{share}: {duration_s} s before {found_s} s");
+        }
+    }
+
     #[test]
     fn splitting_a_straight_move_changes_nothing(
         before in prop::collection::vec(prop::array::uniform4(-0.3f64..0.3), 0..5),
