@@ -253,11 +253,10 @@ fn extent(labels: &Volume<u16, Ct>, label: u16) -> Option<(usize, [Point<Ct>; 2]
     let [nx, ny, _] = grid.dims();
     let (mut count, mut lo, mut hi) = (0, [usize::MAX; 3], [0; 3]);
     for (n, row) in labels.data().chunks_exact(nx).enumerate() {
-        let here = row.iter().filter(|v| **v == label).count();
-        if here == 0 {
+        if !row.contains(&label) {
             continue;
         }
-        count += here;
+        count += row.iter().filter(|v| **v == label).count();
         let first = row.iter().position(|v| *v == label)?;
         let last = row.iter().rposition(|v| *v == label)?;
         for (a, [from, to]) in [[first, last], [n % ny; 2], [n / ny; 2]].into_iter().enumerate() {

@@ -396,23 +396,28 @@ fn touching_voxel(
     label: u16,
     is_other: impl Fn(u16) -> bool + Sync,
 ) -> Option<[usize; 3]> {
-    let dims = labels.grid().dims();
-    let [nx, ny, nz] = dims;
+    let [nx, ny, nz] = labels.grid().dims();
+    let row = |j: usize, k: usize| &labels.data()[nx * (j + ny * k)..][..nx];
+    let around = |v: usize, n: usize| v.saturating_sub(1)..(v + 2).min(n);
     (0..nz).into_par_iter().find_map_first(|k| {
         cancel::poll();
+        // whether the label is in one of the nine rows around, by place in the row
+        let mut near = vec![false; nx];
         for j in 0..ny {
-            let row = nx * (j + ny * k);
-            for i in (0..nx).filter(|i| is_other(labels.data()[row + i])) {
-                let around = |v: usize, n: usize| v.saturating_sub(1)..(v + 2).min(n);
-                for kk in around(k, nz) {
-                    for jj in around(j, ny) {
-                        for ii in around(i, nx) {
-                            if labels.data()[ii + nx * (jj + ny * kk)] == label {
-                                return Some([ii, jj, kk]);
-                            }
-                        }
-                    }
-                }
+            let rows = || around(k, nz).flat_map(|kk| around(j, ny).map(move |jj| [jj, kk]));
+            near.fill(false);
+            for [jj, kk] in rows().filter(|[jj, kk]| row(*jj, *kk).contains(&label)) {
+                near.iter_mut().zip(row(jj, kk)).for_each(|(near, l)| *near |= *l == label);
+            }
+            if !near.contains(&true) {
+                continue;
+            }
+            let is_beside = |i: &usize| is_other(row(j, k)[*i]) && near[around(*i, nx)].contains(&true);
+            if let Some(i) = (0..nx).find(is_beside) {
+                let at = |[jj, kk]: [usize; 2]| {
+                    around(i, nx).find(|ii| row(jj, kk)[*ii] == label).map(|ii| [ii, jj, kk])
+                };
+                return rows().find_map(at);
             }
         }
         None
@@ -483,8 +488,10 @@ fn for_each_center<T: Sync, F: Frame>(
     let [nx, ny, _] = grid.dims();
     volume.data().par_chunks(nx * ny).enumerate().for_each(|(k, slice)| {
         cancel::poll();
-        for (n, _) in slice.iter().enumerate().filter(|(_, value)| is_solid(value)) {
-            visit(grid.center([n % nx, n / nx, k]));
+        for (j, row) in slice.chunks_exact(nx).enumerate() {
+            for (i, _) in row.iter().enumerate().filter(|(_, value)| is_solid(value)) {
+                visit(grid.center([i, j, k]));
+            }
         }
     });
 }

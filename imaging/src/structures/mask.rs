@@ -32,7 +32,10 @@ impl Mask {
         for (row, words) in words.chunks_exact_mut(words_per_row).enumerate() {
             let start = labels.grid().index([first[0], first[1] + row % dims[1], first[2] + row / dims[1]]);
             for (word, values) in words.iter_mut().zip(labels.data()[start..start + dims[0]].chunks(64)) {
-                *word = values.iter().rev().fold(0, |word, v| word << 1 | u64::from(*v == label));
+                // most words hold none
+                if values.contains(&label) {
+                    *word = values.iter().rev().fold(0, |word, v| word << 1 | u64::from(*v == label));
+                }
             }
         }
         Self { first, dims, words, words_per_row }
