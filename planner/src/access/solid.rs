@@ -36,13 +36,17 @@ impl Solid {
         let own: Vec<u8> = class.iter().map(|class| class.0 & seen).collect();
         let around = joined(&own, grid.dims(), |a, b| a | b);
         let hidden_mm = 0.5 * grid.diagonal_mm();
+        // without a clearance the voxels of the structure itself and those beside them are enough
+        let with_clearance: Vec<_> = scene
+            .structures
+            .iter()
+            .zip(shank_clearances_mm)
+            .filter(|(_, clearance)| **clearance > 0.0)
+            .filter_map(|(structure, clearance)| Some((structure.field.as_ref()?, clearance + hidden_mm)))
+            .collect();
         let is_kept_clear = |n: usize| {
-            scene.structures.iter().zip(shank_clearances_mm).any(|(structure, clearance)| {
-                // without a clearance the voxels of the structure itself and those beside them are enough
-                let field = structure.field.as_ref().filter(|_| *clearance > 0.0);
-                let p = scene.ct_from_work * grid.center(grid.voxel(n));
-                field.is_some_and(|field| field.is_nearer_than(p, clearance + hidden_mm))
-            })
+            let p = || scene.ct_from_work * grid.center(grid.voxel(n));
+            with_clearance.iter().any(|(field, mm)| field.is_nearer_than(p(), *mm))
         };
         let of = |n: usize| -> (u8, u8) {
             cancel::poll();
