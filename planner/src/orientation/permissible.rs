@@ -10,6 +10,9 @@ use super::corridor::Corridor;
 use super::directions::angle_between;
 use super::{Directions, FreeSets};
 
+/// Cosines that differ by less are of the same angle.
+const SAME_COSINE: f64 = 1e-12;
+
 /// The free directions of one waypoint, seen from its axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Permissible {
@@ -56,15 +59,16 @@ impl Permissible {
         axis: &Vector3<f64>,
         fine: Option<(&Directions, &Corridor)>,
     ) -> Self {
-        let off = |directions: &Directions, n: usize| angle_between(axis, &directions.axes()[n]);
-        let on_set = (0..directions.len()).map(|n| (off(directions, n), free.contains(i, n)));
+        let on_set = (0..directions.len()).map(|n| (directions.axes()[n], free.contains(i, n)));
         let beside = fine.into_iter().flat_map(|(directions, corridor)| {
-            corridor.asked.iter(i).map(move |n| (off(directions, n), corridor.free.contains(i, n)))
+            corridor.asked.iter(i).map(move |n| (directions.axes()[n], corridor.free.contains(i, n)))
         });
-        let asked: Vec<(f64, bool)> = on_set.chain(beside).collect();
-        let blocked =
-            asked.iter().filter(|(_, is_free)| !is_free).map(|(off, _)| *off).fold(f64::INFINITY, f64::min);
-        let radius_rad = asked.iter().map(|(off, _)| *off).filter(|off| *off < blocked).fold(0.0, f64::max);
+        // by cosines, since all of them are looked at; one that is as far as the nearest blocked one is not within
+        let asked: Vec<_> = on_set.chain(beside).map(|(a, is_free)| (a.dot(axis), a, is_free)).collect();
+        let blocked = asked.iter().filter(|(.., is_free)| !is_free).map(|(cosine, ..)| *cosine);
+        let least = blocked.fold(-2.0, f64::max) + SAME_COSINE;
+        let farthest = asked.iter().filter(|(cosine, ..)| *cosine > least).min_by(|a, b| a.0.total_cmp(&b.0));
+        let radius_rad = farthest.map_or(0.0, |(_, a, _)| angle_between(axis, a));
         Self { free: free.count(i), pieces: parts(directions, free, i), around: Around::Cap { radius_rad } }
     }
 }

@@ -114,15 +114,42 @@ impl TimeLaw {
             let passed = element_at(&self.elements, piece.at(length_s)[0]) - cursor.element;
             let count = INSTANTS + INSTANTS * passed;
             let mut worst = LimitRatios::default();
+            let mut meet = |j: usize, [qd, qdd, qddd]: [f64; 3]| {
+                worst.velocity = greater(worst.velocity, qd.abs() / limits.velocity[j]);
+                worst.acceleration = greater(worst.acceleration, qdd.abs() / limits.acceleration[j]);
+                worst.jerk = greater(worst.jerk, qddd.abs() / limits.jerk[j]);
+            };
+            // on a straight move all joints are fastest at once: the greatest |ṡ|, |s̈| and |s⃛| are enough
+            let mut straight: Option<(u32, [f64; 3])> = None;
+            let meet_straight = |straight: &mut Option<(u32, [f64; 3])>,
+                                 meet: &mut dyn FnMut(usize, [f64; 3])| {
+                let Some((i, greatest)) = straight.take() else { return };
+                let directions = self.geometry.direction(i as usize).iter().enumerate();
+                directions.for_each(|(j, d)| meet(j, greatest.map(|rate| d * rate)));
+            };
             for n in 0..=count {
                 // the end belongs to the next piece
                 let share = (n as f64 / count as f64).min(1.0 - 1e-9);
-                cursor.visit(piece.start_s + share * length_s, |j, [_, qd, qdd, qddd]| {
-                    worst.velocity = greater(worst.velocity, qd.abs() / limits.velocity[j]);
-                    worst.acceleration = greater(worst.acceleration, qdd.abs() / limits.acceleration[j]);
-                    worst.jerk = greater(worst.jerk, qddd.abs() / limits.jerk[j]);
-                });
+                let Some((element, x, rates)) = cursor.place(piece.start_s + share * length_s) else {
+                    continue;
+                };
+                match element {
+                    Element::Straight(i) => {
+                        if straight.is_none_or(|(on, _)| on != i) {
+                            meet_straight(&mut straight, &mut meet);
+                        }
+                        let (_, greatest) = straight.get_or_insert((i, [0.0; 3]));
+                        greatest
+                            .iter_mut()
+                            .zip(rates)
+                            .for_each(|(most, rate)| *most = greater(*most, rate.abs()));
+                    }
+                    Element::Blend(_) => {
+                        self.at(element, x, rates, |j, [_, qd, qdd, qddd]| meet(j, [qd, qdd, qddd]));
+                    }
+                }
             }
+            meet_straight(&mut straight, &mut meet);
             worst
         };
         let worse = |a: LimitRatios, b: LimitRatios| LimitRatios {
@@ -131,6 +158,14 @@ impl TimeLaw {
             jerk: greater(a.jerk, b.jerk),
         };
         self.pieces.par_iter().enumerate().map(instants).reduce(LimitRatios::default, worse)
+    }
+
+    /// q, q̇, q̈ and q⃛ of every joint at x on an element, at ṡ, s̈, s⃛.
+    fn at(&self, element: Element, x: f64, [v, a, jerk]: [f64; 3], mut take: impl FnMut(usize, [f64; 4])) {
+        self.geometry.at(element, x, |j, [q, slope, bend, snap]| {
+            let qddd = snap * v * v * v + 3.0 * bend * v * a + slope * jerk;
+            take(j, [q, slope * v, bend * v * v + slope * a, qddd]);
+        });
     }
 
     /// A reader that goes forth in time without searching.
@@ -221,34 +256,32 @@ impl Cursor<'_> {
     /// q, q̇, q̈ and q⃛ of every joint at `time_s`, not before the last one asked for.
     pub fn visit(&mut self, time_s: f64, mut take: impl FnMut(usize, [f64; 4])) {
         let law = self.law;
-        let ended = time_s >= law.duration_s;
-        if ended || time_s < 0.0 || law.pieces.is_empty() {
-            let at = if ended { law.geometry.count() - 1 } else { 0 };
-            law.geometry.waypoint(at).iter().enumerate().for_each(|(j, q)| take(j, [*q, 0.0, 0.0, 0.0]));
-            return;
+        match self.place(time_s) {
+            Some((element, x, rates)) => law.at(element, x, rates, take),
+            None => {
+                let at = if time_s >= law.duration_s { law.geometry.count() - 1 } else { 0 };
+                let waypoint = law.geometry.waypoint(at).iter().enumerate();
+                waypoint.for_each(|(j, q)| take(j, [*q, 0.0, 0.0, 0.0]));
+            }
+        }
+    }
+
+    /// The element, x on it, and ṡ, s̈, s⃛ at `time_s`, not before the last one asked for; `None` at rest before and after the motion.
+    fn place(&mut self, time_s: f64) -> Option<(Element, f64, [f64; 3])> {
+        let law = self.law;
+        if time_s >= law.duration_s || time_s < 0.0 || law.pieces.is_empty() {
+            return None;
         }
         while law.pieces.get(self.piece + 1).is_some_and(|next| next.start_s <= time_s) {
             self.piece += 1;
         }
         let piece = &law.pieces[self.piece];
         let [s_mm, v, a] = piece.at(time_s - piece.start_s);
-        let jerk = piece.jerk_mm_s3;
         while law.elements.get(self.element + 1).is_some_and(|(start, ..)| *start <= s_mm) {
             self.element += 1;
         }
-        let Some((_, _, element)) = law.elements.get(law.beside_rest(piece, self.element)) else { return };
-        let x = law.geometry.place(*element, s_mm);
-        law.geometry.at(*element, x, |j, [q, slope, bend, snap]| {
-            take(
-                j,
-                [
-                    q,
-                    slope * v,
-                    bend * v * v + slope * a,
-                    snap * v * v * v + 3.0 * bend * v * a + slope * jerk,
-                ],
-            );
-        });
+        let (_, _, element) = law.elements.get(law.beside_rest(piece, self.element))?;
+        Some((*element, law.geometry.place(*element, s_mm), [v, a, piece.jerk_mm_s3]))
     }
 }
 
