@@ -1,7 +1,6 @@
 //! A plan's files, written into a staged directory.
 
 use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use bonemill_robot::JointKind;
@@ -28,11 +27,12 @@ pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<P
     let [waypoints, trajectory, urdf, report] = FILES.map(|name| dir.join(name));
     let [access, dropped] = NOTES.map(|name| dir.join(name));
     let write_law = || -> std::io::Result<()> {
-        let mut out = BufWriter::with_capacity(1 << 20, File::create(&trajectory)?);
+        // written in large portions: a buffer would only copy them
+        let mut out = File::create(&trajectory)?;
         let kinds: Vec<JointKind> = plan.arm.joints().iter().map(|joint| joint.kind).collect();
         let rows = plan.law.rows(plan.case.robot.rate_hz).map_err(std::io::Error::other)?;
         write_trajectory_csv(&mut out, &rows, &kinds).map_err(std::io::Error::other)?;
-        out.flush()
+        Ok(())
     };
     let write_rest = || -> Result<(), PlanFileError> {
         write_waypoints(&waypoints, &plan.waypoints, &plan.case.structures)?;
