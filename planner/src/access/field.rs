@@ -155,9 +155,10 @@ impl Field {
                 let row = pad + bz * (j / factor + pad);
                 for k in 0..nz {
                     let source = nx * (j + ny * k);
-                    for (i, v) in self.value[source..][voxels.clone()].iter().enumerate() {
-                        let block = &mut slabs[i / factor * by * bz + row + k / factor];
-                        *block = if *v > *block { *v } else { *block };
+                    let at = row + k / factor;
+                    for (n, run) in self.value[source..][voxels.clone()].chunks(factor).enumerate() {
+                        let block = &mut slabs[n * by * bz + at];
+                        *block = run.iter().fold(*block, |latest, v| if *v > latest { *v } else { latest });
                     }
                 }
             }
