@@ -27,8 +27,8 @@ use crate::orientation::{Directions, RateLimit, TiltFamily};
 use crate::path::{MoveKind, PathPoint, PathSpacing, RasterFrame, lay_path};
 use crate::space::BurrSpace;
 
-/// Steps of a draft's directions are this many times as long.
-const DRAFT_COARSER: f64 = 2.0;
+/// Steps of a draft's directions are this many times as long, in a plane and over a cap.
+const DRAFT_COARSER: [f64; 2] = [2.0, 3.0];
 /// Directions in which the choice of axes looks for bone, and how many make a sample. Forces are then summed over the nodes
 /// of D4; with 4096 directions by 8, Σ C Δs + λ ∫ (da/ds)² ds of a mastoidectomy comes out 0.007 % lower.
 const CHOICE_SAMPLES: usize = 1024;
@@ -104,7 +104,7 @@ impl<'a> Prepared<'a> {
         let rate =
             RateLimit { weight_mm: RATE_WEIGHT_MM, most_rad_per_mm: rate_rad_s / case.speed.nominal_mm_s };
         let shank = setup::shank(case);
-        let draft = sets::one(family.as_ref(), limit_rad, DRAFT_COARSER);
+        let draft = sets::one(family.as_ref(), limit_rad, DRAFT_COARSER[usize::from(family.is_none())]);
         let spec = ReachSpec { radius_mm: radius, shank: &shank, solid, directions: &draft, rate, spacing };
         let placed = Placed { arm, base_from_work: &base_from_work };
         let frame = match case.path.raster_rad {
