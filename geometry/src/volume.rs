@@ -99,6 +99,13 @@ impl<T: Copy + Into<f64>, F: Frame> Volume<T, F> {
     /// As [`Self::trilinear_at`], to rounding, without its checks of every neighbour.
     #[inline]
     pub fn trilinear_inside(&self, index: [f64; 3]) -> Option<f64> {
+        self.cell_inside(index).map(|(corners, at)| trilinear(&corners, at))
+    }
+
+    /// The values at the eight corners of the cell that holds a continuous index, and where in it that lies, for
+    /// [`trilinear`]; `None` where not all corners are in the grid.
+    #[inline]
+    pub fn cell_inside(&self, index: [f64; 3]) -> Option<([f64; 8], [f64; 3])> {
         let dims = self.grid.dims();
         // also false for NaN
         if !(0..3).all(|a| index[a] >= 0.0 && index[a] < (dims[a] - 1) as f64) {
@@ -111,7 +118,7 @@ impl<T: Copy + Into<f64>, F: Frame> Volume<T, F> {
         // one slice that ends with the farthest of the eight, so that one check serves all
         let cell = self.data.get(start..start + sz + sy + 2)?;
         let corners = [0, 1, sy, sy + 1, sz, sz + 1, sz + sy, sz + sy + 1].map(|at| cell[at].into());
-        Some(trilinear(&corners, [index[0] - i as f64, index[1] - j as f64, index[2] - k as f64]))
+        Some((corners, [index[0] - i as f64, index[1] - j as f64, index[2] - k as f64]))
     }
 
     /// Trilinear interpolation at `p`; voxels outside the grid count as `outside`.

@@ -1,6 +1,6 @@
 //! What the burr meets at a waypoint: material in front of it that no earlier move has taken.
 //!
-//! Forces look at points on the ball, each for a patch of its surface. A point is in bone when the intact density there is
+//! Forces look at points on the ball, each for a patch of its surface. A point is in bone when the density that the images show there is
 //! above 0 and it lies in no earlier piece of the path: exact geometry, without state and independent of the step. A patch
 //! that an earlier piece's edge crosses counts by its share. The path merges into straight runs, of which only those near
 //! the burr matter; and the removal-time field decides at once wherever all eight voxels around the point agree, which
@@ -11,7 +11,7 @@ mod times;
 
 pub use self::masses::{mass_increments, mass_increments_by_voxels};
 
-use bonemill_geometry::trilinear;
+use bonemill_geometry::Point;
 use bonemill_imaging::Scene;
 use nalgebra::Vector3;
 
@@ -49,7 +49,7 @@ impl<'a> SweptPath<'a> {
         let grid = scene.class.grid();
         let cells =
             [0, 1, 2].map(|a| (grid.dims()[a] as f64 * grid.spacing_mm()[a] / CELL_MM).ceil() as usize + 1);
-        let times = cell_times(&scene.density_g_cm3, removal.time());
+        let times = cell_times(&scene.class, removal.time());
         let mut path = Self {
             scene,
             last_times: LastTimes::new(&times, grid, TILE_REACH * radius_mm),
@@ -90,22 +90,16 @@ impl<'a> SweptPath<'a> {
         }
     }
 
-    /// The cell of a point; `None` where not all eight voxels lie in the grid: no burr that is clear gets there.
+    /// The first voxel of the eight around a point; `None` where not all eight voxels lie in the grid: no burr that is clear gets there.
     #[inline]
-    fn cell(&self, p: &Vector3<f64>) -> Option<Cell> {
+    fn cell(&self, p: &Vector3<f64>) -> Option<usize> {
         let [nx, ny, nz] = self.dims;
         let (x, y, z) = (p.x * self.per_mm, p.y * self.per_mm, p.z * self.per_mm);
         let inside = |c: f64, n: usize| c >= 0.0 && c < (n - 1) as f64;
         if !(inside(x, nx) && inside(y, ny) && inside(z, nz)) {
             return None;
         }
-        let (i, j, k) = (x as usize, y as usize, z as usize);
-        let slab = nx * ny;
-        Some(Cell {
-            first: i + nx * j + slab * k,
-            steps: [0, 1, nx, nx + 1, slab, slab + 1, slab + nx, slab + nx + 1],
-            fraction: [x - i as f64, y - j as f64, z - k as f64],
-        })
+        Some(x as usize + nx * (y as usize + ny * z as usize))
     }
 
     fn start(&self, run: &Run) -> Vector3<f64> {
@@ -226,13 +220,13 @@ impl<W: Fn(f64) -> f64> Bone for BoneAt<'_, W> {
     fn weight(&mut self, normal: &Vector3<f64>, patch: &Patch) -> f64 {
         let p = self.center + normal * self.sample_radius_mm;
         let Some(cell) = self.path.cell(&p) else { return 0.0 };
-        let CellTimes { first, last } = self.path.times[cell.first];
+        let CellTimes { first, last } = self.path.times[cell];
         if last < self.index {
             return 0.0;
         }
         let share = if first >= self.index { 1.0 } else { self.share_left(&p, |g| patch.sides_mm(g)) };
         if share > 0.0 {
-            share * (self.weight_of)(cell.interpolate(self.path.scene.density_g_cm3.data()))
+            share * (self.weight_of)(self.path.scene.matter.density_g_cm3(Point::from_coords(p)))
         } else {
             0.0
         }
@@ -277,21 +271,6 @@ pub fn share_beyond(beyond: f64, [a, b]: [f64; 2]) -> f64 {
     let sum = ramp(beyond + wide + narrow) - ramp(beyond + wide - narrow) - ramp(beyond - wide + narrow)
         + ramp(beyond - wide - narrow);
     (sum / (4.0 * wide * narrow)).clamp(0.0, 1.0)
-}
-
-/// The eight voxel centres around a point.
-struct Cell {
-    first: usize,
-    steps: [usize; 8],
-    fraction: [f64; 3],
-}
-
-impl Cell {
-    /// Trilinear interpolation.
-    fn interpolate(&self, values: &[f32]) -> f64 {
-        let v = self.steps.map(|step| f64::from(values[self.first + step]));
-        trilinear(&v, self.fraction)
-    }
 }
 
 #[cfg(test)]

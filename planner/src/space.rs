@@ -31,6 +31,8 @@ const BLOCK: usize = 8;
 #[derive(Debug)]
 pub struct BurrSpace<'a> {
     scene: &'a Scene,
+    /// Distance to what the ball may not hold, mm; `None`: nothing.
+    obstacle_mm: Option<&'a Volume<f32, Work>>,
     radius_mm: f64,
     /// Least distance of the centre from each structure, mm.
     keep_mm: Vec<f64>,
@@ -49,9 +51,40 @@ impl<'a> BurrSpace<'a> {
     /// When a distance field cannot be made.
     pub fn new(scene: &'a Scene, radius_mm: f64, clearances_mm: &[f64]) -> Result<Self, ImageError> {
         let keep_mm = clearances_mm.iter().map(|c| radius_mm + c + TRAJECTORY_TOLERANCE_MM).collect();
+        Self::among(scene, scene.obstacle_mm.as_ref(), radius_mm, keep_mm)
+    }
+
+    /// The same burr and clearances among other obstacles, given by the distance to them up to twice the radius, mm; `None`:
+    /// there are none.
+    ///
+    /// # Errors
+    /// When a distance field cannot be made.
+    pub fn among_others<'b>(
+        &self,
+        obstacle_mm: Option<&'b Volume<f32, Work>>,
+    ) -> Result<BurrSpace<'b>, ImageError>
+    where
+        'a: 'b,
+    {
+        BurrSpace::among(self.scene, obstacle_mm, self.radius_mm, self.keep_mm.clone())
+    }
+
+    fn among(
+        scene: &'a Scene,
+        obstacle_mm: Option<&'a Volume<f32, Work>>,
+        radius_mm: f64,
+        keep_mm: Vec<f64>,
+    ) -> Result<Self, ImageError> {
         let margin_mm = Volume::filled(scene.class.grid().clone(), 0.0);
-        let mut space =
-            Self { scene, radius_mm, keep_mm, margin_mm, connected: Vec::new(), reachable: Vec::new() };
+        let mut space = Self {
+            scene,
+            obstacle_mm,
+            radius_mm,
+            keep_mm,
+            margin_mm,
+            connected: Vec::new(),
+            reachable: Vec::new(),
+        };
         let margins = space.node_margins();
         space.margin_mm.data_mut().copy_from_slice(&margins);
         let clear = margins.into_iter().map(|m| m >= 0.0).collect();
@@ -105,8 +138,7 @@ impl<'a> BurrSpace<'a> {
 
     /// Whether obstacle bone forbids the centre to be at `p`, `slack_mm` nearer than it should be allowed.
     fn blocked_by_bone(&self, p: Point<Work>, slack_mm: f64) -> bool {
-        let obstacle_mm = self.scene.obstacle_mm.as_ref();
-        obstacle_mm.is_some_and(|distance_mm| distance_mm.trilinear(p, 0.0) < self.radius_mm - slack_mm)
+        self.obstacle_mm.is_some_and(|distance_mm| distance_mm.trilinear(p, 0.0) < self.radius_mm - slack_mm)
     }
 
     /// Whether the whole ball at `p` lies in the grid, where everything is known.
@@ -174,9 +206,7 @@ impl<'a> BurrSpace<'a> {
                 return -MARGIN_CUT_MM;
             }
             let bone = self
-                .scene
                 .obstacle_mm
-                .as_ref()
                 .map_or(MARGIN_CUT_MM, |d| f64::from(d.data()[n]) - self.radius_mm + 1e-5);
             let mut least = bone.min(MARGIN_CUT_MM);
             let p_ct = self.scene.ct_from_work * p;

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use bonemill_geometry::{Ct, Grid, Point, Volume, Work};
 use bonemill_imaging::DensityTable;
-use bonemill_imaging::scene::{Class, Scene, SceneSpec, TargetShape, build_scene};
+use bonemill_imaging::scene::{Class, Scene, SceneSpec, Sheets, TargetShape, build_scene};
 use bonemill_planner::access::{Access, OctantTimes, ShankCylinder, Solid, aside_mm};
 use bonemill_planner::burr::{
     Bone, Discretisation, EngagedSamples, ForceKernel, Material, Measure, OrientationKernel, OverPatches,
@@ -60,6 +60,7 @@ fn scene() -> Scene {
         table: &DensityTable::new(&[-1000.0, 300.0, 2000.0], &[0.01, 1.145, 1.856]).unwrap(),
         air_hu: -700.0,
         bone_hu: 200.0,
+        sheets: Sheets::Keep,
         approach: Some(Vector3::z()),
         spacing_mm: SPACING_MM,
         margin_mm: 3.0,

@@ -7,16 +7,14 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::crop::{Crop, extent};
-use super::{Class, FarObstacles, Scene, SceneError, SceneStructure, TargetShape, approach, hull, obstacles};
+use super::inside::Inside;
+use super::{
+    Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, TargetShape, approach, hull, obstacles,
+};
 use crate::{
-    DensityTable, Region, StructureField, distance_within, resample_hu, resample_hu_and_density,
-    resample_nearest,
+    DensityTable, Region, StructureField, distance_within, resample_hu_and_density, resample_nearest,
 };
 
-/// HU of what lies beyond the CT.
-const AIR_HU: f32 = -1000.0;
-/// Radius of the closing that decides which air a geometric target encloses, mm.
-const CLOSING_MM: f64 = 4.0;
 /// Coarse voxel of what lies beyond the work grid, mm.
 const FAR_SPACING_MM: f64 = 1.0;
 
@@ -37,6 +35,8 @@ pub struct SceneSpec<'a> {
     pub air_hu: f64,
     /// At or above: bone.
     pub bone_hu: f64,
+    /// Where thin bone outside the target is no obstacle.
+    pub sheets: Sheets,
     /// Approach in ct, unit; `None`: chosen.
     pub approach: Option<Vector3<f64>>,
     /// Planning grid, mm.
@@ -71,10 +71,8 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let (hu, mut density_g_cm3) = resample_hu_and_density(spec.ct, spec.table, &grid, &ct_from_work);
     cancel::poll();
     let labels = work_labels(spec, &grid, &ct_from_work)?;
-    let in_target = match spec.target {
-        TargetShape::Label(label) => labels.map(|l| *l == label),
-        _ => shape_mask(spec, &hu, &ct_from_work, &labels)?,
-    };
+    let inside = Inside::new(spec, &grid, &ct_from_work)?;
+    let in_target = target_mask(&inside, &hu, &labels, &ct_from_work)?;
     let band_mm = [spec.ct.grid().diagonal_mm(), spec.labels.grid().diagonal_mm(), grid.diagonal_mm()]
         .into_iter()
         .fold(0.0, f64::max);
@@ -87,7 +85,8 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
         )));
     }
     cancel::poll();
-    keep_material(&mut density_g_cm3, &class);
+    keep_mass(&mut density_g_cm3, &class);
+    let matter = Matter::new(spec, &grid, ct_from_work, inside)?;
     let obstacle_mm = distance_within(&class.map(|c| c.is(Class::OBSTACLE)), 2.0 * spec.burr_radius_mm)?;
     let structures = structure_fields(spec, &target)?;
     cancel::poll();
@@ -109,6 +108,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
         approach,
         hu,
         density_g_cm3,
+        matter,
         class,
         obstacle_mm,
         structures,
@@ -228,49 +228,20 @@ fn work_labels(
     Volume::new(grid.clone(), labels.into_parts().1).map_err(SceneError::Values)
 }
 
-/// A geometric target: the bone inside the shape, and what else there a closing of the bone encloses.
-fn shape_mask(
-    spec: &SceneSpec,
+/// Which work voxels are target, by their centres.
+fn target_mask(
+    inside: &Inside,
     hu: &Volume<f32, Work>,
-    ct_from_work: &Rigid<Ct, Work>,
     labels: &Volume<u16, Work>,
+    ct_from_work: &Rigid<Ct, Work>,
 ) -> Result<Volume<bool, Work>, SceneError> {
     let grid = hu.grid();
-    // a grid that reaches far enough around the crop for the closing to see the bone there; no finer than the scan
-    let h = spec.spacing_mm.max(0.5 * spec.ct.grid().spacing_mm().min());
-    let pad = (2.0 * CLOSING_MM / h).ceil() * h + h;
-    let size = Vector3::from(grid.dims().map(|d| (d - 1) as f64 * spec.spacing_mm));
-    let dims = (size / h).map(|n| n.ceil()) + Vector3::repeat(2.0 * pad / h + 1.0);
-    let wide = Grid::<Work>::aligned(
-        [dims.x.round() as usize, dims.y.round() as usize, dims.z.round() as usize],
-        h,
-        Point::new(-pad, -pad, -pad),
-    )?;
-    let bone = resample_hu(spec.ct, &wide, ct_from_work, AIR_HU).map(|hu| f64::from(*hu) >= spec.bone_hu);
-    let closed = close(&bone, CLOSING_MM)?;
-    let keep: Vec<u16> = spec.structures.iter().map(|(_, label)| *label).collect();
-    let data = (0..grid.len())
-        .into_par_iter()
-        .map(|n| {
-            let p = grid.center(grid.voxel(n));
-            spec.target.contains(*ct_from_work * p)
-                && !keep.contains(&labels.data()[n])
-                // bone is bone, wherever the nearest voxel of the coarser grid lies
-                && (f64::from(hu.data()[n]) >= spec.bone_hu || wide.nearest(p).is_some_and(|v| *closed.get(v)))
-        })
-        .collect();
+    let is_target = |n: usize| {
+        let p = grid.center(grid.voxel(n));
+        inside.holds(p, *ct_from_work * p, f64::from(hu.data()[n]), labels.data()[n])
+    };
+    let data = (0..grid.len()).into_par_iter().with_min_len(1 << 12).map(is_target).collect();
     Volume::new(grid.clone(), data).map_err(SceneError::Values)
-}
-
-/// Morphological closing by a ball: dilation, then erosion.
-fn close(mask: &Volume<bool, Work>, radius_mm: f64) -> Result<Volume<bool, Work>, SceneError> {
-    let limit_mm = radius_mm + mask.grid().diagonal_mm();
-    let Some(outside) = distance_within(mask, limit_mm)? else { return Ok(mask.clone()) };
-    let beyond = outside.map(|d| f64::from(*d) > radius_mm);
-    let Some(depth) = distance_within(&beyond, limit_mm)? else { return Ok(beyond.map(|b| !b)) };
-    let mut closed = depth.map(|d| f64::from(*d) > radius_mm);
-    closed.data_mut().iter_mut().zip(mask.data()).for_each(|(c, m)| *c |= *m);
-    Ok(closed)
 }
 
 fn classify(
@@ -286,13 +257,13 @@ fn classify(
         hu.data().iter().zip(in_target.data()).map(|(hu, t)| !t && f64::from(*hu) >= spec.bone_hu).collect(),
     )
     .map_err(SceneError::Values)?;
-    let obstacle = obstacles::obstacle_part(&bone_outside, band_mm)?;
+    let bone_class = obstacles::bone_classes(&bone_outside, in_target, band_mm, spec.sheets)?;
     let data = (0..hu.data().len())
         .into_par_iter()
         .with_min_len(1 << 14)
         .map(|n| {
             let value = f64::from(hu.data()[n]);
-            let mut flags = 0;
+            let mut flags = bone_class[n];
             if in_target.data()[n] {
                 flags |= Class::TARGET;
                 if value > spec.air_hu {
@@ -301,8 +272,6 @@ fn classify(
                 if value >= spec.bone_hu {
                     flags |= Class::TARGET_BONE;
                 }
-            } else if bone_outside.data()[n] {
-                flags |= if obstacle.data()[n] { Class::OBSTACLE } else { Class::SHEET };
             }
             if keep.contains(&labels.data()[n]) {
                 flags |= Class::STRUCTURE;
@@ -324,10 +293,10 @@ fn mean_center(class: &Volume<Class, Work>, flags: u8) -> Point<Work> {
     Point::from_coords(sum / f64::max(count, 1.0))
 }
 
-/// Density 0 where nothing is to be cut.
-fn keep_material(density_g_cm3: &mut Volume<f32, Work>, class: &Volume<Class, Work>) {
+/// Density 0 where nothing resists the burr.
+fn keep_mass(density_g_cm3: &mut Volume<f32, Work>, class: &Volume<Class, Work>) {
     for (rho, c) in density_g_cm3.data_mut().iter_mut().zip(class.data()) {
-        if !c.is(Class::MATERIAL) {
+        if !c.is(Class::HAS_MASS) {
             *rho = 0.0;
         }
     }

@@ -9,6 +9,8 @@ mod build;
 mod crop;
 mod far;
 mod hull;
+mod inside;
+mod matter;
 mod obstacles;
 mod target;
 
@@ -19,6 +21,8 @@ use thiserror::Error;
 pub use build::{SceneSpec, build_scene};
 pub use far::FarObstacles;
 pub use hull::{Rectangle, smallest_rectangle};
+pub use matter::Matter;
+pub use obstacles::Sheets;
 pub use target::TargetShape;
 
 use crate::StructureField;
@@ -30,16 +34,21 @@ pub struct Class(pub u8);
 impl Class {
     /// Belongs to the target: to be removed, air cells included.
     pub const TARGET: u8 = 1;
-    /// Target above `air_hu`: gives force and mass.
+    /// Target above `air_hu`.
     pub const MATERIAL: u8 = 2;
     /// Target at or above `bone_hu`.
     pub const TARGET_BONE: u8 = 4;
     /// Bone outside the target: neither burr nor shank may touch it.
     pub const OBSTACLE: u8 = 8;
-    /// Bone outside the target so thin that it is taken for partial volume, see [`Scene::band_mm`].
+    /// Bone outside the target that is no obstacle: a speck, or so thin and near the target that it is taken for partial
+    /// volume, see [`Scene::band_mm`]. The burr may take it, and feels it.
     pub const SHEET: u8 = 16;
     /// Inside a structure.
     pub const STRUCTURE: u8 = 32;
+    /// An obstacle thinner than the band: none with [`Sheets::Cut`].
+    pub const THIN: u8 = 64;
+    /// What gives force and mass wherever the burr meets it.
+    pub const HAS_MASS: u8 = Self::MATERIAL | Self::OBSTACLE | Self::SHEET;
 
     /// Whether one of `flags` is set.
     #[inline]
@@ -71,8 +80,10 @@ pub struct Scene {
     pub approach: Vector3<f64>,
     /// Hounsfield units.
     pub hu: Volume<f32, Work>,
-    /// Density of what may be cut, g/cm³: 0 outside the target and in its air.
+    /// Density of each voxel, g/cm³: 0 unless it has [`Class::HAS_MASS`].
     pub density_g_cm3: Volume<f32, Work>,
+    /// Density at any point.
+    pub matter: Matter,
     /// Class per voxel.
     pub class: Volume<Class, Work>,
     /// Distance from voxel centres to the centres of obstacle voxels, mm, cut off at twice the burr's radius; `None`:
@@ -82,7 +93,8 @@ pub struct Scene {
     pub structures: Vec<SceneStructure>,
     /// What lies beyond the work grid, coarsely.
     pub far: FarObstacles,
-    /// The largest voxel diagonal of CT, labels and work grid, mm: bone sheets thinner than this are partial volume.
+    /// The largest voxel diagonal of CT, labels and work grid, mm: thinner bone within as much of the target
+    /// is taken for partial volume.
     pub band_mm: f64,
     /// Centre of the target's voxels.
     pub target_center: Point<Work>,

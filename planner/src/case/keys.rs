@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use bonemill_imaging::AffineChoice;
+use bonemill_imaging::{AffineChoice, Sheets};
 
 use super::{ForceTerm, Measure, OrientationMode, SeveralStructures, SpeedMode};
 
@@ -207,7 +207,7 @@ table! {
         AIR_HU = "density.air_hu" Hu -1e5..1e5, Value(-700.0),
             "at or below: air, nothing to cut", "assumed: half-way between the first two points of the table";
         BONE_HU = "density.bone_hu" Hu -1e5..1e5, Value(200.0),
-            "at or above: bone, which burr and shank may not touch outside the target", ASSUMED;
+            "at or above: bone, which burr and shank may not touch outside the target (see target.sheets)", ASSUMED;
         TABLE_HU = "density.hu" Hu -1e5..1e5, Words("[-1000, -400, -150, 100, 300, 2000, 4927]"),
             "points of the calibration curve, increasing", "assumed: no calibration phantom was scanned; give your scanner's own curve";
         TABLE_G_CM3 = "density.g_cm3" GCm3 0.0..25.0, Words("[0.01, 0.602, 0.924, 1.075, 1.145, 1.856, 3.379]"),
@@ -287,6 +287,8 @@ table! {
             "which of the CT's affines holds; `auto`: sform, else qform, refused when they disagree by more than 0.1 voxel", "NIfTI-1";
         LABELS_AFFINE: AffineChoice = "images.labels_affine" ["auto" => AffineChoice::Auto, "sform" => AffineChoice::Sform, "qform" => AffineChoice::Qform],
             "the same for the label map", "NIfTI-1";
+        SHEETS: Sheets = "target.sheets" ["keep" => Sheets::Keep, "cut" => Sheets::Cut],
+            "bone outside the target that is thinner than the band (the largest voxel diagonal of CT, labels and planning grid): kept unless it lies within the band of the target, where it is taken for partial volume; or cut wherever the ball meets it. Pieces under 2×2×2 voxels are cut either way", ASSUMED;
         MEASURE: Measure = "material.measure" ["db" => Measure::Db, "dz" => Measure::Dz],
             "length element of the force sum: edge length or height; `dz` with preset = \"paper\"", "FORCE_MODEL 4: db is energy-consistent and reproduces D's trials, dz is D eq. 4 as printed";
         PATTERN: () = "path.pattern" ["lawnmower" => ()], "layers of serpentine lines", "D II-A";

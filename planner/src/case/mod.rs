@@ -25,6 +25,7 @@ use nalgebra::{Rotation3, Vector3};
 
 pub use crate::cost::SeveralStructures;
 pub use crate::speed::DistanceCurve;
+pub use bonemill_imaging::Sheets;
 pub use error::{CaseError, CaseFault, Located};
 pub use explain::{Parameter, explained};
 pub use keys::Unit;
@@ -44,6 +45,8 @@ pub struct Case {
     pub density: Density,
     /// The bone to be removed.
     pub target: Target,
+    /// Whether thin bone outside the target is kept.
+    pub sheets: Sheets,
     /// What must not be touched.
     pub structures: Vec<Structure>,
     /// Approach direction in ct, unit, out of the bone; `None`: the direction in which the target sees the most air.

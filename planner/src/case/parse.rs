@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use bonemill_imaging::DensityTable;
+use bonemill_imaging::{DensityTable, Sheets};
 use nalgebra::Vector3;
 use toml::de::{DeTable, DeValue};
 
@@ -99,6 +99,7 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
         paper,
         images: read_images(root.table("images")),
         density: read_density(log, root.table("density")),
+        sheets: root.table("target").choice(&k::SHEETS, Sheets::Keep),
         target: read_target(root.table("target")),
         structures: read_structures(&root),
         approach: read_approach(root.table("approach")),
@@ -209,7 +210,7 @@ fn read_target(t: Walk<'_, '_>) -> Target {
         _ => {
             // the parts of a choice that is refused as a whole are not judged
             t.note("", CaseFault::ExactlyOne { table: t.path().into(), found, options });
-            t.accept(&["label"]);
+            t.accept(&["label", "sheets"]);
             t.finish();
             return Target::Label(LabelRef::Number(1));
         }
@@ -217,7 +218,7 @@ fn read_target(t: Walk<'_, '_>) -> Target {
     for part in [r#box, ball, frustum] {
         part.finish();
     }
-    t.accept(&["label"]);
+    t.accept(&["label", "sheets"]);
     t.finish();
     target
 }

@@ -57,7 +57,7 @@ impl Case {
                 ("bone_hu", float(self.density.bone_hu)),
             ],
         );
-        out.table("target", &[target(&self.target)]);
+        out.table("target", &[target(&self.target), ("sheets", text(k::SHEETS.word(self.sheets)))]);
         for s in &self.structures {
             out.array_table(
                 "structure",

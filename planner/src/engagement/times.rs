@@ -1,13 +1,14 @@
 //! When the voxels around a point go: for one point, and for all that are near it.
 
 use bonemill_geometry::{Grid, Volume, Work, cancel};
+use bonemill_imaging::Class;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::neighbours::joined;
 use crate::removal::NEVER;
 
-/// When the eight voxels around a point go. Where none of them has density, before every move.
+/// When the eight voxels around a point go. Where neither they nor those beside them have mass, before every move.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CellTimes {
     pub(super) first: u32,
@@ -15,8 +16,11 @@ pub(super) struct CellTimes {
 }
 
 /// [`CellTimes`] of every cell, at its first voxel.
-pub(super) fn cell_times(density: &Volume<f32, Work>, time: &[u32]) -> Vec<CellTimes> {
-    let [nx, ny, nz] = density.grid().dims();
+pub(super) fn cell_times(class: &Volume<Class, Work>, time: &[u32]) -> Vec<CellTimes> {
+    let [nx, ny, nz] = class.grid().dims();
+    // bone may lie between voxel centres
+    let has_mass: Vec<u8> = class.data().iter().map(|class| class.0 & Class::HAS_MASS).collect();
+    let near_mass = joined(&has_mass, class.grid().dims(), |a, b| a | b);
     let slab = nx * ny;
     let steps = [0, 1, nx, nx + 1, slab, slab + 1, slab + nx, slab + nx + 1];
     let mut times = vec![CellTimes { first: 0, last: 0 }; time.len()];
@@ -25,7 +29,7 @@ pub(super) fn cell_times(density: &Volume<f32, Work>, time: &[u32]) -> Vec<CellT
         for j in 0..ny.saturating_sub(1) {
             for i in 0..nx.saturating_sub(1) {
                 let voxels = steps.map(|step| k * slab + j * nx + i + step);
-                if voxels.iter().any(|v| density.data()[*v] > 0.0) {
+                if voxels.iter().any(|v| near_mass[*v] != 0) {
                     let ends = voxels.iter().map(|v| time[*v]);
                     cells[j * nx + i] =
                         CellTimes { first: ends.clone().fold(NEVER, u32::min), last: ends.fold(0, u32::max) };

@@ -37,7 +37,7 @@ pub struct Builder<'a> {
     removal: RemovalTime,
     search: Search,
     rows: Rows,
-    /// Material, and reachable target, that is still there.
+    /// What has mass, and reachable target, that is still there.
     material: VoxelSet,
     reachable: VoxelSet,
     /// How many reachable ones are.
@@ -63,7 +63,7 @@ impl<'a> Builder<'a> {
             removal: RemovalTime::new(space.grid()),
             search: Search::new(space),
             rows: space.rows(),
-            material: VoxelSet::of(class.len(), |voxel| class[voxel].is(Class::MATERIAL)),
+            material: VoxelSet::of(class.len(), |voxel| class[voxel].is(Class::HAS_MASS)),
             reachable: VoxelSet::of(reachable.len(), |voxel| reachable[voxel]),
             left: reachable.iter().filter(|r| **r).count(),
             unjoined: 0,

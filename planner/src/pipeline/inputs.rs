@@ -103,6 +103,7 @@ pub fn make_scene(case: &Case, inputs: &Inputs) -> Result<Scene, PlanError> {
         table: &case.density.table,
         air_hu: case.density.air_hu,
         bone_hu: case.density.bone_hu,
+        sheets: case.sheets,
         approach: case.approach,
         spacing_mm: case.grid.spacing_mm,
         margin_mm: case.grid.margin_mm,

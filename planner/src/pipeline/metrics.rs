@@ -1,6 +1,6 @@
 //! Volumes: what is to be removed, what can be, what is, and why the rest stays.
 
-use bonemill_imaging::{Class, ImageError, Scene};
+use bonemill_imaging::{Class, ImageError, Scene, distance_within};
 
 use crate::path::PathPoint;
 use crate::removal::RemovalTime;
@@ -31,9 +31,11 @@ pub struct Coverage {
     pub removed_reachable: Volumes,
     /// What only the clearances keep from being reached, per structure of the scene, mm³.
     pub kept_by_structure_mm3: Vec<f64>,
+    /// What only thin bone outside the target keeps from being reached: what `target.sheets = "keep"` costs, mm³.
+    pub kept_by_thin_bone_mm3: f64,
     /// What the ball cannot reach for the bone around it (its radius, ledges), mm³.
     pub kept_by_bone_mm3: f64,
-    /// Bone outside the target whose voxel centres are removed: sheets within the band, mm³.
+    /// Bone outside the target whose voxel centres are removed: specks and thin bone, mm³.
     pub thin_bone_removed_mm3: f64,
     /// How far the centre of an obstacle voxel lies inside the swept ball at most, mm: the distance field's error between
     /// grid nodes, some hundredths of a voxel.
@@ -63,12 +65,14 @@ pub fn coverage(
 ) -> Result<Coverage, ImageError> {
     let voxel = scene.class.grid().voxel_mm3();
     let without_structures = BurrSpace::new(scene, space.radius_mm(), &[])?;
+    let without_thin = reachable_without_thin(scene, space)?;
     let mut found = Coverage {
         target: Volumes::default(),
         reachable: Volumes::default(),
         removed: Volumes::default(),
         removed_reachable: Volumes::default(),
         kept_by_structure_mm3: vec![0.0; scene.structures.len()],
+        kept_by_thin_bone_mm3: 0.0,
         kept_by_bone_mm3: 0.0,
         thin_bone_removed_mm3: 0.0,
         deepest_in_obstacle_mm: 0.0,
@@ -87,6 +91,10 @@ pub fn coverage(
                 }
             }
             if !reachable && !removed {
+                if without_thin.as_ref().is_some_and(|reachable| reachable[n]) {
+                    found.kept_by_thin_bone_mm3 += voxel;
+                    continue;
+                }
                 match without_structures.reachable()[n].then(|| nearest_limit(scene, space, n)).flatten() {
                     Some(structure) => found.kept_by_structure_mm3[structure] += voxel,
                     None => found.kept_by_bone_mm3 += voxel,
@@ -100,6 +108,16 @@ pub fn coverage(
         }
     }
     Ok(found)
+}
+
+/// What the ball could reach if thin bone were no obstacle; `None` where there is none.
+fn reachable_without_thin(scene: &Scene, space: &BurrSpace) -> Result<Option<Vec<bool>>, ImageError> {
+    if scene.count(Class::THIN) == 0 {
+        return Ok(None);
+    }
+    let thick = scene.class.map(|c| c.is(Class::OBSTACLE) && !c.is(Class::THIN));
+    let thick_mm = distance_within(&thick, 2.0 * space.radius_mm())?;
+    Ok(Some(space.among_others(thick_mm.as_ref())?.reachable().to_vec()))
 }
 
 impl Volumes {

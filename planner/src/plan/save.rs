@@ -107,6 +107,7 @@ fn metrics(plan: &Plan) -> Metrics {
             "kept_by_structure_mm3".into(),
             Value::Table(kept.map(|(s, v)| (s.name.clone(), (*v).into())).collect()),
         ),
+        ("kept_by_thin_bone_mm3".into(), coverage.kept_by_thin_bone_mm3.into()),
         ("kept_by_bone_mm3".into(), coverage.kept_by_bone_mm3.into()),
         ("thin_bone_removed_mm3".into(), coverage.thin_bone_removed_mm3.into()),
         ("deepest_in_obstacle_mm".into(), coverage.deepest_in_obstacle_mm.into()),

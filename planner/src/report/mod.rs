@@ -12,7 +12,7 @@ use std::fmt::Write;
 
 use chart::{Level, Series, chart};
 
-use crate::case::{Parameter, Registration, explained};
+use crate::case::{Parameter, Registration, Sheets, explained};
 use crate::orientation::Around;
 use crate::pipeline::{Plan, Volumes, dropped_by_reason};
 use crate::plan::{ReportPart, Waypoint};
@@ -232,6 +232,10 @@ fn coverage(plan: &Plan) -> String {
         .map(|(s, v)| (format!("clearance of {}", escape(&s.name)), *v))
         .collect();
     kept.push((
+        "thin bone outside the target, kept (target.sheets)".into(),
+        c.kept_by_thin_bone_mm3,
+    ));
+    kept.push((
         "bone around it: corners and ledges that the ball does not fit into".into(),
         c.kept_by_bone_mm3,
     ));
@@ -249,12 +253,16 @@ fn coverage(plan: &Plan) -> String {
     format!(
         "<div class=\"wide\"><table><thead><tr><th></th><th>all [mm³]</th><th>above air [mm³]</th><th>bone [mm³]</th><th>of the target</th></tr></thead><tbody>{}{}{}</tbody></table>\
          <table><thead><tr><th>Why the rest stays</th><th>[mm³]</th><th>of the target</th></tr></thead><tbody>{kept}</tbody></table></div>\
-         <p>Untargeted bone taken: {:.1} mm³ of sheets thinner than the band of {:.2} mm (partial volume). Thicker bone outside the target: no voxel centre deeper than {:.3} mm inside the swept ball.</p>",
+         <p>Untargeted bone taken: {:.1} mm³ of specks and of bone thinner than the band of {:.2} mm{}. Other bone outside the target: no voxel centre deeper than {:.3} mm inside the swept ball.</p>",
         row("target", &c.target),
         row("reachable by the ball under the clearances", &c.reachable),
         row("removed", &c.removed),
         c.thin_bone_removed_mm3,
         plan.scene.band_mm,
+        match plan.case.sheets {
+            Sheets::Keep => " within the band of the target (partial volume)",
+            Sheets::Cut => "",
+        },
         c.deepest_in_obstacle_mm,
     )
 }

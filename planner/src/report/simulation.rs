@@ -110,6 +110,7 @@ pub fn figures(simulation: &Simulation) -> Vec<(String, String)> {
             (simulation.removed.volume_mm3[kind as usize], simulation.removed.mass_mg[kind as usize]);
         if volume > 0.0 {
             let what = match kind {
+                Kind::Sheet => "removed of thin bone beside the target",
                 Kind::Material => "removed of the target below bone",
                 Kind::Bone => "removed of the target's bone",
                 Kind::Obstacle => "removed of bone outside the target",

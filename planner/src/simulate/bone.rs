@@ -2,7 +2,7 @@
 //!
 //! What is left of it is the [`Lattice`](super::Lattice)'s business. A voxel is solid when its class is bone,
 //! structure or material of the target; without classes, when its density is above 0. Only solid voxels count in
-//! volumes and masses, and only they stop the shank.
+//! volumes and masses, and only they, but for thin sheets beside the target, stop the shank.
 
 use std::ops::Range;
 
@@ -15,6 +15,8 @@ use super::EngineError;
 /// What a solid voxel is; the gravest last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
+    /// Bone outside the target that is no obstacle: a speck, or a thin sheet beside the target.
+    Sheet,
     /// Target above air and below bone.
     Material,
     /// Target that is bone; everything where no classes are known.
@@ -27,11 +29,12 @@ pub enum Kind {
 
 impl Kind {
     /// Every kind, in the order of their numbers.
-    pub const ALL: [Self; 4] = [Self::Material, Self::Bone, Self::Obstacle, Self::Structure];
+    pub const ALL: [Self; 5] = [Self::Sheet, Self::Material, Self::Bone, Self::Obstacle, Self::Structure];
 
     /// The word in files and reports.
     pub fn word(self) -> &'static str {
         match self {
+            Self::Sheet => "sheet",
             Self::Material => "material",
             Self::Bone => "bone",
             Self::Obstacle => "obstacle",
@@ -48,8 +51,14 @@ impl Kind {
         } else if class.is(Class::TARGET_BONE) {
             Some(Self::Bone)
         } else {
-            class.is(Class::MATERIAL).then_some(Self::Material)
+            let less = [(Class::MATERIAL, Self::Material), (Class::SHEET, Self::Sheet)];
+            less.into_iter().find(|(flag, _)| class.is(*flag)).map(|(_, kind)| kind)
         }
+    }
+
+    /// Whether it is in the way of the shank: sheets are taken for partial volume.
+    pub(super) fn stops_shank(self) -> bool {
+        self != Self::Sheet
     }
 }
 
@@ -57,9 +66,9 @@ impl Kind {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Amount {
     /// mm³ of each kind.
-    pub volume_mm3: [f64; 4],
+    pub volume_mm3: [f64; Kind::ALL.len()],
     /// mg of each kind.
-    pub mass_mg: [f64; 4],
+    pub mass_mg: [f64; Kind::ALL.len()],
 }
 
 impl Amount {

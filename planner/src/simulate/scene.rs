@@ -6,7 +6,7 @@ use bonemill_imaging::{Class, DensityTable, Scene};
 
 use super::{Bone, EngineError};
 
-/// Densities of everything solid in a scene, g/cm³: the target's material, bone outside it, structures.
+/// Densities of everything solid in a scene, g/cm³: the target's material, all bone outside it, structures.
 ///
 /// What is neither is retracted soft tissue or air, and 0.
 ///
@@ -16,8 +16,8 @@ pub fn solid_density(scene: &Scene, table: &DensityTable) -> Result<Volume<f32, 
     let cut = scene.density_g_cm3.data().iter().zip(scene.class.data()).zip(scene.hu.data());
     let data = cut
         .map(|((&density, class), &hu)| {
-            let around = class.is(Class::OBSTACLE | Class::STRUCTURE) && density <= 0.0;
-            if around { table.density_g_cm3(f64::from(hu)).max(0.0) as f32 } else { density }
+            // structures resist as well where they are softer than bone
+            if class.is(Class::STRUCTURE) && density <= 0.0 { table.density_g_cm3(f64::from(hu)).max(0.0) as f32 } else { density }
         })
         .collect();
     Volume::new(scene.class.grid().clone(), data)

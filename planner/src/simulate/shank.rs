@@ -162,7 +162,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
             if stored.is_some() && self.depth_at(&at) <= 0.0 {
                 return;
             }
-            let Some(kind) = self.kind_at(stored, site) else { return };
+            let Some(kind) = self.kind_at(stored, site).filter(|kind| kind.stops_shank()) else { return };
             if is_swept(&point.coords) {
                 return;
             }
