@@ -118,6 +118,11 @@ impl<'a> BurrSpace<'a> {
         &self.keep_mm
     }
 
+    /// The clearance that a structure was given, mm.
+    pub fn clearance_mm(&self, structure: usize) -> f64 {
+        self.keep_mm[structure] - self.radius_mm - TRAJECTORY_TOLERANCE_MM
+    }
+
     /// Nodes where the centre may be and can come from the outside.
     pub fn connected(&self) -> &[bool] {
         &self.connected

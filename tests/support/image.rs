@@ -72,6 +72,21 @@ impl Image {
         }
     }
 
+    /// A box of its voxels, in their places of the world.
+    pub fn cropped(&self, box_of: [Range<usize>; 3]) -> Self {
+        let dims = [0, 1, 2].map(|a| box_of[a].len());
+        let first = [0, 1, 2].map(|a| box_of[a].start);
+        let values = (0..dims.iter().product()).map(|n| {
+            let [i, j, k] = voxel(dims, n);
+            self.values[i + first[0] + self.dims[0] * (j + first[1] + self.dims[1] * (k + first[2]))]
+        });
+        let values = values.collect();
+        let origin = self.world(first.map(|v| v as f64));
+        let mut affine = self.affine;
+        (0..3).for_each(|row| affine[row][3] = origin[row]);
+        Self { dims, affine, values }
+    }
+
     /// The same voxels in the same places of the world, stored in another order: axis `a` of the copy is axis `order[a]`
     /// of this one, backwards where `flipped[a]`.
     pub fn stored_as(&self, order: [usize; 3], flipped: [bool; 3]) -> Self {

@@ -128,6 +128,8 @@ labels = \"labels.nii\"
 
 [target]
 label = 20
+# what is hard is the way to what the burr can reach, not how much of the target that is
+least_share = 0.0
 
 [[structure]]
 name = \"nerve\"

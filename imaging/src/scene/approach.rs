@@ -1,7 +1,7 @@
 //! The direction in which the target sees the most air, when the case gives none.
 //!
-//! From a sample of the target's voxels, rays are cast through the CT; a ray sees air when it leaves the scan, or enters
-//! air, without meeting untargeted bone or a structure. The direction is the mean of all that see air, weighted towards
+//! From a sample of the target's voxels, rays are cast through the CT; a ray sees air when it enters air, or leaves the
+//! scan where neither bone nor target lies at its edge, without meeting untargeted bone or a structure. The direction is the mean of all that see air, weighted towards
 //! the best one (a mean shift on the sphere). Directions are laid out in the target's own inertia axes, so a mirrored
 //! or turned scan gives the mirrored or turned approach.
 

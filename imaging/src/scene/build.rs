@@ -7,9 +7,10 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::crop::{Crop, extent};
+use super::edge::{self, ByFace, TargetOutside};
 use super::inside::Inside;
 use super::{
-    Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, TargetShape, approach, hull, obstacles,
+    Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, TargetShape, approach, hull, mask, obstacles,
 };
 use crate::{
     DensityTable, Region, StructureField, distance_within, resample_hu_and_density, resample_nearest,
@@ -62,7 +63,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let mut warnings = Vec::new();
     check_overlap(spec)?;
     check_labels(spec)?;
-    let target = target_voxels(spec)?;
+    let target = mask::target_extent(spec)?;
     let approach = match spec.approach {
         Some(direction) => direction,
         None => choose_approach(spec, &target)?,
@@ -72,7 +73,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     cancel::poll();
     let labels = work_labels(spec, &grid, &ct_from_work)?;
     let inside = Inside::new(spec, &grid, &ct_from_work)?;
-    let in_target = target_mask(&inside, &hu, &labels, &ct_from_work)?;
+    let (in_target, outside) = mask::target_mask(spec, &target, &inside, &hu, &labels, &ct_from_work)?;
     let band_mm = [spec.ct.grid().diagonal_mm(), spec.labels.grid().diagonal_mm(), grid.diagonal_mm()]
         .into_iter()
         .fold(0.0, f64::max);
@@ -91,12 +92,8 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let structures = structure_fields(spec, &target)?;
     cancel::poll();
     check_touching(spec, &target, &structures)?;
-    if touches_edge(spec, &target) {
-        warnings.push(
-            "the target touches the edge of the scan: what lies beyond is taken for air, which may be wrong"
-                .into(),
-        );
-    }
+    let edge_bone_mm2 = edge::edge_bone(spec, &in_target, &ct_from_work)?;
+    warnings.extend(edge_warnings(spec, &target, &outside, &edge_bone_mm2));
     cancel::poll();
     let far = far_obstacles(spec, &class, &ct_from_work)?;
     let target_center = mean_center(&class, Class::TARGET);
@@ -116,15 +113,17 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
         band_mm,
         target_center,
         target_hull_xy: hull::convex_hull(hull),
+        outside,
+        edge_bone_mm2,
         warnings,
     })
 }
 
-fn extent_text((lo, hi): (Vector3<f64>, Vector3<f64>)) -> String {
+pub(super) fn extent_text((lo, hi): (Vector3<f64>, Vector3<f64>)) -> String {
     format!("{:.1}..{:.1} × {:.1}..{:.1} × {:.1}..{:.1}", lo.x, hi.x, lo.y, hi.y, lo.z, hi.z)
 }
 
-fn overlaps(a: (Vector3<f64>, Vector3<f64>), b: (Vector3<f64>, Vector3<f64>)) -> bool {
+pub(super) fn overlaps(a: (Vector3<f64>, Vector3<f64>), b: (Vector3<f64>, Vector3<f64>)) -> bool {
     (0..3).all(|n| a.0[n] < b.1[n] && b.0[n] < a.1[n])
 }
 
@@ -155,35 +154,6 @@ fn check_labels(spec: &SceneSpec) -> Result<(), SceneError> {
     Ok(())
 }
 
-/// Centres that stand for the target's extent in ct: label voxels, or a geometric shape's hull.
-fn target_voxels(spec: &SceneSpec) -> Result<Vec<Point<Ct>>, SceneError> {
-    let ct = extent(spec.ct.grid().corners());
-    let points = match spec.target {
-        TargetShape::Label(label) => {
-            let grid = spec.labels.grid();
-            let [nx, ny, _] = grid.dims();
-            spec.labels
-                .data()
-                .par_chunks(nx * ny)
-                .enumerate()
-                .flat_map_iter(|(k, slice)| {
-                    slice
-                        .iter()
-                        .enumerate()
-                        .filter(move |(_, l)| **l == label)
-                        .map(move |(n, _)| grid.center([n % nx, n / nx, k]))
-                })
-                .collect()
-        }
-        _ => spec.target.hull_points(),
-    };
-    let target = extent(points.iter().copied());
-    if overlaps(target, ct) {
-        return Ok(points);
-    }
-    Err(SceneError::TargetOutside { target: extent_text(target), ct: extent_text(ct) })
-}
-
 fn choose_approach(spec: &SceneSpec, target: &[Point<Ct>]) -> Result<Vector3<f64>, SceneError> {
     let keep: Vec<u16> = spec.structures.iter().map(|(_, label)| *label).collect();
     let label_at = |p| spec.labels.grid().nearest(p).map_or(0, |v| *spec.labels.get(v));
@@ -201,11 +171,17 @@ fn choose_approach(spec: &SceneSpec, target: &[Point<Ct>]) -> Result<Vector3<f64
         .zip(spec.ct.grid().spacing_mm().iter())
         .map(|(d, s)| d * s)
         .sum();
+    let is_bone = |p| hu_at(p).is_some_and(|hu| hu >= spec.bone_hu);
+    // a ray that leaves the scan out of the target or out of bone sees no air: the bone goes on there
+    let ends_in_bone = |p| {
+        let at_edge = spec.ct.grid().center(edge::nearest_in_scan(spec.ct.grid(), p));
+        hu_at(p).is_none() && (in_target(p) || in_target(at_edge) || is_bone(at_edge))
+    };
     approach::most_air(
         target,
         spec.ct.grid().spacing_mm().min().max(spec.spacing_mm),
         reach_mm,
-        |p| !in_target(p) && (hu_at(p).is_some_and(|hu| hu >= spec.bone_hu) || keep.contains(&label_at(p))),
+        |p| ends_in_bone(p) || (!in_target(p) && (is_bone(p) || keep.contains(&label_at(p)))),
         |p| !in_target(p) && hu_at(p).is_none_or(|hu| hu <= spec.air_hu),
     )
     .ok_or(SceneError::NoApproach)
@@ -226,22 +202,6 @@ fn work_labels(
         Grid::aligned(grid.dims(), spec.spacing_mm * (1.0 + STRETCH), Point::from_coords(-half * STRETCH))?;
     let labels = resample_nearest(spec.labels, &stretched, ct_from_work);
     Volume::new(grid.clone(), labels.into_parts().1).map_err(SceneError::Values)
-}
-
-/// Which work voxels are target, by their centres.
-fn target_mask(
-    inside: &Inside,
-    hu: &Volume<f32, Work>,
-    labels: &Volume<u16, Work>,
-    ct_from_work: &Rigid<Ct, Work>,
-) -> Result<Volume<bool, Work>, SceneError> {
-    let grid = hu.grid();
-    let is_target = |n: usize| {
-        let p = grid.center(grid.voxel(n));
-        inside.holds(p, *ct_from_work * p, f64::from(hu.data()[n]), labels.data()[n])
-    };
-    let data = (0..grid.len()).into_par_iter().with_min_len(1 << 12).map(is_target).collect();
-    Volume::new(grid.clone(), data).map_err(SceneError::Values)
 }
 
 fn classify(
@@ -391,6 +351,33 @@ fn touching_voxel(
         }
         None
     })
+}
+
+/// What is to be known about the scan's edge.
+fn edge_warnings(
+    spec: &SceneSpec,
+    target: &[Point<Ct>],
+    outside: &TargetOutside,
+    edge_bone_mm2: &ByFace,
+) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if outside.share > 0.0 && outside.share <= TargetOutside::FEW_SHARE {
+        warnings.push(format!("{}: it counts neither as target nor as removed", outside.text()));
+    }
+    if edge_bone_mm2.total() > 0.0 {
+        warnings.push(format!(
+            "{:.1} mm² of bone within the burr's reach of the target lie on the CT's {} edge: bone that goes on beyond it is not \
+             seen and counts as air, so that burr and shank may enter it; plan on a scan that reaches farther",
+            edge_bone_mm2.total(),
+            edge_bone_mm2.text()
+        ));
+    } else if touches_edge(spec, target) {
+        warnings.push(
+            "the target touches the edge of the scan: what lies beyond is taken for air, which may be wrong"
+                .into(),
+        );
+    }
+    warnings
 }
 
 /// Whether a target voxel lies in the CT's outermost voxels, or beyond.

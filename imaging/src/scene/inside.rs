@@ -59,18 +59,26 @@ impl Inside {
         })
     }
 
+    /// Whether a place of this label lies in the label or the shape, whatever its grey value.
+    #[inline]
+    pub fn bounds(&self, p_ct: Point<Ct>, label: u16) -> bool {
+        match self {
+            Self::Label(target) => label == *target,
+            Self::Shape { shape, kept, .. } => shape.contains(p_ct) && !kept.contains(&label),
+        }
+    }
+
     /// Whether a place, given in both frames, with its grey value and label is target.
     #[inline]
     pub fn holds(&self, p: Point<Work>, p_ct: Point<Ct>, hu: f64, label: u16) -> bool {
-        match self {
-            Self::Label(target) => label == *target,
-            Self::Shape { shape, kept, bone_hu, closed } => {
-                shape.contains(p_ct)
-                    && !kept.contains(&label)
-                    // bone is bone, wherever the nearest voxel of the closing's grid lies
-                    && (hu >= *bone_hu || closed.grid().nearest(p).is_some_and(|v| *closed.get(v)))
+        let is_bone_or_enclosed = || match self {
+            Self::Label(_) => true,
+            // bone is bone, wherever the nearest voxel of the closing's grid lies
+            Self::Shape { bone_hu, closed, .. } => {
+                hu >= *bone_hu || closed.grid().nearest(p).is_some_and(|v| *closed.get(v))
             }
-        }
+        };
+        self.bounds(p_ct, label) && is_bone_or_enclosed()
     }
 }
 

@@ -7,10 +7,12 @@
 mod approach;
 mod build;
 mod crop;
+mod edge;
 mod far;
 mod hull;
 mod inside;
 mod matter;
+mod mask;
 mod obstacles;
 mod target;
 
@@ -19,6 +21,7 @@ use nalgebra::Vector3;
 use thiserror::Error;
 
 pub use build::{SceneSpec, build_scene};
+pub use edge::{ByFace, TargetOutside};
 pub use far::FarObstacles;
 pub use hull::{Rectangle, smallest_rectangle};
 pub use matter::Matter;
@@ -100,6 +103,10 @@ pub struct Scene {
     pub target_center: Point<Work>,
     /// Convex hull of the target seen along the approach: corners (x, y) in work, mm, counter-clockwise.
     pub target_hull_xy: Vec<[f64; 2]>,
+    /// The part of the target beyond the scan: neither target nor removed.
+    pub outside: TargetOutside,
+    /// Bone on the scan's edge within the burr's diameter of the target, mm²: where it goes on beyond is not known.
+    pub edge_bone_mm2: ByFace,
     /// What the user should know.
     pub warnings: Vec<String>,
 }
@@ -131,9 +138,16 @@ pub enum SceneError {
     /// The target holds nothing that can be removed.
     #[error("the target is empty: {0}")]
     EmptyTarget(String),
-    /// The target lies outside the scan.
-    #[error("the target lies outside the CT: it spans {target} mm, the CT {ct} mm (both in ct)")]
+    /// Too much of the target lies outside the scan.
+    #[error(
+        "{outside}; expected at most {most_percent} %. The target spans {target} mm, the CT {ct} mm (both in ct): give a scan \
+         that holds the target, crop the target to the scan, or check both images' affines"
+    )]
     TargetOutside {
+        /// How much and on which side.
+        outside: String,
+        /// How much would be planned for, per cent of the target.
+        most_percent: f64,
         /// Extent of the target.
         target: String,
         /// Extent of the CT.

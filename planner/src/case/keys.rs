@@ -220,6 +220,8 @@ table! {
         FRUSTUM_TO = "target.frustum.to_mm" Mm -1e4..1e4, Words(REQUIRED), "centre of the second end, ct", "-";
         FRUSTUM_FROM_RADIUS = "target.frustum.from_radius_mm" Mm 0.0..200.0, Words(REQUIRED), "radius at the first end", "-";
         FRUSTUM_TO_RADIUS = "target.frustum.to_radius_mm" Mm 0.0..200.0, Words(REQUIRED), "radius at the second end", "-";
+        LEAST_SHARE = "target.least_share" One 0.0..1.0, Value(0.9),
+            "least share of the target's mm³ to be removed, air cells included and what lies beyond the scan counted as not removed; below it the plan falls short", ASSUMED;
         CLEARANCE = "structure.clearance_mm" Mm 0.0..50.0, Value(1.0),
             "least distance of the burr's surface from the structure", "assumed (FORCE_MODEL 10: r_v,min = r + 1 mm)";
         PRIORITY = "structure.priority" One 1.0..1e6, Words("its place in the file"), "1 is the most important", "-";

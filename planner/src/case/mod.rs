@@ -47,6 +47,8 @@ pub struct Case {
     pub target: Target,
     /// Whether thin bone outside the target is kept.
     pub sheets: Sheets,
+    /// The least share of it that must be removed, 0..1.
+    pub least_share: f64,
     /// What must not be touched.
     pub structures: Vec<Structure>,
     /// Approach direction in ct, unit, out of the bone; `None`: the direction in which the target sees the most air.

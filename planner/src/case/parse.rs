@@ -95,12 +95,14 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
     let paper = root.choice(&k::PRESET, false);
     let burr = read_burr(root.table("burr"));
     let robot = read_robot(root.table("robot"));
+    let (target, least_share) = read_target(root.table("target"));
     let case = Case {
         paper,
         images: read_images(root.table("images")),
         density: read_density(log, root.table("density")),
         sheets: root.table("target").choice(&k::SHEETS, Sheets::Keep),
-        target: read_target(root.table("target")),
+        target,
+        least_share,
         structures: read_structures(&root),
         approach: read_approach(root.table("approach")),
         shank: read_shank(root.table("shank")),
@@ -182,7 +184,9 @@ fn read_label(t: &Walk<'_, '_>, of: &Other) -> LabelRef {
     }
 }
 
-fn read_target(t: Walk<'_, '_>) -> Target {
+/// The target and the least share of it.
+fn read_target(t: Walk<'_, '_>) -> (Target, f64) {
+    let least_share = t.number(&k::LEAST_SHARE);
     let options = vec!["label", "box", "ball", "frustum"];
     let found: Vec<_> = options.iter().copied().filter(|o| t.has(o)).collect();
     let (label, r#box, ball, frustum) = (
@@ -212,7 +216,7 @@ fn read_target(t: Walk<'_, '_>) -> Target {
             t.note("", CaseFault::ExactlyOne { table: t.path().into(), found, options });
             t.accept(&["label", "sheets"]);
             t.finish();
-            return Target::Label(LabelRef::Number(1));
+            return (Target::Label(LabelRef::Number(1)), least_share);
         }
     };
     for part in [r#box, ball, frustum] {
@@ -220,7 +224,7 @@ fn read_target(t: Walk<'_, '_>) -> Target {
     }
     t.accept(&["label", "sheets"]);
     t.finish();
-    target
+    (target, least_share)
 }
 
 fn read_structures(root: &Walk<'_, '_>) -> Vec<Structure> {

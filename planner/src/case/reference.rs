@@ -11,6 +11,21 @@ numbers that are not finite or outside the range, which is meant to catch slips 
 `assumed` marks what no source gives.
 
 This page is generated from the table that the parser uses: `bonemill keys` prints it.
+
+## What lies beyond the scan
+
+The scan is the union of the CT's voxel boxes. Beyond it nothing is known, and HU count as air's: bone that goes on there is
+not kept, and burr and shank may pass there, as they may in the air outside the patient.
+
+- A part of the target beyond the scan is neither target nor removed, in `plan`, `verify` and `simulate` alike. It is
+  `target_outside_mm3`: of a label its voxels there, of a box, a ball or a frustum all that the shape holds there, since which
+  of that is bone cannot be known. Air that a shape holds inside the scan is no part of the target and counts nowhere.
+- The share outside is outside / (inside + outside). Up to 0.5 % it is a warning; beyond that the plan falls short (exit code
+  1); more than 5 % is refused as bad input (exit code 2). The sides on which the scan ends too early are named.
+- `scan_edge_bone_mm2` is the area of the CT's outer voxel faces with HU at or above `density.bone_hu` whose middles lie
+  within the burr's diameter of the target's voxels (and in the planning grid, which ends `burr.radius_mm` and
+  `grid.margin_mm` beside the target): there bone probably goes on unseen. It is a warning.
+- A chosen approach does not leave the scan through bone or target.
 ";
 
 /// The reference as Markdown.
@@ -113,7 +128,9 @@ mod tests {
             {
                 let line = format!("{name} = {}\n", e.default);
                 let text = match table {
-                    "images" => least.replace("[images]\n", &format!("[images]\n{line}")),
+                    "images" | "target" => {
+                        least.replace(&format!("[{table}]\n"), &format!("[{table}]\n{line}"))
+                    }
                     // one list is no table without the other
                     "density" if name == "hu" => {
                         format!("{least}[density]\n{line}g_cm3 = {:?}\n", case.density.table.g_cm3())

@@ -1,7 +1,9 @@
 //! Volumes: what is to be removed, what can be, what is, and why the rest stays.
 
-use bonemill_imaging::{Class, ImageError, Scene, distance_within};
+use bonemill_imaging::{Class, ImageError, Scene};
 
+use super::reach::Dropped;
+use super::rest::{Cause, rest};
 use crate::path::PathPoint;
 use crate::removal::RemovalTime;
 use crate::space::BurrSpace;
@@ -29,12 +31,10 @@ pub struct Coverage {
     pub removed: Volumes,
     /// What it removes of the reachable part.
     pub removed_reachable: Volumes,
-    /// What only the clearances keep from being reached, per structure of the scene, mm³.
-    pub kept_by_structure_mm3: Vec<f64>,
-    /// What only thin bone outside the target keeps from being reached: what `target.sheets = "keep"` costs, mm³.
-    pub kept_by_thin_bone_mm3: f64,
-    /// What the ball cannot reach for the bone around it (its radius, ledges), mm³.
-    pub kept_by_bone_mm3: f64,
+    /// The part of the target beyond the scan, mm³; not in `target`.
+    pub outside_mm3: f64,
+    /// What keeps the rest of the target, mm³ by cause, the largest first; together target + outside − removed.
+    pub rest: Vec<(Cause, f64)>,
     /// Bone outside the target whose voxel centres are removed: specks and thin bone, mm³.
     pub thin_bone_removed_mm3: f64,
     /// How far the centre of an obstacle voxel lies inside the swept ball at most, mm: the distance field's error between
@@ -43,6 +43,12 @@ pub struct Coverage {
 }
 
 impl Coverage {
+    /// Removed share of the whole target, the part beyond the scan included, 0..1.
+    pub fn removed_share(&self) -> f64 {
+        let whole_mm3 = self.target.all_mm3 + self.outside_mm3;
+        if whole_mm3 > 0.0 { self.removed.all_mm3 / whole_mm3 } else { 1.0 }
+    }
+
     /// Removed share of the reachable volume, 0..1; 1 when nothing is reachable.
     pub fn reached_share(&self) -> f64 {
         if self.reachable.all_mm3 > 0.0 {
@@ -62,18 +68,16 @@ pub fn coverage(
     space: &BurrSpace,
     removal: &RemovalTime,
     points: &[PathPoint],
+    dropped: &[Dropped],
 ) -> Result<Coverage, ImageError> {
     let voxel = scene.class.grid().voxel_mm3();
-    let without_structures = BurrSpace::new(scene, space.radius_mm(), &[])?;
-    let without_thin = reachable_without_thin(scene, space)?;
     let mut found = Coverage {
         target: Volumes::default(),
         reachable: Volumes::default(),
         removed: Volumes::default(),
         removed_reachable: Volumes::default(),
-        kept_by_structure_mm3: vec![0.0; scene.structures.len()],
-        kept_by_thin_bone_mm3: 0.0,
-        kept_by_bone_mm3: 0.0,
+        outside_mm3: scene.outside.mm3.total(),
+        rest: rest(scene, space, removal, dropped)?,
         thin_bone_removed_mm3: 0.0,
         deepest_in_obstacle_mm: 0.0,
     };
@@ -90,16 +94,6 @@ pub fn coverage(
                     volumes.add(*class, voxel);
                 }
             }
-            if !reachable && !removed {
-                if without_thin.as_ref().is_some_and(|reachable| reachable[n]) {
-                    found.kept_by_thin_bone_mm3 += voxel;
-                    continue;
-                }
-                match without_structures.reachable()[n].then(|| nearest_limit(scene, space, n)).flatten() {
-                    Some(structure) => found.kept_by_structure_mm3[structure] += voxel,
-                    None => found.kept_by_bone_mm3 += voxel,
-                }
-            }
         } else if removed && class.is(Class::SHEET) {
             found.thin_bone_removed_mm3 += voxel;
         } else if removed && class.is(Class::OBSTACLE) {
@@ -108,16 +102,6 @@ pub fn coverage(
         }
     }
     Ok(found)
-}
-
-/// What the ball could reach if thin bone were no obstacle; `None` where there is none.
-fn reachable_without_thin(scene: &Scene, space: &BurrSpace) -> Result<Option<Vec<bool>>, ImageError> {
-    if scene.count(Class::THIN) == 0 {
-        return Ok(None);
-    }
-    let thick = scene.class.map(|c| c.is(Class::OBSTACLE) && !c.is(Class::THIN));
-    let thick_mm = distance_within(&thick, 2.0 * space.radius_mm())?;
-    Ok(Some(space.among_others(thick_mm.as_ref())?.reachable().to_vec()))
 }
 
 impl Volumes {
@@ -135,16 +119,4 @@ fn depth_in_sweep(scene: &Scene, space: &BurrSpace, points: &[PathPoint], voxel:
     let moves =
         points.windows(2).map(|w| segment_distance_squared(&p, &w[0].position.coords, &w[1].position.coords));
     space.radius_mm() - moves.fold(f64::INFINITY, f64::min).sqrt()
-}
-
-/// The structure whose required distance is missed most at a voxel.
-fn nearest_limit(scene: &Scene, space: &BurrSpace, voxel: usize) -> Option<usize> {
-    let grid = scene.class.grid();
-    let p = scene.ct_from_work * grid.center(grid.voxel(voxel));
-    let margin = |(number, keep): (usize, &f64)| {
-        let field = scene.structures[number].field.as_ref()?;
-        Some((field.distance(p) - keep, number))
-    };
-    let margins = space.keep_mm().iter().enumerate().filter_map(margin);
-    margins.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, number)| number)
 }

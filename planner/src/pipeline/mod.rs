@@ -16,6 +16,7 @@ mod orient;
 mod prepared;
 mod raster;
 mod reach;
+mod rest;
 mod sets;
 pub(crate) mod setup;
 mod speeds;
@@ -25,6 +26,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use bonemill_geometry::{Base, Ct, Rigid, basis, cancel};
+use bonemill_imaging::scene::TargetOutside;
 use bonemill_imaging::{AffineReport, Scene};
 use bonemill_robot::Arm;
 use bonemill_robot::registration::Fitted;
@@ -37,6 +39,7 @@ pub use metrics::{Coverage, Volumes};
 pub use orient::Oriented;
 pub use prepared::{Chosen, Prepared, with_prepared};
 pub use reach::{Dropped, Unreached};
+pub use rest::Cause;
 
 use crate::Progress;
 use crate::access::Solid;
@@ -200,7 +203,15 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let (timing, coverage) = watch.run("time law, coverage", || {
         rayon::join(
             || speeds::timing(&speed_input, &case.speed, case.paper, &limits),
-            || metrics::coverage(&scene, &space, &prepared.reached.path.removal, points),
+            || {
+                metrics::coverage(
+                    &scene,
+                    &space,
+                    &prepared.reached.path.removal,
+                    points,
+                    &prepared.reached.dropped,
+                )
+            },
         )
     });
     let timing = timing?;
@@ -269,8 +280,10 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let figures = Figures::of(&waypoints, prepared.length_mm(), case.structures.len());
     let dropped = prepared.reached.dropped.clone();
     let allowed = oriented.allowed.clone();
-    let mut shortfalls =
-        shortfalls(&coverage, &modelled, &dropped, case.speed.total_time_s.zip(timing.missed_s));
+    let mut shortfalls: Vec<String> = target_outside(&scene).into_iter().collect();
+    shortfalls.extend(rest::too_little(case, &scene, &space, &coverage)?);
+    shortfalls.extend(unreached(case, &coverage, &modelled));
+    shortfalls.extend(time_missed(case.speed.total_time_s.zip(timing.missed_s)));
     shortfalls.extend(demand.caps_missed(case, &prepared, &chosen));
     shortfalls.extend(turns_missed(case, &oriented.blocked_turns));
     shortfalls.extend(limits_missed(&modelled.limit_ratios));
@@ -338,6 +351,18 @@ fn free_space<'a>(case: &Case, scene: &'a Scene) -> Result<BurrSpace<'a>, PlanEr
     }
 }
 
+/// A target that the scan does not hold.
+fn target_outside(scene: &Scene) -> Option<String> {
+    (scene.outside.share > TargetOutside::FEW_SHARE).then(|| {
+        format!(
+            "{} (expected at most {} %): it counts neither as target nor as removed; give a scan that holds the target or crop \
+             the target to the scan",
+            scene.outside.text(),
+            100.0 * TargetOutside::FEW_SHARE
+        )
+    })
+}
+
 /// The time law's own promise, looked at on what it gave.
 fn limits_missed(ratios: &LimitRatios) -> Option<String> {
     let LimitRatios { velocity, acceleration, jerk } = *ratios;
@@ -358,33 +383,31 @@ pub fn dropped_by_reason(dropped: &[Dropped]) -> BTreeMap<&str, usize> {
     counts
 }
 
-fn shortfalls(
-    coverage: &Coverage,
-    modelled: &Modelled,
-    dropped: &[Dropped],
-    time: Option<(f64, f64)>,
-) -> Vec<String> {
-    let mut reasons = Vec::new();
+/// Less removed than the burr can reach.
+fn unreached(case: &Case, coverage: &Coverage, modelled: &Modelled) -> Option<String> {
     let share = coverage.reached_share();
-    if share < ENOUGH_REACHED {
-        let mut why: Vec<String> =
-            dropped_by_reason(dropped).into_iter().map(|(why, n)| format!("{n} waypoints: {why}")).collect();
-        if modelled.unjoined_passes > 0 {
-            why.push(format!("{} passes could not be joined", modelled.unjoined_passes));
-        }
-        reasons.push(format!(
+    let of_path = |cause: &Cause| matches!(cause, Cause::Shank(_) | Cause::Spacing);
+    let parts = coverage.rest.iter().filter(|(cause, _)| of_path(cause));
+    let mut why: Vec<String> =
+        parts.map(|(cause, mm3)| format!("{mm3:.1} mm³ stay for the {}", cause.text(case))).collect();
+    if modelled.unjoined_passes > 0 {
+        why.push(format!("{} passes could not be joined", modelled.unjoined_passes));
+    }
+    (share < ENOUGH_REACHED).then(|| {
+        format!(
             "only {:.1} % of what the burr can reach is removed (expected {:.0} %): {}",
             100.0 * share,
             100.0 * ENOUGH_REACHED,
-            if why.is_empty() { "the path's spacing is too wide".into() } else { why.join("; ") },
-        ));
-    }
-    if let Some((asked_s, got_s)) = time {
-        reasons.push(format!(
-            "speed.total_time_s = {asked_s} s cannot be met within the speed range: the nearest is {got_s:.1} s"
-        ));
-    }
-    reasons
+            why.join("; "),
+        )
+    })
+}
+
+/// A time that the speeds do not allow.
+fn time_missed(time: Option<(f64, f64)>) -> Option<String> {
+    time.map(|(asked_s, got_s)| {
+        format!("speed.total_time_s = {asked_s} s cannot be met within the speed range: the nearest is {got_s:.1} s")
+    })
 }
 
 #[cfg(test)]

@@ -87,7 +87,6 @@ fn metrics(plan: &Plan) -> Metrics {
             ("bone_mm3".into(), v.bone_mm3.into()),
         ])
     };
-    let kept = plan.case.structures.iter().zip(&coverage.kept_by_structure_mm3);
     let per_structure = plan.case.structures.iter().zip(&figures.structures).map(|(structure, found)| {
         let mut row = Vec::new();
         if let Some(distance_mm) = found.least_distance_mm {
@@ -103,12 +102,15 @@ fn metrics(plan: &Plan) -> Metrics {
         ("reachable".into(), volumes(&coverage.reachable)),
         ("removed".into(), volumes(&coverage.removed)),
         ("removed_reachable".into(), volumes(&coverage.removed_reachable)),
+        ("removed_share".into(), coverage.removed_share().into()),
         (
-            "kept_by_structure_mm3".into(),
-            Value::Table(kept.map(|(s, v)| (s.name.clone(), (*v).into())).collect()),
+            "not_removed_mm3".into(),
+            Value::Table(
+                coverage.rest.iter().map(|(cause, mm3)| (cause.text(&plan.case), (*mm3).into())).collect(),
+            ),
         ),
-        ("kept_by_thin_bone_mm3".into(), coverage.kept_by_thin_bone_mm3.into()),
-        ("kept_by_bone_mm3".into(), coverage.kept_by_bone_mm3.into()),
+        ("target_outside_mm3".into(), coverage.outside_mm3.into()),
+        ("scan_edge_bone_mm2".into(), plan.scene.edge_bone_mm2.total().into()),
         ("thin_bone_removed_mm3".into(), coverage.thin_bone_removed_mm3.into()),
         ("deepest_in_obstacle_mm".into(), coverage.deepest_in_obstacle_mm.into()),
         ("band_mm".into(), plan.scene.band_mm.into()),

@@ -224,36 +224,20 @@ fn coverage(plan: &Plan) -> String {
             share(v.all_mm3, c.target.all_mm3)
         )
     };
-    let mut kept: Vec<(String, f64)> = plan
-        .case
-        .structures
+    let whole_mm3 = c.target.all_mm3 + c.outside_mm3;
+    let kept: String = c
+        .rest
         .iter()
-        .zip(&c.kept_by_structure_mm3)
-        .map(|(s, v)| (format!("clearance of {}", escape(&s.name)), *v))
-        .collect();
-    kept.push((
-        "thin bone outside the target, kept (target.sheets)".into(),
-        c.kept_by_thin_bone_mm3,
-    ));
-    kept.push((
-        "bone around it: corners and ledges that the ball does not fit into".into(),
-        c.kept_by_bone_mm3,
-    ));
-    kept.push((
-        "left by the path's spacing, the shank or the tilt limit".into(),
-        (c.reachable.all_mm3 - c.removed_reachable.all_mm3).max(0.0),
-    ));
-    let kept: String = kept
-        .into_iter()
-        .filter(|(_, v)| *v > 0.0)
-        .map(|(why, v)| {
-            format!("<tr><th>{why}</th><td>{v:.1}</td><td>{:.1} %</td></tr>", share(v, c.target.all_mm3))
+        .map(|(cause, v)| {
+            let why = escape(&cause.text(&plan.case));
+            format!("<tr><th>{why}</th><td>{v:.1}</td><td>{:.1} %</td></tr>", share(*v, whole_mm3))
         })
         .collect();
     format!(
         "<div class=\"wide\"><table><thead><tr><th></th><th>all [mm³]</th><th>above air [mm³]</th><th>bone [mm³]</th><th>of the target</th></tr></thead><tbody>{}{}{}</tbody></table>\
-         <table><thead><tr><th>Why the rest stays</th><th>[mm³]</th><th>of the target</th></tr></thead><tbody>{kept}</tbody></table></div>\
-         <p>Untargeted bone taken: {:.1} mm³ of specks and of bone thinner than the band of {:.2} mm{}. Other bone outside the target: no voxel centre deeper than {:.3} mm inside the swept ball.</p>",
+         <table><thead><tr><th>What keeps the rest of the target</th><th>[mm³]</th><th>of it all</th></tr></thead><tbody>{kept}</tbody></table></div>\
+         <p>Untargeted bone taken: {:.1} mm³ of specks and of bone thinner than the band of {:.2} mm{}. Other bone outside the target: no voxel centre deeper than {:.3} mm inside the swept ball.</p>\
+         <p>Bone on the scan's edge within the burr's diameter of the target: {:.1} mm². Beyond the scan nothing is known: it counts as air.</p>",
         row("target", &c.target),
         row("reachable by the ball under the clearances", &c.reachable),
         row("removed", &c.removed),
@@ -264,6 +248,7 @@ fn coverage(plan: &Plan) -> String {
             Sheets::Cut => "",
         },
         c.deepest_in_obstacle_mm,
+        plan.scene.edge_bone_mm2.total(),
     )
 }
 

@@ -14,6 +14,9 @@ use crate::case::{Case, LabelRef, Target};
 /// HU of what lies beyond the scan.
 const OUTSIDE_HU: f64 = -1000.0;
 
+/// A point this far beyond the scan's face still lies on it, voxels: rounding.
+const SCAN_FACE_VOXELS: f64 = 1e-9;
+
 /// A structure to be kept.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Kept {
@@ -80,6 +83,13 @@ impl Anatomy {
     /// Interpolated HU; beyond the scan is air.
     pub fn hu(&self, p: Point<Ct>) -> f64 {
         self.ct.trilinear(p, OUTSIDE_HU)
+    }
+
+    /// Whether a point lies in the scan, the union of the CT's closed voxel boxes; beyond it nothing is target.
+    pub fn is_in_scan(&self, p: Point<Ct>) -> bool {
+        let (index, dims) = (self.ct.grid().continuous_index(p), self.ct.grid().dims());
+        (0..3)
+            .all(|a| (index[a] - 0.5 * (dims[a] - 1) as f64).abs() <= 0.5 * dims[a] as f64 + SCAN_FACE_VOXELS)
     }
 
     /// The label of the voxel that holds a point; 0 beyond the map.

@@ -7,13 +7,15 @@ use rayon::prelude::*;
 use super::anatomy::Anatomy;
 use super::carve::NEVER;
 use super::check::{Check, Place};
-use super::lattice::{Lattice, MATERIAL, TARGET, TARGET_BONE};
+use super::lattice::{Lattice, MATERIAL, OUTSIDE, TARGET, TARGET_BONE};
 use super::moves::Moves;
 use super::voxels::{Doubtful, Voxels};
 use crate::plan::{StoredPlan, Value};
 
 /// Share of the reachable volume that a plan removes, unless it says that it falls short.
 const ENOUGH: f64 = 0.99;
+/// Share of the target that may lie outside the scan.
+const MOST_OUTSIDE: f64 = 0.005;
 /// A volume that was summed voxel by voxel may differ by this share of itself.
 const SUM_SHARE: f64 = 1e-9;
 /// Masses on two lattices differ by this share.
@@ -58,8 +60,21 @@ pub fn volumes(
     checks
 }
 
+/// What the plan says of the scan's edge, and whether the scan holds the target. What is in doubt counts for the plan.
+pub fn beyond_scan(plan: &StoredPlan, voxels: &Voxels, edge_mm2: [f64; 2]) -> Vec<Check> {
+    let (outside, [_, target]) = (voxels.volume_mm3(OUTSIDE, &[]), voxels.volume_mm3(TARGET, &[]));
+    let [least, _] = outside;
+    let share = if least > 0.0 { least / (least + target) } else { 0.0 };
+    vec![
+        counted("target_outside_mm3", more(plan, "target_outside_mm3"), outside),
+        Check { unit: "mm²", ..counted("scan_edge_bone_mm2", more(plan, "scan_edge_bone_mm2"), edge_mm2) },
+        Check::at_most("target outside the scan", share, MOST_OUTSIDE, "of it")
+            .noting(format!("{least:.1} mm³ of it lie beyond the CT")),
+    ]
+}
+
 /// Whether a volume that the plan states lies between the least and the largest count.
-fn counted(what: &str, said: Option<f64>, [least, most]: [f64; 2]) -> Check {
+pub fn counted(what: &str, said: Option<f64>, [least, most]: [f64; 2]) -> Check {
     let off = said.map_or(f64::INFINITY, |said| (least - said).max(said - most).max(0.0));
     let found = if least == most { format!("{most:.4}") } else { format!("{least:.4} to {most:.4}") };
     let said = said.map_or("nothing".into(), |said| format!("{said:.4}"));
@@ -151,7 +166,7 @@ pub fn totals(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
 }
 
 /// A figure beyond the required ones.
-fn more(plan: &StoredPlan, key: &str) -> Option<f64> {
+pub fn more(plan: &StoredPlan, key: &str) -> Option<f64> {
     match plan.record.metrics.more.iter().find(|(k, _)| k == key)?.1 {
         Value::Number(v) => Some(v),
         _ => None,
@@ -159,12 +174,17 @@ fn more(plan: &StoredPlan, key: &str) -> Option<f64> {
 }
 
 /// A figure of a table beyond the required ones.
-fn nested(plan: &StoredPlan, table: &str, key: &str) -> Option<f64> {
-    let Value::Table(entries) = &plan.record.metrics.more.iter().find(|(k, _)| k == table)?.1 else {
-        return None;
-    };
-    match entries.iter().find(|(k, _)| k == key)?.1 {
+fn nested(plan: &StoredPlan, key: &str, of: &str) -> Option<f64> {
+    match table(plan, key)?.iter().find(|(k, _)| k == of)?.1 {
         Value::Number(v) => Some(v),
+        _ => None,
+    }
+}
+
+/// A table beyond the required figures.
+pub fn table<'a>(plan: &'a StoredPlan, key: &str) -> Option<&'a [(String, Value)]> {
+    match &plan.record.metrics.more.iter().find(|(k, _)| k == key)?.1 {
+        Value::Table(entries) => Some(entries),
         _ => None,
     }
 }

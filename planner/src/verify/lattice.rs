@@ -26,6 +26,8 @@ pub const OBSTACLE: u8 = 8;
 pub const SHEET: u8 = 16;
 /// Inside a structure that is to be kept.
 pub const STRUCTURE: u8 = 32;
+/// Drawn as target, but beyond the scan: neither target nor removed.
+pub const OUTSIDE: u8 = 64;
 
 /// Radius of the closing that decides which air a shape encloses, mm.
 const CLOSING_MM: f64 = 4.0;
@@ -59,9 +61,10 @@ impl Lattice {
             Aim::Shape(_) => Some(Closed::new(anatomy, density.bone_hu, ct_from_grid, &grid)?),
         };
         let in_target = |center: Point<Work>, p: Point<Ct>, label: u16, hu: f64| match &anatomy.aim {
-            Aim::Label(aim) => label == *aim,
+            Aim::Label(aim) => label == *aim && anatomy.is_in_scan(p),
             Aim::Shape(shape) => {
                 shape_holds(shape, &p.coords)
+                    && anatomy.is_in_scan(p)
                     && !anatomy.is_kept(label)
                     && (hu >= density.bone_hu || enclosed.as_ref().is_some_and(|c| c.holds(center)))
             }

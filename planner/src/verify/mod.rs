@@ -23,6 +23,7 @@ mod carve;
 mod check;
 mod clearance;
 mod columns;
+mod edge;
 mod edt;
 mod error;
 mod figures;
@@ -33,6 +34,7 @@ mod motion;
 mod moves;
 mod provenance;
 mod reach;
+mod rest;
 mod result;
 mod shaft;
 mod voxels;
@@ -130,6 +132,13 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
         .collect();
     let reachable = reach::reachable(case, &kept, &voxels, band_mm);
     checks.extend(figures::volumes(plan, &voxels, &swept, &reachable));
+    let open =
+        if kept.is_empty() { reachable.clone() } else { reach::reachable(case, &[], &voxels, band_mm) };
+    let sets = rest::Sets { swept: &swept, reachable: &reachable, open: &open };
+    checks.extend(rest::target_share(plan, &voxels, &sets));
+    drop(open);
+    let edge_mm2 = edge::edge_bone_mm2(&anatomy, case.density.bone_hu, &voxels, 2.0 * case.burr.radius_mm);
+    checks.extend(figures::beyond_scan(plan, &voxels, edge_mm2));
 
     progress.stage("remove bone");
     let radius = case.burr.radius_mm;

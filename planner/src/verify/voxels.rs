@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::anatomy::{Aim, Anatomy, resized, shape_holds};
-use super::lattice::{Closed, MATERIAL, SHEET, TARGET, TARGET_BONE};
+use super::lattice::{Closed, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
 use super::{VerifyError, edt};
 use crate::case::{Density, Target};
 
@@ -32,6 +32,16 @@ pub struct Doubtful<T> {
     pub possibly: T,
 }
 
+impl Doubtful<bool> {
+    fn and(&self, other: &Self) -> Self {
+        Self { surely: self.surely && other.surely, possibly: self.possibly && other.possibly }
+    }
+
+    fn not(&self) -> Self {
+        Self { surely: !self.possibly, possibly: !self.surely }
+    }
+}
+
 /// The planner's voxels.
 #[derive(Debug)]
 pub struct Voxels {
@@ -39,7 +49,8 @@ pub struct Voxels {
     pub grid: Grid<Work>,
     /// The grid's frame in ct.
     pub ct_from_grid: Rigid<Ct, Work>,
-    /// Flags per voxel, x-fastest: [`TARGET`], [`MATERIAL`], [`TARGET_BONE`], and [`SHEET`] for all bone outside the target.
+    /// Flags per voxel, x-fastest: [`TARGET`], [`MATERIAL`], [`TARGET_BONE`], [`OUTSIDE`], and [`SHEET`] for all bone
+    /// outside the target.
     pub class: Doubtful<Vec<u8>>,
 }
 
@@ -84,17 +95,22 @@ impl Voxels {
                     is(v.map_or(0, |v| *anatomy.labels.get(v)))
                 })
             };
-            let target = match (&anatomy.aim, &doubted) {
-                (Aim::Label(aim), _) => labelled(&|label| label == *aim),
+            let p = ct_from_grid * center;
+            let never = Doubtful { surely: false, possibly: false };
+            let (drawn, filled) = match (&anatomy.aim, &doubted) {
+                (Aim::Label(aim), _) => (labelled(&|label| label == *aim), never.not()),
                 (Aim::Shape(_), Some(doubted)) => {
                     let kept = labelled(&|label| anatomy.is_kept(label));
-                    doubted.target(center, &(ct_from_grid * center).coords, hu, density.bone_hu, &kept)
+                    (doubted.drawn(&p.coords).and(&kept.not()), doubted.filled(center, hu, density.bone_hu))
                 }
-                (Aim::Shape(_), None) => Doubtful { surely: false, possibly: false },
+                (Aim::Shape(_), None) => (never.clone(), never),
             };
-            let flags = |is_target: bool, may_be_outside: bool, doubt_hu: f64| -> u8 {
+            let in_scan = held(anatomy.ct.grid(), p, |v| v.is_some());
+            let (target, beyond) = (drawn.and(&filled).and(&in_scan), drawn.and(&in_scan.not()));
+            let flags = |is_target: bool, is_beyond: bool, may_be_outside: bool, doubt_hu: f64| -> u8 {
                 let is_bone = hu >= density.bone_hu + doubt_hu;
                 let mut flags = if may_be_outside && is_bone { SHEET } else { 0 };
+                flags |= if is_beyond { OUTSIDE } else { 0 };
                 if is_target {
                     flags |= TARGET;
                     flags |= if hu > density.air_hu + doubt_hu { MATERIAL } else { 0 };
@@ -103,8 +119,8 @@ impl Voxels {
                 flags
             };
             (
-                flags(target.surely, !target.possibly, DOUBT_HU),
-                flags(target.possibly, !target.surely, -DOUBT_HU),
+                flags(target.surely, beyond.surely, !target.possibly, DOUBT_HU),
+                flags(target.possibly, beyond.possibly, !target.surely, -DOUBT_HU),
             )
         };
         let rows: Vec<(u8, u8)> = (0..grid.len())
@@ -154,24 +170,20 @@ impl Voxels {
 }
 
 impl Doubted {
-    /// Whether a place, in the grid and in ct, is target: in the shape, not in a structure, and bone or enclosed.
-    fn target(
-        &self,
-        center: Point<Work>,
-        p: &Vector3<f64>,
-        hu: f64,
-        bone_hu: f64,
-        kept: &Doubtful<bool>,
-    ) -> Doubtful<bool> {
-        let Doubtful { surely, possibly } = &self.closed;
+    /// Whether the shape holds a place.
+    fn drawn(&self, p: &Vector3<f64>) -> Doubtful<bool> {
+        Doubtful {
+            surely: shape_holds(&self.shape.surely, p),
+            possibly: shape_holds(&self.shape.possibly, p),
+        }
+    }
+
+    /// Whether a place is bone or enclosed by bone.
+    fn filled(&self, center: Point<Work>, hu: f64, bone_hu: f64) -> Doubtful<bool> {
         let enclosed = |closed: &Closed| held(&closed.grid, center, |v| v.is_some_and(|v| closed.at(v)));
         Doubtful {
-            surely: shape_holds(&self.shape.surely, p)
-                && !kept.possibly
-                && (hu >= bone_hu + DOUBT_HU || enclosed(surely).surely),
-            possibly: shape_holds(&self.shape.possibly, p)
-                && !kept.surely
-                && (hu >= bone_hu - DOUBT_HU || enclosed(possibly).possibly),
+            surely: hu >= bone_hu + DOUBT_HU || enclosed(&self.closed.surely).surely,
+            possibly: hu >= bone_hu - DOUBT_HU || enclosed(&self.closed.possibly).possibly,
         }
     }
 }

@@ -1,0 +1,96 @@
+//! Which voxels of the work grid are the target: those of its label, or bone and enclosed air in its shape, in the scan.
+
+use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
+use rayon::prelude::*;
+
+use super::build::{extent_text, overlaps};
+use super::crop::extent;
+use super::edge::{ByFace, TargetOutside, beyond_face, cut_off};
+use super::inside::Inside;
+use super::{SceneError, SceneSpec, TargetShape};
+
+/// Points that stand for the target's extent in ct: centres of label voxels, or a geometric shape's hull.
+///
+/// # Errors
+/// [`SceneError::TargetOutside`] when their box lies beside the CT's.
+pub(super) fn target_extent(spec: &SceneSpec) -> Result<Vec<Point<Ct>>, SceneError> {
+    let ct = extent(spec.ct.grid().corners());
+    let points = match spec.target {
+        TargetShape::Label(label) => {
+            let grid = spec.labels.grid();
+            let [nx, ny, _] = grid.dims();
+            spec.labels
+                .data()
+                .par_chunks(nx * ny)
+                .enumerate()
+                .flat_map_iter(|(k, slice)| {
+                    slice
+                        .iter()
+                        .enumerate()
+                        .filter(move |(_, l)| **l == label)
+                        .map(move |(n, _)| grid.center([n % nx, n / nx, k]))
+                })
+                .collect()
+        }
+        _ => spec.target.hull_points(),
+    };
+    if overlaps(extent(points.iter().copied()), ct) {
+        return Ok(points);
+    }
+    // counted by points: only the order of the sides is said
+    let mut outside = ByFace::none(spec.ct.grid());
+    for face in points.iter().filter_map(|p| beyond_face(spec.ct.grid(), *p)) {
+        outside.amounts[face] += 1.0;
+    }
+    let text = format!("all of the target lies outside the CT, beyond its {} side", outside.text());
+    Err(too_much_outside(spec, &points, text))
+}
+
+fn too_much_outside(spec: &SceneSpec, target: &[Point<Ct>], outside: String) -> SceneError {
+    SceneError::TargetOutside {
+        outside,
+        most_percent: 100.0 * TargetOutside::MOST_SHARE,
+        target: extent_text(extent(target.iter().copied())),
+        ct: extent_text(extent(spec.ct.grid().corners())),
+    }
+}
+
+/// The target's voxels in the scan, and what of it lies beyond: of a label its voxels there, of a shape all that it
+/// holds there, for which of that is bone cannot be known.
+///
+/// # Errors
+/// [`SceneError::TargetOutside`] when more than [`TargetOutside::MOST_SHARE`] lies beyond.
+pub(super) fn target_mask(
+    spec: &SceneSpec,
+    target: &[Point<Ct>],
+    inside: &Inside,
+    hu: &Volume<f32, Work>,
+    labels: &Volume<u16, Work>,
+    ct_from_work: &Rigid<Ct, Work>,
+) -> Result<(Volume<bool, Work>, TargetOutside), SceneError> {
+    let grid = hu.grid();
+    let place = |n: usize| {
+        let p = grid.center(grid.voxel(n));
+        (p, *ct_from_work * p, labels.data()[n])
+    };
+    let is_within = |n: usize| {
+        let (_, p_ct, label) = place(n);
+        inside.bounds(p_ct, label)
+    };
+    let within = (0..grid.len()).into_par_iter().with_min_len(1 << 12).map(is_within).collect();
+    let mut mask = Volume::new(grid.clone(), within).map_err(SceneError::Values)?;
+    let mm3 = cut_off(spec.ct.grid(), &mut mask, ct_from_work);
+    mask.data_mut().par_iter_mut().enumerate().with_min_len(1 << 12).filter(|(_, is_in)| **is_in).for_each(
+        |(n, is_in)| {
+            let (p, p_ct, label) = place(n);
+            *is_in = inside.holds(p, p_ct, f64::from(hu.data()[n]), label);
+        },
+    );
+    let inside_mm3 = mask.data().iter().filter(|is_in| **is_in).count() as f64 * grid.voxel_mm3();
+    let share = if mm3.total() > 0.0 { mm3.total() / (mm3.total() + inside_mm3) } else { 0.0 };
+    let outside = TargetOutside { mm3, share };
+    if share > TargetOutside::MOST_SHARE {
+        return Err(too_much_outside(spec, target, outside.text()));
+    }
+    Ok((mask, outside))
+}
