@@ -25,6 +25,7 @@ enum Show {
 struct Stages {
     done: Vec<(String, f64)>,
     current: Option<(String, Instant)>,
+    memory_mb: Option<f64>,
 }
 
 impl Stages {
@@ -51,6 +52,11 @@ impl Console {
         if let Show::Bar(bar) = &self.show {
             bar.finish_and_clear();
         }
+    }
+
+    /// What the work was estimated to take, MB.
+    pub fn memory_mb_estimated(&self) -> Option<f64> {
+        self.stages.borrow().memory_mb
     }
 
     /// Wall-clock seconds of every stage, in order.
@@ -83,6 +89,16 @@ impl Progress for Console {
                 bar.set_position(0);
                 bar.set_message(name.to_owned());
             }
+        }
+    }
+
+    fn memory_mb(&self, estimated: f64) {
+        self.stages.borrow_mut().memory_mb = Some(estimated);
+        let text = format!("takes about {estimated:.0} MB of memory");
+        match &self.show {
+            Show::Nothing => {}
+            Show::Lines => eprintln!("{text}"),
+            Show::Bar(bar) => bar.println(text),
         }
     }
 

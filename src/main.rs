@@ -47,7 +47,7 @@ fn main() -> ExitCode {
     };
     match result {
         Ok(outcome) => {
-            outcome.tell(args.talk(), &console.seconds());
+            outcome.tell(args.talk(), &console.seconds(), console.memory_mb_estimated());
             outcome.exit_code()
         }
         Err(error) => {

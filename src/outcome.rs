@@ -173,7 +173,7 @@ impl Outcome {
     }
 
     /// Prints it. A closed pipe is the reader's choice, not an error.
-    pub fn tell(&self, talk: Talk, seconds: &[(String, f64)]) {
+    pub fn tell(&self, talk: Talk, seconds: &[(String, f64)], memory_mb_estimated: Option<f64>) {
         let text = match talk {
             Talk::Quiet => return,
             Talk::People => self.text.clone(),
@@ -181,6 +181,9 @@ impl Outcome {
                 let mut object = self.object.clone();
                 let word = if self.shortfalls.is_empty() { "done" } else { "fell_short" };
                 object.insert("outcome".into(), word.into());
+                if let Some(mb) = memory_mb_estimated {
+                    object.insert("memory_mb_estimated".into(), mb.round().into());
+                }
                 object.insert("stage_seconds".into(), by_stage(seconds).into());
                 format!("{}\n", serde_json::Value::from(object))
             }

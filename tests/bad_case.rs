@@ -154,12 +154,13 @@ fn what_this_version_does_not_have_is_refused_by_line() {
 }
 
 #[test]
-fn a_grid_beyond_memory_is_refused() {
+fn a_grid_beyond_memory_is_refused_with_one_that_fits() {
     let place = Place::healthy().with_case("spacing_mm = 0.5\n", "spacing_mm = 0.02\n");
     place.refuses(&[
         &place.line_of("spacing_mm"),
         "grid.spacing_mm",
         "voxels",
-        "use a larger grid.spacing_mm",
+        "planning would take about",
+        "mm would fit",
     ]);
 }

@@ -5,6 +5,8 @@
 //! allocated. The stream is read to its very end: only there gzip's checksum is compared, and only there one sees that
 //! a file holds more than its header says.
 
+pub(crate) mod memory;
+
 use std::fmt;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};

@@ -41,6 +41,7 @@ use self::field::{Bounds, Field, SOLID};
 use self::front::Front;
 use self::march::Marched;
 use crate::space::TRAJECTORY_TOLERANCE_MM;
+use crate::voxels::voxels_apart;
 
 /// A cylinder of the shank: distances along the axis from the burr's centre, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -286,8 +287,9 @@ fn segments(
 ) -> Vec<Segment> {
     let thin_mm = shank.first().map_or(0.0, |c| c.radius_mm);
     let segment = |cylinder: &ShankCylinder| {
-        let factor = (cylinder.radius_mm / (VOXELS_PER_RADIUS * latest.spacing_mm)).floor().max(1.0);
-        make(cylinder, thin_mm, latest.pooled(factor as usize, wide_mm(cylinder)))
+        let by_radius = (cylinder.radius_mm / (VOXELS_PER_RADIUS * latest.spacing_mm)) as usize;
+        let factor = by_radius.max(voxels_apart(latest.spacing_mm));
+        make(cylinder, thin_mm, latest.pooled(factor, wide_mm(cylinder)))
     };
     shank.par_iter().map(segment).collect()
 }

@@ -6,6 +6,8 @@ pub trait Progress {
     fn stage(&self, name: &str);
     /// `done` of `of` steps of the stage are done.
     fn advance(&self, done: usize, of: usize);
+    /// What the work takes at its peak, MB, about; told before it is taken.
+    fn memory_mb(&self, _estimated: f64) {}
 }
 
 /// Nobody listens.

@@ -128,6 +128,11 @@ impl<'a> BurrSpace<'a> {
         &self.connected
     }
 
+    /// How much farther from everything a node is than need be, mm, cut off at ±[`MARGIN_CUT_MM`].
+    pub fn margin_mm(&self, node: usize) -> f32 {
+        self.margin_mm.data()[node]
+    }
+
     /// Target voxels that the ball can reach: the opening of target and free space, connected to the outside.
     pub fn reachable(&self) -> &[bool] {
         &self.reachable

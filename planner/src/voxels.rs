@@ -8,6 +8,15 @@ use bonemill_geometry::{Point, Work};
 
 use crate::sweep::Rows;
 
+/// How far apart places are that a path is chosen from, and cells of what a shank is marched through, about, mm.
+const APART_MM: f64 = 0.25;
+
+/// How many voxels of a spacing lie between such places, at least one: finer grids sharpen shapes, not choices, so that
+/// choosing costs no more than there are voxels.
+pub fn voxels_apart(spacing_mm: f64) -> usize {
+    (APART_MM / spacing_mm + 1e-9).round().max(1.0) as usize
+}
+
 /// Voxels of a grid by their place in memory.
 #[derive(Debug, Clone, Default)]
 pub struct VoxelSet {
@@ -50,6 +59,17 @@ impl VoxelSet {
             self.words[w] &= !mask;
             found.for_each(|bit| taken(64 * w + bit));
         }
+    }
+
+    /// How many voxels of a run are in the set.
+    pub fn count(&self, run: Range<usize>) -> usize {
+        masks(run).map(|(w, mask)| (self.words[w] & mask).count_ones() as usize).sum()
+    }
+
+    /// Becomes the same as another set of the same grid; whether voxels came in.
+    pub fn replace(&mut self, other: &Self) -> bool {
+        let gains = |(own, new): (&mut u64, &u64)| *new & !std::mem::replace(own, *new) != 0;
+        self.words.iter_mut().zip(&other.words).map(gains).fold(false, |any, gains| any | gains)
     }
 
     /// The voxels of a run that are in the set, in order.
@@ -95,8 +115,7 @@ impl VoxelSet {
         let mut found = 0;
         let may = |_: &usize, run| self.may_hold(run);
         let _ = rows.within_capsule_where(a, b, radius_mm, &mut found, may, |found, run| {
-            let in_run = masks(run).map(|(w, mask)| (self.words[w] & mask).count_ones() as usize);
-            *found += in_run.sum::<usize>();
+            *found += self.count(run);
             if *found >= enough { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
         found

@@ -5,7 +5,9 @@ use std::collections::VecDeque;
 
 use bonemill_geometry::{Ct, Grid, Point, Volume, Work};
 use bonemill_imaging::DensityTable;
-use bonemill_imaging::scene::{Class, Scene, SceneSpec, Sheets, TargetShape, build_scene};
+use bonemill_imaging::scene::{
+    Class, MemoryNeed, Scene, SceneError, SceneSpec, Sheets, TargetShape, build_scene,
+};
 use bonemill_planner::access::{Access, OctantTimes, ShankCylinder, Solid, aside_mm};
 use bonemill_planner::burr::{
     Bone, Discretisation, EngagedSamples, ForceKernel, Material, Measure, OrientationKernel, OverPatches,
@@ -36,6 +38,10 @@ fn inside(voxel: [usize; 3], ranges: [[usize; 2]; 3]) -> bool {
 }
 
 fn scene() -> Scene {
+    scene_at(SPACING_MM, None).unwrap()
+}
+
+fn scene_at(spacing_mm: f64, available_mb: Option<f64>) -> Result<Scene, SceneError> {
     let grid: Grid<Ct> = Grid::aligned(DIMS, SPACING_MM, FIRST).unwrap();
     let ct = (0..grid.len()).map(|n| {
         let [i, j, k] = grid.voxel(n);
@@ -62,14 +68,28 @@ fn scene() -> Scene {
         bone_hu: 200.0,
         sheets: Sheets::Keep,
         approach: Some(Vector3::z()),
-        spacing_mm: SPACING_MM,
+        spacing_mm,
+        memory: MemoryNeed { bytes_per_voxel: 100.0, available_mb },
         margin_mm: 3.0,
         burr_radius_mm: RADIUS_MM,
         influence_mm: 10.0,
         shank_length_mm: 85.0,
         shank_radius_mm: 6.0,
     })
-    .unwrap()
+}
+
+/// Planning that would take more memory than there is is refused, and the spacing that is told does fit.
+#[test]
+fn a_grid_that_memory_does_not_hold_is_refused_with_one_that_fits() {
+    let Err(SceneError::TooLarge { voxels, needed_mb, most_mb, is_available, fitting_mm, .. }) =
+        scene_at(0.2, Some(5.0))
+    else {
+        panic!("5 MB do not hold it")
+    };
+    assert!(is_available && most_mb == 5.0 && (needed_mb - 1e-4 * voxels).abs() < 1e-9 && needed_mb > 5.0);
+    let fits = scene_at(fitting_mm, Some(5.0)).unwrap().class.grid().len();
+    assert!(1e-4 * fits as f64 <= 5.0 && 1e-4 * fits as f64 > 3.0, "{fits} voxels at {fitting_mm} mm");
+    assert!(scene_at(0.2, Some(needed_mb)).is_ok());
 }
 
 /// From under a ledge the burr goes back the way it came: straight up, the shank would have to be in the bone above.

@@ -42,6 +42,8 @@ pub struct SceneSpec<'a> {
     pub approach: Option<Vector3<f64>>,
     /// Planning grid, mm.
     pub spacing_mm: f64,
+    /// What planning on the grid takes, and what there is.
+    pub memory: MemoryNeed,
     /// Kept around the target, mm.
     pub margin_mm: f64,
     /// Burr, mm.
@@ -52,6 +54,15 @@ pub struct SceneSpec<'a> {
     pub shank_length_mm: f64,
     /// The shank's largest radius, mm.
     pub shank_radius_mm: f64,
+}
+
+/// What planning takes for each voxel of its grid, and what is there for it.
+#[derive(Debug, Clone, Copy)]
+pub struct MemoryNeed {
+    /// At the peak, bytes.
+    pub bytes_per_voxel: f64,
+    /// What there is, MB; `None` where that is not known.
+    pub available_mb: Option<f64>,
 }
 
 /// Builds the scene.

@@ -7,8 +7,10 @@ use super::{SceneError, SceneSpec, TargetShape};
 
 /// A voxel axis within this of the basis lies along it, rad.
 const ALIGNED_RAD: f64 = 1e-9;
-/// Most voxels of a work grid: about 3 GB for all that the planner keeps.
-const MOST_VOXELS: f64 = 6e7;
+/// Most voxels of a work grid, whatever memory there is: what readers of a plan accept.
+const MOST_VOXELS: f64 = 1e8;
+/// Spacings are told in steps of this, mm.
+const SPACING_STEP_MM: f64 = 0.01;
 
 /// The planning grid and where it lies.
 #[derive(Debug)]
@@ -54,10 +56,17 @@ impl Crop {
         let middle = 0.5 * (lo + hi);
         let low = middle - (inner * 0.5 + Vector3::repeat(around - 0.5)) * h;
         let voxels = dims.product();
-        if voxels > MOST_VOXELS || voxels.is_nan() {
+        let mb_per_voxel = spec.memory.bytes_per_voxel * 1e-6;
+        let available = spec.memory.available_mb.unwrap_or(f64::INFINITY) / mb_per_voxel;
+        let most = MOST_VOXELS.min(available);
+        if voxels > most || voxels.is_nan() {
             return Err(SceneError::TooLarge {
                 voxels,
-                gigabytes: voxels * 50e-9,
+                needed_mb: voxels * mb_per_voxel,
+                most_mb: most * mb_per_voxel,
+                is_available: available <= MOST_VOXELS,
+                // a step more, since voxels are counted in whole numbers
+                fitting_mm: ((h * (voxels / most).cbrt() / SPACING_STEP_MM).ceil() + 1.0) * SPACING_STEP_MM,
                 extent: format!("{:.1} × {:.1} × {:.1}", hi.x - lo.x, hi.y - lo.y, hi.z - lo.z),
                 spacing_mm: spec.spacing_mm,
             });

@@ -20,7 +20,7 @@ use bonemill_geometry::{Approach, Ct, Point, Rigid, Volume, Work, basis};
 use nalgebra::Vector3;
 use thiserror::Error;
 
-pub use build::{SceneSpec, build_scene};
+pub use build::{MemoryNeed, SceneSpec, build_scene};
 pub use edge::{ByFace, TargetOutside};
 pub use far::FarObstacles;
 pub use hull::{Rectangle, smallest_rectangle};
@@ -172,14 +172,21 @@ pub enum SceneError {
     },
     /// The planning grid would not fit.
     #[error(
-        "the planning grid would have {voxels} voxels ({gigabytes:.1} GB): the target spans {extent} mm at a spacing of \
-         {spacing_mm} mm; use a larger grid.spacing_mm"
+        "planning would take about {needed_mb:.0} MB, and {most_mb:.0} MB {}: the target spans {extent} mm, which is {voxels} \
+         voxels at grid.spacing_mm = {spacing_mm}; {fitting_mm:.2} mm would fit",
+        if *is_available { "are available" } else { "are the most that is planned in" }
     )]
     TooLarge {
         /// How many voxels.
         voxels: f64,
-        /// Memory for them.
-        gigabytes: f64,
+        /// Memory for them, MB.
+        needed_mb: f64,
+        /// Memory that there is, MB.
+        most_mb: f64,
+        /// Whether that is what this computer has left, rather than the most voxels of a plan.
+        is_available: bool,
+        /// A spacing at which it would fit, mm.
+        fitting_mm: f64,
         /// Extent of the target.
         extent: String,
         /// The spacing asked for, mm.

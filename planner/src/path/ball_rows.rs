@@ -36,6 +36,11 @@ impl BallRows {
         Self { dims, rows }
     }
 
+    /// How many there are.
+    pub(super) fn len(&self) -> usize {
+        self.rows.len()
+    }
+
     /// Its runs about `voxel`, as far as they lie in the grid.
     pub(super) fn around(&self, voxel: usize) -> impl Iterator<Item = Range<usize>> + use<'_> {
         let [nx, ny, nz] = self.dims;

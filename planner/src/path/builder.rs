@@ -88,9 +88,9 @@ impl<'a> Builder<'a> {
         self.left
     }
 
-    /// Whether a reachable target voxel is still there.
-    pub fn is_left(&self, voxel: usize) -> bool {
-        self.reachable.contains(voxel)
+    /// The reachable target voxels that are still there.
+    pub fn reachable_left(&self) -> &VoxelSet {
+        &self.reachable
     }
 
     /// Where the burr stands.

@@ -10,6 +10,7 @@
 
 mod ball_rows;
 mod builder;
+mod cells;
 mod finish;
 mod raster;
 mod rough;

@@ -1,6 +1,6 @@
 //! A way between two positions when neither a straight link nor a retract will do: under a ledge, round a corner.
 //!
-//! A* over the connected grid nodes; a node at which the ball would still cut costs more than a free one, so a cut is
+//! A* over connected grid nodes, one in [`voxels_apart`] along each axis; a node at which the ball would still cut costs more than a free one, so a cut is
 //! made only where there is no free way of reasonable length.
 
 use std::cmp::Ordering;
@@ -11,7 +11,7 @@ use bonemill_geometry::{Point, Work};
 use super::Builder;
 use super::ball_rows::BallRows;
 use crate::space::BurrSpace;
-use crate::voxels::VoxelSet;
+use crate::voxels::{VoxelSet, voxels_apart};
 
 /// A millimetre through material counts as this many through free space.
 const CUT_COST: f64 = 6.0;
@@ -54,9 +54,10 @@ struct Seen {
     is_free: bool,
 }
 
-/// Searches on one grid, one after the other.
+/// Searches on one grid, one after the other. Nodes are numbered on a lattice of their own.
 #[derive(Debug, Default)]
 pub(super) struct Search {
+    lattice: Lattice,
     /// Nodes at which the ball was once found to cut nothing: it never does again.
     free: VoxelSet,
     /// What the ball was last found to cut at a node, plus 1; 0 where it was never looked for. Most of it is still there.
@@ -70,12 +71,15 @@ pub(super) struct Search {
 
 impl Search {
     pub(super) fn new(space: &BurrSpace) -> Self {
-        let (grid, len) = (space.grid(), space.grid().len());
-        let radius = space.radius_mm() / grid.spacing_mm().x;
+        let grid = space.grid();
+        let lattice = Lattice::new(grid.dims(), voxels_apart(grid.spacing_mm().x));
+        let (len, radius) = (lattice.len(), space.radius_mm() / grid.spacing_mm().x);
+        let far = |n| step(n).map(|d| d * lattice.apart as i64);
         Self {
+            lattice,
             free: VoxelSet::of(len, |_| false),
             met: vec![0; len],
-            crescents: (0..27).map(|n| BallRows::beyond(grid.dims(), radius, step(n))).collect(),
+            crescents: (0..27).map(|n| BallRows::beyond(grid.dims(), radius, far(n))).collect(),
             place: vec![0; len],
             seen: Vec::new(),
         }
@@ -88,21 +92,19 @@ impl Search {
         from: Point<Work>,
         to: Point<Work>,
     ) -> Option<Vec<Point<Work>>> {
-        let (start, goal) = (node_at(builder, from)?, node_at(builder, to)?);
+        let (start, goal) = (self.lattice.node_at(builder, from)?, self.lattice.node_at(builder, to)?);
         let nodes = self.nodes(builder, start, goal);
         for seen in self.seen.drain(..) {
             self.place[seen.node] = 0;
         }
-        let grid = builder.space().grid();
-        let centers = nodes?.into_iter().map(|node| grid.center(grid.voxel(node)));
+        let centers = nodes?.into_iter().map(|node| self.lattice.center(builder.space(), node));
         Some(straightened(builder, from, centers.chain([to])))
     }
 
     /// The cheapest nodes from `start` to `goal`, both included.
     fn nodes(&mut self, builder: &Builder, start: usize, goal: usize) -> Option<Vec<usize>> {
-        let space = builder.space();
-        let grid = space.grid();
-        let center = |node: usize| grid.center(grid.voxel(node));
+        let (space, lattice) = (builder.space(), self.lattice);
+        let center = |node: usize| lattice.center(space, node);
         let left = |node: usize| HASTE * center(node).distance_mm(&center(goal));
         self.see(Seen { node: start, cost: 0.0, from: 0, is_free: true });
         let mut open = BinaryHeap::from([Open { estimate: left(start), node: start }]);
@@ -124,9 +126,8 @@ impl Search {
             if estimate > cost + left(node) + 1e-9 {
                 continue; // an older, dearer entry
             }
-            for (n, next) in neighbours(grid.dims(), grid.voxel(node)) {
-                let next = grid.index(next);
-                if !space.connected()[next] {
+            for (n, next) in lattice.neighbours(node) {
+                if !lattice.is_step_open(space, node, n) {
                     continue;
                 }
                 let place = match self.place[next] {
@@ -154,10 +155,11 @@ impl Search {
         if self.free.contains(node) {
             return true;
         }
+        let voxel = self.lattice.voxel_index(builder.space(), node);
         let is_free = self.free.contains(from)
-            && !self.crescents[n].around(node).any(|run| builder.holds_material(run));
+            && !self.crescents[n].around(voxel).any(|run| builder.holds_material(run));
         if !is_free {
-            let center = builder.space().grid().center(builder.space().grid().voxel(node));
+            let center = self.lattice.center(builder.space(), node);
             let before = [node, from].into_iter().find_map(|near| (self.met[near] as usize).checked_sub(1));
             if let Some(voxel) = builder.met(center, center, before) {
                 self.met[node] = voxel as u32 + 1;
@@ -175,24 +177,76 @@ impl Search {
     }
 }
 
-/// A connected node next to `p`, from which a straight clear move leads to it.
-fn node_at(builder: &Builder, p: Point<Work>) -> Option<usize> {
-    let (space, grid) = (builder.space(), builder.space().grid());
-    let nearest = grid.nearest(p)?;
-    std::iter::once(nearest)
-        .chain(neighbours(grid.dims(), nearest).map(|(_, v)| v))
-        .filter(|v| space.connected()[grid.index(*v)])
-        .min_by(|a, b| grid.center(*a).distance_mm(&p).total_cmp(&grid.center(*b).distance_mm(&p)))
-        .map(|v| grid.index(v))
+/// Every `apart`-th voxel along each axis, x-fastest.
+#[derive(Debug, Clone, Copy, Default)]
+struct Lattice {
+    apart: usize,
+    dims: [usize; 3],
 }
 
-/// The neighbours of a voxel, each with its number: [`step`] leads there.
-fn neighbours(dims: [usize; 3], at: [usize; 3]) -> impl Iterator<Item = (usize, [usize; 3])> {
-    (0..27).filter(|n| *n != 13).filter_map(move |n| {
-        let [i, j, k] =
-            std::array::from_fn(|a| at[a].checked_add_signed(step(n)[a] as isize).filter(|v| *v < dims[a]));
-        Some((n, [i?, j?, k?]))
-    })
+impl Lattice {
+    fn new(voxels: [usize; 3], apart: usize) -> Self {
+        Self { apart, dims: voxels.map(|n| n.div_ceil(apart)) }
+    }
+
+    fn len(&self) -> usize {
+        self.dims.iter().product()
+    }
+
+    fn place(&self, node: usize) -> [usize; 3] {
+        let [nx, ny, _] = self.dims;
+        [node % nx, node / nx % ny, node / (nx * ny)]
+    }
+
+    fn node(&self, [i, j, k]: [usize; 3]) -> usize {
+        i + self.dims[0] * (j + self.dims[1] * k)
+    }
+
+    fn voxel(&self, node: usize) -> [usize; 3] {
+        self.place(node).map(|c| c * self.apart)
+    }
+
+    fn voxel_index(&self, space: &BurrSpace, node: usize) -> usize {
+        space.grid().index(self.voxel(node))
+    }
+
+    fn center(&self, space: &BurrSpace, node: usize) -> Point<Work> {
+        space.grid().center(self.voxel(node))
+    }
+
+    /// A connected node next to `p`, from which a straight clear move leads to it.
+    fn node_at(&self, builder: &Builder, p: Point<Work>) -> Option<usize> {
+        let space = builder.space();
+        let nearest = space.grid().nearest(p)?.map(|c| c as f64 / self.apart as f64);
+        let nearest = self.node([0, 1, 2].map(|a| (nearest[a].round() as usize).min(self.dims[a] - 1)));
+        let distance_mm = |node: &usize| self.center(space, *node).distance_mm(&p);
+        std::iter::once(nearest)
+            .chain(self.neighbours(nearest).map(|(_, node)| node))
+            .filter(|node| space.connected()[self.voxel_index(space, *node)])
+            .filter(|node| {
+                space.is_move_clear(p, self.center(space, *node), 0.5 * space.grid().spacing_mm().x)
+            })
+            .min_by(|a, b| distance_mm(a).total_cmp(&distance_mm(b)))
+    }
+
+    /// The neighbours of a node, each with its number: [`step`] leads there.
+    fn neighbours(self, node: usize) -> impl Iterator<Item = (usize, usize)> {
+        let at = self.place(node);
+        (0..27).filter(|n| *n != 13).filter_map(move |n| {
+            let moved =
+                |a: usize| at[a].checked_add_signed(step(n)[a] as isize).filter(|v| *v < self.dims[a]);
+            Some((n, self.node([moved(0)?, moved(1)?, moved(2)?])))
+        })
+    }
+
+    /// Whether all voxels from a node to its n-th neighbour, that one included, are connected.
+    fn is_step_open(&self, space: &BurrSpace, node: usize, n: usize) -> bool {
+        let from = self.voxel(node).map(|c| c as i64);
+        (1..=self.apart as i64).all(|m| {
+            let voxel = [0, 1, 2].map(|a| (from[a] + m * step(n)[a]) as usize);
+            space.connected()[space.grid().index(voxel)]
+        })
+    }
 }
 
 /// From a voxel to its n-th neighbour of 27, itself among them.

@@ -181,6 +181,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let arm = setup::arm(case, case_path.parent().unwrap_or(Path::new("")))?;
     let inputs = watch.run("read images", || inputs::read_inputs(case, case_path))?;
     let scene = watch.run("scene", || inputs::make_scene(case, &inputs))?;
+    progress.memory_mb(inputs::memory_mb(&scene, &inputs));
     let inputs::Inputs { ct, labels, files, mut warnings, .. } = inputs;
     let affines = [ct.affine, labels.affine];
     drop((ct, labels)); // the scene holds what is needed of them

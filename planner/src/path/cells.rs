@@ -1,0 +1,74 @@
+//! One node of each cube of voxels: places for the burr's centre about a quarter of a millimetre apart, whatever the grid's spacing.
+//!
+//! A ball holds (r/h)³ voxels of side h, and a voxel lies in the balls about as many nodes. Choosing among all nodes would
+//! cost the square of that; choosing among the nodes of cells costs no more than there are voxels.
+
+use rayon::prelude::*;
+
+use crate::space::BurrSpace;
+
+/// No node.
+const NONE: u32 = u32::MAX;
+
+/// Cubes of voxels, x-fastest, each with one of its connected nodes if it has any.
+#[derive(Debug)]
+pub(super) struct Cells {
+    side: usize,
+    dims: [usize; 3],
+    node: Vec<u32>,
+}
+
+impl Cells {
+    /// Cubes of `side`³ voxels. The node of each is the one with the least room around: nearest to what limits the burr, where
+    /// bone is left over. Among equals it is the one nearest to the cube's middle. Nodes with more
+    /// room than `most_margin_mm` do not count.
+    pub(super) fn new(space: &BurrSpace, side: usize, most_margin_mm: f32) -> Self {
+        let grid = space.grid();
+        let dims = grid.dims().map(|n| n.div_ceil(side));
+        let of = |cell: usize| {
+            let first =
+                [cell % dims[0], cell / dims[0] % dims[1], cell / (dims[0] * dims[1])].map(|c| c * side);
+            let along = |axis: usize| first[axis]..(first[axis] + side).min(grid.dims()[axis]);
+            let mut best = (f32::INFINITY, usize::MAX, NONE);
+            for k in along(2) {
+                for j in along(1) {
+                    for i in along(0) {
+                        let node = grid.index([i, j, k]);
+                        if space.connected()[node] && space.margin_mm(node) <= most_margin_mm {
+                            let off = [i - first[0], j - first[1], k - first[2]];
+                            let off: usize = off.iter().map(|off| (2 * off + 1).abs_diff(side).pow(2)).sum();
+                            let found = (space.margin_mm(node), off, node as u32);
+                            best = if found < best { found } else { best };
+                        }
+                    }
+                }
+            }
+            best.2
+        };
+        let node = (0..dims.iter().product()).into_par_iter().with_min_len(1 << 10).map(of).collect();
+        Self { side, dims, node }
+    }
+
+    /// Voxels along a cube's side.
+    pub(super) fn side(&self) -> usize {
+        self.side
+    }
+
+    /// How many there are.
+    pub(super) fn len(&self) -> usize {
+        self.node.len()
+    }
+
+    /// The node of a cube.
+    pub(super) fn node(&self, cell: usize) -> Option<usize> {
+        Some(self.node[cell]).filter(|node| *node != NONE).map(|node| node as usize)
+    }
+
+    /// The cube that lies `offset` cubes from another, if there is one.
+    pub(super) fn at_offset(&self, cell: usize, offset: [i64; 3]) -> Option<usize> {
+        let [nx, ny, _] = self.dims;
+        let at = [cell % nx, cell / nx % ny, cell / (nx * ny)];
+        let moved = |a: usize| at[a].checked_add_signed(offset[a] as isize).filter(|v| *v < self.dims[a]);
+        Some(moved(0)? + nx * (moved(1)? + ny * moved(2)?))
+    }
+}
