@@ -120,6 +120,27 @@ fn the_command_says_what_it_found_and_writes_it() {
 }
 
 #[test]
+fn a_plan_that_falls_short_never_passes() {
+    let place = upright().with_case("[speed]\n", "[speed]\ntotal_time_s = 1\n");
+    let ran = place.plan();
+    let reason = "speed.total_time_s = 1 s cannot be met";
+    assert!(ran.code == 1 && ran.out.contains(&format!("fell short: {reason}")), "{}{}", ran.out, ran.err);
+    let ran = place.run(&["verify", "plan"]);
+    assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
+    assert!(ran.out.contains(&format!("FAIL  plan meets its case: 1 <= 0; {reason}")), "{}", ran.out);
+    assert!(ran.out.contains("FAIL  time asked for: "), "{}", ran.out);
+    // its word taken out, the cause is still there
+    let record = fs::read_to_string(place.path("plan/plan.toml")).unwrap();
+    let (before, rest) = record.split_once("shortfalls = [").unwrap();
+    let (_, after) = rest.split_once("\n]").unwrap();
+    fs::write(place.path("plan/plan.toml"), format!("{before}shortfalls = [{after}")).unwrap();
+    let ran = place.run(&["verify", "plan"]);
+    assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
+    assert!(!ran.out.contains("plan meets its case: 1 <= 0"), "{}", ran.out);
+    assert!(ran.out.contains("FAIL  time asked for: "), "{}", ran.out);
+}
+
+#[test]
 fn errors_that_make_no_sense_are_refused_and_no_verdict_is_written() {
     let place = upright();
     assert_eq!(place.plan().code, 0);

@@ -11,7 +11,8 @@
 //! stands for bone and structures.
 //!
 //! The arm rounds corners within a tolerance, and between two places that are asked the shank sweeps a little more than
-//! it holds at either: the shank that is asked for is wider by both ([`aside_mm`]).
+//! it holds at either: the shank that is asked for is wider by both ([`aside_mm`]). A whole move, during which the shank turns, is
+//! asked at places that far apart, and at nearer ones where those leave a doubt ([`turn`]).
 //!
 //! A march through free space is long and most of it far from everything: blocks of voxels with the latest time in each say
 //! how many steps need no look ([`march`]). Where a march is in doubt, the rest of the way is looked at with a ball that is
@@ -26,9 +27,11 @@ mod front;
 mod march;
 mod octants;
 mod solid;
+mod turn;
 
 pub use self::octants::OctantTimes;
 pub use self::solid::Solid;
+pub use self::turn::Turn;
 
 use bonemill_geometry::{Point, Work, basis, cancel};
 use bonemill_imaging::Scene;
@@ -79,8 +82,12 @@ const BETWEEN_MM: f64 = 0.02;
 /// what it sweeps on the way from place to place: a cylinder that moves sideways by d sweeps √(ρ² + d²/4) − ρ beyond what it
 /// holds at both ends.
 pub fn aside_mm(radius_mm: f64, along_mm: f64) -> f64 {
-    let between_mm = BETWEEN_MM.max(across_mm(radius_mm, 0.5 * STRIDE_MM) - radius_mm);
-    TRAJECTORY_TOLERANCE_MM + between_mm + CornerTolerance::default().axis_rad * along_mm
+    TRAJECTORY_TOLERANCE_MM + between_mm(radius_mm) + CornerTolerance::default().axis_rad * along_mm
+}
+
+/// The part of it for what is swept from place to place, mm.
+fn between_mm(radius_mm: f64) -> f64 {
+    BETWEEN_MM.max(across_mm(radius_mm, 0.5 * STRIDE_MM) - radius_mm)
 }
 
 /// √(a² + b²); no call, since it is asked for every eighth of a voxel.
@@ -98,6 +105,27 @@ struct Pose<'a> {
     index: u32,
     center: Point<Work>,
     axis: &'a Vector3<f64>,
+    /// By how much a thin cylinder is asked for narrower than with [`aside_mm`].
+    narrower: Narrower,
+}
+
+/// How much less room a thin cylinder is given than [`aside_mm`] says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Narrower {
+    /// Share of what it sweeps between two places that is left out: for places that are nearer to each other.
+    between_share: f64,
+    /// And by so much all over, mm.
+    by_mm: f64,
+}
+
+impl Narrower {
+    /// As wide as [`aside_mm`] says.
+    const NOT: Self = Self { between_share: 0.0, by_mm: 0.0 };
+
+    /// How far a shank of that radius may be aside, mm.
+    fn aside_mm(&self, radius_mm: f64, along_mm: f64) -> f64 {
+        aside_mm(radius_mm, along_mm) - self.between_share * between_mm(radius_mm) - self.by_mm
+    }
 }
 
 /// Voxels along a side of the blocks in which groups of a front's balls are looked up.
@@ -174,13 +202,16 @@ impl<'a> Access<'a> {
 
     /// Something along `axis` that is in the shank's way, if there is anything: not always the nearest.
     pub fn blocked(&self, index: u32, center: Point<Work>, axis: &Vector3<f64>) -> Option<Blocked> {
+        self.blocked_pose(&Pose { index, center, axis, narrower: Narrower::NOT })
+    }
+
+    fn blocked_pose(&self, pose: &Pose) -> Option<Blocked> {
         cancel::poll();
-        let pose = Pose { index, center, axis };
-        self.segments.iter().find_map(|segment| self.blocked_segment(segment, &pose))
+        self.segments.iter().find_map(|segment| self.blocked_segment(segment, pose))
     }
 
     fn blocked_segment(&self, segment: &Segment, pose: &Pose) -> Option<Blocked> {
-        let Pose { index, center, axis } = *pose;
+        let Pose { index, center, axis, .. } = *pose;
         let ShankCylinder { from_mm, to_mm, radius_mm } = segment.cylinder;
         let (enter, leave) = segment.outer.field.crossing(&center.coords, axis);
         let behind_front = from_mm + segment.reach_mm;
@@ -253,7 +284,7 @@ impl<'a> Access<'a> {
 
     /// What is in the way of a thick cylinder's first `reach_mm`.
     fn blocked_front(&self, segment: &Segment, pose: &Pose) -> Option<Blocked> {
-        let Pose { index, center, axis } = *pose;
+        let Pose { index, center, axis, .. } = *pose;
         let (thin, around, front) = (self.segments.first()?, self.around.as_ref()?, segment.front.as_ref()?);
         let (far, thin_mm) = (&self.scene.far, thin.cylinder.radius_mm);
         let basis = basis::from_z(axis);
@@ -324,8 +355,9 @@ impl Segment {
 
     /// What is certain to stand in the cylinder, where its axis runs between two distances.
     fn surely_blocked(&self, pose: &Pose, [start_mm, end_mm]: [f64; 2]) -> Option<Blocked> {
-        let Pose { index, center, axis } = *pose;
-        let inner = self.inner.as_ref()?;
+        let Pose { index, center, axis, narrower } = *pose;
+        // a narrower shank may pass what is certain to block this ball's
+        let inner = self.inner.as_ref().filter(|_| narrower == Narrower::NOT)?;
         let begin_mm = start_mm.max(self.cylinder.from_mm + self.inner_mm);
         let end_mm = end_mm.min(self.cylinder.to_mm - self.inner_mm);
         let mut ray = inner.ray(&center.coords, axis, [begin_mm, end_mm])?;
@@ -353,12 +385,15 @@ mod tests {
     #[test]
     fn what_a_shank_sweeps_between_two_places_lies_in_the_wider_shank_at_one_of_them() {
         for radius_mm in [0.05, 0.2, 0.55, 0.6, 1.5] {
-            let wide_mm = radius_mm + aside_mm(radius_mm, 0.0) - TRAJECTORY_TOLERANCE_MM;
-            for n in 0..=300 {
-                let along_mm = STRIDE_MM * f64::from(n) / 300.0;
-                // on the side of what is swept
-                let nearest_mm = along_mm.min(STRIDE_MM - along_mm).hypot(radius_mm);
-                assert!(nearest_mm <= wide_mm + 1e-12, "{radius_mm}: {nearest_mm} beyond {wide_mm}");
+            for nearer in [1.0, 0.5, 0.25, 0.125] {
+                let narrower = Narrower { between_share: 1.0 - nearer, by_mm: 0.0 };
+                let wide_mm = radius_mm + narrower.aside_mm(radius_mm, 0.0) - TRAJECTORY_TOLERANCE_MM;
+                for n in 0..=300 {
+                    let along_mm = nearer * STRIDE_MM * f64::from(n) / 300.0;
+                    // on the side of what is swept
+                    let nearest_mm = along_mm.min(nearer * STRIDE_MM - along_mm).hypot(radius_mm);
+                    assert!(nearest_mm <= wide_mm + 1e-12, "{radius_mm}: {nearest_mm} beyond {wide_mm}");
+                }
             }
         }
     }

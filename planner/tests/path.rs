@@ -1,82 +1,28 @@
 //! The path against brute force: an L-shaped pocket in bone with a rod beside it, every voxel looked at for every move.
 #![allow(clippy::unwrap_used, clippy::print_stderr)] // a test's helpers are tests
 
+#[path = "support/pocket.rs"]
+mod pocket;
+
 use std::collections::VecDeque;
 
-use bonemill_geometry::{Ct, Grid, Point, Volume, Work};
-use bonemill_imaging::DensityTable;
-use bonemill_imaging::scene::{
-    Class, MemoryNeed, Scene, SceneError, SceneSpec, Sheets, TargetShape, build_scene,
-};
-use bonemill_planner::access::{Access, OctantTimes, ShankCylinder, Solid, aside_mm};
+use bonemill_geometry::{Ct, Grid, Point};
+use bonemill_imaging::scene::{Class, SceneError};
 use bonemill_planner::burr::{
     Bone, Discretisation, EngagedSamples, ForceKernel, Material, Measure, OrientationKernel, OverPatches,
     Patch, Tool,
 };
 use bonemill_planner::engagement::{SweptPath, mass_increments, mass_increments_by_voxels, share_beyond};
 use bonemill_planner::metrics::Moments;
-use bonemill_planner::path::{MillPath, MoveKind, Pass, PathSpacing, RasterFrame, join_passes, lay_path};
+use bonemill_planner::path::{MoveKind, Pass, join_passes};
 use bonemill_planner::removal::NEVER;
 use bonemill_planner::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
 use nalgebra::{Unit, Vector3};
 
-const RADIUS_MM: f64 = 1.5;
-const CLEARANCE_MM: f64 = 1.0;
-const TARGET: u16 = 20;
-const ROD: u16 = 7;
-const DIMS: [usize; 3] = [40, 40, 30];
-const SPACING_MM: f64 = 0.5;
-const FIRST: Point<Ct> = Point::new(-11.0, -8.0, 3.0);
-/// First voxel of air along k.
-const AIR_FROM: usize = 22;
-/// The rod's voxels.
-const ROD_VOXELS: [[usize; 2]; 3] = [[30, 32], [24, 36], [12, 14]];
-const SPACING: PathSpacing = PathSpacing { layer_mm: 1.5, stepover_mm: 1.0, step_mm: 0.5 };
-
-fn inside(voxel: [usize; 3], ranges: [[usize; 2]; 3]) -> bool {
-    (0..3).all(|a| (ranges[a][0]..ranges[a][1]).contains(&voxel[a]))
-}
-
-fn scene() -> Scene {
-    scene_at(SPACING_MM, None).unwrap()
-}
-
-fn scene_at(spacing_mm: f64, available_mb: Option<f64>) -> Result<Scene, SceneError> {
-    let grid: Grid<Ct> = Grid::aligned(DIMS, SPACING_MM, FIRST).unwrap();
-    let ct = (0..grid.len()).map(|n| {
-        let [i, j, k] = grid.voxel(n);
-        if k >= AIR_FROM { -1000.0 } else { 1100.0 + ((7 * i + 13 * j + 5 * k) % 11) as f32 * 20.0 }
-    });
-    let ct = Volume::new(grid.clone(), ct.collect()).unwrap();
-    let labels = (0..grid.len()).map(|n| match grid.voxel(n) {
-        v if inside(v, [[11, 27], [12, 26], [15, AIR_FROM]])
-            || inside(v, [[11, 18], [26, 31], [17, AIR_FROM]]) =>
-        {
-            TARGET
-        }
-        v if inside(v, ROD_VOXELS) => ROD,
-        _ => 0,
-    });
-    let labels = Volume::new(grid.clone(), labels.collect()).unwrap();
-    build_scene(&SceneSpec {
-        ct: &ct,
-        labels: &labels,
-        target: TargetShape::Label(TARGET),
-        structures: &[("rod".into(), ROD)],
-        table: &DensityTable::new(&[-1000.0, 300.0, 2000.0], &[0.01, 1.145, 1.856]).unwrap(),
-        air_hu: -700.0,
-        bone_hu: 200.0,
-        sheets: Sheets::Keep,
-        approach: Some(Vector3::z()),
-        spacing_mm,
-        memory: MemoryNeed { bytes_per_voxel: 100.0, available_mb },
-        margin_mm: 3.0,
-        burr_radius_mm: RADIUS_MM,
-        influence_mm: 10.0,
-        shank_length_mm: 85.0,
-        shank_radius_mm: 6.0,
-    })
-}
+use pocket::{
+    AIR_FROM, CLEARANCE_MM, DIMS, FIRST, RADIUS_MM, ROD, ROD_VOXELS, SPACING, SPACING_MM, TARGET,
+    from_segment, inside, moves, path, scene, scene_at,
+};
 
 /// Planning that would take more memory than there is is refused, and the spacing that is told does fit.
 #[test]
@@ -103,8 +49,9 @@ fn the_burr_leaves_from_under_a_ledge_as_it_went_in() {
         layer: 0,
         points: vec![at([15.0, 19.0, 22.0]), at([15.0, 19.0, 18.5]), at([22.0, 19.0, 18.5])],
         put_off: false,
+        from_above: false,
     };
-    let next = Pass { layer: 1, points: vec![at([20.0, 16.0, 22.0])], put_off: false };
+    let next = Pass { layer: 1, points: vec![at([20.0, 16.0, 22.0])], put_off: false, from_above: false };
     let path = join_passes(&space, SPACING, vec![under, next], 2);
     assert_eq!(path.passes.len(), 2);
     let end = path.points.iter().rposition(|p| p.leads_to.0 == 0).unwrap();
@@ -127,17 +74,6 @@ fn the_burr_leaves_from_under_a_ledge_as_it_went_in() {
     );
 }
 
-fn path(space: &BurrSpace) -> MillPath {
-    lay_path(space, SPACING, &RasterFrame::at_angle(0.0))
-}
-
-/// Distance of `p` from the segment a–b, mm.
-fn from_segment(p: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
-    let d = b - a;
-    let t = if d.norm_squared() > 0.0 { ((p - a).dot(&d) / d.norm_squared()).clamp(0.0, 1.0) } else { 0.0 };
-    (p - a - d * t).norm()
-}
-
 /// Distance of a point in ct from the rod's closed box, mm.
 fn from_rod(p: Point<Ct>) -> f64 {
     let off = |a: usize| {
@@ -149,11 +85,6 @@ fn from_rod(p: Point<Ct>) -> f64 {
 }
 
 /// Ends of every move; the first has no length.
-fn moves(path: &MillPath) -> Vec<(Vector3<f64>, Vector3<f64>)> {
-    let at = |n: usize| path.points[n].position.coords;
-    (0..path.points.len()).map(|n| (at(n.saturating_sub(1)), at(n))).collect()
-}
-
 #[test]
 fn every_place_and_move_keeps_its_distance() {
     let scene = scene();
@@ -375,124 +306,4 @@ fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
     }
     eprintln!("{compared} forces, at most {most:.3} N, {:.2e} of it aside of brute force", off / most);
     assert!(compared > 100 && off < 2e-3 * most, "{compared} forces, {off} N of {most} N");
-}
-
-/// Every eighth of every voxel is asked: when it goes, and whether it stands in the shank.
-#[test]
-fn the_shank_is_free_where_no_eighth_stands_in_it() {
-    let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
-    let path = path(&space);
-    let (solid, moves) = (Solid::new(&scene, &[0.0]), moves(&path));
-    let octants = OctantTimes::new(&solid, &path.points, RADIUS_MM);
-    let mut standing: Vec<(Vector3<f64>, u32)> = Vec::new();
-    for n in 0..scene.class.data().len() {
-        let times = octants.of(solid.grid().voxel(n));
-        for (eighth, center) in solid.centers(n).iter().enumerate() {
-            if solid.stays(n) >> eighth & 1 == 1 {
-                standing.push((center.coords, NEVER));
-            } else if solid.goes(n) >> eighth & 1 == 1 {
-                standing.push((center.coords, times[eighth]));
-                let distance = |(a, b): &(Vector3<f64>, Vector3<f64>)| from_segment(&center.coords, a, b);
-                if n % 7 == 0 && !moves.iter().any(|m| (distance(m) - RADIUS_MM).abs() < 1e-9) {
-                    let first = moves.iter().position(|m| distance(m) < RADIUS_MM);
-                    assert_eq!(
-                        times[eighth],
-                        first.map_or(NEVER, |i| i as u32),
-                        "voxel {n}, eighth {eighth}"
-                    );
-                }
-            }
-        }
-    }
-    let shank = [
-        ShankCylinder { from_mm: RADIUS_MM, to_mm: 7.0, radius_mm: 0.8 },
-        ShankCylinder { from_mm: 7.0, to_mm: 20.0, radius_mm: 2.5 },
-    ];
-    let access = |shank: &[ShankCylinder], octants| Access::new(&scene, &solid, octants, shank);
-    let (thin, whole) = (access(&shank[..1], octants.clone()), access(&shank, octants));
-    let (mut free, mut blocked, mut only_just) = (0, 0, 0);
-    for i in (0..path.points.len()).step_by(path.points.len() / 40) {
-        let center = path.points[i].position;
-        for (tilt, turn) in [0.0f64, 0.15, 0.3, 0.5, 0.8].into_iter().zip([0.0f64, 0.9, 2.3, 3.9, 5.5]) {
-            let axis = Vector3::new(tilt.sin() * turn.cos(), tilt.sin() * turn.sin(), tilt.cos());
-            // whether something stands in cylinders that are wider by so much
-            let stands = |shank: &[ShankCylinder], wider: &dyn Fn(f64) -> f64| {
-                standing.iter().filter(|(_, time)| *time >= i as u32).any(|(p, _)| {
-                    let off = p - center.coords;
-                    let at_mm = off.dot(&axis);
-                    let (across_mm, wider_mm) = ((off - axis * at_mm).norm(), wider(at_mm));
-                    shank.iter().any(|c| {
-                        (c.from_mm - wider_mm..=c.to_mm + wider_mm).contains(&at_mm)
-                            && across_mm <= c.radius_mm + wider_mm
-                    })
-                })
-            };
-            let index = i as u32;
-            if whole.is_free(index, center, &axis) {
-                free += 1;
-                assert!(!stands(&shank, &|_| 0.0), "waypoint {i}, tilt {tilt}");
-            }
-            if thin.is_free(index, center, &axis) {
-                assert!(!stands(&shank[..1], &|_| 0.0), "waypoint {i}, tilt {tilt}");
-            } else {
-                blocked += 1;
-                only_just += usize::from(!stands(&shank[..1], &|_| 0.0));
-                assert!(
-                    stands(&shank[..1], &|at_mm| aside_mm(shank[0].radius_mm, at_mm.max(0.0)) + 1e-9),
-                    "waypoint {i}, tilt {tilt}"
-                );
-            }
-        }
-    }
-    assert!(free > 100 && blocked > 20 && only_just < blocked / 4, "{free} {blocked} {only_just}");
-}
-
-/// The access of a comparison of paths: off by no more than its balls and its march are, and seldom another answer than a plan's.
-#[test]
-fn a_drafts_shank_is_free_where_the_voxels_along_its_axis_say_so() {
-    let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
-    let path = path(&space);
-    let (solid, grid) = (Solid::new(&scene, &[0.0]), scene.class.grid());
-    let shank = [ShankCylinder { from_mm: RADIUS_MM, to_mm: 12.0, radius_mm: 0.8 }];
-    let draft = Access::draft(&scene, &solid, path.removal.time(), &shank);
-    let exact = Access::new(&scene, &solid, OctantTimes::new(&solid, &path.points, RADIUS_MM), &shank);
-    let standing: Vec<(Vector3<f64>, u32)> = (0..grid.len())
-        .filter(|n| solid.stays(*n).count_ones().max(solid.goes(*n).count_ones()) >= 4)
-        .map(|n| {
-            let time = if solid.stays(n).count_ones() >= 4 { NEVER } else { path.removal.time()[n] };
-            (grid.center(grid.voxel(n)).coords, time)
-        })
-        .collect();
-    // from a place to the voxel that holds it, and half a step along the axis
-    let off_mm = 0.5 * grid.diagonal_mm() + 0.5 * grid.spacing_mm().x;
-    let wide_mm = shank[0].radius_mm + aside_mm(shank[0].radius_mm, shank[0].to_mm);
-    let (mut free, mut blocked, mut other) = (0, 0, 0);
-    for i in (0..path.points.len()).step_by(path.points.len() / 60) {
-        let center = path.points[i].position;
-        for (tilt, turn) in [0.0f64, 0.15, 0.3, 0.5, 0.8].into_iter().zip([0.0f64, 0.9, 2.3, 3.9, 5.5]) {
-            let axis = Vector3::new(tilt.sin() * turn.cos(), tilt.sin() * turn.sin(), tilt.cos());
-            let stands = |radius_mm: f64| {
-                standing.iter().filter(|(_, time)| *time > i as u32).any(|(p, _)| {
-                    let off = p - center.coords;
-                    // the balls' centres lie on this part of the axis
-                    let at_mm = off.dot(&axis).clamp(RADIUS_MM, shank[0].to_mm);
-                    (off - axis * at_mm).norm() <= radius_mm
-                })
-            };
-            let index = i as u32;
-            let is_free = draft.is_free(index, center, &axis);
-            if is_free {
-                free += 1;
-                assert!(!stands(wide_mm - off_mm), "waypoint {i}, tilt {tilt}");
-            } else {
-                blocked += 1;
-                assert!(stands(wide_mm + off_mm), "waypoint {i}, tilt {tilt}");
-            }
-            other += usize::from(is_free != exact.is_free(index, center, &axis));
-        }
-    }
-    assert!(free > 100 && blocked > 20 && other <= (free + blocked) / 20, "{free} {blocked} {other}");
-    assert!(draft.into_octants().is_none());
 }

@@ -1,9 +1,10 @@
 //! Faults for a finished plan, each with the checks that must catch it (`name`, or `name/subject`).
 
 use bonemill_geometry::{Point, Rigid};
-use bonemill_planner::case::LabelRef;
+use bonemill_planner::case::{LabelRef, SpeedMode};
 use bonemill_planner::path::MoveKind;
 use bonemill_planner::plan::{StoredPlan, Value};
+use bonemill_planner::speed::DistanceCurve;
 use bonemill_robot::Arm;
 use nalgebra::{Rotation3, Vector3};
 
@@ -180,6 +181,26 @@ pub const ALL: &[Fault] = &[
             relay(p);
         },
         caught_by: &["coverage", "figures/removed_mm3", "figures/removed_mass_mg"],
+    },
+    Fault {
+        name: "a plan that falls short by its own word",
+        plant: |p| p.record.shortfalls.push("a reason".into()),
+        caught_by: &["plan meets its case"],
+    },
+    Fault {
+        name: "a time asked for and missed",
+        plant: |p| p.record.case.speed.total_time_s = Some(0.5 * p.record.metrics.total_time_s),
+        caught_by: &["time asked for"],
+    },
+    Fault {
+        name: "forces beyond their caps",
+        plant: |p| {
+            let speed = &mut p.record.case.speed;
+            speed.mode = SpeedMode::ForceLimited;
+            speed.caps.force_n = Some(0.01);
+            speed.caps.force_toward_n = DistanceCurve::new(&[[100.0, 0.0]]).ok();
+        },
+        caught_by: &["force asked for/speed.force_n", "force asked for/speed.force_toward_n"],
     },
     Fault {
         name: "everything 1 mm deeper",

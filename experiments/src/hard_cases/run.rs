@@ -20,7 +20,7 @@ type Told<T> = Result<T, Box<dyn std::error::Error>>;
 pub enum End {
     /// A plan that passes every check.
     Verified,
-    /// The same, but it says that it falls short; or there is no plan for a reason of the case.
+    /// The same, but it says that it falls short, and verify says so too; or there is no plan for a reason of the case.
     FallsShort(String),
     /// Bad input.
     Refused(String),
@@ -124,12 +124,17 @@ fn run_in(scene: &Scene, folder: &Path) -> End {
     match verify(&stored, &Unseen) {
         Err(error) => End::Broken(format!("the plan cannot be verified: {error}")),
         Ok(found) => {
-            let names: Vec<&'static str> = found.failed().map(|check| check.name).collect();
-            let said: Vec<String> = found.failed().map(ToString::to_string).collect();
-            match (names.is_empty(), stored.record.shortfalls.is_empty()) {
-                (false, _) => End::Faulty(names, said.join("; ")),
-                (true, false) => End::FallsShort(stored.record.shortfalls.join("; ")),
-                (true, true) => End::Verified,
+            let shortfalls = &stored.record.shortfalls;
+            // of a plan that says that it falls short only what is wrong besides
+            let failed: Vec<_> =
+                if shortfalls.is_empty() { found.failed().collect() } else { found.wrong().collect() };
+            if !failed.is_empty() {
+                let said: Vec<String> = failed.iter().map(ToString::to_string).collect();
+                End::Faulty(failed.iter().map(|check| check.name).collect(), said.join("; "))
+            } else if shortfalls.is_empty() {
+                End::Verified
+            } else {
+                End::FallsShort(shortfalls.join("; "))
             }
         }
     }

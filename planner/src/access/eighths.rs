@@ -37,12 +37,12 @@ impl<'a> Eighths<'a> {
         pose: &Pose,
         [start_mm, end_mm]: [f64; 2],
     ) -> Option<Blocked> {
-        let Pose { index, center, axis } = *pose;
+        let Pose { index, center, axis, narrower } = *pose;
         let ShankCylinder { from_mm, to_mm, radius_mm } = *cylinder;
         let stands = |p: &Point<Work>, latest: f32| {
             let off = *p - center;
             let at_mm = off.dot(axis);
-            let aside_mm = aside_mm(radius_mm, at_mm.max(0.0));
+            let aside_mm = narrower.aside_mm(radius_mm, at_mm.max(0.0));
             let across_mm = (off - axis * at_mm).norm();
             // what the burr takes in this very move lies before the front
             let first_mm = if latest > index as f32 { from_mm - aside_mm } else { from_mm };

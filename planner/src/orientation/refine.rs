@@ -31,9 +31,16 @@ pub struct Checked {
     /// The sequence, or where none gets through.
     pub found: Found,
     /// Turns that were forbidden on the way.
-    pub forbidden: usize,
+    pub forbidden: Forbidden,
     /// Turns of the sequence that are still not free between waypoints.
     pub failing: Vec<usize>,
+}
+
+impl Checked {
+    /// Whether there is a sequence all of whose turns are free.
+    pub fn is_free(&self) -> bool {
+        self.failing.is_empty() && matches!(self.found, Found::Sequence { .. })
+    }
 }
 
 /// The best sequence among those whose turns `is_turn_free(i, from, to)` during the move that ends at i.
@@ -56,7 +63,7 @@ pub fn best_checked(
             })
             .collect();
         if failing.is_empty() {
-            return Checked { found, forbidden: forbidden.len(), failing };
+            return Checked { found, forbidden, failing };
         }
         for i in &failing {
             forbidden.insert(*i, directions[*i - 1], directions[*i]);
@@ -66,7 +73,7 @@ pub fn best_checked(
     }
     // nothing gets through without a turn that fails: the last sequence, with its failures named
     let (found, failing) = last.unwrap_or((found, Vec::new()));
-    Checked { found, forbidden: forbidden.len(), failing }
+    Checked { found, forbidden, failing }
 }
 
 /// Axes near a set's directions: a plane's angle, or two tangent coordinates.

@@ -150,6 +150,11 @@ impl<'a> Builder<'a> {
     fn enter(&mut self, pass: &Pass) -> Option<usize> {
         let (first, layer) = (*pass.points.first()?, pass.layer);
         let Some(from) = self.position() else { return self.begin(pass) };
+        if pass.from_above
+            && let Some(entry) = self.retract_to(pass)
+        {
+            return Some(entry);
+        }
         if from.distance_mm(&first) <= ADJACENT_STEPOVERS * self.spacing.stepover_mm
             && self.is_way_clear(from, first)
         {
@@ -227,12 +232,14 @@ impl<'a> Builder<'a> {
         centers.filter(|p| self.is_free(*p, *p)).collect()
     }
 
-    /// Out of the bone along the approach and into `pass` at its first point with nothing above it.
+    /// Out of the bone along the approach and into `pass` at its first point with nothing above it; as high as the burr may be
+    /// where the pass asks for that.
     fn retract_to(&mut self, pass: &Pass) -> Option<usize> {
         let back = self.way_back()?;
         let entry = pass.points.iter().position(|p| self.is_open_above(*p))?;
         let (from, to) = (*back.last()?, pass.points[entry]);
-        let height = self.crossing_height(from, to)?;
+        let lowest = if pass.from_above { self.above(from) } else { from };
+        let height = self.crossing_height(lowest, to)?;
         for p in back.into_iter().skip(1) {
             self.travel_to(p, MoveKind::Link, pass.layer);
         }

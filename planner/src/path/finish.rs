@@ -50,7 +50,8 @@ fn finish_cells(builder: &mut Builder, layer: u32, mut gains: Gains, enough_left
         let cells = gains.walk(builder, start);
         let before = builder.left();
         let points = cells.iter().map(|cell| gains.center(builder, *cell)).collect();
-        let is_vain = !builder.add(Pass { layer, points, put_off: false }) || builder.left() == before;
+        let pass = Pass { layer, points, put_off: false, from_above: false };
+        let is_vain = !builder.add(pass) || builder.left() == before;
         gains.settle(builder);
         if is_vain {
             gains.most[start] = 0;

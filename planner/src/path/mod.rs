@@ -78,6 +78,8 @@ pub struct Pass {
     pub points: Vec<Point<Work>>,
     /// Whether the shank could not get there where the pass belonged.
     pub put_off: bool,
+    /// Whether the burr comes from above the bone, where the shaft turns freely: it cannot turn on the way from the pass before.
+    pub from_above: bool,
 }
 
 /// Lengths that shape the path, mm.
@@ -131,14 +133,29 @@ pub fn put_off_points(passes: &[Pass], points: &HashSet<(u32, u32)>, layer: u32)
         for run in numbers.chunk_by(|a, b| is_out(a) == is_out(b)) {
             let points = run.iter().map(|n| pass.points[*n as usize]).collect();
             if !is_out(&run[0]) {
-                kept.push(Pass { points, ..*pass });
+                kept.push(Pass { points, from_above: pass.from_above && run[0] == 0, ..*pass });
             } else if !pass.put_off {
-                put_off.push(Pass { layer, points, put_off: true });
+                put_off.push(Pass { layer, points, put_off: true, from_above: false });
             }
         }
     }
     kept.extend(put_off);
     kept
+}
+
+/// The passes, cut in two before some of their points: what begins there is entered from above the bone.
+pub fn enter_from_above(passes: &[Pass], points: &HashSet<(u32, u32)>) -> Vec<Pass> {
+    let parts = passes.iter().zip(0u32..).flat_map(|(pass, number)| {
+        let is_cut = move |n: usize| points.contains(&(number, n as u32));
+        let starts = (0..pass.points.len()).filter(move |n| *n == 0 || is_cut(*n));
+        let ends = (1..=pass.points.len()).filter(move |n| *n == pass.points.len() || is_cut(*n));
+        starts.zip(ends).map(move |(start, end)| Pass {
+            points: pass.points[start..end].to_vec(),
+            from_above: is_cut(start) || (start == 0 && pass.from_above),
+            ..*pass
+        })
+    });
+    parts.collect()
 }
 
 /// Passes, joined anew. One that was put off is left out where nothing is left to take.
@@ -163,6 +180,7 @@ mod tests {
             layer,
             points: points.iter().map(|n| at(*n)).collect(),
             put_off,
+            from_above: false,
         };
         let passes = [pass(0, &[0, 1, 2, 3, 4], false), pass(1, &[5, 6], false), pass(2, &[7, 8, 9], true)];
         let blocked = HashSet::from([(0, 1), (0, 2), (1, 0), (1, 1), (2, 1)]);
@@ -175,5 +193,26 @@ mod tests {
             pass(2, &[5, 6], true),
         ];
         assert_eq!(put_off_points(&passes, &blocked, 2), expected);
+    }
+
+    #[test]
+    fn passes_are_cut_where_the_burr_comes_from_above() {
+        let at = |n: u32| Point::new(f64::from(n), 0.0, 0.0);
+        let pass = |points: &[u32], put_off, from_above| Pass {
+            layer: 3,
+            points: points.iter().map(|n| at(*n)).collect(),
+            put_off,
+            from_above,
+        };
+        let passes = [pass(&[0, 1, 2, 3], false, false), pass(&[4], true, true), pass(&[5, 6], false, false)];
+        let cut = HashSet::from([(0, 1), (0, 3), (2, 0)]);
+        let expected = [
+            pass(&[0], false, false),
+            pass(&[1, 2], false, true),
+            pass(&[3], false, true),
+            pass(&[4], true, true),
+            pass(&[5, 6], false, true),
+        ];
+        assert_eq!(enter_from_above(&passes, &cut), expected);
     }
 }

@@ -111,7 +111,7 @@ fn layer_passes(
                         points.push(p);
                     }
                 }
-                passes.push(Pass { layer, points, put_off: false });
+                passes.push(Pass { layer, points, put_off: false, from_above: false });
             }
         }
     }

@@ -36,7 +36,7 @@ use nalgebra::Vector3;
 pub use error::PlanError;
 pub use figures::{Figures, StructureFigures};
 pub use metrics::{Coverage, Volumes};
-pub use orient::Oriented;
+pub use orient::{BlockedTurn, Oriented};
 pub use prepared::{Chosen, Prepared, with_prepared};
 pub use reach::{Dropped, Unreached};
 pub use rest::Cause;
@@ -46,7 +46,7 @@ use crate::access::Solid;
 use crate::case::{Case, OrientationMode};
 use crate::orientation::Permissible;
 use crate::plan::{Sha256, Waypoint};
-use crate::space::BurrSpace;
+use crate::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
 
 /// Share of the reachable volume below which a plan fell short.
 const ENOUGH_REACHED: f64 = 0.99;
@@ -105,7 +105,7 @@ pub struct Modelled {
     pub closed_form_error: f64,
     /// Angle between neighbours of the directions that axes were chosen from, rad.
     pub direction_spacing_rad: f64,
-    /// Moves during which the shank, turning from one free axis to the next, is not certainly free all the way.
+    /// Moves during which the shank, turning from one free axis to the next, is not free all the way.
     pub blocked_turns: usize,
     /// Links that graze a cusp beyond the tilt limit, since no axis within it is free there.
     pub links_beyond_limit: usize,
@@ -313,13 +313,23 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
 }
 
 /// Turns that the whole sequence could not avoid. Greedy and fixed angles do not look ahead: theirs are only counted.
-fn turns_missed(case: &Case, blocked: &[usize]) -> Option<String> {
-    let first = blocked.first().filter(|_| case.orientation.mode == OrientationMode::Optimal)?;
-    let count = blocked.len();
+fn turns_missed(case: &Case, blocked: &[BlockedTurn]) -> Option<String> {
+    let worst = blocked.iter().max_by(|a, b| a.missing_mm.total_cmp(&b.missing_mm))?;
+    if case.orientation.mode != OrientationMode::Optimal {
+        return None;
+    }
+    let missing = if worst.missing_mm.is_finite() {
+        format!(
+            "the room that it needs, {TRAJECTORY_TOLERANCE_MM} mm for the arm's tolerance included, is missed by up to {:.3} mm",
+            worst.missing_mm
+        )
+    } else {
+        "the handpiece is in the way".to_owned()
+    };
     Some(format!(
-        "the shank is not certainly free of bone while it turns on {count} {} (the first to waypoint {first}): verify says \
-         whether it touches; thinner layers or another shank may help",
-        if count == 1 { "move" } else { "moves" },
+        "the shank cannot turn as it must on {} (the worst to waypoint {}): {missing}; thinner layers or another shank may help",
+        if blocked.len() == 1 { "1 move".to_owned() } else { format!("{} moves", blocked.len()) },
+        worst.waypoint,
     ))
 }
 

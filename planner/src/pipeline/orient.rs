@@ -6,14 +6,12 @@ use rayon::prelude::*;
 
 use super::reach::ReachedPath;
 use super::sets::Finer;
-use crate::access::STRIDE_MM;
 use crate::burr::{EngagedSamples, Material, OrientationKernel};
 use crate::case::OrientationMode;
 use crate::cost::Terms;
 use crate::engagement::SweptPath;
 use crate::metrics::Moments;
 use crate::orientation::corridor::{Corridor, best_near};
-use crate::orientation::directions::angle_between;
 use crate::orientation::greedy::{self, Waypoint, low_pass, settle};
 use crate::orientation::refine::{Chart, best_checked, refine};
 use crate::orientation::sequence::{Forbidden, Found, Problem, best_sequence};
@@ -25,10 +23,6 @@ use crate::orientation::{Directions, FreeSets, Permissible, RateLimit, TiltFamil
 pub const FORCE_MATTERS: f64 = 1e-2;
 /// Half-width of the greedy mode's low-pass, waypoints. Assumed: D gives none.
 const LOW_PASS_HALF: usize = 6;
-/// Lever at which a turn is followed between waypoints: the thin shaft's end, mm.
-const LEVER_MM: f64 = 30.0;
-/// Most places looked at between two waypoints: beyond the longest of moves.
-const MOST_BETWEEN: f64 = 4000.0;
 
 /// Everything a waypoint's cost is made of.
 #[derive(Debug)]
@@ -70,6 +64,15 @@ pub struct Room<'a> {
     pub rate: RateLimit,
 }
 
+/// A move during which the turning shank is not free all the way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BlockedTurn {
+    /// Where the move ends.
+    pub waypoint: usize,
+    /// By how much the thin shank would have to be narrower, mm; infinite where that is of no help.
+    pub missing_mm: f64,
+}
+
 /// Axes, and how they came about.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Oriented {
@@ -85,8 +88,8 @@ pub struct Oriented {
     pub low_pass_held: usize,
     /// Waypoints at which the paper's low-pass over what each wants alone leaves the free directions.
     pub low_pass_leaves: usize,
-    /// Waypoints on the way to which the shaft is not certainly free all the way.
-    pub blocked_turns: Vec<usize>,
+    /// Moves during which the turning shank is not free all the way.
+    pub blocked_turns: Vec<BlockedTurn>,
     /// What the shank leaves open around each axis.
     pub allowed: Vec<Permissible>,
     /// Angle between neighbouring directions of the finest set that the axes were chosen from, rad.
@@ -157,17 +160,7 @@ impl Room<'_> {
     /// Whether the shank is free all the way while the axis turns during the move that ends at i. Bone that this very move
     /// takes counts as still there.
     pub fn is_turn_free(&self, i: usize, from: &Unit<Vector3<f64>>, to: &Unit<Vector3<f64>>) -> bool {
-        let points = &self.reached.path.points;
-        let (a, b) = (points[i - 1].position, points[i].position);
-        let turn_rad = angle_between(from, to);
-        let travel_mm = self.reached.length_mm[i] + LEVER_MM * turn_rad;
-        let pieces = (travel_mm / STRIDE_MM).ceil().clamp(1.0, MOST_BETWEEN) as usize;
-        (1..pieces).all(|k| {
-            let t = k as f64 / pieces as f64;
-            // between nearly equal axes the chord is the arc
-            let axis = Unit::try_new(from.lerp(to, t), 1e-9).unwrap_or(*to);
-            self.reached.access.is_free(i as u32, a + (b - a) * t, &axis)
-        })
+        self.reached.access.is_turn_free(&self.reached.turn(i, [from, to]))
     }
 
     fn is_in_set(&self, i: usize, n: usize) -> bool {
@@ -185,9 +178,13 @@ impl Room<'_> {
         oriented.axes.par_iter().enumerate().map(at).collect()
     }
 
-    fn blocked_turns(&self, axes: &[Unit<Vector3<f64>>]) -> Vec<usize> {
-        let is_blocked = |i: &usize| !self.is_turn_free(*i, &axes[i - 1], &axes[*i]);
-        (1..axes.len()).into_par_iter().filter(is_blocked).collect()
+    fn blocked_turns(&self, axes: &[Unit<Vector3<f64>>]) -> Vec<BlockedTurn> {
+        let blocked = |i: usize| {
+            let turn = self.reached.turn(i, [&axes[i - 1], &axes[i]]);
+            let is_free = self.reached.access.is_turn_free(&turn);
+            (!is_free).then(|| BlockedTurn { waypoint: i, missing_mm: self.reached.access.missing_mm(&turn) })
+        };
+        (1..axes.len()).into_par_iter().filter_map(blocked).collect()
     }
 }
 
@@ -365,15 +362,34 @@ fn optimal(room: &Room, field: &CostField) -> Oriented {
     let rate = RateLimit { weight_mm: lighter * room.rate.weight_mm, ..room.rate };
     let found = best_sequence(&Problem { rate, ..problem });
     let corridor = room.finer.and_then(|finer| on_finer(room, field, kept, finer, &found));
-    let (problem, found) = match (room.finer, &corridor) {
-        (Some((directions, _)), Some(Corridor { free, cost, found, .. })) => {
-            (Problem { directions, cost, free, ..problem }, found.clone())
-        }
-        (Some(_), None) => (problem, best_sequence(&problem)),
-        (None, _) => (problem, found),
+    let checked = |problem: &Problem, first: Found| {
+        let axis = |n: u16| &problem.directions.axes()[usize::from(n)];
+        best_checked(problem, first, |i, from, to| room.is_turn_free(i, axis(from), axis(to)))
     };
-    let axis = |n: u16| &problem.directions.axes()[usize::from(n)];
-    let checked = best_checked(&problem, found, |i, from, to| room.is_turn_free(i, axis(from), axis(to)));
+    let near = room.finer.zip(corridor).and_then(|((directions, _), corridor)| {
+        let Corridor { free, cost, found, .. } = &corridor;
+        let checked = checked(&Problem { directions, cost, free, ..problem }, found.clone());
+        checked.is_free().then_some((checked, corridor))
+    });
+    let (checked, corridor) = match near {
+        Some((checked, corridor)) => (checked, Some(corridor)),
+        None => {
+            let first = if room.finer.is_some() { best_sequence(&problem) } else { found };
+            let mut best = checked(&problem, first);
+            if !best.is_free() {
+                // the one by which the path was found to be passable
+                let free_of_cost = Problem { cost: &vec![0.0; cost.len()], ..problem };
+                best = checked(&free_of_cost, best_sequence(&free_of_cost));
+            }
+            (best, None)
+        }
+    };
+    let problem = match (room.finer, &corridor) {
+        (Some((directions, _)), Some(Corridor { free, cost, .. })) => {
+            Problem { directions, cost, free, ..problem }
+        }
+        _ => problem,
+    };
     let Found::Sequence { directions, .. } = checked.found else {
         // the same constraints were found feasible when waypoints were dropped; each axis is free all the same
         return fixed(room).surveyed(room, None);

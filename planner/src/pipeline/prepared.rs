@@ -128,8 +128,8 @@ impl<'a> Prepared<'a> {
                 (set, None, reached)
             }
             Some((coarse, finer)) => match reach(path, &coarse, watch) {
-                Ok(reached) if !reached.leaves_out() => (coarse, Some(finer), reached),
-                // gaps between coarse directions are no reason to leave anything out
+                Ok(reached) if !reached.is_changed() => (coarse, Some(finer), reached),
+                // gaps between coarse directions are no reason to change the path
                 _ => {
                     let (set, path) = (plain(), watch.run("path", lay));
                     let reached = reach(path, &set, watch)?;

@@ -1,20 +1,25 @@
 //! Waypoints that the shank cannot get to are put off to the end, when more of the bone is gone, and dropped when it cannot
-//! get to them there either; the rest is joined anew.
+//! get to them there either; the rest is joined anew. Where the shank is free at two waypoints and cannot turn on the way from
+//! one to the other, the burr leaves the bone before the second, turns above it and comes back; only where that is of no help
+//! is the waypoint put off.
 //!
 //! Putting off a waypoint leaves its bone in place, which may close another's way: the loop repeats until every waypoint
-//! has a free angle and a sequence of angles leads through all of them.
+//! has a free angle and a sequence of angles leads through all of them, free between waypoints too.
 
 use std::collections::HashSet;
 
 use bonemill_geometry::{Point, Work};
 use bonemill_imaging::Scene;
-use nalgebra::Vector3;
+use nalgebra::{Unit, Vector3};
 use thiserror::Error;
 
-use crate::access::{Access, Blocked, OctantTimes, ShankCylinder, Solid};
-use crate::orientation::sequence::{self, Forbidden, Problem};
+use crate::access::{Access, Blocked, OctantTimes, ShankCylinder, Solid, Turn};
+use crate::orientation::refine::best_checked;
+use crate::orientation::sequence::{self, Forbidden, Problem, best_sequence};
 use crate::orientation::{Directions, FreeSets, RateLimit};
-use crate::path::{MillPath, MoveKind, PathPoint, PathSpacing, join_passes, put_off_points};
+use crate::path::{
+    MillPath, MoveKind, Pass, PathPoint, PathSpacing, enter_from_above, join_passes, put_off_points,
+};
 use crate::space::BurrSpace;
 
 use super::known::{KnownDirections, Round};
@@ -49,9 +54,14 @@ pub struct Dropped {
 }
 
 impl ReachedPath<'_> {
-    /// Whether anything was put off or dropped.
-    pub fn leaves_out(&self) -> bool {
-        !self.dropped.is_empty() || self.path.passes.iter().any(|pass| pass.put_off)
+    /// Whether the path is another than the one that was laid, for the shank's sake.
+    pub fn is_changed(&self) -> bool {
+        !self.dropped.is_empty() || self.path.passes.iter().any(|pass| pass.put_off || pass.from_above)
+    }
+
+    /// The move that ends at waypoint i, with the axes at its ends.
+    pub fn turn<'b>(&self, i: usize, axes: [&'b Unit<Vector3<f64>>; 2]) -> Turn<'b> {
+        Turn::along(&self.path.points, i, axes)
     }
 
     /// Points of passes that were put off, and then reached.
@@ -108,7 +118,7 @@ pub fn reached<'a>(
     let mut dropped = Vec::new();
     let mut before: Option<Round> = None;
     let mut waypoints = usize::MAX;
-    for _ in 0..MOST_ROUNDS {
+    for round in 1..=MOST_ROUNDS {
         if path.points.is_empty() {
             return Err(Unreached::Nothing);
         }
@@ -118,9 +128,25 @@ pub fn reached<'a>(
         let limited = limited(path.points.len(), |i| path.points[i].kind == MoveKind::Cut);
         let free = free_directions(&access, &path.points, &limited, spec, known.as_ref());
         let length_mm = lengths(&path.points);
-        let blocked = blocked_waypoints(&free, &length_mm, spec);
+        let mut blocked = closed_waypoints(&free);
         if blocked.is_empty() {
-            return Ok(ReachedPath { path, access, free, limited, length_mm, dropped });
+            // what is left in the last round is a plan that falls short, and says so
+            let looked_between = (round < MOST_ROUNDS).then_some(&access);
+            let unturned = unturned_waypoints(looked_between, &path.points, &free, &length_mm, spec);
+            if unturned.is_empty() {
+                return Ok(ReachedPath { path, access, free, limited, length_mm, dropped });
+            }
+            let leads_to: HashSet<_> = unturned.iter().map(|i| path.points[*i].leads_to).collect();
+            let (above, below): (HashSet<_>, HashSet<_>) =
+                leads_to.into_iter().partition(|point| is_from_above(&path.passes, *point));
+            if !below.is_empty() {
+                let passes = enter_from_above(&path.passes, &below);
+                path = join_passes(space, spec.spacing, passes, path.layers);
+                // waypoints came in between: what was known of the others may be too little now
+                (before, waypoints) = (None, usize::MAX);
+                continue;
+            }
+            blocked = unturned.into_iter().filter(|i| above.contains(&path.points[*i].leads_to)).collect();
         }
         // a way between two points may be blocked at either end: where going elsewhere was of no help, it does not start there
         let from_too = blocked.len() >= waypoints;
@@ -199,21 +225,44 @@ pub fn free_directions(
     })
 }
 
-/// Waypoints without a free direction; if there are none, those that no sequence gets to.
-fn blocked_waypoints(free: &FreeSets, length_mm: &[f64], spec: &ReachSpec) -> Vec<usize> {
-    let empty: Vec<usize> = (0..free.len()).filter(|i| free.count(*i) == 0).collect();
-    if !empty.is_empty() {
-        return empty;
-    }
+/// Waypoints without a free direction.
+fn closed_waypoints(free: &FreeSets) -> Vec<usize> {
+    (0..free.len()).filter(|i| free.count(*i) == 0).collect()
+}
+
+/// The waypoints to which the shank cannot turn from the one before, whichever of the free axes it has there; none exactly where
+/// some sequence of axes leads through all. `access`: turns are free between waypoints too; without it that is left open.
+fn unturned_waypoints(
+    access: Option<&Access>,
+    points: &[PathPoint],
+    free: &FreeSets,
+    length_mm: &[f64],
+    spec: &ReachSpec,
+) -> Vec<usize> {
+    let none = Forbidden::default();
     let problem = Problem {
         directions: spec.directions,
         cost: &vec![0.0; free.len() * spec.directions.len()],
         free,
         length_mm,
         rate: spec.rate,
-        forbidden: &Forbidden::default(),
+        forbidden: &none,
     };
-    sequence::blocked_waypoints(&problem)
+    let axis = |n: u16| &spec.directions.axes()[usize::from(n)];
+    let is_turn_free = |i: usize, from: u16, to: u16| {
+        access.is_none_or(|access| access.is_turn_free(&Turn::along(points, i, [axis(from), axis(to)])))
+    };
+    let checked = best_checked(&problem, best_sequence(&problem), is_turn_free);
+    if checked.is_free() {
+        return Vec::new();
+    }
+    let blocked = sequence::blocked_waypoints(&Problem { forbidden: &checked.forbidden, ..problem });
+    if blocked.is_empty() { checked.failing } else { blocked }
+}
+
+/// Whether a point of a pass is its first, and the pass entered from above.
+fn is_from_above(passes: &[Pass], (pass, point): (u32, u32)) -> bool {
+    point == 0 && passes.get(pass as usize).is_some_and(|pass| pass.from_above)
 }
 
 /// Rounds of exempting grazing links before the limit is left as it was laid.
@@ -237,7 +286,11 @@ pub fn limit_where_it_cuts(reached: &mut ReachedPath, cuts: &[bool], spec: &Reac
         for i in (0..count).filter(|i| bound[*i] && !reached.limited[*i]) {
             free.retain(i, |n| within[n]);
         }
-        let blocked = blocked_waypoints(&free, &reached.length_mm, spec);
+        let mut blocked = closed_waypoints(&free);
+        if blocked.is_empty() {
+            let ReachedPath { access, path, length_mm, .. } = &*reached;
+            blocked = unturned_waypoints(Some(access), &path.points, &free, length_mm, spec);
+        }
         if blocked.is_empty() {
             reached.free = free;
             reached.limited.iter_mut().zip(bound).for_each(|(limited, bound)| *limited |= bound);

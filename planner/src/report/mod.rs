@@ -298,7 +298,7 @@ fn modelled(plan: &Plan) -> String {
             "shaft's directions chosen from, then moved between".into(),
             format!("{:.1}° apart", m.direction_spacing_rad.to_degrees()),
         ),
-        ("moves during which the turning shank is not certainly free".into(), m.blocked_turns.to_string()),
+        ("moves during which the turning shank is not free all the way".into(), m.blocked_turns.to_string()),
         ("milling layers".into(), m.layers.to_string()),
         ("raster lines, angle from work x".into(), format!("{:.1}°", m.raster_rad.to_degrees())),
         (

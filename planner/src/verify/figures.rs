@@ -5,6 +5,7 @@ use bonemill_imaging::DensityTable;
 use rayon::prelude::*;
 
 use super::anatomy::Anatomy;
+use super::asked::COVERAGE;
 use super::carve::NEVER;
 use super::check::{Check, Place};
 use super::lattice::{Lattice, MATERIAL, OUTSIDE, TARGET, TARGET_BONE};
@@ -12,7 +13,7 @@ use super::moves::Moves;
 use super::voxels::{Doubtful, Voxels};
 use crate::plan::{StoredPlan, Value};
 
-/// Share of the reachable volume that a plan removes, unless it says that it falls short.
+/// Share of the reachable volume that a plan removes.
 const ENOUGH: f64 = 0.99;
 /// Share of the target that may lie outside the scan.
 const MOST_OUTSIDE: f64 = 0.005;
@@ -56,7 +57,7 @@ pub fn volumes(
             checks.push(counted(&format!("{part}.{kind}"), nested(plan, part, kind), found));
         }
     }
-    checks.push(coverage(plan, voxels, swept, reachable));
+    checks.push(coverage(voxels, swept, reachable));
     checks
 }
 
@@ -83,24 +84,14 @@ pub fn counted(what: &str, said: Option<f64>, [least, most]: [f64; 2]) -> Check 
         .noting(format!("says {said}, counted {found}"))
 }
 
-/// Whether enough of the reachable is removed, or the plan says that it is not. What is in doubt counts for the plan.
-fn coverage(
-    plan: &StoredPlan,
-    voxels: &Voxels,
-    swept: &Doubtful<Vec<bool>>,
-    reachable: &Doubtful<Vec<bool>>,
-) -> Check {
+/// Whether enough of the reachable is removed. What is in doubt counts for the plan.
+fn coverage(voxels: &Voxels, swept: &Doubtful<Vec<bool>>, reachable: &Doubtful<Vec<bool>>) -> Check {
     let [_, removed] = voxels.volume_mm3(TARGET, &[swept, reachable]);
     let missed = (0..voxels.grid.len()).filter(|n| reachable.surely[*n] && !swept.possibly[*n]).count();
     let whole = removed + missed as f64 * voxels.grid.voxel_mm3();
     let share = if whole > 0.0 { removed / whole } else { 1.0 };
-    let admitted = !plan.record.shortfalls.is_empty();
-    Check::at_least("coverage", share, if admitted { 0.0 } else { ENOUGH }, "of the reachable").noting(
-        format!(
-            "removed {removed:.1} of {whole:.1} mm³{}",
-            if admitted { "; the plan says that it falls short" } else { "" }
-        ),
-    )
+    Check::at_least(COVERAGE, share, ENOUGH, "of the reachable")
+        .noting(format!("removed {removed:.1} of {whole:.1} mm³"))
 }
 
 /// How far the planner's voxels are from the fine lattice: the resolution of what the plan states.

@@ -17,6 +17,7 @@
 //! Invariants: no check can change another; equal plans give equal bytes on any number of threads.
 
 mod anatomy;
+mod asked;
 mod boxes;
 mod bricks;
 mod carve;
@@ -98,6 +99,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     checks.extend(columns::rows(plan, &moves, &executed));
     checks.extend(columns::structures(plan, &anatomy.kept, &boxes));
     checks.extend(figures::totals(plan, &moves));
+    checks.extend(asked::asked(plan, &moves));
 
     progress.stage("check clearances");
     checks.extend(clearances(plan, &anatomy, &boxes, &moves, &executed));

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use super::asked::SHORT;
 use super::check::{Check, Sense};
 use crate::case::write::text;
 use crate::plan::Sha256;
@@ -24,6 +25,11 @@ impl Verification {
     /// The checks that failed.
     pub fn failed(&self) -> impl Iterator<Item = &Check> {
         self.checks.iter().filter(|c| !c.passed())
+    }
+
+    /// Of these, the ones that say that something is wrong, not only that the plan falls short of its case.
+    pub fn wrong(&self) -> impl Iterator<Item = &Check> {
+        self.failed().filter(|c| !SHORT.contains(&c.name))
     }
 
     /// The contents of `verification.toml`. Nothing in it depends on when or where it was made.

@@ -143,7 +143,7 @@ fn turns_that_fail_between_waypoints_are_taken_elsewhere_or_named() {
     assert!(turning.len() > 3);
     // no turn where it would like to
     let checked = best_checked(&problem, best_sequence(&problem), |i, a, b| a == b || !turning.contains(&i));
-    assert!(checked.failing.is_empty() && checked.forbidden >= turning.len());
+    assert!(checked.is_free() && checked.forbidden.len() >= turning.len());
     let found = sequence_of(checked.found);
     assert!(turning.iter().all(|i| found[*i] == found[i - 1]));
     // nothing is free at move 7: named, not hidden

@@ -1,0 +1,109 @@
+//! The shank during a whole move, while it turns from one axis to the next.
+//!
+//! The move is asked at places so near to each other that no point of the thin shank moves farther than [`STRIDE_MM`] between
+//! two, with a shank that holds what it sweeps between them. Where that leaves a doubt the places are taken twice as near and
+//! the shank less wide, up to [`HALVINGS`] times. A place where the shank lacks even the room that the arm's tolerance takes is
+//! blocked; so is a move that is still in doubt after the last halving, where a shank sweeps 3 µm between two places.
+
+use bonemill_geometry::{Point, Work};
+use nalgebra::{Unit, Vector3};
+
+use super::{Access, Narrower, Pose, STRIDE_MM};
+use crate::path::PathPoint;
+
+/// Lever at which a turn is followed: the thin shank's end, mm.
+const LEVER_MM: f64 = 30.0;
+/// Most places looked at between two waypoints: beyond the longest of moves.
+const MOST_BETWEEN: f64 = 4000.0;
+/// Times the places are taken twice as near before a doubt counts as blocked.
+const HALVINGS: i32 = 3;
+/// A shank that is narrower by more than this is none, mm: its radius is refused below a burr's.
+const MOST_MISSING_MM: f64 = 8.0;
+/// What is missing is told so exactly, mm.
+const MISSING_MM: f64 = 1e-3;
+
+/// A move of the burr's centre from `a` to `b` while the shaft turns from `from` to `to`; `index`: the move's number.
+#[derive(Debug, Clone, Copy)]
+pub struct Turn<'a> {
+    /// The move: bone that it takes itself still stands.
+    pub index: u32,
+    /// Where it begins.
+    pub a: Point<Work>,
+    /// Where it ends.
+    pub b: Point<Work>,
+    /// The axis at its beginning.
+    pub from: &'a Unit<Vector3<f64>>,
+    /// The axis at its end.
+    pub to: &'a Unit<Vector3<f64>>,
+}
+
+impl<'a> Turn<'a> {
+    /// The move that ends at waypoint i of a path, with the axes at its ends.
+    pub fn along(points: &[PathPoint], i: usize, [from, to]: [&'a Unit<Vector3<f64>>; 2]) -> Self {
+        Self { index: i as u32, a: points[i - 1].position, b: points[i].position, from, to }
+    }
+
+    /// Places between the move's ends, no more than `stride_mm` apart.
+    fn places(&self, stride_mm: f64) -> impl Iterator<Item = (Point<Work>, Unit<Vector3<f64>>)> {
+        let Self { a, b, from, to, .. } = *self;
+        let travel_mm = a.distance_mm(&b) + LEVER_MM * from.angle(to);
+        let pieces = (travel_mm / stride_mm).ceil().clamp(1.0, MOST_BETWEEN) as usize;
+        (1..pieces).map(move |k| {
+            let t = k as f64 / pieces as f64;
+            // between nearly equal axes the chord is the arc
+            (a + (b - a) * t, Unit::try_new(from.lerp(to, t), 1e-9).unwrap_or(*to))
+        })
+    }
+}
+
+impl Access<'_> {
+    /// Whether the shank is free all the way between the ends of a move, at which it is known to be.
+    pub fn is_turn_free(&self, turn: &Turn) -> bool {
+        let tolerance_alone = Narrower { between_share: 1.0, by_mm: 0.0 };
+        for halving in 0..=HALVINGS {
+            let nearer = 0.5f64.powi(halving);
+            let narrower = Narrower { between_share: 1.0 - nearer, by_mm: 0.0 };
+            let mut is_certain = true;
+            for place in turn.places(nearer * STRIDE_MM) {
+                if self.is_place_free(turn.index, &place, narrower) {
+                    continue;
+                }
+                if halving == HALVINGS || !self.is_place_free(turn.index, &place, tolerance_alone) {
+                    return false;
+                }
+                is_certain = false;
+            }
+            if is_certain {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// By how much the thin shank would have to be narrower to be free all the way of a move, mm; infinite where that is of no
+    /// help, as when the handpiece is in the way.
+    pub fn missing_mm(&self, turn: &Turn) -> f64 {
+        let is_free = |by_mm: f64| {
+            let narrower = Narrower { between_share: 1.0, by_mm };
+            turn.places(STRIDE_MM).all(|place| self.is_place_free(turn.index, &place, narrower))
+        };
+        let [mut low_mm, mut high_mm] = [0.0, MOST_MISSING_MM];
+        if !is_free(high_mm) {
+            return f64::INFINITY;
+        }
+        while high_mm - low_mm > MISSING_MM {
+            let middle_mm = 0.5 * (low_mm + high_mm);
+            if is_free(middle_mm) { high_mm = middle_mm } else { low_mm = middle_mm }
+        }
+        high_mm
+    }
+
+    fn is_place_free(
+        &self,
+        index: u32,
+        (center, axis): &(Point<Work>, Unit<Vector3<f64>>),
+        narrower: Narrower,
+    ) -> bool {
+        self.blocked_pose(&Pose { index, center: *center, axis, narrower }).is_none()
+    }
+}
