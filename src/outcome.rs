@@ -4,6 +4,7 @@ use std::io::{Write, stdout};
 use std::path::Path;
 use std::process::ExitCode;
 
+use bonemill_planner::case::Case;
 use bonemill_planner::plan::{PlanRecord, Value};
 use bonemill_planner::report::simulation::{figures, values};
 use bonemill_planner::simulate::Simulation;
@@ -101,9 +102,9 @@ impl Outcome {
     }
 
     /// A simulation's figures; a shank in bone falls short.
-    pub fn simulated(out: &Path, simulation: &Simulation) -> Self {
+    pub fn simulated(out: &Path, simulation: &Simulation, case: &Case) -> Self {
         let mut text = format!("wrote {}\n", out.display());
-        let figures = figures(simulation);
+        let figures = figures(simulation, case);
         text.extend(figures.iter().map(|(name, value)| format!("{name}: {value}\n")));
         let mut outcome = Self::new("simulate", text);
         if let Some((time_s, c)) = simulation.contacts.first() {
@@ -118,7 +119,7 @@ impl Outcome {
         }
         outcome.text.extend(outcome.shortfalls.iter().map(|s| format!("fell short: {s}\n")));
         outcome.object.insert("out".into(), out.to_string_lossy().into());
-        outcome.object.insert("figures".into(), to_json(&Value::Table(values(simulation))));
+        outcome.object.insert("figures".into(), to_json(&Value::Table(values(simulation, case))));
         outcome.object.insert("shortfalls".into(), outcome.shortfalls.clone().into());
         outcome
     }

@@ -31,7 +31,7 @@ pub fn run(args: &SimulateArgs, progress: &dyn Progress, talk: Talk) -> anyhow::
     let simulation = simulate(&plan, args.model, sampling, progress).with_context(cannot)?;
     progress.stage("write files");
     let out = save_simulation(&args.plan, &simulation, &plan.record.case)?;
-    Ok(Outcome::simulated(&out, &simulation))
+    Ok(Outcome::simulated(&out, &simulation, &plan.record.case))
 }
 
 /// Fits the burr's coefficients to a log.

@@ -113,8 +113,9 @@ impl Hand<'_> {
         let (force, mrr, contact) =
             step.map_or_else(Default::default, |s| (s.force, s.mrr_mm3_s, s.contact.map(|c| c.depth_mm)));
         let f = self.setup.scene.ct_from_work.rotate(&force.force_n);
-        let (structure, toward, distance) = self.setup.nearest(center, &force.force_n);
-        let name = structure.and_then(|n| self.plan.record.case.structures.get(n)).map_or("", |s| &s.name);
+        let nearest = self.setup.toward(center, &force.force_n).into_iter().next();
+        let name = nearest.and_then(|n| self.plan.record.case.structures.get(n.structure));
+        let name = name.map_or("", |s| &s.name);
         let cell = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:?}"));
         format!(
             "{time_s:?},{:?},{:?},{:?},{:?},{:?},{mrr:?},{},{name},{},{}",
@@ -123,8 +124,8 @@ impl Hand<'_> {
             f.z + 0.0,
             force.torque_nmm,
             force.spindle_power_mw * 1e-3,
-            cell(toward),
-            cell(distance),
+            cell(nearest.and_then(|n| n.force_n)),
+            cell(nearest.map(|n| n.distance_mm)),
             cell(contact)
         )
     }

@@ -33,8 +33,6 @@ const TIME: &str = "time";
 const SLICE_MOMENTS: usize = 80;
 /// Moments of the burr and the arm.
 const MOTION_MOMENTS: usize = 4000;
-/// Of the target in slices, as in the report.
-const TARGET_COLOUR: [u8; 3] = [80, 255, 140];
 /// Of the target in 3-D.
 const BONE_COLOUR: [u8; 3] = [226, 201, 160];
 
@@ -128,7 +126,7 @@ fn structures(stream: &RecordingStream, show: &Show) -> anyhow::Result<()> {
     let opaque = |tint: [u8; 3]| rerun::Rgba32::from(colour(tint).0);
     let mut classes = vec![
         (u16::from(show::NOTHING), "elsewhere", rerun::Rgba32::TRANSPARENT),
-        (u16::from(show::TARGET), "target, still there", opaque(TARGET_COLOUR)),
+        (u16::from(show::TARGET), "target, still there", opaque(show::TARGET_COLOUR)),
         (u16::from(show::CUT), "cut away", opaque([0, 0, 0])),
     ];
     let codes = u16::from(show::FIRST_STRUCTURE)..;

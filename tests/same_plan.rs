@@ -64,9 +64,10 @@ fn patient_in(turn: [[f64; 3]; 3], is_mirror: bool) -> Place {
 }
 
 /// What a plan's folder holds, by name.
-const FILES: [&str; 7] = [
+const FILES: [&str; 8] = [
     "access.csv",
     "dropped.csv",
+    "forces.csv",
     "plan.toml",
     "report.html",
     "robot.urdf",

@@ -111,6 +111,12 @@ fn removed_volume_is_the_plan_s() {
         kinds.iter().map(|k| removed[*k][unit].as_f64().unwrap()).sum()
     };
     let volume = sum("mm3", &["material", "bone"]);
+    // rates are means over their steps: times durations they add up to what is removed
+    let rows = table(&place, "plan/simulation.csv");
+    let by_rows: f64 =
+        rows.windows(2).map(|w| number(&w[1][9]) * (number(&w[1][0]) - number(&w[0][0]))).sum();
+    let all = sum("mm3", &["material", "bone", "obstacle", "structure"]);
+    assert!((by_rows / all - 1.0).abs() < 1e-9, "{by_rows} of {all}");
     assert!((volume / planned - 1.0).abs() < 0.04, "{volume} of {planned}");
     assert_eq!(removed["structure"]["mm3"].as_f64(), Some(0.0));
     // the surface's rate at the end of each step, summed: part of its error falls with the step, part is surface that is

@@ -260,6 +260,7 @@ fn verify_apart(source: &Source) -> Vec<String> {
         "speed",
         "metrics",
         "mrr",
+        "toward",
         "burr",
     ];
     let ours = [

@@ -16,6 +16,7 @@ use bonemill_planner::plan::StoredPlan;
 use bonemill_planner::verify::{Check, Verification, verify};
 
 use support::faults::{self, Fault};
+use support::force_faults;
 use support::place::Place;
 
 struct Quiet;
@@ -45,6 +46,11 @@ fn verified(plan: &StoredPlan) -> Verification {
     verify(plan, &Quiet).unwrap()
 }
 
+/// Every kind of fault.
+fn all_faults() -> impl Iterator<Item = &'static Fault> {
+    faults::ALL.iter().chain(force_faults::ALL)
+}
+
 /// The checks that failed: `name` and `name/subject` of each.
 fn failed(found: &Verification) -> BTreeSet<String> {
     let subject = |c: &Check| c.subject.as_ref().map(|s| format!("{}/{s}", c.name));
@@ -62,7 +68,7 @@ fn a_sound_plan_passes_every_check() {
 #[test]
 fn every_planted_fault_is_caught_by_the_check_for_it() {
     let mut missed = Vec::new();
-    for Fault { name, plant, caught_by } in faults::ALL {
+    for Fault { name, plant, caught_by } in all_faults() {
         let mut plan = sound().1.clone();
         plant(&mut plan);
         let found = failed(&verified(&plan));
@@ -72,13 +78,13 @@ fn every_planted_fault_is_caught_by_the_check_for_it() {
         }
     }
     assert!(missed.is_empty(), "\n{}", missed.join("\n"));
-    assert!(faults::ALL.len() >= 40, "{}", faults::ALL.len());
+    assert!(all_faults().count() >= 40, "{}", all_faults().count());
 }
 
 #[test]
 fn every_check_has_a_fault_that_fails_it() {
     let name = |caught: &'static str| caught.split_once('/').map_or(caught, |(name, _)| name);
-    let named: BTreeSet<&str> = faults::ALL.iter().flat_map(|f| f.caught_by).map(|c| name(c)).collect();
+    let named: BTreeSet<&str> = all_faults().flat_map(|f| f.caught_by).map(|c| name(c)).collect();
     // planted outside a plan in memory, in tests of their own
     let elsewhere = ["inputs unchanged", "burr stays where it is checked", "lattice spacing"];
     let all: BTreeSet<&str> = verified(&sound().1).checks.iter().map(|c| c.name).collect();

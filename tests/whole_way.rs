@@ -31,7 +31,7 @@ fn goes_the_whole_way(place: &Place, plan: &[&str]) {
     let record: toml::Table = fs::read_to_string(place.path("plan/plan.toml")).unwrap().parse().unwrap();
     for structure in record["case"]["structure"].as_array().unwrap() {
         let name = structure["name"].as_str().unwrap();
-        // a structure that the burr never came near has no least clearance
+        // a structure that the label map lacks has no least clearance
         if let Some(least) = planned["metrics"]["structures"][name]["least_clearance_mm"].as_f64() {
             let kept = structure["clearance_mm"].as_float().unwrap();
             assert!(least >= kept, "{name}: {least} mm, {kept} mm to be kept");

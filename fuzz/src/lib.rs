@@ -11,7 +11,7 @@ use bonemill_imaging::phantom::{PhantomKind, phantom};
 use bonemill_imaging::{AffineChoice, read_ct, read_label_names, read_labels, write_ct_i16, write_labels_u8};
 use bonemill_planner::burr::{Discretisation, ElementGrid, Material, Measure, Tool};
 use bonemill_planner::case::Case;
-use bonemill_planner::plan::{PlanRecord, Trajectory, read_waypoints};
+use bonemill_planner::plan::{PlanRecord, Trajectory, read_forces, read_waypoints};
 use bonemill_planner::simulate::{Bone, Engine, EngineSpec, FlutedBurr, Move, Pose};
 use bonemill_robot::Arm;
 use bonemill_robot::ur::Calibration;
@@ -27,6 +27,7 @@ pub const TARGETS: &[Target] = &[
     ("case_toml", case_toml),
     ("plan_toml", plan_toml),
     ("waypoints_csv", waypoints_csv),
+    ("forces_csv", forces_csv),
     ("trajectory_csv", trajectory_csv),
     ("urdf", urdf),
     ("calibration_yaml", calibration_yaml),
@@ -111,6 +112,15 @@ pub fn waypoints_csv(data: &[u8]) {
     if let Ok(rows) = read_waypoints(&path, &case.structures) {
         assert!(rows.windows(2).all(|w| w[0].time_s <= w[1].time_s));
         assert!(rows.iter().all(|w| w.position.is_finite() && (w.axis.norm() - 1.0).abs() < 1e-5));
+    }
+}
+
+/// `forces.csv` of a plan with three waypoints and two structures.
+pub fn forces_csv(data: &[u8]) {
+    let case = Case::parse(CASE, Path::new("case.toml")).expect("a valid case");
+    if let Ok(rows) = read_forces(&file("forces.csv", data), 3, &case.structures) {
+        assert!(rows.iter().all(|f| f.waypoint < 3 && f.structure < 2 && f.force_toward_n >= 0.0));
+        assert!(rows.windows(2).all(|f| (f[0].waypoint, f[0].structure) < (f[1].waypoint, f[1].structure)));
     }
 }
 
@@ -227,11 +237,16 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
         "plan_toml" => vec![plan_text().into()],
         "waypoints_csv" => vec![
             format!(
-                "{header}\n0,0,link,0.0,1.0,2.0,3.0,0.0,0.0,1.0,0.0,0.0,10.0,0.0,,,,,,nerve,4.5,0.1,,\n\
+                "{header}\n0,0,link,0.0,1.0,2.0,3.0,0.0,0.0,1.0,0.0,0.0,10.0,0.0,,0.0,0.0,0.0,0.0,nerve,4.5,0.1,,\n\
                  1,0,cut,0.5,1.0,2.5,3.0,0.0,0.6,0.8,-0.6435,0.0,1.5,0.25,0.75,0.1,0.2,0.3,0.1,dura,4.5,0.1,0.4,12.0\n"
             )
             .into(),
             format!("{header}\n").into(),
+        ],
+        "forces_csv" => vec![
+            b"index,structure,distance_mm,toward_x,toward_y,toward_z,force_toward_n,deflection_toward_um\n\
+              0,nerve,4.5,0.0,0.0,-1.0,0.0,\n1,nerve,4.25,0.0,0.6,0.8,0.1,12.5\n1,dura,9.0,1.0,0.0,0.0,0.0,0.0\n"
+                .to_vec(),
         ],
         "trajectory_csv" => vec![
             b"time_s,q1,q2,q3,q4,qd1,qd2,qd3,qd4\n0,1,2,3,0.5,0,0,0,0\n0.002,1.0001,2,3,0.5,0.1,-2e-3,0,0\n".to_vec(),

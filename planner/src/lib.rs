@@ -30,6 +30,7 @@ pub mod simulate;
 pub mod space;
 pub mod speed;
 pub mod sweep;
+pub mod toward;
 pub mod uncertainty;
 pub mod verify;
 pub mod voxels;

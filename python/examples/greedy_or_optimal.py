@@ -36,7 +36,7 @@ def main() -> None:
         w = plan.waypoints
         span = np.diff(w["time_s"], prepend=0.0)
         cutting = w["mass_mg"] > 0
-        toward = np.nan_to_num(w["force_toward_n"])
+        toward = w["force_toward_n"]
         axis = np.stack([w["axis_x"], w["axis_y"], w["axis_z"]], axis=-1)
         turned = np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=-1), -1, 1)).sum()
         mean = (toward * span)[cutting].sum() / span[cutting].sum()

@@ -32,7 +32,7 @@ def main() -> None:
     force = np.sqrt(w["fx_n"] ** 2 + w["fy_n"] ** 2 + w["fz_n"] ** 2)
     figure, (forces, speeds, distances) = plt.subplots(3, sharex=True, figsize=(10, 7), layout="constrained")
     forces.plot(w["time_s"], np.nan_to_num(force), lw=0.6, label="magnitude")
-    forces.plot(w["time_s"], np.nan_to_num(w["force_toward_n"]), lw=0.6, label="toward the nearest structure")
+    forces.plot(w["time_s"], w["force_toward_n"], lw=0.6, label="toward the nearest structure")
     forces.set(ylabel="force [N]")
     forces.legend(loc="upper right")
     speeds.plot(w["time_s"], w["speed_mm_s"], lw=0.6)

@@ -6,7 +6,8 @@ use std::path::{Component, Path, PathBuf};
 use bonemill_planner::Plan as RustPlan;
 use bonemill_planner::case::Structure;
 use bonemill_planner::plan::{
-    self as files, PlanFileError, PlanRecord, Refused, Replace, StagedDirectory, StoredPlan, Waypoint,
+    self as files, ForceToward, PlanFileError, PlanRecord, Refused, Replace, StagedDirectory, StoredPlan,
+    Waypoint,
 };
 use bonemill_robot::{Arm, JointKind, RobotError};
 use numpy::ndarray::Array2;
@@ -59,6 +60,13 @@ impl Plan {
         match &self.body {
             Body::Made(plan) => &plan.waypoints,
             Body::Read(plan) => &plan.waypoints,
+        }
+    }
+
+    fn forces(&self) -> &[ForceToward] {
+        match &self.body {
+            Body::Made(plan) => &plan.forces,
+            Body::Read(plan) => &plan.forces,
         }
     }
 
@@ -169,6 +177,11 @@ impl Plan {
     /// Layer, kind (place in `kinds`) and structure (place in the case, −1: none) of every waypoint.
     fn codes<'py>(&self, py: Python<'py>) -> waypoints::Codes<'py> {
         waypoints::codes(py, self.waypoints())
+    }
+
+    /// Waypoints, structures (places in the case) and numeric columns of `forces.csv`, in order; NaN where a cell is empty.
+    fn force_columns<'py>(&self, py: Python<'py>) -> waypoints::Forces<'py> {
+        waypoints::forces(py, self.forces())
     }
 
     /// Words of the kinds of moves.

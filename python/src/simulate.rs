@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use bonemill_planner::case::Case;
 use bonemill_planner::plan::save_simulation;
 use bonemill_planner::report::simulation::values as figures;
 use bonemill_planner::simulate::{
@@ -64,17 +65,18 @@ pub fn simulate<'py>(
             progress.stage("write files");
             save_simulation(finished.dir(), &simulated, &plan.record.case)?;
         }
-        Ok::<_, NotDone>(simulated)
+        Ok::<_, NotDone>((simulated, plan.record.case))
     })?;
-    to_python(py, &done?)
+    let (simulated, case) = done?;
+    to_python(py, &simulated, &case)
 }
 
-fn to_python<'py>(py: Python<'py>, simulation: &Simulation) -> PyResult<Simulated<'py>> {
+fn to_python<'py>(py: Python<'py>, simulation: &Simulation, case: &Case) -> PyResult<Simulated<'py>> {
     let column = |(name, value): &Column| {
         let values = simulation.rows.iter().map(|r| value(r).map_or(f64::NAN, |v| v + 0.0));
         (*name, values.collect::<Vec<_>>().into_pyarray(py))
     };
     let structures = simulation.rows.iter().map(|r| r.structure.map_or(-1, |n| n as i64));
     let structures = structures.collect::<Vec<_>>().into_pyarray(py);
-    Ok((COLUMNS.iter().map(column).collect(), structures, values::dict(py, &figures(simulation))?))
+    Ok((COLUMNS.iter().map(column).collect(), structures, values::dict(py, &figures(simulation, case))?))
 }

@@ -1,7 +1,7 @@
-//! The rows of `waypoints.csv` as columns.
+//! The rows of `waypoints.csv` and `forces.csv` as columns.
 
 use bonemill_planner::path::MoveKind;
-use bonemill_planner::plan::Waypoint;
+use bonemill_planner::plan::{ForceToward, Waypoint};
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 
@@ -22,9 +22,9 @@ const COLUMNS: [Column; 20] = [
     ("speed_mm_s", |w| Some(w.speed_mm_s)),
     ("mass_mg", |w| Some(w.mass_mg)),
     ("inertia", |w| w.inertia),
-    ("fx_n", |w| w.force_n.map(|f| f.x)),
-    ("fy_n", |w| w.force_n.map(|f| f.y)),
-    ("fz_n", |w| w.force_n.map(|f| f.z)),
+    ("fx_n", |w| Some(w.force_n.x)),
+    ("fy_n", |w| Some(w.force_n.y)),
+    ("fz_n", |w| Some(w.force_n.z)),
     ("force_toward_n", |w| w.force_toward_n),
     ("distance_mm", |w| w.distance_mm),
     ("alpha1", |w| w.alpha1),
@@ -53,6 +53,35 @@ pub fn codes<'py>(py: Python<'py>, rows: &[Waypoint]) -> Codes<'py> {
         rows.iter().map(kind).collect::<Vec<_>>().into_pyarray(py),
         rows.iter().map(structure).collect::<Vec<_>>().into_pyarray(py),
     )
+}
+
+/// A column of `forces.csv`.
+type ForceColumn = (&'static str, fn(&ForceToward) -> Option<f64>);
+
+/// The columns of `forces.csv` that hold quantities, in its order.
+const FORCE_COLUMNS: [ForceColumn; 6] = [
+    ("distance_mm", |f| Some(f.distance_mm)),
+    ("toward_x", |f| Some(f.toward.x)),
+    ("toward_y", |f| Some(f.toward.y)),
+    ("toward_z", |f| Some(f.toward.z)),
+    ("force_toward_n", |f| Some(f.force_toward_n)),
+    ("deflection_toward_um", |f| f.deflection_toward_um),
+];
+
+/// Waypoints, structures (places in the case) and the quantities by name.
+pub type Forces<'py> =
+    (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>, Vec<(&'static str, Bound<'py, PyArray1<f64>>)>);
+
+/// The rows of `forces.csv`; NaN where a cell is empty.
+pub fn forces<'py>(py: Python<'py>, rows: &[ForceToward]) -> Forces<'py> {
+    let places = |of: fn(&ForceToward) -> usize| {
+        rows.iter().map(|f| of(f) as i64).collect::<Vec<_>>().into_pyarray(py)
+    };
+    let column = |(name, value): &ForceColumn| {
+        let values = rows.iter().map(|f| value(f).map_or(f64::NAN, |v| v + 0.0));
+        (*name, values.collect::<Vec<_>>().into_pyarray(py))
+    };
+    (places(|f| f.waypoint), places(|f| f.structure), FORCE_COLUMNS.iter().map(column).collect())
 }
 
 /// Words of the kinds of moves, as in the file.

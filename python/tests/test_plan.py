@@ -22,6 +22,7 @@ from tables import same_as_file, same_rows
 FILES = [
     "plan.toml",
     "waypoints.csv",
+    "forces.csv",
     "trajectory.csv",
     "robot.urdf",
     "report.html",
@@ -42,6 +43,7 @@ def test_the_bytes_are_the_commands(
 def test_arrays_are_the_files(planned: bonemill.Plan, tmp_path: Path) -> None:
     saved = planned.save(tmp_path / "plan")
     same_as_file(planned.waypoints, saved / "waypoints.csv")
+    same_as_file(planned.forces, saved / "forces.csv")
     table = np.loadtxt(saved / "trajectory.csv", delimiter=",", skiprows=1)
     assert planned.trajectory.dtype.names == tuple((saved / "trajectory.csv").open().readline().strip().split(","))
     np.testing.assert_array_equal(table[:, 1:5], planned.q)
@@ -53,6 +55,7 @@ def test_arrays_are_the_files(planned: bonemill.Plan, tmp_path: Path) -> None:
 def test_a_plan_reads_back(planned: bonemill.Plan, tmp_path: Path) -> None:
     read = bonemill.Plan.load(planned.save(tmp_path / "plan"))
     same_rows(read.waypoints, planned.waypoints)
+    same_rows(read.forces, planned.forces)
     same_rows(read.trajectory, planned.trajectory)
     assert (read.metrics, read.modelled) == (planned.metrics, planned.modelled)
     assert (read.shortfalls, read.warnings) == (planned.shortfalls, planned.warnings)
@@ -84,6 +87,24 @@ def test_metrics_say_what_the_arrays_say(planned: bonemill.Plan) -> None:
     nearest = np.nanmin(w["distance_mm"])
     assert m["structures"]["facial_nerve"]["least_distance_mm"] == nearest > 2.5 + 1.0
     assert planned.modelled["waypoints"] == len(w)
+    assert np.isfinite([w["fx_n"], w["fy_n"], w["fz_n"], w["force_toward_n"]]).all()
+
+
+def test_forces_toward_structures_follow_from_force_and_direction(planned: bonemill.Plan) -> None:
+    w, f = planned.waypoints, planned.forces
+    force = np.stack([w["fx_n"], w["fy_n"], w["fz_n"]], axis=1)[f["index"]]
+    toward = np.stack([f["toward_x"], f["toward_y"], f["toward_z"]], axis=1)
+    np.testing.assert_allclose(np.linalg.norm(toward, axis=1), 1, atol=1e-12)
+    np.testing.assert_allclose(np.maximum(0, (force * toward).sum(axis=1)), f["force_toward_n"], atol=1e-12)
+    m = planned.metrics["structures"]["facial_nerve"]
+    cuts = (f["structure"] == "facial_nerve") & (w["mass_mg"][f["index"]] > 0)
+    assert m["peak_force_toward_n"] == f["force_toward_n"][cuts].max() > 0
+    seconds = np.diff(w["time_s"], prepend=0)[f["index"]]
+    near = cuts & (f["distance_mm"] <= 2.5 + 2)
+    for figures, rows in ((m, cuts), (m["near"], near)):
+        mean = np.average(f["force_toward_n"][rows], weights=seconds[rows])
+        assert figures["mean_force_toward_with_zeros_n"] == pytest.approx(mean, rel=1e-9)
+        assert figures["cutting_s"] == pytest.approx(seconds[rows].sum(), rel=1e-9)
     assert set(planned.seconds) >= {"scene", "path", "access"}
 
 
@@ -230,6 +251,7 @@ def test_images_in_memory_give_the_same_plan(
     # what was in memory lies in the plan
     read = bonemill.Plan.load(saved)
     same_rows(read.waypoints, planned.waypoints)
+    same_rows(read.forces, planned.forces)
     assert (saved / "inputs" / "labels.nii").exists()
     assert bonemill.Plan.load(read.save(tmp_path / "elsewhere")).metrics == planned.metrics
 

@@ -329,6 +329,11 @@ pub const ALL: &[Fault] = &[
         caught_by: &["rows/caps of links"],
     },
     Fault {
+        name: "a link called a cut",
+        plant: |p| p.waypoints[1].kind = MoveKind::Cut,
+        caught_by: &["rows/length of cuts"],
+    },
+    Fault {
         name: "the nearest structure left out",
         plant: |p| {
             let n = nearest(p);

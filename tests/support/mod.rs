@@ -4,6 +4,7 @@
 
 pub mod body;
 pub mod faults;
+pub mod force_faults;
 pub mod image;
 pub mod place;
 pub mod relay;

@@ -3,8 +3,7 @@
 //! A trial is a path with a force and a speed per move, so its samples have a weight: the time that the move takes. D samples a
 //! sensor at equal times; here the weights stand for that.
 
-/// D's radius of interest: the burr's surface within this of the nerve, mm.
-pub const NEAR_MM: f64 = 2.0;
+use bonemill_planner::toward::{TowardFigures, TowardSpan};
 
 /// One move that cuts.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -13,7 +12,7 @@ pub struct Sample {
     pub seconds: f64,
     /// Whole force, N.
     pub force_n: f64,
-    /// Toward the nerve, N, if it is within [`NEAR_MM`]; 0 if it points away.
+    /// Toward the nerve, N, if it is within [`bonemill_planner::toward::NEAR_MM`]; 0 if it points away.
     pub toward_n: Option<f64>,
 }
 
@@ -39,18 +38,21 @@ pub struct TrialFigures {
 impl TrialFigures {
     /// Of a trial's samples.
     pub fn of(samples: &[Sample]) -> Self {
-        let near: Vec<[f64; 2]> = samples.iter().filter_map(|s| Some([s.toward_n?, s.seconds])).collect();
-        let toward: Vec<[f64; 2]> = near.iter().copied().filter(|[n, _]| *n > 0.0).collect();
-        let all: Vec<[f64; 2]> = samples.iter().map(|s| [s.force_n, s.seconds]).collect();
-        let peak = |of: &[[f64; 2]]| of.iter().map(|s| s[0]).fold(0.0, f64::max);
+        let figures = |force_n: fn(&Sample) -> Option<f64>| {
+            let span = |(row, s): (usize, &Sample)| {
+                Some(TowardSpan { seconds: s.seconds, force_n: force_n(s)?, row })
+            };
+            TowardFigures::of(&samples.iter().enumerate().filter_map(span).collect::<Vec<_>>())
+        };
+        let (toward, whole) = (figures(|s| s.toward_n), figures(|s| Some(s.force_n)));
         Self {
-            mean_toward_n: mean(&toward),
-            mean_toward_with_zeros_n: mean(&near),
-            p75_toward_n: quantile(toward.clone(), 0.75),
-            p75_toward_with_zeros_n: quantile(near, 0.75),
-            peak_toward_n: peak(&toward),
-            mean_n: mean(&all),
-            peak_n: peak(&all),
+            mean_toward_n: toward.mean_n,
+            mean_toward_with_zeros_n: toward.mean_with_zeros_n,
+            p75_toward_n: toward.p75_n,
+            p75_toward_with_zeros_n: toward.p75_with_zeros_n,
+            peak_toward_n: toward.peak_n,
+            mean_n: whole.mean_with_zeros_n,
+            peak_n: whole.peak_n,
         }
     }
 
@@ -66,26 +68,6 @@ impl TrialFigures {
             self.peak_n,
         ]
     }
-}
-
-/// Mean of values by weight; 0 without weight.
-fn mean(samples: &[[f64; 2]]) -> f64 {
-    let (sum, weight) = samples.iter().fold((0.0, 0.0), |(s, w), [v, t]| (s + v * t, w + t));
-    if weight > 0.0 { sum / weight } else { 0.0 }
-}
-
-/// The value below which the share `q` of the weight lies; 0 without weight.
-fn quantile(mut samples: Vec<[f64; 2]>, q: f64) -> f64 {
-    samples.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let wanted = q * samples.iter().map(|s| s[1]).sum::<f64>();
-    let mut below = 0.0;
-    for [value, weight] in &samples {
-        below += weight;
-        if below >= wanted {
-            return *value;
-        }
-    }
-    0.0
 }
 
 #[cfg(test)]

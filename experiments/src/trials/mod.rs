@@ -13,10 +13,11 @@ use bonemill_imaging::phantom::{BlockParams, NerveSide, block};
 use bonemill_planner::Progress;
 use bonemill_planner::case::{Case, OrientationMode, SpeedMode};
 use bonemill_planner::pipeline::{Chosen, Prepared, with_prepared};
+use bonemill_planner::toward::NEAR_MM;
 
 use crate::body::Body;
 use crate::{ExperimentError, Size, Table};
-use figures::{NEAR_MM, Sample, TrialFigures};
+use figures::{Sample, TrialFigures};
 pub use sweep::run as sweep;
 
 /// D's reductions, in the order of [`TrialFigures::values`], %: trial 2 and trial 3 against trial 1; where D gives none, none.

@@ -6,7 +6,7 @@ use bonemill_geometry::{Point, Work};
 use bonemill_imaging::Class;
 
 use super::search::Search;
-use super::{MillPath, MoveKind, Pass, PathPoint, PathSpacing};
+use super::{MillPath, MoveKind, Pass, PathPoint, PathSpacing, pieces};
 use crate::removal::RemovalTime;
 use crate::space::BurrSpace;
 use crate::sweep::Rows;
@@ -314,16 +314,16 @@ impl<'a> Builder<'a> {
     fn lift_or_plunge(&mut self, to: Point<Work>, layer: u32) {
         let Some(from) = self.position() else { return };
         let step = LINK_STEPS * self.spacing.step_mm;
-        let pieces = (from.distance_mm(&to) / step).ceil() as usize;
-        for n in 1..=pieces {
+        let count = (from.distance_mm(&to) / step).ceil() as usize;
+        for n in 1..=count {
             let here = self.points[self.points.len() - 1].position;
-            let next = from + (to - from) * (n as f64 / pieces as f64);
+            let next = from + (to - from) * (n as f64 / count as f64);
             if self.is_free(here, next) {
                 self.push(next, MoveKind::Retract, layer);
                 continue;
             }
             // step by step, so that only what cuts is as slow as a cut
-            let steps = (here.distance_mm(&next) / self.spacing.step_mm).ceil() as usize;
+            let steps = pieces(here.distance_mm(&next), self.spacing.step_mm);
             for n in 1..=steps {
                 let before = self.points[self.points.len() - 1].position;
                 let p = here + (next - here) * (n as f64 / steps as f64);
@@ -345,8 +345,7 @@ impl<'a> Builder<'a> {
 
     /// Lays a cut that is yet to be swept.
     fn lay_cut(&mut self, to: Point<Work>, layer: u32) {
-        // a hair over the step is still one step: lines are sampled at it
-        self.lay(to, self.spacing.step_mm * 1.001, MoveKind::Cut, layer);
+        self.lay(to, self.spacing.step_mm, MoveKind::Cut, layer);
     }
 
     fn lay(&mut self, to: Point<Work>, step_mm: f64, kind: MoveKind, layer: u32) {
@@ -359,8 +358,8 @@ impl<'a> Builder<'a> {
         if length < 1e-9 {
             return;
         }
-        let pieces = (length / step_mm).ceil().max(1.0) as usize;
-        (1..=pieces).for_each(|n| place(from + (to - from) * (n as f64 / pieces as f64)));
+        let count = pieces(length, step_mm);
+        (1..=count).for_each(|n| place(from + (to - from) * (n as f64 / count as f64)));
     }
 
     fn push(&mut self, position: Point<Work>, kind: MoveKind, layer: u32) {

@@ -108,6 +108,36 @@ pub struct MillPath {
     pub layers: u32,
 }
 
+/// What rounding adds to a step, as a share of it.
+pub const STEP_ROUNDING: f64 = 1e-9;
+
+impl MillPath {
+    /// The same way with some of its moves in steps of at most `step_mm`.
+    pub fn stepped(&self, space: &BurrSpace, moves: &HashSet<usize>, step_mm: f64) -> Self {
+        let mut points = Vec::with_capacity(self.points.len() + 4 * moves.len());
+        for (i, point) in self.points.iter().enumerate() {
+            if let Some(from) =
+                i.checked_sub(1).filter(|_| moves.contains(&i)).map(|i| self.points[i].position)
+            {
+                let count = pieces(from.distance_mm(&point.position), step_mm);
+                let at = |n: usize| from + (point.position - from) * (n as f64 / count as f64);
+                points.extend((1..count).map(|n| PathPoint { position: at(n), ..*point }));
+            }
+            points.push(*point);
+        }
+        let mut removal = RemovalTime::new(space.grid());
+        removal.sweep(0..points.len() as u32, |n| points[n as usize].position, space.radius_mm(), |_| ());
+        let Self { passes, unjoined, layers, .. } = self;
+        Self { points, removal, passes: passes.clone(), unjoined: *unjoined, layers: *layers }
+    }
+}
+
+/// Into how many equal steps of at most `step_mm` a length falls, at least 1.
+fn pieces(length_mm: f64, step_mm: f64) -> usize {
+    // a hair over the step is still one step
+    (length_mm / (step_mm * (1.0 + STEP_ROUNDING))).ceil().max(1.0) as usize
+}
+
 /// Lays the path through all that the ball can reach.
 pub fn lay_path(space: &BurrSpace, spacing: PathSpacing, frame: &RasterFrame) -> MillPath {
     let mut builder = Builder::new(space, spacing);

@@ -22,7 +22,7 @@ pub struct Demand {
 impl Prepared<'_> {
     pub(super) fn demand(&self, case: &Case, chosen: &Chosen) -> Demand {
         Demand {
-            mass_mg: self.moments.iter().map(Moments::mass_mg).collect(),
+            mass_mg: self.reached.moments.iter().map(Moments::mass_mg).collect(),
             cost: chosen.costs.iter().map(|c| c.cost).collect(),
             force_cap_mm_s: force_caps(case, self, chosen),
         }

@@ -14,6 +14,7 @@ mod motion;
 pub(crate) mod near;
 mod orient;
 mod prepared;
+mod push;
 mod raster;
 mod reach;
 mod rest;
@@ -31,10 +32,10 @@ use bonemill_imaging::{AffineReport, Scene};
 use bonemill_robot::Arm;
 use bonemill_robot::registration::Fitted;
 use bonemill_robot::timelaw::{LimitRatios, TimeLaw};
-use nalgebra::Vector3;
+use push::Push;
 
 pub use error::PlanError;
-pub use figures::{Figures, StructureFigures};
+pub use figures::Figures;
 pub use metrics::{Coverage, Volumes};
 pub use orient::{BlockedTurn, Oriented};
 pub use prepared::{Chosen, Prepared, with_prepared};
@@ -45,7 +46,7 @@ use crate::Progress;
 use crate::access::Solid;
 use crate::case::{Case, OrientationMode};
 use crate::orientation::Permissible;
-use crate::plan::{Sha256, Waypoint};
+use crate::plan::{ForceToward, Sha256, Waypoint};
 use crate::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
 
 /// Share of the reachable volume below which a plan fell short.
@@ -59,6 +60,8 @@ pub struct Plan {
     pub inputs: Vec<(String, PathBuf, Sha256)>,
     /// The rows of `waypoints.csv`.
     pub waypoints: Vec<Waypoint>,
+    /// The rows of `forces.csv`.
+    pub forces: Vec<ForceToward>,
     /// The motion of the joints.
     pub law: TimeLaw,
     /// The arm.
@@ -197,7 +200,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let prepared = Prepared::new(case, &arm, &scene, &space, &solid, base_from_work, &mut watch)?;
     let (chosen, motion) = prepared.choose_with_motion(case, &mut watch)?;
     let Chosen { oriented, kinds, forces, costs, compliances, .. } = &chosen;
-    let (points, near, moments) = (prepared.points(), &prepared.near, &prepared.moments);
+    let (points, near, moments) = (prepared.points(), &prepared.near, &prepared.reached.moments);
     let demand = prepared.demand(case, &chosen);
     let speed_input = demand.input(case, &prepared, &chosen, &motion.dense);
     let limits = speeds::path_limits(&arm)?;
@@ -221,16 +224,17 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let coverage = coverage?;
 
     let approach_from_ct = scene.ct_from_approach().inverse();
+    let push =
+        |i: usize| Push::new(forces[i].as_ref(), timing.caps_mm_s[i], compliances.as_ref().map(|c| &c[i]));
     let waypoints: Vec<Waypoint> = (0..points.len())
         .map(|i| {
             let axis = scene.ct_from_work.rotate(&oriented.axes[i]);
             let (theta_rad, phi_rad) = basis::angles_from_axis(&approach_from_ct.rotate(&axis));
             let cuts = moments[i].mass_mg() > 0.0;
             let speed_mm_s = timing.caps_mm_s[i];
-            let force = forces[i].map(|f| f.force_n(speed_mm_s));
+            let push = push(i);
             let nearest = near[i].first();
-            let toward = nearest.map(|n| n.proximity.toward);
-            let towards = |push: Vector3<f64>| toward.map(|u| push.dot(&u).max(0.0));
+            let toward = nearest.map(|n| push.toward(&n.proximity.toward));
             Waypoint {
                 layer: points[i].layer,
                 kind: kinds[i],
@@ -242,19 +246,17 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
                 speed_mm_s,
                 mass_mg: moments[i].mass_mg(),
                 inertia: cuts.then(|| moments[i].inertia_normalised(&oriented.axes[i])),
-                force_n: force.map(|f| scene.ct_from_work.rotate(&f)),
-                force_toward_n: force.and_then(towards),
+                force_n: scene.ct_from_work.rotate(&push.force_n),
+                force_toward_n: toward.map(|t| t.force_n),
                 structure: nearest.map(|n| n.structure),
                 distance_mm: nearest.map(|n| n.proximity.distance_mm),
                 alpha1: nearest.map(|_| costs[i].alpha_1),
                 cost: cuts.then_some(costs[i].cost),
-                deflection_toward_um: force
-                    .zip(compliances.as_ref().map(|c| c[i]))
-                    .and_then(|(f, c)| towards(c * f))
-                    .map(|mm| mm * 1e3),
+                deflection_toward_um: toward.and_then(|t| t.deflection_um),
             }
         })
         .collect();
+    let forces_toward = push::rows(near, &push, &scene.ct_from_work);
     let modelled = Modelled {
         waypoints: points.len(),
         cutting: moments.iter().filter(|m| m.mass_mg() > 0.0).count(),
@@ -278,7 +280,10 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         raster_rad: half_turn(prepared.raster_rad + scene.turn_rad),
         layers: prepared.reached.path.layers,
     };
-    let figures = Figures::of(&waypoints, prepared.length_mm(), case.structures.len());
+    let centers: Vec<_> = points.iter().map(|p| p.position).collect();
+    let least = near::least_distances(&scene, &centers);
+    let radius_mm = case.burr.radius_mm;
+    let figures = Figures::of(&waypoints, &forces_toward, prepared.length_mm(), &least, radius_mm);
     let dropped = prepared.reached.dropped.clone();
     let allowed = oriented.allowed.clone();
     let mut shortfalls: Vec<String> = target_outside(&scene).into_iter().collect();
@@ -295,6 +300,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         case: case.clone(),
         inputs: files,
         waypoints,
+        forces: forces_toward,
         law,
         arm,
         base_from_ct,

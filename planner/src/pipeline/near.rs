@@ -1,12 +1,17 @@
 //! The structure that matters at a waypoint: the one with the smallest distance less clearance.
 
-use bonemill_geometry::{Point, Work, cancel};
-use bonemill_imaging::Scene;
+use bonemill_geometry::{Ct, Point, Work, cancel};
+use bonemill_imaging::{Scene, SceneStructure, StructureField};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::burr::ModelError;
 use crate::cost::Proximity;
 use crate::path::PathPoint;
+
+/// A structure is within its influence where the burr's surface is nearer to it than its clearance and this, mm. Beyond, α_1 is below
+/// 0.004 with the default κ.
+pub const INFLUENCE_MM: f64 = 8.0;
 
 /// The nearest structure of a waypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,25 +34,29 @@ pub fn nearest_structure(
 ) -> Result<Option<Near>, ModelError> {
     cancel::poll();
     let center_ct = scene.ct_from_work * center;
-    let mut best: Option<(f64, usize, Point<bonemill_geometry::Ct>)> = None;
+    let mut best: Option<(f64, usize, Vector3<f64>)> = None;
     for (number, (structure, clearance)) in scene.structures.iter().zip(clearances_mm).enumerate() {
         let Some(field) = &structure.field else { continue };
         // a structure that is certainly farther need not be measured exactly
         if best.as_ref().is_some_and(|(margin, ..)| !field.is_nearer_than(center_ct, margin + clearance)) {
             continue;
         }
-        let (distance_mm, nearest) = field.nearest(center_ct);
-        let margin = distance_mm - clearance;
+        let to_nearest = to_nearest(scene, field, center_ct);
+        let margin = to_nearest.norm() - clearance;
         if best.as_ref().is_none_or(|(least, ..)| margin < *least) {
-            best = Some((margin, number, nearest));
+            best = Some((margin, number, to_nearest));
         }
     }
-    best.map(|(_, structure, nearest)| {
-        let to_nearest = scene.ct_from_work.rotation.inverse() * (nearest - center_ct);
+    best.map(|(_, structure, to_nearest)| {
         let proximity = Proximity::new(to_nearest, radius_mm + clearances_mm[structure])?;
         Ok(Near { structure, proximity })
     })
     .transpose()
+}
+
+/// From a place to the nearest point of a structure, work, mm.
+fn to_nearest(scene: &Scene, field: &StructureField, center: Point<Ct>) -> Vector3<f64> {
+    scene.ct_from_work.rotation.inverse() * (field.nearest(center).1 - center)
 }
 
 /// [`nearest_structure`] of every waypoint.
@@ -63,38 +72,46 @@ pub fn nearest_structures(
     points.par_iter().map(|p| nearest_structure(scene, clearances_mm, radius_mm, p.position)).collect()
 }
 
-/// The structures of every waypoint that the cost or a cap looks at: the nearest one first, then those whose distance less
-/// clearance is below `influence_mm` beyond the burr's radius.
+/// The structures that a cost or a cap looks at for a burr's centre: the one with the smallest distance less clearance first, then
+/// those within [`INFLUENCE_MM`], in the scene's order.
 ///
 /// # Errors
 /// As [`nearest_structure`].
-pub fn structures_in_reach(
+pub fn structures_within(
     scene: &Scene,
     clearances_mm: &[f64],
     radius_mm: f64,
-    influence_mm: f64,
-    points: &[PathPoint],
-    nearest: &[Option<Near>],
-) -> Result<Vec<Vec<Near>>, ModelError> {
-    let others = |(point, first): (&PathPoint, &Option<Near>)| -> Result<Vec<Near>, ModelError> {
-        let mut near: Vec<Near> = first.iter().copied().collect();
-        let Some(first) = first else { return Ok(near) };
-        let center_ct = scene.ct_from_work * point.position;
-        for (number, (structure, clearance)) in scene.structures.iter().zip(clearances_mm).enumerate() {
-            let Some(field) = structure.field.as_ref().filter(|_| number != first.structure) else {
-                continue;
-            };
-            if !field.is_nearer_than(center_ct, radius_mm + clearance + influence_mm) {
-                continue;
-            }
-            let (_, place) = field.nearest(center_ct);
-            let to_nearest = scene.ct_from_work.rotation.inverse() * (place - center_ct);
-            near.push(Near {
-                structure: number,
-                proximity: Proximity::new(to_nearest, radius_mm + clearance)?,
-            });
-        }
-        Ok(near)
+    center: Point<Work>,
+) -> Result<Vec<Near>, ModelError> {
+    let Some(first) = nearest_structure(scene, clearances_mm, radius_mm, center)? else {
+        return Ok(Vec::new());
     };
-    points.par_iter().zip(nearest).map(others).collect()
+    let center_ct = scene.ct_from_work * center;
+    let mut near = vec![first];
+    for (number, (structure, clearance)) in scene.structures.iter().zip(clearances_mm).enumerate() {
+        let Some(field) = structure.field.as_ref().filter(|_| number != first.structure) else { continue };
+        if !field.is_nearer_than(center_ct, radius_mm + clearance + INFLUENCE_MM) {
+            continue;
+        }
+        let to_nearest = to_nearest(scene, field, center_ct);
+        near.push(Near { structure: number, proximity: Proximity::new(to_nearest, radius_mm + clearance)? });
+    }
+    Ok(near)
+}
+
+/// Per structure of the scene the least distance of the burr's centre over all `centers`, mm, and the first of them where it is; none
+/// for a structure that the label map lacks.
+pub fn least_distances(scene: &Scene, centers: &[Point<Work>]) -> Vec<Option<(f64, usize)>> {
+    let least = |structure: &SceneStructure| {
+        let field = structure.field.as_ref()?;
+        let mut least: Option<(f64, usize)> = None;
+        for (index, center) in centers.iter().enumerate() {
+            let center = scene.ct_from_work * *center;
+            if least.is_none_or(|(mm, _)| field.is_nearer_than(center, mm)) {
+                least = Some((to_nearest(scene, field, center).norm(), index));
+            }
+        }
+        least
+    };
+    scene.structures.par_iter().map(least).collect()
 }

@@ -18,11 +18,10 @@ use super::sets::{self, Finer};
 use super::{PlanError, Stopwatch, raster, setup};
 use crate::Progress;
 use crate::access::Solid;
-use crate::burr::{EngagedForce, ForceKernel, OrientationKernel};
+use crate::burr::{EngagedForce, ForceKernel, ModelError, OrientationKernel};
 use crate::case::{Case, ForceTerm, OrientationMode};
 use crate::cost::{Cost, CostModel, Proximity, Ranked, Terms};
-use crate::engagement::{SweptPath, mass_increments};
-use crate::metrics::Moments;
+use crate::engagement::SweptPath;
 use crate::orientation::{Directions, RateLimit, TiltFamily};
 use crate::path::{MoveKind, PathPoint, PathSpacing, RasterFrame, lay_path};
 use crate::space::BurrSpace;
@@ -35,8 +34,6 @@ const CHOICE_SAMPLES: usize = 1024;
 const CHOICE_MERGED: usize = 2;
 /// λ of the orientation's rate penalty, mm/rad² per unit of cost.
 const RATE_WEIGHT_MM: f64 = 1.0;
-/// Structures farther than this beyond burr and clearance matter to nothing but the plan's columns, mm.
-const INFLUENCE_MM: f64 = 8.0;
 
 /// Scene, path, access and engagement of a case.
 #[derive(Debug)]
@@ -53,8 +50,6 @@ pub struct Prepared<'a> {
     pub(super) reached: ReachedPath<'a>,
     /// Links that graze a cusp where no axis within the tilt limit is free.
     pub(super) beyond_limit: usize,
-    /// Mass that each move takes, and where it lies.
-    pub moments: Vec<Moments>,
     /// Per waypoint the nearest structure first, then others within influence.
     pub(super) near: Vec<Vec<Near>>,
     feeds: Vec<Option<Unit<Vector3<f64>>>>,
@@ -138,18 +133,12 @@ impl<'a> Prepared<'a> {
             },
         };
         let points = &reached.path.points;
-        let (near, moments) = watch.run("engagement", || {
-            rayon::join(
-                || -> Result<_, PlanError> {
-                    let nearest = near::nearest_structures(scene, &clearances, radius, points)?;
-                    let reach = INFLUENCE_MM;
-                    Ok(near::structures_in_reach(scene, &clearances, radius, reach, points, &nearest)?)
-                },
-                || mass_increments(&scene.density_g_cm3, points, radius),
-            )
-        });
+        let near = watch.run("engagement", || -> Result<Vec<_>, ModelError> {
+            let within = |p: &PathPoint| near::structures_within(scene, &clearances, radius, p.position);
+            points.par_iter().map(within).collect()
+        })?;
         let feeds = feeds(points);
-        let cuts: Vec<bool> = moments.iter().map(|m| m.mass_mg() > 0.0).collect();
+        let cuts: Vec<bool> = reached.moments.iter().map(|m| m.mass_mg() > 0.0).collect();
         let beyond_limit =
             reach::limit_where_it_cuts(&mut reached, &cuts, &ReachSpec { directions: &directions, ..spec });
         Ok(Self {
@@ -158,8 +147,7 @@ impl<'a> Prepared<'a> {
             base_from_work,
             family,
             rate,
-            near: near?,
-            moments,
+            near,
             feeds,
             radius_mm: radius,
             raster_rad: frame.angle_rad(),
@@ -237,7 +225,7 @@ impl<'a> Prepared<'a> {
             kernel: &kernel,
             material: &material,
             terms: &terms,
-            moments: &self.moments,
+            moments: &self.reached.moments,
             feeds: &self.feeds,
             nominal_mm_s: case.speed.nominal_mm_s,
             spindle_rpm: case.burr.spindle_rpm,
@@ -254,7 +242,7 @@ impl<'a> Prepared<'a> {
         let oriented = watch.run("orientation", || orient(case.orientation.mode, &room, &field));
         let force_kernel = ForceKernel::new(&tool, &material, &setup::discretisation(&tool, measure)?);
         let force = |i: usize| {
-            let feed = self.feeds[i].filter(|_| self.moments[i].mass_mg() > 0.0)?;
+            let feed = self.feeds[i].filter(|_| self.reached.moments[i].mass_mg() > 0.0)?;
             let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
             let weight = |density| material.weight(density);
             let mut bone = swept.bone_at(i as u32, force_kernel.sample_radius_mm(), weight);
@@ -278,7 +266,7 @@ impl<'a> Prepared<'a> {
             }
         };
         let cost_of = |i: usize, terms: &Terms| {
-            let moments = &self.moments[i];
+            let moments = &self.reached.moments[i];
             terms.cost(&push(i), moments.inertia_normalised(&oriented.axes[i]), moments.mass_mg())
         };
         let costs: Vec<Cost> = (0..points.len()).map(|i| cost_of(i, &terms[i])).collect();
@@ -308,7 +296,7 @@ impl<'a> Prepared<'a> {
 
     /// A link that grazes a cusp by a part of a voxel removes it: it is a cut, and as slow as one.
     fn kind(&self, i: usize, axis: &Vector3<f64>) -> MoveKind {
-        let removes = self.moments[i].mass_mg() > 0.0 && self.directions.is_within_limit(axis);
+        let removes = self.reached.moments[i].mass_mg() > 0.0 && self.directions.is_within_limit(axis);
         if removes { MoveKind::Cut } else { self.points()[i].kind }
     }
 }

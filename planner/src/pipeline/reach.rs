@@ -14,11 +14,14 @@ use nalgebra::{Unit, Vector3};
 use thiserror::Error;
 
 use crate::access::{Access, Blocked, OctantTimes, ShankCylinder, Solid, Turn};
+use crate::engagement::mass_increments;
+use crate::metrics::Moments;
 use crate::orientation::refine::best_checked;
 use crate::orientation::sequence::{self, Forbidden, Problem, best_sequence};
 use crate::orientation::{Directions, FreeSets, RateLimit};
 use crate::path::{
-    MillPath, MoveKind, Pass, PathPoint, PathSpacing, enter_from_above, join_passes, put_off_points,
+    MillPath, MoveKind, Pass, PathPoint, PathSpacing, STEP_ROUNDING, enter_from_above, join_passes,
+    put_off_points,
 };
 use crate::space::BurrSpace;
 
@@ -40,6 +43,8 @@ pub struct ReachedPath<'a> {
     pub limited: Vec<bool>,
     /// Length of the move that ends at each waypoint, mm.
     pub length_mm: Vec<f64>,
+    /// Mass that each waypoint's ball takes less the sweep of all earlier moves.
+    pub moments: Vec<Moments>,
     /// What was dropped.
     pub dropped: Vec<Dropped>,
 }
@@ -85,6 +90,13 @@ pub struct ReachSpec<'a, 's> {
     pub rate: RateLimit,
     /// For joining passes anew.
     pub spacing: PathSpacing,
+}
+
+impl ReachSpec<'_, '_> {
+    /// A move longer than a step by more than rounding is no cut, mm.
+    fn longest_cut_mm(&self) -> f64 {
+        self.spacing.step_mm * (1.0 + STEP_ROUNDING)
+    }
 }
 
 /// Why there is no path that the shank can reach.
@@ -134,7 +146,19 @@ pub fn reached<'a>(
             let looked_between = (round < MOST_ROUNDS).then_some(&access);
             let unturned = unturned_waypoints(looked_between, &path.points, &free, &length_mm, spec);
             if unturned.is_empty() {
-                return Ok(ReachedPath { path, access, free, limited, length_mm, dropped });
+                let moments = mass_increments(&scene.density_g_cm3, &path.points, spec.radius_mm);
+                let is_long_cut =
+                    |i: usize| moments[i].mass_mg() > 0.0 && length_mm[i] > spec.longest_cut_mm();
+                let long: HashSet<usize> = (0..path.points.len()).filter(|i| is_long_cut(*i)).collect();
+                if long.is_empty() || round == MOST_ROUNDS {
+                    return Ok(ReachedPath { path, access, free, limited, length_mm, moments, dropped });
+                }
+                // links that graze a cusp are cuts: laid anew in steps, along the same way
+                let next = path.stepped(space, &long, spec.spacing.step_mm);
+                let dropped = HashSet::new();
+                before = access.into_octants().map(|octants| Round { path, octants, free, dropped });
+                path = next;
+                continue;
             }
             let leads_to: HashSet<_> = unturned.iter().map(|i| path.points[*i].leads_to).collect();
             let (above, below): (HashSet<_>, HashSet<_>) =

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use nalgebra::Vector3;
 use proptest::prelude::*;
 
 use super::*;
@@ -23,7 +24,7 @@ fn waypoint() -> impl Strategy<Value = Waypoint> {
     let o = || prop::option::of(prop_oneof![-1e3..1e3f64, 1e-12..1e-9f64, Just(0.0)]);
     let kind = prop::sample::select(vec![MoveKind::Cut, MoveKind::Link, MoveKind::Retract]);
     let place = (0u32..99, kind, v(), v(), prop::array::uniform4(-9.0..9.0f64));
-    let rest = (o(), prop::option::of(v()), o(), prop::option::of(0usize..2), [o(), o(), o(), o()]);
+    let rest = (o(), v(), o(), prop::option::of(0usize..2), [o(), o(), o(), o()]);
     (place, rest).prop_map(|((layer, kind, p, a, n), (inertia, force_n, toward, structure, more))| Waypoint {
         layer,
         kind,
@@ -58,7 +59,7 @@ fn some_waypoints(n: usize) -> Vec<Waypoint> {
             speed_mm_s: 1.5,
             mass_mg: 2.0 / 3.0,
             inertia: Some(0.75),
-            force_n: Some(Vector3::new(0.1, 0.2, 0.3)),
+            force_n: Vector3::new(0.1, 0.2, 0.3),
             force_toward_n: None,
             structure: Some(1),
             distance_mm: Some(4.5),
@@ -153,10 +154,10 @@ fn what_no_file_can_hold_is_not_written() {
     let message = write_waypoints(&path, &points, &structures()).unwrap_err().to_string();
     assert!(message.contains("`cost` of waypoint 1"), "{message}");
     points[1].cost = None;
-    points[1].force_n = Some(Vector3::new(0.0, f64::INFINITY, 0.0));
+    points[1].force_n = Vector3::new(0.0, f64::INFINITY, 0.0);
     let message = write_waypoints(&path, &points, &structures()).unwrap_err().to_string();
     assert!(message.contains("`fy_n` of waypoint 1"), "{message}");
-    points[1].force_n = None;
+    points[1].force_n = Vector3::zeros();
     points[1].structure = Some(2);
     let message = write_waypoints(&path, &points, &structures()).unwrap_err().to_string();
     assert!(message.contains("waypoint 1 names structure 2, of 2"), "{message}");

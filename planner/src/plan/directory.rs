@@ -16,9 +16,10 @@ use super::PlanFileError;
 use super::record::is_plan;
 
 /// What stands in a plan's directory; anything else there is somebody's own and is not removed.
-const PLAN_ENTRIES: [&str; 11] = [
+const PLAN_ENTRIES: [&str; 12] = [
     "plan.toml",
     "waypoints.csv",
+    "forces.csv",
     "trajectory.csv",
     "robot.urdf",
     "report.html",

@@ -5,10 +5,12 @@
 
 mod access_csv;
 mod addition;
+mod cells;
 mod csv;
 mod directory;
 mod error;
 mod force_log;
+mod forces;
 mod hash;
 mod record;
 mod refused;
@@ -25,6 +27,7 @@ pub use csv::{read_waypoints, write_waypoints};
 pub use directory::{Replace, StagedDirectory};
 pub use error::PlanFileError;
 pub use force_log::{LogRow, read_force_log};
+pub use forces::{FORCES, ForceToward, read_forces, write_forces};
 pub use hash::Sha256;
 pub use record::{Input, Metrics, PlanRecord, PlanningGrid, input_path};
 pub use refused::{Refused, place};

@@ -8,13 +8,14 @@ use bonemill_robot::export::write_trajectory_csv;
 
 use super::access_csv::{access_csv, dropped_csv};
 use super::{
-    Input, Metrics, PlanFileError, PlanRecord, PlanningGrid, StagedDirectory, Value, write_waypoints,
+    FORCES, Input, Metrics, PlanFileError, PlanRecord, PlanningGrid, StagedDirectory, Value, write_forces,
+    write_waypoints,
 };
 use crate::case::Registration;
 use crate::pipeline::{Plan, Volumes, dropped_by_reason};
 
 /// What a plan's directory holds, beside `plan.toml`.
-pub const FILES: [&str; 4] = ["waypoints.csv", "trajectory.csv", "robot.urdf", "report.html"];
+pub const FILES: [&str; 5] = ["waypoints.csv", FORCES, "trajectory.csv", "robot.urdf", "report.html"];
 /// What it holds for a reader alone: no command needs it.
 pub const NOTES: [&str; 2] = ["access.csv", "dropped.csv"];
 
@@ -24,7 +25,7 @@ pub const NOTES: [&str; 2] = ["access.csv", "dropped.csv"];
 /// [`PlanFileError`] when a file cannot be written or a figure is not finite; the caller drops the staged directory.
 pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<PlanRecord, PlanFileError> {
     let dir = staged.path();
-    let [waypoints, trajectory, urdf, report] = FILES.map(|name| dir.join(name));
+    let [waypoints, forces, trajectory, urdf, report] = FILES.map(|name| dir.join(name));
     let [access, dropped] = NOTES.map(|name| dir.join(name));
     let write_law = || -> std::io::Result<()> {
         // written in large portions: a buffer would only copy them
@@ -36,6 +37,7 @@ pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<P
     };
     let write_rest = || -> Result<(), PlanFileError> {
         write_waypoints(&waypoints, &plan.waypoints, &plan.case.structures)?;
+        write_forces(&forces, &plan.forces, &plan.case.structures)?;
         let write =
             |path: &Path, text: &str| std::fs::write(path, text).map_err(PlanFileError::io("write", path));
         write(&urdf, plan.arm.urdf_text())?;
@@ -87,15 +89,9 @@ fn metrics(plan: &Plan) -> Metrics {
             ("bone_mm3".into(), v.bone_mm3.into()),
         ])
     };
-    let per_structure = plan.case.structures.iter().zip(&figures.structures).map(|(structure, found)| {
-        let mut row = Vec::new();
-        if let Some(distance_mm) = found.least_distance_mm {
-            row.push(("least_distance_mm".into(), distance_mm.into()));
-            row.push(("least_clearance_mm".into(), (distance_mm - plan.case.burr.radius_mm).into()));
-        }
-        row.push(("peak_force_toward_n".into(), found.peak_force_toward_n.into()));
-        (structure.name.clone(), Value::Table(row))
-    });
+    let per_structure = plan.case.structures.iter().zip(&figures.structures);
+    let per_structure =
+        per_structure.map(|(s, found)| (s.name.clone(), found.value(plan.case.burr.radius_mm, "waypoint")));
     let mut more = vec![
         ("reached_share".into(), coverage.reached_share().into()),
         ("target".into(), volumes(&coverage.target)),

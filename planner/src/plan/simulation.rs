@@ -1,10 +1,10 @@
 //! The files of a simulation: `simulation.csv`, and its part of `report.html`; each written whole or not at all.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::PlanFileError;
 use super::addition::{ReportPart, add_to_report, replace};
+use super::cells::{push_number, structure_name};
 use crate::case::Case;
 use crate::simulate::{Simulation, SimulationRow};
 
@@ -48,36 +48,16 @@ pub fn save_simulation(dir: &Path, simulation: &Simulation, case: &Case) -> Resu
 fn push_row(out: &mut Vec<u8>, index: usize, row: &SimulationRow, case: &Case) -> Result<(), PlanFileError> {
     let (p, f) = (row.position.coords, row.force_n);
     let always = [row.time_s, p.x, p.y, p.z, f.x, f.y, f.z, row.torque_nmm, row.power_w, row.mrr_mm3_s];
-    let structure = match row.structure {
-        None => "",
-        Some(n) => match case.structures.get(n) {
-            Some(structure) => structure.name.as_str(),
-            None => {
-                return Err(PlanFileError::NoSuchStructure {
-                    index,
-                    structure: n,
-                    count: case.structures.len(),
-                });
-            }
-        },
-    };
+    let structure = row.structure.map_or(Ok(""), |n| structure_name(&case.structures, n, index))?;
     let values =
         always.map(Some).into_iter().chain([row.force_toward_n, None, row.distance_mm, row.deflection_um]);
     for (n, (value, column)) in values.zip(COLUMNS).enumerate() {
         if n > 0 {
             out.push(b',');
         }
-        match value {
-            Some(v) if !v.is_finite() => {
-                return Err(PlanFileError::NotFinite {
-                    what: format!("`{column}` of simulation row {index}"),
-                    value: v,
-                });
-            }
-            // + 0.0 makes −0 a plain 0; writing to a Vec cannot fail
-            Some(v) => drop(write!(out, "{:?}", v + 0.0)),
-            None if column == "structure" => out.extend_from_slice(structure.as_bytes()),
-            None => {}
+        push_number(out, value, || format!("`{column}` of simulation row {index}"))?;
+        if column == "structure" {
+            out.extend_from_slice(structure.as_bytes());
         }
     }
     out.push(b'\n');

@@ -8,7 +8,9 @@ use bonemill_robot::{Arm, ToolMount, read_urdf};
 use nalgebra::{Rotation3, Vector3};
 
 use super::record::input_path;
-use super::{PlanFileError, PlanRecord, Trajectory, Waypoint, read_waypoints};
+use super::{
+    FORCES, ForceToward, PlanFileError, PlanRecord, Trajectory, Waypoint, read_forces, read_waypoints,
+};
 
 /// A plan's directory in memory. Every file of it was read and checked, and every input is what it was.
 #[derive(Debug, Clone)]
@@ -19,6 +21,8 @@ pub struct StoredPlan {
     pub record: PlanRecord,
     /// `waypoints.csv`.
     pub waypoints: Vec<Waypoint>,
+    /// `forces.csv`.
+    pub forces: Vec<ForceToward>,
     /// `trajectory.csv`.
     pub trajectory: Trajectory,
     /// `robot.urdf` with the tool on its flange and the case's limits.
@@ -34,9 +38,10 @@ impl StoredPlan {
     pub fn load(dir: &Path) -> Result<Self, PlanFileError> {
         let record = PlanRecord::read(dir)?;
         let waypoints = read_waypoints(&dir.join("waypoints.csv"), &record.case.structures)?;
+        let forces = read_forces(&dir.join(FORCES), waypoints.len(), &record.case.structures)?;
         let arm = arm(&dir.join("robot.urdf"), &record)?;
         let trajectory = Trajectory::read(&dir.join("trajectory.csv"), arm.dof())?;
-        Ok(Self { dir: dir.into(), record, waypoints, trajectory, arm })
+        Ok(Self { dir: dir.into(), record, waypoints, forces, trajectory, arm })
     }
 
     /// The CT's file.

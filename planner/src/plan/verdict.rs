@@ -4,14 +4,14 @@
 use std::path::{Path, PathBuf};
 
 use super::addition::{ReportPart, add_to_report, replace};
-use super::{PlanFileError, Sha256, StoredPlan};
+use super::{FORCES, PlanFileError, Sha256, StoredPlan};
 use crate::verify::Verification;
 
 /// The verdict's name in a plan's directory.
 pub const VERDICT: &str = "verification.toml";
 
 /// The files of a plan that a verdict holds for.
-const BOUND: [&str; 4] = ["plan.toml", "waypoints.csv", "trajectory.csv", "robot.urdf"];
+const BOUND: [&str; 5] = ["plan.toml", "waypoints.csv", FORCES, "trajectory.csv", "robot.urdf"];
 
 /// Name and digest of the files that a verdict of the plan in `dir` holds for.
 ///

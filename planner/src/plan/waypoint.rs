@@ -28,9 +28,9 @@ pub struct Waypoint {
     pub mass_mg: f64,
     /// I_n of that mass about the shaft (D1, D2), 0..1.
     pub inertia: Option<f64>,
-    /// Force on the burr at this speed and direction, ct, N.
-    pub force_n: Option<Vector3<f64>>,
-    /// Its part toward the nearest structure, N, not negative.
+    /// Force on the burr at this speed and direction, ct, N; 0 in air.
+    pub force_n: Vector3<f64>,
+    /// Its part toward the nearest structure, N, not negative; 0 in air.
     pub force_toward_n: Option<f64>,
     /// The structure with the smallest distance less clearance: its place in the case.
     pub structure: Option<usize>,
@@ -40,6 +40,6 @@ pub struct Waypoint {
     pub alpha1: Option<f64>,
     /// The cost C (D5).
     pub cost: Option<f64>,
-    /// Deflection toward the structure, µm.
+    /// Deflection toward the structure, µm; 0 in air, none without a stiffness.
     pub deflection_toward_um: Option<f64>,
 }

@@ -4,19 +4,23 @@
 //! Simulation and verification add parts of their own later, at the places that the page keeps for them.
 
 mod chart;
+mod peak;
 pub mod simulation;
 mod slices;
+mod structures;
 pub mod verification;
 
 use std::fmt::Write;
 
 use chart::{Level, Series, chart};
+use peak::Peak;
 
 use crate::case::{Parameter, Registration, Sheets, explained};
 use crate::orientation::Around;
 use crate::pipeline::{Plan, Volumes, dropped_by_reason};
 use crate::plan::{ReportPart, Waypoint};
-use crate::show::STRUCTURE_COLOURS;
+use crate::show::{CUT_COLOUR, LINK_COLOUR, STRUCTURE_COLOURS, TARGET_COLOUR, css};
+use crate::toward::StructureFigures;
 
 const STYLE: &str = include_str!("style.css");
 
@@ -36,12 +40,17 @@ pub fn html(plan: &Plan) -> String {
     page.push_str(&legend(plan));
     let _ = write!(page, "<div class=\"slices\">{}</div>", slices::slices(plan));
     page.push_str("<h2>Along the path</h2>");
+    if let Some(peak) = Peak::of(&plan.waypoints) {
+        let _ = write!(page, "<p>{}</p>", peak.sentence(&plan.waypoints));
+    }
     page.push_str(&charts(plan));
     page.push_str(&ReportPart::Simulation.marks().concat());
     page.push_str("<h2>Coverage</h2>");
     page.push_str(&coverage(plan));
     page.push_str("<h2>Structures</h2>");
-    page.push_str(&structures(plan));
+    page.push_str(&structures::structure_table(&plan.case, &plan.figures.structures, |row| {
+        peak::place(&plan.waypoints, row)
+    }));
     page.push_str("<h2>What was modelled</h2>");
     page.push_str(&modelled(plan));
     page.push_str("<h2>Inputs</h2>");
@@ -77,14 +86,12 @@ fn verdict(plan: &Plan) -> String {
 
 fn cards(plan: &Plan) -> String {
     let total_s = plan.law.duration_s();
-    let closest = plan
-        .figures
-        .structures
-        .iter()
-        .zip(&plan.case.structures)
-        .filter_map(|(found, s)| Some((found.least_distance_mm? - plan.case.burr.radius_mm, s)))
-        .min_by(|a, b| (a.0 - a.1.clearance_mm).total_cmp(&(b.0 - b.1.clearance_mm)));
-    let peak_toward = plan.figures.structures.iter().map(|s| s.peak_force_toward_n).fold(0.0, f64::max);
+    let surface_mm = |found: &StructureFigures| Some(found.least?.0 - plan.case.burr.radius_mm);
+    let kept = plan.figures.structures.iter().zip(&plan.case.structures);
+    let kept: Vec<_> = kept.filter_map(|(found, s)| Some((surface_mm(found)?, s))).collect();
+    let closest = kept.iter().min_by(|a, b| a.0.total_cmp(&b.0));
+    let peak_toward = plan.figures.structures.iter().zip(&plan.case.structures);
+    let peak_toward = peak_toward.max_by(|a, b| a.0.force.peak_n.total_cmp(&b.0.force.peak_n));
     let plain = |label, value| (label, value, String::new());
     let mut cards = vec![
         plain(
@@ -99,16 +106,26 @@ fn cards(plan: &Plan) -> String {
             "total time",
             format!("{:.0} min {:02.0} s", (total_s / 60.0).floor(), (total_s % 60.0).floor()),
         ),
-        plain("peak force", format!("{:.2} N", plan.figures.peak_force_n)),
-        plain("peak force toward a structure", format!("{peak_toward:.2} N")),
+        (
+            "peak force",
+            format!("{:.2} N", plan.figures.peak_force_n),
+            Peak::of(&plan.waypoints).map_or(String::new(), |peak| {
+                format!("<small>{}</small>", peak::place(&plan.waypoints, peak.index))
+            }),
+        ),
     ];
-    if let Some((margin, structure)) = closest {
+    if let Some((found, structure)) = peak_toward {
+        let place = found.force.peak_row.map_or(String::new(), |row| peak::place(&plan.waypoints, row));
+        let name = format!("<small>{}, {place}</small>", escape(&structure.name));
+        cards.push(("peak force toward a structure", format!("{:.2} N", found.force.peak_n), name));
+    }
+    if let Some((distance_mm, structure)) = closest {
         let name = escape(&structure.name);
         cards.insert(
             2,
             (
                 "smallest distance from the burr's surface",
-                format!("{margin:.2} mm"),
+                format!("{distance_mm:.2} mm"),
                 format!("<small>{name}, kept {}\u{a0}mm</small>", structure.clearance_mm),
             ),
         );
@@ -122,8 +139,7 @@ fn cards(plan: &Plan) -> String {
 
 fn legend(plan: &Plan) -> String {
     let chip = |colour: [u8; 3], name: &str| {
-        let [r, g, b] = colour;
-        format!("<span class=\"chip\"><i style=\"background:rgb({r},{g},{b})\"></i>{}</span>", escape(name))
+        format!("<span class=\"chip\"><i style=\"background:{}\"></i>{}</span>", css(colour), escape(name))
     };
     let structures: String = plan
         .case
@@ -133,9 +149,10 @@ fn legend(plan: &Plan) -> String {
         .map(|(n, s)| chip(STRUCTURE_COLOURS[n % STRUCTURE_COLOURS.len()], &s.name))
         .collect();
     format!(
-        "<p class=\"legend\">{}{structures}<span class=\"chip\"><i class=\"cutkey\"></i>cuts within half a layer of the slice</span>\
-         <span class=\"chip\"><i class=\"linkkey\"></i>links and retracts there</span></p>",
-        chip([80, 255, 140], "target")
+        "<p class=\"legend\">{}{structures}{}{}Letters at the sides: right, left, anterior, posterior, superior, inferior of the patient.</p>",
+        chip(TARGET_COLOUR, "target"),
+        chip(CUT_COLOUR, "cuts within half a layer of the slice"),
+        chip(LINK_COLOUR, "links and retracts there (dashed)"),
     )
 }
 
@@ -154,7 +171,7 @@ fn charts(plan: &Plan) -> String {
             "Force",
             "N",
             &[
-                one("magnitude", "line-a", &|w| Some(w.force_n.map_or(0.0, |f| f.norm()))),
+                one("magnitude", "line-a", &|w| Some(w.force_n.norm())),
                 one("toward the nearest structure", "line-b", &|w| Some(w.force_toward_n.unwrap_or(0.0))),
             ],
             &[],
@@ -249,35 +266,6 @@ fn coverage(plan: &Plan) -> String {
         },
         c.deepest_in_obstacle_mm,
         plan.scene.edge_bone_mm2.total(),
-    )
-}
-
-fn structures(plan: &Plan) -> String {
-    let rows: String = plan
-        .case
-        .structures
-        .iter()
-        .zip(&plan.figures.structures)
-        .map(|(s, found)| {
-            let distance = found
-                .least_distance_mm
-                .map_or("–".into(), |d| format!("{:.2}", d - plan.case.burr.radius_mm));
-            format!(
-                "<tr><th>{}</th><td>{:.2}</td><td>{distance}</td><td>{:.3}</td></tr>",
-                escape(&s.name),
-                s.clearance_mm,
-                found.peak_force_toward_n
-            )
-        })
-        .collect();
-    let unknown = if plan.figures.structures.iter().any(|s| s.least_distance_mm.is_none()) {
-        "<p class=\"note\">–: at every waypoint another structure is nearer, clearances taken off.</p>"
-    } else {
-        ""
-    };
-    format!(
-        "<div class=\"wide\"><table><thead><tr><th></th><th>clearance [mm]</th><th>least distance of the burr's surface [mm]</th>\
-         <th>peak force toward it [N]</th></tr></thead><tbody>{rows}</tbody></table></div>{unknown}"
     )
 }
 

@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use super::chart::{Series, chart};
 use super::escape;
+use super::structures::structure_table;
 use crate::case::Case;
 use crate::plan::Value;
 use crate::simulate::{Kind, Simulation, SimulationRow};
@@ -41,32 +42,14 @@ pub fn section(simulation: &Simulation, case: &Case) -> String {
             &[],
         ));
     }
-    let rows: String = figures(simulation)
+    let rows: String = figures(simulation, case)
         .into_iter()
         .map(|(name, value)| format!("<tr><th>{}</th><td>{value}</td></tr>", escape(&name)))
         .collect();
     let _ = write!(out, "<div class=\"wide\"><table><tbody>{rows}</tbody></table></div>");
-    let nearest: String = case
-        .structures
-        .iter()
-        .enumerate()
-        .filter_map(|(n, structure)| {
-            let near = simulation.rows.iter().filter(|row| row.structure == Some(n));
-            let distance = near.clone().filter_map(|row| row.distance_mm).reduce(f64::min)?;
-            let force = near.filter_map(|row| row.force_toward_n).fold(0.0, f64::max);
-            Some(format!(
-                "<tr><th>{}</th><td>{:.2}</td><td>{:.2}</td><td>{force:.3}</td></tr>",
-                escape(&structure.name),
-                structure.clearance_mm,
-                distance - case.burr.radius_mm
-            ))
-        })
-        .collect();
-    let _ = write!(
-        out,
-        "<div class=\"wide\"><table><thead><tr><th></th><th>clearance [mm]</th><th>least distance of the burr's surface [mm]</th>\
-         <th>peak force toward it [N]</th></tr></thead><tbody>{nearest}</tbody></table></div>"
-    );
+    out.push_str(&structure_table(case, &simulation.structures, |row| {
+        format!("{:.2} s", simulation.rows[row].time_s)
+    }));
     out
 }
 
@@ -94,7 +77,7 @@ fn verdict(simulation: &Simulation) -> String {
 }
 
 /// Names and values of a simulation's figures, for people.
-pub fn figures(simulation: &Simulation) -> Vec<(String, String)> {
+pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
     let largest =
         |value: &dyn Fn(&SimulationRow) -> f64| simulation.rows.iter().map(value).fold(0.0, f64::max);
     let mut out = vec![
@@ -124,6 +107,13 @@ pub fn figures(simulation: &Simulation) -> Vec<(String, String)> {
         let off = 100.0 * (by_rate / simulation.removed.total_mg() - 1.0);
         out.push(("mass by the surface's rate, against the voxels'".into(), format!("{off:+.2} %")));
     }
+    for (structure, found) in case.structures.iter().zip(&simulation.structures) {
+        if let Some(row) = found.force.peak_row {
+            let (peak_n, time_s) = (found.force.peak_n, simulation.rows[row].time_s);
+            let name = format!("peak force toward {}", structure.name);
+            out.push((name, format!("{peak_n:.3} N at {time_s:.2} s; {:.3} N near it", found.near.peak_n)));
+        }
+    }
     if simulation.compliant {
         out.push((
             "largest deflection".into(),
@@ -134,7 +124,9 @@ pub fn figures(simulation: &Simulation) -> Vec<(String, String)> {
 }
 
 /// Names and values of a simulation's figures, for machines; names end in units.
-pub fn values(simulation: &Simulation) -> Vec<(String, Value)> {
+pub fn values(simulation: &Simulation, case: &Case) -> Vec<(String, Value)> {
+    let structures = case.structures.iter().zip(&simulation.structures);
+    let structures = structures.map(|(s, found)| (s.name.clone(), found.value(case.burr.radius_mm, "row")));
     let removed = Kind::ALL.into_iter().map(|kind| {
         let (mm3, mg) =
             (simulation.removed.volume_mm3[kind as usize], simulation.removed.mass_mg[kind as usize]);
@@ -148,6 +140,7 @@ pub fn values(simulation: &Simulation) -> Vec<(String, Value)> {
         ("spindle_energy_j".into(), simulation.energy_j().into()),
         ("removed".into(), Value::Table(removed.collect())),
         ("removed_by_rate_mg".into(), simulation.removed_by_rate.total_mg().into()),
+        ("structures".into(), Value::Table(structures.collect())),
         ("stopped_steps".into(), simulation.stopped.into()),
         ("cell_mm".into(), simulation.cell_mm.into()),
         ("compliant".into(), simulation.compliant.into()),

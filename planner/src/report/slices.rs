@@ -5,15 +5,16 @@ use std::fmt::Write;
 use base64::Engine;
 use bonemill_geometry::{Point, Work};
 use bonemill_imaging::{Class, Scene};
+use nalgebra::Vector3;
 
 use crate::path::MoveKind;
 use crate::pipeline::Plan;
-use crate::show::STRUCTURE_COLOURS;
+use crate::show::{CUT_COLOUR, LINK_COLOUR, STRUCTURE_COLOURS, TARGET_COLOUR, css};
 
 /// HU shown as black and as white.
 const WINDOW_HU: [f32; 2] = [-1000.0, 2000.0];
-/// Colour of the target.
-const TARGET: [u8; 3] = [80, 255, 140];
+/// A slice's side points into a direction of the patient whose share of it is at least this (sin 20°).
+const LETTER_SHARE: f64 = 0.342;
 
 /// A plane of the work grid: the axes shown to the right and upwards, and the one looked along.
 struct Plane {
@@ -25,9 +26,9 @@ struct Plane {
 }
 
 const PLANES: [Plane; 3] = [
-    Plane { name: "from above, along the approach: x to the right, y up; z =", right: 0, up: 1, along: 2 },
-    Plane { name: "from the side: x to the right, approach z up; y =", right: 0, up: 2, along: 1 },
-    Plane { name: "from the side: y to the right, approach z up; x =", right: 1, up: 2, along: 0 },
+    Plane { name: "Along the approach: work x to the right, y up, at z =", right: 0, up: 1, along: 2 },
+    Plane { name: "From the side: work x to the right, approach up, at y =", right: 0, up: 2, along: 1 },
+    Plane { name: "From the side: work y to the right, approach up, at x =", right: 1, up: 2, along: 0 },
 ];
 
 /// Three figures.
@@ -56,15 +57,58 @@ fn figure(plan: &Plan, plane: &Plane) -> String {
         base64::engine::general_purpose::STANDARD.encode(png(scene, plane, cut)),
     );
     svg.push_str(&path_near(plan, plane, cut as f64 * h, height as f64 * h));
-    // a scale bar of 5 mm
-    let (x, y) = (1.0, height as f64 * h - 1.2);
+    svg.push_str(&sides(plan, plane, [width as f64 * h, height as f64 * h]));
+    svg + "</svg></figure>"
+}
+
+/// A scale bar of 5 mm, and at each side the direction of the patient that it points to.
+fn sides(plan: &Plan, plane: &Plane, [width, height]: [f64; 2]) -> String {
+    let size = 0.05 * width.max(height);
+    let axis = |n: usize| {
+        let mut unit = Vector3::zeros();
+        unit[n] = 1.0;
+        plan.scene.ct_from_work.rotate(&unit)
+    };
+    let (right, up) = (axis(plane.right), axis(plane.up));
+    let (edge, low) = (0.3 * size, 0.36 * size);
+    let (x, y) = (0.5 * width, 0.5 * height);
+    let mut out = String::new();
+    for (direction, x, y, anchor) in [
+        (right, width - edge, y + low, "end"),
+        (-right, edge, y + low, "start"),
+        (up, x, edge + 0.72 * size, "middle"),
+        (-up, x, height - edge, "middle"),
+    ] {
+        let _ = write!(
+            out,
+            "<text class=\"side\" x=\"{x:.2}\" y=\"{y:.2}\" font-size=\"{size:.2}\" text-anchor=\"{anchor}\">{}</text>",
+            letters(&direction)
+        );
+    }
+    let (x, y) = (edge, height - edge);
     let _ = write!(
-        svg,
-        "<rect x=\"{x}\" y=\"{y:.2}\" width=\"5\" height=\"0.25\" fill=\"#fff\"/>\
-         <text x=\"{x}\" y=\"{:.2}\" font-size=\"1.3\" fill=\"#fff\">5 mm</text></svg></figure>",
-        y - 0.4
+        out,
+        "<rect class=\"scale\" x=\"{x:.2}\" y=\"{:.2}\" width=\"5\" height=\"{:.2}\"/>\
+         <text class=\"side\" x=\"{x:.2}\" y=\"{:.2}\" font-size=\"{:.2}\">5 mm</text>",
+        y - 0.15 * size,
+        0.15 * size,
+        y - 0.4 * size,
+        0.8 * size
     );
-    svg
+    out
+}
+
+/// The directions of the patient (right, left, anterior, posterior, superior, inferior) that a unit direction in ct has a part in,
+/// the largest part first.
+fn letters(direction: &Vector3<f64>) -> String {
+    let mut parts: Vec<(f64, char)> = [('R', 'L'), ('A', 'P'), ('S', 'I')]
+        .into_iter()
+        .zip(direction.iter())
+        .map(|((plus, minus), part)| (part.abs(), if *part > 0.0 { plus } else { minus }))
+        .filter(|(share, _)| *share >= LETTER_SHARE)
+        .collect();
+    parts.sort_by(|a, b| b.0.total_cmp(&a.0));
+    parts.into_iter().map(|(_, letter)| letter).collect()
 }
 
 /// Moves whose both ends lie within half a layer of the slice.
@@ -86,7 +130,13 @@ fn path_near(plan: &Plan, plane: &Plane, at_mm: f64, height_mm: f64) -> String {
         before = Some(p);
     }
     let [cuts, links] = lines;
-    format!("<path class=\"cutpath\" d=\"{cuts}\"/><path class=\"linkpath\" d=\"{links}\"/>")
+    let id = format!("links{}", plane.along);
+    format!(
+        "<path class=\"cutpath\" stroke=\"{}\" d=\"{cuts}\"/><defs><path id=\"{id}\" d=\"{links}\"/></defs>\
+         <use class=\"linkedge\" href=\"#{id}\"/><use class=\"linkpath\" stroke=\"{}\" href=\"#{id}\"/>",
+        css(CUT_COLOUR),
+        css(LINK_COLOUR)
+    )
 }
 
 /// The slice in grey, target and structures tinted.
@@ -106,7 +156,7 @@ fn png(scene: &Scene, plane: &Plane, cut: usize) -> Vec<u8> {
                 structure_at(scene, grid.center(voxel))
                     .map(|s| (STRUCTURE_COLOURS[s % STRUCTURE_COLOURS.len()], 0.65))
             } else if class.is(Class::TARGET) {
-                Some((TARGET, 0.22))
+                Some((TARGET_COLOUR, 0.22))
             } else {
                 None
             };
@@ -134,4 +184,18 @@ fn png(scene: &Scene, plane: &Plane, cut: usize) -> Vec<u8> {
 fn structure_at(scene: &Scene, p: Point<Work>) -> Option<usize> {
     let p_ct = scene.ct_from_work * p;
     scene.structures.iter().position(|s| s.field.as_ref().is_some_and(|f| f.distance(p_ct) <= 0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_side_is_named_by_where_it_points_in_the_patient() {
+        let named = |x: f64, y: f64, z: f64| letters(&Vector3::new(x, y, z).normalize());
+        assert_eq!([named(1.0, 0.0, 0.0), named(-1.0, 0.1, 0.0)], ["R", "L"]);
+        assert_eq!([named(0.0, 1.0, 0.0), named(0.0, -1.0, 0.2)], ["A", "P"]);
+        assert_eq!([named(0.0, 0.0, 1.0), named(0.0, 0.0, -1.0)], ["S", "I"]);
+        assert_eq!([named(-1.0, 0.0, 0.6), named(1.0, -2.0, 1.5)], ["LS", "PSR"]);
+    }
 }

@@ -18,7 +18,7 @@ use bonemill_imaging::{Class, Scene};
 use rayon::prelude::*;
 
 pub use body::Body;
-pub use colour::{STRUCTURE_COLOURS, scale_colour};
+pub use colour::{CUT_COLOUR, LINK_COLOUR, STRUCTURE_COLOURS, TARGET_COLOUR, css, scale_colour};
 pub use frame::Frame;
 pub use motion::Moment;
 pub use paint::{ARROW_MM_PER_N, PAINTS, Paint};

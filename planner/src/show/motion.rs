@@ -53,8 +53,8 @@ impl Show<'_> {
                     .plan
                     .waypoints
                     .get(waypoint)
-                    .and_then(|w| w.force_n)
-                    .map(|f| work_from_ct.rotate(&f)),
+                    .filter(|w| w.mass_mg > 0.0)
+                    .map(|w| work_from_ct.rotate(&w.force_n)),
             });
         }
         Ok(moments)

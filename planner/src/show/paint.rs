@@ -66,7 +66,7 @@ impl Show<'_> {
             };
             text += &format!("| {} | {row} |\n", paint.name);
         }
-        text += "\n**Slices** go through the burr (white circle): CT, target green, cut black, structures in their colours.\n";
+        text += "\n**Slices** go through the burr (white circle): CT, target lime, cut black, structures in their colours.\n";
         for problem in plan.record.shortfalls.iter().chain(&plan.record.warnings) {
             text += &format!("\n- {problem}");
         }

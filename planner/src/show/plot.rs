@@ -98,7 +98,7 @@ impl Show<'_> {
     fn sets(&self, moments: &[Moment]) -> [(&'static str, String, Vec<Curve>); 5] {
         let case = &self.plan.record.case;
         let structures = &case.structures;
-        let force = |w: &Waypoint| Some(w.force_n.map_or(0.0, |f| f.norm()));
+        let force = |w: &Waypoint| Some(w.force_n.norm());
         let toward = |w: &Waypoint| (!structures.is_empty()).then(|| w.force_toward_n.unwrap_or(0.0));
         let distance = |w: &Waypoint| w.distance_mm.map(|d| d - case.burr.radius_mm);
         let clearance = |w: &Waypoint| Some(structures.get(w.structure?)?.clearance_mm);

@@ -72,7 +72,7 @@ pub struct Move {
 pub struct Step {
     /// What the burr feels.
     pub force: CutForce,
-    /// Removal rate, mm³/s.
+    /// Removal rate at the step's end, mm³/s.
     pub mrr_mm3_s: f64,
     /// The same as of material at the reference density, mm³/s.
     pub weighted_mrr_mm3_s: f64,
@@ -208,6 +208,11 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
     /// [`Engine::settle`].
     pub fn removed(&self) -> &Amount {
         &self.removed
+    }
+
+    /// Length of the end of the way that is not yet taken out of the lattice, mm.
+    pub fn pending_mm(&self) -> f64 {
+        self.trail.length_mm()
     }
 
     /// Takes the whole way out of the lattice.

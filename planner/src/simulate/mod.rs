@@ -21,6 +21,7 @@ mod lattice;
 mod log;
 mod model;
 mod poses;
+mod rates;
 mod replay;
 mod scene;
 mod shank;
@@ -40,7 +41,9 @@ pub use lattice::Lattice;
 pub use log::observe;
 pub use model::{CutForce, FlutedBurr, ForceModel, Lumped, LumpedForm, force_per_coefficient};
 pub use poses::{PoseError, Sampling};
-pub use replay::{SimulateError, Simulation, SimulationRow, SimulationSetup, replay, simulate};
+pub use replay::{
+    SimulateError, SimulatedToward, Simulation, SimulationRow, SimulationSetup, replay, simulate,
+};
 pub use scene::{bone_of, solid_density};
 pub use shank::ShankContact;
 pub use surface::BrickMesh;

@@ -6,18 +6,21 @@
 //! |C F|/|v| (backward Euler of d = C F(v + ḋ)), which is stable for any step.
 
 use bonemill_geometry::{Ct, Point, Rigid, Work};
-use bonemill_imaging::Scene;
+use bonemill_imaging::{Scene, SceneStructure};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use thiserror::Error;
 
 use super::poses::{self, PoseError, Sample, Sampling};
+use super::rates::StepVolumes;
 use super::scene::{bone_of, solid_density};
 use super::{Amount, Engine, EngineError, EngineSpec, ForceModel, ModelName, Move, ShankContact, Step};
 use crate::Progress;
 use crate::burr::{Discretisation, ElementGrid, Measure, ModelError, Tool};
-use crate::pipeline::{PlanError, inputs, near, setup};
+use crate::pipeline::near::{self, Near};
+use crate::pipeline::{PlanError, inputs, setup};
 use crate::plan::StoredPlan;
+use crate::toward::{StructureFigures, TowardSpan};
 
 /// Poses that are worked on together; part of the result's definition.
 const BATCH: usize = 16;
@@ -73,7 +76,7 @@ pub struct SimulationRow {
     pub torque_nmm: f64,
     /// Spindle power, W.
     pub power_w: f64,
-    /// Removal rate, mm³/s.
+    /// Mean removal rate on the way here, mm³/s: rates times durations add up to the volume removed.
     pub mrr_mm3_s: f64,
     /// The structure that matters, by its place in the case.
     pub structure: Option<usize>,
@@ -85,11 +88,24 @@ pub struct SimulationRow {
     pub deflection_um: Option<f64>,
 }
 
+/// A structure near the burr at one pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SimulatedToward {
+    /// Its place in the case.
+    pub structure: usize,
+    /// From the burr's centre, mm.
+    pub distance_mm: f64,
+    /// Force toward it, N, not negative; none inside of it.
+    pub force_n: Option<f64>,
+}
+
 /// The outcome of a simulation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Simulation {
     /// One row per pose, the first included.
     pub rows: Vec<SimulationRow>,
+    /// Per structure of the case: least distance over all poses, and the force toward it while something is removed.
+    pub structures: Vec<StructureFigures>,
     /// What was removed, by kind.
     pub removed: Amount,
     /// The same, by the surface's rates along the way: the difference is a measure of the step.
@@ -169,30 +185,28 @@ impl SimulationSetup {
         Ok(Self { scene, density_g_cm3, spec, clearances_mm })
     }
 
-    /// Structure, force toward it and distance for a burr at `center`: the structure with the smallest distance less
-    /// clearance.
+    /// Structures for a burr's centre: the one with the smallest distance less clearance first, then the others within their
+    /// influence.
     ///
-    /// Inside a structure there is no direction: the force toward it is then unknown, the distance 0.
-    pub fn nearest(
-        &self,
-        center: Point<Work>,
-        force_n: &Vector3<f64>,
-    ) -> (Option<usize>, Option<f64>, Option<f64>) {
+    /// Inside a structure there is no direction: that one alone is given then, without a force, at distance 0.
+    pub fn toward(&self, center: Point<Work>, force_n: &Vector3<f64>) -> Vec<SimulatedToward> {
         let radius_mm = self.spec.tool.radius_mm();
-        match near::nearest_structure(&self.scene, &self.clearances_mm, radius_mm, center) {
-            Ok(Some(found)) => {
-                let toward = force_n.dot(&found.proximity.toward).max(0.0);
-                (Some(found.structure), Some(toward), Some(found.proximity.distance_mm))
-            }
-            Ok(None) => (None, None, None),
+        match near::structures_within(&self.scene, &self.clearances_mm, radius_mm, center) {
+            Ok(near) => near
+                .iter()
+                .map(|Near { structure, proximity }| SimulatedToward {
+                    structure: *structure,
+                    distance_mm: proximity.distance_mm,
+                    force_n: Some(force_n.dot(&proximity.toward).max(0.0)),
+                })
+                .collect(),
             Err(_) => {
                 let p = self.scene.ct_from_work * center;
-                let inside = self
-                    .scene
-                    .structures
-                    .iter()
-                    .position(|s| s.field.as_ref().is_some_and(|f| f.distance(p) <= 0.0));
-                (inside, None, inside.map(|_| 0.0))
+                let holds = |s: &SceneStructure| s.field.as_ref().is_some_and(|f| f.distance(p) <= 0.0);
+                let inside = self.scene.structures.iter().position(holds);
+                let inside =
+                    inside.map(|structure| SimulatedToward { structure, distance_mm: 0.0, force_n: None });
+                inside.into_iter().collect()
             }
         }
     }
@@ -240,6 +254,7 @@ pub fn replay(
     let mut engine = Engine::new(bone, setup.spec.clone(), model, start)?;
     let mut steps = Vec::with_capacity(moves.len());
     let mut places = vec![start.center];
+    let mut volumes = StepVolumes::default();
     let stiffness = plan.record.case.robot.joint_stiffness.as_deref();
     match stiffness {
         None => {
@@ -248,8 +263,11 @@ pub fn replay(
                 for (step, to) in made.iter().zip(batch) {
                     let stopped = step.contact.is_some();
                     let stays = places.last().copied().unwrap_or(start.center);
-                    places.push(if stopped { stays } else { to.to.center });
+                    let place = if stopped { stays } else { to.to.center };
+                    volumes.push((place - stays).norm(), step.removed.total_mm3());
+                    places.push(place);
                 }
+                volumes.look(engine.removed().total_mm3(), engine.pending_mm());
                 steps.extend(made);
                 progress.advance(steps.len(), moves.len());
             }
@@ -258,8 +276,13 @@ pub fn replay(
             let compliances = compliances(plan, &base_from_work, &samples, stiffness)?;
             let mut deflection = Vector3::zeros();
             for (n, (to, compliance)) in moves.iter().zip(&compliances).enumerate() {
-                steps.push(yielding_step(&mut engine, to, compliance, &mut deflection)?);
-                places.push(engine.pose().center);
+                let step = yielding_step(&mut engine, to, compliance, &mut deflection)?;
+                let place = engine.pose().center;
+                let before = places.last().copied().unwrap_or(start.center);
+                volumes.push((place - before).norm(), step.removed.total_mm3());
+                volumes.look(engine.removed().total_mm3(), engine.pending_mm());
+                places.push(place);
+                steps.push(step);
                 if n % 256 == 0 {
                     progress.advance(n, moves.len());
                 }
@@ -267,11 +290,15 @@ pub fn replay(
         }
     }
     engine.settle();
+    volumes.look(engine.removed().total_mm3(), 0.0);
+    let removed_mm3 = volumes.removed_mm3();
     let cell_mm = engine.lattice().spacing_mm();
     let removed = *engine.removed();
     progress.stage("distances");
-    let rows = rows(setup, &samples, &places, &steps, stiffness.is_some());
+    let (rows, toward): (Vec<_>, Vec<_>) =
+        rows(setup, &samples, &places, &steps, &removed_mm3, stiffness.is_some()).into_iter().unzip();
     let mut simulation = Simulation {
+        structures: structure_figures(setup, &places, &rows, &toward),
         rows,
         removed,
         removed_by_rate: Amount::default(),
@@ -333,32 +360,62 @@ fn yielding_step<M: ForceModel>(
     Ok(step)
 }
 
+/// Every pose, and the structures near it.
 fn rows(
     setup: &SimulationSetup,
     samples: &[Sample],
     places: &[Point<Work>],
     steps: &[Step],
+    removed_mm3: &[f64],
     compliant: bool,
-) -> Vec<SimulationRow> {
+) -> Vec<(SimulationRow, Vec<SimulatedToward>)> {
     let still = Step::nothing(None);
     let row = |n: usize| {
         let (sample, center) = (&samples[n], places[n]);
         let step = if n == 0 { &still } else { &steps[n - 1] };
         let force = &step.force;
-        let (structure, force_toward_n, distance_mm) = setup.nearest(center, &force.force_n);
-        SimulationRow {
+        let toward = setup.toward(center, &force.force_n);
+        let first = toward.first();
+        let before = n.checked_sub(1);
+        let seconds = before.map_or(0.0, |before| sample.time_s - samples[before].time_s);
+        let removed_mm3 = before.map_or(0.0, |before| removed_mm3[before]);
+        let row = SimulationRow {
             time_s: sample.time_s,
             position: setup.scene.ct_from_work * center,
             force_n: setup.scene.ct_from_work.rotate(&force.force_n),
             peak_n: force.peak_n,
             torque_nmm: force.torque_nmm,
             power_w: force.spindle_power_mw * 1e-3,
-            mrr_mm3_s: step.mrr_mm3_s,
-            structure,
-            force_toward_n,
-            distance_mm,
+            mrr_mm3_s: if seconds > 0.0 { removed_mm3 / seconds } else { 0.0 },
+            structure: first.map(|t| t.structure),
+            force_toward_n: first.and_then(|t| t.force_n),
+            distance_mm: first.map(|t| t.distance_mm),
             deflection_um: compliant.then(|| (center - sample.pose.center).norm() * 1e3),
-        }
+        };
+        (row, toward)
     };
     (0..samples.len().min(places.len()).min(steps.len() + 1)).into_par_iter().map(row).collect()
+}
+
+/// Figures of each structure of the scene; a force counts while something is removed.
+fn structure_figures(
+    setup: &SimulationSetup,
+    places: &[Point<Work>],
+    rows: &[SimulationRow],
+    toward: &[Vec<SimulatedToward>],
+) -> Vec<StructureFigures> {
+    let least = near::least_distances(&setup.scene, &places[..rows.len()]);
+    let mut spans = vec![Vec::new(); least.len()];
+    let mut before_s = 0.0;
+    for (index, (row, toward)) in rows.iter().zip(toward).enumerate() {
+        let seconds = row.time_s - before_s;
+        before_s = row.time_s;
+        for near in toward {
+            if let Some(force_n) = near.force_n.filter(|_| row.mrr_mm3_s > 0.0) {
+                spans[near.structure].push((TowardSpan { seconds, force_n, row: index }, near.distance_mm));
+            }
+        }
+    }
+    let radius_mm = setup.spec.tool.radius_mm();
+    least.iter().zip(&spans).map(|(least, spans)| StructureFigures::of(*least, spans, radius_mm)).collect()
 }

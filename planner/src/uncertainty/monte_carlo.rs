@@ -259,13 +259,13 @@ fn forces(plan: &StoredPlan, model: &ErrorModel) -> Vec<ForceSpread> {
         ForceSpread { name, planned_n, spread_n: quantiles(&mut all) }
     };
     let rows = &plan.waypoints;
-    let norms = || rows.iter().filter_map(|w| w.force_n).map(|f| f.norm());
+    let norms = || rows.iter().filter(|w| w.mass_mg > 0.0).map(|w| w.force_n.norm());
     let mut found = vec![
         spread("peak".into(), norms().fold(0.0, f64::max)),
         spread("mean of waypoints".into(), norms().sum::<f64>() / norms().count().max(1) as f64),
     ];
     for (n, structure) in plan.record.case.structures.iter().enumerate() {
-        let toward = rows.iter().filter(|w| w.structure == Some(n)).filter_map(|w| w.force_toward_n);
+        let toward = plan.forces.iter().filter(|f| f.structure == n).map(|f| f.force_toward_n);
         found.push(spread(format!("peak toward {}", structure.name), toward.fold(0.0, f64::max)));
     }
     found

@@ -15,11 +15,11 @@ use crate::case::{Case, ForceTerm, SeveralStructures};
 use crate::plan::{StoredPlan, Waypoint};
 
 /// Rounding of sums and file, for angles (rad), ratios and α₁.
-const ROUNDING: f64 = 1e-6;
+pub(super) const ROUNDING: f64 = 1e-6;
 /// Below this α₁ the planner does not evaluate the force, and the cost is that of the inertia alone.
 const NO_FORCE_ALPHA: f64 = 1e-3;
 /// Structures farther than this beyond burr and clearance matter to no cost, mm, unless one is the nearest.
-const INFLUENCE_MM: f64 = 8.0;
+pub(super) const INFLUENCE_MM: f64 = 8.0;
 /// Structures of which the first in priority counts: α at least this share of the largest.
 const CLOSE_SHARE: f64 = 0.5;
 /// How far the trajectory may cut a corner, mm.
@@ -29,10 +29,10 @@ const AXIS_RAD: f64 = 0.005;
 
 /// The largest deviation of a column and its row.
 #[derive(Debug, Clone, Copy)]
-struct Worst(f64, Option<usize>);
+pub(super) struct Worst(pub f64, pub Option<usize>);
 
 impl Worst {
-    fn of(values: impl Iterator<Item = (usize, f64)>) -> Self {
+    pub fn of(values: impl Iterator<Item = (usize, f64)>) -> Self {
         values.fold(Self(0.0, None), |worst, (n, value)| {
             // a value that is no number stays, and fails
             if value > worst.0 || (value.is_nan() && !worst.0.is_nan()) {
@@ -43,7 +43,7 @@ impl Worst {
         })
     }
 
-    fn check(self, name: &'static str, subject: &str, limit: f64, unit: &'static str) -> Check {
+    pub fn check(self, name: &'static str, subject: &str, limit: f64, unit: &'static str) -> Check {
         Check::at_most(name, self.0, limit, unit).of(subject).at(self.1.map(Place::Waypoint))
     }
 }
@@ -72,6 +72,8 @@ pub fn rows(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check>
             (n, if v.is_finite() { (low - v).max(v - high).max(0.0) } else { f64::INFINITY })
         }))
     };
+    let cuts = (1..moves.len()).filter(|n| moves.kinds[*n] == Kind::Cut);
+    let lengths = Worst::of(cuts.map(|n| (n, moves.arc_mm[n] - moves.arc_mm[n - 1])));
     let s = &case.speed;
     let mut checks = vec![
         Check::none_wrong("rows", usize::from(!starts_free)).of("the first is a link at 0 s"),
@@ -86,6 +88,7 @@ pub fn rows(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check>
             "mm/s",
         ),
         speed(Kind::Free, 0.0, s.link_mm_s).check("rows", "caps of links", ROUNDING, "mm/s"),
+        lengths.check("rows", "length of cuts", case.path.step_mm + ROUNDING, "mm"),
     ];
     checks.extend(tilt(plan, moves, executed));
     checks
@@ -207,10 +210,8 @@ fn looked_at(near: Vec<Weighted>, own: usize, case: &Case) -> Vec<Weighted> {
 /// How far the force toward the structure is from max(0, F·u), N. Where several points are equally near, u is any of their
 /// directions: the point is asked again from a hair beside.
 fn toward_again(row: &Waypoint, boxes: Option<&Boxes<'_>>) -> f64 {
-    let (Some(force), Some(said), Some(boxes)) = (row.force_n, row.force_toward_n, boxes) else {
-        return if row.force_n.is_some() == row.force_toward_n.is_some() { 0.0 } else { f64::INFINITY };
-    };
-    towards(row, boxes, &force).map(|toward| (toward - said).abs()).fold(f64::INFINITY, f64::min)
+    let (Some(said), Some(boxes)) = (row.force_toward_n, boxes) else { return f64::INFINITY };
+    towards(row, boxes, &row.force_n).map(|toward| (toward - said).abs()).fold(f64::INFINITY, f64::min)
 }
 
 /// The components of a force toward the nearest points of a structure, not negative, N.
@@ -234,7 +235,7 @@ fn towards<'a>(
 fn cost_again(row: &Waypoint, case: &Case, looked_at: &[Weighted], boxes: &[Option<Boxes<'_>>]) -> f64 {
     let follows = case.cost.force == ForceTerm::Cutting && case.material.k_edge_n_mm == [0.0; 3];
     let (Some(said), Some(inertia), true) = (row.cost, row.inertia, follows) else { return 0.0 };
-    let force = row.force_n.filter(|f| f.norm() > 0.0);
+    let force = Some(row.force_n).filter(|f| f.norm() > 0.0);
     let alpha: f64 = looked_at.iter().map(|w| w.alpha).sum();
     // from the least to the most, where several points of a structure are equally near
     let mut least = (1.0 - alpha) * (1.0 - inertia);

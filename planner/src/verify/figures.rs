@@ -54,7 +54,7 @@ pub fn volumes(
     ];
     for ((part, _), found) in parts.iter().zip(found) {
         for ((kind, _), found) in kinds.iter().zip(found) {
-            checks.push(counted(&format!("{part}.{kind}"), nested(plan, part, kind), found));
+            checks.push(counted(&format!("{part}.{kind}"), stated(plan, &[part, kind]), found));
         }
     }
     checks.push(coverage(voxels, swept, reachable));
@@ -164,10 +164,17 @@ pub fn more(plan: &StoredPlan, key: &str) -> Option<f64> {
     }
 }
 
-/// A figure of a table beyond the required ones.
-fn nested(plan: &StoredPlan, key: &str, of: &str) -> Option<f64> {
-    match table(plan, key)?.iter().find(|(k, _)| k == of)?.1 {
-        Value::Number(v) => Some(v),
+/// A figure that the plan states beyond the required ones, by its keys, the outermost first.
+pub(super) fn stated(plan: &StoredPlan, keys: &[&str]) -> Option<f64> {
+    let (first, rest) = keys.split_first()?;
+    let mut value = &plan.record.metrics.more.iter().find(|(key, _)| key == first)?.1;
+    for key in rest {
+        let Value::Table(entries) = value else { return None };
+        value = &entries.iter().find(|(name, _)| name == key)?.1;
+    }
+    match value {
+        Value::Number(number) => Some(*number),
+        Value::Integer(count) => Some(*count as f64),
         _ => None,
     }
 }

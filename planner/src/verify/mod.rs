@@ -29,6 +29,7 @@ mod edt;
 mod error;
 mod figures;
 mod follow;
+mod forces;
 mod ground;
 mod lattice;
 mod motion;
@@ -98,6 +99,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     progress.stage("check rows");
     checks.extend(columns::rows(plan, &moves, &executed));
     checks.extend(columns::structures(plan, &anatomy.kept, &boxes));
+    checks.extend(forces::forces(plan, &anatomy.kept, &boxes));
     checks.extend(figures::totals(plan, &moves));
     checks.extend(asked::asked(plan, &moves));
 

@@ -64,7 +64,7 @@ class Plan:
         return cls._make(_native.Plan.load(Path(path)), None)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Writes ``plan.toml``, ``waypoints.csv``, ``trajectory.csv``, ``robot.urdf``, ``report.html`` and two notes.
+        """Writes ``plan.toml``, ``waypoints.csv``, ``forces.csv``, ``trajectory.csv``, ``robot.urdf``, ``report.html`` and two notes.
 
         The folder appears whole or not at all; a plan that stands there is replaced, anything else is refused. The bytes
         are those that the command writes. Images in memory are kept in the plan, in ``inputs``.
@@ -95,6 +95,19 @@ class Plan:
         columns: list[tuple[str, NDArray[Any]]] = [("index", np.arange(len(layers))), ("layer", layers)]
         columns += [("kind", np.array(self._made.kinds())[kinds]), *self._made.columns()]
         return _fixed(_arrays.table(columns, self._names()[structures]))
+
+    @cached_property
+    def forces(self) -> NDArray[np.void]:
+        """Force toward every structure near each waypoint, shape (m,): the columns of ``forces.csv`` by name, ct frame.
+
+        A waypoint has a row for each structure within its influence (its clearance from the burr's surface and 8 mm more) and for
+        the one that ``waypoints`` names: ``f = plan.forces; f[f["structure"] == "facial_nerve"]["force_toward_n"].max()``.
+        ``index`` is the waypoint, (``toward_x``, ``toward_y``, ``toward_z``) the unit direction from the burr's centre to the
+        structure's nearest point, ``distance_mm`` the distance between them. ``deflection_toward_um`` is NaN without a stiffness.
+        """
+        waypoints, structures, columns = self._made.force_columns()
+        rows: list[tuple[str, NDArray[Any]]] = [("index", waypoints), *columns]
+        return _fixed(_arrays.table(rows, self._names()[structures]))
 
     def _names(self) -> NDArray[np.str_]:
         """Names of the structures by place; at −1: none."""

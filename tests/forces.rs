@@ -1,0 +1,107 @@
+//! Forces toward several structures: each has its own direction, distance and figures, whichever of them matters most.
+
+#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
+
+mod support;
+
+use std::fs;
+
+use bonemill_planner::plan::{PlanRecord, StoredPlan, Value};
+use nalgebra::Vector3;
+use support::{body, place::Place};
+
+/// Under the whole pocket, so near and with such a clearance that it is the structure with the least margin nearly everywhere.
+const PLATE: &str =
+    "[[structure]]\nname = \"plate\"\nlabel = 8\nclearance_mm = 1.0\n\n[[structure]]\nname = \"nerve\"\n";
+
+fn with_plate() -> Place {
+    let place = Place::healthy()
+        .with_labels(|labels| labels.fill([8..30, 8..34, 10..12], 8.0))
+        .with_case("[[structure]]\nname = \"nerve\"\n", PLATE)
+        .with_case("clearance_mm = 1.0", "clearance_mm = 0.2");
+    let ran = place.plan();
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    place
+}
+
+/// From a place to the nearest point of a box of labels, mm.
+fn to_box(p: Vector3<f64>, voxels: [[usize; 2]; 3]) -> Vector3<f64> {
+    Vector3::from_fn(|a, _| {
+        let at = |voxel: usize| body::ORIGIN_MM[a] + (voxel as f64 - 0.5) * body::SPACING_MM;
+        p[a].clamp(at(voxels[a][0]), at(voxels[a][1])) - p[a]
+    })
+}
+
+fn figure(record: &PlanRecord, keys: &[&str]) -> f64 {
+    let mut value = &Value::Table(record.metrics.more.clone());
+    for key in keys {
+        let Value::Table(entries) = value else { panic!("{key} in no table") };
+        value = &entries.iter().find(|(name, _)| name == key).unwrap().1;
+    }
+    match value {
+        Value::Number(v) => *v,
+        Value::Integer(n) => *n as f64,
+        other => panic!("{other:?} is no number"),
+    }
+}
+
+#[test]
+fn each_structure_has_its_own_forces_whichever_matters_most() {
+    let place = with_plate();
+    let plan = StoredPlan::load(&place.path("plan")).unwrap();
+    let boxes = [[[8, 30], [8, 34], [10, 12]], [[30, 32], [24, 36], [12, 14]]];
+    for (n, name) in ["plate", "nerve"].into_iter().enumerate() {
+        let rows: Vec<_> = plan.forces.iter().filter(|f| f.structure == n).collect();
+        assert!(rows.len() > plan.waypoints.len() / 2, "{name}: {} rows", rows.len());
+        for f in &rows {
+            let waypoint = &plan.waypoints[f.waypoint];
+            let way = to_box(waypoint.position.coords, boxes[n]);
+            assert!((way.norm() - f.distance_mm).abs() < 1e-9, "{name} at {}", f.waypoint);
+            assert!((way.normalize() - f.toward).norm() < 1e-9, "{name} at {}", f.waypoint);
+            assert!((waypoint.force_n.dot(&f.toward).max(0.0) - f.force_toward_n).abs() < 1e-12);
+        }
+        let peak = rows.iter().map(|f| f.force_toward_n).fold(0.0, f64::max);
+        let said = |key| figure(&plan.record, &["structures", name, key]);
+        assert_eq!(said("peak_force_toward_n"), peak);
+        let there = rows.iter().find(|f| f.waypoint as f64 == said("peak_force_toward_waypoint")).unwrap();
+        assert_eq!(there.force_toward_n, peak);
+        let least = plan.waypoints.iter().map(|w| to_box(w.position.coords, boxes[n]).norm());
+        assert!((said("least_distance_mm") - least.fold(f64::INFINITY, f64::min)).abs() < 1e-9);
+    }
+    // where another structure has less margin, the force toward the nerve is no smaller
+    let named = plan.waypoints.iter().filter(|w| w.structure == Some(1));
+    let named = named.filter_map(|w| w.force_toward_n).fold(0.0, f64::max);
+    let peak = figure(&plan.record, &["structures", "nerve", "peak_force_toward_n"]);
+    assert!(peak > 2.0 * named.max(0.01), "{peak} N, {named} N where the nerve has the least margin");
+
+    // report, drawn errors and simulation tell the same
+    let page = fs::read_to_string(place.path("plan/report.html")).unwrap();
+    assert!(page.contains(&format!("<td>{peak:.3}</td>")), "{peak}");
+    let ran = place.run(&["verify", "plan", "--samples", "10", "--json"]);
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    let found: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
+    let forces = found["risk"]["forces"].as_array().unwrap();
+    let toward = forces.iter().find(|f| f["name"] == "peak toward nerve").unwrap();
+    assert_eq!(toward["planned_n"].as_f64(), Some(peak));
+    let ran = place.run(&["simulate", "plan", "--json"]);
+    let found: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
+    let simulated = found["figures"]["structures"]["nerve"]["peak_force_toward_n"].as_f64().unwrap();
+    assert!(simulated > 0.5 * peak, "{simulated} N simulated, {peak} N planned");
+}
+
+#[test]
+fn air_gives_no_force_and_no_empty_cell() {
+    let place = Place::healthy();
+    assert_eq!(place.plan().code, 0);
+    let text = fs::read_to_string(place.path("plan/waypoints.csv")).unwrap();
+    let mut in_air = 0;
+    for line in text.lines().skip(1) {
+        let cells: Vec<&str> = line.split(',').collect();
+        let numbers: Vec<f64> = cells[15..19].iter().map(|cell| cell.parse().unwrap()).collect();
+        if cells[13] == "0.0" {
+            in_air += 1;
+            assert_eq!(numbers, [0.0; 4], "{line}");
+        }
+    }
+    assert!(in_air > 5);
+}
