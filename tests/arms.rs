@@ -134,6 +134,112 @@ fn a_urdf_of_one_s_own_is_followed_by_damped_least_squares() {
     follows(&plan);
 }
 
+/// The lowest place of a UR's links from the shoulder on, along its trajectory, mm.
+fn lowest_link_mm(plan: &StoredPlan) -> f64 {
+    let lowest = |row: usize| {
+        let places = plan.arm.joint_places(plan.trajectory.q_at(row)).unwrap();
+        places[1..].iter().map(|place| place.z()).fold(f64::INFINITY, f64::min)
+    };
+    (0..plan.trajectory.len()).map(lowest).fold(f64::INFINITY, f64::min)
+}
+
+fn modelled(plan: &StoredPlan, name: &str) -> Option<Value> {
+    plan.record.modelled.iter().find(|(key, _)| key == name).map(|(_, value)| value.clone())
+}
+
+#[test]
+fn a_ur_s_elbow_stays_above_its_mounting_plane() {
+    let says_below = |plan: &StoredPlan| plan.record.warnings.iter().any(|w| w.contains("mounting plane"));
+    for model in UrModel::ALL {
+        let plan = planned(&with_robot(&format!("model = \"{}\"\n{MOUNT}", model.name())));
+        assert!(lowest_link_mm(&plan) > 0.0 && !says_below(&plan), "{model:?}: {}", lowest_link_mm(&plan));
+        assert!(format!("{:?}", modelled(&plan, "branch_name")).contains("elbow-up"), "{model:?}");
+    }
+    // a branch that is asked for is taken, and the plan says how far below the plane it goes
+    let place = with_robot(&format!("model = \"ur5e\"\n{MOUNT}\nbranch = \"elbow-down\""));
+    let plan = planned(&place);
+    let lowest_mm = lowest_link_mm(&plan);
+    assert!(lowest_mm < -50.0 && says_below(&plan), "{lowest_mm} mm: {:?}", plan.record.warnings);
+    assert!(format!("{:?}", modelled(&plan, "branch_name")).contains("elbow-down"));
+    let Some(Value::Number(said_mm)) = modelled(&plan, "lowest_link_mm") else { panic!("not said") };
+    assert!((said_mm - lowest_mm).abs() < 0.1, "says {said_mm}, is {lowest_mm}");
+    assert!(fs::read_to_string(place.path("plan/report.html")).unwrap().contains("elbow down"));
+    // verify finds the same, and no plan may go farther below than it says
+    let verdict = || -> toml::Table { fs::read_to_string(place.path("plan/verification.toml")).unwrap().parse().unwrap() };
+    assert_eq!(place.run(&["verify", "plan"]).code, 0);
+    assert!(verdict().to_string().contains("links over the mounting plane"));
+    let text = fs::read_to_string(place.path("plan/plan.toml")).unwrap();
+    let line = text.lines().find(|line| line.starts_with("lowest_link_mm = ")).unwrap();
+    fs::write(place.path("plan/plan.toml"), text.replace(line, "lowest_link_mm = 12.5")).unwrap();
+    let ran = place.run(&["verify", "plan"]);
+    assert!(ran.code == 1 && ran.out.contains("links over the mounting plane"), "{}", ran.out);
+
+    for (branch, says) in [("\"elbow\"", "elbow-up"), ("8", "0 to 7"), ("\"elbow-up/elbow-down\"", "wrist-positive")] {
+        let place = with_robot(&format!("model = \"ur5e\"\n{MOUNT}\nbranch = {branch}"));
+        place.refuses(&[&place.line_of("branch = "), "robot.branch", says]);
+    }
+    let place = with_robot("branch = 2");
+    place.refuses(&["robot.branch", "ur3e, ur5e or ur10e"]);
+}
+
+/// A seven-jointed arm whose wrist bends by 57° at most: of the directions within 60° of the vertical it cannot take all.
+const SEVEN: &str = r#"<robot name="seven">
+<link name="base_link"/><link name="l1"/><link name="l2"/><link name="l3"/><link name="l4"/><link name="l5"/><link name="l6"/><link name="tool0"/>
+<joint name="a1" type="revolute"><parent link="base_link"/><child link="l1"/><origin xyz="0 0 0.36"/><axis xyz="0 0 1"/>
+<limit lower="-2.97" upper="2.97" velocity="1.7" effort="1"/></joint>
+<joint name="a2" type="revolute"><parent link="l1"/><child link="l2"/><axis xyz="0 1 0"/>
+<limit lower="-2.09" upper="2.09" velocity="1.7" effort="1"/></joint>
+<joint name="a3" type="revolute"><parent link="l2"/><child link="l3"/><origin xyz="0 0 0.42"/><axis xyz="0 0 1"/>
+<limit lower="-2.97" upper="2.97" velocity="1.7" effort="1"/></joint>
+<joint name="a4" type="revolute"><parent link="l3"/><child link="l4"/><axis xyz="0 -1 0"/>
+<limit lower="-2.09" upper="2.09" velocity="2.2" effort="1"/></joint>
+<joint name="a5" type="revolute"><parent link="l4"/><child link="l5"/><origin xyz="0 0 0.4"/><axis xyz="0 0 1"/>
+<limit lower="-2.97" upper="2.97" velocity="2.4" effort="1"/></joint>
+<joint name="a6" type="revolute"><parent link="l5"/><child link="l6"/><axis xyz="0 1 0"/>
+<limit lower="-1.0" upper="1.0" velocity="3.1" effort="1"/></joint>
+<joint name="a7" type="revolute"><parent link="l6"/><child link="tool0"/><origin xyz="0 0 0.126"/><axis xyz="0 0 1"/>
+<limit lower="-3.05" upper="3.05" velocity="3.1" effort="1"/></joint>
+</robot>"#;
+
+#[test]
+fn an_arm_is_asked_only_for_axes_that_it_can_take() {
+    let place = with_robot(
+        "model = \"seven.urdf\"\n\
+         flange_from_burr = { translation_mm = [0, 0, 180], rpy_rad = [3.141592653589793, 0, 0] }\n\
+         base_from_ct = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [520, 0, 50] }",
+    );
+    fs::write(place.path("seven.urdf"), SEVEN).unwrap();
+    let plan = planned(&place);
+    follows(&plan);
+    assert_eq!(place.run(&["verify", "plan"]).code, 0);
+    // the limit matters: somewhere on the path it keeps the wrist
+    let most = (0..plan.trajectory.len()).map(|row| plan.trajectory.q_at(row)[5].abs()).fold(0.0, f64::max);
+    assert!(most > 0.8 && most <= 1.0, "{most} rad");
+
+    let place = Place::healthy().with_case("rate_hz = 100", "model = \"seven.urdf\"");
+    fs::write(place.path("seven.urdf"), SEVEN.replace("xyz=\"0 0 0.", "xyz=\"0 0 9")).unwrap();
+    place.refuses(&[&place.line_of("seven.urdf"), "looks like millimetres; URDF lengths are metres"]);
+}
+
+#[test]
+fn any_angles_of_a_rotation_pass_verify() {
+    // at gimbal lock, and beyond half a turn; the patient where a UR5e reaches with the tool so mounted
+    for (mount_rpy, base_rpy, at) in [
+        ("[0, 3.141592653589793, 0]", "[0, 0, 0]", "[450, 0, 40]"),
+        ("[0, 2.6, 0]", "[3.141592653589793, 3.141592653589793, 3.141592653589793]", "[450, 0, 40]"),
+        ("[3.5, 0, 0]", "[0, 0, 6.5]", "[450, 0, 40]"),
+        ("[3.141592653589793, 0.5, 3.9]", "[0, -1.5707963267948966, 0.4]", "[350, 0, 300]"),
+    ] {
+        let place = with_robot(&format!(
+            "model = \"ur5e\"\nflange_from_burr = {{ translation_mm = [0, 0, 180], rpy_rad = {mount_rpy} }}\n\
+             base_from_ct = {{ rpy_rad = {base_rpy}, translation_mm = {at} }}"
+        ));
+        planned(&place);
+        let ran = place.run(&["verify", "plan"]);
+        assert_eq!(ran.code, 0, "{mount_rpy} {base_rpy}: {}{}", ran.out, ran.err);
+    }
+}
+
 #[test]
 fn a_ur_without_a_tool_is_refused_with_an_example() {
     let place = with_robot("model = \"ur5e\"");

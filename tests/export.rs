@@ -104,20 +104,51 @@ fn ros_and_urscript_hold_the_trajectory() {
             assert!((read.parse::<f64>().unwrap() - value).abs() < 1e-9);
         }
     }
-    place.run(&["export", "plan", "--format", "gcode"]).refused(&["Cartesian machines"]);
+    assert!(script.contains("if aside_mm() > 0.5:"), "half a millimetre, less than the clearance of 1 mm");
+    // nothing is left of what is refused
+    let refused = |args: &[&str], says: &[&str]| {
+        let before = place.files();
+        place.run(&[&["export", "plan", "--out", "a/b"], args].concat()).refused(says);
+        assert!(before == place.files());
+    };
+    refused(&["--format", "gcode"], &["robot.model = \"ur5e\"", "three linear axes", "urscript"]);
+    let ran = place.run(&["export", "plan", "--format", "gcode"]);
+    assert!(!ran.err.contains("because"), "{}", ran.err);
+    refused(&["--format", "urscript", "--rate", "1"], &["mm aside"]);
+    refused(&["--format", "ros", "--rapid"], &["--rapid"]);
     place.run(&["export", "plan", "--format", "ros", "--rate", "1000"]).refused(&["--rate", "500"]);
     place.run(&["export", "nowhere", "--format", "ros"]).refused(&["plan.toml"]);
 }
 
+/// Joint positions on the straight way between two.
+fn between(from: &[f64], to: &[f64], share: f64) -> Vec<f64> {
+    from.iter().zip(to).map(|(a, b)| a + share * (b - a)).collect()
+}
+
+/// The nearest place to `q` on the straight way between two, and how far it is; a radian of the tilt counts 50 mm.
+fn nearest(q: &[f64], from: &[f64], to: &[f64]) -> (f64, Vec<f64>) {
+    let dot = |a: &[f64], b: &[f64]| -> f64 {
+        a.iter().zip(b).zip([1.0, 1.0, 1.0, 2500.0]).map(|((a, b), weight)| a * b * weight).sum()
+    };
+    let less = |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| a - b).collect() };
+    let way = less(to, from);
+    let share = (dot(&less(q, from), &way) / dot(&way, &way).max(1e-30)).clamp(0.0, 1.0);
+    let place = between(from, to, share);
+    let off = less(q, &place);
+    (dot(&off, &off), place)
+}
+
 #[test]
-fn g_code_drives_the_bone_attached_arm_through_every_waypoint() {
-    let place = Place::healthy();
+fn g_code_keeps_to_the_trajectory_and_to_every_axis_limit() {
+    let place = Place::healthy().with_case("rate_hz = 100", "rate_hz = 500");
     let plan = planned(&place);
     let text = exported(&place, &["--format", "gcode"], "plan.ngc");
-    let mut at = [0.0f64; 4];
-    let mut path = Vec::new();
-    let mut minutes = 0.0;
+    let trajectory = &plan.trajectory;
+    let burr = |q: &[f64]| plan.arm.burr(q).unwrap();
+    let (mut at, mut path) = ([0.0f64; 4], Vec::new());
+    let (mut seconds, mut off_mm, mut off_rad, mut fastest) = (0.0, 0f64, 0f64, 0f64);
     for line in text.lines().filter(|line| line.starts_with("G0 ") || line.starts_with("G1 ")) {
+        let (before, mut span_s) = (at, 0.0);
         for word in line.split(' ').skip(1) {
             let value: f64 = word[1..].parse().unwrap();
             match &word[..1] {
@@ -125,21 +156,44 @@ fn g_code_drives_the_bone_attached_arm_through_every_waypoint() {
                 "Y" => at[1] = value,
                 "Z" => at[2] = value,
                 "A" => at[3] = value.to_radians(),
-                _ => minutes += 1.0 / value,
+                _ => span_s = 60.0 / value,
             }
         }
-        let tool = plan.arm.burr(&at).unwrap();
-        path.push((tool.translation_mm, tool.rotation * nalgebra::Vector3::z()));
+        path.push(burr(&at).translation_mm);
+        if span_s == 0.0 {
+            continue;
+        }
+        for (joint, (a, b)) in plan.arm.joints().iter().zip(before.iter().zip(at)) {
+            fastest = fastest.max((b - a).abs() / span_s / joint.velocity_limit);
+        }
+        // what the controller drives on the way, against the nearest place of the trajectory around that time
+        let row = |s: f64| ((s * 500.0).round() as usize).min(trajectory.len() - 1);
+        let near = row((seconds - 0.1).max(0.0)) + 1..=row(seconds + span_s + 0.1);
+        for share in [0.25, 0.5, 0.75, 1.0] {
+            let q = between(&before, &at, share);
+            let of_piece = |k: usize| nearest(&q, trajectory.q_at(k - 1), trajectory.q_at(k));
+            let (_, there) = near.clone().map(of_piece).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+            let (driven, there) = (burr(&q), burr(&there));
+            off_mm = off_mm.max((driven.translation_mm - there.translation_mm).norm());
+            let z = nalgebra::Vector3::z();
+            off_rad = off_rad.max((driven.rotation * z).cross(&(there.rotation * z)).norm());
+        }
+        seconds += span_s;
     }
-    // in order, each waypoint is driven through
+    assert!(off_mm < 0.0051, "{off_mm} mm beside the trajectory");
+    assert!(off_rad < 5.1e-4, "{off_rad} rad");
+    assert!(fastest <= 1.0 + 1e-9, "{fastest} of an axis's limit");
+    assert!(fastest > 0.5, "the links ask for much of what an axis can do: {fastest}");
+    // in order, each waypoint is passed as near as the trajectory passes it
     let mut next = 0;
     for waypoint in &plan.waypoints {
         let p = (plan.record.base_from_ct * waypoint.position).coords;
-        let axis = plan.record.base_from_ct.rotate(&waypoint.axis);
-        let found = path[next..].iter().position(|(q, a)| (q - p).norm() < 1e-3 && a.angle(&axis) < 1e-5);
+        let found = path[next..].iter().position(|q| (q - p).norm() < 0.025);
         next += found.unwrap();
     }
     assert_eq!(next, path.len() - 1);
+    let planned_s = plan.waypoints[plan.waypoints.len() - 1].time_s;
+    assert!((seconds / planned_s - 1.0).abs() < 1e-3, "{seconds} s of {planned_s}");
     assert!(text.contains(" M3\n") && text.lines().filter(|line| line.starts_with("G0 ")).count() == 1);
     // links as rapids where the machine drives them straight; its blocks end where they did
     let rapid = exported(&place, &["--format", "gcode", "--rapid"], "plan.ngc");
@@ -149,8 +203,6 @@ fn g_code_drives_the_bone_attached_arm_through_every_waypoint() {
         blocks.map(|line| line[3..].split(" F").next().unwrap().to_owned()).collect()
     };
     assert_eq!(ends(&text), ends(&rapid));
-    let planned_s = plan.waypoints[plan.waypoints.len() - 1].time_s;
-    assert!((minutes * 60.0 / planned_s - 1.0).abs() < 1e-3, "{} s of {planned_s}", minutes * 60.0);
     place
         .run(&["export", "plan", "--format", "urscript"])
         .refused(&["bone-attached", "ur3e, ur5e and ur10e"]);

@@ -71,6 +71,12 @@ pub enum RobotError {
         /// What would have been right.
         expected: &'static str,
     },
+    /// G-code for an arm of another kind.
+    #[error("G-code is for machines with three linear axes and at most one rotary one behind them, not for these {joints} joints")]
+    NotCartesian {
+        /// The arm's joints.
+        joints: usize,
+    },
     /// A path without waypoints.
     #[error("the joint path has no waypoint; a time law needs at least one")]
     EmptyPath,
@@ -306,6 +312,21 @@ pub enum UrdfFault {
         least: f64,
         /// The most that is taken.
         most: f64,
+    },
+    /// Lengths in another unit.
+    #[error(
+        "half of the joints between {base:?} and the tip {tip:?} are {length_m:.0} m or more from the one before, expected at most \
+         {most_m} m: this looks like millimetres; URDF lengths are metres"
+    )]
+    Millimetres {
+        /// The base link.
+        base: String,
+        /// The tip link.
+        tip: String,
+        /// The median of the origins' lengths, as given.
+        length_m: f64,
+        /// The most that is taken.
+        most_m: f64,
     },
     /// The text is no well-formed XML.
     #[error("not a URDF: no well-formed XML up to byte {byte}: {why}")]

@@ -315,6 +315,8 @@ table! {
         STRUCTURE_LABEL = "structure.label" "a number from 1 to 65535 or a name of labels.json", REQUIRED, "its label", "-";
         MODEL = "robot.model" "`bone-attached`, `ur3e`, `ur5e`, `ur10e` or the path of a .urdf file", "\"bone-attached\"", "the arm", "D: bone-attached robot";
         CALIBRATION = "robot.calibration" "a path relative to the case file", "none: nominal kinematics, with a warning", "a UR's own calibration: YAML or calibration.conf with delta_theta, delta_a, delta_d, delta_alpha, or the ROS driver's extraction", "-";
+        BRANCH = "robot.branch" "a number from 0 to 7, or words of `shoulder-left` | `shoulder-right`, `elbow-up` | `elbow-down`, `wrist-positive` | `wrist-negative` joined by `/`",
+            "any; those whose links stay above the mounting plane come first", "which branches of a UR's inverse may be taken, for the whole path: 4·shoulder + 2·wrist + elbow; seen from the base toward the wrist, the upper arm is left or right of it, the elbow above or below the line from the shoulder to the wrist, and q5 positive or negative", "-";
         BASE_FROM_CT = "robot.base_from_ct" "a table { rotation | quaternion_wxyz | rpy_rad, translation_mm } or { fiducials }",
             "assumed: base x, y, z along work y, -x, z; the target's centre at the bone-attached arm's base, or before a UR's base by 0.55 and above it by 0.05 of its reach; needed for a URDF", "registration: where the patient is", "assumed, stated in plan.toml";
         FLANGE_FROM_BURR = "robot.flange_from_burr" "a table { translation_mm, rpy_rad }", "the URDF ends at the burr; needed for a UR", "where the burr is mounted", "-";

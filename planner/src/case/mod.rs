@@ -21,6 +21,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use bonemill_imaging::{AffineChoice, DensityTable};
+use bonemill_robot::ur::Branches;
 use nalgebra::{Rotation3, Vector3};
 
 pub use crate::cost::SeveralStructures;
@@ -343,6 +344,8 @@ pub struct RobotSpec {
     pub model: String,
     /// A UR's calibration file, relative to the case.
     pub calibration: Option<PathBuf>,
+    /// The branches of a UR's inverse that may be taken; `None`: all.
+    pub branch: Option<Branches>,
     /// Registration of the patient.
     pub base_from_ct: Registration,
     /// Burr's centre and axis in the flange: translation mm, fixed-axis roll, pitch, yaw rad.

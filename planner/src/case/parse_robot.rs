@@ -3,12 +3,15 @@
 use std::path::PathBuf;
 
 use bonemill_geometry::{Base, Ct, NotARotation, Rigid};
+use bonemill_robot::ur::Branches;
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+
+use toml::de::DeValue;
 
 use super::error::CaseFault;
 use super::keys::{self as k, Number};
 use super::parse::BONE_ATTACHED;
-use super::walker::Walk;
+use super::walker::{Walk, as_number};
 use super::{Registration, RobotSpec};
 
 pub(super) fn read_robot(t: Walk<'_, '_>) -> RobotSpec {
@@ -17,6 +20,7 @@ pub(super) fn read_robot(t: Walk<'_, '_>) -> RobotSpec {
     let robot = RobotSpec {
         model: t.text(&k::MODEL).unwrap_or_else(|| BONE_ATTACHED.into()),
         calibration: t.text(&k::CALIBRATION).map(PathBuf::from),
+        branch: read_branch(&t),
         base_from_ct: read_registration(base_from_ct),
         flange_from_burr: read_mount(flange_from_burr),
         joint_stiffness: read_joints(&t, &k::STIFFNESS),
@@ -27,6 +31,19 @@ pub(super) fn read_robot(t: Walk<'_, '_>) -> RobotSpec {
     };
     t.finish();
     robot
+}
+
+fn read_branch(t: &Walk<'_, '_>) -> Option<Branches> {
+    let value = t.raw(&k::BRANCH)?;
+    let found = match value {
+        DeValue::String(words) => Branches::named(words),
+        DeValue::Integer(_) => as_number(value).filter(|n| *n >= 0.0).and_then(|n| Branches::one(n as u8)),
+        _ => None,
+    };
+    if found.is_none() {
+        t.refuse(&k::BRANCH, value);
+    }
+    found
 }
 
 fn read_joints(t: &Walk<'_, '_>, of: &Number) -> Option<Vec<f64>> {

@@ -161,6 +161,7 @@ impl Case {
         let robot = &self.robot;
         let mut lines = vec![("model", text(&robot.model))];
         lines.extend(robot.calibration.as_ref().map(|path| ("calibration", text(&path.to_string_lossy()))));
+        lines.extend(robot.branch.map(|branches| ("branch", text(&branches.to_string()))));
         let joints = [
             ("joint_stiffness", &robot.joint_stiffness),
             ("velocity_limits", &robot.velocity_limits),

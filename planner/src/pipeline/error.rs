@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use bonemill_imaging::{ImageError, NiftiProblem, SceneError};
 use bonemill_robot::RobotError;
 use bonemill_robot::registration::RegistrationFault;
+use nalgebra::{Unit, Vector3};
 use thiserror::Error;
 
 use super::reach::Unreached;
@@ -93,6 +94,8 @@ pub enum PlanError {
     OutOfReach {
         /// The waypoint.
         waypoint: usize,
+        /// The shaft's axis there, in work.
+        axis: Unit<Vector3<f64>>,
         /// Which joint, by how much.
         excess: String,
     },

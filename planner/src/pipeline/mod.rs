@@ -4,6 +4,7 @@
 //! joint trajectory. Every stage takes values and hands values on; none keeps state. What a stage cannot do is a
 //! result with its reason ([`Plan::shortfalls`]), an error only where nothing sensible can be planned.
 
+mod arm_axes;
 mod demand;
 mod error;
 mod figures;
@@ -128,6 +129,8 @@ pub struct Modelled {
     pub time_at_caps_s: f64,
     /// The branch of the arm's inverse that the whole path is on.
     pub branch: u8,
+    /// The lowest place of the arm's links over its mounting plane, where that is known.
+    pub lowest_link: Option<motion::LowestLink>,
     /// Passes that no link could join.
     pub unjoined_passes: usize,
     /// Angle of the raster lines from work x as plans call it ([`bonemill_geometry::Approach`]), rad in (−π/2, π/2].
@@ -197,7 +200,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let base_from_ct = registered.base_from_ct;
     let base_from_work = base_from_ct * scene.ct_from_work;
     let solid = watch.run("solid", || solid(case, &scene));
-    let prepared = Prepared::new(case, &arm, &scene, &space, &solid, base_from_work, &mut watch)?;
+    let mut prepared = Prepared::new(case, &arm, &scene, &space, &solid, base_from_work, &mut watch)?;
     let (chosen, motion) = prepared.choose_with_motion(case, &mut watch)?;
     let Chosen { oriented, kinds, forces, costs, compliances, .. } = &chosen;
     let (points, near, moments) = (prepared.points(), &prepared.near, &prepared.reached.moments);
@@ -277,9 +280,11 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         limit_ratios: timing.law.limit_ratios(&limits),
         time_at_caps_s: prepared.length_mm().iter().zip(&timing.caps_mm_s).map(|(mm, cap)| mm / cap).sum(),
         branch: motion.resolved.branch,
+        lowest_link: motion::LowestLink::along(&arm, &motion.dense)?,
         raster_rad: half_turn(prepared.raster_rad + scene.turn_rad),
         layers: prepared.reached.path.layers,
     };
+    warnings.extend(modelled.lowest_link.and_then(|lowest| lowest.warning()));
     let centers: Vec<_> = points.iter().map(|p| p.position).collect();
     let least = near::least_distances(&scene, &centers);
     let radius_mm = case.burr.radius_mm;

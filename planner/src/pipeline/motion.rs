@@ -10,7 +10,7 @@
 use bonemill_geometry::{Base, Point, Rigid, Work};
 use bonemill_robot::Arm;
 use bonemill_robot::arm::AxisPose;
-use bonemill_robot::resolve::{DensePath, OutOfReach, PosePath, Resolved, SpinFrame, Stiffness, resolve};
+use bonemill_robot::resolve::{DensePath, OutOfReach, PosePath, Posture, Resolved, SpinFrame, Stiffness, resolve};
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
@@ -24,6 +24,8 @@ pub struct Placed<'a> {
     pub arm: &'a Arm,
     /// Where the patient is.
     pub base_from_work: &'a Rigid<Base, Work>,
+    /// What is asked of its posture.
+    pub posture: Posture<'a>,
 }
 
 /// Joint positions along the path.
@@ -37,7 +39,7 @@ pub struct Motion {
 
 impl<'a> Placed<'a> {
     /// A point and a shaft axis in work, as the arm sees them.
-    fn pose(&self, position: Point<Work>, axis: &Unit<Vector3<f64>>) -> AxisPose {
+    pub fn pose(&self, position: Point<Work>, axis: &Unit<Vector3<f64>>) -> AxisPose {
         AxisPose {
             position: *self.base_from_work * position,
             axis: Unit::new_normalize(self.base_from_work.rotate(axis)),
@@ -45,7 +47,7 @@ impl<'a> Placed<'a> {
     }
 
     /// Spins are counted about the approach.
-    fn frame(&self) -> SpinFrame {
+    pub fn frame(&self) -> SpinFrame {
         SpinFrame::about(&Unit::new_normalize(self.base_from_work.rotate(&Vector3::z())))
     }
 
@@ -70,14 +72,61 @@ impl<'a> Placed<'a> {
         let stiffness = stiffness
             .zip(in_base.as_deref())
             .map(|(Stiffness { joint, .. }, toward)| Stiffness { joint, toward });
-        let path = PosePath { poses: &poses, length_mm, frame: self.frame(), stiffness };
+        let path = PosePath { poses: &poses, length_mm, frame: self.frame(), stiffness, posture: self.posture };
         let out_of_reach = |failed: OutOfReach| PlanError::OutOfReach {
             waypoint: failed.pose,
+            axis: axes[failed.pose],
             excess: failed.reason.to_string(),
         };
         let resolved = resolve(self.arm, &path)?.map_err(out_of_reach)?;
         let dense = DensePath::lay(self.arm, &path, &resolved).map_err(out_of_reach)?;
         Ok(Motion { resolved, dense })
+    }
+}
+
+/// The lowest place of a UR's links over its mounting plane, along a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LowestLink {
+    /// Its height, mm.
+    pub height_mm: f64,
+    /// The joint that is there, from 2 on, or 7 for the flange.
+    pub joint: usize,
+    /// The waypoint, or the one that the arm is on its way to.
+    pub waypoint: usize,
+}
+
+impl LowestLink {
+    /// Along a motion; `None` for an arm without a mounting plane that is known.
+    ///
+    /// # Errors
+    /// Where the motion is not the arm's.
+    pub fn along(arm: &Arm, motion: &DensePath) -> Result<Option<Self>, PlanError> {
+        let mut lowest: Option<Self> = None;
+        for (place, q) in motion.q.chunks_exact(arm.dof()).enumerate() {
+            let Some((height_mm, joint)) = arm.lowest_link(q)? else { return Ok(None) };
+            if lowest.is_none_or(|lowest| height_mm < lowest.height_mm) {
+                let waypoint = motion.waypoints.partition_point(|at| *at < place);
+                lowest = Some(Self { height_mm, joint, waypoint });
+            }
+        }
+        Ok(lowest)
+    }
+
+    /// What is wrong where it is below the plane.
+    pub fn warning(&self) -> Option<String> {
+        let link = match self.joint {
+            3 => "the elbow".to_owned(),
+            7 => "the flange".into(),
+            joint => format!("joint {joint}"),
+        };
+        (self.height_mm < 0.0).then(|| {
+            format!(
+                "{link} is {:.0} mm below the arm's mounting plane at waypoint {}, and no branch that it may take stays above it (links taken as \
+                 lines between their joints; their radius comes on top): raise the patient (robot.base_from_ct), or make sure that \
+                 nothing is there",
+                -self.height_mm, self.waypoint
+            )
+        })
     }
 }
 
@@ -143,7 +192,7 @@ impl<'a> Compliance<'a> {
     }
 
     /// What a case's cost turns forces by, mm/N in work for each of neighbouring axes with the burr at `at`; `None` where it looks at
-    /// the force itself.
+    /// the force itself. An axis that the arm cannot take there has that of the nearest one that it can.
     ///
     /// # Errors
     /// As [`Compliance::at_axes`].
@@ -152,11 +201,19 @@ impl<'a> Compliance<'a> {
         case: &Case,
         at: Point<Work>,
         axes: &[Unit<Vector3<f64>>],
+        allows: impl Fn(&Vector3<f64>) -> bool,
     ) -> Result<Option<Vec<Matrix3<f64>>>, PlanError> {
-        match case.cost.force {
-            ForceTerm::Deflection => self.at_axes(at, axes),
-            ForceTerm::Cutting => Ok(None),
+        if case.cost.force == ForceTerm::Cutting {
+            return Ok(None);
         }
+        let taken: Vec<_> = axes.iter().copied().filter(|axis| allows(axis)).collect();
+        let taken = if taken.is_empty() { axes.to_vec() } else { taken };
+        let Some(found) = self.at_axes(at, &taken)? else { return Ok(None) };
+        let nearest = |axis: &Unit<Vector3<f64>>| {
+            let cosine = |n: &usize| taken[*n].dot(axis);
+            (0..taken.len()).max_by(|a, b| cosine(a).total_cmp(&cosine(b))).unwrap_or(0)
+        };
+        Ok(Some(axes.iter().map(|axis| found[nearest(axis)]).collect()))
     }
 
     /// mm/N in work for each of neighbouring axes, the burr at `at`.

@@ -4,6 +4,7 @@ use bonemill_geometry::cancel;
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
+use super::arm_axes::ArmAxes;
 use super::reach::ReachedPath;
 use super::sets::Finer;
 use crate::burr::{EngagedSamples, Material, OrientationKernel};
@@ -62,6 +63,8 @@ pub struct Room<'a> {
     pub family: Option<&'a TiltFamily>,
     /// How fast axes may turn.
     pub rate: RateLimit,
+    /// The axes that the arm can take.
+    pub arm: &'a ArmAxes,
 }
 
 /// A move during which the turning shank is not free all the way.
@@ -154,6 +157,7 @@ impl Room<'_> {
     pub fn is_free(&self, i: usize, axis: &Vector3<f64>) -> bool {
         let position = self.reached.path.points[i].position;
         (!self.reached.limited[i] || self.directions.is_within_limit(axis))
+            && self.arm.allows(position, axis)
             && self.reached.access.is_free(i as u32, position, axis)
     }
 

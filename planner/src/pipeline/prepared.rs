@@ -6,10 +6,12 @@ use std::path::Path;
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_imaging::Scene;
 use bonemill_robot::Arm;
-use bonemill_robot::resolve::Stiffness;
+use bonemill_robot::resolve::{Posture, Stiffness};
+use bonemill_robot::ur::Branches;
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
+use super::arm_axes::{ArmAxes, REFUSED_MM};
 use super::motion::{Compliance, Motion, Placed};
 use super::near::{self, Near};
 use super::orient::{CostField, Oriented, Room, orient};
@@ -34,6 +36,8 @@ const CHOICE_SAMPLES: usize = 1024;
 const CHOICE_MERGED: usize = 2;
 /// λ of the orientation's rate penalty, mm/rad² per unit of cost.
 const RATE_WEIGHT_MM: f64 = 1.0;
+/// Axes that the arm cannot follow and that are refused one after the other, at most.
+const MOST_REFUSED: usize = 12;
 
 /// Scene, path, access and engagement of a case.
 #[derive(Debug)]
@@ -48,6 +52,9 @@ pub struct Prepared<'a> {
     finer: Option<Finer>,
     pub(super) rate: RateLimit,
     pub(super) reached: ReachedPath<'a>,
+    arm_axes: ArmAxes,
+    /// The branches of a UR that the case allows.
+    branches: Option<Branches>,
     /// Links that graze a cusp where no axis within the tilt limit is free.
     pub(super) beyond_limit: usize,
     /// Per waypoint the nearest structure first, then others within influence.
@@ -100,8 +107,19 @@ impl<'a> Prepared<'a> {
             RateLimit { weight_mm: RATE_WEIGHT_MM, most_rad_per_mm: rate_rad_s / case.speed.nominal_mm_s };
         let shank = setup::shank(case);
         let draft = sets::one(family.as_ref(), limit_rad, DRAFT_COARSER[usize::from(family.is_none())]);
-        let spec = ReachSpec { radius_mm: radius, shank: &shank, solid, directions: &draft, rate, spacing };
-        let placed = Placed { arm, base_from_work: &base_from_work };
+        let posture = case.robot.branch.map_or(Posture::Any, Posture::Of);
+        let placed = Placed { arm, base_from_work: &base_from_work, posture };
+        let asked = sets::one(family.as_ref(), limit_rad, 1.0);
+        let arm_axes = watch.run("arm", || ArmAxes::new(placed, space, asked));
+        let spec = ReachSpec {
+            radius_mm: radius,
+            shank: &shank,
+            solid,
+            arm: &arm_axes,
+            directions: &draft,
+            rate,
+            spacing,
+        };
         let frame = match case.path.raster_rad {
             Some(angle) => RasterFrame::at_angle(angle - scene.turn_rad),
             None => watch.run("raster", || chosen_frame(case, scene, space, &spec, placed))?,
@@ -155,6 +173,8 @@ impl<'a> Prepared<'a> {
             reached,
             directions,
             finer,
+            arm_axes,
+            branches: case.robot.branch,
         })
     }
 
@@ -194,16 +214,37 @@ impl<'a> Prepared<'a> {
         Ok(self.choose_timed(case, with_motion, &mut watch)?.0)
     }
 
-    /// [`Self::choose`] with the motion that leads through these axes.
+    /// [`Self::choose`] with the motion that leads through these axes. Where the arm cannot follow them, the axis at which it
+    /// ends is refused, and axes are chosen anew.
     pub(super) fn choose_with_motion(
-        &self,
+        &mut self,
         case: &Case,
         watch: &mut Stopwatch,
     ) -> Result<(Chosen, Motion), PlanError> {
-        let (chosen, motion) = self.choose_timed(case, true, watch)?;
+        let mut found = self.choose_timed(case, true, watch);
+        for _ in 0..MOST_REFUSED {
+            match found {
+                Err(PlanError::OutOfReach { waypoint, axis, .. }) if self.refuse(waypoint, axis) => {}
+                _ => break,
+            }
+            found = self.choose_timed(case, true, watch);
+        }
+        let (chosen, motion) = found?;
         // it was asked for
         let motion = motion.map_or_else(|| self.motion(case, &chosen.oriented.axes), Ok)?;
         Ok((chosen, motion))
+    }
+
+    /// Takes an axis that the arm cannot follow to away from the waypoints around; whether each has another left.
+    fn refuse(&mut self, waypoint: usize, axis: Unit<Vector3<f64>>) -> bool {
+        let at = self.reached.path.points[waypoint].position;
+        self.arm_axes.refuse(at, axis);
+        let axes = self.directions.axes();
+        let is_near = |point: &PathPoint| point.position.distance_mm(&at) <= REFUSED_MM;
+        for (i, point) in self.reached.path.points.iter().enumerate().filter(|(_, point)| is_near(point)) {
+            self.reached.free.retain(i, |n| self.arm_axes.allows(point.position, &axes[n]));
+        }
+        (0..self.reached.free.len()).all(|i| self.reached.free.count(i) > 0)
     }
 
     fn choose_timed(
@@ -219,7 +260,9 @@ impl<'a> Prepared<'a> {
         let swept = SweptPath::new(self.scene, &self.reached.path.removal, points, case.burr.radius_mm);
         let terms = terms(case, &self.near)?;
         let compliance = Compliance::new(case, self.placed())?;
-        let of_cost = |set: &Directions| compliance.of_cost(case, self.scene.target_center, set.axes());
+        let center = self.scene.target_center;
+        let allows = |axis: &Vector3<f64>| self.arm_axes.allows(center, axis);
+        let of_cost = |set: &Directions| compliance.of_cost(case, center, set.axes(), allows);
         let field = CostField {
             swept: &swept,
             kernel: &kernel,
@@ -238,6 +281,7 @@ impl<'a> Prepared<'a> {
             finer: self.finer.as_ref(),
             family: self.family.as_ref(),
             rate: self.rate,
+            arm: &self.arm_axes,
         };
         let oriented = watch.run("orientation", || orient(case.orientation.mode, &room, &field));
         let force_kernel = ForceKernel::new(&tool, &material, &setup::discretisation(&tool, measure)?);
@@ -280,7 +324,8 @@ impl<'a> Prepared<'a> {
 
     /// The arm where it stands.
     fn placed(&self) -> Placed<'_> {
-        Placed { arm: self.arm, base_from_work: &self.base_from_work }
+        let posture = self.branches.map_or(Posture::Any, Posture::Of);
+        Placed { arm: self.arm, base_from_work: &self.base_from_work, posture }
     }
 
     /// Joint positions along the path with the shaft along `axes`; stiff toward structures where the case looks at the
@@ -291,7 +336,10 @@ impl<'a> Prepared<'a> {
         let stiff = case.robot.joint_stiffness.as_deref();
         let stiff = stiff.filter(|_| case.cost.force == ForceTerm::Deflection);
         let stiffness = stiff.map(|joint| Stiffness { joint, toward: &toward });
-        self.placed().motion(&positions, axes, self.length_mm(), stiffness)
+        let start = positions.first().zip(axes.first()).and_then(|(at, axis)| self.arm_axes.start(*at, axis));
+        let placed = self.placed();
+        let posture = start.map_or(placed.posture, Posture::From);
+        Placed { posture, ..placed }.motion(&positions, axes, self.length_mm(), stiffness)
     }
 
     /// A link that grazes a cusp by a part of a voxel removes it: it is a cut, and as slow as one.
@@ -313,7 +361,8 @@ fn chosen_frame(
     let toward = raster::toward_structure(scene, &clearances, case.burr.radius_mm)?;
     let along = RasterFrame::chosen(&scene.target_hull_xy, toward, raster::mass_center(scene));
     let axes = spec.directions.axes();
-    let compliance = Compliance::new(case, placed)?.of_cost(case, scene.target_center, axes)?;
+    let (compliance, center) = (Compliance::new(case, placed)?, scene.target_center);
+    let compliance = compliance.of_cost(case, center, axes, |axis| spec.arm.allows(center, axis))?;
     raster::cheaper(case, scene, space, spec, compliance.as_deref(), [along, along.across()])
 }
 

@@ -25,6 +25,7 @@ use crate::path::{
 };
 use crate::space::BurrSpace;
 
+use super::arm_axes::ArmAxes;
 use super::known::{KnownDirections, Round};
 
 /// Rounds before the planner gives up; each puts off or drops at least one waypoint, few are usual.
@@ -84,6 +85,8 @@ pub struct ReachSpec<'a, 's> {
     pub shank: &'a [ShankCylinder],
     /// What it may not touch.
     pub solid: &'s Solid,
+    /// The axes that the arm can take.
+    pub arm: &'a ArmAxes,
     /// Directions to choose from.
     pub directions: &'a Directions,
     /// How fast they may change.
@@ -186,6 +189,8 @@ pub fn reached<'a>(
                     let (index, center) = (i as u32, path.points[i].position);
                     let reason = if free.count(i) > 0 {
                         "no way to turn the shaft there".into()
+                    } else if arm_blocks(&access, spec, index, center, limited[i]) {
+                        "the arm cannot take an axis along which the shank is free".into()
                     } else {
                         let blocked = access.blocked(index, center, &Vector3::z());
                         what_blocks(scene, spec.shank, center, blocked)
@@ -200,6 +205,13 @@ pub fn reached<'a>(
         path = next;
     }
     Err(Unreached::Unsettled { waypoints, rounds: MOST_ROUNDS })
+}
+
+/// Whether the shank would be free along some axis that the arm cannot take.
+fn arm_blocks(access: &Access, spec: &ReachSpec, i: u32, center: Point<Work>, is_limited: bool) -> bool {
+    let set = spec.directions;
+    let mut allowed = set.axes().iter().filter(|axis| !is_limited || set.is_within_limit(axis));
+    allowed.any(|axis| !spec.arm.allows(center, axis) && access.is_free(i, center, axis))
 }
 
 /// The point of a pass from which the burr is on its way at waypoint i.
@@ -244,7 +256,7 @@ pub fn free_directions(
             // less is removed than before: what was blocked stays so
             Some((false, _)) => false,
             Some((true, known)) if !known.may_have_changed(points[i].position, &axes[n], spec.shank) => true,
-            _ => access.is_free(i as u32, points[i].position, &axes[n]),
+            _ => spec.arm.allows(points[i].position, &axes[n]) && access.is_free(i as u32, points[i].position, &axes[n]),
         }
     })
 }

@@ -77,6 +77,9 @@ pub fn arm(case: &Case, folder: &Path) -> Result<Arm, PlanError> {
     if robot.calibration.is_some() && model.is_none() {
         return refused("robot.calibration", "a calibration file for ur3e, ur5e or ur10e only");
     }
+    if robot.branch.is_some() && model.is_none() {
+        return refused("robot.branch", "branches of ur3e, ur5e or ur10e only: leave the key out");
+    }
     let arm = match (robot.model.as_str(), model) {
         ("bone-attached", _) if robot.flange_from_burr.is_some() => {
             // silently ignoring it would give another motion than the case asks for

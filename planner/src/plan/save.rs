@@ -3,8 +3,9 @@
 use std::fs::File;
 use std::path::Path;
 
-use bonemill_robot::JointKind;
 use bonemill_robot::export::write_trajectory_csv;
+use bonemill_robot::ur::branch_name;
+use bonemill_robot::{ArmKind, JointKind};
 
 use super::access_csv::{access_csv, dropped_csv};
 use super::{
@@ -55,8 +56,6 @@ pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<P
 
 /// What `plan.toml` says of a plan; `case_file` is its case's file, relative to the plan's directory once it has one.
 pub fn record(plan: &Plan, case_file: std::path::PathBuf) -> PlanRecord {
-    let mount = &plan.arm.mount().flange_from_burr;
-    let (roll, pitch, yaw) = mount.rotation.euler_angles();
     PlanRecord {
         version: env!("CARGO_PKG_VERSION").into(),
         case: plan.case.clone(),
@@ -71,7 +70,8 @@ pub fn record(plan: &Plan, case_file: std::path::PathBuf) -> PlanRecord {
         grid: PlanningGrid { dims: plan.scene.class.grid().dims(), turn_rad: plan.scene.turn_rad },
         base_from_ct: plan.base_from_ct,
         registration_assumed: plan.case.robot.base_from_ct == Registration::Assumed,
-        flange_from_burr: (mount.translation_mm.into(), [roll, pitch, yaw]),
+        // the case's own angles: those of the arm's rotation lose digits at gimbal lock
+        flange_from_burr: plan.case.robot.flange_from_burr.unwrap_or_default(),
         metrics: metrics(plan),
         modelled: modelled(plan),
         warnings: plan.warnings.clone(),
@@ -166,7 +166,9 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
     let dropped = dropped_by_reason(&plan.dropped).into_iter();
     let dropped = dropped.map(|(why, n)| (why.to_owned(), n.into())).collect();
     let affine = |n: usize| Value::Text(plan.affines[n].to_string());
-    vec![
+    let branch = (plan.arm.kind() == ArmKind::Ur).then(|| ("branch_name".into(), Value::Text(branch_name(m.branch))));
+    let lowest = m.lowest_link.map(|lowest| ("lowest_link_mm".into(), lowest.height_mm.into()));
+    let mut entries = vec![
         ("waypoints".into(), m.waypoints.into()),
         ("cutting_waypoints".into(), m.cutting.into()),
         ("cost_with_force".into(), m.cost_with_force.into()),
@@ -186,5 +188,7 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
         ("compliance".into(), plan.case.robot.joint_stiffness.is_some().into()),
         ("ct_affine".into(), affine(0)),
         ("labels_affine".into(), affine(1)),
-    ]
+    ];
+    entries.extend(branch.into_iter().chain(lowest));
+    entries
 }

@@ -12,6 +12,7 @@ pub mod verification;
 
 use std::fmt::Write;
 
+use bonemill_robot::ur::branch_name;
 use chart::{Level, Series, chart};
 use peak::Peak;
 
@@ -309,6 +310,12 @@ fn modelled(plan: &Plan) -> String {
         ("CT affine".into(), escape(&plan.affines[0].to_string())),
         ("label affine".into(), escape(&plan.affines[1].to_string())),
     ];
+    if let Some(lowest) = m.lowest_link {
+        let branch = branch_name(m.branch).replace('/', ", ").replace('-', " ");
+        let height = format!("{:.0} mm over the mounting plane, at waypoint {}", lowest.height_mm, lowest.waypoint);
+        rows.push(("branch of the arm, for the whole path".into(), format!("{branch} ({})", m.branch)));
+        rows.push(("lowest place of the arm's links, as lines from joint to joint".into(), height));
+    }
     rows.push(("places put off to the end, for the shank".into(), m.put_off.to_string()));
     rows.extend(
         dropped_by_reason(&plan.dropped)

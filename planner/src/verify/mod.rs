@@ -12,7 +12,7 @@
 //! band, everything else outside the target free.
 //!
 //! Not judged: whether the CT is the patient, whether the registration is true (see the uncertainty module for what errors
-//! of both cost), forces in newtons (only their consistency), and the arm's own body.
+//! of both cost), forces in newtons (only their consistency), and the arm's own body but for its height over the mounting plane.
 //!
 //! Invariants: no check can change another; equal plans give equal bytes on any number of threads.
 
@@ -32,6 +32,7 @@ mod follow;
 mod forces;
 mod ground;
 mod lattice;
+mod links;
 mod motion;
 mod moves;
 mod provenance;
@@ -95,6 +96,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     checks.extend(motion::motion(&plan.trajectory, &limits));
     checks.extend(follow::follow(plan, &moves, &executed)?);
     checks.extend(follow::speeds(plan, &moves, &executed));
+    checks.extend(links::links(plan, &executed)?);
 
     progress.stage("check rows");
     checks.extend(columns::rows(plan, &moves, &executed));

@@ -58,12 +58,11 @@ fn case(plan: &StoredPlan, text: &str) -> Check {
 fn frames(plan: &StoredPlan) -> Vec<Check> {
     const NAME: &str = "frames";
     let record = &plan.record;
-    let off = |a: &Rotation3<f64>, b: &Rotation3<f64>| (a.matrix() - b.matrix()).amax();
     let approach = record.case.approach.unwrap_or(record.approach_direction);
     let mut checks = vec![
         Check::at_most(NAME, (record.approach_direction - approach).amax(), ROUNDING, "")
             .of("approach of the case"),
-        Check::at_most(NAME, off(&record.ct_from_approach.rotation, &basis::from_z(&approach)), ROUNDING, "")
+        Check::at_most(NAME, angle_rad(&record.ct_from_approach.rotation, &basis::from_z(&approach)), ROUNDING, "rad")
             .of("ct_from_work is the approach's basis"),
     ];
     let registration = Check::none_wrong(NAME, 0).of("base_from_ct of the case");
@@ -73,7 +72,7 @@ fn frames(plan: &StoredPlan) -> Vec<Check> {
                 .noting("assumed: the case gives none")
         }
         Registration::Given { rotation, translation_mm } => {
-            let turned = off(rotation, &record.base_from_ct.rotation);
+            let turned = angle_rad(rotation, &record.base_from_ct.rotation);
             let moved = (translation_mm - record.base_from_ct.translation_mm).amax();
             let value = turned.max(moved) + f64::from(u8::from(record.registration_assumed));
             Check { value, limit: ROUNDING, ..registration }
@@ -88,12 +87,28 @@ fn frames(plan: &StoredPlan) -> Vec<Check> {
             .noting("how far the fit to the fiducials could still be bettered, mm")
         }
     });
-    let (mount_mm, mount_rad) = record.case.robot.flange_from_burr.unwrap_or_default();
-    let off = |a: [f64; 3], b: [f64; 3]| (Vector3::from(a) - Vector3::from(b)).amax();
-    let value = off(mount_mm, record.flange_from_burr.0).max(off(mount_rad, record.flange_from_burr.1));
-    checks.push(Check::at_most(NAME, value, ROUNDING, "").of("flange_from_burr of the case"));
+    let mount = record.case.robot.flange_from_burr.unwrap_or_default();
+    let [off_mm, off_rad] = between_mounts([mount, record.flange_from_burr]);
+    let check = Check::at_most(NAME, off_mm.max(off_rad), ROUNDING, "mm or rad");
+    checks.push(check.of("flange_from_burr of the case"));
     checks
 }
+
+/// Distance, mm, and angle, rad, between two tools on the flange. Three angles name a rotation in many ways, so the
+/// rotations are compared.
+fn between_mounts([(a_mm, a_rpy), (b_mm, b_rpy)]: [Mount; 2]) -> [f64; 2] {
+    let turn = |[roll, pitch, yaw]: [f64; 3]| Rotation3::from_euler_angles(roll, pitch, yaw);
+    [(Vector3::from(a_mm) - Vector3::from(b_mm)).norm(), angle_rad(&turn(a_rpy), &turn(b_rpy))]
+}
+
+/// The angle of the turn from one rotation to another, rad in [0, π]: |A − B|_F = √8 sin(angle/2), which keeps its digits near
+/// 0, unlike an arc cosine of the trace.
+fn angle_rad(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
+    2.0 * ((a.matrix() - b.matrix()).norm() / 8f64.sqrt()).min(1.0).asin()
+}
+
+/// A tool on the flange: mm, and roll, pitch and yaw, rad.
+type Mount = ([f64; 3], [f64; 3]);
 
 /// How much a registration could be bettered, mm: the residuals' mean, and their mean moment over the points' spread. Both
 /// are 0 where the sum of squares is least; neither says how it was found.
@@ -132,6 +147,36 @@ fn arm(plan: &StoredPlan) -> Result<Check, VerifyError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    /// Angles at gimbal lock, beyond half a turn, and anywhere.
+    fn angle() -> impl Strategy<Value = f64> {
+        prop_oneof![
+            Just(0.0),
+            Just(PI),
+            Just(-PI),
+            Just(FRAC_PI_2),
+            Just(-FRAC_PI_2),
+            Just(FRAC_PI_2 + 1e-9),
+            -10.0..10.0f64
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn other_angles_of_one_rotation_are_the_same_mount(rpy in [angle(), angle(), angle()], by in 1e-6..PI) {
+            let at = [1.0, -2.0, 180.0];
+            let [roll, pitch, yaw] = rpy;
+            // turned over and back: the other way to name any rotation
+            let other = [roll + PI, PI - pitch, yaw + PI];
+            let [off_mm, off_rad] = between_mounts([(at, rpy), (at, other)]);
+            prop_assert!(off_mm == 0.0 && off_rad < ROUNDING, "{rpy:?}: {off_rad}");
+            // and a turn by an angle is seen as that angle
+            let [_, off_rad] = between_mounts([(at, rpy), (at, [roll, pitch, yaw + by])]);
+            prop_assert!((off_rad - by).abs() < 1e-7, "{rpy:?} by {by}: {off_rad}");
+        }
+    }
 
     #[test]
     fn a_best_fit_cannot_be_bettered_and_any_other_can() {

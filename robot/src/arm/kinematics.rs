@@ -6,7 +6,7 @@
 use bonemill_geometry::{Base, Flange, Point, Rigid, Tool};
 use nalgebra::{Matrix3, Matrix3xX, Matrix6xX, Rotation3, Unit, Vector3};
 
-use super::{Arm, JointKind, check_positive};
+use super::{Arm, ArmKind, JointKind, check_positive};
 use crate::error::RobotError;
 
 /// A moving joint as it stands at one joint vector, in base.
@@ -49,6 +49,20 @@ impl Arm {
         let flange = self.walk(q, |axis| places.push(Point::from_coords(axis.point_mm)));
         places.push(Point::from_coords(flange.translation_mm));
         Ok(places)
+    }
+
+    /// The lowest place of a UR's links over its mounting plane, mm, and which joint it is from 2 on, or 7 for the flange: links
+    /// are lines from joint to joint, and what stands between the base and the shoulder does not count. `None` for another arm.
+    ///
+    /// # Errors
+    /// As [`Arm::forward`].
+    pub fn lowest_link(&self, q: &[f64]) -> Result<Option<(f64, usize)>, RobotError> {
+        if self.kind() != ArmKind::Ur {
+            return Ok(None);
+        }
+        let places = self.joint_places(q)?;
+        let heights = places.iter().enumerate().skip(1).map(|(n, place)| (place.z(), n + 1));
+        Ok(heights.min_by(|a, b| a.0.total_cmp(&b.0)))
     }
 
     /// Geometric Jacobian at the flange's origin, in base, shape 6 × dof.

@@ -22,6 +22,8 @@ use super::joint::{Joint, JointKind, assumed_acceleration, assumed_jerk};
 use crate::error::{RobotError, UrdfFault};
 
 const MM_PER_M: f64 = 1000.0;
+/// No arm's links are longer in the median, m; in mm any arm's are.
+const LONGEST_LINK_M: f64 = 5.0;
 
 /// What one joint of the chain does to its child link.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,6 +72,11 @@ fn describe(robot: &urdf_rs::Robot, further: &HashMap<String, Further>) -> Resul
                 tip: tip.to_owned(),
             });
         }
+    }
+    let length_m = median_length_m(&path);
+    if length_m > LONGEST_LINK_M {
+        let (base, tip) = (base.to_owned(), tip.to_owned());
+        return Err(UrdfFault::Millimetres { base, tip, length_m, most_m: LONGEST_LINK_M });
     }
     let joints: Vec<Joint> =
         path.iter().filter(|joint| moves(joint)).map(|joint| limits(joint, further(joint))).collect();
@@ -168,6 +175,15 @@ fn path<'a>(base: &str, tip: &str, parents: &Parents<'a>) -> Result<Vec<&'a urdf
     }
     path.reverse();
     Ok(path)
+}
+
+/// The median of the origins' lengths that are not 0, m: a calibration may set two parallel joints far apart along their axes,
+/// and back again, so a sum would say nothing.
+fn median_length_m(path: &[&urdf_rs::Joint]) -> f64 {
+    let lengths = path.iter().map(|joint| Vector3::from(*joint.origin.xyz).norm());
+    let mut lengths: Vec<f64> = lengths.filter(|length| *length > 0.0).collect();
+    lengths.sort_by(f64::total_cmp);
+    lengths.get(lengths.len() / 2).copied().unwrap_or(0.0)
 }
 
 fn moves(joint: &urdf_rs::Joint) -> bool {

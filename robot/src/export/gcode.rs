@@ -9,7 +9,7 @@
 
 use std::io::Write;
 
-use super::decimal::push_fixed;
+use super::decimal::{push_fixed, push_units};
 use crate::arm::{Joint, JointKind};
 use crate::error::RobotError;
 
@@ -35,23 +35,28 @@ pub struct Gcode {
     pub rapid: bool,
 }
 
+/// Whether an arm is a machine that G-code is for: three linear axes, then at most one rotary one.
+pub fn is_cartesian(joints: &[Joint]) -> bool {
+    let linear = joints.iter().take_while(|joint| joint.kind == JointKind::Prismatic).count();
+    linear == 3 && joints.len() <= 4
+}
+
 /// Writes a program: the first move's end is where the machine is driven to with the spindle off.
 ///
-/// Gives the number of motion blocks.
+/// Gives the number of motion blocks. A move in which an axis, as it is written, would be faster than its limit takes as much
+/// longer.
 ///
 /// # Errors
-/// [`RobotError::Length`] where the machine has no three linear axes and at most one rotary one behind them;
-/// [`RobotError::EmptyPath`] without a move; [`RobotError::Value`] where a move takes no time; [`RobotError::Write`].
+/// [`RobotError::NotCartesian`] for another arm than [`is_cartesian`] says; [`RobotError::EmptyPath`] without a move;
+/// [`RobotError::Value`] where a move takes no time; [`RobotError::Write`].
 pub fn write_gcode<'a>(
     out: &mut impl Write,
     joints: &[Joint],
     options: &Gcode,
     moves: impl IntoIterator<Item = GcodeMove<'a>>,
 ) -> Result<u64, RobotError> {
-    let linear = joints.iter().take_while(|joint| joint.kind == JointKind::Prismatic).count();
-    if linear != 3 || joints.len() > 4 {
-        let what = "linear axes of a Cartesian machine, with at most one rotary axis behind them";
-        return Err(RobotError::Length { what, got: linear, expected: 3 });
+    if !is_cartesian(joints) {
+        return Err(RobotError::NotCartesian { joints: joints.len() });
     }
     let mut moves = moves.into_iter();
     let first = moves.next().ok_or(RobotError::EmptyPath)?;
@@ -67,8 +72,10 @@ pub fn write_gcode<'a>(
     out.write_all(&text).map_err(failed(0))?;
     let mut before = first.q.to_vec();
     let mut blocks = 0;
+    let mut waited_s = 0.0;
     for GcodeMove { q, duration_s, cuts } in moves {
         if rounded(q) == rounded(&before) {
+            waited_s += duration_s;
             continue;
         }
         if !(duration_s.is_finite() && duration_s > 0.0) {
@@ -89,13 +96,15 @@ pub fn write_gcode<'a>(
             text.extend_from_slice(b"G1");
             push_axes(&mut text, q, &before);
             let way_mm = (0..3).map(|j| (q[j] - before[j]).powi(2)).sum::<f64>().sqrt();
+            let duration_s = (duration_s + waited_s).max(least_s(joints, q, &before));
             let per_minute = if tilts { 60.0 / duration_s } else { 60.0 * way_mm / duration_s };
             text.extend_from_slice(b" F");
-            push_fixed(&mut text, per_minute, 4);
+            push_rounded_down(&mut text, per_minute);
         }
         text.push(b'\n');
         out.write_all(&text).map_err(failed(blocks))?;
         blocks += 1;
+        waited_s = 0.0;
         before.clear();
         before.extend_from_slice(q);
     }
@@ -103,9 +112,27 @@ pub fn write_gcode<'a>(
     Ok(blocks)
 }
 
+/// The least time in which no axis exceeds its speed limit between two places as they are written, s.
+fn least_s(joints: &[Joint], q: &[f64], before: &[f64]) -> f64 {
+    let unit = |j: usize| if j < 3 { 1.0 / LINEAR_UNITS } else { (1.0 / ROTARY_UNITS).to_radians() };
+    let ways = rounded(q).into_iter().zip(rounded(before)).enumerate();
+    let ways = ways.map(|(j, (to, from))| (to - from).abs() as f64 * unit(j));
+    joints.iter().zip(ways).map(|(joint, way)| way / joint.velocity_limit).fold(0.0, f64::max)
+}
+
+/// A feed with at least six digits, never above the value.
+fn push_rounded_down(text: &mut Vec<u8>, value: f64) {
+    let decimals = (5.0 - value.log10().floor()).clamp(4.0, 9.0);
+    let scale = 10f64.powf(decimals);
+    push_units(text, (value * scale * (1.0 - 1e-15)).floor() as i64, decimals as u32);
+}
+
 /// Units of the last decimal: 0.1 µm and 1e-6 degrees.
+const LINEAR_UNITS: f64 = 1e4;
+const ROTARY_UNITS: f64 = 1e6;
+
 fn rounded(q: &[f64]) -> Vec<i64> {
-    let unit = |(j, q): (usize, &f64)| if j < 3 { q * 1e4 } else { q.to_degrees() * 1e6 };
+    let unit = |(j, q): (usize, &f64)| if j < 3 { q * LINEAR_UNITS } else { q.to_degrees() * ROTARY_UNITS };
     q.iter().enumerate().map(unit).map(|v| v.round() as i64).collect()
 }
 
@@ -166,7 +193,7 @@ mod tests {
         for count in [3, 4] {
             let moves = q.iter().enumerate().map(|(k, q)| GcodeMove {
                 q: &q[..count],
-                duration_s: 0.05 + 0.001 * k as f64,
+                duration_s: 0.1 + 0.001 * k as f64,
                 cuts: k % 5 != 0,
             });
             let mut out = Vec::new();
@@ -189,7 +216,7 @@ mod tests {
                 if let (Some(feed), true) = (feed, k > 0) {
                     let way: f64 = (0..3).map(|j| (q[k][j] - q[k - 1][j]).powi(2)).sum::<f64>().sqrt();
                     let seconds = if count == 3 { 60.0 * way / feed } else { 60.0 / feed };
-                    let expected = 0.05 + 0.001 * k as f64;
+                    let expected = 0.1 + 0.001 * k as f64;
                     assert!((seconds / expected - 1.0).abs() < 1e-5, "block {k}: {seconds} s for {expected}");
                 }
             }
@@ -213,9 +240,35 @@ mod tests {
             Err(RobotError::EmptyPath)
         ));
         let ur = Arm::ur(crate::ur::UrModel::Ur5e, None).unwrap();
-        assert!(matches!(
-            write_gcode(&mut Vec::new(), ur.joints(), &STRAIGHT, []),
-            Err(RobotError::Length { .. })
-        ));
+        let refused = write_gcode(&mut Vec::new(), ur.joints(), &STRAIGHT, []).unwrap_err();
+        assert!(refused.to_string().contains("three linear axes"), "{refused}");
+    }
+
+    #[test]
+    fn no_axis_is_asked_for_more_than_its_limit() {
+        let joints = joints(4);
+        let limits: Vec<f64> = joints.iter().map(|joint| joint.velocity_limit).collect();
+        // at the limit of one axis after the other, in steps so short that the last decimal decides, with one that goes nowhere
+        let mut q = vec![vec![0.0; 4]];
+        for k in 0..400 {
+            let mut next = q[k].clone();
+            next[k % 4] += limits[k % 4] * if k % 7 == 0 { 1e-9 } else { 0.002_013 };
+            q.push(next);
+        }
+        let moves = q.iter().map(|q| GcodeMove { q, duration_s: 0.002, cuts: true });
+        let mut out = Vec::new();
+        write_gcode(&mut out, &joints, &STRAIGHT, moves).unwrap();
+        let blocks = driven(&String::from_utf8(out).unwrap());
+        let mut all_s = 0.0;
+        for pair in blocks.windows(2) {
+            let seconds = 60.0 / pair[1].1.unwrap();
+            all_s += seconds;
+            for j in 0..4 {
+                let way = (pair[1].0[j] - pair[0].0[j]).abs();
+                let speed = if j < 3 { way } else { way.to_radians() } / seconds;
+                assert!(speed <= limits[j] * (1.0 + 1e-9), "axis {j}: {speed} of {}", limits[j]);
+            }
+        }
+        assert!((all_s / 0.8 - 1.0).abs() < 0.02, "{all_s} s");
     }
 }

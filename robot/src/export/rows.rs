@@ -68,6 +68,18 @@ impl<'a> ExportRows<'a> {
         (self.time_s[at], &self.q[at * dof..(at + 1) * dof], &self.qd[at * dof..(at + 1) * dof])
     }
 
+    /// Positions at an instant: the cubic through the rows around it with their velocities; the ends' beyond them.
+    pub(super) fn at(&self, time_s: f64) -> Vec<f64> {
+        let dof = self.joints.len();
+        let after = self.time_s.partition_point(|t| *t <= time_s).clamp(1, self.time_s.len().max(2) - 1);
+        let before = after - 1;
+        let Some(to_s) = self.time_s.get(after) else { return self.q.to_vec() };
+        let span_s = to_s - self.time_s[before];
+        let u = ((time_s - self.time_s[before]) / span_s).clamp(0.0, 1.0);
+        let of = |values: &[f64], j: usize| [before, after].map(|row| values[row * dof + j]);
+        (0..dof).map(|j| cubic(of(self.q, j), of(self.qd, j).map(|qd| qd * span_s), u)).collect()
+    }
+
     /// The farthest that the burr's centre gets aside of the sampled motion where the rows between are left out, mm, with
     /// the exported row before it. Being late or early on the path does not count.
     ///

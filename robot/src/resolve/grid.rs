@@ -12,10 +12,10 @@ use bonemill_geometry::{Base, Flange, Rigid};
 use nalgebra::Rotation3;
 use rayon::prelude::*;
 
-use super::{EXACT, Follower, OutOfReach, PosePath, ReachReason, Resolved, into_range, yielding};
-use crate::arm::inverse::about_z;
+use super::{EXACT, Follower, OutOfReach, PosePath, Posture, ReachReason, Resolved, into_range, yielding};
+use crate::arm::inverse::{SpinFrame, about_z};
 use crate::arm::{Arm, AxisPose, InverseKind, Joint};
-use crate::ur::UrGeometry;
+use crate::ur::{Branches, UrGeometry};
 use crate::ur::ik::wrapped;
 
 /// Spins that are looked at.
@@ -30,6 +30,9 @@ const PORTION: usize = 128;
 const MOTION_MM: f64 = 20.0;
 /// Moves shorter than this count as long, mm: rotations in place have a length too.
 const SHORTEST_MM: f64 = 0.05;
+/// What a posture costs per mm for a link below the mounting plane, and 1 more for each mm that it is below: more than any
+/// other, so that where there is a choice none is below.
+const BELOW: f64 = 1e4;
 /// Sweeps that even the spins out.
 const SWEEPS: usize = 64;
 /// A pose is looked at where the path has gone so far since the last one, mm.
@@ -141,6 +144,42 @@ struct Chosen {
     spin_rad: Vec<f64>,
 }
 
+/// One spin of so many is asked before there is a path.
+const ASKED_EVERY: usize = 3;
+
+/// The branches on which an arm can take a pose at some spin, a bit each.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Branch {
+    /// Within the joints' ranges.
+    pub any: u8,
+    /// And with no link below the mounting plane.
+    pub above: u8,
+}
+
+/// On which branches an arm can take a pose.
+pub(super) fn branches(arm: &Arm, pose: &AxisPose, frame: &SpinFrame) -> Branch {
+    let mut taken = Branch::default();
+    let InverseKind::Ur { geometry, .. } = arm.inverse_kind() else { return taken };
+    let upright = pose.upright(frame);
+    let flange_to = arm.mount().flange_from_burr.inverse();
+    for spin in (0..SPINS).step_by(ASKED_EVERY) {
+        let tool = Rigid::new(upright * about_z(spin as f64 * STEP_RAD), pose.position.coords);
+        let flange = tool * flange_to;
+        for (branch, q) in geometry.inverse(&flange, 0.0).iter() {
+            let mut q = *q;
+            arm.bring_into_range(&mut q);
+            if arm.excess_at(&q).is_none() {
+                taken.any |= 1 << branch;
+                taken.above |= u8::from(geometry.lowest_link_mm(&q, &flange) >= 0.0) << branch;
+            }
+        }
+        if taken.above == u8::MAX {
+            break;
+        }
+    }
+    taken
+}
+
 /// Where nodes come from.
 pub(super) struct Nodes<'a> {
     arm: &'a Arm,
@@ -148,6 +187,8 @@ pub(super) struct Nodes<'a> {
     path: &'a PosePath<'a>,
     spins: [Rotation3<f64>; SPINS],
     ranges: [Range; 6],
+    /// Those that may be taken.
+    branches: Branches,
 }
 
 /// A joint's range, rad.
@@ -174,6 +215,7 @@ impl<'a> Nodes<'a> {
             path,
             spins: std::array::from_fn(|spin| about_z(spin as f64 * STEP_RAD)),
             ranges: std::array::from_fn(|joint| range(&arm.joints()[joint])),
+            branches: if let Posture::Of(branches) = path.posture { branches } else { Branches::ALL },
         }
     }
 
@@ -231,11 +273,13 @@ impl<'a> Nodes<'a> {
         let mut layer = Layer::empty();
         for (spin, flange) in self.flanges(i).enumerate() {
             let found = self.geometry.inverse(&flange, 0.0);
-            for (branch, q) in found.iter() {
+            for (branch, q) in found.iter().filter(|(branch, _)| self.branches.contains(*branch as u8)) {
                 let mut q = *q;
                 self.arm.bring_into_range(&mut q);
-                let cost =
-                    self.posture(&q, found.from_singular_mm[branch]) + yielding(self.arm, self.path, i, &q);
+                let below_mm = -self.geometry.lowest_link_mm(&q, &flange);
+                let cost = self.posture(&q, found.from_singular_mm[branch])
+                    + if below_mm > 0.0 { BELOW + below_mm } else { 0.0 }
+                    + yielding(self.arm, self.path, i, &q);
                 if cost.is_finite() {
                     layer.set(branch, spin, &q, cost);
                 }
@@ -279,13 +323,18 @@ impl<'a> Nodes<'a> {
         }
         let mut least_mm = f64::INFINITY;
         let mut excess = None;
+        let mut is_on_another = false;
         for flange in self.flanges(i) {
             let found = self.geometry.inverse(&flange, 0.0);
             least_mm = least_mm.min(found.short_mm);
-            for (_, q) in found.iter() {
+            for (branch, q) in found.iter() {
                 let mut q = *q;
                 self.arm.bring_into_range(&mut q);
                 let here = self.arm.excess_at(&q);
+                if !self.branches.contains(branch as u8) {
+                    is_on_another |= here.is_none();
+                    continue;
+                }
                 let is_less = |e: &crate::JointExcess| {
                     excess.is_none_or(|other: crate::JointExcess| e.excess < other.excess)
                 };
@@ -294,6 +343,7 @@ impl<'a> Nodes<'a> {
         }
         match excess {
             Some(excess) => ReachReason::Limit(excess),
+            None if is_on_another => ReachReason::Branch,
             None if least_mm > EXACT => ReachReason::Beyond { short_mm: least_mm },
             None => ReachReason::Jump,
         }

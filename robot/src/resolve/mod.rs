@@ -5,7 +5,8 @@
 //!
 //! - UR arms ([`grid`]): dynamic programming over sampled spin, one pass per branch, then the spin is evened out between
 //!   its samples. A branch is kept for the whole path: between two branches lies a singularity, and the burr, which must
-//!   stay on its line, cannot go round it.
+//!   stay on its line, cannot go round it. A posture with a link below the mounting plane is taken only where there is no
+//!   other.
 //! - The bone-attached arm has one joint vector for every pose.
 //! - Other arms ([`track`]) follow the path by damped least squares from several starts, drifting towards the middle of
 //!   their ranges, and to where they yield less, as far as the task leaves that free.
@@ -13,12 +14,13 @@
 //! J = Σ g(q) Δs + w Σ Σⱼ (Δqⱼ/q̇ⱼ)²/Δs: g grows near limits and singularities, and with the compliance toward a structure
 //! where one is given; the second term is the joints' motion.
 //!
-//! [`dense`] then lays joint positions so closely that the arm, straight in joint space, keeps to the line in space.
+//! [`postures`] says beforehand which poses an arm can take in one posture. [`dense`] then lays joint positions so closely that the arm, straight in joint space, keeps to the line in space.
 //!
 //! Out of reach is a value ([`OutOfReach`]) that says where and by how much.
 
 pub mod dense;
 mod grid;
+pub mod postures;
 mod track;
 
 use nalgebra::{Unit, Vector3};
@@ -26,6 +28,7 @@ use nalgebra::{Unit, Vector3};
 pub use crate::arm::inverse::SpinFrame;
 use crate::arm::{Arm, AxisPose, Goal, InverseKind, JointExcess, bone_attached, dls};
 use crate::error::RobotError;
+use crate::ur::Branches;
 use crate::ur::ik::wrapped;
 pub use dense::DensePath;
 
@@ -52,6 +55,19 @@ pub struct PosePath<'a> {
     pub frame: SpinFrame,
     /// Stiffness towards structures, when it counts.
     pub stiffness: Option<Stiffness<'a>>,
+    /// What is asked of the posture.
+    pub posture: Posture<'a>,
+}
+
+/// What is asked of an arm's posture along a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Posture<'a> {
+    /// Nothing.
+    Any,
+    /// A UR's branch is one of these.
+    Of(Branches),
+    /// An arm without closed form starts near this joint vector, if the path can be followed from there.
+    From(&'a [f64]),
 }
 
 /// Joint vectors along a path.
@@ -89,6 +105,8 @@ pub enum ReachReason {
     },
     /// A joint would leave its range.
     Limit(JointExcess),
+    /// The pose can be taken, but on another branch than was asked for.
+    Branch,
     /// Each pose can be taken, but the joints would have to jump between this one and the one before.
     Jump,
 }
@@ -99,6 +117,7 @@ impl std::fmt::Display for ReachReason {
             Self::Beyond { short_mm } => write!(f, "out of reach by {short_mm:.2} mm"),
             Self::Axis { short_rad } => write!(f, "the shaft's axis is {:.2}° beyond what the arm can tilt", short_rad.to_degrees()),
             Self::Limit(excess) => excess.fmt(f),
+            Self::Branch => f.write_str("another branch of the arm reaches it, but not what robot.branch asks for"),
             Self::Jump => f.write_str("the joints would have to jump: the path leads through a singularity or from branch to branch"),
         }
     }

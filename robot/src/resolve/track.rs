@@ -1,17 +1,17 @@
 //! Arms without closed form: damped least squares along the path.
 //!
-//! From several starts at the first pose, each moved towards the middle of its ranges as far as the task leaves that free.
+//! From a start that is given, if the path can be followed from there; else from several starts at the first pose, each moved towards the middle of its ranges as far as the task leaves that free.
 //! The starts are followed in the order of their posture's cost, a few of them, and the whole path with the least joint
 //! motion and posture cost is taken. Every step starts from the last joint vector, so branches never change.
 
 use nalgebra::DVector;
 
-use super::{EXACT, Follower, OutOfReach, PosePath, ReachReason, Resolved, yielding};
+use super::{EXACT, Follower, OutOfReach, PosePath, Posture, ReachReason, Resolved, yielding};
 use crate::arm::{Arm, AxisPose, Goal, dls};
 
 /// Starts that are searched from, and solutions that are followed to the end.
 const STARTS: u32 = 48;
-const FOLLOWED: usize = 4;
+pub(super) const FOLLOWED: usize = 4;
 /// Steps towards the middle of the ranges before the first pose counts as settled.
 const SETTLE: usize = 60;
 /// Share of the free way to the middle of the ranges that a step takes.
@@ -22,6 +22,12 @@ const SLOPE_S: f64 = 1e-4;
 const JUMP_S: f64 = 0.5;
 
 pub(super) fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfReach> {
+    if let Posture::From(near) = path.posture
+        && let Some(start) = start_near(arm, &path.poses[0], near)
+        && let Ok((_, resolved)) = follow(arm, path, start, 0)
+    {
+        return Ok(resolved);
+    }
     let starts = starts(arm, &path.poses[0]).map_err(|reason| OutOfReach { pose: 0, reason })?;
     let mut best: Option<(f64, Resolved)> = None;
     let mut farthest: Option<OutOfReach> = None;
@@ -41,8 +47,17 @@ pub(super) fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfR
     best.map(|(_, resolved)| resolved).ok_or(failed)
 }
 
+/// A joint vector for the first pose from one nearby, within the ranges.
+fn start_near(arm: &Arm, pose: &AxisPose, near: &[f64]) -> Option<Vec<f64>> {
+    if near.len() != arm.dof() {
+        return None;
+    }
+    let found = dls::solve(arm, &Goal::Axis(*pose), near);
+    (found.is_within(EXACT) && arm.excess_at(&found.q).is_none()).then_some(found.q)
+}
+
 /// Joint vectors for the first pose within the ranges, the best posture first.
-fn starts(arm: &Arm, pose: &AxisPose) -> Result<Vec<Vec<f64>>, ReachReason> {
+pub(super) fn starts(arm: &Arm, pose: &AxisPose) -> Result<Vec<Vec<f64>>, ReachReason> {
     let mut found: Vec<(f64, Vec<f64>)> = Vec::new();
     let mut nearest = (f64::INFINITY, ReachReason::Jump);
     for k in 0..STARTS {
@@ -138,7 +153,7 @@ fn share(joint: &crate::Joint, q: f64) -> f64 {
 
 /// A step towards the middle of the ranges, and to where `yielding` is less, that leaves burr and axis where they are, to first
 /// order.
-fn drifted(arm: &Arm, q: &[f64], yielding: impl Fn(&[f64]) -> f64) -> Vec<f64> {
+pub(super) fn drifted(arm: &Arm, q: &[f64], yielding: impl Fn(&[f64]) -> f64) -> Vec<f64> {
     if arm.dof() <= 5 {
         return q.to_vec();
     }

@@ -143,6 +143,16 @@ impl UrGeometry {
         found
     }
 
+    /// How high the lowest link behind the shoulder is over the mounting plane, mm, with links as lines from joint to joint;
+    /// `q` brings the flange to the pose.
+    pub(crate) fn lowest_link_mm(&self, q: &[f64; 6], base_from_flange: &Rigid<Base, Flange>) -> f64 {
+        let elbow_mm = self.d1_mm + self.a2_mm * q[1].sin();
+        let wrist_mm = elbow_mm + self.a3_mm * (q[1] + q[2]).sin();
+        let flange_mm = base_from_flange.translation_mm.z;
+        let p5_mm = flange_mm - self.d6_mm * base_from_flange.rotation.matrix()[(2, 2)];
+        self.d1_mm.min(elbow_mm).min(wrist_mm).min(p5_mm).min(flange_mm)
+    }
+
     /// The way out of the cylinder of radius d₄ about the first axis, which no branch reaches, and from there into reach.
     fn way_out_mm(&self, pose: &Rigid<Base, Flange>, p5: &[f64; 3], across: f64) -> f64 {
         let out_mm = self.d4_mm - across;

@@ -12,12 +12,14 @@
 //! **Source:** DH parameters, ranges and speeds: Universal Robots, "DH parameters for calculations of kinematics and
 //! dynamics" and the e-series data sheets.
 
+pub mod branch;
 pub mod calibration;
 pub mod ik;
 mod urdf;
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
+pub use branch::{Branches, branch_name};
 pub use calibration::{Calibration, read_calibration, read_ur};
 pub use ik::{UrGeometry, UrSolutions};
 pub use urdf::has_ur_joints;

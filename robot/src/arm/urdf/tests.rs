@@ -99,6 +99,35 @@ fn something_must_move_and_only_in_ways_we_know() {
 }
 
 #[test]
+fn lengths_in_mm_are_recognised() {
+    let text = crate::Arm::ur(crate::ur::UrModel::Ur5e, None).unwrap().urdf_text().to_owned();
+    let in_mm = |text: &str| -> String {
+        let thousandfold = |list: &str| -> String {
+            let numbers = list.split_whitespace().map(|n| (n.parse::<f64>().unwrap() * 1000.0).to_string());
+            numbers.collect::<Vec<_>>().join(" ")
+        };
+        let mut parts = text.split("xyz=\"");
+        let mut out = parts.next().unwrap().to_owned();
+        for part in parts {
+            let (list, rest) = part.split_once('"').unwrap();
+            out += &format!("xyz=\"{}\"{rest}", thousandfold(list));
+        }
+        out
+    };
+    assert!(parse(&text, "ur").is_ok());
+    for text in [&text, URDF] {
+        let error = parse(&in_mm(text), "own.urdf").unwrap_err().to_string();
+        assert!(error.contains("own.urdf"), "{error}");
+        assert!(error.contains("looks like millimetres; URDF lengths are metres"), "{error}");
+    }
+    // as calibrations have it: two parallel joints far apart along their axes
+    let apart = text.replacen("xyz=\"-0.425 0.0 0.0\"", "xyz=\"-0.425 0.0 250.0\"", 1);
+    let apart = apart.replacen("xyz=\"-0.3922 0.0 0.0\"", "xyz=\"-0.3922 0.0 -250.0\"", 1);
+    assert!(apart.contains(" 250.0") && apart.contains(" -250.0"));
+    assert!(parse(&apart, "ur").is_ok());
+}
+
+#[test]
 fn numbers_must_be_finite_and_limits_a_range() {
     let limit = |lower: &str, upper: &str, velocity: &str| {
         one(&format!("<limit lower=\"{lower}\" upper=\"{upper}\" velocity=\"{velocity}\" effort=\"1\"/>"))
