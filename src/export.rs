@@ -40,7 +40,7 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<Outcome> {
         write_to(&path, &bytes)?;
         written.push(path.display().to_string());
     }
-    Ok(Outcome::written("export", &args.out, &written.join(", ")))
+    Ok(Outcome::written("export", &args.out, &written.join(", ")).warning(&plan.record.warnings))
 }
 
 /// What is to be written, by extension.

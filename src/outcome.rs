@@ -32,9 +32,15 @@ impl Outcome {
         outcome
     }
 
-    /// With reasons why the result falls short, told after the text; exit code 1 unless there are none.
+    /// With what the user should know about the plan.
+    pub fn warning(mut self, warnings: &[String]) -> Self {
+        self.text.extend(warnings.iter().map(|w| format!("warning: {w}\n")));
+        self.object.insert("warnings".into(), warnings.into());
+        self
+    }
+
+    /// With reasons why the result falls short; exit code 1 unless there are none.
     pub fn falling_short(mut self, shortfalls: Vec<String>) -> Self {
-        self.text.extend(shortfalls.iter().map(|s| format!("fell short: {s}\n")));
         self.object.insert("shortfalls".into(), shortfalls.clone().into());
         self.shortfalls = shortfalls;
         self
@@ -51,7 +57,7 @@ impl Outcome {
     pub fn planned(out: &Path, record: &PlanRecord) -> Self {
         let m = &record.metrics;
         let share = |part: f64, whole: f64| if whole > 0.0 { 100.0 * part / whole } else { 0.0 };
-        let mut text = format!(
+        let text = format!(
             "wrote {}\nremoved {:.1} mm³: {:.1} % of the {:.1} mm³ that the burr can reach, {:.1} % of the target's \
              {:.1} mm³; {:.0} s of milling\n",
             out.display(),
@@ -62,13 +68,10 @@ impl Outcome {
             m.target_mm3,
             m.total_time_s
         );
-        text.extend(record.warnings.iter().map(|w| format!("warning: {w}\n")));
-        text.extend(record.shortfalls.iter().map(|s| format!("fell short: {s}\n")));
-        let mut outcome = Self::new("plan", text);
+        let mut outcome = Self::new("plan", text).warning(&record.warnings);
         outcome.shortfalls.clone_from(&record.shortfalls);
         outcome.object.insert("out".into(), out.to_string_lossy().into());
         outcome.object.insert("metrics".into(), to_json(&Value::Table(m.entries())));
-        outcome.object.insert("warnings".into(), record.warnings.clone().into());
         outcome.object.insert("shortfalls".into(), record.shortfalls.clone().into());
         outcome
     }
@@ -117,7 +120,6 @@ impl Outcome {
                 c.along_mm
             ));
         }
-        outcome.text.extend(outcome.shortfalls.iter().map(|s| format!("fell short: {s}\n")));
         outcome.object.insert("out".into(), out.to_string_lossy().into());
         outcome.object.insert("figures".into(), to_json(&Value::Table(values(simulation, case))));
         outcome.object.insert("shortfalls".into(), outcome.shortfalls.clone().into());
@@ -173,8 +175,15 @@ impl Outcome {
         ExitCode::from(u8::from(!self.shortfalls.is_empty()))
     }
 
-    /// Prints it. A closed pipe is the reader's choice, not an error.
+    /// Prints it; why the result falls short goes to stderr, however quiet. A closed pipe is the reader's choice, not an error.
     pub fn tell(&self, talk: Talk, seconds: &[(String, f64)], memory_mb_estimated: Option<f64>) {
+        self.print(talk, seconds, memory_mb_estimated);
+        for reason in &self.shortfalls {
+            eprintln!("fell short: {reason}");
+        }
+    }
+
+    fn print(&self, talk: Talk, seconds: &[(String, f64)], memory_mb_estimated: Option<f64>) {
         let text = match talk {
             Talk::Quiet => return,
             Talk::People => self.text.clone(),

@@ -11,13 +11,14 @@ use crate::outcome::Outcome;
 
 pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> {
     progress.stage("read plan");
-    let mut risk = None;
+    let (mut risk, mut warnings) = (None, Vec::new());
     let found = match StoredPlan::load(&args.plan) {
         Ok(plan) => {
             // numbers that make no sense are refused before minutes go by
             let model = args.samples.map(|n| error_model(&plan, &args.errors, n)).transpose()?;
             let failed = || format!("the plan in {} cannot be verified", args.plan.display());
             let found = verify(&plan, progress).with_context(failed)?;
+            warnings.clone_from(&plan.record.warnings);
             if let Some(model) = model {
                 risk = Some(simulate_errors(&plan, &model, progress)?);
             }
@@ -36,7 +37,7 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
     };
     progress.stage("write verdict");
     let path = save_verification(&args.plan, &found)?;
-    let outcome = Outcome::verified(&path, &found);
+    let outcome = Outcome::verified(&path, &found).warning(&warnings);
     Ok(match risk {
         Some(risk) => outcome.risking(&risk, args.errors.keep),
         None => outcome,

@@ -280,38 +280,6 @@ fn a_calibration_is_used_and_a_wrong_one_refused() {
 }
 
 #[test]
-fn fiducials_give_the_registration_and_say_how_well() {
-    // an exact quarter turn about z, and one point 3 mm off
-    let ct = [[0.0, 0.0, 0.0], [40.0, 0.0, 5.0], [0.0, 50.0, -3.0], [20.0, 10.0, 30.0], [-30.0, 5.0, 12.0]];
-    let text = |off: f64| {
-        let base = ct.map(|[x, y, z]| [-y, x, z - 12.0]);
-        let mut base = base.map(|p| p.to_vec());
-        base[4][0] += off;
-        format!("base_from_ct = {{ fiducials = {{ ct_mm = {ct:?}, base_mm = {base:?} }} }}")
-    };
-    // the arm's own place: turned so that its tilt plane is another
-    let plan = planned(&with_robot(&text(0.0)));
-    assert!(!plan.record.registration_assumed);
-    assert!((plan.record.base_from_ct.translation_mm - Vector3::new(0.0, 0.0, -12.0)).norm() < 1e-9);
-    let number = |plan: &StoredPlan, name: &str| {
-        let found = plan.record.metrics.more.iter().find(|(key, _)| key == name);
-        found.map(|(_, value)| format!("{value:?}"))
-    };
-    assert!(number(&plan, "fre_mm").is_some() && number(&plan, "expected_error_mm").is_some());
-    assert!(number(&plan, "fiducial_residuals_mm").is_some());
-    let plan = planned(&with_robot(&text(6.0)));
-    assert!(plan.record.warnings.iter().any(|w| w.contains("fiducial 5 is")), "{:?}", plan.record.warnings);
-    assert!(
-        plan.record.warnings.iter().any(|w| w.contains("FRE") && w.contains("clearance")),
-        "{:?}",
-        plan.record.warnings
-    );
-    let line = "base_from_ct = { fiducials = { ct_mm = [[0,0,0],[10,0,0],[20,0,0]], base_mm = [[0,0,0],[10,0,0],[20,0,0]] } }";
-    let place = with_robot(line);
-    place.refuses(&[&place.line_of("fiducials"), "of a line"]);
-}
-
-#[test]
 fn the_burr_s_stiffness_along_the_path_is_told() {
     let joints = [30.0, 40.0, 50.0, 2e4];
     let plan = planned(&with_robot(&format!("joint_stiffness = {joints:?}")));

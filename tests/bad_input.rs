@@ -57,8 +57,9 @@ fn a_truncated_image_says_how_much_there_is_and_how_much_was_expected() {
 #[test]
 fn a_corrupt_image_is_refused_whatever_is_wrong_with_it() {
     for (key, name) in [("images.ct", "ct.nii"), ("images.labels", "labels.nii")] {
-        let damage: [(&str, fn(&mut Vec<u8>), &str); 10] = [
+        let damage: [(&str, fn(&mut Vec<u8>), &str); 11] = [
             ("no image", |b| *b = b"a thesis, not a scan. ".repeat(40), "is not NIfTI-1"),
+            ("NRRD", |b| *b = b"NRRD0004\ntype: short\ndimension: 3\n\n".to_vec(), "is an NRRD file"),
             ("empty", Vec::clear, "ends after 0 bytes; expected a NIfTI-1 header"),
             ("magic", |b| put(b, 344, b"xyz\0"), "magic \"xyz\\0\", expected \"n+1\\0\""),
             ("half of a pair", |b| put(b, 344, b"ni1\0"), "expected a single .nii or .nii.gz file"),
@@ -94,7 +95,10 @@ fn a_folder_in_an_images_place_is_refused() {
         let place = Place::healthy();
         fs::remove_file(place.path(name)).unwrap();
         fs::create_dir(place.path(name)).unwrap();
-        place.refuses(&[&place.line_of(name), name, "Is a directory"]);
+        place.refuses(&[&place.line_of(name), name, "is a folder; expected a NIfTI-1 file"]);
+        let file = [&[0; 128][..], b"DICM", &[0; 400]].concat();
+        fs::write(place.path(name).join("0001.dcm"), file).unwrap();
+        place.refuses(&[&place.line_of(name), name, "is a folder of DICOM files", "dcm2niix"]);
     }
 }
 
@@ -367,17 +371,21 @@ fn a_label_name_needs_the_list_of_names() {
     place.refuses(&[
         &place.line_of("facial_nerve"),
         "structure[0].label",
-        "'facial_nerve'",
-        "labels.json",
-        "there is no such file; give the label's number",
+        "the label \"facial_nerve\" is a name, but there is no ",
+        "labels.json: give the label's number",
     ]);
     let with_names = |text: &str| {
         let place = named();
         fs::write(place.path("labels.json"), text).unwrap();
         place
     };
-    let place = with_names("{\"facial_nerv\": 7}");
-    place.refuses(&[&place.line_of("facial_nerve"), "'facial_nerve'", "labels.json", "check its spelling"]);
+    let place = with_names("{\"Facial_nerv\": 7, \"dura\": 20}");
+    place.refuses(&[
+        &place.line_of("facial_nerve"),
+        "labels.json has no \"facial_nerve\"; did you mean \"Facial_nerv\"? it has: Facial_nerv, dura",
+    ]);
+    let place = with_names("{\"bone\": 7}");
+    place.refuses(&[&place.line_of("facial_nerve"), "labels.json has no \"facial_nerve\"; it has: bone"]);
     with_names("{\"facial_nerve\": ").refuses(&["labels.json", "expected a JSON object"]);
     with_names("{\"facial_nerve\": 7.5}").refuses(&[
         "labels.json",
@@ -391,6 +399,21 @@ fn a_label_name_needs_the_list_of_names() {
     ]);
     with_names("{\"facial_nerve\": 9}").refuses(&["structure[0].label", "label 9", "7, 20"]);
     assert_eq!(with_names("{\"facial_nerve\": 7}").plan().code, 0);
+}
+
+#[test]
+fn a_label_that_two_have_is_refused_with_both() {
+    let more = "[[structure]]\nname = \"chorda\"\nlabel = 7\n\n[approach]";
+    let place = Place::healthy().with_case("[approach]", more);
+    let both = "the structures \"nerve\" and \"chorda\" are the same label";
+    place.refuses(&["case.toml:15: ", "`structure[1].label` = 7", both]);
+    // once by number and once by name
+    let place = Place::healthy().with_case("[approach]", &more.replace("label = 7", "label = \"rod\""));
+    fs::write(place.path("labels.json"), "{\"rod\": 7, \"pocket\": 20}").unwrap();
+    place.refuses(&["case.toml:15: ", "structure 'nerve' and structure 'chorda' are both label 7"]);
+    let place = Place::healthy().with_case("label = 7", "label = \"pocket\"");
+    fs::write(place.path("labels.json"), "{\"rod\": 7, \"pocket\": 20}").unwrap();
+    place.refuses(&[&place.line_of("pocket"), "the target and structure 'nerve' are both label 20"]);
 }
 
 // sound, but not to be had: exit code 1
@@ -416,8 +439,8 @@ fn a_time_that_cannot_be_met_is_a_plan_with_its_reason() {
         let place = Place::healthy().with_case("min_mm_s = 0.5", &format!("total_time_s = {time}"));
         let ran = place.plan();
         assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
-        assert!(ran.out.contains("fell short: ") && ran.out.contains(near), "{}", ran.out);
-        assert!(ran.out.contains("cannot be met"), "{}", ran.out);
+        assert!(ran.err.contains("fell short: ") && ran.err.contains(near), "{}", ran.err);
+        assert!(ran.err.contains("cannot be met"), "{}", ran.err);
         let record = fs::read_to_string(place.path("plan/plan.toml")).unwrap();
         assert!(record.contains("cannot be met"), "the plan says so too");
     }

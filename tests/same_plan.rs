@@ -80,7 +80,7 @@ fn the_healthy_patient_is_planned_and_every_file_is_there() {
     let place = Place::healthy();
     let ran = place.plan();
     assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
-    assert!(ran.out.starts_with("wrote ") && !ran.out.contains("fell short"), "{}", ran.out);
+    assert!(ran.out.starts_with("wrote ") && !ran.err.contains("fell short"), "{}{}", ran.out, ran.err);
     let mut files: Vec<_> = fs::read_dir(place.path("plan"))
         .unwrap()
         .map(|e| e.unwrap().file_name().into_string().unwrap())

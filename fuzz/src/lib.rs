@@ -302,7 +302,7 @@ fn plan_text() -> String {
         case.replace("\n[[", "\n[[case.").replace("\n[", "\n[case.").replace("[case.[case.", "[[case.");
     let digest = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
     format!(
-        "version = \"0.1.0\"\ncase_file = \"case.toml\"\nwarnings = []\nshortfalls = [\"a reason\"]\n\n[frames]\n\
+        "version = \"0.1.0\"\ncase_file = \"case.toml\"\ncase_given = [\"images.ct\"]\nwarnings = []\nshortfalls = [\"a reason\"]\n\n[frames]\n\
          approach_direction = [0.0, 0.0, 1.0]\n\
          ct_from_work = {{ rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation_mm = [0.0, 0.0, 0.0] }}\n\
          base_from_ct = {{ rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation_mm = [0.0, 0.0, 0.0] }}\n\

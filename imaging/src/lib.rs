@@ -58,7 +58,7 @@ pub use hounsfield::{GreyKind, GreyRange, looks_like_hu};
 pub use names::{LabelNames, LabelNamesProblem, read_label_names};
 pub use problem::NiftiProblem;
 pub use read::memory::available_memory_mb;
-pub use read::{Image, ReadWarning, read_ct, read_labels};
+pub use read::{ForeignFormat, Image, ReadWarning, read_ct, read_labels};
 pub use resample::{AIR_HU, resample_density, resample_hu, resample_hu_and_density, resample_nearest};
 pub use scene::{
     Class, FarObstacles, Matter, MemoryNeed, Scene, SceneError, SceneSpec, SceneStructure, Sheets, TargetShape,

@@ -6,6 +6,7 @@ use bonemill_geometry::GridError;
 use thiserror::Error;
 
 use crate::affine::AffineSource;
+use crate::read::ForeignFormat;
 
 /// Why a file is no image that can be used for planning.
 #[derive(Debug, Error)]
@@ -20,6 +21,9 @@ pub enum NiftiProblem {
         /// Bytes in the file, decompressed.
         found_bytes: usize,
     },
+    /// A folder, or an image in another format.
+    #[error("{0}")]
+    Foreign(ForeignFormat),
     /// The header's size field is that of no NIfTI file.
     #[error("is not NIfTI-1: the header's first number is {sizeof_hdr}, expected 348")]
     NotNifti {
@@ -27,7 +31,9 @@ pub enum NiftiProblem {
         sizeof_hdr: i32,
     },
     /// A NIfTI-2 file.
-    #[error("is NIfTI-2; expected NIfTI-1 (convert it, e.g. with nibabel or dcm2niix)")]
+    #[error(
+        "is NIfTI-2; expected NIfTI-1 (save it from 3D Slicer as .nii.gz, or convert it with nibabel's Nifti1Image.from_image)"
+    )]
     Nifti2,
     /// The magic is wrong.
     #[error("is not NIfTI-1: magic {:?}, expected \"n+1\\0\"", String::from_utf8_lossy(found))]

@@ -21,6 +21,9 @@ use crate::error::ImageError;
 use crate::header::{HEADER_BYTES, Layout, parse};
 use crate::problem::NiftiProblem;
 
+mod foreign;
+pub use foreign::ForeignFormat;
+
 /// Bytes converted at a time; a multiple of every voxel size.
 const PIECE_BYTES: usize = 1 << 18;
 /// Deflate cannot expand by more (a stored byte gives at most 1032: zlib's technical notes, "Maximum Compression Factor").
@@ -106,6 +109,9 @@ fn read_file<T: Voxel>(
     let (mut source, extent) = open(path)?;
     let mut bytes = [0; HEADER_BYTES];
     let found_bytes = read_full(&mut source, &mut bytes)?;
+    if let Some(format) = foreign::format_of(&bytes[..found_bytes]) {
+        return Err(NiftiProblem::Foreign(format));
+    }
     if found_bytes < HEADER_BYTES {
         return Err(NiftiProblem::NoHeader { found_bytes });
     }
@@ -165,7 +171,11 @@ impl Extent {
 /// Opens a file; gzip is told by its content, not by its name.
 fn open(path: &Path) -> Result<(Box<dyn Read>, Extent), NiftiProblem> {
     let mut file = File::open(path).map_err(NiftiProblem::Unreadable)?;
-    let file_bytes = file.metadata().map_err(NiftiProblem::Unreadable)?.len();
+    let metadata = file.metadata().map_err(NiftiProblem::Unreadable)?;
+    if metadata.is_dir() {
+        return Err(NiftiProblem::Foreign(foreign::folder(path)));
+    }
+    let file_bytes = metadata.len();
     let mut size = [0; 4];
     if file_bytes >= 18 {
         file.seek(SeekFrom::End(-4)).map_err(NiftiProblem::Unreadable)?;

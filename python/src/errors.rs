@@ -47,6 +47,10 @@ pub fn refused(refused: &Refused) -> PyErr {
         RustPlanError::Robot(_) => RobotError::new_err(text),
         RustPlanError::Model(_) => ModelError::new_err(text),
         RustPlanError::LabelName { .. }
+        | RustPlanError::NoLabelNames { .. }
+        | RustPlanError::SharedLabel { .. }
+        | RustPlanError::Registration(_)
+        | RustPlanError::FiducialsOutside { .. }
         | RustPlanError::Unsupported { .. }
         | RustPlanError::StiffnessMissing => CaseError::new_err(text),
         _ => PlanError::new_err(text),

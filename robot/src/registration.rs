@@ -4,15 +4,21 @@
 //! t = b̄ase − R c̄t. Closed form, no start, no iteration.
 //!
 //! Points that lie (nearly) on a line leave the rotation about it free, and a mirrored or scaled set fits no rigid body:
-//! both are refused. FRE is the fit's RMS residual; it says nothing by itself about the target, so the expected error there
+//! both are refused. Points paired in another order than they were touched give a fit with a large residual: the order that
+//! fits far better is named. FRE is the fit's RMS residual; it says nothing by itself about the target, so the expected error there
 //! (TRE) is predicted from the points' layout and a localisation error.
 //!
 //! **Source:** Arun, Huang & Blostein 1987 with Umeyama 1991's sign; FRE and TRE: Fitzpatrick, West & Maurer 1998, eq. (46)
 //! TRE² = FLE²/N (1 + ⅓ Σₖ dₖ²/fₖ²), FRE² = (1 − 2/N) FLE².
 
+mod order;
+
 use bonemill_geometry::{Base, Ct, Point, Rigid};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use thiserror::Error;
+
+pub use order::BetterOrder;
+use order::{ALIKE_MM, better_order, is_far_better};
 
 /// Second-largest spread of the points below which they are a line, as a share of the largest.
 const LINE_SHARE: f64 = 0.05;
@@ -59,14 +65,17 @@ pub enum RegistrationFault {
     },
     /// One set is the other's mirror image.
     #[error(
-        "the points fit as a mirror image (RMS {mirrored_mm:.2} mm) and not as a rigid body ({rigid_mm:.2} mm): are left and \
-         right, or two points, exchanged?"
+        "the points fit as a mirror image (RMS {mirrored_mm:.2} mm) and not as a rigid body ({rigid_mm:.2} mm): the sign of \
+         one axis is wrong in one of the two sets, or left and right are exchanged{}",
+        better_order.as_ref().map_or(String::new(), |order| format!("; or the order is wrong: {order}"))
     )]
     Mirrored {
         /// RMS residual of the best rigid fit, mm.
         rigid_mm: f64,
         /// RMS residual of the best mirrored fit, mm.
         mirrored_mm: f64,
+        /// Another order of the points that fits as a rigid body.
+        better_order: Option<BetterOrder>,
     },
 }
 
@@ -79,6 +88,8 @@ pub struct Fitted {
     pub residual_mm: Vec<f64>,
     /// Root of the mean squared residual, mm.
     pub fre_mm: f64,
+    /// Another order of the base points that fits far better.
+    pub better_order: Option<BetterOrder>,
     /// The points' centroid, in ct.
     centroid: Vector3<f64>,
     /// Their principal axes, in ct, as columns.
@@ -110,16 +121,20 @@ pub fn fit(ct: &[Point<Ct>], base: &[Point<Base>]) -> Result<Fitted, Registratio
     if !SCALES.contains(&ratio) {
         return Err(RegistrationFault::Scale { ratio });
     }
-    let pairs = || from.iter().map(|p| p - from_centre).zip(to.iter().map(|p| p - to_centre));
+    let centred = |points: &[Vector3<f64>], centre| -> Vec<_> { points.iter().map(|p| p - centre).collect() };
+    let (a, b) = (centred(&from, from_centre), centred(&to, to_centre));
+    let pairs = || a.iter().zip(&b);
     let cross: Matrix3<f64> = pairs().map(|(a, b)| a * b.transpose()).sum();
     let rms = |turn: &Matrix3<f64>| {
         (pairs().map(|(a, b)| (turn * a - b).norm_squared()).sum::<f64>() / ct.len() as f64).sqrt()
     };
     let [rigid, mirrored] = orthogonal(&cross);
     let (rigid_mm, mirrored_mm) = (rms(&rigid), rms(&mirrored));
+    let better_order = better_order(&a, &b, rigid_mm);
     // points in a plane fit both ways alike; a true mirror fits only one
-    if mirrored_mm < 0.5 * rigid_mm && rigid_mm > 1.0 {
-        return Err(RegistrationFault::Mirrored { rigid_mm, mirrored_mm });
+    let order_explains = better_order.as_ref().is_some_and(|order| order.fre_mm + ALIKE_MM < mirrored_mm);
+    if is_far_better(mirrored_mm, rigid_mm) && !order_explains {
+        return Err(RegistrationFault::Mirrored { rigid_mm, mirrored_mm, better_order });
     }
     let rotation = Rotation3::from_matrix_unchecked(rigid);
     let base_from_ct = Rigid::new(rotation, to_centre - rotation * from_centre);
@@ -130,7 +145,8 @@ pub fn fit(ct: &[Point<Ct>], base: &[Point<Base>]) -> Result<Fitted, Registratio
         let axis = axes.column(k);
         from.iter().map(|p| (p - from_centre).cross(&axis).norm_squared()).sum::<f64>() / from.len() as f64
     });
-    Ok(Fitted { base_from_ct, fre_mm: rigid_mm, residual_mm, centroid: from_centre, axes, from_axis_mm2 })
+    let (fre_mm, centroid) = (rigid_mm, from_centre);
+    Ok(Fitted { base_from_ct, residual_mm, fre_mm, better_order, centroid, axes, from_axis_mm2 })
 }
 
 impl Fitted {
@@ -205,16 +221,20 @@ mod tests {
     const POINTS: [[f64; 3]; 5] =
         [[0.0, 0.0, 0.0], [60.0, 5.0, -3.0], [10.0, 45.0, 8.0], [-20.0, 12.0, 30.0], [33.0, 27.0, 21.0]];
 
-    fn ct() -> Vec<Point<Ct>> {
+    pub(super) fn ct() -> Vec<Point<Ct>> {
         POINTS.iter().map(|p| Point::from_coords(Vector3::from(*p))).collect()
     }
 
-    fn moved(by: &Rigid<Base, Ct>, points: &[Point<Ct>]) -> Vec<Point<Base>> {
+    pub(super) fn moved(by: &Rigid<Base, Ct>, points: &[Point<Ct>]) -> Vec<Point<Base>> {
         points.iter().map(|p| *by * *p).collect()
     }
 
-    fn some() -> Rigid<Base, Ct> {
+    pub(super) fn some() -> Rigid<Base, Ct> {
         Rigid::new(Rotation3::new(Vector3::new(0.4, -1.1, 2.0)), Vector3::new(450.0, -30.0, 90.0))
+    }
+
+    pub(super) fn noisy(points: &[Point<Base>], noise: &[[f64; 3]]) -> Vec<Point<Base>> {
+        points.iter().zip(noise).map(|(p, n)| *p + Vector3::from(*n)).collect()
     }
 
     proptest! {
@@ -236,8 +256,7 @@ mod tests {
             noise in prop::collection::vec(prop::array::uniform3(-0.5f64..0.5), 5),
             turn in prop::array::uniform3(-0.01f64..0.01), shift in prop::array::uniform3(-0.3f64..0.3),
         ) {
-            let noisy: Vec<Point<Base>> =
-                moved(&some(), &ct()).iter().zip(&noise).map(|(p, n)| *p + Vector3::from(*n)).collect();
+            let noisy = noisy(&moved(&some(), &ct()), &noise);
             let fitted = fit(&ct(), &noisy).unwrap();
             let best = fitted.base_from_ct;
             let turned = Rotation3::new(Vector3::from(turn)) * best.rotation;

@@ -203,6 +203,32 @@ pub enum CaseFault {
         /// The key that holds it first.
         other: String,
     },
+    /// Two structures have one label.
+    #[error(
+        "`{key}` = {label}: the structures {first:?} and {second:?} are the same label; give each a label of its own"
+    )]
+    SharedLabel {
+        /// The key of the second.
+        key: String,
+        /// The label, as in the file.
+        label: String,
+        /// The structure that has it first.
+        first: String,
+        /// The other.
+        second: String,
+    },
+    /// A robot that is neither an arm that is known nor a URDF's path.
+    #[error("`{key}` = {found:?}: expected {}, or the path of a .urdf file{}", options_text(.options), nearest_text(.nearest))]
+    UnknownArm {
+        /// The key.
+        key: String,
+        /// The name.
+        found: String,
+        /// The arms that are known.
+        options: Vec<&'static str>,
+        /// The one that it resembles.
+        nearest: Option<String>,
+    },
     /// A name that a table of results cannot carry.
     #[error("`{key}` = {found:?}: expected a name without commas, quotes and control characters")]
     Name {

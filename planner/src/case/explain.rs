@@ -1,7 +1,38 @@
 //! A case's values one by one, each with its meaning and with where it comes from: for reports.
 
+use std::fmt;
+
 use super::Case;
-use super::keys::{self, Entry};
+use super::keys::{self, Entry, Fallback, PRESET_KEYS};
+
+/// Where a value comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Origin {
+    /// The key stands in the case's file.
+    Case,
+    /// `preset = "paper"`.
+    Preset,
+    /// The default, with its source; `-` for none.
+    Default(&'static str),
+    /// It follows from other keys by a rule, with the rule's source.
+    Derived(&'static str, &'static str),
+    /// It is chosen while planning, by a rule.
+    Chosen(&'static str),
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Case => f.write_str("the case"),
+            Self::Preset => f.write_str("preset \"paper\""),
+            Self::Default("-") => f.write_str("default"),
+            Self::Default(source) => write!(f, "default; {source}"),
+            Self::Derived(rule, "-") => write!(f, "derived: {rule}"),
+            Self::Derived(rule, source) => write!(f, "derived: {rule}; {source}"),
+            Self::Chosen(rule) => write!(f, "chosen: {rule}"),
+        }
+    }
+}
 
 /// One key of a resolved case.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -12,11 +43,12 @@ pub struct Parameter {
     pub value: String,
     /// What it is.
     pub meaning: &'static str,
-    /// Where the default comes from, when the value is the default; else the case gave it, or it follows from others.
-    pub source: Option<&'static str>,
+    /// Where the value comes from.
+    pub origin: Origin,
 }
 
-/// Every key of a case in the order of its file.
+/// Every key of a case in the order of its file. Values that a plan chose are told as such where the case holds them although
+/// its file does not.
 pub fn explained(case: &Case) -> Vec<Parameter> {
     let entries = keys::entries();
     let text = case.to_toml();
@@ -34,10 +66,15 @@ pub fn explained(case: &Case) -> Vec<Parameter> {
                 None => key.clone(),
             };
             let entry = entries.iter().find(|e| e.path == path);
+            let origin = match entry {
+                _ if case.given.holds(&key) => Origin::Case,
+                Some(entry) => origin(entry, case.paper),
+                None => Origin::Default("-"),
+            };
             found.push(Parameter {
                 value: value.to_owned(),
                 meaning: entry.map_or("", |e| e.meaning),
-                source: entry.filter(|e| is_default(e, value)).map(|e| e.source),
+                origin,
                 key,
             });
         }
@@ -45,35 +82,94 @@ pub fn explained(case: &Case) -> Vec<Parameter> {
     found
 }
 
-/// Whether a value is what an absent key would mean.
-fn is_default(entry: &Entry, value: &str) -> bool {
-    let numbers = |text: &str| -> Option<Vec<f64>> {
-        text.split(['[', ']', ',', ' ']).filter(|t| !t.is_empty()).map(|t| t.parse().ok()).collect()
-    };
-    match (numbers(&entry.default), numbers(value)) {
-        (Some(default), Some(value)) => default == value,
-        _ => entry.default == value,
+/// Where the value of a key comes from that its file does not give.
+fn origin(entry: &Entry, paper: bool) -> Origin {
+    match entry.fallback {
+        _ if paper && PRESET_KEYS.contains(&entry.path) => Origin::Preset,
+        Some(Fallback::Derived(rule)) => Origin::Derived(rule, entry.source),
+        Some(Fallback::Chosen(rule)) => Origin::Chosen(rule),
+        _ => Origin::Default(entry.source),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeSet;
     use std::path::Path;
 
+    const TEXT: &str = "[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n[burr]\nradius_mm = 2.0\n\
+        [[structure]]\nname = \"nerve\"\nlabel = 2\nclearance_mm = 1.0\n[[structure]]\nname = \"sinus\"\nlabel = 3\n";
+
+    fn parse(text: &str) -> Case {
+        Case::parse(text, Path::new("c.toml")).unwrap()
+    }
+
+    fn get(all: &[Parameter], key: &str) -> Parameter {
+        all.iter().find(|p| p.key == key).unwrap_or_else(|| panic!("{key}")).clone()
+    }
+
     #[test]
-    fn defaults_have_their_source_and_given_values_have_none() {
-        let text = "[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n[burr]\nradius_mm = 2.0\n\
-            [[structure]]\nname = \"nerve\"\nlabel = 2\nclearance_mm = 1.25\n[[structure]]\nname = \"sinus\"\nlabel = 3\n";
-        let all = explained(&Case::parse(text, Path::new("c.toml")).unwrap());
-        let get = |key: &str| all.iter().find(|p| p.key == key).unwrap_or_else(|| panic!("{key}"));
-        assert_eq!((get("burr.radius_mm").value.as_str(), get("burr.radius_mm").source), ("2.0", None));
-        assert!(get("burr.flutes").source.unwrap().contains("assumed"));
-        assert!(get("density.hu").source.unwrap().contains("assumed"));
-        assert!(get("speed.mode").source.is_some() && !get("speed.mode").meaning.is_empty());
-        assert_eq!(get("structure[0].clearance_mm").source, None);
-        assert!(get("structure[1].clearance_mm").source.is_some());
-        assert_eq!(get("structure[1].name").value, "\"sinus\"");
+    fn values_come_from_the_case_by_presence_and_not_by_value() {
+        let all = explained(&parse(TEXT));
+        let origin = |key: &str| get(&all, key).origin;
+        assert_eq!(
+            (get(&all, "burr.radius_mm").value.as_str(), origin("burr.radius_mm")),
+            ("2.0", Origin::Case)
+        );
+        // given as what the default is
+        assert_eq!(origin("structure[0].clearance_mm"), Origin::Case);
+        assert!(
+            matches!(origin("structure[1].clearance_mm"), Origin::Default(source) if source.contains("assumed"))
+        );
+        assert_eq!(get(&all, "structure[1].name").value, "\"sinus\"");
+        for key in ["burr.flutes", "density.hu", "speed.mode", "cost.alpha_max", "shank.segments"] {
+            assert!(matches!(origin(key), Origin::Default(_)), "{key}: {}", origin(key));
+        }
+        for key in ["path.stepover_mm", "material.k_t", "orientation.angles", "structure[0].priority"] {
+            assert!(matches!(origin(key), Origin::Derived(..)), "{key}: {}", origin(key));
+        }
+        assert!(
+            origin("path.stepover_mm").to_string().starts_with("derived: 2/3 of burr.radius_mm; assumed")
+        );
         assert!(all.iter().all(|p| !p.meaning.is_empty()), "{all:?}");
+    }
+
+    #[test]
+    fn what_a_plan_chose_is_told_as_chosen_and_what_the_case_gives_is_not() {
+        let fill = |text: &str| {
+            let mut case = parse(text);
+            (case.approach, case.path.raster_rad) = (Some(nalgebra::Vector3::z()), Some(0.5));
+            explained(&case)
+        };
+        let all = fill(TEXT);
+        let said = get(&all, "approach.direction").origin.to_string();
+        assert_eq!(said, "chosen: the direction in which the target sees the most air");
+        assert!(matches!(get(&all, "path.raster_deg").origin, Origin::Chosen(_)));
+        let all = fill(&format!("{TEXT}[path]\nraster_deg = 1\n[approach]\ndirection = [0, 0, 1]\n"));
+        for key in ["approach.direction", "path.raster_deg"] {
+            assert_eq!(get(&all, key).origin, Origin::Case, "{key}");
+        }
+    }
+
+    #[test]
+    fn the_preset_s_keys_are_those_whose_default_it_changes() {
+        let values = |text: &str| explained(&parse(text));
+        let (plain, paper) = (values(TEXT), values(&format!("preset = \"paper\"\n{TEXT}")));
+        let differ = plain.iter().zip(&paper).filter(|(a, b)| a.value != b.value).map(|(_, b)| b);
+        let (preset, others): (Vec<_>, Vec<_>) = differ.partition(|p| p.origin == Origin::Preset);
+        let preset: BTreeSet<&str> = preset.iter().map(|p| p.key.as_str()).collect();
+        assert_eq!(preset, BTreeSet::from(PRESET_KEYS));
+        for other in others {
+            assert!(
+                matches!(other.origin, Origin::Case | Origin::Derived(..)),
+                "{}: {}",
+                other.key,
+                other.origin
+            );
+        }
+        // a key in the file wins
+        let own = values(&format!("preset = \"paper\"\n{TEXT}[cost]\nalpha_max = 0.5\n"));
+        assert_eq!(get(&own, "cost.alpha_max").origin, Origin::Case);
     }
 }

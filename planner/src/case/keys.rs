@@ -108,8 +108,12 @@ impl Unit {
 pub enum Fallback {
     /// This number.
     Value(f64),
-    /// What these words say: chosen, derived, absent or required.
+    /// What these words say: a list, absent or required.
     Words(&'static str),
+    /// What follows from other keys by this rule.
+    Derived(&'static str),
+    /// What is chosen while planning by this rule.
+    Chosen(&'static str),
 }
 
 /// A number, or a list of numbers that all obey the same range.
@@ -176,7 +180,10 @@ pub(super) fn name_of(path: &'static str) -> &'static str {
     path.rsplit('.').next().unwrap_or(path)
 }
 
-use Fallback::{Value, Words};
+use Fallback::{Chosen, Derived, Value, Words};
+
+/// Keys whose default `preset = "paper"` changes.
+pub(super) const PRESET_KEYS: [&str; 3] = ["material.measure", "cost.alpha_max", "orientation.mode"];
 
 const REQUIRED: &str = "required";
 const ABSENT: &str = "none";
@@ -224,10 +231,10 @@ table! {
             "least share of the target's mm³ to be removed, air cells included and what lies beyond the scan counted as not removed; below it the plan falls short", ASSUMED;
         CLEARANCE = "structure.clearance_mm" Mm 0.0..50.0, Value(1.0),
             "least distance of the burr's surface from the structure", "assumed (FORCE_MODEL 10: r_v,min = r + 1 mm)";
-        PRIORITY = "structure.priority" One 1.0..1e6, Words("its place in the file"), "1 is the most important", "-";
+        PRIORITY = "structure.priority" One 1.0..1e6, Derived("its place in the file"), "1 is the most important", "-";
         SHANK_CLEARANCE = "structure.shank_clearance_mm" Mm 0.0..50.0, Value(0.0),
             "least distance of the shank's surface from the structure", "D: the shank must not touch";
-        DIRECTION = "approach.direction" One -1e6..1e6, Words("the direction in which the target sees the most air"),
+        DIRECTION = "approach.direction" One -1e6..1e6, Chosen("the direction in which the target sees the most air"),
             "ct, out of the bone; any length but zero", "the one used stands in plan.toml";
         RADIUS = "burr.radius_mm" Mm 0.2..10.0, Value(2.5), "radius (not diameter) of the ball", "assumed: 5 mm burr (FORCE_MODEL 10)";
         FLUTES = "burr.flutes" One 1.0..64.0, Value(8.0), "identical flutes", "assumed (FORCE_MODEL 10)";
@@ -237,10 +244,10 @@ table! {
         NECK = "burr.neck_radius_mm" Mm 0.05..10.0, Value(1.1), "radius of the neck where the flutes end", "assumed: asin(0.44) of the 5 mm burr (FORCE_MODEL 10)";
         SEGMENTS = "shank.segments" Mm 0.05..200.0, Words("[[25.0, 1.1], [60.0, 6.0]]"),
             "[length, radius] of cylinders, one after the other, the first from radius_mm along the axis", "assumed: thin shaft, then handpiece";
-        K_T = "material.k_t" NMm2 0.001..1e5, Words("1400; 2100 with measure = \"dz\""), "tangential specific cutting energy at rho_ref and 60 000 rpm",
+        K_T = "material.k_t" NMm2 0.001..1e5, Derived("1400; 2100 with measure = \"dz\""), "tangential specific cutting energy at rho_ref and 60 000 rpm",
             "assumed: lumped to D's mean 0.73 N with the element length in use; dz: times 551/363 (FORCE_MODEL 10), since one measure's value must not be used with the other";
-        K_R = "material.k_r" NMm2 0.0..1e5, Words("0.6 k_t: 840; 1260 with measure = \"dz\""), "radial", "assumed: 0.6 of the default k_t (FORCE_MODEL 10)";
-        K_A = "material.k_a" NMm2 0.0..1e5, Words("0.1 k_t: 140; 210 with measure = \"dz\""), "axial, from shaft to tip", "assumed: 0.1 of the default k_t (FORCE_MODEL 10)";
+        K_R = "material.k_r" NMm2 0.0..1e5, Derived("0.6 k_t: 840; 1260 with measure = \"dz\""), "radial", "assumed: 0.6 of the default k_t (FORCE_MODEL 10)";
+        K_A = "material.k_a" NMm2 0.0..1e5, Derived("0.1 k_t: 140; 210 with measure = \"dz\""), "axial, from shaft to tip", "assumed: 0.1 of the default k_t (FORCE_MODEL 10)";
         K_TE = "material.k_te" NMm 0.0..100.0, Value(0.0), "tangential edge coefficient", "an edge-only model contradicts D's trials; off";
         K_RE = "material.k_re" NMm 0.0..100.0, Value(0.0), "radial edge coefficient", "as k_te";
         K_AE = "material.k_ae" NMm 0.0..100.0, Value(0.0), "axial edge coefficient", "as k_te";
@@ -248,9 +255,9 @@ table! {
         RHO_REF = "material.rho_ref_g_cm3" GCm3 0.01..10.0, Value(0.8), "density at which the coefficients hold", "D: foam of 0.8 g/cm³";
         EXPONENT = "material.exponent" One 0.0..5.0, Value(1.0), "exponent of density", "D: force proportional to mass";
         LAYER = "path.layer_mm" Mm 0.05..20.0, Value(1.5), "depth of a layer, at most twice the radius", "D: 1.5 mm";
-        STEPOVER = "path.stepover_mm" Mm 0.05..20.0, Words("2/3 of burr.radius_mm"), "distance of neighbouring lines, at most twice the radius", "assumed: reproduces D's figures";
+        STEPOVER = "path.stepover_mm" Mm 0.05..20.0, Derived("2/3 of burr.radius_mm"), "distance of neighbouring lines, at most twice the radius", "assumed: reproduces D's figures";
         STEP = "path.step_mm" Mm 0.01..5.0, Value(0.25), "distance of neighbouring waypoints, at most the radius", "assumed: the planning grid's spacing";
-        RASTER = "path.raster_deg" Deg -360.0..360.0, Words("chosen by the cost"), "direction of the lines from work x towards work y", "-";
+        RASTER = "path.raster_deg" Deg -360.0..360.0, Chosen("along the target or across it, by the cost of a draft"), "direction of the lines from work x towards work y", "-";
         KAPPA = "cost.kappa_per_mm" PerMm 0.0..100.0, Value(0.7), "decay of α₁ with distance", "assumed (FORCE_MODEL 10): α₁ halves with each mm";
         ALPHA_MAX = "cost.alpha_max" One 0.0..1.0, Words("0.8; 0.5 with preset = \"paper\""), "α₁ at the clearance", "FORCE_MODEL 8.10: 0.5 as D prints it, 0.8 as D's text and trials ask";
         TILT_LIMIT = "orientation.tilt_limit_deg" Deg 0.0..90.0, Value(60.0), "largest angle from the approach while cutting", ASSUMED;
@@ -259,26 +266,28 @@ table! {
         NOMINAL_SPEED = "speed.nominal_mm_s" MmS 0.01..1000.0, Value(1.5), "speed of `constant`, and at which forces are compared", "D: 1.5 mm/s";
         LINK_SPEED = "speed.link_mm_s" MmS 0.01..1000.0, Value(10.0), "speed in free space", ASSUMED;
         TOTAL_TIME = "speed.total_time_s" S 0.1..1e6, Words(ABSENT), "time of the whole plan, when it is to be met", "-";
-        ANGLES = "orientation.angles" One 1.0..2.0, Words("1 for the bone-attached arm, 2 for others"), "tilt angles of the shaft: θ in one plane, or θ and φ", "D: four joints leave θ";
-        FORCE_CAP = "speed.force_n" N 0.001..1000.0, Words("with mode = \"force_limited\": 1.7; else none"), "largest predicted force on the burr", "D IV: peak 1.69 N of the third trial";
-        TOWARD_CAP = "speed.force_toward_n" One 0.0..1000.0, Words("with mode = \"force_limited\": [[2, 0.8], [6, 1.7]]; else none"),
+        ANGLES = "orientation.angles" One 1.0..2.0, Derived("1 for the bone-attached arm, 2 for others"), "tilt angles of the shaft: θ in one plane, or θ and φ", "D: four joints leave θ";
+        FORCE_CAP = "speed.force_n" N 0.001..1000.0, Derived("with mode = \"force_limited\": 1.7; else none"), "largest predicted force on the burr", "D IV: peak 1.69 N of the third trial";
+        TOWARD_CAP = "speed.force_toward_n" One 0.0..1000.0, Derived("with mode = \"force_limited\": [[2, 0.8], [6, 1.7]]; else none"),
             "largest predicted force toward every structure: [distance from the burr's surface in mm, N], linear between, constant beyond", "D IV: peak 0.80 N within 2 mm in the third trial; the rise beyond is assumed";
         DEFLECTION_CAP = "speed.deflection_um" Um 0.001..1e5, Words(ABSENT), "largest predicted deflection of the burr; needs robot.joint_stiffness", "-";
         POWER_CAP = "speed.power_w" W 0.001..1e4, Words(ABSENT), "largest predicted spindle power", "-";
         SPEED_ACCELERATION = "speed.acceleration_mm_s2" MmS2 0.01..1e6, Value(50.0), "largest acceleration of the burr along the path with mode = \"force_limited\"; the joints' own limits hold anyway", ASSUMED;
         STIFFNESS = "robot.joint_stiffness" JointStiffness 1e-6..1e12, Words("none: rigid, no deflection"), "N/mm of prismatic joints, N·mm/rad of revolute ones", "D eq. 10";
-        VELOCITY = "robot.velocity_limits" JointSpeed 1e-6..1e9, Words("the URDF's"), "per joint and second; the stricter of this and the URDF's holds", "-";
-        ACCELERATION = "robot.acceleration_limits" JointAcceleration 1e-6..1e9, Words("the arm's, marked assumed"), "per joint and s²", "-";
-        JERK = "robot.jerk_limits" JointJerk 1e-6..1e12, Words("full acceleration within 0.02 s, marked assumed"), "per joint and s³", "-";
+        VELOCITY = "robot.velocity_limits" JointSpeed 1e-6..1e9, Derived("the URDF's"), "per joint and second; the stricter of this and the URDF's holds", "-";
+        ACCELERATION = "robot.acceleration_limits" JointAcceleration 1e-6..1e9, Derived("the arm's, marked assumed"), "per joint and s²", "-";
+        JERK = "robot.jerk_limits" JointJerk 1e-6..1e12, Derived("full acceleration within 0.02 s, marked assumed"), "per joint and s³", "-";
         RATE = "robot.rate_hz" Hz 1.0..10_000.0, Value(500.0), "sampling rate of the trajectory", "UR e-series controllers";
         ROTATION = "robot.base_from_ct.rotation" One -1.1..1.1, Words(REQUIRED), "R of p_base = R p_ct + t, by rows; or quaternion_wxyz, or rpy_rad", "-";
         QUATERNION = "robot.base_from_ct.quaternion_wxyz" One -1.1..1.1, Words("instead of rotation"), "R as a unit quaternion", "-";
         RPY = "robot.base_from_ct.rpy_rad" Rad -10.0..10.0, Words("instead of rotation"), "R = Rz(yaw) Ry(pitch) Rx(roll), as in URDF", "-";
         TRANSLATION = "robot.base_from_ct.translation_mm" Mm -1e5..1e5, Words(REQUIRED), "t of p_base = R p_ct + t", "-";
-        FIDUCIALS_CT = "robot.base_from_ct.fiducials.ct_mm" Mm -1e5..1e5, Words("instead of rotation"), "points in ct, at least three and not on a line; base_from_ct is fitted to them", "Arun et al. 1987";
+        FIDUCIALS_CT = "robot.base_from_ct.fiducials.ct_mm" Mm -1e5..1e5, Words("instead of rotation"), "points in ct (RAS+; a point in LPS has x and y negated), inside the scan, at least three and not on a line; base_from_ct is fitted to them", "Arun et al. 1987";
         FIDUCIALS_BASE = "robot.base_from_ct.fiducials.base_mm" Mm -1e5..1e5, Words("instead of rotation"), "the same points as the arm touched them, in base, in the same order", "-";
         FLANGE_TRANSLATION = "robot.flange_from_burr.translation_mm" Mm -1e4..1e4, Words(REQUIRED), "burr's centre in the flange", "-";
         FLANGE_RPY = "robot.flange_from_burr.rpy_rad" Rad -10.0..10.0, Words(REQUIRED), "burr's axes in the flange, z to the handpiece", "-";
+        MAX_FRE = "registration.max_fre_mm" Mm 0.01..100.0, Value(1.0),
+            "largest RMS residual (FRE) of robot.base_from_ct.fiducials; a plan on a worse fit falls short", "assumed: bone-anchored fiducials fit to a few tenths of a mm";
         SPACING = "grid.spacing_mm" Mm 0.02..2.0, Value(0.25), "voxel of the planning grid, at most half the radius", ASSUMED;
         MARGIN = "grid.margin_mm" Mm 0.0..100.0, Value(3.0), "bone kept around the target beside the tool's own reach", ASSUMED;
     }
@@ -324,7 +333,7 @@ table! {
 }
 
 /// A key as the documentation shows it.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Entry {
     /// Full path.
     pub path: &'static str,
@@ -336,6 +345,8 @@ pub(super) struct Entry {
     pub meaning: &'static str,
     /// Where the default comes from.
     pub source: &'static str,
+    /// The default of a number.
+    pub fallback: Option<Fallback>,
 }
 
 impl From<&Number> for Entry {
@@ -343,7 +354,7 @@ impl From<&Number> for Entry {
         let unit = if n.unit == Unit::One { String::new() } else { format!(" {}", n.unit) };
         let default = match n.default {
             Value(v) => v.to_string(),
-            Words(words) => words.into(),
+            Words(words) | Derived(words) | Chosen(words) => words.into(),
         };
         Entry {
             path: n.path,
@@ -351,6 +362,7 @@ impl From<&Number> for Entry {
             default,
             meaning: n.meaning,
             source: n.source,
+            fallback: Some(n.default),
         }
     }
 }
@@ -359,7 +371,14 @@ impl<T: Copy + PartialEq> From<&Choice<T>> for Entry {
     fn from(c: &Choice<T>) -> Self {
         let words: Vec<_> = c.words().iter().map(|w| format!("`{w}`")).collect();
         let default = c.options.first().map_or(String::new(), |(word, _)| format!("\"{word}\""));
-        Entry { path: c.path, expects: words.join(", "), default, meaning: c.meaning, source: c.source }
+        Entry {
+            path: c.path,
+            expects: words.join(", "),
+            default,
+            meaning: c.meaning,
+            source: c.source,
+            fallback: None,
+        }
     }
 }
 
@@ -371,6 +390,7 @@ impl From<&Other> for Entry {
             default: o.default.into(),
             meaning: o.meaning,
             source: o.source,
+            fallback: None,
         }
     }
 }

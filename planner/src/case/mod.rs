@@ -6,6 +6,7 @@
 
 mod error;
 mod explain;
+mod given;
 mod keys;
 mod parse;
 mod parse_robot;
@@ -28,11 +29,13 @@ pub use crate::cost::SeveralStructures;
 pub use crate::speed::DistanceCurve;
 pub use bonemill_imaging::Sheets;
 pub use error::{CaseError, CaseFault, Located};
-pub use explain::{Parameter, explained};
+pub use explain::{Origin, Parameter, explained};
+pub use given::Given;
 pub use keys::Unit;
 pub(crate) use parse::syntax;
 pub(crate) use parse_robot::rotation_from_matrix;
 pub use reference::reference;
+pub(crate) use suggest::nearest;
 pub(crate) use walker::{as_number, line_at};
 
 /// One patient, one tool and one robot; resolved and validated.
@@ -70,8 +73,12 @@ pub struct Case {
     pub speed: SpeedSpec,
     /// The arm and where the patient is.
     pub robot: RobotSpec,
+    /// How well the patient must be registered.
+    pub registration: RegistrationSpec,
     /// The planning grid.
     pub grid: GridSpec,
+    /// Which keys the file gave.
+    pub given: Given,
 }
 
 /// `[images]`: paths relative to the case file.
@@ -360,6 +367,13 @@ pub struct RobotSpec {
     pub jerk_limits: Option<Vec<f64>>,
     /// Sampling rate of the trajectory, Hz.
     pub rate_hz: f64,
+}
+
+/// `[registration]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RegistrationSpec {
+    /// Largest RMS residual of the fiducials (FRE), mm.
+    pub max_fre_mm: f64,
 }
 
 /// `[grid]`.

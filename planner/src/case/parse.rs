@@ -12,8 +12,9 @@ use super::parse_robot::read_robot;
 use super::relations;
 use super::walker::{Log, Walk, as_number, line_at};
 use super::{
-    Burr, Case, CostSpec, Density, DistanceCurve, GridSpec, Images, LabelRef, Material, Measure,
-    OrientationMode, OrientationSpec, PathSpec, ShankSegment, SpeedCaps, SpeedSpec, Structure, Target,
+    Burr, Case, CostSpec, Density, DistanceCurve, Given, GridSpec, Images, LabelRef, Material, Measure,
+    OrientationMode, OrientationSpec, PathSpec, RegistrationSpec, ShankSegment, SpeedCaps, SpeedSpec,
+    Structure, Target,
 };
 
 /// HU and g/cm³ of the default calibration curve. Assumed.
@@ -47,7 +48,8 @@ impl Case {
     /// The case in a table of a larger file, e.g. `[case]` of a plan; `path` is the table's.
     pub(crate) fn from_table(text: &str, table: &DeTable<'_>, path: &str) -> Result<Self, Vec<Located>> {
         let log = Log::new(text);
-        let case = read(&log, table, path);
+        let mut case = read(&log, table, path);
+        case.given = log.given().into_iter().collect();
         if log.is_clean() {
             relations::judge(&case, &|fault, key| log.note(line_of(text, table, key), fault), &|key| {
                 line_of(text, table, key).is_none()
@@ -112,8 +114,10 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
         orientation: read_orientation(root.table("orientation"), paper, &robot.model),
         speed: read_speed(root.table("speed")),
         robot,
+        registration: read_registration_spec(root.table("registration")),
         grid: read_grid(root.table("grid")),
         burr,
+        given: Given::default(),
     };
     root.finish();
     case
@@ -283,7 +287,7 @@ fn read_burr(t: Walk<'_, '_>) -> Burr {
 fn whole_default(of: &Number) -> u32 {
     match of.default {
         Fallback::Value(v) => v as u32,
-        Fallback::Words(_) => 0,
+        _ => 0,
     }
 }
 
@@ -391,6 +395,12 @@ fn read_caps(t: &Walk<'_, '_>, bind: bool) -> SpeedCaps {
         power_w: t.optional(&k::POWER_CAP),
         acceleration_mm_s2: t.number(&k::SPEED_ACCELERATION),
     }
+}
+
+fn read_registration_spec(t: Walk<'_, '_>) -> RegistrationSpec {
+    let registration = RegistrationSpec { max_fre_mm: t.number(&k::MAX_FRE) };
+    t.finish();
+    registration
 }
 
 fn read_grid(t: Walk<'_, '_>) -> GridSpec {

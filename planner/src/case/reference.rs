@@ -68,6 +68,7 @@ fn tables(entries: &[Entry]) -> Vec<&'static str> {
         "orientation",
         "speed",
         "robot",
+        "registration",
         "grid",
     ];
     let mut tables: Vec<_> = entries.iter().map(|e| table_of(e.path)).collect();

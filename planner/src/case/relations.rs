@@ -2,6 +2,7 @@
 
 use super::error::CaseFault;
 use super::keys::Unit;
+use super::suggest::nearest;
 use super::{Case, ForceTerm, SpeedMode, Target};
 
 /// No handpiece is thicker, mm; access grows with the cube of it.
@@ -28,6 +29,7 @@ pub(super) fn judge(case: &Case, note: &dyn Fn(CaseFault, &str), is_default: &dy
     }
     judge_target(case, note);
     judge_structures(case, note);
+    judge_arm(case, note);
     judge_joints(case, note);
     judge_choices(case, note);
 }
@@ -126,6 +128,13 @@ fn judge_structures(case: &Case, note: &dyn Fn(CaseFault, &str)) {
             let (found, other) = (format!("{:?}", structure.name), format!("structure[{first}].name"));
             note(CaseFault::Duplicate { key: key.clone(), found, other }, &key);
         }
+        let same = case.structures.iter().take(n).find(|s| s.label == structure.label);
+        if let Some(first) = same {
+            let key = format!("structure[{n}].label");
+            let (label, first, second) =
+                (structure.label.to_string(), first.name.clone(), structure.name.clone());
+            note(CaseFault::SharedLabel { key: key.clone(), label, first, second }, &key);
+        }
         if matches!(&case.target, Target::Label(label) if *label == structure.label) {
             let key = format!("structure[{n}].label");
             let (found, other) = (structure.label.to_string(), "target.label".into());
@@ -134,6 +143,9 @@ fn judge_structures(case: &Case, note: &dyn Fn(CaseFault, &str)) {
     }
 }
 
+/// The arms that come with the planner.
+const ARMS: [&str; 4] = ["bone-attached", "ur3e", "ur5e", "ur10e"];
+
 /// Joints of the arms that come with the planner; a URDF's are counted when it is read.
 fn known_joints(model: &str) -> Option<usize> {
     match model {
@@ -141,6 +153,17 @@ fn known_joints(model: &str) -> Option<usize> {
         "ur3e" | "ur5e" | "ur10e" => Some(6),
         _ => None,
     }
+}
+
+/// A name without an ending and without a folder is no path: it must be an arm's.
+fn judge_arm(case: &Case, note: &dyn Fn(CaseFault, &str)) {
+    let found = case.robot.model.clone();
+    if known_joints(&found).is_some() || found.contains(['.', '/', '\\']) {
+        return;
+    }
+    let (key, options) = ("robot.model", ARMS.to_vec());
+    let nearest = nearest(&found, ARMS.into_iter()).map(str::to_owned);
+    note(CaseFault::UnknownArm { key: key.into(), found, options, nearest }, key);
 }
 
 fn judge_joints(case: &Case, note: &dyn Fn(CaseFault, &str)) {

@@ -19,13 +19,13 @@ pub(super) fn same_quantity(a: &str, b: &str) -> bool {
 }
 
 /// The candidate within a third of the name's length in edits, if any; the first of equals.
-pub(super) fn nearest<'c>(name: &str, candidates: impl Iterator<Item = &'c str>) -> Option<&'c str> {
+pub(crate) fn nearest<'c>(name: &str, candidates: impl Iterator<Item = &'c str>) -> Option<&'c str> {
     if name.len() > 64 {
         return None; // the search is quadratic, and no key is that long
     }
     let limit = (name.chars().count() / 3).max(1);
     candidates
-        .map(|c| (edits(&name.to_lowercase(), c), c))
+        .map(|c| (edits(&name.to_lowercase(), &c.to_lowercase()), c))
         .filter(|(d, _)| *d <= limit)
         .min_by_key(|(d, _)| *d)
         .map(|(_, c)| c)

@@ -17,11 +17,12 @@ use super::suggest::{nearest, same_quantity};
 pub(super) struct Log<'t> {
     text: &'t str,
     faults: RefCell<Vec<Located>>,
+    given: RefCell<Vec<String>>,
 }
 
 impl<'t> Log<'t> {
     pub(super) fn new(text: &'t str) -> Self {
-        Self { text, faults: RefCell::default() }
+        Self { text, faults: RefCell::default(), given: RefCell::default() }
     }
 
     pub(super) fn note(&self, line: Option<usize>, fault: CaseFault) {
@@ -30,6 +31,11 @@ impl<'t> Log<'t> {
 
     pub(super) fn is_clean(&self) -> bool {
         self.faults.borrow().is_empty()
+    }
+
+    /// Full paths of the keys that were asked for and were there.
+    pub(super) fn given(&self) -> Vec<String> {
+        self.given.borrow().clone()
     }
 
     pub(super) fn into_faults(self) -> Vec<Located> {
@@ -92,7 +98,9 @@ impl<'t, 'i> Walk<'t, 'i> {
 
     fn ask(&self, name: &'static str, unit: Unit) -> Option<&'t Spanned<DeValue<'i>>> {
         self.asked.borrow_mut().push((name, unit));
-        self.table?.get(name)
+        let value = self.table?.get(name)?;
+        self.log.given.borrow_mut().push(self.key(name));
+        Some(value)
     }
 
     fn missing(&self, name: &str, expected: impl Into<String>) {
@@ -141,7 +149,7 @@ impl<'t, 'i> Walk<'t, 'i> {
     pub(super) fn number(&self, of: &Number) -> f64 {
         match (self.optional(of), of.default) {
             (Some(v), _) | (None, Fallback::Value(v)) => v,
-            (None, Fallback::Words(_)) => {
+            (None, _) => {
                 if !self.has(name_of(of.path)) {
                     self.missing(name_of(of.path), format!("a number in {}", of.unit));
                 }

@@ -31,6 +31,7 @@ impl Case {
         self.write_tool(&mut out);
         self.write_planning(&mut out);
         self.write_robot(&mut out);
+        out.table("registration", &[("max_fre_mm", float(self.registration.max_fre_mm))]);
         out.table(
             "grid",
             &[("spacing_mm", float(self.grid.spacing_mm)), ("margin_mm", float(self.grid.margin_mm))],

@@ -32,8 +32,8 @@ pub enum PlanError {
     #[error(transparent)]
     Model(#[from] ModelError),
     /// A label is named that `labels.json` does not know.
-    #[error("{key}: label name '{name}' is not in {}: {}", beside.with_file_name("labels.json").display(),
-        if *has_names { "check its spelling, or give the label's number" } else { "there is no such file; give the label's number" })]
+    #[error("{key}: {} has no {name:?}{}; it has: {}", beside.with_file_name("labels.json").display(),
+        nearest.as_ref().map_or(String::new(), |nearest| format!("; did you mean {nearest:?}?")), known.join(", "))]
     LabelName {
         /// The key in the case.
         key: String,
@@ -41,8 +41,33 @@ pub enum PlanError {
         name: String,
         /// The label map.
         beside: PathBuf,
-        /// Whether the file exists.
-        has_names: bool,
+        /// The names that there are.
+        known: Vec<String>,
+        /// The one that it resembles.
+        nearest: Option<String>,
+    },
+    /// A label is named, but there is no `labels.json`.
+    #[error("{key}: the label {name:?} is a name, but there is no {}: give the label's number",
+        beside.with_file_name("labels.json").display())]
+    NoLabelNames {
+        /// The key in the case.
+        key: String,
+        /// The name.
+        name: String,
+        /// The label map.
+        beside: PathBuf,
+    },
+    /// Two structures, or a structure and the target, are one label, by number and by name.
+    #[error("{first} and {second} are both label {number}: give each a label of its own")]
+    SharedLabel {
+        /// The one that stands first in the case.
+        first: String,
+        /// The other.
+        second: String,
+        /// The label.
+        number: u16,
+        /// Place of the other in the case's structures.
+        place: usize,
     },
     /// The case asks for something that this version does not have.
     #[error("{key} = \"{value}\" is not supported by this version: expected {supported}")]
@@ -57,6 +82,24 @@ pub enum PlanError {
     /// The fiducials give no registration.
     #[error("robot.base_from_ct.fiducials: {0}")]
     Registration(#[from] RegistrationFault),
+    /// Fiducials that cannot have been localised in this scan.
+    #[error(
+        "robot.base_from_ct.fiducials.ct_mm: fiducials {} of {count} lie outside the scan, by up to {farthest_mm:.1} mm; {}",
+        outside.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
+        if *fit_as_lps { "as LPS they would all lie inside: negate x and y" } else {
+            "expected points in mm, RAS+, in the scan that is planned on (if that is a part of the scan that they were localised \
+             in, plan on the whole one)" }
+    )]
+    FiducialsOutside {
+        /// Which, from 1.
+        outside: Vec<usize>,
+        /// Fiducials in all.
+        count: usize,
+        /// The largest distance from the scan, mm.
+        farthest_mm: f64,
+        /// Whether negating x and y of all brings them inside.
+        fit_as_lps: bool,
+    },
     /// The chosen arm needs a key that the case does not have.
     #[error("{key} is needed for robot.model = \"{model}\": {example}")]
     Needed {
@@ -114,11 +157,15 @@ impl PlanError {
         let key = match self {
             Self::Image(error) => return image_key(error, case, folder),
             Self::Scene(error) => return scene_key(error, case, folder),
-            Self::LabelName { name, .. } => return label_key(case, &LabelRef::Name(name.clone())),
+            Self::LabelName { name, .. } | Self::NoLabelNames { name, .. } => {
+                return label_key(case, &LabelRef::Name(name.clone()));
+            }
+            Self::SharedLabel { place, .. } => return Some(format!("structure[{place}].label")),
             Self::Unsupported { key, .. } => key,
             Self::StiffnessMissing => "cost.force",
             Self::Needed { .. } => "robot.model",
             Self::Registration(_) => "robot.base_from_ct",
+            Self::FiducialsOutside { .. } => "robot.base_from_ct.fiducials.ct_mm",
             Self::NothingReachable { .. } => "target",
             Self::OutOfReach { .. } => "robot.base_from_ct",
             Self::Robot(RobotError::Calibration { .. }) => "robot.calibration",

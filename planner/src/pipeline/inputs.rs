@@ -8,7 +8,7 @@ use bonemill_imaging::{
 };
 
 use super::PlanError;
-use crate::case::{Case, LabelRef, Target};
+use crate::case::{Case, LabelRef, Target, nearest};
 use crate::plan::Sha256;
 
 /// Distances to structures are kept this far from the target's box, mm, beside what the burr and its cost need.
@@ -70,7 +70,8 @@ pub fn read_inputs(case: &Case, case_path: &Path) -> Result<Inputs, PlanError> {
         .structures
         .iter()
         .map(|s| Ok((s.name.clone(), number(format!("structure '{}'", s.name), &s.label)?)))
-        .collect::<Result<_, PlanError>>()?;
+        .collect::<Result<Vec<_>, PlanError>>()?;
+    labels_differ(&target, &structures)?;
     let text = |path: &Path| path.to_string_lossy().into_owned();
     let mut files = Vec::new();
     if let Some(name) = case_path.file_name() {
@@ -96,14 +97,31 @@ fn label_number(
     match label {
         LabelRef::Number(number) => Ok(*number),
         LabelRef::Name(name) => {
-            names.and_then(|names| names.number(name)).ok_or_else(|| PlanError::LabelName {
-                key,
-                name: name.clone(),
-                beside: labels_path.to_owned(),
-                has_names: names.is_some(),
+            let (name, beside) = (name.clone(), labels_path.to_owned());
+            let Some(names) = names else { return Err(PlanError::NoLabelNames { key, name, beside }) };
+            names.number(&name).ok_or_else(|| {
+                let known: Vec<String> = names.iter().map(|(_, known)| known.to_owned()).collect();
+                let nearest = nearest(&name, known.iter().map(String::as_str)).map(str::to_owned);
+                PlanError::LabelName { key, name, beside, known, nearest }
             })
         }
     }
+}
+
+/// Refuses a label that two structures, or a structure and the target, have by number and by name.
+fn labels_differ(target: &TargetShape, structures: &[(String, u16)]) -> Result<(), PlanError> {
+    let mut taken: Vec<(String, u16)> = match target {
+        TargetShape::Label(number) => vec![("the target".into(), *number)],
+        _ => vec![],
+    };
+    for (place, (name, number)) in structures.iter().enumerate() {
+        let (second, number) = (format!("structure '{name}'"), *number);
+        if let Some((first, _)) = taken.iter().find(|(_, earlier)| *earlier == number) {
+            return Err(PlanError::SharedLabel { first: first.clone(), second, number, place });
+        }
+        taken.push((second, number));
+    }
+    Ok(())
 }
 
 pub fn make_scene(case: &Case, inputs: &Inputs) -> Result<Scene, PlanError> {

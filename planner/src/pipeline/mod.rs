@@ -18,6 +18,7 @@ mod prepared;
 mod push;
 mod raster;
 mod reach;
+mod registration;
 mod rest;
 mod sets;
 pub(crate) mod setup;
@@ -186,6 +187,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let mut watch = Stopwatch { progress, seconds: Vec::new() };
     let arm = setup::arm(case, case_path.parent().unwrap_or(Path::new("")))?;
     let inputs = watch.run("read images", || inputs::read_inputs(case, case_path))?;
+    registration::fiducials_in_scan(&case.robot, inputs.ct.volume.grid())?;
     let scene = watch.run("scene", || inputs::make_scene(case, &inputs))?;
     progress.memory_mb(inputs::memory_mb(&scene, &inputs));
     let inputs::Inputs { ct, labels, files, mut warnings, .. } = inputs;
@@ -195,7 +197,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     warnings.extend(setup::arm_warning(case, &arm));
 
     let space = watch.run("free space", || free_space(case, &scene))?;
-    let registered = setup::registration(&case.robot, &scene)?;
+    let registered = registration::registration(&case.robot, &scene)?;
     warnings.extend(registered.warnings(case));
     let base_from_ct = registered.base_from_ct;
     let base_from_work = base_from_ct * scene.ct_from_work;
@@ -292,6 +294,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let dropped = prepared.reached.dropped.clone();
     let allowed = oriented.allowed.clone();
     let mut shortfalls: Vec<String> = target_outside(&scene).into_iter().collect();
+    shortfalls.extend(registered.shortfalls(case));
     shortfalls.extend(rest::too_little(case, &scene, &space, &coverage)?);
     shortfalls.extend(unreached(case, &coverage, &modelled));
     shortfalls.extend(time_missed(case.speed.total_time_s.zip(timing.missed_s)));

@@ -391,9 +391,11 @@ pub fn with_prepared<R>(
     let mut watch = Stopwatch { progress, seconds: Vec::new() };
     let arm = setup::arm(case, case_path.parent().unwrap_or(Path::new("")))?;
     let inputs = super::inputs::read_inputs(case, case_path)?;
+    super::registration::fiducials_in_scan(&case.robot, inputs.ct.volume.grid())?;
     let scene = super::inputs::make_scene(case, &inputs)?;
     let space = super::free_space(case, &scene)?;
-    let base_from_work = setup::registration(&case.robot, &scene)?.base_from_ct * scene.ct_from_work;
+    let base_from_work =
+        super::registration::registration(&case.robot, &scene)?.base_from_ct * scene.ct_from_work;
     let solid = super::solid(case, &scene);
     work(&Prepared::new(case, &arm, &scene, &space, &solid, base_from_work, &mut watch)?)
 }

@@ -1,10 +1,9 @@
-//! From the case's values to the tools of planning: burr, material, arm, registration.
+//! From the case's values to the tools of planning: burr, material, arm, and where the arm is assumed to stand.
 
 use std::path::Path;
 
-use bonemill_geometry::{Approach, Base, Ct, Point, Rigid, Work};
+use bonemill_geometry::{Approach, Base, Ct, Rigid, Work};
 use bonemill_imaging::Scene;
-use bonemill_robot::registration::{Fitted, fit};
 use bonemill_robot::ur::{UrModel, has_ur_joints, read_ur};
 use bonemill_robot::{Arm, ArmKind, ToolMount, read_urdf};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
@@ -136,64 +135,6 @@ pub fn arm_warning(case: &Case, arm: &Arm) -> Option<String> {
     })
 }
 
-/// Where the patient is, and how well that is known.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Registered {
-    /// p_base = R p_ct + t.
-    pub base_from_ct: Rigid<Base, Ct>,
-    /// The fit, where the case gives fiducials, and its expected error at each structure (at its point nearest to the
-    /// target's centre), mm; `None` for a structure too far away to matter.
-    pub fitted: Option<(Fitted, Vec<Option<f64>>)>,
-}
-
-impl Registered {
-    /// What is said of a fit that is worse than a clearance.
-    pub fn warnings(&self, case: &Case) -> Vec<String> {
-        let Some((fitted, tre_mm)) = &self.fitted else { return vec![] };
-        let fre_mm = fitted.fre_mm;
-        let mut warnings = Vec::new();
-        if fre_mm > NOTABLE_FRE_MM {
-            let worst = fitted.residual_mm.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
-            let worst =
-                worst.map_or(String::new(), |(n, mm)| format!("; fiducial {} is {mm:.2} mm off", n + 1));
-            warnings.push(format!(
-                "the registration's fiducials do not fit well: FRE {fre_mm:.2} mm, expected at most {NOTABLE_FRE_MM} mm{worst}"
-            ));
-        }
-        for (structure, tre_mm) in case.structures.iter().zip(tre_mm) {
-            let tre_mm = tre_mm.unwrap_or(0.0);
-            if fre_mm.max(tre_mm) > structure.clearance_mm {
-                warnings.push(format!(
-                    "the registration's error (FRE {fre_mm:.2} mm, expected at {}: {tre_mm:.2} mm RMS) is larger than its \
-                     clearance of {} mm",
-                    structure.name, structure.clearance_mm
-                ));
-            }
-        }
-        warnings
-    }
-}
-
-/// Bone-anchored fiducials fit to a few tenths of a mm; beyond this one was touched or paired wrongly, or a scale is wrong.
-const NOTABLE_FRE_MM: f64 = 1.0;
-
-/// The case's registration, fitted where it gives fiducials, assumed where it gives none.
-///
-/// # Errors
-/// [`PlanError::Registration`], and those of [`base_from_ct`].
-pub fn registration(robot: &case::RobotSpec, scene: &Scene) -> Result<Registered, PlanError> {
-    let Registration::Fiducials { ct_mm, base_mm } = &robot.base_from_ct else {
-        return Ok(Registered { base_from_ct: base_from_ct(robot, scene)?, fitted: None });
-    };
-    let ct: Vec<Point<Ct>> = ct_mm.iter().map(|p| Point::from_coords(Vector3::from(*p))).collect();
-    let base: Vec<Point<Base>> = base_mm.iter().map(|p| Point::from_coords(Vector3::from(*p))).collect();
-    let fitted = fit(&ct, &base)?;
-    let center = scene.ct_from_work * scene.target_center;
-    let fields = scene.structures.iter().map(|structure| structure.field.as_ref());
-    let tre_mm = fields.map(|field| Some(fitted.tre_mm(&field?.nearest(center).1))).collect();
-    Ok(Registered { base_from_ct: fitted.base_from_ct, fitted: Some((fitted, tre_mm)) })
-}
-
 /// base_from_ct: the case's, or an assumed one with base x, y, z along the approach's y, −x, z.
 ///
 /// The bone-attached arm has the target's centre at its base's origin; a UR has it before and above its base by
@@ -201,7 +142,7 @@ pub fn registration(robot: &case::RobotSpec, scene: &Scene) -> Result<Registered
 ///
 /// # Errors
 /// [`PlanError::Needed`] for an arm from a URDF, of which nothing is known that could be assumed.
-fn base_from_ct(robot: &case::RobotSpec, scene: &Scene) -> Result<Rigid<Base, Ct>, PlanError> {
+pub fn base_from_ct(robot: &case::RobotSpec, scene: &Scene) -> Result<Rigid<Base, Ct>, PlanError> {
     if let Registration::Given { rotation, translation_mm } = &robot.base_from_ct {
         return Ok(Rigid::new(*rotation, *translation_mm));
     }

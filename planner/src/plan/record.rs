@@ -167,15 +167,17 @@ impl PlanRecord {
 
     fn to_toml(&self) -> Result<String, PlanFileError> {
         let texts = |list: &[String]| list.iter().map(|w| format!("\n    {},", text(w))).collect::<String>();
+        let given: Vec<String> = self.case.given.keys().map(text).collect();
         let (mount_mm, mount_rad) = &self.flange_from_burr;
         let mut out = format!(
-            "# A plan by bonemill. The case below is resolved: every default is spelled out.\n\
-             version = {}\ncase_file = {}\nwarnings = [{}]\nshortfalls = [{}]\n\n\
+            "# A plan by bonemill. The case below is resolved: every default is spelled out; case_given are the keys that its file gives.\n\
+             version = {}\ncase_file = {}\ncase_given = [{}]\nwarnings = [{}]\nshortfalls = [{}]\n\n\
              [frames]\napproach_direction = {}\nct_from_work = {}\n\
              grid = {{ dims = {}, turn_rad = {:?} }}\nbase_from_ct = {}\nregistration = \"{}\"\n\
              flange_from_burr = {{ translation_mm = {}, rpy_rad = {} }}\n\n[inputs]\n",
             text(&self.version),
             text(&slashes(&self.case_file)),
+            given.join(", "),
             texts(&self.warnings),
             texts(&self.shortfalls),
             vector(&self.approach_direction),
@@ -203,7 +205,9 @@ impl PlanRecord {
         let root = DeTable::parse(text).map_err(|e| fail(vec![syntax(text, &e)]))?;
         let reader = Reader { path, text, root: root.get_ref() };
         let case_table = reader.table("case")?;
-        let case = Case::from_table(text, case_table, "case").map_err(fail)?;
+        let mut case = Case::from_table(text, case_table, "case").map_err(fail)?;
+        // every key stands in the resolved case; which of them its file gave is told apart
+        case.given = reader.texts("case_given")?.into_iter().collect();
         let entries = |name| -> Result<Vec<(String, Value)>, PlanFileError> {
             let values = in_order(reader.table(name)?).map(|(key, v)| Value::from_toml(v).map(|v| (key, v)));
             values

@@ -68,6 +68,9 @@ fn what_is_written_reads_back_equal_and_rewrites_to_the_same_bytes() {
     let (_root, plan, record) = written();
     let again = PlanRecord::read(&plan).unwrap();
     assert_eq!(again, record);
+    let given = |record: &PlanRecord| record.case.given.keys().map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(given(&again), given(&record));
+    assert!(record.case.given.holds("images.ct") && !again.case.given.holds("burr.flutes"));
     assert_eq!(again.to_toml().unwrap(), record.to_toml().unwrap());
 }
 

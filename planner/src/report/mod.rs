@@ -12,11 +12,13 @@ pub mod verification;
 
 use std::fmt::Write;
 
+use bonemill_geometry::Rigid;
+use bonemill_robot::Joint;
 use bonemill_robot::ur::branch_name;
 use chart::{Level, Series, chart};
 use peak::Peak;
 
-use crate::case::{Parameter, Registration, Sheets, explained};
+use crate::case::{Case, Parameter, Registration, Sheets, explained};
 use crate::orientation::Around;
 use crate::pipeline::{Plan, Volumes, dropped_by_reason};
 use crate::plan::{ReportPart, Waypoint};
@@ -73,12 +75,6 @@ fn verdict(plan: &Plan) -> String {
         let reasons: String = plan.shortfalls.iter().map(|r| format!("<li>{}</li>", escape(r))).collect();
         format!("<div class=\"verdict bad\">The plan falls short:<ul>{reasons}</ul></div>")
     };
-    if plan.case.robot.base_from_ct == Registration::Assumed {
-        text.push_str(
-            "<p class=\"verdict warn\">No registration in the case: the arm's place is assumed (frames.base_from_ct \
-             in plan.toml). The trajectory is not for a real set-up.</p>",
-        );
-    }
     for warning in &plan.warnings {
         let _ = write!(text, "<p class=\"verdict warn\">Warning: {}</p>", escape(warning));
     }
@@ -336,25 +332,38 @@ fn inputs(plan: &Plan) -> String {
     )
 }
 
-/// Every value of the case with its meaning and its source.
+/// Every value of the case, what the plan chose included, with its meaning and where it comes from.
 fn parameters(plan: &Plan) -> String {
     let row = |p: &Parameter| {
-        let source = match p.source {
-            None => "the case".to_owned(),
-            Some("-") => "default".to_owned(),
-            Some(source) => format!("default; {}", with_code(&escape(source))),
-        };
         format!(
-            "<tr><th><code>{}</code></th><td><code>{}</code></td><td>{}</td><td>{source}</td></tr>",
+            "<tr><th><code>{}</code></th><td><code>{}</code></td><td>{}</td><td>{}</td></tr>",
             breakable(&escape(&p.key)),
             escape(&p.value),
-            with_code(&escape(p.meaning))
+            with_code(&escape(p.meaning)),
+            with_code(&escape(&p.origin.to_string()))
         )
     };
-    let rows: String = explained(&plan.case).iter().map(row).collect();
+    let rows: String = explained(&as_planned(plan)).iter().map(row).collect();
     format!(
         "<div class=\"wide\"><table class=\"words params\"><thead><tr><th>key</th><th>value</th><th>meaning</th><th>from</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
+}
+
+/// The case with what the plan chose where the case leaves it open.
+fn as_planned(plan: &Plan) -> Case {
+    let mut case = plan.case.clone();
+    case.approach.get_or_insert(plan.scene.approach);
+    case.path.raster_rad.get_or_insert(plan.modelled.raster_rad);
+    if case.robot.base_from_ct == Registration::Assumed {
+        let Rigid { rotation, translation_mm, .. } = plan.base_from_ct;
+        case.robot.base_from_ct = Registration::Given { rotation, translation_mm };
+    }
+    let joints = plan.arm.joints();
+    let of_arm = |limit: fn(&Joint) -> f64| joints.iter().map(limit).collect();
+    case.robot.velocity_limits.get_or_insert_with(|| of_arm(|joint| joint.velocity_limit));
+    case.robot.acceleration_limits.get_or_insert_with(|| of_arm(|joint| joint.acceleration_limit));
+    case.robot.jerk_limits.get_or_insert_with(|| of_arm(|joint| joint.jerk_limit));
+    case
 }
 
 /// A key that may be broken after its dots and underscores.

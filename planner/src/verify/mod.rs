@@ -11,8 +11,9 @@
 //! time law. Definitions are those of the plan format: closed label boxes, obstacle bone without sheets thinner than the
 //! band, everything else outside the target free.
 //!
-//! Not judged: whether the CT is the patient, whether the registration is true (see the uncertainty module for what errors
-//! of both cost), forces in newtons (only their consistency), and the arm's own body but for its height over the mounting plane.
+//! Not judged: whether the CT is the patient, whether the registration is true (only its fiducials' place and fit, and what error
+//! they let expect; see the uncertainty module for what errors of both cost), forces in newtons (only their consistency), and
+//! the arm's own body but for its height over the mounting plane.
 //!
 //! Invariants: no check can change another; equal plans give equal bytes on any number of threads.
 
@@ -37,6 +38,7 @@ mod motion;
 mod moves;
 mod provenance;
 mod reach;
+mod registration;
 mod rest;
 mod result;
 mod shaft;
@@ -84,6 +86,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     let boxes: Vec<Option<Boxes<'_>>> =
         anatomy.kept.iter().map(|kept| Boxes::new(&anatomy.labels, kept.label)).collect();
     let mut checks = provenance::provenance(plan, &read_case_text(plan)?)?;
+    checks.extend(registration::registration(&plan.record, &anatomy, &boxes));
 
     progress.stage("check motion");
     let moves = Moves::new(plan);
