@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use bonemill_imaging::phantom::PhantomKind;
 use bonemill_planner::calibrate::Coefficient;
+use bonemill_planner::plan::{Need, PlanFileError, StoredPlan};
 use bonemill_planner::simulate::ModelName;
 use clap::{ArgGroup, Parser, Subcommand};
 
@@ -74,10 +75,14 @@ pub enum Command {
     Verify(VerifyArgs),
     /// Replay a plan's trajectory through the bone: removal and forces, into simulation.csv and the report
     Simulate(SimulateArgs),
+    /// Show two plans side by side: cases, paths, volumes, distances, forces, times
+    Compare(CompareArgs),
     /// Repeat a published measurement
     Experiment(ExperimentArgs),
     /// Print the case file's keys with units, ranges, defaults and their sources, as Markdown
     Keys,
+    /// Print the columns and keys of a plan's files with units, frames and meanings, as Markdown
+    Columns,
 }
 
 #[derive(Debug, clap::Args)]
@@ -108,6 +113,9 @@ pub struct PlanArgs {
     /// Folder to write: new, empty, or a plan, which is replaced
     #[arg(long, value_name = "PLAN")]
     pub out: PathBuf,
+    /// Keep copies of CT, labels and the other inputs in the plan, so that it can be moved or sent as it is
+    #[arg(long)]
+    pub pack: bool,
 }
 
 /// What a controller reads.
@@ -121,11 +129,28 @@ pub enum ExportFormat {
     Gcode,
 }
 
+/// A finished plan.
 #[derive(Debug, clap::Args)]
-pub struct ExportArgs {
-    /// The plan's folder
+pub struct PlanFolder {
+    /// Folder of a plan
     #[arg(value_name = "PLAN")]
     pub plan: PathBuf,
+    /// Folder in which to look for the plan's inputs as well (CT, labels, case …), by name or by content
+    #[arg(long, value_name = "DIR")]
+    pub inputs: Option<PathBuf>,
+}
+
+impl PlanFolder {
+    /// Reads the plan.
+    pub fn load(&self, need: Need) -> Result<StoredPlan, PlanFileError> {
+        StoredPlan::load_with(&self.plan, self.inputs.as_deref(), need)
+    }
+}
+
+#[derive(Debug, clap::Args)]
+pub struct ExportArgs {
+    #[command(flatten)]
+    pub folder: PlanFolder,
     /// What for
     #[arg(long)]
     pub format: ExportFormat,
@@ -142,9 +167,8 @@ pub struct ExportArgs {
 
 #[derive(Debug, clap::Args)]
 pub struct ViewArgs {
-    /// Folder of a plan
-    #[arg(value_name = "PLAN")]
-    pub plan: PathBuf,
+    #[command(flatten)]
+    pub folder: PlanFolder,
     /// Write this file instead of opening the viewer
     #[arg(long, value_name = "F.rrd")]
     pub save: Option<PathBuf>,
@@ -152,9 +176,11 @@ pub struct ViewArgs {
 
 #[derive(Debug, clap::Args)]
 pub struct VerifyArgs {
-    /// Folder of a plan
-    #[arg(value_name = "PLAN")]
-    pub plan: PathBuf,
+    #[command(flatten)]
+    pub folder: PlanFolder,
+    /// List the checks that passed, too
+    #[arg(long)]
+    pub all: bool,
     /// Also repeat the plan N times under drawn errors: how likely it touches each structure, how far forces are off
     #[arg(long, value_name = "N")]
     pub samples: Option<u32>,
@@ -191,9 +217,8 @@ pub struct ErrorArgs {
 
 #[derive(Debug, clap::Args)]
 pub struct SimulateArgs {
-    /// Folder of a plan
-    #[arg(value_name = "PLAN")]
-    pub plan: PathBuf,
+    #[command(flatten)]
+    pub folder: PlanFolder,
     /// Longest step of the burr, mm
     #[arg(long, value_name = "MM", default_value_t = 0.1, conflicts_with = "rate_hz")]
     pub step_mm: f64,
@@ -218,6 +243,19 @@ pub struct SimulateArgs {
         default_value = "k_t,k_r,k_a,k_te,k_re,k_ae"
     )]
     pub coefficients: Vec<Coefficient>,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct CompareArgs {
+    /// Folder of the first plan
+    #[arg(value_name = "A")]
+    pub first: PathBuf,
+    /// Folder of the second plan
+    #[arg(value_name = "B")]
+    pub second: PathBuf,
+    /// Also write a page
+    #[arg(long, value_name = "PAGE.html")]
+    pub out: Option<PathBuf>,
 }
 
 #[derive(Debug, clap::Args)]

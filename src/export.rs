@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, ensure};
 use bonemill_planner::path::MoveKind;
-use bonemill_planner::plan::StoredPlan;
+use bonemill_planner::plan::{Need, StoredPlan};
 use bonemill_planner::space::TRAJECTORY_TOLERANCE_MM;
 use bonemill_robot::ArmKind;
 use bonemill_robot::export::{
@@ -27,9 +27,9 @@ const LEFT_OUT_MM: f64 = 0.2 * TRAJECTORY_TOLERANCE_MM;
 const LEFT_OUT_RAD: f64 = 5e-4;
 
 pub fn run(args: &ExportArgs) -> anyhow::Result<Outcome> {
-    let plan = StoredPlan::load(&args.plan)?;
+    let plan = args.folder.load(Need::Unchanged)?;
     let name =
-        args.plan.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
+        plan.dir.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
     let name = name.unwrap_or_else(|| "plan".into());
     // nothing is created before all of it is known to be sound
     let files = files(&plan, args)?;

@@ -6,6 +6,7 @@
 #![expect(clippy::print_stderr, reason = "only the command speaks")]
 
 mod args;
+mod compare;
 mod console;
 mod experiment;
 mod export;
@@ -76,11 +77,13 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
         #[cfg(not(feature = "rerun"))]
         Command::View(view) => anyhow::bail!(
             "this build has no viewer to show {}: build it with `cargo build --release --features rerun`",
-            view.plan.display()
+            view.folder.plan.display()
         ),
         Command::Simulate(simulate) => simulate::run(simulate, console, args.talk()),
+        Command::Compare(compare) => compare::run(compare),
         Command::Experiment(experiment) => experiment::run(experiment, console),
         Command::Verify(verify) => verify::run(verify, console),
+        Command::Columns => Ok(Outcome::text("columns", bonemill_planner::plan::columns::reference())),
         Command::Keys => Ok(Outcome::text("keys", bonemill_planner::case::reference())),
     }
 }

@@ -5,11 +5,12 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use bonemill_planner::case::Case;
+use bonemill_planner::compare::{Comparison, Group, Pair};
 use bonemill_planner::plan::{PlanRecord, Value};
 use bonemill_planner::report::simulation::{figures, values};
 use bonemill_planner::simulate::Simulation;
-use bonemill_planner::uncertainty::Risk;
-use bonemill_planner::verify::Verification;
+use bonemill_planner::uncertainty::{ErrorModel, Risk};
+use bonemill_planner::verify::{Check, Verification};
 use serde_json::{Map, json};
 
 use crate::args::Talk;
@@ -76,14 +77,15 @@ impl Outcome {
         outcome
     }
 
-    /// A plan was verified; the verdict stands in `path`.
-    pub fn verified(path: &Path, found: &Verification) -> Self {
-        let line = |c: &bonemill_planner::verify::Check| {
-            format!("{}  {c}\n", if c.passed() { "pass" } else { "FAIL" })
-        };
-        let mut text: String = found.checks.iter().map(line).collect();
-        let failed = found.failed().count();
-        text += &format!("{} checks, {failed} failed; wrote {}\n", found.checks.len(), path.display());
+    /// A plan was verified; the verdict stands in `path`. What failed comes last; what passed is counted, or listed with `all`.
+    pub fn verified(
+        path: &Path,
+        found: &Verification,
+        drawn: Option<(&ErrorModel, &Risk)>,
+        all: bool,
+    ) -> Self {
+        let line = |c: &Check| format!("{}  {c}\n", if c.passed() { "pass" } else { "FAIL" });
+        let listed = found.checks.iter().filter(|_| all).map(line).collect();
         let checks: Vec<_> = found
             .checks
             .iter()
@@ -95,8 +97,16 @@ impl Outcome {
                 })
             })
             .collect();
-        let mut outcome = Self::new("verify", text);
+        let mut outcome = Self::new("verify", listed);
         outcome.shortfalls = found.failed().map(ToString::to_string).collect();
+        if let Some((model, risk)) = drawn {
+            outcome.add_risk(risk, model.keep);
+        }
+        let (count, failed) = (found.checks.len(), found.failed().count());
+        let hint = if all { "" } else { " (--all lists them)" };
+        outcome.text +=
+            &format!("{} of {count} checks passed{hint}; wrote {}\n", count - failed, path.display());
+        outcome.text.extend(outcome.shortfalls.iter().map(|failed| format!("FAIL  {failed}\n")));
         outcome.object.insert("out".into(), path.to_string_lossy().into());
         outcome.object.insert("passed".into(), found.passed().into());
         outcome.object.insert("checks".into(), checks.into());
@@ -127,8 +137,8 @@ impl Outcome {
     }
 
     /// What a plan risks under errors, and where that is more than it may.
-    pub fn risking(mut self, risk: &Risk, keep: f64) -> Self {
-        self.text += "\nunder drawn errors: touched (95 % interval); distance kept in 5, 50, 95 %; clearance that keeps it\n";
+    fn add_risk(&mut self, risk: &Risk, keep: f64) {
+        self.text += "under drawn errors: touched (95 % interval); distance kept in 5, 50, 95 %; clearance that keeps it\n";
         let mut structures = Vec::new();
         for s in &risk.structures {
             let (t, [low, middle, high]) = (&s.touched, s.kept_mm);
@@ -137,8 +147,7 @@ impl Outcome {
                 s.name, t.estimate, t.low, t.high, s.clearance_mm
             );
             self.text += &format!("  {line}\n");
-            // only where even the interval's lower end is too much has the plan been shown to fall short
-            if t.low > 1.0 - keep {
+            if s.falls_short(keep) {
                 self.shortfalls.push(format!("probability of touching {line}: more than {:.4}", 1.0 - keep));
             }
             structures.push(json!({
@@ -154,8 +163,30 @@ impl Outcome {
             forces.push(json!({ "name": f.name, "planned_n": f.planned_n, "n_05_50_95": f.spread_n }));
         }
         self.object.insert("risk".into(), json!({ "structures": structures, "forces": forces }));
-        self.object.insert("shortfalls".into(), self.shortfalls.clone().into());
-        self
+    }
+
+    /// Two plans were compared; the page stands in `out`.
+    pub fn compared(comparison: &Comparison, names: [&str; 2], out: Option<&Path>) -> Self {
+        let mut text = comparison.table(names);
+        text.extend(out.map(|path| format!("wrote {}\n", path.display())));
+        let mut outcome = Self::new("compare", text);
+        let texts = |rows: &[(String, Pair<String>)]| -> Map<_, _> {
+            rows.iter().map(|(key, values)| (key.clone(), json!(values))).collect()
+        };
+        let figures = |group: &Group| -> Map<_, _> {
+            group.figures.iter().map(|f| (f.name.clone(), json!(f.values))).collect()
+        };
+        let groups: Map<_, _> =
+            comparison.groups.iter().map(|g| (g.title.clone(), figures(g).into())).collect();
+        let between: Map<_, _> =
+            comparison.between.entries().into_iter().map(|(name, v)| (name.to_owned(), v.into())).collect();
+        outcome.object.insert("plans".into(), json!(names));
+        outcome.object.insert("case".into(), texts(&comparison.case).into());
+        outcome.object.insert("inputs".into(), texts(&comparison.inputs).into());
+        outcome.object.insert("figures".into(), groups.into());
+        outcome.object.insert("between".into(), between.into());
+        outcome.object.extend(out.map(|path| ("out".into(), path.to_string_lossy().into())));
+        outcome
     }
 
     /// Values for machines, text for people.

@@ -29,7 +29,9 @@ pub fn run(args: &PlanArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
         None => make_phantom(args, &staged, progress)?,
     };
     spare_inputs(&case, &case_path, &staged)?;
-    let record = planning::plan_into(&case, &case_path, &staged, progress)?;
+    // a phantom lies in the plan anyway
+    let pack = args.pack && args.phantom.is_none();
+    let record = planning::plan_into(&case, &case_path, pack, &staged, progress)?;
     let out = staged.commit()?;
     Ok(Outcome::planned(&out, &record))
 }

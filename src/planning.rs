@@ -6,15 +6,17 @@ use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
 use bonemill_planner::plan::{self, PlanRecord, Refused, StagedDirectory};
 
-/// Plans `case` and writes the plan's files into the staged directory.
+/// Plans `case` and writes the plan's files into the staged directory; `pack`: with copies of its inputs.
 pub fn plan_into(
     case: &Case,
     case_path: &Path,
+    pack: bool,
     staged: &StagedDirectory,
     progress: &dyn Progress,
 ) -> anyhow::Result<PlanRecord> {
     let plan =
         bonemill_planner::plan(case, case_path, progress).map_err(|e| Refused::new(e, case, case_path))?;
     progress.stage("write files");
-    Ok(plan::save(&plan, case_path, staged)?)
+    let packed = pack.then(|| plan::pack_inputs(&plan.inputs, case_path, staged)).transpose()?;
+    Ok(plan::save(&plan, packed.as_deref().unwrap_or(case_path), staged)?)
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Context;
 use bonemill_planner::Progress;
 use bonemill_planner::calibrate::{Calibration, Coefficient, calibrate};
-use bonemill_planner::plan::{StoredPlan, read_force_log, save_simulation};
+use bonemill_planner::plan::{Need, StoredPlan, read_force_log, save_simulation};
 use bonemill_planner::simulate::{Sampling, SimulationSetup, observe, simulate};
 use serde_json::json;
 
@@ -15,9 +15,9 @@ use crate::stream;
 
 pub fn run(args: &SimulateArgs, progress: &dyn Progress, talk: Talk) -> anyhow::Result<Outcome> {
     progress.stage("read plan");
-    let plan = StoredPlan::load(&args.plan)
-        .with_context(|| format!("the plan in {} cannot be read", args.plan.display()))?;
-    let cannot = || format!("the plan in {} cannot be simulated", args.plan.display());
+    let place = args.folder.plan.display();
+    let plan = args.folder.load(Need::All).with_context(|| format!("the plan in {place} cannot be read"))?;
+    let cannot = || format!("the plan in {place} cannot be simulated");
     if args.stream {
         return stream::run(&plan, args.model, progress, talk);
     }
@@ -30,7 +30,7 @@ pub fn run(args: &SimulateArgs, progress: &dyn Progress, talk: Talk) -> anyhow::
     };
     let simulation = simulate(&plan, args.model, sampling, progress).with_context(cannot)?;
     progress.stage("write files");
-    let out = save_simulation(&args.plan, &simulation, &plan.record.case)?;
+    let out = save_simulation(&plan.dir, &simulation, &plan.record.case)?;
     Ok(Outcome::simulated(&out, &simulation, &plan.record.case))
 }
 

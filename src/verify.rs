@@ -2,7 +2,7 @@
 
 use anyhow::Context;
 use bonemill_planner::Progress;
-use bonemill_planner::plan::{PlanFileError, StoredPlan, digests, save_verification};
+use bonemill_planner::plan::{Need, PlanFileError, StoredPlan, digests, save_verification};
 use bonemill_planner::uncertainty::{ErrorModel, Sigmas, UncertaintyError, simulate_errors};
 use bonemill_planner::verify::{Check, Place, Verification, verify};
 
@@ -11,16 +11,18 @@ use crate::outcome::Outcome;
 
 pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> {
     progress.stage("read plan");
-    let (mut risk, mut warnings) = (None, Vec::new());
-    let found = match StoredPlan::load(&args.plan) {
+    let dir = &args.folder.plan;
+    let (mut drawn, mut warnings) = (None, Vec::new());
+    let found = match args.folder.load(Need::All) {
         Ok(plan) => {
             // numbers that make no sense are refused before minutes go by
             let model = args.samples.map(|n| error_model(&plan, &args.errors, n)).transpose()?;
-            let failed = || format!("the plan in {} cannot be verified", args.plan.display());
+            let failed = || format!("the plan in {} cannot be verified", dir.display());
             let found = verify(&plan, progress).with_context(failed)?;
             warnings.clone_from(&plan.record.warnings);
             if let Some(model) = model {
-                risk = Some(simulate_errors(&plan, &model, progress)?);
+                let risk = simulate_errors(&plan, &model, progress)?;
+                drawn = Some((model, risk));
             }
             found
         }
@@ -29,19 +31,16 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
             checks: vec![
                 Check::none_wrong("inputs unchanged", 1).at(Place::Named(path.display().to_string())),
             ],
-            files: digests(&args.plan)?,
+            files: digests(dir)?,
         },
         Err(error) => {
-            return Err(error).with_context(|| format!("the plan in {} cannot be read", args.plan.display()));
+            return Err(error).with_context(|| format!("the plan in {} cannot be read", dir.display()));
         }
     };
     progress.stage("write verdict");
-    let path = save_verification(&args.plan, &found)?;
-    let outcome = Outcome::verified(&path, &found).warning(&warnings);
-    Ok(match risk {
-        Some(risk) => outcome.risking(&risk, args.errors.keep),
-        None => outcome,
-    })
+    let drawn = drawn.as_ref().map(|(model, risk)| (model, risk));
+    let path = save_verification(dir, &found, drawn)?;
+    Ok(Outcome::verified(&path, &found, drawn, args.all).warning(&warnings))
 }
 
 /// The errors asked for.

@@ -9,7 +9,7 @@ use std::path::Path;
 use anyhow::Context;
 use bonemill_geometry::{Point, Work};
 use bonemill_planner::Progress;
-use bonemill_planner::plan::StoredPlan;
+use bonemill_planner::plan::Need;
 use bonemill_planner::show::{
     self, ARROW_MM_PER_N, Body, Moment, PAINTS, PLANES, Plot, Show, Slice, Surface,
 };
@@ -38,19 +38,25 @@ const BONE_COLOUR: [u8; 3] = [226, 201, 160];
 
 pub fn run(args: &ViewArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> {
     progress.stage("read plan");
-    let plan = StoredPlan::load(&args.plan)?;
+    let plan = args.folder.load(Need::Unchanged)?;
     let show = Show::read(&plan, progress)?;
     let stream = open(args.save.as_deref())?;
     draw(&stream, &show, progress)?;
     progress.stage("write");
     stream.flush_blocking().context("the viewer or the file did not take the drawing")?;
+    let drawn = if show.images().is_some() {
+        ""
+    } else {
+        ", without target, structures and slices: images are missing"
+    };
     Ok(match &args.save {
         Some(path) => {
             let bytes =
                 std::fs::metadata(path).with_context(|| format!("cannot find {}", path.display()))?.len();
-            Outcome::written("view", path, &format!("{:.1} MB; open it with: rerun FILE", bytes as f64 / 1e6))
+            let what = format!("{:.1} MB{drawn}; open it with: rerun FILE", bytes as f64 / 1e6);
+            Outcome::written("view", path, &what)
         }
-        None => Outcome::text("view", "opened in the rerun viewer\n".into()),
+        None => Outcome::text("view", format!("opened in the rerun viewer{drawn}\n")),
     })
 }
 
@@ -81,7 +87,9 @@ fn draw(stream: &RecordingStream, show: &Show, progress: &dyn Progress) -> anyho
     for (n, frame) in frames.into_iter().enumerate() {
         stream.set_duration_secs(TIME, frame.time_s);
         stream.log("scene/target", &mesh(frame.target, BONE_COLOUR, 150))?; // the path shows through
-        slices(stream, show, frame.slices)?;
+        if let Some(images) = show.images() {
+            slices(stream, show, images.pixel_mm(), frame.slices)?;
+        }
         progress.advance(n, count);
     }
     stream.reset_time();
@@ -228,8 +236,13 @@ fn motion(stream: &RecordingStream, show: &Show, moments: &[Moment]) -> anyhow::
 }
 
 /// The slices through the burr, with target and structures over them and the burr's outline.
-fn slices(stream: &RecordingStream, show: &Show, drawn: [(Slice, [f32; 2]); 3]) -> anyhow::Result<()> {
-    let radius = (show.plan().record.case.burr.radius_mm / show.pixel_mm()) as f32;
+fn slices(
+    stream: &RecordingStream,
+    show: &Show,
+    pixel_mm: f64,
+    drawn: [(Slice, [f32; 2]); 3],
+) -> anyhow::Result<()> {
+    let radius = (show.plan().record.case.burr.radius_mm / pixel_mm) as f32;
     for ((slice, [x, y]), name) in drawn.into_iter().zip(SLICE_NAMES) {
         let size = [slice.width as u32, slice.height as u32];
         stream.log(format!("slices/{name}/ct"), &rerun::Image::from_l8(slice.grey, size))?;
@@ -248,7 +261,7 @@ fn slices(stream: &RecordingStream, show: &Show, drawn: [(Slice, [f32; 2]); 3]) 
             .with_radii([rerun::Radius::new_ui_points(1.0)]);
         stream.log(format!("slices/{name}/burr"), &outline)?;
         let bar_y = size[1] as f32 * 0.9;
-        let bar_px = (5.0 / show.pixel_mm()) as f32;
+        let bar_px = (5.0 / pixel_mm) as f32;
         let bar = rerun::LineStrips2D::new([[[3.0, bar_y], [3.0 + bar_px, bar_y]]])
             .with_labels(["5 mm"])
             .with_colors([Color::from_rgb(255, 255, 255)]);

@@ -132,6 +132,9 @@ fn a_urdf_of_one_s_own_is_followed_by_damped_least_squares() {
     let plan = planned(&place);
     assert!(plan.record.warnings.iter().any(|w| w.contains("a UR's joints")), "{:?}", plan.record.warnings);
     follows(&plan);
+    // the file is one of the plan's inputs
+    fs::write(place.path("own.urdf"), text + "\n").unwrap();
+    place.run(&["simulate", "plan"]).refused(&["own.urdf has changed since the plan was made"]);
 }
 
 /// The lowest place of a UR's links from the shoulder on, along its trajectory, mm.
@@ -260,6 +263,7 @@ fn a_calibration_is_used_and_a_wrong_one_refused() {
     let plan = planned(&place);
     assert!(!plan.record.warnings.iter().any(|w| w.contains("nominal")), "{:?}", plan.record.warnings);
     follows(&plan);
+    assert!(plan.record.inputs.iter().any(|input| input.path.ends_with("arm.yaml")));
     let place = with_robot(&robot);
     place.refuses(&[&place.line_of("arm.yaml"), "cannot read the calibration", "arm.yaml"]);
     fs::write(place.path("arm.yaml"), "some: thing\n").unwrap();

@@ -75,7 +75,7 @@ fn a_phantom_is_a_case_with_its_images() {
     assert_eq!(case.structures[0].name, "facial_nerve");
     bonemill_imaging::read_ct(place.path("block/ct.nii.gz"), case.images.ct_affine).unwrap();
     bonemill_imaging::read_labels(place.path("block/labels.nii.gz"), case.images.labels_affine).unwrap();
-    let names = bonemill_imaging::read_label_names(place.path("block/labels.nii.gz")).unwrap().unwrap();
+    let names = bonemill_imaging::read_label_names(place.path("block/labels.json")).unwrap().unwrap();
     assert_eq!(names.number("target"), Some(20));
 }
 

@@ -107,8 +107,12 @@ fn the_command_says_what_it_found_and_writes_it() {
     assert_eq!(place.plan().code, 0);
     let ran = place.run(&["verify", "plan"]);
     assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    // what passed is counted, and listed when asked for
+    assert_eq!(ran.out.lines().count(), 1, "{}", ran.out);
+    assert!(ran.out.contains(" checks passed (--all lists them); wrote "), "{}", ran.out);
     let line = "pass  clearance of moves (nerve): ";
-    assert!(ran.out.contains(line) && !ran.out.contains("FAIL"), "{}", ran.out);
+    let listed = place.run(&["verify", "plan", "--all"]).out;
+    assert!(listed.contains(line) && !listed.contains("FAIL"), "{listed}");
     let verdict = || fs::read_to_string(place.path("plan/verification.toml")).unwrap();
     let read: toml::Table = verdict().parse().unwrap();
     assert_eq!(read["passed"].as_bool(), Some(true));
@@ -130,7 +134,7 @@ fn a_plan_that_falls_short_never_passes() {
     let place = upright().with_case("[speed]\n", "[speed]\ntotal_time_s = 1\n");
     let ran = place.plan();
     let reason = "speed.total_time_s = 1 s cannot be met";
-    assert!(ran.code == 1 && ran.out.contains(&format!("fell short: {reason}")), "{}{}", ran.out, ran.err);
+    assert!(ran.code == 1 && ran.err.contains(&format!("fell short: {reason}")), "{}{}", ran.out, ran.err);
     let ran = place.run(&["verify", "plan"]);
     assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
     assert!(ran.out.contains(&format!("FAIL  plan meets its case: 1 <= 0; {reason}")), "{}", ran.out);
@@ -144,6 +148,36 @@ fn a_plan_that_falls_short_never_passes() {
     assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
     assert!(!ran.out.contains("plan meets its case: 1 <= 0"), "{}", ran.out);
     assert!(ran.out.contains("FAIL  time asked for: "), "{}", ran.out);
+}
+
+#[test]
+fn what_failed_comes_last_and_drawn_errors_stand_in_the_report() {
+    let place = upright();
+    assert_eq!(place.plan().code, 0);
+    let report = || fs::read_to_string(place.path("plan/report.html")).unwrap();
+    let drawn = ["verify", "plan", "--samples", "40", "--registration-mm", "6"];
+    let ran = place.run(&drawn);
+    assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
+    let last = ran.out.lines().last().unwrap();
+    assert!(last.starts_with("FAIL  probability of touching nerve: "), "{}", ran.out);
+    assert!(report().contains("Under drawn errors") && report().contains("registration 6 mm along"));
+    let place = place.with_bytes("plan/plan.toml", |bytes| {
+        let text = String::from_utf8(bytes.clone()).unwrap();
+        let metrics = text.replacen("\nremoved_mm3 = ", "\nremoved_mm3 = 1", 1);
+        *bytes = metrics.replacen("\ntotal_time_s = ", "\ntotal_time_s = 1", 1).into_bytes();
+    });
+    let ran = place.run(&["verify", "plan", "--all"]);
+    assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
+    let (lines, end) = ran.out.split_at(ran.out.find(" checks passed; wrote ").unwrap());
+    let failed: Vec<&str> = lines.lines().filter(|line| line.starts_with("FAIL  ")).collect();
+    assert!(failed.len() >= 2 && lines.contains("pass  "), "{}", ran.out);
+    assert_eq!(
+        end.lines().skip(1).collect::<Vec<_>>(),
+        failed,
+        "again at the end, with value, limit and place"
+    );
+    let short = place.run(&["verify", "plan"]).out;
+    assert!(!short.contains("pass  ") && short.lines().count() == 1 + failed.len(), "{short}");
 }
 
 #[test]

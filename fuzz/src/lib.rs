@@ -73,8 +73,7 @@ pub fn nifti(data: &[u8]) {
 
 /// Names of labels.
 pub fn labels_json(data: &[u8]) {
-    let path = file("labels.json", data).with_file_name("labels.nii");
-    if let Ok(Some(names)) = read_label_names(&path) {
+    if let Ok(Some(names)) = read_label_names(file("labels.json", data)) {
         for (number, name) in names.iter() {
             assert_eq!((names.number(name), names.name(number)), (Some(number), Some(name)));
         }

@@ -55,7 +55,7 @@ pub use distance::{
 };
 pub use error::ImageError;
 pub use hounsfield::{GreyKind, GreyRange, looks_like_hu};
-pub use names::{LabelNames, LabelNamesProblem, read_label_names};
+pub use names::{LabelNames, LabelNamesProblem, label_names_path, read_label_names};
 pub use problem::NiftiProblem;
 pub use read::memory::available_memory_mb;
 pub use read::{ForeignFormat, Image, ReadWarning, read_ct, read_labels};

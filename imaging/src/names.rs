@@ -6,7 +6,7 @@
 use std::fmt;
 use std::fs;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 use serde_json::Value;
@@ -120,14 +120,19 @@ impl LabelNames {
     }
 }
 
-/// The names beside the label map `labels_path`, or none when there is no `labels.json`.
+/// Where the names of the label map `labels_path` stand, if it has any.
+pub fn label_names_path(labels_path: impl AsRef<Path>) -> PathBuf {
+    labels_path.as_ref().with_file_name(FILE_NAME)
+}
+
+/// The names in the file `path` ([`label_names_path`]), or none when there is no such file.
 ///
 /// # Errors
 /// [`ImageError::LabelNames`] when the file is there but cannot be used.
-pub fn read_label_names(labels_path: impl AsRef<Path>) -> Result<Option<LabelNames>, ImageError> {
-    let path = labels_path.as_ref().with_file_name(FILE_NAME);
-    let failed = |problem| ImageError::LabelNames { path: path.clone(), problem };
-    let text = match fs::read_to_string(&path) {
+pub fn read_label_names(path: impl AsRef<Path>) -> Result<Option<LabelNames>, ImageError> {
+    let path = path.as_ref();
+    let failed = |problem| ImageError::LabelNames { path: path.to_owned(), problem };
+    let text = match fs::read_to_string(path) {
         Ok(text) => text,
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
         Err(e) => return Err(failed(LabelNamesProblem::Unreadable(e))),
@@ -200,11 +205,12 @@ mod tests {
     fn the_file_lies_beside_the_map_and_may_be_missing() {
         let dir = tempfile::tempdir().unwrap();
         let map = dir.path().join("seg.nii.gz");
-        assert_eq!(read_label_names(&map).unwrap(), None);
+        let read = || read_label_names(label_names_path(&map));
+        assert_eq!(read().unwrap(), None);
         fs::write(dir.path().join("labels.json"), r#"{"bone": 1}"#).unwrap();
-        assert_eq!(read_label_names(&map).unwrap().unwrap().number("bone"), Some(1));
+        assert_eq!(read().unwrap().unwrap().number("bone"), Some(1));
         fs::write(dir.path().join("labels.json"), "{").unwrap();
-        let message = read_label_names(&map).unwrap_err().to_string();
+        let message = read().unwrap_err().to_string();
         assert!(message.contains("labels.json"), "{message}");
     }
 }

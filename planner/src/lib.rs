@@ -12,6 +12,7 @@ pub mod ball;
 pub mod burr;
 pub mod calibrate;
 pub mod case;
+pub mod compare;
 pub mod cost;
 pub mod engagement;
 pub mod metrics;

@@ -44,7 +44,7 @@ pub fn calibrate(
     };
     let finished = Finished::new(plan, saved)?;
     let done: Result<Calibration, NotDone> = apart::run(py, progress, None, move |progress| {
-        let setup = SimulationSetup::read(&finished.read()?, progress)?;
+        let setup = SimulationSetup::read(&finished.read(Need::All)?, progress)?;
         progress.stage("mill along the log");
         let observations = observe(&setup, &rows)?;
         progress.stage("fit");

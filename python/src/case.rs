@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use bonemill_planner::case::Case as RustCase;
+use bonemill_planner::case::{Case as RustCase, with_values as rust_with_values};
 use pyo3::prelude::*;
 
 use crate::errors;
@@ -12,6 +12,12 @@ use crate::errors;
 pub struct Case {
     pub case: RustCase,
     pub path: PathBuf,
+}
+
+/// The text of the case in `file` with keys set to values, written as TOML, or taken out.
+#[pyfunction]
+pub fn with_values(text: &str, file: PathBuf, values: Vec<(String, Option<String>)>) -> PyResult<String> {
+    rust_with_values(text, &file, &values).map_err(|e| errors::case(&e))
 }
 
 #[pymethods]
@@ -28,8 +34,10 @@ impl Case {
         self.case.to_toml()
     }
 
-    /// Paths of CT and labels, as the case names them.
-    fn images(&self) -> (PathBuf, PathBuf) {
-        (self.case.images.ct.clone(), self.case.images.labels.clone())
+    /// Keys and paths of the files that the case names: CT, labels, an arm's own.
+    fn files(&self) -> Vec<(&'static str, PathBuf)> {
+        let images = &self.case.images;
+        let images = [("images.ct", images.ct.as_path()), ("images.labels", &images.labels)];
+        images.into_iter().chain(self.case.robot.files()).map(|(key, path)| (key, path.to_owned())).collect()
     }
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use bonemill_planner::PlanError as RustPlanError;
 use bonemill_planner::calibrate::CalibrateError;
-use bonemill_planner::plan::{PlanFileError as RustPlanFileError, PlanRecord, StoredPlan};
+use bonemill_planner::plan::{Need, PlanFileError as RustPlanFileError, PlanRecord, StoredPlan};
 use bonemill_planner::simulate::{EngineError, PoseError, SimulateError};
 use bonemill_planner::uncertainty::UncertaintyError;
 use bonemill_planner::verify::VerifyError;
@@ -18,14 +18,17 @@ use crate::plan::Plan;
 pub struct Finished {
     dir: PathBuf,
     record: Option<PlanRecord>,
+    inputs_folder: Option<PathBuf>,
 }
 
 impl Finished {
     /// A plan that was just written to `saved`, or else one that was read from its folder.
     pub fn new(plan: &Plan, saved: Option<PathBuf>) -> PyResult<Self> {
         match (saved, plan.home()) {
-            (Some(dir), _) => Ok(Self { dir, record: None }),
-            (None, Some((dir, record))) => Ok(Self { dir, record: Some(record.clone()) }),
+            (Some(dir), _) => Ok(Self { dir, record: None, inputs_folder: None }),
+            (None, Some((dir, record))) => {
+                Ok(Self { dir, record: Some(record.clone()), inputs_folder: plan.inputs_folder() })
+            }
             (None, None) => {
                 Err(errors::PlanFileError::new_err("the plan lies in no folder: save and load it"))
             }
@@ -37,9 +40,9 @@ impl Finished {
         &self.dir
     }
 
-    /// Reads the files again, inputs included: another plan may stand there by now.
-    pub fn read(&self) -> Result<StoredPlan, NotDone> {
-        let stored = StoredPlan::load(&self.dir)?;
+    /// Reads the files again, and what is needed of the inputs: another plan may stand there by now.
+    pub fn read(&self, need: Need) -> Result<StoredPlan, NotDone> {
+        let stored = StoredPlan::load_with(&self.dir, self.inputs_folder.as_deref(), need)?;
         match &self.record {
             Some(record) if *record != stored.record => Err(NotDone::Replaced(self.dir.clone())),
             _ => Ok(stored),

@@ -10,6 +10,7 @@ mod arm;
 mod arrays;
 mod calibrate;
 mod case;
+mod compare;
 mod errors;
 mod fields;
 mod finished;
@@ -31,6 +32,8 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<case::Case>()?;
     m.add_class::<plan::Plan>()?;
     m.add_class::<arm::Arm>()?;
+    m.add_function(wrap_pyfunction!(case::with_values, m)?)?;
+    m.add_function(wrap_pyfunction!(compare::compare, m)?)?;
     m.add_function(wrap_pyfunction!(plan::plan, m)?)?;
     m.add_function(wrap_pyfunction!(simulate::simulate, m)?)?;
     m.add_function(wrap_pyfunction!(verify::verify, m)?)?;

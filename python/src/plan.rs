@@ -1,12 +1,13 @@
 //! A plan: made here or read back, the same to Python.
 
-use std::fs::File;
 use std::path::{Component, Path, PathBuf};
 
+use bonemill_geometry::{Frame, Rigid};
 use bonemill_planner::Plan as RustPlan;
 use bonemill_planner::case::Structure;
 use bonemill_planner::plan::{
-    self as files, ForceToward, PlanFileError, PlanRecord, Refused, Replace, StagedDirectory, StoredPlan,
+    self as files, ForceToward, Input, Need, PlanFileError, PlanRecord, Refused, Replace, StagedDirectory,
+    StoredPlan,
     Waypoint,
 };
 use bonemill_robot::{Arm, JointKind, RobotError};
@@ -17,9 +18,6 @@ use pyo3::types::PyDict;
 
 use crate::case::Case;
 use crate::{apart, errors, values, waypoints};
-
-/// Where a case's own files go in a plan that keeps them.
-const INPUTS_DIR: &str = "inputs";
 
 /// Where a plan's content comes from.
 enum Body {
@@ -35,6 +33,8 @@ pub struct Plan {
     body: Body,
     record: PlanRecord,
     case_path: PathBuf,
+    /// Where inputs are looked for as well.
+    inputs_folder: Option<PathBuf>,
 }
 
 /// Plans a case; `progress(stage, done, of)` is told how far it is.
@@ -52,7 +52,7 @@ pub fn plan(
     })?;
     let made = Box::new(made.map_err(|e| errors::refused(&e))?);
     let record = files::record(&made, case_path.clone());
-    Ok(Plan { body: Body::Made(made), record, case_path })
+    Ok(Plan { body: Body::Made(made), record, case_path, inputs_folder: None })
 }
 
 impl Plan {
@@ -83,6 +83,11 @@ impl Plan {
             Body::Made(_) => None,
             Body::Read(plan) => Some((plan.dir.clone(), &self.record)),
         }
+    }
+
+    /// Where its inputs are looked for as well.
+    pub fn inputs_folder(&self) -> Option<PathBuf> {
+        self.inputs_folder.clone()
     }
 
     fn structures(&self) -> &[Structure] {
@@ -138,25 +143,38 @@ fn to_decimals(value: f64, scale: f64) -> f64 {
 
 #[pymethods]
 impl Plan {
-    /// Reads the plan in a folder.
+    /// Reads the plan in a folder; its inputs are also looked for in `inputs`, and may be missing.
     #[staticmethod]
-    fn load(py: Python<'_>, dir: PathBuf) -> PyResult<Self> {
-        let stored = apart::run(py, None, None, move |_| StoredPlan::load(&dir))?;
+    fn load(py: Python<'_>, dir: PathBuf, inputs: Option<PathBuf>) -> PyResult<Self> {
+        let folder = inputs.clone();
+        let read = move |_: &dyn bonemill_planner::Progress| {
+            StoredPlan::load_with(&dir, folder.as_deref(), Need::Unchanged)
+        };
+        let stored = apart::run(py, None, None, read)?;
         let stored = Box::new(stored.map_err(|e| errors::file(&e))?);
         let (record, case_path) = (stored.record.clone(), stored.case_path());
-        Ok(Self { body: Body::Read(stored), record, case_path })
+        Ok(Self { body: Body::Read(stored), record, case_path, inputs_folder: inputs })
     }
 
     /// Writes the plan's folder, whole or not at all; gives its absolute path.
     ///
-    /// `keep_inputs`: the case and its images are copied into the plan.
-    fn save(&self, py: Python<'_>, out: PathBuf, keep_inputs: bool) -> PyResult<PathBuf> {
-        py.detach(|| self.write(&out, keep_inputs)).map_err(|e| errors::file(&e))
+    /// `pack`: copies of all inputs go into the plan; `own`: of those that lie in the case's folder.
+    fn save(&self, py: Python<'_>, out: PathBuf, pack: bool, own: bool) -> PyResult<PathBuf> {
+        py.detach(|| self.write(&out, pack, own)).map_err(|e| errors::file(&e))
     }
 
-    /// Whether it was read from a folder, its own.
-    fn has_folder(&self) -> bool {
-        self.home().is_some()
+    /// The inputs that were not found, with digests.
+    fn missing_inputs(&self) -> Vec<String> {
+        match &self.body {
+            Body::Made(_) => Vec::new(),
+            Body::Read(plan) => plan.inputs.missing().iter().map(ToString::to_string).collect(),
+        }
+    }
+
+    /// The folder that it was read from, its own.
+    #[pyo3(name = "home")]
+    fn folder(&self) -> Option<PathBuf> {
+        self.home().map(|(dir, _)| dir)
     }
 
     /// The case's file.
@@ -229,6 +247,24 @@ impl Plan {
         }
     }
 
+    /// The frames by name, 4 × 4 each.
+    fn frames<'py>(&self, py: Python<'py>) -> Vec<(&'static str, Bound<'py, PyArray2<f64>>)> {
+        let record = &self.record;
+        [
+            ("ct_from_work", homogeneous(&record.ct_from_approach)),
+            ("ct_from_grid", homogeneous(&record.ct_from_grid())),
+            ("base_from_ct", homogeneous(&record.base_from_ct)),
+            ("flange_from_burr", homogeneous(&self.arm().mount().flange_from_burr)),
+        ]
+        .map(|(name, frame)| (name, frame.into_pyarray(py)))
+        .into()
+    }
+
+    /// Voxels of the planning grid, and their side, mm.
+    fn grid(&self) -> ([usize; 3], f64) {
+        (self.record.grid.dims, self.record.case.grid.spacing_mm)
+    }
+
     /// The arm.
     fn robot(&self) -> crate::arm::Arm {
         crate::arm::Arm(self.arm().clone())
@@ -236,77 +272,59 @@ impl Plan {
 }
 
 impl Plan {
-    fn write(&self, out: &Path, keep_inputs: bool) -> Result<PathBuf, PlanFileError> {
+    fn write(&self, out: &Path, pack: bool, own: bool) -> Result<PathBuf, PlanFileError> {
         let staged = StagedDirectory::create(out, Replace::Plan)?;
-        let kept = match (&self.body, keep_inputs) {
-            (_, true) => Some(self.copy_inputs(&staged.path().join(INPUTS_DIR))?),
-            (Body::Read(plan), false) => self.copy_own_inputs(plan, staged.path())?,
-            (Body::Made(_), false) => None,
-        };
-        let case_path = kept.as_deref().unwrap_or(&self.case_path);
+        let kept = self.kept_inputs(pack, own)?;
+        let packed = (!kept.is_empty()).then(|| files::pack_inputs(&kept, &self.record.case_file, &staged));
+        let packed = packed.transpose()?;
         match &self.body {
             Body::Made(plan) => {
-                files::save(plan, case_path, &staged)?;
+                files::save(plan, packed.as_deref().unwrap_or(&self.case_path), &staged)?;
             }
             Body::Read(plan) => {
-                for name in files::FILES {
-                    copy(&plan.dir.join(name), &staged.path().join(name))?;
-                }
-                for name in files::NOTES.into_iter().filter(|name| plan.dir.join(name).exists()) {
-                    copy(&plan.dir.join(name), &staged.path().join(name))?;
-                }
+                files::copy_files(plan, &staged)?;
                 let mut record = self.record.clone();
-                record.case_file = staged.relative(case_path)?;
+                let recorded = plan.dir.join(&record.case_file);
+                // a case that is not where it was recorded has no place that could be told from elsewhere
+                if let Some(case_path) = packed.or(recorded.exists().then_some(recorded)) {
+                    record.case_file = staged.relative(&case_path)?;
+                }
                 record.write(staged.path())?;
             }
         }
         staged.commit()
     }
 
-    /// Copies the case and everything that it names into `to`; gives the case's copy.
-    fn copy_inputs(&self, to: &Path) -> Result<PathBuf, PlanFileError> {
-        let mut case_file = to.to_owned();
-        for input in self.record.inputs.iter().filter(|input| stays_inside(&input.path)) {
-            let from = files::input_path(Path::new(""), &self.case_path, &input.path);
-            let copied = to.join(&input.path);
-            copy(&from, &copied)?;
-            if Some(input.path.as_os_str()) == self.case_path.file_name() {
-                case_file = copied;
+    /// The inputs whose copies go into the saved plan, and where they are now: all, or those in the case's folder; of a plan
+    /// that was read and keeps its case, those that it keeps.
+    fn kept_inputs(&self, pack: bool, own: bool) -> Result<Vec<(Input, PathBuf)>, PlanFileError> {
+        match &self.body {
+            Body::Made(plan) => {
+                let kept = |(input, _): &&(Input, PathBuf)| pack || (own && stays_inside(&input.path));
+                Ok(plan.inputs.iter().filter(kept).cloned().collect())
             }
+            Body::Read(plan) if pack || stays_inside(&self.record.case_file) => {
+                let mut kept = plan.all_inputs()?;
+                kept.retain(|(_, place)| pack || place.starts_with(&plan.dir));
+                Ok(kept)
+            }
+            Body::Read(_) => Ok(Vec::new()),
         }
-        Ok(case_file)
     }
+}
 
-    /// A plan that was read may hold its own inputs: they move with it.
-    fn copy_own_inputs(&self, plan: &StoredPlan, to: &Path) -> Result<Option<PathBuf>, PlanFileError> {
-        if !stays_inside(&self.record.case_file) {
-            return Ok(None);
-        }
-        let case_file = to.join(&self.record.case_file);
-        for input in self.record.inputs.iter().filter(|input| stays_inside(&input.path)) {
-            let from = files::input_path(&plan.dir, &self.record.case_file, &input.path);
-            copy(&from, &files::input_path(to, &self.record.case_file, &input.path))?;
-        }
-        Ok(Some(case_file))
-    }
+/// A rigid motion as a 4 × 4 matrix.
+fn homogeneous<A: Frame, B: Frame>(a_from_b: &Rigid<A, B>) -> Array2<f64> {
+    let (turn, shift) = (a_from_b.rotation.matrix(), a_from_b.translation_mm);
+    Array2::from_shape_fn((4, 4), |(row, column)| match (row, column) {
+        (3, 3) => 1.0,
+        (3, _) => 0.0,
+        (_, 3) => shift[row],
+        _ => turn[(row, column)],
+    })
 }
 
 /// Whether a path leads nowhere but into the folder that it is relative to.
 fn stays_inside(path: &Path) -> bool {
     path.components().all(|c| matches!(c, Component::Normal(_)))
-}
-
-/// Copies a file to where there is none; folders on the way are made.
-fn copy(from: &Path, to: &Path) -> Result<(), PlanFileError> {
-    let failed = |doing, path: &Path| {
-        let path = path.to_owned();
-        move |source| PlanFileError::Io { doing, path, source }
-    };
-    if let Some(folder) = to.parent() {
-        std::fs::create_dir_all(folder).map_err(failed("create", folder))?;
-    }
-    let mut source = File::open(from).map_err(failed("read", from))?;
-    // never over a file: it could be the source itself
-    let mut target = File::create_new(to).map_err(failed("create", to))?;
-    std::io::copy(&mut source, &mut target).map(drop).map_err(failed("copy", from))
 }

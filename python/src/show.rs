@@ -4,20 +4,24 @@ use std::path::PathBuf;
 
 use bonemill_geometry::{Point, Work};
 use bonemill_imaging::ImageError;
-use bonemill_planner::plan::{PlanFileError, Refused, StoredPlan};
-use bonemill_planner::show::{self as rust, Body, Frame, Moment, PAINTS, PLANES, Plot, Show, Slice, Surface};
+use bonemill_planner::plan::{Need, Refused};
+use bonemill_planner::show::{
+    self as rust, Body, Frame, Images, Moment, PAINTS, PLANES, Plot, Show, Slice, Surface,
+};
 use bonemill_robot::RobotError;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
+use crate::finished::{Finished, NotDone};
+use crate::plan::Plan;
 use crate::{apart, errors};
 
 /// Everything, drawn.
 struct Drawn {
     about: String,
-    pixel_mm: f64,
+    pixel_mm: Option<f64>,
     structures: Vec<(String, [u8; 3])>,
     bodies: Vec<Body>,
     eye: [[f32; 3]; 2],
@@ -32,29 +36,32 @@ struct Drawn {
 
 /// Why a plan cannot be drawn.
 enum Failed {
-    File(PlanFileError),
+    Plan(NotDone),
     Images(Box<Refused>),
     Robot(RobotError),
 }
 
-/// The drawing of the plan in `dir`: about `motion` moments of the arm, `frames` of the bone.
+/// The drawing of a plan, which lies in `saved` unless it was read from its own folder: about `motion` moments of the arm,
+/// `frames` of the bone.
 #[pyfunction]
-pub fn show(
-    py: Python<'_>,
-    dir: PathBuf,
+pub fn show<'py>(
+    py: Python<'py>,
+    plan: &Plan,
+    saved: Option<PathBuf>,
     motion: usize,
     frames: usize,
     progress: Option<Py<PyAny>>,
-) -> PyResult<Bound<'_, PyDict>> {
+) -> PyResult<Bound<'py, PyDict>> {
+    let finished = Finished::new(plan, saved)?;
     let drawn = apart::run(py, progress, None, move |progress| {
-        let plan = StoredPlan::load(&dir).map_err(Failed::File)?;
+        let plan = finished.read(Need::Unchanged).map_err(Failed::Plan)?;
         let show = Show::read(&plan, progress)
             .map_err(|e| Failed::Images(Box::new(Refused::new(e, &plan.record.case, &plan.case_path()))))?;
         draw(&show, motion, frames)
     })?;
     match drawn {
         Ok(drawn) => to_python(py, drawn),
-        Err(Failed::File(error)) => Err(errors::file(&error)),
+        Err(Failed::Plan(error)) => Err(error.into()),
         Err(Failed::Images(error)) => Err(errors::refused(&error)),
         Err(Failed::Robot(error)) => Err(errors::robot(&error)),
     }
@@ -70,7 +77,7 @@ fn draw(show: &Show, motion: usize, frames: usize) -> Result<Drawn, Failed> {
     let drawn_paints = PAINTS.iter().filter(|p| p.range(plan).is_some());
     Ok(Drawn {
         about: show.about(),
-        pixel_mm: show.pixel_mm(),
+        pixel_mm: show.images().map(Images::pixel_mm),
         structures: show.structure_colours().map(|(name, tint)| (name.to_owned(), tint)).collect(),
         bodies,
         eye: show.eye(),

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use bonemill_planner::case::Case;
-use bonemill_planner::plan::save_simulation;
+use bonemill_planner::plan::{Need, save_simulation};
 use bonemill_planner::report::simulation::values as figures;
 use bonemill_planner::simulate::{
     ModelName, NoSuchModel, Sampling, Simulation, SimulationRow, simulate as rust_simulate,
@@ -59,7 +59,7 @@ pub fn simulate<'py>(
     let sampling = rate_hz.map_or(Sampling::Step { step_mm }, |rate_hz| Sampling::Rate { rate_hz });
     let finished = Finished::new(plan, saved)?;
     let done = apart::run(py, progress, None, move |progress| {
-        let plan = finished.read()?;
+        let plan = finished.read(Need::All)?;
         let simulated = rust_simulate(&plan, model, sampling, progress)?;
         if keep {
             progress.stage("write files");

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use bonemill_planner::plan::{StoredPlan, save_verification};
+use bonemill_planner::plan::{Need, StoredPlan, save_verification};
 use bonemill_planner::uncertainty::{
     self as rust, ErrorModel, Risk, Sigmas, UncertaintyError, simulate_errors,
 };
@@ -39,15 +39,15 @@ pub fn verify(
 ) -> PyResult<(String, Option<Risks>)> {
     let finished = Finished::new(plan, saved)?;
     let done = apart::run(py, progress, None, move |progress| {
-        let plan = finished.read()?;
+        let plan = finished.read(Need::All)?;
         let model = samples.map(|n| model(&plan, n, errors)).transpose()?;
         let verdict = rust_verify(&plan, progress)?;
-        let risk = model.map(|m| simulate_errors(&plan, &m, progress)).transpose()?;
+        let drawn = model.map(|m| simulate_errors(&plan, &m, progress).map(|risk| (m, risk))).transpose()?;
         if keep {
             progress.stage("write verdict");
-            save_verification(finished.dir(), &verdict)?;
+            save_verification(finished.dir(), &verdict, drawn.as_ref().map(|(m, risk)| (m, risk)))?;
         }
-        Ok::<_, NotDone>((verdict.to_toml(), risk.map(risks)))
+        Ok::<_, NotDone>((verdict.to_toml(), drawn.map(|(_, risk)| risks(risk))))
     })?;
     Ok(done?)
 }

@@ -2,6 +2,8 @@
 
 import csv
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -63,3 +65,13 @@ def test_names_come_from_folders_and_must_differ(cohort: dict[str, Path], tmp_pa
         with pytest.raises(bonemill.ArrayError, match="case name"):
             plan_cohort({name: cohort["a"]}, tmp_path / "out")
     assert plan_cohort([], tmp_path / "out") == []
+
+
+def test_it_comes_with_the_package() -> None:
+    """Without an import of its own, and only when it is used."""
+    heavy = "'concurrent.futures.process' in sys.modules"
+    code = f"import bonemill, sys; print({heavy}); print(bonemill.cohort.plan_cohort.__name__, {heavy}, bonemill.stream.stream.__name__)"
+    out = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
+    assert out.split() == ["False", "plan_cohort", "True", "stream"]
+    with pytest.raises(AttributeError, match="cohorts"):
+        bonemill.cohorts  # type: ignore[attr-defined]

@@ -297,3 +297,107 @@ def test_signals_reach_python_while_it_waits(block: bonemill.Case) -> None:
     finally:
         signal.signal(signal.SIGUSR1, before)
     assert heard and made.shortfalls == []
+
+
+def test_a_moved_plan_is_given_its_inputs(own_block: bonemill.Case, planned: bonemill.Plan, tmp_path: Path) -> None:
+    saved = bonemill.plan(own_block).save(tmp_path / "plan")
+    away = tmp_path / "sent" / "plan"
+    away.parent.mkdir()
+    saved.rename(away)
+    data = tmp_path / "data"
+    own_block.path.parent.rename(data)
+    read = bonemill.Plan.load(away)
+    same_rows(read.waypoints, planned.waypoints)
+    assert read.case.text == planned.case.text
+    assert any("ct.nii.gz (SHA-256 " in missing for missing in read.missing_inputs)
+    with pytest.raises(bonemill.PlanFileError, match="ct.nii.gz .SHA-256 .*inputs=DIR.*pack=True"):
+        bonemill.simulate(read)
+    found = bonemill.Plan.load(away, inputs=data)
+    assert found.missing_inputs == [] and bonemill.simulate(found).figures["peak_force_n"] > 0
+    assert pickle.loads(pickle.dumps(found)).missing_inputs == []
+    # packed, it needs nothing else
+    packed = found.save(tmp_path / "packed", pack=True)
+    for name in ("ct.nii.gz", "labels.nii.gz", "case.toml"):
+        (data / name).unlink()
+    assert bonemill.simulate(bonemill.Plan.load(packed)).figures["peak_force_n"] > 0
+
+
+def test_a_plan_made_to_be_packed_keeps_its_inputs(own_block: bonemill.Case, tmp_path: Path) -> None:
+    saved = bonemill.plan(own_block, pack=True).save(tmp_path / "plan")
+    assert (saved / "case.toml").read_bytes() == own_block.path.read_bytes()
+    own_block.path.parent.rename(tmp_path / "away")
+    read = bonemill.Plan.load(saved)
+    assert read.missing_inputs == [] and read.case.text == own_block.text
+    # and so do its copies
+    again = read.save(tmp_path / "again")
+    saved.rename(tmp_path / "gone")
+    assert bonemill.Plan.load(again).missing_inputs == []
+
+
+def test_frames_are_where_the_waypoints_say(planned: bonemill.Plan) -> None:
+    frames, w = planned.frames, planned.waypoints
+    for matrix in (frames.ct_from_work, frames.ct_from_grid, frames.base_from_ct, frames.flange_from_burr):
+        np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
+        np.testing.assert_array_equal(matrix[3], [0, 0, 0, 1])
+    # work's z is the approach, and θ and φ are measured in it
+    axis = np.stack([w["axis_x"], w["axis_y"], w["axis_z"]], axis=-1) @ frames.ct_from_work[:3, :3]
+    np.testing.assert_allclose(np.arctan2(-axis[:, 1], axis[:, 2]), w["theta_rad"], atol=1e-9)
+    np.testing.assert_allclose(axis[:, 0], np.sin(w["phi_rad"]), atol=1e-9)
+    # the arm brings the burr to the waypoints in the base
+    at = np.searchsorted(planned.trajectory["time_s"], w["time_s"][::40])
+    place = np.stack([w[n][::40] for n in ("x_mm", "y_mm", "z_mm")], axis=-1)
+    in_base = place @ frames.base_from_ct[:3, :3].T + frames.base_from_ct[:3, 3]
+    burr = planned.arm.fk(planned.q[at])[:, :3, 3]
+    np.testing.assert_allclose(burr, in_base, atol=0.1)
+    # and they lie on the planning grid
+    grid = np.linalg.inv(frames.ct_from_grid) @ np.c_[place, np.ones(len(place))].T
+    assert (grid[:3] > -frames.grid_spacing_mm).all()
+    assert (grid[:3].T < np.array(frames.grid_shape) * frames.grid_spacing_mm + 60).all()
+
+
+def test_values_are_swept(block: bonemill.Case, planned: bonemill.Plan) -> None:
+    case = block.with_values({"path.step_mm": np.float64(0.5), "structure.facial_nerve.clearance_mm": 1.5})
+    assert "step_mm = 0.5" in case.to_toml() and "clearance_mm = 1.5" in case.to_toml()
+    # None: the default again
+    same = block.with_values({"burr.spindle_rpm": 50000}).with_values({"burr.spindle_rpm": None})
+    assert "spindle_rpm" not in same.text
+    made = bonemill.plan(case)
+    found = bonemill.compare(planned, made)
+    assert found.case == {
+        "path.step_mm": (found.case["path.step_mm"][0], "0.5"),
+        "structure.facial_nerve.clearance_mm": ("1.0", "1.5"),
+    }
+    assert found.inputs == {}
+    removed = found.figures["volumes"]["removed_mm3"]
+    assert removed == (planned.metrics["removed_mm3"], made.metrics["removed_mm3"])
+    assert 0 < found.between["mean_distance_mm"] <= found.between["hausdorff_mm"]
+    assert "removed_mm3" in str(found) and found.page.startswith("<!doctype html>")
+    # a case with images in memory keeps them
+    ct, labels = images(block)
+    swept = block.with_images(ct=ct, labels=labels).with_values({"path.step_mm": 0.5})
+    same_rows(bonemill.plan(swept.with_values({"structure.facial_nerve.clearance_mm": 1.5})).waypoints, made.waypoints)
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"path.stp_mm": 0.2}, "unknown key `path.stp_mm`; did you mean `path.step_mm`?"),
+        ({"structure.facial_nrve.clearance_mm": 1.0}, "did you mean `structure.facial_nerve.clearance_mm`?"),
+        ({"path.step_mm": -1.0}, "`path.step_mm` = -1"),
+        ({"path.step_mm": object()}, "expected a number, text, boolean, list or dict"),
+    ],
+)
+def test_values_that_no_case_has_are_refused(block: bonemill.Case, values: dict[str, Any], says: str) -> None:
+    with pytest.raises(bonemill.CaseError) as refused:
+        block.with_values(values)
+    assert says in str(refused.value)
+
+
+def test_folders_are_compared_whatever_became_of_their_inputs(own_block: bonemill.Case, tmp_path: Path) -> None:
+    first = bonemill.plan(own_block).save(tmp_path / "a")
+    own_block.path.write_text(own_block.text + "# changed since\n")
+    found = bonemill.compare(first, str(first))
+    assert found.case == {} and found.between["hausdorff_mm"] == 0.0
+    assert found.between["swept_by_first_alone_mm3"] == 0.0 < found.between["swept_by_both_mm3"]
+    with pytest.raises(bonemill.PlanFileError, match="nowhere"):
+        bonemill.compare(first, tmp_path / "nowhere")

@@ -47,3 +47,18 @@ def test_without_rerun_it_says_what_is_missing(planned: bonemill.Plan, monkeypat
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(bonemill.BonemillError, match="rerun-sdk"):
         bonemill.view(planned)
+
+
+def test_a_folder_that_is_missing_is_named(planned: bonemill.Plan, tmp_path: Path) -> None:
+    with pytest.raises(bonemill.BonemillError, match=r"cannot write .*x\.rrd: there is no folder .*missing"):
+        bonemill.view(planned, save=tmp_path / "missing" / "x.rrd")
+
+
+def test_a_plan_without_its_images_is_drawn_without_slices(own_block: bonemill.Case, tmp_path: Path) -> None:
+    saved = bonemill.plan(own_block).save(tmp_path / "plan")
+    own_block.path.parent.rename(tmp_path / "away")
+    path = tmp_path / "plan.rrd"
+    bonemill.view(bonemill.Plan.load(saved), save=path)
+    call = [sys.executable, "-m", "rerun", "rrd", "print", str(path)]
+    said = subprocess.run(call, capture_output=True, text=True, check=True).stdout
+    assert "/scene/path/speed" in said and "/scene/tool/burr" in said and "/slices/x_y/ct" not in said

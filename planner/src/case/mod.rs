@@ -4,6 +4,7 @@
 //! again. The file's keys, defaults and their sources are those of the case file's documentation. Reading files is not
 //! done here.
 
+mod edit;
 mod error;
 mod explain;
 mod given;
@@ -19,15 +20,16 @@ mod walker;
 pub(crate) mod write;
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use bonemill_imaging::{AffineChoice, DensityTable};
-use bonemill_robot::ur::Branches;
+use bonemill_robot::ur::{Branches, UrModel};
 use nalgebra::{Rotation3, Vector3};
 
 pub use crate::cost::SeveralStructures;
 pub use crate::speed::DistanceCurve;
 pub use bonemill_imaging::Sheets;
+pub use edit::with_values;
 pub use error::{CaseError, CaseFault, Located};
 pub use explain::{Origin, Parameter, explained};
 pub use given::Given;
@@ -374,6 +376,15 @@ pub struct RobotSpec {
 pub struct RegistrationSpec {
     /// Largest RMS residual of the fiducials (FRE), mm.
     pub max_fre_mm: f64,
+}
+
+impl RobotSpec {
+    /// Keys and paths of the files that describe the arm.
+    pub fn files(&self) -> impl Iterator<Item = (&'static str, &Path)> {
+        let is_named = self.model == parse::BONE_ATTACHED || UrModel::by_name(&self.model).is_some();
+        let urdf = (!is_named).then(|| ("robot.model", Path::new(&self.model)));
+        urdf.into_iter().chain(self.calibration.as_deref().map(|path| ("robot.calibration", path)))
+    }
 }
 
 /// `[grid]`.

@@ -1,15 +1,16 @@
-//! The images of a case, read, checked and hashed, and the scene made of them.
+//! The images of a case, read and checked, the files that its plan depends on, and the scene made of them.
 
 use std::path::{Path, PathBuf};
 
 use bonemill_imaging::{
     Image, LabelNames, MemoryNeed, Scene, SceneSpec, TargetShape, available_memory_mb, build_scene,
-    looks_like_hu, read_ct, read_label_names, read_labels,
+    label_names_path, looks_like_hu, read_ct, read_label_names, read_labels,
 };
+use rayon::prelude::*;
 
 use super::PlanError;
 use crate::case::{Case, LabelRef, Target, nearest};
-use crate::plan::Sha256;
+use crate::plan::Input;
 
 /// Distances to structures are kept this far from the target's box, mm, beside what the burr and its cost need.
 const INFLUENCE_MM: f64 = 12.0;
@@ -27,31 +28,44 @@ pub fn memory_mb(scene: &Scene, inputs: &Inputs) -> f64 {
 }
 
 /// The images of a case.
-pub struct Inputs {
+pub struct Images {
     pub ct: Image<f32>,
     pub labels: Image<u16>,
     pub target: TargetShape,
     pub structures: Vec<(String, u16)>,
-    pub files: Vec<(String, PathBuf, Sha256)>,
     pub warnings: Vec<String>,
 }
 
-/// Reads and checks the images; hashes every input.
-pub fn read_inputs(case: &Case, case_path: &Path) -> Result<Inputs, PlanError> {
+/// Reads and checks the images of a case in `case_path`; notes every file that its plan depends on, with its digest and where
+/// it is: case, images, names of labels, and an arm's own files.
+pub fn read_inputs(case: &Case, case_path: &Path) -> Result<(Images, Vec<(Input, PathBuf)>), PlanError> {
     let folder = case_path.parent().unwrap_or(Path::new(""));
-    let (ct_path, labels_path) = (folder.join(&case.images.ct), folder.join(&case.images.labels));
+    let images = read_images(case, |path| folder.join(path))?;
+    let names = label_names_path(&case.images.labels);
+    let mut paths: Vec<&Path> = case_path.file_name().map(Path::new).into_iter().collect();
+    paths.extend([case.images.ct.as_path(), &case.images.labels]);
+    paths.extend(folder.join(&names).exists().then_some(names.as_path()));
+    paths.extend(case.robot.files().map(|(_, path)| path));
+    let noted = |path: &&Path| Ok((Input::now(folder, path)?, folder.join(path)));
+    let files = paths.par_iter().map(noted).collect::<Result<_, PlanError>>()?;
+    Ok((images, files))
+}
+
+/// Reads and checks the images of a case; `place` says where the file is that the case names so.
+pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Result<Images, PlanError> {
+    let labels_path = place(&case.images.labels);
     let (ct, labels) = rayon::join(
         || -> Result<_, PlanError> {
-            let ct = read_ct(&ct_path, case.images.ct_affine)?;
+            let ct = read_ct(place(&case.images.ct), case.images.ct_affine)?;
             looks_like_hu(&ct.volume)?;
-            Ok((ct, Sha256::of_file(&ct_path)?))
+            Ok(ct)
         },
         || -> Result<_, PlanError> {
-            let labels = read_labels(&labels_path, case.images.labels_affine)?;
-            Ok((labels, Sha256::of_file(&labels_path)?, read_label_names(&labels_path)?))
+            let names = read_label_names(place(&label_names_path(&case.images.labels)))?;
+            Ok((read_labels(&labels_path, case.images.labels_affine)?, names))
         },
     );
-    let ((ct, ct_digest), (labels, labels_digest, names)) = (ct?, labels?);
+    let (ct, (labels, names)) = (ct?, labels?);
     let number = |key: String, label: &LabelRef| label_number(key, label, names.as_ref(), &labels_path);
     let target = match &case.target {
         Target::Label(label) => TargetShape::Label(number("target.label".into(), label)?),
@@ -72,20 +86,8 @@ pub fn read_inputs(case: &Case, case_path: &Path) -> Result<Inputs, PlanError> {
         .map(|s| Ok((s.name.clone(), number(format!("structure '{}'", s.name), &s.label)?)))
         .collect::<Result<Vec<_>, PlanError>>()?;
     labels_differ(&target, &structures)?;
-    let text = |path: &Path| path.to_string_lossy().into_owned();
-    let mut files = Vec::new();
-    if let Some(name) = case_path.file_name() {
-        files.push((name.to_string_lossy().into_owned(), case_path.to_owned(), Sha256::of_file(case_path)?));
-    }
-    files.push((text(&case.images.ct), ct_path, ct_digest));
-    files.push((text(&case.images.labels), labels_path.clone(), labels_digest));
-    if names.is_some() {
-        let path = labels_path.with_file_name("labels.json");
-        let name = case.images.labels.with_file_name("labels.json");
-        files.push((text(&name), path.clone(), Sha256::of_file(&path)?));
-    }
     let warnings = ct.warnings.iter().chain(&labels.warnings).map(ToString::to_string).collect();
-    Ok(Inputs { ct, labels, target, structures, files, warnings })
+    Ok(Images { ct, labels, target, structures, warnings })
 }
 
 fn label_number(
@@ -124,7 +126,7 @@ fn labels_differ(target: &TargetShape, structures: &[(String, u16)]) -> Result<(
     Ok(())
 }
 
-pub fn make_scene(case: &Case, inputs: &Inputs) -> Result<Scene, PlanError> {
+pub fn make_scene(case: &Case, inputs: &Images) -> Result<Scene, PlanError> {
     Ok(build_scene(&SceneSpec {
         ct: &inputs.ct.volume,
         labels: &inputs.labels.volume,

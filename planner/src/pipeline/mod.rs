@@ -48,7 +48,7 @@ use crate::Progress;
 use crate::access::Solid;
 use crate::case::{Case, OrientationMode};
 use crate::orientation::Permissible;
-use crate::plan::{ForceToward, Sha256, Waypoint};
+use crate::plan::{ForceToward, Input, StoredPlan, Waypoint};
 use crate::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
 
 /// Share of the reachable volume below which a plan fell short.
@@ -59,7 +59,7 @@ pub struct Plan {
     /// The case, resolved.
     pub case: Case,
     /// Every input as named in the case, with its file and digest; the case file first, when there is one.
-    pub inputs: Vec<(String, PathBuf, Sha256)>,
+    pub inputs: Vec<(Input, PathBuf)>,
     /// The rows of `waypoints.csv`.
     pub waypoints: Vec<Waypoint>,
     /// The rows of `forces.csv`.
@@ -167,15 +167,16 @@ fn solid(case: &Case, scene: &Scene) -> Solid {
     Solid::new(scene, &clearances)
 }
 
-/// The scene of a case, as it is planned on; paths in the case are relative to the folder of `case_path`.
+/// The scene of a finished plan, as it was planned on.
 ///
 /// # Errors
-/// [`PlanError`] for images that cannot be read or trusted.
-pub fn scene_of(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Scene, PlanError> {
+/// [`PlanError`] for images that are missing or cannot be read or trusted.
+pub fn scene_of(plan: &StoredPlan, progress: &dyn Progress) -> Result<Scene, PlanError> {
+    let case = &plan.record.case;
     progress.stage("read images");
-    let inputs = inputs::read_inputs(case, case_path)?;
+    let images = inputs::read_images(case, |path| plan.input_path(path))?;
     progress.stage("scene");
-    inputs::make_scene(case, &inputs)
+    inputs::make_scene(case, &images)
 }
 
 /// Plans a case; paths in it are relative to the folder of `case_path`.
@@ -186,11 +187,11 @@ pub fn scene_of(case: &Case, case_path: &Path, progress: &dyn Progress) -> Resul
 pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Plan, PlanError> {
     let mut watch = Stopwatch { progress, seconds: Vec::new() };
     let arm = setup::arm(case, case_path.parent().unwrap_or(Path::new("")))?;
-    let inputs = watch.run("read images", || inputs::read_inputs(case, case_path))?;
-    registration::fiducials_in_scan(&case.robot, inputs.ct.volume.grid())?;
-    let scene = watch.run("scene", || inputs::make_scene(case, &inputs))?;
-    progress.memory_mb(inputs::memory_mb(&scene, &inputs));
-    let inputs::Inputs { ct, labels, files, mut warnings, .. } = inputs;
+    let (images, files) = watch.run("read images", || inputs::read_inputs(case, case_path))?;
+    registration::fiducials_in_scan(&case.robot, images.ct.volume.grid())?;
+    let scene = watch.run("scene", || inputs::make_scene(case, &images))?;
+    progress.memory_mb(inputs::memory_mb(&scene, &images));
+    let inputs::Images { ct, labels, mut warnings, .. } = images;
     let affines = [ct.affine, labels.affine];
     drop((ct, labels)); // the scene holds what is needed of them
     warnings.extend(scene.warnings.iter().cloned());

@@ -390,9 +390,9 @@ pub fn with_prepared<R>(
 ) -> Result<R, PlanError> {
     let mut watch = Stopwatch { progress, seconds: Vec::new() };
     let arm = setup::arm(case, case_path.parent().unwrap_or(Path::new("")))?;
-    let inputs = super::inputs::read_inputs(case, case_path)?;
-    super::registration::fiducials_in_scan(&case.robot, inputs.ct.volume.grid())?;
-    let scene = super::inputs::make_scene(case, &inputs)?;
+    let (images, _) = super::inputs::read_inputs(case, case_path)?;
+    super::registration::fiducials_in_scan(&case.robot, images.ct.volume.grid())?;
+    let scene = super::inputs::make_scene(case, &images)?;
     let space = super::free_space(case, &scene)?;
     let base_from_work =
         super::registration::registration(&case.robot, &scene)?.base_from_ct * scene.ct_from_work;

@@ -6,15 +6,13 @@ use std::fmt::Write as _;
 
 use bonemill_imaging::Scene;
 
+use super::columns::{ACCESS, DROPPED, names};
 use crate::orientation::{Around, Permissible};
 use crate::pipeline::Dropped;
 
-/// One row per waypoint: `index,free,pieces,angle_rad,low_rad,high_rad,cap_rad`.
-///
-/// `free`: directions of the set that are free, and within the tilt limit where that binds; `pieces`: into how many parts they
-/// fall; for one angle that of the tilt plane and the free interval around it, for two the cap around the axis chosen.
+/// One row per waypoint: the columns of [`ACCESS`].
 pub(super) fn access_csv(allowed: &[Permissible]) -> String {
-    let mut text = String::from("index,free,pieces,angle_rad,low_rad,high_rad,cap_rad\n");
+    let mut text = names(&ACCESS).join(",") + "\n";
     for (index, Permissible { free, pieces, around }) in allowed.iter().enumerate() {
         // writing to a String cannot fail; + 0.0 makes −0 a plain 0
         let _ = match around {
@@ -28,9 +26,9 @@ pub(super) fn access_csv(allowed: &[Permissible]) -> String {
     text
 }
 
-/// One row per place that the path leaves out: `x_mm,y_mm,z_mm,reason`, ct.
+/// One row per place that the path leaves out: the columns of [`DROPPED`].
 pub(super) fn dropped_csv(dropped: &[Dropped], scene: &Scene) -> String {
-    let mut text = String::from("x_mm,y_mm,z_mm,reason\n");
+    let mut text = names(&DROPPED).join(",") + "\n";
     for Dropped { position, reason } in dropped {
         let p = scene.ct_from_work * *position;
         let reason = reason.replace('"', "\"\"");

@@ -6,37 +6,13 @@ use std::path::Path;
 use bonemill_geometry::Point;
 
 use super::cells::{Row, push_number, read_rows, structure_name, write_rows};
+use super::columns::{WAYPOINTS, names};
 use super::{PlanFileError, Waypoint};
 use crate::case::Structure;
 use crate::path::MoveKind;
 
 /// The columns, in order.
-const COLUMNS: [&str; 24] = [
-    "index",
-    "layer",
-    "kind",
-    "time_s",
-    "x_mm",
-    "y_mm",
-    "z_mm",
-    "axis_x",
-    "axis_y",
-    "axis_z",
-    "theta_rad",
-    "phi_rad",
-    "speed_mm_s",
-    "mass_mg",
-    "inertia",
-    "fx_n",
-    "fy_n",
-    "fz_n",
-    "force_toward_n",
-    "structure",
-    "distance_mm",
-    "alpha1",
-    "cost",
-    "deflection_toward_um",
-];
+const COLUMNS: [&str; 24] = names(&WAYPOINTS);
 
 /// Writes `waypoints.csv` and makes it durable.
 ///

@@ -18,6 +18,7 @@ use super::record::is_plan;
 /// What stands in a plan's directory; anything else there is somebody's own and is not removed.
 const PLAN_ENTRIES: [&str; 12] = [
     "plan.toml",
+    "case.toml",
     "waypoints.csv",
     "forces.csv",
     "trajectory.csv",

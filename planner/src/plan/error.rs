@@ -1,11 +1,13 @@
 //! What can go wrong with a plan's files.
 
+use std::fmt;
 use std::io;
 use std::path::PathBuf;
 
 use bonemill_robot::RobotError;
 use thiserror::Error;
 
+use super::Sha256;
 use crate::case::CaseError;
 
 /// Reading or writing a plan's files failed.
@@ -117,6 +119,19 @@ pub enum PlanFileError {
         /// Its digest in the plan.
         expected: String,
     },
+    /// Inputs are not where they were, nor where else they are looked for.
+    #[error(
+        "inputs of the plan {} are missing: {}. Put them back or beside the plan's folder, name the folder that holds them \
+         (--inputs DIR; in Python inputs=DIR), or plan with --pack (pack=True), which keeps copies in the plan",
+        plan.display(),
+        missing.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
+    )]
+    InputsMissing {
+        /// The plan's folder.
+        plan: PathBuf,
+        /// What was not found.
+        missing: Vec<MissingInput>,
+    },
     /// The plan's URDF describes no arm, or not one that the case's limits fit.
     #[error("{}: no arm for this plan", path.display())]
     Arm {
@@ -133,6 +148,25 @@ pub enum PlanFileError {
         /// What should be listed.
         missing: String,
     },
+}
+
+/// An input that was not found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MissingInput {
+    /// Where it was when the plan was made.
+    pub recorded: PathBuf,
+    /// Its digest.
+    pub sha256: Sha256,
+    /// Its size, if the plan says it.
+    pub bytes: Option<u64>,
+}
+
+impl fmt::Display for MissingInput {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} (SHA-256 {:.10}…", self.recorded.display(), self.sha256.to_string())?;
+        self.bytes.map_or(Ok(()), |bytes| write!(f, ", {bytes} bytes"))?;
+        f.write_str(")")
+    }
 }
 
 impl PlanFileError {

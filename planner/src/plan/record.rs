@@ -26,6 +26,8 @@ pub struct Input {
     pub path: PathBuf,
     /// Of its bytes when the plan was made.
     pub sha256: Sha256,
+    /// How many they were; plans of earlier versions do not say.
+    pub bytes: Option<u64>,
 }
 
 impl Input {
@@ -34,7 +36,10 @@ impl Input {
     /// # Errors
     /// [`PlanFileError::Io`] when it cannot be read.
     pub fn now(case_dir: &Path, path: &Path) -> Result<Self, PlanFileError> {
-        Ok(Self { path: path.into(), sha256: Sha256::of_file(&case_dir.join(path))? })
+        let file = case_dir.join(path);
+        let sha256 = Sha256::of_file(&file)?;
+        let bytes = std::fs::metadata(&file).map_err(PlanFileError::io("read", file))?.len();
+        Ok(Self { path: path.into(), sha256, bytes: Some(bytes) })
     }
 }
 
@@ -132,37 +137,27 @@ impl PlanRecord {
         std::fs::write(&path, self.to_toml()?).map_err(PlanFileError::io("write", path))
     }
 
-    /// Reads `dir/plan.toml` and makes sure that every input is what it was.
+    /// Reads `dir/plan.toml`; its inputs are not looked at.
     ///
     /// # Errors
-    /// [`PlanFileError::InputChanged`] naming the input, [`PlanFileError::Io`] when one is gone, and whatever is
-    /// wrong with the file itself.
+    /// [`PlanFileError::InputNotListed`] where an image or the case is not among its inputs, and whatever is wrong with the
+    /// file itself.
     pub fn read(dir: &Path) -> Result<Self, PlanFileError> {
         let path = dir.join(FILE_NAME);
         let text = std::fs::read_to_string(&path).map_err(PlanFileError::io("read", &path))?;
         let record = Self::parse(&text, &path)?;
-        record.check_inputs(dir)?;
+        let images = [&record.case.images.ct, &record.case.images.labels].map(PathBuf::as_path);
+        for needed in images.into_iter().chain(record.case_input()) {
+            if !record.inputs.iter().any(|input| input.path == needed) {
+                return Err(PlanFileError::InputNotListed { path, missing: needed.display().to_string() });
+            }
+        }
         Ok(record)
     }
 
-    fn check_inputs(&self, dir: &Path) -> Result<(), PlanFileError> {
-        let images = [&self.case.images.ct, &self.case.images.labels].map(PathBuf::as_path);
-        let case = self.case_file.file_name().map(Path::new);
-        for needed in images.into_iter().chain(case) {
-            if !self.inputs.iter().any(|input| input.path == needed) {
-                let missing = needed.display().to_string();
-                return Err(PlanFileError::InputNotListed { path: dir.join(FILE_NAME), missing });
-            }
-        }
-        for input in &self.inputs {
-            let path = input_path(dir, &self.case_file, &input.path);
-            let (found, expected) = (Sha256::of_file(&path)?, input.sha256);
-            if found != expected {
-                let (found, expected) = (found.to_string(), expected.to_string());
-                return Err(PlanFileError::InputChanged { path, found, expected });
-            }
-        }
-        Ok(())
+    /// The case's file as it stands among the inputs.
+    pub fn case_input(&self) -> Option<&Path> {
+        self.case_file.file_name().map(Path::new)
     }
 
     fn to_toml(&self) -> Result<String, PlanFileError> {
@@ -191,6 +186,10 @@ impl PlanRecord {
         );
         for input in &self.inputs {
             out += &format!("{} = \"{}\"\n", text(&slashes(&input.path)), input.sha256);
+        }
+        out += "\n[input_bytes]\n";
+        for (input, bytes) in self.inputs.iter().filter_map(|input| Some((input, input.bytes?))) {
+            out += &format!("{} = {bytes}\n", text(&slashes(&input.path)));
         }
         out += "\n[metrics]\n";
         push_values(&mut out, &self.metrics.entries())?;
@@ -238,12 +237,6 @@ impl PlanRecord {
             shortfalls: reader.texts("shortfalls")?,
         })
     }
-}
-
-/// Where an input of the plan in `dir` lies: `path` is relative to the folder of `case_file`, that to `dir`.
-pub fn input_path(dir: &Path, case_file: &Path, path: &Path) -> PathBuf {
-    let case = dir.join(case_file);
-    case.parent().map_or_else(|| path.into(), |folder| folder.join(path))
 }
 
 /// Whether `dir` holds a `plan.toml` of ours; `Err` says why not.
@@ -350,11 +343,13 @@ impl<'a, 'i> Reader<'a, 'i> {
     }
 
     fn inputs(&self) -> Result<Vec<Input>, PlanFileError> {
+        let sizes = self.get("input_bytes").and_then(DeValue::as_table);
         let input = |(path, digest): (String, &DeValue<'_>)| {
             let sha256 = digest.as_str().and_then(|text| text.parse().ok());
             let sha256 =
                 sha256.ok_or_else(|| self.refuse("inputs", "64 hexadecimal digits for every path"))?;
-            Ok(Input { path: path.into(), sha256 })
+            let bytes = sizes.and_then(|sizes| as_number(sizes.get(path.as_str())?.get_ref()));
+            Ok(Input { path: path.into(), sha256, bytes: bytes.filter(|n| *n >= 0.0).map(|n| n as u64) })
         };
         in_order(self.table("inputs")?).map(input).collect()
     }

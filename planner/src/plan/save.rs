@@ -8,8 +8,9 @@ use bonemill_robot::ur::branch_name;
 use bonemill_robot::{ArmKind, JointKind};
 
 use super::access_csv::{access_csv, dropped_csv};
+use super::inputs::{CASE_COPY, copy_input};
 use super::{
-    FORCES, Input, Metrics, PlanFileError, PlanRecord, PlanningGrid, StagedDirectory, Value, write_forces,
+    FORCES, Metrics, PlanFileError, PlanRecord, PlanningGrid, StagedDirectory, StoredPlan, Value, write_forces,
     write_waypoints,
 };
 use crate::case::Registration;
@@ -36,7 +37,13 @@ pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<P
         write_trajectory_csv(&mut out, &rows, &kinds).map_err(std::io::Error::other)?;
         Ok(())
     };
+    let record = record(plan, staged.relative(case_path)?);
     let write_rest = || -> Result<(), PlanFileError> {
+        if let Some((case, _)) =
+            plan.inputs.iter().find(|(input, _)| record.case_input() == Some(&input.path))
+        {
+            copy_input(case_path, &dir.join(CASE_COPY), case)?;
+        }
         write_waypoints(&waypoints, &plan.waypoints, &plan.case.structures)?;
         write_forces(&forces, &plan.forces, &plan.case.structures)?;
         let write =
@@ -49,9 +56,28 @@ pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<P
     let (law, rest) = rayon::join(write_law, write_rest);
     law.map_err(PlanFileError::io("write", &trajectory))?;
     rest?;
-    let record = record(plan, staged.relative(case_path)?);
     record.write(dir)?;
     Ok(record)
+}
+
+/// Copies the files of a plan that was read, but for `plan.toml`, into the staged directory.
+///
+/// # Errors
+/// [`PlanFileError`] when a file cannot be read or written.
+pub fn copy_files(plan: &StoredPlan, staged: &StagedDirectory) -> Result<(), PlanFileError> {
+    let copy = |from: &Path, name: &str| {
+        std::fs::copy(from, staged.path().join(name)).map(drop).map_err(PlanFileError::io("copy", from))
+    };
+    for name in FILES {
+        copy(&plan.dir.join(name), name)?;
+    }
+    for (name, path) in NOTES.map(|name| (name, plan.dir.join(name))).iter().filter(|(_, path)| path.exists())
+    {
+        copy(path, name)?;
+    }
+    // a plan of an earlier version holds no copy of its case
+    let case = Some(plan.case_path()).filter(|path| path.exists());
+    case.map_or(Ok(()), |path| copy(&path, CASE_COPY))
 }
 
 /// What `plan.toml` says of a plan; `case_file` is its case's file, relative to the plan's directory once it has one.
@@ -60,11 +86,7 @@ pub fn record(plan: &Plan, case_file: std::path::PathBuf) -> PlanRecord {
         version: env!("CARGO_PKG_VERSION").into(),
         case: plan.case.clone(),
         case_file,
-        inputs: plan
-            .inputs
-            .iter()
-            .map(|(name, _, sha256)| Input { path: name.into(), sha256: *sha256 })
-            .collect(),
+        inputs: plan.inputs.iter().map(|(input, _)| input.clone()).collect(),
         approach_direction: plan.scene.approach,
         ct_from_approach: plan.scene.ct_from_approach(),
         grid: PlanningGrid { dims: plan.scene.class.grid().dims(), turn_rad: plan.scene.turn_rad },

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::PlanFileError;
 use super::addition::{ReportPart, add_to_report, replace};
 use super::cells::{push_number, structure_name};
+use super::columns::{SIMULATION_ROWS, names};
 use crate::case::Case;
 use crate::simulate::{Simulation, SimulationRow};
 
@@ -12,22 +13,7 @@ use crate::simulate::{Simulation, SimulationRow};
 pub const SIMULATION: &str = "simulation.csv";
 
 /// The columns, in order; ct frame.
-const COLUMNS: [&str; 14] = [
-    "time_s",
-    "x_mm",
-    "y_mm",
-    "z_mm",
-    "fx_n",
-    "fy_n",
-    "fz_n",
-    "torque_nmm",
-    "power_w",
-    "mrr_mm3_s",
-    "force_toward_n",
-    "structure",
-    "distance_mm",
-    "deflection_um",
-];
+const COLUMNS: [&str; 14] = names(&SIMULATION_ROWS);
 
 /// Writes a simulation into its plan's directory; one that stands there is replaced. Without a report, none is made.
 ///

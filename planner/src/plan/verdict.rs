@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::addition::{ReportPart, add_to_report, replace};
 use super::{FORCES, PlanFileError, Sha256, StoredPlan};
+use crate::uncertainty::{ErrorModel, Risk};
 use crate::verify::Verification;
 
 /// The verdict's name in a plan's directory.
@@ -30,12 +31,18 @@ pub fn read_case_text(plan: &StoredPlan) -> Result<String, PlanFileError> {
     std::fs::read_to_string(&path).map_err(PlanFileError::io("read", path))
 }
 
-/// Writes a verdict into its plan's directory; one that stands there is replaced. Without a report, none is made.
+/// Writes a verdict into its plan's directory, and into its report also what drawn errors do; what stands there is replaced.
+/// Without a report, none is made.
 ///
 /// # Errors
 /// [`PlanFileError::Io`]; then what stood there stands there still.
-pub fn save_verification(dir: &Path, verification: &Verification) -> Result<PathBuf, PlanFileError> {
+pub fn save_verification(
+    dir: &Path,
+    verification: &Verification,
+    risk: Option<(&ErrorModel, &Risk)>,
+) -> Result<PathBuf, PlanFileError> {
     replace(dir, VERDICT, verification.to_toml().as_bytes())?;
-    add_to_report(dir, ReportPart::Verification, &crate::report::verification::section(verification))?;
+    let section = crate::report::verification::section(verification, risk);
+    add_to_report(dir, ReportPart::Verification, &section)?;
     Ok(dir.join(VERDICT))
 }

@@ -4,6 +4,8 @@
 //! Simulation and verification add parts of their own later, at the places that the page keeps for them.
 
 mod chart;
+mod columns;
+pub mod compare;
 mod peak;
 pub mod simulation;
 mod slices;
@@ -60,6 +62,7 @@ pub fn html(plan: &Plan) -> String {
     page.push_str(&inputs(plan));
     page.push_str("<h2>Parameters</h2>");
     page.push_str(&parameters(plan));
+    page.push_str(&columns::section());
     let _ = write!(
         page,
         "<h2>Case, with every default</h2><details><summary>show</summary><pre>{}</pre></details></main></body></html>",
@@ -323,8 +326,9 @@ fn modelled(plan: &Plan) -> String {
 }
 
 fn inputs(plan: &Plan) -> String {
-    let row = |(name, _, digest): &(String, std::path::PathBuf, crate::plan::Sha256)| {
-        format!("<tr><th>{}</th><td><code>{digest}</code></td></tr>", escape(name))
+    let row = |(input, _): &(crate::plan::Input, std::path::PathBuf)| {
+        let name = escape(&input.path.to_string_lossy());
+        format!("<tr><th>{name}</th><td><code>{}</code></td></tr>", input.sha256)
     };
     let rows: String = plan.inputs.iter().map(row).collect();
     format!(

@@ -44,20 +44,22 @@ impl Show<'_> {
         names.zip(STRUCTURE_COLOURS.into_iter().cycle())
     }
 
-    /// The structures that are there, the highest first: the names' lines then cross seldom.
+    /// The structures that are there, the highest first: the names' lines then cross seldom. None without images.
     ///
     /// # Errors
     /// When a distance field cannot be made.
     pub fn bodies(&self) -> Result<Vec<Body>, ImageError> {
-        let size = extent(&self.target(None));
+        let Some(images) = &self.images else { return Ok(Vec::new()) };
+        let size = extent(&images.target(None));
         let mut bodies = Vec::new();
         for (n, (name, colour)) in self.structure_colours().enumerate() {
-            let surface = self.structure(n)?;
+            let surface = images.around(n, 0.0)?;
             if !surface.is_empty() {
+                let clearance_mm = self.plan.record.case.structures[n].clearance_mm;
                 bodies.push(Body {
                     name: name.to_owned(),
                     colour,
-                    shell: self.shell(n)?,
+                    shell: images.around(n, clearance_mm)?,
                     large: extent(&surface) > size,
                     surface,
                     name_at: [0.0; 3],
@@ -85,8 +87,9 @@ impl Show<'_> {
 
     /// Sides of the scene's box and its diagonal, mm.
     fn sides(&self) -> ([f32; 3], f32) {
-        let grid = self.scene.class.grid();
-        let sides: [f32; 3] = std::array::from_fn(|a| grid.dims()[a] as f32 * grid.spacing_mm()[a] as f32);
+        let record = &self.plan.record;
+        let spacing_mm = record.case.grid.spacing_mm as f32;
+        let sides = record.grid.dims.map(|voxels| voxels as f32 * spacing_mm);
         (sides, sides.iter().map(|s| s * s).sum::<f32>().sqrt())
     }
 }

@@ -12,21 +12,22 @@ pub struct Frame {
     pub time_s: f64,
     /// The surface of the target that is still there.
     pub target: Surface,
-    /// The slice of each of [`PLANES`], and the burr's centre on it ([`Show::pixel`]).
+    /// The slice of each of [`PLANES`], and the burr's centre on it ([`super::Images::pixel`]).
     pub slices: [(Slice, [f32; 2]); 3],
 }
 
 impl Show<'_> {
-    /// About `most` of the moments, drawn; the first and the last among them.
+    /// About `most` of the moments, drawn; the first and the last among them. None without images.
     pub fn frames(&self, moments: &[Moment], most: usize) -> Vec<Frame> {
+        let Some(images) = &self.images else { return Vec::new() };
         let step = moments.len().div_ceil(most.max(1)).max(1);
         let last = moments.len().saturating_sub(1);
         let drawn = |m: &Moment| {
             cancel::poll();
             let burr: Point<Work> = Point::from_coords(m.tool.translation_mm);
             let index = m.waypoint as u32;
-            let slices = PLANES.each_ref().map(|p| (self.slice(p, burr, index), self.pixel(p, burr)));
-            Frame { time_s: m.time_s, target: self.target(Some(index)), slices }
+            let slices = PLANES.each_ref().map(|p| (images.slice(p, burr, index), images.pixel(p, burr)));
+            Frame { time_s: m.time_s, target: images.target(Some(index)), slices }
         };
         let chosen: Vec<_> = (0..moments.len()).filter(|n| n % step == 0 || *n == last).collect();
         chosen.into_par_iter().map(|n| drawn(&moments[n])).collect()

@@ -1,6 +1,6 @@
 //! What a viewer draws of a finished plan, without knowing any viewer: surfaces, slices, colours, motion.
 //!
-//! Read anew from the plan's own images and files; everything is in the work frame, whose z is the approach, out of the
+//! Read anew from the plan's own images and files, and without its images where they are missing; everything is in the work frame, whose z is the approach, out of the
 //! bone. The removal times come from the waypoints as they stand in the file, the motion from the trajectory by forward
 //! kinematics: what is drawn is what would be executed. Nothing here judges or computes forces.
 
@@ -13,7 +13,7 @@ mod plot;
 mod slice;
 mod surface;
 
-use bonemill_geometry::{Point, Rigid, Volume, Work};
+use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
 use bonemill_imaging::{Class, Scene};
 use rayon::prelude::*;
 
@@ -40,32 +40,35 @@ pub const CUT: u8 = 2;
 /// Code of the case's first structure.
 pub const FIRST_STRUCTURE: u8 = 3;
 
-/// A plan with its images, ready to be drawn.
+/// A plan ready to be drawn.
 #[derive(Debug)]
 pub struct Show<'a> {
     plan: &'a StoredPlan,
-    scene: Scene,
+    work_from_ct: Rigid<Work, Ct>,
     path: Vec<Point<Work>>,
+    images: Option<Images>,
+}
+
+/// What is drawn of a plan's images: target, structures, slices.
+#[derive(Debug)]
+pub struct Images {
+    scene: Scene,
     removal: RemovalTime,
     /// Structure of each voxel by its code, else [`NOTHING`].
     structure: Volume<u8, Work>,
 }
 
 impl<'a> Show<'a> {
-    /// Reads a plan's images and lays its path through them.
+    /// Reads a plan's images and lays its path through them. Where one of its inputs is missing, the rest is drawn without
+    /// them.
     ///
     /// # Errors
-    /// [`PlanError`] when the images cannot be read.
+    /// [`PlanError`] when images that are there cannot be read.
     pub fn read(plan: &'a StoredPlan, progress: &dyn Progress) -> Result<Self, PlanError> {
-        let scene = scene_of(&plan.record.case, &plan.case_path(), progress)?;
-        progress.stage("removal");
-        let work_from_ct = scene.ct_from_work.inverse();
+        let work_from_ct = plan.record.ct_from_grid().inverse();
         let path: Vec<_> = plan.waypoints.iter().map(|w| work_from_ct * w.position).collect();
-        let mut removal = RemovalTime::new(scene.class.grid());
-        let radius_mm = plan.record.case.burr.radius_mm;
-        removal.sweep(0..path.len() as u32, |n| path[n as usize], radius_mm, |_| ());
-        let structure = structures(&scene);
-        Ok(Self { plan, scene, path, removal, structure })
+        let images = plan.images_found().then(|| Images::read(plan, &path, progress)).transpose()?;
+        Ok(Self { plan, work_from_ct, path, images })
     }
 
     /// The plan.
@@ -73,9 +76,9 @@ impl<'a> Show<'a> {
         self.plan
     }
 
-    /// The scene.
-    pub fn scene(&self) -> &Scene {
-        &self.scene
+    /// What is drawn of its images, where they were found.
+    pub fn images(&self) -> Option<&Images> {
+        self.images.as_ref()
     }
 
     /// The burr's centre at every waypoint.
@@ -85,7 +88,19 @@ impl<'a> Show<'a> {
 
     /// Where the arm's base is.
     pub fn work_from_base(&self) -> Rigid<Work, bonemill_geometry::Base> {
-        (self.plan.record.base_from_ct * self.scene.ct_from_work).inverse()
+        self.work_from_ct * self.plan.record.base_from_ct.inverse()
+    }
+}
+
+impl Images {
+    fn read(plan: &StoredPlan, path: &[Point<Work>], progress: &dyn Progress) -> Result<Self, PlanError> {
+        let scene = scene_of(plan, progress)?;
+        progress.stage("removal");
+        let mut removal = RemovalTime::new(scene.class.grid());
+        let radius_mm = plan.record.case.burr.radius_mm;
+        removal.sweep(0..path.len() as u32, |n| path[n as usize], radius_mm, |_| ());
+        let structure = structures(&scene);
+        Ok(Self { scene, removal, structure })
     }
 
     /// Code of a voxel once waypoint `index` is reached.

@@ -34,7 +34,6 @@ impl Show<'_> {
         let last = rows.len().saturating_sub(1);
         let chosen = (0..last).step_by(step).chain([last]);
         let work_from_base = self.work_from_base();
-        let work_from_ct = self.scene.ct_from_work.inverse();
         let mut waypoint = 0;
         let mut moments = Vec::with_capacity(last / step + 2);
         for row in chosen.filter(|row| *row < rows.len()) {
@@ -54,7 +53,7 @@ impl Show<'_> {
                     .waypoints
                     .get(waypoint)
                     .filter(|w| w.mass_mg > 0.0)
-                    .map(|w| work_from_ct.rotate(&w.force_n)),
+                    .map(|w| self.work_from_ct.rotate(&w.force_n)),
             });
         }
         Ok(moments)

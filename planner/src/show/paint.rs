@@ -66,7 +66,15 @@ impl Show<'_> {
             };
             text += &format!("| {} | {row} |\n", paint.name);
         }
-        text += "\n**Slices** go through the burr (white circle): CT, target lime, cut black, structures in their colours.\n";
+        if self.images().is_some() {
+            text += "\n**Slices** go through the burr (white circle): CT, target lime, cut black, structures in their colours.\n";
+        } else {
+            text += "\n**Without images**: target, structures and slices are not drawn.\n";
+        }
+        let missing = plan.inputs.missing().iter();
+        text.extend(
+            missing.map(|input| format!("\n- not found: {input}; its folder can be named with --inputs DIR")),
+        );
         for problem in plan.record.shortfalls.iter().chain(&plan.record.warnings) {
             text += &format!("\n- {problem}");
         }

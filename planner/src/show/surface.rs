@@ -4,7 +4,7 @@ use bonemill_geometry::{Frame, Grid, Mesh, Point, Volume, Work};
 use bonemill_imaging::{Class, ImageError, distance_only, surface::iso_surface};
 use nalgebra::{Matrix3, Vector3};
 
-use super::{FIRST_STRUCTURE, Show};
+use super::{FIRST_STRUCTURE, Images};
 
 /// A triangle surface with a normal per vertex, single precision, work frame, mm.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -41,7 +41,7 @@ impl Surface {
     }
 }
 
-impl Show<'_> {
+impl Images {
     /// The surface of the target, air cells included, as far as it is still there once waypoint `index` is reached; `None`:
     /// all of it. On cells of two voxels, which takes nothing away that the eye can see.
     pub fn target(&self, index: Option<u32>) -> Surface {
@@ -55,25 +55,12 @@ impl Show<'_> {
         }
     }
 
-    /// The surface of the case's structure `n`, as far as it lies in the scene.
+    /// The surface `offset_mm` around the case's structure `n`, as far as it lies in the scene; between voxel centres, so
+    /// good for the eye only.
     ///
     /// # Errors
     /// When a distance field cannot be made.
-    pub fn structure(&self, n: usize) -> Result<Surface, ImageError> {
-        self.around(n, 0.0)
-    }
-
-    /// The surface at the clearance that is kept from structure `n`.
-    ///
-    /// # Errors
-    /// When a distance field cannot be made.
-    pub fn shell(&self, n: usize) -> Result<Surface, ImageError> {
-        let clearance_mm = self.plan.record.case.structures.get(n).map_or(0.0, |s| s.clearance_mm);
-        self.around(n, clearance_mm)
-    }
-
-    /// The surface `offset_mm` around structure `n`; between voxel centres, so good for the eye only.
-    fn around(&self, n: usize, offset_mm: f64) -> Result<Surface, ImageError> {
+    pub fn around(&self, n: usize, offset_mm: f64) -> Result<Surface, ImageError> {
         let code = u8::try_from(n).ok().and_then(|n| FIRST_STRUCTURE.checked_add(n));
         let mask = self.structure.map(|c| Some(*c) == code);
         let Some(distance_mm) = distance_only(&mask)? else { return Ok(Surface::default()) };

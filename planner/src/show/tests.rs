@@ -7,7 +7,7 @@ use bonemill_imaging::{PHANTOM_CASE_FILE, write_phantom};
 
 use super::*;
 use crate::case::Case;
-use crate::plan::{Replace, StagedDirectory, save};
+use crate::plan::{Need, Replace, StagedDirectory, save};
 
 struct Silent;
 impl Progress for Silent {
@@ -42,32 +42,36 @@ fn what_is_drawn_is_what_the_plan_does() {
     let dir = tempfile::tempdir().unwrap();
     let stored = StoredPlan::load(&small_plan(dir.path())).unwrap();
     let show = Show::read(&stored, &Silent).unwrap();
+    let images = show.images().unwrap();
     let last = stored.waypoints.len() as u32 - 1;
 
     // the target shrinks by what the plan says
-    let whole = volume_mm3(&show.target(None));
-    let left = [last / 4, last / 2, last].map(|i| volume_mm3(&show.target(Some(i))));
+    let whole = volume_mm3(&images.target(None));
+    let left = [last / 4, last / 2, last].map(|i| volume_mm3(&images.target(Some(i))));
     assert!(whole > left[0] && left[0] > left[1] && left[1] > left[2] && left[2] > 0.0, "{whole} {left:?}");
     let metrics = &stored.record.metrics;
     assert!((whole / metrics.target_mm3 - 1.0).abs() < 0.03, "{whole}");
     assert!(((whole - left[2]) / metrics.removed_mm3 - 1.0).abs() < 0.05, "{whole} {left:?}");
 
     // the shell is around the nerve
-    let (nerve, shell) = (show.structure(0).unwrap(), show.shell(0).unwrap());
+    let (nerve, shell) = (
+        images.around(0, 0.0).unwrap(),
+        images.around(0, stored.record.case.structures[0].clearance_mm).unwrap(),
+    );
     assert!(!nerve.is_empty() && volume_mm3(&shell) > 2.0 * volume_mm3(&nerve));
-    assert!(show.structure(1).unwrap().is_empty());
+    assert!(images.around(1, 0.0).unwrap().is_empty());
     assert!(nerve.normals.iter().all(|n| (n.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-4));
 
     // slices: the same voxels, cut one after the other
     // through the deepest place of the burr: every plane there meets the cavity
     let mid = *show.path().iter().min_by(|a, b| a.z().total_cmp(&b.z())).unwrap();
     for plane in &PLANES {
-        let [before, after] = [0, last].map(|i| show.slice(plane, mid, i));
+        let [before, after] = [0, last].map(|i| images.slice(plane, mid, i));
         assert_eq!(before.code.len(), before.width * before.height);
         let count = |s: &Slice, code| s.code.iter().filter(|c| **c == code).count();
         assert!(count(&after, CUT) > 0 && count(&before, CUT) < count(&after, CUT));
         assert_eq!(count(&before, TARGET) + count(&before, CUT), count(&after, TARGET) + count(&after, CUT));
-        let [x, y] = show.pixel(plane, mid);
+        let [x, y] = images.pixel(plane, mid);
         assert!(x > 0.0 && x < before.width as f32 && y > 0.0 && y < before.height as f32);
     }
 
@@ -92,8 +96,8 @@ fn what_is_drawn_is_what_the_plan_does() {
     {
         let burr = Point::<Work>::from_coords(moment.tool.translation_mm);
         assert_eq!(frame.time_s, moment.time_s);
-        assert_eq!(frame.target, show.target(Some(moment.waypoint as u32)));
-        assert_eq!(frame.slices[1].0, show.slice(&PLANES[1], burr, moment.waypoint as u32));
+        assert_eq!(frame.target, images.target(Some(moment.waypoint as u32)));
+        assert_eq!(frame.slices[1].0, images.slice(&PLANES[1], burr, moment.waypoint as u32));
     }
 
     // structures are drawn with names that stand beside the bone and lead to them
@@ -126,4 +130,26 @@ fn what_is_drawn_is_what_the_plan_does() {
             assert!(curve.values.iter().all(|v| *v > plot.values[0] && *v < plot.values[1]));
         }
     }
+}
+
+#[test]
+fn a_plan_without_its_images_is_drawn_as_far_as_its_own_files_go() {
+    let dir = tempfile::tempdir().unwrap();
+    let plan = small_plan(dir.path());
+    let away = dir.path().join("away/plan");
+    std::fs::create_dir(dir.path().join("away")).unwrap();
+    std::fs::rename(&plan, &away).unwrap();
+    let stored = StoredPlan::load_with(&away, None, Need::Unchanged).unwrap();
+    let show = Show::read(&stored, &Silent).unwrap();
+    assert!(show.images().is_none() && show.bodies().unwrap().is_empty());
+    let moments = show.moments(20).unwrap();
+    assert!(moments.len() > 10 && show.frames(&moments, 10).is_empty());
+    assert_eq!(show.path().len(), stored.waypoints.len());
+    assert!(show.plots(&moments).len() == 5 && show.eye()[0].iter().all(|x| x.is_finite()));
+    let about = show.about();
+    assert!(about.contains("slices are not drawn") && about.contains("ct.nii.gz (SHA-256 "), "{about}");
+    // with its images named, it is drawn whole, from the same places
+    let found = StoredPlan::load_with(&away, Some(&dir.path().join("case")), Need::All).unwrap();
+    let whole = Show::read(&found, &Silent).unwrap();
+    assert!(whole.images().is_some() && whole.path() == show.path() && whole.eye() == show.eye());
 }

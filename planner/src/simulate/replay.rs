@@ -18,7 +18,7 @@ use super::{Amount, Engine, EngineError, EngineSpec, ForceModel, ModelName, Move
 use crate::Progress;
 use crate::burr::{Discretisation, ElementGrid, Measure, ModelError, Tool};
 use crate::pipeline::near::{self, Near};
-use crate::pipeline::{PlanError, inputs, setup};
+use crate::pipeline::{PlanError, scene_of, setup};
 use crate::plan::StoredPlan;
 use crate::toward::{StructureFigures, TowardSpan};
 
@@ -165,11 +165,7 @@ impl SimulationSetup {
     /// [`SimulateError::Images`] for images that cannot be read.
     pub fn read(plan: &StoredPlan, progress: &dyn Progress) -> Result<Self, SimulateError> {
         let case = &plan.record.case;
-        progress.stage("read images");
-        let inputs = inputs::read_inputs(case, &plan.case_path())?;
-        progress.stage("scene");
-        let scene = inputs::make_scene(case, &inputs)?;
-        drop(inputs);
+        let scene = scene_of(plan, progress)?;
         let density_g_cm3 = solid_density(&scene, &case.density.table)?;
         let tool = setup::tool(&case.burr)?;
         let (material, measure) = setup::material(&case.material)?;

@@ -63,6 +63,13 @@ pub struct StructureRisk {
     pub clearance_mm: f64,
 }
 
+impl StructureRisk {
+    /// Whether it was shown to be touched more often than `keep` allows: already the interval's lower end is too much.
+    pub fn falls_short(&self, keep: f64) -> bool {
+        self.touched.low > 1.0 - keep
+    }
+}
+
 /// A force and what it may be.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForceSpread {
@@ -143,7 +150,7 @@ pub fn simulate_errors(
 ) -> Result<Risk, UncertaintyError> {
     model.check()?;
     progress.stage("draw errors");
-    let anatomy = Anatomy::read(&plan.record.case, &plan.ct_path(), &plan.labels_path())?;
+    let anatomy = Anatomy::read(plan)?;
     let places = places(plan);
     let radius = plan.record.case.burr.radius_mm;
     let structures = anatomy

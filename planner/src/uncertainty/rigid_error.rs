@@ -73,6 +73,11 @@ impl RigidError {
         Self::new(Matrix6::from_diagonal(&sigmas.component_mul(&sigmas)), about)
     }
 
+    /// Standard deviations along (mm) and about (rad) ct's axes.
+    pub fn sigmas(&self) -> [f64; 6] {
+        std::array::from_fn(|n| self.covariance[(n, n)].sqrt())
+    }
+
     /// In how many independent ways it varies, 0 to 6.
     pub fn rank(&self) -> usize {
         self.rank

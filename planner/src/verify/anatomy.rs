@@ -2,14 +2,13 @@
 //!
 //! Read anew from the plan's inputs. Everything is a function of a point in ct; no grid of the planner's is involved.
 
-use std::path::Path;
-
 use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
-use bonemill_imaging::{LabelNames, read_ct, read_label_names, read_labels};
+use bonemill_imaging::{LabelNames, label_names_path, read_ct, read_label_names, read_labels};
 use nalgebra::Vector3;
 
 use super::VerifyError;
-use crate::case::{Case, LabelRef, Target};
+use crate::case::{LabelRef, Target};
+use crate::plan::StoredPlan;
 
 /// HU of what lies beyond the scan.
 const OUTSIDE_HU: f64 = -1000.0;
@@ -53,16 +52,19 @@ pub struct Anatomy {
 }
 
 impl Anatomy {
-    /// Reads the images of a case.
+    /// Reads the images of a plan's case.
     ///
     /// # Errors
     /// [`VerifyError::Image`] when a file cannot be read or trusted, [`VerifyError::LabelName`] for a name without number.
-    pub fn read(case: &Case, ct_path: &Path, labels_path: &Path) -> Result<Self, VerifyError> {
+    pub fn read(plan: &StoredPlan) -> Result<Self, VerifyError> {
+        let case = &plan.record.case;
+        let images = &case.images;
         let (ct, labels) = rayon::join(
-            || read_ct(ct_path, case.images.ct_affine),
-            || read_labels(labels_path, case.images.labels_affine),
+            || read_ct(plan.input_path(&images.ct), images.ct_affine),
+            || read_labels(plan.input_path(&images.labels), images.labels_affine),
         );
-        let (ct, labels, names) = (ct?.volume, labels?.volume, read_label_names(labels_path)?);
+        let names = read_label_names(plan.input_path(&label_names_path(&images.labels)))?;
+        let (ct, labels) = (ct?.volume, labels?.volume);
         let number = |label: &LabelRef| number(label, names.as_ref());
         let aim = match &case.target {
             Target::Label(label) => Aim::Label(number(label)?),

@@ -82,7 +82,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     }
     progress.stage("read images");
     let case = &plan.record.case;
-    let anatomy = Anatomy::read(case, &plan.ct_path(), &plan.labels_path())?;
+    let anatomy = Anatomy::read(plan)?;
     let boxes: Vec<Option<Boxes<'_>>> =
         anatomy.kept.iter().map(|kept| Boxes::new(&anatomy.labels, kept.label)).collect();
     let mut checks = provenance::provenance(plan, &read_case_text(plan)?)?;

@@ -10,7 +10,7 @@ use nalgebra::{Rotation3, Vector3};
 use super::VerifyError;
 use super::check::{Check, Place};
 use crate::case::{Case, Registration};
-use crate::plan::{Sha256, StoredPlan, input_path};
+use crate::plan::{Sha256, StoredPlan};
 
 /// Rounding of frames written and read back.
 const ROUNDING: f64 = 1e-9;
@@ -30,10 +30,10 @@ pub fn provenance(plan: &StoredPlan, case_text: &str) -> Result<Vec<Check>, Veri
 
 fn inputs(plan: &StoredPlan) -> Check {
     let record = &plan.record;
-    let changed = record.inputs.iter().filter(|input| {
-        let path = input_path(&plan.dir, &record.case_file, &input.path);
-        Sha256::of_file(&path).ok() != Some(input.sha256)
-    });
+    let changed = record
+        .inputs
+        .iter()
+        .filter(|input| Sha256::of_file(&plan.input_path(&input.path)).ok() != Some(input.sha256));
     let changed: Vec<String> = changed.map(|input| input.path.display().to_string()).collect();
     let check = Check::none_wrong("inputs unchanged", changed.len());
     if changed.is_empty() { check } else { check.at(Place::Named(changed.join(", "))) }
@@ -133,11 +133,13 @@ fn misfit(base_from_ct: &Rigid<Base, Ct>, ct_mm: &[[f64; 3]], base_mm: &[[f64; 3
 /// The plan's URDF is the one of the arm that the case names.
 fn arm(plan: &StoredPlan) -> Result<Check, VerifyError> {
     let robot = &plan.record.case.robot;
-    let beside = |path: &Path| input_path(&plan.dir, &plan.record.case_file, path);
     let named = match (robot.model.as_str(), UrModel::by_name(&robot.model)) {
         ("bone-attached", _) => Arm::bone_attached()?,
-        (_, Some(model)) => read_ur(model, robot.calibration.as_deref().map(beside).as_deref())?,
-        (path, None) => read_urdf(&beside(Path::new(path)))?,
+        (_, Some(model)) => {
+            let calibration = robot.calibration.as_deref().map(|path| plan.input_path(path));
+            read_ur(model, calibration.as_deref())?
+        }
+        (path, None) => read_urdf(&plan.input_path(Path::new(path)))?,
     };
     let same = named.urdf_text() == plan.arm.urdf_text();
     let check = Check::none_wrong("arm of the case", usize::from(!same)).of(robot.model.clone());

@@ -10,8 +10,11 @@ Units are mm, s, N, N/mm², rad, g/cm³, mg; names end in theirs. Arrays are ind
 medical device.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from ._arm import Arm, Joint
 from ._case import Case, phantom
+from ._compare import Comparison, compare
 from ._errors import (
     ArrayError,
     BonemillError,
@@ -42,8 +45,11 @@ from ._judge import (
     verify,
 )
 from ._native import __version__
-from ._plan import Plan, Structure, plan
+from ._plan import Frames, Plan, Structure, plan
 from ._view import view
+
+if TYPE_CHECKING:
+    from . import cohort, stream
 
 __all__ = [
     "Arm",
@@ -54,10 +60,12 @@ __all__ = [
     "Case",
     "CaseError",
     "Check",
+    "Comparison",
     "Disc",
     "Errors",
     "Estimate",
     "ForceSpread",
+    "Frames",
     "ImageError",
     "InfeasibleError",
     "Joint",
@@ -79,11 +87,23 @@ __all__ = [
     "ball_volumes",
     "burr_force",
     "calibrate",
+    "cohort",
+    "compare",
     "distance_transform",
     "engagement_metrics",
     "phantom",
     "plan",
     "simulate",
+    "stream",
     "verify",
     "view",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """``bonemill.cohort`` and ``bonemill.stream``, imported when first used: they bring much that planning does without."""
+    if name in ("cohort", "stream"):
+        from importlib import import_module
+
+        return import_module(f".{name}", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import re
-from collections.abc import Mapping
+import shutil
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,32 +70,55 @@ class Case:
         if ct is None and labels is None:
             raise ArrayError("with_images needs ct, labels or both")
         folder = _folders.temporary()
-        own = dict(zip(("ct", "labels"), self._image_paths()))
+        own_labels = self._path.parent / dict(self._native.files())["images.labels"]
         named: dict[str, str] = {}
         for name, image in (("ct", ct), ("labels", labels)):
-            if image is None:
-                named[name] = os.path.abspath(own[name])
-            elif _images.is_path(image):
-                named[name] = os.path.abspath(os.fspath(image))  # type: ignore[arg-type]
-            else:
-                named[name] = f"{name}.nii"
-                _images.write(Path(folder.name, named[name]), name, image)
-        beside = own["labels"].with_name("labels.json")
-        target = Path(folder.name, named["labels"]).with_name("labels.json")
+            if _images.is_path(image):
+                named[f"images.{name}"] = os.path.abspath(os.fspath(image))  # type: ignore[arg-type]
+            elif image is not None:
+                named[f"images.{name}"] = f"{name}.nii"
+                _images.write(Path(folder.name, f"{name}.nii"), name, image)
+        target = Path(folder.name, named.get("images.labels", own_labels)).with_name("labels.json")
+        beside = own_labels.with_name("labels.json")
         if label_names is not None:
             if target.parent != Path(folder.name):
                 raise ArrayError("label_names are for labels in memory; a file has them in the labels.json beside it")
             target.write_text(json.dumps(dict(label_names), indent=2) + "\n", encoding="utf-8")
         elif target.parent == Path(folder.name) and beside.exists():
             target.write_bytes(beside.read_bytes())
-        text = self.to_toml()
-        for name, file in named.items():
-            entry = f"{name} = {json.dumps(file)}"
-            text = re.sub(rf"(?m)^{name} = .*$", lambda _, entry=entry: entry, text, count=1)  # type: ignore[misc]
-        for name in ("calibration", "model"):
-            # an arm's own files stay where they are
-            text = re.sub(rf'(?m)^{name} = "(.+\.\w+)"$', lambda m, n=name: f"{n} = {json.dumps(self._beside(m[1]))}", text)  # type: ignore[misc]
+        return self._moved(named, folder)
+
+    def with_values(self, values: Mapping[str, Any]) -> Case:
+        """The same case with other values: for sweeps.
+
+        Args:
+            values: by full key, as in docs/case.md: ``{"path.step_mm": 0.2, "structure.facial_nerve.clearance_mm": 1.5}``; a
+                structure's keys are ``structure.NAME.KEY``. Numbers, texts, booleans, lists and dicts, numpy's too; None
+                takes a key out, so that its default holds. What follows from a key (e.g. the stepover from the burr's
+                radius) follows from its new value, unless the case gives it. Paths are relative to this case.
+
+        Raises:
+            CaseError: an unknown key or structure, with the nearest that there is; a value that the case refuses.
+        """
+        return self._moved(values, _folders.temporary())
+
+    def _moved(self, values: Mapping[str, Any], folder: TemporaryDirectory[str]) -> Case:
+        """The case with these values, in a temporary folder; its own files stay where they are, those in memory go along."""
+        if self._folder is not None:
+            for entry in Path(self._folder.name).iterdir():
+                if not Path(folder.name, entry.name).exists():
+                    shutil.copyfile(entry, Path(folder.name, entry.name))
+        given = [(str(key), None if value is None else _toml(str(key), value)) for key, value in values.items()]
+        text = _native.with_values(self._text, self._path, given)
+        # checked before paths change, so that messages name this case
+        files = _native.Case(text, self._path).files()
+        away = [
+            (key, json.dumps(os.path.abspath(self._path.parent / name), ensure_ascii=False))
+            for key, name in files
+            if not Path(folder.name, name).exists()
+        ]
         home = Path(folder.name, "case.toml")
+        text = _native.with_values(text, self._path, away)
         home.write_text(text, encoding="utf-8")
         return Case._make(text, home, folder)
 
@@ -112,13 +135,6 @@ class Case:
     def to_toml(self) -> str:
         """The case as it is understood: every default spelled out."""
         return self._native.to_toml()
-
-    def _image_paths(self) -> tuple[Path, Path]:
-        ct, labels = self._native.images()
-        return self._path.parent / ct, self._path.parent / labels
-
-    def _beside(self, name: str) -> str:
-        return os.path.abspath(self._path.parent / name)
 
     def _unchanged(self) -> None:
         """A plan records the digest of its case file, so the file must still be the case."""
@@ -141,6 +157,23 @@ class Case:
             return _restore, (self._text, os.path.abspath(self._path))
         files = {entry.name: entry.read_bytes() for entry in Path(self._folder.name).iterdir()}
         return _restore_files, (self._text, files)
+
+
+def _toml(key: str, value: Any) -> str:
+    """A value as TOML on one line."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (bool, str)):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, (int, float)):
+        return repr(value)
+    if isinstance(value, os.PathLike):
+        return json.dumps(os.fspath(value), ensure_ascii=False)
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{json.dumps(str(k))} = {_toml(key, v)}" for k, v in value.items()) + " }"
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(_toml(key, v) for v in value) + "]"
+    raise CaseError(f"{key} = {value!r}: expected a number, text, boolean, list or dict")
 
 
 def _read(path: Path) -> str:

@@ -195,7 +195,7 @@ def verify(
             coefficients: how likely it touches each structure, how far forces are off.
         errors: how large they are; with ``samples``.
         save: also write ``verification.toml`` and its part of ``report.html`` into the plan's folder, as the command does;
-            for a plan that was loaded. They say nothing of drawn errors.
+            for a plan that was loaded. What drawn errors do stands in the report alone.
         progress: told ``(stage, done, of)``; what it raises stops the work, and so does Ctrl-C.
 
     Raises:
@@ -297,7 +297,7 @@ def _log(log: NDArray[np.void] | Mapping[str, Any]) -> NDArray[np.float64]:
 @contextmanager
 def _on_disk(plan: Plan, save: bool) -> Iterator[Path | None]:
     """Where a plan of this process lies meanwhile; None for one that has a folder of its own."""
-    if plan._made.has_folder():
+    if plan._made.home() is not None:
         yield None
         return
     if save:

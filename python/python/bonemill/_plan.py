@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ from ._case import Case
 
 if TYPE_CHECKING:
     from tempfile import TemporaryDirectory
+
+_Kind = TypeVar("_Kind", bound=np.generic)
 
 Progress = Callable[[str, int, int], object]
 """``progress(stage, done, of)``: a stage begins with 0, 0. What it raises stops the work."""
@@ -32,6 +34,27 @@ class Structure(NamedTuple):
     priority: int
 
 
+class Frames(NamedTuple):
+    """Where a plan's frames are: 4 × 4 matrices, mm; ``a_from_b`` takes coordinates of b to coordinates of a.
+
+    ct is the scan's RAS+ mm world, in which waypoints are; neighbours match in a product:
+    ``base_from_ct @ ct_from_work``.
+    """
+
+    ct_from_work: NDArray[np.float64]
+    """work: origin at the planning grid's first voxel centre, z the approach; ``theta_rad`` and ``phi_rad`` are its angles."""
+    ct_from_grid: NDArray[np.float64]
+    """The planning grid: work turned about z, so that voxel [i, j, k] has its centre at ``grid_spacing_mm`` · (i, j, k)."""
+    base_from_ct: NDArray[np.float64]
+    """The registration that was used."""
+    flange_from_burr: NDArray[np.float64]
+    """The tool on the arm's flange: origin the burr's centre, z to the handpiece."""
+    grid_shape: tuple[int, int, int]
+    """Voxels of the planning grid."""
+    grid_spacing_mm: float
+    """Their side."""
+
+
 class Plan:
     """A plan: made by `plan`, or read with `Plan.load`. It does not change.
 
@@ -42,41 +65,66 @@ class Plan:
     _made: _native.Plan
     _case: Case | None
     _folder: TemporaryDirectory[str] | None
+    _pack: bool
+    _inputs: Path | None
 
     def __init__(self) -> None:
         raise TypeError("use bonemill.plan(case) or Plan.load(dir)")
 
     @classmethod
     def _make(
-        cls, native: _native.Plan, case: Case | None, folder: TemporaryDirectory[str] | None = None
+        cls,
+        native: _native.Plan,
+        case: Case | None,
+        *,
+        folder: TemporaryDirectory[str] | None = None,
+        pack: bool = False,
+        inputs: Path | None = None,
     ) -> Plan:
         plan = object.__new__(cls)
-        plan._made, plan._case, plan._folder = native, case, folder
+        plan._made, plan._case, plan._folder, plan._pack, plan._inputs = native, case, folder, pack, inputs
         return plan
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Plan:
+    def load(cls, path: str | os.PathLike[str], *, inputs: str | os.PathLike[str] | None = None) -> Plan:
         """Reads a plan's folder.
+
+        Args:
+            path: the folder.
+            inputs: a folder in which the plan's inputs (CT, labels, case …) are looked for as well, by name and by content:
+                for a plan that was moved or sent. Without them it can be read and exported, not simulated or verified.
 
         Raises:
             PlanFileError: a file is missing or not one of ours, or an input has changed since the plan was made.
         """
-        return cls._make(_native.Plan.load(Path(path)), None)
+        folder = None if inputs is None else Path(inputs)
+        return cls._make(_native.Plan.load(Path(path), folder), None, inputs=folder)
 
-    def save(self, path: str | os.PathLike[str]) -> Path:
-        """Writes ``plan.toml``, ``waypoints.csv``, ``forces.csv``, ``trajectory.csv``, ``robot.urdf``, ``report.html`` and two notes.
+    def save(self, path: str | os.PathLike[str], *, pack: bool = False) -> Path:
+        """Writes ``plan.toml``, ``waypoints.csv``, ``forces.csv``, ``trajectory.csv``, ``robot.urdf``, ``report.html``, the case and
+        notes.
 
         The folder appears whole or not at all; a plan that stands there is replaced, anything else is refused. The bytes
         are those that the command writes. Images in memory are kept in the plan, in ``inputs``.
+
+        Args:
+            path: the folder to write.
+            pack: keep copies of all inputs in the plan, so that it can be moved or sent as it is; also done when the plan
+                was made with ``pack=True`` or was read with such copies.
 
         Returns:
             The folder, absolute.
 
         Raises:
-            PlanFileError: the folder cannot be written, or holds something else.
+            PlanFileError: the folder cannot be written, or holds something else; an input to be copied is missing.
         """
         in_memory = self._case is not None and self._case._folder is not None
-        return self._made.save(Path(path), in_memory)
+        return self._made.save(Path(path), pack or self._pack, in_memory)
+
+    @property
+    def missing_inputs(self) -> list[str]:
+        """The inputs that were not found when the plan was read, each with its recorded place and digest."""
+        return self._made.missing_inputs()
 
     @property
     def case(self) -> Case:
@@ -176,6 +224,13 @@ class Plan:
         return tuple(Structure(*row) for row in self._made.structure_rows())
 
     @cached_property
+    def frames(self) -> Frames:
+        """Where work, grid, base and burr are."""
+        matrices = {name: _fixed(matrix) for name, matrix in self._made.frames()}
+        shape, spacing_mm = self._made.grid()
+        return Frames(**matrices, grid_shape=tuple(shape), grid_spacing_mm=spacing_mm)
+
+    @cached_property
     def arm(self) -> Arm:
         """The arm, within the case's limits."""
         return Arm(self._made.robot())
@@ -191,10 +246,11 @@ class Plan:
         with _folders.temporary() as folder:
             saved = self.save(Path(folder, "plan"))
             files = {p.relative_to(saved).as_posix(): p.read_bytes() for p in saved.rglob("*") if p.is_file()}
-        return _restore, (files, os.path.abspath(self._made.case_path()))
+        inputs = None if self._inputs is None else os.path.abspath(self._inputs)
+        return _restore, (files, os.path.abspath(self._made.case_path()), inputs, self._pack)
 
 
-def _restore(files: dict[str, bytes], case_path: str) -> Plan:
+def _restore(files: dict[str, bytes], case_path: str, inputs: str | None, pack: bool) -> Plan:
     folder = _folders.temporary()
     home = Path(folder.name, "plan")
     for name, content in files.items():
@@ -202,28 +258,34 @@ def _restore(files: dict[str, bytes], case_path: str) -> Plan:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
     record = home / "plan.toml"
-    if not any(name.endswith("/case.toml") for name in files):
+    if not any(name.startswith("inputs/") for name in files):
         # the case stayed where it is, seen from here
         away = json.dumps(os.path.relpath(case_path, os.path.realpath(home)))
         text = record.read_text(encoding="utf-8")
         record.write_text(
             re.sub(r"(?m)^case_file = .*$", lambda _: f"case_file = {away}", text, count=1), encoding="utf-8"
         )
-    return Plan._make(_native.Plan.load(home), None, folder)
+    found = None if inputs is None else Path(inputs)
+    return Plan._make(_native.Plan.load(home, found), None, folder=folder, pack=pack, inputs=found)
 
 
-def _fixed(rows: NDArray[np.void]) -> NDArray[np.void]:
+def _fixed(rows: NDArray[_Kind]) -> NDArray[_Kind]:
     rows.flags.writeable = False
     return rows
 
 
 def plan(
-    case: Case | str | os.PathLike[str], *, progress: Progress | None = None, threads: int | None = None
+    case: Case | str | os.PathLike[str],
+    *,
+    pack: bool = False,
+    progress: Progress | None = None,
+    threads: int | None = None,
 ) -> Plan:
     """Plans a case. The numbers are those of the command, whatever the number of threads.
 
     Args:
         case: a `Case`, or a case file.
+        pack: `Plan.save` keeps copies of all inputs in the plan's folder, so that it can be moved or sent as it is.
         progress: told ``(stage, done, of)`` in the calling thread; what it raises stops the planning.
         threads: worker threads; default: one per core.
 
@@ -236,4 +298,4 @@ def plan(
     asked = case if isinstance(case, Case) else Case.load(case)
     asked._unchanged()
     count = None if threads is None else _arrays.whole("threads", threads, 1, 1024)
-    return Plan._make(_native.plan(asked._native, progress, count), asked)
+    return Plan._make(_native.plan(asked._native, progress, count), asked, pack=pack)

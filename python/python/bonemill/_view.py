@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from . import _folders, _native
+from . import _native
 from ._errors import BonemillError
+from ._judge import _on_disk
 from ._plan import Plan, Progress
 
 _TIME = "time"
@@ -21,24 +22,26 @@ def view(plan: Plan, *, save: str | os.PathLike[str] | None = None, progress: Pr
     """Opens the plan in the rerun viewer, or writes a file for it. Needs ``rerun-sdk`` (the extra ``view``).
 
     Args:
-        plan: the plan; its images must still be there and the same.
-        save: write this ``.rrd`` file instead of opening the viewer.
+        plan: the plan; without its images, target, structures and slices are not drawn, and the page ``about`` says so.
+        save: write this ``.rrd`` file instead of opening the viewer; its folder must exist.
         progress: told ``(stage, done, of)``.
 
     Raises:
-        BonemillError: rerun-sdk is not installed, or the images cannot be read.
+        BonemillError: rerun-sdk is not installed, the file cannot be written, or the images cannot be read.
     """
     try:
         import rerun as rr
     except ImportError as error:
         raise BonemillError("view needs rerun-sdk: pip install 'bonemill[view]'") from error
-    with _folders.temporary() as folder:
-        drawn = _native.show(plan.save(Path(folder, "plan")), 4000, 80, progress)
+    if save is not None and not Path(save).absolute().parent.is_dir():
+        raise BonemillError(f"cannot write {save}: there is no folder {Path(save).absolute().parent}; make it first")
+    with _on_disk(plan, False) as saved:
+        drawn = _native.show(plan._made, saved, 4000, 80, progress)
     recording = rr.RecordingStream("bonemill")
-    if save is None:
-        recording.spawn()
-    else:
-        recording.save(os.fspath(save))
+    try:
+        recording.spawn() if save is None else recording.save(os.fspath(save))
+    except RuntimeError as error:
+        raise BonemillError(f"cannot {'open the viewer' if save is None else f'write {save}'}\n  because: {error}") from error
     # first, so that the viewer is told to wait at the beginning before it has anything to play
     recording.send_blueprint(_layout(drawn))
     _scene(rr, recording, drawn)

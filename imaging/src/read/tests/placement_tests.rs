@@ -157,7 +157,7 @@ fn real_images_are_read_as_nibabel_reads_them() {
             assert_eq!(map.volume.data().iter().filter(|v| **v == label).count(), count);
         }
         assert!(
-            crate::read_label_names(folder.join("labels.nii.gz")).unwrap().unwrap().number("bone") == Some(1)
+            crate::read_label_names(folder.join("labels.json")).unwrap().unwrap().number("bone") == Some(1)
         );
     }
 }

@@ -1,0 +1,161 @@
+//! The columns of the tables: waypoints, trajectory, simulation, access, dropped places.
+
+use super::Column;
+
+/// Of `waypoints.csv`.
+pub const WAYPOINTS: [Column; 24] = [
+    Column::new("index", "1", "", "The row's place, from 0."),
+    Column::new("layer", "1", "", "Milling layer, from 0 at the outside."),
+    Column::new(
+        "kind",
+        "text",
+        "",
+        "What the move does: `cut` removes material; `link` and `retract` remove none.",
+    ),
+    Column::new("time_s", "s", "", "When the burr is here. It decides how long the move takes."),
+    Column::new("x_mm", "mm", "ct", "The burr's centre."),
+    Column::new("y_mm", "mm", "ct", "The burr's centre."),
+    Column::new("z_mm", "mm", "ct", "The burr's centre."),
+    Column::new("axis_x", "1", "ct", "The shaft: unit vector from the burr to the handpiece."),
+    Column::new("axis_y", "1", "ct", "The shaft."),
+    Column::new("axis_z", "1", "ct", "The shaft."),
+    Column::new(
+        "theta_rad",
+        "rad",
+        "work",
+        "Tilt of the shaft in the plane of work's y and z; 0 is the approach. In work the shaft is (sin φ, −sin θ cos φ, cos θ cos φ).",
+    ),
+    Column::new("phi_rad", "rad", "work", "Tilt of the shaft out of that plane: φ of the same formula."),
+    Column::new(
+        "speed_mm_s",
+        "mm/s",
+        "",
+        "The move's speed cap. The burr may be slower where the joints' limits or the neighbouring moves ask for it: \
+         `time_s` says how long it takes.",
+    ),
+    Column::new(
+        "mass_mg",
+        "mg",
+        "",
+        "Mass that the move removes: what the ball holds here less what all earlier moves swept. 0: it cuts air.",
+    ),
+    Column::new(
+        "inertia",
+        "1",
+        "",
+        "Normalised inertia I_n of that mass about the shaft, 0 to 1 (Dillon's equations 1 and 2).",
+    ),
+    Column::new(
+        "fx_n",
+        "N",
+        "ct",
+        "Force of the bone on the burr, mean over a turn, at `speed_mm_s` and this direction.",
+    ),
+    Column::new("fy_n", "N", "ct", "The same force."),
+    Column::new("fz_n", "N", "ct", "The same force."),
+    Column::new(
+        "force_toward_n",
+        "N",
+        "",
+        "The part of that force that pushes the burr toward `structure`; never below 0.",
+    ),
+    Column::new(
+        "structure",
+        "text",
+        "",
+        "The structure of the case with the smallest distance less clearance; empty where none is within its influence.",
+    ),
+    Column::new(
+        "distance_mm",
+        "mm",
+        "",
+        "From the burr's centre to that structure's nearest voxel face; less the burr's radius, what is left between them.",
+    ),
+    Column::new("alpha1", "1", "", "Weight of the force in the cost, 0 to 1 (Dillon's equation 8)."),
+    Column::new("cost", "1", "", "The cost C of the shaft's direction (Dillon's equation 5)."),
+    Column::new(
+        "deflection_toward_um",
+        "µm",
+        "",
+        "How far the force bends the arm toward `structure`; only with `robot.joint_stiffness`.",
+    ),
+];
+
+/// Of `trajectory.csv`.
+pub const TRAJECTORY: [Column; 3] = [
+    Column::new("time_s", "s", "", "On the clock of `waypoints.csv`."),
+    Column::new(
+        "q1..n",
+        "rad; mm for a prismatic joint",
+        "",
+        "Joint positions, from the base outwards, as `robot.urdf` has the joints that move.",
+    ),
+    Column::new("qd1..n", "rad/s; mm/s for a prismatic joint", "", "Joint velocities."),
+];
+
+/// Of `simulation.csv`.
+pub const SIMULATION_ROWS: [Column; 14] = [
+    Column::new(
+        "time_s",
+        "s",
+        "",
+        "On the plan's clock. Everything in a row belongs to the step that ends there.",
+    ),
+    Column::new(
+        "x_mm",
+        "mm",
+        "ct",
+        "The burr's centre by forward kinematics, the arm's deflection included.",
+    ),
+    Column::new("y_mm", "mm", "ct", "The burr's centre."),
+    Column::new("z_mm", "mm", "ct", "The burr's centre."),
+    Column::new("fx_n", "N", "ct", "Force of the bone on the burr, mean over a turn."),
+    Column::new("fy_n", "N", "ct", "The same force."),
+    Column::new("fz_n", "N", "ct", "The same force."),
+    Column::new("torque_nmm", "N mm", "", "Torque that resists the spindle, mean over a turn."),
+    Column::new("power_w", "W", "", "Power of the spindle."),
+    Column::new("mrr_mm3_s", "mm³/s", "", "Rate at which material is removed."),
+    Column::new(
+        "force_toward_n",
+        "N",
+        "",
+        "The part of the force that pushes the burr toward `structure`; never below 0.",
+    ),
+    Column::new("structure", "text", "", "The structure with the smallest distance less clearance."),
+    Column::new("distance_mm", "mm", "", "From the burr's centre to it; 0 inside."),
+    Column::new(
+        "deflection_um",
+        "µm",
+        "",
+        "How far the burr is from where the joints put it; only with `robot.joint_stiffness`.",
+    ),
+];
+
+/// Of `access.csv`.
+pub const ACCESS: [Column; 7] = [
+    Column::new("index", "1", "", "The waypoint."),
+    Column::new(
+        "free",
+        "1",
+        "",
+        "How many of the directions that were tried are free for the shank, and within the tilt limit where that binds.",
+    ),
+    Column::new("pieces", "1", "", "Into how many connected parts these fall."),
+    Column::new("angle_rad", "rad", "work", "With one angle: the chosen tilt in the arm's tilt plane."),
+    Column::new("low_rad", "rad", "work", "With one angle: where the free interval around it begins."),
+    Column::new("high_rad", "rad", "work", "With one angle: where it ends."),
+    Column::new(
+        "cap_rad",
+        "rad",
+        "",
+        "With two angles: the largest tilt from the chosen axis within which all directions are free.",
+    ),
+];
+
+/// Of `dropped.csv`.
+pub const DROPPED: [Column; 4] = [
+    Column::new("x_mm", "mm", "ct", "Where the burr's centre would have been."),
+    Column::new("y_mm", "mm", "ct", "The same place."),
+    Column::new("z_mm", "mm", "ct", "The same place."),
+    Column::new("reason", "text", "", "What was in the way."),
+];
