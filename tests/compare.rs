@@ -44,8 +44,8 @@ fn two_plans_are_compared_by_their_own_files_alone() {
         let nerve = &metrics["structures"]["nerve"];
         assert!(same(pair("structure nerve", "least_distance_mm")[n], &nerve["least_distance_mm"]));
         assert!(
-            pair("structure nerve", "force_toward_peak_n")[n]
-                >= pair("structure nerve", "force_toward_p75_n")[n]
+            pair("structure nerve", "peak_force_toward_n")[n]
+                >= pair("structure nerve", "p75_force_toward_n")[n]
         );
     }
     // a wider clearance leaves more, away from the nerve

@@ -125,19 +125,6 @@ fn between(from: &[f64], to: &[f64], share: f64) -> Vec<f64> {
     from.iter().zip(to).map(|(a, b)| a + share * (b - a)).collect()
 }
 
-/// The nearest place to `q` on the straight way between two, and how far it is; a radian of the tilt counts 50 mm.
-fn nearest(q: &[f64], from: &[f64], to: &[f64]) -> (f64, Vec<f64>) {
-    let dot = |a: &[f64], b: &[f64]| -> f64 {
-        a.iter().zip(b).zip([1.0, 1.0, 1.0, 2500.0]).map(|((a, b), weight)| a * b * weight).sum()
-    };
-    let less = |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| a - b).collect() };
-    let way = less(to, from);
-    let share = (dot(&less(q, from), &way) / dot(&way, &way).max(1e-30)).clamp(0.0, 1.0);
-    let place = between(from, to, share);
-    let off = less(q, &place);
-    (dot(&off, &off), place)
-}
-
 #[test]
 fn g_code_keeps_to_the_trajectory_and_to_every_axis_limit() {
     let place = Place::healthy().with_case("rate_hz = 100", "rate_hz = 500");
@@ -146,7 +133,7 @@ fn g_code_keeps_to_the_trajectory_and_to_every_axis_limit() {
     let trajectory = &plan.trajectory;
     let burr = |q: &[f64]| plan.arm.burr(q).unwrap();
     let (mut at, mut path) = ([0.0f64; 4], Vec::new());
-    let (mut seconds, mut off_mm, mut off_rad, mut fastest) = (0.0, 0f64, 0f64, 0f64);
+    let (mut seconds, mut worst, mut fastest) = (0f64, 0f64, 0f64);
     for line in text.lines().filter(|line| line.starts_with("G0 ") || line.starts_with("G1 ")) {
         let (before, mut span_s) = (at, 0.0);
         for word in line.split(' ').skip(1) {
@@ -168,20 +155,25 @@ fn g_code_keeps_to_the_trajectory_and_to_every_axis_limit() {
         }
         // what the controller drives on the way, against the nearest place of the trajectory around that time
         let row = |s: f64| ((s * 500.0).round() as usize).min(trajectory.len() - 1);
-        let near = row((seconds - 0.1).max(0.0)) + 1..=row(seconds + span_s + 0.1);
+        let near = row((seconds - 0.1_f64).max(0.0)) + 1..=row(seconds + span_s + 0.1);
         for share in [0.25, 0.5, 0.75, 1.0] {
             let q = between(&before, &at, share);
-            let of_piece = |k: usize| nearest(&q, trajectory.q_at(k - 1), trajectory.q_at(k));
-            let (_, there) = near.clone().map(of_piece).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
-            let (driven, there) = (burr(&q), burr(&there));
-            off_mm = off_mm.max((driven.translation_mm - there.translation_mm).norm());
-            let z = nalgebra::Vector3::z();
-            off_rad = off_rad.max((driven.rotation * z).cross(&(there.rotation * z)).norm());
+            let driven = burr(&q);
+            let off = |place: &[f64]| {
+                let there = burr(place);
+                let z = nalgebra::Vector3::z();
+                let mm = (driven.translation_mm - there.translation_mm).norm();
+                (mm / 0.005).max((driven.rotation * z).cross(&(there.rotation * z)).norm() / 5e-4)
+            };
+            let of_piece = |k: usize| {
+                let share = |n: u32| between(trajectory.q_at(k - 1), trajectory.q_at(k), f64::from(n) / 8.0);
+                (1..=8).map(|n| off(&share(n))).fold(f64::INFINITY, f64::min)
+            };
+            worst = near.clone().map(of_piece).fold(f64::INFINITY, f64::min).max(worst);
         }
         seconds += span_s;
     }
-    assert!(off_mm < 0.0051, "{off_mm} mm beside the trajectory");
-    assert!(off_rad < 5.1e-4, "{off_rad} rad");
+    assert!(worst < 1.02, "{worst} of 0.005 mm and 5e-4 rad beside the trajectory");
     assert!(fastest <= 1.0 + 1e-9, "{fastest} of an axis's limit");
     assert!(fastest > 0.5, "the links ask for much of what an axis can do: {fastest}");
     // in order, each waypoint is passed as near as the trajectory passes it

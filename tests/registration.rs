@@ -65,7 +65,7 @@ fn fiducials_give_the_registration_and_say_how_well() {
 #[test]
 fn a_fiducial_that_is_off_falls_short_and_is_named() {
     let mut base = touched();
-    base[4][0] += 2.6;
+    base[4][0] += 3.6;
     let place = with_fiducials(&CT_MM, &base, "");
     let parts = ["FRE 1.", "at most 1 mm", "registration.max_fre_mm", "fiducial 5 is", "touch it again"];
     short_of(&place.plan(), &parts);
@@ -94,7 +94,7 @@ fn an_expected_error_beyond_a_clearance_falls_short_with_the_structure() {
 #[test]
 fn exchanged_fiducials_fall_short_and_are_named_however_quiet() {
     let mut base = touched();
-    base.swap(1, 2);
+    base.swap(3, 4);
     base[0][0] += 0.1;
     let place = with_fiducials(&CT_MM, &base, "");
     let quiet = place.run(&["plan", "case.toml", "--out", "plan", "--quiet"]);
@@ -103,14 +103,26 @@ fn exchanged_fiducials_fall_short_and_are_named_however_quiet() {
         &quiet,
         &[
             "fell short: ",
-            "exchanging fiducials 2 and 3 would bring the FRE to 0.0",
+            "exchanging fiducials 4 and 5 would bring the FRE to 0.0",
             "expected error at nerve",
         ],
     );
     let verified = place.run(&["verify", "plan", "--quiet"]);
     short_of(&verified, &["registration's FRE", "registration's expected error"]);
     let report = fs::read_to_string(place.path("plan/report.html")).unwrap();
-    assert!(report.contains("exchanging fiducials 2 and 3"), "the report says so too");
+    assert!(report.contains("exchanging fiducials 4 and 5"), "the report says so too");
+}
+
+#[test]
+fn where_a_bad_registration_leaves_no_plan_it_is_named() {
+    let mut base = touched();
+    base.swap(1, 2);
+    let place = with_fiducials(&CT_MM, &base, "");
+    place.falls_short_of_a_plan(&[
+        "the shank can reach no part",
+        "exchanging fiducials 2 and 3",
+        "robot.base_from_ct",
+    ]);
 }
 
 #[test]

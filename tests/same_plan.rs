@@ -64,7 +64,7 @@ fn patient_in(turn: [[f64; 3]; 3], is_mirror: bool) -> Place {
 }
 
 /// What a plan's folder holds, by name.
-const FILES: [&str; 8] = [
+const FILES: [&str; 9] = [
     "access.csv",
     "case.toml",
     "dropped.csv",

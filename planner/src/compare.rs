@@ -167,9 +167,6 @@ fn figures(plan: &StoredPlan) -> Figures {
             None => groups[1 + kind_of(&name)].1.push((name, value)),
         }
     }
-    for (n, (_, rows)) in structures.iter_mut().enumerate() {
-        rows.extend(pushes(plan, n));
-    }
     groups.extend(structures.into_iter().map(|(name, rows)| (format!("structure {name}"), rows)));
     groups
 }
@@ -209,19 +206,6 @@ fn path(plan: &StoredPlan) -> Vec<(String, f64)> {
         vec![("waypoints".to_owned(), plan.waypoints.len() as f64), ("layers".into(), f64::from(layers))];
     rows.extend(MoveKind::ALL.map(|kind| (format!("{}_length_mm", kind.word()), length_mm(kind))));
     rows
-}
-
-/// Mean, third quartile and peak of the force toward a structure, N, over the waypoints at which a force toward it is stated.
-fn pushes(plan: &StoredPlan, structure: usize) -> Vec<(String, f64)> {
-    let of_it = plan.waypoints.iter().filter(|w| w.structure == Some(structure));
-    let mut forces_n: Vec<f64> = of_it.filter_map(|w| w.force_toward_n).collect();
-    forces_n.sort_by(f64::total_cmp);
-    let Some(peak_n) = forces_n.last() else { return Vec::new() };
-    let p75_n = forces_n[(0.75 * (forces_n.len() - 1) as f64).round() as usize];
-    let mean_n = forces_n.iter().sum::<f64>() / forces_n.len() as f64;
-    [("mean_n", mean_n), ("p75_n", p75_n), ("peak_n", *peak_n)]
-        .map(|(name, v)| (format!("force_toward_{name}"), v))
-        .into()
 }
 
 #[cfg(test)]

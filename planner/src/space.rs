@@ -215,9 +215,8 @@ impl<'a> BurrSpace<'a> {
             if !self.is_inside(p) {
                 return -MARGIN_CUT_MM;
             }
-            let bone = self
-                .obstacle_mm
-                .map_or(MARGIN_CUT_MM, |d| f64::from(d.data()[n]) - self.radius_mm + 1e-5);
+            let bone =
+                self.obstacle_mm.map_or(MARGIN_CUT_MM, |d| f64::from(d.data()[n]) - self.radius_mm + 1e-5);
             let mut least = bone.min(MARGIN_CUT_MM);
             let p_ct = self.scene.ct_from_work * p;
             let [i, j, k] = grid.voxel(n).map(|i| i / BLOCK);

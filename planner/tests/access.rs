@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test's helpers are tests")]
 
 #[path = "support/pocket.rs"]
+#[allow(dead_code, reason = "each test uses a part of it")]
 mod pocket;
 
 use bonemill_geometry::Point;

@@ -2,11 +2,12 @@
 #![allow(clippy::unwrap_used, clippy::print_stderr)] // a test's helpers are tests
 
 #[path = "support/pocket.rs"]
+#[allow(dead_code, reason = "each test uses a part of it")]
 mod pocket;
 
 use std::collections::VecDeque;
 
-use bonemill_geometry::{Ct, Grid, Point};
+use bonemill_geometry::{Ct, Point, Work};
 use bonemill_imaging::scene::{Class, SceneError};
 use bonemill_planner::burr::{
     Bone, Discretisation, EngagedSamples, ForceKernel, Material, Measure, OrientationKernel, OverPatches,
@@ -20,8 +21,8 @@ use bonemill_planner::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
 use nalgebra::{Unit, Vector3};
 
 use pocket::{
-    AIR_FROM, CLEARANCE_MM, DIMS, FIRST, RADIUS_MM, ROD, ROD_VOXELS, SPACING, SPACING_MM, TARGET,
-    from_segment, inside, moves, path, scene, scene_at,
+    CLEARANCE_MM, FIRST, RADIUS_MM, ROD_VOXELS, SPACING, SPACING_MM, TARGET, from_segment, images, moves,
+    path, scene, scene_at, table,
 };
 
 /// Planning that would take more memory than there is is refused, and the spacing that is told does fit.
@@ -267,6 +268,14 @@ fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
     let nodes = ForceKernel::new(&tool, &material, &Discretisation::default());
     let lattice = OrientationKernel::new(&tool, &material, Measure::Db, 1024, 2);
     let (moves, weight) = (moves(&path), |density| material.weight(density));
+    let (ct, labels) = images();
+    let calibrated = ct.map(|hu| table().density_g_cm3(f64::from(*hu)));
+    // bone wherever it is, and all but air in the target
+    let density_at = |p: Point<Ct>| {
+        let hu = ct.trilinear(p, -1000.0);
+        let in_target = labels.grid().nearest(p).is_some_and(|v| *labels.get(v) == TARGET);
+        if hu >= 200.0 || in_target && hu > -700.0 { calibrated.trilinear(p, 0.01) } else { 0.0 }
+    };
     let (mut compared, mut most, mut off) = (0, 0f64, 0f64);
     for i in (1..path.points.len()).step_by(3) {
         let (from, to) = moves[i];
@@ -298,7 +307,7 @@ fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
             };
             let away = moves[..i].iter().map(away).min_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap();
             let share = share_beyond(away.norm() - RADIUS_MM, patch.sides_mm(&away.normalize()));
-            share * material.weight(scene.density_g_cm3.trilinear(Point::from_coords(p), 0.0))
+            share * material.weight(density_at(scene.ct_from_work * Point::from_coords(p)))
         };
         let brute = nodes.engaged_force(&axis, &feed, 1.5, 6e4, &mut OverPatches(brute)).force_n(1.5);
         compared += usize::from(brute.norm() > 0.0);

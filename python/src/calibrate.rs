@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use bonemill_geometry::Point;
 use bonemill_planner::calibrate::{Calibration, Coefficient, NoSuchCoefficient, calibrate as rust_calibrate};
-use bonemill_planner::plan::{LogRow, read_force_log};
+use bonemill_planner::plan::{LogRow, Need, read_force_log};
 use bonemill_planner::simulate::{SimulationSetup, observe};
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;

@@ -7,8 +7,7 @@ use bonemill_planner::Plan as RustPlan;
 use bonemill_planner::case::Structure;
 use bonemill_planner::plan::{
     self as files, ForceToward, Input, Need, PlanFileError, PlanRecord, Refused, Replace, StagedDirectory,
-    StoredPlan,
-    Waypoint,
+    StoredPlan, Waypoint,
 };
 use bonemill_robot::{Arm, JointKind, RobotError};
 use numpy::ndarray::Array2;

@@ -65,7 +65,8 @@ fn paths(c: &mut Criterion) {
     let arm = ur5e();
     let (poses, length_mm) = raster(20_000);
     let frame = SpinFrame::about(&Vector3::z_axis());
-    let path = PosePath { poses: &poses, length_mm: &length_mm, frame, stiffness: None, posture: Posture::Any };
+    let path =
+        PosePath { poses: &poses, length_mm: &length_mm, frame, stiffness: None, posture: Posture::Any };
     let mut group = c.benchmark_group("20 000 waypoints");
     group.sample_size(10);
     group.bench_function("redundancy", |b| b.iter(|| resolve(black_box(&arm), &path)));

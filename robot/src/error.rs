@@ -72,7 +72,9 @@ pub enum RobotError {
         expected: &'static str,
     },
     /// G-code for an arm of another kind.
-    #[error("G-code is for machines with three linear axes and at most one rotary one behind them, not for these {joints} joints")]
+    #[error(
+        "G-code is for machines with three linear axes and at most one rotary one behind them, not for these {joints} joints"
+    )]
     NotCartesian {
         /// The arm's joints.
         joints: usize,

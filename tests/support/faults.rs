@@ -153,7 +153,7 @@ pub const ALL: &[Fault] = &[
             p.waypoints.extend(high);
             relay(p);
         },
-        caught_by: &["mass/of a fiftieth", "links in target bone/depth"],
+        caught_by: &["mass/of a fiftieth", "links in bone/depth"],
     },
     Fault {
         name: "a mirrored frame",
@@ -216,7 +216,7 @@ pub const ALL: &[Fault] = &[
             let n = a_cut(p);
             p.waypoints[n - 20..n].iter_mut().for_each(|w| w.kind = MoveKind::Link);
         },
-        caught_by: &["links in target bone/in all"],
+        caught_by: &["links in bone/in all"],
     },
     Fault {
         name: "cuts faster than their caps",
@@ -441,6 +441,22 @@ pub const ALL: &[Fault] = &[
         name: "a shorter time claimed",
         plant: |p| p.record.metrics.total_time_s -= 1.0,
         caught_by: &["figures/total_time_s"],
+    },
+    Fault {
+        name: "shares raised",
+        plant: |p| {
+            scale_figure(p, "reached_share", 1.001);
+            scale_figure(p, "removed_share", 1.001);
+        },
+        caught_by: &["figures/reached_share", "figures/removed_share"],
+    },
+    Fault {
+        name: "another volume of untargeted bone",
+        plant: |p| {
+            let found = p.record.metrics.more.iter_mut().find(|(k, _)| k == "untargeted_bone_removed_mm3");
+            found.unwrap().1 = Value::Number(1e3);
+        },
+        caught_by: &["figures/untargeted_bone_removed_mm3"],
     },
     Fault {
         name: "a shorter path claimed",

@@ -10,7 +10,8 @@ use super::crop::{Crop, extent};
 use super::edge::{self, ByFace, TargetOutside};
 use super::inside::Inside;
 use super::{
-    Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, TargetShape, approach, hull, mask, obstacles,
+    Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, TargetShape, approach, hull,
+    mask, obstacles,
 };
 use crate::{
     DensityTable, Region, StructureField, distance_within, resample_hu_and_density, resample_nearest,

@@ -49,8 +49,7 @@ impl Inside {
             h,
             Point::new(-pad, -pad, -pad),
         )?;
-        let bone =
-            resample_hu(spec.ct, &wide, ct_from_work, AIR_HU).map(|hu| f64::from(*hu) >= spec.bone_hu);
+        let bone = resample_hu(spec.ct, &wide, ct_from_work, AIR_HU).map(|hu| f64::from(*hu) >= spec.bone_hu);
         Ok(Self::Shape {
             shape: spec.target.clone(),
             kept: spec.structures.iter().map(|(_, label)| *label).collect(),

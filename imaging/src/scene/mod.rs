@@ -11,8 +11,8 @@ mod edge;
 mod far;
 mod hull;
 mod inside;
-mod matter;
 mod mask;
+mod matter;
 mod obstacles;
 mod target;
 

@@ -41,9 +41,8 @@ pub(super) fn bone_classes(
     let thick = thick_part(bone, band_mm)?;
     let speck = specks(bone);
     let from_target = distance_within(target, band_mm + bone.grid().spacing_mm().x)?;
-    let is_near = |n: usize| {
-        from_target.as_ref().is_some_and(|mm| f64::from(mm.data()[n]) <= band_mm + ROUNDING_MM)
-    };
+    let is_near =
+        |n: usize| from_target.as_ref().is_some_and(|mm| f64::from(mm.data()[n]) <= band_mm + ROUNDING_MM);
     let class = |n: usize| match (bone.data()[n], thick.data()[n]) {
         (false, _) => 0,
         (true, true) => Class::OBSTACLE,

@@ -58,10 +58,7 @@ impl Case {
                 ("bone_hu", float(self.density.bone_hu)),
             ],
         );
-        let rules = [
-            ("least_share", float(self.least_share)),
-            ("sheets", text(k::SHEETS.word(self.sheets))),
-        ];
+        let rules = [("least_share", float(self.least_share)), ("sheets", text(k::SHEETS.word(self.sheets)))];
         out.table("target", &[&[target(&self.target)][..], &rules[..]].concat());
         for s in &self.structures {
             out.array_table(

@@ -204,6 +204,13 @@ mod tests {
     use super::*;
 
     #[test]
+    fn no_step_is_longer_than_asked_for() {
+        let step_mm = 0.25;
+        assert_eq!([0.0, 0.1, 0.25, 0.25 * (1.0 + 1e-12)].map(|mm| pieces(mm, step_mm)), [1; 4]);
+        assert_eq!([0.2502, 0.5, 1.2].map(|mm| pieces(mm, step_mm)), [2, 2, 5]);
+    }
+
+    #[test]
     fn points_are_put_off_once() {
         let at = |n: u32| Point::new(f64::from(n), 0.0, 0.0);
         let pass = |layer, points: &[u32], put_off| Pass {

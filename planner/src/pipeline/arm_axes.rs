@@ -77,7 +77,8 @@ impl ArmAxes {
             return true;
         }
         let is_near = |(place, refused): &(Point<Work>, Unit<Vector3<f64>>)| {
-            place.distance_mm(&at) <= REFUSED_MM && angle_between(refused, axis) <= 0.5 * self.set.spacing_rad()
+            place.distance_mm(&at) <= REFUSED_MM
+                && angle_between(refused, axis) <= 0.5 * self.set.spacing_rad()
         };
         if self.refused.iter().any(is_near) {
             return false;
@@ -187,7 +188,8 @@ mod tests {
 
     #[test]
     fn a_place_lies_between_its_corners() {
-        let lattice = Lattice { first: Point::new(-5.0, 0.0, 2.0), step_mm: [5.0, 10.0, 4.0], counts: [4, 2, 3] };
+        let lattice =
+            Lattice { first: Point::new(-5.0, 0.0, 2.0), step_mm: [5.0, 10.0, 4.0], counts: [4, 2, 3] };
         for at in [[-5.0, 0.0, 2.0], [9.9, 9.0, 9.9], [1.0, 4.0, 6.5], [10.0, 10.0, 10.0]] {
             let at = Point::new(at[0], at[1], at[2]);
             let corners = lattice.corners(at).map(|n| lattice.place(n));
@@ -195,7 +197,9 @@ mod tests {
                 let along = corners.map(|c| c.coords[a]);
                 let low = along.into_iter().fold(f64::INFINITY, f64::min);
                 let high = along.into_iter().fold(f64::NEG_INFINITY, f64::max);
-                assert!(low <= at.coords[a] && at.coords[a] <= high && high - low <= lattice.step_mm[a] + 1e-9);
+                assert!(
+                    low <= at.coords[a] && at.coords[a] <= high && high - low <= lattice.step_mm[a] + 1e-9
+                );
             }
             assert!(corners.iter().all(|c| c.distance_mm(&at) >= corners[0].distance_mm(&at) - 1e-9));
         }

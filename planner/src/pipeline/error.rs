@@ -32,8 +32,8 @@ pub enum PlanError {
     #[error(transparent)]
     Model(#[from] ModelError),
     /// A label is named that `labels.json` does not know.
-    #[error("{key}: {} has no {name:?}{}; it has: {}", beside.with_file_name("labels.json").display(),
-        nearest.as_ref().map_or(String::new(), |nearest| format!("; did you mean {nearest:?}?")), known.join(", "))]
+    #[error("{key}: {} has no {name:?}{} it has: {}", beside.with_file_name("labels.json").display(),
+        nearest.as_ref().map_or(";".into(), |nearest| format!("; did you mean {nearest:?}?")), known.join(", "))]
     LabelName {
         /// The key in the case.
         key: String,
@@ -100,6 +100,14 @@ pub enum PlanError {
         /// Whether negating x and y of all brings them inside.
         fit_as_lps: bool,
     },
+    /// The case cannot be fulfilled, on a registration that is not good enough.
+    #[error("{source}; {}", reasons.join("; "))]
+    BadRegistration {
+        /// What is wrong with the registration.
+        reasons: Vec<String>,
+        /// Why there is no plan.
+        source: Box<PlanError>,
+    },
     /// The chosen arm needs a key that the case does not have.
     #[error("{key} is needed for robot.model = \"{model}\": {example}")]
     Needed {
@@ -147,7 +155,7 @@ pub enum PlanError {
 impl PlanError {
     /// Whether the case is sound but cannot be fulfilled, rather than wrong.
     pub fn is_infeasible(&self) -> bool {
-        matches!(self, Self::OutOfReach { .. } | Self::NoAccess { .. })
+        matches!(self, Self::OutOfReach { .. } | Self::NoAccess { .. } | Self::BadRegistration { .. })
     }
 
     /// The key of the case that is to be looked at, as in [`Case::line_of`]; `None` where no single one is.
@@ -164,7 +172,7 @@ impl PlanError {
             Self::Unsupported { key, .. } => key,
             Self::StiffnessMissing => "cost.force",
             Self::Needed { .. } => "robot.model",
-            Self::Registration(_) => "robot.base_from_ct",
+            Self::Registration(_) | Self::BadRegistration { .. } => "robot.base_from_ct",
             Self::FiducialsOutside { .. } => "robot.base_from_ct.fiducials.ct_mm",
             Self::NothingReachable { .. } => "target",
             Self::OutOfReach { .. } => "robot.base_from_ct",

@@ -35,7 +35,9 @@ pub struct Coverage {
     pub outside_mm3: f64,
     /// What keeps the rest of the target, mm³ by cause, the largest first; together target + outside − removed.
     pub rest: Vec<(Cause, f64)>,
-    /// Bone outside the target whose voxel centres are removed: specks and thin bone, mm³.
+    /// Bone outside the target whose voxel centres are removed, mm³.
+    pub untargeted_bone_removed_mm3: f64,
+    /// The part of it that is specks and thin bone, mm³.
     pub thin_bone_removed_mm3: f64,
     /// How far the centre of an obstacle voxel lies inside the swept ball at most, mm: the distance field's error between
     /// grid nodes, some hundredths of a voxel.
@@ -78,6 +80,7 @@ pub fn coverage(
         removed_reachable: Volumes::default(),
         outside_mm3: scene.outside.mm3.total(),
         rest: rest(scene, space, removal, dropped)?,
+        untargeted_bone_removed_mm3: 0.0,
         thin_bone_removed_mm3: 0.0,
         deepest_in_obstacle_mm: 0.0,
     };
@@ -94,7 +97,12 @@ pub fn coverage(
                     volumes.add(*class, voxel);
                 }
             }
-        } else if removed && class.is(Class::SHEET) {
+            continue;
+        }
+        if removed && class.is(Class::SHEET | Class::OBSTACLE) {
+            found.untargeted_bone_removed_mm3 += voxel;
+        }
+        if removed && class.is(Class::SHEET) {
             found.thin_bone_removed_mm3 += voxel;
         } else if removed && class.is(Class::OBSTACLE) {
             found.deepest_in_obstacle_mm =

@@ -203,8 +203,10 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let base_from_ct = registered.base_from_ct;
     let base_from_work = base_from_ct * scene.ct_from_work;
     let solid = watch.run("solid", || solid(case, &scene));
-    let mut prepared = Prepared::new(case, &arm, &scene, &space, &solid, base_from_work, &mut watch)?;
-    let (chosen, motion) = prepared.choose_with_motion(case, &mut watch)?;
+    let mut prepared = Prepared::new(case, &arm, &scene, &space, &solid, base_from_work, &mut watch)
+        .map_err(|error| registered.blame(case, error))?;
+    let (chosen, motion) =
+        prepared.choose_with_motion(case, &mut watch).map_err(|error| registered.blame(case, error))?;
     let Chosen { oriented, kinds, forces, costs, compliances, .. } = &chosen;
     let (points, near, moments) = (prepared.points(), &prepared.near, &prepared.reached.moments);
     let demand = prepared.demand(case, &chosen);

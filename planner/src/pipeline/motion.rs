@@ -10,7 +10,9 @@
 use bonemill_geometry::{Base, Point, Rigid, Work};
 use bonemill_robot::Arm;
 use bonemill_robot::arm::AxisPose;
-use bonemill_robot::resolve::{DensePath, OutOfReach, PosePath, Posture, Resolved, SpinFrame, Stiffness, resolve};
+use bonemill_robot::resolve::{
+    DensePath, OutOfReach, PosePath, Posture, Resolved, SpinFrame, Stiffness, resolve,
+};
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
@@ -72,7 +74,8 @@ impl<'a> Placed<'a> {
         let stiffness = stiffness
             .zip(in_base.as_deref())
             .map(|(Stiffness { joint, .. }, toward)| Stiffness { joint, toward });
-        let path = PosePath { poses: &poses, length_mm, frame: self.frame(), stiffness, posture: self.posture };
+        let path =
+            PosePath { poses: &poses, length_mm, frame: self.frame(), stiffness, posture: self.posture };
         let out_of_reach = |failed: OutOfReach| PlanError::OutOfReach {
             waypoint: failed.pose,
             axis: axes[failed.pose],

@@ -342,9 +342,11 @@ impl<'a> Prepared<'a> {
         Placed { posture, ..placed }.motion(&positions, axes, self.length_mm(), stiffness)
     }
 
-    /// A link that grazes a cusp by a part of a voxel removes it: it is a cut, and as slow as one.
+    /// A link that grazes a cusp by a part of a voxel removes it: it is a cut, and as slow as one. The first waypoint is no
+    /// move: its ball may touch a voxel's corner to rounding.
     fn kind(&self, i: usize, axis: &Vector3<f64>) -> MoveKind {
-        let removes = self.reached.moments[i].mass_mg() > 0.0 && self.directions.is_within_limit(axis);
+        let removes =
+            i > 0 && self.reached.moments[i].mass_mg() > 0.0 && self.directions.is_within_limit(axis);
         if removes { MoveKind::Cut } else { self.points()[i].kind }
     }
 }

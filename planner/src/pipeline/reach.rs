@@ -256,7 +256,10 @@ pub fn free_directions(
             // less is removed than before: what was blocked stays so
             Some((false, _)) => false,
             Some((true, known)) if !known.may_have_changed(points[i].position, &axes[n], spec.shank) => true,
-            _ => spec.arm.allows(points[i].position, &axes[n]) && access.is_free(i as u32, points[i].position, &axes[n]),
+            _ => {
+                spec.arm.allows(points[i].position, &axes[n])
+                    && access.is_free(i as u32, points[i].position, &axes[n])
+            }
         }
     })
 }

@@ -56,6 +56,15 @@ impl Registered {
         }));
         reasons
     }
+
+    /// An error that leaves no plan, with what is wrong with the registration where that may be its cause.
+    pub fn blame(&self, case: &Case, error: PlanError) -> PlanError {
+        let reasons = self.shortfalls(case);
+        if reasons.is_empty() || !error.is_infeasible() {
+            return error;
+        }
+        PlanError::BadRegistration { reasons, source: Box::new(error) }
+    }
 }
 
 /// The words for a place that no registration gives.

@@ -1,11 +1,11 @@
 //! Why a part of the target stays: every voxel that is not removed counts for one cause, so that the causes add up.
 //!
 //! Of what the ball can reach, a voxel counts for the place nearest to it that the shank could not get to, else for the
-//! path's spacing. Of what it cannot reach, a voxel counts for thin bone where the ball would reach it if thin bone outside the
-//! target were cut: what `target.sheets = "keep"` costs; else for a structure when this structure's clearance alone, with the
+//! path's spacing. Of what it cannot reach, a voxel counts for a structure when this structure's clearance alone, with the
 //! bone around, keeps the ball from it; for several clearances at once when more than one does so by itself, or only all
-//! together; for the burr's radius when a burr of [`SMALLEST_BURR_VOXELS`] would reach it without any clearance; for the
-//! bone around it otherwise. What lies beyond the scan counts as that.
+//! together; for thin bone when bone alone keeps the ball from it, and no longer without the thin bone outside the target:
+//! what `target.sheets = "keep"` costs; for the burr's radius when a burr of [`SMALLEST_BURR_VOXELS`] would reach it
+//! without any clearance; for the bone around it otherwise. What lies beyond the scan counts as that.
 
 use bonemill_imaging::{Class, ImageError, Scene, distance_within};
 use rayon::prelude::*;
@@ -75,12 +75,12 @@ pub fn rest(
         (0..class.len()).filter(|n| class[*n].is(Class::TARGET) && !removal.is_removed(*n)).collect();
     let (reachable, unreachable): (Vec<usize>, Vec<usize>) =
         left.into_iter().partition(|n| space.reachable()[*n]);
-    let without_thin = reachable_without_thin(scene, space)?;
-    let (by_thin, unreachable): (Vec<usize>, Vec<usize>) =
-        unreachable.into_iter().partition(|n| without_thin.as_ref().is_some_and(|reachable| reachable[*n]));
     let without_structures = BurrSpace::new(scene, space.radius_mm(), &[])?;
     let (by_structures, by_bone): (Vec<usize>, Vec<usize>) =
         unreachable.into_iter().partition(|n| without_structures.reachable()[*n]);
+    let without_thin = reachable_without_thin(scene, space)?;
+    let (by_thin, by_bone): (Vec<usize>, Vec<usize>) =
+        by_bone.into_iter().partition(|n| without_thin.as_ref().is_some_and(|reachable| reachable[*n]));
     let mut counts = Counts(Vec::new());
     reachable.iter().for_each(|n| counts.add(left_by_path(scene, space, dropped, *n), 1));
     counts.add(Cause::ThinBone, by_thin.len());

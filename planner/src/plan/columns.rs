@@ -8,7 +8,7 @@ mod toml;
 
 use std::fmt::Write;
 
-pub(super) use csv::{ACCESS, DROPPED, SIMULATION_ROWS, WAYPOINTS};
+pub(super) use csv::{ACCESS, DROPPED, FORCES_ROWS, SIMULATION_ROWS, WAYPOINTS};
 
 /// A column of a table or a key of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,6 +58,11 @@ pub const DESCRIBED: &[Described] = &[
         about: "One row a waypoint. Everything in a row belongs to the move that ends there; the first row is where the \
                 motion begins. An empty cell: there is no such value.",
         columns: &WAYPOINTS,
+    },
+    Described {
+        title: "forces.csv",
+        about: "One row a waypoint and structure within its influence: its clearance from the burr's surface and 8 mm more.",
+        columns: &FORCES_ROWS,
     },
     Described {
         title: "trajectory.csv",

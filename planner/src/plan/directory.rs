@@ -16,7 +16,7 @@ use super::PlanFileError;
 use super::record::is_plan;
 
 /// What stands in a plan's directory; anything else there is somebody's own and is not removed.
-const PLAN_ENTRIES: [&str; 12] = [
+const PLAN_ENTRIES: [&str; 13] = [
     "plan.toml",
     "case.toml",
     "waypoints.csv",

@@ -11,22 +11,14 @@ use nalgebra::Vector3;
 
 use super::PlanFileError;
 use super::cells::{Row, push_number, read_rows, structure_name, write_rows};
+use super::columns::{FORCES_ROWS, names};
 use crate::case::Structure;
 
 /// The file's name in a plan's directory.
 pub const FORCES: &str = "forces.csv";
 
 /// The columns, in order.
-const COLUMNS: [&str; 8] = [
-    "index",
-    "structure",
-    "distance_mm",
-    "toward_x",
-    "toward_y",
-    "toward_z",
-    "force_toward_n",
-    "deflection_toward_um",
-];
+const COLUMNS: [&str; 8] = names(&FORCES_ROWS);
 
 /// One row of `forces.csv`, in ct.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -63,6 +63,14 @@ pub struct Metrics {
 }
 
 impl Metrics {
+    /// A number by its name in the file.
+    pub fn number(&self, name: &str) -> Option<f64> {
+        match self.entries().into_iter().find(|(key, _)| key == name)?.1 {
+            Value::Number(v) => Some(v),
+            _ => None,
+        }
+    }
+
     /// All figures by name, in the order of the file.
     pub fn entries(&self) -> Vec<(String, Value)> {
         let always = [

@@ -10,8 +10,8 @@ use bonemill_robot::{ArmKind, JointKind};
 use super::access_csv::{access_csv, dropped_csv};
 use super::inputs::{CASE_COPY, copy_input};
 use super::{
-    FORCES, Metrics, PlanFileError, PlanRecord, PlanningGrid, StagedDirectory, StoredPlan, Value, write_forces,
-    write_waypoints,
+    FORCES, Metrics, PlanFileError, PlanRecord, PlanningGrid, StagedDirectory, StoredPlan, Value,
+    write_forces, write_waypoints,
 };
 use crate::case::Registration;
 use crate::pipeline::{Plan, Volumes, dropped_by_reason};
@@ -116,11 +116,11 @@ fn metrics(plan: &Plan) -> Metrics {
         per_structure.map(|(s, found)| (s.name.clone(), found.value(plan.case.burr.radius_mm, "waypoint")));
     let mut more = vec![
         ("reached_share".into(), coverage.reached_share().into()),
+        ("removed_share".into(), coverage.removed_share().into()),
         ("target".into(), volumes(&coverage.target)),
         ("reachable".into(), volumes(&coverage.reachable)),
         ("removed".into(), volumes(&coverage.removed)),
         ("removed_reachable".into(), volumes(&coverage.removed_reachable)),
-        ("removed_share".into(), coverage.removed_share().into()),
         (
             "not_removed_mm3".into(),
             Value::Table(
@@ -129,6 +129,7 @@ fn metrics(plan: &Plan) -> Metrics {
         ),
         ("target_outside_mm3".into(), coverage.outside_mm3.into()),
         ("scan_edge_bone_mm2".into(), plan.scene.edge_bone_mm2.total().into()),
+        ("untargeted_bone_removed_mm3".into(), coverage.untargeted_bone_removed_mm3.into()),
         ("thin_bone_removed_mm3".into(), coverage.thin_bone_removed_mm3.into()),
         ("deepest_in_obstacle_mm".into(), coverage.deepest_in_obstacle_mm.into()),
         ("band_mm".into(), plan.scene.band_mm.into()),
@@ -188,7 +189,8 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
     let dropped = dropped_by_reason(&plan.dropped).into_iter();
     let dropped = dropped.map(|(why, n)| (why.to_owned(), n.into())).collect();
     let affine = |n: usize| Value::Text(plan.affines[n].to_string());
-    let branch = (plan.arm.kind() == ArmKind::Ur).then(|| ("branch_name".into(), Value::Text(branch_name(m.branch))));
+    let branch =
+        (plan.arm.kind() == ArmKind::Ur).then(|| ("branch_name".into(), Value::Text(branch_name(m.branch))));
     let lowest = m.lowest_link.map(|lowest| ("lowest_link_mm".into(), lowest.height_mm.into()));
     let mut entries = vec![
         ("waypoints".into(), m.waypoints.into()),

@@ -10,8 +10,8 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::inputs::recorded_path;
 use super::{
-    FORCES, ForceToward, FoundInputs, Input, Need, PlanFileError, PlanRecord, Trajectory, Waypoint, read_forces,
-    read_waypoints,
+    FORCES, ForceToward, FoundInputs, Input, Need, PlanFileError, PlanRecord, Trajectory, Waypoint,
+    read_forces, read_waypoints,
 };
 
 /// A plan's directory in memory. Every file of it was read and checked.

@@ -7,6 +7,7 @@ mod chart;
 mod columns;
 pub mod compare;
 mod peak;
+mod percent;
 pub mod simulation;
 mod slices;
 mod structures;
@@ -19,8 +20,9 @@ use bonemill_robot::Joint;
 use bonemill_robot::ur::branch_name;
 use chart::{Level, Series, chart};
 use peak::Peak;
+pub use percent::percent;
 
-use crate::case::{Case, Parameter, Registration, Sheets, explained};
+use crate::case::{Case, Parameter, Registration, Sheets, Structure, explained};
 use crate::orientation::Around;
 use crate::pipeline::{Plan, Volumes, dropped_by_reason};
 use crate::plan::{ReportPart, Waypoint};
@@ -88,20 +90,14 @@ fn cards(plan: &Plan) -> String {
     let total_s = plan.law.duration_s();
     let surface_mm = |found: &StructureFigures| Some(found.least?.0 - plan.case.burr.radius_mm);
     let kept = plan.figures.structures.iter().zip(&plan.case.structures);
-    let kept: Vec<_> = kept.filter_map(|(found, s)| Some((surface_mm(found)?, s))).collect();
-    let closest = kept.iter().min_by(|a, b| a.0.total_cmp(&b.0));
+    let (closest, tightest) =
+        closest_and_tightest(kept.filter_map(|(found, s)| Some((surface_mm(found)?, s))));
     let peak_toward = plan.figures.structures.iter().zip(&plan.case.structures);
     let peak_toward = peak_toward.max_by(|a, b| a.0.force.peak_n.total_cmp(&b.0.force.peak_n));
     let plain = |label, value| (label, value, String::new());
     let mut cards = vec![
-        plain(
-            "removed of what the burr can reach",
-            format!("{:.1} %", 100.0 * plan.coverage.reached_share()),
-        ),
-        plain(
-            "removed of the target",
-            format!("{:.1} %", share(plan.coverage.removed.all_mm3, plan.coverage.target.all_mm3)),
-        ),
+        plain("removed of what the burr can reach", percent(plan.coverage.reached_share())),
+        plain("removed of the target", percent(plan.coverage.removed_share())),
         plain(
             "total time",
             format!("{:.0} min {:02.0} s", (total_s / 60.0).floor(), (total_s % 60.0).floor()),
@@ -119,22 +115,31 @@ fn cards(plan: &Plan) -> String {
         let name = format!("<small>{}, {place}</small>", escape(&structure.name));
         cards.push(("peak force toward a structure", format!("{:.2} N", found.force.peak_n), name));
     }
+    let of = |label, value_mm: f64, s: &Structure| {
+        let name = format!("<small>{}, kept {}\u{a0}mm</small>", escape(&s.name), s.clearance_mm);
+        (label, format!("{value_mm:.2} mm"), name)
+    };
+    if let Some((margin_mm, structure)) = tightest {
+        cards.insert(2, of("smallest margin: distance less clearance", margin_mm, structure));
+    }
     if let Some((distance_mm, structure)) = closest {
-        let name = escape(&structure.name);
-        cards.insert(
-            2,
-            (
-                "smallest distance from the burr's surface",
-                format!("{distance_mm:.2} mm"),
-                format!("<small>{name}, kept {}\u{a0}mm</small>", structure.clearance_mm),
-            ),
-        );
+        cards.insert(2, of("smallest distance from the burr's surface", distance_mm, structure));
     }
     let items: String = cards
         .into_iter()
         .map(|(label, value, more)| format!("<div><b>{value}</b><span>{label}</span>{more}</div>"))
         .collect();
     format!("<div class=\"cards\">{items}</div>")
+}
+
+/// The structure that the burr's surface comes nearest to, with the distance, mm, and the one with the least left of it beyond its
+/// clearance, with that margin, mm: seldom the same where clearances differ.
+fn closest_and_tightest<'a>(
+    kept: impl Iterator<Item = (f64, &'a Structure)> + Clone,
+) -> (Option<(f64, &'a Structure)>, Option<(f64, &'a Structure)>) {
+    let closest = kept.clone().min_by(|a, b| a.0.total_cmp(&b.0));
+    let margins = kept.map(|(distance_mm, s)| (distance_mm - s.clearance_mm, s));
+    (closest, margins.min_by(|a, b| a.0.total_cmp(&b.0)))
 }
 
 fn legend(plan: &Plan) -> String {
@@ -253,11 +258,14 @@ fn coverage(plan: &Plan) -> String {
     format!(
         "<div class=\"wide\"><table><thead><tr><th></th><th>all [mm³]</th><th>above air [mm³]</th><th>bone [mm³]</th><th>of the target</th></tr></thead><tbody>{}{}{}</tbody></table>\
          <table><thead><tr><th>What keeps the rest of the target</th><th>[mm³]</th><th>of it all</th></tr></thead><tbody>{kept}</tbody></table></div>\
-         <p>Untargeted bone taken: {:.1} mm³ of specks and of bone thinner than the band of {:.2} mm{}. Other bone outside the target: no voxel centre deeper than {:.3} mm inside the swept ball.</p>\
+         <p>Untargeted bone removed: {:.1} mm³ by voxel centres of the planning grid, {:.1} mm³ of it specks and bone thinner than the band \
+         of {:.2} mm{}. Other bone outside the target: no such centre deeper than {:.3} mm inside the swept ball. <code>verify</code> \
+         counts these voxels again, and looks at points half as far apart as well; a simulation adds up parts of voxels.</p>\
          <p>Bone on the scan's edge within the burr's diameter of the target: {:.1} mm². Beyond the scan nothing is known: it counts as air.</p>",
         row("target", &c.target),
         row("reachable by the ball under the clearances", &c.reachable),
         row("removed", &c.removed),
+        c.untargeted_bone_removed_mm3,
         c.thin_bone_removed_mm3,
         plan.scene.band_mm,
         match plan.case.sheets {
@@ -311,7 +319,8 @@ fn modelled(plan: &Plan) -> String {
     ];
     if let Some(lowest) = m.lowest_link {
         let branch = branch_name(m.branch).replace('/', ", ").replace('-', " ");
-        let height = format!("{:.0} mm over the mounting plane, at waypoint {}", lowest.height_mm, lowest.waypoint);
+        let height =
+            format!("{:.0} mm over the mounting plane, at waypoint {}", lowest.height_mm, lowest.waypoint);
         rows.push(("branch of the arm, for the whole path".into(), format!("{branch} ({})", m.branch)));
         rows.push(("lowest place of the arm's links, as lines from joint to joint".into(), height));
     }
@@ -385,4 +394,27 @@ fn with_code(text: &str) -> String {
 /// Text for HTML.
 fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::case::LabelRef;
+
+    #[test]
+    fn the_nearest_structure_is_not_always_the_one_with_the_least_margin() {
+        let structure = |name: &str, clearance_mm| Structure {
+            name: name.into(),
+            label: LabelRef::Number(1),
+            clearance_mm,
+            priority: 1,
+            shank_clearance_mm: 0.0,
+        };
+        let [canal, sinus] = [structure("canal", 0.4), structure("sinus", 1.0)];
+        let (closest, tightest) = closest_and_tightest([(0.52, &canal), (1.02, &sinus)].into_iter());
+        assert_eq!(closest.map(|(mm, s)| (mm, s.name.as_str())), Some((0.52, "canal")));
+        let (margin_mm, structure) = tightest.unwrap();
+        assert!((margin_mm - 0.02).abs() < 1e-12 && structure.name == "sinus");
+        assert_eq!(closest_and_tightest(std::iter::empty()), (None, None));
+    }
 }

@@ -96,7 +96,7 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
                 Kind::Sheet => "removed of thin bone beside the target",
                 Kind::Material => "removed of the target below bone",
                 Kind::Bone => "removed of the target's bone",
-                Kind::Obstacle => "removed of bone outside the target",
+                Kind::Obstacle => "removed of bone outside the target, by parts of voxels",
                 Kind::Structure => "removed of structures",
             };
             out.push((what.into(), format!("{volume:.1} mm³, {mass:.0} mg")));

@@ -17,7 +17,11 @@ pub fn solid_density(scene: &Scene, table: &DensityTable) -> Result<Volume<f32, 
     let data = cut
         .map(|((&density, class), &hu)| {
             // structures resist as well where they are softer than bone
-            if class.is(Class::STRUCTURE) && density <= 0.0 { table.density_g_cm3(f64::from(hu)).max(0.0) as f32 } else { density }
+            if class.is(Class::STRUCTURE) && density <= 0.0 {
+                table.density_g_cm3(f64::from(hu)).max(0.0) as f32
+            } else {
+                density
+            }
         })
         .collect();
     Volume::new(scene.class.grid().clone(), data)

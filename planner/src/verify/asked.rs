@@ -49,7 +49,7 @@ fn forces(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
     };
     let mut checks = Vec::new();
     if let Some(most_n) = caps.force_n {
-        checks.push(share("speed.force_n", &|w| Some(w.force_n?.norm() / most_n)));
+        checks.push(share("speed.force_n", &|w| Some(w.force_n.norm() / most_n)));
     }
     if let Some(curve) = &caps.force_toward_n {
         checks.push(share("speed.force_toward_n", &|w| {

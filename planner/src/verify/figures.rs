@@ -8,7 +8,7 @@ use super::anatomy::Anatomy;
 use super::asked::COVERAGE;
 use super::carve::NEVER;
 use super::check::{Check, Place};
-use super::lattice::{Lattice, MATERIAL, OUTSIDE, TARGET, TARGET_BONE};
+use super::lattice::{HAS_MASS, Lattice, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
 use super::moves::Moves;
 use super::voxels::{Doubtful, Voxels};
 use crate::plan::{StoredPlan, Value};
@@ -45,7 +45,15 @@ pub fn volumes(
     let kinds = [("all_mm3", TARGET), ("material_mm3", MATERIAL), ("bone_mm3", TARGET_BONE)];
     let found = parts.map(|(_, sets)| kinds.map(|(_, flag)| voxels.volume_mm3(flag, sets)));
     let [[target, ..], [reached, ..], [removed, material, bone], _] = found;
+    // here the flag means all bone outside the target
+    let untargeted = voxels.volume_mm3(SHEET, &[swept]);
+    let outside_mm3 = more(plan, "target_outside_mm3");
+    let whole_mm3 =
+        stated(plan, &["target", "all_mm3"]).zip(outside_mm3).map(|(target, outside)| target + outside);
     let mut checks = vec![
+        counted("untargeted_bone_removed_mm3", more(plan, "untargeted_bone_removed_mm3"), untargeted),
+        share_said(plan, "reached_share", "removed_reachable", stated(plan, &["reachable", "all_mm3"])),
+        share_said(plan, "removed_share", "removed", whole_mm3),
         counted("target_mm3", Some(m.target_mm3), target),
         counted("reachable_mm3", Some(m.reachable_mm3), reached),
         counted("removed_mm3", Some(m.removed_mm3), removed),
@@ -72,6 +80,14 @@ pub fn beyond_scan(plan: &StoredPlan, voxels: &Voxels, edge_mm2: [f64; 2]) -> Ve
         Check::at_most("target outside the scan", share, MOST_OUTSIDE, "of it")
             .noting(format!("{least:.1} mm³ of it lie beyond the CT")),
     ]
+}
+
+/// Whether a share that the plan states is that of the two volumes that it states, which are counted.
+fn share_said(plan: &StoredPlan, share: &str, part: &str, whole_mm3: Option<f64>) -> Check {
+    let part_mm3 = stated(plan, &[part, "all_mm3"]);
+    let found = part_mm3.zip(whole_mm3).map(|(part, whole)| if whole > 0.0 { part / whole } else { 1.0 });
+    let off = more(plan, share).zip(found).map_or(f64::INFINITY, |(said, found)| (said - found).abs());
+    Check::at_most("figures", off, SUM_SHARE, "").of(share)
 }
 
 /// Whether a volume that the plan states lies between the least and the largest count.
@@ -158,10 +174,7 @@ pub fn totals(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
 
 /// A figure beyond the required ones.
 pub fn more(plan: &StoredPlan, key: &str) -> Option<f64> {
-    match plan.record.metrics.more.iter().find(|(k, _)| k == key)?.1 {
-        Value::Number(v) => Some(v),
-        _ => None,
-    }
+    plan.record.metrics.number(key)
 }
 
 /// A figure that the plan states beyond the required ones, by its keys, the outermost first.
@@ -221,7 +234,7 @@ pub fn masses(
         }
     }
     // a scrap is all surface: half its own layer, and half the planner's, which is twice as thick, but never its half
-    let taken = |n: usize| lattice.is(n, MATERIAL) && first[n] != NEVER;
+    let taken = |n: usize| lattice.is(n, HAS_MASS) && first[n] != NEVER;
     let share = if total < few {
         let layer = layer(lattice.grid.dims(), &taken) as f64 / lattice.count(&taken).max(1) as f64;
         ((1.5 * layer).min(0.5) * total / few).max(MASS_SHARE)
@@ -273,11 +286,11 @@ fn mass_by_move(
     mass
 }
 
-/// Density of the planner's voxels, g/cm³; 0 where there is no material of the target.
+/// Density of the planner's voxels, g/cm³; 0 where there is neither material of the target nor bone outside.
 fn densities(plan: &StoredPlan, anatomy: &Anatomy, voxels: &Voxels) -> Vec<f32> {
     let table = &plan.record.case.density.table;
     let of = |(n, class): (usize, &u8)| {
-        if class & MATERIAL == 0 {
+        if class & HAS_MASS == 0 {
             return 0.0;
         }
         let p = voxels.ct_from_grid * voxels.grid.center(voxels.grid.voxel(n));

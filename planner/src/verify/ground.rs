@@ -1,12 +1,12 @@
 //! Bone that must stay, and what links do: the burr's sweep on the fine lattice.
 //!
 //! A point of obstacle bone may lie inside the sweep by no more than the band, within which a scan does not tell bone from
-//! air; the volume is said. Links and retracts reach no material of the target before a cut does, but for what lies
-//! between the points of the planner's grid.
+//! air; the volume is said. Links and retracts reach nothing that has mass, in the target or outside, before a cut does, but
+//! for what lies between the points of the planner's grid.
 
 use super::carve::{NEVER, Piece, deepest};
 use super::check::{Check, Place};
-use super::lattice::{Lattice, MATERIAL, OBSTACLE, SHEET};
+use super::lattice::{HAS_MASS, Lattice, OBSTACLE, SHEET, SLIVER};
 use super::moves::{Executed, Kind, Moves};
 use crate::plan::StoredPlan;
 use nalgebra::Vector3;
@@ -32,6 +32,7 @@ pub fn ground(
     let stretches = stretches(executed);
     let by_arm = deepest(&lattice.grid, &stretches, radius, |n, _| is_obstacle(n));
     let volume = |flags| lattice.volume_mm3(flags, |n| first[n] != NEVER);
+    let said = |name| plan.record.metrics.number(name).unwrap_or(f64::NAN);
     let gouge = |name, found: Option<(f64, usize, u32)>| {
         Check::at_most(name, found.map_or(0.0, |f| f.0), band_mm, "mm deep")
     };
@@ -43,9 +44,14 @@ pub fn ground(
         gouge("bone outside the target, by moves", by_moves)
             .at(by_moves.map(|f| Place::Waypoint(f.2 as usize)))
             .noting(format!(
-                "{:.2} mm³ of it in the sweep, all within the band unless this fails; {:.2} mm³ of sheets",
+                "by points {} mm apart {:.2} mm³ of it in the sweep, all within the band unless this fails, and {:.2} mm³ of specks \
+                 and sheets; by voxel centres {spacing} mm apart the plan says {untargeted:.2} mm³ of both, {deepest:.3} mm deep",
+                 lattice.spacing_mm(),
                 volume(OBSTACLE),
-                volume(SHEET)
+                volume(SHEET),
+                spacing = plan.record.case.grid.spacing_mm,
+                untargeted = said("untargeted_bone_removed_mm3"),
+                deepest = said("deepest_in_obstacle_mm"),
             )),
         gouge("bone outside the target, by the arm", by_arm).at(by_arm.map(|f| row_place(f.2))),
     ]
@@ -54,15 +60,16 @@ pub fn ground(
     .collect()
 }
 
-/// The deepest that a link or retract reaches into material which no earlier move reached, and how much they take in all.
+/// The deepest that a link or retract reaches into what has mass and no earlier move reached, and how much they take in all.
 fn links(plan: &StoredPlan, lattice: &Lattice, pieces: &[Piece], first: &[u32], moves: &Moves) -> [Check; 2] {
     let radius = plan.record.case.burr.radius_mm;
     let is_free = |number: u32| moves.kinds.get(number as usize) == Some(&Kind::Free);
-    let taken = |n: usize| lattice.class[n] & MATERIAL != 0 && first[n] != NEVER && is_free(first[n]);
+    let has_mass = |n: usize| lattice.is(n, HAS_MASS) && !lattice.is(n, SLIVER);
+    let taken = |n: usize| has_mass(n) && first[n] != NEVER && is_free(first[n]);
     let free: Vec<Piece> = pieces.iter().filter(|p| is_free(p.number)).copied().collect();
     let found = deepest(&lattice.grid, &free, radius, |n, number| first[n] == number && taken(n));
-    let volume = lattice.volume_mm3(MATERIAL, taken);
-    let removed = lattice.volume_mm3(MATERIAL, |n| first[n] != NEVER);
+    let volume = lattice.volume_mm3(HAS_MASS, taken);
+    let removed = lattice.volume_mm3(HAS_MASS, |n| first[n] != NEVER);
     // a lattice point may lie this far from the planner's grid
     let spacing = plan.record.case.grid.spacing_mm;
     let unseen_mm = 0.5 * 3f64.sqrt() * spacing;
@@ -71,10 +78,10 @@ fn links(plan: &StoredPlan, lattice: &Lattice, pieces: &[Piece], first: &[u32], 
     let bite = std::f64::consts::PI * (0.5 * spacing).powi(2) * radius;
     let limit = LINK_SHARE * removed + spacing.powi(3) + bite;
     [
-        Check::at_most("links in target bone", found.map_or(0.0, |f| f.0), unseen_mm, "mm deep")
+        Check::at_most("links in bone", found.map_or(0.0, |f| f.0), unseen_mm, "mm deep")
             .of("depth")
             .at(place.clone()),
-        Check::at_most("links in target bone", volume, limit, "mm³").of("in all").at(place),
+        Check::at_most("links in bone", volume, limit, "mm³").of("in all").at(place),
     ]
 }
 

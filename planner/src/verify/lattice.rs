@@ -2,17 +2,19 @@
 //!
 //! The lattice has half the planner's spacing, so that each voxel of the planner's has eight points in it; gouging, links,
 //! masses and the shank are judged on it. Volumes are counted on the planner's voxels, and set beside the lattice's.
-//! Obstacle bone is bone outside the target without sheets that the planner's voxels may not show as thicker than the
-//! band ([`thickest_sheet_mm`]): a ball of that diameter surely fits into it, or it lies within a band of such a place
-//! (thick bone keeps its corners). What is left out is reported by volume.
+//! Obstacle bone is bone outside the target in a voxel of the planner's that is an obstacle ([`Voxels::obstacles`]), and
+//! whatever the planner's voxels surely show as thicker than the band ([`thickest_sheet_mm`]): a ball of that diameter
+//! surely fits into it, or it lies within a band of such a place (thick bone keeps its corners). What is left out is
+//! reported by volume.
 
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::anatomy::{Aim, Anatomy, shape_holds};
+use super::voxels::{Doubtful, Voxels};
 use super::{VerifyError, edt};
-use crate::case::Density;
+use crate::case::{Density, Sheets};
 
 /// Belongs to the target.
 pub const TARGET: u8 = 1;
@@ -22,17 +24,31 @@ pub const MATERIAL: u8 = 2;
 pub const TARGET_BONE: u8 = 4;
 /// Bone outside the target that neither burr nor shank may touch.
 pub const OBSTACLE: u8 = 8;
-/// Bone outside the target in sheets thinner than the band.
+/// Bone outside the target that is no obstacle.
 pub const SHEET: u8 = 16;
 /// Inside a structure that is to be kept.
 pub const STRUCTURE: u8 = 32;
 /// Drawn as target, but beyond the scan: neither target nor removed.
 pub const OUTSIDE: u8 = 64;
+/// Bone outside the target in a voxel of the planner's whose centre is none: too thin for its grid.
+pub const SLIVER: u8 = 128;
+
+/// What gives force and mass wherever the burr meets it.
+pub const HAS_MASS: u8 = MATERIAL | OBSTACLE | SHEET;
 
 /// Radius of the closing that decides which air a shape encloses, mm.
 const CLOSING_MM: f64 = 4.0;
 /// A distance larger by less than this than the closing's radius is not larger, mm.
 const SAME_MM: f64 = 1e-6;
+
+/// What decides which bone is an obstacle.
+#[derive(Debug, Clone, Copy)]
+pub struct Obstacle {
+    /// The largest voxel diagonal, mm.
+    pub band_mm: f64,
+    /// The case's.
+    pub sheets: Sheets,
+}
 
 /// Classes on a lattice.
 #[derive(Debug)]
@@ -44,7 +60,7 @@ pub struct Lattice {
 }
 
 impl Lattice {
-    /// Classifies the points of `grid`; `planner_mm` is the spacing of the planner's voxels.
+    /// Classifies the points of `grid`, as far as they depend on it by the planner's voxels.
     ///
     /// # Errors
     /// [`VerifyError::Grid`] for a closing's grid that cannot be made.
@@ -53,8 +69,8 @@ impl Lattice {
         density: &Density,
         ct_from_grid: &Rigid<Ct, Work>,
         grid: Grid<Work>,
-        band_mm: f64,
-        planner_mm: f64,
+        voxels: &Voxels,
+        rule: &Obstacle,
     ) -> Result<Self, VerifyError> {
         let enclosed = match &anatomy.aim {
             Aim::Label(_) => None,
@@ -89,7 +105,8 @@ impl Lattice {
             }
         });
         let mut lattice = Self { grid, class };
-        lattice.find_obstacles(band_mm, planner_mm);
+        lattice.find_thick(rule.band_mm, voxels.spacing_mm());
+        lattice.compare(voxels, rule);
         Ok(lattice)
     }
 
@@ -99,7 +116,7 @@ impl Lattice {
     }
 
     /// Turns what is surely thicker than a sheet from SHEET to OBSTACLE.
-    fn find_obstacles(&mut self, band_mm: f64, planner_mm: f64) {
+    fn find_thick(&mut self, band_mm: f64, planner_mm: f64) {
         let (dims, h) = (self.grid.dims(), self.spacing_mm());
         let class = &self.class;
         let deep = edt::squared_voxels(dims, |n| class[n] & SHEET == 0);
@@ -111,6 +128,25 @@ impl Lattice {
         self.class.par_iter_mut().zip(from_core).for_each(|(class, from_core)| {
             if *class & SHEET != 0 && from_core <= reach {
                 *class ^= SHEET | OBSTACLE;
+            }
+        });
+    }
+
+    /// Marks obstacles and slivers by the planner's voxels.
+    fn compare(&mut self, voxels: &Voxels, rule: &Obstacle) {
+        let Doubtful { surely, possibly } = &voxels.class;
+        let obstacle = voxels.obstacles(surely, possibly, rule.band_mm, rule.sheets);
+        let grid = &self.grid;
+        self.class.par_iter_mut().enumerate().with_min_len(1 << 14).for_each(|(n, class)| {
+            if *class & (SHEET | OBSTACLE) == 0 {
+                return;
+            }
+            let voxel = voxels.grid.nearest(grid.center(grid.voxel(n))).map(|v| voxels.grid.index(v));
+            if voxel.is_some_and(|v| possibly[v] & SHEET == 0) {
+                *class |= SLIVER;
+            }
+            if voxel.is_some_and(|v| obstacle[v]) {
+                *class = *class & !SHEET | OBSTACLE;
             }
         });
     }

@@ -8,8 +8,8 @@
 //!
 //! Shared with the planner: frames and grids, the NIfTI reader, the arm's forward kinematics, and the reader of plan
 //! files. Not shared, and kept so by a test of the tree: path, space, access, orientation, removal, engagement, pipeline,
-//! time law. Definitions are those of the plan format: closed label boxes, obstacle bone without sheets thinner than the
-//! band, everything else outside the target free.
+//! time law. Definitions are those of the plan format: closed label boxes, obstacle bone without specks and without sheets
+//! thinner than the band within the band of the target; soft tissue outside the target is free.
 //!
 //! Not judged: whether the CT is the patient, whether the registration is true (only its fiducials' place and fit, and what error
 //! they let expect; see the uncertainty module for what errors of both cost), forces in newtons (only their consistency), and
@@ -56,7 +56,7 @@ pub use result::Verification;
 use crate::Progress;
 use crate::plan::{StoredPlan, digests, read_case_text};
 use anatomy::Extent;
-use lattice::{Lattice, grid_over};
+use lattice::{Lattice, Obstacle, grid_over};
 use motion::MotionLimits;
 use moves::{Executed, Moves};
 use voxels::Voxels;
@@ -127,11 +127,12 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
         ""
     }));
     checks.push(Check::at_most("lattice spacing", grid.spacing_mm().x, spacing, "mm"));
-    let fine = Lattice::new(&anatomy, &case.density, ct_from_grid, grid, band_mm, case.grid.spacing_mm)?;
+    let (voxels, beyond_mm) = planned_voxels(plan, &anatomy)?;
+    let rule = Obstacle { band_mm, sheets: case.sheets };
+    let fine = Lattice::new(&anatomy, &case.density, ct_from_grid, grid, &voxels, &rule)?;
 
     progress.stage("count voxels");
     let pieces = carve::pieces(&moves.points);
-    let (voxels, beyond_mm) = planned_voxels(plan, &anatomy)?;
     checks.push(Check::at_most("planning grid around the target", beyond_mm, voxels::DOUBT_MM, "mm beyond"));
     let swept = carve::swept(&voxels.grid, &pieces, case.burr.radius_mm);
     let kept: Vec<(&Boxes<'_>, f64)> = boxes
@@ -161,7 +162,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     let cylinders = shaft::cylinders(case);
     let poses = shaft::poses(plan, &moves, &executed);
     let standing = shaft::standing(&fine, &first);
-    let far = shaft::far_bone(&anatomy, case.density.bone_hu, &fine, &grid_from_ct);
+    let far = shaft::far_bone(&anatomy, case, &fine, &grid_from_ct);
     checks.extend(shaft::against_bone(&poses, &cylinders, &standing, &far, ct_from_grid));
     drop((standing, far, first, fine));
     for (kept, boxes) in anatomy.kept.iter().zip(&boxes) {

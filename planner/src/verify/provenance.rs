@@ -62,8 +62,13 @@ fn frames(plan: &StoredPlan) -> Vec<Check> {
     let mut checks = vec![
         Check::at_most(NAME, (record.approach_direction - approach).amax(), ROUNDING, "")
             .of("approach of the case"),
-        Check::at_most(NAME, angle_rad(&record.ct_from_approach.rotation, &basis::from_z(&approach)), ROUNDING, "rad")
-            .of("ct_from_work is the approach's basis"),
+        Check::at_most(
+            NAME,
+            angle_rad(&record.ct_from_approach.rotation, &basis::from_z(&approach)),
+            ROUNDING,
+            "rad",
+        )
+        .of("ct_from_work is the approach's basis"),
     ];
     let registration = Check::none_wrong(NAME, 0).of("base_from_ct of the case");
     checks.push(match &record.case.robot.base_from_ct {

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::boxes::Boxes;
 use super::edt;
-use super::lattice::{SHEET, TARGET};
+use super::lattice::TARGET;
 use super::voxels::{DOUBT_MM, Doubtful, Voxels};
 use crate::case::Case;
 
@@ -32,9 +32,11 @@ pub fn reachable(
         mark_near(voxels, boxes, radius + clearance_mm + CORNERS_MM, &mut near);
     }
     // what is surely reached keeps from all that may be in the way
+    let Doubtful { surely, possibly } = &voxels.class;
+    let obstacles = |bone, target| voxels.obstacles(bone, target, band_mm, case.sheets);
     let clear = Doubtful {
-        surely: clear(voxels, radius, DOUBT_MM, &voxels.class.possibly, &near.possibly, band_mm),
-        possibly: clear(voxels, radius, -DOUBT_MM, &voxels.class.surely, &near.surely, band_mm),
+        surely: clear(voxels, radius, DOUBT_MM, &obstacles(possibly, surely), &near.possibly),
+        possibly: clear(voxels, radius, -DOUBT_MM, &obstacles(surely, possibly), &near.surely),
     };
     let surely = covered(voxels, radius, -DOUBT_MM, &clear.surely, &voxels.class.surely);
     let is_one = clear.surely == clear.possibly && voxels.class.surely == voxels.class.possibly;
@@ -47,16 +49,8 @@ pub fn reachable(
 }
 
 /// Where the centre may be.
-fn clear(
-    voxels: &Voxels,
-    radius_mm: f64,
-    more_mm: f64,
-    class: &[u8],
-    near: &[bool],
-    band_mm: f64,
-) -> Vec<bool> {
+fn clear(voxels: &Voxels, radius_mm: f64, more_mm: f64, obstacle: &[bool], near: &[bool]) -> Vec<bool> {
     let (grid, h) = (&voxels.grid, voxels.spacing_mm());
-    let obstacle = voxels.obstacles(|n| class[n] & SHEET != 0, band_mm);
     let from_bone = edt::squared_voxels(grid.dims(), |n| obstacle[n]);
     let least = ((radius_mm - SAME_MM + more_mm).max(0.0) / h).powi(2) as f32;
     let reach = radius_mm / h;

@@ -50,7 +50,7 @@ fn is_clearance(cause: &str) -> bool {
 }
 
 fn is_bone(cause: &str) -> bool {
-    cause.starts_with("burr's radius") || cause.starts_with("bone around")
+    ["burr's radius", "bone around", "thin bone"].iter().any(|of_bone| cause.starts_with(of_bone))
 }
 
 fn is_path(cause: &str) -> bool {

@@ -16,7 +16,8 @@ use super::carve::NEVER;
 use super::check::{Check, Place};
 use super::lattice::{Lattice, MATERIAL, OBSTACLE};
 use super::moves::{Executed, Moves};
-use crate::case::Case;
+use super::voxels::is_speck;
+use crate::case::{Case, Sheets};
 use crate::plan::StoredPlan;
 
 /// The shank's part that stays near the bone, mm from the burr's centre.
@@ -101,16 +102,18 @@ pub fn standing(lattice: &Lattice, first: &[u32]) -> [Bricks<Work>; 2] {
     ]
 }
 
-/// Bone outside the target and outside the lattice, at the CT's voxels: those that belong to a cube of 2×2×2.
+/// Bone outside the target and outside the lattice, at the CT's voxels, without specks; where sheets are cut, those that
+/// belong to a cube of 2×2×2.
 pub fn far_bone(
     anatomy: &Anatomy,
-    bone_hu: f64,
+    case: &Case,
     lattice: &Lattice,
     grid_from_ct: &Rigid<Work, Ct>,
 ) -> Bricks<Ct> {
     let grid = anatomy.ct.grid();
     let [nx, ny, nz] = grid.dims();
-    let is_bone: Vec<bool> = anatomy.ct.data().par_iter().map(|hu| f64::from(*hu) >= bone_hu).collect();
+    let is_bone: Vec<bool> =
+        anatomy.ct.data().par_iter().map(|hu| f64::from(*hu) >= case.density.bone_hu).collect();
     let is_target = |p: Point<Ct>| match &anatomy.aim {
         Aim::Label(label) => anatomy.label(p) == *label,
         Aim::Shape(shape) => shape_holds(shape, &p.coords),
@@ -127,17 +130,19 @@ pub fn far_bone(
                     .all(|d| is_bone[x + (d & 1) + nx * (y + (d >> 1 & 1) + ny * (z + (d >> 2 & 1)))])
         })
     };
+    let stays = |[i, j, k]: [usize; 3], n: usize| {
+        thick(i, j, k) || case.sheets == Sheets::Keep && !is_speck([nx, ny, nz], &|m| is_bone[m], n)
+    };
     let near = |p: Point<Ct>| lattice.grid.nearest(*grid_from_ct * p).is_some();
     let mut until = vec![0; grid.len()];
     until.par_chunks_mut(nx * ny).enumerate().for_each(|(k, slab)| {
         cancel::poll();
         for (n, until) in slab.iter_mut().enumerate() {
             let (i, j) = (n % nx, n / nx);
-            if is_bone[n + k * nx * ny] && thick(i, j, k) {
-                let p = grid.center([i, j, k]);
-                if !near(p) && !is_target(p) {
-                    *until = NEVER;
-                }
+            let p = grid.center([i, j, k]);
+            let place = n + k * nx * ny;
+            if is_bone[place] && !near(p) && !is_target(p) && stays([i, j, k], place) {
+                *until = NEVER;
             }
         }
     });

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::anatomy::{Aim, Anatomy, resized, shape_holds};
 use super::lattice::{Closed, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
 use super::{VerifyError, edt};
-use crate::case::{Density, Target};
+use crate::case::{Density, Sheets, Target};
 
 /// Places closer than this to a surface may be on either side of it, mm.
 pub const DOUBT_MM: f64 = 1e-6;
@@ -22,6 +22,9 @@ const DOUBT_VOXELS: f64 = 1e-6;
 const DOUBT_HU: f64 = 2e-3;
 /// Labels are looked up this share farther from the grid's middle, so that a centre on a face takes the outer voxel.
 const LABELS_OUTWARD: f64 = 1e-4;
+
+/// A piece of bone of fewer voxels, a cube of 2×2×2, is a speck.
+const SPECK_VOXELS: usize = 8;
 
 /// What is certain, and what rounding may make of it. Whatever is sure is possible.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -155,9 +158,27 @@ impl Voxels {
         .map(|voxels| voxels as f64 * self.grid.voxel_mm3())
     }
 
-    /// Obstacle bone, given which voxels are bone outside the target: the parts that hold a cube of 2×2×2 voxels into which
-    /// a ball of the band's diameter fits, and the bone within a band of them.
-    pub fn obstacles(&self, is_bone: impl Fn(usize) -> bool + Sync, band_mm: f64) -> Vec<bool> {
+    /// Obstacle bone. `bone` and `target` are flags of the voxels: the former tell bone outside the target ([`SHEET`]).
+    ///
+    /// It is whatever is thick (the parts that hold a cube of 2×2×2 voxels into which a ball of the band's diameter fits, and
+    /// the bone within a band of them) and, unless the case has sheets cut, what is thin but no speck and farther than the
+    /// band from the target.
+    pub fn obstacles(&self, bone: &[u8], target: &[u8], band_mm: f64, sheets: Sheets) -> Vec<bool> {
+        let (dims, h) = (self.grid.dims(), self.spacing_mm());
+        let is_bone = |n: usize| bone[n] & SHEET != 0;
+        let thick = self.thick(is_bone, band_mm);
+        if sheets == Sheets::Cut {
+            return thick;
+        }
+        let from_target = edt::squared_voxels(dims, |n| target[n] & TARGET != 0);
+        let beyond = ((band_mm + DOUBT_MM) / h).powi(2) as f32;
+        let stays =
+            |n: usize| thick[n] || is_bone(n) && from_target[n] > beyond && !is_speck(dims, &is_bone, n);
+        (0..thick.len()).into_par_iter().with_min_len(1 << 12).map(stays).collect()
+    }
+
+    /// Bone that is not thinner than the band.
+    fn thick(&self, is_bone: impl Fn(usize) -> bool + Sync, band_mm: f64) -> Vec<bool> {
         let (dims, h) = (self.grid.dims(), self.spacing_mm());
         let deep = edt::squared_voxels(dims, |n| !is_bone(n));
         let in_cube = in_cubes(dims, &is_bone);
@@ -207,6 +228,33 @@ fn held<F: Frame>(grid: &Grid<F>, p: Point<F>, holds: impl Fn(Option<[usize; 3]>
     found
 }
 
+/// Whether the piece of the mask that holds a voxel, joined by faces, edges and corners, has less than eight voxels.
+pub fn is_speck(dims: [usize; 3], is: &impl Fn(usize) -> bool, voxel: usize) -> bool {
+    let [nx, ny, nz] = dims;
+    let mut piece = vec![voxel];
+    let mut next = 0;
+    while let Some(&n) = piece.get(next) {
+        next += 1;
+        let at = [n % nx, n / nx % ny, n / (nx * ny)];
+        for step in 0..27usize {
+            // each coordinate one less, the same or one more
+            let [i, j, k] = [step % 3, step / 3 % 3, step / 9];
+            let (i, j, k) = (at[0] + i, at[1] + j, at[2] + k);
+            if i == 0 || j == 0 || k == 0 || i > nx || j > ny || k > nz {
+                continue;
+            }
+            let other = (i - 1) + nx * ((j - 1) + ny * (k - 1));
+            if is(other) && !piece.contains(&other) {
+                piece.push(other);
+                if piece.len() >= SPECK_VOXELS {
+                    return false;
+                }
+            }
+        }
+    }
+    true
+}
+
 /// Which voxels belong to a cube of 2×2×2 of the mask.
 fn in_cubes(dims: [usize; 3], is: impl Fn(usize) -> bool + Sync) -> Vec<bool> {
     let [nx, ny, nz] = dims;
@@ -242,6 +290,20 @@ mod tests {
         assert_eq!(at(0.75), Doubtful { surely: false, possibly: true });
         assert_eq!(at(0.76), Doubtful { surely: false, possibly: false });
         assert_eq!(at(-0.25), Doubtful { surely: false, possibly: true });
+    }
+
+    #[test]
+    fn a_speck_has_less_than_eight_voxels_however_they_are_joined() {
+        let dims = [9, 8, 7];
+        let chain = |length: usize| move |n: usize| n % (1 + 9 + 72) == 0 && n / (1 + 9 + 72) < length;
+        for n in 0..7 {
+            assert!(is_speck(dims, &chain(7), n * 82));
+        }
+        let wall = |n: usize| n / 72 == 6;
+        assert!(!is_speck(dims, &wall, 6 * 72 + 5));
+        let cube = |n: usize| [n % 9, n / 9 % 8, n / 72].iter().all(|c| (3..5).contains(c));
+        assert!(!is_speck(dims, &cube, 3 + 9 * (4 + 8 * 3)));
+        assert!(is_speck(dims, &|n| cube(n) && n != 3 + 9 * (3 + 8 * 3), 3 + 9 * (4 + 8 * 3)));
     }
 
     #[test]

@@ -2,9 +2,7 @@
 
 use bonemill_geometry::{Ct, Grid, Point, Volume};
 use bonemill_imaging::DensityTable;
-use bonemill_imaging::scene::{
-    MemoryNeed, Scene, SceneError, SceneSpec, Sheets, TargetShape, build_scene,
-};
+use bonemill_imaging::scene::{MemoryNeed, Scene, SceneError, SceneSpec, Sheets, TargetShape, build_scene};
 use bonemill_planner::path::{MillPath, PathSpacing, RasterFrame, lay_path};
 use bonemill_planner::space::BurrSpace;
 use nalgebra::Vector3;
@@ -26,11 +24,8 @@ pub fn inside(voxel: [usize; 3], ranges: [[usize; 2]; 3]) -> bool {
     (0..3).all(|a| (ranges[a][0]..ranges[a][1]).contains(&voxel[a]))
 }
 
-pub fn scene() -> Scene {
-    scene_at(SPACING_MM, None).unwrap()
-}
-
-pub fn scene_at(spacing_mm: f64, available_mb: Option<f64>) -> Result<Scene, SceneError> {
+/// The CT and the label map.
+pub fn images() -> (Volume<f32, Ct>, Volume<u16, Ct>) {
     let grid: Grid<Ct> = Grid::aligned(DIMS, SPACING_MM, FIRST).unwrap();
     let ct = (0..grid.len()).map(|n| {
         let [i, j, k] = grid.voxel(n);
@@ -47,12 +42,25 @@ pub fn scene_at(spacing_mm: f64, available_mb: Option<f64>) -> Result<Scene, Sce
         _ => 0,
     });
     let labels = Volume::new(grid.clone(), labels.collect()).unwrap();
+    (ct, labels)
+}
+
+pub fn table() -> DensityTable {
+    DensityTable::new(&[-1000.0, 300.0, 2000.0], &[0.01, 1.145, 1.856]).unwrap()
+}
+
+pub fn scene() -> Scene {
+    scene_at(SPACING_MM, None).unwrap()
+}
+
+pub fn scene_at(spacing_mm: f64, available_mb: Option<f64>) -> Result<Scene, SceneError> {
+    let (ct, labels) = images();
     build_scene(&SceneSpec {
         ct: &ct,
         labels: &labels,
         target: TargetShape::Label(TARGET),
         structures: &[("rod".into(), ROD)],
-        table: &DensityTable::new(&[-1000.0, 300.0, 2000.0], &[0.01, 1.145, 1.856]).unwrap(),
+        table: &table(),
         air_hu: -700.0,
         bone_hu: 200.0,
         sheets: Sheets::Keep,

@@ -125,7 +125,8 @@ impl Split<'_> {
     fn keeps_to(&self, from: usize, to: usize) -> Result<bool, RobotError> {
         let (first, last) = (&self.places[from].q, &self.places[to].q);
         let way: Vec<f64> = first.iter().zip(last).map(|(a, b)| b - a).collect();
-        let along = |v: &[f64]| -> f64 { v.iter().zip(&way).zip(self.weights).map(|((v, w), c)| v * w * c).sum() };
+        let along =
+            |v: &[f64]| -> f64 { v.iter().zip(&way).zip(self.weights).map(|((v, w), c)| v * w * c).sum() };
         let length2 = along(&way);
         for place in &self.places[from + 1..to] {
             let on: Vec<f64> = place.q.iter().zip(first).map(|(q, a)| q - a).collect();
@@ -133,7 +134,8 @@ impl Split<'_> {
             let driven = first.iter().zip(&way).map(|(a, w)| a + share * w).collect();
             let driven = Place::new(self.arm, place.time_s, driven)?;
             let (off_rad, _) = angle_between(&driven.axis, &place.axis);
-            if (driven.burr - place.burr).norm() > self.tolerance.burr_mm || off_rad > self.tolerance.axis_rad {
+            if (driven.burr - place.burr).norm() > self.tolerance.burr_mm || off_rad > self.tolerance.axis_rad
+            {
                 return Ok(false);
             }
         }
@@ -161,7 +163,8 @@ mod tests {
             let circle = [-5.0 * turn * sin, 5.0 * turn * cos, 0.0, 0.2];
             if t < 2.0 { circle } else { [-2.0 * (t - 2.0), 0.0, 0.0, 0.0] }
         };
-        let [q, qd] = [time_s.iter().flat_map(|t| q(*t)).collect(), time_s.iter().flat_map(|t| qd(*t)).collect()];
+        let [q, qd] =
+            [time_s.iter().flat_map(|t| q(*t)).collect(), time_s.iter().flat_map(|t| qd(*t)).collect()];
         [time_s, q, qd]
     }
 
@@ -181,7 +184,8 @@ mod tests {
         let burr = |q: &[f64]| arm.burr(q).unwrap().translation_mm;
         for pair in blocks.windows(2).filter(|pair| pair[1].of == 1) {
             for share in [0.25, 0.5, 0.75] {
-                let q: Vec<f64> = pair[0].q.iter().zip(&pair[1].q).map(|(a, b)| a + share * (b - a)).collect();
+                let q: Vec<f64> =
+                    pair[0].q.iter().zip(&pair[1].q).map(|(a, b)| a + share * (b - a)).collect();
                 // the burr's own way: the pivot's chord and what the tilt adds
                 let centre = Vector3::new(50.0 * q[3].sin(), 0.0, 50.0 * (1.0 - q[3].cos()));
                 let off = ((burr(&q) - centre).norm() - 5.0).abs();

@@ -15,8 +15,8 @@ use rayon::prelude::*;
 use super::{EXACT, Follower, OutOfReach, PosePath, Posture, ReachReason, Resolved, into_range, yielding};
 use crate::arm::inverse::{SpinFrame, about_z};
 use crate::arm::{Arm, AxisPose, InverseKind, Joint};
-use crate::ur::{Branches, UrGeometry};
 use crate::ur::ik::wrapped;
+use crate::ur::{Branches, UrGeometry};
 
 /// Spins that are looked at.
 const SPINS: usize = 36;

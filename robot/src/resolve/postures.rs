@@ -64,8 +64,10 @@ pub fn reached(
         }
         InverseKind::Ur { .. } => {
             let allowed = if let Posture::Of(branches) = posture { branches } else { Branches::ALL };
-            let found: Vec<grid::Branch> = poses.par_iter().map(|pose| grid::branches(arm, pose, &frame)).collect();
-            let count = |set: fn(&grid::Branch) -> u8, b: u8| found.iter().filter(|f| set(f) >> b & 1 == 1).count();
+            let found: Vec<grid::Branch> =
+                poses.par_iter().map(|pose| grid::branches(arm, pose, &frame)).collect();
+            let count =
+                |set: fn(&grid::Branch) -> u8, b: u8| found.iter().filter(|f| set(f) >> b & 1 == 1).count();
             let best = (0..8u8).filter(|b| allowed.contains(*b)).max_by_key(|b| {
                 // of equal ones the first
                 (count(|f| f.above, *b), count(|f| f.any, *b), u8::MAX - b)

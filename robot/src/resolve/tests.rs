@@ -44,7 +44,13 @@ fn lengths(poses: &[AxisPose]) -> Vec<f64> {
 }
 
 fn path<'a>(poses: &'a [AxisPose], length_mm: &'a [f64]) -> PosePath<'a> {
-    PosePath { poses, length_mm, frame: SpinFrame::about(&Vector3::z_axis()), stiffness: None, posture: Posture::Any }
+    PosePath {
+        poses,
+        length_mm,
+        frame: SpinFrame::about(&Vector3::z_axis()),
+        stiffness: None,
+        posture: Posture::Any,
+    }
 }
 
 /// Every pose is met, inside all limits, and no joint jumps.
@@ -101,10 +107,15 @@ fn spins_chosen_at_some_poses_are_as_good_as_those_chosen_at_every_pose() {
         }
         let nodes = grid::Nodes::new(&arm, geometry, &path);
         let [of_some, of_every] = [&some, &every].map(|at| nodes.resolved(at).unwrap());
-        check(&arm, &poses, &resolve(&arm, &path).unwrap().unwrap());
+        let handed_out = resolve(&arm, &path).unwrap().unwrap();
+        check(&arm, &poses, &handed_out);
         assert_eq!(of_some.branch, of_every.branch);
-        let [some, every] = [&of_some, &of_every].map(|resolved| motion(&resolved.q, &length_mm));
-        assert!(some <= 1.01 * every, "{some} for {every}, {swing_rad} {at_once_rad} on {}", of_some.branch);
+        let [found, every] = [&handed_out, &of_every].map(|resolved| motion(&resolved.q, &length_mm));
+        assert!(
+            found <= 1.01 * every,
+            "{found} for {every}, {swing_rad} {at_once_rad} on {}",
+            of_some.branch
+        );
         // a jump of the axis is a hurry: then every pose is looked at
         assert_eq!(grid::hurries(&of_some.q, 6), at_once_rad > 0.0);
     }
@@ -234,7 +245,8 @@ fn a_wrist_singularity_is_avoided_where_the_spin_can_and_told_where_it_cannot() 
             .collect();
         let length_mm = lengths(&poses);
         let frame = SpinFrame::about(&Unit::new_normalize(Vector3::new(0.1, -1.0, 0.2)));
-        let path = PosePath { poses: &poses, length_mm: &length_mm, frame, stiffness: None, posture: Posture::Any };
+        let path =
+            PosePath { poses: &poses, length_mm: &length_mm, frame, stiffness: None, posture: Posture::Any };
         let resolved = resolve(&arm, &path).unwrap();
         resolved.map(|resolved| {
             let least = resolved.q.chunks_exact(6).map(|q| q[4].sin().abs()).fold(f64::INFINITY, f64::min);

@@ -9,11 +9,8 @@
 pub struct Branches(u8);
 
 /// The names' words: for each of shoulder, elbow and wrist the one of bit 0 and that of bit 1.
-const WORDS: [[&str; 2]; 3] = [
-    ["shoulder-left", "shoulder-right"],
-    ["elbow-up", "elbow-down"],
-    ["wrist-positive", "wrist-negative"],
-];
+const WORDS: [[&str; 2]; 3] =
+    [["shoulder-left", "shoulder-right"], ["elbow-up", "elbow-down"], ["wrist-positive", "wrist-negative"]];
 
 /// What a branch is in each of [`WORDS`].
 fn traits(branch: u8) -> [usize; 3] {
@@ -111,7 +108,10 @@ mod tests {
         assert_eq!((0..8).filter(|b| up.contains(*b)).count(), 4);
         let two = Branches::named("wrist-negative / shoulder-right").unwrap();
         assert_eq!((0..8).filter(|b| two.contains(*b)).count(), 2);
-        assert_eq!((up.to_string(), two.to_string()), ("elbow-up".into(), "shoulder-right/wrist-negative".into()));
+        assert_eq!(
+            (up.to_string(), two.to_string()),
+            ("elbow-up".into(), "shoulder-right/wrist-negative".into())
+        );
         for wrong in ["", "elbow", "elbow-up/elbow-down", "elbow-up/", "0"] {
             assert_eq!(Branches::named(wrong), None, "{wrong}");
         }

@@ -1,7 +1,7 @@
 //! Gains against brute force, and what they cost on a finer grid.
 
 use bonemill_geometry::{Ct, Grid, Volume};
-use bonemill_imaging::{DensityTable, MemoryNeed, Scene, SceneSpec, TargetShape, build_scene};
+use bonemill_imaging::{DensityTable, MemoryNeed, Scene, SceneSpec, Sheets, TargetShape, build_scene};
 use nalgebra::Vector3;
 
 use super::*;
@@ -32,6 +32,7 @@ fn scene(spacing_mm: f64) -> Scene {
         table: &DensityTable::new(&[-1000.0, 300.0, 2000.0], &[0.01, 1.145, 1.856]).unwrap(),
         air_hu: -700.0,
         bone_hu: 200.0,
+        sheets: Sheets::Keep,
         approach: Some(Vector3::z()),
         spacing_mm,
         memory: MemoryNeed { bytes_per_voxel: 70.0, available_mb: None },
@@ -105,7 +106,7 @@ fn the_choice_is_that_of_gains_counted_voxel_by_voxel() {
             // every other pass is not joined: what its walk took is there again
             if pass % 2 == 0 {
                 let points = cells.iter().map(|cell| gains.center(&builder, *cell)).collect();
-                builder.add(Pass { layer, points, put_off: false });
+                builder.add(Pass { layer, points, put_off: false, from_above: false });
             }
             gains.settle(&builder);
         }

@@ -159,3 +159,25 @@ pub const DROPPED: [Column; 4] = [
     Column::new("z_mm", "mm", "ct", "The same place."),
     Column::new("reason", "text", "", "What was in the way."),
 ];
+
+/// Of `forces.csv`.
+pub const FORCES_ROWS: [Column; 8] = [
+    Column::new("index", "1", "", "The waypoint."),
+    Column::new(
+        "structure",
+        "text",
+        "",
+        "A structure within its influence, or the one that `waypoints.csv` names.",
+    ),
+    Column::new("distance_mm", "mm", "", "From the burr's centre to its nearest point."),
+    Column::new("toward_x", "1", "ct", "Unit vector from the burr's centre to that point."),
+    Column::new("toward_y", "1", "ct", "The same vector."),
+    Column::new("toward_z", "1", "ct", "The same vector."),
+    Column::new("force_toward_n", "N", "", "The force's part along it; never below 0, and 0 in air."),
+    Column::new(
+        "deflection_toward_um",
+        "µm",
+        "",
+        "The deflection's part along it, not below 0; only with `robot.joint_stiffness`.",
+    ),
+];
