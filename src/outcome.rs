@@ -36,7 +36,14 @@ impl Outcome {
 
     /// With what the user should know about the plan.
     pub fn warning(mut self, warnings: &[String]) -> Self {
-        self.text.extend(warnings.iter().map(|w| format!("warning: {w}\n")));
+        self.text.push_str(&told(warnings));
+        self.object.insert("warnings".into(), warnings.into());
+        self
+    }
+
+    /// The same, told before what was found.
+    pub fn warning_first(mut self, warnings: &[String]) -> Self {
+        self.text.insert_str(0, &told(warnings));
         self.object.insert("warnings".into(), warnings.into());
         self
     }
@@ -233,6 +240,11 @@ impl Outcome {
         };
         let _ = stdout().write_all(text.as_bytes());
     }
+}
+
+/// Warnings, a line each.
+fn told(warnings: &[String]) -> String {
+    warnings.iter().map(|w| format!("warning: {w}\n")).collect()
 }
 
 /// Seconds by stage; a stage that came twice counts together.

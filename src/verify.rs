@@ -40,7 +40,7 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
     progress.stage("write verdict");
     let drawn = drawn.as_ref().map(|(model, risk)| (model, risk));
     let path = save_verification(dir, &found, drawn)?;
-    Ok(Outcome::verified(&path, &found, drawn, args.all).warning(&warnings))
+    Ok(Outcome::verified(&path, &found, drawn, args.all).warning_first(&warnings))
 }
 
 /// The errors asked for.

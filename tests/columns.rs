@@ -1,6 +1,6 @@
 //! Every column and key that a plan's files hold is described, and the report says it too.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
 
 mod support;
 

@@ -50,7 +50,7 @@ fn a_number_is_the_same_wherever_it_stands() {
         assert!(report.contains(&format!("<b>{share}</b>")), "{share}");
     }
     let untargeted = format!(
-        "{:.1} mm³ by voxel centres of the planning grid, {:.1} mm³ of it thinner",
+        "{:.1} mm³ by voxel centres of the planning grid, {:.1} mm³ of it specks and bone thinner",
         number("untargeted_bone_removed_mm3"),
         number("thin_bone_removed_mm3")
     );

@@ -1,6 +1,6 @@
 //! What the report says of the case's values: where each comes from.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
 
 mod support;
 

@@ -1,7 +1,7 @@
 //! Thin bone outside the target: kept beyond the band, taken and felt within it. Against the images themselves, point by
 //! point, without a planning grid.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
 
 mod support;
 
@@ -109,8 +109,8 @@ struct Truth {
 
 impl Truth {
     fn of(place: &Place) -> Self {
-        let ct = read_ct(&place.path("ct.nii"), AffineChoice::Auto).unwrap().volume;
-        let labels = read_labels(&place.path("labels.nii"), AffineChoice::Auto).unwrap().volume;
+        let ct = read_ct(place.path("ct.nii"), AffineChoice::Auto).unwrap().volume;
+        let labels = read_labels(place.path("labels.nii"), AffineChoice::Auto).unwrap().volume;
         let table = DensityTable::new(
             &[-1000.0, -400.0, -150.0, 100.0, 300.0, 2000.0, 4927.0],
             &[0.01, 0.602, 0.924, 1.075, 1.145, 1.856, 3.379],
@@ -124,7 +124,7 @@ impl Truth {
     fn density_g_cm3(&self, p: Point<Ct>) -> f64 {
         let hu = self.ct.trilinear(p, -1000.0);
         let label = self.labels.grid().nearest(p).map_or(0, |v| *self.labels.get(v));
-        let in_target = f32::from(label) == TARGET;
+        let in_target = label == TARGET as u16;
         if hu >= 200.0 || in_target && hu > -700.0 { self.calibrated.trilinear(p, 0.01) } else { 0.0 }
     }
 

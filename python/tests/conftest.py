@@ -10,7 +10,7 @@ import bonemill
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE = ROOT / "planner/tests/data"
-POCKET = "box = { min_mm = [-1.0, -4.0, -4.0], max_mm = [7.0, 4.0, 0.0] } # "
+POCKET = "box = { min_mm = [-1.0, -4.0, -4.0], max_mm = [7.0, 4.0, 0.0] }\nleast_share = 0.8 # "
 
 
 @pytest.fixture(scope="session")

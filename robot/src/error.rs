@@ -317,18 +317,18 @@ pub enum UrdfFault {
     },
     /// Lengths in another unit.
     #[error(
-        "half of the joints between {base:?} and the tip {tip:?} are {length_m:.0} m or more from the one before, expected at most \
-         {most_m} m: this looks like millimetres; URDF lengths are metres"
+        "half of the joints between {base:?} and the tip {tip:?} are {offset:.0} m or more from the one before, expected at most \
+         {most} m: this looks like millimetres; URDF lengths are metres"
     )]
     Millimetres {
         /// The base link.
         base: String,
         /// The tip link.
         tip: String,
-        /// The median of the origins' lengths, as given.
-        length_m: f64,
-        /// The most that is taken.
-        most_m: f64,
+        /// The median of the origins' lengths as the file gives them, metres.
+        offset: f64,
+        /// The most that is taken, metres.
+        most: f64,
     },
     /// The text is no well-formed XML.
     #[error("not a URDF: no well-formed XML up to byte {byte}: {why}")]

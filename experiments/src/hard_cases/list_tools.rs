@@ -89,7 +89,7 @@ pub(super) fn input_scenes() -> Vec<Scene> {
         refused("a windowed scan", "8-bit grey values", "not Hounsfield units").body(windowed, pocket),
         refused("no labels", "the target is in no voxel", "label 20").body(block, nothing),
         refused("a structure that is not there", "a wrong number", "label 9").with("label = 7", "label = 9"),
-        refused("a name without labels.json", "names need a list", "no such file")
+        refused("a name without labels.json", "names need a list", "labels.json: give the label's number")
             .with("label = 7", "label = \"nerve\""),
         refused("metres", "1.5 mm as 0.0015", "looks like metres")
             .with("radius_mm = 1.5", "radius_mm = 0.0015"),

@@ -30,7 +30,7 @@ impl ByFace {
         let side = |face: usize| {
             let axis = ct.axes().column(face / 2);
             let along = axis.iamax();
-            let is_negative = (axis[along] < 0.0) != (face % 2 == 0);
+            let is_negative = (axis[along] < 0.0) != face.is_multiple_of(2);
             DIRECTIONS[2 * along + usize::from(is_negative)]
         };
         Self { amounts: [0.0; 6], sides: std::array::from_fn(side) }

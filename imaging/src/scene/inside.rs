@@ -12,6 +12,7 @@ const CLOSING_MM: f64 = 4.0;
 
 /// Tells target from what is not.
 #[derive(Debug)]
+#[allow(clippy::large_enum_variant, reason = "there is one a scene")]
 pub(super) enum Inside {
     /// Every voxel of this label.
     Label(u16),

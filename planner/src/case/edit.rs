@@ -82,8 +82,14 @@ fn place(table: &mut Table, key: &str, value: Option<Value>) -> Option<()> {
             let below = table.entry(head).or_insert_with(|| Value::Table(Table::new()));
             place(below.as_table_mut()?, rest, value)
         }
-        (None, Some(value)) => Some(drop(table.insert(key.into(), value))),
-        (None, None) => Some(drop(table.remove(key))),
+        (None, Some(value)) => {
+            table.insert(key.into(), value);
+            Some(())
+        }
+        (None, None) => {
+            table.remove(key);
+            Some(())
+        }
     }
 }
 

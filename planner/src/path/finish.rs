@@ -101,7 +101,7 @@ impl Gains {
         let worth = ((WORTH_SHARE * space.ball_voxels()) as u32).max(2);
         Self {
             starts: (0..cells.len()).filter(|cell| most[*cell] >= worth).collect(),
-            counted: cells.len(),
+            counted: cells.nodes(),
             cells,
             most,
             there,

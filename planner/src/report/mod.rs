@@ -90,7 +90,7 @@ fn cards(plan: &Plan) -> String {
     let total_s = plan.law.duration_s();
     let surface_mm = |found: &StructureFigures| Some(found.least?.0 - plan.case.burr.radius_mm);
     let kept = plan.figures.structures.iter().zip(&plan.case.structures);
-    let (closest, tightest) =
+    let [closest, tightest] =
         closest_and_tightest(kept.filter_map(|(found, s)| Some((surface_mm(found)?, s))));
     let peak_toward = plan.figures.structures.iter().zip(&plan.case.structures);
     let peak_toward = peak_toward.max_by(|a, b| a.0.force.peak_n.total_cmp(&b.0.force.peak_n));
@@ -136,10 +136,10 @@ fn cards(plan: &Plan) -> String {
 /// clearance, with that margin, mm: seldom the same where clearances differ.
 fn closest_and_tightest<'a>(
     kept: impl Iterator<Item = (f64, &'a Structure)> + Clone,
-) -> (Option<(f64, &'a Structure)>, Option<(f64, &'a Structure)>) {
+) -> [Option<(f64, &'a Structure)>; 2] {
     let closest = kept.clone().min_by(|a, b| a.0.total_cmp(&b.0));
     let margins = kept.map(|(distance_mm, s)| (distance_mm - s.clearance_mm, s));
-    (closest, margins.min_by(|a, b| a.0.total_cmp(&b.0)))
+    [closest, margins.min_by(|a, b| a.0.total_cmp(&b.0))]
 }
 
 fn legend(plan: &Plan) -> String {
@@ -411,10 +411,10 @@ mod tests {
             shank_clearance_mm: 0.0,
         };
         let [canal, sinus] = [structure("canal", 0.4), structure("sinus", 1.0)];
-        let (closest, tightest) = closest_and_tightest([(0.52, &canal), (1.02, &sinus)].into_iter());
+        let [closest, tightest] = closest_and_tightest([(0.52, &canal), (1.02, &sinus)].into_iter());
         assert_eq!(closest.map(|(mm, s)| (mm, s.name.as_str())), Some((0.52, "canal")));
         let (margin_mm, structure) = tightest.unwrap();
         assert!((margin_mm - 0.02).abs() < 1e-12 && structure.name == "sinus");
-        assert_eq!(closest_and_tightest(std::iter::empty()), (None, None));
+        assert_eq!(closest_and_tightest(std::iter::empty()), [None, None]);
     }
 }

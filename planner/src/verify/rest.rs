@@ -8,6 +8,9 @@ use super::lattice::{OUTSIDE, TARGET};
 use super::voxels::{Doubtful, Voxels};
 use crate::plan::{StoredPlan, Value};
 
+/// Whether a cause belongs to a group.
+type IsIn = fn(&str) -> bool;
+
 /// Which voxels the burr removes, which it reaches under the clearances, and which it would reach without any.
 pub struct Sets<'a> {
     /// In the ball somewhere along the path.
@@ -27,7 +30,7 @@ pub fn target_share(plan: &StoredPlan, voxels: &Voxels, sets: &Sets<'_>) -> Vec<
     let shares = [share(removed[0], whole[1]), share(removed[1], whole[0])];
     let (stays, closed) = (complement(sets.swept), complement(sets.open));
     let kept = complement(sets.reachable);
-    let groups: [(&str, fn(&str) -> bool, [f64; 2]); 4] = [
+    let groups: [(&str, IsIn, [f64; 2]); 4] = [
         ("clearances", is_clearance, voxels.volume_mm3(TARGET, &[&stays, &kept, sets.open])),
         ("bone and burr", is_bone, voxels.volume_mm3(TARGET, &[&stays, &closed])),
         ("shank and path", is_path, voxels.volume_mm3(TARGET, &[&stays, sets.reachable])),

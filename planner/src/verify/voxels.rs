@@ -295,7 +295,7 @@ mod tests {
     #[test]
     fn a_speck_has_less_than_eight_voxels_however_they_are_joined() {
         let dims = [9, 8, 7];
-        let chain = |length: usize| move |n: usize| n % (1 + 9 + 72) == 0 && n / (1 + 9 + 72) < length;
+        let chain = |length: usize| move |n: usize| n.is_multiple_of(1 + 9 + 72) && n / (1 + 9 + 72) < length;
         for n in 0..7 {
             assert!(is_speck(dims, &chain(7), n * 82));
         }

@@ -112,7 +112,7 @@ class Case:
         text = _native.with_values(self._text, self._path, given)
         # checked before paths change, so that messages name this case
         files = _native.Case(text, self._path).files()
-        away = [
+        away: list[tuple[str, str | None]] = [
             (key, json.dumps(os.path.abspath(self._path.parent / name), ensure_ascii=False))
             for key, name in files
             if not Path(folder.name, name).exists()

@@ -46,8 +46,9 @@ def compare(first: Plan | str | os.PathLike[str], second: Plan | str | os.PathLi
         homes = _home(first, Path(folder, "first")), _home(second, Path(folder, "second"))
         names = _name(first, "first"), _name(second, "second")
         case, inputs, groups, between, (table, page) = _native.compare(homes, names)
-    figures = {title: dict(rows) for title, rows in groups}
-    return Comparison(dict(case), dict(inputs), figures, dict(between), table, page)
+    figures = {title: {name: (a, b) for name, (a, b) in rows} for title, rows in groups}
+    texts = [{key: (a, b) for key, (a, b) in rows} for rows in (case, inputs)]
+    return Comparison(texts[0], texts[1], figures, dict(between), table, page)
 
 
 def _home(plan: Plan | str | os.PathLike[str], temporary: Path) -> Path:

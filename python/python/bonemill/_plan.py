@@ -227,8 +227,8 @@ class Plan:
     def frames(self) -> Frames:
         """Where work, grid, base and burr are."""
         matrices = {name: _fixed(matrix) for name, matrix in self._made.frames()}
-        shape, spacing_mm = self._made.grid()
-        return Frames(**matrices, grid_shape=tuple(shape), grid_spacing_mm=spacing_mm)
+        (nx, ny, nz), spacing_mm = self._made.grid()
+        return Frames(**matrices, grid_shape=(nx, ny, nz), grid_spacing_mm=spacing_mm)
 
     @cached_property
     def arm(self) -> Arm:

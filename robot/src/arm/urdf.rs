@@ -23,7 +23,7 @@ use crate::error::{RobotError, UrdfFault};
 
 const MM_PER_M: f64 = 1000.0;
 /// No arm's links are longer in the median, m; in mm any arm's are.
-const LONGEST_LINK_M: f64 = 5.0;
+const LONGEST_LINK: f64 = 5.0;
 
 /// What one joint of the chain does to its child link.
 #[derive(Debug, Clone, PartialEq)]
@@ -73,10 +73,10 @@ fn describe(robot: &urdf_rs::Robot, further: &HashMap<String, Further>) -> Resul
             });
         }
     }
-    let length_m = median_length_m(&path);
-    if length_m > LONGEST_LINK_M {
+    let length = median_offset(&path);
+    if length > LONGEST_LINK {
         let (base, tip) = (base.to_owned(), tip.to_owned());
-        return Err(UrdfFault::Millimetres { base, tip, length_m, most_m: LONGEST_LINK_M });
+        return Err(UrdfFault::Millimetres { base, tip, offset: length, most: LONGEST_LINK });
     }
     let joints: Vec<Joint> =
         path.iter().filter(|joint| moves(joint)).map(|joint| limits(joint, further(joint))).collect();
@@ -179,7 +179,7 @@ fn path<'a>(base: &str, tip: &str, parents: &Parents<'a>) -> Result<Vec<&'a urdf
 
 /// The median of the origins' lengths that are not 0, m: a calibration may set two parallel joints far apart along their axes,
 /// and back again, so a sum would say nothing.
-fn median_length_m(path: &[&urdf_rs::Joint]) -> f64 {
+fn median_offset(path: &[&urdf_rs::Joint]) -> f64 {
     let lengths = path.iter().map(|joint| Vector3::from(*joint.origin.xyz).norm());
     let mut lengths: Vec<f64> = lengths.filter(|length| *length > 0.0).collect();
     lengths.sort_by(f64::total_cmp);

@@ -263,6 +263,7 @@ mod tests {
         for pair in blocks.windows(2) {
             let seconds = 60.0 / pair[1].1.unwrap();
             all_s += seconds;
+            #[allow(clippy::needless_range_loop, reason = "three lists by axis")]
             for j in 0..4 {
                 let way = (pair[1].0[j] - pair[0].0[j]).abs();
                 let speed = if j < 3 { way } else { way.to_radians() } / seconds;

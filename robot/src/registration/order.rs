@@ -59,10 +59,12 @@ pub(super) fn better_order(ct: &[Vector3<f64>], base: &[Vector3<f64>], fre_mm: f
         return None;
     }
     let pairs = Pairs { ct, base };
-    let found = match ct.len() {
-        ..=EVERY_ORDER => pairs.every_order(fre_mm),
-        ..=MOST_POINTS => pairs.exchanged().filter(|found| is_far_better(found.fre_mm, fre_mm)),
-        _ => None,
+    let found = if ct.len() <= EVERY_ORDER {
+        pairs.every_order(fre_mm)
+    } else if ct.len() <= MOST_POINTS {
+        pairs.exchanged().filter(|found| is_far_better(found.fre_mm, fre_mm))
+    } else {
+        None
     };
     found.filter(|found| found.order.iter().enumerate().any(|(n, from)| n != *from))
 }

@@ -30,7 +30,10 @@ const PORTION: usize = 128;
 const MOTION_MM: f64 = 20.0;
 /// Moves shorter than this count as long, mm: rotations in place have a length too.
 const SHORTEST_MM: f64 = 0.05;
-/// What a posture costs per mm for a link below the mounting plane, and 1 more for each mm that it is below: more than any
+/// Lines between joints are kept this far above the mounting plane where there is a choice, mm: assumed, about the radius of a
+/// UR's links; spins are evened out within it.
+const KEPT_ABOVE_MM: f64 = 50.0;
+/// What a posture costs per mm for a link below that, and 1 more for each mm that it is below: more than any
 /// other, so that where there is a choice none is below.
 const BELOW: f64 = 1e4;
 /// Sweeps that even the spins out.
@@ -152,7 +155,7 @@ const ASKED_EVERY: usize = 3;
 pub(super) struct Branch {
     /// Within the joints' ranges.
     pub any: u8,
-    /// And with no link below the mounting plane.
+    /// And with every link [`KEPT_ABOVE_MM`] above the mounting plane.
     pub above: u8,
 }
 
@@ -170,7 +173,7 @@ pub(super) fn branches(arm: &Arm, pose: &AxisPose, frame: &SpinFrame) -> Branch 
             arm.bring_into_range(&mut q);
             if arm.excess_at(&q).is_none() {
                 taken.any |= 1 << branch;
-                taken.above |= u8::from(geometry.lowest_link_mm(&q, &flange) >= 0.0) << branch;
+                taken.above |= u8::from(geometry.lowest_link_mm(&q, &flange) >= KEPT_ABOVE_MM) << branch;
             }
         }
         if taken.above == u8::MAX {
@@ -276,7 +279,7 @@ impl<'a> Nodes<'a> {
             for (branch, q) in found.iter().filter(|(branch, _)| self.branches.contains(*branch as u8)) {
                 let mut q = *q;
                 self.arm.bring_into_range(&mut q);
-                let below_mm = -self.geometry.lowest_link_mm(&q, &flange);
+                let below_mm = KEPT_ABOVE_MM - self.geometry.lowest_link_mm(&q, &flange);
                 let cost = self.posture(&q, found.from_singular_mm[branch])
                     + if below_mm > 0.0 { BELOW + below_mm } else { 0.0 }
                     + yielding(self.arm, self.path, i, &q);

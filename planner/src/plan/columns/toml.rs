@@ -322,6 +322,7 @@ pub const VERIFICATION: &[Column] = &[
         "",
         "Of what, where there are several: a structure, a joint, a file.",
     ),
+    Column::new("check.note", "text", "", "What else there is to say of it."),
     Column::new("check.passed", "1", "", "Whether `value` is on the right side of the limit."),
     Column::new("check.value", "`check.unit`", "", "The worst that was found."),
     Column::new("check.at_most", "`check.unit`", "", "The limit that `value` may not exceed."),

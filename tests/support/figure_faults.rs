@@ -1,0 +1,50 @@
+//! Faults in the figures of a plan and in the grid that they are counted on.
+
+use bonemill_planner::plan::Value;
+
+use super::faults::{Fault, scale_figure};
+
+/// Every kind.
+pub const ALL: &[Fault] = &[
+    Fault {
+        name: "a planning grid that leaves out a part of the target",
+        plant: |p| p.record.grid.dims[1] -= 12,
+        caught_by: &["planning grid around the target", "figures/target_mm3"],
+    },
+    Fault {
+        name: "a planning grid that lies otherwise",
+        plant: |p| p.record.grid.turn_rad += 0.05,
+        caught_by: &["figures/target_mm3"],
+    },
+    Fault {
+        name: "a shorter time claimed",
+        plant: |p| p.record.metrics.total_time_s -= 1.0,
+        caught_by: &["figures/total_time_s"],
+    },
+    Fault {
+        name: "shares raised",
+        plant: |p| {
+            scale_figure(p, "reached_share", 1.001);
+            scale_figure(p, "removed_share", 1.001);
+        },
+        caught_by: &["figures/reached_share", "figures/removed_share"],
+    },
+    Fault {
+        name: "another volume of untargeted bone",
+        plant: |p| {
+            let found = p.record.metrics.more.iter_mut().find(|(k, _)| k == "untargeted_bone_removed_mm3");
+            found.unwrap().1 = Value::Number(1e3);
+        },
+        caught_by: &["figures/untargeted_bone_removed_mm3"],
+    },
+    Fault {
+        name: "a shorter path claimed",
+        plant: |p| scale_figure(p, "path_length_mm", 0.99),
+        caught_by: &["figures/path_length_mm"],
+    },
+    Fault {
+        name: "a larger share of the target asked for than is removed",
+        plant: |p| p.record.case.least_share = 1.0,
+        caught_by: &["removed of the target", "case of the plan"],
+    },
+];
