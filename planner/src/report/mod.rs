@@ -232,27 +232,27 @@ fn tilt_deg(waypoint: &Waypoint) -> f64 {
 }
 
 fn share(part: f64, whole: f64) -> f64 {
-    if whole > 0.0 { 100.0 * part / whole } else { 0.0 }
+    if whole > 0.0 { part / whole } else { 0.0 }
 }
 
 fn coverage(plan: &Plan) -> String {
     let c = &plan.coverage;
+    let whole_mm3 = c.target.all_mm3 + c.outside_mm3;
     let row = |name: &str, v: &Volumes| {
         format!(
-            "<tr><th>{name}</th><td>{:.1}</td><td>{:.1}</td><td>{:.1}</td><td>{:.1} %</td></tr>",
+            "<tr><th>{name}</th><td>{:.1}</td><td>{:.1}</td><td>{:.1}</td><td>{}</td></tr>",
             v.all_mm3,
             v.material_mm3,
             v.bone_mm3,
-            share(v.all_mm3, c.target.all_mm3)
+            percent(share(v.all_mm3, whole_mm3))
         )
     };
-    let whole_mm3 = c.target.all_mm3 + c.outside_mm3;
     let kept: String = c
         .rest
         .iter()
         .map(|(cause, v)| {
             let why = escape(&cause.text(&plan.case));
-            format!("<tr><th>{why}</th><td>{v:.1}</td><td>{:.1} %</td></tr>", share(*v, whole_mm3))
+            format!("<tr><th>{why}</th><td>{v:.1}</td><td>{}</td></tr>", percent(share(*v, whole_mm3)))
         })
         .collect();
     format!(
