@@ -3,7 +3,8 @@
 //! Of what the ball can reach, a voxel counts for the place nearest to it that the shank could not get to, else for the
 //! path's spacing. Of what it cannot reach, a voxel counts for a structure when this structure's clearance alone, with the
 //! bone around, keeps the ball from it; for several clearances at once when more than one does so by itself, or only all
-//! together; for thin bone when bone alone keeps the ball from it, and no longer without the thin bone outside the target:
+//! together (where clearances keep less than [`FEW_SHARE`] of the target, for the structure whose required distance the voxel
+//! misses most: no more free spaces are computed for so little); for thin bone when bone alone keeps the ball from it, and no longer without the thin bone outside the target:
 //! what `target.sheets = "keep"` costs; for the burr's radius when a burr of [`SMALLEST_BURR_VOXELS`] would reach it
 //! without any clearance; for the bone around it otherwise. What lies beyond the scan counts as that.
 
@@ -18,6 +19,8 @@ use crate::space::BurrSpace;
 
 /// Radius of the smallest burr that the planning grid can show, voxels: half of what a case's burr must have at least.
 const SMALLEST_BURR_VOXELS: f64 = 2.0;
+/// Where clearances keep less than this share of the target, which of several keeps what is told by distance alone.
+const FEW_SHARE: f64 = 0.01;
 /// A clearance above this is compared with it, a smaller one with its half, mm: the case file's default.
 const USUAL_CLEARANCE_MM: f64 = 1.0;
 
@@ -140,7 +143,11 @@ fn by_clearances(
         counts.add(Cause::Clearance(only), voxels.len());
         return Ok(());
     }
-    if voxels.is_empty() {
+    if (voxels.len() as f64) < FEW_SHARE * scene.count(Class::TARGET) as f64 {
+        voxels
+            .iter()
+            .filter_map(|n| nearest_limit(scene, space, *n))
+            .for_each(|s| counts.add(Cause::Clearance(s), 1));
         return Ok(());
     }
     let mut keepers: Vec<Vec<usize>> = vec![Vec::new(); voxels.len()];
@@ -156,6 +163,18 @@ fn by_clearances(
         counts.add(if let [only] = keepers[..] { Cause::Clearance(only) } else { Cause::Clearances }, 1);
     }
     Ok(())
+}
+
+/// The structure whose required distance is missed most at a voxel.
+fn nearest_limit(scene: &Scene, space: &BurrSpace, voxel: usize) -> Option<usize> {
+    let grid = scene.class.grid();
+    let p = scene.ct_from_work * grid.center(grid.voxel(voxel));
+    let margin = |(number, keep): (usize, &f64)| {
+        let field = scene.structures[number].field.as_ref()?;
+        Some((field.distance(p) - keep, number))
+    };
+    let margins = space.keep_mm().iter().enumerate().filter_map(margin);
+    margins.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, number)| number)
 }
 
 /// The clearances of a space with every structure but one left out, mm.
