@@ -20,6 +20,7 @@ pub mod mrr;
 mod neighbours;
 pub mod orientation;
 pub mod path;
+mod percent;
 pub mod pipeline;
 pub mod plan;
 mod progress;

@@ -9,6 +9,8 @@ use crate::{distance_within, resample_hu};
 
 /// Radius of the closing that decides which air a geometric target encloses, mm.
 const CLOSING_MM: f64 = 4.0;
+/// The closing's grid is no finer than this, mm: finer ones differ from each other by about as much.
+const FINEST_CLOSING_MM: f64 = 0.25;
 
 /// Tells target from what is not.
 #[derive(Debug)]
@@ -40,8 +42,8 @@ impl Inside {
         if let TargetShape::Label(label) = spec.target {
             return Ok(Self::Label(label));
         }
-        // far enough around the crop for the closing to see the bone there; no finer than the scan
-        let h = spec.spacing_mm.max(0.5 * spec.ct.grid().spacing_mm().min());
+        // far enough around the crop for the closing to see the bone there
+        let h = spec.spacing_mm.max(FINEST_CLOSING_MM);
         let pad = (2.0 * CLOSING_MM / h).ceil() * h + h;
         let size = Vector3::from(grid.dims().map(|d| (d - 1) as f64 * spec.spacing_mm));
         let dims = (size / h).map(|n| n.ceil()) + Vector3::repeat(2.0 * pad / h + 1.0);

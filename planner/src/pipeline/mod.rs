@@ -48,6 +48,7 @@ use crate::Progress;
 use crate::access::Solid;
 use crate::case::{Case, OrientationMode};
 use crate::orientation::Permissible;
+use crate::percent::percent;
 use crate::plan::{ForceToward, Input, StoredPlan, Waypoint};
 use crate::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
 
@@ -423,8 +424,8 @@ fn unreached(case: &Case, coverage: &Coverage, modelled: &Modelled) -> Option<St
     }
     (share < ENOUGH_REACHED).then(|| {
         format!(
-            "only {:.1} % of what the burr can reach is removed (expected {:.0} %): {}",
-            100.0 * share,
+            "only {} of what the burr can reach is removed (expected {:.0} %): {}",
+            percent(share),
             100.0 * ENOUGH_REACHED,
             why.join("; "),
         )

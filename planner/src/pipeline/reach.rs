@@ -1,7 +1,8 @@
 //! Waypoints that the shank cannot get to are put off to the end, when more of the bone is gone, and dropped when it cannot
 //! get to them there either; the rest is joined anew. Where the shank is free at two waypoints and cannot turn on the way from
 //! one to the other, the burr leaves the bone before the second, turns above it and comes back; only where that is of no help
-//! is the waypoint put off.
+//! is the waypoint put off, and each time that happens twice as many of the pass's waypoints with it: a pass in a narrow place
+//! would otherwise be entered at one waypoint after the other.
 //!
 //! Putting off a waypoint leaves its bone in place, which may close another's way: the loop repeats until every waypoint
 //! has a free angle and a sequence of angles leads through all of them, free between waypoints too.
@@ -132,7 +133,10 @@ pub fn reached<'a>(
 ) -> Result<ReachedPath<'a>, Unreached> {
     let mut dropped = Vec::new();
     let mut before: Option<Round> = None;
-    let mut waypoints = usize::MAX;
+    // of the round before; none when the path is another than what was put off made it
+    let mut blocked_before: Option<usize> = None;
+    let mut waypoints = 0;
+    let mut entered_in_vain = 0;
     for round in 1..=MOST_ROUNDS {
         if path.points.is_empty() {
             return Err(Unreached::Nothing);
@@ -144,6 +148,7 @@ pub fn reached<'a>(
         let free = free_directions(&access, &path.points, &limited, spec, known.as_ref());
         let length_mm = lengths(&path.points);
         let mut blocked = closed_waypoints(&free);
+        let mut ahead = 1;
         if blocked.is_empty() {
             // what is left in the last round is a plan that falls short, and says so
             let looked_between = (round < MOST_ROUNDS).then_some(&access);
@@ -163,6 +168,7 @@ pub fn reached<'a>(
                 path = next;
                 continue;
             }
+            waypoints = unturned.len();
             let leads_to: HashSet<_> = unturned.iter().map(|i| path.points[*i].leads_to).collect();
             let (above, below): (HashSet<_>, HashSet<_>) =
                 leads_to.into_iter().partition(|point| is_from_above(&path.passes, *point));
@@ -170,22 +176,25 @@ pub fn reached<'a>(
                 let passes = enter_from_above(&path.passes, &below);
                 path = join_passes(space, spec.spacing, passes, path.layers);
                 // waypoints came in between: what was known of the others may be too little now
-                (before, waypoints) = (None, usize::MAX);
+                (before, blocked_before) = (None, None);
                 continue;
             }
             blocked = unturned.into_iter().filter(|i| above.contains(&path.points[*i].leads_to)).collect();
+            ahead = 1 << entered_in_vain;
+            entered_in_vain += 1;
         }
         // a way between two points may be blocked at either end: where going elsewhere was of no help, it does not start there
-        let from_too = blocked.len() >= waypoints;
+        let from_too = blocked_before.is_some_and(|before| blocked.len() >= before);
         waypoints = blocked.len();
+        blocked_before = Some(waypoints);
         let mut points = HashSet::new();
         for i in blocked {
             let from = from_too.then(|| departure(&path.points, i)).flatten();
-            for point in [Some(path.points[i].leads_to), from].into_iter().flatten() {
-                let pass =
-                    path.passes.get(point.0 as usize).filter(|pass| pass.put_off && !points.contains(&point));
-                points.insert(point);
-                if let Some(position) = pass.and_then(|pass| pass.points.get(point.1 as usize)) {
+            let (pass, first) = path.points[i].leads_to;
+            for point in (first..first + ahead).map(|n| (pass, n)).chain(from) {
+                let Some(pass) = path.passes.get(point.0 as usize) else { continue };
+                let Some(position) = pass.points.get(point.1 as usize) else { continue };
+                if points.insert(point) && pass.put_off {
                     let (index, center) = (i as u32, path.points[i].position);
                     let reason = if free.count(i) > 0 {
                         "no way to turn the shaft there".into()

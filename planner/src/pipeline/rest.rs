@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use super::metrics::Coverage;
 use super::reach::Dropped;
 use crate::case::Case;
+use crate::percent::percent;
 use crate::removal::RemovalTime;
 use crate::space::BurrSpace;
 
@@ -196,6 +197,9 @@ fn by_radius(scene: &Scene, voxels: &[usize], counts: &mut Counts) -> Result<(),
     Ok(())
 }
 
+/// Less than this is not told, mm³: it would read 0.0.
+const TOLD_MM3: f64 = 0.05;
+
 /// Why too little of the target is removed, if it is: what keeps the rest, and what would help against the largest cause.
 ///
 /// # Errors
@@ -213,11 +217,12 @@ pub fn too_little(
     let parts: Vec<String> = coverage
         .rest
         .iter()
+        .filter(|(_, mm3)| *mm3 >= TOLD_MM3)
         .map(|(cause, mm3)| format!("{mm3:.1} mm³ by the {}", cause.text(case)))
         .collect();
     Ok(Some(format!(
-        "only {:.1} % of the target is removed (target.least_share = {}: {:.0} %); kept are {}. {}",
-        100.0 * share,
+        "only {} of the target is removed (target.least_share = {}: {:.0} %); kept are {}; {}",
+        percent(share),
         case.least_share,
         100.0 * case.least_share,
         parts.join(", "),

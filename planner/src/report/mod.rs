@@ -7,7 +7,6 @@ mod chart;
 mod columns;
 pub mod compare;
 mod peak;
-mod percent;
 pub mod simulation;
 mod slices;
 mod structures;
@@ -15,12 +14,12 @@ pub mod verification;
 
 use std::fmt::Write;
 
+pub use crate::percent::percent;
 use bonemill_geometry::Rigid;
 use bonemill_robot::Joint;
 use bonemill_robot::ur::branch_name;
 use chart::{Level, Series, chart};
 use peak::Peak;
-pub use percent::percent;
 
 use crate::case::{Case, Parameter, Registration, Sheets, Structure, explained};
 use crate::orientation::Around;

@@ -38,6 +38,8 @@ pub const HAS_MASS: u8 = MATERIAL | OBSTACLE | SHEET;
 
 /// Radius of the closing that decides which air a shape encloses, mm.
 const CLOSING_MM: f64 = 4.0;
+/// The closing's grid is no finer than this, mm.
+const FINEST_CLOSING_MM: f64 = 0.25;
 /// A distance larger by less than this than the closing's radius is not larger, mm.
 const SAME_MM: f64 = 1e-6;
 
@@ -200,7 +202,7 @@ pub fn grid_over(
 /// Bone closed by a ball: bone and the air that it encloses.
 #[derive(Debug)]
 pub struct Closed {
-    /// No finer than half a voxel of the scan.
+    /// No finer than [`FINEST_CLOSING_MM`].
     pub grid: Grid<Work>,
     holds: Vec<bool>,
 }
@@ -217,7 +219,7 @@ impl Closed {
         around: &Grid<Work>,
     ) -> Result<Self, VerifyError> {
         // far enough out that bone around the lattice counts
-        let h = around.spacing_mm().x.max(0.5 * anatomy.ct.grid().spacing_mm().min());
+        let h = around.spacing_mm().x.max(FINEST_CLOSING_MM);
         let size = Vector3::from(around.dims().map(|d| (d - 1) as f64)) * around.spacing_mm().x;
         let wide = Vector3::repeat(2.0 * CLOSING_MM + 2.0 * h);
         let lo = around.origin().coords;
