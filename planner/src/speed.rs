@@ -8,9 +8,15 @@
 //! holds after smoothing, which only mixes values within it.
 
 mod caps;
+mod crossing;
+mod cut_moves;
+mod levels;
 mod limited;
 
 pub use caps::{DistanceCurve, ForceCaps};
+pub use crossing::last_within;
+pub use cut_moves::CutMoves;
+pub use levels::{CutPushes, LevelFamily, Levels};
 pub use limited::{LimitedProfile, fastest_profile};
 
 use crate::burr::ModelError;

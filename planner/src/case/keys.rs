@@ -265,14 +265,14 @@ table! {
         MAX_SPEED = "speed.max_mm_s" MmS 0.01..1000.0, Value(4.0), "fastest cut", "assumed (FORCE_MODEL 10)";
         NOMINAL_SPEED = "speed.nominal_mm_s" MmS 0.01..1000.0, Value(1.5), "speed of `constant`, and at which forces are compared", "D: 1.5 mm/s";
         LINK_SPEED = "speed.link_mm_s" MmS 0.01..1000.0, Value(10.0), "speed in free space", ASSUMED;
-        TOTAL_TIME = "speed.total_time_s" S 0.1..1e6, Words(ABSENT), "time of the whole plan, when it is to be met", "-";
+        TOTAL_TIME = "speed.total_time_s" S 0.1..1e6, Derived("with mode = \"least_force\": what the plan takes with every cut at nominal_mm_s; else none"), "time of the whole plan, when it is to be met", "-";
         ANGLES = "orientation.angles" One 1.0..2.0, Derived("1 for the bone-attached arm, 2 for others"), "tilt angles of the shaft: θ in one plane, or θ and φ", "D: four joints leave θ";
         FORCE_CAP = "speed.force_n" N 0.001..1000.0, Derived("with mode = \"force_limited\": 1.7; else none"), "largest predicted force on the burr", "D IV: peak 1.69 N of the third trial";
         TOWARD_CAP = "speed.force_toward_n" One 0.0..1000.0, Derived("with mode = \"force_limited\": [[2, 0.8], [6, 1.7]]; else none"),
             "largest predicted force toward every structure: [distance from the burr's surface in mm, N], linear between, constant beyond", "D IV: peak 0.80 N within 2 mm in the third trial; the rise beyond is assumed";
         DEFLECTION_CAP = "speed.deflection_um" Um 0.001..1e5, Words(ABSENT), "largest predicted deflection of the burr; needs robot.joint_stiffness", "-";
         POWER_CAP = "speed.power_w" W 0.001..1e4, Words(ABSENT), "largest predicted spindle power", "-";
-        SPEED_ACCELERATION = "speed.acceleration_mm_s2" MmS2 0.01..1e6, Value(50.0), "largest acceleration of the burr along the path with mode = \"force_limited\"; the joints' own limits hold anyway", ASSUMED;
+        SPEED_ACCELERATION = "speed.acceleration_mm_s2" MmS2 0.01..1e6, Value(50.0), "largest acceleration of the burr along the path with mode = \"force_limited\" or \"least_force\"; the joints' own limits hold anyway", ASSUMED;
         STIFFNESS = "robot.joint_stiffness" JointStiffness 1e-6..1e12, Words("none: rigid, no deflection"), "N/mm of prismatic joints, N·mm/rad of revolute ones", "D eq. 10";
         VELOCITY = "robot.velocity_limits" JointSpeed 1e-6..1e9, Derived("the URDF's"), "per joint and second; the stricter of this and the URDF's holds", "-";
         ACCELERATION = "robot.acceleration_limits" JointAcceleration 1e-6..1e9, Derived("the arm's, marked assumed"), "per joint and s²", "-";
@@ -309,8 +309,8 @@ table! {
             "which structures the cost looks at where several are near: the closest; the one of highest priority among the close ones; all, each by its own α₁", "D II-D names all three";
         ORIENTATION: OrientationMode = "orientation.mode" ["optimal" => OrientationMode::Optimal, "greedy" => OrientationMode::Greedy, "fixed" => OrientationMode::Fixed],
             "dynamic programming over the sequence; each waypoint alone, then a low-pass; along the approach. `greedy` with preset = \"paper\"", "assumed; greedy: D II-D";
-        SPEED_MODE: SpeedMode = "speed.mode" ["mass" => SpeedMode::Mass, "constant" => SpeedMode::Constant, "force_limited" => SpeedMode::ForceLimited],
-            "D13, inverse to the mass ahead; nominal_mm_s; fastest under force caps", "D eq. 13";
+        SPEED_MODE: SpeedMode = "speed.mode" ["mass" => SpeedMode::Mass, "constant" => SpeedMode::Constant, "force_limited" => SpeedMode::ForceLimited, "least_force" => SpeedMode::LeastForce],
+            "D13, inverse to the mass ahead; nominal_mm_s; fastest under force caps; in the given time the least force toward structures, weighted by nearness (kappa_per_mm) and 1/priority, then the least force", "D eq. 13";
     }
     others {
         CT = "images.ct" "a path relative to the case file", REQUIRED, "the CT, NIfTI-1", "-";

@@ -288,9 +288,18 @@ pub enum SpeedMode {
     Constant,
     /// Fastest under force caps.
     ForceLimited,
+    /// Least force within a time, toward structures first.
+    LeastForce,
 }
 
-/// Caps of `force_limited`; absent ones do not bind.
+impl SpeedMode {
+    /// Whether speeds keep caps on force, deflection and power, and the acceleration along the path.
+    pub fn keeps_caps(self) -> bool {
+        matches!(self, Self::ForceLimited | Self::LeastForce)
+    }
+}
+
+/// Caps of `force_limited` and `least_force`; absent ones do not bind.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SpeedCaps {
     /// Largest force, N.
@@ -320,7 +329,7 @@ pub struct SpeedSpec {
     pub link_mm_s: f64,
     /// Time of the whole plan, s, when it is to be met.
     pub total_time_s: Option<f64>,
-    /// Of `force_limited`.
+    /// Of `force_limited` and `least_force`.
     pub caps: SpeedCaps,
 }
 

@@ -83,7 +83,8 @@ fn bounds(case: &Case) -> Vec<Bound> {
         let of = "the thickest handpiece";
         bounds.push(at_most("shank.segments", cylinder.radius_mm, MOST_SHANK_RADIUS_MM, of, Unit::Mm));
     }
-    if speed.mode == SpeedMode::Constant {
+    let is_timed_by_nominal = speed.mode == SpeedMode::LeastForce && speed.total_time_s.is_none();
+    if speed.mode == SpeedMode::Constant || is_timed_by_nominal {
         let key = "speed.nominal_mm_s";
         let (found, unit) = (speed.nominal_mm_s, Unit::MmS);
         bounds.push(at_most(key, found, speed.max_mm_s, "speed.max_mm_s", unit));
@@ -207,9 +208,9 @@ fn judge_choices(case: &Case, note: &dyn Fn(CaseFault, &str)) {
         ("speed.power_w", caps.power_w.is_some()),
     ];
     for (key, given) in caps_given {
-        if given && case.speed.mode != SpeedMode::ForceLimited {
+        if given && !case.speed.mode.keeps_caps() {
             // a cap that nothing keeps would be read as a promise
-            let why = "caps are kept with speed.mode = \"force_limited\" only";
+            let why = "caps are kept with speed.mode = \"force_limited\" and \"least_force\" only";
             note(CaseFault::Contradiction { key: key.into(), why }, key);
         }
     }

@@ -3,12 +3,13 @@
 use bonemill_robot::resolve::DensePath;
 
 use super::PlanError;
+use super::levels;
 use super::prepared::{Chosen, Prepared};
 use super::speeds::{self, SpeedInput};
-use crate::case::{Case, SpeedMode};
+use crate::case::Case;
 use crate::cost::Proximity;
 use crate::metrics::Moments;
-use crate::speed::ForceCaps;
+use crate::speed::{CutPushes, ForceCaps};
 
 /// One entry per waypoint each.
 #[derive(Debug, Clone)]
@@ -17,15 +18,18 @@ pub struct Demand {
     cost: Vec<f64>,
     /// Fastest speed under the case's caps, mm/s; infinite where none binds.
     force_cap_mm_s: Vec<f64>,
+    /// What pushes the burr; empty unless the mode asks for the least force.
+    pub(super) pushes: Vec<Option<CutPushes>>,
 }
 
 impl Prepared<'_> {
-    pub(super) fn demand(&self, case: &Case, chosen: &Chosen) -> Demand {
-        Demand {
+    pub(super) fn demand(&self, case: &Case, chosen: &Chosen) -> Result<Demand, PlanError> {
+        Ok(Demand {
             mass_mg: self.reached.moments.iter().map(Moments::mass_mg).collect(),
             cost: chosen.costs.iter().map(|c| c.cost).collect(),
             force_cap_mm_s: force_caps(case, self, chosen),
-        }
+            pushes: levels::pushes(case, &self.near, chosen)?,
+        })
     }
 
     /// Largest speed of every move by the case's speed mode, mm/s, without the joints' limits; the cuts take `cutting_s` in all
@@ -39,7 +43,7 @@ impl Prepared<'_> {
         chosen: &Chosen,
         cutting_s: Option<f64>,
     ) -> Result<Vec<f64>, PlanError> {
-        let (demand, no_joints) = (self.demand(case, chosen), DensePath::default());
+        let (demand, no_joints) = (self.demand(case, chosen)?, DensePath::default());
         speeds::caps(&demand.input(case, self, chosen, &no_joints), &case.speed, case.paper, cutting_s)
     }
 }
@@ -60,6 +64,7 @@ impl Demand {
             cost: &self.cost,
             dense,
             force_cap_mm_s: &self.force_cap_mm_s,
+            pushes: &self.pushes,
             step_mm: case.path.step_mm,
             slot_mass_mg: slot_mm2 * case.path.step_mm * case.material.rho_ref_g_cm3,
         }
@@ -83,7 +88,7 @@ impl Demand {
 }
 
 fn force_caps(case: &Case, prepared: &Prepared, chosen: &Chosen) -> Vec<f64> {
-    if case.speed.mode != SpeedMode::ForceLimited {
+    if !case.speed.mode.keeps_caps() {
         return vec![f64::INFINITY; chosen.forces.len()];
     }
     let caps = ForceCaps {

@@ -10,6 +10,7 @@ mod error;
 mod figures;
 pub(crate) mod inputs;
 mod known;
+mod levels;
 mod metrics;
 mod motion;
 pub(crate) mod near;
@@ -38,6 +39,7 @@ use push::Push;
 
 pub use error::PlanError;
 pub use figures::Figures;
+pub use levels::{Exceeded, SpeedLevels};
 pub use metrics::{Coverage, Volumes};
 pub use orient::{BlockedTurn, Oriented};
 pub use prepared::{Chosen, Prepared, with_prepared};
@@ -129,6 +131,8 @@ pub struct Modelled {
     pub limit_ratios: LimitRatios,
     /// What the plan would take if every move ran at its speed cap, s.
     pub time_at_caps_s: f64,
+    /// The levels of force that the speeds keep, with `speed.mode = "least_force"`.
+    pub speed_levels: Option<SpeedLevels>,
     /// The branch of the arm's inverse that the whole path is on.
     pub branch: u8,
     /// The lowest place of the arm's links over its mounting plane, where that is known.
@@ -210,7 +214,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         prepared.choose_with_motion(case, &mut watch).map_err(|error| registered.blame(case, error))?;
     let Chosen { oriented, kinds, forces, costs, compliances, .. } = &chosen;
     let (points, near, moments) = (prepared.points(), &prepared.near, &prepared.reached.moments);
-    let demand = prepared.demand(case, &chosen);
+    let demand = prepared.demand(case, &chosen)?;
     let speed_input = demand.input(case, &prepared, &chosen, &motion.dense);
     let limits = speeds::path_limits(&arm)?;
     let (timing, coverage) = watch.run("time law, coverage", || {
@@ -285,6 +289,10 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         }),
         limit_ratios: timing.law.limit_ratios(&limits),
         time_at_caps_s: prepared.length_mm().iter().zip(&timing.caps_mm_s).map(|(mm, cap)| mm / cap).sum(),
+        speed_levels: timing.levels.as_ref().map(|found| {
+            let is_deflection = levels::is_deflection(case, &chosen);
+            SpeedLevels::of(found, &demand.pushes, &timing.caps_mm_s, near, is_deflection)
+        }),
         branch: motion.resolved.branch,
         lowest_link: motion::LowestLink::along(&arm, &motion.dense)?,
         raster_rad: half_turn(prepared.raster_rad + scene.turn_rad),
@@ -301,7 +309,10 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     shortfalls.extend(registered.shortfalls(case));
     shortfalls.extend(rest::too_little(case, &scene, &space, &coverage)?);
     shortfalls.extend(unreached(case, &coverage, &modelled));
-    shortfalls.extend(time_missed(case.speed.total_time_s.zip(timing.missed_s)));
+    match case.speed.total_time_s {
+        Some(_) => shortfalls.extend(timing.missed.map(time_missed)),
+        None => warnings.extend(timing.missed.map(nominal_time_missed)),
+    }
     shortfalls.extend(demand.caps_missed(case, &prepared, &chosen));
     shortfalls.extend(turns_missed(case, &oriented.blocked_turns));
     shortfalls.extend(limits_missed(&modelled.limit_ratios));
@@ -433,10 +444,18 @@ fn unreached(case: &Case, coverage: &Coverage, modelled: &Modelled) -> Option<St
 }
 
 /// A time that the speeds do not allow.
-fn time_missed(time: Option<(f64, f64)>) -> Option<String> {
-    time.map(|(asked_s, got_s)| {
-        format!("speed.total_time_s = {asked_s} s cannot be met within the speed range: the nearest is {got_s:.1} s")
-    })
+fn time_missed((asked_s, got_s): (f64, f64)) -> String {
+    format!(
+        "speed.total_time_s = {asked_s} s cannot be met within the speed range: the nearest is {got_s:.1} s"
+    )
+}
+
+/// The same where the case asks for none.
+fn nominal_time_missed((asked_s, got_s): (f64, f64)) -> String {
+    format!(
+        "the time with every cut at speed.nominal_mm_s, {asked_s:.1} s, cannot be met with the least force: the plan takes \
+         {got_s:.1} s (give speed.total_time_s for another time)"
+    )
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use super::{
     write_forces, write_waypoints,
 };
 use crate::case::Registration;
-use crate::pipeline::{Plan, Volumes, dropped_by_reason};
+use crate::pipeline::{Plan, SpeedLevels, Volumes, dropped_by_reason};
 
 /// What a plan's directory holds, beside `plan.toml`.
 pub const FILES: [&str; 5] = ["waypoints.csv", FORCES, "trajectory.csv", "robot.urdf", "report.html"];
@@ -164,6 +164,7 @@ fn metrics(plan: &Plan) -> Metrics {
         along.extend(stiffness.least_toward_n_mm.map(|n_mm| ("least_toward_structure".into(), n_mm.into())));
         more.push(("stiffness_n_mm".into(), Value::Table(along)));
     }
+    more.extend(plan.modelled.speed_levels.as_ref().map(|levels| speed_levels(plan, levels)));
     if let Some((fitted, tre_mm)) = &plan.fitted {
         let at = plan.case.structures.iter().zip(tre_mm);
         let at = at.filter_map(|(structure, tre)| Some((structure.name.clone(), (*tre)?.into()))).collect();
@@ -182,6 +183,23 @@ fn metrics(plan: &Plan) -> Metrics {
         total_time_s: plan.law.duration_s(),
         more,
     }
+}
+
+/// The levels of force of a plan with the least force in its time.
+fn speed_levels(plan: &Plan, levels: &SpeedLevels) -> (String, Value) {
+    let (unit, factor) = levels.unit();
+    let mut entries = vec![
+        (format!("toward_{unit}"), (factor * levels.toward).into()),
+        (format!("overall_{unit}"), (factor * levels.overall).into()),
+        ("exceeded_cuts".into(), levels.exceeded.into()),
+    ];
+    if let Some(worst) = levels.worst {
+        entries.push(("worst_waypoint".into(), worst.waypoint.into()));
+        entries.push((format!("worst_excess_{unit}"), (factor * worst.by).into()));
+        let structure = worst.structure.and_then(|n| plan.case.structures.get(n));
+        entries.extend(structure.map(|s| ("worst_structure".into(), Value::Text(s.name.clone()))));
+    }
+    ("speed_levels".into(), Value::Table(entries))
 }
 
 fn modelled(plan: &Plan) -> Vec<(String, Value)> {

@@ -323,6 +323,10 @@ fn modelled(plan: &Plan) -> String {
         rows.push(("branch of the arm, for the whole path".into(), format!("{branch} ({})", m.branch)));
         rows.push(("lowest place of the arm's links, as lines from joint to joint".into(), height));
     }
+    rows.extend(
+        m.speed_levels
+            .map(|levels| ("force that the speeds leave".to_owned(), escape(&levels.sentence(&plan.case)))),
+    );
     rows.push(("places put off to the end, for the shank".into(), m.put_off.to_string()));
     rows.extend(
         dropped_by_reason(&plan.dropped)

@@ -109,7 +109,7 @@ impl ForceCaps {
 }
 
 /// The largest v ≥ 0 with a + b v ≤ most, for a limit that 0 keeps too.
-fn linear(a: f64, b: f64, most: f64) -> f64 {
+pub(super) fn linear(a: f64, b: f64, most: f64) -> f64 {
     let room = most - a;
     if b > 0.0 {
         (room / b).max(0.0)
@@ -122,7 +122,7 @@ fn linear(a: f64, b: f64, most: f64) -> f64 {
 }
 
 /// The largest v ≥ 0 with |a + b v| ≤ most, from 0 on.
-fn within_ball(a: &Vector3<f64>, b: &Vector3<f64>, most: f64) -> f64 {
+pub(super) fn within_ball(a: &Vector3<f64>, b: &Vector3<f64>, most: f64) -> f64 {
     let room = most * most - a.norm_squared();
     if room < 0.0 {
         return 0.0;

@@ -6,7 +6,6 @@
 
 use super::check::{Check, Place};
 use super::moves::{Kind, Moves};
-use crate::case::SpeedMode;
 use crate::plan::StoredPlan;
 
 /// The names of the checks that say that a plan falls short of its case, as opposed to one that is wrong.
@@ -32,7 +31,7 @@ pub fn asked(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
         checks
             .push(Check::at_most(TIME, (end_s - asked_s).abs(), TIME_SHARE * asked_s, "s off").noting(note));
     }
-    if speed.mode == SpeedMode::ForceLimited {
+    if speed.mode.keeps_caps() {
         checks.extend(forces(plan, moves));
     }
     checks
