@@ -105,6 +105,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         run: trials::run,
     },
     Experiment {
+        name: "trials-felt",
+        about: "whole plans with the least force in their time beside straight shafts at constant speed: blocks, heads, a scan",
+        run: trials::felt,
+    },
+    Experiment {
         name: "trials-sweep",
         about: "how the reductions of those trials change over what is assumed",
         run: trials::sweep,

@@ -4,6 +4,7 @@
 //! D milled one block three times. Here one path is laid per block, and spin, material, weights, angles and speeds vary on it;
 //! forces are the model's. The reductions are taken per block and then averaged, so that each block is its own control.
 
+mod felt;
 mod figures;
 mod sweep;
 
@@ -17,6 +18,7 @@ use bonemill_planner::toward::NEAR_MM;
 
 use crate::body::Body;
 use crate::{ExperimentError, Size, Table};
+pub use felt::run as felt;
 use figures::{Sample, TrialFigures};
 pub use sweep::run as sweep;
 

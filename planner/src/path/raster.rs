@@ -58,6 +58,12 @@ impl RasterFrame {
         Self { u: self.v, v: self.u }
     }
 
+    /// The same lines in the opposite order.
+    #[must_use]
+    pub fn in_opposite_order(&self) -> Self {
+        Self { u: self.u, v: [-self.v[0], -self.v[1]] }
+    }
+
     /// (u, v) of a point, mm.
     pub fn uv(&self, p: Point<Work>) -> [f64; 2] {
         [dot(self.u, [p.x(), p.y()]), dot(self.v, [p.x(), p.y()])]

@@ -5,6 +5,7 @@ use bonemill_robot::resolve::DensePath;
 use super::PlanError;
 use super::levels;
 use super::prepared::{Chosen, Prepared};
+use super::setup;
 use super::speeds::{self, SpeedInput};
 use crate::case::Case;
 use crate::cost::Proximity;
@@ -28,7 +29,7 @@ impl Prepared<'_> {
             mass_mg: self.reached.moments.iter().map(Moments::mass_mg).collect(),
             cost: chosen.costs.iter().map(|c| c.cost).collect(),
             force_cap_mm_s: force_caps(case, self, chosen),
-            pushes: levels::pushes(case, &self.near, chosen)?,
+            pushes: levels::pushes(case, &self.near, &chosen.forces, chosen.compliances.as_deref())?,
         })
     }
 
@@ -56,7 +57,6 @@ impl Demand {
         chosen: &'a Chosen,
         dense: &'a DensePath,
     ) -> SpeedInput<'a> {
-        let slot_mm2 = std::f64::consts::PI * case.burr.radius_mm.powi(2);
         SpeedInput {
             kinds: &chosen.kinds,
             length_mm: prepared.length_mm(),
@@ -66,7 +66,7 @@ impl Demand {
             force_cap_mm_s: &self.force_cap_mm_s,
             pushes: &self.pushes,
             step_mm: case.path.step_mm,
-            slot_mass_mg: slot_mm2 * case.path.step_mm * case.material.rho_ref_g_cm3,
+            slot_mass_mg: setup::slot_mass_mg(case, case.path.step_mm),
         }
     }
 

@@ -8,9 +8,11 @@
 //!
 //! So a newton toward the most important structure at its clearance weighs 1, and the levels are newtons (or mm of deflection) there.
 
+use nalgebra::Matrix3;
+
 use super::near::Near;
 use super::prepared::Chosen;
-use crate::burr::ModelError;
+use crate::burr::{EngagedForce, ModelError};
 use crate::case::{Case, ForceTerm, SpeedMode};
 use crate::cost::CostModel;
 use crate::speed::{CutPushes, Levels};
@@ -51,7 +53,8 @@ pub struct Exceeded {
 pub(super) fn pushes(
     case: &Case,
     near: &[Vec<Near>],
-    chosen: &Chosen,
+    forces: &[Option<EngagedForce>],
+    compliances: Option<&[Matrix3<f64>]>,
 ) -> Result<Vec<Option<CutPushes>>, ModelError> {
     if case.speed.mode != SpeedMode::LeastForce {
         return Ok(Vec::new());
@@ -63,10 +66,10 @@ pub(super) fn pushes(
         let weight = nearness.alpha_1(n.proximity.distance_mm, n.proximity.least_mm) / f64::from(priority);
         (weight, n.proximity.toward)
     };
-    let compliances = chosen.compliances.as_ref().filter(|_| is_deflection(case, chosen));
+    let compliances = compliances.filter(|_| case.cost.force == ForceTerm::Deflection);
     let of = |(i, near): (usize, &Vec<Near>)| {
         let compliance = compliances.and_then(|c| c.get(i));
-        chosen.forces[i].map(|force| CutPushes::new(&force, compliance, near.iter().map(weighted)))
+        forces[i].map(|force| CutPushes::new(&force, compliance, near.iter().map(weighted)))
     };
     Ok(near.iter().enumerate().map(of).collect())
 }

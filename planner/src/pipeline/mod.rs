@@ -5,6 +5,8 @@
 //! result with its reason ([`Plan::shortfalls`]), an error only where nothing sensible can be planned.
 
 mod arm_axes;
+mod attempt;
+mod control;
 mod demand;
 mod error;
 mod figures;
@@ -29,6 +31,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use attempt::{Attempt, Start};
 use bonemill_geometry::{Base, Ct, Rigid, basis, cancel};
 use bonemill_imaging::scene::TargetOutside;
 use bonemill_imaging::{AffineReport, Scene};
@@ -37,6 +40,7 @@ use bonemill_robot::registration::Fitted;
 use bonemill_robot::timelaw::{LimitRatios, TimeLaw};
 use push::Push;
 
+pub use control::{Compared, Control, Felt, JUDGED, Worse};
 pub use error::PlanError;
 pub use figures::Figures;
 pub use levels::{Exceeded, SpeedLevels};
@@ -81,6 +85,8 @@ pub struct Plan {
     pub coverage: Coverage,
     /// Forces, times and distances in one number each.
     pub figures: Figures,
+    /// What the structures feel, beside a straight shaft at constant speed in the same time.
+    pub compared: Compared,
     /// What the shank leaves open at each waypoint.
     pub allowed: Vec<Permissible>,
     /// Places that it kept the path from.
@@ -143,6 +149,8 @@ pub struct Modelled {
     pub raster_rad: f64,
     /// Milling layers.
     pub layers: u32,
+    /// What was done otherwise than the cost prefers, since a structure of priority 1 would have been worse off than without us.
+    pub instead: Option<&'static str>,
 }
 
 /// Notes how long each stage took.
@@ -208,33 +216,12 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let base_from_ct = registered.base_from_ct;
     let base_from_work = base_from_ct * scene.ct_from_work;
     let solid = watch.run("solid", || solid(case, &scene));
-    let mut prepared = Prepared::new(case, &arm, &scene, &space, &solid, base_from_work, &mut watch)
-        .map_err(|error| registered.blame(case, error))?;
-    let (chosen, motion) =
-        prepared.choose_with_motion(case, &mut watch).map_err(|error| registered.blame(case, error))?;
+    let start = Start { case, arm: &arm, scene: &scene, space: &space, solid: &solid, base_from_work };
+    let attempt = start.plan(&mut watch).map_err(|error| registered.blame(case, error))?;
+    let Attempt { prepared, chosen, motion, demand, timing, coverage, compared, instead } = attempt;
+    let limits = speeds::path_limits(&arm)?;
     let Chosen { oriented, kinds, forces, costs, compliances, .. } = &chosen;
     let (points, near, moments) = (prepared.points(), &prepared.near, &prepared.reached.moments);
-    let demand = prepared.demand(case, &chosen)?;
-    let speed_input = demand.input(case, &prepared, &chosen, &motion.dense);
-    let limits = speeds::path_limits(&arm)?;
-    let (timing, coverage) = watch.run("time law, coverage", || {
-        rayon::join(
-            || speeds::timing(&speed_input, &case.speed, case.paper, &limits),
-            || {
-                metrics::coverage(
-                    &scene,
-                    &space,
-                    &prepared.reached.path.removal,
-                    points,
-                    &prepared.reached.dropped,
-                )
-            },
-        )
-    });
-    let timing = timing?;
-    // refused here, before anything is written
-    timing.law.rows(case.robot.rate_hz)?;
-    let coverage = coverage?;
 
     let approach_from_ct = scene.ct_from_approach().inverse();
     let push =
@@ -295,8 +282,9 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         }),
         branch: motion.resolved.branch,
         lowest_link: motion::LowestLink::along(&arm, &motion.dense)?,
-        raster_rad: half_turn(prepared.raster_rad + scene.turn_rad),
+        raster_rad: half_turn(prepared.frame().angle_rad() + scene.turn_rad),
         layers: prepared.reached.path.layers,
+        instead,
     };
     warnings.extend(modelled.lowest_link.and_then(|lowest| lowest.warning()));
     let centers: Vec<_> = points.iter().map(|p| p.position).collect();
@@ -316,6 +304,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     shortfalls.extend(demand.caps_missed(case, &prepared, &chosen));
     shortfalls.extend(turns_missed(case, &oriented.blocked_turns));
     shortfalls.extend(limits_missed(&modelled.limit_ratios));
+    warnings.extend(compared.warning(case));
     drop(prepared);
     let seconds = watch.seconds;
     let law = timing.law;
@@ -330,6 +319,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         fitted: registered.fitted,
         coverage,
         figures,
+        compared,
         allowed,
         dropped,
         modelled,
@@ -374,7 +364,7 @@ fn why_nothing(scene: &Scene, radius_mm: f64) -> Result<&'static str, PlanError>
 }
 
 /// The direction of a line as an angle in (−π/2, π/2], rad.
-fn half_turn(angle_rad: f64) -> f64 {
+pub(crate) fn half_turn(angle_rad: f64) -> f64 {
     let turned = angle_rad.rem_euclid(std::f64::consts::PI);
     if turned > std::f64::consts::FRAC_PI_2 { turned - std::f64::consts::PI } else { turned }
 }

@@ -7,7 +7,6 @@ use rayon::prelude::*;
 
 use crate::burr::ModelError;
 use crate::cost::Proximity;
-use crate::path::PathPoint;
 
 /// A structure is within its influence where the burr's surface is nearer to it than its clearance and this, mm. Beyond, α_1 is below
 /// 0.004 with the default κ.
@@ -57,19 +56,6 @@ pub fn nearest_structure(
 /// From a place to the nearest point of a structure, work, mm.
 fn to_nearest(scene: &Scene, field: &StructureField, center: Point<Ct>) -> Vector3<f64> {
     scene.ct_from_work.rotation.inverse() * (field.nearest(center).1 - center)
-}
-
-/// [`nearest_structure`] of every waypoint.
-///
-/// # Errors
-/// As [`nearest_structure`].
-pub fn nearest_structures(
-    scene: &Scene,
-    clearances_mm: &[f64],
-    radius_mm: f64,
-    points: &[PathPoint],
-) -> Result<Vec<Option<Near>>, ModelError> {
-    points.par_iter().map(|p| nearest_structure(scene, clearances_mm, radius_mm, p.position)).collect()
 }
 
 /// The structures that a cost or a cap looks at for a burr's centre: the one with the smallest distance less clearance first, then

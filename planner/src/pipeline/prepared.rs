@@ -12,6 +12,7 @@ use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
 use super::arm_axes::{ArmAxes, REFUSED_MM};
+use super::attempt::Start;
 use super::motion::{Compliance, Motion, Placed};
 use super::near::{self, Near};
 use super::orient::{CostField, Oriented, Room, orient};
@@ -19,9 +20,8 @@ use super::reach::{self, ReachSpec, ReachedPath};
 use super::sets::{self, Finer};
 use super::{PlanError, Stopwatch, raster, setup};
 use crate::Progress;
-use crate::access::Solid;
 use crate::burr::{EngagedForce, ForceKernel, ModelError, OrientationKernel};
-use crate::case::{Case, ForceTerm, OrientationMode};
+use crate::case::{Case, ForceTerm, OrientationMode, PathSpec};
 use crate::cost::{Cost, CostModel, Proximity, Ranked, Terms};
 use crate::engagement::SweptPath;
 use crate::orientation::{Directions, RateLimit, TiltFamily};
@@ -61,8 +61,7 @@ pub struct Prepared<'a> {
     pub(super) near: Vec<Vec<Near>>,
     feeds: Vec<Option<Unit<Vector3<f64>>>>,
     radius_mm: f64,
-    /// Angle of the raster lines from work x, rad.
-    pub raster_rad: f64,
+    frame: RasterFrame,
 }
 
 /// Axes, and what they lead to at the nominal speed.
@@ -83,23 +82,19 @@ pub struct Chosen {
 }
 
 impl<'a> Prepared<'a> {
-    /// Lays the path and finds what is free on it.
+    /// Lays the path, its lines along `frame` or as the case and the cost want them, and finds what is free on it.
+    ///
+    /// # Errors
+    /// When the arm cannot stand there, or the shank reaches nothing.
     pub(super) fn new(
-        case: &'a Case,
-        arm: &'a Arm,
-        scene: &'a Scene,
-        space: &'a BurrSpace,
-        solid: &'a Solid,
-        base_from_work: Rigid<Base, Work>,
+        start: &Start<'a>,
+        frame: Option<RasterFrame>,
         watch: &mut Stopwatch,
     ) -> Result<Self, PlanError> {
+        let Start { case, arm, scene, space, solid, base_from_work } = *start;
         let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
         let radius = case.burr.radius_mm;
-        let spacing = PathSpacing {
-            layer_mm: case.path.layer_mm,
-            stepover_mm: case.path.stepover_mm,
-            step_mm: case.path.step_mm,
-        };
+        let spacing = spacing(case);
         let limit_rad = case.orientation.tilt_limit_rad;
         let family = (case.orientation.angles == 1).then(|| setup::tilt_family(arm, &base_from_work, scene));
         let rate_rad_s = setup::tilt_rate_rad_s(arm);
@@ -120,9 +115,10 @@ impl<'a> Prepared<'a> {
             rate,
             spacing,
         };
-        let frame = match case.path.raster_rad {
-            Some(angle) => RasterFrame::at_angle(angle - scene.turn_rad),
-            None => watch.run("raster", || chosen_frame(case, scene, space, &spec, placed))?,
+        let frame = match (frame, case.path.raster_rad) {
+            (Some(frame), _) => frame,
+            (None, Some(angle)) => RasterFrame::at_angle(angle - scene.turn_rad),
+            (None, None) => watch.run("raster", || chosen_frame(case, scene, space, &spec, placed))?,
         };
         let lay = || lay_path(space, spacing, &frame);
         let path = watch.run("path", lay);
@@ -168,7 +164,7 @@ impl<'a> Prepared<'a> {
             near,
             feeds,
             radius_mm: radius,
-            raster_rad: frame.angle_rad(),
+            frame,
             beyond_limit,
             reached,
             directions,
@@ -186,6 +182,11 @@ impl<'a> Prepared<'a> {
     /// Length of the move that ends at each waypoint, mm.
     pub fn length_mm(&self) -> &[f64] {
         &self.reached.length_mm
+    }
+
+    /// Direction and order of the lines.
+    pub fn frame(&self) -> RasterFrame {
+        self.frame
     }
 
     /// The burr's radius, mm.
@@ -351,7 +352,7 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// Along the target's longer side or across it, by the cost of a draft.
+/// Along the target's longer side or across it, in one order or the other, by what the structures feel in a draft.
 fn chosen_frame(
     case: &Case,
     scene: &Scene,
@@ -365,7 +366,15 @@ fn chosen_frame(
     let axes = spec.directions.axes();
     let (compliance, center) = (Compliance::new(case, placed)?, scene.target_center);
     let compliance = compliance.of_cost(case, center, axes, |axis| spec.arm.allows(center, axis))?;
-    raster::cheaper(case, scene, space, spec, compliance.as_deref(), [along, along.across()])
+    let across = along.across();
+    let candidates = [along, across, along.in_opposite_order(), across.in_opposite_order()];
+    raster::least_felt(case, scene, space, spec, compliance.as_deref(), candidates)
+}
+
+/// How close the path's layers, lines and waypoints are.
+pub(super) fn spacing(case: &Case) -> PathSpacing {
+    let PathSpec { layer_mm, stepover_mm, step_mm, .. } = case.path;
+    PathSpacing { layer_mm, stepover_mm, step_mm }
 }
 
 /// What the cost of each waypoint looks at.
@@ -399,7 +408,8 @@ pub fn with_prepared<R>(
     let base_from_work =
         super::registration::registration(&case.robot, &scene)?.base_from_ct * scene.ct_from_work;
     let solid = super::solid(case, &scene);
-    work(&Prepared::new(case, &arm, &scene, &space, &solid, base_from_work, &mut watch)?)
+    let (arm, scene, space, solid) = (&arm, &scene, &space, &solid);
+    work(&Prepared::new(&Start { case, arm, scene, space, solid, base_from_work }, None, &mut watch)?)
 }
 
 /// Unit direction of the move that ends at each waypoint; that of the last real move where the burr only turns.

@@ -1,26 +1,33 @@
-//! The direction of the lines, chosen by what it costs.
+//! Direction and order of the lines, chosen by what the structures feel.
 //!
-//! With one tilt the raster decides how often the shaft must alternate between the two sides of a line, and which side of the
-//! burr meets a structure. Two candidates, along the target's longer side and across it, are laid as drafts: roughing only,
-//! coarse steps, coarse directions. Each draft is oriented by the dynamic program, and the lower J wins.
+//! They decide which side of the burr meets a structure, and with one tilt how often the shaft must alternate between the two sides
+//! of a line. Four candidates, lines along the target's longer side and across it, each in both orders, are laid as drafts:
+//! roughing only, coarse steps, coarse directions. Each draft is oriented by the dynamic program, gets speeds by the case's mode in one
+//! and the same cutting time, and is judged by what is felt near the structures. Where nothing is cut near a structure, the
+//! lower cost of orientation wins.
 //!
 //! A draft is a comparison, not a plan: waypoints that no axis reaches count as much as the dearest cut, and nothing is
 //! dropped or refined. Bone stands and goes by voxels, not by parts of them.
 
 use bonemill_imaging::{Class, Scene};
+use bonemill_robot::resolve::DensePath;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use super::PlanError;
+use super::control::{Felt, JUDGED, NOTHING_N};
+use super::levels;
 use super::near::{self, Near};
 use super::orient::{CostField, cost_rows};
 use super::prepared::{feeds, terms};
 use super::reach::{ReachSpec, free_directions, lengths, limited};
 use super::setup;
+use super::speeds::{self, SpeedInput};
 use crate::access::Access;
-use crate::burr::OrientationKernel;
+use crate::burr::{EngagedForce, ForceKernel, ModelError, OrientationKernel};
 use crate::case::Case;
 use crate::engagement::{SweptPath, mass_increments_by_voxels};
+use crate::metrics::Moments;
 use crate::orientation::FreeSets;
 use crate::orientation::sequence::{Forbidden, Found, Problem, best_sequence};
 use crate::path::{MoveKind, PathSpacing, RasterFrame, lay_rough};
@@ -28,35 +35,105 @@ use crate::space::BurrSpace;
 
 /// A draft's steps are this many times longer.
 const COARSER: f64 = 4.0;
-/// The second candidate must be better by this share: ties keep the first.
+/// A later candidate must be better by this share: ties keep the first.
 const CLEARLY: f64 = 0.01;
+/// A candidate that leaves this share more of its length out of reach than the best is no candidate.
+const MORE_UNREACHED: f64 = 0.01;
 
-/// The candidate of lower cost; the first where they do not differ. `compliance`: of each direction, where the cost looks at the deflection.
-pub fn cheaper(
+/// A draft along one candidate.
+struct Draft {
+    /// Cost of orientation, mm; unreached waypoints cost 1 per mm.
+    cost: f64,
+    /// Share of its length that no axis reaches; 1 where no sequence gets through.
+    unreached: f64,
+    length_mm: Vec<f64>,
+    near: Vec<Vec<Near>>,
+    moments: Vec<Moments>,
+    /// Along the chosen axes, and their cost.
+    forces: Vec<Option<EngagedForce>>,
+    costs: Vec<f64>,
+}
+
+/// The candidate under which the structures feel least. `compliance`: of each direction, where the cost looks at the deflection.
+pub fn least_felt(
     case: &Case,
     scene: &Scene,
     space: &BurrSpace,
     spec: &ReachSpec,
     compliance: Option<&[Matrix3<f64>]>,
-    candidates: [RasterFrame; 2],
+    candidates: [RasterFrame; 4],
 ) -> Result<RasterFrame, PlanError> {
-    let costs: Vec<Result<f64, PlanError>> =
-        candidates.par_iter().map(|frame| draft_cost(case, scene, space, spec, compliance, frame)).collect();
-    let [first, second] = candidates;
-    let mut costs = costs.into_iter();
-    let mut next = || costs.next().unwrap_or(Ok(f64::INFINITY));
-    Ok(if next()? * (1.0 - CLEARLY) > next()? { second } else { first })
+    let drafts: Result<Vec<Draft>, PlanError> =
+        candidates.par_iter().map(|frame| draft(case, scene, space, spec, compliance, frame)).collect();
+    let drafts = drafts?;
+    let least_unreached = drafts.iter().map(|d| d.unreached).fold(f64::INFINITY, f64::min);
+    // one time for all of them
+    let cutting_s = drafts[0].cuts_mm() / case.speed.nominal_mm_s;
+    let felt: Result<Vec<Felt>, PlanError> = drafts.par_iter().map(|d| d.felt(case, cutting_s)).collect();
+    let felt = felt?;
+    let is_near = |s: usize| felt.iter().any(|f| f.structures[s].near.peak_n > 0.0);
+    let judged: Vec<usize> = (0..case.structures.len()).filter(|s| is_near(*s)).collect();
+    let score = |n: usize| match judged.is_empty() {
+        true => drafts[n].cost.ln(),
+        false => judged.iter().map(|s| felt_by(case, &felt[n], *s)).sum(),
+    };
+    let mut best: Option<(f64, usize)> = None;
+    for n in (0..drafts.len()).filter(|n| drafts[*n].unreached <= least_unreached + MORE_UNREACHED) {
+        let score = score(n);
+        if best.is_none_or(|(least, _)| score < least - CLEARLY) {
+            best = Some((score, n));
+        }
+    }
+    Ok(candidates[best.map_or(0, |(_, n)| n)])
 }
 
-/// J of a draft along `frame`; unreached waypoints cost 1 per mm.
-fn draft_cost(
+/// Mean of the logarithms of the judged figures near a structure, by its importance: a sum of them ranks by products of forces.
+fn felt_by(case: &Case, felt: &Felt, structure: usize) -> f64 {
+    let near = &felt.structures[structure].near;
+    let logarithms = JUDGED.iter().map(|(_, figure)| figure(near).max(NOTHING_N).ln());
+    logarithms.sum::<f64>() / JUDGED.len() as f64 / f64::from(case.structures[structure].priority)
+}
+
+impl Draft {
+    fn kinds(&self) -> Vec<MoveKind> {
+        self.forces.iter().map(|f| if f.is_some() { MoveKind::Cut } else { MoveKind::Link }).collect()
+    }
+
+    fn cuts_mm(&self) -> f64 {
+        self.forces.iter().zip(&self.length_mm).filter(|(f, _)| f.is_some()).map(|(_, mm)| mm).sum()
+    }
+
+    /// At the speeds of the case's mode, the cuts in `cutting_s` or as near to it as they can.
+    fn felt(&self, case: &Case, cutting_s: f64) -> Result<Felt, PlanError> {
+        let count = self.forces.len();
+        let mass_mg: Vec<f64> = self.moments.iter().map(Moments::mass_mg).collect();
+        let pushes = levels::pushes(case, &self.near, &self.forces, None)?;
+        let step_mm = (COARSER * case.path.step_mm).min(case.burr.radius_mm);
+        let input = SpeedInput {
+            kinds: &self.kinds(),
+            length_mm: &self.length_mm,
+            mass_mg: &mass_mg,
+            cost: &self.costs,
+            dense: &DensePath::default(),
+            force_cap_mm_s: &vec![f64::INFINITY; count],
+            pushes: &pushes,
+            step_mm,
+            slot_mass_mg: setup::slot_mass_mg(case, step_mm),
+        };
+        let caps = speeds::caps_near(&input, &case.speed, case.paper, cutting_s)?;
+        Ok(Felt::of(case, &self.length_mm, &self.forces, &self.near, |i| caps[i]))
+    }
+}
+
+/// A draft along `frame`.
+fn draft(
     case: &Case,
     scene: &Scene,
     space: &BurrSpace,
     spec: &ReachSpec,
     compliance: Option<&[Matrix3<f64>]>,
     frame: &RasterFrame,
-) -> Result<f64, PlanError> {
+) -> Result<Draft, PlanError> {
     let radius = case.burr.radius_mm;
     let step_mm = (COARSER * spec.spacing.step_mm).min(radius);
     let path = lay_rough(space, PathSpacing { step_mm, ..spec.spacing }, frame);
@@ -66,10 +143,9 @@ fn draft_cost(
     let free = free_directions(&access, points, &limited, spec, None);
     drop(access);
     let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
-    let near: Vec<Vec<Near>> = near::nearest_structures(scene, &clearances, radius, points)?
-        .into_iter()
-        .map(|n| n.into_iter().collect())
-        .collect();
+    let within = |at| near::structures_within(scene, &clearances, radius, at);
+    let near: Result<Vec<_>, ModelError> = points.par_iter().map(|p| within(p.position)).collect();
+    let near = near?;
     let moments = mass_increments_by_voxels(&scene.density_g_cm3, &path.removal, points, radius);
     let (terms, feeds) = (terms(case, &near)?, feeds(points));
     let tool = setup::tool(&case.burr)?;
@@ -104,11 +180,29 @@ fn draft_cost(
         rate: spec.rate,
         forbidden: &Forbidden::default(),
     };
-    Ok(match best_sequence(&problem) {
-        Found::Sequence { total, .. } => total + unreached_mm,
+    let whole_mm: f64 = length_mm.iter().sum();
+    let (cost, unreached, directions) = match best_sequence(&problem) {
+        Found::Sequence { total, directions, .. } => {
+            (total + unreached_mm, unreached_mm / whole_mm.max(step_mm), directions)
+        }
         // no sequence gets through without dropping waypoints: as dear as it can be, in proportion
-        Found::Blocked(i) => length_mm.iter().sum::<f64>() * (2.0 - i as f64 / points.len() as f64),
-    })
+        Found::Blocked(i) => (whole_mm * (2.0 - i as f64 / points.len() as f64), 1.0, Vec::new()),
+    };
+    let force_kernel = ForceKernel::new(&tool, &material, &setup::discretisation(&tool, measure)?);
+    let force = |(i, direction): (&usize, &u16)| {
+        let feed = feeds[*i].filter(|_| moments[*i].mass_mg() > 0.0)?;
+        let axis = &spec.directions.axes()[usize::from(*direction)];
+        let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
+        let weight = |density| material.weight(density);
+        let mut bone = swept.bone_at(*i as u32, force_kernel.sample_radius_mm(), weight);
+        Some(force_kernel.engaged_force(axis, &feed, speed, rpm, &mut bone))
+    };
+    let (mut forces, mut costs) = (vec![None; points.len()], vec![0.0; points.len()]);
+    for (n, (i, direction)) in reached.iter().zip(&directions).enumerate() {
+        forces[*i] = force((i, direction));
+        costs[*i] = f64::from(rows[n * count + usize::from(*direction)]);
+    }
+    Ok(Draft { cost, unreached, length_mm, near, moments, forces, costs })
 }
 
 /// The centre of mass of the target's bone in the layers' plane; the target's centre where there is none.

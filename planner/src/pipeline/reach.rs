@@ -30,7 +30,11 @@ use super::arm_axes::ArmAxes;
 use super::known::{KnownDirections, Round};
 
 /// Rounds before the planner gives up; each puts off or drops at least one waypoint, few are usual.
-const MOST_ROUNDS: usize = 30;
+const MOST_ROUNDS: usize = 40;
+/// After so many rounds in which turning above the bone was of no help, it is not tried any more.
+const MOST_IN_VAIN: u32 = 4;
+/// Of a pass that the shank cannot turn to, at most 2 to the power of this many waypoints are put off at once.
+const MOST_DOUBLED: u32 = 10;
 
 /// A path whose every waypoint the shank can reach.
 #[derive(Debug)]
@@ -172,16 +176,18 @@ pub fn reached<'a>(
             let leads_to: HashSet<_> = unturned.iter().map(|i| path.points[*i].leads_to).collect();
             let (above, below): (HashSet<_>, HashSet<_>) =
                 leads_to.into_iter().partition(|point| is_from_above(&path.passes, *point));
-            if !below.is_empty() {
+            if !below.is_empty() && entered_in_vain < MOST_IN_VAIN {
                 let passes = enter_from_above(&path.passes, &below);
                 path = join_passes(space, spec.spacing, passes, path.layers);
                 // waypoints came in between: what was known of the others may be too little now
                 (before, blocked_before) = (None, None);
                 continue;
             }
-            blocked = unturned.into_iter().filter(|i| above.contains(&path.points[*i].leads_to)).collect();
+            let is_to_go =
+                |i: &usize| entered_in_vain >= MOST_IN_VAIN || above.contains(&path.points[*i].leads_to);
+            blocked = unturned.into_iter().filter(is_to_go).collect();
             ahead = 1 << entered_in_vain;
-            entered_in_vain += 1;
+            entered_in_vain = (entered_in_vain + 1).min(MOST_DOUBLED);
         }
         // a way between two points may be blocked at either end: where going elsewhere was of no help, it does not start there
         let from_too = blocked_before.is_some_and(|before| blocked.len() >= before);

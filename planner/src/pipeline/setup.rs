@@ -198,3 +198,8 @@ pub fn tilt_rate_rad_s(arm: &Arm) -> f64 {
         ArmKind::Ur | ArmKind::Other => TILT_RATE_RAD_S,
     }
 }
+
+/// Mass that a step takes in a full slot of the reference material, mg.
+pub fn slot_mass_mg(case: &Case, step_mm: f64) -> f64 {
+    std::f64::consts::PI * case.burr.radius_mm.powi(2) * step_mm * case.material.rho_ref_g_cm3
+}

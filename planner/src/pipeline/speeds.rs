@@ -102,6 +102,21 @@ pub fn caps(
     Ok(Cuts::new(input, spec, paper)?.caps(cutting_s)?.mm_s)
 }
 
+/// The same with the cuts in `cutting_s`, or in the time nearest to it that the speed range allows.
+///
+/// # Errors
+/// As [`timing`].
+pub fn caps_near(
+    input: &SpeedInput,
+    spec: &SpeedSpec,
+    paper: bool,
+    cutting_s: f64,
+) -> Result<Vec<f64>, PlanError> {
+    let cuts = Cuts::new(input, spec, paper)?;
+    let [fast, slow] = cuts.time_range_s()?;
+    Ok(cuts.caps(Some(cutting_s.max(fast).min(slow)))?.mm_s)
+}
+
 /// The limits of the time law: the corner tolerance leaves room for the arm's bow between waypoints.
 pub fn path_limits(arm: &bonemill_robot::Arm) -> Result<PathLimits, PlanError> {
     let corner = CornerTolerance { burr_mm: 0.8 * TRAJECTORY_TOLERANCE_MM, ..CornerTolerance::default() };

@@ -14,7 +14,7 @@ use super::{
     write_forces, write_waypoints,
 };
 use crate::case::Registration;
-use crate::pipeline::{Plan, SpeedLevels, Volumes, dropped_by_reason};
+use crate::pipeline::{Control, Felt, Plan, SpeedLevels, Volumes, dropped_by_reason, half_turn};
 
 /// What a plan's directory holds, beside `plan.toml`.
 pub const FILES: [&str; 5] = ["waypoints.csv", FORCES, "trajectory.csv", "robot.urdf", "report.html"];
@@ -155,6 +155,9 @@ fn metrics(plan: &Plan) -> Metrics {
         ),
         ("structures".into(), Value::Table(per_structure.collect())),
     ];
+    if !plan.compared.controls.is_empty() {
+        more.push(("compared".into(), Value::Table(compared(plan))));
+    }
     if let Some(stiffness) = &plan.modelled.stiffness {
         let mut along = vec![
             ("softest".into(), stiffness.softest_n_mm.into()),
@@ -183,6 +186,30 @@ fn metrics(plan: &Plan) -> Metrics {
         total_time_s: plan.law.duration_s(),
         more,
     }
+}
+
+/// The plan beside its controls.
+fn compared(plan: &Plan) -> Vec<(String, Value)> {
+    let felt = |felt: &Felt| -> Vec<(String, Value)> {
+        let structures = plan.case.structures.iter().zip(&felt.structures);
+        let near =
+            structures.map(|(s, found)| (s.name.clone(), Value::Table(found.near.entries("waypoint"))));
+        vec![
+            ("mean_force_n".into(), felt.mean_n.into()),
+            ("peak_force_n".into(), felt.peak_n.into()),
+            ("near".into(), Value::Table(near.collect())),
+        ]
+    };
+    let control = |(number, control): (usize, &Control)| {
+        let mut entries = felt(&control.felt);
+        let turned = control.raster_rad + plan.scene.turn_rad;
+        entries.insert(0, ("raster_deg".into(), half_turn(turned).to_degrees().into()));
+        entries.insert(1, ("speed_mm_s".into(), control.speed_mm_s.into()));
+        (format!("control_{}", number + 1), Value::Table(entries))
+    };
+    let mut entries: Vec<_> = plan.compared.controls.iter().enumerate().map(control).collect();
+    entries.push(("plan".into(), Value::Table(felt(&plan.compared.plan))));
+    entries
 }
 
 /// The levels of force of a plan with the least force in its time.
@@ -225,6 +252,7 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
         ("dropped_waypoints".into(), Value::Table(dropped)),
         ("unjoined_passes".into(), m.unjoined_passes.into()),
         ("branch".into(), usize::from(m.branch).into()),
+        ("instead".into(), m.instead.unwrap_or("nothing").into()),
         ("raster_deg".into(), m.raster_rad.to_degrees().into()),
         ("layers".into(), m.layers.into()),
         ("compliance".into(), plan.case.robot.joint_stiffness.is_some().into()),

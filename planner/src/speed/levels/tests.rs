@@ -38,7 +38,7 @@ impl Path {
 
     /// The goals in their order, each to be least.
     fn goals(&self, move_mm_s: &[f64]) -> [f64; 5] {
-        let mut goals = [0.0; 5];
+        let mut goals = [0.0f64; 5];
         for (pushes, v) in self.pushes.iter().zip(move_mm_s) {
             let (toward, overall) = (pushes.toward(*v).map_or(0.0, |(w, _)| w), pushes.overall(*v));
             let is_faster = *v > RANGE_MM_S[0] + 1e-9;

@@ -1,0 +1,183 @@
+//! What the structures feel of whole plans, beside the controls that each plan carries: a straight shaft at constant speed in the
+//! same time, along lines in two directions.
+//!
+//! Changes are taken per body against the mean of its two controls, then averaged; the worst body stands beside. How many figures
+//! are above the better of the two controls is counted, for every structure of the body.
+
+use bonemill_imaging::phantom::{BlockParams, NerveSide, PhantomKind, block, phantom};
+use bonemill_planner::Progress;
+use bonemill_planner::case::{Case, Registration, SpeedMode};
+use bonemill_planner::pipeline::{Felt, JUDGED, Plan, plan};
+
+use super::percent;
+use crate::body::{self, Body};
+use crate::{ExperimentError, Size, Table};
+
+const COLUMNS: [&str; 5] =
+    ["mean toward, F_v > 0", "mean toward, zeros in", "peak toward", "peak |F|", "mean |F|"];
+/// A control's force below this is no measure of another, N.
+const LEAST_N: f64 = 0.01;
+/// At most so many heads.
+const MOST_HEADS: u64 = 4;
+
+/// Figures in the order of [`COLUMNS`], toward one structure, N.
+fn figures(felt: &Felt, structure: usize) -> [f64; 5] {
+    let near = &felt.structures[structure].near;
+    let [mean, zeros, peak] = JUDGED.map(|(_, figure)| figure(near));
+    [mean, zeros, peak, felt.peak_n, felt.mean_n]
+}
+
+/// A plan beside its controls, toward one structure.
+struct Row {
+    body: String,
+    structure: String,
+    priority: u32,
+    controls: Vec<[f64; 5]>,
+    plan: [f64; 5],
+    seconds: f64,
+    instead: &'static str,
+}
+
+impl Row {
+    /// Against the mean of the controls, %.
+    fn changes(&self) -> [Option<f64>; 5] {
+        let n = self.controls.len().max(1) as f64;
+        std::array::from_fn(|k| {
+            let control = self.controls.iter().map(|c| c[k]).sum::<f64>() / n;
+            (control >= LEAST_N).then(|| 100.0 * (self.plan[k] / control - 1.0))
+        })
+    }
+
+    /// Figures toward the structure that are above the better control's.
+    fn worse(&self) -> usize {
+        let better = |k: usize| self.controls.iter().map(|c| c[k]).fold(f64::INFINITY, f64::min);
+        (0..JUDGED.len()).filter(|k| self.plan[*k] > better(*k).max(LEAST_N) * (1.0 + 1e-6)).count()
+    }
+}
+
+/// The rows of a plan: structures near which a control or the plan pushes.
+fn rows(name: &str, plan: &Plan) -> Vec<Row> {
+    let structures = plan.case.structures.iter().enumerate();
+    let row = |(n, s): (usize, &bonemill_planner::case::Structure)| Row {
+        body: name.to_owned(),
+        structure: s.name.clone(),
+        priority: s.priority,
+        controls: plan.compared.controls.iter().map(|c| figures(&c.felt, n)).collect(),
+        plan: figures(&plan.compared.plan, n),
+        seconds: plan.seconds.iter().map(|(_, s)| s).sum(),
+        instead: plan.modelled.instead.unwrap_or("-"),
+    };
+    let is_near = |row: &Row| row.controls.iter().chain([&row.plan]).any(|f| f[2] > 0.0);
+    structures.map(row).filter(is_near).collect()
+}
+
+fn planned(name: &str, body: &Body, adjust: impl Fn(&mut Case)) -> Result<Vec<Row>, ExperimentError> {
+    let mut case = body.case(false)?;
+    case.speed.mode = SpeedMode::LeastForce;
+    adjust(&mut case);
+    Ok(rows(name, &plan(&case, body.case_path(), &())?))
+}
+
+/// Blocks with the nerve in both planes, heads, and a scan where there is one.
+///
+/// # Errors
+/// When a body cannot be made or planned.
+pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
+    let sides = [
+        (NerveSide::BesideTiltPlane, "block, nerve beside the tilt plane"),
+        (NerveSide::InTiltPlane, "block, nerve in the tilt plane"),
+    ];
+    let mut groups: Vec<(String, u32, Vec<Row>)> = Vec::new();
+    for angles in [1, 2] {
+        let one_or_two = |case: &mut Case| {
+            if angles == 2 {
+                // the bone-attached arm has one; where a UR stands is assumed
+                case.orientation.angles = angles;
+                case.robot.model = "ur5e".into();
+                case.robot.base_from_ct = Registration::Assumed;
+            }
+        };
+        for (nerve, name) in sides {
+            let mut found = Vec::new();
+            for seed in 1..=size.seeds {
+                progress.stage("blocks");
+                let params = BlockParams { nerve, ..BlockParams::paper() };
+                let body = Body::phantom(&block(&params, seed))?;
+                found.extend(planned(&format!("{name}, seed {seed}"), &body, one_or_two)?);
+            }
+            groups.push((name.into(), angles, found));
+        }
+        let mut found = Vec::new();
+        for seed in 1..=size.seeds.min(MOST_HEADS) {
+            progress.stage("heads");
+            let body = Body::phantom(&phantom(PhantomKind::Temporal, seed))?;
+            found.extend(planned(&format!("temporal {seed}"), &body, one_or_two)?);
+        }
+        groups.push(("temporal".into(), angles, found));
+        if let Some(body) = Body::case_file(&body::data().join("tbone_RT143/case.toml")) {
+            progress.stage("scan");
+            groups.push(("tbone_RT143".into(), angles, planned("tbone_RT143", &body, one_or_two)?));
+        }
+    }
+    Ok(vec![summary(size, &groups), each(&groups)])
+}
+
+/// Toward structures of priority 1, by group.
+fn summary(size: Size, groups: &[(String, u32, Vec<Row>)]) -> Table {
+    let title = format!(
+        "Toward structures of priority 1, the burr's surface within 2 mm: change in % against the mean of two controls (straight \
+         shaft, constant speed, the same time; lines in two directions), mean ± standard deviation over the bodies / worst body; {} \
+         seeds. Controls below {LEAST_N} N are left out. Worse: figures above the better control's, toward priority 1 / toward any \
+         structure, of how many.",
+        size.seeds
+    );
+    let head = ["body", "angles"].iter().chain(&COLUMNS).chain(&["worse"]).copied().collect::<Vec<_>>();
+    let mut table = Table::new("trials-felt", title, &head);
+    for (name, angles, rows) in groups {
+        let first: Vec<&Row> = rows.iter().filter(|r| r.priority == 1).collect();
+        let changes: Vec<_> = first.iter().map(|r| r.changes()).collect();
+        let figure = |k: usize| {
+            let worst = changes.iter().filter_map(|c| c[k]).fold(f64::NEG_INFINITY, f64::max);
+            format!("{} / {worst:+.0}", percent(changes.iter().map(|c| c[k])))
+        };
+        let worse = |rows: &[&Row]| rows.iter().map(|r| r.worse()).sum::<usize>();
+        let all: Vec<&Row> = rows.iter().collect();
+        let counts = format!(
+            "{} of {} / {} of {}",
+            worse(&first),
+            first.len() * JUDGED.len(),
+            worse(&all),
+            all.len() * JUDGED.len()
+        );
+        let cells = (0..COLUMNS.len()).map(figure).chain([counts]);
+        table.push([name.clone(), angles.to_string()].into_iter().chain(cells).collect());
+    }
+    table
+}
+
+/// Every body and structure, in newtons.
+fn each(groups: &[(String, u32, Vec<Row>)]) -> Table {
+    let head: Vec<String> = ["body", "angles", "structure"]
+        .map(str::to_owned)
+        .into_iter()
+        .chain(COLUMNS.iter().map(|c| format!("{c} [N]")))
+        .chain(["worse".into(), "fallback".into(), "planning [s]".into()])
+        .collect();
+    let head: Vec<&str> = head.iter().map(String::as_str).collect();
+    let title = "Control along the plan's lines / control across / plan.";
+    let mut table = Table::new("trials-felt-bodies", title, &head);
+    for (_, angles, rows) in groups {
+        for row in rows {
+            let figure = |k: usize| {
+                let all = row.controls.iter().chain([&row.plan]);
+                all.map(|f| format!("{:.3}", f[k])).collect::<Vec<_>>().join(" / ")
+            };
+            let cells = (0..COLUMNS.len()).map(figure);
+            let end = [row.worse().to_string(), row.instead.into(), format!("{:.1}", row.seconds)];
+            let start =
+                [row.body.clone(), angles.to_string(), format!("{} ({})", row.structure, row.priority)];
+            table.push(start.into_iter().chain(cells).chain(end).collect());
+        }
+    }
+    table
+}

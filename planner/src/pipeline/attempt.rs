@@ -1,0 +1,166 @@
+//! Plans of one case that differ in what the case leaves open, tried until none of its structures is worse off than without us.
+//!
+//! The first attempt is what the cost prefers. Where it pushes more toward a structure of priority 1 than the better of its
+//! [controls](super::control), lines across, then a shaft along the approach, then both are tried; the first that is nowhere
+//! worse stands. If none is, the least bad stands, and the plan says so.
+
+use bonemill_geometry::{Base, Rigid, Work};
+use bonemill_imaging::Scene;
+use bonemill_robot::Arm;
+
+use super::control::{Compared, ControlPath, Felt, Worse};
+use super::demand::Demand;
+use super::metrics::{self, Coverage};
+use super::motion::Motion;
+use super::prepared::{Chosen, Prepared, spacing};
+use super::speeds::{self, Timing};
+use super::{PlanError, Stopwatch};
+use crate::access::Solid;
+use crate::case::{Case, OrientationMode};
+use crate::path::{RasterFrame, lay_path};
+use crate::space::BurrSpace;
+
+/// An attempt may leave this share more of what the burr can reach than the first.
+const LEFT_SHARE: f64 = 0.005;
+
+/// What every attempt at a case starts from.
+#[derive(Clone, Copy)]
+pub(super) struct Start<'a> {
+    pub case: &'a Case,
+    pub arm: &'a Arm,
+    pub scene: &'a Scene,
+    pub space: &'a BurrSpace<'a>,
+    pub solid: &'a Solid,
+    pub base_from_work: Rigid<Base, Work>,
+}
+
+/// A path with its axes, its motion and its speeds.
+pub(super) struct Attempt<'a> {
+    pub prepared: Prepared<'a>,
+    pub chosen: Chosen,
+    pub motion: Motion,
+    pub demand: Demand,
+    pub timing: Timing,
+    pub coverage: Coverage,
+    pub compared: Compared,
+    /// What was done otherwise than the cost prefers, in words; none for the first attempt.
+    pub instead: Option<&'static str>,
+}
+
+/// One way to fall back.
+#[derive(Clone, Copy)]
+struct Fallback {
+    is_across: bool,
+    is_fixed: bool,
+    words: &'static str,
+}
+
+const FALLBACKS: [Fallback; 3] = [
+    Fallback { is_across: true, is_fixed: false, words: "lines across those that the cost prefers" },
+    Fallback { is_across: false, is_fixed: true, words: "the shaft along the approach" },
+    Fallback {
+        is_across: true,
+        is_fixed: true,
+        words: "lines across those that the cost prefers, and the shaft along the approach",
+    },
+];
+
+impl Fallback {
+    /// Whether a case leaves that open.
+    fn is_open(&self, case: &Case) -> bool {
+        (!self.is_across || case.path.raster_rad.is_none())
+            && (!self.is_fixed || case.orientation.mode == OrientationMode::Optimal)
+    }
+}
+
+impl<'a> Start<'a> {
+    /// The first attempt that is nowhere worse than its controls, or the least bad.
+    ///
+    /// # Errors
+    /// [`PlanError`] of the first attempt; a fallback that cannot be planned is passed over.
+    pub fn plan(&self, watch: &mut Stopwatch) -> Result<Attempt<'a>, PlanError> {
+        let prepared = Prepared::new(self, None, watch)?;
+        let frame = prepared.frame();
+        let controls = if self.case.structures.is_empty() {
+            Vec::new()
+        } else {
+            watch.run("control", || self.controls(&frame))?
+        };
+        let first = self.attempt(prepared, self.case, &controls, watch)?;
+        let least_share = first.coverage.reached_share() - LEFT_SHARE;
+        let mut best = first;
+        let mut ratio = best.worst_ratio(self.case);
+        for fallback in FALLBACKS.iter().filter(|fallback| fallback.is_open(self.case)) {
+            if ratio.is_none() {
+                break;
+            }
+            let frame = if fallback.is_across { frame.across() } else { frame };
+            let mut varied = self.case.clone();
+            if fallback.is_fixed {
+                varied.orientation.mode = OrientationMode::Fixed;
+            }
+            let tried = Prepared::new(self, Some(frame), watch)
+                .and_then(|prepared| self.attempt(prepared, &varied, &controls, watch));
+            let Ok(tried) = tried else { continue };
+            let is_whole = tried.coverage.reached_share() >= least_share
+                && tried.chosen.oriented.blocked_turns.len() <= best.chosen.oriented.blocked_turns.len();
+            let its_ratio = tried.worst_ratio(self.case);
+            if is_whole && its_ratio.unwrap_or(1.0) < ratio.unwrap_or(1.0) {
+                ratio = its_ratio;
+                best = Attempt { instead: Some(fallback.words), ..tried };
+            }
+        }
+        Ok(best)
+    }
+
+    /// The controls with lines along `frame` and across.
+    fn controls(&self, frame: &RasterFrame) -> Result<Vec<ControlPath>, PlanError> {
+        let along = |frame: RasterFrame| {
+            let path = lay_path(self.space, spacing(self.case), &frame);
+            ControlPath::new(self.case, self.scene, &path, frame.angle_rad())
+        };
+        let (first, second) = rayon::join(|| along(*frame), || along(frame.across()));
+        Ok(vec![first?, second?])
+    }
+
+    /// Axes, motion and speeds for a path; `case` may differ from the one that was prepared as [`Prepared::choose`] allows.
+    fn attempt(
+        &self,
+        mut prepared: Prepared<'a>,
+        case: &Case,
+        controls: &[ControlPath],
+        watch: &mut Stopwatch,
+    ) -> Result<Attempt<'a>, PlanError> {
+        let (chosen, motion) = prepared.choose_with_motion(case, watch)?;
+        let demand = prepared.demand(case, &chosen)?;
+        let limits = speeds::path_limits(self.arm)?;
+        let speed_input = demand.input(case, &prepared, &chosen, &motion.dense);
+        let reached = &prepared.reached;
+        let (timing, coverage) = watch.run("time law, coverage", || {
+            rayon::join(
+                || speeds::timing(&speed_input, &case.speed, case.paper, &limits),
+                || {
+                    let (path, dropped) = (&reached.path, &reached.dropped);
+                    metrics::coverage(self.scene, self.space, &path.removal, &path.points, dropped)
+                },
+            )
+        });
+        let (timing, coverage) = (timing?, coverage?);
+        // refused here, before anything is written
+        timing.law.rows(case.robot.rate_hz)?;
+        let caps = &timing.caps_mm_s;
+        let total_s: f64 = prepared.length_mm().iter().zip(caps).map(|(mm, cap)| mm / cap).sum();
+        let compared = Compared {
+            controls: controls.iter().filter_map(|control| control.in_time(case, total_s)).collect(),
+            plan: Felt::of(case, prepared.length_mm(), &chosen.forces, &prepared.near, |i| caps[i]),
+        };
+        Ok(Attempt { prepared, chosen, motion, demand, timing, coverage, compared, instead: None })
+    }
+}
+
+impl Attempt<'_> {
+    /// By how much it is worse than its controls at the worst; none where it is nowhere worse.
+    fn worst_ratio(&self, case: &Case) -> Option<f64> {
+        self.compared.worse(case).first().map(Worse::ratio)
+    }
+}
