@@ -265,7 +265,10 @@ pub struct ExperimentArgs {
     /// Bodies of each kind: seeds 1 to N
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub seeds: u64,
-    /// Folder for tables, as Markdown and CSV
+    /// A case file of yours beside the bodies, for `pareto`
+    #[arg(long, value_name = "FILE")]
+    pub case: Option<PathBuf>,
+    /// Folder for tables, as Markdown and CSV, and pictures, as SVG
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }

@@ -15,7 +15,7 @@ pub fn run(args: &ExperimentArgs, progress: &dyn Progress) -> anyhow::Result<Out
         let known: Vec<_> = EXPERIMENTS.iter().map(|e| format!("{} ({})", e.name, e.about)).collect();
         anyhow::bail!("no experiment is called \"{}\"; there are {}", args.name, known.join("; "));
     };
-    let tables = (experiment.run)(Size { seeds: args.seeds }, progress)?;
+    let tables = (experiment.run)(Size { seeds: args.seeds, case: args.case.as_deref() }, progress)?;
     if let Some(dir) = &args.out {
         tables.iter().try_for_each(|table| write(dir, table))?;
     }
@@ -26,7 +26,8 @@ pub fn run(args: &ExperimentArgs, progress: &dyn Progress) -> anyhow::Result<Out
 
 fn write(dir: &Path, table: &Table) -> anyhow::Result<()> {
     fs::create_dir_all(dir).with_context(|| format!("cannot make {}", dir.display()))?;
-    for (ending, text) in [("md", table.markdown()), ("csv", table.csv())] {
+    let picture = table.picture.clone().map(|svg| ("svg", svg));
+    for (ending, text) in [("md", table.markdown()), ("csv", table.csv())].into_iter().chain(picture) {
         let path = dir.join(&table.name).with_extension(ending);
         fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }

@@ -145,7 +145,8 @@ fn what_this_version_does_not_have_is_refused_by_line() {
     place.refuses(&[&place.line_of("UR5"), "`robot.model` = \"UR5\"", arms, "did you mean `ur5e`?"]);
     let place = Place::healthy().with_case("rate_hz = 100", "rate_hz = 100\nmodel = \"puma.urdf\"");
     place.refuses(&[&place.line_of("puma"), "robot.model", "cannot read the URDF", "puma.urdf"]);
-    let place = Place::healthy().with_case("min_mm_s = 0.5", "min_mm_s = 0.5\nforce_n = 1.5");
+    let place =
+        Place::healthy().with_case("min_mm_s = 0.5", "min_mm_s = 0.5\nmode = \"mass\"\nforce_n = 1.5");
     place.refuses(&[&place.line_of("force_n"), "speed.force_n", "speed.mode = \"force_limited\""]);
     let place = Place::healthy().with_case("[grid]", "[orientation]\nangles = 2\n\n[grid]");
     place.refuses(&[&place.line_of("angles = 2"), "orientation.angles", "one tilt"]);

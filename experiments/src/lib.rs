@@ -12,11 +12,13 @@ pub mod engine;
 pub mod force_error;
 pub mod hard_cases;
 mod orientation;
+mod pareto;
 pub mod peers;
 mod table;
 mod trials;
 
 use std::io;
+use std::path::{Path, PathBuf};
 
 use bonemill_imaging::ImageError;
 use bonemill_planner::case::CaseError;
@@ -26,9 +28,11 @@ pub use table::Table;
 
 /// How much is run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Size {
+pub struct Size<'a> {
     /// Bodies of each kind: seeds 1 to this.
     pub seeds: u64,
+    /// A case of the user's beside them, for experiments that take one.
+    pub case: Option<&'a Path>,
 }
 
 /// What an experiment can fail of.
@@ -37,6 +41,9 @@ pub enum ExperimentError {
     /// A temporary folder.
     #[error("cannot write a phantom's files to the temporary folder")]
     Folder(#[source] io::Error),
+    /// A case of the user's.
+    #[error("cannot read the case {}", .0.display())]
+    NoCase(PathBuf),
     /// A phantom's image.
     #[error(transparent)]
     Image(#[from] ImageError),
@@ -113,6 +120,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "trials-sweep",
         about: "how the reductions of those trials change over what is assumed",
         run: trials::sweep,
+    },
+    Experiment {
+        name: "pareto",
+        about: "force toward the nerve against total time and removed volume: block, temporal bone and --case",
+        run: pareto::run,
     },
     Experiment {
         name: "orientation",

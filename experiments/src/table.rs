@@ -11,6 +11,8 @@ pub struct Table {
     pub columns: Vec<String>,
     /// One text per column each.
     pub rows: Vec<Vec<String>>,
+    /// The same as SVG, where a picture says more.
+    pub picture: Option<String>,
     /// What did not end as it must, with the reasons; empty for a mere measurement.
     pub shortfalls: Vec<String>,
 }
@@ -19,7 +21,14 @@ impl Table {
     /// An empty table.
     pub fn new(name: &str, title: impl Into<String>, columns: &[&str]) -> Self {
         let columns = columns.iter().map(|c| (*c).to_owned()).collect();
-        Self { name: name.into(), title: title.into(), columns, rows: Vec::new(), shortfalls: Vec::new() }
+        Self {
+            name: name.into(),
+            title: title.into(),
+            columns,
+            rows: Vec::new(),
+            picture: None,
+            shortfalls: Vec::new(),
+        }
     }
 
     /// Adds a row.

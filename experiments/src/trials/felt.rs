@@ -95,6 +95,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
                 case.orientation.angles = angles;
                 case.robot.model = "ur5e".into();
                 case.robot.base_from_ct = Registration::Assumed;
+                case.robot.flange_from_burr = Some(([0.0, 0.0, 180.0], [std::f64::consts::PI, 0.0, 0.0]));
             }
         };
         for (nerve, name) in sides {

@@ -12,7 +12,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use bonemill_imaging::phantom::{BlockParams, NerveSide, block};
 use bonemill_planner::Progress;
-use bonemill_planner::case::{Case, OrientationMode, SpeedMode};
+use bonemill_planner::case::{Case, OrientationMode, Sense, SpeedMode};
 use bonemill_planner::pipeline::{Chosen, Prepared, with_prepared};
 use bonemill_planner::toward::NEAR_MM;
 
@@ -87,6 +87,7 @@ fn on_block<R>(
     let body = Body::phantom(&block(&params, setup.seed))?;
     let mut case = body.case(false)?;
     case.path.raster_rad = Some(setup.raster_rad);
+    case.path.sense = Sense::Both;
     adjust(&mut case);
     with_prepared(&case, body.case_path(), &(), |prepared| Ok(work(&body, prepared)))?
 }

@@ -7,7 +7,7 @@ use std::fmt;
 
 use bonemill_imaging::{AffineChoice, Sheets};
 
-use super::{ForceTerm, Measure, OrientationMode, SeveralStructures, SpeedMode};
+use super::{ForceTerm, Measure, OrientationMode, Sense, SeveralStructures, SpeedMode};
 
 /// Unit of a number in the case file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -183,7 +183,8 @@ pub(super) fn name_of(path: &'static str) -> &'static str {
 use Fallback::{Chosen, Derived, Value, Words};
 
 /// Keys whose default `preset = "paper"` changes.
-pub(super) const PRESET_KEYS: [&str; 3] = ["material.measure", "cost.alpha_max", "orientation.mode"];
+pub(super) const PRESET_KEYS: [&str; 5] =
+    ["material.measure", "cost.alpha_max", "orientation.mode", "path.sense", "speed.mode"];
 
 const REQUIRED: &str = "required";
 const ABSENT: &str = "none";
@@ -257,7 +258,7 @@ table! {
         LAYER = "path.layer_mm" Mm 0.05..20.0, Value(1.5), "depth of a layer, at most twice the radius", "D: 1.5 mm";
         STEPOVER = "path.stepover_mm" Mm 0.05..20.0, Derived("2/3 of burr.radius_mm"), "distance of neighbouring lines, at most twice the radius", "assumed: reproduces D's figures";
         STEP = "path.step_mm" Mm 0.01..5.0, Value(0.25), "distance of neighbouring waypoints, at most the radius", "assumed: the planning grid's spacing";
-        RASTER = "path.raster_deg" Deg -360.0..360.0, Chosen("along the target or across it, by the cost of a draft"), "direction of the lines from work x towards work y", "-";
+        RASTER = "path.raster_deg" Deg -360.0..360.0, Chosen("along the target or across it, by what the structures feel in a draft"), "direction of the lines from work x towards work y", "-";
         KAPPA = "cost.kappa_per_mm" PerMm 0.0..100.0, Value(0.7), "decay of α₁ with distance", "assumed (FORCE_MODEL 10): α₁ halves with each mm";
         ALPHA_MAX = "cost.alpha_max" One 0.0..1.0, Words("0.8; 0.5 with preset = \"paper\""), "α₁ at the clearance", "FORCE_MODEL 8.10: 0.5 as D prints it, 0.8 as D's text and trials ask";
         TILT_LIMIT = "orientation.tilt_limit_deg" Deg 0.0..90.0, Value(60.0), "largest angle from the approach while cutting", ASSUMED;
@@ -303,14 +304,18 @@ table! {
         MEASURE: Measure = "material.measure" ["db" => Measure::Db, "dz" => Measure::Dz],
             "length element of the force sum: edge length or height; `dz` with preset = \"paper\"", "FORCE_MODEL 4: db is energy-consistent and reproduces D's trials, dz is D eq. 4 as printed";
         PATTERN: () = "path.pattern" ["lawnmower" => ()], "layers of serpentine lines", "D II-A";
+        TURNS: bool = "burr.turns" ["one_way" => false, "both_ways" => true],
+            "whether the burr cuts one way only, as spin says, or either way: then the plan with less force toward the structures decides", ASSUMED;
+        SENSE: Sense = "path.sense" ["auto" => Sense::Auto, "both" => Sense::Both, "climb" => Sense::Climb, "conventional" => Sense::Conventional, "away" => Sense::Away],
+            "sense in which a pass is cut, where it has bone on one side: whichever end is nearer; the teeth against the feed; with it; near a structure the one that pushes less toward it. `auto`: both or away, by what the structures feel in drafts of the same time", "-";
         COST_FORCE: ForceTerm = "cost.force" ["cutting" => ForceTerm::Cutting, "deflection" => ForceTerm::Deflection],
             "which force the cost looks at: D6 or D12", "D eq. 6";
         COST_STRUCTURES: SeveralStructures = "cost.structures" ["nearest" => SeveralStructures::Nearest, "priority" => SeveralStructures::Priority, "sum" => SeveralStructures::Sum],
             "which structures the cost looks at where several are near: the closest; the one of highest priority among the close ones; all, each by its own α₁", "D II-D names all three";
         ORIENTATION: OrientationMode = "orientation.mode" ["optimal" => OrientationMode::Optimal, "greedy" => OrientationMode::Greedy, "fixed" => OrientationMode::Fixed],
             "dynamic programming over the sequence; each waypoint alone, then a low-pass; along the approach. `greedy` with preset = \"paper\"", "assumed; greedy: D II-D";
-        SPEED_MODE: SpeedMode = "speed.mode" ["mass" => SpeedMode::Mass, "constant" => SpeedMode::Constant, "force_limited" => SpeedMode::ForceLimited, "least_force" => SpeedMode::LeastForce],
-            "D13, inverse to the mass ahead; nominal_mm_s; fastest under force caps; in the given time the least force toward structures, weighted by nearness (kappa_per_mm) and 1/priority, then the least force", "D eq. 13";
+        SPEED_MODE: SpeedMode = "speed.mode" ["least_force" => SpeedMode::LeastForce, "mass" => SpeedMode::Mass, "constant" => SpeedMode::Constant, "force_limited" => SpeedMode::ForceLimited],
+            "in the given time the least force toward structures, weighted by nearness (kappa_per_mm) and 1/√priority, then the least force; D13, inverse to the mass ahead; nominal_mm_s; fastest under force caps. `mass` with preset = \"paper\"", "what the structures feel, see docs/results.md; mass: D eq. 13";
     }
     others {
         CT = "images.ct" "a path relative to the case file", REQUIRED, "the CT, NIfTI-1", "-";

@@ -183,6 +183,8 @@ pub struct Burr {
     pub spindle_rpm: f64,
     /// −1 forward (clockwise seen from the handpiece), +1 reverse.
     pub spin: i8,
+    /// Whether it may turn the other way instead: then the planner chooses [`Self::spin`].
+    pub turns_both_ways: bool,
     /// Radius of the neck where the flutes end, mm.
     pub neck_radius_mm: f64,
 }
@@ -233,6 +235,41 @@ pub struct PathSpec {
     pub step_mm: f64,
     /// Direction of the lines from work x towards work y; `None`: chosen.
     pub raster_rad: Option<f64>,
+    /// In which sense the passes are cut.
+    pub sense: Sense,
+}
+
+/// In which sense a pass is cut.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sense {
+    /// [`Self::Both`] or [`Self::Away`], whichever the structures feel less of in the same time.
+    Auto,
+    /// From whichever end is nearer.
+    Both,
+    /// The teeth move against the feed in the bone beside the pass.
+    Climb,
+    /// They move with it.
+    Conventional,
+    /// Near a structure in the sense that pushes less toward it.
+    Away,
+}
+
+impl Sense {
+    /// The word in the case file.
+    pub fn word(self) -> &'static str {
+        keys::SENSE.word(self)
+    }
+
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Auto => "chosen",
+            Self::Both => "cut to and fro",
+            Self::Climb => "cut in one sense, climb",
+            Self::Conventional => "cut in one sense, conventional",
+            Self::Away => "cut, near structures, in the sense that pushes less toward them",
+        }
+    }
 }
 
 /// Which force the cost looks at.

@@ -109,10 +109,10 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
         approach: read_approach(root.table("approach")),
         shank: read_shank(root.table("shank")),
         material: read_material(root.table("material"), paper),
-        path: read_path(root.table("path"), burr.radius_mm),
+        path: read_path(root.table("path"), burr.radius_mm, paper),
         cost: read_cost(root.table("cost"), paper),
         orientation: read_orientation(root.table("orientation"), paper, &robot.model),
-        speed: read_speed(root.table("speed")),
+        speed: read_speed(root.table("speed"), paper),
         robot,
         registration: read_registration_spec(root.table("registration")),
         grid: read_grid(root.table("grid")),
@@ -278,6 +278,7 @@ fn read_burr(t: Walk<'_, '_>) -> Burr {
         flutes: t.whole(&k::FLUTES, whole_default(&k::FLUTES)),
         spindle_rpm: t.number(&k::RPM),
         spin: if spin > 0.0 { 1 } else { -1 },
+        turns_both_ways: t.choice(&k::TURNS, false),
         neck_radius_mm: t.number(&k::NECK),
     };
     t.finish();
@@ -328,13 +329,14 @@ fn read_material(t: Walk<'_, '_>, paper: bool) -> Material {
     material
 }
 
-fn read_path(t: Walk<'_, '_>, radius_mm: f64) -> PathSpec {
+fn read_path(t: Walk<'_, '_>, radius_mm: f64, paper: bool) -> PathSpec {
     t.choice(&k::PATTERN, ());
     let path = PathSpec {
         layer_mm: t.number(&k::LAYER),
         stepover_mm: t.optional(&k::STEPOVER).unwrap_or(2.0 / 3.0 * radius_mm),
         step_mm: t.number(&k::STEP),
         raster_rad: t.optional(&k::RASTER).map(f64::to_radians),
+        sense: t.choice(&k::SENSE, if paper { super::Sense::Both } else { super::Sense::Auto }),
     };
     t.finish();
     path
@@ -362,8 +364,9 @@ fn read_orientation(t: Walk<'_, '_>, paper: bool, model: &str) -> OrientationSpe
     orientation
 }
 
-fn read_speed(t: Walk<'_, '_>) -> SpeedSpec {
-    let mode = t.choice(&k::SPEED_MODE, super::SpeedMode::Mass);
+fn read_speed(t: Walk<'_, '_>, paper: bool) -> SpeedSpec {
+    let mode =
+        t.choice(&k::SPEED_MODE, if paper { super::SpeedMode::Mass } else { super::SpeedMode::LeastForce });
     let speed = SpeedSpec {
         mode,
         min_mm_s: t.number(&k::MIN_SPEED),

@@ -84,7 +84,8 @@ fn bounds(case: &Case) -> Vec<Bound> {
         bounds.push(at_most("shank.segments", cylinder.radius_mm, MOST_SHANK_RADIUS_MM, of, Unit::Mm));
     }
     let is_timed_by_nominal = speed.mode == SpeedMode::LeastForce && speed.total_time_s.is_none();
-    if speed.mode == SpeedMode::Constant || is_timed_by_nominal {
+    let is_range = speed.min_mm_s <= speed.max_mm_s;
+    if is_range && (speed.mode == SpeedMode::Constant || is_timed_by_nominal) {
         let key = "speed.nominal_mm_s";
         let (found, unit) = (speed.nominal_mm_s, Unit::MmS);
         bounds.push(at_most(key, found, speed.max_mm_s, "speed.max_mm_s", unit));

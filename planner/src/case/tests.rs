@@ -29,7 +29,8 @@ fn the_least_case_has_every_documented_default() {
     assert_eq!(case.density.bone_hu, 200.0);
     assert_eq!(case.density.table.hu(), [-1000.0, -400.0, -150.0, 100.0, 300.0, 2000.0, 4927.0]);
     assert_eq!(case.density.table.g_cm3(), [0.01, 0.602, 0.924, 1.075, 1.145, 1.856, 3.379]);
-    let Burr { radius_mm, flutes, spindle_rpm, spin, neck_radius_mm } = case.burr;
+    let Burr { radius_mm, flutes, spindle_rpm, spin, turns_both_ways, neck_radius_mm } = case.burr;
+    assert!(!turns_both_ways);
     assert_eq!((radius_mm, flutes, spindle_rpm, spin, neck_radius_mm), (2.5, 8, 60_000.0, -1, 1.1));
     let shank: Vec<_> = case.shank.iter().map(|s| (s.length_mm, s.radius_mm)).collect();
     assert_eq!(shank, [(25.0, 1.1), (60.0, 6.0)]);
@@ -37,15 +38,16 @@ fn the_least_case_has_every_documented_default() {
     assert_eq!(case.material.k_edge_n_mm, [0.0; 3]);
     assert_eq!((case.material.rho_ref_g_cm3, case.material.exponent, case.material.t0_mm), (0.8, 1.0, 0.0));
     assert_eq!(case.material.measure, Measure::Db);
-    let PathSpec { layer_mm, stepover_mm, step_mm, raster_rad } = case.path;
+    let PathSpec { layer_mm, stepover_mm, step_mm, raster_rad, sense } = case.path;
     assert_eq!((layer_mm, stepover_mm, step_mm, raster_rad), (1.5, 2.0 / 3.0 * 2.5, 0.25, None));
+    assert_eq!(sense, Sense::Auto);
     assert_eq!(
         (case.cost.kappa_per_mm, case.cost.alpha_max, case.cost.force),
         (0.7, 0.8, ForceTerm::Cutting)
     );
     assert_eq!(case.orientation.mode, OrientationMode::Optimal);
     assert_eq!(case.orientation.tilt_limit_rad, 60f64.to_radians());
-    assert_eq!(case.speed.mode, SpeedMode::Mass);
+    assert_eq!(case.speed.mode, SpeedMode::LeastForce);
     let s = &case.speed;
     assert_eq!(
         (s.min_mm_s, s.max_mm_s, s.nominal_mm_s, s.link_mm_s, s.total_time_s),
@@ -447,7 +449,7 @@ fn a_choice_that_lacks_what_it_needs_is_refused_at_its_line() {
     assert!(parse(&stiff).is_ok());
     let message = refusal("[speed]\ndeflection_um = 20\nmode = \"force_limited\"\n");
     assert!(message.contains(":8: `robot.joint_stiffness` is missing"), "{message}");
-    let message = refusal("[speed]\nforce_n = 1.5\n");
+    let message = refusal("[speed]\nforce_n = 1.5\nmode = \"mass\"\n");
     assert!(
         message.contains(":8: `speed.force_n` cannot hold") && message.contains("force_limited"),
         "{message}"

@@ -88,6 +88,7 @@ impl Case {
                 ("flutes", self.burr.flutes.to_string()),
                 ("spindle_rpm", float(self.burr.spindle_rpm)),
                 ("spin", self.burr.spin.to_string()),
+                ("turns", text(k::TURNS.word(self.burr.turns_both_ways))),
                 ("neck_radius_mm", float(self.burr.neck_radius_mm)),
             ],
         );
@@ -115,6 +116,7 @@ impl Case {
             ("layer_mm", float(self.path.layer_mm)),
             ("stepover_mm", float(self.path.stepover_mm)),
             ("step_mm", float(self.path.step_mm)),
+            ("sense", text(k::SENSE.word(self.path.sense))),
         ];
         path.extend(self.path.raster_rad.map(|rad| ("raster_deg", float(degrees(rad)))));
         out.table("path", &path);

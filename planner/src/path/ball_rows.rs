@@ -53,6 +53,22 @@ impl BallRows {
             Some(row + first as usize..row + end as usize)
         })
     }
+
+    /// For every voxel of the grid, how many of `voxels` its shape holds; the shape must be its own mirror image. Each voxel adds one
+    /// along its rows, and a running sum makes counts of the ends.
+    pub(super) fn counts(&self, voxels: impl Iterator<Item = usize>) -> Vec<u32> {
+        let mut change = vec![0i32; self.dims.iter().product::<usize>() + 1];
+        for run in voxels.flat_map(|voxel| self.around(voxel)) {
+            change[run.start] += 1;
+            change[run.end] -= 1;
+        }
+        let mut here = 0;
+        let sum = |change: i32| {
+            here += change;
+            here as u32
+        };
+        change.into_iter().map(sum).collect()
+    }
 }
 
 /// Rows that a ball may reach.
@@ -85,6 +101,19 @@ mod tests {
             let found: Vec<usize> = BallRows::new(DIMS, radius).around(index).flatten().collect();
             let expected: Vec<usize> = (0..504).filter(|n| squared(*n, center) <= radius * radius).collect();
             assert_eq!(found, expected);
+        }
+    }
+
+    #[test]
+    fn counts_of_all_balls_are_the_counts_of_each() {
+        let voxels: Vec<usize> = (0..504).filter(|n| n * n % 7 < 3).collect();
+        for radius in [0.4, 2.7, 3.0, 9.0] {
+            let ball = BallRows::new(DIMS, radius);
+            let counts = ball.counts(voxels.iter().copied());
+            for (n, count) in counts.iter().enumerate().take(504) {
+                let held = ball.around(n).flatten().filter(|voxel| voxels.contains(voxel)).count();
+                assert_eq!(*count as usize, held, "{radius} at {n}");
+            }
         }
     }
 

@@ -108,6 +108,13 @@ impl<'a> Builder<'a> {
         self.met(a, b, None).is_none()
     }
 
+    /// The voxel at a place, if it still has material.
+    pub fn material_at(&self, p: Point<Work>) -> Option<usize> {
+        let grid = self.space.grid();
+        let voxel = grid.index(grid.nearest(p)?);
+        self.material.contains(voxel).then_some(voxel)
+    }
+
     /// A voxel of material that the move a–b would take; `before`, if it would take that: where moves are much alike, what one of
     /// them meets is likely to be met by the next.
     pub fn met(&self, a: Point<Work>, b: Point<Work>, before: Option<usize>) -> Option<usize> {

@@ -8,11 +8,10 @@
 //! only where its bound could win; the choice is the same as if all gains were known.
 
 use bonemill_geometry::{Point, Work};
-use rayon::prelude::*;
 
 use super::ball_rows::BallRows;
 use super::cells::Cells;
-use super::{Builder, Pass};
+use super::{Builder, Lines, Pass};
 use crate::voxels::{VoxelSet, voxels_apart};
 
 /// A node is worth a visit when at least this share of a full ball's volume would go (at least two voxels).
@@ -25,7 +24,7 @@ const LOOK_CELLS: i64 = 4;
 const TRAVEL_COST_MM2: f64 = 1.0 / 64.0;
 
 /// Adds finishing passes as layer `layer`; returns how many rows of voxels were counted for it.
-pub(super) fn finish(builder: &mut Builder, layer: u32) -> usize {
+pub(super) fn finish(builder: &mut Builder, layer: u32, lines: &Lines) -> usize {
     let total = builder.space().reachable().iter().filter(|r| **r).count();
     let enough_left = (ENOUGH_LEFT * total as f64) as usize;
     let spacing_mm = builder.space().grid().spacing_mm().x;
@@ -36,20 +35,29 @@ pub(super) fn finish(builder: &mut Builder, layer: u32) -> usize {
     for (side, most_margin_mm) in std::iter::once((side, f32::INFINITY)).chain(corners) {
         if builder.left() > enough_left {
             let gains = Gains::new(builder, Cells::new(builder.space(), side, most_margin_mm));
-            rows += finish_cells(builder, layer, gains, enough_left);
+            rows += finish_cells(builder, layer, gains, enough_left, lines);
         }
     }
     rows
 }
 
 /// Adds passes through the nodes of some cells.
-fn finish_cells(builder: &mut Builder, layer: u32, mut gains: Gains, enough_left: usize) -> usize {
+fn finish_cells(
+    builder: &mut Builder,
+    layer: u32,
+    mut gains: Gains,
+    enough_left: usize,
+    lines: &Lines,
+) -> usize {
     // every pass removes at least one voxel or strikes its start off: the loop ends
     while builder.left() > enough_left {
         let Some(start) = gains.best_start(builder) else { break };
         let cells = gains.walk(builder, start);
         let before = builder.left();
-        let points = cells.iter().map(|cell| gains.center(builder, *cell)).collect();
+        let mut points: Vec<_> = cells.iter().map(|cell| gains.center(builder, *cell)).collect();
+        if (lines.sense)(builder, &points) == Some(true) {
+            points.reverse();
+        }
         let pass = Pass { layer, points, put_off: false, from_above: false };
         let is_vain = !builder.add(pass) || builder.left() == before;
         gains.settle(builder);
@@ -96,12 +104,13 @@ impl Gains {
         }
         let ball = BallRows::new(grid.dims(), space.radius_mm() / grid.spacing_mm().x);
         let there = builder.reachable_left().clone();
-        let gain = |cell| cells.node(cell).map_or(0, |node| count(&there, &ball, node));
-        let most: Vec<u32> = (0..cells.len()).into_par_iter().with_min_len(64).map(gain).collect();
+        let held = ball.counts(there.within(0..grid.len()));
+        let most: Vec<u32> =
+            (0..cells.len()).map(|cell| cells.node(cell).map_or(0, |node| held[node])).collect();
         let worth = ((WORTH_SHARE * space.ball_voxels()) as u32).max(2);
         Self {
             starts: (0..cells.len()).filter(|cell| most[*cell] >= worth).collect(),
-            counted: cells.nodes(),
+            counted: 0,
             cells,
             most,
             there,

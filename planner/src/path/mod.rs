@@ -17,7 +17,7 @@ mod rough;
 mod search;
 
 pub use builder::Builder;
-pub use raster::RasterFrame;
+pub use raster::{Lines, RasterFrame, SenseRule};
 
 use std::collections::HashSet;
 
@@ -139,17 +139,10 @@ fn pieces(length_mm: f64, step_mm: f64) -> usize {
 }
 
 /// Lays the path through all that the ball can reach.
-pub fn lay_path(space: &BurrSpace, spacing: PathSpacing, frame: &RasterFrame) -> MillPath {
+pub fn lay_path(space: &BurrSpace, spacing: PathSpacing, lines: &Lines) -> MillPath {
     let mut builder = Builder::new(space, spacing);
-    let layers = rough::rough(&mut builder, frame);
-    finish::finish(&mut builder, layers);
-    builder.into_path(layers)
-}
-
-/// The roughing alone: what a comparison of directions needs.
-pub fn lay_rough(space: &BurrSpace, spacing: PathSpacing, frame: &RasterFrame) -> MillPath {
-    let mut builder = Builder::new(space, spacing);
-    let layers = rough::rough(&mut builder, frame);
+    let layers = rough::rough(&mut builder, lines);
+    finish::finish(&mut builder, layers, lines);
     builder.into_path(layers)
 }
 

@@ -1,13 +1,34 @@
-//! Direction and order of the lines in a layer.
+//! Direction and order of the lines in a layer, and in which sense each is cut.
 
 use bonemill_geometry::{Point, Work};
 use bonemill_imaging::scene::{Rectangle, smallest_rectangle};
+
+use super::Builder;
 
 /// Two rectangles whose sides differ by less than this share are taken for squares.
 const SQUARE: f64 = 0.02;
 
 /// Below this cosine two directions count as perpendicular.
 const ACROSS: f64 = 0.05;
+
+/// Whether a pass whose turn has come is to be cut from its end; none where either way will do.
+pub type SenseRule<'a> = &'a (dyn Fn(&Builder, &[Point<Work>]) -> Option<bool> + Sync);
+
+/// The lines of a path.
+#[derive(Clone, Copy)]
+pub struct Lines<'a> {
+    /// Their direction and order.
+    pub frame: RasterFrame,
+    /// In which sense they are cut.
+    pub sense: SenseRule<'a>,
+}
+
+impl Lines<'_> {
+    /// Lines that are cut from whichever end is nearer.
+    pub fn to_and_fro(frame: RasterFrame) -> Self {
+        Self { frame, sense: &|_, _| None }
+    }
+}
 
 /// In-plane axes of the lawnmower: lines run along u and follow each other along v.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,12 +77,6 @@ impl RasterFrame {
     #[must_use]
     pub fn across(&self) -> Self {
         Self { u: self.v, v: self.u }
-    }
-
-    /// The same lines in the opposite order.
-    #[must_use]
-    pub fn in_opposite_order(&self) -> Self {
-        Self { u: self.u, v: [-self.v[0], -self.v[1]] }
     }
 
     /// (u, v) of a point, mm.

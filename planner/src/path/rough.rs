@@ -3,7 +3,7 @@
 use bonemill_geometry::{Point, Work};
 use bonemill_imaging::Class;
 
-use super::{Builder, Pass, RasterFrame};
+use super::{Builder, Lines, Pass, RasterFrame};
 
 /// A sample is worth cutting when the ball there removes at least this many voxels.
 const WORTH_VOXELS: usize = 3;
@@ -13,7 +13,8 @@ const CROSS_MM: f64 = 3.0;
 const LAYER_SLACK: f64 = 0.02;
 
 /// Cuts every layer; returns how many there are.
-pub(super) fn rough(builder: &mut Builder, frame: &RasterFrame) -> u32 {
+pub(super) fn rough(builder: &mut Builder, lines: &Lines) -> u32 {
+    let frame = &lines.frame;
     let Some(extent) = Extent::of(builder, frame) else { return 0 };
     let spacing = builder.spacing();
     let depth = extent.top - extent.floor + builder.space().radius_mm();
@@ -24,7 +25,7 @@ pub(super) fn rough(builder: &mut Builder, frame: &RasterFrame) -> u32 {
         let mut passes = layer_passes(builder, frame, &extent, [z, z + layer_mm], layer);
         while let Some(next) = nearest_pass(builder.position(), &passes) {
             let mut pass = passes.swap_remove(next.pass);
-            if next.reversed {
+            if (lines.sense)(builder, &pass.points).unwrap_or(next.reversed) {
                 pass.points.reverse();
             }
             builder.add(pass);

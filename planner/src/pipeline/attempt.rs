@@ -17,7 +17,7 @@ use super::speeds::{self, Timing};
 use super::{PlanError, Stopwatch};
 use crate::access::Solid;
 use crate::case::{Case, OrientationMode};
-use crate::path::{RasterFrame, lay_path};
+use crate::path::{Lines, RasterFrame, lay_path};
 use crate::space::BurrSpace;
 
 /// An attempt may leave this share more of what the burr can reach than the first.
@@ -80,11 +80,11 @@ impl<'a> Start<'a> {
     /// [`PlanError`] of the first attempt; a fallback that cannot be planned is passed over.
     pub fn plan(&self, watch: &mut Stopwatch) -> Result<Attempt<'a>, PlanError> {
         let prepared = Prepared::new(self, None, watch)?;
-        let frame = prepared.frame();
+        let raster = prepared.raster();
         let controls = if self.case.structures.is_empty() {
             Vec::new()
         } else {
-            watch.run("control", || self.controls(&frame))?
+            watch.run("control", || self.controls(&raster.frame))?
         };
         let first = self.attempt(prepared, self.case, &controls, watch)?;
         let least_share = first.coverage.reached_share() - LEFT_SHARE;
@@ -94,12 +94,12 @@ impl<'a> Start<'a> {
             if ratio.is_none() {
                 break;
             }
-            let frame = if fallback.is_across { frame.across() } else { frame };
+            let raster = if fallback.is_across { raster.across() } else { raster };
             let mut varied = self.case.clone();
             if fallback.is_fixed {
                 varied.orientation.mode = OrientationMode::Fixed;
             }
-            let tried = Prepared::new(self, Some(frame), watch)
+            let tried = Prepared::new(self, Some(raster), watch)
                 .and_then(|prepared| self.attempt(prepared, &varied, &controls, watch));
             let Ok(tried) = tried else { continue };
             let is_whole = tried.coverage.reached_share() >= least_share
@@ -116,7 +116,7 @@ impl<'a> Start<'a> {
     /// The controls with lines along `frame` and across.
     fn controls(&self, frame: &RasterFrame) -> Result<Vec<ControlPath>, PlanError> {
         let along = |frame: RasterFrame| {
-            let path = lay_path(self.space, spacing(self.case), &frame);
+            let path = lay_path(self.space, spacing(self.case), &Lines::to_and_fro(frame));
             ControlPath::new(self.case, self.scene, &path, frame.angle_rad())
         };
         let (first, second) = rayon::join(|| along(*frame), || along(frame.across()));

@@ -12,18 +12,18 @@ use rayon::prelude::*;
 
 use super::PlanError;
 use super::near::{self, Near};
-use super::prepared::feeds;
+use super::prepared::{CHOICE_MERGED, CHOICE_SAMPLES, feeds};
 use super::reach::lengths;
 use super::setup;
-use crate::burr::{EngagedForce, ForceKernel, ModelError};
-use crate::case::Case;
-use crate::engagement::{SweptPath, mass_increments};
+use crate::burr::{EngagedForce, EngagedSamples, ModelError, OrientationKernel};
+use crate::case::{Case, Structure};
+use crate::engagement::SweptPath;
 use crate::path::{MillPath, MoveKind};
 use crate::toward::{StructureFigures, TowardFigures, TowardSpan};
 use nalgebra::Vector3;
 
 /// Toward a structure, a force up to this counts as none, N: assumed.
-pub(super) const NOTHING_N: f64 = 0.01;
+const NOTHING_N: f64 = 0.01;
 /// Figures that differ by no more than this share count as the same.
 const SAME_SHARE: f64 = 1e-6;
 
@@ -97,21 +97,21 @@ impl ControlPath {
         let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
         let within = |at| near::structures_within(scene, &clearances, radius_mm, at);
         let near: Result<Vec<_>, ModelError> = points.par_iter().map(|p| within(p.position)).collect();
-        let moments = mass_increments(&scene.density_g_cm3, points, radius_mm);
         let (feeds, length_mm) = (feeds(points), lengths(points));
         let tool = setup::tool(&case.burr)?;
         let (material, measure) = setup::material(&case.material)?;
-        let kernel = ForceKernel::new(&tool, &material, &setup::discretisation(&tool, measure)?);
+        let kernel = OrientationKernel::new(&tool, &material, measure, CHOICE_SAMPLES, CHOICE_MERGED);
         let swept = SweptPath::new(scene, &path.removal, points, radius_mm);
         let approach = Vector3::z_axis();
-        let force = |i: usize| {
-            let feed = feeds[i].filter(|_| moments[i].mass_mg() > 0.0)?;
-            let mut bone =
-                swept.bone_at(i as u32, kernel.sample_radius_mm(), |density| material.weight(density));
+        let force = |samples: &mut EngagedSamples, i: usize| {
+            let feed = feeds[i]?;
+            let mut bone = swept.bone_at(i as u32, radius_mm, |density| material.weight(density));
             let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
-            Some(kernel.engaged_force(&approach, &feed, speed, rpm, &mut bone))
+            kernel.gather(samples, &feed, speed, rpm, &mut bone);
+            (!samples.is_empty()).then(|| kernel.force_for_axis(samples, &approach, rpm))
         };
-        let forces: Vec<_> = (0..points.len()).into_par_iter().map(force).collect();
+        let forces: Vec<_> =
+            (0..points.len()).into_par_iter().map_init(EngagedSamples::default, force).collect();
         let is_cut = |i: usize| forces[i].is_some() || points[i].kind == MoveKind::Cut;
         let sum = |of_cuts: bool| -> f64 {
             (0..points.len()).filter(|i| is_cut(*i) == of_cuts).map(|i| length_mm[i]).sum()
@@ -161,6 +161,18 @@ impl Felt {
             peak_n,
             structures: spans.iter().map(|s| StructureFigures::of(None, s, radius_mm)).collect(),
         }
+    }
+}
+
+impl Felt {
+    /// One number to compare plans of one case by: per structure the mean logarithm of the judged figures, over its priority. So plans
+    /// rank by products of forces, and half the force toward one structure makes up for twice that toward another of its priority.
+    pub(super) fn score(&self, case: &Case) -> f64 {
+        let of = |(found, structure): (&StructureFigures, &Structure)| {
+            let logarithms = JUDGED.iter().map(|(_, figure)| figure(&found.near).max(NOTHING_N).ln());
+            logarithms.sum::<f64>() / JUDGED.len() as f64 / f64::from(structure.priority)
+        };
+        self.structures.iter().zip(&case.structures).map(of).sum()
     }
 }
 

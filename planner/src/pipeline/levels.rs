@@ -46,6 +46,20 @@ pub struct Exceeded {
     pub structure: Option<usize>,
 }
 
+/// How the weight of a structure falls with distance: 1 at the clearance, since the cost's own largest weight plays no part here.
+///
+/// # Errors
+/// When the case's decay is out of range.
+pub(super) fn nearness(case: &Case) -> Result<CostModel, ModelError> {
+    CostModel::new(case.cost.kappa_per_mm, 1.0)
+}
+
+/// Weight of a push toward a structure: its nearness over the root of its priority, so that the fourth may feel twice as much as the first.
+pub(super) fn weight(nearness: &CostModel, case: &Case, n: &Near) -> f64 {
+    let priority = case.structures.get(n.structure).map_or(u32::MAX, |s| s.priority);
+    nearness.alpha_1(n.proximity.distance_mm, n.proximity.least_mm) / f64::from(priority).sqrt()
+}
+
 /// What pushes the burr at every waypoint where it cuts; empty in any other mode.
 ///
 /// # Errors
@@ -59,13 +73,8 @@ pub(super) fn pushes(
     if case.speed.mode != SpeedMode::LeastForce {
         return Ok(Vec::new());
     }
-    // 1 at the clearance: the cost's own largest weight plays no part here
-    let nearness = CostModel::new(case.cost.kappa_per_mm, 1.0)?;
-    let weighted = |n: &Near| {
-        let priority = case.structures.get(n.structure).map_or(u32::MAX, |s| s.priority);
-        let weight = nearness.alpha_1(n.proximity.distance_mm, n.proximity.least_mm) / f64::from(priority);
-        (weight, n.proximity.toward)
-    };
+    let nearness = nearness(case)?;
+    let weighted = |n: &Near| (weight(&nearness, case, n), n.proximity.toward);
     let compliances = compliances.filter(|_| case.cost.force == ForceTerm::Deflection);
     let of = |(i, near): (usize, &Vec<Near>)| {
         let compliance = compliances.and_then(|c| c.get(i));

@@ -23,6 +23,7 @@ mod raster;
 mod reach;
 mod registration;
 mod rest;
+mod sense;
 mod sets;
 pub(crate) mod setup;
 mod speeds;
@@ -52,7 +53,7 @@ pub use rest::Cause;
 
 use crate::Progress;
 use crate::access::Solid;
-use crate::case::{Case, OrientationMode};
+use crate::case::{Burr, Case, OrientationMode, Sense};
 use crate::orientation::Permissible;
 use crate::percent::percent;
 use crate::plan::{ForceToward, Input, StoredPlan, Waypoint};
@@ -147,6 +148,8 @@ pub struct Modelled {
     pub unjoined_passes: usize,
     /// Angle of the raster lines from work x as plans call it ([`bonemill_geometry::Approach`]), rad in (−π/2, π/2].
     pub raster_rad: f64,
+    /// In which sense the passes are cut.
+    pub sense: Sense,
     /// Milling layers.
     pub layers: u32,
     /// What was done otherwise than the cost prefers, since a structure of priority 1 would have been worse off than without us.
@@ -216,8 +219,19 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let base_from_ct = registered.base_from_ct;
     let base_from_work = base_from_ct * scene.ct_from_work;
     let solid = watch.run("solid", || solid(case, &scene));
-    let start = Start { case, arm: &arm, scene: &scene, space: &space, solid: &solid, base_from_work };
-    let attempt = start.plan(&mut watch).map_err(|error| registered.blame(case, error))?;
+    let reversed = with_other_spin(case);
+    let mut plan_case = |case| {
+        let start = Start { case, arm: &arm, scene: &scene, space: &space, solid: &solid, base_from_work };
+        start.plan(&mut watch).map_err(|error| registered.blame(case, error))
+    };
+    let mut attempt = plan_case(case)?;
+    let mut case = case;
+    if let Some(reversed) = &reversed {
+        let other = plan_case(reversed)?;
+        if other.compared.plan.score(reversed) < attempt.compared.plan.score(case) {
+            (case, attempt) = (reversed, other);
+        }
+    }
     let Attempt { prepared, chosen, motion, demand, timing, coverage, compared, instead } = attempt;
     let limits = speeds::path_limits(&arm)?;
     let Chosen { oriented, kinds, forces, costs, compliances, .. } = &chosen;
@@ -282,7 +296,8 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         }),
         branch: motion.resolved.branch,
         lowest_link: motion::LowestLink::along(&arm, &motion.dense)?,
-        raster_rad: half_turn(prepared.frame().angle_rad() + scene.turn_rad),
+        raster_rad: half_turn(prepared.raster().frame.angle_rad() + scene.turn_rad),
+        sense: prepared.raster().sense,
         layers: prepared.reached.path.layers,
         instead,
     };
@@ -329,6 +344,12 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         seconds,
         scene,
     })
+}
+
+/// The case with its burr turning the other way, where it may and there is something to spare.
+fn with_other_spin(case: &Case) -> Option<Case> {
+    let may = case.burr.turns_both_ways && !case.structures.is_empty();
+    may.then(|| Case { burr: Burr { spin: -case.burr.spin, ..case.burr }, ..case.clone() })
 }
 
 /// Turns that the whole sequence could not avoid. Greedy and fixed angles do not look ahead: theirs are only counted.

@@ -46,6 +46,8 @@ pub struct CostField<'a> {
     pub spindle_rpm: f64,
     /// Deflection per force in work, mm/N, by direction; `None`: the force itself is looked at.
     pub compliance: Option<Vec<Matrix3<f64>>>,
+    /// Push that counts as much as no efficiency at all, N, or mm where a compliance is given; none for D's share of |F|.
+    pub scale: Option<f64>,
     /// The same by direction of [`Room::finer`].
     pub finer_compliance: Option<Vec<Matrix3<f64>>>,
 }
@@ -148,7 +150,11 @@ impl CostField<'_> {
     ) -> f64 {
         let moments = &self.moments[i];
         let push = compliance.map_or(*force_n, |c| c * force_n);
-        self.terms[i].cost(&push, moments.inertia_normalised(axis), moments.mass_mg()).cost
+        let (inertia, mass_mg) = (moments.inertia_normalised(axis), moments.mass_mg());
+        match self.scale {
+            Some(scale) => self.terms[i].objective(&push, scale, inertia, mass_mg),
+            None => self.terms[i].cost(&push, inertia, mass_mg).cost,
+        }
     }
 }
 

@@ -16,26 +16,31 @@ use super::attempt::Start;
 use super::motion::{Compliance, Motion, Placed};
 use super::near::{self, Near};
 use super::orient::{CostField, Oriented, Room, orient};
+use super::raster::Raster;
 use super::reach::{self, ReachSpec, ReachedPath};
+use super::sense::PassSense;
 use super::sets::{self, Finer};
 use super::{PlanError, Stopwatch, raster, setup};
 use crate::Progress;
 use crate::burr::{EngagedForce, ForceKernel, ModelError, OrientationKernel};
-use crate::case::{Case, ForceTerm, OrientationMode, PathSpec};
+use crate::case::{Case, ForceTerm, OrientationMode, PathSpec, Sense};
 use crate::cost::{Cost, CostModel, Proximity, Ranked, Terms};
 use crate::engagement::SweptPath;
 use crate::orientation::{Directions, RateLimit, TiltFamily};
-use crate::path::{MoveKind, PathPoint, PathSpacing, RasterFrame, lay_path};
+use crate::path::{Builder, Lines, MoveKind, PathPoint, PathSpacing, RasterFrame, lay_path};
 use crate::space::BurrSpace;
 
 /// Steps of a draft's directions are this many times as long, in a plane and over a cap.
 const DRAFT_COARSER: [f64; 2] = [2.0, 3.0];
 /// Directions in which the choice of axes looks for bone, and how many make a sample. Forces are then summed over the nodes
 /// of D4; with 4096 directions by 8, Σ C Δs + λ ∫ (da/ds)² ds of a mastoidectomy comes out 0.007 % lower.
-const CHOICE_SAMPLES: usize = 1024;
-const CHOICE_MERGED: usize = 2;
+pub(super) const CHOICE_SAMPLES: usize = 1024;
+pub(super) const CHOICE_MERGED: usize = 2;
 /// λ of the orientation's rate penalty, mm/rad² per unit of cost.
 const RATE_WEIGHT_MM: f64 = 1.0;
+/// A push toward a structure counts fully from this share of the force in a straight cut of the path's depth and stepover: with a
+/// larger one small pushes are traded for efficiency, with a smaller one all pushes count alike.
+const FULL_SHARE: f64 = 0.25;
 /// Axes that the arm cannot follow and that are refused one after the other, at most.
 const MOST_REFUSED: usize = 12;
 
@@ -61,7 +66,7 @@ pub struct Prepared<'a> {
     pub(super) near: Vec<Vec<Near>>,
     feeds: Vec<Option<Unit<Vector3<f64>>>>,
     radius_mm: f64,
-    frame: RasterFrame,
+    raster: Raster,
 }
 
 /// Axes, and what they lead to at the nominal speed.
@@ -82,13 +87,13 @@ pub struct Chosen {
 }
 
 impl<'a> Prepared<'a> {
-    /// Lays the path, its lines along `frame` or as the case and the cost want them, and finds what is free on it.
+    /// Lays the path, its lines as `raster` says or as the case and the structures want them, and finds what is free on it.
     ///
     /// # Errors
     /// When the arm cannot stand there, or the shank reaches nothing.
     pub(super) fn new(
         start: &Start<'a>,
-        frame: Option<RasterFrame>,
+        raster: Option<Raster>,
         watch: &mut Stopwatch,
     ) -> Result<Self, PlanError> {
         let Start { case, arm, scene, space, solid, base_from_work } = *start;
@@ -115,12 +120,13 @@ impl<'a> Prepared<'a> {
             rate,
             spacing,
         };
-        let frame = match (frame, case.path.raster_rad) {
-            (Some(frame), _) => frame,
-            (None, Some(angle)) => RasterFrame::at_angle(angle - scene.turn_rad),
-            (None, None) => watch.run("raster", || chosen_frame(case, scene, space, &spec, placed))?,
+        let raster = match raster {
+            Some(raster) => raster,
+            None => watch.run("raster", || chosen_raster(case, scene, space, &spec, placed))?,
         };
-        let lay = || lay_path(space, spacing, &frame);
+        let sense = PassSense::new(case, scene, raster.sense)?;
+        let is_reversed = |builder: &Builder, points: &[_]| sense.is_reversed(builder, points);
+        let lay = || lay_path(space, spacing, &Lines { frame: raster.frame, sense: &is_reversed });
         let path = watch.run("path", lay);
         let is_whole = family.is_none() && case.orientation.mode == OrientationMode::Optimal;
         let narrow = is_whole.then(|| sets::coarse_and_finer(limit_rad, path.points.len())).flatten();
@@ -164,7 +170,7 @@ impl<'a> Prepared<'a> {
             near,
             feeds,
             radius_mm: radius,
-            frame,
+            raster,
             beyond_limit,
             reached,
             directions,
@@ -185,8 +191,8 @@ impl<'a> Prepared<'a> {
     }
 
     /// Direction and order of the lines.
-    pub fn frame(&self) -> RasterFrame {
-        self.frame
+    pub fn raster(&self) -> Raster {
+        self.raster
     }
 
     /// The burr's radius, mm.
@@ -264,6 +270,7 @@ impl<'a> Prepared<'a> {
         let center = self.scene.target_center;
         let allows = |axis: &Vector3<f64>| self.arm_axes.allows(center, axis);
         let of_cost = |set: &Directions| compliance.of_cost(case, center, set.axes(), allows);
+        let coarse = of_cost(&self.directions)?;
         let field = CostField {
             swept: &swept,
             kernel: &kernel,
@@ -273,7 +280,8 @@ impl<'a> Prepared<'a> {
             feeds: &self.feeds,
             nominal_mm_s: case.speed.nominal_mm_s,
             spindle_rpm: case.burr.spindle_rpm,
-            compliance: of_cost(&self.directions)?,
+            scale: scale(case, coarse.as_deref())?,
+            compliance: coarse,
             finer_compliance: self.finer.as_ref().map_or(Ok(None), |(finer, _)| of_cost(finer))?,
         };
         let room = Room {
@@ -352,29 +360,54 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// Along the target's longer side or across it, in one order or the other, by what the structures feel in a draft.
-fn chosen_frame(
+/// The lines that the case asks for; of what it leaves open, those under which the structures feel least in a draft.
+fn chosen_raster(
     case: &Case,
     scene: &Scene,
     space: &BurrSpace,
     spec: &ReachSpec,
     placed: Placed,
-) -> Result<RasterFrame, PlanError> {
-    let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
-    let toward = raster::toward_structure(scene, &clearances, case.burr.radius_mm)?;
-    let along = RasterFrame::chosen(&scene.target_hull_xy, toward, raster::mass_center(scene));
+) -> Result<Raster, PlanError> {
+    let frames = match case.path.raster_rad {
+        Some(angle) => vec![RasterFrame::at_angle(angle - scene.turn_rad)],
+        None => {
+            let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
+            let toward = raster::toward_structure(scene, &clearances, case.burr.radius_mm)?;
+            let along = RasterFrame::chosen(&scene.target_hull_xy, toward, raster::mass_center(scene));
+            vec![along, along.across()]
+        }
+    };
+    let senses = match case.path.sense {
+        Sense::Auto if case.structures.is_empty() => vec![Sense::Both],
+        Sense::Auto => vec![Sense::Both, Sense::Away],
+        given => vec![given],
+    };
+    let of_sense =
+        |sense: &Sense| frames.iter().map(|frame| Raster { frame: *frame, sense: *sense }).collect();
+    let candidates: Vec<Raster> = senses.iter().flat_map(|sense| -> Vec<_> { of_sense(sense) }).collect();
+    if candidates.len() == 1 {
+        return Ok(candidates[0]);
+    }
     let axes = spec.directions.axes();
     let (compliance, center) = (Compliance::new(case, placed)?, scene.target_center);
     let compliance = compliance.of_cost(case, center, axes, |axis| spec.arm.allows(center, axis))?;
-    let across = along.across();
-    let candidates = [along, across, along.in_opposite_order(), across.in_opposite_order()];
-    raster::least_felt(case, scene, space, spec, compliance.as_deref(), candidates)
+    raster::least_felt(case, scene, space, spec, compliance.as_deref(), &candidates)
 }
 
 /// How close the path's layers, lines and waypoints are.
 pub(super) fn spacing(case: &Case) -> PathSpacing {
     let PathSpec { layer_mm, stepover_mm, step_mm, .. } = case.path;
     PathSpacing { layer_mm, stepover_mm, step_mm }
+}
+
+/// The push that counts fully in the choice of axes: [`FULL_SHARE`] of that in a cut beside its neighbour, N; what it bends the arm, mm, in the mean over directions, where the cost looks at the deflection. None with the greedy choice, which is D's own.
+pub(super) fn scale(case: &Case, compliance: Option<&[Matrix3<f64>]>) -> Result<Option<f64>, PlanError> {
+    if case.orientation.mode == OrientationMode::Greedy {
+        return Ok(None);
+    }
+    let force_n = FULL_SHARE * setup::side_cut_n(case)?;
+    let mean = |c: &[Matrix3<f64>]| c.iter().map(|c| c.trace() / 3.0).sum::<f64>() / c.len() as f64;
+    Ok(Some(force_n * compliance.map_or(1.0, mean)))
 }
 
 /// What the cost of each waypoint looks at.

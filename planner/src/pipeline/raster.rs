@@ -1,10 +1,10 @@
-//! Direction and order of the lines, chosen by what the structures feel.
+//! Direction, order and sense of the lines, chosen by what the structures feel.
 //!
 //! They decide which side of the burr meets a structure, and with one tilt how often the shaft must alternate between the two sides
-//! of a line. Four candidates, lines along the target's longer side and across it, each in both orders, are laid as drafts:
-//! roughing only, coarse steps, coarse directions. Each draft is oriented by the dynamic program, gets speeds by the case's mode in one
-//! and the same cutting time, and is judged by what is felt near the structures. Where nothing is cut near a structure, the
-//! lower cost of orientation wins.
+//! of a line. Candidates, lines along the target's longer side and across it, each in both orders and cut to and fro or away from the
+//! structures, are laid as drafts: roughing only, coarse steps, coarse directions. Each draft is oriented by the dynamic program,
+//! gets speeds by the case's mode in one and the same time, links included, and is judged by what is felt near the structures. Where
+//! nothing is cut near a structure, the lower cost of orientation wins.
 //!
 //! A draft is a comparison, not a plan: waypoints that no axis reaches count as much as the dearest cut, and nothing is
 //! dropped or refined. Bone stands and goes by voxels, not by parts of them.
@@ -15,22 +15,23 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use super::PlanError;
-use super::control::{Felt, JUDGED, NOTHING_N};
+use super::control::Felt;
 use super::levels;
 use super::near::{self, Near};
 use super::orient::{CostField, cost_rows};
-use super::prepared::{feeds, terms};
+use super::prepared::{feeds, scale, terms};
 use super::reach::{ReachSpec, free_directions, lengths, limited};
+use super::sense::PassSense;
 use super::setup;
 use super::speeds::{self, SpeedInput};
 use crate::access::Access;
-use crate::burr::{EngagedForce, ForceKernel, ModelError, OrientationKernel};
-use crate::case::Case;
+use crate::burr::{EngagedForce, EngagedSamples, ModelError, OrientationKernel};
+use crate::case::{Case, Sense};
 use crate::engagement::{SweptPath, mass_increments_by_voxels};
 use crate::metrics::Moments;
 use crate::orientation::FreeSets;
 use crate::orientation::sequence::{Forbidden, Found, Problem, best_sequence};
-use crate::path::{MoveKind, PathSpacing, RasterFrame, lay_rough};
+use crate::path::{Builder, Lines, MoveKind, PathSpacing, RasterFrame, lay_path};
 use crate::space::BurrSpace;
 
 /// A draft's steps are this many times longer.
@@ -39,6 +40,23 @@ const COARSER: f64 = 4.0;
 const CLEARLY: f64 = 0.01;
 /// A candidate that leaves this share more of its length out of reach than the best is no candidate.
 const MORE_UNREACHED: f64 = 0.01;
+
+/// Lines of a path, as chosen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Raster {
+    /// Their direction and order.
+    pub frame: RasterFrame,
+    /// In which sense they are cut.
+    pub sense: Sense,
+}
+
+impl Raster {
+    /// Lines across these.
+    #[must_use]
+    pub fn across(self) -> Self {
+        Self { frame: self.frame.across(), ..self }
+    }
+}
 
 /// A draft along one candidate.
 struct Draft {
@@ -61,22 +79,19 @@ pub fn least_felt(
     space: &BurrSpace,
     spec: &ReachSpec,
     compliance: Option<&[Matrix3<f64>]>,
-    candidates: [RasterFrame; 4],
-) -> Result<RasterFrame, PlanError> {
+    candidates: &[Raster],
+) -> Result<Raster, PlanError> {
     let drafts: Result<Vec<Draft>, PlanError> =
-        candidates.par_iter().map(|frame| draft(case, scene, space, spec, compliance, frame)).collect();
+        candidates.par_iter().map(|raster| draft(case, scene, space, spec, compliance, raster)).collect();
     let drafts = drafts?;
     let least_unreached = drafts.iter().map(|d| d.unreached).fold(f64::INFINITY, f64::min);
     // one time for all of them
-    let cutting_s = drafts[0].cuts_mm() / case.speed.nominal_mm_s;
-    let felt: Result<Vec<Felt>, PlanError> = drafts.par_iter().map(|d| d.felt(case, cutting_s)).collect();
+    let total_s = drafts[0].cuts_mm() / case.speed.nominal_mm_s + drafts[0].links_s(case);
+    let felt: Result<Vec<Felt>, PlanError> =
+        drafts.par_iter().map(|d| d.felt(case, total_s - d.links_s(case))).collect();
     let felt = felt?;
-    let is_near = |s: usize| felt.iter().any(|f| f.structures[s].near.peak_n > 0.0);
-    let judged: Vec<usize> = (0..case.structures.len()).filter(|s| is_near(*s)).collect();
-    let score = |n: usize| match judged.is_empty() {
-        true => drafts[n].cost.ln(),
-        false => judged.iter().map(|s| felt_by(case, &felt[n], *s)).sum(),
-    };
+    let is_felt = felt.iter().flat_map(|f| &f.structures).any(|s| s.near.peak_n > 0.0);
+    let score = |n: usize| if is_felt { felt[n].score(case) } else { drafts[n].cost.ln() };
     let mut best: Option<(f64, usize)> = None;
     for n in (0..drafts.len()).filter(|n| drafts[*n].unreached <= least_unreached + MORE_UNREACHED) {
         let score = score(n);
@@ -87,13 +102,6 @@ pub fn least_felt(
     Ok(candidates[best.map_or(0, |(_, n)| n)])
 }
 
-/// Mean of the logarithms of the judged figures near a structure, by its importance: a sum of them ranks by products of forces.
-fn felt_by(case: &Case, felt: &Felt, structure: usize) -> f64 {
-    let near = &felt.structures[structure].near;
-    let logarithms = JUDGED.iter().map(|(_, figure)| figure(near).max(NOTHING_N).ln());
-    logarithms.sum::<f64>() / JUDGED.len() as f64 / f64::from(case.structures[structure].priority)
-}
-
 impl Draft {
     fn kinds(&self) -> Vec<MoveKind> {
         self.forces.iter().map(|f| if f.is_some() { MoveKind::Cut } else { MoveKind::Link }).collect()
@@ -101,6 +109,10 @@ impl Draft {
 
     fn cuts_mm(&self) -> f64 {
         self.forces.iter().zip(&self.length_mm).filter(|(f, _)| f.is_some()).map(|(_, mm)| mm).sum()
+    }
+
+    fn links_s(&self, case: &Case) -> f64 {
+        (self.length_mm.iter().sum::<f64>() - self.cuts_mm()) / case.speed.link_mm_s
     }
 
     /// At the speeds of the case's mode, the cuts in `cutting_s` or as near to it as they can.
@@ -125,18 +137,21 @@ impl Draft {
     }
 }
 
-/// A draft along `frame`.
+/// A draft along `raster`.
 fn draft(
     case: &Case,
     scene: &Scene,
     space: &BurrSpace,
     spec: &ReachSpec,
     compliance: Option<&[Matrix3<f64>]>,
-    frame: &RasterFrame,
+    raster: &Raster,
 ) -> Result<Draft, PlanError> {
     let radius = case.burr.radius_mm;
     let step_mm = (COARSER * spec.spacing.step_mm).min(radius);
-    let path = lay_rough(space, PathSpacing { step_mm, ..spec.spacing }, frame);
+    let sense = PassSense::new(case, scene, raster.sense)?;
+    let is_reversed = |builder: &Builder, points: &[_]| sense.is_reversed(builder, points);
+    let lines = Lines { frame: raster.frame, sense: &is_reversed };
+    let path = lay_path(space, PathSpacing { step_mm, ..spec.spacing }, &lines);
     let points = &path.points;
     let access = Access::draft(scene, spec.solid, path.removal.time(), spec.shank);
     let limited = limited(points.len(), |i| points[i].kind == MoveKind::Cut);
@@ -162,6 +177,7 @@ fn draft(
         nominal_mm_s: case.speed.nominal_mm_s,
         spindle_rpm: case.burr.spindle_rpm,
         compliance: compliance.map(<[_]>::to_vec),
+        scale: scale(case, compliance)?,
         finer_compliance: None,
     };
     let cost = cost_rows(spec.directions, &free, &field, None);
@@ -188,18 +204,18 @@ fn draft(
         // no sequence gets through without dropping waypoints: as dear as it can be, in proportion
         Found::Blocked(i) => (whole_mm * (2.0 - i as f64 / points.len() as f64), 1.0, Vec::new()),
     };
-    let force_kernel = ForceKernel::new(&tool, &material, &setup::discretisation(&tool, measure)?);
-    let force = |(i, direction): (&usize, &u16)| {
+    let force = |samples: &mut EngagedSamples, (i, direction): (&usize, &u16)| {
         let feed = feeds[*i].filter(|_| moments[*i].mass_mg() > 0.0)?;
         let axis = &spec.directions.axes()[usize::from(*direction)];
         let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
-        let weight = |density| material.weight(density);
-        let mut bone = swept.bone_at(*i as u32, force_kernel.sample_radius_mm(), weight);
-        Some(force_kernel.engaged_force(axis, &feed, speed, rpm, &mut bone))
+        let mut bone = swept.bone_at(*i as u32, radius, |density| material.weight(density));
+        kernel.gather(samples, &feed, speed, rpm, &mut bone);
+        Some(kernel.force_for_axis(samples, axis, rpm))
     };
+    let mut samples = EngagedSamples::default();
     let (mut forces, mut costs) = (vec![None; points.len()], vec![0.0; points.len()]);
     for (n, (i, direction)) in reached.iter().zip(&directions).enumerate() {
-        forces[*i] = force((i, direction));
+        forces[*i] = force(&mut samples, (i, direction));
         costs[*i] = f64::from(rows[n * count + usize::from(*direction)]);
     }
     Ok(Draft { cost, unreached, length_mm, near, moments, forces, costs })

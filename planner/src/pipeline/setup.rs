@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
 use super::PlanError;
 use crate::access::ShankCylinder;
-use crate::burr::{Discretisation, ElementGrid, Material, Measure, ModelError, Tool};
+use crate::burr::{AtPoints, Discretisation, ElementGrid, ForceKernel, Material, Measure, ModelError, Tool};
 use crate::case::{self, Case, Registration};
 use crate::orientation::TiltFamily;
 
@@ -197,6 +197,24 @@ pub fn tilt_rate_rad_s(arm: &Arm) -> f64 {
         ArmKind::BoneAttached => arm.joints()[3].velocity_limit,
         ArmKind::Ur | ArmKind::Other => TILT_RATE_RAD_S,
     }
+}
+
+/// Force of a straight shaft in a cut of the path's depth beside the line before, in the reference material at the nominal speed, N.
+///
+/// # Errors
+/// When the burr or the material is not usable.
+pub fn side_cut_n(case: &Case) -> Result<f64, ModelError> {
+    let tool = tool(&case.burr)?;
+    let (material, measure) = material(&case.material)?;
+    let kernel = ForceKernel::new(&tool, &material, &discretisation(&tool, measure)?);
+    let (radius_mm, path) = (case.burr.radius_mm, &case.path);
+    let is_bone = |n: &Vector3<f64>| {
+        radius_mm * n.z <= path.layer_mm - radius_mm && radius_mm * n.y >= radius_mm - path.stepover_mm
+    };
+    let mut bone = AtPoints(|n: &Vector3<f64>| f64::from(u8::from(is_bone(n))));
+    let (axis, feed) = (Vector3::z_axis(), Vector3::x_axis());
+    let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
+    Ok(kernel.engaged_force(&axis, &feed, speed, rpm, &mut bone).force_n(speed).norm())
 }
 
 /// Mass that a step takes in a full slot of the reference material, mg.

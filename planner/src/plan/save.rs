@@ -254,6 +254,7 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
         ("branch".into(), usize::from(m.branch).into()),
         ("instead".into(), m.instead.unwrap_or("nothing").into()),
         ("raster_deg".into(), m.raster_rad.to_degrees().into()),
+        ("sense".into(), m.sense.word().into()),
         ("layers".into(), m.layers.into()),
         ("compliance".into(), plan.case.robot.joint_stiffness.is_some().into()),
         ("ct_affine".into(), affine(0)),

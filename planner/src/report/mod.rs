@@ -6,6 +6,7 @@
 mod chart;
 mod columns;
 pub mod compare;
+mod compared;
 mod peak;
 pub mod simulation;
 mod slices;
@@ -57,6 +58,10 @@ pub fn html(plan: &Plan) -> String {
     page.push_str(&structures::structure_table(&plan.case, &plan.figures.structures, |row| {
         peak::place(&plan.waypoints, row)
     }));
+    if !plan.case.structures.is_empty() {
+        page.push_str("<h2>Beside a straight shaft at constant speed</h2>");
+        page.push_str(&compared::section(plan));
+    }
     page.push_str("<h2>What was modelled</h2>");
     page.push_str(&modelled(plan));
     page.push_str("<h2>Inputs</h2>");
@@ -323,10 +328,6 @@ fn modelled(plan: &Plan) -> String {
         rows.push(("branch of the arm, for the whole path".into(), format!("{branch} ({})", m.branch)));
         rows.push(("lowest place of the arm's links, as lines from joint to joint".into(), height));
     }
-    rows.extend(
-        m.speed_levels
-            .map(|levels| ("force that the speeds leave".to_owned(), escape(&levels.sentence(&plan.case)))),
-    );
     rows.push(("places put off to the end, for the shank".into(), m.put_off.to_string()));
     rows.extend(
         dropped_by_reason(&plan.dropped)

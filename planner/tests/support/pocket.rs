@@ -3,7 +3,7 @@
 use bonemill_geometry::{Ct, Grid, Point, Volume};
 use bonemill_imaging::DensityTable;
 use bonemill_imaging::scene::{MemoryNeed, Scene, SceneError, SceneSpec, Sheets, TargetShape, build_scene};
-use bonemill_planner::path::{MillPath, PathSpacing, RasterFrame, lay_path};
+use bonemill_planner::path::{Lines, MillPath, PathSpacing, RasterFrame, lay_path};
 use bonemill_planner::space::BurrSpace;
 use nalgebra::Vector3;
 
@@ -76,7 +76,7 @@ pub fn scene_at(spacing_mm: f64, available_mb: Option<f64>) -> Result<Scene, Sce
 }
 
 pub fn path(space: &BurrSpace) -> MillPath {
-    lay_path(space, SPACING, &RasterFrame::at_angle(0.0))
+    lay_path(space, SPACING, &Lines::to_and_fro(RasterFrame::at_angle(0.0)))
 }
 
 /// Distance of `p` from the segment a–b, mm.

@@ -12,6 +12,10 @@ const RADIUS_MM: f64 = 1.0;
 const TARGET: u16 = 20;
 const SPACING: PathSpacing = PathSpacing { layer_mm: 1.0, stepover_mm: 0.7, step_mm: 0.25 };
 
+fn lines() -> Lines<'static> {
+    Lines::to_and_fro(RasterFrame::at_angle(0.0))
+}
+
 /// A round hollow to be milled out of a block, from above.
 fn scene(spacing_mm: f64) -> Scene {
     let grid: Grid<Ct> = Grid::aligned([24, 22, 14], 0.5, Point::new(0.0, 0.0, 0.0)).unwrap();
@@ -47,7 +51,7 @@ fn scene(spacing_mm: f64) -> Scene {
 
 fn roughed<'a>(space: &'a BurrSpace<'a>) -> (Builder<'a>, u32) {
     let mut builder = Builder::new(space, SPACING);
-    let layers = rough(&mut builder, &RasterFrame::at_angle(0.0));
+    let layers = rough(&mut builder, &lines());
     (builder, layers)
 }
 
@@ -121,7 +125,7 @@ fn finishing_costs_no_more_than_there_are_voxels() {
         let scene = scene(spacing_mm);
         let space = BurrSpace::new(&scene, RADIUS_MM, &[]).unwrap();
         let (mut builder, layer) = roughed(&space);
-        let rows = finish(&mut builder, layer);
+        let rows = finish(&mut builder, layer, &lines());
         let left_mm3 = builder.left() as f64 * space.grid().voxel_mm3();
         (rows as f64, space.grid().len() as f64, left_mm3)
     });

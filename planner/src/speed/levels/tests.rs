@@ -1,3 +1,5 @@
+//! The family of levels against brute force over small paths.
+
 use std::convert::Infallible;
 
 use proptest::prelude::*;

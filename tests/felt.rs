@@ -1,0 +1,143 @@
+//! What the structures feel: the levers that change it, and the comparison with a straight shaft at constant speed.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
+
+mod support;
+
+use std::fs;
+
+use bonemill_planner::plan::{PlanRecord, StoredPlan, Value};
+use support::place::Place;
+
+/// Everything that varies by itself held still: straight shaft, one speed, lines along work x.
+const STILL: &str = "[orientation]\nmode = \"fixed\"\n\n[speed]\nmode = \"constant\"\n";
+
+fn planned(place: &Place) -> StoredPlan {
+    let ran = place.plan();
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    StoredPlan::load(&place.path("plan")).unwrap()
+}
+
+fn still(path_keys: &str) -> Place {
+    Place::healthy()
+        .with_case("[speed]\n", STILL)
+        .with_case("step_mm = 0.5\n", &format!("step_mm = 0.5\nraster_deg = 90\n{path_keys}\n"))
+}
+
+fn number(record: &PlanRecord, keys: &[&str]) -> f64 {
+    match value(&record.metrics.more, keys) {
+        Value::Number(v) => v,
+        Value::Integer(n) => n as f64,
+        other => panic!("{other:?} is no number"),
+    }
+}
+
+fn value(entries: &[(String, Value)], keys: &[&str]) -> Value {
+    let mut value = Value::Table(entries.to_vec());
+    for key in keys {
+        let Value::Table(entries) = value else { panic!("{key} in no table") };
+        value = entries.into_iter().find(|(name, _)| name == key).unwrap_or_else(|| panic!("no {key}")).1;
+    }
+    value
+}
+
+/// Mean force along the feed over the length cut, N: the teeth pull the burr along in climb cuts and hold it back in
+/// conventional ones.
+fn along_feed_n(plan: &StoredPlan) -> f64 {
+    let (mut sum, mut length) = (0.0, 0.0);
+    for pair in plan.waypoints.windows(2) {
+        let feed = pair[1].position - pair[0].position;
+        if pair[1].mass_mg > 0.0 && feed.norm() > 1e-6 {
+            sum += pair[1].force_n.dot(&feed);
+            length += feed.norm();
+        }
+    }
+    sum / length
+}
+
+#[test]
+fn climb_cuts_pull_the_burr_along_whichever_way_it_turns() {
+    let of = |keys: &str, spin: &str| along_feed_n(&planned(&still(keys).with_case("spin = -1", spin)));
+    for spin in ["spin = -1", "spin = 1"] {
+        let [climb, both, conventional] =
+            ["climb", "both", "conventional"].map(|sense| of(&format!("sense = \"{sense}\""), spin));
+        assert!(climb > both && both > conventional, "{spin}: {climb} {both} {conventional} N");
+        assert!(climb - conventional > 0.05, "{spin}: {climb} {conventional} N");
+    }
+}
+
+#[test]
+fn passes_that_push_away_push_less_toward_the_nerve() {
+    let near = |sense: &str| {
+        let plan = planned(&still(&format!("sense = \"{sense}\"")));
+        let keys = ["structures", "nerve", "near", "mean_force_toward_with_zeros_n"];
+        (number(&plan.record, &keys), plan.record.metrics.removed_mm3)
+    };
+    let [(away, removed), (both, removed_before)] = [near("away"), near("both")];
+    assert!(away < 0.8 * both, "{away} N, to and fro {both} N");
+    assert!((removed - removed_before).abs() < 0.01 * removed_before, "{removed} mm³, {removed_before} mm³");
+}
+
+#[test]
+fn a_burr_that_turns_both_ways_takes_the_gentler() {
+    let peak = |spin: &str| {
+        let plan = planned(&still("sense = \"both\"").with_case("spin = -1", spin));
+        let near = number(&plan.record, &["structures", "nerve", "near", "mean_force_toward_with_zeros_n"]);
+        (near, plan.record.case.burr.spin)
+    };
+    let (forward, _) = peak("spin = -1");
+    let (reverse, _) = peak("spin = 1");
+    let (chosen, spin) = peak("spin = -1\nturns = \"both_ways\"");
+    assert!((forward - reverse).abs() > 1e-3, "the two spins are alike: {forward} {reverse} N");
+    assert_eq!((chosen, spin), if forward < reverse { (forward, -1) } else { (reverse, 1) });
+}
+
+/// With the shaft fixed, one speed and lines to and fro, the plan is its own control.
+#[test]
+fn a_straight_plan_at_constant_speed_is_its_control() {
+    let plan = planned(&still("sense = \"both\""));
+    for (figure, share) in [("mean_force_toward_with_zeros_n", 0.03), ("peak_force_toward_n", 0.05)] {
+        let of = |who| number(&plan.record, &["compared", who, "near", "nerve", figure]);
+        let (control, ours) = (of("control_1"), of("plan"));
+        assert!((control - ours).abs() < share * control, "{figure}: {control} {ours} N");
+    }
+    let speed = number(&plan.record, &["compared", "control_1", "speed_mm_s"]);
+    assert!((speed - 1.5).abs() < 0.02, "{speed} mm/s");
+}
+
+/// Axes that ignore the nerve, at one speed: where that pushes more toward it than a straight shaft would, something else is done,
+/// or the user is told.
+#[test]
+fn a_plan_that_pushes_more_than_its_controls_falls_back_or_says_so() {
+    let place = Place::healthy()
+        .with_case("[speed]\n", "[cost]\nalpha_max = 0.0\n\n[speed]\nmode = \"mass\"\n")
+        .with_case("step_mm = 0.5\n", "step_mm = 0.5\nsense = \"both\"\n");
+    let plan = planned(&place);
+    let near = |who: &str, figure| number(&plan.record, &["compared", who, "near", "nerve", figure]);
+    let figures = ["mean_force_toward_n", "mean_force_toward_with_zeros_n", "peak_force_toward_n"];
+    let is_worse = figures
+        .iter()
+        .any(|f| near("plan", f) > near("control_1", f).min(near("control_2", f)).max(0.01) * (1.0 + 1e-6));
+    let said = plan.record.warnings.iter().any(|w| w.contains("pushes more than a straight shaft"));
+    assert_eq!(is_worse, said, "{:?}", plan.record.warnings);
+    let Value::Text(instead) = value(&plan.record.modelled, &["instead"]) else { panic!("no text") };
+    assert!(is_worse || instead != "nothing", "nothing was worse: the case tests nothing");
+}
+
+#[test]
+fn the_report_shows_the_controls_and_a_sentence_for_each_choice() {
+    let place = Place::healthy();
+    let plan = planned(&place);
+    let page = fs::read_to_string(place.path("plan/report.html")).unwrap();
+    let peak = number(&plan.record, &["compared", "control_2", "near", "nerve", "peak_force_toward_n"]);
+    assert!(page.contains(&format!("<td>{peak:.3}</td>")));
+    for part in [
+        "Lines run at",
+        "Passes are",
+        "The burr turns forward",
+        "The shaft is turned so that",
+        "Speeds: the least force",
+    ] {
+        assert!(page.contains(part), "{part}");
+    }
+}
