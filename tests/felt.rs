@@ -7,7 +7,7 @@ mod support;
 use std::fs;
 
 use bonemill_planner::plan::{PlanRecord, StoredPlan, Value};
-use support::place::Place;
+use support::{body, place::Place};
 
 /// Everything that varies by itself held still: straight shaft, one speed, lines along work x.
 const STILL: &str = "[orientation]\nmode = \"fixed\"\n\n[speed]\nmode = \"constant\"\n";
@@ -18,8 +18,13 @@ fn planned(place: &Place) -> StoredPlan {
     StoredPlan::load(&place.path("plan")).unwrap()
 }
 
+/// The patient with a nerve all along a wall of the pocket.
+fn beside_a_wall() -> Place {
+    Place::healthy().with_labels(|labels| labels.fill([30..32, 12..26, 14..20], body::NERVE))
+}
+
 fn still(path_keys: &str) -> Place {
-    Place::healthy()
+    beside_a_wall()
         .with_case("[speed]\n", STILL)
         .with_case("step_mm = 0.5\n", &format!("step_mm = 0.5\nraster_deg = 90\n{path_keys}\n"))
 }
@@ -105,23 +110,37 @@ fn a_straight_plan_at_constant_speed_is_its_control() {
     assert!((speed - 1.5).abs() < 0.02, "{speed} mm/s");
 }
 
-/// Axes that ignore the nerve, at one speed: where that pushes more toward it than a straight shaft would, something else is done,
-/// or the user is told.
-#[test]
-fn a_plan_that_pushes_more_than_its_controls_falls_back_or_says_so() {
-    let place = Place::healthy()
-        .with_case("[speed]\n", "[cost]\nalpha_max = 0.0\n\n[speed]\nmode = \"mass\"\n")
-        .with_case("step_mm = 0.5\n", "step_mm = 0.5\nsense = \"both\"\n");
-    let plan = planned(&place);
+/// Whether the plan pushes more toward the nerve than the better of its controls, and whether it says so.
+fn is_worse_and_says_so(plan: &StoredPlan) -> [bool; 2] {
     let near = |who: &str, figure| number(&plan.record, &["compared", who, "near", "nerve", figure]);
     let figures = ["mean_force_toward_n", "mean_force_toward_with_zeros_n", "peak_force_toward_n"];
     let is_worse = figures
         .iter()
         .any(|f| near("plan", f) > near("control_1", f).min(near("control_2", f)).max(0.01) * (1.0 + 1e-6));
-    let said = plan.record.warnings.iter().any(|w| w.contains("pushes more than a straight shaft"));
-    assert_eq!(is_worse, said, "{:?}", plan.record.warnings);
+    [is_worse, plan.record.warnings.iter().any(|w| w.contains("pushes more than a straight shaft"))]
+}
+
+/// One sense throughout pushes toward the nerve all along its wall, and the case leaves nothing open that could help.
+#[test]
+fn a_plan_that_must_push_more_than_its_controls_says_so() {
+    let told = ["climb", "conventional"].map(|sense| {
+        let [is_worse, is_said] = is_worse_and_says_so(&planned(&still(&format!("sense = \"{sense}\""))));
+        assert_eq!(is_worse, is_said, "{sense}");
+        is_said
+    });
+    assert_ne!(told[0], told[1], "one of them pushes toward the nerve, the other away");
+}
+
+/// Axes that ignore the nerve, at speeds that ignore it: what is left open is tried until nothing is worse.
+#[test]
+fn a_plan_that_pushes_more_than_its_controls_falls_back() {
+    let place = beside_a_wall()
+        .with_case("[speed]\n", "[cost]\nalpha_max = 0.0\n\n[speed]\nmode = \"mass\"\n")
+        .with_case("step_mm = 0.5\n", "step_mm = 0.5\nsense = \"both\"\n");
+    let plan = planned(&place);
+    assert_eq!(is_worse_and_says_so(&plan), [false, false], "{:?}", plan.record.warnings);
     let Value::Text(instead) = value(&plan.record.modelled, &["instead"]) else { panic!("no text") };
-    assert!(is_worse || instead != "nothing", "nothing was worse: the case tests nothing");
+    assert_ne!(instead, "nothing", "nothing was worse: the case tests nothing");
 }
 
 #[test]

@@ -12,7 +12,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use bonemill_imaging::phantom::{BlockParams, NerveSide, block};
 use bonemill_planner::Progress;
-use bonemill_planner::case::{Case, OrientationMode, Sense, SpeedMode};
+use bonemill_planner::case::{Case, OrientationMode, Sense, SpeedMode, TowardTerm};
 use bonemill_planner::pipeline::{Chosen, Prepared, with_prepared};
 use bonemill_planner::toward::NEAR_MM;
 
@@ -101,6 +101,7 @@ fn trials(
 ) -> Result<Trials, ExperimentError> {
     let mut case = case.clone();
     case.orientation.mode = mode;
+    case.cost.toward = TowardTerm::Share;
     case.speed.mode = SpeedMode::Constant;
     let chosen = prepared.choose(&case)?;
     let constant = prepared.speeds(&case, &chosen, None)?;

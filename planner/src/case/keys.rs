@@ -7,7 +7,7 @@ use std::fmt;
 
 use bonemill_imaging::{AffineChoice, Sheets};
 
-use super::{ForceTerm, Measure, OrientationMode, Sense, SeveralStructures, SpeedMode};
+use super::{ForceTerm, Measure, OrientationMode, Sense, SeveralStructures, SpeedMode, TowardTerm};
 
 /// Unit of a number in the case file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -183,8 +183,8 @@ pub(super) fn name_of(path: &'static str) -> &'static str {
 use Fallback::{Chosen, Derived, Value, Words};
 
 /// Keys whose default `preset = "paper"` changes.
-pub(super) const PRESET_KEYS: [&str; 5] =
-    ["material.measure", "cost.alpha_max", "orientation.mode", "path.sense", "speed.mode"];
+pub(super) const PRESET_KEYS: [&str; 6] =
+    ["material.measure", "cost.alpha_max", "orientation.mode", "path.sense", "speed.mode", "cost.toward"];
 
 const REQUIRED: &str = "required";
 const ABSENT: &str = "none";
@@ -310,6 +310,8 @@ table! {
             "sense in which a pass is cut, where it has bone on one side: whichever end is nearer; the teeth against the feed; with it; near a structure the one that pushes less toward it. `auto`: both or away, by what the structures feel in drafts of the same time", "-";
         COST_FORCE: ForceTerm = "cost.force" ["cutting" => ForceTerm::Cutting, "deflection" => ForceTerm::Deflection],
             "which force the cost looks at: D6 or D12", "D eq. 6";
+        COST_TOWARD: TowardTerm = "cost.toward" ["size" => TowardTerm::Size, "share" => TowardTerm::Share],
+            "how the choice of axes counts a push toward a structure: its size over a quarter of the force in a straight side cut, at most 1; or its share of the whole push, D6. The column `cost` is D6 either way", "what the structures feel, see docs/results.md; share: D eq. 6";
         COST_STRUCTURES: SeveralStructures = "cost.structures" ["nearest" => SeveralStructures::Nearest, "priority" => SeveralStructures::Priority, "sum" => SeveralStructures::Sum],
             "which structures the cost looks at where several are near: the closest; the one of highest priority among the close ones; all, each by its own α₁", "D II-D names all three";
         ORIENTATION: OrientationMode = "orientation.mode" ["optimal" => OrientationMode::Optimal, "greedy" => OrientationMode::Greedy, "fixed" => OrientationMode::Fixed],

@@ -281,6 +281,15 @@ pub enum ForceTerm {
     Deflection,
 }
 
+/// How the choice of axes counts a push toward a structure.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TowardTerm {
+    /// By its size over a fixed scale, at most 1.
+    Size,
+    /// D6: its share of the whole push.
+    Share,
+}
+
 /// `[cost]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CostSpec {
@@ -290,6 +299,8 @@ pub struct CostSpec {
     pub alpha_max: f64,
     /// Which force.
     pub force: ForceTerm,
+    /// How the choice of axes counts a push toward a structure.
+    pub toward: TowardTerm,
     /// Which structures, where several are near.
     pub structures: SeveralStructures,
 }

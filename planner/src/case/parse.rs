@@ -347,6 +347,8 @@ fn read_cost(t: Walk<'_, '_>, paper: bool) -> CostSpec {
         kappa_per_mm: t.number(&k::KAPPA),
         alpha_max: t.optional(&k::ALPHA_MAX).unwrap_or(if paper { 0.5 } else { 0.8 }),
         force: t.choice(&k::COST_FORCE, super::ForceTerm::Cutting),
+        toward: t
+            .choice(&k::COST_TOWARD, if paper { super::TowardTerm::Share } else { super::TowardTerm::Size }),
         structures: t.choice(&k::COST_STRUCTURES, super::SeveralStructures::Nearest),
     };
     t.finish();

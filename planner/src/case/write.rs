@@ -126,6 +126,7 @@ impl Case {
                 ("kappa_per_mm", float(self.cost.kappa_per_mm)),
                 ("alpha_max", float(self.cost.alpha_max)),
                 ("force", text(k::COST_FORCE.word(self.cost.force))),
+                ("toward", text(k::COST_TOWARD.word(self.cost.toward))),
                 ("structures", text(k::COST_STRUCTURES.word(self.cost.structures))),
             ],
         );

@@ -23,7 +23,7 @@ const LOOK_CELLS: i64 = 4;
 /// A millimetre of travel to the next start costs as much as this volume of gain, mm³.
 const TRAVEL_COST_MM2: f64 = 1.0 / 64.0;
 
-/// Adds finishing passes as layer `layer`; returns how many rows of voxels were counted for it.
+/// Adds finishing passes as layer `layer`; returns how many rows of voxels were gone through for it.
 pub(super) fn finish(builder: &mut Builder, layer: u32, lines: &Lines) -> usize {
     let total = builder.space().reachable().iter().filter(|r| **r).count();
     let enough_left = (ENOUGH_LEFT * total as f64) as usize;
@@ -82,7 +82,7 @@ struct Gains {
     worth: u32,
     offsets: Vec<[i64; 3]>,
     ball: BallRows,
-    /// How often a gain was counted.
+    /// How often the rows of a ball were gone through.
     counted: usize,
 }
 
@@ -110,7 +110,7 @@ impl Gains {
         let worth = ((WORTH_SHARE * space.ball_voxels()) as u32).max(2);
         Self {
             starts: (0..cells.len()).filter(|cell| most[*cell] >= worth).collect(),
-            counted: 0,
+            counted: builder.left(),
             cells,
             most,
             there,

@@ -1,8 +1,8 @@
 //! Plans of one case that differ in what the case leaves open, tried until none of its structures is worse off than without us.
 //!
-//! The first attempt is what the cost prefers. Where it pushes more toward a structure of priority 1 than the better of its
-//! [controls](super::control), lines across, then a shaft along the approach, then both are tried; the first that is nowhere
-//! worse stands. If none is, the least bad stands, and the plan says so.
+//! The first attempt is what the drafts prefer. Where it pushes more toward a structure of priority 1 than the better of its
+//! [controls](super::control), the other sense of cut, then lines across, then a shaft along the approach, then both of these are
+//! tried; the first that is nowhere worse stands. If none is, the least bad stands, and the plan says so.
 
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_imaging::Scene;
@@ -13,10 +13,11 @@ use super::demand::Demand;
 use super::metrics::{self, Coverage};
 use super::motion::Motion;
 use super::prepared::{Chosen, Prepared, spacing};
+use super::raster::Raster;
 use super::speeds::{self, Timing};
 use super::{PlanError, Stopwatch};
 use crate::access::Solid;
-use crate::case::{Case, OrientationMode};
+use crate::case::{Case, OrientationMode, Sense};
 use crate::path::{Lines, RasterFrame, lay_path};
 use crate::space::BurrSpace;
 
@@ -50,26 +51,44 @@ pub(super) struct Attempt<'a> {
 /// One way to fall back.
 #[derive(Clone, Copy)]
 struct Fallback {
+    /// The other sense of cut of those that were compared.
+    is_other_sense: bool,
     is_across: bool,
     is_fixed: bool,
     words: &'static str,
 }
 
-const FALLBACKS: [Fallback; 3] = [
-    Fallback { is_across: true, is_fixed: false, words: "lines across those that the cost prefers" },
-    Fallback { is_across: false, is_fixed: true, words: "the shaft along the approach" },
+const NONE: Fallback = Fallback { is_other_sense: false, is_across: false, is_fixed: false, words: "" };
+const FALLBACKS: [Fallback; 4] = [
+    Fallback { is_other_sense: true, words: "the sense of cut that drafts did not prefer", ..NONE },
+    Fallback { is_across: true, words: "lines across those that drafts preferred", ..NONE },
+    Fallback { is_fixed: true, words: "the shaft along the approach", ..NONE },
     Fallback {
         is_across: true,
         is_fixed: true,
-        words: "lines across those that the cost prefers, and the shaft along the approach",
+        words: "lines across those that drafts preferred, and the shaft along the approach",
+        ..NONE
     },
 ];
 
 impl Fallback {
     /// Whether a case leaves that open.
     fn is_open(&self, case: &Case) -> bool {
-        (!self.is_across || case.path.raster_rad.is_none())
+        (!self.is_other_sense || case.path.sense == Sense::Auto)
+            && (!self.is_across || case.path.raster_rad.is_none())
             && (!self.is_fixed || case.orientation.mode == OrientationMode::Optimal)
+    }
+
+    /// The lines that it lays instead.
+    fn raster(&self, raster: Raster) -> Raster {
+        let sense = match raster.sense {
+            Sense::Both => Sense::Away,
+            _ => Sense::Both,
+        };
+        Raster {
+            frame: if self.is_across { raster.frame.across() } else { raster.frame },
+            sense: if self.is_other_sense { sense } else { raster.sense },
+        }
     }
 }
 
@@ -94,12 +113,11 @@ impl<'a> Start<'a> {
             if ratio.is_none() {
                 break;
             }
-            let raster = if fallback.is_across { raster.across() } else { raster };
             let mut varied = self.case.clone();
             if fallback.is_fixed {
                 varied.orientation.mode = OrientationMode::Fixed;
             }
-            let tried = Prepared::new(self, Some(raster), watch)
+            let tried = Prepared::new(self, Some(fallback.raster(raster)), watch)
                 .and_then(|prepared| self.attempt(prepared, &varied, &controls, watch));
             let Ok(tried) = tried else { continue };
             let is_whole = tried.coverage.reached_share() >= least_share

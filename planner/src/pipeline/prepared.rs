@@ -23,7 +23,7 @@ use super::sets::{self, Finer};
 use super::{PlanError, Stopwatch, raster, setup};
 use crate::Progress;
 use crate::burr::{EngagedForce, ForceKernel, ModelError, OrientationKernel};
-use crate::case::{Case, ForceTerm, OrientationMode, PathSpec, Sense};
+use crate::case::{Case, ForceTerm, OrientationMode, PathSpec, Sense, TowardTerm};
 use crate::cost::{Cost, CostModel, Proximity, Ranked, Terms};
 use crate::engagement::SweptPath;
 use crate::orientation::{Directions, RateLimit, TiltFamily};
@@ -400,9 +400,9 @@ pub(super) fn spacing(case: &Case) -> PathSpacing {
     PathSpacing { layer_mm, stepover_mm, step_mm }
 }
 
-/// The push that counts fully in the choice of axes: [`FULL_SHARE`] of that in a cut beside its neighbour, N; what it bends the arm, mm, in the mean over directions, where the cost looks at the deflection. None with the greedy choice, which is D's own.
+/// The push that counts fully in the choice of axes: [`FULL_SHARE`] of that in a cut beside its neighbour, N; what it bends the arm, mm, in the mean over directions, where the cost looks at the deflection. None where its share of the whole push counts.
 pub(super) fn scale(case: &Case, compliance: Option<&[Matrix3<f64>]>) -> Result<Option<f64>, PlanError> {
-    if case.orientation.mode == OrientationMode::Greedy {
+    if case.cost.toward == TowardTerm::Share {
         return Ok(None);
     }
     let force_n = FULL_SHARE * setup::side_cut_n(case)?;

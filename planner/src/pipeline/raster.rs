@@ -50,14 +50,6 @@ pub struct Raster {
     pub sense: Sense,
 }
 
-impl Raster {
-    /// Lines across these.
-    #[must_use]
-    pub fn across(self) -> Self {
-        Self { frame: self.frame.across(), ..self }
-    }
-}
-
 /// A draft along one candidate.
 struct Draft {
     /// Cost of orientation, mm; unreached waypoints cost 1 per mm.

@@ -75,7 +75,7 @@ mod tests {
         let kinked = |x: f64| 300.0 + (10.0 * x).max(300.0 * x - 500.0);
         let steep = |x: f64| 300.0 + 1.0 / (3.001 - x);
         for (time, most_calls) in
-            [(&straight as &dyn Fn(f64) -> f64, 4), (&bent, 12), (&kinked, 14), (&steep, 30)]
+            [(&straight as &dyn Fn(f64) -> f64, 4), (&bent, 11), (&kinked, 19), (&steep, 30)]
         {
             for share in [0.01, 0.2, 0.5, 0.77, 0.999] {
                 let total_s = time(0.0) + share * (time(3.0) - time(0.0));
