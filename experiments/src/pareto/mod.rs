@@ -85,12 +85,12 @@ fn front(name: &str, body: &Body, progress: &dyn Progress) -> Result<Front, Expe
     let times = times.collect();
     let clearances = WIDER_MM.iter().filter_map(|wider_mm| {
         let mut case = case.clone();
-        let first = case.structures.iter_mut().filter(|s| s.priority == 1);
-        let is_kept = first.map(|s| {
-            s.clearance_mm += wider_mm;
-            s.clearance_mm >= NARROWEST_MM
-        });
-        is_kept.fold(true, |all, is_kept| all && is_kept).then_some(())?;
+        for structure in case.structures.iter_mut().filter(|s| s.priority == 1) {
+            structure.clearance_mm += wider_mm;
+            if structure.clearance_mm < NARROWEST_MM {
+                return None;
+            }
+        }
         tried(&case, format!("clearance {wider_mm:+} mm"))
     });
     let clearances = clearances.collect();

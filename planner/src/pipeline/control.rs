@@ -83,8 +83,11 @@ pub struct Worse {
     pub plan_n: f64,
 }
 
+/// A figure of the force toward a structure: its name, and where it stands, N.
+pub type JudgedFigure = (&'static str, fn(&TowardFigures) -> f64);
+
 /// The figures that a plan is judged by, while the burr's surface is within [`crate::toward::NEAR_MM`] of a structure.
-pub const JUDGED: [(&str, fn(&TowardFigures) -> f64); 3] =
+pub const JUDGED: [JudgedFigure; 3] =
     [("mean", |f| f.mean_n), ("mean with zeros", |f| f.mean_with_zeros_n), ("peak", |f| f.peak_n)];
 
 impl ControlPath {
