@@ -161,3 +161,27 @@ fn the_report_shows_the_controls_and_a_sentence_for_each_choice() {
         assert!(page.contains(part), "{part}");
     }
 }
+
+/// Where the arm yields, what counts near a structure is how far the burr is pushed toward it.
+#[test]
+fn counting_the_deflection_lowers_the_deflection_toward_the_nerve() {
+    let near = |force: &str| {
+        let place = beside_a_wall()
+            .with_case("[speed]\n", &format!("[cost]\nforce = \"{force}\"\n\n[speed]\n"))
+            .with_case("rate_hz = 100", "rate_hz = 100\njoint_stiffness = [60.0, 300.0, 300.0, 2e4]");
+        let plan = planned(&place);
+        let radius_mm = plan.record.case.burr.radius_mm;
+        let rows = plan
+            .forces
+            .iter()
+            .filter(|f| f.distance_mm - radius_mm <= 2.0 && plan.waypoints[f.waypoint].mass_mg > 0.0);
+        let um: Vec<f64> = rows.map(|f| f.deflection_toward_um.unwrap()).collect();
+        assert!(um.len() > 50, "{} rows", um.len());
+        (um.iter().sum::<f64>() / um.len() as f64, um.iter().copied().fold(0.0, f64::max))
+    };
+    let [(mean, peak), (mean_cutting, peak_cutting)] = [near("deflection"), near("cutting")];
+    assert!(
+        mean < mean_cutting && peak <= peak_cutting,
+        "{mean} {peak} µm, {mean_cutting} {peak_cutting} µm"
+    );
+}
