@@ -21,7 +21,7 @@ use crate::case::{Case, OrientationMode, Sense};
 use crate::path::{Lines, RasterFrame, lay_path};
 use crate::space::BurrSpace;
 
-/// An attempt may leave this share more of what the burr can reach than the first.
+/// An attempt may leave this share more of what the burr can reach than the one before.
 const LEFT_SHARE: f64 = 0.005;
 
 /// What every attempt at a case starts from.
@@ -44,6 +44,8 @@ pub(super) struct Attempt<'a> {
     pub timing: Timing,
     pub coverage: Coverage,
     pub compared: Compared,
+    /// How its axes were chosen.
+    pub mode: OrientationMode,
     /// What was done otherwise than the cost prefers, in words; none for the first attempt.
     pub instead: Option<&'static str>,
 }
@@ -106,7 +108,6 @@ impl<'a> Start<'a> {
             watch.run("control", || self.controls(&raster.frame))?
         };
         let first = self.attempt(prepared, self.case, &controls, watch)?;
-        let least_share = first.coverage.reached_share() - LEFT_SHARE;
         let mut best = first;
         let mut ratio = best.worst_ratio(self.case);
         for fallback in FALLBACKS.iter().filter(|fallback| fallback.is_open(self.case)) {
@@ -120,10 +121,8 @@ impl<'a> Start<'a> {
             let tried = Prepared::new(self, Some(fallback.raster(raster)), watch)
                 .and_then(|prepared| self.attempt(prepared, &varied, &controls, watch));
             let Ok(tried) = tried else { continue };
-            let is_whole = tried.coverage.reached_share() >= least_share
-                && tried.chosen.oriented.blocked_turns.len() <= best.chosen.oriented.blocked_turns.len();
             let its_ratio = tried.worst_ratio(self.case);
-            if is_whole && its_ratio.unwrap_or(1.0) < ratio.unwrap_or(1.0) {
+            if tried.keeps_what(&best, self.case) && its_ratio.unwrap_or(1.0) < ratio.unwrap_or(1.0) {
                 ratio = its_ratio;
                 best = Attempt { instead: Some(fallback.words), ..tried };
             }
@@ -169,16 +168,37 @@ impl<'a> Start<'a> {
         let caps = &timing.caps_mm_s;
         let total_s: f64 = prepared.length_mm().iter().zip(caps).map(|(mm, cap)| mm / cap).sum();
         let compared = Compared {
-            controls: controls.iter().filter_map(|control| control.in_time(case, total_s)).collect(),
+            controls: controls.iter().map(|control| control.in_time(case, total_s)).collect(),
             plan: Felt::of(case, prepared.length_mm(), &chosen.forces, &prepared.near, |i| caps[i]),
         };
-        Ok(Attempt { prepared, chosen, motion, demand, timing, coverage, compared, instead: None })
+        Ok(Attempt {
+            prepared,
+            chosen,
+            motion,
+            demand,
+            timing,
+            coverage,
+            compared,
+            mode: case.orientation.mode,
+            instead: None,
+        })
     }
 }
 
 impl Attempt<'_> {
+    /// Whether it leaves hardly more than another, and misses nothing that the other keeps.
+    pub fn keeps_what(&self, other: &Self, case: &Case) -> bool {
+        let misses = |of: &Self| {
+            let caps = of.demand.caps_missed(case, &of.prepared, &of.chosen);
+            [of.timing.missed.is_some(), caps.is_some()]
+        };
+        self.coverage.reached_share() >= other.coverage.reached_share() - LEFT_SHARE
+            && self.chosen.oriented.blocked_turns.len() <= other.chosen.oriented.blocked_turns.len()
+            && misses(self).iter().zip(misses(other)).all(|(ours, theirs)| !ours || theirs)
+    }
+
     /// By how much it is worse than its controls at the worst; none where it is nowhere worse.
-    fn worst_ratio(&self, case: &Case) -> Option<f64> {
+    pub fn worst_ratio(&self, case: &Case) -> Option<f64> {
         self.compared.worse(case).first().map(Worse::ratio)
     }
 }

@@ -2,8 +2,8 @@
 //!
 //! A control mills the same target with the shaft along the approach and every cut at one speed, along lines in one direction. There
 //! are two, with lines in the plan's direction and across. Its shank is not checked: on a bone it may be impossible, and it is
-//! compared all the same. Forces, distances and figures come from the same functions as the plan's; both are timed by their speed
-//! caps, without the joints' accelerations.
+//! compared all the same. Distances and figures come from the same functions as the plan's, forces from the sums by which axes are chosen;
+//! both are timed by their speed caps, without the joints' accelerations.
 //!
 //! **Source:** Dillon et al. 2016, section III: trial 1, and trial 3 at equal time.
 
@@ -24,8 +24,9 @@ use nalgebra::Vector3;
 
 /// Toward a structure, a force up to this counts as none, N: assumed.
 const NOTHING_N: f64 = 0.01;
-/// Figures that differ by no more than this share count as the same.
-const SAME_SHARE: f64 = 1e-6;
+/// Figures that differ by no more than this share count as the same: a control's forces are the coarser sums by which axes are chosen, 2 %
+/// off at the worst.
+const SAME_SHARE: f64 = 0.02;
 
 /// The forces of a path with the shaft along the approach, at any speed.
 #[derive(Debug)]
@@ -64,7 +65,7 @@ pub struct Control {
 /// A plan beside its controls.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Compared {
-    /// Lines in the plan's direction, and across. None where the plan's time is too short for the control's links.
+    /// Lines in the plan's direction, and across; none where there is nothing to spare.
     pub controls: Vec<Control>,
     /// The plan.
     pub plan: Felt,
@@ -123,14 +124,17 @@ impl ControlPath {
         Ok(Self { raster_rad, forces, near: near?, links_s, cuts_mm, length_mm })
     }
 
-    /// At the constant speed with which all moves take `total_s`; none where the links alone take as long.
-    pub fn in_time(&self, case: &Case, total_s: f64) -> Option<Control> {
-        let speed_mm_s = self.cuts_mm / (total_s - self.links_s);
-        (speed_mm_s > 0.0 && speed_mm_s.is_finite()).then(|| Control {
+    /// At the constant speed with which all moves take `total_s`, or at the case's largest where they cannot: then the control takes
+    /// longer and feels less, and the plan has the harder rival.
+    pub fn in_time(&self, case: &Case, total_s: f64) -> Control {
+        let cutting_s = total_s - self.links_s;
+        let speed_mm_s = if cutting_s > 0.0 { self.cuts_mm / cutting_s } else { f64::INFINITY };
+        let speed_mm_s = speed_mm_s.min(case.speed.max_mm_s);
+        Control {
             raster_rad: self.raster_rad,
             speed_mm_s,
             felt: Felt::of(case, &self.length_mm, &self.forces, &self.near, |_| speed_mm_s),
-        })
+        }
     }
 }
 

@@ -10,6 +10,7 @@ use super::speeds::{self, SpeedInput};
 use crate::case::Case;
 use crate::cost::Proximity;
 use crate::metrics::Moments;
+use crate::path::MoveKind;
 use crate::speed::{CutPushes, ForceCaps};
 
 /// One entry per waypoint each.
@@ -25,11 +26,15 @@ pub struct Demand {
 
 impl Prepared<'_> {
     pub(super) fn demand(&self, case: &Case, chosen: &Chosen) -> Result<Demand, PlanError> {
+        let mut pushes = levels::pushes(case, &self.near, &chosen.forces, chosen.compliances.as_deref())?;
+        // a link may graze a cusp: it has no speed to choose
+        let links = pushes.iter_mut().zip(&chosen.kinds).filter(|(_, kind)| **kind != MoveKind::Cut);
+        links.for_each(|(pushes, _)| *pushes = None);
         Ok(Demand {
             mass_mg: self.reached.moments.iter().map(Moments::mass_mg).collect(),
             cost: chosen.costs.iter().map(|c| c.cost).collect(),
             force_cap_mm_s: force_caps(case, self, chosen),
-            pushes: levels::pushes(case, &self.near, &chosen.forces, chosen.compliances.as_deref())?,
+            pushes,
         })
     }
 

@@ -3,7 +3,7 @@
 //! A push toward a structure is weighted by how near and how important the structure is, by the law of the cost's α₁:
 //!
 //! ```text
-//! w = exp(−κ max(0, r_v − r_v,min))/priority
+//! w = exp(−κ max(0, r_v − r_v,min))/√priority
 //! ```
 //!
 //! So a newton toward the most important structure at its clearance weighs 1, and the levels are newtons (or mm of deflection) there.

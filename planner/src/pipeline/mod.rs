@@ -152,6 +152,8 @@ pub struct Modelled {
     pub sense: Sense,
     /// Milling layers.
     pub layers: u32,
+    /// How the axes were chosen: the case's way, or fixed by a fallback.
+    pub mode: OrientationMode,
     /// What was done otherwise than the cost prefers, since a structure of priority 1 would have been worse off than without us.
     pub instead: Option<&'static str>,
 }
@@ -227,12 +229,16 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let mut attempt = plan_case(case)?;
     let mut case = case;
     if let Some(reversed) = &reversed {
-        let other = plan_case(reversed)?;
-        if other.compared.plan.score(reversed) < attempt.compared.plan.score(case) {
-            (case, attempt) = (reversed, other);
+        // the other way is an offer: where it cannot be planned, the first stands
+        if let Ok(other) = plan_case(reversed) {
+            let is_gentler = other.compared.plan.score(reversed) < attempt.compared.plan.score(case);
+            let is_worse = other.worst_ratio(reversed).is_some() && attempt.worst_ratio(case).is_none();
+            if is_gentler && !is_worse && other.keeps_what(&attempt, case) {
+                (case, attempt) = (reversed, other);
+            }
         }
     }
-    let Attempt { prepared, chosen, motion, demand, timing, coverage, compared, instead } = attempt;
+    let Attempt { prepared, chosen, motion, demand, timing, coverage, compared, mode, instead } = attempt;
     let limits = speeds::path_limits(&arm)?;
     let Chosen { oriented, kinds, forces, costs, compliances, .. } = &chosen;
     let (points, near, moments) = (prepared.points(), &prepared.near, &prepared.reached.moments);
@@ -299,6 +305,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         raster_rad: half_turn(prepared.raster().frame.angle_rad() + scene.turn_rad),
         sense: prepared.raster().sense,
         layers: prepared.reached.path.layers,
+        mode,
         instead,
     };
     warnings.extend(modelled.lowest_link.and_then(|lowest| lowest.warning()));
@@ -317,7 +324,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         None => warnings.extend(timing.missed.map(nominal_time_missed)),
     }
     shortfalls.extend(demand.caps_missed(case, &prepared, &chosen));
-    shortfalls.extend(turns_missed(case, &oriented.blocked_turns));
+    shortfalls.extend(turns_missed(mode, &oriented.blocked_turns));
     shortfalls.extend(limits_missed(&modelled.limit_ratios));
     warnings.extend(compared.warning(case));
     drop(prepared);
@@ -353,9 +360,9 @@ fn with_other_spin(case: &Case) -> Option<Case> {
 }
 
 /// Turns that the whole sequence could not avoid. Greedy and fixed angles do not look ahead: theirs are only counted.
-fn turns_missed(case: &Case, blocked: &[BlockedTurn]) -> Option<String> {
+fn turns_missed(mode: OrientationMode, blocked: &[BlockedTurn]) -> Option<String> {
     let worst = blocked.iter().max_by(|a, b| a.missing_mm.total_cmp(&b.missing_mm))?;
-    if case.orientation.mode != OrientationMode::Optimal {
+    if mode != OrientationMode::Optimal {
         return None;
     }
     let missing = if worst.missing_mm.is_finite() {

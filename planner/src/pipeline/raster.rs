@@ -26,7 +26,7 @@ use super::setup;
 use super::speeds::{self, SpeedInput};
 use crate::access::Access;
 use crate::burr::{EngagedForce, EngagedSamples, ModelError, OrientationKernel};
-use crate::case::{Case, Sense};
+use crate::case::{Case, OrientationMode, Sense};
 use crate::engagement::{SweptPath, mass_increments_by_voxels};
 use crate::metrics::Moments;
 use crate::orientation::FreeSets;
@@ -77,15 +77,17 @@ pub fn least_felt(
         candidates.par_iter().map(|raster| draft(case, scene, space, spec, compliance, raster)).collect();
     let drafts = drafts?;
     let least_unreached = drafts.iter().map(|d| d.unreached).fold(f64::INFINITY, f64::min);
-    // one time for all of them
-    let total_s = drafts[0].cuts_mm() / case.speed.nominal_mm_s + drafts[0].links_s(case);
+    let is_candidate = |n: &usize| drafts[*n].unreached <= least_unreached + MORE_UNREACHED;
+    // one time for all of them: that of the first that can be compared
+    let first = (0..drafts.len()).find(is_candidate).map_or(&drafts[0], |n| &drafts[n]);
+    let total_s = first.cuts_mm() / case.speed.nominal_mm_s + first.links_s(case);
     let felt: Result<Vec<Felt>, PlanError> =
         drafts.par_iter().map(|d| d.felt(case, total_s - d.links_s(case))).collect();
     let felt = felt?;
     let is_felt = felt.iter().flat_map(|f| &f.structures).any(|s| s.near.peak_n > 0.0);
     let score = |n: usize| if is_felt { felt[n].score(case) } else { drafts[n].cost.ln() };
     let mut best: Option<(f64, usize)> = None;
-    for n in (0..drafts.len()).filter(|n| drafts[*n].unreached <= least_unreached + MORE_UNREACHED) {
+    for n in (0..drafts.len()).filter(is_candidate) {
         let score = score(n);
         if best.is_none_or(|(least, _)| score < least - CLEARLY) {
             best = Some((score, n));
@@ -109,6 +111,11 @@ impl Draft {
 
     /// At the speeds of the case's mode, the cuts in `cutting_s` or as near to it as they can.
     fn felt(&self, case: &Case, cutting_s: f64) -> Result<Felt, PlanError> {
+        let felt =
+            |speed: &dyn Fn(usize) -> f64| Felt::of(case, &self.length_mm, &self.forces, &self.near, speed);
+        if self.forces.iter().all(Option::is_none) {
+            return Ok(felt(&|_| case.speed.nominal_mm_s));
+        }
         let count = self.forces.len();
         let mass_mg: Vec<f64> = self.moments.iter().map(Moments::mass_mg).collect();
         let pushes = levels::pushes(case, &self.near, &self.forces, None)?;
@@ -125,7 +132,7 @@ impl Draft {
             slot_mass_mg: setup::slot_mass_mg(case, step_mm),
         };
         let caps = speeds::caps_near(&input, &case.speed, case.paper, cutting_s)?;
-        Ok(Felt::of(case, &self.length_mm, &self.forces, &self.near, |i| caps[i]))
+        Ok(felt(&|i| caps[i]))
     }
 }
 
@@ -189,12 +196,23 @@ fn draft(
         forbidden: &Forbidden::default(),
     };
     let whole_mm: f64 = length_mm.iter().sum();
-    let (cost, unreached, directions) = match best_sequence(&problem) {
-        Found::Sequence { total, directions, .. } => {
-            (total + unreached_mm, unreached_mm / whole_mm.max(step_mm), directions)
+    let unreached = unreached_mm / whole_mm.max(step_mm);
+    let (cost, unreached, directions) = if case.orientation.mode == OrientationMode::Fixed {
+        let upright = spec.directions.nearest(&Vector3::z());
+        let nearest =
+            |i: &usize| spec.directions.nearest_of(upright, |n| free.contains(*i, n)).unwrap_or(upright);
+        let directions: Vec<u16> = reached.iter().map(|i| nearest(i) as u16).collect();
+        let each = directions
+            .iter()
+            .enumerate()
+            .map(|(n, d)| kept[n] * f64::from(rows[n * count + usize::from(*d)]));
+        (each.sum::<f64>() + unreached_mm, unreached, directions)
+    } else {
+        match best_sequence(&problem) {
+            Found::Sequence { total, directions, .. } => (total + unreached_mm, unreached, directions),
+            // no sequence gets through without dropping waypoints: as dear as it can be, in proportion
+            Found::Blocked(i) => (whole_mm * (2.0 - i as f64 / points.len() as f64), 1.0, Vec::new()),
         }
-        // no sequence gets through without dropping waypoints: as dear as it can be, in proportion
-        Found::Blocked(i) => (whole_mm * (2.0 - i as f64 / points.len() as f64), 1.0, Vec::new()),
     };
     let force = |samples: &mut EngagedSamples, (i, direction): (&usize, &u16)| {
         let feed = feeds[*i].filter(|_| moments[*i].mass_mg() > 0.0)?;

@@ -25,6 +25,9 @@ const APART: f64 = 0.4;
 /// Senses whose pushes, or sides whose bone, differ by no more than this share are alike: the nearer end decides.
 const ALIKE: f64 = 0.05;
 
+/// Where the burr's sides are asked for bone, degrees below its equator.
+const BELOW_DEG: [f64; 6] = [0.0, 15.0, 30.0, 45.0, 60.0, 75.0];
+
 /// Decides for the passes of one path.
 pub(super) struct PassSense<'a> {
     case: &'a Case,
@@ -92,9 +95,15 @@ impl<'a> PassSense<'a> {
         let [mut left, mut right] = [0.0; 2];
         for place in self.places(points) {
             let Some(side) = Unit::try_new(Vector3::z().cross(&place.feed), 1e-6) else { continue };
-            let beside = |sign: f64| {
-                let at = place.at + sign * self.case.burr.radius_mm * side.into_inner();
-                place.length_mm * builder.material_at(at).map_or(0.0, |voxel| self.density(voxel))
+            // from the equator down to the tip: above a layer's floor bone may stand on the other side
+            let beside = |sign: f64| -> f64 {
+                let densities = BELOW_DEG.map(|degrees| {
+                    let (down, out) = degrees.to_radians().sin_cos();
+                    let normal = sign * out * side.into_inner() - down * Vector3::z();
+                    let at = place.at + self.case.burr.radius_mm * normal;
+                    builder.material_at(at).map_or(0.0, |voxel| self.density(voxel))
+                });
+                place.length_mm * densities.iter().sum::<f64>()
             };
             left += beside(1.0);
             right += beside(-1.0);

@@ -199,25 +199,46 @@ pub fn tilt_rate_rad_s(arm: &Arm) -> f64 {
     }
 }
 
-/// Force of a straight shaft in a cut of the path's depth beside the line before, in the reference material at the nominal speed, N.
+/// Force of a straight shaft in a cut of the path's depth beside the line before, in the reference material at the nominal speed, N; at least
+/// [`LEAST_OF_SLOT`] of that in a full slot, since lines may be so close that nothing stands beside.
 ///
 /// # Errors
 /// When the burr or the material is not usable.
 pub fn side_cut_n(case: &Case) -> Result<f64, ModelError> {
+    const LEAST_OF_SLOT: f64 = 0.1;
     let tool = tool(&case.burr)?;
     let (material, measure) = material(&case.material)?;
     let kernel = ForceKernel::new(&tool, &material, &discretisation(&tool, measure)?);
     let (radius_mm, path) = (case.burr.radius_mm, &case.path);
-    let is_bone = |n: &Vector3<f64>| {
-        radius_mm * n.z <= path.layer_mm - radius_mm && radius_mm * n.y >= radius_mm - path.stepover_mm
+    let force_n = |from_y_mm: f64| {
+        let is_bone =
+            |n: &Vector3<f64>| radius_mm * n.z <= path.layer_mm - radius_mm && radius_mm * n.y >= from_y_mm;
+        let mut bone = AtPoints(|n: &Vector3<f64>| f64::from(u8::from(is_bone(n))));
+        let (axis, feed) = (Vector3::z_axis(), Vector3::x_axis());
+        let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
+        kernel.engaged_force(&axis, &feed, speed, rpm, &mut bone).force_n(speed).norm()
     };
-    let mut bone = AtPoints(|n: &Vector3<f64>| f64::from(u8::from(is_bone(n))));
-    let (axis, feed) = (Vector3::z_axis(), Vector3::x_axis());
-    let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
-    Ok(kernel.engaged_force(&axis, &feed, speed, rpm, &mut bone).force_n(speed).norm())
+    Ok(force_n(radius_mm - path.stepover_mm).max(LEAST_OF_SLOT * force_n(-radius_mm)))
 }
 
 /// Mass that a step takes in a full slot of the reference material, mg.
 pub fn slot_mass_mg(case: &Case, step_mm: f64) -> f64 {
     std::f64::consts::PI * case.burr.radius_mm.powi(2) * step_mm * case.material.rho_ref_g_cm3
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_however_close_leave_a_force_to_measure_pushes_by() {
+        let text = "structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n";
+        let mut case = Case::parse(text, Path::new("case.toml")).unwrap();
+        let mut of = |layer_mm: f64, stepover_mm: f64| {
+            (case.path.layer_mm, case.path.stepover_mm) = (layer_mm, stepover_mm);
+            side_cut_n(&case).unwrap()
+        };
+        let [usual, close, closer] = [(1.5, 1.667), (0.6, 0.6), (0.1, 0.05)].map(|(l, s)| of(l, s));
+        assert!(usual > close && close > closer && closer > 1e-4, "{usual} {close} {closer} N");
+    }
 }

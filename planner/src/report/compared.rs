@@ -2,7 +2,7 @@
 
 use super::escape;
 use crate::case::{ForceTerm, OrientationMode, Sense, SpeedMode};
-use crate::pipeline::{Control, Felt, Plan};
+use crate::pipeline::{Control, Felt, Plan, half_turn};
 use crate::toward::{NEAR_MM, TowardFigures};
 
 /// A figure of the table: its name, and where it stands.
@@ -56,7 +56,7 @@ fn table(plan: &Plan, controls: &[Control]) -> String {
     let heads: String = controls
         .iter()
         .map(|c| {
-            let degrees = (c.raster_rad + plan.scene.turn_rad).to_degrees();
+            let degrees = half_turn(c.raster_rad + plan.scene.turn_rad).to_degrees();
             format!("<th>straight, lines at {degrees:.0}°, {:.2}&nbsp;mm/s</th>", c.speed_mm_s)
         })
         .collect();
@@ -72,7 +72,9 @@ fn table(plan: &Plan, controls: &[Control]) -> String {
 fn choices(plan: &Plan) -> Vec<String> {
     let (case, m) = (&plan.case, &plan.modelled);
     let by_drafts = |is_given: bool| {
-        if is_given {
+        if m.instead.is_some() {
+            "see the fallback below"
+        } else if is_given {
             "as the case asks"
         } else {
             "chosen by what the structures feel in drafts of the same time"
@@ -97,7 +99,7 @@ fn choices(plan: &Plan) -> Vec<String> {
         ForceTerm::Cutting => "force",
         ForceTerm::Deflection => "deflection",
     };
-    let axes = match case.orientation.mode {
+    let axes = match m.mode {
         OrientationMode::Fixed => {
             "The shaft stands along the approach, or as near to it as is free.".to_owned()
         }
