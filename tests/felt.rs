@@ -6,7 +6,8 @@ mod support;
 
 use std::fs;
 
-use bonemill_planner::plan::{PlanRecord, StoredPlan, Value};
+use bonemill_planner::plan::{StoredPlan, Value};
+use support::figures::{entry, figure};
 use support::{body, place::Place};
 
 /// Everything that varies by itself held still: straight shaft, one speed, lines along work x.
@@ -27,23 +28,6 @@ fn still(path_keys: &str) -> Place {
     beside_a_wall()
         .with_case("[speed]\n", STILL)
         .with_case("step_mm = 0.5\n", &format!("step_mm = 0.5\nraster_deg = 90\n{path_keys}\n"))
-}
-
-fn number(record: &PlanRecord, keys: &[&str]) -> f64 {
-    match value(&record.metrics.more, keys) {
-        Value::Number(v) => v,
-        Value::Integer(n) => n as f64,
-        other => panic!("{other:?} is no number"),
-    }
-}
-
-fn value(entries: &[(String, Value)], keys: &[&str]) -> Value {
-    let mut value = Value::Table(entries.to_vec());
-    for key in keys {
-        let Value::Table(entries) = value else { panic!("{key} in no table") };
-        value = entries.into_iter().find(|(name, _)| name == key).unwrap_or_else(|| panic!("no {key}")).1;
-    }
-    value
 }
 
 /// Mean force along the feed over the length cut, N: the teeth pull the burr along in climb cuts and hold it back in
@@ -79,7 +63,7 @@ fn passes_that_push_away_push_less_toward_the_nerve() {
     let near = |sense: &str| {
         let plan = planned(&still(&format!("sense = \"{sense}\"")));
         let keys = ["structures", "nerve", "near", "mean_force_toward_with_zeros_n"];
-        (number(&plan.record, &keys), plan.record.metrics.removed_mm3)
+        (figure(&plan.record, &keys), plan.record.metrics.removed_mm3)
     };
     let [(away, removed), (both, removed_before)] = [near("away"), near("both")];
     assert!(away < 0.8 * both, "{away} N, to and fro {both} N");
@@ -90,7 +74,7 @@ fn passes_that_push_away_push_less_toward_the_nerve() {
 fn a_burr_that_turns_both_ways_takes_the_gentler() {
     let peak = |spin: &str| {
         let plan = planned(&still("sense = \"both\"").with_case("spin = -1", spin));
-        let near = number(&plan.record, &["structures", "nerve", "near", "mean_force_toward_with_zeros_n"]);
+        let near = figure(&plan.record, &["structures", "nerve", "near", "mean_force_toward_with_zeros_n"]);
         (near, plan.record.case.burr.spin)
     };
     let (forward, _) = peak("spin = -1");
@@ -104,18 +88,18 @@ fn a_burr_that_turns_both_ways_takes_the_gentler() {
 #[test]
 fn a_straight_plan_at_constant_speed_is_its_control() {
     let plan = planned(&still("sense = \"both\""));
-    for figure in ["mean_force_toward_with_zeros_n", "peak_force_toward_n"] {
-        let of = |who| number(&plan.record, &["compared", who, "near", "nerve", figure]);
+    for key in ["mean_force_toward_with_zeros_n", "peak_force_toward_n"] {
+        let of = |who| figure(&plan.record, &["compared", who, "near", "nerve", key]);
         let (control, ours) = (of("control_1"), of("plan"));
-        assert!((control - ours).abs() < 0.05 * control, "{figure}: {control} {ours} N");
+        assert!((control - ours).abs() < 0.05 * control, "{key}: {control} {ours} N");
     }
-    let speed = number(&plan.record, &["compared", "control_1", "speed_mm_s"]);
+    let speed = figure(&plan.record, &["compared", "control_1", "speed_mm_s"]);
     assert!((speed - 1.5).abs() < 0.02, "{speed} mm/s");
 }
 
 /// Whether the plan pushes more toward the nerve than the better of its controls, and whether it says so.
 fn is_worse_and_says_so(plan: &StoredPlan) -> [bool; 2] {
-    let near = |who: &str, figure| number(&plan.record, &["compared", who, "near", "nerve", figure]);
+    let near = |who: &str, key| figure(&plan.record, &["compared", who, "near", "nerve", key]);
     let figures = ["mean_force_toward_n", "mean_force_toward_with_zeros_n", "peak_force_toward_n"];
     let is_worse = figures
         .iter()
@@ -143,7 +127,7 @@ fn a_plan_that_pushes_more_than_its_controls_falls_back() {
     let plan = planned(&place);
     let [is_worse, is_said] = is_worse_and_says_so(&plan);
     assert_eq!(is_worse, is_said, "{:?}", plan.record.warnings);
-    let Value::Text(instead) = value(&plan.record.modelled, &["instead"]) else { panic!("no text") };
+    let Value::Text(instead) = entry(&plan.record.modelled, &["instead"]) else { panic!("no text") };
     assert_ne!(instead, "nothing", "nothing was worse: the case tests nothing");
 }
 
@@ -152,7 +136,7 @@ fn the_report_shows_the_controls_and_a_sentence_for_each_choice() {
     let place = Place::healthy();
     let plan = planned(&place);
     let page = fs::read_to_string(place.path("plan/report.html")).unwrap();
-    let peak = number(&plan.record, &["compared", "control_2", "near", "nerve", "peak_force_toward_n"]);
+    let peak = figure(&plan.record, &["compared", "control_2", "near", "nerve", "peak_force_toward_n"]);
     assert!(page.contains(&format!("<td>{peak:.3}</td>")));
     for part in [
         "Lines run at",

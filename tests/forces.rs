@@ -6,8 +6,9 @@ mod support;
 
 use std::fs;
 
-use bonemill_planner::plan::{PlanRecord, StoredPlan, Value};
+use bonemill_planner::plan::StoredPlan;
 use nalgebra::Vector3;
+use support::figures::figure;
 use support::{body, place::Place};
 
 /// Under the whole pocket, so near and with such a clearance that it is the structure with the least margin nearly everywhere.
@@ -30,19 +31,6 @@ fn to_box(p: Vector3<f64>, voxels: [[usize; 2]; 3]) -> Vector3<f64> {
         let at = |voxel: usize| body::ORIGIN_MM[a] + (voxel as f64 - 0.5) * body::SPACING_MM;
         p[a].clamp(at(voxels[a][0]), at(voxels[a][1])) - p[a]
     })
-}
-
-fn figure(record: &PlanRecord, keys: &[&str]) -> f64 {
-    let mut value = &Value::Table(record.metrics.more.clone());
-    for key in keys {
-        let Value::Table(entries) = value else { panic!("{key} in no table") };
-        value = &entries.iter().find(|(name, _)| name == key).unwrap().1;
-    }
-    match value {
-        Value::Number(v) => *v,
-        Value::Integer(n) => *n as f64,
-        other => panic!("{other:?} is no number"),
-    }
 }
 
 #[test]

@@ -6,6 +6,7 @@
 pub mod body;
 pub mod faults;
 pub mod figure_faults;
+pub mod figures;
 pub mod force_faults;
 pub mod image;
 pub mod place;

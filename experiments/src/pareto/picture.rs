@@ -24,6 +24,8 @@ const HEIGHT: f64 = 320.0;
 const MARGIN: [f64; 4] = [64.0, 16.0, 34.0, 48.0];
 /// Distinct in hue and in lightness.
 const COLOURS: [&str; 4] = ["#0b5fa5", "#d1731f", "#3c8d4f", "#8a4fa0"];
+/// What marks a default.
+const RING: &str = "r=\"7\" fill=\"none\" stroke=\"#222\"";
 /// Forces below this are drawn at it, N.
 const LEAST: f64 = 1e-4;
 
@@ -39,26 +41,17 @@ pub fn svg(panels: &[Panel]) -> String {
         let (x, y) = ((n % 2) as f64 * WIDTH, (n / 2) as f64 * HEIGHT);
         let _ = write!(out, "<g transform=\"translate({x},{y})\">{}</g>", draw(panel));
     }
-    let names = panels.first().into_iter().flat_map(|p| &p.series).zip(COLOURS).enumerate();
-    for (n, ((name, _), colour)) in names {
-        let x = MARGIN[0] + 150.0 * n as f64;
-        let y = rows * HEIGHT + 14.0;
-        let _ = write!(
-            out,
-            "<circle cx=\"{x}\" cy=\"{y}\" r=\"4\" fill=\"{colour}\"/><text x=\"{}\" y=\"{}\">{name}</text>",
-            x + 9.0,
-            y + 4.0
-        );
+    let mut legend = |n: usize, mark: &str, name: &str| {
+        let (x, y) = (MARGIN[0] + 150.0 * n as f64, rows * HEIGHT + 14.0);
+        let text = format!("<text x=\"{}\" y=\"{}\">{name}</text>", x + 12.0, y + 4.0);
+        let _ = write!(out, "<circle cx=\"{x}\" cy=\"{y}\" {mark}/>{text}");
+    };
+    let names = panels.first().map_or(&[][..], |p| &p.series);
+    for (n, ((name, _), colour)) in names.iter().zip(COLOURS).enumerate() {
+        legend(n, &format!("r=\"4\" fill=\"{colour}\""), name);
     }
-    let x = MARGIN[0] + 150.0 * panels.first().map_or(0.0, |p| p.series.len() as f64);
-    let y = rows * HEIGHT + 14.0;
-    let _ = write!(
-        out,
-        "<circle cx=\"{x}\" cy=\"{y}\" r=\"7\" fill=\"none\" stroke=\"#222\"/><text x=\"{}\" y=\"{}\">default</text></svg>",
-        x + 12.0,
-        y + 4.0
-    );
-    out
+    legend(names.len(), RING, "default");
+    out + "</svg>"
 }
 
 /// An axis from data to the panel.
@@ -143,10 +136,7 @@ fn draw(panel: &Panel) -> String {
             let (cx, cy) = (x(p.x), y(p.y));
             let _ = write!(out, "<circle cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"3.5\" fill=\"{colour}\"/>");
             if p.is_default {
-                let _ = write!(
-                    out,
-                    "<circle cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"7\" fill=\"none\" stroke=\"#222\"/>"
-                );
+                let _ = write!(out, "<circle cx=\"{cx:.1}\" cy=\"{cy:.1}\" {RING}/>");
             }
         }
     }

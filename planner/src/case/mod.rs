@@ -157,6 +157,13 @@ pub enum Target {
     },
 }
 
+impl Case {
+    /// Clearance of each structure, mm.
+    pub fn clearances_mm(&self) -> Vec<f64> {
+        self.structures.iter().map(|s| s.clearance_mm).collect()
+    }
+}
+
 /// `[[structure]]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Structure {

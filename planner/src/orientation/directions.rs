@@ -169,6 +169,12 @@ impl Directions {
         self.fans.get(from)?.node.iter().map(|n| usize::from(*n)).find(|n| is_free(*n))
     }
 
+    /// Of those that `is_free`, the one nearest to the approach; the approach's own where none is.
+    pub fn straightest(&self, is_free: impl Fn(usize) -> bool) -> usize {
+        let upright = self.nearest(&Vector3::z());
+        self.nearest_of(upright, is_free).unwrap_or(upright)
+    }
+
     /// Angle between two directions, rad.
     pub fn angle_rad(&self, a: usize, b: usize) -> f64 {
         angle_between(&self.axes[a], &self.axes[b])

@@ -59,6 +59,11 @@ impl Cells {
         self.node.len()
     }
 
+    /// How many have a node.
+    pub(super) fn nodes(&self) -> usize {
+        self.node.iter().filter(|node| **node != NONE).count()
+    }
+
     /// The node of a cube.
     pub(super) fn node(&self, cell: usize) -> Option<usize> {
         Some(self.node[cell]).filter(|node| *node != NONE).map(|node| node as usize)

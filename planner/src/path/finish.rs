@@ -8,6 +8,7 @@
 //! only where its bound could win; the choice is the same as if all gains were known.
 
 use bonemill_geometry::{Point, Work};
+use rayon::prelude::*;
 
 use super::ball_rows::BallRows;
 use super::cells::Cells;
@@ -104,13 +105,19 @@ impl Gains {
         }
         let ball = BallRows::new(grid.dims(), space.radius_mm() / grid.spacing_mm().x);
         let there = builder.reachable_left().clone();
-        let held = ball.counts(there.within(0..grid.len()));
-        let most: Vec<u32> =
-            (0..cells.len()).map(|cell| cells.node(cell).map_or(0, |node| held[node])).collect();
+        // few voxels tell all nodes, few nodes ask all voxels: either way costs a ball's rows each
+        let (left, nodes) = (builder.left(), cells.nodes());
+        let most: Vec<u32> = if left <= nodes {
+            let held = ball.counts(there.within(0..grid.len()));
+            (0..cells.len()).map(|cell| cells.node(cell).map_or(0, |node| held[node])).collect()
+        } else {
+            let gain = |cell| cells.node(cell).map_or(0, |node| count(&there, &ball, node));
+            (0..cells.len()).into_par_iter().map(gain).collect()
+        };
         let worth = ((WORTH_SHARE * space.ball_voxels()) as u32).max(2);
         Self {
             starts: (0..cells.len()).filter(|cell| most[*cell] >= worth).collect(),
-            counted: builder.left(),
+            counted: left.min(nodes),
             cells,
             most,
             there,

@@ -18,7 +18,7 @@ use super::speeds::{self, Timing};
 use super::{PlanError, Stopwatch};
 use crate::access::Solid;
 use crate::case::{Case, OrientationMode, Sense};
-use crate::path::{Lines, RasterFrame, lay_path};
+use crate::path::RasterFrame;
 use crate::space::BurrSpace;
 
 /// An attempt may leave this share more of what the burr can reach than the one before.
@@ -107,8 +107,7 @@ impl<'a> Start<'a> {
         } else {
             watch.run("control", || self.controls(&raster.frame))?
         };
-        let first = self.attempt(prepared, self.case, &controls, watch)?;
-        let mut best = first;
+        let mut best = self.attempt(prepared, self.case, &controls, watch)?;
         let mut ratio = best.worst_ratio(self.case);
         for fallback in FALLBACKS.iter().filter(|fallback| fallback.is_open(self.case)) {
             if ratio.is_none() {
@@ -133,7 +132,8 @@ impl<'a> Start<'a> {
     /// The controls with lines along `frame` and across.
     fn controls(&self, frame: &RasterFrame) -> Result<Vec<ControlPath>, PlanError> {
         let along = |frame: RasterFrame| {
-            let path = lay_path(self.space, spacing(self.case), &Lines::to_and_fro(frame));
+            let raster = Raster { frame, sense: Sense::Both };
+            let path = raster.lay(self.case, self.scene, self.space, spacing(self.case))?;
             ControlPath::new(self.case, self.scene, &path, frame.angle_rad())
         };
         let (first, second) = rayon::join(|| along(*frame), || along(frame.across()));
@@ -166,9 +166,8 @@ impl<'a> Start<'a> {
         // refused here, before anything is written
         timing.law.rows(case.robot.rate_hz)?;
         let caps = &timing.caps_mm_s;
-        let total_s: f64 = prepared.length_mm().iter().zip(caps).map(|(mm, cap)| mm / cap).sum();
         let compared = Compared {
-            controls: controls.iter().map(|control| control.in_time(case, total_s)).collect(),
+            controls: controls.iter().map(|control| control.in_time(case, timing.at_caps_s)).collect(),
             plan: Felt::of(case, prepared.length_mm(), &chosen.forces, &prepared.near, |i| caps[i]),
         };
         Ok(Attempt {

@@ -15,7 +15,7 @@ use super::near::{self, Near};
 use super::prepared::{CHOICE_MERGED, CHOICE_SAMPLES, feeds};
 use super::reach::lengths;
 use super::setup;
-use crate::burr::{EngagedForce, EngagedSamples, ModelError, OrientationKernel};
+use crate::burr::{EngagedForce, EngagedSamples, OrientationKernel};
 use crate::case::{Case, Structure};
 use crate::engagement::SweptPath;
 use crate::path::{MillPath, MoveKind};
@@ -98,9 +98,7 @@ impl ControlPath {
     /// When the burr's centre lies inside a structure, or the tool or the material is not usable.
     pub fn new(case: &Case, scene: &Scene, path: &MillPath, raster_rad: f64) -> Result<Self, PlanError> {
         let (points, radius_mm) = (&path.points, case.burr.radius_mm);
-        let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
-        let within = |at| near::structures_within(scene, &clearances, radius_mm, at);
-        let near: Result<Vec<_>, ModelError> = points.par_iter().map(|p| within(p.position)).collect();
+        let near = near::along(case, scene, points)?;
         let (feeds, length_mm) = (feeds(points), lengths(points));
         let tool = setup::tool(&case.burr)?;
         let (material, measure) = setup::material(&case.material)?;
@@ -121,7 +119,7 @@ impl ControlPath {
             (0..points.len()).filter(|i| is_cut(*i) == of_cuts).map(|i| length_mm[i]).sum()
         };
         let (cuts_mm, links_s) = (sum(true), sum(false) / case.speed.link_mm_s);
-        Ok(Self { raster_rad, forces, near: near?, links_s, cuts_mm, length_mm })
+        Ok(Self { raster_rad, forces, near, links_s, cuts_mm, length_mm })
     }
 
     /// At the constant speed with which all moves take `total_s`, or at the case's largest where they cannot: then the control takes
@@ -169,9 +167,7 @@ impl Felt {
             structures: spans.iter().map(|s| StructureFigures::of(None, s, radius_mm)).collect(),
         }
     }
-}
 
-impl Felt {
     /// One number to compare plans of one case by: per structure the mean logarithm of the judged figures, over its priority. So plans
     /// rank by products of forces, and half the force toward one structure makes up for twice that toward another of its priority.
     pub(super) fn score(&self, case: &Case) -> f64 {
@@ -206,9 +202,7 @@ impl Compared {
         found.sort_by(|a, b| b.ratio().total_cmp(&a.ratio()));
         found
     }
-}
 
-impl Compared {
     /// That a plan pushes more than its controls, in words.
     pub fn warning(&self, case: &Case) -> Option<String> {
         let worse = self.worse(case);

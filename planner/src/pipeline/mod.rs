@@ -295,7 +295,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
             motion::Stiffnesses::along(c, near.iter().map(|n| n.first().map(|n| &n.proximity.toward)))
         }),
         limit_ratios: timing.law.limit_ratios(&limits),
-        time_at_caps_s: prepared.length_mm().iter().zip(&timing.caps_mm_s).map(|(mm, cap)| mm / cap).sum(),
+        time_at_caps_s: timing.at_caps_s,
         speed_levels: timing.levels.as_ref().map(|found| {
             let is_deflection = levels::is_deflection(case, &chosen);
             SpeedLevels::of(found, &demand.pushes, &timing.caps_mm_s, near, is_deflection)
@@ -399,9 +399,8 @@ pub(crate) fn half_turn(angle_rad: f64) -> f64 {
 
 /// Where the burr's centre may be.
 fn free_space<'a>(case: &Case, scene: &'a Scene) -> Result<BurrSpace<'a>, PlanError> {
-    let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
     let radius_mm = case.burr.radius_mm;
-    let space = BurrSpace::new(scene, radius_mm, &clearances)?;
+    let space = BurrSpace::new(scene, radius_mm, &case.clearances_mm())?;
     if space.reachable().contains(&true) {
         Ok(space)
     } else {

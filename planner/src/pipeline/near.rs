@@ -6,7 +6,9 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::burr::ModelError;
+use crate::case::Case;
 use crate::cost::Proximity;
+use crate::path::PathPoint;
 
 /// A structure is within its influence where the burr's surface is nearer to it than its clearance and this, mm. Beyond, α_1 is below
 /// 0.004 with the default κ.
@@ -83,6 +85,16 @@ pub fn structures_within(
         near.push(Near { structure: number, proximity: Proximity::new(to_nearest, radius_mm + clearance)? });
     }
     Ok(near)
+}
+
+/// [`structures_within`] of every waypoint of a path.
+///
+/// # Errors
+/// As [`nearest_structure`].
+pub fn along(case: &Case, scene: &Scene, points: &[PathPoint]) -> Result<Vec<Vec<Near>>, ModelError> {
+    let (clearances_mm, radius_mm) = (case.clearances_mm(), case.burr.radius_mm);
+    let within = |point: &PathPoint| structures_within(scene, &clearances_mm, radius_mm, point.position);
+    points.par_iter().map(within).collect()
 }
 
 /// Per structure of the scene the least distance of the burr's centre over all `centers`, mm, and the first of them where it is; none

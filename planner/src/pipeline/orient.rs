@@ -240,11 +240,7 @@ impl Oriented {
 
 /// Along the approach, or as near as is free.
 fn fixed(room: &Room) -> Oriented {
-    let upright = room.directions.nearest(&Vector3::z());
-    let axis = |i: usize| {
-        let n = room.directions.nearest_of(upright, |n| room.is_in_set(i, n)).unwrap_or(upright);
-        room.directions.axes()[n]
-    };
+    let axis = |i: usize| room.directions.axes()[room.directions.straightest(|n| room.is_in_set(i, n))];
     Oriented::new((0..room.reached.free.len()).map(axis).collect(), room.family)
 }
 

@@ -18,16 +18,15 @@ use super::near::{self, Near};
 use super::orient::{CostField, Oriented, Room, orient};
 use super::raster::Raster;
 use super::reach::{self, ReachSpec, ReachedPath};
-use super::sense::PassSense;
 use super::sets::{self, Finer};
 use super::{PlanError, Stopwatch, raster, setup};
 use crate::Progress;
-use crate::burr::{EngagedForce, ForceKernel, ModelError, OrientationKernel};
+use crate::burr::{EngagedForce, ForceKernel, OrientationKernel};
 use crate::case::{Case, ForceTerm, OrientationMode, PathSpec, Sense, TowardTerm};
 use crate::cost::{Cost, CostModel, Proximity, Ranked, Terms};
 use crate::engagement::SweptPath;
 use crate::orientation::{Directions, RateLimit, TiltFamily};
-use crate::path::{Builder, Lines, MoveKind, PathPoint, PathSpacing, RasterFrame, lay_path};
+use crate::path::{MoveKind, PathPoint, PathSpacing, RasterFrame};
 use crate::space::BurrSpace;
 
 /// Steps of a draft's directions are this many times as long, in a plane and over a cap.
@@ -97,7 +96,6 @@ impl<'a> Prepared<'a> {
         watch: &mut Stopwatch,
     ) -> Result<Self, PlanError> {
         let Start { case, arm, scene, space, solid, base_from_work } = *start;
-        let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
         let radius = case.burr.radius_mm;
         let spacing = spacing(case);
         let limit_rad = case.orientation.tilt_limit_rad;
@@ -124,10 +122,8 @@ impl<'a> Prepared<'a> {
             Some(raster) => raster,
             None => watch.run("raster", || chosen_raster(case, scene, space, &spec, placed))?,
         };
-        let sense = PassSense::new(case, scene, raster.sense)?;
-        let is_reversed = |builder: &Builder, points: &[_]| sense.is_reversed(builder, points);
-        let lay = || lay_path(space, spacing, &Lines { frame: raster.frame, sense: &is_reversed });
-        let path = watch.run("path", lay);
+        let lay = || raster.lay(case, scene, space, spacing);
+        let path = watch.run("path", lay)?;
         let is_whole = family.is_none() && case.orientation.mode == OrientationMode::Optimal;
         let narrow = is_whole.then(|| sets::coarse_and_finer(limit_rad, path.points.len())).flatten();
         let reach = |path, set: &Directions, watch: &mut Stopwatch| {
@@ -146,17 +142,14 @@ impl<'a> Prepared<'a> {
                 Ok(reached) if !reached.is_changed() => (coarse, Some(finer), reached),
                 // gaps between coarse directions are no reason to change the path
                 _ => {
-                    let (set, path) = (plain(), watch.run("path", lay));
+                    let (set, path) = (plain(), watch.run("path", lay)?);
                     let reached = reach(path, &set, watch)?;
                     (set, None, reached)
                 }
             },
         };
         let points = &reached.path.points;
-        let near = watch.run("engagement", || -> Result<Vec<_>, ModelError> {
-            let within = |p: &PathPoint| near::structures_within(scene, &clearances, radius, p.position);
-            points.par_iter().map(within).collect()
-        })?;
+        let near = watch.run("engagement", || near::along(case, scene, points))?;
         let feeds = feeds(points);
         let cuts: Vec<bool> = reached.moments.iter().map(|m| m.mass_mg() > 0.0).collect();
         let beyond_limit =
@@ -371,8 +364,7 @@ fn chosen_raster(
     let frames = match case.path.raster_rad {
         Some(angle) => vec![RasterFrame::at_angle(angle - scene.turn_rad)],
         None => {
-            let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
-            let toward = raster::toward_structure(scene, &clearances, case.burr.radius_mm)?;
+            let toward = raster::toward_structure(case, scene)?;
             let along = RasterFrame::chosen(&scene.target_hull_xy, toward, raster::mass_center(scene));
             vec![along, along.across()]
         }
@@ -382,9 +374,10 @@ fn chosen_raster(
         Sense::Auto => vec![Sense::Both, Sense::Away],
         given => vec![given],
     };
-    let of_sense =
-        |sense: &Sense| frames.iter().map(|frame| Raster { frame: *frame, sense: *sense }).collect();
-    let candidates: Vec<Raster> = senses.iter().flat_map(|sense| -> Vec<_> { of_sense(sense) }).collect();
+    let candidates: Vec<Raster> = senses
+        .iter()
+        .flat_map(|sense| frames.iter().map(|frame| Raster { frame: *frame, sense: *sense }))
+        .collect();
     if candidates.len() == 1 {
         return Ok(candidates[0]);
     }
@@ -400,7 +393,8 @@ pub(super) fn spacing(case: &Case) -> PathSpacing {
     PathSpacing { layer_mm, stepover_mm, step_mm }
 }
 
-/// The push that counts fully in the choice of axes: [`FULL_SHARE`] of that in a cut beside its neighbour, N; what it bends the arm, mm, in the mean over directions, where the cost looks at the deflection. None where its share of the whole push counts.
+/// The push that counts fully in the choice of axes: [`FULL_SHARE`] of that in a cut beside its neighbour, N; where the cost looks at
+/// the deflection what that push bends the arm, mm, in the mean over directions. None where its share of the whole push counts.
 pub(super) fn scale(case: &Case, compliance: Option<&[Matrix3<f64>]>) -> Result<Option<f64>, PlanError> {
     if case.cost.toward == TowardTerm::Share {
         return Ok(None);

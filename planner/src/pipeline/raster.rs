@@ -1,10 +1,11 @@
-//! Direction, order and sense of the lines, chosen by what the structures feel.
+//! Direction and sense of the lines, chosen by what the structures feel.
 //!
 //! They decide which side of the burr meets a structure, and with one tilt how often the shaft must alternate between the two sides
-//! of a line. Candidates, lines along the target's longer side and across it, each in both orders and cut to and fro or away from the
-//! structures, are laid as drafts: roughing only, coarse steps, coarse directions. Each draft is oriented by the dynamic program,
-//! gets speeds by the case's mode in one and the same time, links included, and is judged by what is felt near the structures. Where
-//! nothing is cut near a structure, the lower cost of orientation wins.
+//! of a line. Candidates, lines along the target's longer side and across it, each cut to and fro or away from the structures, are
+//! laid as drafts: whole paths, finishing included, with coarse steps and coarse directions. Each draft is oriented by the dynamic
+//! program, or as straight as is free where the case's shaft is fixed, gets speeds by the case's mode in one and the same time, links
+//! included, and is judged by what is felt near the structures. Where nothing is cut near a structure, the lower cost of orientation
+//! wins.
 //!
 //! A draft is a comparison, not a plan: waypoints that no axis reaches count as much as the dearest cut, and nothing is
 //! dropped or refined. Bone stands and goes by voxels, not by parts of them.
@@ -25,13 +26,13 @@ use super::sense::PassSense;
 use super::setup;
 use super::speeds::{self, SpeedInput};
 use crate::access::Access;
-use crate::burr::{EngagedForce, EngagedSamples, ModelError, OrientationKernel};
+use crate::burr::{EngagedForce, EngagedSamples, OrientationKernel};
 use crate::case::{Case, OrientationMode, Sense};
 use crate::engagement::{SweptPath, mass_increments_by_voxels};
 use crate::metrics::Moments;
 use crate::orientation::FreeSets;
 use crate::orientation::sequence::{Forbidden, Found, Problem, best_sequence};
-use crate::path::{Builder, Lines, MoveKind, PathSpacing, RasterFrame, lay_path};
+use crate::path::{Builder, Lines, MillPath, MoveKind, PathSpacing, RasterFrame, lay_path};
 use crate::space::BurrSpace;
 
 /// A draft's steps are this many times longer.
@@ -48,6 +49,24 @@ pub struct Raster {
     pub frame: RasterFrame,
     /// In which sense they are cut.
     pub sense: Sense,
+}
+
+impl Raster {
+    /// The path of a case along these lines.
+    ///
+    /// # Errors
+    /// When the tool, the material or the cost's weights are not usable.
+    pub(super) fn lay(
+        &self,
+        case: &Case,
+        scene: &Scene,
+        space: &BurrSpace,
+        spacing: PathSpacing,
+    ) -> Result<MillPath, PlanError> {
+        let sense = PassSense::new(case, scene, self.sense)?;
+        let is_reversed = |builder: &Builder, points: &[_]| sense.is_reversed(builder, points);
+        Ok(lay_path(space, spacing, &Lines { frame: self.frame, sense: &is_reversed }))
+    }
 }
 
 /// A draft along one candidate.
@@ -147,19 +166,13 @@ fn draft(
 ) -> Result<Draft, PlanError> {
     let radius = case.burr.radius_mm;
     let step_mm = (COARSER * spec.spacing.step_mm).min(radius);
-    let sense = PassSense::new(case, scene, raster.sense)?;
-    let is_reversed = |builder: &Builder, points: &[_]| sense.is_reversed(builder, points);
-    let lines = Lines { frame: raster.frame, sense: &is_reversed };
-    let path = lay_path(space, PathSpacing { step_mm, ..spec.spacing }, &lines);
+    let path = raster.lay(case, scene, space, PathSpacing { step_mm, ..spec.spacing })?;
     let points = &path.points;
     let access = Access::draft(scene, spec.solid, path.removal.time(), spec.shank);
     let limited = limited(points.len(), |i| points[i].kind == MoveKind::Cut);
     let free = free_directions(&access, points, &limited, spec, None);
     drop(access);
-    let clearances: Vec<f64> = case.structures.iter().map(|s| s.clearance_mm).collect();
-    let within = |at| near::structures_within(scene, &clearances, radius, at);
-    let near: Result<Vec<_>, ModelError> = points.par_iter().map(|p| within(p.position)).collect();
-    let near = near?;
+    let near = near::along(case, scene, points)?;
     let moments = mass_increments_by_voxels(&scene.density_g_cm3, &path.removal, points, radius);
     let (terms, feeds) = (terms(case, &near)?, feeds(points));
     let tool = setup::tool(&case.burr)?;
@@ -198,10 +211,8 @@ fn draft(
     let whole_mm: f64 = length_mm.iter().sum();
     let unreached = unreached_mm / whole_mm.max(step_mm);
     let (cost, unreached, directions) = if case.orientation.mode == OrientationMode::Fixed {
-        let upright = spec.directions.nearest(&Vector3::z());
-        let nearest =
-            |i: &usize| spec.directions.nearest_of(upright, |n| free.contains(*i, n)).unwrap_or(upright);
-        let directions: Vec<u16> = reached.iter().map(|i| nearest(i) as u16).collect();
+        let straightest = |i: &usize| spec.directions.straightest(|n| free.contains(*i, n)) as u16;
+        let directions: Vec<u16> = reached.iter().map(straightest).collect();
         let each = directions
             .iter()
             .enumerate()
@@ -252,12 +263,9 @@ pub fn mass_center(scene: &Scene) -> [f64; 2] {
 }
 
 /// Direction in the layer from the target's centre to the structure that is nearest less its clearance.
-pub fn toward_structure(
-    scene: &Scene,
-    clearances_mm: &[f64],
-    radius_mm: f64,
-) -> Result<Option<[f64; 2]>, PlanError> {
-    let near = near::nearest_structure(scene, clearances_mm, radius_mm, scene.target_center)?;
+pub fn toward_structure(case: &Case, scene: &Scene) -> Result<Option<[f64; 2]>, PlanError> {
+    let (clearances_mm, radius_mm) = (case.clearances_mm(), case.burr.radius_mm);
+    let near = near::nearest_structure(scene, &clearances_mm, radius_mm, scene.target_center)?;
     let toward: Option<Vector3<f64>> = near.map(|n| n.proximity.toward.into_inner());
     Ok(toward.map(|u| [u.x, u.y]))
 }

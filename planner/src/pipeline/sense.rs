@@ -56,7 +56,7 @@ impl<'a> PassSense<'a> {
         Ok(Self {
             kernel: OrientationKernel::new(&tool, &material, measure, samples, merged),
             nearness: levels::nearness(case)?,
-            clearances_mm: case.structures.iter().map(|s| s.clearance_mm).collect(),
+            clearances_mm: case.clearances_mm(),
             case,
             scene,
             sense,

@@ -49,6 +49,8 @@ pub struct Timing {
     pub law: TimeLaw,
     /// When each waypoint is passed, s.
     pub waypoint_times_s: Vec<f64>,
+    /// What the plan would take if every move ran at its speed cap, s.
+    pub at_caps_s: f64,
     /// The total time that was to be met, s, and the one that the plan takes instead, s, where it could not be met.
     pub missed: Option<(f64, f64)>,
     /// The levels that the cuts keep, with [`SpeedMode::LeastForce`].
@@ -85,7 +87,8 @@ pub fn timing(
     // beyond the tolerance by more than rounding
     let is_missed = |asked_s: &f64| (law.duration_s() - asked_s).abs() > 1.001 * TIME_TOLERANCE_S;
     let missed = total_s.filter(is_missed).map(|asked_s| (asked_s, law.duration_s()));
-    Ok(Timing { law, waypoint_times_s, caps_mm_s: caps.mm_s, missed, levels: caps.levels })
+    let at_caps_s = input.length_mm.iter().zip(&caps.mm_s).map(|(mm, cap)| mm / cap).sum();
+    Ok(Timing { law, waypoint_times_s, caps_mm_s: caps.mm_s, at_caps_s, missed, levels: caps.levels })
 }
 
 /// Caps by the case's mode alone; cuts take `cutting_s` in all if it is given. With [`SpeedMode::LeastForce`] and no time they take

@@ -177,7 +177,7 @@ impl SimulationSetup {
             shank: setup::shank(case),
             cells_per_radius: EngineSpec::CELLS_PER_RADIUS,
         };
-        let clearances_mm = case.structures.iter().map(|s| s.clearance_mm).collect();
+        let clearances_mm = case.clearances_mm();
         Ok(Self { scene, density_g_cm3, spec, clearances_mm })
     }
 
