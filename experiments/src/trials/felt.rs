@@ -3,11 +3,17 @@
 //!
 //! Changes are taken per body against the mean of its two controls, then averaged; the worst body stands beside. How many figures
 //! are above the better of the two controls is counted, for every structure of the body.
+//!
+//! Beside each plan stands what the best axis of each waypoint alone would give along the same path: the one with the least force toward
+//! the nearest structure, as if the shaft could turn at once, with the least force in the plan's time. No sequence of axes has a lower
+//! push anywhere. Its mean over F_v > 0 may be above the plan's: where more pushes are none, the mean over the rest is no bound.
 
 use bonemill_imaging::phantom::{BlockParams, NerveSide, PhantomKind, block, phantom};
 use bonemill_planner::Progress;
 use bonemill_planner::case::{Case, Registration, SpeedMode};
-use bonemill_planner::pipeline::{Felt, JUDGED, Plan, plan};
+use bonemill_planner::cost::SeveralStructures;
+use bonemill_planner::path::MoveKind;
+use bonemill_planner::pipeline::{Felt, JUDGED, Plan, Prepared, plan, with_prepared};
 
 use super::percent;
 use crate::body::{self, Body};
@@ -34,6 +40,8 @@ struct Row {
     priority: u32,
     controls: Vec<[f64; 5]>,
     plan: [f64; 5],
+    /// Every waypoint's best axis alone.
+    alone: [f64; 5],
     seconds: f64,
     instead: &'static str,
 }
@@ -56,7 +64,7 @@ impl Row {
 }
 
 /// The rows of a plan: structures near which a control or the plan pushes.
-fn rows(name: &str, plan: &Plan) -> Vec<Row> {
+fn rows(name: &str, plan: &Plan, alone: &Felt) -> Vec<Row> {
     let structures = plan.case.structures.iter().enumerate();
     let row = |(n, s): (usize, &bonemill_planner::case::Structure)| Row {
         body: name.to_owned(),
@@ -64,6 +72,7 @@ fn rows(name: &str, plan: &Plan) -> Vec<Row> {
         priority: s.priority,
         controls: plan.compared.controls.iter().map(|c| figures(&c.felt, n)).collect(),
         plan: figures(&plan.compared.plan, n),
+        alone: figures(alone, n),
         seconds: plan.seconds.iter().map(|(_, s)| s).sum(),
         instead: plan.modelled.instead.unwrap_or("-"),
     };
@@ -71,11 +80,29 @@ fn rows(name: &str, plan: &Plan) -> Vec<Row> {
     structures.map(row).filter(is_near).collect()
 }
 
+/// What the best axis of each waypoint alone would give, in the time that the plan takes for its cuts.
+fn alone(plan: &Plan, body: &Body) -> Result<Felt, ExperimentError> {
+    let mut case = plan.case.clone();
+    // nothing but the push toward the nearest structure
+    case.cost.structures = SeveralStructures::Nearest;
+    (case.cost.kappa_per_mm, case.cost.alpha_max) = (0.0, 1.0);
+    let cuts = plan.waypoints.windows(2).filter(|pair| pair[1].kind == MoveKind::Cut);
+    let cutting_s =
+        cuts.map(|pair| pair[0].position.distance_mm(&pair[1].position) / pair[1].speed_mm_s).sum();
+    let felt = |prepared: &Prepared| {
+        let chosen = prepared.choose_alone(&case)?;
+        let speed_mm_s = prepared.speeds(&plan.case, &chosen, Some(cutting_s))?;
+        Ok(prepared.felt(&plan.case, &chosen, &speed_mm_s))
+    };
+    Ok(with_prepared(&plan.case, body.case_path(), &(), felt)?)
+}
+
 fn planned(name: &str, body: &Body, adjust: impl Fn(&mut Case)) -> Result<Vec<Row>, ExperimentError> {
     let mut case = body.case(false)?;
     case.speed.mode = SpeedMode::LeastForce;
     adjust(&mut case);
-    Ok(rows(name, &plan(&case, body.case_path(), &())?))
+    let plan = plan(&case, body.case_path(), &())?;
+    Ok(rows(name, &plan, &alone(&plan, body)?))
 }
 
 /// Blocks with the nerve in both planes, heads, and a scan where there is one.
@@ -138,8 +165,9 @@ fn summary(size: Size, groups: &[(String, u32, Vec<Row>)]) -> Table {
         let first: Vec<&Row> = rows.iter().filter(|r| r.priority == 1).collect();
         let changes: Vec<_> = first.iter().map(|r| r.changes()).collect();
         let figure = |k: usize| {
-            let worst = changes.iter().filter_map(|c| c[k]).fold(f64::NEG_INFINITY, f64::max);
-            format!("{} / {worst:+.0}", percent(changes.iter().map(|c| c[k])))
+            let worst = changes.iter().filter_map(|c| c[k]).max_by(f64::total_cmp);
+            let worst = worst.map_or("-".into(), |worst| format!("{worst:+.0}"));
+            format!("{} / {worst}", percent(changes.iter().map(|c| c[k])))
         };
         let worse = |rows: &[&Row]| rows.iter().map(|r| r.worse()).sum::<usize>();
         let all: Vec<&Row> = rows.iter().collect();
@@ -165,12 +193,12 @@ fn each(groups: &[(String, u32, Vec<Row>)]) -> Table {
         .chain(["worse".into(), "fallback".into(), "planning [s]".into()])
         .collect();
     let head: Vec<&str> = head.iter().map(String::as_str).collect();
-    let title = "Control along the plan's lines / control across / plan.";
+    let title = "Control along the plan's lines / control across / plan / each waypoint's best axis alone.";
     let mut table = Table::new("trials-felt-bodies", title, &head);
     for (_, angles, rows) in groups {
         for row in rows {
             let figure = |k: usize| {
-                let all = row.controls.iter().chain([&row.plan]);
+                let all = row.controls.iter().chain([&row.plan, &row.alone]);
                 all.map(|f| format!("{:.3}", f[k])).collect::<Vec<_>>().join(" / ")
             };
             let cells = (0..COLUMNS.len()).map(figure);

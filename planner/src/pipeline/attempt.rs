@@ -8,7 +8,7 @@ use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_imaging::Scene;
 use bonemill_robot::Arm;
 
-use super::control::{Compared, ControlPath, Felt, Worse};
+use super::control::{Compared, ControlPath, Worse};
 use super::demand::Demand;
 use super::metrics::{self, Coverage};
 use super::motion::Motion;
@@ -168,7 +168,7 @@ impl<'a> Start<'a> {
         let caps = &timing.caps_mm_s;
         let compared = Compared {
             controls: controls.iter().map(|control| control.in_time(case, timing.at_caps_s)).collect(),
-            plan: Felt::of(case, prepared.length_mm(), &chosen.forces, &prepared.near, |i| caps[i]),
+            plan: prepared.felt(case, &chosen, caps),
         };
         Ok(Attempt {
             prepared,

@@ -244,8 +244,9 @@ fn fixed(room: &Room) -> Oriented {
     Oriented::new((0..room.reached.free.len()).map(axis).collect(), room.family)
 }
 
-fn by_waypoint(room: &Room, field: &CostField) -> Oriented {
-    let wishes: Vec<_> = (0..room.reached.free.len())
+/// What every waypoint would take if it were alone.
+fn wishes(room: &Room, field: &CostField) -> Vec<greedy::Wish> {
+    (0..room.reached.free.len())
         .into_par_iter()
         .map_init(EngagedSamples::default, |samples, i| {
             cancel::poll();
@@ -270,8 +271,18 @@ fn by_waypoint(room: &Room, field: &CostField) -> Oriented {
             }
             .wish()
         })
-        .collect();
-    let filtered = filtered(room, &wishes);
+        .collect()
+}
+
+/// Every waypoint as if it were alone, and the shaft could turn at once: what no sequence can be better than.
+pub fn alone(room: &Room, field: &CostField) -> Oriented {
+    let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);
+    let in_set = |i: usize, n: usize| room.is_in_set(i, n);
+    Oriented::new(settle(room.directions, &wishes(room, field), in_set, is_free), room.family)
+}
+
+fn by_waypoint(room: &Room, field: &CostField) -> Oriented {
+    let filtered = filtered(room, &wishes(room, field));
     let (low_pass_held, low_pass_leaves) = (filtered.held, filtered.held);
     Oriented { low_pass_held, low_pass_leaves, ..Oriented::new(filtered.axes, room.family) }
 }

@@ -13,9 +13,10 @@ use rayon::prelude::*;
 
 use super::arm_axes::{ArmAxes, REFUSED_MM};
 use super::attempt::Start;
+use super::control::Felt;
 use super::motion::{Compliance, Motion, Placed};
 use super::near::{self, Near};
-use super::orient::{CostField, Oriented, Room, orient};
+use super::orient::{CostField, Oriented, Room, alone, orient};
 use super::raster::Raster;
 use super::reach::{self, ReachSpec, ReachedPath};
 use super::sets::{self, Finer};
@@ -214,6 +215,20 @@ impl<'a> Prepared<'a> {
         Ok(self.choose_timed(case, with_motion, &mut watch)?.0)
     }
 
+    /// The axis that every waypoint would take if it were alone and the shaft could turn at once: no sequence has a lower cost.
+    ///
+    /// # Errors
+    /// As [`Self::choose`].
+    pub fn choose_alone(&self, case: &Case) -> Result<Chosen, PlanError> {
+        let mut watch = Stopwatch { progress: &(), seconds: Vec::new() };
+        Ok(self.chosen_by(case, alone, false, &mut watch)?.0)
+    }
+
+    /// What is felt along chosen axes at given speeds, mm/s per waypoint.
+    pub fn felt(&self, case: &Case, chosen: &Chosen, speed_mm_s: &[f64]) -> Felt {
+        Felt::of(case, self.length_mm(), &chosen.forces, &self.near, |i| speed_mm_s[i])
+    }
+
     /// [`Self::choose`] with the motion that leads through these axes. Where the arm cannot follow them, the axis at which it
     /// ends is refused, and axes are chosen anew.
     pub(super) fn choose_with_motion(
@@ -253,6 +268,17 @@ impl<'a> Prepared<'a> {
         with_motion: bool,
         watch: &mut Stopwatch,
     ) -> Result<(Chosen, Option<Motion>), PlanError> {
+        let mode = case.orientation.mode;
+        self.chosen_by(case, |room, field| orient(mode, room, field), with_motion, watch)
+    }
+
+    fn chosen_by(
+        &self,
+        case: &Case,
+        orient: impl FnOnce(&Room, &CostField) -> Oriented + Send,
+        with_motion: bool,
+        watch: &mut Stopwatch,
+    ) -> Result<(Chosen, Option<Motion>), PlanError> {
         let points = self.points();
         let tool = setup::tool(&case.burr)?;
         let (material, measure) = setup::material(&case.material)?;
@@ -285,7 +311,7 @@ impl<'a> Prepared<'a> {
             rate: self.rate,
             arm: &self.arm_axes,
         };
-        let oriented = watch.run("orientation", || orient(case.orientation.mode, &room, &field));
+        let oriented = watch.run("orientation", || orient(&room, &field));
         let force_kernel = ForceKernel::new(&tool, &material, &setup::discretisation(&tool, measure)?);
         let force = |i: usize| {
             let feed = self.feeds[i].filter(|_| self.reached.moments[i].mass_mg() > 0.0)?;
