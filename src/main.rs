@@ -26,7 +26,7 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use bonemill_geometry::cancel::{Cancel, Cancelled};
-use bonemill_planner::plan::Refused;
+use bonemill_planner::pipeline::Refused;
 use clap::Parser;
 
 use args::{Args, Command};

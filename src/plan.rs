@@ -7,7 +7,8 @@ use anyhow::Context;
 use bonemill_imaging::PHANTOM_CASE_FILE;
 use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
-use bonemill_planner::plan::{Replace, StagedDirectory, place};
+use bonemill_planner::pipeline::place;
+use bonemill_planner::plan::{Replace, StagedDirectory};
 
 use crate::args::PlanArgs;
 use crate::outcome::Outcome;

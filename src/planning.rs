@@ -4,7 +4,9 @@ use std::path::Path;
 
 use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
-use bonemill_planner::plan::{self, PlanRecord, Refused, StagedDirectory};
+use bonemill_planner::pipeline::Refused;
+use bonemill_planner::plan::{self, PlanRecord, StagedDirectory};
+use bonemill_planner::save;
 
 /// Plans `case` and writes the plan's files into the staged directory; `pack`: with copies of its inputs.
 pub fn plan_into(
@@ -18,5 +20,5 @@ pub fn plan_into(
         bonemill_planner::plan(case, case_path, progress).map_err(|e| Refused::new(e, case, case_path))?;
     progress.stage("write files");
     let packed = pack.then(|| plan::pack_inputs(&plan.inputs, case_path, staged)).transpose()?;
-    Ok(plan::save(&plan, packed.as_deref().unwrap_or(case_path), staged)?)
+    Ok(save::plan(&plan, packed.as_deref().unwrap_or(case_path), staged)?)
 }

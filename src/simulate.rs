@@ -5,7 +5,8 @@ use std::path::Path;
 use anyhow::Context;
 use bonemill_planner::Progress;
 use bonemill_planner::calibrate::{Calibration, Coefficient, calibrate};
-use bonemill_planner::plan::{Need, StoredPlan, read_force_log, save_simulation};
+use bonemill_planner::plan::{Need, StoredPlan, read_force_log};
+use bonemill_planner::save;
 use bonemill_planner::simulate::{Sampling, SimulationSetup, observe, simulate};
 use serde_json::json;
 
@@ -30,7 +31,7 @@ pub fn run(args: &SimulateArgs, progress: &dyn Progress, talk: Talk) -> anyhow::
     };
     let simulation = simulate(&plan, args.model, sampling, progress).with_context(cannot)?;
     progress.stage("write files");
-    let out = save_simulation(&plan.dir, &simulation, &plan.record.case)?;
+    let out = save::simulation(&plan.dir, &simulation, &plan.record.case)?;
     Ok(Outcome::simulated(&out, &simulation, &plan.record.case))
 }
 

@@ -2,7 +2,8 @@
 
 use anyhow::Context;
 use bonemill_planner::Progress;
-use bonemill_planner::plan::{Need, PlanFileError, StoredPlan, digests, save_verification};
+use bonemill_planner::plan::{Need, PlanFileError, StoredPlan, digests};
+use bonemill_planner::save;
 use bonemill_planner::uncertainty::{ErrorModel, Sigmas, UncertaintyError, simulate_errors};
 use bonemill_planner::verify::{Check, Place, Verification, verify};
 
@@ -39,7 +40,7 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
     };
     progress.stage("write verdict");
     let drawn = drawn.as_ref().map(|(model, risk)| (model, risk));
-    let path = save_verification(dir, &found, drawn)?;
+    let path = save::verification(dir, &found, drawn)?;
     Ok(Outcome::verified(&path, &found, drawn, args.all).warning_first(&warnings))
 }
 

@@ -72,7 +72,7 @@ fn every_column_and_key_that_is_written_is_described() {
             assert_eq!(
                 header,
                 described(&name),
-                "{name}: planner/src/plan/columns/csv.rs describes other columns"
+                "{name}: planner/planfile/src/columns/csv.rs describes other columns"
             );
         }
     }
@@ -95,7 +95,7 @@ fn every_column_and_key_that_is_written_is_described() {
         let unknown: Vec<_> = found.iter().filter(|name| !known.iter().any(|k| matches(name, k))).collect();
         assert!(
             unknown.is_empty(),
-            "{title}: planner/src/plan/columns/toml.rs does not describe {unknown:?}"
+            "{title}: planner/planfile/src/columns/toml.rs does not describe {unknown:?}"
         );
     }
 }

@@ -17,11 +17,13 @@ pub mod cancel;
 mod frame;
 mod grid;
 mod mesh;
+mod progress;
 mod rigid;
 mod volume;
 
 pub use frame::{Approach, Base, Ct, Flange, Frame, Point, Tool, Work};
 pub use grid::{Grid, GridError};
 pub use mesh::Mesh;
+pub use progress::Progress;
 pub use rigid::{NotARotation, Rigid};
 pub use volume::{Volume, VolumeError, trilinear};

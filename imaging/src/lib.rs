@@ -40,7 +40,6 @@ pub mod phantom;
 mod problem;
 mod read;
 mod resample;
-pub mod scene;
 mod structures;
 pub mod surface;
 mod write;
@@ -60,10 +59,6 @@ pub use problem::NiftiProblem;
 pub use read::memory::available_memory_mb;
 pub use read::{ForeignFormat, Image, ReadWarning, read_ct, read_labels};
 pub use resample::{AIR_HU, resample_density, resample_hu, resample_hu_and_density, resample_nearest};
-pub use scene::{
-    Class, FarObstacles, Matter, MemoryNeed, Scene, SceneError, SceneSpec, SceneStructure, Sheets,
-    TargetShape, build_scene,
-};
 pub use structures::{Region, StructureField};
 pub use write::{write_ct_i16, write_labels_u8};
 pub use write_phantom::{PHANTOM_CASE_FILE, write_phantom};

@@ -8,7 +8,6 @@ mod pocket;
 use std::collections::VecDeque;
 
 use bonemill_geometry::{Ct, Point, Work};
-use bonemill_imaging::scene::{Class, SceneError};
 use bonemill_planner::burr::{
     Bone, Discretisation, EngagedSamples, ForceKernel, Material, Measure, OrientationKernel, OverPatches,
     Patch, Tool,
@@ -17,6 +16,7 @@ use bonemill_planner::engagement::{SweptPath, mass_increments, mass_increments_b
 use bonemill_planner::metrics::Moments;
 use bonemill_planner::path::{MoveKind, Pass, join_passes};
 use bonemill_planner::removal::NEVER;
+use bonemill_planner::scene::{Class, SceneError};
 use bonemill_planner::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
 use nalgebra::{Unit, Vector3};
 

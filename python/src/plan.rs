@@ -5,10 +5,12 @@ use std::path::{Component, Path, PathBuf};
 use bonemill_geometry::{Frame, Rigid};
 use bonemill_planner::Plan as RustPlan;
 use bonemill_planner::case::Structure;
+use bonemill_planner::pipeline::record;
 use bonemill_planner::plan::{
     self as files, ForceToward, Input, Need, PlanFileError, PlanRecord, Refused, Replace, StagedDirectory,
     StoredPlan, Waypoint,
 };
+use bonemill_planner::save;
 use bonemill_robot::{Arm, JointKind, RobotError};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2};
@@ -50,7 +52,7 @@ pub fn plan(
         bonemill_planner::plan(&case, &path, progress).map_err(|e| Box::new(Refused::new(e, &case, &path)))
     })?;
     let made = Box::new(made.map_err(|e| errors::refused(&e))?);
-    let record = files::record(&made, case_path.clone());
+    let record = record(&made, case_path.clone());
     Ok(Plan { body: Body::Made(made), record, case_path, inputs_folder: None })
 }
 
@@ -278,7 +280,7 @@ impl Plan {
         let packed = packed.transpose()?;
         match &self.body {
             Body::Made(plan) => {
-                files::save(plan, packed.as_deref().unwrap_or(&self.case_path), &staged)?;
+                save::plan(plan, packed.as_deref().unwrap_or(&self.case_path), &staged)?;
             }
             Body::Read(plan) => {
                 files::copy_files(plan, &staged)?;

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use bonemill_planner::case::Case;
-use bonemill_planner::plan::{Need, save_simulation};
+use bonemill_planner::plan::Need;
 use bonemill_planner::report::simulation::values as figures;
+use bonemill_planner::save;
 use bonemill_planner::simulate::{
     ModelName, NoSuchModel, Sampling, Simulation, SimulationRow, simulate as rust_simulate,
 };
@@ -63,7 +64,7 @@ pub fn simulate<'py>(
         let simulated = rust_simulate(&plan, model, sampling, progress)?;
         if keep {
             progress.stage("write files");
-            save_simulation(finished.dir(), &simulated, &plan.record.case)?;
+            save::simulation(finished.dir(), &simulated, &plan.record.case)?;
         }
         Ok::<_, NotDone>((simulated, plan.record.case))
     })?;

@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use bonemill_planner::plan::{Need, StoredPlan, save_verification};
+use bonemill_planner::plan::{Need, StoredPlan};
+use bonemill_planner::save;
 use bonemill_planner::uncertainty::{
     self as rust, ErrorModel, Risk, Sigmas, UncertaintyError, simulate_errors,
 };
@@ -45,7 +46,7 @@ pub fn verify(
         let drawn = model.map(|m| simulate_errors(&plan, &m, progress).map(|risk| (m, risk))).transpose()?;
         if keep {
             progress.stage("write verdict");
-            save_verification(finished.dir(), &verdict, drawn.as_ref().map(|(m, risk)| (m, risk)))?;
+            save::verification(finished.dir(), &verdict, drawn.as_ref().map(|(m, risk)| (m, risk)))?;
         }
         Ok::<_, NotDone>((verdict.to_toml(), drawn.map(|(_, risk)| risks(risk))))
     })?;

@@ -1,4 +1,4 @@
-//! Arms, their kinematics, and the law of time along a joint path.
+//! Arms, their kinematics, and the law of time along a joint path: one name for the robot's crates.
 //!
 //! From a URDF to an [`Arm`]: checked once, plain data afterwards, mm and rad throughout (metres end in the readers).
 //! Forward kinematics, Jacobian, inverse and compliance hold for any serial arm; UR arms ([`ur`]) and the shipped 4-DOF
@@ -28,13 +28,9 @@
 //! # Ok::<(), bonemill_robot::RobotError>(())
 //! ```
 
-pub mod arm;
-mod error;
-pub mod export;
-pub mod registration;
-pub mod resolve;
-pub mod timelaw;
-pub mod ur;
-
-pub use arm::{Arm, ArmKind, Joint, JointExcess, JointKind, ToolMount, read_urdf};
-pub use error::{CalibrationFault, RobotError, UrdfFault};
+pub use bonemill_arm::{
+    Arm, ArmKind, CalibrationFault, Joint, JointExcess, JointKind, RobotError, ToolMount, UrdfFault, arm,
+    read_urdf, registration, ur,
+};
+pub use bonemill_export as export;
+pub use bonemill_motion::{resolve, timelaw};

@@ -198,7 +198,7 @@ pub const ALL: &[Fault] = &[
             let speed = &mut p.record.case.speed;
             speed.mode = SpeedMode::ForceLimited;
             speed.caps.force_n = Some(0.01);
-            speed.caps.force_toward_n = DistanceCurve::new(&[[100.0, 0.0]]).ok();
+            speed.caps.force_toward_n = DistanceCurve::new(&[[100.0, 0.0]]);
         },
         caught_by: &["force asked for/speed.force_n", "force asked for/speed.force_toward_n"],
     },

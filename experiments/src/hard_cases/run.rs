@@ -7,7 +7,8 @@ use std::path::Path;
 use bonemill_imaging::{write_ct_i16, write_labels_u8};
 use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
-use bonemill_planner::plan::{Replace, StagedDirectory, StoredPlan, save};
+use bonemill_planner::plan::{Replace, StagedDirectory, StoredPlan};
+use bonemill_planner::save;
 use bonemill_planner::verify::verify;
 
 use super::scene::{Expect, Scene};
@@ -113,7 +114,7 @@ fn run_in(scene: &Scene, folder: &Path) -> End {
     };
     let stored = || -> Told<StoredPlan> {
         let staged = StagedDirectory::create(&folder.join("plan"), Replace::Plan)?;
-        save(&plan, &case_path, &staged)?;
+        save::plan(&plan, &case_path, &staged)?;
         let dir = staged.commit()?;
         Ok(StoredPlan::load(&dir)?)
     };

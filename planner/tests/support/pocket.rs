@@ -2,8 +2,9 @@
 
 use bonemill_geometry::{Ct, Grid, Point, Volume};
 use bonemill_imaging::DensityTable;
-use bonemill_imaging::scene::{MemoryNeed, Scene, SceneError, SceneSpec, Sheets, TargetShape, build_scene};
+use bonemill_planner::case::Sheets;
 use bonemill_planner::path::{Lines, MillPath, PathSpacing, RasterFrame, lay_path};
+use bonemill_planner::scene::{MemoryNeed, Scene, SceneError, SceneSpec, TargetShape, build_scene};
 use bonemill_planner::space::BurrSpace;
 use nalgebra::Vector3;
 

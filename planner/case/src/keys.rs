@@ -1,0 +1,404 @@
+//! The case file's keys: unit, plausible range, default, meaning and where the default comes from.
+//!
+//! One table for three users, so that they cannot differ: the parser takes defaults and ranges from it, the writer
+//! takes its words from it, and the documentation is generated from it.
+
+use std::fmt;
+
+use crate::Sheets;
+use bonemill_imaging::AffineChoice;
+
+use super::{ForceTerm, Measure, OrientationMode, Sense, SeveralStructures, SpeedMode, TowardTerm};
+
+/// Unit of a number in the case file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unit {
+    /// Dimensionless or a count.
+    One,
+    /// Length.
+    Mm,
+    /// Speed.
+    MmS,
+    /// Angle in the file; rad inside.
+    Deg,
+    /// Angle.
+    Rad,
+    /// Spindle speed.
+    Rpm,
+    /// Rate.
+    Hz,
+    /// Time.
+    S,
+    /// Density.
+    GCm3,
+    /// Specific cutting energy.
+    NMm2,
+    /// Edge force per length.
+    NMm,
+    /// Force.
+    N,
+    /// Small length.
+    Um,
+    /// Power.
+    W,
+    /// Acceleration.
+    MmS2,
+    /// Decay with distance.
+    PerMm,
+    /// CT number.
+    Hu,
+    /// Of a prismatic or a revolute joint.
+    JointSpeed,
+    /// Of a prismatic or a revolute joint.
+    JointAcceleration,
+    /// Of a prismatic or a revolute joint.
+    JointJerk,
+    /// Of a prismatic or a revolute joint.
+    JointStiffness,
+}
+
+impl fmt::Display for Unit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Unit::One => "1",
+            Unit::Mm => "mm",
+            Unit::MmS => "mm/s",
+            Unit::Deg => "degrees",
+            Unit::Rad => "rad",
+            Unit::Rpm => "rpm",
+            Unit::Hz => "Hz",
+            Unit::S => "s",
+            Unit::GCm3 => "g/cm³",
+            Unit::NMm2 => "N/mm²",
+            Unit::NMm => "N/mm",
+            Unit::N => "N",
+            Unit::Um => "µm",
+            Unit::W => "W",
+            Unit::MmS2 => "mm/s²",
+            Unit::PerMm => "1/mm",
+            Unit::Hu => "HU",
+            Unit::JointSpeed => "mm/s or rad/s",
+            Unit::JointAcceleration => "mm/s² or rad/s²",
+            Unit::JointJerk => "mm/s³ or rad/s³",
+            Unit::JointStiffness => "N/mm or N·mm/rad",
+        })
+    }
+}
+
+impl Unit {
+    /// Units in which the number may have been meant: (name, factor to ours).
+    pub(super) fn lookalikes(self) -> &'static [(&'static str, f64)] {
+        match self {
+            Unit::Mm => &[("metres", 1e3), ("µm", 1e-3), ("cm", 10.0)],
+            Unit::MmS => &[("m/s", 1e3), ("µm/s", 1e-3)],
+            Unit::Rpm => &[("thousands of rpm", 1e3), ("revolutions per second", 60.0)],
+            Unit::GCm3 => &[("kg/m³", 1e-3)],
+            Unit::NMm2 => &[("Pa", 1e-6), ("GPa", 1e3)],
+            Unit::N => &[("mN", 1e-3), ("kN", 1e3)],
+            Unit::Um => &[("mm", 1e3), ("m", 1e6)],
+            Unit::W => &[("mW", 1e-3), ("kW", 1e3)],
+            Unit::Hz => &[("kHz", 1e3)],
+            Unit::One => &[("per cent", 1e-2)],
+            _ => &[],
+        }
+    }
+}
+
+/// What is used when a key is absent.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Fallback {
+    /// This number.
+    Value(f64),
+    /// What these words say: a list, absent or required.
+    Words(&'static str),
+    /// What follows from other keys by this rule.
+    Derived(&'static str),
+    /// What is chosen while planning by this rule.
+    Chosen(&'static str),
+}
+
+/// A number, or a list of numbers that all obey the same range.
+#[derive(Debug, Clone, Copy)]
+pub struct Number {
+    /// Full path.
+    pub path: &'static str,
+    /// Unit.
+    pub unit: Unit,
+    /// Least plausible value, included.
+    pub min: f64,
+    /// Largest plausible value, included.
+    pub max: f64,
+    /// When absent.
+    pub default: Fallback,
+    /// What it is.
+    pub meaning: &'static str,
+    /// Where the default comes from.
+    pub source: &'static str,
+}
+
+/// One of several words.
+#[derive(Debug, Clone, Copy)]
+pub struct Choice<T: 'static> {
+    /// Full path.
+    pub path: &'static str,
+    /// The words and what they stand for; the first is the default.
+    pub options: &'static [(&'static str, T)],
+    /// What it is.
+    pub meaning: &'static str,
+    /// Where the default comes from.
+    pub source: &'static str,
+}
+
+impl<T: Copy + PartialEq> Choice<T> {
+    /// The word for a value.
+    pub(super) fn word(&self, value: T) -> &'static str {
+        self.options.iter().find(|(_, v)| *v == value).map_or("", |(word, _)| word)
+    }
+
+    /// All words.
+    pub(super) fn words(&self) -> Vec<&'static str> {
+        self.options.iter().map(|(word, _)| *word).collect()
+    }
+}
+
+/// A key that is neither a number nor a choice.
+#[derive(Debug, Clone, Copy)]
+pub struct Other {
+    /// Full path.
+    pub path: &'static str,
+    /// What it holds.
+    pub expects: &'static str,
+    /// When absent, in words.
+    pub default: &'static str,
+    /// What it is.
+    pub meaning: &'static str,
+    /// Where the default comes from.
+    pub source: &'static str,
+}
+
+/// The last part of a key's path.
+pub(super) fn name_of(path: &'static str) -> &'static str {
+    path.rsplit('.').next().unwrap_or(path)
+}
+
+use Fallback::{Chosen, Derived, Value, Words};
+
+/// Keys whose default `preset = "paper"` changes.
+pub(super) const PRESET_KEYS: [&str; 6] =
+    ["material.measure", "cost.alpha_max", "orientation.mode", "path.sense", "speed.mode", "cost.toward"];
+
+const REQUIRED: &str = "required";
+const ABSENT: &str = "none";
+const ASSUMED: &str = "assumed";
+
+macro_rules! table {
+    (
+        numbers { $($n:ident = $np:literal $nunit:ident $min:literal..$max:literal, $nd:expr, $nm:literal, $ns:expr;)* }
+        choices { $($c:ident: $t:ty = $cp:literal [$($word:literal => $v:expr),+], $cm:literal, $cs:expr;)* }
+        others { $($o:ident = $op:literal $oe:literal, $od:expr, $om:literal, $os:expr;)* }
+    ) => {
+        $(pub(super) const $n: Number = Number {
+            path: $np, unit: Unit::$nunit, min: $min, max: $max, default: $nd, meaning: $nm, source: $ns };)*
+        $(pub(super) const $c: Choice<$t> =
+            Choice { path: $cp, options: &[$(($word, $v)),+], meaning: $cm, source: $cs };)*
+        $(pub(super) const $o: Other =
+            Other { path: $op, expects: $oe, default: $od, meaning: $om, source: $os };)*
+
+        /// Every key, for the documentation: in the order numbers, choices, others.
+        pub(super) fn entries() -> Vec<Entry> {
+            vec![$(Entry::from(&$n),)* $(Entry::from(&$c),)* $(Entry::from(&$o),)*]
+        }
+    };
+}
+
+table! {
+    numbers {
+        AIR_HU = "density.air_hu" Hu -1e5..1e5, Value(-700.0),
+            "at or below: air, nothing to cut", "assumed: half-way between the first two points of the table";
+        BONE_HU = "density.bone_hu" Hu -1e5..1e5, Value(200.0),
+            "at or above: bone, which burr and shank may not touch outside the target (see target.sheets)", ASSUMED;
+        TABLE_HU = "density.hu" Hu -1e5..1e5, Words("[-1000, -400, -150, 100, 300, 2000, 4927]"),
+            "points of the calibration curve, increasing", "assumed: no calibration phantom was scanned; give your scanner's own curve";
+        TABLE_G_CM3 = "density.g_cm3" GCm3 0.0..25.0, Words("[0.01, 0.602, 0.924, 1.075, 1.145, 1.856, 3.379]"),
+            "density at those points; linear between, constant outside", "as density.hu";
+        BOX_MIN = "target.box.min_mm" Mm -1e4..1e4, Words(REQUIRED), "lower corner, ct", "-";
+        BOX_MAX = "target.box.max_mm" Mm -1e4..1e4, Words(REQUIRED), "upper corner, ct", "-";
+        BALL_CENTER = "target.ball.center_mm" Mm -1e4..1e4, Words(REQUIRED), "centre, ct", "-";
+        BALL_RADIUS = "target.ball.radius_mm" Mm 0.5..200.0, Words(REQUIRED), "radius", "-";
+        FRUSTUM_FROM = "target.frustum.from_mm" Mm -1e4..1e4, Words(REQUIRED), "centre of the first end, ct", "-";
+        FRUSTUM_TO = "target.frustum.to_mm" Mm -1e4..1e4, Words(REQUIRED), "centre of the second end, ct", "-";
+        FRUSTUM_FROM_RADIUS = "target.frustum.from_radius_mm" Mm 0.0..200.0, Words(REQUIRED), "radius at the first end", "-";
+        FRUSTUM_TO_RADIUS = "target.frustum.to_radius_mm" Mm 0.0..200.0, Words(REQUIRED), "radius at the second end", "-";
+        LEAST_SHARE = "target.least_share" One 0.0..1.0, Value(0.9),
+            "least share of the target's mm³ to be removed, air cells included and what lies beyond the scan counted as not removed; below it the plan falls short", ASSUMED;
+        CLEARANCE = "structure.clearance_mm" Mm 0.0..50.0, Value(1.0),
+            "least distance of the burr's surface from the structure", "assumed (FORCE_MODEL 10: r_v,min = r + 1 mm)";
+        PRIORITY = "structure.priority" One 1.0..1e6, Derived("its place in the file"), "1 is the most important", "-";
+        SHANK_CLEARANCE = "structure.shank_clearance_mm" Mm 0.0..50.0, Value(0.0),
+            "least distance of the shank's surface from the structure", "D: the shank must not touch";
+        DIRECTION = "approach.direction" One -1e6..1e6, Chosen("the direction in which the target sees the most air"),
+            "ct, out of the bone; any length but zero", "the one used stands in plan.toml";
+        RADIUS = "burr.radius_mm" Mm 0.2..10.0, Value(2.5), "radius (not diameter) of the ball", "assumed: 5 mm burr (FORCE_MODEL 10)";
+        FLUTES = "burr.flutes" One 1.0..64.0, Value(8.0), "identical flutes", "assumed (FORCE_MODEL 10)";
+        RPM = "burr.spindle_rpm" Rpm 100.0..500_000.0, Value(60_000.0), "spindle speed", "assumed: otologic drill (FORCE_MODEL 10)";
+        SPIN = "burr.spin" One -1.0..1.0, Value(-1.0),
+            "-1 forward (clockwise seen from the handpiece), +1 reverse", "assumed: forward (FORCE_MODEL 1)";
+        NECK = "burr.neck_radius_mm" Mm 0.05..10.0, Value(1.1), "radius of the neck where the flutes end", "assumed: asin(0.44) of the 5 mm burr (FORCE_MODEL 10)";
+        SEGMENTS = "shank.segments" Mm 0.05..200.0, Words("[[25.0, 1.1], [60.0, 6.0]]"),
+            "[length, radius] of cylinders, one after the other, the first from radius_mm along the axis", "assumed: thin shaft, then handpiece";
+        K_T = "material.k_t" NMm2 0.001..1e5, Derived("1400; 2100 with measure = \"dz\""), "tangential specific cutting energy at rho_ref and 60 000 rpm",
+            "assumed: lumped to D's mean 0.73 N with the element length in use; dz: times 551/363 (FORCE_MODEL 10), since one measure's value must not be used with the other";
+        K_R = "material.k_r" NMm2 0.0..1e5, Derived("0.6 k_t: 840; 1260 with measure = \"dz\""), "radial", "assumed: 0.6 of the default k_t (FORCE_MODEL 10)";
+        K_A = "material.k_a" NMm2 0.0..1e5, Derived("0.1 k_t: 140; 210 with measure = \"dz\""), "axial, from shaft to tip", "assumed: 0.1 of the default k_t (FORCE_MODEL 10)";
+        K_TE = "material.k_te" NMm 0.0..100.0, Value(0.0), "tangential edge coefficient", "an edge-only model contradicts D's trials; off";
+        K_RE = "material.k_re" NMm 0.0..100.0, Value(0.0), "radial edge coefficient", "as k_te";
+        K_AE = "material.k_ae" NMm 0.0..100.0, Value(0.0), "axial edge coefficient", "as k_te";
+        T0 = "material.t0_mm" Mm 0.0..1.0, Value(0.0), "chip thickness at which the edge term saturates; 0: at once", "FORCE_MODEL 3";
+        RHO_REF = "material.rho_ref_g_cm3" GCm3 0.01..10.0, Value(0.8), "density at which the coefficients hold", "D: foam of 0.8 g/cm³";
+        EXPONENT = "material.exponent" One 0.0..5.0, Value(1.0), "exponent of density", "D: force proportional to mass";
+        LAYER = "path.layer_mm" Mm 0.05..20.0, Value(1.5), "depth of a layer, at most twice the radius", "D: 1.5 mm";
+        STEPOVER = "path.stepover_mm" Mm 0.05..20.0, Derived("2/3 of burr.radius_mm"), "distance of neighbouring lines, at most twice the radius", "assumed: reproduces D's figures";
+        STEP = "path.step_mm" Mm 0.01..5.0, Value(0.25), "distance of neighbouring waypoints, at most the radius", "assumed: the planning grid's spacing";
+        RASTER = "path.raster_deg" Deg -360.0..360.0, Chosen("along the target or across it, by what the structures feel in a draft"), "direction of the lines from work x towards work y", "-";
+        KAPPA = "cost.kappa_per_mm" PerMm 0.0..100.0, Value(0.7), "decay of α₁ with distance", "assumed (FORCE_MODEL 10): α₁ halves with each mm";
+        ALPHA_MAX = "cost.alpha_max" One 0.0..1.0, Words("0.8; 0.5 with preset = \"paper\""), "α₁ at the clearance", "FORCE_MODEL 8.10: 0.5 as D prints it, 0.8 as D's text and trials ask";
+        TILT_LIMIT = "orientation.tilt_limit_deg" Deg 0.0..90.0, Value(60.0), "largest angle from the approach while cutting", ASSUMED;
+        MIN_SPEED = "speed.min_mm_s" MmS 0.01..1000.0, Value(0.5), "slowest cut", "assumed (FORCE_MODEL 10)";
+        MAX_SPEED = "speed.max_mm_s" MmS 0.01..1000.0, Value(4.0), "fastest cut", "assumed (FORCE_MODEL 10)";
+        NOMINAL_SPEED = "speed.nominal_mm_s" MmS 0.01..1000.0, Value(1.5), "speed of `constant`, and at which forces are compared", "D: 1.5 mm/s";
+        LINK_SPEED = "speed.link_mm_s" MmS 0.01..1000.0, Value(10.0), "speed in free space", ASSUMED;
+        TOTAL_TIME = "speed.total_time_s" S 0.1..1e6, Derived("with mode = \"least_force\": what the plan takes with every cut at nominal_mm_s; else none"), "time of the whole plan, when it is to be met", "-";
+        ANGLES = "orientation.angles" One 1.0..2.0, Derived("1 for the bone-attached arm, 2 for others"), "tilt angles of the shaft: θ in one plane, or θ and φ", "D: four joints leave θ";
+        FORCE_CAP = "speed.force_n" N 0.001..1000.0, Derived("with mode = \"force_limited\": 1.7; else none"), "largest predicted force on the burr", "D IV: peak 1.69 N of the third trial";
+        TOWARD_CAP = "speed.force_toward_n" One 0.0..1000.0, Derived("with mode = \"force_limited\": [[2, 0.8], [6, 1.7]]; else none"),
+            "largest predicted force toward every structure: [distance from the burr's surface in mm, N], linear between, constant beyond", "D IV: peak 0.80 N within 2 mm in the third trial; the rise beyond is assumed";
+        DEFLECTION_CAP = "speed.deflection_um" Um 0.001..1e5, Words(ABSENT), "largest predicted deflection of the burr; needs robot.joint_stiffness", "-";
+        POWER_CAP = "speed.power_w" W 0.001..1e4, Words(ABSENT), "largest predicted spindle power", "-";
+        SPEED_ACCELERATION = "speed.acceleration_mm_s2" MmS2 0.01..1e6, Value(50.0), "largest acceleration of the burr along the path with mode = \"force_limited\" or \"least_force\"; the joints' own limits hold anyway", ASSUMED;
+        STIFFNESS = "robot.joint_stiffness" JointStiffness 1e-6..1e12, Words("none: rigid, no deflection"), "N/mm of prismatic joints, N·mm/rad of revolute ones", "D eq. 10";
+        VELOCITY = "robot.velocity_limits" JointSpeed 1e-6..1e9, Derived("the URDF's"), "per joint and second; the stricter of this and the URDF's holds", "-";
+        ACCELERATION = "robot.acceleration_limits" JointAcceleration 1e-6..1e9, Derived("the arm's, marked assumed"), "per joint and s²", "-";
+        JERK = "robot.jerk_limits" JointJerk 1e-6..1e12, Derived("full acceleration within 0.02 s, marked assumed"), "per joint and s³", "-";
+        RATE = "robot.rate_hz" Hz 1.0..10_000.0, Value(500.0), "sampling rate of the trajectory", "UR e-series controllers";
+        ROTATION = "robot.base_from_ct.rotation" One -1.1..1.1, Words(REQUIRED), "R of p_base = R p_ct + t, by rows; or quaternion_wxyz, or rpy_rad", "-";
+        QUATERNION = "robot.base_from_ct.quaternion_wxyz" One -1.1..1.1, Words("instead of rotation"), "R as a unit quaternion", "-";
+        RPY = "robot.base_from_ct.rpy_rad" Rad -10.0..10.0, Words("instead of rotation"), "R = Rz(yaw) Ry(pitch) Rx(roll), as in URDF", "-";
+        TRANSLATION = "robot.base_from_ct.translation_mm" Mm -1e5..1e5, Words(REQUIRED), "t of p_base = R p_ct + t", "-";
+        FIDUCIALS_CT = "robot.base_from_ct.fiducials.ct_mm" Mm -1e5..1e5, Words("instead of rotation"), "points in ct (RAS+; a point in LPS has x and y negated), inside the scan, at least three and not on a line; base_from_ct is fitted to them", "Arun et al. 1987";
+        FIDUCIALS_BASE = "robot.base_from_ct.fiducials.base_mm" Mm -1e5..1e5, Words("instead of rotation"), "the same points as the arm touched them, in base, in the same order", "-";
+        FLANGE_TRANSLATION = "robot.flange_from_burr.translation_mm" Mm -1e4..1e4, Words(REQUIRED), "burr's centre in the flange", "-";
+        FLANGE_RPY = "robot.flange_from_burr.rpy_rad" Rad -10.0..10.0, Words(REQUIRED), "burr's axes in the flange, z to the handpiece", "-";
+        MAX_FRE = "registration.max_fre_mm" Mm 0.01..100.0, Value(1.0),
+            "largest RMS residual (FRE) of robot.base_from_ct.fiducials; a plan on a worse fit falls short", "assumed: bone-anchored fiducials fit to a few tenths of a mm";
+        SPACING = "grid.spacing_mm" Mm 0.02..2.0, Value(0.25), "voxel of the planning grid, at most half the radius", ASSUMED;
+        MARGIN = "grid.margin_mm" Mm 0.0..100.0, Value(3.0), "bone kept around the target beside the tool's own reach", ASSUMED;
+    }
+    choices {
+        PRESET: bool = "preset" ["none" => false, "paper" => true],
+            "`paper`: D's own choices as defaults: measure `dz`, alpha_max 0.5, mode `greedy`, speed smoothed by the plain moving average. Keys that stand in the file win", "D eq. 4, 8, II-D, II-H";
+        CT_AFFINE: AffineChoice = "images.ct_affine" ["auto" => AffineChoice::Auto, "sform" => AffineChoice::Sform, "qform" => AffineChoice::Qform],
+            "which of the CT's affines holds; `auto`: sform, else qform, refused when they disagree by more than 0.1 voxel", "NIfTI-1";
+        LABELS_AFFINE: AffineChoice = "images.labels_affine" ["auto" => AffineChoice::Auto, "sform" => AffineChoice::Sform, "qform" => AffineChoice::Qform],
+            "the same for the label map", "NIfTI-1";
+        SHEETS: Sheets = "target.sheets" ["keep" => Sheets::Keep, "cut" => Sheets::Cut],
+            "bone outside the target that is thinner than the band (the largest voxel diagonal of CT, labels and planning grid): kept unless it lies within the band of the target, where it is taken for partial volume; or cut wherever the ball meets it. Pieces under 2×2×2 voxels are cut either way", ASSUMED;
+        MEASURE: Measure = "material.measure" ["db" => Measure::Db, "dz" => Measure::Dz],
+            "length element of the force sum: edge length or height; `dz` with preset = \"paper\"", "FORCE_MODEL 4: db is energy-consistent and reproduces D's trials, dz is D eq. 4 as printed";
+        PATTERN: () = "path.pattern" ["lawnmower" => ()], "layers of serpentine lines", "D II-A";
+        TURNS: bool = "burr.turns" ["one_way" => false, "both_ways" => true],
+            "whether the burr cuts one way only, as spin says, or either way: then the plan with less force toward the structures decides", ASSUMED;
+        SENSE: Sense = "path.sense" ["auto" => Sense::Auto, "both" => Sense::Both, "climb" => Sense::Climb, "conventional" => Sense::Conventional, "away" => Sense::Away],
+            "sense in which a pass is cut, where it has bone on one side: whichever end is nearer; the teeth against the feed; with it; near a structure the one that pushes less toward it. `auto`: both or away, by what the structures feel in drafts of the same time", "-";
+        COST_FORCE: ForceTerm = "cost.force" ["cutting" => ForceTerm::Cutting, "deflection" => ForceTerm::Deflection],
+            "which force the cost looks at: D6 or D12", "D eq. 6";
+        COST_TOWARD: TowardTerm = "cost.toward" ["size" => TowardTerm::Size, "share" => TowardTerm::Share],
+            "how the choice of axes counts a push toward a structure: its size over a quarter of the force in a straight side cut, at most 1; or its share of the whole push, D6. The column `cost` is D6 either way", "what the structures feel, see docs/results.md; share: D eq. 6";
+        COST_STRUCTURES: SeveralStructures = "cost.structures" ["nearest" => SeveralStructures::Nearest, "priority" => SeveralStructures::Priority, "sum" => SeveralStructures::Sum],
+            "which structures the cost looks at where several are near: the closest; the one of highest priority among the close ones; all, each by its own α₁", "D II-D names all three";
+        ORIENTATION: OrientationMode = "orientation.mode" ["optimal" => OrientationMode::Optimal, "greedy" => OrientationMode::Greedy, "fixed" => OrientationMode::Fixed],
+            "dynamic programming over the sequence; each waypoint alone, then a low-pass; along the approach. `greedy` with preset = \"paper\"", "assumed; greedy: D II-D";
+        SPEED_MODE: SpeedMode = "speed.mode" ["least_force" => SpeedMode::LeastForce, "mass" => SpeedMode::Mass, "constant" => SpeedMode::Constant, "force_limited" => SpeedMode::ForceLimited],
+            "in the given time the least force toward structures, weighted by nearness (kappa_per_mm) and 1/√priority, then the least force; D13, inverse to the mass ahead; nominal_mm_s; fastest under force caps. `mass` with preset = \"paper\"", "what the structures feel, see docs/results.md; mass: D eq. 13";
+    }
+    others {
+        CT = "images.ct" "a path relative to the case file", REQUIRED, "the CT, NIfTI-1", "-";
+        LABELS = "images.labels" "a path relative to the case file", REQUIRED, "the label map, NIfTI-1", "-";
+        TARGET_LABEL = "target.label" "a number from 1 to 65535 or a name of labels.json", "exactly one of label, box, ball, frustum", "the bone to be removed", "-";
+        TARGET_BOX = "target.box" "a table { min_mm, max_mm }", "exactly one of label, box, ball, frustum", "bone and enclosed air in a box", "-";
+        TARGET_BALL = "target.ball" "a table { center_mm, radius_mm }", "exactly one of label, box, ball, frustum", "the same in a ball", "-";
+        TARGET_FRUSTUM = "target.frustum" "a table { from_mm, to_mm, from_radius_mm, to_radius_mm }", "exactly one of label, box, ball, frustum", "the same in a cone's frustum", "-";
+        STRUCTURE = "structure" "tables [[structure]], or `structure = []` when there is nothing to spare", REQUIRED, "what must not be touched", "-";
+        STRUCTURE_NAME = "structure.name" "text without commas and quotes", REQUIRED, "name in results", "-";
+        STRUCTURE_LABEL = "structure.label" "a number from 1 to 65535 or a name of labels.json", REQUIRED, "its label", "-";
+        MODEL = "robot.model" "`bone-attached`, `ur3e`, `ur5e`, `ur10e` or the path of a .urdf file", "\"bone-attached\"", "the arm", "D: bone-attached robot";
+        CALIBRATION = "robot.calibration" "a path relative to the case file", "none: nominal kinematics, with a warning", "a UR's own calibration: YAML or calibration.conf with delta_theta, delta_a, delta_d, delta_alpha, or the ROS driver's extraction", "-";
+        BRANCH = "robot.branch" "a number from 0 to 7, or words of `shoulder-left` | `shoulder-right`, `elbow-up` | `elbow-down`, `wrist-positive` | `wrist-negative` joined by `/`",
+            "any; those whose links stay above the mounting plane come first", "which branches of a UR's inverse may be taken, for the whole path: 4·shoulder + 2·wrist + elbow; seen from the base toward the wrist, the upper arm is left or right of it, the elbow above or below the line from the shoulder to the wrist, and q5 positive or negative", "-";
+        BASE_FROM_CT = "robot.base_from_ct" "a table { rotation | quaternion_wxyz | rpy_rad, translation_mm } or { fiducials }",
+            "assumed: base x, y, z along work y, -x, z; the target's centre at the bone-attached arm's base, or before a UR's base by 0.55 and above it by 0.05 of its reach; needed for a URDF", "registration: where the patient is", "assumed, stated in plan.toml";
+        FLANGE_FROM_BURR = "robot.flange_from_burr" "a table { translation_mm, rpy_rad }", "the URDF ends at the burr; needed for a UR", "where the burr is mounted", "-";
+    }
+}
+
+/// A key as the documentation shows it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Entry {
+    /// Full path.
+    pub path: &'static str,
+    /// Unit and range, words, or a description.
+    pub expects: String,
+    /// When absent.
+    pub default: String,
+    /// What it is.
+    pub meaning: &'static str,
+    /// Where the default comes from.
+    pub source: &'static str,
+    /// The default of a number.
+    pub fallback: Option<Fallback>,
+}
+
+impl From<&Number> for Entry {
+    fn from(n: &Number) -> Self {
+        let unit = if n.unit == Unit::One { String::new() } else { format!(" {}", n.unit) };
+        let default = match n.default {
+            Value(v) => v.to_string(),
+            Words(words) | Derived(words) | Chosen(words) => words.into(),
+        };
+        Entry {
+            path: n.path,
+            expects: format!("{} to {}{unit}", n.min, n.max),
+            default,
+            meaning: n.meaning,
+            source: n.source,
+            fallback: Some(n.default),
+        }
+    }
+}
+
+impl<T: Copy + PartialEq> From<&Choice<T>> for Entry {
+    fn from(c: &Choice<T>) -> Self {
+        let words: Vec<_> = c.words().iter().map(|w| format!("`{w}`")).collect();
+        let default = c.options.first().map_or(String::new(), |(word, _)| format!("\"{word}\""));
+        Entry {
+            path: c.path,
+            expects: words.join(", "),
+            default,
+            meaning: c.meaning,
+            source: c.source,
+            fallback: None,
+        }
+    }
+}
+
+impl From<&Other> for Entry {
+    fn from(o: &Other) -> Self {
+        Entry {
+            path: o.path,
+            expects: o.expects.into(),
+            default: o.default.into(),
+            meaning: o.meaning,
+            source: o.source,
+            fallback: None,
+        }
+    }
+}

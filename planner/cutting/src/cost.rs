@@ -1,0 +1,213 @@
+//! What an axis costs at a waypoint: Dillon's equations (5) to (12).
+//!
+//! ```text
+//! F_v = max(0, F·û_v)      α_1 = α_max exp(−κ max(0, r_v − r_v,min))      α_2 = 1 − α_1
+//! C = α_1 F_v/|F| + α_2 (1 − I_n)
+//! ```
+//!
+//! û_v points from the burr's centre to the nearest structure, r_v away. With a stiffness, the deflection
+//! Δp = J χ⁻¹ Jᵀ F takes the place of F: only directions enter, so the caller passes either vector. Without mass nothing is
+//! cut: C = 0.
+
+mod several;
+
+pub use bonemill_case::SeveralStructures;
+pub use several::{Ranked, Terms};
+
+use nalgebra::{Dyn, Matrix3, OMatrix, U3, Unit, Vector3};
+
+use crate::burr::ModelError;
+use crate::burr::checked;
+
+/// A force below this is none, N (and a deflection, mm): its direction is rounding.
+const NOTHING: f64 = 1e-12;
+
+/// The weights of the cost.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CostModel {
+    kappa_per_mm: f64,
+    alpha_max: f64,
+}
+
+/// What stands near the burr.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Proximity {
+    /// Unit direction from the burr's centre to the nearest point of the structure.
+    pub toward: Unit<Vector3<f64>>,
+    /// r_v: distance from the burr's centre to that point, mm.
+    pub distance_mm: f64,
+    /// r_v,min: burr radius plus the structure's clearance, mm.
+    pub least_mm: f64,
+}
+
+/// The cost of one axis at one waypoint, with its parts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cost {
+    /// α_1.
+    pub alpha_1: f64,
+    /// The component toward the structure, 0 if it points away: N for a force, mm for a deflection.
+    pub toward: f64,
+    /// That component over the magnitude, 0 to 1.
+    pub fraction: f64,
+    /// C, 0 to 1.
+    pub cost: f64,
+}
+
+impl CostModel {
+    /// `kappa_per_mm`: how fast α_1 falls with distance; `alpha_max`: α_1 at r_v,min (0.5 as printed, 0.8 matches the text).
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] unless κ ≥ 0 and 0 ≤ α_max ≤ 1.
+    pub fn new(kappa_per_mm: f64, alpha_max: f64) -> Result<Self, ModelError> {
+        checked("kappa, 1/mm", kappa_per_mm, |k| k >= 0.0, "0 or more")?;
+        checked("alpha_max", alpha_max, |a| (0.0..=1.0).contains(&a), "0 to 1")?;
+        Ok(Self { kappa_per_mm, alpha_max })
+    }
+
+    /// α_1 = α_max exp(−κ max(0, r_v − r_v,min)): never above α_max, also inside the clearance.
+    ///
+    /// **Source:** Dillon et al. 2016, equation (8), clamped (FORCE_MODEL 8, resolution 10).
+    pub fn alpha_1(&self, distance_mm: f64, least_mm: f64) -> f64 {
+        self.alpha_max * (-self.kappa_per_mm * (distance_mm - least_mm).max(0.0)).exp()
+    }
+
+    /// Distance beyond which α_1 is below `alpha`, mm past r_v,min; `None` if it never falls so far (κ = 0).
+    pub fn reach_mm(&self, alpha: f64) -> Option<f64> {
+        if self.alpha_max <= alpha {
+            return Some(0.0);
+        }
+        (alpha > 0.0 && self.kappa_per_mm > 0.0).then(|| (self.alpha_max / alpha).ln() / self.kappa_per_mm)
+    }
+
+    /// The cost of a `push` on the burr, a force (N) by equation (6) or a deflection (mm) by (12), with no structure near if
+    /// `near` is `None`, for I_n and the mass m that is cut.
+    ///
+    /// **Source:** Dillon et al. 2016, equations (5), (6), (9), (11), (12).
+    pub fn cost(
+        &self,
+        push: &Vector3<f64>,
+        near: Option<&Proximity>,
+        inertia_normalised: f64,
+        mass_mg: f64,
+    ) -> Cost {
+        let alpha_1 = near.map_or(0.0, |n| self.alpha_1(n.distance_mm, n.least_mm));
+        let cuts = mass_mg > 0.0;
+        if !cuts {
+            return Cost { alpha_1, toward: 0.0, fraction: 0.0, cost: 0.0 };
+        }
+        let magnitude = push.norm();
+        let toward = near.map_or(0.0, |n| push.dot(&n.toward).max(0.0));
+        let fraction = if magnitude < NOTHING { 0.0 } else { toward / magnitude };
+        let cost = alpha_1 * fraction + (1.0 - alpha_1) * (1.0 - inertia_normalised);
+        Cost { alpha_1, toward, fraction, cost }
+    }
+}
+
+impl Proximity {
+    /// From the burr's centre and the nearest point of the structure, in one frame.
+    ///
+    /// # Errors
+    /// [`ModelError::Vector`] when the burr's centre lies on the point, so that there is no direction;
+    /// [`ModelError::OutOfRange`] for a clearance distance that is not positive.
+    pub fn new(to_nearest_mm: Vector3<f64>, least_mm: f64) -> Result<Self, ModelError> {
+        checked("least distance of burr and structure, mm", least_mm, |r| r > 0.0, "positive")?;
+        let toward = crate::burr::direction("from burr to nearest structure, mm", to_nearest_mm)?;
+        Ok(Self { toward, distance_mm: to_nearest_mm.norm(), least_mm })
+    }
+}
+
+/// Compliance at the burr's centre, mm/N: C = J χ⁻¹ Jᵀ.
+///
+/// `jacobian` is 3×m, translational, at the burr's centre: mm/mm for prismatic joints, mm/rad for revolute ones;
+/// `stiffness` holds χ's diagonal, N/mm and N mm/rad. Valid while links are rigid next to joints.
+///
+/// # Errors
+/// [`ModelError::Length`] when there are not m stiffnesses, [`ModelError::OutOfRange`] when one is not positive.
+///
+/// **Source:** Dillon et al. 2016, equation (10).
+pub fn compliance_mm_per_n(
+    jacobian: &OMatrix<f64, U3, Dyn>,
+    stiffness: &[f64],
+) -> Result<Matrix3<f64>, ModelError> {
+    let joints = jacobian.ncols();
+    if stiffness.len() != joints {
+        return Err(ModelError::Length { name: "joint stiffness", expected: joints, found: stiffness.len() });
+    }
+    let mut compliance = Matrix3::zeros();
+    for (column, &k) in jacobian.column_iter().zip(stiffness) {
+        checked("joint stiffness, N/mm or N mm/rad", k, |k| k > 0.0, "positive")?;
+        compliance += column * column.transpose() / k;
+    }
+    Ok(compliance)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn vector() -> impl Strategy<Value = Vector3<f64>> {
+        prop::array::uniform3(-1.0f64..1.0).prop_map(Vector3::from)
+    }
+
+    proptest! {
+        #![proptest_config(bonemill_testkit::fixed(256))]
+
+        #[test]
+        fn cost_is_between_0_and_1_and_ignores_the_force_s_size(
+            force in vector(), to in vector(), i_n in 0.0f64..1.0, scale in 0.1f64..100.0,
+        ) {
+            prop_assume!(to.norm() > 1e-3 && force.norm() > 1e-3);
+            let model = CostModel::new(0.7, 0.8).unwrap();
+            let near = Proximity::new(to * 10.0, 3.5).unwrap();
+            let a = model.cost(&force, Some(&near), i_n, 1.0);
+            let b = model.cost(&(force * scale), Some(&near), i_n, 1.0);
+            prop_assert!((0.0..=1.0).contains(&a.cost) && (0.0..=1.0).contains(&a.fraction));
+            prop_assert!((a.cost - b.cost).abs() < 1e-14);
+            // toward and away: one of them is 0
+            let back = model.cost(&-force, Some(&near), i_n, 1.0);
+            prop_assert_eq!(a.toward * back.toward, 0.0);
+        }
+
+        #[test]
+        fn alpha_falls_with_distance_and_reach_inverts_it(d in 0.0f64..20.0, alpha in 1e-4f64..0.79) {
+            let model = CostModel::new(0.7, 0.8).unwrap();
+            prop_assert!(model.alpha_1(d + 0.1, 3.0) <= model.alpha_1(d, 3.0));
+            let reach = model.reach_mm(alpha).unwrap();
+            prop_assert!((model.alpha_1(3.0 + reach, 3.0) - alpha).abs() < 1e-12);
+        }
+
+        /// A spring's energy: F·Δp ≥ 0 for every force, whatever the arm.
+        #[test]
+        fn compliance_yields_to_the_force(force in vector(), columns in prop::collection::vec(vector(), 1..8)) {
+            let j = OMatrix::<f64, U3, Dyn>::from_columns(&columns);
+            let k: Vec<f64> = (0..columns.len()).map(|i| 10.0 + i as f64).collect();
+            let c = compliance_mm_per_n(&j, &k).unwrap();
+            prop_assert!(force.dot(&(c * force)) >= -1e-15);
+            prop_assert!((c - c.transpose()).amax() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn nothing_near_leaves_the_efficiency() {
+        let model = CostModel::new(0.7, 0.8).unwrap();
+        let c = model.cost(&Vector3::x(), None, 0.75, 1.0);
+        assert_eq!(c, Cost { alpha_1: 0.0, toward: 0.0, fraction: 0.0, cost: 0.25 });
+        assert_eq!(model.reach_mm(0.9), Some(0.0));
+        assert_eq!(CostModel::new(0.0, 0.8).unwrap().reach_mm(0.1), None);
+    }
+
+    #[test]
+    fn bad_input_is_refused() {
+        assert!(CostModel::new(-1.0, 0.5).is_err() && CostModel::new(1.0, 1.5).is_err());
+        assert!(CostModel::new(f64::NAN, 0.5).is_err());
+        assert!(matches!(Proximity::new(Vector3::zeros(), 3.0), Err(ModelError::Vector { .. })));
+        assert!(Proximity::new(Vector3::x(), 0.0).is_err());
+        let j = OMatrix::<f64, U3, Dyn>::from_columns(&[Vector3::x(), Vector3::y()]);
+        assert!(matches!(
+            compliance_mm_per_n(&j, &[1.0]),
+            Err(ModelError::Length { expected: 2, found: 1, .. })
+        ));
+        assert!(compliance_mm_per_n(&j, &[1.0, 0.0]).is_err());
+    }
+}

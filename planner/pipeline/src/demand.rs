@@ -1,0 +1,112 @@
+//! What the moves of a path ask of their speed: mass, cost, and caps on force.
+
+use bonemill_motion::resolve::DensePath;
+
+use super::PlanError;
+use super::levels;
+use super::prepared::{Chosen, Prepared};
+use super::speeds::{self, SpeedInput};
+use bonemill_case::Case;
+use bonemill_cutter::MoveKind;
+use bonemill_cutting::cost::Proximity;
+use bonemill_cutting::metrics::Moments;
+use bonemill_cutting::speed::{CutPushes, ForceCaps};
+use bonemill_setup::tools;
+
+/// One entry per waypoint each.
+#[derive(Debug, Clone)]
+pub struct Demand {
+    mass_mg: Vec<f64>,
+    cost: Vec<f64>,
+    /// Fastest speed under the case's caps, mm/s; infinite where none binds.
+    force_cap_mm_s: Vec<f64>,
+    /// What pushes the burr; empty unless the mode asks for the least force.
+    pub(super) pushes: Vec<Option<CutPushes>>,
+}
+
+impl Prepared<'_> {
+    pub(super) fn demand(&self, case: &Case, chosen: &Chosen) -> Result<Demand, PlanError> {
+        let mut pushes = levels::pushes(case, &self.near, &chosen.forces, chosen.compliances.as_deref())?;
+        // a link may graze a cusp: it has no speed to choose
+        let links = pushes.iter_mut().zip(&chosen.kinds).filter(|(_, kind)| **kind != MoveKind::Cut);
+        links.for_each(|(pushes, _)| *pushes = None);
+        Ok(Demand {
+            mass_mg: self.reached.moments.iter().map(Moments::mass_mg).collect(),
+            cost: chosen.costs.iter().map(|c| c.cost).collect(),
+            force_cap_mm_s: force_caps(case, self, chosen),
+            pushes,
+        })
+    }
+
+    /// Largest speed of every move by the case's speed mode, mm/s, without the joints' limits; the cuts take `cutting_s` in all
+    /// if it is given.
+    ///
+    /// # Errors
+    /// When the speed range is not usable, or the time cannot be had within it.
+    pub fn speeds(
+        &self,
+        case: &Case,
+        chosen: &Chosen,
+        cutting_s: Option<f64>,
+    ) -> Result<Vec<f64>, PlanError> {
+        let (demand, no_joints) = (self.demand(case, chosen)?, DensePath::default());
+        speeds::caps(&demand.input(case, self, chosen, &no_joints), &case.speed, case.paper, cutting_s)
+    }
+}
+
+impl Demand {
+    pub(super) fn input<'a>(
+        &'a self,
+        case: &Case,
+        prepared: &'a Prepared,
+        chosen: &'a Chosen,
+        dense: &'a DensePath,
+    ) -> SpeedInput<'a> {
+        SpeedInput {
+            kinds: &chosen.kinds,
+            length_mm: prepared.length_mm(),
+            mass_mg: &self.mass_mg,
+            cost: &self.cost,
+            dense,
+            force_cap_mm_s: &self.force_cap_mm_s,
+            pushes: &self.pushes,
+            step_mm: case.path.step_mm,
+            slot_mass_mg: tools::slot_mass_mg(case, case.path.step_mm),
+        }
+    }
+
+    /// Cuts that break a cap even at the slowest speed allowed, in words.
+    pub(super) fn caps_missed(&self, case: &Case, prepared: &Prepared, chosen: &Chosen) -> Option<String> {
+        let (slowest, caps) = (case.speed.min_mm_s, &self.force_cap_mm_s);
+        let missed: Vec<usize> = (0..caps.len()).filter(|i| caps[*i] < slowest).collect();
+        let worst = missed.iter().copied().min_by(|a, b| caps[*a].total_cmp(&caps[*b]))?;
+        let force = chosen.forces[worst].map(|f| f.force_n(slowest)).unwrap_or_default();
+        let toward_n = prepared.nearest(worst).map_or(0.0, |near| force.dot(&near.toward).max(0.0));
+        Some(format!(
+            "{} cuts break a cap on force, deflection or power even at speed.min_mm_s = {slowest} mm/s; the worst, waypoint \
+             {worst}, would need {:.3} mm/s (force there {:.2} N, toward the nearest structure {toward_n:.2} N)",
+            missed.len(),
+            caps[worst],
+            force.norm(),
+        ))
+    }
+}
+
+fn force_caps(case: &Case, prepared: &Prepared, chosen: &Chosen) -> Vec<f64> {
+    if !case.speed.mode.keeps_caps() {
+        return vec![f64::INFINITY; chosen.forces.len()];
+    }
+    let caps = ForceCaps {
+        toward_n: case.speed.caps.force_toward_n.clone(),
+        total_n: case.speed.caps.force_n,
+        deflection_mm: case.speed.caps.deflection_um.map(|um| um * 1e-3),
+        power_mw: case.speed.caps.power_w.map(|w| w * 1e3),
+    };
+    let (radius, rpm) = (case.burr.radius_mm, case.burr.spindle_rpm);
+    let fastest = |i: usize| {
+        let Some(force) = &chosen.forces[i] else { return f64::INFINITY };
+        let near: Vec<Proximity> = prepared.near[i].iter().map(|n| n.proximity).collect();
+        caps.fastest_mm_s(force, &near, radius, chosen.compliances.as_ref().map(|c| &c[i]), rpm)
+    };
+    (0..chosen.forces.len()).map(fastest).collect()
+}

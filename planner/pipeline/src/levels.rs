@@ -1,0 +1,178 @@
+//! What `speed.mode = "least_force"` weighs at every waypoint, and which levels its speeds keep.
+//!
+//! A push toward a structure is weighted by how near and how important the structure is, by the law of the cost's α₁:
+//!
+//! ```text
+//! w = exp(−κ max(0, r_v − r_v,min))/√priority
+//! ```
+//!
+//! So a newton toward the most important structure at its clearance weighs 1, and the levels are newtons (or mm of deflection) there.
+
+use nalgebra::Matrix3;
+
+use super::prepared::Chosen;
+use bonemill_case::{Case, ForceTerm, SpeedMode};
+use bonemill_cutting::burr::{EngagedForce, ModelError};
+use bonemill_cutting::cost::CostModel;
+use bonemill_cutting::speed::{CutPushes, Levels};
+use bonemill_setup::near::Near;
+
+/// Beyond a level by more than this share of it is no rounding.
+const ROUNDING: f64 = 1e-6;
+
+/// The levels of push that the speeds keep, as far as they can: mm where [`Self::is_deflection`], else N.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpeedLevels {
+    /// Whether the levels are of the burr's deflection.
+    pub is_deflection: bool,
+    /// Largest weighted push toward a structure of every cut faster than the least speed.
+    pub toward: f64,
+    /// Largest push in any direction of the same.
+    pub overall: f64,
+    /// Cuts that push more although they go at the least speed.
+    pub exceeded: usize,
+    /// The one of them that is farthest beyond a level.
+    pub worst: Option<Exceeded>,
+}
+
+/// A cut whose push is beyond a level at the least speed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Exceeded {
+    /// Where it ends.
+    pub waypoint: usize,
+    /// By how much, in the unit of the level.
+    pub by: f64,
+    /// The structure toward which it pushes too much, by its number in the case; none where the push in any direction is too much.
+    pub structure: Option<usize>,
+}
+
+/// How the weight of a structure falls with distance: 1 at the clearance, since the cost's own largest weight plays no part here.
+///
+/// # Errors
+/// When the case's decay is out of range.
+pub(super) fn nearness(case: &Case) -> Result<CostModel, ModelError> {
+    CostModel::new(case.cost.kappa_per_mm, 1.0)
+}
+
+/// Weight of a push toward a structure: its nearness over the root of its priority, so that the fourth may feel twice as much as the first.
+pub(super) fn weight(nearness: &CostModel, case: &Case, n: &Near) -> f64 {
+    let priority = case.structures.get(n.structure).map_or(u32::MAX, |s| s.priority);
+    nearness.alpha_1(n.proximity.distance_mm, n.proximity.least_mm) / f64::from(priority).sqrt()
+}
+
+/// What pushes the burr at every waypoint where it cuts; empty in any other mode.
+///
+/// # Errors
+/// When the weights of the cost are out of range.
+pub(super) fn pushes(
+    case: &Case,
+    near: &[Vec<Near>],
+    forces: &[Option<EngagedForce>],
+    compliances: Option<&[Matrix3<f64>]>,
+) -> Result<Vec<Option<CutPushes>>, ModelError> {
+    if case.speed.mode != SpeedMode::LeastForce {
+        return Ok(Vec::new());
+    }
+    let nearness = nearness(case)?;
+    let weighted = |n: &Near| (weight(&nearness, case, n), n.proximity.toward);
+    let compliances = compliances.filter(|_| case.cost.force == ForceTerm::Deflection);
+    let of = |(i, near): (usize, &Vec<Near>)| {
+        let compliance = compliances.and_then(|c| c.get(i));
+        forces[i].map(|force| CutPushes::new(&force, compliance, near.iter().map(weighted)))
+    };
+    Ok(near.iter().enumerate().map(of).collect())
+}
+
+/// Whether pushes are deflections.
+pub(super) fn is_deflection(case: &Case, chosen: &Chosen) -> bool {
+    case.cost.force == ForceTerm::Deflection && chosen.compliances.is_some()
+}
+
+impl SpeedLevels {
+    /// Of the levels by which `speed_mm_s` were chosen. `near`: per waypoint the structures in the order of its pushes.
+    pub(super) fn of(
+        levels: &Levels,
+        pushes: &[Option<CutPushes>],
+        speed_mm_s: &[f64],
+        near: &[Vec<Near>],
+        is_deflection: bool,
+    ) -> Self {
+        let mut found = Self { is_deflection, toward: 0.0, overall: 0.0, exceeded: 0, worst: None };
+        for (waypoint, (pushes, speed)) in pushes.iter().zip(speed_mm_s).enumerate() {
+            let Some(pushes) = pushes else { continue };
+            let toward = pushes.toward(*speed);
+            let (toward_n, overall) = (toward.map_or(0.0, |(push, _)| push), pushes.overall(*speed));
+            found.toward = found.toward.max(toward_n.min(levels.toward));
+            found.overall = found.overall.max(overall.min(levels.overall));
+            let structure = toward.and_then(|(_, n)| near.get(waypoint)?.get(n)).map(|n| n.structure);
+            let beyond = |push: f64, level: f64| (push > level * (1.0 + ROUNDING)).then_some(push - level);
+            let toward = beyond(toward_n, levels.toward).map(|by| Exceeded { waypoint, by, structure });
+            let overall =
+                beyond(overall, levels.overall).map(|by| Exceeded { waypoint, by, structure: None });
+            // a structure comes first, as it does in the choice of speeds
+            let Some(worse) = toward.or(overall) else { continue };
+            found.exceeded += 1;
+            let is_worse =
+                |w: &Exceeded| (worse.structure.is_some(), worse.by) > (w.structure.is_some(), w.by);
+            if found.worst.as_ref().is_none_or(is_worse) {
+                found.worst = Some(worse);
+            }
+        }
+        found
+    }
+
+    /// The levels' unit in files, and what a level is multiplied by to be in it.
+    pub fn unit(&self) -> (&'static str, f64) {
+        if self.is_deflection { ("um", 1e3) } else { ("n", 1.0) }
+    }
+
+    /// The levels and what is beyond them, as a sentence.
+    pub fn sentence(&self, case: &Case) -> String {
+        let (unit, factor) = if self.is_deflection { ("µm", 1e3) } else { ("N", 1.0) };
+        let value = |level: f64| format!("{:.3} {unit}", factor * level);
+        let kept = format!(
+            "at most {} toward a structure (weighted by nearness and priority) and {} in all",
+            value(self.toward),
+            value(self.overall)
+        );
+        let Some(worst) = self.worst else { return kept };
+        let to = worst.structure.and_then(|n| case.structures.get(n));
+        let to = to.map_or(String::new(), |structure| format!(" toward {}", structure.name));
+        format!(
+            "{kept}, except in {} at speed.min_mm_s; the worst, waypoint {}, is {}{to} beyond",
+            if self.exceeded == 1 { "1 cut".to_owned() } else { format!("{} cuts", self.exceeded) },
+            worst.waypoint,
+            value(worst.by),
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bonemill_cutting::burr::EngagedForce;
+    use bonemill_cutting::cost::Proximity;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn cuts_beyond_the_levels_are_counted_and_the_worst_toward_a_structure_is_named() {
+        let near =
+            |structure| Near { structure, proximity: Proximity::new(Vector3::x() * 4.0, 3.5).unwrap() };
+        let push = |x: f64, y: f64| {
+            let force = EngagedForce { cut_n_per_mm_s: Vector3::new(x, y, 0.0), ..EngagedForce::ZERO };
+            Some(CutPushes::new(&force, None, [(1.0, Vector3::x_axis())].into_iter()))
+        };
+        let pushes = [push(0.1, 0.0), None, push(0.4, 0.0), push(-0.1, 6.0), push(0.5, 0.0)];
+        let near: Vec<Vec<Near>> = (0..5).map(|n| vec![near(n)]).collect();
+        let levels = Levels { toward: 0.15, overall: 2.0, speed_mm_s: 4.0 };
+        let found = SpeedLevels::of(&levels, &pushes, &[1.5, 4.0, 0.5, 0.5, 0.5], &near, false);
+        assert_eq!((found.toward, found.overall, found.exceeded), (0.15, 2.0, 3));
+        let worst = found.worst.unwrap();
+        assert_eq!((worst.waypoint, worst.structure), (4, Some(4)));
+        assert!((worst.by - 0.1).abs() < 1e-12);
+        // levels that bind nothing: the largest pushes are told
+        let free = Levels { toward: 9.0, overall: 9.0, speed_mm_s: 4.0 };
+        let found = SpeedLevels::of(&free, &pushes, &[1.5, 4.0, 0.5, 0.5, 0.5], &near, true);
+        assert_eq!((found.toward, found.exceeded, found.unit()), (0.25, 0, ("um", 1e3)));
+    }
+}

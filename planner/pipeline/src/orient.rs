@@ -1,0 +1,457 @@
+//! The shaft's axis at every waypoint, by the case's mode.
+
+use bonemill_geometry::cancel;
+use nalgebra::{Matrix3, Unit, Vector3};
+use rayon::prelude::*;
+
+use super::arm_axes::ArmAxes;
+use super::reach::ReachedPath;
+use super::sets::Finer;
+use bonemill_case::OrientationMode;
+use bonemill_cutting::burr::{EngagedSamples, Material, OrientationKernel};
+use bonemill_cutting::cost::Terms;
+use bonemill_cutting::metrics::Moments;
+use bonemill_toolpath::engagement::SweptPath;
+use bonemill_toolpath::orientation::corridor::{Corridor, best_near};
+use bonemill_toolpath::orientation::greedy::{self, Waypoint, low_pass, settle};
+use bonemill_toolpath::orientation::refine::{Chart, best_checked, refine};
+use bonemill_toolpath::orientation::sequence::{Forbidden, Found, Problem, best_sequence};
+use bonemill_toolpath::orientation::stencil::Stencil;
+use bonemill_toolpath::orientation::{Directions, FreeSets, Permissible, RateLimit, TiltFamily};
+
+/// Below this weight of forces in the cost they are left out: the choice is then worse by less than it, and the plan says by
+/// how much at most ([`super::Modelled::closed_form_error`]).
+pub const FORCE_MATTERS: f64 = 1e-2;
+/// Half-width of the greedy mode's low-pass, waypoints. Assumed: D gives none.
+const LOW_PASS_HALF: usize = 6;
+
+/// Everything a waypoint's cost is made of.
+#[derive(Debug)]
+pub struct CostField<'a> {
+    /// The path, for what is gone.
+    pub swept: &'a SweptPath<'a>,
+    /// Force of the gathered samples.
+    pub kernel: &'a OrientationKernel,
+    /// Density to weight.
+    pub material: &'a Material,
+    /// Structures near each waypoint, with their weights.
+    pub terms: &'a [Terms],
+    /// Mass ahead and its moments.
+    pub moments: &'a [Moments],
+    /// Direction of the move that ends at each waypoint.
+    pub feeds: &'a [Option<Unit<Vector3<f64>>>],
+    /// mm/s.
+    pub nominal_mm_s: f64,
+    /// rpm.
+    pub spindle_rpm: f64,
+    /// Deflection per force in work, mm/N, by direction; `None`: the force itself is looked at.
+    pub compliance: Option<Vec<Matrix3<f64>>>,
+    /// Push that counts as much as no efficiency at all, N, or mm where a compliance is given; none for D's share of |F|.
+    pub scale: Option<f64>,
+    /// The same by direction of [`Room::finer`].
+    pub finer_compliance: Option<Vec<Matrix3<f64>>>,
+}
+
+/// Where axes may go.
+#[derive(Debug, Clone, Copy)]
+pub struct Room<'a> {
+    /// The path and its access.
+    pub reached: &'a ReachedPath<'a>,
+    /// To choose from.
+    pub directions: &'a Directions,
+    /// A finer cap to choose from near the best of these, with the number in it of each of these.
+    pub finer: Option<&'a Finer>,
+    /// The plane of an arm with one tilt.
+    pub family: Option<&'a TiltFamily>,
+    /// How fast axes may turn.
+    pub rate: RateLimit,
+    /// The axes that the arm can take.
+    pub arm: &'a ArmAxes,
+}
+
+/// A move during which the turning shank is not free all the way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BlockedTurn {
+    /// Where the move ends.
+    pub waypoint: usize,
+    /// By how much the thin shank would have to be narrower, mm; infinite where that is of no help.
+    pub missing_mm: f64,
+}
+
+/// Axes, and how they came about.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Oriented {
+    /// Per waypoint, work.
+    pub axes: Vec<Unit<Vector3<f64>>>,
+    /// The family's angle per waypoint, rad, for an arm with one tilt.
+    pub angles_rad: Option<Vec<f64>>,
+    /// Waypoints whose cost needed no force.
+    pub closed_form: usize,
+    /// Waypoints whose cost needed the force.
+    pub with_force: usize,
+    /// Waypoints at which the low-pass was held (greedy).
+    pub low_pass_held: usize,
+    /// Waypoints at which the paper's low-pass over what each wants alone leaves the free directions.
+    pub low_pass_leaves: usize,
+    /// Moves during which the turning shank is not free all the way.
+    pub blocked_turns: Vec<BlockedTurn>,
+    /// What the shank leaves open around each axis.
+    pub allowed: Vec<Permissible>,
+    /// Angle between neighbouring directions of the finest set that the axes were chosen from, rad.
+    pub spacing_rad: f64,
+}
+
+impl CostField<'_> {
+    /// Whether the force is looked at for waypoint i.
+    pub fn needs_force(&self, i: usize) -> bool {
+        self.moments[i].mass_mg() > 0.0
+            && self.feeds[i].is_some()
+            && self.terms[i].total_alpha() >= FORCE_MATTERS
+    }
+
+    /// Gathers what waypoint i cuts.
+    fn gather(&self, i: usize, samples: &mut EngagedSamples) {
+        samples.clear();
+        let Some(feed) = self.feeds[i].filter(|_| self.needs_force(i)) else { return };
+        let weight = |density| self.material.weight(density);
+        let mut bone = self.swept.bone_at(i as u32, self.kernel.tool().radius_mm(), weight);
+        self.kernel.gather(samples, &feed, self.nominal_mm_s, self.spindle_rpm, &mut bone);
+    }
+
+    /// What waypoint i cuts, gathered into `own` unless it was kept.
+    fn kept_or_gathered<'a>(
+        &self,
+        kept: Option<&'a [EngagedSamples]>,
+        i: usize,
+        own: &'a mut EngagedSamples,
+    ) -> &'a EngagedSamples {
+        if let Some(kept) = kept {
+            return &kept[i];
+        }
+        self.gather(i, own);
+        own
+    }
+
+    /// Force of what was gathered, for an axis.
+    fn force_n(&self, samples: &EngagedSamples, axis: &Unit<Vector3<f64>>) -> Vector3<f64> {
+        if samples.is_empty() {
+            return Vector3::zeros();
+        }
+        self.kernel.force_for_axis(samples, axis, self.spindle_rpm).force_n(self.nominal_mm_s)
+    }
+
+    /// C of waypoint i for an axis and the force on it; `compliance`: of that axis.
+    fn cost_of(
+        &self,
+        i: usize,
+        force_n: &Vector3<f64>,
+        axis: &Unit<Vector3<f64>>,
+        compliance: Option<&Matrix3<f64>>,
+    ) -> f64 {
+        let moments = &self.moments[i];
+        let push = compliance.map_or(*force_n, |c| c * force_n);
+        let (inertia, mass_mg) = (moments.inertia_normalised(axis), moments.mass_mg());
+        match self.scale {
+            Some(scale) => self.terms[i].objective(&push, scale, inertia, mass_mg),
+            None => self.terms[i].cost(&push, inertia, mass_mg).cost,
+        }
+    }
+}
+
+impl Room<'_> {
+    /// Whether waypoint i may have the axis.
+    pub fn is_free(&self, i: usize, axis: &Vector3<f64>) -> bool {
+        let position = self.reached.path.points[i].position;
+        (!self.reached.limited[i] || self.directions.is_within_limit(axis))
+            && self.arm.allows(position, axis)
+            && self.reached.access.is_free(i as u32, position, axis)
+    }
+
+    /// Whether the shank is free all the way while the axis turns during the move that ends at i. Bone that this very move
+    /// takes counts as still there.
+    pub fn is_turn_free(&self, i: usize, from: &Unit<Vector3<f64>>, to: &Unit<Vector3<f64>>) -> bool {
+        self.reached.access.is_turn_free(&self.reached.turn(i, [from, to]))
+    }
+
+    fn is_in_set(&self, i: usize, n: usize) -> bool {
+        self.reached.free.contains(i, n)
+    }
+
+    /// What is open around each axis; `corridor`: of the finer cap.
+    fn allowed(&self, oriented: &Oriented, corridor: Option<&Corridor>) -> Vec<Permissible> {
+        let free = &self.reached.free;
+        let fine = self.finer.zip(corridor).map(|((directions, _), corridor)| (directions, corridor));
+        let at = |(i, axis): (usize, &Unit<Vector3<f64>>)| match oriented.angles_rad.as_ref() {
+            Some(angles) => Permissible::in_plane(self.directions, free, i, angles[i]),
+            None => Permissible::on_cap(self.directions, free, i, axis, fine),
+        };
+        oriented.axes.par_iter().enumerate().map(at).collect()
+    }
+
+    fn blocked_turns(&self, axes: &[Unit<Vector3<f64>>]) -> Vec<BlockedTurn> {
+        let blocked = |i: usize| {
+            let turn = self.reached.turn(i, [&axes[i - 1], &axes[i]]);
+            let is_free = self.reached.access.is_turn_free(&turn);
+            (!is_free).then(|| BlockedTurn { waypoint: i, missing_mm: self.reached.access.missing_mm(&turn) })
+        };
+        (1..axes.len()).into_par_iter().filter_map(blocked).collect()
+    }
+}
+
+/// Chooses the axes.
+pub fn orient(mode: OrientationMode, room: &Room, field: &CostField) -> Oriented {
+    let count = room.reached.path.points.len();
+    let with_force = (0..count).filter(|i| field.needs_force(*i)).count();
+    let closed_form = (0..count).filter(|i| field.moments[*i].mass_mg() > 0.0).count() - with_force;
+    let mut oriented = match mode {
+        OrientationMode::Fixed => fixed(room).surveyed(room, None),
+        OrientationMode::Greedy => by_waypoint(room, field).surveyed(room, None),
+        OrientationMode::Optimal => optimal(room, field),
+    };
+    (oriented.with_force, oriented.closed_form) = (with_force, closed_form);
+    oriented
+}
+
+impl Oriented {
+    fn new(axes: Vec<Unit<Vector3<f64>>>, family: Option<&TiltFamily>) -> Self {
+        let angles_rad = family.map(|family| axes.iter().map(|a| family.angle(a)).collect());
+        Self {
+            axes,
+            angles_rad,
+            closed_form: 0,
+            with_force: 0,
+            low_pass_held: 0,
+            low_pass_leaves: 0,
+            blocked_turns: Vec::new(),
+            allowed: Vec::new(),
+            spacing_rad: 0.0,
+        }
+    }
+
+    /// With what is open around each axis and on the way to it; `corridor`: where the axes are of the finer cap.
+    fn surveyed(mut self, room: &Room, corridor: Option<&Corridor>) -> Self {
+        let set = room.finer.filter(|_| corridor.is_some()).map_or(room.directions, |(finer, _)| finer);
+        self.spacing_rad = set.spacing_rad();
+        self.allowed = room.allowed(&self, corridor);
+        self.blocked_turns = room.blocked_turns(&self.axes);
+        self
+    }
+}
+
+/// Along the approach, or as near as is free.
+fn fixed(room: &Room) -> Oriented {
+    let axis = |i: usize| room.directions.axes()[room.directions.straightest(|n| room.is_in_set(i, n))];
+    Oriented::new((0..room.reached.free.len()).map(axis).collect(), room.family)
+}
+
+/// What every waypoint would take if it were alone.
+fn wishes(room: &Room, field: &CostField) -> Vec<greedy::Wish> {
+    (0..room.reached.free.len())
+        .into_par_iter()
+        .map_init(EngagedSamples::default, |samples, i| {
+            cancel::poll();
+            if field.moments[i].mass_mg() <= 0.0 {
+                return if room.reached.free.count(i) > 0 {
+                    greedy::Wish::Any
+                } else {
+                    greedy::Wish::Nothing
+                };
+            }
+            field.gather(i, samples);
+            let compliance =
+                |axis: &Vector3<f64>| Some(&field.compliance.as_ref()?[room.directions.nearest(axis)]);
+            Waypoint {
+                directions: room.directions,
+                family: room.family,
+                in_set: |n: usize| room.is_in_set(i, n),
+                is_free: |axis: &Unit<Vector3<f64>>| room.is_free(i, axis),
+                cost: |axis: &Unit<Vector3<f64>>| {
+                    field.cost_of(i, &field.force_n(samples, axis), axis, compliance(axis))
+                },
+            }
+            .wish()
+        })
+        .collect()
+}
+
+/// Every waypoint as if it were alone, and the shaft could turn at once: what no sequence can be better than.
+pub fn alone(room: &Room, field: &CostField) -> Oriented {
+    let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);
+    let in_set = |i: usize, n: usize| room.is_in_set(i, n);
+    Oriented::new(settle(room.directions, &wishes(room, field), in_set, is_free), room.family)
+}
+
+fn by_waypoint(room: &Room, field: &CostField) -> Oriented {
+    let filtered = filtered(room, &wishes(room, field));
+    let (low_pass_held, low_pass_leaves) = (filtered.held, filtered.held);
+    Oriented { low_pass_held, low_pass_leaves, ..Oriented::new(filtered.axes, room.family) }
+}
+
+/// The paper's low-pass over what each waypoint wants alone.
+fn filtered(room: &Room, wishes: &[greedy::Wish]) -> greedy::Greedy {
+    let in_set = |i: usize, n: usize| room.is_in_set(i, n);
+    let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);
+    let raw = settle(room.directions, wishes, in_set, is_free);
+    low_pass(room.directions, room.family, &raw, LOW_PASS_HALF, in_set, is_free)
+}
+
+/// C of every waypoint and free direction, one row per waypoint; forces by a plane's stencil where that asks for fewer.
+/// `kept`: what was gathered, where it was.
+pub fn cost_rows(
+    directions: &Directions,
+    free: &FreeSets,
+    field: &CostField,
+    kept: Option<&[EngagedSamples]>,
+) -> Vec<f32> {
+    let axes = directions.axes();
+    let stencil = directions.angles_rad().map(Stencil::new);
+    let mut cost = vec![0f32; free.len() * axes.len()];
+    let workspace = || (EngagedSamples::default(), vec![None; axes.len()]);
+    cost.par_chunks_mut(axes.len()).enumerate().for_each_init(workspace, |(own, forces), (i, row)| {
+        cancel::poll();
+        if field.moments[i].mass_mg() <= 0.0 {
+            return;
+        }
+        let samples = field.kept_or_gathered(kept, i, own);
+        let force = |n: usize| field.force_n(samples, &axes[n]);
+        forces.fill(None);
+        match stencil.as_ref().filter(|_| !samples.is_empty()) {
+            Some(stencil) => stencil.fill(free.iter(i), force, forces),
+            None => free.iter(i).for_each(|n| forces[n] = Some(force(n))),
+        }
+        for (n, force) in forces.iter().enumerate() {
+            if let Some(force) = force {
+                let compliance = field.compliance.as_ref().map(|c| &c[n]);
+                row[n] = field.cost_of(i, force, &axes[n], compliance) as f32;
+            }
+        }
+    });
+    cost
+}
+
+/// Waypoints at which the paper's low-pass would leave the free directions, if each waypoint took its cheapest of those asked.
+fn low_pass_leaves(room: &Room, field: &CostField, cost: &[f32], corridor: Option<&Corridor>) -> usize {
+    let cheapest = |i: usize, directions: &Directions, free: &FreeSets, cost: &[f32]| {
+        let row = &cost[i * directions.len()..(i + 1) * directions.len()];
+        let n = free.iter(i).min_by(|a, b| row[*a].total_cmp(&row[*b]))?;
+        Some((row[n], directions.axes()[n]))
+    };
+    let fine = room.finer.zip(corridor);
+    let wish = |i: usize| {
+        let on_set = cheapest(i, room.directions, &room.reached.free, cost);
+        let beside = fine.and_then(|((finer, _), found)| cheapest(i, finer, &found.free, &found.cost));
+        match on_set.into_iter().chain(beside).min_by(|a, b| a.0.total_cmp(&b.0)) {
+            None => greedy::Wish::Nothing,
+            Some(_) if field.moments[i].mass_mg() <= 0.0 => greedy::Wish::Any,
+            Some((_, axis)) => greedy::Wish::Axis(axis),
+        }
+    };
+    let wishes: Vec<_> = (0..room.reached.free.len()).into_par_iter().map(wish).collect();
+    filtered(room, &wishes).held
+}
+
+/// The best sequence on the set; near it on a finer cap, where there is one; then between its directions.
+fn optimal(room: &Room, field: &CostField) -> Oriented {
+    let none = Forbidden::default();
+    let waypoints = room.reached.free.len();
+    let kept: Option<Vec<EngagedSamples>> = room.finer.filter(|_| waypoints <= MOST_KEPT).map(|_| {
+        let gathered = |i: usize| {
+            cancel::poll();
+            let mut samples = EngagedSamples::default();
+            field.gather(i, &mut samples);
+            samples.shrink_to_fit();
+            samples
+        };
+        (0..waypoints).into_par_iter().map(gathered).collect()
+    });
+    let kept = kept.as_deref();
+    let cost = cost_rows(room.directions, &room.reached.free, field, kept);
+    let problem = Problem {
+        directions: room.directions,
+        cost: &cost,
+        free: &room.reached.free,
+        length_mm: &room.reached.length_mm,
+        rate: room.rate,
+        forbidden: &none,
+    };
+    // where directions are far apart a turn of one spacing stands for a way over several of the finer ones
+    let lighter = room.finer.map_or(1.0, |(finer, _)| finer.spacing_rad() / room.directions.spacing_rad());
+    let rate = RateLimit { weight_mm: lighter * room.rate.weight_mm, ..room.rate };
+    let found = best_sequence(&Problem { rate, ..problem });
+    let corridor = room.finer.and_then(|finer| on_finer(room, field, kept, finer, &found));
+    let checked = |problem: &Problem, first: Found| {
+        let axis = |n: u16| &problem.directions.axes()[usize::from(n)];
+        best_checked(problem, first, |i, from, to| room.is_turn_free(i, axis(from), axis(to)))
+    };
+    let near = room.finer.zip(corridor).and_then(|((directions, _), corridor)| {
+        let Corridor { free, cost, found, .. } = &corridor;
+        let checked = checked(&Problem { directions, cost, free, ..problem }, found.clone());
+        checked.is_free().then_some((checked, corridor))
+    });
+    let (checked, corridor) = match near {
+        Some((checked, corridor)) => (checked, Some(corridor)),
+        None => {
+            let first = if room.finer.is_some() { best_sequence(&problem) } else { found };
+            let mut best = checked(&problem, first);
+            if !best.is_free() {
+                // the one by which the path was found to be passable
+                let free_of_cost = Problem { cost: &vec![0.0; cost.len()], ..problem };
+                best = checked(&free_of_cost, best_sequence(&free_of_cost));
+            }
+            (best, None)
+        }
+    };
+    let problem = match (room.finer, &corridor) {
+        (Some((directions, _)), Some(Corridor { free, cost, .. })) => {
+            Problem { directions, cost, free, ..problem }
+        }
+        _ => problem,
+    };
+    let Found::Sequence { directions, .. } = checked.found else {
+        // the same constraints were found feasible when waypoints were dropped; each axis is free all the same
+        return fixed(room).surveyed(room, None);
+    };
+    let chart = room.family.map_or(Chart::Sphere, Chart::Plane);
+    // a turn that failed on the set may fail refined too: it is counted in the end
+    let failing: std::collections::HashSet<usize> = checked.failing.into_iter().collect();
+    let is_turn_free = |i: usize, from: &Unit<Vector3<f64>>, to: &Unit<Vector3<f64>>| {
+        failing.contains(&i) || room.is_turn_free(i, from, to)
+    };
+    let refined = refine(&problem, &directions, chart, |i, a| room.is_free(i, a), is_turn_free);
+    let oriented = Oriented { angles_rad: refined.angles_rad, ..Oriented::new(refined.axes, None) };
+    let (oriented, low_pass_leaves) = rayon::join(
+        || oriented.surveyed(room, corridor.as_ref()),
+        || low_pass_leaves(room, field, &cost, corridor.as_ref()),
+    );
+    Oriented { low_pass_leaves, ..oriented }
+}
+
+/// Up to so many waypoints what they cut is kept from set to set, about 10 kB each.
+const MOST_KEPT: usize = 20_000;
+
+/// The best sequence of the finer cap near one of the set; `None` where none gets through.
+fn on_finer(
+    room: &Room,
+    field: &CostField,
+    kept: Option<&[EngagedSamples]>,
+    (finer, numbers): &Finer,
+    found: &Found,
+) -> Option<Corridor> {
+    let Found::Sequence { directions, .. } = found else { return None };
+    let start: Vec<u16> = directions.iter().map(|n| numbers[usize::from(*n)]).collect();
+    let ask = |i: usize, wanted: &[usize]| {
+        cancel::poll();
+        let axis = |n: usize| &finer.axes()[n];
+        let is_free: Vec<bool> = wanted.iter().map(|n| room.is_free(i, axis(*n))).collect();
+        let cuts = field.moments[i].mass_mg() > 0.0;
+        let mut own = EngagedSamples::default();
+        let samples = field.kept_or_gathered(kept, i, &mut own);
+        let compliance = |n: usize| Some(&field.finer_compliance.as_ref()?[n]);
+        let cost = |n: usize| {
+            let force_n = field.force_n(samples, axis(n));
+            if cuts { field.cost_of(i, &force_n, axis(n), compliance(n)) as f32 } else { 0.0 }
+        };
+        wanted.iter().zip(is_free).map(|(n, is_free)| is_free.then(|| cost(*n))).collect()
+    };
+    best_near(finer, &start, &room.reached.length_mm, room.rate, ask)
+}

@@ -1,0 +1,285 @@
+//! Why a part of the target stays: every voxel that is not removed counts for one cause, so that the causes add up.
+//!
+//! Of what the ball can reach, a voxel counts for the place nearest to it that the shank could not get to, else for the
+//! path's spacing. Of what it cannot reach, a voxel counts for a structure when this structure's clearance alone, with the
+//! bone around, keeps the ball from it; for several clearances at once when more than one does so by itself, or only all
+//! together (where clearances keep less than [`FEW_SHARE`] of the target, for the structure whose required distance the voxel
+//! misses most: no more free spaces are computed for so little); for thin bone when bone alone keeps the ball from it, and no longer without the thin bone outside the target:
+//! what `target.sheets = "keep"` costs; for the burr's radius when a burr of [`SMALLEST_BURR_VOXELS`] would reach it
+//! without any clearance; for the bone around it otherwise. What lies beyond the scan counts as that.
+
+use bonemill_imaging::{ImageError, distance_within};
+use bonemill_scene::{Class, Scene};
+use rayon::prelude::*;
+
+use super::metrics::Coverage;
+use super::reach::Dropped;
+use crate::percent::percent;
+use bonemill_case::Case;
+use bonemill_stock::removal::RemovalTime;
+use bonemill_toolpath::space::BurrSpace;
+
+/// Radius of the smallest burr that the planning grid can show, voxels: half of what a case's burr must have at least.
+const SMALLEST_BURR_VOXELS: f64 = 2.0;
+/// Where clearances keep less than this share of the target, which of several keeps what is told by distance alone.
+const FEW_SHARE: f64 = 0.01;
+/// A clearance above this is compared with it, a smaller one with its half, mm: the case file's default.
+const USUAL_CLEARANCE_MM: f64 = 1.0;
+
+/// What keeps a part of the target from being removed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Cause {
+    /// The clearance of one structure, by its place in the case.
+    Clearance(usize),
+    /// More than one clearance, each by itself or only together.
+    Clearances,
+    /// The ball does not fit into a corner or a narrow place.
+    BurrRadius,
+    /// Thin bone outside the target leaves no way or no room.
+    ThinBone,
+    /// Other bone outside the target does.
+    Bone,
+    /// The shank or the tilt limit, in words.
+    Shank(String),
+    /// The lines of the path are too far apart, or passes could not be joined.
+    Spacing,
+    /// The scan does not hold it.
+    OutsideScan,
+}
+
+impl Cause {
+    /// In words that follow "kept by".
+    pub fn text(&self, case: &Case) -> String {
+        match self {
+            Self::Clearance(n) => {
+                format!("clearance of {}", case.structures.get(*n).map_or("", |s| s.name.as_str()))
+            }
+            Self::Clearances => "several clearances at once".into(),
+            Self::BurrRadius => "burr's radius (corners, narrow places)".into(),
+            Self::ThinBone => "thin bone outside it that is kept (target.sheets)".into(),
+            Self::Bone => "bone around it that must stay".into(),
+            Self::Shank(why) => format!("shank or tilt ({why})"),
+            Self::Spacing => "path's spacing".into(),
+            Self::OutsideScan => "end of the scan".into(),
+        }
+    }
+}
+
+/// How much of the target each cause keeps, mm³, the largest first; together target + outside − removed.
+///
+/// # Errors
+/// When a distance field cannot be made.
+pub fn rest(
+    scene: &Scene,
+    space: &BurrSpace,
+    removal: &RemovalTime,
+    dropped: &[Dropped],
+) -> Result<Vec<(Cause, f64)>, ImageError> {
+    let class = scene.class.data();
+    let left: Vec<usize> =
+        (0..class.len()).filter(|n| class[*n].is(Class::TARGET) && !removal.is_removed(*n)).collect();
+    let (reachable, unreachable): (Vec<usize>, Vec<usize>) =
+        left.into_iter().partition(|n| space.reachable()[*n]);
+    let without_structures = BurrSpace::new(scene, space.radius_mm(), &[])?;
+    let (by_structures, by_bone): (Vec<usize>, Vec<usize>) =
+        unreachable.into_iter().partition(|n| without_structures.reachable()[*n]);
+    let without_thin = reachable_without_thin(scene, space)?;
+    let (by_thin, by_bone): (Vec<usize>, Vec<usize>) =
+        by_bone.into_iter().partition(|n| without_thin.as_ref().is_some_and(|reachable| reachable[*n]));
+    let mut counts = Counts(Vec::new());
+    reachable.iter().for_each(|n| counts.add(left_by_path(scene, space, dropped, *n), 1));
+    counts.add(Cause::ThinBone, by_thin.len());
+    by_clearances(scene, space, &by_structures, &mut counts)?;
+    by_radius(scene, &by_bone, &mut counts)?;
+    let voxel_mm3 = scene.class.grid().voxel_mm3();
+    let mut rest: Vec<(Cause, f64)> =
+        counts.0.into_iter().map(|(cause, voxels)| (cause, voxels as f64 * voxel_mm3)).collect();
+    if scene.outside.mm3.total() > 0.0 {
+        rest.push((Cause::OutsideScan, scene.outside.mm3.total()));
+    }
+    rest.sort_by(|a, b| b.1.total_cmp(&a.1));
+    Ok(rest)
+}
+
+/// What the ball could reach if thin bone were no obstacle; `None` where there is none.
+fn reachable_without_thin(scene: &Scene, space: &BurrSpace) -> Result<Option<Vec<bool>>, ImageError> {
+    if scene.count(Class::THIN) == 0 {
+        return Ok(None);
+    }
+    let thick = scene.class.map(|c| c.is(Class::OBSTACLE) && !c.is(Class::THIN));
+    let thick_mm = distance_within(&thick, 2.0 * space.radius_mm())?;
+    Ok(Some(space.among_others(thick_mm.as_ref())?.reachable().to_vec()))
+}
+
+/// Voxels by cause, in the order of their first mention.
+struct Counts(Vec<(Cause, usize)>);
+
+impl Counts {
+    fn add(&mut self, cause: Cause, voxels: usize) {
+        match self.0.iter_mut().find(|(known, _)| *known == cause) {
+            Some((_, count)) => *count += voxels,
+            None if voxels > 0 => self.0.push((cause, voxels)),
+            None => {}
+        }
+    }
+}
+
+/// Why a voxel that the ball can reach stays: the nearest dropped place from which the ball would have removed it.
+fn left_by_path(scene: &Scene, space: &BurrSpace, dropped: &[Dropped], voxel: usize) -> Cause {
+    let p = scene.class.grid().center(scene.class.grid().voxel(voxel));
+    let near = dropped.iter().map(|place| (place.position.distance_mm(&p), place));
+    let near = near.filter(|(mm, _)| *mm <= space.radius_mm()).min_by(|a, b| a.0.total_cmp(&b.0));
+    near.map_or(Cause::Spacing, |(_, place)| Cause::Shank(place.reason.clone()))
+}
+
+/// Which clearances keep `voxels`, which the ball would reach without any.
+fn by_clearances(
+    scene: &Scene,
+    space: &BurrSpace,
+    voxels: &[usize],
+    counts: &mut Counts,
+) -> Result<(), ImageError> {
+    let near: Vec<usize> =
+        (0..scene.structures.len()).filter(|n| scene.structures[*n].field.is_some()).collect();
+    if let [only] = near[..] {
+        counts.add(Cause::Clearance(only), voxels.len());
+        return Ok(());
+    }
+    if (voxels.len() as f64) < FEW_SHARE * scene.count(Class::TARGET) as f64 {
+        voxels
+            .iter()
+            .filter_map(|n| nearest_limit(scene, space, *n))
+            .for_each(|s| counts.add(Cause::Clearance(s), 1));
+        return Ok(());
+    }
+    let mut keepers: Vec<Vec<usize>> = vec![Vec::new(); voxels.len()];
+    for structure in near {
+        let alone = BurrSpace::new(scene, space.radius_mm(), &alone(space, structure))?;
+        for (keepers, n) in keepers.iter_mut().zip(voxels) {
+            if !alone.reachable()[*n] {
+                keepers.push(structure);
+            }
+        }
+    }
+    for keepers in keepers {
+        counts.add(if let [only] = keepers[..] { Cause::Clearance(only) } else { Cause::Clearances }, 1);
+    }
+    Ok(())
+}
+
+/// The structure whose required distance is missed most at a voxel.
+fn nearest_limit(scene: &Scene, space: &BurrSpace, voxel: usize) -> Option<usize> {
+    let grid = scene.class.grid();
+    let p = scene.ct_from_work * grid.center(grid.voxel(voxel));
+    let margin = |(number, keep): (usize, &f64)| {
+        let field = scene.structures[number].field.as_ref()?;
+        Some((field.distance(p) - keep, number))
+    };
+    let margins = space.keep_mm().iter().enumerate().filter_map(margin);
+    margins.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, number)| number)
+}
+
+/// The clearances of a space with every structure but one left out, mm.
+fn alone(space: &BurrSpace, structure: usize) -> Vec<f64> {
+    let clearance = |n: usize| if n == structure { space.clearance_mm(n) } else { f64::NEG_INFINITY };
+    (0..space.keep_mm().len()).map(clearance).collect()
+}
+
+/// Which of `voxels`, which bone keeps from the ball, a small burr would reach.
+fn by_radius(scene: &Scene, voxels: &[usize], counts: &mut Counts) -> Result<(), ImageError> {
+    if voxels.is_empty() {
+        return Ok(());
+    }
+    let smallest_mm = SMALLEST_BURR_VOXELS * scene.class.grid().spacing_mm().x;
+    let small = BurrSpace::new(scene, smallest_mm, &[])?;
+    let narrow = voxels.par_iter().filter(|n| small.reachable()[**n]).count();
+    counts.add(Cause::BurrRadius, narrow);
+    counts.add(Cause::Bone, voxels.len() - narrow);
+    Ok(())
+}
+
+/// Less than this is not told, mm³: it would read 0.0.
+const TOLD_MM3: f64 = 0.05;
+
+/// Why too little of the target is removed, if it is: what keeps the rest, and what would help against the largest cause.
+///
+/// # Errors
+/// When a distance field cannot be made.
+pub fn too_little(
+    case: &Case,
+    scene: &Scene,
+    space: &BurrSpace,
+    coverage: &Coverage,
+) -> Result<Option<String>, ImageError> {
+    let share = coverage.removed_share();
+    let (Some((largest, _)), true) = (coverage.rest.first(), share < case.least_share) else {
+        return Ok(None);
+    };
+    let parts: Vec<String> = coverage
+        .rest
+        .iter()
+        .filter(|(_, mm3)| *mm3 >= TOLD_MM3)
+        .map(|(cause, mm3)| format!("{mm3:.1} mm³ by the {}", cause.text(case)))
+        .collect();
+    Ok(Some(format!(
+        "only {} of the target is removed (target.least_share = {}: {:.0} %); kept are {}; {}",
+        percent(share),
+        case.least_share,
+        100.0 * case.least_share,
+        parts.join(", "),
+        help(case, scene, space, coverage, largest)?
+    )))
+}
+
+/// What would help against a cause, with the mm³ that it would make reachable where that is one more free space.
+fn help(
+    case: &Case,
+    scene: &Scene,
+    space: &BurrSpace,
+    coverage: &Coverage,
+    cause: &Cause,
+) -> Result<String, ImageError> {
+    let lower = |mm: f64| if mm > USUAL_CLEARANCE_MM { USUAL_CLEARANCE_MM } else { 0.5 * mm };
+    let clearances = |lowered: &dyn Fn(usize) -> bool| -> Vec<f64> {
+        let structures = case.structures.iter().enumerate();
+        structures.map(|(n, s)| if lowered(n) { lower(s.clearance_mm) } else { s.clearance_mm }).collect()
+    };
+    let gain = |radius_mm: f64, clearances_mm: &[f64]| -> Result<String, ImageError> {
+        let changed = BurrSpace::new(scene, radius_mm, clearances_mm)?;
+        let more =
+            changed.reachable().iter().zip(space.reachable()).filter(|(now, before)| **now && !**before);
+        let mm3 = more.count() as f64 * scene.class.grid().voxel_mm3();
+        Ok(format!("would let the burr reach {mm3:.1} mm³ more"))
+    };
+    let radius_mm = case.burr.radius_mm;
+    Ok(match cause {
+        Cause::Clearance(structure) => {
+            let (name, from_mm) = case
+                .structures
+                .get(*structure)
+                .map_or(("", 0.0), |s| (s.name.as_str(), s.clearance_mm));
+            let gain = gain(radius_mm, &clearances(&|n| n == *structure))?;
+            format!("clearance_mm of {name} {from_mm} -> {} {gain}", lower(from_mm))
+        }
+        Cause::Clearances => format!(
+            "clearance_mm of every structure lowered to {USUAL_CLEARANCE_MM}, and where it is that already by half, {}",
+            gain(radius_mm, &clearances(&|_| true))?
+        ),
+        Cause::BurrRadius => {
+            format!("burr.radius_mm {radius_mm} -> {} {}", 0.5 * radius_mm, gain(0.5 * radius_mm, &clearances(&|_| false))?)
+        }
+        Cause::Bone => format!(
+            "{:.0} % of the target is bone itself: if that is little, the labels may lie beside their bone (check both images' \
+             affines); else take the bone in the way into the target, or choose another approach.direction",
+            100.0 * coverage.target.bone_mm3 / coverage.target.all_mm3
+        ),
+        Cause::ThinBone => "target.sheets = \"cut\" would let the burr through it".into(),
+        Cause::Shank(_) => {
+            "a longer or thinner shank (shank.segments), a larger orientation.tilt_limit_deg or another approach.direction may \
+             help"
+                .into()
+        }
+        Cause::Spacing => "smaller path.layer_mm and path.stepover_mm would help".into(),
+        Cause::OutsideScan => "a scan that holds the target would help".into(),
+    })
+}

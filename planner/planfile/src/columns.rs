@@ -1,0 +1,213 @@
+//! What stands in a plan's files: every column and key with its unit, its frame and its meaning.
+//!
+//! One table for three users: the writers take the columns' names from it, `docs/columns.md` and `bonemill columns` are
+//! printed from it, and every report shows it.
+
+mod csv;
+mod toml;
+
+use std::fmt::Write;
+
+pub use csv::{ACCESS, DROPPED, FORCES_ROWS, SIMULATION_ROWS, WAYPOINTS};
+
+/// A column of a table or a key of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Column {
+    /// As the file writes it; `NAME` stands for a name that the case gives, `1..n` for one per joint.
+    pub name: &'static str,
+    /// Unit; `1` for numbers without one, `text` for words.
+    pub unit: &'static str,
+    /// The frame of a vector's component; empty where that makes no sense.
+    pub frame: &'static str,
+    /// What it says.
+    pub meaning: &'static str,
+}
+
+impl Column {
+    const fn new(name: &'static str, unit: &'static str, frame: &'static str, meaning: &'static str) -> Self {
+        Self { name, unit, frame, meaning }
+    }
+}
+
+/// The names of a file's columns, in order.
+pub const fn names<const N: usize>(columns: &[Column; N]) -> [&'static str; N] {
+    let mut names = [""; N];
+    let mut n = 0;
+    while n < N {
+        names[n] = columns[n].name;
+        n += 1;
+    }
+    names
+}
+
+/// A file of a plan, or a table in one.
+#[derive(Debug, Clone, Copy)]
+pub struct Described {
+    /// The file's name, and the table's.
+    pub title: &'static str,
+    /// What it holds.
+    pub about: &'static str,
+    /// Its columns or keys.
+    pub columns: &'static [Column],
+}
+
+/// Every file and table, in the order of the reference.
+pub const DESCRIBED: &[Described] = &[
+    Described {
+        title: "waypoints.csv",
+        about: "One row a waypoint. Everything in a row belongs to the move that ends there; the first row is where the \
+                motion begins. An empty cell: there is no such value.",
+        columns: &WAYPOINTS,
+    },
+    Described {
+        title: "forces.csv",
+        about: "One row a waypoint and structure within its influence: its clearance from the burr's surface and 8 mm more.",
+        columns: &FORCES_ROWS,
+    },
+    Described {
+        title: "trajectory.csv",
+        about: "One row a controller period (`robot.rate_hz`): the motion of the joints of `robot.urdf`, on the clock of \
+                `waypoints.csv`.",
+        columns: &csv::TRAJECTORY,
+    },
+    Described {
+        title: "simulation.csv",
+        about: "Written by `bonemill simulate`: one row a simulated pose. An empty cell: there is no such value.",
+        columns: &SIMULATION_ROWS,
+    },
+    Described {
+        title: "access.csv",
+        about: "One row a waypoint: which directions of the shaft were free there.",
+        columns: &ACCESS,
+    },
+    Described {
+        title: "dropped.csv",
+        about: "One row a place that the path leaves out because the shank could not get there.",
+        columns: &DROPPED,
+    },
+    Described { title: "plan.toml", about: "The plan in figures.", columns: toml::PLAN },
+    Described {
+        title: "plan.toml [frames]",
+        about: "`a_from_b` takes coordinates of b to coordinates of a: p_a = rotation · p_b + translation_mm; a rotation is \
+                written by rows.",
+        columns: toml::FRAMES,
+    },
+    Described {
+        title: "plan.toml [metrics]",
+        about: "Volumes are counts of voxels of the planning grid. A table of volumes has three keys: `all_mm3`, with air \
+                cells; `material_mm3`, above `density.air_hu`; `bone_mm3`, above `density.bone_hu`.",
+        columns: toml::METRICS,
+    },
+    Described {
+        title: "plan.toml [modelled]",
+        about: "What was modelled where, and what each approximation may have cost.",
+        columns: toml::MODELLED,
+    },
+    Described {
+        title: "verification.toml",
+        about: "Written by `bonemill verify`: the verdict, and one `[[check]]` for each thing that was checked.",
+        columns: toml::VERIFICATION,
+    },
+];
+
+/// The frames by name and meaning.
+pub const FRAMES: [(&str, &str); 6] = [
+    ("ct", "The scan's RAS+ mm world, as the NIfTI affine gives it. Plans are stored in it."),
+    (
+        "work",
+        "The frame in which θ and φ are measured: origin at the centre of the planning grid's first voxel, z along the approach, \
+         out of the bone; x and y follow from z alone.",
+    ),
+    (
+        "grid",
+        "The planning grid: work, turned about z by `frames.grid.turn_rad` to lie along the scan's voxels.",
+    ),
+    ("base", "The arm's base: `base_link` of `robot.urdf`, else its root."),
+    ("flange", "The end of `robot.urdf`, to which the tool is fixed."),
+    ("tool, burr", "Origin at the burr's centre, z along the shaft to the handpiece."),
+];
+
+const INTRODUCTION: &str = "\
+# The files of a plan
+
+Every column and key with its unit, frame and meaning. Lengths are mm, forces N, angles rad; names end in their unit. Distances
+are from the burr's centre unless they say otherwise: less the burr's radius they are from its surface. The keys of `[case]` are
+those of the [case file](case.md).
+
+This page is generated from the table that the writers use: `bonemill columns` prints it.
+
+## Frames
+
+| frame | meaning |
+|---|---|
+";
+
+/// The reference as Markdown.
+pub fn reference() -> String {
+    let mut out = String::from(INTRODUCTION);
+    // writing to a String cannot fail
+    for (name, meaning) in FRAMES {
+        let _ = writeln!(out, "| {name} | {meaning} |");
+    }
+    for Described { title, about, columns } in DESCRIBED {
+        let _ =
+            write!(out, "\n## {title}\n\n{about}\n\n| name | unit | frame | meaning |\n|---|---|---|---|\n");
+        for c in *columns {
+            let _ = writeln!(
+                out,
+                "| `{}` | {} | {} | {} |",
+                c.name,
+                c.unit,
+                c.frame,
+                c.meaning.replace('|', "\\|")
+            );
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn docs_columns_md_is_this_reference() {
+        let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/columns.md");
+        let found = std::fs::read_to_string(&file).unwrap_or_default();
+        assert!(
+            found == reference(),
+            "docs/columns.md is out of date: run `bonemill columns > docs/columns.md`"
+        );
+    }
+
+    #[test]
+    fn names_are_unique_and_units_agree_with_their_endings() {
+        for Described { title, columns, .. } in DESCRIBED {
+            for (n, c) in columns.iter().enumerate() {
+                assert!(
+                    !columns[..n].iter().any(|before| before.name == c.name),
+                    "{title}: {} stands twice",
+                    c.name
+                );
+                assert!(c.meaning.ends_with('.') && !c.unit.is_empty(), "{title}: {}", c.name);
+                let ending = [
+                    ("_mm", "mm"),
+                    ("_n", "N"),
+                    ("_s", "s"),
+                    ("_mm_s", "mm/s"),
+                    ("_rad", "rad"),
+                    ("_mm3", "mm³"),
+                ];
+                let ending =
+                    ending.into_iter().filter(|(e, _)| c.name.ends_with(e)).max_by_key(|(e, _)| e.len());
+                let is_rate = c.name.ends_with("_mm3_s");
+                assert!(
+                    is_rate || ending.is_none_or(|(_, unit)| c.unit == unit),
+                    "{title}: {} in {}",
+                    c.name,
+                    c.unit
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,229 @@
+//! A directory written whole or not at all.
+//!
+//! Files go into a hidden folder beside the place where they shall stand (`.NAME.partial-XXXXXX`), are made durable,
+//! and take their place by renaming. A plan that stood there is set aside as `.NAME.replaced`, and removed when the
+//! new one is in place. Whatever fails before leaves the old plan and removes the hidden folder. A process that is killed
+//! leaves either the old plan or the new one, complete: if it dies between the two renames, the next run finds
+//! `.NAME.replaced` and puts it back. A hidden partial folder that a killed process left is harmless and may be deleted.
+
+use std::ffi::{OsStr, OsString};
+use std::fs::{self, File};
+use std::path::{Component, Path, PathBuf};
+
+use tempfile::TempDir;
+
+use super::PlanFileError;
+use super::record::is_plan;
+
+/// What stands in a plan's directory; anything else there is somebody's own and is not removed.
+const PLAN_ENTRIES: [&str; 13] = [
+    "plan.toml",
+    "case.toml",
+    "waypoints.csv",
+    "forces.csv",
+    "trajectory.csv",
+    "robot.urdf",
+    "report.html",
+    "access.csv",
+    "dropped.csv",
+    "simulation.csv",
+    "verification.toml",
+    "phantom",
+    "inputs",
+];
+
+/// What the new directory may take the place of, besides nothing and an empty folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Replace {
+    /// Nothing else.
+    Nothing,
+    /// A plan.
+    Plan,
+}
+
+/// A directory being written; dropped without [`StagedDirectory::commit`], it leaves nothing behind.
+#[derive(Debug)]
+pub struct StagedDirectory {
+    /// Removed when dropped.
+    _partial: TempDir,
+    /// In it, and made with the permissions of any new folder, which a temporary one has not.
+    inside: PathBuf,
+    target: PathBuf,
+    replace: Replace,
+}
+
+impl StagedDirectory {
+    /// Begins to write `target`, which itself is not touched yet. Missing parent folders are made in the end.
+    ///
+    /// # Errors
+    /// [`PlanFileError::Occupied`] when something else stands there, [`PlanFileError::NoName`],
+    /// [`PlanFileError::Io`] when the folder around it cannot be written.
+    pub fn create(target: &Path, replace: Replace) -> Result<Self, PlanFileError> {
+        let target = resolve(target)?;
+        put_back(&target)?;
+        check_vacant(&target, replace)?;
+        let home = existing_ancestor(&target);
+        let partial = tempfile::Builder::new()
+            .prefix(&hidden(&target, ".partial-"))
+            .tempdir_in(home)
+            .map_err(PlanFileError::io("write into", home))?;
+        let inside = partial.path().join("new");
+        fs::create_dir(&inside).map_err(PlanFileError::io("create", &inside))?;
+        Ok(Self { _partial: partial, inside, target, replace })
+    }
+
+    /// Where to write the files now.
+    pub fn path(&self) -> &Path {
+        &self.inside
+    }
+
+    /// Writes a file of text.
+    ///
+    /// # Errors
+    /// [`PlanFileError::Io`].
+    pub fn write(&self, name: &str, text: &str) -> Result<(), PlanFileError> {
+        let path = self.inside.join(name);
+        fs::write(&path, text).map_err(PlanFileError::io("write", path))
+    }
+
+    /// Where they will stand, absolute.
+    pub fn target(&self) -> &Path {
+        &self.target
+    }
+
+    /// The way from the finished directory to an existing file, be it inside or elsewhere.
+    ///
+    /// # Errors
+    /// [`PlanFileError::WouldBeLost`] when the file is part of what will be replaced, [`PlanFileError::Io`] when it does
+    /// not exist.
+    pub fn relative(&self, file: &Path) -> Result<PathBuf, PlanFileError> {
+        let file = file.canonicalize().map_err(PlanFileError::io("find", file))?;
+        let partial = self.path().canonicalize().map_err(PlanFileError::io("find", self.path()))?;
+        Ok(match file.strip_prefix(&partial) {
+            Ok(inside) => inside.into(),
+            Err(_) if file.starts_with(&self.target) => {
+                return Err(PlanFileError::WouldBeLost { path: file, target: self.target.clone() });
+            }
+            Err(_) => relative(&self.target, &file),
+        })
+    }
+
+    /// Makes the files durable and puts the directory in its place.
+    ///
+    /// # Errors
+    /// [`PlanFileError::Io`] or [`PlanFileError::Occupied`]; then what stood there stands there still.
+    pub fn commit(self) -> Result<PathBuf, PlanFileError> {
+        sync_tree(self.path())?;
+        check_vacant(&self.target, self.replace)?;
+        let parent = self.target.parent().unwrap_or(Path::new("/"));
+        fs::create_dir_all(parent).map_err(PlanFileError::io("create", parent))?;
+        let aside = self.target.with_file_name(hidden(&self.target, ".replaced"));
+        let replaces = self.target.join("plan.toml").exists();
+        if replaces {
+            fs::rename(&self.target, &aside).map_err(PlanFileError::io("set aside", &self.target))?;
+        }
+        // over nothing, or over an empty folder
+        if let Err(e) = fs::rename(self.path(), &self.target) {
+            if replaces {
+                fs::rename(&aside, &self.target).map_err(PlanFileError::io("put back", &aside))?;
+            }
+            return Err(PlanFileError::io("put into place", &self.target)(e));
+        }
+        sync(parent)?;
+        if replaces {
+            fs::remove_dir_all(&aside).map_err(PlanFileError::io("remove the replaced plan", &aside))?;
+        }
+        Ok(self.target)
+    }
+}
+
+/// The absolute path with links followed, as far as it exists.
+fn resolve(target: &Path) -> Result<PathBuf, PlanFileError> {
+    if target.exists() {
+        let full = target.canonicalize().map_err(PlanFileError::io("find", target))?;
+        return if full.file_name().is_some() { Ok(full) } else { Err(PlanFileError::NoName { path: full }) };
+    }
+    let absolute = std::path::absolute(target).map_err(PlanFileError::io("find", target))?;
+    let ancestor = existing_ancestor(&absolute);
+    let rest = absolute.strip_prefix(ancestor).unwrap_or(&absolute);
+    if rest.components().any(|c| c == Component::ParentDir) {
+        return Err(PlanFileError::NoName { path: target.into() });
+    }
+    Ok(ancestor.canonicalize().map_err(PlanFileError::io("find", ancestor))?.join(rest))
+}
+
+fn existing_ancestor(target: &Path) -> &Path {
+    target.ancestors().skip(1).find(|a| a.exists()).unwrap_or(Path::new("/"))
+}
+
+/// `.NAME` and an ending.
+fn hidden(target: &Path, ending: &str) -> OsString {
+    let mut name = OsString::from(".");
+    name.push(target.file_name().unwrap_or(OsStr::new("plan")));
+    name.push(ending);
+    name
+}
+
+/// Mends what a process left that was killed while it replaced a plan.
+fn put_back(target: &Path) -> Result<(), PlanFileError> {
+    let aside = target.with_file_name(hidden(target, ".replaced"));
+    if !aside.exists() || is_plan(&aside).is_err() {
+        return Ok(());
+    }
+    if target.exists() {
+        return fs::remove_dir_all(&aside).map_err(PlanFileError::io("remove the replaced plan", &aside));
+    }
+    fs::rename(&aside, target).map_err(PlanFileError::io("put back", &aside))
+}
+
+fn check_vacant(target: &Path, replace: Replace) -> Result<(), PlanFileError> {
+    let expected = match replace {
+        Replace::Nothing => "an empty folder",
+        Replace::Plan => "a plan",
+    };
+    let occupied = |why: String| PlanFileError::Occupied { path: target.into(), expected, why };
+    if fs::symlink_metadata(target).is_err() {
+        return Ok(());
+    }
+    if !target.is_dir() {
+        return Err(occupied("it is not a folder".into()));
+    }
+    let entries = fs::read_dir(target).map_err(PlanFileError::io("list", target))?;
+    let names: Result<Vec<_>, _> = entries.map(|e| e.map(|e| e.file_name())).collect();
+    let mut names = names.map_err(PlanFileError::io("list", target))?;
+    if names.is_empty() {
+        return Ok(());
+    }
+    names.sort();
+    if replace == Replace::Nothing {
+        return Err(occupied("it is not empty".into()));
+    }
+    is_plan(target).map_err(occupied)?;
+    match names.iter().find(|name| !PLAN_ENTRIES.iter().any(|known| OsStr::new(known) == name.as_os_str())) {
+        Some(own) => Err(occupied(format!("it also holds {}, which would be lost", own.display()))),
+        None => Ok(()),
+    }
+}
+
+/// The way from folder `from` to `to`, both absolute.
+fn relative(from: &Path, to: &Path) -> PathBuf {
+    let common = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
+    let up = from.components().skip(common).map(|_| Component::ParentDir);
+    up.chain(to.components().skip(common)).collect()
+}
+
+fn sync(path: &Path) -> Result<(), PlanFileError> {
+    File::open(path).and_then(|f| f.sync_all()).map_err(PlanFileError::io("make durable", path))
+}
+
+fn sync_tree(dir: &Path) -> Result<(), PlanFileError> {
+    for entry in fs::read_dir(dir).map_err(PlanFileError::io("list", dir))? {
+        let path = entry.map_err(PlanFileError::io("list", dir))?.path();
+        if path.is_dir() { sync_tree(&path)? } else { sync(&path)? }
+    }
+    sync(dir)
+}
+
+#[cfg(test)]
+#[path = "directory_tests.rs"]
+mod tests;

@@ -1,0 +1,40 @@
+//! A plan's files: `plan.toml`, `waypoints.csv` and the directory that holds them, written whole or not at all.
+//!
+//! Nothing in these files depends on when, where or on how many threads they were written, so that two runs can be
+//! compared byte by byte. A plan is bound to its inputs by their SHA-256; reading one whose inputs changed is an error.
+
+mod addition;
+mod cells;
+pub mod columns;
+mod csv;
+mod directory;
+mod error;
+mod files;
+mod force_log;
+mod forces;
+mod hash;
+mod inputs;
+mod record;
+mod stored;
+pub mod toward;
+mod trajectory;
+mod value;
+mod verdict;
+mod waypoint;
+
+pub use addition::{ReportPart, add_to_report, replace};
+pub use cells::{push_number, structure_name};
+pub use csv::{read_waypoints, write_waypoints};
+pub use directory::{Replace, StagedDirectory};
+pub use error::{MissingInput, PlanFileError};
+pub use files::{FILES, NOTES, copy_files};
+pub use force_log::{LogRow, read_force_log};
+pub use forces::{FORCES, ForceToward, read_forces, write_forces};
+pub use hash::Sha256;
+pub use inputs::{CASE_COPY, FoundInputs, Need, copy_input, pack_inputs};
+pub use record::{Input, Metrics, PlanRecord, PlanningGrid};
+pub use stored::StoredPlan;
+pub use trajectory::Trajectory;
+pub use value::Value;
+pub use verdict::{VERDICT, digests, read_case_text};
+pub use waypoint::Waypoint;

@@ -1,0 +1,169 @@
+//! Force toward a structure over time: mean, 75th percentile, peak and where it is.
+//!
+//! One definition for plans, simulations, reports and comparisons. The time is that of the moves that remove material. A force
+//! that points away from the structure counts as 0 toward it. Dillon et al. 2016 give means over the time in which the force
+//! points toward the structure (F_v > 0) while the burr's surface is within 2 mm of it; the same with zeros stands beside each.
+
+use crate::Value;
+
+/// A burr whose surface is within this of a structure is near it, mm.
+///
+/// **Source:** Dillon et al. 2016, the radius of interest of its trials.
+pub const NEAR_MM: f64 = 2.0;
+
+/// One move that removes material within the influence of a structure.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TowardSpan {
+    /// How long the move takes, s.
+    pub seconds: f64,
+    /// Force toward the structure, N; 0 if it points away.
+    pub force_n: f64,
+    /// The row of the move: a waypoint, or a pose of a simulation.
+    pub row: usize,
+}
+
+/// A force toward a structure in one number each.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct TowardFigures {
+    /// Time that counts, s.
+    pub seconds: f64,
+    /// Mean over the time in which it points toward the structure (F_v > 0), N.
+    pub mean_n: f64,
+    /// Mean over all of the time, N.
+    pub mean_with_zeros_n: f64,
+    /// 75th percentile over the time in which it points toward the structure, N.
+    pub p75_n: f64,
+    /// 75th percentile over all of the time, N.
+    pub p75_with_zeros_n: f64,
+    /// The largest, N.
+    pub peak_n: f64,
+    /// The row of the largest, the first of equals; none where no force points toward the structure.
+    pub peak_row: Option<usize>,
+}
+
+impl TowardFigures {
+    /// Of moves in the order of their rows.
+    pub fn of(spans: &[TowardSpan]) -> Self {
+        let toward: Vec<TowardSpan> = spans.iter().copied().filter(|s| s.force_n > 0.0).collect();
+        let higher = |a: TowardSpan, b: &TowardSpan| if b.force_n > a.force_n { *b } else { a };
+        let peak = toward.iter().fold(None, |peak, s| Some(peak.map_or(*s, |peak| higher(peak, s))));
+        Self {
+            seconds: spans.iter().map(|s| s.seconds).sum(),
+            mean_n: mean_n(&toward),
+            mean_with_zeros_n: mean_n(spans),
+            p75_n: quantile_n(toward, 0.75),
+            p75_with_zeros_n: quantile_n(spans.to_vec(), 0.75),
+            peak_n: peak.map_or(0.0, |s: TowardSpan| s.force_n),
+            peak_row: peak.map(|s| s.row),
+        }
+    }
+
+    /// Names and values for files; `row` is what a row is called, e.g. `waypoint`.
+    pub fn entries(&self, row: &str) -> Vec<(String, Value)> {
+        let mut entries: Vec<(String, Value)> = [
+            ("mean_force_toward_n", self.mean_n),
+            ("mean_force_toward_with_zeros_n", self.mean_with_zeros_n),
+            ("p75_force_toward_n", self.p75_n),
+            ("p75_force_toward_with_zeros_n", self.p75_with_zeros_n),
+            ("peak_force_toward_n", self.peak_n),
+        ]
+        .map(|(name, value)| (name.to_owned(), value.into()))
+        .into();
+        entries.extend(self.peak_row.map(|n| (format!("peak_force_toward_{row}"), n.into())));
+        entries.push(("cutting_s".into(), self.seconds.into()));
+        entries
+    }
+}
+
+/// Mean by time, N; 0 without time.
+fn mean_n(spans: &[TowardSpan]) -> f64 {
+    let (sum, seconds) =
+        spans.iter().fold((0.0, 0.0), |(sum, time), s| (sum + s.force_n * s.seconds, time + s.seconds));
+    if seconds > 0.0 { sum / seconds } else { 0.0 }
+}
+
+/// The force that is not exceeded during the share `q` of the time, N; 0 without time.
+fn quantile_n(mut spans: Vec<TowardSpan>, q: f64) -> f64 {
+    spans.sort_by(|a, b| a.force_n.total_cmp(&b.force_n));
+    let wanted = q * spans.iter().map(|s| s.seconds).sum::<f64>();
+    let mut below = 0.0;
+    for span in &spans {
+        below += span.seconds;
+        if below >= wanted {
+            return span.force_n;
+        }
+    }
+    0.0
+}
+
+/// One structure's figures over a plan or a simulation.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct StructureFigures {
+    /// Least distance of the burr's centre over all rows, mm, and its row; none where the label map lacks the structure.
+    pub least: Option<(f64, usize)>,
+    /// Force toward it wherever it is within its influence.
+    pub force: TowardFigures,
+    /// The same while the burr's surface is within [`NEAR_MM`] of it.
+    pub near: TowardFigures,
+}
+
+impl StructureFigures {
+    /// Of moves with the distance of the burr's centre, mm, for a burr of this radius.
+    pub fn of(least: Option<(f64, usize)>, spans: &[(TowardSpan, f64)], radius_mm: f64) -> Self {
+        let within = |most_mm: f64| -> Vec<TowardSpan> {
+            spans.iter().filter(|(_, mm)| mm - radius_mm <= most_mm).map(|(span, _)| *span).collect()
+        };
+        Self {
+            least,
+            force: TowardFigures::of(&within(f64::INFINITY)),
+            near: TowardFigures::of(&within(NEAR_MM)),
+        }
+    }
+
+    /// Names and values for files; `row` is what a row is called.
+    pub fn value(&self, radius_mm: f64, row: &str) -> Value {
+        let mut entries: Vec<(String, Value)> = Vec::new();
+        if let Some((distance_mm, at)) = self.least {
+            entries.push(("least_distance_mm".into(), distance_mm.into()));
+            entries.push(("least_clearance_mm".into(), (distance_mm - radius_mm).into()));
+            entries.push((format!("least_distance_{row}"), at.into()));
+        }
+        entries.extend(self.force.entries(row));
+        entries.push(("near".into(), Value::Table(self.near.entries(row))));
+        Value::Table(entries)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn span(seconds: f64, force_n: f64, row: usize) -> TowardSpan {
+        TowardSpan { seconds, force_n, row }
+    }
+
+    #[test]
+    fn time_is_the_weight_and_zeros_are_told_apart() {
+        let spans = [span(1.0, 0.4, 3), span(3.0, 0.8, 4), span(4.0, 0.0, 5), span(0.0, 0.8, 6)];
+        let found = TowardFigures::of(&spans);
+        assert!((found.mean_n - 0.7).abs() < 1e-12 && (found.mean_with_zeros_n - 0.35).abs() < 1e-12);
+        assert_eq!((found.p75_n, found.p75_with_zeros_n), (0.8, 0.8));
+        assert_eq!((found.seconds, found.peak_n, found.peak_row), (8.0, 0.8, Some(4)));
+        assert_eq!(TowardFigures::of(&[]), TowardFigures::default());
+        let away = TowardFigures::of(&[span(2.0, 0.0, 0)]);
+        assert_eq!((away.seconds, away.peak_n, away.peak_row), (2.0, 0.0, None));
+    }
+
+    #[test]
+    fn near_is_judged_by_the_burrs_surface() {
+        let moves = [(span(1.0, 0.2, 0), 4.5), (span(1.0, 0.5, 1), 4.51), (span(1.0, 0.1, 2), 3.0)];
+        let found = StructureFigures::of(Some((3.0, 2)), &moves, 2.5);
+        assert_eq!((found.force.peak_n, found.force.peak_row), (0.5, Some(1)));
+        assert_eq!((found.near.peak_n, found.near.peak_row, found.near.seconds), (0.2, Some(0), 2.0));
+        let Value::Table(entries) = found.value(2.5, "waypoint") else { panic!() };
+        let names: Vec<&str> = entries.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names[..3], ["least_distance_mm", "least_clearance_mm", "least_distance_waypoint"]);
+        assert!(names.contains(&"peak_force_toward_waypoint") && names.last() == Some(&"near"));
+        assert_eq!(entries[1].1, Value::Number(0.5));
+    }
+}

@@ -1,0 +1,34 @@
+//! What the files beside the report hold, column by column, so that the folder explains itself without a network.
+
+use super::escape;
+use bonemill_planfile::columns::{Column, DESCRIBED, Described, FRAMES};
+
+/// The part of the report, from its heading on.
+pub fn section() -> String {
+    let frames: String = FRAMES.iter().map(|(name, meaning)| row(&[name, meaning])).collect();
+    let files: String = DESCRIBED.iter().map(file).collect();
+    format!(
+        "<h2>The files of this plan</h2><p>Unit, frame and meaning of every column in the files beside this page; the same text is \
+         docs/columns.md of bonemill and what <code>bonemill columns</code> prints. Distances are from the burr's centre unless they \
+         say otherwise.</p><details><summary>frames</summary><table class=\"words\"><tbody>{frames}</tbody></table></details>{files}"
+    )
+}
+
+fn file(Described { title, about, columns }: &Described) -> String {
+    let rows: String = columns
+        .iter()
+        .map(|Column { name, unit, frame, meaning }| row(&[name, unit, frame, meaning]))
+        .collect();
+    format!(
+        "<details><summary>{}</summary><p>{}</p><div class=\"wide\"><table class=\"words\"><thead><tr><th>name</th><th>unit</th>\
+         <th>frame</th><th>meaning</th></tr></thead><tbody>{rows}</tbody></table></div></details>",
+        escape(title),
+        escape(about)
+    )
+}
+
+fn row(cells: &[&str]) -> String {
+    let (name, rest) = cells.split_first().unwrap_or((&"", &[]));
+    let rest: String = rest.iter().map(|cell| format!("<td>{}</td>", escape(cell))).collect();
+    format!("<tr><th><code>{}</code></th>{rest}</tr>", escape(name))
+}

@@ -1,0 +1,125 @@
+//! What the structures feel beside a straight shaft at constant speed in the same time, and which choices lead there.
+
+use super::escape;
+use bonemill_case::{ForceTerm, OrientationMode, Sense, SpeedMode};
+use bonemill_pipeline::{Control, Felt, Plan, half_turn};
+use bonemill_planfile::toward::{NEAR_MM, TowardFigures};
+
+/// A figure of the table: its name, and where it stands.
+type Figure = (&'static str, fn(&TowardFigures) -> f64);
+
+const FIGURES: [Figure; 5] = [
+    ("mean", |f| f.mean_n),
+    ("mean, zeros in", |f| f.mean_with_zeros_n),
+    ("75&nbsp;%", |f| f.p75_n),
+    ("75&nbsp;%, zeros in", |f| f.p75_with_zeros_n),
+    ("peak", |f| f.peak_n),
+];
+
+/// A control's force below this says nothing about another in per cent, N.
+const LEAST_N: f64 = 1e-3;
+
+/// The table and a sentence for each choice.
+pub fn section(plan: &Plan) -> String {
+    let controls = &plan.compared.controls;
+    let table = if controls.is_empty() { String::new() } else { table(plan, controls) };
+    let choices: String = choices(plan).into_iter().map(|text| format!("<li>{text}</li>")).collect();
+    format!("{table}<ul class=\"choices\">{choices}</ul>")
+}
+
+fn table(plan: &Plan, controls: &[Control]) -> String {
+    let felt: Vec<&Felt> = controls.iter().map(|c| &c.felt).chain([&plan.compared.plan]).collect();
+    let row = |name: String, values: Vec<f64>| {
+        let (ours, theirs) = values.split_last().map_or((0.0, &[][..]), |(ours, theirs)| (*ours, theirs));
+        let cells: String = values.iter().map(|n| format!("<td>{n:.3}</td>")).collect();
+        let better = theirs.iter().copied().fold(f64::INFINITY, f64::min);
+        let change = if better < LEAST_N {
+            "–".to_owned()
+        } else {
+            format!("{:+.0}&nbsp;%", 100.0 * (ours / better - 1.0))
+        };
+        format!("<tr><th>{name}</th>{cells}<td>{change}</td></tr>")
+    };
+    let mut rows = String::new();
+    for (n, structure) in plan.case.structures.iter().enumerate() {
+        let near = |felt: &&Felt| felt.structures.get(n).map(|s| s.near).unwrap_or_default();
+        if felt.iter().all(|f| near(f).peak_n == 0.0) {
+            continue;
+        }
+        for (name, figure) in FIGURES {
+            let name = format!("{}: {name}", escape(&structure.name));
+            rows.push_str(&row(name, felt.iter().map(|f| figure(&near(f))).collect()));
+        }
+    }
+    rows.push_str(&row("whole force: mean".into(), felt.iter().map(|f| f.mean_n).collect()));
+    rows.push_str(&row("whole force: peak".into(), felt.iter().map(|f| f.peak_n).collect()));
+    let heads: String = controls
+        .iter()
+        .map(|c| {
+            let degrees = half_turn(c.raster_rad + plan.scene.turn_rad).to_degrees();
+            format!("<th>straight, lines at {degrees:.0}°, {:.2}&nbsp;mm/s</th>", c.speed_mm_s)
+        })
+        .collect();
+    format!(
+        "<div class=\"wide\"><table><thead><tr><th>force [N]</th>{heads}<th>this plan</th><th>change to the lower</th></tr></thead>\
+         <tbody>{rows}</tbody></table></div><p class=\"note\">Toward structures while the burr's surface is within {NEAR_MM} mm of them. \
+         The two controls mill the same target in the same time with the shaft along the approach and every cut at one speed; whether \
+         their shank is free is not asked. All are timed by their speed caps.</p>"
+    )
+}
+
+/// One sentence for each choice that decides what the structures feel.
+fn choices(plan: &Plan) -> Vec<String> {
+    let (case, m) = (&plan.case, &plan.modelled);
+    let by_drafts = |is_given: bool| {
+        if m.instead.is_some() {
+            "see the fallback below"
+        } else if is_given {
+            "as the case asks"
+        } else {
+            "chosen by what the structures feel in drafts of the same time"
+        }
+    };
+    let lines = format!(
+        "Lines run at {:.0}° from work x: {}.",
+        m.raster_rad.to_degrees(),
+        by_drafts(case.path.raster_rad.is_some())
+    );
+    let sense = format!("Passes are {}: {}.", m.sense.words(), by_drafts(case.path.sense != Sense::Auto));
+    let spin = format!(
+        "The burr turns {}: {}.",
+        if case.burr.spin < 0 { "forward (clockwise seen from the handpiece)" } else { "in reverse" },
+        if case.burr.turns_both_ways {
+            "chosen from two whole plans by what the structures feel"
+        } else {
+            "as the case asks"
+        }
+    );
+    let push = match case.cost.force {
+        ForceTerm::Cutting => "force",
+        ForceTerm::Deflection => "deflection",
+    };
+    let axes = match m.mode {
+        OrientationMode::Fixed => {
+            "The shaft stands along the approach, or as near to it as is free.".to_owned()
+        }
+        OrientationMode::Greedy => {
+            "The shaft is turned at each waypoint by its own cost, then smoothed.".to_owned()
+        }
+        OrientationMode::Optimal => format!(
+            "The shaft is turned so that near structures the {push} toward them is least along the whole path, elsewhere inertia and turning."
+        ),
+    };
+    let speed = match (&m.speed_levels, case.speed.mode) {
+        (Some(levels), _) => {
+            format!("Speeds: the least {push} in the time, {}.", escape(&levels.sentence(case)))
+        }
+        (None, SpeedMode::Constant) => "Every cut has one speed.".to_owned(),
+        (None, SpeedMode::ForceLimited) => "Speeds are the fastest under the force caps.".to_owned(),
+        (None, _) => "Speeds fall with the mass ahead, whatever the structures feel.".to_owned(),
+    };
+    let instead = m.instead.map(|words| {
+        format!("Fallback: {words}, since a structure of priority 1 would have felt more than with a straight shaft.")
+    });
+    [lines, sense, spin, axes, speed].into_iter().chain(instead).collect()
+}

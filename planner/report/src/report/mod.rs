@@ -1,0 +1,424 @@
+//! `report.html`: what a surgeon-researcher looks at first, in one file that needs no network.
+//!
+//! Pure text from a [`Plan`]; nothing in it depends on when or where it was made, so equal plans give equal pages.
+//! Simulation and verification add parts of their own later, at the places that the page keeps for them.
+
+mod chart;
+mod columns;
+pub mod compare;
+mod compared;
+mod peak;
+pub mod simulation;
+mod slices;
+mod structures;
+pub mod verification;
+
+use std::fmt::Write;
+
+use bonemill_arm::Joint;
+use bonemill_arm::ur::branch_name;
+use bonemill_geometry::Rigid;
+pub use bonemill_pipeline::percent;
+use chart::{Level, Series, chart};
+use peak::Peak;
+
+use crate::show::{CUT_COLOUR, LINK_COLOUR, STRUCTURE_COLOURS, TARGET_COLOUR, css};
+use bonemill_case::{Case, Parameter, Registration, Sheets, Structure, explained};
+use bonemill_pipeline::{Plan, Volumes, dropped_by_reason};
+use bonemill_planfile::toward::StructureFigures;
+use bonemill_planfile::{ReportPart, Waypoint};
+use bonemill_toolpath::orientation::Around;
+
+const STYLE: &str = include_str!("style.css");
+
+/// The whole page.
+pub fn html(plan: &Plan) -> String {
+    let mut page = format!(
+        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>Milling plan</title>\
+         <style>{STYLE}</style></head><body><main><h1>Milling plan</h1>\
+         <p class=\"note\">bonemill {}. Research software: not a medical device, not for use on patients.</p>",
+        env!("CARGO_PKG_VERSION")
+    );
+    page.push_str(&verdict(plan));
+    page.push_str(&cards(plan));
+    page.push_str(&ReportPart::Verification.marks().concat());
+    page.push_str("<h2>Path over the CT</h2>");
+    page.push_str(&legend(plan));
+    let _ = write!(page, "<div class=\"slices\">{}</div>", slices::slices(plan));
+    page.push_str("<h2>Along the path</h2>");
+    if let Some(peak) = Peak::of(&plan.waypoints) {
+        let _ = write!(page, "<p>{}</p>", peak.sentence(&plan.waypoints));
+    }
+    page.push_str(&charts(plan));
+    page.push_str(&ReportPart::Simulation.marks().concat());
+    page.push_str("<h2>Coverage</h2>");
+    page.push_str(&coverage(plan));
+    page.push_str("<h2>Structures</h2>");
+    page.push_str(&structures::structure_table(&plan.case, &plan.figures.structures, |row| {
+        peak::place(&plan.waypoints, row)
+    }));
+    if !plan.case.structures.is_empty() {
+        page.push_str("<h2>Beside a straight shaft at constant speed</h2>");
+        page.push_str(&compared::section(plan));
+    }
+    page.push_str("<h2>What was modelled</h2>");
+    page.push_str(&modelled(plan));
+    page.push_str("<h2>Inputs</h2>");
+    page.push_str(&inputs(plan));
+    page.push_str("<h2>Parameters</h2>");
+    page.push_str(&parameters(plan));
+    page.push_str(&columns::section());
+    let _ = write!(
+        page,
+        "<h2>Case, with every default</h2><details><summary>show</summary><pre>{}</pre></details></main></body></html>",
+        escape(&plan.case.to_toml())
+    );
+    page
+}
+
+fn verdict(plan: &Plan) -> String {
+    let mut text = if plan.shortfalls.is_empty() {
+        "<p class=\"verdict good\">The plan meets its case.</p>".to_owned()
+    } else {
+        let reasons: String = plan.shortfalls.iter().map(|r| format!("<li>{}</li>", escape(r))).collect();
+        format!("<div class=\"verdict bad\">The plan falls short:<ul>{reasons}</ul></div>")
+    };
+    for warning in &plan.warnings {
+        let _ = write!(text, "<p class=\"verdict warn\">Warning: {}</p>", escape(warning));
+    }
+    text
+}
+
+fn cards(plan: &Plan) -> String {
+    let total_s = plan.law.duration_s();
+    let surface_mm = |found: &StructureFigures| Some(found.least?.0 - plan.case.burr.radius_mm);
+    let kept = plan.figures.structures.iter().zip(&plan.case.structures);
+    let [closest, tightest] =
+        closest_and_tightest(kept.filter_map(|(found, s)| Some((surface_mm(found)?, s))));
+    let peak_toward = plan.figures.structures.iter().zip(&plan.case.structures);
+    let peak_toward = peak_toward.max_by(|a, b| a.0.force.peak_n.total_cmp(&b.0.force.peak_n));
+    let plain = |label, value| (label, value, String::new());
+    let mut cards = vec![
+        plain("removed of what the burr can reach", percent(plan.coverage.reached_share())),
+        plain("removed of the target", percent(plan.coverage.removed_share())),
+        plain(
+            "total time",
+            format!("{:.0} min {:02.0} s", (total_s / 60.0).floor(), (total_s % 60.0).floor()),
+        ),
+        (
+            "peak force",
+            format!("{:.2} N", plan.figures.peak_force_n),
+            Peak::of(&plan.waypoints).map_or(String::new(), |peak| {
+                format!("<small>{}</small>", peak::place(&plan.waypoints, peak.index))
+            }),
+        ),
+    ];
+    if let Some((found, structure)) = peak_toward {
+        let place = found.force.peak_row.map_or(String::new(), |row| peak::place(&plan.waypoints, row));
+        let name = format!("<small>{}, {place}</small>", escape(&structure.name));
+        cards.push(("peak force toward a structure", format!("{:.2} N", found.force.peak_n), name));
+    }
+    let of = |label, value_mm: f64, s: &Structure| {
+        let name = format!("<small>{}, kept {}\u{a0}mm</small>", escape(&s.name), s.clearance_mm);
+        (label, format!("{value_mm:.2} mm"), name)
+    };
+    if let Some((margin_mm, structure)) = tightest {
+        cards.insert(2, of("smallest margin: distance less clearance", margin_mm, structure));
+    }
+    if let Some((distance_mm, structure)) = closest {
+        cards.insert(2, of("smallest distance from the burr's surface", distance_mm, structure));
+    }
+    let items: String = cards
+        .into_iter()
+        .map(|(label, value, more)| format!("<div><b>{value}</b><span>{label}</span>{more}</div>"))
+        .collect();
+    format!("<div class=\"cards\">{items}</div>")
+}
+
+/// The structure that the burr's surface comes nearest to, with the distance, mm, and the one with the least left of it beyond its
+/// clearance, with that margin, mm: seldom the same where clearances differ.
+fn closest_and_tightest<'a>(
+    kept: impl Iterator<Item = (f64, &'a Structure)> + Clone,
+) -> [Option<(f64, &'a Structure)>; 2] {
+    let closest = kept.clone().min_by(|a, b| a.0.total_cmp(&b.0));
+    let margins = kept.map(|(distance_mm, s)| (distance_mm - s.clearance_mm, s));
+    [closest, margins.min_by(|a, b| a.0.total_cmp(&b.0))]
+}
+
+fn legend(plan: &Plan) -> String {
+    let chip = |colour: [u8; 3], name: &str| {
+        format!("<span class=\"chip\"><i style=\"background:{}\"></i>{}</span>", css(colour), escape(name))
+    };
+    let structures: String = plan
+        .case
+        .structures
+        .iter()
+        .enumerate()
+        .map(|(n, s)| chip(STRUCTURE_COLOURS[n % STRUCTURE_COLOURS.len()], &s.name))
+        .collect();
+    format!(
+        "<p class=\"legend\">{}{structures}{}{}Letters at the sides: right, left, anterior, posterior, superior, inferior of the patient.</p>",
+        chip(TARGET_COLOUR, "target"),
+        chip(CUT_COLOUR, "cuts within half a layer of the slice"),
+        chip(LINK_COLOUR, "links and retracts there (dashed)"),
+    )
+}
+
+fn charts(plan: &Plan) -> String {
+    let over_time = |value: &dyn Fn(&Waypoint) -> Option<f64>| -> Vec<(f64, Option<f64>)> {
+        plan.waypoints.iter().map(|w| (w.time_s, value(w))).collect()
+    };
+    let one = |name, class, value: &dyn Fn(&Waypoint) -> Option<f64>| Series {
+        name,
+        class,
+        points: over_time(value),
+    };
+    let radius = plan.case.burr.radius_mm;
+    let mut charts = vec![
+        chart(
+            "Force",
+            "N",
+            &[
+                one("magnitude", "line-a", &|w| Some(w.force_n.norm())),
+                one("toward the nearest structure", "line-b", &|w| Some(w.force_toward_n.unwrap_or(0.0))),
+            ],
+            &[],
+        ),
+        chart("Speed cap", "mm/s", &[one("speed", "line-a", &|w| Some(w.speed_mm_s))], &[]),
+        chart("Mass ahead of the burr", "mg", &[one("mass", "line-a", &|w| Some(w.mass_mg))], &[]),
+    ];
+    if !plan.case.structures.is_empty() {
+        let least = plan.case.structures.iter().map(|s| s.clearance_mm).fold(f64::INFINITY, f64::min);
+        charts.push(chart(
+            "Distance from the burr's surface to the structure that matters",
+            "mm",
+            &[one("distance", "line-a", &|w| w.distance_mm.map(|d| d - radius))],
+            &[Level { name: "smallest clearance", value: least }],
+        ));
+    }
+    charts.push(chart("Tilt from the approach", "°", &[one("tilt", "line-a", &|w| Some(tilt_deg(w)))], &[]));
+    charts.push(free_angles(plan));
+    charts.concat()
+}
+
+/// What the shank leaves open around the axis that was chosen.
+fn free_angles(plan: &Plan) -> String {
+    let series = |name, class, value: &dyn Fn(&Around) -> Option<f64>| {
+        let around = plan.waypoints.iter().zip(&plan.allowed).map(|(w, allowed)| (w.time_s, &allowed.around));
+        Series { name, class, points: around.map(|(t, a)| (t, value(a).map(f64::to_degrees))).collect() }
+    };
+    let in_plane = |pick: fn([f64; 3]) -> f64| {
+        move |around: &Around| match *around {
+            Around::Interval { low_rad, at_rad, high_rad } => Some(pick([low_rad, at_rad, high_rad])),
+            Around::Cap { .. } => None,
+        }
+    };
+    let cap = |around: &Around| match *around {
+        Around::Cap { radius_rad } => Some(radius_rad),
+        Around::Interval { .. } => None,
+    };
+    if plan.allowed.iter().any(|allowed| cap(&allowed.around).is_some()) {
+        let title = "Cap around the axis within which every direction is free, half its opening";
+        return chart(title, "°", &[series("cap", "line-a", &cap)], &[]);
+    }
+    let curves = [
+        series("lowest and", "line-b", &in_plane(|[low, ..]| low)),
+        series("highest free around it", "line-b", &in_plane(|[.., high]| high)),
+        series("chosen", "line-a", &in_plane(|[_, at, _]| at)),
+    ];
+    chart("Angle in the tilt plane", "°", &curves, &[])
+}
+
+/// Angle between shaft and approach, degrees: cos = cos θ cos φ.
+fn tilt_deg(waypoint: &Waypoint) -> f64 {
+    (waypoint.theta_rad.cos() * waypoint.phi_rad.cos()).clamp(-1.0, 1.0).acos().to_degrees()
+}
+
+fn share(part: f64, whole: f64) -> f64 {
+    if whole > 0.0 { part / whole } else { 0.0 }
+}
+
+fn coverage(plan: &Plan) -> String {
+    let c = &plan.coverage;
+    let whole_mm3 = c.target.all_mm3 + c.outside_mm3;
+    let row = |name: &str, v: &Volumes| {
+        format!(
+            "<tr><th>{name}</th><td>{:.1}</td><td>{:.1}</td><td>{:.1}</td><td>{}</td></tr>",
+            v.all_mm3,
+            v.material_mm3,
+            v.bone_mm3,
+            percent(share(v.all_mm3, whole_mm3))
+        )
+    };
+    let kept: String = c
+        .rest
+        .iter()
+        .map(|(cause, v)| {
+            let why = escape(&cause.text(&plan.case));
+            format!("<tr><th>{why}</th><td>{v:.1}</td><td>{}</td></tr>", percent(share(*v, whole_mm3)))
+        })
+        .collect();
+    format!(
+        "<div class=\"wide\"><table><thead><tr><th></th><th>all [mm³]</th><th>above air [mm³]</th><th>bone [mm³]</th><th>of the target</th></tr></thead><tbody>{}{}{}</tbody></table>\
+         <table><thead><tr><th>What keeps the rest of the target</th><th>[mm³]</th><th>of it all</th></tr></thead><tbody>{kept}</tbody></table></div>\
+         <p>Untargeted bone removed: {:.1} mm³ by voxel centres of the planning grid, {:.1} mm³ of it specks and bone thinner than the band \
+         of {:.2} mm{}. Other bone outside the target: no such centre deeper than {:.3} mm inside the swept ball. <code>verify</code> \
+         counts these voxels again, and looks at points half as far apart as well; a simulation adds up parts of voxels.</p>\
+         <p>Bone on the scan's edge within the burr's diameter of the target: {:.1} mm². Beyond the scan nothing is known: it counts as air.</p>",
+        row("target", &c.target),
+        row("reachable by the ball under the clearances", &c.reachable),
+        row("removed", &c.removed),
+        c.untargeted_bone_removed_mm3,
+        c.thin_bone_removed_mm3,
+        plan.scene.band_mm,
+        match plan.case.sheets {
+            Sheets::Keep => " within the band of the target (partial volume)",
+            Sheets::Cut => "",
+        },
+        c.deepest_in_obstacle_mm,
+        plan.scene.edge_bone_mm2.total(),
+    )
+}
+
+fn modelled(plan: &Plan) -> String {
+    let m = &plan.modelled;
+    let mut rows = vec![
+        ("waypoints".to_owned(), m.waypoints.to_string()),
+        ("of these, removing material".into(), m.cutting.to_string()),
+        ("orientation cost with the cutting force".into(), m.cost_with_force.to_string()),
+        (
+            "orientation cost in closed form (weight of forces below 0.01)".into(),
+            format!(
+                "{}; no choice is worse by more than {:.1e} of C",
+                m.cost_closed_form, m.closed_form_error
+            ),
+        ),
+        (
+            "shaft's directions chosen from, then moved between".into(),
+            format!("{:.1}° apart", m.direction_spacing_rad.to_degrees()),
+        ),
+        ("moves during which the turning shank is not free all the way".into(), m.blocked_turns.to_string()),
+        ("milling layers".into(), m.layers.to_string()),
+        ("raster lines, angle from work x".into(), format!("{:.1}°", m.raster_rad.to_degrees())),
+        (
+            "waypoints at which the paper's low-pass leaves the free angles".into(),
+            format!("{}; held there: {}", m.low_pass_leaves, m.low_pass_held),
+        ),
+        (
+            "compliance of the arm".into(),
+            m.stiffness.map_or("not modelled: no stiffness in the case".into(), |along| {
+                let toward = along.least_toward_n_mm;
+                format!(
+                    "D10; the burr's stiffness along the path: {:.3} N/mm where it is softest (waypoint {}), {:.3} N/mm in the mean{}",
+                    along.softest_n_mm,
+                    along.softest_waypoint,
+                    along.mean_softest_n_mm,
+                    toward.map_or(String::new(), |n_mm| format!(", at least {n_mm:.3} N/mm toward the nearest structure"))
+                )
+            }),
+        ),
+        ("CT affine".into(), escape(&plan.affines[0].to_string())),
+        ("label affine".into(), escape(&plan.affines[1].to_string())),
+    ];
+    if let Some(lowest) = m.lowest_link {
+        let branch = branch_name(m.branch).replace('/', ", ").replace('-', " ");
+        let height =
+            format!("{:.0} mm over the mounting plane, at waypoint {}", lowest.height_mm, lowest.waypoint);
+        rows.push(("branch of the arm, for the whole path".into(), format!("{branch} ({})", m.branch)));
+        rows.push(("lowest place of the arm's links, as lines from joint to joint".into(), height));
+    }
+    rows.push(("places put off to the end, for the shank".into(), m.put_off.to_string()));
+    rows.extend(
+        dropped_by_reason(&plan.dropped)
+            .into_iter()
+            .map(|(why, n)| (format!("waypoints dropped: {}", escape(why)), n.to_string())),
+    );
+    let rows: String = rows.into_iter().map(|(k, v)| format!("<tr><th>{k}</th><td>{v}</td></tr>")).collect();
+    format!("<div class=\"wide\"><table class=\"words\"><tbody>{rows}</tbody></table></div>")
+}
+
+fn inputs(plan: &Plan) -> String {
+    let row = |(input, _): &(bonemill_planfile::Input, std::path::PathBuf)| {
+        let name = escape(&input.path.to_string_lossy());
+        format!("<tr><th>{name}</th><td><code>{}</code></td></tr>", input.sha256)
+    };
+    let rows: String = plan.inputs.iter().map(row).collect();
+    format!(
+        "<div class=\"wide\"><table class=\"words\"><thead><tr><th>file</th><th>SHA-256</th></tr></thead><tbody>{rows}</tbody></table></div>"
+    )
+}
+
+/// Every value of the case, what the plan chose included, with its meaning and where it comes from.
+fn parameters(plan: &Plan) -> String {
+    let row = |p: &Parameter| {
+        format!(
+            "<tr><th><code>{}</code></th><td><code>{}</code></td><td>{}</td><td>{}</td></tr>",
+            breakable(&escape(&p.key)),
+            escape(&p.value),
+            with_code(&escape(p.meaning)),
+            with_code(&escape(&p.origin.to_string()))
+        )
+    };
+    let rows: String = explained(&as_planned(plan)).iter().map(row).collect();
+    format!(
+        "<div class=\"wide\"><table class=\"words params\"><thead><tr><th>key</th><th>value</th><th>meaning</th><th>from</th></tr></thead><tbody>{rows}</tbody></table></div>"
+    )
+}
+
+/// The case with what the plan chose where the case leaves it open.
+fn as_planned(plan: &Plan) -> Case {
+    let mut case = plan.case.clone();
+    case.approach.get_or_insert(plan.scene.approach);
+    case.path.raster_rad.get_or_insert(plan.modelled.raster_rad);
+    if case.robot.base_from_ct == Registration::Assumed {
+        let Rigid { rotation, translation_mm, .. } = plan.base_from_ct;
+        case.robot.base_from_ct = Registration::Given { rotation, translation_mm };
+    }
+    let joints = plan.arm.joints();
+    let of_arm = |limit: fn(&Joint) -> f64| joints.iter().map(limit).collect();
+    case.robot.velocity_limits.get_or_insert_with(|| of_arm(|joint| joint.velocity_limit));
+    case.robot.acceleration_limits.get_or_insert_with(|| of_arm(|joint| joint.acceleration_limit));
+    case.robot.jerk_limits.get_or_insert_with(|| of_arm(|joint| joint.jerk_limit));
+    case
+}
+
+/// A key that may be broken after its dots and underscores.
+fn breakable(key: &str) -> String {
+    key.replace('.', ".<wbr>").replace('_', "_<wbr>")
+}
+
+/// Text with `words` in backticks set as code.
+fn with_code(text: &str) -> String {
+    let part =
+        |(n, part): (usize, &str)| if n % 2 == 1 { format!("<code>{part}</code>") } else { part.into() };
+    text.split('`').enumerate().map(part).collect()
+}
+
+/// Text for HTML.
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bonemill_case::LabelRef;
+
+    #[test]
+    fn the_nearest_structure_is_not_always_the_one_with_the_least_margin() {
+        let structure = |name: &str, clearance_mm| Structure {
+            name: name.into(),
+            label: LabelRef::Number(1),
+            clearance_mm,
+            priority: 1,
+            shank_clearance_mm: 0.0,
+        };
+        let [canal, sinus] = [structure("canal", 0.4), structure("sinus", 1.0)];
+        let [closest, tightest] = closest_and_tightest([(0.52, &canal), (1.02, &sinus)].into_iter());
+        assert_eq!(closest.map(|(mm, s)| (mm, s.name.as_str())), Some((0.52, "canal")));
+        let (margin_mm, structure) = tightest.unwrap();
+        assert!((margin_mm - 0.02).abs() < 1e-12 && structure.name == "sinus");
+        assert_eq!(closest_and_tightest(std::iter::empty()), [None, None]);
+    }
+}

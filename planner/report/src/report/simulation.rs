@@ -1,0 +1,148 @@
+//! The part of the report that a simulation adds.
+
+use std::fmt::Write;
+
+use super::chart::{Series, chart};
+use super::escape;
+use super::structures::structure_table;
+use bonemill_case::Case;
+use bonemill_planfile::Value;
+use bonemill_simulate::{Kind, Simulation, SimulationRow};
+
+/// Contacts that the page lists.
+const LISTED: usize = 10;
+
+/// The section, from its heading on.
+pub fn section(simulation: &Simulation, case: &Case) -> String {
+    let mut out = "<h2>Simulation of the trajectory</h2>".to_owned();
+    out.push_str(&verdict(simulation));
+    let over_time = |value: &dyn Fn(&SimulationRow) -> Option<f64>| -> Vec<(f64, Option<f64>)> {
+        simulation.rows.iter().map(|row| (row.time_s, value(row))).collect()
+    };
+    let one = |name, class, value: &dyn Fn(&SimulationRow) -> Option<f64>| Series {
+        name,
+        class,
+        points: over_time(value),
+    };
+    out.push_str(&chart(
+        "Simulated force",
+        "N",
+        &[
+            one("magnitude", "line-a", &|row| Some(row.force_n.norm())),
+            one("toward the nearest structure", "line-b", &|row| Some(row.force_toward_n.unwrap_or(0.0))),
+        ],
+        &[],
+    ));
+    out.push_str(&chart("Spindle power", "W", &[one("power", "line-a", &|row| Some(row.power_w))], &[]));
+    if simulation.compliant {
+        out.push_str(&chart(
+            "Deflection",
+            "µm",
+            &[one("deflection", "line-a", &|row| row.deflection_um)],
+            &[],
+        ));
+    }
+    let rows: String = figures(simulation, case)
+        .into_iter()
+        .map(|(name, value)| format!("<tr><th>{}</th><td>{value}</td></tr>", escape(&name)))
+        .collect();
+    let _ = write!(out, "<div class=\"wide\"><table><tbody>{rows}</tbody></table></div>");
+    out.push_str(&structure_table(case, &simulation.structures, |row| {
+        format!("{:.2} s", simulation.rows[row].time_s)
+    }));
+    out
+}
+
+fn verdict(simulation: &Simulation) -> String {
+    if simulation.stopped == 0 {
+        return "<p class=\"verdict good\">The shank touches nothing on the whole way.</p>".into();
+    }
+    let listed: String = simulation
+        .contacts
+        .iter()
+        .take(LISTED)
+        .map(|(time_s, c)| {
+            format!(
+                "<li>{time_s:.3} s: {:.2} mm deep in {}, {:.1} mm behind the burr's centre</li>",
+                c.depth_mm,
+                c.kind.word(),
+                c.along_mm
+            )
+        })
+        .collect();
+    format!(
+        "<div class=\"verdict bad\">The shank touches bone: {} steps were stopped, the first of them:<ul>{listed}</ul></div>",
+        simulation.stopped
+    )
+}
+
+/// Names and values of a simulation's figures, for people.
+pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
+    let largest =
+        |value: &dyn Fn(&SimulationRow) -> f64| simulation.rows.iter().map(value).fold(0.0, f64::max);
+    let mut out = vec![
+        ("poses".to_owned(), simulation.rows.len().to_string()),
+        ("peak of the mean force over a turn".into(), format!("{:.2} N", simulation.peak_force_n())),
+        ("largest force within a turn".into(), format!("{:.2} N", largest(&|row| row.peak_n))),
+        ("mean force while cutting".into(), format!("{:.2} N", simulation.mean_force_n())),
+        ("peak spindle power".into(), format!("{:.2} W", largest(&|row| row.power_w))),
+        ("spindle energy".into(), format!("{:.1} J", simulation.energy_j())),
+    ];
+    for kind in Kind::ALL {
+        let (volume, mass) =
+            (simulation.removed.volume_mm3[kind as usize], simulation.removed.mass_mg[kind as usize]);
+        if volume > 0.0 {
+            let what = match kind {
+                Kind::Sheet => "removed of thin bone beside the target",
+                Kind::Material => "removed of the target below bone",
+                Kind::Bone => "removed of the target's bone",
+                Kind::Obstacle => "removed of bone outside the target, by parts of voxels",
+                Kind::Structure => "removed of structures",
+            };
+            out.push((what.into(), format!("{volume:.1} mm³, {mass:.0} mg")));
+        }
+    }
+    let by_rate = simulation.removed_by_rate.total_mg();
+    if simulation.removed.total_mg() > 0.0 {
+        let off = 100.0 * (by_rate / simulation.removed.total_mg() - 1.0);
+        out.push(("mass by the surface's rate, against the voxels'".into(), format!("{off:+.2} %")));
+    }
+    for (structure, found) in case.structures.iter().zip(&simulation.structures) {
+        if let Some(row) = found.force.peak_row {
+            let (peak_n, time_s) = (found.force.peak_n, simulation.rows[row].time_s);
+            let name = format!("peak force toward {}", structure.name);
+            out.push((name, format!("{peak_n:.3} N at {time_s:.2} s; {:.3} N near it", found.near.peak_n)));
+        }
+    }
+    if simulation.compliant {
+        out.push((
+            "largest deflection".into(),
+            format!("{:.0} µm", largest(&|row| row.deflection_um.unwrap_or(0.0))),
+        ));
+    }
+    out
+}
+
+/// Names and values of a simulation's figures, for machines; names end in units.
+pub fn values(simulation: &Simulation, case: &Case) -> Vec<(String, Value)> {
+    let structures = case.structures.iter().zip(&simulation.structures);
+    let structures = structures.map(|(s, found)| (s.name.clone(), found.value(case.burr.radius_mm, "row")));
+    let removed = Kind::ALL.into_iter().map(|kind| {
+        let (mm3, mg) =
+            (simulation.removed.volume_mm3[kind as usize], simulation.removed.mass_mg[kind as usize]);
+        let amount = vec![("mm3".into(), mm3.into()), ("mg".into(), mg.into())];
+        (kind.word().to_owned(), Value::Table(amount))
+    });
+    vec![
+        ("poses".into(), simulation.rows.len().into()),
+        ("peak_force_n".into(), simulation.peak_force_n().into()),
+        ("mean_force_n".into(), simulation.mean_force_n().into()),
+        ("spindle_energy_j".into(), simulation.energy_j().into()),
+        ("removed".into(), Value::Table(removed.collect())),
+        ("removed_by_rate_mg".into(), simulation.removed_by_rate.total_mg().into()),
+        ("structures".into(), Value::Table(structures.collect())),
+        ("stopped_steps".into(), simulation.stopped.into()),
+        ("cell_mm".into(), simulation.cell_mm.into()),
+        ("compliant".into(), simulation.compliant.into()),
+    ]
+}

@@ -1,0 +1,56 @@
+//! Per structure: the distance kept, and the force toward it.
+
+use std::fmt::Write;
+
+use super::escape;
+use bonemill_case::Case;
+use bonemill_planfile::toward::{NEAR_MM, StructureFigures, TowardFigures};
+
+/// The table of a plan's or a simulation's structures; `place` says in words where a row is.
+pub fn structure_table(case: &Case, found: &[StructureFigures], place: impl Fn(usize) -> String) -> String {
+    let rows: String = case
+        .structures
+        .iter()
+        .zip(found)
+        .map(|(structure, found)| {
+            let least = found.least.map_or("<td>–</td><td></td>".into(), |(distance_mm, row)| {
+                format!("<td>{:.2}</td><td>{}</td>", distance_mm - case.burr.radius_mm, place(row))
+            });
+            format!(
+                "<tr><th>{}</th><td>{:.2}</td>{least}{}{}</tr>",
+                escape(&structure.name),
+                structure.clearance_mm,
+                cells(&found.near, &place),
+                cells(&found.force, &place),
+            )
+        })
+        .collect();
+    let mut table = "<div class=\"wide\"><table class=\"structures\"><thead><tr><th rowspan=\"2\"></th><th rowspan=\"2\">clearance [mm]</th>\
+         <th colspan=\"2\">least distance of the burr's surface</th>"
+        .to_owned();
+    let _ = write!(
+        table,
+        "<th colspan=\"4\">force toward it [N], surface within {NEAR_MM} mm</th><th colspan=\"4\">force toward it [N], everywhere</th></tr>\
+         <tr><th>[mm]</th><th>where</th>{0}{0}</tr></thead><tbody>{rows}</tbody></table></div>",
+        "<th>mean</th><th>75&nbsp;%</th><th>peak</th><th>where</th>"
+    );
+    table.push_str(
+        "<p class=\"note\">Mean and 75th percentile by time, over the time in which material is removed and the force points toward \
+         the structure (F<sub>v</sub> &gt; 0); in brackets over all of the time in which material is removed, zeros in. –: no force \
+         toward it there, or no such structure in the label map.</p>",
+    );
+    table
+}
+
+fn cells(figures: &TowardFigures, place: &impl Fn(usize) -> String) -> String {
+    let Some(row) = figures.peak_row else { return "<td>–</td><td>–</td><td>–</td><td></td>".into() };
+    format!(
+        "<td>{:.3} ({:.3})</td><td>{:.3} ({:.3})</td><td>{:.3}</td><td>{}</td>",
+        figures.mean_n,
+        figures.mean_with_zeros_n,
+        figures.p75_n,
+        figures.p75_with_zeros_n,
+        figures.peak_n,
+        place(row)
+    )
+}

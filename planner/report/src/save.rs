@@ -1,0 +1,52 @@
+//! A plan, a simulation and a verdict as files, with their parts of `report.html`.
+
+use std::path::{Path, PathBuf};
+
+use bonemill_case::Case;
+use bonemill_pipeline::Plan;
+use bonemill_planfile::{
+    PlanFileError, PlanRecord, ReportPart, StagedDirectory, VERDICT, add_to_report, replace,
+};
+use bonemill_simulate::Simulation;
+use bonemill_verify::Verification;
+use bonemill_verify::uncertainty::{ErrorModel, Risk};
+
+use crate::report;
+
+/// Writes every file of `plan` into the staged directory; `case_path` is where its case was read from.
+///
+/// # Errors
+/// As [`bonemill_pipeline::save`].
+pub fn plan(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<PlanRecord, PlanFileError> {
+    let (record, page) = rayon::join(
+        || bonemill_pipeline::save(plan, case_path, staged),
+        || staged.write("report.html", &report::html(plan)),
+    );
+    page?;
+    record
+}
+
+/// Writes a simulation into its plan's directory; one that stands there is replaced. Without a report, none is made.
+///
+/// # Errors
+/// [`PlanFileError`] for a value that is not finite, a structure that the case lacks, or a file that cannot be written.
+pub fn simulation(dir: &Path, simulation: &Simulation, case: &Case) -> Result<PathBuf, PlanFileError> {
+    let path = bonemill_simulate::save_rows(dir, simulation, case)?;
+    add_to_report(dir, ReportPart::Simulation, &report::simulation::section(simulation, case))?;
+    Ok(path)
+}
+
+/// Writes a verdict into its plan's directory, and into its report also what drawn errors do; what stands there is replaced.
+/// Without a report, none is made.
+///
+/// # Errors
+/// [`PlanFileError::Io`]; then what stood there stands there still.
+pub fn verification(
+    dir: &Path,
+    verification: &Verification,
+    risk: Option<(&ErrorModel, &Risk)>,
+) -> Result<PathBuf, PlanFileError> {
+    replace(dir, VERDICT, verification.to_toml().as_bytes())?;
+    add_to_report(dir, ReportPart::Verification, &report::verification::section(verification, risk))?;
+    Ok(dir.join(VERDICT))
+}

@@ -1,0 +1,88 @@
+//! Surfaces of what is still there, of structures, and of the distance kept from them.
+
+use bonemill_geometry::{Frame, Grid, Mesh, Point, Volume, Work};
+use bonemill_imaging::{ImageError, distance_only, surface::iso_surface};
+use bonemill_scene::Class;
+use nalgebra::{Matrix3, Vector3};
+
+use super::{FIRST_STRUCTURE, Images};
+
+/// A triangle surface with a normal per vertex, single precision, work frame, mm.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Surface {
+    /// Vertices.
+    pub vertices: Vec<[f32; 3]>,
+    /// Outward unit normals, one per vertex.
+    pub normals: Vec<[f32; 3]>,
+    /// Three vertex numbers a triangle.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl Surface {
+    fn of<F: Frame>(mesh: &Mesh<F>) -> Self {
+        let mut normals = vec![Vector3::zeros(); mesh.vertices.len()];
+        for t in &mesh.triangles {
+            let [a, b, c] = t.map(|n| mesh.vertices[n as usize].coords);
+            // its length is twice the area: large triangles count more
+            let normal = (b - a).cross(&(c - a));
+            t.iter().for_each(|&n| normals[n as usize] += normal);
+        }
+        let single = |v: &Vector3<f64>| [v.x as f32, v.y as f32, v.z as f32];
+        let unit = |v: &Vector3<f64>| single(&v.try_normalize(0.0).unwrap_or_else(Vector3::z));
+        Self {
+            vertices: mesh.vertices.iter().map(|p| single(&p.coords)).collect(),
+            normals: normals.iter().map(unit).collect(),
+            triangles: mesh.triangles.clone(),
+        }
+    }
+
+    /// Whether there is nothing to draw.
+    pub fn is_empty(&self) -> bool {
+        self.triangles.is_empty()
+    }
+}
+
+impl Images {
+    /// The surface of the target, air cells included, as far as it is still there once waypoint `index` is reached; `None`:
+    /// all of it. On cells of two voxels, which takes nothing away that the eye can see.
+    pub fn target(&self, index: Option<u32>) -> Surface {
+        let removal = self.removal.time();
+        let class = self.scene.class.data();
+        let counts = |n: usize| class[n].is(Class::TARGET) && index.is_none_or(|i| removal[n] > i);
+        let grid = self.scene.class.grid();
+        match coarse(grid) {
+            Some(cells) => Surface::of(&iso_surface(&shares(grid, &cells, counts), 0.5)),
+            None => Surface::default(),
+        }
+    }
+
+    /// The surface `offset_mm` around the case's structure `n`, as far as it lies in the scene; between voxel centres, so
+    /// good for the eye only.
+    ///
+    /// # Errors
+    /// When a distance field cannot be made.
+    pub fn around(&self, n: usize, offset_mm: f64) -> Result<Surface, ImageError> {
+        let code = u8::try_from(n).ok().and_then(|n| FIRST_STRUCTURE.checked_add(n));
+        let mask = self.structure.map(|c| Some(*c) == code);
+        let Some(distance_mm) = distance_only(&mask)? else { return Ok(Surface::default()) };
+        let level_mm = offset_mm + 0.5 * self.pixel_mm();
+        Ok(Surface::of(&iso_surface(&distance_mm.map(|d| -d), -level_mm as f32)))
+    }
+}
+
+/// The grid of cells of 2 × 2 × 2 voxels; its last cells may reach beyond.
+fn coarse(grid: &Grid<Work>) -> Option<Grid<Work>> {
+    let origin: Point<Work> = grid.at([0.5; 3]);
+    let dims = grid.dims().map(|d| d.div_ceil(2));
+    Grid::new(dims, 2.0 * grid.spacing_mm(), Matrix3::identity(), origin.coords).ok()
+}
+
+/// Share of each cell's voxels that count.
+fn shares(grid: &Grid<Work>, cells: &Grid<Work>, counts: impl Fn(usize) -> bool) -> Volume<f32, Work> {
+    let mut shares = Volume::filled(cells.clone(), 0.0);
+    for n in (0..grid.len()).filter(|n| counts(*n)) {
+        let cell = cells.index(grid.voxel(n).map(|v| v / 2));
+        shares.data_mut()[cell] += 0.125;
+    }
+    shares
+}

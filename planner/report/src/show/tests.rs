@@ -1,0 +1,155 @@
+//! A block's plan, drawn: the target shrinks, structures stay, slices and surfaces agree.
+
+use std::path::{Path, PathBuf};
+
+use bonemill_imaging::phantom::{PhantomKind, phantom};
+use bonemill_imaging::{PHANTOM_CASE_FILE, write_phantom};
+
+use super::*;
+use bonemill_case::Case;
+use bonemill_planfile::{Need, Replace, StagedDirectory};
+
+struct Silent;
+impl Progress for Silent {
+    fn stage(&self, _: &str) {}
+    fn advance(&self, _: usize, _: usize) {}
+}
+
+/// Plans a small pocket of the block in `dir`.
+fn small_plan(dir: &Path) -> PathBuf {
+    let folder = dir.join("case");
+    std::fs::create_dir(&folder).unwrap();
+    let mut block = phantom(PhantomKind::Block, 1);
+    let pocket = "box = { min_mm = [-1.0, -4.0, -4.0], max_mm = [7.0, 4.0, 0.0] } #";
+    block.case_toml = block.case_toml.replace("label = 20 ", pocket);
+    write_phantom(&folder, &block).unwrap();
+    let case_path = folder.join(PHANTOM_CASE_FILE);
+    let case = Case::parse(&std::fs::read_to_string(&case_path).unwrap(), &case_path).unwrap();
+    let plan = bonemill_pipeline::plan(&case, &case_path, &Silent).unwrap();
+    let staged = StagedDirectory::create(&dir.join("plan"), Replace::Nothing).unwrap();
+    crate::save::plan(&plan, &case_path, &staged).unwrap();
+    staged.commit().unwrap()
+}
+
+/// Signed volume by the divergence theorem, mm³.
+fn volume_mm3(s: &Surface) -> f64 {
+    let at = |n: u32| nalgebra::Vector3::from(s.vertices[n as usize].map(f64::from));
+    s.triangles.iter().map(|t| at(t[0]).dot(&at(t[1]).cross(&at(t[2]))) / 6.0).sum()
+}
+
+#[test]
+fn what_is_drawn_is_what_the_plan_does() {
+    let dir = tempfile::tempdir().unwrap();
+    let stored = StoredPlan::load(&small_plan(dir.path())).unwrap();
+    let show = Show::read(&stored, &Silent).unwrap();
+    let images = show.images().unwrap();
+    let last = stored.waypoints.len() as u32 - 1;
+
+    // the target shrinks by what the plan says
+    let whole = volume_mm3(&images.target(None));
+    let left = [last / 4, last / 2, last].map(|i| volume_mm3(&images.target(Some(i))));
+    assert!(whole > left[0] && left[0] > left[1] && left[1] > left[2] && left[2] > 0.0, "{whole} {left:?}");
+    let metrics = &stored.record.metrics;
+    assert!((whole / metrics.target_mm3 - 1.0).abs() < 0.03, "{whole}");
+    assert!(((whole - left[2]) / metrics.removed_mm3 - 1.0).abs() < 0.05, "{whole} {left:?}");
+
+    // the shell is around the nerve
+    let (nerve, shell) = (
+        images.around(0, 0.0).unwrap(),
+        images.around(0, stored.record.case.structures[0].clearance_mm).unwrap(),
+    );
+    assert!(!nerve.is_empty() && volume_mm3(&shell) > 2.0 * volume_mm3(&nerve));
+    assert!(images.around(1, 0.0).unwrap().is_empty());
+    assert!(nerve.normals.iter().all(|n| (n.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-4));
+
+    // slices: the same voxels, cut one after the other
+    // through the deepest place of the burr: every plane there meets the cavity
+    let mid = *show.path().iter().min_by(|a, b| a.z().total_cmp(&b.z())).unwrap();
+    for plane in &PLANES {
+        let [before, after] = [0, last].map(|i| images.slice(plane, mid, i));
+        assert_eq!(before.code.len(), before.width * before.height);
+        let count = |s: &Slice, code| s.code.iter().filter(|c| **c == code).count();
+        assert!(count(&after, CUT) > 0 && count(&before, CUT) < count(&after, CUT));
+        assert_eq!(count(&before, TARGET) + count(&before, CUT), count(&after, TARGET) + count(&after, CUT));
+        let [x, y] = images.pixel(plane, mid);
+        assert!(x > 0.0 && x < before.width as f32 && y > 0.0 && y < before.height as f32);
+    }
+
+    // the trajectory's burr is at the waypoints
+    let moments = show.moments(300).unwrap();
+    assert!(moments.len() > 200 && moments.len() <= 301);
+    for m in &moments {
+        let burr = Point::<Work>::from_coords(m.tool.translation_mm);
+        let (a, b) = (show.path()[m.waypoint.saturating_sub(1)].coords, show.path()[m.waypoint].coords);
+        let off = bonemill_stock::sweep::segment_distance_squared(&burr.coords, &a, &b).sqrt();
+        assert!(off < 0.06, "{off} mm at {} s", m.time_s);
+        // the bone-attached arm ends at the burr
+        assert!(m.links.last().unwrap().distance_mm(&burr) < 1e-9 && m.links.len() == 5);
+    }
+    assert!(moments.iter().any(|m| m.force_n.is_some()));
+
+    // frames are the surfaces and slices of their moments, first and last among them
+    let frames = show.frames(&moments, 10);
+    assert!((10..=12).contains(&frames.len()) && frames.windows(2).all(|f| f[0].time_s < f[1].time_s));
+    for (frame, moment) in
+        [(&frames[0], &moments[0]), (&frames[frames.len() - 1], &moments[moments.len() - 1])]
+    {
+        let burr = Point::<Work>::from_coords(moment.tool.translation_mm);
+        assert_eq!(frame.time_s, moment.time_s);
+        assert_eq!(frame.target, images.target(Some(moment.waypoint as u32)));
+        assert_eq!(frame.slices[1].0, images.slice(&PLANES[1], burr, moment.waypoint as u32));
+    }
+
+    // structures are drawn with names that stand beside the bone and lead to them
+    let bodies = show.bodies().unwrap();
+    assert_eq!(bodies.iter().map(|b| b.name.as_str()).collect::<Vec<_>>(), ["facial_nerve"]);
+    assert!(bodies[0].surface == nerve && bodies[0].shell == shell);
+    let [before, body] = bodies[0].leader;
+    assert!(nerve.vertices.contains(&body) && bodies[0].name_at[0] > before[0] && before[0] > body[0]);
+
+    // plots hold the files' values, inside axes that end beyond them where names stand
+    let plots = show.plots(&moments);
+    let found: Vec<_> = plots.iter().map(|p| (p.title.as_str(), p.curves.len(), p.legend())).collect();
+    let (several, one) = (true, false);
+    assert_eq!(
+        found,
+        [
+            ("force [N]", 2, several),
+            ("distance [mm]", 2, several),
+            ("speed [mm/s]", 1, one),
+            ("joints [mm]", 3, several),
+            ("tilt [rad]", 1, one)
+        ]
+    );
+    assert_eq!(plots[2].curves[0].values, stored.waypoints.iter().map(|w| w.speed_mm_s).collect::<Vec<_>>());
+    for plot in &plots {
+        let end = stored.waypoints[last as usize].time_s;
+        assert!(plot.time_s[0] <= 0.0 && plot.time_s[1] >= end);
+        for curve in &plot.curves {
+            assert_eq!(curve.time_s.len(), curve.values.len());
+            assert!(curve.values.iter().all(|v| *v > plot.values[0] && *v < plot.values[1]));
+        }
+    }
+}
+
+#[test]
+fn a_plan_without_its_images_is_drawn_as_far_as_its_own_files_go() {
+    let dir = tempfile::tempdir().unwrap();
+    let plan = small_plan(dir.path());
+    let away = dir.path().join("away/plan");
+    std::fs::create_dir(dir.path().join("away")).unwrap();
+    std::fs::rename(&plan, &away).unwrap();
+    let stored = StoredPlan::load_with(&away, None, Need::Unchanged).unwrap();
+    let show = Show::read(&stored, &Silent).unwrap();
+    assert!(show.images().is_none() && show.bodies().unwrap().is_empty());
+    let moments = show.moments(20).unwrap();
+    assert!(moments.len() > 10 && show.frames(&moments, 10).is_empty());
+    assert_eq!(show.path().len(), stored.waypoints.len());
+    assert!(show.plots(&moments).len() == 5 && show.eye()[0].iter().all(|x| x.is_finite()));
+    let about = show.about();
+    assert!(about.contains("slices are not drawn") && about.contains("ct.nii.gz (SHA-256 "), "{about}");
+    // with its images named, it is drawn whole, from the same places
+    let found = StoredPlan::load_with(&away, Some(&dir.path().join("case")), Need::All).unwrap();
+    let whole = Show::read(&found, &Silent).unwrap();
+    assert!(whole.images().is_some() && whole.path() == show.path() && whole.eye() == show.eye());
+}

@@ -1,0 +1,465 @@
+//! Images to scene: approach, crop, resampling, classes, obstacles.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use bonemill_geometry::{Ct, Frame, Grid, Point, Rigid, Volume, Work, cancel};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::crop::{Crop, extent};
+use super::edge::{self, ByFace, TargetOutside};
+use super::inside::Inside;
+use super::{
+    Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, TargetShape, approach, hull,
+    mask, obstacles,
+};
+use bonemill_imaging::{
+    DensityTable, Region, StructureField, distance_within, resample_hu_and_density, resample_nearest,
+};
+
+/// Coarse voxel of what lies beyond the work grid, mm.
+const FAR_SPACING_MM: f64 = 1.0;
+
+/// What a scene is made of; plain values from the case.
+#[derive(Debug)]
+pub struct SceneSpec<'a> {
+    /// The CT in HU.
+    pub ct: &'a Volume<f32, Ct>,
+    /// The label map, on its own grid.
+    pub labels: &'a Volume<u16, Ct>,
+    /// What to remove.
+    pub target: TargetShape,
+    /// What to keep: name, label.
+    pub structures: &'a [(String, u16)],
+    /// HU to density.
+    pub table: &'a DensityTable,
+    /// At or below: air.
+    pub air_hu: f64,
+    /// At or above: bone.
+    pub bone_hu: f64,
+    /// Where thin bone outside the target is no obstacle.
+    pub sheets: Sheets,
+    /// Approach in ct, unit; `None`: chosen.
+    pub approach: Option<Vector3<f64>>,
+    /// Planning grid, mm.
+    pub spacing_mm: f64,
+    /// What planning on the grid takes, and what there is.
+    pub memory: MemoryNeed,
+    /// Kept around the target, mm.
+    pub margin_mm: f64,
+    /// Burr, mm.
+    pub burr_radius_mm: f64,
+    /// Farthest that distances to structures matter from the target's box, mm.
+    pub influence_mm: f64,
+    /// The shank's whole length from the burr's centre, mm.
+    pub shank_length_mm: f64,
+    /// The shank's largest radius, mm.
+    pub shank_radius_mm: f64,
+}
+
+/// What planning takes for each voxel of its grid, and what is there for it.
+#[derive(Debug, Clone, Copy)]
+pub struct MemoryNeed {
+    /// At the peak, bytes.
+    pub bytes_per_voxel: f64,
+    /// What there is, MB; `None` where that is not known.
+    pub available_mb: Option<f64>,
+}
+
+/// Builds the scene.
+///
+/// # Errors
+/// [`SceneError`] for a target that is absent, empty, outside the scan or touching a structure, for a CT and a map that
+/// do not overlap, and for grids beyond memory.
+pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
+    let mut warnings = Vec::new();
+    check_overlap(spec)?;
+    check_labels(spec)?;
+    let target = mask::target_extent(spec)?;
+    let approach = match spec.approach {
+        Some(direction) => direction,
+        None => choose_approach(spec, &target)?,
+    };
+    let Crop { grid, ct_from_work, turn_rad } = Crop::around(spec, &target, &approach)?;
+    let (hu, mut density_g_cm3) = resample_hu_and_density(spec.ct, spec.table, &grid, &ct_from_work);
+    cancel::poll();
+    let labels = work_labels(spec, &grid, &ct_from_work)?;
+    let inside = Inside::new(spec, &grid, &ct_from_work)?;
+    let (in_target, outside) = mask::target_mask(spec, &target, &inside, &hu, &labels, &ct_from_work)?;
+    let band_mm = [spec.ct.grid().diagonal_mm(), spec.labels.grid().diagonal_mm(), grid.diagonal_mm()]
+        .into_iter()
+        .fold(0.0, f64::max);
+    cancel::poll();
+    let class = classify(spec, &hu, &labels, &in_target, band_mm)?;
+    if !class.data().iter().any(|c| c.is(Class::MATERIAL)) {
+        return Err(SceneError::EmptyTarget(format!(
+            "no voxel of it on the {} mm planning grid is above air_hu = {} HU",
+            spec.spacing_mm, spec.air_hu
+        )));
+    }
+    cancel::poll();
+    keep_mass(&mut density_g_cm3, &class);
+    let matter = Matter::new(spec, &grid, ct_from_work, inside)?;
+    let obstacle_mm = distance_within(&class.map(|c| c.is(Class::OBSTACLE)), 2.0 * spec.burr_radius_mm)?;
+    let structures = structure_fields(spec, &target)?;
+    cancel::poll();
+    check_touching(spec, &target, &structures)?;
+    let edge_bone_mm2 = edge::edge_bone(spec, &in_target, &ct_from_work)?;
+    warnings.extend(edge_warnings(spec, &target, &outside, &edge_bone_mm2));
+    cancel::poll();
+    let far = far_obstacles(spec, &class, &ct_from_work)?;
+    let target_center = mean_center(&class, Class::TARGET);
+    let work_from_ct = ct_from_work.inverse();
+    let hull = target.iter().map(|p| work_from_ct * *p).map(|p| [p.x(), p.y()]).collect();
+    Ok(Scene {
+        ct_from_work,
+        turn_rad,
+        approach,
+        hu,
+        density_g_cm3,
+        matter,
+        class,
+        obstacle_mm,
+        structures,
+        far,
+        band_mm,
+        target_center,
+        target_hull_xy: hull::convex_hull(hull),
+        outside,
+        edge_bone_mm2,
+        warnings,
+    })
+}
+
+pub(super) fn extent_text((lo, hi): (Vector3<f64>, Vector3<f64>)) -> String {
+    format!("{:.1}..{:.1} × {:.1}..{:.1} × {:.1}..{:.1}", lo.x, hi.x, lo.y, hi.y, lo.z, hi.z)
+}
+
+pub(super) fn overlaps(a: (Vector3<f64>, Vector3<f64>), b: (Vector3<f64>, Vector3<f64>)) -> bool {
+    (0..3).all(|n| a.0[n] < b.1[n] && b.0[n] < a.1[n])
+}
+
+fn check_overlap(spec: &SceneSpec) -> Result<(), SceneError> {
+    let (ct, labels) = (extent(spec.ct.grid().corners()), extent(spec.labels.grid().corners()));
+    if overlaps(ct, labels) {
+        return Ok(());
+    }
+    Err(SceneError::NoOverlap { ct: extent_text(ct), labels: extent_text(labels) })
+}
+
+/// Every label that the case names is somewhere in the map.
+fn check_labels(spec: &SceneSpec) -> Result<(), SceneError> {
+    let mut present = vec![false; 1 << 16];
+    spec.labels.data().iter().for_each(|l| present[usize::from(*l)] = true);
+    let target = match spec.target {
+        TargetShape::Label(label) => Some(("the target".to_owned(), label)),
+        _ => None,
+    };
+    let wanted = spec.structures.iter().map(|(name, label)| (format!("structure '{name}'"), *label));
+    for (what, label) in target.into_iter().chain(wanted) {
+        if !present[usize::from(label)] {
+            let present =
+                (0..present.len()).filter(|l| present[*l]).map(|l| l.to_string()).collect::<Vec<_>>();
+            return Err(SceneError::LabelAbsent { label, what, present: present.join(", ") });
+        }
+    }
+    Ok(())
+}
+
+fn choose_approach(spec: &SceneSpec, target: &[Point<Ct>]) -> Result<Vector3<f64>, SceneError> {
+    let keep: Vec<u16> = spec.structures.iter().map(|(_, label)| *label).collect();
+    let label_at = |p| spec.labels.grid().nearest(p).map_or(0, |v| *spec.labels.get(v));
+    let hu_at = |p| spec.ct.grid().nearest(p).map(|v| f64::from(*spec.ct.get(v)));
+    let in_target = |p: Point<Ct>| match spec.target {
+        TargetShape::Label(label) => label_at(p) == label,
+        _ => spec.target.contains(p),
+    };
+    let reach_mm = spec
+        .ct
+        .grid()
+        .dims()
+        .map(|d| d as f64)
+        .iter()
+        .zip(spec.ct.grid().spacing_mm().iter())
+        .map(|(d, s)| d * s)
+        .sum();
+    let is_bone = |p| hu_at(p).is_some_and(|hu| hu >= spec.bone_hu);
+    // a ray that leaves the scan out of the target or out of bone sees no air: the bone goes on there
+    let ends_in_bone = |p| {
+        let at_edge = spec.ct.grid().center(edge::nearest_in_scan(spec.ct.grid(), p));
+        hu_at(p).is_none() && (in_target(p) || in_target(at_edge) || is_bone(at_edge))
+    };
+    approach::most_air(
+        target,
+        spec.ct.grid().spacing_mm().min().max(spec.spacing_mm),
+        reach_mm,
+        |p| ends_in_bone(p) || (!in_target(p) && (is_bone(p) || keep.contains(&label_at(p)))),
+        |p| !in_target(p) && hu_at(p).is_none_or(|hu| hu <= spec.air_hu),
+    )
+    .ok_or(SceneError::NoApproach)
+}
+
+/// The label at each work voxel's centre.
+///
+/// Centres often lie exactly on the face between two label voxels; rounding, which depends on how the map is stored, must
+/// not decide which one counts. They are taken a 10⁻⁴ part farther from the grid's middle, so ties go to the outer voxel.
+fn work_labels(
+    spec: &SceneSpec,
+    grid: &Grid<Work>,
+    ct_from_work: &Rigid<Ct, Work>,
+) -> Result<Volume<u16, Work>, SceneError> {
+    const STRETCH: f64 = 1e-4;
+    let half = Vector3::from(grid.dims().map(|d| 0.5 * (d - 1) as f64 * spec.spacing_mm));
+    let stretched =
+        Grid::aligned(grid.dims(), spec.spacing_mm * (1.0 + STRETCH), Point::from_coords(-half * STRETCH))?;
+    let labels = resample_nearest(spec.labels, &stretched, ct_from_work);
+    Volume::new(grid.clone(), labels.into_parts().1).map_err(SceneError::Values)
+}
+
+fn classify(
+    spec: &SceneSpec,
+    hu: &Volume<f32, Work>,
+    labels: &Volume<u16, Work>,
+    in_target: &Volume<bool, Work>,
+    band_mm: f64,
+) -> Result<Volume<Class, Work>, SceneError> {
+    let keep: Vec<u16> = spec.structures.iter().map(|(_, label)| *label).collect();
+    let bone_outside = Volume::new(
+        hu.grid().clone(),
+        hu.data().iter().zip(in_target.data()).map(|(hu, t)| !t && f64::from(*hu) >= spec.bone_hu).collect(),
+    )
+    .map_err(SceneError::Values)?;
+    let bone_class = obstacles::bone_classes(&bone_outside, in_target, band_mm, spec.sheets)?;
+    let data = (0..hu.data().len())
+        .into_par_iter()
+        .with_min_len(1 << 14)
+        .map(|n| {
+            let value = f64::from(hu.data()[n]);
+            let mut flags = bone_class[n];
+            if in_target.data()[n] {
+                flags |= Class::TARGET;
+                if value > spec.air_hu {
+                    flags |= Class::MATERIAL;
+                }
+                if value >= spec.bone_hu {
+                    flags |= Class::TARGET_BONE;
+                }
+            }
+            if keep.contains(&labels.data()[n]) {
+                flags |= Class::STRUCTURE;
+            }
+            Class(flags)
+        })
+        .collect();
+    Volume::new(hu.grid().clone(), data).map_err(SceneError::Values)
+}
+
+/// Mean of the centres of the voxels with one of `flags`.
+fn mean_center(class: &Volume<Class, Work>, flags: u8) -> Point<Work> {
+    let grid = class.grid();
+    let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+    for (n, _) in class.data().iter().enumerate().filter(|(_, c)| c.is(flags)) {
+        sum += grid.center(grid.voxel(n)).coords;
+        count += 1.0;
+    }
+    Point::from_coords(sum / f64::max(count, 1.0))
+}
+
+/// Density 0 where nothing resists the burr.
+fn keep_mass(density_g_cm3: &mut Volume<f32, Work>, class: &Volume<Class, Work>) {
+    for (rho, c) in density_g_cm3.data_mut().iter_mut().zip(class.data()) {
+        if !c.is(Class::HAS_MASS) {
+            *rho = 0.0;
+        }
+    }
+}
+
+fn structure_fields(spec: &SceneSpec, target: &[Point<Ct>]) -> Result<Vec<SceneStructure>, SceneError> {
+    let (lo, hi) = extent(target.iter().copied());
+    let region =
+        Region { min: Point::from_coords(lo), max: Point::from_coords(hi), reach_mm: spec.influence_mm };
+    spec.structures
+        .par_iter()
+        .map(|(name, label)| {
+            let field = StructureField::new(spec.labels, *label, Some(&region))?;
+            Ok(SceneStructure { name: name.clone(), label: *label, field })
+        })
+        .collect()
+}
+
+/// No voxel of the target shares a face, an edge or a corner with a structure.
+fn check_touching(
+    spec: &SceneSpec,
+    target: &[Point<Ct>],
+    structures: &[SceneStructure],
+) -> Result<(), SceneError> {
+    let grid = spec.labels.grid();
+    let touching = |structure: &SceneStructure, p: Point<Ct>, voxel| SceneError::TargetTouches {
+        structure: structure.name.clone(),
+        x: p.x(),
+        y: p.y(),
+        z: p.z(),
+        voxel,
+    };
+    let label = match spec.target {
+        TargetShape::Label(label) => label,
+        // a shape touches what lies inside it
+        _ => {
+            for structure in structures {
+                for (n, _) in spec.labels.data().iter().enumerate().filter(|(_, l)| **l == structure.label) {
+                    let voxel = grid.voxel(n);
+                    if spec.target.contains(grid.center(voxel)) {
+                        return Err(touching(structure, grid.center(voxel), voxel));
+                    }
+                }
+            }
+            return Ok(());
+        }
+    };
+    debug_assert!(!target.is_empty());
+    let mut is_structure = vec![false; 1 << 16];
+    structures.iter().for_each(|structure| is_structure[usize::from(structure.label)] = true);
+    if touching_voxel(spec.labels, label, |l| is_structure[usize::from(l)]).is_none() {
+        return Ok(());
+    }
+    // the first in the case's order is named
+    for structure in structures {
+        if let Some(voxel) = touching_voxel(spec.labels, label, |l| l == structure.label) {
+            return Err(touching(structure, grid.center(voxel), voxel));
+        }
+    }
+    Ok(())
+}
+
+/// A voxel of `label` among the 26 neighbours of one that `is_other`: of the first in the map's order that has one.
+fn touching_voxel(
+    labels: &Volume<u16, Ct>,
+    label: u16,
+    is_other: impl Fn(u16) -> bool + Sync,
+) -> Option<[usize; 3]> {
+    let [nx, ny, nz] = labels.grid().dims();
+    let row = |j: usize, k: usize| &labels.data()[nx * (j + ny * k)..][..nx];
+    let around = |v: usize, n: usize| v.saturating_sub(1)..(v + 2).min(n);
+    (0..nz).into_par_iter().find_map_first(|k| {
+        cancel::poll();
+        // whether the label is in one of the nine rows around, by place in the row
+        let mut near = vec![false; nx];
+        for j in 0..ny {
+            let rows = || around(k, nz).flat_map(|kk| around(j, ny).map(move |jj| [jj, kk]));
+            near.fill(false);
+            for [jj, kk] in rows().filter(|[jj, kk]| row(*jj, *kk).contains(&label)) {
+                near.iter_mut().zip(row(jj, kk)).for_each(|(near, l)| *near |= *l == label);
+            }
+            if !near.contains(&true) {
+                continue;
+            }
+            let is_beside = |i: &usize| is_other(row(j, k)[*i]) && near[around(*i, nx)].contains(&true);
+            if let Some(i) = (0..nx).find(is_beside) {
+                let at = |[jj, kk]: [usize; 2]| {
+                    around(i, nx).find(|ii| row(jj, kk)[*ii] == label).map(|ii| [ii, jj, kk])
+                };
+                return rows().find_map(at);
+            }
+        }
+        None
+    })
+}
+
+/// What is to be known about the scan's edge.
+fn edge_warnings(
+    spec: &SceneSpec,
+    target: &[Point<Ct>],
+    outside: &TargetOutside,
+    edge_bone_mm2: &ByFace,
+) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if outside.share > 0.0 && outside.share <= TargetOutside::FEW_SHARE {
+        warnings.push(format!("{}: it counts neither as target nor as removed", outside.text()));
+    }
+    if edge_bone_mm2.total() > 0.0 {
+        warnings.push(format!(
+            "{:.1} mm² of bone within the burr's reach of the target lie on the CT's {} edge: bone that goes on beyond it is not \
+             seen and counts as air, so that burr and shank may enter it; plan on a scan that reaches farther",
+            edge_bone_mm2.total(),
+            edge_bone_mm2.text()
+        ));
+    } else if touches_edge(spec, target) {
+        warnings.push(
+            "the target touches the edge of the scan: what lies beyond is taken for air, which may be wrong"
+                .into(),
+        );
+    }
+    warnings
+}
+
+/// Whether a target voxel lies in the CT's outermost voxels, or beyond.
+fn touches_edge(spec: &SceneSpec, target: &[Point<Ct>]) -> bool {
+    let grid = spec.ct.grid();
+    let dims = grid.dims();
+    target.par_iter().any(|p| {
+        let c = grid.continuous_index(*p);
+        (0..3).any(|a| c[a] < 0.5 || c[a] > dims[a] as f64 - 1.5)
+    })
+}
+
+/// Everything solid around the work grid that the shank could come near, on a coarse grid: bone and structures as the
+/// images show them, within the work grid as it was classified.
+fn far_obstacles(
+    spec: &SceneSpec,
+    class: &Volume<Class, Work>,
+    ct_from_work: &Rigid<Ct, Work>,
+) -> Result<FarObstacles, SceneError> {
+    let near = class.grid();
+    let reach = Vector3::repeat(spec.shank_length_mm + spec.shank_radius_mm);
+    let size = Vector3::from(near.dims().map(|d| (d - 1) as f64 * spec.spacing_mm));
+    // only as far as there is an image
+    let work_from_ct = ct_from_work.inverse();
+    let corners = spec.ct.grid().corners().into_iter().chain(spec.labels.grid().corners());
+    let (image_lo, image_hi) = extent(corners.map(|p| Point::from_coords((work_from_ct * p).coords)));
+    let lo = image_lo.sup(&-reach).inf(&Vector3::zeros());
+    let hi = image_hi.inf(&(size + reach)).sup(&size);
+    let dims = ((hi - lo) / FAR_SPACING_MM).map(|n| n.ceil() as usize + 1);
+    let grid = Grid::<Work>::aligned([dims.x, dims.y, dims.z], FAR_SPACING_MM, Point::from_coords(lo))?;
+    let full: Vec<AtomicBool> = (0..grid.len()).map(|_| AtomicBool::new(false)).collect();
+    let mark = |p: Point<Work>| {
+        if let Some(voxel) = grid.nearest(p) {
+            let full = &full[grid.index(voxel)];
+            // most are full already: looking takes no cache line from another thread
+            if !full.load(Ordering::Relaxed) {
+                full.store(true, Ordering::Relaxed);
+            }
+        }
+    };
+    let mark_beyond = |p: Point<Ct>| {
+        let p = work_from_ct * p;
+        if near.nearest(p).is_none() {
+            mark(p);
+        }
+    };
+    let mut keep = vec![false; 1 << 16];
+    spec.structures.iter().for_each(|(_, label)| keep[usize::from(*label)] = true);
+    for_each_center(spec.ct, |hu| f64::from(*hu) >= spec.bone_hu, mark_beyond);
+    for_each_center(spec.labels, |label| keep[usize::from(*label)], mark_beyond);
+    for_each_center(class, |class| class.is(Class::OBSTACLE | Class::STRUCTURE), mark);
+    let full = full.into_iter().map(AtomicBool::into_inner).collect();
+    let full = Volume::new(grid, full).map_err(SceneError::Values)?;
+    Ok(FarObstacles::new(&full, spec.shank_radius_mm)?)
+}
+
+/// Centres of the voxels for which `is_solid` holds, slices in parallel.
+fn for_each_center<T: Sync, F: Frame>(
+    volume: &Volume<T, F>,
+    is_solid: impl Fn(&T) -> bool + Sync,
+    visit: impl Fn(Point<F>) + Sync,
+) {
+    let grid = volume.grid();
+    let [nx, ny, _] = grid.dims();
+    volume.data().par_chunks(nx * ny).enumerate().for_each(|(k, slice)| {
+        cancel::poll();
+        for (j, row) in slice.chunks_exact(nx).enumerate() {
+            for (i, _) in row.iter().enumerate().filter(|(_, value)| is_solid(value)) {
+                visit(grid.center([i, j, k]));
+            }
+        }
+    });
+}

@@ -1,0 +1,222 @@
+//! The scene: everything the planner needs of the images, on one isotropic grid along the approach.
+//!
+//! One crop to the target and the burr's reach, one resampling, one class per voxel. Outside the crop nothing fine is
+//! kept; what the handpiece could meet there is a coarse, conservative map ([`far`]). The work frame's origin is the
+//! grid's first voxel centre, its z points out of the bone, so a milling layer is a slab of the grid.
+
+mod approach;
+mod build;
+mod crop;
+mod edge;
+mod far;
+mod hull;
+mod inside;
+mod mask;
+mod matter;
+mod obstacles;
+mod target;
+
+use bonemill_geometry::{Approach, Ct, Point, Rigid, Volume, Work, basis};
+use nalgebra::Vector3;
+use thiserror::Error;
+
+pub use bonemill_case::Sheets;
+pub use build::{MemoryNeed, SceneSpec, build_scene};
+pub use edge::{ByFace, TargetOutside};
+pub use far::FarObstacles;
+pub use hull::{Rectangle, smallest_rectangle};
+pub use matter::Matter;
+pub use target::TargetShape;
+
+use bonemill_imaging::StructureField;
+
+/// What a voxel of the work grid is; several may hold at once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Class(pub u8);
+
+impl Class {
+    /// Belongs to the target: to be removed, air cells included.
+    pub const TARGET: u8 = 1;
+    /// Target above `air_hu`.
+    pub const MATERIAL: u8 = 2;
+    /// Target at or above `bone_hu`.
+    pub const TARGET_BONE: u8 = 4;
+    /// Bone outside the target: neither burr nor shank may touch it.
+    pub const OBSTACLE: u8 = 8;
+    /// Bone outside the target that is no obstacle: a speck, or so thin and near the target that it is taken for partial
+    /// volume, see [`Scene::band_mm`]. The burr may take it, and feels it.
+    pub const SHEET: u8 = 16;
+    /// Inside a structure.
+    pub const STRUCTURE: u8 = 32;
+    /// An obstacle thinner than the band: none with [`Sheets::Cut`].
+    pub const THIN: u8 = 64;
+    /// What gives force and mass wherever the burr meets it.
+    pub const HAS_MASS: u8 = Self::MATERIAL | Self::OBSTACLE | Self::SHEET;
+
+    /// Whether one of `flags` is set.
+    #[inline]
+    pub fn is(self, flags: u8) -> bool {
+        self.0 & flags != 0
+    }
+}
+
+/// One structure to be kept, with its exact distance.
+#[derive(Debug)]
+pub struct SceneStructure {
+    /// Its name.
+    pub name: String,
+    /// Its label in the map.
+    pub label: u16,
+    /// Exact distance to its voxel boxes; `None` when no voxel of it lies in reach of the tool.
+    pub field: Option<StructureField>,
+}
+
+/// Images, target and structures as the planner sees them.
+#[derive(Debug)]
+pub struct Scene {
+    /// Work frame, the grid's, in ct.
+    pub ct_from_work: Rigid<Ct, Work>,
+    /// How far the grid is turned about the approach from the basis of z, rad in [−π/4, π/4]: see
+    /// [`Scene::ct_from_approach`].
+    pub turn_rad: f64,
+    /// Approach used: unit, out of the bone.
+    pub approach: Vector3<f64>,
+    /// Hounsfield units.
+    pub hu: Volume<f32, Work>,
+    /// Density of each voxel, g/cm³: 0 unless it has [`Class::HAS_MASS`].
+    pub density_g_cm3: Volume<f32, Work>,
+    /// Density at any point.
+    pub matter: Matter,
+    /// Class per voxel.
+    pub class: Volume<Class, Work>,
+    /// Distance from voxel centres to the centres of obstacle voxels, mm, cut off at twice the burr's radius; `None`:
+    /// there is no obstacle.
+    pub obstacle_mm: Option<Volume<f32, Work>>,
+    /// Structures, in the case's order.
+    pub structures: Vec<SceneStructure>,
+    /// What lies beyond the work grid, coarsely.
+    pub far: FarObstacles,
+    /// The largest voxel diagonal of CT, labels and work grid, mm: thinner bone within as much of the target
+    /// is taken for partial volume.
+    pub band_mm: f64,
+    /// Centre of the target's voxels.
+    pub target_center: Point<Work>,
+    /// Convex hull of the target seen along the approach: corners (x, y) in work, mm, counter-clockwise.
+    pub target_hull_xy: Vec<[f64; 2]>,
+    /// The part of the target beyond the scan: neither target nor removed.
+    pub outside: TargetOutside,
+    /// Bone on the scan's edge within the burr's diameter of the target, mm²: where it goes on beyond is not known.
+    pub edge_bone_mm2: ByFace,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Why no scene can be made of the images.
+#[derive(Debug, Error)]
+pub enum SceneError {
+    /// The label is not in the map.
+    #[error("label {label} ({what}) has no voxel in the label map; labels there: {present}")]
+    LabelAbsent {
+        /// The label's value.
+        label: u16,
+        /// What the case wants it for.
+        what: String,
+        /// What the map holds.
+        present: String,
+    },
+    /// CT and label map do not overlap.
+    #[error(
+        "CT and label map do not overlap: CT spans {ct} mm, the map {labels} mm (both in ct); \
+         are they of the same patient and affine convention?"
+    )]
+    NoOverlap {
+        /// Extent of the CT.
+        ct: String,
+        /// Extent of the map.
+        labels: String,
+    },
+    /// The target holds nothing that can be removed.
+    #[error("the target is empty: {0}")]
+    EmptyTarget(String),
+    /// Too much of the target lies outside the scan.
+    #[error(
+        "{outside}; expected at most {most_percent} %. The target spans {target} mm, the CT {ct} mm (both in ct): give a scan \
+         that holds the target, crop the target to the scan, or check both images' affines"
+    )]
+    TargetOutside {
+        /// How much and on which side.
+        outside: String,
+        /// How much would be planned for, per cent of the target.
+        most_percent: f64,
+        /// Extent of the target.
+        target: String,
+        /// Extent of the CT.
+        ct: String,
+    },
+    /// The target touches something that must be kept.
+    #[error(
+        "the target touches structure '{structure}' at ct ({x:.2}, {y:.2}, {z:.2}) mm, label voxel {voxel:?}: \
+         separate them in the label map, or choose a smaller target"
+    )]
+    TargetTouches {
+        /// The structure.
+        structure: String,
+        /// Where, mm in ct.
+        x: f64,
+        /// Where, mm in ct.
+        y: f64,
+        /// Where, mm in ct.
+        z: f64,
+        /// The target's voxel in the label map, or the nearest one.
+        voxel: [usize; 3],
+    },
+    /// The planning grid would not fit.
+    #[error(
+        "planning would take about {needed_mb:.0} MB, and {most_mb:.0} MB {}: the target spans {extent} mm, which is {voxels} \
+         voxels at grid.spacing_mm = {spacing_mm}; {fitting_mm:.2} mm would fit",
+        if *is_available { "are available" } else { "are the most that is planned in" }
+    )]
+    TooLarge {
+        /// How many voxels.
+        voxels: f64,
+        /// Memory for them, MB.
+        needed_mb: f64,
+        /// Memory that there is, MB.
+        most_mb: f64,
+        /// Whether that is what this computer has left, rather than the most voxels of a plan.
+        is_available: bool,
+        /// A spacing at which it would fit, mm.
+        fitting_mm: f64,
+        /// Extent of the target.
+        extent: String,
+        /// The spacing asked for, mm.
+        spacing_mm: f64,
+    },
+    /// The target sees no air in any direction.
+    #[error("the target sees no way out of the bone in any direction: give approach.direction")]
+    NoApproach,
+    /// A grid could not be made.
+    #[error(transparent)]
+    Grid(#[from] bonemill_geometry::GridError),
+    /// Our own bug: values and grid differ.
+    #[error(transparent)]
+    Values(bonemill_geometry::VolumeError),
+    /// A distance or an image step failed.
+    #[error(transparent)]
+    Image(#[from] bonemill_imaging::ImageError),
+}
+
+impl Scene {
+    /// The frame in which θ and φ are measured: the grid's origin and approach, x and y by the basis of the approach.
+    ///
+    /// The grid itself follows the CT's voxels, so that a turned scan has the turned grid; a basis that depends on the
+    /// approach alone cannot.
+    pub fn ct_from_approach(&self) -> Rigid<Ct, Approach> {
+        Rigid::new(basis::from_z(&self.approach), self.ct_from_work.translation_mm)
+    }
+
+    /// Voxels of the target.
+    pub fn count(&self, flags: u8) -> usize {
+        self.class.data().iter().filter(|c| c.is(flags)).count()
+    }
+}

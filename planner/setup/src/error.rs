@@ -1,0 +1,256 @@
+//! Why there is no plan.
+
+use std::path::{Path, PathBuf};
+
+use bonemill_arm::RobotError;
+use bonemill_arm::registration::RegistrationFault;
+use bonemill_imaging::{ImageError, NiftiProblem};
+use bonemill_scene::SceneError;
+use nalgebra::{Unit, Vector3};
+use thiserror::Error;
+
+use bonemill_case::{Case, LabelRef, Target};
+use bonemill_cutting::burr::ModelError;
+use bonemill_planfile::PlanFileError;
+
+/// Why there is no path that the shank can reach.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum Unreached {
+    /// Nothing is left of it.
+    #[error("the shank can reach no part of the target")]
+    Nothing,
+    /// Some waypoints are still out of reach when the planner gives up.
+    #[error(
+        "after {rounds} rounds of leaving out what the shank cannot get to, {waypoints} waypoints are still out of its reach"
+    )]
+    Unsettled {
+        /// How many.
+        waypoints: usize,
+        /// After how many rounds of dropping.
+        rounds: usize,
+    },
+}
+
+/// Why a case cannot be planned.
+#[derive(Debug, Error)]
+pub enum PlanError {
+    /// An image or its names cannot be read or trusted.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// No scene can be made of the images.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// An input cannot be hashed.
+    #[error(transparent)]
+    File(#[from] PlanFileError),
+    /// The arm.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    /// A model's parameter is out of range.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A label is named that `labels.json` does not know.
+    #[error("{key}: {} has no {name:?}{} it has: {}", beside.with_file_name("labels.json").display(),
+        nearest.as_ref().map_or(";".into(), |nearest| format!("; did you mean {nearest:?}?")), known.join(", "))]
+    LabelName {
+        /// The key in the case.
+        key: String,
+        /// The name.
+        name: String,
+        /// The label map.
+        beside: PathBuf,
+        /// The names that there are.
+        known: Vec<String>,
+        /// The one that it resembles.
+        nearest: Option<String>,
+    },
+    /// A label is named, but there is no `labels.json`.
+    #[error("{key}: the label {name:?} is a name, but there is no {}: give the label's number",
+        beside.with_file_name("labels.json").display())]
+    NoLabelNames {
+        /// The key in the case.
+        key: String,
+        /// The name.
+        name: String,
+        /// The label map.
+        beside: PathBuf,
+    },
+    /// Two structures, or a structure and the target, are one label, by number and by name.
+    #[error("{first} and {second} are both label {number}: give each a label of its own")]
+    SharedLabel {
+        /// The one that stands first in the case.
+        first: String,
+        /// The other.
+        second: String,
+        /// The label.
+        number: u16,
+        /// Place of the other in the case's structures.
+        place: usize,
+    },
+    /// The case asks for something that this version does not have.
+    #[error("{key} = \"{value}\" is not supported by this version: expected {supported}")]
+    Unsupported {
+        /// The key.
+        key: &'static str,
+        /// What the case says.
+        value: String,
+        /// What it may say.
+        supported: &'static str,
+    },
+    /// The fiducials give no registration.
+    #[error("robot.base_from_ct.fiducials: {0}")]
+    Registration(#[from] RegistrationFault),
+    /// Fiducials that cannot have been localised in this scan.
+    #[error(
+        "robot.base_from_ct.fiducials.ct_mm: fiducials {} of {count} lie outside the scan, by up to {farthest_mm:.1} mm; {}",
+        outside.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
+        if *fit_as_lps { "as LPS they would all lie inside: negate x and y" } else {
+            "expected points in mm, RAS+, in the scan that is planned on (if that is a part of the scan that they were localised \
+             in, plan on the whole one)" }
+    )]
+    FiducialsOutside {
+        /// Which, from 1.
+        outside: Vec<usize>,
+        /// Fiducials in all.
+        count: usize,
+        /// The largest distance from the scan, mm.
+        farthest_mm: f64,
+        /// Whether negating x and y of all brings them inside.
+        fit_as_lps: bool,
+    },
+    /// The case cannot be fulfilled, on a registration that is not good enough.
+    #[error("{source}; {}", reasons.join("; "))]
+    BadRegistration {
+        /// What is wrong with the registration.
+        reasons: Vec<String>,
+        /// Why there is no plan.
+        source: Box<PlanError>,
+    },
+    /// The chosen arm needs a key that the case does not have.
+    #[error("{key} is needed for robot.model = \"{model}\": {example}")]
+    Needed {
+        /// The key.
+        key: &'static str,
+        /// The arm.
+        model: String,
+        /// What to write.
+        example: &'static str,
+    },
+    /// The deflection is asked for without a stiffness.
+    #[error("cost.force = \"deflection\" needs robot.joint_stiffness: one value per joint, N/mm or N·mm/rad")]
+    StiffnessMissing,
+    /// The burr reaches nothing of the target.
+    #[error("a burr of radius {radius_mm} mm can reach no voxel of the target: {reason}")]
+    NothingReachable {
+        /// The burr, mm.
+        radius_mm: f64,
+        /// What keeps it out.
+        reason: &'static str,
+    },
+    /// The shank reaches no waypoint, or not all that are left.
+    #[error(
+        "{why} within a tilt of {tilt_limit_deg:.0}° from the approach: see shank, approach.direction, \
+         orientation.tilt_limit_deg and where the arm stands (robot.base_from_ct)"
+    )]
+    NoAccess {
+        /// What it does not reach.
+        why: Unreached,
+        /// The tilt limit, degrees.
+        tilt_limit_deg: f64,
+    },
+    /// The arm cannot reach a waypoint.
+    #[error("the arm cannot reach waypoint {waypoint}: {excess}; move it (robot.base_from_ct)")]
+    OutOfReach {
+        /// The waypoint.
+        waypoint: usize,
+        /// The shaft's axis there, in work.
+        axis: Unit<Vector3<f64>>,
+        /// Which joint, by how much.
+        excess: String,
+    },
+}
+
+impl PlanError {
+    /// Whether the case is sound but cannot be fulfilled, rather than wrong.
+    pub fn is_infeasible(&self) -> bool {
+        matches!(self, Self::OutOfReach { .. } | Self::NoAccess { .. } | Self::BadRegistration { .. })
+    }
+
+    /// The key of the case that is to be looked at, as in [`Case::line_of`]; `None` where no single one is.
+    ///
+    /// `folder` is the case file's, to which the paths in the case are relative.
+    pub fn key(&self, case: &Case, folder: &Path) -> Option<String> {
+        let key = match self {
+            Self::Image(error) => return image_key(error, case, folder),
+            Self::Scene(error) => return scene_key(error, case, folder),
+            Self::LabelName { name, .. } | Self::NoLabelNames { name, .. } => {
+                return label_key(case, &LabelRef::Name(name.clone()));
+            }
+            Self::SharedLabel { place, .. } => return Some(format!("structure[{place}].label")),
+            Self::Unsupported { key, .. } => key,
+            Self::StiffnessMissing => "cost.force",
+            Self::Needed { .. } => "robot.model",
+            Self::Registration(_) | Self::BadRegistration { .. } => "robot.base_from_ct",
+            Self::FiducialsOutside { .. } => "robot.base_from_ct.fiducials.ct_mm",
+            Self::NothingReachable { .. } => "target",
+            Self::OutOfReach { .. } => "robot.base_from_ct",
+            Self::Robot(RobotError::Calibration { .. }) => "robot.calibration",
+            Self::Robot(
+                RobotError::ReadUrdf { .. } | RobotError::ParseUrdf { .. } | RobotError::Urdf { .. },
+            ) => "robot.model",
+            Self::File(_) | Self::Robot(_) | Self::Model(_) | Self::NoAccess { .. } => return None,
+        };
+        Some(key.into())
+    }
+}
+
+fn image_key(error: &ImageError, case: &Case, folder: &Path) -> Option<String> {
+    let key = match error {
+        ImageError::NotHounsfield { .. } => "images.ct",
+        ImageError::Nifti { path, problem } => {
+            let is_choice =
+                matches!(problem, NiftiProblem::Disagreement { .. } | NiftiProblem::TransformUnset { .. });
+            match (*path == folder.join(&case.images.ct), is_choice) {
+                (true, false) => "images.ct",
+                (true, true) => "images.ct_affine",
+                (false, false) => "images.labels",
+                (false, true) => "images.labels_affine",
+            }
+        }
+        ImageError::LabelNames { .. } => "images.labels",
+        ImageError::LabelAbsent { label, .. } => return label_key(case, &LabelRef::Number(*label)),
+        _ => return None,
+    };
+    Some(key.into())
+}
+
+fn scene_key(error: &SceneError, case: &Case, folder: &Path) -> Option<String> {
+    let key = match error {
+        SceneError::LabelAbsent { what, label, .. } => {
+            // a label that the case names is known here by its number alone; the structure by its name
+            let structure = case.structures.iter().position(|s| *what == format!("structure '{}'", s.name));
+            return structure
+                .map(|n| format!("structure[{n}].label"))
+                .or_else(|| label_key(case, &LabelRef::Number(*label)))
+                .or(Some("target.label".into()));
+        }
+        SceneError::NoOverlap { .. } => "images.labels",
+        SceneError::EmptyTarget(_) | SceneError::TargetOutside { .. } | SceneError::TargetTouches { .. } => {
+            "target"
+        }
+        SceneError::TooLarge { .. } => "grid.spacing_mm",
+        SceneError::NoApproach => "approach.direction",
+        SceneError::Image(error) => return image_key(error, case, folder),
+        SceneError::Grid(_) | SceneError::Values(_) => return None,
+    };
+    Some(key.into())
+}
+
+/// Where the case names a label.
+fn label_key(case: &Case, label: &LabelRef) -> Option<String> {
+    if matches!(&case.target, Target::Label(target) if target == label) {
+        return Some("target.label".into());
+    }
+    let n = case.structures.iter().position(|s| s.label == *label)?;
+    Some(format!("structure[{n}].label"))
+}

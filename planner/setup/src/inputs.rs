@@ -1,0 +1,173 @@
+//! The images of a case, read and checked, the files that its plan depends on, and the scene made of them.
+
+use std::path::{Path, PathBuf};
+
+use bonemill_imaging::{
+    Image, LabelNames, available_memory_mb, label_names_path, looks_like_hu, read_ct, read_label_names,
+    read_labels,
+};
+use bonemill_scene::{MemoryNeed, Scene, SceneSpec, TargetShape, build_scene};
+use rayon::prelude::*;
+
+use super::PlanError;
+use bonemill_case::{Case, LabelRef, Target, nearest};
+use bonemill_geometry::Progress;
+use bonemill_planfile::{Input, StoredPlan};
+
+/// Distances to structures are kept this far from the target's box, mm, beside what the burr and its cost need.
+const INFLUENCE_MM: f64 = 12.0;
+
+/// What planning takes at its peak for each voxel of its grid, bytes: 59 to 65 measured at 0.15 and 0.1 mm on both phantoms and
+/// a temporal bone.
+const BYTES_PER_VOXEL: f64 = 66.0;
+/// What it takes beside that and the images, MB: the program, and what belongs to waypoints.
+const WAYPOINTS_MB: f64 = 100.0;
+
+/// The memory that planning on a scene takes at its peak, MB, about.
+pub fn memory_mb(scene: &Scene, inputs: &Images) -> f64 {
+    let images = 4 * inputs.ct.volume.grid().len() + 2 * inputs.labels.volume.grid().len();
+    WAYPOINTS_MB + 1e-6 * (BYTES_PER_VOXEL * scene.class.grid().len() as f64 + images as f64)
+}
+
+/// The images of a case.
+pub struct Images {
+    /// Grey values.
+    pub ct: Image<f32>,
+    /// Labels.
+    pub labels: Image<u16>,
+    /// What is to be removed.
+    pub target: TargetShape,
+    /// Name and label of each structure, in the case's order.
+    pub structures: Vec<(String, u16)>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Reads and checks the images of a case in `case_path`; notes every file that its plan depends on, with its digest and where
+/// it is: case, images, names of labels, and an arm's own files.
+pub fn read_inputs(case: &Case, case_path: &Path) -> Result<(Images, Vec<(Input, PathBuf)>), PlanError> {
+    let folder = case_path.parent().unwrap_or(Path::new(""));
+    let images = read_images(case, |path| folder.join(path))?;
+    let names = label_names_path(&case.images.labels);
+    let mut paths: Vec<&Path> = case_path.file_name().map(Path::new).into_iter().collect();
+    paths.extend([case.images.ct.as_path(), &case.images.labels]);
+    paths.extend(folder.join(&names).exists().then_some(names.as_path()));
+    paths.extend(case.robot.files().map(|(_, path)| path));
+    let noted = |path: &&Path| Ok((Input::now(folder, path)?, folder.join(path)));
+    let files = paths.par_iter().map(noted).collect::<Result<_, PlanError>>()?;
+    Ok((images, files))
+}
+
+/// Reads and checks the images of a case; `place` says where the file is that the case names so.
+pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Result<Images, PlanError> {
+    let labels_path = place(&case.images.labels);
+    let (ct, labels) = rayon::join(
+        || -> Result<_, PlanError> {
+            let ct = read_ct(place(&case.images.ct), case.images.ct_affine)?;
+            looks_like_hu(&ct.volume)?;
+            Ok(ct)
+        },
+        || -> Result<_, PlanError> {
+            let names = read_label_names(place(&label_names_path(&case.images.labels)))?;
+            Ok((read_labels(&labels_path, case.images.labels_affine)?, names))
+        },
+    );
+    let (ct, (labels, names)) = (ct?, labels?);
+    let number = |key: String, label: &LabelRef| label_number(key, label, names.as_ref(), &labels_path);
+    let target = match &case.target {
+        Target::Label(label) => TargetShape::Label(number("target.label".into(), label)?),
+        Target::Box { min_mm, max_mm } => TargetShape::Box { min_mm: *min_mm, max_mm: *max_mm },
+        Target::Ball { center_mm, radius_mm } => {
+            TargetShape::Ball { center_mm: *center_mm, radius_mm: *radius_mm }
+        }
+        Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => TargetShape::Frustum {
+            from_mm: *from_mm,
+            to_mm: *to_mm,
+            from_radius_mm: *from_radius_mm,
+            to_radius_mm: *to_radius_mm,
+        },
+    };
+    let structures = case
+        .structures
+        .iter()
+        .map(|s| Ok((s.name.clone(), number(format!("structure '{}'", s.name), &s.label)?)))
+        .collect::<Result<Vec<_>, PlanError>>()?;
+    labels_differ(&target, &structures)?;
+    let warnings = ct.warnings.iter().chain(&labels.warnings).map(ToString::to_string).collect();
+    Ok(Images { ct, labels, target, structures, warnings })
+}
+
+fn label_number(
+    key: String,
+    label: &LabelRef,
+    names: Option<&LabelNames>,
+    labels_path: &Path,
+) -> Result<u16, PlanError> {
+    match label {
+        LabelRef::Number(number) => Ok(*number),
+        LabelRef::Name(name) => {
+            let (name, beside) = (name.clone(), labels_path.to_owned());
+            let Some(names) = names else { return Err(PlanError::NoLabelNames { key, name, beside }) };
+            names.number(&name).ok_or_else(|| {
+                let known: Vec<String> = names.iter().map(|(_, known)| known.to_owned()).collect();
+                let nearest = nearest(&name, known.iter().map(String::as_str)).map(str::to_owned);
+                PlanError::LabelName { key, name, beside, known, nearest }
+            })
+        }
+    }
+}
+
+/// Refuses a label that two structures, or a structure and the target, have by number and by name.
+fn labels_differ(target: &TargetShape, structures: &[(String, u16)]) -> Result<(), PlanError> {
+    let mut taken: Vec<(String, u16)> = match target {
+        TargetShape::Label(number) => vec![("the target".into(), *number)],
+        _ => vec![],
+    };
+    for (place, (name, number)) in structures.iter().enumerate() {
+        let (second, number) = (format!("structure '{name}'"), *number);
+        if let Some((first, _)) = taken.iter().find(|(_, earlier)| *earlier == number) {
+            return Err(PlanError::SharedLabel { first: first.clone(), second, number, place });
+        }
+        taken.push((second, number));
+    }
+    Ok(())
+}
+
+/// The scene that a case makes of its images.
+///
+/// # Errors
+/// [`PlanError::Scene`].
+pub fn make_scene(case: &Case, inputs: &Images) -> Result<Scene, PlanError> {
+    Ok(build_scene(&SceneSpec {
+        ct: &inputs.ct.volume,
+        labels: &inputs.labels.volume,
+        target: inputs.target.clone(),
+        structures: &inputs.structures,
+        table: &case.density.table,
+        air_hu: case.density.air_hu,
+        bone_hu: case.density.bone_hu,
+        sheets: case.sheets,
+        approach: case.approach,
+        spacing_mm: case.grid.spacing_mm,
+        memory: MemoryNeed { bytes_per_voxel: BYTES_PER_VOXEL, available_mb: available_memory_mb() },
+        margin_mm: case.grid.margin_mm,
+        burr_radius_mm: case.burr.radius_mm,
+        influence_mm: 2.0 * case.burr.radius_mm
+            + case.structures.iter().map(|s| s.clearance_mm.max(s.shank_clearance_mm)).fold(0.0, f64::max)
+            + INFLUENCE_MM,
+        shank_length_mm: case.burr.radius_mm + case.shank.iter().map(|s| s.length_mm).sum::<f64>(),
+        shank_radius_mm: case.shank.iter().map(|s| s.radius_mm).fold(0.0, f64::max),
+    })?)
+}
+
+/// The scene of a finished plan, as it was planned on.
+///
+/// # Errors
+/// [`PlanError`] for images that are missing or cannot be read or trusted.
+pub fn scene_of(plan: &StoredPlan, progress: &dyn Progress) -> Result<Scene, PlanError> {
+    let case = &plan.record.case;
+    progress.stage("read images");
+    let images = read_images(case, |path| plan.input_path(path))?;
+    progress.stage("scene");
+    make_scene(case, &images)
+}

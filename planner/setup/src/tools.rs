@@ -1,0 +1,209 @@
+//! From the case's values to the tools of planning: burr, material, arm, and where the arm is assumed to stand.
+
+use std::path::Path;
+
+use bonemill_arm::ur::{UrModel, has_ur_joints, read_ur};
+use bonemill_arm::{Arm, ToolMount, read_urdf};
+use bonemill_geometry::{Approach, Base, Ct, Rigid};
+use bonemill_scene::Scene;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+use super::PlanError;
+use bonemill_case::{self as case, Case, Registration};
+use bonemill_cutter::ShankCylinder;
+use bonemill_cutting::burr::{
+    AtPoints, Discretisation, ElementGrid, ForceKernel, Material, Measure, ModelError, Tool,
+};
+
+/// Elements of the force sum: 64 from tip to shaft, about 128 around.
+const N_KAPPA: usize = 64;
+const N_AROUND: usize = 128;
+
+/// The burr of a case.
+pub fn tool(burr: &case::Burr) -> Result<Tool, ModelError> {
+    Tool::new(burr.radius_mm, burr.flutes, i32::from(burr.spin))?.with_neck(burr.neck_radius_mm)
+}
+
+/// Its material, and the measure that its coefficients belong to.
+pub fn material(material: &case::Material) -> Result<(Material, Measure), ModelError> {
+    let made = Material::new(material.k_n_mm2, material.rho_ref_g_cm3)?
+        .with_edge(material.k_edge_n_mm, material.t0_mm)?
+        .with_density_law(material.exponent, 0.0)?;
+    let measure = match material.measure {
+        case::Measure::Db => Measure::Db,
+        case::Measure::Dz => Measure::Dz,
+    };
+    Ok((made, measure))
+}
+
+/// The force sum's discretisation for a burr.
+pub fn discretisation(tool: &Tool, measure: Measure) -> Result<Discretisation, ModelError> {
+    let n_gamma = N_AROUND.div_ceil(tool.blades() as usize);
+    Discretisation::new(n_gamma, N_KAPPA, ElementGrid::Kappa, measure)
+}
+
+/// The shank as cylinders; the first starts at the burr's radius.
+pub fn shank(case: &Case) -> Vec<ShankCylinder> {
+    let mut from_mm = case.burr.radius_mm;
+    case.shank
+        .iter()
+        .map(|segment| {
+            let cylinder =
+                ShankCylinder { from_mm, to_mm: from_mm + segment.length_mm, radius_mm: segment.radius_mm };
+            from_mm = cylinder.to_mm;
+            cylinder
+        })
+        .collect()
+}
+
+/// Where a UR's patient is assumed, as shares of its reach: before the base and above it. In the middle of the range, the
+/// handpiece upright above it, far from the base and the shoulder's cylinder.
+const ASSUMED_PLACE: [f64; 2] = [0.55, 0.05];
+
+/// The arm of a case, with its tool and limits; `folder` is the case file's.
+///
+/// # Errors
+/// [`PlanError::Needed`] where a UR has no tool, [`PlanError::Unsupported`] where the bone-attached arm is given one,
+/// [`PlanError::Robot`] where a file cannot be used or limits do not fit.
+pub fn arm(case: &Case, folder: &Path) -> Result<Arm, PlanError> {
+    let robot = &case.robot;
+    let refused = |key, supported| Err(PlanError::Unsupported { key, value: "given".into(), supported });
+    let model = UrModel::by_name(&robot.model);
+    if robot.calibration.is_some() && model.is_none() {
+        return refused("robot.calibration", "a calibration file for ur3e, ur5e or ur10e only");
+    }
+    if robot.branch.is_some() && model.is_none() {
+        return refused("robot.branch", "branches of ur3e, ur5e or ur10e only: leave the key out");
+    }
+    let arm = match (robot.model.as_str(), model) {
+        ("bone-attached", _) if robot.flange_from_burr.is_some() => {
+            // silently ignoring it would give another motion than the case asks for
+            return refused(
+                "robot.flange_from_burr",
+                "no such key with the bone-attached arm, whose URDF ends at the burr",
+            );
+        }
+        ("bone-attached", _) => Arm::bone_attached()?,
+        (_, Some(_)) if robot.flange_from_burr.is_none() => {
+            return Err(PlanError::Needed {
+                key: "robot.flange_from_burr",
+                model: robot.model.clone(),
+                example: "where the burr's centre is in the flange's frame, and the axes with z to the handpiece; for a \
+                          handpiece straight on the flange with the burr 180 mm before it: flange_from_burr with \
+                          translation_mm = [0, 0, 180] and rpy_rad = [3.141592653589793, 0, 0]",
+            });
+        }
+        (_, Some(model)) => {
+            read_ur(model, robot.calibration.as_ref().map(|path| folder.join(path)).as_deref())?
+        }
+        (path, None) => read_urdf(&folder.join(path))?,
+    };
+    let arm = arm.with_limits(robot.velocity_limits.as_deref(), robot.acceleration_limits.as_deref())?;
+    let arm = match &robot.jerk_limits {
+        Some(jerk) => arm.with_jerk_limits(jerk)?,
+        None => arm,
+    };
+    Ok(match robot.flange_from_burr {
+        None => arm,
+        Some((translation_mm, [roll, pitch, yaw])) => {
+            let turn = Rotation3::from_euler_angles(roll, pitch, yaw);
+            arm.with_mount(ToolMount { flange_from_burr: Rigid::new(turn, translation_mm.into()) })
+        }
+    })
+}
+
+/// What is to be known about the arm's accuracy.
+pub fn arm_warning(case: &Case, arm: &Arm) -> Option<String> {
+    let Some(model) = UrModel::by_name(&case.robot.model) else {
+        return has_ur_joints(arm).then(|| {
+            format!(
+                "{} has a UR's joints: unless it was made from the arm's own calibration, its kinematics are nominal and a real \
+                 arm's tool is 1 to 2 mm off",
+                case.robot.model
+            )
+        });
+    };
+    case.robot.calibration.is_none().then(|| {
+        format!(
+            "nominal kinematics of the {}: a real arm's tool is 1 to 2 mm off; give its calibration file as robot.calibration",
+            model.name()
+        )
+    })
+}
+
+/// base_from_ct: the case's, or an assumed one with base x, y, z along the approach's y, −x, z.
+///
+/// The bone-attached arm has the target's centre at its base's origin; a UR has it before and above its base by
+/// [`ASSUMED_PLACE`], the approach upright.
+///
+/// # Errors
+/// [`PlanError::Needed`] for an arm from a URDF, of which nothing is known that could be assumed.
+pub fn base_from_ct(robot: &case::RobotSpec, scene: &Scene) -> Result<Rigid<Base, Ct>, PlanError> {
+    if let Registration::Given { rotation, translation_mm } = &robot.base_from_ct {
+        return Ok(Rigid::new(*rotation, *translation_mm));
+    }
+    let place = match (robot.model.as_str(), UrModel::by_name(&robot.model)) {
+        ("bone-attached", _) => Vector3::zeros(),
+        (_, Some(model)) => {
+            let [before, above] = ASSUMED_PLACE.map(|share| share * model.reach_mm());
+            Vector3::new(before, 0.0, above)
+        }
+        (path, None) => {
+            return Err(PlanError::Needed {
+                key: "robot.base_from_ct",
+                model: path.into(),
+                example: "where the patient is, e.g. base_from_ct with rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]] and \
+                          translation_mm = [400, 0, 100], or with fiducials",
+            });
+        }
+    };
+    let turn = Rotation3::from_matrix_unchecked(Matrix3::new(0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0));
+    let ct_from_approach = scene.ct_from_approach();
+    let center = ct_from_approach.inverse() * (scene.ct_from_work * scene.target_center);
+    let base_from_approach: Rigid<Base, Approach> = Rigid::new(turn, place - turn * center.coords);
+    Ok(base_from_approach * ct_from_approach.inverse())
+}
+
+/// Force of a straight shaft in a cut of the path's depth beside the line before, in the reference material at the nominal speed, N; at least
+/// [`LEAST_OF_SLOT`] of that in a full slot, since lines may be so close that nothing stands beside.
+///
+/// # Errors
+/// When the burr or the material is not usable.
+pub fn side_cut_n(case: &Case) -> Result<f64, ModelError> {
+    const LEAST_OF_SLOT: f64 = 0.1;
+    let tool = tool(&case.burr)?;
+    let (material, measure) = material(&case.material)?;
+    let kernel = ForceKernel::new(&tool, &material, &discretisation(&tool, measure)?);
+    let (radius_mm, path) = (case.burr.radius_mm, &case.path);
+    let force_n = |from_y_mm: f64| {
+        let is_bone =
+            |n: &Vector3<f64>| radius_mm * n.z <= path.layer_mm - radius_mm && radius_mm * n.y >= from_y_mm;
+        let mut bone = AtPoints(|n: &Vector3<f64>| f64::from(u8::from(is_bone(n))));
+        let (axis, feed) = (Vector3::z_axis(), Vector3::x_axis());
+        let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
+        kernel.engaged_force(&axis, &feed, speed, rpm, &mut bone).force_n(speed).norm()
+    };
+    Ok(force_n(radius_mm - path.stepover_mm).max(LEAST_OF_SLOT * force_n(-radius_mm)))
+}
+
+/// Mass that a step takes in a full slot of the reference material, mg.
+pub fn slot_mass_mg(case: &Case, step_mm: f64) -> f64 {
+    std::f64::consts::PI * case.burr.radius_mm.powi(2) * step_mm * case.material.rho_ref_g_cm3
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_however_close_leave_a_force_to_measure_pushes_by() {
+        let text = "structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n";
+        let mut case = Case::parse(text, Path::new("case.toml")).unwrap();
+        let mut of = |layer_mm: f64, stepover_mm: f64| {
+            (case.path.layer_mm, case.path.stepover_mm) = (layer_mm, stepover_mm);
+            side_cut_n(&case).unwrap()
+        };
+        let [usual, close, closer] = [(1.5, 1.667), (0.6, 0.6), (0.1, 0.05)].map(|(l, s)| of(l, s));
+        assert!(usual > close && close > closer && closer > 1e-4, "{usual} {close} {closer} N");
+    }
+}

@@ -1,0 +1,449 @@
+//! The engine: poses in, forces out, bone gone.
+//!
+//! A step goes straight from the previous pose to the next. The force is that at its end, in the bone as it was
+//! before the step (FORCE_MODEL 5); then the swept capsule is gone. A step whose end puts the shank into bone is
+//! stopped: reported, and not made. A refused pose leaves everything as it was.
+//!
+//! Poses known beforehand go in batches: the steps of a batch look at the same lattice and each at its own part of
+//! the trail, so they are worked on in parallel; how a way is cut into batches is fixed, so results do not depend on
+//! the number of threads.
+
+use bonemill_geometry::{Point, Work, cancel};
+use nalgebra::{Unit, Vector3};
+use rayon::prelude::*;
+
+use super::behind::Behind;
+use super::bone::{Amount, Bone, Kind};
+use super::engagement::{Around, BurrNodes, Engagement, Feed};
+use super::error::EngineError;
+use super::lattice::Lattice;
+use super::model::{CutForce, ForceModel};
+use super::shank::ShankContact;
+use super::trail::Trail;
+use super::watch::ShankWatch;
+use bonemill_cutter::ShankCylinder;
+use bonemill_cutting::burr::checked;
+use bonemill_cutting::burr::{Discretisation, Material, Tool, direction};
+use bonemill_stock::sweep::segment_distance_squared;
+
+/// Poses farther away than this are refused: arithmetic in cells would lose its digits, mm.
+const MOST_MM: f64 = 1e5;
+/// The lattice follows the burr at least this far behind, cells: there, at 10 cells per radius, the hole behind is
+/// deeper below the burr's front than half a patch, so that the burr's own surface is never taken for an edge.
+const LAG_CELLS: f64 = 2.5;
+/// and takes stretches of at least this, cells.
+const STRETCH_CELLS: f64 = 2.0;
+/// How far a piece of the trail may be from the burr's way, cells.
+const BENT_CELLS: f64 = 0.004;
+
+/// Where the burr is and how it lies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// The burr's centre.
+    pub center: Point<Work>,
+    /// From the burr to the handpiece.
+    pub axis: Unit<Vector3<f64>>,
+}
+
+impl Pose {
+    /// `axis` need not be a unit vector.
+    ///
+    /// # Errors [`EngineError::Pose`] for a centre that is not finite or absurdly far, [`EngineError::Model`] for an
+    /// axis without direction.
+    pub fn new(center: Point<Work>, axis: Vector3<f64>) -> Result<Self, EngineError> {
+        if !center.coords.iter().all(|c| c.abs() <= MOST_MM) {
+            return Err(EngineError::Pose { center_mm: center.coords.into(), most_mm: MOST_MM });
+        }
+        Ok(Self { center, axis: direction("shaft axis", axis)? })
+    }
+}
+
+/// A pose and the time that the way to it takes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Move {
+    /// Where the step ends.
+    pub to: Pose,
+    /// How long it takes, s.
+    pub seconds: f64,
+}
+
+/// The outcome of a step.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Step {
+    /// What the burr feels.
+    pub force: CutForce,
+    /// Removal rate at the step's end, mm³/s.
+    pub mrr_mm3_s: f64,
+    /// The same as of material at the reference density, mm³/s.
+    pub weighted_mrr_mm3_s: f64,
+    /// Surface that moves into bone, mm².
+    pub contact_area_mm2: f64,
+    /// What the step removes: the surface's rate at its end times its length. The exact sum over all steps is
+    /// [`Engine::removed`].
+    pub removed: Amount,
+    /// The shank touches bone: the step was not made, and all else is zero.
+    pub contact: Option<ShankContact>,
+}
+
+impl Step {
+    /// Nothing is cut.
+    pub(super) fn nothing(contact: Option<ShankContact>) -> Self {
+        Self {
+            force: CutForce::default(),
+            mrr_mm3_s: 0.0,
+            weighted_mrr_mm3_s: 0.0,
+            contact_area_mm2: 0.0,
+            removed: Amount::default(),
+            contact,
+        }
+    }
+
+    fn of(met: &Engagement, force: CutForce, length_mm: f64) -> Self {
+        let mut removed = Amount::default();
+        for kind in Kind::ALL {
+            let [volume, mass] =
+                [&met.by_kind_per_mm.volume_mm3, &met.by_kind_per_mm.mass_mg].map(|a| a[kind as usize]);
+            removed.add(kind, volume * length_mm, mass * length_mm);
+        }
+        Self {
+            force,
+            mrr_mm3_s: met.mrr_mm3_s(),
+            weighted_mrr_mm3_s: met.weighted_mrr_mm3_s(),
+            contact_area_mm2: met.contact_area_mm2,
+            removed,
+            contact: None,
+        }
+    }
+}
+
+/// Burr, shank and fineness.
+#[derive(Debug, Clone)]
+pub struct EngineSpec {
+    /// The burr.
+    pub tool: Tool,
+    /// What weighs the bone: the density law.
+    pub material: Material,
+    /// Nodes of the force sum.
+    pub disc: Discretisation,
+    /// Spindle speed, rpm.
+    pub spindle_rpm: f64,
+    /// The shank, from the burr outwards; empty: no alarm.
+    pub shank: Vec<ShankCylinder>,
+    /// Cells of the lattice along the burr's radius.
+    pub cells_per_radius: f64,
+}
+
+impl EngineSpec {
+    /// Cells per radius, assumed; `bonemill experiment engine-state` measures what other values cost in error and time.
+    pub const CELLS_PER_RADIUS: f64 = 10.0;
+}
+
+/// The state of a simulation.
+pub struct Engine<'a, T, M> {
+    lattice: Lattice<'a, T>,
+    trail: Trail,
+    nodes: BurrNodes,
+    model: M,
+    spec: EngineSpec,
+    pose: Pose,
+    removed: Amount,
+    watch: ShankWatch,
+    /// Time of stopped steps, which the next one that is made has as well, s.
+    waited_s: f64,
+}
+
+impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
+    /// A burr that appears at `start`; bone within it is gone.
+    ///
+    /// # Errors
+    /// [`EngineError::TooFine`], or [`EngineError::Model`] for a spindle or shank that makes no sense.
+    pub fn new(bone: Bone<'a, T>, spec: EngineSpec, model: M, start: Pose) -> Result<Self, EngineError> {
+        checked("spindle speed, rpm", spec.spindle_rpm, |n| n > 0.0 && n <= 1e6, "above 0, at most 1e6")?;
+        for c in &spec.shank {
+            checked("shank start, mm", c.from_mm, |v| v >= 0.0, "0 or more")?;
+            checked("shank end, mm", c.to_mm, |v| v >= c.from_mm && v <= 1e4, "from its start to 1e4")?;
+            checked("shank radius, mm", c.radius_mm, |v| v > 0.0 && v <= 1e3, "above 0, at most 1e3")?;
+        }
+        let lattice = Lattice::new(bone, spec.tool.radius_mm(), spec.cells_per_radius)?;
+        let tolerance_mm = BENT_CELLS * lattice.spacing_mm();
+        let r = spec.tool.radius_mm();
+        let half_mm = BurrNodes::half_patch_mm(&spec.tool, &spec.disc);
+        let tile_reach = lattice.longest_reach_mm(half_mm) / (r + spec.disc.sample_offset_mm());
+        let nodes = BurrNodes::new(&spec.tool, &spec.disc, tile_reach);
+        let watch = ShankWatch::new(&spec.shank, r);
+        Ok(Self {
+            trail: Trail::new(start.center, tolerance_mm),
+            lattice,
+            nodes,
+            model,
+            spec,
+            pose: start,
+            removed: Amount::default(),
+            watch,
+            waited_s: 0.0,
+        })
+    }
+
+    /// Where the burr is.
+    pub fn pose(&self) -> Pose {
+        self.pose
+    }
+
+    /// What is left.
+    pub fn lattice(&self) -> &Lattice<'a, T> {
+        &self.lattice
+    }
+
+    /// What is left, for a viewer that takes the surfaces that changed.
+    pub fn lattice_mut(&mut self) -> &mut Lattice<'a, T> {
+        &mut self.lattice
+    }
+
+    /// The bone, density law and burr of this simulation.
+    pub fn spec(&self) -> &EngineSpec {
+        &self.spec
+    }
+
+    /// What the lattice has lost: everything the burr swept, but for the last few cells of its way; all after
+    /// [`Engine::settle`].
+    pub fn removed(&self) -> &Amount {
+        &self.removed
+    }
+
+    /// Length of the end of the way that is not yet taken out of the lattice, mm.
+    pub fn pending_mm(&self) -> f64 {
+        self.trail.length_mm()
+    }
+
+    /// Takes the whole way out of the lattice.
+    pub fn settle(&mut self) {
+        let pieces = self.trail.take_all_but(0.0);
+        self.remove(&pieces);
+    }
+
+    /// Goes straight to a pose and cuts.
+    ///
+    /// # Errors [`EngineError`] for a pose or time that is not finite, or a time that is negative, or 0 for a way
+    /// that is not; nothing has changed then.
+    pub fn step(&mut self, to: Move) -> Result<Step, EngineError> {
+        self.step_yielding(&to, |_| Vector3::zeros())
+    }
+
+    /// As [`Engine::step`], with a burr that gives way: `yields` says how far, work, mm, for the force at the step's
+    /// end.
+    ///
+    /// # Errors
+    /// As [`Engine::step`], also when it yields to nowhere.
+    pub fn step_yielding(
+        &mut self,
+        to: &Move,
+        yields: impl FnOnce(&CutForce) -> Vector3<f64>,
+    ) -> Result<Step, EngineError> {
+        let met = self.meet(to)?;
+        let force = met.as_ref().map(|met| self.model.force(met)).unwrap_or_default();
+        let end = Pose { center: to.to.center + yields(&force), axis: to.to.axis };
+        check(&self.pose, &Move { to: end, seconds: to.seconds })?;
+        let length_mm = (end.center - self.pose.center).norm();
+        let before = self.trail.clone();
+        self.trail.extend(end.center.coords);
+        if let Some(contact) = self.watch.contact(&self.lattice, &self.trail, &self.pose, &end) {
+            self.trail = before;
+            self.waited_s += to.seconds;
+            return Ok(Step::nothing(Some(contact)));
+        }
+        self.pose = end;
+        self.waited_s = 0.0;
+        self.follow(STRETCH_CELLS);
+        Ok(met.map_or_else(|| Step::nothing(None), |met| Step::of(&met, force, length_mm)))
+    }
+
+    /// What the burr would meet at the end of a step, without making it; `None` where it does not move.
+    ///
+    /// # Errors
+    /// As [`Engine::step`].
+    pub fn meet(&self, to: &Move) -> Result<Option<Engagement>, EngineError> {
+        check(&self.pose, to)?;
+        Ok(self.engage(&self.pose, to, &self.trail, self.waited_s))
+    }
+
+    /// Makes steps whose poses are all known, on all threads; a step that the shank stops is left out, and the next
+    /// one starts from where the burr was, with the time of both.
+    ///
+    /// # Errors
+    /// As [`Engine::step`], of the first that is refused; none of the batch is made then.
+    pub fn steps(&mut self, moves: &[Move]) -> Result<Vec<Step>, EngineError> {
+        let mut from = self.pose;
+        for to in moves {
+            check(&from, to)?;
+            from = to.to;
+        }
+        let mut steps = Vec::with_capacity(moves.len());
+        let mut alone = false;
+        while steps.len() < moves.len() {
+            let rest = &moves[steps.len()..];
+            if alone {
+                let step = self.step(rest[0])?;
+                alone = step.contact.is_some();
+                steps.push(step);
+            } else {
+                let made = self.together(rest);
+                alone = made.len() < rest.len() || made.last().is_some_and(|s| s.contact.is_some());
+                steps.extend(made);
+            }
+        }
+        Ok(steps)
+    }
+
+    /// Steps up to and with the first that the shank stops.
+    fn together(&mut self, moves: &[Move]) -> Vec<Step> {
+        // the trail before each step, and after the last
+        let mut trails = vec![self.trail.clone()];
+        for to in moves {
+            let mut trail = trails[trails.len() - 1].clone();
+            trail.extend(to.to.center.coords);
+            trails.push(trail);
+        }
+        let start = self.pose;
+        let from = |n: usize| if n == 0 { start } else { moves[n - 1].to };
+        let waited_s = self.waited_s;
+        let (lattice, mut watch) = (&self.lattice, self.watch.clone());
+        // both look at the bone as it is before the batch, and neither at what the other finds
+        let (mut steps, stopped) = rayon::join(
+            || {
+                let one = |n: usize| {
+                    cancel::poll();
+                    let to = &moves[n];
+                    let met = self.engage(&from(n), to, &trails[n], if n == 0 { waited_s } else { 0.0 });
+                    let length_mm = (to.to.center - from(n).center).norm();
+                    met.map_or_else(
+                        || Step::nothing(None),
+                        |met| Step::of(&met, self.model.force(&met), length_mm),
+                    )
+                };
+                (0..moves.len()).into_par_iter().map(one).collect::<Vec<Step>>()
+            },
+            || {
+                moves
+                    .iter()
+                    .enumerate()
+                    .find_map(|(n, to)| Some((n, watch.contact(lattice, &trails[n + 1], &from(n), &to.to)?)))
+            },
+        );
+        self.watch = watch;
+        let made = stopped.as_ref().map_or(moves.len(), |(n, _)| *n);
+        self.trail = trails.swap_remove(made);
+        if made > 0 {
+            self.pose = moves[made - 1].to;
+            self.waited_s = 0.0;
+        }
+        if let Some((n, contact)) = stopped {
+            steps.truncate(n);
+            steps.push(Step::nothing(Some(contact)));
+            self.waited_s += moves[n].seconds;
+        }
+        self.follow(0.0);
+        steps
+    }
+
+    /// The lattice follows to the lag once the way is `stretch` cells longer than that.
+    fn follow(&mut self, stretch: f64) {
+        let s = self.lattice.spacing_mm();
+        let mut pieces = Vec::new();
+        if self.trail.length_mm() >= (LAG_CELLS + stretch) * s {
+            pieces = self.trail.take_all_but(LAG_CELLS * s);
+        }
+        if self.trail.is_crowded() {
+            pieces.extend(self.trail.thin_out());
+        }
+        self.remove(&pieces);
+    }
+
+    fn remove(&mut self, pieces: &[super::carve::Piece]) {
+        if !pieces.is_empty() {
+            let lost = self.lattice.remove(pieces, self.spec.tool.radius_mm());
+            self.removed.merge(&lost);
+        }
+    }
+
+    /// The bone before the step, seen from its end.
+    fn engage(&self, from: &Pose, to: &Move, trail: &Trail, waited_s: f64) -> Option<Engagement> {
+        let way = to.to.center - from.center;
+        let length_mm = way.norm();
+        let feed = Feed {
+            axis: to.to.axis,
+            direction: Unit::try_new(way, 0.0).filter(|u| u.iter().all(|v| v.is_finite()))?,
+            speed_mm_s: length_mm / (to.seconds + waited_s),
+            spindle_rpm: self.spec.spindle_rpm,
+        };
+        let r = self.spec.tool.radius_mm();
+        let center = to.to.center.coords;
+        let half_mm = BurrNodes::half_patch_mm(&self.spec.tool, &self.spec.disc);
+        // no more than the lattice's own lag is surely the burr's own surface
+        let sample_mm = r + self.spec.disc.sample_offset_mm();
+        let reach2 = (2.0 * r + half_mm).powi(2);
+        let near: Vec<Behind> = trail
+            .newest(LAG_CELLS * self.lattice.spacing_mm())
+            .into_iter()
+            .filter(|piece| {
+                !piece.leads_to(&center, &feed.direction)
+                    && segment_distance_squared(&center, &piece.from, &piece.to) < reach2
+            })
+            .map(|piece| Behind::new(&piece, &center, sample_mm))
+            .collect();
+        let half_cells = half_mm / self.lattice.spacing_mm();
+        let lattice = &self.lattice;
+        let around = Seen { lattice, near: &near, center, radius_mm: r, sample_mm, half_mm, half_cells };
+        Some(self.nodes.engage(&feed, &self.spec.material, &around))
+    }
+}
+
+/// The bone as a burr sees it from a place: what the lattice holds, less the newest stretch of the way.
+struct Seen<'a, 'b, T> {
+    lattice: &'b Lattice<'a, T>,
+    near: &'b [Behind],
+    center: Vector3<f64>,
+    radius_mm: f64,
+    /// Where a node looks, from the centre.
+    sample_mm: f64,
+    /// Half the width of a patch, mm and cells.
+    half_mm: f64,
+    half_cells: f64,
+}
+
+impl<T: Copy + Into<f64> + Sync> Around for Seen<'_, '_, T> {
+    #[inline]
+    fn is_open(&self, normal: &Vector3<f64>, reach: f64) -> bool {
+        let index = self.lattice.bone().index(&(self.center + normal * self.sample_mm));
+        self.lattice.is_open_around(&index, reach * self.sample_mm, self.half_mm)
+    }
+
+    #[inline]
+    fn bone(&self, normal: &Vector3<f64>) -> Option<(f64, Option<Kind>, f64)> {
+        let bone = self.lattice.bone();
+        let index = bone.index(&(self.center + normal * self.sample_mm));
+        let mut part = self.lattice.patch_left(&index, normal, self.half_cells);
+        if part <= 0.0 {
+            return None;
+        }
+        let density = bone.density_at(&index);
+        if density <= 0.0 {
+            return None;
+        }
+        for piece in self.near {
+            part = piece.part_outside(normal, self.radius_mm, self.half_mm).min(part);
+            if part <= 0.0 {
+                return None;
+            }
+        }
+        Some((density, bone.nearest(&index).map(|(_, kind)| kind), part))
+    }
+}
+
+/// Whether a step can be made.
+fn check(from: &Pose, to: &Move) -> Result<(), EngineError> {
+    Pose::new(to.to.center, to.to.axis.into_inner())?;
+    let stands = from.center == to.to.center;
+    let ok = |s: f64| s > 0.0 || (s == 0.0 && stands);
+    checked("time of a step, s", to.seconds, ok, "positive; 0 only in place")?;
+    Ok(())
+}

@@ -1,0 +1,51 @@
+//! Voxel removal under a moving burr, and the force on it: step by step for whoever moves a tool, or over a finished
+//! plan.
+//!
+//! - [`Bone`]: densities and kinds, as the images have them; [`Lattice`]: what is left of them;
+//! - [`Engine`]: from pose to pose: force, removal, and the shank's alarm;
+//! - [`Lattice::touched_surface`]: what a viewer draws anew; [`replay`]: a finished plan through its trajectory;
+//! - [`ForceModel`]: the fluted burr ([`FlutedBurr`]) and the lumped removal rate ([`Lumped`]).
+//!
+//! Sources: Dillon et al. 2016, II-C; Faieghi et al., II (voxmap and point shell, elemental forces); Yang & Chen, 2
+//! (swept volume, removal rate, shank collision). What is done otherwise, and why, stands in each module.
+
+mod behind;
+mod bone;
+mod carve;
+mod choice;
+mod engagement;
+mod engine;
+mod error;
+mod fresh;
+mod lattice;
+mod log;
+mod model;
+mod poses;
+mod rates;
+mod replay;
+mod save;
+mod scene;
+mod shank;
+mod surface;
+#[cfg(test)]
+mod tests;
+mod trail;
+mod watch;
+
+pub use bone::{Amount, Bone, Kind};
+pub use carve::Piece;
+pub use choice::{ModelName, NoSuchModel};
+pub use engagement::{BurrNodes, Directions, Engagement};
+pub use engine::{Engine, EngineSpec, Move, Pose, Step};
+pub use error::EngineError;
+pub use lattice::Lattice;
+pub use log::observe;
+pub use model::{CutForce, FlutedBurr, ForceModel, Lumped, LumpedForm, force_per_coefficient};
+pub use poses::{PoseError, Sampling};
+pub use replay::{
+    SimulateError, SimulatedToward, Simulation, SimulationRow, SimulationSetup, replay, simulate,
+};
+pub use save::{SIMULATION, save_rows};
+pub use scene::{bone_of, solid_density};
+pub use shank::ShankContact;
+pub use surface::BrickMesh;

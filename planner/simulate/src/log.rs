@@ -1,0 +1,40 @@
+//! A force log through the engine: what the model says of every row, for a calibration.
+
+use nalgebra::Vector3;
+
+use super::replay::{SimulateError, SimulationSetup};
+use super::scene::bone_of;
+use super::{Engine, FlutedBurr, Move, Pose, force_per_coefficient};
+use bonemill_cutting::calibrate::Observation;
+use bonemill_planfile::LogRow;
+
+/// Mills the scene along a log's poses and pairs each row but the first with the model's forces per coefficient, in
+/// work.
+///
+/// A row in which the shank touches bone, or the burr stands, is left out. With t0 > 0 the edge term depends on the
+/// chip as the case says.
+///
+/// # Errors
+/// [`SimulateError::Engine`] for a pose that is none.
+pub fn observe(setup: &SimulationSetup, rows: &[LogRow]) -> Result<Vec<Observation>, SimulateError> {
+    let work_from_ct = setup.scene.ct_from_work.inverse();
+    let pose = |row: &LogRow| Pose::new(work_from_ct * row.position, work_from_ct.rotate(&row.axis));
+    let mut spec = setup.spec.clone();
+    // so that the edge's directions are summed, whatever the case's coefficients are
+    let t0_mm = spec.material.t0_mm();
+    spec.material = spec.material.with_edge([1.0; 3], t0_mm)?;
+    let (tool, model) =
+        (spec.tool.clone(), FlutedBurr { tool: spec.tool.clone(), material: spec.material.clone() });
+    let Some(first) = rows.first() else { return Ok(Vec::new()) };
+    let mut engine = Engine::new(bone_of(&setup.scene, &setup.density_g_cm3)?, spec, model, pose(first)?)?;
+    let mut log = Vec::with_capacity(rows.len());
+    for pair in rows.windows(2) {
+        let to = Move { to: pose(&pair[1])?, seconds: pair[1].time_s - pair[0].time_s };
+        let met = engine.meet(&to)?;
+        let step = engine.step(to)?;
+        let (Some(met), None) = (met, step.contact) else { continue };
+        let force_n: Vector3<f64> = work_from_ct.rotate(&pair[1].force_n);
+        log.push(Observation { per_coefficient: force_per_coefficient(&met, &tool), force_n });
+    }
+    Ok(log)
+}

@@ -1,0 +1,418 @@
+//! A finished plan, replayed: joints through forward kinematics, burr and shank through the bone.
+//!
+//! With joint stiffnesses in the case, the arm yields: the burr cuts where it is, not where it should be. Its
+//! deflection follows C·F, F at the commanded speed; since F itself falls with the speed at which the burr yields, it
+//! gets there with the time constant
+//! |C F|/|v| (backward Euler of d = C F(v + ḋ)), which is stable for any step.
+
+use bonemill_geometry::{Ct, Point, Rigid, Work};
+use bonemill_scene::{Scene, SceneStructure};
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+use thiserror::Error;
+
+use super::poses::{self, PoseError, Sample, Sampling};
+use super::rates::StepVolumes;
+use super::scene::{bone_of, solid_density};
+use super::{Amount, Engine, EngineError, EngineSpec, ForceModel, ModelName, Move, ShankContact, Step};
+use bonemill_cutting::burr::{Discretisation, ElementGrid, Measure, ModelError, Tool};
+use bonemill_geometry::Progress;
+use bonemill_planfile::StoredPlan;
+use bonemill_planfile::toward::{StructureFigures, TowardSpan};
+use bonemill_setup::inputs::scene_of;
+use bonemill_setup::near::{self, Near};
+use bonemill_setup::{PlanError, tools};
+
+/// Poses that are worked on together; part of the result's definition.
+const BATCH: usize = 16;
+/// Elements of the force sum from tip to shaft, and around.
+const N_KAPPA: usize = 32;
+const N_AROUND: usize = 64;
+/// Contacts that are kept with their place; the rest is counted.
+const KEPT_CONTACTS: usize = 100;
+
+/// Why a plan cannot be simulated.
+#[derive(Debug, Error)]
+pub enum SimulateError {
+    /// The plan's images.
+    #[error(transparent)]
+    Images(#[from] PlanError),
+    /// The trajectory.
+    #[error(transparent)]
+    Poses(#[from] PoseError),
+    /// The arm's compliance.
+    #[error("compliance of the arm at {time_s:.3} s")]
+    Compliance {
+        /// When.
+        time_s: f64,
+        /// Why there is none.
+        source: bonemill_arm::RobotError,
+    },
+    /// Burr, bone or pose.
+    #[error(transparent)]
+    Engine(#[from] EngineError),
+    /// Our own bug: densities and grid differ.
+    #[error(transparent)]
+    Volume(#[from] bonemill_geometry::VolumeError),
+}
+
+impl From<ModelError> for SimulateError {
+    fn from(error: ModelError) -> Self {
+        Self::Engine(error.into())
+    }
+}
+
+/// One row of `simulation.csv`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimulationRow {
+    /// On the plan's clock, s.
+    pub time_s: f64,
+    /// Where the burr is, deflection included.
+    pub position: Point<Ct>,
+    /// Mean force on the burr over a turn, ct, N.
+    pub force_n: Vector3<f64>,
+    /// Largest force over a turn, N.
+    pub peak_n: f64,
+    /// Resisting torque, N mm.
+    pub torque_nmm: f64,
+    /// Spindle power, W.
+    pub power_w: f64,
+    /// Mean removal rate on the way here, mm³/s: rates times durations add up to the volume removed.
+    pub mrr_mm3_s: f64,
+    /// The structure that matters, by its place in the case.
+    pub structure: Option<usize>,
+    /// Force toward it, N, not negative.
+    pub force_toward_n: Option<f64>,
+    /// Distance from the burr's centre to it, mm.
+    pub distance_mm: Option<f64>,
+    /// How far the burr is from where it should be, µm; none without a stiffness.
+    pub deflection_um: Option<f64>,
+}
+
+/// A structure near the burr at one pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SimulatedToward {
+    /// Its place in the case.
+    pub structure: usize,
+    /// From the burr's centre, mm.
+    pub distance_mm: f64,
+    /// Force toward it, N, not negative; none inside of it.
+    pub force_n: Option<f64>,
+}
+
+/// The outcome of a simulation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Simulation {
+    /// One row per pose, the first included.
+    pub rows: Vec<SimulationRow>,
+    /// Per structure of the case: least distance over all poses, and the force toward it while something is removed.
+    pub structures: Vec<StructureFigures>,
+    /// What was removed, by kind.
+    pub removed: Amount,
+    /// The same, by the surface's rates along the way: the difference is a measure of the step.
+    pub removed_by_rate: Amount,
+    /// The first contacts of the shank, with their times.
+    pub contacts: Vec<(f64, ShankContact)>,
+    /// Steps that the shank stopped.
+    pub stopped: usize,
+    /// Side of a cell of the lattice, mm.
+    pub cell_mm: f64,
+    /// Whether the arm yielded.
+    pub compliant: bool,
+}
+
+impl Simulation {
+    /// Largest force, mean over a turn, N.
+    pub fn peak_force_n(&self) -> f64 {
+        self.rows.iter().map(|row| row.force_n.norm()).fold(0.0, f64::max)
+    }
+
+    /// Mean over the time in which something is removed, N.
+    pub fn mean_force_n(&self) -> f64 {
+        let (mut sum, mut seconds) = (0.0, 0.0);
+        for (row, span_s) in self.spans().filter(|(row, _)| row.mrr_mm3_s > 0.0) {
+            sum += row.force_n.norm() * span_s;
+            seconds += span_s;
+        }
+        if seconds > 0.0 { sum / seconds } else { 0.0 }
+    }
+
+    /// Energy that the spindle spends, J.
+    pub fn energy_j(&self) -> f64 {
+        self.spans().map(|(row, span_s)| row.power_w * span_s).sum()
+    }
+
+    /// Rows with the time that leads to them.
+    fn spans(&self) -> impl Iterator<Item = (&SimulationRow, f64)> {
+        self.rows.windows(2).map(|pair| (&pair[1], pair[1].time_s - pair[0].time_s))
+    }
+}
+
+/// What a plan's images, burr and bone are to the engine.
+pub struct SimulationSetup {
+    /// The scene, as the planner made it.
+    pub scene: Scene,
+    /// Densities of everything solid.
+    pub density_g_cm3: bonemill_geometry::Volume<f32, Work>,
+    /// Burr, shank, material, fineness.
+    pub spec: EngineSpec,
+    clearances_mm: Vec<f64>,
+}
+
+impl SimulationSetup {
+    /// Reads the images of a plan.
+    ///
+    /// # Errors
+    /// [`SimulateError::Images`] for images that cannot be read.
+    pub fn read(plan: &StoredPlan, progress: &dyn Progress) -> Result<Self, SimulateError> {
+        let case = &plan.record.case;
+        let scene = scene_of(plan, progress)?;
+        let density_g_cm3 = solid_density(&scene, &case.density.table)?;
+        let tool = tools::tool(&case.burr)?;
+        let (material, measure) = tools::material(&case.material)?;
+        let spec = EngineSpec {
+            disc: discretisation(&tool, measure)?,
+            tool,
+            material,
+            spindle_rpm: case.burr.spindle_rpm,
+            shank: tools::shank(case),
+            cells_per_radius: EngineSpec::CELLS_PER_RADIUS,
+        };
+        let clearances_mm = case.clearances_mm();
+        Ok(Self { scene, density_g_cm3, spec, clearances_mm })
+    }
+
+    /// Structures for a burr's centre: the one with the smallest distance less clearance first, then the others within their
+    /// influence.
+    ///
+    /// Inside a structure there is no direction: that one alone is given then, without a force, at distance 0.
+    pub fn toward(&self, center: Point<Work>, force_n: &Vector3<f64>) -> Vec<SimulatedToward> {
+        let radius_mm = self.spec.tool.radius_mm();
+        match near::structures_within(&self.scene, &self.clearances_mm, radius_mm, center) {
+            Ok(near) => near
+                .iter()
+                .map(|Near { structure, proximity }| SimulatedToward {
+                    structure: *structure,
+                    distance_mm: proximity.distance_mm,
+                    force_n: Some(force_n.dot(&proximity.toward).max(0.0)),
+                })
+                .collect(),
+            Err(_) => {
+                let p = self.scene.ct_from_work * center;
+                let holds = |s: &SceneStructure| s.field.as_ref().is_some_and(|f| f.distance(p) <= 0.0);
+                let inside = self.scene.structures.iter().position(holds);
+                let inside =
+                    inside.map(|structure| SimulatedToward { structure, distance_mm: 0.0, force_n: None });
+                inside.into_iter().collect()
+            }
+        }
+    }
+}
+
+/// The simulation's force sum: coarser than the planner's, 2e-3 of |F|.
+fn discretisation(tool: &Tool, measure: Measure) -> Result<Discretisation, ModelError> {
+    let n_gamma = N_AROUND.div_ceil(tool.blades() as usize);
+    Discretisation::new(n_gamma, N_KAPPA, ElementGrid::Kappa, measure)
+}
+
+/// Simulates a plan: reads its images again, and replays its trajectory.
+///
+/// # Errors
+/// [`SimulateError`].
+pub fn simulate(
+    plan: &StoredPlan,
+    model: ModelName,
+    sampling: Sampling,
+    progress: &dyn Progress,
+) -> Result<Simulation, SimulateError> {
+    let setup = SimulationSetup::read(plan, progress)?;
+    let model = model.model(&plan.record.case, &setup.spec)?;
+    replay(plan, &setup, model, sampling, progress)
+}
+
+/// Replays a plan's trajectory with a force model.
+///
+/// # Errors
+/// [`SimulateError`].
+pub fn replay(
+    plan: &StoredPlan,
+    setup: &SimulationSetup,
+    model: impl ForceModel,
+    sampling: Sampling,
+    progress: &dyn Progress,
+) -> Result<Simulation, SimulateError> {
+    progress.stage("forward kinematics");
+    let base_from_work = plan.record.base_from_ct * setup.scene.ct_from_work;
+    let samples = poses::sample(&plan.trajectory, &plan.arm, &base_from_work.inverse(), sampling)?;
+    let moves = poses::moves(&samples);
+    progress.stage("simulate");
+    let bone = bone_of(&setup.scene, &setup.density_g_cm3)?;
+    let start = samples.first().map(|s| s.pose).ok_or(PoseError::Empty)?;
+    let mut engine = Engine::new(bone, setup.spec.clone(), model, start)?;
+    let mut steps = Vec::with_capacity(moves.len());
+    let mut places = vec![start.center];
+    let mut volumes = StepVolumes::default();
+    let stiffness = plan.record.case.robot.joint_stiffness.as_deref();
+    match stiffness {
+        None => {
+            for batch in moves.chunks(BATCH) {
+                let made = engine.steps(batch)?;
+                for (step, to) in made.iter().zip(batch) {
+                    let stopped = step.contact.is_some();
+                    let stays = places.last().copied().unwrap_or(start.center);
+                    let place = if stopped { stays } else { to.to.center };
+                    volumes.push((place - stays).norm(), step.removed.total_mm3());
+                    places.push(place);
+                }
+                volumes.look(engine.removed().total_mm3(), engine.pending_mm());
+                steps.extend(made);
+                progress.advance(steps.len(), moves.len());
+            }
+        }
+        Some(stiffness) => {
+            let compliances = compliances(plan, &base_from_work, &samples, stiffness)?;
+            let mut deflection = Vector3::zeros();
+            for (n, (to, compliance)) in moves.iter().zip(&compliances).enumerate() {
+                let step = yielding_step(&mut engine, to, compliance, &mut deflection)?;
+                let place = engine.pose().center;
+                let before = places.last().copied().unwrap_or(start.center);
+                volumes.push((place - before).norm(), step.removed.total_mm3());
+                volumes.look(engine.removed().total_mm3(), engine.pending_mm());
+                places.push(place);
+                steps.push(step);
+                if n % 256 == 0 {
+                    progress.advance(n, moves.len());
+                }
+            }
+        }
+    }
+    engine.settle();
+    volumes.look(engine.removed().total_mm3(), 0.0);
+    let removed_mm3 = volumes.removed_mm3();
+    let cell_mm = engine.lattice().spacing_mm();
+    let removed = *engine.removed();
+    progress.stage("distances");
+    let (rows, toward): (Vec<_>, Vec<_>) =
+        rows(setup, &samples, &places, &steps, &removed_mm3, stiffness.is_some()).into_iter().unzip();
+    let mut simulation = Simulation {
+        structures: structure_figures(setup, &places, &rows, &toward),
+        rows,
+        removed,
+        removed_by_rate: Amount::default(),
+        contacts: Vec::new(),
+        stopped: 0,
+        cell_mm,
+        compliant: stiffness.is_some(),
+    };
+    for (step, sample) in steps.iter().zip(samples.iter().skip(1)) {
+        simulation.removed_by_rate.merge(&step.removed);
+        if let Some(contact) = step.contact {
+            simulation.stopped += 1;
+            if simulation.contacts.len() < KEPT_CONTACTS {
+                simulation.contacts.push((sample.time_s, contact));
+            }
+        }
+    }
+    Ok(simulation)
+}
+
+/// Compliance at every sample but the first, work, mm/N.
+fn compliances(
+    plan: &StoredPlan,
+    base_from_work: &Rigid<bonemill_geometry::Base, Work>,
+    samples: &[Sample],
+    stiffness: &[f64],
+) -> Result<Vec<Matrix3<f64>>, SimulateError> {
+    let turn = base_from_work.rotation.matrix();
+    let one = |sample: &Sample| {
+        let found = plan.arm.compliance(&sample.q, stiffness);
+        let c = found.map_err(|source| SimulateError::Compliance { time_s: sample.time_s, source })?;
+        Ok(turn.transpose() * c * turn)
+    };
+    samples.par_iter().skip(1).map(one).collect()
+}
+
+/// One step of a burr that gives way; `deflection` is how far it is off, work, mm.
+fn yielding_step<M: ForceModel>(
+    engine: &mut Engine<'_, f32, M>,
+    to: &Move,
+    compliance: &Matrix3<f64>,
+    deflection: &mut Vector3<f64>,
+) -> Result<Step, EngineError> {
+    let before = *deflection;
+    let mut off = before;
+    let aim = Move { to: super::Pose { center: to.to.center + before, ..to.to }, ..*to };
+    let way_mm = (aim.to.center - engine.pose().center).norm();
+    let step = engine.step_yielding(&aim, |force| {
+        let target = compliance * force.force_n;
+        let speed_mm_s = way_mm / to.seconds;
+        let settles_s = if speed_mm_s > 0.0 { target.norm() / speed_mm_s } else { 0.0 };
+        let part = if to.seconds > 0.0 { to.seconds / (to.seconds + settles_s) } else { 0.0 };
+        off = before + (target - before) * part;
+        off - before
+    })?;
+    if step.contact.is_none() {
+        *deflection = off;
+    }
+    Ok(step)
+}
+
+/// Every pose, and the structures near it.
+fn rows(
+    setup: &SimulationSetup,
+    samples: &[Sample],
+    places: &[Point<Work>],
+    steps: &[Step],
+    removed_mm3: &[f64],
+    compliant: bool,
+) -> Vec<(SimulationRow, Vec<SimulatedToward>)> {
+    let still = Step::nothing(None);
+    let row = |n: usize| {
+        let (sample, center) = (&samples[n], places[n]);
+        let step = if n == 0 { &still } else { &steps[n - 1] };
+        let force = &step.force;
+        let toward = setup.toward(center, &force.force_n);
+        let first = toward.first();
+        let before = n.checked_sub(1);
+        let seconds = before.map_or(0.0, |before| sample.time_s - samples[before].time_s);
+        let removed_mm3 = before.map_or(0.0, |before| removed_mm3[before]);
+        let row = SimulationRow {
+            time_s: sample.time_s,
+            position: setup.scene.ct_from_work * center,
+            force_n: setup.scene.ct_from_work.rotate(&force.force_n),
+            peak_n: force.peak_n,
+            torque_nmm: force.torque_nmm,
+            power_w: force.spindle_power_mw * 1e-3,
+            mrr_mm3_s: if seconds > 0.0 { removed_mm3 / seconds } else { 0.0 },
+            structure: first.map(|t| t.structure),
+            force_toward_n: first.and_then(|t| t.force_n),
+            distance_mm: first.map(|t| t.distance_mm),
+            deflection_um: compliant.then(|| (center - sample.pose.center).norm() * 1e3),
+        };
+        (row, toward)
+    };
+    (0..samples.len().min(places.len()).min(steps.len() + 1)).into_par_iter().map(row).collect()
+}
+
+/// Figures of each structure of the scene; a force counts while something is removed.
+fn structure_figures(
+    setup: &SimulationSetup,
+    places: &[Point<Work>],
+    rows: &[SimulationRow],
+    toward: &[Vec<SimulatedToward>],
+) -> Vec<StructureFigures> {
+    let least = near::least_distances(&setup.scene, &places[..rows.len()]);
+    let mut spans = vec![Vec::new(); least.len()];
+    let mut before_s = 0.0;
+    for (index, (row, toward)) in rows.iter().zip(toward).enumerate() {
+        let seconds = row.time_s - before_s;
+        before_s = row.time_s;
+        for near in toward {
+            if let Some(force_n) = near.force_n.filter(|_| row.mrr_mm3_s > 0.0) {
+                spans[near.structure].push((TowardSpan { seconds, force_n, row: index }, near.distance_mm));
+            }
+        }
+    }
+    let radius_mm = setup.spec.tool.radius_mm();
+    least.iter().zip(&spans).map(|(least, spans)| StructureFigures::of(*least, spans, radius_mm)).collect()
+}

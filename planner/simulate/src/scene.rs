@@ -1,0 +1,40 @@
+//! What a simulation mills of a scene: the target as the planner has it, and the bone and structures around it, which
+//! resist as well when a deflected burr or a hand gets there.
+
+use bonemill_geometry::{Volume, VolumeError, Work};
+use bonemill_imaging::DensityTable;
+use bonemill_scene::{Class, Scene};
+
+use super::{Bone, EngineError};
+
+/// Densities of everything solid in a scene, g/cm³: the target's material, all bone outside it, structures.
+///
+/// What is neither is retracted soft tissue or air, and 0.
+///
+/// # Errors
+/// None in practice: grids of one scene agree. The type is that of [`Volume::new`].
+pub fn solid_density(scene: &Scene, table: &DensityTable) -> Result<Volume<f32, Work>, VolumeError> {
+    let cut = scene.density_g_cm3.data().iter().zip(scene.class.data()).zip(scene.hu.data());
+    let data = cut
+        .map(|((&density, class), &hu)| {
+            // structures resist as well where they are softer than bone
+            if class.is(Class::STRUCTURE) && density <= 0.0 {
+                table.density_g_cm3(f64::from(hu)).max(0.0) as f32
+            } else {
+                density
+            }
+        })
+        .collect();
+    Volume::new(scene.class.grid().clone(), data)
+}
+
+/// A scene's solid voxels as the engine takes them.
+///
+/// # Errors
+/// [`EngineError`] when the densities are not on the scene's grid.
+pub fn bone_of<'a>(
+    scene: &'a Scene,
+    density_g_cm3: &'a Volume<f32, Work>,
+) -> Result<Bone<'a, f32>, EngineError> {
+    Ok(Bone::new(density_g_cm3)?.with_classes(&scene.class)?.with_far(&scene.far))
+}

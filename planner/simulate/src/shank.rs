@@ -1,0 +1,227 @@
+//! Whether the shank touches what is left (Yang and Chen's alarm): where, and how deep.
+//!
+//! The shank is a row of cylinders behind the burr. A solid cell whose centre lies in one and inside the remaining
+//! bone is touched; the depth is how far that centre lies below the cylinder's side. Bricks without solid cells, or
+//! gone, cost one look each.
+//!
+//! Beyond the lattice a coarse map stands for bone; there only what is certain is reported.
+
+use bonemill_geometry::{Point, Work};
+use nalgebra::{Unit, Vector3};
+
+use super::bone::Kind;
+use super::lattice::{Brick, Lattice, SIDE, tag};
+use bonemill_cutter::ShankCylinder;
+use bonemill_stock::sweep::segment_distance_squared;
+
+/// The shank touches bone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShankContact {
+    /// The deepest place.
+    pub at: Point<Work>,
+    /// How far it lies below the cylinder's side, mm.
+    pub depth_mm: f64,
+    /// Distance from the burr's centre along the shaft, mm.
+    pub along_mm: f64,
+    /// What is touched there.
+    pub kind: Kind,
+}
+
+/// The nearest solid cell to a cylinder of the shank.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct ShankView {
+    /// The deepest contact.
+    pub contact: Option<ShankContact>,
+    /// Without contact: nothing solid is nearer to it than this, mm.
+    pub clear_mm: f64,
+}
+
+/// A shaft at a place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shaft {
+    pub center: Vector3<f64>,
+    pub axis: Unit<Vector3<f64>>,
+}
+
+/// A brick in which the shank may meet something.
+#[derive(Debug, Clone, Copy)]
+struct NearBrick {
+    brick: usize,
+    /// Its first cell.
+    first: [usize; 3],
+    /// Nothing in it is nearer to the cylinder's axis than this, mm; negative where the axis may pass through.
+    apart_mm: f64,
+}
+
+impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
+    /// Looks for solid cells within `look_mm` of a cylinder's side; `is_swept` tells what the lattice does not know
+    /// yet.
+    pub(super) fn view_shank(
+        &self,
+        shaft: &Shaft,
+        cylinder: &ShankCylinder,
+        look_mm: f64,
+        is_swept: impl Fn(&Vector3<f64>) -> bool,
+    ) -> ShankView {
+        let mut view = ShankView { contact: None, clear_mm: look_mm };
+        let mut bricks = self.bricks_around(shaft, cylinder, look_mm);
+        // what is found in the nearest spares looking at the others
+        bricks.sort_unstable_by(|a, b| a.apart_mm.total_cmp(&b.apart_mm).then(a.brick.cmp(&b.brick)));
+        for near in bricks {
+            if near.apart_mm > cylinder.radius_mm + view.clear_mm {
+                break;
+            }
+            self.view_brick(&near, shaft, cylinder, &is_swept, &mut view);
+        }
+        self.view_far(shaft, cylinder, &mut view);
+        view
+    }
+
+    /// Bricks with something solid that may lie within `look_mm` of a cylinder's side.
+    fn bricks_around(&self, shaft: &Shaft, cylinder: &ShankCylinder, look_mm: f64) -> Vec<NearBrick> {
+        let (bricks, mut found) = (self.bricks, Vec::new());
+        let s = self.spacing_mm();
+        let side = SIDE as f64;
+        let half = 0.5 * side;
+        let [from, to] = [cylinder.from_mm, cylinder.to_mm]
+            .map(|at| self.cell_of(&(shaft.center + shaft.axis.into_inner() * at)));
+        let reach = (cylinder.radius_mm + look_mm) / s + half * 3f64.sqrt();
+        let a = shaft.axis.iamax();
+        let [b, c] = [(a + 1) % 3, (a + 2) % 3];
+        let lean = 1.0 / shaft.axis[a].abs();
+        // layers of bricks across the axis' main direction; in each the line is short
+        let clip = |lo: f64, hi: f64, axis: usize| {
+            let last = ((hi / side).floor()).min((bricks[axis] - 1) as f64);
+            let first = (lo / side).floor().max(0.0);
+            if hi < 0.0 || first > last { 0..0 } else { first as usize..last as usize + 1 }
+        };
+        let wide = reach * lean + half * lean;
+        for layer in clip(from[a].min(to[a]) - reach, from[a].max(to[a]) + reach, a) {
+            let t = ((layer as f64 + 0.5) * side - from[a]) / shaft.axis[a];
+            let line = from + shaft.axis.into_inner() * t;
+            for j in clip(line[c] - wide, line[c] + wide, c) {
+                for i in clip(line[b] - wide, line[b] + wide, b) {
+                    let mut at = [0; 3];
+                    (at[a], at[b], at[c]) = (layer, i, j);
+                    let brick = self.brick_index(at);
+                    if matches!(self.tag(brick), tag::GONE | tag::NOTHING) {
+                        continue;
+                    }
+                    let middle = Vector3::from(at.map(|v| v as f64 * side)).add_scalar(half - 0.5);
+                    let squared = segment_distance_squared(&middle, &from, &to);
+                    if squared <= reach * reach && self.looked_at(brick) != tag::NOTHING {
+                        let apart_mm = (squared.sqrt() - half * 3f64.sqrt()) * s;
+                        found.push(NearBrick { brick, first: at.map(|v| v * SIDE), apart_mm });
+                    }
+                }
+            }
+        }
+        found
+    }
+
+    /// A cell beyond an end counts with its distance from it, too: it may come beside the cylinder by the same way.
+    fn view_brick(
+        &self,
+        &NearBrick { brick, first, .. }: &NearBrick,
+        shaft: &Shaft,
+        cylinder: &ShankCylinder,
+        is_swept: &impl Fn(&Vector3<f64>) -> bool,
+        view: &mut ShankView,
+    ) {
+        let tag = self.tag(brick);
+        let stored = if tag < tag::FIRST { self.stored[tag as usize].as_deref() } else { None };
+        // along the axis, beyond the cylinder's ends, and the square of the distance from the axis
+        let seen = |at| {
+            let point: Point<Work> = self.point(at);
+            let from_burr = point.coords - shaft.center;
+            let along_mm = from_burr.dot(&shaft.axis);
+            let beyond_mm = (cylinder.from_mm - along_mm).max(along_mm - cylinder.to_mm).max(0.0);
+            let across2 = (from_burr.norm_squared() - along_mm * along_mm).max(0.0);
+            (point, along_mm, beyond_mm, across2)
+        };
+        // half a row, and half a cell for rounding
+        let half_row_mm = 0.5 * SIDE as f64 * self.spacing_mm();
+        let is_row_near = |view: &ShankView, middle| {
+            let (_, _, beyond_mm, across2) = seen(middle);
+            let look_mm = view.clear_mm + half_row_mm;
+            across2 < (cylinder.radius_mm + look_mm).powi(2) && beyond_mm <= look_mm
+        };
+        self.sites(first, view, is_row_near, |view, site, at| {
+            let (point, along_mm, beyond_mm, across2) = seen(at);
+            let near_mm = cylinder.radius_mm + view.clear_mm;
+            if across2 >= near_mm * near_mm || beyond_mm > view.clear_mm {
+                return;
+            }
+            let depth_mm = cylinder.radius_mm - across2.sqrt();
+            let is_inside = beyond_mm <= 0.0 && depth_mm > 0.0;
+            let apart_mm = (-depth_mm).max(0.0);
+            let clear_mm = (beyond_mm * beyond_mm + apart_mm * apart_mm).sqrt();
+            if !is_inside && clear_mm >= view.clear_mm {
+                return;
+            }
+            if stored.is_some() && self.depth_at(&at) <= 0.0 {
+                return;
+            }
+            let Some(kind) = self.kind_at(stored, site).filter(|kind| kind.stops_shank()) else { return };
+            if is_swept(&point.coords) {
+                return;
+            }
+            view.clear_mm = view.clear_mm.min(clear_mm);
+            if is_inside && view.contact.is_none_or(|c| c.depth_mm < depth_mm) {
+                view.contact = Some(ShankContact { at: point, depth_mm, along_mm, kind });
+            }
+        });
+    }
+
+    /// Centres of a brick's voxels, or of its cells where these are larger: a cell of each, and the centre's cell coordinates.
+    ///
+    /// Parts of a voxel are no more certain than the voxel: as for the planner, it is where its centre is. A row of which `may`
+    /// says, by its middle, that nothing in it matters is passed over.
+    fn sites<S>(
+        &self,
+        first: [usize; 3],
+        state: &mut S,
+        may: impl Fn(&S, Vector3<f64>) -> bool,
+        mut visit: impl FnMut(&mut S, [usize; 3], Vector3<f64>),
+    ) {
+        let split = self.split();
+        // cells that hold a centre: the first of each voxel's upper half
+        let cells = |a: usize| (first[a]..first[a] + SIDE).filter(move |c| c % split == split / 2);
+        let middle = if split.is_multiple_of(2) { 0.5 } else { 0.0 };
+        for z in cells(2) {
+            for y in cells(1) {
+                let at = |x: f64| Vector3::new(x, y as f64, z as f64).add_scalar(-middle);
+                if may(state, at(first[0] as f64 + 0.5 * (SIDE - 1) as f64)) {
+                    cells(0).for_each(|x| visit(state, [x, y, z], at(x as f64)));
+                }
+            }
+        }
+    }
+
+    fn kind_at(&self, stored: Option<&Brick>, cell: [usize; 3]) -> Option<Kind> {
+        let [x, y, z] = cell.map(|c| c % SIDE);
+        let known = stored.and_then(|brick| brick.held[x + SIDE * (y + SIDE * z)]);
+        known.unwrap_or_else(|| self.held(cell)).kind
+    }
+
+    /// Contact beyond the grid, where the coarse map is certain of it.
+    fn view_far(&self, shaft: &Shaft, cylinder: &ShankCylinder, view: &mut ShankView) {
+        let Some(far) = self.bone().far() else { return };
+        let step_mm = far.spacing_mm();
+        let count = ((cylinder.to_mm - cylinder.from_mm) / step_mm).ceil().clamp(0.0, 1e4) as usize;
+        for n in 0..=count {
+            let along_mm = (cylinder.from_mm + n as f64 * step_mm).min(cylinder.to_mm);
+            let at = Point::from_coords(shaft.center + shaft.axis.into_inner() * along_mm);
+            if self.bone().grid().nearest(at).is_some() {
+                continue;
+            }
+            let Some(at_least_mm) = far.at_least_mm(at) else { continue };
+            let clear_mm = at_least_mm - cylinder.radius_mm;
+            view.clear_mm = view.clear_mm.min(clear_mm.max(0.0));
+            let depth_mm = -(clear_mm + far.slack_mm());
+            if depth_mm > 0.0 && view.contact.is_none_or(|c| c.depth_mm < depth_mm) {
+                view.contact = Some(ShankContact { at, depth_mm, along_mm, kind: Kind::Obstacle });
+            }
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! Watches the shank along the burr's way: the first contact of a step, and how far each part may move unwatched.
+//!
+//! Bone only disappears, so a clearance found once stays until that part of the shank has moved as far: most steps ask
+//! nothing at all. What is remembered decides only whether a part is looked at again, so it may be forgotten at any time.
+
+use nalgebra::{Unit, Vector3};
+
+use super::engine::Pose;
+use super::lattice::Lattice;
+use super::shank::{Shaft, ShankContact, ShankView};
+use super::trail::Trail;
+use bonemill_cutter::ShankCylinder;
+use bonemill_stock::sweep::segment_distance_squared;
+
+/// How far around the shank bone is looked for, mm and mm per mm behind the burr, where a turn moves it more: what is
+/// found farther away saves looking again.
+const LOOK_MM: f64 = 1.0;
+const LOOK_PER_MM: f64 = 0.03;
+/// The shank is looked at in pieces of at most this length, mm: each may move as far as it is clear itself.
+const SHANK_PIECE_MM: f64 = 5.0;
+/// Places along a step at which the shank is looked at, at most.
+const MOST_PLACES: f64 = 1000.0;
+
+/// The shank in pieces, and how far each may move before it can touch anything, mm.
+#[derive(Debug, Clone)]
+pub(super) struct ShankWatch {
+    pieces: Vec<(ShankCylinder, f64)>,
+    /// The thinnest cylinder's radius, mm; none without a shank.
+    thin_mm: Option<f64>,
+    burr_mm: f64,
+}
+
+impl ShankWatch {
+    pub(super) fn new(shank: &[ShankCylinder], burr_mm: f64) -> Self {
+        Self {
+            pieces: shank.iter().flat_map(pieces).map(|piece| (piece, 0.0)).collect(),
+            thin_mm: shank.iter().map(|c| c.radius_mm).reduce(f64::min),
+            burr_mm,
+        }
+    }
+
+    /// The first contact on the way between two poses; `trail` leads to the second and is what the lattice does not know.
+    pub(super) fn contact<T: Copy + Into<f64> + Sync>(
+        &mut self,
+        lattice: &Lattice<'_, T>,
+        trail: &Trail,
+        from: &Pose,
+        to: &Pose,
+    ) -> Option<ShankContact> {
+        let thin_mm = self.thin_mm?;
+        let turn = (to.axis.into_inner() - from.axis.into_inner()).norm();
+        let way_mm = (to.center - from.center).norm();
+        let mut moved_mm = 0f64;
+        let mut close = Vec::new();
+        for (n, (piece, clear_mm)) in self.pieces.iter_mut().enumerate() {
+            let moves_mm = way_mm + piece.to_mm * turn;
+            *clear_mm -= moves_mm;
+            if *clear_mm <= 0.0 {
+                close.push(n);
+                moved_mm = moved_mm.max(moves_mm);
+            }
+        }
+        let places = (moved_mm / thin_mm).ceil().clamp(1.0, MOST_PLACES) as usize;
+        for place in 1..=places {
+            let part = place as f64 / places as f64;
+            let axis = from.axis.lerp(&to.axis, part);
+            let center = from.center + (to.center - from.center) * part;
+            let shaft = Shaft { center: center.coords, axis: Unit::try_new(axis, 1e-9).unwrap_or(to.axis) };
+            let mut deepest: Option<ShankContact> = None;
+            for &n in &close {
+                let view = self.view(lattice, trail, &shaft, &self.pieces[n].0);
+                self.pieces[n].1 = if view.contact.is_some() { 0.0 } else { view.clear_mm };
+                deepest = deepest
+                    .into_iter()
+                    .chain(view.contact)
+                    .reduce(|a, b| if b.depth_mm > a.depth_mm { b } else { a });
+            }
+            if deepest.is_some() {
+                // the step is not made: these were looked at elsewhere
+                close.iter().for_each(|&n| self.pieces[n].1 = 0.0);
+                return deepest;
+            }
+        }
+        None
+    }
+
+    fn view<T: Copy + Into<f64> + Sync>(
+        &self,
+        lattice: &Lattice<'_, T>,
+        trail: &Trail,
+        shaft: &Shaft,
+        piece: &ShankCylinder,
+    ) -> ShankView {
+        let r2 = self.burr_mm * self.burr_mm;
+        let is_swept =
+            |p: &Vector3<f64>| trail.pieces().any(|(a, b)| segment_distance_squared(p, &a, &b) <= r2);
+        let look_mm = LOOK_MM + LOOK_PER_MM * piece.to_mm;
+        lattice.view_shank(shaft, piece, look_mm, is_swept)
+    }
+}
+
+/// A cylinder in pieces of equal length.
+fn pieces(cylinder: &ShankCylinder) -> impl Iterator<Item = ShankCylinder> {
+    let ShankCylinder { from_mm, to_mm, radius_mm } = *cylinder;
+    let count = ((to_mm - from_mm) / SHANK_PIECE_MM).ceil().max(1.0) as usize;
+    let at = move |n: usize| from_mm + (to_mm - from_mm) * (n as f64 / count as f64);
+    (0..count).map(move |n| ShankCylinder { from_mm: at(n), to_mm: at(n + 1), radius_mm })
+}

@@ -1,0 +1,85 @@
+//! What stands in a cylinder, asked eighth by eighth.
+
+use std::ops::{ControlFlow, Range};
+
+use bonemill_geometry::Point;
+use bonemill_geometry::Work;
+
+use super::field::{self, Field};
+use super::octants::OctantTimes;
+use super::solid::Solid;
+use super::{Blocked, Pose, ShankCylinder, aside_mm};
+use bonemill_stock::sweep::Rows;
+
+/// The eighths of voxels that are solid, and for how long.
+#[derive(Debug)]
+pub(super) struct Eighths<'a> {
+    solid: &'a Solid,
+    rows: Rows,
+    pub octants: OctantTimes,
+    /// T of what is solid, voxel by voxel: of the eighth that goes last.
+    pub latest: Field,
+    /// The latest of every few of them.
+    latest_of_runs: Vec<f32>,
+}
+
+impl<'a> Eighths<'a> {
+    /// Of a path with these removal times.
+    pub(super) fn new(solid: &'a Solid, octants: OctantTimes) -> Self {
+        let latest = Field::removal_time(solid, &octants);
+        Self { solid, rows: Rows::of(solid.grid()), latest_of_runs: latest.runs(), octants, latest }
+    }
+
+    /// What stands in a cylinder between two distances along the axis, asked eighth by eighth.
+    pub(super) fn blocked_part(
+        &self,
+        cylinder: &ShankCylinder,
+        pose: &Pose,
+        [start_mm, end_mm]: [f64; 2],
+    ) -> Option<Blocked> {
+        let Pose { index, center, axis, narrower } = *pose;
+        let ShankCylinder { from_mm, to_mm, radius_mm } = *cylinder;
+        let stands = |p: &Point<Work>, latest: f32| {
+            let off = *p - center;
+            let at_mm = off.dot(axis);
+            let aside_mm = narrower.aside_mm(radius_mm, at_mm.max(0.0));
+            let across_mm = (off - axis * at_mm).norm();
+            // what the burr takes in this very move lies before the front
+            let first_mm = if latest > index as f32 { from_mm - aside_mm } else { from_mm };
+            let is_in = (first_mm..=to_mm + aside_mm).contains(&at_mm) && across_mm <= radius_mm + aside_mm;
+            (latest >= index as f32 && is_in).then(|| Blocked::by(latest, at_mm))
+        };
+        let may_stand = |run: Range<usize>| {
+            let runs = run.start / field::RUN..run.end.div_ceil(field::RUN);
+            self.latest_of_runs[runs].iter().any(|latest| *latest >= index as f32)
+        };
+        // from a voxel's centre to that of an eighth, whatever the rounding; and what the shank may be aside, also along the axis
+        let eighth_mm = 0.25 * (1.0 + 1e-6) * self.solid.grid().diagonal_mm();
+        let aside_mm = aside_mm(radius_mm, to_mm + 2.0 * aside_mm(radius_mm, to_mm));
+        let low_mm = if start_mm > from_mm { start_mm } else { from_mm - aside_mm };
+        let high_mm = if end_mm < to_mm { end_mm } else { to_mm + aside_mm };
+        let (ends_mm, wide_mm) =
+            ([low_mm - eighth_mm, high_mm + eighth_mm], radius_mm + aside_mm + eighth_mm);
+        let mut found = None;
+        let visit = |found: &mut Option<Blocked>, run: Range<usize>| {
+            // without a way out of the loop, which is quicker than with one
+            if !self.latest.value[run.clone()]
+                .iter()
+                .fold(false, |stands, latest| stands | (*latest >= index as f32))
+            {
+                return ControlFlow::Continue(());
+            }
+            for n in run.filter(|n| self.latest.value[*n] >= index as f32) {
+                let latest = field::latest_of_eighths(self.solid, &self.octants, n);
+                *found = self.solid.centers(n).iter().zip(latest).find_map(|(p, latest)| stands(p, latest));
+                if found.is_some() {
+                    return ControlFlow::Break(());
+                }
+            }
+            ControlFlow::Continue(())
+        };
+        let _ =
+            self.rows.within_cylinder_where((center, axis), ends_mm, wide_mm, &mut found, may_stand, visit);
+        found
+    }
+}

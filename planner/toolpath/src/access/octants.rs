@@ -1,0 +1,74 @@
+//! When each eighth of a voxel goes: removal times on a lattice of half the spacing.
+//!
+//! A voxel whose centre is gone may keep a corner, for a few moves or for good, and a shank that passes where centres are
+//! gone may meet it. Eighths count by their own centres, as voxels do by theirs.
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::solid::Solid;
+use crate::path::PathPoint;
+use bonemill_stock::removal::NEVER;
+use bonemill_stock::runs::{straight_runs, take_runs};
+use bonemill_stock::sweep::Rows;
+use bonemill_stock::voxels::VoxelSet;
+
+/// Layers of eighths that one task sweeps; a move that does not reach them costs it a comparison.
+const LAYERS: usize = 16;
+
+/// The first move whose ball covers each eighth, over the box of voxels with eighths that go.
+#[derive(Debug, Clone)]
+pub struct OctantTimes {
+    /// The first voxel of the box.
+    first: [usize; 3],
+    /// Eighths along each axis.
+    dims: [usize; 3],
+    /// Per eighth, x-fastest.
+    time: Vec<u32>,
+}
+
+impl OctantTimes {
+    /// Sweeps the path. Each task has some layers to itself, so threads change nothing.
+    pub fn new(solid: &Solid, points: &[PathPoint], radius_mm: f64) -> Self {
+        let (grid, (first, dims)) = (solid.grid(), eighths_that_go(solid));
+        let half_mm = 0.5 * grid.spacing_mm().x;
+        let slab = dims[0] * dims[1];
+        let mut time = vec![NEVER; slab * dims[2]];
+        let runs = straight_runs(0..points.len() as u32, |n| points[n as usize].position);
+        time.par_chunks_mut((slab * LAYERS).max(1)).enumerate().for_each(|(portion, time)| {
+            let below = portion * LAYERS;
+            let goes = |n: usize| {
+                let fine = [n % dims[0], n / dims[0] % dims[1], below + n / slab];
+                let voxel = std::array::from_fn(|a| first[a] + fine[a] / 2);
+                let eighth = fine[0] & 1 | (fine[1] & 1) << 1 | (fine[2] & 1) << 2;
+                solid.goes(grid.index(voxel)) >> eighth & 1 == 1
+            };
+            let mut standing = VoxelSet::of(time.len(), goes);
+            let rows = Rows::new([dims[0], dims[1], time.len() / slab], half_mm);
+            // the rows begin at the centre of the portion's first eighth
+            let lowest = grid.center(first).coords - Vector3::repeat(0.5 * half_mm);
+            let origin = lowest + Vector3::z() * (below as f64 * half_mm);
+            let at = |n: u32| points[n as usize].position + -origin;
+            take_runs(&runs, at, &rows, radius_mm, &mut standing, |n, index| time[n] = index);
+        });
+        Self { first, dims, time }
+    }
+
+    /// Times of a voxel's eighths, in the order of [`Solid`]'s bits; [`NEVER`] for those that do not go.
+    pub fn of(&self, voxel: [usize; 3]) -> [u32; 8] {
+        let low: [usize; 3] = std::array::from_fn(|a| voxel[a].wrapping_sub(self.first[a]));
+        if (0..3).any(|a| low[a] >= self.dims[a] / 2) {
+            return [NEVER; 8];
+        }
+        std::array::from_fn(|n| {
+            let [i, j, k] = [0, 1, 2].map(|a| 2 * low[a] + (n >> a & 1));
+            self.time[i + self.dims[0] * (j + self.dims[1] * k)]
+        })
+    }
+}
+
+/// The first voxel of the box of those with eighths that go, and the box's eighths along each axis.
+fn eighths_that_go(solid: &Solid) -> ([usize; 3], [usize; 3]) {
+    let going = solid.going();
+    (going.clone().map(|range| range.start), going.map(|range| 2 * range.len()))
+}

@@ -1,0 +1,300 @@
+//! What the burr meets at a waypoint: material in front of it that no earlier move has taken.
+//!
+//! Forces look at points on the ball, each for a patch of its surface. A point is in bone when the density that the images show there is
+//! above 0 and it lies in no earlier piece of the path: exact geometry, without state and independent of the step. A patch
+//! that an earlier piece's edge crosses counts by its share. The path merges into straight runs, of which only those near
+//! the burr matter; and the removal-time field decides at once wherever all eight voxels around the point agree, which
+//! leaves the exact test to the points near a boundary.
+
+mod masses;
+mod times;
+
+pub use self::masses::{mass_increments, mass_increments_by_voxels};
+
+use bonemill_geometry::Point;
+use bonemill_scene::Scene;
+use nalgebra::Vector3;
+
+use self::times::{CellTimes, LastTimes, cell_times};
+use crate::path::PathPoint;
+use bonemill_cutting::burr::{Bone, Patch, TILE_REACH};
+use bonemill_stock::removal::RemovalTime;
+use bonemill_stock::runs::{Run, straight_runs};
+use bonemill_stock::sweep::segment_distance_squared;
+
+/// Side of a cell of the run index, mm.
+const CELL_MM: f64 = 2.0;
+/// Half of the sum of a patch's sides is at most this share of the burr's radius.
+const LARGEST_PATCH: f64 = 0.1;
+
+/// The path as straight runs, findable by place.
+#[derive(Debug)]
+pub struct SweptPath<'a> {
+    scene: &'a Scene,
+    times: Vec<CellTimes>,
+    last_times: LastTimes,
+    points: &'a [PathPoint],
+    radius_mm: f64,
+    dims: [usize; 3],
+    per_mm: f64,
+    runs: Vec<Run>,
+    cells: [usize; 3],
+    runs_in_cell: Vec<Vec<u32>>,
+}
+
+impl<'a> SweptPath<'a> {
+    /// Indexes the runs of a path.
+    pub fn new(scene: &'a Scene, removal: &RemovalTime, points: &'a [PathPoint], radius_mm: f64) -> Self {
+        let runs = straight_runs(0..points.len() as u32, |n| points[n as usize].position);
+        let grid = scene.class.grid();
+        let cells =
+            [0, 1, 2].map(|a| (grid.dims()[a] as f64 * grid.spacing_mm()[a] / CELL_MM).ceil() as usize + 1);
+        let times = cell_times(&scene.class, removal.time());
+        let mut path = Self {
+            scene,
+            last_times: LastTimes::new(&times, grid, TILE_REACH * radius_mm),
+            times,
+            points,
+            radius_mm,
+            dims: grid.dims(),
+            per_mm: 1.0 / grid.spacing_mm().x,
+            runs,
+            cells,
+            runs_in_cell: vec![Vec::new(); cells.iter().product()],
+        };
+        path.index_runs();
+        path
+    }
+
+    /// A run is listed in every cell that holds a burr's centre whose ball the run could reach: within 2r.
+    fn index_runs(&mut self) {
+        let reach = 2.0 * self.radius_mm + 0.5 * 3f64.sqrt() * CELL_MM;
+        for (number, run) in self.runs.iter().enumerate() {
+            let (a, b) = (self.start(run), self.points[run.last as usize].position.coords);
+            let (lo, hi) = (a.inf(&b) - Vector3::repeat(reach), a.sup(&b) + Vector3::repeat(reach));
+            let range = |axis: usize| {
+                let cell = |v: f64| ((v / CELL_MM).max(0.0) as usize).min(self.cells[axis] - 1);
+                cell(lo[axis])..=cell(hi[axis])
+            };
+            for k in range(2) {
+                for j in range(1) {
+                    for i in range(0) {
+                        let center = Vector3::new(i as f64 + 0.5, j as f64 + 0.5, k as f64 + 0.5) * CELL_MM;
+                        if segment_distance_squared(&center, &a, &b) <= reach * reach {
+                            let cell = i + self.cells[0] * (j + self.cells[1] * k);
+                            self.runs_in_cell[cell].push(number as u32);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// The first voxel of the eight around a point; `None` where not all eight voxels lie in the grid: no burr that is clear gets there.
+    #[inline]
+    fn cell(&self, p: &Vector3<f64>) -> Option<usize> {
+        let [nx, ny, nz] = self.dims;
+        let (x, y, z) = (p.x * self.per_mm, p.y * self.per_mm, p.z * self.per_mm);
+        let inside = |c: f64, n: usize| c >= 0.0 && c < (n - 1) as f64;
+        if !(inside(x, nx) && inside(y, ny) && inside(z, nz)) {
+            return None;
+        }
+        Some(x as usize + nx * (y as usize + ny * z as usize))
+    }
+
+    fn start(&self, run: &Run) -> Vector3<f64> {
+        self.points[run.start() as usize].position.coords
+    }
+
+    /// Within which of an earlier piece's axis bone is gone, mm. A point of the ball itself at a re-visited place lies on the
+    /// earlier surface: inside, to rounding.
+    fn reach_mm(&self) -> f64 {
+        self.radius_mm * (1.0 + 1e-12)
+    }
+
+    /// Within which of an earlier surface a patch may be cut by it, mm.
+    fn patch_mm(&self) -> f64 {
+        LARGEST_PATCH * self.radius_mm
+    }
+
+    /// The bone that waypoint `index` meets: `weight_of` its density, looked at `sample_radius_mm` from the burr's centre.
+    pub fn bone_at<W: Fn(f64) -> f64>(
+        &self,
+        index: u32,
+        sample_radius_mm: f64,
+        weight_of: W,
+    ) -> BoneAt<'_, W> {
+        let center = self.points[index as usize].position.coords;
+        let mut capsules = Vec::new();
+        let at = |axis: usize| ((center[axis] / CELL_MM).max(0.0) as usize).min(self.cells[axis] - 1);
+        let cell = at(0) + self.cells[0] * (at(1) + self.cells[1] * at(2));
+        for run in self.runs_in_cell[cell].iter().map(|n| &self.runs[*n as usize]) {
+            if run.first >= index {
+                break; // runs are listed in the path's order
+            }
+            // the part before this move; waypoint 0 is a ball
+            let last = run.last.min(index - 1);
+            let (a, b) = (self.start(run), self.points[last as usize].position.coords);
+            if segment_distance_squared(&center, &a, &b) < (2.0 * self.radius_mm).powi(2) {
+                capsules.push(Capsule::new(a, b));
+            }
+        }
+        capsules.reverse();
+        BoneAt { path: self, index, center, sample_radius_mm, weight_of, capsules, in_reach: Vec::new() }
+    }
+}
+
+/// The bone before one move, seen from where it ends.
+#[derive(Debug)]
+pub struct BoneAt<'a, W> {
+    path: &'a SweptPath<'a>,
+    index: u32,
+    center: Vector3<f64>,
+    sample_radius_mm: f64,
+    weight_of: W,
+    /// The earlier path within reach of the ball; the latest first: it is the likeliest to hold a point.
+    capsules: Vec<Capsule>,
+    /// Those within reach of what was last asked about.
+    in_reach: Vec<Capsule>,
+}
+
+impl<W> BoneAt<'_, W> {
+    /// Share of a patch around `p` that no earlier piece of the path has swept.
+    fn share_left(&self, p: &Vector3<f64>, sides_mm: impl Fn(&Vector3<f64>) -> [f64; 2]) -> f64 {
+        let certain = (self.path.reach_mm() - self.path.patch_mm()).max(0.0).powi(2);
+        let mut nearest = (f64::INFINITY, Vector3::zeros());
+        for capsule in &self.in_reach {
+            let away = capsule.to(p);
+            let squared = away.norm_squared();
+            if squared <= certain {
+                return 0.0;
+            }
+            if squared < nearest.0 {
+                nearest = (squared, away);
+            }
+        }
+        let distance = nearest.0.sqrt();
+        let beyond = distance - self.path.reach_mm();
+        if beyond >= self.path.patch_mm() {
+            return 1.0;
+        }
+        share_beyond(beyond, sides_mm(&(nearest.1 / distance)))
+    }
+}
+
+impl<W: Fn(f64) -> f64> Bone for BoneAt<'_, W> {
+    /// Not where all is gone before this move, nor where one earlier piece holds all of it. Few capsules matter in each
+    /// neighbourhood: one that is farther than a patch from all of it is left out.
+    fn is_near(&mut self, normal: &Vector3<f64>, reach: f64) -> bool {
+        let p = self.center + normal * self.sample_radius_mm;
+        let around_mm = reach * self.sample_radius_mm;
+        if self.path.last_times.around(&p, around_mm).is_some_and(|last| last < self.index) {
+            return false;
+        }
+        let rounding_mm = 1e-9 * self.path.radius_mm;
+        let slack_mm = self.path.patch_mm() + around_mm;
+        let holds_all_mm = self.path.reach_mm() - slack_mm - rounding_mm;
+        let touches_mm = self.path.reach_mm() + slack_mm + rounding_mm;
+        let squares = |mm: f64| if mm > 0.0 { mm * mm } else { -1.0 };
+        let (holds_all, touches) = (squares(holds_all_mm), squares(touches_mm));
+        self.in_reach.clear();
+        for capsule in &self.capsules {
+            let squared = capsule.to(&p).norm_squared();
+            if squared <= holds_all {
+                return false;
+            }
+            if squared <= touches {
+                self.in_reach.push(*capsule);
+            }
+        }
+        true
+    }
+
+    /// `weight` of the density at a point of the burr's surface, times the share of the patch around it that lies in no
+    /// earlier piece of the path.
+    ///
+    /// Earlier passes end in edges, at which a sum over points is off by whole patches; the share makes it smooth. The
+    /// edge is straight at a patch's size, so the share follows from its distance alone. The patch's sides, projected onto
+    /// any unit direction, sum to at most a fifth of the burr's radius.
+    #[inline]
+    fn weight(&mut self, normal: &Vector3<f64>, patch: &Patch) -> f64 {
+        let p = self.center + normal * self.sample_radius_mm;
+        let Some(cell) = self.path.cell(&p) else { return 0.0 };
+        let CellTimes { first, last } = self.path.times[cell];
+        if last < self.index {
+            return 0.0;
+        }
+        let share = if first >= self.index { 1.0 } else { self.share_left(&p, |g| patch.sides_mm(g)) };
+        if share > 0.0 {
+            share * (self.weight_of)(self.path.scene.matter.density_g_cm3(Point::from_coords(p)))
+        } else {
+            0.0
+        }
+    }
+}
+
+/// The axis of a straight piece of the path.
+#[derive(Debug, Clone, Copy)]
+struct Capsule {
+    from: Vector3<f64>,
+    along: Vector3<f64>,
+    /// 1/length²; 0 for a point.
+    per_squared: f64,
+}
+
+impl Capsule {
+    fn new(from: Vector3<f64>, to: Vector3<f64>) -> Self {
+        let along = to - from;
+        let squared = along.norm_squared();
+        Self { from, along, per_squared: if squared > 0.0 { 1.0 / squared } else { 0.0 } }
+    }
+
+    /// The vector from the nearest point of the axis to `p`.
+    #[inline]
+    fn to(&self, p: &Vector3<f64>) -> Vector3<f64> {
+        let from = p - self.from;
+        let t = (from.dot(&self.along) * self.per_squared).clamp(0.0, 1.0);
+        from - self.along * t
+    }
+}
+
+/// Share, 0..1, of a rectangle beyond a straight edge that its centre is `beyond` beyond (negative: short of); `sides`: its
+/// sides projected onto the edge's normal, in the same unit. The distribution function of a sum of two uniform variables.
+pub fn share_beyond(beyond: f64, [a, b]: [f64; 2]) -> f64 {
+    let (wide, narrow) = (0.5 * a.max(b), 0.5 * a.min(b));
+    if wide <= 0.0 {
+        return if beyond > 0.0 { 1.0 } else { 0.0 };
+    }
+    // a sliver's corner rounds the ramp off by less than rounding matters
+    let narrow = narrow.max(1e-6 * wide);
+    let ramp = |t: f64| 0.5 * t.max(0.0).powi(2);
+    let sum = ramp(beyond + wide + narrow) - ramp(beyond + wide - narrow) - ramp(beyond - wide + narrow)
+        + ramp(beyond - wide - narrow);
+    (sum / (4.0 * wide * narrow)).clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Against counting: a turned rectangle, its centre short of or beyond a straight edge.
+        #[test]
+        fn the_share_beyond_an_edge_is_the_share_of_points_beyond_it(
+            beyond in -1.2f64..1.2, a in 0.05f64..1.0, b in 0.05f64..1.0, angle in 0.0f64..1.5,
+        ) {
+            let (s, c) = angle.sin_cos();
+            const N: usize = 400;
+            let at = |n: usize| (n as f64 + 0.5) / N as f64 - 0.5;
+            let inside = (0..N * N).filter(|n| beyond + at(n % N) * a * c + at(n / N) * b * s > 0.0).count();
+            let counted = inside as f64 / (N * N) as f64;
+            prop_assert!((share_beyond(beyond, [a * c, b * s]) - counted).abs() < 5e-3);
+        }
+    }
+
+    #[test]
+    fn a_point_is_there_or_not() {
+        assert_eq!([-0.1, 0.0, 0.1].map(|d| share_beyond(d, [0.0, 0.0])), [0.0, 0.0, 1.0]);
+    }
+}

@@ -1,0 +1,158 @@
+//! Masses look at voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes, whose sum over the path is the
+//! mass removed (FORCE_MODEL section 8, row 3); for drafts by whole voxels.
+
+use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use crate::path::PathPoint;
+use bonemill_cutter::ball::BallVolumes;
+use bonemill_cutting::metrics::Moments;
+use bonemill_stock::removal::{NEVER, RemovalTime};
+use bonemill_stock::voxels::VoxelSet;
+
+/// Slabs of the grid in which masses are summed apart; fixed, so that sums do not depend on the number of threads.
+const SLABS: usize = 6;
+
+/// Mass that each waypoint's ball takes less the sweep of all earlier moves, and where it lies about the ball's centre
+/// (g/cm³ is mg/mm³).
+///
+/// What a long move takes on its way and not at its end belongs to no waypoint; later ones do not find it.
+/// Each slab of the grid is swept by its own walk along the path; the slabs' sums are added in their order.
+pub fn mass_increments(
+    density_g_cm3: &Volume<f32, Work>,
+    points: &[PathPoint],
+    radius_mm: f64,
+) -> Vec<Moments> {
+    let grid = density_g_cm3.grid();
+    let [nx, ny, nz] = grid.dims();
+    let thickness = nz.div_ceil(SLABS);
+    let mut total = vec![Moments::new(radius_mm); points.len()];
+    let slabs: Vec<Vec<(u32, Moments)>> = (0..nz.div_ceil(thickness))
+        .into_par_iter()
+        .map(|slab| {
+            let k = slab * thickness..((slab + 1) * thickness).min(nz);
+            let from = nx * ny * k.start;
+            slab_increments(grid, k.clone(), &density_g_cm3.data()[from..nx * ny * k.end], points, radius_mm)
+        })
+        .collect();
+    for (index, increment) in slabs.into_iter().flatten() {
+        total[index as usize].merge(&increment);
+    }
+    total
+}
+
+/// The same by whole voxels: each belongs to the move that first covers its centre. For drafts: an order of magnitude quicker, and
+/// what a long move takes on its way counts.
+pub fn mass_increments_by_voxels(
+    density_g_cm3: &Volume<f32, Work>,
+    removal: &RemovalTime,
+    points: &[PathPoint],
+    radius_mm: f64,
+) -> Vec<Moments> {
+    let grid = density_g_cm3.grid();
+    let mut total = vec![Moments::new(radius_mm); points.len()];
+    let voxels = removal.time().iter().zip(density_g_cm3.data()).enumerate();
+    for (voxel, (index, density)) in
+        voxels.filter(|(_, (index, density))| **index != NEVER && **density > 0.0)
+    {
+        let from_center = grid.center(grid.voxel(voxel)) - points[*index as usize].position;
+        total[*index as usize].add(f64::from(*density) * grid.voxel_mm3(), &from_center);
+    }
+    total
+}
+
+/// Increments of the slab k; `density` holds its voxels only.
+fn slab_increments(
+    grid: &Grid<Work>,
+    k: std::ops::Range<usize>,
+    density: &[f32],
+    points: &[PathPoint],
+    radius_mm: f64,
+) -> Vec<(u32, Moments)> {
+    let mut slab = Slab {
+        grid,
+        k,
+        density,
+        radius_mm,
+        removed_mm3: vec![0f64; density.len()],
+        left: VoxelSet::of(density.len(), |n| density[n] > 0.0),
+        volumes: BallVolumes::new(),
+        found: Vec::new(),
+    };
+    let mut out = Vec::new();
+    let mut before: Option<Point<Work>> = None;
+    for (index, point) in points.iter().enumerate() {
+        cancel::poll();
+        let mut increment = Moments::new(radius_mm);
+        slab.take(point.position, |p, mass_mg| increment.add(mass_mg, p));
+        if increment.mass_mg() > 0.0 {
+            out.push((index as u32, increment));
+        }
+        if let Some(from) = before.replace(point.position) {
+            // balls so close that what stands between two is no higher than a 288th of the radius
+            let way = point.position - from;
+            let parts = (way.norm() / (radius_mm / 6.0)).ceil().max(1.0) as usize;
+            for n in 1..parts {
+                slab.take(from + way * (n as f64 / parts as f64), |_, _| {});
+            }
+        }
+    }
+    out
+}
+
+/// A slab of the grid, and what is gone of its voxels.
+struct Slab<'a> {
+    grid: &'a Grid<Work>,
+    k: std::ops::Range<usize>,
+    /// Of its voxels only.
+    density: &'a [f32],
+    radius_mm: f64,
+    removed_mm3: Vec<f64>,
+    /// What has density and is not wholly gone.
+    left: VoxelSet,
+    volumes: BallVolumes,
+    /// Kept between calls for its memory.
+    found: Vec<(usize, f64)>,
+}
+
+impl Slab<'_> {
+    /// Removes a ball: `visit(from the ball's centre to the voxel, mg)` for each voxel that loses something.
+    fn take(&mut self, center: Point<Work>, mut visit: impl FnMut(&Vector3<f64>, f64)) {
+        let [nx, ny, _] = self.grid.dims();
+        let c = center.coords / self.grid.spacing_mm().x;
+        let reach = self.radius_mm / self.grid.spacing_mm().x + 0.5;
+        if c.z + reach < self.k.start as f64 || c.z - reach > (self.k.end - 1) as f64 {
+            return;
+        }
+        let bounds = |axis: usize, n: usize| {
+            let lo = (c[axis] - reach).floor().max(0.0) as usize;
+            (lo, ((c[axis] + reach).ceil().max(0.0) as usize).min(n - 1))
+        };
+        let ((i0, i1), (j0, j1)) = (bounds(0, nx), bounds(1, ny));
+        let lo_k = ((c.z - reach).floor().max(self.k.start as f64)) as usize;
+        let hi_k = ((c.z + reach).ceil().max(0.0) as usize).min(self.k.end - 1);
+        let (first, full) = (nx * ny * self.k.start, self.grid.voxel_mm3());
+        let Self { grid, density, removed_mm3, left, found, .. } = self;
+        found.clear();
+        self.volumes.for_each(
+            grid,
+            center,
+            self.radius_mm,
+            [[i0, j0, lo_k], [i1, j1, hi_k]],
+            |row| left.within(row.start - first..row.end - first).map(|n| n + first),
+            |voxel, volume_mm3| found.push((voxel, volume_mm3)),
+        );
+        for (voxel, volume_mm3) in found.drain(..) {
+            let more = volume_mm3 - removed_mm3[voxel - first];
+            if more > 0.0 {
+                removed_mm3[voxel - first] = volume_mm3;
+                if volume_mm3 >= full * (1.0 - 1e-9) {
+                    left.remove(voxel - first);
+                }
+                let p = grid.center(grid.voxel(voxel)) - center;
+                visit(&p, f64::from(density[voxel - first]) * more);
+            }
+        }
+    }
+}

@@ -1,0 +1,284 @@
+//! A way between two positions when neither a straight link nor a retract will do: under a ledge, round a corner.
+//!
+//! A* over connected grid nodes, one in [`voxels_apart`] along each axis; a node at which the ball would still cut costs more than a free one, so a cut is
+//! made only where there is no free way of reasonable length.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+use bonemill_geometry::{Point, Work};
+
+use super::Builder;
+use super::ball_rows::BallRows;
+use crate::space::BurrSpace;
+use bonemill_stock::voxels::{VoxelSet, voxels_apart};
+
+/// A millimetre through material counts as this many through free space.
+const CUT_COST: f64 = 6.0;
+/// Nodes looked at before the search gives up: the pass is then reported as unjoined.
+const MOST_NODES: usize = 15_000;
+/// The distance left counts this much more than the way so far: a way of reasonable length soon, not the shortest late.
+const HASTE: f64 = 2.0;
+
+struct Open {
+    estimate: f64,
+    node: usize,
+}
+
+impl PartialEq for Open {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+impl Eq for Open {}
+impl PartialOrd for Open {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+impl Ord for Open {
+    // the heap gives the largest first: the smallest estimate, ties by the smaller node
+    fn cmp(&self, other: &Self) -> Ordering {
+        other.estimate.total_cmp(&self.estimate).then(other.node.cmp(&self.node))
+    }
+}
+
+/// A node that a search has looked at.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    node: usize,
+    /// Of the way to it.
+    cost: f64,
+    /// Where that came from, as a place in the list; the start's is its own.
+    from: u32,
+    is_free: bool,
+}
+
+/// Searches on one grid, one after the other. Nodes are numbered on a lattice of their own.
+#[derive(Debug, Default)]
+pub(super) struct Search {
+    lattice: Lattice,
+    /// Nodes at which the ball was once found to cut nothing: it never does again.
+    free: VoxelSet,
+    /// What the ball was last found to cut at a node, plus 1; 0 where it was never looked for. Most of it is still there.
+    met: Vec<u32>,
+    /// What the ball holds at a node and not where it came from, by the step.
+    crescents: Vec<BallRows>,
+    /// Place of a node in `seen`, plus 1; 0 where it is not.
+    place: Vec<u32>,
+    seen: Vec<Seen>,
+}
+
+impl Search {
+    pub(super) fn new(space: &BurrSpace) -> Self {
+        let grid = space.grid();
+        let lattice = Lattice::new(grid.dims(), voxels_apart(grid.spacing_mm().x));
+        let (len, radius) = (lattice.len(), space.radius_mm() / grid.spacing_mm().x);
+        let far = |n| step(n).map(|d| d * lattice.apart as i64);
+        Self {
+            lattice,
+            free: VoxelSet::of(len, |_| false),
+            met: vec![0; len],
+            crescents: (0..27).map(|n| BallRows::beyond(grid.dims(), radius, far(n))).collect(),
+            place: vec![0; len],
+            seen: Vec::new(),
+        }
+    }
+
+    /// Positions from `from` (left out) to `to` (last), each move clear; `None` when there is no way.
+    pub(super) fn way(
+        &mut self,
+        builder: &Builder,
+        from: Point<Work>,
+        to: Point<Work>,
+    ) -> Option<Vec<Point<Work>>> {
+        let (start, goal) = (self.lattice.node_at(builder, from)?, self.lattice.node_at(builder, to)?);
+        let nodes = self.nodes(builder, start, goal);
+        for seen in self.seen.drain(..) {
+            self.place[seen.node] = 0;
+        }
+        let centers = nodes?.into_iter().map(|node| self.lattice.center(builder.space(), node));
+        Some(straightened(builder, from, centers.chain([to])))
+    }
+
+    /// The cheapest nodes from `start` to `goal`, both included.
+    fn nodes(&mut self, builder: &Builder, start: usize, goal: usize) -> Option<Vec<usize>> {
+        let (space, lattice) = (builder.space(), self.lattice);
+        let center = |node: usize| lattice.center(space, node);
+        let left = |node: usize| HASTE * center(node).distance_mm(&center(goal));
+        self.see(Seen { node: start, cost: 0.0, from: 0, is_free: true });
+        let mut open = BinaryHeap::from([Open { estimate: left(start), node: start }]);
+        while let Some(Open { node, estimate }) = open.pop() {
+            if self.seen.len() > MOST_NODES {
+                return None;
+            }
+            let mut here = self.place[node] as usize - 1;
+            if node == goal {
+                let mut nodes = vec![node];
+                while here != 0 {
+                    here = self.seen[here].from as usize;
+                    nodes.push(self.seen[here].node);
+                }
+                nodes.reverse();
+                return Some(nodes);
+            }
+            let cost = self.seen[here].cost;
+            if estimate > cost + left(node) + 1e-9 {
+                continue; // an older, dearer entry
+            }
+            for (n, next) in lattice.neighbours(node) {
+                if !lattice.is_step_open(space, node, n) {
+                    continue;
+                }
+                let place = match self.place[next] {
+                    0 => {
+                        let is_free = self.is_free(builder, next, node, n);
+                        self.see(Seen { node: next, cost: f64::INFINITY, from: 0, is_free })
+                    }
+                    place => place as usize - 1,
+                };
+                let seen = &mut self.seen[place];
+                let step = center(node).distance_mm(&center(next));
+                let through = cost + step * if seen.is_free { 1.0 } else { CUT_COST };
+                if through < seen.cost - 1e-12 {
+                    (seen.cost, seen.from) = (through, here as u32);
+                    open.push(Open { estimate: through + left(next), node: next });
+                }
+            }
+        }
+        None
+    }
+
+    /// Whether the ball cuts nothing at a node, the n-th neighbour of another. Where it cuts nothing there, only what it holds more
+    /// is looked at; else what it met here or there before is asked first.
+    fn is_free(&mut self, builder: &Builder, node: usize, from: usize, n: usize) -> bool {
+        if self.free.contains(node) {
+            return true;
+        }
+        let voxel = self.lattice.voxel_index(builder.space(), node);
+        let is_free = self.free.contains(from)
+            && !self.crescents[n].around(voxel).any(|run| builder.holds_material(run));
+        if !is_free {
+            let center = self.lattice.center(builder.space(), node);
+            let before = [node, from].into_iter().find_map(|near| (self.met[near] as usize).checked_sub(1));
+            if let Some(voxel) = builder.met(center, center, before) {
+                self.met[node] = voxel as u32 + 1;
+                return false;
+            }
+        }
+        self.free.insert(node);
+        true
+    }
+
+    fn see(&mut self, seen: Seen) -> usize {
+        self.seen.push(seen);
+        self.place[seen.node] = self.seen.len() as u32;
+        self.seen.len() - 1
+    }
+}
+
+/// Every `apart`-th voxel along each axis, x-fastest.
+#[derive(Debug, Clone, Copy, Default)]
+struct Lattice {
+    apart: usize,
+    dims: [usize; 3],
+}
+
+impl Lattice {
+    fn new(voxels: [usize; 3], apart: usize) -> Self {
+        Self { apart, dims: voxels.map(|n| n.div_ceil(apart)) }
+    }
+
+    fn len(&self) -> usize {
+        self.dims.iter().product()
+    }
+
+    fn place(&self, node: usize) -> [usize; 3] {
+        let [nx, ny, _] = self.dims;
+        [node % nx, node / nx % ny, node / (nx * ny)]
+    }
+
+    fn node(&self, [i, j, k]: [usize; 3]) -> usize {
+        i + self.dims[0] * (j + self.dims[1] * k)
+    }
+
+    fn voxel(&self, node: usize) -> [usize; 3] {
+        self.place(node).map(|c| c * self.apart)
+    }
+
+    fn voxel_index(&self, space: &BurrSpace, node: usize) -> usize {
+        space.grid().index(self.voxel(node))
+    }
+
+    fn center(&self, space: &BurrSpace, node: usize) -> Point<Work> {
+        space.grid().center(self.voxel(node))
+    }
+
+    /// A connected node next to `p`, from which a straight clear move leads to it.
+    fn node_at(&self, builder: &Builder, p: Point<Work>) -> Option<usize> {
+        let space = builder.space();
+        let nearest = space.grid().nearest(p)?.map(|c| c as f64 / self.apart as f64);
+        let nearest = self.node([0, 1, 2].map(|a| (nearest[a].round() as usize).min(self.dims[a] - 1)));
+        let distance_mm = |node: &usize| self.center(space, *node).distance_mm(&p);
+        std::iter::once(nearest)
+            .chain(self.neighbours(nearest).map(|(_, node)| node))
+            .filter(|node| space.connected()[self.voxel_index(space, *node)])
+            .filter(|node| {
+                space.is_move_clear(p, self.center(space, *node), 0.5 * space.grid().spacing_mm().x)
+            })
+            .min_by(|a, b| distance_mm(a).total_cmp(&distance_mm(b)))
+    }
+
+    /// The neighbours of a node, each with its number: [`step`] leads there.
+    fn neighbours(self, node: usize) -> impl Iterator<Item = (usize, usize)> {
+        let at = self.place(node);
+        (0..27).filter(|n| *n != 13).filter_map(move |n| {
+            let moved =
+                |a: usize| at[a].checked_add_signed(step(n)[a] as isize).filter(|v| *v < self.dims[a]);
+            Some((n, self.node([moved(0)?, moved(1)?, moved(2)?])))
+        })
+    }
+
+    /// Whether all voxels from a node to its n-th neighbour, that one included, are connected.
+    fn is_step_open(&self, space: &BurrSpace, node: usize, n: usize) -> bool {
+        let from = self.voxel(node).map(|c| c as i64);
+        (1..=self.apart as i64).all(|m| {
+            let voxel = [0, 1, 2].map(|a| (from[a] + m * step(n)[a]) as usize);
+            space.connected()[space.grid().index(voxel)]
+        })
+    }
+}
+
+/// From a voxel to its n-th neighbour of 27, itself among them.
+fn step(n: usize) -> [i64; 3] {
+    [n % 3, n / 3 % 3, n / 9].map(|d| d as i64 - 1)
+}
+
+/// Leaves out positions that a straight move may skip: clear, and free where the skipped ones were.
+fn straightened(
+    builder: &Builder,
+    from: Point<Work>,
+    way: impl Iterator<Item = Point<Work>>,
+) -> Vec<Point<Work>> {
+    let way: Vec<_> = way.collect();
+    let step = 0.5 * builder.space().grid().spacing_mm().x;
+    let mut kept = Vec::new();
+    let mut here = from;
+    let mut n = 0;
+    while n < way.len() {
+        // the farthest of the next few that a straight free move reaches, else the very next
+        let mut met = None;
+        let mut is_free = |to| {
+            met = builder.met(here, to, met);
+            met.is_none()
+        };
+        let reach = (n..way.len().min(n + 40))
+            .rev()
+            .find(|m| is_free(way[*m]) && builder.space().is_move_clear(here, way[*m], step));
+        let next = reach.unwrap_or(n);
+        here = way[next];
+        kept.push(here);
+        n = next + 1;
+    }
+    kept
+}

@@ -1,0 +1,260 @@
+//! The patient as the files show it: grey values, labels, what is to be removed and what is to be kept.
+//!
+//! Read anew from the plan's inputs. Everything is a function of a point in ct; no grid of the planner's is involved.
+
+use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
+use bonemill_imaging::{LabelNames, label_names_path, read_ct, read_label_names, read_labels};
+use nalgebra::Vector3;
+
+use super::VerifyError;
+use bonemill_case::{LabelRef, Target};
+use bonemill_planfile::StoredPlan;
+
+/// HU of what lies beyond the scan.
+const OUTSIDE_HU: f64 = -1000.0;
+
+/// A point this far beyond the scan's face still lies on it, voxels: rounding.
+const SCAN_FACE_VOXELS: f64 = 1e-9;
+
+/// A structure to be kept.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Kept {
+    /// Its name.
+    pub name: String,
+    /// Its label in the map.
+    pub label: u16,
+    /// Least distance of the burr's surface, mm.
+    pub clearance_mm: f64,
+    /// Least distance of the shank's surface, mm.
+    pub shank_clearance_mm: f64,
+}
+
+/// What is to be removed.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Aim {
+    /// Every voxel of a label.
+    Label(u16),
+    /// Bone and enclosed air in a shape.
+    Shape(Target),
+}
+
+/// Images, target and structures.
+#[derive(Debug)]
+pub struct Anatomy {
+    /// HU.
+    pub ct: Volume<f32, Ct>,
+    /// Labels on their own grid.
+    pub labels: Volume<u16, Ct>,
+    /// What is to be removed.
+    pub aim: Aim,
+    /// What is to be kept, in the case's order.
+    pub kept: Vec<Kept>,
+}
+
+impl Anatomy {
+    /// Reads the images of a plan's case.
+    ///
+    /// # Errors
+    /// [`VerifyError::Image`] when a file cannot be read or trusted, [`VerifyError::LabelName`] for a name without number.
+    pub fn read(plan: &StoredPlan) -> Result<Self, VerifyError> {
+        let case = &plan.record.case;
+        let images = &case.images;
+        let (ct, labels) = rayon::join(
+            || read_ct(plan.input_path(&images.ct), images.ct_affine),
+            || read_labels(plan.input_path(&images.labels), images.labels_affine),
+        );
+        let names = read_label_names(plan.input_path(&label_names_path(&images.labels)))?;
+        let (ct, labels) = (ct?.volume, labels?.volume);
+        let number = |label: &LabelRef| number(label, names.as_ref());
+        let aim = match &case.target {
+            Target::Label(label) => Aim::Label(number(label)?),
+            shape => Aim::Shape(shape.clone()),
+        };
+        let kept = case.structures.iter().map(|s| {
+            Ok(Kept {
+                name: s.name.clone(),
+                label: number(&s.label)?,
+                clearance_mm: s.clearance_mm,
+                shank_clearance_mm: s.shank_clearance_mm,
+            })
+        });
+        let kept = kept.collect::<Result<_, VerifyError>>()?;
+        Ok(Self { ct, labels, aim, kept })
+    }
+
+    /// Interpolated HU; beyond the scan is air.
+    pub fn hu(&self, p: Point<Ct>) -> f64 {
+        self.ct.trilinear(p, OUTSIDE_HU)
+    }
+
+    /// Whether a point lies in the scan, the union of the CT's closed voxel boxes; beyond it nothing is target.
+    pub fn is_in_scan(&self, p: Point<Ct>) -> bool {
+        let (index, dims) = (self.ct.grid().continuous_index(p), self.ct.grid().dims());
+        (0..3)
+            .all(|a| (index[a] - 0.5 * (dims[a] - 1) as f64).abs() <= 0.5 * dims[a] as f64 + SCAN_FACE_VOXELS)
+    }
+
+    /// The label of the voxel that holds a point; 0 beyond the map.
+    pub fn label(&self, p: Point<Ct>) -> u16 {
+        self.labels.grid().nearest(p).map_or(0, |v| *self.labels.get(v))
+    }
+
+    /// Whether a label belongs to a structure that is to be kept.
+    pub fn is_kept(&self, label: u16) -> bool {
+        self.kept.iter().any(|k| k.label == label)
+    }
+
+    /// Corners, smallest and largest, of the target's box along work's axes, mm; `None` when the label has no voxel.
+    pub fn aim_box(&self, grid_from_ct: &Rigid<Work, Ct>) -> Option<[Vector3<f64>; 2]> {
+        let mut found = Extent::default();
+        match &self.aim {
+            Aim::Label(label) => {
+                let grid = self.labels.grid();
+                for (n, _) in self.labels.data().iter().enumerate().filter(|(_, l)| *l == label) {
+                    found.hold((*grid_from_ct * grid.center(grid.voxel(n))).coords);
+                }
+                let turn = grid_from_ct.rotation.matrix() * grid.axes();
+                let half = turn.abs() * grid.spacing_mm() * 0.5;
+                found.grown(&half)
+            }
+            Aim::Shape(shape) => {
+                for (center, half) in parts(shape, grid_from_ct) {
+                    let center = (*grid_from_ct * Point::from_coords(center)).coords;
+                    found.hold(center - half);
+                    found.hold(center + half);
+                }
+                found.grown(&Vector3::zeros())
+            }
+        }
+    }
+}
+
+/// A box that grows to hold points.
+#[derive(Debug, Clone, Copy)]
+pub struct Extent {
+    lo: Vector3<f64>,
+    hi: Vector3<f64>,
+}
+
+impl Default for Extent {
+    fn default() -> Self {
+        Self { lo: Vector3::repeat(f64::INFINITY), hi: Vector3::repeat(f64::NEG_INFINITY) }
+    }
+}
+
+impl Extent {
+    /// Takes in a point.
+    pub fn hold(&mut self, p: Vector3<f64>) {
+        self.lo = self.lo.inf(&p);
+        self.hi = self.hi.sup(&p);
+    }
+
+    /// The corners, farther out by `by`; none if nothing was held.
+    pub fn grown(&self, by: &Vector3<f64>) -> Option<[Vector3<f64>; 2]> {
+        (self.lo.x <= self.hi.x).then(|| [self.lo - by, self.hi + by])
+    }
+}
+
+/// Whether a shape holds a point of ct; a label holds nothing by itself.
+pub fn shape_holds(shape: &Target, p: &Vector3<f64>) -> bool {
+    match shape {
+        Target::Label(_) => false,
+        Target::Box { min_mm, max_mm } => (0..3).all(|a| (min_mm[a]..=max_mm[a]).contains(&p[a])),
+        Target::Ball { center_mm, radius_mm } => (p - center_mm).norm() <= *radius_mm,
+        Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
+            let axis = to_mm - from_mm;
+            let share = (p - from_mm).dot(&axis) / axis.norm_squared();
+            let radius_mm = from_radius_mm * (1.0 - share) + to_radius_mm * share;
+            (0.0..=1.0).contains(&share) && (p - from_mm - axis * share).norm() <= radius_mm
+        }
+    }
+}
+
+/// The same shape with its surface farther out by `by_mm`.
+pub fn resized(shape: &Target, by_mm: f64) -> Target {
+    let by = Vector3::repeat(by_mm);
+    match shape {
+        Target::Label(label) => Target::Label(label.clone()),
+        Target::Box { min_mm, max_mm } => Target::Box { min_mm: min_mm - by, max_mm: max_mm + by },
+        Target::Ball { center_mm, radius_mm } => {
+            Target::Ball { center_mm: *center_mm, radius_mm: radius_mm + by_mm }
+        }
+        Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
+            let along = (to_mm - from_mm).normalize() * by_mm;
+            Target::Frustum {
+                from_mm: from_mm - along,
+                to_mm: to_mm + along,
+                from_radius_mm: from_radius_mm + by_mm,
+                to_radius_mm: to_radius_mm + by_mm,
+            }
+        }
+    }
+}
+
+/// Places in ct and half boxes around them along work's axes, which together have the shape's box.
+fn parts(shape: &Target, grid_from_ct: &Rigid<Work, Ct>) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+    match shape {
+        Target::Label(_) => Vec::new(),
+        Target::Box { min_mm, max_mm } => {
+            let half = grid_from_ct.rotation.matrix().abs() * (max_mm - min_mm) * 0.5;
+            vec![((min_mm + max_mm) * 0.5, half)]
+        }
+        Target::Ball { center_mm, radius_mm } => vec![(*center_mm, Vector3::repeat(*radius_mm))],
+        Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
+            let axis = grid_from_ct.rotate(&(to_mm - from_mm).normalize());
+            let disc = |radius_mm: f64| axis.map(|a| radius_mm * (1.0 - a * a).max(0.0).sqrt());
+            vec![(*from_mm, disc(*from_radius_mm)), (*to_mm, disc(*to_radius_mm))]
+        }
+    }
+}
+
+fn number(label: &LabelRef, names: Option<&LabelNames>) -> Result<u16, VerifyError> {
+    match label {
+        LabelRef::Number(number) => Ok(*number),
+        LabelRef::Name(name) => names
+            .and_then(|names| names.number(name))
+            .ok_or_else(|| VerifyError::LabelName { name: name.clone() }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Rotation3;
+
+    #[test]
+    fn shapes_end_where_they_should() {
+        let v = Vector3::new;
+        let slab = Target::Box { min_mm: v(0.0, 1.0, 2.0), max_mm: v(1.0, 2.0, 3.0) };
+        assert!(shape_holds(&slab, &v(1.0, 1.0, 2.5)) && !shape_holds(&slab, &v(1.01, 1.5, 2.5)));
+        let cone = Target::Frustum {
+            from_mm: v(0.0, 0.0, 0.0),
+            to_mm: v(0.0, 0.0, 10.0),
+            from_radius_mm: 4.0,
+            to_radius_mm: 2.0,
+        };
+        assert!(shape_holds(&cone, &v(2.99, 0.0, 5.0)) && !shape_holds(&cone, &v(3.01, 0.0, 5.0)));
+        assert!(!shape_holds(&cone, &v(0.0, 0.0, -0.01)) && !shape_holds(&cone, &v(0.0, 0.0, 10.01)));
+        let ball = Target::Ball { center_mm: v(1.0, 0.0, 5.0), radius_mm: 3.0 };
+        let turned: Rigid<Work, Ct> = Rigid::new(Rotation3::new(v(0.3, -0.5, 0.2)), v(1.0, 2.0, 3.0));
+        for shape in [slab, cone, ball] {
+            let (smaller, larger) = (resized(&shape, -0.1), resized(&shape, 0.1));
+            let mut extent = Extent::default();
+            for (center, half) in parts(&shape, &turned) {
+                let center = (turned * Point::from_coords(center)).coords;
+                extent.hold(center - half);
+                extent.hold(center + half);
+            }
+            let [lo, hi] = extent.grown(&Vector3::zeros()).unwrap();
+            for n in 0..8000 {
+                let p =
+                    v((n % 20) as f64 * 0.5 - 4.5, (n / 20 % 20) as f64 * 0.5 - 4.5, (n / 400) as f64 * 0.6);
+                let is_in = shape_holds(&shape, &p);
+                assert!(is_in || !shape_holds(&smaller, &p));
+                assert!(!is_in || shape_holds(&larger, &p));
+                let q = (turned * Point::from_coords(p)).coords;
+                assert!(!is_in || (0..3).all(|a| q[a] >= lo[a] - 1e-9 && q[a] <= hi[a] + 1e-9));
+            }
+        }
+    }
+}

@@ -1,0 +1,327 @@
+//! The plan's figures computed again: volumes on the planner's voxels, times and lengths, masses on the fine lattice.
+
+use bonemill_geometry::{Ct, Point, cancel};
+use bonemill_imaging::DensityTable;
+use rayon::prelude::*;
+
+use super::anatomy::Anatomy;
+use super::asked::COVERAGE;
+use super::carve::NEVER;
+use super::check::{Check, Place};
+use super::lattice::{HAS_MASS, Lattice, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
+use super::moves::Moves;
+use super::voxels::{Doubtful, Voxels};
+use bonemill_planfile::{StoredPlan, Value};
+
+/// Share of the reachable volume that a plan removes.
+const ENOUGH: f64 = 0.99;
+/// Share of the target that may lie outside the scan.
+const MOST_OUTSIDE: f64 = 0.005;
+/// A volume that was summed voxel by voxel may differ by this share of itself.
+const SUM_SHARE: f64 = 1e-9;
+/// Masses on two lattices differ by this share.
+const MASS_SHARE: f64 = 0.03;
+/// Runs of waypoints whose masses are compared take this share of all, and may differ by that share of theirs.
+const RUN_SHARE: f64 = 0.02;
+const RUN_MASS_SHARE: f64 = 0.2;
+/// And no less than so many of the planner's voxels of 1 g/cm³: a voxel cut from two sides gives its mass later than its
+/// points go, so that few of them say little.
+const RUN_VOXELS: f64 = 512.0;
+
+/// Which part of what the ball can reach is removed, and every volume that the plan states, counted on its own voxels.
+pub fn volumes(
+    plan: &StoredPlan,
+    voxels: &Voxels,
+    swept: &Doubtful<Vec<bool>>,
+    reachable: &Doubtful<Vec<bool>>,
+) -> Vec<Check> {
+    let m = &plan.record.metrics;
+    let parts: [(&str, &[&Doubtful<Vec<bool>>]); 4] = [
+        ("target", &[]),
+        ("reachable", &[reachable]),
+        ("removed", &[swept]),
+        ("removed_reachable", &[swept, reachable]),
+    ];
+    let kinds = [("all_mm3", TARGET), ("material_mm3", MATERIAL), ("bone_mm3", TARGET_BONE)];
+    let found = parts.map(|(_, sets)| kinds.map(|(_, flag)| voxels.volume_mm3(flag, sets)));
+    let [[target, ..], [reached, ..], [removed, material, bone], _] = found;
+    // here the flag means all bone outside the target
+    let untargeted = voxels.volume_mm3(SHEET, &[swept]);
+    let outside_mm3 = more(plan, "target_outside_mm3");
+    let whole_mm3 =
+        stated(plan, &["target", "all_mm3"]).zip(outside_mm3).map(|(target, outside)| target + outside);
+    let mut checks = vec![
+        counted("untargeted_bone_removed_mm3", more(plan, "untargeted_bone_removed_mm3"), untargeted),
+        share_said(plan, "reached_share", "removed_reachable", stated(plan, &["reachable", "all_mm3"])),
+        share_said(plan, "removed_share", "removed", whole_mm3),
+        counted("target_mm3", Some(m.target_mm3), target),
+        counted("reachable_mm3", Some(m.reachable_mm3), reached),
+        counted("removed_mm3", Some(m.removed_mm3), removed),
+        counted("removed_material_mm3", Some(m.removed_material_mm3), material),
+        counted("removed_bone_mm3", Some(m.removed_bone_mm3), bone),
+    ];
+    for ((part, _), found) in parts.iter().zip(found) {
+        for ((kind, _), found) in kinds.iter().zip(found) {
+            checks.push(counted(&format!("{part}.{kind}"), stated(plan, &[part, kind]), found));
+        }
+    }
+    checks.push(coverage(voxels, swept, reachable));
+    checks
+}
+
+/// What the plan says of the scan's edge, and whether the scan holds the target. What is in doubt counts for the plan.
+pub fn beyond_scan(plan: &StoredPlan, voxels: &Voxels, edge_mm2: [f64; 2]) -> Vec<Check> {
+    let (outside, [_, target]) = (voxels.volume_mm3(OUTSIDE, &[]), voxels.volume_mm3(TARGET, &[]));
+    let [least, _] = outside;
+    let share = if least > 0.0 { least / (least + target) } else { 0.0 };
+    vec![
+        counted("target_outside_mm3", more(plan, "target_outside_mm3"), outside),
+        Check { unit: "mm²", ..counted("scan_edge_bone_mm2", more(plan, "scan_edge_bone_mm2"), edge_mm2) },
+        Check::at_most("target outside the scan", share, MOST_OUTSIDE, "of it")
+            .noting(format!("{least:.1} mm³ of it lie beyond the CT")),
+    ]
+}
+
+/// Whether a share that the plan states is that of the two volumes that it states, which are counted.
+fn share_said(plan: &StoredPlan, share: &str, part: &str, whole_mm3: Option<f64>) -> Check {
+    let part_mm3 = stated(plan, &[part, "all_mm3"]);
+    let found = part_mm3.zip(whole_mm3).map(|(part, whole)| if whole > 0.0 { part / whole } else { 1.0 });
+    let off = more(plan, share).zip(found).map_or(f64::INFINITY, |(said, found)| (said - found).abs());
+    Check::at_most("figures", off, SUM_SHARE, "").of(share)
+}
+
+/// Whether a volume that the plan states lies between the least and the largest count.
+pub fn counted(what: &str, said: Option<f64>, [least, most]: [f64; 2]) -> Check {
+    let off = said.map_or(f64::INFINITY, |said| (least - said).max(said - most).max(0.0));
+    let found = if least == most { format!("{most:.4}") } else { format!("{least:.4} to {most:.4}") };
+    let said = said.map_or("nothing".into(), |said| format!("{said:.4}"));
+    Check::at_most("figures", off, SUM_SHARE * (1.0 + most), "mm³")
+        .of(what)
+        .noting(format!("says {said}, counted {found}"))
+}
+
+/// Whether enough of the reachable is removed. What is in doubt counts for the plan.
+fn coverage(voxels: &Voxels, swept: &Doubtful<Vec<bool>>, reachable: &Doubtful<Vec<bool>>) -> Check {
+    let [_, removed] = voxels.volume_mm3(TARGET, &[swept, reachable]);
+    let missed = (0..voxels.grid.len()).filter(|n| reachable.surely[*n] && !swept.possibly[*n]).count();
+    let whole = removed + missed as f64 * voxels.grid.voxel_mm3();
+    let share = if whole > 0.0 { removed / whole } else { 1.0 };
+    Check::at_least(COVERAGE, share, ENOUGH, "of the reachable")
+        .noting(format!("removed {removed:.1} of {whole:.1} mm³"))
+}
+
+/// How far the planner's voxels are from the fine lattice: the resolution of what the plan states.
+///
+/// A flat face lies between two planes of points along it, and the count puts it halfway between them: off by half their
+/// distance at worst. That is h along an axis and less for every other direction, and never more than the thickness of the
+/// layer of points at the face, h times the largest component of its normal. So a count is off by half its own layer at
+/// most, and two counts differ by half of both.
+pub fn resolution(
+    plan: &StoredPlan,
+    lattice: &Lattice,
+    first: &[u32],
+    voxels: &Voxels,
+    swept: &Doubtful<Vec<bool>>,
+) -> Vec<Check> {
+    let m = &plan.record.metrics;
+    let of = |what, said: f64, flag: u8, is_removed: bool| {
+        let fine = |n: usize| lattice.is(n, flag) && (!is_removed || first[n] != NEVER);
+        let planned = |n: usize| voxels.class.possibly[n] & flag != 0 && (!is_removed || swept.possibly[n]);
+        let found = lattice.count(&fine) as f64 * lattice.grid.voxel_mm3();
+        let layers = layer(lattice.grid.dims(), &fine) as f64 * lattice.grid.voxel_mm3()
+            + layer(voxels.grid.dims(), &planned) as f64 * voxels.grid.voxel_mm3();
+        Check::at_most("figures on a finer lattice", (said - found).abs(), 0.5 * layers, "mm³")
+            .of(what)
+            .noting(format!("says {said:.3}, found {found:.3} at {} mm", lattice.spacing_mm()))
+    };
+    vec![
+        of("target_mm3", m.target_mm3, TARGET, false),
+        of("removed_mm3", m.removed_mm3, TARGET, true),
+        of("removed_material_mm3", m.removed_material_mm3, MATERIAL, true),
+        of("removed_bone_mm3", m.removed_bone_mm3, TARGET_BONE, true),
+    ]
+}
+
+/// The number of points of a body that have a neighbour of six outside it.
+fn layer([nx, ny, nz]: [usize; 3], holds: &(impl Fn(usize) -> bool + Sync)) -> usize {
+    let steps = [(1, nx), (nx, ny), (nx * ny, nz)];
+    let at_surface = |n: &usize| {
+        let at = [n % nx, n / nx % ny, n / (nx * ny)];
+        holds(*n)
+            && steps.iter().zip(at).any(|((step, count), at)| {
+                at == 0 || at + 1 == *count || !holds(n - step) || !holds(n + step)
+            })
+    };
+    (0..nx * ny * nz).into_par_iter().with_min_len(1 << 14).filter(at_surface).count()
+}
+
+/// Times and lengths that the plan states.
+pub fn totals(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
+    let said = |what: &str, said: Option<f64>, found: f64, limit: f64, unit| {
+        Check::at_most("figures", said.map_or(f64::INFINITY, |s| (s - found).abs()), limit, unit)
+            .of(what)
+            .noting(said.map_or("not said".to_owned(), |s| format!("says {s:.4}, found {found:.4}")))
+    };
+    let length = moves.arc_mm.last().copied().unwrap_or(0.0);
+    let end = moves.times_s.last().copied().unwrap_or(0.0);
+    let mass: f64 = plan.waypoints.iter().map(|w| w.mass_mg).sum();
+    vec![
+        said("total_time_s", Some(plan.record.metrics.total_time_s), end, 1e-6, "s"),
+        said("path_length_mm", more(plan, "path_length_mm"), length, 1e-3, "mm"),
+        said("removed_mass_mg", more(plan, "removed_mass_mg"), mass, 1e-6 * (1.0 + mass), "mg"),
+    ]
+}
+
+/// A figure beyond the required ones.
+pub fn more(plan: &StoredPlan, key: &str) -> Option<f64> {
+    plan.record.metrics.number(key)
+}
+
+/// A figure that the plan states beyond the required ones, by its keys, the outermost first.
+pub(super) fn stated(plan: &StoredPlan, keys: &[&str]) -> Option<f64> {
+    let (first, rest) = keys.split_first()?;
+    let mut value = &plan.record.metrics.more.iter().find(|(key, _)| key == first)?.1;
+    for key in rest {
+        let Value::Table(entries) = value else { return None };
+        value = &entries.iter().find(|(name, _)| name == key)?.1;
+    }
+    match value {
+        Value::Number(number) => Some(*number),
+        Value::Integer(count) => Some(*count as f64),
+        _ => None,
+    }
+}
+
+/// A table beyond the required figures.
+pub fn table<'a>(plan: &'a StoredPlan, key: &str) -> Option<&'a [(String, Value)]> {
+    match &plan.record.metrics.more.iter().find(|(k, _)| k == key)?.1 {
+        Value::Table(entries) => Some(entries),
+        _ => None,
+    }
+}
+
+/// The mass column: in all, and over runs of waypoints that take a fiftieth of it each.
+///
+/// What is weighed is the planner's voxels, each of its density: a point of the lattice in one of them stands for its share
+/// of it, counts for the move that first reaches it, and only if it lies in the ball where that move ends.
+pub fn masses(
+    plan: &StoredPlan,
+    anatomy: &Anatomy,
+    voxels: &Voxels,
+    lattice: &Lattice,
+    first: &[u32],
+    moves: &Moves,
+) -> Vec<Check> {
+    let found = mass_by_move(plan, anatomy, voxels, lattice, first, moves);
+    let total: f64 = found.iter().sum();
+    let said: f64 = plan.waypoints.iter().map(|w| w.mass_mg).sum();
+    let note = |said: f64, found: f64| format!("says {said:.4} mg, found {found:.4} mg");
+    let of = |whole: f64, said: f64, found: f64| (said - found).abs() / whole.max(1e-9);
+    // a run of a few voxels cannot be weighed by points
+    let few = RUN_VOXELS * voxels.grid.voxel_mm3();
+    let least = (RUN_SHARE * total).max(few);
+    let mut worst = (0.0, 0, 0.0, 0.0);
+    let mut run = (0.0, 0.0);
+    for (n, (found, row)) in found.iter().zip(&plan.waypoints).enumerate() {
+        run = (run.0 + row.mass_mg, run.1 + found);
+        if run.0.max(run.1) >= least || n + 1 == plan.waypoints.len() {
+            // a single move can take more than that
+            let by = of(run.1.max(least), run.0, run.1);
+            if by > worst.0 {
+                worst = (by, n, run.0, run.1);
+            }
+            run = (0.0, 0.0);
+        }
+    }
+    // a scrap is all surface: half its own layer, and half the planner's, which is twice as thick, but never its half
+    let taken = |n: usize| lattice.is(n, HAS_MASS) && first[n] != NEVER;
+    let share = if total < few {
+        let layer = layer(lattice.grid.dims(), &taken) as f64 / lattice.count(&taken).max(1) as f64;
+        ((1.5 * layer).min(0.5) * total / few).max(MASS_SHARE)
+    } else {
+        MASS_SHARE
+    };
+    vec![
+        Check::at_most("mass", of(total.max(least), said, total), share, "of it")
+            .of("in all")
+            .noting(note(said, total)),
+        Check::at_most("mass", worst.0, RUN_MASS_SHARE, "of it")
+            .of("of a fiftieth")
+            .at(Place::Waypoint(worst.1))
+            .noting(note(worst.2, worst.3)),
+    ]
+}
+
+fn mass_by_move(
+    plan: &StoredPlan,
+    anatomy: &Anatomy,
+    voxels: &Voxels,
+    lattice: &Lattice,
+    first: &[u32],
+    moves: &Moves,
+) -> Vec<f64> {
+    let grid = &lattice.grid;
+    let radius2 = plan.record.case.burr.radius_mm.powi(2);
+    let [nx, ny, nz] = grid.dims();
+    let density = densities(plan, anatomy, voxels);
+    let slab = |k: usize| -> Vec<(u32, f64)> {
+        cancel::poll();
+        (k * nx * ny..(k + 1) * nx * ny)
+            .filter(|n| first[*n] != NEVER)
+            .filter_map(|n| {
+                let p = grid.center(grid.voxel(n));
+                let end = moves.points.get(first[n] as usize)?;
+                let rho = density[voxels.grid.index(voxels.grid.nearest(p)?)];
+                let inside = rho > 0.0 && (p.coords - end).norm_squared() <= radius2;
+                inside.then_some((first[n], f64::from(rho)))
+            })
+            .collect()
+    };
+    let mut mass = vec![0.0; moves.len()];
+    let slabs: Vec<_> = (0..nz).into_par_iter().map(slab).collect();
+    for (number, rho) in slabs.into_iter().flatten() {
+        // g/cm³ is mg/mm³
+        mass[number as usize] += rho * grid.voxel_mm3();
+    }
+    mass
+}
+
+/// Density of the planner's voxels, g/cm³; 0 where there is neither material of the target nor bone outside.
+fn densities(plan: &StoredPlan, anatomy: &Anatomy, voxels: &Voxels) -> Vec<f32> {
+    let table = &plan.record.case.density.table;
+    let of = |(n, class): (usize, &u8)| {
+        if class & HAS_MASS == 0 {
+            return 0.0;
+        }
+        let p = voxels.ct_from_grid * voxels.grid.center(voxels.grid.voxel(n));
+        density(anatomy, table, p) as f32
+    };
+    voxels.class.possibly.par_iter().enumerate().with_min_len(1 << 12).map(of).collect()
+}
+
+/// Density of the CT's voxels around a point, interpolated, g/cm³: calibrated first, interpolated then.
+fn density(anatomy: &Anatomy, table: &DensityTable, p: Point<Ct>) -> f64 {
+    let ct = &anatomy.ct;
+    let index = ct.grid().continuous_index(p);
+    let dims = ct.grid().dims();
+    let base = index.map(f64::floor);
+    let mut sum = 0.0;
+    for corner in 0..8usize {
+        let mut weight = 1.0;
+        let mut voxel = Some([0usize; 3]);
+        for a in 0..3 {
+            let up = (corner >> a & 1) as f64;
+            let share = index[a] - base[a];
+            weight *= if up > 0.0 { share } else { 1.0 - share };
+            let at = base[a] + up;
+            let is_in = at >= 0.0 && at < dims[a] as f64;
+            voxel = voxel.filter(|_| is_in).map(|mut v| {
+                v[a] = at as usize;
+                v
+            });
+        }
+        let hu = voxel.map_or(-1000.0, |v| f64::from(*ct.get(v)));
+        sum += weight * table.density_g_cm3(hu);
+    }
+    sum
+}

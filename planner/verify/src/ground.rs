@@ -1,0 +1,100 @@
+//! Bone that must stay, and what links do: the burr's sweep on the fine lattice.
+//!
+//! A point of obstacle bone may lie inside the sweep by no more than the band, within which a scan does not tell bone from
+//! air; the volume is said. Links and retracts reach nothing that has mass, in the target or outside, before a cut does, but
+//! for what lies between the points of the planner's grid.
+
+use super::carve::{NEVER, Piece, deepest};
+use super::check::{Check, Place};
+use super::lattice::{HAS_MASS, Lattice, OBSTACLE, SHEET, SLIVER};
+use super::moves::{Executed, Kind, Moves};
+use bonemill_planfile::StoredPlan;
+use nalgebra::Vector3;
+
+/// What links may take between the points of the planner's grid, as a share of what is removed.
+const LINK_SHARE: f64 = 5e-4;
+/// Rows of the trajectory are joined to stretches no longer than this, mm, for their sweep.
+const STRETCH_MM: f64 = 0.1;
+
+/// Gouging by the moves and by the trajectory; links through material.
+pub fn ground(
+    plan: &StoredPlan,
+    lattice: &Lattice,
+    pieces: &[Piece],
+    first: &[u32],
+    moves: &Moves,
+    executed: &Executed,
+    band_mm: f64,
+) -> Vec<Check> {
+    let radius = plan.record.case.burr.radius_mm;
+    let is_obstacle = |n: usize| lattice.class[n] & OBSTACLE != 0;
+    let by_moves = deepest(&lattice.grid, pieces, radius, |n, _| first[n] != NEVER && is_obstacle(n));
+    let stretches = stretches(executed);
+    let by_arm = deepest(&lattice.grid, &stretches, radius, |n, _| is_obstacle(n));
+    let volume = |flags| lattice.volume_mm3(flags, |n| first[n] != NEVER);
+    let said = |name| plan.record.metrics.number(name).unwrap_or(f64::NAN);
+    let gouge = |name, found: Option<(f64, usize, u32)>| {
+        Check::at_most(name, found.map_or(0.0, |f| f.0), band_mm, "mm deep")
+    };
+    let row_place = |row: u32| Place::Instant {
+        time_s: plan.trajectory.time_s.get(row as usize).copied().unwrap_or(0.0),
+        waypoint: executed.next.get(row as usize).copied().unwrap_or(0) as usize,
+    };
+    vec![
+        gouge("bone outside the target, by moves", by_moves)
+            .at(by_moves.map(|f| Place::Waypoint(f.2 as usize)))
+            .noting(format!(
+                "by points {} mm apart {:.2} mm³ of it in the sweep, all within the band unless this fails, and {:.2} mm³ of specks \
+                 and sheets; by voxel centres {spacing} mm apart the plan says {untargeted:.2} mm³ of both, {deepest:.3} mm deep",
+                 lattice.spacing_mm(),
+                volume(OBSTACLE),
+                volume(SHEET),
+                spacing = plan.record.case.grid.spacing_mm,
+                untargeted = said("untargeted_bone_removed_mm3"),
+                deepest = said("deepest_in_obstacle_mm"),
+            )),
+        gouge("bone outside the target, by the arm", by_arm).at(by_arm.map(|f| row_place(f.2))),
+    ]
+    .into_iter()
+    .chain(links(plan, lattice, pieces, first, moves))
+    .collect()
+}
+
+/// The deepest that a link or retract reaches into what has mass and no earlier move reached, and how much they take in all.
+fn links(plan: &StoredPlan, lattice: &Lattice, pieces: &[Piece], first: &[u32], moves: &Moves) -> [Check; 2] {
+    let radius = plan.record.case.burr.radius_mm;
+    let is_free = |number: u32| moves.kinds.get(number as usize) == Some(&Kind::Free);
+    let has_mass = |n: usize| lattice.is(n, HAS_MASS) && !lattice.is(n, SLIVER);
+    let taken = |n: usize| has_mass(n) && first[n] != NEVER && is_free(first[n]);
+    let free: Vec<Piece> = pieces.iter().filter(|p| is_free(p.number)).copied().collect();
+    let found = deepest(&lattice.grid, &free, radius, |n, number| first[n] == number && taken(n));
+    let volume = lattice.volume_mm3(HAS_MASS, taken);
+    let removed = lattice.volume_mm3(HAS_MASS, |n| first[n] != NEVER);
+    // a lattice point may lie this far from the planner's grid
+    let spacing = plan.record.case.grid.spacing_mm;
+    let unseen_mm = 0.5 * 3f64.sqrt() * spacing;
+    let place = found.map(|f| Place::Waypoint(f.2 as usize));
+    // and one bite into a face that lies between two planes of its points
+    let bite = std::f64::consts::PI * (0.5 * spacing).powi(2) * radius;
+    let limit = LINK_SHARE * removed + spacing.powi(3) + bite;
+    [
+        Check::at_most("links in bone", found.map_or(0.0, |f| f.0), unseen_mm, "mm deep")
+            .of("depth")
+            .at(place.clone()),
+        Check::at_most("links in bone", volume, limit, "mm³").of("in all").at(place),
+    ]
+}
+
+/// The trajectory's polyline, thinned; the number is the row in which a stretch ends.
+fn stretches(executed: &Executed) -> Vec<Piece> {
+    let mut found = Vec::new();
+    let mut from: Option<Vector3<f64>> = None;
+    for (row, p) in executed.points.iter().enumerate() {
+        let a = *from.get_or_insert(*p);
+        if (p - a).norm() >= STRETCH_MM || row + 1 == executed.len() {
+            found.push(Piece { a, b: *p, number: row as u32 });
+            from = Some(*p);
+        }
+    }
+    found
+}

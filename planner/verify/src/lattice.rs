@@ -1,0 +1,277 @@
+//! What stands at every point of a cubic lattice of the verifier's own: target, material, bone that must stay.
+//!
+//! The lattice has half the planner's spacing, so that each voxel of the planner's has eight points in it; gouging, links,
+//! masses and the shank are judged on it. Volumes are counted on the planner's voxels, and set beside the lattice's.
+//! Obstacle bone is bone outside the target in a voxel of the planner's that is an obstacle ([`Voxels::obstacles`]), and
+//! whatever the planner's voxels surely show as thicker than the band ([`thickest_sheet_mm`]): a ball of that diameter
+//! surely fits into it, or it lies within a band of such a place (thick bone keeps its corners). What is left out is
+//! reported by volume.
+
+use bonemill_geometry::{Ct, Grid, Point, Rigid, Work, cancel};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::anatomy::{Aim, Anatomy, shape_holds};
+use super::voxels::{Doubtful, Voxels};
+use super::{VerifyError, edt};
+use bonemill_case::{Density, Sheets};
+
+/// Belongs to the target.
+pub const TARGET: u8 = 1;
+/// Target above `air_hu`.
+pub const MATERIAL: u8 = 2;
+/// Target at or above `bone_hu`.
+pub const TARGET_BONE: u8 = 4;
+/// Bone outside the target that neither burr nor shank may touch.
+pub const OBSTACLE: u8 = 8;
+/// Bone outside the target that is no obstacle.
+pub const SHEET: u8 = 16;
+/// Inside a structure that is to be kept.
+pub const STRUCTURE: u8 = 32;
+/// Drawn as target, but beyond the scan: neither target nor removed.
+pub const OUTSIDE: u8 = 64;
+/// Bone outside the target in a voxel of the planner's whose centre is none: too thin for its grid.
+pub const SLIVER: u8 = 128;
+
+/// What gives force and mass wherever the burr meets it.
+pub const HAS_MASS: u8 = MATERIAL | OBSTACLE | SHEET;
+
+/// Radius of the closing that decides which air a shape encloses, mm.
+const CLOSING_MM: f64 = 4.0;
+/// The closing's grid is no finer than this, mm.
+const FINEST_CLOSING_MM: f64 = 0.25;
+/// A distance larger by less than this than the closing's radius is not larger, mm.
+const SAME_MM: f64 = 1e-6;
+
+/// What decides which bone is an obstacle.
+#[derive(Debug, Clone, Copy)]
+pub struct Obstacle {
+    /// The largest voxel diagonal, mm.
+    pub band_mm: f64,
+    /// The case's.
+    pub sheets: Sheets,
+}
+
+/// Classes on a lattice.
+#[derive(Debug)]
+pub struct Lattice {
+    /// Where the points are.
+    pub grid: Grid<Work>,
+    /// Flags per point, x-fastest.
+    pub class: Vec<u8>,
+}
+
+impl Lattice {
+    /// Classifies the points of `grid`, as far as they depend on it by the planner's voxels.
+    ///
+    /// # Errors
+    /// [`VerifyError::Grid`] for a closing's grid that cannot be made.
+    pub fn new(
+        anatomy: &Anatomy,
+        density: &Density,
+        ct_from_grid: &Rigid<Ct, Work>,
+        grid: Grid<Work>,
+        voxels: &Voxels,
+        rule: &Obstacle,
+    ) -> Result<Self, VerifyError> {
+        let enclosed = match &anatomy.aim {
+            Aim::Label(_) => None,
+            Aim::Shape(_) => Some(Closed::new(anatomy, density.bone_hu, ct_from_grid, &grid)?),
+        };
+        let in_target = |center: Point<Work>, p: Point<Ct>, label: u16, hu: f64| match &anatomy.aim {
+            Aim::Label(aim) => label == *aim && anatomy.is_in_scan(p),
+            Aim::Shape(shape) => {
+                shape_holds(shape, &p.coords)
+                    && anatomy.is_in_scan(p)
+                    && !anatomy.is_kept(label)
+                    && (hu >= density.bone_hu || enclosed.as_ref().is_some_and(|c| c.holds(center)))
+            }
+        };
+        let [nx, ny, _] = grid.dims();
+        let mut class = vec![0u8; grid.len()];
+        class.par_chunks_mut(nx).enumerate().for_each(|(row, class)| {
+            cancel::poll();
+            for (i, class) in class.iter_mut().enumerate() {
+                let center = grid.center([i, row % ny, row / ny]);
+                let p = *ct_from_grid * center;
+                let (value, label) = (anatomy.hu(p), anatomy.label(p));
+                let mut flags = if anatomy.is_kept(label) { STRUCTURE } else { 0 };
+                if in_target(center, p, label, value) {
+                    flags |= TARGET;
+                    flags |= if value > density.air_hu { MATERIAL } else { 0 };
+                    flags |= if value >= density.bone_hu { TARGET_BONE } else { 0 };
+                } else if value >= density.bone_hu {
+                    flags |= SHEET;
+                }
+                *class = flags;
+            }
+        });
+        let mut lattice = Self { grid, class };
+        lattice.find_thick(rule.band_mm, voxels.spacing_mm());
+        lattice.compare(voxels, rule);
+        Ok(lattice)
+    }
+
+    /// Spacing, mm.
+    pub fn spacing_mm(&self) -> f64 {
+        self.grid.spacing_mm().x
+    }
+
+    /// Turns what is surely thicker than a sheet from SHEET to OBSTACLE.
+    fn find_thick(&mut self, band_mm: f64, planner_mm: f64) {
+        let (dims, h) = (self.grid.dims(), self.spacing_mm());
+        let class = &self.class;
+        let deep = edt::squared_voxels(dims, |n| class[n] & SHEET == 0);
+        // n points across may be a body of n - 1 spacings, the middle one of which is (n + 1) / 2 from the first beyond
+        let core = ((0.5 * thickest_sheet_mm(band_mm, planner_mm) / h + 1.0).powi(2) - 1e-6) as f32;
+        let from_core = edt::squared_voxels(dims, |n| deep[n] >= core);
+        // a face lies half a voxel before the first centre beyond it
+        let reach = ((band_mm / h + 0.5).powi(2) + 1e-6) as f32;
+        self.class.par_iter_mut().zip(from_core).for_each(|(class, from_core)| {
+            if *class & SHEET != 0 && from_core <= reach {
+                *class ^= SHEET | OBSTACLE;
+            }
+        });
+    }
+
+    /// Marks obstacles and slivers by the planner's voxels.
+    fn compare(&mut self, voxels: &Voxels, rule: &Obstacle) {
+        let Doubtful { surely, possibly } = &voxels.class;
+        let obstacle = voxels.obstacles(surely, possibly, rule.band_mm, rule.sheets);
+        let grid = &self.grid;
+        self.class.par_iter_mut().enumerate().with_min_len(1 << 14).for_each(|(n, class)| {
+            if *class & (SHEET | OBSTACLE) == 0 {
+                return;
+            }
+            let voxel = voxels.grid.nearest(grid.center(grid.voxel(n))).map(|v| voxels.grid.index(v));
+            if voxel.is_some_and(|v| possibly[v] & SHEET == 0) {
+                *class |= SLIVER;
+            }
+            if voxel.is_some_and(|v| obstacle[v]) {
+                *class = *class & !SHEET | OBSTACLE;
+            }
+        });
+    }
+
+    /// Whether a point has one of `flags`.
+    pub fn is(&self, n: usize, flags: u8) -> bool {
+        self.class[n] & flags != 0
+    }
+
+    /// The number of points for which `holds`.
+    pub fn count(&self, holds: &(impl Fn(usize) -> bool + Sync)) -> usize {
+        (0..self.class.len()).into_par_iter().with_min_len(1 << 14).filter(|n| holds(*n)).count()
+    }
+
+    /// Volume of the points with one of `flags` for which `holds`, mm³.
+    pub fn volume_mm3(&self, flags: u8, holds: impl Fn(usize) -> bool + Sync) -> f64 {
+        let count = self.class.par_iter().enumerate().filter(|(n, c)| **c & flags != 0 && holds(*n)).count();
+        count as f64 * self.grid.voxel_mm3()
+    }
+}
+
+/// Up to which thickness, mm, bone may be a sheet on voxels of `planner_mm`.
+///
+/// Bone is kept where a voxel centre is half the band and half a voxel from the first centre beyond it. The middle of n
+/// layers is (n + 1) / 2 voxels from there where n is odd, but n / 2 where it is even; and n layers of centres may be bone of
+/// up to n + 1 voxels.
+fn thickest_sheet_mm(band_mm: f64, planner_mm: f64) -> f64 {
+    let band = band_mm / planner_mm;
+    // for both, n.div_ceil(2) voxels
+    let layers =
+        (1u32..).take_while(|n| f64::from(n.div_ceil(2)) < 0.5 * (band + 1.0) - 1e-6).last().unwrap_or(0);
+    f64::from(layers + 1) * planner_mm
+}
+
+/// A grid over a box, with points at `phase_mm` + whole multiples of the spacing along every axis.
+///
+/// # Errors
+/// [`VerifyError::Grid`].
+pub fn grid_over(
+    [lo, hi]: [Vector3<f64>; 2],
+    spacing_mm: f64,
+    phase_mm: f64,
+) -> Result<Grid<Work>, VerifyError> {
+    let first = lo.map(|v| ((v - phase_mm) / spacing_mm).floor());
+    let last = hi.map(|v| ((v - phase_mm) / spacing_mm).ceil());
+    let dims = (last - first).map(|n| n as usize + 1);
+    let origin = first * spacing_mm + Vector3::repeat(phase_mm);
+    Ok(Grid::aligned([dims.x, dims.y, dims.z], spacing_mm, Point::from_coords(origin))?)
+}
+
+/// Bone closed by a ball: bone and the air that it encloses.
+#[derive(Debug)]
+pub struct Closed {
+    /// No finer than [`FINEST_CLOSING_MM`].
+    pub grid: Grid<Work>,
+    holds: Vec<bool>,
+}
+
+impl Closed {
+    /// Closes the bone in and around a grid.
+    ///
+    /// # Errors
+    /// [`VerifyError::Grid`].
+    pub fn new(
+        anatomy: &Anatomy,
+        bone_hu: f64,
+        ct_from_grid: &Rigid<Ct, Work>,
+        around: &Grid<Work>,
+    ) -> Result<Self, VerifyError> {
+        // far enough out that bone around the lattice counts
+        let h = around.spacing_mm().x.max(FINEST_CLOSING_MM);
+        let size = Vector3::from(around.dims().map(|d| (d - 1) as f64)) * around.spacing_mm().x;
+        let wide = Vector3::repeat(2.0 * CLOSING_MM + 2.0 * h);
+        let lo = around.origin().coords;
+        let grid = grid_over([lo - wide, lo + size + wide], h, 0.0)?;
+        let bone: Vec<bool> = (0..grid.len())
+            .into_par_iter()
+            .map(|n| {
+                cancel::poll();
+                anatomy.hu(*ct_from_grid * grid.center(grid.voxel(n))) >= bone_hu
+            })
+            .collect();
+        let reach = ((CLOSING_MM + SAME_MM) / h).powi(2) as f32;
+        let outside = edt::squared_voxels(grid.dims(), |n| bone[n]);
+        let depth = edt::squared_voxels(grid.dims(), |n| outside[n] > reach);
+        let holds = bone.iter().zip(depth).map(|(bone, depth)| *bone || depth > reach).collect();
+        Ok(Self { grid, holds })
+    }
+
+    /// Whether the voxel of the closing's grid that holds a point is closed.
+    fn holds(&self, p: Point<Work>) -> bool {
+        self.grid.nearest(p).is_some_and(|v| self.at(v))
+    }
+
+    /// Whether a voxel of the closing's grid is closed.
+    pub fn at(&self, voxel: [usize; 3]) -> bool {
+        self.holds[self.grid.index(voxel)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Against every slab: as the planner counts its layers, for every place of its faces between the centres.
+    #[test]
+    fn no_slab_thicker_than_a_sheet_is_one_on_voxels() {
+        for (band_mm, planner_mm) in [(0.433, 0.25), (0.935, 0.25), (0.866, 0.5), (0.5, 0.1), (1.9, 0.4)] {
+            let thickest = thickest_sheet_mm(band_mm, planner_mm);
+            let mut thickest_dropped: f64 = 0.0;
+            for thousandths in 1..6000 {
+                let thick_mm = f64::from(thousandths) * 1e-3;
+                // the fewest layers of centres in it, and from the middle one to the first centre beyond
+                let layers = (thick_mm / planner_mm + 1e-9).floor();
+                let depth_mm = (0.5 * layers).ceil() * planner_mm;
+                if depth_mm < 0.5 * (band_mm + planner_mm) - 1e-9 {
+                    thickest_dropped = thickest_dropped.max(thick_mm);
+                }
+            }
+            assert!(
+                (thickest - thickest_dropped - 1e-3).abs() < 1.1e-3,
+                "{band_mm} {thickest} {thickest_dropped}"
+            );
+        }
+    }
+}

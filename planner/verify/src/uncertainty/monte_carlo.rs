@@ -1,0 +1,288 @@
+//! A finished plan under drawn errors: how often it touches each structure, and how far its forces are off.
+//!
+//! Each sample moves the patient rigidly, moves each structure's boundary, and scales K and density. The burr goes along
+//! its waypoints; the distance to a structure is exact at places no farther apart than [`STEP_MM`]. Places are asked in the
+//! order of their planned distance, until none that is left can be nearer, so a sample costs a few hundred questions.
+
+use bonemill_geometry::{Ct, Point, cancel};
+use rayon::prelude::*;
+
+use super::draws::Draws;
+use super::rigid_error::Motion;
+use super::{RigidError, Share, UncertaintyError, clearance_mm, not_negative, probability};
+use crate::{Anatomy, Boxes};
+use bonemill_geometry::Progress;
+use bonemill_planfile::StoredPlan;
+
+/// Between places of the burr, mm.
+const STEP_MM: f64 = 0.1;
+/// The most samples.
+const MOST_SAMPLES: usize = 1_000_000;
+
+/// Samples between two words on how far it is.
+const AT_ONCE: usize = 1024;
+
+/// What may be wrong, by how much.
+#[derive(Debug, Clone)]
+pub struct ErrorModel {
+    /// Of the registration.
+    pub registration: RigidError,
+    /// Standard deviation of every structure's boundary, mm.
+    pub boundary_sigma_mm: f64,
+    /// Standard deviation of density, as a share.
+    pub density_share: f64,
+    /// Standard deviation of the cutting coefficients, as a share.
+    pub coefficient_share: f64,
+    /// Samples.
+    pub samples: usize,
+    /// Where the draws begin.
+    pub seed: u64,
+    /// The probability with which every structure is to be kept.
+    pub keep: f64,
+}
+
+/// What a plan risks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Risk {
+    /// Per structure, in the case's order.
+    pub structures: Vec<StructureRisk>,
+    /// Of forces.
+    pub forces: Vec<ForceSpread>,
+}
+
+/// What one structure risks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StructureRisk {
+    /// Its name.
+    pub name: String,
+    /// The burr touches it.
+    pub touched: Share,
+    /// Distance kept in 5 %, 50 % and 95 % of the samples, mm; below 0 it is cut.
+    pub kept_mm: [f64; 3],
+    /// The clearance that would keep it with the probability asked for, mm.
+    pub clearance_mm: f64,
+}
+
+impl StructureRisk {
+    /// Whether it was shown to be touched more often than `keep` allows: already the interval's lower end is too much.
+    pub fn falls_short(&self, keep: f64) -> bool {
+        self.touched.low > 1.0 - keep
+    }
+}
+
+/// A force and what it may be.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ForceSpread {
+    /// Which.
+    pub name: String,
+    /// As planned, N.
+    pub planned_n: f64,
+    /// In 5 %, 50 % and 95 % of the samples, N.
+    pub spread_n: [f64; 3],
+}
+
+/// Standard deviations of what may be wrong, the same along and about every axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sigmas {
+    /// Registration along each axis of ct, mm.
+    pub registration_mm: f64,
+    /// Registration about each axis through the middle of the path, rad.
+    pub registration_rad: f64,
+    /// Boundary of each structure, mm.
+    pub boundary_mm: f64,
+    /// Density, as a share.
+    pub density_share: f64,
+    /// Cutting coefficients, as a share.
+    pub coefficient_share: f64,
+}
+
+impl ErrorModel {
+    /// Errors about the middle of a plan's path.
+    ///
+    /// # Errors
+    /// [`UncertaintyError`] for a number out of range.
+    pub fn about_path(
+        plan: &StoredPlan,
+        sigmas: &Sigmas,
+        samples: usize,
+        seed: u64,
+        keep: f64,
+    ) -> Result<Self, UncertaintyError> {
+        let mut middle = Point::new(0.0, 0.0, 0.0);
+        for w in &plan.waypoints {
+            middle = middle + w.position.coords / plan.waypoints.len() as f64;
+        }
+        let (along, about) = ([sigmas.registration_mm; 3], [sigmas.registration_rad; 3]);
+        let model = Self {
+            registration: RigidError::of_sigmas(along, about, middle)?,
+            boundary_sigma_mm: sigmas.boundary_mm,
+            density_share: sigmas.density_share,
+            coefficient_share: sigmas.coefficient_share,
+            samples,
+            seed,
+            keep,
+        };
+        model.check()?;
+        Ok(model)
+    }
+
+    fn check(&self) -> Result<(), UncertaintyError> {
+        not_negative("boundary sigma, mm", self.boundary_sigma_mm)?;
+        not_negative("density's standard deviation", self.density_share)?;
+        not_negative("coefficients' standard deviation", self.coefficient_share)?;
+        probability(self.keep)?;
+        if (1..=MOST_SAMPLES).contains(&self.samples) {
+            return Ok(());
+        }
+        let expected = "a whole number from 1 to 1000000";
+        Err(UncertaintyError::Value { what: "samples", value: self.samples as f64, expected })
+    }
+}
+
+/// Draws errors and repeats the plan under each; `progress` is told samples, over all structures.
+///
+/// # Errors
+/// [`UncertaintyError`] for numbers out of range and images that cannot be read.
+pub fn simulate_errors(
+    plan: &StoredPlan,
+    model: &ErrorModel,
+    progress: &dyn Progress,
+) -> Result<Risk, UncertaintyError> {
+    model.check()?;
+    progress.stage("draw errors");
+    let anatomy = Anatomy::read(plan)?;
+    let places = places(plan);
+    let radius = plan.record.case.burr.radius_mm;
+    let structures = anatomy
+        .kept
+        .iter()
+        .enumerate()
+        .filter_map(|(n, kept)| Some((n, kept, Boxes::new(&anatomy.labels, kept.label)?)))
+        .map(|(n, kept, boxes)| {
+            let near = Near::new(&places, &boxes, &model.registration);
+            let distance_mm = |sample: u64| {
+                cancel::poll();
+                let mut draws = Draws::of_sample(model.seed, sample);
+                let motion = model.registration.draw(&mut draws);
+                // every structure has a boundary of its own: the n-th number after the motion
+                let offset = (0..=n).map(|_| draws.normal()).last().unwrap_or(0.0);
+                near.least_mm(&boxes, &motion) - radius - model.boundary_sigma_mm * offset
+            };
+            let mut kept_mm: Vec<f64> = Vec::with_capacity(model.samples);
+            while kept_mm.len() < model.samples {
+                let from = kept_mm.len();
+                progress.advance(n * model.samples + from, anatomy.kept.len() * model.samples);
+                let to = model.samples.min(from + AT_ONCE);
+                kept_mm.par_extend((from as u64..to as u64).into_par_iter().map(distance_mm));
+            }
+            let touched = kept_mm.iter().filter(|d| **d <= 0.0).count();
+            let clearance = clearance_mm(
+                &model.registration,
+                model.boundary_sigma_mm,
+                near_surface(&boxes, &places, radius),
+                model.keep,
+            )?;
+            Ok(StructureRisk {
+                name: kept.name.clone(),
+                touched: Share::of(touched, model.samples),
+                kept_mm: quantiles(&mut kept_mm),
+                clearance_mm: clearance,
+            })
+        })
+        .collect::<Result<_, UncertaintyError>>()?;
+    Ok(Risk { structures, forces: forces(plan, model) })
+}
+
+/// Places of the burr's centre along the moves.
+fn places(plan: &StoredPlan) -> Vec<Point<Ct>> {
+    let mut places: Vec<_> = plan.waypoints.first().map(|w| w.position).into_iter().collect();
+    for pair in plan.waypoints.windows(2) {
+        let way = pair[1].position - pair[0].position;
+        let parts = (way.norm() / STEP_MM).ceil().clamp(1.0, 1e5);
+        places.extend((1..=parts as usize).map(|n| pair[0].position + way * (n as f64 / parts)));
+    }
+    places
+}
+
+/// The structure's points that face the burr where it comes near: enough to know how they move.
+fn near_surface(boxes: &Boxes<'_>, places: &[Point<Ct>], radius_mm: f64) -> Vec<Point<Ct>> {
+    const NEAR_MM: f64 = 10.0;
+    let every = places.len().div_ceil(2000).max(1);
+    let facing = |p: &Point<Ct>| {
+        let (d, q) = boxes.nearest(*p);
+        (d - radius_mm < NEAR_MM).then_some(q)
+    };
+    places.par_iter().step_by(every).filter_map(facing).collect()
+}
+
+/// Places by their planned distance to one structure.
+struct Near {
+    /// Ascending.
+    places: Vec<(f64, Point<Ct>)>,
+    /// Farthest place from the centre of rotation, mm.
+    reach_mm: f64,
+}
+
+impl Near {
+    fn new(places: &[Point<Ct>], boxes: &Boxes<'_>, registration: &RigidError) -> Self {
+        let mut places: Vec<_> = places.par_iter().map(|p| (boxes.distance_mm(*p), *p)).collect();
+        places.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let about = *registration.draw(&mut Draws::of_sample(0, 0)).about();
+        let reach_mm = places.iter().map(|(_, p)| (p.coords - about).norm()).fold(0.0, f64::max);
+        Self { places, reach_mm }
+    }
+
+    /// Least distance of the burr's centre under a motion, mm.
+    fn least_mm(&self, boxes: &Boxes<'_>, motion: &Motion) -> f64 {
+        let most = motion.most_mm(self.reach_mm);
+        let mut least = f64::INFINITY;
+        for (planned, p) in &self.places {
+            if planned - most >= least {
+                break;
+            }
+            let moved = motion.in_images(*p);
+            if planned - moved.distance_mm(p) < least {
+                least = least.min(boxes.distance_mm(moved));
+            }
+        }
+        least
+    }
+}
+
+/// Peak and mean force, and the peak toward each structure, scaled by drawn K and density.
+fn forces(plan: &StoredPlan, model: &ErrorModel) -> Vec<ForceSpread> {
+    let exponent = plan.record.case.material.exponent;
+    let scales: Vec<f64> = (0..model.samples as u64)
+        .map(|sample| {
+            // draws of their own: the registration's do not change when these are asked for
+            let mut draws = Draws::of_sample(model.seed ^ u64::MAX, sample);
+            let k = (1.0 + model.coefficient_share * draws.normal()).max(0.0);
+            let density = (1.0 + model.density_share * draws.normal()).max(0.0);
+            k * density.powf(exponent)
+        })
+        .collect();
+    let spread = |name: String, planned_n: f64| {
+        let mut all: Vec<f64> = scales.iter().map(|s| s * planned_n).collect();
+        ForceSpread { name, planned_n, spread_n: quantiles(&mut all) }
+    };
+    let rows = &plan.waypoints;
+    let norms = || rows.iter().filter(|w| w.mass_mg > 0.0).map(|w| w.force_n.norm());
+    let mut found = vec![
+        spread("peak".into(), norms().fold(0.0, f64::max)),
+        spread("mean of waypoints".into(), norms().sum::<f64>() / norms().count().max(1) as f64),
+    ];
+    for (n, structure) in plan.record.case.structures.iter().enumerate() {
+        let toward = plan.forces.iter().filter(|f| f.structure == n).map(|f| f.force_toward_n);
+        found.push(spread(format!("peak toward {}", structure.name), toward.fold(0.0, f64::max)));
+    }
+    found
+}
+
+/// The values that 5 %, 50 % and 95 % do not exceed.
+fn quantiles(values: &mut [f64]) -> [f64; 3] {
+    values.sort_by(f64::total_cmp);
+    [0.05, 0.5, 0.95].map(|share| {
+        let at = (share * (values.len().max(1) - 1) as f64).round() as usize;
+        values.get(at).copied().unwrap_or(0.0)
+    })
+}

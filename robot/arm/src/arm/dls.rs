@@ -1,0 +1,165 @@
+//! Damped least squares: a joint vector for a pose, by an arm's Jacobian, from a start.
+//!
+//! ```text
+//! Δq = W Jᵀ (J W Jᵀ + μ s I)⁻¹ e
+//! ```
+//!
+//! e: 3 rows of mm and 3 of rad counted at [`LEVER_MM`]; W: the joints' speed limits squared, so that mm and rad joints
+//! share the work by what they can; s: the mean of J W Jᵀ's diagonal; μ falls while steps help and rises when they do not
+//! (Levenberg–Marquardt), so a singular arm gives a stated shortfall, never a jump or NaN. Joints stay in their range.
+//!
+//! **Source:** Wampler 1986, "Manipulator inverse kinematic solutions based on vector formulations and damped
+//! least-squares methods"; damping by Marquardt 1963.
+
+use bonemill_geometry::{Base, Rigid, Tool};
+use nalgebra::{Matrix3, Matrix6, Matrix6xX, Vector3, Vector6};
+
+use super::inverse::{AxisPose, angle_between};
+use super::{Arm, JointKind};
+
+/// What a radian of the tool's orientation counts as, mm.
+const LEVER_MM: f64 = 100.0;
+
+/// Most steps, accepted or not.
+const STEPS: usize = 100;
+
+/// An error below this is rounding, mm.
+const DONE_MM: f64 = 1e-12;
+
+/// What the tool is to reach.
+#[derive(Debug, Clone, Copy)]
+pub enum Goal {
+    /// All six coordinates.
+    Pose(Rigid<Base, Tool>),
+    /// Point and axis; the spin about it is free.
+    Axis(AxisPose),
+}
+
+/// Where a search ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// Joint vector, mm or rad.
+    pub q: Vec<f64>,
+    /// Distance still to go, mm.
+    pub short_mm: f64,
+    /// Angle still to go, rad.
+    pub short_rad: f64,
+}
+
+impl Found {
+    /// Both errors at most `exact`, mm and rad.
+    pub fn is_within(&self, exact: f64) -> bool {
+        self.short_mm <= exact && self.short_rad <= exact
+    }
+}
+
+/// From `start`, which must be a joint vector of the arm.
+pub fn solve(arm: &Arm, goal: &Goal, start: &[f64]) -> Found {
+    let weights: Vec<f64> = arm.joints().iter().map(|joint| joint.velocity_limit.powi(2)).collect();
+    let mut q = start.to_vec();
+    let mut error = error(arm, goal, &q);
+    let mut damping = 1e-3;
+    let mut steps = 0;
+    while steps < STEPS && error.norm() > DONE_MM {
+        let jacobian = task_jacobian(arm, goal, &q);
+        let mut weighted = jacobian.clone();
+        for (mut column, weight) in weighted.column_iter_mut().zip(&weights) {
+            column *= *weight;
+        }
+        let square: Matrix6<f64> = &weighted * jacobian.transpose();
+        let scale = square.trace() / 6.0;
+        let mut stepped = false;
+        while steps < STEPS && damping < 1e9 {
+            steps += 1;
+            let damped = square + Matrix6::identity() * (damping * scale).max(f64::MIN_POSITIVE);
+            let Some(solved) = damped.cholesky().map(|c| c.solve(&error)) else {
+                damping *= 10.0;
+                continue;
+            };
+            let mut next = q.clone();
+            for (j, next) in next.iter_mut().enumerate() {
+                *next += weighted.column(j).dot(&solved);
+            }
+            keep_in_range(arm, &mut next);
+            let next_error = self::error(arm, goal, &next);
+            if next_error.norm() < error.norm() {
+                (q, error, stepped) = (next, next_error, true);
+                damping = (damping * 0.1).max(1e-14);
+                break;
+            }
+            damping *= 10.0;
+        }
+        if !stepped {
+            break;
+        }
+    }
+    Found {
+        short_mm: error.fixed_rows::<3>(0).norm(),
+        short_rad: error.fixed_rows::<3>(3).norm() / LEVER_MM,
+        q,
+    }
+}
+
+/// Ranges bind linear joints and those of less than a turn; others may turn on.
+fn keep_in_range(arm: &Arm, q: &mut [f64]) {
+    for (joint, q) in arm.joints().iter().zip(q) {
+        let range = joint.upper - joint.lower;
+        if joint.kind == JointKind::Prismatic || range < std::f64::consts::TAU {
+            *q = q.clamp(joint.lower, joint.upper);
+        }
+    }
+}
+
+/// What is still to go: mm, and rad × lever.
+fn error(arm: &Arm, goal: &Goal, q: &[f64]) -> Vector6<f64> {
+    let tool = arm.tool_at(q);
+    let now = tool.rotation.matrix();
+    let (position, turn) = match goal {
+        Goal::Pose(pose) => (pose.translation_mm, between(now, pose.rotation.matrix())),
+        Goal::Axis(pose) => {
+            let (angle, across) = angle_between(&now.column(2).into_owned(), &pose.axis);
+            (pose.position.coords, across.map_or(Vector3::zeros(), |across| across.into_inner() * angle))
+        }
+    };
+    let mut error = Vector6::zeros();
+    error.fixed_rows_mut::<3>(0).copy_from(&(position - tool.translation_mm));
+    error.fixed_rows_mut::<3>(3).copy_from(&(turn * LEVER_MM));
+    error
+}
+
+/// The rotation vector from one orientation to another; exact for small angles, unlike an arc cosine of the trace.
+fn between(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Vector3<f64> {
+    let sine: Vector3<f64> = (0..3).map(|k| from.column(k).cross(&to.column(k))).sum::<Vector3<f64>>() * 0.5;
+    let cosine = 0.5 * ((from.transpose() * to).trace() - 1.0);
+    let size = sine.norm();
+    let angle = size.atan2(cosine);
+    if size > 1e-9 {
+        return sine * (angle / size);
+    }
+    // straight, or half a turn, whose axis the sine does not show
+    if cosine > 0.0 { sine } else { half_turn(&(to * from.transpose())) }
+}
+
+/// π times the axis of a half turn R = 2 a aᵀ − 1.
+fn half_turn(r: &Matrix3<f64>) -> Vector3<f64> {
+    let square = (r + Matrix3::identity()) * 0.5;
+    let column = (0..3).map(|k| square.column(k).into_owned()).max_by(|a, b| a.norm().total_cmp(&b.norm()));
+    column.and_then(|a| a.try_normalize(0.0)).unwrap_or_else(Vector3::x) * std::f64::consts::PI
+}
+
+/// The error's derivative, angles at the lever; for an axis without what turns about it.
+fn task_jacobian(arm: &Arm, goal: &Goal, q: &[f64]) -> Matrix6xX<f64> {
+    let mut jacobian = arm.tool_jacobian_at(q);
+    let spin = match goal {
+        Goal::Pose(_) => None,
+        Goal::Axis(_) => Some(arm.tool_at(q).rotation * Vector3::z()),
+    };
+    for mut column in jacobian.column_iter_mut() {
+        let mut turn = column.fixed_rows::<3>(3).into_owned();
+        if let Some(axis) = spin {
+            turn -= axis * axis.dot(&turn);
+        }
+        column.fixed_rows_mut::<3>(3).copy_from(&(turn * LEVER_MM));
+    }
+    jacobian
+}

@@ -1,0 +1,210 @@
+//! Forward kinematics, Jacobian and compliance of any serial arm.
+//!
+//! Invariants: all of it is a pure function of the joint vector; the pose is the product of the URDF's origins and joint
+//! motions, nothing fitted. Not here: inverse kinematics.
+
+use bonemill_geometry::{Base, Flange, Point, Rigid, Tool};
+use nalgebra::{Matrix3, Matrix3xX, Matrix6xX, Rotation3, Unit, Vector3};
+
+use super::{Arm, ArmKind, JointKind, check_positive};
+use crate::error::RobotError;
+
+/// A moving joint as it stands at one joint vector, in base.
+struct JointAxis {
+    kind: JointKind,
+    /// Unit axis.
+    direction: Unit<Vector3<f64>>,
+    /// A point on it, mm.
+    point_mm: Vector3<f64>,
+}
+
+impl Arm {
+    /// Pose of the flange in base.
+    ///
+    /// base_from_flange = Π O_i M_i(q): O the URDF's origins, M the joint's translation q·a or rotation about a.
+    /// `q`: mm or rad by joint, shape (dof).
+    ///
+    /// # Errors
+    /// [`RobotError::Length`] or [`RobotError::Value`] where `q` is no joint vector of this arm. Limits are not checked.
+    pub fn forward(&self, q: &[f64]) -> Result<Rigid<Base, Flange>, RobotError> {
+        self.check_q(q)?;
+        Ok(self.walk(q, |_| ()))
+    }
+
+    /// Pose of the tool in base: origin the burr's centre, z along the shaft to the handpiece.
+    ///
+    /// # Errors
+    /// As [`Arm::forward`].
+    pub fn burr(&self, q: &[f64]) -> Result<Rigid<Base, Tool>, RobotError> {
+        Ok(self.forward(q)? * self.mount().flange_from_burr)
+    }
+
+    /// Where the moving joints are, each on its axis, and the flange last, in base, shape (dof + 1): the arm as a line.
+    ///
+    /// # Errors
+    /// As [`Arm::forward`].
+    pub fn joint_places(&self, q: &[f64]) -> Result<Vec<Point<Base>>, RobotError> {
+        self.check_q(q)?;
+        let mut places = Vec::with_capacity(self.dof() + 1);
+        let flange = self.walk(q, |axis| places.push(Point::from_coords(axis.point_mm)));
+        places.push(Point::from_coords(flange.translation_mm));
+        Ok(places)
+    }
+
+    /// The lowest place of a UR's links over its mounting plane, mm, and which joint it is from 2 on, or 7 for the flange: links
+    /// are lines from joint to joint, and what stands between the base and the shoulder does not count. `None` for another arm.
+    ///
+    /// # Errors
+    /// As [`Arm::forward`].
+    pub fn lowest_link(&self, q: &[f64]) -> Result<Option<(f64, usize)>, RobotError> {
+        if self.kind() != ArmKind::Ur {
+            return Ok(None);
+        }
+        let places = self.joint_places(q)?;
+        let heights = places.iter().enumerate().skip(1).map(|(n, place)| (place.z(), n + 1));
+        Ok(heights.min_by(|a, b| a.0.total_cmp(&b.0)))
+    }
+
+    /// Geometric Jacobian at the flange's origin, in base, shape 6 × dof.
+    ///
+    /// Rows 0–2: d(position)/dq, mm per mm or mm per rad. Rows 3–5: angular velocity per joint velocity, 1/mm or 1.
+    /// Prismatic: (a, 0); revolute: (a × (p − o), a) with a the axis, o a point on it, p the flange's origin.
+    ///
+    /// # Errors
+    /// As [`Arm::forward`].
+    pub fn jacobian(&self, q: &[f64]) -> Result<Matrix6xX<f64>, RobotError> {
+        self.check_q(q)?;
+        Ok(self.jacobian_at(q, &Vector3::zeros()))
+    }
+
+    /// Jacobian of the burr's centre, in base, shape 3 × dof, mm per mm or mm per rad.
+    ///
+    /// # Errors
+    /// As [`Arm::forward`].
+    pub fn burr_jacobian(&self, q: &[f64]) -> Result<Matrix3xX<f64>, RobotError> {
+        self.check_q(q)?;
+        Ok(self.jacobian_at(q, &self.mount().flange_from_burr.translation_mm).fixed_rows::<3>(0).into_owned())
+    }
+
+    /// Compliance at the burr's centre, in base, mm/N: deflection = C · force.
+    ///
+    /// C = J χ⁻¹ Jᵀ, J the burr's 3 × dof Jacobian, χ = diag(stiffness): N/mm for prismatic and N·mm/rad for revolute
+    /// joints, shape (dof). Symmetric, positive semidefinite. Links are rigid.
+    ///
+    /// # Errors
+    /// As [`Arm::forward`], and where a stiffness is missing, not finite or not above 0.
+    ///
+    /// **Source:** Dillon et al. 2016, eq. (10).
+    pub fn compliance(&self, q: &[f64], stiffness: &[f64]) -> Result<Matrix3<f64>, RobotError> {
+        check_positive("joint_stiffness", stiffness, self.dof(), "N/mm or N·mm/rad")?;
+        let jacobian = self.burr_jacobian(q)?;
+        let columns = jacobian.column_iter().zip(stiffness);
+        Ok(columns.map(|(column, chi)| column * column.transpose() / *chi).sum())
+    }
+
+    /// Jacobian of the tool at the burr's centre, in base, shape 6 × dof, rows as in [`Arm::jacobian`].
+    ///
+    /// # Errors
+    /// As [`Arm::forward`].
+    pub fn tool_jacobian(&self, q: &[f64]) -> Result<Matrix6xX<f64>, RobotError> {
+        self.check_q(q)?;
+        Ok(self.tool_jacobian_at(q))
+    }
+
+    /// The same for a joint vector that was checked.
+    pub fn tool_jacobian_at(&self, q: &[f64]) -> Matrix6xX<f64> {
+        self.jacobian_at(q, &self.mount().flange_from_burr.translation_mm)
+    }
+
+    /// [`Arm::burr`] for a joint vector that was checked.
+    pub fn tool_at(&self, q: &[f64]) -> Rigid<Base, Tool> {
+        self.walk(q, |_| ()) * self.mount().flange_from_burr
+    }
+
+    /// The slowest direction of the tool when every joint runs at its speed limit at most, mm/s: the smallest singular
+    /// value of the task's Jacobian times diag(q̇ max), where the axis counts 100 mm per rad.
+    ///
+    /// The task is the burr's centre and the shaft's axis, five coordinates; of an arm with fewer joints, the motions that
+    /// it has. 0 at a singularity.
+    ///
+    /// # Errors
+    /// As [`Arm::forward`].
+    pub fn slowest_mm_s(&self, q: &[f64]) -> Result<f64, RobotError> {
+        const LEVER_MM: f64 = 100.0;
+        self.check_q(q)?;
+        let axis = self.tool_at(q).rotation * Vector3::z();
+        let mut jacobian = self.tool_jacobian_at(q);
+        for (mut column, joint) in jacobian.column_iter_mut().zip(self.joints()) {
+            let turn = column.fixed_rows::<3>(3).into_owned();
+            column.fixed_rows_mut::<3>(3).copy_from(&((turn - axis * axis.dot(&turn)) * LEVER_MM));
+            column *= joint.velocity_limit;
+        }
+        // JᵀJ or JJᵀ, whichever is smaller, would square the condition: singular values of J itself
+        let mut values: Vec<f64> = jacobian.singular_values().iter().copied().collect();
+        values.sort_by(|a, b| b.total_cmp(a));
+        Ok(values.get(self.dof().min(5) - 1).copied().unwrap_or(0.0))
+    }
+
+    /// How far the burr moves at most per unit of each joint, mm per mm or mm per rad, shape (dof).
+    ///
+    /// 1 for a prismatic joint. For a revolute one the length of everything behind it: Σ |O_i| + greatest |q| of the
+    /// prismatic joints + |flange_from_burr|, an upper bound over the whole workspace.
+    pub fn lever_mm(&self) -> Vec<f64> {
+        let mut reach_mm = self.mount().flange_from_burr.translation_mm.norm();
+        let mut levers = Vec::with_capacity(self.dof());
+        let mut joints = self.joints().iter().rev();
+        for segment in self.segments.iter().rev() {
+            let moving = segment.motion.and_then(|(kind, _)| Some((kind, joints.next()?)));
+            match moving {
+                Some((JointKind::Revolute, _)) => levers.push(reach_mm),
+                Some((JointKind::Prismatic, joint)) => {
+                    levers.push(1.0);
+                    reach_mm += joint.lower.abs().max(joint.upper.abs());
+                }
+                None => {}
+            }
+            reach_mm += segment.translation_mm.norm();
+        }
+        levers.reverse();
+        levers
+    }
+
+    /// Jacobian of the point `in_flange_mm`, which moves with the flange. `q` was checked.
+    fn jacobian_at(&self, q: &[f64], in_flange_mm: &Vector3<f64>) -> Matrix6xX<f64> {
+        let mut axes = Vec::with_capacity(self.dof());
+        let pose = self.walk(q, |axis| axes.push(axis));
+        let point = pose.rotation * in_flange_mm + pose.translation_mm;
+        let mut jacobian = Matrix6xX::zeros(axes.len());
+        for (mut column, axis) in jacobian.column_iter_mut().zip(&axes) {
+            let (linear, angular) = match axis.kind {
+                JointKind::Prismatic => (axis.direction.into_inner(), Vector3::zeros()),
+                JointKind::Revolute => {
+                    (axis.direction.cross(&(point - axis.point_mm)), axis.direction.into_inner())
+                }
+            };
+            column.fixed_rows_mut::<3>(0).copy_from(&linear);
+            column.fixed_rows_mut::<3>(3).copy_from(&angular);
+        }
+        jacobian
+    }
+
+    /// From base to flange, showing every moving joint's axis on the way. `q` was checked.
+    fn walk(&self, q: &[f64], mut show: impl FnMut(JointAxis)) -> Rigid<Base, Flange> {
+        let mut rotation = Rotation3::identity();
+        let mut origin = Vector3::zeros();
+        let mut positions = q.iter();
+        for segment in &self.segments {
+            origin += rotation * segment.translation_mm;
+            rotation *= segment.rotation;
+            let Some((kind, axis)) = segment.motion else { continue };
+            let position = positions.next().copied().unwrap_or(0.0);
+            let direction = Unit::new_unchecked(rotation * axis.into_inner());
+            show(JointAxis { kind, direction, point_mm: origin });
+            match kind {
+                JointKind::Prismatic => origin += direction.into_inner() * position,
+                JointKind::Revolute => rotation *= Rotation3::from_axis_angle(&axis, position),
+            }
+        }
+        Rigid::new(rotation, origin)
+    }
+}

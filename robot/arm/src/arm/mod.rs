@@ -1,0 +1,248 @@
+//! Arms: a serial chain of prismatic and revolute joints with its limits and its tool.
+//!
+//! Positions, velocities and accelerations are mm and rad by the joint's kind; poses are [`Rigid`] from flange to base.
+//! An [`Arm`] is plain data: every function is pure, and threads may share one. Built and checked once; whatever a
+//! constructed arm is asked, only the length and finiteness of the joint vector can still be wrong.
+//!
+//! Every arm has an inverse ([`Arm::inverse`]): UR arms and the bone-attached one in closed form, others by damped least
+//! squares.
+
+pub mod bone_attached;
+pub mod dls;
+pub mod inverse;
+mod joint;
+mod kinematics;
+mod reader;
+mod urdf;
+
+use bonemill_geometry::{Flange, Rigid, Tool};
+
+pub use inverse::{AxisPose, Solutions};
+pub use joint::{Joint, JointExcess, JointKind};
+pub(crate) use reader::read_text;
+pub use reader::{load, read_urdf};
+
+use crate::error::RobotError;
+use crate::ur::{UrGeometry, UrModel};
+pub use dls::Goal;
+pub use inverse::InverseKind;
+use urdf::Segment;
+
+/// Which arm it is, as far as that changes how it is planned for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ArmKind {
+    /// Three linear joints and a tilt.
+    BoneAttached,
+    /// A UR.
+    Ur,
+    /// Any serial URDF.
+    Other,
+}
+
+/// How the tool sits on the flange.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ToolMount {
+    /// Pose of the tool (origin: burr's centre, z: along the shaft to the handpiece) in the flange.
+    pub flange_from_burr: Rigid<Flange, Tool>,
+}
+
+impl Default for ToolMount {
+    /// The identity: the URDF ends at the burr.
+    fn default() -> Self {
+        Self { flange_from_burr: Rigid::identity() }
+    }
+}
+
+/// A serial arm: kinematics, limits, tool.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Arm {
+    urdf_text: String,
+    segments: Vec<Segment>,
+    joints: Vec<Joint>,
+    mount: ToolMount,
+    inverse: InverseKind,
+}
+
+impl Arm {
+    /// The arm that a URDF describes, from `base_link` (else the root) to `tool0` (else the only tip).
+    ///
+    /// Accelerations and jerks are assumed: URDF has no field for them, so every joint reaches full speed in 0.1 s, and
+    /// full acceleration in 0.02 s.
+    /// `source_name` is the file or arm that messages name.
+    ///
+    /// # Errors
+    /// [`RobotError::ParseUrdf`] where the text is no URDF; [`RobotError::Urdf`] where links and joints form no open
+    /// chain with one tip, where nothing moves, or where a number or limit makes no sense.
+    pub fn from_urdf(text: &str, source_name: &str) -> Result<Self, RobotError> {
+        let urdf::Description { segments, joints } = urdf::parse(text, source_name)?;
+        let (mount, inverse) = (ToolMount::default(), InverseKind::Numeric);
+        Ok(Self { urdf_text: text.to_owned(), segments, joints, mount, inverse })
+    }
+
+    /// The same arm within tighter limits, one value per joint, mm/s or rad/s and mm/s² or rad/s².
+    ///
+    /// Velocities: the stricter of the given value and the URDF's. Accelerations: the given value, since URDF states
+    /// none and what stood here was an assumption. `None` leaves what is.
+    ///
+    /// # Errors
+    /// [`RobotError::Length`] or [`RobotError::Value`] (not finite, not above 0).
+    pub fn with_limits(
+        mut self,
+        velocity: Option<&[f64]>,
+        acceleration: Option<&[f64]>,
+    ) -> Result<Self, RobotError> {
+        let dof = self.dof();
+        if let Some(velocity) = velocity {
+            check_positive("velocity_limits", velocity, dof, "mm/s or rad/s")?;
+            for (joint, &limit) in self.joints.iter_mut().zip(velocity) {
+                joint.velocity_limit = joint.velocity_limit.min(limit);
+            }
+        }
+        if let Some(acceleration) = acceleration {
+            check_positive("acceleration_limits", acceleration, dof, "mm/s² or rad/s²")?;
+            for (joint, &limit) in self.joints.iter_mut().zip(acceleration) {
+                joint.acceleration_limit = limit;
+                joint.jerk_limit = joint::assumed_jerk(limit);
+            }
+        }
+        Ok(self)
+    }
+
+    /// The same arm with other jerk limits, one per joint, mm/s³ or rad/s³; what stood here was an assumption.
+    ///
+    /// # Errors
+    /// [`RobotError::Length`] or [`RobotError::Value`] (not finite, not above 0).
+    pub fn with_jerk_limits(mut self, jerk: &[f64]) -> Result<Self, RobotError> {
+        check_positive("jerk_limits", jerk, self.dof(), "mm/s³ or rad/s³")?;
+        for (joint, &limit) in self.joints.iter_mut().zip(jerk) {
+            joint.jerk_limit = limit;
+        }
+        Ok(self)
+    }
+
+    /// The same arm with the closed form of a UR's geometry; `calibrated`: it only starts the search.
+    pub(crate) fn with_ur_inverse(mut self, geometry: UrGeometry, calibrated: bool) -> Self {
+        self.inverse = InverseKind::Ur { geometry, calibrated };
+        self
+    }
+
+    /// The same arm with the closed form of the bone-attached layout.
+    fn with_bone_attached_inverse(mut self) -> Self {
+        self.inverse = InverseKind::BoneAttached;
+        self
+    }
+
+    /// The same arm with a tool on its flange.
+    #[must_use]
+    pub fn with_mount(mut self, mount: ToolMount) -> Self {
+        self.mount = mount;
+        self
+    }
+
+    /// The arm read back from the URDF that was written for a model: what a URDF cannot say of it, its assumed limits and its
+    /// closed form. A name that is no model's changes nothing.
+    ///
+    /// # Errors
+    /// [`RobotError::Length`] where the URDF has another number of joints than the model.
+    pub fn of_model(self, name: &str) -> Result<Self, RobotError> {
+        if name == "bone-attached" {
+            let arm = self.with_limits(None, Some(&bone_attached::ACCELERATION_LIMITS))?;
+            return Ok(arm.with_bone_attached_inverse());
+        }
+        match UrModel::by_name(name) {
+            // exact whether or not the URDF is a calibrated one
+            Some(model) => Ok(self.with_assumed_ur_limits()?.with_ur_inverse(model.geometry(), true)),
+            None => Ok(self),
+        }
+    }
+
+    /// Which arm it is.
+    pub fn kind(&self) -> ArmKind {
+        match self.inverse {
+            InverseKind::BoneAttached => ArmKind::BoneAttached,
+            InverseKind::Ur { .. } => ArmKind::Ur,
+            InverseKind::Numeric => ArmKind::Other,
+        }
+    }
+
+    /// Number of moving joints.
+    pub fn dof(&self) -> usize {
+        self.joints.len()
+    }
+
+    /// The moving joints from base to tip.
+    pub fn joints(&self) -> &[Joint] {
+        &self.joints
+    }
+
+    /// How the tool sits on the flange.
+    pub fn mount(&self) -> ToolMount {
+        self.mount
+    }
+
+    /// The URDF as it was read, for `robot.urdf`; limits given later are not in it.
+    pub fn urdf_text(&self) -> &str {
+        &self.urdf_text
+    }
+
+    /// The joint furthest beyond its limits, measured against the joint's range; none if `q` is within all.
+    ///
+    /// # Errors
+    /// [`RobotError::Length`] or [`RobotError::Value`] where `q` is no joint vector of this arm.
+    pub fn beyond_limits(&self, q: &[f64]) -> Result<Option<JointExcess>, RobotError> {
+        self.check_q(q)?;
+        Ok(joint::worst_excess(&self.joints, q))
+    }
+
+    /// [`Arm::beyond_limits`] for a joint vector that was checked.
+    pub fn excess_at(&self, q: &[f64]) -> Option<JointExcess> {
+        joint::worst_excess(&self.joints, q)
+    }
+
+    /// How this arm is inverted.
+    pub fn inverse_kind(&self) -> InverseKind {
+        self.inverse
+    }
+
+    /// `q` has one finite value per joint.
+    fn check_q(&self, q: &[f64]) -> Result<(), RobotError> {
+        if q.len() != self.dof() {
+            return Err(RobotError::Length { what: "joint position", got: q.len(), expected: self.dof() });
+        }
+        match q.iter().position(|value| !value.is_finite()) {
+            None => Ok(()),
+            Some(index) => Err(RobotError::Value {
+                what: "joint position",
+                index,
+                value: q[index],
+                unit: self.joints[index].kind.unit(),
+                expected: "a finite number",
+            }),
+        }
+    }
+}
+
+/// `values` has one finite value above 0 per joint.
+pub fn check_positive(
+    what: &'static str,
+    values: &[f64],
+    expected_len: usize,
+    unit: &'static str,
+) -> Result<(), RobotError> {
+    if values.len() != expected_len {
+        return Err(RobotError::Length { what, got: values.len(), expected: expected_len });
+    }
+    match values.iter().position(|value| !(value.is_finite() && *value > 0.0)) {
+        None => Ok(()),
+        Some(index) => Err(RobotError::Value {
+            what,
+            index,
+            value: values[index],
+            unit,
+            expected: "a finite number above 0",
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,297 @@
+//! URScript: a program that runs the whole cut on the controller. m, rad, s.
+//!
+//! `servoj` follows the planned joint positions on the planned clock; linear moves would be timed anew by the controller,
+//! which knows nothing of the caps. Before every step it asks whether the pose is within the safety limits, whether the stop
+//! input is set and how many mm the burr's centre is beside its planned path; if it is too far, and at the end, it stops the
+//! arm softly and switches the spindle off. The arm moves to the start only after the operator has confirmed, with the
+//! spindle off.
+//!
+//! `servoj` follows late, by tens of milliseconds: so the burr is compared with the path of the last [`LATE_S`], not with one
+//! place on it. An arm that stays farther behind than that is off its path, too. Both places come from the controller's own
+//! forward kinematics, so a calibration changes nothing.
+//!
+//! The controller's speed slider stretches the clock evenly. Speeds are checked here, so that no step asks for more than a
+//! joint's limit.
+
+use std::io::Write;
+
+use super::ros::list;
+use super::rows::ExportRows;
+use bonemill_arm::RobotError;
+use bonemill_arm::{JointKind, ToolMount};
+
+/// What a program needs beside the motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UrScript {
+    /// The tool on the flange.
+    pub mount: ToolMount,
+    /// Digital output that switches the spindle on.
+    pub spindle_output: u8,
+    /// Digital input that stops the program.
+    pub stop_input: u8,
+    /// Time that the spindle needs to run up, s.
+    pub run_up_s: f64,
+    /// Whether joint positions were planned with this arm's own calibration.
+    pub calibrated: bool,
+    /// How far the burr's centre may be beside its path before the program stops, mm.
+    pub most_aside_mm: f64,
+}
+
+impl UrScript {
+    /// Outputs and inputs as numbered first; 3 s to run up; 0.5 mm beside the path. Assumed.
+    pub fn with_mount(mount: ToolMount) -> Self {
+        Self { mount, spindle_output: 0, stop_input: 0, run_up_s: 3.0, calibrated: false, most_aside_mm: 0.5 }
+    }
+}
+
+/// How late the arm may be on its path, s: some times the 34 ms that users measured for `servoj`. Assumed.
+const LATE_S: f64 = 0.2;
+/// Places of the path that the program remembers.
+const REMEMBERED: usize = 8;
+
+/// Writes a program.
+///
+/// # Errors
+/// [`RobotError::Length`] where the arm has other than six joints; [`RobotError::Value`] where a joint is not revolute or a
+/// step is faster than its joint's limit; [`RobotError::Write`] when the writer fails.
+pub fn write_urscript(
+    out: &mut impl Write,
+    rows: &ExportRows<'_>,
+    options: &UrScript,
+) -> Result<(), RobotError> {
+    if rows.joints().len() != 6 {
+        return Err(RobotError::Length {
+            what: "joints of a UR program",
+            got: rows.joints().len(),
+            expected: 6,
+        });
+    }
+    if let Some(index) = rows.joints().iter().position(|joint| joint.kind != JointKind::Revolute) {
+        let (what, unit, expected) = ("joint of a UR program", "(prismatic)", "a revolute joint");
+        return Err(RobotError::Value { what, index, value: index as f64, unit, expected });
+    }
+    check_steps(rows)?;
+    let failed =
+        |rows_written: usize| move |source| RobotError::Write { rows_written: rows_written as u64, source };
+    let (_, start, _) = rows.row(0);
+    let step_s = if rows.count() > 1 { rows.row(1).0 } else { LATE_S };
+    out.write_all(head(options, &list(start), step_s).as_bytes()).map_err(failed(0))?;
+    let mut before_s = 0.0;
+    for n in 1..rows.count() {
+        let (time_s, q, _) = rows.row(n);
+        let line = format!("  step({}, {:.9})\n", list(q), time_s - before_s);
+        out.write_all(line.as_bytes()).map_err(failed(n))?;
+        before_s = time_s;
+    }
+    out.write_all(b"  safe_stop(\"done\")\nend\nbonemill()\n").map_err(failed(rows.count()))
+}
+
+/// No step asks for more than a joint's speed limit.
+fn check_steps(rows: &ExportRows<'_>) -> Result<(), RobotError> {
+    for n in 1..rows.count() {
+        let ((t0, from, _), (t1, to, _)) = (rows.row(n - 1), rows.row(n));
+        for (joint, (a, b)) in rows.joints().iter().zip(from.iter().zip(to)) {
+            let speed = (b - a).abs() / (t1 - t0);
+            if !speed.is_finite() || speed > joint.velocity_limit * (1.0 + 1e-6) {
+                let (what, unit, expected) = ("joint speed in step", "rad/s", "at most the joint's limit");
+                return Err(RobotError::Value { what, index: n, value: speed, unit, expected });
+            }
+        }
+    }
+    Ok(())
+}
+
+fn head(options: &UrScript, start: &str, step_s: f64) -> String {
+    let tool = &options.mount.flange_from_burr;
+    let turn = tool.rotation.scaled_axis();
+    let p = tool.translation_mm * 1e-3;
+    let tcp = list(&[p.x, p.y, p.z, turn.x, turn.y, turn.z]);
+    let UrScript { spindle_output, stop_input, run_up_s, most_aside_mm, .. } = options;
+    let kinematics = if options.calibrated {
+        "this arm's own calibration"
+    } else {
+        "nominal kinematics, 1-2 mm off the real arm"
+    };
+    // steps from one remembered place to the next
+    let every = (LATE_S / (step_s * (REMEMBERED - 1) as f64)).ceil().max(1.0);
+    let zeros = list(&[0.0; REMEMBERED]);
+    format!(
+        "def bonemill():
+  # a planned cut, followed on its own clock; m, rad, s. Planned with {kinematics}.
+  # Joint positions are what counts; the tool's pose follows from the arm's own calibration.
+  # The program stops where the burr's centre is more than {most_aside_mm:?} mm beside the path of the last {LATE_S:?} s. Being late
+  # on the path by less than that is no fault: servoj follows late. Both places are the controller's own forward kinematics.
+  global reason = \"\"
+  # where the plan had the burr's centre, oldest first, m
+  global path_x = {zeros}
+  global path_y = {zeros}
+  global path_z = {zeros}
+  global steps = 0
+  def safe_stop(why):
+    reason = why
+    stopj(2.0)
+    set_standard_digital_out({spindle_output}, False)
+    textmsg(\"bonemill: \", why)
+    if why != \"done\":
+      popup(why, title=\"bonemill stopped\", error=True, blocking=True)
+      halt
+    end
+  end
+  def plan_at(q, k):
+    local burr = get_forward_kin(q)
+    path_x[k] = burr[0]
+    path_y[k] = burr[1]
+    path_z[k] = burr[2]
+  end
+  def remember(q):
+    local k = 1
+    steps = steps + 1
+    if steps >= {every:.0}:
+      steps = 0
+      while k < {REMEMBERED}:
+        path_x[k - 1] = path_x[k]
+        path_y[k - 1] = path_y[k]
+        path_z[k - 1] = path_z[k]
+        k = k + 1
+      end
+    end
+    plan_at(q, {last})
+  end
+  def aside_mm():
+    local burr = get_actual_tcp_pose()
+    local least = 1000.0
+    local k = 1
+    while k < {REMEMBERED}:
+      local wx = path_x[k] - path_x[k - 1]
+      local wy = path_y[k] - path_y[k - 1]
+      local wz = path_z[k] - path_z[k - 1]
+      local dx = burr[0] - path_x[k - 1]
+      local dy = burr[1] - path_y[k - 1]
+      local dz = burr[2] - path_z[k - 1]
+      local way = wx * wx + wy * wy + wz * wz
+      local share = 0.0
+      if way > 0.0:
+        share = (dx * wx + dy * wy + dz * wz) / way
+      end
+      if share < 0.0:
+        share = 0.0
+      end
+      if share > 1.0:
+        share = 1.0
+      end
+      dx = dx - share * wx
+      dy = dy - share * wy
+      dz = dz - share * wz
+      local off = 1000.0 * sqrt(dx * dx + dy * dy + dz * dz)
+      if off < least:
+        least = off
+      end
+      k = k + 1
+    end
+    return least
+  end
+  def step(q, dt):
+    if get_standard_digital_in({stop_input}):
+      safe_stop(\"the stop input is set\")
+    end
+    if not is_within_safety_limits(q):
+      safe_stop(\"the next pose is outside the safety limits\")
+    end
+    if aside_mm() > {most_aside_mm:?}:
+      safe_stop(\"the burr is more than {most_aside_mm:?} mm beside its path\")
+    end
+    servoj(q, t=dt, lookahead_time=0.1, gain=300)
+    remember(q)
+  end
+  set_tcp(p{tcp})
+  set_standard_digital_out({spindle_output}, False)
+  popup(\"The arm moves to the start of the cut. Is the way free?\", title=\"bonemill\", blocking=True)
+  movej({start}, a=0.5, v=0.2)
+  local place = 0
+  while place < {REMEMBERED}:
+    plan_at({start}, place)
+    place = place + 1
+  end
+  popup(\"The spindle starts, then the cut.\", title=\"bonemill\", warning=True, blocking=True)
+  set_standard_digital_out({spindle_output}, True)
+  sleep({run_up_s:?})
+",
+        last = REMEMBERED - 1,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bonemill_arm::Arm;
+    use bonemill_arm::ur::UrModel;
+    use bonemill_geometry::Rigid;
+    use nalgebra::{Rotation3, Vector3};
+
+    fn written(speed_rad_s: f64) -> Result<String, RobotError> {
+        let arm = Arm::ur(UrModel::Ur5e, None).unwrap();
+        let time_s: Vec<f64> = (0..=500).map(|k| f64::from(k) * 0.002).collect();
+        let q: Vec<f64> =
+            time_s.iter().flat_map(|t| [0.3, -1.2, 1.4 + speed_rad_s * t, -0.7, -1.5, -0.1 * t]).collect();
+        let qd = vec![0.0; q.len()];
+        let rows = ExportRows::new(arm.joints(), &time_s, &q, &qd, 20)?;
+        let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+        let mount = ToolMount { flange_from_burr: Rigid::new(turn, Vector3::new(0.0, 0.0, 180.0)) };
+        let mut out = Vec::new();
+        write_urscript(&mut out, &rows, &UrScript::with_mount(mount))?;
+        Ok(String::from_utf8(out).unwrap())
+    }
+
+    /// The numbers of a `[..]` list.
+    fn numbers(text: &str) -> Vec<f64> {
+        let (_, rest) = text.split_once('[').unwrap();
+        rest.split_once(']').unwrap().0.split(", ").map(|cell| cell.parse().unwrap()).collect()
+    }
+
+    #[test]
+    fn the_steps_read_back_as_the_motion() {
+        let text = written(0.2).unwrap();
+        let steps: Vec<&str> = text.lines().filter(|line| line.starts_with("  step(")).collect();
+        assert_eq!(steps.len(), 25);
+        let mut time_s = 0.0;
+        for line in &steps {
+            let dt: f64 = line.rsplit_once(", ").unwrap().1.trim_end_matches(')').parse().unwrap();
+            time_s += dt;
+            let expected = [0.3, -1.2, 1.4 + 0.2 * time_s, -0.7, -1.5, -0.1 * time_s];
+            for (read, expected) in numbers(line).iter().zip(expected) {
+                assert!((read - expected).abs() < 1e-9, "{line}");
+            }
+        }
+        assert!((time_s - 1.0).abs() < 1e-9);
+        let start = text.lines().find(|line| line.starts_with("  movej(")).unwrap();
+        assert_eq!(numbers(start), [0.3, -1.2, 1.4, -0.7, -1.5, 0.0]);
+        let tcp = numbers(text.lines().find(|line| line.contains("set_tcp")).unwrap());
+        assert!((tcp[2] - 0.18).abs() < 1e-9 && (tcp[3].abs() - std::f64::consts::PI).abs() < 1e-8);
+    }
+
+    #[test]
+    fn blocks_are_closed_and_the_spindle_is_off_first_and_last() {
+        let text = written(0.2).unwrap();
+        let words = |line: &str| line.trim_start().split([' ', '(']).next().unwrap_or("").to_owned();
+        let opened = text.lines().filter(|line| ["def", "if", "while"].contains(&&words(line)[..])).count();
+        let closed = text.lines().filter(|line| words(line) == "end").count();
+        assert_eq!(opened, closed);
+        let place = |what: &str| text.find(what).unwrap();
+        assert!(place("set_standard_digital_out(0, False)\n  popup") < place("movej("));
+        assert!(place("movej(") < place("set_standard_digital_out(0, True)"));
+        assert!(text.trim_end().ends_with("safe_stop(\"done\")\nend\nbonemill()"));
+    }
+
+    #[test]
+    fn what_a_controller_cannot_run_is_refused() {
+        assert!(matches!(written(4.0), Err(RobotError::Value { what: "joint speed in step", .. })));
+        assert!(written(1.2).is_ok());
+        let bone = Arm::bone_attached().unwrap();
+        let rows = ExportRows::new(bone.joints(), &[0.0], &[0.0; 4], &[0.0; 4], 1).unwrap();
+        let options = UrScript::with_mount(ToolMount::default());
+        assert!(matches!(
+            write_urscript(&mut Vec::new(), &rows, &options),
+            Err(RobotError::Length { expected: 6, .. })
+        ));
+    }
+}

@@ -1,0 +1,161 @@
+//! Joint positions so close that an arm, straight in joint space between them, keeps to the path in space.
+//!
+//! Between two waypoints the burr goes along a line while the axis turns along a great circle. Straight in joint space it
+//! bows out of both; a move is halved until the bow is below [`BOW_MM`] and [`BOW_RAD`]. Where the axis turns fast for the
+//! way the burr goes, a shift of the burr along its line that no one would notice would read as another axis: there places
+//! stand so close that their axes differ by [`FAST_STEP_RAD`] at most.
+//!
+//! Invariants: every place is exactly on the path; waypoints are places; the burr's length of a move to a place is the
+//! greatest |J q'| on it, not its chord, so that a speed cap on it caps the burr at every instant.
+
+use nalgebra::Vector3;
+
+use super::{Follower, OutOfReach, PosePath, ReachReason, Resolved};
+use bonemill_arm::arm::inverse::angle_between;
+use bonemill_arm::arm::{Arm, AxisPose};
+
+/// Largest distance between the burr and its line in the middle of a move, mm.
+const BOW_MM: f64 = 0.002;
+/// Largest angle between the axis and where it should be in the middle of a move, rad.
+const BOW_RAD: f64 = 5e-4;
+/// The axis may turn by this much within [`SHIFT_MM`] before places are laid closer, rad.
+const FAST_STEP_RAD: f64 = 2.5e-3;
+/// What counts as no shift along the line, mm: about the corner tolerance.
+const SHIFT_MM: f64 = 0.02;
+/// Halvings before a move counts as a jump.
+const HALVINGS: u32 = 14;
+
+/// A joint path with places between waypoints.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct DensePath {
+    /// Joint positions, mm or rad, shape (places × dof).
+    pub q: Vec<f64>,
+    /// Greatest path length of the burr in the move to each place, mm, were it driven evenly at its fastest; 0 for the first.
+    pub burr_mm: Vec<f64>,
+    /// Burr's centre and axis at each place, in base, shape (places).
+    pub pose: Vec<[f64; 6]>,
+    /// The place of each waypoint.
+    pub waypoints: Vec<usize>,
+}
+
+impl DensePath {
+    /// Lays a path that was resolved.
+    ///
+    /// # Errors
+    /// [`OutOfReach`] where the arm cannot follow between two waypoints.
+    pub fn lay(arm: &Arm, path: &PosePath<'_>, resolved: &Resolved) -> Result<Self, OutOfReach> {
+        let dof = arm.dof();
+        let follower = Follower { arm, frame: path.frame, branch: resolved.branch };
+        let mut dense = Self::default();
+        for (i, pose) in path.poses.iter().enumerate() {
+            let q = &resolved.q[i * dof..(i + 1) * dof];
+            if i > 0 {
+                let before = i - 1;
+                let segment = Segment {
+                    follower: &follower,
+                    from: &path.poses[before],
+                    to: pose,
+                    spin: [resolved.spin_rad[before], resolved.spin_rad[i]],
+                };
+                let from = resolved.q[before * dof..i * dof].to_vec();
+                segment
+                    .lay([0.0, 1.0], &from, q, HALVINGS, &mut dense)
+                    .map_err(|reason| OutOfReach { pose: i, reason })?;
+            }
+            dense.push(arm, pose, q);
+            dense.waypoints.push(dense.burr_mm.len() - 1);
+        }
+        Ok(dense)
+    }
+
+    /// Number of places.
+    pub fn len(&self) -> usize {
+        self.burr_mm.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.burr_mm.is_empty()
+    }
+
+    /// A value per waypoint's move as one per place's move.
+    pub fn per_place(&self, per_waypoint: &[f64]) -> Vec<f64> {
+        let mut values = Vec::with_capacity(self.len());
+        for (place, value) in self.waypoints.iter().zip(per_waypoint) {
+            values.resize(place + 1, *value);
+        }
+        values
+    }
+
+    fn push(&mut self, arm: &Arm, pose: &AxisPose, q: &[f64]) {
+        let burr_mm = match self.len() {
+            0 => 0.0,
+            places => fastest_mm(arm, &self.q[(places - 1) * q.len()..], q),
+        };
+        self.burr_mm.push(burr_mm);
+        self.q.extend_from_slice(q);
+        let (p, a) = (pose.position.coords, pose.axis);
+        self.pose.push([p.x, p.y, p.z, a.x, a.y, a.z]);
+    }
+}
+
+/// The greatest |J Δq| from one joint vector to another: the burr's speed at its fastest, times the move's time.
+///
+/// |J(q) Δq|² is smooth along the move; its values at both ends and in the middle and the parabola through them bound it
+/// to third order, and moves are short.
+fn fastest_mm(arm: &Arm, from: &[f64], to: &[f64]) -> f64 {
+    let step: Vec<f64> = from.iter().zip(to).map(|(a, b)| b - a).collect();
+    let speed = |share: f64| {
+        let q: Vec<f64> = from.iter().zip(&step).map(|(a, d)| a + share * d).collect();
+        let jacobian = arm.tool_jacobian_at(&q);
+        let columns = jacobian.column_iter().zip(&step);
+        columns.map(|(column, d)| column.fixed_rows::<3>(0) * *d).sum::<Vector3<f64>>().norm()
+    };
+    let [a, b, c] = [0.0, 0.5, 1.0].map(speed);
+    let bend = (a - 2.0 * b + c).abs();
+    a.max(b).max(c) + 0.25 * bend
+}
+
+/// A move between two waypoints.
+struct Segment<'a> {
+    follower: &'a Follower<'a>,
+    from: &'a AxisPose,
+    to: &'a AxisPose,
+    spin: [f64; 2],
+}
+
+impl Segment<'_> {
+    /// Lays the places strictly between two shares of the move.
+    fn lay(
+        &self,
+        shares: [f64; 2],
+        from: &[f64],
+        to: &[f64],
+        halvings: u32,
+        dense: &mut DensePath,
+    ) -> Result<(), ReachReason> {
+        let share = 0.5 * (shares[0] + shares[1]);
+        let pose = self.from.between(self.to, share);
+        let mut q: Vec<f64> = from.iter().zip(to).map(|(a, b)| 0.5 * (a + b)).collect();
+        let driven = self.follower.arm.tool_at(&q);
+        let off_mm = (driven.translation_mm - pose.position.coords).norm();
+        let (off_rad, _) = angle_between(&(driven.rotation * Vector3::z()), &pose.axis);
+        if off_mm <= BOW_MM && off_rad <= BOW_RAD && self.turns_slowly(shares[1] - shares[0]) {
+            return Ok(());
+        }
+        if halvings == 0 {
+            return Err(ReachReason::Jump);
+        }
+        self.follower.step(&pose, self.spin[0] + share * (self.spin[1] - self.spin[0]), &mut q)?;
+        self.lay([shares[0], share], from, &q, halvings - 1, dense)?;
+        dense.push(self.follower.arm, &pose, &q);
+        self.lay([share, shares[1]], &q, to, halvings - 1, dense)
+    }
+
+    /// Whether a part of the move turns the axis little, in itself or for the way that it goes.
+    fn turns_slowly(&self, part: f64) -> bool {
+        let (turn_rad, _) = angle_between(&self.from.axis, &self.to.axis);
+        let length_mm = self.from.position.distance_mm(&self.to.position);
+        turn_rad * part <= FAST_STEP_RAD || turn_rad * SHIFT_MM <= FAST_STEP_RAD * length_mm
+    }
+}

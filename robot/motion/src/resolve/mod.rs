@@ -1,0 +1,255 @@
+//! Which joint vectors an arm takes along a path of points and axes.
+//!
+//! The burr spins, so the rotation about its axis is free, and a UR has eight branches for every pose. Both are chosen
+//! over the whole sequence: a path that is best step by step ends in front of a joint limit or a singularity.
+//!
+//! - UR arms ([`grid`]): dynamic programming over sampled spin, one pass per branch, then the spin is evened out between
+//!   its samples. A branch is kept for the whole path: between two branches lies a singularity, and the burr, which must
+//!   stay on its line, cannot go round it. A posture with a link below the mounting plane is taken only where there is no
+//!   other.
+//! - The bone-attached arm has one joint vector for every pose.
+//! - Other arms ([`track`]) follow the path by damped least squares from several starts, drifting towards the middle of
+//!   their ranges, and to where they yield less, as far as the task leaves that free.
+//!
+//! J = Σ g(q) Δs + w Σ Σⱼ (Δqⱼ/q̇ⱼ)²/Δs: g grows near limits and singularities, and with the compliance toward a structure
+//! where one is given; the second term is the joints' motion.
+//!
+//! [`postures`] says beforehand which poses an arm can take in one posture. [`dense`] then lays joint positions so closely that the arm, straight in joint space, keeps to the line in space.
+//!
+//! Out of reach is a value ([`OutOfReach`]) that says where and by how much.
+
+pub mod dense;
+mod grid;
+pub mod postures;
+mod track;
+
+use nalgebra::{Unit, Vector3};
+
+use bonemill_arm::RobotError;
+pub use bonemill_arm::arm::inverse::SpinFrame;
+use bonemill_arm::arm::{Arm, AxisPose, Goal, InverseKind, JointExcess, bone_attached, dls};
+use bonemill_arm::ur::Branches;
+use bonemill_arm::ur::ik::wrapped;
+pub use dense::DensePath;
+
+/// Error that a followed pose may have, mm and rad.
+const EXACT: f64 = 1e-8;
+
+/// What counts besides limits, singularities and motion.
+#[derive(Debug, Clone, Copy)]
+pub struct Stiffness<'a> {
+    /// N/mm or N·mm/rad per joint.
+    pub joint: &'a [f64],
+    /// Per pose: the direction in base in which the arm shall yield little; `None` where none matters.
+    pub toward: &'a [Option<Unit<Vector3<f64>>>],
+}
+
+/// A path as it is asked for.
+#[derive(Debug, Clone, Copy)]
+pub struct PosePath<'a> {
+    /// Points and axes, in base.
+    pub poses: &'a [AxisPose],
+    /// Length of the move that ends at each, mm; the first is ignored.
+    pub length_mm: &'a [f64],
+    /// What spins are counted from; a direction near all axes.
+    pub frame: SpinFrame,
+    /// Stiffness towards structures, when it counts.
+    pub stiffness: Option<Stiffness<'a>>,
+    /// What is asked of the posture.
+    pub posture: Posture<'a>,
+}
+
+/// What is asked of an arm's posture along a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Posture<'a> {
+    /// Nothing.
+    Any,
+    /// A UR's branch is one of these.
+    Of(Branches),
+    /// An arm without closed form starts near this joint vector, if the path can be followed from there.
+    From(&'a [f64]),
+}
+
+/// Joint vectors along a path.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Resolved {
+    /// mm or rad, shape (poses × dof); revolute joints without jumps by 2π.
+    pub q: Vec<f64>,
+    /// Spin about the axis at each pose, rad, without jumps; 0 for arms that have no choice.
+    pub spin_rad: Vec<f64>,
+    /// The branch of the whole path.
+    pub branch: u8,
+}
+
+/// Why a path cannot be followed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OutOfReach {
+    /// The pose, from 0.
+    pub pose: usize,
+    /// What is the matter there.
+    pub reason: ReachReason,
+}
+
+/// Why a pose cannot be taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ReachReason {
+    /// Too far away, or too near.
+    Beyond {
+        /// By how much, mm.
+        short_mm: f64,
+    },
+    /// The arm cannot tilt so.
+    Axis {
+        /// By how much, rad.
+        short_rad: f64,
+    },
+    /// A joint would leave its range.
+    Limit(JointExcess),
+    /// The pose can be taken, but on another branch than was asked for.
+    Branch,
+    /// Each pose can be taken, but the joints would have to jump between this one and the one before.
+    Jump,
+}
+
+impl std::fmt::Display for ReachReason {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Beyond { short_mm } => write!(f, "out of reach by {short_mm:.2} mm"),
+            Self::Axis { short_rad } => write!(f, "the shaft's axis is {:.2}° beyond what the arm can tilt", short_rad.to_degrees()),
+            Self::Limit(excess) => excess.fmt(f),
+            Self::Branch => f.write_str("another branch of the arm reaches it, but not what robot.branch asks for"),
+            Self::Jump => f.write_str("the joints would have to jump: the path leads through a singularity or from branch to branch"),
+        }
+    }
+}
+
+/// Joint vectors for a path, or why there are none.
+///
+/// # Errors
+/// [`RobotError::Length`] where lists do not match the poses or joints.
+pub fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Result<Resolved, OutOfReach>, RobotError> {
+    let expected = path.poses.len();
+    let length = |what, got| Err(RobotError::Length { what, got, expected });
+    if path.length_mm.len() != expected {
+        return length("path length", path.length_mm.len());
+    }
+    if let Some(stiffness) = &path.stiffness {
+        if stiffness.toward.len() != expected {
+            return length("direction of stiffness", stiffness.toward.len());
+        }
+        bonemill_arm::arm::check_positive("joint_stiffness", stiffness.joint, arm.dof(), "N/mm or N·mm/rad")?;
+    }
+    if path.poses.is_empty() {
+        return Ok(Ok(Resolved { q: vec![], spin_rad: vec![], branch: 0 }));
+    }
+    let in_range = |mut resolved| into_range(arm, &mut resolved).map(|()| resolved);
+    Ok(match arm.inverse_kind() {
+        InverseKind::BoneAttached => closed_form(arm, path).and_then(in_range),
+        InverseKind::Ur { .. } => grid::resolve(arm, path),
+        InverseKind::Numeric => track::resolve(arm, path).and_then(in_range),
+    })
+}
+
+/// ûᵀ C û toward a pose's structure, mm/N, counted at 100 N/mm: as much as a posture half-way to its limits for an arm of that
+/// stiffness; 0 where none counts.
+fn yielding(arm: &Arm, path: &PosePath<'_>, pose: usize, q: &[f64]) -> f64 {
+    let Some(Stiffness { joint, toward }) = path.stiffness else { return 0.0 };
+    let Some(toward) = toward.get(pose).copied().flatten() else { return 0.0 };
+    let jacobian = arm.tool_jacobian_at(q);
+    let columns = jacobian.column_iter().zip(joint);
+    let yields: f64 = columns.map(|(column, chi)| column.fixed_rows::<3>(0).dot(&toward).powi(2) / chi).sum();
+    100.0 * yields
+}
+
+/// The bone-attached arm.
+fn closed_form(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfReach> {
+    let mut q = vec![0.0; 4];
+    let mut all = Vec::with_capacity(path.poses.len() * 4);
+    for (i, pose) in path.poses.iter().enumerate() {
+        Follower { arm, frame: path.frame, branch: 0 }
+            .step(pose, 0.0, &mut q)
+            .map_err(|reason| OutOfReach { pose: i, reason })?;
+        all.extend_from_slice(&q);
+    }
+    Ok(Resolved { q: all, spin_rad: vec![0.0; path.poses.len()], branch: 0 })
+}
+
+/// Turns whole revolute joints by 2π into their range, and makes sure that all of the path is within.
+fn into_range(arm: &Arm, resolved: &mut Resolved) -> Result<(), OutOfReach> {
+    const TURN: f64 = std::f64::consts::TAU;
+    let dof = arm.dof();
+    for (j, joint) in arm.joints().iter().enumerate() {
+        let values = || resolved.q.iter().skip(j).step_by(dof);
+        let least = values().copied().fold(f64::INFINITY, f64::min);
+        let most = values().copied().fold(f64::NEG_INFINITY, f64::max);
+        if joint.kind == bonemill_arm::JointKind::Revolute && joint.is_bounded() {
+            let turns = ((0.5 * (least + most) - 0.5 * (joint.lower + joint.upper)) / TURN).round();
+            if turns != 0.0 {
+                resolved.q.iter_mut().skip(j).step_by(dof).for_each(|q| *q -= TURN * turns);
+            }
+        }
+    }
+    for (pose, q) in resolved.q.chunks_exact(dof).enumerate() {
+        if let Some(excess) = arm.excess_at(q) {
+            return Err(OutOfReach { pose, reason: ReachReason::Limit(excess) });
+        }
+    }
+    Ok(())
+}
+
+/// Goes from pose to pose on one branch.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Follower<'a> {
+    pub arm: &'a Arm,
+    pub frame: SpinFrame,
+    pub branch: u8,
+}
+
+impl Follower<'_> {
+    /// The joint vector of a pose that is nearest to `q`, into `q`.
+    pub fn step(&self, pose: &AxisPose, spin_rad: f64, q: &mut [f64]) -> Result<(), ReachReason> {
+        match self.arm.inverse_kind() {
+            InverseKind::BoneAttached => {
+                let tilt = bone_attached::tilt_for_axis(&pose.axis);
+                let short_rad = tilt.map_or(std::f64::consts::FRAC_PI_2, |tilt| tilt.error_rad);
+                match tilt.filter(|_| short_rad <= EXACT) {
+                    None => return Err(ReachReason::Axis { short_rad }),
+                    Some(tilt) => q.copy_from_slice(&bone_attached::ik(pose.position, tilt.tilt_rad)),
+                }
+            }
+            InverseKind::Ur { geometry, calibrated } => {
+                let tool = pose.spun(&self.frame, spin_rad);
+                let flange = tool * self.arm.mount().flange_from_burr.inverse();
+                let found = geometry.inverse(&flange, q.last().copied().unwrap_or(0.0));
+                let Some(mut solution) = found.branches.get(usize::from(self.branch)).copied().flatten()
+                else {
+                    return Err(ReachReason::Beyond { short_mm: found.short_mm });
+                };
+                if calibrated {
+                    let refined = dls::solve(self.arm, &Goal::Pose(tool), &solution);
+                    if !refined.is_within(EXACT) {
+                        return Err(ReachReason::Beyond { short_mm: refined.short_mm });
+                    }
+                    solution.copy_from_slice(&refined.q);
+                }
+                for (q, solution) in q.iter_mut().zip(solution) {
+                    *q += wrapped(solution - *q);
+                }
+            }
+            InverseKind::Numeric => {
+                let found = dls::solve(self.arm, &Goal::Axis(*pose), q);
+                if found.short_rad > EXACT && found.short_rad * 100.0 > found.short_mm {
+                    return Err(ReachReason::Axis { short_rad: found.short_rad });
+                }
+                if found.short_mm > EXACT {
+                    return Err(ReachReason::Beyond { short_mm: found.short_mm });
+                }
+                q.copy_from_slice(&found.q);
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;
