@@ -78,7 +78,8 @@ pub enum Command {
     /// Show two plans side by side: cases, paths, volumes, distances, forces, times
     Compare(CompareArgs),
     /// Repeat a published measurement
-    Experiment(ExperimentArgs),
+    #[cfg(feature = "experiments")]
+    Experiment(bonemill_experiments::cli::Args),
     /// Print the case file's keys with units, ranges, defaults and their sources, as Markdown
     Keys,
     /// Print the columns and keys of a plan's files with units, frames and meanings, as Markdown
@@ -255,21 +256,6 @@ pub struct CompareArgs {
     pub second: PathBuf,
     /// Also write a page
     #[arg(long, value_name = "PAGE.html")]
-    pub out: Option<PathBuf>,
-}
-
-#[derive(Debug, clap::Args)]
-pub struct ExperimentArgs {
-    /// Its name; an unknown one lists those there are
-    pub name: String,
-    /// Bodies of each kind: seeds 1 to N
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
-    pub seeds: u64,
-    /// A case file of yours beside the bodies, for `pareto`
-    #[arg(long, value_name = "FILE")]
-    pub case: Option<PathBuf>,
-    /// Folder for tables, as Markdown and CSV, and pictures, as SVG
-    #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }
 

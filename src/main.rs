@@ -8,7 +8,6 @@
 mod args;
 mod compare;
 mod console;
-mod experiment;
 mod export;
 mod outcome;
 mod phantom;
@@ -81,8 +80,12 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
         ),
         Command::Simulate(simulate) => simulate::run(simulate, console, args.talk()),
         Command::Compare(compare) => compare::run(compare),
-        Command::Experiment(experiment) => experiment::run(experiment, console),
         Command::Verify(verify) => verify::run(verify, console),
+        #[cfg(feature = "experiments")]
+        Command::Experiment(args) => {
+            let found = bonemill_experiments::cli::run(args, console)?;
+            Ok(Outcome::text("experiment", found.text).falling_short(found.shortfalls))
+        }
         Command::Columns => Ok(Outcome::text("columns", bonemill_planner::plan::columns::reference())),
         Command::Keys => Ok(Outcome::text("keys", bonemill_planner::case::reference())),
     }

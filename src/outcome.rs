@@ -49,6 +49,7 @@ impl Outcome {
     }
 
     /// With reasons why the result falls short; exit code 1 unless there are none.
+    #[cfg(feature = "experiments")]
     pub fn falling_short(mut self, shortfalls: Vec<String>) -> Self {
         self.object.insert("shortfalls".into(), shortfalls.clone().into());
         self.shortfalls = shortfalls;

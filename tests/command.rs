@@ -241,12 +241,6 @@ fn wrong_arguments_exit_with_2() {
 }
 
 #[test]
-fn an_unknown_experiment_lists_those_there_are() {
-    let place = Place::new();
-    place.run(&["experiment", "nonsense"]).refused(&["no experiment is called \"nonsense\"; there are "]);
-}
-
-#[test]
 fn the_case_files_keys_are_printed() {
     let ran = Place::new().run(&["keys"]);
     assert_eq!(ran.code, 0);

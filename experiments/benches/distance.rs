@@ -1,6 +1,6 @@
 //! Distance fields, beside a textbook transform in the same run: `distance/256³/…`.
 //!
-//! The masks are those on which `bonemill experiment peers` compares with the package that others use.
+//! The masks are those on which experiment `peers` compares with the package that others use.
 
 use std::hint::black_box;
 use std::time::Duration;

@@ -249,7 +249,7 @@ fn median_us(
     Ok(times.get(times.len() / 2).copied().unwrap_or(0.0))
 }
 
-/// `bonemill experiment force-error`.
+/// experiment `force-error`.
 ///
 /// # Errors
 /// None that the models here give.

@@ -1,13 +1,14 @@
 //! Measurements behind the published tables: each has a name, takes a size, and gives tables.
 //!
-//! `bonemill experiment NAME` runs one and prints its tables; with `--out` they are written as Markdown and CSV. Nothing here
-//! decides anything: experiments call the planner as its users do, and count.
+//! `cargo run --release -p bonemill-experiments -- NAME` runs one and prints its tables; with `--out` they are written as Markdown and
+//! CSV. `bonemill` itself does not carry them. Nothing here decides anything: experiments call the planner as its users do, and count.
 //!
 //! Invariants: the same size gives the same tables, but for columns of wall-clock time; a body that is not there (scans that
 //! are not part of the repository) is left out and said.
 
 pub mod arms;
 pub mod body;
+pub mod cli;
 pub mod engine;
 pub mod force_error;
 pub mod hard_cases;
@@ -38,6 +39,22 @@ pub struct Size<'a> {
 /// What an experiment can fail of.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
+    /// No such experiment.
+    #[error("no experiment is called {name:?}; there are {known}")]
+    Unknown {
+        /// The name asked for.
+        name: String,
+        /// Those there are, each with what it measures.
+        known: String,
+    },
+    /// A table or picture.
+    #[error("cannot write {}", path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
     /// A temporary folder.
     #[error("cannot write a phantom's files to the temporary folder")]
     Folder(#[source] io::Error),
@@ -140,11 +157,6 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "engine-speed",
         about: "time of an engine's step over voxmaps and tools, beside a loop over the tool's box",
         run: engine::speed::run,
-    },
-    Experiment {
-        name: "engine-state",
-        about: "what to remember of the bone that is gone: error and time of six ways",
-        run: engine::state::run,
     },
     Experiment {
         name: "hard-cases",

@@ -6,7 +6,7 @@
 mod pocket;
 
 use bonemill_geometry::Point;
-use bonemill_planner::access::{Access, OctantTimes, STRIDE_MM, ShankCylinder, Solid, Turn, aside_mm};
+use bonemill_planner::access::{Access, EighthTimes, STRIDE_MM, ShankCylinder, Solid, Turn, aside_mm};
 use bonemill_planner::path::PathPoint;
 use bonemill_planner::removal::NEVER;
 use bonemill_planner::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
@@ -21,10 +21,10 @@ fn the_shank_is_free_where_no_eighth_stands_in_it() {
     let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
     let (solid, moves) = (Solid::new(&scene, &[0.0]), moves(&path));
-    let octants = OctantTimes::new(&solid, &path.points, RADIUS_MM);
+    let eighths = EighthTimes::new(&solid, &path.points, RADIUS_MM);
     let mut standing: Vec<(Vector3<f64>, u32)> = Vec::new();
     for n in 0..scene.class.data().len() {
-        let times = octants.of(solid.grid().voxel(n));
+        let times = eighths.of(solid.grid().voxel(n));
         for (eighth, center) in solid.centers(n).iter().enumerate() {
             if solid.stays(n) >> eighth & 1 == 1 {
                 standing.push((center.coords, NEVER));
@@ -46,8 +46,8 @@ fn the_shank_is_free_where_no_eighth_stands_in_it() {
         ShankCylinder { from_mm: RADIUS_MM, to_mm: 7.0, radius_mm: 0.8 },
         ShankCylinder { from_mm: 7.0, to_mm: 20.0, radius_mm: 2.5 },
     ];
-    let access = |shank: &[ShankCylinder], octants| Access::new(&scene, &solid, octants, shank);
-    let (thin, whole) = (access(&shank[..1], octants.clone()), access(&shank, octants));
+    let access = |shank: &[ShankCylinder], eighths| Access::new(&scene, &solid, eighths, shank);
+    let (thin, whole) = (access(&shank[..1], eighths.clone()), access(&shank, eighths));
     let (mut free, mut blocked, mut only_just) = (0, 0, 0);
     for i in (0..path.points.len()).step_by(path.points.len() / 40) {
         let center = path.points[i].position;
@@ -94,7 +94,7 @@ fn a_drafts_shank_is_free_where_the_voxels_along_its_axis_say_so() {
     let (solid, grid) = (Solid::new(&scene, &[0.0]), scene.class.grid());
     let shank = [ShankCylinder { from_mm: RADIUS_MM, to_mm: 12.0, radius_mm: 0.8 }];
     let draft = Access::draft(&scene, &solid, path.removal.time(), &shank);
-    let exact = Access::new(&scene, &solid, OctantTimes::new(&solid, &path.points, RADIUS_MM), &shank);
+    let exact = Access::new(&scene, &solid, EighthTimes::new(&solid, &path.points, RADIUS_MM), &shank);
     let standing: Vec<(Vector3<f64>, u32)> = (0..grid.len())
         .filter(|n| solid.stays(*n).count_ones().max(solid.goes(*n).count_ones()) >= 4)
         .map(|n| {
@@ -131,13 +131,13 @@ fn a_drafts_shank_is_free_where_the_voxels_along_its_axis_say_so() {
         }
     }
     assert!(free > 100 && blocked > 20 && other <= (free + blocked) / 20, "{free} {blocked} {other}");
-    assert!(draft.into_octants().is_none());
+    assert!(draft.into_eighths().is_none());
 }
 
 /// Eighths that stand anywhere, with their times.
-fn standing(solid: &Solid, octants: &OctantTimes) -> Vec<(Vector3<f64>, u32)> {
+fn standing(solid: &Solid, eighths: &EighthTimes) -> Vec<(Vector3<f64>, u32)> {
     let of = |n: usize| {
-        let times = octants.of(solid.grid().voxel(n));
+        let times = eighths.of(solid.grid().voxel(n));
         let time = move |eighth: usize| match (solid.stays(n) >> eighth & 1, solid.goes(n) >> eighth & 1) {
             (1, _) => Some(NEVER),
             (_, 1) => Some(times[eighth]),
@@ -156,10 +156,10 @@ fn turns_are_free_where_the_shank_keeps_its_room_all_the_way() {
     let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
     let solid = Solid::new(&scene, &[0.0]);
-    let octants = OctantTimes::new(&solid, &path.points, RADIUS_MM);
-    let standing = standing(&solid, &octants);
+    let eighths = EighthTimes::new(&solid, &path.points, RADIUS_MM);
+    let standing = standing(&solid, &eighths);
     let shank = ShankCylinder { from_mm: RADIUS_MM, to_mm: 12.0, radius_mm: 0.8 };
-    let access = Access::new(&scene, &solid, octants, &[shank]);
+    let access = Access::new(&scene, &solid, eighths, &[shank]);
     // what the narrowest shank that is asked for may hold beyond the tolerance
     let between_mm = aside_mm(shank.radius_mm, 0.0) - TRAJECTORY_TOLERANCE_MM;
     let (mut free, mut blocked, mut in_doubt) = (0, 0, 0);

@@ -1,8 +1,7 @@
-//! The voxel-removal engine: how it converges, how fast it is, and why it keeps its state as it does.
+//! The voxel-removal engine: how it converges and how fast it is.
 
 pub mod convergence;
 pub mod speed;
-pub mod state;
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
 use bonemill_planner::burr::{Discretisation, ElementGrid, Material, Measure, ModelError, Tool};

@@ -88,7 +88,7 @@ impl RandomBody {
         all.into_iter().filter(|simpler| *simpler != self).collect()
     }
 
-    /// The scene of the body. It may be planned, fall short or be refused for a reason of [`REASONS`]; nothing else.
+    /// The scene of the body. It may be planned, fall short or be refused for a reason of `REASONS`; nothing else.
     pub fn scene(self) -> Scene {
         let mm = |v: u8| f64::from(v) * 0.5;
         let plain = Scene::plain("random", "drawn from a number");

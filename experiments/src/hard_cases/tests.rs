@@ -3,7 +3,7 @@
 use super::random::shrink;
 use super::*;
 
-/// Of the scenes that are planned, one in this many runs here; `bonemill experiment hard-cases` of a release build runs all.
+/// Of the scenes that are planned, one in this many runs here; experiment `hard-cases` of a release build runs all.
 const ONE_IN: usize = 10;
 
 #[test]

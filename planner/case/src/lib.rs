@@ -17,6 +17,7 @@ mod relations;
 mod several;
 mod sheets;
 mod suggest;
+mod target;
 #[cfg(test)]
 mod tests;
 mod walker;
@@ -41,6 +42,7 @@ pub use reference::reference;
 pub use several::SeveralStructures;
 pub use sheets::Sheets;
 pub use suggest::nearest;
+pub use target::Target;
 pub use walker::{as_number, line_at};
 
 /// One patient, one tool and one robot; resolved and validated.
@@ -128,38 +130,6 @@ impl fmt::Display for LabelRef {
     }
 }
 
-/// `[target]`: the bone to be removed. Shapes are in ct, mm.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Target {
-    /// A label of the map.
-    Label(LabelRef),
-    /// An axis-aligned box.
-    Box {
-        /// Lower corner.
-        min_mm: Vector3<f64>,
-        /// Upper corner.
-        max_mm: Vector3<f64>,
-    },
-    /// A ball.
-    Ball {
-        /// Its centre.
-        center_mm: Vector3<f64>,
-        /// Its radius.
-        radius_mm: f64,
-    },
-    /// A cone's frustum with flat ends.
-    Frustum {
-        /// Centre of the first end.
-        from_mm: Vector3<f64>,
-        /// Centre of the second end.
-        to_mm: Vector3<f64>,
-        /// Radius at the first end.
-        from_radius_mm: f64,
-        /// Radius at the second end.
-        to_radius_mm: f64,
-    },
-}
-
 impl Case {
     /// Clearance of each structure, mm.
     pub fn clearances_mm(&self) -> Vec<f64> {
@@ -211,9 +181,9 @@ pub struct ShankSegment {
 /// Length element of the force sum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Measure {
-    /// Edge length: energy-consistent.
+    /// Its arc length: K_t is then the specific cutting energy exactly.
     Db,
-    /// Height, as the paper prints it.
+    /// Its height, as Dillon prints it; underrates the tip by sin κ.
     Dz,
 }
 

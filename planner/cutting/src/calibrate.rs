@@ -1,7 +1,7 @@
 //! Coefficients of the burr model from a force log, by least squares, with confidence intervals.
 //!
 //! The model is linear in K_t, K_r, K_a and K_te, K_re, K_ae: F = Σ K_m G_m, with G_m the force per unit of a
-//! coefficient at a pose ([`bonemill_simulate::force_per_coefficient`]). So one linear fit over all observations gives
+//! coefficient at a pose (`bonemill_simulate::force_per_coefficient`). So one linear fit over all observations gives
 //! them, and its covariance their intervals (95 %, Student's t; errors taken as independent, of one size, and without
 //! bias: a force sensor's drift is none of these).
 //!

@@ -10,7 +10,7 @@ use bonemill_geometry::{Point, Work};
 use nalgebra::Vector3;
 
 use bonemill_stock::removal::NEVER;
-use bonemill_toolpath::access::{OctantTimes, ShankCylinder, Solid};
+use bonemill_toolpath::access::{EighthTimes, ShankCylinder, Solid};
 use bonemill_toolpath::orientation::FreeSets;
 use bonemill_toolpath::path::{MillPath, MoveKind, Pass, PathPoint};
 
@@ -27,7 +27,7 @@ pub struct Round {
     /// Its path.
     pub path: MillPath,
     /// When its path takes each eighth of a voxel.
-    pub octants: OctantTimes,
+    pub eighths: EighthTimes,
     /// The directions it found free.
     pub free: FreeSets,
     /// The pass points that it put off or dropped.
@@ -59,7 +59,7 @@ struct Group {
 
 impl Round {
     /// What this round knows of a path made of what it left.
-    pub fn known_of(&self, solid: &Solid, path: &MillPath, octants: &OctantTimes) -> KnownDirections<'_> {
+    pub fn known_of(&self, solid: &Solid, path: &MillPath, eighths: &EighthTimes) -> KnownDirections<'_> {
         let then = self.same_waypoints(path);
         let grid = solid.grid();
         let goes_as_before = |(before, now): (u32, u32)| match (before, now) {
@@ -68,7 +68,7 @@ impl Round {
             (before, now) => then[now as usize] == Some(before),
         };
         let has_changed = |voxel: usize| {
-            let [before, now] = [&self.octants, octants].map(|octants| octants.of(grid.voxel(voxel)));
+            let [before, now] = [&self.eighths, eighths].map(|eighths| eighths.of(grid.voxel(voxel)));
             !before.into_iter().zip(now).all(goes_as_before)
         };
         let mut cells = BTreeSet::new();

@@ -130,8 +130,6 @@ pub struct Modelled {
     pub links_beyond_limit: usize,
     /// Waypoints at which the low-pass was held at a free angle.
     pub low_pass_held: usize,
-    /// Waypoints at which the paper's low-pass over what each wants alone leaves the free angles; with `greedy` those held.
-    pub low_pass_leaves: usize,
     /// Places that the shank could not get to where they belonged, and that were milled at the end.
     pub put_off: usize,
     /// Smallest singular value along the path, mm/s: see [`Arm::slowest_mm_s`].
@@ -277,7 +275,6 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         closed_form_error: chosen.closed_form_error,
         direction_spacing_rad: oriented.spacing_rad,
         low_pass_held: oriented.low_pass_held,
-        low_pass_leaves: oriented.low_pass_leaves,
         blocked_turns: oriented.blocked_turns.len(),
         links_beyond_limit: prepared.beyond_limit,
         put_off: prepared.reached.put_off(),

@@ -91,8 +91,6 @@ pub struct Oriented {
     pub with_force: usize,
     /// Waypoints at which the low-pass was held (greedy).
     pub low_pass_held: usize,
-    /// Waypoints at which the paper's low-pass over what each wants alone leaves the free directions.
-    pub low_pass_leaves: usize,
     /// Moves during which the turning shank is not free all the way.
     pub blocked_turns: Vec<BlockedTurn>,
     /// What the shank leaves open around each axis.
@@ -221,7 +219,6 @@ impl Oriented {
             closed_form: 0,
             with_force: 0,
             low_pass_held: 0,
-            low_pass_leaves: 0,
             blocked_turns: Vec::new(),
             allowed: Vec::new(),
             spacing_rad: 0.0,
@@ -283,8 +280,7 @@ pub fn alone(room: &Room, field: &CostField) -> Oriented {
 
 fn by_waypoint(room: &Room, field: &CostField) -> Oriented {
     let filtered = filtered(room, &wishes(room, field));
-    let (low_pass_held, low_pass_leaves) = (filtered.held, filtered.held);
-    Oriented { low_pass_held, low_pass_leaves, ..Oriented::new(filtered.axes, room.family) }
+    Oriented { low_pass_held: filtered.held, ..Oriented::new(filtered.axes, room.family) }
 }
 
 /// The paper's low-pass over what each waypoint wants alone.
@@ -327,27 +323,6 @@ pub fn cost_rows(
         }
     });
     cost
-}
-
-/// Waypoints at which the paper's low-pass would leave the free directions, if each waypoint took its cheapest of those asked.
-fn low_pass_leaves(room: &Room, field: &CostField, cost: &[f32], corridor: Option<&Corridor>) -> usize {
-    let cheapest = |i: usize, directions: &Directions, free: &FreeSets, cost: &[f32]| {
-        let row = &cost[i * directions.len()..(i + 1) * directions.len()];
-        let n = free.iter(i).min_by(|a, b| row[*a].total_cmp(&row[*b]))?;
-        Some((row[n], directions.axes()[n]))
-    };
-    let fine = room.finer.zip(corridor);
-    let wish = |i: usize| {
-        let on_set = cheapest(i, room.directions, &room.reached.free, cost);
-        let beside = fine.and_then(|((finer, _), found)| cheapest(i, finer, &found.free, &found.cost));
-        match on_set.into_iter().chain(beside).min_by(|a, b| a.0.total_cmp(&b.0)) {
-            None => greedy::Wish::Nothing,
-            Some(_) if field.moments[i].mass_mg() <= 0.0 => greedy::Wish::Any,
-            Some((_, axis)) => greedy::Wish::Axis(axis),
-        }
-    };
-    let wishes: Vec<_> = (0..room.reached.free.len()).into_par_iter().map(wish).collect();
-    filtered(room, &wishes).held
 }
 
 /// The best sequence on the set; near it on a finer cap, where there is one; then between its directions.
@@ -419,11 +394,7 @@ fn optimal(room: &Room, field: &CostField) -> Oriented {
     };
     let refined = refine(&problem, &directions, chart, |i, a| room.is_free(i, a), is_turn_free);
     let oriented = Oriented { angles_rad: refined.angles_rad, ..Oriented::new(refined.axes, None) };
-    let (oriented, low_pass_leaves) = rayon::join(
-        || oriented.surveyed(room, corridor.as_ref()),
-        || low_pass_leaves(room, field, &cost, corridor.as_ref()),
-    );
-    Oriented { low_pass_leaves, ..oriented }
+    oriented.surveyed(room, corridor.as_ref())
 }
 
 /// Up to so many waypoints what they cut is kept from set to set, about 10 kB each.

@@ -14,7 +14,7 @@ use bonemill_scene::Scene;
 use nalgebra::{Unit, Vector3};
 
 use bonemill_cutting::metrics::Moments;
-use bonemill_toolpath::access::{Access, Blocked, OctantTimes, ShankCylinder, Solid, Turn};
+use bonemill_toolpath::access::{Access, Blocked, EighthTimes, ShankCylinder, Solid, Turn};
 use bonemill_toolpath::engagement::mass_increments;
 use bonemill_toolpath::orientation::refine::best_checked;
 use bonemill_toolpath::orientation::sequence::{self, Forbidden, Problem, best_sequence};
@@ -127,9 +127,9 @@ pub fn reached<'a>(
         if path.points.is_empty() {
             return Err(Unreached::Nothing);
         }
-        let octants = OctantTimes::new(spec.solid, &path.points, spec.radius_mm);
-        let known = before.as_ref().map(|round| round.known_of(spec.solid, &path, &octants));
-        let access = Access::new(scene, spec.solid, octants, spec.shank);
+        let eighths = EighthTimes::new(spec.solid, &path.points, spec.radius_mm);
+        let known = before.as_ref().map(|round| round.known_of(spec.solid, &path, &eighths));
+        let access = Access::new(scene, spec.solid, eighths, spec.shank);
         let limited = limited(path.points.len(), |i| path.points[i].kind == MoveKind::Cut);
         let free = free_directions(&access, &path.points, &limited, spec, known.as_ref());
         let length_mm = lengths(&path.points);
@@ -150,7 +150,7 @@ pub fn reached<'a>(
                 // links that graze a cusp are cuts: laid anew in steps, along the same way
                 let next = path.stepped(space, &long, spec.spacing.step_mm);
                 let dropped = HashSet::new();
-                before = access.into_octants().map(|octants| Round { path, octants, free, dropped });
+                before = access.into_eighths().map(|eighths| Round { path, eighths, free, dropped });
                 path = next;
                 continue;
             }
@@ -198,7 +198,7 @@ pub fn reached<'a>(
         }
         let passes = put_off_points(&path.passes, &points, path.layers);
         let next = join_passes(space, spec.spacing, passes, path.layers);
-        before = access.into_octants().map(|octants| Round { path, octants, free, dropped: points });
+        before = access.into_eighths().map(|eighths| Round { path, eighths, free, dropped: points });
         path = next;
     }
     Err(Unreached::Unsettled { waypoints, rounds: MOST_ROUNDS })

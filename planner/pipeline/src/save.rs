@@ -218,7 +218,6 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
         ("closed_form_error".into(), m.closed_form_error.into()),
         ("direction_spacing_deg".into(), m.direction_spacing_rad.to_degrees().into()),
         ("low_pass_held".into(), m.low_pass_held.into()),
-        ("low_pass_leaves".into(), m.low_pass_leaves.into()),
         ("blocked_turns".into(), m.blocked_turns.into()),
         ("links_beyond_limit".into(), m.links_beyond_limit.into()),
         ("put_off_waypoints".into(), m.put_off.into()),

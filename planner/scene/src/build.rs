@@ -10,8 +10,8 @@ use super::crop::{Crop, extent};
 use super::edge::{self, ByFace, TargetOutside};
 use super::inside::Inside;
 use super::{
-    Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, TargetShape, approach, hull,
-    mask, obstacles,
+    Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, Target, approach, hull, mask,
+    obstacles,
 };
 use bonemill_imaging::{
     DensityTable, Region, StructureField, distance_within, resample_hu_and_density, resample_nearest,
@@ -28,7 +28,7 @@ pub struct SceneSpec<'a> {
     /// The label map, on its own grid.
     pub labels: &'a Volume<u16, Ct>,
     /// What to remove.
-    pub target: TargetShape,
+    pub target: Target<u16>,
     /// What to keep: name, label.
     pub structures: &'a [(String, u16)],
     /// HU to density.
@@ -152,7 +152,7 @@ fn check_labels(spec: &SceneSpec) -> Result<(), SceneError> {
     let mut present = vec![false; 1 << 16];
     spec.labels.data().iter().for_each(|l| present[usize::from(*l)] = true);
     let target = match spec.target {
-        TargetShape::Label(label) => Some(("the target".to_owned(), label)),
+        Target::Label(label) => Some(("the target".to_owned(), label)),
         _ => None,
     };
     let wanted = spec.structures.iter().map(|(name, label)| (format!("structure '{name}'"), *label));
@@ -171,7 +171,7 @@ fn choose_approach(spec: &SceneSpec, target: &[Point<Ct>]) -> Result<Vector3<f64
     let label_at = |p| spec.labels.grid().nearest(p).map_or(0, |v| *spec.labels.get(v));
     let hu_at = |p| spec.ct.grid().nearest(p).map(|v| f64::from(*spec.ct.get(v)));
     let in_target = |p: Point<Ct>| match spec.target {
-        TargetShape::Label(label) => label_at(p) == label,
+        Target::Label(label) => label_at(p) == label,
         _ => spec.target.contains(p),
     };
     let reach_mm = spec
@@ -302,7 +302,7 @@ fn check_touching(
         voxel,
     };
     let label = match spec.target {
-        TargetShape::Label(label) => label,
+        Target::Label(label) => label,
         // a shape touches what lies inside it
         _ => {
             for structure in structures {

@@ -3,7 +3,7 @@
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Work, basis};
 use nalgebra::{Rotation3, Vector3};
 
-use super::{SceneError, SceneSpec, TargetShape};
+use super::{SceneError, SceneSpec, Target};
 
 /// A voxel axis within this of the basis lies along it, rad.
 const ALIGNED_RAD: f64 = 1e-9;
@@ -37,7 +37,7 @@ impl Crop {
         let rotation = basis::from_z(approach) * Rotation3::from_axis_angle(&Vector3::z_axis(), turn_rad);
         // of a label's voxel boxes, seen along the work axes
         let half = match spec.target {
-            TargetShape::Label(_) => {
+            Target::Label(_) => {
                 let grid = spec.labels.grid();
                 (rotation.inverse().matrix() * grid.axes()).abs() * grid.spacing_mm() * 0.5
             }

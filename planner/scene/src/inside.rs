@@ -3,7 +3,7 @@
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work};
 use nalgebra::Vector3;
 
-use super::{SceneError, SceneSpec, TargetShape};
+use super::{SceneError, SceneSpec, Target};
 use bonemill_imaging::AIR_HU;
 use bonemill_imaging::{distance_within, resample_hu};
 
@@ -20,7 +20,7 @@ pub(super) enum Inside {
     Label(u16),
     /// Bone and enclosed air in a shape, outside structures.
     Shape {
-        shape: TargetShape,
+        shape: Target<u16>,
         /// Labels of the structures.
         kept: Vec<u16>,
         bone_hu: f64,
@@ -39,7 +39,7 @@ impl Inside {
         grid: &Grid<Work>,
         ct_from_work: &Rigid<Ct, Work>,
     ) -> Result<Self, SceneError> {
-        if let TargetShape::Label(label) = spec.target {
+        if let Target::Label(label) = spec.target {
             return Ok(Self::Label(label));
         }
         // far enough around the crop for the closing to see the bone there

@@ -1,7 +1,7 @@
 //! The scene: everything the planner needs of the images, on one isotropic grid along the approach.
 //!
 //! One crop to the target and the burr's reach, one resampling, one class per voxel. Outside the crop nothing fine is
-//! kept; what the handpiece could meet there is a coarse, conservative map ([`far`]). The work frame's origin is the
+//! kept; what the handpiece could meet there is a coarse, conservative map (`far`). The work frame's origin is the
 //! grid's first voxel centre, its z points out of the bone, so a milling layer is a slab of the grid.
 
 mod approach;
@@ -14,19 +14,17 @@ mod inside;
 mod mask;
 mod matter;
 mod obstacles;
-mod target;
 
 use bonemill_geometry::{Approach, Ct, Point, Rigid, Volume, Work, basis};
 use nalgebra::Vector3;
 use thiserror::Error;
 
-pub use bonemill_case::Sheets;
+pub use bonemill_case::{Sheets, Target};
 pub use build::{MemoryNeed, SceneSpec, build_scene};
 pub use edge::{ByFace, TargetOutside};
 pub use far::FarObstacles;
 pub use hull::{Rectangle, smallest_rectangle};
 pub use matter::Matter;
-pub use target::TargetShape;
 
 use bonemill_imaging::StructureField;
 

@@ -7,7 +7,7 @@ use super::build::{extent_text, overlaps};
 use super::crop::extent;
 use super::edge::{ByFace, TargetOutside, beyond_face, cut_off};
 use super::inside::Inside;
-use super::{SceneError, SceneSpec, TargetShape};
+use super::{SceneError, SceneSpec, Target};
 
 /// Points that stand for the target's extent in ct: centres of label voxels, or a geometric shape's hull.
 ///
@@ -16,7 +16,7 @@ use super::{SceneError, SceneSpec, TargetShape};
 pub(super) fn target_extent(spec: &SceneSpec) -> Result<Vec<Point<Ct>>, SceneError> {
     let ct = extent(spec.ct.grid().corners());
     let points = match spec.target {
-        TargetShape::Label(label) => {
+        Target::Label(label) => {
             let grid = spec.labels.grid();
             let [nx, ny, _] = grid.dims();
             spec.labels

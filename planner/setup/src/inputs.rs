@@ -6,7 +6,7 @@ use bonemill_imaging::{
     Image, LabelNames, available_memory_mb, label_names_path, looks_like_hu, read_ct, read_label_names,
     read_labels,
 };
-use bonemill_scene::{MemoryNeed, Scene, SceneSpec, TargetShape, build_scene};
+use bonemill_scene::{MemoryNeed, Scene, SceneSpec, build_scene};
 use rayon::prelude::*;
 
 use super::PlanError;
@@ -36,7 +36,7 @@ pub struct Images {
     /// Labels.
     pub labels: Image<u16>,
     /// What is to be removed.
-    pub target: TargetShape,
+    pub target: Target<u16>,
     /// Name and label of each structure, in the case's order.
     pub structures: Vec<(String, u16)>,
     /// What the user should know.
@@ -74,19 +74,7 @@ pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Resu
     );
     let (ct, (labels, names)) = (ct?, labels?);
     let number = |key: String, label: &LabelRef| label_number(key, label, names.as_ref(), &labels_path);
-    let target = match &case.target {
-        Target::Label(label) => TargetShape::Label(number("target.label".into(), label)?),
-        Target::Box { min_mm, max_mm } => TargetShape::Box { min_mm: *min_mm, max_mm: *max_mm },
-        Target::Ball { center_mm, radius_mm } => {
-            TargetShape::Ball { center_mm: *center_mm, radius_mm: *radius_mm }
-        }
-        Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => TargetShape::Frustum {
-            from_mm: *from_mm,
-            to_mm: *to_mm,
-            from_radius_mm: *from_radius_mm,
-            to_radius_mm: *to_radius_mm,
-        },
-    };
+    let target = case.target.with_label(|label| number("target.label".into(), label))?;
     let structures = case
         .structures
         .iter()
@@ -118,9 +106,9 @@ fn label_number(
 }
 
 /// Refuses a label that two structures, or a structure and the target, have by number and by name.
-fn labels_differ(target: &TargetShape, structures: &[(String, u16)]) -> Result<(), PlanError> {
+fn labels_differ(target: &Target<u16>, structures: &[(String, u16)]) -> Result<(), PlanError> {
     let mut taken: Vec<(String, u16)> = match target {
-        TargetShape::Label(number) => vec![("the target".into(), *number)],
+        Target::Label(number) => vec![("the target".into(), *number)],
         _ => vec![],
     };
     for (place, (name, number)) in structures.iter().enumerate() {

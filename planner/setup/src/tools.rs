@@ -29,11 +29,7 @@ pub fn material(material: &case::Material) -> Result<(Material, Measure), ModelE
     let made = Material::new(material.k_n_mm2, material.rho_ref_g_cm3)?
         .with_edge(material.k_edge_n_mm, material.t0_mm)?
         .with_density_law(material.exponent, 0.0)?;
-    let measure = match material.measure {
-        case::Measure::Db => Measure::Db,
-        case::Measure::Dz => Measure::Dz,
-    };
-    Ok((made, measure))
+    Ok((made, material.measure))
 }
 
 /// The force sum's discretisation for a burr.
@@ -134,7 +130,7 @@ pub fn arm_warning(case: &Case, arm: &Arm) -> Option<String> {
 /// base_from_ct: the case's, or an assumed one with base x, y, z along the approach's y, −x, z.
 ///
 /// The bone-attached arm has the target's centre at its base's origin; a UR has it before and above its base by
-/// [`ASSUMED_PLACE`], the approach upright.
+/// `ASSUMED_PLACE`, the approach upright.
 ///
 /// # Errors
 /// [`PlanError::Needed`] for an arm from a URDF, of which nothing is known that could be assumed.
@@ -165,7 +161,7 @@ pub fn base_from_ct(robot: &case::RobotSpec, scene: &Scene) -> Result<Rigid<Base
 }
 
 /// Force of a straight shaft in a cut of the path's depth beside the line before, in the reference material at the nominal speed, N; at least
-/// [`LEAST_OF_SLOT`] of that in a full slot, since lines may be so close that nothing stands beside.
+/// `LEAST_OF_SLOT` of that in a full slot, since lines may be so close that nothing stands beside.
 ///
 /// # Errors
 /// When the burr or the material is not usable.

@@ -134,7 +134,7 @@ pub struct EngineSpec {
 }
 
 impl EngineSpec {
-    /// Cells per radius, assumed; `bonemill experiment engine-state` measures what other values cost in error and time.
+    /// Cells per radius, assumed: docs/results.md, "What the engine remembers", has the error and time of other values.
     pub const CELLS_PER_RADIUS: f64 = 10.0;
 }
 

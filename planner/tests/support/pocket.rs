@@ -4,7 +4,7 @@ use bonemill_geometry::{Ct, Grid, Point, Volume};
 use bonemill_imaging::DensityTable;
 use bonemill_planner::case::Sheets;
 use bonemill_planner::path::{Lines, MillPath, PathSpacing, RasterFrame, lay_path};
-use bonemill_planner::scene::{MemoryNeed, Scene, SceneError, SceneSpec, TargetShape, build_scene};
+use bonemill_planner::scene::{MemoryNeed, Scene, SceneError, SceneSpec, Target, build_scene};
 use bonemill_planner::space::BurrSpace;
 use nalgebra::Vector3;
 
@@ -59,7 +59,7 @@ pub fn scene_at(spacing_mm: f64, available_mb: Option<f64>) -> Result<Scene, Sce
     build_scene(&SceneSpec {
         ct: &ct,
         labels: &labels,
-        target: TargetShape::Label(TARGET),
+        target: Target::Label(TARGET),
         structures: &[("rod".into(), ROD)],
         table: &table(),
         air_hu: -700.0,

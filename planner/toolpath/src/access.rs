@@ -6,30 +6,30 @@
 //!
 //! A march looks at the nearest voxel at steps of one voxel; the ball is larger by what that can miss, so "free" is
 //! certain. Where a march on voxels is not, the voxels around that part of it are asked one by one, each by its
-//! eighths ([`OctantTimes`]): bone that stands anywhere in a voxel stands there. Thick segments (the handpiece) use a
+//! eighths ([`EighthTimes`]): bone that stands anywhere in a voxel stands there. Thick segments (the handpiece) use a
 //! coarser field, for which a block counts as solid as long as any voxel in it is. Beyond the work grid `FarObstacles`
 //! stands for bone and structures.
 //!
 //! The arm rounds corners within a tolerance, and between two places that are asked the shank sweeps a little more than
 //! it holds at either: the shank that is asked for is wider by both ([`aside_mm`]). A whole move, during which the shank turns, is
-//! asked at places that far apart, and at nearer ones where those leave a doubt ([`turn`]).
+//! asked at places that far apart, and at nearer ones where those leave a doubt (`turn`).
 //!
 //! A march through free space is long and most of it far from everything: blocks of voxels with the latest time in each say
-//! how many steps need no look ([`march`]). Where a march is in doubt, the rest of the way is looked at with a ball that is
+//! how many steps need no look (`march`). Where a march is in doubt, the rest of the way is looked at with a ball that is
 //! small enough to be certain of "blocked"; only what lies between the two is asked by eighths. The answer is the same.
 //!
 //! A ball at a thick cylinder's flat front reaches out of it, from the handpiece down to the skull. Where only that part of
 //! a march is blocked, the front is looked at again with balls of the first cylinder's radius.
 
+mod eighth_times;
 mod eighths;
 mod field;
 mod front;
 mod march;
-mod octants;
 mod solid;
 mod turn;
 
-pub use self::octants::OctantTimes;
+pub use self::eighth_times::EighthTimes;
 pub use self::solid::Solid;
 pub use self::turn::Turn;
 
@@ -156,9 +156,9 @@ struct Segment {
 }
 
 impl<'a> Access<'a> {
-    /// Dilates the removal time once per cylinder. `octants`: of the path, on the scene's `solid`.
-    pub fn new(scene: &'a Scene, solid: &'a Solid, octants: OctantTimes, shank: &[ShankCylinder]) -> Self {
-        let eighths = Eighths::new(solid, octants);
+    /// Dilates the removal time once per cylinder. `eighths`: of the path, on the scene's `solid`.
+    pub fn new(scene: &'a Scene, solid: &'a Solid, eighths: EighthTimes, shank: &[ShankCylinder]) -> Self {
+        let eighths = Eighths::new(solid, eighths);
         let segments = segments(&eighths.latest, shank, Segment::certain);
         let access = Self::of(scene, eighths.latest.bounds(), segments);
         Self { eighths: Some(eighths), ..access }
@@ -181,8 +181,8 @@ impl<'a> Access<'a> {
     }
 
     /// The removal times that it was made of; none of a draft.
-    pub fn into_octants(self) -> Option<OctantTimes> {
-        self.eighths.map(|eighths| eighths.octants)
+    pub fn into_eighths(self) -> Option<EighthTimes> {
+        self.eighths.map(|eighths| eighths.eighths)
     }
 
     /// Whether the shank along `axis` (unit, work) is free while move `index` ends at `center`.

@@ -129,7 +129,7 @@ impl<'a> BurrSpace<'a> {
         &self.connected
     }
 
-    /// How much farther from everything a node is than need be, mm, cut off at ±[`MARGIN_CUT_MM`].
+    /// How much farther from everything a node is than need be, mm, cut off at ±`MARGIN_CUT_MM`.
     pub fn margin_mm(&self, node: usize) -> f32 {
         self.margin_mm.data()[node]
     }

@@ -1,72 +1,25 @@
-//! Fixed-point decimals by integer arithmetic: exact to the last digit, and several times faster than `{:.9}`.
+//! Fixed-point decimals by integer arithmetic: exact to the last digit.
 
-/// Powers of ten that an i64 holds.
-const POWERS: [u64; 19] = {
-    let mut powers = [1u64; 19];
-    let mut k = 1;
-    while k < 19 {
-        powers[k] = powers[k - 1] * 10;
-        k += 1;
-    }
-    powers
-};
-
-/// Digits 00 to 99, two by two.
-const PAIRS: [[u8; 2]; 100] = {
-    let mut pairs = [[b'0'; 2]; 100];
-    let mut k = 0;
-    while k < 100 {
-        pairs[k] = [b'0' + (k / 10) as u8, b'0' + (k % 10) as u8];
-        k += 1;
-    }
-    pairs
-};
+use std::io::Write;
 
 /// Appends `units` · 10^−`decimals` without trailing zeros: "−0.5", "12", never "−0". `decimals` at most 18.
 pub(super) fn push_units(out: &mut Vec<u8>, units: i64, decimals: u32) {
-    if units < 0 {
-        out.push(b'-');
+    let one = 10u64.pow(decimals.min(18));
+    let (whole, part) = (units.unsigned_abs() / one, units.unsigned_abs() % one);
+    let sign = if units < 0 { "-" } else { "" };
+    // writing to a Vec cannot fail
+    let _ = write!(out, "{sign}{whole}");
+    if part > 0 {
+        let _ = write!(out, ".{part:0width$}", width = decimals as usize);
+        let zeros = out.iter().rev().take_while(|digit| **digit == b'0').count();
+        out.truncate(out.len() - zeros);
     }
-    let one = POWERS[decimals.min(18) as usize];
-    let (whole, mut part) = (units.unsigned_abs() / one, units.unsigned_abs() % one);
-    push_integer(out, whole);
-    if part == 0 {
-        return;
-    }
-    let mut digits = decimals as usize;
-    while part.is_multiple_of(10) {
-        part /= 10;
-        digits -= 1;
-    }
-    let end = out.len() + 1 + digits;
-    out.push(b'.');
-    out.resize(end, b'0');
-    fill_backwards(&mut out[end - digits..], part);
 }
 
 /// Appends a value to the nearest 10^−`decimals`; |value| below 9e18 · 10^−`decimals`, else the nearest such number.
 pub(super) fn push_fixed(out: &mut Vec<u8>, value: f64, decimals: u32) {
-    let scale = POWERS[decimals.min(18) as usize] as f64;
+    let scale = 10u64.pow(decimals.min(18)) as f64;
     push_units(out, (value * scale).round_ties_even() as i64, decimals);
-}
-
-fn push_integer(out: &mut Vec<u8>, value: u64) {
-    let digits = value.checked_ilog10().map_or(1, |log| log as usize + 1);
-    let start = out.len();
-    out.resize(start + digits, b'0');
-    fill_backwards(&mut out[start..], value);
-}
-
-/// Writes the digits of `value` to the end of `into`, which holds enough zeros.
-fn fill_backwards(into: &mut [u8], mut value: u64) {
-    let mut pairs = into.rchunks_exact_mut(2);
-    for pair in &mut pairs {
-        pair.copy_from_slice(&PAIRS[(value % 100) as usize]);
-        value /= 100;
-    }
-    if let [digit] = pairs.into_remainder() {
-        *digit = b'0' + (value % 10) as u8;
-    }
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use std::f64::consts::PI;
 
+pub use bonemill_case::Measure;
 use bonemill_geometry::{Frame, Point, basis};
 use nalgebra::{Rotation3, Unit, Vector3};
 
@@ -200,15 +201,6 @@ pub enum ElementGrid {
     Kappa,
     /// Uniform in z: equation (4) to the letter. Not to be used with [`Measure::Db`]: 1/sin κ at the tip.
     Z,
-}
-
-/// What an element's length is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Measure {
-    /// Its height, as Dillon prints it; underrates the tip by sin κ.
-    Dz,
-    /// Its arc length: K_t is then the specific cutting energy exactly.
-    Db,
 }
 
 /// How finely the surface is summed.

@@ -352,12 +352,6 @@ pub const MODELLED: &[Column] = &[
         "",
         "With `orientation.mode = \"greedy\"`: waypoints at which the low-pass was held at a free angle.",
     ),
-    Column::new(
-        "low_pass_leaves",
-        "1",
-        "",
-        "Waypoints at which Dillon's low-pass would leave the free angles.",
-    ),
     Column::new("blocked_turns", "1", "", "Moves on which the turning shank is not certainly free."),
     Column::new("links_beyond_limit", "1", "", "Links that graze a cusp beyond the tilt limit."),
     Column::new(

@@ -23,7 +23,7 @@ use chart::{Level, Series, chart};
 use peak::Peak;
 
 use crate::show::{CUT_COLOUR, LINK_COLOUR, STRUCTURE_COLOURS, TARGET_COLOUR, css};
-use bonemill_case::{Case, Parameter, Registration, Sheets, Structure, explained};
+use bonemill_case::{Case, OrientationMode, Parameter, Registration, Sheets, Structure, explained};
 use bonemill_pipeline::{Plan, Volumes, dropped_by_reason};
 use bonemill_planfile::toward::StructureFigures;
 use bonemill_planfile::{ReportPart, Waypoint};
@@ -302,10 +302,6 @@ fn modelled(plan: &Plan) -> String {
         ("milling layers".into(), m.layers.to_string()),
         ("raster lines, angle from work x".into(), format!("{:.1}°", m.raster_rad.to_degrees())),
         (
-            "waypoints at which the paper's low-pass leaves the free angles".into(),
-            format!("{}; held there: {}", m.low_pass_leaves, m.low_pass_held),
-        ),
-        (
             "compliance of the arm".into(),
             m.stiffness.map_or("not modelled: no stiffness in the case".into(), |along| {
                 let toward = along.least_toward_n_mm;
@@ -321,6 +317,10 @@ fn modelled(plan: &Plan) -> String {
         ("CT affine".into(), escape(&plan.affines[0].to_string())),
         ("label affine".into(), escape(&plan.affines[1].to_string())),
     ];
+    if plan.modelled.mode == OrientationMode::Greedy {
+        let held = m.low_pass_held.to_string();
+        rows.push(("waypoints at which the low-pass was held at a free angle".into(), held));
+    }
     if let Some(lowest) = m.lowest_link {
         let branch = branch_name(m.branch).replace('/', ", ").replace('-', " ");
         let height =

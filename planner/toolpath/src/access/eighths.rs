@@ -5,8 +5,8 @@ use std::ops::{ControlFlow, Range};
 use bonemill_geometry::Point;
 use bonemill_geometry::Work;
 
+use super::eighth_times::EighthTimes;
 use super::field::{self, Field};
-use super::octants::OctantTimes;
 use super::solid::Solid;
 use super::{Blocked, Pose, ShankCylinder, aside_mm};
 use bonemill_stock::sweep::Rows;
@@ -16,7 +16,7 @@ use bonemill_stock::sweep::Rows;
 pub(super) struct Eighths<'a> {
     solid: &'a Solid,
     rows: Rows,
-    pub octants: OctantTimes,
+    pub eighths: EighthTimes,
     /// T of what is solid, voxel by voxel: of the eighth that goes last.
     pub latest: Field,
     /// The latest of every few of them.
@@ -25,9 +25,9 @@ pub(super) struct Eighths<'a> {
 
 impl<'a> Eighths<'a> {
     /// Of a path with these removal times.
-    pub(super) fn new(solid: &'a Solid, octants: OctantTimes) -> Self {
-        let latest = Field::removal_time(solid, &octants);
-        Self { solid, rows: Rows::of(solid.grid()), latest_of_runs: latest.runs(), octants, latest }
+    pub(super) fn new(solid: &'a Solid, eighths: EighthTimes) -> Self {
+        let latest = Field::removal_time(solid, &eighths);
+        Self { solid, rows: Rows::of(solid.grid()), latest_of_runs: latest.runs(), eighths, latest }
     }
 
     /// What stands in a cylinder between two distances along the axis, asked eighth by eighth.
@@ -70,7 +70,7 @@ impl<'a> Eighths<'a> {
                 return ControlFlow::Continue(());
             }
             for n in run.filter(|n| self.latest.value[*n] >= index as f32) {
-                let latest = field::latest_of_eighths(self.solid, &self.octants, n);
+                let latest = field::latest_of_eighths(self.solid, &self.eighths, n);
                 *found = self.solid.centers(n).iter().zip(latest).find_map(|(p, latest)| stands(p, latest));
                 if found.is_some() {
                     return ControlFlow::Break(());

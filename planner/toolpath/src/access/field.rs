@@ -4,7 +4,7 @@ use bonemill_geometry::{Grid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::octants::OctantTimes;
+use super::eighth_times::EighthTimes;
 use super::solid::Solid;
 use bonemill_stock::removal::NEVER;
 
@@ -14,9 +14,9 @@ const FREE: f32 = -1.0;
 pub(super) const SOLID: f32 = f32::INFINITY;
 
 /// T of each eighth of a voxel, [`FREE`] where there is nothing; exact: a path has fewer than 2²⁴ waypoints.
-pub(super) fn latest_of_eighths(solid: &Solid, octants: &OctantTimes, voxel: usize) -> [f32; 8] {
+pub(super) fn latest_of_eighths(solid: &Solid, eighths: &EighthTimes, voxel: usize) -> [f32; 8] {
     let (stays, goes) = (solid.stays(voxel), solid.goes(voxel));
-    let time = if goes == 0 { [NEVER; 8] } else { octants.of(solid.grid().voxel(voxel)) };
+    let time = if goes == 0 { [NEVER; 8] } else { eighths.of(solid.grid().voxel(voxel)) };
     std::array::from_fn(|n| match (stays >> n & 1, goes >> n & 1, time[n]) {
         (1, _, _) | (0, 1, NEVER) => SOLID,
         (_, 0, _) => FREE,
@@ -100,13 +100,13 @@ pub(super) struct Field {
 
 impl Field {
     /// T of the eighth of a voxel that goes last, [`FREE`] where there is nothing.
-    pub(super) fn removal_time(solid: &Solid, octants: &OctantTimes) -> Self {
+    pub(super) fn removal_time(solid: &Solid, eighths: &EighthTimes) -> Self {
         let grid = solid.grid();
         let of = |voxel: usize| {
             if solid.stays(voxel) != 0 {
                 SOLID
             } else if solid.goes(voxel) != 0 {
-                latest_of_eighths(solid, octants, voxel).into_iter().fold(FREE, f32::max)
+                latest_of_eighths(solid, eighths, voxel).into_iter().fold(FREE, f32::max)
             } else {
                 FREE
             }

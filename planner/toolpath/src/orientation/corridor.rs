@@ -2,9 +2,9 @@
 //!
 //! A cap's directions grow with the square of their fineness, and with them what access and cost take, while the best sequence
 //! on the fine cap stays near that on the coarse one. So only a corridor around the coarse sequence, smoothed, is asked: at every
-//! waypoint the fine directions within [`AROUND`] spacings of its own direction and its neighbours'. Where the best sequence
+//! waypoint the fine directions within `AROUND` spacings of its own direction and its neighbours'. Where the best sequence
 //! in the corridor runs along its edge, or none gets through, the corridor grows there, until it hardly does or
-//! [`MOST_WIDENINGS`] times.
+//! `MOST_WIDENINGS` times.
 //!
 //! What comes out is the best sequence within its corridor, hence no worse than any small change of it; a sequence that
 //! takes another way round is looked for on the coarse cap alone.

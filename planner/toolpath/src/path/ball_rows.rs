@@ -1,39 +1,20 @@
 //! The rows of voxels that a ball about a voxel's centre holds.
 
-use std::ops::{Range, RangeInclusive};
+use std::ops::Range;
 
 /// Rows of a shape about a voxel's centre.
 #[derive(Debug)]
 pub(super) struct BallRows {
     dims: [usize; 3],
-    /// Rows away along y and z, and the places along x.
-    rows: Vec<([i64; 2], RangeInclusive<i64>)>,
+    /// Rows away along y and z, and how far the ball reaches along x to either side.
+    rows: Vec<([i64; 2], i64)>,
 }
 
 impl BallRows {
     /// Those of a ball.
     pub(super) fn new(dims: [usize; 3], radius_voxels: f64) -> Self {
         let held = |[j, k]: [i64; 2]| Some(([j, k], half(radius_voxels, [j, k])?));
-        Self { dims, rows: around(radius_voxels).filter_map(held).map(|(at, w)| (at, -w..=w)).collect() }
-    }
-
-    /// Those that a ball holds and the one `step` before it does not; voxels on the very surface of either count.
-    pub(super) fn beyond(dims: [usize; 3], radius_voxels: f64, step: [i64; 3]) -> Self {
-        const SURFACE: f64 = 1e-6;
-        let (wide, narrow) = (radius_voxels + SURFACE, radius_voxels - SURFACE);
-        let mut rows = Vec::new();
-        for [j, k] in around(wide) {
-            let Some(here) = half(wide, [j, k]) else { continue };
-            match half(narrow, [j + step[1], k + step[2]]) {
-                None => rows.push(([j, k], -here..=here)),
-                Some(before) => {
-                    rows.push(([j, k], -here..=here.min(-before - step[0] - 1)));
-                    rows.push(([j, k], (-here).max(before - step[0] + 1)..=here));
-                }
-            }
-        }
-        rows.retain(|(_, places)| !places.is_empty());
-        Self { dims, rows }
+        Self { dims, rows: around(radius_voxels).filter_map(held).collect() }
     }
 
     /// How many there are.
@@ -45,10 +26,10 @@ impl BallRows {
     pub(super) fn around(&self, voxel: usize) -> impl Iterator<Item = Range<usize>> + use<'_> {
         let [nx, ny, nz] = self.dims;
         let (i, j, k) = ((voxel % nx) as i64, (voxel / nx % ny) as i64, (voxel / (nx * ny)) as i64);
-        self.rows.iter().filter_map(move |([dj, dk], places)| {
+        self.rows.iter().filter_map(move |([dj, dk], half)| {
             let (j, k) = (j + dj, k + dk);
             let is_in = (0..ny as i64).contains(&j) && (0..nz as i64).contains(&k);
-            let (first, end) = ((i + places.start()).max(0), (i + places.end() + 1).min(nx as i64));
+            let (first, end) = ((i - half).max(0), (i + half + 1).min(nx as i64));
             let row = (is_in && first < end).then(|| nx * (j as usize + ny * k as usize))?;
             Some(row + first as usize..row + end as usize)
         })
@@ -113,24 +94,6 @@ mod tests {
             for (n, count) in counts.iter().enumerate().take(504) {
                 let held = ball.around(n).flatten().filter(|voxel| voxels.contains(voxel)).count();
                 assert_eq!(*count as usize, held, "{radius} at {n}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_step_adds_what_the_ball_before_does_not_hold_and_its_surface() {
-        for (radius, center) in [(2.7f64, [4, 4, 3]), (3.0, [0, 7, 2]), (2.0, [8, 1, 6]), (0.4, [4, 4, 4])] {
-            let index = (center[0] + 9 * (center[1] + 8 * center[2])) as usize;
-            for n in 0..27 {
-                let step = [n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1];
-                let before = std::array::from_fn(|a| center[a] - step[a]);
-                let mut found: Vec<usize> =
-                    BallRows::beyond(DIMS, radius, step).around(index).flatten().collect();
-                found.sort_unstable();
-                let is_new = |n: &usize| {
-                    squared(*n, center) <= radius * radius && squared(*n, before) >= radius * radius
-                };
-                assert_eq!(found, (0..504).filter(is_new).collect::<Vec<_>>(), "{radius} {step:?}");
             }
         }
     }

@@ -1,7 +1,5 @@
 //! Joins passes by links and keeps the removal-time field.
 
-use std::ops::Range;
-
 use bonemill_geometry::{Point, Work};
 use bonemill_scene::Class;
 
@@ -122,11 +120,6 @@ impl<'a> Builder<'a> {
         let still_met = before
             .filter(|voxel| self.material.contains(*voxel) && self.rows.is_within(*voxel, a, b, radius_mm));
         still_met.or_else(|| self.material.first_within(&self.rows, [a, b], radius_mm))
-    }
-
-    /// Whether a voxel of a run still has material.
-    pub fn holds_material(&self, run: Range<usize>) -> bool {
-        self.material.within(run).next().is_some()
     }
 
     /// Joins `pass` to the path and cuts it. Returns false, and changes nothing, when no link leads there.

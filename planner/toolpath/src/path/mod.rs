@@ -1,9 +1,9 @@
 //! The burr's path (D II-A): layers along the approach, serpentine lines, finishing along what the lines leave, links.
 //!
 //! A [`Pass`] is a polyline that cuts; the [`Builder`] joins passes by links through free space and keeps the
-//! removal-time field. Roughing ([`rough`]) lays straight lines layer by layer, each following the floor of the free
+//! removal-time field. Roughing (`rough`) lays straight lines layer by layer, each following the floor of the free
 //! space where that is higher than the layer. Their cusps along walls and floors are a few per cent of the volume;
-//! finishing ([`finish`]) follows exactly the voxels that are left.
+//! finishing (`finish`) follows exactly the voxels that are left.
 //!
 //! Invariants: every position is clear ([`BurrSpace::is_clear`]); a link or retract removes no material; the path is the
 //! same for any number of threads.

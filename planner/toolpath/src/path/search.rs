@@ -9,7 +9,6 @@ use std::collections::BinaryHeap;
 use bonemill_geometry::{Point, Work};
 
 use super::Builder;
-use super::ball_rows::BallRows;
 use crate::space::BurrSpace;
 use bonemill_stock::voxels::{VoxelSet, voxels_apart};
 
@@ -62,8 +61,6 @@ pub(super) struct Search {
     free: VoxelSet,
     /// What the ball was last found to cut at a node, plus 1; 0 where it was never looked for. Most of it is still there.
     met: Vec<u32>,
-    /// What the ball holds at a node and not where it came from, by the step.
-    crescents: Vec<BallRows>,
     /// Place of a node in `seen`, plus 1; 0 where it is not.
     place: Vec<u32>,
     seen: Vec<Seen>,
@@ -73,13 +70,11 @@ impl Search {
     pub(super) fn new(space: &BurrSpace) -> Self {
         let grid = space.grid();
         let lattice = Lattice::new(grid.dims(), voxels_apart(grid.spacing_mm().x));
-        let (len, radius) = (lattice.len(), space.radius_mm() / grid.spacing_mm().x);
-        let far = |n| step(n).map(|d| d * lattice.apart as i64);
+        let len = lattice.len();
         Self {
             lattice,
             free: VoxelSet::of(len, |_| false),
             met: vec![0; len],
-            crescents: (0..27).map(|n| BallRows::beyond(grid.dims(), radius, far(n))).collect(),
             place: vec![0; len],
             seen: Vec::new(),
         }
@@ -132,7 +127,7 @@ impl Search {
                 }
                 let place = match self.place[next] {
                     0 => {
-                        let is_free = self.is_free(builder, next, node, n);
+                        let is_free = self.is_free(builder, next, node);
                         self.see(Seen { node: next, cost: f64::INFINITY, from: 0, is_free })
                     }
                     place => place as usize - 1,
@@ -149,22 +144,16 @@ impl Search {
         None
     }
 
-    /// Whether the ball cuts nothing at a node, the n-th neighbour of another. Where it cuts nothing there, only what it holds more
-    /// is looked at; else what it met here or there before is asked first.
-    fn is_free(&mut self, builder: &Builder, node: usize, from: usize, n: usize) -> bool {
+    /// Whether the ball cuts nothing at a node beside another. What it met at either of them before is looked at first.
+    fn is_free(&mut self, builder: &Builder, node: usize, from: usize) -> bool {
         if self.free.contains(node) {
             return true;
         }
-        let voxel = self.lattice.voxel_index(builder.space(), node);
-        let is_free = self.free.contains(from)
-            && !self.crescents[n].around(voxel).any(|run| builder.holds_material(run));
-        if !is_free {
-            let center = self.lattice.center(builder.space(), node);
-            let before = [node, from].into_iter().find_map(|near| (self.met[near] as usize).checked_sub(1));
-            if let Some(voxel) = builder.met(center, center, before) {
-                self.met[node] = voxel as u32 + 1;
-                return false;
-            }
+        let center = self.lattice.center(builder.space(), node);
+        let before = [node, from].into_iter().find_map(|near| (self.met[near] as usize).checked_sub(1));
+        if let Some(voxel) = builder.met(center, center, before) {
+            self.met[node] = voxel as u32 + 1;
+            return false;
         }
         self.free.insert(node);
         true

@@ -4,7 +4,7 @@
 //! Δq = W Jᵀ (J W Jᵀ + μ s I)⁻¹ e
 //! ```
 //!
-//! e: 3 rows of mm and 3 of rad counted at [`LEVER_MM`]; W: the joints' speed limits squared, so that mm and rad joints
+//! e: 3 rows of mm and 3 of rad counted at `LEVER_MM`; W: the joints' speed limits squared, so that mm and rad joints
 //! share the work by what they can; s: the mean of J W Jᵀ's diagonal; μ falls while steps help and rises when they do not
 //! (Levenberg–Marquardt), so a singular arm gives a stated shortfall, never a jump or NaN. Joints stay in their range.
 //!

@@ -7,7 +7,7 @@
 //! - the ROS driver's extraction: YAML with `kinematics`: `shoulder` .. `wrist_3`, each `x y z roll pitch yaw`.
 //!
 //! Offsets along the parallel axes 2, 3 and 4 may be metres each: only their sum is small. So numbers are not judged one by
-//! one; [`check`] compares the arm that comes out with the nominal one.
+//! one; `check` compares the arm that comes out with the nominal one.
 
 use std::path::Path;
 

@@ -1,9 +1,9 @@
 //! Joint positions so close that an arm, straight in joint space between them, keeps to the path in space.
 //!
 //! Between two waypoints the burr goes along a line while the axis turns along a great circle. Straight in joint space it
-//! bows out of both; a move is halved until the bow is below [`BOW_MM`] and [`BOW_RAD`]. Where the axis turns fast for the
+//! bows out of both; a move is halved until the bow is below `BOW_MM` and `BOW_RAD`. Where the axis turns fast for the
 //! way the burr goes, a shift of the burr along its line that no one would notice would read as another axis: there places
-//! stand so close that their axes differ by [`FAST_STEP_RAD`] at most.
+//! stand so close that their axes differ by `FAST_STEP_RAD` at most.
 //!
 //! Invariants: every place is exactly on the path; waypoints are places; the burr's length of a move to a place is the
 //! greatest |J q'| on it, not its chord, so that a speed cap on it caps the burr at every instant.

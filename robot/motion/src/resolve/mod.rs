@@ -3,12 +3,12 @@
 //! The burr spins, so the rotation about its axis is free, and a UR has eight branches for every pose. Both are chosen
 //! over the whole sequence: a path that is best step by step ends in front of a joint limit or a singularity.
 //!
-//! - UR arms ([`grid`]): dynamic programming over sampled spin, one pass per branch, then the spin is evened out between
+//! - UR arms (`grid`): dynamic programming over sampled spin, one pass per branch, then the spin is evened out between
 //!   its samples. A branch is kept for the whole path: between two branches lies a singularity, and the burr, which must
 //!   stay on its line, cannot go round it. A posture with a link below the mounting plane is taken only where there is no
 //!   other.
 //! - The bone-attached arm has one joint vector for every pose.
-//! - Other arms ([`track`]) follow the path by damped least squares from several starts, drifting towards the middle of
+//! - Other arms (`track`) follow the path by damped least squares from several starts, drifting towards the middle of
 //!   their ranges, and to where they yield less, as far as the task leaves that free.
 //!
 //! J = Σ g(q) Δs + w Σ Σⱼ (Δqⱼ/q̇ⱼ)²/Δs: g grows near limits and singularities, and with the compliance toward a structure

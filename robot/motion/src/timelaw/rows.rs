@@ -37,7 +37,7 @@ impl TimeLaw {
     ///
     /// # Errors
     /// [`RobotError::Value`] where the rate is not finite or not above 0, [`RobotError::TooLong`] where there would be more
-    /// than [`MOST_ROWS`].
+    /// than `MOST_ROWS`.
     pub fn rows(&self, rate_hz: f64) -> Result<RowGrid<'_>, RobotError> {
         if !(rate_hz.is_finite() && rate_hz > 0.0) {
             let (what, unit, expected) = ("rate_hz", "Hz", "a finite rate above 0");

@@ -3,7 +3,7 @@
 use bonemill_case::Sheets;
 use bonemill_geometry::{Ct, Grid, Volume};
 use bonemill_imaging::DensityTable;
-use bonemill_scene::{MemoryNeed, Scene, SceneSpec, TargetShape, build_scene};
+use bonemill_scene::{MemoryNeed, Scene, SceneSpec, Target, build_scene};
 use nalgebra::Vector3;
 
 use super::*;
@@ -33,7 +33,7 @@ fn scene(spacing_mm: f64) -> Scene {
     build_scene(&SceneSpec {
         ct: &ct,
         labels: &labels,
-        target: TargetShape::Label(TARGET),
+        target: Target::Label(TARGET),
         structures: &[],
         table: &DensityTable::new(&[-1000.0, 300.0, 2000.0], &[0.01, 1.145, 1.856]).unwrap(),
         air_hu: -700.0,

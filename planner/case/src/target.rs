@@ -3,11 +3,13 @@
 use bonemill_geometry::{Ct, Point};
 use nalgebra::Vector3;
 
-/// The target as the case describes it, with the label's name already looked up. Lengths mm, in ct.
+use super::LabelRef;
+
+/// What is to be removed. Lengths mm, in ct. `L`: how a label is called, by the case ([`LabelRef`]) or by its number.
 #[derive(Debug, Clone, PartialEq)]
-pub enum TargetShape {
+pub enum Target<L = LabelRef> {
     /// Every voxel of this label.
-    Label(u16),
+    Label(L),
     /// Bone and enclosed air in an axis-aligned box.
     Box {
         /// Lower corner.
@@ -35,7 +37,22 @@ pub enum TargetShape {
     },
 }
 
-impl TargetShape {
+impl<L> Target<L> {
+    /// The same with its label called otherwise.
+    ///
+    /// # Errors
+    /// Those of `label`.
+    pub fn with_label<M, E>(&self, label: impl FnOnce(&L) -> Result<M, E>) -> Result<Target<M>, E> {
+        Ok(match *self {
+            Self::Label(ref of) => Target::Label(label(of)?),
+            Self::Box { min_mm, max_mm } => Target::Box { min_mm, max_mm },
+            Self::Ball { center_mm, radius_mm } => Target::Ball { center_mm, radius_mm },
+            Self::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
+                Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm }
+            }
+        })
+    }
+
     /// Whether a shape holds `p`; a label holds nothing by itself.
     pub fn contains(&self, p: Point<Ct>) -> bool {
         match *self {
@@ -56,7 +73,7 @@ impl TargetShape {
     }
 
     /// Points whose convex hull holds the shape; none for a label.
-    pub(super) fn hull_points(&self) -> Vec<Point<Ct>> {
+    pub fn hull_points(&self) -> Vec<Point<Ct>> {
         let corners = |lo: Vector3<f64>, hi: Vector3<f64>| {
             (0..8).map(move |c| {
                 Point::new(
@@ -95,11 +112,11 @@ impl TargetShape {
 mod tests {
     use super::*;
 
-    fn shapes() -> [TargetShape; 3] {
+    fn shapes() -> [Target<u16>; 3] {
         [
-            TargetShape::Box { min_mm: Vector3::new(-1.0, 2.0, 3.0), max_mm: Vector3::new(4.0, 6.0, 9.0) },
-            TargetShape::Ball { center_mm: Vector3::new(1.0, -2.0, 0.5), radius_mm: 3.0 },
-            TargetShape::Frustum {
+            Target::Box { min_mm: Vector3::new(-1.0, 2.0, 3.0), max_mm: Vector3::new(4.0, 6.0, 9.0) },
+            Target::Ball { center_mm: Vector3::new(1.0, -2.0, 0.5), radius_mm: 3.0 },
+            Target::Frustum {
                 from_mm: Vector3::new(1.0, 2.0, 3.0),
                 to_mm: Vector3::new(9.0, -2.0, 6.0),
                 from_radius_mm: 5.0,

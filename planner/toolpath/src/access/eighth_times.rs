@@ -18,7 +18,7 @@ const LAYERS: usize = 16;
 
 /// The first move whose ball covers each eighth, over the box of voxels with eighths that go.
 #[derive(Debug, Clone)]
-pub struct OctantTimes {
+pub struct EighthTimes {
     /// The first voxel of the box.
     first: [usize; 3],
     /// Eighths along each axis.
@@ -27,7 +27,7 @@ pub struct OctantTimes {
     time: Vec<u32>,
 }
 
-impl OctantTimes {
+impl EighthTimes {
     /// Sweeps the path. Each task has some layers to itself, so threads change nothing.
     pub fn new(solid: &Solid, points: &[PathPoint], radius_mm: f64) -> Self {
         let (grid, (first, dims)) = (solid.grid(), eighths_that_go(solid));

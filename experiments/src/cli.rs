@@ -1,0 +1,79 @@
+//! An experiment by name: its tables as text, and as files where a folder is given.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use bonemill_planner::Progress;
+
+use crate::{EXPERIMENTS, ExperimentError, Size, Table};
+
+/// What to run.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Its name; an unknown one lists those there are
+    pub name: String,
+    /// Bodies of each kind: seeds 1 to N
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub seeds: u64,
+    /// A case file of yours beside the bodies, for `pareto`
+    #[arg(long, value_name = "FILE")]
+    pub case: Option<PathBuf>,
+    /// Folder for tables, as Markdown and CSV, and pictures, as SVG
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// What an experiment found: its tables as Markdown, and what fell short.
+pub struct Found {
+    /// For a terminal.
+    pub text: String,
+    /// Empty where all is as it must be.
+    pub shortfalls: Vec<String>,
+}
+
+/// Runs an experiment.
+///
+/// # Errors
+/// [`ExperimentError`]: an unknown name, a file that cannot be written, and what the experiment fails of.
+pub fn run(args: &Args, progress: &dyn Progress) -> Result<Found, ExperimentError> {
+    let Some(experiment) = EXPERIMENTS.iter().find(|e| e.name == args.name) else {
+        let known: Vec<_> = EXPERIMENTS.iter().map(|e| format!("{} ({})", e.name, e.about)).collect();
+        return Err(ExperimentError::Unknown { name: args.name.clone(), known: known.join("; ") });
+    };
+    let tables = (experiment.run)(Size { seeds: args.seeds, case: args.case.as_deref() }, progress)?;
+    if let Some(dir) = &args.out {
+        tables.iter().try_for_each(|table| write(dir, table))?;
+    }
+    let text: Vec<_> = tables.iter().map(Table::markdown).collect();
+    let shortfalls = tables.iter().flat_map(|table| table.shortfalls.iter().cloned()).collect();
+    Ok(Found { text: text.join("\n"), shortfalls })
+}
+
+fn write(dir: &Path, table: &Table) -> Result<(), ExperimentError> {
+    let failed = |path: &Path| {
+        let path = path.to_owned();
+        move |source: io::Error| ExperimentError::Write { path, source }
+    };
+    fs::create_dir_all(dir).map_err(failed(dir))?;
+    let picture = table.picture.clone().map(|svg| ("svg", svg));
+    for (ending, text) in [("md", table.markdown()), ("csv", table.csv())].into_iter().chain(picture) {
+        let path = dir.join(&table.name).with_extension(ending);
+        fs::write(&path, text).map_err(failed(&path))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unknown_experiment_lists_those_there_are() {
+        let args = Args { name: "nonsense".into(), seeds: 1, case: None, out: None };
+        let Err(error) = run(&args, &()) else { panic!("it ran") };
+        let text = error.to_string();
+        assert!(text.contains("no experiment is called \"nonsense\"; there are "), "{text}");
+        assert!(EXPERIMENTS.iter().all(|e| text.contains(e.name)));
+    }
+}
