@@ -25,9 +25,12 @@ impl Source {
         name == "tests.rs" || name.ends_with("_tests.rs") || folders.iter().any(|f| self.path.contains(f))
     }
 
-    /// Whether the file belongs to a library crate (the command may print).
+    /// Whether the file belongs to a library crate (programs may print).
     fn is_library(&self) -> bool {
-        self.is_rust() && !self.is_test() && !self.path.starts_with("src/")
+        self.is_rust()
+            && !self.is_test()
+            && !self.path.starts_with("src/")
+            && !self.path.ends_with("/main.rs")
     }
 
     /// Lines of code from 1, without comments and without the tests at the file's end.

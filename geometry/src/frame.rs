@@ -26,7 +26,7 @@ frames! {
     /// The planning grid's frame: origin at its first voxel centre, z along the approach, out of the bone; x and y follow
     /// the CT's voxels.
     Work = "work",
-    /// The grid's frame turned about z so that x and y are FORCE_MODEL's basis of z. θ and φ are measured here, and plans
+    /// The grid's frame turned about z so that x and y are the basis of z of docs/force-model.md 1. θ and φ are measured here, and plans
     /// call it work: it depends on the approach alone.
     Approach = "approach",
     /// The robot's base: the URDF's `base_link`, else its root.

@@ -7,7 +7,8 @@ use bonemill_imaging::ImageError as RustImageError;
 use bonemill_planner::PlanError as RustPlanError;
 use bonemill_planner::burr::ModelError as RustModelError;
 use bonemill_planner::case::CaseError as RustCaseError;
-use bonemill_planner::plan::{PlanFileError as RustPlanFileError, Refused};
+use bonemill_planner::pipeline::Refused;
+use bonemill_planner::plan::PlanFileError as RustPlanFileError;
 use bonemill_robot::RobotError as RustRobotError;
 use pyo3::{PyErr, import_exception};
 

@@ -5,10 +5,10 @@ use std::path::{Component, Path, PathBuf};
 use bonemill_geometry::{Frame, Rigid};
 use bonemill_planner::Plan as RustPlan;
 use bonemill_planner::case::Structure;
-use bonemill_planner::pipeline::record;
+use bonemill_planner::pipeline::{Refused, record};
 use bonemill_planner::plan::{
-    self as files, ForceToward, Input, Need, PlanFileError, PlanRecord, Refused, Replace, StagedDirectory,
-    StoredPlan, Waypoint,
+    self as files, ForceToward, Input, Need, PlanFileError, PlanRecord, Replace, StagedDirectory, StoredPlan,
+    Waypoint,
 };
 use bonemill_planner::save;
 use bonemill_robot::{Arm, JointKind, RobotError};

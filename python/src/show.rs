@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use bonemill_geometry::{Point, Work};
 use bonemill_imaging::ImageError;
-use bonemill_planner::plan::{Need, Refused};
+use bonemill_planner::pipeline::Refused;
+use bonemill_planner::plan::Need;
 use bonemill_planner::show::{
     self as rust, Body, Frame, Images, Moment, PAINTS, PLANES, Plot, Show, Slice, Surface,
 };

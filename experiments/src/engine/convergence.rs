@@ -1,6 +1,6 @@
 //! Removed volume and force against closed forms, from coarse to fine cells, in cells per radius.
 //!
-//! Voxels and cells are the same size here, so r/h is r/s. Volumes: FORCE_MODEL's tube, segment and cap; forces: its
+//! Voxels and cells are the same size here, so r/h is r/s. Volumes: the tube, segment and cap of docs/force-model.md 6; forces: its
 //! section 6. Blocks end on voxel faces, where the density fades over a voxel. Paths start off the lattice, so that
 //! no cell is special.
 

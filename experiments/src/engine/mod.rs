@@ -15,7 +15,7 @@ const RADIUS_MM: f64 = 2.5;
 /// Feed, mm/s.
 const FEED_MM_S: f64 = 1.5;
 
-/// The burr of FORCE_MODEL 6: r 2.5 mm, 8 blades, K = (100, 60, 20) N/mm² at 0.8 g/cm³, 20 000 rpm.
+/// The burr of docs/force-model.md 6: r 2.5 mm, 8 blades, K = (100, 60, 20) N/mm² at 0.8 g/cm³, 20 000 rpm.
 fn spec(n_kappa: usize, n_around: usize, cells_per_radius: f64) -> Result<EngineSpec, ModelError> {
     Ok(EngineSpec {
         tool: Tool::new(RADIUS_MM, 8, -1)?,

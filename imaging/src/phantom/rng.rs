@@ -3,7 +3,7 @@
 //! The counter form gives voxel n its value without the values before it, so that noise does not depend on the order in
 //! which voxels are filled, nor on the number of threads.
 //!
-//! **Source:** Steele, Lea, Flood 2014 (splitmix64), as in FORCE_MODEL section 11; Box and Muller 1958.
+//! **Source:** Steele, Lea, Flood 2014 (splitmix64), as in docs/force-model.md 11; Box and Muller 1958.
 
 use std::f64::consts::TAU;
 

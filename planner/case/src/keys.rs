@@ -232,39 +232,39 @@ table! {
         LEAST_SHARE = "target.least_share" One 0.0..1.0, Value(0.9),
             "least share of the target's mm³ to be removed, air cells included and what lies beyond the scan counted as not removed; below it the plan falls short", ASSUMED;
         CLEARANCE = "structure.clearance_mm" Mm 0.0..50.0, Value(1.0),
-            "least distance of the burr's surface from the structure", "assumed (FORCE_MODEL 10: r_v,min = r + 1 mm)";
+            "least distance of the burr's surface from the structure", "assumed (docs/force-model.md 10: r_v,min = r + 1 mm)";
         PRIORITY = "structure.priority" One 1.0..1e6, Derived("its place in the file"), "1 is the most important", "-";
         SHANK_CLEARANCE = "structure.shank_clearance_mm" Mm 0.0..50.0, Value(0.0),
             "least distance of the shank's surface from the structure", "D: the shank must not touch";
         DIRECTION = "approach.direction" One -1e6..1e6, Chosen("the direction in which the target sees the most air"),
             "ct, out of the bone; any length but zero", "the one used stands in plan.toml";
-        RADIUS = "burr.radius_mm" Mm 0.2..10.0, Value(2.5), "radius (not diameter) of the ball", "assumed: 5 mm burr (FORCE_MODEL 10)";
-        FLUTES = "burr.flutes" One 1.0..64.0, Value(8.0), "identical flutes", "assumed (FORCE_MODEL 10)";
-        RPM = "burr.spindle_rpm" Rpm 100.0..500_000.0, Value(60_000.0), "spindle speed", "assumed: otologic drill (FORCE_MODEL 10)";
+        RADIUS = "burr.radius_mm" Mm 0.2..10.0, Value(2.5), "radius (not diameter) of the ball", "assumed: 5 mm burr (docs/force-model.md 10)";
+        FLUTES = "burr.flutes" One 1.0..64.0, Value(8.0), "identical flutes", "assumed (docs/force-model.md 10)";
+        RPM = "burr.spindle_rpm" Rpm 100.0..500_000.0, Value(60_000.0), "spindle speed", "assumed: otologic drill (docs/force-model.md 10)";
         SPIN = "burr.spin" One -1.0..1.0, Value(-1.0),
-            "-1 forward (clockwise seen from the handpiece), +1 reverse", "assumed: forward (FORCE_MODEL 1)";
-        NECK = "burr.neck_radius_mm" Mm 0.05..10.0, Value(1.1), "radius of the neck where the flutes end", "assumed: asin(0.44) of the 5 mm burr (FORCE_MODEL 10)";
+            "-1 forward (clockwise seen from the handpiece), +1 reverse", "assumed: forward (docs/force-model.md 1)";
+        NECK = "burr.neck_radius_mm" Mm 0.05..10.0, Value(1.1), "radius of the neck where the flutes end", "assumed: asin(0.44) of the 5 mm burr (docs/force-model.md 10)";
         SEGMENTS = "shank.segments" Mm 0.05..200.0, Words("[[25.0, 1.1], [60.0, 6.0]]"),
             "[length, radius] of cylinders, one after the other, the first from radius_mm along the axis", "assumed: thin shaft, then handpiece";
         K_T = "material.k_t" NMm2 0.001..1e5, Derived("1400; 2100 with measure = \"dz\""), "tangential specific cutting energy at rho_ref and 60 000 rpm",
-            "assumed: lumped to D's mean 0.73 N with the element length in use; dz: times 551/363 (FORCE_MODEL 10), since one measure's value must not be used with the other";
-        K_R = "material.k_r" NMm2 0.0..1e5, Derived("0.6 k_t: 840; 1260 with measure = \"dz\""), "radial", "assumed: 0.6 of the default k_t (FORCE_MODEL 10)";
-        K_A = "material.k_a" NMm2 0.0..1e5, Derived("0.1 k_t: 140; 210 with measure = \"dz\""), "axial, from shaft to tip", "assumed: 0.1 of the default k_t (FORCE_MODEL 10)";
+            "assumed: of the order of D's mean force (0.94 N in its slot at 60 000 rpm, 0.73 N measured), with the element length in use; dz: times 551/363 (docs/force-model.md 10), since one measure's value must not be used with the other";
+        K_R = "material.k_r" NMm2 0.0..1e5, Derived("0.6 k_t: 840; 1260 with measure = \"dz\""), "radial", "assumed: 0.6 of the default k_t (docs/force-model.md 10)";
+        K_A = "material.k_a" NMm2 0.0..1e5, Derived("0.1 k_t: 140; 210 with measure = \"dz\""), "axial, from shaft to tip", "assumed: 0.1 of the default k_t (docs/force-model.md 10)";
         K_TE = "material.k_te" NMm 0.0..100.0, Value(0.0), "tangential edge coefficient", "an edge-only model contradicts D's trials; off";
         K_RE = "material.k_re" NMm 0.0..100.0, Value(0.0), "radial edge coefficient", "as k_te";
         K_AE = "material.k_ae" NMm 0.0..100.0, Value(0.0), "axial edge coefficient", "as k_te";
-        T0 = "material.t0_mm" Mm 0.0..1.0, Value(0.0), "chip thickness at which the edge term saturates; 0: at once", "FORCE_MODEL 3";
+        T0 = "material.t0_mm" Mm 0.0..1.0, Value(0.0), "chip thickness at which the edge term saturates; 0: at once", "docs/force-model.md 3";
         RHO_REF = "material.rho_ref_g_cm3" GCm3 0.01..10.0, Value(0.8), "density at which the coefficients hold", "D: foam of 0.8 g/cm³";
         EXPONENT = "material.exponent" One 0.0..5.0, Value(1.0), "exponent of density", "D: force proportional to mass";
         LAYER = "path.layer_mm" Mm 0.05..20.0, Value(1.5), "depth of a layer, at most twice the radius", "D: 1.5 mm";
         STEPOVER = "path.stepover_mm" Mm 0.05..20.0, Derived("2/3 of burr.radius_mm"), "distance of neighbouring lines, at most twice the radius", "assumed: reproduces D's figures";
         STEP = "path.step_mm" Mm 0.01..5.0, Value(0.25), "distance of neighbouring waypoints, at most the radius", "assumed: the planning grid's spacing";
         RASTER = "path.raster_deg" Deg -360.0..360.0, Chosen("along the target or across it, by what the structures feel in a draft"), "direction of the lines from work x towards work y", "-";
-        KAPPA = "cost.kappa_per_mm" PerMm 0.0..100.0, Value(0.7), "decay of α₁ with distance", "assumed (FORCE_MODEL 10): α₁ halves with each mm";
-        ALPHA_MAX = "cost.alpha_max" One 0.0..1.0, Words("0.8; 0.5 with preset = \"paper\""), "α₁ at the clearance", "FORCE_MODEL 8.10: 0.5 as D prints it, 0.8 as D's text and trials ask";
+        KAPPA = "cost.kappa_per_mm" PerMm 0.0..100.0, Value(0.7), "decay of α₁ with distance", "assumed (docs/force-model.md 10): α₁ halves with each mm";
+        ALPHA_MAX = "cost.alpha_max" One 0.0..1.0, Words("0.8; 0.5 with preset = \"paper\""), "α₁ at the clearance", "docs/force-model.md 8, resolution 10: 0.5 as D prints it, 0.8 as D's text and trials ask";
         TILT_LIMIT = "orientation.tilt_limit_deg" Deg 0.0..90.0, Value(60.0), "largest angle from the approach while cutting", ASSUMED;
-        MIN_SPEED = "speed.min_mm_s" MmS 0.01..1000.0, Value(0.5), "slowest cut", "assumed (FORCE_MODEL 10)";
-        MAX_SPEED = "speed.max_mm_s" MmS 0.01..1000.0, Value(4.0), "fastest cut", "assumed (FORCE_MODEL 10)";
+        MIN_SPEED = "speed.min_mm_s" MmS 0.01..1000.0, Value(0.5), "slowest cut", "assumed (docs/force-model.md 10)";
+        MAX_SPEED = "speed.max_mm_s" MmS 0.01..1000.0, Value(4.0), "fastest cut", "assumed (docs/force-model.md 10)";
         NOMINAL_SPEED = "speed.nominal_mm_s" MmS 0.01..1000.0, Value(1.5), "speed of `constant`, and at which forces are compared", "D: 1.5 mm/s";
         LINK_SPEED = "speed.link_mm_s" MmS 0.01..1000.0, Value(10.0), "speed in free space", ASSUMED;
         TOTAL_TIME = "speed.total_time_s" S 0.1..1e6, Derived("with mode = \"least_force\": what the plan takes with every cut at nominal_mm_s; else none"), "time of the whole plan, when it is to be met", "-";
@@ -303,7 +303,7 @@ table! {
         SHEETS: Sheets = "target.sheets" ["keep" => Sheets::Keep, "cut" => Sheets::Cut],
             "bone outside the target that is thinner than the band (the largest voxel diagonal of CT, labels and planning grid): kept unless it lies within the band of the target, where it is taken for partial volume; or cut wherever the ball meets it. Pieces under 2×2×2 voxels are cut either way", ASSUMED;
         MEASURE: Measure = "material.measure" ["db" => Measure::Db, "dz" => Measure::Dz],
-            "length element of the force sum: edge length or height; `dz` with preset = \"paper\"", "FORCE_MODEL 4: db is energy-consistent and reproduces D's trials, dz is D eq. 4 as printed";
+            "length element of the force sum: edge length or height; `dz` with preset = \"paper\"", "docs/force-model.md 4: db is energy-consistent and reproduces D's trials, dz is D eq. 4 as printed";
         PATTERN: () = "path.pattern" ["lawnmower" => ()], "layers of serpentine lines", "D II-A";
         TURNS: bool = "burr.turns" ["one_way" => false, "both_ways" => true],
             "whether the burr cuts one way only, as spin says, or either way: then the plan with less force toward the structures decides", ASSUMED;

@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn docs_case_md_is_this_reference() {
-        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/case.md");
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/case.md");
         let found = std::fs::read_to_string(&file).unwrap_or_default();
         assert!(found == reference(), "docs/case.md is out of date: run `bonemill keys > docs/case.md`");
     }

@@ -429,7 +429,7 @@ proptest! {
 
 #[test]
 fn the_shared_mastoidectomy_case_parses() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let data = std::env::var_os("BONEMILL_DATA").map_or_else(|| root.join("../shared/data"), Into::into);
     let file = data.join("tbone_RT143/case.toml");
     let Ok(text) = std::fs::read_to_string(&file) else {

@@ -20,7 +20,7 @@
 //! voxel wholly inside or outside none at all. Precision: 4e-15 r³ (2.4e-15 r³ was the most between orders of the axes over
 //! 150 000 boxes).
 //!
-//! **Source:** FORCE_MODEL 8, by the divergence theorem and Gauss–Bonnet; the separation into pairs is ours.
+//! **Source:** docs/force-model.md 8, by the divergence theorem and Gauss–Bonnet; the separation into pairs is ours.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::ops::Range;

@@ -182,7 +182,7 @@ const NOTHING: f64 = 1e-12;
 /// # Errors
 /// [`CalibrateError`] when the log cannot tell them.
 ///
-/// **Source:** ordinary least squares; the linear model is FORCE_MODEL 3.
+/// **Source:** ordinary least squares; the linear model is docs/force-model.md 3.
 pub fn calibrate(log: &[Observation], wanted: &[Coefficient]) -> Result<Calibration, CalibrateError> {
     for (index, row) in log.iter().enumerate() {
         let finite = |v: &Vector3<f64>| v.iter().all(|c| c.is_finite());

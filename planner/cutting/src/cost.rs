@@ -66,7 +66,7 @@ impl CostModel {
 
     /// α_1 = α_max exp(−κ max(0, r_v − r_v,min)): never above α_max, also inside the clearance.
     ///
-    /// **Source:** Dillon et al. 2016, equation (8), clamped (FORCE_MODEL 8, resolution 10).
+    /// **Source:** Dillon et al. 2016, equation (8), clamped (docs/force-model.md 8, resolution 10).
     pub fn alpha_1(&self, distance_mm: f64, least_mm: f64) -> f64 {
         self.alpha_max * (-self.kappa_per_mm * (distance_mm - least_mm).max(0.0)).exp()
     }

@@ -50,7 +50,7 @@ pub struct EngagementMetrics {
 /// `axis` is the unit shaft axis; r² − z² is taken as printed, clamped at 0 for voxel centres beyond
 /// the poles, and the true d² at r² for those beyond the equator, which keeps both I_n within 0 to 1.
 ///
-/// **Source:** Dillon et al. 2016, equations (1), (2); resolutions 1–5 of FORCE_MODEL 8.
+/// **Source:** Dillon et al. 2016, equations (1), (2); resolutions 1–5 of docs/force-model.md 8.
 pub fn engagement_metrics<T: Copy + Into<f64>, F: Frame>(
     density_g_cm3: &Volume<T, F>,
     center: Point<F>,

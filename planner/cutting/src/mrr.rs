@@ -82,7 +82,7 @@ impl LumpedCoefficients {
     /// # Errors
     /// [`ModelError::OutOfRange`] when nothing was removed or there is no tangential force.
     ///
-    /// **Source:** Yang & Chen, equations (13)–(16); (15) is printed inverted (FORCE_MODEL 9).
+    /// **Source:** Yang & Chen, equations (13)–(16); (15) is printed inverted (docs/force-model.md 9).
     pub fn calibrate(
         force_n: &Vector3<f64>,
         radial: &Unit<Vector3<f64>>,

@@ -90,7 +90,7 @@ impl SpeedModel {
     /// # Errors
     /// [`ModelError`] when the lists differ in length, or a value is not finite or out of range.
     ///
-    /// **Source:** Dillon et al. 2016, equation (13); resolutions 14–16 of FORCE_MODEL 8.
+    /// **Source:** Dillon et al. 2016, equation (13); resolutions 14–16 of docs/force-model.md 8.
     pub fn centred(&self, mass_mg: &[f64], cost: &[f64]) -> Result<SpeedProfile, ModelError> {
         let ratios = self.ratios(mass_mg, cost)?;
         let (count, sum) = ratios.iter().flatten().fold((0, 0.0), |(n, s), ratio| (n + 1, s + ratio));
@@ -134,7 +134,7 @@ impl SpeedModel {
     /// # Errors
     /// As [`Self::centred`], and [`ModelError::TimeOutOfReach`] with the times that can be met.
     ///
-    /// **Source:** Dillon et al. 2016, section III; resolution 14 of FORCE_MODEL 8.
+    /// **Source:** Dillon et al. 2016, section III; resolution 14 of docs/force-model.md 8.
     pub fn in_time(
         &self,
         mass_mg: &[f64],

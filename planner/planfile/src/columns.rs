@@ -172,7 +172,7 @@ mod tests {
 
     #[test]
     fn docs_columns_md_is_this_reference() {
-        let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/columns.md");
+        let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/columns.md");
         let found = std::fs::read_to_string(&file).unwrap_or_default();
         assert!(
             found == reference(),

@@ -1,7 +1,7 @@
 //! The engine: poses in, forces out, bone gone.
 //!
 //! A step goes straight from the previous pose to the next. The force is that at its end, in the bone as it was
-//! before the step (FORCE_MODEL 5); then the swept capsule is gone. A step whose end puts the shank into bone is
+//! before the step (docs/force-model.md 5); then the swept capsule is gone. A step whose end puts the shank into bone is
 //! stopped: reported, and not made. A refused pose leaves everything as it was.
 //!
 //! Poses known beforehand go in batches: the steps of a batch look at the same lattice and each at its own part of

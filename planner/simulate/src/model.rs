@@ -39,7 +39,7 @@ impl<M: ForceModel + ?Sized> ForceModel for Box<M> {
     }
 }
 
-/// The spherical fluted burr: Dillon's equations (3) and (4) with the edge term of FORCE_MODEL 3.
+/// The spherical fluted burr: Dillon's equations (3) and (4) with the edge term of docs/force-model.md 3.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlutedBurr {
     /// The burr.
@@ -114,7 +114,7 @@ pub enum LumpedForm {
 /// surface's normals. MRR is that of material at the reference density, so that light bone gives less force (Yang's
 /// phantom is of one density).
 ///
-/// **Source:** Yang & Chen, equations (3), (4), (13), (14); FORCE_MODEL 9 for both forms.
+/// **Source:** Yang & Chen, equations (3), (4), (13), (14); docs/force-model.md 9 for both forms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lumped {
     tool: Tool,

@@ -88,7 +88,7 @@ fn a_full_slot_has_its_closed_form() {
     assert!((found - expected).abs() < 1.5e-3 * expected, "{found} of {expected}");
 }
 
-/// Half the burr's depth in bone below z = 0; what a slot of that depth feels (FORCE_MODEL 6), where the block's edge
+/// Half the burr's depth in bone below z = 0; what a slot of that depth feels (docs/force-model.md 6), where the block's edge
 /// is sharp.
 #[test]
 fn a_second_pass_beside_the_first_meets_the_crescent_that_is_left() {

@@ -1,18 +1,21 @@
 //! Fixed-point decimals by integer arithmetic: exact to the last digit.
 
-use std::io::Write;
+use itoa::Buffer;
 
 /// Appends `units` · 10^−`decimals` without trailing zeros: "−0.5", "12", never "−0". `decimals` at most 18.
 pub(super) fn push_units(out: &mut Vec<u8>, units: i64, decimals: u32) {
     let one = 10u64.pow(decimals.min(18));
     let (whole, part) = (units.unsigned_abs() / one, units.unsigned_abs() % one);
-    let sign = if units < 0 { "-" } else { "" };
-    // writing to a Vec cannot fail
-    let _ = write!(out, "{sign}{whole}");
+    let mut digits = Buffer::new();
+    if units < 0 {
+        out.push(b'-');
+    }
+    out.extend_from_slice(digits.format(whole).as_bytes());
     if part > 0 {
-        let _ = write!(out, ".{part:0width$}", width = decimals as usize);
-        let zeros = out.iter().rev().take_while(|digit| **digit == b'0').count();
-        out.truncate(out.len() - zeros);
+        // a leading 1, left out, keeps the zeros before the part's digits
+        let part = digits.format(one + part)[1..].trim_end_matches('0');
+        out.push(b'.');
+        out.extend_from_slice(part.as_bytes());
     }
 }
 

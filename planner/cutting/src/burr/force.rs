@@ -50,7 +50,7 @@ pub struct BurrForce {
 /// `density_g_cm3` gives the bone's density at a point; it is asked at c + (r + δ) n, only where the surface moves forward.
 /// v = 0 gives zero for everything.
 ///
-/// **Source:** Dillon et al. 2016, equations (3) and (4); the chip, the frame and the edge term as FORCE_MODEL 1–4.
+/// **Source:** Dillon et al. 2016, equations (3) and (4); the chip, the frame and the edge term as docs/force-model.md 1–4.
 pub fn burr_force<F: Frame>(
     density_g_cm3: impl Fn(Point<F>) -> f64,
     tool: &Tool,

@@ -1,5 +1,5 @@
 //! Masses look at voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes, whose sum over the path is the
-//! mass removed (FORCE_MODEL section 8, row 3); for drafts by whole voxels.
+//! mass removed (docs/force-model.md 8, row 3); for drafts by whole voxels.
 
 use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
 use nalgebra::Vector3;

@@ -8,7 +8,7 @@
 //! waypoints; there the axis is held at the nearest free direction, and counted. Nothing here looks between waypoints:
 //! that is the paper's way, and what [`super::sequence`] and [`super::refine`] are for.
 //!
-//! **Source:** Dillon et al. 2016, equation (7) and II-G; FORCE_MODEL 8, resolution 17.
+//! **Source:** Dillon et al. 2016, equation (7) and II-G; docs/force-model.md 8, resolution 17.
 
 use argmin::core::{CostFunction, Error, Executor, State};
 use argmin::solver::brent::BrentOpt;

@@ -20,7 +20,7 @@ const SHORTEST_WINDOW_S: f64 = 1e-3;
 /// A joint path with its corners rounded; times any set of speed caps.
 ///
 /// ```
-/// use bonemill_robot::timelaw::{CornerTolerance, JointPath, PathLimits, PreparedPath};
+/// use bonemill_motion::timelaw::{CornerTolerance, JointPath, PathLimits, PreparedPath};
 /// let limits = PathLimits::new(&[15.0; 2], &[150.0; 2], &[3000.0; 2], CornerTolerance::default())?;
 /// let q = [0.0, 0.0, 10.0, 0.0, 10.0, 5.0];
 /// let pose = [[0.0, 0.0, 0.0, 0.0, 0.0, 1.0], [10.0, 0.0, 0.0, 0.0, 0.0, 1.0], [10.0, 5.0, 0.0, 0.0, 0.0, 1.0]];
@@ -29,7 +29,7 @@ const SHORTEST_WINDOW_S: f64 = 1e-3;
 /// let law = prepared.law(&[0.0, 2.0, 2.0])?;
 /// assert!((law.duration_s() - 7.5).abs() < 0.3);
 /// assert!(law.limit_ratios(&limits).jerk <= 1.0 + 1e-9);
-/// # Ok::<(), bonemill_robot::RobotError>(())
+/// # Ok::<(), bonemill_arm::RobotError>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct PreparedPath {
