@@ -3,7 +3,7 @@
 //! The curve is piecewise linear between its points and constant outside them, so noise below air or a metal streak
 //! above the last point never extrapolates into a negative or absurd density. Invariants, checked in
 //! [`DensityTable::new`]: at least two points, all finite, HU strictly increasing, densities not negative. The curve
-//! may fall (a contrast agent, a phantom material); nothing here asks it to rise.
+//! may fall (a contrast agent, a phantom material); nothing here requires that it rises.
 
 use crate::ImageError;
 

@@ -10,7 +10,7 @@
 //!    least one in 10 000 above −300 (something that is not air): HU;
 //! 3. else not, and the range says what it looks like.
 //!
-//! Nothing is asked about bone: a foam block or a soft specimen is for the planner to judge. The price of the rule is
+//! Bone is not required: a foam block or a soft specimen is for the planner to judge. The price of the rule is
 //! that a crop without any air is refused; its values cannot be told from shifted ones by looking.
 
 use std::fmt;

@@ -7,7 +7,7 @@
 //!
 //! Most questions are "farther than the clearance?" far from the threshold. For these there is a coarse field: the
 //! exact distance at every second voxel centre. Distance changes no faster than the point moves, so it bounds the
-//! distance everywhere, and only near the threshold the tree is asked.
+//! distance everywhere, and only near the threshold the tree is searched.
 
 use bonemill_geometry::{Ct, Grid, Point, Volume};
 use nalgebra::Vector3;

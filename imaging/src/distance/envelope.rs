@@ -56,7 +56,7 @@ pub(super) struct Envelope {
     sites: Vec<usize>,
     /// f by block and site.
     costs: Vec<[f32; LANES]>,
-    /// What a site stands for, by block and site; empty when nobody asks.
+    /// What a site stands for, by block and site; empty when it is not needed.
     names: Vec<[u32; LANES]>,
     /// The smallest sum by block and place.
     best: Vec<[f32; LANES]>,

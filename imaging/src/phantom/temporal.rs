@@ -5,7 +5,7 @@
 //! cortex to the antrum and keeps half a millimetre more than its clearance from every structure; its edges are rounded to
 //! the burr, and only its largest piece counts. Grey values are typical of CT, not of one scanner or patient.
 //!
-//! Work goes by bricks of 4 × 4 × 4 voxels, so that a voxel only asks the bodies near it.
+//! Work goes by bricks of 4 × 4 × 4 voxels, so that only the bodies near a voxel are evaluated.
 
 mod anatomy;
 mod labyrinth;

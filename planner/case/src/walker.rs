@@ -1,6 +1,6 @@
 //! Takes typed values out of a TOML table, and notes every fault instead of stopping at the first.
 //!
-//! A table remembers which keys it was asked for; what is left over in the end is unknown. A value that is wrong is
+//! A table remembers which keys were read; what is left over in the end is unknown. A value that is wrong is
 //! replaced by a harmless one, so that the walk goes on; the case is thrown away as soon as there is one fault.
 
 use std::cell::RefCell;

@@ -1,6 +1,6 @@
 //! Which shaft axes the arm can take where, known before axes are chosen.
 //!
-//! The arm is asked on a coarse lattice of places over all that the burr reaches, in each for a set of directions, posture by
+//! The arm's inverse is evaluated on a coarse lattice of places over all that the burr reaches, for a set of directions each, posture by
 //! posture ([`bonemill_motion::resolve::postures`]), since a path is followed in one. Between lattice places an axis counts as
 //! one that the arm takes where it takes all places and directions around it: at the edge of what the arm can do up to a
 //! step is lost, and nothing is promised that the neighbours do not have. The path itself is followed afterwards; where the

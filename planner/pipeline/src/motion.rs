@@ -3,7 +3,7 @@
 //! What is planned so far are points and unit axes in work; which joint vectors the arm takes there is decided over the
 //! whole sequence (`bonemill_motion::resolve`). Out of reach is told by waypoint.
 //!
-//! Compliance is asked for twice: by tilt, before the angles are chosen, and at every waypoint, when the joints are known.
+//! Compliance is computed twice: by tilt, before the angles are chosen, and at every waypoint, when the joints are known.
 //! Before that, the bone-attached arm's depends on the tilt alone; another's is taken with the burr at the target's centre,
 //! a few mm of an arm's reach away from where it will be.
 
@@ -26,7 +26,7 @@ pub struct Placed<'a> {
     pub arm: &'a Arm,
     /// Where the patient is.
     pub base_from_work: &'a Rigid<Base, Work>,
-    /// What is asked of its posture.
+    /// Which posture it must be in.
     pub posture: Posture<'a>,
 }
 

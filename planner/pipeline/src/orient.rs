@@ -283,7 +283,7 @@ fn by_waypoint(room: &Room, field: &CostField) -> Oriented {
     Oriented { low_pass_held: filtered.held, ..Oriented::new(filtered.axes, room.family) }
 }
 
-/// The paper's low-pass over what each waypoint wants alone.
+/// The paper's low-pass over each waypoint's best axis alone.
 fn filtered(room: &Room, wishes: &[greedy::Wish]) -> greedy::Greedy {
     let in_set = |i: usize, n: usize| room.is_in_set(i, n);
     let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);

@@ -88,7 +88,7 @@ pub struct Chosen {
 }
 
 impl<'a> Prepared<'a> {
-    /// Lays the path, its lines as `raster` says or as the case and the structures want them, and finds what is free on it.
+    /// Lays the path, its lines as `raster` says or as the case and the structures decide, and finds what is free on it.
     ///
     /// # Errors
     /// When the arm cannot stand there, or the shank reaches nothing.
@@ -205,7 +205,7 @@ impl<'a> Prepared<'a> {
         &self.directions
     }
 
-    /// Chooses axes as the case wants them. The case may differ from the one that was prepared in spin, material, weights,
+    /// Chooses axes by the case's mode. The case may differ from the one that was prepared in spin, material, weights,
     /// mode and speeds; what was prepared stays.
     ///
     /// # Errors

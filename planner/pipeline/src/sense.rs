@@ -26,7 +26,7 @@ const APART: f64 = 0.4;
 /// Senses whose pushes, or sides whose bone, differ by no more than this share are alike: the nearer end decides.
 const ALIKE: f64 = 0.05;
 
-/// Where the burr's sides are asked for bone, degrees below its equator.
+/// Where bone is sampled on the burr's sides, degrees below its equator.
 const BELOW_DEG: [f64; 6] = [0.0, 15.0, 30.0, 45.0, 60.0, 75.0];
 
 /// Decides for the passes of one path.

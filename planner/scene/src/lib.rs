@@ -117,7 +117,7 @@ pub enum SceneError {
     LabelAbsent {
         /// The label's value.
         label: u16,
-        /// What the case wants it for.
+        /// What the case names it for.
         what: String,
         /// What the map holds.
         present: String,

@@ -112,7 +112,7 @@ pub(super) struct Feed {
 }
 
 impl BurrNodes {
-    /// Tabulates the nodes; `Around::is_open` is asked of tiles with a reach of at most `tile_reach`, of the radius.
+    /// Tabulates the nodes; `Around::is_open` is evaluated on tiles with a reach of at most `tile_reach`, of the radius.
     pub fn new(tool: &Tool, disc: &Discretisation, tile_reach: f64) -> Self {
         let (nodes, increments) = (Nodes::new(tool, disc, tile_reach), disc.n_gamma());
         let increment_of = (0..nodes.azimuths.len()).map(|m| m % increments).collect();

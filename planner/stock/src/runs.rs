@@ -14,7 +14,7 @@ use crate::voxels::VoxelSet;
 /// Consecutive moves that deviate less than this from a straight line are one run, mm.
 const STRAIGHT_MM: f64 = 1e-6;
 
-/// Where less than this is left to a ball's surface, or to the end of a move, each move is asked: beyond rounding and what a
+/// Where less than this is left to a ball's surface, or to the end of a move, each move is tested: beyond rounding and what a
 /// run deviates from its line.
 const CERTAIN_MM2: f64 = 1e-2;
 const CERTAIN_MM: f64 = 1e-4;

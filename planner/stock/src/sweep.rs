@@ -109,7 +109,7 @@ impl Rows {
     }
 
     /// [`Self::within_capsule_where`] for a cylinder with flat ends: that of `radius_mm` about `axis` (unit) through `center`, between
-    /// two distances from it, mm. The run that `may` is asked about holds all of the row that the cylinder can meet.
+    /// two distances from it, mm. The run that is given to `may` holds all of the row that the cylinder can meet.
     pub fn within_cylinder_where<S>(
         &self,
         (center, axis): (Point<Work>, &Vector3<f64>),

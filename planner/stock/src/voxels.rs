@@ -1,6 +1,6 @@
 //! Sets of voxels, a bit each: what is still there, asked for row by row.
 //!
-//! Laying a path asks many times whether a ball or its sweep would take anything; a run of voxels in a row is a word or two.
+//! Laying a path needs to know many times whether a ball or its sweep would take anything; a run of voxels in a row is a word or two.
 
 use std::ops::{ControlFlow, Range};
 
@@ -77,7 +77,7 @@ impl VoxelSet {
         masks(run).flat_map(|(w, mask)| Bits(self.words[w] & mask).map(move |bit| 64 * w + bit))
     }
 
-    /// Takes those voxels of a run out that `taken` is true of; it is asked of each that is there, in order.
+    /// Takes those voxels of a run out for which `taken` is true; it is called for each that is there, in order.
     pub fn take_where(&mut self, run: Range<usize>, mut taken: impl FnMut(usize) -> bool) {
         for (w, mask) in masks(run) {
             for bit in Bits(self.words[w] & mask) {

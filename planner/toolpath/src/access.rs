@@ -5,18 +5,18 @@
 //! volume into a line: one ray march along the axis per direction.
 //!
 //! A march looks at the nearest voxel at steps of one voxel; the ball is larger by what that can miss, so "free" is
-//! certain. Where a march on voxels is not, the voxels around that part of it are asked one by one, each by its
+//! certain. Where a march on voxels is not, the voxels around that part of it are tested one by one, each by its
 //! eighths ([`EighthTimes`]): bone that stands anywhere in a voxel stands there. Thick segments (the handpiece) use a
 //! coarser field, for which a block counts as solid as long as any voxel in it is. Beyond the work grid `FarObstacles`
 //! stands for bone and structures.
 //!
-//! The arm rounds corners within a tolerance, and between two places that are asked the shank sweeps a little more than
-//! it holds at either: the shank that is asked for is wider by both ([`aside_mm`]). A whole move, during which the shank turns, is
+//! The arm rounds corners within a tolerance, and between two tested places the shank sweeps a little more than
+//! it holds at either: the shank is tested wider by both ([`aside_mm`]). A whole move, during which the shank turns, is
 //! asked at places that far apart, and at nearer ones where those leave a doubt (`turn`).
 //!
 //! A march through free space is long and most of it far from everything: blocks of voxels with the latest time in each say
 //! how many steps need no look (`march`). Where a march is in doubt, the rest of the way is looked at with a ball that is
-//! small enough to be certain of "blocked"; only what lies between the two is asked by eighths. The answer is the same.
+//! small enough to be certain of "blocked"; only what lies between the two is tested by eighths. The answer is the same.
 //!
 //! A ball at a thick cylinder's flat front reaches out of it, from the handpiece down to the skull. Where only that part of
 //! a march is blocked, the front is looked at again with balls of the first cylinder's radius.
@@ -62,7 +62,7 @@ pub enum Blocked {
     },
 }
 
-/// How far the shank moves between two places that are asked about, mm.
+/// How far the shank moves between two tested places, mm.
 pub const STRIDE_MM: f64 = 0.3;
 
 /// What the shank is widened by for what it sweeps between those places, mm, or more where it is thin.
@@ -80,7 +80,7 @@ fn between_mm(radius_mm: f64) -> f64 {
     BETWEEN_MM.max(across_mm(radius_mm, 0.5 * STRIDE_MM) - radius_mm)
 }
 
-/// √(a² + b²); no call, since it is asked for every eighth of a voxel.
+/// √(a² + b²); no call, since it is computed for every eighth of a voxel.
 #[inline]
 fn across_mm(a_mm: f64, b_mm: f64) -> f64 {
     (a_mm * a_mm + b_mm * b_mm).sqrt()
@@ -95,7 +95,7 @@ struct Pose<'a> {
     index: u32,
     center: Point<Work>,
     axis: &'a Vector3<f64>,
-    /// By how much a thin cylinder is asked for narrower than with [`aside_mm`].
+    /// By how much a thin cylinder is tested narrower than with [`aside_mm`].
     narrower: Narrower,
 }
 
@@ -121,7 +121,7 @@ impl Narrower {
 /// Voxels along a side of the blocks in which groups of a front's balls are looked up.
 const AROUND_VOXELS: usize = 2;
 
-/// Steps of a march that are asked eighth by eighth at once.
+/// Steps of a march that are tested eighth by eighth at once.
 const PART: usize = 4;
 
 /// Access for every waypoint of one path.

@@ -25,7 +25,7 @@ const PASSING_STRUCTURE_MM: f64 = 0.005;
 
 /// Margins are kept up to this, mm: beyond it nothing is in doubt.
 const MARGIN_CUT_MM: f64 = 0.15;
-/// Nodes along a side of a block that is asked about at once which structures are near.
+/// Nodes along a side of a block for which the structures nearby are found at once.
 const BLOCK: usize = 8;
 
 /// Free space of the burr's centre.

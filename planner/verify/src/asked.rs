@@ -1,4 +1,4 @@
-//! What the case asks of a plan as a whole: that it does not fall short, by its own word and by its rows.
+//! What a case requires of a plan as a whole: that it does not fall short, by its own word and by its rows.
 //!
 //! A plan that falls short says why. Its word is a check of its own, so that such a plan never passes; the time and the forces that
 //! the case asks for are looked at as well, so that a plan whose word was taken out is still caught. Coverage is counted on voxels,

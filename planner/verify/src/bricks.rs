@@ -1,4 +1,4 @@
-//! What still stands at a given move, and whether a cylinder touches it: every point in the cylinder is asked.
+//! What still stands at a given move, and whether a cylinder touches it: every point in the cylinder is tested.
 //!
 //! Each point of a grid stands until a move's number; blocks of 8×8×8 points know the latest of theirs, so that a block
 //! in which nothing is left is passed over. Works along the grid's own axes, in mm.

@@ -1,4 +1,4 @@
-//! Which move first reaches each point of a lattice: every point of every capsule is asked, one by one.
+//! Which move first reaches each point of a lattice: every point of every capsule is tested, one by one.
 //!
 //! A move sweeps the points within the burr's radius of its segment. Long moves are looked at in pieces, so that the
 //! boxes searched stay small; slabs of the lattice are independent, so threads change nothing.

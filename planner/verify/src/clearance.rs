@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::boxes::Boxes;
 
-/// How much nearer the burr can be than any place that was asked, mm.
+/// How much nearer the burr can be than at any place that was tested, mm.
 pub const TOLERANCE_MM: f64 = 1e-3;
 
 /// Rows or moves that one task searches; fixed, so that threads change nothing.

@@ -208,7 +208,7 @@ fn looked_at(near: Vec<Weighted>, own: usize, case: &Case) -> Vec<Weighted> {
 }
 
 /// How far the force toward the structure is from max(0, F·u), N. Where several points are equally near, u is any of their
-/// directions: the point is asked again from a hair beside.
+/// directions: the distance is computed again from a point a hair beside.
 fn toward_again(row: &Waypoint, boxes: Option<&Boxes<'_>>) -> f64 {
     let (Some(said), Some(boxes)) = (row.force_toward_n, boxes) else { return f64::INFINITY };
     towards(row, boxes, &row.force_n).map(|toward| (toward - said).abs()).fold(f64::INFINITY, f64::min)

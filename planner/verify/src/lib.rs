@@ -1,7 +1,7 @@
 //! A second opinion on a finished plan, by code that did not make it.
 //!
 //! The planner's way from images to joints is walked back: the trajectory goes through the arm's forward kinematics, the
-//! burr's sweep is asked point by point on a lattice of half the planner's spacing, the shank is held against everything
+//! burr's sweep is tested point by point on a lattice of half the planner's spacing, the shank is held against everything
 //! that still stands at each moment, distances to structures are exact to their label boxes, and every figure that the
 //! plan states is computed again: volumes are counted on the planner's own voxels, so that a true one needs no allowance.
 //! A [`Check`] says its value, its limit, the margin and where the worst is.

@@ -283,7 +283,7 @@ impl Solid<'_> {
         if off(middle.x, half.x).hypot(off(middle.y, half.y)) > radius_mm {
             return;
         }
-        // what is asked is in the cylinder: the middle, drawn towards the axis
+        // the tested point is in the cylinder: the middle, drawn towards the axis
         let away = middle.x.hypot(middle.y);
         let draw = if away > radius_mm { radius_mm / away } else { 1.0 };
         let asked = Vector3::new(middle.x * draw, middle.y * draw, middle.z);

@@ -47,7 +47,7 @@ pub struct BurrForce {
 
 /// The mean force on the burr: F = (1/N_γ) Σ_i Σ_j Σ_k dF_ijk, and what follows from the same nodes.
 ///
-/// `density_g_cm3` gives the bone's density at a point; it is asked at c + (r + δ) n, only where the surface moves forward.
+/// `density_g_cm3` gives the bone's density at a point; it is sampled at c + (r + δ) n, only where the surface moves forward.
 /// v = 0 gives zero for everything.
 ///
 /// **Source:** Dillon et al. 2016, equations (3) and (4); the chip, the frame and the edge term as docs/force-model.md 1–4.

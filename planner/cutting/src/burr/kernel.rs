@@ -196,7 +196,7 @@ impl ForceKernel {
         &self.material
     }
 
-    /// The force for a shaft `axis` (burr to handpiece) and a unit `feed` direction, both in the frame in which the bone is asked:
+    /// The force for a shaft `axis` (burr to handpiece) and a unit `feed` direction, both in the frame in which the bone is sampled:
     /// at the centre plus [`Self::sample_radius_mm`] times a unit normal. `nominal_mm_s` matters only to an edge term with t0 > 0.
     ///
     /// Bone that gives the mean over each patch makes the sum smooth where it ends in an edge.

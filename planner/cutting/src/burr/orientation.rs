@@ -133,7 +133,7 @@ impl OrientationKernel {
 
     /// Gathers the bone in front of the burr into `samples` (cleared first, so that one buffer serves a whole path).
     ///
-    /// `feed` and the unit normals that the bone is asked for are in the caller's frame; it is asked at the burr's centre plus r
+    /// `feed` and the unit normals at which bone is sampled are in the caller's frame; it is sampled at the burr's centre plus r
     /// (+ offset) times the normal. Bone that gives the mean over each patch makes the sums smooth where it ends in an edge. The
     /// speeds matter only to an edge term with t0 > 0.
     pub fn gather(

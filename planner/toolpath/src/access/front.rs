@@ -1,6 +1,6 @@
 //! The flat front of a thick cylinder, held by small balls.
 //!
-//! The balls stand on a lattice, one per cube that a ball holds. Neighbours are asked about as one first: most of a front is
+//! The balls stand on a lattice, one per cube that a ball holds. Groups of neighbours are tested as one first: most of a front is
 //! far from everything.
 
 use std::collections::BTreeMap;
@@ -62,7 +62,7 @@ impl Front {
         front
     }
 
-    /// How far a group's balls may be from the place that is asked about for all of them, mm; a hair more, whatever the rounding.
+    /// How far a group's balls may be from the place that is tested for all of them, mm; a hair more, whatever the rounding.
     pub(super) fn reach_mm(&self) -> f64 {
         self.reach_mm + 1e-6
     }

@@ -1,6 +1,6 @@
 //! The shank during a whole move, while it turns from one axis to the next.
 //!
-//! The move is asked at places so near to each other that no point of the thin shank moves farther than [`STRIDE_MM`] between
+//! The move is tested at places so near to each other that no point of the thin shank moves farther than [`STRIDE_MM`] between
 //! two, with a shank that holds what it sweeps between them. Where that leaves a doubt the places are taken twice as near and
 //! the shank less wide, up to [`HALVINGS`] times. A place where the shank lacks even the room that the arm's tolerance takes is
 //! blocked; so is a move that is still in doubt after the last halving, where a shank sweeps 3 µm between two places.

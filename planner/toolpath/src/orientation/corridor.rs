@@ -1,7 +1,7 @@
 //! From the best sequence on a coarse cap to the best one near it on a finer cap.
 //!
 //! A cap's directions grow with the square of their fineness, and with them what access and cost take, while the best sequence
-//! on the fine cap stays near that on the coarse one. So only a corridor around the coarse sequence, smoothed, is asked: at every
+//! on the fine cap stays near that on the coarse one. So only a corridor around the coarse sequence, smoothed, is tested: at every
 //! waypoint the fine directions within `AROUND` spacings of its own direction and its neighbours'. Where the best sequence
 //! in the corridor runs along its edge, or none gets through, the corridor grows there, until it hardly does or
 //! `MOST_WIDENINGS` times.
@@ -25,7 +25,7 @@ const MOST_WIDENINGS: usize = 16;
 /// It is wide enough when the sequence runs along its edge at no more than one waypoint of so many.
 const FEW: usize = 8;
 
-/// What was asked of a fine cap, and the best sequence in it.
+/// What was tested of a fine cap, and the best sequence in it.
 #[derive(Debug, Clone)]
 pub struct Corridor {
     /// Directions that were asked at each waypoint.
@@ -191,7 +191,7 @@ mod tests {
             assert!(asked < 80 * fine.len() / 10, "{asked}");
             let counted = (0..80).map(|i| corridor.asked.count(i)).sum::<usize>();
             assert_eq!(counted, asked, "nothing is asked twice");
-            // what was found is the best of what was asked
+            // what was found is the best of what was tested
             let free = &corridor.free;
             let forbidden = Forbidden::default();
             let cost = &corridor.cost;

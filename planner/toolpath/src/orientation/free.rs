@@ -12,7 +12,7 @@ pub struct FreeSets {
 }
 
 impl FreeSets {
-    /// Direction n is free at waypoint i where `is_free(i, n)`; waypoints are asked in parallel.
+    /// Direction n is free at waypoint i where `is_free(i, n)`; waypoints are tested in parallel.
     pub fn fill(waypoints: usize, directions: usize, is_free: impl Fn(usize, usize) -> bool + Sync) -> Self {
         let words = directions.div_ceil(64).max(1);
         let mut bits = vec![0u64; waypoints * words];

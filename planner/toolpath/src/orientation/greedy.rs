@@ -24,7 +24,7 @@ const END_HALVINGS: usize = 6;
 /// Costs nearer than this are equal.
 const EQUAL: f64 = 1e-12;
 
-/// What one waypoint wants.
+/// The best axis of one waypoint alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Wish {
     /// This axis.
@@ -161,7 +161,7 @@ fn axis_from_angles(theta_rad: f64, phi_rad: f64) -> Unit<Vector3<f64>> {
     Unit::new_normalize(basis::axis_from_angles(theta_rad, phi_rad))
 }
 
-/// Every waypoint's axis from what each wants: no preference keeps the axis before it, or the nearest free direction.
+/// Every waypoint's axis from each one's best: no preference keeps the axis before it, or the nearest free direction.
 ///
 /// `in_set(i, n)`: whether direction n is free at waypoint i. The first waypoint starts from the approach.
 pub fn settle(

@@ -6,7 +6,7 @@
 //! once, and [`refine`] moves it off the set, smooth, without leaving what is free.
 //!
 //! Invariants: every axis handed out was found free by the access test itself, not only by its neighbours in the set; no cut
-//! is tilted beyond the limit, which is asked of the axis itself and never rounded.
+//! is tilted beyond the limit, which is tested on the axis itself and never rounded.
 
 pub mod corridor;
 pub mod directions;

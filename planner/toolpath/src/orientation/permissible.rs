@@ -1,6 +1,6 @@
 //! What the shank leaves open around the axis that a waypoint got: an interval of a plane, or a cap of the sphere.
 //!
-//! The finite set of directions is what was asked, so an interval ends at its last free direction and a cap at the
+//! Only the directions of a finite set were tested, so an interval ends at its last free direction and a cap at the
 //! farthest circle within which every direction of the set is free: neither promises anything between directions, and
 //! neither is wider than what was found free.
 
@@ -51,7 +51,7 @@ impl Permissible {
         Self { free: free.count(i), pieces, around }
     }
 
-    /// Of waypoint i with the shaft along `axis` (unit, work), which is free, over a cap; `fine`: what was asked of a finer one beside.
+    /// Of waypoint i with the shaft along `axis` (unit, work), which is free, over a cap; `fine`: what was tested of a finer one beside.
     pub fn on_cap(
         directions: &Directions,
         free: &FreeSets,

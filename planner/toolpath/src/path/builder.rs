@@ -41,7 +41,7 @@ pub struct Builder<'a> {
     /// How many reachable ones are.
     left: usize,
     unjoined: usize,
-    /// Where a path may begin, once it is asked for.
+    /// Where a path may begin, once it is computed.
     tops: Option<Vec<Point<Work>>>,
     vain_starts: usize,
     /// The pass and its point that the burr is on its way to.
@@ -367,7 +367,7 @@ impl<'a> Builder<'a> {
         self.sweep();
     }
 
-    /// Takes what the moves remove that were laid since the last time. Nothing is asked of the bone in between.
+    /// Takes what the moves remove that were laid since the last time. Nothing reads the bone in between.
     fn sweep(&mut self) {
         let Self { points, removal, material, reachable, left, .. } = self;
         let moves = self.swept as u32..points.len() as u32;

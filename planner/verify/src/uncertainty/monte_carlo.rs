@@ -1,7 +1,7 @@
 //! A finished plan under drawn errors: how often it touches each structure, and how far its forces are off.
 //!
 //! Each sample moves the patient rigidly, moves each structure's boundary, and scales K and density. The burr goes along
-//! its waypoints; the distance to a structure is exact at places no farther apart than [`STEP_MM`]. Places are asked in the
+//! its waypoints; the distance to a structure is exact at places no farther apart than [`STEP_MM`]. Places are tested in the
 //! order of their planned distance, until none that is left can be nearer, so a sample costs a few hundred questions.
 
 use bonemill_geometry::{Ct, Point, cancel};

@@ -4,7 +4,7 @@
 //! damped least squares; any other arm is searched from a fixed set of starts, so that the answer is repeatable.
 //! Out of reach is a value ([`Solutions::short_mm`]), not an error.
 //!
-//! The burr spins, so what a cut asks of an arm is a point and an axis ([`AxisPose`]); arms with fewer than six joints
+//! The burr spins, so a cut needs a point and an axis of an arm ([`AxisPose`]); arms with fewer than six joints
 //! are asked for no more than that.
 
 use bonemill_geometry::{Base, Point, Rigid, Tool};
@@ -41,7 +41,7 @@ pub enum InverseKind {
     Numeric,
 }
 
-/// Where a cut wants the burr: its centre and the shaft's axis, in base; the rotation about the axis is free.
+/// Where a cut needs the burr: its centre and the shaft's axis, in base; the rotation about the axis is free.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisPose {
     /// The burr's centre.

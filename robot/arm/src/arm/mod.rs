@@ -1,8 +1,8 @@
 //! Arms: a serial chain of prismatic and revolute joints with its limits and its tool.
 //!
 //! Positions, velocities and accelerations are mm and rad by the joint's kind; poses are [`Rigid`] from flange to base.
-//! An [`Arm`] is plain data: every function is pure, and threads may share one. Built and checked once; whatever a
-//! constructed arm is asked, only the length and finiteness of the joint vector can still be wrong.
+//! An [`Arm`] is plain data: every function is pure, and threads may share one. Built and checked once; in every call
+//! on a constructed arm only the length and finiteness of the joint vector can still be wrong.
 //!
 //! Every arm has an inverse ([`Arm::inverse`]): UR arms and the bone-attached one in closed form, others by damped least
 //! squares.

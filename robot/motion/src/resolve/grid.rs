@@ -147,7 +147,7 @@ struct Chosen {
     spin_rad: Vec<f64>,
 }
 
-/// One spin of so many is asked before there is a path.
+/// One spin of so many is tested before there is a path.
 const ASKED_EVERY: usize = 3;
 
 /// The branches on which an arm can take a pose at some spin, a bit each.
@@ -230,7 +230,7 @@ impl<'a> Nodes<'a> {
         let mut spin_rad = sampled_rad.clone();
         even_out(&mut spin_rad, path.length_mm);
         let follower = Follower { arm, frame: path.frame, branch: chosen.branch };
-        // on the samples each pose was found free; between them it is asked again
+        // on the samples each pose was found free; between them it is tested again
         follow(&follower, path, &spin_rad, arm).or_else(|_| follow(&follower, path, &sampled_rad, arm))
     }
 

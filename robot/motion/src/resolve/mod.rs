@@ -55,11 +55,11 @@ pub struct PosePath<'a> {
     pub frame: SpinFrame,
     /// Stiffness towards structures, when it counts.
     pub stiffness: Option<Stiffness<'a>>,
-    /// What is asked of the posture.
+    /// Which posture is wanted.
     pub posture: Posture<'a>,
 }
 
-/// What is asked of an arm's posture along a path.
+/// The posture that an arm must keep along a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Posture<'a> {
     /// Nothing.

@@ -1,7 +1,7 @@
 //! Which of many poses an arm can take without leaving a posture.
 //!
 //! A path is followed in one posture: on one branch of a UR, or from one joint vector to the next without a jump. So the
-//! question is asked posture by posture: of a UR's branches at every pose, in closed form over all spins; of an arm without
+//! question is answered posture by posture: of a UR's branches at every pose, in closed form over all spins; of an arm without
 //! closed form by going from pose to neighbouring pose, each solved from its neighbour's joint vector by damped least
 //! squares. The posture that takes the most poses is handed out.
 //!
