@@ -122,7 +122,7 @@ pub(crate) fn in_metres(
 
 /// What is found out about poses inverted in closed form.
 #[derive(Debug, Clone, Copy, Default)]
-struct Found {
+struct InverseTally {
     branches: u64,
     worst_mm: f64,
     worst_rad: f64,
@@ -138,9 +138,9 @@ struct Searched {
 
 fn inverse(model: UrModel) -> Result<Vec<String>, ExperimentError> {
     let arm = Arm::ur(model, None)?;
-    let portions: Result<Vec<Found>, ExperimentError> =
+    let portions: Result<Vec<InverseTally>, ExperimentError> =
         (0..POSES / 1000).into_par_iter().map(|portion| inverse_portion(&arm, model, portion)).collect();
-    let sum = portions?.into_iter().fold(Found::default(), |a, b| Found {
+    let sum = portions?.into_iter().fold(InverseTally::default(), |a, b| InverseTally {
         branches: a.branches + b.branches,
         worst_mm: a.worst_mm.max(b.worst_mm),
         worst_rad: a.worst_rad.max(b.worst_rad),
@@ -180,9 +180,9 @@ fn search(numeric: &Arm, model: UrModel, pose: u64) -> Result<Searched, Experime
     Ok(searched)
 }
 
-fn inverse_portion(arm: &Arm, model: UrModel, portion: u64) -> Result<Found, ExperimentError> {
+fn inverse_portion(arm: &Arm, model: UrModel, portion: u64) -> Result<InverseTally, ExperimentError> {
     let mut stream = Stream(1 + portion);
-    let mut found = Found::default();
+    let mut found = InverseTally::default();
     for k in 0..1000 {
         let mut q: [f64; 6] = std::array::from_fn(|_| (stream.next() - 0.5) * TAU);
         let near = [0.0, 1e-12, 1e-9, 1e-6, 1e-3][k / 10 % 5] * (stream.next() - 0.5);

@@ -25,7 +25,7 @@ pub struct Args {
 }
 
 /// What an experiment found: its tables as Markdown, and what fell short.
-pub struct Found {
+pub struct ExperimentOutput {
     /// For a terminal.
     pub text: String,
     /// Empty where all is as it must be.
@@ -36,7 +36,7 @@ pub struct Found {
 ///
 /// # Errors
 /// [`ExperimentError`]: an unknown name, a file that cannot be written, and what the experiment fails of.
-pub fn run(args: &Args, progress: &dyn Progress) -> Result<Found, ExperimentError> {
+pub fn run(args: &Args, progress: &dyn Progress) -> Result<ExperimentOutput, ExperimentError> {
     let Some(experiment) = EXPERIMENTS.iter().find(|e| e.name == args.name) else {
         let known: Vec<_> = EXPERIMENTS.iter().map(|e| format!("{} ({})", e.name, e.about)).collect();
         return Err(ExperimentError::Unknown { name: args.name.clone(), known: known.join("; ") });
@@ -47,7 +47,7 @@ pub fn run(args: &Args, progress: &dyn Progress) -> Result<Found, ExperimentErro
     }
     let text: Vec<_> = tables.iter().map(Table::markdown).collect();
     let shortfalls = tables.iter().flat_map(|table| table.shortfalls.iter().cloned()).collect();
-    Ok(Found { text: text.join("\n"), shortfalls })
+    Ok(ExperimentOutput { text: text.join("\n"), shortfalls })
 }
 
 fn write(dir: &Path, table: &Table) -> Result<(), ExperimentError> {

@@ -136,13 +136,13 @@ fn read_file<T: Voxel>(
 
 /// What the file's size says about what it can hold.
 #[derive(Debug, Clone, Copy)]
-struct Extent {
+struct FileExtent {
     file_bytes: u64,
     /// gzip's last four bytes: the decompressed size mod 2³² of its last member.
     gzip_size: Option<u32>,
 }
 
-impl Extent {
+impl FileExtent {
     fn at_most_bytes(&self) -> u64 {
         match self.gzip_size {
             None => self.file_bytes,
@@ -169,7 +169,7 @@ impl Extent {
 }
 
 /// Opens a file; gzip is told by its content, not by its name.
-fn open(path: &Path) -> Result<(Box<dyn Read>, Extent), NiftiProblem> {
+fn open(path: &Path) -> Result<(Box<dyn Read>, FileExtent), NiftiProblem> {
     let mut file = File::open(path).map_err(NiftiProblem::Unreadable)?;
     let metadata = file.metadata().map_err(NiftiProblem::Unreadable)?;
     if metadata.is_dir() {
@@ -184,7 +184,7 @@ fn open(path: &Path) -> Result<(Box<dyn Read>, Extent), NiftiProblem> {
     }
     let mut file = BufReader::with_capacity(1 << 16, file);
     let is_gzip = file.fill_buf().map_err(NiftiProblem::Unreadable)?.starts_with(&[0x1f, 0x8b]);
-    let extent = Extent { file_bytes, gzip_size: is_gzip.then_some(u32::from_le_bytes(size)) };
+    let extent = FileExtent { file_bytes, gzip_size: is_gzip.then_some(u32::from_le_bytes(size)) };
     let source: Box<dyn Read> = if is_gzip { Box::new(MultiGzDecoder::new(file)) } else { Box::new(file) };
     Ok((source, extent))
 }

@@ -10,7 +10,7 @@ use bonemill_planner::burr::{
 };
 use bonemill_planner::cost::{CostModel, Proximity};
 use bonemill_planner::metrics::Moments;
-use bonemill_planner::orientation::sequence::{Forbidden, Found, Problem, best_sequence};
+use bonemill_planner::orientation::sequence::{BestSequence, Forbidden, Problem, best_sequence};
 use bonemill_planner::orientation::{Directions, FreeSets, RateLimit, TiltFamily};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::{Unit, Vector3};
@@ -87,7 +87,7 @@ fn edges(c: &mut Criterion) {
             rate: RATE,
             forbidden: &forbidden,
         };
-        let Found::Sequence { total, edges, .. } = best_sequence(&problem) else { return };
+        let BestSequence::Sequence { total, edges, .. } = best_sequence(&problem) else { return };
         let ladder = Ladder::new(&problem);
         let stored: usize = ladder.edges.iter().map(Vec::len).sum();
         assert!((ladder.shortest(&problem) - total).abs() < 1e-6 * total || stored as u64 != edges);

@@ -6,7 +6,9 @@
 mod pocket;
 
 use bonemill_geometry::Point;
-use bonemill_planner::access::{Access, EighthTimes, STRIDE_MM, ShankCylinder, Solid, Turn, aside_mm};
+use bonemill_planner::access::{
+    Access, EighthTimes, STRIDE_MM, ShankCylinder, ShankObstacles, Turn, aside_mm,
+};
 use bonemill_planner::path::PathPoint;
 use bonemill_planner::removal::NEVER;
 use bonemill_planner::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
@@ -20,7 +22,7 @@ fn the_shank_is_free_where_no_eighth_stands_in_it() {
     let scene = scene();
     let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
-    let (solid, moves) = (Solid::new(&scene, &[0.0]), moves(&path));
+    let (solid, moves) = (ShankObstacles::new(&scene, &[0.0]), moves(&path));
     let eighths = EighthTimes::new(&solid, &path.points, RADIUS_MM);
     let mut standing: Vec<(Vector3<f64>, u32)> = Vec::new();
     for n in 0..scene.class.data().len() {
@@ -91,7 +93,7 @@ fn a_drafts_shank_is_free_where_the_voxels_along_its_axis_say_so() {
     let scene = scene();
     let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
-    let (solid, grid) = (Solid::new(&scene, &[0.0]), scene.class.grid());
+    let (solid, grid) = (ShankObstacles::new(&scene, &[0.0]), scene.class.grid());
     let shank = [ShankCylinder { from_mm: RADIUS_MM, to_mm: 12.0, radius_mm: 0.8 }];
     let draft = Access::draft(&scene, &solid, path.removal.time(), &shank);
     let exact = Access::new(&scene, &solid, EighthTimes::new(&solid, &path.points, RADIUS_MM), &shank);
@@ -135,7 +137,7 @@ fn a_drafts_shank_is_free_where_the_voxels_along_its_axis_say_so() {
 }
 
 /// Eighths that stand anywhere, with their times.
-fn standing(solid: &Solid, eighths: &EighthTimes) -> Vec<(Vector3<f64>, u32)> {
+fn standing(solid: &ShankObstacles, eighths: &EighthTimes) -> Vec<(Vector3<f64>, u32)> {
     let of = |n: usize| {
         let times = eighths.of(solid.grid().voxel(n));
         let time = move |eighth: usize| match (solid.stays(n) >> eighth & 1, solid.goes(n) >> eighth & 1) {
@@ -155,7 +157,7 @@ fn turns_are_free_where_the_shank_keeps_its_room_all_the_way() {
     let scene = scene();
     let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
-    let solid = Solid::new(&scene, &[0.0]);
+    let solid = ShankObstacles::new(&scene, &[0.0]);
     let eighths = EighthTimes::new(&solid, &path.points, RADIUS_MM);
     let standing = standing(&solid, &eighths);
     let shank = ShankCylinder { from_mm: RADIUS_MM, to_mm: 12.0, radius_mm: 0.8 };

@@ -5,7 +5,7 @@ use std::hint::black_box;
 
 use bonemill_geometry::{Point, Rigid};
 use bonemill_robot::arm::AxisPose;
-use bonemill_robot::resolve::{DensePath, PosePath, Posture, SpinFrame, resolve};
+use bonemill_robot::resolve::{DensePath, PosePath, Posture, RollFrame, resolve};
 use bonemill_robot::timelaw::{CornerTolerance, JointPath, PathLimits, PreparedPath};
 use bonemill_robot::ur::UrModel;
 use bonemill_robot::{Arm, ToolMount};
@@ -64,7 +64,7 @@ fn raster(count: usize) -> (Vec<AxisPose>, Vec<f64>) {
 fn paths(c: &mut Criterion) {
     let arm = ur5e();
     let (poses, length_mm) = raster(20_000);
-    let frame = SpinFrame::about(&Vector3::z_axis());
+    let frame = RollFrame::about(&Vector3::z_axis());
     let path =
         PosePath { poses: &poses, length_mm: &length_mm, frame, stiffness: None, posture: Posture::Any };
     let mut group = c.benchmark_group("20 000 waypoints");

@@ -8,7 +8,7 @@ use bonemill_scene::Scene;
 
 use crate::Dropped;
 use bonemill_planfile::columns::{ACCESS, DROPPED, names};
-use bonemill_toolpath::orientation::{Around, Permissible};
+use bonemill_toolpath::orientation::{OpenAround, Permissible};
 
 /// One row per waypoint: the columns of [`ACCESS`].
 pub(super) fn access_csv(allowed: &[Permissible]) -> String {
@@ -16,11 +16,11 @@ pub(super) fn access_csv(allowed: &[Permissible]) -> String {
     for (index, Permissible { free, pieces, around }) in allowed.iter().enumerate() {
         // writing to a String cannot fail; + 0.0 makes −0 a plain 0
         let _ = match around {
-            Around::Interval { low_rad, at_rad, high_rad } => {
+            OpenAround::Interval { low_rad, at_rad, high_rad } => {
                 let [low, at, high] = [low_rad, at_rad, high_rad].map(|angle| angle + 0.0);
                 writeln!(text, "{index},{free},{pieces},{at:.6},{low:.6},{high:.6},")
             }
-            Around::Cap { radius_rad } => writeln!(text, "{index},{free},{pieces},,,,{radius_rad:.6}"),
+            OpenAround::Cap { radius_rad } => writeln!(text, "{index},{free},{pieces},,,,{radius_rad:.6}"),
         };
     }
     text

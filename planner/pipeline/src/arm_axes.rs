@@ -27,7 +27,7 @@ pub const REFUSED_MM: f64 = 2.0;
 /// The axes that an arm can take.
 #[derive(Debug)]
 pub struct ArmAxes {
-    lattice: Lattice,
+    lattice: ReachLattice,
     set: Directions,
     reached: Reached,
     /// Whether every axis is taken everywhere.
@@ -37,7 +37,7 @@ pub struct ArmAxes {
 
 /// Places along the axes of work, number x + counts[0]·(y + counts[1]·z).
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Lattice {
+struct ReachLattice {
     first: Point<Work>,
     step_mm: [f64; 3],
     counts: [usize; 3],
@@ -46,7 +46,7 @@ struct Lattice {
 impl ArmAxes {
     /// Asks the arm for the directions of `set` wherever the burr may have to be.
     pub fn new(placed: Placed<'_>, space: &BurrSpace, set: Directions) -> Self {
-        let lattice = Lattice::over(space);
+        let lattice = ReachLattice::over(space);
         let count = set.len();
         let poses: Vec<_> = (0..lattice.len())
             .flat_map(|place| set.axes().iter().map(move |axis| (place, axis)))
@@ -113,7 +113,7 @@ impl ArmAxes {
     }
 }
 
-impl Lattice {
+impl ReachLattice {
     /// Over all places from which the burr reaches target, up to where it retracts to.
     fn over(space: &BurrSpace) -> Self {
         let grid = space.grid();
@@ -189,7 +189,7 @@ mod tests {
     #[test]
     fn a_place_lies_between_its_corners() {
         let lattice =
-            Lattice { first: Point::new(-5.0, 0.0, 2.0), step_mm: [5.0, 10.0, 4.0], counts: [4, 2, 3] };
+            ReachLattice { first: Point::new(-5.0, 0.0, 2.0), step_mm: [5.0, 10.0, 4.0], counts: [4, 2, 3] };
         for at in [[-5.0, 0.0, 2.0], [9.9, 9.0, 9.9], [1.0, 4.0, 6.5], [10.0, 10.0, 10.0]] {
             let at = Point::new(at[0], at[1], at[2]);
             let corners = lattice.corners(at).map(|n| lattice.place(n));

@@ -9,15 +9,15 @@ use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_scene::Scene;
 
 use super::control::{Compared, ControlPath, Worse};
-use super::demand::Demand;
 use super::metrics::{self, Coverage};
 use super::motion::Motion;
+use super::move_limits::MoveLimits;
 use super::prepared::{Chosen, Prepared, spacing};
 use super::raster::Raster;
 use super::speeds::{self, Timing};
 use super::{PlanError, Stopwatch};
 use bonemill_case::{Case, OrientationMode, Sense};
-use bonemill_toolpath::access::Solid;
+use bonemill_toolpath::access::ShankObstacles;
 use bonemill_toolpath::path::RasterFrame;
 use bonemill_toolpath::space::BurrSpace;
 
@@ -31,7 +31,7 @@ pub(super) struct Start<'a> {
     pub arm: &'a Arm,
     pub scene: &'a Scene,
     pub space: &'a BurrSpace<'a>,
-    pub solid: &'a Solid,
+    pub solid: &'a ShankObstacles,
     pub base_from_work: Rigid<Base, Work>,
 }
 
@@ -40,7 +40,7 @@ pub(super) struct Attempt<'a> {
     pub prepared: Prepared<'a>,
     pub chosen: Chosen,
     pub motion: Motion,
-    pub demand: Demand,
+    pub demand: MoveLimits,
     pub timing: Timing,
     pub coverage: Coverage,
     pub compared: Compared,

@@ -16,7 +16,7 @@ use super::reach::lengths;
 use bonemill_case::{Case, Structure};
 use bonemill_cutting::burr::{EngagedForce, EngagedSamples, OrientationKernel};
 use bonemill_planfile::toward::{StructureFigures, TowardFigures, TowardSpan};
-use bonemill_setup::near::{self, Near};
+use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::tools;
 use bonemill_toolpath::engagement::SweptPath;
 use bonemill_toolpath::path::{self, MillPath, MoveKind};
@@ -34,7 +34,7 @@ pub(super) struct ControlPath {
     raster_rad: f64,
     length_mm: Vec<f64>,
     forces: Vec<Option<EngagedForce>>,
-    near: Vec<Vec<Near>>,
+    near: Vec<Vec<NearStructure>>,
     /// Time of the links, s, and length of the cuts, mm.
     links_s: f64,
     cuts_mm: f64,
@@ -98,7 +98,7 @@ impl ControlPath {
     /// When the burr's centre lies inside a structure, or the tool or the material is not usable.
     pub fn new(case: &Case, scene: &Scene, path: &MillPath, raster_rad: f64) -> Result<Self, PlanError> {
         let (points, radius_mm) = (&path.points, case.burr.radius_mm);
-        let near = near::along(case, scene, &path::centers(points))?;
+        let near = nearest_structures::along(case, scene, &path::centers(points))?;
         let (feeds, length_mm) = (feeds(points), lengths(points));
         let tool = tools::tool(&case.burr)?;
         let (material, measure) = tools::material(&case.material)?;
@@ -142,7 +142,7 @@ impl Felt {
         case: &Case,
         length_mm: &[f64],
         forces: &[Option<EngagedForce>],
-        near: &[Vec<Near>],
+        near: &[Vec<NearStructure>],
         speed_mm_s: impl Fn(usize) -> f64,
     ) -> Self {
         let mut spans = vec![Vec::new(); case.structures.len()];

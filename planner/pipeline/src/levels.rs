@@ -15,7 +15,7 @@ use bonemill_case::{Case, ForceTerm, SpeedMode};
 use bonemill_cutting::burr::{EngagedForce, ModelError};
 use bonemill_cutting::cost::CostModel;
 use bonemill_cutting::speed::{CutPushes, Levels};
-use bonemill_setup::near::Near;
+use bonemill_setup::nearest_structures::NearStructure;
 
 /// Beyond a level by more than this share of it is no rounding.
 const ROUNDING: f64 = 1e-6;
@@ -55,7 +55,7 @@ pub(super) fn nearness(case: &Case) -> Result<CostModel, ModelError> {
 }
 
 /// Weight of a push toward a structure: its nearness over the root of its priority, so that the fourth may feel twice as much as the first.
-pub(super) fn weight(nearness: &CostModel, case: &Case, n: &Near) -> f64 {
+pub(super) fn weight(nearness: &CostModel, case: &Case, n: &NearStructure) -> f64 {
     let priority = case.structures.get(n.structure).map_or(u32::MAX, |s| s.priority);
     nearness.alpha_1(n.proximity.distance_mm, n.proximity.least_mm) / f64::from(priority).sqrt()
 }
@@ -66,7 +66,7 @@ pub(super) fn weight(nearness: &CostModel, case: &Case, n: &Near) -> f64 {
 /// When the weights of the cost are out of range.
 pub(super) fn pushes(
     case: &Case,
-    near: &[Vec<Near>],
+    near: &[Vec<NearStructure>],
     forces: &[Option<EngagedForce>],
     compliances: Option<&[Matrix3<f64>]>,
 ) -> Result<Vec<Option<CutPushes>>, ModelError> {
@@ -74,9 +74,9 @@ pub(super) fn pushes(
         return Ok(Vec::new());
     }
     let nearness = nearness(case)?;
-    let weighted = |n: &Near| (weight(&nearness, case, n), n.proximity.toward);
+    let weighted = |n: &NearStructure| (weight(&nearness, case, n), n.proximity.toward);
     let compliances = compliances.filter(|_| case.cost.force == ForceTerm::Deflection);
-    let of = |(i, near): (usize, &Vec<Near>)| {
+    let of = |(i, near): (usize, &Vec<NearStructure>)| {
         let compliance = compliances.and_then(|c| c.get(i));
         forces[i].map(|force| CutPushes::new(&force, compliance, near.iter().map(weighted)))
     };
@@ -94,7 +94,7 @@ impl SpeedLevels {
         levels: &Levels,
         pushes: &[Option<CutPushes>],
         speed_mm_s: &[f64],
-        near: &[Vec<Near>],
+        near: &[Vec<NearStructure>],
         is_deflection: bool,
     ) -> Self {
         let mut found = Self { is_deflection, toward: 0.0, overall: 0.0, exceeded: 0, worst: None };
@@ -156,14 +156,16 @@ mod tests {
 
     #[test]
     fn cuts_beyond_the_levels_are_counted_and_the_worst_toward_a_structure_is_named() {
-        let near =
-            |structure| Near { structure, proximity: Proximity::new(Vector3::x() * 4.0, 3.5).unwrap() };
+        let near = |structure| NearStructure {
+            structure,
+            proximity: Proximity::new(Vector3::x() * 4.0, 3.5).unwrap(),
+        };
         let push = |x: f64, y: f64| {
             let force = EngagedForce { cut_n_per_mm_s: Vector3::new(x, y, 0.0), ..EngagedForce::ZERO };
             Some(CutPushes::new(&force, None, [(1.0, Vector3::x_axis())].into_iter()))
         };
         let pushes = [push(0.1, 0.0), None, push(0.4, 0.0), push(-0.1, 6.0), push(0.5, 0.0)];
-        let near: Vec<Vec<Near>> = (0..5).map(|n| vec![near(n)]).collect();
+        let near: Vec<Vec<NearStructure>> = (0..5).map(|n| vec![near(n)]).collect();
         let levels = Levels { toward: 0.15, overall: 2.0, speed_mm_s: 4.0 };
         let found = SpeedLevels::of(&levels, &pushes, &[1.5, 4.0, 0.5, 0.5, 0.5], &near, false);
         assert_eq!((found.toward, found.overall, found.exceeded), (0.15, 2.0, 3));

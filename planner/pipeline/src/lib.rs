@@ -8,12 +8,13 @@ mod access_csv;
 mod arm_axes;
 mod attempt;
 mod control;
-mod demand;
+mod direction_sets;
 mod figures;
-mod known;
+mod known_directions;
 mod levels;
 mod metrics;
 mod motion;
+mod move_limits;
 mod orient;
 mod percent;
 mod prepared;
@@ -24,7 +25,6 @@ mod refused;
 mod rest;
 mod save;
 mod sense;
-mod sets;
 mod speeds;
 mod tilt;
 
@@ -43,7 +43,7 @@ use bonemill_scene::TargetOutside;
 use push::Push;
 
 pub use bonemill_setup::PlanError;
-use bonemill_setup::{inputs, near, registration, tools};
+use bonemill_setup::{inputs, nearest_structures, registration, tools};
 pub use control::{Compared, Control, Felt, JUDGED, Worse};
 pub use figures::Figures;
 pub use levels::{Exceeded, SpeedLevels};
@@ -59,7 +59,7 @@ pub use save::{record, save};
 use bonemill_case::{Burr, Case, OrientationMode, Sense};
 use bonemill_geometry::Progress;
 use bonemill_planfile::{ForceToward, Input, Waypoint};
-use bonemill_toolpath::access::Solid;
+use bonemill_toolpath::access::ShankObstacles;
 use bonemill_toolpath::orientation::Permissible;
 use bonemill_toolpath::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
 
@@ -182,9 +182,9 @@ impl Stopwatch<'_> {
 }
 
 /// What the shank of a case may not touch.
-fn solid(case: &Case, scene: &Scene) -> Solid {
+fn solid(case: &Case, scene: &Scene) -> ShankObstacles {
     let clearances: Vec<f64> = case.structures.iter().map(|s| s.shank_clearance_mm).collect();
-    Solid::new(scene, &clearances)
+    ShankObstacles::new(scene, &clearances)
 }
 
 /// Plans a case; paths in it are relative to the folder of `case_path`.
@@ -299,7 +299,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     };
     warnings.extend(modelled.lowest_link.and_then(|lowest| lowest.warning()));
     let centers: Vec<_> = points.iter().map(|p| p.position).collect();
-    let least = near::least_distances(&scene, &centers);
+    let least = nearest_structures::least_distances(&scene, &centers);
     let radius_mm = case.burr.radius_mm;
     let figures = Figures::of(&waypoints, &forces_toward, prepared.length_mm(), &least, radius_mm);
     let dropped = prepared.reached.dropped.clone();

@@ -11,7 +11,7 @@ use bonemill_arm::Arm;
 use bonemill_arm::arm::AxisPose;
 use bonemill_geometry::{Base, Point, Rigid, Work};
 use bonemill_motion::resolve::{
-    DensePath, OutOfReach, PosePath, Posture, Resolved, SpinFrame, Stiffness, resolve,
+    DensePath, OutOfReach, PosePath, Posture, Resolved, RollFrame, Stiffness, resolve,
 };
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
@@ -49,8 +49,8 @@ impl<'a> Placed<'a> {
     }
 
     /// Spins are counted about the approach.
-    pub fn frame(&self) -> SpinFrame {
-        SpinFrame::about(&Unit::new_normalize(self.base_from_work.rotate(&Vector3::z())))
+    pub fn frame(&self) -> RollFrame {
+        RollFrame::about(&Unit::new_normalize(self.base_from_work.rotate(&Vector3::z())))
     }
 
     /// Joint positions along points and axes in work.

@@ -5,17 +5,17 @@ use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
 use super::arm_axes::ArmAxes;
+use super::direction_sets::Finer;
 use super::reach::ReachedPath;
-use super::sets::Finer;
 use bonemill_case::OrientationMode;
 use bonemill_cutting::burr::{EngagedSamples, Material, OrientationKernel};
 use bonemill_cutting::cost::Terms;
 use bonemill_cutting::metrics::Moments;
 use bonemill_toolpath::engagement::SweptPath;
 use bonemill_toolpath::orientation::corridor::{Corridor, best_near};
-use bonemill_toolpath::orientation::greedy::{self, Waypoint, low_pass, settle};
+use bonemill_toolpath::orientation::greedy::{self, LoneWaypoint, low_pass, settle};
 use bonemill_toolpath::orientation::refine::{Chart, best_checked, refine};
-use bonemill_toolpath::orientation::sequence::{Forbidden, Found, Problem, best_sequence};
+use bonemill_toolpath::orientation::sequence::{BestSequence, Forbidden, Problem, best_sequence};
 use bonemill_toolpath::orientation::stencil::Stencil;
 use bonemill_toolpath::orientation::{Directions, FreeSets, Permissible, RateLimit, TiltFamily};
 
@@ -48,13 +48,13 @@ pub struct CostField<'a> {
     pub compliance: Option<Vec<Matrix3<f64>>>,
     /// Push that counts as much as no efficiency at all, N, or mm where a compliance is given; none for D's share of |F|.
     pub scale: Option<f64>,
-    /// The same by direction of [`Room::finer`].
+    /// The same by direction of [`FreeAxes::finer`].
     pub finer_compliance: Option<Vec<Matrix3<f64>>>,
 }
 
 /// Where axes may go.
 #[derive(Debug, Clone, Copy)]
-pub struct Room<'a> {
+pub struct FreeAxes<'a> {
     /// The path and its access.
     pub reached: &'a ReachedPath<'a>,
     /// To choose from.
@@ -156,7 +156,7 @@ impl CostField<'_> {
     }
 }
 
-impl Room<'_> {
+impl FreeAxes<'_> {
     /// Whether waypoint i may have the axis.
     pub fn is_free(&self, i: usize, axis: &Vector3<f64>) -> bool {
         let position = self.reached.path.points[i].position;
@@ -197,7 +197,7 @@ impl Room<'_> {
 }
 
 /// Chooses the axes.
-pub fn orient(mode: OrientationMode, room: &Room, field: &CostField) -> Oriented {
+pub fn orient(mode: OrientationMode, room: &FreeAxes, field: &CostField) -> Oriented {
     let count = room.reached.path.points.len();
     let with_force = (0..count).filter(|i| field.needs_force(*i)).count();
     let closed_form = (0..count).filter(|i| field.moments[*i].mass_mg() > 0.0).count() - with_force;
@@ -226,7 +226,7 @@ impl Oriented {
     }
 
     /// With what is open around each axis and on the way to it; `corridor`: where the axes are of the finer cap.
-    fn surveyed(mut self, room: &Room, corridor: Option<&Corridor>) -> Self {
+    fn surveyed(mut self, room: &FreeAxes, corridor: Option<&Corridor>) -> Self {
         let set = room.finer.filter(|_| corridor.is_some()).map_or(room.directions, |(finer, _)| finer);
         self.spacing_rad = set.spacing_rad();
         self.allowed = room.allowed(&self, corridor);
@@ -236,28 +236,28 @@ impl Oriented {
 }
 
 /// Along the approach, or as near as is free.
-fn fixed(room: &Room) -> Oriented {
+fn fixed(room: &FreeAxes) -> Oriented {
     let axis = |i: usize| room.directions.axes()[room.directions.straightest(|n| room.is_in_set(i, n))];
     Oriented::new((0..room.reached.free.len()).map(axis).collect(), room.family)
 }
 
 /// What every waypoint would take if it were alone.
-fn wishes(room: &Room, field: &CostField) -> Vec<greedy::Wish> {
+fn wishes(room: &FreeAxes, field: &CostField) -> Vec<greedy::BestAxis> {
     (0..room.reached.free.len())
         .into_par_iter()
         .map_init(EngagedSamples::default, |samples, i| {
             cancel::poll();
             if field.moments[i].mass_mg() <= 0.0 {
                 return if room.reached.free.count(i) > 0 {
-                    greedy::Wish::Any
+                    greedy::BestAxis::Any
                 } else {
-                    greedy::Wish::Nothing
+                    greedy::BestAxis::Nothing
                 };
             }
             field.gather(i, samples);
             let compliance =
                 |axis: &Vector3<f64>| Some(&field.compliance.as_ref()?[room.directions.nearest(axis)]);
-            Waypoint {
+            LoneWaypoint {
                 directions: room.directions,
                 family: room.family,
                 in_set: |n: usize| room.is_in_set(i, n),
@@ -272,19 +272,19 @@ fn wishes(room: &Room, field: &CostField) -> Vec<greedy::Wish> {
 }
 
 /// Every waypoint as if it were alone, and the shaft could turn at once: what no sequence can be better than.
-pub fn alone(room: &Room, field: &CostField) -> Oriented {
+pub fn alone(room: &FreeAxes, field: &CostField) -> Oriented {
     let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);
     let in_set = |i: usize, n: usize| room.is_in_set(i, n);
     Oriented::new(settle(room.directions, &wishes(room, field), in_set, is_free), room.family)
 }
 
-fn by_waypoint(room: &Room, field: &CostField) -> Oriented {
+fn by_waypoint(room: &FreeAxes, field: &CostField) -> Oriented {
     let filtered = filtered(room, &wishes(room, field));
     Oriented { low_pass_held: filtered.held, ..Oriented::new(filtered.axes, room.family) }
 }
 
 /// The paper's low-pass over each waypoint's best axis alone.
-fn filtered(room: &Room, wishes: &[greedy::Wish]) -> greedy::Greedy {
+fn filtered(room: &FreeAxes, wishes: &[greedy::BestAxis]) -> greedy::Greedy {
     let in_set = |i: usize, n: usize| room.is_in_set(i, n);
     let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);
     let raw = settle(room.directions, wishes, in_set, is_free);
@@ -326,7 +326,7 @@ pub fn cost_rows(
 }
 
 /// The best sequence on the set; near it on a finer cap, where there is one; then between its directions.
-fn optimal(room: &Room, field: &CostField) -> Oriented {
+fn optimal(room: &FreeAxes, field: &CostField) -> Oriented {
     let none = Forbidden::default();
     let waypoints = room.reached.free.len();
     let kept: Option<Vec<EngagedSamples>> = room.finer.filter(|_| waypoints <= MOST_KEPT).map(|_| {
@@ -354,7 +354,7 @@ fn optimal(room: &Room, field: &CostField) -> Oriented {
     let rate = RateLimit { weight_mm: lighter * room.rate.weight_mm, ..room.rate };
     let found = best_sequence(&Problem { rate, ..problem });
     let corridor = room.finer.and_then(|finer| on_finer(room, field, kept, finer, &found));
-    let checked = |problem: &Problem, first: Found| {
+    let checked = |problem: &Problem, first: BestSequence| {
         let axis = |n: u16| &problem.directions.axes()[usize::from(n)];
         best_checked(problem, first, |i, from, to| room.is_turn_free(i, axis(from), axis(to)))
     };
@@ -382,7 +382,7 @@ fn optimal(room: &Room, field: &CostField) -> Oriented {
         }
         _ => problem,
     };
-    let Found::Sequence { directions, .. } = checked.found else {
+    let BestSequence::Sequence { directions, .. } = checked.found else {
         // the same constraints were found feasible when waypoints were dropped; each axis is free all the same
         return fixed(room).surveyed(room, None);
     };
@@ -402,13 +402,13 @@ const MOST_KEPT: usize = 20_000;
 
 /// The best sequence of the finer cap near one of the set; `None` where none gets through.
 fn on_finer(
-    room: &Room,
+    room: &FreeAxes,
     field: &CostField,
     kept: Option<&[EngagedSamples]>,
     (finer, numbers): &Finer,
-    found: &Found,
+    found: &BestSequence,
 ) -> Option<Corridor> {
-    let Found::Sequence { directions, .. } = found else { return None };
+    let BestSequence::Sequence { directions, .. } = found else { return None };
     let start: Vec<u16> = directions.iter().map(|n| numbers[usize::from(*n)]).collect();
     let ask = |i: usize, wanted: &[usize]| {
         cancel::poll();

@@ -14,17 +14,17 @@ use rayon::prelude::*;
 use super::arm_axes::{ArmAxes, REFUSED_MM};
 use super::attempt::Start;
 use super::control::Felt;
+use super::direction_sets::{self, Finer};
 use super::motion::{Compliance, Motion, Placed};
-use super::orient::{CostField, Oriented, Room, alone, orient};
+use super::orient::{CostField, FreeAxes, Oriented, alone, orient};
 use super::raster::Raster;
 use super::reach::{self, ReachSpec, ReachedPath};
-use super::sets::{self, Finer};
 use super::{PlanError, Stopwatch, raster, tilt};
 use bonemill_case::{Case, ForceTerm, OrientationMode, PathSpec, Sense, TowardTerm};
 use bonemill_cutting::burr::{EngagedForce, ForceKernel, OrientationKernel};
 use bonemill_cutting::cost::{Cost, CostModel, Proximity, Ranked, Terms};
 use bonemill_geometry::Progress;
-use bonemill_setup::near::{self, Near};
+use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::tools;
 use bonemill_toolpath::engagement::SweptPath;
 use bonemill_toolpath::orientation::{Directions, RateLimit, TiltFamily};
@@ -64,7 +64,7 @@ pub struct Prepared<'a> {
     /// Links that graze a cusp where no axis within the tilt limit is free.
     pub(super) beyond_limit: usize,
     /// Per waypoint the nearest structure first, then others within influence.
-    pub(super) near: Vec<Vec<Near>>,
+    pub(super) near: Vec<Vec<NearStructure>>,
     feeds: Vec<Option<Unit<Vector3<f64>>>>,
     radius_mm: f64,
     raster: Raster,
@@ -106,10 +106,11 @@ impl<'a> Prepared<'a> {
         let rate =
             RateLimit { weight_mm: RATE_WEIGHT_MM, most_rad_per_mm: rate_rad_s / case.speed.nominal_mm_s };
         let shank = tools::shank(case);
-        let draft = sets::one(family.as_ref(), limit_rad, DRAFT_COARSER[usize::from(family.is_none())]);
+        let draft =
+            direction_sets::one(family.as_ref(), limit_rad, DRAFT_COARSER[usize::from(family.is_none())]);
         let posture = case.robot.branch.map_or(Posture::Any, Posture::Of);
         let placed = Placed { arm, base_from_work: &base_from_work, posture };
-        let asked = sets::one(family.as_ref(), limit_rad, 1.0);
+        let asked = direction_sets::one(family.as_ref(), limit_rad, 1.0);
         let arm_axes = watch.run("arm", || ArmAxes::new(placed, space, asked));
         let spec = ReachSpec {
             radius_mm: radius,
@@ -127,13 +128,14 @@ impl<'a> Prepared<'a> {
         let lay = || raster.lay(case, scene, space, spacing);
         let path = watch.run("path", lay)?;
         let is_whole = family.is_none() && case.orientation.mode == OrientationMode::Optimal;
-        let narrow = is_whole.then(|| sets::coarse_and_finer(limit_rad, path.points.len())).flatten();
+        let narrow =
+            is_whole.then(|| direction_sets::coarse_and_finer(limit_rad, path.points.len())).flatten();
         let reach = |path, set: &Directions, watch: &mut Stopwatch| {
             watch
                 .run("access", || reach::reached(scene, space, path, &ReachSpec { directions: set, ..spec }))
                 .map_err(|why| PlanError::NoAccess { why, tilt_limit_deg: limit_rad.to_degrees() })
         };
-        let plain = || sets::one(family.as_ref(), limit_rad, 1.0);
+        let plain = || direction_sets::one(family.as_ref(), limit_rad, 1.0);
         let (directions, finer, mut reached) = match narrow {
             None => {
                 let set = plain();
@@ -151,7 +153,8 @@ impl<'a> Prepared<'a> {
             },
         };
         let points = &reached.path.points;
-        let near = watch.run("engagement", || near::along(case, scene, &path::centers(points)))?;
+        let near =
+            watch.run("engagement", || nearest_structures::along(case, scene, &path::centers(points)))?;
         let feeds = feeds(points);
         let cuts: Vec<bool> = reached.moments.iter().map(|m| m.mass_mg() > 0.0).collect();
         let beyond_limit =
@@ -276,7 +279,7 @@ impl<'a> Prepared<'a> {
     fn chosen_by(
         &self,
         case: &Case,
-        orient: impl FnOnce(&Room, &CostField) -> Oriented + Send,
+        orient: impl FnOnce(&FreeAxes, &CostField) -> Oriented + Send,
         with_motion: bool,
         watch: &mut Stopwatch,
     ) -> Result<(Chosen, Option<Motion>), PlanError> {
@@ -304,7 +307,7 @@ impl<'a> Prepared<'a> {
             compliance: coarse,
             finer_compliance: self.finer.as_ref().map_or(Ok(None), |(finer, _)| of_cost(finer))?,
         };
-        let room = Room {
+        let room = FreeAxes {
             reached: &self.reached,
             directions: &self.directions,
             finer: self.finer.as_ref(),
@@ -432,14 +435,15 @@ pub(super) fn scale(case: &Case, compliance: Option<&[Matrix3<f64>]>) -> Result<
 }
 
 /// What the cost of each waypoint looks at.
-pub(super) fn terms(case: &Case, near: &[Vec<Near>]) -> Result<Vec<Terms>, PlanError> {
+pub(super) fn terms(case: &Case, near: &[Vec<NearStructure>]) -> Result<Vec<Terms>, PlanError> {
     let model = CostModel::new(case.cost.kappa_per_mm, case.cost.alpha_max)?;
-    let ranked = |n: &Near| {
+    let ranked = |n: &NearStructure| {
         let priority = case.structures.get(n.structure).map_or(u32::MAX, |s| s.priority);
         Ranked { proximity: n.proximity, priority }
     };
-    let of =
-        |near: &Vec<Near>| model.terms(&near.iter().map(ranked).collect::<Vec<_>>(), case.cost.structures);
+    let of = |near: &Vec<NearStructure>| {
+        model.terms(&near.iter().map(ranked).collect::<Vec<_>>(), case.cost.structures)
+    };
     Ok(near.par_iter().map(of).collect())
 }
 

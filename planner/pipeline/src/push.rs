@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use bonemill_cutting::burr::EngagedForce;
 use bonemill_planfile::ForceToward;
-use bonemill_setup::near::Near;
+use bonemill_setup::nearest_structures::NearStructure;
 
 /// Force and deflection of one move, work.
 #[derive(Debug, Clone, Copy)]
@@ -42,7 +42,7 @@ impl Push {
 
 /// The rows of `forces.csv`: by waypoint, then in the case's order of structures.
 pub(super) fn rows(
-    near: &[Vec<Near>],
+    near: &[Vec<NearStructure>],
     push: &impl Fn(usize) -> Push,
     ct_from_work: &Rigid<Ct, Work>,
 ) -> Vec<ForceToward> {
@@ -50,7 +50,7 @@ pub(super) fn rows(
     for (waypoint, near) in near.iter().enumerate() {
         let push = push(waypoint);
         let from = rows.len();
-        rows.extend(near.iter().map(|Near { structure, proximity }| {
+        rows.extend(near.iter().map(|NearStructure { structure, proximity }| {
             let toward = push.toward(&proximity.toward);
             ForceToward {
                 waypoint,

@@ -26,12 +26,12 @@ use super::speeds::{self, SpeedInput};
 use bonemill_case::{Case, OrientationMode, Sense};
 use bonemill_cutting::burr::{EngagedForce, EngagedSamples, OrientationKernel};
 use bonemill_cutting::metrics::Moments;
-use bonemill_setup::near::{self, Near};
+use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::tools;
 use bonemill_toolpath::access::Access;
 use bonemill_toolpath::engagement::{SweptPath, mass_increments_by_voxels};
 use bonemill_toolpath::orientation::FreeSets;
-use bonemill_toolpath::orientation::sequence::{Forbidden, Found, Problem, best_sequence};
+use bonemill_toolpath::orientation::sequence::{BestSequence, Forbidden, Problem, best_sequence};
 use bonemill_toolpath::path::{self, Builder, Lines, MillPath, MoveKind, PathSpacing, RasterFrame, lay_path};
 use bonemill_toolpath::space::BurrSpace;
 
@@ -76,7 +76,7 @@ struct Draft {
     /// Share of its length that no axis reaches; 1 where no sequence gets through.
     unreached: f64,
     length_mm: Vec<f64>,
-    near: Vec<Vec<Near>>,
+    near: Vec<Vec<NearStructure>>,
     moments: Vec<Moments>,
     /// Along the chosen axes, and their cost.
     forces: Vec<Option<EngagedForce>>,
@@ -172,7 +172,7 @@ fn draft(
     let limited = limited(points.len(), |i| points[i].kind == MoveKind::Cut);
     let free = free_directions(&access, points, &limited, spec, None);
     drop(access);
-    let near = near::along(case, scene, &path::centers(points))?;
+    let near = nearest_structures::along(case, scene, &path::centers(points))?;
     let moments = mass_increments_by_voxels(&scene.density_g_cm3, &path.removal, points, radius);
     let (terms, feeds) = (terms(case, &near)?, feeds(points));
     let tool = tools::tool(&case.burr)?;
@@ -220,9 +220,9 @@ fn draft(
         (each.sum::<f64>() + unreached_mm, unreached, directions)
     } else {
         match best_sequence(&problem) {
-            Found::Sequence { total, directions, .. } => (total + unreached_mm, unreached, directions),
+            BestSequence::Sequence { total, directions, .. } => (total + unreached_mm, unreached, directions),
             // no sequence gets through without dropping waypoints: as dear as it can be, in proportion
-            Found::Blocked(i) => (whole_mm * (2.0 - i as f64 / points.len() as f64), 1.0, Vec::new()),
+            BestSequence::Blocked(i) => (whole_mm * (2.0 - i as f64 / points.len() as f64), 1.0, Vec::new()),
         }
     };
     let force = |samples: &mut EngagedSamples, (i, direction): (&usize, &u16)| {
@@ -265,7 +265,7 @@ pub fn mass_center(scene: &Scene) -> [f64; 2] {
 /// Direction in the layer from the target's centre to the structure that is nearest less its clearance.
 pub fn toward_structure(case: &Case, scene: &Scene) -> Result<Option<[f64; 2]>, PlanError> {
     let (clearances_mm, radius_mm) = (case.clearances_mm(), case.burr.radius_mm);
-    let near = near::nearest_structure(scene, &clearances_mm, radius_mm, scene.target_center)?;
+    let near = nearest_structures::nearest_structure(scene, &clearances_mm, radius_mm, scene.target_center)?;
     let toward: Option<Vector3<f64>> = near.map(|n| n.proximity.toward.into_inner());
     Ok(toward.map(|u| [u.x, u.y]))
 }

@@ -14,7 +14,7 @@ use bonemill_scene::Scene;
 use nalgebra::{Unit, Vector3};
 
 use bonemill_cutting::metrics::Moments;
-use bonemill_toolpath::access::{Access, Blocked, EighthTimes, ShankCylinder, Solid, Turn};
+use bonemill_toolpath::access::{Access, Blocked, EighthTimes, ShankCylinder, ShankObstacles, Turn};
 use bonemill_toolpath::engagement::mass_increments;
 use bonemill_toolpath::orientation::refine::best_checked;
 use bonemill_toolpath::orientation::sequence::{self, Forbidden, Problem, best_sequence};
@@ -26,7 +26,7 @@ use bonemill_toolpath::path::{
 use bonemill_toolpath::space::BurrSpace;
 
 use super::arm_axes::ArmAxes;
-use super::known::{KnownDirections, Round};
+use super::known_directions::{KnownDirections, Round};
 use bonemill_setup::Unreached;
 
 /// Rounds before the planner gives up; each puts off or drops at least one waypoint, few are usual.
@@ -89,7 +89,7 @@ pub struct ReachSpec<'a, 's> {
     /// The shank.
     pub shank: &'a [ShankCylinder],
     /// What it may not touch.
-    pub solid: &'s Solid,
+    pub solid: &'s ShankObstacles,
     /// The axes that the arm can take.
     pub arm: &'a ArmAxes,
     /// Directions to choose from.

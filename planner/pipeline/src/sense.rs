@@ -14,7 +14,7 @@ use bonemill_case::{Case, Sense};
 use bonemill_cutting::burr::{AtPoints, EngagedSamples, Material, OrientationKernel};
 use bonemill_cutting::cost::CostModel;
 use bonemill_planfile::toward::NEAR_MM;
-use bonemill_setup::near::{self, Near};
+use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::tools;
 use bonemill_toolpath::path::Builder;
 
@@ -41,7 +41,7 @@ pub(super) struct PassSense<'a> {
 }
 
 /// A place of a pass: where, the direction of the feed, and the length that it stands for.
-struct Place {
+struct PassSample {
     at: Point<Work>,
     feed: Unit<Vector3<f64>>,
     length_mm: f64,
@@ -75,7 +75,7 @@ impl<'a> PassSense<'a> {
         }
     }
 
-    fn places(&self, points: &[Point<Work>]) -> Vec<Place> {
+    fn places(&self, points: &[Point<Work>]) -> Vec<PassSample> {
         let whole_mm: f64 = points.windows(2).map(|pair| pair[0].distance_mm(&pair[1])).sum();
         let apart_mm = (whole_mm / MOST_PLACES).max(APART * self.case.burr.radius_mm);
         let (mut places, mut since_mm) = (Vec::new(), 0.0);
@@ -84,7 +84,7 @@ impl<'a> PassSense<'a> {
             since_mm += step.norm();
             let is_due = since_mm >= apart_mm || places.is_empty();
             if let Some(feed) = Unit::try_new(step, 1e-9).filter(|_| is_due) {
-                places.push(Place { at: pair[1], feed, length_mm: since_mm });
+                places.push(PassSample { at: pair[1], feed, length_mm: since_mm });
                 since_mm = 0.0;
             }
         }
@@ -121,9 +121,10 @@ impl<'a> PassSense<'a> {
         for place in self.places(points) {
             let radius_mm = self.case.burr.radius_mm;
             // no path leads into a structure: what cannot be measured there is told by the path's own check
-            let near = near::structures_within(self.scene, &self.clearances_mm, radius_mm, place.at)
-                .unwrap_or_default();
-            let near: Vec<Near> =
+            let near =
+                nearest_structures::structures_within(self.scene, &self.clearances_mm, radius_mm, place.at)
+                    .unwrap_or_default();
+            let near: Vec<NearStructure> =
                 near.into_iter().filter(|n| n.proximity.distance_mm - radius_mm <= NEAR_MM).collect();
             if near.is_empty() {
                 continue;
@@ -143,7 +144,7 @@ impl<'a> PassSense<'a> {
     fn force_n(
         &self,
         builder: &Builder,
-        place: &Place,
+        place: &PassSample,
         feed: &Unit<Vector3<f64>>,
         samples: &mut EngagedSamples,
     ) -> Vector3<f64> {

@@ -55,7 +55,7 @@ impl FoundInputs {
             return Ok(all);
         }
         for input in &record.inputs {
-            let search = Search { dir, record, folder, input };
+            let search = InputSearch { dir, record, folder, input };
             match search.find()? {
                 Some(place) => all.found.push((input.path.clone(), place)),
                 None => all.missing.push(MissingInput {
@@ -95,14 +95,14 @@ pub(super) fn recorded_path(dir: &Path, case_file: &Path, path: &Path) -> PathBu
 }
 
 /// One input that is looked for.
-struct Search<'a> {
+struct InputSearch<'a> {
     dir: &'a Path,
     record: &'a PlanRecord,
     folder: Option<&'a Path>,
     input: &'a Input,
 }
 
-impl Search<'_> {
+impl InputSearch<'_> {
     fn find(&self) -> Result<Option<PathBuf>, PlanFileError> {
         let mut changed = None;
         for place in [self.dir.join(KEPT).join(kept_name(&self.input.path)), self.recorded()] {

@@ -15,7 +15,7 @@ use bonemill_geometry::Progress;
 use bonemill_planfile::{Input, StoredPlan};
 
 /// Distances to structures are kept this far from the target's box, mm, beside what the burr and its cost need.
-const INFLUENCE_MM: f64 = 12.0;
+const STRUCTURE_FIELD_MARGIN_MM: f64 = 12.0;
 
 /// What planning takes at its peak for each voxel of its grid, bytes: 59 to 65 measured at 0.15 and 0.1 mm on both phantoms and
 /// a temporal bone.
@@ -142,7 +142,7 @@ pub fn make_scene(case: &Case, inputs: &Images) -> Result<Scene, PlanError> {
         burr_radius_mm: case.burr.radius_mm,
         influence_mm: 2.0 * case.burr.radius_mm
             + case.structures.iter().map(|s| s.clearance_mm.max(s.shank_clearance_mm)).fold(0.0, f64::max)
-            + INFLUENCE_MM,
+            + STRUCTURE_FIELD_MARGIN_MM,
         shank_length_mm: case.burr.radius_mm + case.shank.iter().map(|s| s.length_mm).sum::<f64>(),
         shank_radius_mm: case.shank.iter().map(|s| s.radius_mm).fold(0.0, f64::max),
     })?)

@@ -2,7 +2,7 @@
 
 mod error;
 pub mod inputs;
-pub mod near;
+pub mod nearest_structures;
 pub mod registration;
 pub mod tools;
 

@@ -3,9 +3,9 @@
 use nalgebra::{Unit, Vector3};
 
 use super::lattice::{crossing, share};
-use super::trail::Near;
+use super::trail::TrailPiece;
 
-impl Near {
+impl TrailPiece {
     /// Whether the burr goes on along this piece's own line: then it holds nothing of the burr's front.
     pub(super) fn leads_to(&self, center: &Vector3<f64>, feed: &Unit<Vector3<f64>>) -> bool {
         const STRAIGHT_MM: f64 = 1e-9;
@@ -31,7 +31,7 @@ pub(super) struct Behind {
 }
 
 impl Behind {
-    pub(super) fn new(piece: &Near, center: &Vector3<f64>, radius_mm: f64) -> Self {
+    pub(super) fn new(piece: &TrailPiece, center: &Vector3<f64>, radius_mm: f64) -> Self {
         let (from_start, along) = (center - piece.from, piece.to - piece.from);
         let along2 = along.norm_squared();
         Self {

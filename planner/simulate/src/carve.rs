@@ -30,7 +30,7 @@ pub struct Piece {
 
 /// A piece in cell coordinates.
 #[derive(Debug, Clone, Copy)]
-struct Capsule {
+struct CellCapsule {
     start: Vector3<f64>,
     along: Vector3<f64>,
     length: f64,
@@ -89,15 +89,15 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         lost
     }
 
-    fn capsule(&self, piece: &Piece, radius: f64) -> Capsule {
+    fn capsule(&self, piece: &Piece, radius: f64) -> CellCapsule {
         let (start, end) = (self.cell_of(&piece.from.coords), self.cell_of(&piece.to.coords));
         let length = (end - start).norm();
         let along = if length > 0.0 { (end - start) / length } else { Vector3::zeros() };
-        Capsule { start, along, length, radius, continues: piece.continues && length > 0.0 }
+        CellCapsule { start, along, length, radius, continues: piece.continues && length > 0.0 }
     }
 
     /// Bricks in which the capsule can change a depth.
-    fn bricks_near(&self, capsule: &Capsule, mut visit: impl FnMut(usize)) {
+    fn bricks_near(&self, capsule: &CellCapsule, mut visit: impl FnMut(usize)) {
         let end = capsule.start + capsule.along * capsule.length;
         let reach = capsule.radius + f64::from(FAR);
         let range = |a: usize| {
@@ -134,7 +134,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         &self,
         index: usize,
         cells: Option<Box<Brick>>,
-        capsules: impl Iterator<Item = &'c Capsule>,
+        capsules: impl Iterator<Item = &'c CellCapsule>,
     ) -> Carved {
         let mut brick = cells.unwrap_or_else(|| Box::new(Brick::INTACT));
         let first = Vector3::from(self.first_cell(index).map(|c| c as f64));
@@ -203,7 +203,7 @@ struct Local {
     continues: bool,
 }
 
-impl Capsule {
+impl CellCapsule {
     fn from(&self, first: &Vector3<f64>) -> Local {
         Local {
             start: (self.start - first).map(|v| v as f32).into(),

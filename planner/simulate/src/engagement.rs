@@ -26,7 +26,7 @@ pub struct BurrNodes {
 }
 
 /// What there is around a burr.
-pub(super) trait Around {
+pub(super) trait Surroundings {
     /// Whether nothing is met at any direction that differs from this one by less than `reach`.
     fn is_open(&self, normal: &Vector3<f64>, reach: f64) -> bool;
 
@@ -112,7 +112,7 @@ pub(super) struct Feed {
 }
 
 impl BurrNodes {
-    /// Tabulates the nodes; `Around::is_open` is evaluated on tiles with a reach of at most `tile_reach`, of the radius.
+    /// Tabulates the nodes; `Surroundings::is_open` is evaluated on tiles with a reach of at most `tile_reach`, of the radius.
     pub fn new(tool: &Tool, disc: &Discretisation, tile_reach: f64) -> Self {
         let (nodes, increments) = (Nodes::new(tool, disc, tile_reach), disc.n_gamma());
         let increment_of = (0..nodes.azimuths.len()).map(|m| m % increments).collect();
@@ -137,7 +137,7 @@ impl BurrNodes {
     }
 
     /// Looks at the bone in every direction that moves forward.
-    pub(super) fn engage(&self, feed: &Feed, material: &Material, around: &impl Around) -> Engagement {
+    pub(super) fn engage(&self, feed: &Feed, material: &Material, around: &impl Surroundings) -> Engagement {
         let tool_axes = basis::from_z(&feed.axis).into_inner();
         let (x, y, z) =
             (tool_axes.column(0).into_owned(), tool_axes.column(1).into_owned(), feed.axis.into_inner());

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::behind::Behind;
 use super::bone::{Amount, Bone, Kind};
-use super::engagement::{Around, BurrNodes, Engagement, Feed};
+use super::engagement::{BurrNodes, Engagement, Feed, Surroundings};
 use super::error::EngineError;
 use super::lattice::Lattice;
 use super::model::{CutForce, ForceModel};
@@ -410,7 +410,7 @@ struct Seen<'a, 'b, T> {
     half_cells: f64,
 }
 
-impl<T: Copy + Into<f64> + Sync> Around for Seen<'_, '_, T> {
+impl<T: Copy + Into<f64> + Sync> Surroundings for Seen<'_, '_, T> {
     #[inline]
     fn is_open(&self, normal: &Vector3<f64>, reach: f64) -> bool {
         let index = self.lattice.bone().index(&(self.center + normal * self.sample_mm));

@@ -198,9 +198,9 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
     #[inline]
     fn interpolated(&self, cell: &Vector3<f64>, normal: &Vector3<f64>, half: f64) -> f64 {
         let (corners, u) = match self.around(cell) {
-            Around::Bone => return 1.0,
-            Around::Gone => return 0.0,
-            Around::Cut(corners, u) => (corners, u),
+            CellsAround::Bone => return 1.0,
+            CellsAround::Gone => return 0.0,
+            CellsAround::Cut(corners, u) => (corners, u),
         };
         // a tube bends across two of three directions, half of each in the mean
         let bent: f32 = u.iter().map(|u| u * (1.0 - u)).sum::<f32>() * (self.bend / 6.0) as f32;
@@ -250,7 +250,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
 
     /// The eight cells around cell coordinates and the place between them. Beyond the lattice as at its edge.
     #[inline]
-    fn around(&self, cell: &Vector3<f64>) -> Around {
+    fn around(&self, cell: &Vector3<f64>) -> CellsAround {
         let (mut base, mut u) = ([0usize; 3], [0f32; 3]);
         for a in 0..3 {
             // NaN becomes 0
@@ -262,19 +262,19 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         if local.iter().all(|&l| l < SIDE - 1) {
             let stored = match self.tag(self.brick_index(base.map(|c| c / SIDE))) {
                 place if place < tag::FIRST => self.stored[place as usize].as_ref(),
-                tag::GONE => return Around::Gone,
-                _ => return Around::Bone,
+                tag::GONE => return CellsAround::Gone,
+                _ => return CellsAround::Bone,
             };
-            let Some(brick) = stored else { return Around::Bone };
+            let Some(brick) = stored else { return CellsAround::Bone };
             let start = local[0] + SIDE * (local[1] + SIDE * local[2]);
             let v = &brick.depth[start..start + SIDE * SIDE + SIDE + 2];
-            return Around::Cut([v[0], v[1], v[8], v[9], v[64], v[65], v[72], v[73]], u);
+            return CellsAround::Cut([v[0], v[1], v[8], v[9], v[64], v[65], v[72], v[73]], u);
         }
         let corner = |n: usize| {
             let cell = [base[0] + (n & 1), base[1] + (n >> 1 & 1), base[2] + (n >> 2)];
             self.depth_of(std::array::from_fn(|a| cell[a].min(self.cells[a] - 1)))
         };
-        Around::Cut(std::array::from_fn(corner), u)
+        CellsAround::Cut(std::array::from_fn(corner), u)
     }
 
     /// The cell nearest to cell coordinates. Beyond the lattice the one at its edge; NaN becomes 0.
@@ -292,9 +292,9 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
     #[inline]
     pub(super) fn depth_at(&self, cell: &Vector3<f64>) -> f32 {
         match self.around(cell) {
-            Around::Bone => FAR,
-            Around::Gone => -FAR,
-            Around::Cut(corners, u) => trilinear(&corners, u),
+            CellsAround::Bone => FAR,
+            CellsAround::Gone => -FAR,
+            CellsAround::Cut(corners, u) => trilinear(&corners, u),
         }
     }
 
@@ -407,7 +407,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
 }
 
 /// Cells around a point.
-enum Around {
+enum CellsAround {
     /// Nothing cut.
     Bone,
     /// All gone.

@@ -39,7 +39,7 @@ impl Default for Sampling {
 
 /// A pose of the trajectory.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sample {
+pub struct TrajectorySample {
     /// On the plan's clock, s.
     pub time_s: f64,
     /// Joint positions, mm or rad.
@@ -107,7 +107,7 @@ pub fn sample(
     arm: &Arm,
     work_from_base: &Rigid<Work, Base>,
     sampling: Sampling,
-) -> Result<Vec<Sample>, PoseError> {
+) -> Result<Vec<TrajectorySample>, PoseError> {
     let duration_s = trajectory.time_s.last().copied().unwrap_or(0.0);
     let pose = |time_s: f64, q: &[f64]| -> Result<Pose, PoseError> {
         let burr = arm.burr(q).map_err(|source| PoseError::Arm { time_s, source })?;
@@ -116,10 +116,10 @@ pub fn sample(
         let pose = Pose::new(center, burr.rotation.matrix().column(2).into_owned());
         pose.map_err(|source| PoseError::Pose { time_s, source })
     };
-    let at = |time_s: f64| -> Result<Sample, PoseError> {
+    let at = |time_s: f64| -> Result<TrajectorySample, PoseError> {
         let q = joints(trajectory, time_s);
         let pose = pose(time_s, &q)?;
-        Ok(Sample { time_s, q, pose })
+        Ok(TrajectorySample { time_s, q, pose })
     };
     match sampling {
         Sampling::Rate { rate_hz } => {
@@ -166,10 +166,13 @@ fn thin_out(
     trajectory: &Trajectory,
     rows: &[Pose],
     step_mm: f64,
-    at: impl Fn(f64) -> Result<Sample, PoseError>,
-) -> Result<Vec<Sample>, PoseError> {
-    let row =
-        |n: usize| Sample { time_s: trajectory.time_s[n], q: trajectory.q_at(n).to_vec(), pose: rows[n] };
+    at: impl Fn(f64) -> Result<TrajectorySample, PoseError>,
+) -> Result<Vec<TrajectorySample>, PoseError> {
+    let row = |n: usize| TrajectorySample {
+        time_s: trajectory.time_s[n],
+        q: trajectory.q_at(n).to_vec(),
+        pose: rows[n],
+    };
     let mut kept = Vec::new();
     let mut last = 0;
     for n in 0..rows.len() {
@@ -214,7 +217,7 @@ fn joints(trajectory: &Trajectory, time_s: f64) -> Vec<f64> {
 }
 
 /// The steps between samples.
-pub fn moves(samples: &[Sample]) -> Vec<Move> {
+pub fn moves(samples: &[TrajectorySample]) -> Vec<Move> {
     samples
         .windows(2)
         .map(|pair| Move { to: pair[1].pose, seconds: pair[1].time_s - pair[0].time_s })
@@ -270,7 +273,7 @@ mod tests {
         let mut path = circle();
         path.q[4 * 50] += 40.0;
         let samples = sample(&path, &arm, &Rigid::identity(), Sampling::Step { step_mm: 0.3 }).unwrap();
-        let is_tip = |s: &Sample| s.q[0] == path.q[4 * 50];
+        let is_tip = |s: &TrajectorySample| s.q[0] == path.q[4 * 50];
         assert!(samples.iter().any(is_tip));
     }
 

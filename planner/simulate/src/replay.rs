@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use thiserror::Error;
 
-use super::poses::{self, PoseError, Sample, Sampling};
+use super::poses::{self, PoseError, Sampling, TrajectorySample};
 use super::rates::StepVolumes;
 use super::scene::{bone_of, solid_density};
 use super::{Amount, Engine, EngineError, EngineSpec, ForceModel, ModelName, Move, ShankContact, Step};
@@ -20,7 +20,7 @@ use bonemill_geometry::Progress;
 use bonemill_planfile::StoredPlan;
 use bonemill_planfile::toward::{StructureFigures, TowardSpan};
 use bonemill_setup::inputs::scene_of;
-use bonemill_setup::near::{self, Near};
+use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::{PlanError, tools};
 
 /// Poses that are worked on together; part of the result's definition.
@@ -188,10 +188,10 @@ impl SimulationSetup {
     /// Inside a structure there is no direction: that one alone is given then, without a force, at distance 0.
     pub fn toward(&self, center: Point<Work>, force_n: &Vector3<f64>) -> Vec<SimulatedToward> {
         let radius_mm = self.spec.tool.radius_mm();
-        match near::structures_within(&self.scene, &self.clearances_mm, radius_mm, center) {
+        match nearest_structures::structures_within(&self.scene, &self.clearances_mm, radius_mm, center) {
             Ok(near) => near
                 .iter()
-                .map(|Near { structure, proximity }| SimulatedToward {
+                .map(|NearStructure { structure, proximity }| SimulatedToward {
                     structure: *structure,
                     distance_mm: proximity.distance_mm,
                     force_n: Some(force_n.dot(&proximity.toward).max(0.0)),
@@ -320,11 +320,11 @@ pub fn replay(
 fn compliances(
     plan: &StoredPlan,
     base_from_work: &Rigid<bonemill_geometry::Base, Work>,
-    samples: &[Sample],
+    samples: &[TrajectorySample],
     stiffness: &[f64],
 ) -> Result<Vec<Matrix3<f64>>, SimulateError> {
     let turn = base_from_work.rotation.matrix();
-    let one = |sample: &Sample| {
+    let one = |sample: &TrajectorySample| {
         let found = plan.arm.compliance(&sample.q, stiffness);
         let c = found.map_err(|source| SimulateError::Compliance { time_s: sample.time_s, source })?;
         Ok(turn.transpose() * c * turn)
@@ -360,7 +360,7 @@ fn yielding_step<M: ForceModel>(
 /// Every pose, and the structures near it.
 fn rows(
     setup: &SimulationSetup,
-    samples: &[Sample],
+    samples: &[TrajectorySample],
     places: &[Point<Work>],
     steps: &[Step],
     removed_mm3: &[f64],
@@ -401,7 +401,7 @@ fn structure_figures(
     rows: &[SimulationRow],
     toward: &[Vec<SimulatedToward>],
 ) -> Vec<StructureFigures> {
-    let least = near::least_distances(&setup.scene, &places[..rows.len()]);
+    let least = nearest_structures::least_distances(&setup.scene, &places[..rows.len()]);
     let mut spans = vec![Vec::new(); least.len()];
     let mut before_s = 0.0;
     for (index, (row, toward)) in rows.iter().zip(toward).enumerate() {

@@ -31,7 +31,7 @@ pub struct Trail {
 
 /// A piece as a burr at the trail's end sees it.
 #[derive(Debug, Clone, Copy)]
-pub struct Near {
+pub struct TrailPiece {
     /// Where it starts.
     pub from: Vector3<f64>,
     /// Where it ends.
@@ -89,19 +89,19 @@ impl Trail {
 
     /// Pieces as [`Trail::pieces`], the newest first and cut at `near_mm` from the end; each with whether it lies
     /// within that.
-    pub fn newest(&self, near_mm: f64) -> Vec<Near> {
+    pub fn newest(&self, near_mm: f64) -> Vec<TrailPiece> {
         let mut left_mm = near_mm;
         let mut out = Vec::with_capacity(self.corners.len() + 1);
         for (from, to) in self.pieces().rev() {
             let length = (to - from).norm();
             if left_mm <= 0.0 {
-                out.push(Near { from, to, is_own: false });
+                out.push(TrailPiece { from, to, is_own: false });
             } else if length <= left_mm {
-                out.push(Near { from, to, is_own: true });
+                out.push(TrailPiece { from, to, is_own: true });
             } else {
                 let split = to + (from - to) * (left_mm / length);
-                out.push(Near { from: split, to, is_own: true });
-                out.push(Near { from, to: split, is_own: false });
+                out.push(TrailPiece { from: split, to, is_own: true });
+                out.push(TrailPiece { from, to: split, is_own: false });
             }
             left_mm -= length;
         }

@@ -30,7 +30,7 @@ mod solid;
 mod turn;
 
 pub use self::eighth_times::EighthTimes;
-pub use self::solid::Solid;
+pub use self::solid::ShankObstacles;
 pub use self::turn::Turn;
 
 pub use bonemill_cutter::ShankCylinder;
@@ -91,7 +91,7 @@ const VOXELS_PER_RADIUS: f64 = 8.0;
 
 /// A shaft along `axis` (unit, work) while move `index` ends at `center`.
 #[derive(Debug, Clone, Copy)]
-struct Pose<'a> {
+struct PosedShank<'a> {
     index: u32,
     center: Point<Work>,
     axis: &'a Vector3<f64>,
@@ -157,7 +157,12 @@ struct Segment {
 
 impl<'a> Access<'a> {
     /// Dilates the removal time once per cylinder. `eighths`: of the path, on the scene's `solid`.
-    pub fn new(scene: &'a Scene, solid: &'a Solid, eighths: EighthTimes, shank: &[ShankCylinder]) -> Self {
+    pub fn new(
+        scene: &'a Scene,
+        solid: &'a ShankObstacles,
+        eighths: EighthTimes,
+        shank: &[ShankCylinder],
+    ) -> Self {
         let eighths = Eighths::new(solid, eighths);
         let segments = segments(&eighths.latest, shank, Segment::certain);
         let access = Self::of(scene, eighths.latest.bounds(), segments);
@@ -166,7 +171,12 @@ impl<'a> Access<'a> {
 
     /// For a comparison of paths: bone goes by voxels, at `removal_time`, and what a ball of a thin cylinder's radius meets along
     /// its axis is in the way, off by up to a voxel to either side. Thick cylinders as for a plan.
-    pub fn draft(scene: &'a Scene, solid: &Solid, removal_time: &[u32], shank: &[ShankCylinder]) -> Self {
+    pub fn draft(
+        scene: &'a Scene,
+        solid: &ShankObstacles,
+        removal_time: &[u32],
+        shank: &[ShankCylinder],
+    ) -> Self {
         let latest = Field::of_voxels(solid, removal_time);
         Self::of(scene, latest.bounds(), segments(&latest, shank, Segment::nearly))
     }
@@ -192,16 +202,16 @@ impl<'a> Access<'a> {
 
     /// Something along `axis` that is in the shank's way, if there is anything: not always the nearest.
     pub fn blocked(&self, index: u32, center: Point<Work>, axis: &Vector3<f64>) -> Option<Blocked> {
-        self.blocked_pose(&Pose { index, center, axis, narrower: Narrower::NOT })
+        self.blocked_pose(&PosedShank { index, center, axis, narrower: Narrower::NOT })
     }
 
-    fn blocked_pose(&self, pose: &Pose) -> Option<Blocked> {
+    fn blocked_pose(&self, pose: &PosedShank) -> Option<Blocked> {
         cancel::poll();
         self.segments.iter().find_map(|segment| self.blocked_segment(segment, pose))
     }
 
-    fn blocked_segment(&self, segment: &Segment, pose: &Pose) -> Option<Blocked> {
-        let Pose { index, center, axis, .. } = *pose;
+    fn blocked_segment(&self, segment: &Segment, pose: &PosedShank) -> Option<Blocked> {
+        let PosedShank { index, center, axis, .. } = *pose;
         let ShankCylinder { from_mm, to_mm, radius_mm } = segment.cylinder;
         let (enter, leave) = segment.outer.field.crossing(&center.coords, axis);
         let behind_front = from_mm + segment.reach_mm;
@@ -273,8 +283,8 @@ impl<'a> Access<'a> {
     }
 
     /// What is in the way of a thick cylinder's first `reach_mm`.
-    fn blocked_front(&self, segment: &Segment, pose: &Pose) -> Option<Blocked> {
-        let Pose { index, center, axis, .. } = *pose;
+    fn blocked_front(&self, segment: &Segment, pose: &PosedShank) -> Option<Blocked> {
+        let PosedShank { index, center, axis, .. } = *pose;
         let (thin, around, front) = (self.segments.first()?, self.around.as_ref()?, segment.front.as_ref()?);
         let (far, thin_mm) = (&self.scene.far, thin.cylinder.radius_mm);
         let basis = basis::from_z(axis);
@@ -344,8 +354,8 @@ impl Segment {
     }
 
     /// What is certain to stand in the cylinder, where its axis runs between two distances.
-    fn surely_blocked(&self, pose: &Pose, [start_mm, end_mm]: [f64; 2]) -> Option<Blocked> {
-        let Pose { index, center, axis, narrower } = *pose;
+    fn surely_blocked(&self, pose: &PosedShank, [start_mm, end_mm]: [f64; 2]) -> Option<Blocked> {
+        let PosedShank { index, center, axis, narrower } = *pose;
         // a narrower shank may pass what is certain to block this ball's
         let inner = self.inner.as_ref().filter(|_| narrower == Narrower::NOT)?;
         let begin_mm = start_mm.max(self.cylinder.from_mm + self.inner_mm);

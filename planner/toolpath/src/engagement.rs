@@ -136,7 +136,7 @@ impl<'a> SweptPath<'a> {
             let last = run.last.min(index - 1);
             let (a, b) = (self.start(run), self.points[last as usize].position.coords);
             if segment_distance_squared(&center, &a, &b) < (2.0 * self.radius_mm).powi(2) {
-                capsules.push(Capsule::new(a, b));
+                capsules.push(RunAxis::new(a, b));
             }
         }
         capsules.reverse();
@@ -153,9 +153,9 @@ pub struct BoneAt<'a, W> {
     sample_radius_mm: f64,
     weight_of: W,
     /// The earlier path within reach of the ball; the latest first: it is the likeliest to hold a point.
-    capsules: Vec<Capsule>,
+    capsules: Vec<RunAxis>,
     /// Those within reach of what was last asked about.
-    in_reach: Vec<Capsule>,
+    in_reach: Vec<RunAxis>,
 }
 
 impl<W> BoneAt<'_, W> {
@@ -235,14 +235,14 @@ impl<W: Fn(f64) -> f64> Bone for BoneAt<'_, W> {
 
 /// The axis of a straight piece of the path.
 #[derive(Debug, Clone, Copy)]
-struct Capsule {
+struct RunAxis {
     from: Vector3<f64>,
     along: Vector3<f64>,
     /// 1/length²; 0 for a point.
     per_squared: f64,
 }
 
-impl Capsule {
+impl RunAxis {
     fn new(from: Vector3<f64>, to: Vector3<f64>) -> Self {
         let along = to - from;
         let squared = along.norm_squared();

@@ -106,7 +106,7 @@ impl Anatomy {
 
     /// Corners, smallest and largest, of the target's box along work's axes, mm; `None` when the label has no voxel.
     pub fn aim_box(&self, grid_from_ct: &Rigid<Work, Ct>) -> Option<[Vector3<f64>; 2]> {
-        let mut found = Extent::default();
+        let mut found = BoxExtent::default();
         match &self.aim {
             Aim::Label(label) => {
                 let grid = self.labels.grid();
@@ -131,18 +131,18 @@ impl Anatomy {
 
 /// A box that grows to hold points.
 #[derive(Debug, Clone, Copy)]
-pub struct Extent {
+pub struct BoxExtent {
     lo: Vector3<f64>,
     hi: Vector3<f64>,
 }
 
-impl Default for Extent {
+impl Default for BoxExtent {
     fn default() -> Self {
         Self { lo: Vector3::repeat(f64::INFINITY), hi: Vector3::repeat(f64::NEG_INFINITY) }
     }
 }
 
-impl Extent {
+impl BoxExtent {
     /// Takes in a point.
     pub fn hold(&mut self, p: Vector3<f64>) {
         self.lo = self.lo.inf(&p);
@@ -239,7 +239,7 @@ mod tests {
         let turned: Rigid<Work, Ct> = Rigid::new(Rotation3::new(v(0.3, -0.5, 0.2)), v(1.0, 2.0, 3.0));
         for shape in [slab, cone, ball] {
             let (smaller, larger) = (resized(&shape, -0.1), resized(&shape, 0.1));
-            let mut extent = Extent::default();
+            let mut extent = BoxExtent::default();
             for (center, half) in parts(&shape, &turned) {
                 let center = (turned * Point::from_coords(center)).coords;
                 extent.hold(center - half);

@@ -5,7 +5,7 @@
 //! beside the volumes; clearances, the shank and the joints' limits have checks of their own.
 
 use super::check::{Check, Place};
-use super::moves::{Kind, Moves};
+use super::moves::{MoveClass, Moves};
 use bonemill_planfile::StoredPlan;
 
 /// The names of the checks that say that a plan falls short of its case, as opposed to one that is wrong.
@@ -41,7 +41,7 @@ pub fn asked(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
 fn forces(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
     let (caps, radius_mm) = (&plan.record.case.speed.caps, plan.record.case.burr.radius_mm);
     let share = |subject: &str, of: &dyn Fn(&bonemill_planfile::Waypoint) -> Option<f64>| {
-        let cuts = plan.waypoints.iter().enumerate().filter(|(n, _)| moves.kinds[*n] == Kind::Cut);
+        let cuts = plan.waypoints.iter().enumerate().filter(|(n, _)| moves.kinds[*n] == MoveClass::Cut);
         let found = cuts.filter_map(|(n, w)| Some((of(w)?, n))).max_by(|a, b| a.0.total_cmp(&b.0));
         let (share, n) = found.map_or((0.0, None), |(share, n)| (share, Some(n)));
         Check::at_most(FORCE, share, 1.0 + ROUNDING, "of the cap").of(subject).at(n.map(Place::Waypoint))

@@ -17,7 +17,7 @@ const PIECE_MM: f64 = 1.0;
 
 /// A straight piece of the burr's way, and the number of its move.
 #[derive(Debug, Clone, Copy)]
-pub struct Piece {
+pub struct MoveSegment {
     /// Start, mm in work.
     pub a: Vector3<f64>,
     /// End, mm in work.
@@ -26,7 +26,7 @@ pub struct Piece {
     pub number: u32,
 }
 
-impl Piece {
+impl MoveSegment {
     /// Squared distance from a point, mm².
     pub fn squared(&self, p: &Vector3<f64>) -> f64 {
         let d = self.b - self.a;
@@ -37,22 +37,22 @@ impl Piece {
 }
 
 /// The moves through `points`, cut into pieces; move 0 is the first point itself.
-pub fn pieces(points: &[Vector3<f64>]) -> Vec<Piece> {
-    let mut found: Vec<Piece> =
-        points.first().map(|p| Piece { a: *p, b: *p, number: 0 }).into_iter().collect();
+pub fn pieces(points: &[Vector3<f64>]) -> Vec<MoveSegment> {
+    let mut found: Vec<MoveSegment> =
+        points.first().map(|p| MoveSegment { a: *p, b: *p, number: 0 }).into_iter().collect();
     for (pair, number) in points.windows(2).zip(1u32..) {
         let (a, d) = (pair[0], pair[1] - pair[0]);
         let count = (d.norm() / PIECE_MM).ceil().max(1.0);
         for n in 0..count as usize {
             let at = |n: usize| a + d * (n as f64 / count);
-            found.push(Piece { a: at(n), b: at(n + 1), number });
+            found.push(MoveSegment { a: at(n), b: at(n + 1), number });
         }
     }
     found
 }
 
 /// The number of the first piece within `radius_mm` of each point of the lattice; [`NEVER`] where there is none.
-pub fn first_moves(grid: &Grid<Work>, pieces: &[Piece], radius_mm: f64) -> Vec<u32> {
+pub fn first_moves(grid: &Grid<Work>, pieces: &[MoveSegment], radius_mm: f64) -> Vec<u32> {
     let [nx, ny, nz] = grid.dims();
     let radius2 = radius_mm * radius_mm;
     let mut first = vec![NEVER; nx * ny * nz];
@@ -70,7 +70,7 @@ pub fn first_moves(grid: &Grid<Work>, pieces: &[Piece], radius_mm: f64) -> Vec<u
 }
 
 /// The points of a grid that the pieces sweep: those within the radius, and those so near to it that rounding decides.
-pub fn swept(grid: &Grid<Work>, pieces: &[Piece], radius_mm: f64) -> Doubtful<Vec<bool>> {
+pub fn swept(grid: &Grid<Work>, pieces: &[MoveSegment], radius_mm: f64) -> Doubtful<Vec<bool>> {
     let [nx, ny, nz] = grid.dims();
     let [inner2, outer2] = [radius_mm - DOUBT_MM, radius_mm + DOUBT_MM].map(|r| r * r);
     let mut surely = vec![false; nx * ny * nz];
@@ -96,7 +96,7 @@ pub fn swept(grid: &Grid<Work>, pieces: &[Piece], radius_mm: f64) -> Doubtful<Ve
 /// A point's depth is the radius less its distance from the nearest piece; only the deepest of all is found.
 pub fn deepest(
     grid: &Grid<Work>,
-    pieces: &[Piece],
+    pieces: &[MoveSegment],
     radius_mm: f64,
     is: impl Fn(usize, u32) -> bool + Sync,
 ) -> Option<(f64, usize, u32)> {
@@ -128,7 +128,7 @@ pub fn deepest(
 /// axes is within the radius: all that the piece sweeps, and few others.
 fn for_each_near(
     grid: &Grid<Work>,
-    piece: &Piece,
+    piece: &MoveSegment,
     radius_mm: f64,
     k: usize,
     mut visit: impl FnMut(usize, &Vector3<f64>),
@@ -177,7 +177,7 @@ mod tests {
         for (n, found) in first.iter().enumerate() {
             let p = grid.center(grid.voxel(n)).coords;
             let near = |i: usize| {
-                let whole = Piece { a: path[i.saturating_sub(1)], b: path[i], number: 0 };
+                let whole = MoveSegment { a: path[i.saturating_sub(1)], b: path[i], number: 0 };
                 (whole.squared(&p).sqrt() - 1.1).abs() < 1e-9 || whole.squared(&p) <= 1.1 * 1.1
             };
             let brute = (0..path.len()).find(|i| near(*i)).map_or(NEVER, |i| i as u32);
@@ -198,7 +198,7 @@ mod tests {
         assert!(found.surely.iter().filter(|s| **s).count() > 200);
         // a ball of four spacings around a point of the grid
         let center = grid.center([9, 7, 8]).coords;
-        let found = swept(&grid, &[Piece { a: center, b: center, number: 0 }], 1.6);
+        let found = swept(&grid, &[MoveSegment { a: center, b: center, number: 0 }], 1.6);
         let on_it = grid.index([13, 7, 8]);
         assert!(!found.surely[on_it] && found.possibly[on_it]);
     }

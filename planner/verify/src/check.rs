@@ -4,7 +4,7 @@ use std::fmt;
 
 /// On which side of the limit a value must lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Sense {
+pub enum LimitSide {
     /// value ≤ limit.
     AtMost,
     /// value ≥ limit.
@@ -49,7 +49,7 @@ pub struct Check {
     /// What it may be.
     pub limit: f64,
     /// On which side.
-    pub sense: Sense,
+    pub sense: LimitSide,
     /// Of value and limit; empty for counts.
     pub unit: &'static str,
     /// Where the worst is.
@@ -66,7 +66,7 @@ impl Check {
             subject: None,
             value,
             limit,
-            sense: Sense::AtMost,
+            sense: LimitSide::AtMost,
             unit,
             place: None,
             note: String::new(),
@@ -75,7 +75,7 @@ impl Check {
 
     /// `value` must not fall below `limit`.
     pub fn at_least(name: &'static str, value: f64, limit: f64, unit: &'static str) -> Self {
-        Self { sense: Sense::AtLeast, ..Self::at_most(name, value, limit, unit) }
+        Self { sense: LimitSide::AtLeast, ..Self::at_most(name, value, limit, unit) }
     }
 
     /// Nothing of `count` things may be wrong.
@@ -107,8 +107,8 @@ impl Check {
     /// How far the value is on the right side of the limit; negative: by how much it misses it.
     pub fn margin(&self) -> f64 {
         match self.sense {
-            Sense::AtMost => self.limit - self.value,
-            Sense::AtLeast => self.value - self.limit,
+            LimitSide::AtMost => self.limit - self.value,
+            LimitSide::AtLeast => self.value - self.limit,
         }
     }
 
@@ -120,7 +120,7 @@ impl Check {
 
 impl fmt::Display for Check {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let sign = if self.sense == Sense::AtMost { "<=" } else { ">=" };
+        let sign = if self.sense == LimitSide::AtMost { "<=" } else { ">=" };
         write!(f, "{}", self.name)?;
         if let Some(subject) = &self.subject {
             write!(f, " ({subject})")?;

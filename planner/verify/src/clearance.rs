@@ -43,7 +43,7 @@ pub fn nearest_along(
             cancel::poll();
             // one place of overlap: the stretch between portions belongs to the later one
             let first = start.saturating_sub(1);
-            let mut search = Search { distance, best: f64::INFINITY, at: start };
+            let mut search = NearestSearch { distance, best: f64::INFINITY, at: start };
             let mut before: Option<(&Vector3<f64>, f64)> = None;
             let mut free_mm = 0.0; // how far from the last place asked nothing can be nearer
             let mut skipped = Vec::new();
@@ -76,13 +76,13 @@ pub fn nearest_along(
     Some(Nearest { distance_mm: (least.distance_mm - TOLERANCE_MM).max(0.0), at: least.at })
 }
 
-struct Search<D> {
+struct NearestSearch<D> {
     distance: D,
     best: f64,
     at: usize,
 }
 
-impl<D: Fn(&Vector3<f64>, f64) -> f64> Search<D> {
+impl<D: Fn(&Vector3<f64>, f64) -> f64> NearestSearch<D> {
     /// The distance of a place that is `at_most_mm` away.
     fn ask(&mut self, p: &Vector3<f64>, n: usize, at_most_mm: f64) -> f64 {
         let d = (self.distance)(p, at_most_mm);

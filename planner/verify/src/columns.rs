@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::anatomy::Kept;
 use super::boxes::Boxes;
 use super::check::{Check, Place};
-use super::moves::{Executed, Kind, Moves, angle_rad};
+use super::moves::{Executed, MoveClass, Moves, angle_rad};
 use bonemill_case::{Case, ForceTerm, SeveralStructures};
 use bonemill_planfile::{StoredPlan, Waypoint};
 
@@ -53,7 +53,7 @@ pub fn rows(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check>
     let (rows, case) = (&plan.waypoints, &plan.record.case);
     let approach_from_ct = plan.record.ct_from_approach.inverse();
     let all = || rows.iter().enumerate();
-    let starts_free = rows.first().is_some_and(|w| moves.kinds[0] == Kind::Free && w.time_s == 0.0);
+    let starts_free = rows.first().is_some_and(|w| moves.kinds[0] == MoveClass::Free && w.time_s == 0.0);
     let falls = Worst::of(moves.times_s.windows(2).enumerate().map(|(n, t)| (n + 1, t[0] - t[1])));
     let unit = Worst::of(all().map(|(n, w)| (n, (w.axis.norm() - 1.0).abs())));
     let angles = Worst::of(all().map(|(n, w)| {
@@ -72,7 +72,7 @@ pub fn rows(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check>
             (n, if v.is_finite() { (low - v).max(v - high).max(0.0) } else { f64::INFINITY })
         }))
     };
-    let cuts = (1..moves.len()).filter(|n| moves.kinds[*n] == Kind::Cut);
+    let cuts = (1..moves.len()).filter(|n| moves.kinds[*n] == MoveClass::Cut);
     let lengths = Worst::of(cuts.map(|n| (n, moves.arc_mm[n] - moves.arc_mm[n - 1])));
     let s = &case.speed;
     let mut checks = vec![
@@ -81,13 +81,13 @@ pub fn rows(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check>
         unit.check("rows", "axes are of length 1", ROUNDING, ""),
         angles.check("rows", "θ and φ are those of the axis", ROUNDING, ""),
         steps.check("rows", "mean speed of moves", 1.0 + 1e-3, "of the cap"),
-        speed(Kind::Cut, s.min_mm_s, s.max_mm_s).check(
+        speed(MoveClass::Cut, s.min_mm_s, s.max_mm_s).check(
             "rows",
             "caps of cuts lie in the range",
             ROUNDING,
             "mm/s",
         ),
-        speed(Kind::Free, 0.0, s.link_mm_s).check("rows", "caps of links", ROUNDING, "mm/s"),
+        speed(MoveClass::Free, 0.0, s.link_mm_s).check("rows", "caps of links", ROUNDING, "mm/s"),
         lengths.check("rows", "length of cuts", case.path.step_mm + ROUNDING, "mm"),
     ];
     checks.extend(tilt(plan, moves, executed));
@@ -98,11 +98,11 @@ pub fn rows(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check>
 fn tilt(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check> {
     let limit = plan.record.case.orientation.tilt_limit_rad;
     let tilt = |axis: &Vector3<f64>| angle_rad(axis, &Vector3::z());
-    let cuts = || (1..moves.len()).filter(|n| moves.kinds[*n] == Kind::Cut);
+    let cuts = || (1..moves.len()).filter(|n| moves.kinds[*n] == MoveClass::Cut);
     let ends = Worst::of(cuts().map(|n| (n, tilt(&moves.axes[n]))));
     let begins = Worst::of(cuts().map(|n| (n, tilt(&moves.axes[n - 1]))));
     let way = (0..executed.len())
-        .filter(|row| moves.kinds.get(executed.next[*row] as usize) == Some(&Kind::Cut))
+        .filter(|row| moves.kinds.get(executed.next[*row] as usize) == Some(&MoveClass::Cut))
         .map(|row| (row, tilt(&executed.axes[row])))
         .fold((0.0, None), |worst, (row, tilt)| if tilt > worst.0 { (tilt, Some(row)) } else { worst });
     let degrees = |worst: Worst, subject, limit: f64| {

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::VerifyError;
 use super::check::{Check, Place};
 use super::motion::rounding;
-use super::moves::{Executed, Kind, Moves, angle_rad, between};
+use super::moves::{Executed, MoveClass, Moves, angle_rad, between};
 use bonemill_planfile::StoredPlan;
 
 /// How far the burr may be from the polyline, mm.
@@ -19,7 +19,7 @@ const PLACE_MM: f64 = 0.05;
 /// How far the shaft may be from the polyline's, rad.
 const AXIS_RAD: f64 = 0.005;
 /// Moves before and after the one of the instant: all that lie within this of it along the path, mm, and one more.
-const NEAR_MM: f64 = 0.2;
+const PATH_WINDOW_MM: f64 = 0.2;
 /// The most moves looked at to either side.
 const MOST_NEAR: usize = 12;
 
@@ -88,7 +88,7 @@ fn nearest_on_polyline(moves: &Moves, executed: &Executed, row: usize, time_s: f
     let arc = moves.arc_mm[a] + share * (moves.arc_mm[b] - moves.arc_mm[a]);
     let is_near = |n: &usize| {
         let [a, b] = moves.ends(*n);
-        moves.arc_mm[a] < arc + NEAR_MM && moves.arc_mm[b] > arc - NEAR_MM
+        moves.arc_mm[a] < arc + PATH_WINDOW_MM && moves.arc_mm[b] > arc - PATH_WINDOW_MM
     };
     let back = (1..here).rev().take(MOST_NEAR).take_while(is_near).count();
     let on = (here + 1..moves.len()).take(MOST_NEAR).take_while(is_near).count();
@@ -202,7 +202,7 @@ pub fn speeds(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Chec
         (speed / cap(fastest), fastest)
     };
     let ratios: Vec<(f64, usize)> = (1..executed.len()).into_par_iter().map(ratio).collect();
-    [("speed of cuts", Kind::Cut), ("speed of links", Kind::Free)]
+    [("speed of cuts", MoveClass::Cut), ("speed of links", MoveClass::Free)]
         .into_iter()
         .map(|(name, kind)| {
             let of_kind = |r: &(usize, &(f64, usize))| moves.kinds.get(r.1.1) == Some(&kind);

@@ -4,10 +4,10 @@
 //! air; the volume is said. Links and retracts reach nothing that has mass, in the target or outside, before a cut does, but
 //! for what lies between the points of the planner's grid.
 
-use super::carve::{NEVER, Piece, deepest};
+use super::carve::{MoveSegment, NEVER, deepest};
 use super::check::{Check, Place};
 use super::lattice::{HAS_MASS, Lattice, OBSTACLE, SHEET, SLIVER};
-use super::moves::{Executed, Kind, Moves};
+use super::moves::{Executed, MoveClass, Moves};
 use bonemill_planfile::StoredPlan;
 use nalgebra::Vector3;
 
@@ -20,7 +20,7 @@ const STRETCH_MM: f64 = 0.1;
 pub fn ground(
     plan: &StoredPlan,
     lattice: &Lattice,
-    pieces: &[Piece],
+    pieces: &[MoveSegment],
     first: &[u32],
     moves: &Moves,
     executed: &Executed,
@@ -61,12 +61,18 @@ pub fn ground(
 }
 
 /// The deepest that a link or retract reaches into what has mass and no earlier move reached, and how much they take in all.
-fn links(plan: &StoredPlan, lattice: &Lattice, pieces: &[Piece], first: &[u32], moves: &Moves) -> [Check; 2] {
+fn links(
+    plan: &StoredPlan,
+    lattice: &Lattice,
+    pieces: &[MoveSegment],
+    first: &[u32],
+    moves: &Moves,
+) -> [Check; 2] {
     let radius = plan.record.case.burr.radius_mm;
-    let is_free = |number: u32| moves.kinds.get(number as usize) == Some(&Kind::Free);
+    let is_free = |number: u32| moves.kinds.get(number as usize) == Some(&MoveClass::Free);
     let has_mass = |n: usize| lattice.is(n, HAS_MASS) && !lattice.is(n, SLIVER);
     let taken = |n: usize| has_mass(n) && first[n] != NEVER && is_free(first[n]);
-    let free: Vec<Piece> = pieces.iter().filter(|p| is_free(p.number)).copied().collect();
+    let free: Vec<MoveSegment> = pieces.iter().filter(|p| is_free(p.number)).copied().collect();
     let found = deepest(&lattice.grid, &free, radius, |n, number| first[n] == number && taken(n));
     let volume = lattice.volume_mm3(HAS_MASS, taken);
     let removed = lattice.volume_mm3(HAS_MASS, |n| first[n] != NEVER);
@@ -86,13 +92,13 @@ fn links(plan: &StoredPlan, lattice: &Lattice, pieces: &[Piece], first: &[u32], 
 }
 
 /// The trajectory's polyline, thinned; the number is the row in which a stretch ends.
-fn stretches(executed: &Executed) -> Vec<Piece> {
+fn stretches(executed: &Executed) -> Vec<MoveSegment> {
     let mut found = Vec::new();
     let mut from: Option<Vector3<f64>> = None;
     for (row, p) in executed.points.iter().enumerate() {
         let a = *from.get_or_insert(*p);
         if (p - a).norm() >= STRETCH_MM || row + 1 == executed.len() {
-            found.push(Piece { a, b: *p, number: row as u32 });
+            found.push(MoveSegment { a, b: *p, number: row as u32 });
             from = Some(*p);
         }
     }

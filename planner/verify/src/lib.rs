@@ -50,11 +50,11 @@ use nalgebra::Vector3;
 
 pub(crate) use anatomy::Anatomy;
 pub(crate) use boxes::Boxes;
-pub use check::{Check, Place, Sense, Short};
+pub use check::{Check, LimitSide, Place, Short};
 pub use error::VerifyError;
 pub use result::Verification;
 
-use anatomy::Extent;
+use anatomy::BoxExtent;
 use bonemill_geometry::Progress;
 use bonemill_planfile::{StoredPlan, digests, read_case_text};
 use lattice::{Lattice, Obstacle, grid_over};
@@ -225,7 +225,7 @@ fn fine_grid(
 ) -> Result<(Grid<Work>, usize), VerifyError> {
     let case = &plan.record.case;
     let reach_mm = case.burr.radius_mm + band_mm + case.grid.spacing_mm;
-    let room = Room {
+    let room = LatticeBounds {
         aim,
         scan: &scan_box(anatomy, &plan.record.ct_from_grid().inverse()),
         reach_mm,
@@ -237,7 +237,7 @@ fn fine_grid(
 }
 
 /// What decides where the fine lattice is. Boxes by smallest and largest corner, mm in work.
-struct Room<'a> {
+struct LatticeBounds<'a> {
     /// The target.
     aim: &'a [Vector3<f64>; 2],
     /// The images; beyond them is air.
@@ -250,7 +250,7 @@ struct Room<'a> {
     most_points: f64,
 }
 
-impl Room<'_> {
+impl LatticeBounds<'_> {
     /// The box, its spacing (`finest_mm` or as fine as memory allows), and how many waypoints in the scan lie outside.
     fn fine_box(&self, points: &[Vector3<f64>], finest_mm: f64) -> ([Vector3<f64>; 2], f64, usize) {
         let clip = |[lo, hi]: [Vector3<f64>; 2]| {
@@ -263,7 +263,7 @@ impl Room<'_> {
         while count(near, h) > self.most_points {
             h *= 1.25;
         }
-        let mut extent = Extent::default();
+        let mut extent = BoxExtent::default();
         points.iter().chain(self.aim).for_each(|p| extent.hold(*p));
         let whole = clip(extent.grown(&Vector3::repeat(self.reach_mm)).unwrap_or(*self.aim));
         if count(whole, h) <= self.most_points {
@@ -293,7 +293,7 @@ fn planned_voxels(plan: &StoredPlan, anatomy: &Anatomy) -> Result<(Voxels, f64),
 
 /// The box of CT and label map along work's axes.
 fn scan_box(anatomy: &Anatomy, grid_from_ct: &Rigid<Work, Ct>) -> [Vector3<f64>; 2] {
-    let mut extent = Extent::default();
+    let mut extent = BoxExtent::default();
     for corner in anatomy.ct.grid().corners().into_iter().chain(anatomy.labels.grid().corners()) {
         extent.hold((*grid_from_ct * corner).coords);
     }
@@ -308,7 +308,13 @@ mod tests {
     fn the_fine_lattice_follows_the_sweep_as_far_as_memory_goes() {
         let cube = |r: f64| [Vector3::repeat(-r), Vector3::repeat(r)];
         let (aim, scan) = (cube(5.0), cube(100.0));
-        let room = |most_points| Room { aim: &aim, scan: &scan, reach_mm: 3.0, around_mm: 8.0, most_points };
+        let room = |most_points| LatticeBounds {
+            aim: &aim,
+            scan: &scan,
+            reach_mm: 3.0,
+            around_mm: 8.0,
+            most_points,
+        };
         let near = [Vector3::new(0.0, 0.0, 9.0)];
         let ([lo, hi], h, missed) = room(2e6).fine_box(&near, 0.25);
         assert_eq!((lo.z, hi.z, h, missed), (-8.0, 12.0, 0.25, 0));

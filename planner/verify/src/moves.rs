@@ -9,7 +9,7 @@ use bonemill_planfile::StoredPlan;
 
 /// What a move is for, as the file says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum MoveClass {
     /// Removes bone.
     Cut,
     /// Crosses free space, or goes out of the bone or back in.
@@ -24,7 +24,7 @@ pub struct Moves {
     /// Shaft, unit, to the handpiece.
     pub axes: Vec<Vector3<f64>>,
     /// Of the move that ends there.
-    pub kinds: Vec<Kind>,
+    pub kinds: Vec<MoveClass>,
     /// s.
     pub times_s: Vec<f64>,
     /// Path length to here, mm.
@@ -56,7 +56,10 @@ impl Moves {
         }
         Self {
             axes: rows.iter().map(|w| grid_from_ct.rotate(&w.axis)).collect(),
-            kinds: rows.iter().map(|w| if w.kind.word() == "cut" { Kind::Cut } else { Kind::Free }).collect(),
+            kinds: rows
+                .iter()
+                .map(|w| if w.kind.word() == "cut" { MoveClass::Cut } else { MoveClass::Free })
+                .collect(),
             times_s: rows.iter().map(|w| w.time_s).collect(),
             points,
             arc_mm,

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::asked::SHORT;
-use super::check::{Check, Sense};
+use super::check::{Check, LimitSide};
 use bonemill_case::write::text;
 use bonemill_planfile::Sha256;
 
@@ -53,8 +53,8 @@ impl Verification {
 
 fn push(out: &mut String, check: &Check) {
     let sense = match check.sense {
-        Sense::AtMost => "at_most",
-        Sense::AtLeast => "at_least",
+        LimitSide::AtMost => "at_most",
+        LimitSide::AtLeast => "at_least",
     };
     let mut line = |key: &str, value: String| {
         let _ = writeln!(out, "{key} = {value}");

@@ -35,7 +35,7 @@ const PORTION: usize = 512;
 
 /// Where the shank is.
 #[derive(Debug, Clone)]
-pub struct Pose {
+pub struct ShankPose {
     center: Vector3<f64>,
     axis: Vector3<f64>,
     /// The move in which it is there.
@@ -56,14 +56,14 @@ pub fn cylinders(case: &Case) -> Vec<Cylinder> {
 }
 
 /// All waypoints, and the trajectory's rows a stride apart.
-pub fn poses(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Pose> {
-    let at_waypoint = |n: usize| Pose {
+pub fn poses(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<ShankPose> {
+    let at_waypoint = |n: usize| ShankPose {
         center: moves.points[n],
         axis: moves.axes[n],
         moment: n as u32,
         place: Place::Waypoint(n),
     };
-    let mut poses: Vec<Pose> = (0..moves.len()).map(at_waypoint).collect();
+    let mut poses: Vec<ShankPose> = (0..moves.len()).map(at_waypoint).collect();
     let mut last: Option<(Vector3<f64>, Vector3<f64>, u32)> = None;
     for row in 0..executed.len() {
         let (center, axis, moment) = (executed.points[row], executed.axes[row], executed.next[row]);
@@ -75,7 +75,7 @@ pub fn poses(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Pose>
         if moved {
             last = Some((center, axis, moment));
             let time_s = plan.trajectory.time_s[row];
-            poses.push(Pose {
+            poses.push(ShankPose {
                 center,
                 axis,
                 moment,
@@ -151,14 +151,14 @@ pub fn far_bone(
 
 /// The shank against bone: of the target that still stands, and outside it.
 pub fn against_bone(
-    poses: &[Pose],
+    poses: &[ShankPose],
     cylinders: &[Cylinder],
     [target, outside]: &[Bricks<Work>; 2],
     far: &Bricks<Ct>,
     ct_from_grid: &Rigid<Ct, Work>,
 ) -> Vec<Check> {
-    let deepest = |ask: &(dyn Fn(&Pose, &Cylinder) -> Option<f64> + Sync)| -> Option<(f64, usize)> {
-        let of = |pose: &Pose| {
+    let deepest = |ask: &(dyn Fn(&ShankPose, &Cylinder) -> Option<f64> + Sync)| -> Option<(f64, usize)> {
+        let of = |pose: &ShankPose| {
             cancel::poll();
             cylinders.iter().filter_map(|c| ask(pose, c)).max_by(f64::total_cmp)
         };
@@ -175,9 +175,9 @@ pub fn against_bone(
         }
     };
     let on = |bricks: &'_ Bricks<Work>| {
-        deepest(&|p: &Pose, c: &Cylinder| bricks.deepest(&p.center, &p.axis, c, p.moment).map(|f| f.0))
+        deepest(&|p: &ShankPose, c: &Cylinder| bricks.deepest(&p.center, &p.axis, c, p.moment).map(|f| f.0))
     };
-    let far = deepest(&|p: &Pose, c: &Cylinder| {
+    let far = deepest(&|p: &ShankPose, c: &Cylinder| {
         let center = (*ct_from_grid * Point::<Work>::from_coords(p.center)).coords;
         far.deepest(&center, &ct_from_grid.rotate(&p.axis), c, p.moment).map(|f| f.0)
     });
@@ -192,7 +192,7 @@ pub fn against_bone(
 ///
 /// Distances are told apart up to `most_mm` only: what keeps more keeps enough.
 pub fn against_structure(
-    poses: &[Pose],
+    poses: &[ShankPose],
     cylinders: &[Cylinder],
     boxes: &Boxes<'_>,
     ct_from_grid: &Rigid<Ct, Work>,
@@ -219,7 +219,7 @@ pub fn against_structure(
                 if nearest_mm >= best.0 {
                     continue;
                 }
-                let mut search = Solid { boxes, ct_from_grid, pose, best: best.0 + AHEAD_MM };
+                let mut search = ShankDistanceSearch { boxes, ct_from_grid, pose, best: best.0 + AHEAD_MM };
                 cylinders.iter().for_each(|cylinder| search.cylinder(cylinder));
                 nearest_mm = search.best - TOLERANCE_MM;
                 if search.best < best.0 {
@@ -237,7 +237,7 @@ pub fn against_structure(
 fn kept_by_capsules(
     boxes: &Boxes<'_>,
     ct_from_grid: &Rigid<Ct, Work>,
-    pose: &Pose,
+    pose: &ShankPose,
     cylinders: &[Cylinder],
     cut_mm: f64,
 ) -> f64 {
@@ -248,14 +248,14 @@ fn kept_by_capsules(
 }
 
 /// Branch and bound over the places inside the shank: the distance changes no faster than the place.
-struct Solid<'a> {
+struct ShankDistanceSearch<'a> {
     boxes: &'a Boxes<'a>,
     ct_from_grid: &'a Rigid<Ct, Work>,
-    pose: &'a Pose,
+    pose: &'a ShankPose,
     best: f64,
 }
 
-impl Solid<'_> {
+impl ShankDistanceSearch<'_> {
     /// The distance from a place, if it is below `cut_mm`.
     fn distance_below(&self, p: Vector3<f64>, cut_mm: f64) -> Option<f64> {
         let p = *self.ct_from_grid * Point::<Work>::from_coords(p);

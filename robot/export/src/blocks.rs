@@ -56,7 +56,7 @@ pub fn straight_blocks(
         let looks = ((span_s * LOOKED_AT_HZ).ceil() as usize).max(LEAST_LOOKS);
         let place = |k: usize| {
             let time_s = from_s + span_s * k as f64 / looks as f64;
-            Place::new(arm, time_s, rows.at(time_s))
+            MotionSample::new(arm, time_s, rows.at(time_s))
         };
         if span_s <= 0.0 {
             // where the motion starts, and a move that goes nowhere
@@ -67,7 +67,7 @@ pub fn straight_blocks(
         let (mut blocks, mut before_s) = (Vec::new(), from_s);
         let split = Split { arm, places: &places, weights: &weights, tolerance };
         split.ends(0, looks, &mut |end| {
-            let Place { time_s, q, .. } = &places[end];
+            let MotionSample { time_s, q, .. } = &places[end];
             blocks.push(Block { q: q.clone(), duration_s: time_s - before_s, of });
             before_s = *time_s;
         })?;
@@ -87,14 +87,14 @@ fn weights(arm: &Arm) -> Vec<f64> {
 }
 
 /// The motion at an instant.
-struct Place {
+struct MotionSample {
     time_s: f64,
     q: Vec<f64>,
     burr: Vector3<f64>,
     axis: Vector3<f64>,
 }
 
-impl Place {
+impl MotionSample {
     fn new(arm: &Arm, time_s: f64, q: Vec<f64>) -> Result<Self, RobotError> {
         let tool = arm.burr(&q)?;
         Ok(Self { time_s, q, burr: tool.translation_mm, axis: tool.rotation * Vector3::z() })
@@ -104,7 +104,7 @@ impl Place {
 /// A move that is being split.
 struct Split<'a> {
     arm: &'a Arm,
-    places: &'a [Place],
+    places: &'a [MotionSample],
     weights: &'a [f64],
     tolerance: Tolerance,
 }
@@ -132,7 +132,7 @@ impl Split<'_> {
             let on: Vec<f64> = place.q.iter().zip(first).map(|(q, a)| q - a).collect();
             let share = if length2 > 0.0 { (along(&on) / length2).clamp(0.0, 1.0) } else { 0.0 };
             let driven = first.iter().zip(&way).map(|(a, w)| a + share * w).collect();
-            let driven = Place::new(self.arm, place.time_s, driven)?;
+            let driven = MotionSample::new(self.arm, place.time_s, driven)?;
             let (off_rad, _) = angle_between(&driven.axis, &place.axis);
             if (driven.burr - place.burr).norm() > self.tolerance.burr_mm || off_rad > self.tolerance.axis_rad
             {

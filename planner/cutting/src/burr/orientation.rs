@@ -44,19 +44,19 @@ pub struct OrientationKernel {
     /// Front hemisphere about +z, unit normals; every `merged` in turn are neighbours.
     directions: Vec<Vector3<f64>>,
     merged: usize,
-    tiles: Vec<Tile>,
+    tiles: Vec<SampleTile>,
 }
 
 /// Directions in turn that are looked at together first.
 #[derive(Debug, Clone)]
-struct Tile {
+struct SampleTile {
     directions: Range<usize>,
     middle: Vector3<f64>,
     /// The most that a direction differs from the middle.
     reach: f64,
 }
 
-impl Tile {
+impl SampleTile {
     /// Halves `range` until what is left reaches no farther than [`TILE_REACH`] or is one run of `merged`.
     fn split(directions: &[Vector3<f64>], range: Range<usize>, merged: usize, out: &mut Vec<Self>) {
         let of = &directions[range.clone()];
@@ -122,7 +122,7 @@ impl OrientationKernel {
         let mut directions: Vec<_> = (0..m).map(direction).collect();
         neighbours_together(&mut directions, merged);
         let mut tiles = Vec::new();
-        Tile::split(&directions, 0..m, merged, &mut tiles);
+        SampleTile::split(&directions, 0..m, merged, &mut tiles);
         Self { tool: tool.clone(), material: material.clone(), measure, directions, merged, tiles }
     }
 
@@ -151,7 +151,7 @@ impl OrientationKernel {
         let tooth_mm = self.tool.feed_per_tooth_mm(nominal_mm_s, spindle_rpm);
         let area = 2.0 * PI / self.directions.len() as f64;
         let r2 = self.tool.radius_mm().powi(2);
-        for Tile { directions, middle, reach } in &self.tiles {
+        for SampleTile { directions, middle, reach } in &self.tiles {
             if !bone.is_near(&(turn * middle), *reach) {
                 continue;
             }

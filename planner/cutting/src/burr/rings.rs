@@ -1,6 +1,6 @@
 //! The nodes of a burr's force sum on its sphere: rings of equal polar angle, azimuths around them, and tiles of both.
 //!
-//! Most of a burr is in the open, so neighbouring nodes are looked at together first: a [`Tile`] has a middle and a
+//! Most of a burr is in the open, so neighbouring nodes are looked at together first: a [`NodeTile`] has a middle and a
 //! reach, and where nothing is met within it its nodes are skipped.
 
 use std::f64::consts::PI;
@@ -19,7 +19,7 @@ pub struct Nodes {
     /// Rings and azimuths of a tile.
     pub tile_size: [usize; 2],
     /// The tile at the first azimuth of every group of rings.
-    pub tiles: Vec<Tile>,
+    pub tiles: Vec<NodeTile>,
 }
 
 /// Nodes of equal polar angle.
@@ -33,7 +33,7 @@ pub struct Ring {
 
 /// A tile's middle: its polar angle from the tip and its place around; and how far its nodes are from it, of the radius.
 #[derive(Debug, Clone, Copy)]
-pub struct Tile {
+pub struct NodeTile {
     /// sin κ of its middle.
     pub sin: f64,
     /// cos κ of its middle.
@@ -75,22 +75,23 @@ impl Nodes {
 
 /// The largest tiles whose nodes are within `most` of their middle, of the radius; single nodes, with a reach of 0, where
 /// there are none.
-fn largest_tiles(rings: &[Ring], azimuths: &[[f64; 2]], most: f64) -> ([usize; 2], Vec<Tile>) {
+fn largest_tiles(rings: &[Ring], azimuths: &[[f64; 2]], most: f64) -> ([usize; 2], Vec<NodeTile>) {
     const MOST_NODES: usize = 8;
-    let tiles_of = |[high, wide]: [usize; 2]| -> Vec<Tile> {
+    let tiles_of = |[high, wide]: [usize; 2]| -> Vec<NodeTile> {
         let azimuths = &azimuths[..wide.min(azimuths.len())];
-        rings.chunks(high).map(|rings| Tile::around(rings, azimuths)).collect()
+        rings.chunks(high).map(|rings| NodeTile::around(rings, azimuths)).collect()
     };
     let sizes = (1..=MOST_NODES).flat_map(|high| (1..=MOST_NODES).map(move |wide| [high, wide]));
     let tiles = sizes.map(|size| (size, tiles_of(size)));
     let fitting = tiles.filter(|(_, tiles)| tiles.iter().all(|tile| tile.reach <= most));
     // of the same number of nodes the nearest to a square
-    let worth =
-        |([high, wide], _): &([usize; 2], Vec<Tile>)| (high * wide, std::cmp::Reverse(high.abs_diff(*wide)));
+    let worth = |([high, wide], _): &([usize; 2], Vec<NodeTile>)| {
+        (high * wide, std::cmp::Reverse(high.abs_diff(*wide)))
+    };
     fitting.max_by_key(worth).unwrap_or_else(|| ([1, 1], tiles_of([1, 1])))
 }
 
-impl Tile {
+impl NodeTile {
     fn around(rings: &[Ring], azimuths: &[[f64; 2]]) -> Self {
         let nodes: Vec<Vector3<f64>> = rings
             .iter()

@@ -27,7 +27,7 @@ use bonemill_case::{Case, OrientationMode, Parameter, Registration, Sheets, Stru
 use bonemill_pipeline::{Plan, Volumes, dropped_by_reason};
 use bonemill_planfile::toward::StructureFigures;
 use bonemill_planfile::{ReportPart, Waypoint};
-use bonemill_toolpath::orientation::Around;
+use bonemill_toolpath::orientation::OpenAround;
 
 const STYLE: &str = include_str!("style.css");
 
@@ -204,19 +204,19 @@ fn charts(plan: &Plan) -> String {
 
 /// What the shank leaves open around the axis that was chosen.
 fn free_angles(plan: &Plan) -> String {
-    let series = |name, class, value: &dyn Fn(&Around) -> Option<f64>| {
+    let series = |name, class, value: &dyn Fn(&OpenAround) -> Option<f64>| {
         let around = plan.waypoints.iter().zip(&plan.allowed).map(|(w, allowed)| (w.time_s, &allowed.around));
         Series { name, class, points: around.map(|(t, a)| (t, value(a).map(f64::to_degrees))).collect() }
     };
     let in_plane = |pick: fn([f64; 3]) -> f64| {
-        move |around: &Around| match *around {
-            Around::Interval { low_rad, at_rad, high_rad } => Some(pick([low_rad, at_rad, high_rad])),
-            Around::Cap { .. } => None,
+        move |around: &OpenAround| match *around {
+            OpenAround::Interval { low_rad, at_rad, high_rad } => Some(pick([low_rad, at_rad, high_rad])),
+            OpenAround::Cap { .. } => None,
         }
     };
-    let cap = |around: &Around| match *around {
-        Around::Cap { radius_rad } => Some(radius_rad),
-        Around::Interval { .. } => None,
+    let cap = |around: &OpenAround| match *around {
+        OpenAround::Cap { radius_rad } => Some(radius_rad),
+        OpenAround::Interval { .. } => None,
     };
     if plan.allowed.iter().any(|allowed| cap(&allowed.around).is_some()) {
         let title = "Cap around the axis within which every direction is free, half its opening";

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::escape;
 use bonemill_verify::uncertainty::{ErrorModel, Risk};
-use bonemill_verify::{Check, Sense, Short, Verification};
+use bonemill_verify::{Check, LimitSide, Short, Verification};
 
 /// The section, from its heading on; `risk`: what errors were drawn, and what they did.
 pub fn section(verification: &Verification, risk: Option<(&ErrorModel, &Risk)>) -> String {
@@ -100,7 +100,7 @@ fn row(check: &Check) -> String {
         Some(subject) => format!("{}: {}", escape(check.name), escape(subject)),
         None => escape(check.name),
     };
-    let sign = if check.sense == Sense::AtMost { "≤" } else { "≥" };
+    let sign = if check.sense == LimitSide::AtMost { "≤" } else { "≥" };
     let place = check.place.as_ref().map(ToString::to_string);
     let said: Vec<&str> =
         place.as_deref().into_iter().chain([check.note.as_str()]).filter(|t| !t.is_empty()).collect();

@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::solid::Solid;
+use super::solid::ShankObstacles;
 use crate::path::PathPoint;
 use bonemill_stock::removal::NEVER;
 use bonemill_stock::runs::{straight_runs, take_runs};
@@ -29,7 +29,7 @@ pub struct EighthTimes {
 
 impl EighthTimes {
     /// Sweeps the path. Each task has some layers to itself, so threads change nothing.
-    pub fn new(solid: &Solid, points: &[PathPoint], radius_mm: f64) -> Self {
+    pub fn new(solid: &ShankObstacles, points: &[PathPoint], radius_mm: f64) -> Self {
         let (grid, (first, dims)) = (solid.grid(), eighths_that_go(solid));
         let half_mm = 0.5 * grid.spacing_mm().x;
         let slab = dims[0] * dims[1];
@@ -54,7 +54,7 @@ impl EighthTimes {
         Self { first, dims, time }
     }
 
-    /// Times of a voxel's eighths, in the order of [`Solid`]'s bits; [`NEVER`] for those that do not go.
+    /// Times of a voxel's eighths, in the order of [`ShankObstacles`]'s bits; [`NEVER`] for those that do not go.
     pub fn of(&self, voxel: [usize; 3]) -> [u32; 8] {
         let low: [usize; 3] = std::array::from_fn(|a| voxel[a].wrapping_sub(self.first[a]));
         if (0..3).any(|a| low[a] >= self.dims[a] / 2) {
@@ -68,7 +68,7 @@ impl EighthTimes {
 }
 
 /// The first voxel of the box of those with eighths that go, and the box's eighths along each axis.
-fn eighths_that_go(solid: &Solid) -> ([usize; 3], [usize; 3]) {
+fn eighths_that_go(solid: &ShankObstacles) -> ([usize; 3], [usize; 3]) {
     let going = solid.going();
     (going.clone().map(|range| range.start), going.map(|range| 2 * range.len()))
 }

@@ -7,14 +7,14 @@ use bonemill_geometry::Work;
 
 use super::eighth_times::EighthTimes;
 use super::field::{self, Field};
-use super::solid::Solid;
-use super::{Blocked, Pose, ShankCylinder, aside_mm};
+use super::solid::ShankObstacles;
+use super::{Blocked, PosedShank, ShankCylinder, aside_mm};
 use bonemill_stock::sweep::Rows;
 
 /// The eighths of voxels that are solid, and for how long.
 #[derive(Debug)]
 pub(super) struct Eighths<'a> {
-    solid: &'a Solid,
+    solid: &'a ShankObstacles,
     rows: Rows,
     pub eighths: EighthTimes,
     /// T of what is solid, voxel by voxel: of the eighth that goes last.
@@ -25,7 +25,7 @@ pub(super) struct Eighths<'a> {
 
 impl<'a> Eighths<'a> {
     /// Of a path with these removal times.
-    pub(super) fn new(solid: &'a Solid, eighths: EighthTimes) -> Self {
+    pub(super) fn new(solid: &'a ShankObstacles, eighths: EighthTimes) -> Self {
         let latest = Field::removal_time(solid, &eighths);
         Self { solid, rows: Rows::of(solid.grid()), latest_of_runs: latest.runs(), eighths, latest }
     }
@@ -34,10 +34,10 @@ impl<'a> Eighths<'a> {
     pub(super) fn blocked_part(
         &self,
         cylinder: &ShankCylinder,
-        pose: &Pose,
+        pose: &PosedShank,
         [start_mm, end_mm]: [f64; 2],
     ) -> Option<Blocked> {
-        let Pose { index, center, axis, narrower } = *pose;
+        let PosedShank { index, center, axis, narrower } = *pose;
         let ShankCylinder { from_mm, to_mm, radius_mm } = *cylinder;
         let stands = |p: &Point<Work>, latest: f32| {
             let off = *p - center;

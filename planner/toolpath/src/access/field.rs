@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::eighth_times::EighthTimes;
-use super::solid::Solid;
+use super::solid::ShankObstacles;
 use bonemill_stock::removal::NEVER;
 
 /// Removal time of free voxels: before every move.
@@ -14,7 +14,7 @@ const FREE: f32 = -1.0;
 pub(super) const SOLID: f32 = f32::INFINITY;
 
 /// T of each eighth of a voxel, [`FREE`] where there is nothing; exact: a path has fewer than 2²⁴ waypoints.
-pub(super) fn latest_of_eighths(solid: &Solid, eighths: &EighthTimes, voxel: usize) -> [f32; 8] {
+pub(super) fn latest_of_eighths(solid: &ShankObstacles, eighths: &EighthTimes, voxel: usize) -> [f32; 8] {
     let (stays, goes) = (solid.stays(voxel), solid.goes(voxel));
     let time = if goes == 0 { [NEVER; 8] } else { eighths.of(solid.grid().voxel(voxel)) };
     std::array::from_fn(|n| match (stays >> n & 1, goes >> n & 1, time[n]) {
@@ -100,7 +100,7 @@ pub(super) struct Field {
 
 impl Field {
     /// T of the eighth of a voxel that goes last, [`FREE`] where there is nothing.
-    pub(super) fn removal_time(solid: &Solid, eighths: &EighthTimes) -> Self {
+    pub(super) fn removal_time(solid: &ShankObstacles, eighths: &EighthTimes) -> Self {
         let grid = solid.grid();
         let of = |voxel: usize| {
             if solid.stays(voxel) != 0 {
@@ -115,7 +115,7 @@ impl Field {
     }
 
     /// T by voxels, as a comparison of paths has it: a voxel stands for the most of its eighths.
-    pub(super) fn of_voxels(solid: &Solid, removal_time: &[u32]) -> Self {
+    pub(super) fn of_voxels(solid: &ShankObstacles, removal_time: &[u32]) -> Self {
         let most = |eighths: u8| eighths.count_ones() >= 4;
         let of = |voxel: usize| match (most(solid.stays(voxel)), most(solid.goes(voxel)), removal_time[voxel])
         {

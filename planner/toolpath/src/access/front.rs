@@ -18,13 +18,13 @@ const GROUP: i64 = 3;
 pub(super) struct Front {
     /// Their centres: across, across and along the axis, mm; group by group.
     balls: Vec<Vector3<f64>>,
-    groups: Vec<Group>,
+    groups: Vec<BallGroup>,
     /// No ball's centre is farther from its group's middle, mm.
     reach_mm: f64,
 }
 
 #[derive(Debug)]
-struct Group {
+struct BallGroup {
     middle: Vector3<f64>,
     balls: Range<usize>,
 }
@@ -57,7 +57,7 @@ impl Front {
             front.reach_mm = balls.iter().map(|ball| (ball - middle).norm()).fold(front.reach_mm, f64::max);
             let start = front.balls.len();
             front.balls.extend(balls);
-            front.groups.push(Group { middle, balls: start..front.balls.len() });
+            front.groups.push(BallGroup { middle, balls: start..front.balls.len() });
         }
         front
     }

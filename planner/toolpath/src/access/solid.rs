@@ -19,7 +19,7 @@ const ALL: u8 = 0xff;
 /// Which eighths of each voxel are solid, for good or until the burr takes them. Bit n is the eighth that lies up along x,
 /// y and z where bits 0, 1 and 2 of n are set.
 #[derive(Debug)]
-pub struct Solid {
+pub struct ShankObstacles {
     grid: Grid<Work>,
     stays: Vec<u8>,
     goes: Vec<u8>,
@@ -27,7 +27,7 @@ pub struct Solid {
     going: [Range<usize>; 3],
 }
 
-impl Solid {
+impl ShankObstacles {
     /// Of a scene. `shank_clearances_mm`: one per structure.
     pub fn new(scene: &Scene, shank_clearances_mm: &[f64]) -> Self {
         let grid = scene.class.grid().clone();

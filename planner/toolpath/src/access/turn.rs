@@ -8,7 +8,7 @@
 use bonemill_geometry::{Point, Work};
 use nalgebra::{Unit, Vector3};
 
-use super::{Access, Narrower, Pose, STRIDE_MM};
+use super::{Access, Narrower, PosedShank, STRIDE_MM};
 use crate::path::PathPoint;
 
 /// Lever at which a turn is followed: the thin shank's end, mm.
@@ -104,6 +104,6 @@ impl Access<'_> {
         (center, axis): &(Point<Work>, Unit<Vector3<f64>>),
         narrower: Narrower,
     ) -> bool {
-        self.blocked_pose(&Pose { index, center: *center, axis, narrower }).is_none()
+        self.blocked_pose(&PosedShank { index, center: *center, axis, narrower }).is_none()
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! A cap's directions grow with the square of their fineness, and with them what access and cost take, while the best sequence
 //! on the fine cap stays near that on the coarse one. So only a corridor around the coarse sequence, smoothed, is tested: at every
-//! waypoint the fine directions within `AROUND` spacings of its own direction and its neighbours'. Where the best sequence
+//! waypoint the fine directions within `CORRIDOR_SPACINGS` spacings of its own direction and its neighbours'. Where the best sequence
 //! in the corridor runs along its edge, or none gets through, the corridor grows there, until it hardly does or
 //! `MOST_WIDENINGS` times.
 //!
@@ -11,13 +11,13 @@
 
 use rayon::prelude::*;
 
-use super::sequence::{Forbidden, Found, Problem, best_sequence, blocked_waypoints};
+use super::sequence::{BestSequence, Forbidden, Problem, best_sequence, blocked_waypoints};
 use super::{Directions, FreeSets, RateLimit};
 
 /// Waypoints to either side over which the start is smoothed.
 const GLIDE: usize = 10;
 /// Half-width of the corridor in the fine cap's spacings: one ring, 7 directions.
-const AROUND: f64 = 1.6;
+const CORRIDOR_SPACINGS: f64 = 1.6;
 /// Waypoints before and after one that cannot be got to at which the corridor grows too.
 const BESIDE: usize = 16;
 /// Times that the corridor grows.
@@ -35,7 +35,7 @@ pub struct Corridor {
     /// C of these, as [`Problem::cost`].
     pub cost: Vec<f32>,
     /// The best sequence.
-    pub found: Found,
+    pub found: BestSequence,
 }
 
 /// The best sequence of the `fine` cap near a sequence of it; `None` where none gets through the corridor.
@@ -55,8 +55,9 @@ pub fn best_near(
     let start = smoothed(fine, sequence);
     // where the corridor is to grow: around which directions, and how far
     let beside = |sequence: &[u16], i: usize| sequence[i.saturating_sub(1)..(i + 2).min(waypoints)].to_vec();
-    let mut grow: Vec<Growth> =
-        (0..waypoints).map(|i| Growth { i, middles: beside(&start, i), spacings: AROUND }).collect();
+    let mut grow: Vec<Growth> = (0..waypoints)
+        .map(|i| Growth { i, middles: beside(&start, i), spacings: CORRIDOR_SPACINGS })
+        .collect();
     let (nothing, mut round) = (Forbidden::default(), 0);
     loop {
         let answers: Vec<(usize, Vec<usize>, Vec<Option<f32>>)> = grow
@@ -85,15 +86,16 @@ pub fn best_near(
         let found = best_sequence(&problem);
         round += 1;
         grow = match &found {
-            Found::Sequence { directions, .. } => {
+            BestSequence::Sequence { directions, .. } => {
                 let is_inside =
                     |i: usize| fine.neighbours(usize::from(directions[i])).all(|n| asked.contains(i, n));
                 let edge = (0..waypoints).filter(|i| !is_inside(*i));
-                edge.map(|i| Growth { i, middles: vec![directions[i]], spacings: AROUND }).collect()
+                edge.map(|i| Growth { i, middles: vec![directions[i]], spacings: CORRIDOR_SPACINGS })
+                    .collect()
             }
             // the coarse sequence turns there past what the fine cap sees to be blocked, or faster than it may there
-            Found::Blocked(_) => {
-                let spacings = AROUND * (1 + round) as f64;
+            BestSequence::Blocked(_) => {
+                let spacings = CORRIDOR_SPACINGS * (1 + round) as f64;
                 let around = |i: usize| i.saturating_sub(BESIDE)..(i + BESIDE).min(waypoints);
                 let mut near: Vec<usize> = blocked_waypoints(&problem).into_iter().flat_map(around).collect();
                 near.sort_unstable();
@@ -102,7 +104,7 @@ pub fn best_near(
                 near.into_iter().map(|i| Growth { i, middles: middles(i), spacings }).collect()
             }
         };
-        let is_blocked = matches!(found, Found::Blocked(_));
+        let is_blocked = matches!(found, BestSequence::Blocked(_));
         if round > MOST_WIDENINGS || (!is_blocked && grow.len() * FEW <= waypoints) {
             return (!is_blocked).then_some(Corridor { asked, free, cost, found });
         }
@@ -146,7 +148,7 @@ mod tests {
     }
 
     /// The whole fine cap, asked everywhere.
-    fn whole(fine: &Directions, length_mm: &[f64], ripple: f64) -> Found {
+    fn whole(fine: &Directions, length_mm: &[f64], ripple: f64) -> BestSequence {
         let at = |k: usize| cost_at(fine, k / fine.len(), k % fine.len(), ripple);
         let cost: Vec<f32> = (0..length_mm.len() * fine.len()).map(|k| at(k).unwrap_or(0.0)).collect();
         let free = FreeSets::fill(length_mm.len(), fine.len(), |i, n| cost_at(fine, i, n, ripple).is_some());
@@ -161,10 +163,10 @@ mod tests {
         })
     }
 
-    fn total(found: &Found) -> f64 {
+    fn total(found: &BestSequence) -> f64 {
         match found {
-            Found::Sequence { total, .. } => *total,
-            Found::Blocked(i) => panic!("blocked at {i}"),
+            BestSequence::Sequence { total, .. } => *total,
+            BestSequence::Blocked(i) => panic!("blocked at {i}"),
         }
     }
 
@@ -176,7 +178,7 @@ mod tests {
         let length_mm = vec![0.5; 80];
         for (ripple, above) in [(0.0, 1e-9), (0.01, 1e-9), (0.05, 1e-3)] {
             let found = whole(&coarse, &length_mm, ripple);
-            let Found::Sequence { directions, total: rough, .. } = found else { panic!() };
+            let BestSequence::Sequence { directions, total: rough, .. } = found else { panic!() };
             let start: Vec<u16> = directions.iter().map(|n| numbers[usize::from(*n)]).collect();
             let asked = AtomicUsize::new(0);
             let ask = |i: usize, wanted: &[usize]| {

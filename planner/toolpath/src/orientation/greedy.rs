@@ -26,7 +26,7 @@ const EQUAL: f64 = 1e-12;
 
 /// The best axis of one waypoint alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Wish {
+pub enum BestAxis {
     /// This axis.
     Axis(Unit<Vector3<f64>>),
     /// Every free direction costs the same.
@@ -58,7 +58,7 @@ impl<F: Fn(f64) -> f64> CostFunction for Along<F> {
 
 /// One waypoint: its free directions, the access test and the cost of any axis.
 #[derive(Debug, Clone, Copy)]
-pub struct Waypoint<'a, Set, Free, Cost> {
+pub struct LoneWaypoint<'a, Set, Free, Cost> {
     /// The directions.
     pub directions: &'a Directions,
     /// The family of a plane; none for a cap.
@@ -71,14 +71,14 @@ pub struct Waypoint<'a, Set, Free, Cost> {
     pub cost: Cost,
 }
 
-impl<Set, Free, Cost> Waypoint<'_, Set, Free, Cost>
+impl<Set, Free, Cost> LoneWaypoint<'_, Set, Free, Cost>
 where
     Set: Fn(usize) -> bool,
     Free: Fn(&Unit<Vector3<f64>>) -> bool,
     Cost: Fn(&Unit<Vector3<f64>>) -> f64,
 {
     /// The axis of least cost among the free ones.
-    pub fn wish(&self) -> Wish {
+    pub fn wish(&self) -> BestAxis {
         let (mut best, mut least, mut most) = (None, f64::INFINITY, f64::NEG_INFINITY);
         for n in (0..self.directions.len()).filter(|n| (self.in_set)(*n)) {
             let c = (self.cost)(&self.directions.axes()[n]);
@@ -88,10 +88,10 @@ where
             }
         }
         match (best, self.family, self.directions.angles_rad()) {
-            (None, ..) => Wish::Nothing,
-            _ if most - least <= EQUAL => Wish::Any,
-            (Some(n), Some(family), Some(angles)) => Wish::Axis(self.in_plane(n, least, family, angles)),
-            (Some(n), ..) => Wish::Axis(self.compass(n, least)),
+            (None, ..) => BestAxis::Nothing,
+            _ if most - least <= EQUAL => BestAxis::Any,
+            (Some(n), Some(family), Some(angles)) => BestAxis::Axis(self.in_plane(n, least, family, angles)),
+            (Some(n), ..) => BestAxis::Axis(self.compass(n, least)),
         }
     }
 
@@ -166,7 +166,7 @@ fn axis_from_angles(theta_rad: f64, phi_rad: f64) -> Unit<Vector3<f64>> {
 /// `in_set(i, n)`: whether direction n is free at waypoint i. The first waypoint starts from the approach.
 pub fn settle(
     directions: &Directions,
-    wishes: &[Wish],
+    wishes: &[BestAxis],
     in_set: impl Fn(usize, usize) -> bool,
     is_free: impl Fn(usize, &Unit<Vector3<f64>>) -> bool,
 ) -> Vec<Unit<Vector3<f64>>> {
@@ -175,8 +175,8 @@ pub fn settle(
     let mut settled = Vec::with_capacity(wishes.len());
     for (i, wish) in wishes.iter().enumerate() {
         before = match wish {
-            Wish::Axis(axis) => *axis,
-            Wish::Any if is_free(i, &before) => before,
+            BestAxis::Axis(axis) => *axis,
+            BestAxis::Any if is_free(i, &before) => before,
             _ => {
                 let nearest = directions.nearest_of(directions.nearest(&before), |n| in_set(i, n));
                 nearest.map_or(before, |n| directions.axes()[n])
@@ -239,10 +239,10 @@ mod tests {
     }
 
     /// The wish for a cost of the family's angle where `is_free`.
-    fn wish(cost: impl Fn(f64) -> f64, is_free: impl Fn(f64) -> bool + Copy) -> Wish {
+    fn wish(cost: impl Fn(f64) -> f64, is_free: impl Fn(f64) -> bool + Copy) -> BestAxis {
         let (family, set) = (family(), set());
         let in_set = |n: usize| is_free(family.angle(&set.axes()[n]));
-        Waypoint {
+        LoneWaypoint {
             directions: &set,
             family: Some(&family),
             in_set,
@@ -252,9 +252,9 @@ mod tests {
         .wish()
     }
 
-    fn angle(wish: Wish) -> f64 {
+    fn angle(wish: BestAxis) -> f64 {
         match wish {
-            Wish::Axis(axis) => family().angle(&axis),
+            BestAxis::Axis(axis) => family().angle(&axis),
             other => panic!("{other:?}"),
         }
     }
@@ -271,14 +271,20 @@ mod tests {
         // two pieces far apart: the better one wins, and its own end
         let upper = angle(wish(|q| -q.abs(), |q| !(-0.5..0.6).contains(&q) && q < 0.777));
         assert!((upper + 1.0).abs() < 1e-9, "{upper}");
-        assert_eq!(wish(|q| q, |_| false), Wish::Nothing);
+        assert_eq!(wish(|q| q, |_| false), BestAxis::Nothing);
     }
 
     #[test]
     fn equal_costs_move_least() {
-        assert_eq!(wish(|_| 0.5, |_| true), Wish::Any);
+        assert_eq!(wish(|_| 0.5, |_| true), BestAxis::Any);
         let (set, family) = (set(), family());
-        let wishes = [Wish::Axis(family.axis(0.4)), Wish::Any, Wish::Any, Wish::Nothing, Wish::Any];
+        let wishes = [
+            BestAxis::Axis(family.axis(0.4)),
+            BestAxis::Any,
+            BestAxis::Any,
+            BestAxis::Nothing,
+            BestAxis::Any,
+        ];
         let free = |i: usize, q: f64| i != 2 || q > 0.5;
         let settled = settle(
             &set,
@@ -307,14 +313,14 @@ mod tests {
     fn two_angles_are_searched_around_the_best_and_filtered_each() {
         let cap = Directions::cap(6f64.to_radians(), 1.0);
         let wanted = axis_from_angles(0.31, -0.22);
-        let at = Waypoint {
+        let at = LoneWaypoint {
             directions: &cap,
             family: None,
             in_set: |_| true,
             is_free: |_: &Unit<Vector3<f64>>| true,
             cost: |a: &Unit<Vector3<f64>>| 1.0 - a.dot(&wanted),
         };
-        let Wish::Axis(found) = at.wish() else { panic!("no axis") };
+        let BestAxis::Axis(found) = at.wish() else { panic!("no axis") };
         assert!(found.angle(&wanted) < 0.03, "{}", found.angle(&wanted));
         let out = low_pass(&cap, None, &[wanted; 9], 2, |_, _| true, |_, _| true);
         assert!(out.held == 0 && out.axes.iter().all(|a| a.angle(&wanted) < 1e-7));

@@ -19,7 +19,7 @@ pub mod stencil;
 
 pub use directions::Directions;
 pub use free::FreeSets;
-pub use permissible::{Around, Permissible};
+pub use permissible::{OpenAround, Permissible};
 
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 

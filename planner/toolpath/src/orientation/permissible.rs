@@ -21,12 +21,12 @@ pub struct Permissible {
     /// Into how many pieces they fall: runs along a plane, or parts of the sphere of which no direction is the other's neighbour.
     pub pieces: usize,
     /// Around the axis.
-    pub around: Around,
+    pub around: OpenAround,
 }
 
 /// How far the axis may go from where it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Around {
+pub enum OpenAround {
     /// Along a plane: the free directions on both sides of the axis's angle without a blocked one between, rad.
     Interval {
         /// The lowest.
@@ -69,12 +69,16 @@ impl Permissible {
         let least = blocked.fold(-2.0, f64::max) + SAME_COSINE;
         let farthest = asked.iter().filter(|(cosine, ..)| *cosine > least).min_by(|a, b| a.0.total_cmp(&b.0));
         let radius_rad = farthest.map_or(0.0, |(_, a, _)| angle_between(axis, a));
-        Self { free: free.count(i), pieces: parts(directions, free, i), around: Around::Cap { radius_rad } }
+        Self {
+            free: free.count(i),
+            pieces: parts(directions, free, i),
+            around: OpenAround::Cap { radius_rad },
+        }
     }
 }
 
 /// Number of runs of free angles, and the one that holds `at_rad`.
-fn runs(angles_rad: &[f64], free: &FreeSets, i: usize, at_rad: f64) -> (usize, Around) {
+fn runs(angles_rad: &[f64], free: &FreeSets, i: usize, at_rad: f64) -> (usize, OpenAround) {
     // an axis that was moved off the set is free itself: at most half a spacing beyond a run, and beside no other
     let (mut best, mut least) = ((at_rad, at_rad), f64::INFINITY);
     let numbers: Vec<usize> = free.iter(i).collect();
@@ -87,7 +91,7 @@ fn runs(angles_rad: &[f64], free: &FreeSets, i: usize, at_rad: f64) -> (usize, A
         }
         pieces += 1;
     }
-    (pieces, Around::Interval { low_rad: best.0, at_rad, high_rad: best.1 })
+    (pieces, OpenAround::Interval { low_rad: best.0, at_rad, high_rad: best.1 })
 }
 
 /// Number of parts that neighbours join.
@@ -129,7 +133,7 @@ mod tests {
         let last = angles.len() - 1;
         let free = FreeSets::fill(1, set.len(), |_, n| n <= 4 || (9..=12).contains(&n) || n == last);
         let at = |angle| Permissible::in_plane(&set, &free, 0, angle);
-        let interval = |low_rad, at_rad, high_rad| Around::Interval { low_rad, at_rad, high_rad };
+        let interval = |low_rad, at_rad, high_rad| OpenAround::Interval { low_rad, at_rad, high_rad };
         assert_eq!((at(angles[10]).free, at(angles[10]).pieces), (10, 3));
         assert_eq!(at(angles[10]).around, interval(angles[9], angles[10], angles[12]));
         assert_eq!(at(angles[0]).around, interval(angles[0], angles[0], angles[4]));
@@ -145,7 +149,7 @@ mod tests {
         let axis = set.axes()[3];
         let angle = |n: usize| angle_between(&axis, &set.axes()[n]);
         let radius_of = |p: Permissible| match p.around {
-            Around::Cap { radius_rad } => radius_rad,
+            OpenAround::Cap { radius_rad } => radius_rad,
             other => panic!("{other:?}"),
         };
         for hole in [10, 40, 70] {

@@ -14,7 +14,7 @@ use nalgebra::{Matrix2, Matrix3, Unit, UnitQuaternion, Vector2, Vector3};
 use rayon::prelude::*;
 
 use super::TiltFamily;
-use super::sequence::{Forbidden, Found, Problem, best_sequence};
+use super::sequence::{BestSequence, Forbidden, Problem, best_sequence};
 
 /// Times the dynamic program is run before turns that fail are left and counted.
 const MOST_ROUNDS: usize = 60;
@@ -29,7 +29,7 @@ const RETREATS: [f64; 3] = [1.0, 0.5, 0.25];
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checked {
     /// The sequence, or where none gets through.
-    pub found: Found,
+    pub found: BestSequence,
     /// Turns that were forbidden on the way.
     pub forbidden: Forbidden,
     /// Turns of the sequence that are still not free between waypoints.
@@ -39,7 +39,7 @@ pub struct Checked {
 impl Checked {
     /// Whether there is a sequence all of whose turns are free.
     pub fn is_free(&self) -> bool {
-        self.failing.is_empty() && matches!(self.found, Found::Sequence { .. })
+        self.failing.is_empty() && matches!(self.found, BestSequence::Sequence { .. })
     }
 }
 
@@ -48,13 +48,13 @@ impl Checked {
 /// `first`: the best sequence of `problem`, whose forbidden turns stay so.
 pub fn best_checked(
     problem: &Problem,
-    first: Found,
+    first: BestSequence,
     is_turn_free: impl Fn(usize, u16, u16) -> bool + Sync,
 ) -> Checked {
     let mut forbidden: Forbidden = problem.forbidden.clone();
     let (mut found, mut last) = (first, None);
     for _ in 0..MOST_ROUNDS {
-        let Found::Sequence { directions, .. } = &found else { break };
+        let BestSequence::Sequence { directions, .. } = &found else { break };
         let failing: Vec<usize> = (1..directions.len())
             .into_par_iter()
             .filter(|i| {

@@ -34,7 +34,7 @@ const UPRIGHT: f64 = 1e-9;
 
 /// A sequence, or where none gets through.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Found {
+pub enum BestSequence {
     /// The best sequence.
     Sequence {
         /// Direction of each waypoint.
@@ -111,16 +111,16 @@ impl Problem<'_> {
 }
 
 /// The sequence with the least J.
-pub fn best_sequence(problem: &Problem) -> Found {
+pub fn best_sequence(problem: &Problem) -> BestSequence {
     let (count, waypoints) = (problem.directions.len(), problem.free.len());
     let mut came_from = vec![0u8; waypoints * count];
-    let mut layer = Layer::new(problem);
+    let mut layer = ProgramLayer::new(problem);
     let mut edges = 0;
     for i in 0..waypoints {
         cancel::poll();
         let alive = if i == 0 { layer.start(0) } else { layer.advance(i, &mut came_from, &mut edges) };
         if !alive {
-            return Found::Blocked(i);
+            return BestSequence::Blocked(i);
         }
     }
     let (last, total) = layer.best_end();
@@ -130,7 +130,7 @@ pub fn best_sequence(problem: &Problem) -> Found {
         directions[i] = here as u16;
         here = usize::from(problem.directions.fan(here).node[usize::from(came_from[i * count + here])]);
     }
-    Found::Sequence { directions, total, edges }
+    BestSequence::Sequence { directions, total, edges }
 }
 
 /// The waypoints that no sequence gets to from the one before, if whatever follows such a one starts anew; none exactly
@@ -138,7 +138,7 @@ pub fn best_sequence(problem: &Problem) -> Found {
 pub fn blocked_waypoints(problem: &Problem) -> Vec<usize> {
     let waypoints = problem.free.len();
     let mut came_from = vec![0u8; waypoints * problem.directions.len()];
-    let mut layer = Layer::new(problem);
+    let mut layer = ProgramLayer::new(problem);
     let mut edges = 0;
     let mut blocked = Vec::new();
     let mut alive = false;
@@ -153,7 +153,7 @@ pub fn blocked_waypoints(problem: &Problem) -> Vec<usize> {
 }
 
 /// The least cost of getting to each direction of one waypoint.
-struct Layer<'a> {
+struct ProgramLayer<'a> {
     problem: &'a Problem<'a>,
     best: Vec<f64>,
     next: Vec<f64>,
@@ -164,7 +164,7 @@ struct Layer<'a> {
     passable: Vec<bool>,
 }
 
-impl<'a> Layer<'a> {
+impl<'a> ProgramLayer<'a> {
     fn new(problem: &'a Problem<'a>) -> Self {
         let n = problem.directions.len();
         Self {

@@ -3,7 +3,7 @@
 use bonemill_geometry::{Point, Work};
 use bonemill_scene::Class;
 
-use super::search::Search;
+use super::search::LinkSearch;
 use super::{MillPath, MoveKind, Pass, PathPoint, PathSpacing, pieces};
 use crate::space::BurrSpace;
 use bonemill_stock::removal::RemovalTime;
@@ -33,7 +33,7 @@ pub struct Builder<'a> {
     swept: usize,
     passes: Vec<Pass>,
     removal: RemovalTime,
-    search: Search,
+    search: LinkSearch,
     rows: Rows,
     /// What has mass, and reachable target, that is still there.
     material: VoxelSet,
@@ -59,7 +59,7 @@ impl<'a> Builder<'a> {
             swept: 0,
             passes: Vec::new(),
             removal: RemovalTime::new(space.grid()),
-            search: Search::new(space),
+            search: LinkSearch::new(space),
             rows: space.rows(),
             material: VoxelSet::of(class.len(), |voxel| class[voxel].is(Class::HAS_MASS)),
             reachable: VoxelSet::of(reachable.len(), |voxel| reachable[voxel]),

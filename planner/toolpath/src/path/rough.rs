@@ -15,7 +15,7 @@ const LAYER_SLACK: f64 = 0.02;
 /// Cuts every layer; returns how many there are.
 pub(super) fn rough(builder: &mut Builder, lines: &Lines) -> u32 {
     let frame = &lines.frame;
-    let Some(extent) = Extent::of(builder, frame) else { return 0 };
+    let Some(extent) = LineExtent::of(builder, frame) else { return 0 };
     let spacing = builder.spacing();
     let depth = extent.top - extent.floor + builder.space().radius_mm();
     let layers = (depth / (spacing.layer_mm * (1.0 + LAYER_SLACK))).ceil().max(1.0);
@@ -35,14 +35,14 @@ pub(super) fn rough(builder: &mut Builder, lines: &Lines) -> u32 {
 }
 
 /// Extent of the lines, mm: u of the outline, v and floor of the burr's centre, z of the highest reachable voxel.
-struct Extent {
+struct LineExtent {
     u: [f64; 2],
     v: [f64; 2],
     top: f64,
     floor: f64,
 }
 
-impl Extent {
+impl LineExtent {
     fn of(builder: &Builder, frame: &RasterFrame) -> Option<Self> {
         let (space, grid) = (builder.space(), builder.space().grid());
         let scene = space.scene();
@@ -80,7 +80,7 @@ impl Extent {
 fn layer_passes(
     builder: &Builder,
     frame: &RasterFrame,
-    extent: &Extent,
+    extent: &LineExtent,
     slab: [f64; 2],
     layer: u32,
 ) -> Vec<Pass> {

@@ -55,8 +55,8 @@ struct Seen {
 
 /// Searches on one grid, one after the other. Nodes are numbered on a lattice of their own.
 #[derive(Debug, Default)]
-pub(super) struct Search {
-    lattice: Lattice,
+pub(super) struct LinkSearch {
+    lattice: SearchNodes,
     /// Nodes at which the ball was once found to cut nothing: it never does again.
     free: VoxelSet,
     /// What the ball was last found to cut at a node, plus 1; 0 where it was never looked for. Most of it is still there.
@@ -66,10 +66,10 @@ pub(super) struct Search {
     seen: Vec<Seen>,
 }
 
-impl Search {
+impl LinkSearch {
     pub(super) fn new(space: &BurrSpace) -> Self {
         let grid = space.grid();
-        let lattice = Lattice::new(grid.dims(), voxels_apart(grid.spacing_mm().x));
+        let lattice = SearchNodes::new(grid.dims(), voxels_apart(grid.spacing_mm().x));
         let len = lattice.len();
         Self {
             lattice,
@@ -168,12 +168,12 @@ impl Search {
 
 /// Every `apart`-th voxel along each axis, x-fastest.
 #[derive(Debug, Clone, Copy, Default)]
-struct Lattice {
+struct SearchNodes {
     apart: usize,
     dims: [usize; 3],
 }
 
-impl Lattice {
+impl SearchNodes {
     fn new(voxels: [usize; 3], apart: usize) -> Self {
         Self { apart, dims: voxels.map(|n| n.div_ceil(apart)) }
     }

@@ -8,7 +8,7 @@ use bonemill_geometry::{Ct, Point, cancel};
 use rayon::prelude::*;
 
 use super::draws::Draws;
-use super::rigid_error::Motion;
+use super::rigid_error::PatientShift;
 use super::{RigidError, Share, UncertaintyError, clearance_mm, not_negative, probability};
 use crate::{Anatomy, Boxes};
 use bonemill_geometry::Progress;
@@ -159,7 +159,7 @@ pub fn simulate_errors(
         .enumerate()
         .filter_map(|(n, kept)| Some((n, kept, Boxes::new(&anatomy.labels, kept.label)?)))
         .map(|(n, kept, boxes)| {
-            let near = Near::new(&places, &boxes, &model.registration);
+            let near = SampledDistances::new(&places, &boxes, &model.registration);
             let distance_mm = |sample: u64| {
                 cancel::poll();
                 let mut draws = Draws::of_sample(model.seed, sample);
@@ -206,24 +206,24 @@ fn places(plan: &StoredPlan) -> Vec<Point<Ct>> {
 
 /// The structure's points that face the burr where it comes near: enough to know how they move.
 fn near_surface(boxes: &Boxes<'_>, places: &[Point<Ct>], radius_mm: f64) -> Vec<Point<Ct>> {
-    const NEAR_MM: f64 = 10.0;
+    const FACING_MM: f64 = 10.0;
     let every = places.len().div_ceil(2000).max(1);
     let facing = |p: &Point<Ct>| {
         let (d, q) = boxes.nearest(*p);
-        (d - radius_mm < NEAR_MM).then_some(q)
+        (d - radius_mm < FACING_MM).then_some(q)
     };
     places.par_iter().step_by(every).filter_map(facing).collect()
 }
 
 /// Places by their planned distance to one structure.
-struct Near {
+struct SampledDistances {
     /// Ascending.
     places: Vec<(f64, Point<Ct>)>,
     /// Farthest place from the centre of rotation, mm.
     reach_mm: f64,
 }
 
-impl Near {
+impl SampledDistances {
     fn new(places: &[Point<Ct>], boxes: &Boxes<'_>, registration: &RigidError) -> Self {
         let mut places: Vec<_> = places.par_iter().map(|p| (boxes.distance_mm(*p), *p)).collect();
         places.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -233,7 +233,7 @@ impl Near {
     }
 
     /// Least distance of the burr's centre under a motion, mm.
-    fn least_mm(&self, boxes: &Boxes<'_>, motion: &Motion) -> f64 {
+    fn least_mm(&self, boxes: &Boxes<'_>, motion: &PatientShift) -> f64 {
         let most = motion.most_mm(self.reach_mm);
         let mut least = f64::INFINITY;
         for (planned, p) in &self.places {

@@ -98,25 +98,25 @@ impl RigidError {
     }
 
     /// A motion of the patient, drawn from the distribution.
-    pub(super) fn draw(&self, draws: &mut Draws) -> Motion {
+    pub(super) fn draw(&self, draws: &mut Draws) -> PatientShift {
         let standard = Vector6::from_fn(|_, _| draws.normal());
         let (t, omega) = {
             let drawn = self.root * standard;
             (drawn.fixed_rows::<3>(0).into_owned(), drawn.fixed_rows::<3>(3).into_owned())
         };
-        Motion { rotation: Rotation3::new(omega), translation_mm: t, about: self.about.coords }
+        PatientShift { rotation: Rotation3::new(omega), translation_mm: t, about: self.about.coords }
     }
 }
 
 /// A small rigid motion of the patient.
 #[derive(Debug, Clone, Copy)]
-pub struct Motion {
+pub struct PatientShift {
     rotation: Rotation3<f64>,
     translation_mm: Vector3<f64>,
     about: Vector3<f64>,
 }
 
-impl Motion {
+impl PatientShift {
     /// Where a point of the robot lies in the patient as the images show it.
     pub fn in_images(&self, p: Point<Ct>) -> Point<Ct> {
         let back = self.rotation.inverse() * (p.coords - self.about - self.translation_mm);

@@ -31,13 +31,13 @@ const DONE_MM: f64 = 1e-12;
 pub enum Goal {
     /// All six coordinates.
     Pose(Rigid<Base, Tool>),
-    /// Point and axis; the spin about it is free.
+    /// Point and axis; the roll about it is free.
     Axis(AxisPose),
 }
 
 /// Where a search ended.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Found {
+pub struct NumericSolution {
     /// Joint vector, mm or rad.
     pub q: Vec<f64>,
     /// Distance still to go, mm.
@@ -46,7 +46,7 @@ pub struct Found {
     pub short_rad: f64,
 }
 
-impl Found {
+impl NumericSolution {
     /// Both errors at most `exact`, mm and rad.
     pub fn is_within(&self, exact: f64) -> bool {
         self.short_mm <= exact && self.short_rad <= exact
@@ -54,7 +54,7 @@ impl Found {
 }
 
 /// From `start`, which must be a joint vector of the arm.
-pub fn solve(arm: &Arm, goal: &Goal, start: &[f64]) -> Found {
+pub fn solve(arm: &Arm, goal: &Goal, start: &[f64]) -> NumericSolution {
     let weights: Vec<f64> = arm.joints().iter().map(|joint| joint.velocity_limit.powi(2)).collect();
     let mut q = start.to_vec();
     let mut error = error(arm, goal, &q);
@@ -93,7 +93,7 @@ pub fn solve(arm: &Arm, goal: &Goal, start: &[f64]) -> Found {
             break;
         }
     }
-    Found {
+    NumericSolution {
         short_mm: error.fixed_rows::<3>(0).norm(),
         short_rad: error.fixed_rows::<3>(3).norm() / LEVER_MM,
         q,
@@ -150,13 +150,13 @@ fn half_turn(r: &Matrix3<f64>) -> Vector3<f64> {
 /// The error's derivative, angles at the lever; for an axis without what turns about it.
 fn task_jacobian(arm: &Arm, goal: &Goal, q: &[f64]) -> Matrix6xX<f64> {
     let mut jacobian = arm.tool_jacobian_at(q);
-    let spin = match goal {
+    let roll = match goal {
         Goal::Pose(_) => None,
         Goal::Axis(_) => Some(arm.tool_at(q).rotation * Vector3::z()),
     };
     for mut column in jacobian.column_iter_mut() {
         let mut turn = column.fixed_rows::<3>(3).into_owned();
-        if let Some(axis) = spin {
+        if let Some(axis) = roll {
             turn -= axis * axis.dot(&turn);
         }
         column.fixed_rows_mut::<3>(3).copy_from(&(turn * LEVER_MM));

@@ -51,15 +51,15 @@ pub struct AxisPose {
 }
 
 impl AxisPose {
-    /// The full pose at a spin about the axis; spin 0 is the shortest turn from `reference` to the axis.
+    /// The full pose at a roll about the axis; roll 0 is the shortest turn from `reference` to the axis.
     ///
     /// Continuous in all of them, except where the axis is opposite to the reference.
-    pub fn spun(&self, reference: &SpinFrame, spin_rad: f64) -> Rigid<Base, Tool> {
-        Rigid::new(self.upright(reference) * about_z(spin_rad), self.position.coords)
+    pub fn spun(&self, reference: &RollFrame, roll_rad: f64) -> Rigid<Base, Tool> {
+        Rigid::new(self.upright(reference) * about_z(roll_rad), self.position.coords)
     }
 
-    /// The rotation at spin 0.
-    pub fn upright(&self, reference: &SpinFrame) -> Rotation3<f64> {
+    /// The rotation at roll 0.
+    pub fn upright(&self, reference: &RollFrame) -> Rotation3<f64> {
         let turn = Rotation3::rotation_between(&reference.direction(), &self.axis)
             .unwrap_or_else(|| Rotation3::from_axis_angle(&reference.across(), std::f64::consts::PI));
         turn * reference.base_from_upright
@@ -75,9 +75,9 @@ impl AxisPose {
     }
 }
 
-/// A spin about the shaft, in the tool's frame.
-pub fn about_z(spin_rad: f64) -> Rotation3<f64> {
-    Rotation3::from_axis_angle(&Vector3::z_axis(), spin_rad)
+/// A roll about the shaft, in the tool's frame.
+pub fn about_z(roll_rad: f64) -> Rotation3<f64> {
+    Rotation3::from_axis_angle(&Vector3::z_axis(), roll_rad)
 }
 
 /// Angle between two axes, rad, and the axis to turn the first about; none where they are (nearly) parallel.
@@ -87,14 +87,14 @@ pub fn angle_between(from: &Vector3<f64>, to: &Vector3<f64>) -> (f64, Option<Uni
     (sine.atan2(from.dot(to)), Unit::try_new(cross, 1e-15))
 }
 
-/// What spins are counted from: a frame whose z is a direction near all axes of a path.
+/// What rolls are counted from: a frame whose z is a direction near all axes of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SpinFrame {
+pub struct RollFrame {
     base_from_upright: Rotation3<f64>,
 }
 
-impl SpinFrame {
-    /// Spins about axes near `direction` (in base), counted from base x as far as it is across.
+impl RollFrame {
+    /// Rolls about axes near `direction` (in base), counted from base x as far as it is across.
     pub fn about(direction: &Unit<Vector3<f64>>) -> Self {
         let across = [Vector3::x(), Vector3::y()]
             .map(|candidate| candidate - direction.into_inner() * direction.dot(&candidate))

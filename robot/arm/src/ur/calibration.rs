@@ -29,7 +29,7 @@ const LINKS: [&str; 6] = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_
 
 /// A joint's origin as URDF has it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Origin {
+pub struct JointOrigin {
     /// m.
     pub xyz_m: [f64; 3],
     /// Fixed-axis roll, pitch, yaw, rad.
@@ -51,7 +51,7 @@ pub enum Calibration {
         alpha: [f64; 6],
     },
     /// The origins of the six joints.
-    Origins([Origin; 6]),
+    Origins([JointOrigin; 6]),
 }
 
 /// Reads a calibration file.
@@ -117,7 +117,7 @@ fn as_yaml(text: &str) -> String {
 }
 
 fn origins(links: &Yaml<'_>) -> Result<Calibration, CalibrationFault> {
-    let mut origins = [Origin::default(); 6];
+    let mut origins = [JointOrigin::default(); 6];
     for (origin, link) in origins.iter_mut().zip(LINKS) {
         let entry = links
             .as_mapping_get(link)
@@ -127,7 +127,7 @@ fn origins(links: &Yaml<'_>) -> Result<Calibration, CalibrationFault> {
             let value = entry.as_mapping_get(name).ok_or(CalibrationFault::Missing { key: key.clone() })?;
             number(value).ok_or(CalibrationFault::Number { key })
         };
-        *origin = Origin {
+        *origin = JointOrigin {
             xyz_m: [at("x")?, at("y")?, at("z")?],
             rpy_rad: [at("roll")?, at("pitch")?, at("yaw")?],
         };

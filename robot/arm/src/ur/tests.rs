@@ -6,7 +6,7 @@ use bonemill_geometry::{Base, Flange, Rigid};
 use nalgebra::{Rotation3, Vector3};
 use proptest::prelude::*;
 
-use super::calibration::{Calibration, Origin};
+use super::calibration::{Calibration, JointOrigin};
 use super::ik::wrapped;
 use super::*;
 use crate::error::CalibrationFault;
@@ -312,7 +312,7 @@ fn the_three_forms_of_a_calibration_are_read() {
     ros += "  hash: calib_123\n";
     let ros = Calibration::parse(&ros).unwrap();
     assert!(
-        matches!(ros, Calibration::Origins(origins) if origins[0] == Origin { xyz_m: [0.0, 0.0, 0.1625], rpy_rad: [0.0; 3] })
+        matches!(ros, Calibration::Origins(origins) if origins[0] == JointOrigin { xyz_m: [0.0, 0.0, 0.1625], rpy_rad: [0.0; 3] })
     );
     let (arm, nominal) = (Arm::ur(UrModel::Ur5e, Some(&ros)).unwrap(), Arm::ur(UrModel::Ur5e, None).unwrap());
     let q = [0.3, -1.2, 1.4, -0.7, 0.8, 0.9];

@@ -6,7 +6,7 @@
 
 use std::fmt::Write;
 
-use super::calibration::{Calibration, Origin};
+use super::calibration::{Calibration, JointOrigin};
 use super::{DhRow, UrModel};
 use crate::arm::Arm;
 
@@ -51,7 +51,7 @@ pub(super) fn text(model: UrModel, calibration: Option<&Calibration>) -> String 
             let child = format!("{}_zero", LINKS[i]);
             link(&child);
             joints += &fixed(&format!("{}_origin", JOINTS[i]), &parent, &child, &origin);
-            (parent, origin) = (child, Origin { xyz_m: [0.0; 3], rpy_rad: [0.0, 0.0, *zero] });
+            (parent, origin) = (child, JointOrigin { xyz_m: [0.0; 3], rpy_rad: [0.0, 0.0, *zero] });
         }
         let _ = writeln!(
             joints,
@@ -76,22 +76,22 @@ pub(super) fn text(model: UrModel, calibration: Option<&Calibration>) -> String 
 }
 
 /// Origin and zero offset of every joint.
-fn origins(model: UrModel, calibration: Option<&Calibration>) -> [(Origin, f64); 6] {
+fn origins(model: UrModel, calibration: Option<&Calibration>) -> [(JointOrigin, f64); 6] {
     match calibration {
         Some(Calibration::Origins(origins)) => origins.map(|origin| (origin, 0.0)),
         _ => {
             let dh = rows(model, calibration);
             std::array::from_fn(|i| match i.checked_sub(1) {
-                None => (Origin::default(), dh[0].theta),
+                None => (JointOrigin::default(), dh[0].theta),
                 Some(before) => (behind(&dh[before]), dh[i].theta),
             })
         }
     }
 }
 
-fn tool(model: UrModel, calibration: Option<&Calibration>) -> Origin {
+fn tool(model: UrModel, calibration: Option<&Calibration>) -> JointOrigin {
     match calibration {
-        Some(Calibration::Origins(_)) => Origin::default(),
+        Some(Calibration::Origins(_)) => JointOrigin::default(),
         _ => behind(&rows(model, calibration)[5]),
     }
 }
@@ -110,16 +110,16 @@ fn rows(model: UrModel, calibration: Option<&Calibration>) -> [DhRow; 6] {
 }
 
 /// What a DH row does behind its joint.
-fn behind(row: &DhRow) -> Origin {
-    Origin { xyz_m: [row.a_m, 0.0, row.d_m], rpy_rad: [row.alpha, 0.0, 0.0] }
+fn behind(row: &DhRow) -> JointOrigin {
+    JointOrigin { xyz_m: [row.a_m, 0.0, row.d_m], rpy_rad: [row.alpha, 0.0, 0.0] }
 }
 
-fn origin_tag(origin: &Origin) -> String {
+fn origin_tag(origin: &JointOrigin) -> String {
     let list = |v: &[f64; 3]| format!("{:?} {:?} {:?}", v[0], v[1], v[2]);
     format!("<origin xyz=\"{}\" rpy=\"{}\"/>", list(&origin.xyz_m), list(&origin.rpy_rad))
 }
 
-fn fixed(name: &str, parent: &str, child: &str, origin: &Origin) -> String {
+fn fixed(name: &str, parent: &str, child: &str, origin: &JointOrigin) -> String {
     format!(
         "  <joint name=\"{name}\" type=\"fixed\">\n    <parent link=\"{parent}\"/><child link=\"{child}\"/>\n    {}\n  \
          </joint>\n",

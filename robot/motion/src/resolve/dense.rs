@@ -55,7 +55,7 @@ impl DensePath {
                     follower: &follower,
                     from: &path.poses[before],
                     to: pose,
-                    spin: [resolved.spin_rad[before], resolved.spin_rad[i]],
+                    roll: [resolved.roll_rad[before], resolved.roll_rad[i]],
                 };
                 let from = resolved.q[before * dof..i * dof].to_vec();
                 segment
@@ -121,7 +121,7 @@ struct Segment<'a> {
     follower: &'a Follower<'a>,
     from: &'a AxisPose,
     to: &'a AxisPose,
-    spin: [f64; 2],
+    roll: [f64; 2],
 }
 
 impl Segment<'_> {
@@ -146,7 +146,7 @@ impl Segment<'_> {
         if halvings == 0 {
             return Err(ReachReason::Jump);
         }
-        self.follower.step(&pose, self.spin[0] + share * (self.spin[1] - self.spin[0]), &mut q)?;
+        self.follower.step(&pose, self.roll[0] + share * (self.roll[1] - self.roll[0]), &mut q)?;
         self.lay([shares[0], share], from, &q, halvings - 1, dense)?;
         dense.push(self.follower.arm, &pose, &q);
         self.lay([share, shares[1]], &q, to, halvings - 1, dense)

@@ -1,10 +1,10 @@
-//! UR arms: dynamic programming over sampled spin, branch by branch, then refinement between the samples.
+//! UR arms: dynamic programming over sampled roll, branch by branch, then refinement between the samples.
 //!
-//! A layer per pose that is looked at, a node per spin and branch. Spins change slowly along a path, so poses are looked at about
-//! a millimetre apart ([`some_poses`]) and spins laid evenly between them; where the arm cannot follow those, or would have to hurry,
+//! A layer per pose that is looked at, a node per roll and branch. Rolls change slowly along a path, so poses are looked at about
+//! a millimetre apart ([`some_poses`]) and rolls laid evenly between them; where the arm cannot follow those, or would have to hurry,
 //! every pose is looked at. Nodes are computed for a portion of layers at a time, in parallel, and
 //! dropped when the next portion has passed; what is kept is one byte per node, where its best path came from. Edges go
-//! to the same spin and its two neighbours on the same branch and are never stored.
+//! to the same roll and its two neighbours on the same branch and are never stored.
 
 use std::f64::consts::TAU;
 
@@ -13,15 +13,15 @@ use nalgebra::Rotation3;
 use rayon::prelude::*;
 
 use super::{EXACT, Follower, OutOfReach, PosePath, Posture, ReachReason, Resolved, into_range, yielding};
-use bonemill_arm::arm::inverse::{SpinFrame, about_z};
+use bonemill_arm::arm::inverse::{RollFrame, about_z};
 use bonemill_arm::arm::{Arm, AxisPose, InverseKind, Joint};
 use bonemill_arm::ur::ik::wrapped;
 use bonemill_arm::ur::{Branches, UrGeometry};
 
-/// Spins that are looked at.
-const SPINS: usize = 36;
+/// Rolls that are looked at.
+const ROLLS: usize = 36;
 /// Angle between them, rad.
-const STEP_RAD: f64 = TAU / SPINS as f64;
+const STEP_RAD: f64 = TAU / ROLLS as f64;
 /// Branches of a UR.
 const BRANCHES: usize = 8;
 /// Layers computed at a time.
@@ -31,12 +31,12 @@ const MOTION_MM: f64 = 20.0;
 /// Moves shorter than this count as long, mm: rotations in place have a length too.
 const SHORTEST_MM: f64 = 0.05;
 /// Lines between joints are kept this far above the mounting plane where there is a choice, mm: assumed, about the radius of a
-/// UR's links; spins are evened out within it.
+/// UR's links; rolls are evened out within it.
 const KEPT_ABOVE_MM: f64 = 50.0;
 /// What a posture costs per mm for a link below that, and 1 more for each mm that it is below: more than any
 /// other, so that where there is a choice none is below.
 const BELOW: f64 = 1e4;
-/// Sweeps that even the spins out.
+/// Sweeps that even the rolls out.
 const SWEEPS: usize = 64;
 /// A pose is looked at where the path has gone so far since the last one, mm.
 const EVERY_MM: f64 = 1.0;
@@ -45,34 +45,34 @@ const EVERY_RAD: f64 = 0.1;
 /// A joint that moves farther between two poses hurries, rad.
 const HURRY_RAD: f64 = 0.3;
 
-/// Spins with the last one again before the first and the first again behind the last.
-const RING: usize = SPINS + 2;
+/// Rolls with the last one again before the first and the first again behind the last.
+const RING: usize = ROLLS + 2;
 
-/// Every spin and branch of one pose; spin k of branch b is node b·SPINS + k. A joint's positions lie side by side, so that moves are
+/// Every roll and branch of one pose; roll k of branch b is node b·ROLLS + k. A joint's positions lie side by side, so that moves are
 /// computed several at a time.
 #[derive(Debug, Clone)]
-struct Layer {
-    /// rad within half a turn around the middle of the joint's range, or around 0 where it has none, shape (branch, joint, ring of spins); 0 where the arm cannot be.
+struct ProgramLayer {
+    /// rad within half a turn around the middle of the joint's range, or around 0 where it has none, shape (branch, joint, ring of rolls); 0 where the arm cannot be.
     q: Vec<f32>,
     /// g; infinite where the arm cannot be.
     cost: Vec<f32>,
 }
 
-impl Layer {
+impl ProgramLayer {
     fn empty() -> Self {
-        Self { q: vec![0.0; BRANCHES * 6 * RING], cost: vec![f32::INFINITY; BRANCHES * SPINS] }
+        Self { q: vec![0.0; BRANCHES * 6 * RING], cost: vec![f32::INFINITY; BRANCHES * ROLLS] }
     }
 
-    fn set(&mut self, branch: usize, spin: usize, q: &[f64; 6], cost: f64) {
-        self.cost[branch * SPINS + spin] = cost as f32;
+    fn set(&mut self, branch: usize, roll: usize, q: &[f64; 6], cost: f64) {
+        self.cost[branch * ROLLS + roll] = cost as f32;
         for (ring, q) in self.q[branch * 6 * RING..].chunks_exact_mut(RING).zip(q) {
-            ring[spin + 1] = *q as f32;
+            ring[roll + 1] = *q as f32;
         }
     }
 
     fn close_rings(&mut self) {
         for ring in self.q.chunks_exact_mut(RING) {
-            ring[0] = ring[SPINS];
+            ring[0] = ring[ROLLS];
             ring[RING - 1] = ring[1];
         }
     }
@@ -123,34 +123,34 @@ pub(super) fn hurries(q: &[f64], dof: usize) -> bool {
     q.iter().zip(q.iter().skip(dof)).any(|(before, after)| (after - before).abs() > HURRY_RAD)
 }
 
-/// The joint vectors of given spins.
+/// The joint vectors of given rolls.
 fn follow(
     follower: &Follower<'_>,
     path: &PosePath<'_>,
-    spin_rad: &[f64],
+    roll_rad: &[f64],
     arm: &Arm,
 ) -> Result<Resolved, OutOfReach> {
     let mut q = vec![0.0; arm.dof()];
     let mut all = Vec::with_capacity(path.poses.len() * arm.dof());
-    for (pose, (at, spin)) in path.poses.iter().zip(spin_rad).enumerate() {
-        follower.step(at, *spin, &mut q).map_err(|reason| OutOfReach { pose, reason })?;
+    for (pose, (at, roll)) in path.poses.iter().zip(roll_rad).enumerate() {
+        follower.step(at, *roll, &mut q).map_err(|reason| OutOfReach { pose, reason })?;
         all.extend_from_slice(&q);
     }
-    let mut resolved = Resolved { q: all, spin_rad: spin_rad.to_vec(), branch: follower.branch };
+    let mut resolved = Resolved { q: all, roll_rad: roll_rad.to_vec(), branch: follower.branch };
     into_range(arm, &mut resolved)?;
     Ok(resolved)
 }
 
-/// Spins as the dynamic program chose them.
-struct Chosen {
+/// Rolls as the dynamic program chose them.
+struct ChosenRolls {
     branch: u8,
-    spin_rad: Vec<f64>,
+    roll_rad: Vec<f64>,
 }
 
-/// One spin of so many is tested before there is a path.
+/// One roll of so many is tested before there is a path.
 const ASKED_EVERY: usize = 3;
 
-/// The branches on which an arm can take a pose at some spin, a bit each.
+/// The branches on which an arm can take a pose at some roll, a bit each.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Branch {
     /// Within the joints' ranges.
@@ -160,13 +160,13 @@ pub(super) struct Branch {
 }
 
 /// On which branches an arm can take a pose.
-pub(super) fn branches(arm: &Arm, pose: &AxisPose, frame: &SpinFrame) -> Branch {
+pub(super) fn branches(arm: &Arm, pose: &AxisPose, frame: &RollFrame) -> Branch {
     let mut taken = Branch::default();
     let InverseKind::Ur { geometry, .. } = arm.inverse_kind() else { return taken };
     let upright = pose.upright(frame);
     let flange_to = arm.mount().flange_from_burr.inverse();
-    for spin in (0..SPINS).step_by(ASKED_EVERY) {
-        let tool = Rigid::new(upright * about_z(spin as f64 * STEP_RAD), pose.position.coords);
+    for roll in (0..ROLLS).step_by(ASKED_EVERY) {
+        let tool = Rigid::new(upright * about_z(roll as f64 * STEP_RAD), pose.position.coords);
         let flange = tool * flange_to;
         for (branch, q) in geometry.inverse(&flange, 0.0).iter() {
             let mut q = *q;
@@ -188,7 +188,7 @@ pub(super) struct Nodes<'a> {
     arm: &'a Arm,
     geometry: UrGeometry,
     path: &'a PosePath<'a>,
-    spins: [Rotation3<f64>; SPINS],
+    rolls: [Rotation3<f64>; ROLLS],
     ranges: [Range; 6],
     /// Those that may be taken.
     branches: Branches,
@@ -216,7 +216,7 @@ impl<'a> Nodes<'a> {
             arm,
             geometry,
             path,
-            spins: std::array::from_fn(|spin| about_z(spin as f64 * STEP_RAD)),
+            rolls: std::array::from_fn(|roll| about_z(roll as f64 * STEP_RAD)),
             ranges: std::array::from_fn(|joint| range(&arm.joints()[joint])),
             branches: if let Posture::Of(branches) = path.posture { branches } else { Branches::ALL },
         }
@@ -226,28 +226,28 @@ impl<'a> Nodes<'a> {
     pub(super) fn resolved(&self, at: &[usize]) -> Result<Resolved, OutOfReach> {
         let (arm, path) = (self.arm, self.path);
         let chosen = self.best_sequence(at)?;
-        let sampled_rad = between(&chosen.spin_rad, at, path.length_mm);
-        let mut spin_rad = sampled_rad.clone();
-        even_out(&mut spin_rad, path.length_mm);
+        let sampled_rad = between(&chosen.roll_rad, at, path.length_mm);
+        let mut roll_rad = sampled_rad.clone();
+        even_out(&mut roll_rad, path.length_mm);
         let follower = Follower { arm, frame: path.frame, branch: chosen.branch };
         // on the samples each pose was found free; between them it is tested again
-        follow(&follower, path, &spin_rad, arm).or_else(|_| follow(&follower, path, &sampled_rad, arm))
+        follow(&follower, path, &roll_rad, arm).or_else(|_| follow(&follower, path, &sampled_rad, arm))
     }
 
     /// Over the poses `at`.
-    fn best_sequence(&self, at: &[usize]) -> Result<Chosen, OutOfReach> {
+    fn best_sequence(&self, at: &[usize]) -> Result<ChosenRolls, OutOfReach> {
         let weights = self.weights();
-        let mut from = vec![0u8; at.len() * BRANCHES * SPINS];
-        let mut before = Layer::empty();
-        let mut total = vec![0f64; BRANCHES * SPINS];
+        let mut from = vec![0u8; at.len() * BRANCHES * ROLLS];
+        let mut before = ProgramLayer::empty();
+        let mut total = vec![0f64; BRANCHES * ROLLS];
         for start in (0..at.len()).step_by(PORTION) {
             let range = start..(start + PORTION).min(at.len());
-            let layers: Vec<Layer> = at[range.clone()].par_iter().map(|i| self.layer(*i)).collect();
+            let layers: Vec<ProgramLayer> = at[range.clone()].par_iter().map(|i| self.layer(*i)).collect();
             for (n, layer) in range.zip(layers) {
                 let i = at[n];
                 let moves = if n == 0 { i..i } else { at[n - 1] + 1..i + 1 };
                 let length_mm: f64 = self.path.length_mm[moves].iter().map(|mm| mm.max(SHORTEST_MM)).sum();
-                let came = &mut from[n * BRANCHES * SPINS..][..BRANCHES * SPINS];
+                let came = &mut from[n * BRANCHES * ROLLS..][..BRANCHES * ROLLS];
                 let next = if n == 0 {
                     first(&layer)
                 } else {
@@ -272,9 +272,9 @@ impl<'a> Nodes<'a> {
         weights
     }
 
-    fn layer(&self, i: usize) -> Layer {
-        let mut layer = Layer::empty();
-        for (spin, flange) in self.flanges(i).enumerate() {
+    fn layer(&self, i: usize) -> ProgramLayer {
+        let mut layer = ProgramLayer::empty();
+        for (roll, flange) in self.flanges(i).enumerate() {
             let found = self.geometry.inverse(&flange, 0.0);
             for (branch, q) in found.iter().filter(|(branch, _)| self.branches.contains(*branch as u8)) {
                 let mut q = *q;
@@ -284,7 +284,7 @@ impl<'a> Nodes<'a> {
                     + if below_mm > 0.0 { BELOW + below_mm } else { 0.0 }
                     + yielding(self.arm, self.path, i, &q);
                 if cost.is_finite() {
-                    layer.set(branch, spin, &q, cost);
+                    layer.set(branch, roll, &q, cost);
                 }
             }
         }
@@ -292,12 +292,12 @@ impl<'a> Nodes<'a> {
         layer
     }
 
-    /// Where the flange is at a pose, by spin.
+    /// Where the flange is at a pose, by roll.
     fn flanges(&self, i: usize) -> impl Iterator<Item = Rigid<Base, Flange>> {
         let pose: &AxisPose = &self.path.poses[i];
         let upright = pose.upright(&self.path.frame);
         let flange_to = self.arm.mount().flange_from_burr.inverse();
-        self.spins.iter().map(move |spin| Rigid::new(upright * spin, pose.position.coords) * flange_to)
+        self.rolls.iter().map(move |roll| Rigid::new(upright * roll, pose.position.coords) * flange_to)
     }
 
     /// g: what a posture costs per mm; infinite beyond a joint's range.
@@ -320,7 +320,7 @@ impl<'a> Nodes<'a> {
     }
 
     /// Why no node of a layer can be reached.
-    fn why(&self, i: usize, layer: &Layer) -> ReachReason {
+    fn why(&self, i: usize, layer: &ProgramLayer) -> ReachReason {
         if layer.cost.iter().any(|cost| cost.is_finite()) {
             return ReachReason::Jump;
         }
@@ -353,15 +353,15 @@ impl<'a> Nodes<'a> {
     }
 }
 
-fn first(layer: &Layer) -> Vec<f64> {
+fn first(layer: &ProgramLayer) -> Vec<f64> {
     layer.cost.iter().map(|cost| f64::from(*cost) * SHORTEST_MM).collect()
 }
 
-/// The best total at each node of a layer; notes where it came from: 0, 1, 2 for one spin less, the same, one more.
+/// The best total at each node of a layer; notes where it came from: 0, 1, 2 for one roll less, the same, one more.
 fn advance(
-    before: &Layer,
+    before: &ProgramLayer,
     total: &[f64],
-    layer: &Layer,
+    layer: &ProgramLayer,
     length_mm: f64,
     weights: &[f32; 6],
     came: &mut [u8],
@@ -369,18 +369,18 @@ fn advance(
     let mut next = vec![f64::INFINITY; layer.cost.len()];
     let per_motion = MOTION_MM / length_mm;
     for branch in 0..BRANCHES {
-        let nodes = branch * SPINS..(branch + 1) * SPINS;
+        let nodes = branch * ROLLS..(branch + 1) * ROLLS;
         let total = &total[nodes.clone()];
         if total.iter().all(|total| total.is_infinite()) {
             continue;
         }
         let motion = [0, 1, 2].map(|how| motion(before, layer, branch, how, weights));
         let nodes = next[nodes.clone()].iter_mut().zip(&layer.cost[nodes.clone()]).zip(&mut came[nodes]);
-        for (spin, ((next, cost), came)) in nodes.enumerate() {
-            let at = [(spin + SPINS - 1) % SPINS, spin, (spin + 1) % SPINS];
+        for (roll, ((next, cost), came)) in nodes.enumerate() {
+            let at = [(roll + ROLLS - 1) % ROLLS, roll, (roll + 1) % ROLLS];
             let [less, same, more] =
-                [0, 1, 2].map(|how| total[at[how]] + f64::from(motion[how][spin]) * per_motion);
-            // the same spin wins when all are equal
+                [0, 1, 2].map(|how| total[at[how]] + f64::from(motion[how][roll]) * per_motion);
+            // the same roll wins when all are equal
             let (best, how) = if less < same { (less, 0) } else { (same, 1) };
             let (best, how) = if more < best { (more, 2) } else { (best, how) };
             *next = best + f64::from(*cost) * length_mm;
@@ -390,13 +390,19 @@ fn advance(
     next
 }
 
-/// Σⱼ (Δqⱼ/q̇ⱼ)² to each spin of a branch from one spin less, the same or one more (`how` 0, 1, 2), s².
-fn motion(before: &Layer, layer: &Layer, branch: usize, how: usize, weights: &[f32; 6]) -> [f32; SPINS] {
+/// Σⱼ (Δqⱼ/q̇ⱼ)² to each roll of a branch from one roll less, the same or one more (`how` 0, 1, 2), s².
+fn motion(
+    before: &ProgramLayer,
+    layer: &ProgramLayer,
+    branch: usize,
+    how: usize,
+    weights: &[f32; 6],
+) -> [f32; ROLLS] {
     use std::f32::consts::TAU;
-    let mut motion = [0f32; SPINS];
+    let mut motion = [0f32; ROLLS];
     for (joint, weight) in weights.iter().enumerate() {
-        let to = &layer.ring(branch, joint)[1..=SPINS];
-        let from = &before.ring(branch, joint)[how..how + SPINS];
+        let to = &layer.ring(branch, joint)[1..=ROLLS];
+        let from = &before.ring(branch, joint)[how..how + ROLLS];
         for ((motion, to), from) in motion.iter_mut().zip(to).zip(from) {
             let one_way = (to - from).abs();
             let other_way = TAU - one_way;
@@ -408,26 +414,26 @@ fn motion(before: &Layer, layer: &Layer, branch: usize, how: usize, weights: &[f
 }
 
 /// Walks back from the best end.
-fn traced(from: &[u8], best: usize, count: usize) -> Chosen {
-    let (branch, mut spin) = (best / SPINS, best % SPINS);
+fn traced(from: &[u8], best: usize, count: usize) -> ChosenRolls {
+    let (branch, mut roll) = (best / ROLLS, best % ROLLS);
     let mut turns = vec![0i64; count];
-    let mut place = spin as i64;
+    let mut place = roll as i64;
     for i in (0..count).rev() {
         turns[i] = place;
-        match from[i * BRANCHES * SPINS + branch * SPINS + spin] {
-            0 if i > 0 => (spin, place) = ((spin + SPINS - 1) % SPINS, place - 1),
-            2 if i > 0 => (spin, place) = ((spin + 1) % SPINS, place + 1),
+        match from[i * BRANCHES * ROLLS + branch * ROLLS + roll] {
+            0 if i > 0 => (roll, place) = ((roll + ROLLS - 1) % ROLLS, place - 1),
+            2 if i > 0 => (roll, place) = ((roll + 1) % ROLLS, place + 1),
             _ => {}
         }
     }
-    let spin_rad = turns.iter().map(|turn| *turn as f64 * STEP_RAD).collect();
-    Chosen { branch: branch as u8, spin_rad }
+    let roll_rad = turns.iter().map(|turn| *turn as f64 * STEP_RAD).collect();
+    ChosenRolls { branch: branch as u8, roll_rad }
 }
 
-/// Spins of every pose from those of the poses `at`, even along the path between them.
-fn between(spin_rad: &[f64], at: &[usize], length_mm: &[f64]) -> Vec<f64> {
-    let mut all = spin_rad[..spin_rad.len().min(1)].to_vec();
-    for (spins, ends) in spin_rad.windows(2).zip(at.windows(2)) {
+/// Rolls of every pose from those of the poses `at`, even along the path between them.
+fn between(roll_rad: &[f64], at: &[usize], length_mm: &[f64]) -> Vec<f64> {
+    let mut all = roll_rad[..roll_rad.len().min(1)].to_vec();
+    for (rolls, ends) in roll_rad.windows(2).zip(at.windows(2)) {
         let lengths = length_mm[ends[0] + 1..=ends[1]].iter().map(|mm| mm.max(SHORTEST_MM));
         let whole_mm: f64 = lengths.clone().sum();
         let mut along_mm = 0.0;
@@ -435,33 +441,33 @@ fn between(spin_rad: &[f64], at: &[usize], length_mm: &[f64]) -> Vec<f64> {
             along_mm += length_mm;
             // at a pose that was looked at exactly what was chosen
             let share = if i == ends[1] { 1.0 } else { along_mm / whole_mm };
-            all.push(spins[0] + (spins[1] - spins[0]) * share);
+            all.push(rolls[0] + (rolls[1] - rolls[0]) * share);
         }
     }
     all
 }
 
 /// Evens the samples' steps out, weighted by the moves' lengths; never farther than one step from the sample.
-fn even_out(spin_rad: &mut [f64], length_mm: &[f64]) {
-    let sampled = spin_rad.to_vec();
+fn even_out(roll_rad: &mut [f64], length_mm: &[f64]) {
+    let sampled = roll_rad.to_vec();
     for sweep in 0..SWEEPS {
         // to and fro, so that a step spreads both ways
-        let inner = 1..spin_rad.len().saturating_sub(1);
-        let visit = |i: usize, spins: &mut [f64]| {
+        let inner = 1..roll_rad.len().saturating_sub(1);
+        let visit = |i: usize, rolls: &mut [f64]| {
             let [before, after] = [i, i + 1].map(|k| length_mm[k].max(SHORTEST_MM));
-            let even = (spins[i - 1] * after + spins[i + 1] * before) / (before + after);
-            spins[i] = even.clamp(sampled[i] - STEP_RAD, sampled[i] + STEP_RAD);
+            let even = (rolls[i - 1] * after + rolls[i + 1] * before) / (before + after);
+            rolls[i] = even.clamp(sampled[i] - STEP_RAD, sampled[i] + STEP_RAD);
         };
         if sweep % 2 == 0 {
-            inner.for_each(|i| visit(i, spin_rad));
+            inner.for_each(|i| visit(i, roll_rad));
         } else {
-            inner.rev().for_each(|i| visit(i, spin_rad));
+            inner.rev().for_each(|i| visit(i, roll_rad));
         }
     }
-    // a spin without choice stays exactly where it is
-    for (spin, sampled) in spin_rad.iter_mut().zip(&sampled) {
-        if wrapped(*spin - sampled).abs() < 1e-12 {
-            *spin = *sampled;
+    // a roll without choice stays exactly where it is
+    for (roll, sampled) in roll_rad.iter_mut().zip(&sampled) {
+        if wrapped(*roll - sampled).abs() < 1e-12 {
+            *roll = *sampled;
         }
     }
 }

@@ -3,7 +3,7 @@
 //! The burr spins, so the rotation about its axis is free, and a UR has eight branches for every pose. Both are chosen
 //! over the whole sequence: a path that is best step by step ends in front of a joint limit or a singularity.
 //!
-//! - UR arms (`grid`): dynamic programming over sampled spin, one pass per branch, then the spin is evened out between
+//! - UR arms (`grid`): dynamic programming over sampled roll, one pass per branch, then the roll is evened out between
 //!   its samples. A branch is kept for the whole path: between two branches lies a singularity, and the burr, which must
 //!   stay on its line, cannot go round it. A posture with a link below the mounting plane is taken only where there is no
 //!   other.
@@ -26,7 +26,7 @@ mod track;
 use nalgebra::{Unit, Vector3};
 
 use bonemill_arm::RobotError;
-pub use bonemill_arm::arm::inverse::SpinFrame;
+pub use bonemill_arm::arm::inverse::RollFrame;
 use bonemill_arm::arm::{Arm, AxisPose, Goal, InverseKind, JointExcess, bone_attached, dls};
 use bonemill_arm::ur::Branches;
 use bonemill_arm::ur::ik::wrapped;
@@ -51,8 +51,8 @@ pub struct PosePath<'a> {
     pub poses: &'a [AxisPose],
     /// Length of the move that ends at each, mm; the first is ignored.
     pub length_mm: &'a [f64],
-    /// What spins are counted from; a direction near all axes.
-    pub frame: SpinFrame,
+    /// What rolls are counted from; a direction near all axes.
+    pub frame: RollFrame,
     /// Stiffness towards structures, when it counts.
     pub stiffness: Option<Stiffness<'a>>,
     /// Which posture is wanted.
@@ -75,8 +75,8 @@ pub enum Posture<'a> {
 pub struct Resolved {
     /// mm or rad, shape (poses × dof); revolute joints without jumps by 2π.
     pub q: Vec<f64>,
-    /// Spin about the axis at each pose, rad, without jumps; 0 for arms that have no choice.
-    pub spin_rad: Vec<f64>,
+    /// Roll about the axis at each pose, rad, without jumps; 0 for arms that have no choice.
+    pub roll_rad: Vec<f64>,
     /// The branch of the whole path.
     pub branch: u8,
 }
@@ -140,7 +140,7 @@ pub fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Result<Resolved, OutOfR
         bonemill_arm::arm::check_positive("joint_stiffness", stiffness.joint, arm.dof(), "N/mm or N·mm/rad")?;
     }
     if path.poses.is_empty() {
-        return Ok(Ok(Resolved { q: vec![], spin_rad: vec![], branch: 0 }));
+        return Ok(Ok(Resolved { q: vec![], roll_rad: vec![], branch: 0 }));
     }
     let in_range = |mut resolved| into_range(arm, &mut resolved).map(|()| resolved);
     Ok(match arm.inverse_kind() {
@@ -171,7 +171,7 @@ fn closed_form(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfReach> {
             .map_err(|reason| OutOfReach { pose: i, reason })?;
         all.extend_from_slice(&q);
     }
-    Ok(Resolved { q: all, spin_rad: vec![0.0; path.poses.len()], branch: 0 })
+    Ok(Resolved { q: all, roll_rad: vec![0.0; path.poses.len()], branch: 0 })
 }
 
 /// Turns whole revolute joints by 2π into their range, and makes sure that all of the path is within.
@@ -201,13 +201,13 @@ fn into_range(arm: &Arm, resolved: &mut Resolved) -> Result<(), OutOfReach> {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Follower<'a> {
     pub arm: &'a Arm,
-    pub frame: SpinFrame,
+    pub frame: RollFrame,
     pub branch: u8,
 }
 
 impl Follower<'_> {
     /// The joint vector of a pose that is nearest to `q`, into `q`.
-    pub fn step(&self, pose: &AxisPose, spin_rad: f64, q: &mut [f64]) -> Result<(), ReachReason> {
+    pub fn step(&self, pose: &AxisPose, roll_rad: f64, q: &mut [f64]) -> Result<(), ReachReason> {
         match self.arm.inverse_kind() {
             InverseKind::BoneAttached => {
                 let tilt = bone_attached::tilt_for_axis(&pose.axis);
@@ -218,7 +218,7 @@ impl Follower<'_> {
                 }
             }
             InverseKind::Ur { geometry, calibrated } => {
-                let tool = pose.spun(&self.frame, spin_rad);
+                let tool = pose.spun(&self.frame, roll_rad);
                 let flange = tool * self.arm.mount().flange_from_burr.inverse();
                 let found = geometry.inverse(&flange, q.last().copied().unwrap_or(0.0));
                 let Some(mut solution) = found.branches.get(usize::from(self.branch)).copied().flatten()

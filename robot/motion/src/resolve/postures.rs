@@ -1,7 +1,7 @@
 //! Which of many poses an arm can take without leaving a posture.
 //!
 //! A path is followed in one posture: on one branch of a UR, or from one joint vector to the next without a jump. So the
-//! question is answered posture by posture: of a UR's branches at every pose, in closed form over all spins; of an arm without
+//! question is answered posture by posture: of a UR's branches at every pose, in closed form over all rolls; of an arm without
 //! closed form by going from pose to neighbouring pose, each solved from its neighbour's joint vector by damped least
 //! squares. The posture that takes the most poses is handed out.
 //!
@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use rayon::prelude::*;
 
 use super::track::{FOLLOWED, drifted, starts};
-use super::{EXACT, Follower, Posture, SpinFrame, grid};
+use super::{EXACT, Follower, Posture, RollFrame, grid};
 use bonemill_arm::arm::{Arm, AxisPose, Goal, InverseKind, dls};
 use bonemill_arm::ur::Branches;
 
@@ -47,7 +47,7 @@ impl Reached {
 pub fn reached(
     arm: &Arm,
     poses: &[AxisPose],
-    frame: SpinFrame,
+    frame: RollFrame,
     posture: Posture<'_>,
     seeds: &[usize],
     neighbours: impl Fn(usize) -> Vec<usize> + Sync,
@@ -183,7 +183,7 @@ mod tests {
         for wrist_rad in [0.35, 3.0] {
             let [ur, other] = arms(wrist_rad);
             let (poses, neighbours) = fan(at);
-            let frame = SpinFrame::about(&Vector3::z_axis());
+            let frame = RollFrame::about(&Vector3::z_axis());
             let closed = reached(&ur, &poses, frame, Posture::Any, &[0], &neighbours);
             let found = reached(&other, &poses, frame, Posture::Any, &[0], &neighbours);
             // each pose that is handed out is one that the arm stands at
@@ -195,7 +195,7 @@ mod tests {
                 assert!((tool.rotation * Vector3::z()).angle(&pose.axis) < 1e-6);
                 assert_eq!(other.beyond_limits(q).unwrap(), None);
             }
-            // with a spin that need not be one of 36, no fewer than the closed form finds
+            // with a roll that need not be one of 36, no fewer than the closed form finds
             let missed = closed.takes.iter().zip(&found.takes).filter(|(c, f)| **c && !**f).count();
             assert!(missed <= 2, "{missed} of {} at ±{wrist_rad} rad", closed.count());
             assert_eq!(closed.count() == poses.len(), wrist_rad > 1.0, "{}", closed.count());
@@ -206,7 +206,7 @@ mod tests {
     fn an_arm_that_is_too_far_away_takes_nothing() {
         let (poses, neighbours) = fan(Point::new(2000.0, 0.0, 0.0));
         for arm in arms(3.0) {
-            let frame = SpinFrame::about(&Vector3::z_axis());
+            let frame = RollFrame::about(&Vector3::z_axis());
             assert_eq!(reached(&arm, &poses, frame, Posture::Any, &[0, 5], &neighbours).count(), 0);
         }
     }

@@ -47,7 +47,7 @@ fn path<'a>(poses: &'a [AxisPose], length_mm: &'a [f64]) -> PosePath<'a> {
     PosePath {
         poses,
         length_mm,
-        frame: SpinFrame::about(&Vector3::z_axis()),
+        frame: RollFrame::about(&Vector3::z_axis()),
         stiffness: None,
         posture: Posture::Any,
     }
@@ -90,7 +90,7 @@ fn motion(q: &[f64], length_mm: &[f64]) -> f64 {
 
 /// Where shafts swing slowly, quickly, and all at once.
 #[test]
-fn spins_chosen_at_some_poses_are_as_good_as_those_chosen_at_every_pose() {
+fn rolls_chosen_at_some_poses_are_as_good_as_those_chosen_at_every_pose() {
     let arm = ur5e(0.3);
     let InverseKind::Ur { geometry, .. } = arm.inverse_kind() else { panic!() };
     for (swing_rad, at_once_rad) in [(0.1, 0.0), (0.6, 0.0), (0.3, 0.6)] {
@@ -230,7 +230,7 @@ fn out_of_reach_is_told_with_place_and_distance() {
 }
 
 #[test]
-fn a_wrist_singularity_is_avoided_where_the_spin_can_and_told_where_it_cannot() {
+fn a_wrist_singularity_is_avoided_where_the_roll_can_and_told_where_it_cannot() {
     // shaft level, pointing along base x: with the tool straight on the flange the wrist's singular plane lies across
     let level = Unit::new_normalize(Vector3::new(1.0, 0.0, 0.0));
     let through = |bend: f64| {
@@ -244,7 +244,7 @@ fn a_wrist_singularity_is_avoided_where_the_spin_can_and_told_where_it_cannot() 
             })
             .collect();
         let length_mm = lengths(&poses);
-        let frame = SpinFrame::about(&Unit::new_normalize(Vector3::new(0.1, -1.0, 0.2)));
+        let frame = RollFrame::about(&Unit::new_normalize(Vector3::new(0.1, -1.0, 0.2)));
         let path =
             PosePath { poses: &poses, length_mm: &length_mm, frame, stiffness: None, posture: Posture::Any };
         let resolved = resolve(&arm, &path).unwrap();
@@ -256,7 +256,7 @@ fn a_wrist_singularity_is_avoided_where_the_spin_can_and_told_where_it_cannot() 
             (least, laid.map(|dense| dense.len()))
         })
     };
-    // bent, the spin leads round it
+    // bent, the roll leads round it
     let (least, laid) = through(0.7).unwrap();
     assert!(least > 0.05, "{least}");
     assert!(laid.is_ok());
@@ -336,7 +336,7 @@ fn yields(arm: &Arm) -> [Vec<f64>; 2] {
 }
 
 #[test]
-fn stiffness_counts_for_any_urdf_whose_spin_is_free() {
+fn stiffness_counts_for_any_urdf_whose_roll_is_free() {
     let text = Arm::ur(UrModel::Ur5e, None).unwrap().urdf_text().to_owned();
     let arm = Arm::from_urdf(&text, "some arm").unwrap().with_mount(ur5e(FRAC_PI_2 / 2.0).mount());
     let [plain, stiff] = yields(&arm).map(|yields| yields.iter().sum::<f64>() / 200.0);

@@ -135,7 +135,7 @@ fn follow(
             + moves().map(|m| m * m).sum::<f64>() / apart_mm.max(0.05);
         all.extend_from_slice(&q);
     }
-    Ok((cost, Resolved { spin_rad: vec![0.0; path.poses.len()], q: all, branch }))
+    Ok((cost, Resolved { roll_rad: vec![0.0; path.poses.len()], q: all, branch }))
 }
 
 /// Σ of squared shares of the way from the middle of each range to its end.
@@ -178,7 +178,7 @@ pub(super) fn drifted(arm: &Arm, q: &[f64], yielding: impl Fn(&[f64]) -> f64) ->
     });
     let wish = DVector::from_iterator(arm.dof(), wish);
     let square = &jacobian * jacobian.transpose();
-    // the task's five dimensions; the spin's row is zero
+    // the task's five dimensions; the roll's row is zero
     let Ok(inverse) = square.pseudo_inverse(1e-9 * square.trace().max(f64::MIN_POSITIVE)) else {
         return q.to_vec();
     };

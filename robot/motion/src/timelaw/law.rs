@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::geometry::{Element, Geometry};
 use super::input::PathLimits;
 use super::pass::{Phase, for_each_phase};
-use super::smooth::{Piece, smooth};
+use super::smooth::{CubicPiece, smooth};
 use super::stretch::{Stretch, element_at};
 
 /// Joint positions and their derivatives at one instant; mm and rad by joint, shape (dof) each.
@@ -46,7 +46,7 @@ pub struct TimeLaw {
     elements: Arc<[(f64, f64, Element)]>,
     /// The first element of each stretch between rests, and their number.
     rests: Vec<usize>,
-    pieces: Vec<Piece>,
+    pieces: Vec<CubicPiece>,
     duration_s: f64,
     waypoint_times_s: Vec<f64>,
 }
@@ -107,7 +107,7 @@ impl TimeLaw {
     /// How near this motion comes to limits, looked at several times in every piece of its closed form and in every formula
     /// of the path that the piece passes: between the rows of any file, too.
     pub fn limit_ratios(&self, limits: &PathLimits) -> LimitRatios {
-        let instants = |(k, piece): (usize, &Piece)| {
+        let instants = |(k, piece): (usize, &CubicPiece)| {
             let end_s = self.pieces.get(k + 1).map_or(self.duration_s, |next| next.start_s);
             let length_s = end_s - piece.start_s;
             let mut cursor = self.cursor(piece.start_s);
@@ -176,7 +176,7 @@ impl TimeLaw {
     }
 
     /// The element next to a rest on the side on which a piece is, should rounding have put s on the other.
-    fn beside_rest(&self, piece: &Piece, element: usize) -> usize {
+    fn beside_rest(&self, piece: &CubicPiece, element: usize) -> usize {
         let at = piece.rests as usize;
         let first = self.rests.get(at).copied().unwrap_or(0);
         let end = self.rests.get(at + 1).copied().unwrap_or(self.elements.len());
@@ -218,7 +218,7 @@ fn rests(geometry: &Geometry, elements: &[(f64, f64, Element)]) -> Vec<usize> {
 }
 
 /// When s reaches a place within a piece, s after its start: bisection, since ṡ may be 0 at either end.
-fn passed_after_s(piece: &Piece, s_mm: f64, length_s: f64) -> f64 {
+fn passed_after_s(piece: &CubicPiece, s_mm: f64, length_s: f64) -> f64 {
     let (mut low, mut high) = (0.0, length_s);
     if piece.s_mm >= s_mm {
         return 0.0;

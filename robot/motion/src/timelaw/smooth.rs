@@ -8,7 +8,7 @@ use super::pass::Phase;
 
 /// A part of the law with constant s⃛.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Piece {
+pub(super) struct CubicPiece {
     /// Its start, s.
     pub start_s: f64,
     /// s at its start, mm.
@@ -23,7 +23,7 @@ pub(super) struct Piece {
     pub rests: u32,
 }
 
-impl Piece {
+impl CubicPiece {
     /// s, ṡ and s̈ some time after its start.
     pub fn at(&self, elapsed_s: f64) -> [f64; 3] {
         let Self { s_mm, speed_mm_s: v, acceleration_mm_s2: a, jerk_mm_s3: j, .. } = *self;
@@ -78,8 +78,8 @@ impl<'a> End<'a> {
 }
 
 /// The law's pieces and its duration, s; `end_mm`: s at the path's end.
-pub(super) fn smooth(phases: &[Phase], window_s: f64, end_mm: f64) -> (Vec<Piece>, f64) {
-    let mut pieces: Vec<Piece> = Vec::with_capacity(2 * phases.len() + 1);
+pub(super) fn smooth(phases: &[Phase], window_s: f64, end_mm: f64) -> (Vec<CubicPiece>, f64) {
+    let mut pieces: Vec<CubicPiece> = Vec::with_capacity(2 * phases.len() + 1);
     let (mut head, mut tail) = (End::new(phases, 0.0), End::new(phases, window_s));
     let mut s_mm = 0.0;
     let mut time_s = 0.0;
@@ -102,7 +102,7 @@ pub(super) fn smooth(phases: &[Phase], window_s: f64, end_mm: f64) -> (Vec<Piece
         let ahead = head.state(time_s, end_mm);
         let behind = tail.state(time_s, end_mm);
         let per_window = |k: usize| (ahead[k] - behind[k]) / window_s;
-        let piece = Piece {
+        let piece = CubicPiece {
             start_s: time_s,
             s_mm,
             speed_mm_s: per_window(0).max(0.0),

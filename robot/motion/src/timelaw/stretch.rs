@@ -26,7 +26,7 @@ pub(super) struct Stretch {
     /// A, mm/s².
     pub acceleration_mm_s2: f64,
     /// The box that it brings itself, which holds around it too.
-    own: Box2,
+    own: SpeedBounds,
     /// Whether s stands still at its start.
     pub starts_at_rest: bool,
 }
@@ -39,12 +39,12 @@ const SNAP_SHARE: f64 = 0.6;
 
 /// What an element allows, speed caps aside: v, A for a window of length T.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Box2 {
+struct SpeedBounds {
     speed_mm_s: f64,
     acceleration_mm_s2: f64,
 }
 
-fn straight(geometry: &Geometry, limits: &PathLimits, i: usize, window_s: f64) -> Box2 {
+fn straight(geometry: &Geometry, limits: &PathLimits, i: usize, window_s: f64) -> SpeedBounds {
     let (mut speed, mut acceleration) = (ABSURD_MM_S, ABSURD_MM_S);
     for (j, d) in geometry.direction(i).iter().enumerate() {
         let d = d.abs();
@@ -53,10 +53,10 @@ fn straight(geometry: &Geometry, limits: &PathLimits, i: usize, window_s: f64) -
             acceleration = acceleration.min(limits.acceleration[j].min(0.5 * limits.jerk[j] * window_s) / d);
         }
     }
-    Box2 { speed_mm_s: speed, acceleration_mm_s2: acceleration }
+    SpeedBounds { speed_mm_s: speed, acceleration_mm_s2: acceleration }
 }
 
-fn blend(geometry: &Geometry, limits: &PathLimits, i: usize, window_s: f64) -> Box2 {
+fn blend(geometry: &Geometry, limits: &PathLimits, i: usize, window_s: f64) -> SpeedBounds {
     let corner = geometry.corner(i);
     let mut speed = ABSURD_MM_S;
     for (j, [slope, bend, snap]) in corner.bounds().enumerate() {
@@ -74,7 +74,7 @@ fn blend(geometry: &Geometry, limits: &PathLimits, i: usize, window_s: f64) -> B
         let allowed = if gentle <= natural { gentle } else { natural.max(hard) };
         acceleration = acceleration.min(0.5 * limits.acceleration[j] / slope).min(allowed);
     }
-    Box2 { speed_mm_s: speed, acceleration_mm_s2: acceleration }
+    SpeedBounds { speed_mm_s: speed, acceleration_mm_s2: acceleration }
 }
 
 /// The stretches of a path under speed caps of its kept segments (mm/s; ∞ where the burr stands still).
@@ -86,7 +86,7 @@ pub(super) fn stretches(
 ) -> Vec<Stretch> {
     // a burr that stands still has no speed cap: cap / 0 = ∞
     let capped = |cap: f64, burr_per_s: f64, speed: f64| speed.min(cap / burr_per_s);
-    let corner = |i: usize| -> Option<Box2> {
+    let corner = |i: usize| -> Option<SpeedBounds> {
         (geometry.half_blend_mm[i] > 0.0).then(|| {
             let mut allowed = blend(geometry, limits, i, window_s);
             let burr_per_s = geometry.burr_per_s[i - 1].max(geometry.burr_per_s[i]);
@@ -101,8 +101,8 @@ pub(super) fn stretches(
         let (l1, l2) = (geometry.half_blend_mm[i], geometry.half_blend_mm[i + 1]);
         let length = geometry.length_mm[i] - l1 - l2;
         let mut starts_at_rest = geometry.stop[i];
-        let mut push = |length_mm: f64, own: Box2| {
-            let Box2 { speed_mm_s, acceleration_mm_s2 } = own;
+        let mut push = |length_mm: f64, own: SpeedBounds| {
+            let SpeedBounds { speed_mm_s, acceleration_mm_s2 } = own;
             stretches.push(Stretch { length_mm, speed_mm_s, acceleration_mm_s2, own, starts_at_rest });
             starts_at_rest = false;
         };
@@ -125,7 +125,7 @@ pub(super) fn stretches(
 #[derive(Debug, Clone, Copy)]
 struct Zone {
     left_mm: f64,
-    holds: Box2,
+    holds: SpeedBounds,
 }
 
 /// Lets every box hold for v T behind its stretch, in the order given; stretches are divided where a zone ends. Not across a

@@ -61,10 +61,10 @@ impl Setup {
     }
 }
 
-fn sequence_of(found: Found) -> Vec<u16> {
+fn sequence_of(found: BestSequence) -> Vec<u16> {
     match found {
-        Found::Sequence { directions, .. } => directions,
-        Found::Blocked(i) => panic!("blocked at {i}"),
+        BestSequence::Sequence { directions, .. } => directions,
+        BestSequence::Blocked(i) => panic!("blocked at {i}"),
     }
 }
 

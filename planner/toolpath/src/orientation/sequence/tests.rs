@@ -93,7 +93,7 @@ proptest! {
         let blocked = blocked_waypoints(&problem);
         match (best_sequence(&problem), brute_force(&problem)) {
             // what is blocked is blocked from the start or from the last such waypoint on
-            (Found::Blocked(i), None) => {
+            (BestSequence::Blocked(i), None) => {
                 prop_assert_eq!(blocked[0], i);
                 for pair in blocked.windows(2).filter(|pair| pair[0] + 1 < pair[1]) {
                     let from = pair[0] + 1;
@@ -110,8 +110,8 @@ proptest! {
                     prop_assert!(reaches(pair[1]) && !reaches(pair[1] + 1));
                 }
             }
-            (Found::Sequence { .. }, _) if !blocked.is_empty() => prop_assert!(false, "{blocked:?}"),
-            (Found::Sequence { directions, total, .. }, Some(expected)) => {
+            (BestSequence::Sequence { .. }, _) if !blocked.is_empty() => prop_assert!(false, "{blocked:?}"),
+            (BestSequence::Sequence { directions, total, .. }, Some(expected)) => {
                 let sequence: Vec<usize> = directions.iter().map(|d| usize::from(*d)).collect();
                 let own = total_of(&problem, &sequence);
                 prop_assert!(own.is_some(), "breaks a constraint: {sequence:?}");
@@ -132,7 +132,7 @@ impl Forbidden {
 }
 
 /// A problem of `n` waypoints over the plane's 7 directions or the cap's 7.
-fn solve(in_plane: bool, n: usize, cost: &[f32], free: impl Fn(usize, usize) -> bool + Sync) -> Found {
+fn solve(in_plane: bool, n: usize, cost: &[f32], free: impl Fn(usize, usize) -> bool + Sync) -> BestSequence {
     let directions = sets(in_plane, 7);
     best_sequence(&Problem {
         directions: &directions,
@@ -144,10 +144,10 @@ fn solve(in_plane: bool, n: usize, cost: &[f32], free: impl Fn(usize, usize) -> 
     })
 }
 
-fn directions_of(found: Found) -> Vec<u16> {
+fn directions_of(found: BestSequence) -> Vec<u16> {
     match found {
-        Found::Sequence { directions, .. } => directions,
-        Found::Blocked(i) => panic!("blocked at {i}"),
+        BestSequence::Sequence { directions, .. } => directions,
+        BestSequence::Blocked(i) => panic!("blocked at {i}"),
     }
 }
 
@@ -163,7 +163,7 @@ fn six_waypoints_by_seven_directions() {
         rate: RateLimit { weight_mm: 0.2, most_rad_per_mm: 0.4 },
         forbidden: &Forbidden::default(),
     };
-    let Found::Sequence { total, .. } = best_sequence(&problem) else { panic!("blocked") };
+    let BestSequence::Sequence { total, .. } = best_sequence(&problem) else { panic!("blocked") };
     assert!((total - brute_force(&problem).unwrap()).abs() < 1e-7);
 }
 
@@ -193,8 +193,8 @@ fn without_a_rate_weight_ties_still_go_to_the_smaller_turn() {
 
 #[test]
 fn an_empty_waypoint_is_named() {
-    assert_eq!(solve(true, 6, &[0.0; 42], |i, _| i != 4), Found::Blocked(4));
-    assert_eq!(solve(false, 6, &[0.0; 42], |i, _| i != 0), Found::Blocked(0));
+    assert_eq!(solve(true, 6, &[0.0; 42], |i, _| i != 4), BestSequence::Blocked(4));
+    assert_eq!(solve(false, 6, &[0.0; 42], |i, _| i != 0), BestSequence::Blocked(0));
 }
 
 #[test]
@@ -229,7 +229,7 @@ fn a_million_waypoints() {
         rate: RateLimit { weight_mm: 1.0, most_rad_per_mm: 0.4 },
         forbidden: &Forbidden::default(),
     };
-    let Found::Sequence { directions: found, total, edges } = best_sequence(&problem) else {
+    let BestSequence::Sequence { directions: found, total, edges } = best_sequence(&problem) else {
         panic!("blocked")
     };
     let sequence: Vec<usize> = found.iter().map(|d| usize::from(*d)).collect();

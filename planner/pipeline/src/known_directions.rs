@@ -10,7 +10,7 @@ use bonemill_geometry::{Point, Work};
 use nalgebra::Vector3;
 
 use bonemill_stock::removal::NEVER;
-use bonemill_toolpath::access::{EighthTimes, ShankCylinder, Solid};
+use bonemill_toolpath::access::{EighthTimes, ShankCylinder, ShankObstacles};
 use bonemill_toolpath::orientation::FreeSets;
 use bonemill_toolpath::path::{MillPath, MoveKind, Pass, PathPoint};
 
@@ -42,14 +42,14 @@ pub struct KnownDirections<'a> {
     /// The same waypoint of the round; `None` where there was none.
     then: Vec<Option<u32>>,
     /// The cells in which a voxel goes at another move than before, in groups.
-    changed: Vec<Group>,
+    changed: Vec<CellGroup>,
     /// From a cell's centre to its corner, mm.
     cell_mm: f64,
 }
 
 /// Neighbouring cells.
 #[derive(Debug)]
-struct Group {
+struct CellGroup {
     /// Their middle, and how far the corners of the farthest are from it, mm.
     middle: Vector3<f64>,
     reach_mm: f64,
@@ -59,7 +59,12 @@ struct Group {
 
 impl Round {
     /// What this round knows of a path made of what it left.
-    pub fn known_of(&self, solid: &Solid, path: &MillPath, eighths: &EighthTimes) -> KnownDirections<'_> {
+    pub fn known_of(
+        &self,
+        solid: &ShankObstacles,
+        path: &MillPath,
+        eighths: &EighthTimes,
+    ) -> KnownDirections<'_> {
         let then = self.same_waypoints(path);
         let grid = solid.grid();
         let goes_as_before = |(before, now): (u32, u32)| match (before, now) {
@@ -88,7 +93,7 @@ impl Round {
         let group = |cells: Vec<Vector3<f64>>| {
             let middle = cells.iter().sum::<Vector3<f64>>() / cells.len() as f64;
             let reach_mm = cells.iter().map(|c| (c - middle).norm()).fold(0.0, f64::max) + cell_mm;
-            Group { middle, reach_mm, cells }
+            CellGroup { middle, reach_mm, cells }
         };
         KnownDirections {
             free: &self.free,

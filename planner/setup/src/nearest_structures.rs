@@ -16,7 +16,7 @@ pub const INFLUENCE_MM: f64 = 8.0;
 
 /// The nearest structure of a waypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Near {
+pub struct NearStructure {
     /// Its number in the case.
     pub structure: usize,
     /// Direction, distance and least distance.
@@ -32,7 +32,7 @@ pub fn nearest_structure(
     clearances_mm: &[f64],
     radius_mm: f64,
     center: Point<Work>,
-) -> Result<Option<Near>, ModelError> {
+) -> Result<Option<NearStructure>, ModelError> {
     cancel::poll();
     let center_ct = scene.ct_from_work * center;
     let mut best: Option<(f64, usize, Vector3<f64>)> = None;
@@ -50,7 +50,7 @@ pub fn nearest_structure(
     }
     best.map(|(_, structure, to_nearest)| {
         let proximity = Proximity::new(to_nearest, radius_mm + clearances_mm[structure])?;
-        Ok(Near { structure, proximity })
+        Ok(NearStructure { structure, proximity })
     })
     .transpose()
 }
@@ -70,7 +70,7 @@ pub fn structures_within(
     clearances_mm: &[f64],
     radius_mm: f64,
     center: Point<Work>,
-) -> Result<Vec<Near>, ModelError> {
+) -> Result<Vec<NearStructure>, ModelError> {
     let Some(first) = nearest_structure(scene, clearances_mm, radius_mm, center)? else {
         return Ok(Vec::new());
     };
@@ -82,7 +82,10 @@ pub fn structures_within(
             continue;
         }
         let to_nearest = to_nearest(scene, field, center_ct);
-        near.push(Near { structure: number, proximity: Proximity::new(to_nearest, radius_mm + clearance)? });
+        near.push(NearStructure {
+            structure: number,
+            proximity: Proximity::new(to_nearest, radius_mm + clearance)?,
+        });
     }
     Ok(near)
 }
@@ -91,7 +94,11 @@ pub fn structures_within(
 ///
 /// # Errors
 /// As [`nearest_structure`].
-pub fn along(case: &Case, scene: &Scene, centers: &[Point<Work>]) -> Result<Vec<Vec<Near>>, ModelError> {
+pub fn along(
+    case: &Case,
+    scene: &Scene,
+    centers: &[Point<Work>],
+) -> Result<Vec<Vec<NearStructure>>, ModelError> {
     let (clearances_mm, radius_mm) = (case.clearances_mm(), case.burr.radius_mm);
     let within = |center: &Point<Work>| structures_within(scene, &clearances_mm, radius_mm, *center);
     centers.par_iter().map(within).collect()

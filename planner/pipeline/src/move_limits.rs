@@ -15,7 +15,7 @@ use bonemill_setup::tools;
 
 /// One entry per waypoint each.
 #[derive(Debug, Clone)]
-pub struct Demand {
+pub struct MoveLimits {
     mass_mg: Vec<f64>,
     cost: Vec<f64>,
     /// Fastest speed under the case's caps, mm/s; infinite where none binds.
@@ -25,12 +25,12 @@ pub struct Demand {
 }
 
 impl Prepared<'_> {
-    pub(super) fn demand(&self, case: &Case, chosen: &Chosen) -> Result<Demand, PlanError> {
+    pub(super) fn demand(&self, case: &Case, chosen: &Chosen) -> Result<MoveLimits, PlanError> {
         let mut pushes = levels::pushes(case, &self.near, &chosen.forces, chosen.compliances.as_deref())?;
         // a link may graze a cusp: it has no speed to choose
         let links = pushes.iter_mut().zip(&chosen.kinds).filter(|(_, kind)| **kind != MoveKind::Cut);
         links.for_each(|(pushes, _)| *pushes = None);
-        Ok(Demand {
+        Ok(MoveLimits {
             mass_mg: self.reached.moments.iter().map(Moments::mass_mg).collect(),
             cost: chosen.costs.iter().map(|c| c.cost).collect(),
             force_cap_mm_s: force_caps(case, self, chosen),
@@ -54,7 +54,7 @@ impl Prepared<'_> {
     }
 }
 
-impl Demand {
+impl MoveLimits {
     pub(super) fn input<'a>(
         &'a self,
         case: &Case,
