@@ -1,9 +1,10 @@
 //! Brute force, invariants, degenerate grids.
 
-use super::*;
 use bonemill_geometry::{Ct, Point};
 use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
+
+use super::*;
 
 fn mask(dims: [usize; 3], spacing: [f64; 3], is: impl FnMut(usize) -> bool) -> Volume<bool, Ct> {
     let grid = Grid::new(dims, Vector3::from(spacing), Matrix3::identity(), Vector3::zeros()).unwrap();

@@ -1,16 +1,17 @@
 //! Round trips, every stored type, and files that lie.
 #![allow(clippy::print_stderr)] // a test without its data says so
 
-use super::*;
 use std::io::Write;
 use std::path::PathBuf;
 
-use crate::affine::AffineSource;
-use crate::{write_ct_i16, write_labels_u8};
 use bonemill_geometry::{Grid, Point};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use nifti::{IntoNdArray, NiftiObject};
 use proptest::prelude::*;
+
+use super::*;
+use crate::affine::AffineSource;
+use crate::{write_ct_i16, write_labels_u8};
 
 mod foreign_tests;
 mod placement_tests;

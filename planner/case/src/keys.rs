@@ -5,10 +5,10 @@
 
 use std::fmt;
 
-use crate::Sheets;
 use bonemill_imaging::AffineChoice;
 
 use super::{ForceTerm, Measure, OrientationMode, Sense, SeveralStructures, SpeedMode, TowardTerm};
+use crate::Sheets;
 
 /// Unit of a number in the case file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

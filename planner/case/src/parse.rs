@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::Sheets;
 use bonemill_imaging::DensityTable;
 use nalgebra::Vector3;
 use toml::de::{DeTable, DeValue};
@@ -17,6 +16,7 @@ use super::{
     OrientationMode, OrientationSpec, PathSpec, RegistrationSpec, ShankSegment, SpeedCaps, SpeedSpec,
     Structure, Target,
 };
+use crate::Sheets;
 
 /// HU and g/cm³ of the default calibration curve. Assumed.
 const DEFAULT_TABLE: ([f64; 7], [f64; 7]) = (

@@ -1,7 +1,7 @@
 //! What removes bone: the shapes of cutters, and the shank behind them.
 //!
 //! A cutter that spins removes what its solid of revolution passes through; a ball is the case whose volumes and sweeps have closed
-//! forms ([`ball`]). Behind it the `Shank` must stay out of bone. What the edges feel is physics, not shape: see `bonemill-cutting`.
+//! forms ([`ball`]). Behind it the shank ([`ShankCylinder`]) must stay out of bone. What the edges feel is physics, not shape: see `bonemill-cutting`.
 
 pub mod ball;
 mod moves;

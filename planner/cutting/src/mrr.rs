@@ -8,12 +8,12 @@
 //! per cross-section; it depends on feed and spindle speed through the tooth speed: F_t = K MRR/V_c with the specific cutting
 //! energy K of the burr model, whose db form this lumps.
 
+use bonemill_cutter::ball::BallVolumes;
 use bonemill_geometry::{Frame, Grid, Point};
 use nalgebra::{Unit, Vector3};
 
 use crate::burr::ModelError;
 use crate::burr::checked;
-use bonemill_cutter::ball::BallVolumes;
 
 /// Tangential and radial coefficient of the lumped force.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,11 +4,11 @@
 
 use std::fmt::Write as _;
 
+use bonemill_planfile::columns::{ACCESS, DROPPED, names};
 use bonemill_scene::Scene;
+use bonemill_toolpath::orientation::{OpenAround, Permissible};
 
 use crate::Dropped;
-use bonemill_planfile::columns::{ACCESS, DROPPED, names};
-use bonemill_toolpath::orientation::{OpenAround, Permissible};
 
 /// One row per waypoint: the columns of [`ACCESS`].
 pub(super) fn access_csv(allowed: &[Permissible]) -> String {

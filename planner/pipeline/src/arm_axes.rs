@@ -10,12 +10,12 @@
 
 use bonemill_geometry::{Point, Work};
 use bonemill_motion::resolve::postures::{Reached, reached};
-use nalgebra::{Unit, Vector3};
-
-use super::motion::Placed;
 use bonemill_toolpath::orientation::Directions;
 use bonemill_toolpath::orientation::directions::angle_between;
 use bonemill_toolpath::space::BurrSpace;
+use nalgebra::{Unit, Vector3};
+
+use super::motion::Placed;
 
 /// Lattice places are this far apart at most, mm.
 const STEP_MM: f64 = 10.0;

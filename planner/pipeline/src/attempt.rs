@@ -5,8 +5,12 @@
 //! tried; the first that is nowhere worse stands. If none is, the least bad stands, and the plan says so.
 
 use bonemill_arm::Arm;
+use bonemill_case::{Case, OrientationMode, Sense};
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_scene::Scene;
+use bonemill_toolpath::access::ShankObstacles;
+use bonemill_toolpath::path::RasterFrame;
+use bonemill_toolpath::space::BurrSpace;
 
 use super::control::{Compared, ControlPath, Worse};
 use super::metrics::{self, Coverage};
@@ -16,10 +20,6 @@ use super::prepared::{Chosen, Prepared, spacing};
 use super::raster::Raster;
 use super::speeds::{self, Timing};
 use super::{PlanError, Stopwatch};
-use bonemill_case::{Case, OrientationMode, Sense};
-use bonemill_toolpath::access::ShankObstacles;
-use bonemill_toolpath::path::RasterFrame;
-use bonemill_toolpath::space::BurrSpace;
 
 /// An attempt may leave this share more of what the burr can reach than the one before.
 const LEFT_SHARE: f64 = 0.005;

@@ -7,20 +7,20 @@
 //!
 //! **Source:** Dillon et al. 2016, section III: trial 1, and trial 3 at equal time.
 
-use bonemill_scene::Scene;
-use rayon::prelude::*;
-
-use super::PlanError;
-use super::prepared::{CHOICE_MERGED, CHOICE_SAMPLES, feeds};
-use super::reach::lengths;
 use bonemill_case::{Case, Structure};
 use bonemill_cutting::burr::{EngagedForce, EngagedSamples, OrientationKernel};
 use bonemill_planfile::toward::{StructureFigures, TowardFigures, TowardSpan};
+use bonemill_scene::Scene;
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::tools;
 use bonemill_toolpath::engagement::SweptPath;
 use bonemill_toolpath::path::{self, MillPath, MoveKind};
 use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::PlanError;
+use super::prepared::{CHOICE_MERGED, CHOICE_SAMPLES, feeds};
+use super::reach::lengths;
 
 /// Toward a structure, a force up to this counts as none, N: assumed.
 const NOTHING_N: f64 = 0.01;

@@ -8,14 +8,14 @@
 //!
 //! So a newton toward the most important structure at its clearance weighs 1, and the levels are newtons (or mm of deflection) there.
 
-use nalgebra::Matrix3;
-
-use super::prepared::Chosen;
 use bonemill_case::{Case, ForceTerm, SpeedMode};
 use bonemill_cutting::burr::{EngagedForce, ModelError};
 use bonemill_cutting::cost::CostModel;
 use bonemill_cutting::speed::{CutPushes, Levels};
 use bonemill_setup::nearest_structures::NearStructure;
+use nalgebra::Matrix3;
+
+use super::prepared::Chosen;
 
 /// Beyond a level by more than this share of it is no rounding.
 const ROUNDING: f64 = 1e-6;

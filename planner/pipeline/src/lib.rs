@@ -61,6 +61,7 @@ use bonemill_geometry::Progress;
 use bonemill_planfile::{ForceToward, Input, Waypoint};
 use bonemill_toolpath::access::ShankObstacles;
 use bonemill_toolpath::orientation::Permissible;
+use bonemill_toolpath::path;
 use bonemill_toolpath::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
 
 /// Share of the reachable volume below which a plan fell short.
@@ -298,8 +299,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
         instead,
     };
     warnings.extend(modelled.lowest_link.and_then(|lowest| lowest.warning()));
-    let centers: Vec<_> = points.iter().map(|p| p.position).collect();
-    let least = nearest_structures::least_distances(&scene, &centers);
+    let least = nearest_structures::least_distances(&scene, &path::centers(points));
     let radius_mm = case.burr.radius_mm;
     let figures = Figures::of(&waypoints, &forces_toward, prepared.length_mm(), &least, radius_mm);
     let dropped = prepared.reached.dropped.clone();

@@ -2,13 +2,13 @@
 
 use bonemill_imaging::ImageError;
 use bonemill_scene::{Class, Scene};
-
-use super::reach::Dropped;
-use super::rest::{Cause, rest};
 use bonemill_stock::removal::RemovalTime;
 use bonemill_stock::sweep::segment_distance_squared;
 use bonemill_toolpath::path::PathPoint;
 use bonemill_toolpath::space::BurrSpace;
+
+use super::reach::Dropped;
+use super::rest::{Cause, rest};
 
 /// One volume in its three kinds, mm³.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

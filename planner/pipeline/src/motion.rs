@@ -9,6 +9,7 @@
 
 use bonemill_arm::Arm;
 use bonemill_arm::arm::AxisPose;
+use bonemill_case::{Case, ForceTerm};
 use bonemill_geometry::{Base, Point, Rigid, Work};
 use bonemill_motion::resolve::{
     DensePath, OutOfReach, PosePath, Posture, Resolved, RollFrame, Stiffness, resolve,
@@ -17,7 +18,6 @@ use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
 use super::PlanError;
-use bonemill_case::{Case, ForceTerm};
 
 /// The arm where it stands.
 #[derive(Debug, Clone, Copy)]

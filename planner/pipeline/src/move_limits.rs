@@ -1,17 +1,17 @@
 //! What the moves of a path ask of their speed: mass, cost, and caps on force.
 
-use bonemill_motion::resolve::DensePath;
-
-use super::PlanError;
-use super::levels;
-use super::prepared::{Chosen, Prepared};
-use super::speeds::{self, SpeedInput};
 use bonemill_case::Case;
 use bonemill_cutter::MoveKind;
 use bonemill_cutting::cost::Proximity;
 use bonemill_cutting::metrics::Moments;
 use bonemill_cutting::speed::{CutPushes, ForceCaps};
+use bonemill_motion::resolve::DensePath;
 use bonemill_setup::tools;
+
+use super::PlanError;
+use super::levels;
+use super::prepared::{Chosen, Prepared};
+use super::speeds::{self, SpeedInput};
 
 /// One entry per waypoint each.
 #[derive(Debug, Clone)]

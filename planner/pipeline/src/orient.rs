@@ -1,16 +1,10 @@
 //! The shaft's axis at every waypoint, by the case's mode.
 
-use bonemill_geometry::cancel;
-use nalgebra::{Matrix3, Unit, Vector3};
-use rayon::prelude::*;
-
-use super::arm_axes::ArmAxes;
-use super::direction_sets::Finer;
-use super::reach::ReachedPath;
 use bonemill_case::OrientationMode;
 use bonemill_cutting::burr::{EngagedSamples, Material, OrientationKernel};
 use bonemill_cutting::cost::Terms;
 use bonemill_cutting::metrics::Moments;
+use bonemill_geometry::cancel;
 use bonemill_toolpath::engagement::SweptPath;
 use bonemill_toolpath::orientation::corridor::{Corridor, best_near};
 use bonemill_toolpath::orientation::greedy::{self, LoneWaypoint, low_pass, settle};
@@ -18,6 +12,12 @@ use bonemill_toolpath::orientation::refine::{Chart, best_checked, refine};
 use bonemill_toolpath::orientation::sequence::{BestSequence, Forbidden, Problem, best_sequence};
 use bonemill_toolpath::orientation::stencil::Stencil;
 use bonemill_toolpath::orientation::{Directions, FreeSets, Permissible, RateLimit, TiltFamily};
+use nalgebra::{Matrix3, Unit, Vector3};
+use rayon::prelude::*;
+
+use super::arm_axes::ArmAxes;
+use super::direction_sets::Finer;
+use super::reach::ReachedPath;
 
 /// Below this weight of forces in the cost they are left out: the choice is then worse by less than it, and the plan says by
 /// how much at most ([`super::Modelled::closed_form_error`]).

@@ -5,9 +5,19 @@ use std::path::Path;
 
 use bonemill_arm::Arm;
 use bonemill_arm::ur::Branches;
+use bonemill_case::{Case, ForceTerm, OrientationMode, PathSpec, Sense, TowardTerm};
+use bonemill_cutting::burr::{EngagedForce, ForceKernel, OrientationKernel};
+use bonemill_cutting::cost::{Cost, CostModel, Proximity, Ranked, Terms};
+use bonemill_geometry::Progress;
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_motion::resolve::{Posture, Stiffness};
 use bonemill_scene::Scene;
+use bonemill_setup::nearest_structures::{self, NearStructure};
+use bonemill_setup::tools;
+use bonemill_toolpath::engagement::SweptPath;
+use bonemill_toolpath::orientation::{Directions, RateLimit, TiltFamily};
+use bonemill_toolpath::path::{self, MoveKind, PathPoint, PathSpacing, RasterFrame};
+use bonemill_toolpath::space::BurrSpace;
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
@@ -20,16 +30,6 @@ use super::orient::{CostField, FreeAxes, Oriented, alone, orient};
 use super::raster::Raster;
 use super::reach::{self, ReachSpec, ReachedPath};
 use super::{PlanError, Stopwatch, raster, tilt};
-use bonemill_case::{Case, ForceTerm, OrientationMode, PathSpec, Sense, TowardTerm};
-use bonemill_cutting::burr::{EngagedForce, ForceKernel, OrientationKernel};
-use bonemill_cutting::cost::{Cost, CostModel, Proximity, Ranked, Terms};
-use bonemill_geometry::Progress;
-use bonemill_setup::nearest_structures::{self, NearStructure};
-use bonemill_setup::tools;
-use bonemill_toolpath::engagement::SweptPath;
-use bonemill_toolpath::orientation::{Directions, RateLimit, TiltFamily};
-use bonemill_toolpath::path::{self, MoveKind, PathPoint, PathSpacing, RasterFrame};
-use bonemill_toolpath::space::BurrSpace;
 
 /// Steps of a draft's directions are this many times as long, in a plane and over a cap.
 const DRAFT_COARSER: [f64; 2] = [2.0, 3.0];
@@ -363,7 +363,7 @@ impl<'a> Prepared<'a> {
     /// Joint positions along the path with the shaft along `axes`; stiff toward structures where the case looks at the
     /// deflection.
     pub(super) fn motion(&self, case: &Case, axes: &[Unit<Vector3<f64>>]) -> Result<Motion, PlanError> {
-        let positions: Vec<_> = self.points().iter().map(|point| point.position).collect();
+        let positions = path::centers(self.points());
         let toward: Vec<_> = (0..positions.len()).map(|i| self.nearest(i).map(|near| near.toward)).collect();
         let stiff = case.robot.joint_stiffness.as_deref();
         let stiff = stiff.filter(|_| case.cost.force == ForceTerm::Deflection);

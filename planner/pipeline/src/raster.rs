@@ -10,8 +10,19 @@
 //! A draft is a comparison, not a plan: waypoints that no axis reaches count as much as the dearest cut, and nothing is
 //! dropped or refined. Bone stands and goes by voxels, not by parts of them.
 
+use bonemill_case::{Case, OrientationMode, Sense};
+use bonemill_cutting::burr::{EngagedForce, EngagedSamples, OrientationKernel};
+use bonemill_cutting::metrics::Moments;
 use bonemill_motion::resolve::DensePath;
 use bonemill_scene::{Class, Scene};
+use bonemill_setup::nearest_structures::{self, NearStructure};
+use bonemill_setup::tools;
+use bonemill_toolpath::access::Access;
+use bonemill_toolpath::engagement::{SweptPath, mass_increments_by_voxels};
+use bonemill_toolpath::orientation::FreeSets;
+use bonemill_toolpath::orientation::sequence::{BestSequence, Forbidden, Problem, best_sequence};
+use bonemill_toolpath::path::{self, Builder, Lines, MillPath, MoveKind, PathSpacing, RasterFrame, lay_path};
+use bonemill_toolpath::space::BurrSpace;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
@@ -23,17 +34,6 @@ use super::prepared::{feeds, scale, terms};
 use super::reach::{ReachSpec, free_directions, lengths, limited};
 use super::sense::PassSense;
 use super::speeds::{self, SpeedInput};
-use bonemill_case::{Case, OrientationMode, Sense};
-use bonemill_cutting::burr::{EngagedForce, EngagedSamples, OrientationKernel};
-use bonemill_cutting::metrics::Moments;
-use bonemill_setup::nearest_structures::{self, NearStructure};
-use bonemill_setup::tools;
-use bonemill_toolpath::access::Access;
-use bonemill_toolpath::engagement::{SweptPath, mass_increments_by_voxels};
-use bonemill_toolpath::orientation::FreeSets;
-use bonemill_toolpath::orientation::sequence::{BestSequence, Forbidden, Problem, best_sequence};
-use bonemill_toolpath::path::{self, Builder, Lines, MillPath, MoveKind, PathSpacing, RasterFrame, lay_path};
-use bonemill_toolpath::space::BurrSpace;
 
 /// A draft's steps are this many times longer.
 const COARSER: f64 = 4.0;

@@ -9,11 +9,10 @@
 
 use std::collections::HashSet;
 
+use bonemill_cutting::metrics::Moments;
 use bonemill_geometry::{Point, Work};
 use bonemill_scene::Scene;
-use nalgebra::{Unit, Vector3};
-
-use bonemill_cutting::metrics::Moments;
+use bonemill_setup::Unreached;
 use bonemill_toolpath::access::{Access, Blocked, EighthTimes, ShankCylinder, ShankObstacles, Turn};
 use bonemill_toolpath::engagement::mass_increments;
 use bonemill_toolpath::orientation::refine::best_checked;
@@ -24,10 +23,10 @@ use bonemill_toolpath::path::{
     put_off_points,
 };
 use bonemill_toolpath::space::BurrSpace;
+use nalgebra::{Unit, Vector3};
 
 use super::arm_axes::ArmAxes;
 use super::known_directions::{KnownDirections, Round};
-use bonemill_setup::Unreached;
 
 /// Rounds before the planner gives up; each puts off or drops at least one waypoint, few are usual.
 const MOST_ROUNDS: usize = 40;

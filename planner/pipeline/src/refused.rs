@@ -5,10 +5,10 @@ use std::fmt;
 use std::fs;
 use std::path::Path;
 
+use bonemill_case::Case;
 use bonemill_imaging::ImageError;
 
 use crate::PlanError;
-use bonemill_case::Case;
 
 /// A planner's error and the place in the case file that it belongs to.
 #[derive(Debug)]

@@ -8,16 +8,16 @@
 //! what `target.sheets = "keep"` costs; for the burr's radius when a burr of [`SMALLEST_BURR_VOXELS`] would reach it
 //! without any clearance; for the bone around it otherwise. What lies beyond the scan counts as that.
 
+use bonemill_case::Case;
 use bonemill_imaging::{ImageError, distance_within};
 use bonemill_scene::{Class, Scene};
+use bonemill_stock::removal::RemovalTime;
+use bonemill_toolpath::space::BurrSpace;
 use rayon::prelude::*;
 
 use super::metrics::Coverage;
 use super::reach::Dropped;
 use crate::percent::percent;
-use bonemill_case::Case;
-use bonemill_stock::removal::RemovalTime;
-use bonemill_toolpath::space::BurrSpace;
 
 /// Radius of the smallest burr that the planning grid can show, voxels: half of what a case's burr must have at least.
 const SMALLEST_BURR_VOXELS: f64 = 2.0;

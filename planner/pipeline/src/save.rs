@@ -5,15 +5,15 @@ use std::path::Path;
 
 use bonemill_arm::ur::branch_name;
 use bonemill_arm::{ArmKind, JointKind};
-use bonemill_export::write_trajectory_csv;
-
-use crate::access_csv::{access_csv, dropped_csv};
-use crate::{Control, Felt, Plan, SpeedLevels, Volumes, dropped_by_reason, half_turn};
 use bonemill_case::Registration;
+use bonemill_export::write_trajectory_csv;
 use bonemill_planfile::{
     CASE_COPY, FILES, Metrics, NOTES, PlanFileError, PlanRecord, PlanningGrid, StagedDirectory, Value,
     copy_input, write_forces, write_waypoints,
 };
+
+use crate::access_csv::{access_csv, dropped_csv};
+use crate::{Control, Felt, Plan, SpeedLevels, Volumes, dropped_by_reason, half_turn};
 
 /// Writes the files of `plan`, but for its report, into the staged directory; `case_path` is where its case was read from.
 ///
@@ -21,8 +21,9 @@ use bonemill_planfile::{
 /// [`PlanFileError`] when a file cannot be written or a figure is not finite; the caller drops the staged directory.
 pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<PlanRecord, PlanFileError> {
     let dir = staged.path();
-    let [waypoints, forces, trajectory, urdf, _] = FILES.map(|name| dir.join(name));
-    let [access, dropped] = NOTES.map(|name| dir.join(name));
+    let [waypoints, forces, trajectory, urdf, _] = FILES;
+    let [access, dropped] = NOTES;
+    let [waypoints, forces, trajectory] = [waypoints, forces, trajectory].map(|name| dir.join(name));
     let write_law = || -> std::io::Result<()> {
         // written in large portions: a buffer would only copy them
         let mut out = File::create(&trajectory)?;
@@ -40,11 +41,9 @@ pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<P
         }
         write_waypoints(&waypoints, &plan.waypoints, &plan.case.structures)?;
         write_forces(&forces, &plan.forces, &plan.case.structures)?;
-        let write =
-            |path: &Path, text: &str| std::fs::write(path, text).map_err(PlanFileError::io("write", path));
-        write(&urdf, plan.arm.urdf_text())?;
-        write(&access, &access_csv(&plan.allowed))?;
-        write(&dropped, &dropped_csv(&plan.dropped, &plan.scene))
+        staged.write(urdf, plan.arm.urdf_text())?;
+        staged.write(access, &access_csv(&plan.allowed))?;
+        staged.write(dropped, &dropped_csv(&plan.dropped, &plan.scene))
     };
     let (law, rest) = rayon::join(write_law, write_rest);
     law.map_err(PlanFileError::io("write", &trajectory))?;

@@ -5,18 +5,18 @@
 //! in which the bone that is still there pushes less toward it; both senses are evaluated, at places along the pass, by
 //! the force model with the shaft along the approach. All other passes are cut from whichever end is nearer.
 
-use bonemill_geometry::{Point, Work};
-use bonemill_scene::Scene;
-use nalgebra::{Unit, Vector3};
-
-use super::{PlanError, levels};
 use bonemill_case::{Case, Sense};
 use bonemill_cutting::burr::{AtPoints, EngagedSamples, Material, OrientationKernel};
 use bonemill_cutting::cost::CostModel;
+use bonemill_geometry::{Point, Work};
 use bonemill_planfile::toward::NEAR_MM;
+use bonemill_scene::Scene;
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::tools;
 use bonemill_toolpath::path::Builder;
+use nalgebra::{Unit, Vector3};
+
+use super::{PlanError, levels};
 
 /// Directions in which bone is looked for, and how many make a sample.
 const SAMPLES: [usize; 2] = [512, 4];

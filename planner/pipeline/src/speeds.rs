@@ -1,13 +1,13 @@
 //! Speed caps per move (D13, force caps or least force), and the time law under them.
 
-use bonemill_motion::resolve::DensePath;
-use bonemill_motion::timelaw::{CornerTolerance, JointPath, PathLimits, PreparedPath, TimeLaw};
-
-use super::PlanError;
 use bonemill_case::{SpeedMode, SpeedSpec};
 use bonemill_cutter::MoveKind;
 use bonemill_cutting::speed::{CutMoves, CutPushes, LevelFamily, Levels, Smoothing, SpeedModel, last_within};
+use bonemill_motion::resolve::DensePath;
+use bonemill_motion::timelaw::{CornerTolerance, JointPath, PathLimits, PreparedPath, TimeLaw};
 use bonemill_toolpath::space::TRAJECTORY_TOLERANCE_MM;
+
+use super::PlanError;
 
 /// Share of a full slot's mass per step at or below which a waypoint counts as air. D13 takes a mean of 1/m: the crumbs of
 /// finishing passes would otherwise set the speed of the whole plan.

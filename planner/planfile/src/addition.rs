@@ -5,7 +5,8 @@ use std::path::Path;
 
 use super::PlanFileError;
 
-const REPORT: &str = "report.html";
+/// The page for a reader.
+pub const REPORT: &str = "report.html";
 
 /// Who adds a part to the report.
 #[derive(Debug, Clone, Copy)]

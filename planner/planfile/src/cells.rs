@@ -6,10 +6,10 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
+use bonemill_case::Structure;
 use nalgebra::Vector3;
 
 use super::PlanFileError;
-use bonemill_case::Structure;
 
 /// How far a direction may be from unit length.
 const UNIT_TOLERANCE: f64 = 1e-6;

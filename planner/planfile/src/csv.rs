@@ -3,13 +3,13 @@
 use std::io::Write;
 use std::path::Path;
 
+use bonemill_case::Structure;
+use bonemill_cutter::MoveKind;
 use bonemill_geometry::Point;
 
 use super::cells::{Row, push_number, read_rows, structure_name, write_rows};
 use super::columns::{WAYPOINTS, names};
 use super::{PlanFileError, Waypoint};
-use bonemill_case::Structure;
-use bonemill_cutter::MoveKind;
 
 /// The columns, in order.
 const COLUMNS: [&str; 24] = names(&WAYPOINTS);

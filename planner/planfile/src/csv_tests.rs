@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
+use bonemill_case::LabelRef;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
 use super::*;
-use bonemill_case::LabelRef;
 
 fn structures() -> Vec<Structure> {
     let structure = |name: &str| Structure {

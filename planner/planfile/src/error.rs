@@ -5,10 +5,10 @@ use std::io;
 use std::path::PathBuf;
 
 use bonemill_arm::RobotError;
+use bonemill_case::CaseError;
 use thiserror::Error;
 
 use super::Sha256;
-use bonemill_case::CaseError;
 
 /// Reading or writing a plan's files failed.
 #[derive(Debug, Error)]

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use super::inputs::CASE_COPY;
-use super::{FORCES, PlanFileError, StagedDirectory, StoredPlan};
+use super::{FORCES, PlanFileError, REPORT, StagedDirectory, StoredPlan};
 
 /// What a plan's directory holds, beside `plan.toml`.
-pub const FILES: [&str; 5] = ["waypoints.csv", FORCES, "trajectory.csv", "robot.urdf", "report.html"];
+pub const FILES: [&str; 5] = ["waypoints.csv", FORCES, "trajectory.csv", "robot.urdf", REPORT];
 /// What it holds for a reader alone: no command needs it.
 pub const NOTES: [&str; 2] = ["access.csv", "dropped.csv"];
 

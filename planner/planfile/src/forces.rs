@@ -7,12 +7,12 @@
 use std::io::Write;
 use std::path::Path;
 
+use bonemill_case::Structure;
 use nalgebra::Vector3;
 
 use super::PlanFileError;
 use super::cells::{Row, push_number, read_rows, structure_name, write_rows};
 use super::columns::{FORCES_ROWS, names};
-use bonemill_case::Structure;
 
 /// The file's name in a plan's directory.
 pub const FORCES: &str = "forces.csv";

@@ -2,8 +2,9 @@
 
 use std::fs;
 
-use super::*;
 use bonemill_case::LabelRef;
+
+use super::*;
 
 fn structures() -> [Structure; 2] {
     ["facial_nerve", "sinus and dura"].map(|name| Structure {

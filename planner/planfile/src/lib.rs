@@ -22,7 +22,7 @@ mod value;
 mod verdict;
 mod waypoint;
 
-pub use addition::{ReportPart, add_to_report, replace};
+pub use addition::{REPORT, ReportPart, add_to_report, replace};
 pub use cells::{push_number, structure_name};
 pub use csv::{read_waypoints, write_waypoints};
 pub use directory::{Replace, StagedDirectory};

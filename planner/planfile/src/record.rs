@@ -4,14 +4,14 @@
 
 use std::path::{Path, PathBuf};
 
+use bonemill_case::write::{list, rigid, text, vector};
+use bonemill_case::{Case, CaseError, as_number, line_at, rotation_from_matrix, syntax};
 use bonemill_geometry::{Approach, Base, Ct, Rigid, Work};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use toml::de::{DeTable, DeValue};
 
 use super::value::{in_order, key_text};
 use super::{PlanFileError, Sha256, Value};
-use bonemill_case::write::{list, rigid, text, vector};
-use bonemill_case::{Case, CaseError, as_number, line_at, rotation_from_matrix, syntax};
 
 /// The file's name in a plan's directory.
 pub(super) const FILE_NAME: &str = "plan.toml";

@@ -1,11 +1,11 @@
 //! Named values of a plan's report, in the order they were given: numbers, texts, lists and tables of them.
 
+use bonemill_case::as_number;
+use bonemill_case::write::{float, text};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::PlanFileError;
-use bonemill_case::as_number;
-use bonemill_case::write::{float, text};
 
 /// A value of `[metrics]` or `[modelled]`.
 #[derive(Debug, Clone, PartialEq)]

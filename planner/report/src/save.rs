@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use bonemill_case::Case;
 use bonemill_pipeline::Plan;
 use bonemill_planfile::{
-    PlanFileError, PlanRecord, ReportPart, StagedDirectory, VERDICT, add_to_report, replace,
+    PlanFileError, PlanRecord, REPORT, ReportPart, StagedDirectory, VERDICT, add_to_report, replace,
 };
 use bonemill_simulate::Simulation;
 use bonemill_verify::Verification;
@@ -20,7 +20,7 @@ use crate::report;
 pub fn plan(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<PlanRecord, PlanFileError> {
     let (record, page) = rayon::join(
         || bonemill_pipeline::save(plan, case_path, staged),
-        || staged.write("report.html", &report::html(plan)),
+        || staged.write(REPORT, &report::html(plan)),
     );
     page?;
     record

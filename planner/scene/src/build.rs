@@ -3,6 +3,9 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use bonemill_geometry::{Ct, Frame, Grid, Point, Rigid, Volume, Work, cancel};
+use bonemill_imaging::{
+    DensityTable, Region, StructureField, distance_within, resample_hu_and_density, resample_nearest,
+};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -12,9 +15,6 @@ use super::inside::Inside;
 use super::{
     Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, Target, approach, hull, mask,
     obstacles,
-};
-use bonemill_imaging::{
-    DensityTable, Region, StructureField, distance_within, resample_hu_and_density, resample_nearest,
 };
 
 /// Coarse voxel of what lies beyond the work grid, mm.

@@ -5,9 +5,9 @@
 //! that a user learns on which side the scan ends too early.
 
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work};
+use bonemill_imaging::distance_within;
 
 use super::{SceneError, SceneSpec};
-use bonemill_imaging::distance_within;
 
 /// A place this far beyond the outermost voxel's face still lies on it, voxels: rounding.
 const ON_FACE: f64 = 1e-9;

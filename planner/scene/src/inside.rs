@@ -1,11 +1,11 @@
 //! Which places are target: a label's voxels, or in a shape the bone and the air that it encloses.
 
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work};
+use bonemill_imaging::AIR_HU;
+use bonemill_imaging::{distance_within, resample_hu};
 use nalgebra::Vector3;
 
 use super::{SceneError, SceneSpec, Target};
-use bonemill_imaging::AIR_HU;
-use bonemill_imaging::{distance_within, resample_hu};
 
 /// Radius of the closing that decides which air a geometric target encloses, mm.
 const CLOSING_MM: f64 = 4.0;

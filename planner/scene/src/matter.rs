@@ -5,11 +5,11 @@
 //! would blur both. So the part of the images under the grid is kept.
 
 use bonemill_geometry::{Ct, Frame, Grid, Point, Rigid, Volume, Work, trilinear};
+use bonemill_imaging::AIR_HU;
+use bonemill_imaging::DensityTable;
 
 use super::inside::Inside;
 use super::{SceneError, SceneSpec};
-use bonemill_imaging::AIR_HU;
-use bonemill_imaging::DensityTable;
 
 /// What has mass: in the target whatever is above `air_hu`, outside it bone, at or above `bone_hu`.
 #[derive(Debug)]

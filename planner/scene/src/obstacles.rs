@@ -10,9 +10,9 @@
 
 use bonemill_case::Sheets;
 use bonemill_geometry::{Volume, Work};
+use bonemill_imaging::{ImageError, distance_within};
 
 use super::Class;
-use bonemill_imaging::{ImageError, distance_within};
 
 /// A connected piece of fewer voxels is a speck.
 const SPECK_VOXELS: usize = 8;

@@ -2,17 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
+use bonemill_case::{Case, LabelRef, Target, nearest};
+use bonemill_geometry::Progress;
 use bonemill_imaging::{
     Image, LabelNames, available_memory_mb, label_names_path, looks_like_hu, read_ct, read_label_names,
     read_labels,
 };
+use bonemill_planfile::{Input, StoredPlan};
 use bonemill_scene::{MemoryNeed, Scene, SceneSpec, build_scene};
 use rayon::prelude::*;
 
 use super::PlanError;
-use bonemill_case::{Case, LabelRef, Target, nearest};
-use bonemill_geometry::Progress;
-use bonemill_planfile::{Input, StoredPlan};
 
 /// Distances to structures are kept this far from the target's box, mm, beside what the burr and its cost need.
 const STRUCTURE_FIELD_MARGIN_MM: f64 = 12.0;

@@ -1,12 +1,12 @@
 //! Where the patient is, seen from the arm: given, fitted to fiducials or assumed, and how far that can be trusted.
 
 use bonemill_arm::registration::{Fitted, fit};
+use bonemill_case::{Case, Registration, RobotSpec};
 use bonemill_geometry::{Base, Ct, Grid, Point, Rigid};
 use bonemill_scene::Scene;
 use nalgebra::Vector3;
 
 use super::{PlanError, tools};
-use bonemill_case::{Case, Registration, RobotSpec};
 
 /// A fiducial may lie this far beyond the scan's outermost voxel boxes, voxels: the rounding of its coordinates.
 const BEYOND_VOXELS: f64 = 1.0;

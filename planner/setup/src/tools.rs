@@ -4,16 +4,16 @@ use std::path::Path;
 
 use bonemill_arm::ur::{UrModel, has_ur_joints, read_ur};
 use bonemill_arm::{Arm, ToolMount, read_urdf};
-use bonemill_geometry::{Approach, Base, Ct, Rigid};
-use bonemill_scene::Scene;
-use nalgebra::{Matrix3, Rotation3, Vector3};
-
-use super::PlanError;
 use bonemill_case::{self as case, Case, Registration};
 use bonemill_cutter::ShankCylinder;
 use bonemill_cutting::burr::{
     AtPoints, Discretisation, ElementGrid, ForceKernel, Material, Measure, ModelError, Tool,
 };
+use bonemill_geometry::{Approach, Base, Ct, Rigid};
+use bonemill_scene::Scene;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+use super::PlanError;
 
 /// Elements of the force sum: 64 from tip to shaft, about 128 around.
 const N_KAPPA: usize = 64;

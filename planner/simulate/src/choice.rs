@@ -4,10 +4,11 @@ use std::f64::consts::PI;
 use std::fmt;
 use std::str::FromStr;
 
-use super::{EngineSpec, FlutedBurr, ForceModel, Lumped, LumpedForm};
 use bonemill_case::Case;
 use bonemill_cutting::burr::ModelError;
 use bonemill_cutting::mrr::LumpedCoefficients;
+
+use super::{EngineSpec, FlutedBurr, ForceModel, Lumped, LumpedForm};
 
 /// A force model's name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -7,13 +7,13 @@
 
 use std::f64::consts::PI;
 
+use bonemill_cutting::burr::GRAZING;
+use bonemill_cutting::burr::rings::{Nodes, Ring};
+use bonemill_cutting::burr::{Discretisation, Material, Tool};
 use bonemill_geometry::basis;
 use nalgebra::{Matrix3, Unit, Vector3};
 
 use super::bone::{Amount, Kind};
-use bonemill_cutting::burr::GRAZING;
-use bonemill_cutting::burr::rings::{Nodes, Ring};
-use bonemill_cutting::burr::{Discretisation, Material, Tool};
 
 /// The nodes of a tool.
 #[derive(Debug, Clone)]

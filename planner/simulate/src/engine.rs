@@ -8,7 +8,11 @@
 //! the trail, so they are worked on in parallel; how a way is cut into batches is fixed, so results do not depend on
 //! the number of threads.
 
+use bonemill_cutter::ShankCylinder;
+use bonemill_cutting::burr::checked;
+use bonemill_cutting::burr::{Discretisation, Material, Tool, direction};
 use bonemill_geometry::{Point, Work, cancel};
+use bonemill_stock::sweep::segment_distance_squared;
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
@@ -21,10 +25,6 @@ use super::model::{CutForce, ForceModel};
 use super::shank::ShankContact;
 use super::trail::Trail;
 use super::watch::ShankWatch;
-use bonemill_cutter::ShankCylinder;
-use bonemill_cutting::burr::checked;
-use bonemill_cutting::burr::{Discretisation, Material, Tool, direction};
-use bonemill_stock::sweep::segment_distance_squared;
 
 /// Poses farther away than this are refused: arithmetic in cells would lose its digits, mm.
 const MOST_MM: f64 = 1e5;

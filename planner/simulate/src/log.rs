@@ -1,12 +1,12 @@
 //! A force log through the engine: what the model says of every row, for a calibration.
 
+use bonemill_cutting::calibrate::Observation;
+use bonemill_planfile::LogRow;
 use nalgebra::Vector3;
 
 use super::replay::{SimulateError, SimulationSetup};
 use super::scene::bone_of;
 use super::{Engine, FlutedBurr, Move, Pose, force_per_coefficient};
-use bonemill_cutting::calibrate::Observation;
-use bonemill_planfile::LogRow;
 
 /// Mills the scene along a log's poses and pairs each row but the first with the model's forces per coefficient, in
 /// work.

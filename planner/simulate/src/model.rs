@@ -5,12 +5,12 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::Vector3;
-
-use super::engagement::{Directions, Engagement};
 use bonemill_cutting::burr::checked;
 use bonemill_cutting::burr::{Material, ModelError, Tool};
 use bonemill_cutting::mrr::LumpedCoefficients;
+use nalgebra::Vector3;
+
+use super::engagement::{Directions, Engagement};
 
 /// What the bone does to the burr; vectors in work.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -2,10 +2,10 @@
 
 use bonemill_arm::{Arm, RobotError};
 use bonemill_geometry::{Base, Point, Rigid, Tool, Work, cancel};
+use bonemill_planfile::Trajectory;
 use rayon::prelude::*;
 
 use super::{EngineError, Move, Pose};
-use bonemill_planfile::Trajectory;
 
 /// The shaft may turn this far between two poses, rad.
 const TURN_RAD: f64 = 0.02;

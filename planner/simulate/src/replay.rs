@@ -5,8 +5,15 @@
 //! gets there with the time constant
 //! |C F|/|v| (backward Euler of d = C F(v + ḋ)), which is stable for any step.
 
+use bonemill_cutting::burr::{Discretisation, ElementGrid, Measure, ModelError, Tool};
+use bonemill_geometry::Progress;
 use bonemill_geometry::{Ct, Point, Rigid, Work};
+use bonemill_planfile::StoredPlan;
+use bonemill_planfile::toward::{StructureFigures, TowardSpan};
 use bonemill_scene::{Scene, SceneStructure};
+use bonemill_setup::inputs::scene_of;
+use bonemill_setup::nearest_structures::{self, NearStructure};
+use bonemill_setup::{PlanError, tools};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use thiserror::Error;
@@ -15,13 +22,6 @@ use super::poses::{self, PoseError, Sampling, TrajectorySample};
 use super::rates::StepVolumes;
 use super::scene::{bone_of, solid_density};
 use super::{Amount, Engine, EngineError, EngineSpec, ForceModel, ModelName, Move, ShankContact, Step};
-use bonemill_cutting::burr::{Discretisation, ElementGrid, Measure, ModelError, Tool};
-use bonemill_geometry::Progress;
-use bonemill_planfile::StoredPlan;
-use bonemill_planfile::toward::{StructureFigures, TowardSpan};
-use bonemill_setup::inputs::scene_of;
-use bonemill_setup::nearest_structures::{self, NearStructure};
-use bonemill_setup::{PlanError, tools};
 
 /// Poses that are worked on together; part of the result's definition.
 const BATCH: usize = 16;

@@ -6,13 +6,13 @@
 //!
 //! Beyond the lattice a coarse map stands for bone; there only what is certain is reported.
 
+use bonemill_cutter::ShankCylinder;
 use bonemill_geometry::{Point, Work};
+use bonemill_stock::sweep::segment_distance_squared;
 use nalgebra::{Unit, Vector3};
 
 use super::bone::Kind;
 use super::lattice::{Brick, Lattice, SIDE, tag};
-use bonemill_cutter::ShankCylinder;
-use bonemill_stock::sweep::segment_distance_squared;
 
 /// The shank touches bone.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,13 +2,13 @@
 
 use std::f64::consts::PI;
 
+use bonemill_cutter::ShankCylinder;
+use bonemill_cutting::burr::{Discretisation, ElementGrid, Material, Measure, Tool};
 use bonemill_geometry::{Grid, Point, Volume, Work};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
 use super::*;
-use bonemill_cutter::ShankCylinder;
-use bonemill_cutting::burr::{Discretisation, ElementGrid, Material, Measure, Tool};
 
 mod hard;
 mod shank;

@@ -10,10 +10,10 @@
 //! however it is cut.
 
 use bonemill_geometry::{Point, Work};
+use bonemill_stock::sweep::segment_distance_squared;
 use nalgebra::Vector3;
 
 use super::carve::Piece;
-use bonemill_stock::sweep::segment_distance_squared;
 
 /// More pieces than this are not kept, whatever their length.
 const MOST_PIECES: usize = 24;

@@ -3,14 +3,14 @@
 //! Bone only disappears, so a clearance found once stays until that part of the shank has moved as far: most steps ask
 //! nothing at all. What is remembered decides only whether a part is looked at again, so it may be forgotten at any time.
 
+use bonemill_cutter::ShankCylinder;
+use bonemill_stock::sweep::segment_distance_squared;
 use nalgebra::{Unit, Vector3};
 
 use super::engine::Pose;
 use super::lattice::Lattice;
 use super::shank::{Shaft, ShankContact, ShankView};
 use super::trail::Trail;
-use bonemill_cutter::ShankCylinder;
-use bonemill_stock::sweep::segment_distance_squared;
 
 /// How far around the shank bone is looked for, mm and mm per mm behind the burr, where a turn moves it more: what is
 /// found farther away saves looking again.

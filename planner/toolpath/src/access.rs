@@ -37,6 +37,7 @@ pub use bonemill_cutter::ShankCylinder;
 use bonemill_geometry::{Point, Work, basis, cancel};
 use bonemill_motion::timelaw::CornerTolerance;
 use bonemill_scene::Scene;
+use bonemill_stock::voxels::voxels_apart;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -45,7 +46,6 @@ use self::field::{Bounds, Field, SOLID};
 use self::front::Front;
 use self::march::Marched;
 use crate::space::TRAJECTORY_TOLERANCE_MM;
-use bonemill_stock::voxels::voxels_apart;
 
 /// What is in the shank's way.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -11,16 +11,16 @@ mod times;
 
 pub use self::masses::{mass_increments, mass_increments_by_voxels};
 
+use bonemill_cutting::burr::{Bone, Patch, TILE_REACH};
 use bonemill_geometry::Point;
 use bonemill_scene::Scene;
+use bonemill_stock::removal::RemovalTime;
+use bonemill_stock::runs::{Run, straight_runs};
+use bonemill_stock::sweep::segment_distance_squared;
 use nalgebra::Vector3;
 
 use self::times::{CellTimes, LastTimes, cell_times};
 use crate::path::PathPoint;
-use bonemill_cutting::burr::{Bone, Patch, TILE_REACH};
-use bonemill_stock::removal::RemovalTime;
-use bonemill_stock::runs::{Run, straight_runs};
-use bonemill_stock::sweep::segment_distance_squared;
 
 /// Side of a cell of the run index, mm.
 const CELL_MM: f64 = 2.0;

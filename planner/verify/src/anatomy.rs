@@ -2,13 +2,13 @@
 //!
 //! Read anew from the plan's inputs. Everything is a function of a point in ct; no grid of the planner's is involved.
 
+use bonemill_case::{LabelRef, Target};
 use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
 use bonemill_imaging::{LabelNames, label_names_path, read_ct, read_label_names, read_labels};
+use bonemill_planfile::StoredPlan;
 use nalgebra::Vector3;
 
 use super::VerifyError;
-use bonemill_case::{LabelRef, Target};
-use bonemill_planfile::StoredPlan;
 
 /// HU of what lies beyond the scan.
 const OUTSIDE_HU: f64 = -1000.0;

@@ -4,9 +4,10 @@
 //! the case asks for are looked at as well, so that a plan whose word was taken out is still caught. Coverage is counted on voxels,
 //! beside the volumes; clearances, the shank and the joints' limits have checks of their own.
 
+use bonemill_planfile::StoredPlan;
+
 use super::check::{Check, Place};
 use super::moves::{MoveClass, Moves};
-use bonemill_planfile::StoredPlan;
 
 /// The names of the checks that say that a plan falls short of its case, as opposed to one that is wrong.
 pub const SHORT: [&str; 4] = [MEETS, COVERAGE, TIME, FORCE];

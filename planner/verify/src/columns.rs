@@ -3,7 +3,9 @@
 //! Each column that follows from others is computed again: angles from the axis, the nearest structure and its distance,
 //! α₁, the force toward it, the cost; speeds and tilt are held against the case.
 
+use bonemill_case::{Case, ForceTerm, SeveralStructures};
 use bonemill_geometry::basis;
+use bonemill_planfile::{StoredPlan, Waypoint};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -11,8 +13,6 @@ use super::anatomy::Kept;
 use super::boxes::Boxes;
 use super::check::{Check, Place};
 use super::moves::{Executed, MoveClass, Moves, angle_rad};
-use bonemill_case::{Case, ForceTerm, SeveralStructures};
-use bonemill_planfile::{StoredPlan, Waypoint};
 
 /// Rounding of sums and file, for angles (rad), ratios and α₁.
 pub(super) const ROUNDING: f64 = 1e-6;

@@ -2,6 +2,7 @@
 
 use bonemill_geometry::{Ct, Point, cancel};
 use bonemill_imaging::DensityTable;
+use bonemill_planfile::{StoredPlan, Value};
 use rayon::prelude::*;
 
 use super::anatomy::Anatomy;
@@ -11,7 +12,6 @@ use super::check::{Check, Place};
 use super::lattice::{HAS_MASS, Lattice, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
 use super::moves::Moves;
 use super::voxels::{Doubtful, Voxels};
-use bonemill_planfile::{StoredPlan, Value};
 
 /// Share of the reachable volume that a plan removes.
 const ENOUGH: f64 = 0.99;

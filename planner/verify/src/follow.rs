@@ -5,6 +5,7 @@
 //! The place is sought on the moves near the one of that instant, so a trajectory that leaves out a move does not agree.
 
 use bonemill_geometry::{Base, Rigid, Work, cancel};
+use bonemill_planfile::StoredPlan;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -12,7 +13,6 @@ use super::VerifyError;
 use super::check::{Check, Place};
 use super::motion::rounding;
 use super::moves::{Executed, MoveClass, Moves, angle_rad, between};
-use bonemill_planfile::StoredPlan;
 
 /// How far the burr may be from the polyline, mm.
 const PLACE_MM: f64 = 0.05;

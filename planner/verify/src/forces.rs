@@ -5,6 +5,7 @@
 
 use std::collections::HashSet;
 
+use bonemill_planfile::{ForceToward, StoredPlan};
 use rayon::prelude::*;
 
 use super::anatomy::Kept;
@@ -12,7 +13,6 @@ use super::boxes::Boxes;
 use super::check::{Check, Place};
 use super::columns::{INFLUENCE_MM, ROUNDING, Worst};
 use super::figures::stated;
-use bonemill_planfile::{ForceToward, StoredPlan};
 
 /// Rounding of a sum over all moves, as a share of itself.
 const SUM_SHARE: f64 = 1e-9;

@@ -4,12 +4,13 @@
 //! air; the volume is said. Links and retracts reach nothing that has mass, in the target or outside, before a cut does, but
 //! for what lies between the points of the planner's grid.
 
+use bonemill_planfile::StoredPlan;
+use nalgebra::Vector3;
+
 use super::carve::{MoveSegment, NEVER, deepest};
 use super::check::{Check, Place};
 use super::lattice::{HAS_MASS, Lattice, OBSTACLE, SHEET, SLIVER};
 use super::moves::{Executed, MoveClass, Moves};
-use bonemill_planfile::StoredPlan;
-use nalgebra::Vector3;
 
 /// What links may take between the points of the planner's grid, as a share of what is removed.
 const LINK_SHARE: f64 = 5e-4;

@@ -7,6 +7,7 @@
 //! surely fits into it, or it lies within a band of such a place (thick bone keeps its corners). What is left out is
 //! reported by volume.
 
+use bonemill_case::{Density, Sheets};
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -14,7 +15,6 @@ use rayon::prelude::*;
 use super::anatomy::{Aim, Anatomy, shape_holds};
 use super::voxels::{Doubtful, Voxels};
 use super::{VerifyError, edt};
-use bonemill_case::{Density, Sheets};
 
 /// Belongs to the target.
 pub const TARGET: u8 = 1;

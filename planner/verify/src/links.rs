@@ -4,11 +4,11 @@
 //! whose arm cannot stay above says how far below it goes; then it may be as far below and no farther.
 
 use bonemill_arm::ArmKind;
+use bonemill_planfile::{StoredPlan, Value};
 
 use super::VerifyError;
 use super::check::{Check, Place};
 use super::moves::Executed;
-use bonemill_planfile::{StoredPlan, Value};
 
 /// What the corners that the motion rounds can make of a height that the plan states, mm.
 const ROUNDED_MM: f64 = 0.5;

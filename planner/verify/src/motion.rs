@@ -7,9 +7,9 @@
 //! controller does; sampling such a motion, at 10 kHz or any other rate, would see no more.
 
 use bonemill_arm::{Arm, JointKind};
+use bonemill_planfile::Trajectory;
 
 use super::check::{Check, Place};
-use bonemill_planfile::Trajectory;
 
 /// Rounding of the file: half a unit of the last decimal, mm and mm/s, rad and rad/s.
 pub fn rounding(kind: JointKind) -> f64 {

@@ -1,11 +1,11 @@
 //! The burr's way in the planning grid's frame: as the waypoints say, and as the arm goes by its joint trajectory.
 
 use bonemill_geometry::{Base, Ct, Rigid, Work, cancel};
+use bonemill_planfile::StoredPlan;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::VerifyError;
-use bonemill_planfile::StoredPlan;
 
 /// What a move is for, as the file says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,13 +4,13 @@ use std::path::Path;
 
 use bonemill_arm::ur::{UrModel, read_ur};
 use bonemill_arm::{Arm, read_urdf};
+use bonemill_case::{Case, Registration};
 use bonemill_geometry::{Base, Ct, Point, Rigid, basis};
+use bonemill_planfile::{Sha256, StoredPlan};
 use nalgebra::{Rotation3, Vector3};
 
 use super::VerifyError;
 use super::check::{Check, Place};
-use bonemill_case::{Case, Registration};
-use bonemill_planfile::{Sha256, StoredPlan};
 
 /// Rounding of frames written and read back.
 const ROUNDING: f64 = 1e-9;

@@ -4,6 +4,7 @@
 //! The burr's centre may be at a voxel's centre when the whole ball lies in the planning grid, no centre of an obstacle
 //! voxel lies in it, and every structure is its clearance away, with what a plan keeps for the trajectory's corners.
 
+use bonemill_case::Case;
 use bonemill_geometry::{Grid, Work, cancel};
 use rayon::prelude::*;
 
@@ -11,7 +12,6 @@ use super::boxes::Boxes;
 use super::edt;
 use super::lattice::TARGET;
 use super::voxels::{DOUBT_MM, Doubtful, Voxels};
-use bonemill_case::Case;
 
 /// What a plan keeps beyond each clearance for the trajectory's corners, mm.
 const CORNERS_MM: f64 = 0.025;

@@ -5,14 +5,14 @@
 //! σ² = FLE²/3 along each axis, offsets qᵢ of the points from their centroid and K = Σ (|qᵢ|² 1 − qᵢ qᵢᵀ), the error at offset d
 //! has the mean square σ² (3/N + tr K⁻¹ (|d|² 1 − d dᵀ)), where FLE² = FRE²/(1 − 2/N).
 
+use bonemill_case::{Registration, Target};
 use bonemill_geometry::{Base, Ct, Grid, Point, Rigid};
+use bonemill_planfile::PlanRecord;
 use nalgebra::{Matrix3, Vector3};
 
 use super::anatomy::{Aim, Anatomy};
 use super::boxes::Boxes;
 use super::check::Check;
-use bonemill_case::{Registration, Target};
-use bonemill_planfile::PlanRecord;
 
 /// What a fiducial's rounded coordinates may lie beyond the scan's voxel boxes, voxels.
 const BEYOND_VOXELS: f64 = 1.0;

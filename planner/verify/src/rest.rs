@@ -2,11 +2,12 @@
 //!
 //! What is in doubt counts for the plan.
 
+use bonemill_planfile::{StoredPlan, Value};
+
 use super::check::Check;
 use super::figures::{counted, more, table};
 use super::lattice::{OUTSIDE, TARGET};
 use super::voxels::{Doubtful, Voxels};
-use bonemill_planfile::{StoredPlan, Value};
 
 /// Whether a cause belongs to a group.
 type IsIn = fn(&str) -> bool;

@@ -2,10 +2,11 @@
 
 use std::fmt::Write;
 
-use super::asked::SHORT;
-use super::check::{Check, LimitSide};
 use bonemill_case::write::text;
 use bonemill_planfile::Sha256;
+
+use super::asked::SHORT;
+use super::check::{Check, LimitSide};
 
 /// What a verification found.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,7 +5,9 @@
 //! Near the target bone is judged on the fine lattice, elsewhere at the CT's own voxels; structures by their exact boxes.
 //! The trajectory is looked at so often that no point of the shank within [`REACH_MM`] moves farther than [`STRIDE_MM`].
 
+use bonemill_case::{Case, Sheets};
 use bonemill_geometry::{Ct, Point, Rigid, Work, cancel};
+use bonemill_planfile::StoredPlan;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -17,8 +19,6 @@ use super::check::{Check, Place};
 use super::lattice::{Lattice, MATERIAL, OBSTACLE};
 use super::moves::{Executed, Moves};
 use super::voxels::is_speck;
-use bonemill_case::{Case, Sheets};
-use bonemill_planfile::StoredPlan;
 
 /// The shank's part that stays near the bone, mm from the burr's centre.
 const REACH_MM: f64 = 30.0;

@@ -5,6 +5,7 @@
 //! centre on the face between two label voxels, on a shape's surface or on the burr's. There a voxel counts as possibly
 //! in and not as surely in, and a true figure lies between the two counts, which are nearly always one.
 
+use bonemill_case::{Density, Sheets, Target};
 use bonemill_geometry::{Ct, Frame, Grid, Point, Rigid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -12,7 +13,6 @@ use rayon::prelude::*;
 use super::anatomy::{Aim, Anatomy, resized, shape_holds};
 use super::lattice::{Closed, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
 use super::{VerifyError, edt};
-use bonemill_case::{Density, Sheets, Target};
 
 /// Places closer than this to a surface may be on either side of it, mm.
 pub const DOUBT_MM: f64 = 1e-6;

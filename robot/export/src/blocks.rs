@@ -6,13 +6,13 @@
 //!
 //! Invariant: a block belongs to one move of the plan, so that moves of different speeds never share one.
 
+use bonemill_arm::RobotError;
+use bonemill_arm::arm::inverse::angle_between;
+use bonemill_arm::arm::{Arm, JointKind};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::rows::ExportRows;
-use bonemill_arm::RobotError;
-use bonemill_arm::arm::inverse::angle_between;
-use bonemill_arm::arm::{Arm, JointKind};
 
 /// The motion is looked at so often at least, Hz.
 const LOOKED_AT_HZ: f64 = 500.0;

@@ -8,12 +8,12 @@
 
 use std::io::Write;
 
-use rayon::prelude::*;
-
-use super::decimal::{push_fixed, push_units};
 use bonemill_arm::RobotError;
 use bonemill_arm::arm::JointKind;
 use bonemill_motion::timelaw::RowGrid;
+use rayon::prelude::*;
+
+use super::decimal::{push_fixed, push_units};
 
 /// Rows that one task formats.
 const PORTION: u64 = 2048;

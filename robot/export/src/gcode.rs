@@ -9,9 +9,10 @@
 
 use std::io::Write;
 
-use super::decimal::{push_fixed, push_units};
 use bonemill_arm::RobotError;
 use bonemill_arm::arm::{Joint, JointKind};
+
+use super::decimal::{push_fixed, push_units};
 
 /// One straight move of the machine's axes.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -6,9 +6,10 @@
 use std::fmt::Write as _;
 use std::io::Write;
 
+use bonemill_arm::RobotError;
+
 use super::decimal::push_fixed;
 use super::rows::ExportRows;
-use bonemill_arm::RobotError;
 
 /// Decimals of a number: 1 nm, 1 nrad.
 const DECIMALS: u32 = 9;

@@ -15,10 +15,11 @@
 
 use std::io::Write;
 
-use super::ros::list;
-use super::rows::ExportRows;
 use bonemill_arm::RobotError;
 use bonemill_arm::{JointKind, ToolMount};
+
+use super::ros::list;
+use super::rows::ExportRows;
 
 /// What a program needs beside the motion.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,9 +1,10 @@
 //! Tests of `ball`.
 
-use super::*;
 use bonemill_geometry::Work;
 use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
+
+use super::*;
 
 fn all<F: Frame>(grid: &Grid<F>) -> [[usize; 3]; 2] {
     [[0; 3], grid.dims()]

@@ -1,9 +1,10 @@
 //! Tests of `burr`.
 
-use super::*;
 use bonemill_geometry::{Grid, Point, Volume, Work};
 use nalgebra::{Rotation3, Unit, Vector3};
 use proptest::prelude::*;
+
+use super::*;
 
 const ORIGIN: Point<Work> = Point::new(0.0, 0.0, 0.0);
 const RPM: f64 = 20_000.0;

@@ -1,9 +1,10 @@
 //! Tests of `metrics`.
 
-use super::*;
 use bonemill_geometry::{Grid, Work};
 use nalgebra::Rotation3;
 use proptest::prelude::*;
+
+use super::*;
 
 fn unit(v: [f64; 3]) -> Unit<Vector3<f64>> {
     Unit::new_normalize(Vector3::from(v) + Vector3::new(1e-3, 0.0, 0.0))

@@ -1,7 +1,8 @@
 //! What the files beside the report hold, column by column, so that the folder explains itself without a network.
 
-use super::escape;
 use bonemill_planfile::columns::{Column, DESCRIBED, Described, FRAMES};
+
+use super::escape;
 
 /// The part of the report, from its heading on.
 pub fn section() -> String {

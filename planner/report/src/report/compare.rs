@@ -2,10 +2,11 @@
 
 use std::fmt::Write;
 
-use super::{STYLE, escape};
-use crate::compare::{Comparison, Figure, Group, Pair};
 use bonemill_planfile::StoredPlan;
 use bonemill_verify::Short;
+
+use super::{STYLE, escape};
+use crate::compare::{Comparison, Figure, Group, Pair};
 
 /// The page; `names`: what the plans are called.
 pub fn page(comparison: &Comparison, names: [&str; 2], plans: [&StoredPlan; 2]) -> String {

@@ -1,9 +1,10 @@
 //! What the structures feel beside a straight shaft at constant speed in the same time, and which choices lead there.
 
-use super::escape;
 use bonemill_case::{ForceTerm, OrientationMode, Sense, SpeedMode};
 use bonemill_pipeline::{Control, Felt, Plan, half_turn};
 use bonemill_planfile::toward::{NEAR_MM, TowardFigures};
+
+use super::escape;
 
 /// A figure of the table: its name, and where it stands.
 type Figure = (&'static str, fn(&TowardFigures) -> f64);

@@ -2,12 +2,13 @@
 
 use std::fmt::Write;
 
-use super::chart::{Series, chart};
-use super::escape;
-use super::structures::structure_table;
 use bonemill_case::Case;
 use bonemill_planfile::Value;
 use bonemill_simulate::{Kind, Simulation, SimulationRow};
+
+use super::chart::{Series, chart};
+use super::escape;
+use super::structures::structure_table;
 
 /// Contacts that the page lists.
 const LISTED: usize = 10;

@@ -3,13 +3,13 @@
 use std::fmt::Write;
 
 use base64::Engine;
+use bonemill_cutter::MoveKind;
 use bonemill_geometry::{Point, Work};
+use bonemill_pipeline::Plan;
 use bonemill_scene::{Class, Scene};
 use nalgebra::Vector3;
 
 use crate::show::{CUT_COLOUR, LINK_COLOUR, STRUCTURE_COLOURS, TARGET_COLOUR, css};
-use bonemill_cutter::MoveKind;
-use bonemill_pipeline::Plan;
 
 /// HU shown as black and as white.
 const WINDOW_HU: [f32; 2] = [-1000.0, 2000.0];

@@ -2,9 +2,10 @@
 
 use std::fmt::Write;
 
-use super::escape;
 use bonemill_case::Case;
 use bonemill_planfile::toward::{NEAR_MM, StructureFigures, TowardFigures};
+
+use super::escape;
 
 /// The table of a plan's or a simulation's structures; `place` says in words where a row is.
 pub fn structure_table(case: &Case, found: &[StructureFigures], place: impl Fn(usize) -> String) -> String {

@@ -2,9 +2,10 @@
 
 use std::fmt::Write;
 
-use super::escape;
 use bonemill_verify::uncertainty::{ErrorModel, Risk};
 use bonemill_verify::{Check, LimitSide, Short, Verification};
+
+use super::escape;
 
 /// The section, from its heading on; `risk`: what errors were drawn, and what they did.
 pub fn section(verification: &Verification, risk: Option<(&ErrorModel, &Risk)>) -> String {

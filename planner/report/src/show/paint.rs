@@ -1,7 +1,8 @@
 //! What the path can be coloured by, and the legend.
 
-use super::{Show, scale_colour};
 use bonemill_planfile::{StoredPlan, Waypoint};
+
+use super::{Show, scale_colour};
 
 /// Length of the force's arrow, mm per N.
 pub const ARROW_MM_PER_N: f64 = 10.0;

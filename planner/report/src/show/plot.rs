@@ -4,9 +4,9 @@
 //! upwards or to the right, whichever takes less, so that the names cover none. One curve is named by the plot's title.
 
 use bonemill_arm::{Joint, JointKind};
+use bonemill_planfile::Waypoint;
 
 use super::{Moment, STRUCTURE_COLOURS, Show};
-use bonemill_planfile::Waypoint;
 
 /// Width of all plots side by side and height of one, pixels: what they have in a window of 1600 × 1000.
 const PLOTS_PX: [f64; 2] = [1600.0, 200.0];

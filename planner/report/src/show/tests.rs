@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+use bonemill_case::Case;
 use bonemill_imaging::phantom::{PhantomKind, phantom};
 use bonemill_imaging::{PHANTOM_CASE_FILE, write_phantom};
+use bonemill_planfile::{Need, Replace, StagedDirectory};
 
 use super::*;
-use bonemill_case::Case;
-use bonemill_planfile::{Need, Replace, StagedDirectory};
 
 struct Silent;
 impl Progress for Silent {

@@ -3,15 +3,15 @@
 //! A voxel whose centre is gone may keep a corner, for a few moves or for good, and a shank that passes where centres are
 //! gone may meet it. Eighths count by their own centres, as voxels do by theirs.
 
+use bonemill_stock::removal::NEVER;
+use bonemill_stock::runs::{straight_runs, take_runs};
+use bonemill_stock::sweep::Rows;
+use bonemill_stock::voxels::VoxelSet;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::solid::ShankObstacles;
 use crate::path::PathPoint;
-use bonemill_stock::removal::NEVER;
-use bonemill_stock::runs::{straight_runs, take_runs};
-use bonemill_stock::sweep::Rows;
-use bonemill_stock::voxels::VoxelSet;
 
 /// Layers of eighths that one task sweeps; a move that does not reach them costs it a comparison.
 const LAYERS: usize = 16;

@@ -4,12 +4,12 @@ use std::ops::{ControlFlow, Range};
 
 use bonemill_geometry::Point;
 use bonemill_geometry::Work;
+use bonemill_stock::sweep::Rows;
 
 use super::eighth_times::EighthTimes;
 use super::field::{self, Field};
 use super::solid::ShankObstacles;
 use super::{Blocked, PosedShank, ShankCylinder, aside_mm};
-use bonemill_stock::sweep::Rows;
 
 /// The eighths of voxels that are solid, and for how long.
 #[derive(Debug)]

@@ -1,12 +1,12 @@
 //! Removal times on a grid, dilated, pooled, and looked up at points.
 
 use bonemill_geometry::{Grid, Work, cancel};
+use bonemill_stock::removal::NEVER;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::eighth_times::EighthTimes;
 use super::solid::ShankObstacles;
-use bonemill_stock::removal::NEVER;
 
 /// Removal time of free voxels: before every move.
 const FREE: f32 = -1.0;

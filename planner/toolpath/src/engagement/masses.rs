@@ -1,15 +1,15 @@
 //! Masses look at voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes, whose sum over the path is the
 //! mass removed (docs/force-model.md 8, row 3); for drafts by whole voxels.
 
+use bonemill_cutter::ball::BallVolumes;
+use bonemill_cutting::metrics::Moments;
 use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
+use bonemill_stock::removal::{NEVER, RemovalTime};
+use bonemill_stock::voxels::VoxelSet;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::path::PathPoint;
-use bonemill_cutter::ball::BallVolumes;
-use bonemill_cutting::metrics::Moments;
-use bonemill_stock::removal::{NEVER, RemovalTime};
-use bonemill_stock::voxels::VoxelSet;
 
 /// Slabs of the grid in which masses are summed apart; fixed, so that sums do not depend on the number of threads.
 const SLABS: usize = 6;

@@ -2,11 +2,11 @@
 
 use bonemill_geometry::{Grid, Volume, Work, cancel};
 use bonemill_scene::Class;
+use bonemill_stock::removal::NEVER;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::neighbours::joined;
-use bonemill_stock::removal::NEVER;
 
 /// When the eight voxels around a point go. Where neither they nor those beside them have mass, before every move.
 #[derive(Debug, Clone, Copy)]

@@ -2,13 +2,13 @@
 
 use bonemill_geometry::{Point, Work};
 use bonemill_scene::Class;
+use bonemill_stock::removal::RemovalTime;
+use bonemill_stock::sweep::Rows;
+use bonemill_stock::voxels::VoxelSet;
 
 use super::search::LinkSearch;
 use super::{MillPath, MoveKind, Pass, PathPoint, PathSpacing, pieces};
 use crate::space::BurrSpace;
-use bonemill_stock::removal::RemovalTime;
-use bonemill_stock::sweep::Rows;
-use bonemill_stock::voxels::VoxelSet;
 
 /// Waypoints of a link are this many cutting steps apart.
 const LINK_STEPS: f64 = 4.0;

@@ -8,12 +8,12 @@
 //! only where its bound could win; the choice is the same as if all gains were known.
 
 use bonemill_geometry::{Point, Work};
+use bonemill_stock::voxels::{VoxelSet, voxels_apart};
 use rayon::prelude::*;
 
 use super::ball_rows::BallRows;
 use super::cells::Cells;
 use super::{Builder, Lines, Pass};
-use bonemill_stock::voxels::{VoxelSet, voxels_apart};
 
 /// A node is worth a visit when at least this share of a full ball's volume would go (at least two voxels).
 const WORTH_SHARE: f64 = 0.001;

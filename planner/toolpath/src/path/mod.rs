@@ -23,9 +23,9 @@ pub use raster::{Lines, RasterFrame, SenseRule};
 use std::collections::HashSet;
 
 use bonemill_geometry::{Point, Work};
+use bonemill_stock::removal::RemovalTime;
 
 use crate::space::BurrSpace;
-use bonemill_stock::removal::RemovalTime;
 
 /// One position of the burr's centre; kind and layer belong to the move that ends here.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,10 +7,10 @@ use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 use bonemill_geometry::{Point, Work};
+use bonemill_stock::voxels::{VoxelSet, voxels_apart};
 
 use super::Builder;
 use crate::space::BurrSpace;
-use bonemill_stock::voxels::{VoxelSet, voxels_apart};
 
 /// A millimetre through material counts as this many through free space.
 const CUT_COST: f64 = 6.0;

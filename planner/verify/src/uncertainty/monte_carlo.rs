@@ -4,15 +4,15 @@
 //! its waypoints; the distance to a structure is exact at places no farther apart than [`STEP_MM`]. Places are tested in the
 //! order of their planned distance, until none that is left can be nearer, so a sample costs a few hundred questions.
 
+use bonemill_geometry::Progress;
 use bonemill_geometry::{Ct, Point, cancel};
+use bonemill_planfile::StoredPlan;
 use rayon::prelude::*;
 
 use super::draws::Draws;
 use super::rigid_error::PatientShift;
 use super::{RigidError, Share, UncertaintyError, clearance_mm, not_negative, probability};
 use crate::{Anatomy, Boxes};
-use bonemill_geometry::Progress;
-use bonemill_planfile::StoredPlan;
 
 /// Between places of the burr, mm.
 const STEP_MM: f64 = 0.1;

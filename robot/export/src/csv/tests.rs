@@ -1,7 +1,8 @@
 //! The file read back, at several rates, on several threads, and into a writer that fails.
 
-use super::*;
 use bonemill_motion::timelaw::{CornerTolerance, JointPath, PathLimits, PreparedPath, TimeLaw};
+
+use super::*;
 
 const KINDS: [JointKind; 4] =
     [JointKind::Prismatic, JointKind::Prismatic, JointKind::Prismatic, JointKind::Revolute];

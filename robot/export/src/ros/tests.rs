@@ -1,9 +1,9 @@
 //! Both texts read back by parsers of their own and compared with the rows.
 
+use bonemill_arm::{Arm, Joint};
 use saphyr::{LoadableYamlNode, Yaml};
 
 use super::*;
-use bonemill_arm::{Arm, Joint};
 
 /// A motion of the bone-attached arm: mm and rad, at 500 Hz.
 fn motion() -> (Vec<Joint>, Vec<f64>, Vec<f64>, Vec<f64>) {

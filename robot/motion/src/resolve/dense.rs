@@ -8,11 +8,11 @@
 //! Invariants: every place is exactly on the path; waypoints are places; the burr's length of a move to a place is the
 //! greatest |J q'| on it, not its chord, so that a speed cap on it caps the burr at every instant.
 
+use bonemill_arm::arm::inverse::angle_between;
+use bonemill_arm::arm::{Arm, AxisPose};
 use nalgebra::Vector3;
 
 use super::{Follower, OutOfReach, PosePath, ReachReason, Resolved};
-use bonemill_arm::arm::inverse::angle_between;
-use bonemill_arm::arm::{Arm, AxisPose};
 
 /// Largest distance between the burr and its line in the middle of a move, mm.
 const BOW_MM: f64 = 0.002;

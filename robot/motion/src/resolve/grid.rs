@@ -8,15 +8,15 @@
 
 use std::f64::consts::TAU;
 
+use bonemill_arm::arm::inverse::{RollFrame, about_z};
+use bonemill_arm::arm::{Arm, AxisPose, InverseKind, Joint};
+use bonemill_arm::ur::ik::wrapped;
+use bonemill_arm::ur::{Branches, UrGeometry};
 use bonemill_geometry::{Base, Flange, Rigid};
 use nalgebra::Rotation3;
 use rayon::prelude::*;
 
 use super::{EXACT, Follower, OutOfReach, PosePath, Posture, ReachReason, Resolved, into_range, yielding};
-use bonemill_arm::arm::inverse::{RollFrame, about_z};
-use bonemill_arm::arm::{Arm, AxisPose, InverseKind, Joint};
-use bonemill_arm::ur::ik::wrapped;
-use bonemill_arm::ur::{Branches, UrGeometry};
 
 /// Rolls that are looked at.
 const ROLLS: usize = 36;

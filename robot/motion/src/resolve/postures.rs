@@ -9,12 +9,12 @@
 
 use std::collections::VecDeque;
 
+use bonemill_arm::arm::{Arm, AxisPose, Goal, InverseKind, dls};
+use bonemill_arm::ur::Branches;
 use rayon::prelude::*;
 
 use super::track::{FOLLOWED, drifted, starts};
 use super::{EXACT, Follower, Posture, RollFrame, grid};
-use bonemill_arm::arm::{Arm, AxisPose, Goal, InverseKind, dls};
-use bonemill_arm::ur::Branches;
 
 /// A pose is tried from so many neighbours.
 const TRIES: u8 = 3;

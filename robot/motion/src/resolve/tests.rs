@@ -2,12 +2,12 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
+use bonemill_arm::ToolMount;
+use bonemill_arm::ur::UrModel;
 use bonemill_geometry::{Point, Rigid};
 use nalgebra::{Rotation3, Unit, Vector3};
 
 use super::*;
-use bonemill_arm::ToolMount;
-use bonemill_arm::ur::UrModel;
 
 /// A UR5e with a handpiece 180 mm long, bent by an angle from the flange's axis.
 fn ur5e(bend_rad: f64) -> Arm {

@@ -4,10 +4,10 @@
 //! The starts are followed in the order of their posture's cost, a few of them, and the whole path with the least joint
 //! motion and posture cost is taken. Every step starts from the last joint vector, so branches never change.
 
+use bonemill_arm::arm::{Arm, AxisPose, Goal, dls};
 use nalgebra::DVector;
 
 use super::{EXACT, Follower, OutOfReach, PosePath, Posture, ReachReason, Resolved, yielding};
-use bonemill_arm::arm::{Arm, AxisPose, Goal, dls};
 
 /// Starts that are searched from, and solutions that are followed to the end.
 const STARTS: u32 = 48;

@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
+use bonemill_arm::RobotError;
+
 use super::geometry::{Element, Geometry};
 use super::input::{JointPath, PathLimits, check_caps, check_path};
 use super::law::TimeLaw;
 use super::pass;
 use super::stretch::{Stretch, stretches};
-use bonemill_arm::RobotError;
 
 /// Window lengths that are tried, as shares of the longest that helps: at that one, 2 q̈max/q⃛max, jerk limits no longer
 /// bind accelerations on straight moves. A shorter one costs acceleration and saves time at stops and slow places.

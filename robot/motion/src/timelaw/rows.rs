@@ -3,8 +3,9 @@
 //! Invariants: rows stand at k/rate exactly (no sum of periods); the last row is the first at or after the end, so it
 //! holds the last waypoint exactly, at rest.
 
-use super::law::TimeLaw;
 use bonemill_arm::RobotError;
+
+use super::law::TimeLaw;
 
 /// Most rows that a trajectory may have: some 2 GB of text, five hours at 500 Hz.
 pub const MOST_ROWS: f64 = 1e7;
