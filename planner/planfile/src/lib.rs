@@ -6,6 +6,7 @@
 mod addition;
 mod cells;
 pub mod columns;
+mod contents;
 mod csv;
 mod directory;
 mod error;
@@ -24,6 +25,7 @@ mod waypoint;
 
 pub use addition::{REPORT, ReportPart, add_to_report, replace};
 pub use cells::{push_number, structure_name};
+pub use contents::PlanContents;
 pub use csv::{read_waypoints, write_waypoints};
 pub use directory::{Replace, StagedDirectory};
 pub use error::{MissingInput, PlanFileError};
@@ -32,7 +34,7 @@ pub use force_log::{LogRow, read_force_log};
 pub use forces::{FORCES, ForceToward, read_forces, write_forces};
 pub use hash::Sha256;
 pub use inputs::{CASE_COPY, FoundInputs, Need, copy_input, pack_inputs};
-pub use record::{Input, Metrics, PlanRecord, PlanningGrid};
+pub use record::{Input, Metrics, PlanFrames, PlanRecord, PlanningGrid};
 pub use stored::StoredPlan;
 pub use trajectory::Trajectory;
 pub use value::Value;
