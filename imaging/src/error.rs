@@ -5,9 +5,9 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
+use crate::formats::{ForeignFormat, NiftiProblem};
 use crate::hounsfield::{GreyKind, GreyRange};
 use crate::names::LabelNamesProblem;
-use crate::problem::NiftiProblem;
 
 /// Why images, tables or structures cannot be used.
 #[derive(Debug, Error)]
@@ -33,6 +33,14 @@ pub enum ImageError {
         hu: f64,
         /// The density given, g/cm³.
         g_cm3: f64,
+    },
+    /// A folder, or an image in a format that is not read.
+    #[error("{}: {format}", path.display())]
+    Foreign {
+        /// The file or folder.
+        path: PathBuf,
+        /// What it is.
+        format: ForeignFormat,
     },
     /// An image file cannot be used.
     #[error("{}: {problem}", path.display())]

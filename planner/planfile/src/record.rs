@@ -165,7 +165,8 @@ impl PlanRecord {
         let record = Self::parse(&text, &path)?;
         let images = [&record.case.images.ct, &record.case.images.labels].map(PathBuf::as_path);
         for needed in images.into_iter().chain(record.case_input()) {
-            if !record.inputs.iter().any(|input| input.path == needed) {
+            // an image may be a folder, of which the files are listed
+            if !record.inputs.iter().any(|input| input.path.starts_with(needed)) {
                 return Err(PlanFileError::InputNotListed { path, missing: needed.display().to_string() });
             }
         }

@@ -320,8 +320,8 @@ fn modelled(plan: &Plan) -> String {
                 )
             }),
         ),
-        ("CT affine".into(), escape(&plan.setup.affines[0].to_string())),
-        ("label affine".into(), escape(&plan.setup.affines[1].to_string())),
+        ("CT affine".into(), escape(&plan.setup.placements[0].to_string())),
+        ("label affine".into(), escape(&plan.setup.placements[1].to_string())),
     ];
     if plan.modelled.axes.mode == OrientationMode::Greedy {
         let held = m.axes.low_pass_held.to_string();

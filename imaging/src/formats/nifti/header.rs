@@ -5,8 +5,8 @@
 
 use nifti::{Endianness, NiftiHeader, NiftiType};
 
-use crate::problem::NiftiProblem;
-use crate::read::{ForeignFormat, ReadWarning};
+use super::super::ReadWarning;
+use super::problem::NiftiProblem;
 
 /// Bytes of a NIfTI-1 header.
 pub(crate) const HEADER_BYTES: usize = 348;
@@ -59,8 +59,6 @@ pub(crate) fn parse(bytes: &[u8; HEADER_BYTES]) -> Result<Parsed, NiftiProblem> 
     match &magic {
         b"n+1\0" => {}
         b"ni1\0" => return Err(NiftiProblem::Pair),
-        // Analyze has another field there, mostly unused
-        [0, 0, 0, 0] => return Err(NiftiProblem::Foreign(ForeignFormat::Analyze)),
         _ => return Err(NiftiProblem::Magic { found: magic }),
     }
     // signed, as the standard has them

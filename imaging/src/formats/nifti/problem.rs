@@ -5,8 +5,7 @@ use std::io;
 use bonemill_geometry::GridError;
 use thiserror::Error;
 
-use crate::affine::AffineSource;
-use crate::read::ForeignFormat;
+use super::affine::AffineSource;
 
 /// Why a file is no image that can be used for planning.
 #[derive(Debug, Error)]
@@ -21,9 +20,6 @@ pub enum NiftiProblem {
         /// Bytes in the file, decompressed.
         found_bytes: usize,
     },
-    /// A folder, or an image in another format.
-    #[error("{0}")]
-    Foreign(ForeignFormat),
     /// The header's size field is that of no NIfTI file.
     #[error("is not NIfTI-1: the header's first number is {sizeof_hdr}, expected 348")]
     NotNifti {
@@ -253,4 +249,16 @@ pub enum NiftiProblem {
         /// How many.
         count: u64,
     },
+}
+
+impl From<io::Error> for NiftiProblem {
+    fn from(error: io::Error) -> Self {
+        // what a decoder finds wrong with its input; a disk has other words
+        match error.kind() {
+            io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => {
+                Self::Corrupt(error)
+            }
+            _ => Self::Unreadable(error),
+        }
+    }
 }

@@ -20,7 +20,7 @@ use bonemill_geometry::{Ct, Grid};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use nifti::NiftiHeader;
 
-use crate::problem::NiftiProblem;
+use super::problem::NiftiProblem;
 
 /// How far sform and qform may place a corner apart, and how far making axes perpendicular may move one, voxels.
 pub const DISAGREEMENT_LIMIT_VOXELS: f64 = 0.1;

@@ -2,7 +2,7 @@
 
 use nifti::NiftiType;
 
-use crate::header::Layout;
+use super::header::Layout;
 
 /// A value that a stored number may become.
 pub(crate) trait Voxel: Copy {
