@@ -32,7 +32,7 @@ pub mod time;
 
 pub use error::MachiningError;
 pub use job::{Block, HolderSegment, Job, Machine, Process, Tool};
-pub use moves::{Kind, Move, Side};
+pub use moves::{Facing, Kind, Move, Side};
 pub use plan::{Machining, Warning, plan};
 
 /// How deep a cut may go into the part at most, mm: chords of the path (0.005), its last bisection (0.003), rounding to 0.001 and the

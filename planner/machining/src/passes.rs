@@ -63,8 +63,8 @@ impl<'a> Passes<'a> {
     /// Above the block, however it is turned.
     pub fn safe_mm(&self) -> f64 {
         let block = &self.job.block;
-        let swing = [block.low_mm, block.high_mm].iter().map(|c| c.y.hypot(c.z)).fold(0.0, f64::max);
-        swing + self.job.process.clearance_mm
+        let farthest = |axis: usize| block.low_mm[axis].abs().max(block.high_mm[axis].abs());
+        farthest(1).hypot(farthest(2)) + self.job.process.clearance_mm
     }
 
     /// Cuts along a pass wherever that takes anything.

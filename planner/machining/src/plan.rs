@@ -31,6 +31,8 @@ pub struct Machining {
     pub left: Vec<Leftover>,
     /// What holds the part.
     pub strip: StripStrength,
+    /// The box around the tab, in which stock shall stay on the part: lowest and highest corner, block's frame, mm.
+    pub tab_box: [nalgebra::Vector3<f64>; 2],
     /// How long it takes.
     pub times: Times,
     /// What the user must know.
@@ -149,7 +151,7 @@ pub fn plan(part: &Mesh<BlockFrame>, job: &Job) -> Result<Machining, MachiningEr
     let times = times(&mut moves, job);
     let strip = part.strip.strength(job);
     let warnings = warnings(&moves, &times, &strip, job);
-    Ok(Machining { moves, left, strip, times, warnings })
+    Ok(Machining { moves, left, strip, tab_box: part.tab_box(job), times, warnings })
 }
 
 /// Moves so far, and where the tip is in the machine's axes.

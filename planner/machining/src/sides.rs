@@ -3,6 +3,7 @@
 //! [`Part`] is what both sides share; a [`Sight`] holds one side's maps of where the tip may be. Three bodies must not be cut: the part, always; the strip,
 //! until the contour; the tab, ever.
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::dropcutter::DropCutter;
@@ -85,6 +86,17 @@ impl Part {
         v > 0.0
             && (u - self.tab.at[0]).abs() < 0.5 * self.tab.length_mm
             && v > self.tab.at[1] - 0.5 * self.tab.length_mm
+    }
+
+    /// The box around the tab and what the cutter leaves beside it, block's frame, mm.
+    pub fn tab_box(&self, job: &Job) -> [Vector3<f64>; 2] {
+        let beside = 0.5 * self.tab.length_mm + job.tool.diameter_mm();
+        let (low, high) = (job.block.low_mm, job.block.high_mm);
+        let z = -self.tab.at[1];
+        [
+            Vector3::new(self.tab.at[0] - beside, low.y, z - beside),
+            Vector3::new(self.tab.at[0] + beside, high.y, z + 0.5 * self.tab.length_mm + job.tool.radius_mm),
+        ]
     }
 
     /// Where the contour ends below: the other side of the strip and a little more, as the side sees it, mm.
