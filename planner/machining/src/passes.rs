@@ -37,6 +37,8 @@ pub struct Passes<'a> {
     pub(crate) stock: Stock,
     /// Cells whose stock is worth a cut.
     pub(crate) counts: Vec<bool>,
+    /// How much wider than the tool stock is looked for, mm: passes closer than a cell need it.
+    pub(crate) grown_mm: f64,
     at: Option<Place>,
     /// Whether the last move cut.
     cutting: bool,
@@ -48,7 +50,7 @@ impl<'a> Passes<'a> {
     /// The tip is at `at` in the machine's axes, above the block; the block is turned before the first move.
     pub fn new(job: &'a Job, facing: Facing, side: Side, stock: Stock, at: Option<Place>) -> Self {
         let counts = vec![true; stock.top.len()];
-        Self { job, facing, side, stock, counts, at, cutting: false, moves: vec![] }
+        Self { job, facing, side, stock, counts, grown_mm: 0.0, at, cutting: false, moves: vec![] }
     }
 
     /// The moves, after a retract to a height from which the block can be turned, and the stock that is left.
@@ -69,7 +71,7 @@ impl<'a> Passes<'a> {
 
     /// Cuts along a pass wherever that takes anything.
     pub fn cut(&mut self, pass: &Pass, height: Height<'_>, kind: Kind) {
-        let needed: Vec<bool> = pass.places.iter().map(|p| self.stock.meets(*p, &self.counts)).collect();
+        let needed: Vec<bool> = pass.places.iter().map(|p| self.stock.meets(*p, self.grown_mm, &self.counts)).collect();
         self.cut_where(pass, needed, height, kind);
     }
 
@@ -82,7 +84,7 @@ impl<'a> Passes<'a> {
                 let level = level_mm + depth_mm * (1.0 - entry as f64 / entries as f64);
                 let places = pass.places.iter().map(|p| [p[0], p[1], p[2].max(level)]).collect();
                 let shallow = Pass { places, closed: pass.closed };
-                let meets = |(p, wide): (&Place, &bool)| *wide && self.stock.meets(*p, &self.counts);
+                let meets = |(p, wide): (&Place, &bool)| *wide && self.stock.meets(*p, self.grown_mm, &self.counts);
                 let needed = shallow.places.iter().zip(&wide).map(meets).collect();
                 self.cut_where(&shallow, needed, &|p| height(p).max(level), Kind::Rough);
             }

@@ -235,7 +235,7 @@ impl<'a> Sight<'a> {
         // the raster's heights are enough to see what is needless
         let worth = |outline: &Loop| {
             let rough = Pass::along(outline, 2.0 * raster.pitch_mm, |p| raster.highest_around(&tip, p));
-            rough.places.iter().any(|p| passes.stock.meets([p[0], p[1], p[2] - ALLOWANCE_MM], &passes.counts))
+            rough.places.iter().any(|p| passes.stock.meets([p[0], p[1], p[2] - ALLOWANCE_MM], raster.pitch_mm, &passes.counts))
         };
         let worth: Vec<bool> = loops.par_iter().map(worth).collect();
         let loops: Vec<&Loop> = loops.iter().zip(worth).filter(|(_, worth)| *worth).map(|(l, _)| l).collect();
@@ -243,6 +243,7 @@ impl<'a> Sight<'a> {
             self.sensed(refined(Pass::along(outline, 1.5 * raster.pitch_mm, height), height))
         };
         let laid: Vec<Pass> = loops.par_iter().map(lay).collect();
+        passes.grown_mm = 0.75 * raster.pitch_mm;
         for pass in &laid {
             passes.cut(pass, &height as Height<'_>, Kind::Finish);
         }

@@ -54,9 +54,9 @@ impl Stock {
         }
     }
 
-    /// Visits the cells under the tool at a place: cell, height of the tool's surface there.
-    fn under(&self, [u, v, w]: Place, mut visit: impl FnMut(usize, f64)) {
-        let radius = self.tool.radius_mm;
+    /// Visits the cells under a tool wider by `grown_mm` at a place: cell, height of the tool's surface there.
+    fn under(&self, [u, v, w]: Place, grown_mm: f64, mut visit: impl FnMut(usize, f64)) {
+        let radius = self.tool.radius_mm + grown_mm;
         for j in self.raster.span(1, v - radius, v + radius) {
             let dv = self.raster.centre(0, j)[1] - v;
             let half = (radius * radius - dv * dv).max(0.0).sqrt();
@@ -65,7 +65,7 @@ impl Stock {
                     w
                 } else {
                     let du = self.raster.centre(i, 0)[0] - u;
-                    w + self.tool.profile_mm(du.hypot(dv).min(radius)).unwrap_or(0.0)
+                    w + self.tool.profile_mm((du.hypot(dv) - grown_mm).clamp(0.0, self.tool.radius_mm)).unwrap_or(0.0)
                 };
                 visit(i + self.raster.dims[0] * j, surface);
             }
@@ -77,17 +77,17 @@ impl Stock {
         self.top[cell] - w_mm.max(self.other[cell])
     }
 
-    /// Whether the tool at a place would take anything from cells that `counts` holds for.
-    pub fn meets(&self, at: Place, counts: &[bool]) -> bool {
+    /// Whether the tool at a place, wider by `grown_mm`, would take anything from cells that `counts` holds for.
+    pub fn meets(&self, at: Place, grown_mm: f64, counts: &[bool]) -> bool {
         let mut met = false;
-        self.under(at, |cell, w| met |= counts[cell] && self.taken(cell, w) > LEAST_MM);
+        self.under(at, grown_mm, |cell, w| met |= counts[cell] && self.taken(cell, w) > LEAST_MM);
         met
     }
 
     /// Width, across `direction`, of the stock before the tool that is thicker than `deeper_mm`, mm.
     pub fn width_mm(&self, at: Place, direction: [f64; 2], deeper_mm: f64) -> f64 {
         let (mut low, mut high) = (f64::INFINITY, NONE);
-        self.under(at, |cell, w| {
+        self.under(at, 0.0, |cell, w| {
             let [u, v] = self.raster.centre_of(cell);
             let (du, dv) = (u - at[0], v - at[1]);
             if du * direction[0] + dv * direction[1] > 0.0 && self.taken(cell, w) > deeper_mm {
@@ -101,7 +101,7 @@ impl Stock {
     /// Takes away what is above the tool at a place.
     pub fn cut(&mut self, at: Place) {
         let mut top = std::mem::take(&mut self.top);
-        self.under(at, |cell, w| top[cell] = top[cell].min(w));
+        self.under(at, 0.0, |cell, w| top[cell] = top[cell].min(w));
         self.top = top;
     }
 
@@ -112,10 +112,10 @@ impl Stock {
         }
     }
 
-    /// Lowest place of the tip at (u, v) at which it takes nothing, mm.
+    /// Lowest place of the tip at (u, v) at which it takes nothing, for a tool wider by a cell, mm.
     pub fn free_mm(&self, at: [f64; 2]) -> f64 {
         let mut free = NONE;
-        self.under([at[0], at[1], 0.0], |cell, f| {
+        self.under([at[0], at[1], 0.0], self.raster.pitch_mm, |cell, f| {
             if self.top[cell] > self.other[cell] {
                 free = free.max(self.top[cell] - f);
             }
@@ -126,7 +126,7 @@ impl Stock {
     /// The same along a straight line.
     pub fn free_along_mm(&self, from: [f64; 2], to: [f64; 2]) -> f64 {
         let (from, to) = ([from[0], from[1], 0.0], [to[0], to[1], 0.0]);
-        let apart = 0.25 * self.tool.radius_mm;
+        let apart = 2.0 * self.raster.pitch_mm;
         steps(from, to, apart).map(|p| self.free_mm([p[0], p[1]])).fold(NONE, f64::max)
     }
 }

@@ -29,8 +29,10 @@ fn main() {
     let t = Instant::now();
     let proof = bonemill_proof::prove(&text, &part, &proof_job).unwrap();
     println!("proof {:.2} s, samples {}", t.elapsed().as_secs_f64(), proof.samples.len());
-    println!("gouge {:.4} at {:?}, uncut {:.4}, widest {:.3} (limit {:.3}) at line {}, collisions {}", proof.deepest_gouge_mm, proof.gouge_at_mm.as_slice(), proof.thickest_uncut_mm, proof.widest_mm, job.widest_mm(), proof.widest_line, proof.collisions.len());
+    println!("gouge {:.4} at {:?}, uncut {:.4}, widest {:.3} (limit {:.3}) too wide {} over {:.1} mm, collisions {}", proof.deepest_gouge_mm, proof.gouge_at_mm.as_slice(), proof.thickest_uncut_mm, proof.widest_mm, job.widest_mm(), proof.too_wide.len(), proof.too_wide.iter().map(|w| w.length_mm).sum::<f64>(), proof.collisions.len());
     for c in proof.collisions.iter().take(5) { println!("{c:?}"); }
+    let lines: Vec<&str> = text.lines().collect();
+    for w in proof.too_wide.iter().take(40) { println!("wide {:.2} len {:.2} line {} {}", w.width_mm, w.length_mm, w.line, lines[w.line - 1]); }
     for p in proof.uncut(job.process.finishing_step_mm, &proof_job).iter().take(8) { println!("{p:?}"); }
     let mut f = std::io::BufWriter::new(std::fs::File::create(format!("{out}/samples.csv")).unwrap());
     for s in &proof.samples { writeln!(f, "{:.3},{:.3},{:.3},{:.4}", s.at_mm.x, s.at_mm.y, s.at_mm.z, s.deviation_mm).unwrap(); }

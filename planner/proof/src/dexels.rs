@@ -39,6 +39,17 @@ pub struct Collision {
     pub depth_mm: f64,
 }
 
+/// A motion whose cut is too wide.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WideCut {
+    /// Line of the program.
+    pub line: usize,
+    /// Width of cut, mm.
+    pub width_mm: f64,
+    /// Length of the motion, mm.
+    pub length_mm: f64,
+}
+
 /// What the replay found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Replay {
@@ -46,8 +57,8 @@ pub struct Replay {
     pub collisions: Vec<Collision>,
     /// Widest cut deeper than the entries' depth, mm.
     pub widest_mm: f64,
-    /// Line at which it happens.
-    pub widest_line: usize,
+    /// Motions whose cut is wider than allowed by more than a cell.
+    pub too_wide: Vec<WideCut>,
     /// Side of a cell, mm.
     pub column_mm: f64,
 }
@@ -58,7 +69,7 @@ pub struct Replay {
 /// [`ProofError::Value`] where the block has too many columns.
 pub fn replay(motions: &[Motion], job: &ProofJob) -> Result<Replay, ProofError> {
     let mut stock = Columns::of(job)?;
-    let mut found = Replay { collisions: vec![], widest_mm: 0.0, widest_line: 0, column_mm: stock.cell };
+    let mut found = Replay { collisions: vec![], widest_mm: 0.0, too_wide: vec![], column_mm: stock.cell };
     let mut width = Width::default();
     let farthest = |axis: usize| job.low_mm[axis].abs().max(job.high_mm[axis].abs());
     let swing = farthest(1).hypot(farthest(2));
@@ -78,8 +89,10 @@ pub fn replay(motions: &[Motion], job: &ProofJob) -> Result<Replay, ProofError> 
         if motion.rapid && met > TOUCH_MM {
             found.collisions.push(Collision { struck: Struck::RapidCutter, line: motion.line, depth_mm: met });
         }
-        if width.widest_mm > found.widest_mm {
-            (found.widest_mm, found.widest_line) = (width.widest_mm, motion.line);
+        found.widest_mm = found.widest_mm.max(width.widest_mm);
+        if width.widest_mm > job.widest_mm + stock.cell {
+            let length_mm = (motion.to_mm - motion.from_mm).norm();
+            found.too_wide.push(WideCut { line: motion.line, width_mm: width.widest_mm, length_mm });
         }
     }
     Ok(found)

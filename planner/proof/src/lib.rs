@@ -23,7 +23,7 @@ use bonemill_geometry::{Block, Mesh};
 use nalgebra::Vector3;
 
 pub use deviation::{Sample, UncutPlace};
-pub use dexels::{Collision, Struck};
+pub use dexels::{Collision, Struck, WideCut};
 pub use error::ProofError;
 pub use gcode::{Motion, Program};
 
@@ -42,6 +42,8 @@ pub struct ProofJob {
     pub length_mm: f64,
     /// The holder's pieces from below: length and radius, mm.
     pub holder_mm: Vec<[f64; 2]>,
+    /// Widest cut that is allowed, mm.
+    pub widest_mm: f64,
     /// Cuts no deeper than this may be as wide as the cutter, mm.
     pub entry_mm: f64,
     /// Distance of the points on the part, mm.
@@ -65,8 +67,8 @@ pub struct Proof {
     pub collisions: Vec<Collision>,
     /// Widest cut deeper than the entries' depth, mm.
     pub widest_mm: f64,
-    /// The program's line at which it happens.
-    pub widest_line: usize,
+    /// Motions whose cut is wider than allowed by more than a column.
+    pub too_wide: Vec<WideCut>,
     /// Side of a column of stock in the replay, mm.
     pub column_mm: f64,
     /// Number of motions.
@@ -91,7 +93,7 @@ pub fn prove(program: &str, part: &Mesh<Block>, job: &ProofJob) -> Result<Proof,
         thickest_uncut_mm: outside.map(|s| s.deviation_mm).fold(0.0, f64::max),
         collisions: replay.collisions,
         widest_mm: replay.widest_mm,
-        widest_line: replay.widest_line,
+        too_wide: replay.too_wide,
         column_mm: replay.column_mm,
         motions: program.motions.len(),
         samples,

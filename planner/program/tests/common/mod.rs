@@ -119,6 +119,7 @@ pub fn proof_job(job: &Job, kept: Vec<[Vector3<f64>; 2]>) -> ProofJob {
         corner_radius_mm: job.tool.corner_radius_mm,
         length_mm: job.tool.length_mm,
         holder_mm: job.tool.holder.iter().map(|h| [h.length_mm, h.radius_mm]).collect(),
+        widest_mm: job.widest_mm(),
         entry_mm: job.entry_mm(),
         sample_mm: 0.2,
         kept,
