@@ -14,6 +14,8 @@ use crate::stock::{Place, Stock, steps};
 const GAP_MM: f64 = 0.5;
 /// How far a chord may leave its pass: across, below and above, mm.
 const CHORD_MM: f64 = 0.004;
+/// Lengths of slants between passes, in diameters, the best first.
+const SLANTS: [f64; 4] = [3.0, 2.0, 1.0, 0.6];
 /// Steepest ramp into stock, rise over run.
 const RAMP: f64 = 0.1;
 
@@ -93,6 +95,9 @@ impl<'a> Passes<'a> {
     }
 
     fn is_wide(&self, pass: &Pass, n: usize) -> bool {
+        // an open pass ends in the direction in which it came
+        let ends = !pass.closed && n + 1 == pass.places.len();
+        let n = if ends { n.saturating_sub(1) } else { n };
         let (here, next) = (pass.places[n], pass.next(n));
         let length = (next[0] - here[0]).hypot(next[1] - here[1]);
         if length == 0.0 || !here[2].is_finite() {
@@ -123,24 +128,34 @@ impl<'a> Passes<'a> {
 
     /// A closed pass that cuts everywhere: on a slant from the cut before, else by a ramp.
     fn cut_around(&mut self, pass: &Pass, height: Height<'_>, kind: Kind) {
-        let ahead = 3.0 * self.job.tool.diameter_mm();
-        if let Some((at, direction)) = self.at.filter(|_| self.cutting).zip(self.direction()) {
-            let start = pass.nearest([at[0] + ahead * direction[0], at[1] + ahead * direction[1], at[2]]);
-            let to = pass.places[start];
-            let near = (to[0] - at[0]).hypot(to[1] - at[1]) < 1.5 * ahead;
-            if near && (to[2] - at[2]).abs() < self.job.level_mm() {
-                let slant = steps(at, to, pass.step_mm());
-                let places = slant.map(|[u, v, w]| [u, v, w.max(height([u, v]))]).collect();
-                let slant = refined(Pass { places, closed: false }, height).places;
-                if slant.iter().all(|p| p[2].is_finite()) {
-                    self.follow(&slant, kind);
-                    self.follow(&[pass.from(start), vec![to]].concat(), kind);
-                    return;
-                }
+        let ahead_mm = SLANTS.map(|share| share * self.job.tool.diameter_mm());
+        let slant = ahead_mm.into_iter().find_map(|ahead_mm| self.slant(pass, height, ahead_mm));
+        match slant {
+            Some((slant, start)) => {
+                self.follow(&slant.places, kind);
+                self.follow(&[pass.from(start), vec![pass.places[start]]].concat(), kind);
+            }
+            None => {
+                let start = self.at.map_or(0, |at| pass.nearest(at));
+                self.enter_by_ramp(&pass.from(start), kind);
             }
         }
-        let start = self.at.map_or(0, |at| pass.nearest(at));
-        self.enter_by_ramp(&pass.from(start), kind);
+    }
+
+    /// The way from the cut before to a pass beside it, `ahead_mm` on, and where it meets the pass; `None` where it is far or cuts too wide.
+    fn slant(&self, pass: &Pass, height: Height<'_>, ahead_mm: f64) -> Option<(Pass, usize)> {
+        let at = self.at.filter(|_| self.cutting)?;
+        let direction = self.direction()?;
+        let start = pass.nearest([at[0] + ahead_mm * direction[0], at[1] + ahead_mm * direction[1], at[2]]);
+        let to = pass.places[start];
+        let far = (to[0] - at[0]).hypot(to[1] - at[1]) > ahead_mm + self.job.tool.diameter_mm();
+        if far || (to[2] - at[2]).abs() >= self.job.level_mm() {
+            return None;
+        }
+        let places = steps(at, to, pass.step_mm()).map(|[u, v, w]| [u, v, w.max(height([u, v]))]);
+        let slant = refined(Pass { places: places.collect(), closed: false }, height);
+        let fits = |n: usize| slant.places[n][2].is_finite() && !self.is_wide(&slant, n);
+        (0..slant.places.len()).all(fits).then_some((slant, start))
     }
 
     /// Direction of the last move, if it went across.

@@ -24,7 +24,7 @@ const BESIDE_MM: f64 = 0.005;
 /// Share of the widest cut that passes are laid at, so that bends stay below it.
 const STEP_SHARE: f64 = 0.9;
 /// Share of the finishing step that passes are laid for.
-const SCALLOP_SHARE: f64 = 0.85;
+const SCALLOP_SHARE: f64 = 0.8;
 /// How far the contour goes beyond the strip, mm.
 const THROUGH_MM: f64 = 0.1;
 
