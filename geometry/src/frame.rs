@@ -35,6 +35,11 @@ frames! {
     Flange = "flange",
     /// Origin at the burr's centre, z along the shaft to the handpiece.
     Tool = "tool",
+    /// A part to be machined, as its file gives it, in mm.
+    Part = "part",
+    /// The block that a part is machined from: origin at the centre of the part's bounding box, x along its longest side and the
+    /// rotary axis, y across its thickness with side A toward +y, z the third side; the block is gripped at its lower end in z.
+    Block = "block",
 }
 
 /// A point in frame `F`, mm.

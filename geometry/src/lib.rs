@@ -21,7 +21,7 @@ mod progress;
 mod rigid;
 mod volume;
 
-pub use frame::{Approach, Base, Ct, Flange, Frame, Point, Tool, Work};
+pub use frame::{Approach, Base, Block, Ct, Flange, Frame, Part, Point, Tool, Work};
 pub use grid::{Grid, GridError};
 pub use mesh::Mesh;
 pub use progress::Progress;

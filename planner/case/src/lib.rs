@@ -9,9 +9,11 @@ mod edit;
 mod error;
 mod explain;
 mod given;
+#[macro_use]
 mod keys;
 mod parse;
 mod parse_robot;
+pub mod prosthesis;
 mod reference;
 mod relations;
 mod several;
