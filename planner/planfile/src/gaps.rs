@@ -1,8 +1,9 @@
 //! How near every move of a plan comes to each structure, from the distances at its waypoints.
 //!
 //! A distance changes by no more than the burr travels, so that a move of length L between places at distances a and b comes no
-//! nearer than (a + b − L)/2. Distances are those of `forces.csv`; a structure without a row at a waypoint is beyond its
-//! influence there, and counts as at its edge.
+//! nearer than (a + b − L)/2; nor nearer than the clearance where both ends keep it, since the planner keeps it all the way.
+//! Distances are those of `forces.csv`; a structure without a row at a waypoint is beyond its influence there, and counts as at
+//! its edge.
 
 use super::{ForceToward, StoredPlan, Waypoint};
 
@@ -44,6 +45,7 @@ pub(super) struct Nearness<'a> {
     /// From the burr's centre, a waypoint each, mm.
     pub(super) distances_mm: Vec<f64>,
     pub(super) radius_mm: f64,
+    pub(super) clearance_mm: f64,
 }
 
 impl<'a> Nearness<'a> {
@@ -59,7 +61,7 @@ impl<'a> Nearness<'a> {
                 *here = *distance_mm;
             }
         }
-        Self { waypoints: &plan.waypoints, distances_mm, radius_mm }
+        Self { waypoints: &plan.waypoints, distances_mm, radius_mm, clearance_mm }
     }
 
     /// The least gap of the move that ends at a waypoint, mm; at the first waypoint, where the motion begins, the gap there.
@@ -70,8 +72,9 @@ impl<'a> Nearness<'a> {
         });
         let nearest_mm = ends.map_or(b, |(a, from, to)| {
             let length_mm = from.position.distance_mm(&to.position);
+            let ends_mm = a.min(b);
             // a distance of the edge of influence is only a bound, so that the ends count, too
-            a.min(b).min(0.5 * (a + b - length_mm))
+            ends_mm.min((0.5 * (a + b - length_mm)).max(self.radius_mm + self.clearance_mm))
         });
         nearest_mm - self.radius_mm
     }
@@ -125,7 +128,7 @@ mod tests {
             let places: Vec<f64> = steps.iter().map(|step| { x_mm += step; x_mm }).collect();
             let waypoints: Vec<Waypoint> = places.iter().map(|x| waypoint(*x)).collect();
             let distances_mm: Vec<f64> = places.iter().map(|x| x.abs()).collect();
-            let near = Nearness { waypoints: &waypoints, distances_mm, radius_mm };
+            let near = Nearness { waypoints: &waypoints, distances_mm, radius_mm, clearance_mm: -radius_mm };
             let first = near.first_move_within(hold_mm).unwrap_or(places.len());
             for (n, pair) in places.windows(2).enumerate() {
                 for share in 0..=20 {
