@@ -260,7 +260,8 @@ class Run:
         rows = record[picked, 7].astype(int)
         places = np.array([self.piece.place(burr[n], row) for n, row in zip(picked, rows, strict=True)])
         out.off_mm = float(places[:, 1].max())
-        out.along_mm = float(places[:, 0].max() - places[0, 0])
+        if out.how != "went on":
+            out.along_mm = float(places[:, 0].max() - places[0, 0])
         moving = np.flatnonzero(np.linalg.norm(np.diff(burr[after], axis=0), axis=1) > 1e-6)
         out.rest_s = float(record[after[moving[-1] + 1], 0] - fault_s) if len(moving) else 0.0
 
