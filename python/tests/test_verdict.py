@@ -78,11 +78,11 @@ def test_a_plan_that_nobody_verified_is_refused(own: Path) -> None:
     assert code != 0 and "run `bonemill verify` on it first" in err
 
 
-def test_a_verdict_of_another_plan_is_stale(own: Path, ur_planned: bonemill.Plan, judged: Path) -> None:
-    lines = (own / "waypoints.csv").read_text().splitlines()
-    (own / "waypoints.csv").write_text("\n".join(lines[:-1]) + "\n")
-    shutil.copy(judged / "verification.toml", own)
-    assert "waypoints.csv" in said(own)[1]
+def test_a_verdict_of_another_plan_is_stale(planned: bonemill.Plan, judged: Path, tmp_path: Path) -> None:
+    other = planned.save(tmp_path / "other")
+    shutil.copy(judged / "verification.toml", other)
+    with pytest.raises(bonemill.PlanFileError, match="plan.toml is not the file that was verified"):
+        bonemill.verified(other)
 
 
 def test_unverified_tells_the_risk_and_asks(own: Path, capsys: pytest.CaptureFixture[str]) -> None:
