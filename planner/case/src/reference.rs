@@ -63,6 +63,7 @@ fn tables(entries: &[Entry]) -> Vec<&'static str> {
         "density",
         "target",
         "structure",
+        "hold",
         "approach",
         "burr",
         "shank",
@@ -97,7 +98,7 @@ mod tests {
     use std::path::Path;
 
     /// A case with every key that can stand together.
-    const FULL: &str = "preset = \"none\"\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n[[structure]]\nname = \"s\"\nlabel = 2\n\
+    const FULL: &str = "preset = \"none\"\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n[[structure]]\nname = \"s\"\nlabel = 2\n[[hold]]\nstructure = \"s\"\ndistance_mm = 2\n\
         [approach]\ndirection = [0, 0, 1]\n[path]\nraster_deg = 10\n[speed]\ntotal_time_s = 100\nmode = \"force_limited\"\ndeflection_um = 20\npower_w = 5\n[robot]\ncalibration = \"arm.yaml\"\nbranch = \"elbow-up\"\n\
         joint_stiffness = [1, 1, 1, 1]\nvelocity_limits = [1, 1, 1, 1]\nacceleration_limits = [1, 1, 1, 1]\njerk_limits = [1, 1, 1, 1]\n\
         base_from_ct = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [0, 0, 0] }\n\
@@ -108,7 +109,7 @@ mod tests {
         let case = Case::parse(FULL, Path::new("full.toml")).unwrap();
         let written = case.to_toml();
         let mut table = String::new();
-        let mut keys = vec!["structure".to_owned()];
+        let mut keys = vec!["structure".to_owned(), "hold".to_owned()];
         for line in written.lines().filter(|l| !l.is_empty()) {
             match line.strip_prefix('[') {
                 Some(name) => table = name.trim_matches(['[', ']']).to_owned() + ".",

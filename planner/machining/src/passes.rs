@@ -73,7 +73,8 @@ impl<'a> Passes<'a> {
 
     /// Cuts along a pass wherever that takes anything.
     pub fn cut(&mut self, pass: &Pass, height: Height<'_>, kind: Kind) {
-        let needed: Vec<bool> = pass.places.iter().map(|p| self.stock.meets(*p, self.grown_mm, &self.counts)).collect();
+        let needed: Vec<bool> =
+            pass.places.iter().map(|p| self.stock.meets(*p, self.grown_mm, &self.counts)).collect();
         self.cut_where(pass, needed, height, kind);
     }
 
@@ -86,7 +87,8 @@ impl<'a> Passes<'a> {
                 let level = level_mm + depth_mm * (1.0 - entry as f64 / entries as f64);
                 let places = pass.places.iter().map(|p| [p[0], p[1], p[2].max(level)]).collect();
                 let shallow = Pass { places, closed: pass.closed };
-                let meets = |(p, wide): (&Place, &bool)| *wide && self.stock.meets(*p, self.grown_mm, &self.counts);
+                let meets =
+                    |(p, wide): (&Place, &bool)| *wide && self.stock.meets(*p, self.grown_mm, &self.counts);
                 let needed = shallow.places.iter().zip(&wide).map(meets).collect();
                 self.cut_where(&shallow, needed, &|p| height(p).max(level), Kind::Rough);
             }

@@ -235,7 +235,9 @@ impl<'a> Sight<'a> {
         // the raster's heights are enough to see what is needless
         let worth = |outline: &Loop| {
             let rough = Pass::along(outline, 2.0 * raster.pitch_mm, |p| raster.highest_around(&tip, p));
-            rough.places.iter().any(|p| passes.stock.meets([p[0], p[1], p[2] - ALLOWANCE_MM], raster.pitch_mm, &passes.counts))
+            rough.places.iter().any(|p| {
+                passes.stock.meets([p[0], p[1], p[2] - ALLOWANCE_MM], raster.pitch_mm, &passes.counts)
+            })
         };
         let worth: Vec<bool> = loops.par_iter().map(worth).collect();
         let loops: Vec<&Loop> = loops.iter().zip(worth).filter(|(_, worth)| *worth).map(|(l, _)| l).collect();

@@ -65,7 +65,10 @@ impl Stock {
                     w
                 } else {
                     let du = self.raster.centre(i, 0)[0] - u;
-                    w + self.tool.profile_mm((du.hypot(dv) - grown_mm).clamp(0.0, self.tool.radius_mm)).unwrap_or(0.0)
+                    w + self
+                        .tool
+                        .profile_mm((du.hypot(dv) - grown_mm).clamp(0.0, self.tool.radius_mm))
+                        .unwrap_or(0.0)
                 };
                 visit(i + self.raster.dims[0] * j, surface);
             }

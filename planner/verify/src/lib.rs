@@ -81,6 +81,8 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     if plan.waypoints.is_empty() || plan.trajectory.is_empty() {
         return Err(VerifyError::Empty);
     }
+    // before anything is judged: a file that is changed meanwhile does not get the verdict
+    let files = digests(&plan.dir)?;
     progress.stage("read images");
     let case = &plan.record.case;
     let anatomy = Anatomy::read(plan)?;
@@ -177,7 +179,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
         let note = if place.is_none() { "or more" } else { "" };
         checks.push(check.at(place).noting(note));
     }
-    Ok(Verification { checks, files: digests(&plan.dir)? })
+    Ok(Verification { checks, files })
 }
 
 /// The burr against every structure: along the moves and along the trajectory.

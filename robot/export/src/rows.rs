@@ -61,6 +61,11 @@ impl<'a> ExportRows<'a> {
         (self.time_s.len() - 1).div_ceil(self.stride) + 1
     }
 
+    /// Clock of every exported row, s.
+    pub fn times_s(&self) -> impl Iterator<Item = f64> {
+        (0..self.count()).map(|n| self.row(n).0)
+    }
+
     /// Time, positions and velocities of an exported row.
     pub(super) fn row(&self, n: usize) -> (f64, &'a [f64], &'a [f64]) {
         let at = (n * self.stride).min(self.time_s.len() - 1);
