@@ -1,7 +1,7 @@
 //! A plan's files: `plan.toml`, `waypoints.csv` and the directory that holds them, written whole or not at all.
 //!
-//! Nothing in these files depends on when, where or on how many threads they were written, so that two runs can be
-//! compared byte by byte. A plan is bound to its inputs by their SHA-256; reading one whose inputs changed is an error.
+//! Nothing in these files depends on the time, the place or the number of threads, so that two runs can be compared byte by
+//! byte. A plan is bound to its inputs by their SHA-256; reading a plan whose inputs changed is an error.
 
 mod addition;
 mod cells;

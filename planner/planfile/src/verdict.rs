@@ -1,16 +1,16 @@
-//! The files of a plan that a verdict is bound to.
+//! The files of a plan to which a verification is bound.
 
 use std::path::Path;
 
 use super::{FORCES, PlanFileError, Sha256, StoredPlan};
 
-/// The verdict's name in a plan's directory.
+/// Name of the verification's file in a plan's directory.
 pub const VERDICT: &str = "verification.toml";
 
-/// The files of a plan that a verdict holds for.
+/// The files of a plan for which a verification is valid.
 const BOUND: [&str; 5] = ["plan.toml", "waypoints.csv", FORCES, "trajectory.csv", "robot.urdf"];
 
-/// Name and digest of the files that a verdict of the plan in `dir` holds for.
+/// Name and digest of the files for which a verification of the plan in `dir` is valid.
 ///
 /// # Errors
 /// [`PlanFileError::Io`] when one cannot be read.
