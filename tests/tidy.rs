@@ -72,7 +72,7 @@ const RULES: &[(&str, Rule, Snippet, Snippet)] = &[
     (
         "only readers and writers touch files",
         file_access,
-        ("imaging/src/read.rs", "let bytes = std::fs::read(path)?;"),
+        ("imaging/src/formats/mod.rs", "let bytes = std::fs::read(path)?;"),
         ("planner/toolpath/src/path.rs", "let bytes = std::fs::read(path)?;"),
     ),
     (
