@@ -4,7 +4,7 @@
 //! cell. A rapid motion that would take stock, a holder in stock and a turn of the block under the tip are collisions.
 //!
 //! *Width of cut*: across the motion, the extent of the cells from which the cutter takes more than the entries' depth, over the last 3 cells of travel. Its
-//! resolution is one cell.
+//! resolution is one cell. Plunges, steeper than 45°, are entries and have none.
 
 use nalgebra::Vector3;
 
@@ -179,7 +179,7 @@ impl Columns {
             let tip = motion.from_mm + along * (n as f64 / count as f64);
             let (taken, low, high) = self.stamp(&tip, motion, direction, job);
             thickest = thickest.max(taken);
-            if across > 0.0 && !motion.rapid {
+            if across > along.z.abs() && !motion.rapid {
                 width.add(low, high, self.cell);
             }
         }
