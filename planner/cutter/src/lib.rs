@@ -4,8 +4,10 @@
 //! forms ([`ball`]). Behind it the shank ([`ShankCylinder`]) must stay out of bone. What the edges feel is physics, not shape: see `bonemill-cutting`.
 
 pub mod ball;
+mod ball_shape;
 mod moves;
 mod shank;
 
+pub use ball_shape::Ball;
 pub use moves::MoveKind;
 pub use shank::ShankCylinder;
