@@ -44,8 +44,3 @@ table! {
         MESH_EDGES = "mesh.edges" "a path relative to the case file", "found by mesh.dihedral_deg", "its cutting edges: CSV with the columns edge, x, y, z, points in the file's axes and unit", "-";
     }
 }
-
-/// The keys of this part.
-pub(crate) fn entries() -> Vec<Entry> {
-    own_entries()
-}
