@@ -230,7 +230,7 @@ pub fn text(s: &str) -> String {
 }
 
 /// Degrees that convert to exactly `rad`, the roundest that do; the nearest where none does.
-fn degrees(rad: f64) -> f64 {
+pub(super) fn degrees(rad: f64) -> f64 {
     let nearest = rad.to_degrees();
     let round = (nearest * 1e9).round() / 1e9;
     let candidates = [round, nearest, nearest.next_up(), nearest.next_down()];
