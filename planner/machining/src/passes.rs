@@ -71,27 +71,22 @@ impl<'a> Passes<'a> {
         farthest(1).hypot(farthest(2)) + self.job.process.clearance_mm
     }
 
-    /// Cuts along a pass wherever that takes anything.
+    /// Cuts along a pass wherever that takes anything; where that would be too wide, first in steps of the entries' depth.
     pub fn cut(&mut self, pass: &Pass, height: Height<'_>, kind: Kind) {
-        let needed: Vec<bool> = pass.places.iter().map(|p| self.stock.meets(*p, self.grown_mm, &self.counts)).collect();
-        self.cut_where(pass, needed, height, kind);
-    }
-
-    /// The same for a level `depth_mm` deep: cuts wider than allowed are first taken in shallower ones.
-    pub fn cut_level(&mut self, pass: &Pass, height: Height<'_>, level_mm: f64, depth_mm: f64) {
-        let entries = (depth_mm / self.job.entry_mm()).ceil() as usize;
-        if entries > 1 {
+        let steps = (self.job.level_mm() / self.job.entry_mm()).ceil() as usize + 1;
+        for _ in 1..steps {
             let wide: Vec<bool> = (0..pass.places.len()).map(|n| self.is_wide(pass, n)).collect();
-            for entry in (1..entries).filter(|_| wide.contains(&true)) {
-                let level = level_mm + depth_mm * (1.0 - entry as f64 / entries as f64);
-                let places = pass.places.iter().map(|p| [p[0], p[1], p[2].max(level)]).collect();
-                let shallow = Pass { places, closed: pass.closed };
-                let meets = |(p, wide): (&Place, &bool)| *wide && self.stock.meets(*p, self.grown_mm, &self.counts);
-                let needed = shallow.places.iter().zip(&wide).map(meets).collect();
-                self.cut_where(&shallow, needed, &|p| height(p).max(level), Kind::Rough);
+            if !wide.contains(&true) {
+                break;
             }
+            let entry = self.job.entry_mm();
+            let shallow = |p: &Place| [p[0], p[1], p[2].max(self.stock.free_mm([p[0], p[1]], 0.0) - entry)];
+            let shallow = Pass { places: pass.places.iter().map(shallow).collect(), closed: pass.closed };
+            self.cut_where(&shallow, wide, height, kind);
         }
-        self.cut(pass, height, Kind::Rough);
+        let meets = |p: &Place| self.stock.meets(*p, self.grown_mm, &self.counts);
+        let needed = pass.places.iter().map(meets).collect();
+        self.cut_where(pass, needed, height, kind);
     }
 
     fn is_wide(&self, pass: &Pass, n: usize) -> bool {
@@ -100,7 +95,7 @@ impl<'a> Passes<'a> {
         let n = if ends { n.saturating_sub(1) } else { n };
         let (here, next) = (pass.places[n], pass.next(n));
         let length = (next[0] - here[0]).hypot(next[1] - here[1]);
-        if length == 0.0 || !here[2].is_finite() {
+        if length == 0.0 || !here[2].is_finite() || !self.stock.meets(here, 0.0, &self.counts) {
             return false;
         }
         let direction = [(next[0] - here[0]) / length, (next[1] - here[1]) / length];
@@ -169,7 +164,7 @@ impl<'a> Passes<'a> {
     /// Goes down along the pass itself, around it, and once more along the ramp.
     fn enter_by_ramp(&mut self, around: &[Place], kind: Kind) {
         let Some(&first) = around.first() else { return };
-        let free = self.stock.free_mm([first[0], first[1]]).max(first[2]);
+        let free = self.stock.free_mm([first[0], first[1]], 0.0).max(first[2]);
         let mut places = Vec::with_capacity(around.len() + 64);
         let (mut run, mut before) = (0.0, first);
         let mut again = 0;
@@ -213,7 +208,8 @@ impl<'a> Passes<'a> {
 
     /// Up, across and down to a little above a place.
     fn link(&mut self, to: Place) {
-        let approach = [to[0], to[1], to[2].max(self.stock.free_mm([to[0], to[1]])) + GAP_MM];
+        let approach =
+            [to[0], to[1], to[2].max(self.stock.free_mm([to[0], to[1]], self.stock.pitch_mm())) + GAP_MM];
         let Some(from) = self.at.filter(|_| !self.moves.is_empty()) else {
             self.go(Kind::Link, self.at.unwrap_or([to[0], to[1], self.safe_mm()]));
             self.go(Kind::Link, [to[0], to[1], self.safe_mm()]);

@@ -236,7 +236,7 @@ fn lies_within(front: &[Facet], job: &Job) -> Result<(), MachiningError> {
         }
     }
     let lowest = front.iter().flatten().map(|p| Facing::Front.to_block(p).z).fold(f64::INFINITY, f64::min);
-    let (at_mm, limit_mm) = (lowest - job.tool.diameter_mm() - 0.5, block.low_mm.z + block.grip_mm);
+    let (at_mm, limit_mm) = (lowest - job.tool.diameter_mm() - 0.6, block.low_mm.z + block.grip_mm);
     if at_mm < limit_mm {
         return Err(MachiningError::Outside {
             what: "the channel below the part",

@@ -173,7 +173,8 @@ impl<'a> Sight<'a> {
         for (tip, strip) in tip.iter_mut().zip(&self.strip_tip) {
             *tip = (*tip + ALLOWANCE_MM).max(*strip).max(self.deepest_mm);
         }
-        let beside = job.tool.radius_mm + grown + BESIDE_MM;
+        // heights are read from the cells around, which must lie beside the part
+        let beside = job.tool.radius_mm + grown + 1.5 * raster.pitch_mm;
         let domain = self.domain(part, beside);
         let loops = self.loops(part, &domain, beside, &raster.filled(STEP_SHARE * job.widest_mm()));
         let top = passes.stock.top.iter().copied().fold(NONE, f64::max);
@@ -190,27 +191,17 @@ impl<'a> Sight<'a> {
             // outlines lie on the domain's edge, where cells may count as outside
             let edge = |p: [f64; 2]| raster.highest_around(&tip, p).max(level);
             for outline in &part.around(beside, self.facing) {
-                passes.cut_level(
+                passes.cut(
                     &self.sensed(Pass::along(outline, 1.5 * raster.pitch_mm, edge)),
                     &edge,
-                    level,
-                    depth,
+                    Kind::Rough,
                 );
             }
-            for outline in &loops {
-                passes.cut_level(
+            for outline in loops.iter().chain(&iso_loops(raster, &tip, level + 1e-6)) {
+                passes.cut(
                     &self.sensed(Pass::along(outline, 1.5 * raster.pitch_mm, height)),
                     &height,
-                    level,
-                    depth,
-                );
-            }
-            for outline in &iso_loops(raster, &tip, level + 1e-6) {
-                passes.cut_level(
-                    &self.sensed(Pass::along(outline, 1.5 * raster.pitch_mm, height)),
-                    &height,
-                    level,
-                    depth,
+                    Kind::Rough,
                 );
             }
         }
@@ -235,7 +226,9 @@ impl<'a> Sight<'a> {
         // the raster's heights are enough to see what is needless
         let worth = |outline: &Loop| {
             let rough = Pass::along(outline, 2.0 * raster.pitch_mm, |p| raster.highest_around(&tip, p));
-            rough.places.iter().any(|p| passes.stock.meets([p[0], p[1], p[2] - ALLOWANCE_MM], raster.pitch_mm, &passes.counts))
+            rough.places.iter().any(|p| {
+                passes.stock.meets([p[0], p[1], p[2] - ALLOWANCE_MM], raster.pitch_mm, &passes.counts)
+            })
         };
         let worth: Vec<bool> = loops.par_iter().map(worth).collect();
         let loops: Vec<&Loop> = loops.iter().zip(worth).filter(|(_, worth)| *worth).map(|(l, _)| l).collect();

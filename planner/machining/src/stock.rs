@@ -38,6 +38,11 @@ impl Stock {
         Self { raster: *raster, tool: tool.clone(), top, other: raster.filled(low.z) }
     }
 
+    /// Side of a cell, mm.
+    pub fn pitch_mm(&self) -> f64 {
+        self.raster.pitch_mm
+    }
+
     /// The same stock seen from the other side.
     pub fn turned(&self) -> Self {
         let other_way = |map: &[f64]| self.raster.turned(&map.iter().map(|w| -w).collect::<Vec<_>>());
@@ -65,7 +70,10 @@ impl Stock {
                     w
                 } else {
                     let du = self.raster.centre(i, 0)[0] - u;
-                    w + self.tool.profile_mm((du.hypot(dv) - grown_mm).clamp(0.0, self.tool.radius_mm)).unwrap_or(0.0)
+                    w + self
+                        .tool
+                        .profile_mm((du.hypot(dv) - grown_mm).clamp(0.0, self.tool.radius_mm))
+                        .unwrap_or(0.0)
                 };
                 visit(i + self.raster.dims[0] * j, surface);
             }
@@ -112,10 +120,12 @@ impl Stock {
         }
     }
 
-    /// Lowest place of the tip at (u, v) at which it takes nothing, for a tool wider by a cell, mm.
-    pub fn free_mm(&self, at: [f64; 2]) -> f64 {
+    /// Lowest place of the tip at (u, v) at which a tool wider by `grown_mm` takes nothing, mm.
+    ///
+    /// Wider by a cell it is safe for stock that cell centres do not show.
+    pub fn free_mm(&self, at: [f64; 2], grown_mm: f64) -> f64 {
         let mut free = NONE;
-        self.under([at[0], at[1], 0.0], self.raster.pitch_mm, |cell, f| {
+        self.under([at[0], at[1], 0.0], grown_mm, |cell, f| {
             if self.top[cell] > self.other[cell] {
                 free = free.max(self.top[cell] - f);
             }
@@ -123,11 +133,11 @@ impl Stock {
         free
     }
 
-    /// The same along a straight line.
+    /// The same along a straight line, for a tool wider by a cell.
     pub fn free_along_mm(&self, from: [f64; 2], to: [f64; 2]) -> f64 {
         let (from, to) = ([from[0], from[1], 0.0], [to[0], to[1], 0.0]);
         let apart = 2.0 * self.raster.pitch_mm;
-        steps(from, to, apart).map(|p| self.free_mm([p[0], p[1]])).fold(NONE, f64::max)
+        steps(from, to, apart).map(|p| self.free_mm([p[0], p[1]], self.raster.pitch_mm)).fold(NONE, f64::max)
     }
 }
 

@@ -34,7 +34,11 @@ impl Cutter {
         let across2 = along.x * along.x + along.y * along.y;
         if along.z == 0.0 {
             // level: the nearest place of the axis
-            let t = if across2 > 0.0 { ((point - from).xy().dot(&along.xy()) / across2).clamp(0.0, 1.0) } else { 0.0 };
+            let t = if across2 > 0.0 {
+                ((point - from).xy().dot(&along.xy()) / across2).clamp(0.0, 1.0)
+            } else {
+                0.0
+            };
             return at(t);
         }
         let golden = 0.5 * (5f64.sqrt() - 1.0);

@@ -84,12 +84,14 @@ fn add_pieces(triangle: [Vector3<f64>; 3], apart_mm: f64, into: &mut Vec<Sample>
 /// Fills in every sample's deviation.
 pub fn measure(samples: &mut [Sample], motions: &[Motion], job: &ProofJob) {
     let cutter = Cutter { radius_mm: job.radius_mm, corner_mm: job.corner_radius_mm };
-    let swept = [Facing::Front, Facing::Back].map(|facing| Swept::of(motions, facing, job.radius_mm + FARTHEST_MM));
+    let swept =
+        [Facing::Front, Facing::Back].map(|facing| Swept::of(motions, facing, job.radius_mm + FARTHEST_MM));
     samples.par_iter_mut().for_each(|sample| {
         // the air around the block counts as removed
         let beyond = (0..3).map(|n| (sample.at_mm[n] - job.low_mm[n]).min(job.high_mm[n] - sample.at_mm[n]));
         let nearest = beyond.fold(FARTHEST_MM, f64::min).max(0.0);
-        sample.deviation_mm = swept.iter().fold(nearest, |best, swept| swept.nearest_mm(&sample.at_mm, &cutter, best));
+        sample.deviation_mm =
+            swept.iter().fold(nearest, |best, swept| swept.nearest_mm(&sample.at_mm, &cutter, best));
     });
 }
 
@@ -107,18 +109,24 @@ impl Swept {
     fn of(all: &[Motion], facing: Facing, reach: f64) -> Self {
         let this_side = all.iter().filter(|m| m.facing == facing && !m.turns);
         let motions: Vec<[Vector3<f64>; 2]> = this_side.map(|m| [m.from_mm, m.to_mm]).collect();
-        let bound = |axis: usize, start: f64, pick: fn(f64, f64) -> f64| motions.iter().flatten().map(|p| p[axis]).fold(start, pick);
+        let bound = |axis: usize, start: f64, pick: fn(f64, f64) -> f64| {
+            motions.iter().flatten().map(|p| p[axis]).fold(start, pick)
+        };
         let low = [0, 1].map(|axis| bound(axis, f64::INFINITY, f64::min) - reach);
         let high = [0, 1].map(|axis| bound(axis, f64::NEG_INFINITY, f64::max) + reach);
         let extent = [0, 1].map(|axis| (high[axis] - low[axis]).max(0.0));
         // at most a million buckets
         let side = (0.25 * reach).max((extent[0] * extent[1] / 1e6).sqrt());
         let dims = extent.map(|e| if e.is_finite() { (e / side) as usize + 1 } else { 0 });
-        let mut swept = Self { facing, origin: low, side, dims, buckets: vec![vec![]; dims[0] * dims[1]], motions };
+        let mut swept =
+            Self { facing, origin: low, side, dims, buckets: vec![vec![]; dims[0] * dims[1]], motions };
         for n in 0..swept.motions.len() {
             swept.insert(n, reach);
         }
-        swept.buckets.iter_mut().for_each(|bucket| bucket.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))));
+        swept
+            .buckets
+            .iter_mut()
+            .for_each(|bucket| bucket.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))));
         swept
     }
 
@@ -126,7 +134,9 @@ impl Swept {
         let [from, to] = self.motions[n];
         let lowest = from.z.min(to.z);
         let span = |axis: usize| {
-            let cell = |mm: f64| ((mm - self.origin[axis]) / self.side).clamp(0.0, (self.dims[axis] - 1) as f64) as usize;
+            let cell = |mm: f64| {
+                ((mm - self.origin[axis]) / self.side).clamp(0.0, (self.dims[axis] - 1) as f64) as usize
+            };
             cell(from[axis].min(to[axis]) - reach)..=cell(from[axis].max(to[axis]) + reach)
         };
         let (columns, rows) = (span(0), span(1));

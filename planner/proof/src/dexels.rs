@@ -4,7 +4,7 @@
 //! cell. A rapid motion that would take stock, a holder in stock and a turn of the block under the tip are collisions.
 //!
 //! *Width of cut*: across the motion, the extent of the cells from which the cutter takes more than the entries' depth, over the last 3 cells of travel. Its
-//! resolution is one cell.
+//! resolution is one cell. Plunges, steeper than 45°, are entries and have none.
 
 use nalgebra::Vector3;
 
@@ -87,7 +87,11 @@ pub fn replay(motions: &[Motion], job: &ProofJob) -> Result<Replay, ProofError> 
         }
         let met = stock.drive(motion, job, &mut width);
         if motion.rapid && met > TOUCH_MM {
-            found.collisions.push(Collision { struck: Struck::RapidCutter, line: motion.line, depth_mm: met });
+            found.collisions.push(Collision {
+                struck: Struck::RapidCutter,
+                line: motion.line,
+                depth_mm: met,
+            });
         }
         found.widest_mm = found.widest_mm.max(width.widest_mm);
         if width.widest_mm > job.widest_mm + stock.cell {
@@ -134,7 +138,12 @@ impl Columns {
         let size = job.high_mm - job.low_mm;
         let cell = (job.radius_mm / CELLS_ACROSS).max((size.x * size.z / MOST_CELLS).sqrt());
         if cell > 0.5 * job.radius_mm {
-            return Err(ProofError::Value { what: "cutter radius for a block of this size", value: job.radius_mm, low: 2.0 * cell, high: 50.0 });
+            return Err(ProofError::Value {
+                what: "cutter radius for a block of this size",
+                value: job.radius_mm,
+                low: 2.0 * cell,
+                high: 50.0,
+            });
         }
         let dims = [size.x, size.z].map(|length| (length / cell).ceil() as usize);
         let origin = [job.low_mm.x + 0.5 * cell, job.low_mm.z + 0.5 * cell];
@@ -145,7 +154,8 @@ impl Columns {
     /// Cells along an axis whose centres lie in `low..=high`.
     fn span(&self, axis: usize, low: f64, high: f64) -> std::ops::Range<usize> {
         let first = ((low - self.origin[axis]) / self.cell).ceil().max(0.0);
-        let last = (((high - self.origin[axis]) / self.cell).floor() + 1.0).clamp(0.0, self.dims[axis] as f64);
+        let last =
+            (((high - self.origin[axis]) / self.cell).floor() + 1.0).clamp(0.0, self.dims[axis] as f64);
         first.min(last) as usize..last as usize
     }
 
@@ -169,7 +179,7 @@ impl Columns {
             let tip = motion.from_mm + along * (n as f64 / count as f64);
             let (taken, low, high) = self.stamp(&tip, motion, direction, job);
             thickest = thickest.max(taken);
-            if across > 0.0 && !motion.rapid {
+            if across > along.z.abs() && !motion.rapid {
                 width.add(low, high, self.cell);
             }
         }
@@ -177,7 +187,13 @@ impl Columns {
     }
 
     /// Takes what is above the cutter; gives the thickest, and the extent across of what was thicker than an entry.
-    fn stamp(&mut self, tip: &Vector3<f64>, motion: &Motion, direction: [f64; 2], job: &ProofJob) -> (f64, f64, f64) {
+    fn stamp(
+        &mut self,
+        tip: &Vector3<f64>,
+        motion: &Motion,
+        direction: [f64; 2],
+        job: &ProofJob,
+    ) -> (f64, f64, f64) {
         let r = job.radius_mm;
         // rows of cells run along z: the machine's Y, or its reverse
         let turn = if motion.facing == Facing::Front { -1.0 } else { 1.0 };

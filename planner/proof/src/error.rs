@@ -26,7 +26,9 @@ pub enum ProofError {
         high: f64,
     },
     /// The part's mesh is unusable.
-    #[error("the part's mesh is unusable at facet {facet}: three vertices with finite coordinates were expected")]
+    #[error(
+        "the part's mesh is unusable at facet {facet}: three vertices with finite coordinates were expected"
+    )]
     Mesh {
         /// The facet, from 0.
         facet: usize,

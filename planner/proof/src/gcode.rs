@@ -87,7 +87,10 @@ pub fn read(text: &str) -> Result<Program, ProofError> {
         program.spindle_rpm = program.spindle_rpm.max(machine.speed_rpm);
     }
     if !machine.ended {
-        return Err(ProofError::Line { line: last, what: "the program has no end: M30 or M2 was expected".into() });
+        return Err(ProofError::Line {
+            line: last,
+            what: "the program has no end: M30 or M2 was expected".into(),
+        });
     }
     Ok(program)
 }
@@ -110,7 +113,8 @@ fn words(line: &str) -> Result<Vec<(char, f64)>, String> {
         }
         let number = rest[1..].trim_start();
         let end = number.find(|c: char| !(c.is_ascii_digit() || "+-.".contains(c))).unwrap_or(number.len());
-        let value: f64 = number[..end].parse().map_err(|_| format!("a number was expected after {letter}"))?;
+        let value: f64 =
+            number[..end].parse().map_err(|_| format!("a number was expected after {letter}"))?;
         words.push((letter.to_ascii_uppercase(), value));
         rest = number[end..].trim_start();
     }
@@ -158,7 +162,9 @@ impl Machine {
             170 | 540 | 940 => {}
             210 => self.millimetres = true,
             900 => self.absolute = true,
-            _ => return Err(format!("G{value} is not understood: G0, G1, G4, G17, G21, G54, G90 and G94 are")),
+            _ => {
+                return Err(format!("G{value} is not understood: G0, G1, G4, G17, G21, G54, G90 and G94 are"));
+            }
         }
         Ok(false)
     }
@@ -174,7 +180,12 @@ impl Machine {
         Ok(())
     }
 
-    fn motion(&mut self, target: [Option<f64>; 3], a_deg: Option<f64>, line: usize) -> Result<Option<Motion>, String> {
+    fn motion(
+        &mut self,
+        target: [Option<f64>; 3],
+        a_deg: Option<f64>,
+        line: usize,
+    ) -> Result<Option<Motion>, String> {
         let rapid = self.rapid.ok_or("a motion without G0 or G1")?;
         if !(self.millimetres && self.absolute) {
             return Err("a motion before G21 and G90".into());

@@ -19,7 +19,8 @@ impl Shell {
     /// Closed and oriented, in the block's frame: outer side at +y, the middle of its box at the origin.
     pub fn mesh(&self) -> Mesh<Block> {
         let around = 4 * self.rings;
-        let outline = |angle: f64| self.outline_mm * (1.0 + 0.08 * (3.0 * angle).sin() + 0.05 * (2.0 * angle).cos());
+        let outline =
+            |angle: f64| self.outline_mm * (1.0 + 0.08 * (3.0 * angle).sin() + 0.05 * (2.0 * angle).cos());
         let sag = |radius: f64, r: f64| radius - (radius * radius - r * r).sqrt();
         let mut vertices = Vec::new();
         for (side, radius, inset, lift) in
@@ -31,7 +32,11 @@ impl Shell {
                 for k in 0..around {
                     let angle = std::f64::consts::TAU * k as f64 / around as f64;
                     let r = (outline(angle) - inset) * ring as f64 / self.rings as f64;
-                    vertices.push(Vector3::new(1.1 * r * angle.cos(), lift - sag(radius, r), r * angle.sin()));
+                    vertices.push(Vector3::new(
+                        1.1 * r * angle.cos(),
+                        lift - sag(radius, r),
+                        r * angle.sin(),
+                    ));
                 }
             }
         }
@@ -46,7 +51,8 @@ impl Shell {
                     let (a, b) = (at(side, ring, k), at(side, ring, k + 1));
                     let (c, d) = (at(side, ring + 1, k), at(side, ring + 1, k + 1));
                     // angles run from x to z, clockwise seen from +y
-                    let mut add = |t: [u32; 3]| triangles.push(if side == 0 { t } else { [t[0], t[2], t[1]] });
+                    let mut add =
+                        |t: [u32; 3]| triangles.push(if side == 0 { t } else { [t[0], t[2], t[1]] });
                     add([a, d, c]);
                     if ring > 0 {
                         add([a, b, d]);
