@@ -26,7 +26,7 @@ pub mod verify;
 pub use block::TakenBlock;
 pub use error::ProsthesisError;
 pub use placing::Placing;
-pub use plan::{ProsthesisPlan, plan};
+pub use plan::{ProsthesisPlan, Trial, plan, read_part};
 pub use record::JobRecord;
 pub use save::save;
 

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use bonemill_case::prosthesis::ProsthesisJob;
+use bonemill_catalogue::Mounted;
 use bonemill_geometry::{Block as BlockFrame, Mesh, Progress};
 use bonemill_machining::{Block, Job, Machining, Warning};
 use bonemill_part::orient::Laid;
@@ -61,7 +62,7 @@ pub fn plan(
 ) -> Result<ProsthesisPlan, ProsthesisError> {
     let folder = job_path.parent().unwrap_or(Path::new(""));
     progress.stage("read part");
-    let (solid, sha256) = read(job, folder)?;
+    let (solid, sha256) = read_part(job, folder)?;
     progress.stage("lay part");
     let placing = Placing::of(&solid.mesh, job.orient, |laid| time_s(job, &solid, laid));
     let part = laid_part(&solid, &placing.chosen);
@@ -98,8 +99,11 @@ pub fn plan(
     Ok(plan)
 }
 
-/// The part, checked and repaired, and its file's digest.
-fn read(job: &ProsthesisJob, folder: &Path) -> Result<(Solid, Sha256), ProsthesisError> {
+/// The job's part, checked and repaired, and its file's digest; `folder` is the job's.
+///
+/// # Errors
+/// [`ProsthesisError::Part`], [`ProsthesisError::Files`].
+pub fn read_part(job: &ProsthesisJob, folder: &Path) -> Result<(Solid, Sha256), ProsthesisError> {
     let path = folder.join(&job.part.file);
     let unit = job.part.unit.and_then(|word| word.parse().ok());
     let solid =
@@ -115,12 +119,31 @@ fn laid_part(solid: &Solid, laid: &Laid) -> Mesh<BlockFrame> {
 
 /// How long an orientation takes to machine in a block cut to size, s; `None` where it cannot be machined.
 fn time_s(job: &ProsthesisJob, solid: &Solid, laid: &Laid) -> Option<f64> {
-    let mounted =
-        bonemill_catalogue::Mounted { id: String::new(), size_mm: block::needed_mm(job, &laid.size_mm) };
-    let block = block::around(job, &mounted, &laid.size_mm);
-    let machining =
-        bonemill_machining::plan(&laid_part(solid, laid), &settings::machining(job, block)).ok()?;
-    Some(machining.times.limited_s)
+    let trial = Trial::new(job, solid, laid);
+    Some(bonemill_machining::plan(&trial.part, &trial.machining).ok()?.times.limited_s)
+}
+
+/// A part in an orientation, in a block that is cut to what it needs: for comparisons, whatever is in stock.
+#[derive(Debug, Clone)]
+pub struct Trial {
+    /// The part in the block's frame.
+    pub part: Mesh<BlockFrame>,
+    /// The job for the toolpath.
+    pub machining: Job,
+}
+
+impl Trial {
+    /// The part laid like this.
+    pub fn new(job: &ProsthesisJob, solid: &Solid, laid: &Laid) -> Self {
+        let size_mm = block::needed_mm(job, &laid.size_mm);
+        let block = block::around(job, &Mounted { id: String::new(), size_mm }, &laid.size_mm);
+        Self { part: laid_part(solid, laid), machining: settings::machining(job, block) }
+    }
+
+    /// The job for the proof of a toolpath of it.
+    pub fn proof_job(&self, job: &ProsthesisJob, machining: &Machining) -> ProofJob {
+        settings::proof(job, &self.machining.block, machining.tab_box)
+    }
 }
 
 impl ProsthesisPlan {
