@@ -24,7 +24,12 @@ fn main() {
     println!("facets {} volume {:.1}", part.triangles.len(), part.volume_mm3());
     let job = common::job(&part, tool);
     let t = Instant::now();
-    let plan = bonemill_machining::plan(&part, &job).unwrap();
+    let mut job = job;
+    if let Some(e) = std::env::var("STEP").ok().and_then(|a| a.parse().ok()) { job.process.finishing_step_mm = e; }
+    let plan = match std::env::var("ROWS").ok().map(|a| a.split(',').map(|x| x.parse::<f64>().unwrap()).collect::<Vec<_>>()) {
+        Some(r) => bonemill_machining::plan_zigzag(&part, &job, &bonemill_machining::ZigZag { row_mm: r[0], plane_mm: r[1], fine_plane_mm: r[2], last_row_mm: r[3] }).unwrap(),
+        None => bonemill_machining::plan(&part, &job).unwrap(),
+    };
     println!("plan {:.2} s, moves {}", t.elapsed().as_secs_f64(), plan.moves.len());
     let text = bonemill_program::write(&plan.moves, job.process.spindle_rpm);
     println!(
@@ -36,6 +41,15 @@ fn main() {
     );
     for l in plan.left.iter().take(6) {
         println!("left {l:?}");
+    }
+    if std::env::var("ARM").is_ok() {
+        let t = Instant::now();
+        let arm = bonemill_arm::arm::Arm::ur(bonemill_arm::ur::UrModel::Ur5e, None).unwrap();
+        let base = nalgebra::Isometry3::translation(450.0, 0.0, 200.0);
+        match bonemill_machining::trajectory::by_arm(&arm, &base, &plan.moves).unwrap() {
+            Ok(motion) => println!("arm {:.2} s: {:.1} min branch {}", t.elapsed().as_secs_f64(), motion.law.duration_s() / 60.0, motion.branch),
+            Err(out) => println!("arm {:.2} s: {out:?}", t.elapsed().as_secs_f64()),
+        }
     }
     let mut by = std::collections::BTreeMap::new();
     let mut before = 0.0;
