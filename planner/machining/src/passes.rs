@@ -14,6 +14,8 @@ use crate::stock::{Place, Stock, steps};
 const GAP_MM: f64 = 0.5;
 /// How far a chord may leave its pass: across, below and above, mm.
 const CHORD_MM: f64 = 0.004;
+/// Share of the entries' depth that is used, so that heights between cells stay below it.
+const ENTRY_SHARE: f64 = 0.95;
 /// Lengths of slants between passes, in diameters, the best first.
 const SLANTS: [f64; 4] = [3.0, 2.0, 1.0, 0.6];
 /// Steepest ramp into stock, rise over run.
@@ -75,13 +77,13 @@ impl<'a> Passes<'a> {
 
     /// Cuts along a pass wherever that takes anything; where that would be too wide, first in steps of the entries' depth.
     pub fn cut(&mut self, pass: &Pass, height: Height<'_>, kind: Kind) {
-        let steps = (self.job.level_mm() / self.job.entry_mm()).ceil() as usize + 1;
+        let steps = (self.job.level_mm() / (ENTRY_SHARE * self.job.entry_mm())).ceil() as usize + 1;
         for _ in 1..steps {
             let wide: Vec<bool> = (0..pass.places.len()).map(|n| self.is_wide(pass, n)).collect();
             if !wide.contains(&true) {
                 break;
             }
-            let entry = self.job.entry_mm();
+            let entry = ENTRY_SHARE * self.job.entry_mm();
             let shallow = |p: &Place| [p[0], p[1], p[2].max(self.stock.free_mm([p[0], p[1]], 0.0) - entry)];
             let shallow = Pass { places: pass.places.iter().map(shallow).collect(), closed: pass.closed };
             self.cut_where(&shallow, wide, height, kind);
@@ -101,7 +103,7 @@ impl<'a> Passes<'a> {
             return false;
         }
         let direction = [(next[0] - here[0]) / length, (next[1] - here[1]) / length];
-        self.stock.width_mm(here, direction, self.job.entry_mm()) > self.job.widest_mm()
+        self.stock.width_mm(here, direction, ENTRY_SHARE * self.job.entry_mm()) > self.job.widest_mm()
     }
 
     fn cut_where(&mut self, pass: &Pass, mut needed: Vec<bool>, height: Height<'_>, kind: Kind) {
