@@ -14,6 +14,8 @@ use crate::stock::{Place, Stock, steps};
 const GAP_MM: f64 = 0.5;
 /// How far a chord may leave its pass: across, below and above, mm.
 const CHORD_MM: f64 = 0.004;
+/// Share of the entries' depth that is used, so that heights between cells stay below it.
+const ENTRY_SHARE: f64 = 0.95;
 /// Lengths of slants between passes, in diameters, the best first.
 const SLANTS: [f64; 4] = [3.0, 2.0, 1.0, 0.6];
 /// Steepest ramp into stock, rise over run.
@@ -39,6 +41,8 @@ pub struct Passes<'a> {
     pub(crate) stock: Stock,
     /// Cells whose stock is worth a cut.
     pub(crate) counts: Vec<bool>,
+    /// Whether cuts are kept from being too wide.
+    pub(crate) bounded: bool,
     /// How much wider than the tool stock is looked for, mm: passes closer than a cell need it.
     pub(crate) grown_mm: f64,
     at: Option<Place>,
@@ -52,7 +56,18 @@ impl<'a> Passes<'a> {
     /// The tip is at `at` in the machine's axes, above the block; the block is turned before the first move.
     pub fn new(job: &'a Job, facing: Facing, side: Side, stock: Stock, at: Option<Place>) -> Self {
         let counts = vec![true; stock.top.len()];
-        Self { job, facing, side, stock, counts, grown_mm: 0.0, at, cutting: false, moves: vec![] }
+        Self {
+            job,
+            facing,
+            side,
+            stock,
+            counts,
+            bounded: true,
+            grown_mm: 0.0,
+            at,
+            cutting: false,
+            moves: vec![],
+        }
     }
 
     /// The moves, after a retract to a height from which the block can be turned, and the stock that is left.
@@ -73,13 +88,13 @@ impl<'a> Passes<'a> {
 
     /// Cuts along a pass wherever that takes anything; where that would be too wide, first in steps of the entries' depth.
     pub fn cut(&mut self, pass: &Pass, height: Height<'_>, kind: Kind) {
-        let steps = (self.job.level_mm() / self.job.entry_mm()).ceil() as usize + 1;
+        let steps = (self.job.level_mm() / (ENTRY_SHARE * self.job.entry_mm())).ceil() as usize + 1;
         for _ in 1..steps {
             let wide: Vec<bool> = (0..pass.places.len()).map(|n| self.is_wide(pass, n)).collect();
             if !wide.contains(&true) {
                 break;
             }
-            let entry = self.job.entry_mm();
+            let entry = ENTRY_SHARE * self.job.entry_mm();
             let shallow = |p: &Place| [p[0], p[1], p[2].max(self.stock.free_mm([p[0], p[1]], 0.0) - entry)];
             let shallow = Pass { places: pass.places.iter().map(shallow).collect(), closed: pass.closed };
             self.cut_where(&shallow, wide, height, kind);
@@ -95,11 +110,15 @@ impl<'a> Passes<'a> {
         let n = if ends { n.saturating_sub(1) } else { n };
         let (here, next) = (pass.places[n], pass.next(n));
         let length = (next[0] - here[0]).hypot(next[1] - here[1]);
-        if length == 0.0 || !here[2].is_finite() || !self.stock.meets(here, 0.0, &self.counts) {
+        if !self.bounded
+            || length == 0.0
+            || !here[2].is_finite()
+            || !self.stock.meets(here, 0.0, &self.counts)
+        {
             return false;
         }
         let direction = [(next[0] - here[0]) / length, (next[1] - here[1]) / length];
-        self.stock.width_mm(here, direction, self.job.entry_mm()) > self.job.widest_mm()
+        self.stock.width_mm(here, direction, ENTRY_SHARE * self.job.entry_mm()) > self.job.widest_mm()
     }
 
     fn cut_where(&mut self, pass: &Pass, mut needed: Vec<bool>, height: Height<'_>, kind: Kind) {
@@ -117,7 +136,7 @@ impl<'a> Passes<'a> {
         }
         let runs = pass.runs(&needed, lead, bridge);
         for run in runs {
-            self.cut_run(&run, kind);
+            self.cut_run(&run, height, kind);
         }
     }
 
@@ -132,7 +151,7 @@ impl<'a> Passes<'a> {
             }
             None => {
                 let start = self.at.map_or(0, |at| pass.nearest(at));
-                self.enter_by_ramp(&pass.from(start), kind);
+                self.enter_by_ramp(&pass.from(start), height, kind);
             }
         }
     }
@@ -162,7 +181,7 @@ impl<'a> Passes<'a> {
     }
 
     /// Goes down along the pass itself, around it, and once more along the ramp.
-    fn enter_by_ramp(&mut self, around: &[Place], kind: Kind) {
+    fn enter_by_ramp(&mut self, around: &[Place], height: Height<'_>, kind: Kind) {
         let Some(&first) = around.first() else { return };
         let free = self.stock.free_mm([first[0], first[1]], 0.0).max(first[2]);
         let mut places = Vec::with_capacity(around.len() + 64);
@@ -179,15 +198,34 @@ impl<'a> Passes<'a> {
         }
         places.push(first);
         places.extend(around.iter().take(again + 1).skip(1));
-        self.cut_run(&places, kind);
+        self.cut_run(&places, height, kind);
     }
 
-    /// An open run, from above its first place.
-    fn cut_run(&mut self, places: &[Place], kind: Kind) {
+    /// An open run: straight on from the cut before, or from above its first place.
+    fn cut_run(&mut self, places: &[Place], height: Height<'_>, kind: Kind) {
         let Some(&first) = places.first() else { return };
-        self.link(first);
-        self.cut_line(kind, first);
+        match self.hop(first, height) {
+            Some(hop) => self.follow(&hop.places, kind),
+            None => {
+                self.link(first);
+                self.cut_line(kind, first);
+            }
+        }
         self.follow(places, kind);
+    }
+
+    /// The straight way from the cut before to a place nearby; `None` where it is far, not allowed or too wide.
+    fn hop(&self, to: Place, height: Height<'_>) -> Option<Pass> {
+        let at = self.at.filter(|_| self.cutting)?;
+        let distance = (to[0] - at[0]).hypot(to[1] - at[1]);
+        if distance > self.job.tool.diameter_mm() || (to[2] - at[2]).abs() >= self.job.level_mm() {
+            return None;
+        }
+        let places =
+            steps(at, to, 2.0 * self.stock.pitch_mm()).map(|[u, v, w]| [u, v, w.max(height([u, v]))]);
+        let hop = refined(Pass { places: places.collect(), closed: false }, height);
+        let fits = |n: usize| hop.places[n][2].is_finite() && !self.is_wide(&hop, n);
+        (0..hop.places.len()).all(fits).then_some(hop)
     }
 
     /// On from the first of the places, where the tip is.
