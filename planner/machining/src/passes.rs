@@ -56,7 +56,18 @@ impl<'a> Passes<'a> {
     /// The tip is at `at` in the machine's axes, above the block; the block is turned before the first move.
     pub fn new(job: &'a Job, facing: Facing, side: Side, stock: Stock, at: Option<Place>) -> Self {
         let counts = vec![true; stock.top.len()];
-        Self { job, facing, side, stock, counts, bounded: true, grown_mm: 0.0, at, cutting: false, moves: vec![] }
+        Self {
+            job,
+            facing,
+            side,
+            stock,
+            counts,
+            bounded: true,
+            grown_mm: 0.0,
+            at,
+            cutting: false,
+            moves: vec![],
+        }
     }
 
     /// The moves, after a retract to a height from which the block can be turned, and the stock that is left.
@@ -99,11 +110,15 @@ impl<'a> Passes<'a> {
         let n = if ends { n.saturating_sub(1) } else { n };
         let (here, next) = (pass.places[n], pass.next(n));
         let length = (next[0] - here[0]).hypot(next[1] - here[1]);
-        if !self.bounded || length == 0.0 || !here[2].is_finite() || !self.stock.meets(here, 0.0, &self.counts) {
+        if !self.bounded
+            || length == 0.0
+            || !here[2].is_finite()
+            || !self.stock.meets(here, 0.0, &self.counts)
+        {
             return false;
         }
         let direction = [(next[0] - here[0]) / length, (next[1] - here[1]) / length];
-        self.stock.width_mm(here, direction, ENTRY_SHARE * self.job.entry_mm()) > self.job.widest_mm()
+        self.stock.width_mm(here, direction, ENTRY_SHARE * self.job.entry_mm()) > self.job.widest_mm() - 0.5 * self.stock.pitch_mm()
     }
 
     fn cut_where(&mut self, pass: &Pass, mut needed: Vec<bool>, height: Height<'_>, kind: Kind) {
@@ -206,7 +221,8 @@ impl<'a> Passes<'a> {
         if distance > self.job.tool.diameter_mm() || (to[2] - at[2]).abs() >= self.job.level_mm() {
             return None;
         }
-        let places = steps(at, to, 2.0 * self.stock.pitch_mm()).map(|[u, v, w]| [u, v, w.max(height([u, v]))]);
+        let places =
+            steps(at, to, 2.0 * self.stock.pitch_mm()).map(|[u, v, w]| [u, v, w.max(height([u, v]))]);
         let hop = refined(Pass { places: places.collect(), closed: false }, height);
         let fits = |n: usize| hop.places[n][2].is_finite() && !self.is_wide(&hop, n);
         (0..hop.places.len()).all(fits).then_some(hop)
