@@ -41,7 +41,7 @@ fn adds_up(place: &Place, json: &Value) {
     assert!((parts.iter().sum::<f64>() - (whole - removed)).abs() < 1e-9, "{parts:?} {whole} {removed}");
     assert!((m["removed_share"].as_f64().unwrap() - removed / whole).abs() < 1e-12);
     let report = fs::read_to_string(place.path("plan/report.html")).unwrap();
-    assert!(report.contains("What keeps the rest of the target"));
+    assert!(report.contains("Why the rest of the target stays"));
     let ran = place.run(&["verify", "plan"]);
     assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
     assert!(ran.out.contains("FAIL  removed of the target: 0."), "{}", ran.out);

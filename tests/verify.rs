@@ -166,7 +166,7 @@ fn what_failed_comes_last_and_drawn_errors_stand_in_the_report() {
     assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
     let last = ran.out.lines().last().unwrap();
     assert!(last.starts_with("FAIL  probability of touching nerve: "), "{}", ran.out);
-    assert!(report().contains("Under drawn errors") && report().contains("registration 6 mm along"));
+    assert!(report().contains("Under random errors") && report().contains("registration 6 mm along"));
     let place = place.with_bytes("plan/plan.toml", |bytes| {
         let text = String::from_utf8(bytes.clone()).unwrap();
         let metrics = text.replacen("\nremoved_mm3 = ", "\nremoved_mm3 = 1", 1);
