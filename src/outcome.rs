@@ -150,7 +150,7 @@ impl Outcome {
 
     /// Adds the risks under random errors, and a shortfall where one is too large.
     fn add_risk(&mut self, risk: &Risk, keep: f64) {
-        self.text += "under drawn errors: touched (95 % interval); distance kept in 5, 50, 95 %; clearance that keeps it\n";
+        self.text += "under random errors: share of samples that touch (95 % interval); 5, 50 and 95 % quantiles of the distance; clearance that would suffice\n";
         let mut structures = Vec::new();
         for s in &risk.structures {
             let (t, [low, middle, high]) = (&s.touched, s.kept_mm);
