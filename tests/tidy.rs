@@ -165,7 +165,7 @@ fn every_rule_can_fail_and_can_hold() {
 const LAYERS: &[&[&str]] = &[
     &["geometry", "planner/testkit"],
     &["imaging", "robot/arm"],
-    &["planner/case", "robot/motion"],
+    &["planner/case", "robot/motion", "robot/stream"],
     &["planner/cutter", "robot/export"],
     &["planner/scene", "planner/stock", "planner/cutting", "planner/planfile"],
     &["planner/setup", "planner/toolpath"],
