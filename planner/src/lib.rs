@@ -12,7 +12,7 @@ pub use bonemill_cutting::{burr, calibrate, cost, metrics, mrr, speed};
 pub use bonemill_geometry::Progress;
 pub use bonemill_pipeline::{self as pipeline, Plan, plan};
 pub use bonemill_planfile::{self as plan, toward};
-pub use bonemill_report::{compare, report, save, show};
+pub use bonemill_report::{compare, report, run, save, show};
 pub use bonemill_scene as scene;
 pub use bonemill_setup::PlanError;
 pub use bonemill_simulate as simulate;
