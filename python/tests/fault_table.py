@@ -30,6 +30,9 @@ def run_all(pieces: dict[str, Piece], faults: list[str], seeds: range, flags: li
                         run = Run(piece, fault, seed, Path(work), flags)
                         try:
                             outcome = run.go()
+                        except (EOFError, OSError) as error:
+                            print(name, fault, seed, f"the double itself failed: {error}", flush=True)
+                            continue
                         finally:
                             run.finish()
                     found.append((name, outcome))

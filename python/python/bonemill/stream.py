@@ -32,6 +32,7 @@ from ._ur import control, receive
 
 _HERE = Path(__file__).resolve().parent / "_ur"
 _ORDERS = {"start": control.START, "target": control.TARGET, "stop": control.STOP, "spindle": control.SPINDLE, "end": control.END}
+_WORDS = {number: word for word, number in _ORDERS.items()}
 _ENDS_S = 1.0
 """The control process gets so long to end its program; then it is killed, and the controller's watchdog stops the arm."""
 _DASHBOARD_S = 3.0
@@ -200,7 +201,8 @@ class UrLink:
             if status == 1 and what in (control.START, control.TARGET, control.SPINDLE):
                 raise RuntimeError({control.START: "watchdog", control.TARGET: "target"}.get(what, "spindle"))
             if status == 2:
-                raise RuntimeError(why.rstrip(b"\0").decode(errors="replace"))
+                said = why.rstrip(b"\0").decode(errors="replace")
+                raise RuntimeError(f"the client could not hand on the order to {_WORDS[what]} ({said})")
 
     def order(self, what: str, values: list[float]) -> None:
         padded = (*values, *[0.0] * (6 - len(values)))
