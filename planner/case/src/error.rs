@@ -126,6 +126,19 @@ pub enum CaseFault {
         /// The choice that it resembles.
         nearest: Option<String>,
     },
+    /// A name that no structure of the case has.
+    #[error("`{key}` = {found:?}: expected the name of a structure, {}{}",
+        options_text(&.options.iter().map(String::as_str).collect::<Vec<_>>()), nearest_text(.nearest))]
+    UnknownStructure {
+        /// The key.
+        key: String,
+        /// The name.
+        found: String,
+        /// The structures.
+        options: Vec<String>,
+        /// The one that it resembles.
+        nearest: Option<String>,
+    },
     /// Two numbers contradict each other.
     #[error("`{key}` = {found}{unit}{}: expected {relation} {limit}{unit}, {of}",
         if *.is_default { " (the default)" } else { "" }, unit = unit_text(.unit))]

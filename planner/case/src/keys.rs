@@ -25,6 +25,10 @@ pub enum Unit {
     Rad,
     /// Spindle speed.
     Rpm,
+    /// Feed.
+    MmMin,
+    /// Time.
+    Min,
     /// Rate.
     Hz,
     /// Time.
@@ -66,6 +70,8 @@ impl fmt::Display for Unit {
             Unit::Deg => "degrees",
             Unit::Rad => "rad",
             Unit::Rpm => "rpm",
+            Unit::MmMin => "mm/min",
+            Unit::Min => "min",
             Unit::Hz => "Hz",
             Unit::S => "s",
             Unit::GCm3 => "g/cm³",
@@ -91,6 +97,8 @@ impl Unit {
         match self {
             Unit::Mm => &[("metres", 1e3), ("µm", 1e-3), ("cm", 10.0)],
             Unit::MmS => &[("m/s", 1e3), ("µm/s", 1e-3)],
+            Unit::MmMin => &[("m/min", 1e3), ("mm/s", 60.0)],
+            Unit::Min => &[("seconds", 1.0 / 60.0), ("hours", 60.0)],
             Unit::Rpm => &[("thousands of rpm", 1e3), ("revolutions per second", 60.0)],
             Unit::GCm3 => &[("kg/m³", 1e-3)],
             Unit::NMm2 => &[("Pa", 1e-6), ("GPa", 1e3)],
@@ -236,6 +244,8 @@ table! {
         PRIORITY = "structure.priority" One 1.0..1e6, Derived("its place in the file"), "1 is the most important", "-";
         SHANK_CLEARANCE = "structure.shank_clearance_mm" Mm 0.0..50.0, Value(0.0),
             "least distance of the shank's surface from the structure", "D: the shank must not touch";
+        HOLD_DISTANCE = "hold.distance_mm" Mm 0.0..8.0, Words(REQUIRED),
+            "distance of the burr's surface from the structure, at least its clearance_mm; a streamed plan stops before the first move that comes nearer", "-";
         DIRECTION = "approach.direction" One -1e6..1e6, Chosen("the direction in which the target sees the most air"),
             "ct, out of the bone; any length but zero", "the one used stands in plan.toml";
         RADIUS = "burr.radius_mm" Mm 0.2..10.0, Value(2.5), "radius (not diameter) of the ball", "assumed: 5 mm burr (docs/force-model.md 10)";
@@ -330,6 +340,8 @@ table! {
         STRUCTURE = "structure" "tables [[structure]], or `structure = []` when there is nothing to spare", REQUIRED, "what must not be touched", "-";
         STRUCTURE_NAME = "structure.name" "text without commas and quotes", REQUIRED, "name in results", "-";
         STRUCTURE_LABEL = "structure.label" "a number from 1 to 65535 or a name of labels.json", REQUIRED, "its label", "-";
+        HOLD = "hold" "tables [[hold]]", ABSENT, "where a streamed plan draws the burr back and waits for the user, as nerve monitoring needs; the path is the same without", "-";
+        HOLD_STRUCTURE = "hold.structure" "the name of a [[structure]]", REQUIRED, "to which the distance is", "-";
         MODEL = "robot.model" "`bone-attached`, `ur3e`, `ur5e`, `ur10e` or the path of a .urdf file", "\"bone-attached\"", "the arm", "D: bone-attached robot";
         CALIBRATION = "robot.calibration" "a path relative to the case file", "none: nominal kinematics, with a warning", "a UR's own calibration: YAML or calibration.conf with delta_theta, delta_a, delta_d, delta_alpha, or the ROS driver's extraction", "-";
         BRANCH = "robot.branch" "a number from 0 to 7, or words of `shoulder-left` | `shoulder-right`, `elbow-up` | `elbow-down`, `wrist-positive` | `wrist-negative` joined by `/`",

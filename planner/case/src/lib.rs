@@ -9,9 +9,12 @@ mod edit;
 mod error;
 mod explain;
 mod given;
+mod hold;
+#[macro_use]
 mod keys;
 mod parse;
 mod parse_robot;
+pub mod prosthesis;
 mod reference;
 mod relations;
 mod several;
@@ -35,6 +38,7 @@ pub use edit::with_values;
 pub use error::{CaseError, CaseFault, Located};
 pub use explain::{Origin, Parameter, explained};
 pub use given::Given;
+pub use hold::Hold;
 pub use keys::Unit;
 pub use parse::syntax;
 pub use parse_robot::rotation_from_matrix;
@@ -62,6 +66,8 @@ pub struct Case {
     pub least_share: f64,
     /// What must not be touched.
     pub structures: Vec<Structure>,
+    /// Where the arm holds for the user.
+    pub holds: Vec<Hold>,
     /// Approach direction in ct, unit, out of the bone; `None`: the direction in which the target sees the most air.
     pub approach: Option<Vector3<f64>>,
     /// The burr.

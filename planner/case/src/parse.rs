@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 use toml::de::{DeTable, DeValue};
 
 use super::error::{CaseError, CaseFault, Located};
+use super::hold::read_holds;
 use super::keys::{self as k, Fallback, Number, Other};
 use super::parse_robot::read_robot;
 use super::relations;
@@ -108,6 +109,7 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
         target,
         least_share,
         structures: read_structures(&root),
+        holds: read_holds(&root),
         approach: read_approach(root.table("approach")),
         shank: read_shank(root.table("shank")),
         material: read_material(root.table("material"), paper),

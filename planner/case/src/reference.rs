@@ -30,9 +30,13 @@ not kept, and burr and shank may pass there, as they may in the air outside the 
 
 /// The reference as Markdown.
 pub fn reference() -> String {
-    let entries = keys::entries();
-    let mut out = String::from(INTRODUCTION);
-    for table in tables(&entries) {
+    markdown(INTRODUCTION, &keys::entries())
+}
+
+/// An introduction, and the keys of every table of a file.
+pub(super) fn markdown(introduction: &str, entries: &[Entry]) -> String {
+    let mut out = String::from(introduction);
+    for table in tables(entries) {
         let title = if table.is_empty() { "Above the tables".into() } else { format!("`{table}`") };
         out += &format!(
             "\n## {title}\n\n| key | expects | default | meaning | source of the default |\n|---|---|---|---|---|\n"
@@ -59,6 +63,7 @@ fn tables(entries: &[Entry]) -> Vec<&'static str> {
         "density",
         "target",
         "structure",
+        "hold",
         "approach",
         "burr",
         "shank",
@@ -70,6 +75,13 @@ fn tables(entries: &[Entry]) -> Vec<&'static str> {
         "robot",
         "registration",
         "grid",
+        // of a prosthesis' job
+        "part",
+        "orient",
+        "stock",
+        "tool",
+        "process",
+        "machine",
     ];
     let mut tables: Vec<_> = entries.iter().map(|e| table_of(e.path)).collect();
     // a table inside a table comes after it, in the order of the keys
@@ -86,7 +98,7 @@ mod tests {
     use std::path::Path;
 
     /// A case with every key that can stand together.
-    const FULL: &str = "preset = \"none\"\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n[[structure]]\nname = \"s\"\nlabel = 2\n\
+    const FULL: &str = "preset = \"none\"\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n[[structure]]\nname = \"s\"\nlabel = 2\n[[hold]]\nstructure = \"s\"\ndistance_mm = 2\n\
         [approach]\ndirection = [0, 0, 1]\n[path]\nraster_deg = 10\n[speed]\ntotal_time_s = 100\nmode = \"force_limited\"\ndeflection_um = 20\npower_w = 5\n[robot]\ncalibration = \"arm.yaml\"\nbranch = \"elbow-up\"\n\
         joint_stiffness = [1, 1, 1, 1]\nvelocity_limits = [1, 1, 1, 1]\nacceleration_limits = [1, 1, 1, 1]\njerk_limits = [1, 1, 1, 1]\n\
         base_from_ct = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [0, 0, 0] }\n\
@@ -97,7 +109,7 @@ mod tests {
         let case = Case::parse(FULL, Path::new("full.toml")).unwrap();
         let written = case.to_toml();
         let mut table = String::new();
-        let mut keys = vec!["structure".to_owned()];
+        let mut keys = vec!["structure".to_owned(), "hold".to_owned()];
         for line in written.lines().filter(|l| !l.is_empty()) {
             match line.strip_prefix('[') {
                 Some(name) => table = name.trim_matches(['[', ']']).to_owned() + ".",

@@ -1,6 +1,7 @@
 //! Keys that are right by themselves but contradict each other.
 
 use super::error::CaseFault;
+use super::hold::judge_holds;
 use super::keys::Unit;
 use super::suggest::nearest;
 use super::{Case, ForceTerm, SpeedMode, Target};
@@ -29,6 +30,7 @@ pub(super) fn judge(case: &Case, note: &dyn Fn(CaseFault, &str), is_default: &dy
     }
     judge_target(case, note);
     judge_structures(case, note);
+    judge_holds(case, note);
     judge_arm(case, note);
     judge_joints(case, note);
     judge_choices(case, note);

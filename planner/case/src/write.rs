@@ -72,6 +72,10 @@ impl Case {
                 ],
             );
         }
+        for hold in &self.holds {
+            let lines = [("structure", text(&hold.structure)), ("distance_mm", float(hold.distance_mm))];
+            out.array_table("hold", &lines);
+        }
         if let Some(direction) = &self.approach {
             out.table("approach", &[("direction", vector(direction))]);
         }

@@ -30,11 +30,16 @@ pub struct TrialResult {
     pub bound: Travel,
     /// How the run ended that went on from there; none where it was not asked for, or nothing was left to do.
     pub resumed: Option<Outcome>,
-    /// Rows by which the place reported as reached is beyond where the arm truly ended: what a resumed run would leave out.
-    pub skipped_rows: f64,
+    /// Way by which the place reported as reached is beyond where the arm truly was at the farthest, mm: what a resumed run would leave out.
+    pub skipped_mm: f64,
 }
 
 impl TrialResult {
+    /// Whether it came to no end by itself.
+    pub fn hung(&self) -> bool {
+        matches!(self.outcome.cause, Some(Cause::NoAnswer { .. }))
+    }
+
     /// Whether the burr stayed within what was printed.
     pub fn is_within(&self) -> bool {
         self.travel.along_mm <= self.bound.along_mm + 1e-9 && self.travel.off_mm <= self.bound.off_mm + 1e-9
@@ -61,6 +66,9 @@ impl Operator for Yes {
     }
 
     fn stop(&mut self) -> Option<Cause> {
+        if self.world.borrow().now_s() > MOST_S {
+            return Some(Cause::NoAnswer { what: "the end of a trial", waited_s: MOST_S });
+        }
         if self.stopped || !self.world.borrow().struck() {
             return None;
         }
@@ -87,6 +95,8 @@ pub struct Piece {
 const BLOCK: usize = 5;
 /// Seconds that approach and start take before a piece is run.
 const BEFORE_S: f64 = 0.15;
+/// Simulated seconds after which a trial counts as hung.
+const MOST_S: f64 = 10.0;
 /// Seconds that the world goes on after the run has ended.
 const AFTER_S: f64 = 0.3;
 /// The row of a piece that a run starts at.
@@ -125,7 +135,7 @@ impl Piece {
         world.borrow_mut().advance(end_s);
         let since_s = if fault.is_gradual() { onset_s.max(used_s) } else { onset_s };
         let (travel, bound, end_row) = self.judge(&world.borrow(), &outcome, since_s);
-        let skipped_rows = (outcome.reached_row - end_row).max(0.0);
+        let skipped_mm = plan.track.way_mm(end_row.min(outcome.reached_row), outcome.reached_row);
         let unfinished = outcome.cause.is_some() && !matches!(outcome.cause, Some(Cause::NotReady(_)));
         let resumed = (resume && unfinished && !fault.is_standing()).then(|| {
             let q = world.borrow().q();
@@ -133,18 +143,20 @@ impl Piece {
             let again = World::new(&plan.arm, q, timing, (Fault::None, f64::INFINITY), seed.wrapping_add(1));
             once(plan, outcome.reached_row, Fault::None, &Rc::new(RefCell::new(again))).0
         });
-        TrialResult { outcome, travel, bound, resumed, skipped_rows }
+        TrialResult { outcome, travel, bound, resumed, skipped_mm }
     }
 
-    /// Travel along the path since a time if the run was stopped, farthest off it at any time, their bounds, and where the arm ended.
+    /// Travel along the path since a time if the run was stopped, farthest off it at any time, their bounds, and the farthest row that the
+    /// arm was at.
     fn judge(&self, world: &World, outcome: &Outcome, since_s: f64) -> (Travel, Travel, f64) {
         let track = &self.plan.track;
         let (mut travel, mut bound) = (Travel::default(), Travel::default());
-        let (mut row, mut began, mut worst) = (START_ROW, None, f64::NEG_INFINITY);
+        let (mut row, mut farthest, mut began, mut worst) = (START_ROW, START_ROW, None, f64::NEG_INFINITY);
         for (time_s, q) in world.trace() {
             let burr_mm = self.plan.arm.tool_at(q).translation_mm;
             let near = track.nearest((row - 5.0).max(0.0), (row + 40.0).min(track.last_row()), &burr_mm);
             row = near.row;
+            farthest = farthest.max(row);
             if began.is_none() && *time_s >= since_s {
                 began = Some(row);
             }
@@ -158,7 +170,7 @@ impl Piece {
             travel.along_mm = track.way_mm(began, row);
             bound.along_mm = self.bound(began).along_mm;
         }
-        (travel, bound, row)
+        (travel, bound, farthest)
     }
 }
 

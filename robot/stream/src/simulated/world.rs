@@ -24,6 +24,9 @@ const STOPPED: u32 = 1;
 /// How long a controller takes to start again, s.
 const RESTART_S: f64 = 0.6;
 
+/// How long a slider stays where it was moved to, s.
+const SLIDER_S: f64 = 0.4;
+
 /// How the arm moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Motion {
@@ -165,6 +168,9 @@ impl World {
         }
         if self.struck && self.fault == Fault::Restarted && self.now_s >= self.onset_s + RESTART_S {
             self.controller.0 = -self.now_s * self.controller.1;
+        }
+        if self.struck && self.now_s >= self.onset_s + SLIDER_S {
+            self.fraction = 1.0;
         }
         while self.orders.front().is_some_and(|(at_s, _)| *at_s <= self.now_s) {
             if let Some((_, order)) = self.orders.pop_front() {
