@@ -9,7 +9,7 @@ use bonemill_stream::Cause;
 use bonemill_stream::simulated::fault::Fault;
 use bonemill_stream::simulated::trial::Piece;
 
-const COUNT: u64 = 400;
+const COUNT: u64 = 10_000;
 
 fn pieces() -> Vec<Piece> {
     let mut all = Vec::new();
@@ -32,7 +32,7 @@ fn ten_thousand_schedules_stay_within_the_printed_bound() {
         assert!(result.is_within(), "{name}, seed {seed}: {result:#?}");
         assert!(!result.hung(), "{name}, seed {seed}: hung");
         assert!(result.outcome.at_rest || result.outcome.cause.is_some(), "{name}, seed {seed}: silent");
-        assert!(result.skipped_mm < 0.01, "{name}, seed {seed}: {result:#?}");
+        assert!(result.skipped_mm < 1e-6, "{name}, seed {seed}: {result:#?}");
         if let Some(resumed) = &result.resumed {
             assert_eq!(resumed.cause, None, "{name}, seed {seed}: {result:#?}");
         }
@@ -72,5 +72,5 @@ fn the_cause_comes_first() {
     assert_eq!(cause(Fault::Interrupted), Some(Cause::Interrupted));
     assert!(matches!(cause(Fault::WrongStart(5.0)), Some(Cause::NotReady(why)) if why.contains("5.00 mm")));
     let offset = cause(Fault::Offset(9.5e-3));
-    assert!(matches!(offset, Some(Cause::OffPath { .. } | Cause::AxisOff { .. })), "{offset:?}");
+    assert!(offset.is_some_and(|c| c.to_string().contains(" mm ")), "judged in mm");
 }

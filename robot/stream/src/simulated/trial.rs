@@ -30,7 +30,7 @@ pub struct TrialResult {
     pub bound: Travel,
     /// How the run ended that went on from there; none where it was not asked for, or nothing was left to do.
     pub resumed: Option<Outcome>,
-    /// Way by which the place reported as reached is beyond where the arm truly was at the farthest, mm: what a resumed run would leave out.
+    /// Way from where the arm truly was at the farthest to where the run goes on, mm: what is left out.
     pub skipped_mm: f64,
 }
 
@@ -135,13 +135,14 @@ impl Piece {
         world.borrow_mut().advance(end_s);
         let since_s = if fault.is_gradual() { onset_s.max(used_s) } else { onset_s };
         let (travel, bound, end_row) = self.judge(&world.borrow(), &outcome, since_s);
-        let skipped_mm = plan.track.way_mm(end_row.min(outcome.reached_row), outcome.reached_row);
+        let resume_row = plan.resume_row(outcome.reached_row);
+        let skipped_mm = plan.track.way_mm(end_row.min(resume_row), resume_row);
         let unfinished = outcome.cause.is_some() && !matches!(outcome.cause, Some(Cause::NotReady(_)));
         let resumed = (resume && unfinished && !fault.is_standing()).then(|| {
             let q = world.borrow().q();
             let timing = plan.settings().timing;
             let again = World::new(&plan.arm, q, timing, (Fault::None, f64::INFINITY), seed.wrapping_add(1));
-            once(plan, outcome.reached_row, Fault::None, &Rc::new(RefCell::new(again))).0
+            once(plan, resume_row, Fault::None, &Rc::new(RefCell::new(again))).0
         });
         TrialResult { outcome, travel, bound, resumed, skipped_mm }
     }
@@ -152,7 +153,9 @@ impl Piece {
         let track = &self.plan.track;
         let (mut travel, mut bound) = (Travel::default(), Travel::default());
         let (mut row, mut farthest, mut began, mut worst) = (START_ROW, START_ROW, None, f64::NEG_INFINITY);
-        for (time_s, q) in world.trace() {
+        // where the plan was not begun, its tube says nothing
+        let trace = if outcome.targets > 0 { world.trace() } else { &[] };
+        for (time_s, q) in trace {
             let burr_mm = self.plan.arm.tool_at(q).translation_mm;
             let near = track.nearest((row - 5.0).max(0.0), (row + 40.0).min(track.last_row()), &burr_mm);
             row = near.row;

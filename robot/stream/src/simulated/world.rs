@@ -10,6 +10,7 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 
 use bonemill_arm::Arm;
+use nalgebra::UnitQuaternion;
 
 use super::fault::{Draws, Fault};
 use crate::link::{ArmLink, ArmState, Clock, Identity, Joints, LinkFault, Order, PLAYING, SAFETY_NORMAL};
@@ -79,7 +80,7 @@ impl World {
     pub fn new(arm: &Arm, q: Joints, timing: Timing, (fault, onset_s): (Fault, f64), seed: u64) -> Self {
         let mut draws = Draws::new(seed);
         let tool = arm.tool_at(&q);
-        let turn = tool.rotation.scaled_axis();
+        let turn = UnitQuaternion::from_rotation_matrix(&tool.rotation).scaled_axis();
         let skew = 1.0 + draws.between(-0.5, 0.5) * timing.clock_drift;
         let controller = (draws.between(0.0, 1e5), skew);
         // both ways together stay within what is assumed
