@@ -291,10 +291,11 @@ def _serve(host: str, q: list[float], pipe: Any) -> None:
     sys.setswitchinterval(1e-3)
     try:
         controller = Controller(host, q)
-        pipe.send("up")
-        controller.run(pipe)
     except OSError as error:
         pipe.send(error)
+        return
+    pipe.send("up")
+    controller.run(pipe)
 
 
 class Double:

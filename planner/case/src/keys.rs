@@ -25,6 +25,10 @@ pub enum Unit {
     Rad,
     /// Spindle speed.
     Rpm,
+    /// Feed.
+    MmMin,
+    /// Time.
+    Min,
     /// Rate.
     Hz,
     /// Time.
@@ -66,6 +70,8 @@ impl fmt::Display for Unit {
             Unit::Deg => "degrees",
             Unit::Rad => "rad",
             Unit::Rpm => "rpm",
+            Unit::MmMin => "mm/min",
+            Unit::Min => "min",
             Unit::Hz => "Hz",
             Unit::S => "s",
             Unit::GCm3 => "g/cm³",
@@ -91,6 +97,8 @@ impl Unit {
         match self {
             Unit::Mm => &[("metres", 1e3), ("µm", 1e-3), ("cm", 10.0)],
             Unit::MmS => &[("m/s", 1e3), ("µm/s", 1e-3)],
+            Unit::MmMin => &[("m/min", 1e3), ("mm/s", 60.0)],
+            Unit::Min => &[("seconds", 1.0 / 60.0), ("hours", 60.0)],
             Unit::Rpm => &[("thousands of rpm", 1e3), ("revolutions per second", 60.0)],
             Unit::GCm3 => &[("kg/m³", 1e-3)],
             Unit::NMm2 => &[("Pa", 1e-6), ("GPa", 1e3)],

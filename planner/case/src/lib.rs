@@ -10,9 +10,11 @@ mod error;
 mod explain;
 mod given;
 mod hold;
+#[macro_use]
 mod keys;
 mod parse;
 mod parse_robot;
+pub mod prosthesis;
 mod reference;
 mod relations;
 mod several;

@@ -30,9 +30,13 @@ not kept, and burr and shank may pass there, as they may in the air outside the 
 
 /// The reference as Markdown.
 pub fn reference() -> String {
-    let entries = keys::entries();
-    let mut out = String::from(INTRODUCTION);
-    for table in tables(&entries) {
+    markdown(INTRODUCTION, &keys::entries())
+}
+
+/// An introduction, and the keys of every table of a file.
+pub(super) fn markdown(introduction: &str, entries: &[Entry]) -> String {
+    let mut out = String::from(introduction);
+    for table in tables(entries) {
         let title = if table.is_empty() { "Above the tables".into() } else { format!("`{table}`") };
         out += &format!(
             "\n## {title}\n\n| key | expects | default | meaning | source of the default |\n|---|---|---|---|---|\n"
@@ -71,6 +75,13 @@ fn tables(entries: &[Entry]) -> Vec<&'static str> {
         "robot",
         "registration",
         "grid",
+        // of a prosthesis' job
+        "part",
+        "orient",
+        "stock",
+        "tool",
+        "process",
+        "machine",
     ];
     let mut tables: Vec<_> = entries.iter().map(|e| table_of(e.path)).collect();
     // a table inside a table comes after it, in the order of the keys

@@ -57,6 +57,6 @@ fn hold_point(
         before_waypoint,
         row: row_at(start.time_s),
         way_in_row: row_at(way_in.time_s),
-        along_shaft: plan.record.base_from_ct.rotation * start.axis,
+        along_shaft: plan.record.frames.base_from_ct.rotation * start.axis,
     })
 }

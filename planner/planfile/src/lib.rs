@@ -1,11 +1,12 @@
 //! A plan's files: `plan.toml`, `waypoints.csv` and the directory that holds them, written whole or not at all.
 //!
-//! Nothing in these files depends on when, where or on how many threads they were written, so that two runs can be
-//! compared byte by byte. A plan is bound to its inputs by their SHA-256; reading one whose inputs changed is an error.
+//! Nothing in these files depends on the time, the place or the number of threads, so that two runs can be compared byte by
+//! byte. A plan is bound to its inputs by their SHA-256; reading a plan whose inputs changed is an error.
 
 mod addition;
 mod cells;
 pub mod columns;
+mod contents;
 mod csv;
 mod directory;
 mod error;
@@ -26,6 +27,7 @@ mod waypoint;
 
 pub use addition::{REPORT, ReportPart, add_to_report, replace};
 pub use cells::{push_number, structure_name};
+pub use contents::PlanContents;
 pub use csv::{read_waypoints, write_waypoints};
 pub use directory::{Replace, StagedDirectory};
 pub use error::{MissingInput, PlanFileError};
@@ -36,7 +38,7 @@ pub use gaps::{Gap, least_gaps};
 pub use hash::Sha256;
 pub use holds::{HoldPoint, hold_points};
 pub use inputs::{CASE_COPY, FoundInputs, Need, copy_input, pack_inputs};
-pub use record::{Input, Metrics, PlanRecord, PlanningGrid};
+pub use record::{Input, Metrics, PlanFrames, PlanRecord, PlanningGrid};
 pub use stored::StoredPlan;
 pub use trajectory::Trajectory;
 pub use value::Value;

@@ -1,8 +1,8 @@
-//! The verdict on a plan, and the files that it is bound to.
+//! The verdict on a plan, and the files to which it is bound.
 //!
-//! `verification.toml` holds the SHA-256 of every file of the plan that it judged. [`verified`] computes them again: a plan
-//! whose verification failed, is missing, or was made of other bytes is told with the file and both digests. This finds
-//! accidents and mix-ups; who edits the verdict, too, is not found out.
+//! `verification.toml` holds the SHA-256 of every file of the plan that was judged. [`verified`] computes them again. It
+//! refuses a plan whose verification failed, is missing or belongs to other bytes, and names the file and both digests. This
+//! finds accidents and mix-ups, not a verdict that somebody edited.
 
 use std::path::{Path, PathBuf};
 
@@ -13,16 +13,16 @@ use super::files::NOTES;
 use super::inputs::CASE_COPY;
 use super::{FORCES, PlanFileError, Sha256, StoredPlan};
 
-/// The verdict's name in a plan's directory.
+/// Name of the verification's file in a plan's directory.
 pub const VERDICT: &str = "verification.toml";
 
-/// The files of every plan that a verdict holds for.
+/// The files of a plan for which a verification is valid.
 const BOUND: [&str; 5] = ["plan.toml", "waypoints.csv", FORCES, "trajectory.csv", "robot.urdf"];
 /// Failed checks that a refusal names.
 const NAMED: usize = 3;
 
-/// Name and digest of the files that a verdict of the plan in `dir` holds for: all that the planner wrote but the report, to
-/// which simulation and verification add their parts.
+/// Name and digest of the files for which a verification of the plan in `dir` is valid: all that the planner wrote except the
+/// report, to which simulation and verification add their parts.
 ///
 /// # Errors
 /// [`PlanFileError::Io`] when one cannot be read.

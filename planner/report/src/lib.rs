@@ -1,5 +1,5 @@
-//! What a person sees of a plan: `report.html` ([`report::html`]), what a viewer draws ([`show`]), two plans side by side ([`compare`]),
-//! and a streamed run beside its plan ([`run`]).
+//! Presents a plan to people: `report.html` ([`report::html`]), the data that a viewer draws ([`show`]), the comparison of two
+//! plans ([`compare`]), and that of a streamed run with its plan ([`run`]).
 
 pub mod compare;
 pub mod report;

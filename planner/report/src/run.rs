@@ -232,7 +232,7 @@ impl<'a> Planned<'a> {
         let from = forces.partition_point(|f| f.waypoint < waypoint);
         let of_waypoint = forces.get(from..)?.iter().take_while(|f| f.waypoint == waypoint);
         let row = of_waypoint.into_iter().find(|f| f.structure == structure)?;
-        Some((self.plan.record.base_from_ct.rotation * row.toward, row.force_toward_n))
+        Some((self.plan.record.frames.base_from_ct.rotation * row.toward, row.force_toward_n))
     }
 }
 

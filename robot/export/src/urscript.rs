@@ -1,17 +1,17 @@
-//! URScript: a program that runs the whole cut on the controller. m, rad, s.
+//! URScript: a program that runs the whole cut on the controller, in m, rad and s.
 //!
-//! `servoj` follows the planned joint positions on the planned clock; linear moves would be timed anew by the controller,
-//! which knows nothing of the caps. Before every step it asks whether the pose is within the safety limits, whether the stop
-//! input is set and how many mm the burr's centre is beside its planned path; if that is more than the room to structures
-//! allows at that place, and at the end, it stops the arm softly and switches the spindle off. The arm moves to the start only after the operator has confirmed, with the
-//! spindle off.
+//! `servoj` follows the planned joint positions at the planned times. Linear moves are not used, because the controller
+//! would time them anew without the plan's speed caps. Before every step the program checks whether the pose is within the
+//! safety limits, whether the stop input is set, and how many mm the burr's centre is beside its planned path. If that is more
+//! than the room to structures allows at that place, if another check fails, and at the end, it stops the arm softly and
+//! switches the spindle off. The arm moves to the start only after the operator has confirmed, with the spindle off.
 //!
-//! `servoj` follows late, by tens of milliseconds: so the burr is compared with the path of the last [`LATE_S`], not with one
-//! place on it. An arm that stays farther behind than that is off its path, too. Both places come from the controller's own
-//! forward kinematics, so a calibration changes nothing.
+//! `servoj` lags by tens of milliseconds. So the burr is compared with the part of the path of the last [`LATE_S`], not with
+//! one place on it. An arm that lags more than that counts as off its path. Both the burr's place and the path come from
+//! the controller's own forward kinematics, so the check does not depend on a calibration.
 //!
-//! The controller's speed slider stretches the clock evenly. Speeds are checked here, so that no step asks for more than a
-//! joint's limit.
+//! The controller's speed slider stretches the time of all steps equally. Speeds are checked here, so that no step exceeds
+//! a joint's limit.
 
 use std::io::Write;
 
@@ -21,7 +21,7 @@ use bonemill_arm::{JointKind, ToolMount};
 use super::ros::list;
 use super::rows::ExportRows;
 
-/// What a program needs beside the motion.
+/// Settings of a program.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UrScript {
     /// The tool on the flange.
@@ -30,22 +30,22 @@ pub struct UrScript {
     pub spindle_output: u8,
     /// Digital input that stops the program.
     pub stop_input: u8,
-    /// Time that the spindle needs to run up, s.
+    /// Time that the spindle needs to reach its speed, s.
     pub run_up_s: f64,
     /// Whether joint positions were planned with this arm's own calibration.
     pub calibrated: bool,
 }
 
 impl UrScript {
-    /// Outputs and inputs as numbered first; 3 s to run up. Assumed.
+    /// Default settings: the first output and the first input, and 3 s for the spindle. Assumed.
     pub fn with_mount(mount: ToolMount) -> Self {
         Self { mount, spindle_output: 0, stop_input: 0, run_up_s: 3.0, calibrated: false }
     }
 }
 
-/// How late the arm may be on its path, s: some times the 34 ms that users measured for `servoj`. Assumed.
+/// Largest lag of the arm on its path, s: several times the 34 ms that users measured for `servoj`. Assumed.
 const LATE_S: f64 = 0.2;
-/// Places of the path that the program remembers.
+/// Number of past places of the path that the program keeps.
 const REMEMBERED: usize = 8;
 /// Limits are rounded down to multiples of this, so that a program says few of them, mm.
 const ASIDE_STEP_MM: f64 = 0.05;
@@ -104,7 +104,7 @@ pub fn write_urscript(
     out.write_all(b"  safe_stop(\"done\")\nend\nbonemill()\n").map_err(failed(rows.count()))
 }
 
-/// No step asks for more than a joint's speed limit.
+/// Checks that no step exceeds a joint's speed limit.
 fn check_steps(rows: &ExportRows<'_>) -> Result<(), RobotError> {
     for n in 1..rows.count() {
         let ((t0, from, _), (t1, to, _)) = (rows.row(n - 1), rows.row(n));
@@ -148,7 +148,7 @@ fn head(options: &UrScript, start: &str, step_s: f64) -> String {
     } else {
         "nominal kinematics, 1-2 mm off the real arm"
     };
-    // steps from one remembered place to the next
+    // number of steps between two places that are kept
     let every = (LATE_S / (step_s * (REMEMBERED - 1) as f64)).ceil().max(1.0);
     let zeros = list(&[0.0; REMEMBERED]);
     format!(

@@ -8,7 +8,7 @@ use bonemill_arm::Arm;
 use bonemill_arm::arm::Goal;
 use bonemill_arm::arm::dls;
 use bonemill_geometry::Rigid;
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::link::Joints;
 use crate::plan::StreamPlan;
@@ -58,7 +58,9 @@ impl Approach {
                 settings.approach_cone_rad.to_degrees()
             ));
         }
-        let turn = start.rotation.rotation_to(&end.rotation);
+        // a quaternion, since a rotation matrix's angle is lost to rounding near 0 and π
+        let from_turn = UnitQuaternion::from_rotation_matrix(&start.rotation);
+        let turn = from_turn.rotation_to(&UnitQuaternion::from_rotation_matrix(&end.rotation));
         let duration_s = (length_mm / settings.approach_mm_s).max(turn.angle() / settings.approach_rad_s);
         let steps = (duration_s / plan.period_s).ceil().max(1.0) as usize;
         let mut rows = Vec::with_capacity(steps + 1);
@@ -66,9 +68,9 @@ impl Approach {
         for n in 1..=steps {
             let share = n as f64 / steps as f64;
             let at = start.translation_mm.lerp(&end.translation_mm, share);
-            let rotation = Rotation3::from_scaled_axis(turn.scaled_axis() * share) * start.rotation;
+            let rotation = UnitQuaternion::from_scaled_axis(turn.scaled_axis() * share) * from_turn;
             let before = rows[n - 1];
-            rows.push(follow(&plan.arm, Rigid::new(rotation, at), &before)?);
+            rows.push(follow(&plan.arm, Rigid::new(rotation.to_rotation_matrix(), at), &before)?);
         }
         same_posture(&rows[steps], &to)?;
         rows[steps] = to;

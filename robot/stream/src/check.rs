@@ -3,7 +3,7 @@
 //! The controller's own tool pose is compared with the plan's kinematics: that covers the arm's model, its calibration and the tool
 //! centre point in one, at the pose where it counts.
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::link::{ArmState, Identity, SAFETY_NORMAL};
 use crate::plan::{Standing, StreamPlan};
@@ -87,7 +87,8 @@ fn tool(plan: &StreamPlan, state: &ArmState) -> Result<(), String> {
     let planned = plan.arm.tool_at(&state.q);
     let (place, turn) = state.tool_pose;
     let off_mm = (Vector3::from(place) - planned.translation_mm).norm();
-    let off_rad = Rotation3::from_scaled_axis(Vector3::from(turn)).angle_to(&planned.rotation);
+    let burr = UnitQuaternion::from_rotation_matrix(&planned.rotation);
+    let off_rad = UnitQuaternion::from_scaled_axis(Vector3::from(turn)).angle_to(&burr);
     if off_mm <= TOOL_MM && off_rad <= TOOL_RAD {
         return Ok(());
     }

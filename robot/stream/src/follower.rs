@@ -17,14 +17,27 @@ pub struct Follower {
     last_row: f64,
     row: f64,
     rate: f64,
-    /// Time and row of the targets sent within the backlog, and of the one before.
+    /// Time on the arm's scaled clock, s: it runs at the controller's share of full speed.
+    arm_s: f64,
+    sent_s: Option<f64>,
+    /// Time on the arm's clock and row of the targets sent within the backlog, and of the one before.
     sent: VecDeque<(f64, f64)>,
 }
 
 impl Follower {
     /// At rest at a row.
     pub fn new(period_s: f64, ramp_per_s: f64, backlog_s: f64, last_row: f64, row: f64) -> Self {
-        Self { period_s, ramp_per_s, backlog_s, last_row, row, rate: 0.0, sent: VecDeque::with_capacity(64) }
+        Self {
+            period_s,
+            ramp_per_s,
+            backlog_s,
+            last_row,
+            row,
+            rate: 0.0,
+            arm_s: 0.0,
+            sent_s: None,
+            sent: VecDeque::with_capacity(64),
+        }
     }
 
     /// Goes on at a share of the planned speed.
@@ -47,9 +60,12 @@ impl Follower {
         self.rate * self.rate / (2.0 * self.ramp_per_s * self.period_s)
     }
 
-    /// The next target's place, in rows, when `wanted` is the share to go for, below 0 for back; and the gap before it, s, if any.
-    pub fn advance(&mut self, now_s: f64, wanted: f64) -> Option<f64> {
-        let since_s = self.sent.back().map_or(self.period_s, |(time_s, _)| (now_s - time_s).max(0.0));
+    /// The next target's place, when `wanted` is the share to go for, below 0 for back, and the controller runs at `fraction` of full
+    /// speed; the gap before it, s, if there was one.
+    pub fn advance(&mut self, now_s: f64, wanted: f64, fraction: f64) -> Option<f64> {
+        let since_s = self.sent_s.map_or(self.period_s, |sent_s| (now_s - sent_s).max(0.0));
+        self.sent_s = Some(now_s);
+        self.arm_s += since_s * fraction;
         let gap_s = (since_s > GAP_PERIODS * self.period_s).then_some(since_s);
         if let Some(gap_s) = gap_s {
             let lost = self.ramp_per_s * (gap_s - self.period_s);
@@ -58,14 +74,20 @@ impl Follower {
         let ramp = self.ramp_per_s * self.period_s;
         self.rate += (wanted - self.rate).clamp(-ramp, ramp);
         self.row = (self.row + self.rate).clamp(0.0, self.last_row);
-        self.remember(now_s);
+        self.remember();
         gap_s
     }
 
-    fn remember(&mut self, now_s: f64) {
-        self.sent.push_back((now_s, self.row));
+    fn remember(&mut self) {
+        let rests = self.sent.iter().rev().take(2).filter(|(_, row)| *row == self.row).count() == 2;
+        if rests {
+            // a target that is sent again and again needs its first and last time only
+            self.sent.pop_back();
+        }
+        self.sent.push_back((self.arm_s, self.row));
+        let oldest_s = self.arm_s - self.backlog_s;
         // the target before the backlog's first is the one that the arm may still be at
-        while self.sent.get(1).is_some_and(|(time_s, _)| *time_s < now_s - self.backlog_s) {
+        while self.sent.get(1).is_some_and(|(arm_s, _)| *arm_s < oldest_s) {
             self.sent.pop_front();
         }
     }

@@ -186,7 +186,7 @@ impl Log {
         Ok(log)
     }
 
-    /// The place to go on from: the last that was reached while the plan ran.
+    /// The last place that was reached; [`StreamPlan::resume_row`](crate::StreamPlan::resume_row) says where to go on.
     pub fn last_row(&self) -> f64 {
         self.steps.last().map_or(0.0, |step| step.reached_row)
     }

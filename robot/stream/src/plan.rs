@@ -182,6 +182,17 @@ impl StreamPlan {
         self.settings.tolerance_mm.min(self.settings.tolerance_share * gap_mm)
     }
 
+    /// Where a run goes on that was stopped at a place: back by as much as the arm may have been behind it.
+    pub fn resume_row(&self, reached_row: f64) -> f64 {
+        let reached_row = reached_row.clamp(0.0, self.track.last_row());
+        let back_mm = self.tolerance_mm(reached_row as usize);
+        let mut row = reached_row;
+        while row > 0.0 && self.track.way_mm(row, reached_row) < back_mm {
+            row = (row - 1.0).max(0.0);
+        }
+        row
+    }
+
     /// What the burr can travel after a failure in a row, at the worst and at the speed that is allowed there.
     pub fn travel(&self, row: usize) -> Travel {
         bound::worst(self, row as f64, self.rate.get(row).copied().unwrap_or(0.0))

@@ -94,7 +94,8 @@ impl Session<'_> {
         let last = approach.track.last_row();
         // slows down so that it rests at the end; crawls the last of it
         let brakes = last - self.follower.row() <= self.follower.rows_to_rest() + 1.0;
-        self.send_on(&approach.track, now_s, if brakes { 0.02 } else { 1.0 }, step);
+        let fraction = self.fraction(step);
+        self.send_on(&approach.track, now_s, if brakes { fraction.min(0.02) } else { fraction }, step);
         if self.follower.backlog().0 < last {
             self.phase = Phase::Approaching(approach);
             return;
@@ -141,14 +142,20 @@ impl Session<'_> {
         self.send(now_s, wanted, step);
     }
 
-    /// The share of the planned speed that plan and controller allow here.
-    fn wanted_rate(&mut self, step: &mut Step) -> f64 {
+    /// The share of full speed that the controller runs at; a change is told.
+    fn fraction(&mut self, step: &mut Step) -> f64 {
         let fraction = self.watch.newest().map_or(0.0, |state| state.speed_fraction);
         let fraction = if fraction >= FULL_SPEED { 1.0 } else { fraction };
         if (fraction - self.told_fraction).abs() > 0.02 || (fraction == 1.0) != (self.told_fraction == 1.0) {
             self.told_fraction = fraction;
             step.events.push(if fraction < 0.005 { Event::Paused } else { Event::SpeedFraction(fraction) });
         }
+        fraction
+    }
+
+    /// The share of the planned speed that plan and controller allow here.
+    fn wanted_rate(&mut self, step: &mut Step) -> f64 {
+        let fraction = self.fraction(step);
         let row = (self.follower.row() + 1.0) as usize;
         fraction.min(self.plan.rate.get(row).copied().unwrap_or(1.0))
     }
@@ -238,7 +245,7 @@ impl Session<'_> {
             self.late.0 += u64::from(late_s > period_s);
             self.late.1 = self.late.1.max(late_s);
         }
-        if let Some(gap_s) = self.follower.advance(now_s, wanted) {
+        if let Some(gap_s) = self.follower.advance(now_s, wanted, self.told_fraction) {
             step.events.push(Event::Gap { gap_s });
         }
         let q = track.joints(self.follower.row());

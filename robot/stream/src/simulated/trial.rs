@@ -30,11 +30,16 @@ pub struct TrialResult {
     pub bound: Travel,
     /// How the run ended that went on from there; none where it was not asked for, or nothing was left to do.
     pub resumed: Option<Outcome>,
-    /// Rows by which the place reported as reached is beyond where the arm truly ended: what a resumed run would leave out.
-    pub skipped_rows: f64,
+    /// Way from where the arm truly was at the farthest to where the run goes on, mm: what is left out.
+    pub skipped_mm: f64,
 }
 
 impl TrialResult {
+    /// Whether it came to no end by itself.
+    pub fn hung(&self) -> bool {
+        matches!(self.outcome.cause, Some(Cause::NoAnswer { .. }))
+    }
+
     /// Whether the burr stayed within what was printed.
     pub fn is_within(&self) -> bool {
         self.travel.along_mm <= self.bound.along_mm + 1e-9 && self.travel.off_mm <= self.bound.off_mm + 1e-9
@@ -47,10 +52,16 @@ struct Yes {
     fault: Fault,
     asked: bool,
     stopped: bool,
+    /// When the plan's first target was due, in true time, s.
+    began_s: f64,
 }
 
 impl Operator for Yes {
-    fn tell(&mut self, _: &Event) {}
+    fn tell(&mut self, event: &Event) {
+        if *event == Event::Stage("run") {
+            self.began_s = self.world.borrow().now_s();
+        }
+    }
 
     fn ask(&mut self, _: &Question) {
         self.asked = true;
@@ -61,6 +72,9 @@ impl Operator for Yes {
     }
 
     fn stop(&mut self) -> Option<Cause> {
+        if self.world.borrow().now_s() > MOST_S {
+            return Some(Cause::NoAnswer { what: "the end of a trial", waited_s: MOST_S });
+        }
         if self.stopped || !self.world.borrow().struck() {
             return None;
         }
@@ -87,6 +101,8 @@ pub struct Piece {
 const BLOCK: usize = 5;
 /// Seconds that approach and start take before a piece is run.
 const BEFORE_S: f64 = 0.15;
+/// Simulated seconds after which a trial counts as hung.
+const MOST_S: f64 = 10.0;
 /// Seconds that the world goes on after the run has ended.
 const AFTER_S: f64 = 0.3;
 /// The row of a piece that a run starts at.
@@ -120,33 +136,37 @@ impl Piece {
         let onset_s = if fault.is_standing() { 0.0 } else { drawn_s };
         let world = World::new(&plan.arm, q, plan.settings().timing, (fault, onset_s), seed).traced();
         let world = Rc::new(RefCell::new(world));
-        let (outcome, used_s) = once(plan, START_ROW, fault, &world);
+        let Ran { outcome, used_s, began_s } = once(plan, START_ROW, fault, &world);
         let end_s = world.borrow().now_s() + AFTER_S;
         world.borrow_mut().advance(end_s);
         let since_s = if fault.is_gradual() { onset_s.max(used_s) } else { onset_s };
-        let (travel, bound, end_row) = self.judge(&world.borrow(), &outcome, since_s);
-        let skipped_rows = (outcome.reached_row - end_row).max(0.0);
+        let (travel, bound, end_row) =
+            self.judge(&world.borrow(), began_s, outcome.cause.as_ref().map(|_| since_s));
+        let resume_row = plan.resume_row(outcome.reached_row);
+        let skipped_mm = plan.track.way_mm(end_row.min(resume_row), resume_row);
         let unfinished = outcome.cause.is_some() && !matches!(outcome.cause, Some(Cause::NotReady(_)));
         let resumed = (resume && unfinished && !fault.is_standing()).then(|| {
             let q = world.borrow().q();
             let timing = plan.settings().timing;
             let again = World::new(&plan.arm, q, timing, (Fault::None, f64::INFINITY), seed.wrapping_add(1));
-            once(plan, outcome.reached_row, Fault::None, &Rc::new(RefCell::new(again))).0
+            once(plan, resume_row, Fault::None, &Rc::new(RefCell::new(again))).outcome
         });
-        TrialResult { outcome, travel, bound, resumed, skipped_rows }
+        TrialResult { outcome, travel, bound, resumed, skipped_mm }
     }
 
-    /// Travel along the path since a time if the run was stopped, farthest off it at any time, their bounds, and where the arm ended.
-    fn judge(&self, world: &World, outcome: &Outcome, since_s: f64) -> (Travel, Travel, f64) {
+    /// Travel along the path since a failure, farthest off it since the plan began, their bounds, and the farthest row that the arm was at.
+    fn judge(&self, world: &World, began_s: f64, stopped_s: Option<f64>) -> (Travel, Travel, f64) {
         let track = &self.plan.track;
         let (mut travel, mut bound) = (Travel::default(), Travel::default());
-        let (mut row, mut began, mut worst) = (START_ROW, None, f64::NEG_INFINITY);
-        for (time_s, q) in world.trace() {
+        let (mut row, mut farthest, mut failed, mut worst) = (START_ROW, START_ROW, None, f64::NEG_INFINITY);
+        // before it begins, the plan's tube says nothing
+        for (time_s, q) in world.trace().iter().filter(|(time_s, _)| *time_s >= began_s) {
             let burr_mm = self.plan.arm.tool_at(q).translation_mm;
             let near = track.nearest((row - 5.0).max(0.0), (row + 40.0).min(track.last_row()), &burr_mm);
             row = near.row;
-            if began.is_none() && *time_s >= since_s {
-                began = Some(row);
+            farthest = farthest.max(row);
+            if failed.is_none() && stopped_s.is_some_and(|since_s| *time_s >= since_s) {
+                failed = Some(row);
             }
             let allowed = self.bound(row);
             if near.distance_mm - allowed.off_mm > worst {
@@ -154,22 +174,30 @@ impl Piece {
                 (travel.off_mm, bound.off_mm) = (near.distance_mm, allowed.off_mm);
             }
         }
-        if let (Some(began), true) = (began, outcome.cause.is_some()) {
-            travel.along_mm = track.way_mm(began, row);
-            bound.along_mm = self.bound(began).along_mm;
+        if let Some(failed) = failed {
+            travel.along_mm = track.way_mm(failed, row);
+            bound.along_mm = self.bound(failed).along_mm;
         }
-        (travel, bound, row)
+        (travel, bound, farthest)
     }
 }
 
-/// Runs a plan in a world, and says when the newest state that was used was made.
-fn once(plan: &StreamPlan, start_row: f64, fault: Fault, world: &Rc<RefCell<World>>) -> (Outcome, f64) {
+/// A run, when the newest state that it used was made, and when its plan began, s.
+struct Ran {
+    outcome: Outcome,
+    used_s: f64,
+    began_s: f64,
+}
+
+/// Runs a plan in a world.
+fn once(plan: &StreamPlan, start_row: f64, fault: Fault, world: &Rc<RefCell<World>>) -> Ran {
     let (mut link, mut clock) = (WorldLink(world.clone()), WorldClock(world.clone()));
     let mut session = Session::new(plan, start_row, clock.now_s());
-    let mut operator = Yes { world: world.clone(), fault, asked: false, stopped: false };
+    let mut operator =
+        Yes { world: world.clone(), fault, asked: false, stopped: false, began_s: f64::INFINITY };
     let outcome = drive(&mut session, &mut link, &mut clock, &mut operator, None::<&mut LogWriter<Vec<u8>>>);
     let used_s = session.state().map_or(0.0, |state| world.borrow().made_s(state));
-    (outcome, used_s)
+    Ran { outcome, used_s, began_s: operator.began_s }
 }
 
 /// Joints that have the burr beside where it is, across the shaft.

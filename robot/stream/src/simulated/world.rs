@@ -10,6 +10,7 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 
 use bonemill_arm::Arm;
+use nalgebra::UnitQuaternion;
 
 use super::fault::{Draws, Fault};
 use crate::link::{ArmLink, ArmState, Clock, Identity, Joints, LinkFault, Order, PLAYING, SAFETY_NORMAL};
@@ -23,6 +24,9 @@ const WATCHDOG_S: f64 = 0.1;
 const STOPPED: u32 = 1;
 /// How long a controller takes to start again, s.
 const RESTART_S: f64 = 0.6;
+
+/// How long a slider stays where it was moved to, s.
+const SLIDER_S: f64 = 0.4;
 
 /// How the arm moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,7 +80,7 @@ impl World {
     pub fn new(arm: &Arm, q: Joints, timing: Timing, (fault, onset_s): (Fault, f64), seed: u64) -> Self {
         let mut draws = Draws::new(seed);
         let tool = arm.tool_at(&q);
-        let turn = tool.rotation.scaled_axis();
+        let turn = UnitQuaternion::from_rotation_matrix(&tool.rotation).scaled_axis();
         let skew = 1.0 + draws.between(-0.5, 0.5) * timing.clock_drift;
         let controller = (draws.between(0.0, 1e5), skew);
         // both ways together stay within what is assumed
@@ -165,6 +169,9 @@ impl World {
         }
         if self.struck && self.fault == Fault::Restarted && self.now_s >= self.onset_s + RESTART_S {
             self.controller.0 = -self.now_s * self.controller.1;
+        }
+        if self.struck && self.now_s >= self.onset_s + SLIDER_S {
+            self.fraction = 1.0;
         }
         while self.orders.front().is_some_and(|(at_s, _)| *at_s <= self.now_s) {
             if let Some((_, order)) = self.orders.pop_front() {
