@@ -165,7 +165,7 @@ fn every_rule_can_fail_and_can_hold() {
 const LAYERS: &[&[&str]] = &[
     &["geometry", "planner/testkit"],
     &["imaging", "planner/catalogue", "planner/cutter", "planner/part", "robot/arm"],
-    &["planner/case", "robot/motion"],
+    &["planner/case", "robot/motion", "robot/stream"],
     &["robot/export", "planner/machining", "planner/proof"],
     &["planner/scene", "planner/stock", "planner/cutting", "planner/planfile", "planner/program"],
     &["planner/prosthesis", "planner/setup", "planner/toolpath"],

@@ -18,7 +18,7 @@ pub use bonemill_planfile::{self as plan, toward};
 pub use bonemill_program as program;
 pub use bonemill_proof as proof;
 pub use bonemill_prosthesis as prosthesis;
-pub use bonemill_report::{compare, report, save, show};
+pub use bonemill_report::{compare, report, run, save, show};
 pub use bonemill_scene as scene;
 pub use bonemill_setup::PlanError;
 pub use bonemill_simulate as simulate;

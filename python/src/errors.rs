@@ -21,6 +21,7 @@ import_exception!(bonemill._errors, ModelError);
 import_exception!(bonemill._errors, PlanError);
 import_exception!(bonemill._errors, PlanFileError);
 import_exception!(bonemill._errors, RobotError);
+import_exception!(bonemill._errors, StreamError);
 
 /// An error with its causes, one per line, as the command prints them.
 pub fn words(error: &dyn Error) -> String {

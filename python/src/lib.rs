@@ -19,6 +19,7 @@ mod phantoms;
 mod plan;
 mod show;
 mod simulate;
+mod stream;
 mod values;
 mod verdict;
 mod verify;
@@ -33,6 +34,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<case::Case>()?;
     m.add_class::<plan::Plan>()?;
     m.add_class::<arm::Arm>()?;
+    m.add_class::<stream::StreamPlan>()?;
     m.add_function(wrap_pyfunction!(case::with_values, m)?)?;
     m.add_function(wrap_pyfunction!(compare::compare, m)?)?;
     m.add_function(wrap_pyfunction!(plan::plan, m)?)?;

@@ -14,7 +14,7 @@ from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 
-from fault_run import LOCAL, START, Outcome, Piece, Run
+from fault_run import LOCAL, START, Outcome, Piece, Run, prefer
 from ur_faults import FAULTS
 
 ALL = [*FAULTS, *START, *LOCAL]
@@ -30,12 +30,15 @@ def run_all(pieces: dict[str, Piece], faults: list[str], seeds: range, flags: li
                         run = Run(piece, fault, seed, Path(work), flags)
                         try:
                             outcome = run.go()
+                        except (EOFError, OSError) as error:
+                            print(name, fault, seed, f"the double itself failed: {error}", flush=True)
+                            continue
                         finally:
                             run.finish()
                     found.append((name, outcome))
                     file.write(json.dumps({"plan": name, **asdict(outcome)}) + "\n")
                     file.flush()
-                    print(name, fault, seed, f"row {outcome.row} along {outcome.along_mm:.3f} off {outcome.off_mm:.3f} mm", outcome.how, outcome.code, f"{outcome.exit_s:.2f} s", outcome.said[:160], outcome.notes, flush=True)
+                    print(name, fault, seed, f"row {outcome.row} along {outcome.along_mm:.3f} off {outcome.off_mm:.3f} mm", outcome.how, outcome.code, f"{outcome.exit_s:.2f} s", outcome.said[:160], outcome.resumed, outcome.notes, flush=True)
     return found
 
 
@@ -60,8 +63,11 @@ def main() -> int:
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--only", action="append", choices=ALL)
-    parser.add_argument("--flags", default="--yes --log LOG", help="of the stream command; LOG stands for a file")
+    parser.add_argument("--flags", default="--yes --slow --payload-kg 1 --run-up-s 0.2 --log LOG", help="of the stream command; LOG stands for a file")
+    parser.add_argument("--resume-s", type=float, default=4.0, help="how long a resumed run is looked at")
     asked = parser.parse_args()
+    prefer()
+    Run.resume_s = asked.resume_s
     asked.out.mkdir(parents=True, exist_ok=True)
     pieces = {name: Piece.load(Path(folder)) for name, folder in (p.split("=", 1) for p in asked.plans)}
     seeds = range(asked.first_seed, asked.first_seed + asked.runs)

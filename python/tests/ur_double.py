@@ -266,7 +266,9 @@ class Controller:
             self._input(connection, body, now_s)
 
     def _input(self, connection: Connection, body: bytes, now_s: float) -> None:
-        names = connection.recipes[body[0]]
+        if (names := connection.recipes.get(body[0])) is None:
+            # a client that connected again and did not say what it sends
+            return
         values = dict(zip(names, struct.unpack(">" + "".join(SIZES[type_of(n)] for n in names), body[1:])))
         doubles = [v for n, v in values.items() if "double_register" in n]
         self.arm.hear(now_s)
@@ -289,10 +291,11 @@ def _serve(host: str, q: list[float], pipe: Any) -> None:
     sys.setswitchinterval(1e-3)
     try:
         controller = Controller(host, q)
-        pipe.send("up")
-        controller.run(pipe)
     except OSError as error:
         pipe.send(error)
+        return
+    pipe.send("up")
+    controller.run(pipe)
 
 
 class Double:
@@ -325,5 +328,8 @@ class Double:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._pipe.send(None)
+        try:
+            self._pipe.send(None)
+        except BrokenPipeError:
+            pass
         self._process.join(5)

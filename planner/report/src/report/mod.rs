@@ -8,6 +8,7 @@ mod columns;
 pub mod compare;
 mod compared;
 mod peak;
+pub mod run;
 pub mod simulation;
 mod slices;
 mod structures;
