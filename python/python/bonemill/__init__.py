@@ -46,6 +46,7 @@ from ._judge import (
 )
 from ._native import __version__
 from ._plan import Frames, Plan, Structure, plan
+from ._prosthesis import ProsthesisPlan, prosthesis
 from ._view import view
 
 if TYPE_CHECKING:
@@ -75,6 +76,7 @@ __all__ = [
     "Plan",
     "PlanError",
     "PlanFileError",
+    "ProsthesisPlan",
     "Risk",
     "RobotError",
     "Simulation",
@@ -93,6 +95,7 @@ __all__ = [
     "engagement_metrics",
     "phantom",
     "plan",
+    "prosthesis",
     "simulate",
     "stream",
     "verify",
