@@ -1,4 +1,4 @@
-//! Where the command hands a case to the planner and gets a filled directory back.
+//! Plans a case and fills a plan's directory.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use bonemill_planner::pipeline::Refused;
 use bonemill_planner::plan::{self, PlanRecord, StagedDirectory};
 use bonemill_planner::save;
 
-/// Plans `case` and writes the plan's files into the staged directory; `pack`: with copies of its inputs.
+/// Plans `case` and writes the plan's files into the staged directory; with `pack`, also copies of its inputs.
 pub fn plan_into(
     case: &Case,
     case_path: &Path,
@@ -19,6 +19,6 @@ pub fn plan_into(
     let plan =
         bonemill_planner::plan(case, case_path, progress).map_err(|e| Refused::new(e, case, case_path))?;
     progress.stage("write files");
-    let packed = pack.then(|| plan::pack_inputs(&plan.inputs, case_path, staged)).transpose()?;
+    let packed = pack.then(|| plan::pack_inputs(&plan.setup.inputs, case_path, staged)).transpose()?;
     Ok(save::plan(&plan, packed.as_deref().unwrap_or(case_path), staged)?)
 }

@@ -72,7 +72,7 @@ const RULES: &[(&str, Rule, Snippet, Snippet)] = &[
     (
         "only readers and writers touch files",
         file_access,
-        ("imaging/src/read.rs", "let bytes = std::fs::read(path)?;"),
+        ("imaging/src/formats/mod.rs", "let bytes = std::fs::read(path)?;"),
         ("planner/toolpath/src/path.rs", "let bytes = std::fs::read(path)?;"),
     ),
     (
@@ -164,11 +164,12 @@ fn every_rule_can_fail_and_can_hold() {
 /// Our crates in layers: each may depend on those of earlier layers. The first name is the crate's folder.
 const LAYERS: &[&[&str]] = &[
     &["geometry", "planner/testkit"],
-    &["imaging", "planner/catalogue", "planner/part", "robot/arm"],
+    &["imaging", "planner/catalogue", "planner/cutter", "planner/part", "robot/arm"],
     &["planner/case", "robot/motion"],
-    &["planner/cutter", "robot/export", "planner/machining", "planner/proof"],
+    &["robot/export", "planner/machining", "planner/proof"],
     &["planner/scene", "planner/stock", "planner/cutting", "planner/planfile", "planner/program"],
     &["planner/prosthesis", "planner/setup", "planner/toolpath"],
+    &["planner/armpath"],
     &["planner/pipeline", "planner/simulate", "planner/verify"],
     &["planner/report"],
     &["planner", "robot"],
@@ -237,7 +238,8 @@ fn no_crate_holds_more_than_a_fifth_of_the_code() {
 fn file_access(source: &Source) -> Vec<String> {
     const ALLOWED: &[&str] = &[
         "src/",
-        "imaging/src/read",
+        "imaging/src/formats",
+        "imaging/src/memory",
         "imaging/src/write",
         "imaging/src/names",
         "robot/arm/src/arm/reader",

@@ -1,12 +1,12 @@
-//! Choosing the shaft's direction: time per edge of the layered graph against a graph that stores its edges, and time per
-//! orientation cost. Read the figures as ratios.
+//! Speed of choosing the shaft's direction: time per edge of the layered graph compared with a graph that stores its edges,
+//! and time per orientation cost. Only the ratios have a meaning.
 #![allow(missing_docs, clippy::expect_used)] // criterion's macros make undocumented functions; the inputs are fixed
 
 use std::hint::black_box;
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
 use bonemill_planner::burr::{
-    AtPoints, EngagedSamples, Material, Measure, OrientationKernel, SphereSampler, Tool,
+    AtPoints, EngagedSamples, Feed, Material, Measure, OrientationKernel, SphereSampler, Tool,
 };
 use bonemill_planner::cost::{CostModel, Proximity};
 use bonemill_planner::metrics::Moments;
@@ -22,7 +22,7 @@ fn family() -> TiltFamily {
     TiltFamily { hinge: Vector3::x_axis(), zero: Vector3::z_axis(), lower_rad: -1.05, upper_rad: 1.05 }
 }
 
-/// A ladder graph as one writes it first: every edge of every rung stored, then relaxed.
+/// The simplest implementation of a layered graph: all edges are stored, then relaxed.
 struct Ladder {
     edges: Vec<Vec<(u32, u32, f64)>>,
 }
@@ -75,7 +75,7 @@ fn edges(c: &mut Criterion) {
     for (name, directions, waypoints) in sets {
         let n = directions.len();
         let cost: Vec<f32> = (0..n * waypoints).map(|k| ((k * 7919) % 1009) as f32 / 1009.0).collect();
-        // free on one side that wanders, as beside a wall
+        // directions are free on one side of a boundary that moves, as beside a wall
         let free =
             FreeSets::fill(waypoints, n, |i, k| directions.axes()[k].y < 0.4 + 0.3 * (i as f64 * 0.01).sin());
         let forbidden = Forbidden::default();
@@ -128,9 +128,7 @@ fn cost(c: &mut Criterion) {
         let mut engaged = EngagedSamples::default();
         kernel.gather(
             &mut engaged,
-            &feed,
-            1.5,
-            RPM,
+            &Feed::new(&feed, 1.5, RPM),
             &mut AtPoints(|n: &Vector3<f64>| material.weight(sampler.at(n))),
         );
         let mut group = c.benchmark_group(format!("orientation_cost/{measure:?}/{}_engaged", engaged.len()));

@@ -1,10 +1,10 @@
-//! The orientation kernel's error against the converged sum, as quantiles over random bone, feeds and axes.
+//! Error of the orientation kernel against the converged sum, as quantiles over random bone, feeds and axes.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stderr)] // a test's helpers are tests
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
 use bonemill_planner::burr::{
-    AtPoints, Discretisation, ElementGrid, EngagedForce, EngagedSamples, ForceKernel, Material, Measure,
-    OrientationKernel, OverPatches, Patch, Tool,
+    AtPoints, Discretisation, ElementGrid, EngagedForce, EngagedSamples, Feed, ForceKernel, Material,
+    Measure, OrientationKernel, OverPatches, Patch, Tool,
 };
 use bonemill_planner::engagement::share_beyond;
 use bonemill_planner::orientation::stencil::Stencil;
@@ -34,7 +34,7 @@ impl Sequence {
     }
 }
 
-/// Foam under a surface, with air cells and noise, voxels of 0.25 mm around a burr of 2.5 mm; cut away above a plane behind.
+/// Foam under a surface, with air cells and noise, in voxels of 0.25 mm around a burr of 2.5 mm; removed behind a plane.
 fn bone(s: &mut Sequence) -> Volume<f64, Work> {
     let grid = Grid::aligned([26, 26, 26], 0.25, Point::new(-3.2, -3.1, -3.15)).unwrap();
     let surface = s.between(-1.5, 2.5);
@@ -52,7 +52,7 @@ fn bone(s: &mut Sequence) -> Volume<f64, Work> {
 
 struct Scene {
     bone: Volume<f64, Work>,
-    /// What an earlier pass has taken: a sharp edge, as exact capsules give.
+    /// The volume of an earlier pass, with a sharp edge as of exact capsules.
     pass: (Vector3<f64>, f64),
     feed: Unit<Vector3<f64>>,
     axis: Unit<Vector3<f64>>,
@@ -70,7 +70,7 @@ impl Scene {
         Self { bone: bone(s), pass: (across, 2.5), feed, axis }
     }
 
-    /// Intact density, times the share of a patch outside the earlier pass.
+    /// Density of the uncut bone, times the share of a patch outside the earlier pass.
     fn mean_weight(&self, n: &Vector3<f64>, patch: &Patch) -> f64 {
         let x = n * 2.5;
         let (across, r) = self.pass;
@@ -79,7 +79,7 @@ impl Scene {
         share * self.bone.trilinear(ORIGIN + x, 0.0) / 0.8
     }
 
-    /// Intact density, dropped where the sample lies in a straight earlier pass along x.
+    /// Density of the uncut bone, or 0 where the sample lies in a straight earlier pass along x.
     fn weight(&self, n: &Vector3<f64>) -> f64 {
         let x = n * 2.5;
         let (across, r) = self.pass;
@@ -96,9 +96,7 @@ fn converged(tool: &Tool, material: &Material, measure: Measure, scene: &Scene) 
     let kernel = ForceKernel::new(tool, material, &disc);
     kernel.engaged_force(
         &scene.axis,
-        &scene.feed,
-        1.5,
-        RPM,
+        &Feed::new(&scene.feed, 1.5, RPM),
         &mut AtPoints(|n: &Vector3<f64>| scene.weight(n)),
     )
 }
@@ -137,9 +135,7 @@ fn measure(label: &str, tool: &Tool, material: &Material, measure: Measure, limi
             .map(|s| {
                 kernel.gather(
                     &mut samples,
-                    &s.feed,
-                    1.5,
-                    RPM,
+                    &Feed::new(&s.feed, 1.5, RPM),
                     &mut OverPatches(|n: &Vector3<f64>, patch: &Patch| s.mean_weight(n, patch)),
                 );
                 kernel.force_for_axis(&samples, &s.axis, RPM).force_n(1.5)
@@ -160,9 +156,7 @@ fn measure(label: &str, tool: &Tool, material: &Material, measure: Measure, limi
             kernel
                 .engaged_force(
                     &s.axis,
-                    &s.feed,
-                    1.5,
-                    RPM,
+                    &Feed::new(&s.feed, 1.5, RPM),
                     &mut OverPatches(|n: &Vector3<f64>, patch: &Patch| s.mean_weight(n, patch)),
                 )
                 .force_n(1.5)
@@ -203,7 +197,7 @@ fn edge_and_cut_with_a_helix() {
     measure("edge", &tool, &material, Measure::Db, [3.5e-3, 5e-3, 1e-2, 1.5e-2]);
 }
 
-/// Uniform bone has closed forms; the poles of the shaft lie among the samples.
+/// Uniform bone has closed forms; the poles of the shaft are among the samples.
 #[test]
 fn uniform_bone_has_its_closed_form() {
     let c = 60.0 * 1.5 * 2.5 / RPM;
@@ -216,19 +210,19 @@ fn uniform_bone_has_its_closed_form() {
         [(Vector3::x_axis(), side, k_t * c * 1.25), (-Vector3::z_axis(), plunge, k_t * c * 1.25)]
     {
         let mut samples = EngagedSamples::default();
-        kernel.gather(&mut samples, &feed, 1.5, RPM, &mut AtPoints(|_: &Vector3<f64>| 1.0));
+        kernel.gather(&mut samples, &Feed::new(&feed, 1.5, RPM), &mut AtPoints(|_: &Vector3<f64>| 1.0));
         assert_eq!(samples.len(), 512);
         let f = kernel.force_for_axis(&samples, &Vector3::z_axis(), RPM);
         let off = (f.force_n(1.5) - expected).norm() / expected.norm();
-        // in a plunge the pole is the lattice's own centre: its worst case
+        // in a plunge the pole is the centre of the lattice, which is its worst case
         assert!(off < if feed.z < 0.0 { 1e-2 } else { 2e-3 }, "{off}");
         assert!((f.torque_nmm(1.5) / torque - 1.0).abs() < 5e-3);
         assert!((f.mrr_mm2 / (pi * 6.25) - 1.0).abs() < 1e-6);
     }
 }
 
-/// A slow turn of the axis changes the force slowly, past a neck and past a pole in bone: without merging smoothly, with
-/// merging in steps below the lattice's error.
+/// A slow turn of the axis changes the force slowly, also past the neck and past a pole in bone: smoothly without merging, and
+/// with merging in steps smaller than the lattice's error.
 #[test]
 fn the_force_is_continuous_in_the_axis() {
     let mut sequence = Sequence(7);
@@ -239,9 +233,7 @@ fn the_force_is_continuous_in_the_axis() {
             let mut samples = EngagedSamples::default();
             kernel.gather(
                 &mut samples,
-                &scene.feed,
-                1.5,
-                RPM,
+                &Feed::new(&scene.feed, 1.5, RPM),
                 &mut AtPoints(|n: &Vector3<f64>| scene.weight(n)),
             );
             let force = |angle: f64| {
@@ -262,12 +254,16 @@ fn the_force_is_continuous_in_the_axis() {
 fn nothing_in_front_is_no_force() {
     let kernel = OrientationKernel::new(&tool(), &foam(), Measure::Db, 256, 4);
     let mut samples = EngagedSamples::default();
-    kernel.gather(&mut samples, &Vector3::x_axis(), 1.5, RPM, &mut AtPoints(|_: &Vector3<f64>| 0.0));
+    kernel.gather(
+        &mut samples,
+        &Feed::new(&Vector3::x_axis(), 1.5, RPM),
+        &mut AtPoints(|_: &Vector3<f64>| 0.0),
+    );
     assert!(samples.is_empty());
     assert_eq!(kernel.force_for_axis(&samples, &Vector3::z_axis(), RPM), EngagedForce::ZERO);
 }
 
-/// From a third of a plane's angles: the error of the stencil beside the lattice's own.
+/// The stencil computes the force from a third of a plane's angles; its error is compared with the lattice's own.
 #[test]
 fn the_stencil_gives_the_force_of_every_direction() {
     let angles: Vec<f64> = (-30..=30).map(|n| f64::from(n) * 2f64.to_radians()).collect();
@@ -278,7 +274,11 @@ fn the_stencil_gives_the_force_of_every_direction() {
     for _ in 0..40 {
         let scene = Scene::new(&mut sequence);
         let mut samples = EngagedSamples::default();
-        kernel.gather(&mut samples, &scene.feed, 1.5, RPM, &mut AtPoints(|n: &Vector3<f64>| scene.weight(n)));
+        kernel.gather(
+            &mut samples,
+            &Feed::new(&scene.feed, 1.5, RPM),
+            &mut AtPoints(|n: &Vector3<f64>| scene.weight(n)),
+        );
         let axis = |n: usize| Unit::new_normalize(Vector3::new(0.0, -angles[n].sin(), angles[n].cos()));
         let force = |n: usize| kernel.force_for_axis(&samples, &axis(n), RPM).force_n(1.5);
         let mut found = vec![None; angles.len()];

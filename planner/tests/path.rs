@@ -1,4 +1,4 @@
-//! The path against brute force: an L-shaped pocket in bone with a rod beside it, every voxel looked at for every move.
+//! The path compared with brute force: an L-shaped pocket in bone with a rod beside it; every voxel is tested for every move.
 #![allow(clippy::unwrap_used, clippy::print_stderr)] // a test's helpers are tests
 
 #[path = "support/pocket.rs"]
@@ -9,8 +9,8 @@ use std::collections::VecDeque;
 
 use bonemill_geometry::{Ct, Point, Work};
 use bonemill_planner::burr::{
-    Bone, Discretisation, EngagedSamples, ForceKernel, Material, Measure, OrientationKernel, OverPatches,
-    Patch, Tool,
+    Bone, Discretisation, EngagedSamples, Feed, ForceKernel, Material, Measure, OrientationKernel,
+    OverPatches, Patch, Tool,
 };
 use bonemill_planner::engagement::{SweptPath, mass_increments, mass_increments_by_voxels, share_beyond};
 use bonemill_planner::metrics::Moments;
@@ -21,11 +21,11 @@ use bonemill_planner::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
 use nalgebra::{Unit, Vector3};
 
 use pocket::{
-    CLEARANCE_MM, FIRST, RADIUS_MM, ROD_VOXELS, SPACING, SPACING_MM, TARGET, from_segment, images, moves,
-    path, scene, scene_at, table,
+    BALL, CLEARANCE_MM, FIRST, RADIUS_MM, ROD_VOXELS, SPACING, SPACING_MM, TARGET, from_segment, images,
+    moves, path, scene, scene_at, table,
 };
 
-/// Planning that would take more memory than there is is refused, and the spacing that is told does fit.
+/// Planning that would need more memory than there is is refused, and the spacing named in the error does fit.
 #[test]
 fn a_grid_that_memory_does_not_hold_is_refused_with_one_that_fits() {
     let Err(SceneError::TooLarge { voxels, needed_mb, most_mb, is_available, fitting_mm, .. }) =
@@ -39,11 +39,11 @@ fn a_grid_that_memory_does_not_hold_is_refused_with_one_that_fits() {
     assert!(scene_at(0.2, Some(needed_mb)).is_ok());
 }
 
-/// From under a ledge the burr goes back the way it came: straight up, the shank would have to be in the bone above.
+/// From under a ledge the burr goes back the way it came, because straight up the shank would be in the bone above.
 #[test]
 fn the_burr_leaves_from_under_a_ledge_as_it_went_in() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let work_from_ct = scene.ct_from_work.inverse();
     let at = |voxel: [f64; 3]| work_from_ct * (FIRST + Vector3::from(voxel) * SPACING_MM);
     let under = Pass {
@@ -57,7 +57,7 @@ fn the_burr_leaves_from_under_a_ledge_as_it_went_in() {
     assert_eq!(path.passes.len(), 2);
     let end = path.points.iter().rposition(|p| p.leads_to.0 == 0).unwrap();
     assert!(path.points[end].position.distance_mm(&at([22.0, 19.0, 18.5])) < 1e-9);
-    // out and over to the next pass, and out at the end: only its plunge cuts
+    // the burr moves out and over to the next pass, and out at the end; only its plunge cuts
     let cuts: Vec<_> = (0..scene.class.data().len())
         .filter(|n| scene.class.data()[*n].is(Class::MATERIAL) && path.removal.time()[*n] != NEVER)
         .map(|n| path.removal.time()[n] as usize)
@@ -89,7 +89,7 @@ fn from_rod(p: Point<Ct>) -> f64 {
 #[test]
 fn every_place_and_move_keeps_its_distance() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
     let grid = scene.class.grid();
     let obstacles: Vec<Vector3<f64>> = (0..grid.len())
@@ -119,14 +119,14 @@ fn every_place_and_move_keeps_its_distance() {
 #[test]
 fn removal_times_are_those_of_the_moves_and_links_remove_nothing() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
     let grid = scene.class.grid();
     let mut time = vec![NEVER; grid.len()];
     for (i, (a, b)) in moves(&path).iter().enumerate() {
         for (n, t) in time.iter_mut().enumerate() {
             let p = grid.center(grid.voxel(n)).coords;
-            // voxels within rounding of the surface may go either way
+            // voxels within rounding of the surface may be inside or outside
             if *t == NEVER && from_segment(&p, a, b) <= RADIUS_MM - 1e-9 {
                 *t = i as u32;
             }
@@ -155,7 +155,7 @@ fn removal_times_are_those_of_the_moves_and_links_remove_nothing() {
 #[test]
 fn what_can_be_reached_is_the_opening_and_nearly_all_of_it_goes() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let grid = scene.class.grid();
     let [nx, ny, nz] = grid.dims();
     let keep = RADIUS_MM + CLEARANCE_MM + TRAJECTORY_TOLERANCE_MM;
@@ -211,11 +211,11 @@ fn what_can_be_reached_is_the_opening_and_nearly_all_of_it_goes() {
 #[test]
 fn masses_add_up_to_what_the_balls_cover() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
-    let masses = mass_increments(&scene.density_g_cm3, &path.points, RADIUS_MM);
+    let masses = mass_increments(&scene.density_g_cm3, &path.points, BALL);
     let sum: f64 = masses.iter().map(|m| m.mass_mg()).sum();
-    // every voxel by 5³ points, each in some ball or not
+    // every voxel is sampled at 5³ points, each inside a ball or not
     let grid = scene.class.grid();
     let centers: Vec<Vector3<f64>> = path.points.iter().map(|p| p.position.coords).collect();
     let mut counted = 0.0;
@@ -230,7 +230,8 @@ fn masses_add_up_to_what_the_balls_cover() {
         });
         counted += f64::from(*density) * grid.voxel_mm3() * covered.count() as f64 / 125.0;
     }
-    // D's increments take the largest ball at a voxel, not the union of balls: never more, and nearly as much
+    // D's increments use the largest partial volume of a voxel in any ball, not in the union of balls, so the sum is never
+    // larger, and almost equal
     eprintln!("increments {sum:.3} mg, balls {counted:.3} mg");
     assert!(sum <= counted * 1.002 && sum >= counted * 0.98, "{sum} mg, {counted} mg");
 }
@@ -238,13 +239,13 @@ fn masses_add_up_to_what_the_balls_cover() {
 #[test]
 fn masses_by_whole_voxels_are_nearly_those_of_parts() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
-    let parts = mass_increments(&scene.density_g_cm3, &path.points, RADIUS_MM);
-    let whole = mass_increments_by_voxels(&scene.density_g_cm3, &path.removal, &path.points, RADIUS_MM);
+    let parts = mass_increments(&scene.density_g_cm3, &path.points, BALL);
+    let whole = mass_increments_by_voxels(&scene.density_g_cm3, &path.removal, &path.points, BALL);
     let sum = |masses: &[Moments]| masses.iter().map(Moments::mass_mg).sum::<f64>();
     assert!((sum(&whole) / sum(&parts) - 1.0).abs() < 0.05, "{} mg, {} mg", sum(&whole), sum(&parts));
-    // what is of weight in one is so in the other, and lies on the same side of the burr
+    // both methods give similar masses, on the same side of the burr
     let axis = Unit::new_normalize(Vector3::new(0.3, 0.0, 1.0));
     let much = 0.5 * sum(&parts) / parts.len() as f64;
     let heavy: Vec<_> =
@@ -256,13 +257,13 @@ fn masses_by_whole_voxels_are_nearly_those_of_parts() {
     assert!(mean < 0.08, "{mean}");
 }
 
-/// Tiles of directions are passed over where nothing is met; no direction that meets something may be in one.
+/// Tiles of directions without bone are skipped; no direction that meets bone may be in a skipped tile.
 #[test]
 fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
-    let swept = SweptPath::new(&scene, &path.removal, &path.points, RADIUS_MM);
+    let swept = SweptPath::new(&scene, &path.removal, &path.points, BALL);
     let tool = Tool::new(RADIUS_MM, 8, -1).unwrap();
     let material = Material::new([100.0, 60.0, 20.0], 0.8).unwrap();
     let nodes = ForceKernel::new(&tool, &material, &Discretisation::default());
@@ -270,7 +271,7 @@ fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
     let (moves, weight) = (moves(&path), |density| material.weight(density));
     let (ct, labels) = images();
     let calibrated = ct.map(|hu| table().density_g_cm3(f64::from(*hu)));
-    // bone wherever it is, and all but air in the target
+    // bone everywhere, and in the target everything except air
     let density_at = |p: Point<Ct>| {
         let hu = ct.trilinear(p, -1000.0);
         let in_target = labels.grid().nearest(p).is_some_and(|v| *labels.get(v) == TARGET);
@@ -281,23 +282,26 @@ fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
         let (from, to) = moves[i];
         let Some(feed) = Unit::try_new(to - from, 1e-9) else { continue };
         let axis = Unit::new_normalize(Vector3::new(0.3, (i % 5) as f64 * 0.1 - 0.2, 1.0));
-        let by_tiles =
-            nodes.engaged_force(&axis, &feed, 1.5, 6e4, &mut swept.bone_at(i as u32, RADIUS_MM, weight));
+        let by_tiles = nodes.engaged_force(
+            &axis,
+            &Feed::new(&feed, 1.5, 6e4),
+            &mut swept.bone_at(i as u32, RADIUS_MM, weight),
+        );
         let mut bone = swept.bone_at(i as u32, RADIUS_MM, weight);
         let mut alone =
             |n: &Vector3<f64>, patch: &Patch| if bone.is_near(n, 0.0) { bone.weight(n, patch) } else { 0.0 };
         assert_eq!(
             by_tiles,
-            nodes.engaged_force(&axis, &feed, 1.5, 6e4, &mut OverPatches(&mut alone)),
+            nodes.engaged_force(&axis, &Feed::new(&feed, 1.5, 6e4), &mut OverPatches(&mut alone)),
             "waypoint {i}"
         );
         let [mut gathered, mut expected] = [EngagedSamples::default(), EngagedSamples::default()];
-        lattice.gather(&mut expected, &feed, 1.5, 6e4, &mut OverPatches(&mut alone));
+        lattice.gather(&mut expected, &Feed::new(&feed, 1.5, 6e4), &mut OverPatches(&mut alone));
         let mut bone = swept.bone_at(i as u32, RADIUS_MM, weight);
-        lattice.gather(&mut gathered, &feed, 1.5, 6e4, &mut bone);
+        lattice.gather(&mut gathered, &Feed::new(&feed, 1.5, 6e4), &mut bone);
         let force = |samples| lattice.force_for_axis(samples, &axis, 6e4);
         assert_eq!(force(&gathered), force(&expected), "waypoint {i}");
-        // all of the earlier path, without an index of it and without removal times
+        // tests the whole earlier path, without an index and without removal times
         let brute = |n: &Vector3<f64>, patch: &Patch| {
             let p = to + n * RADIUS_MM;
             let away = |(a, b): &(Vector3<f64>, Vector3<f64>)| {
@@ -309,7 +313,8 @@ fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
             let share = share_beyond(away.norm() - RADIUS_MM, patch.sides_mm(&away.normalize()));
             share * material.weight(density_at(scene.ct_from_work * Point::from_coords(p)))
         };
-        let brute = nodes.engaged_force(&axis, &feed, 1.5, 6e4, &mut OverPatches(brute)).force_n(1.5);
+        let brute =
+            nodes.engaged_force(&axis, &Feed::new(&feed, 1.5, 6e4), &mut OverPatches(brute)).force_n(1.5);
         compared += usize::from(brute.norm() > 0.0);
         (most, off) = (most.max(brute.norm()), off.max((by_tiles.force_n(1.5) - brute).norm()));
     }

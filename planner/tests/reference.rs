@@ -6,7 +6,7 @@ mod support;
 use bonemill_geometry::{Grid, Point, Work};
 use bonemill_planner::ball::ball_box_volume;
 use bonemill_planner::burr::{
-    AtPoints, BurrForce, Discretisation, ElementGrid, ForceKernel, Material, burr_force,
+    AtPoints, BurrForce, Discretisation, ElementGrid, Feed, ForceKernel, Material, burr_force,
 };
 use bonemill_planner::cost::{CostModel, Proximity, compliance_mm_per_n};
 use bonemill_planner::metrics::engagement_metrics;
@@ -26,6 +26,7 @@ fn force_cases() -> impl Iterator<Item = Case> {
 }
 
 /// Asserts |found − expected| ≤ tolerance·scale for every component.
+#[expect(clippy::too_many_arguments, reason = "what is compared, and what a failure says")]
 fn close(case: &str, what: &str, found: &[f64], expected: &Value, tolerance: f64, scale: f64) {
     let expected = if expected.is_array() { numbers(expected) } else { vec![number(expected)] };
     assert_eq!(found.len(), expected.len(), "{case} {what}");
@@ -74,7 +75,7 @@ fn discrete_sums_agree_to_1e_10() {
     }
 }
 
-/// The factored kernel sums the same nodes.
+/// The factored kernel and the plain sum use the same nodes.
 #[test]
 fn the_kernel_agrees_with_the_sum_to_1e_12() {
     for case in force_cases() {
@@ -91,9 +92,7 @@ fn the_kernel_agrees_with_the_sum_to_1e_12() {
         let at = |n: &Vector3<f64>| field.density(motion.center() + n * kernel.sample_radius_mm());
         let fast = kernel.engaged_force(
             &motion.axis(),
-            &feed,
-            speed,
-            motion.spindle_rpm(),
+            &Feed::new(&feed, speed, motion.spindle_rpm()),
             &mut AtPoints(|n: &Vector3<f64>| material.weight(at(n))),
         );
         let scale = literal.force_n.norm();
@@ -129,7 +128,11 @@ fn converged_values_agree_within_their_error() {
             let weight =
                 |n: &Vector3<f64>| material.weight(field.density(motion.center() + n * tool.radius_mm()));
             kernel
-                .engaged_force(&motion.axis(), &feed, speed, motion.spindle_rpm(), &mut AtPoints(weight))
+                .engaged_force(
+                    &motion.axis(),
+                    &Feed::new(&feed, speed, motion.spindle_rpm()),
+                    &mut AtPoints(weight),
+                )
                 .force_n(speed)
         };
         let azimuths = |n: usize| n.div_ceil(tool.blades() as usize);
@@ -190,8 +193,8 @@ fn metrics_agree_to_1e_11() {
     }
 }
 
-/// Voxels whose box comes nearer to the centre than the radius. The cases' own `n_vox` also counts, in some, boxes beyond it
-/// whose volume is not 0 but rounding.
+/// Number of voxels whose box comes nearer to the centre than the radius. In some cases `n_vox` also counts boxes beyond it,
+/// whose volume is only a rounding error.
 fn voxels_in_reach(case: &Case) -> usize {
     let (field, center, r) = (case.field(), case.motion().center(), case.tool().radius_mm());
     let grid = field.voxels().grid();
@@ -312,8 +315,8 @@ fn removal_rates_agree() {
 
 /// Yang and Chen's Table 1: aluminium, a ball end mill of 6 mm with two teeth, step-over and depth of 0.1 mm, at four feeds.
 ///
-/// With d along z, K_t is the force across it per 0.01 mm² of cross-section. It grows with the feed by half where a lumped
-/// K_t would stay, which is why one measurement stands for one feed; each gives its own forces back.
+/// With d along z, K_t is the force across it per 0.01 mm² of cross-section. It grows by half over the feeds, where a lumped
+/// K_t would be constant. So each feed is calibrated alone, and each calibration reproduces its own forces.
 #[test]
 fn measured_forces_of_yang_and_chen_are_calibrated_and_given_back() {
     let measured = [
@@ -338,7 +341,7 @@ fn measured_forces_of_yang_and_chen_are_calibrated_and_given_back() {
     }
 }
 
-/// The material of the paper's preset scales with density as the sum's own weights do.
+/// The material of the paper's preset scales with density as the weights of the sum do.
 #[test]
 fn weight_follows_the_density_law() {
     let m = Material::new([1.0; 3], 0.8).unwrap().with_density_law(2.0, 0.1).unwrap();

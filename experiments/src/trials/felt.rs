@@ -1,19 +1,20 @@
-//! What the structures feel of whole plans, beside the controls that each plan carries: a straight shaft at constant speed in the
+//! Forces toward structures in complete plans, compared with each plan's controls: a straight shaft at constant speed in the
 //! same time, along lines in two directions.
 //!
-//! Changes are taken per body against the mean of its two controls, then averaged; the worst body stands beside. How many figures
-//! are above the better of the two controls is counted, for every structure of the body.
+//! Changes are computed for each body against the mean of its two controls, then averaged; the worst body is also given. The
+//! number of figures above the better of the two controls is counted, for every structure of the body.
 //!
-//! Beside each plan stands what the best axis of each waypoint alone would give along the same path: the one with the least force toward
-//! the nearest structure, as if the shaft could turn at once, with the least force in the plan's time. No sequence of axes has a lower
-//! push anywhere. Its mean over F_v > 0 may be above the plan's: where more pushes are none, the mean over the rest is no bound.
+//! For comparison, each plan also has the forces with the best axis of each waypoint alone along the same path: the axis with
+//! the least force toward the nearest structure, as if the shaft could turn at once, with the least force in the plan's time. No
+//! sequence of axes has a smaller push at any waypoint. Its mean over F_v > 0 may still be above the plan's, because it is a
+//! mean over fewer waypoints.
 
 use bonemill_imaging::phantom::{BlockParams, NerveSide, PhantomKind, block, phantom};
 use bonemill_planner::Progress;
-use bonemill_planner::case::{Case, Registration, SpeedMode};
+use bonemill_planner::case::{Case, CostSpec, Registration, SpeedMode};
 use bonemill_planner::cost::SeveralStructures;
 use bonemill_planner::path::MoveKind;
-use bonemill_planner::pipeline::{Felt, JUDGED, Plan, Prepared, plan, with_prepared};
+use bonemill_planner::pipeline::{Choices, Felt, JUDGED, Plan, Prepared, plan, with_prepared};
 
 use super::percent;
 use crate::body::{self, Body};
@@ -21,33 +22,33 @@ use crate::{ExperimentError, Size, Table};
 
 const COLUMNS: [&str; 5] =
     ["mean toward, F_v > 0", "mean toward, zeros in", "peak toward", "peak |F|", "mean |F|"];
-/// A control's force below this is no measure of another, N.
+/// No change is computed where the control's force is below this, N.
 const LEAST_N: f64 = 0.01;
-/// At most so many heads.
+/// Largest number of heads.
 const MOST_HEADS: u64 = 4;
 
-/// Figures in the order of [`COLUMNS`], toward one structure, N.
+/// Figures in the order of [`COLUMNS`], of the force toward one structure, N.
 fn figures(felt: &Felt, structure: usize) -> [f64; 5] {
     let near = &felt.structures[structure].near;
     let [mean, zeros, peak] = JUDGED.map(|(_, figure)| figure(near));
     [mean, zeros, peak, felt.peak_n, felt.mean_n]
 }
 
-/// A plan beside its controls, toward one structure.
+/// Figures of a plan and its controls for one structure.
 struct Row {
     body: String,
     structure: String,
     priority: u32,
     controls: Vec<[f64; 5]>,
     plan: [f64; 5],
-    /// Every waypoint's best axis alone.
+    /// Figures with every waypoint's best axis alone.
     alone: [f64; 5],
     seconds: f64,
     instead: &'static str,
 }
 
 impl Row {
-    /// Against the mean of the controls, %.
+    /// Changes against the mean of the controls, %.
     fn changes(&self) -> [Option<f64>; 5] {
         let n = self.controls.len().max(1) as f64;
         std::array::from_fn(|k| {
@@ -56,45 +57,50 @@ impl Row {
         })
     }
 
-    /// Figures toward the structure that are above the better control's.
+    /// Number of figures that are above the better control's.
     fn worse(&self) -> usize {
         let better = |k: usize| self.controls.iter().map(|c| c[k]).fold(f64::INFINITY, f64::min);
         (0..JUDGED.len()).filter(|k| self.plan[*k] > better(*k).max(LEAST_N) * (1.0 + 1e-6)).count()
     }
 }
 
-/// The rows of a plan: structures near which a control or the plan pushes.
+/// The rows of a plan: one per structure near which the plan or a control has a force toward it.
 fn rows(name: &str, plan: &Plan, alone: &Felt) -> Vec<Row> {
-    let structures = plan.case.structures.iter().enumerate();
+    let structures = plan.setup.case.structures.iter().enumerate();
     let row = |(n, s): (usize, &bonemill_planner::case::Structure)| Row {
         body: name.to_owned(),
         structure: s.name.clone(),
         priority: s.priority,
-        controls: plan.compared.controls.iter().map(|c| figures(&c.felt, n)).collect(),
-        plan: figures(&plan.compared.plan, n),
+        controls: plan.results.compared.controls.iter().map(|c| figures(&c.felt, n)).collect(),
+        plan: figures(&plan.results.compared.plan, n),
         alone: figures(alone, n),
         seconds: plan.seconds.iter().map(|(_, s)| s).sum(),
-        instead: plan.modelled.instead.unwrap_or("-"),
+        instead: plan.modelled.axes.instead.unwrap_or("-"),
     };
     let is_near = |row: &Row| row.controls.iter().chain([&row.plan]).any(|f| f[2] > 0.0);
     structures.map(row).filter(is_near).collect()
 }
 
-/// What the best axis of each waypoint alone would give, in the time that the plan takes for its cuts.
+/// The forces with the best axis of each waypoint alone, in the time that the plan takes for its cuts.
 fn alone(plan: &Plan, body: &Body) -> Result<Felt, ExperimentError> {
-    let mut case = plan.case.clone();
-    // nothing but the push toward the nearest structure
-    case.cost.structures = SeveralStructures::Nearest;
-    (case.cost.kappa_per_mm, case.cost.alpha_max) = (0.0, 1.0);
-    let cuts = plan.waypoints.windows(2).filter(|pair| pair[1].kind == MoveKind::Cut);
+    let planned = Choices::of(&plan.setup.case);
+    // the cost is only the push toward the nearest structure
+    let cost = CostSpec {
+        structures: SeveralStructures::Nearest,
+        kappa_per_mm: 0.0,
+        alpha_max: 1.0,
+        ..planned.cost
+    };
+    let nearest_only = Choices { cost, ..planned.clone() };
+    let cuts = plan.moves.waypoints.windows(2).filter(|pair| pair[1].kind == MoveKind::Cut);
     let cutting_s =
         cuts.map(|pair| pair[0].position.distance_mm(&pair[1].position) / pair[1].speed_mm_s).sum();
     let felt = |prepared: &Prepared| {
-        let chosen = prepared.choose_alone(&case)?;
-        let speed_mm_s = prepared.speeds(&plan.case, &chosen, Some(cutting_s))?;
-        Ok(prepared.felt(&plan.case, &chosen, &speed_mm_s))
+        let chosen = prepared.choose_alone(&nearest_only)?;
+        let speed_mm_s = prepared.speeds(&planned, &chosen, Some(cutting_s))?;
+        Ok(prepared.felt(&chosen, &speed_mm_s))
     };
-    Ok(with_prepared(&plan.case, body.case_path(), &(), felt)?)
+    Ok(with_prepared(&plan.setup.case, body.case_path(), &(), felt)?)
 }
 
 fn planned(name: &str, body: &Body, adjust: impl Fn(&mut Case)) -> Result<Vec<Row>, ExperimentError> {
@@ -105,7 +111,7 @@ fn planned(name: &str, body: &Body, adjust: impl Fn(&mut Case)) -> Result<Vec<Ro
     Ok(rows(name, &plan, &alone(&plan, body)?))
 }
 
-/// Blocks with the nerve in both planes, heads, and a scan where there is one.
+/// Runs blocks with the nerve in both planes, heads, and a scan if available.
 ///
 /// # Errors
 /// When a body cannot be made or planned.
@@ -118,7 +124,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
     for angles in [1, 2] {
         let one_or_two = |case: &mut Case| {
             if angles == 2 {
-                // the bone-attached arm has one; where a UR stands is assumed
+                // the bone-attached arm has one tilt angle; the place of a UR is assumed
                 case.orientation.angles = angles;
                 case.robot.model = "ur5e".into();
                 case.robot.base_from_ct = Registration::Assumed;
@@ -150,7 +156,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
     Ok(vec![summary(size, &groups), each(&groups)])
 }
 
-/// Toward structures of priority 1, by group.
+/// Summary of the forces toward structures of priority 1, by group.
 fn summary(size: Size, groups: &[(String, u32, Vec<Row>)]) -> Table {
     let title = format!(
         "Toward structures of priority 1, the burr's surface within 2 mm: change in % against the mean of two controls (straight \
@@ -184,7 +190,7 @@ fn summary(size: Size, groups: &[(String, u32, Vec<Row>)]) -> Table {
     table
 }
 
-/// Every body and structure, in newtons.
+/// The figures of every body and structure, in newtons.
 fn each(groups: &[(String, u32, Vec<Row>)]) -> Table {
     let head: Vec<String> = ["body", "angles", "structure"]
         .map(str::to_owned)

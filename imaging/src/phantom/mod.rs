@@ -1,8 +1,9 @@
-//! Phantoms: test bodies made from a seed, with everything a plan needs, so that a plan can be tried without a patient.
+//! Phantoms: test bodies computed from a seed, with everything that a plan needs, so that planning can be tried without a
+//! patient.
 //!
 //! [`PhantomKind::Block`] is the foam block of Dillon et al. 2016 (D), section III; [`PhantomKind::Temporal`] is a mastoid
-//! with its air cells and the structures around it. A phantom is an image in HU, a label map on the same grid, the labels'
-//! names and the text of a case file; nothing is written here.
+//! with its air cells and the structures around it. A phantom consists of an image in HU, a label map on the same grid,
+//! the labels' names and the text of a case file. This module writes no files.
 //!
 //! Invariants: the same kind and seed give the same voxels, whatever the number of threads; every seed gives a case whose
 //! target is one piece, reaches the outside along the approach, and keeps every structure's clearance.
@@ -43,7 +44,7 @@ pub enum PhantomKind {
     Temporal,
 }
 
-/// The name of a phantom is not one of those there are.
+/// There is no phantom of the given name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("phantom '{found}': expected 'block' or 'temporal'")]
 pub struct UnknownPhantom {
@@ -85,7 +86,7 @@ pub struct Phantom {
     pub case_toml: String,
 }
 
-/// The phantom of a kind and seed. Takes 0.3 s (block) or 2 s (temporal) of processor time, shared among rayon's threads.
+/// The phantom of a kind and seed. It takes 0.3 s (block) or 2 s (temporal) of processor time, shared by rayon's threads.
 pub fn phantom(kind: PhantomKind, seed: u64) -> Phantom {
     match kind {
         PhantomKind::Block => block(&BlockParams::paper(), seed),
@@ -93,7 +94,7 @@ pub fn phantom(kind: PhantomKind, seed: u64) -> Phantom {
     }
 }
 
-/// A grid along ct's axes. The numbers are constants of this module, so an error is our own bug.
+/// A grid along ct's axes. The numbers are constants of this module, so an error here is a bug.
 fn ct_grid(dims: [usize; 3], spacing_mm: f64, origin: Point<Ct>) -> Grid<Ct> {
     match Grid::aligned(dims, spacing_mm, origin) {
         Ok(grid) => grid,
@@ -112,7 +113,7 @@ fn with_noise(hu: &Volume<f32, Ct>, sd_hu: f64, rng: &Rng) -> Volume<i16, Ct> {
     ct
 }
 
-/// `label_names` from constants.
+/// Makes `label_names` from constants.
 fn names(pairs: &[(&str, u8)]) -> Vec<(String, u8)> {
     pairs.iter().map(|&(name, value)| (name.to_string(), value)).collect()
 }

@@ -153,7 +153,9 @@ fn plan_sides(
 
     let hidden = &part.envelope.hidden_mm;
     let mut left = leftover::places(&part.raster, hidden, &part.envelope.top, Facing::Front, Reason::Hidden);
-    left.extend([&a, &b].into_iter().flat_map(|side| [side.too_narrow(&part), side.too_deep(&part)]).flatten());
+    left.extend(
+        [&a, &b].into_iter().flat_map(|side| [side.too_narrow(&part), side.too_deep(&part)]).flatten(),
+    );
     let mut moves = laid.moves;
     let times = times(&mut moves, job)?;
     let strip = part.strip.strength(job);

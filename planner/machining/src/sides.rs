@@ -343,13 +343,15 @@ impl<'a> Sight<'a> {
         let domain = self.domain(part, beside);
         let height = |p: [f64; 2]| {
             let inside = raster.cell(p).is_some_and(|cell| domain[cell]);
-            let tip = || self.drop.height_mm(p).max(raster.highest_around(&self.strip_tip, p)).max(self.deepest_mm);
+            let tip =
+                || self.drop.height_mm(p).max(raster.highest_around(&self.strip_tip, p)).max(self.deepest_mm);
             if inside { tip() } else { f64::INFINITY }
         };
         let surface = self.rows(raster, rows.row_mm, height);
         let finest = self.rows(raster, rows.last_row_mm, height);
         let finite = |w: &f64| w.is_finite();
-        let lowest = surface.iter().flat_map(|r| &r.places).map(|p| p[2]).filter(finite).fold(f64::INFINITY, f64::min);
+        let lowest =
+            surface.iter().flat_map(|r| &r.places).map(|p| p[2]).filter(finite).fold(f64::INFINITY, f64::min);
         let part_top = self.heights.iter().copied().fold(NONE, f64::max);
         let mut level = passes.stock.top.iter().copied().fold(NONE, f64::max);
         while level > lowest {
@@ -357,8 +359,13 @@ impl<'a> Sight<'a> {
             level = (level - step).max(lowest);
             let at_level = |p: [f64; 2]| if height(p) <= level + 1e-9 { level } else { f64::INFINITY };
             for row in &surface {
-                let place = |p: &[f64; 3]| [p[0], p[1], if p[2] <= level + 1e-9 { level } else { f64::INFINITY }];
-                passes.cut(&Pass { places: row.places.iter().map(place).collect(), closed: false }, &at_level, Kind::Rough);
+                let place =
+                    |p: &[f64; 3]| [p[0], p[1], if p[2] <= level + 1e-9 { level } else { f64::INFINITY }];
+                passes.cut(
+                    &Pass { places: row.places.iter().map(place).collect(), closed: false },
+                    &at_level,
+                    Kind::Rough,
+                );
             }
         }
         passes.grown_mm = 0.75 * raster.pitch_mm;

@@ -49,7 +49,8 @@ pub fn by_arm(
         stiffness: None,
         posture: Posture::Any,
     };
-    let in_moves = |out: OutOfReach| OutOfReach { pose: way.move_of.get(out.pose).copied().unwrap_or(0), ..out };
+    let in_moves =
+        |out: OutOfReach| OutOfReach { pose: way.move_of.get(out.pose).copied().unwrap_or(0), ..out };
     let resolved = match resolve(arm, &path)? {
         Ok(resolved) => resolved,
         Err(out) => return Ok(Err(in_moves(out))),

@@ -1,6 +1,6 @@
-//! `plan.toml`: the resolved case, what the plan was made from, its frames, its figures and what was modelled.
+//! `plan.toml`: the resolved case, the plan's inputs, its frames, its figures and what was modelled.
 //!
-//! It holds no time of day, no duration of the computation and no absolute path, so that equal plans are equal bytes.
+//! It holds no time of day, no duration of the computation and no absolute path, so that equal plans have equal bytes.
 
 use std::path::{Path, PathBuf};
 
@@ -16,22 +16,22 @@ use super::{PlanFileError, Sha256, Value};
 /// The file's name in a plan's directory.
 pub(super) const FILE_NAME: &str = "plan.toml";
 
-/// Most voxels of a planning grid that is read back.
+/// Largest number of voxels of a planning grid that is read.
 const MOST_VOXELS: f64 = 1e8;
 
 /// A file that the plan was made from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Input {
-    /// Relative to the case's folder, as the case names it.
+    /// Path relative to the case's folder, as in the case.
     pub path: PathBuf,
-    /// Of its bytes when the plan was made.
+    /// Digest of its bytes when the plan was made.
     pub sha256: Sha256,
-    /// How many they were; plans of earlier versions do not say.
+    /// Number of bytes; plans of earlier versions do not record it.
     pub bytes: Option<u64>,
 }
 
 impl Input {
-    /// The input as it is now; `path` relative to `case_dir`.
+    /// The input as it is now; `path` is relative to `case_dir`.
     ///
     /// # Errors
     /// [`PlanFileError::Io`] when it cannot be read.
@@ -56,14 +56,14 @@ pub struct Metrics {
     pub removed_material_mm3: f64,
     /// The removed part above `bone_hu`, mm³.
     pub removed_bone_mm3: f64,
-    /// Of the whole plan, s.
+    /// Duration of the whole plan, s.
     pub total_time_s: f64,
-    /// Whatever else was measured, in this order; names end in units.
+    /// Further figures in the order of the file; names end in units.
     pub more: Vec<(String, Value)>,
 }
 
 impl Metrics {
-    /// A number by its name in the file.
+    /// The number with this name in the file.
     pub fn number(&self, name: &str) -> Option<f64> {
         match self.entries().into_iter().find(|(key, _)| key == name)?.1 {
             Value::Number(v) => Some(v),
@@ -86,13 +86,31 @@ impl Metrics {
     }
 }
 
-/// The planning grid: every stated volume is a count of its voxels.
+/// The planning grid; every volume in the file is a number of its voxels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanningGrid {
     /// Voxels along x, y and z.
     pub dims: [usize; 3],
-    /// How far x and y are turned about z from those of [`PlanRecord::ct_from_approach`], rad.
+    /// Rotation of x and y about z from those of [`PlanFrames::ct_from_approach`], rad.
     pub turn_rad: f64,
+}
+
+/// The frames of a plan, and where the arm and its tool stand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlanFrames {
+    /// Approach direction in ct, unit, out of the bone: given in the case, or chosen.
+    pub approach_direction: Vector3<f64>,
+    /// The frame of θ and φ: origin at the planning grid's first voxel centre, z along the approach, x and y derived from z. In
+    /// the file it is `ct_from_work`.
+    pub ct_from_approach: Rigid<Ct, Approach>,
+    /// The planning grid in that frame; its spacing is the case's.
+    pub grid: PlanningGrid,
+    /// The registration that was used.
+    pub base_from_ct: Rigid<Base, Ct>,
+    /// Whether the case gave no registration, so that one was assumed.
+    pub registration_assumed: bool,
+    /// Burr's centre (mm) and axes (fixed-axis roll, pitch, yaw, rad) in the flange.
+    pub flange_from_burr: ([f64; 3], [f64; 3]),
 }
 
 /// The contents of `plan.toml`.
@@ -106,64 +124,56 @@ pub struct PlanRecord {
     pub case_file: PathBuf,
     /// Every file that the plan was made from, the case included.
     pub inputs: Vec<Input>,
-    /// Approach direction in ct, unit, out of the bone: the case's, or the one chosen.
-    pub approach_direction: Vector3<f64>,
-    /// Where θ and φ are measured: origin at the planning grid's first voxel centre, z the approach, x and y by the basis
-    /// of z. In the file it is `ct_from_work`.
-    pub ct_from_approach: Rigid<Ct, Approach>,
-    /// The planning grid in that frame; its spacing is the case's.
-    pub grid: PlanningGrid,
-    /// The registration that was used.
-    pub base_from_ct: Rigid<Base, Ct>,
-    /// Whether the case gave none, so that it was assumed.
-    pub registration_assumed: bool,
-    /// Burr's centre (mm) and axes (fixed-axis roll, pitch, yaw, rad) in the flange.
-    pub flange_from_burr: ([f64; 3], [f64; 3]),
-    /// Figures.
+    /// The frames of the plan.
+    pub frames: PlanFrames,
+    /// The plan's figures.
     pub metrics: Metrics,
-    /// What was modelled where, and what each approximation cost in error.
+    /// What was modelled, and the error of each approximation.
     pub modelled: Vec<(String, Value)>,
-    /// What the user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
-    /// Why the plan falls short, empty when it does not.
+    /// Reasons why the plan falls short; empty when it does not.
     pub shortfalls: Vec<String>,
 }
 
-impl PlanRecord {
+impl PlanFrames {
     /// The planning grid's frame in ct.
     pub fn ct_from_grid(&self) -> Rigid<Ct, Work> {
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), self.grid.turn_rad);
         self.ct_from_approach * Rigid::new(turn, Vector3::zeros())
     }
+}
 
+impl PlanRecord {
     /// Writes `plan.toml` into `dir`.
     ///
     /// # Errors
-    /// [`PlanFileError::NotFinite`] for a figure that is not, [`PlanFileError::Io`].
+    /// [`PlanFileError::NotFinite`] for a figure that is not finite, [`PlanFileError::Io`].
     pub fn write(&self, dir: &Path) -> Result<(), PlanFileError> {
         let path = dir.join(FILE_NAME);
         std::fs::write(&path, self.to_toml()?).map_err(PlanFileError::io("write", path))
     }
 
-    /// Reads `dir/plan.toml`; its inputs are not looked at.
+    /// Reads `dir/plan.toml`; its inputs are not read.
     ///
     /// # Errors
-    /// [`PlanFileError::InputNotListed`] where an image or the case is not among its inputs, and whatever is wrong with the
-    /// file itself.
+    /// [`PlanFileError::InputNotListed`] where an image or the case is not among its inputs, and other variants for faults of
+    /// the file itself.
     pub fn read(dir: &Path) -> Result<Self, PlanFileError> {
         let path = dir.join(FILE_NAME);
         let text = std::fs::read_to_string(&path).map_err(PlanFileError::io("read", &path))?;
         let record = Self::parse(&text, &path)?;
         let images = [&record.case.images.ct, &record.case.images.labels].map(PathBuf::as_path);
         for needed in images.into_iter().chain(record.case_input()) {
-            if !record.inputs.iter().any(|input| input.path == needed) {
+            // an image may be a folder, of which the files are listed
+            if !record.inputs.iter().any(|input| input.path.starts_with(needed)) {
                 return Err(PlanFileError::InputNotListed { path, missing: needed.display().to_string() });
             }
         }
         Ok(record)
     }
 
-    /// The case's file as it stands among the inputs.
+    /// The path of the case's file among the inputs.
     pub fn case_input(&self) -> Option<&Path> {
         self.case_file.file_name().map(Path::new)
     }
@@ -171,7 +181,8 @@ impl PlanRecord {
     fn to_toml(&self) -> Result<String, PlanFileError> {
         let texts = |list: &[String]| list.iter().map(|w| format!("\n    {},", text(w))).collect::<String>();
         let given: Vec<String> = self.case.given.keys().map(text).collect();
-        let (mount_mm, mount_rad) = &self.flange_from_burr;
+        let frames = &self.frames;
+        let (mount_mm, mount_rad) = &frames.flange_from_burr;
         let mut out = format!(
             "# A plan by bonemill. The case below is resolved: every default is spelled out; case_given are the keys that its file gives.\n\
              version = {}\ncase_file = {}\ncase_given = [{}]\nwarnings = [{}]\nshortfalls = [{}]\n\n\
@@ -183,12 +194,12 @@ impl PlanRecord {
             given.join(", "),
             texts(&self.warnings),
             texts(&self.shortfalls),
-            vector(&self.approach_direction),
-            rigid(self.ct_from_approach.rotation.matrix(), &self.ct_from_approach.translation_mm),
-            format_args!("{:?}", self.grid.dims),
-            self.grid.turn_rad,
-            rigid(self.base_from_ct.rotation.matrix(), &self.base_from_ct.translation_mm),
-            if self.registration_assumed { "assumed" } else { "case" },
+            vector(&frames.approach_direction),
+            rigid(frames.ct_from_approach.rotation.matrix(), &frames.ct_from_approach.translation_mm),
+            format_args!("{:?}", frames.grid.dims),
+            frames.grid.turn_rad,
+            rigid(frames.base_from_ct.rotation.matrix(), &frames.base_from_ct.translation_mm),
+            if frames.registration_assumed { "assumed" } else { "case" },
             list(mount_mm),
             list(mount_rad),
         );
@@ -213,7 +224,7 @@ impl PlanRecord {
         let reader = Reader { path, text, root: root.get_ref() };
         let case_table = reader.table("case")?;
         let mut case = Case::from_table(text, case_table, "case").map_err(fail)?;
-        // every key stands in the resolved case; which of them its file gave is told apart
+        // the resolved case holds every key; a separate list tells which of them the case file gave
         case.given = reader.texts("case_given")?.into_iter().collect();
         let entries = |name| -> Result<Vec<(String, Value)>, PlanFileError> {
             let values = in_order(reader.table(name)?).map(|(key, v)| Value::from_toml(v).map(|v| (key, v)));
@@ -226,19 +237,7 @@ impl PlanRecord {
             case,
             case_file: PathBuf::from(reader.text("case_file")?),
             inputs: reader.inputs()?,
-            approach_direction: Vector3::from(reader.three("frames.approach_direction")?),
-            ct_from_approach: reader.rigid("frames.ct_from_work")?,
-            grid: reader.grid()?,
-            base_from_ct: reader.rigid("frames.base_from_ct")?,
-            registration_assumed: match reader.text("frames.registration")?.as_str() {
-                "assumed" => true,
-                "case" => false,
-                _ => return Err(reader.refuse("frames.registration", "\"assumed\" or \"case\"")),
-            },
-            flange_from_burr: (
-                reader.three("frames.flange_from_burr.translation_mm")?,
-                reader.three("frames.flange_from_burr.rpy_rad")?,
-            ),
+            frames: reader.frames()?,
             metrics: reader.metrics(entries("metrics")?)?,
             modelled: entries("modelled")?,
             warnings: reader.texts("warnings")?,
@@ -247,7 +246,7 @@ impl PlanRecord {
     }
 }
 
-/// Whether `dir` holds a `plan.toml` of ours; `Err` says why not.
+/// Checks that `dir` holds a `plan.toml` of this program; `Err` says why not.
 pub(super) fn is_plan(dir: &Path) -> Result<(), String> {
     let path = dir.join(FILE_NAME);
     let Ok(text) = std::fs::read_to_string(&path) else {
@@ -256,7 +255,7 @@ pub(super) fn is_plan(dir: &Path) -> Result<(), String> {
     PlanRecord::parse(&text, &path).map(drop).map_err(|_| format!("its {FILE_NAME} is not one of ours"))
 }
 
-/// The figures that every plan has, in the order of the file.
+/// Names of the figures that every plan has, in the order of the file.
 const REQUIRED: [&str; 6] = [
     "removed_mm3",
     "reachable_mm3",
@@ -304,6 +303,24 @@ impl<'a, 'i> Reader<'a, 'i> {
 
     fn table(&self, key: &str) -> Result<&'a DeTable<'i>, PlanFileError> {
         self.get(key).and_then(DeValue::as_table).ok_or_else(|| self.refuse(key, "a table"))
+    }
+
+    fn frames(&self) -> Result<PlanFrames, PlanFileError> {
+        Ok(PlanFrames {
+            approach_direction: Vector3::from(self.three("frames.approach_direction")?),
+            ct_from_approach: self.rigid("frames.ct_from_work")?,
+            grid: self.grid()?,
+            base_from_ct: self.rigid("frames.base_from_ct")?,
+            registration_assumed: match self.text("frames.registration")?.as_str() {
+                "assumed" => true,
+                "case" => false,
+                _ => return Err(self.refuse("frames.registration", "\"assumed\" or \"case\"")),
+            },
+            flange_from_burr: (
+                self.three("frames.flange_from_burr.translation_mm")?,
+                self.three("frames.flange_from_burr.rpy_rad")?,
+            ),
+        })
     }
 
     fn text(&self, key: &str) -> Result<String, PlanFileError> {

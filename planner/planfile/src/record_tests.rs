@@ -1,10 +1,10 @@
-//! `plan.toml` written, read back, and its inputs changed.
+//! `plan.toml` is written and read back, and its inputs are changed.
 
 use super::*;
 
 const CASE: &str = "structure = []\n[images]\nct = \"images/ct.nii.gz\"\nlabels = \"labels.nii.gz\"\n[target]\nlabel = 20\n[path]\nraster_deg = 33\n";
 
-/// A case in `root/data`, with images that are only bytes: nothing here looks into them.
+/// A case in `root/data`. Its images are arbitrary bytes, because these tests do not read them.
 fn case_dir(root: &Path) -> PathBuf {
     let dir = root.join("data");
     std::fs::create_dir_all(dir.join("images")).unwrap();
@@ -23,12 +23,14 @@ pub(crate) fn record(root: &Path) -> PlanRecord {
         case: Case::parse(CASE, Path::new("case.toml")).unwrap(),
         case_file: PathBuf::from("../data/case.toml"),
         inputs: vec![input("case.toml"), input("images/ct.nii.gz"), input("labels.nii.gz")],
-        approach_direction: Vector3::new(0.6, 0.0, 0.8),
-        ct_from_approach: Rigid::new(turn, Vector3::new(1.0, 2.0, 1.0 / 3.0)),
-        grid: PlanningGrid { dims: [40, 30, 20], turn_rad: -0.1 },
-        base_from_ct: Rigid::new(turn.inverse(), Vector3::new(-0.5, 1e-9, 7.0)),
-        registration_assumed: true,
-        flange_from_burr: ([0.0, 0.0, 120.0], [0.0, 0.1, 0.2]),
+        frames: PlanFrames {
+            approach_direction: Vector3::new(0.6, 0.0, 0.8),
+            ct_from_approach: Rigid::new(turn, Vector3::new(1.0, 2.0, 1.0 / 3.0)),
+            grid: PlanningGrid { dims: [40, 30, 20], turn_rad: -0.1 },
+            base_from_ct: Rigid::new(turn.inverse(), Vector3::new(-0.5, 1e-9, 7.0)),
+            registration_assumed: true,
+            flange_from_burr: ([0.0, 0.0, 120.0], [0.0, 0.1, 0.2]),
+        },
         metrics: Metrics {
             removed_mm3: 100.5,
             reachable_mm3: 101.0,

@@ -163,7 +163,9 @@ impl Machine {
             210 => self.millimetres = true,
             900 => self.absolute = true,
             _ => {
-                return Err(format!("G{value} is not understood: G0, G1, G4, G17, G21, G54, G90 and G94 are"));
+                return Err(format!(
+                    "G{value} is not understood: G0, G1, G4, G17, G21, G54, G90 and G94 are"
+                ));
             }
         }
         Ok(false)

@@ -217,7 +217,8 @@ fn image_key(error: &ImageError, case: &Case, folder: &Path) -> Option<String> {
                 (false, true) => "images.labels_affine",
             }
         }
-        ImageError::LabelNames { .. } => "images.labels",
+        ImageError::Foreign { path, .. } if *path == folder.join(&case.images.ct) => "images.ct",
+        ImageError::Foreign { .. } | ImageError::LabelNames { .. } => "images.labels",
         ImageError::LabelAbsent { label, .. } => return label_key(case, &LabelRef::Number(*label)),
         _ => return None,
     };

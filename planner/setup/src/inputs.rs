@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use bonemill_case::{Case, LabelRef, Target, nearest};
 use bonemill_geometry::Progress;
 use bonemill_imaging::{
-    Image, LabelNames, available_memory_mb, label_names_path, looks_like_hu, read_ct, read_label_names,
-    read_labels,
+    Image, LabelNames, Provenance, available_memory_mb, label_names_path, looks_like_hu, read_ct,
+    read_label_names, read_labels,
 };
 use bonemill_planfile::{Input, StoredPlan};
 use bonemill_scene::{MemoryNeed, Scene, SceneSpec, build_scene};
@@ -50,12 +50,26 @@ pub fn read_inputs(case: &Case, case_path: &Path) -> Result<(Images, Vec<(Input,
     let images = read_images(case, |path| folder.join(path))?;
     let names = label_names_path(&case.images.labels);
     let mut paths: Vec<&Path> = case_path.file_name().map(Path::new).into_iter().collect();
-    paths.extend([case.images.ct.as_path(), &case.images.labels]);
+    let [ct, labels] = [
+        named_files(&case.images.ct, folder, &images.ct.provenance),
+        named_files(&case.images.labels, folder, &images.labels.provenance),
+    ];
+    paths.extend(ct.iter().chain(&labels).map(PathBuf::as_path));
     paths.extend(folder.join(&names).exists().then_some(names.as_path()));
     paths.extend(case.robot.files().map(|(_, path)| path));
     let noted = |path: &&Path| Ok((Input::now(folder, path)?, folder.join(path)));
     let files = paths.par_iter().map(noted).collect::<Result<_, PlanError>>()?;
     Ok((images, files))
+}
+
+/// An image's files as the case names them: below the folder that it names, or the file itself.
+fn named_files(named: &Path, folder: &Path, provenance: &Provenance) -> Vec<PathBuf> {
+    let place = folder.join(named);
+    let name = |file: &PathBuf| match file.strip_prefix(&place) {
+        Ok(below) if !below.as_os_str().is_empty() => named.join(below),
+        _ => named.into(),
+    };
+    provenance.files.iter().map(name).collect()
 }
 
 /// Reads and checks the images of a case; `place` says where the file is that the case names so.

@@ -4,6 +4,10 @@ mod error;
 pub mod inputs;
 pub mod nearest_structures;
 pub mod registration;
+mod setup;
+mod stopwatch;
 pub mod tools;
 
 pub use error::{PlanError, Unreached};
+pub use setup::Setup;
+pub use stopwatch::Stopwatch;

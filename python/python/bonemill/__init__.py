@@ -47,6 +47,7 @@ from ._judge import (
 from ._native import __version__
 from ._plan import Frames, Plan, Structure, plan
 from ._prosthesis import ProsthesisPlan, prosthesis
+from ._verdict import verified
 from ._view import view
 
 if TYPE_CHECKING:
@@ -85,6 +86,7 @@ __all__ = [
     "StructureRisk",
     "Tool",
     "Verification",
+    "verified",
     "__version__",
     "ball_volumes",
     "burr_force",

@@ -1,18 +1,18 @@
 //! Which of a NIfTI header's transforms places the voxels in the `ct` frame, and whether it can.
 //!
-//! NIfTI's world is RAS+ already, so nothing is flipped here; only a unit other than mm is converted. The sform counts,
-//! then the qform. When both are set and place a corner of the volume more than [`DISAGREEMENT_LIMIT_VOXELS`] apart,
-//! one of them is a lie (often a mirrored one), and the case must say which holds. A header with voxel sizes alone
-//! does not know left from right and is refused.
+//! NIfTI's world is RAS+ already, so nothing is flipped here; only a unit other than mm is converted. The sform is used
+//! if it is set, else the qform. When both are set and place a corner of the volume more than
+//! [`DISAGREEMENT_LIMIT_VOXELS`] apart, one of them is wrong (often mirrored), and the case must say which one is right.
+//! A header with voxel sizes alone does not tell left from right and is refused.
 //!
-//! A qform stores b, c, d of its quaternion as singles and leaves a = √(1 − b² − c² − d²) out. Close to a half turn
-//! their rounding alone moves a by up to 10⁻³, and a corner of a large scan by a third of a voxel. Where that rounding
-//! can explain a disagreement with the sform, there is none.
+//! A qform stores b, c, d of its quaternion in single precision and leaves out a = √(1 − b² − c² − d²). Close to a half
+//! turn the rounding of b, c, d alone changes a by up to 10⁻³, which moves a corner of a large scan by a third of a voxel.
+//! A difference from the sform that this rounding can explain is not counted as a disagreement.
 //!
-//! Axes must be perpendicular: a grid is a box, and what the planner measures along its axes are distances. They may
-//! be off by [`SHEAR_LIMIT_RAD`] (direction cosines are often stored with 4 to 6 digits; a gantry tilt, the usual true
-//! shear, is 10⁻² or more) as long as the nearest orthonormal axes, which are used instead, move no corner by more
-//! than 0.1 voxel.
+//! Axes must be perpendicular, because the planner measures distances along a grid's axes. They may be off the right
+//! angle by [`SHEAR_LIMIT_RAD`]: direction cosines are often stored with only 4 to 6 digits, while a gantry tilt, the
+//! usual true shear, is 10⁻² rad or more. Then the nearest orthonormal axes are used, provided that they move no corner by
+//! more than 0.1 voxel.
 
 use std::fmt;
 
@@ -20,17 +20,19 @@ use bonemill_geometry::{Ct, Grid};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use nifti::NiftiHeader;
 
-use crate::problem::NiftiProblem;
+use super::problem::NiftiProblem;
 
-/// How far sform and qform may place a corner apart, and how far making axes perpendicular may move one, voxels.
+/// The largest distance between a corner's positions by sform and by qform, and the largest displacement of a corner when
+/// axes are made perpendicular, voxels.
 pub const DISAGREEMENT_LIMIT_VOXELS: f64 = 0.1;
-/// How far axes may be off the right angle, rad.
+/// The largest deviation of axes from a right angle, rad.
 pub const SHEAR_LIMIT_RAD: f64 = 1e-3;
 /// Believable voxel sizes, mm: finer than any micro-CT of a bone to coarser than any planning scan.
 pub const SPACING_RANGE_MM: [f64; 2] = [1e-3, 20.0];
-/// What rounding b, c, d to singles can change b² + c² + d² by, with some room for writers that compute in singles.
+/// The most by which rounding b, c, d to single precision changes b² + c² + d², with a margin for writers that also
+/// compute in single precision.
 const QUATERNION_ROUNDING: f64 = 5e-7;
-/// Below this share of a box's volume the axes count as singular, not as sheared.
+/// Axes that span less than this share of a box's volume are singular, not sheared.
 const SINGULAR: f64 = 1e-3;
 
 /// Which transform of an image header to use.
@@ -62,7 +64,7 @@ impl fmt::Display for AffineSource {
     }
 }
 
-/// Where an image's placement came from.
+/// Which transform placed an image, and how good it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AffineReport {
     /// The transform used.
@@ -71,9 +73,10 @@ pub struct AffineReport {
     pub sform_code: i16,
     /// `qform_code`; 0 is unset.
     pub qform_code: i16,
-    /// Largest distance between a corner's two images, in the smallest voxel spacing, when both are set and possible.
+    /// Largest distance between a corner's positions by sform and by qform, in units of the smallest voxel spacing; `None`
+    /// unless both are set and possible.
     pub disagreement_voxels: Option<f64>,
-    /// How far the axes used were off the right angle before they were made perpendicular, rad.
+    /// Deviation of the axes from a right angle before they were made perpendicular, rad.
     pub shear_rad: f64,
 }
 
@@ -103,7 +106,7 @@ impl Placement {
         Vector3::from_fn(|a, _| self.linear.column(a).norm())
     }
 
-    /// Largest distance between the images of a corner of the volume, in this one's smallest spacing.
+    /// Largest distance between the two positions of a corner of the volume, in units of this placement's smallest spacing.
     fn corner_distance_voxels(&self, other: &Self, dims: [usize; 3]) -> f64 {
         let corner =
             |n: usize| Vector3::from_fn(|a, _| if n >> a & 1 == 0 { -0.5 } else { dims[a] as f64 - 0.5 });
@@ -116,7 +119,7 @@ impl Placement {
 /// The grid that `header` places in `ct`. `mm_per_unit` converts the header's unit of length.
 ///
 /// # Errors
-/// [`NiftiProblem`] as the module says.
+/// A [`NiftiProblem`] for each refusal that the module describes.
 pub(crate) fn grid_from_header(
     header: &NiftiHeader,
     dims: [usize; 3],
@@ -138,7 +141,7 @@ pub(crate) fn grid_from_header(
     };
     let other = match choice {
         AffineChoice::Auto => other.transpose()?,
-        // the case has decided: what is wrong with the other one does not matter
+        // the case chose one transform, so an error in the other one does not matter
         _ => other.and_then(Result::ok),
     };
     let disagreement_voxels = other.map(|other| placement.corner_distance_voxels(&other, dims));
@@ -177,15 +180,15 @@ fn sform(header: &NiftiHeader, mm_per_unit: f64) -> Result<Placement, NiftiProbl
     })
 }
 
-/// a of the quaternion of a grid's axes, the third one turned round if they are mirrored; not negative.
+/// The real part a ≥ 0 of the quaternion of a grid's axes; the third axis is reversed first if they are mirrored.
 fn real_part(axes: &Matrix3<f64>) -> f64 {
     let mut turn = *axes;
     turn.set_column(2, &(axes.column(2) * axes.determinant().signum()));
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turn)).w.abs()
 }
 
-/// The standard's "method 2": R(quaternion) · diag(pixdim) with the third axis times qfac. Of all a that b, c and d
-/// may have been rounded from, the one nearest to `real_part` is taken, if given.
+/// The standard's "method 2": R(quaternion) · diag(pixdim) with the third axis times qfac. b, c and d are rounded, so a
+/// is known only within a range; if `real_part` is given, the value of that range nearest to it is taken.
 fn qform(header: &NiftiHeader, mm_per_unit: f64, real_part: Option<f64>) -> Result<Placement, NiftiProblem> {
     let vector = Vector3::new(header.quatern_b, header.quatern_c, header.quatern_d).map(f64::from);
     let offset = Vector3::new(header.quatern_x, header.quatern_y, header.quatern_z).map(f64::from);
@@ -195,7 +198,7 @@ fn qform(header: &NiftiHeader, mm_per_unit: f64, real_part: Option<f64>) -> Resu
         return Err(NiftiProblem::AffineNotFinite { which: AffineSource::Qform });
     }
     let square = vector.norm_squared();
-    // three stored singles: a half turn may come out above 1 by their rounding
+    // b, c, d are rounded to single precision, so the sum may exceed 1 for a half turn
     if square > 1.0 + 1e-5 || size.min() <= 0.0 {
         return Err(NiftiProblem::Qform { quaternion_square: square, pixdim });
     }
@@ -213,7 +216,7 @@ fn qform(header: &NiftiHeader, mm_per_unit: f64, real_part: Option<f64>) -> Resu
     })
 }
 
-/// Spacing, orthonormal axes and the shear that they leave out, rad.
+/// Spacing, the nearest orthonormal axes, and the shear that was removed, rad.
 fn straighten(
     placement: &Placement,
     dims: [usize; 3],
@@ -221,7 +224,7 @@ fn straighten(
 ) -> Result<(Vector3<f64>, Matrix3<f64>, f64), NiftiProblem> {
     let spacing_mm = placement.spacing_mm();
     let relative_volume = (placement.linear.determinant() / spacing_mm.product()).abs();
-    // an axis of length 0 makes it NaN
+    // it is NaN when an axis has length 0
     if relative_volume.is_nan() || relative_volume < SINGULAR {
         return Err(NiftiProblem::AffineSingular { which, relative_volume: relative_volume.max(0.0) });
     }
@@ -243,7 +246,8 @@ fn straighten(
     Ok((spacing_mm, axes, off_rad))
 }
 
-/// The orthogonal polar factor of a matrix that is nearly orthonormal (Newton's iteration, quadratic). Keeps a mirror.
+/// The orthogonal polar factor of a matrix that is nearly orthonormal, by Newton's iteration, which converges
+/// quadratically. A mirrored matrix stays mirrored.
 fn nearest_orthonormal(matrix: Matrix3<f64>) -> Matrix3<f64> {
     let mut m = matrix;
     for _ in 0..12 {

@@ -74,9 +74,17 @@ pub(super) fn format_of(bytes: &[u8]) -> Option<ForeignFormat> {
         Some(ForeignFormat::MetaImage)
     } else if is_mgh(bytes) {
         Some(ForeignFormat::Mgh)
+    } else if is_analyze(bytes) {
+        Some(ForeignFormat::Analyze)
     } else {
         None
     }
+}
+
+/// A header of NIfTI's size, in either byte order, without NIfTI's mark: Analyze has another field there, mostly unused.
+fn is_analyze(bytes: &[u8]) -> bool {
+    let size = bytes.first_chunk().map(|size| [i32::from_le_bytes(*size), i32::from_be_bytes(*size)]);
+    size.is_some_and(|size| size.contains(&348)) && bytes.get(344..348) == Some(&[0; 4])
 }
 
 /// Version 1, four sizes of at least 1, and a known voxel type; all big endian.

@@ -1,18 +1,18 @@
 //! The 348 bytes of a NIfTI-1 header: how the voxels are stored.
 //!
-//! The fields are parsed by the `nifti` crate; what they may hold is decided here, because that crate reads
-//! some impossible headers without complaint (a NaN slope, voxels that do not start at byte 352).
+//! The `nifti` crate parses the fields; this module checks their values, because that crate accepts some impossible
+//! headers (a NaN slope, voxels that do not start at byte 352).
 
 use nifti::{Endianness, NiftiHeader, NiftiType};
 
-use crate::problem::NiftiProblem;
-use crate::read::{ForeignFormat, ReadWarning};
+use super::super::ReadWarning;
+use super::problem::NiftiProblem;
 
 /// Bytes of a NIfTI-1 header.
 pub(crate) const HEADER_BYTES: usize = 348;
 /// The first byte at which voxels may start: header and extension flag.
 const FIRST_DATA_BYTE: f32 = 352.0;
-/// 2³¹ voxels are 8 GiB of grey values, beyond any scan that a plan is made on and beyond 32-bit voxel numbers' half.
+/// 2³¹ voxels are 8 GiB of grey values: more than any scan used for planning, and half of what 32-bit voxel numbers reach.
 const MAX_VOXELS: u64 = 1 << 31;
 
 /// How the voxels are stored.
@@ -22,7 +22,7 @@ pub(crate) struct Layout {
     pub dims: [usize; 3],
     pub voxel_type: NiftiType,
     pub big_endian: bool,
-    /// Where voxels start, from the beginning of the (decompressed) file.
+    /// Byte at which the voxels start, from the beginning of the decompressed file.
     pub data_offset: u64,
     /// value = slope · stored + intercept; `None` when values are stored as they are.
     pub scaling: Option<[f64; 2]>,
@@ -38,7 +38,7 @@ impl Layout {
         self.voxels() * self.voxel_type.size_of() as u64
     }
 
-    /// Voxel (i, j, k) of a place in the file.
+    /// Voxel (i, j, k) with the given number in the file.
     pub fn voxel(&self, place: u64) -> [usize; 3] {
         let place = place as usize;
         let [nx, ny, _] = self.dims;
@@ -46,10 +46,10 @@ impl Layout {
     }
 }
 
-/// Header, layout and what a reader should be told.
+/// Header, layout and warnings for the user.
 pub(crate) type Parsed = (NiftiHeader, Layout, Vec<ReadWarning>);
 
-/// Checks the header's fields, all but the transforms.
+/// Checks all of the header's fields except the transforms.
 ///
 /// # Errors
 /// [`NiftiProblem`] that names the field and its value.
@@ -59,17 +59,15 @@ pub(crate) fn parse(bytes: &[u8; HEADER_BYTES]) -> Result<Parsed, NiftiProblem> 
     match &magic {
         b"n+1\0" => {}
         b"ni1\0" => return Err(NiftiProblem::Pair),
-        // Analyze has another field there, mostly unused
-        [0, 0, 0, 0] => return Err(NiftiProblem::Foreign(ForeignFormat::Analyze)),
         _ => return Err(NiftiProblem::Magic { found: magic }),
     }
-    // signed, as the standard has them
+    // the standard defines them as signed
     let dim: [i16; 8] = std::array::from_fn(|n| {
         let pair = [bytes[40 + 2 * n], bytes[41 + 2 * n]];
         if big_endian { i16::from_be_bytes(pair) } else { i16::from_le_bytes(pair) }
     });
     let dims = volume_dims(dim)?;
-    // dim[0], by which the crate tells the byte order, is known to be 1 to 7 now
+    // the crate tells the byte order by dim[0], which was checked above to be 1 to 7
     let header = NiftiHeader::from_reader(&bytes[..]).map_err(|_| NiftiProblem::Magic { found: magic })?;
     if (header.endianness == Endianness::Big) != big_endian {
         return Err(NiftiProblem::Dims { dim });
@@ -89,7 +87,7 @@ pub(crate) fn parse(bytes: &[u8; HEADER_BYTES]) -> Result<Parsed, NiftiProblem> 
     Ok((header, layout, warnings))
 }
 
-/// Whether the header is big endian, by its own size.
+/// Whether the header is big endian, told by its size field.
 fn endianness(bytes: &[u8; HEADER_BYTES]) -> Result<bool, NiftiProblem> {
     let size = [bytes[0], bytes[1], bytes[2], bytes[3]];
     match (i32::from_le_bytes(size), i32::from_be_bytes(size)) {
@@ -140,15 +138,15 @@ fn voxel_type(header: &NiftiHeader) -> Result<NiftiType, NiftiProblem> {
 }
 
 fn data_offset(vox_offset: f32) -> Result<u64, NiftiProblem> {
-    // a single holds whole numbers exactly up to 2^24; a NaN fails the comparison
+    // single precision holds whole numbers exactly up to 2^24; NaN fails the comparison
     if !(vox_offset >= FIRST_DATA_BYTE && vox_offset <= (1 << 24) as f32 && vox_offset.fract() == 0.0) {
         return Err(NiftiProblem::VoxOffset { vox_offset });
     }
     Ok(vox_offset as u64)
 }
 
-/// The standard: a slope of 0 means that values are stored as they are. A NaN slope is what some writers leave for
-/// "not set" and is taken for the same, with a warning.
+/// Slope and intercept. By the standard, a slope of 0 means that values are stored unscaled. Some writers leave a NaN
+/// slope for "not set"; it is treated the same, with a warning.
 fn scaling(header: &NiftiHeader, warnings: &mut Vec<ReadWarning>) -> Result<Option<[f64; 2]>, NiftiProblem> {
     let (slope, inter) = (header.scl_slope, header.scl_inter);
     if slope.is_nan() {

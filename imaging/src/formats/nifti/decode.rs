@@ -1,20 +1,20 @@
-//! Stored voxels to values: byte order, scaling, and what a value must be.
+//! Converts stored voxels to values: byte order, scaling, and a check of every value.
 
 use nifti::NiftiType;
 
-use crate::header::Layout;
+use super::header::Layout;
 
-/// A value that a stored number may become.
+/// A type of voxel values: grey values or labels.
 pub(crate) trait Voxel: Copy {
-    /// Whether `value` can become one.
+    /// Whether `value` can be converted to this type.
     fn accepts(value: f64) -> bool;
-    /// `value`, which [`Voxel::accepts`], as one.
+    /// Converts a `value` that [`Voxel::accepts`].
     fn from_value(value: f64) -> Self;
 }
 
 impl Voxel for f32 {
     fn accepts(value: f64) -> bool {
-        // a double beyond single precision becomes infinite
+        // a double too large for single precision becomes infinite
         (value as f32).is_finite()
     }
     fn from_value(value: f64) -> Self {
@@ -22,7 +22,7 @@ impl Voxel for f32 {
     }
 }
 
-/// A label: whole, up to the rounding of a stored single-precision slope.
+/// A label: a whole number, up to the rounding of a slope stored in single precision.
 impl Voxel for u16 {
     fn accepts(value: f64) -> bool {
         let whole = value.round();
@@ -33,18 +33,18 @@ impl Voxel for u16 {
     }
 }
 
-/// Values that could not be taken.
+/// The values that could not be converted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Faults {
-    /// Place of the first one, counted from the first voxel.
+    /// Number of the first such voxel, counted from 0.
     pub first: u64,
     /// Its value.
     pub value: f64,
-    /// How many.
+    /// How many there are.
     pub count: u64,
 }
 
-/// Appends the values of `bytes`, whole voxels of `layout`'s type, to `values`.
+/// Converts `bytes`, a whole number of voxels of `layout`'s type, and appends the values to `values`.
 pub(crate) fn decode<T: Voxel>(
     layout: &Layout,
     bytes: &[u8],
@@ -58,7 +58,7 @@ pub(crate) fn decode<T: Voxel>(
             (NiftiType::$variant, true) =>
                 convert(layout, bytes, |b| <$number>::from_be_bytes(b) as f64, values, faults),
         )*
-            // the header's check lets no other type through
+            // the check of the header refuses all other types
             _ => {}
         }}
     }

@@ -5,25 +5,21 @@ use std::io;
 use bonemill_geometry::GridError;
 use thiserror::Error;
 
-use crate::affine::AffineSource;
-use crate::read::ForeignFormat;
+use super::affine::AffineSource;
 
-/// Why a file is no image that can be used for planning.
+/// Why a file cannot be used as an image for planning.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum NiftiProblem {
-    /// The system cannot open or read it.
+    /// The system cannot open or read the file.
     #[error("cannot be read: {0}")]
     Unreadable(io::Error),
-    /// It ends inside the header.
+    /// The file ends inside the header.
     #[error("ends after {found_bytes} bytes; expected a NIfTI-1 header of 348 bytes")]
     NoHeader {
         /// Bytes in the file, decompressed.
         found_bytes: usize,
     },
-    /// A folder, or an image in another format.
-    #[error("{0}")]
-    Foreign(ForeignFormat),
     /// The header's size field is that of no NIfTI file.
     #[error("is not NIfTI-1: the header's first number is {sizeof_hdr}, expected 348")]
     NotNifti {
@@ -41,7 +37,7 @@ pub enum NiftiProblem {
         /// The four bytes.
         found: [u8; 4],
     },
-    /// The header half of a two-file image.
+    /// The file is the header of a two-file image.
     #[error("is the header of a .hdr/.img pair; expected a single .nii or .nii.gz file")]
     Pair,
     /// The dimensions make no volume.
@@ -68,7 +64,7 @@ pub enum NiftiProblem {
         /// The limit.
         limit: u64,
     },
-    /// Voxels of a type that holds no single number.
+    /// A voxel's type is not a single number.
     #[error("voxel type {code} ({name}); expected an integer or float of 8 to 64 bits")]
     VoxelType {
         /// `datatype` as stored.
@@ -86,7 +82,7 @@ pub enum NiftiProblem {
         /// Bits of that type.
         expected: usize,
     },
-    /// `vox_offset` is no place behind the header.
+    /// `vox_offset` is not a position behind the header.
     #[error("vox_offset {vox_offset}: expected a whole number of bytes, at least 352")]
     VoxOffset {
         /// The field.
@@ -100,7 +96,7 @@ pub enum NiftiProblem {
         /// `scl_inter`.
         inter: f32,
     },
-    /// The unit of length is unknown to the standard.
+    /// The standard does not define this unit of length.
     #[error("unit of length {code} in xyzt_units; expected 0 (unknown: mm), 1 (m), 2 (mm) or 3 (µm)")]
     Units {
         /// The three bits of the field.
@@ -118,7 +114,7 @@ pub enum NiftiProblem {
         expected_bytes: u64,
         /// Bytes in the file.
         file_bytes: u64,
-        /// What they can hold, decompressed.
+        /// The most bytes that they can hold, decompressed.
         at_most_bytes: u64,
     },
     /// The file ends before the last voxel.
@@ -140,10 +136,10 @@ pub enum NiftiProblem {
         /// Bytes found there before reading stopped.
         surplus_bytes: u64,
     },
-    /// Memory for the voxels cannot be had.
+    /// The memory for the voxels cannot be allocated.
     #[error("{bytes} bytes of memory for the voxels cannot be had")]
     Memory {
-        /// Bytes asked for.
+        /// Bytes requested.
         bytes: u64,
     },
     /// The header does not say where the voxels lie.
@@ -155,7 +151,7 @@ pub enum NiftiProblem {
     /// The transform that the case asks for is not set.
     #[error("the case asks for the {wanted}, whose code is 0 (sform {sform_code}, qform {qform_code})")]
     TransformUnset {
-        /// The one asked for.
+        /// The transform that was requested.
         wanted: AffineSource,
         /// `sform_code`.
         sform_code: i16,
@@ -185,7 +181,7 @@ pub enum NiftiProblem {
     AffineSingular {
         /// Of sform or qform.
         which: AffineSource,
-        /// |det| over the product of the axes' lengths.
+        /// |det| divided by the product of the axes' lengths.
         relative_volume: f64,
     },
     /// The axes are not perpendicular.
@@ -200,17 +196,17 @@ pub enum NiftiProblem {
         off_rad: f64,
         /// The limit, rad.
         limit_rad: f64,
-        /// Displacement of the far corner by taking the nearest straight grid, voxels.
+        /// Displacement of the far corner when the nearest grid with perpendicular axes is used, voxels.
         off_voxels: f64,
     },
-    /// Voxels of an impossible size.
+    /// The voxels have an impossible size.
     #[error("voxels of {spacing_mm:?} mm by the {which}; expected {} to {} mm: wrong unit?", range_mm[0], range_mm[1])]
     Spacing {
         /// Of sform or qform.
         which: AffineSource,
         /// Spacing along i, j, k, mm.
         spacing_mm: [f64; 3],
-        /// Smallest and largest believable, mm.
+        /// Smallest and largest accepted spacing, mm.
         range_mm: [f64; 2],
     },
     /// sform and qform place the volume differently.
@@ -223,7 +219,7 @@ pub enum NiftiProblem {
         sform_code: i16,
         /// `qform_code`.
         qform_code: i16,
-        /// Largest distance between the two images of a corner, in the smallest voxel spacing.
+        /// Largest distance between a corner's two positions, in units of the smallest voxel spacing.
         voxels: f64,
         /// The limit.
         limit: f64,
@@ -231,7 +227,7 @@ pub enum NiftiProblem {
     /// The grid itself is impossible.
     #[error(transparent)]
     Grid(#[from] GridError),
-    /// Grey values that are not finite, or past single precision.
+    /// Grey values are not finite, or too large for single precision.
     #[error("voxel {first:?} is {value}, and {count} voxels in all are not finite numbers")]
     VoxelsNotFinite {
         /// The first one, (i, j, k).
@@ -241,7 +237,7 @@ pub enum NiftiProblem {
         /// How many.
         count: u64,
     },
-    /// Labels that are not whole or out of range.
+    /// Labels are not whole numbers, or out of range.
     #[error(
         "voxel {first:?} is {value}, and {count} voxels in all are no label; expected whole numbers 0 to 65535"
     )]
@@ -253,4 +249,16 @@ pub enum NiftiProblem {
         /// How many.
         count: u64,
     },
+}
+
+impl From<io::Error> for NiftiProblem {
+    fn from(error: io::Error) -> Self {
+        // what a decoder finds wrong with its input; a disk has other words
+        match error.kind() {
+            io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => {
+                Self::Corrupt(error)
+            }
+            _ => Self::Unreadable(error),
+        }
+    }
 }
