@@ -27,6 +27,9 @@ const LEFT_OUT_MM: f64 = 0.2 * TRAJECTORY_TOLERANCE_MM;
 const LEFT_OUT_RAD: f64 = 5e-4;
 
 pub fn run(args: &ExportArgs) -> anyhow::Result<Outcome> {
+    if is_prosthesis(&args.folder.plan).is_ok() {
+        return prosthesis(args);
+    }
     let plan = args.folder.load(Need::Unchanged)?;
     let name =
         plan.dir.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
