@@ -71,7 +71,10 @@ impl ProsthesisPlan {
     }
 
     /// Side and kind of every move, and its numbers: x, y, z (block's frame, mm), a (rad), feed (mm/min), time (s).
-    fn moves<'py>(&self, py: Python<'py>) -> (Vec<&'static str>, Vec<&'static str>, Bound<'py, PyArray2<f64>>) {
+    fn moves<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> (Vec<&'static str>, Vec<&'static str>, Bound<'py, PyArray2<f64>>) {
         let moves = &self.plan.machining.moves;
         let numbers = Array2::from_shape_fn((moves.len(), 6), |(row, column)| {
             let m = &moves[row];

@@ -208,7 +208,10 @@ mod tests {
         ] {
             std::fs::write(dir.path().join(FILE_NAME), text.replace(from, to)).unwrap();
             let said = JobRecord::read(dir.path()).unwrap_err();
-            let said = format!("{said} {}", std::error::Error::source(&said).map_or(String::new(), ToString::to_string));
+            let said = format!(
+                "{said} {}",
+                std::error::Error::source(&said).map_or(String::new(), ToString::to_string)
+            );
             assert!(said.contains(expected), "{said}");
         }
     }
