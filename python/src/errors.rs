@@ -93,3 +93,13 @@ pub fn grid(error: &GridError) -> PyErr {
 pub fn volume(error: &VolumeError) -> PyErr {
     ArrayError::new_err(words(error))
 }
+
+/// A prosthesis that could not be planned: its job, its part, its block or its files.
+pub fn prosthesis(error: &bonemill_planner::prosthesis::ProsthesisError) -> PyErr {
+    use bonemill_planner::prosthesis::ProsthesisError;
+    match error {
+        ProsthesisError::Job(_) => CaseError::new_err(words(error)),
+        ProsthesisError::Files(_) | ProsthesisError::Folder { .. } => PlanFileError::new_err(words(error)),
+        _ => PlanError::new_err(words(error)),
+    }
+}

@@ -46,6 +46,7 @@ from ._judge import (
 )
 from ._native import __version__
 from ._plan import Frames, Plan, Structure, plan
+from ._prosthesis import ProsthesisPlan, prosthesis
 from ._verdict import verified
 from ._view import view
 
@@ -76,6 +77,7 @@ __all__ = [
     "Plan",
     "PlanError",
     "PlanFileError",
+    "ProsthesisPlan",
     "Risk",
     "RobotError",
     "Simulation",
@@ -95,6 +97,7 @@ __all__ = [
     "engagement_metrics",
     "phantom",
     "plan",
+    "prosthesis",
     "simulate",
     "stream",
     "verify",
