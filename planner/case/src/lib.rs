@@ -9,8 +9,10 @@ mod edit;
 mod error;
 mod explain;
 mod given;
+mod job;
 mod keys;
 mod parse;
+mod parse_channel;
 mod parse_robot;
 mod reference;
 mod relations;
@@ -22,6 +24,7 @@ mod target;
 mod tests;
 mod walker;
 pub mod write;
+mod write_channel;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -35,6 +38,7 @@ pub use edit::with_values;
 pub use error::{CaseError, CaseFault, Located};
 pub use explain::{Origin, Parameter, explained};
 pub use given::Given;
+pub use job::{ChannelDirection, ChannelEnd, ChannelSpec, Entry, Feed, Job, Pattern};
 pub use keys::Unit;
 pub use parse::syntax;
 pub use parse_robot::rotation_from_matrix;
@@ -54,6 +58,8 @@ pub struct Case {
     pub images: Images,
     /// Hounsfield units to density, and what counts as air and bone.
     pub density: Density,
+    /// The kind of work.
+    pub job: Job,
     /// The bone to be removed.
     pub target: Target,
     /// Whether thin bone outside the target is kept.

@@ -158,7 +158,7 @@ impl BoxExtent {
 /// Whether a shape holds a point of ct; a label holds nothing by itself.
 pub fn shape_holds(shape: &Target, p: &Vector3<f64>) -> bool {
     match shape {
-        Target::Label(_) => false,
+        Target::Label(_) | Target::Swept => false,
         Target::Box { min_mm, max_mm } => (0..3).all(|a| (min_mm[a]..=max_mm[a]).contains(&p[a])),
         Target::Ball { center_mm, radius_mm } => (p - center_mm).norm() <= *radius_mm,
         Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
@@ -175,6 +175,7 @@ pub fn resized(shape: &Target, by_mm: f64) -> Target {
     let by = Vector3::repeat(by_mm);
     match shape {
         Target::Label(label) => Target::Label(label.clone()),
+        Target::Swept => Target::Swept,
         Target::Box { min_mm, max_mm } => Target::Box { min_mm: min_mm - by, max_mm: max_mm + by },
         Target::Ball { center_mm, radius_mm } => {
             Target::Ball { center_mm: *center_mm, radius_mm: radius_mm + by_mm }
@@ -194,7 +195,7 @@ pub fn resized(shape: &Target, by_mm: f64) -> Target {
 /// Places in ct and half boxes around them along work's axes, which together have the shape's box.
 fn parts(shape: &Target, grid_from_ct: &Rigid<Work, Ct>) -> Vec<(Vector3<f64>, Vector3<f64>)> {
     match shape {
-        Target::Label(_) => Vec::new(),
+        Target::Label(_) | Target::Swept => Vec::new(),
         Target::Box { min_mm, max_mm } => {
             let half = grid_from_ct.rotation.matrix().abs() * (max_mm - min_mm) * 0.5;
             vec![((min_mm + max_mm) * 0.5, half)]
