@@ -5,6 +5,7 @@
 
 mod addition;
 mod cells;
+mod channel;
 pub mod columns;
 mod csv;
 mod directory;
@@ -23,6 +24,7 @@ mod verdict;
 mod waypoint;
 
 pub use addition::{REPORT, ReportPart, add_to_report, replace};
+pub use channel::ChannelRecord;
 pub use cells::{push_number, structure_name};
 pub use csv::{read_waypoints, write_waypoints};
 pub use directory::{Replace, StagedDirectory};

@@ -12,7 +12,7 @@ use bonemill_planfile::{Input, StoredPlan};
 use bonemill_scene::{MemoryNeed, Scene, SceneSpec, build_scene};
 use rayon::prelude::*;
 
-use super::PlanError;
+use super::{PlanError, channel};
 
 /// Distances to structures are kept this far from the target's box, mm, beside what the burr and its cost need.
 const STRUCTURE_FIELD_MARGIN_MM: f64 = 12.0;
@@ -153,7 +153,7 @@ pub fn make_scene(case: &Case, inputs: &Images) -> Result<Scene, PlanError> {
 /// # Errors
 /// [`PlanError`] for images that are missing or cannot be read or trusted.
 pub fn scene_of(plan: &StoredPlan, progress: &dyn Progress) -> Result<Scene, PlanError> {
-    let case = &plan.record.case;
+    let case = &channel::scene_case_of(&plan.record);
     progress.stage("read images");
     let images = read_images(case, |path| plan.input_path(path))?;
     progress.stage("scene");
