@@ -19,6 +19,6 @@ pub fn plan_into(
     let plan =
         bonemill_planner::plan(case, case_path, progress).map_err(|e| Refused::new(e, case, case_path))?;
     progress.stage("write files");
-    let packed = pack.then(|| plan::pack_inputs(&plan.inputs, case_path, staged)).transpose()?;
+    let packed = pack.then(|| plan::pack_inputs(&plan.setup.inputs, case_path, staged)).transpose()?;
     Ok(save::plan(&plan, packed.as_deref().unwrap_or(case_path), staged)?)
 }

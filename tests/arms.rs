@@ -48,7 +48,7 @@ fn to_segment(pose: &Pose, from: &Pose, to: &Pose) -> (f64, f64) {
 
 /// Every row of the trajectory follows the waypoints' polyline, at rest at both ends and inside the joints' limits.
 fn follows(plan: &StoredPlan) {
-    let base_from_ct = plan.record.base_from_ct;
+    let base_from_ct = plan.record.frames.base_from_ct;
     let poses: Vec<Pose> = plan
         .waypoints
         .iter()
@@ -103,7 +103,7 @@ fn every_ur_follows_its_plan() {
             "{:?}",
             plan.record.warnings
         );
-        assert!(plan.record.registration_assumed);
+        assert!(plan.record.frames.registration_assumed);
         // the plan's own URDF is the arm
         let nominal = Arm::ur(model, None).unwrap();
         let q = plan.trajectory.q_at(0);

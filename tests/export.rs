@@ -179,7 +179,7 @@ fn g_code_keeps_to_the_trajectory_and_to_every_axis_limit() {
     // in order, each waypoint is passed as near as the trajectory passes it
     let mut next = 0;
     for waypoint in &plan.waypoints {
-        let p = (plan.record.base_from_ct * waypoint.position).coords;
+        let p = (plan.record.frames.base_from_ct * waypoint.position).coords;
         let found = path[next..].iter().position(|q| (q - p).norm() < 0.025);
         next += found.unwrap();
     }

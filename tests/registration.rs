@@ -51,8 +51,8 @@ fn fiducials_give_the_registration_and_say_how_well() {
     let ran = place.plan();
     assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
     let plan = load(&place);
-    assert!(!plan.record.registration_assumed && plan.record.warnings.is_empty());
-    assert!((plan.record.base_from_ct.translation_mm - Vector3::new(0.0, 0.0, -12.0)).norm() < 1e-9);
+    assert!(!plan.record.frames.registration_assumed && plan.record.warnings.is_empty());
+    assert!((plan.record.frames.base_from_ct.translation_mm - Vector3::new(0.0, 0.0, -12.0)).norm() < 1e-9);
     assert!(number(&plan, "fre_mm") < 1e-9);
     for name in ["expected_error_mm", "fiducial_residuals_mm"] {
         assert!(plan.record.metrics.more.iter().any(|(key, _)| key == name), "{name}");

@@ -169,6 +169,7 @@ const LAYERS: &[&[&str]] = &[
     &["planner/cutter", "robot/export"],
     &["planner/scene", "planner/stock", "planner/cutting", "planner/planfile"],
     &["planner/setup", "planner/toolpath"],
+    &["planner/armpath"],
     &["planner/pipeline", "planner/channel", "planner/simulate", "planner/verify"],
     &["planner/report"],
     &["planner", "robot"],

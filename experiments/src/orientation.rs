@@ -7,7 +7,7 @@ use bonemill_imaging::phantom::{PhantomKind, phantom};
 use bonemill_planner::Progress;
 use bonemill_planner::case::{OrientationMode, TowardTerm};
 use bonemill_planner::orientation::directions::angle_between;
-use bonemill_planner::pipeline::{Chosen, Prepared, with_prepared};
+use bonemill_planner::pipeline::{Choices, Chosen, Prepared, with_prepared};
 
 use crate::body::{Body, data};
 use crate::{ExperimentError, Size, Table};
@@ -65,7 +65,7 @@ fn rows(body: &Body, name: &str, progress: &dyn Progress, table: &mut Table) -> 
             case.orientation.mode = mode;
             with_prepared(&case, body.case_path(), &(), |prepared| {
                 let start = Instant::now();
-                let chosen = prepared.choose(&case)?;
+                let chosen = prepared.choose(&Choices::of(&case))?;
                 let seconds = start.elapsed().as_secs_f64();
                 let head = [name.to_owned(), angles.to_string(), word.to_owned()];
                 let figures = figures(prepared, &chosen, case.speed.nominal_mm_s);

@@ -59,21 +59,21 @@ pub fn plan(
 impl Plan {
     fn waypoints(&self) -> &[Waypoint] {
         match &self.body {
-            Body::Made(plan) => &plan.waypoints,
+            Body::Made(plan) => &plan.moves.waypoints,
             Body::Read(plan) => &plan.waypoints,
         }
     }
 
     fn forces(&self) -> &[ForceToward] {
         match &self.body {
-            Body::Made(plan) => &plan.forces,
+            Body::Made(plan) => &plan.moves.forces,
             Body::Read(plan) => &plan.forces,
         }
     }
 
     fn arm(&self) -> &Arm {
         match &self.body {
-            Body::Made(plan) => &plan.arm,
+            Body::Made(plan) => &plan.setup.arm,
             Body::Read(plan) => &plan.arm,
         }
     }
@@ -113,9 +113,9 @@ impl Plan {
 
 /// The law at the controller's rate, to the decimals of the file.
 fn sampled(plan: &RustPlan) -> Result<Array2<f64>, RobotError> {
-    let rows = plan.law.rows(plan.case.robot.rate_hz)?;
+    let rows = plan.moves.law.rows(plan.setup.case.robot.rate_hz)?;
     let dof = rows.dof();
-    let scale: Vec<f64> = plan.arm.joints().iter().map(|j| scale(j.kind)).collect();
+    let scale: Vec<f64> = plan.setup.arm.joints().iter().map(|j| scale(j.kind)).collect();
     let count = usize::try_from(rows.count()).unwrap_or(usize::MAX);
     let mut all = Array2::zeros((count, 1 + 2 * dof));
     rows.for_each(0..rows.count(), |row, q, qd| {
@@ -237,7 +237,7 @@ impl Plan {
 
     /// Whether the case says nothing of where the arm stands.
     fn registration_assumed(&self) -> bool {
-        self.record.registration_assumed
+        self.record.frames.registration_assumed
     }
 
     /// Wall-clock seconds by stage; none for a plan that was read.
@@ -252,9 +252,9 @@ impl Plan {
     fn frames<'py>(&self, py: Python<'py>) -> Vec<(&'static str, Bound<'py, PyArray2<f64>>)> {
         let record = &self.record;
         [
-            ("ct_from_work", homogeneous(&record.ct_from_approach)),
-            ("ct_from_grid", homogeneous(&record.ct_from_grid())),
-            ("base_from_ct", homogeneous(&record.base_from_ct)),
+            ("ct_from_work", homogeneous(&record.frames.ct_from_approach)),
+            ("ct_from_grid", homogeneous(&record.frames.ct_from_grid())),
+            ("base_from_ct", homogeneous(&record.frames.base_from_ct)),
             ("flange_from_burr", homogeneous(&self.arm().mount().flange_from_burr)),
         ]
         .map(|(name, frame)| (name, frame.into_pyarray(py)))
@@ -263,7 +263,7 @@ impl Plan {
 
     /// Voxels of the planning grid, and their side, mm.
     fn grid(&self) -> ([usize; 3], f64) {
-        (self.record.grid.dims, self.record.case.grid.spacing_mm)
+        (self.record.frames.grid.dims, self.record.case.grid.spacing_mm)
     }
 
     /// The arm.
@@ -302,7 +302,7 @@ impl Plan {
         match &self.body {
             Body::Made(plan) => {
                 let kept = |(input, _): &&(Input, PathBuf)| pack || (own && stays_inside(&input.path));
-                Ok(plan.inputs.iter().filter(kept).cloned().collect())
+                Ok(plan.setup.inputs.iter().filter(kept).cloned().collect())
             }
             Body::Read(plan) if pack || stays_inside(&self.record.case_file) => {
                 let mut kept = plan.all_inputs()?;

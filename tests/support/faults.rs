@@ -35,7 +35,7 @@ fn a_cut(plan: &StoredPlan) -> usize {
 fn tilt_cuts(plan: &mut StoredPlan, degrees: f64) {
     let tilt = degrees.to_radians();
     let base = Vector3::new(-tilt.sin(), 0.0, tilt.cos());
-    let axis = plan.record.base_from_ct.rotation.inverse() * base;
+    let axis = plan.record.frames.base_from_ct.rotation.inverse() * base;
     let cuts = cuts(plan);
     for n in &cuts[cuts.len() / 3..2 * cuts.len() / 3] {
         plan.waypoints[*n].axis = axis;
@@ -449,31 +449,31 @@ pub const ALL: &[Fault] = &[
     },
     Fault {
         name: "another approach in the plan",
-        plant: |p| p.record.approach_direction = Vector3::new(0.0, 0.6, 0.8),
+        plant: |p| p.record.frames.approach_direction = Vector3::new(0.0, 0.6, 0.8),
         caught_by: &["frames/approach of the case"],
     },
     Fault {
         name: "a turned work frame",
         plant: |p| {
             let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.01);
-            let frame = &p.record.ct_from_approach;
-            p.record.ct_from_approach = Rigid::new(frame.rotation * turn, frame.translation_mm);
+            let frame = &p.record.frames.ct_from_approach;
+            p.record.frames.ct_from_approach = Rigid::new(frame.rotation * turn, frame.translation_mm);
         },
         caught_by: &["frames/ct_from_work is the approach's basis"],
     },
     Fault {
         name: "a registration that the case does not give",
-        plant: |p| p.record.registration_assumed = false,
+        plant: |p| p.record.frames.registration_assumed = false,
         caught_by: &["frames/base_from_ct of the case"],
     },
     Fault {
         name: "a patient 2 mm aside",
-        plant: |p| p.record.base_from_ct.translation_mm.x += 2.0,
+        plant: |p| p.record.frames.base_from_ct.translation_mm.x += 2.0,
         caught_by: &["trajectory's place on the path"],
     },
     Fault {
         name: "a tool that is mounted otherwise",
-        plant: |p| p.record.flange_from_burr.0[2] = 10.0,
+        plant: |p| p.record.frames.flange_from_burr.0[2] = 10.0,
         caught_by: &["frames/flange_from_burr of the case"],
     },
     Fault {

@@ -15,8 +15,8 @@ pub fn relay(plan: &mut StoredPlan) {
         let parts = (turn / 0.02).max(way.norm() / 0.5).ceil().max(1.0);
         for k in 1..=parts as usize {
             let share = k as f64 / parts;
-            let axis = plan.record.base_from_ct.rotate(&from.axis.lerp(&to.axis, share).normalize());
-            let place = plan.record.base_from_ct * (from.position + way * share);
+            let axis = plan.record.frames.base_from_ct.rotate(&from.axis.lerp(&to.axis, share).normalize());
+            let place = plan.record.frames.base_from_ct * (from.position + way * share);
             let tilt = bone_attached::tilt_for_axis(&axis).unwrap().tilt_rad;
             q.extend(bone_attached::ik(place, tilt));
             pose.push([place.x(), place.y(), place.z(), axis.x, axis.y, axis.z]);

@@ -36,8 +36,13 @@ struct Outcome {
 
 impl Outcome {
     fn of(changed: String, plan: &Plan) -> Self {
-        let first =
-            plan.figures.structures.iter().zip(&plan.case.structures).filter(|(_, s)| s.priority == 1);
+        let first = plan
+            .results
+            .figures
+            .structures
+            .iter()
+            .zip(&plan.setup.case.structures)
+            .filter(|(_, s)| s.priority == 1);
         let (mut mean_n, mut peak_n) = (0f64, 0f64);
         for (found, _) in first {
             mean_n = mean_n.max(found.force.mean_with_zeros_n);
@@ -45,12 +50,12 @@ impl Outcome {
         }
         Self {
             changed,
-            total_s: plan.law.duration_s(),
-            removed_mm3: plan.coverage.removed.all_mm3,
-            target_mm3: plan.coverage.target.all_mm3 + plan.coverage.outside_mm3,
+            total_s: plan.moves.law.duration_s(),
+            removed_mm3: plan.results.coverage.removed.all_mm3,
+            target_mm3: plan.results.coverage.target.all_mm3 + plan.results.coverage.outside_mm3,
             mean_n,
             peak_n,
-            peak_force_n: plan.figures.peak_force_n,
+            peak_force_n: plan.results.figures.peak_force_n,
             falls_short: !plan.shortfalls.is_empty(),
         }
     }

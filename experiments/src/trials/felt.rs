@@ -10,10 +10,10 @@
 
 use bonemill_imaging::phantom::{BlockParams, NerveSide, PhantomKind, block, phantom};
 use bonemill_planner::Progress;
-use bonemill_planner::case::{Case, Registration, SpeedMode};
+use bonemill_planner::case::{Case, CostSpec, Registration, SpeedMode};
 use bonemill_planner::cost::SeveralStructures;
 use bonemill_planner::path::MoveKind;
-use bonemill_planner::pipeline::{Felt, JUDGED, Plan, Prepared, plan, with_prepared};
+use bonemill_planner::pipeline::{Choices, Felt, JUDGED, Plan, Prepared, plan, with_prepared};
 
 use super::percent;
 use crate::body::{self, Body};
@@ -65,16 +65,16 @@ impl Row {
 
 /// The rows of a plan: structures near which a control or the plan pushes.
 fn rows(name: &str, plan: &Plan, alone: &Felt) -> Vec<Row> {
-    let structures = plan.case.structures.iter().enumerate();
+    let structures = plan.setup.case.structures.iter().enumerate();
     let row = |(n, s): (usize, &bonemill_planner::case::Structure)| Row {
         body: name.to_owned(),
         structure: s.name.clone(),
         priority: s.priority,
-        controls: plan.compared.controls.iter().map(|c| figures(&c.felt, n)).collect(),
-        plan: figures(&plan.compared.plan, n),
+        controls: plan.results.compared.controls.iter().map(|c| figures(&c.felt, n)).collect(),
+        plan: figures(&plan.results.compared.plan, n),
         alone: figures(alone, n),
         seconds: plan.seconds.iter().map(|(_, s)| s).sum(),
-        instead: plan.modelled.instead.unwrap_or("-"),
+        instead: plan.modelled.axes.instead.unwrap_or("-"),
     };
     let is_near = |row: &Row| row.controls.iter().chain([&row.plan]).any(|f| f[2] > 0.0);
     structures.map(row).filter(is_near).collect()
@@ -82,19 +82,24 @@ fn rows(name: &str, plan: &Plan, alone: &Felt) -> Vec<Row> {
 
 /// What the best axis of each waypoint alone would give, in the time that the plan takes for its cuts.
 fn alone(plan: &Plan, body: &Body) -> Result<Felt, ExperimentError> {
-    let mut case = plan.case.clone();
+    let planned = Choices::of(&plan.setup.case);
     // nothing but the push toward the nearest structure
-    case.cost.structures = SeveralStructures::Nearest;
-    (case.cost.kappa_per_mm, case.cost.alpha_max) = (0.0, 1.0);
-    let cuts = plan.waypoints.windows(2).filter(|pair| pair[1].kind == MoveKind::Cut);
+    let cost = CostSpec {
+        structures: SeveralStructures::Nearest,
+        kappa_per_mm: 0.0,
+        alpha_max: 1.0,
+        ..planned.cost
+    };
+    let nearest_only = Choices { cost, ..planned.clone() };
+    let cuts = plan.moves.waypoints.windows(2).filter(|pair| pair[1].kind == MoveKind::Cut);
     let cutting_s =
         cuts.map(|pair| pair[0].position.distance_mm(&pair[1].position) / pair[1].speed_mm_s).sum();
     let felt = |prepared: &Prepared| {
-        let chosen = prepared.choose_alone(&case)?;
-        let speed_mm_s = prepared.speeds(&plan.case, &chosen, Some(cutting_s))?;
-        Ok(prepared.felt(&plan.case, &chosen, &speed_mm_s))
+        let chosen = prepared.choose_alone(&nearest_only)?;
+        let speed_mm_s = prepared.speeds(&planned, &chosen, Some(cutting_s))?;
+        Ok(prepared.felt(&chosen, &speed_mm_s))
     };
-    Ok(with_prepared(&plan.case, body.case_path(), &(), felt)?)
+    Ok(with_prepared(&plan.setup.case, body.case_path(), &(), felt)?)
 }
 
 fn planned(name: &str, body: &Body, adjust: impl Fn(&mut Case)) -> Result<Vec<Row>, ExperimentError> {

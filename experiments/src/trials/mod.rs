@@ -13,7 +13,7 @@ use std::f64::consts::FRAC_PI_2;
 use bonemill_imaging::phantom::{BlockParams, NerveSide, block};
 use bonemill_planner::Progress;
 use bonemill_planner::case::{Case, OrientationMode, Sense, SpeedMode, TowardTerm};
-use bonemill_planner::pipeline::{Chosen, Prepared, with_prepared};
+use bonemill_planner::pipeline::{Choices, Chosen, Prepared, with_prepared};
 use bonemill_planner::toward::NEAR_MM;
 
 use crate::body::Body;
@@ -99,17 +99,16 @@ fn trials(
     control: &Chosen,
     mode: OrientationMode,
 ) -> Result<Trials, ExperimentError> {
-    let mut case = case.clone();
-    case.orientation.mode = mode;
-    case.cost.toward = TowardTerm::Share;
-    case.speed.mode = SpeedMode::Constant;
-    let chosen = prepared.choose(&case)?;
-    let constant = prepared.speeds(&case, &chosen, None)?;
-    let control_speeds = prepared.speeds(&case, control, None)?;
+    let mut choices = Choices { mode, ..Choices::of(case) };
+    choices.cost.toward = TowardTerm::Share;
+    choices.speed.mode = SpeedMode::Constant;
+    let chosen = prepared.choose(&choices)?;
+    let constant = prepared.speeds(&choices, &chosen, None)?;
+    let control_speeds = prepared.speeds(&choices, control, None)?;
     let cutting_s = samples(prepared, control, &control_speeds).iter().map(|s| s.seconds).sum();
     let angle = TrialFigures::of(&samples(prepared, &chosen, &constant));
-    case.speed.mode = SpeedMode::Mass;
-    let by_mass = prepared.speeds(&case, &chosen, Some(cutting_s))?;
+    choices.speed.mode = SpeedMode::Mass;
+    let by_mass = prepared.speeds(&choices, &chosen, Some(cutting_s))?;
     Ok(Trials {
         control: TrialFigures::of(&samples(prepared, control, &control_speeds)),
         angle,
@@ -119,10 +118,9 @@ fn trials(
 
 /// The control's axes and forces.
 fn control(prepared: &Prepared, case: &Case) -> Result<Chosen, ExperimentError> {
-    let mut case = case.clone();
-    case.orientation.mode = OrientationMode::Fixed;
-    case.speed.mode = SpeedMode::Constant;
-    Ok(prepared.choose(&case)?)
+    let mut choices = Choices { mode: OrientationMode::Fixed, ..Choices::of(case) };
+    choices.speed.mode = SpeedMode::Constant;
+    Ok(prepared.choose(&choices)?)
 }
 
 /// Moves that cut, at these speeds.

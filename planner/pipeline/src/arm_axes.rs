@@ -15,7 +15,7 @@ use bonemill_toolpath::orientation::directions::angle_between;
 use bonemill_toolpath::space::BurrSpace;
 use nalgebra::{Unit, Vector3};
 
-use super::motion::Placed;
+use bonemill_armpath::Placed;
 
 /// Lattice places are this far apart at most, mm.
 const STEP_MM: f64 = 10.0;

@@ -5,21 +5,23 @@
 //! tried; the first that is nowhere worse stands. If none is, the least bad stands, and the plan says so.
 
 use bonemill_arm::Arm;
+use bonemill_armpath::{Motion, path_limits};
 use bonemill_case::{Case, OrientationMode, Sense};
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_scene::Scene;
+use bonemill_setup::{Setup, Stopwatch};
 use bonemill_toolpath::access::ShankObstacles;
 use bonemill_toolpath::path::RasterFrame;
 use bonemill_toolpath::space::BurrSpace;
 
+use super::PlanError;
+use super::choose::{Choices, Chosen};
 use super::control::{Compared, ControlPath, Worse};
 use super::metrics::{self, Coverage};
-use super::motion::Motion;
 use super::move_limits::MoveLimits;
-use super::prepared::{Chosen, Prepared, spacing};
+use super::prepared::{Prepared, spacing};
 use super::raster::Raster;
 use super::speeds::{self, Timing};
-use super::{PlanError, Stopwatch};
 
 /// An attempt may leave this share more of what the burr can reach than the one before.
 const LEFT_SHARE: f64 = 0.005;
@@ -37,6 +39,7 @@ pub(super) struct Start<'a> {
 
 /// A path with its axes, its motion and its speeds.
 pub(super) struct Attempt<'a> {
+    pub start: Start<'a>,
     pub prepared: Prepared<'a>,
     pub chosen: Chosen,
     pub motion: Motion,
@@ -95,6 +98,12 @@ impl Fallback {
 }
 
 impl<'a> Start<'a> {
+    /// A setup, with its free space and what its shank may not touch.
+    pub fn new(setup: &'a Setup, space: &'a BurrSpace<'a>, solid: &'a ShankObstacles) -> Self {
+        let Setup { case, arm, scene, .. } = setup;
+        Self { case, arm, scene, space, solid, base_from_work: setup.base_from_work() }
+    }
+
     /// The first attempt that is nowhere worse than its controls, or the least bad.
     ///
     /// # Errors
@@ -107,21 +116,20 @@ impl<'a> Start<'a> {
         } else {
             watch.run("control", || self.controls(&raster.frame))?
         };
-        let mut best = self.attempt(prepared, self.case, &controls, watch)?;
-        let mut ratio = best.worst_ratio(self.case);
+        let choices = Choices::of(self.case);
+        let mut best = self.attempt(prepared, &choices, &controls, watch)?;
+        let mut ratio = best.worst_ratio();
         for fallback in FALLBACKS.iter().filter(|fallback| fallback.is_open(self.case)) {
             if ratio.is_none() {
                 break;
             }
-            let mut varied = self.case.clone();
-            if fallback.is_fixed {
-                varied.orientation.mode = OrientationMode::Fixed;
-            }
+            let mode = if fallback.is_fixed { OrientationMode::Fixed } else { choices.mode };
+            let varied = Choices { mode, ..choices.clone() };
             let tried = Prepared::new(self, Some(fallback.raster(raster)), watch)
                 .and_then(|prepared| self.attempt(prepared, &varied, &controls, watch));
             let Ok(tried) = tried else { continue };
-            let its_ratio = tried.worst_ratio(self.case);
-            if tried.keeps_what(&best, self.case) && its_ratio.unwrap_or(1.0) < ratio.unwrap_or(1.0) {
+            let its_ratio = tried.worst_ratio();
+            if tried.keeps_what(&best) && its_ratio.unwrap_or(1.0) < ratio.unwrap_or(1.0) {
                 ratio = its_ratio;
                 best = Attempt { instead: Some(fallback.words), ..tried };
             }
@@ -140,22 +148,23 @@ impl<'a> Start<'a> {
         Ok(vec![first?, second?])
     }
 
-    /// Axes, motion and speeds for a path; `case` may differ from the one that was prepared as [`Prepared::choose`] allows.
+    /// Axes, motion and speeds for a path.
     fn attempt(
         &self,
         mut prepared: Prepared<'a>,
-        case: &Case,
+        choices: &Choices,
         controls: &[ControlPath],
         watch: &mut Stopwatch,
     ) -> Result<Attempt<'a>, PlanError> {
-        let (chosen, motion) = prepared.choose_with_motion(case, watch)?;
-        let demand = prepared.demand(case, &chosen)?;
-        let limits = speeds::path_limits(self.arm)?;
-        let speed_input = demand.input(case, &prepared, &chosen, &motion.dense);
+        let case = self.case;
+        let (chosen, motion) = prepared.choose_with_motion(choices, watch)?;
+        let demand = prepared.demand(choices, &chosen)?;
+        let limits = path_limits(self.arm)?;
+        let speed_input = demand.input(&prepared, choices, &chosen, &motion.dense);
         let reached = &prepared.reached;
         let (timing, coverage) = watch.run("time law, coverage", || {
             rayon::join(
-                || speeds::timing(&speed_input, &case.speed, case.paper, &limits),
+                || speeds::timing(&speed_input, &limits),
                 || {
                     let (path, dropped) = (&reached.path, &reached.dropped);
                     metrics::coverage(self.scene, self.space, &path.removal, &path.points, dropped)
@@ -168,9 +177,10 @@ impl<'a> Start<'a> {
         let caps = &timing.caps_mm_s;
         let compared = Compared {
             controls: controls.iter().map(|control| control.in_time(case, timing.at_caps_s)).collect(),
-            plan: prepared.felt(case, &chosen, caps),
+            plan: prepared.felt(&chosen, caps),
         };
         Ok(Attempt {
+            start: *self,
             prepared,
             chosen,
             motion,
@@ -178,7 +188,7 @@ impl<'a> Start<'a> {
             timing,
             coverage,
             compared,
-            mode: case.orientation.mode,
+            mode: choices.mode,
             instead: None,
         })
     }
@@ -186,9 +196,9 @@ impl<'a> Start<'a> {
 
 impl Attempt<'_> {
     /// Whether it leaves hardly more than another, and misses nothing that the other keeps.
-    pub fn keeps_what(&self, other: &Self, case: &Case) -> bool {
+    pub fn keeps_what(&self, other: &Self) -> bool {
         let misses = |of: &Self| {
-            let caps = of.demand.caps_missed(case, &of.prepared, &of.chosen);
+            let caps = of.demand.caps_missed(of.start.case, &of.prepared, &of.chosen);
             [of.timing.missed.is_some(), caps.is_some()]
         };
         self.coverage.reached_share() >= other.coverage.reached_share() - LEFT_SHARE
@@ -197,7 +207,12 @@ impl Attempt<'_> {
     }
 
     /// By how much it is worse than its controls at the worst; none where it is nowhere worse.
-    pub fn worst_ratio(&self, case: &Case) -> Option<f64> {
-        self.compared.worse(case).first().map(Worse::ratio)
+    pub fn worst_ratio(&self) -> Option<f64> {
+        self.compared.worse(self.start.case).first().map(Worse::ratio)
+    }
+
+    /// How much the structures feel: see [`super::Felt::score`].
+    pub fn score(&self) -> f64 {
+        self.compared.plan.score(self.start.case)
     }
 }

@@ -19,7 +19,8 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::PlanError;
-use super::prepared::{CHOICE_MERGED, CHOICE_SAMPLES, feeds};
+use super::choose::{CHOICE_MERGED, CHOICE_SAMPLES};
+use super::prepared::feeds;
 use super::reach::lengths;
 
 /// Toward a structure, a force up to this counts as none, N: assumed.

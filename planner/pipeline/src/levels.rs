@@ -15,7 +15,7 @@ use bonemill_cutting::speed::{CutPushes, Levels};
 use bonemill_setup::nearest_structures::NearStructure;
 use nalgebra::Matrix3;
 
-use super::prepared::Chosen;
+use super::choose::Chosen;
 
 /// Beyond a level by more than this share of it is no rounding.
 const ROUNDING: f64 = 1e-6;

@@ -9,8 +9,9 @@ use bonemill_motion::resolve::DensePath;
 use bonemill_setup::tools;
 
 use super::PlanError;
+use super::choose::{Choices, Chosen};
 use super::levels;
-use super::prepared::{Chosen, Prepared};
+use super::prepared::Prepared;
 use super::speeds::{self, SpeedInput};
 
 /// One entry per waypoint each.
@@ -25,7 +26,8 @@ pub struct MoveLimits {
 }
 
 impl Prepared<'_> {
-    pub(super) fn demand(&self, case: &Case, chosen: &Chosen) -> Result<MoveLimits, PlanError> {
+    pub(super) fn demand(&self, choices: &Choices, chosen: &Chosen) -> Result<MoveLimits, PlanError> {
+        let case = &choices.applied_to(self.case);
         let mut pushes = levels::pushes(case, &self.near, &chosen.forces, chosen.compliances.as_deref())?;
         // a link may graze a cusp: it has no speed to choose
         let links = pushes.iter_mut().zip(&chosen.kinds).filter(|(_, kind)| **kind != MoveKind::Cut);
@@ -38,27 +40,27 @@ impl Prepared<'_> {
         })
     }
 
-    /// Largest speed of every move by the case's speed mode, mm/s, without the joints' limits; the cuts take `cutting_s` in all
+    /// Largest speed of every move by the speed mode, mm/s, without the joints' limits; the cuts take `cutting_s` in all
     /// if it is given.
     ///
     /// # Errors
     /// When the speed range is not usable, or the time cannot be had within it.
     pub fn speeds(
         &self,
-        case: &Case,
+        choices: &Choices,
         chosen: &Chosen,
         cutting_s: Option<f64>,
     ) -> Result<Vec<f64>, PlanError> {
-        let (demand, no_joints) = (self.demand(case, chosen)?, DensePath::default());
-        speeds::caps(&demand.input(case, self, chosen, &no_joints), &case.speed, case.paper, cutting_s)
+        let (demand, no_joints) = (self.demand(choices, chosen)?, DensePath::default());
+        speeds::caps(&demand.input(self, choices, chosen, &no_joints), cutting_s)
     }
 }
 
 impl MoveLimits {
     pub(super) fn input<'a>(
         &'a self,
-        case: &Case,
         prepared: &'a Prepared,
+        choices: &'a Choices,
         chosen: &'a Chosen,
         dense: &'a DensePath,
     ) -> SpeedInput<'a> {
@@ -70,8 +72,10 @@ impl MoveLimits {
             dense,
             force_cap_mm_s: &self.force_cap_mm_s,
             pushes: &self.pushes,
-            step_mm: case.path.step_mm,
-            slot_mass_mg: tools::slot_mass_mg(case, case.path.step_mm),
+            step_mm: prepared.case.path.step_mm,
+            slot_mass_mg: tools::slot_mass_mg(&choices.applied_to(prepared.case), prepared.case.path.step_mm),
+            spec: &choices.speed,
+            smoothing: speeds::smoothing(prepared.case),
         }
     }
 

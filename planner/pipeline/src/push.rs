@@ -1,11 +1,7 @@
 //! What pushes the burr at a waypoint, and its part toward each structure.
 
-use bonemill_geometry::{Ct, Rigid, Work};
-use nalgebra::{Matrix3, Vector3};
-
 use bonemill_cutting::burr::EngagedForce;
-use bonemill_planfile::ForceToward;
-use bonemill_setup::nearest_structures::NearStructure;
+use nalgebra::{Matrix3, Vector3};
 
 /// Force and deflection of one move, work.
 #[derive(Debug, Clone, Copy)]
@@ -38,30 +34,4 @@ impl Push {
             deflection_um: self.deflection_mm.map(|d| 1e3 * along(&d)),
         }
     }
-}
-
-/// The rows of `forces.csv`: by waypoint, then in the case's order of structures.
-pub(super) fn rows(
-    near: &[Vec<NearStructure>],
-    push: &impl Fn(usize) -> Push,
-    ct_from_work: &Rigid<Ct, Work>,
-) -> Vec<ForceToward> {
-    let mut rows = Vec::with_capacity(near.iter().map(Vec::len).sum());
-    for (waypoint, near) in near.iter().enumerate() {
-        let push = push(waypoint);
-        let from = rows.len();
-        rows.extend(near.iter().map(|NearStructure { structure, proximity }| {
-            let toward = push.toward(&proximity.toward);
-            ForceToward {
-                waypoint,
-                structure: *structure,
-                distance_mm: proximity.distance_mm,
-                toward: ct_from_work.rotate(&proximity.toward),
-                force_toward_n: toward.force_n,
-                deflection_toward_um: toward.deflection_um,
-            }
-        }));
-        rows[from..].sort_by_key(|row| row.structure);
-    }
-    rows
 }

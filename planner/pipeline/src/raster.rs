@@ -27,10 +27,11 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use super::PlanError;
+use super::choose::{scale, terms};
 use super::control::Felt;
 use super::levels;
 use super::orient::{CostField, cost_rows};
-use super::prepared::{feeds, scale, terms};
+use super::prepared::feeds;
 use super::reach::{ReachSpec, free_directions, lengths, limited};
 use super::sense::PassSense;
 use super::speeds::{self, SpeedInput};
@@ -149,8 +150,10 @@ impl Draft {
             pushes: &pushes,
             step_mm,
             slot_mass_mg: tools::slot_mass_mg(case, step_mm),
+            spec: &case.speed,
+            smoothing: speeds::smoothing(case),
         };
-        let caps = speeds::caps_near(&input, &case.speed, case.paper, cutting_s)?;
+        let caps = speeds::caps_near(&input, cutting_s)?;
         Ok(felt(&|i| caps[i]))
     }
 }

@@ -1,11 +1,10 @@
 //! Speed caps per move (D13, force caps or least force), and the time law under them.
 
-use bonemill_case::{SpeedMode, SpeedSpec};
+use bonemill_case::{Case, SpeedMode, SpeedSpec};
 use bonemill_cutter::MoveKind;
 use bonemill_cutting::speed::{CutMoves, CutPushes, LevelFamily, Levels, Smoothing, SpeedModel, last_within};
 use bonemill_motion::resolve::DensePath;
-use bonemill_motion::timelaw::{CornerTolerance, JointPath, PathLimits, PreparedPath, TimeLaw};
-use bonemill_toolpath::space::TRAJECTORY_TOLERANCE_MM;
+use bonemill_motion::timelaw::{JointPath, PathLimits, PreparedPath, TimeLaw};
 
 use super::PlanError;
 
@@ -38,6 +37,10 @@ pub struct SpeedInput<'a> {
     pub step_mm: f64,
     /// Mass that a step takes in a full slot of the reference material, mg.
     pub slot_mass_mg: f64,
+    /// Speed range and law.
+    pub spec: &'a SpeedSpec,
+    /// How D13's speeds are smoothed.
+    pub smoothing: Smoothing,
 }
 
 /// Caps and the law under them.
@@ -62,17 +65,12 @@ pub struct Timing {
 ///
 /// # Errors
 /// When the mode is not supported, or the arm's limits are not usable.
-pub fn timing(
-    input: &SpeedInput,
-    spec: &SpeedSpec,
-    paper: bool,
-    limits: &PathLimits,
-) -> Result<Timing, PlanError> {
+pub fn timing(input: &SpeedInput, limits: &PathLimits) -> Result<Timing, PlanError> {
     let prepared = PreparedPath::new(
         &JointPath { q: &input.dense.q, burr_mm: &input.dense.burr_mm, pose: &input.dense.pose, stops: &[] },
         limits,
     )?;
-    let cuts = Cuts::new(input, spec, paper)?;
+    let (spec, cuts) = (input.spec, Cuts::new(input)?);
     let duration_s = |caps: &[f64]| prepared.duration_s(&input.dense.per_place(caps));
     let total_s = match (spec.total_time_s, spec.mode) {
         (None, SpeedMode::LeastForce) => Some(duration_s(&cuts.constant(spec.nominal_mm_s))?),
@@ -96,34 +94,23 @@ pub fn timing(
 ///
 /// # Errors
 /// As [`timing`].
-pub fn caps(
-    input: &SpeedInput,
-    spec: &SpeedSpec,
-    paper: bool,
-    cutting_s: Option<f64>,
-) -> Result<Vec<f64>, PlanError> {
-    Ok(Cuts::new(input, spec, paper)?.caps(cutting_s)?.mm_s)
+pub fn caps(input: &SpeedInput, cutting_s: Option<f64>) -> Result<Vec<f64>, PlanError> {
+    Ok(Cuts::new(input)?.caps(cutting_s)?.mm_s)
 }
 
 /// The same with the cuts in `cutting_s`, or in the time nearest to it that the speed range allows.
 ///
 /// # Errors
 /// As [`timing`].
-pub fn caps_near(
-    input: &SpeedInput,
-    spec: &SpeedSpec,
-    paper: bool,
-    cutting_s: f64,
-) -> Result<Vec<f64>, PlanError> {
-    let cuts = Cuts::new(input, spec, paper)?;
+pub fn caps_near(input: &SpeedInput, cutting_s: f64) -> Result<Vec<f64>, PlanError> {
+    let cuts = Cuts::new(input)?;
     let [fast, slow] = cuts.time_range_s()?;
     Ok(cuts.caps(Some(cutting_s.max(fast).min(slow)))?.mm_s)
 }
 
-/// The limits of the time law: the corner tolerance leaves room for the arm's bow between waypoints.
-pub fn path_limits(arm: &bonemill_arm::Arm) -> Result<PathLimits, PlanError> {
-    let corner = CornerTolerance { burr_mm: 0.8 * TRAJECTORY_TOLERANCE_MM, ..CornerTolerance::default() };
-    Ok(PathLimits::of_arm(arm, corner)?)
+/// The paper takes a plain average; it raises speed where the burr enters bone, so it is not the default.
+pub fn smoothing(case: &Case) -> Smoothing {
+    if case.paper { Smoothing::Average } else { Smoothing::MinimumThenAverage }
 }
 
 /// Caps of all moves.
@@ -151,8 +138,8 @@ struct Cuts<'a> {
 }
 
 impl<'a> Cuts<'a> {
-    fn new(input: &'a SpeedInput<'a>, spec: &'a SpeedSpec, paper: bool) -> Result<Self, PlanError> {
-        let smoothing = if paper { Smoothing::Average } else { Smoothing::MinimumThenAverage };
+    fn new(input: &'a SpeedInput<'a>) -> Result<Self, PlanError> {
+        let SpeedInput { spec, smoothing, .. } = *input;
         let model = SpeedModel::new(spec.min_mm_s, spec.max_mm_s, AIR_SHARE * input.slot_mass_mg, smoothing)?;
         let is_cut: Vec<bool> = input.kinds.iter().map(|kind| *kind == MoveKind::Cut).collect();
         let cuts = || (0..is_cut.len()).filter(|i| is_cut[*i]);

@@ -91,21 +91,13 @@ impl Metrics {
 pub struct PlanningGrid {
     /// Voxels along x, y and z.
     pub dims: [usize; 3],
-    /// How far x and y are turned about z from those of [`PlanRecord::ct_from_approach`], rad.
+    /// How far x and y are turned about z from those of [`PlanFrames::ct_from_approach`], rad.
     pub turn_rad: f64,
 }
 
-/// The contents of `plan.toml`.
+/// The frames of a plan, and where the arm and its tool stand.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PlanRecord {
-    /// Version of the program that made the plan.
-    pub version: String,
-    /// The resolved case.
-    pub case: Case,
-    /// The case's file, relative to the plan's directory.
-    pub case_file: PathBuf,
-    /// Every file that the plan was made from, the case included.
-    pub inputs: Vec<Input>,
+pub struct PlanFrames {
     /// Approach direction in ct, unit, out of the bone: the case's, or the one chosen.
     pub approach_direction: Vector3<f64>,
     /// Where θ and φ are measured: origin at the planning grid's first voxel centre, z the approach, x and y by the basis
@@ -119,6 +111,21 @@ pub struct PlanRecord {
     pub registration_assumed: bool,
     /// Burr's centre (mm) and axes (fixed-axis roll, pitch, yaw, rad) in the flange.
     pub flange_from_burr: ([f64; 3], [f64; 3]),
+}
+
+/// The contents of `plan.toml`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlanRecord {
+    /// Version of the program that made the plan.
+    pub version: String,
+    /// The resolved case.
+    pub case: Case,
+    /// The case's file, relative to the plan's directory.
+    pub case_file: PathBuf,
+    /// Every file that the plan was made from, the case included.
+    pub inputs: Vec<Input>,
+    /// The frames that it is told in.
+    pub frames: PlanFrames,
     /// Figures.
     pub metrics: Metrics,
     /// What was modelled where, and what each approximation cost in error.
@@ -129,13 +136,15 @@ pub struct PlanRecord {
     pub shortfalls: Vec<String>,
 }
 
-impl PlanRecord {
+impl PlanFrames {
     /// The planning grid's frame in ct.
     pub fn ct_from_grid(&self) -> Rigid<Ct, Work> {
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), self.grid.turn_rad);
         self.ct_from_approach * Rigid::new(turn, Vector3::zeros())
     }
+}
 
+impl PlanRecord {
     /// Writes `plan.toml` into `dir`.
     ///
     /// # Errors
@@ -171,7 +180,8 @@ impl PlanRecord {
     fn to_toml(&self) -> Result<String, PlanFileError> {
         let texts = |list: &[String]| list.iter().map(|w| format!("\n    {},", text(w))).collect::<String>();
         let given: Vec<String> = self.case.given.keys().map(text).collect();
-        let (mount_mm, mount_rad) = &self.flange_from_burr;
+        let frames = &self.frames;
+        let (mount_mm, mount_rad) = &frames.flange_from_burr;
         let mut out = format!(
             "# A plan by bonemill. The case below is resolved: every default is spelled out; case_given are the keys that its file gives.\n\
              version = {}\ncase_file = {}\ncase_given = [{}]\nwarnings = [{}]\nshortfalls = [{}]\n\n\
@@ -183,12 +193,12 @@ impl PlanRecord {
             given.join(", "),
             texts(&self.warnings),
             texts(&self.shortfalls),
-            vector(&self.approach_direction),
-            rigid(self.ct_from_approach.rotation.matrix(), &self.ct_from_approach.translation_mm),
-            format_args!("{:?}", self.grid.dims),
-            self.grid.turn_rad,
-            rigid(self.base_from_ct.rotation.matrix(), &self.base_from_ct.translation_mm),
-            if self.registration_assumed { "assumed" } else { "case" },
+            vector(&frames.approach_direction),
+            rigid(frames.ct_from_approach.rotation.matrix(), &frames.ct_from_approach.translation_mm),
+            format_args!("{:?}", frames.grid.dims),
+            frames.grid.turn_rad,
+            rigid(frames.base_from_ct.rotation.matrix(), &frames.base_from_ct.translation_mm),
+            if frames.registration_assumed { "assumed" } else { "case" },
             list(mount_mm),
             list(mount_rad),
         );
@@ -226,19 +236,7 @@ impl PlanRecord {
             case,
             case_file: PathBuf::from(reader.text("case_file")?),
             inputs: reader.inputs()?,
-            approach_direction: Vector3::from(reader.three("frames.approach_direction")?),
-            ct_from_approach: reader.rigid("frames.ct_from_work")?,
-            grid: reader.grid()?,
-            base_from_ct: reader.rigid("frames.base_from_ct")?,
-            registration_assumed: match reader.text("frames.registration")?.as_str() {
-                "assumed" => true,
-                "case" => false,
-                _ => return Err(reader.refuse("frames.registration", "\"assumed\" or \"case\"")),
-            },
-            flange_from_burr: (
-                reader.three("frames.flange_from_burr.translation_mm")?,
-                reader.three("frames.flange_from_burr.rpy_rad")?,
-            ),
+            frames: reader.frames()?,
             metrics: reader.metrics(entries("metrics")?)?,
             modelled: entries("modelled")?,
             warnings: reader.texts("warnings")?,
@@ -304,6 +302,24 @@ impl<'a, 'i> Reader<'a, 'i> {
 
     fn table(&self, key: &str) -> Result<&'a DeTable<'i>, PlanFileError> {
         self.get(key).and_then(DeValue::as_table).ok_or_else(|| self.refuse(key, "a table"))
+    }
+
+    fn frames(&self) -> Result<PlanFrames, PlanFileError> {
+        Ok(PlanFrames {
+            approach_direction: Vector3::from(self.three("frames.approach_direction")?),
+            ct_from_approach: self.rigid("frames.ct_from_work")?,
+            grid: self.grid()?,
+            base_from_ct: self.rigid("frames.base_from_ct")?,
+            registration_assumed: match self.text("frames.registration")?.as_str() {
+                "assumed" => true,
+                "case" => false,
+                _ => return Err(self.refuse("frames.registration", "\"assumed\" or \"case\"")),
+            },
+            flange_from_burr: (
+                self.three("frames.flange_from_burr.translation_mm")?,
+                self.three("frames.flange_from_burr.rpy_rad")?,
+            ),
+        })
     }
 
     fn text(&self, key: &str) -> Result<String, PlanFileError> {

@@ -89,7 +89,7 @@ impl StoredPlan {
 
 fn arm(urdf: &Path, record: &PlanRecord) -> Result<Arm, PlanFileError> {
     let refused = |source| PlanFileError::Arm { path: urdf.into(), source: Box::new(source) };
-    let (translation_mm, [roll, pitch, yaw]) = record.flange_from_burr;
+    let (translation_mm, [roll, pitch, yaw]) = record.frames.flange_from_burr;
     let rotation = Rotation3::from_euler_angles(roll, pitch, yaw);
     let flange_from_burr = Rigid::new(rotation, Vector3::from(translation_mm));
     let robot = &record.case.robot;

@@ -6,7 +6,11 @@ mod channel_fault;
 pub mod inputs;
 pub mod nearest_structures;
 pub mod registration;
+mod setup;
+mod stopwatch;
 pub mod tools;
 
 pub use error::{PlanError, Unreached};
 pub use channel_fault::ChannelFault;
+pub use setup::Setup;
+pub use stopwatch::Stopwatch;

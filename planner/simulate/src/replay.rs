@@ -242,7 +242,7 @@ pub fn replay(
     progress: &dyn Progress,
 ) -> Result<Simulation, SimulateError> {
     progress.stage("forward kinematics");
-    let base_from_work = plan.record.base_from_ct * setup.scene.ct_from_work;
+    let base_from_work = plan.record.frames.base_from_ct * setup.scene.ct_from_work;
     let samples = poses::sample(&plan.trajectory, &plan.arm, &base_from_work.inverse(), sampling)?;
     let moves = poses::moves(&samples);
     progress.stage("simulate");

@@ -45,7 +45,7 @@ use self::eighths::Eighths;
 use self::field::{Bounds, Field, SOLID};
 use self::front::Front;
 use self::march::Marched;
-use crate::space::TRAJECTORY_TOLERANCE_MM;
+use bonemill_motion::timelaw::TRAJECTORY_TOLERANCE_MM;
 
 /// What is in the shank's way.
 #[derive(Debug, Clone, Copy, PartialEq)]

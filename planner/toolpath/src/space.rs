@@ -7,15 +7,12 @@
 
 use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
 use bonemill_imaging::{ImageError, StructureField, distance_within};
+pub use bonemill_motion::timelaw::TRAJECTORY_TOLERANCE_MM;
 use bonemill_scene::{Class, Scene};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use bonemill_stock::sweep::Rows;
-
-/// Added to every structure's clearance, mm: how far the trajectory may cut a corner between waypoints, and the sag of
-/// a chord between two waypoints around a structure's edge.
-pub const TRAJECTORY_TOLERANCE_MM: f64 = 0.025;
 
 /// How much nearer to obstacle bone a move may pass than its ends may stand, mm: the field's error between grid nodes,
 /// so that a move along a wall is not refused for rounding.

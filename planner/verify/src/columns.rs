@@ -51,7 +51,7 @@ impl Worst {
 /// Kinds, clock, angles, speeds and tilt.
 pub fn rows(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check> {
     let (rows, case) = (&plan.waypoints, &plan.record.case);
-    let approach_from_ct = plan.record.ct_from_approach.inverse();
+    let approach_from_ct = plan.record.frames.ct_from_approach.inverse();
     let all = || rows.iter().enumerate();
     let starts_free = rows.first().is_some_and(|w| moves.kinds[0] == MoveClass::Free && w.time_s == 0.0);
     let falls = Worst::of(moves.times_s.windows(2).enumerate().map(|(n, t)| (n + 1, t[0] - t[1])));

@@ -154,7 +154,8 @@ impl<'a> OnMove<'a> {
 /// way by a \|q̈\| dt²/8, more than is allowed here where rows are some 0.1 s apart.
 fn clock(plan: &StoredPlan, moves: &Moves) -> Result<Check, VerifyError> {
     let rows = &plan.trajectory;
-    let grid_from_base: Rigid<Work, Base> = (plan.record.base_from_ct * plan.record.ct_from_grid()).inverse();
+    let grid_from_base: Rigid<Work, Base> =
+        (plan.record.frames.base_from_ct * plan.record.frames.ct_from_grid()).inverse();
     let off = |(time_s, point): (&f64, &Vector3<f64>)| -> Result<f64, VerifyError> {
         let after = rows.time_s.partition_point(|t| t < time_s).min(rows.len() - 1);
         let before = after.saturating_sub(1);

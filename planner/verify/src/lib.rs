@@ -113,7 +113,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     checks.extend(clearances(plan, &anatomy, &boxes, &moves, &executed));
 
     progress.stage("classify bone");
-    let ct_from_grid = &plan.record.ct_from_grid();
+    let ct_from_grid = &plan.record.frames.ct_from_grid();
     let grid_from_ct = ct_from_grid.inverse();
     let aim = anatomy.aim_box(&grid_from_ct).ok_or(VerifyError::NoTarget)?;
     let spacing = case.grid.spacing_mm;
@@ -189,7 +189,7 @@ fn clearances(
     executed: &Executed,
 ) -> Vec<Check> {
     let radius = plan.record.case.burr.radius_mm;
-    let ct_from_grid = plan.record.ct_from_grid();
+    let ct_from_grid = plan.record.frames.ct_from_grid();
     let mut checks = Vec::new();
     for (kept, boxes) in anatomy.kept.iter().zip(boxes) {
         let name = kept.name.clone();
@@ -227,7 +227,7 @@ fn fine_grid(
     let reach_mm = case.burr.radius_mm + band_mm + case.grid.spacing_mm;
     let room = LatticeBounds {
         aim,
-        scan: &scan_box(anatomy, &plan.record.ct_from_grid().inverse()),
+        scan: &scan_box(anatomy, &plan.record.frames.ct_from_grid().inverse()),
         reach_mm,
         around_mm: reach_mm + case.grid.margin_mm + 2.0 * case.burr.radius_mm,
         most_points: MOST_POINTS,
@@ -278,8 +278,8 @@ impl LatticeBounds<'_> {
 /// The voxels on which the planner counts, and how far the target with the burr around it reaches beyond them, mm.
 fn planned_voxels(plan: &StoredPlan, anatomy: &Anatomy) -> Result<(Voxels, f64), VerifyError> {
     let case = &plan.record.case;
-    let (dims, h) = (plan.record.grid.dims, case.grid.spacing_mm);
-    let ct_from_grid = plan.record.ct_from_grid();
+    let (dims, h) = (plan.record.frames.grid.dims, case.grid.spacing_mm);
+    let ct_from_grid = plan.record.frames.ct_from_grid();
     let [lo, hi] = anatomy.aim_box(&ct_from_grid.inverse()).ok_or(VerifyError::NoTarget)?;
     let size = Vector3::from(dims.map(|d| d as f64)) * h;
     // voxels reach half a spacing beyond their centres

@@ -45,7 +45,7 @@ pub struct Executed {
 impl Moves {
     /// The waypoints of a plan.
     pub fn new(plan: &StoredPlan) -> Self {
-        let grid_from_ct: Rigid<Work, Ct> = plan.record.ct_from_grid().inverse();
+        let grid_from_ct: Rigid<Work, Ct> = plan.record.frames.ct_from_grid().inverse();
         let rows = &plan.waypoints;
         let points: Vec<_> = rows.iter().map(|w| (grid_from_ct * w.position).coords).collect();
         let mut arc_mm = Vec::with_capacity(points.len());
@@ -89,7 +89,8 @@ impl Executed {
     /// # Errors
     /// [`VerifyError::Robot`] where a row is no joint vector of the arm.
     pub fn new(plan: &StoredPlan, moves: &Moves) -> Result<Self, VerifyError> {
-        let base_from_grid: Rigid<Base, Work> = plan.record.base_from_ct * plan.record.ct_from_grid();
+        let base_from_grid: Rigid<Base, Work> =
+            plan.record.frames.base_from_ct * plan.record.frames.ct_from_grid();
         let grid_from_base = base_from_grid.inverse();
         let rows = &plan.trajectory;
         let poses: Vec<_> = (0..rows.len())

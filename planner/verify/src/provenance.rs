@@ -58,13 +58,13 @@ fn case(plan: &StoredPlan, text: &str) -> Check {
 fn frames(plan: &StoredPlan) -> Vec<Check> {
     const NAME: &str = "frames";
     let record = &plan.record;
-    let approach = record.case.approach.unwrap_or(record.approach_direction);
+    let approach = record.case.approach.unwrap_or(record.frames.approach_direction);
     let mut checks = vec![
-        Check::at_most(NAME, (record.approach_direction - approach).amax(), ROUNDING, "")
+        Check::at_most(NAME, (record.frames.approach_direction - approach).amax(), ROUNDING, "")
             .of("approach of the case"),
         Check::at_most(
             NAME,
-            angle_rad(&record.ct_from_approach.rotation, &basis::from_z(&approach)),
+            angle_rad(&record.frames.ct_from_approach.rotation, &basis::from_z(&approach)),
             ROUNDING,
             "rad",
         )
@@ -73,19 +73,19 @@ fn frames(plan: &StoredPlan) -> Vec<Check> {
     let registration = Check::none_wrong(NAME, 0).of("base_from_ct of the case");
     checks.push(match &record.case.robot.base_from_ct {
         Registration::Assumed => {
-            Check { value: f64::from(u8::from(!record.registration_assumed)), ..registration }
+            Check { value: f64::from(u8::from(!record.frames.registration_assumed)), ..registration }
                 .noting("assumed: the case gives none")
         }
         Registration::Given { rotation, translation_mm } => {
-            let turned = angle_rad(rotation, &record.base_from_ct.rotation);
-            let moved = (translation_mm - record.base_from_ct.translation_mm).amax();
-            let value = turned.max(moved) + f64::from(u8::from(record.registration_assumed));
+            let turned = angle_rad(rotation, &record.frames.base_from_ct.rotation);
+            let moved = (translation_mm - record.frames.base_from_ct.translation_mm).amax();
+            let value = turned.max(moved) + f64::from(u8::from(record.frames.registration_assumed));
             Check { value, limit: ROUNDING, ..registration }
         }
         Registration::Fiducials { ct_mm, base_mm } => {
-            let value = misfit(&record.base_from_ct, ct_mm, base_mm);
+            let value = misfit(&record.frames.base_from_ct, ct_mm, base_mm);
             Check {
-                value: value + f64::from(u8::from(record.registration_assumed)),
+                value: value + f64::from(u8::from(record.frames.registration_assumed)),
                 limit: FIT_MM,
                 ..registration
             }
@@ -93,7 +93,7 @@ fn frames(plan: &StoredPlan) -> Vec<Check> {
         }
     });
     let mount = record.case.robot.flange_from_burr.unwrap_or_default();
-    let [off_mm, off_rad] = between_mounts([mount, record.flange_from_burr]);
+    let [off_mm, off_rad] = between_mounts([mount, record.frames.flange_from_burr]);
     let check = Check::at_most(NAME, off_mm.max(off_rad), ROUNDING, "mm or rad");
     checks.push(check.of("flange_from_burr of the case"));
     checks

@@ -21,7 +21,7 @@ const BEYOND_VOXELS: f64 = 1.0;
 pub fn registration(record: &PlanRecord, anatomy: &Anatomy, boxes: &[Option<Boxes<'_>>]) -> Vec<Check> {
     let Registration::Fiducials { ct_mm, base_mm } = &record.case.robot.base_from_ct else { return vec![] };
     let outside = ct_mm.iter().filter(|p| is_beyond(anatomy.ct.grid(), p)).count();
-    let residuals = Residuals::new(&record.base_from_ct, ct_mm, base_mm);
+    let residuals = Residuals::new(&record.frames.base_from_ct, ct_mm, base_mm);
     let mut checks = vec![
         Check::none_wrong("fiducials are in the scan", outside),
         Check::at_most("registration's FRE", residuals.fre_mm, record.case.registration.max_fre_mm, "mm"),

@@ -161,14 +161,17 @@ fn nearest(place: Point<Ct>, axis: &Vector3<f64>, others: &[Bundle<'_>]) -> (f64
 /// Volumes of the voxels whose centres the burr sweeps in both plans and in one of them alone.
 fn swept_mm3(plans: [&StoredPlan; 2]) -> Option<[f64; 3]> {
     let [a, b] = plans.map(|plan| &plan.record);
-    let (frame, other) = (a.ct_from_grid(), b.ct_from_grid());
+    let (frame, other) = (a.frames.ct_from_grid(), b.frames.ct_from_grid());
     let turned = (frame.rotation.matrix() - other.rotation.matrix()).amax();
     let moved = (frame.translation_mm - other.translation_mm).amax();
     let spacing_mm = a.case.grid.spacing_mm;
-    if a.grid.dims != b.grid.dims || spacing_mm != b.case.grid.spacing_mm || turned.max(moved) > SAME {
+    if a.frames.grid.dims != b.frames.grid.dims
+        || spacing_mm != b.case.grid.spacing_mm
+        || turned.max(moved) > SAME
+    {
         return None;
     }
-    let grid = Grid::<Work>::aligned(a.grid.dims, spacing_mm, Point::new(0.0, 0.0, 0.0)).ok()?;
+    let grid = Grid::<Work>::aligned(a.frames.grid.dims, spacing_mm, Point::new(0.0, 0.0, 0.0)).ok()?;
     let work_from_ct = frame.inverse();
     let [a, b] = plans.map(|plan| {
         let path: Vec<_> = plan.waypoints.iter().map(|w| work_from_ct * w.position).collect();

@@ -76,7 +76,7 @@ fn texts(rows: &[(String, Pair<String>)], none: &str) -> String {
 
 /// Both paths as seen along the first plan's approach.
 fn overlay(plans: [&StoredPlan; 2]) -> String {
-    let work_from_ct = plans[0].record.ct_from_approach.inverse();
+    let work_from_ct = plans[0].record.frames.ct_from_approach.inverse();
     let seen = plans.map(|plan| -> Vec<[f64; 2]> {
         let places = plan.waypoints.iter().map(|w| (work_from_ct * w.position).coords);
         places.map(|p| [p.x, -p.y]).collect()

@@ -22,14 +22,14 @@ const LEAST_N: f64 = 1e-3;
 
 /// The table and a sentence for each choice.
 pub fn section(plan: &Plan) -> String {
-    let controls = &plan.compared.controls;
+    let controls = &plan.results.compared.controls;
     let table = if controls.is_empty() { String::new() } else { table(plan, controls) };
     let choices: String = choices(plan).into_iter().map(|text| format!("<li>{text}</li>")).collect();
     format!("{table}<ul class=\"choices\">{choices}</ul>")
 }
 
 fn table(plan: &Plan, controls: &[Control]) -> String {
-    let felt: Vec<&Felt> = controls.iter().map(|c| &c.felt).chain([&plan.compared.plan]).collect();
+    let felt: Vec<&Felt> = controls.iter().map(|c| &c.felt).chain([&plan.results.compared.plan]).collect();
     let row = |name: String, values: Vec<f64>| {
         let (ours, theirs) = values.split_last().map_or((0.0, &[][..]), |(ours, theirs)| (*ours, theirs));
         let cells: String = values.iter().map(|n| format!("<td>{n:.3}</td>")).collect();
@@ -42,7 +42,7 @@ fn table(plan: &Plan, controls: &[Control]) -> String {
         format!("<tr><th>{name}</th>{cells}<td>{change}</td></tr>")
     };
     let mut rows = String::new();
-    for (n, structure) in plan.case.structures.iter().enumerate() {
+    for (n, structure) in plan.setup.case.structures.iter().enumerate() {
         let near = |felt: &&Felt| felt.structures.get(n).map(|s| s.near).unwrap_or_default();
         if felt.iter().all(|f| near(f).peak_n == 0.0) {
             continue;
@@ -57,7 +57,7 @@ fn table(plan: &Plan, controls: &[Control]) -> String {
     let heads: String = controls
         .iter()
         .map(|c| {
-            let degrees = half_turn(c.raster_rad + plan.scene.turn_rad).to_degrees();
+            let degrees = half_turn(c.raster_rad + plan.setup.scene.turn_rad).to_degrees();
             format!("<th>straight, lines at {degrees:.0}°, {:.2}&nbsp;mm/s</th>", c.speed_mm_s)
         })
         .collect();
@@ -71,9 +71,9 @@ fn table(plan: &Plan, controls: &[Control]) -> String {
 
 /// One sentence for each choice that decides what the structures feel.
 fn choices(plan: &Plan) -> Vec<String> {
-    let (case, m) = (&plan.case, &plan.modelled);
+    let (case, m) = (&plan.setup.case, &plan.modelled);
     let by_drafts = |is_given: bool| {
-        if m.instead.is_some() {
+        if m.axes.instead.is_some() {
             "see the fallback below"
         } else if is_given {
             "as the case asks"
@@ -83,10 +83,11 @@ fn choices(plan: &Plan) -> Vec<String> {
     };
     let lines = format!(
         "Lines run at {:.0}° from work x: {}.",
-        m.raster_rad.to_degrees(),
+        m.path.raster_rad.to_degrees(),
         by_drafts(case.path.raster_rad.is_some())
     );
-    let sense = format!("Passes are {}: {}.", m.sense.words(), by_drafts(case.path.sense != Sense::Auto));
+    let sense =
+        format!("Passes are {}: {}.", m.path.sense.words(), by_drafts(case.path.sense != Sense::Auto));
     let spin = format!(
         "The burr turns {}: {}.",
         if case.burr.spin < 0 { "forward (clockwise seen from the handpiece)" } else { "in reverse" },
@@ -100,7 +101,7 @@ fn choices(plan: &Plan) -> Vec<String> {
         ForceTerm::Cutting => "force",
         ForceTerm::Deflection => "deflection",
     };
-    let axes = match m.mode {
+    let axes = match m.axes.mode {
         OrientationMode::Fixed => {
             "The shaft stands along the approach, or as near to it as is free.".to_owned()
         }
@@ -111,7 +112,7 @@ fn choices(plan: &Plan) -> Vec<String> {
             "The shaft is turned so that near structures the {push} toward them is least along the whole path, elsewhere inertia and turning."
         ),
     };
-    let speed = match (&m.speed_levels, case.speed.mode) {
+    let speed = match (&m.speeds.levels, case.speed.mode) {
         (Some(levels), _) => {
             format!("Speeds: the least {push} in the time, {}.", escape(&levels.sentence(case)))
         }
@@ -119,7 +120,7 @@ fn choices(plan: &Plan) -> Vec<String> {
         (None, SpeedMode::ForceLimited) => "Speeds are the fastest under the force caps.".to_owned(),
         (None, _) => "Speeds fall with the mass ahead, whatever the structures feel.".to_owned(),
     };
-    let instead = m.instead.map(|words| {
+    let instead = m.axes.instead.map(|words| {
         format!("Fallback: {words}, since a structure of priority 1 would have felt more than with a straight shaft.")
     });
     [lines, sense, spin, axes, speed].into_iter().chain(instead).collect()

@@ -47,18 +47,18 @@ pub fn html(plan: &Plan) -> String {
     page.push_str(&legend(plan));
     let _ = write!(page, "<div class=\"slices\">{}</div>", slices::slices(plan));
     page.push_str("<h2>Along the path</h2>");
-    if let Some(peak) = Peak::of(&plan.waypoints) {
-        let _ = write!(page, "<p>{}</p>", peak.sentence(&plan.waypoints));
+    if let Some(peak) = Peak::of(&plan.moves.waypoints) {
+        let _ = write!(page, "<p>{}</p>", peak.sentence(&plan.moves.waypoints));
     }
     page.push_str(&charts(plan));
     page.push_str(&ReportPart::Simulation.marks().concat());
     page.push_str("<h2>Coverage</h2>");
     page.push_str(&coverage(plan));
     page.push_str("<h2>Structures</h2>");
-    page.push_str(&structures::structure_table(&plan.case, &plan.figures.structures, |row| {
-        peak::place(&plan.waypoints, row)
+    page.push_str(&structures::structure_table(&plan.setup.case, &plan.results.figures.structures, |row| {
+        peak::place(&plan.moves.waypoints, row)
     }));
-    if !plan.case.structures.is_empty() {
+    if !plan.setup.case.structures.is_empty() {
         page.push_str("<h2>Beside a straight shaft at constant speed</h2>");
         page.push_str(&compared::section(plan));
     }
@@ -72,7 +72,7 @@ pub fn html(plan: &Plan) -> String {
     let _ = write!(
         page,
         "<h2>Case, with every default</h2><details><summary>show</summary><pre>{}</pre></details></main></body></html>",
-        escape(&plan.case.to_toml())
+        escape(&plan.setup.case.to_toml())
     );
     page
 }
@@ -91,31 +91,31 @@ fn verdict(plan: &Plan) -> String {
 }
 
 fn cards(plan: &Plan) -> String {
-    let total_s = plan.law.duration_s();
-    let surface_mm = |found: &StructureFigures| Some(found.least?.0 - plan.case.burr.radius_mm);
-    let kept = plan.figures.structures.iter().zip(&plan.case.structures);
+    let total_s = plan.moves.law.duration_s();
+    let surface_mm = |found: &StructureFigures| Some(found.least?.0 - plan.setup.case.burr.radius_mm);
+    let kept = plan.results.figures.structures.iter().zip(&plan.setup.case.structures);
     let [closest, tightest] =
         closest_and_tightest(kept.filter_map(|(found, s)| Some((surface_mm(found)?, s))));
-    let peak_toward = plan.figures.structures.iter().zip(&plan.case.structures);
+    let peak_toward = plan.results.figures.structures.iter().zip(&plan.setup.case.structures);
     let peak_toward = peak_toward.max_by(|a, b| a.0.force.peak_n.total_cmp(&b.0.force.peak_n));
     let plain = |label, value| (label, value, String::new());
     let mut cards = vec![
-        plain("removed of what the burr can reach", percent(plan.coverage.reached_share())),
-        plain("removed of the target", percent(plan.coverage.removed_share())),
+        plain("removed of what the burr can reach", percent(plan.results.coverage.reached_share())),
+        plain("removed of the target", percent(plan.results.coverage.removed_share())),
         plain(
             "total time",
             format!("{:.0} min {:02.0} s", (total_s / 60.0).floor(), (total_s % 60.0).floor()),
         ),
         (
             "peak force",
-            format!("{:.2} N", plan.figures.peak_force_n),
-            Peak::of(&plan.waypoints).map_or(String::new(), |peak| {
-                format!("<small>{}</small>", peak::place(&plan.waypoints, peak.index))
+            format!("{:.2} N", plan.results.figures.peak_force_n),
+            Peak::of(&plan.moves.waypoints).map_or(String::new(), |peak| {
+                format!("<small>{}</small>", peak::place(&plan.moves.waypoints, peak.index))
             }),
         ),
     ];
     if let Some((found, structure)) = peak_toward {
-        let place = found.force.peak_row.map_or(String::new(), |row| peak::place(&plan.waypoints, row));
+        let place = found.force.peak_row.map_or(String::new(), |row| peak::place(&plan.moves.waypoints, row));
         let name = format!("<small>{}, {place}</small>", escape(&structure.name));
         cards.push(("peak force toward a structure", format!("{:.2} N", found.force.peak_n), name));
     }
@@ -151,6 +151,7 @@ fn legend(plan: &Plan) -> String {
         format!("<span class=\"chip\"><i style=\"background:{}\"></i>{}</span>", css(colour), escape(name))
     };
     let structures: String = plan
+        .setup
         .case
         .structures
         .iter()
@@ -167,14 +168,14 @@ fn legend(plan: &Plan) -> String {
 
 fn charts(plan: &Plan) -> String {
     let over_time = |value: &dyn Fn(&Waypoint) -> Option<f64>| -> Vec<(f64, Option<f64>)> {
-        plan.waypoints.iter().map(|w| (w.time_s, value(w))).collect()
+        plan.moves.waypoints.iter().map(|w| (w.time_s, value(w))).collect()
     };
     let one = |name, class, value: &dyn Fn(&Waypoint) -> Option<f64>| Series {
         name,
         class,
         points: over_time(value),
     };
-    let radius = plan.case.burr.radius_mm;
+    let radius = plan.setup.case.burr.radius_mm;
     let mut charts = vec![
         chart(
             "Force",
@@ -188,8 +189,8 @@ fn charts(plan: &Plan) -> String {
         chart("Speed cap", "mm/s", &[one("speed", "line-a", &|w| Some(w.speed_mm_s))], &[]),
         chart("Mass ahead of the burr", "mg", &[one("mass", "line-a", &|w| Some(w.mass_mg))], &[]),
     ];
-    if !plan.case.structures.is_empty() {
-        let least = plan.case.structures.iter().map(|s| s.clearance_mm).fold(f64::INFINITY, f64::min);
+    if !plan.setup.case.structures.is_empty() {
+        let least = plan.setup.case.structures.iter().map(|s| s.clearance_mm).fold(f64::INFINITY, f64::min);
         charts.push(chart(
             "Distance from the burr's surface to the structure that matters",
             "mm",
@@ -205,7 +206,12 @@ fn charts(plan: &Plan) -> String {
 /// What the shank leaves open around the axis that was chosen.
 fn free_angles(plan: &Plan) -> String {
     let series = |name, class, value: &dyn Fn(&OpenAround) -> Option<f64>| {
-        let around = plan.waypoints.iter().zip(&plan.allowed).map(|(w, allowed)| (w.time_s, &allowed.around));
+        let around = plan
+            .moves
+            .waypoints
+            .iter()
+            .zip(&plan.access.allowed)
+            .map(|(w, allowed)| (w.time_s, &allowed.around));
         Series { name, class, points: around.map(|(t, a)| (t, value(a).map(f64::to_degrees))).collect() }
     };
     let in_plane = |pick: fn([f64; 3]) -> f64| {
@@ -218,7 +224,7 @@ fn free_angles(plan: &Plan) -> String {
         OpenAround::Cap { radius_rad } => Some(radius_rad),
         OpenAround::Interval { .. } => None,
     };
-    if plan.allowed.iter().any(|allowed| cap(&allowed.around).is_some()) {
+    if plan.access.allowed.iter().any(|allowed| cap(&allowed.around).is_some()) {
         let title = "Cap around the axis within which every direction is free, half its opening";
         return chart(title, "°", &[series("cap", "line-a", &cap)], &[]);
     }
@@ -240,7 +246,7 @@ fn share(part: f64, whole: f64) -> f64 {
 }
 
 fn coverage(plan: &Plan) -> String {
-    let c = &plan.coverage;
+    let c = &plan.results.coverage;
     let whole_mm3 = c.target.all_mm3 + c.outside_mm3;
     let row = |name: &str, v: &Volumes| {
         format!(
@@ -255,7 +261,7 @@ fn coverage(plan: &Plan) -> String {
         .rest
         .iter()
         .map(|(cause, v)| {
-            let why = escape(&cause.text(&plan.case));
+            let why = escape(&cause.text(&plan.setup.case));
             format!("<tr><th>{why}</th><td>{v:.1}</td><td>{}</td></tr>", percent(share(*v, whole_mm3)))
         })
         .collect();
@@ -271,39 +277,39 @@ fn coverage(plan: &Plan) -> String {
         row("removed", &c.removed),
         c.untargeted_bone_removed_mm3,
         c.thin_bone_removed_mm3,
-        plan.scene.band_mm,
-        match plan.case.sheets {
+        plan.setup.scene.band_mm,
+        match plan.setup.case.sheets {
             Sheets::Keep => " within the band of the target (partial volume)",
             Sheets::Cut => "",
         },
         c.deepest_in_obstacle_mm,
-        plan.scene.edge_bone_mm2.total(),
+        plan.setup.scene.edge_bone_mm2.total(),
     )
 }
 
 fn modelled(plan: &Plan) -> String {
     let m = &plan.modelled;
     let mut rows = vec![
-        ("waypoints".to_owned(), m.waypoints.to_string()),
-        ("of these, removing material".into(), m.cutting.to_string()),
-        ("orientation cost with the cutting force".into(), m.cost_with_force.to_string()),
+        ("waypoints".to_owned(), m.path.waypoints.to_string()),
+        ("of these, removing material".into(), m.path.cutting.to_string()),
+        ("orientation cost with the cutting force".into(), m.axes.cost_with_force.to_string()),
         (
             "orientation cost in closed form (weight of forces below 0.01)".into(),
             format!(
                 "{}; no choice is worse by more than {:.1e} of C",
-                m.cost_closed_form, m.closed_form_error
+                m.axes.cost_closed_form, m.axes.closed_form_error
             ),
         ),
         (
             "shaft's directions chosen from, then moved between".into(),
-            format!("{:.1}° apart", m.direction_spacing_rad.to_degrees()),
+            format!("{:.1}° apart", m.axes.direction_spacing_rad.to_degrees()),
         ),
-        ("moves during which the turning shank is not free all the way".into(), m.blocked_turns.to_string()),
-        ("milling layers".into(), m.layers.to_string()),
-        ("raster lines, angle from work x".into(), format!("{:.1}°", m.raster_rad.to_degrees())),
+        ("moves during which the turning shank is not free all the way".into(), m.axes.blocked_turns.to_string()),
+        ("milling layers".into(), m.path.layers.to_string()),
+        ("raster lines, angle from work x".into(), format!("{:.1}°", m.path.raster_rad.to_degrees())),
         (
             "compliance of the arm".into(),
-            m.stiffness.map_or("not modelled: no stiffness in the case".into(), |along| {
+            m.arm.stiffness.map_or("not modelled: no stiffness in the case".into(), |along| {
                 let toward = along.least_toward_n_mm;
                 format!(
                     "D10; the burr's stiffness along the path: {:.3} N/mm where it is softest (waypoint {}), {:.3} N/mm in the mean{}",
@@ -314,23 +320,23 @@ fn modelled(plan: &Plan) -> String {
                 )
             }),
         ),
-        ("CT affine".into(), escape(&plan.affines[0].to_string())),
-        ("label affine".into(), escape(&plan.affines[1].to_string())),
+        ("CT affine".into(), escape(&plan.setup.affines[0].to_string())),
+        ("label affine".into(), escape(&plan.setup.affines[1].to_string())),
     ];
-    if plan.modelled.mode == OrientationMode::Greedy {
-        let held = m.low_pass_held.to_string();
+    if plan.modelled.axes.mode == OrientationMode::Greedy {
+        let held = m.axes.low_pass_held.to_string();
         rows.push(("waypoints at which the low-pass was held at a free angle".into(), held));
     }
-    if let Some(lowest) = m.lowest_link {
-        let branch = branch_name(m.branch).replace('/', ", ").replace('-', " ");
+    if let Some(lowest) = m.arm.lowest_link {
+        let branch = branch_name(m.arm.branch).replace('/', ", ").replace('-', " ");
         let height =
             format!("{:.0} mm over the mounting plane, at waypoint {}", lowest.height_mm, lowest.waypoint);
-        rows.push(("branch of the arm, for the whole path".into(), format!("{branch} ({})", m.branch)));
+        rows.push(("branch of the arm, for the whole path".into(), format!("{branch} ({})", m.arm.branch)));
         rows.push(("lowest place of the arm's links, as lines from joint to joint".into(), height));
     }
-    rows.push(("places put off to the end, for the shank".into(), m.put_off.to_string()));
+    rows.push(("places put off to the end, for the shank".into(), m.path.put_off.to_string()));
     rows.extend(
-        dropped_by_reason(&plan.dropped)
+        dropped_by_reason(&plan.access.dropped)
             .into_iter()
             .map(|(why, n)| (format!("waypoints dropped: {}", escape(why)), n.to_string())),
     );
@@ -343,7 +349,7 @@ fn inputs(plan: &Plan) -> String {
         let name = escape(&input.path.to_string_lossy());
         format!("<tr><th>{name}</th><td><code>{}</code></td></tr>", input.sha256)
     };
-    let rows: String = plan.inputs.iter().map(row).collect();
+    let rows: String = plan.setup.inputs.iter().map(row).collect();
     format!(
         "<div class=\"wide\"><table class=\"words\"><thead><tr><th>file</th><th>SHA-256</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
@@ -368,14 +374,14 @@ fn parameters(plan: &Plan) -> String {
 
 /// The case with what the plan chose where the case leaves it open.
 fn as_planned(plan: &Plan) -> Case {
-    let mut case = plan.case.clone();
-    case.approach.get_or_insert(plan.scene.approach);
-    case.path.raster_rad.get_or_insert(plan.modelled.raster_rad);
+    let mut case = plan.setup.case.clone();
+    case.approach.get_or_insert(plan.setup.scene.approach);
+    case.path.raster_rad.get_or_insert(plan.modelled.path.raster_rad);
     if case.robot.base_from_ct == Registration::Assumed {
-        let Rigid { rotation, translation_mm, .. } = plan.base_from_ct;
+        let Rigid { rotation, translation_mm, .. } = plan.setup.registered.base_from_ct;
         case.robot.base_from_ct = Registration::Given { rotation, translation_mm };
     }
-    let joints = plan.arm.joints();
+    let joints = plan.setup.arm.joints();
     let of_arm = |limit: fn(&Joint) -> f64| joints.iter().map(limit).collect();
     case.robot.velocity_limits.get_or_insert_with(|| of_arm(|joint| joint.velocity_limit));
     case.robot.acceleration_limits.get_or_insert_with(|| of_arm(|joint| joint.acceleration_limit));

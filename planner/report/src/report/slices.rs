@@ -37,7 +37,7 @@ pub fn slices(plan: &Plan) -> String {
 }
 
 fn figure(plan: &Plan, plane: &Plane) -> String {
-    let scene = &plan.scene;
+    let scene = &plan.setup.scene;
     let grid = scene.class.grid();
     let h = grid.spacing_mm().x;
     let dims = grid.dims();
@@ -67,7 +67,7 @@ fn sides(plan: &Plan, plane: &Plane, [width, height]: [f64; 2]) -> String {
     let axis = |n: usize| {
         let mut unit = Vector3::zeros();
         unit[n] = 1.0;
-        plan.scene.ct_from_work.rotate(&unit)
+        plan.setup.scene.ct_from_work.rotate(&unit)
     };
     let (right, up) = (axis(plane.right), axis(plane.up));
     let (edge, low) = (0.3 * size, 0.36 * size);
@@ -113,12 +113,12 @@ fn letters(direction: &Vector3<f64>) -> String {
 
 /// Moves whose both ends lie within half a layer of the slice.
 fn path_near(plan: &Plan, plane: &Plane, at_mm: f64, height_mm: f64) -> String {
-    let work_from_ct = plan.scene.ct_from_work.inverse();
-    let near = 0.5 * plan.case.path.layer_mm;
-    let half = 0.5 * plan.scene.class.grid().spacing_mm().x;
+    let work_from_ct = plan.setup.scene.ct_from_work.inverse();
+    let near = 0.5 * plan.setup.case.path.layer_mm;
+    let half = 0.5 * plan.setup.scene.class.grid().spacing_mm().x;
     let mut lines: [String; 2] = Default::default();
     let mut before: Option<Point<Work>> = None;
-    for waypoint in &plan.waypoints {
+    for waypoint in &plan.moves.waypoints {
         let p = work_from_ct * waypoint.position;
         let inside = |p: &Point<Work>| (p.coords[plane.along] - at_mm).abs() <= near;
         let place = |p: &Point<Work>| (p.coords[plane.right] + half, height_mm - p.coords[plane.up] - half);

@@ -89,7 +89,7 @@ impl Show<'_> {
     fn sides(&self) -> ([f32; 3], f32) {
         let record = &self.plan.record;
         let spacing_mm = record.case.grid.spacing_mm as f32;
-        let sides = record.grid.dims.map(|voxels| voxels as f32 * spacing_mm);
+        let sides = record.frames.grid.dims.map(|voxels| voxels as f32 * spacing_mm);
         (sides, sides.iter().map(|s| s * s).sum::<f32>().sqrt())
     }
 }

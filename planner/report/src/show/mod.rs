@@ -66,7 +66,7 @@ impl<'a> Show<'a> {
     /// # Errors
     /// [`PlanError`] when images that are there cannot be read.
     pub fn read(plan: &'a StoredPlan, progress: &dyn Progress) -> Result<Self, PlanError> {
-        let work_from_ct = plan.record.ct_from_grid().inverse();
+        let work_from_ct = plan.record.frames.ct_from_grid().inverse();
         let path: Vec<_> = plan.waypoints.iter().map(|w| work_from_ct * w.position).collect();
         let images = plan.images_found().then(|| Images::read(plan, &path, progress)).transpose()?;
         Ok(Self { plan, work_from_ct, path, images })
@@ -89,7 +89,7 @@ impl<'a> Show<'a> {
 
     /// Where the arm's base is.
     pub fn work_from_base(&self) -> Rigid<Work, bonemill_geometry::Base> {
-        self.work_from_ct * self.plan.record.base_from_ct.inverse()
+        self.work_from_ct * self.plan.record.frames.base_from_ct.inverse()
     }
 }
 

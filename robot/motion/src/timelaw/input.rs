@@ -30,6 +30,10 @@ pub struct PathLimits {
     pub(super) corner: CornerTolerance,
 }
 
+/// How far a plan's trajectory may leave its waypoints' polyline, mm: the corners that it cuts, and the sag of a chord between two
+/// waypoints around a structure's edge. Clearances of structures are widened by it.
+pub const TRAJECTORY_TOLERANCE_MM: f64 = 0.025;
+
 /// How far a corner may be cut.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerTolerance {

@@ -38,7 +38,7 @@ mod rows;
 mod smooth;
 mod stretch;
 
-pub use input::{CornerTolerance, JointPath, PathLimits};
+pub use input::{CornerTolerance, JointPath, PathLimits, TRAJECTORY_TOLERANCE_MM};
 pub use law::{JointState, LimitRatios, TimeLaw};
 pub use prepared::PreparedPath;
 pub use rows::{JointTrajectory, RowGrid};

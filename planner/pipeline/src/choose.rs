@@ -1,0 +1,322 @@
+//! The choice of axes on a path that is prepared, and what it leads to: forces, costs and the arm's motion.
+//!
+//! What may be chosen anew on one path is [`Choices`]; everything else of the case was used to prepare the path and is the same for all
+//! of them. So variants of a case can be compared on one path, as D's trials are.
+
+use bonemill_armpath::{Compliance, Motion, Placed};
+use bonemill_case::{
+    Case, CostSpec, ForceTerm, Material as MaterialSpec, OrientationMode, SpeedSpec, TowardTerm,
+};
+use bonemill_cutting::burr::{EngagedForce, ForceKernel, OrientationKernel};
+use bonemill_cutting::cost::{Cost, CostModel, Ranked, Terms};
+use bonemill_motion::resolve::{Posture, Stiffness};
+use bonemill_setup::nearest_structures::NearStructure;
+use bonemill_setup::{Stopwatch, tools};
+use bonemill_toolpath::engagement::SweptPath;
+use bonemill_toolpath::orientation::Directions;
+use bonemill_toolpath::path::{self, MoveKind, PathPoint};
+use nalgebra::{Matrix3, Unit, Vector3};
+use rayon::prelude::*;
+
+use super::PlanError;
+use super::arm_axes::REFUSED_MM;
+use super::control::Felt;
+use super::orient::{CostField, FreeAxes, Oriented, alone, orient};
+use super::prepared::Prepared;
+
+/// Directions in which the choice of axes looks for bone, and how many make a sample. Forces are then summed over the nodes
+/// of D4; with 4096 directions by 8, Σ C Δs + λ ∫ (da/ds)² ds of a mastoidectomy comes out 0.007 % lower.
+pub(super) const CHOICE_SAMPLES: usize = 1024;
+pub(super) const CHOICE_MERGED: usize = 2;
+/// A push toward a structure counts fully from this share of the force in a straight cut of the path's depth and stepover: with a
+/// larger one small pushes are traded for efficiency, with a smaller one all pushes count alike.
+const FULL_SHARE: f64 = 0.25;
+/// Axes that the arm cannot follow and that are refused one after the other, at most.
+const MOST_REFUSED: usize = 12;
+
+/// What may be chosen anew on a prepared path.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Choices {
+    /// Sense of the burr's rotation: −1 forward, +1 reverse.
+    pub spin: i8,
+    /// Cutting coefficients.
+    pub material: MaterialSpec,
+    /// Weights of the orientation cost.
+    pub cost: CostSpec,
+    /// How axes are chosen.
+    pub mode: OrientationMode,
+    /// Speed range and law.
+    pub speed: SpeedSpec,
+}
+
+impl Choices {
+    /// Those of a case.
+    pub fn of(case: &Case) -> Self {
+        let Case { burr, material, cost, orientation, speed, .. } = case;
+        Self {
+            spin: burr.spin,
+            material: *material,
+            cost: *cost,
+            mode: orientation.mode,
+            speed: speed.clone(),
+        }
+    }
+
+    /// A case with these in place of its own.
+    pub(super) fn applied_to(&self, case: &Case) -> Case {
+        let mut applied = Case { material: self.material, cost: self.cost, ..case.clone() };
+        applied.burr.spin = self.spin;
+        applied.orientation.mode = self.mode;
+        applied.speed.clone_from(&self.speed);
+        applied
+    }
+}
+
+/// Axes, and what they lead to at the nominal speed.
+#[derive(Debug, Clone)]
+pub struct Chosen {
+    /// The axes, and how they came about.
+    pub oriented: Oriented,
+    /// What each move is for: one that removes material is a cut.
+    pub kinds: Vec<MoveKind>,
+    /// Force at any speed, where something is cut.
+    pub forces: Vec<Option<EngagedForce>>,
+    /// C with its parts, the force included everywhere.
+    pub costs: Vec<Cost>,
+    /// mm/N in work, when the stiffness is known.
+    pub compliances: Option<Vec<Matrix3<f64>>>,
+    /// The most by which a choice without the force is worse than one with it, in units of C.
+    pub closed_form_error: f64,
+}
+
+impl Prepared<'_> {
+    /// Chooses axes.
+    ///
+    /// # Errors
+    /// When a parameter is out of range, or the deflection is asked for without a stiffness.
+    pub fn choose(&self, choices: &Choices) -> Result<Chosen, PlanError> {
+        let with_motion = self.case.robot.joint_stiffness.is_some();
+        Ok(self.choose_timed(choices, with_motion, &mut Stopwatch::new(&()))?.0)
+    }
+
+    /// The axis that every waypoint would take if it were alone and the shaft could turn at once: no sequence has a lower cost.
+    ///
+    /// # Errors
+    /// As [`Self::choose`].
+    pub fn choose_alone(&self, choices: &Choices) -> Result<Chosen, PlanError> {
+        Ok(self.chosen_by(choices, alone, false, &mut Stopwatch::new(&()))?.0)
+    }
+
+    /// What is felt along chosen axes at given speeds, mm/s per waypoint.
+    pub fn felt(&self, chosen: &Chosen, speed_mm_s: &[f64]) -> Felt {
+        Felt::of(self.case, self.length_mm(), &chosen.forces, &self.near, |i| speed_mm_s[i])
+    }
+
+    /// [`Self::choose`] with the motion that leads through these axes. Where the arm cannot follow them, the axis at which it
+    /// ends is refused, and axes are chosen anew.
+    pub(super) fn choose_with_motion(
+        &mut self,
+        choices: &Choices,
+        watch: &mut Stopwatch,
+    ) -> Result<(Chosen, Motion), PlanError> {
+        let mut found = self.choose_timed(choices, true, watch);
+        for _ in 0..MOST_REFUSED {
+            match found {
+                Err(PlanError::OutOfReach { waypoint, axis, .. }) if self.refuse(waypoint, axis) => {}
+                _ => break,
+            }
+            found = self.choose_timed(choices, true, watch);
+        }
+        let (chosen, motion) = found?;
+        // it was asked for
+        let motion =
+            motion.map_or_else(|| self.motion(&choices.applied_to(self.case), &chosen.oriented.axes), Ok)?;
+        Ok((chosen, motion))
+    }
+
+    /// Takes an axis that the arm cannot follow to away from the waypoints around; whether each has another left.
+    fn refuse(&mut self, waypoint: usize, axis: Unit<Vector3<f64>>) -> bool {
+        let at = self.reached.path.points[waypoint].position;
+        self.arm_axes.refuse(at, axis);
+        let axes = self.directions.axes();
+        let is_near = |point: &PathPoint| point.position.distance_mm(&at) <= REFUSED_MM;
+        for (i, point) in self.reached.path.points.iter().enumerate().filter(|(_, point)| is_near(point)) {
+            self.reached.free.retain(i, |n| self.arm_axes.allows(point.position, &axes[n]));
+        }
+        (0..self.reached.free.len()).all(|i| self.reached.free.count(i) > 0)
+    }
+
+    fn choose_timed(
+        &self,
+        choices: &Choices,
+        with_motion: bool,
+        watch: &mut Stopwatch,
+    ) -> Result<(Chosen, Option<Motion>), PlanError> {
+        self.chosen_by(choices, |room, field| orient(choices.mode, room, field), with_motion, watch)
+    }
+
+    fn chosen_by(
+        &self,
+        choices: &Choices,
+        orient: impl FnOnce(&FreeAxes, &CostField) -> Oriented + Send,
+        with_motion: bool,
+        watch: &mut Stopwatch,
+    ) -> Result<(Chosen, Option<Motion>), PlanError> {
+        let case = &choices.applied_to(self.case);
+        let tool = tools::tool(&case.burr)?;
+        let (material, measure) = tools::material(&case.material)?;
+        let swept =
+            SweptPath::new(self.scene, &self.reached.path.removal, self.points(), case.burr.radius_mm);
+        let terms = terms(case, &self.near)?;
+        let compliance = Compliance::new(case, self.placed())?;
+        let coarse = self.compliance_of(case, &compliance, &self.directions)?;
+        let field = CostField {
+            swept: &swept,
+            kernel: &OrientationKernel::new(&tool, &material, measure, CHOICE_SAMPLES, CHOICE_MERGED),
+            material: &material,
+            terms: &terms,
+            moments: &self.reached.moments,
+            feeds: &self.feeds,
+            nominal_mm_s: case.speed.nominal_mm_s,
+            spindle_rpm: case.burr.spindle_rpm,
+            scale: scale(case, coarse.as_deref())?,
+            compliance: coarse,
+            finer_compliance: match &self.finer {
+                Some((finer, _)) => self.compliance_of(case, &compliance, finer)?,
+                None => None,
+            },
+        };
+        let oriented = watch.run("orientation", || orient(&self.free_axes(), &field));
+        let kernel = ForceKernel::new(&tool, &material, &tools::discretisation(&tool, measure)?);
+        let (forces, motion): (Vec<_>, _) = watch.run("forces, inverse kinematics", || {
+            let force = |i: usize| self.force(&field, &kernel, &oriented.axes[i], i);
+            rayon::join(
+                || (0..self.points().len()).into_par_iter().map(force).collect(),
+                || with_motion.then(|| self.motion(case, &oriented.axes)).transpose(),
+            )
+        });
+        let motion = motion?;
+        let compliances = motion.as_ref().map_or(Ok(None), |motion| compliance.along(&motion.resolved.q))?;
+        let pushes = nominal_pushes(case, &forces, compliances.as_deref());
+        let (costs, closed_form_error) = self.costs(&field, &oriented.axes, &pushes);
+        let kinds = (0..self.points().len()).map(|i| self.kind(i, &oriented.axes[i])).collect();
+        Ok((Chosen { oriented, kinds, forces, costs, compliances, closed_form_error }, motion))
+    }
+
+    /// Deflection per force of each direction of a set, mm/N in work, where the cost looks at the deflection.
+    fn compliance_of(
+        &self,
+        case: &Case,
+        compliance: &Compliance,
+        set: &Directions,
+    ) -> Result<Option<Vec<Matrix3<f64>>>, PlanError> {
+        let center = self.scene.target_center;
+        compliance.of_cost(case, center, set.axes(), |axis| self.arm_axes.allows(center, axis))
+    }
+
+    fn free_axes(&self) -> FreeAxes<'_> {
+        FreeAxes {
+            reached: &self.reached,
+            directions: &self.directions,
+            finer: self.finer.as_ref(),
+            family: self.family.as_ref(),
+            rate: self.rate,
+            arm: &self.arm_axes,
+        }
+    }
+
+    /// Force of waypoint i at any speed, where something is cut.
+    fn force(
+        &self,
+        field: &CostField,
+        kernel: &ForceKernel,
+        axis: &Unit<Vector3<f64>>,
+        i: usize,
+    ) -> Option<EngagedForce> {
+        let feed = self.feeds[i].filter(|_| self.reached.moments[i].mass_mg() > 0.0)?;
+        let weight = |density| field.material.weight(density);
+        let mut bone = field.swept.bone_at(i as u32, kernel.sample_radius_mm(), weight);
+        Some(kernel.engaged_force(axis, &feed, field.nominal_mm_s, field.spindle_rpm, &mut bone))
+    }
+
+    /// C of every waypoint under `pushes`, and the most by which a choice in closed form is worse.
+    fn costs(
+        &self,
+        field: &CostField,
+        axes: &[Unit<Vector3<f64>>],
+        pushes: &[Vector3<f64>],
+    ) -> (Vec<Cost>, f64) {
+        let cost_of = |i: usize, terms: &Terms| {
+            let moments = &self.reached.moments[i];
+            terms.cost(&pushes[i], moments.inertia_normalised(&axes[i]), moments.mass_mg())
+        };
+        let costs: Vec<Cost> = (0..pushes.len()).map(|i| cost_of(i, &field.terms[i])).collect();
+        // what was left out is never negative: no choice with the force can be better by more than it
+        let left_out = |i: usize| costs[i].cost - cost_of(i, &field.terms[i].without_force()).cost;
+        let closed_form_error =
+            (0..pushes.len()).filter(|i| !field.needs_force(*i)).map(left_out).fold(0.0, f64::max);
+        (costs, closed_form_error)
+    }
+
+    /// Joint positions along the path with the shaft along `axes`; stiff toward structures where the case looks at the
+    /// deflection.
+    fn motion(&self, case: &Case, axes: &[Unit<Vector3<f64>>]) -> Result<Motion, PlanError> {
+        let positions = path::centers(self.points());
+        let toward: Vec<_> = (0..positions.len()).map(|i| self.nearest(i).map(|near| near.toward)).collect();
+        let stiff = case.robot.joint_stiffness.as_deref();
+        let stiff = stiff.filter(|_| case.cost.force == ForceTerm::Deflection);
+        let stiffness = stiff.map(|joint| Stiffness { joint, toward: &toward });
+        let start = positions.first().zip(axes.first()).and_then(|(at, axis)| self.arm_axes.start(*at, axis));
+        let placed = self.placed();
+        let posture = start.map_or(placed.posture, Posture::From);
+        Placed { posture, ..placed }.motion(&positions, axes, self.length_mm(), stiffness)
+    }
+
+    /// A link that grazes a cusp by a part of a voxel removes it: it is a cut, and as slow as one. The first waypoint is no
+    /// move: its ball may touch a voxel's corner to rounding.
+    fn kind(&self, i: usize, axis: &Vector3<f64>) -> MoveKind {
+        let removes =
+            i > 0 && self.reached.moments[i].mass_mg() > 0.0 && self.directions.is_within_limit(axis);
+        if removes { MoveKind::Cut } else { self.points()[i].kind }
+    }
+}
+
+/// What the cost looks at of each force at the nominal speed, as D13 takes it: the force, N, or the deflection under it, mm.
+fn nominal_pushes(
+    case: &Case,
+    forces: &[Option<EngagedForce>],
+    compliances: Option<&[Matrix3<f64>]>,
+) -> Vec<Vector3<f64>> {
+    let push = |i: usize| {
+        let force = forces[i].map_or(Vector3::zeros(), |f| f.force_n(case.speed.nominal_mm_s));
+        match (case.cost.force, compliances) {
+            (ForceTerm::Deflection, Some(c)) => c[i] * force,
+            _ => force,
+        }
+    };
+    (0..forces.len()).map(push).collect()
+}
+
+/// The push that counts fully in the choice of axes: [`FULL_SHARE`] of that in a cut beside its neighbour, N; where the cost looks at
+/// the deflection what that push bends the arm, mm, in the mean over directions. None where its share of the whole push counts.
+pub(super) fn scale(case: &Case, compliance: Option<&[Matrix3<f64>]>) -> Result<Option<f64>, PlanError> {
+    if case.cost.toward == TowardTerm::Share {
+        return Ok(None);
+    }
+    let force_n = FULL_SHARE * tools::side_cut_n(case)?;
+    let mean = |c: &[Matrix3<f64>]| c.iter().map(|c| c.trace() / 3.0).sum::<f64>() / c.len() as f64;
+    Ok(Some(force_n * compliance.map_or(1.0, mean)))
+}
+
+/// What the cost of each waypoint looks at.
+pub(super) fn terms(case: &Case, near: &[Vec<NearStructure>]) -> Result<Vec<Terms>, PlanError> {
+    let model = CostModel::new(case.cost.kappa_per_mm, case.cost.alpha_max)?;
+    let ranked = |n: &NearStructure| {
+        let priority = case.structures.get(n.structure).map_or(u32::MAX, |s| s.priority);
+        Ranked { proximity: n.proximity, priority }
+    };
+    let of = |near: &Vec<NearStructure>| {
+        model.terms(&near.iter().map(ranked).collect::<Vec<_>>(), case.cost.structures)
+    };
+    Ok(near.par_iter().map(of).collect())
+}

@@ -1,0 +1,138 @@
+//! Why a plan falls short of its case, and what else the user should know of it.
+
+use bonemill_case::{Case, OrientationMode};
+use bonemill_motion::timelaw::LimitRatios;
+use bonemill_scene::{Scene, TargetOutside};
+use bonemill_setup::Setup;
+use bonemill_toolpath::space::TRAJECTORY_TOLERANCE_MM;
+
+use super::attempt::Attempt;
+use super::rest::{self, Cause};
+use super::{BlockedTurn, Coverage, Modelled, PlanError, percent};
+
+/// Share of the reachable volume below which a plan fell short.
+const ENOUGH_REACHED: f64 = 0.99;
+
+impl Attempt<'_> {
+    /// Why the plan falls short of its case; empty where it does not.
+    ///
+    /// # Errors
+    /// When a distance field cannot be made.
+    pub(super) fn shortfalls(&self, setup: &Setup, modelled: &Modelled) -> Result<Vec<String>, PlanError> {
+        let (start, coverage, oriented) = (&self.start, &self.coverage, &self.chosen.oriented);
+        let case = start.case;
+        let missed = self.timing.missed.filter(|_| case.speed.total_time_s.is_some());
+        let mut found: Vec<String> = target_outside(start.scene).into_iter().collect();
+        found.extend(setup.registered.shortfalls(case));
+        found.extend(rest::too_little(case, start.scene, start.space, coverage)?);
+        found.extend(unreached(case, coverage, modelled.path.unjoined_passes));
+        found.extend(missed.map(time_missed));
+        found.extend(self.demand.caps_missed(case, &self.prepared, &self.chosen));
+        found.extend(turns_missed(self.mode, &oriented.blocked_turns));
+        found.extend(limits_missed(&modelled.speeds.limit_ratios));
+        Ok(found)
+    }
+
+    /// What the user should know beside that.
+    pub(super) fn warnings(&self, setup: &Setup, modelled: &Modelled) -> Vec<String> {
+        let case = self.start.case;
+        let missed = self.timing.missed.filter(|_| case.speed.total_time_s.is_none());
+        let mut found = setup.warnings.clone();
+        found.extend(modelled.arm.lowest_link.and_then(|lowest| lowest.warning()));
+        found.extend(missed.map(nominal_time_missed));
+        found.extend(self.compared.warning(case));
+        found
+    }
+}
+
+/// A target that the scan does not hold.
+fn target_outside(scene: &Scene) -> Option<String> {
+    (scene.outside.share > TargetOutside::FEW_SHARE).then(|| {
+        format!(
+            "{} (expected at most {} %): it counts neither as target nor as removed; give a scan that holds the target or crop \
+             the target to the scan",
+            scene.outside.text(),
+            100.0 * TargetOutside::FEW_SHARE
+        )
+    })
+}
+
+/// Less removed than the burr can reach.
+fn unreached(case: &Case, coverage: &Coverage, unjoined_passes: usize) -> Option<String> {
+    let share = coverage.reached_share();
+    let of_path = |cause: &Cause| matches!(cause, Cause::Shank(_) | Cause::Spacing);
+    let parts = coverage.rest.iter().filter(|(cause, _)| of_path(cause));
+    let mut why: Vec<String> =
+        parts.map(|(cause, mm3)| format!("{mm3:.1} mm³ stay for the {}", cause.text(case))).collect();
+    if unjoined_passes > 0 {
+        why.push(format!("{} passes could not be joined", unjoined_passes));
+    }
+    (share < ENOUGH_REACHED).then(|| {
+        format!(
+            "only {} of what the burr can reach is removed (expected {:.0} %): {}",
+            percent(share),
+            100.0 * ENOUGH_REACHED,
+            why.join("; "),
+        )
+    })
+}
+
+/// A time that the speeds do not allow.
+fn time_missed((asked_s, got_s): (f64, f64)) -> String {
+    format!(
+        "speed.total_time_s = {asked_s} s cannot be met within the speed range: the nearest is {got_s:.1} s"
+    )
+}
+
+/// The same where the case asks for none.
+fn nominal_time_missed((asked_s, got_s): (f64, f64)) -> String {
+    format!(
+        "the time with every cut at speed.nominal_mm_s, {asked_s:.1} s, cannot be met with the least force: the plan takes \
+         {got_s:.1} s (give speed.total_time_s for another time)"
+    )
+}
+
+/// Turns that the whole sequence could not avoid. Greedy and fixed angles do not look ahead: theirs are only counted.
+fn turns_missed(mode: OrientationMode, blocked: &[BlockedTurn]) -> Option<String> {
+    let worst = blocked.iter().max_by(|a, b| a.missing_mm.total_cmp(&b.missing_mm))?;
+    if mode != OrientationMode::Optimal {
+        return None;
+    }
+    let missing = if worst.missing_mm.is_finite() {
+        format!(
+            "the room that it needs, {TRAJECTORY_TOLERANCE_MM} mm for the arm's tolerance included, is missed by up to {:.3} mm",
+            worst.missing_mm
+        )
+    } else {
+        "the handpiece is in the way".to_owned()
+    };
+    Some(format!(
+        "the shank cannot turn as it must on {} (the worst to waypoint {}): {missing}; thinner layers or another shank may help",
+        if blocked.len() == 1 { "1 move".to_owned() } else { format!("{} moves", blocked.len()) },
+        worst.waypoint,
+    ))
+}
+
+/// The time law's own promise, looked at on what it gave.
+fn limits_missed(ratios: &LimitRatios) -> Option<String> {
+    let LimitRatios { velocity, acceleration, jerk } = *ratios;
+    let passed = [velocity, acceleration, jerk].into_iter().any(|ratio| ratio.is_nan() || ratio > 1.0 + 1e-6);
+    passed.then(|| {
+        format!(
+            "joint limits are passed: velocity {velocity:.6}, acceleration {acceleration:.6}, jerk {jerk:.6} of what is allowed"
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_motion_beyond_a_limit_is_a_shortfall() {
+        let ratios = |acceleration: f64| LimitRatios { velocity: 0.2, acceleration, jerk: 1.0 };
+        assert_eq!(limits_missed(&ratios(1.0 + 1e-9)), None);
+        assert!(limits_missed(&ratios(1.0003)).unwrap().contains("acceleration 1.000300"));
+        assert!(limits_missed(&ratios(f64::NAN)).is_some());
+    }
+}

@@ -1,0 +1,139 @@
+//! What was modelled where, and what each approximation cost in error: the path, the axes, the arm and the speeds.
+
+use bonemill_armpath::{ArmFacts, path_limits};
+use bonemill_case::{OrientationMode, Sense};
+use bonemill_cutting::metrics::Moments;
+use bonemill_motion::timelaw::LimitRatios;
+
+use super::attempt::Attempt;
+use super::{PlanError, SpeedLevels, half_turn, levels};
+
+/// What was modelled where.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Modelled {
+    /// The path.
+    pub path: PathFacts,
+    /// The choice of axes.
+    pub axes: AxisFacts,
+    /// The arm along the path.
+    pub arm: ArmFacts,
+    /// The speeds.
+    pub speeds: SpeedFacts,
+}
+
+/// How the path was laid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathFacts {
+    /// Waypoints in all.
+    pub waypoints: usize,
+    /// Waypoints that cut something.
+    pub cutting: usize,
+    /// Milling layers.
+    pub layers: u32,
+    /// Angle of the raster lines from work x as plans call it ([`bonemill_geometry::Approach`]), rad in (−π/2, π/2].
+    pub raster_rad: f64,
+    /// In which sense the passes are cut.
+    pub sense: Sense,
+    /// Places that the shank could not get to where they belonged, and that were milled at the end.
+    pub put_off: usize,
+    /// Passes that no link could join.
+    pub unjoined_passes: usize,
+}
+
+/// How the axes were chosen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisFacts {
+    /// The case's mode, or fixed by a fallback.
+    pub mode: OrientationMode,
+    /// What was done otherwise than the cost prefers, because a structure of priority 1 would have felt more than under the
+    /// controls; none where nothing was.
+    pub instead: Option<&'static str>,
+    /// Of the waypoints that cut, those whose orientation cost was computed with the force.
+    pub cost_with_force: usize,
+    /// Of the waypoints that cut, those whose orientation cost was computed in closed form.
+    pub cost_closed_form: usize,
+    /// The most by which a choice in closed form is worse than one with the force, in units of C: what the force, evaluated
+    /// afterwards, would have added.
+    pub closed_form_error: f64,
+    /// Angle between neighbours of the directions that axes were chosen from, rad.
+    pub direction_spacing_rad: f64,
+    /// Moves during which the shank, turning from one free axis to the next, is not free all the way.
+    pub blocked_turns: usize,
+    /// Links that graze a cusp beyond the tilt limit, since no axis within it is free there.
+    pub links_beyond_limit: usize,
+    /// Waypoints at which the low-pass was held at a free angle.
+    pub low_pass_held: usize,
+}
+
+/// What the speeds keep.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SpeedFacts {
+    /// How near the motion comes to the joints' limits.
+    pub limit_ratios: LimitRatios,
+    /// What the plan would take if every move ran at its speed cap, s.
+    pub time_at_caps_s: f64,
+    /// The levels of force that the speeds keep, with `speed.mode = "least_force"`.
+    pub levels: Option<SpeedLevels>,
+}
+
+impl Modelled {
+    /// Of an attempt that stands.
+    ///
+    /// # Errors
+    /// Where the motion is not the arm's.
+    pub(super) fn of(attempt: &Attempt) -> Result<Self, PlanError> {
+        let prepared = &attempt.prepared;
+        let toward = prepared.near.iter().map(|near| near.first().map(|n| &n.proximity.toward));
+        let compliances = attempt.chosen.compliances.as_deref();
+        Ok(Self {
+            path: attempt.path_facts(),
+            axes: attempt.axis_facts(),
+            arm: ArmFacts::along(attempt.start.arm, &attempt.motion, compliances, toward)?,
+            speeds: attempt.speed_facts()?,
+        })
+    }
+}
+
+impl Attempt<'_> {
+    fn path_facts(&self) -> PathFacts {
+        let (reached, raster) = (&self.prepared.reached, self.prepared.raster());
+        PathFacts {
+            waypoints: reached.path.points.len(),
+            cutting: reached.moments.iter().filter(|m: &&Moments| m.mass_mg() > 0.0).count(),
+            layers: reached.path.layers,
+            raster_rad: half_turn(raster.frame.angle_rad() + self.start.scene.turn_rad),
+            sense: raster.sense,
+            put_off: reached.put_off(),
+            unjoined_passes: reached.path.unjoined,
+        }
+    }
+
+    fn axis_facts(&self) -> AxisFacts {
+        let oriented = &self.chosen.oriented;
+        AxisFacts {
+            mode: self.mode,
+            instead: self.instead,
+            cost_with_force: oriented.with_force,
+            cost_closed_form: oriented.closed_form,
+            closed_form_error: self.chosen.closed_form_error,
+            direction_spacing_rad: oriented.spacing_rad,
+            blocked_turns: oriented.blocked_turns.len(),
+            links_beyond_limit: self.prepared.beyond_limit,
+            low_pass_held: oriented.low_pass_held,
+        }
+    }
+
+    fn speed_facts(&self) -> Result<SpeedFacts, PlanError> {
+        let (timing, near) = (&self.timing, &self.prepared.near);
+        let is_deflection = levels::is_deflection(self.start.case, &self.chosen);
+        let levels = timing
+            .levels
+            .as_ref()
+            .map(|found| SpeedLevels::of(found, &self.demand.pushes, &timing.caps_mm_s, near, is_deflection));
+        Ok(SpeedFacts {
+            limit_ratios: timing.law.limit_ratios(&path_limits(self.start.arm)?),
+            time_at_caps_s: timing.at_caps_s,
+            levels,
+        })
+    }
+}

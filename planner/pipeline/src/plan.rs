@@ -1,0 +1,60 @@
+//! A plan in memory: what it was planned on, how burr and arm move, and what came of it.
+
+use bonemill_motion::timelaw::TimeLaw;
+use bonemill_planfile::{ForceToward, Waypoint};
+use bonemill_setup::Setup;
+use bonemill_toolpath::orientation::Permissible;
+
+use super::{Compared, Coverage, Dropped, Figures, Modelled};
+
+/// A plan with all that its files and its report say.
+#[derive(Debug)]
+pub struct Plan {
+    /// What it was planned on; the case with what the planner chose in it.
+    pub setup: Setup,
+    /// How burr and arm move.
+    pub moves: PlannedMoves,
+    /// What the shank left open.
+    pub access: ShankAccess,
+    /// What comes of it.
+    pub results: PlanResults,
+    /// What was modelled how.
+    pub modelled: Modelled,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+    /// Why the plan falls short of its case, if it does.
+    pub shortfalls: Vec<String>,
+    /// Wall-clock seconds by stage of planning; never written into the plan's files.
+    pub seconds: Vec<(&'static str, f64)>,
+}
+
+/// How burr and arm move.
+#[derive(Debug)]
+pub struct PlannedMoves {
+    /// The rows of `waypoints.csv`.
+    pub waypoints: Vec<Waypoint>,
+    /// The rows of `forces.csv`.
+    pub forces: Vec<ForceToward>,
+    /// The motion of the joints.
+    pub law: TimeLaw,
+}
+
+/// What the shank left open along the path, and what it kept the path from.
+#[derive(Debug)]
+pub struct ShankAccess {
+    /// Directions that are open at each waypoint.
+    pub allowed: Vec<Permissible>,
+    /// Places that the path leaves out.
+    pub dropped: Vec<Dropped>,
+}
+
+/// What comes of a plan.
+#[derive(Debug)]
+pub struct PlanResults {
+    /// Volumes.
+    pub coverage: Coverage,
+    /// Forces, times and distances in one number each.
+    pub figures: Figures,
+    /// What the structures feel, beside a straight shaft at constant speed in the same time.
+    pub compared: Compared,
+}

@@ -1,0 +1,79 @@
+//! A case with everything that is made of its files before a path is planned: scene, arm, and where the patient is.
+//!
+//! Every pipeline begins with [`Setup::read`] and records what it planned on by [`Setup::frames`] and [`Setup::recorded_inputs`].
+
+use std::path::{Path, PathBuf};
+
+use bonemill_arm::Arm;
+use bonemill_case::{Case, Registration};
+use bonemill_geometry::{Base, Rigid, Work};
+use bonemill_imaging::AffineReport;
+use bonemill_planfile::{Input, PlanFrames, PlanningGrid};
+use bonemill_scene::Scene;
+
+use super::registration::{Registered, fiducials_in_scan, registration};
+use super::{PlanError, Stopwatch, inputs, tools};
+
+/// A case with what was made of its files.
+#[derive(Debug)]
+pub struct Setup {
+    /// The case, resolved.
+    pub case: Case,
+    /// Every input as named in the case, with its file and digest; the case file first.
+    pub inputs: Vec<(Input, PathBuf)>,
+    /// Which affine was taken from the CT and from the labels.
+    pub affines: [AffineReport; 2],
+    /// Images as planned on.
+    pub scene: Scene,
+    /// The arm, with its tool and limits.
+    pub arm: Arm,
+    /// Where the patient is.
+    pub registered: Registered,
+    /// What the user should know of all that.
+    pub warnings: Vec<String>,
+}
+
+impl Setup {
+    /// Reads what `case` names, relative to the folder of `case_path`. The images are dropped as soon as the scene is made.
+    ///
+    /// # Errors
+    /// [`PlanError`] for images that cannot be read or trusted, an arm that cannot be used, a registration that does not fit.
+    pub fn read(case: &Case, case_path: &Path, watch: &mut Stopwatch) -> Result<Self, PlanError> {
+        let arm = tools::arm(case, case_path.parent().unwrap_or(Path::new("")))?;
+        let (images, files) = watch.run("read images", || inputs::read_inputs(case, case_path))?;
+        fiducials_in_scan(&case.robot, images.ct.volume.grid())?;
+        let scene = watch.run("scene", || inputs::make_scene(case, &images))?;
+        watch.tell_memory_mb(inputs::memory_mb(&scene, &images));
+        let registered = registration(&case.robot, &scene)?;
+        let mut warnings = images.warnings;
+        warnings.extend(scene.warnings.iter().cloned());
+        warnings.extend(tools::arm_warning(case, &arm));
+        warnings.extend(registered.warnings(case));
+        let affines = [images.ct.affine, images.labels.affine];
+        Ok(Self { case: case.clone(), inputs: files, affines, scene, arm, registered, warnings })
+    }
+
+    /// Where the planning grid is, seen from the arm.
+    pub fn base_from_work(&self) -> Rigid<Base, Work> {
+        self.registered.base_from_ct * self.scene.ct_from_work
+    }
+
+    /// The inputs as `plan.toml` records them.
+    pub fn recorded_inputs(&self) -> Vec<Input> {
+        self.inputs.iter().map(|(input, _)| input.clone()).collect()
+    }
+
+    /// The frames as `plan.toml` records them.
+    pub fn frames(&self) -> PlanFrames {
+        let (scene, robot) = (&self.scene, &self.case.robot);
+        PlanFrames {
+            approach_direction: scene.approach,
+            ct_from_approach: scene.ct_from_approach(),
+            grid: PlanningGrid { dims: scene.class.grid().dims(), turn_rad: scene.turn_rad },
+            base_from_ct: self.registered.base_from_ct,
+            registration_assumed: robot.base_from_ct == Registration::Assumed,
+            // the case's own angles: those of the arm's rotation lose digits at gimbal lock
+            flange_from_burr: robot.flange_from_burr.unwrap_or_default(),
+        }
+    }
+}
