@@ -14,9 +14,10 @@ fn main() -> anyhow::Result<()> {
     let case = Case::parse(&std::fs::read_to_string(&case_path)?, &case_path)?;
 
     let plan = bonemill_planner::plan(&case, &case_path, &())?;
-    println!("{} waypoints, {:.1} min", plan.waypoints.len(), plan.law.duration_s() / 60.0);
-    println!("{:.1} mm³ of {:.1} removed", plan.coverage.removed.all_mm3, plan.coverage.target.all_mm3);
-    for (structure, felt) in case.structures.iter().zip(&plan.compared.plan.structures) {
+    println!("{} waypoints, {:.1} min", plan.moves.waypoints.len(), plan.moves.law.duration_s() / 60.0);
+    let coverage = &plan.results.coverage;
+    println!("{:.1} mm³ of {:.1} removed", coverage.removed.all_mm3, coverage.target.all_mm3);
+    for (structure, felt) in case.structures.iter().zip(&plan.results.compared.plan.structures) {
         let near = &felt.near;
         println!(
             "{}: {:.3} N toward it in the mean, {:.3} N at most",

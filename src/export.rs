@@ -1,11 +1,11 @@
-//! `bonemill export`: a finished plan as what a controller reads.
+//! `bonemill export`: writes a finished plan in a controller's format.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
 use bonemill_planner::path::MoveKind;
-use bonemill_planner::plan::{Need, StoredPlan};
+use bonemill_planner::plan::{Need, StoredPlan, least_gaps};
 use bonemill_planner::space::TRAJECTORY_TOLERANCE_MM;
 use bonemill_robot::ArmKind;
 use bonemill_robot::export::{
@@ -16,14 +16,14 @@ use bonemill_robot::export::{
 use crate::args::{ExportArgs, ExportFormat};
 use crate::outcome::Outcome;
 
-/// The fewest rows per second of a ROS trajectory; the controller interpolates with cubics.
+/// Least number of rows per second of a ROS trajectory; the controller interpolates with cubics.
 const ROS_RATE_HZ: f64 = 50.0;
-/// The fewest steps per second of a URScript program, straight in joint space: short programs load sooner.
+/// Least number of steps per second of a URScript program, straight in joint space. Short programs load faster.
 const SCRIPT_RATE_HZ: f64 = 25.0;
-/// How far the burr may be led aside of the plan's own trajectory by rows that are left out, mm: a fifth of what the
-/// trajectory itself may leave the path by.
+/// Largest distance of the burr from the plan's trajectory because of rows that are left out, mm: a fifth of the trajectory's
+/// own tolerance.
 const LEFT_OUT_MM: f64 = 0.2 * TRAJECTORY_TOLERANCE_MM;
-/// And the shaft's axis by G-code's straight blocks, rad: 0.03 mm at the end of a shank of 60 mm.
+/// Largest deviation of the shaft's axis because of G-code's straight blocks, rad: 0.03 mm at the end of a shank of 60 mm.
 const LEFT_OUT_RAD: f64 = 5e-4;
 
 pub fn run(args: &ExportArgs) -> anyhow::Result<Outcome> {
@@ -31,7 +31,7 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<Outcome> {
     let name =
         plan.dir.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
     let name = name.unwrap_or_else(|| "plan".into());
-    // nothing is created before all of it is known to be sound
+    // all files are made in memory first, so that nothing is created if one fails
     let files = files(&plan, args)?;
     fs::create_dir_all(&args.out).with_context(|| format!("cannot create {}", args.out.display()))?;
     let mut written = Vec::new();
@@ -43,7 +43,7 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::written("export", &args.out, &written.join(", ")).warning(&plan.record.warnings))
 }
 
-/// What is to be written, by extension.
+/// The files to write, by extension.
 fn files(plan: &StoredPlan, args: &ExportArgs) -> anyhow::Result<Vec<(&'static str, Vec<u8>)>> {
     let model = &plan.record.case.robot.model;
     ensure!(!args.rapid || args.format == ExportFormat::Gcode, "--rapid is for G-code only");
@@ -63,9 +63,9 @@ fn files(plan: &StoredPlan, args: &ExportArgs) -> anyhow::Result<Vec<(&'static s
             let rows = rows(plan, args.rate_hz, SCRIPT_RATE_HZ, Between::Straight)?;
             let mut options = UrScript::with_mount(plan.arm.mount());
             options.calibrated = plan.record.case.robot.calibration.is_some();
-            options.most_aside_mm = most_aside_mm(plan);
+            let aside_mm = aside_mm(plan, &rows)?;
             let mut script = Vec::new();
-            write_urscript(&mut script, &rows, &options)?;
+            write_urscript(&mut script, &rows, &options, &aside_mm)?;
             vec![("script", script)]
         }
         ExportFormat::Gcode => {
@@ -80,7 +80,7 @@ fn files(plan: &StoredPlan, args: &ExportArgs) -> anyhow::Result<Vec<(&'static s
     })
 }
 
-/// The trajectory's rows at about the rate that is asked for, or as few as lead the burr close enough to the trajectory.
+/// The trajectory's rows at about the requested rate, or as few as keep the burr close enough to the trajectory.
 fn rows(
     plan: &StoredPlan,
     asked_hz: Option<f64>,
@@ -111,7 +111,7 @@ fn rows(
     }
 }
 
-/// The trajectory as straight blocks; those of links as rapids where the machine drives them straight.
+/// The trajectory as straight blocks; links are rapids if `rapid`.
 fn gcode(plan: &StoredPlan, rapid: bool) -> anyhow::Result<Vec<u8>> {
     let t = &plan.trajectory;
     let rows = ExportRows::new(plan.arm.joints(), &t.time_s, &t.q, &t.qd, 1)?;
@@ -130,10 +130,38 @@ fn gcode(plan: &StoredPlan, rapid: bool) -> anyhow::Result<Vec<u8>> {
     Ok(text)
 }
 
-/// Half a millimetre, or the smallest clearance where that is less; a tenth at least, which an arm can keep.
-fn most_aside_mm(plan: &StoredPlan) -> f64 {
-    let clearances = plan.record.case.structures.iter().map(|s| s.clearance_mm);
-    clearances.fold(0.5, f64::min).max(0.1)
+/// The farthest that a script lets the burr be beside its path where no structure is near, mm; assumed.
+const MOST_ASIDE_MM: f64 = 0.5;
+/// The nearest that it can be held to, mm.
+const LEAST_ASIDE_MM: f64 = 0.1;
+/// The share of the room between burr and structure that the arm may take before it is stopped, as in streaming; the rest is
+/// for what it travels between two looks and while it stops. Assumed.
+const ASIDE_SHARE: f64 = 0.25;
+
+/// How far the burr may be beside its path on the way to each exported row, mm.
+fn aside_mm(plan: &StoredPlan, rows: &ExportRows<'_>) -> anyhow::Result<Vec<f64>> {
+    let gaps = least_gaps(plan);
+    if let Some((n, gap)) = gaps.iter().enumerate().find(|(_, gap)| gap.gap_mm * ASIDE_SHARE < LEAST_ASIDE_MM)
+    {
+        bail!(
+            "waypoint {n}: the burr's surface passes {} at {:.3} mm; a script can hold the arm within {LEAST_ASIDE_MM} mm of its \
+             path, and needs {} mm of room: give the structure a larger clearance_mm",
+            plan.record.case.structures[gap.structure].name,
+            gap.gap_mm,
+            LEAST_ASIDE_MM / ASIDE_SHARE
+        );
+    }
+    let allowed_mm =
+        |n: usize| gaps.get(n).map_or(MOST_ASIDE_MM, |gap| MOST_ASIDE_MM.min(ASIDE_SHARE * gap.gap_mm));
+    let move_at = |time_s: f64| plan.waypoints.partition_point(|w| w.time_s < time_s);
+    let mut before = 0;
+    let mut limits_mm = Vec::with_capacity(rows.count());
+    for time_s in rows.times_s() {
+        let here = move_at(time_s).min(plan.waypoints.len().saturating_sub(1));
+        limits_mm.push((before..=here).map(allowed_mm).fold(MOST_ASIDE_MM, f64::min));
+        before = here;
+    }
+    Ok(limits_mm)
 }
 
 /// Writes a file whole or not at all.

@@ -1,4 +1,4 @@
-//! `bonemill verify`: a second opinion on a plan, printed and kept as `verification.toml` beside it.
+//! `bonemill verify`: a second opinion on a plan, printed and written to `verification.toml` in its folder.
 
 use anyhow::Context;
 use bonemill_planner::Progress;
@@ -16,7 +16,7 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
     let (mut drawn, mut warnings) = (None, Vec::new());
     let found = match args.folder.load(Need::All) {
         Ok(plan) => {
-            // numbers that make no sense are refused before minutes go by
+            // invalid numbers are refused before the verification, which takes minutes
             let model = args.samples.map(|n| error_model(&plan, &args.errors, n)).transpose()?;
             let failed = || format!("the plan in {} cannot be verified", dir.display());
             let found = verify(&plan, progress).with_context(failed)?;
@@ -27,7 +27,7 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
             }
             found
         }
-        // a sound plan of something else: no other check would mean anything
+        // the inputs have changed, so no other check has a meaning
         Err(PlanFileError::InputChanged { path, .. }) => Verification {
             checks: vec![
                 Check::none_wrong("inputs unchanged", 1).at(Place::Named(path.display().to_string())),
@@ -44,7 +44,7 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
     Ok(Outcome::verified(&path, &found, drawn, args.all).warning_first(&warnings))
 }
 
-/// The errors asked for.
+/// The requested errors.
 fn error_model(plan: &StoredPlan, args: &ErrorArgs, samples: u32) -> Result<ErrorModel, UncertaintyError> {
     let sigmas = Sigmas {
         registration_mm: args.registration_mm,

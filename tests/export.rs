@@ -104,7 +104,23 @@ fn ros_and_urscript_hold_the_trajectory() {
             assert!((read.parse::<f64>().unwrap() - value).abs() < 1e-9);
         }
     }
-    assert!(script.contains("if aside_mm() > 0.5:"), "half a millimetre, less than the clearance of 1 mm");
+    // at every waypoint the program allows no more than a quarter of the room to the nearest structure
+    let radius_mm = plan.record.case.burr.radius_mm;
+    let (mut allowed_mm, mut at) = (f64::NAN, Vec::new());
+    for line in script.lines() {
+        match line.strip_prefix("  allow(") {
+            Some(mm) => allowed_mm = mm.trim_end_matches(')').parse().unwrap(),
+            None if line.starts_with("  step([") => at.push(allowed_mm),
+            None => {}
+        }
+    }
+    assert!(at.iter().all(|mm| *mm <= 0.5) && at.contains(&0.5));
+    for force in &plan.forces {
+        let time_s = plan.waypoints[force.waypoint].time_s;
+        let step = (0..at.len()).find(|n| plan.trajectory.time_s[row(&plan, n + 1, stride)] >= time_s);
+        let room_mm = force.distance_mm - radius_mm;
+        assert!(step.is_none_or(|n| at[n] <= 0.25 * room_mm), "waypoint {}: {room_mm} mm", force.waypoint);
+    }
     // nothing is left of what is refused
     let refused = |args: &[&str], says: &[&str]| {
         let before = place.files();

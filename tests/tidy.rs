@@ -72,7 +72,7 @@ const RULES: &[(&str, Rule, Snippet, Snippet)] = &[
     (
         "only readers and writers touch files",
         file_access,
-        ("imaging/src/read.rs", "let bytes = std::fs::read(path)?;"),
+        ("imaging/src/formats/mod.rs", "let bytes = std::fs::read(path)?;"),
         ("planner/toolpath/src/path.rs", "let bytes = std::fs::read(path)?;"),
     ),
     (
@@ -164,10 +164,10 @@ fn every_rule_can_fail_and_can_hold() {
 /// Our crates in layers: each may depend on those of earlier layers. The first name is the crate's folder.
 const LAYERS: &[&[&str]] = &[
     &["geometry", "planner/testkit"],
-    &["imaging", "robot/arm"],
+    &["imaging", "planner/cutter", "planner/part", "robot/arm"],
     &["planner/case", "robot/motion"],
-    &["planner/cutter", "robot/export"],
-    &["planner/scene", "planner/stock", "planner/cutting", "planner/planfile"],
+    &["robot/export", "planner/machining", "planner/proof"],
+    &["planner/scene", "planner/stock", "planner/cutting", "planner/planfile", "planner/program"],
     &["planner/setup", "planner/toolpath"],
     &["planner/armpath"],
     &["planner/pipeline", "planner/channel", "planner/simulate", "planner/verify"],
@@ -238,11 +238,13 @@ fn no_crate_holds_more_than_a_fifth_of_the_code() {
 fn file_access(source: &Source) -> Vec<String> {
     const ALLOWED: &[&str] = &[
         "src/",
-        "imaging/src/read",
+        "imaging/src/formats",
+        "imaging/src/memory",
         "imaging/src/write",
         "imaging/src/names",
         "robot/arm/src/arm/reader",
         "robot/export/",
+        "planner/part/src/read",
         "planner/planfile/",
         "planner/pipeline/src/save.rs",
         "planner/pipeline/src/refused.rs",

@@ -17,7 +17,7 @@ pub fn from_z(z: &Vector3<f64>) -> Rotation3<f64> {
     Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_columns(&[x, y, *z]))
 }
 
-/// Shaft axis of the angles: a(θ, φ) = Rx(θ) Ry(φ) e_z = (sin φ, −sin θ cos φ, cos θ cos φ).
+/// The shaft's axis at the angles θ and φ: a(θ, φ) = Rx(θ) Ry(φ) e_z = (sin φ, −sin θ cos φ, cos θ cos φ).
 ///
 /// `theta_rad` tilts in the y–z plane, `phi_rad` out of it; both 0 is +z.
 pub fn axis_from_angles(theta_rad: f64, phi_rad: f64) -> Vector3<f64> {
@@ -28,7 +28,7 @@ pub fn axis_from_angles(theta_rad: f64, phi_rad: f64) -> Vector3<f64> {
 
 /// (θ, φ) of a unit axis, rad: the inverse of [`axis_from_angles`] with φ in [−π/2, π/2].
 pub fn angles_from_axis(axis: &Vector3<f64>) -> (f64, f64) {
-    // + 0.0 turns −0 into 0, so that an untilted axis reads 0 and not −0 or π
+    // + 0.0 turns −0 into 0, so that an untilted axis gives 0 and not −0 or π
     ((-axis.y + 0.0).atan2(axis.z), axis.x.clamp(-1.0, 1.0).asin())
 }
 

@@ -1,12 +1,13 @@
-//! Stopping a long computation from outside, wherever it is.
+//! Stops a long computation from outside.
 //!
-//! Long loops call [`poll`]. It does nothing unless the thread works under a [`Cancel`] that was triggered; then it
-//! unwinds, without a panic's message, to [`Cancel::run`], which gives [`Cancelled`]. Unwinding instead of errors through
-//! every signature: the computation's own results stay what they are, and a loop that is polled costs one line.
+//! Long loops call [`poll`]. It does nothing unless the thread works under a [`Cancel`] that was triggered. Then it
+//! unwinds the stack, without printing a panic's message, up to [`Cancel::run`], which returns [`Cancelled`]. Unwinding
+//! is used instead of an error in every signature: the functions between keep their return types, and a loop that
+//! can be stopped needs one extra line.
 //!
-//! Invariant: without a trigger a poll changes nothing, so results do not depend on being watched. A computation that
-//! spreads over threads is stopped on those that entered ([`Cancel::enter`]), e.g. by the start handler of its pool; a
-//! panic there travels to the caller, as pools do. Not here: deadlines, signals, resuming.
+//! Invariant: as long as the flag is not triggered, a poll changes nothing, so results do not depend on it. A computation
+//! on several threads is stopped on those threads that called [`Cancel::enter`], for example in the start handler of their
+//! pool; the pool passes the unwinding on to the caller. This module has no deadlines, no signals and no resuming.
 
 use std::any::Any;
 use std::cell::RefCell;
@@ -18,7 +19,7 @@ thread_local! {
     static WATCHED: RefCell<Option<Cancel>> = const { RefCell::new(None) };
 }
 
-/// A flag that stops the work done under it; clones share it.
+/// A flag that stops the work that runs under it. Clones share one flag.
 #[derive(Debug, Clone, Default)]
 pub struct Cancel(Arc<AtomicBool>);
 
@@ -27,28 +28,29 @@ pub struct Cancel(Arc<AtomicBool>);
 pub struct Cancelled;
 
 impl Cancel {
-    /// Not triggered.
+    /// A flag that is not triggered.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Stops the work under this flag at its next poll, for good.
+    /// Stops the work under this flag at its next poll. A flag cannot be reset.
     pub fn trigger(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// From now on, this thread's polls look at this flag.
+    /// Makes this flag the one that this thread's polls check from now on.
     pub fn enter(&self) {
         WATCHED.with_borrow_mut(|watched| *watched = Some(self.clone()));
     }
 
-    /// Does `work` under this flag.
+    /// Runs `work` under this flag.
     ///
     /// # Errors
-    /// [`Cancelled`] when a poll found the flag triggered, here or on a thread whose panics travel here. Other panics go on.
+    /// [`Cancelled`] when a poll found the flag triggered, on this thread or on one whose panics are passed to it. Any other
+    /// panic is passed on.
     pub fn run<T>(&self, work: impl FnOnce() -> T) -> Result<T, Cancelled> {
         let before = WATCHED.with_borrow_mut(|watched| watched.replace(self.clone()));
-        // what the work touched is dropped with it: nothing half done is seen again
+        // unwind safe: everything that the closure owns is dropped with it, so no half-finished value stays reachable
         let result = catch_unwind(AssertUnwindSafe(work));
         WATCHED.with_borrow_mut(|watched| *watched = before);
         result.map_err(|payload: Box<dyn Any + Send>| match payload.downcast::<Cancelled>() {
@@ -58,7 +60,7 @@ impl Cancel {
     }
 }
 
-/// Stops here if this thread's work was cancelled; a few nanoseconds otherwise.
+/// Unwinds if this thread's work was cancelled; otherwise it costs a few nanoseconds.
 pub fn poll() {
     let stop = WATCHED
         .with_borrow(|watched| watched.as_ref().is_some_and(|Cancel(flag)| flag.load(Ordering::Relaxed)));
@@ -93,7 +95,7 @@ mod tests {
         let (stopped, other) = (Cancel::new(), Cancel::new());
         stopped.trigger();
         assert_eq!(other.run(|| stopped.run(poll)), Ok(Err(Cancelled)));
-        // outside of any run, and after one
+        // a poll outside of any run, and one after a run
         poll();
         std::thread::spawn(poll).join().unwrap();
     }

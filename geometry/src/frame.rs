@@ -26,8 +26,8 @@ frames! {
     /// The planning grid's frame: origin at its first voxel centre, z along the approach, out of the bone; x and y follow
     /// the CT's voxels.
     Work = "work",
-    /// The grid's frame turned about z so that x and y are the basis of z of docs/force-model.md 1. θ and φ are measured here, and plans
-    /// call it work: it depends on the approach alone.
+    /// The grid's frame, turned about z so that x and y are those that docs/force-model.md 1 derives from z. θ and φ are
+    /// measured in it. It depends on the approach alone; a plan's files call it `work`.
     Approach = "approach",
     /// The robot's base: the URDF's `base_link`, else its root.
     Base = "base",
@@ -35,6 +35,11 @@ frames! {
     Flange = "flange",
     /// Origin at the burr's centre, z along the shaft to the handpiece.
     Tool = "tool",
+    /// A part to be machined, as its file gives it, in mm.
+    Part = "part",
+    /// The block that a part is machined from: origin at the centre of the part's bounding box, x along its longest side and the
+    /// rotary axis, y across its thickness with side A toward +y, z the third side; the block is gripped at its lower end in z.
+    Block = "block",
 }
 
 /// A point in frame `F`, mm.
@@ -81,7 +86,7 @@ impl<F: Frame> Point<F> {
     }
 }
 
-// Derives would ask `F` for the same traits; the frame holds no value.
+// a derive would require the same traits of `F`, which is only a marker
 impl<F: Frame> Clone for Point<F> {
     fn clone(&self) -> Self {
         *self

@@ -20,7 +20,7 @@ pub struct Grid<F: Frame> {
 /// Why a grid cannot be made.
 #[derive(Debug, Clone, PartialEq)]
 pub enum GridError {
-    /// A dimension is 0, or the voxels cannot be counted in memory's terms.
+    /// A dimension is 0, or the number of voxels overflows `usize`.
     Dims([usize; 3]),
     /// A spacing is not finite and positive, mm.
     Spacing([f64; 3]),
@@ -84,12 +84,12 @@ impl<F: Frame> Grid<F> {
         self.dims
     }
 
-    /// Voxels in all.
+    /// Number of all voxels.
     pub fn len(&self) -> usize {
         self.dims.iter().product()
     }
 
-    /// Never: a grid has at least one voxel.
+    /// Always false: a grid has at least one voxel.
     pub fn is_empty(&self) -> bool {
         false
     }
@@ -119,14 +119,14 @@ impl<F: Frame> Grid<F> {
         self.spacing_mm.norm()
     }
 
-    /// Place of voxel (i, j, k) in memory.
+    /// Memory index of voxel (i, j, k).
     #[inline]
     pub fn index(&self, [i, j, k]: [usize; 3]) -> usize {
         debug_assert!(i < self.dims[0] && j < self.dims[1] && k < self.dims[2]);
         i + self.dims[0] * (j + self.dims[1] * k)
     }
 
-    /// Voxel (i, j, k) of a place in memory.
+    /// Voxel (i, j, k) at a memory index.
     #[inline]
     pub fn voxel(&self, index: usize) -> [usize; 3] {
         let (nx, ny) = (self.dims[0], self.dims[1]);
@@ -139,14 +139,14 @@ impl<F: Frame> Grid<F> {
         self.at([i as f64, j as f64, k as f64])
     }
 
-    /// Point at a continuous index; integers are voxel centres.
+    /// Point at a continuous index; whole numbers are voxel centres.
     #[inline]
     pub fn at(&self, index: [f64; 3]) -> Point<F> {
         let offset = Vector3::from(index).component_mul(&self.spacing_mm);
         Point::from_coords(self.origin_mm + self.axes * offset)
     }
 
-    /// Continuous index of a point; integers are voxel centres. May lie outside the grid.
+    /// Continuous index of a point; whole numbers are voxel centres. It may lie outside the grid.
     #[inline]
     pub fn continuous_index(&self, p: Point<F>) -> [f64; 3] {
         (self.axes.transpose() * (p.coords - self.origin_mm)).component_div(&self.spacing_mm).into()
@@ -167,7 +167,7 @@ impl<F: Frame> Grid<F> {
         Some(voxel)
     }
 
-    /// The part `lo..=hi` of the grid, voxel for voxel.
+    /// The grid of the voxels `lo..=hi`, which keep their positions.
     ///
     /// # Errors
     /// [`GridError::Dims`] when `hi` is below `lo` or outside.
@@ -179,7 +179,7 @@ impl<F: Frame> Grid<F> {
         Self::new(dims, self.spacing_mm, self.axes, self.center(lo).coords)
     }
 
-    /// The eight corners of the box of all voxels (voxel boxes included, not only centres).
+    /// The eight corners of the box around all voxel boxes (not only around the voxel centres).
     pub fn corners(&self) -> [Point<F>; 8] {
         std::array::from_fn(|c| {
             self.at(std::array::from_fn(|a| if c >> a & 1 == 0 { -0.5 } else { self.dims[a] as f64 - 0.5 }))

@@ -1,8 +1,8 @@
-//! The ground that every other crate stands on: frames, grids, volumes, triangle meshes, and how long work is stopped.
+//! What every other crate builds on: frames, grids, volumes, triangle meshes, progress, and stopping long computations.
 //!
-//! A mix-up of frames or of a voxel index with millimetres is silent and, beside a nerve, dangerous. So points and
-//! transforms carry their frame in the type, and [`Grid`] is the only place where an index becomes millimetres.
-//! Lengths are mm. This crate does no input or output and knows no image format.
+//! If two frames are mixed up, or a voxel index with millimetres, no error is seen, and beside a nerve that is
+//! dangerous. So points and transforms carry their frame in the type, and [`Grid`] is the only place where an index
+//! becomes millimetres. Lengths are mm. This crate does no input or output and knows no image format.
 //!
 //! ```
 //! use bonemill_geometry::{Base, Ct, Point, Rigid};
@@ -21,7 +21,7 @@ mod progress;
 mod rigid;
 mod volume;
 
-pub use frame::{Approach, Base, Ct, Flange, Frame, Point, Tool, Work};
+pub use frame::{Approach, Base, Block, Ct, Flange, Frame, Part, Point, Tool, Work};
 pub use grid::{Grid, GridError};
 pub use mesh::Mesh;
 pub use progress::Progress;

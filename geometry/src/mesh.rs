@@ -9,7 +9,7 @@ use crate::{Frame, Point, Rigid};
 pub struct Mesh<F: Frame> {
     /// Vertices, mm.
     pub vertices: Vec<Point<F>>,
-    /// Three vertex numbers a triangle.
+    /// The numbers of each triangle's three vertices.
     pub triangles: Vec<[u32; 3]>,
 }
 

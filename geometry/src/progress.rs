@@ -1,16 +1,16 @@
-//! How a long computation tells how far it is; the library itself prints nothing.
+//! How a long computation reports its progress. The library itself prints nothing.
 
-/// Told by the planner's stages; called from one thread at a time.
+/// Receives the progress of the planner's stages. It is called from one thread at a time.
 pub trait Progress {
     /// A stage begins, and the one before has ended.
     fn stage(&self, name: &str);
     /// `done` of `of` steps of the stage are done.
     fn advance(&self, done: usize, of: usize);
-    /// What the work takes at its peak, MB, about; told before it is taken.
+    /// The estimated peak memory of the work, MB; reported before it is allocated.
     fn memory_mb(&self, _estimated: f64) {}
 }
 
-/// Nobody listens.
+/// Ignores all reports.
 impl Progress for () {
     fn stage(&self, _: &str) {}
     fn advance(&self, _: usize, _: usize) {}

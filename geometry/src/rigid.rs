@@ -8,7 +8,8 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::{Frame, Point};
 
-/// `p_to = R p_from + t`; call values `to_from_from`, e.g. `base_from_ct`, so that neighbours match in a product.
+/// `p_to = R p_from + t`. Values are named `to_from_from`, such as `base_from_ct`, so that neighbouring frames match
+/// in a product.
 pub struct Rigid<To: Frame, From: Frame> {
     /// R: columns are `From`'s axes in `To`.
     pub rotation: Rotation3<f64>,
@@ -17,7 +18,7 @@ pub struct Rigid<To: Frame, From: Frame> {
     frames: PhantomData<(To, From)>,
 }
 
-/// A matrix that was given as a rotation is none.
+/// A matrix that was given as a rotation is not one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NotARotation {
     /// max |RᵀR − 1|.
@@ -38,12 +39,12 @@ impl fmt::Display for NotARotation {
 impl std::error::Error for NotARotation {}
 
 impl<To: Frame, From: Frame> Rigid<To, From> {
-    /// From a rotation and a translation in mm.
+    /// The transform with this rotation and this translation, mm.
     pub fn new(rotation: Rotation3<f64>, translation_mm: Vector3<f64>) -> Self {
         Self { rotation, translation_mm, frames: PhantomData }
     }
 
-    /// From a matrix that must be a rotation to 1e-3; the nearest rotation is taken.
+    /// The transform with the rotation nearest to `r`, which must be a rotation to 1e-3.
     ///
     /// # Errors
     /// [`NotARotation`] when RᵀR differs from 1 by more than 1e-3, or det R is not positive, or R is not finite.
@@ -56,24 +57,24 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
         Ok(Self::new(nearest_rotation(r), translation_mm))
     }
 
-    /// The identity: both frames coincide.
+    /// The identity: the two frames coincide.
     pub fn identity() -> Self {
         Self::new(Rotation3::identity(), Vector3::zeros())
     }
 
-    /// The transform the other way.
+    /// The inverse transform.
     pub fn inverse(&self) -> Rigid<From, To> {
         let inv = self.rotation.inverse();
         Rigid::new(inv, -(inv * self.translation_mm))
     }
 
-    /// A free vector (a direction, a force): rotated, not translated.
+    /// Transforms a free vector, such as a direction or a force: it is rotated, not translated.
     pub fn rotate(&self, v: &Vector3<f64>) -> Vector3<f64> {
         self.rotation * v
     }
 }
 
-/// The orthogonal polar factor of a matrix that is a rotation to 1e-3 (Newton, quadratic).
+/// The orthogonal polar factor of a matrix that is a rotation to 1e-3, by Newton's iteration, which converges quadratically.
 fn nearest_rotation(r: &Matrix3<f64>) -> Rotation3<f64> {
     let mut m = *r;
     for _ in 0..8 {

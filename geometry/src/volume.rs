@@ -1,4 +1,4 @@
-//! A value per voxel of a grid.
+//! A volume: one value per voxel of a grid.
 
 use std::fmt;
 use std::ops::{Add, Mul, Sub};
@@ -29,10 +29,10 @@ impl fmt::Display for VolumeError {
 impl std::error::Error for VolumeError {}
 
 impl<T, F: Frame> Volume<T, F> {
-    /// From a grid and its values, x-fastest.
+    /// A volume with the given values, x-fastest.
     ///
     /// # Errors
-    /// [`VolumeError`] when their numbers differ.
+    /// [`VolumeError`] when there are not as many values as voxels.
     pub fn new(grid: Grid<F>, data: Vec<T>) -> Result<Self, VolumeError> {
         if data.len() != grid.len() {
             return Err(VolumeError { expected: grid.len(), found: data.len() });
@@ -40,7 +40,7 @@ impl<T, F: Frame> Volume<T, F> {
         Ok(Self { grid, data })
     }
 
-    /// The same value in every voxel.
+    /// A volume with the same value in every voxel.
     pub fn filled(grid: Grid<F>, value: T) -> Self
     where
         T: Clone,
@@ -49,22 +49,22 @@ impl<T, F: Frame> Volume<T, F> {
         Self { grid, data }
     }
 
-    /// Its grid.
+    /// The grid.
     pub fn grid(&self) -> &Grid<F> {
         &self.grid
     }
 
-    /// Its values, x-fastest.
+    /// The values, x-fastest.
     pub fn data(&self) -> &[T] {
         &self.data
     }
 
-    /// Its values, x-fastest, to change.
+    /// The values, x-fastest, for changing them.
     pub fn data_mut(&mut self) -> &mut [T] {
         &mut self.data
     }
 
-    /// Grid and values apart.
+    /// Takes the volume apart into grid and values.
     pub fn into_parts(self) -> (Grid<F>, Vec<T>) {
         (self.grid, self.data)
     }
@@ -75,13 +75,13 @@ impl<T, F: Frame> Volume<T, F> {
         &self.data[self.grid.index(voxel)]
     }
 
-    /// A new volume on the same grid.
+    /// The volume of `f` of each value, on the same grid.
     pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Volume<U, F> {
         Volume { grid: self.grid.clone(), data: self.data.iter().map(f).collect() }
     }
 }
 
-/// Trilinear interpolation among the corners of a cell, x-fastest, at fractions of its sides.
+/// Trilinear interpolation between the corner values of a cell, x-fastest, at a place given in fractions of its sides.
 #[inline]
 pub fn trilinear<T>(corners: &[T; 8], [fx, fy, fz]: [T; 3]) -> T
 where
@@ -94,16 +94,16 @@ where
 }
 
 impl<T: Copy + Into<f64>, F: Frame> Volume<T, F> {
-    /// Trilinear interpolation at a continuous index with all eight neighbours in the grid; `None` elsewhere.
+    /// Trilinear interpolation at a continuous index whose eight neighbours all lie in the grid; `None` elsewhere.
     ///
-    /// As [`Self::trilinear_at`], to rounding, without its checks of every neighbour.
+    /// Gives the value of [`Self::trilinear_at`] up to rounding, but without a check of every neighbour.
     #[inline]
     pub fn trilinear_inside(&self, index: [f64; 3]) -> Option<f64> {
         self.cell_inside(index).map(|(corners, at)| trilinear(&corners, at))
     }
 
-    /// The values at the eight corners of the cell that holds a continuous index, and where in it that lies, for
-    /// [`trilinear`]; `None` where not all corners are in the grid.
+    /// The values at the eight corners of the cell that contains a continuous index, and the place in the cell, as
+    /// [`trilinear`] takes them; `None` where not all corners lie in the grid.
     #[inline]
     pub fn cell_inside(&self, index: [f64; 3]) -> Option<([f64; 8], [f64; 3])> {
         let dims = self.grid.dims();
@@ -111,11 +111,11 @@ impl<T: Copy + Into<f64>, F: Frame> Volume<T, F> {
         if !(0..3).all(|a| index[a] >= 0.0 && index[a] < (dims[a] - 1) as f64) {
             return None;
         }
-        // truncation is the floor of what is not negative
+        // for values that are not negative, truncation rounds down
         let [i, j, k] = index.map(|v| v as usize);
         let (sy, sz) = (dims[0], dims[0] * dims[1]);
         let start = i + sy * j + sz * k;
-        // one slice that ends with the farthest of the eight, so that one check serves all
+        // one slice that ends with the farthest of the eight, so that one bounds check covers all of them
         let cell = self.data.get(start..start + sz + sy + 2)?;
         let corners = [0, 1, sy, sy + 1, sz, sz + 1, sz + sy, sz + sy + 1].map(|at| cell[at].into());
         Some((corners, [index[0] - i as f64, index[1] - j as f64, index[2] - k as f64]))

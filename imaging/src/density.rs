@@ -20,8 +20,9 @@ impl DensityTable {
     /// The curve through (`hu[n]`, `g_cm3[n]`), constant outside the first and last point.
     ///
     /// # Errors
-    /// [`ImageError::DensityTableLength`], [`ImageError::DensityTablePoint`] when there are fewer than two points or
-    /// unequally many, or a value is not finite, an HU not above the one before it, a density negative.
+    /// [`ImageError::DensityTableLength`] when there are fewer than two points or the lists differ in length;
+    /// [`ImageError::DensityTablePoint`] when a value is not finite, an HU is not above the one before it, or a density is
+    /// negative.
     pub fn new(hu: &[f64], g_cm3: &[f64]) -> Result<Self, ImageError> {
         if hu.len() != g_cm3.len() || hu.len() < 2 {
             return Err(ImageError::DensityTableLength { hu: hu.len(), g_cm3: g_cm3.len() });
@@ -38,10 +39,10 @@ impl DensityTable {
         Ok(Self { hu: hu.to_vec(), g_cm3: g_cm3.to_vec(), slopes })
     }
 
-    /// Density at `hu`, g/cm³: linear between the points, constant outside. A NaN gives the first density.
+    /// Density at `hu`, g/cm³: linear between the points, constant outside. For NaN it is the first density.
     #[inline]
     pub fn density_g_cm3(&self, hu: f64) -> f64 {
-        // points at or below hu; 0 for a NaN
+        // number of points at or below hu; 0 for NaN
         let above = self.hu.iter().take_while(|&&h| h <= hu).count();
         match above.checked_sub(1) {
             None => self.g_cm3[0],

@@ -1,13 +1,13 @@
-//! What can go wrong between a file and a scene.
+//! Errors of reading images, density tables, label names and structures.
 
 use std::io;
 use std::path::PathBuf;
 
 use thiserror::Error;
 
+use crate::formats::{ForeignFormat, NiftiProblem};
 use crate::hounsfield::{GreyKind, GreyRange};
 use crate::names::LabelNamesProblem;
-use crate::problem::NiftiProblem;
 
 /// Why images, tables or structures cannot be used.
 #[derive(Debug, Error)]
@@ -33,6 +33,14 @@ pub enum ImageError {
         hu: f64,
         /// The density given, g/cm³.
         g_cm3: f64,
+    },
+    /// A folder, or an image in a format that is not read.
+    #[error("{}: {format}", path.display())]
+    Foreign {
+        /// The file or folder.
+        path: PathBuf,
+        /// What it is.
+        format: ForeignFormat,
     },
     /// An image file cannot be used.
     #[error("{}: {problem}", path.display())]
@@ -72,12 +80,12 @@ pub enum ImageError {
     /// A structure's label is in no voxel of the map.
     #[error("label {label} is in no voxel of the label map; expected one of {present:?}")]
     LabelAbsent {
-        /// The label asked for.
+        /// The label that was requested.
         label: u16,
         /// The labels in the map without 0, ascending, at most 64.
         present: Vec<u16>,
     },
-    /// A region is no box.
+    /// A region is not a box.
     #[error(
         "region from {min_mm:?} to {max_mm:?} mm, reach {reach_mm} mm: expected finite, ordered corners and a reach of at least 0"
     )]
@@ -95,7 +103,7 @@ pub enum ImageError {
         /// Voxels of the grid.
         voxels: usize,
     },
-    /// A distance to bound by is not a positive number.
+    /// An upper bound for distances is not a positive number.
     #[error("maximal distance {max_distance_mm} mm; expected finite and positive")]
     MaxDistance {
         /// The distance given, mm.

@@ -1,17 +1,17 @@
 //! Whether grey values can be Hounsfield units.
 //!
-//! Density comes from HU, so an 8-bit export or a scan stored as HU + 1024 would turn air into bone without a word.
-//! What tells them apart is **air**: a scan to plan on always holds some, because the burr comes from outside, and in
-//! HU it is the only thing far below 0. The rule, in this order:
+//! Density comes from HU, so an 8-bit export or a scan stored as HU + 1024 would turn air into bone, silently. Air tells
+//! them apart: a scan used for planning always contains some, because the burr comes from outside, and in HU only air is
+//! far below 0. The rule, in this order:
 //!
-//! 1. more than 1 % of the voxels above 10 000: no HU (metal gets there, but in few voxels);
-//! 2. at least one voxel in 10 000 below −500 (air, with the partial volume of small cells and the bad calibration of
-//!    cone-beam scanners), and not below −1500 (what scanners write outside their field of view, whatever their units), and at
-//!    least one in 10 000 above −300 (something that is not air): HU;
-//! 3. else not, and the range says what it looks like.
+//! 1. If more than 1 % of the voxels are above 10 000, the values are not HU (metal reaches this, but in few voxels).
+//! 2. If at least one voxel in 10 000 is between −1500 and −500, and at least one in 10 000 above −300, they are HU. The
+//!    first is air, with the partial volume of small cells and the poor calibration of cone-beam scanners; below −1500
+//!    is what scanners write outside their field of view, whatever their units. The second is anything but air.
+//! 3. Otherwise they are not HU, and the error says what the range looks like.
 //!
-//! Bone is not required: a foam block or a soft specimen is for the planner to judge. The price of the rule is
-//! that a crop without any air is refused; its values cannot be told from shifted ones by looking.
+//! Bone is not required: the planner decides about a foam block or a soft specimen. The rule also refuses a crop of HU
+//! values without any air, because its values cannot be told from shifted ones.
 
 use std::fmt;
 
@@ -19,17 +19,17 @@ use bonemill_geometry::{Ct, Volume};
 
 use crate::error::ImageError;
 
-/// Below: air.
+/// Values below this are air.
 const AIR_HU: f32 = -500.0;
-/// Below: padding, no grey value.
+/// Values below this are padding, not grey values.
 const PADDING_HU: f32 = -1500.0;
-/// Above: not air.
+/// Values above this are not air.
 const MATTER_HU: f32 = -300.0;
-/// Above: metal, if few.
+/// Values above this are metal, if they are few.
 const METAL_HU: f32 = 10_000.0;
-/// The share of voxels that makes air, or matter, more than noise.
+/// The least share of voxels of air, or of matter, that counts as more than noise.
 const SHARE: f64 = 1e-4;
-/// The share of voxels that metal may have.
+/// The largest share of voxels that can be metal.
 const METAL_SHARE: f64 = 1e-2;
 
 /// What grey values that are not HU look like.
@@ -46,9 +46,9 @@ pub enum GreyKind {
     Shifted,
     /// Values past what metal gives, or unsigned up to 16 bits.
     SixteenBit,
-    /// Nothing but air.
+    /// All values are air.
     OnlyAir,
-    /// No air, and no other sign of what it is.
+    /// There is no air, and nothing else tells what the values are.
     NoAir,
 }
 
@@ -87,7 +87,7 @@ impl fmt::Display for GreyRange {
     }
 }
 
-/// Refuses a scan whose grey values cannot be HU, by the rule of the module.
+/// Refuses a scan whose grey values cannot be HU, by the module's rule.
 ///
 /// # Errors
 /// [`ImageError::NotHounsfield`] says what they look like.
@@ -105,7 +105,7 @@ pub fn looks_like_hu(ct: &Volume<f32, Ct>) -> Result<(), ImageError> {
     Err(ImageError::NotHounsfield { kind: kind(&range, least, air, metal), range })
 }
 
-/// `least`: of what is not padding.
+/// What the values look like; `least` is the smallest value that is not padding.
 fn kind(range: &GreyRange, least: f32, air: f64, metal: f64) -> GreyKind {
     let within = |lo, hi| range.min >= lo && range.max <= hi;
     let [_, _, p99] = range.percentiles;
@@ -179,7 +179,7 @@ mod tests {
         assert_eq!(kind_of(|n| ((head(n) + 1050.0) / 2300.0 * 255.0).floor()), GreyKind::EightBit);
         assert_eq!(kind_of(|n| head(n) + 1024.0), GreyKind::Shifted);
         assert_eq!(kind_of(|n| (head(n) + 1024.0).max(0.0)), GreyKind::Shifted);
-        // padding is no air
+        // padding does not count as air
         assert_eq!(kind_of(|n| if n % 5 == 0 { -2000.0 } else { head(n) + 1024.0 }), GreyKind::Shifted);
         assert_eq!(kind_of(|n| (head(n) + 1050.0) * 28.0), GreyKind::SixteenBit);
         assert_eq!(kind_of(|n| 10.0 * head(n)), GreyKind::SixteenBit);

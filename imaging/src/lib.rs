@@ -1,4 +1,4 @@
-//! Images in: CT and label maps from NIfTI-1 files into frames, densities and distances.
+//! Images in: CT and label maps from image files into frames, densities and distances.
 //!
 //! A wrong affine mirrors the anatomy and a grey value taken for HU invents bone, both silently. So this crate refuses
 //! what it cannot read for certain, and says which file, which voxel, what was expected. Lengths are mm. The frame `ct`
@@ -28,36 +28,32 @@
 //! # }
 //! ```
 
-mod affine;
-mod decode;
 mod density;
 mod distance;
 mod error;
-mod header;
+mod formats;
 mod hounsfield;
+mod memory;
 mod names;
 pub mod phantom;
-mod problem;
-mod read;
 mod resample;
 mod structures;
 pub mod surface;
 mod write;
 mod write_phantom;
 
-pub use affine::{
-    AffineChoice, AffineReport, AffineSource, DISAGREEMENT_LIMIT_VOXELS, SHEAR_LIMIT_RAD, SPACING_RANGE_MM,
-};
 pub use density::DensityTable;
 pub use distance::{
     DistanceField, distance_only, distance_transform, distance_transform_label, distance_within,
 };
 pub use error::ImageError;
+pub use formats::{
+    AffineChoice, AffineReport, AffineSource, DISAGREEMENT_LIMIT_VOXELS, ForeignFormat, Image, NiftiProblem,
+    Placement, Provenance, ReadWarning, SHEAR_LIMIT_RAD, SPACING_RANGE_MM, read_ct, read_labels,
+};
 pub use hounsfield::{GreyKind, GreyRange, looks_like_hu};
+pub use memory::available_memory_mb;
 pub use names::{LabelNames, LabelNamesProblem, label_names_path, read_label_names};
-pub use problem::NiftiProblem;
-pub use read::memory::available_memory_mb;
-pub use read::{ForeignFormat, Image, ReadWarning, read_ct, read_labels};
 pub use resample::{AIR_HU, resample_density, resample_hu, resample_hu_and_density, resample_nearest};
 pub use structures::{Region, StructureField};
 pub use write::{write_ct_i16, write_labels_u8};

@@ -1,7 +1,7 @@
 //! Names of labels, from a `labels.json` beside the label map.
 //!
-//! Either direction is taken, `{"facial_nerve": 10}` or `{"10": "facial_nerve"}`, all entries the same way. Names and
-//! numbers must each be unique: a case that says "facial_nerve" must mean one thing.
+//! Both directions are accepted, `{"facial_nerve": 10}` and `{"10": "facial_nerve"}`, but only one of them in a file.
+//! Names and numbers must each be unique, so that a name in a case means one label.
 
 use std::fmt;
 use std::fs;
@@ -14,7 +14,7 @@ use thiserror::Error;
 
 use crate::error::ImageError;
 
-/// The file's name, beside the label map.
+/// Name of the file, which lies beside the label map.
 const FILE_NAME: &str = "labels.json";
 
 /// Names and numbers of a map's labels, one to one.
@@ -31,7 +31,7 @@ pub enum LabelNamesProblem {
     /// The system cannot read it.
     #[error("cannot be read: {0}")]
     Unreadable(io::Error),
-    /// No JSON object.
+    /// It is not a JSON object.
     #[error("expected a JSON object such as {{\"facial_nerve\": 10}}: {0}")]
     Json(serde_json::Error),
     /// An entry is neither name and number nor number and name.
@@ -49,10 +49,10 @@ pub enum LabelNamesProblem {
         "{key:?} is the other way round than the entry before; expected names first or numbers first throughout"
     )]
     Mixed {
-        /// The first entry that is.
+        /// The first entry that is the other way round.
         key: String,
     },
-    /// A name stands twice.
+    /// A name occurs twice.
     #[error("the name {name:?} stands for both {first} and {second}; expected one number")]
     NameTwice {
         /// The name.
@@ -62,7 +62,7 @@ pub enum LabelNamesProblem {
         /// The other.
         second: u16,
     },
-    /// A number stands twice.
+    /// A number occurs twice.
     #[error("the label {number} is both {first:?} and {second:?}; expected one name")]
     NumberTwice {
         /// The number.
@@ -86,7 +86,7 @@ impl LabelNames {
         self.entries.get(place).map(|(_, name)| name.as_str())
     }
 
-    /// All of them, ascending by number.
+    /// All labels, ascending by number.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = (u16, &str)> {
         self.entries.iter().map(|(number, name)| (*number, name.as_str()))
     }
@@ -120,7 +120,7 @@ impl LabelNames {
     }
 }
 
-/// Where the names of the label map `labels_path` stand, if it has any.
+/// The file that holds the names of the label map `labels_path`, if it has names.
 pub fn label_names_path(labels_path: impl AsRef<Path>) -> PathBuf {
     labels_path.as_ref().with_file_name(FILE_NAME)
 }
@@ -140,7 +140,7 @@ pub fn read_label_names(path: impl AsRef<Path>) -> Result<Option<LabelNames>, Im
     LabelNames::from_json(&text).map(Some).map_err(failed)
 }
 
-/// An object's entries in the file's order; a map would drop the first of two equal keys.
+/// An object's entries in the file's order. A map would drop the first of two equal keys.
 struct Pairs(Vec<(String, Value)>);
 
 impl<'de> Deserialize<'de> for Pairs {

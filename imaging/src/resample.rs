@@ -1,12 +1,12 @@
-//! Grey values, density and labels on the work grid: resampled once, so that nothing later interpolates.
+//! Resamples grey values, density and labels onto the planning grid, once, so that no later stage interpolates.
 //!
-//! HU are calibrated at each CT voxel and density is interpolated then, because the calibration curve bends: a voxel
-//! half bone, half air has the mean of their densities, not the density of their mean HU. Only the part of the CT
-//! under the grid is calibrated. Beyond the image is air.
+//! HU are converted to density at each CT voxel, and then density is interpolated, because the calibration curve is not
+//! a straight line: a voxel of half bone and half air has the mean of their densities, not the density of their mean HU.
+//! Only the part of the CT under the grid is converted. Beyond the image there is air.
 //!
-//! The map from a work voxel to a continuous CT index is affine, so along a row it is a start plus i steps, and the
-//! part of a row that lies well inside the image needs no tests. Slices are independent: the result does not depend
-//! on the number of threads.
+//! The map from a grid voxel to a continuous CT index is affine, so along a row the index is a start plus i steps, and
+//! the part of a row that lies well inside the image needs no bounds checks. Slices are computed independently, so the
+//! result does not depend on the number of threads.
 
 use std::ops::Range;
 
@@ -18,7 +18,7 @@ use crate::DensityTable;
 
 /// HU of air, beyond the image.
 pub const AIR_HU: f32 = -1000.0;
-/// How far inside the box of voxel centres a place must be to skip the tests, voxels; far above rounding.
+/// How far inside the box of voxel centres a place must lie to skip the bounds checks, voxels; far above rounding.
 const EDGE: f64 = 1e-9;
 
 /// HU on `grid`, trilinear; voxels beyond the image count as `outside_hu`, as in [`Volume::trilinear`].
@@ -91,7 +91,7 @@ pub fn resample_nearest(
     resampled.data_mut().par_chunks_exact_mut(nx).enumerate().for_each(|(row, out)| {
         let start = index.row_start(row % ny, row / ny);
         for (i, value) in out.iter_mut().enumerate() {
-            // half a voxel up, so that the cast, which is the floor of what is not negative, rounds
+            // half a voxel is added, so that the cast, which rounds down, gives the nearest voxel
             let [x, y, z] = index.along(start, i).map(|c| c + 0.5);
             if x >= 0.0 && y >= 0.0 && z >= 0.0 && x < dims[0] && y < dims[1] && z < dims[2] {
                 *value = labels.data()[x as usize + mx * (y as usize + my * z as usize)];
@@ -101,7 +101,7 @@ pub fn resample_nearest(
     resampled
 }
 
-/// The affine map from a work voxel to a continuous index of the CT.
+/// The affine map from a voxel of the planning grid to a continuous index of the CT.
 struct IndexMap {
     linear: Matrix3<f64>,
     offset: Vector3<f64>,
@@ -148,7 +148,7 @@ impl IndexMap {
         if first > last { 0..0 } else { first as usize..last as usize + 1 }
     }
 
-    /// The smallest and largest CT voxel that interpolation on `work` can touch, if any.
+    /// The smallest and largest CT voxel that interpolation on `work` can read, if any.
     fn touched(&self, work: &Grid<Work>, ct: &Grid<Ct>) -> Option<([usize; 3], [usize; 3])> {
         let (mut lo, mut hi) = ([0; 3], [0; 3]);
         for a in 0..3 {
@@ -158,7 +158,7 @@ impl IndexMap {
                 low += reach.min(0.0);
                 high += reach.max(0.0);
             }
-            // a voxel more on each side than the corners that are used
+            // one voxel more on each side than the corners need
             let (low, high) =
                 ((low.floor() - 1.0).max(0.0), (high.floor() + 2.0).min(ct.dims()[a] as f64 - 1.0));
             if low > high {
@@ -170,7 +170,7 @@ impl IndexMap {
     }
 }
 
-/// A box of values at a place in the CT's index space.
+/// The values of a box of CT voxels, and where the box lies.
 #[derive(Clone, Copy)]
 struct Source<'a> {
     values: &'a [f32],
@@ -184,7 +184,7 @@ impl<'a> Source<'a> {
         Self { values: ct.data(), dims: ct.grid().dims(), first: [0; 3], outside }
     }
 
-    /// The values of work row (j, k).
+    /// Computes the values of row (j, k) of the planning grid.
     fn fill_row(&self, index: &IndexMap, [j, k]: [usize; 2], out: &mut [f32]) {
         let start = index.row_start(j, k);
         let lo = self.first.map(|f| f as f64 + EDGE);
@@ -196,11 +196,11 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Trilinear at a place with all eight neighbours in the box.
+    /// Trilinear interpolation at a place whose eight neighbours all lie in the box.
     #[inline]
     fn at_inside(&self, place: [f64; 3]) -> f32 {
         let [nx, ny, _] = self.dims;
-        // not negative: the cast is the floor
+        // the values are not negative, so the cast rounds down
         let base = place.map(|c| c as usize);
         let f: [f32; 3] = std::array::from_fn(|a| (place[a] - base[a] as f64) as f32);
         let at = base[0] - self.first[0] + nx * (base[1] - self.first[1] + ny * (base[2] - self.first[2]));
@@ -216,7 +216,7 @@ impl<'a> Source<'a> {
         a + (b - a) * f[2]
     }
 
-    /// Trilinear anywhere; neighbours beyond the box count as `outside`.
+    /// Trilinear interpolation anywhere; neighbours beyond the box count as `outside`.
     fn at(&self, index: [f64; 3]) -> f32 {
         let local: [f64; 3] = std::array::from_fn(|a| index[a] - self.first[a] as f64);
         let floor = local.map(f64::floor);
@@ -246,7 +246,7 @@ impl<'a> Source<'a> {
     }
 }
 
-/// The densities of the CT voxels that interpolation on a grid can touch.
+/// The densities of the CT voxels that interpolation on a grid can read.
 struct Calibrated {
     values: Vec<f32>,
     dims: [usize; 3],
@@ -271,7 +271,7 @@ impl Calibrated {
         Self { values, dims, first, air_g_cm3 }
     }
 
-    /// Whatever the cut-out leaves out of the image is never touched, so it may stand for the image.
+    /// The box as a source. Interpolation never reads CT voxels outside it, so it can be used in place of the whole image.
     fn source(&self) -> Source<'_> {
         Source { values: &self.values, dims: self.dims, first: self.first, outside: self.air_g_cm3 }
     }
@@ -290,7 +290,7 @@ mod tests {
             axes.set_column(2, &-axes.column(2));
         }
         let grid = Grid::new(dims, Vector3::new(0.4, 0.5, 0.9), axes, Vector3::new(1.0, -3.0, 2.0)).unwrap();
-        // scrambled, -1000 to 2000 HU
+        // values without a pattern, -1000 to 2000 HU
         let data = (0..grid.len()).map(|n| ((n * 7919 + n * n * 31) % 3001) as f32 - 1000.0).collect();
         Volume::new(grid, data).unwrap()
     }

@@ -1,13 +1,13 @@
-//! How far a point is from a structure, exactly, on the label map's own grid.
+//! The exact distance of a point from a structure, computed on the label map's own grid.
 //!
-//! A structure is the union of its CLOSED voxel boxes, and the distance is 0 inside: the planner's own grid adds nothing
-//! to it. Inside is looked up in the label; outside, the nearest point lies on a voxel with an uncovered face, and a tree
-//! over these gives it in about a microsecond, from any thread. The label grid may be oblique or mirrored:
-//! its axes are orthonormal, so everything happens in millimetres along them.
+//! A structure is the union of its CLOSED voxel boxes, and the distance is 0 inside. The planning grid adds no error to
+//! it. Whether a point is inside is looked up in the label map. Outside, the nearest point lies on a voxel with an
+//! uncovered face; a tree over these voxels finds it in about a microsecond, from any thread. The label grid may be
+//! oblique or mirrored: its axes are orthonormal, so all distances are computed in millimetres along them.
 //!
-//! Most questions are "farther than the clearance?" far from the threshold. For these there is a coarse field: the
-//! exact distance at every second voxel centre. Distance changes no faster than the point moves, so it bounds the
-//! distance everywhere, and only near the threshold the tree is searched.
+//! Most queries only compare a distance with a clearance, and the two differ much. For these there is a coarse field: the
+//! exact distance at every second voxel centre. Distance changes no faster than the point moves, so the field bounds the
+//! distance everywhere, and the tree is searched only where the bounds do not decide.
 
 use bonemill_geometry::{Ct, Grid, Point, Volume};
 use nalgebra::Vector3;
@@ -22,10 +22,10 @@ use tree::{Bounds, Tree};
 
 /// Voxels from one entry of the coarse field to the next.
 const COARSE_STEP: usize = 2;
-/// Relative and absolute (mm) rounding of the coarse field, single precision and several times more.
+/// Relative and absolute (mm) error allowed for the rounding of the coarse field: several times that of single precision.
 const COARSE_ROUNDING: f64 = 1e-6;
 
-/// The part of space in which a structure matters.
+/// The part of space in which distances to a structure are needed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Region {
     /// Corner of a box along `ct`'s axes: smallest coordinates.
@@ -57,12 +57,12 @@ struct Coarse {
 }
 
 impl StructureField {
-    /// The voxels of `label`; with a region only those that a point in it can be `reach_mm` from, and `None` when
-    /// there are none such.
+    /// The field of the voxels of `label`. With a region, only voxels within `reach_mm` of it are kept; `None` when there are
+    /// none.
     ///
     /// # Errors
     /// [`ImageError::LabelAbsent`] when no voxel of the map has the label, [`ImageError::Region`] when the region is
-    /// no box, [`ImageError::TooManyVoxels`] when the map is too large to number.
+    /// not a box, [`ImageError::TooManyVoxels`] when the map has more voxels than 32-bit numbers.
     pub fn new(
         labels: &Volume<u16, Ct>,
         label: u16,
@@ -112,14 +112,14 @@ impl StructureField {
 
     /// Distance from `p` to the union of the closed voxel boxes, mm; 0 inside.
     ///
-    /// Exact without a region. With one, and for a point in its box: exact up to `reach_mm`; where the true distance is
-    /// larger, so is the one given, and never smaller than the true one. A point that is not finite has distance 0, the
-    /// side on which nothing is cut.
+    /// Without a region the distance is exact. With a region, for a point in its box, it is exact up to `reach_mm`; where the
+    /// true distance is larger, the result is at least the true distance. A point that is not finite has distance 0, so that
+    /// nothing is cut there.
     pub fn distance(&self, p: Point<Ct>) -> f64 {
         self.nearest_box(p).map_or(0.0, |(_, squared, _)| squared.sqrt())
     }
 
-    /// [`StructureField::distance`] and a point of the structure that has it; `p` itself inside.
+    /// [`StructureField::distance`] and the nearest point of the structure; inside, that is `p` itself.
     pub fn nearest(&self, p: Point<Ct>) -> (f64, Point<Ct>) {
         self.nearest_box(p).map_or((0.0, p), |(bounds, squared, along)| {
             let nearest = self.grid.axes() * Vector3::from(bounds.nearest(along));
@@ -137,7 +137,7 @@ impl StructureField {
         let axes = index.into_iter().zip(self.coarse.places).zip(&spacing);
         for ((index, places), spacing) in axes {
             let n = (index - places.first as f64) / places.step as f64;
-            // the cast is the floor and saturates
+            // the cast rounds down and saturates
             let n = ((n + 0.5).max(0.0) as usize).min(places.count - 1);
             off_squared += ((index - places.at(n) as f64) * spacing).powi(2);
             at += stride * n;
@@ -148,7 +148,7 @@ impl StructureField {
         ((center - off).max(0.0), center + off)
     }
 
-    /// Whether `p` is nearer than `distance_mm`; exact, and a search only where the bounds do not tell.
+    /// Whether `p` is nearer than `distance_mm`. The answer is exact; the tree is searched only where the bounds do not decide.
     pub fn is_nearer_than(&self, p: Point<Ct>, distance_mm: f64) -> bool {
         let (lower, upper) = self.bounds(p);
         if upper < distance_mm {
@@ -191,7 +191,7 @@ impl Region {
         })
     }
 
-    /// First and last voxel along each axis whose box can be within `margin_mm` of the box, if there are any.
+    /// First and last voxel along each axis whose box can lie within `margin_mm` of this box, if there are any.
     fn voxels(&self, grid: &Grid<Ct>, margin_mm: f64) -> Option<[[usize; 2]; 3]> {
         let corners: [[f64; 3]; 8] = std::array::from_fn(|c| {
             let corner =
@@ -228,7 +228,7 @@ impl Coarse {
             step: COARSE_STEP,
             count: (last - first) / COARSE_STEP + 1,
         });
-        // from a voxel's centre to the near face of a box t voxels on: convex in t, so the transform stays exact
+        // distance from a voxel's centre to the near face of the box t voxels away; it is convex in t, so the transform is exact
         let along = std::array::from_fn(|a| {
             let spacing = grid.spacing_mm()[a];
             (0..grid.dims()[a]).map(|t| ((t as f64 - 0.5).max(0.0) * spacing).powi(2) as f32).collect()

@@ -12,19 +12,20 @@ use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 
 /// The surface around the voxels whose value is above `level`.
 ///
-/// Between voxel centres the field is taken as linear along the grid's edges. A value that is not a number is outside.
-/// The mesh is empty when no value is above `level`. On a ball whose field is its signed distance, area and volume are
-/// within 0.7 (h/r)² and 1.15 (h/r)² of the truth for a spacing h, both too small (measured, r/h from 4 to 32).
+/// Between voxel centres the field is linear along the grid's edges. A NaN counts as outside. The mesh is empty when no
+/// value is above `level`. For the signed distance of a ball of radius r on voxels of spacing h, area and volume are too
+/// small by at most the shares 0.7 (h/r)² and 1.15 (h/r)² (measured for r/h from 4 to 32).
 ///
 /// # Panics
 /// When the body's bounding box holds 2³² voxels or more (16 GiB of field).
 pub fn iso_surface<F: Frame>(field: &Volume<f32, F>, level: f32) -> Mesh<F> {
-    // finite, so that edge interpolation stays finite
+    // clamped to finite values, so that interpolation along edges stays finite
     let depth = |value: f32| if value.is_nan() { -1.0 } else { (value - level).clamp(-1e30, 1e30) };
     mesh_of(field, depth)
 }
 
-/// The surface of all voxels with value `label`, half a voxel around their centres, its steps rounded.
+/// The surface of all voxels with value `label`, about half a voxel from their centres, with the steps between voxels
+/// rounded.
 ///
 /// The mesh is empty when the label is absent. The volume of a ball of radius r is within 1.5 % at r/h = 10.
 ///
@@ -40,7 +41,7 @@ fn mesh_of<T: Copy, F: Frame>(volume: &Volume<T, F>, depth: impl Fn(T) -> f32) -
     let Some((lo, hi)) = bounds(volume, |value| depth(value) > 0.0) else {
         return Mesh { vertices: Vec::new(), triangles: Vec::new() };
     };
-    // node 0 is voxel lo - 1; two more than hi, because faces on the last plane of nodes are left out
+    // node 0 is voxel lo - 1; there are two nodes beyond hi, because faces on the last plane of nodes are left out
     let nodes: [usize; 3] = std::array::from_fn(|a| hi[a] - lo[a] + 4);
     let count = nodes.iter().map(|&n| n as u64).product::<u64>();
     assert!(count < 1 << 32, "a surface over {nodes:?} voxels does not fit 32-bit vertex numbers");
@@ -55,7 +56,7 @@ fn mesh_of<T: Copy, F: Frame>(volume: &Volume<T, F>, depth: impl Fn(T) -> f32) -
                     std::array::from_fn(|a| (node[a] + lo[a]).saturating_sub(1).min(grid.dims()[a] - 1));
                 let inside = depth(*volume.get(voxel));
                 let beyond = (0..3).any(|a| node[a] + lo[a] != voxel[a] + 1);
-                // the mirrored value beyond the grid puts the crossing on the voxel's face
+                // beyond the grid the value is mirrored, which puts the crossing on the voxel's face
                 distance.push(if beyond { inside.abs() } else { -inside });
             }
         }
@@ -116,7 +117,7 @@ mod tests {
         }
         let n = (2.0 * half_mm / spacing_mm).ceil() as usize + 1;
         let spacing = Vector3::repeat(spacing_mm);
-        // an irrational shift, so that no voxel centre is special
+        // a shift by no simple fraction of a voxel, so that no voxel centre lies on the surface
         let origin = CENTER.coords - axes * (spacing * (0.5 * (n - 1) as f64 + 0.137));
         Grid::new([n; 3], spacing, axes, origin).unwrap()
     }

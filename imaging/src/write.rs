@@ -1,7 +1,7 @@
 //! Writes a CT or a label map as a NIfTI-1 file: mm, sform and qform both set, little endian.
 //!
-//! The same volume gives the same bytes: no time, no name, no system stands in the gzip header. Lengths are stored as
-//! single-precision numbers, as the format has it (4 × 10⁻⁶ mm at 100 mm).
+//! The same volume gives the same bytes: the gzip header holds no time, no file name and no system. The format stores
+//! lengths in single precision (4 × 10⁻⁶ mm at 100 mm).
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
@@ -52,7 +52,7 @@ fn write<T>(
         write_to(&mut file, &header, volume.data(), encode).and_then(|()| file.flush())
     };
     written.map_err(|problem| {
-        // half an image must not be taken for one; should this fail too, the first reason is the one to tell
+        // no incomplete image may stay behind; if removing it fails too, the first error is reported
         let _ = fs::remove_file(path);
         failed(problem)
     })
@@ -74,7 +74,7 @@ fn write_to<T>(
     Ok(())
 }
 
-/// Header and extension flag, 352 bytes; field places as in `nifti1.h`.
+/// Header and extension flag, 352 bytes; the fields lie where `nifti1.h` puts them.
 fn header(grid: &Grid<Ct>, datatype: i16, bits: i16) -> io::Result<Vec<u8>> {
     let mut h = vec![0; 352];
     let mut put = |at: usize, bytes: &[u8]| h[at..at + bytes.len()].copy_from_slice(bytes);
@@ -107,7 +107,7 @@ fn header(grid: &Grid<Ct>, datatype: i16, bits: i16) -> io::Result<Vec<u8>> {
     let mut turn = *axes;
     turn.set_column(2, &(axes.column(2) * qfac));
     let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turn));
-    // the format stores b, c, d and takes the real part for positive
+    // the format stores b, c, d; readers assume a real part that is not negative
     let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
     let qform = [q.i * sign, q.j * sign, q.k * sign, origin.x, origin.y, origin.z];
     for (n, v) in qform.iter().enumerate() {

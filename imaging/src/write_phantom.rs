@@ -7,7 +7,7 @@ use crate::error::ImageError;
 use crate::phantom::Phantom;
 use crate::write::{write_ct_i16, write_labels_u8};
 
-/// The case file's name among a phantom's files.
+/// Name of the case file of a phantom.
 pub const PHANTOM_CASE_FILE: &str = "case.toml";
 
 /// Writes `ct.nii.gz`, `labels.nii.gz`, `labels.json` and [`PHANTOM_CASE_FILE`] into an existing folder.

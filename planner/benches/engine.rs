@@ -1,4 +1,4 @@
-//! The engine's steps beside a plain loop over the tool's box in the same run: read the figures as ratios.
+//! Speed of the engine's steps compared with a plain loop over the tool's box in the same run; only the ratios have a meaning.
 #![allow(missing_docs, clippy::expect_used)] // criterion's macros make undocumented functions; the inputs are fixed
 
 use std::hint::black_box;
@@ -29,7 +29,7 @@ fn spec() -> EngineSpec {
     }
 }
 
-/// To and fro along lines in the bone's upper face, one stepover apart, each deeper than the last round.
+/// A path to and fro along lines in the bone's upper face, one stepover apart, deeper in every round.
 struct Way(usize);
 
 impl Way {
@@ -42,7 +42,7 @@ impl Way {
     }
 }
 
-/// Every voxel of the ball's box at every step.
+/// Tests every voxel of the ball's box at every step.
 fn box_loop(bone: &Volume<u8, Work>, removed: &mut [bool], center: Vector3<f64>) -> f64 {
     let (grid, dims) = (bone.grid(), bone.grid().dims());
     let c = grid.continuous_index(Point::from_coords(center));

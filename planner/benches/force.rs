@@ -1,4 +1,4 @@
-//! Force and volume kernels against straightforward loops in the same run: read the figures as ratios.
+//! Speed of the force and volume kernels compared with simple loops in the same run; only the ratios have a meaning.
 #![allow(missing_docs, clippy::expect_used)] // criterion's macros make undocumented functions; the inputs are fixed
 
 use std::f64::consts::PI;
@@ -28,7 +28,7 @@ fn bone() -> Volume<f32, Work> {
     Volume::new(grid, data).expect("one value per voxel")
 }
 
-/// What one writes first: every node of every blade, F alone.
+/// The simplest implementation: a sum over every node of every blade, without torque.
 fn plain_loop(
     bone: &Volume<f32, Work>,
     tool: &Tool,
@@ -141,7 +141,7 @@ fn volumes(c: &mut Criterion) {
             sum
         })
     });
-    // what a step along a path asks for: the bone that earlier balls have left
+    // the query of a step along a path: the bone that earlier balls have left
     let behind = CENTER + Vector3::new(-0.25, 0.0, 0.0);
     let left: Vec<bool> =
         (0..grid.len()).map(|n| grid.center(grid.voxel(n)).distance_mm(&behind) > r - 0.22).collect();

@@ -1,5 +1,5 @@
-//! Choosing the shaft's direction: time per edge of the layered graph against a graph that stores its edges, and time per
-//! orientation cost. Read the figures as ratios.
+//! Speed of choosing the shaft's direction: time per edge of the layered graph compared with a graph that stores its edges,
+//! and time per orientation cost. Only the ratios have a meaning.
 #![allow(missing_docs, clippy::expect_used)] // criterion's macros make undocumented functions; the inputs are fixed
 
 use std::hint::black_box;
@@ -22,7 +22,7 @@ fn family() -> TiltFamily {
     TiltFamily { hinge: Vector3::x_axis(), zero: Vector3::z_axis(), lower_rad: -1.05, upper_rad: 1.05 }
 }
 
-/// A ladder graph as one writes it first: every edge of every rung stored, then relaxed.
+/// The simplest implementation of a layered graph: all edges are stored, then relaxed.
 struct Ladder {
     edges: Vec<Vec<(u32, u32, f64)>>,
 }
@@ -75,7 +75,7 @@ fn edges(c: &mut Criterion) {
     for (name, directions, waypoints) in sets {
         let n = directions.len();
         let cost: Vec<f32> = (0..n * waypoints).map(|k| ((k * 7919) % 1009) as f32 / 1009.0).collect();
-        // free on one side that wanders, as beside a wall
+        // directions are free on one side of a boundary that moves, as beside a wall
         let free =
             FreeSets::fill(waypoints, n, |i, k| directions.axes()[k].y < 0.4 + 0.3 * (i as f64 * 0.01).sin());
         let forbidden = Forbidden::default();

@@ -1,8 +1,8 @@
 //! Plans how a robot mills bone: path, burr angle, speed and forces from a CT with vital structures (Dillon et al. 2016).
 //!
-//! One name for the planner's crates. Data flows one way: [`case`] -> [`scene`] -> [`path`] with its [`removal`] times ->
-//! [`access`] -> [`engagement`] -> [`orientation`] -> forces ([`burr`]) -> [`speed`] -> joint trajectory -> files
-//! ([`plan`](mod@plan)). [`pipeline`] is that order and nothing else.
+//! This crate re-exports the planner's crates under one name. Data flows one way: [`case`] -> [`scene`] -> [`path`] with its
+//! [`removal`] times -> [`access`] -> [`engagement`] -> [`orientation`] -> forces ([`burr`]) -> [`speed`] -> joint trajectory -> files
+//! ([`plan`](mod@plan)). [`pipeline`] calls these stages in that order.
 //!
 //! Units are mm, s, N, rad, g/cm³, mg. Library code prints nothing and does not panic on data.
 

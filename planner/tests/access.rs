@@ -1,4 +1,4 @@
-//! The access test against every eighth of every voxel, at waypoints and during whole moves.
+//! The access test compared with a test of every eighth of every voxel, at waypoints and during whole moves.
 #![allow(clippy::unwrap_used, reason = "a test's helpers are tests")]
 
 #[path = "support/pocket.rs"]
@@ -16,7 +16,7 @@ use nalgebra::{Unit, Vector3};
 
 use pocket::{CLEARANCE_MM, RADIUS_MM, from_segment, moves, path, scene};
 
-/// Every eighth of every voxel is asked: when it goes, and whether it stands in the shank.
+/// Tests every eighth of every voxel: when it is removed, and whether it lies in the shank.
 #[test]
 fn the_shank_is_free_where_no_eighth_stands_in_it() {
     let scene = scene();
@@ -55,7 +55,7 @@ fn the_shank_is_free_where_no_eighth_stands_in_it() {
         let center = path.points[i].position;
         for (tilt, turn) in [0.0f64, 0.15, 0.3, 0.5, 0.8].into_iter().zip([0.0f64, 0.9, 2.3, 3.9, 5.5]) {
             let axis = Vector3::new(tilt.sin() * turn.cos(), tilt.sin() * turn.sin(), tilt.cos());
-            // whether something stands in cylinders that are wider by so much
+            // whether something lies in cylinders that are wider by this much
             let stands = |shank: &[ShankCylinder], wider: &dyn Fn(f64) -> f64| {
                 standing.iter().filter(|(_, time)| *time >= i as u32).any(|(p, _)| {
                     let off = p - center.coords;
@@ -87,7 +87,8 @@ fn the_shank_is_free_where_no_eighth_stands_in_it() {
     assert!(free > 100 && blocked > 20 && only_just < blocked / 4, "{free} {blocked} {only_just}");
 }
 
-/// The access of a comparison of paths: off by no more than its balls and its march are, and seldom another answer than a plan's.
+/// The coarse access test for a comparison of paths: its error is at most that of its balls and its march, and it seldom
+/// differs from a plan's test.
 #[test]
 fn a_drafts_shank_is_free_where_the_voxels_along_its_axis_say_so() {
     let scene = scene();
@@ -104,7 +105,7 @@ fn a_drafts_shank_is_free_where_the_voxels_along_its_axis_say_so() {
             (grid.center(grid.voxel(n)).coords, time)
         })
         .collect();
-    // from a place to the voxel that holds it, and half a step along the axis
+    // the distance from a place to the centre of its voxel, and half a step along the axis
     let off_mm = 0.5 * grid.diagonal_mm() + 0.5 * grid.spacing_mm().x;
     let wide_mm = shank[0].radius_mm + aside_mm(shank[0].radius_mm, shank[0].to_mm);
     let (mut free, mut blocked, mut other) = (0, 0, 0);
@@ -136,7 +137,7 @@ fn a_drafts_shank_is_free_where_the_voxels_along_its_axis_say_so() {
     assert!(draft.into_eighths().is_none());
 }
 
-/// Eighths that stand anywhere, with their times.
+/// All solid eighths, with their times.
 fn standing(solid: &ShankObstacles, eighths: &EighthTimes) -> Vec<(Vector3<f64>, u32)> {
     let of = |n: usize| {
         let times = eighths.of(solid.grid().voxel(n));
@@ -151,7 +152,8 @@ fn standing(solid: &ShankObstacles, eighths: &EighthTimes) -> Vec<(Vector3<f64>,
     (0..solid.grid().len()).flat_map(of).collect()
 }
 
-/// A turn that is free leaves the room of the arm's tolerance everywhere; one that is blocked lacks it somewhere, by what it says.
+/// In a free turn the shank has the room for the arm's tolerance everywhere; in a blocked one it lacks it somewhere, by the
+/// reported amount.
 #[test]
 fn turns_are_free_where_the_shank_keeps_its_room_all_the_way() {
     let scene = scene();
@@ -162,7 +164,7 @@ fn turns_are_free_where_the_shank_keeps_its_room_all_the_way() {
     let standing = standing(&solid, &eighths);
     let shank = ShankCylinder { from_mm: RADIUS_MM, to_mm: 12.0, radius_mm: 0.8 };
     let access = Access::new(&scene, &solid, eighths, &[shank]);
-    // what the narrowest shank that is asked for may hold beyond the tolerance
+    // how far the narrowest tested shank is widened beyond the tolerance
     let between_mm = aside_mm(shank.radius_mm, 0.0) - TRAJECTORY_TOLERANCE_MM;
     let (mut free, mut blocked, mut in_doubt) = (0, 0, 0);
     for i in (1..path.points.len()).step_by(path.points.len() / 60) {
@@ -179,12 +181,12 @@ fn turns_are_free_where_the_shank_keeps_its_room_all_the_way() {
             let is_free =
                 |n: usize, axis: &Unit<Vector3<f64>>| access.is_free(i as u32, points[n].position, axis);
             let ends_free = [is_free(i - 1, &from), is_free(i, &to)];
-            // at one end at least: turns between two free ends are seldom blocked here
+            // at least one end must be free; turns between two free ends are seldom blocked here
             if ends_free == [false; 2] {
                 continue;
             }
             let turn = Turn::along(points, i, [&from, &to]);
-            // what no place of the turn comes near needs no look at each
+            // eighths that no place of the turn comes near are left out
             let middle = Unit::new_normalize(from.into_inner() + to.into_inner());
             let near: Vec<_> = standing
                 .iter()
@@ -194,7 +196,7 @@ fn turns_are_free_where_the_shank_keeps_its_room_all_the_way() {
                 })
                 .copied()
                 .collect();
-            // how deep something lies in the shank with the arm's tolerance, at places 0.02 mm apart
+            // depth of the deepest eighth in the shank with the arm's tolerance, at places 0.02 mm apart
             let places = (points[i - 1].position.distance_mm(&points[i].position) + 12.0 * 0.3) / 0.02;
             let deepest_mm = (0..=places as usize)
                 .map(|k| {
@@ -206,7 +208,7 @@ fn turns_are_free_where_the_shank_keeps_its_room_all_the_way() {
                 .fold(f64::NEG_INFINITY, f64::max);
             if access.is_turn_free(&turn) {
                 if ends_free != [true; 2] {
-                    continue; // it is known to be free between the ends, and no more is asked
+                    continue; // only turns between two free ends are asserted to be free throughout
                 }
                 free += 1;
                 assert!(deepest_mm <= 1e-9, "move {i}, tilt {tilt}: {deepest_mm}");
@@ -225,7 +227,7 @@ fn turns_are_free_where_the_shank_keeps_its_room_all_the_way() {
     assert!(free > 50 && blocked > 5 && in_doubt <= blocked / 4, "{free} {blocked} {in_doubt}");
 }
 
-/// How deep the deepest eighth lies in a shank that is wider by the arm's tolerance, mm; negative: how far outside.
+/// Depth of the deepest eighth in a shank that is wider by the arm's tolerance, mm; negative if it is outside.
 fn deepest_mm(
     standing: &[(Vector3<f64>, u32)],
     shank: &ShankCylinder,

@@ -1,4 +1,4 @@
-//! The orientation kernel's error against the converged sum, as quantiles over random bone, feeds and axes.
+//! Error of the orientation kernel against the converged sum, as quantiles over random bone, feeds and axes.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stderr)] // a test's helpers are tests
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
@@ -34,7 +34,7 @@ impl Sequence {
     }
 }
 
-/// Foam under a surface, with air cells and noise, voxels of 0.25 mm around a burr of 2.5 mm; cut away above a plane behind.
+/// Foam under a surface, with air cells and noise, in voxels of 0.25 mm around a burr of 2.5 mm; removed behind a plane.
 fn bone(s: &mut Sequence) -> Volume<f64, Work> {
     let grid = Grid::aligned([26, 26, 26], 0.25, Point::new(-3.2, -3.1, -3.15)).unwrap();
     let surface = s.between(-1.5, 2.5);
@@ -52,7 +52,7 @@ fn bone(s: &mut Sequence) -> Volume<f64, Work> {
 
 struct Scene {
     bone: Volume<f64, Work>,
-    /// What an earlier pass has taken: a sharp edge, as exact capsules give.
+    /// The volume of an earlier pass, with a sharp edge as of exact capsules.
     pass: (Vector3<f64>, f64),
     feed: Unit<Vector3<f64>>,
     axis: Unit<Vector3<f64>>,
@@ -70,7 +70,7 @@ impl Scene {
         Self { bone: bone(s), pass: (across, 2.5), feed, axis }
     }
 
-    /// Intact density, times the share of a patch outside the earlier pass.
+    /// Density of the uncut bone, times the share of a patch outside the earlier pass.
     fn mean_weight(&self, n: &Vector3<f64>, patch: &Patch) -> f64 {
         let x = n * 2.5;
         let (across, r) = self.pass;
@@ -79,7 +79,7 @@ impl Scene {
         share * self.bone.trilinear(ORIGIN + x, 0.0) / 0.8
     }
 
-    /// Intact density, dropped where the sample lies in a straight earlier pass along x.
+    /// Density of the uncut bone, or 0 where the sample lies in a straight earlier pass along x.
     fn weight(&self, n: &Vector3<f64>) -> f64 {
         let x = n * 2.5;
         let (across, r) = self.pass;
@@ -203,7 +203,7 @@ fn edge_and_cut_with_a_helix() {
     measure("edge", &tool, &material, Measure::Db, [3.5e-3, 5e-3, 1e-2, 1.5e-2]);
 }
 
-/// Uniform bone has closed forms; the poles of the shaft lie among the samples.
+/// Uniform bone has closed forms; the poles of the shaft are among the samples.
 #[test]
 fn uniform_bone_has_its_closed_form() {
     let c = 60.0 * 1.5 * 2.5 / RPM;
@@ -220,15 +220,15 @@ fn uniform_bone_has_its_closed_form() {
         assert_eq!(samples.len(), 512);
         let f = kernel.force_for_axis(&samples, &Vector3::z_axis(), RPM);
         let off = (f.force_n(1.5) - expected).norm() / expected.norm();
-        // in a plunge the pole is the lattice's own centre: its worst case
+        // in a plunge the pole is the centre of the lattice, which is its worst case
         assert!(off < if feed.z < 0.0 { 1e-2 } else { 2e-3 }, "{off}");
         assert!((f.torque_nmm(1.5) / torque - 1.0).abs() < 5e-3);
         assert!((f.mrr_mm2 / (pi * 6.25) - 1.0).abs() < 1e-6);
     }
 }
 
-/// A slow turn of the axis changes the force slowly, past a neck and past a pole in bone: without merging smoothly, with
-/// merging in steps below the lattice's error.
+/// A slow turn of the axis changes the force slowly, also past the neck and past a pole in bone: smoothly without merging, and
+/// with merging in steps smaller than the lattice's error.
 #[test]
 fn the_force_is_continuous_in_the_axis() {
     let mut sequence = Sequence(7);
@@ -267,7 +267,7 @@ fn nothing_in_front_is_no_force() {
     assert_eq!(kernel.force_for_axis(&samples, &Vector3::z_axis(), RPM), EngagedForce::ZERO);
 }
 
-/// From a third of a plane's angles: the error of the stencil beside the lattice's own.
+/// The stencil computes the force from a third of a plane's angles; its error is compared with the lattice's own.
 #[test]
 fn the_stencil_gives_the_force_of_every_direction() {
     let angles: Vec<f64> = (-30..=30).map(|n| f64::from(n) * 2f64.to_radians()).collect();

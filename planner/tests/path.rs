@@ -1,4 +1,4 @@
-//! The path against brute force: an L-shaped pocket in bone with a rod beside it, every voxel looked at for every move.
+//! The path compared with brute force: an L-shaped pocket in bone with a rod beside it; every voxel is tested for every move.
 #![allow(clippy::unwrap_used, clippy::print_stderr)] // a test's helpers are tests
 
 #[path = "support/pocket.rs"]
@@ -25,7 +25,7 @@ use pocket::{
     path, scene, scene_at, table,
 };
 
-/// Planning that would take more memory than there is is refused, and the spacing that is told does fit.
+/// Planning that would need more memory than there is is refused, and the spacing named in the error does fit.
 #[test]
 fn a_grid_that_memory_does_not_hold_is_refused_with_one_that_fits() {
     let Err(SceneError::TooLarge { voxels, needed_mb, most_mb, is_available, fitting_mm, .. }) =
@@ -39,7 +39,7 @@ fn a_grid_that_memory_does_not_hold_is_refused_with_one_that_fits() {
     assert!(scene_at(0.2, Some(needed_mb)).is_ok());
 }
 
-/// From under a ledge the burr goes back the way it came: straight up, the shank would have to be in the bone above.
+/// From under a ledge the burr goes back the way it came, because straight up the shank would be in the bone above.
 #[test]
 fn the_burr_leaves_from_under_a_ledge_as_it_went_in() {
     let scene = scene();
@@ -57,7 +57,7 @@ fn the_burr_leaves_from_under_a_ledge_as_it_went_in() {
     assert_eq!(path.passes.len(), 2);
     let end = path.points.iter().rposition(|p| p.leads_to.0 == 0).unwrap();
     assert!(path.points[end].position.distance_mm(&at([22.0, 19.0, 18.5])) < 1e-9);
-    // out and over to the next pass, and out at the end: only its plunge cuts
+    // the burr moves out and over to the next pass, and out at the end; only its plunge cuts
     let cuts: Vec<_> = (0..scene.class.data().len())
         .filter(|n| scene.class.data()[*n].is(Class::MATERIAL) && path.removal.time()[*n] != NEVER)
         .map(|n| path.removal.time()[n] as usize)
@@ -126,7 +126,7 @@ fn removal_times_are_those_of_the_moves_and_links_remove_nothing() {
     for (i, (a, b)) in moves(&path).iter().enumerate() {
         for (n, t) in time.iter_mut().enumerate() {
             let p = grid.center(grid.voxel(n)).coords;
-            // voxels within rounding of the surface may go either way
+            // voxels within rounding of the surface may be inside or outside
             if *t == NEVER && from_segment(&p, a, b) <= RADIUS_MM - 1e-9 {
                 *t = i as u32;
             }
@@ -215,7 +215,7 @@ fn masses_add_up_to_what_the_balls_cover() {
     let path = path(&space);
     let masses = mass_increments(&scene.density_g_cm3, &path.points, RADIUS_MM);
     let sum: f64 = masses.iter().map(|m| m.mass_mg()).sum();
-    // every voxel by 5³ points, each in some ball or not
+    // every voxel is sampled at 5³ points, each inside a ball or not
     let grid = scene.class.grid();
     let centers: Vec<Vector3<f64>> = path.points.iter().map(|p| p.position.coords).collect();
     let mut counted = 0.0;
@@ -230,7 +230,8 @@ fn masses_add_up_to_what_the_balls_cover() {
         });
         counted += f64::from(*density) * grid.voxel_mm3() * covered.count() as f64 / 125.0;
     }
-    // D's increments take the largest ball at a voxel, not the union of balls: never more, and nearly as much
+    // D's increments use the largest partial volume of a voxel in any ball, not in the union of balls, so the sum is never
+    // larger, and almost equal
     eprintln!("increments {sum:.3} mg, balls {counted:.3} mg");
     assert!(sum <= counted * 1.002 && sum >= counted * 0.98, "{sum} mg, {counted} mg");
 }
@@ -244,7 +245,7 @@ fn masses_by_whole_voxels_are_nearly_those_of_parts() {
     let whole = mass_increments_by_voxels(&scene.density_g_cm3, &path.removal, &path.points, RADIUS_MM);
     let sum = |masses: &[Moments]| masses.iter().map(Moments::mass_mg).sum::<f64>();
     assert!((sum(&whole) / sum(&parts) - 1.0).abs() < 0.05, "{} mg, {} mg", sum(&whole), sum(&parts));
-    // what is of weight in one is so in the other, and lies on the same side of the burr
+    // both methods give similar masses, on the same side of the burr
     let axis = Unit::new_normalize(Vector3::new(0.3, 0.0, 1.0));
     let much = 0.5 * sum(&parts) / parts.len() as f64;
     let heavy: Vec<_> =
@@ -256,7 +257,7 @@ fn masses_by_whole_voxels_are_nearly_those_of_parts() {
     assert!(mean < 0.08, "{mean}");
 }
 
-/// Tiles of directions are passed over where nothing is met; no direction that meets something may be in one.
+/// Tiles of directions without bone are skipped; no direction that meets bone may be in a skipped tile.
 #[test]
 fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
     let scene = scene();
@@ -270,7 +271,7 @@ fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
     let (moves, weight) = (moves(&path), |density| material.weight(density));
     let (ct, labels) = images();
     let calibrated = ct.map(|hu| table().density_g_cm3(f64::from(*hu)));
-    // bone wherever it is, and all but air in the target
+    // bone everywhere, and in the target everything except air
     let density_at = |p: Point<Ct>| {
         let hu = ct.trilinear(p, -1000.0);
         let in_target = labels.grid().nearest(p).is_some_and(|v| *labels.get(v) == TARGET);
@@ -297,7 +298,7 @@ fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
         lattice.gather(&mut gathered, &feed, 1.5, 6e4, &mut bone);
         let force = |samples| lattice.force_for_axis(samples, &axis, 6e4);
         assert_eq!(force(&gathered), force(&expected), "waypoint {i}");
-        // all of the earlier path, without an index of it and without removal times
+        // tests the whole earlier path, without an index and without removal times
         let brute = |n: &Vector3<f64>, patch: &Patch| {
             let p = to + n * RADIUS_MM;
             let away = |(a, b): &(Vector3<f64>, Vector3<f64>)| {

@@ -74,7 +74,7 @@ fn discrete_sums_agree_to_1e_10() {
     }
 }
 
-/// The factored kernel sums the same nodes.
+/// The factored kernel and the plain sum use the same nodes.
 #[test]
 fn the_kernel_agrees_with_the_sum_to_1e_12() {
     for case in force_cases() {
@@ -190,8 +190,8 @@ fn metrics_agree_to_1e_11() {
     }
 }
 
-/// Voxels whose box comes nearer to the centre than the radius. The cases' own `n_vox` also counts, in some, boxes beyond it
-/// whose volume is not 0 but rounding.
+/// Number of voxels whose box comes nearer to the centre than the radius. In some cases `n_vox` also counts boxes beyond it,
+/// whose volume is only a rounding error.
 fn voxels_in_reach(case: &Case) -> usize {
     let (field, center, r) = (case.field(), case.motion().center(), case.tool().radius_mm());
     let grid = field.voxels().grid();
@@ -312,8 +312,8 @@ fn removal_rates_agree() {
 
 /// Yang and Chen's Table 1: aluminium, a ball end mill of 6 mm with two teeth, step-over and depth of 0.1 mm, at four feeds.
 ///
-/// With d along z, K_t is the force across it per 0.01 mm² of cross-section. It grows with the feed by half where a lumped
-/// K_t would stay, which is why one measurement stands for one feed; each gives its own forces back.
+/// With d along z, K_t is the force across it per 0.01 mm² of cross-section. It grows by half over the feeds, where a lumped
+/// K_t would be constant. So each feed is calibrated alone, and each calibration reproduces its own forces.
 #[test]
 fn measured_forces_of_yang_and_chen_are_calibrated_and_given_back() {
     let measured = [
@@ -338,7 +338,7 @@ fn measured_forces_of_yang_and_chen_are_calibrated_and_given_back() {
     }
 }
 
-/// The material of the paper's preset scales with density as the sum's own weights do.
+/// The material of the paper's preset scales with density as the weights of the sum do.
 #[test]
 fn weight_follows_the_density_law() {
     let m = Material::new([1.0; 3], 0.8).unwrap().with_density_law(2.0, 0.1).unwrap();

@@ -20,6 +20,7 @@ mod plan;
 mod show;
 mod simulate;
 mod values;
+mod verdict;
 mod verify;
 mod waypoints;
 
@@ -37,6 +38,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(plan::plan, m)?)?;
     m.add_function(wrap_pyfunction!(simulate::simulate, m)?)?;
     m.add_function(wrap_pyfunction!(verify::verify, m)?)?;
+    m.add_function(wrap_pyfunction!(verdict::verified, m)?)?;
     m.add_function(wrap_pyfunction!(calibrate::calibrate, m)?)?;
     m.add_function(wrap_pyfunction!(show::show, m)?)?;
     m.add_function(wrap_pyfunction!(phantoms::write_phantom, m)?)?;

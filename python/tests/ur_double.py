@@ -1,22 +1,41 @@
 """A UR controller as far as ``ur_rtde`` sees one: RTDE, script and dashboard ports on an address of its own.
 
-It speaks the protocol, takes servoJ rows and reports them back after a lag, like an arm that follows. Nothing of the
-arm's script is run.
+It speaks the protocol and moves an `Arm`; nothing of the arm's script is run. One loop does all: it reads what came,
+moves the arm, and sends the state at each connection's rate. What may go wrong is in `ur_faults`; when it starts is said
+in rows, so that a fault comes at the same place of a plan on any machine.
 """
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
+import random
+import select
 import socket
 import struct
-import threading
+import sys
 import time
-from collections import deque
 from typing import Any
 
-SIZES = {"DOUBLE": "d", "VECTOR6D": "6d", "VECTOR3D": "3d", "INT32": "i", "UINT32": "I", "UINT64": "Q", "VECTOR6INT32": "6i", "UINT8": "B", "BOOL": "?"}
-SERVOJ, SERVO_STOP, STOP_SCRIPT = 11, 16, 255
-PLAYING, STOPPED = 2, 1
+import numpy as np
+from ur_arm import GET_TCP_OFFSET, SERVO_STOP, SERVOJ, STOP_SCRIPT, Arm
+from ur_faults import FAULTS, cured
+from ur_wire import FOREVER_S, Connection, Weather
+
+__all__ = ["SERVOJ", "SERVO_STOP", "STOP_SCRIPT", "Arm", "Double"]
+
+SIZES = {"DOUBLE": "d", "VECTOR6D": "6d", "VECTOR3D": "3d", "INT32": "i", "UINT32": "I", "UINT64": "Q", "VECTOR6INT32": "6i", "UINT8": "B", "BOOL": "?"}  # fmt: skip
+PORTS = {30004: "receive", 30003: "script", 29999: "dashboard"}
+VERSION, CONTROLLER, OUTPUTS, INPUTS, START, PAUSE, DATA = 86, 118, 79, 73, 83, 80, 85
+TICK_S = 0.002
+DASHBOARD = {
+    b"PolyscopeVersion": b"URSoftware 5.13.0.1 (Sep 01 2022)",
+    b"get serial number": b"20225000000",
+    b"get robot model": b"UR5",
+    b"is in remote control": b"true",
+    b"robotmode": b"Robotmode: RUNNING",
+    b"safetystatus": b"Safetystatus: NORMAL",
+}
 
 
 def type_of(name: str) -> str:
@@ -35,186 +54,230 @@ def type_of(name: str) -> str:
         return "UINT32" if name == "speed_slider_mask" else "UINT8"
     if name in ("elbow_position", "elbow_velocity", "tool_accelerometer", "actual_tool_accelerometer", "payload_cog"):
         return "VECTOR3D"
-    if name.startswith(("actual_q", "actual_current", "target_q", "target_current", "target_moment", "joint_", "actual_TCP_", "target_TCP_", "actual_joint_voltage", "ft_raw")):
+    if name.startswith(("actual_q", "actual_current", "target_q", "target_current", "target_moment", "joint_", "actual_TCP_", "target_TCP_", "actual_joint_voltage", "ft_raw", "tcp_offset")):
         return "VECTOR6D"
     return "DOUBLE"
 
 
-class Arm:
-    """What the controller knows; a test changes it."""
-
-    def __init__(self, q: list[float]) -> None:
-        self.q = list(q)
-        self.sent: list[list[float]] = []
-        self.lag_rows = 4
-        self.stuck = False
-        self.speed_fraction = 1.0
-        self.safety_mode = 1
-        self.runtime_state = STOPPED
-        self.ready = 0
-        self.commands: list[int] = []
-        self._told: deque[list[float]] = deque()
-
-    def command(self, number: int, doubles: list[float]) -> None:
-        if number == 0:
-            self.ready = 1
-            return
-        self.commands.append(number)
-        if number == SERVOJ:
-            self.sent.append(doubles[:6])
-            self._told.append(doubles[:6])
-            if len(self._told) > self.lag_rows and not self.stuck:
-                self.q = self._told.popleft()
-            return
-        if number == STOP_SCRIPT:
-            self.runtime_state = STOPPED
-        self.ready = 2
-
-    def value(self, name: str) -> Any:
-        known = {
-            "actual_q": self.q,
-            "target_q": self.q,
-            "safety_mode": self.safety_mode,
-            "robot_mode": 7,
-            "runtime_state": self.runtime_state,
-            "target_speed_fraction": self.speed_fraction,
-            "speed_scaling": self.speed_fraction,
-            "output_int_register_0": self.ready,
-            "robot_status_bits": 3,
-            "safety_status_bits": 1,
-            "safety_status": 1,
-            "timestamp": time.monotonic(),
-        }
-        if name in known:
-            return known[name]
-        code = SIZES[type_of(name)]
-        return [0] * int(code[:-1]) if len(code) > 1 else 0
-
-
 class Controller:
-    """The three servers on one loopback address."""
+    """The three servers on one loopback address, and the arm."""
 
-    def __init__(self, host: str, arm: Arm) -> None:
-        self.host, self.arm = host, arm
-        self._closing = threading.Event()
-        self._sockets: list[socket.socket] = []
-        self._threads: list[threading.Thread] = []
-        for port, serve in ((30004, self._rtde), (30003, self._script), (29999, self._dashboard)):
-            listener = socket.create_server((host, port))
-            listener.settimeout(0.1)
-            self._sockets.append(listener)
-            self._start(self._accept, listener, serve)
+    def __init__(self, host: str, q: list[float]) -> None:
+        self.host, self.dice = host, random.Random(0)
+        self.arm = Arm(q, time.monotonic())
+        self.weather = {role: Weather() for role in ("control", "receive", "io", "script", "dashboard")}
+        self.connections: list[Connection] = []
+        self.listeners: dict[socket.socket, str] = {}
+        self.frozen: dict[str, Any] | None = None
+        """The last outputs, while they do not change."""
+        self.record: list[tuple[float, ...]] = []
+        """A tick a row: time, s; six joints, rad; rows that arrived; whether a fault has begun."""
+        self.fault_s = FOREVER_S
+        """When the fault began, on the clock of `record`."""
+        self._fault: tuple[str, int] | None = None
+        self._later: list[tuple[float, Any]] = []
+        self.listen()
 
-    def __enter__(self) -> Controller:
-        return self
+    def listen(self) -> None:
+        for port, role in PORTS.items():
+            listener = socket.create_server((self.host, port))
+            listener.setblocking(False)
+            self.listeners[listener] = role
 
-    def __exit__(self, *_: object) -> None:
-        self._closing.set()
-        for thread in self._threads:
-            thread.join()
-        for listener in self._sockets:
+    def deafen(self) -> None:
+        """Nobody connects any more."""
+        for listener in self.listeners:
             listener.close()
+        self.listeners.clear()
 
-    def _start(self, target: Any, *args: Any) -> None:
-        thread = threading.Thread(target=target, args=args, daemon=True)
-        self._threads.append(thread)
-        thread.start()
+    def arrange(self, name: str, row: int) -> None:
+        """Lets a fault begin when so many rows have arrived."""
+        self._fault = (name, row)
 
-    def _accept(self, listener: socket.socket, serve: Any) -> None:
-        while not self._closing.is_set():
-            try:
-                connection, _ = listener.accept()
-            except TimeoutError:
-                continue
-            connection.settimeout(0.1)
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._start(self._guarded, serve, connection)
+    def mark(self) -> float:
+        """A fault on the client's side begins now."""
+        self.fault_s = time.monotonic()
+        return self.fault_s
 
-    def _guarded(self, serve: Any, connection: socket.socket) -> None:
-        with connection:
-            try:
-                serve(connection)
-            except OSError:
-                pass
+    def cured(self) -> None:
+        cured(self)
 
-    def _lines(self, connection: socket.socket, end: bytes) -> Any:
-        text = b""
-        while not self._closing.is_set():
-            try:
-                piece = connection.recv(65536)
-            except TimeoutError:
-                continue
-            if not piece:
+    def rows(self) -> int:
+        return len(self.arm.sent)
+
+    def later(self, seconds: float, what: Any) -> None:
+        self._later.append((time.monotonic() + seconds, what))
+
+    def cut(self, *roles: str) -> None:
+        for connection in self.connections:
+            if connection.role in roles:
+                connection.cut()
+
+    def run(self, pipe: Any) -> None:
+        """Serves until the pipe says None."""
+        due_s = time.monotonic()
+        while True:
+            sockets: list[Any] = [c.socket for c in self.connections if not c.closed]
+            wait_s = max(0.0, due_s - time.monotonic())
+            readable, _, _ = select.select([*sockets, *self.listeners, pipe], [], [], wait_s)
+            now_s = time.monotonic()
+            if pipe in readable and not self._told(pipe):
                 return
-            text += piece
-            while end in text:
-                line, text = text.split(end, 1)
-                yield line
+            for listener in [found for found in self.listeners if found in readable]:
+                self._accept(listener)
+            for connection in self.connections:
+                if connection.socket in readable and not connection.closed:
+                    self._read(connection, now_s)
+            self._deliver(now_s)
+            if now_s >= due_s:
+                self._tick(now_s)
+                due_s = max(due_s + TICK_S, now_s)
+            for connection in self.connections:
+                if not connection.closed:
+                    connection.flush(now_s)
+            self.connections = [c for c in self.connections if not c.closed]
 
-    def _dashboard(self, connection: socket.socket) -> None:
-        connection.sendall(b"Connected: Universal Robots Dashboard Server\n")
-        answers = {
-            b"PolyscopeVersion": b"URSoftware 5.13.0.1 (Sep 01 2022)\n",
-            b"get serial number": b"20225000000\n",
-            b"is in remote control": b"true\n",
-        }
-        for line in self._lines(connection, b"\n"):
-            connection.sendall(answers.get(line.strip(), b"done\n"))
+    def _told(self, pipe: Any) -> bool:
+        try:
+            asked = pipe.recv()
+        except EOFError:
+            return False
+        if asked is None:
+            return False
+        match asked:
+            case ("get", name):
+                pipe.send(getattr(self.arm, name) if hasattr(self.arm, name) else getattr(self, name))
+            case ("set", name, value):
+                setattr(self.arm, name, value)
+                pipe.send(None)
+            case ("call", name, *values):
+                pipe.send(getattr(self, name)(*values))
+        return True
 
-    def _script(self, connection: socket.socket) -> None:
-        for _ in self._lines(connection, b"\nend\n"):
-            self.arm.runtime_state, self.arm.ready = PLAYING, 1
+    def rest(self) -> tuple[Any, float]:
+        """The record, and when the fault began."""
+        return np.array(self.record).reshape(-1, 8), self.fault_s
 
-    def _rtde(self, connection: socket.socket) -> None:
-        recipes: dict[int, list[str]] = {}
-        outputs: list[str] = []
-        period, sending, due = 0.008, False, time.monotonic()
-        data = b""
-        while not self._closing.is_set():
-            if sending and time.monotonic() >= due:
-                due += period
-                values: list[Any] = []
-                for name in outputs:
-                    value = self.arm.value(name)
-                    values += value if isinstance(value, list) else [value]
-                code = ">B" + "".join(SIZES[type_of(n)] for n in outputs)
-                connection.sendall(_frame(85, struct.pack(code, 1, *values)))
-            connection.settimeout(max(1e-4, min(0.05, due - time.monotonic())) if sending else 0.05)
-            try:
-                piece = connection.recv(65536)
-                if not piece:
-                    return
-                data += piece
-            except TimeoutError:
-                continue
-            while len(data) >= 3:
-                (size, kind) = struct.unpack(">HB", data[:3])
-                if len(data) < size:
-                    break
-                body, data = data[3:size], data[size:]
-                if kind == 86:
-                    connection.sendall(_frame(86, b"\x01"))
-                elif kind == 118:
-                    connection.sendall(_frame(118, struct.pack(">4I", 5, 13, 0, 1)))
-                elif kind == 79:
-                    (rate,) = struct.unpack(">d", body[:8])
-                    period, outputs = 1.0 / rate, body[8:].decode().strip("\0").split(",")
-                    types = ",".join(type_of(n) for n in outputs)
-                    connection.sendall(_frame(79, b"\x01" + types.encode()))
-                elif kind == 73:
-                    names = [n for n in body.decode().strip("\0").split(",") if n]
-                    recipes[len(recipes) + 1] = names
-                    types = ",".join(type_of(n) for n in names)
-                    connection.sendall(_frame(73, bytes([len(recipes)]) + types.encode()))
-                elif kind in (83, 80):
-                    sending, due = kind == 83, time.monotonic()
-                    connection.sendall(_frame(kind, b"\x01"))
-                elif kind == 85:
-                    names = recipes[body[0]]
-                    values = list(struct.unpack(">" + "".join(SIZES[type_of(n)] for n in names), body[1:]))
-                    doubles = [v for n, v in zip(names, values) if "double_register" in n]
-                    if names[0] == "input_int_register_0":
-                        self.arm.command(values[0], doubles)
+    def _tick(self, now_s: float) -> None:
+        self.arm.advance(now_s)
+        rows = len(self.arm.sent)
+        if self._fault is not None and rows >= self._fault[1]:
+            name, self._fault, self.fault_s = self._fault[0], None, now_s
+            FAULTS[name](self)
+        for due_s, what in [entry for entry in self._later if entry[0] <= now_s]:
+            self._later.remove((due_s, what))
+            what()
+        if rows:
+            self.record.append((now_s, *self.arm.true_q, rows))
+        for connection in self.connections:
+            if now_s >= connection.due_s - 0.5 * TICK_S and not connection.closed:
+                connection.due_s = max(connection.due_s + connection.period_s, now_s)
+                connection.outbound.put(now_s, self._state(connection), data=True)
+
+    def _state(self, connection: Connection) -> bytes:
+        values: list[Any] = []
+        for name in connection.outputs:
+            value = self.frozen.get(name) if self.frozen is not None and name in self.frozen else self.arm.value(name)
+            if value is None:
+                code = SIZES[type_of(name)]
+                value = [0] * int(code[:-1]) if len(code) > 1 else 0
+            values += value if isinstance(value, list) else [value]
+        return _frame(DATA, struct.pack(connection.code, 1, *values))
+
+    def freeze(self) -> None:
+        """From now on every state that is sent is this one."""
+        names = {name for c in self.connections for name in c.outputs if not name.startswith("output_")}
+        self.frozen = {name: value for name in names if (value := self.arm.value(name)) is not None}
+
+    def _accept(self, listener: socket.socket) -> None:
+        connection, _ = listener.accept()
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        role = self.listeners[listener]
+        made = Connection(connection, role, self.weather[role], self.dice)
+        if role == "dashboard":
+            made.outbound.put(time.monotonic(), b"Connected: Universal Robots Dashboard Server\n", data=False)
+        self.connections.append(made)
+
+    def _read(self, connection: Connection, now_s: float) -> None:
+        try:
+            piece = connection.socket.recv(65536)
+        except BlockingIOError:
+            return
+        except OSError:
+            piece = b""
+        if not piece:
+            connection.close()
+        elif not connection.weather.deaf:
+            connection.text += piece
+            for message in self._messages(connection):
+                data = connection.role in ("control", "receive", "io") and message[2] == DATA
+                connection.inbound.put(now_s, message, data=data)
+
+    def _messages(self, connection: Connection) -> list[bytes]:
+        found = []
+        if connection.role in ("script", "dashboard"):
+            end = b"\nend\n" if connection.role == "script" else b"\n"
+            *found, connection.text = connection.text.split(end)
+            return found
+        while len(connection.text) >= 3:
+            size = struct.unpack(">H", connection.text[:2])[0]
+            if size < 3 or len(connection.text) < size:
+                break
+            found.append(connection.text[:size])
+            connection.text = connection.text[size:]
+        return found
+
+    def _deliver(self, now_s: float) -> None:
+        for connection in self.connections:
+            for message in connection.inbound.due(now_s):
+                if connection.role == "script":
+                    self.arm.start_program()
+                elif connection.role == "dashboard":
+                    answer = DASHBOARD.get(message.strip(), b"done") + b"\n"
+                    connection.outbound.put(now_s, answer, data=False)
+                else:
+                    self._rtde(connection, message[2], message[3:], now_s)
+
+    def _rtde(self, connection: Connection, kind: int, body: bytes, now_s: float) -> None:
+        def answer(payload: bytes) -> None:
+            connection.outbound.put(now_s, _frame(kind, payload), data=False)
+
+        if kind == VERSION:
+            answer(b"\x01")
+        elif kind == CONTROLLER:
+            answer(struct.pack(">4I", 5, 13, 0, 1))
+        elif kind == OUTPUTS:
+            names = body[8:].decode().strip("\0").split(",")
+            connection.period_s, connection.outputs = 1.0 / struct.unpack(">d", body[:8])[0], names
+            connection.code = ">B" + "".join(SIZES[type_of(n)] for n in names)
+            answer(b"\x01" + ",".join(map(type_of, names)).encode())
+        elif kind == INPUTS:
+            names = [n for n in body.decode().strip("\0").split(",") if n]
+            connection.recipes[len(connection.recipes) + 1] = names
+            if connection.role == "receive":
+                connection.role = "control" if names[0].startswith("input_int_register") else "io"
+                connection.into(self.weather[connection.role])
+            answer(bytes([len(connection.recipes)]) + ",".join(map(type_of, names)).encode())
+        elif kind in (START, PAUSE):
+            connection.due_s = now_s if kind == START else FOREVER_S
+            answer(b"\x01")
+        elif kind == DATA:
+            self._input(connection, body, now_s)
+
+    def _input(self, connection: Connection, body: bytes, now_s: float) -> None:
+        names = connection.recipes[body[0]]
+        values = dict(zip(names, struct.unpack(">" + "".join(SIZES[type_of(n)] for n in names), body[1:])))
+        doubles = [v for n, v in values.items() if "double_register" in n]
+        self.arm.hear(now_s)
+        if names[0] == "input_int_register_0":
+            self.arm.command(values[names[0]], doubles)
+            if values[names[0]] == GET_TCP_OFFSET:
+                offset = self.arm.values.get("tcp_offset", [0.0] * 6)
+                self.arm.values |= {f"output_double_register_{n}": v for n, v in enumerate(offset)}
+        elif "standard_digital_output_mask" in values:
+            mask = values["standard_digital_output_mask"]
+            self.arm.digital_outputs = self.arm.digital_outputs & ~mask | values["standard_digital_output"] & mask
 
 
 def _frame(kind: int, body: bytes) -> bytes:
@@ -222,16 +285,12 @@ def _frame(kind: int, body: bytes) -> bytes:
 
 
 def _serve(host: str, q: list[float], pipe: Any) -> None:
-    arm = Arm(q)
+    gc.disable()
+    sys.setswitchinterval(1e-3)
     try:
-        with Controller(host, arm):
-            pipe.send("up")
-            for name, value in iter(pipe.recv, None):
-                if value is None:
-                    pipe.send(getattr(arm, name))
-                else:
-                    setattr(arm, name, value)
-                    pipe.send(None)
+        controller = Controller(host, q)
+        pipe.send("up")
+        controller.run(pipe)
     except OSError as error:
         pipe.send(error)
 
@@ -239,7 +298,7 @@ def _serve(host: str, q: list[float], pipe: Any) -> None:
 class Double:
     """A controller in a process of its own: the real client holds Python's lock while it connects."""
 
-    def __init__(self, host: str, q: list[float]) -> None:
+    def __init__(self, host: str, q: Any) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, there = context.Pipe()
         self._process = context.Process(target=_serve, args=(host, list(map(float, q)), there), daemon=True)
@@ -249,12 +308,18 @@ class Double:
         self.host = host
 
     def get(self, name: str) -> Any:
-        self._pipe.send((name, None))
-        return self._pipe.recv()
+        return self._ask("get", name)
 
     def set(self, name: str, value: Any) -> None:
-        self._pipe.send((name, value))
-        self._pipe.recv()
+        self._ask("set", name, value)
+
+    def call(self, name: str, *values: Any) -> Any:
+        """Calls a method of the `Controller`."""
+        return self._ask("call", name, *values)
+
+    def _ask(self, *message: Any) -> Any:
+        self._pipe.send(message)
+        return self._pipe.recv()
 
     def __enter__(self) -> Double:
         return self

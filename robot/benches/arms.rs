@@ -1,4 +1,5 @@
-//! Inverse kinematics, Jacobian, time law and redundancy resolution; where there is a peer in Rust, in the same run.
+//! Speed of inverse kinematics, Jacobian, time law and redundancy resolution, compared in the same run with another Rust
+//! library where there is one.
 #![allow(missing_docs, clippy::expect_used)] // criterion's macros make undocumented functions; the inputs are fixed
 
 use std::hint::black_box;

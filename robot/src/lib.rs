@@ -1,14 +1,15 @@
-//! Arms, their kinematics, and the law of time along a joint path: one name for the robot's crates.
+//! Arms, their kinematics, and the time law along a joint path. This crate re-exports the robot's crates under one name.
 //!
-//! From a URDF to an [`Arm`]: checked once, plain data afterwards, mm and rad throughout (metres end in the readers).
-//! Forward kinematics, Jacobian, inverse and compliance hold for any serial arm; UR arms ([`ur`]) and the shipped 4-DOF
-//! [`arm::bone_attached`] have their inverse in closed form. [`resolve`] chooses joint vectors along a whole path of points
+//! A URDF is checked once and becomes an [`Arm`], which is plain data in mm and rad (the readers convert metres).
+//! Forward kinematics, Jacobian, inverse and compliance work for any serial arm. UR arms ([`ur`]) and the supplied 4-DOF
+//! [`arm::bone_attached`] have an inverse in closed form. [`resolve`] chooses joint vectors along a whole path of points
 //! and axes, [`timelaw`] turns them into a motion that keeps velocity, acceleration and jerk limits at every instant, and
 //! [`export`] writes it.
 //!
-//! Invariants: only [`arm::load`], [`arm::read_urdf`] and [`ur::read_calibration`] open a file, exporters write to what they
-//! are handed; out of reach is a value ([`JointExcess`], [`resolve::OutOfReach`]), not an error; same input, same output,
-//! bit for bit, on any number of threads. Not here: where to go (the planner), streaming to hardware.
+//! Invariants: only [`arm::load`], [`arm::read_urdf`] and [`ur::read_calibration`] open a file; exporters write to a writer
+//! that the caller opens; a pose out of reach is a value ([`JointExcess`], [`resolve::OutOfReach`]), not an error; the same
+//! input gives the same output, bit for bit, on any number of threads. The path itself comes from the planner, and
+//! streaming to hardware is in the Python package.
 //!
 //! ```
 //! use bonemill_geometry::Point;

@@ -1,24 +1,24 @@
 //! The lower envelope of shifted costs, for many neighbouring lines at once.
 //!
-//! One dimension of the separable transform asks, for every place z of a line, which site c minimises
+//! One dimension of the separable transform finds, for every place z of a line, the site c that minimises
 //! f(c) + g(|z − p(c)|): f is the squared distance found so far, p the site's place, g the squared distance along the
 //! line. g is convex, so the matrix of these sums is totally monotone: the first best site never moves back as z grows.
-//! That allows divide and conquer (Aggarwal et al. 1987): solve the middle place among all sites, then each half only
-//! among the sites that the solved neighbours leave.
+//! That allows divide and conquer (Aggarwal et al. 1987): the middle place is solved among all sites, then each half only
+//! among the sites between the best sites of its solved neighbours.
 //!
-//! Neighbouring lines have nearly the same best sites. So [`LANES`] lines run in lockstep over the union of their
-//! candidate ranges: one pass without branches over contiguous lanes, which the compiler turns into vector code, in
-//! place of the divisions and unpredictable branches of a parabola stack (Felzenszwalb and Huttenlocher 2012).
+//! Neighbouring lines have nearly the same best sites. So [`LANES`] lines are solved together over the union of their
+//! candidate ranges: one pass without branches over contiguous lanes, which the compiler turns into vector code. A
+//! parabola stack (Felzenszwalb and Huttenlocher 2012) would need divisions and unpredictable branches instead.
 //! On equal sums the first site wins.
 //!
-//! Lines cross rows: line x consists of the x-th values of all rows given. Rows are taken in and handed out whole, so
-//! that memory is read and written in long stretches, and what lies between stays in the processor's cache.
+//! Lines cross rows: line x consists of the x-th values of all rows. Rows are read and written whole, so that memory is
+//! accessed in long stretches, and intermediate values stay in the processor's cache.
 
 use std::ops::Range;
 
 /// Lines solved at once.
 const LANES: usize = 16;
-/// The most lines of an [`Envelope`]: with 512 sites and places, a mebibyte of values.
+/// The most lines of an [`Envelope`]; with 512 sites and places they hold a mebibyte of values.
 pub(super) const MAX_LINES: usize = 8 * LANES;
 
 /// Equally spaced places along an axis, in voxels.
@@ -56,7 +56,7 @@ pub(super) struct Envelope {
     sites: Vec<usize>,
     /// f by block and site.
     costs: Vec<[f32; LANES]>,
-    /// What a site stands for, by block and site; empty when it is not needed.
+    /// The identifier of each site, by block and site; empty when identifiers are not needed.
     names: Vec<[u32; LANES]>,
     /// The smallest sum by block and place.
     best: Vec<[f32; LANES]>,
@@ -69,7 +69,7 @@ pub(super) struct Envelope {
 }
 
 impl Envelope {
-    /// Lines with sites at `sites`, ascending and at least one, to be given by [`Envelope::set_site`].
+    /// Starts on `lines` lines with sites at `sites` (ascending, at least one); [`Envelope::set_site`] then gives their costs.
     pub fn begin(&mut self, sites: &[usize], lines: usize, named: bool) {
         let blocks = lines.div_ceil(LANES);
         self.sites.clear();
@@ -78,7 +78,7 @@ impl Envelope {
         self.names.resize(if named { blocks * sites.len() } else { 0 }, [0; LANES]);
     }
 
-    /// The n-th site's f in every line, and what it stands for (an empty row when nobody asks).
+    /// Sets f of the n-th site in every line, and the site's identifiers (an empty row when they are not needed).
     pub fn set_site(&mut self, n: usize, costs: &[f32], names: &[u32]) {
         let sites = self.sites.len();
         for (block, values) in costs.chunks(LANES).enumerate() {
@@ -89,7 +89,7 @@ impl Envelope {
         }
     }
 
-    /// Solves `places`; `along[t]` is g(t), for every distance t between a site and a place.
+    /// Finds the best site at each of `places`; `along[t]` is g(t), for every distance t between a site and a place.
     pub fn solve(&mut self, places: Places, along: &[f32]) {
         let blocks = self.costs.len() / self.sites.len();
         self.count = places.count;
@@ -101,7 +101,7 @@ impl Envelope {
         }
     }
 
-    /// The smallest sum of every line at the n-th place, and what its site stands for.
+    /// The smallest sum of every line at the n-th place, and the identifier of the site that gives it.
     pub fn row(&self, n: usize, best: &mut [f32], names: &mut [u32]) {
         for (block, out) in best.chunks_mut(LANES).enumerate() {
             out.copy_from_slice(&self.best[block * self.count + n][..out.len()]);
@@ -119,7 +119,7 @@ impl Envelope {
     fn solve_block(&mut self, block: usize, places: Places, along: &[f32]) {
         let last_site = self.sites.len() - 1;
         self.solve_place(block, 0, places, [0, last_site], along);
-        // halve the stride: each new place lies between two solved ones, or behind the last
+        // the stride is halved: each new place lies between two solved ones, or behind the last
         let mut stride = places.count.next_power_of_two();
         while stride > 1 {
             let half = stride / 2;
@@ -148,7 +148,7 @@ impl Envelope {
         }
         self.best[block * self.count + n] = best;
         self.site[block * self.count + n] = site;
-        // odd places come last: no other place asks them
+        // odd places are solved last, so no other place needs their range
         if n.is_multiple_of(2) {
             let min = site.iter().copied().fold(u32::MAX, u32::min);
             self.range[n] = [min, site.iter().copied().fold(0, u32::max)];
@@ -156,7 +156,8 @@ impl Envelope {
     }
 }
 
-/// `values` and, in the lanes behind them, their last one: a lane like its neighbours widens no range of candidates.
+/// Copies `values` and fills the lanes behind them with the last value. Lanes that repeat a line do not widen the range of
+/// candidates.
 #[inline]
 fn copy_padded<T: Copy>(values: &[T], lanes: &mut [T; LANES]) {
     if let Ok(all) = <&[T; LANES]>::try_from(values) {

@@ -1,12 +1,12 @@
 //! Exact Euclidean distance fields on anisotropic grids, with the nearest voxel.
 //!
-//! Distances run between voxel CENTRES, so a voxel of the mask has distance 0. The transform is separable and exact
-//! (Felzenszwalb and Huttenlocher 2012, whose lower envelope is replaced by a search that suits vector units):
-//! squared distances are sums of one table entry per axis. On cubic voxels they are whole numbers and exact; otherwise
-//! single precision, which puts the distance within 2 × 10⁻⁷ of its value and may swap two sites that are nearer to
-//! each other's distance than that.
+//! Distances are measured between voxel CENTRES, so a voxel of the mask has distance 0. The transform is separable and
+//! exact (Felzenszwalb and Huttenlocher 2012, whose lower envelope is replaced by a search that suits vector units):
+//! squared distances are sums of one table entry per axis. On cubic voxels they are whole numbers and exact. On other
+//! voxels they are in single precision: the distance has a relative error of at most 2 × 10⁻⁷, and of two sites whose
+//! distances differ by less, either may be given.
 //!
-//! Of several nearest voxels the one with the smallest memory index is given (on cubic voxels; elsewhere a tie is only
+//! Of several nearest voxels the one with the smallest memory index is given (on cubic voxels; on others a tie is only
 //! as exact as its rounding). Nothing depends on the number of threads. A mask without voxels has no distance: `None`.
 
 mod envelope;
@@ -35,7 +35,7 @@ pub fn distance_transform<F: Frame>(mask: &Volume<bool, F>) -> Result<Option<Dis
     transform(mask, |v| v)
 }
 
-/// [`distance_transform`] to the voxels of one label, without a mask of its own.
+/// [`distance_transform`] to the voxels of one label; no mask is made for it.
 ///
 /// # Errors
 /// As [`distance_transform`].
@@ -46,7 +46,7 @@ pub fn distance_transform_label<F: Frame>(
     transform(labels, |v| v == label)
 }
 
-/// [`distance_transform`]'s distances alone, mm: half the memory, and a quarter to two fifths less time.
+/// Only the distances of [`distance_transform`], mm. It takes half the memory and 25 to 40 % less time.
 ///
 /// # Errors
 /// As [`distance_transform`].
@@ -57,7 +57,7 @@ pub fn distance_only<F: Frame>(mask: &Volume<bool, F>) -> Result<Option<Volume<f
 
 /// min(distance to the nearest true voxel, `max_distance_mm`), mm; `None` when no voxel is true.
 ///
-/// Only the surroundings of the mask are solved, so a small bound on a small mask costs next to nothing.
+/// Only voxels around the mask are solved, so a small bound on a small mask takes very little time.
 ///
 /// # Errors
 /// As [`distance_transform`]; [`ImageError::MaxDistance`] when the bound is not finite and positive.
@@ -72,7 +72,7 @@ pub fn distance_within<F: Frame>(
     let (dims, spacing) = (mask.grid().dims(), mask.grid().spacing_mm());
     let Some(sites) = bounding_box(mask.data(), dims, |v| v) else { return Ok(None) };
     let [ox, oy, oz] = std::array::from_fn(|a| {
-        // at least this many voxels away is at least the bound away; the cast saturates
+        // a voxel at least this many voxels away is at least the bound away; the cast saturates
         let reach = (max_distance_mm / spacing[a]).ceil() as usize;
         Places::all(sites[a].start.saturating_sub(reach)..sites[a].end.saturating_add(reach).min(dims[a]))
     });
@@ -121,7 +121,7 @@ fn check_size<F: Frame>(grid: &Grid<F>) -> Result<(), ImageError> {
     }
 }
 
-/// Squared distances along each axis and the length of their unit, mm: voxels when these are cubes, else mm.
+/// Squared distances along each axis, and the length of their unit, mm. The unit is a voxel for cubic voxels, else 1 mm.
 fn euclidean<F: Frame>(grid: &Grid<F>) -> ([Vec<f32>; 3], f32) {
     let spacing = grid.spacing_mm();
     let cubic = spacing.y == spacing.x && spacing.z == spacing.x;

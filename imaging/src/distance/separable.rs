@@ -1,9 +1,9 @@
 //! The separable transform: along x by a scan, along y within each slice, along z across slices.
 //!
-//! A row without sites is skipped after one look, a slice without sites is never stored. Both matter: a nerve fills
-//! few of either. The slices that are left are solved along x and y into the first slots of the answer's memory, and
-//! from there, all slots of one y at a time, along z into the same memory. Slices and then y are handed to threads
-//! whole, and no result depends on who computed it.
+//! A row without sites is skipped after one test, and a slice without sites is never stored; this saves much, because a
+//! nerve fills few rows and slices. The other slices are solved along x and y into the first slots of the result's
+//! memory, and from there along z into the same memory, for one y at a time. Each thread solves whole slices, then whole
+//! planes of one y, so no result depends on the number of threads.
 
 use bonemill_geometry::cancel;
 use std::ops::Range;
@@ -22,23 +22,23 @@ pub(crate) struct Problem<'a, T, P> {
     pub is_site: P,
     /// The part of the volume in which sites count.
     pub sites: [Range<usize>; 3],
-    /// The voxels for which to answer; at least one along each axis.
+    /// The voxels for which distances are computed; at least one along each axis.
     pub out: [Places; 3],
     /// The squared cost of t voxels along each axis: 0 at 0, convex in t; as long as the volume.
     pub along: [Vec<f32>; 3],
-    /// What the root of a squared cost of 1 is, mm.
+    /// The length that a squared cost of 1 stands for, mm.
     pub unit_mm: f32,
 }
 
-/// The answer for the voxels of [`Problem::out`], x-fastest.
+/// The distances of the voxels of [`Problem::out`], x-fastest.
 pub(crate) struct Solution {
     /// Root of the cost to the nearest site, mm.
     pub distance_mm: Vec<f32>,
-    /// Memory index of the nearest site in the volume; empty when it was not asked for.
+    /// Memory index of the nearest site in the volume; empty when it was not requested.
     pub nearest: Vec<u32>,
 }
 
-/// Room that a thread reuses.
+/// Buffers that a thread reuses.
 #[derive(Default)]
 struct Scratch {
     envelope: Envelope,
@@ -88,11 +88,11 @@ impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
     }
 
     fn has_site(&self, y: usize, z: usize) -> bool {
-        // looks at all of the row: that is vector code, a search is not
+        // tests the whole row: the compiler turns this into vector code, unlike a search that stops early
         self.row(y, z).1.iter().fold(false, |any, v| any | (self.is_site)(*v))
     }
 
-    /// Slice z along x and y.
+    /// Solves slice z along x and y.
     fn solve_slice(&self, z: usize, scratch: &mut Scratch, squared_out: &mut [f32], nearest_out: &mut [u32]) {
         let Scratch { envelope, rows, squared, nearest } = scratch;
         let width = self.out[0].count;
@@ -121,7 +121,7 @@ impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
         }
     }
 
-    /// A row's cost and nearest site. On equal distances the first site wins.
+    /// Computes a row's costs and nearest sites. On equal distances the first site wins.
     fn solve_row(&self, y: usize, z: usize, squared: &mut [f32], nearest: &mut [u32]) {
         let (start, row) = self.row(y, z);
         let (out, along, first) = (self.out[0], &self.along[0], self.sites[0].start);
@@ -131,7 +131,7 @@ impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
                 nearest[n] = (start + site) as u32;
             }
         };
-        // places done, and the last site before them
+        // number of places done, and the last site before them
         let (mut done, mut last) = (0, None);
         let mut x = 0;
         while let Some(gap) = row[x..].iter().position(|v| (self.is_site)(*v)) {
@@ -139,7 +139,7 @@ impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
                 row[x + gap..].iter().position(|v| !(self.is_site)(*v)).unwrap_or(row.len() - x - gap);
             let run = first + x + gap..first + x + gap + length;
             if let Some(last) = last {
-                // nearer to the run before than to this one, or as near
+                // up to here the places are at least as near to the previous run as to this one
                 let until = out.before((last + run.start) / 2 + 1);
                 assign(done..until, last);
                 done = until;
@@ -159,7 +159,7 @@ impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
         }
     }
 
-    /// All slots of one y, along z.
+    /// Solves all slots of one y along z.
     fn solve_across(
         &self,
         envelope: &mut Envelope,
@@ -188,7 +188,7 @@ impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
     }
 }
 
-/// `count` parts of `size` values; parts of nothing when there are no values at all.
+/// Splits the values into `count` parts of `size` values; the parts are empty when there are no values.
 fn parts<T>(values: &mut [T], size: usize, count: usize) -> Vec<&mut [T]> {
     if values.is_empty() {
         return (0..count).map(|_| <&mut [T]>::default()).collect();

@@ -4,9 +4,10 @@
 //! ct: the pocket's centre line is x = y = 0, the block's upper face is z = 0, the approach is +z, so the work axes are
 //! ct's. From D: foam of 0.8 g/cm³, a pocket of 15 × 15 × 15 mm, cells of 3 to 5 mm diameter, noise of 5 % of the mean voxel
 //! intensity. Assumed, because D does not say it: the block's size, the cells' share, and the nerve's course. The nerve is
-//! a label only, as in D: neither the cells nor the image know of it, so one seed gives the same image for every nerve.
+//! only a label, as in D: it changes neither the cells nor the image, so one seed gives the same image for every nerve.
 //!
-//! The image's scale is its own: HU = 1000 (ρ − 1) with ρ in g/cm³, air −1000 and foam −200; the case file carries the table.
+//! The image has its own scale: HU = 1000 (ρ − 1) with ρ in g/cm³, so air is −1000 and foam −200. The case file holds the
+//! density table for it.
 
 use bonemill_geometry::{Ct, Grid, Point, Volume};
 
@@ -28,7 +29,7 @@ const NERVE_SLOPE: f64 = 0.06; // depth per length
 const NERVE: u8 = 1;
 
 const SPACING_MM: f64 = 0.25;
-// the image holds 2 mm of air around the block and 4 mm above it; voxel faces lie on the pocket's
+// the image has 2 mm of air around the block and 4 mm above it; voxel faces coincide with the pocket's faces
 const DIMS: [usize; 3] = [120, 120, 112];
 const ORIGIN: Point<Ct> = Point::new(-14.875, -14.875, -23.875);
 
@@ -46,10 +47,11 @@ pub enum NerveSide {
 pub struct BlockParams {
     /// Which wall the nerve passes.
     pub nerve: NerveSide,
-    /// Whether it passes the wall on the axis' positive side. With the spin, this decides which way the burr is pushed.
+    /// Whether it passes the wall on the axis' positive side. Together with the spin, this decides in which direction the
+    /// burr is pushed.
     pub nerve_on_positive_side: bool,
-    /// Share of the block, its 0.5 mm skin left out, that is air cells. From 0; above about 0.32 cells no longer find
-    /// room, and fewer are made.
+    /// Share of air cells in the block without its 0.5 mm skin, at least 0. Above about 0.32 not all cells find a free place,
+    /// and fewer are made.
     pub cell_fraction: f64,
     /// Least distance between two cells, mm; below 0 they may overlap.
     pub cell_gap_mm: f64,
@@ -58,7 +60,7 @@ pub struct BlockParams {
 }
 
 impl BlockParams {
-    /// The block as D has it; cells 28 % and 0.2 mm apart (assumed), the nerve beside the tilt plane on the side of +x.
+    /// D's block. Assumed: 28 % cells that are 0.2 mm apart, and the nerve beside the tilt plane, on the side of +x.
     pub const fn paper() -> Self {
         Self {
             nerve: NerveSide::BesideTiltPlane,
@@ -70,7 +72,7 @@ impl BlockParams {
     }
 }
 
-/// The block of a seed: it decides the cells and the noise.
+/// The block for a seed, which decides the cells and the noise.
 pub fn block(params: &BlockParams, seed: u64) -> Phantom {
     let grid = ct_grid(DIMS, SPACING_MM, ORIGIN);
     let mut foam = solid(&grid);
@@ -97,7 +99,7 @@ struct Cell {
     radius_mm: f64,
 }
 
-/// Air cells of the wanted share: the largest first, each at a random free place.
+/// Air cells that fill the requested share: the largest first, each at a random free place.
 fn air_cells(params: &BlockParams, seed: u64) -> Vec<Cell> {
     const TRIES: usize = 20_000;
     let mut rng = Rng::new(seed, 0);
@@ -129,7 +131,7 @@ fn air_cells(params: &BlockParams, seed: u64) -> Vec<Cell> {
     cells
 }
 
-/// Share of each voxel in the block without its cells: exact.
+/// The exact share of each voxel that lies in the block, before cells are removed.
 fn solid(grid: &Grid<Ct>) -> Volume<f32, Ct> {
     let share = |a: usize, n: usize| {
         let center = grid.origin().coords[a] + n as f64 * SPACING_MM;
@@ -145,7 +147,7 @@ fn solid(grid: &Grid<Ct>) -> Volume<f32, Ct> {
     foam
 }
 
-/// Takes a cell out of the foam; a voxel on its surface is sampled at 4 × 4 × 4 points.
+/// Removes a cell from the foam; a voxel on the cell's surface is sampled at 4 × 4 × 4 points.
 fn carve(foam: &mut Volume<f32, Ct>, cell: &Cell) {
     let grid = foam.grid().clone();
     let half_diagonal = 0.5 * grid.diagonal_mm();
@@ -174,7 +176,7 @@ fn carve(foam: &mut Volume<f32, Ct>, cell: &Cell) {
     }
 }
 
-/// Share of the voxel around `from` inside the ball about 0.
+/// Share of the voxel at `from` that lies inside the ball around the origin.
 fn sampled_share(from: &V3, radius_mm: f64) -> f32 {
     let offset = |n: usize| (n as f64 - 1.5) * 0.25 * SPACING_MM;
     let inside = |s: &usize| {
@@ -201,7 +203,7 @@ fn labels(grid: &Grid<Ct>, params: &BlockParams) -> Volume<u8, Ct> {
     labels
 }
 
-/// The nerve's course: through the whole block, bowed towards the middle of the pocket's wall.
+/// The nerve's course: it runs through the whole block and bends towards the middle of the pocket's wall.
 fn nerve(params: &BlockParams) -> Tube {
     let side = if params.nerve_on_positive_side { 1.0 } else { -1.0 };
     let half = 0.5 * POCKET_MM;

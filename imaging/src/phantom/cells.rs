@@ -1,7 +1,7 @@
-//! Pneumatised bone: air cells as rounded Voronoi cells, their walls (septa) thin plates on the bisectors.
+//! Pneumatised bone: air cells are rounded Voronoi cells, and their walls (septa) are thin plates between them.
 //!
-//! Seeds are thrown at random, no nearer to each other than a spacing that depends on the place. A share of the walls is
-//! left out, so that neighbours merge into the irregular, communicating cells of a mastoid.
+//! Seed points are placed at random, no nearer to each other than a spacing that depends on the place. A share of the
+//! walls is left out, so that neighbours merge into the irregular, communicating cells of a mastoid.
 
 use super::rng::Rng;
 use super::shapes::V3;
@@ -21,7 +21,8 @@ pub(super) struct AirCells {
 }
 
 impl AirCells {
-    /// Seeds thrown into the box `lo..hi`, kept where `spacing_mm` gives a spacing and no seed is nearer than it.
+    /// Places seed points at random in the box `lo..hi`. A point is kept where `spacing_mm` gives a spacing and no other seed
+    /// is nearer than that.
     pub(super) fn scatter(
         (lo, hi): (V3, V3),
         throws: usize,
@@ -40,11 +41,11 @@ impl AirCells {
         Self { seeds, rng }
     }
 
-    /// The cells that matter within `radius_mm` of `center`.
+    /// The cells that shape the bone within `radius_mm` of `center`.
     pub(super) fn near(&self, center: &V3, radius_mm: f64) -> LocalCells<'_> {
         let distance = |n: usize| (self.seeds[n] - center).norm();
         let nearest = (0..self.seeds.len()).map(distance).fold(f64::INFINITY, f64::min);
-        // a wall to a seed d farther than the nearest is at least d/2 away
+        // the wall to a seed that is d farther than the nearest seed is at least d/2 away
         let reach = nearest + 2.0 * (radius_mm + ROUNDING_MM + HALF_SEPTUM_MM[1]);
         let seeds =
             (0..self.seeds.len()).filter(|&n| distance(n) <= reach).map(|n| (n, self.seeds[n])).collect();
@@ -55,7 +56,7 @@ impl AirCells {
     fn half_septum_mm(&self, a: usize, b: usize) -> Option<f64> {
         let (lo, hi) = (a.min(b) as u64, a.max(b) as u64);
         let pair = 2 * (hi * (hi - 1) / 2 + lo);
-        // counters far beyond those that `scatter` has drawn
+        // counters far above those that `scatter` uses
         let draw = |n: u64| self.rng.unit_at((1 << 40) + n);
         let [thin, thick] = HALF_SEPTUM_MM;
         (draw(pair) >= OPEN_WALLS).then(|| thin + (thick - thin) * draw(pair + 1))
@@ -66,19 +67,20 @@ impl AirCells {
 #[derive(Debug)]
 pub(super) struct LocalCells<'a> {
     cells: &'a AirCells,
-    /// Number and place.
+    /// Number and position of each seed.
     seeds: Vec<(usize, V3)>,
 }
 
 impl LocalCells<'_> {
-    /// Depth below 0 in a cell, mm, also below the `bound_mm` of the pneumatised region (negative inside it); above 0 in
-    /// a septum or outside. Valid within the radius given to [`AirCells::near`].
+    /// Signed distance to the nearest wall or to the edge of the pneumatised region, mm: negative inside a cell, positive in
+    /// a septum or outside the region. `bound_mm` is the signed distance of the region. Valid within the radius given to
+    /// [`AirCells::near`].
     pub(super) fn distance(&self, p: &V3, bound_mm: f64) -> f64 {
         let squares = self.seeds.iter().map(|(_, seed)| (seed - p).norm_squared());
         let nearest = squares.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
         let Some((own, own_square)) = nearest else { return f64::INFINITY };
         let (own_number, own_seed) = self.seeds[own];
-        // rounded_intersection of all walls, without their list
+        // as rounded_intersection of all walls, but without storing them in a list
         let (mut deepest, mut sum) = (bound_mm, (bound_mm + ROUNDING_MM).max(0.0).powi(2));
         for (_, &(number, seed)) in self.seeds.iter().enumerate().filter(|(n, _)| *n != own) {
             let bisector = 0.5 * ((seed - p).norm_squared() - own_square) / (seed - own_seed).norm();

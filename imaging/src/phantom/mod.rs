@@ -1,11 +1,14 @@
-//! Phantoms: test bodies made from a seed, with everything a plan needs, so that a plan can be tried without a patient.
+//! Phantoms: test bodies computed from a seed, with everything that a plan needs, so that planning can be tried without a
+//! patient.
 //!
 //! [`PhantomKind::Block`] is the foam block of Dillon et al. 2016 (D), section III; [`PhantomKind::Temporal`] is a mastoid
-//! with its air cells and the structures around it. A phantom is an image in HU, a label map on the same grid, the labels'
-//! names and the text of a case file; nothing is written here.
+//! with its air cells and the structures around it; [`PhantomKind::Tibia`] and [`PhantomKind::Glenoid`] are bones to be drilled
+//! and reamed. A phantom consists of an image in HU, a label map on the same grid,
+//! the labels' names and the text of a case file. This module writes no files.
 //!
-//! Invariants: the same kind and seed give the same voxels, whatever the number of threads; every seed gives a case whose
-//! target is one piece, reaches the outside along the approach, and keeps every structure's clearance.
+//! Invariants: the same kind and seed give the same voxels, whatever the number of threads; every seed of `block`
+//! and `temporal` gives a case whose target is one piece, reaches the outside along the approach, and keeps every structure's
+//! clearance; every seed of `tibia` and `glenoid` one whose channel does.
 //!
 //! ```
 //! use bonemill_imaging::phantom::{PhantomKind, phantom};
@@ -18,9 +21,12 @@
 
 mod block;
 mod cells;
+mod glenoid;
 mod rng;
 mod shapes;
 mod temporal;
+mod tibia;
+mod variation;
 
 use std::fmt;
 use std::str::FromStr;
@@ -41,11 +47,20 @@ pub enum PhantomKind {
     Block,
     /// A procedural right mastoid: a cavity behind the ear canal, between dura, sinus, labyrinth and facial nerve.
     Temporal,
+    /// A stretch of a tibia's shaft to be drilled through both cortices.
+    Tibia,
+    /// The head of a scapula with a glenoid to be reamed.
+    Glenoid,
 }
 
-/// The name of a phantom is not one of those there are.
+impl PhantomKind {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Block, Self::Temporal, Self::Tibia, Self::Glenoid];
+}
+
+/// There is no phantom of the given name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("phantom '{found}': expected 'block' or 'temporal'")]
+#[error("phantom '{found}': expected 'block', 'temporal', 'tibia' or 'glenoid'")]
 pub struct UnknownPhantom {
     /// The name given.
     pub found: String,
@@ -56,6 +71,8 @@ impl fmt::Display for PhantomKind {
         f.write_str(match self {
             Self::Block => "block",
             Self::Temporal => "temporal",
+            Self::Tibia => "tibia",
+            Self::Glenoid => "glenoid",
         })
     }
 }
@@ -67,6 +84,8 @@ impl FromStr for PhantomKind {
         match name {
             "block" => Ok(Self::Block),
             "temporal" => Ok(Self::Temporal),
+            "tibia" => Ok(Self::Tibia),
+            "glenoid" => Ok(Self::Glenoid),
             _ => Err(UnknownPhantom { found: name.to_string() }),
         }
     }
@@ -85,15 +104,17 @@ pub struct Phantom {
     pub case_toml: String,
 }
 
-/// The phantom of a kind and seed. Takes 0.3 s (block) or 2 s (temporal) of processor time, shared among rayon's threads.
+/// The phantom of a kind and seed. It takes 0.3 s (block) or 2 s (temporal) of processor time, shared by rayon's threads.
 pub fn phantom(kind: PhantomKind, seed: u64) -> Phantom {
     match kind {
         PhantomKind::Block => block(&BlockParams::paper(), seed),
         PhantomKind::Temporal => temporal::temporal(seed),
+        PhantomKind::Tibia => tibia::tibia(seed),
+        PhantomKind::Glenoid => glenoid::glenoid(seed),
     }
 }
 
-/// A grid along ct's axes. The numbers are constants of this module, so an error is our own bug.
+/// A grid along ct's axes. The numbers are constants of this module, so an error here is a bug.
 fn ct_grid(dims: [usize; 3], spacing_mm: f64, origin: Point<Ct>) -> Grid<Ct> {
     match Grid::aligned(dims, spacing_mm, origin) {
         Ok(grid) => grid,
@@ -112,7 +133,7 @@ fn with_noise(hu: &Volume<f32, Ct>, sd_hu: f64, rng: &Rng) -> Volume<i16, Ct> {
     ct
 }
 
-/// `label_names` from constants.
+/// Makes `label_names` from constants.
 fn names(pairs: &[(&str, u8)]) -> Vec<(String, u8)> {
     pairs.iter().map(|&(name, value)| (name.to_string(), value)).collect()
 }

@@ -1,4 +1,5 @@
-//! Random numbers that no dependency can change: splitmix64, by sequence or by counter.
+//! Random numbers (splitmix64), by sequence or by counter. They are computed here, so that no update of a dependency
+//! changes the phantoms.
 //!
 //! The counter form gives voxel n its value without the values before it, so that noise does not depend on the order in
 //! which voxels are filled, nor on the number of threads.
@@ -17,28 +18,28 @@ pub(crate) struct Rng {
 }
 
 impl Rng {
-    /// Stream number `stream` of `seed`; streams of one seed, and equal streams of neighbouring seeds, are unrelated.
+    /// Stream number `stream` of `seed`. Streams of one seed are independent, and so are equal streams of neighbouring seeds.
     pub(crate) fn new(seed: u64, stream: u64) -> Self {
         Self { seed: mix(mix(seed).wrapping_add(stream.wrapping_mul(GAMMA))), drawn: 0 }
     }
 
-    /// Uniform in [0, 1), the next of the stream.
+    /// The next number of the stream, uniform in [0, 1).
     pub(crate) fn unit(&mut self) -> f64 {
         self.drawn += 1;
         unit_at(self.seed, self.drawn - 1)
     }
 
-    /// Uniform in [lo, hi), the next of the stream.
+    /// The next number of the stream, uniform in [lo, hi).
     pub(crate) fn range(&mut self, lo: f64, hi: f64) -> f64 {
         lo + (hi - lo) * self.unit()
     }
 
-    /// Number `n` of the stream, uniform in [0, 1); does not advance it.
+    /// Number `n` of the stream, uniform in [0, 1). The stream does not advance.
     pub(crate) fn unit_at(&self, n: u64) -> f64 {
         unit_at(self.seed, n)
     }
 
-    /// Number `n` of the stream, standard normal; uses the uniform numbers 2n and 2n + 1 and does not advance it.
+    /// Number `n` of the stream, standard normal, from the uniform numbers 2n and 2n + 1. The stream does not advance.
     pub(crate) fn normal_at(&self, n: u64) -> f64 {
         let radius = (-2.0 * (1.0 - unit_at(self.seed, 2 * n)).ln()).sqrt();
         radius * (TAU * unit_at(self.seed, 2 * n + 1)).cos()

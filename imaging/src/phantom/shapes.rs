@@ -1,7 +1,7 @@
-//! Bodies as signed distances in mm, negative inside, from which phantoms are painted.
+//! The bodies that phantoms are made of, as signed distances in mm, negative inside.
 //!
-//! All of them are 1-Lipschitz but [`Ellipsoid`] and the flanks of a tapering [`Tube`], so a value is never more than the
-//! true distance: what must keep a clearance is built from these only.
+//! All of them are 1-Lipschitz except [`Ellipsoid`] and the flanks of a tapering [`Tube`], so a value is never larger than
+//! the true distance. Whatever must keep a clearance is built from the 1-Lipschitz ones only.
 
 use nalgebra::Vector3;
 
@@ -11,7 +11,7 @@ pub(super) type V3 = Vector3<f64>;
 #[derive(Debug, Clone)]
 pub(super) struct Tube {
     segments: Vec<Segment>,
-    /// A box around the tube: its middle and half its size.
+    /// A box around the tube: its centre and half its size.
     bounds: (V3, V3),
 }
 
@@ -25,7 +25,7 @@ struct Segment {
 }
 
 impl Tube {
-    /// Through the knots (point, radius), mm, in straight pieces. A knot that repeats its neighbour is a ball.
+    /// A tube through the knots (point, radius), mm, in straight pieces. Two equal neighbouring knots give a ball.
     pub(super) fn straight(knots: &[(V3, f64)]) -> Self {
         let segment = |w: &[(V3, f64)]| {
             let along = w[1].0 - w[0].0;
@@ -41,7 +41,7 @@ impl Tube {
         Self { segments: knots.windows(2).map(segment).collect(), bounds }
     }
 
-    /// Through the knots on a Catmull-Rom curve, in `pieces` straight pieces between two knots.
+    /// A tube along a Catmull-Rom curve through the knots, in `pieces` straight pieces between two knots.
     pub(super) fn curved(knots: &[(V3, f64)], pieces: usize) -> Self {
         let knot = |i: isize| knots[i.clamp(0, knots.len() as isize - 1) as usize];
         let mut points = Vec::with_capacity(knots.len() * pieces + 1);
@@ -60,7 +60,7 @@ impl Tube {
         Self::straight(&points)
     }
 
-    /// Signed distance, mm; infinite of a tube without segments.
+    /// Signed distance, mm; infinite for a tube without segments.
     pub(super) fn distance(&self, p: &V3) -> f64 {
         self.segments.iter().map(|s| s.distance(p)).fold(f64::INFINITY, f64::min)
     }
@@ -70,7 +70,7 @@ impl Tube {
         self.outside_bounds(p) <= 0.0 && self.distance(p) <= 0.0
     }
 
-    /// Above 0 outside the box around the tube, then at most the distance, mm.
+    /// A lower bound of the distance, mm: positive outside the box around the tube.
     fn outside_bounds(&self, p: &V3) -> f64 {
         ((p - self.bounds.0).abs() - self.bounds.1).max()
     }
@@ -112,7 +112,7 @@ impl Torus {
     }
 }
 
-/// An ellipsoid along the axes; its distance is a first-order estimate, for painting only.
+/// An ellipsoid along the axes. Its distance is a first-order estimate, used for painting only.
 #[derive(Debug, Clone)]
 pub(super) struct Ellipsoid {
     pub(super) center: V3,
@@ -128,8 +128,8 @@ impl Ellipsoid {
     }
 }
 
-/// Intersection of bodies with its concave and convex edges rounded to about `radius_mm`: what a ball of that radius can
-/// reach of the sharp intersection, exactly so where two planes meet at a right angle. Never larger than the sharp one.
+/// Intersection of bodies with its edges rounded to about `radius_mm`: the part of the sharp intersection that a ball of
+/// that radius can reach, exactly where two planes meet at a right angle. It is never larger than the sharp intersection.
 pub(super) fn rounded_intersection(distances: &[f64], radius_mm: f64) -> f64 {
     let deepest = distances.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let square: f64 = distances.iter().map(|d| (d + radius_mm).max(0.0).powi(2)).sum();
@@ -169,7 +169,7 @@ mod tests {
 
     #[test]
     fn a_rounded_corner_is_a_quarter_circle_inside_the_sharp_one() {
-        // the corner of x < 0 and y < 0 with radius 2: its arc about (-2, -2)
+        // the corner of x < 0 and y < 0 with radius 2 is an arc around (-2, -2)
         let corner = |x: f64, y: f64| rounded_intersection(&[x, y], 2.0);
         let diagonal = -2.0 + 2.0 * 0.5f64.sqrt();
         assert!(corner(diagonal, diagonal).abs() < 1e-12);

@@ -1,11 +1,11 @@
-//! A procedural right mastoid: what a surgeon meets behind the ear, from the cortex to the labyrinth.
+//! A right mastoid computed from a seed: the anatomy behind the ear, from the cortex to the labyrinth.
 //!
-//! The anatomy comes from the seed as bodies with signed distances ([`anatomy`]). They are painted one over the other
-//! with partial volumes, blurred by 0.15 mm, and given noise of 40 HU. The target is a cavity that narrows from the
-//! cortex to the antrum and keeps half a millimetre more than its clearance from every structure; its edges are rounded to
-//! the burr, and only its largest piece counts. Grey values are typical of CT, not of one scanner or patient.
+//! The seed decides the bodies of the anatomy, which are signed distances ([`anatomy`]). They are painted one over the
+//! other with partial volumes, blurred by 0.15 mm, and given noise of 40 HU. The target is a cavity that narrows from the
+//! cortex to the antrum and stays half a millimetre more than the clearance away from every structure. Its edges are
+//! rounded to the burr, and only its largest piece is kept. Grey values are typical of CT, not of one scanner or patient.
 //!
-//! Work goes by bricks of 4 × 4 × 4 voxels, so that only the bodies near a voxel are evaluated.
+//! The image is computed in bricks of 4 × 4 × 4 voxels, so that only the bodies near a voxel are evaluated.
 
 mod anatomy;
 mod labyrinth;
@@ -27,7 +27,7 @@ const EAR_CANAL: u8 = 3;
 const SIGMOID_SINUS: u8 = 4;
 const DURA: u8 = 5;
 
-// HU; air in cells is not quite air, because scanners blur it
+// HU; air in cells is above -1000 HU, because scanners blur it
 const AIR_HU: f64 = -1000.0;
 const CELL_AIR_HU: f64 = -900.0;
 const SOFT_HU: f64 = 40.0;
@@ -44,11 +44,11 @@ const DURA_PLATE_MM: f64 = 1.0;
 const EARDRUM_MM: f64 = 0.3;
 const SCALP_MM: f64 = 6.0;
 
-/// Kept beyond the clearance: voxel boxes of label and target reach 0.43 mm beyond their centres together.
+/// Distance kept beyond the clearance, mm: the voxel boxes of label and target together extend 0.43 mm beyond their centres.
 const SPARE_MM: f64 = 0.5;
 /// Radius of the target's edges: a little more than the burr's 2 mm.
 const TARGET_ROUNDING_MM: f64 = 2.2;
-/// The target reaches this far above the cortex, to hold its partial-volume voxels.
+/// How far the target extends above the cortex, mm, so that it contains the cortex's partial-volume voxels.
 const ABOVE_CORTEX_MM: f64 = 0.25;
 
 const NOISE_HU: f64 = 40.0;
@@ -59,10 +59,10 @@ const ORIGIN: Point<Ct> = Point::new(-31.875, -31.875, -23.875);
 const BRICK: usize = 4;
 /// Half of a brick's space diagonal between voxel centres, mm.
 const BRICK_RADIUS_MM: f64 = 0.5 * (BRICK - 1) as f64 * SPACING_MM * 1.733;
-/// Bodies farther than this from a voxel neither paint it nor bound the target there, mm.
+/// Bodies farther than this from a voxel change neither its value nor the target there, mm.
 const REACH_MM: f64 = TARGET_ROUNDING_MM + 1.0 + SPARE_MM;
 
-/// The mastoid of a seed.
+/// The mastoid for a seed.
 pub(super) fn temporal(seed: u64) -> Phantom {
     let grid = ct_grid(DIMS, SPACING_MM, ORIGIN);
     let anatomy = Anatomy::new(seed);
@@ -113,7 +113,7 @@ fn painted(anatomy: &Anatomy, cells: &AirCells, grid: &Grid<Ct>) -> (Volume<f32,
     (hu, labels)
 }
 
-/// Signed distances of a point to the structures and the bone's surface, mm; infinite beyond reach.
+/// Signed distances of a point from the structures and the bone's surface, mm; infinite beyond [`REACH_MM`].
 struct Distances {
     lateral: f64,
     bone: f64,
@@ -125,7 +125,7 @@ struct Distances {
 }
 
 impl anatomy::Local<'_> {
-    /// HU and label of a brick that lies wholly in the air outside or in the brain, by its middle: most of them do.
+    /// HU and label of a brick that lies wholly in the air outside or in the brain, as most do; told by its centre.
     fn uniform(&self, center: &V3) -> Option<(f64, u8)> {
         const DEEP_MM: f64 = BRICK_RADIUS_MM + SPACING_MM;
         let d = self.distances(center);
@@ -151,7 +151,7 @@ impl anatomy::Local<'_> {
         }
     }
 
-    /// HU of a voxel: each tissue over those before it.
+    /// HU of a voxel; each tissue is painted over those before it.
     fn hu(&self, p: &V3, d: &Distances, cells: Option<&LocalCells>) -> f64 {
         let mut hu = AIR_HU;
         let mut paint = |value: f64, distance: f64| hu += (value - hu) * coverage(distance, SPACING_MM);
@@ -166,7 +166,7 @@ impl anatomy::Local<'_> {
             }
         }
         paint(CELL_AIR_HU, self.antrum.distance(p));
-        // plates and walls are of bone, so they end where the bone ends
+        // plates and walls are bone, so they end where the bone ends
         paint(PLATE_HU, (d.canal - CANAL_WALL_MM).max(d.bone));
         if self.middle_ear {
             let middle_ear = self.anatomy.middle_ear.distance(p);
@@ -178,7 +178,7 @@ impl anatomy::Local<'_> {
             paint(CAPSULE_HU, d.labyrinth);
             paint(FLUID_HU, self.anatomy.labyrinth.fluid_mm(p));
         }
-        // before the inner canal, in which the nerve has no wall
+        // painted before the inner canal, in which the nerve has no wall
         paint(PLATE_HU, (d.nerve - NERVE_CANAL_WALL_MM).max(d.bone));
         paint(FLUID_HU, self.inner_canal.distance(p));
         paint(PLATE_HU, (d.sinus - SINUS_PLATE_MM).min(d.dura - DURA_PLATE_MM).max(d.bone));
@@ -188,7 +188,7 @@ impl anatomy::Local<'_> {
         hu
     }
 
-    /// Label of a voxel: the finest structure first.
+    /// Label of a voxel; where structures overlap, the thinnest one is taken.
     fn label(&self, p: &V3, d: &Distances) -> u8 {
         match () {
             () if d.nerve <= 0.0 => FACIAL_NERVE,
@@ -201,7 +201,7 @@ impl anatomy::Local<'_> {
         }
     }
 
-    /// Signed distance of the cavity below and above the cortex, mm: it may be too large, never too small.
+    /// Signed distance of the cavity below and above the cortex, mm. It may be too large, but is never too small.
     fn target_mm(&self, p: &V3, d: &Distances) -> f64 {
         let [walls, floor] = self.anatomy.cavity_mm(p);
         if walls > 0.0 || floor > 0.0 {
@@ -220,7 +220,7 @@ impl anatomy::Local<'_> {
     }
 }
 
-/// Gaussian blur with a standard deviation in voxels; the image's edge is repeated beyond it.
+/// Gaussian blur with a standard deviation in voxels. Beyond the image's edge its outermost values are repeated.
 fn blurred(mut image: Volume<f32, Ct>, sigma_voxels: f64) -> Volume<f32, Ct> {
     let [nx, ny, nz] = image.grid().dims();
     let half = (3.0 * sigma_voxels).ceil() as usize;
@@ -253,7 +253,7 @@ fn blurred(mut image: Volume<f32, Ct>, sigma_voxels: f64) -> Volume<f32, Ct> {
     image
 }
 
-/// Clears all but the largest piece (by faces) of a label; of equal ones the first in memory stays.
+/// Clears all but the largest piece (connected by faces) of a label; of equally large ones the first in memory stays.
 fn keep_largest_piece(labels: &mut Volume<u8, Ct>, label: u8) {
     let grid = labels.grid().clone();
     let dims = grid.dims();

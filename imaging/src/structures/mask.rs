@@ -1,15 +1,15 @@
 //! The voxels of one label in a window of the map, one bit each, and the boxes that make up their surface.
 //!
-//! A point outside is nearest to a voxel with an uncovered face: where a covered voxel's box holds the nearest point
-//! on an edge or corner, so does the box of one with an uncovered face, because the voxels around an edge or corner
-//! join face to face. So only these need boxes.
+//! For a point outside, the nearest point always lies on a voxel with an uncovered face: if it lies on an edge or corner
+//! of a covered voxel, then also on a voxel with an uncovered face, because the voxels around an edge or corner join face
+//! to face. So only voxels with an uncovered face are kept as boxes.
 
 use bonemill_geometry::{Ct, Volume};
 use nalgebra::Vector3;
 
 use super::tree::Bounds;
 
-/// Voxels in a box of the tree: long boxes would make wide nodes.
+/// The most voxels in a box of the tree. Longer boxes would make the tree's nodes too wide.
 const LONGEST_BOX: usize = 8;
 
 /// Which voxels of a window have the label.
@@ -17,7 +17,7 @@ const LONGEST_BOX: usize = 8;
 pub(super) struct Mask {
     first: [usize; 3],
     dims: [usize; 3],
-    /// One bit a voxel, x-fastest; each row begins a new word.
+    /// One bit per voxel, x-fastest; each row begins a new word.
     words: Vec<u64>,
     words_per_row: usize,
 }
@@ -32,7 +32,7 @@ impl Mask {
         for (row, words) in words.chunks_exact_mut(words_per_row).enumerate() {
             let start = labels.grid().index([first[0], first[1] + row % dims[1], first[2] + row / dims[1]]);
             for (word, values) in words.iter_mut().zip(labels.data()[start..start + dims[0]].chunks(64)) {
-                // most words hold none
+                // most words contain no voxel of the label
                 if values.contains(&label) {
                     *word = values.iter().rev().fold(0, |word, v| word << 1 | u64::from(*v == label));
                 }

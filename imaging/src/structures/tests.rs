@@ -25,7 +25,7 @@ fn scatter(grid: Grid<Ct>, seed: u64, one_in: u64) -> Volume<u16, Ct> {
     Volume::new(grid, data).unwrap()
 }
 
-/// Distance to the nearest closed voxel box, box by box.
+/// Distance to the nearest closed voxel box, found by testing every box.
 fn brute_force(labels: &Volume<u16, Ct>, label: u16, p: Point<Ct>) -> f64 {
     let grid = labels.grid();
     let index = grid.continuous_index(p);
@@ -43,7 +43,7 @@ fn brute_force(labels: &Volume<u16, Ct>, label: u16, p: Point<Ct>) -> f64 {
 }
 
 fn point_near(grid: &Grid<Ct>, share: [f64; 3]) -> Point<Ct> {
-    // from half the grid's size before it to half behind it
+    // points from half the grid's size before the grid to half its size behind it
     grid.at(std::array::from_fn(|a| (share[a] * 2.0 - 0.5) * grid.dims()[a] as f64))
 }
 
@@ -145,7 +145,7 @@ fn labels_that_are_absent_and_regions_that_are_no_boxes_are_refused() {
     {
         assert!(matches!(StructureField::new(&labels, 1, Some(&bad)), Err(ImageError::Region { .. })));
     }
-    // a grid along ct's axes exercises the plain case too
+    // a grid along ct's axes, the simplest case
     let plain = Grid::new([2, 1, 1], Vector3::repeat(1.0), Matrix3::identity(), Vector3::zeros()).unwrap();
     let two = Volume::new(plain, vec![4u16, 0]).unwrap();
     let field = StructureField::new(&two, 4, None).unwrap().unwrap();

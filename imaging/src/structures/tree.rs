@@ -1,16 +1,16 @@
 //! The nearest of many boxes: a bounding-volume tree in one array.
 //!
-//! The boxes never change once they are known, and a good upper bound of the distance is at hand before the search
-//! (the coarse field gives it). A tree split at the median, searched depth first with that bound, then visits little
-//! more than one path: several times faster here than a general R-tree, which must keep a queue of open nodes.
+//! The boxes never change, and the coarse field gives a good upper bound of the distance before the search. A tree that is
+//! split at the median and searched depth first with that bound visits little more than one path. Here it is several
+//! times faster than a general R-tree, which must keep a queue of open nodes.
 //!
-//! The tree depends on nothing but the order of the boxes given; among equally near boxes always the same one is found.
+//! The tree depends only on the order of the given boxes; among equally near boxes always the same one is found.
 
 use std::array::from_fn;
 
 /// Boxes in a leaf.
 const LEAF: usize = 4;
-/// Open nodes of a depth-first search: one a level, and 2³² boxes have fewer levels.
+/// The most open nodes of a depth-first search: one per level, and 2³² boxes have fewer levels than this.
 const DEPTH: usize = 64;
 
 /// A closed box.
@@ -47,16 +47,16 @@ impl Bounds {
 pub(super) struct Tree {
     /// Node 0 is the root.
     nodes: Vec<Node>,
-    /// In the order of the leaves.
+    /// The boxes in the order of the leaves.
     boxes: Vec<Bounds>,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Node {
     bounds: Bounds,
-    /// A leaf's first box; else the second child (the first one follows its parent).
+    /// For a leaf, its first box; for an inner node, its second child (the first child follows its parent).
     at: u32,
-    /// A leaf's boxes; 0 for an inner node.
+    /// Number of a leaf's boxes; 0 for an inner node.
     count: u32,
 }
 
@@ -88,7 +88,7 @@ impl Tree {
             if node.count > 0 {
                 for bounds in &self.boxes[node.at as usize..(node.at + node.count) as usize] {
                     let distance = bounds.distance_squared(p);
-                    // equal once: the bound itself may be the answer
+                    // an equal distance is accepted once, because the bound itself may be the answer
                     if distance < best || (distance == best && found.is_none()) {
                         (best, found) = (distance, Some(bounds));
                     }

@@ -6,6 +6,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use bonemill_cutter::CutterError;
 use bonemill_geometry::NotARotation;
 use bonemill_imaging::ImageError;
 use thiserror::Error;
@@ -126,6 +127,19 @@ pub enum CaseFault {
         /// The choice that it resembles.
         nearest: Option<String>,
     },
+    /// A name that no structure of the case has.
+    #[error("`{key}` = {found:?}: expected the name of a structure, {}{}",
+        options_text(&.options.iter().map(String::as_str).collect::<Vec<_>>()), nearest_text(.nearest))]
+    UnknownStructure {
+        /// The key.
+        key: String,
+        /// The name.
+        found: String,
+        /// The structures.
+        options: Vec<String>,
+        /// The one that it resembles.
+        nearest: Option<String>,
+    },
     /// Two numbers contradict each other.
     #[error("`{key}` = {found}{unit}{}: expected {relation} {limit}{unit}, {of}",
         if *.is_default { " (the default)" } else { "" }, unit = unit_text(.unit))]
@@ -186,6 +200,14 @@ pub enum CaseFault {
         key: String,
         /// Its length.
         norm: f64,
+    },
+    /// Dimensions that no cutter has.
+    #[error("`{table}`: {problem}")]
+    Cutter {
+        /// The tool's table.
+        table: &'static str,
+        /// What is wrong with it.
+        problem: CutterError,
     },
     /// The density table is none.
     #[error("`density.hu` and `density.g_cm3`: {problem}")]

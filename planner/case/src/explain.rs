@@ -50,13 +50,13 @@ pub struct Parameter {
 /// Every key of a case in the order of its file. Values that a plan chose are told as such where the case holds them although
 /// its file does not.
 pub fn explained(case: &Case) -> Vec<Parameter> {
-    let entries = keys::entries();
+    let entries = keys::case_entries();
     let text = case.to_toml();
-    let (mut table, mut structures, mut found) = (String::new(), 0usize, Vec::new());
+    let (mut table, mut lists, mut found) = (String::new(), Vec::new(), Vec::new());
     for line in text.lines() {
-        if line == "[[structure]]" {
-            table = format!("structure[{structures}]");
-            structures += 1;
+        if let Some(name) = line.strip_prefix("[[").and_then(|l| l.strip_suffix("]]")) {
+            table = format!("{name}[{}]", lists.iter().filter(|list| **list == name).count());
+            lists.push(name);
         } else if let Some(name) = line.strip_prefix('[').and_then(|l| l.strip_suffix(']')) {
             name.clone_into(&mut table);
         } else if let Some((name, value)) = line.split_once(" = ") {

@@ -25,6 +25,10 @@ pub enum Unit {
     Rad,
     /// Spindle speed.
     Rpm,
+    /// Feed.
+    MmMin,
+    /// Time.
+    Min,
     /// Rate.
     Hz,
     /// Time.
@@ -66,6 +70,8 @@ impl fmt::Display for Unit {
             Unit::Deg => "degrees",
             Unit::Rad => "rad",
             Unit::Rpm => "rpm",
+            Unit::MmMin => "mm/min",
+            Unit::Min => "min",
             Unit::Hz => "Hz",
             Unit::S => "s",
             Unit::GCm3 => "g/cm³",
@@ -91,6 +97,8 @@ impl Unit {
         match self {
             Unit::Mm => &[("metres", 1e3), ("µm", 1e-3), ("cm", 10.0)],
             Unit::MmS => &[("m/s", 1e3), ("µm/s", 1e-3)],
+            Unit::MmMin => &[("m/min", 1e3), ("mm/s", 60.0)],
+            Unit::Min => &[("seconds", 1.0 / 60.0), ("hours", 60.0)],
             Unit::Rpm => &[("thousands of rpm", 1e3), ("revolutions per second", 60.0)],
             Unit::GCm3 => &[("kg/m³", 1e-3)],
             Unit::NMm2 => &[("Pa", 1e-6), ("GPa", 1e3)],
@@ -197,15 +205,15 @@ macro_rules! table {
         choices { $($c:ident: $t:ty = $cp:literal [$($word:literal => $v:expr),+], $cm:literal, $cs:expr;)* }
         others { $($o:ident = $op:literal $oe:literal, $od:expr, $om:literal, $os:expr;)* }
     ) => {
-        $(pub(super) const $n: Number = Number {
+        $(pub(crate) const $n: Number = Number {
             path: $np, unit: Unit::$nunit, min: $min, max: $max, default: $nd, meaning: $nm, source: $ns };)*
-        $(pub(super) const $c: Choice<$t> =
+        $(pub(crate) const $c: Choice<$t> =
             Choice { path: $cp, options: &[$(($word, $v)),+], meaning: $cm, source: $cs };)*
-        $(pub(super) const $o: Other =
+        $(pub(crate) const $o: Other =
             Other { path: $op, expects: $oe, default: $od, meaning: $om, source: $os };)*
 
-        /// Every key, for the documentation: in the order numbers, choices, others.
-        pub(super) fn entries() -> Vec<Entry> {
+        /// The keys of this part, for the documentation: in the order numbers, choices, others.
+        pub(crate) fn entries() -> Vec<Entry> {
             vec![$(Entry::from(&$n),)* $(Entry::from(&$c),)* $(Entry::from(&$o),)*]
         }
     };
@@ -236,6 +244,8 @@ table! {
         PRIORITY = "structure.priority" One 1.0..1e6, Derived("its place in the file"), "1 is the most important", "-";
         SHANK_CLEARANCE = "structure.shank_clearance_mm" Mm 0.0..50.0, Value(0.0),
             "least distance of the shank's surface from the structure", "D: the shank must not touch";
+        HOLD_DISTANCE = "hold.distance_mm" Mm 0.0..8.0, Words(REQUIRED),
+            "distance of the burr's surface from the structure, at least its clearance_mm; a streamed plan stops before the first move that comes nearer", "-";
         DIRECTION = "approach.direction" One -1e6..1e6, Chosen("the direction in which the target sees the most air"),
             "ct, out of the bone; any length but zero", "the one used stands in plan.toml";
         RADIUS = "burr.radius_mm" Mm 0.2..10.0, Value(2.5), "radius (not diameter) of the ball", "assumed: 5 mm burr (docs/force-model.md 10)";
@@ -348,6 +358,8 @@ table! {
         ENTRY_LABEL = "path.entry_label" "a number from 1 to 65535 or a name of labels.json", "none: anywhere on the bone", "with plunge or ream and no entry_mm: the channel leaves the bone in this label", "-";
         ENTRY_BALL = "path.entry_ball" "a table { center_mm, radius_mm }", "none: anywhere on the bone", "the same in a ball", "-";
         CHANNEL_DIRECTION = "path.direction" "`safest`, or [x, y, z] in ct, into the bone", "from entry_mm to target_mm where both are given; else required", "with plunge or ream: where the channel leads; `safest`: to target_mm, with the largest weighted clearance to every structure", "-";
+        HOLD = "hold" "tables [[hold]]", ABSENT, "where a streamed plan draws the burr back and waits for the user, as nerve monitoring needs; the path is the same without", "-";
+        HOLD_STRUCTURE = "hold.structure" "the name of a [[structure]]", REQUIRED, "to which the distance is", "-";
         MODEL = "robot.model" "`bone-attached`, `ur3e`, `ur5e`, `ur10e` or the path of a .urdf file", "\"bone-attached\"", "the arm", "D: bone-attached robot";
         CALIBRATION = "robot.calibration" "a path relative to the case file", "none: nominal kinematics, with a warning", "a UR's own calibration: YAML or calibration.conf with delta_theta, delta_a, delta_d, delta_alpha, or the ROS driver's extraction", "-";
         BRANCH = "robot.branch" "a number from 0 to 7, or words of `shoulder-left` | `shoulder-right`, `elbow-up` | `elbow-down`, `wrist-positive` | `wrist-negative` joined by `/`",
@@ -356,6 +368,13 @@ table! {
             "assumed: base x, y, z along work y, -x, z; the target's centre at the bone-attached arm's base, or before a UR's base by 0.55 and above it by 0.05 of its reach; needed for a URDF", "registration: where the patient is", "assumed, stated in plan.toml";
         FLANGE_FROM_BURR = "robot.flange_from_burr" "a table { translation_mm, rpy_rad }", "the URDF ends at the burr; needed for a UR", "where the burr is mounted", "-";
     }
+}
+
+pub(super) mod tool;
+
+/// Every key of a case, for the documentation.
+pub(super) fn case_entries() -> Vec<Entry> {
+    [entries(), tool::entries()].concat()
 }
 
 /// A key as the documentation shows it.

@@ -9,11 +9,15 @@ mod edit;
 mod error;
 mod explain;
 mod given;
+mod hold;
 mod job;
+#[macro_use]
 mod keys;
 mod parse;
 mod parse_channel;
 mod parse_robot;
+mod parse_tool;
+pub mod prosthesis;
 mod reference;
 mod relations;
 mod several;
@@ -22,6 +26,7 @@ mod suggest;
 mod target;
 #[cfg(test)]
 mod tests;
+mod tool;
 mod walker;
 pub mod write;
 mod write_channel;
@@ -38,6 +43,7 @@ pub use edit::with_values;
 pub use error::{CaseError, CaseFault, Located};
 pub use explain::{Origin, Parameter, explained};
 pub use given::Given;
+pub use hold::Hold;
 pub use job::{ChannelDirection, ChannelEnd, ChannelSpec, Entry, Feed, Job, Pattern};
 pub use keys::Unit;
 pub use parse::syntax;
@@ -47,6 +53,7 @@ pub use several::SeveralStructures;
 pub use sheets::Sheets;
 pub use suggest::nearest;
 pub use target::Target;
+pub use tool::{EdgeMaterial, EdgeModel, MeshTool, Spindle, Tool};
 pub use walker::{as_number, line_at};
 
 /// One patient, one tool and one robot; resolved and validated.
@@ -68,14 +75,20 @@ pub struct Case {
     pub least_share: f64,
     /// What must not be touched.
     pub structures: Vec<Structure>,
+    /// Where the arm holds for the user.
+    pub holds: Vec<Hold>,
     /// Approach direction in ct, unit, out of the bone; `None`: the direction in which the target sees the most air.
     pub approach: Option<Vector3<f64>>,
-    /// The burr.
+    /// What cuts.
+    pub tool: Tool,
+    /// The burr, where the tool is one.
     pub burr: Burr,
     /// The shank, from the burr outwards.
     pub shank: Vec<ShankSegment>,
-    /// Cutting coefficients.
+    /// Cutting coefficients of a burr, and how force follows density.
     pub material: Material,
+    /// Cutting coefficients of the edges of other tools.
+    pub edge_material: EdgeMaterial,
     /// How the path is laid.
     pub path: PathSpec,
     /// Weights of the orientation cost.

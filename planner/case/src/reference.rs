@@ -30,9 +30,13 @@ not kept, and burr and shank may pass there, as they may in the air outside the 
 
 /// The reference as Markdown.
 pub fn reference() -> String {
-    let entries = keys::entries();
-    let mut out = String::from(INTRODUCTION);
-    for table in tables(&entries) {
+    markdown(INTRODUCTION, &keys::case_entries())
+}
+
+/// An introduction, and the keys of every table of a file.
+pub(super) fn markdown(introduction: &str, entries: &[Entry]) -> String {
+    let mut out = String::from(introduction);
+    for table in tables(entries) {
         let title = if table.is_empty() { "Above the tables".into() } else { format!("`{table}`") };
         out += &format!(
             "\n## {title}\n\n| key | expects | default | meaning | source of the default |\n|---|---|---|---|---|\n"
@@ -59,8 +63,13 @@ fn tables(entries: &[Entry]) -> Vec<&'static str> {
         "density",
         "target",
         "structure",
+        "hold",
         "approach",
+        "tool",
         "burr",
+        "drill",
+        "reamer",
+        "mesh",
         "shank",
         "material",
         "path",
@@ -70,6 +79,13 @@ fn tables(entries: &[Entry]) -> Vec<&'static str> {
         "robot",
         "registration",
         "grid",
+        // of a prosthesis' job
+        "part",
+        "orient",
+        "stock",
+        "tool",
+        "process",
+        "machine",
     ];
     let mut tables: Vec<_> = entries.iter().map(|e| table_of(e.path)).collect();
     // a table inside a table comes after it, in the order of the keys
@@ -86,7 +102,7 @@ mod tests {
     use std::path::Path;
 
     /// A case with every key that can stand together.
-    const FULL: &str = "preset = \"none\"\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n[[structure]]\nname = \"s\"\nlabel = 2\n\
+    const FULL: &str = "preset = \"none\"\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n[[structure]]\nname = \"s\"\nlabel = 2\n[[hold]]\nstructure = \"s\"\ndistance_mm = 2\n\
         [approach]\ndirection = [0, 0, 1]\n[path]\nraster_deg = 10\n[speed]\ntotal_time_s = 100\nmode = \"force_limited\"\ndeflection_um = 20\npower_w = 5\n[robot]\ncalibration = \"arm.yaml\"\nbranch = \"elbow-up\"\n\
         joint_stiffness = [1, 1, 1, 1]\nvelocity_limits = [1, 1, 1, 1]\nacceleration_limits = [1, 1, 1, 1]\njerk_limits = [1, 1, 1, 1]\n\
         base_from_ct = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [0, 0, 0] }\n\
@@ -97,19 +113,22 @@ mod tests {
         let case = Case::parse(FULL, Path::new("full.toml")).unwrap();
         let written = case.to_toml();
         let mut table = String::new();
-        let mut keys = vec!["structure".to_owned()];
+        let mut keys = vec!["structure".to_owned(), "hold".to_owned()];
         for line in written.lines().filter(|l| !l.is_empty()) {
             match line.strip_prefix('[') {
                 Some(name) => table = name.trim_matches(['[', ']']).to_owned() + ".",
                 None => keys.push(table.clone() + line.split(' ').next().unwrap()),
             }
         }
-        let documented: Vec<_> = keys::entries().iter().map(|e| e.path).collect();
+        let documented: Vec<_> = keys::case_entries().iter().map(|e| e.path).collect();
         for key in &keys {
             assert!(documented.contains(&key.as_str()), "`{key}` is written but not documented");
         }
         // the other shapes of target and registration, and what is inside inline tables
         let inside = ["target.b", "target.f", "robot.base_from_ct.", "robot.flange_from_burr."];
+        // and the tools that are no burr, see tool::tests
+        let tools = ["drill.", "reamer.", "mesh."];
+        let inside = [&inside[..], &tools[..]].concat();
         for path in documented {
             let elsewhere = inside.iter().any(|p| path.starts_with(p));
             assert!(elsewhere || keys.iter().any(|k| k == path), "`{path}` is documented but not written");
@@ -120,12 +139,13 @@ mod tests {
     fn the_documented_default_is_the_one_used() {
         let least = "structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n";
         let case = Case::parse(least, Path::new("least.toml")).unwrap();
-        for e in keys::entries() {
+        for e in keys::case_entries() {
             // a default that is a value, not a description, may as well stand in the file
             let is_value =
                 e.default.parse::<f64>().is_ok() || e.default.starts_with('[') || e.default.starts_with('"');
+            let is_apart = |t: &str| ["structure", "drill", "reamer", "mesh"].contains(&t);
             if let Some((table, name)) =
-                e.path.split_once('.').filter(|(t, n)| is_value && *t != "structure" && !n.contains('.'))
+                e.path.split_once('.').filter(|(t, n)| is_value && !is_apart(t) && !n.contains('.'))
             {
                 let line = format!("{name} = {}\n", e.default);
                 let text = match table {

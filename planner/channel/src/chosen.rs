@@ -1,11 +1,13 @@
 //! Which channel a case asks for: given, to a target, or the safest of all.
 
+use std::path::Path;
+
 use bonemill_case::{Case, ChannelDirection, ChannelEnd, ChannelSpec, Entry};
-use bonemill_geometry::Point;
+use bonemill_geometry::{Ct, Point};
 use bonemill_imaging::StructureField;
 use bonemill_setup::inputs::{Images, label_of};
 use bonemill_setup::{ChannelFault, PlanError};
-use nalgebra::Unit;
+use nalgebra::{Unit, Vector3};
 
 use crate::axis::ChannelAxis;
 use crate::bone::BoneField;
@@ -30,7 +32,7 @@ pub struct FoundChannels {
     pub error: RegistrationError,
 }
 
-/// Finds the channels of a case.
+/// Finds the channels of a case; `labels_path` is where its label map is.
 ///
 /// # Errors
 /// [`ChannelFault`] where there is none.
@@ -38,18 +40,21 @@ pub fn find(
     case: &Case,
     spec: &ChannelSpec,
     images: &Images,
+    labels_path: &Path,
     tool: &ChannelTool,
 ) -> Result<FoundChannels, PlanError> {
     let fields = images.structures.iter().map(|(_, label)| {
         StructureField::new(&images.labels.volume, *label, None).map_err(PlanError::from)
     });
     let fields = fields.collect::<Result<Vec<_>, _>>()?;
-    let kept = |(field, of): (&Option<StructureField>, &bonemill_case::Structure)| (field, of.clearance_mm, of.priority);
     let kept: Vec<KeptStructure<'_>> = fields
         .iter()
         .zip(&case.structures)
-        .map(kept)
-        .map(|(field, clearance_mm, priority)| KeptStructure { field: field.as_ref(), clearance_mm, priority })
+        .map(|(field, of)| KeptStructure {
+            field: field.as_ref(),
+            clearance_mm: of.clearance_mm,
+            priority: of.priority,
+        })
         .collect();
     let error = RegistrationError::of_case(&case.robot, spec.registration_sigma_mm)?;
     let risk = RiskModel {
@@ -60,7 +65,7 @@ pub fn find(
         touch_probability: spec.touch_probability,
     };
     let bone = BoneField { ct: &images.ct.volume, density: &case.density };
-    let region = region(case, spec, images)?;
+    let region = region(spec, images, labels_path)?;
     let target = match spec.end {
         ChannelEnd::Target(target) => Point::from_coords(target),
         _ => Point::new(0.0, 0.0, 0.0),
@@ -73,7 +78,7 @@ pub fn find(
         longest_mm: tool.longest_mm(),
         risk,
     };
-    let (axis, search) = match spec.direction {
+    let (axes, search) = match spec.direction {
         ChannelDirection::Safest => {
             let found = search.run();
             if found.channels.is_empty() {
@@ -94,7 +99,7 @@ pub fn find(
         let kept = risk.assess(&axis, TOLERANCE_MM);
         SafeChannel { axis, margin_mm: least_margin_mm(&kept), kept }
     };
-    let channels: Vec<SafeChannel> = axis.into_iter().map(judged).collect();
+    let channels: Vec<SafeChannel> = axes.into_iter().map(judged).collect();
     through(case, channels.first())?;
     Ok(FoundChannels { channels, search, error })
 }
@@ -105,7 +110,7 @@ fn given(
     search: &SafestSearch<'_>,
     bone: &BoneField<'_>,
     tool: &ChannelTool,
-    out: Unit<nalgebra::Vector3<f64>>,
+    out: Unit<Vector3<f64>>,
 ) -> Result<ChannelAxis, PlanError> {
     let entry = match spec.entry {
         Entry::Point(entry) => Point::from_coords(entry),
@@ -124,18 +129,21 @@ fn given(
 }
 
 /// From a given entry to the target.
-fn to_target(spec: &ChannelSpec, target: Point<bonemill_geometry::Ct>) -> Result<ChannelAxis, PlanError> {
+fn to_target(spec: &ChannelSpec, target: Point<Ct>) -> Result<ChannelAxis, PlanError> {
     let Entry::Point(entry) = spec.entry else { return Err(ChannelFault::NoEntry.into()) };
     let entry = Point::from_coords(entry);
     let out = Unit::try_new(entry - target, 1e-6).ok_or(ChannelFault::NoEntry)?;
     Ok(ChannelAxis { entry, out, depth_mm: entry.distance_mm(&target) })
 }
 
-fn region<'a>(case: &Case, spec: &ChannelSpec, images: &'a Images) -> Result<EntryRegion<'a>, PlanError> {
+fn region<'a>(
+    spec: &ChannelSpec,
+    images: &'a Images,
+    labels_path: &Path,
+) -> Result<EntryRegion<'a>, PlanError> {
     Ok(match &spec.entry {
         Entry::Label(label) => {
-            let number = label_of("path.entry_label", label, images, &case.images.labels)?;
-            EntryRegion::Label(&images.labels.volume, number)
+            EntryRegion::Label(&images.labels.volume, label_of("path.entry_label", label, labels_path)?)
         }
         Entry::Ball { center_mm, radius_mm } => {
             EntryRegion::Ball { center: Point::from_coords(*center_mm), radius_mm: *radius_mm }

@@ -1,6 +1,6 @@
 //! The tool of a channel: what it sweeps, what follows it into the bone, and what must stay outside.
 
-use bonemill_case::{Case, Tool};
+use bonemill_case::{Case, EdgeModel, Tool};
 use bonemill_cutter::{Cutter, GlenoidReamer, ShankCylinder, TwistDrill};
 use bonemill_cutting::edge::CoefficientModel;
 
@@ -28,12 +28,27 @@ pub struct ChannelTool {
     pub holder: Vec<ShankCylinder>,
 }
 
+/// The regression of a case's `[material]`.
+fn coefficients(case: &Case) -> CoefficientModel {
+    let edges = &case.edge_material;
+    // the case's lists are as long as its model asks for
+    let both = |n: usize| [&edges.k_normal, &edges.k_friction].map(|k| k.get(n).copied().unwrap_or(0.0));
+    let two = || [[both(0)[0], both(1)[0]], [both(0)[1], both(1)[1]]];
+    match edges.model {
+        EdgeModel::Constant => CoefficientModel::Constant(both(0)),
+        EdgeModel::Rake => CoefficientModel::Rake(two()),
+        EdgeModel::Reciprocal => CoefficientModel::Reciprocal(two()),
+        EdgeModel::Chip => CoefficientModel::Chip([0, 1].map(|k| [0, 1, 2].map(|n| both(n)[k]))),
+        EdgeModel::PowerLaw => CoefficientModel::PowerLaw([0, 1].map(|k| [0, 1, 2, 3].map(|n| both(n)[k]))),
+    }
+}
+
 impl ChannelTool {
     /// The tool of a case.
     ///
     /// # Errors
-    /// [`ChannelFault::Tool`] where the case's tool cannot be pushed along its axis, [`ChannelFault::Cutter`] and
-    /// [`PlanError::Model`] for dimensions and coefficients that make none.
+    /// [`ChannelFault::Tool`] where the case's tool cannot be pushed along its axis, [`ChannelFault::Cutter`] for dimensions that
+    /// make none.
     pub fn of_case(case: &Case) -> Result<Self, PlanError> {
         let (cutter, guide_radius_mm): (Box<dyn Cutter>, f64) = match &case.tool {
             Tool::Drill(spec, _) => (Box::new(TwistDrill::new(*spec).map_err(ChannelFault::from)?), 0.0),
@@ -58,7 +73,7 @@ impl ChannelTool {
         let thin = cylinders.iter().take_while(|c| c.radius_mm <= radius_mm).count();
         let (followers, holder) = cylinders.split_at(thin);
         Ok(Self {
-            coefficients: coefficients(case)?,
+            coefficients: coefficients(case),
             spindle_rpm,
             rho_ref_g_cm3: case.material.rho_ref_g_cm3,
             exponent: case.material.exponent,

@@ -157,7 +157,7 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
     let (path, axes, arm) = (&plan.modelled.path, &plan.modelled.axes, &plan.modelled.arm);
     let dropped = dropped_by_reason(&plan.access.dropped).into_iter();
     let dropped = dropped.map(|(why, n)| (why.to_owned(), n.into())).collect();
-    let affine = |n: usize| Value::Text(plan.setup.affines[n].to_string());
+    let affine = |n: usize| Value::Text(plan.setup.placements[n].to_string());
     let branch = (plan.setup.arm.kind() == ArmKind::Ur)
         .then(|| ("branch_name".into(), Value::Text(branch_name(arm.branch))));
     let lowest = arm.lowest_link.map(|lowest| ("lowest_link_mm".into(), lowest.height_mm.into()));

@@ -1,24 +1,24 @@
-//! What is added to a finished plan's directory: single files, each written whole or not at all, and parts of the report.
+//! Adds to a finished plan's directory: single files, each written whole or not at all, and parts of the report.
 
 use std::io::{ErrorKind, Write};
 use std::path::Path;
 
 use super::PlanFileError;
 
-/// The page for a reader.
+/// Name of the report page.
 pub const REPORT: &str = "report.html";
 
-/// Who adds a part to the report.
+/// The parts that commands add to the report.
 #[derive(Debug, Clone, Copy)]
 pub enum ReportPart {
-    /// `bonemill simulate`.
+    /// The part of `bonemill simulate`.
     Simulation,
-    /// `bonemill verify`.
+    /// The part of `bonemill verify`.
     Verification,
 }
 
 impl ReportPart {
-    /// Where the part begins and ends in the page.
+    /// The marks between which the part stands in the page.
     pub fn marks(self) -> [&'static str; 2] {
         match self {
             Self::Simulation => ["<!-- simulation -->", "<!-- end of simulation -->"],
@@ -27,10 +27,11 @@ impl ReportPart {
     }
 }
 
-/// Puts a part into its place in the plan's report, or at the end of a page that keeps none. Without a report, none is made.
+/// Inserts a part between its marks in the plan's report, or at the end of a page without marks. If there is no report, none
+/// is made.
 ///
 /// # Errors
-/// [`PlanFileError::Io`]; then the report is as it was.
+/// [`PlanFileError::Io`]; the report is then unchanged.
 pub fn add_to_report(dir: &Path, part: ReportPart, html: &str) -> Result<(), PlanFileError> {
     let report = dir.join(REPORT);
     match std::fs::read_to_string(&report) {
@@ -48,10 +49,10 @@ fn with_part(page: &str, [begin, end]: [&str; 2], part: &str) -> String {
     format!("{head}{begin}{part}{end}{tail}")
 }
 
-/// Writes a file in one step; one that stands there keeps its permissions, a new one has the user's usual ones.
+/// Writes a file in one step. A replaced file keeps its permissions; a new one gets the user's default permissions.
 ///
 /// # Errors
-/// [`PlanFileError::Io`]; then what stood there stands there still.
+/// [`PlanFileError::Io`]; an existing file is then unchanged.
 pub fn replace(dir: &Path, name: &str, bytes: &[u8]) -> Result<(), PlanFileError> {
     let path = dir.join(name);
     let prefix = format!(".{name}.partial-");

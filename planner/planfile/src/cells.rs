@@ -1,6 +1,6 @@
-//! Tables of a plan: a fixed header, one row a line, numbers as the shortest decimal that reads back equal.
+//! Tables of a plan: a fixed header, one row per line, and each number as the shortest decimal that reads back equal.
 //!
-//! The reader takes exactly what the writer makes; anything else is an error that names line and column.
+//! The reader accepts exactly the writer's format; anything else is an error that names line and column.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -11,10 +11,10 @@ use nalgebra::Vector3;
 
 use super::PlanFileError;
 
-/// How far a direction may be from unit length.
+/// Largest deviation of a direction from unit length.
 const UNIT_TOLERANCE: f64 = 1e-6;
 
-/// Writes a table and makes it durable; `push` appends one row, without the line's end.
+/// Writes a table and syncs it to disk; `push` appends one row, without the line's end.
 pub(super) fn write_rows<T>(
     path: &Path,
     columns: &[&str],
@@ -39,7 +39,7 @@ pub(super) fn write_rows<T>(
     file.sync_all().map_err(PlanFileError::io("write", path))
 }
 
-/// Appends a number, nothing for `None`; `what` names it in the error for one that is not finite.
+/// Appends a number, or nothing for `None`; `what` names it in the error if it is not finite.
 pub fn push_number(
     out: &mut Vec<u8>,
     value: Option<f64>,
@@ -47,14 +47,14 @@ pub fn push_number(
 ) -> Result<(), PlanFileError> {
     match value {
         Some(v) if !v.is_finite() => return Err(PlanFileError::NotFinite { what: what(), value: v }),
-        // + 0.0 makes −0 a plain 0; writing to a Vec cannot fail
+        // + 0.0 turns −0 into 0; writing to a Vec cannot fail
         Some(v) => drop(write!(out, "{:?}", v + 0.0)),
         None => {}
     }
     Ok(())
 }
 
-/// The name of the case's structure n, as waypoint `index` gives it.
+/// The name of the case's structure n, to which waypoint `index` refers.
 pub fn structure_name(
     structures: &[Structure],
     structure: usize,
@@ -64,7 +64,7 @@ pub fn structure_name(
     structures.get(structure).map(|s| s.name.as_str()).ok_or_else(missing)
 }
 
-/// Reads a table; `read` makes one entry of a row and the entries before it.
+/// Reads a table; `read` makes an entry from a row and the entries before it.
 pub(super) fn read_rows<T>(
     path: &Path,
     columns: &'static [&'static str],
@@ -90,7 +90,7 @@ pub(super) fn read_rows<T>(
     Ok(entries)
 }
 
-/// One row and where it stands.
+/// One row and its place in the file.
 pub(super) struct Row<'a> {
     path: &'a Path,
     line: usize,
@@ -130,7 +130,7 @@ impl Row<'_> {
         Ok(Vector3::new(self.number(column)?, self.number(column + 1)?, self.number(column + 2)?))
     }
 
-    /// Three cells that hold a unit vector; `what` it is, e.g. `axis`.
+    /// Three cells that hold a unit vector; `what` names it, e.g. `axis`.
     pub fn unit(&self, column: usize, what: &str) -> Result<Vector3<f64>, PlanFileError> {
         let vector = self.vector(column)?;
         if (vector.norm() - 1.0).abs() <= UNIT_TOLERANCE {
@@ -139,7 +139,7 @@ impl Row<'_> {
         Err(self.refuse(column, format!("a unit {what}, but its length is {}", vector.norm())))
     }
 
-    /// The place in the case of the structure that is named.
+    /// Index in the case of the structure that the cell names.
     pub fn structure(&self, column: usize, structures: &[Structure]) -> Result<usize, PlanFileError> {
         let place = structures.iter().position(|s| s.name == self.text(column));
         place.ok_or_else(|| self.refuse(column, "a structure of the case"))

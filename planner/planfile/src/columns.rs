@@ -1,6 +1,6 @@
-//! What stands in a plan's files: every column and key with its unit, its frame and its meaning.
+//! Describes a plan's files: every column and key with its unit, its frame and its meaning.
 //!
-//! One table for three users: the writers take the columns' names from it, `docs/columns.md` and `bonemill columns` are
+//! One table has three uses: the writers take the columns' names from it, `docs/columns.md` and `bonemill columns` are
 //! printed from it, and every report shows it.
 
 mod csv;
@@ -8,18 +8,18 @@ mod toml;
 
 use std::fmt::Write;
 
-pub use csv::{ACCESS, DROPPED, FORCES_ROWS, SIMULATION_ROWS, WAYPOINTS};
+pub use csv::{ACCESS, DROPPED, FORCES_ROWS, PLUNGE_ROWS, SIMULATION_ROWS, WAYPOINTS};
 
 /// A column of a table or a key of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Column {
-    /// As the file writes it; `NAME` stands for a name that the case gives, `1..n` for one per joint.
+    /// Name in the file; `NAME` stands for a name that the case gives, `1..n` for one column per joint.
     pub name: &'static str,
     /// Unit; `1` for numbers without one, `text` for words.
     pub unit: &'static str,
-    /// The frame of a vector's component; empty where that makes no sense.
+    /// The frame of a vector's component; empty for other values.
     pub frame: &'static str,
-    /// What it says.
+    /// What the value means.
     pub meaning: &'static str,
 }
 
@@ -85,6 +85,11 @@ pub const DESCRIBED: &[Described] = &[
         about: "One row a place that the path leaves out because the shank could not get there.",
         columns: &DROPPED,
     },
+    Described {
+        title: "plunge.csv",
+        about: "Of a drilled channel or a reaming: one row a waypoint, what the tool feels there.",
+        columns: &PLUNGE_ROWS,
+    },
     Described { title: "plan.toml", about: "The plan in figures.", columns: toml::PLAN },
     Described {
         title: "plan.toml [frames]",
@@ -142,7 +147,7 @@ This page is generated from the table that the writers use: `bonemill columns` p
 |---|---|
 ";
 
-/// The reference as Markdown.
+/// The reference of all columns and keys as Markdown.
 pub fn reference() -> String {
     let mut out = String::from(INTRODUCTION);
     // writing to a String cannot fail

@@ -14,7 +14,7 @@ use super::{PlanFileError, Waypoint};
 /// The columns, in order.
 const COLUMNS: [&str; 24] = names(&WAYPOINTS);
 
-/// Writes `waypoints.csv` and makes it durable.
+/// Writes `waypoints.csv` and syncs it to disk.
 ///
 /// # Errors
 /// [`PlanFileError`] when a value is not finite, a structure is not in `structures`, or the file cannot be written.
@@ -66,8 +66,8 @@ fn push_row(
 /// Reads `waypoints.csv`.
 ///
 /// # Errors
-/// [`PlanFileError`] naming line and column: another header, a wrong number of cells, an index out of order, a number
-/// that is none or not finite, a time that falls, an axis that is no unit vector, a structure that the case lacks.
+/// [`PlanFileError`] with line and column: another header, a wrong number of cells, an index out of order, a cell that is
+/// not a finite number, a time that decreases, an axis that is not a unit vector, a structure that the case lacks.
 pub fn read_waypoints(path: &Path, structures: &[Structure]) -> Result<Vec<Waypoint>, PlanFileError> {
     read_rows(path, &COLUMNS, |row, before: &[Waypoint]| {
         let waypoint = read_row(row, before.len(), structures)?;

@@ -1,4 +1,4 @@
-//! Waypoints written, read back, and damaged.
+//! Waypoints are written, read back, and damaged.
 
 use std::path::PathBuf;
 

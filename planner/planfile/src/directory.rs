@@ -1,10 +1,10 @@
-//! A directory written whole or not at all.
+//! Writes a directory whole or not at all.
 //!
-//! Files go into a hidden folder beside the place where they shall stand (`.NAME.partial-XXXXXX`), are made durable,
-//! and take their place by renaming. A plan that stood there is set aside as `.NAME.replaced`, and removed when the
-//! new one is in place. Whatever fails before leaves the old plan and removes the hidden folder. A process that is killed
-//! leaves either the old plan or the new one, complete: if it dies between the two renames, the next run finds
-//! `.NAME.replaced` and puts it back. A hidden partial folder that a killed process left is harmless and may be deleted.
+//! Files are written into a hidden folder beside the target (`.NAME.partial-XXXXXX`) and synced to disk; then the folder is
+//! renamed to the target. An existing plan is first renamed to `.NAME.replaced`, and removed when the new one is in place.
+//! If anything fails before that, the old plan stays and the hidden folder is removed. A process that is killed leaves
+//! either the old plan or the new one, complete: if it is killed between the two renames, the next run finds
+//! `.NAME.replaced` and renames it back. A hidden partial folder of a killed process is harmless and may be deleted.
 
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File};
@@ -15,8 +15,8 @@ use tempfile::TempDir;
 use super::PlanFileError;
 use super::record::is_plan;
 
-/// What stands in a plan's directory; anything else there is somebody's own and is not removed.
-const PLAN_ENTRIES: [&str; 13] = [
+/// Entries of a plan's directory. A directory with any other entry is not replaced.
+const PLAN_ENTRIES: [&str; 14] = [
     "plan.toml",
     "case.toml",
     "waypoints.csv",
@@ -26,13 +26,14 @@ const PLAN_ENTRIES: [&str; 13] = [
     "report.html",
     "access.csv",
     "dropped.csv",
+    "plunge.csv",
     "simulation.csv",
     "verification.toml",
     "phantom",
     "inputs",
 ];
 
-/// What the new directory may take the place of, besides nothing and an empty folder.
+/// What the new directory may replace, besides an empty folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Replace {
     /// Nothing else.
@@ -41,22 +42,22 @@ pub enum Replace {
     Plan,
 }
 
-/// A directory being written; dropped without [`StagedDirectory::commit`], it leaves nothing behind.
+/// A directory that is being written. If it is dropped without [`StagedDirectory::commit`], it leaves nothing behind.
 #[derive(Debug)]
 pub struct StagedDirectory {
     /// Removed when dropped.
     _partial: TempDir,
-    /// In it, and made with the permissions of any new folder, which a temporary one has not.
+    /// A folder in the temporary one, with the permissions of an ordinary new folder, which a temporary folder does not have.
     inside: PathBuf,
     target: PathBuf,
     replace: Replace,
 }
 
 impl StagedDirectory {
-    /// Begins to write `target`, which itself is not touched yet. Missing parent folders are made in the end.
+    /// Begins to write `target`, which is not changed before the commit. Missing parent folders are made at the commit.
     ///
     /// # Errors
-    /// [`PlanFileError::Occupied`] when something else stands there, [`PlanFileError::NoName`],
+    /// [`PlanFileError::Occupied`] when something else is there, [`PlanFileError::NoName`],
     /// [`PlanFileError::Io`] when the folder around it cannot be written.
     pub fn create(target: &Path, replace: Replace) -> Result<Self, PlanFileError> {
         let target = resolve(target)?;
@@ -72,7 +73,7 @@ impl StagedDirectory {
         Ok(Self { _partial: partial, inside, target, replace })
     }
 
-    /// Where to write the files now.
+    /// The folder into which files are written now.
     pub fn path(&self) -> &Path {
         &self.inside
     }
@@ -86,12 +87,12 @@ impl StagedDirectory {
         fs::write(&path, text).map_err(PlanFileError::io("write", path))
     }
 
-    /// Where they will stand, absolute.
+    /// The final directory, absolute.
     pub fn target(&self) -> &Path {
         &self.target
     }
 
-    /// The way from the finished directory to an existing file, be it inside or elsewhere.
+    /// The relative path from the finished directory to an existing file, inside it or elsewhere.
     ///
     /// # Errors
     /// [`PlanFileError::WouldBeLost`] when the file is part of what will be replaced, [`PlanFileError::Io`] when it does
@@ -108,10 +109,10 @@ impl StagedDirectory {
         })
     }
 
-    /// Makes the files durable and puts the directory in its place.
+    /// Syncs the files to disk and renames the directory to its final name.
     ///
     /// # Errors
-    /// [`PlanFileError::Io`] or [`PlanFileError::Occupied`]; then what stood there stands there still.
+    /// [`PlanFileError::Io`] or [`PlanFileError::Occupied`]; an existing directory is then unchanged.
     pub fn commit(self) -> Result<PathBuf, PlanFileError> {
         sync_tree(self.path())?;
         check_vacant(&self.target, self.replace)?;
@@ -122,7 +123,7 @@ impl StagedDirectory {
         if replaces {
             fs::rename(&self.target, &aside).map_err(PlanFileError::io("set aside", &self.target))?;
         }
-        // over nothing, or over an empty folder
+        // replaces nothing, or an empty folder
         if let Err(e) = fs::rename(self.path(), &self.target) {
             if replaces {
                 fs::rename(&aside, &self.target).map_err(PlanFileError::io("put back", &aside))?;
@@ -156,7 +157,7 @@ fn existing_ancestor(target: &Path) -> &Path {
     target.ancestors().skip(1).find(|a| a.exists()).unwrap_or(Path::new("/"))
 }
 
-/// `.NAME` and an ending.
+/// The hidden name `.NAME` with an ending.
 fn hidden(target: &Path, ending: &str) -> OsString {
     let mut name = OsString::from(".");
     name.push(target.file_name().unwrap_or(OsStr::new("plan")));
@@ -164,7 +165,7 @@ fn hidden(target: &Path, ending: &str) -> OsString {
     name
 }
 
-/// Mends what a process left that was killed while it replaced a plan.
+/// Restores a plan after a process was killed while it replaced it.
 fn put_back(target: &Path) -> Result<(), PlanFileError> {
     let aside = target.with_file_name(hidden(target, ".replaced"));
     if !aside.exists() || is_plan(&aside).is_err() {
@@ -205,7 +206,7 @@ fn check_vacant(target: &Path, replace: Replace) -> Result<(), PlanFileError> {
     }
 }
 
-/// The way from folder `from` to `to`, both absolute.
+/// The relative path from folder `from` to `to`, both absolute.
 fn relative(from: &Path, to: &Path) -> PathBuf {
     let common = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
     let up = from.components().skip(common).map(|_| Component::ParentDir);

@@ -1,4 +1,4 @@
-//! Directories that must be whole, old or new, whatever fails.
+//! Directories must be complete, either the old or the new one, whatever fails.
 
 use std::process::Command;
 
@@ -12,7 +12,7 @@ fn names(dir: &Path) -> Vec<String> {
     names
 }
 
-/// Writes a plan with one table that says `content`.
+/// Writes a plan with one table that contains `content`.
 fn write_plan(root: &Path, out: &Path, content: &str) -> Result<PathBuf, PlanFileError> {
     let record = crate::record::tests::record(root);
     let staged = StagedDirectory::create(out, Replace::Plan)?;
@@ -126,7 +126,7 @@ fn a_kill_between_the_two_renames_is_mended() {
     drop(StagedDirectory::create(&out, Replace::Plan).unwrap());
     assert_eq!(content(&out), "old");
     assert!(!aside.exists());
-    // killed after both: the old plan is still aside, the new one stands
+    // killed after both renames: the old plan is still set aside, the new one is in place
     write_plan(root.path(), &aside, "old").unwrap();
     write_plan(root.path(), &out, "new").unwrap();
     assert_eq!(content(&out), "new");
@@ -186,7 +186,7 @@ fn a_path_without_a_name_is_refused() {
 
 #[test]
 fn a_folder_that_cannot_be_written_is_an_error_and_changes_nothing() {
-    // the kernel's own table is a folder in which not even root can make one
+    // /proc is a folder in which not even root can make a folder
     let proc = Path::new("/proc/self");
     if !proc.exists() {
         eprintln!("SKIPPED: there is no /proc here");

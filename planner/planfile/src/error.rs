@@ -1,4 +1,4 @@
-//! What can go wrong with a plan's files.
+//! Errors of reading and writing a plan's files.
 
 use std::fmt;
 use std::io;
@@ -18,18 +18,18 @@ pub enum PlanFileError {
     Io {
         /// What was being done, e.g. `read`.
         doing: &'static str,
-        /// With which file or folder.
+        /// The file or folder.
         path: PathBuf,
-        /// Why not.
+        /// The system's reason.
         source: io::Error,
     },
-    /// The output path ends in nothing that can be a folder's name.
+    /// The output path has no name for a folder.
     #[error("{}: expected the name of a folder to write", path.display())]
     NoName {
         /// The path.
         path: PathBuf,
     },
-    /// Something that is not a plan stands where one should be written.
+    /// Something that is not a plan is where a plan should be written.
     #[error("{} exists and is not {expected}: {why}; remove it or choose another folder", path.display())]
     Occupied {
         /// The path.
@@ -61,7 +61,7 @@ pub enum PlanFileError {
         /// What it should be.
         expected: String,
     },
-    /// A row has too few or too many cells, or the header is another.
+    /// A row has too few or too many cells, or the header differs.
     #[error("{}:{line}: found {found}, expected {expected}", path.display())]
     Row {
         /// The file.
@@ -70,10 +70,10 @@ pub enum PlanFileError {
         line: usize,
         /// What is there.
         found: String,
-        /// What should be.
+        /// What should be there.
         expected: String,
     },
-    /// A value of ours that no file can hold: a bug of the planner, reported rather than written.
+    /// A value is not finite and cannot be written. This is a bug of the planner; it is reported instead of written.
     #[error("{what} is {value}, which is not finite: the plan was not written")]
     NotFinite {
         /// Which value.
@@ -86,17 +86,17 @@ pub enum PlanFileError {
     NoSuchStructure {
         /// The waypoint.
         index: usize,
-        /// The structure's place.
+        /// The structure's index.
         structure: usize,
         /// How many there are.
         count: usize,
     },
-    /// `plan.toml` lacks something or holds something else.
+    /// A key of `plan.toml` is missing or has a wrong value.
     #[error("{}{}: `{key}`: expected {expected}", path.display(), line.map_or(String::new(), |n| format!(":{n}")))]
     Record {
         /// The file.
         path: PathBuf,
-        /// Line, from 1, where the key stands.
+        /// Line of the key, from 1.
         line: Option<usize>,
         /// The key.
         key: String,
@@ -106,7 +106,7 @@ pub enum PlanFileError {
     /// The case in `plan.toml`, or the file itself, is not valid.
     #[error("the plan's case is not valid")]
     Case(#[from] CaseError),
-    /// An input is not what it was when the plan was made.
+    /// An input has changed since the plan was made.
     #[error(
         "{} has changed since the plan was made (SHA-256 {found}, was {expected}): plan again, or bring the file back",
         path.display()
@@ -119,7 +119,7 @@ pub enum PlanFileError {
         /// Its digest in the plan.
         expected: String,
     },
-    /// Inputs are not where they were, nor where else they are looked for.
+    /// Inputs are neither at their recorded paths nor at the other places that are searched.
     #[error(
         "inputs of the plan {} are missing: {}. Put them back or beside the plan's folder, name the folder that holds them \
          (--inputs DIR; in Python inputs=DIR), or plan with --pack (pack=True), which keeps copies in the plan",
@@ -129,10 +129,10 @@ pub enum PlanFileError {
     InputsMissing {
         /// The plan's folder.
         plan: PathBuf,
-        /// What was not found.
+        /// The inputs that were not found.
         missing: Vec<MissingInput>,
     },
-    /// The plan's URDF describes no arm, or not one that the case's limits fit.
+    /// The plan's URDF does not describe an arm, or the case's limits do not fit the arm.
     #[error("{}: no arm for this plan", path.display())]
     Arm {
         /// The URDF.
@@ -140,7 +140,7 @@ pub enum PlanFileError {
         /// What is wrong with it.
         source: Box<RobotError>,
     },
-    /// The plan does not say what it was made from.
+    /// The plan does not list an input.
     #[error("{} does not list `{missing}` among its inputs", path.display())]
     InputNotListed {
         /// The plan.
@@ -153,11 +153,11 @@ pub enum PlanFileError {
 /// An input that was not found.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MissingInput {
-    /// Where it was when the plan was made.
+    /// Its path when the plan was made.
     pub recorded: PathBuf,
     /// Its digest.
     pub sha256: Sha256,
-    /// Its size, if the plan says it.
+    /// Its size, if the plan records it.
     pub bytes: Option<u64>,
 }
 
@@ -170,7 +170,7 @@ impl fmt::Display for MissingInput {
 }
 
 impl PlanFileError {
-    /// For `map_err`: an [`PlanFileError::Io`] with its context.
+    /// Makes a [`PlanFileError::Io`] with its context, for `map_err`.
     pub fn io(doing: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
         let path = path.into();
         move |source| PlanFileError::Io { doing, path, source }

@@ -1,16 +1,16 @@
-//! Which files a plan's directory holds, and their copies.
+//! The files of a plan's directory, and copying them.
 
 use std::path::Path;
 
 use super::inputs::CASE_COPY;
-use super::{FORCES, PlanFileError, REPORT, StagedDirectory, StoredPlan};
+use super::{FORCES, PLUNGE, PlanFileError, REPORT, StagedDirectory, StoredPlan};
 
-/// What a plan's directory holds, beside `plan.toml`.
+/// Files of a plan's directory besides `plan.toml`.
 pub const FILES: [&str; 5] = ["waypoints.csv", FORCES, "trajectory.csv", "robot.urdf", REPORT];
-/// What it holds for a reader alone: no command needs it.
-pub const NOTES: [&str; 2] = ["access.csv", "dropped.csv"];
+/// Files for human readers only; no command reads them.
+pub const NOTES: [&str; 3] = ["access.csv", "dropped.csv", PLUNGE];
 
-/// Copies the files of a plan that was read, but for `plan.toml`, into the staged directory.
+/// Copies the files of a plan, except `plan.toml`, into the staged directory.
 ///
 /// # Errors
 /// [`PlanFileError`] when a file cannot be read or written.
@@ -25,7 +25,7 @@ pub fn copy_files(plan: &StoredPlan, staged: &StagedDirectory) -> Result<(), Pla
     {
         copy(path, name)?;
     }
-    // a plan of an earlier version holds no copy of its case
+    // a plan of an earlier version has no copy of its case
     let case = Some(plan.case_path()).filter(|path| path.exists());
     case.map_or(Ok(()), |path| copy(&path, CASE_COPY))
 }

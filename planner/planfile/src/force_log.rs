@@ -27,8 +27,9 @@ pub struct LogRow {
 /// Reads a force log: a header with exactly the columns `time_s,x_mm,y_mm,z_mm,axis_x,axis_y,axis_z,fx_n,fy_n,fz_n`,
 /// and rows in order of time.
 ///
-/// # Errors [`PlanFileError`] naming the line: another header, a wrong number of cells, a number that is none or not
-/// finite, a clock that does not rise.
+/// # Errors
+/// [`PlanFileError`] with the line: another header, a wrong number of cells, a cell that is not a finite number, a time that
+/// does not increase.
 pub fn read_force_log(path: &Path) -> Result<Vec<LogRow>, PlanFileError> {
     let text = std::fs::read_to_string(path).map_err(PlanFileError::io("read", path))?;
     let refuse =

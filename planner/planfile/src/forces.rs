@@ -1,8 +1,8 @@
 //! `forces.csv`: the force toward every structure near each waypoint, in ct.
 //!
-//! `waypoints.csv` names one structure a row, the one with the smallest distance less clearance. Here every structure has a row at
-//! each waypoint where it is within its influence: its clearance from the burr's surface and 8 mm more. The one that
-//! `waypoints.csv` names has a row at any distance.
+//! `waypoints.csv` names one structure per row, the one with the smallest distance less clearance. In this file every
+//! structure has a row at each waypoint where the burr is within its influence: the burr's surface is within the clearance
+//! plus 8 mm. The structure that `waypoints.csv` names has a row at any distance.
 
 use std::io::Write;
 use std::path::Path;
@@ -25,19 +25,19 @@ const COLUMNS: [&str; 8] = names(&FORCES_ROWS);
 pub struct ForceToward {
     /// The waypoint.
     pub waypoint: usize,
-    /// The structure's place in the case.
+    /// The structure's index in the case.
     pub structure: usize,
-    /// From the burr's centre to the structure's nearest point, mm.
+    /// Distance from the burr's centre to the structure's nearest point, mm.
     pub distance_mm: f64,
     /// Unit direction from the burr's centre to that point.
     pub toward: Vector3<f64>,
     /// The force's component along it, max(0, F·u), N; 0 in air.
     pub force_toward_n: f64,
-    /// The deflection's component along it, not negative, µm; none without a stiffness.
+    /// The deflection's component along it, not negative, µm; `None` without a stiffness.
     pub deflection_toward_um: Option<f64>,
 }
 
-/// Writes `forces.csv` and makes it durable.
+/// Writes `forces.csv` and syncs it to disk.
 ///
 /// # Errors
 /// [`PlanFileError`] when a value is not finite, a structure is not in `structures`, or the file cannot be written.
@@ -61,11 +61,11 @@ pub fn write_forces(
     })
 }
 
-/// Reads `forces.csv` of a plan with so many waypoints.
+/// Reads `forces.csv` of a plan with the given number of waypoints.
 ///
 /// # Errors
-/// [`PlanFileError`] naming line and column: another header, a wrong number of cells, a waypoint that the plan lacks, rows out
-/// of order, a number that is none or not finite, a direction that is no unit vector, a structure that the case lacks.
+/// [`PlanFileError`] with line and column: another header, a wrong number of cells, a waypoint that the plan lacks, rows out
+/// of order, a cell that is not a finite number, a direction that is not a unit vector, a structure that the case lacks.
 pub fn read_forces(
     path: &Path,
     waypoints: usize,

@@ -1,4 +1,4 @@
-//! Forces toward structures written, read back, and damaged.
+//! Forces toward structures are written, read back, and damaged.
 
 use std::fs;
 

@@ -1,4 +1,4 @@
-//! SHA-256 of files: what binds a plan to its inputs.
+//! SHA-256 of files, which binds a plan to its inputs.
 
 use std::fmt;
 use std::fs::File;
@@ -10,12 +10,12 @@ use sha2::Digest;
 
 use super::PlanFileError;
 
-/// A SHA-256 digest, shown as 64 lower-case hexadecimal digits.
+/// A SHA-256 digest, printed as 64 lower-case hexadecimal digits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sha256([u8; 32]);
 
 impl Sha256 {
-    /// Of a file's bytes, whatever its size.
+    /// The digest of a file's bytes, for files of any size.
     ///
     /// # Errors
     /// [`PlanFileError::Io`] when the file cannot be read.

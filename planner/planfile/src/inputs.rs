@@ -1,10 +1,10 @@
-//! Where a plan's inputs are now, and copies of them in the plan.
+//! Finds a plan's inputs, and copies them into the plan.
 //!
-//! `plan.toml` records an input's path, relative to the case file, and its SHA-256. A plan that was moved or sent finds it
-//! elsewhere; only a file with the recorded digest is taken. In this order: the copy kept in the plan (`plan --pack`), the
-//! recorded path, the folder that the user names (by file name, else whichever file has the digest), the plan's folder and
-//! the one around it. Where the copy or the recorded path holds other bytes, the input has changed, and neither the plan's
-//! folder nor the one around it is searched.
+//! `plan.toml` records an input's path, relative to the case file, and its SHA-256. If the plan or the input was moved, the
+//! input is searched; only a file with the recorded digest is accepted. The order is: the copy in the plan (`plan --pack`),
+//! the recorded path, the folder that the user names (first by file name, then any file with the digest), the plan's folder
+//! and its parent. If the copy or the file at the recorded path has other bytes, the input has changed, and neither the
+//! plan's folder nor its parent is searched.
 
 use std::fs::{self, File};
 use std::io::ErrorKind;
@@ -15,31 +15,31 @@ use super::{Input, PlanFileError, PlanRecord, Sha256, StagedDirectory};
 
 /// The folder in a plan that keeps copies of its inputs.
 const KEPT: &str = "inputs";
-/// The copy of the case file that every plan holds.
+/// Name of the copy of the case file in every plan.
 pub const CASE_COPY: &str = "case.toml";
 
-/// What a reader of a plan needs of its inputs.
+/// Which inputs a reader of a plan needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Need {
-    /// All of them, unchanged.
+    /// All inputs, unchanged.
     All,
-    /// That those which are found are unchanged.
+    /// Inputs may be missing, but those that are found must be unchanged.
     Unchanged,
-    /// Nothing: they are not looked for.
+    /// None; they are not searched.
     Nothing,
 }
 
-/// Where a plan's inputs are.
+/// The places of a plan's inputs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundInputs {
-    /// Path as the case names it, and where the file is.
+    /// Each input's path in the case, and the path where it was found.
     found: Vec<(PathBuf, PathBuf)>,
     missing: Vec<MissingInput>,
     plan: PathBuf,
 }
 
 impl FoundInputs {
-    /// Looks for the inputs of the plan in `dir`, also in `folder`.
+    /// Searches the inputs of the plan in `dir`, also in `folder`.
     ///
     /// # Errors
     /// [`PlanFileError::InputChanged`] unless nothing is needed, [`PlanFileError::InputsMissing`] when all are needed,
@@ -68,7 +68,7 @@ impl FoundInputs {
         if need == Need::All { all.require().map(|()| all) } else { Ok(all) }
     }
 
-    /// Where the input is that the case names `path`, if it was found.
+    /// The path where the input that the case names `path` was found, if it was.
     pub fn path(&self, path: &Path) -> Option<&Path> {
         self.found.iter().find(|(name, _)| name == path).map(|(_, place)| place.as_path())
     }
@@ -78,6 +78,8 @@ impl FoundInputs {
         &self.missing
     }
 
+    /// Checks that every input was found.
+    ///
     /// # Errors
     /// [`PlanFileError::InputsMissing`] unless every input was found.
     pub fn require(&self) -> Result<(), PlanFileError> {
@@ -88,13 +90,14 @@ impl FoundInputs {
     }
 }
 
-/// Where an input of the plan in `dir` lies by its record: `path` is relative to the folder of `case_file`, that to `dir`.
+/// The recorded path of an input of the plan in `dir`: `path` is relative to the folder of `case_file`, and `case_file` to
+/// `dir`.
 pub(super) fn recorded_path(dir: &Path, case_file: &Path, path: &Path) -> PathBuf {
     let case = dir.join(case_file);
     case.parent().map_or_else(|| path.into(), |folder| folder.join(path))
 }
 
-/// One input that is looked for.
+/// The search for one input.
 struct InputSearch<'a> {
     dir: &'a Path,
     record: &'a PlanRecord,
@@ -130,7 +133,7 @@ impl InputSearch<'_> {
         Ok(digest(place)? == Some(self.input.sha256))
     }
 
-    /// In the folder that the user names, under its own name or any other.
+    /// Searches the folder that the user names, for the input's name and then for its digest.
     fn in_folder(&self) -> Result<Option<PathBuf>, PlanFileError> {
         let (Some(folder), Some(name)) = (self.folder, self.input.path.file_name()) else { return Ok(None) };
         let named = folder.join(name);
@@ -153,7 +156,7 @@ impl InputSearch<'_> {
         Ok(None)
     }
 
-    /// In the plan's folder or the one around it.
+    /// Searches the plan's folder and its parent.
     fn near_plan(&self) -> Result<Option<PathBuf>, PlanFileError> {
         let Some(name) = self.input.path.file_name() else { return Ok(None) };
         let is_case = self.record.case_input() == Some(&self.input.path);
@@ -177,15 +180,15 @@ fn digest(path: &Path) -> Result<Option<Sha256>, PlanFileError> {
     }
 }
 
-/// An input's path below the folder of copies: the recorded one without what leads out of it.
+/// An input's path below the folder of copies: the recorded path without the parts that lead out of the folder.
 fn kept_name(path: &Path) -> PathBuf {
     path.components().filter(|c| matches!(c, Component::Normal(_))).collect()
 }
 
-/// Copies a plan's inputs, each from where it is now, into the staged plan; gives the case's copy.
+/// Copies a plan's inputs from their present paths into the staged plan; returns the path of the case's copy.
 ///
 /// # Errors
-/// [`PlanFileError::Io`]; [`PlanFileError::InputChanged`] for a copy that is not what the plan was made from.
+/// [`PlanFileError::Io`]; [`PlanFileError::InputChanged`] for an input that differs from the one that the plan was made from.
 pub fn pack_inputs<'a>(
     inputs: impl IntoIterator<Item = &'a (Input, PathBuf)>,
     case_file: &Path,
@@ -198,13 +201,13 @@ pub fn pack_inputs<'a>(
     Ok(folder.join(case_file.file_name().unwrap_or_default()))
 }
 
-/// Copies an input to where there is no file yet; folders on the way are made.
+/// Copies an input to a path where no file exists yet; missing folders are made.
 pub fn copy_input(from: &Path, to: &Path, input: &Input) -> Result<(), PlanFileError> {
     if let Some(folder) = to.parent() {
         fs::create_dir_all(folder).map_err(PlanFileError::io("create", folder))?;
     }
     let mut source = File::open(from).map_err(PlanFileError::io("read", from))?;
-    // never over a file: it could be the source itself
+    // an existing file is never overwritten, because it could be the source itself
     let mut target = File::create_new(to).map_err(PlanFileError::io("create", to))?;
     std::io::copy(&mut source, &mut target).map_err(PlanFileError::io("copy", from))?;
     let found = Sha256::of_file(to)?;

@@ -1,9 +1,9 @@
-//! A plan that was moved, sent, or packed, and whose inputs are gone, elsewhere, or changed.
+//! Plans that were moved, sent, or packed, with inputs that are missing, elsewhere, or changed.
 
 use super::super::record::tests::written;
 use super::*;
 
-/// The plan's folder, moved to a place of its own.
+/// A plan's folder that was moved to another place.
 fn moved() -> (tempfile::TempDir, PathBuf, PlanRecord) {
     let (root, plan, record) = written();
     let away = root.path().join("away");
@@ -51,7 +51,7 @@ fn a_moved_plan_finds_its_case_in_itself_and_its_images_beside_it_or_in_it() {
     assert_eq!(missing(&plan), 2);
     fs::copy(data.join("images/ct.nii.gz"), plan.with_file_name("ct.nii.gz")).unwrap();
     assert_eq!(missing(&plan), 1);
-    // another file of this name is not taken
+    // another file of this name is not accepted
     fs::write(plan.with_file_name("labels.nii.gz"), "others").unwrap();
     assert_eq!(missing(&plan), 1);
     fs::create_dir(plan.join(KEPT)).unwrap();
@@ -78,7 +78,7 @@ fn a_named_folder_is_searched_by_name_and_by_content_and_settles_what_changed() 
     let mut older = record.clone();
     older.inputs.iter_mut().for_each(|input| input.bytes = None);
     assert_eq!(find(&plan, &older, Some(&folder)).unwrap(), found);
-    // another patient's case stands where this one's was: what the user names is taken, nothing else is
+    // another patient's case is at the recorded path: the folder that the user names is searched, but no other
     fs::create_dir(root.path().join("away/data")).unwrap();
     fs::write(root.path().join("away/data/case.toml"), "another").unwrap();
     fs::copy(data.join("case.toml"), plan.join(CASE_COPY)).unwrap();
@@ -104,7 +104,7 @@ fn a_packed_plan_holds_every_input_also_those_from_elsewhere() {
     assert_eq!(record.case_file, Path::new("inputs/case.toml"));
     record.write(staged.path()).unwrap();
     staged.commit().unwrap();
-    // wherever it goes, and whatever becomes of the originals
+    // a packed plan can be moved, and its originals changed
     fs::write(&outside, "changed").unwrap();
     fs::remove_dir_all(&data).unwrap();
     fs::create_dir(root.path().join("elsewhere")).unwrap();
@@ -113,7 +113,7 @@ fn a_packed_plan_holds_every_input_also_those_from_elsewhere() {
     let record = PlanRecord::read(&there).unwrap();
     let found = find(&there, &record, None).unwrap();
     assert_eq!(found.path(Path::new("../arms/arm.urdf")), Some(there.join("inputs/arms/arm.urdf").as_path()));
-    // its own copies may not change either
+    // its own copies must not change either
     fs::write(there.join("inputs/arms/arm.urdf"), "changed").unwrap();
     assert!(matches!(find(&there, &record, None), Err(PlanFileError::InputChanged { .. })));
 }

@@ -1,7 +1,7 @@
 //! A plan's files: `plan.toml`, `waypoints.csv` and the directory that holds them, written whole or not at all.
 //!
-//! Nothing in these files depends on when, where or on how many threads they were written, so that two runs can be
-//! compared byte by byte. A plan is bound to its inputs by their SHA-256; reading one whose inputs changed is an error.
+//! Nothing in these files depends on the time, the place or the number of threads, so that two runs can be compared byte by
+//! byte. A plan is bound to its inputs by their SHA-256; reading a plan whose inputs changed is an error.
 
 mod addition;
 mod cells;
@@ -14,8 +14,11 @@ mod error;
 mod files;
 mod force_log;
 mod forces;
+mod gaps;
 mod hash;
+mod holds;
 mod inputs;
+mod plunge;
 mod record;
 mod stored;
 pub mod toward;
@@ -34,11 +37,14 @@ pub use error::{MissingInput, PlanFileError};
 pub use files::{FILES, NOTES, copy_files};
 pub use force_log::{LogRow, read_force_log};
 pub use forces::{FORCES, ForceToward, read_forces, write_forces};
+pub use gaps::{Gap, least_gaps};
 pub use hash::Sha256;
+pub use holds::{HoldPoint, hold_points};
 pub use inputs::{CASE_COPY, FoundInputs, Need, copy_input, pack_inputs};
+pub use plunge::{PLUNGE, PlungeRow, plunge_text};
 pub use record::{Input, Metrics, PlanFrames, PlanRecord, PlanningGrid};
 pub use stored::StoredPlan;
 pub use trajectory::Trajectory;
 pub use value::Value;
-pub use verdict::{VERDICT, digests, read_case_text};
+pub use verdict::{Unverified, VERDICT, Verified, digests, read_case_text, verified};
 pub use waypoint::Waypoint;

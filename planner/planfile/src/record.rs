@@ -1,6 +1,6 @@
-//! `plan.toml`: the resolved case, what the plan was made from, its frames, its figures and what was modelled.
+//! `plan.toml`: the resolved case, the plan's inputs, its frames, its figures and what was modelled.
 //!
-//! It holds no time of day, no duration of the computation and no absolute path, so that equal plans are equal bytes.
+//! It holds no time of day, no duration of the computation and no absolute path, so that equal plans have equal bytes.
 
 use std::path::{Path, PathBuf};
 
@@ -16,22 +16,22 @@ use super::{PlanFileError, Sha256, Value};
 /// The file's name in a plan's directory.
 pub(super) const FILE_NAME: &str = "plan.toml";
 
-/// Most voxels of a planning grid that is read back.
+/// Largest number of voxels of a planning grid that is read.
 const MOST_VOXELS: f64 = 1e8;
 
 /// A file that the plan was made from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Input {
-    /// Relative to the case's folder, as the case names it.
+    /// Path relative to the case's folder, as in the case.
     pub path: PathBuf,
-    /// Of its bytes when the plan was made.
+    /// Digest of its bytes when the plan was made.
     pub sha256: Sha256,
-    /// How many they were; plans of earlier versions do not say.
+    /// Number of bytes; plans of earlier versions do not record it.
     pub bytes: Option<u64>,
 }
 
 impl Input {
-    /// The input as it is now; `path` relative to `case_dir`.
+    /// The input as it is now; `path` is relative to `case_dir`.
     ///
     /// # Errors
     /// [`PlanFileError::Io`] when it cannot be read.
@@ -56,14 +56,14 @@ pub struct Metrics {
     pub removed_material_mm3: f64,
     /// The removed part above `bone_hu`, mm³.
     pub removed_bone_mm3: f64,
-    /// Of the whole plan, s.
+    /// Duration of the whole plan, s.
     pub total_time_s: f64,
-    /// Whatever else was measured, in this order; names end in units.
+    /// Further figures in the order of the file; names end in units.
     pub more: Vec<(String, Value)>,
 }
 
 impl Metrics {
-    /// A number by its name in the file.
+    /// The number with this name in the file.
     pub fn number(&self, name: &str) -> Option<f64> {
         match self.entries().into_iter().find(|(key, _)| key == name)?.1 {
             Value::Number(v) => Some(v),
@@ -86,28 +86,28 @@ impl Metrics {
     }
 }
 
-/// The planning grid: every stated volume is a count of its voxels.
+/// The planning grid; every volume in the file is a number of its voxels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanningGrid {
     /// Voxels along x, y and z.
     pub dims: [usize; 3],
-    /// How far x and y are turned about z from those of [`PlanFrames::ct_from_approach`], rad.
+    /// Rotation of x and y about z from those of [`PlanFrames::ct_from_approach`], rad.
     pub turn_rad: f64,
 }
 
 /// The frames of a plan, and where the arm and its tool stand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlanFrames {
-    /// Approach direction in ct, unit, out of the bone: the case's, or the one chosen.
+    /// Approach direction in ct, unit, out of the bone: given in the case, or chosen.
     pub approach_direction: Vector3<f64>,
-    /// Where θ and φ are measured: origin at the planning grid's first voxel centre, z the approach, x and y by the basis
-    /// of z. In the file it is `ct_from_work`.
+    /// The frame of θ and φ: origin at the planning grid's first voxel centre, z along the approach, x and y derived from z. In
+    /// the file it is `ct_from_work`.
     pub ct_from_approach: Rigid<Ct, Approach>,
     /// The planning grid in that frame; its spacing is the case's.
     pub grid: PlanningGrid,
     /// The registration that was used.
     pub base_from_ct: Rigid<Base, Ct>,
-    /// Whether the case gave none, so that it was assumed.
+    /// Whether the case gave no registration, so that one was assumed.
     pub registration_assumed: bool,
     /// Burr's centre (mm) and axes (fixed-axis roll, pitch, yaw, rad) in the flange.
     pub flange_from_burr: ([f64; 3], [f64; 3]),
@@ -124,15 +124,15 @@ pub struct PlanRecord {
     pub case_file: PathBuf,
     /// Every file that the plan was made from, the case included.
     pub inputs: Vec<Input>,
-    /// The frames that it is told in.
+    /// The frames of the plan.
     pub frames: PlanFrames,
-    /// Figures.
+    /// The plan's figures.
     pub metrics: Metrics,
-    /// What was modelled where, and what each approximation cost in error.
+    /// What was modelled, and the error of each approximation.
     pub modelled: Vec<(String, Value)>,
-    /// What the user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
-    /// Why the plan falls short, empty when it does not.
+    /// Reasons why the plan falls short; empty when it does not.
     pub shortfalls: Vec<String>,
 }
 
@@ -148,31 +148,32 @@ impl PlanRecord {
     /// Writes `plan.toml` into `dir`.
     ///
     /// # Errors
-    /// [`PlanFileError::NotFinite`] for a figure that is not, [`PlanFileError::Io`].
+    /// [`PlanFileError::NotFinite`] for a figure that is not finite, [`PlanFileError::Io`].
     pub fn write(&self, dir: &Path) -> Result<(), PlanFileError> {
         let path = dir.join(FILE_NAME);
         std::fs::write(&path, self.to_toml()?).map_err(PlanFileError::io("write", path))
     }
 
-    /// Reads `dir/plan.toml`; its inputs are not looked at.
+    /// Reads `dir/plan.toml`; its inputs are not read.
     ///
     /// # Errors
-    /// [`PlanFileError::InputNotListed`] where an image or the case is not among its inputs, and whatever is wrong with the
-    /// file itself.
+    /// [`PlanFileError::InputNotListed`] where an image or the case is not among its inputs, and other variants for faults of
+    /// the file itself.
     pub fn read(dir: &Path) -> Result<Self, PlanFileError> {
         let path = dir.join(FILE_NAME);
         let text = std::fs::read_to_string(&path).map_err(PlanFileError::io("read", &path))?;
         let record = Self::parse(&text, &path)?;
         let images = [&record.case.images.ct, &record.case.images.labels].map(PathBuf::as_path);
         for needed in images.into_iter().chain(record.case_input()) {
-            if !record.inputs.iter().any(|input| input.path == needed) {
+            // an image may be a folder, of which the files are listed
+            if !record.inputs.iter().any(|input| input.path.starts_with(needed)) {
                 return Err(PlanFileError::InputNotListed { path, missing: needed.display().to_string() });
             }
         }
         Ok(record)
     }
 
-    /// The case's file as it stands among the inputs.
+    /// The path of the case's file among the inputs.
     pub fn case_input(&self) -> Option<&Path> {
         self.case_file.file_name().map(Path::new)
     }
@@ -223,7 +224,7 @@ impl PlanRecord {
         let reader = Reader { path, text, root: root.get_ref() };
         let case_table = reader.table("case")?;
         let mut case = Case::from_table(text, case_table, "case").map_err(fail)?;
-        // every key stands in the resolved case; which of them its file gave is told apart
+        // the resolved case holds every key; a separate list tells which of them the case file gave
         case.given = reader.texts("case_given")?.into_iter().collect();
         let entries = |name| -> Result<Vec<(String, Value)>, PlanFileError> {
             let values = in_order(reader.table(name)?).map(|(key, v)| Value::from_toml(v).map(|v| (key, v)));
@@ -245,7 +246,7 @@ impl PlanRecord {
     }
 }
 
-/// Whether `dir` holds a `plan.toml` of ours; `Err` says why not.
+/// Checks that `dir` holds a `plan.toml` of this program; `Err` says why not.
 pub(super) fn is_plan(dir: &Path) -> Result<(), String> {
     let path = dir.join(FILE_NAME);
     let Ok(text) = std::fs::read_to_string(&path) else {
@@ -254,7 +255,7 @@ pub(super) fn is_plan(dir: &Path) -> Result<(), String> {
     PlanRecord::parse(&text, &path).map(drop).map_err(|_| format!("its {FILE_NAME} is not one of ours"))
 }
 
-/// The figures that every plan has, in the order of the file.
+/// Names of the figures that every plan has, in the order of the file.
 const REQUIRED: [&str; 6] = [
     "removed_mm3",
     "reachable_mm3",

@@ -1,10 +1,10 @@
-//! `plan.toml` written, read back, and its inputs changed.
+//! `plan.toml` is written and read back, and its inputs are changed.
 
 use super::*;
 
 const CASE: &str = "structure = []\n[images]\nct = \"images/ct.nii.gz\"\nlabels = \"labels.nii.gz\"\n[target]\nlabel = 20\n[path]\nraster_deg = 33\n";
 
-/// A case in `root/data`, with images that are only bytes: nothing here looks into them.
+/// A case in `root/data`. Its images are arbitrary bytes, because these tests do not read them.
 fn case_dir(root: &Path) -> PathBuf {
     let dir = root.join("data");
     std::fs::create_dir_all(dir.join("images")).unwrap();

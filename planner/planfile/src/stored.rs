@@ -1,5 +1,4 @@
-//! A plan read back from its directory, for everyone who works on a finished plan: simulation, verification, view,
-//! export, streaming.
+//! A plan read back from its directory, for simulation, verification, viewing, export and streaming.
 
 use std::path::{Path, PathBuf};
 
@@ -17,11 +16,11 @@ use super::{
 /// A plan's directory in memory. Every file of it was read and checked.
 #[derive(Debug, Clone)]
 pub struct StoredPlan {
-    /// Where it was read from.
+    /// The directory from which it was read.
     pub dir: PathBuf,
     /// `plan.toml`.
     pub record: PlanRecord,
-    /// Where what it was made from is now.
+    /// Where its inputs were found.
     pub inputs: FoundInputs,
     /// `waypoints.csv`.
     pub waypoints: Vec<Waypoint>,
@@ -34,7 +33,7 @@ pub struct StoredPlan {
 }
 
 impl StoredPlan {
-    /// Reads the plan in `dir` and makes sure that every input is there and what it was.
+    /// Reads the plan in `dir` and checks that every input is there and unchanged.
     ///
     /// # Errors
     /// As [`StoredPlan::load_with`].
@@ -42,11 +41,11 @@ impl StoredPlan {
         Self::load_with(dir, None, Need::All)
     }
 
-    /// Reads the plan in `dir`; what is needed of its inputs is also looked for in `inputs_folder`.
+    /// Reads the plan in `dir`; the inputs that are needed are also searched in `inputs_folder`.
     ///
     /// # Errors
-    /// [`PlanFileError`]: a file is missing or not what the planner writes (with line and column), an input has changed
-    /// since the plan was made or is missing where it is needed, the arm's URDF describes no arm.
+    /// [`PlanFileError`]: a file is missing or not in the planner's format (with line and column), an input has changed since
+    /// the plan was made or is missing where it is needed, the URDF does not describe an arm.
     pub fn load_with(dir: &Path, inputs_folder: Option<&Path>, need: Need) -> Result<Self, PlanFileError> {
         let record = PlanRecord::read(dir)?;
         let inputs = FoundInputs::search(dir, &record, inputs_folder, need)?;
@@ -57,13 +56,13 @@ impl StoredPlan {
         Ok(Self { dir: dir.into(), record, inputs, waypoints, forces, trajectory, arm })
     }
 
-    /// Where the input is that the case names `path`: where it was found, else where it was when the plan was made.
+    /// The path of the input that the case names `path`: where it was found, else its path when the plan was made.
     pub fn input_path(&self, path: &Path) -> PathBuf {
         let recorded = || recorded_path(&self.dir, &self.record.case_file, path);
         self.inputs.path(path).map_or_else(recorded, Path::to_owned)
     }
 
-    /// Every input, and where it is.
+    /// Every input, and its path.
     ///
     /// # Errors
     /// [`PlanFileError::InputsMissing`] unless every input was found.
@@ -72,7 +71,7 @@ impl StoredPlan {
         Ok(self.record.inputs.iter().map(|input| (input.clone(), self.input_path(&input.path))).collect())
     }
 
-    /// Whether both images were found, and the labels' names where the plan was made with them.
+    /// Whether both images were found, and also the labels' names if the plan was made with them.
     pub fn images_found(&self) -> bool {
         let images = &self.record.case.images;
         let names = label_names_path(&images.labels);

@@ -1,12 +1,13 @@
-//! Force toward a structure over time: mean, 75th percentile, peak and where it is.
+//! Force toward a structure over time: mean, 75th percentile, peak and its place.
 //!
-//! One definition for plans, simulations, reports and comparisons. The time is that of the moves that remove material. A force
-//! that points away from the structure counts as 0 toward it. Dillon et al. 2016 give means over the time in which the force
-//! points toward the structure (F_v > 0) while the burr's surface is within 2 mm of it; the same with zeros stands beside each.
+//! Plans, simulations, reports and comparisons use this one definition. Only the time of moves that remove material counts. A
+//! force that points away from the structure counts as 0. Dillon et al. 2016 give means over the time in which the force
+//! points toward the structure (F_v > 0) while the burr's surface is within 2 mm of it; here each figure is also given over
+//! the whole time, zeros included.
 
 use crate::Value;
 
-/// A burr whose surface is within this of a structure is near it, mm.
+/// A burr whose surface is within this distance of a structure is near it, mm.
 ///
 /// **Source:** Dillon et al. 2016, the radius of interest of its trials.
 pub const NEAR_MM: f64 = 2.0;
@@ -14,7 +15,7 @@ pub const NEAR_MM: f64 = 2.0;
 /// One move that removes material within the influence of a structure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TowardSpan {
-    /// How long the move takes, s.
+    /// Duration of the move, s.
     pub seconds: f64,
     /// Force toward the structure, N; 0 if it points away.
     pub force_n: f64,
@@ -22,27 +23,27 @@ pub struct TowardSpan {
     pub row: usize,
 }
 
-/// A force toward a structure in one number each.
+/// Statistics of the force toward a structure.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TowardFigures {
-    /// Time that counts, s.
+    /// Duration of the moves that count, s.
     pub seconds: f64,
     /// Mean over the time in which it points toward the structure (F_v > 0), N.
     pub mean_n: f64,
-    /// Mean over all of the time, N.
+    /// Mean over all of this time, N.
     pub mean_with_zeros_n: f64,
     /// 75th percentile over the time in which it points toward the structure, N.
     pub p75_n: f64,
-    /// 75th percentile over all of the time, N.
+    /// 75th percentile over all of this time, N.
     pub p75_with_zeros_n: f64,
-    /// The largest, N.
+    /// The largest force, N.
     pub peak_n: f64,
-    /// The row of the largest, the first of equals; none where no force points toward the structure.
+    /// The row of the largest force, the first of equals; `None` where no force points toward the structure.
     pub peak_row: Option<usize>,
 }
 
 impl TowardFigures {
-    /// Of moves in the order of their rows.
+    /// The statistics of moves, in the order of their rows.
     pub fn of(spans: &[TowardSpan]) -> Self {
         let toward: Vec<TowardSpan> = spans.iter().copied().filter(|s| s.force_n > 0.0).collect();
         let higher = |a: TowardSpan, b: &TowardSpan| if b.force_n > a.force_n { *b } else { a };
@@ -58,7 +59,7 @@ impl TowardFigures {
         }
     }
 
-    /// Names and values for files; `row` is what a row is called, e.g. `waypoint`.
+    /// Names and values for files; `row` is the word for a row, e.g. `waypoint`.
     pub fn entries(&self, row: &str) -> Vec<(String, Value)> {
         let mut entries: Vec<(String, Value)> = [
             ("mean_force_toward_n", self.mean_n),
@@ -75,14 +76,14 @@ impl TowardFigures {
     }
 }
 
-/// Mean by time, N; 0 without time.
+/// Mean weighted by time, N; 0 if the total time is 0.
 fn mean_n(spans: &[TowardSpan]) -> f64 {
     let (sum, seconds) =
         spans.iter().fold((0.0, 0.0), |(sum, time), s| (sum + s.force_n * s.seconds, time + s.seconds));
     if seconds > 0.0 { sum / seconds } else { 0.0 }
 }
 
-/// The force that is not exceeded during the share `q` of the time, N; 0 without time.
+/// The force that is not exceeded during the share `q` of the time, N; 0 if the total time is 0.
 fn quantile_n(mut spans: Vec<TowardSpan>, q: f64) -> f64 {
     spans.sort_by(|a, b| a.force_n.total_cmp(&b.force_n));
     let wanted = q * spans.iter().map(|s| s.seconds).sum::<f64>();
@@ -99,16 +100,16 @@ fn quantile_n(mut spans: Vec<TowardSpan>, q: f64) -> f64 {
 /// One structure's figures over a plan or a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct StructureFigures {
-    /// Least distance of the burr's centre over all rows, mm, and its row; none where the label map lacks the structure.
+    /// Least distance of the burr's centre over all rows, mm, and its row; `None` where the label map lacks the structure.
     pub least: Option<(f64, usize)>,
-    /// Force toward it wherever it is within its influence.
+    /// Force toward the structure while the burr is within its influence.
     pub force: TowardFigures,
-    /// The same while the burr's surface is within [`NEAR_MM`] of it.
+    /// Force toward the structure while the burr's surface is within [`NEAR_MM`] of it.
     pub near: TowardFigures,
 }
 
 impl StructureFigures {
-    /// Of moves with the distance of the burr's centre, mm, for a burr of this radius.
+    /// The figures of moves, each with the distance of the burr's centre, mm, for a burr of this radius.
     pub fn of(least: Option<(f64, usize)>, spans: &[(TowardSpan, f64)], radius_mm: f64) -> Self {
         let within = |most_mm: f64| -> Vec<TowardSpan> {
             spans.iter().filter(|(_, mm)| mm - radius_mm <= most_mm).map(|(span, _)| *span).collect()
@@ -120,7 +121,7 @@ impl StructureFigures {
         }
     }
 
-    /// Names and values for files; `row` is what a row is called.
+    /// Names and values for files; `row` is the word for a row.
     pub fn value(&self, radius_mm: f64, row: &str) -> Value {
         let mut entries: Vec<(String, Value)> = Vec::new();
         if let Some((distance_mm, at)) = self.least {

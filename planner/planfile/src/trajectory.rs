@@ -1,4 +1,4 @@
-//! `trajectory.csv` read back: what the arm is told, row by row, checked before anyone moves by it.
+//! Reads `trajectory.csv`, the joint trajectory, and checks every row before anything uses it.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::PlanFileError;
 
-/// What one task parses.
+/// Number of bytes that one task parses.
 const PART_BYTES: usize = 1 << 20;
 
 /// The joints over time. Row-major: the value of joint j in row k is `q[k * dof + j]`.
@@ -14,7 +14,7 @@ const PART_BYTES: usize = 1 << 20;
 pub struct Trajectory {
     /// Joints per row, at least 1.
     pub dof: usize,
-    /// Clock of every row, s, rising, from 0.
+    /// Time of every row, s, increasing from 0.
     pub time_s: Vec<f64>,
     /// Positions, rows × dof; rad, or mm where prismatic.
     pub q: Vec<f64>,
@@ -28,7 +28,7 @@ impl Trajectory {
         self.time_s.len()
     }
 
-    /// Whether there is no row; never so for one that was read.
+    /// Whether there is no row; always false for a trajectory that was read.
     pub fn is_empty(&self) -> bool {
         self.time_s.is_empty()
     }
@@ -46,8 +46,8 @@ impl Trajectory {
     /// Reads a trajectory of an arm with `dof` joints.
     ///
     /// # Errors
-    /// [`PlanFileError`] naming the line: another header, a wrong number of cells, a number that is none or not
-    /// finite, a clock that does not start at 0 or does not rise, no row at all.
+    /// [`PlanFileError`] with the line: another header, a wrong number of cells, a cell that is not a finite number, a time that
+    /// does not start at 0 or does not increase, no row at all.
     pub fn read(path: &Path, dof: usize) -> Result<Self, PlanFileError> {
         let text = std::fs::read_to_string(path).map_err(PlanFileError::io("read", path))?;
         let refuse = |line: usize, found: String, expected: String| PlanFileError::Row {
@@ -91,7 +91,7 @@ impl Trajectory {
     }
 }
 
-/// Whole lines of about [`PART_BYTES`].
+/// Splits the text into parts of whole lines of about [`PART_BYTES`].
 fn parts(mut text: &str) -> Vec<&str> {
     let mut parts = Vec::with_capacity(text.len() / PART_BYTES + 1);
     while !text.is_empty() {
@@ -105,7 +105,7 @@ fn parts(mut text: &str) -> Vec<&str> {
     parts
 }
 
-/// Some lines: the rows up to the first that is none, and what is wrong with that: found, expected.
+/// Some lines: the rows up to the first invalid one, and its fault: found, expected.
 struct Part {
     rows: Vec<f64>,
     wrong: Option<(String, String)>,

@@ -1,4 +1,4 @@
-//! Named values of a plan's report, in the order they were given: numbers, texts, lists and tables of them.
+//! Named values of `plan.toml` in the order in which they were given: numbers, texts, lists and tables of them.
 
 use bonemill_case::as_number;
 use bonemill_case::write::{float, text};
@@ -14,13 +14,13 @@ pub enum Value {
     Number(f64),
     /// A count.
     Integer(i64),
-    /// Words.
+    /// A text.
     Text(String),
-    /// Yes or no.
+    /// True or false.
     Flag(bool),
-    /// Several.
+    /// A list of values.
     List(Vec<Value>),
-    /// Several with names, in order.
+    /// Named values, in order.
     Table(Vec<(String, Value)>),
 }
 
@@ -42,16 +42,16 @@ impl From<usize> for Value {
 }
 
 impl Value {
-    /// As TOML on one line.
+    /// The value as TOML on one line.
     ///
     /// # Errors
-    /// [`PlanFileError::NotFinite`] with `name` when a number is not.
+    /// [`PlanFileError::NotFinite`] with `name` when a number is not finite.
     pub(super) fn to_toml(&self, name: &str) -> Result<String, PlanFileError> {
         Ok(match self {
             Value::Number(v) if !v.is_finite() => {
                 return Err(PlanFileError::NotFinite { what: format!("`{name}`"), value: *v });
             }
-            // + 0.0 makes −0 a plain 0
+            // + 0.0 turns −0 into 0
             Value::Number(v) => float(v + 0.0),
             Value::Integer(v) => v.to_string(),
             Value::Text(v) => text(v),
@@ -71,7 +71,7 @@ impl Value {
         })
     }
 
-    /// From TOML; `None` for a date or a number that is not finite.
+    /// Reads a value from TOML; `None` for a date or a number that is not finite.
     pub(super) fn from_toml(value: &DeValue<'_>) -> Option<Self> {
         Some(match value {
             DeValue::Integer(i) => Value::Integer(i64::from_str_radix(i.as_str(), i.radix()).ok()?),
@@ -96,7 +96,7 @@ pub(super) fn in_order<'t, 'i>(table: &'t DeTable<'i>) -> impl Iterator<Item = (
     entries.into_iter().map(|(key, value)| (key.get_ref().to_string(), value.get_ref()))
 }
 
-/// A key, quoted where it must be.
+/// A key, quoted where TOML requires it.
 pub(super) fn key_text(key: &str) -> String {
     let bare = !key.is_empty() && key.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
     if bare { key.into() } else { text(key) }

@@ -1,18 +1,18 @@
-//! One waypoint as it stands in `waypoints.csv`: everything belongs to the move that ends there.
+//! One waypoint of `waypoints.csv`. All values belong to the move that ends at it.
 
 use bonemill_geometry::{Ct, Point};
 use nalgebra::Vector3;
 
 use bonemill_cutter::MoveKind;
 
-/// One row of `waypoints.csv`, in ct; the index is the row's place. `None` is an empty cell.
+/// One row of `waypoints.csv`, in ct; the waypoint's index is the row's number. `None` is an empty cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Waypoint {
     /// Layer, from 0 at the outside.
     pub layer: u32,
-    /// What the move that ends here does.
+    /// Kind of the move that ends here.
     pub kind: MoveKind,
-    /// When the burr is here, s; never falls.
+    /// Time when the burr is here, s; never decreasing.
     pub time_s: f64,
     /// Burr's centre, mm.
     pub position: Point<Ct>,
@@ -24,15 +24,15 @@ pub struct Waypoint {
     pub phi_rad: f64,
     /// The move's speed cap, mm/s.
     pub speed_mm_s: f64,
-    /// Mass in the ball here less the sweep of all earlier moves, mg.
+    /// Mass in the ball at this position, without what all earlier moves removed, mg.
     pub mass_mg: f64,
     /// I_n of that mass about the shaft (D1, D2), 0..1.
     pub inertia: Option<f64>,
     /// Force on the burr at this speed and direction, ct, N; 0 in air.
     pub force_n: Vector3<f64>,
-    /// Its part toward the nearest structure, N, not negative; 0 in air.
+    /// Component of the force toward the nearest structure, N, not negative; 0 in air.
     pub force_toward_n: Option<f64>,
-    /// The structure with the smallest distance less clearance: its place in the case.
+    /// Index in the case of the structure with the smallest distance less clearance.
     pub structure: Option<usize>,
     /// Distance from the burr's centre to it, mm.
     pub distance_mm: Option<f64>,
@@ -40,6 +40,6 @@ pub struct Waypoint {
     pub alpha1: Option<f64>,
     /// The cost C (D5).
     pub cost: Option<f64>,
-    /// Deflection toward the structure, µm; 0 in air, none without a stiffness.
+    /// Deflection toward the structure, µm; 0 in air, `None` without a stiffness.
     pub deflection_toward_um: Option<f64>,
 }

@@ -51,7 +51,7 @@ pub enum PlanError {
     #[error(transparent)]
     Model(#[from] ModelError),
     /// There is no channel as the case asks for it.
-    #[error("{}: {0}", .0.key())]
+    #[error("{key}: {0}", key = .0.key())]
     Channel(#[from] ChannelFault),
     /// A label is named that `labels.json` does not know.
     #[error("{key}: {} has no {name:?}{} it has: {}", beside.with_file_name("labels.json").display(),
@@ -225,7 +225,8 @@ fn image_key(error: &ImageError, case: &Case, folder: &Path) -> Option<String> {
                 (false, true) => "images.labels_affine",
             }
         }
-        ImageError::LabelNames { .. } => "images.labels",
+        ImageError::Foreign { path, .. } if *path == folder.join(&case.images.ct) => "images.ct",
+        ImageError::Foreign { .. } | ImageError::LabelNames { .. } => "images.labels",
         ImageError::LabelAbsent { label, .. } => return label_key(case, &LabelRef::Number(*label)),
         _ => return None,
     };

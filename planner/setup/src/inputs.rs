@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use bonemill_case::{Case, LabelRef, Target, nearest};
 use bonemill_geometry::Progress;
 use bonemill_imaging::{
-    Image, LabelNames, available_memory_mb, label_names_path, looks_like_hu, read_ct, read_label_names,
-    read_labels,
+    Image, LabelNames, Provenance, available_memory_mb, label_names_path, looks_like_hu, read_ct,
+    read_label_names, read_labels,
 };
 use bonemill_planfile::{Input, StoredPlan};
 use bonemill_scene::{MemoryNeed, Scene, SceneSpec, build_scene};
@@ -50,12 +50,26 @@ pub fn read_inputs(case: &Case, case_path: &Path) -> Result<(Images, Vec<(Input,
     let images = read_images(case, |path| folder.join(path))?;
     let names = label_names_path(&case.images.labels);
     let mut paths: Vec<&Path> = case_path.file_name().map(Path::new).into_iter().collect();
-    paths.extend([case.images.ct.as_path(), &case.images.labels]);
+    let [ct, labels] = [
+        named_files(&case.images.ct, folder, &images.ct.provenance),
+        named_files(&case.images.labels, folder, &images.labels.provenance),
+    ];
+    paths.extend(ct.iter().chain(&labels).map(PathBuf::as_path));
     paths.extend(folder.join(&names).exists().then_some(names.as_path()));
     paths.extend(case.robot.files().map(|(_, path)| path));
     let noted = |path: &&Path| Ok((Input::now(folder, path)?, folder.join(path)));
     let files = paths.par_iter().map(noted).collect::<Result<_, PlanError>>()?;
     Ok((images, files))
+}
+
+/// An image's files as the case names them: below the folder that it names, or the file itself.
+fn named_files(named: &Path, folder: &Path, provenance: &Provenance) -> Vec<PathBuf> {
+    let place = folder.join(named);
+    let name = |file: &PathBuf| match file.strip_prefix(&place) {
+        Ok(below) if !below.as_os_str().is_empty() => named.join(below),
+        _ => named.into(),
+    };
+    provenance.files.iter().map(name).collect()
 }
 
 /// Reads and checks the images of a case; `place` says where the file is that the case names so.
@@ -83,6 +97,15 @@ pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Resu
     labels_differ(&target, &structures)?;
     let warnings = ct.warnings.iter().chain(&labels.warnings).map(ToString::to_string).collect();
     Ok(Images { ct, labels, target, structures, warnings })
+}
+
+/// The number of a label that the case names.
+///
+/// # Errors
+/// [`PlanError::LabelName`] and [`PlanError::NoLabelNames`] for a name without number, [`PlanError::Image`].
+pub fn label_of(key: &str, label: &LabelRef, labels_path: &Path) -> Result<u16, PlanError> {
+    let names = read_label_names(label_names_path(labels_path))?;
+    label_number(key.into(), label, names.as_ref(), labels_path)
 }
 
 fn label_number(
@@ -126,10 +149,18 @@ fn labels_differ(target: &Target<u16>, structures: &[(String, u16)]) -> Result<(
 /// # Errors
 /// [`PlanError::Scene`].
 pub fn make_scene(case: &Case, inputs: &Images) -> Result<Scene, PlanError> {
+    make_scene_of(case, inputs.target.clone(), inputs)
+}
+
+/// The same with another target than the one that was read with the images.
+///
+/// # Errors
+/// [`PlanError::Scene`].
+pub fn make_scene_of(case: &Case, target: Target<u16>, inputs: &Images) -> Result<Scene, PlanError> {
     Ok(build_scene(&SceneSpec {
         ct: &inputs.ct.volume,
         labels: &inputs.labels.volume,
-        target: inputs.target.clone(),
+        target,
         structures: &inputs.structures,
         table: &case.density.table,
         air_hu: case.density.air_hu,

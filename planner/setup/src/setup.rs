@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use bonemill_arm::Arm;
 use bonemill_case::{Case, Registration};
 use bonemill_geometry::{Base, Rigid, Work};
-use bonemill_imaging::AffineReport;
+use bonemill_imaging::Placement;
 use bonemill_planfile::{Input, PlanFrames, PlanningGrid};
 use bonemill_scene::Scene;
 
@@ -21,8 +21,8 @@ pub struct Setup {
     pub case: Case,
     /// Every input as named in the case, with its file and digest; the case file first.
     pub inputs: Vec<(Input, PathBuf)>,
-    /// Which affine was taken from the CT and from the labels.
-    pub affines: [AffineReport; 2],
+    /// What places the voxels of the CT and of the labels.
+    pub placements: [Placement; 2],
     /// Images as planned on.
     pub scene: Scene,
     /// The arm, with its tool and limits.
@@ -49,8 +49,8 @@ impl Setup {
         warnings.extend(scene.warnings.iter().cloned());
         warnings.extend(tools::arm_warning(case, &arm));
         warnings.extend(registered.warnings(case));
-        let affines = [images.ct.affine, images.labels.affine];
-        Ok(Self { case: case.clone(), inputs: files, affines, scene, arm, registered, warnings })
+        let placements = [images.ct.provenance.placement, images.labels.provenance.placement];
+        Ok(Self { case: case.clone(), inputs: files, placements, scene, arm, registered, warnings })
     }
 
     /// Where the planning grid is, seen from the arm.

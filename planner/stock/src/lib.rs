@@ -1,8 +1,9 @@
-//! What a moving ball removes of the stock, and which move removes it first.
+//! Computes which voxels of the stock a moving ball removes, and which move removes each of them first.
 //!
-//! A ball's sweep does not depend on the shaft. So for a given path the move that first covers a voxel is one static field, the
-//! [`removal`] time T, and the stock before move i is [T >= i]. [`sweep`] is the kernel: the voxels of a row in a capsule are one
-//! interval in closed form. [`runs`] merges moves on one line, [`voxels`] keeps sets of voxels as bits.
+//! A ball's sweep does not depend on the shaft's direction. So for a given path the number of the move that first covers a
+//! voxel is one static field, the [`removal`] time T, and the stock before move i is [T >= i]. [`sweep`] is the kernel: the
+//! voxels of a row inside a capsule are one interval with a closed form. [`runs`] merges moves on one line, and [`voxels`]
+//! stores sets of voxels as bits.
 
 pub mod removal;
 pub mod runs;

@@ -1,8 +1,8 @@
 //! The removal-time field: the move that first cuts each voxel.
 //!
-//! A ball's sweep does not depend on the shaft, so for a given path the move T(x) in which the burr first covers the
-//! voxel centre x is one static field, and the bone before move i is [T ≥ i]. Move i ends at waypoint i; waypoint 0 is
-//! where the burr stands at the start. Waypoints thereby become independent of each other.
+//! A ball's sweep does not depend on the shaft's direction. So for a given path the move T(x) in which the burr first covers
+//! the voxel centre x is one static field, and the bone before move i is [T ≥ i]. Move i ends at waypoint i; waypoint 0 is
+//! the burr's first position. With this field, waypoints can be processed independently and in any order.
 
 use std::ops::Range;
 
@@ -15,7 +15,7 @@ use crate::voxels::VoxelSet;
 /// T of a voxel that no move covers.
 pub const NEVER: u32 = u32::MAX;
 
-/// T(x) for every voxel of the work grid, target or not.
+/// T(x) for every voxel of the planning grid, inside and outside the target.
 #[derive(Debug, Clone)]
 pub struct RemovalTime {
     rows: Rows,
@@ -25,13 +25,13 @@ pub struct RemovalTime {
 }
 
 impl RemovalTime {
-    /// Nothing removed yet.
+    /// The field before any move: nothing is removed.
     pub fn new(grid: &Grid<Work>) -> Self {
         let standing = VoxelSet::of(grid.len(), |_| true);
         Self { rows: Rows::of(grid), time: vec![NEVER; grid.len()], standing }
     }
 
-    /// T per voxel, x-fastest; [`NEVER`] where no move came.
+    /// T per voxel, x-fastest; [`NEVER`] where no move covers the voxel.
     pub fn time(&self) -> &[u32] {
         &self.time
     }
@@ -41,7 +41,7 @@ impl RemovalTime {
         self.time[voxel] != NEVER
     }
 
-    /// Sweeps the burr along moves of a path whose places are `at`; `removed` is told each voxel that they cover first.
+    /// Sweeps the burr along moves of a path whose positions are `at`; calls `removed` with each voxel that they cover first.
     pub fn sweep(
         &mut self,
         moves: Range<u32>,
@@ -75,7 +75,7 @@ mod tests {
     }
 
     proptest! {
-        /// The same moves in another order remove the same voxels: only their times change.
+        /// The same moves in another order remove the same voxels, only at other times.
         #[test]
         fn what_is_removed_does_not_depend_on_the_order(path in prop::collection::vec(prop::array::uniform3(0.0f64..7.0), 2..12)) {
             let there = field(&path);
@@ -85,7 +85,7 @@ mod tests {
             }
         }
 
-        /// A longer path never gives bone back, nor changes when the earlier part went.
+        /// Lengthening a path restores no bone and changes no earlier removal time.
         #[test]
         fn removal_is_monotone(path in prop::collection::vec(prop::array::uniform3(0.0f64..7.0), 3..12)) {
             let whole = field(&path);

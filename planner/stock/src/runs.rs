@@ -1,7 +1,7 @@
-//! A path as straight runs: consecutive moves on one line, which sweep one capsule.
+//! Divides a path into straight runs: consecutive moves on one line, which together sweep one capsule.
 //!
-//! Which of a run's moves covers a place first has a closed form: the first whose end has come as far along the line as the
-//! place is, less half the chord of a ball through it. So a run is swept once, not move by move.
+//! The first move of a run that covers a point has a closed form: it is the first whose end is at least as far along the
+//! line as the point, less half the ball's chord there. So a run is swept once, not move by move.
 
 use std::ops::{ControlFlow, Range};
 
@@ -14,12 +14,13 @@ use crate::voxels::VoxelSet;
 /// Consecutive moves that deviate less than this from a straight line are one run, mm.
 const STRAIGHT_MM: f64 = 1e-6;
 
-/// Where less than this is left to a ball's surface, or to the end of a move, each move is tested: beyond rounding and what a
-/// run deviates from its line.
+/// Points nearer than this to a ball's surface or to the end of a move are tested against each move. The margin is larger
+/// than rounding and than the deviation of a run from its line.
 const CERTAIN_MM2: f64 = 1e-2;
 const CERTAIN_MM: f64 = 1e-4;
 
-/// A straight piece of a path: moves `first..=last`. Move i leads from place i − 1 to place i; move 0 stands at place 0.
+/// A straight part of a path: moves `first..=last`. Move i leads from position i − 1 to position i; move 0 stays at
+/// position 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Run {
     /// Its first move.
@@ -35,7 +36,7 @@ impl Run {
     }
 }
 
-/// Maximal straight runs of the moves of a path whose places are `at`; move 0 is a run of its own.
+/// Maximal straight runs of the moves of a path whose positions are `at`; move 0 is a separate run.
 pub fn straight_runs(moves: Range<u32>, at: impl Fn(u32) -> Point<Work>) -> Vec<Run> {
     let mut runs: Vec<Run> = Vec::new();
     let at = |n: u32| at(n).coords;
@@ -43,7 +44,7 @@ pub fn straight_runs(moves: Range<u32>, at: impl Fn(u32) -> Point<Work>) -> Vec<
         let extends = runs.last().is_some_and(|run| {
             run.first > 0 && {
                 let (a, b, c) = (at(run.first - 1), at(run.last), at(n));
-                // straight on, not back
+                // forward along the line, not back
                 (b - a).dot(&(c - b)) >= 0.0
                     && segment_distance_squared(&b, &a, &c) <= STRAIGHT_MM * STRAIGHT_MM
             }
@@ -56,8 +57,9 @@ pub fn straight_runs(moves: Range<u32>, at: impl Fn(u32) -> Point<Work>) -> Vec<
     runs
 }
 
-/// Takes out of `standing` what a ball of `radius_mm` covers on its way along `runs`, and tells `taken` each voxel and the
-/// first move that covers it. What the ball covers where the runs start is gone already, but for a path's first place.
+/// Removes from `standing` the voxels that a ball of `radius_mm` covers along `runs`, and calls `taken` with each voxel and
+/// the first move that covers it. The voxels that the ball covers at the start of the runs must be removed already, except
+/// at a path's first position.
 pub fn take_runs(
     runs: &[Run],
     at: impl Fn(u32) -> Point<Work>,
@@ -94,10 +96,10 @@ pub fn take_runs(
 /// Where the moves of a run start and end.
 struct Places {
     first: u32,
-    /// One more than there are moves.
+    /// Start and end positions; one more than there are moves.
     at: Vec<Point<Work>>,
     along: Vector3<f64>,
-    /// How far along the line each move ends.
+    /// Position of each move's end along the line.
     ends_mm: Vec<f64>,
     squared_mm2: f64,
 }
@@ -110,7 +112,7 @@ impl Places {
         Self { first: run.first, at, along, ends_mm, squared_mm2: radius_mm * radius_mm }
     }
 
-    /// The first move that covers `p`; `is_in` says of a move whether it does, where that is in doubt.
+    /// The first move that covers `p`; `is_in` tests a single move where the closed form leaves a doubt.
     #[inline]
     fn first_that_covers(&self, p: &Vector3<f64>, is_in: impl Fn([Point<Work>; 2]) -> bool) -> Option<u32> {
         let from = p - self.at[0].coords;
@@ -138,7 +140,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Against every move of its own, in turn.
+        /// The runs are compared with sweeping every move alone, in turn.
         #[test]
         fn runs_take_what_their_moves_take_one_by_one(
             corners in prop::collection::vec(prop::array::uniform3(0.0f64..6.0), 1..6),
@@ -149,7 +151,7 @@ mod tests {
             let mut path = vec![Point::from_coords(corners[0].into())];
             for (corner, pieces) in corners[1..].iter().zip(pieces) {
                 let (from, to) = (path[path.len() - 1], Point::from_coords((*corner).into()));
-                // uneven steps, a stand among them
+                // steps of different lengths, one of length 0
                 path.extend((0..=pieces).map(|n| from + (to - from) * (n as f64 / pieces as f64).powi(2)));
             }
             let at = |n: u32| path[n as usize];
@@ -171,7 +173,7 @@ mod tests {
         }
     }
 
-    /// Voxels on the very surface of a ball are in or out by rounding: as for each move alone, so for the run.
+    /// For voxels exactly on a ball's surface rounding decides; a run must decide as each move alone does.
     #[test]
     fn ties_are_decided_as_by_the_moves_one_by_one() {
         for spacing_mm in [0.2, 0.25, 0.3] {

@@ -1,8 +1,9 @@
-//! Voxels inside a ball that moves along a straight line, and in a straight piece of a cylinder: the one kernel behind removal,
-//! coverage and access.
+//! Finds the voxels inside a ball that moves along a straight line, and inside a straight cylinder. Removal, coverage and
+//! access all use this kernel.
 //!
-//! A capsule is convex, so it meets a row of voxel centres in one interval, which has a closed form. Rows are handed out
-//! one by one; a caller touches contiguous memory and tests no voxel twice. A voxel counts by its centre.
+//! A capsule is convex, so it meets a row of voxel centres in one interval, which has a closed form. The kernel passes one
+//! row after the other to the caller, which accesses contiguous memory and tests no voxel twice. A voxel is inside if its
+//! centre is.
 
 mod cylinder;
 
@@ -13,7 +14,7 @@ use nalgebra::Vector3;
 
 use self::cylinder::{Cylinder, Outline};
 
-/// A cubic work grid seen as rows along x.
+/// A grid of cubic voxels as rows along x.
 ///
 /// Invariant: the grid's axes are the work frame's and its first voxel centre is the origin.
 #[derive(Debug, Clone, Copy)]
@@ -37,7 +38,7 @@ impl Rows {
         Self { dims, spacing_mm }
     }
 
-    /// Centres of the voxels of a row, mm, of which `first` is one.
+    /// Centres of the voxels of the row that contains voxel `first`, mm.
     pub fn centers_in_row(&self, first: usize) -> impl Fn(usize) -> Vector3<f64> {
         let [nx, ny, _] = self.dims;
         let (row, spacing_mm) = (first - first % nx, self.spacing_mm);
@@ -45,8 +46,8 @@ impl Rows {
         move |voxel| Vector3::new((voxel - row) as f64 * spacing_mm, y, z)
     }
 
-    /// Whether a voxel's centre lies within `radius_mm` of the segment a–b: by the same arithmetic as [`Self::within_capsule`], so
-    /// that a voxel on the very surface is in for both or for none.
+    /// Whether a voxel's centre lies within `radius_mm` of the segment a–b. It uses the same arithmetic as
+    /// [`Self::within_capsule`], so that both decide alike for a voxel exactly on the surface.
     pub fn is_within(&self, voxel: usize, a: Point<Work>, b: Point<Work>, radius_mm: f64) -> bool {
         let [nx, ny, _] = self.dims;
         let chord = self.capsule(a, b, radius_mm).chord((voxel / nx % ny) as f64, (voxel / (nx * ny)) as f64);
@@ -58,9 +59,9 @@ impl Rows {
         Capsule::new(a.coords * scale, b.coords * scale, radius_mm * scale)
     }
 
-    /// Hands `visit` every run of voxels (memory range) whose centres lie within `radius_mm` of the segment a–b.
+    /// Calls `visit` with every run of voxels (memory range) whose centres lie within `radius_mm` of the segment a–b.
     ///
-    /// Parts outside the grid are left out. Stops early on [`ControlFlow::Break`].
+    /// Parts outside the grid are left out. [`ControlFlow::Break`] stops it early.
     pub fn within_capsule(
         &self,
         a: Point<Work>,
@@ -71,9 +72,9 @@ impl Rows {
         self.within_capsule_where(a, b, radius_mm, &mut (), |(), _| true, |(), run| visit(run))
     }
 
-    /// [`Self::within_capsule`], but for rows of which `may` says that nothing in the run matters; that run holds all of the
-    /// row that the capsule can meet. Where most of what a ball meets is gone, asking is cheaper than finding where the row
-    /// is met.
+    /// [`Self::within_capsule`] without the rows for which `may` returns false. `may` gets a run that contains all voxels of the
+    /// row that the capsule can meet. Where most voxels in a ball are already removed, this test is cheaper than computing the
+    /// interval.
     pub fn within_capsule_where<S>(
         &self,
         a: Point<Work>,
@@ -90,7 +91,7 @@ impl Rows {
         let capsule = self.capsule(a, b, radius_mm);
         for k in capsule.extent(2, capsule.radius, self.dims[2]) {
             let Some(radius) = capsule.radius_at_z(k as f64) else { continue };
-            // a voxel more at either end, whatever the rounding
+            // one voxel more at either end, because of rounding
             let xs = capsule.extent(0, radius, self.dims[0]);
             let xs = xs.start.saturating_sub(1)..(xs.end + 1).min(self.dims[0]);
             for j in capsule.extent(1, radius, self.dims[1]) {
@@ -108,8 +109,8 @@ impl Rows {
         ControlFlow::Continue(())
     }
 
-    /// [`Self::within_capsule_where`] for a cylinder with flat ends: that of `radius_mm` about `axis` (unit) through `center`, between
-    /// two distances from it, mm. The run that is given to `may` holds all of the row that the cylinder can meet.
+    /// [`Self::within_capsule_where`] for a cylinder with flat ends, of `radius_mm` about `axis` (unit) through `center`, between
+    /// two distances from `center`, mm. The run passed to `may` contains all voxels of the row that the cylinder can meet.
     pub fn within_cylinder_where<S>(
         &self,
         (center, axis): (Point<Work>, &Vector3<f64>),
@@ -144,13 +145,13 @@ impl Rows {
     }
 }
 
-/// Whole numbers in [lo, hi], cut to 0..n.
+/// Whole numbers in [lo, hi] and in 0..n.
 ///
-/// By truncation: rounding functions are calls on targets without SSE4.1, and this runs once per row.
+/// Computed by truncation, because rounding functions are calls on targets without SSE4.1, and this runs once per row.
 #[inline]
 fn clip(lo: f64, hi: f64, n: usize) -> Range<usize> {
     if !(hi >= 0.0 && lo <= n as f64) {
-        return 0..0; // also for NaN
+        return 0..0; // also if a value is NaN
     }
     let truncated = lo.max(0.0) as usize;
     let start = truncated + usize::from((truncated as f64) < lo);
@@ -176,13 +177,14 @@ impl Capsule {
         Self { a, b, length_squared, between, radius_squared: radius * radius, radius }
     }
 
-    /// Places along `axis` within `radius` of the capsule's own axis.
+    /// Voxels along `axis` within `radius` of the capsule's segment.
     fn extent(&self, axis: usize, radius: f64, n: usize) -> Range<usize> {
         let (lo, hi) = (self.a[axis].min(self.b[axis]), self.a[axis].max(self.b[axis]));
         clip(lo - radius, hi + radius, n)
     }
 
-    /// How far the layer at z may be from the capsule's axis within the layer; a hair more, whatever the rounding.
+    /// The largest distance from the capsule's axis that points of the capsule have in the layer at z, with a margin for
+    /// rounding.
     fn radius_at_z(&self, z: f64) -> Option<f64> {
         let beyond = (self.a.z.min(self.b.z) - z).max(z - self.a.z.max(self.b.z)).max(0.0);
         let squared = self.radius_squared * (1.0 + 1e-9) - beyond * beyond;
@@ -191,8 +193,8 @@ impl Capsule {
 
     /// The interval of x in which (x, y, z) lies in the capsule.
     ///
-    /// The capsule is the union of the balls at both ends and the cylinder between them, each an interval; their hull
-    /// is the answer because the union is convex.
+    /// The capsule is the union of the balls at both ends and the cylinder between them. Each gives an interval, and because
+    /// the union is convex the result is the hull of the intervals.
     fn chord(&self, y: f64, z: f64) -> Option<(f64, f64)> {
         let (mut lo, mut hi) = (f64::INFINITY, f64::NEG_INFINITY);
         let mut join = |part: Option<(f64, f64)>| {
@@ -269,7 +271,7 @@ mod tests {
             axis in 0usize..5,
             r in 0.05f64..3.0,
         ) {
-            // moves along an axis and in place are the common ones, and have their own branches
+            // moves along an axis and moves of length 0 are common and have separate branches in the code
             let b = std::array::from_fn(|n| if axis < 3 && n != axis || axis == 4 { a[n] } else { b[n] });
             for (inside, beyond) in swept(a, b, r).into_iter().zip(brute(a, b, r)) {
                 prop_assert!(inside == (beyond <= 0.0) || beyond.abs() < 1e-9, "{beyond}");
@@ -286,7 +288,7 @@ mod tests {
             ends in prop::array::uniform2(-4.0f64..4.0),
             r in 0.05f64..2.0,
         ) {
-            // axes along the grid and in its planes have their own branches
+            // axes along the grid's axes and in its planes have separate branches in the code
             let axis = std::array::from_fn(|n| if along < 3 && n != along || along == n + 3 { 0.0 } else { axis[n] });
             let Some(axis) = Vector3::from(axis).try_normalize(1e-3) else { return Ok(()) };
             let (center, ends) = (Point::from_coords(center.into()), [ends[0].min(ends[1]), ends[0].max(ends[1])]);

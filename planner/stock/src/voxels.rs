@@ -1,6 +1,6 @@
-//! Sets of voxels, a bit each: what is still there, asked for row by row.
+//! Sets of voxels, one bit per voxel, for queries row by row.
 //!
-//! Laying a path needs to know many times whether a ball or its sweep would take anything; a run of voxels in a row is a word or two.
+//! Laying a path often tests whether a ball or its sweep would remove anything; a run of voxels in a row is one or two words.
 
 use std::ops::{ControlFlow, Range};
 
@@ -8,16 +8,17 @@ use bonemill_geometry::{Point, Work};
 
 use crate::sweep::Rows;
 
-/// How far apart places are that a path is chosen from, and cells of what a shank is marched through, about, mm.
+/// Approximate distance between the positions from which a path is chosen, and size of the cells in which the shank's access
+/// is tested, mm.
 const APART_MM: f64 = 0.25;
 
-/// How many voxels of a spacing lie between such places, at least one: finer grids sharpen shapes, not choices, so that
-/// choosing costs no more than there are voxels.
+/// Number of voxels between such positions, at least 1. A finer grid gives more exact shapes but no more positions, so the
+/// cost of choosing grows only with the number of voxels.
 pub fn voxels_apart(spacing_mm: f64) -> usize {
     (APART_MM / spacing_mm + 1e-9).round().max(1.0) as usize
 }
 
-/// Voxels of a grid by their place in memory.
+/// A set of voxels of a grid, by memory index.
 #[derive(Debug, Clone, Default)]
 pub struct VoxelSet {
     words: Vec<u64>,
@@ -38,21 +39,21 @@ impl VoxelSet {
         self.words[voxel / 64] >> (voxel % 64) & 1 == 1
     }
 
-    /// Puts a voxel in; whether it was not there.
+    /// Adds a voxel; returns whether it was not in the set.
     pub fn insert(&mut self, voxel: usize) -> bool {
         let is_new = !self.contains(voxel);
         self.words[voxel / 64] |= 1 << (voxel % 64);
         is_new
     }
 
-    /// Takes a voxel out; whether it was there.
+    /// Removes a voxel; returns whether it was in the set.
     pub fn remove(&mut self, voxel: usize) -> bool {
         let was_there = self.contains(voxel);
         self.words[voxel / 64] &= !(1 << (voxel % 64));
         was_there
     }
 
-    /// Takes the voxels of a run out, and hands each that was there to `taken`.
+    /// Removes the voxels of a run, and calls `taken` with each that was in the set.
     pub fn take(&mut self, run: Range<usize>, mut taken: impl FnMut(usize)) {
         for (w, mask) in masks(run) {
             let found = Bits(self.words[w] & mask);
@@ -61,12 +62,12 @@ impl VoxelSet {
         }
     }
 
-    /// How many voxels of a run are in the set.
+    /// Number of voxels of a run that are in the set.
     pub fn count(&self, run: Range<usize>) -> usize {
         masks(run).map(|(w, mask)| (self.words[w] & mask).count_ones() as usize).sum()
     }
 
-    /// Becomes the same as another set of the same grid; whether voxels came in.
+    /// Becomes equal to another set on the same grid; returns whether voxels were added.
     pub fn replace(&mut self, other: &Self) -> bool {
         let gains = |(own, new): (&mut u64, &u64)| *new & !std::mem::replace(own, *new) != 0;
         self.words.iter_mut().zip(&other.words).map(gains).fold(false, |any, gains| any | gains)
@@ -77,7 +78,8 @@ impl VoxelSet {
         masks(run).flat_map(|(w, mask)| Bits(self.words[w] & mask).map(move |bit| 64 * w + bit))
     }
 
-    /// Takes those voxels of a run out for which `taken` is true; it is called for each that is there, in order.
+    /// Removes the voxels of a run for which `taken` returns true. `taken` is called for each voxel of the set in the run, in
+    /// order.
     pub fn take_where(&mut self, run: Range<usize>, mut taken: impl FnMut(usize) -> bool) {
         for (w, mask) in masks(run) {
             for bit in Bits(self.words[w] & mask) {
@@ -88,12 +90,12 @@ impl VoxelSet {
         }
     }
 
-    /// Whether a voxel of a run, or one that shares a word with it, is in the set.
+    /// Whether a voxel of a run may be in the set: also true for a voxel outside the run that shares a word with it.
     pub fn may_hold(&self, run: Range<usize>) -> bool {
         !run.is_empty() && self.words[run.start / 64..run.end.div_ceil(64)].iter().any(|word| *word != 0)
     }
 
-    /// A voxel of the set within `radius_mm` of the segment a–b: the first in memory.
+    /// The voxel of the set within `radius_mm` of the segment a–b that is first in memory.
     pub fn first_within(&self, rows: &Rows, [a, b]: [Point<Work>; 2], radius_mm: f64) -> Option<usize> {
         let mut found = None;
         let may = |_: &Option<usize>, run| self.may_hold(run);
@@ -104,7 +106,7 @@ impl VoxelSet {
         found
     }
 
-    /// How many voxels of the set lie within `radius_mm` of the segment a–b, counted up to about `enough`.
+    /// Number of voxels of the set within `radius_mm` of the segment a–b; counting stops at about `enough`.
     pub fn count_within(
         &self,
         rows: &Rows,
@@ -122,7 +124,7 @@ impl VoxelSet {
     }
 }
 
-/// The places of a word's ones, from the lowest.
+/// Iterates over the positions of a word's set bits, from the lowest.
 struct Bits(u64);
 
 impl Iterator for Bits {
@@ -136,7 +138,7 @@ impl Iterator for Bits {
     }
 }
 
-/// The words that a run lies in, each with the bits that are the run's.
+/// The words that contain a run, each with a mask of the run's bits.
 fn masks(run: Range<usize>) -> impl Iterator<Item = (usize, u64)> {
     let words = run.start / 64..run.end.div_ceil(64);
     words.map(move |w| {
@@ -153,7 +155,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Against a list of flags.
+        /// The set is compared with a list of flags.
         #[test]
         fn runs_take_out_what_is_there(
             flags in prop::collection::vec(any::<bool>(), 1..300), ends in prop::array::uniform2(0usize..300),

@@ -1,4 +1,4 @@
-//! Reads the reference cases: fields from their specification, tools, materials and motions from their keys.
+//! Reads the reference cases: density fields from their specification, and tools, materials and motions from their keys.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ pub struct Case {
     pub json: Value,
 }
 
-/// The cases whose names begin with `kind`, by name.
+/// The cases whose names begin with `kind`, sorted by name.
 pub fn cases(kind: &str) -> Vec<Case> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
@@ -207,7 +207,7 @@ impl Layer {
     }
 }
 
-/// splitmix64 of the voxel's own state, to 53 bits.
+/// splitmix64 of the voxel's state, as 53 bits.
 fn uniform(seed: u64, index: u64) -> f64 {
     let mut z = seed.wrapping_add((index + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -216,7 +216,7 @@ fn uniform(seed: u64, index: u64) -> f64 {
     (z >> 11) as f64 * 2f64.powi(-53)
 }
 
-/// The probes to 1e-14, the sums to 1e-12; where rounding happens to agree to the last bit, so does the hash.
+/// Compares the probes to 1e-14 and the sums to 1e-12; if these agree to the last bit, also the hash.
 fn check_voxels(volume: &Volume<f64, Work>, check: &Value) {
     for probe in check["probe"].as_array().unwrap() {
         let [i, j, k] = [0, 1, 2].map(|a| probe[a].as_u64().unwrap() as usize);

@@ -1,25 +1,24 @@
-//! Which shaft directions are free at a waypoint (D II-A).
+//! Tests which shaft directions are free at a waypoint (D II-A).
 //!
-//! The shank at axis a is free before move i exactly when no solid voxel with T ≥ i lies in it: the maximum of T over
-//! the shank's volume is below i. Taking the maximum over a ball of the shank's radius once for every voxel turns that
-//! volume into a line: one ray march along the axis per direction.
+//! The shank at axis a is free before move i exactly when it contains no solid voxel with T ≥ i, that is, when the maximum
+//! of T over the shank's volume is below i. For every voxel, the maximum over a ball of the shank's radius is computed once.
+//! Then the volume becomes a line, and one ray march along the axis tests a direction.
 //!
-//! A march looks at the nearest voxel at steps of one voxel; the ball is larger by what that can miss, so "free" is
-//! certain. Where a march on voxels is not, the voxels around that part of it are tested one by one, each by its
-//! eighths ([`EighthTimes`]): bone that stands anywhere in a voxel stands there. Thick segments (the handpiece) use a
-//! coarser field, for which a block counts as solid as long as any voxel in it is. Beyond the work grid `FarObstacles`
-//! stands for bone and structures.
+//! A march reads the nearest voxel at steps of one voxel. The ball is enlarged by the error of this, so the answer "free" is
+//! certain. Where the answer is not "free", the voxels around that part of the march are tested one by one, each by its
+//! eighths ([`EighthTimes`]): any bone in a voxel counts. Thick cylinders (the handpiece) use a coarser field, in which a
+//! block is solid as long as any voxel in it is. Beyond the planning grid, `FarObstacles` holds bone and structures.
 //!
-//! The arm rounds corners within a tolerance, and between two tested places the shank sweeps a little more than
-//! it holds at either: the shank is tested wider by both ([`aside_mm`]). A whole move, during which the shank turns, is
-//! asked at places that far apart, and at nearer ones where those leave a doubt (`turn`).
+//! The arm rounds corners within a tolerance, and between two tested places the shank sweeps a little more than its volume
+//! at either place. So the shank is tested wider by both amounts ([`aside_mm`]). A whole move, during which the shank turns,
+//! is tested at places that far apart, and at closer places where the answer is not certain (`turn`).
 //!
-//! A march through free space is long and most of it far from everything: blocks of voxels with the latest time in each say
-//! how many steps need no look (`march`). Where a march is in doubt, the rest of the way is looked at with a ball that is
-//! small enough to be certain of "blocked"; only what lies between the two is tested by eighths. The answer is the same.
+//! Most of a march through free space is far from everything. Blocks of voxels, each with its latest time, tell how many
+//! steps can be skipped (`march`). Where the answer is not "free", the rest of the march is tested with a ball so small that
+//! its answer "blocked" is certain; only directions between the two are tested by eighths. This does not change the result.
 //!
-//! A ball at a thick cylinder's flat front reaches out of it, from the handpiece down to the skull. Where only that part of
-//! a march is blocked, the front is looked at again with balls of the first cylinder's radius.
+//! A ball at a thick cylinder's flat front reaches beyond the front, from the handpiece down to the skull. If only that part
+//! of a march is blocked, the front is tested again with balls of the first cylinder's radius.
 
 mod eighth_times;
 mod eighths;
@@ -47,40 +46,40 @@ use self::front::Front;
 use self::march::Marched;
 use bonemill_motion::timelaw::TRAJECTORY_TOLERANCE_MM;
 
-/// What is in the shank's way.
+/// What blocks the shank.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Blocked {
-    /// Bone of the target that is still there, removed at this move at the earliest.
+    /// Bone of the target that is removed by this move or a later one.
     NotYetRemoved {
         /// Distance along the axis, mm.
         at_mm: f64,
     },
-    /// Bone outside the target, a structure, or bone of the target that no move takes.
+    /// Bone outside the target, a structure, or bone of the target that no move removes.
     Obstacle {
         /// Distance along the axis, mm.
         at_mm: f64,
     },
 }
 
-/// How far the shank moves between two tested places, mm.
+/// Distance that the shank moves between two tested places, mm.
 pub const STRIDE_MM: f64 = 0.3;
 
-/// What the shank is widened by for what it sweeps between those places, mm, or more where it is thin.
+/// By how much the shank is widened for the volume that it sweeps between those places, mm; by more where it is thin.
 const BETWEEN_MM: f64 = 0.02;
 
-/// How far a shank of radius `radius_mm` may be aside of where the path has it, at a distance from the burr's centre, mm; with
-/// what it sweeps on the way from place to place: a cylinder that moves sideways by d sweeps √(ρ² + d²/4) − ρ beyond what it
-/// holds at both ends.
+/// Largest sideways deviation of a shank of radius `radius_mm` from its planned place, at a distance from the burr's centre,
+/// mm. It includes the volume swept between tested places: a cylinder of radius ρ that moves sideways by d sweeps
+/// √(ρ² + d²/4) − ρ beyond its volumes at both ends.
 pub fn aside_mm(radius_mm: f64, along_mm: f64) -> f64 {
     TRAJECTORY_TOLERANCE_MM + between_mm(radius_mm) + CornerTolerance::default().axis_rad * along_mm
 }
 
-/// The part of it for what is swept from place to place, mm.
+/// The part of [`aside_mm`] for the volume swept between tested places, mm.
 fn between_mm(radius_mm: f64) -> f64 {
     BETWEEN_MM.max(across_mm(radius_mm, 0.5 * STRIDE_MM) - radius_mm)
 }
 
-/// √(a² + b²); no call, since it is computed for every eighth of a voxel.
+/// √(a² + b²), without a call to `hypot`, because it is computed for every eighth of a voxel.
 #[inline]
 fn across_mm(a_mm: f64, b_mm: f64) -> f64 {
     (a_mm * a_mm + b_mm * b_mm).sqrt()
@@ -95,47 +94,47 @@ struct PosedShank<'a> {
     index: u32,
     center: Point<Work>,
     axis: &'a Vector3<f64>,
-    /// By how much a thin cylinder is tested narrower than with [`aside_mm`].
+    /// By how much a thin cylinder is tested narrower than [`aside_mm`] says.
     narrower: Narrower,
 }
 
-/// How much less room a thin cylinder is given than [`aside_mm`] says.
+/// A reduction of the width that [`aside_mm`] adds to a thin cylinder.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Narrower {
-    /// Share of what it sweeps between two places that is left out: for places that are nearer to each other.
+    /// Share of the swept volume's width that is left out, for places that are closer together.
     between_share: f64,
-    /// And by so much all over, mm.
+    /// Further reduction of the radius, mm.
     by_mm: f64,
 }
 
 impl Narrower {
-    /// As wide as [`aside_mm`] says.
+    /// No reduction.
     const NOT: Self = Self { between_share: 0.0, by_mm: 0.0 };
 
-    /// How far a shank of that radius may be aside, mm.
+    /// The width to add to a shank of that radius, mm.
     fn aside_mm(&self, radius_mm: f64, along_mm: f64) -> f64 {
         aside_mm(radius_mm, along_mm) - self.between_share * between_mm(radius_mm) - self.by_mm
     }
 }
 
-/// Voxels along a side of the blocks in which groups of a front's balls are looked up.
+/// Side of the blocks in which groups of a front's balls are looked up, voxels.
 const AROUND_VOXELS: usize = 2;
 
-/// Steps of a march that are tested eighth by eighth at once.
+/// Number of steps of a march that are tested by eighths at a time.
 const PART: usize = 4;
 
 /// Access for every waypoint of one path.
 #[derive(Debug)]
 pub struct Access<'a> {
     scene: &'a Scene,
-    /// For what balls leave in doubt; none for a comparison of paths, which takes the balls' answer.
+    /// The exact test where balls leave a doubt; `None` for a comparison of paths, which uses the balls' answer.
     eighths: Option<Eighths<'a>>,
     near_box: Bounds,
-    /// Where something beyond the work grid is known; `None` where nothing is.
+    /// The box beyond the planning grid in which obstacles are known; `None` if none are.
     far_box: Option<Bounds>,
     segments: Vec<Segment>,
-    /// The latest of what the first cylinder's field has within `around_mm` of a place: for groups of a front's balls, where there is
-    /// a front.
+    /// The latest time of the first cylinder's field within `around_mm` of a place, used for groups of a front's balls; `None`
+    /// without a front.
     around: Option<Field>,
     around_mm: f64,
 }
@@ -143,20 +142,20 @@ pub struct Access<'a> {
 #[derive(Debug)]
 struct Segment {
     cylinder: ShankCylinder,
-    /// T dilated by the cylinder's radius: where it is early enough, the cylinder is free.
+    /// T dilated by the cylinder's radius. Where it is early enough, the cylinder is free.
     outer: Marched,
-    /// T dilated by less: where it is late, the cylinder is blocked, more than `inner_mm` from its ends. None for a thin cylinder and
-    /// one with a front.
+    /// T dilated by less. Where it is late and more than `inner_mm` from the cylinder's ends, the cylinder is blocked. `None`
+    /// for a thin cylinder and for one with a front.
     inner: Option<Marched>,
     inner_mm: f64,
-    /// How far a march's ball may reach ahead of where it stands, mm.
+    /// How far a march's ball extends ahead of its centre, mm.
     reach_mm: f64,
-    /// Balls of the first cylinder's radius that hold this cylinder's front; none for a thin cylinder.
+    /// Balls of the first cylinder's radius that cover this cylinder's front; `None` for a thin cylinder.
     front: Option<Front>,
 }
 
 impl<'a> Access<'a> {
-    /// Dilates the removal time once per cylinder. `eighths`: of the path, on the scene's `solid`.
+    /// Dilates the removal time once per cylinder. `eighths` are the removal times of the path, on the scene's `solid`.
     pub fn new(
         scene: &'a Scene,
         solid: &'a ShankObstacles,
@@ -169,8 +168,9 @@ impl<'a> Access<'a> {
         Self { eighths: Some(eighths), ..access }
     }
 
-    /// For a comparison of paths: bone goes by voxels, at `removal_time`, and what a ball of a thin cylinder's radius meets along
-    /// its axis is in the way, off by up to a voxel to either side. Thick cylinders as for a plan.
+    /// A coarser test for a comparison of paths: bone is removed by whole voxels, at `removal_time`, and a thin cylinder is
+    /// blocked by anything that a ball of its radius meets along its axis, with an error of up to one voxel to either side.
+    /// Thick cylinders are tested as for a plan.
     pub fn draft(
         scene: &'a Scene,
         solid: &ShankObstacles,
@@ -190,7 +190,7 @@ impl<'a> Access<'a> {
         Self { scene, eighths: None, near_box, far_box, segments, around, around_mm }
     }
 
-    /// The removal times that it was made of; none of a draft.
+    /// The removal times of which it was made; `None` for a draft.
     pub fn into_eighths(self) -> Option<EighthTimes> {
         self.eighths.map(|eighths| eighths.eighths)
     }
@@ -200,7 +200,7 @@ impl<'a> Access<'a> {
         self.blocked(index, center, axis).is_none()
     }
 
-    /// Something along `axis` that is in the shank's way, if there is anything: not always the nearest.
+    /// Something that blocks the shank along `axis`, if there is anything; it is not always the nearest.
     pub fn blocked(&self, index: u32, center: Point<Work>, axis: &Vector3<f64>) -> Option<Blocked> {
         self.blocked_pose(&PosedShank { index, center, axis, narrower: Narrower::NOT })
     }
@@ -219,7 +219,7 @@ impl<'a> Access<'a> {
         let (mut front_is_free, mut doubted) = (false, false);
         let (begin_mm, step_mm) = (from_mm.max(enter), segment.outer.field.spacing_mm);
         let mut ray = segment.outer.ray(&center.coords, axis, [begin_mm, to_mm.min(leave)]);
-        // a draft's balls reach ahead of the cylinder, where the burr takes what it takes in this very move
+        // a draft's balls extend ahead of the cylinder, where the burr removes bone in this same move
         let is_nearly = by_eighths && self.eighths.is_none();
         let standing_at = (index + u32::from(is_nearly)) as f32;
         while let Some((sample, latest)) =
@@ -251,7 +251,7 @@ impl<'a> Access<'a> {
             }
             front_is_free = true;
         }
-        // the segment beyond the work grid
+        // the part of the cylinder beyond the planning grid
         let (far, far_box) = (&self.scene.far, self.far_box.as_ref()?);
         let step = far.spacing_mm();
         let (_, begin) = self.near_box.crossing(&center.coords, axis);
@@ -282,7 +282,7 @@ impl<'a> Access<'a> {
         None
     }
 
-    /// What is in the way of a thick cylinder's first `reach_mm`.
+    /// What blocks the first `reach_mm` of a thick cylinder.
     fn blocked_front(&self, segment: &Segment, pose: &PosedShank) -> Option<Blocked> {
         let PosedShank { index, center, axis, .. } = *pose;
         let (thin, around, front) = (self.segments.first()?, self.around.as_ref()?, segment.front.as_ref()?);
@@ -291,7 +291,7 @@ impl<'a> Access<'a> {
         let (near_box, far_box, around_mm) = (&self.near_box, self.far_box.as_ref(), self.around_mm);
         let is_free = |offset: &Vector3<f64>| {
             let p = center + basis * offset;
-            // what of the ball is in the far box is no farther from the place in the box that is nearest to its middle
+            // the part of the ball inside the far box is no farther from the box's point nearest to the ball's centre
             let far_mm = || far.at_least_mm(Point::from_coords(far_box?.nearest(&p.coords)));
             around.at(&p.coords) < index as f32
                 && (near_box.holds_ball(&p.coords, around_mm)
@@ -310,7 +310,7 @@ impl<'a> Access<'a> {
     }
 }
 
-/// One per cylinder; `make`: from the cylinder, the radius of the first and the field with room around it.
+/// One segment per cylinder; `make` gets the cylinder, the radius of the first one, and the field with a margin around it.
 fn segments(
     latest: &Field,
     shank: &[ShankCylinder],
@@ -325,13 +325,13 @@ fn segments(
     shank.par_iter().map(segment).collect()
 }
 
-/// The radius of a cylinder with what it may be aside anywhere, mm.
+/// A cylinder's radius plus its largest [`aside_mm`], mm.
 fn wide_mm(cylinder: &ShankCylinder) -> f64 {
     cylinder.radius_mm + aside_mm(cylinder.radius_mm, cylinder.to_mm)
 }
 
 impl Segment {
-    /// With balls that are certain of what they say.
+    /// A segment with balls whose answers are certain.
     fn certain(cylinder: &ShankCylinder, thin_mm: f64, pooled: Field) -> Self {
         let wide_mm = wide_mm(cylinder);
         let reach_mm = pooled.ball_voxels(wide_mm) * pooled.spacing_mm;
@@ -343,7 +343,7 @@ impl Segment {
         Self { cylinder: *cylinder, outer, inner, inner_mm, reach_mm, front }
     }
 
-    /// With a ball of the cylinder's own radius, where there is no front to look at.
+    /// A segment with a ball of the cylinder's own radius, for a cylinder without a front.
     fn nearly(cylinder: &ShankCylinder, thin_mm: f64, pooled: Field) -> Self {
         if pooled.is_blocks && cylinder.radius_mm > thin_mm {
             return Self::certain(cylinder, thin_mm, pooled);
@@ -353,10 +353,10 @@ impl Segment {
         Self { cylinder: *cylinder, outer, inner: None, inner_mm: 0.0, reach_mm, front: None }
     }
 
-    /// What is certain to stand in the cylinder, where its axis runs between two distances.
+    /// Something that certainly lies in the cylinder between two distances along its axis.
     fn surely_blocked(&self, pose: &PosedShank, [start_mm, end_mm]: [f64; 2]) -> Option<Blocked> {
         let PosedShank { index, center, axis, narrower } = *pose;
-        // a narrower shank may pass what is certain to block this ball's
+        // a narrower shank may pass obstacles that certainly block the full one
         let inner = self.inner.as_ref().filter(|_| narrower == Narrower::NOT)?;
         let begin_mm = start_mm.max(self.cylinder.from_mm + self.inner_mm);
         let end_mm = end_mm.min(self.cylinder.to_mm - self.inner_mm);
@@ -372,7 +372,7 @@ impl Blocked {
     }
 }
 
-/// Distances from..=to, `step` apart, the end included; none when to < from.
+/// Distances from..=to, `step` apart, including the end; empty when to < from.
 fn steps(from: f64, to: f64, step: f64) -> impl Iterator<Item = f64> {
     let count = if to >= from { ((to - from) / step) as usize + 2 } else { 0 };
     (0..count).map(move |n| (from + n as f64 * step).min(to))
@@ -390,7 +390,7 @@ mod tests {
                 let wide_mm = radius_mm + narrower.aside_mm(radius_mm, 0.0) - TRAJECTORY_TOLERANCE_MM;
                 for n in 0..=300 {
                     let along_mm = nearer * STRIDE_MM * f64::from(n) / 300.0;
-                    // on the side of what is swept
+                    // on the side of the swept volume
                     let nearest_mm = along_mm.min(nearer * STRIDE_MM - along_mm).hypot(radius_mm);
                     assert!(nearest_mm <= wide_mm + 1e-12, "{radius_mm}: {nearest_mm} beyond {wide_mm}");
                 }

@@ -1,10 +1,10 @@
-//! What the burr meets at a waypoint: material in front of it that no earlier move has taken.
+//! Engagement of the burr at a waypoint: the material at its surface that no earlier move has removed.
 //!
-//! Forces look at points on the ball, each for a patch of its surface. A point is in bone when the density that the images show there is
-//! above 0 and it lies in no earlier piece of the path: exact geometry, without state and independent of the step. A patch
-//! that an earlier piece's edge crosses counts by its share. The path merges into straight runs, of which only those near
-//! the burr matter; and the removal-time field decides at once wherever all eight voxels around the point agree, which
-//! leaves the exact test to the points near a boundary.
+//! The force is a sum over points of the ball's surface, each with a patch around it. A point is in bone when the density in
+//! the images is above 0 there and no earlier part of the path covers the point. This geometry is exact, has no state and
+//! does not depend on the step. A patch that the edge of an earlier part crosses counts by its share. The path is merged
+//! into straight runs, and only runs near the burr are tested. Where all eight voxels around a point have similar removal
+//! times, these decide at once; the exact test is needed only for points near a boundary.
 
 mod masses;
 mod times;
@@ -24,10 +24,10 @@ use crate::path::PathPoint;
 
 /// Side of a cell of the run index, mm.
 const CELL_MM: f64 = 2.0;
-/// Half of the sum of a patch's sides is at most this share of the burr's radius.
+/// Half the sum of a patch's sides is at most this share of the burr's radius.
 const LARGEST_PATCH: f64 = 0.1;
 
-/// The path as straight runs, findable by place.
+/// The path as straight runs with an index by position.
 #[derive(Debug)]
 pub struct SweptPath<'a> {
     scene: &'a Scene,
@@ -66,7 +66,7 @@ impl<'a> SweptPath<'a> {
         path
     }
 
-    /// A run is listed in every cell that holds a burr's centre whose ball the run could reach: within 2r.
+    /// Lists each run in every cell in which the centre of a ball that the run can meet may lie: within 2r of the run.
     fn index_runs(&mut self) {
         let reach = 2.0 * self.radius_mm + 0.5 * 3f64.sqrt() * CELL_MM;
         for (number, run) in self.runs.iter().enumerate() {
@@ -90,7 +90,8 @@ impl<'a> SweptPath<'a> {
         }
     }
 
-    /// The first voxel of the eight around a point; `None` where not all eight voxels lie in the grid: no burr that is clear gets there.
+    /// The first of the eight voxels around a point; `None` where not all eight lie in the grid, which happens for no clear
+    /// position of the burr.
     #[inline]
     fn cell(&self, p: &Vector3<f64>) -> Option<usize> {
         let [nx, ny, nz] = self.dims;
@@ -106,18 +107,19 @@ impl<'a> SweptPath<'a> {
         self.points[run.start() as usize].position.coords
     }
 
-    /// Within which of an earlier piece's axis bone is gone, mm. A point of the ball itself at a re-visited place lies on the
-    /// earlier surface: inside, to rounding.
+    /// Distance from the axis of an earlier run within which bone is removed, mm. If the burr comes to the same place again,
+    /// its surface points lie on the earlier surface; a margin for rounding counts them as inside.
     fn reach_mm(&self) -> f64 {
         self.radius_mm * (1.0 + 1e-12)
     }
 
-    /// Within which of an earlier surface a patch may be cut by it, mm.
+    /// Distance from an earlier surface within which it may cross a patch, mm.
     fn patch_mm(&self) -> f64 {
         LARGEST_PATCH * self.radius_mm
     }
 
-    /// The bone that waypoint `index` meets: `weight_of` its density, looked at `sample_radius_mm` from the burr's centre.
+    /// The bone that the burr meets at waypoint `index`: `weight_of` the density, sampled `sample_radius_mm` from the burr's
+    /// centre.
     pub fn bone_at<W: Fn(f64) -> f64>(
         &self,
         index: u32,
@@ -132,7 +134,7 @@ impl<'a> SweptPath<'a> {
             if run.first >= index {
                 break; // runs are listed in the path's order
             }
-            // the part before this move; waypoint 0 is a ball
+            // the part of the run before this move; waypoint 0 is a ball
             let last = run.last.min(index - 1);
             let (a, b) = (self.start(run), self.points[last as usize].position.coords);
             if segment_distance_squared(&center, &a, &b) < (2.0 * self.radius_mm).powi(2) {
@@ -144,7 +146,7 @@ impl<'a> SweptPath<'a> {
     }
 }
 
-/// The bone before one move, seen from where it ends.
+/// The bone before one move, around the position where the move ends.
 #[derive(Debug)]
 pub struct BoneAt<'a, W> {
     path: &'a SweptPath<'a>,
@@ -152,14 +154,14 @@ pub struct BoneAt<'a, W> {
     center: Vector3<f64>,
     sample_radius_mm: f64,
     weight_of: W,
-    /// The earlier path within reach of the ball; the latest first: it is the likeliest to hold a point.
+    /// The earlier runs within reach of the ball, the latest first, because it is the most likely one to contain a point.
     capsules: Vec<RunAxis>,
-    /// Those within reach of what was last asked about.
+    /// Those within reach of the last queried neighbourhood.
     in_reach: Vec<RunAxis>,
 }
 
 impl<W> BoneAt<'_, W> {
-    /// Share of a patch around `p` that no earlier piece of the path has swept.
+    /// Share of a patch around `p` that no earlier part of the path has swept.
     fn share_left(&self, p: &Vector3<f64>, sides_mm: impl Fn(&Vector3<f64>) -> [f64; 2]) -> f64 {
         let certain = (self.path.reach_mm() - self.path.patch_mm()).max(0.0).powi(2);
         let mut nearest = (f64::INFINITY, Vector3::zeros());
@@ -183,8 +185,8 @@ impl<W> BoneAt<'_, W> {
 }
 
 impl<W: Fn(f64) -> f64> Bone for BoneAt<'_, W> {
-    /// Not where all is gone before this move, nor where one earlier piece holds all of it. Few capsules matter in each
-    /// neighbourhood: one that is farther than a patch from all of it is left out.
+    /// Whether the neighbourhood may contain bone: not if all of it is removed before this move, or if one earlier run covers
+    /// all of it. Also keeps only the runs that can cross a patch in the neighbourhood.
     fn is_near(&mut self, normal: &Vector3<f64>, reach: f64) -> bool {
         let p = self.center + normal * self.sample_radius_mm;
         let around_mm = reach * self.sample_radius_mm;
@@ -210,12 +212,12 @@ impl<W: Fn(f64) -> f64> Bone for BoneAt<'_, W> {
         true
     }
 
-    /// `weight` of the density at a point of the burr's surface, times the share of the patch around it that lies in no
-    /// earlier piece of the path.
+    /// `weight` of the density at a point of the burr's surface, times the share of the patch around it that no earlier part of
+    /// the path covers.
     ///
-    /// Earlier passes end in edges, at which a sum over points is off by whole patches; the share makes it smooth. The
-    /// edge is straight at a patch's size, so the share follows from its distance alone. The patch's sides, projected onto
-    /// any unit direction, sum to at most a fifth of the burr's radius.
+    /// At the edges of earlier passes a sum over points has errors of whole patches; the share makes the sum smooth. On the
+    /// scale of a patch the edge is straight, so the share depends only on its distance. The patch's sides, projected onto any
+    /// unit direction, sum to at most a fifth of the burr's radius.
     #[inline]
     fn weight(&mut self, normal: &Vector3<f64>, patch: &Patch) -> f64 {
         let p = self.center + normal * self.sample_radius_mm;
@@ -233,7 +235,7 @@ impl<W: Fn(f64) -> f64> Bone for BoneAt<'_, W> {
     }
 }
 
-/// The axis of a straight piece of the path.
+/// The axis of a straight run of the path.
 #[derive(Debug, Clone, Copy)]
 struct RunAxis {
     from: Vector3<f64>,
@@ -258,14 +260,15 @@ impl RunAxis {
     }
 }
 
-/// Share, 0..1, of a rectangle beyond a straight edge that its centre is `beyond` beyond (negative: short of); `sides`: its
-/// sides projected onto the edge's normal, in the same unit. The distribution function of a sum of two uniform variables.
+/// Share, 0..1, of a rectangle that lies beyond a straight edge. The rectangle's centre is at distance `beyond` beyond the
+/// edge (negative: before it); `sides` are its sides projected onto the edge's normal, in the same unit. The share is the
+/// distribution function of a sum of two uniform variables.
 pub fn share_beyond(beyond: f64, [a, b]: [f64; 2]) -> f64 {
     let (wide, narrow) = (0.5 * a.max(b), 0.5 * a.min(b));
     if wide <= 0.0 {
         return if beyond > 0.0 { 1.0 } else { 0.0 };
     }
-    // a sliver's corner rounds the ramp off by less than rounding matters
+    // for a very narrow rectangle the corners change the result by less than rounding
     let narrow = narrow.max(1e-6 * wide);
     let ramp = |t: f64| 0.5 * t.max(0.0).powi(2);
     let sum = ramp(beyond + wide + narrow) - ramp(beyond + wide - narrow) - ramp(beyond - wide + narrow)
@@ -279,7 +282,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Against counting: a turned rectangle, its centre short of or beyond a straight edge.
+        /// The share is compared with counting points of a turned rectangle whose centre is before or beyond a straight edge.
         #[test]
         fn the_share_beyond_an_edge_is_the_share_of_points_beyond_it(
             beyond in -1.2f64..1.2, a in 0.05f64..1.0, b in 0.05f64..1.0, angle in 0.0f64..1.5,

@@ -1,7 +1,7 @@
-//! Where the burr may be, its path, what it meets there, and which directions of the shaft are free.
+//! The burr's free space, its path, its engagement, and the shaft's free directions.
 //!
-//! [`space`] -> [`path`] with its removal times -> [`access`] of the shank and [`engagement`] of the burr -> [`orientation`], the
-//! choice among free directions.
+//! Data flows [`space`] -> [`path`] with its removal times -> [`access`] of the shank and [`engagement`] of the burr ->
+//! [`orientation`], the choice among free directions.
 
 pub mod access;
 pub mod engagement;

@@ -1,9 +1,9 @@
-//! Every voxel joined with its 26 neighbours.
+//! Combines the value of every voxel with those of its 26 neighbours.
 
 use rayon::prelude::*;
 
-/// Each value joined with its 26 neighbours', x-fastest over `dims`; `join` is associative and commutative, takes a value joined with
-/// itself for itself, and the default for nothing.
+/// For each voxel, `join` of its value and its 26 neighbours' values, x-fastest over `dims`. `join` must be associative,
+/// commutative and idempotent, with the default value as its neutral element.
 pub(crate) fn joined<T: Copy + Default + Send + Sync>(
     value: &[T],
     [nx, ny, nz]: [usize; 3],

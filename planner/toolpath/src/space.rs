@@ -1,9 +1,9 @@
-//! Where the burr's centre may be: free of obstacle bone, away from structures, and connected to the outside.
+//! Free space of the burr's centre: free of obstacle bone, away from structures, and connected to the outside.
 //!
-//! A ball of radius r at c is clear when no obstacle voxel centre lies in it and every structure is at least its
-//! clearance away from its surface. Distances to obstacles come from their field on the grid (trilinear: for a field
-//! that is convex towards each voxel the error is below h²·3/(8r), 0.02 mm at the default); distances to structures are
-//! exact wherever the field's bounds leave a doubt. What the trajectory may deviate from its waypoints is added.
+//! A ball of radius r at c is clear when it contains no centre of an obstacle voxel and its surface is at least the
+//! clearance away from every structure. Distances to obstacles are interpolated trilinearly from their field on the grid;
+//! the field is convex towards each voxel, so the error is below h²·3/(8r), 0.02 mm at the default. Distances to structures
+//! are computed exactly wherever bounds do not decide. The trajectory's possible deviation from its waypoints is added.
 
 use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
 use bonemill_imaging::{ImageError, StructureField, distance_within};
@@ -14,31 +14,32 @@ use rayon::prelude::*;
 
 use bonemill_stock::sweep::Rows;
 
-/// How much nearer to obstacle bone a move may pass than its ends may stand, mm: the field's error between grid nodes,
-/// so that a move along a wall is not refused for rounding.
+/// A move may pass nearer to obstacle bone than its ends by this much, mm: the field's error between grid nodes, so that a
+/// move along a wall is not refused because of interpolation.
 const PASSING_BONE_MM: f64 = 0.02;
-/// The same for structures, mm: the sag of a chord; what is left of the tolerance is the trajectory's corners.
+/// The same for structures, mm: the deviation of a chord. The rest of the tolerance is for the trajectory's corners.
 const PASSING_STRUCTURE_MM: f64 = 0.005;
 
-/// Margins are kept up to this, mm: beyond it nothing is in doubt.
+/// Stored margins are limited to this, mm; a larger margin always decides.
 const MARGIN_CUT_MM: f64 = 0.15;
-/// Nodes along a side of a block for which the structures nearby are found at once.
+/// Side of a block for which nearby structures are searched once, nodes.
 const BLOCK: usize = 8;
 
 /// Free space of the burr's centre.
 #[derive(Debug)]
 pub struct BurrSpace<'a> {
     scene: &'a Scene,
-    /// Distance to what the ball may not hold, mm; `None`: nothing.
+    /// Distance to obstacles, mm; `None` if there are none.
     obstacle_mm: Option<&'a Volume<f32, Work>>,
     radius_mm: f64,
     /// Least distance of the centre from each structure, mm.
     keep_mm: Vec<f64>,
-    /// Per node, how much farther from everything than need be, mm, cut off at ±[`MARGIN_CUT_MM`].
+    /// Margin of each node: its distance from all obstacles and structures beyond the required one, mm, limited to
+    /// ±[`MARGIN_CUT_MM`].
     margin_mm: Volume<f32, Work>,
     /// Grid nodes that are clear and connected to the outside along the approach.
     connected: Vec<bool>,
-    /// Target voxels that a ball at some connected node covers.
+    /// Target voxels that the ball covers at some connected node.
     reachable: Vec<bool>,
 }
 
@@ -46,17 +47,17 @@ impl<'a> BurrSpace<'a> {
     /// Free space for a burr of `radius_mm` with one clearance per structure of the scene.
     ///
     /// # Errors
-    /// When a distance field cannot be made.
+    /// When a distance field cannot be computed.
     pub fn new(scene: &'a Scene, radius_mm: f64, clearances_mm: &[f64]) -> Result<Self, ImageError> {
         let keep_mm = clearances_mm.iter().map(|c| radius_mm + c + TRAJECTORY_TOLERANCE_MM).collect();
         Self::among(scene, scene.obstacle_mm.as_ref(), radius_mm, keep_mm)
     }
 
-    /// The same burr and clearances among other obstacles, given by the distance to them up to twice the radius, mm; `None`:
-    /// there are none.
+    /// The free space of the same burr and clearances among other obstacles, given by the distance to them up to twice the
+    /// radius, mm; `None` if there are none.
     ///
     /// # Errors
-    /// When a distance field cannot be made.
+    /// When a distance field cannot be computed.
     pub fn among_others<'b>(
         &self,
         obstacle_mm: Option<&'b Volume<f32, Work>>,
@@ -91,7 +92,7 @@ impl<'a> BurrSpace<'a> {
         Ok(space)
     }
 
-    /// The work grid.
+    /// The planning grid.
     pub fn grid(&self) -> &Grid<Work> {
         self.scene.class.grid()
     }
@@ -101,12 +102,12 @@ impl<'a> BurrSpace<'a> {
         self.scene
     }
 
-    /// The burr, mm.
+    /// The burr's radius, mm.
     pub fn radius_mm(&self) -> f64 {
         self.radius_mm
     }
 
-    /// Voxels in a ball of the burr's radius, about.
+    /// Approximate number of voxels in a ball of the burr's radius.
     pub fn ball_voxels(&self) -> f64 {
         4.19 * self.radius_mm.powi(3) / self.grid().voxel_mm3()
     }
@@ -116,17 +117,17 @@ impl<'a> BurrSpace<'a> {
         &self.keep_mm
     }
 
-    /// The clearance that a structure was given, mm.
+    /// The clearance of a structure, mm.
     pub fn clearance_mm(&self, structure: usize) -> f64 {
         self.keep_mm[structure] - self.radius_mm - TRAJECTORY_TOLERANCE_MM
     }
 
-    /// Nodes where the centre may be and can come from the outside.
+    /// Whether each node is clear and connected to the outside.
     pub fn connected(&self) -> &[bool] {
         &self.connected
     }
 
-    /// How much farther from everything a node is than need be, mm, cut off at ±`MARGIN_CUT_MM`.
+    /// A node's distance from all obstacles and structures beyond the required one, mm, limited to ±`MARGIN_CUT_MM`.
     pub fn margin_mm(&self, node: usize) -> f32 {
         self.margin_mm.data()[node]
     }
@@ -136,7 +137,7 @@ impl<'a> BurrSpace<'a> {
         &self.reachable
     }
 
-    /// Whether a structure forbids the centre to be at `p`, `slack_mm` nearer than it should be allowed.
+    /// Whether the centre at `p` is too near to a structure, even if `slack_mm` less distance is required.
     fn blocked_by_structure(&self, p: Point<Work>, slack_mm: f64) -> bool {
         let p_ct = self.scene.ct_from_work * p;
         self.scene.structures.iter().zip(&self.keep_mm).any(|(structure, keep)| {
@@ -144,12 +145,12 @@ impl<'a> BurrSpace<'a> {
         })
     }
 
-    /// Whether obstacle bone forbids the centre to be at `p`, `slack_mm` nearer than it should be allowed.
+    /// Whether the centre at `p` is too near to obstacle bone, even if `slack_mm` less distance is required.
     fn blocked_by_bone(&self, p: Point<Work>, slack_mm: f64) -> bool {
         self.obstacle_mm.is_some_and(|distance_mm| distance_mm.trilinear(p, 0.0) < self.radius_mm - slack_mm)
     }
 
-    /// Whether the whole ball at `p` lies in the grid, where everything is known.
+    /// Whether the whole ball at `p` lies in the grid.
     pub fn is_inside(&self, p: Point<Work>) -> bool {
         let [nx, ny, nz] = self.grid().dims();
         let c = self.grid().continuous_index(p);
@@ -167,14 +168,14 @@ impl<'a> BurrSpace<'a> {
         self.is_allowed(p, PASSING_BONE_MM, PASSING_STRUCTURE_MM)
     }
 
-    /// The margins of the nodes around decide where they leave no doubt, which is nearly everywhere.
+    /// Whether the burr may be at `p` with these slacks. Nearly everywhere the margins of the nodes around `p` decide.
     fn is_allowed(&self, p: Point<Work>, bone_slack_mm: f64, structure_slack_mm: f64) -> bool {
         if !self.is_inside(p) {
             return false;
         }
         let margin = self.margin_mm.trilinear(p, 0.0);
         let h = self.grid().spacing_mm().x;
-        // a distance is convex in each direction, and curves by 1/d at most: interpolation adds up to 3h²/(8d)
+        // a distance is convex in each direction with a curvature of at most 1/d, so interpolation adds up to 3h²/(8d)
         if margin >= 3.0 * h * h / (8.0 * self.radius_mm) {
             return true;
         }
@@ -202,7 +203,7 @@ impl<'a> BurrSpace<'a> {
             .any(|k| around(j, ny).any(|j| around(i, nx).any(|i| self.connected[i + nx * (j + ny * k)])))
     }
 
-    /// min(distance to obstacles − r, distance to each structure − what it must be) per node; negative: not clear.
+    /// min(distance to obstacles − r, distance to each structure − the required one) per node; negative means not clear.
     fn node_margins(&self) -> Vec<f32> {
         let grid = self.grid();
         let near = self.structures_near_blocks();
@@ -234,7 +235,7 @@ impl<'a> BurrSpace<'a> {
         (0..grid.len()).into_par_iter().with_min_len(4096).map(|n| margin(n) as f32).collect()
     }
 
-    /// Per block of nodes the structures that may decide its margins, with what they are to be kept.
+    /// For each block of nodes, the structures that may decide its margins, with the required distances.
     fn structures_near_blocks(&self) -> Vec<Vec<(&StructureField, f64)>> {
         let grid = self.grid();
         let dims = grid.dims().map(|n| n.div_ceil(BLOCK));
@@ -268,15 +269,15 @@ impl<'a> BurrSpace<'a> {
         })
     }
 
-    /// Rows of the work grid.
+    /// Rows of the planning grid.
     pub fn rows(&self) -> Rows {
         Rows::of(self.grid())
     }
 }
 
-/// The clear nodes that a 6-connected walk reaches from the highest slab in which the ball fits into the grid.
+/// The clear nodes that are 6-connected to the highest slab in which the ball fits into the grid.
 ///
-/// Above that slab the ball leaves the grid; a hollow deep in the bone is no way out.
+/// Above that slab the ball leaves the grid. A closed hollow deep in the bone is not connected.
 fn connected_to_top(grid: &Grid<Work>, clear: Vec<bool>, radius_mm: f64) -> Vec<bool> {
     let [nx, ny, nz] = grid.dims();
     let slab = nx * ny;

@@ -46,6 +46,7 @@ from ._judge import (
 )
 from ._native import __version__
 from ._plan import Frames, Plan, Structure, plan
+from ._verdict import verified
 from ._view import view
 
 if TYPE_CHECKING:
@@ -83,6 +84,7 @@ __all__ = [
     "StructureRisk",
     "Tool",
     "Verification",
+    "verified",
     "__version__",
     "ball_volumes",
     "burr_force",

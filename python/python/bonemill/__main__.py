@@ -9,6 +9,7 @@ import argparse
 import sys
 
 from . import BonemillError, Plan, StreamError, __version__
+from ._verdict import require_verified
 from .stream import Settings, rows_of, stream
 
 
@@ -20,6 +21,7 @@ def main(arguments: list[str] | None = None) -> int:
     streaming.add_argument("plan", metavar="PLAN", help="folder of a plan for a UR arm, with a registration")
     streaming.add_argument("--host", required=True, metavar="H", help="the controller's address")
     streaming.add_argument("--dry-run", action="store_true", help="check the plan; connect to nothing, move nothing")
+    streaming.add_argument("--unverified", action="store_true", help="stream a plan without a passed verification: says what is risked, and asks")
     streaming.add_argument("--lookahead-s", type=float, default=Settings.lookahead_s, metavar="S")
     streaming.add_argument("--gain", type=float, default=Settings.gain, metavar="G")
     asked = parser.parse_args(arguments)
@@ -28,6 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
         settings = Settings(lookahead_s=asked.lookahead_s, gain=asked.gain)
         plan = Plan.load(asked.plan)
         rows_of(plan)
+        require_verified(asked.plan, unverified=asked.unverified)
     except BonemillError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

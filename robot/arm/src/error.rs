@@ -1,21 +1,21 @@
-//! What can be wrong with an arm, a path or an export; every variant says where and with which value.
+//! Errors of arms, paths and exports; every variant says where the fault is and which value was found.
 
 use std::path::PathBuf;
 
 use thiserror::Error;
 
-/// Errors of this crate. Out of reach is no error but a result: see [`crate::JointExcess`].
+/// Errors of the robot's crates. A pose out of reach is not an error but a result: see [`crate::JointExcess`].
 #[derive(Debug, Error)]
 pub enum RobotError {
     /// The URDF file could not be read.
     #[error("cannot read the URDF {path}: {source}; check the path under [robot] model")]
     ReadUrdf {
-        /// The file asked for.
+        /// The requested file.
         path: PathBuf,
         /// The system's reason.
         source: std::io::Error,
     },
-    /// The text is no URDF.
+    /// The text is not a URDF.
     #[error("{source_name}: not a URDF: {source}")]
     ParseUrdf {
         /// File or arm name.
@@ -23,7 +23,7 @@ pub enum RobotError {
         /// The parser's reason.
         source: urdf_rs::UrdfError,
     },
-    /// The URDF parses, but describes no serial arm that can be planned for.
+    /// The URDF parses, but does not describe a serial arm that can be planned for.
     #[error("{source_name}: {fault}")]
     Urdf {
         /// File or arm name.
@@ -62,16 +62,16 @@ pub enum RobotError {
     Value {
         /// Which list or quantity.
         what: &'static str,
-        /// Where in it: joint, waypoint or 0.
+        /// Index in the list: joint, waypoint or 0.
         index: usize,
         /// The value found.
         value: f64,
         /// Its unit.
         unit: &'static str,
-        /// What would have been right.
+        /// What was expected.
         expected: &'static str,
     },
-    /// G-code for an arm of another kind.
+    /// G-code was requested for an arm that is not a Cartesian machine.
     #[error(
         "G-code is for machines with three linear axes and at most one rotary one behind them, not for these {joints} joints"
     )]
@@ -79,10 +79,10 @@ pub enum RobotError {
         /// The arm's joints.
         joints: usize,
     },
-    /// A path without waypoints.
+    /// The path has no waypoints.
     #[error("the joint path has no waypoint; a time law needs at least one")]
     EmptyPath,
-    /// A motion of more rows than anyone writes.
+    /// The motion would have too many rows.
     #[error(
         "the motion takes {duration_s:.3e} s, which at {rate_hz} Hz is more than {most_rows:.0e} rows: are the joints' or the \
          speeds' limits meant so small?"
@@ -92,47 +92,47 @@ pub enum RobotError {
         duration_s: f64,
         /// Rows per second.
         rate_hz: f64,
-        /// Most rows there may be.
+        /// Largest number of rows.
         most_rows: f64,
     },
     /// A trajectory could not be written.
     #[error("cannot write the trajectory after {rows_written} rows: {source}")]
     Write {
-        /// Complete rows handed to the writer before.
+        /// Complete rows that were passed to the writer before.
         rows_written: u64,
         /// The system's reason.
         source: std::io::Error,
     },
 }
 
-/// Why a file is no calibration of a UR arm.
+/// Why a file cannot be used as the calibration of a UR arm.
 #[derive(Debug, Error)]
 pub enum CalibrationFault {
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error("cannot read the calibration: {0}")]
     Read(std::io::Error),
-    /// It is no YAML.
+    /// The file is not YAML.
     #[error("not a YAML file: {0}")]
     Syntax(String),
-    /// It is YAML of another kind.
+    /// The YAML is not a calibration.
     #[error(
         "no calibration: expected delta_theta, delta_a, delta_d and delta_alpha (six numbers each), or kinematics with \
          shoulder, upper_arm, forearm, wrist_1, wrist_2, wrist_3"
     )]
     Unknown,
-    /// A key is not there.
+    /// A key is missing.
     #[error("{key} is missing")]
     Missing {
         /// The key.
         key: String,
     },
-    /// A value is no finite number.
+    /// A value is not a finite number.
     #[error("{key} is not a finite number")]
     Number {
         /// The key.
         key: String,
     },
-    /// The arm that comes out is not the one asked for.
+    /// The calibrated arm is not near the requested model.
     #[error(
         "the flange would be {worst_mm:.1} mm from where a nominal {model} has it, at most {most_mm} mm are taken for a \
          calibration: does the file belong to another model?"
@@ -145,7 +145,7 @@ pub enum CalibrationFault {
         /// Greatest distance allowed, mm.
         most_mm: f64,
     },
-    /// The flange is turned too far.
+    /// The calibrated flange is turned too far from the nominal one.
     #[error(
         "the flange would be turned by {worst_rad:.3} rad from where a nominal {model} has it, at most {most_rad} rad are \
          taken for a calibration: are angles in degrees, or does the file belong to another model?"
@@ -160,7 +160,7 @@ pub enum CalibrationFault {
     },
 }
 
-/// Why a URDF describes no serial arm that can be planned for.
+/// Why a URDF does not describe a serial arm that can be planned for.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum UrdfFault {
     /// Two links or two joints share a name.
@@ -191,31 +191,31 @@ pub enum UrdfFault {
         /// The other.
         second: String,
     },
-    /// Following the joints leads round in a circle.
+    /// The joints form a loop.
     #[error("link {link:?} is part of a closed loop of joints; only open chains are supported")]
     Cycle {
         /// A link of the loop.
         link: String,
     },
-    /// No link, or several that hang nowhere.
+    /// There is no root link, or more than one.
     #[error("expected one root link, found {}: {roots:?}; join every link to the tree", roots.len())]
     Roots {
-        /// The links that are no joint's child.
+        /// The links that are not the child of any joint.
         roots: Vec<String>,
     },
-    /// The arm's end is ambiguous.
+    /// There is more than one link without a child, so the arm's tip is ambiguous.
     #[error("expected one tip link, found {}: {tips:?}; remove the others or call the flange `tool0`", tips.len())]
     Tips {
         /// The links without a child.
         tips: Vec<String>,
     },
-    /// `base_link` is not below the tip.
+    /// `base_link` is not an ancestor of the tip.
     #[error("the tip {tip:?} does not hang at base_link; the arm must lead from base_link to its tip")]
     TipNotOnBase {
         /// The tip link.
         tip: String,
     },
-    /// Something moves that is not between base and tip.
+    /// A joint moves that is not between base and tip.
     #[error("joint {joint:?} moves but does not lie between {base:?} and the tip {tip:?}; make it fixed")]
     MovesOffChain {
         /// The joint.
@@ -235,7 +235,7 @@ pub enum UrdfFault {
         /// The tip link.
         tip: String,
     },
-    /// A joint type that a serial arm does not have.
+    /// A joint has a type that is not supported.
     #[error(
         "joint {joint:?} is of type {joint_type}; supported are prismatic, revolute, continuous and fixed"
     )]
@@ -245,7 +245,7 @@ pub enum UrdfFault {
         /// Its type.
         joint_type: String,
     },
-    /// A joint that follows another.
+    /// A joint follows another one.
     #[error(
         "joint {joint:?} mimics {leader:?}; coupled joints are not supported, every joint must move on its own"
     )]
@@ -265,7 +265,7 @@ pub enum UrdfFault {
         /// The value.
         value: f64,
     },
-    /// An axis without direction.
+    /// The axis has length 0 or is not finite.
     #[error("joint {joint:?}: axis {axis:?} has no direction; expected a vector of length 1")]
     Axis {
         /// The joint.
@@ -273,7 +273,7 @@ pub enum UrdfFault {
         /// The axis as given.
         axis: [f64; 3],
     },
-    /// The range is empty; also what an absent `<limit>` reads as.
+    /// The joint's range is empty; a missing `<limit>` is read as an empty range.
     #[error(
         "joint {joint:?}: limits {lower}..{upper} {unit} are no range, expected lower < upper; is its <limit> missing?"
     )]
@@ -297,7 +297,7 @@ pub enum UrdfFault {
         /// "m/s" or "rad/s".
         unit: &'static str,
     },
-    /// A limit that no arm has, most often one in another unit.
+    /// A limit is implausible; most often it is in another unit.
     #[error(
         "joint {joint:?}: limit {field} = {value} {unit}, expected {least} to {most} {unit}; URDF is in m, rad and s"
     )]
@@ -310,12 +310,12 @@ pub enum UrdfFault {
         value: f64,
         /// The attribute's unit.
         unit: &'static str,
-        /// The least that is taken.
+        /// The smallest accepted value.
         least: f64,
-        /// The most that is taken.
+        /// The largest accepted value.
         most: f64,
     },
-    /// Lengths in another unit.
+    /// The lengths are in another unit.
     #[error(
         "half of the joints between {base:?} and the tip {tip:?} are {offset:.0} m or more from the one before, expected at most \
          {most} m: this looks like millimetres; URDF lengths are metres"
@@ -327,18 +327,18 @@ pub enum UrdfFault {
         tip: String,
         /// The median of the origins' lengths as the file gives them, metres.
         offset: f64,
-        /// The most that is taken, metres.
+        /// The largest accepted value, metres.
         most: f64,
     },
-    /// The text is no well-formed XML.
+    /// The text is not well-formed XML.
     #[error("not a URDF: no well-formed XML up to byte {byte}: {why}")]
     Xml {
-        /// How far it was read.
+        /// Byte at which reading stopped.
         byte: u64,
         /// The reader's reason.
         why: String,
     },
-    /// A name in a namespace of its own, or a namespace that is declared within the robot.
+    /// A name has a prefix that the root element does not declare, or a namespace is declared below the root.
     #[error(
         "{name:?} in the tag that ends at byte {byte}: expected a name without a prefix, or one that the robot's own tag declares"
     )]
@@ -348,7 +348,7 @@ pub enum UrdfFault {
         /// Where its tag ends.
         byte: u64,
     },
-    /// An attribute of `<limit>` that is no number.
+    /// An attribute of `<limit>` is not a number.
     #[error("joint {joint:?}: limit {field} = {text:?}, expected a number")]
     LimitText {
         /// The joint.

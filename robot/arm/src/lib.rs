@@ -1,11 +1,11 @@
-//! Arms: description, kinematics, and where the patient is.
+//! Arms: description, kinematics, and registration of the patient.
 //!
-//! From a URDF to an [`Arm`]: checked once, plain data afterwards, mm and rad throughout (metres end in the readers).
-//! Forward kinematics, Jacobian, inverse and compliance hold for any serial arm; UR arms ([`ur`]) and the shipped 4-DOF
-//! [`arm::bone_attached`] have their inverse in closed form. [`registration`] fits fiducials.
+//! A URDF is checked once and becomes an [`Arm`], which is plain data in mm and rad (the readers convert metres).
+//! Forward kinematics, Jacobian, inverse and compliance work for any serial arm. UR arms ([`ur`]) and the supplied 4-DOF
+//! [`arm::bone_attached`] have an inverse in closed form. [`registration`] fits fiducials.
 //!
-//! Only [`arm::load`], [`arm::read_urdf`] and [`ur::read_calibration`] open a file; out of reach is a value ([`JointExcess`]), not
-//! an error.
+//! Only [`arm::load`], [`arm::read_urdf`] and [`ur::read_calibration`] open a file. A pose out of reach is a value
+//! ([`JointExcess`]), not an error.
 
 pub mod arm;
 mod error;

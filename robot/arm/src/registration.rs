@@ -1,12 +1,12 @@
-//! Where the patient is: base_from_ct fitted to paired fiducials.
+//! Registration of the patient: base_from_ct fitted to paired fiducials.
 //!
 //! Minimise Σ |R ctᵢ + t − baseᵢ|²: with H = Σ (ctᵢ − c̄t)(baseᵢ − b̄ase)ᵀ = U Σ Vᵀ, R = V diag(1, 1, det V Uᵀ) Uᵀ,
-//! t = b̄ase − R c̄t. Closed form, no start, no iteration.
+//! t = b̄ase − R c̄t. This is a closed form: it needs no start and no iteration.
 //!
-//! Points that lie (nearly) on a line leave the rotation about it free, and a mirrored or scaled set fits no rigid body:
-//! both are refused. Points paired in another order than they were touched give a fit with a large residual: the order that
-//! fits far better is named. FRE is the fit's RMS residual; it says nothing by itself about the target, so the expected error there
-//! (TRE) is predicted from the points' layout and a localisation error.
+//! Points that lie (nearly) on a line leave the rotation about it undetermined, and a mirrored or scaled set fits no
+//! rigid body; both are refused. Points paired in the wrong order give a large residual; if another order fits far
+//! better, it is named. FRE is the fit's RMS residual. It alone says nothing about the target, so the expected error
+//! there (TRE) is predicted from the points' layout and a localisation error (FLE).
 //!
 //! **Source:** Arun, Huang & Blostein 1987 with Umeyama 1991's sign; FRE and TRE: Fitzpatrick, West & Maurer 1998, eq. (46)
 //! TRE² = FLE²/N (1 + ⅓ Σₖ dₖ²/fₖ²), FRE² = (1 − 2/N) FLE².
@@ -20,33 +20,33 @@ use thiserror::Error;
 pub use order::BetterOrder;
 use order::{ALIKE_MM, better_order, is_far_better};
 
-/// Second-largest spread of the points below which they are a line, as a share of the largest.
+/// Points whose second-largest spread is below this share of the largest count as a line.
 const LINE_SHARE: f64 = 0.05;
 
-/// Least second spread, mm: points nearer than this to a line say nothing of the rotation about it.
+/// Least second-largest spread, mm: points nearer than this to a line do not determine the rotation about it.
 const LINE_MM: f64 = 2.0;
 
-/// Ratio of the two sets' sizes that is no scale.
+/// Ratios of the two sets' sizes that are accepted as equal sizes.
 const SCALES: std::ops::RangeInclusive<f64> = 0.95..=1.05;
 
-/// Why points give no registration.
+/// Why no registration can be computed from the points.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum RegistrationFault {
-    /// Too few of them, or not in pairs.
+    /// There are too few points, or they are not in pairs.
     #[error("{ct} points in ct and {base} in base, expected at least three, in pairs")]
     Count {
-        /// In ct.
+        /// Number of points in ct.
         ct: usize,
-        /// In base.
+        /// Number of points in base.
         base: usize,
     },
     /// A coordinate is NaN or infinite.
     #[error("fiducial {index} has a coordinate that is not a finite number")]
     NotFinite {
-        /// From 0.
+        /// Index of the point, from 0.
         index: usize,
     },
-    /// They lie on a line.
+    /// The points lie on a line.
     #[error(
         "the fiducials lie within {across_mm:.2} mm of a line {along_mm:.1} mm long: the rotation about it is not determined; \
          add a point well beside it"
@@ -57,7 +57,7 @@ pub enum RegistrationFault {
         /// RMS extent along it, mm.
         along_mm: f64,
     },
-    /// One set is larger.
+    /// One set is larger than the other.
     #[error("the points in base are spread {ratio:.3} times as far as in ct: is one of them not in mm?")]
     Scale {
         /// RMS spread in base over that in ct.
@@ -79,7 +79,7 @@ pub enum RegistrationFault {
     },
 }
 
-/// A fitted registration and how far it can be trusted.
+/// A fitted registration, its residuals and what is needed to predict its error.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
     /// p_base = R p_ct + t.
@@ -101,7 +101,7 @@ pub struct Fitted {
 /// Fits base_from_ct to points given in both frames, in pairs.
 ///
 /// # Errors
-/// [`RegistrationFault`]: see its variants.
+/// One of the variants of [`RegistrationFault`].
 pub fn fit(ct: &[Point<Ct>], base: &[Point<Base>]) -> Result<Fitted, RegistrationFault> {
     if ct.len() != base.len() || ct.len() < 3 {
         return Err(RegistrationFault::Count { ct: ct.len(), base: base.len() });
@@ -131,7 +131,7 @@ pub fn fit(ct: &[Point<Ct>], base: &[Point<Base>]) -> Result<Fitted, Registratio
     let [rigid, mirrored] = orthogonal(&cross);
     let (rigid_mm, mirrored_mm) = (rms(&rigid), rms(&mirrored));
     let better_order = better_order(&a, &b, rigid_mm);
-    // points in a plane fit both ways alike; a true mirror fits only one
+    // points in a plane fit equally well mirrored; a true mirror image fits only as a mirror image
     let order_explains = better_order.as_ref().is_some_and(|order| order.fre_mm + ALIKE_MM < mirrored_mm);
     if is_far_better(mirrored_mm, rigid_mm) && !order_explains {
         return Err(RegistrationFault::Mirrored { rigid_mm, mirrored_mm, better_order });
@@ -150,9 +150,9 @@ pub fn fit(ct: &[Point<Ct>], base: &[Point<Base>]) -> Result<Fitted, Registratio
 }
 
 impl Fitted {
-    /// The localisation error that the residuals speak for, mm: FLE² = FRE²/(1 − 2/N).
+    /// The localisation error estimated from the residuals, mm: FLE² = FRE²/(1 − 2/N).
     ///
-    /// Three points are always fitted too well: then it is √3 FRE, and a guess.
+    /// Three points leave small residuals whatever their error is, so the estimate √3 FRE is only a guess then.
     pub fn fle_mm(&self) -> f64 {
         let n = self.residual_mm.len() as f64;
         self.fre_mm / (1.0 - 2.0 / n).sqrt()
@@ -195,7 +195,7 @@ fn check_line(points: &[Vector3<f64>], centre: &Vector3<f64>) -> Result<(), Regi
     Ok(())
 }
 
-/// The rotation and the mirrored rotation that turn best by a cross-covariance.
+/// The best rotation and the best mirrored rotation for a cross-covariance.
 fn orthogonal(cross: &Matrix3<f64>) -> [Matrix3<f64>; 2] {
     let svd = cross.svd(true, true);
     let (Some(u), Some(vt)) = (svd.u, svd.v_t) else { return [Matrix3::identity(); 2] };
@@ -269,7 +269,7 @@ mod tests {
         }
     }
 
-    /// A cheap, fixed stream of normal numbers.
+    /// A fixed stream of approximately normal numbers.
     fn normals() -> impl FnMut() -> f64 {
         let mut state = 17u64;
         move || {

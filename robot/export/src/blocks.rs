@@ -1,10 +1,10 @@
-//! A sampled motion as straight moves of a machine's axes, as few as keep to it.
+//! Approximates a sampled motion by few straight moves of a machine's axes.
 //!
-//! A controller with G1 drives every axis at an even speed from block to block. Each move of the plan is halved until the
-//! straight way between the places that are kept leads the burr's centre and the shaft's axis past every place between
-//! them. A block takes as long as the motion does, so no axis has to be faster on it than in the motion.
+//! With G1 a controller drives every axis at a constant speed from block to block. Each move of the plan is halved until
+//! the straight motion between the kept samples stays within the tolerance of every sample between them, for the burr's
+//! centre and for the shaft's axis. A block takes as long as the motion, so no axis must be faster than in the motion.
 //!
-//! Invariant: a block belongs to one move of the plan, so that moves of different speeds never share one.
+//! Invariant: a block belongs to one move of the plan, so moves of different speeds never share a block.
 
 use bonemill_arm::RobotError;
 use bonemill_arm::arm::inverse::angle_between;
@@ -14,17 +14,17 @@ use rayon::prelude::*;
 
 use super::rows::ExportRows;
 
-/// The motion is looked at so often at least, Hz.
+/// Least sampling rate of the motion, Hz.
 const LOOKED_AT_HZ: f64 = 500.0;
-/// And so often in every move.
+/// Least number of samples in every move.
 const LEAST_LOOKS: usize = 4;
 
-/// How far the burr's centre and the shaft's axis may be from the motion.
+/// Largest deviation of the burr's centre and of the shaft's axis from the motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tolerance {
-    /// mm.
+    /// Of the burr's centre, mm.
     pub burr_mm: f64,
-    /// rad.
+    /// Of the shaft's axis, rad.
     pub axis_rad: f64,
 }
 
@@ -33,16 +33,17 @@ pub struct Tolerance {
 pub struct Block {
     /// Where it ends, mm or rad by joint.
     pub q: Vec<f64>,
-    /// How long the motion takes for it, s; 0 for the first.
+    /// Duration, s; 0 for the first block.
     pub duration_s: f64,
-    /// The move of the plan that it belongs to.
+    /// Number of the plan's move that it belongs to.
     pub of: usize,
 }
 
-/// The motion as blocks; the first stands where it starts. `ends_s`: when each move of the plan ends, s, never decreasing.
+/// The motion as blocks; the first block is where the motion starts. `ends_s`: when each move of the plan ends, s, never
+/// decreasing.
 ///
 /// # Errors
-/// [`RobotError::Length`] for an arm of other joints.
+/// [`RobotError::Length`] for an arm with another number of joints.
 pub fn straight_blocks(
     arm: &Arm,
     rows: &ExportRows<'_>,
@@ -59,7 +60,7 @@ pub fn straight_blocks(
             MotionSample::new(arm, time_s, rows.at(time_s))
         };
         if span_s <= 0.0 {
-            // where the motion starts, and a move that goes nowhere
+            // the start of the motion, and moves of no length
             let start = Block { q: rows.at(from_s), duration_s: 0.0, of };
             return Ok(if of == 0 { vec![start] } else { vec![] });
         }
@@ -77,7 +78,8 @@ pub fn straight_blocks(
     Ok(moves?.concat())
 }
 
-/// What a unit of each joint counts where the nearest place on a chord is looked for: mm² of the burr at most.
+/// Weight of each joint's squared difference when the nearest place on a chord is searched: an upper bound of the burr's
+/// motion per unit of the joint, squared.
 fn weights(arm: &Arm) -> Vec<f64> {
     let squared = |(joint, lever): (&bonemill_arm::Joint, f64)| match joint.kind {
         JointKind::Prismatic => 1.0,
@@ -86,7 +88,7 @@ fn weights(arm: &Arm) -> Vec<f64> {
     arm.joints().iter().zip(arm.lever_mm()).map(squared).collect()
 }
 
-/// The motion at an instant.
+/// The motion at one instant.
 struct MotionSample {
     time_s: f64,
     q: Vec<f64>,
@@ -110,7 +112,7 @@ struct Split<'a> {
 }
 
 impl Split<'_> {
-    /// Shows the places where blocks end, in order.
+    /// Calls `show` with the samples where blocks end, in order.
     fn ends(&self, from: usize, to: usize, show: &mut impl FnMut(usize)) -> Result<(), RobotError> {
         if to - from < 2 || self.keeps_to(from, to)? {
             show(to);
@@ -121,7 +123,7 @@ impl Split<'_> {
         self.ends(middle, to, show)
     }
 
-    /// Whether the straight way leads past every place between.
+    /// Whether the straight motion stays within the tolerance of every sample between.
     fn keeps_to(&self, from: usize, to: usize) -> Result<bool, RobotError> {
         let (first, last) = (&self.places[from].q, &self.places[to].q);
         let way: Vec<f64> = first.iter().zip(last).map(|(a, b)| b - a).collect();
@@ -178,7 +180,7 @@ mod tests {
         assert!((blocks.iter().map(|b| b.duration_s).sum::<f64>() - 5.0).abs() < 1e-12);
         // a line takes one block, however its speed changes
         assert_eq!(blocks.iter().filter(|b| b.of == 2).count(), 1);
-        // an arc of 5 mm needs chords of at most √(8 · 5 · 0.005) mm: 18, and halving takes less than twice as many
+        // an arc of 5 mm needs chords of at most √(8 · 5 · 0.005) mm, that is 18 of them; halving gives less than twice as many
         let arc = blocks.iter().filter(|b| b.of == 1).count();
         assert!((18..=36).contains(&arc), "{arc}");
         let burr = |q: &[f64]| arm.burr(q).unwrap().translation_mm;
@@ -186,7 +188,7 @@ mod tests {
             for share in [0.25, 0.5, 0.75] {
                 let q: Vec<f64> =
                     pair[0].q.iter().zip(&pair[1].q).map(|(a, b)| a + share * (b - a)).collect();
-                // the burr's own way: the pivot's chord and what the tilt adds
+                // the burr's path: the pivot's chord plus the motion from the tilt
                 let centre = Vector3::new(50.0 * q[3].sin(), 0.0, 50.0 * (1.0 - q[3].cos()));
                 let off = ((burr(&q) - centre).norm() - 5.0).abs();
                 assert!(off < 0.006, "{off}");

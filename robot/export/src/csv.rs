@@ -1,7 +1,7 @@
 //! `trajectory.csv`: `time_s,q1..qn,qd1..qdn`, one row per controller period.
 //!
-//! Prismatic joints in mm and mm/s to 1e-7, revolute ones in rad and rad/s to 1e-9; times exact wherever k/rate ends
-//! within nine decimals, else rounded to 1e-9 s. Trailing zeros are left out.
+//! Prismatic joints are in mm and mm/s to 1e-7, revolute joints in rad and rad/s to 1e-9. A time is exact if k/rate has at
+//! most nine decimals, else it is rounded to 1e-9 s. Trailing zeros are left out.
 //!
 //! Invariant: the bytes depend on the law and the rate only. Rows are formatted in parallel in fixed portions and
 //! written in order; memory does not grow with the number of rows.
@@ -15,16 +15,17 @@ use rayon::prelude::*;
 
 use super::decimal::{push_fixed, push_units};
 
-/// Rows that one task formats.
+/// Number of rows that one task formats.
 const PORTION: u64 = 2048;
 
-/// Portions that are formatted while as many are written: enough for every core of a large machine, some 10 MB.
+/// Number of portions that are formatted while as many are written: enough for every core of a large machine, in about
+/// 10 MB.
 const BATCH: u64 = 16;
 
-/// Decimals of a time that does not end earlier.
+/// The most decimals of a time.
 const TIME_DECIMALS: u32 = 9;
 
-/// Writes a sampled law as CSV; gives the number of rows.
+/// Writes a sampled law as CSV and returns the number of rows.
 ///
 /// `kinds`: one per joint, which sets the resolution. The writer need not be buffered. It is not flushed.
 ///
@@ -64,7 +65,7 @@ pub fn write_trajectory_csv(
     Ok(rows.count())
 }
 
-/// 1e-7 mm and 1e-9 rad: 0.1 nm, and as much at a lever of 100 mm.
+/// Decimals for 1e-7 mm or 1e-9 rad: 0.1 nm, which is also 1e-9 rad at a lever of 100 mm.
 fn decimals(kind: JointKind) -> u32 {
     match kind {
         JointKind::Prismatic => 7,
@@ -101,7 +102,7 @@ fn portion(rows: &RowGrid<'_>, range: std::ops::Range<u64>, decimals: &[u32], cl
 /// k/rate as decimals.
 struct Clock {
     rate_hz: f64,
-    /// Units of 10^−decimals in a period, where that is a whole number; else times are rounded.
+    /// The period in units of 10^−decimals, where that is a whole number; `None` means that times are rounded.
     period: Option<u64>,
     decimals: u32,
 }
@@ -119,7 +120,7 @@ impl Clock {
 
     fn push(&self, out: &mut Vec<u8>, row: u64) {
         match self.period {
-            // fewer than 1e9 rows and periods below 1e9 units where it matters; a slower clock saturates no sooner
+            // there are fewer than 1e9 rows, with periods below 1e9 units, so the product does not overflow
             Some(period) => push_units(out, (row * period) as i64, self.decimals),
             None => push_fixed(out, row as f64 / self.rate_hz, self.decimals),
         }

@@ -12,14 +12,14 @@ pub(super) fn push_units(out: &mut Vec<u8>, units: i64, decimals: u32) {
     }
     out.extend_from_slice(digits.format(whole).as_bytes());
     if part > 0 {
-        // a leading 1, left out, keeps the zeros before the part's digits
+        // one is added and its digit left out, which keeps the zeros before the part's digits
         let part = digits.format(one + part)[1..].trim_end_matches('0');
         out.push(b'.');
         out.extend_from_slice(part.as_bytes());
     }
 }
 
-/// Appends a value to the nearest 10^−`decimals`; |value| below 9e18 · 10^−`decimals`, else the nearest such number.
+/// Appends a value rounded to 10^−`decimals`. A |value| of 9e18 · 10^−`decimals` or more is clamped to that range.
 pub(super) fn push_fixed(out: &mut Vec<u8>, value: f64, decimals: u32) {
     let scale = 10u64.pow(decimals.min(18)) as f64;
     push_units(out, (value * scale).round_ties_even() as i64, decimals);

@@ -1,9 +1,9 @@
 //! G-code for Cartesian machines: three linear axes, with or without a tilt. mm, degrees, minutes.
 //!
-//! X, Y and Z are the machine's linear joints in their order, A its rotary one. Cuts are G1; links and retracts, which stay in
-//! free space, are G0 where the machine drives G0 straight, else G1 at their own speed: which of the two is the caller's
-//! choice. Feeds: without a tilt, units per minute (G94) and F in mm/min; with one, inverse time (G93), F = 1/minutes of the
-//! move, since what F means for linear and rotary axes together differs from machine to machine.
+//! X, Y and Z are the machine's linear joints in their order, A is its rotary joint. Cuts are G1. Links and retracts,
+//! which stay in free space, are G0 if the caller says that the machine drives G0 straight, else G1 at their own speed.
+//! Feeds: without a tilt, units per minute (G94) and F in mm/min. With a tilt, inverse time (G93), F = 1/minutes of the
+//! move, because machines differ in the meaning of F for linear and rotary axes together.
 //!
 //! **Source:** words and modes: ISO 6983-1 and RS274/NGC; G0/G1 with F per move: Castelli et al., section 4.3.
 
@@ -19,37 +19,37 @@ use super::decimal::{push_fixed, push_units};
 pub struct GcodeMove<'a> {
     /// Where it ends, mm or rad by joint.
     pub q: &'a [f64],
-    /// How long it takes, s; above 0 unless nothing moves.
+    /// Duration, s; above 0 unless nothing moves.
     pub duration_s: f64,
     /// Whether it cuts.
     pub cuts: bool,
 }
 
-/// What a program needs beside the motion.
+/// Settings of a program.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gcode {
     /// Spindle speed, rpm.
     pub spindle_rpm: f64,
-    /// Clockwise seen from the handpiece (M3), else counter-clockwise (M4).
+    /// Whether the burr turns clockwise seen from the handpiece (M3), else counter-clockwise (M4).
     pub clockwise: bool,
-    /// Whether links may be G0: for machines that drive G0 straight.
+    /// Whether links are written as G0; only for machines that drive G0 straight.
     pub rapid: bool,
 }
 
-/// Whether an arm is a machine that G-code is for: three linear axes, then at most one rotary one.
+/// Whether an arm can be driven by G-code: three linear axes, then at most one rotary axis.
 pub fn is_cartesian(joints: &[Joint]) -> bool {
     let linear = joints.iter().take_while(|joint| joint.kind == JointKind::Prismatic).count();
     linear == 3 && joints.len() <= 4
 }
 
-/// Writes a program: the first move's end is where the machine is driven to with the spindle off.
+/// Writes a program. The machine is driven to the end of the first move with the spindle off.
 ///
-/// Gives the number of motion blocks. A move in which an axis, as it is written, would be faster than its limit takes as much
-/// longer.
+/// Returns the number of motion blocks. If rounding in the text would make an axis faster than its limit, the move is
+/// lengthened in time so that it is not.
 ///
 /// # Errors
-/// [`RobotError::NotCartesian`] for another arm than [`is_cartesian`] says; [`RobotError::EmptyPath`] without a move;
-/// [`RobotError::Value`] where a move takes no time; [`RobotError::Write`].
+/// [`RobotError::NotCartesian`] if [`is_cartesian`] is false for the arm; [`RobotError::EmptyPath`] without a move;
+/// [`RobotError::Value`] where a move takes no time; [`RobotError::Write`] when the writer fails.
 pub fn write_gcode<'a>(
     out: &mut impl Write,
     joints: &[Joint],
@@ -113,7 +113,7 @@ pub fn write_gcode<'a>(
     Ok(blocks)
 }
 
-/// The least time in which no axis exceeds its speed limit between two places as they are written, s.
+/// The least time in which no axis exceeds its speed limit between two positions as they are written, s.
 fn least_s(joints: &[Joint], q: &[f64], before: &[f64]) -> f64 {
     let unit = |j: usize| if j < 3 { 1.0 / LINEAR_UNITS } else { (1.0 / ROTARY_UNITS).to_radians() };
     let ways = rounded(q).into_iter().zip(rounded(before)).enumerate();
@@ -121,14 +121,14 @@ fn least_s(joints: &[Joint], q: &[f64], before: &[f64]) -> f64 {
     joints.iter().zip(ways).map(|(joint, way)| way / joint.velocity_limit).fold(0.0, f64::max)
 }
 
-/// A feed with at least six digits, never above the value.
+/// Appends a feed with at least six digits, rounded down.
 fn push_rounded_down(text: &mut Vec<u8>, value: f64) {
     let decimals = (5.0 - value.log10().floor()).clamp(4.0, 9.0);
     let scale = 10f64.powf(decimals);
     push_units(text, (value * scale * (1.0 - 1e-15)).floor() as i64, decimals as u32);
 }
 
-/// Units of the last decimal: 0.1 µm and 1e-6 degrees.
+/// Number of units of the last decimal in 1 mm (0.1 µm) and in 1 degree (1e-6 degrees).
 const LINEAR_UNITS: f64 = 1e4;
 const ROTARY_UNITS: f64 = 1e6;
 
@@ -137,7 +137,7 @@ fn rounded(q: &[f64]) -> Vec<i64> {
     q.iter().enumerate().map(unit).map(|v| v.round() as i64).collect()
 }
 
-/// The axes that move, all of them where `before` is empty.
+/// Appends the axes that move; all of them where `before` is empty.
 fn push_axes(text: &mut Vec<u8>, q: &[f64], before: &[f64]) {
     let (now, then) = (rounded(q), rounded(before));
     for (j, name) in b"XYZA".iter().enumerate().take(q.len()) {
@@ -154,7 +154,7 @@ mod tests {
     use super::*;
     use bonemill_arm::Arm;
 
-    /// What a machine does with a program: positions, feeds and modes, block by block.
+    /// Reads a program as a machine does: positions, feeds and modes, block by block.
     fn driven(text: &str) -> Vec<([f64; 4], Option<f64>, bool)> {
         let mut at = [0.0; 4];
         let mut blocks = Vec::new();
@@ -249,7 +249,7 @@ mod tests {
     fn no_axis_is_asked_for_more_than_its_limit() {
         let joints = joints(4);
         let limits: Vec<f64> = joints.iter().map(|joint| joint.velocity_limit).collect();
-        // at the limit of one axis after the other, in steps so short that the last decimal decides, with one that goes nowhere
+        // each axis in turn moves at its limit, in steps so short that the last decimal decides; one step has no length
         let mut q = vec![vec![0.0; 4]];
         for k in 0..400 {
             let mut next = q[k].clone();

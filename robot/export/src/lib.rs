@@ -1,7 +1,7 @@
-//! Trajectories as bytes. Exporters write to what they are handed; whoever opens a file decides where.
+//! Writes trajectories in the formats of controllers, to a writer that the caller opens.
 //!
-//! Inside everything is mm and rad; ROS and UR get metres, G-code mm and degrees. Each format is read back and compared in a
-//! test. Numbers are decimals with a fixed resolution, so that the same motion is the same bytes.
+//! Input is in mm and rad; ROS and UR formats are in metres and rad, G-code in mm and degrees. A test reads each format
+//! back and compares it. Numbers are decimals with a fixed resolution, so the same motion gives the same bytes.
 
 mod blocks;
 mod csv;

@@ -1,7 +1,7 @@
-//! `trajectory_msgs/JointTrajectory`, as JSON and as the YAML that `ros2 topic pub` takes. m and rad.
+//! `trajectory_msgs/JointTrajectory`, as JSON and as the YAML that `ros2 topic pub` reads, in m and rad.
 //!
-//! Positions and velocities of every point, so that a controller interpolates with cubics; times from the start, in whole
-//! seconds and nanoseconds. The header is empty: a time stamp of 0 means "now" to a controller.
+//! Every point has positions and velocities, so that a controller interpolates with cubics. Times are from the start, in
+//! whole seconds and nanoseconds. The header is empty, because a controller takes a time stamp of 0 as "now".
 
 use std::fmt::Write as _;
 use std::io::Write;
@@ -11,7 +11,7 @@ use bonemill_arm::RobotError;
 use super::decimal::push_fixed;
 use super::rows::ExportRows;
 
-/// Decimals of a number: 1 nm, 1 nrad.
+/// Decimals of a number, for 1 nm and 1 nrad.
 const DECIMALS: u32 = 9;
 
 /// Writes one JSON object.
@@ -78,7 +78,7 @@ fn point(rows: &ExportRows<'_>, n: usize) -> (String, String, u64, u32) {
     (list(q), list(qd), nanoseconds / 1_000_000_000, (nanoseconds % 1_000_000_000) as u32)
 }
 
-/// `[1.5, -2.0]`: with a decimal point, since ROS reads `1` as an integer and refuses it.
+/// A list such as `[1.5, -2.0]`, always with decimal points, because ROS reads `1` as an integer and refuses it.
 pub(super) fn list(values: &[f64]) -> String {
     let mut text = String::from("[");
     for (k, value) in values.iter().enumerate() {
@@ -94,7 +94,7 @@ pub(super) fn list(values: &[f64]) -> String {
     text
 }
 
-/// A name as a JSON string, which YAML reads too.
+/// A name as a JSON string, which is also valid YAML.
 fn quoted(name: &str) -> String {
     let mut text = String::from("\"");
     for c in name.chars() {

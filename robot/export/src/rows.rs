@@ -1,5 +1,5 @@
-//! The rows of a motion that are exported: every n-th of a sampled trajectory, and always its last; and what the burr's
-//! path loses by the rows that are left out.
+//! The exported rows of a motion: every n-th row of a sampled trajectory, and always its last. Also computes how far the
+//! burr leaves its path because of the rows that are left out.
 
 use bonemill_geometry::{Base, Point};
 use rayon::prelude::*;
@@ -7,16 +7,16 @@ use rayon::prelude::*;
 use bonemill_arm::RobotError;
 use bonemill_arm::arm::{Arm, Joint, JointKind};
 
-/// How a controller goes from row to row.
+/// How a controller interpolates between rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Between {
-    /// Every joint at an even speed.
+    /// Every joint at a constant speed.
     Straight,
-    /// The cubic that has both rows' positions and velocities.
+    /// A cubic with the positions and velocities of both rows.
     Cubic,
 }
 
-/// Part of a sampled trajectory, with the joints that it is for.
+/// Some rows of a sampled trajectory, with the joints.
 #[derive(Debug, Clone, Copy)]
 pub struct ExportRows<'a> {
     joints: &'a [Joint],
@@ -61,6 +61,11 @@ impl<'a> ExportRows<'a> {
         (self.time_s.len() - 1).div_ceil(self.stride) + 1
     }
 
+    /// Clock of every exported row, s.
+    pub fn times_s(&self) -> impl Iterator<Item = f64> {
+        (0..self.count()).map(|n| self.row(n).0)
+    }
+
     /// Time, positions and velocities of an exported row.
     pub(super) fn row(&self, n: usize) -> (f64, &'a [f64], &'a [f64]) {
         let at = (n * self.stride).min(self.time_s.len() - 1);
@@ -68,7 +73,8 @@ impl<'a> ExportRows<'a> {
         (self.time_s[at], &self.q[at * dof..(at + 1) * dof], &self.qd[at * dof..(at + 1) * dof])
     }
 
-    /// Positions at an instant: the cubic through the rows around it with their velocities; the ends' beyond them.
+    /// Positions at an instant, by the cubic with the positions and velocities of the rows around it; before the first and
+    /// after the last row, that row's positions.
     pub(super) fn at(&self, time_s: f64) -> Vec<f64> {
         let dof = self.joints.len();
         let after = self.time_s.partition_point(|t| *t <= time_s).clamp(1, self.time_s.len().max(2) - 1);
@@ -80,11 +86,11 @@ impl<'a> ExportRows<'a> {
         (0..dof).map(|j| cubic(of(self.q, j), of(self.qd, j).map(|qd| qd * span_s), u)).collect()
     }
 
-    /// The farthest that the burr's centre gets aside of the sampled motion where the rows between are left out, mm, with
-    /// the exported row before it. Being late or early on the path does not count.
+    /// The largest distance of the burr's centre from its sampled path when the rows between are left out, mm, and the exported
+    /// row before that place. Delay along the path does not count.
     ///
     /// # Errors
-    /// [`RobotError::Length`] for an arm of other joints.
+    /// [`RobotError::Length`] for an arm with another number of joints.
     pub fn deviation_mm(&self, arm: &Arm, between: Between) -> Result<(f64, usize), RobotError> {
         let dof = self.joints.len();
         let step = |n: usize| -> Result<(f64, usize), RobotError> {
@@ -108,7 +114,7 @@ impl<'a> ExportRows<'a> {
             }
             Ok((worst_mm, n))
         };
-        // of equal ones the first, whatever the threads do
+        // of equal values the first, so that the result does not depend on threads
         let worse =
             |a: (f64, usize), b: (f64, usize)| if b.0 > a.0 || (b.0 == a.0 && b.1 < a.1) { b } else { a };
         (0..self.count() - 1).into_par_iter().map(step).try_reduce(|| (0.0, 0), |a, b| Ok(worse(a, b)))
@@ -125,14 +131,14 @@ fn burr(arm: &Arm, q: &[f64]) -> Result<Point<Base>, RobotError> {
     Ok(Point::from_coords(arm.burr(q)?.translation_mm))
 }
 
-/// How far a point is aside of the middle of three places on the way, mm.
+/// Distance of a point from the line through the middle one of three places along the chord of the outer two, mm.
 fn aside(around: &[Point<Base>], there: &Point<Base>) -> f64 {
     let (way, off) = (around[2] - around[0], *there - around[1]);
     let share = if way.norm_squared() > 0.0 { off.dot(&way) / way.norm_squared() } else { 0.0 };
     (off - way * share).norm()
 }
 
-/// The cubic between two values with their slopes per whole step.
+/// The cubic between two values with the given slopes per whole step.
 fn cubic([from, to]: [f64; 2], [m0, m1]: [f64; 2], u: f64) -> f64 {
     let v = 1.0 - u;
     from * v * v * (1.0 + 2.0 * u) + to * u * u * (3.0 - 2.0 * u) + m0 * u * v * v - m1 * u * u * v

@@ -1,17 +1,17 @@
-//! URScript: a program that runs the whole cut on the controller. m, rad, s.
+//! URScript: a program that runs the whole cut on the controller, in m, rad and s.
 //!
-//! `servoj` follows the planned joint positions on the planned clock; linear moves would be timed anew by the controller,
-//! which knows nothing of the caps. Before every step it asks whether the pose is within the safety limits, whether the stop
-//! input is set and how many mm the burr's centre is beside its planned path; if it is too far, and at the end, it stops the
-//! arm softly and switches the spindle off. The arm moves to the start only after the operator has confirmed, with the
-//! spindle off.
+//! `servoj` follows the planned joint positions at the planned times. Linear moves are not used, because the controller
+//! would time them anew without the plan's speed caps. Before every step the program checks whether the pose is within the
+//! safety limits, whether the stop input is set, and how many mm the burr's centre is beside its planned path. If that is more
+//! than the room to structures allows at that place, if another check fails, and at the end, it stops the arm softly and
+//! switches the spindle off. The arm moves to the start only after the operator has confirmed, with the spindle off.
 //!
-//! `servoj` follows late, by tens of milliseconds: so the burr is compared with the path of the last [`LATE_S`], not with one
-//! place on it. An arm that stays farther behind than that is off its path, too. Both places come from the controller's own
-//! forward kinematics, so a calibration changes nothing.
+//! `servoj` lags by tens of milliseconds. So the burr is compared with the part of the path of the last [`LATE_S`], not with
+//! one place on it. An arm that lags more than that counts as off its path. Both the burr's place and the path come from
+//! the controller's own forward kinematics, so the check does not depend on a calibration.
 //!
-//! The controller's speed slider stretches the clock evenly. Speeds are checked here, so that no step asks for more than a
-//! joint's limit.
+//! The controller's speed slider stretches the time of all steps equally. Speeds are checked here, so that no step exceeds
+//! a joint's limit.
 
 use std::io::Write;
 
@@ -21,7 +21,7 @@ use bonemill_arm::{JointKind, ToolMount};
 use super::ros::list;
 use super::rows::ExportRows;
 
-/// What a program needs beside the motion.
+/// Settings of a program.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UrScript {
     /// The tool on the flange.
@@ -30,36 +30,47 @@ pub struct UrScript {
     pub spindle_output: u8,
     /// Digital input that stops the program.
     pub stop_input: u8,
-    /// Time that the spindle needs to run up, s.
+    /// Time that the spindle needs to reach its speed, s.
     pub run_up_s: f64,
     /// Whether joint positions were planned with this arm's own calibration.
     pub calibrated: bool,
-    /// How far the burr's centre may be beside its path before the program stops, mm.
-    pub most_aside_mm: f64,
 }
 
 impl UrScript {
-    /// Outputs and inputs as numbered first; 3 s to run up; 0.5 mm beside the path. Assumed.
+    /// Default settings: the first output and the first input, and 3 s for the spindle. Assumed.
     pub fn with_mount(mount: ToolMount) -> Self {
-        Self { mount, spindle_output: 0, stop_input: 0, run_up_s: 3.0, calibrated: false, most_aside_mm: 0.5 }
+        Self { mount, spindle_output: 0, stop_input: 0, run_up_s: 3.0, calibrated: false }
     }
 }
 
-/// How late the arm may be on its path, s: some times the 34 ms that users measured for `servoj`. Assumed.
+/// Largest lag of the arm on its path, s: several times the 34 ms that users measured for `servoj`. Assumed.
 const LATE_S: f64 = 0.2;
-/// Places of the path that the program remembers.
+/// Number of past places of the path that the program keeps.
 const REMEMBERED: usize = 8;
+/// Limits are rounded down to multiples of this, so that a program says few of them, mm.
+const ASIDE_STEP_MM: f64 = 0.05;
+/// The least distance beside its path that an arm which follows well can keep, mm; assumed.
+const LEAST_ASIDE_MM: f64 = 0.1;
 
 /// Writes a program.
 ///
+/// `aside_mm` holds for every exported row how far the burr's centre may be beside its path on the way from the row before,
+/// mm, at least 0.1. Since the arm may be late, the program compares with the smallest of the last 0.2 s.
+///
 /// # Errors
-/// [`RobotError::Length`] where the arm has other than six joints; [`RobotError::Value`] where a joint is not revolute or a
-/// step is faster than its joint's limit; [`RobotError::Write`] when the writer fails.
+/// [`RobotError::Length`] where the arm has other than six joints, or there is not one limit a row; [`RobotError::Value`] where
+/// a joint is not revolute, a step is faster than its joint's limit or a limit beside the path is less than an arm can keep;
+/// [`RobotError::Write`] when the writer fails.
 pub fn write_urscript(
     out: &mut impl Write,
     rows: &ExportRows<'_>,
     options: &UrScript,
+    aside_mm: &[f64],
 ) -> Result<(), RobotError> {
+    if aside_mm.len() != rows.count() {
+        let (what, got, expected) = ("limits beside the path", aside_mm.len(), rows.count());
+        return Err(RobotError::Length { what, got, expected });
+    }
     if rows.joints().len() != 6 {
         return Err(RobotError::Length {
             what: "joints of a UR program",
@@ -72,22 +83,28 @@ pub fn write_urscript(
         return Err(RobotError::Value { what, index, value: index as f64, unit, expected });
     }
     check_steps(rows)?;
+    let limits_mm = limits_mm(rows, aside_mm)?;
     let failed =
         |rows_written: usize| move |source| RobotError::Write { rows_written: rows_written as u64, source };
     let (_, start, _) = rows.row(0);
     let step_s = if rows.count() > 1 { rows.row(1).0 } else { LATE_S };
     out.write_all(head(options, &list(start), step_s).as_bytes()).map_err(failed(0))?;
-    let mut before_s = 0.0;
+    let (mut before_s, mut before_mm) = (0.0, f64::NAN);
     for n in 1..rows.count() {
         let (time_s, q, _) = rows.row(n);
-        let line = format!("  step({}, {:.9})\n", list(q), time_s - before_s);
+        let mut line = String::new();
+        if limits_mm[n] != before_mm {
+            before_mm = limits_mm[n];
+            line = format!("  allow({before_mm:.2})\n");
+        }
+        line += &format!("  step({}, {:.9})\n", list(q), time_s - before_s);
         out.write_all(line.as_bytes()).map_err(failed(n))?;
         before_s = time_s;
     }
     out.write_all(b"  safe_stop(\"done\")\nend\nbonemill()\n").map_err(failed(rows.count()))
 }
 
-/// No step asks for more than a joint's speed limit.
+/// Checks that no step exceeds a joint's speed limit.
 fn check_steps(rows: &ExportRows<'_>) -> Result<(), RobotError> {
     for n in 1..rows.count() {
         let ((t0, from, _), (t1, to, _)) = (rows.row(n - 1), rows.row(n));
@@ -102,32 +119,54 @@ fn check_steps(rows: &ExportRows<'_>) -> Result<(), RobotError> {
     Ok(())
 }
 
+/// What the program compares with at each row: the smallest limit from [`LATE_S`] before the row before it, rounded down.
+fn limits_mm(rows: &ExportRows<'_>, aside_mm: &[f64]) -> Result<Vec<f64>, RobotError> {
+    if let Some((index, value)) = aside_mm.iter().copied().enumerate().find(|(_, a)| !(*a >= LEAST_ASIDE_MM))
+    {
+        let (what, unit, expected) =
+            ("limit beside the path, row", "mm", "at least 0.1 mm, which an arm can keep");
+        return Err(RobotError::Value { what, index, value, unit, expected });
+    }
+    let least = |n: usize| {
+        let from_s = rows.row(n.saturating_sub(1)).0 - LATE_S;
+        let recent = (0..=n).rev().take_while(|k| rows.row(*k).0 >= from_s);
+        let least_mm = recent.map(|k| aside_mm[k]).fold(f64::INFINITY, f64::min);
+        (least_mm / ASIDE_STEP_MM * (1.0 + 1e-9)).floor() * ASIDE_STEP_MM
+    };
+    Ok((0..rows.count()).map(least).collect())
+}
+
 fn head(options: &UrScript, start: &str, step_s: f64) -> String {
     let tool = &options.mount.flange_from_burr;
     let turn = tool.rotation.scaled_axis();
     let p = tool.translation_mm * 1e-3;
     let tcp = list(&[p.x, p.y, p.z, turn.x, turn.y, turn.z]);
-    let UrScript { spindle_output, stop_input, run_up_s, most_aside_mm, .. } = options;
+    let UrScript { spindle_output, stop_input, run_up_s, .. } = options;
     let kinematics = if options.calibrated {
         "this arm's own calibration"
     } else {
         "nominal kinematics, 1-2 mm off the real arm"
     };
-    // steps from one remembered place to the next
+    // number of steps between two places that are kept
     let every = (LATE_S / (step_s * (REMEMBERED - 1) as f64)).ceil().max(1.0);
     let zeros = list(&[0.0; REMEMBERED]);
     format!(
         "def bonemill():
   # a planned cut, followed on its own clock; m, rad, s. Planned with {kinematics}.
   # Joint positions are what counts; the tool's pose follows from the arm's own calibration.
-  # The program stops where the burr's centre is more than {most_aside_mm:?} mm beside the path of the last {LATE_S:?} s. Being late
-  # on the path by less than that is no fault: servoj follows late. Both places are the controller's own forward kinematics.
+  # The program stops where the burr's centre is farther beside the path of the last {LATE_S:?} s than the last allow(mm) says:
+  # a share of the room that structures leave at that place. Being late on the path by less than that is no fault: servoj
+  # follows late. Both places are the controller's own forward kinematics.
   global reason = \"\"
   # where the plan had the burr's centre, oldest first, m
   global path_x = {zeros}
   global path_y = {zeros}
   global path_z = {zeros}
   global steps = 0
+  global most_aside_mm = 0.0
+  def allow(mm):
+    most_aside_mm = mm
+  end
   def safe_stop(why):
     reason = why
     stopj(2.0)
@@ -198,8 +237,9 @@ fn head(options: &UrScript, start: &str, step_s: f64) -> String {
     if not is_within_safety_limits(q):
       safe_stop(\"the next pose is outside the safety limits\")
     end
-    if aside_mm() > {most_aside_mm:?}:
-      safe_stop(\"the burr is more than {most_aside_mm:?} mm beside its path\")
+    if aside_mm() > most_aside_mm:
+      textmsg(\"bonemill: mm beside the path that the structures allow here: \", most_aside_mm)
+      safe_stop(\"the burr is farther beside its path than the structures allow here\")
     end
     servoj(q, t=dt, lookahead_time=0.1, gain=300)
     remember(q)
@@ -229,7 +269,7 @@ mod tests {
     use bonemill_geometry::Rigid;
     use nalgebra::{Rotation3, Vector3};
 
-    fn written(speed_rad_s: f64) -> Result<String, RobotError> {
+    fn written_past(speed_rad_s: f64, narrow_mm: f64) -> Result<String, RobotError> {
         let arm = Arm::ur(UrModel::Ur5e, None).unwrap();
         let time_s: Vec<f64> = (0..=500).map(|k| f64::from(k) * 0.002).collect();
         let q: Vec<f64> =
@@ -239,8 +279,14 @@ mod tests {
         let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
         let mount = ToolMount { flange_from_burr: Rigid::new(turn, Vector3::new(0.0, 0.0, 180.0)) };
         let mut out = Vec::new();
-        write_urscript(&mut out, &rows, &UrScript::with_mount(mount))?;
+        // half a second of room, then a narrow place
+        let aside_mm: Vec<f64> = (0..rows.count()).map(|n| if n < 13 { 0.5 } else { narrow_mm }).collect();
+        write_urscript(&mut out, &rows, &UrScript::with_mount(mount), &aside_mm)?;
         Ok(String::from_utf8(out).unwrap())
+    }
+
+    fn written(speed_rad_s: f64) -> Result<String, RobotError> {
+        written_past(speed_rad_s, 0.23)
     }
 
     /// The numbers of a `[..]` list.
@@ -291,8 +337,30 @@ mod tests {
         let rows = ExportRows::new(bone.joints(), &[0.0], &[0.0; 4], &[0.0; 4], 1).unwrap();
         let options = UrScript::with_mount(ToolMount::default());
         assert!(matches!(
-            write_urscript(&mut Vec::new(), &rows, &options),
+            write_urscript(&mut Vec::new(), &rows, &options, &[0.5]),
             Err(RobotError::Length { expected: 6, .. })
         ));
+    }
+
+    #[test]
+    fn the_limit_beside_the_path_follows_the_room_and_is_never_wider() {
+        let text = written(0.2).unwrap();
+        let (mut limit_mm, mut limits_mm) = (f64::NAN, Vec::new());
+        for line in text.lines() {
+            if let Some(mm) = line.strip_prefix("  allow(") {
+                limit_mm = mm.trim_end_matches(')').parse().unwrap();
+            } else if line.starts_with("  step([") {
+                limits_mm.push(limit_mm);
+            }
+        }
+        // row 13 is at 0.52 s: narrow from the step that leads there
+        assert_eq!(limits_mm.len(), 25);
+        assert!(limits_mm[..12].iter().all(|mm| *mm == 0.5) && limits_mm[12..].iter().all(|mm| *mm == 0.2));
+        assert_eq!(text.matches("\n  allow(").count(), 2);
+        assert!(text.contains("if aside_mm() > most_aside_mm:"));
+        for too_narrow in [0.09, 0.0, -1.0, f64::NAN] {
+            let refused = written_past(0.2, too_narrow).unwrap_err().to_string();
+            assert!(refused.contains("limit beside the path, row[13]"), "{refused}");
+        }
     }
 }

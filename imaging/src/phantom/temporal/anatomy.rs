@@ -1,8 +1,8 @@
 //! The bodies of a right temporal bone, placed by a seed within anatomical limits.
 //!
 //! ct: the origin is on the cortex at the spine of Henle, just behind and above the ear canal; +x lateral, +y anterior,
-//! +z superior, mm. Places and sizes are those of textbooks, rounded, each with the play that is written beside it; they
-//! are no statistics. Structures are built from bodies whose distance is never overrated, so that clearances hold.
+//! +z superior, mm. Positions and sizes are rounded values of textbooks, each varied within the range written beside it;
+//! they are not statistics. Structures are built from bodies whose distance is never too large, so that clearances hold.
 
 use super::super::cells::AirCells;
 use super::super::rng::Rng;
@@ -46,7 +46,7 @@ struct Wave {
     phase: f64,
 }
 
-/// Middle and posterior fossa: two large balls, cut off at the inner table.
+/// The dura of the middle and posterior fossa: two large balls, cut off at the inner table.
 #[derive(Debug)]
 struct Dura {
     middle: (V3, f64),
@@ -138,12 +138,12 @@ impl Cavity {
 }
 
 impl Anatomy {
-    /// The bone of a seed.
+    /// The bone for a seed.
     pub(super) fn new(seed: u64) -> Self {
         let rng = &mut Rng::new(seed, 0);
         let surface = Surface::new(rng);
         let bone_waves = std::array::from_fn(|_| Wave::new(rng, [9.0, 20.0]));
-        // neighbours move together, so that their gaps stay
+        // neighbouring bodies move together, so that the gaps between them stay
         let inner = V3::new(rng.range(-0.8, 0.4), rng.range(-0.5, 0.5), rng.range(-0.4, 0.4));
         let canal_y = rng.range(-0.3, 0.8);
         let canal_r = rng.range(-0.3, 0.2);
@@ -229,11 +229,11 @@ impl Anatomy {
     /// Whether a cell may lie within `reach_mm` of `center`.
     pub(super) fn is_pneumatised(&self, center: &V3, reach_mm: f64) -> bool {
         let bone = self.bone_mm(center, self.lateral_mm(center));
-        // the region's distance is no bound; twice the reach covers its error
+        // the region's distance may be too large; twice the reach covers this error
         self.pneumatised_mm(center, bone) < 2.0 * reach_mm
     }
 
-    /// What matters within `reach_mm` of `center`.
+    /// The bodies within `reach_mm` of `center`.
     pub(super) fn near(&self, center: &V3, reach_mm: f64) -> Local<'_> {
         let tube = |t: &Tube| t.near(center, reach_mm);
         Local {
@@ -262,7 +262,7 @@ pub(super) struct Local<'a> {
     pub(super) sinus: Tube,
 }
 
-/// From the outside to the eardrum, narrowest in the middle; its rounded end is the drum.
+/// The ear canal from the outside to the eardrum, narrowest in the middle; its rounded end is the eardrum.
 fn ear_canal(y: f64, r: f64) -> Tube {
     let knots = [
         (V3::new(14.0, 6.0 + y, -3.0), 3.6 + r),
@@ -273,7 +273,7 @@ fn ear_canal(y: f64, r: f64) -> Tube {
     Tube::curved(&knots, 6)
 }
 
-/// From the attic through the aditus to the antrum.
+/// The air space from the attic through the aditus to the antrum.
 fn antrum(inner: V3, rng: &mut Rng) -> Tube {
     let knots = [
         (V3::new(-17.5, 1.5, 2.2) + inner, 1.5),
@@ -283,11 +283,11 @@ fn antrum(inner: V3, rng: &mut Rng) -> Tube {
     Tube::curved(&knots, 6)
 }
 
-/// Labyrinthine, tympanic and mastoid segments, with the first bend between the former two and the second between the
-/// latter two, down to the stylomastoid foramen and out of the bone.
+/// The labyrinthine, tympanic and mastoid segments with the two bends between them, down to the stylomastoid foramen and
+/// out of the bone.
 fn facial_nerve(inner: V3, rng: &mut Rng) -> Tube {
     let r = rng.range(0.65, 0.8);
-    // play of the mastoid segment
+    // variation of the mastoid segment
     let low = V3::new(rng.range(-0.5, 0.7), rng.range(-0.8, 0.8), 0.0);
     let knots = [
         (V3::new(-29.5, 1.0, 2.2) + inner, r),
@@ -304,7 +304,7 @@ fn facial_nerve(inner: V3, rng: &mut Rng) -> Tube {
     Tube::curved(&knots, 6)
 }
 
-/// From the transverse sinus round the corner and down to the jugular bulb.
+/// The sigmoid sinus, from the transverse sinus down to the jugular bulb.
 fn sigmoid_sinus(at: V3, rng: &mut Rng) -> Tube {
     let r = rng.range(-0.5, 0.4);
     let knots = [

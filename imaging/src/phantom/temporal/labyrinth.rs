@@ -19,7 +19,7 @@ impl Labyrinth {
     const CANAL_LUMEN_MM: f64 = 0.45;
     const VESTIBULE_WALL_MM: f64 = 1.0;
 
-    /// With its vestibule's middle at `at`.
+    /// The labyrinth whose vestibule has its centre at `at`.
     pub(super) fn new(at: V3, rng: &mut Rng) -> Self {
         let mut canal = |x: f64, y: f64, z: f64, normal: V3| Torus {
             center: at + V3::new(x, y, z),
@@ -55,7 +55,7 @@ impl Labyrinth {
     }
 }
 
-/// Two and a half turns about an axis that points forwards and outwards.
+/// The cochlear duct: two and a half turns around an axis that points forwards and outwards.
 fn cochlear_duct(center: V3) -> Tube {
     let axis = V3::new(0.6, 0.75, -0.28).normalize();
     let x = axis.cross(&V3::z()).normalize();

@@ -6,7 +6,7 @@ use super::*;
 const CLEARANCES_MM: [(u8, f64); 5] =
     [(FACIAL_NERVE, 1.0), (LABYRINTH, 1.0), (EAR_CANAL, 0.5), (SIGMOID_SINUS, 0.5), (DURA, 0.5)];
 
-/// Labels on a grid of 1 mm over the image's box, each voxel by itself: no bricks, no voxels of the image.
+/// Labels on a grid of 1 mm over the image's box, each voxel computed alone, without bricks.
 fn coarse_labels(anatomy: &Anatomy) -> Volume<u8, Ct> {
     let grid = ct_grid([41, 45, 40], 1.0, Point::new(-31.5, -31.5, -23.5));
     let label = |n| {
@@ -45,7 +45,7 @@ fn every_seed_is_a_mastoid_with_a_cavity_clear_of_its_structures() {
         assert!((3500..5000).contains(&mm3), "seed {seed}: a target of {mm3} mm³");
         let rims: Vec<_> = CLEARANCES_MM.map(|(label, _)| rim(&labels, label)).into();
         for ((label, clearance), (structure, voxels)) in CLEARANCES_MM.iter().zip(&rims) {
-            // between points, so the whole spare must be there
+            // a gap between points, so it must contain the whole spare distance
             let gap = gap_mm(&target, structure);
             assert!(gap >= clearance + SPARE_MM, "seed {seed}, label {label}: {gap} mm");
             assert!(*voxels > 40, "seed {seed}, label {label}: {voxels} voxels");
@@ -145,11 +145,11 @@ fn the_target_is_one_piece_open_to_the_outside(phantom: &Phantom) {
     for (j, k) in (0..nz).flat_map(|k| (0..ny).map(move |j| (j, k))) {
         let Some(top) = (0..nx).rev().find(|&i| *phantom.labels.get([i, j, k]) == TARGET) else { continue };
         columns += 1;
-        // soft tissue and air, given the noise; the first voxel above holds what blur brought out of the bone
+        // soft tissue and air, allowing for noise; the first voxel above the bone is brighter because of the blur
         let free = |i: usize| *phantom.labels.get([i, j, k]) == 0 && *phantom.ct.get([i, j, k]) < 300;
         open += usize::from((top + 2..nx).all(free));
     }
-    // the ear canal's wall bulges over the edge of the cavity by a fraction of a millimetre
+    // the ear canal's wall extends over the edge of the cavity by a fraction of a millimetre
     assert!(
         columns > 3000 && open as f64 > 0.97 * columns as f64,
         "{open} of {columns} columns are free above"

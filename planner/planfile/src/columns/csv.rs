@@ -1,8 +1,8 @@
-//! The columns of the tables: waypoints, trajectory, simulation, access, dropped places.
+//! The columns of the tables: waypoints, trajectory, simulation, access, dropped waypoints, forces.
 
 use super::Column;
 
-/// Of `waypoints.csv`.
+/// The columns of `waypoints.csv`.
 pub const WAYPOINTS: [Column; 24] = [
     Column::new("index", "1", "", "The row's place, from 0."),
     Column::new("layer", "1", "", "Milling layer, from 0 at the outside."),
@@ -81,7 +81,7 @@ pub const WAYPOINTS: [Column; 24] = [
     ),
 ];
 
-/// Of `trajectory.csv`.
+/// The columns of `trajectory.csv`.
 pub const TRAJECTORY: [Column; 3] = [
     Column::new("time_s", "s", "", "On the clock of `waypoints.csv`."),
     Column::new(
@@ -93,7 +93,7 @@ pub const TRAJECTORY: [Column; 3] = [
     Column::new("qd1..n", "rad/s; mm/s for a prismatic joint", "", "Joint velocities."),
 ];
 
-/// Of `simulation.csv`.
+/// The columns of `simulation.csv`.
 pub const SIMULATION_ROWS: [Column; 14] = [
     Column::new(
         "time_s",
@@ -131,7 +131,7 @@ pub const SIMULATION_ROWS: [Column; 14] = [
     ),
 ];
 
-/// Of `access.csv`.
+/// The columns of `access.csv`.
 pub const ACCESS: [Column; 7] = [
     Column::new("index", "1", "", "The waypoint."),
     Column::new(
@@ -152,7 +152,7 @@ pub const ACCESS: [Column; 7] = [
     ),
 ];
 
-/// Of `dropped.csv`.
+/// The columns of `dropped.csv`.
 pub const DROPPED: [Column; 4] = [
     Column::new("x_mm", "mm", "ct", "Where the burr's centre would have been."),
     Column::new("y_mm", "mm", "ct", "The same place."),
@@ -160,7 +160,7 @@ pub const DROPPED: [Column; 4] = [
     Column::new("reason", "text", "", "What was in the way."),
 ];
 
-/// Of `forces.csv`.
+/// The columns of `forces.csv`.
 pub const FORCES_ROWS: [Column; 8] = [
     Column::new("index", "1", "", "The waypoint."),
     Column::new(
@@ -180,4 +180,14 @@ pub const FORCES_ROWS: [Column; 8] = [
         "",
         "The deflection's part along it, not below 0; only with `robot.joint_stiffness`.",
     ),
+];
+
+/// The columns of `plunge.csv`.
+pub const PLUNGE_ROWS: [Column; 6] = [
+    Column::new("index", "1", "", "The waypoint."),
+    Column::new("depth_mm", "mm", "", "Depth of the tool's tip from the entry, along the channel; negative before it."),
+    Column::new("thrust_n", "N", "", "Force of the bone on the tool along its axis, toward the handpiece."),
+    Column::new("torque_nmm", "N mm", "", "Torque that resists the turn."),
+    Column::new("lateral_n", "N", "", "Force across the axis, mean over a turn."),
+    Column::new("contact_mm2", "mm²", "", "Area of the tool's front in bone."),
 ];

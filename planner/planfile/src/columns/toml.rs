@@ -2,7 +2,7 @@
 
 use super::Column;
 
-/// Above the tables of `plan.toml`, and the tables that list files.
+/// Keys above the tables of `plan.toml`, and keys of the tables that list files.
 pub const PLAN: &[Column] = &[
     Column::new("version", "text", "", "The version of bonemill that made the plan."),
     Column::new(
@@ -28,7 +28,7 @@ pub const PLAN: &[Column] = &[
     Column::new("input_bytes.PATH", "bytes", "", "How large that file was."),
 ];
 
-/// `[frames]`.
+/// Keys of `[frames]`.
 pub const FRAMES: &[Column] = &[
     Column::new(
         "approach_direction",
@@ -59,7 +59,7 @@ pub const FRAMES: &[Column] = &[
     ),
 ];
 
-/// `[metrics]`; `NAME` is a structure.
+/// Keys of `[metrics]`; `NAME` is a structure.
 pub const METRICS: &[Column] = &[
     Column::new("removed_mm3", "mm³", "", "Target that is removed, air cells included."),
     Column::new(
@@ -323,7 +323,7 @@ pub const METRICS: &[Column] = &[
     Column::new("expected_error_mm.NAME", "mm", "", "Expected registration error (TRE) at this structure."),
 ];
 
-/// `[modelled]`.
+/// Keys of `[modelled]`.
 pub const MODELLED: &[Column] = &[
     Column::new("waypoints", "1", "", "Waypoints in all."),
     Column::new("cutting_waypoints", "1", "", "Waypoints whose move removes something."),
@@ -394,7 +394,7 @@ pub const MODELLED: &[Column] = &[
     Column::new("labels_affine", "text", "", "Which affine of the labels' file was taken."),
 ];
 
-/// `verification.toml`.
+/// Keys of `verification.toml`.
 pub const VERIFICATION: &[Column] = &[
     Column::new("version", "text", "", "The version of bonemill that verified."),
     Column::new("passed", "1", "", "Whether no check failed."),

@@ -1,4 +1,4 @@
-//! The piece of a cylinder between two planes across its axis, on rows of voxels; all in voxel units.
+//! A cylinder with flat ends on rows of voxels; all lengths are in voxels.
 
 use std::ops::Range;
 
@@ -6,9 +6,10 @@ use nalgebra::Vector3;
 
 use super::clip;
 
-/// Flatter than this against the layers, a cylinder's ellipse in them is not looked for: its box is all there is.
+/// If the axis' slope against the layers is below this, the cylinder's ellipse in a layer is not computed, and its box is
+/// used instead.
 const LEAST_SLOPE: f64 = 0.1;
-/// What rounding may take from an extent, voxels.
+/// Margin for the rounding of an extent, voxels.
 const ROUNDING: f64 = 1e-6;
 
 /// A cylinder about the line from `start` along d, |d| > 0, where w·d lies between two numbers, with w from the start.
@@ -18,7 +19,7 @@ pub(super) struct Cylinder {
     along: Vector3<f64>,
     between: [f64; 2],
     radius_squared: f64,
-    /// What every row needs, divided once: 1/|d|², 1/d.x, the quadratic coefficient 1 − d.x²/|d|² and its inverse.
+    /// Values for every row, computed once: 1/|d|², 1/d.x, the quadratic coefficient 1 − d.x²/|d|² and its inverse.
     per_length_squared: f64,
     per_along_x: f64,
     quadratic: f64,
@@ -41,14 +42,14 @@ impl Cylinder {
         }
     }
 
-    /// The interval of x in which (x, y, z) lies in it: |w|² − (w·d)²/|d|² ≤ r², cut to where w·d may be.
+    /// The interval of x in which (x, y, z) lies in the cylinder: |w|² − (w·d)²/|d|² ≤ r², limited to the range of w·d.
     #[inline]
     pub(super) fn chord(&self, y: f64, z: f64) -> Option<(f64, f64)> {
         let (d, [first, last]) = (&self.along, self.between);
         let (wy, wz) = (y - self.start.y, z - self.start.z);
         let side = wy * d.y + wz * d.z;
         let (mut lo, mut hi) = if d.x.abs() < 1e-12 {
-            // perpendicular to the row: the whole row or nothing lies between the ends
+            // the axis is perpendicular to the row: the whole row or no part of it lies between the ends
             if !(first..=last).contains(&side) {
                 return None;
             }
@@ -60,7 +61,7 @@ impl Cylinder {
         let half_linear = -d.x * side * self.per_length_squared;
         let constant = wy * wy + wz * wz - side * side * self.per_length_squared - self.radius_squared;
         if self.quadratic < 1e-12 {
-            // along the row: inside or outside as a whole
+            // the axis is along the row: the row is inside or outside as a whole
             if constant > 0.0 {
                 return None;
             }
@@ -77,20 +78,20 @@ impl Cylinder {
     }
 }
 
-/// Which rows a cylinder may meet, and where; a hair more, whatever the rounding.
+/// Bounds of the rows that a cylinder may meet, and of the part of each row, with a margin for rounding.
 #[derive(Debug)]
 pub(super) struct Outline {
     start: Vector3<f64>,
-    /// Its box.
+    /// The cylinder's bounding box.
     extent: [(f64, f64); 3],
-    /// How far the endless cylinder's ellipse in a layer moves along x and y from layer to layer, and half its box; endless where the
-    /// cylinder is too flat.
+    /// Displacement of the infinite cylinder's ellipse along x and y from layer to layer, and half the size of the ellipse's
+    /// box; infinite where the axis is too flat.
     per_layer: [f64; 2],
     half: [f64; 2],
 }
 
 impl Outline {
-    /// That of the cylinder of a radius about `start` + t·axis (unit) for t between two places.
+    /// The outline of the cylinder of `radius` about `start` + t·axis (unit) for t between two values.
     pub(super) fn new(start: Vector3<f64>, axis: &Vector3<f64>, between: [f64; 2], radius: f64) -> Self {
         let across = |a: usize| (1.0 - axis[a] * axis[a]).max(0.0).sqrt();
         let extent = [0, 1, 2].map(|a| {
@@ -108,12 +109,12 @@ impl Outline {
         Self { start, extent, per_layer, half }
     }
 
-    /// Layers along z, of `n`.
+    /// The layers along z that it may meet, of `n`.
     pub(super) fn layers(&self, n: usize) -> Range<usize> {
         clip(self.extent[2].0, self.extent[2].1, n)
     }
 
-    /// Places along x and y in layer `z`.
+    /// The voxels along x and y that it may meet in layer `z`.
     #[inline]
     pub(super) fn in_layer(&self, z: f64, dims: [usize; 3]) -> [Range<usize>; 2] {
         [0, 1].map(|a| {

@@ -1,7 +1,7 @@
-//! When each eighth of a voxel goes: removal times on a lattice of half the spacing.
+//! Removal times of each eighth of a voxel, on a lattice of half the spacing.
 //!
-//! A voxel whose centre is gone may keep a corner, for a few moves or for good, and a shank that passes where centres are
-//! gone may meet it. Eighths count by their own centres, as voxels do by theirs.
+//! A voxel whose centre is removed may keep a corner, for a few moves or for good, and the shank may meet this corner. An
+//! eighth counts as removed when its own centre is.
 
 use bonemill_stock::removal::NEVER;
 use bonemill_stock::runs::{straight_runs, take_runs};
@@ -13,22 +13,22 @@ use rayon::prelude::*;
 use super::solid::ShankObstacles;
 use crate::path::PathPoint;
 
-/// Layers of eighths that one task sweeps; a move that does not reach them costs it a comparison.
+/// Number of layers of eighths that one task sweeps; for a move that does not reach them it only makes one comparison.
 const LAYERS: usize = 16;
 
-/// The first move whose ball covers each eighth, over the box of voxels with eighths that go.
+/// The first move whose ball covers each eighth, over the box of the voxels with removable eighths.
 #[derive(Debug, Clone)]
 pub struct EighthTimes {
     /// The first voxel of the box.
     first: [usize; 3],
-    /// Eighths along each axis.
+    /// Number of eighths along each axis.
     dims: [usize; 3],
-    /// Per eighth, x-fastest.
+    /// Removal time of each eighth, x-fastest.
     time: Vec<u32>,
 }
 
 impl EighthTimes {
-    /// Sweeps the path. Each task has some layers to itself, so threads change nothing.
+    /// Sweeps the path. Each task has its own layers, so the result does not depend on the number of threads.
     pub fn new(solid: &ShankObstacles, points: &[PathPoint], radius_mm: f64) -> Self {
         let (grid, (first, dims)) = (solid.grid(), eighths_that_go(solid));
         let half_mm = 0.5 * grid.spacing_mm().x;
@@ -54,7 +54,7 @@ impl EighthTimes {
         Self { first, dims, time }
     }
 
-    /// Times of a voxel's eighths, in the order of [`ShankObstacles`]'s bits; [`NEVER`] for those that do not go.
+    /// Times of a voxel's eighths, in the order of [`ShankObstacles`]'s bits; [`NEVER`] for those that are not removed.
     pub fn of(&self, voxel: [usize; 3]) -> [u32; 8] {
         let low: [usize; 3] = std::array::from_fn(|a| voxel[a].wrapping_sub(self.first[a]));
         if (0..3).any(|a| low[a] >= self.dims[a] / 2) {
@@ -67,7 +67,7 @@ impl EighthTimes {
     }
 }
 
-/// The first voxel of the box of those with eighths that go, and the box's eighths along each axis.
+/// The first voxel of the box of the voxels with removable eighths, and the number of the box's eighths along each axis.
 fn eighths_that_go(solid: &ShankObstacles) -> ([usize; 3], [usize; 3]) {
     let going = solid.going();
     (going.clone().map(|range| range.start), going.map(|range| 2 * range.len()))

@@ -1,4 +1,4 @@
-//! What stands in a cylinder, asked eighth by eighth.
+//! Tests the eighths of voxels in a cylinder one by one.
 
 use std::ops::{ControlFlow, Range};
 
@@ -11,26 +11,26 @@ use super::field::{self, Field};
 use super::solid::ShankObstacles;
 use super::{Blocked, PosedShank, ShankCylinder, aside_mm};
 
-/// The eighths of voxels that are solid, and for how long.
+/// The solid eighths of voxels, and when they are removed.
 #[derive(Debug)]
 pub(super) struct Eighths<'a> {
     solid: &'a ShankObstacles,
     rows: Rows,
     pub eighths: EighthTimes,
-    /// T of what is solid, voxel by voxel: of the eighth that goes last.
+    /// For each voxel, T of its solid eighth that is removed last.
     pub latest: Field,
-    /// The latest of every few of them.
+    /// The latest of these times in every run of voxels.
     latest_of_runs: Vec<f32>,
 }
 
 impl<'a> Eighths<'a> {
-    /// Of a path with these removal times.
+    /// The eighths for a path with these removal times.
     pub(super) fn new(solid: &'a ShankObstacles, eighths: EighthTimes) -> Self {
         let latest = Field::removal_time(solid, &eighths);
         Self { solid, rows: Rows::of(solid.grid()), latest_of_runs: latest.runs(), eighths, latest }
     }
 
-    /// What stands in a cylinder between two distances along the axis, asked eighth by eighth.
+    /// An eighth that blocks the cylinder between two distances along its axis, if there is one.
     pub(super) fn blocked_part(
         &self,
         cylinder: &ShankCylinder,
@@ -44,7 +44,7 @@ impl<'a> Eighths<'a> {
             let at_mm = off.dot(axis);
             let aside_mm = narrower.aside_mm(radius_mm, at_mm.max(0.0));
             let across_mm = (off - axis * at_mm).norm();
-            // what the burr takes in this very move lies before the front
+            // bone that the burr removes in this same move lies before the front
             let first_mm = if latest > index as f32 { from_mm - aside_mm } else { from_mm };
             let is_in = (first_mm..=to_mm + aside_mm).contains(&at_mm) && across_mm <= radius_mm + aside_mm;
             (latest >= index as f32 && is_in).then(|| Blocked::by(latest, at_mm))
@@ -53,7 +53,7 @@ impl<'a> Eighths<'a> {
             let runs = run.start / field::RUN..run.end.div_ceil(field::RUN);
             self.latest_of_runs[runs].iter().any(|latest| *latest >= index as f32)
         };
-        // from a voxel's centre to that of an eighth, whatever the rounding; and what the shank may be aside, also along the axis
+        // distance from a voxel's centre to that of an eighth, with a margin for rounding; the shank's deviation also along the axis
         let eighth_mm = 0.25 * (1.0 + 1e-6) * self.solid.grid().diagonal_mm();
         let aside_mm = aside_mm(radius_mm, to_mm + 2.0 * aside_mm(radius_mm, to_mm));
         let low_mm = if start_mm > from_mm { start_mm } else { from_mm - aside_mm };
@@ -62,7 +62,7 @@ impl<'a> Eighths<'a> {
             ([low_mm - eighth_mm, high_mm + eighth_mm], radius_mm + aside_mm + eighth_mm);
         let mut found = None;
         let visit = |found: &mut Option<Blocked>, run: Range<usize>| {
-            // without a way out of the loop, which is quicker than with one
+            // a loop without an early exit is faster here
             if !self.latest.value[run.clone()]
                 .iter()
                 .fold(false, |stands, latest| stands | (*latest >= index as f32))

@@ -1,4 +1,4 @@
-//! Removal times on a grid, dilated, pooled, and looked up at points.
+//! Removal times on a grid: dilated, pooled into blocks, and looked up at points.
 
 use bonemill_geometry::{Grid, Work, cancel};
 use bonemill_stock::removal::NEVER;
@@ -10,10 +10,11 @@ use super::solid::ShankObstacles;
 
 /// Removal time of free voxels: before every move.
 const FREE: f32 = -1.0;
-/// Removal time of what is never removed.
+/// Removal time of voxels that are never removed.
 pub(super) const SOLID: f32 = f32::INFINITY;
 
-/// T of each eighth of a voxel, [`FREE`] where there is nothing; exact: a path has fewer than 2²⁴ waypoints.
+/// T of each eighth of a voxel, [`FREE`] where it is empty. Single precision is exact, because a path has fewer than 2²⁴
+/// waypoints.
 pub(super) fn latest_of_eighths(solid: &ShankObstacles, eighths: &EighthTimes, voxel: usize) -> [f32; 8] {
     let (stays, goes) = (solid.stays(voxel), solid.goes(voxel));
     let time = if goes == 0 { [NEVER; 8] } else { eighths.of(solid.grid().voxel(voxel)) };
@@ -24,13 +25,13 @@ pub(super) fn latest_of_eighths(solid: &ShankObstacles, eighths: &EighthTimes, v
     })
 }
 
-/// From a voxel's centre to its corner, voxels.
+/// Distance from a voxel's centre to its corner, voxels.
 const HALF_DIAGONAL: f64 = 0.866_025_403_784_438_6;
-/// More than rounding moves a sample of a march, voxels.
+/// An upper bound of the rounding of a sample's position in a march, voxels.
 const ROUNDING: f64 = 1e-5;
-/// Values that one look at memory brings.
+/// Number of values in one cache line.
 const LINE: usize = 16;
-/// Voxels in a run.
+/// Number of voxels in a run.
 pub(super) const RUN: usize = 8;
 
 /// An axis-aligned box in work, mm.
@@ -41,25 +42,25 @@ pub(super) struct Bounds {
 }
 
 impl Bounds {
-    /// That of all voxels of a grid along work's axes.
+    /// The box of all voxels of a grid along work's axes.
     pub(super) fn of(grid: &Grid<Work>) -> Self {
         let low_mm = grid.origin().coords - 0.5 * grid.spacing_mm();
         let size = Vector3::from(grid.dims().map(|n| n as f64)).component_mul(&grid.spacing_mm());
         Self { low_mm, high_mm: low_mm + size }
     }
 
-    /// Whether it holds a point.
+    /// Whether it contains a point.
     #[inline]
     pub(super) fn holds(&self, p: &Vector3<f64>) -> bool {
         (0..3).all(|a| self.low_mm[a] <= p[a] && p[a] < self.high_mm[a])
     }
 
-    /// Whether it holds all of a ball.
+    /// Whether it contains a whole ball.
     pub(super) fn holds_ball(&self, p: &Vector3<f64>, radius_mm: f64) -> bool {
         self.holds(&p.add_scalar(-radius_mm)) && self.holds(&p.add_scalar(radius_mm))
     }
 
-    /// The place in it that is nearest to a point, within a millionth of a voxel of a work grid.
+    /// The point of the box nearest to a point, to a millionth of a voxel of a planning grid.
     pub(super) fn nearest(&self, p: &Vector3<f64>) -> Vector3<f64> {
         p.sup(&self.low_mm).inf(&self.high_mm.add_scalar(-1e-7))
     }
@@ -93,13 +94,13 @@ pub(super) struct Field {
     pub(super) spacing_mm: f64,
     /// Centre of the first voxel, mm in work.
     origin_mm: f64,
-    /// Whether a voxel stands for a block of grid voxels.
+    /// Whether a voxel of the field is a block of grid voxels.
     pub(super) is_blocks: bool,
     pub(super) value: Vec<f32>,
 }
 
 impl Field {
-    /// T of the eighth of a voxel that goes last, [`FREE`] where there is nothing.
+    /// For each voxel, T of the eighth that is removed last; [`FREE`] where it is empty.
     pub(super) fn removal_time(solid: &ShankObstacles, eighths: &EighthTimes) -> Self {
         let grid = solid.grid();
         let of = |voxel: usize| {
@@ -114,7 +115,7 @@ impl Field {
         Self::of_each(grid, of)
     }
 
-    /// T by voxels, as a comparison of paths has it: a voxel stands for the most of its eighths.
+    /// T of whole voxels, for a comparison of paths: a voxel is solid if at least half of its eighths are.
     pub(super) fn of_voxels(solid: &ShankObstacles, removal_time: &[u32]) -> Self {
         let most = |eighths: u8| eighths.count_ones() >= 4;
         let of = |voxel: usize| match (most(solid.stays(voxel)), most(solid.goes(voxel)), removal_time[voxel])
@@ -138,15 +139,15 @@ impl Field {
         }
     }
 
-    /// Blocks of `factor`³ voxels, each with its latest time, and room of `pad_mm` around, where the handpiece still
-    /// meets what lies at the border. In memory z comes first, along which marches go.
+    /// Blocks of `factor`³ voxels, each with its latest time, with a margin of `pad_mm` around, in which the handpiece can still
+    /// meet voxels at the border. Memory runs along z first, because marches go mostly along z.
     pub(super) fn pooled(&self, factor: usize, pad_mm: f64) -> Self {
         let spacing_mm = self.spacing_mm * factor as f64;
         let pad = (pad_mm / spacing_mm).ceil() as usize + 2;
         let [nx, ny, nz] = self.dims;
         let [bz, by, bx] = [nz, ny, nx].map(|n| n.div_ceil(factor) + 2 * pad);
         let mut value = vec![FREE; bx * by * bz];
-        // several slabs at once, since a look at a row of voxels brings its neighbours along
+        // several slabs at once, because reading a row of voxels loads its neighbours into the cache
         let portion = LINE.div_ceil(factor).max(1);
         value[pad * by * bz..].par_chunks_mut(portion * by * bz).enumerate().for_each(|(n, slabs)| {
             let voxels = n * portion * factor..((n + 1) * portion * factor).min(nx);
@@ -168,23 +169,24 @@ impl Field {
         Self { is_z_first: true, dims: [bz, by, bx], spacing_mm, origin_mm, is_blocks: factor > 1, value }
     }
 
-    /// Latest time around each voxel: the maximum over a ball that holds all that a march step stands for.
+    /// Latest time around each voxel: the maximum over a ball that covers the part of the cylinder nearest to a step of a march.
     ///
-    /// A solid eighth in the cylinder is within √(ρ² + (s/2)²) of the nearest step of the march, that within half a voxel's
-    /// diagonal of the voxel that is looked up, and the eighth within half of that of its own; a block may hold it half
-    /// of the block's diagonal off.
+    /// A solid eighth in the cylinder is within √(ρ² + (s/2)²) of the nearest step of the march. The step is within half a
+    /// voxel's diagonal of the centre of the voxel that is read. The eighth's centre is within a quarter of a diagonal of its
+    /// voxel's centre; in a block, within half the block's diagonal.
     pub(super) fn dilated(self, radius_mm: f64) -> Self {
         let radius = self.ball_voxels(radius_mm);
         Self { value: ball_maximum(&self.value, self.dims, radius), ..self }
     }
 
-    /// Latest time of the voxels with their centres within `radius_mm` of each voxel's.
+    /// For each voxel, the latest time of the voxels whose centres are within `radius_mm` of its centre.
     pub(super) fn within(self, radius_mm: f64) -> Self {
         Self { value: ball_maximum(&self.value, self.dims, radius_mm / self.spacing_mm), ..self }
     }
 
-    /// Latest time within a ball that holds no eighth beyond `radius_mm` from any point that the voxel holds; `None` where there is no
-    /// such ball. An eighth is within half of half a diagonal of its voxel's centre, in a block within half a diagonal.
+    /// For each voxel, the latest time within a ball so small that all its eighths are within `radius_mm` of every point of the
+    /// voxel; `None` if there is no such ball. An eighth's centre is within a quarter of a diagonal of its voxel's centre; in a
+    /// block, within half a diagonal.
     pub(super) fn surely_within(&self, radius_mm: f64) -> Option<Self> {
         let eighth = if self.is_blocks { HALF_DIAGONAL } else { 0.5 * HALF_DIAGONAL };
         let radius = radius_mm / self.spacing_mm - HALF_DIAGONAL - eighth - ROUNDING;
@@ -192,10 +194,10 @@ impl Field {
         Some(Self { value, ..*self })
     }
 
-    /// The latest time within `reach_mm` of any point of a block of `side`³ voxels: of the voxels that hold such points.
+    /// The latest time of the voxels that have points within `reach_mm` of a block of `side`³ voxels.
     pub(super) fn latest_around(&self, side: usize, reach_mm: f64) -> Self {
         let spacing_mm = self.spacing_mm * side as f64;
-        // from the middle of a block to that of another, each half a diagonal from its farthest point
+        // from the centre of one block to that of another, each half a diagonal from its farthest point
         let radius = reach_mm / spacing_mm + 2.0 * HALF_DIAGONAL + ROUNDING;
         let pad = radius.ceil() as usize;
         let (blocks, latest) = self.blocks(side);
@@ -234,7 +236,7 @@ impl Field {
         self.bounds().crossing(center, axis)
     }
 
-    /// The value of the voxel that holds `p`, [`FREE`] outside.
+    /// The value of the voxel that contains `p`; [`FREE`] outside.
     #[inline]
     pub(super) fn at(&self, p: &Vector3<f64>) -> f32 {
         self.voxel(p).map_or(FREE, |[i, j, k]| self.value[i + self.dims[0] * (j + self.dims[1] * k)])
@@ -246,23 +248,23 @@ impl Field {
         self.dims
     }
 
-    /// A point along the axes in memory's order, in voxels; whole numbers are faces between them.
+    /// A point's coordinates along the axes in memory's order, in voxels; whole numbers are faces between voxels.
     #[inline]
     pub(super) fn place(&self, p: &Vector3<f64>) -> [f64; 3] {
         let scale = 1.0 / self.spacing_mm;
         self.turned([p.x, p.y, p.z]).map(|c| (c - self.origin_mm) * scale + 0.5)
     }
 
-    /// From work's axes to memory's order, or back.
+    /// Reorders coordinates from work's axes to memory's order, or back.
     #[inline]
     pub(super) fn turned(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         if self.is_z_first { [z, y, x] } else { [x, y, z] }
     }
 
-    /// The voxel that holds `p`, along the axes in memory's order.
+    /// The voxel that contains `p`, along the axes in memory's order.
     #[inline]
     fn voxel(&self, p: &Vector3<f64>) -> Option<[usize; 3]> {
-        // truncation is rounding down for what is not negative
+        // truncation rounds down values that are not negative
         let at = |v: f64, n: usize| (v >= 0.0 && v < n as f64).then_some(v as usize);
         let ([x, y, z], [nx, ny, nz]) = (self.place(p), self.dims);
         Some([at(x, nx)?, at(y, ny)?, at(z, nz)?])
@@ -288,13 +290,13 @@ impl Field {
     }
 }
 
-/// Rows and layers of rows that are dilated together: with what is around them they fit a core's cache.
+/// Number of rows and of layers that are dilated together; with their surroundings they fit a core's cache.
 const TILE: [usize; 2] = [32, 8];
 
 /// Maximum over the ball of `radius` voxels around each voxel.
 ///
-/// The ball is a stack of rows. Rows of equal half-width share one running maximum along memory; what remains per voxel is
-/// one comparison per row of the ball, in memory order. Tile by tile, so that memory is read once.
+/// The ball is a stack of rows. Rows of equal half-width share one running maximum along memory; then each voxel needs one
+/// comparison per row of the ball, in memory order. Tiles are processed one by one, so that memory is read once.
 fn ball_maximum(value: &[f32], dims: [usize; 3], radius: f64) -> Vec<f32> {
     let [nx, ny, nz] = dims;
     let reach = radius.floor() as i64;
@@ -318,7 +320,7 @@ fn ball_maximum(value: &[f32], dims: [usize; 3], radius: f64) -> Vec<f32> {
             cancel::poll();
             let end_j = (first_j + tile_j).min(ny);
             let js = around(first_j, end_j, ny);
-            // each row with room at both ends, so that windows may reach beyond it
+            // each row has a margin at both ends, so that windows may extend beyond it
             let length = nx + 2 * reach;
             windows.clear();
             for k in ks.clone() {
@@ -351,7 +353,8 @@ fn ball_maximum(value: &[f32], dims: [usize; 3], radius: f64) -> Vec<f32> {
     out
 }
 
-/// From the maxima over `row[i..=i + 2w]` to those over `row[i..=i + 2w + 2]`, in place; the last two are of no more use.
+/// Turns the maxima over `row[i..=i + 2w]` into those over `row[i..=i + 2w + 2]`, in place; the last two values become
+/// invalid.
 fn widen(row: &mut [f32]) {
     for i in 2..row.len() {
         let [a, b, c] = [row[i - 2], row[i - 1], row[i]];
@@ -360,7 +363,7 @@ fn widen(row: &mut [f32]) {
     }
 }
 
-/// The greater of each and its counterpart.
+/// Replaces each value of `target` by the greater of it and its counterpart.
 fn greatest(target: &mut [f32], source: &[f32]) {
     for (t, s) in target.iter_mut().zip(source) {
         *t = if *s > *t { *s } else { *t };
@@ -369,7 +372,7 @@ fn greatest(target: &mut [f32], source: &[f32]) {
 
 #[cfg(test)]
 impl Field {
-    /// A field that is free but for some voxels.
+    /// A field that is free except for some voxels.
     pub(super) fn of_test(
         dims: [usize; 3],
         spacing_mm: f64,
@@ -389,7 +392,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(bonemill_testkit::fixed(40))]
-        /// On grids of one tile and of several.
+        /// Tested on grids of one tile and of several.
         #[test]
         fn the_ball_maximum_is_the_maximum_over_the_ball(
             value in prop::collection::vec(-1.0f32..9.0, 5 * 37 * 11), radius in 0.0f64..4.5, is_small in any::<bool>(),
@@ -408,7 +411,7 @@ mod tests {
         }
     }
 
-    /// Against every eighth there may be, for voxels and for blocks of them.
+    /// Compared with all possible eighths, for voxels and for blocks.
     #[test]
     fn what_is_surely_within_is_within_of_every_point_of_the_voxel() {
         for factor in [1, 2, 3] {
@@ -417,7 +420,7 @@ mod tests {
             for radius_mm in [0.7, 0.9, 1.3, 1.345, 1.9] {
                 let pooled = field.pooled(factor, 0.0);
                 let Some(within) = pooled.surely_within(radius_mm) else { continue };
-                // the farthest eighth of the one solid voxel, from the corners of each voxel that says it is near
+                // the farthest eighth of the one solid voxel, from the corners of each voxel in whose ball it lies
                 let center = Vector3::new(3.0, 5.0, 9.0) * 0.2;
                 let [bz, by, _] = within.dims;
                 for n in (0..within.value.len()).filter(|n| within.value[*n] > FREE) {
@@ -430,7 +433,7 @@ mod tests {
         }
     }
 
-    /// Against every place around, in the field and beyond it.
+    /// Compared with all places around, in the field and beyond it.
     #[test]
     fn what_is_latest_around_a_place_is_no_earlier_than_what_any_place_around_has() {
         let times: Vec<(usize, f32)> = (0..40).map(|n| (n * 7919 % (11 * 9 * 13), n as f32)).collect();

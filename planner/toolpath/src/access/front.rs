@@ -1,7 +1,7 @@
-//! The flat front of a thick cylinder, held by small balls.
+//! The flat front of a thick cylinder, covered by small balls.
 //!
-//! The balls stand on a lattice, one per cube that a ball holds. Groups of neighbours are tested as one first: most of a front is
-//! far from everything.
+//! The balls' centres form a lattice, one per cube that fits into a ball. Groups of 3×3×3 balls are tested first by one
+//! lookup, which clears most groups, because most of a front is far from everything.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -10,16 +10,16 @@ use nalgebra::Vector3;
 
 use super::ShankCylinder;
 
-/// Cubes along a side of a group.
+/// Side of a group, cubes.
 const GROUP: i64 = 3;
 
-/// Balls of one size whose union holds a cylinder's front.
+/// Balls of one size whose union covers a cylinder's front.
 #[derive(Debug)]
 pub(super) struct Front {
-    /// Their centres: across, across and along the axis, mm; group by group.
+    /// Their centres, two coordinates across the axis and one along it, mm; group by group.
     balls: Vec<Vector3<f64>>,
     groups: Vec<BallGroup>,
-    /// No ball's centre is farther from its group's middle, mm.
+    /// Largest distance of a ball's centre from its group's middle, mm.
     reach_mm: f64,
 }
 
@@ -30,7 +30,7 @@ struct BallGroup {
 }
 
 impl Front {
-    /// Balls of `ball_mm` that hold the cylinder's first `length_mm`.
+    /// Balls of radius `ball_mm` that cover the cylinder's first `length_mm`.
     pub(super) fn new(cylinder: &ShankCylinder, length_mm: f64, ball_mm: f64) -> Self {
         let side = 2.0 * ball_mm / 3f64.sqrt();
         let across = (cylinder.radius_mm / side).ceil() as i64;
@@ -43,7 +43,7 @@ impl Front {
                     if nearest(i).hypot(nearest(j)) < cylinder.radius_mm {
                         let middle = |n: i64| (n as f64 + 0.5) * side;
                         let center = Vector3::new(middle(i), middle(j), cylinder.from_mm + middle(k));
-                        // those nearest to the burr come first
+                        // the groups nearest to the burr come first
                         cubes.entry([k, j, i].map(|n| n.div_euclid(GROUP))).or_default().push(center);
                     }
                 }
@@ -62,13 +62,13 @@ impl Front {
         front
     }
 
-    /// How far a group's balls may be from the place that is tested for all of them, mm; a hair more, whatever the rounding.
+    /// Largest distance of a group's balls from the place that is tested for all of them, mm, with a margin for rounding.
     pub(super) fn reach_mm(&self) -> f64 {
         self.reach_mm + 1e-6
     }
 
-    /// What `met` finds at a ball, if it finds anything; balls are passed over where `is_free` says of a place that none within
-    /// [`Self::reach_mm`] of it meets anything.
+    /// The first result of `met` at a ball, if there is one. A group is skipped if `is_free` says that no ball within
+    /// [`Self::reach_mm`] of the group's middle meets anything.
     pub(super) fn find<R>(
         &self,
         is_free: impl Fn(&Vector3<f64>) -> bool,
@@ -110,7 +110,7 @@ mod tests {
         }
     }
 
-    /// Whatever one thing there is to meet, asking by groups finds it where asking every ball does.
+    /// For a single obstacle anywhere, testing by groups finds it whenever testing every ball does.
     #[test]
     fn groups_pass_over_nothing() {
         let cylinder = ShankCylinder { from_mm: 20.0, to_mm: 60.0, radius_mm: 7.0 };

@@ -1,15 +1,16 @@
-//! Looking along a ray for the first voxel that is solid for long enough.
+//! Searches along a ray for the first voxel whose removal time is late enough to block.
 //!
-//! A march looks at the voxel that holds every sample, one voxel apart. Places are counted in 2⁻³² of a voxel, so that a step
-//! is an addition and a place's voxel a shift. Blocks of voxels with their latest time say how far nothing need be looked at.
+//! A march reads the voxel of every sample; samples are one voxel apart. Positions are integers in units of 2⁻³² voxel, so
+//! that a step is an addition and the voxel of a position is a shift. Blocks of voxels, each with its latest time, tell how
+//! many samples can be skipped.
 
 use nalgebra::Vector3;
 
 use super::field::Field;
 
-/// Bits of a voxel.
+/// Number of bits for the fraction of a voxel.
 const FRACTION: u32 = 32;
-/// A block's side is 2 to this, voxels.
+/// A block's side is 2 to this power, voxels.
 const BLOCK: u32 = 3;
 
 /// A field with the latest time in each of its blocks.
@@ -20,18 +21,18 @@ pub(super) struct Marched {
     latest: Vec<f32>,
 }
 
-/// Samples along a ray through a field, the first at a place, the others one voxel apart, the last where the ray ends.
+/// Samples along a ray through a field: the first at the start, the others one voxel apart, the last at the ray's end.
 #[derive(Debug)]
 pub(super) struct Ray {
-    /// The next sample.
+    /// Number of the next sample.
     next: usize,
-    /// The last.
+    /// Number of the last sample.
     last: usize,
-    /// Where the next one is, along the field's axes, unless it is the last; and from each to the one after it.
+    /// Position of the next sample along the field's axes, unless it is the last; and the step from each sample to the next.
     at: [i64; 3],
     step: [i64; 3],
     per_step: [f64; 3],
-    /// Where the last one is.
+    /// Position of the last sample.
     end: [i64; 3],
 }
 
@@ -41,7 +42,7 @@ impl Marched {
         Self { field, blocks, latest }
     }
 
-    /// The ray center + t·axis (unit) for t from `from_mm` to `to_mm`; none if that is nothing.
+    /// The ray center + t·axis (unit) for t from `from_mm` to `to_mm`; `None` if this is empty.
     pub(super) fn ray(
         &self,
         center: &Vector3<f64>,
@@ -51,13 +52,13 @@ impl Marched {
         let one = (1i64 << FRACTION) as f64;
         let place = |at_mm: f64| self.field.place(&(center + axis * at_mm)).map(|at| (at * one) as i64);
         let step = self.field.turned([axis.x, axis.y, axis.z]).map(|a| (a * one) as i64);
-        // nothing where one is not a number, either
+        // also empty if one of them is NaN
         (from_mm <= to_mm).then(|| Ray {
             next: 0,
             last: ((to_mm - from_mm) / self.field.spacing_mm) as usize + 1,
             at: place(from_mm),
             step,
-            // what does not move along an axis counts as leaving backwards, never
+            // a ray that does not move along an axis never leaves a block along it
             per_step: step.map(|s| if s == 0 { f64::NEG_INFINITY } else { 1.0 / s as f64 }),
             end: place(to_mm),
         })
@@ -65,7 +66,8 @@ impl Marched {
 }
 
 impl Ray {
-    /// The next sample at or after which the field has `index` or later: its number and the field there. It counts as seen.
+    /// The next sample at which the field is `index` or later: its number and the field's value there. The march continues
+    /// after it.
     #[inline]
     pub(super) fn next_standing(&mut self, marched: &Marched, index: f32) -> Option<(usize, f32)> {
         let dims = marched.field.dims();
@@ -73,7 +75,7 @@ impl Ray {
         while self.next <= self.last {
             let at = if self.next == self.last { self.end } else { self.at };
             let voxel = at.map(|c| (c >> FRACTION) as usize);
-            // what is negative is beyond every dimension
+            // a negative value becomes larger than every dimension
             if voxel[0] >= dims[0] || voxel[1] >= dims[1] || voxel[2] >= dims[2] {
                 self.skip(1);
                 continue;
@@ -99,7 +101,7 @@ impl Ray {
         None
     }
 
-    /// Passes over samples; never over the last, unless that is the next.
+    /// Skips samples; the last one is skipped only if it is the next.
     #[inline]
     pub(super) fn skip(&mut self, samples: usize) {
         if self.next >= self.last {
@@ -113,7 +115,7 @@ impl Ray {
         }
     }
 
-    /// Samples after the next one that lie in its block as well, or fewer.
+    /// A lower bound of the number of samples after the next one that lie in the same block.
     #[inline]
     fn within_block(&self) -> usize {
         let mut steps = f64::INFINITY;
@@ -121,12 +123,12 @@ impl Ray {
             let block = self.at[a] >> (FRACTION + BLOCK);
             let edge = (block + i64::from(self.step[a] > 0)) << (FRACTION + BLOCK);
             let room = (edge - self.at[a]) as f64 * self.per_step[a];
-            // on the very edge 0·∞ is not a number, and is passed over
+            // exactly on the edge 0·∞ is NaN, and the comparison is false
             if room < steps {
                 steps = room;
             }
         }
-        // one that lies on the edge, or nearly, is looked at
+        // a sample that lies on the edge, or nearly, is not skipped
         (steps - 1e-3).max(0.0).min(f64::from(u32::MAX)) as usize
     }
 }
@@ -138,7 +140,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(bonemill_testkit::fixed(2000))]
-        /// Samples that lie nearly between voxels may count for either.
+        /// Samples almost on the face between two voxels may count for either.
         #[test]
         fn a_march_finds_what_looking_at_every_sample_finds(
             cubes in prop::collection::vec((prop::array::uniform3((0usize..8).prop_map(|n| 4 * n)), 1usize..9, 0.0f32..9.0), 0..25),
@@ -150,7 +152,7 @@ mod tests {
             index in 0.0f32..9.0,
             skip in 0usize..9,
         ) {
-            // axes along the field's and across one of them have places that never change
+            // for axes along the field's axes, or perpendicular to one, some coordinates never change
             let axis = std::array::from_fn(|n| if along < 3 && n != along || along == n + 3 { 0.0 } else { axis[n] });
             let Some(axis) = Vector3::from(axis).try_normalize(1e-3) else { return Ok(()) };
             let dims = [43, 21, 30];

@@ -1,8 +1,8 @@
-//! What of each voxel the shank may not touch, by eighths.
+//! The eighths of each voxel that the shank must not touch.
 //!
-//! A voxel has the class of its centre. One that is free may hold a part of the bone or of a structure whose voxels it
-//! faces: an eighth towards a solid neighbour counts as that neighbour does, and a voxel beside a structure as the
-//! structure, whose own voxels may end anywhere in it.
+//! A voxel has the class of its centre. A free voxel may still contain a part of the bone or structure beside it. So an
+//! eighth towards a solid neighbour has the neighbour's class, and a whole voxel beside a structure counts as the structure,
+//! because the structure's own voxels (on the label map's grid) may end anywhere in it.
 
 use std::ops::Range;
 
@@ -16,19 +16,19 @@ use crate::neighbours::joined;
 /// All eighths of a voxel.
 const ALL: u8 = 0xff;
 
-/// Which eighths of each voxel are solid, for good or until the burr takes them. Bit n is the eighth that lies up along x,
-/// y and z where bits 0, 1 and 2 of n are set.
+/// The solid eighths of each voxel, both permanent ones and those that the burr removes. Bit n is the eighth on the upper
+/// side along x, y and z where bits 0, 1 and 2 of n are set.
 #[derive(Debug)]
 pub struct ShankObstacles {
     grid: Grid<Work>,
     stays: Vec<u8>,
     goes: Vec<u8>,
-    /// The box of the voxels with eighths that go.
+    /// The box of the voxels with removable eighths.
     going: [Range<usize>; 3],
 }
 
 impl ShankObstacles {
-    /// Of a scene. `shank_clearances_mm`: one per structure.
+    /// The obstacles of a scene. `shank_clearances_mm`: one per structure.
     pub fn new(scene: &Scene, shank_clearances_mm: &[f64]) -> Self {
         let grid = scene.class.grid().clone();
         let class = scene.class.data();
@@ -36,7 +36,7 @@ impl ShankObstacles {
         let own: Vec<u8> = class.iter().map(|class| class.0 & seen).collect();
         let around = joined(&own, grid.dims(), |a, b| a | b);
         let hidden_mm = 0.5 * grid.diagonal_mm();
-        // without a clearance the voxels of the structure itself and those beside them are enough
+        // without a clearance, the structure's own voxels and those beside them suffice
         let with_clearance: Vec<_> = scene
             .structures
             .iter()
@@ -65,22 +65,22 @@ impl ShankObstacles {
         Self { grid, stays, goes, going }
     }
 
-    /// The voxels.
+    /// The grid of the voxels.
     pub fn grid(&self) -> &Grid<Work> {
         &self.grid
     }
 
-    /// Eighths of a voxel that no move takes.
+    /// Eighths of a voxel that no move removes.
     pub fn stays(&self, voxel: usize) -> u8 {
         self.stays[voxel]
     }
 
-    /// Eighths of a voxel that stand until the burr covers them.
+    /// Eighths of a voxel that are solid until the burr covers them.
     pub fn goes(&self, voxel: usize) -> u8 {
         self.goes[voxel]
     }
 
-    /// The box of the voxels with eighths that go, per axis.
+    /// The box of the voxels with removable eighths, per axis.
     pub fn going(&self) -> [Range<usize>; 3] {
         self.going.clone()
     }
@@ -95,7 +95,7 @@ impl ShankObstacles {
     }
 }
 
-/// Eighths of a free voxel that face obstacles, and those that face the target's material alone.
+/// Eighths of a free voxel that face obstacles, and those that face only the target's material.
 fn facing(grid: &Grid<Work>, class: &[Class], n: usize) -> (u8, u8) {
     let (voxel, dims) = (grid.voxel(n), grid.dims());
     let (mut stays, mut goes) = (0, 0);
@@ -152,10 +152,10 @@ mod tests {
         let grid = grid();
         let mut class = vec![Class(0); grid.len()];
         class[grid.index([2, 1, 1])] = Class(Class::MATERIAL);
-        // bits 0, 2, 4, 6 lie low along x, the others high
+        // bits 0, 2, 4, 6 are the lower eighths along x, the others the upper ones
         assert_eq!(facing(&grid, &class, grid.index([1, 1, 1])), (0, 0b1010_1010));
         assert_eq!(facing(&grid, &class, grid.index([3, 1, 1])), (0, 0b0101_0101));
-        // across an edge: low along y, high along x
+        // across an edge: the lower ones along y, the upper ones along x
         assert_eq!(facing(&grid, &class, grid.index([1, 2, 1])), (0, 0b0010_0010));
         class[grid.index([1, 0, 0])] = Class(Class::OBSTACLE);
         assert_eq!(facing(&grid, &class, grid.index([1, 1, 1])), (0b0000_0011, 0b1010_1000));

@@ -1,9 +1,10 @@
 //! The shank during a whole move, while it turns from one axis to the next.
 //!
-//! The move is tested at places so near to each other that no point of the thin shank moves farther than [`STRIDE_MM`] between
-//! two, with a shank that holds what it sweeps between them. Where that leaves a doubt the places are taken twice as near and
-//! the shank less wide, up to [`HALVINGS`] times. A place where the shank lacks even the room that the arm's tolerance takes is
-//! blocked; so is a move that is still in doubt after the last halving, where a shank sweeps 3 µm between two places.
+//! The move is tested at places so close together that no point of the thin shank moves farther than [`STRIDE_MM`] between
+//! two of them, with a shank that is widened by the volume swept between them. If this does not decide, the distance is
+//! halved and the shank made less wide, up to [`HALVINGS`] times. The move is blocked if at some place the shank lacks even
+//! the room for the arm's tolerance, or if the last halving, at which the shank is widened by 3 µm, does not show that it
+//! is free.
 
 use bonemill_geometry::{Point, Work};
 use nalgebra::{Unit, Vector3};
@@ -11,21 +12,21 @@ use nalgebra::{Unit, Vector3};
 use super::{Access, Narrower, PosedShank, STRIDE_MM};
 use crate::path::PathPoint;
 
-/// Lever at which a turn is followed: the thin shank's end, mm.
+/// Distance from the burr at which a turn's motion is measured: the thin shank's end, mm.
 const LEVER_MM: f64 = 30.0;
-/// Most places looked at between two waypoints: beyond the longest of moves.
+/// Largest number of places tested between two waypoints; more than any move needs.
 const MOST_BETWEEN: f64 = 4000.0;
-/// Times the places are taken twice as near before a doubt counts as blocked.
+/// Number of halvings of the distance before an undecided move counts as blocked.
 const HALVINGS: i32 = 3;
-/// A shank that is narrower by more than this is none, mm: its radius is refused below a burr's.
+/// Upper limit of the reduction that is searched, mm.
 const MOST_MISSING_MM: f64 = 8.0;
-/// What is missing is told so exactly, mm.
+/// Accuracy of the missing room, mm.
 const MISSING_MM: f64 = 1e-3;
 
 /// A move of the burr's centre from `a` to `b` while the shaft turns from `from` to `to`; `index`: the move's number.
 #[derive(Debug, Clone, Copy)]
 pub struct Turn<'a> {
-    /// The move: bone that it takes itself still stands.
+    /// Number of the move. Bone that this move itself removes still stands.
     pub index: u32,
     /// Where it begins.
     pub a: Point<Work>,
@@ -57,7 +58,7 @@ impl<'a> Turn<'a> {
 }
 
 impl Access<'_> {
-    /// Whether the shank is free all the way between the ends of a move, at which it is known to be.
+    /// Whether the shank is free throughout a move at whose ends it is known to be free.
     pub fn is_turn_free(&self, turn: &Turn) -> bool {
         let tolerance_alone = Narrower { between_share: 1.0, by_mm: 0.0 };
         for halving in 0..=HALVINGS {
@@ -80,8 +81,8 @@ impl Access<'_> {
         false
     }
 
-    /// By how much the thin shank would have to be narrower to be free all the way of a move, mm; infinite where that is of no
-    /// help, as when the handpiece is in the way.
+    /// By how much the thin shank would have to be narrower to be free throughout a move, mm; infinite where a narrower shank
+    /// does not help, as when the handpiece is blocked.
     pub fn missing_mm(&self, turn: &Turn) -> f64 {
         let is_free = |by_mm: f64| {
             let narrower = Narrower { between_share: 1.0, by_mm };

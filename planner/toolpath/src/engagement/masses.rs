@@ -1,5 +1,5 @@
-//! Masses look at voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes, whose sum over the path is the
-//! mass removed (docs/force-model.md 8, row 3); for drafts by whole voxels.
+//! The mass that each move removes, from voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes,
+//! whose sum over the path is the mass removed (docs/force-model.md 8, row 3). Drafts use whole voxels.
 
 use bonemill_cutter::ball::BallVolumes;
 use bonemill_cutting::metrics::Moments;
@@ -11,14 +11,15 @@ use rayon::prelude::*;
 
 use crate::path::PathPoint;
 
-/// Slabs of the grid in which masses are summed apart; fixed, so that sums do not depend on the number of threads.
+/// Number of slabs of the grid in which masses are summed separately; fixed, so that sums do not depend on the number of
+/// threads.
 const SLABS: usize = 6;
 
-/// Mass that each waypoint's ball takes less the sweep of all earlier moves, and where it lies about the ball's centre
-/// (g/cm³ is mg/mm³).
+/// For each waypoint, the mass in its ball without the sweep of all earlier moves, and the mass' moments about the ball's
+/// centre (g/cm³ is mg/mm³).
 ///
-/// What a long move takes on its way and not at its end belongs to no waypoint; later ones do not find it.
-/// Each slab of the grid is swept by its own walk along the path; the slabs' sums are added in their order.
+/// Mass that a long move removes before its end belongs to no waypoint; it is missing for later ones.
+/// The path is swept separately in each slab of the grid; the slabs' sums are added in their order.
 pub fn mass_increments(
     density_g_cm3: &Volume<f32, Work>,
     points: &[PathPoint],
@@ -42,8 +43,8 @@ pub fn mass_increments(
     total
 }
 
-/// The same by whole voxels: each belongs to the move that first covers its centre. For drafts: an order of magnitude quicker, and
-/// what a long move takes on its way counts.
+/// The same with whole voxels: each belongs to the move that first covers its centre. Used for drafts: it is ten times as
+/// fast, and it includes the mass that a long move removes before its end.
 pub fn mass_increments_by_voxels(
     density_g_cm3: &Volume<f32, Work>,
     removal: &RemovalTime,
@@ -62,7 +63,7 @@ pub fn mass_increments_by_voxels(
     total
 }
 
-/// Increments of the slab k; `density` holds its voxels only.
+/// Increments of slab k; `density` holds only its voxels.
 fn slab_increments(
     grid: &Grid<Work>,
     k: std::ops::Range<usize>,
@@ -90,7 +91,7 @@ fn slab_increments(
             out.push((index as u32, increment));
         }
         if let Some(from) = before.replace(point.position) {
-            // balls so close that what stands between two is no higher than a 288th of the radius
+            // balls so close that the cusps between two are at most 1/288 of the radius high
             let way = point.position - from;
             let parts = (way.norm() / (radius_mm / 6.0)).ceil().max(1.0) as usize;
             for n in 1..parts {
@@ -101,23 +102,23 @@ fn slab_increments(
     out
 }
 
-/// A slab of the grid, and what is gone of its voxels.
+/// A slab of the grid, and the removed volume of its voxels.
 struct Slab<'a> {
     grid: &'a Grid<Work>,
     k: std::ops::Range<usize>,
-    /// Of its voxels only.
+    /// Density of the slab's voxels only.
     density: &'a [f32],
     radius_mm: f64,
     removed_mm3: Vec<f64>,
-    /// What has density and is not wholly gone.
+    /// Voxels that have density and are not completely removed.
     left: VoxelSet,
     volumes: BallVolumes,
-    /// Kept between calls for its memory.
+    /// A buffer that is kept between calls.
     found: Vec<(usize, f64)>,
 }
 
 impl Slab<'_> {
-    /// Removes a ball: `visit(from the ball's centre to the voxel, mg)` for each voxel that loses something.
+    /// Removes a ball and calls `visit(vector from the ball's centre to the voxel, mg)` for each voxel that loses mass.
     fn take(&mut self, center: Point<Work>, mut visit: impl FnMut(&Vector3<f64>, f64)) {
         let [nx, ny, _] = self.grid.dims();
         let c = center.coords / self.grid.spacing_mm().x;

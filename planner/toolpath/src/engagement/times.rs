@@ -1,4 +1,4 @@
-//! When the voxels around a point go: for one point, and for all that are near it.
+//! Removal times of the voxels around a point, and of all voxels near it.
 
 use bonemill_geometry::{Grid, Volume, Work, cancel};
 use bonemill_scene::Class;
@@ -8,7 +8,8 @@ use rayon::prelude::*;
 
 use crate::neighbours::joined;
 
-/// When the eight voxels around a point go. Where neither they nor those beside them have mass, before every move.
+/// Removal times of the eight voxels around a point. If neither they nor the voxels beside them have mass, the time is before
+/// every move.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CellTimes {
     pub(super) first: u32,
@@ -18,7 +19,7 @@ pub(super) struct CellTimes {
 /// [`CellTimes`] of every cell, at its first voxel.
 pub(super) fn cell_times(class: &Volume<Class, Work>, time: &[u32]) -> Vec<CellTimes> {
     let [nx, ny, nz] = class.grid().dims();
-    // bone may lie between voxel centres
+    // there may be bone between voxel centres
     let has_mass: Vec<u8> = class.data().iter().map(|class| class.0 & Class::HAS_MASS).collect();
     let near_mass = joined(&has_mass, class.grid().dims(), |a, b| a | b);
     let slab = nx * ny;
@@ -40,21 +41,21 @@ pub(super) fn cell_times(class: &Volume<Class, Work>, time: &[u32]) -> Vec<CellT
     times
 }
 
-/// The latest of [`CellTimes`] in blocks of cells and in those around each.
+/// The latest of [`CellTimes`] in each block of cells and the blocks around it.
 #[derive(Debug)]
 pub(super) struct LastTimes {
     dims: [usize; 3],
     value: Vec<u32>,
     per_mm: f64,
-    /// How far around a point is looked, mm.
+    /// Largest radius of a query, mm.
     reach_mm: f64,
 }
 
 impl LastTimes {
-    /// Cells along a side of a block.
+    /// Side of a block, cells.
     const SIDE: usize = 2;
 
-    /// Of the cells of a grid; for looks of `reach_mm` around a point.
+    /// The latest times of a grid's cells, for queries of up to `reach_mm` around a point.
     pub(super) fn new(times: &[CellTimes], grid: &Grid<Work>, reach_mm: f64) -> Self {
         let ([nx, ny, nz], spacing_mm) = (grid.dims(), grid.spacing_mm().x);
         let block_mm = Self::SIDE as f64 * spacing_mm;
@@ -80,7 +81,7 @@ impl LastTimes {
         Self { dims, value, per_mm: 1.0 / spacing_mm, reach_mm: blocks as f64 * block_mm }
     }
 
-    /// When the last of the cells within `around_mm` of `p` goes, or later; `None` where that is not known.
+    /// An upper bound of the removal times of the cells within `around_mm` of `p`; `None` where it is not known.
     pub(super) fn around(&self, p: &Vector3<f64>, around_mm: f64) -> Option<u32> {
         let block = |a: usize| {
             let cell = p[a] * self.per_mm;

@@ -1,47 +1,47 @@
-//! From the best sequence on a coarse cap to the best one near it on a finer cap.
+//! Improves the best sequence on a coarse cap to the best one near it on a finer cap.
 //!
-//! A cap's directions grow with the square of their fineness, and with them what access and cost take, while the best sequence
-//! on the fine cap stays near that on the coarse one. So only a corridor around the coarse sequence, smoothed, is tested: at every
-//! waypoint the fine directions within `CORRIDOR_SPACINGS` spacings of its own direction and its neighbours'. Where the best sequence
-//! in the corridor runs along its edge, or none gets through, the corridor grows there, until it hardly does or
-//! `MOST_WIDENINGS` times.
+//! Halving the spacing of a cap's directions makes four times as many, and access and cost take four times as long, while
+//! the best sequence on the fine cap stays near the one on the coarse cap. So only a corridor around the smoothed coarse
+//! sequence is tested: at every waypoint the fine directions within `CORRIDOR_SPACINGS` spacings of its own direction and of
+//! its neighbours' directions. Where the best sequence in the corridor runs along the corridor's edge, or no sequence gets
+//! through, the corridor is widened, until the sequence hardly touches the edge or `MOST_WIDENINGS` is reached.
 //!
-//! What comes out is the best sequence within its corridor, hence no worse than any small change of it; a sequence that
-//! takes another way round is looked for on the coarse cap alone.
+//! The result is the best sequence within its corridor, so no small change improves it. Alternatives that pass an obstacle
+//! on another side are searched on the coarse cap only.
 
 use rayon::prelude::*;
 
 use super::sequence::{BestSequence, Forbidden, Problem, best_sequence, blocked_waypoints};
 use super::{Directions, FreeSets, RateLimit};
 
-/// Waypoints to either side over which the start is smoothed.
+/// Number of waypoints to either side over which the coarse sequence is smoothed.
 const GLIDE: usize = 10;
 /// Half-width of the corridor in the fine cap's spacings: one ring, 7 directions.
 const CORRIDOR_SPACINGS: f64 = 1.6;
-/// Waypoints before and after one that cannot be got to at which the corridor grows too.
+/// Number of waypoints before and after an unreachable one at which the corridor is widened too.
 const BESIDE: usize = 16;
-/// Times that the corridor grows.
+/// Largest number of widenings.
 const MOST_WIDENINGS: usize = 16;
-/// It is wide enough when the sequence runs along its edge at no more than one waypoint of so many.
+/// The corridor is wide enough when the sequence runs along its edge at no more than one in this many waypoints.
 const FEW: usize = 8;
 
-/// What was tested of a fine cap, and the best sequence in it.
+/// The tested directions of a fine cap, and the best sequence among them.
 #[derive(Debug, Clone)]
 pub struct Corridor {
-    /// Directions that were asked at each waypoint.
+    /// Directions that were tested at each waypoint.
     pub asked: FreeSets,
-    /// Those of them that are free.
+    /// The tested directions that are free.
     pub free: FreeSets,
-    /// C of these, as [`Problem::cost`].
+    /// C of the free directions, in the layout of [`Problem::cost`].
     pub cost: Vec<f32>,
     /// The best sequence.
     pub found: BestSequence,
 }
 
-/// The best sequence of the `fine` cap near a sequence of it; `None` where none gets through the corridor.
+/// The best sequence of the `fine` cap near a given sequence of it; `None` where none gets through the corridor.
 ///
-/// `ask(i, directions)`: C of each of these at waypoint i, `None` for one that is not free; asked in parallel, of no direction twice.
-/// Lengths and rate as in [`Problem`].
+/// `ask(i, directions)` returns C of each of the directions at waypoint i, `None` for one that is not free. It is called in
+/// parallel, and for no direction twice. Lengths and rate are as in [`Problem`].
 pub fn best_near(
     fine: &Directions,
     sequence: &[u16],
@@ -53,7 +53,7 @@ pub fn best_near(
     let [mut asked, mut free] = [FreeSets::none(waypoints, count), FreeSets::none(waypoints, count)];
     let mut cost = vec![0f32; waypoints * count];
     let start = smoothed(fine, sequence);
-    // where the corridor is to grow: around which directions, and how far
+    // where the corridor is widened: around which directions, and how far
     let beside = |sequence: &[u16], i: usize| sequence[i.saturating_sub(1)..(i + 2).min(waypoints)].to_vec();
     let mut grow: Vec<Growth> = (0..waypoints)
         .map(|i| Growth { i, middles: beside(&start, i), spacings: CORRIDOR_SPACINGS })
@@ -93,7 +93,7 @@ pub fn best_near(
                 edge.map(|i| Growth { i, middles: vec![directions[i]], spacings: CORRIDOR_SPACINGS })
                     .collect()
             }
-            // the coarse sequence turns there past what the fine cap sees to be blocked, or faster than it may there
+            // there the coarse sequence turns past directions that are blocked on the fine cap, or faster than allowed
             BestSequence::Blocked(_) => {
                 let spacings = CORRIDOR_SPACINGS * (1 + round) as f64;
                 let around = |i: usize| i.saturating_sub(BESIDE)..(i + BESIDE).min(waypoints);
@@ -111,7 +111,8 @@ pub fn best_near(
     }
 }
 
-/// The means over [`GLIDE`] waypoints before and after each: the best sequence glides where the coarse one jumps.
+/// The sequence averaged over [`GLIDE`] waypoints before and after each, because the best sequence turns gradually where the
+/// coarse one jumps.
 fn smoothed(fine: &Directions, sequence: &[u16]) -> Vec<u16> {
     let axis = |n: &u16| fine.axes()[usize::from(*n)].into_inner();
     let mean = |i: usize| {
@@ -121,13 +122,13 @@ fn smoothed(fine: &Directions, sequence: &[u16]) -> Vec<u16> {
     (0..sequence.len()).into_par_iter().map(mean).collect()
 }
 
-/// Where the corridor is to be wider.
+/// One widening of the corridor.
 struct Growth {
     /// The waypoint.
     i: usize,
-    /// Around these directions.
+    /// The directions around which it is widened.
     middles: Vec<u16>,
-    /// As far, in the fine cap's spacings.
+    /// How far, in the fine cap's spacings.
     spacings: f64,
 }
 
@@ -138,7 +139,7 @@ mod tests {
 
     const RATE: RateLimit = RateLimit { weight_mm: 1.0, most_rad_per_mm: 2.0 };
 
-    /// A valley that winds over the cap, with a wall that the sequence must go around, and ripples so high.
+    /// A cost with a valley that winds over the cap, a wall that the sequence must go around, and ripples of height `ripple`.
     fn cost_at(fine: &Directions, i: usize, n: usize, ripple: f64) -> Option<f32> {
         let axis = &fine.axes()[n];
         let t = i as f64 * 0.05;
@@ -147,7 +148,7 @@ mod tests {
         (!is_wall).then_some((3.0 * off * off + ripple * (9.0 * axis.y).sin()) as f32)
     }
 
-    /// The whole fine cap, asked everywhere.
+    /// The best sequence on the whole fine cap.
     fn whole(fine: &Directions, length_mm: &[f64], ripple: f64) -> BestSequence {
         let at = |k: usize| cost_at(fine, k / fine.len(), k % fine.len(), ripple);
         let cost: Vec<f32> = (0..length_mm.len() * fine.len()).map(|k| at(k).unwrap_or(0.0)).collect();
@@ -170,7 +171,7 @@ mod tests {
         }
     }
 
-    /// Where ripples are as wide as the corridor is at first, it may stay in one beside the best.
+    /// If ripples are as wide as the first corridor, the sequence may stay in a ripple beside the best one.
     #[test]
     fn near_the_coarse_sequence_the_fine_caps_best_is_found_with_few_questions() {
         let coarse = Directions::cap(0.21, 1.05);
@@ -193,7 +194,7 @@ mod tests {
             assert!(asked < 80 * fine.len() / 10, "{asked}");
             let counted = (0..80).map(|i| corridor.asked.count(i)).sum::<usize>();
             assert_eq!(counted, asked, "nothing is asked twice");
-            // what was found is the best of what was tested
+            // the result is the best of the tested directions
             let free = &corridor.free;
             let forbidden = Forbidden::default();
             let cost = &corridor.cost;
@@ -209,7 +210,7 @@ mod tests {
         }
     }
 
-    /// A start far from the valley: the corridor follows it there.
+    /// The start is far from the valley, and the corridor grows towards it.
     #[test]
     fn the_corridor_grows_to_where_the_best_sequence_is() {
         let (fine, _) = Directions::cap(0.21, 1.05).finer(3).unwrap();

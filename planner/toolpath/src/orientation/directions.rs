@@ -1,12 +1,12 @@
-//! The shaft directions to choose from, and how one turns into another.
+//! The candidate directions of the shaft, and the turns between them.
 //!
-//! A finite set on the sphere: along a plane for an arm with one tilt ([`Directions::in_plane`]), or over a cap about the
-//! approach for an arm with two ([`Directions::cap`]). Every direction knows all others by their angle from it (its fan),
-//! and for each of those the one that is passed last on the way there: so "turn from here to there without passing
-//! anything blocked" is one look per place passed, and no edge of the layered graph over a path is ever stored.
+//! They are a finite set on the sphere: in a plane for an arm with one tilt ([`Directions::in_plane`]), or over a cap about
+//! the approach for an arm with two ([`Directions::cap`]). For every direction a fan is stored: all other directions by
+//! their angle from it, and for each of them the direction that is passed last on the way there. So testing whether a turn
+//! passes a blocked direction takes one lookup per direction passed, and no edge of the layered graph over a path is stored.
 //!
-//! Invariants: at least one direction; the tilt limit itself is among the directions wherever they reach it, so that
-//! rounding never goes past it; the set is symmetric in x and in y wherever the plane is.
+//! Invariants: there is at least one direction; the tilt limit itself is among the directions wherever they reach it, so
+//! that rounding never exceeds it; the set is symmetric in x and in y wherever the plane is.
 
 use std::f64::consts::PI;
 
@@ -15,43 +15,43 @@ use rayon::prelude::*;
 
 use super::{TiltFamily, nearest_to_z};
 
-/// Most directions of a set. A cap of 60° takes 721 at 4°.
+/// Largest number of directions of a set. A cap of 60° has 721 at 4°.
 pub const MOST_DIRECTIONS: usize = 1024;
-/// Most places of a fan that a turn may use: a byte remembers which, and four words hold a bit for each.
+/// Largest number of slots of a fan: a slot's number is stored in a byte, and four words hold one bit for each slot.
 const MOST_SLOTS: usize = 256;
-/// Most steps along a plane: as many directions as a byte's half.
+/// Largest number of steps in a plane, so that directions to either side fit into a fan.
 const MOST_STEPS: f64 = 124.0;
-/// A tilt may exceed its limit by this much, rad: rounding, not a choice.
+/// A tilt may exceed its limit by this much because of rounding, rad.
 const ROUNDING_RAD: f64 = 1e-9;
-/// Directions nearer than this many spacings are neighbours: nothing lies between.
+/// Directions nearer than this many spacings are neighbours, with no direction between them.
 const NEIGHBOURS: f64 = 1.5;
 
 /// A set of directions with their fans.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Directions {
     axes: Vec<Unit<Vector3<f64>>>,
-    /// The family's angle of each direction, rad; none for a cap.
+    /// The angle of each direction in its family, rad; `None` for a cap.
     angles_rad: Option<Vec<f64>>,
     limit_rad: f64,
     spacing_rad: f64,
     fans: Vec<Fan>,
 }
 
-/// All directions by their angle from one of them, which comes first.
+/// All directions in the order of their angle from one direction, which comes first.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Fan {
-    /// The direction in each slot.
+    /// The number of the direction in each slot.
     pub node: Vec<u16>,
-    /// The slot that is passed last on the way to a slot, by the shortest way over neighbours; 0 for neighbours.
+    /// The slot that is passed last on the way to each slot, along the shortest way over neighbours; 0 for neighbours.
     pub parent: Vec<u8>,
-    /// Angle, rad, ascending.
+    /// Angle of each slot, rad, ascending.
     pub angle_rad: Vec<f32>,
-    /// Its square.
+    /// Square of the angle, rad².
     pub square: Vec<f64>,
 }
 
 impl Directions {
-    /// Along a plane, about `step_rad` apart, over the whole family; `limit_rad` is the largest tilt from +z of a cut.
+    /// Directions in a plane, about `step_rad` apart, over the whole family; `limit_rad` is the largest tilt from +z of a cut.
     ///
     /// The direction nearest to +z and, where the family reaches it, the limit itself on both sides are in the set.
     pub fn in_plane(family: &TiltFamily, step_rad: f64, limit_rad: f64) -> Self {
@@ -62,7 +62,7 @@ impl Directions {
         let cosine = limit_rad.cos() / family.axis(nearest).z.clamp(-1.0, 1.0);
         let half = if cosine.abs() < 1.0 { cosine.acos() } else { 0.0 };
         let dividing = half / (half / wanted).round().max(1.0);
-        // a limit much finer than the steps is not worth a direction of its own
+        // if dividing the range so that it meets the limit needs too many steps, the limit gets no direction
         let spacing_rad = if dividing * MOST_STEPS >= span && dividing > 0.0 { dividing } else { wanted };
         let count = |room: f64| (room.max(0.0) / spacing_rad + 1e-9).floor() as i64;
         let (below, above) = (count(nearest - family.lower_rad), count(family.upper_rad - nearest));
@@ -72,14 +72,14 @@ impl Directions {
         Self::of(axes, Some(angles_rad), limit_rad, spacing_rad)
     }
 
-    /// Over the cap of tilts up to `limit_rad` about +z, about `step_rad` apart: rings of 6, 12, 18, … directions.
+    /// Directions over the cap of tilts up to `limit_rad` about +z, about `step_rad` apart: rings of 6, 12, 18, … directions.
     pub fn cap(step_rad: f64, limit_rad: f64) -> Self {
         let rings = (limit_rad / step_rad.max(1e-6)).ceil().max(0.0) as usize;
         Self::of_rings(rings.min(most_rings()), step_rad, limit_rad)
     }
 
-    /// Over the same cap with every spacing divided into `times`, or into as many parts as fit into [`MOST_DIRECTIONS`]; with the
-    /// number there of each of this set's directions. `None` for a plane, and where no division fits.
+    /// The same cap with every spacing divided into `times` parts, or into as many as [`MOST_DIRECTIONS`] allows; also the number
+    /// that each of this set's directions has there. `None` for a plane, and where no division fits.
     pub fn finer(&self, times: usize) -> Option<(Self, Vec<u16>)> {
         let rings = self.rings().filter(|rings| *rings > 0)?;
         let times = (2..=times).rev().find(|times| rings * times <= most_rings())?;
@@ -90,7 +90,7 @@ impl Directions {
         Some((finer, numbers.collect()))
     }
 
-    /// Rings of a cap; `None` for a plane.
+    /// Number of rings of a cap; `None` for a plane.
     fn rings(&self) -> Option<usize> {
         (0..=most_rings())
             .find(|rings| first_of_ring(rings + 1) == self.len())
@@ -127,7 +127,7 @@ impl Directions {
         self.axes.len()
     }
 
-    /// Never.
+    /// Always false: a set has at least one direction.
     pub fn is_empty(&self) -> bool {
         self.axes.is_empty()
     }
@@ -137,12 +137,12 @@ impl Directions {
         &self.axes
     }
 
-    /// The family's angle of each direction, rad; `None` for a cap.
+    /// The angle of each direction in its family, rad; `None` for a cap.
     pub fn angles_rad(&self) -> Option<&[f64]> {
         self.angles_rad.as_deref()
     }
 
-    /// Angle between neighbours, rad, about.
+    /// Approximate angle between neighbours, rad.
     pub fn spacing_rad(&self) -> f64 {
         self.spacing_rad
     }
@@ -164,12 +164,13 @@ impl Directions {
         best.0
     }
 
-    /// Of those that `is_free`, the one nearest to direction `from`.
+    /// The direction nearest to direction `from` among those for which `is_free` is true.
     pub fn nearest_of(&self, from: usize, is_free: impl Fn(usize) -> bool) -> Option<usize> {
         self.fans.get(from)?.node.iter().map(|n| usize::from(*n)).find(|n| is_free(*n))
     }
 
-    /// Of those that `is_free`, the one nearest to the approach; the approach's own where none is.
+    /// The direction nearest to the approach among those for which `is_free` is true; if there is none, the direction nearest to
+    /// the approach.
     pub fn straightest(&self, is_free: impl Fn(usize) -> bool) -> usize {
         let upright = self.nearest(&Vector3::z());
         self.nearest_of(upright, is_free).unwrap_or(upright)
@@ -180,19 +181,20 @@ impl Directions {
         angle_between(&self.axes[a], &self.axes[b])
     }
 
-    /// No less than the angle between two directions, rad, and no more than 5 % above it up to 1 rad: without a transcendental function.
+    /// An upper bound of the angle between two directions, rad, at most 5 % above it up to 1 rad; computed without a
+    /// transcendental function.
     pub(super) fn angle_at_most(&self, a: usize, b: usize) -> f64 {
         let chord = (self.axes[a].into_inner() - self.axes[b].into_inner()).norm();
-        // 2 asin(c/2) is convex: below its chord from 0 to π/3 at c = 1
+        // 2 asin(c/2) is convex, so it lies below its chord from 0 to π/3 at c = 1
         if chord <= 1.0 { chord * (PI / 3.0) } else { PI }
     }
 
-    /// Directions around `n` with nothing between: nearest first, itself left out.
+    /// The neighbours of `n`, nearest first, without `n` itself.
     pub fn neighbours(&self, n: usize) -> impl Iterator<Item = usize> + '_ {
         self.within(n, NEIGHBOURS * self.spacing_rad).skip(1)
     }
 
-    /// Directions within an angle of `n`, rad: itself, then the nearest first; at most as many as a fan has.
+    /// Directions within an angle of `n`, rad: `n` itself, then the others, nearest first; at most as many as a fan has.
     pub fn within(&self, n: usize, angle_rad: f64) -> impl Iterator<Item = usize> + '_ {
         let fan = &self.fans[n];
         let end = fan.angle_rad.partition_point(|a| f64::from(*a) <= angle_rad);
@@ -209,12 +211,12 @@ fn first_of_ring(ring: usize) -> usize {
     if ring == 0 { 0 } else { 1 + 3 * ring * (ring - 1) }
 }
 
-/// Most rings of a cap.
+/// Largest number of rings of a cap.
 fn most_rings() -> usize {
     (0..).take_while(|rings| first_of_ring(rings + 1) <= MOST_DIRECTIONS).last().unwrap_or(0)
 }
 
-/// Angle of an axis from +z, rad; exact at 0 too, where acos loses half its digits.
+/// Angle of an axis from +z, rad; accurate also near 0, where acos loses half its digits.
 pub fn tilt_rad(axis: &Vector3<f64>) -> f64 {
     axis.x.hypot(axis.y).atan2(axis.z)
 }
@@ -224,7 +226,7 @@ pub fn angle_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     a.cross(b).norm().atan2(a.dot(b))
 }
 
-/// Directions with nothing between them and one, with their angles.
+/// The neighbours of a direction, with their angles.
 fn neighbours_of(axes: &[Unit<Vector3<f64>>], of: usize, spacing_rad: f64) -> Vec<(usize, f64)> {
     let least_cosine = (NEIGHBOURS * spacing_rad).cos() - 1e-6;
     let near = axes.iter().enumerate().filter(|(_, a)| a.dot(&axes[of]) >= least_cosine);
@@ -234,7 +236,7 @@ fn neighbours_of(axes: &[Unit<Vector3<f64>>], of: usize, spacing_rad: f64) -> Ve
 
 fn fan(axes: &[Unit<Vector3<f64>>], near: &[Vec<(usize, f64)>], from: usize, spacing_rad: f64) -> Fan {
     let cosines: Vec<f64> = axes.iter().map(|a| a.dot(&axes[from])).collect();
-    // what can have a slot; rounding cannot bring others among them
+    // the directions that can have a slot, with a margin for rounding
     let mut greatest = cosines.clone();
     let least_cosine = match greatest.get(MOST_SLOTS) {
         Some(_) => *greatest.select_nth_unstable_by(MOST_SLOTS, |a, b| b.total_cmp(a)).1 - 1e-6,
@@ -242,10 +244,10 @@ fn fan(axes: &[Unit<Vector3<f64>>], near: &[Vec<(usize, f64)>], from: usize, spa
     };
     let within = (0..axes.len()).filter(|n| cosines[*n] >= least_cosine);
     let mut by_angle: Vec<(f64, usize)> = within.map(|n| (angle_between(&axes[from], &axes[n]), n)).collect();
-    // equal to rounding is equal: then the order in the set decides, which is the same on every machine
+    // angles that are equal up to rounding count as equal; then the order in the set decides, the same on every machine
     by_angle.sort_by_key(|(angle, n)| ((angle * 1e9).round() as i64, *n));
     by_angle.truncate(MOST_SLOTS);
-    // the shortest way over neighbours, each nearer than the next
+    // the shortest way over neighbours, each nearer than the next one
     let mut parent = Vec::with_capacity(by_angle.len());
     let mut length: Vec<f64> = Vec::with_capacity(by_angle.len());
     let mut slot_of = vec![usize::MAX; axes.len()];
@@ -254,7 +256,7 @@ fn fan(axes: &[Unit<Vector3<f64>>], near: &[Vec<(usize, f64)>], from: usize, spa
         if *angle > NEIGHBOURS * spacing_rad {
             shortest = f64::INFINITY;
             for (m, last) in &near[*node] {
-                // what has a slot already is not farther
+                // directions that already have a slot are not farther
                 let s = slot_of[*m];
                 if s < slot && by_angle[s].0 < angle - 1e-9 && length[s] + last < shortest - 1e-12 {
                     (before, shortest) = (s, length[s] + last);
@@ -313,7 +315,7 @@ mod tests {
         for n in 0..set.len() {
             let nearest = set.neighbours(n).map(|m| set.angle_rad(n, m)).fold(f64::INFINITY, f64::min);
             assert!(nearest > 0.8 * set.spacing_rad() && nearest < 1.06 * set.spacing_rad());
-            // x and y mirrored
+            // mirrored in x and in y
             let [mut x, mut y] = [set.axes()[n].into_inner(); 2];
             (x.x, y.y) = (-x.x, -y.y);
             for m in [x, y] {
@@ -349,7 +351,7 @@ mod tests {
         assert!(Directions::cap(0.1, 0.0).finer(3).is_none());
     }
 
-    /// From neighbour to neighbour, never far from the great circle.
+    /// The way leads from neighbour to neighbour and stays near the great circle.
     #[test]
     fn the_way_of_a_fan_is_connected_and_nearly_straight() {
         for set in [
@@ -370,7 +372,7 @@ mod tests {
                         here = next;
                     }
                     let straight = f64::from(fan.angle_rad[slot]);
-                    // a hexagonal lattice's worst is 1.155, and short ways bend by a part of a spacing
+                    // the worst ratio of a hexagonal lattice is 1.155, and short ways deviate by a part of a spacing
                     let most = 1.16 * straight + 0.25 * set.spacing_rad();
                     assert!(length <= most, "{length} for {straight}");
                 }

@@ -1,4 +1,4 @@
-//! Which directions are free at each waypoint: one bit each.
+//! The free directions of each waypoint, one bit per direction.
 
 use bonemill_geometry::cancel;
 use rayon::prelude::*;
@@ -12,7 +12,7 @@ pub struct FreeSets {
 }
 
 impl FreeSets {
-    /// Direction n is free at waypoint i where `is_free(i, n)`; waypoints are tested in parallel.
+    /// The sets in which direction n is free at waypoint i if `is_free(i, n)`; waypoints are tested in parallel.
     pub fn fill(waypoints: usize, directions: usize, is_free: impl Fn(usize, usize) -> bool + Sync) -> Self {
         let words = directions.div_ceil(64).max(1);
         let mut bits = vec![0u64; waypoints * words];
@@ -41,7 +41,7 @@ impl FreeSets {
         self.row(i)[n / 64] >> (n % 64) & 1 == 1
     }
 
-    /// How many are free at waypoint i.
+    /// Number of free directions at waypoint i.
     pub fn count(&self, i: usize) -> usize {
         self.row(i).iter().map(|w| w.count_ones() as usize).sum()
     }
@@ -60,18 +60,18 @@ impl FreeSets {
         })
     }
 
-    /// Nothing is free.
+    /// Sets in which nothing is free.
     pub fn none(waypoints: usize, directions: usize) -> Self {
         let words = directions.div_ceil(64).max(1);
         Self { waypoints, words, bits: vec![0; waypoints * words] }
     }
 
-    /// Direction n is free at waypoint i.
+    /// Makes direction n free at waypoint i.
     pub fn insert(&mut self, i: usize, n: usize) {
         self.bits[i * self.words + n / 64] |= 1 << (n % 64);
     }
 
-    /// Takes directions away from waypoint i.
+    /// Removes the directions of waypoint i for which `keep` is false.
     pub fn retain(&mut self, i: usize, keep: impl Fn(usize) -> bool) {
         let dropped: Vec<usize> = self.iter(i).filter(|n| !keep(*n)).collect();
         for n in dropped {

@@ -1,12 +1,12 @@
-//! D's way: the best direction of each waypoint alone, then a low-pass (D7, II-G).
+//! D's method: the best direction of each waypoint alone, then a low-pass (D7, II-G).
 //!
-//! Per waypoint: a scan of the free directions, the exact ends of their interval (where 95 % of the optima lie) and argmin's
-//! bounded Brent between the neighbours of the best; on two angles a compass search around the best. A waypoint at which
-//! every free direction costs the same keeps the direction before it: ties go to the smallest change.
+//! For each waypoint, the free directions are scanned, the exact ends of their interval are found (where 95 % of the optima
+//! lie), and argmin's bounded Brent refines the best between its neighbours; with two angles a compass search refines it. If
+//! every free direction costs the same, the waypoint keeps the direction of the one before it.
 //!
-//! The low-pass is a zero-phase moving average of the angles themselves: θ, or θ and φ. It leaves the permissible set at many
-//! waypoints; there the axis is held at the nearest free direction, and counted. Nothing here looks between waypoints:
-//! that is the paper's way, and what [`super::sequence`] and [`super::refine`] are for.
+//! The low-pass is a zero-phase moving average of the angles θ, or θ and φ. Its result is not permissible at many waypoints;
+//! there the axis is set to the nearest free direction, and the waypoint is counted. As in the paper, turns between
+//! waypoints are not tested; [`super::sequence`] and [`super::refine`] do that.
 //!
 //! **Source:** Dillon et al. 2016, equation (7) and II-G; docs/force-model.md 8, resolution 17.
 
@@ -17,11 +17,11 @@ use nalgebra::{Unit, Vector3};
 
 use super::{Directions, TiltFamily, moving_average};
 
-/// Iterations of Brent's method: 2° to below 0.01°.
+/// Iterations of Brent's method: from 2° to below 0.01°.
 const BRENT_ITERATIONS: u64 = 12;
-/// Halvings that find where an interval ends: 2° to 0.03°.
+/// Halvings that find the end of an interval: from 2° to 0.03°.
 const END_HALVINGS: usize = 6;
-/// Costs nearer than this are equal.
+/// Costs that differ by less than this are equal.
 const EQUAL: f64 = 1e-12;
 
 /// The best axis of one waypoint alone.
@@ -31,18 +31,18 @@ pub enum BestAxis {
     Axis(Unit<Vector3<f64>>),
     /// Every free direction costs the same.
     Any,
-    /// Nothing is free.
+    /// No direction is free.
     Nothing,
 }
 
-/// Axes, and what the low-pass did to them.
+/// Axes after the low-pass.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Greedy {
-    /// Axis per waypoint.
+    /// Axis of each waypoint.
     pub axes: Vec<Unit<Vector3<f64>>>,
-    /// The family's angle per waypoint, rad, for a plane.
+    /// Angle of each waypoint in the family, rad; for a plane.
     pub angles_rad: Option<Vec<f64>>,
-    /// Waypoints at which the filtered axis was not free and was held back.
+    /// Number of waypoints at which the filtered axis was not free and was set to the nearest free direction.
     pub held: usize,
 }
 
@@ -61,13 +61,13 @@ impl<F: Fn(f64) -> f64> CostFunction for Along<F> {
 pub struct LoneWaypoint<'a, Set, Free, Cost> {
     /// The directions.
     pub directions: &'a Directions,
-    /// The family of a plane; none for a cap.
+    /// The family of a plane; `None` for a cap.
     pub family: Option<&'a TiltFamily>,
     /// Whether direction n is free.
     pub in_set: Set,
-    /// Whether any axis is.
+    /// Whether an arbitrary axis is free.
     pub is_free: Free,
-    /// C.
+    /// Cost C of an axis.
     pub cost: Cost,
 }
 
@@ -95,7 +95,7 @@ where
         }
     }
 
-    /// Between the neighbours of the best scanned angle, or the exact ends of the free interval.
+    /// Refines the best scanned angle between its neighbours, or the exact ends of the free interval.
     fn in_plane(&self, n: usize, least: f64, family: &TiltFamily, angles: &[f64]) -> Unit<Vector3<f64>> {
         let q = angles[n];
         let limit = |m: Option<usize>| {
@@ -117,7 +117,7 @@ where
         if lower < upper {
             let solver = BrentOpt::new(lower, upper);
             let run = Executor::new(Along(&cost), solver).configure(|s| s.max_iters(BRENT_ITERATIONS)).run();
-            // a failed refinement leaves the scan's answer; NaN cost gives no parameter
+            // if the refinement fails, the scanned angle is kept; a NaN cost gives no parameter
             if let Some(q) = run.ok().and_then(|r| r.state().get_best_param().copied()) {
                 consider(q);
             }
@@ -125,7 +125,7 @@ where
         family.axis(best.0)
     }
 
-    /// The last free angle from `free` towards `blocked`, to END_HALVINGS.
+    /// The last free angle from `free` towards `blocked`, by END_HALVINGS halvings.
     fn end_of_interval(&self, free: f64, blocked: f64, family: &TiltFamily) -> f64 {
         let (mut inside, mut outside) = (free, blocked);
         for _ in 0..END_HALVINGS {
@@ -135,7 +135,7 @@ where
         inside
     }
 
-    /// Steps to lower cost in six directions, halved where none helps.
+    /// Compass search: steps to lower cost in six directions, halved when none lowers the cost.
     fn compass(&self, n: usize, least: f64) -> Unit<Vector3<f64>> {
         let mut best = (self.directions.axes()[n], least);
         let mut step = 0.5 * self.directions.spacing_rad();
@@ -161,9 +161,10 @@ fn axis_from_angles(theta_rad: f64, phi_rad: f64) -> Unit<Vector3<f64>> {
     Unit::new_normalize(basis::axis_from_angles(theta_rad, phi_rad))
 }
 
-/// Every waypoint's axis from each one's best: no preference keeps the axis before it, or the nearest free direction.
+/// The axis of every waypoint from its best axis. A waypoint without a preference keeps the axis of the one before it, or
+/// gets the nearest free direction.
 ///
-/// `in_set(i, n)`: whether direction n is free at waypoint i. The first waypoint starts from the approach.
+/// `in_set(i, n)`: whether direction n is free at waypoint i. Before the first waypoint the axis is the approach.
 pub fn settle(
     directions: &Directions,
     wishes: &[BestAxis],
@@ -187,7 +188,8 @@ pub fn settle(
     settled
 }
 
-/// The low-pass: a zero-phase moving average of the angles over 2·`half` + 1 waypoints, held at free directions.
+/// The low-pass: a zero-phase moving average of the angles over 2·`half` + 1 waypoints; axes that are not free are replaced by
+/// the nearest free directions.
 ///
 /// `is_free(i, axis)`: the access test; `in_set(i, n)`: whether direction n is free.
 pub fn low_pass(
@@ -238,7 +240,7 @@ mod tests {
         Directions::in_plane(&family(), 2f64.to_radians(), 1.0)
     }
 
-    /// The wish for a cost of the family's angle where `is_free`.
+    /// The best axis for a cost of the family's angle, among angles for which `is_free` is true.
     fn wish(cost: impl Fn(f64) -> f64, is_free: impl Fn(f64) -> bool + Copy) -> BestAxis {
         let (family, set) = (family(), set());
         let in_set = |n: usize| is_free(family.angle(&set.axes()[n]));
@@ -268,7 +270,7 @@ mod tests {
     fn the_ends_of_the_free_interval_are_found_to_a_fraction_of_the_scan() {
         let lowest = angle(wish(|q| q, |q| q > -0.3217 && q < 0.4));
         assert!((-0.3217..-0.32).contains(&lowest), "{lowest}");
-        // two pieces far apart: the better one wins, and its own end
+        // two intervals far apart: the result is the end of the better one
         let upper = angle(wish(|q| -q.abs(), |q| !(-0.5..0.6).contains(&q) && q < 0.777));
         assert!((upper + 1.0).abs() < 1e-9, "{upper}");
         assert_eq!(wish(|q| q, |_| false), BestAxis::Nothing);
@@ -294,7 +296,7 @@ mod tests {
         );
         let q: Vec<f64> = settled.iter().map(|a| family.angle(a)).collect();
         assert!((q[0] - 0.4).abs() < 1e-12 && q[1] == q[0]);
-        // pushed out of the way once, by as little as the set allows, and not back
+        // the axis moves away once, by as little as the set allows, and does not move back
         assert!(q[2] > 0.5 && q[2] < 0.54 && (q[4] - q[2]).abs() < 1e-12, "{q:?}");
     }
 
@@ -302,7 +304,7 @@ mod tests {
     fn the_low_pass_is_held_inside_the_free_angles_and_counted() {
         let (set, family) = (set(), family());
         let raw: Vec<_> = (0..40).map(|i| family.axis(if i < 20 { -0.5 } else { 0.5 })).collect();
-        // a ban around the middle, which the average would cross
+        // angles around the middle are blocked, and the average would cross them
         let free = |a: &Vector3<f64>| family.angle(a).abs() > 0.3;
         let out = low_pass(&set, Some(&family), &raw, 4, |_, n| free(&set.axes()[n]), |_, a| free(a));
         assert!(out.axes.iter().all(|a| free(a)) && (4..10).contains(&out.held), "{}", out.held);

@@ -1,12 +1,12 @@
-//! Which way the shaft points at every waypoint (D II-D, II-G).
+//! Chooses the shaft's direction at every waypoint (D II-D, II-G).
 //!
-//! An arm with one tilt moves the axis in a plane ([`TiltFamily`], θ); one with two over a cap (θ, φ). [`Directions`] is a
-//! finite set of either kind; [`FreeSets`] says which of them the shank allows at each waypoint, and a cost says how good
-//! they are. [`greedy`] is the paper's way: each waypoint alone, then a low-pass. [`sequence`] chooses the whole sequence at
-//! once, and [`refine`] moves it off the set, smooth, without leaving what is free.
+//! An arm with one tilt moves the axis in a plane ([`TiltFamily`], θ), an arm with two over a cap (θ, φ). [`Directions`] is
+//! a finite set of either kind; [`FreeSets`] holds the directions that are free at each waypoint, and each has a cost.
+//! [`greedy`] is the paper's method: each waypoint alone, then a low-pass. [`sequence`] chooses the whole sequence at once,
+//! and [`refine`] smooths it between the directions of the set without leaving free axes.
 //!
-//! Invariants: every axis handed out was found free by the access test itself, not only by its neighbours in the set; no cut
-//! is tilted beyond the limit, which is tested on the axis itself and never rounded.
+//! Invariants: every resulting axis was tested for access itself (free neighbours in the set are not enough); no cut is
+//! tilted beyond the limit, which is tested on the axis without rounding.
 
 pub mod corridor;
 pub mod directions;
@@ -30,9 +30,9 @@ pub struct TiltFamily {
     pub hinge: Unit<Vector3<f64>>,
     /// The axis at q = 0.
     pub zero: Unit<Vector3<f64>>,
-    /// Lower limit, rad.
+    /// Lower limit of q, rad.
     pub lower_rad: f64,
-    /// Upper limit, rad.
+    /// Upper limit of q, rad.
     pub upper_rad: f64,
 }
 
@@ -51,10 +51,10 @@ impl TiltFamily {
     }
 }
 
-/// How a sequence of directions is judged, and how fast it may turn.
+/// Weight of turning in a sequence's cost, and the largest rate of turning.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RateLimit {
-    /// λ, mm/rad² per unit of cost.
+    /// Weight λ, mm/rad² per unit of cost.
     pub weight_mm: f64,
     /// Largest change of the axis per mm of path, rad/mm.
     pub most_rad_per_mm: f64,

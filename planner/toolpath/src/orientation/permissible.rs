@@ -1,8 +1,7 @@
-//! What the shank leaves open around the axis that a waypoint got: an interval of a plane, or a cap of the sphere.
+//! The free range around a waypoint's chosen axis: an interval in a plane, or a cap on the sphere.
 //!
-//! Only the directions of a finite set were tested, so an interval ends at its last free direction and a cap at the
-//! farthest circle within which every direction of the set is free: neither promises anything between directions, and
-//! neither is wider than what was found free.
+//! Only the directions of a finite set were tested. So an interval ends at its last free direction, and a cap at the largest
+//! circle within which every direction of the set is free. Neither guarantees anything between directions.
 
 use nalgebra::Vector3;
 
@@ -10,48 +9,49 @@ use super::corridor::Corridor;
 use super::directions::angle_between;
 use super::{Directions, FreeSets};
 
-/// Cosines that differ by less are of the same angle.
+/// Cosines that differ by less than this belong to the same angle.
 const SAME_COSINE: f64 = 1e-12;
 
-/// The free directions of one waypoint, seen from its axis.
+/// The free directions of one waypoint, relative to its axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Permissible {
-    /// How many directions of the set are free; a finer cap beside it is not counted.
+    /// Number of free directions of the set; those of a finer cap are not counted.
     pub free: usize,
-    /// Into how many pieces they fall: runs along a plane, or parts of the sphere of which no direction is the other's neighbour.
+    /// Number of connected parts: runs in a plane, or parts of the sphere without neighbouring directions in common.
     pub pieces: usize,
-    /// Around the axis.
+    /// The free range around the axis.
     pub around: OpenAround,
 }
 
-/// How far the axis may go from where it is.
+/// How far the axis may turn.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OpenAround {
-    /// Along a plane: the free directions on both sides of the axis's angle without a blocked one between, rad.
+    /// In a plane: the interval around the axis' angle without a blocked direction, rad.
     Interval {
-        /// The lowest.
+        /// The lowest free angle.
         low_rad: f64,
-        /// The axis's own.
+        /// The axis' own angle.
         at_rad: f64,
-        /// The highest.
+        /// The highest free angle.
         high_rad: f64,
     },
-    /// On the sphere: every direction of the set within this of the axis is free, rad; 0 where the nearest one is not.
+    /// On the sphere: every direction of the set within this angle of the axis is free, rad; 0 if the nearest one is not.
     Cap {
-        /// Half of its opening.
+        /// Half of the cap's opening angle.
         radius_rad: f64,
     },
 }
 
 impl Permissible {
-    /// Of waypoint i with the shaft at `angle_rad` of a plane, where it is free.
+    /// The free range of waypoint i for a shaft in a plane, at the free angle `angle_rad`.
     pub fn in_plane(directions: &Directions, free: &FreeSets, i: usize, angle_rad: f64) -> Self {
         let angles = directions.angles_rad().unwrap_or_default();
         let (pieces, around) = runs(angles, free, i, angle_rad);
         Self { free: free.count(i), pieces, around }
     }
 
-    /// Of waypoint i with the shaft along `axis` (unit, work), which is free, over a cap; `fine`: what was tested of a finer one beside.
+    /// The free range of waypoint i on a cap for a shaft along the free `axis` (unit, work); `fine`: the tested directions of a
+    /// finer cap.
     pub fn on_cap(
         directions: &Directions,
         free: &FreeSets,
@@ -63,7 +63,7 @@ impl Permissible {
         let beside = fine.into_iter().flat_map(|(directions, corridor)| {
             corridor.asked.iter(i).map(move |n| (directions.axes()[n], corridor.free.contains(i, n)))
         });
-        // by cosines, since all of them are looked at; one that is as far as the nearest blocked one is not within
+        // cosines are compared, because all directions are tested; one as far away as the nearest blocked one is not within
         let asked: Vec<_> = on_set.chain(beside).map(|(a, is_free)| (a.dot(axis), a, is_free)).collect();
         let blocked = asked.iter().filter(|(.., is_free)| !is_free).map(|(cosine, ..)| *cosine);
         let least = blocked.fold(-2.0, f64::max) + SAME_COSINE;
@@ -77,9 +77,9 @@ impl Permissible {
     }
 }
 
-/// Number of runs of free angles, and the one that holds `at_rad`.
+/// Number of runs of free angles, and the run that contains `at_rad`.
 fn runs(angles_rad: &[f64], free: &FreeSets, i: usize, at_rad: f64) -> (usize, OpenAround) {
-    // an axis that was moved off the set is free itself: at most half a spacing beyond a run, and beside no other
+    // an axis that was moved off the set is free too: it is at most half a spacing beyond a run, and beside no other run
     let (mut best, mut least) = ((at_rad, at_rad), f64::INFINITY);
     let numbers: Vec<usize> = free.iter(i).collect();
     let mut pieces = 0;
@@ -94,7 +94,7 @@ fn runs(angles_rad: &[f64], free: &FreeSets, i: usize, at_rad: f64) -> (usize, O
     (pieces, OpenAround::Interval { low_rad: best.0, at_rad, high_rad: best.1 })
 }
 
-/// Number of parts that neighbours join.
+/// Number of parts that are connected by neighbours.
 fn parts(directions: &Directions, free: &FreeSets, i: usize) -> usize {
     let mut seen = vec![false; directions.len()];
     let (mut stack, mut parts) = (Vec::new(), 0);
@@ -138,7 +138,7 @@ mod tests {
         assert_eq!(at(angles[10]).around, interval(angles[9], angles[10], angles[12]));
         assert_eq!(at(angles[0]).around, interval(angles[0], angles[0], angles[4]));
         assert_eq!(at(angles[last]).around, interval(angles[last], angles[last], angles[last]));
-        // refined beyond the run's end, where it was found free
+        // an axis refined beyond the run's end, where it was found free
         let beyond = angles[12] + 0.04;
         assert_eq!(at(beyond).around, interval(angles[9], beyond, beyond));
     }
@@ -158,7 +158,7 @@ mod tests {
             let radius_rad = radius_of(found);
             assert_eq!((found.free, found.pieces), (set.len() - 1, 1));
             assert!(radius_rad < angle(hole) && radius_rad > angle(hole) - 1.1 * set.spacing_rad());
-            // as far as the hole to rounding is as far
+            // up to rounding as far away as the hole
             let is_beyond = |n: usize| angle(n) >= angle(hole) - 1e-9;
             assert!((0..set.len()).all(|n| angle(n) <= radius_rad + 1e-9 || is_beyond(n)));
             assert!(!is_beyond((0..set.len()).find(|n| angle(*n) == radius_rad).unwrap()));

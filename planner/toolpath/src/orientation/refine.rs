@@ -1,13 +1,14 @@
-//! From the best sequence on the set of directions to a smooth one between them, without leaving what is free.
+//! Refines the best sequence on the set of directions to a smooth one between them, without leaving free axes.
 //!
-//! Two promises, each kept by asking the access test itself rather than by reasoning about neighbours:
-//! - the chosen turns are free between waypoints too: [`best_checked`] runs the dynamic program, looks at the turns it chose,
-//!   forbids those that fail, and runs it again (few rounds; only turns that are used are ever looked at);
-//! - the refined axis of every waypoint is free, and so is every refined turn: where one fails, its ends go back to the
+//! Two guarantees hold, each by the access test itself rather than by conclusions from neighbours:
+//! - the chosen turns are free between waypoints too: [`best_checked`] runs the dynamic program, tests the turns that it
+//!   chose, forbids those that fail, and runs it again (few rounds, and only turns that are used are tested);
+//! - the refined axis of every waypoint is free, and so is every refined turn: where one fails, its ends are reset to the
 //!   set's directions, which are known to be free.
 //!
-//! Refinement minimises J with C replaced, within half a spacing of the chosen direction, by the quadratic through the
-//! neighbours' costs. Coordinate descent: the minimum over one waypoint's axis with its neighbours held is a 2 × 2 system.
+//! Refinement minimises J, with C replaced within half a spacing of the chosen direction by the quadratic through the
+//! neighbours' costs. It uses coordinate descent: the minimum over one waypoint's axis with fixed neighbours is a 2 × 2
+//! system.
 
 use bonemill_geometry::cancel;
 use nalgebra::{Matrix2, Matrix3, Unit, UnitQuaternion, Vector2, Vector3};
@@ -16,36 +17,36 @@ use rayon::prelude::*;
 use super::TiltFamily;
 use super::sequence::{BestSequence, Forbidden, Problem, best_sequence};
 
-/// Times the dynamic program is run before turns that fail are left and counted.
+/// Largest number of runs of the dynamic program; turns that still fail are then counted.
 const MOST_ROUNDS: usize = 60;
-/// Sweeps of coordinate descent. The error halves with every few.
+/// Number of sweeps of coordinate descent. A few sweeps halve the error.
 const SWEEPS: usize = 24;
-/// How far an axis may be moved from its direction, spacings.
+/// Largest distance by which an axis is moved from its direction, spacings.
 const TRUST: f64 = 0.5;
-/// An axis that is not free is tried at these shares of its move.
+/// Shares of a displacement that are tried, one after the other, until the axis is free.
 const RETREATS: [f64; 3] = [1.0, 0.5, 0.25];
 
-/// A sequence whose turns were looked at.
+/// A sequence whose turns were tested.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checked {
-    /// The sequence, or where none gets through.
+    /// The sequence, or the waypoint at which every sequence is blocked.
     pub found: BestSequence,
-    /// Turns that were forbidden on the way.
+    /// Turns that were forbidden during the rounds.
     pub forbidden: Forbidden,
     /// Turns of the sequence that are still not free between waypoints.
     pub failing: Vec<usize>,
 }
 
 impl Checked {
-    /// Whether there is a sequence all of whose turns are free.
+    /// Whether a sequence was found whose turns are all free.
     pub fn is_free(&self) -> bool {
         self.failing.is_empty() && matches!(self.found, BestSequence::Sequence { .. })
     }
 }
 
-/// The best sequence among those whose turns `is_turn_free(i, from, to)` during the move that ends at i.
+/// The best sequence whose turns are all free; `is_turn_free(i, from, to)` tests the turn during the move that ends at i.
 ///
-/// `first`: the best sequence of `problem`, whose forbidden turns stay so.
+/// `first`: the best sequence of `problem`. The problem's forbidden turns stay forbidden.
 pub fn best_checked(
     problem: &Problem,
     first: BestSequence,
@@ -71,17 +72,17 @@ pub fn best_checked(
         last = Some((found, failing));
         found = best_sequence(&Problem { forbidden: &forbidden, ..*problem });
     }
-    // nothing gets through without a turn that fails: the last sequence, with its failures named
+    // every sequence has a failing turn: return the last sequence, with its failing turns
     let (found, failing) = last.unwrap_or((found, Vec::new()));
     Checked { found, forbidden, failing }
 }
 
-/// Axes near a set's directions: a plane's angle, or two tangent coordinates.
+/// Coordinates of axes near a set's directions: an angle in a plane, or two tangent coordinates.
 #[derive(Debug, Clone, Copy)]
 pub enum Chart<'a> {
-    /// Along a family: the first coordinate is the change of its angle.
+    /// In a family: the first coordinate is the change of its angle.
     Plane(&'a TiltFamily),
-    /// On the sphere: along two tangents of the direction.
+    /// On the sphere: coordinates along two tangents of the direction.
     Sphere,
 }
 
@@ -90,16 +91,16 @@ pub enum Chart<'a> {
 pub struct Refined {
     /// Axis of each waypoint.
     pub axes: Vec<Unit<Vector3<f64>>>,
-    /// The family's angle, rad, of each waypoint; for a plane.
+    /// Angle of each waypoint in the family, rad; for a plane.
     pub angles_rad: Option<Vec<f64>>,
-    /// Waypoints that stayed at, or went back to, a direction of the set because between was not free.
+    /// Number of waypoints that kept, or were reset to, a direction of the set because the refined axis or turn was not free.
     pub held: usize,
 }
 
-/// Moves the axes of `sequence` off the set's directions towards less J.
+/// Moves the axes of `sequence` off the set's directions so that J becomes less.
 ///
-/// `is_free(i, axis)`: whether waypoint i may have the axis; `is_turn_free(i, from, to)`: whether it may be turned so
-/// during the move that ends at i. Both hold for the sequence itself, or are not made worse.
+/// `is_free(i, axis)`: whether the axis is free at waypoint i; `is_turn_free(i, from, to)`: whether the turn is free during
+/// the move that ends at i. Axes and turns of the sequence itself that are not free are not made worse.
 pub fn refine(
     problem: &Problem,
     sequence: &[u16],
@@ -137,7 +138,7 @@ struct State<'a> {
     problem: &'a Problem<'a>,
     sequence: &'a [u16],
     chart: Chart<'a>,
-    /// Where each axis stands, seen from its direction, rad.
+    /// Offset of each axis from its direction, rad.
     offset: Vec<Vector2<f64>>,
     /// Gradient and curvature of C about the direction.
     model: Vec<(Vector2<f64>, Matrix2<f64>)>,
@@ -163,7 +164,7 @@ impl<'a> State<'a> {
         }
     }
 
-    /// Where waypoint j's axis stands, seen from waypoint i's direction.
+    /// Offset of waypoint j's axis from waypoint i's direction.
     fn seen_from(&self, i: usize, j: usize) -> Vector2<f64> {
         let (n, m) = (usize::from(self.sequence[i]), usize::from(self.sequence[j]));
         match (self.chart, self.problem.directions.angles_rad()) {
@@ -192,7 +193,7 @@ impl<'a> State<'a> {
         }
     }
 
-    /// Ends of turns that are not free go back to the set, until every turn is free or stands on the set.
+    /// Resets the ends of turns that are not free to the set, until every turn is free or has both ends on the set.
     fn release_failing_turns(
         &mut self,
         is_turn_free: &(impl Fn(usize, &Unit<Vector3<f64>>, &Unit<Vector3<f64>>) -> bool + Sync),
@@ -225,8 +226,8 @@ impl<'a> State<'a> {
     }
 }
 
-/// C about direction n of waypoint i, from the free neighbours' costs: gradient, and curvature where it can be told, not
-/// negative.
+/// Gradient and curvature of C about direction n of waypoint i, from the free neighbours' costs. The curvature is not negative,
+/// and 0 where there are too few neighbours.
 fn quadratic(problem: &Problem, i: usize, n: usize, chart: Chart) -> (Vector2<f64>, Matrix2<f64>) {
     let directions = problem.directions;
     let own = |m: usize| f64::from(problem.cost[i * directions.len() + m]);
@@ -240,7 +241,7 @@ fn quadratic(problem: &Problem, i: usize, n: usize, chart: Chart) -> (Vector2<f6
                 .collect();
             let (gradient, curvature) = match slopes.as_slice() {
                 [[a, slope_a], [b, slope_b]] => {
-                    // both chords have the slope of the middle of their span
+                    // the slope of each chord is that at the middle of its span
                     let curvature = (slope_a - slope_b) / (0.5 * (a - b));
                     (slope_a - 0.5 * curvature * a, curvature)
                 }
@@ -258,7 +259,7 @@ fn quadratic(problem: &Problem, i: usize, n: usize, chart: Chart) -> (Vector2<f6
     }
 }
 
-/// Least squares: a slope from two points on, a curvature (the same in every direction) from four on.
+/// Least-squares fit: a slope from at least two points, and a curvature (equal in all directions) from at least four.
 fn fitted(points: &[(Vector2<f64>, f64)]) -> (Vector2<f64>, Matrix2<f64>) {
     let with_bowl = points.len() >= 4;
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
@@ -291,7 +292,7 @@ fn from_tangent(from: &Unit<Vector3<f64>>, t: &Vector2<f64>) -> Unit<Vector3<f64
     }
 }
 
-/// The tangent coordinates of `to`, seen from `from`: rad along the great circle.
+/// The tangent coordinates of `to` at `from`: rad along the great circle.
 fn to_tangent(from: &Unit<Vector3<f64>>, to: &Unit<Vector3<f64>>) -> Vector2<f64> {
     let local = bonemill_geometry::basis::from_z(from).inverse() * to.into_inner();
     let across = local.xy();

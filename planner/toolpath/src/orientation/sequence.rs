@@ -1,19 +1,19 @@
-//! The whole sequence of directions at once: dynamic programming over a layered graph whose edges are never stored.
+//! Chooses the whole sequence of directions at once, by dynamic programming over a layered graph whose edges are not stored.
 //!
-//! One layer per waypoint, one state per free direction; the sequence a_0, a_1, … that minimises
+//! There is one layer per waypoint and one state per free direction. The sequence a_0, a_1, … minimises
 //!
 //! ```text
 //! J = Σ C_i(a_i) Δs_i + λ Σ ∠(a_{i−1}, a_i)²/Δs_i
 //! ```
 //!
-//! subject to: a_i is free at i; ∠(a_{i−1}, a_i) is at most what the arm can turn during the move; every direction that
-//! is passed on the way from a_{i−1} to a_i is free before or after the move; and the turn is not in a list of forbidden
-//! ones. The second term is λ ∫ (da/ds)² ds, so the weight does not depend on the step. Bellman's recursion goes over the
-//! layers once; it finds the optimum over all sequences, which the tests hold against every sequence one by one.
+//! subject to: a_i is free at i; ∠(a_{i−1}, a_i) is at most the angle that the arm can turn during the move; every direction
+//! passed on the way from a_{i−1} to a_i is free before or after the move; and the turn is not in a list of forbidden ones.
+//! The second term is λ ∫ (da/ds)² ds, so the weight does not depend on the step. Bellman's recursion goes over the layers
+//! once and finds the optimum over all sequences; the tests compare it with an enumeration of every sequence.
 //!
-//! An edge is a place in a direction's fan ([`Directions`]): its angle and the place passed before are looked up, never
-//! stored per waypoint. One byte per state remembers where its best sequence came from. Ties go to the least motion, for
-//! which λ is never quite 0, and at the first waypoint to the direction nearer to the approach.
+//! An edge is a slot in a direction's fan ([`Directions`]): its angle and the slot passed before are looked up, not stored
+//! per waypoint. One byte per state stores from which slot its best sequence came. Of equal sequences the one with the least
+//! motion is taken, so λ is never quite 0; at the first waypoint, the direction nearer to the approach.
 
 use bonemill_geometry::cancel;
 use std::collections::HashMap;
@@ -21,46 +21,46 @@ use std::collections::HashMap;
 use super::directions::{Directions, Fan, tilt_rad};
 use super::{FreeSets, RateLimit};
 
-/// Shorter moves count as this long: a turn on the spot is dear, not infinitely so, mm.
+/// Shorter moves count as this long, mm, so that the cost of a turn on the spot is high but finite.
 const SHORTEST_MM: f64 = 1e-3;
-/// λ is at least this, mm/rad² per unit of cost: without any, equal costs would wander.
+/// λ is at least this, mm/rad² per unit of cost; with λ = 0 the axis would move arbitrarily among directions of equal cost.
 const LEAST_WEIGHT_MM: f64 = 1e-6;
-/// Up to so many directions that a sequence may come from are looked at for how near to each other they are.
+/// Largest number of reached directions for which a cone around all of them is computed.
 const MOST_NARROW: usize = 64;
-/// Squares of a fan's angles ascend but for so much, rad².
+/// Squares of a fan's angles are ascending up to this rounding error, rad².
 const UNEVEN: f64 = 1e-8;
-/// Decides between first directions of equal cost, per rad of tilt.
+/// Cost per rad of tilt that decides between first directions of equal cost.
 const UPRIGHT: f64 = 1e-9;
 
-/// A sequence, or where none gets through.
+/// The best sequence, or the waypoint at which every sequence is blocked.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BestSequence {
     /// The best sequence.
     Sequence {
         /// Direction of each waypoint.
         directions: Vec<u16>,
-        /// J of it.
+        /// J of the sequence.
         total: f64,
-        /// Edges that were evaluated.
+        /// Number of edges that were evaluated.
         edges: u64,
     },
     /// No free direction of this waypoint can be reached from the waypoints before it.
     Blocked(usize),
 }
 
-/// The problem. Lists have one entry per waypoint; costs are those of waypoint i and direction n at
-/// `i * directions.len() + n`, and are read only where free.
+/// The input of the dynamic program. Lists have one entry per waypoint; the cost of waypoint i and direction n is at
+/// `i * directions.len() + n` and is read only where the direction is free.
 #[derive(Debug, Clone, Copy)]
 pub struct Problem<'a> {
     /// The directions.
     pub directions: &'a Directions,
-    /// C.
+    /// Cost C.
     pub cost: &'a [f32],
-    /// Which are free.
+    /// The free directions.
     pub free: &'a FreeSets,
-    /// Length of the move that ends at each waypoint, mm; the first is not looked at but for C's weight.
+    /// Length of the move that ends at each waypoint, mm; the first is used only as the weight of C.
     pub length_mm: &'a [f64],
-    /// λ, and how fast directions may change.
+    /// λ, and the largest rate of turning.
     pub rate: RateLimit,
     /// Turns that must not be used.
     pub forbidden: &'a Forbidden,
@@ -71,17 +71,17 @@ pub struct Problem<'a> {
 pub struct Forbidden(HashMap<u32, Vec<[u16; 2]>>);
 
 impl Forbidden {
-    /// No turn from direction `from` to direction `to` during the move that ends at `waypoint`.
+    /// Forbids the turn from direction `from` to direction `to` during the move that ends at `waypoint`.
     pub fn insert(&mut self, waypoint: usize, from: u16, to: u16) {
         self.0.entry(waypoint as u32).or_default().push([from, to]);
     }
 
-    /// How many there are.
+    /// Number of forbidden turns.
     pub fn len(&self) -> usize {
         self.0.values().map(Vec::len).sum()
     }
 
-    /// Whether there is none.
+    /// Whether no turn is forbidden.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -92,8 +92,8 @@ impl Forbidden {
 }
 
 impl Problem<'_> {
-    /// The largest turn during the move that ends at i, rad; at least one spacing, or nothing could ever turn: the time
-    /// law slows such a move.
+    /// The largest turn during the move that ends at i, rad. It is at least one spacing, because otherwise the axis could not
+    /// turn in short moves; the time law slows such a move.
     pub(super) fn reach_rad(&self, i: usize) -> f64 {
         let spacing = 1.5 * self.directions.spacing_rad();
         (self.rate.most_rad_per_mm * self.length_mm[i]).max(spacing)
@@ -133,8 +133,8 @@ pub fn best_sequence(problem: &Problem) -> BestSequence {
     BestSequence::Sequence { directions, total, edges }
 }
 
-/// The waypoints that no sequence gets to from the one before, if whatever follows such a one starts anew; none exactly
-/// where there is a sequence through all.
+/// The waypoints that cannot be reached from the one before; the search restarts after every such waypoint. The list is empty
+/// exactly if there is a sequence through all waypoints.
 pub fn blocked_waypoints(problem: &Problem) -> Vec<usize> {
     let waypoints = problem.free.len();
     let mut came_from = vec![0u8; waypoints * problem.directions.len()];
@@ -152,15 +152,15 @@ pub fn blocked_waypoints(problem: &Problem) -> Vec<usize> {
     blocked
 }
 
-/// The least cost of getting to each direction of one waypoint.
+/// The least cost of reaching each direction of one waypoint.
 struct ProgramLayer<'a> {
     problem: &'a Problem<'a>,
     best: Vec<f64>,
     next: Vec<f64>,
-    /// The directions that are reached, ascending: where `best` is finite; `next` is finite nowhere.
+    /// The directions that are reached, that is, for which `best` is finite, ascending; all values of `next` are infinite.
     alive: Vec<u16>,
     reached: Vec<u16>,
-    /// Free before or after the move.
+    /// Whether each direction is free before or after the move.
     passable: Vec<bool>,
 }
 
@@ -177,7 +177,7 @@ impl<'a> ProgramLayer<'a> {
         }
     }
 
-    /// Waypoint i as the first; whether it has a free direction.
+    /// Starts at waypoint i; returns whether it has a free direction.
     fn start(&mut self, i: usize) -> bool {
         self.best.fill(f64::INFINITY);
         self.alive.clear();
@@ -189,12 +189,12 @@ impl<'a> ProgramLayer<'a> {
         self.problem.free.count(i) > 0
     }
 
-    /// From waypoint i − 1 to i; whether any direction is reached.
+    /// Advances from waypoint i − 1 to i; returns whether any direction is reached.
     fn advance(&mut self, i: usize, came_from: &mut [u8], edges: &mut u64) -> bool {
         let p = self.problem;
         let count = p.directions.len();
         let (turn, forbidden, reach_rad) = (p.turn_weight(i), p.forbidden.at(i), p.reach_rad(i));
-        // between neighbours nothing lies that could be blocked
+        // no direction lies between neighbours, so none can be blocked
         let only_neighbours = reach_rad <= 1.5 * p.directions.spacing_rad() && forbidden.is_empty();
         let beside = || p.free.iter(i).chain(p.free.iter(i - 1)).filter(|_| !only_neighbours);
         beside().for_each(|n| self.passable[n] = true);
@@ -229,8 +229,8 @@ impl<'a> ProgramLayer<'a> {
         !self.alive.is_empty()
     }
 
-    /// A direction and the angle around it that holds every one the sequence may come from; `None` where that are many, and
-    /// telling would cost more than it saves.
+    /// A direction and an angle such that every reached direction lies within this angle of it; `None` where many are reached,
+    /// because computing it would cost more than it saves.
     fn alive_within(&self) -> Option<(usize, f64)> {
         let middle =
             usize::from(*self.alive.get(self.alive.len() / 2).filter(|_| self.alive.len() <= MOST_NARROW)?);
@@ -238,7 +238,7 @@ impl<'a> ProgramLayer<'a> {
         Some((middle, self.alive.iter().map(angle).fold(0.0, f64::max)))
     }
 
-    /// The best slot to come from when nothing lies between, what it leads to, and how many were looked at.
+    /// The best slot to come from among neighbours, the total cost with it, and the number of slots tested.
     #[inline]
     fn among_neighbours(&self, fan: &Fan, most_rad: f64, turn: f64) -> (usize, f64, usize) {
         let (mut from, mut least, mut slots) = (0, f64::INFINITY, 0);
@@ -255,8 +255,8 @@ impl<'a> ProgramLayer<'a> {
         (from, least, slots)
     }
 
-    /// The same over places that are all passable. Slots are looked at up to where the turn alone makes every farther one worse, since
-    /// none costs less than `least_alive`.
+    /// The same over slots that can be reached without passing a blocked direction. No cost is less than `least_alive`, so the
+    /// search ends at the slot from which on the turn alone makes every farther slot worse.
     #[inline]
     fn among_allowed(
         &self,
@@ -266,7 +266,7 @@ impl<'a> ProgramLayer<'a> {
         least_alive: f64,
         is_forbidden: impl Fn(u16) -> bool,
     ) -> (usize, f64, usize) {
-        // a bit per slot: nothing blocked on the way there, the slot itself included
+        // one bit per slot: no direction on the way is blocked, including the slot's own
         let mut open = [1u64, 0, 0, 0];
         let (mut from, mut least) = (0, f64::INFINITY);
         for (slot, angle_rad) in fan.angle_rad.iter().enumerate() {
@@ -277,7 +277,7 @@ impl<'a> ProgramLayer<'a> {
             let node = fan.node[slot];
             let parent = usize::from(fan.parent[slot]);
             let on_way = open[parent / 64 % 4] >> (parent % 64) & 1 == 1;
-            // slot 0 is the end itself, which is free
+            // slot 0 is the direction itself, which is free
             let passes = on_way && self.passable[usize::from(node)];
             open[slot / 64 % 4] |= u64::from(passes) << (slot % 64);
             let total = self.best[usize::from(node)] + by_turn;

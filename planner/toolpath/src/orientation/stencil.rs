@@ -1,26 +1,27 @@
-//! A force on every direction of a plane from its values on a few.
+//! Interpolates the force for every direction of a plane from its values for a few.
 //!
-//! At one waypoint the force is a smooth function of the tilt: bone and feed stay, only the shaft turns. So it is evaluated
-//! at every third angle and interpolated between, by the cubic through the four nearest. A [`Stencil`] holds the weights,
-//! which depend on the angles alone. What is interpolated is the force, not the cost, whose kink at F_v = 0 stays sharp.
+//! At one waypoint the force is a smooth function of the tilt, because bone and feed are fixed and only the shaft turns. So
+//! it is evaluated at every third angle and interpolated between by the cubic through the four nearest. A [`Stencil`] holds
+//! the weights, which depend on the angles alone. The force is interpolated rather than the cost, which has a kink at
+//! F_v = 0.
 //!
-//! The error is measured against direct evaluation by a test (`tests/orientation.rs`), and lies below the lattice's own.
-//! On a cap the same idea, with a least-squares quadratic over a quarter of the directions 6° apart, was off by 6 % at one
-//! direction in a hundred: caps are evaluated directly.
+//! A test (`tests/orientation.rs`) compares it with direct evaluation: the error is below that of the force's own lattice of
+//! samples. On a cap the same method, with a least-squares quadratic over a quarter of the directions 6° apart, had errors of
+//! 6 % at one direction in a hundred, so caps are evaluated directly.
 
 use nalgebra::Vector3;
 
-/// Every how many angles one is evaluated.
+/// One in this many angles is evaluated.
 const EVERY: usize = 3;
-/// Nodes of the cubic.
+/// Number of nodes of the cubic.
 const NEAREST: usize = 4;
 
-/// Angles to evaluate, and what each angle is made of.
+/// The angles to evaluate, and the interpolation weights of every angle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stencil {
     /// Numbers of the angles that are evaluated.
     nodes: Vec<usize>,
-    /// Per angle: places in `nodes` with their weights.
+    /// For each angle, indices into `nodes` with their weights.
     weights: Vec<Vec<(usize, f64)>>,
 }
 
@@ -38,7 +39,7 @@ impl Stencil {
         &self.nodes
     }
 
-    /// Puts the values of the `wanted` angles into `out`: by the stencil where it asks `value` for fewer.
+    /// Computes the values of the `wanted` angles into `out`; the stencil is used where it needs fewer calls of `value`.
     pub fn fill(
         &self,
         wanted: impl Iterator<Item = usize> + Clone,
@@ -66,7 +67,7 @@ impl Stencil {
     }
 }
 
-/// Lagrange's weights of the nearest nodes; a node is itself.
+/// Lagrange's weights of the nearest nodes; a node has the weight 1 for itself.
 fn weights(angles_rad: &[f64], nodes: &[usize], n: usize) -> Vec<(usize, f64)> {
     if let Ok(place) = nodes.binary_search(&n) {
         return vec![(place, 1.0)];
@@ -104,7 +105,7 @@ mod tests {
         }
     }
 
-    /// Smooth functions of the axis: what a force is made of.
+    /// Smooth functions of the axis, as forces are, are reproduced.
     #[test]
     fn smooth_functions_come_back() {
         let normal = Vector3::new(0.3, -0.5, -0.8).normalize();

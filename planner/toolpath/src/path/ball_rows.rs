@@ -1,28 +1,28 @@
-//! The rows of voxels that a ball about a voxel's centre holds.
+//! The rows of voxels inside a ball around a voxel's centre.
 
 use std::ops::Range;
 
-/// Rows of a shape about a voxel's centre.
+/// Rows of a ball around a voxel's centre.
 #[derive(Debug)]
 pub(super) struct BallRows {
     dims: [usize; 3],
-    /// Rows away along y and z, and how far the ball reaches along x to either side.
+    /// Offset of each row along y and z, and the ball's extent along x to either side.
     rows: Vec<([i64; 2], i64)>,
 }
 
 impl BallRows {
-    /// Those of a ball.
+    /// The rows of a ball.
     pub(super) fn new(dims: [usize; 3], radius_voxels: f64) -> Self {
         let held = |[j, k]: [i64; 2]| Some(([j, k], half(radius_voxels, [j, k])?));
         Self { dims, rows: around(radius_voxels).filter_map(held).collect() }
     }
 
-    /// How many there are.
+    /// Number of rows.
     pub(super) fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// Its runs about `voxel`, as far as they lie in the grid.
+    /// The runs around `voxel`, limited to the grid.
     pub(super) fn around(&self, voxel: usize) -> impl Iterator<Item = Range<usize>> + use<'_> {
         let [nx, ny, nz] = self.dims;
         let (i, j, k) = ((voxel % nx) as i64, (voxel / nx % ny) as i64, (voxel / (nx * ny)) as i64);
@@ -35,8 +35,8 @@ impl BallRows {
         })
     }
 
-    /// For every voxel of the grid, how many of `voxels` its shape holds; the shape must be its own mirror image. Each voxel adds one
-    /// along its rows, and a running sum makes counts of the ends.
+    /// For every voxel of the grid, the number of `voxels` in the ball around it; the shape must be symmetric. Each voxel adds one
+    /// along its rows: only the ends of rows are marked, and a running sum makes counts of them.
     pub(super) fn counts(&self, voxels: impl Iterator<Item = usize>) -> Vec<u32> {
         let mut change = vec![0i32; self.dims.iter().product::<usize>() + 1];
         for run in voxels.flat_map(|voxel| self.around(voxel)) {
@@ -52,13 +52,13 @@ impl BallRows {
     }
 }
 
-/// Rows that a ball may reach.
+/// Offsets of the rows that a ball may reach.
 fn around(radius_voxels: f64) -> impl Iterator<Item = [i64; 2]> {
     let reach = radius_voxels.floor() as i64;
     (-reach..=reach).flat_map(move |k| (-reach..=reach).map(move |j| [j, k]))
 }
 
-/// How many voxels a ball reaches to either side in a row.
+/// Number of voxels to either side in a row of the ball.
 fn half(radius_voxels: f64, [j, k]: [i64; 2]) -> Option<i64> {
     let squared = radius_voxels * radius_voxels - (j * j + k * k) as f64;
     (squared >= 0.0).then(|| squared.sqrt() as i64)

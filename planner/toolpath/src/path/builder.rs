@@ -1,4 +1,4 @@
-//! Joins passes by links and keeps the removal-time field.
+//! Builds a path: joins passes by links and keeps the removal-time field up to date.
 
 use bonemill_geometry::{Point, Work};
 use bonemill_scene::Class;
@@ -10,17 +10,18 @@ use super::search::LinkSearch;
 use super::{MillPath, MoveKind, Pass, PathPoint, PathSpacing, pieces};
 use crate::space::BurrSpace;
 
-/// Waypoints of a link are this many cutting steps apart.
+/// Distance between waypoints of a link, in cutting steps.
 const LINK_STEPS: f64 = 4.0;
 /// Passes whose ends are nearer than this many stepovers are joined by a straight cut.
 const ADJACENT_STEPOVERS: f64 = 1.6;
-/// Waypoints that the burr may go back before it retracts.
+/// Largest number of waypoints that the burr goes back before it retracts.
 const BACK_OUT: usize = 40;
-/// A retract may take cusps along, up to this share of a ball: more is a ledge, which the shank would meet first.
+/// A retract may remove cusps up to this share of a ball's volume. More than this is a ledge, which the shank would meet
+/// first.
 const CUSPS_SHARE: f64 = 0.02;
-/// Searches for a way in from outside before only passes with nothing above them may begin the path.
+/// Number of failed searches for a way in from outside, after which only passes with nothing above them may begin the path.
 const MOST_VAIN_STARTS: usize = 20;
-/// Heights tried for a retract, mm apart.
+/// Distance between the heights that are tried for a retract, mm.
 const RETRACT_STEP_MM: f64 = 0.5;
 
 /// Grows a path pass by pass.
@@ -29,22 +30,22 @@ pub struct Builder<'a> {
     space: &'a BurrSpace<'a>,
     spacing: PathSpacing,
     points: Vec<PathPoint>,
-    /// Of these, the moves that `removal` knows.
+    /// Number of moves that `removal` contains already.
     swept: usize,
     passes: Vec<Pass>,
     removal: RemovalTime,
     search: LinkSearch,
     rows: Rows,
-    /// What has mass, and reachable target, that is still there.
+    /// Voxels with mass, and reachable target, that still stand.
     material: VoxelSet,
     reachable: VoxelSet,
-    /// How many reachable ones are.
+    /// Number of reachable target voxels that still stand.
     left: usize,
     unjoined: usize,
-    /// Where a path may begin, once it is computed.
+    /// Positions where a path may begin, once they are computed.
     tops: Option<Vec<Point<Work>>>,
     vain_starts: usize,
-    /// The pass and its point that the burr is on its way to.
+    /// The pass, and the point of it, to which the burr is moving.
     heading: (u32, u32),
 }
 
@@ -71,7 +72,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Where the burr may be.
+    /// The burr's free space.
     pub fn space(&self) -> &'a BurrSpace<'a> {
         self.space
     }
@@ -81,22 +82,22 @@ impl<'a> Builder<'a> {
         self.spacing
     }
 
-    /// Reachable target voxels that are still there.
+    /// Number of reachable target voxels that still stand.
     pub fn left(&self) -> usize {
         self.left
     }
 
-    /// The reachable target voxels that are still there.
+    /// The reachable target voxels that still stand.
     pub fn reachable_left(&self) -> &VoxelSet {
         &self.reachable
     }
 
-    /// Where the burr stands.
+    /// The burr's present position.
     pub fn position(&self) -> Option<Point<Work>> {
         self.points.last().map(|p| p.position)
     }
 
-    /// Reachable target voxels that the burr at `p` would remove, counted up to about `enough`.
+    /// Number of reachable target voxels that the burr at `p` would remove; counting stops at about `enough`.
     pub fn gain(&self, p: Point<Work>, enough: usize) -> usize {
         self.reachable.count_within(&self.rows, [p, p], self.space.radius_mm(), enough)
     }
@@ -106,15 +107,15 @@ impl<'a> Builder<'a> {
         self.met(a, b, None).is_none()
     }
 
-    /// The voxel at a place, if it still has material.
+    /// The voxel at a position, if it still has material.
     pub fn material_at(&self, p: Point<Work>) -> Option<usize> {
         let grid = self.space.grid();
         let voxel = grid.index(grid.nearest(p)?);
         self.material.contains(voxel).then_some(voxel)
     }
 
-    /// A voxel of material that the move a–b would take; `before`, if it would take that: where moves are much alike, what one of
-    /// them meets is likely to be met by the next.
+    /// A voxel of material that the move a–b would remove. `before` is tested first, because similar moves are likely to meet the
+    /// same voxel.
     pub fn met(&self, a: Point<Work>, b: Point<Work>, before: Option<usize>) -> Option<usize> {
         let radius_mm = self.space.radius_mm();
         let still_met = before
@@ -122,7 +123,7 @@ impl<'a> Builder<'a> {
         still_met.or_else(|| self.material.first_within(&self.rows, [a, b], radius_mm))
     }
 
-    /// Joins `pass` to the path and cuts it. Returns false, and changes nothing, when no link leads there.
+    /// Joins `pass` to the path and cuts it. Returns false and changes nothing if there is no link to it.
     pub fn add(&mut self, pass: Pass) -> bool {
         let number = self.passes.len() as u32;
         let before = std::mem::replace(&mut self.heading, (number, 0));
@@ -131,7 +132,7 @@ impl<'a> Builder<'a> {
             self.unjoined += 1;
             return false;
         };
-        // an end that lies under a ledge is entered from within the line: back to it first, then all along
+        // if the pass' start lies under a ledge, it is entered from a later point: first back to the start, then along the pass
         for n in (0..entry).rev() {
             self.heading = (number, n as u32);
             self.lay_cut(pass.points[n], pass.layer);
@@ -145,8 +146,9 @@ impl<'a> Builder<'a> {
         true
     }
 
-    /// Goes to the first point of a pass that can be reached; its place in the pass. By a short cut, a straight link, or
-    /// out of the bone and in again, if need be from a place that the burr has just come from; else by a search.
+    /// Goes to the first point of a pass that can be reached, and returns the point's number. It tries a short straight cut, a
+    /// straight link, and a retract out of the bone and back in, if necessary from a position that the burr has just left; if
+    /// all fail, a search.
     fn enter(&mut self, pass: &Pass) -> Option<usize> {
         let (first, layer) = (*pass.points.first()?, pass.layer);
         let Some(from) = self.position() else { return self.begin(pass) };
@@ -173,7 +175,7 @@ impl<'a> Builder<'a> {
         Some(0)
     }
 
-    /// A way that a search finds.
+    /// Searches a way.
     fn find_way(&mut self, from: Point<Work>, to: Point<Work>) -> Option<Vec<Point<Work>>> {
         let mut search = std::mem::take(&mut self.search);
         let way = search.way(self, from, to);
@@ -181,7 +183,7 @@ impl<'a> Builder<'a> {
         way
     }
 
-    /// Goes along a way, cutting where something is in it.
+    /// Follows a way; moves that remove material are cuts.
     fn follow(&mut self, way: &[Point<Work>], layer: u32) {
         for p in way {
             let here = self.points[self.points.len() - 1].position;
@@ -193,8 +195,8 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// The path starts in free space: above the pass's first point with nothing above it; else at the nearest place at the
-    /// top, from where a search leads under what is there. `None` where there is neither.
+    /// Starts the path in free space: above the pass' first point with nothing above it; else at the nearest position at the top,
+    /// from which a search finds a way. `None` if both fail.
     fn begin(&mut self, pass: &Pass) -> Option<usize> {
         let may_start =
             |p: &Point<Work>| self.is_open_above(*p) && self.is_free(self.above(*p), self.above(*p));
@@ -222,7 +224,7 @@ impl<'a> Builder<'a> {
         Some(0)
     }
 
-    /// The highest places where the burr can be and takes nothing.
+    /// The highest positions where the burr may be and removes nothing.
     fn find_tops(&self) -> Vec<Point<Work>> {
         let (grid, connected) = (self.space.grid(), self.space.connected());
         let Some(highest) = connected.iter().rposition(|c| *c) else { return Vec::new() };
@@ -232,8 +234,8 @@ impl<'a> Builder<'a> {
         centers.filter(|p| self.is_free(*p, *p)).collect()
     }
 
-    /// Out of the bone along the approach and into `pass` at its first point with nothing above it; as high as the burr may be
-    /// where the pass asks for that.
+    /// Moves out of the bone along the approach and into `pass` at its first point with nothing above it; as high as the burr may
+    /// be if the pass requires that.
     fn retract_to(&mut self, pass: &Pass) -> Option<usize> {
         let back = self.way_back()?;
         let entry = pass.points.iter().position(|p| self.is_open_above(*p))?;
@@ -249,8 +251,8 @@ impl<'a> Builder<'a> {
         Some(entry)
     }
 
-    /// Where the burr stands, and from there the way that it came by, back to a place from which it can leave: from under
-    /// a ledge it goes out as it went in. Where there is none, one from which only bone of the target is in the way.
+    /// The way back along the path from the burr's position to one from which it can retract: from under a ledge it leaves as it
+    /// entered. If there is none, the way to a position above which there is only bone of the target.
     fn way_back(&self) -> Option<Vec<Point<Work>>> {
         let last = self.points.len().checked_sub(1)?;
         let came_by = (last.saturating_sub(BACK_OUT)..=last).rev().map(|n| self.points[n].position);
@@ -262,18 +264,18 @@ impl<'a> Builder<'a> {
         Some(came_by.take(back + 1).collect())
     }
 
-    /// Whether bone that is to stay, or a structure, is nowhere in the way straight along the approach.
+    /// Whether the way straight up along the approach is free of bone outside the target and of structures.
     fn is_open_above(&self, p: Point<Work>) -> bool {
         self.is_way_clear(p, self.above(p))
     }
 
-    /// Whether next to nothing is above the burr.
+    /// Whether only cusps are above the burr.
     fn takes_cusps_only(&self, p: Point<Work>) -> bool {
         let most = (CUSPS_SHARE * self.space.ball_voxels()) as usize + 1;
         self.material.count_within(&self.rows, [p, self.above(p)], self.space.radius_mm(), most) < most
     }
 
-    /// The lowest height at which the way across is clear and free.
+    /// The lowest height at which the move across is clear and free.
     fn crossing_height(&self, from: Point<Work>, to: Point<Work>) -> Option<f64> {
         let top = self.above(from).z();
         let lowest = from.z().max(to.z());
@@ -283,7 +285,7 @@ impl<'a> Builder<'a> {
         })
     }
 
-    /// Ends with a retract and hands the path out.
+    /// Ends the path with a retract and returns it.
     pub fn into_path(mut self, layers: u32) -> MillPath {
         if let Some((back, end)) = self.way_back().zip(self.points.last().copied()) {
             for p in &back[1..] {
@@ -310,7 +312,7 @@ impl<'a> Builder<'a> {
         self.is_way_clear(a, b) && self.is_free(a, b)
     }
 
-    /// Along the approach to `to`: through free space as far as it goes, the rest is a cut.
+    /// Moves along the approach to `to`: a retract as far as the space is free, then a cut.
     fn lift_or_plunge(&mut self, to: Point<Work>, layer: u32) {
         let Some(from) = self.position() else { return };
         let step = LINK_STEPS * self.spacing.step_mm;
@@ -322,7 +324,7 @@ impl<'a> Builder<'a> {
                 self.push(next, MoveKind::Retract, layer);
                 continue;
             }
-            // step by step, so that only what cuts is as slow as a cut
+            // in steps, so that only the part that removes material has a cut's speed
             let steps = pieces(here.distance_mm(&next), self.spacing.step_mm);
             for n in 1..=steps {
                 let before = self.points[self.points.len() - 1].position;
@@ -343,7 +345,7 @@ impl<'a> Builder<'a> {
         self.sweep();
     }
 
-    /// Lays a cut that is yet to be swept.
+    /// Adds a cut that is swept later.
     fn lay_cut(&mut self, to: Point<Work>, layer: u32) {
         self.lay(to, self.spacing.step_mm, MoveKind::Cut, layer);
     }
@@ -367,7 +369,7 @@ impl<'a> Builder<'a> {
         self.sweep();
     }
 
-    /// Takes what the moves remove that were laid since the last time. Nothing reads the bone in between.
+    /// Removes the material of the moves added since the last call. Nothing reads the stock in between.
     fn sweep(&mut self) {
         let Self { points, removal, material, reachable, left, .. } = self;
         let moves = self.swept as u32..points.len() as u32;

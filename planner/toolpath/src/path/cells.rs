@@ -1,7 +1,8 @@
-//! One node of each cube of voxels: places for the burr's centre about a quarter of a millimetre apart, whatever the grid's spacing.
+//! One grid node per cube of voxels: candidate positions of the burr's centre, about a quarter of a millimetre apart for any
+//! spacing of the grid.
 //!
-//! A ball holds (r/h)³ voxels of side h, and a voxel lies in the balls about as many nodes. Choosing among all nodes would
-//! cost the square of that; choosing among the nodes of cells costs no more than there are voxels.
+//! A ball contains about (r/h)³ voxels of side h, and a voxel lies in the balls around as many nodes. The cost of choosing
+//! among all nodes would grow with the square of that; choosing among one node per cell costs no more than there are voxels.
 
 use rayon::prelude::*;
 
@@ -19,9 +20,9 @@ pub(super) struct Cells {
 }
 
 impl Cells {
-    /// Cubes of `side`³ voxels. The node of each is the one with the least room around: nearest to what limits the burr, where
-    /// bone is left over. Among equals it is the one nearest to the cube's middle. Nodes with more
-    /// room than `most_margin_mm` do not count.
+    /// Cubes of `side`³ voxels. The node of each cube is the one with the least margin: it is nearest to what limits the burr,
+    /// and bone is left there. Among equal margins it is the one nearest to the cube's middle. Nodes with a margin above
+    /// `most_margin_mm` are not used.
     pub(super) fn new(space: &BurrSpace, side: usize, most_margin_mm: f32) -> Self {
         let grid = space.grid();
         let dims = grid.dims().map(|n| n.div_ceil(side));
@@ -49,17 +50,17 @@ impl Cells {
         Self { side, dims, node }
     }
 
-    /// Voxels along a cube's side.
+    /// Side of a cube, voxels.
     pub(super) fn side(&self) -> usize {
         self.side
     }
 
-    /// How many there are.
+    /// Number of cubes.
     pub(super) fn len(&self) -> usize {
         self.node.len()
     }
 
-    /// How many have a node.
+    /// Number of cubes with a node.
     pub(super) fn nodes(&self) -> usize {
         self.node.iter().filter(|node| **node != NONE).count()
     }
@@ -69,7 +70,7 @@ impl Cells {
         Some(self.node[cell]).filter(|node| *node != NONE).map(|node| node as usize)
     }
 
-    /// The cube that lies `offset` cubes from another, if there is one.
+    /// The cube at an offset from another, in cubes, if there is one.
     pub(super) fn at_offset(&self, cell: usize, offset: [i64; 3]) -> Option<usize> {
         let [nx, ny, _] = self.dims;
         let at = [cell % nx, cell / nx % ny, cell / (nx * ny)];

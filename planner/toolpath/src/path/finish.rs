@@ -1,11 +1,11 @@
-//! Finishing: along what roughing leaves on walls and floors.
+//! Finishing: passes along the material that roughing leaves on walls and floors.
 //!
-//! Every reachable voxel lies in the ball at some connected node. So each node has a gain: how many of the voxels still
-//! there a ball at it would remove. The finishing burr walks from node to node where the gain per millimetre is best,
-//! and jumps when nothing near is left. It chooses among one node of each cell ([`Cells`]).
+//! Every reachable voxel lies in the ball at some connected node. The gain of a node is the number of standing voxels that
+//! the ball would remove there. A finishing pass goes from node to node where the gain per millimetre is largest, and a new
+//! pass starts elsewhere when no gain is left nearby. Only one node of each cell ([`Cells`]) is considered.
 //!
-//! Gains never grow, so what a gain once was bounds what it is. A gain is counted again, by the words of the ball's rows,
-//! only where its bound could win; the choice is the same as if all gains were known.
+//! Gains never grow, so an earlier gain is an upper bound of the present one. A gain is counted again, by the words of the
+//! ball's rows, only where its bound could be the largest; the choice is the same as if all gains were known.
 
 use bonemill_geometry::{Point, Work};
 use bonemill_stock::voxels::{VoxelSet, voxels_apart};
@@ -15,22 +15,22 @@ use super::ball_rows::BallRows;
 use super::cells::Cells;
 use super::{Builder, Lines, Pass};
 
-/// A node is worth a visit when at least this share of a full ball's volume would go (at least two voxels).
+/// A node is visited only if at least this share of a ball's volume would be removed (and at least two voxels).
 const WORTH_SHARE: f64 = 0.001;
-/// Finishing ends when this share of the reachable volume is left.
+/// Finishing ends when only this share of the reachable volume is left.
 const ENOUGH_LEFT: f64 = 0.003;
-/// Nodes looked at from where the burr stands: within this many cells.
+/// The next node is searched within this many cells of the burr.
 const LOOK_CELLS: i64 = 4;
-/// A millimetre of travel to the next start costs as much as this volume of gain, mm³.
+/// Cost of travel to the next start: volume of gain per mm of travel, mm².
 const TRAVEL_COST_MM2: f64 = 1.0 / 64.0;
 
-/// Adds finishing passes as layer `layer`; returns how many rows of voxels were gone through for it.
+/// Adds finishing passes as layer `layer`; returns the number of rows of voxels that were read.
 pub(super) fn finish(builder: &mut Builder, layer: u32, lines: &Lines) -> usize {
     let total = builder.space().reachable().iter().filter(|r| **r).count();
     let enough_left = (ENOUGH_LEFT * total as f64) as usize;
     let spacing_mm = builder.space().grid().spacing_mm().x;
     let side = voxels_apart(spacing_mm);
-    // what lies in corners that no cell's node reaches is taken from the nodes beside what limits the burr
+    // material in corners that no cell's node reaches is removed from the nodes nearest to what limits the burr
     let corners = (side > 1).then_some((1, spacing_mm as f32));
     let mut rows = 0;
     for (side, most_margin_mm) in std::iter::once((side, f32::INFINITY)).chain(corners) {
@@ -50,7 +50,7 @@ fn finish_cells(
     enough_left: usize,
     lines: &Lines,
 ) -> usize {
-    // every pass removes at least one voxel or strikes its start off: the loop ends
+    // the loop ends, because every pass removes at least one voxel or excludes its start
     while builder.left() > enough_left {
         let Some(start) = gains.best_start(builder) else { break };
         let cells = gains.walk(builder, start);
@@ -72,18 +72,18 @@ fn finish_cells(
 /// Gains of the cells' nodes.
 struct Gains {
     cells: Cells,
-    /// At least each cell's gain; 0 where it is never to be tried again.
+    /// Upper bound of each cell's gain; 0 where it is not tried again.
     most: Vec<u32>,
-    /// Cells that may be worth a visit, in order.
+    /// Cells that may be visited, in order.
     starts: Vec<usize>,
-    /// Reachable voxels that are there and that the walk has not taken.
+    /// Reachable voxels that stand and that the present walk does not remove.
     there: VoxelSet,
-    /// Bounds that were lowered during the walk, as they were.
+    /// Bounds before they were lowered during the walk.
     lowered: Vec<(usize, u32)>,
     worth: u32,
     offsets: Vec<[i64; 3]>,
     ball: BallRows,
-    /// How often the rows of a ball were gone through.
+    /// How often the rows of a ball were read.
     counted: usize,
 }
 
@@ -105,7 +105,7 @@ impl Gains {
         }
         let ball = BallRows::new(grid.dims(), space.radius_mm() / grid.spacing_mm().x);
         let there = builder.reachable_left().clone();
-        // few voxels tell all nodes, few nodes ask all voxels: either way costs a ball's rows each
+        // with few voxels, each adds to the counts of its nodes; with few nodes, each counts its voxels; both read a ball's rows
         let (left, nodes) = (builder.left(), cells.nodes());
         let most: Vec<u32> = if left <= nodes {
             let held = ball.counts(there.within(0..grid.len()));
@@ -130,11 +130,11 @@ impl Gains {
 
     fn center(&self, builder: &Builder, cell: usize) -> Point<Work> {
         let grid = builder.space().grid();
-        // only cells with a node are ever handed out
+        // only cells with a node are returned
         grid.center(grid.voxel(self.cells.node(cell).unwrap_or(0)))
     }
 
-    /// The gain of a cell's node, counted anew.
+    /// Counts the gain of a cell's node again.
     fn gain(&mut self, cell: usize) -> u32 {
         let Some(node) = self.cells.node(cell).filter(|_| self.most[cell] > 0) else { return 0 };
         let gain = count(&self.there, &self.ball, node);
@@ -146,10 +146,10 @@ impl Gains {
         gain
     }
 
-    /// Brings the gains up to what the builder has really removed.
+    /// Updates the gains to the material that the builder has really removed.
     fn settle(&mut self, builder: &Builder) {
         if self.there.replace(builder.reachable_left()) {
-            // some of what the walk took is still there
+            // some of the material that the walk counted as removed still stands
             for (cell, most) in self.lowered.drain(..).rev() {
                 self.most[cell] = most;
             }
@@ -157,7 +157,7 @@ impl Gains {
         self.lowered.clear();
     }
 
-    /// The worthwhile cell with the best gain less the cost of travelling there; the first of equals.
+    /// The cell with the largest gain minus cost of travel, among those worth a visit; the first of equals.
     fn best_start(&mut self, builder: &Builder) -> Option<usize> {
         let grid = builder.space().grid();
         let travel_cost = TRAVEL_COST_MM2 / grid.voxel_mm3();
@@ -180,13 +180,13 @@ impl Gains {
         best.map(|(_, cell)| cell)
     }
 
-    /// Cells from `start` on, each the best per millimetre among those near the last, as long as one is worth it.
+    /// Cells from `start` on: each has the largest gain per millimetre near the one before, as long as one is worth a visit.
     ///
-    /// What the walk would take is gone, until [`Gains::settle`].
+    /// Material that the walk would remove counts as removed until [`Gains::settle`].
     fn walk(&mut self, builder: &Builder, start: usize) -> Vec<usize> {
         let mut cells = vec![start];
         let mut next = Some(start);
-        // bounded: each further node takes at least `worth` voxels
+        // the loop ends, because each further node removes at least `worth` voxels
         while let Some(cell) = next {
             if let Some(node) = self.cells.node(cell) {
                 self.ball.around(node).for_each(|run| self.there.take(run, |_| ()));
@@ -197,13 +197,13 @@ impl Gains {
         cells
     }
 
-    /// The cell near `here` with the best gain for the way there, that a straight move reaches; the first of equals.
+    /// The cell near `here` with the largest gain per millimetre that a straight move reaches; the first of equals.
     fn next(&mut self, builder: &Builder, here: usize) -> Option<usize> {
         let (space, grid) = (builder.space(), builder.space().grid());
         let from = self.center(builder, here);
         let voxel = |cell: usize| self.cells.node(cell).map(|node| grid.voxel(node).map(|c| c as i64));
         let at = voxel(here)?;
-        // value at most, place among the offsets, length in cells, cell
+        // upper bound of the value, index of the offset, length in cells, cell
         let mut near: Vec<(f64, usize, f64, usize)> = Vec::with_capacity(self.offsets.len());
         for (n, offset) in self.offsets.iter().enumerate() {
             let Some(cell) = self.cells.at_offset(here, *offset) else { continue };
@@ -235,7 +235,7 @@ impl Gains {
     }
 }
 
-/// How many voxels a ball about a node holds.
+/// Number of voxels of `there` in a ball around a node.
 fn count(there: &VoxelSet, ball: &BallRows, node: usize) -> u32 {
     ball.around(node).map(|run| there.count(run) as u32).sum()
 }

@@ -1,9 +1,9 @@
-//! The burr's path (D II-A): layers along the approach, serpentine lines, finishing along what the lines leave, links.
+//! The burr's path (D II-A): layers along the approach, serpentine lines, finishing passes, links.
 //!
-//! A [`Pass`] is a polyline that cuts; the [`Builder`] joins passes by links through free space and keeps the
-//! removal-time field. Roughing (`rough`) lays straight lines layer by layer, each following the floor of the free
-//! space where that is higher than the layer. Their cusps along walls and floors are a few per cent of the volume;
-//! finishing (`finish`) follows exactly the voxels that are left.
+//! A [`Pass`] is a polyline of cuts; the [`Builder`] joins passes by links through free space and keeps the removal-time
+//! field. Roughing (`rough`) lays straight lines layer by layer; a line follows the floor of the free space where that is
+//! higher than the layer. The cusps that remain along walls and floors are a few per cent of the volume; finishing
+//! (`finish`) follows the voxels that are left.
 //!
 //! Invariants: every position is clear ([`BurrSpace::is_clear`]); a link or retract removes no material; the path is the
 //! same for any number of threads.
@@ -34,9 +34,9 @@ pub struct PathPoint {
     pub position: Point<Work>,
     /// What the move is for.
     pub kind: MoveKind,
-    /// Layer, 0 at the top; finishing has the number after the last layer.
+    /// Layer, 0 at the top; finishing passes have the number after the last layer.
     pub layer: u32,
-    /// The point of a pass that the move leads to: (pass, point).
+    /// The point of a pass to which the move leads: (pass, point).
     pub leads_to: (u32, u32),
 }
 
@@ -45,23 +45,24 @@ pub fn centers(points: &[PathPoint]) -> Vec<Point<Work>> {
     points.iter().map(|point| point.position).collect()
 }
 
-/// A polyline that cuts.
+/// A polyline of cuts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pass {
     /// Its layer.
     pub layer: u32,
     /// Positions of the burr's centre, at least one.
     pub points: Vec<Point<Work>>,
-    /// Whether the shank could not get there where the pass belonged.
+    /// Whether the pass was put off, because the shank had no free direction at its original place in the order.
     pub put_off: bool,
-    /// Whether the burr comes from above the bone, where the shaft turns freely: it cannot turn on the way from the pass before.
+    /// Whether the burr must enter from above the bone, where the shaft turns freely, because it cannot turn on the way from the
+    /// pass before.
     pub from_above: bool,
 }
 
 /// Lengths that shape the path, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathSpacing {
-    /// Depth of a layer.
+    /// Thickness of a layer.
     pub layer_mm: f64,
     /// Distance of neighbouring lines.
     pub stepover_mm: f64,
@@ -69,26 +70,26 @@ pub struct PathSpacing {
     pub step_mm: f64,
 }
 
-/// A path with its removal-time field and the passes that it is made of.
+/// A path with its removal-time field and its passes.
 #[derive(Debug)]
 pub struct MillPath {
     /// Waypoints; the first stands in free space.
     pub points: Vec<PathPoint>,
     /// T(x): the waypoint whose move first covers a voxel.
     pub removal: RemovalTime,
-    /// What it is made of.
+    /// The passes, in the order in which they are cut.
     pub passes: Vec<Pass>,
-    /// Passes that no link could join.
+    /// Number of passes that no link could join.
     pub unjoined: usize,
-    /// Milling layers, finishing not counted.
+    /// Number of roughing layers.
     pub layers: u32,
 }
 
-/// What rounding adds to a step, as a share of it.
+/// Relative rounding error of a step.
 pub const STEP_ROUNDING: f64 = 1e-9;
 
 impl MillPath {
-    /// The same way with some of its moves in steps of at most `step_mm`.
+    /// The same path with some of its moves divided into steps of at most `step_mm`.
     pub fn stepped(&self, space: &BurrSpace, moves: &HashSet<usize>, step_mm: f64) -> Self {
         let mut points = Vec::with_capacity(self.points.len() + 4 * moves.len());
         for (i, point) in self.points.iter().enumerate() {
@@ -108,13 +109,13 @@ impl MillPath {
     }
 }
 
-/// Into how many equal steps of at most `step_mm` a length falls, at least 1.
+/// Number of equal steps of at most `step_mm` in a length, at least 1.
 fn pieces(length_mm: f64, step_mm: f64) -> usize {
-    // a hair over the step is still one step
+    // a length that exceeds the step by rounding is still one step
     (length_mm / (step_mm * (1.0 + STEP_ROUNDING))).ceil().max(1.0) as usize
 }
 
-/// Lays the path through all that the ball can reach.
+/// Lays the path through all target that the ball can reach.
 pub fn lay_path(space: &BurrSpace, spacing: PathSpacing, lines: &Lines) -> MillPath {
     let mut builder = Builder::new(space, spacing);
     let layers = rough::rough(&mut builder, lines);
@@ -122,8 +123,8 @@ pub fn lay_path(space: &BurrSpace, spacing: PathSpacing, lines: &Lines) -> MillP
     builder.into_path(layers)
 }
 
-/// The passes without some of their points: passes fall apart where points are missing. These come again at the end, as
-/// layer `layer`, when more of the bone is gone; those that are there for the second time are left out.
+/// The passes without some of their points; a pass is divided where points are missing. The missing points become passes at
+/// the end, as layer `layer`, when more bone is removed; points that were put off before are left out.
 pub fn put_off_points(passes: &[Pass], points: &HashSet<(u32, u32)>, layer: u32) -> Vec<Pass> {
     let (mut kept, mut put_off) = (Vec::new(), Vec::new());
     for (pass, number) in passes.iter().zip(0u32..) {
@@ -142,7 +143,7 @@ pub fn put_off_points(passes: &[Pass], points: &HashSet<(u32, u32)>, layer: u32)
     kept
 }
 
-/// The passes, cut in two before some of their points: what begins there is entered from above the bone.
+/// The passes, divided before some of their points; the part that begins there is entered from above the bone.
 pub fn enter_from_above(passes: &[Pass], points: &HashSet<(u32, u32)>) -> Vec<Pass> {
     let parts = passes.iter().zip(0u32..).flat_map(|(pass, number)| {
         let is_cut = move |n: usize| points.contains(&(number, n as u32));
@@ -157,7 +158,7 @@ pub fn enter_from_above(passes: &[Pass], points: &HashSet<(u32, u32)>) -> Vec<Pa
     parts.collect()
 }
 
-/// Passes, joined anew. One that was put off is left out where nothing is left to take.
+/// Joins passes into a new path. A pass that was put off is left out if it would remove nothing.
 pub fn join_passes(space: &BurrSpace, spacing: PathSpacing, passes: Vec<Pass>, layers: u32) -> MillPath {
     let mut builder = Builder::new(space, spacing);
     for pass in passes {

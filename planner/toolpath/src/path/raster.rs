@@ -1,30 +1,30 @@
-//! Direction and order of the lines in a layer, and in which sense each is cut.
+//! Direction and order of the lines in a layer, and the sense in which each is cut.
 
 use bonemill_geometry::{Point, Work};
 use bonemill_scene::{Rectangle, smallest_rectangle};
 
 use super::Builder;
 
-/// Two rectangles whose sides differ by less than this share are taken for squares.
+/// Rectangles whose sides differ by less than this share count as squares.
 const SQUARE: f64 = 0.02;
 
 /// Below this cosine two directions count as perpendicular.
 const ACROSS: f64 = 0.05;
 
-/// Whether a pass whose turn has come is to be cut from its end; none where either way will do.
+/// Decides for the next pass whether it is cut from its last point; `None` if both senses are equally good.
 pub type SenseRule<'a> = &'a (dyn Fn(&Builder, &[Point<Work>]) -> Option<bool> + Sync);
 
 /// The lines of a path.
 #[derive(Clone, Copy)]
 pub struct Lines<'a> {
-    /// Their direction and order.
+    /// Direction and order of the lines.
     pub frame: RasterFrame,
-    /// In which sense they are cut.
+    /// The sense in which they are cut.
     pub sense: SenseRule<'a>,
 }
 
 impl Lines<'_> {
-    /// Lines that are cut from whichever end is nearer.
+    /// Lines that are cut from the nearer end.
     pub fn to_and_fro(frame: RasterFrame) -> Self {
         Self { frame, sense: &|_, _| None }
     }
@@ -46,9 +46,9 @@ impl RasterFrame {
 
     /// Lines along the long side of the smallest rectangle around the target's outline (fewest turns).
     ///
-    /// `hull`: the outline's convex hull, counter-clockwise. `towards`: direction from the target's centre to the
-    /// nearest structure; lines follow each other towards it, and in a square outline run across it. `mass_center`: that of what
-    /// is milled; it decides what the structure does not. Everything is taken from the anatomy, so a mirrored or turned patient
+    /// `hull`: the outline's convex hull, counter-clockwise. `towards`: direction from the target's centre to the nearest
+    /// structure; lines follow each other towards it, and in a square outline they run across it. `mass_center`: centre of mass
+    /// of the target; it decides where the structure does not. All inputs come from the anatomy, so a mirrored or turned patient
     /// gets the mirrored or turned path.
     pub fn chosen(hull: &[[f64; 2]], towards: Option<[f64; 2]>, mass_center: [f64; 2]) -> Self {
         let Some(Rectangle { side, along, across }) = smallest_rectangle(hull) else {
@@ -67,7 +67,7 @@ impl RasterFrame {
             other
         };
         let v = [-u[1], u[0]];
-        // a direction across an axis says nothing about its sign: then it is where more bone is
+        // a direction perpendicular to an axis does not decide the axis' sign; then it points to where more bone is
         let length = towards[0].hypot(towards[1]);
         let sign = |axis| if dot(axis, towards).abs() > ACROSS * length { towards } else { lean };
         Self { u: pointing(u, sign(u)), v: pointing(v, sign(v)) }
@@ -138,7 +138,7 @@ mod tests {
     #[test]
     fn a_mirrored_outline_gives_the_mirrored_frame() {
         let mirrored: Vec<[f64; 2]> = BAR.iter().rev().map(|p| [-p[0], p[1]]).collect();
-        // the bar's long side is (0.8, 0.6); the last structure lies across it, and no structure leaves all to the mass
+        // the bar's long side is (0.8, 0.6); the second structure lies across it; without a structure the mass decides
         for towards in [Some([0.3, 0.7]), Some([-0.6, 0.8]), None] {
             let other = towards.map(|[x, y]: [f64; 2]| [-x, y]);
             let f = RasterFrame::chosen(&BAR, towards, [3.5, 4.4]);
@@ -150,7 +150,7 @@ mod tests {
         }
     }
 
-    /// A square's corners lean nowhere: the bone in it decides.
+    /// A square's shape decides nothing, so the bone in it does.
     #[test]
     fn a_square_with_its_structure_across_an_axis_mirrors_too() {
         let square = [[0.0, 0.0], [15.0, 1e-13], [15.0, 15.0], [-1e-13, 15.0]];

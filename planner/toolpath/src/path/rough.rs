@@ -1,18 +1,18 @@
-//! Roughing: the lawnmower, layer by layer.
+//! Roughing: serpentine lines, layer by layer.
 
 use bonemill_geometry::{Point, Work};
 use bonemill_scene::Class;
 
 use super::{Builder, Lines, Pass, RasterFrame};
 
-/// A sample is worth cutting when the ball there removes at least this many voxels.
+/// A point of a line is cut if the ball there removes at least this many voxels.
 const WORTH_VOXELS: usize = 3;
-/// Stretches of a line on which nothing is left are crossed when shorter than this, mm; longer ones are linked over.
+/// Empty stretches of a line are crossed with the cut's speed if shorter than this, mm; longer ones become links.
 const CROSS_MM: f64 = 3.0;
-/// Layers may be thicker than asked by this share, rather than add one for a sliver.
+/// Layers may be thicker than requested by this share, so that no very thin layer is added.
 const LAYER_SLACK: f64 = 0.02;
 
-/// Cuts every layer; returns how many there are.
+/// Cuts every layer; returns the number of layers.
 pub(super) fn rough(builder: &mut Builder, lines: &Lines) -> u32 {
     let frame = &lines.frame;
     let Some(extent) = LineExtent::of(builder, frame) else { return 0 };
@@ -34,7 +34,7 @@ pub(super) fn rough(builder: &mut Builder, lines: &Lines) -> u32 {
     layers as u32
 }
 
-/// Extent of the lines, mm: u of the outline, v and floor of the burr's centre, z of the highest reachable voxel.
+/// Extent of the lines, mm: u of the target's outline, v and floor of the burr's centre, z of the highest reachable voxel.
 struct LineExtent {
     u: [f64; 2],
     v: [f64; 2],
@@ -58,7 +58,7 @@ impl LineExtent {
             if space.reachable()[n] {
                 found.top = found.top.max(p().z() + 0.5 * grid.spacing_mm().z);
             }
-            // centres beside the target, in free space, only matter where lines follow the target's outline
+            // positions beside the target, in free space, are not used: lines follow the target's outline
             if space.connected()[n] && scene.class.data()[n].is(Class::TARGET) {
                 let v = frame.uv(p())[1];
                 found.v = [found.v[0].min(v), found.v[1].max(v)];
@@ -69,7 +69,7 @@ impl LineExtent {
             return None;
         }
         if found.floor == f64::MAX {
-            // too thin for the centre to enter: one layer along its surface
+            // the target is too thin for the burr's centre to enter: one layer along its surface
             (found.v, found.floor) = (outline[1], found.top);
         }
         Some(found)
@@ -99,7 +99,7 @@ fn layer_passes(
             {
                 let (start, end) = (run.start + worth.start, run.start + worth.end);
                 let mut points: Vec<_> = row[start..end].iter().flatten().copied().collect();
-                // to the wall, where the line ends at one
+                // extended to the wall, where the line ends at one
                 if start == run.start
                     && start > 0
                     && let Some(p) = last_clear(builder, points[0], |f| at(start as f64 - f))
@@ -144,7 +144,7 @@ fn floor_at(
     Some(at(open))
 }
 
-/// Maximal runs of samples that straight clear moves join.
+/// Maximal runs of samples that are joined by straight clear moves.
 fn clear_runs(builder: &Builder, row: &[Option<Point<Work>>]) -> Vec<std::ops::Range<usize>> {
     let half = 0.5 * builder.space().grid().spacing_mm().x;
     let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
@@ -202,10 +202,10 @@ struct Next {
     reversed: bool,
 }
 
-/// The pass with the nearest end; ties go to the earlier line.
+/// The pass with the nearest end; of equal ones the earlier line.
 fn nearest_pass(from: Option<Point<Work>>, passes: &[Pass]) -> Option<Next> {
     let Some(from) = from else {
-        // start with the first line
+        // the first line comes first
         let first = (0..passes.len()).min_by_key(|n| passes[*n].layer)?;
         return Some(Next { pass: first, reversed: false });
     };

@@ -1,7 +1,7 @@
-//! A way between two positions when neither a straight link nor a retract will do: under a ledge, round a corner.
+//! Searches a way between two positions when neither a straight link nor a retract is possible: under a ledge, round a corner.
 //!
-//! A* over connected grid nodes, one in [`voxels_apart`] along each axis; a node at which the ball would still cut costs more than a free one, so a cut is
-//! made only where there is no free way of reasonable length.
+//! A* runs over connected grid nodes, one in [`voxels_apart`] along each axis. A node at which the ball would still cut costs
+//! more than a free one, so the way cuts only where there is no free way of reasonable length.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -12,11 +12,12 @@ use bonemill_stock::voxels::{VoxelSet, voxels_apart};
 use super::Builder;
 use crate::space::BurrSpace;
 
-/// A millimetre through material counts as this many through free space.
+/// A millimetre through material costs as much as this many through free space.
 const CUT_COST: f64 = 6.0;
-/// Nodes looked at before the search gives up: the pass is then reported as unjoined.
+/// Number of nodes after which the search fails; the pass is then reported as unjoined.
 const MOST_NODES: usize = 15_000;
-/// The distance left counts this much more than the way so far: a way of reasonable length soon, not the shortest late.
+/// Weight of the remaining distance against the way so far. Above 1, the search soon finds a way of reasonable length instead
+/// of the shortest way later.
 const HASTE: f64 = 2.0;
 
 struct Open {
@@ -36,32 +37,33 @@ impl PartialOrd for Open {
     }
 }
 impl Ord for Open {
-    // the heap gives the largest first: the smallest estimate, ties by the smaller node
+    // the heap returns the largest element first, which must be the smallest estimate; of equal ones the smaller node
     fn cmp(&self, other: &Self) -> Ordering {
         other.estimate.total_cmp(&self.estimate).then(other.node.cmp(&self.node))
     }
 }
 
-/// A node that a search has looked at.
+/// A node that a search has reached.
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     node: usize,
-    /// Of the way to it.
+    /// Cost of the way to it.
     cost: f64,
-    /// Where that came from, as a place in the list; the start's is its own.
+    /// Index of the node before it; the start refers to itself.
     from: u32,
     is_free: bool,
 }
 
-/// Searches on one grid, one after the other. Nodes are numbered on a lattice of their own.
+/// Runs searches on one grid, one after the other. Nodes are numbered on a separate lattice.
 #[derive(Debug, Default)]
 pub(super) struct LinkSearch {
     lattice: SearchNodes,
-    /// Nodes at which the ball was once found to cut nothing: it never does again.
+    /// Nodes at which the ball was found to cut nothing, which stays true.
     free: VoxelSet,
-    /// What the ball was last found to cut at a node, plus 1; 0 where it was never looked for. Most of it is still there.
+    /// The voxel that the ball was last found to cut at each node, plus 1; 0 where it was not tested. Most of these voxels still
+    /// stand.
     met: Vec<u32>,
-    /// Place of a node in `seen`, plus 1; 0 where it is not.
+    /// Index of each node in `seen`, plus 1; 0 where it is not in it.
     place: Vec<u32>,
     seen: Vec<Seen>,
 }
@@ -80,7 +82,7 @@ impl LinkSearch {
         }
     }
 
-    /// Positions from `from` (left out) to `to` (last), each move clear; `None` when there is no way.
+    /// Positions from `from` (not included) to `to` (the last), each move clear; `None` when there is no way.
     pub(super) fn way(
         &mut self,
         builder: &Builder,
@@ -119,7 +121,7 @@ impl LinkSearch {
             }
             let cost = self.seen[here].cost;
             if estimate > cost + left(node) + 1e-9 {
-                continue; // an older, dearer entry
+                continue; // an older entry of higher cost
             }
             for (n, next) in lattice.neighbours(node) {
                 if !lattice.is_step_open(space, node, n) {
@@ -144,7 +146,8 @@ impl LinkSearch {
         None
     }
 
-    /// Whether the ball cuts nothing at a node beside another. What it met at either of them before is looked at first.
+    /// Whether the ball cuts nothing at a node that is reached from the node `from`. The voxel that it met before at either of
+    /// them is tested first.
     fn is_free(&mut self, builder: &Builder, node: usize, from: usize) -> bool {
         if self.free.contains(node) {
             return true;
@@ -203,7 +206,7 @@ impl SearchNodes {
         space.grid().center(self.voxel(node))
     }
 
-    /// A connected node next to `p`, from which a straight clear move leads to it.
+    /// A connected node near `p` from which a straight clear move leads to `p`.
     fn node_at(&self, builder: &Builder, p: Point<Work>) -> Option<usize> {
         let space = builder.space();
         let nearest = space.grid().nearest(p)?.map(|c| c as f64 / self.apart as f64);
@@ -218,7 +221,7 @@ impl SearchNodes {
             .min_by(|a, b| distance_mm(a).total_cmp(&distance_mm(b)))
     }
 
-    /// The neighbours of a node, each with its number: [`step`] leads there.
+    /// The neighbours of a node, each with the number of its [`step`].
     fn neighbours(self, node: usize) -> impl Iterator<Item = (usize, usize)> {
         let at = self.place(node);
         (0..27).filter(|n| *n != 13).filter_map(move |n| {
@@ -228,7 +231,7 @@ impl SearchNodes {
         })
     }
 
-    /// Whether all voxels from a node to its n-th neighbour, that one included, are connected.
+    /// Whether all voxels from a node to its n-th neighbour, including the neighbour, are connected.
     fn is_step_open(&self, space: &BurrSpace, node: usize, n: usize) -> bool {
         let from = self.voxel(node).map(|c| c as i64);
         (1..=self.apart as i64).all(|m| {
@@ -238,12 +241,12 @@ impl SearchNodes {
     }
 }
 
-/// From a voxel to its n-th neighbour of 27, itself among them.
+/// Offset from a voxel to its n-th neighbour of 27, which include itself.
 fn step(n: usize) -> [i64; 3] {
     [n % 3, n / 3 % 3, n / 9].map(|d| d as i64 - 1)
 }
 
-/// Leaves out positions that a straight move may skip: clear, and free where the skipped ones were.
+/// Leaves out positions that a straight move can skip, if that move is clear, and free where the skipped ones were free.
 fn straightened(
     builder: &Builder,
     from: Point<Work>,
@@ -255,7 +258,7 @@ fn straightened(
     let mut here = from;
     let mut n = 0;
     while n < way.len() {
-        // the farthest of the next few that a straight free move reaches, else the very next
+        // the farthest of the next few positions that a straight free move reaches, else the next one
         let mut met = None;
         let mut is_free = |to| {
             met = builder.met(here, to, met);

@@ -3,9 +3,9 @@
 //! D's robot has this layout; its geometry, limits and speeds are unpublished, so all numbers here and in
 //! `urdf/bone_attached.urdf` are assumed. With L the distance from burr to pivot and q = (x, y, z, t):
 //! axis(t) = (−sin t, 0, cos t), burr = (x + L sin t, y, z + L (1 − cos t)), both in base.
-//! So the tool axis stays in base's x–z plane; any burr position goes with any tilt, inside the limits.
+//! So the tool axis stays in base's x–z plane; within the limits, every burr position can be combined with every tilt.
 //!
-//! Invariants: [`ik`] ∘ forward kinematics is the identity to rounding; it and the URDF agree (a test).
+//! Invariants: [`ik`] ∘ forward kinematics is the identity up to rounding; the formulas agree with the URDF (tested).
 //!
 //! **Source:** layout: Dillon et al. 2016; formulas: derived here from the URDF.
 
@@ -15,7 +15,7 @@ use nalgebra::Vector3;
 use super::{Arm, JointExcess, joint};
 use crate::error::RobotError;
 
-/// The shipped URDF; every number in it is assumed.
+/// The URDF of the arm; every number in it is assumed.
 pub const URDF: &str = include_str!("../../urdf/bone_attached.urdf");
 
 /// Distance from the burr's centre back along the shaft to the tilt's pivot, mm. Assumed.
@@ -25,10 +25,10 @@ pub const PIVOT_TO_BURR_MM: f64 = 50.0;
 pub const ACCELERATION_LIMITS: [f64; 4] = [150.0, 150.0, 150.0, 6.0];
 
 impl Arm {
-    /// The shipped 4-DOF bone-attached arm; its URDF ends at the burr, so it needs no mount.
+    /// The 4-DOF bone-attached arm. Its URDF ends at the burr, so it needs no mount.
     ///
     /// # Errors
-    /// None in practice: the shipped description is checked by a test. The type is that of [`Arm::from_urdf`].
+    /// None in practice, because a test checks the description. The type is that of [`Arm::from_urdf`].
     pub fn bone_attached() -> Result<Self, RobotError> {
         let arm = Self::from_urdf(URDF, "bone-attached")?.with_limits(None, Some(&ACCELERATION_LIMITS))?;
         Ok(arm.with_bone_attached_inverse())
@@ -43,30 +43,31 @@ pub fn axis(tilt_rad: f64) -> Vector3<f64> {
 
 /// Joint positions (mm, mm, mm, rad) that bring the burr's centre to a point at a tilt.
 ///
-/// x = p_x − L sin t, y = p_y, z = p_z − L (1 − cos t). Defined everywhere; see [`beyond_limits`].
+/// x = p_x − L sin t, y = p_y, z = p_z − L (1 − cos t). Joint limits are not checked; see [`beyond_limits`].
 pub fn ik(burr_center: Point<Base>, tilt_rad: f64) -> [f64; 4] {
     let (sin, _) = tilt_rad.sin_cos();
-    // 1 − cos t = 2 sin²(t/2) keeps its digits at small tilts
+    // 1 − cos t = 2 sin²(t/2) stays accurate at small tilts
     let half = (0.5 * tilt_rad).sin();
     let (x, z) = (PIVOT_TO_BURR_MM * sin, PIVOT_TO_BURR_MM * 2.0 * half * half);
     [burr_center.x() - x, burr_center.y(), burr_center.z() - z, tilt_rad]
 }
 
-/// The tilt whose axis is nearest to one that is wanted.
+/// The tilt whose axis is nearest to a requested axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NearestTilt {
     /// The tilt, rad, in (−π, π].
     pub tilt_rad: f64,
-    /// Angle between its axis and the wanted one, rad, in [0, π/2]; 0 in base's x–z plane.
+    /// Angle between its axis and the requested one, rad, in [0, π/2]; 0 if that lies in base's x–z plane.
     pub error_rad: f64,
 }
 
-/// The nearest tilt to a tool axis given in base, of any length; none for base ±y or zero, where all are equally near.
+/// The tilt nearest to a tool axis given in base, of any length; `None` for base ±y and for zero, where all tilts are
+/// equally near.
 ///
 /// t = atan2(−a_x, a_z), error = atan2(|a_y|, |(a_x, a_z)|).
 pub fn tilt_for_axis(axis_base: &Vector3<f64>) -> Option<NearestTilt> {
     let in_plane = axis_base.x.hypot(axis_base.z);
-    // + 0.0 turns −0 into 0, so that an untilted axis reads 0 and a reversed one +π
+    // + 0.0 turns −0 into 0, so that an untilted axis gives 0 and a reversed one +π
     let nearest = NearestTilt {
         tilt_rad: (-axis_base.x + 0.0).atan2(axis_base.z),
         error_rad: axis_base.y.abs().atan2(in_plane),
@@ -74,7 +75,7 @@ pub fn tilt_for_axis(axis_base: &Vector3<f64>) -> Option<NearestTilt> {
     (axis_base.iter().all(|a| a.is_finite()) && in_plane > 1e-12 * axis_base.y.abs()).then_some(nearest)
 }
 
-/// The joint furthest beyond the limits of `arm`, when its first four joints stand at `q`; none if all are within.
+/// The joint furthest beyond the limits of `arm` when its first four joints are at `q`; `None` if all are within limits.
 pub fn beyond_limits(arm: &Arm, q: &[f64; 4]) -> Option<JointExcess> {
     joint::worst_excess(arm.joints(), q)
 }

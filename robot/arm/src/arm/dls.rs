@@ -1,12 +1,13 @@
-//! Damped least squares: a joint vector for a pose, by an arm's Jacobian, from a start.
+//! Damped least squares: finds a joint vector for a pose from a starting joint vector, with the arm's Jacobian.
 //!
 //! ```text
 //! Δq = W Jᵀ (J W Jᵀ + μ s I)⁻¹ e
 //! ```
 //!
-//! e: 3 rows of mm and 3 of rad counted at `LEVER_MM`; W: the joints' speed limits squared, so that mm and rad joints
-//! share the work by what they can; s: the mean of J W Jᵀ's diagonal; μ falls while steps help and rises when they do not
-//! (Levenberg–Marquardt), so a singular arm gives a stated shortfall, never a jump or NaN. Joints stay in their range.
+//! e: the error, 3 rows in mm and 3 in rad times `LEVER_MM`. W: the squared speed limits of the joints, so that a joint
+//! moves in proportion to its squared speed limit, whether in mm or rad. s: the mean of J W Jᵀ's diagonal. μ falls after
+//! every step that lowers the error and rises after every other (Levenberg–Marquardt), so in a singular pose the result
+//! is a remaining error, never a jump or NaN. Joints stay in their range.
 //!
 //! **Source:** Wampler 1986, "Manipulator inverse kinematic solutions based on vector formulations and damped
 //! least-squares methods"; damping by Marquardt 1963.
@@ -17,43 +18,43 @@ use nalgebra::{Matrix3, Matrix6, Matrix6xX, Vector3, Vector6};
 use super::inverse::{AxisPose, angle_between};
 use super::{Arm, JointKind};
 
-/// What a radian of the tool's orientation counts as, mm.
+/// The length that one radian of the tool's orientation counts as, mm.
 const LEVER_MM: f64 = 100.0;
 
-/// Most steps, accepted or not.
+/// Largest number of steps, accepted or not.
 const STEPS: usize = 100;
 
 /// An error below this is rounding, mm.
 const DONE_MM: f64 = 1e-12;
 
-/// What the tool is to reach.
+/// The goal of the tool.
 #[derive(Debug, Clone, Copy)]
 pub enum Goal {
-    /// All six coordinates.
+    /// A full pose.
     Pose(Rigid<Base, Tool>),
-    /// Point and axis; the roll about it is free.
+    /// A point and an axis; the roll about the axis is free.
     Axis(AxisPose),
 }
 
-/// Where a search ended.
+/// Result of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NumericSolution {
     /// Joint vector, mm or rad.
     pub q: Vec<f64>,
-    /// Distance still to go, mm.
+    /// Remaining distance, mm.
     pub short_mm: f64,
-    /// Angle still to go, rad.
+    /// Remaining angle, rad.
     pub short_rad: f64,
 }
 
 impl NumericSolution {
-    /// Both errors at most `exact`, mm and rad.
+    /// Whether both remaining errors are at most `exact`, mm and rad.
     pub fn is_within(&self, exact: f64) -> bool {
         self.short_mm <= exact && self.short_rad <= exact
     }
 }
 
-/// From `start`, which must be a joint vector of the arm.
+/// Searches from `start`, which must be a joint vector of the arm.
 pub fn solve(arm: &Arm, goal: &Goal, start: &[f64]) -> NumericSolution {
     let weights: Vec<f64> = arm.joints().iter().map(|joint| joint.velocity_limit.powi(2)).collect();
     let mut q = start.to_vec();
@@ -100,7 +101,8 @@ pub fn solve(arm: &Arm, goal: &Goal, start: &[f64]) -> NumericSolution {
     }
 }
 
-/// Ranges bind linear joints and those of less than a turn; others may turn on.
+/// Clamps linear joints, and revolute joints with a range of less than a turn, to their ranges. Other joints may turn
+/// further.
 fn keep_in_range(arm: &Arm, q: &mut [f64]) {
     for (joint, q) in arm.joints().iter().zip(q) {
         let range = joint.upper - joint.lower;
@@ -110,7 +112,7 @@ fn keep_in_range(arm: &Arm, q: &mut [f64]) {
     }
 }
 
-/// What is still to go: mm, and rad × lever.
+/// The remaining error: mm, and rad × lever.
 fn error(arm: &Arm, goal: &Goal, q: &[f64]) -> Vector6<f64> {
     let tool = arm.tool_at(q);
     let now = tool.rotation.matrix();
@@ -127,7 +129,8 @@ fn error(arm: &Arm, goal: &Goal, q: &[f64]) -> Vector6<f64> {
     error
 }
 
-/// The rotation vector from one orientation to another; exact for small angles, unlike an arc cosine of the trace.
+/// The rotation vector from one orientation to another. It is accurate for small angles, where an arc cosine of the trace
+/// is not.
 fn between(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Vector3<f64> {
     let sine: Vector3<f64> = (0..3).map(|k| from.column(k).cross(&to.column(k))).sum::<Vector3<f64>>() * 0.5;
     let cosine = 0.5 * ((from.transpose() * to).trace() - 1.0);
@@ -136,7 +139,7 @@ fn between(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Vector3<f64> {
     if size > 1e-9 {
         return sine * (angle / size);
     }
-    // straight, or half a turn, whose axis the sine does not show
+    // no rotation, or half a turn: there the sine is 0 and does not give the axis
     if cosine > 0.0 { sine } else { half_turn(&(to * from.transpose())) }
 }
 
@@ -147,7 +150,7 @@ fn half_turn(r: &Matrix3<f64>) -> Vector3<f64> {
     column.and_then(|a| a.try_normalize(0.0)).unwrap_or_else(Vector3::x) * std::f64::consts::PI
 }
 
-/// The error's derivative, angles at the lever; for an axis without what turns about it.
+/// The error's derivative, with angles times the lever; for an axis goal without the rotation about the axis.
 fn task_jacobian(arm: &Arm, goal: &Goal, q: &[f64]) -> Matrix6xX<f64> {
     let mut jacobian = arm.tool_jacobian_at(q);
     let roll = match goal {

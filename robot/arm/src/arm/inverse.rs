@@ -1,11 +1,11 @@
-//! The inverse of any arm: joint vectors for a pose of the tool.
+//! Inverse kinematics of any arm: joint vectors for a pose of the tool.
 //!
-//! UR arms and the bone-attached one have closed forms; a calibrated UR's branches are the nominal ones made exact by
-//! damped least squares; any other arm is searched from a fixed set of starts, so that the answer is repeatable.
-//! Out of reach is a value ([`Solutions::short_mm`]), not an error.
+//! UR arms and the bone-attached arm have closed forms. For a calibrated UR, each nominal branch is corrected by damped
+//! least squares. Any other arm is solved by a search from a fixed set of starts, so that the result is repeatable.
+//! A pose out of reach is a value ([`Solutions::short_mm`]), not an error.
 //!
-//! The burr spins, so a cut needs a point and an axis of an arm ([`AxisPose`]); arms with fewer than six joints
-//! are asked for no more than that.
+//! The burr rotates about the shaft, so a cut only determines the burr's centre and the shaft's axis ([`AxisPose`]). For
+//! arms with fewer than six joints only these are solved for.
 
 use bonemill_geometry::{Base, Point, Rigid, Tool};
 use nalgebra::{Rotation3, Unit, Vector3};
@@ -16,32 +16,32 @@ use crate::error::RobotError;
 use crate::ur::UrGeometry;
 use crate::ur::ik::wrapped;
 
-/// How far a solution's forward kinematics may be off, mm and rad.
+/// Largest error of a solution's forward kinematics, mm and rad.
 const EXACT: f64 = 1e-9;
 
-/// Starts of the search for arms without closed form.
+/// Number of starts of the search for arms without closed form.
 const STARTS: u32 = 48;
 
 /// Joint vectors nearer than this in every joint are the same solution, mm or rad.
 const SAME: f64 = 1e-6;
 
-/// How an arm is inverted.
+/// How an arm's inverse kinematics are computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum InverseKind {
-    /// In closed form, the bone-attached arm's.
+    /// By the closed form of the bone-attached arm.
     BoneAttached,
-    /// In closed form, a UR's.
+    /// By the closed form of a UR.
     Ur {
         /// Its DH table.
         geometry: UrGeometry,
-        /// The geometry is only near the arm's own.
+        /// Whether the arm is calibrated, so that the geometry is only approximate.
         calibrated: bool,
     },
     /// By damped least squares.
     Numeric,
 }
 
-/// Where a cut needs the burr: its centre and the shaft's axis, in base; the rotation about the axis is free.
+/// The pose that a cut requires: the burr's centre and the shaft's axis, in base. The rotation about the axis is free.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisPose {
     /// The burr's centre.
@@ -51,9 +51,9 @@ pub struct AxisPose {
 }
 
 impl AxisPose {
-    /// The full pose at a roll about the axis; roll 0 is the shortest turn from `reference` to the axis.
+    /// The full pose at a roll about the axis; roll 0 is the shortest rotation from `reference` to the axis.
     ///
-    /// Continuous in all of them, except where the axis is opposite to the reference.
+    /// The pose is continuous in axis, reference and roll, except where the axis is opposite to the reference.
     pub fn spun(&self, reference: &RollFrame, roll_rad: f64) -> Rigid<Base, Tool> {
         Rigid::new(self.upright(reference) * about_z(roll_rad), self.position.coords)
     }
@@ -65,7 +65,7 @@ impl AxisPose {
         turn * reference.base_from_upright
     }
 
-    /// Between two poses: the point on the line, the axis on the great circle; `share` in 0..=1.
+    /// A pose between two: the point lies on the line, the axis on the great circle; `share` in 0..=1.
     pub fn between(&self, to: &Self, share: f64) -> Self {
         let (angle, across) = angle_between(&self.axis, &to.axis);
         let position = self.position + (to.position - self.position) * share;
@@ -80,21 +80,22 @@ pub fn about_z(roll_rad: f64) -> Rotation3<f64> {
     Rotation3::from_axis_angle(&Vector3::z_axis(), roll_rad)
 }
 
-/// Angle between two axes, rad, and the axis to turn the first about; none where they are (nearly) parallel.
+/// Angle between two axes, rad, and the axis of the rotation from the first to the second; `None` where they are (nearly)
+/// parallel.
 pub fn angle_between(from: &Vector3<f64>, to: &Vector3<f64>) -> (f64, Option<Unit<Vector3<f64>>>) {
     let cross = from.cross(to);
     let sine = cross.norm();
     (sine.atan2(from.dot(to)), Unit::try_new(cross, 1e-15))
 }
 
-/// What rolls are counted from: a frame whose z is a direction near all axes of a path.
+/// The zero of roll angles: a frame whose z is a direction near all axes of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RollFrame {
     base_from_upright: Rotation3<f64>,
 }
 
 impl RollFrame {
-    /// Rolls about axes near `direction` (in base), counted from base x as far as it is across.
+    /// The frame for axes near `direction` (in base); roll 0 is base x, projected perpendicular to `direction`.
     pub fn about(direction: &Unit<Vector3<f64>>) -> Self {
         let across = [Vector3::x(), Vector3::y()]
             .map(|candidate| candidate - direction.into_inner() * direction.dot(&candidate))
@@ -119,9 +120,10 @@ impl RollFrame {
 /// Joint vectors for a pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solutions {
-    /// One per branch that reaches, mm or rad by joint; within the joints' range where a turn by 2π can bring them there.
+    /// One joint vector per branch that reaches the pose, mm or rad by joint; turned by 2π into the joints' ranges where
+    /// that is possible.
     pub q: Vec<Vec<f64>>,
-    /// The branch of each: UR 4·shoulder + 2·wrist + elbow, else its number.
+    /// The branch of each joint vector: for a UR 4·shoulder + 2·wrist + elbow, else its number.
     pub branch: Vec<u8>,
     /// By how much the arm falls short, mm; 0 where there is a solution.
     pub short_mm: f64,
@@ -130,9 +132,10 @@ pub struct Solutions {
 }
 
 impl Arm {
-    /// Every joint vector that brings the tool to a pose; arms of fewer than six joints answer for its origin and z axis.
+    /// Every joint vector that brings the tool to a pose. For arms of fewer than six joints only the pose's origin and z axis
+    /// are used.
     ///
-    /// Joint limits are not judged: see [`Arm::beyond_limits`].
+    /// Joint limits are not checked: see [`Arm::beyond_limits`].
     ///
     /// # Errors
     /// [`RobotError::Value`] where the pose is not finite.
@@ -216,7 +219,8 @@ impl Arm {
         solutions
     }
 
-    /// The k-th start of a search: the middle of the ranges first, then spread by the roots of a generalised golden ratio.
+    /// The k-th start of a search: first the middle of the ranges, then a low-discrepancy sequence by a generalised golden
+    /// ratio.
     pub fn start(&self, k: u32) -> Vec<f64> {
         let dof = self.dof() as f64;
         // the root of x^(n+1) = x + 1 gives the most even spread in n dimensions
@@ -234,7 +238,7 @@ impl Arm {
         self.joints().iter().enumerate().map(place).collect()
     }
 
-    /// Turns revolute joints by 2π where that brings them into their range, as near its middle as can be.
+    /// Turns revolute joints by multiples of 2π into their ranges where possible, as near to the middle as possible.
     pub fn bring_into_range(&self, q: &mut [f64]) {
         const TURN: f64 = std::f64::consts::TAU;
         for (joint, q) in self.joints().iter().zip(q) {

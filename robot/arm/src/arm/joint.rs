@@ -1,11 +1,11 @@
 //! One joint of an arm and its limits.
 
-/// How a joint moves; with it come its units.
+/// How a joint moves; this decides its units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JointKind {
-    /// Along its axis: mm, mm/s, mm/s².
+    /// It moves along its axis: mm, mm/s, mm/s².
     Prismatic,
-    /// About its axis: rad, rad/s, rad/s².
+    /// It turns about its axis: rad, rad/s, rad/s².
     Revolute,
 }
 
@@ -22,9 +22,9 @@ impl JointKind {
 /// A moving joint: name and limits, in mm or rad by its kind.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
-    /// As in the URDF.
+    /// Name in the URDF.
     pub name: String,
-    /// How it moves, hence its units.
+    /// How it moves; this decides its units.
     pub kind: JointKind,
     /// Lowest position, mm or rad; −∞ for a continuous joint.
     pub lower: f64,
@@ -39,36 +39,36 @@ pub struct Joint {
 }
 
 impl Joint {
-    /// Whether its range has two ends.
+    /// Whether its range has both ends.
     pub fn is_bounded(&self) -> bool {
         self.lower.is_finite() && self.upper.is_finite()
     }
 }
 
-/// The acceleration taken where nobody states one: full speed within 0.1 s. Assumed.
+/// The acceleration limit where none is given: full speed within 0.1 s. Assumed.
 pub(super) fn assumed_acceleration(velocity_limit: f64) -> f64 {
     const PER_S: f64 = 10.0;
     velocity_limit * PER_S
 }
 
-/// The jerk taken where nobody states one: full acceleration within 0.02 s. Assumed.
+/// The jerk limit where none is given: full acceleration within 0.02 s. Assumed.
 pub(super) fn assumed_jerk(acceleration_limit: f64) -> f64 {
     const PER_S: f64 = 50.0;
     acceleration_limit * PER_S
 }
 
-/// A joint position beyond its limits: how far the arm falls short there.
+/// A joint position beyond its limits, and by how much.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointExcess {
     /// Index of the joint, from 0.
     pub joint: usize,
-    /// The position asked for, mm or rad.
+    /// The requested position, mm or rad.
     pub position: f64,
-    /// The limit that it passes, mm or rad.
+    /// The limit that it exceeds, mm or rad.
     pub limit: f64,
-    /// By how much, mm or rad; above 0.
+    /// Distance beyond the limit, mm or rad; above 0.
     pub excess: f64,
-    /// Which of the two units.
+    /// How the joint moves; this decides the unit.
     pub kind: JointKind,
 }
 
@@ -83,7 +83,7 @@ impl std::fmt::Display for JointExcess {
     }
 }
 
-/// The joint furthest beyond its range; none if all are within. A relative 1e-12 of the limit is rounding, not reach.
+/// The joint furthest beyond its range; `None` if all are within. An excess below 1e-12 of the limit counts as rounding.
 pub(super) fn worst_excess(joints: &[Joint], q: &[f64]) -> Option<JointExcess> {
     let excess = |(index, (joint, &position)): (usize, (&Joint, &f64))| {
         let limit = position.clamp(joint.lower, joint.upper);

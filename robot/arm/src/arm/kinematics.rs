@@ -1,7 +1,7 @@
 //! Forward kinematics, Jacobian and compliance of any serial arm.
 //!
-//! Invariants: all of it is a pure function of the joint vector; the pose is the product of the URDF's origins and joint
-//! motions, nothing fitted. Not here: inverse kinematics.
+//! Invariants: everything is a pure function of the joint vector; the pose is the product of the URDF's origins and joint
+//! motions, without any fit. Inverse kinematics are elsewhere.
 
 use bonemill_geometry::{Base, Flange, Point, Rigid, Tool};
 use nalgebra::{Matrix3, Matrix3xX, Matrix6xX, Rotation3, Unit, Vector3};
@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Matrix3xX, Matrix6xX, Rotation3, Unit, Vector3};
 use super::{Arm, ArmKind, JointKind, check_positive};
 use crate::error::RobotError;
 
-/// A moving joint as it stands at one joint vector, in base.
+/// The axis of a moving joint at one joint vector, in base.
 struct JointAxis {
     kind: JointKind,
     /// Unit axis.
@@ -25,7 +25,7 @@ impl Arm {
     /// `q`: mm or rad by joint, shape (dof).
     ///
     /// # Errors
-    /// [`RobotError::Length`] or [`RobotError::Value`] where `q` is no joint vector of this arm. Limits are not checked.
+    /// [`RobotError::Length`] or [`RobotError::Value`] where `q` is not a joint vector of this arm. Limits are not checked.
     pub fn forward(&self, q: &[f64]) -> Result<Rigid<Base, Flange>, RobotError> {
         self.check_q(q)?;
         Ok(self.walk(q, |_| ()))
@@ -39,7 +39,7 @@ impl Arm {
         Ok(self.forward(q)? * self.mount().flange_from_burr)
     }
 
-    /// Where the moving joints are, each on its axis, and the flange last, in base, shape (dof + 1): the arm as a line.
+    /// The arm as a polyline: a point on the axis of each moving joint, and the flange last, in base, shape (dof + 1).
     ///
     /// # Errors
     /// As [`Arm::forward`].
@@ -51,8 +51,9 @@ impl Arm {
         Ok(places)
     }
 
-    /// The lowest place of a UR's links over its mounting plane, mm, and which joint it is from 2 on, or 7 for the flange: links
-    /// are lines from joint to joint, and what stands between the base and the shoulder does not count. `None` for another arm.
+    /// Height of the lowest point of a UR's links above its mounting plane, mm, and where it is: joint 2 and following, or 7
+    /// for the flange. Links are lines from joint to joint; the part from the base to the shoulder is left out. `None` for
+    /// another arm.
     ///
     /// # Errors
     /// As [`Arm::forward`].
@@ -111,7 +112,7 @@ impl Arm {
         Ok(self.tool_jacobian_at(q))
     }
 
-    /// The same for a joint vector that was checked.
+    /// [`Arm::tool_jacobian`] for a joint vector that was checked.
     pub fn tool_jacobian_at(&self, q: &[f64]) -> Matrix6xX<f64> {
         self.jacobian_at(q, &self.mount().flange_from_burr.translation_mm)
     }
@@ -121,11 +122,11 @@ impl Arm {
         self.walk(q, |_| ()) * self.mount().flange_from_burr
     }
 
-    /// The slowest direction of the tool when every joint runs at its speed limit at most, mm/s: the smallest singular
-    /// value of the task's Jacobian times diag(q̇ max), where the axis counts 100 mm per rad.
+    /// The tool's speed in its slowest direction when no joint exceeds its speed limit, mm/s: the smallest singular value of
+    /// the task's Jacobian times diag(q̇ max), where one radian of the axis counts as 100 mm.
     ///
-    /// The task is the burr's centre and the shaft's axis, five coordinates; of an arm with fewer joints, the motions that
-    /// it has. 0 at a singularity.
+    /// The task has five coordinates: the burr's centre and the shaft's axis. For an arm with fewer joints only the motions
+    /// that it can make count. The value is 0 at a singularity.
     ///
     /// # Errors
     /// As [`Arm::forward`].
@@ -139,16 +140,16 @@ impl Arm {
             column.fixed_rows_mut::<3>(3).copy_from(&((turn - axis * axis.dot(&turn)) * LEVER_MM));
             column *= joint.velocity_limit;
         }
-        // JᵀJ or JJᵀ, whichever is smaller, would square the condition: singular values of J itself
+        // singular values of J itself, because JᵀJ or JJᵀ would square the condition number
         let mut values: Vec<f64> = jacobian.singular_values().iter().copied().collect();
         values.sort_by(|a, b| b.total_cmp(a));
         Ok(values.get(self.dof().min(5) - 1).copied().unwrap_or(0.0))
     }
 
-    /// How far the burr moves at most per unit of each joint, mm per mm or mm per rad, shape (dof).
+    /// The largest motion of the burr per unit of each joint, mm per mm or mm per rad, shape (dof).
     ///
-    /// 1 for a prismatic joint. For a revolute one the length of everything behind it: Σ |O_i| + greatest |q| of the
-    /// prismatic joints + |flange_from_burr|, an upper bound over the whole workspace.
+    /// It is 1 for a prismatic joint. For a revolute joint it is the length of the chain from it to the burr: Σ |O_i| +
+    /// greatest |q| of the prismatic joints + |flange_from_burr|. This is an upper bound over the whole workspace.
     pub fn lever_mm(&self) -> Vec<f64> {
         let mut reach_mm = self.mount().flange_from_burr.translation_mm.norm();
         let mut levers = Vec::with_capacity(self.dof());
@@ -188,7 +189,7 @@ impl Arm {
         jacobian
     }
 
-    /// From base to flange, showing every moving joint's axis on the way. `q` was checked.
+    /// Multiplies the transforms from base to flange and calls `show` with every moving joint's axis. `q` was checked.
     fn walk(&self, q: &[f64], mut show: impl FnMut(JointAxis)) -> Rigid<Base, Flange> {
         let mut rotation = Rotation3::identity();
         let mut origin = Vector3::zeros();

@@ -1,11 +1,11 @@
-//! Arms: a serial chain of prismatic and revolute joints with its limits and its tool.
+//! Arms: serial chains of prismatic and revolute joints with their limits and their tool.
 //!
 //! Positions, velocities and accelerations are mm and rad by the joint's kind; poses are [`Rigid`] from flange to base.
-//! An [`Arm`] is plain data: every function is pure, and threads may share one. Built and checked once; in every call
-//! on a constructed arm only the length and finiteness of the joint vector can still be wrong.
+//! An [`Arm`] is plain data: every function is pure, and threads may share one. It is checked when it is built. After
+//! that, the only possible errors are a joint vector of the wrong length or with values that are not finite.
 //!
-//! Every arm has an inverse ([`Arm::inverse`]): UR arms and the bone-attached one in closed form, others by damped least
-//! squares.
+//! Every arm has inverse kinematics ([`Arm::inverse`]): UR arms and the bone-attached arm in closed form, others by damped
+//! least squares.
 
 pub mod bone_attached;
 pub mod dls;
@@ -28,14 +28,14 @@ pub use dls::Goal;
 pub use inverse::InverseKind;
 use urdf::Segment;
 
-/// Which arm it is, as far as that changes how it is planned for.
+/// The kinds of arm that are planned for in different ways.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ArmKind {
     /// Three linear joints and a tilt.
     BoneAttached,
-    /// A UR.
+    /// A Universal Robots arm.
     Ur,
-    /// Any serial URDF.
+    /// Any other serial arm.
     Other,
 }
 
@@ -66,13 +66,13 @@ pub struct Arm {
 impl Arm {
     /// The arm that a URDF describes, from `base_link` (else the root) to `tool0` (else the only tip).
     ///
-    /// Accelerations and jerks are assumed: URDF has no field for them, so every joint reaches full speed in 0.1 s, and
-    /// full acceleration in 0.02 s.
-    /// `source_name` is the file or arm that messages name.
+    /// Accelerations and jerks that the URDF's `<limit>` does not state are assumed: every joint reaches full speed in
+    /// 0.1 s, and full acceleration in 0.02 s.
+    /// `source_name` is the name of the file or arm in messages.
     ///
     /// # Errors
-    /// [`RobotError::ParseUrdf`] where the text is no URDF; [`RobotError::Urdf`] where links and joints form no open
-    /// chain with one tip, where nothing moves, or where a number or limit makes no sense.
+    /// [`RobotError::ParseUrdf`] where the text is not a URDF; [`RobotError::Urdf`] where links and joints do not form an open
+    /// chain with one tip, where no joint moves, or where a number or limit is impossible.
     pub fn from_urdf(text: &str, source_name: &str) -> Result<Self, RobotError> {
         let urdf::Description { segments, joints } = urdf::parse(text, source_name)?;
         let (mount, inverse) = (ToolMount::default(), InverseKind::Numeric);
@@ -81,8 +81,8 @@ impl Arm {
 
     /// The same arm within tighter limits, one value per joint, mm/s or rad/s and mm/s² or rad/s².
     ///
-    /// Velocities: the stricter of the given value and the URDF's. Accelerations: the given value, since URDF states
-    /// none and what stood here was an assumption. `None` leaves what is.
+    /// Velocities: the stricter of the given value and the URDF's. Accelerations: the given value. `None` leaves the limits
+    /// unchanged.
     ///
     /// # Errors
     /// [`RobotError::Length`] or [`RobotError::Value`] (not finite, not above 0).
@@ -108,7 +108,7 @@ impl Arm {
         Ok(self)
     }
 
-    /// The same arm with other jerk limits, one per joint, mm/s³ or rad/s³; what stood here was an assumption.
+    /// The same arm with other jerk limits, one per joint, mm/s³ or rad/s³.
     ///
     /// # Errors
     /// [`RobotError::Length`] or [`RobotError::Value`] (not finite, not above 0).
@@ -120,7 +120,7 @@ impl Arm {
         Ok(self)
     }
 
-    /// The same arm with the closed form of a UR's geometry; `calibrated`: it only starts the search.
+    /// The same arm with the closed form of a UR's geometry. If `calibrated`, its results are only the starts of a search.
     pub(crate) fn with_ur_inverse(mut self, geometry: UrGeometry, calibrated: bool) -> Self {
         self.inverse = InverseKind::Ur { geometry, calibrated };
         self
@@ -139,8 +139,8 @@ impl Arm {
         self
     }
 
-    /// The arm read back from the URDF that was written for a model: what a URDF cannot say of it, its assumed limits and its
-    /// closed form. A name that is no model's changes nothing.
+    /// Completes an arm that was read back from the URDF written for a model: adds the model's assumed limits and its closed
+    /// form, which a URDF cannot hold. For any other name the arm is unchanged.
     ///
     /// # Errors
     /// [`RobotError::Length`] where the URDF has another number of joints than the model.
@@ -150,13 +150,13 @@ impl Arm {
             return Ok(arm.with_bone_attached_inverse());
         }
         match UrModel::by_name(name) {
-            // exact whether or not the URDF is a calibrated one
+            // `true`: the search makes the inverse exact whether or not the URDF is calibrated
             Some(model) => Ok(self.with_assumed_ur_limits()?.with_ur_inverse(model.geometry(), true)),
             None => Ok(self),
         }
     }
 
-    /// Which arm it is.
+    /// The kind of arm.
     pub fn kind(&self) -> ArmKind {
         match self.inverse {
             InverseKind::BoneAttached => ArmKind::BoneAttached,
@@ -180,15 +180,15 @@ impl Arm {
         self.mount
     }
 
-    /// The URDF as it was read, for `robot.urdf`; limits given later are not in it.
+    /// The URDF's text as it was read, for `robot.urdf`. It does not contain limits that were set later.
     pub fn urdf_text(&self) -> &str {
         &self.urdf_text
     }
 
-    /// The joint furthest beyond its limits, measured against the joint's range; none if `q` is within all.
+    /// The joint furthest beyond its limits, relative to the joint's range; `None` if all are within their limits.
     ///
     /// # Errors
-    /// [`RobotError::Length`] or [`RobotError::Value`] where `q` is no joint vector of this arm.
+    /// [`RobotError::Length`] or [`RobotError::Value`] where `q` is not a joint vector of this arm.
     pub fn beyond_limits(&self, q: &[f64]) -> Result<Option<JointExcess>, RobotError> {
         self.check_q(q)?;
         Ok(joint::worst_excess(&self.joints, q))
@@ -199,12 +199,12 @@ impl Arm {
         joint::worst_excess(&self.joints, q)
     }
 
-    /// How this arm is inverted.
+    /// How this arm's inverse kinematics are computed.
     pub fn inverse_kind(&self) -> InverseKind {
         self.inverse
     }
 
-    /// `q` has one finite value per joint.
+    /// Checks that `q` has one finite value per joint.
     fn check_q(&self, q: &[f64]) -> Result<(), RobotError> {
         if q.len() != self.dof() {
             return Err(RobotError::Length { what: "joint position", got: q.len(), expected: self.dof() });
@@ -222,7 +222,7 @@ impl Arm {
     }
 }
 
-/// `values` has one finite value above 0 per joint.
+/// Checks that `values` has one finite value above 0 per joint.
 pub fn check_positive(
     what: &'static str,
     values: &[f64],

@@ -1,4 +1,4 @@
-//! Reads an arm's files; the only place of this crate that opens one.
+//! Reads an arm's files. No other module of this crate opens files.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use super::Arm;
 use crate::error::RobotError;
 use crate::ur::UrModel;
 
-/// The arm of a name (`bone-attached`, `ur3e`, `ur5e`, `ur10e`) or of a URDF file (a path that ends in `.urdf` or
+/// The arm with a name (`bone-attached`, `ur3e`, `ur5e`, `ur10e`) or from a URDF file (a path that ends in `.urdf` or
 /// `.xml`), without a tool.
 ///
 /// # Errors

@@ -1,4 +1,5 @@
-//! Kinematics against hand-written products, differences and `k`'s own; the shipped arm against its closed form.
+//! Kinematics against hand-written products, finite differences and the `k` crate; the bone-attached arm against its closed
+//! form.
 
 use bonemill_geometry::{Base, Flange, Point, Rigid};
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -184,7 +185,7 @@ fn an_axis_across_the_tilt_plane_has_no_nearest_tilt() {
 #[test]
 fn compliance_is_the_springs_seen_at_the_burr() {
     let arm = Arm::bone_attached().unwrap();
-    // tilted by 90°: the pivot's spring gives along base z, the shaft along −x
+    // tilted by 90°: the pivot's compliance acts along base z, and the shaft lies along −x
     let q = [0.0, 0.0, 0.0, std::f64::consts::FRAC_PI_2];
     let c = arm.compliance(&q, &[100.0, 200.0, 400.0, 1e5]).unwrap();
     let expected = Vector3::new(1.0 / 100.0, 1.0 / 200.0, 1.0 / 400.0 + 50.0 * 50.0 / 1e5);

@@ -1,14 +1,16 @@
-//! From URDF text to a checked serial chain, through `urdf-rs` and `k`.
+//! Reads a URDF's text into a checked serial chain, with `urdf-rs` and `k`.
 //!
-//! The only module that knows `k` and its nalgebra (0.30; ours is newer): plain arrays leave it. `k` builds the joints
-//! (origins, unit axes, types). It also drops velocity limits, reads floating joints as fixed ones, and takes cyclic or
-//! dangling descriptions for chains of 0 or 1 joints: so the description is checked before `k` sees it, and limits come
-//! from `urdf-rs`. `k`'s chain keeps joint positions behind locks; its constants are copied into [`Segment`]s, plain
-//! data that many threads evaluate at once.
+//! Only this module uses `k` and its nalgebra (0.30, older than the workspace's); it hands out plain arrays. `k` builds
+//! the joints (origins, unit axes, types). But it drops velocity limits, reads floating joints as fixed ones, and reads
+//! cyclic or disconnected descriptions as chains of 0 or 1 joints. So the description is checked before `k` gets it, and
+//! limits come from `urdf-rs`. `k`'s chain keeps joint positions behind locks; its constants are copied into
+//! [`Segment`]s, plain data that many threads can evaluate at once.
 //!
-//! Accelerations and jerks of `<limit>`, which URDF has since 1.2 and `urdf-rs` does not, come from the XML itself.
+//! Accelerations and jerks of `<limit>` are part of URDF since 1.2, but `urdf-rs` does not read them; they are read from
+//! the XML itself.
 //!
-//! Metres end here: what leaves is mm and rad. Not read: inertias, meshes, transmissions, safety controllers.
+//! Metres are converted here; all results are in mm and rad. Inertias, meshes, transmissions and safety controllers are
+//! not read.
 
 mod xml;
 
@@ -22,17 +24,17 @@ use super::joint::{Joint, JointKind, assumed_acceleration, assumed_jerk};
 use crate::error::{RobotError, UrdfFault};
 
 const MM_PER_M: f64 = 1000.0;
-/// No arm's links are longer in the median, m; in mm any arm's are.
+/// The median length of an arm's links is below this, m. With lengths in mm, the median of every arm is above it.
 const LONGEST_LINK: f64 = 5.0;
 
-/// What one joint of the chain does to its child link.
+/// One joint of the chain: the transform from its parent link to its child link.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Segment {
     /// The child's axes in the parent at joint position 0.
     pub rotation: Rotation3<f64>,
     /// The child's origin in the parent at joint position 0, mm.
     pub translation_mm: Vector3<f64>,
-    /// How it moves; none where it is fixed.
+    /// How it moves, and its axis; `None` where it is fixed.
     pub motion: Option<(JointKind, Unit<Vector3<f64>>)>,
 }
 
@@ -41,7 +43,7 @@ pub(super) struct Segment {
 pub(super) struct Description {
     /// Every joint between base and tip, fixed ones included, in order.
     pub segments: Vec<Segment>,
-    /// The moving ones, in the same order.
+    /// The moving joints, in the same order.
     pub joints: Vec<Joint>,
 }
 
@@ -120,11 +122,11 @@ fn parents(robot: &urdf_rs::Robot) -> Result<Parents<'_>, UrdfFault> {
     Ok(parents)
 }
 
-/// No link is its own ancestor.
+/// Checks that no link is its own ancestor.
 fn check_open(robot: &urdf_rs::Robot, parents: &Parents<'_>) -> Result<(), UrdfFault> {
     for link in &robot.links {
         let mut above = link.name.as_str();
-        // a walk longer than there are joints has come round
+        // a walk with more steps than there are joints has gone round a loop
         for step in 0.. {
             match parents.get(above) {
                 None => break,
@@ -138,7 +140,7 @@ fn check_open(robot: &urdf_rs::Robot, parents: &Parents<'_>) -> Result<(), UrdfF
     Ok(())
 }
 
-/// `base_link`, else the one root; a second root is a link that hangs nowhere.
+/// `base_link`, else the only root; a second root is a link without a parent and is refused.
 fn base<'a>(robot: &'a urdf_rs::Robot, parents: &Parents<'_>) -> Result<&'a str, UrdfFault> {
     let names = robot.links.iter().map(|link| link.name.as_str());
     let roots: Vec<&str> = names.clone().filter(|name| !parents.contains_key(name)).collect();
@@ -148,7 +150,7 @@ fn base<'a>(robot: &'a urdf_rs::Robot, parents: &Parents<'_>) -> Result<&'a str,
     }
 }
 
-/// `tool0`, else the one link without a child.
+/// `tool0`, else the only link without a child.
 fn tip(robot: &urdf_rs::Robot) -> Result<&str, UrdfFault> {
     if let Some(tool0) = robot.links.iter().find(|link| link.name == "tool0") {
         return Ok(&tool0.name);
@@ -177,8 +179,8 @@ fn path<'a>(base: &str, tip: &str, parents: &Parents<'a>) -> Result<Vec<&'a urdf
     Ok(path)
 }
 
-/// The median of the origins' lengths that are not 0, m: a calibration may set two parallel joints far apart along their axes,
-/// and back again, so a sum would say nothing.
+/// The median of the origins' lengths that are not 0, m. The sum is no measure, because a calibration may move two
+/// parallel joints far apart along their axes and back again.
 fn median_offset(path: &[&urdf_rs::Joint]) -> f64 {
     let lengths = path.iter().map(|joint| Vector3::from(*joint.origin.xyz).norm());
     let mut lengths: Vec<f64> = lengths.filter(|length| *length > 0.0).collect();
@@ -198,7 +200,7 @@ fn check_joint(joint: &urdf_rs::Joint, further: &Further) -> Result<(), UrdfFaul
     };
     finite("origin xyz [m]", &*joint.origin.xyz)?;
     finite("origin rpy [rad]", &*joint.origin.rpy)?;
-    // of range, velocity, acceleration and jerk
+    // units of range, velocity, acceleration and jerk
     let [unit, velocity_unit, acceleration_unit, jerk_unit] = match joint.joint_type {
         JointType::Fixed => return Ok(()),
         JointType::Prismatic => ["m", "m/s", "m/s²", "m/s³"],
@@ -227,7 +229,7 @@ fn check_joint(joint: &urdf_rs::Joint, further: &Further) -> Result<(), UrdfFaul
     if limit.velocity <= 0.0 {
         return Err(UrdfFault::Velocity { joint: name(), velocity: limit.velocity, unit: velocity_unit });
     }
-    // no arm has a limit beyond these; most often such a one is in another unit
+    // no real arm has limits beyond these; a limit beyond them is most often in another unit
     let (farthest, slowest) =
         if joint.joint_type == JointType::Prismatic { (100.0, 1e-6) } else { (30.0, 1e-4) };
     // a continuous joint has no range

@@ -1,26 +1,27 @@
-//! Fiducials paired in a wrong order: another order of one set that fits far better.
+//! Detects fiducials that are paired in a wrong order: searches for another order of one set that fits far better.
 //!
 //! A fit's RMS residual follows from the cross-covariance H = Σ aᵢ bᵢᵀ of the centred points alone:
 //! FRE² = (Σ|aᵢ|² + Σ|bᵢ|² − 2 (σ₁ + σ₂ + sign(det H) σ₃)) / N, with H's singular values σ₁ ≥ σ₂ ≥ σ₃. Up to
-//! [`EVERY_ORDER`] points every order is tried; beyond, pairs are exchanged as long as the fit gets better, which finds one or
-//! two exchanged pairs but not every order.
+//! [`EVERY_ORDER`] points every order is tried. With more points, pairs are exchanged as long as the fit improves, which
+//! finds one or two exchanged pairs but not every order.
 //!
-//! An order counts as far better where its FRE is below a third of the given one's and at least [`LEAST_GAIN_MM`] less. So a
-//! symmetric layout, in which several orders fit alike, raises no alarm, and neither does a layout that fits well as it is.
+//! An order is far better if its FRE is below a third of the given order's FRE and at least [`LEAST_GAIN_MM`] less. So
+//! there is no false alarm for a symmetric layout, in which several orders fit equally well, or for a layout that fits well.
 //!
 //! **Source:** the residual: Arun, Huang & Blostein 1987, eq. (11) to (13).
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Most points of which every order is tried: 5040 orders.
+/// Largest number of points for which every order is tried: 5040 orders.
 const EVERY_ORDER: usize = 7;
-/// Most points of which pairs are exchanged.
+/// Largest number of points for which pairs are exchanged.
 const MOST_POINTS: usize = 100;
 /// A better fit has an FRE below this share of the given one's.
 const FAR_BETTER: f64 = 1.0 / 3.0;
-/// … and at least this much less, mm: what careless touching of a fiducial explains is no sign of another order. Assumed.
+/// A better fit has an FRE that is at least this much less, mm. Smaller gains can come from a fiducial that was touched
+/// inaccurately. Assumed.
 const LEAST_GAIN_MM: f64 = 0.5;
-/// Orders whose FRE differ by less fit alike, mm; the one that moves the fewest points is named.
+/// Orders whose FREs differ by less than this fit equally well, mm; the one that moves the fewest points is named.
 pub(super) const ALIKE_MM: f64 = 0.1;
 
 /// An order of the base points that fits far better than the given one.
@@ -33,7 +34,7 @@ pub struct BetterOrder {
 }
 
 impl std::fmt::Display for BetterOrder {
-    /// Numbers count from 1.
+    /// Prints the order with points numbered from 1.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let moved: Vec<usize> = (0..self.order.len()).filter(|n| self.order[*n] != *n).collect();
         match moved.as_slice() {
@@ -47,14 +48,15 @@ impl std::fmt::Display for BetterOrder {
     }
 }
 
-/// Whether a fit is so much better than the given one that chance does not explain it.
+/// Whether a fit is far better than the given one.
 pub(super) fn is_far_better(other_mm: f64, fre_mm: f64) -> bool {
     other_mm < FAR_BETTER * fre_mm && other_mm + LEAST_GAIN_MM < fre_mm
 }
 
-/// The order of `base` that fits far better than the given one, if there is one; both sets about their centroids, mm.
+/// The order of `base` that fits far better than the given one, if there is one. Both sets are relative to their
+/// centroids, mm.
 pub(super) fn better_order(ct: &[Vector3<f64>], base: &[Vector3<f64>], fre_mm: f64) -> Option<BetterOrder> {
-    // no FRE is below 0
+    // if even an FRE of 0 is not far better, no order is
     if !is_far_better(0.0, fre_mm) {
         return None;
     }
@@ -89,7 +91,7 @@ impl Pairs<'_> {
         self.ct.iter().zip(order).map(|(a, n)| a * self.base[*n].transpose()).sum()
     }
 
-    /// The best of all orders; among those that fit alike the one that moves the fewest points.
+    /// The best of all orders; among those that fit equally well the one that moves the fewest points.
     fn every_order(&self, given_mm: f64) -> Option<BetterOrder> {
         let mut far_better = Vec::new();
         let mut order: Vec<usize> = (0..self.ct.len()).collect();
@@ -107,7 +109,7 @@ impl Pairs<'_> {
         alike.min_by_key(|found| found.order.iter().enumerate().filter(|(n, from)| n != *from).count())
     }
 
-    /// Exchanges the pair that betters the fit most, until none does.
+    /// Exchanges the pair that improves the fit most, until no exchange improves it.
     fn exchanged(&self) -> Option<BetterOrder> {
         let count = self.ct.len();
         let mut order: Vec<usize> = (0..count).collect();
@@ -159,7 +161,7 @@ mod tests {
         assert_eq!(seen.len(), 120);
     }
 
-    /// Points without symmetry, as many as asked for.
+    /// The requested number of points, without symmetry.
     fn many(count: usize) -> Vec<Point<Ct>> {
         let at = |n: f64| Point::new(40.0 * (1.7 * n).sin(), 9.0 * n - 20.0, 35.0 * (0.9 * n * n).cos());
         (0..count).map(|n| at(n as f64)).collect()
@@ -210,7 +212,7 @@ mod tests {
 
     #[test]
     fn a_symmetric_layout_raises_no_alarm() {
-        // a square fits in eight orders alike
+        // a square fits equally well in eight orders
         let square: Vec<Point<Ct>> = [[30.0, 0.0], [0.0, 30.0], [-30.0, 0.0], [0.0, -30.0]]
             .map(|[x, y]| Point::new(x, y, 5.0))
             .to_vec();

@@ -1,35 +1,35 @@
-//! The eight branches of a UR's inverse by name.
+//! Names of the eight branches of a UR's inverse kinematics.
 //!
-//! Branch 4·shoulder + 2·wrist + elbow, as [`super::UrSolutions`] numbers them. Seen from the base toward the wrist, the upper
-//! arm is left or right of it; the elbow is above or below the line from the shoulder to the wrist; and q₅ is positive or
-//! negative. Which of the two elbows is up depends on the shoulder.
+//! A branch has the number 4·shoulder + 2·wrist + elbow, as in [`super::UrSolutions`]. Seen from the base toward the wrist,
+//! the upper arm is on the left or right; the elbow is above or below the line from the shoulder to the wrist; and q₅ is
+//! positive or negative. Which of the two elbows is up depends on the shoulder.
 
 /// A set of branches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Branches(u8);
 
-/// The names' words: for each of shoulder, elbow and wrist the one of bit 0 and that of bit 1.
+/// The words of the names: for each of shoulder, elbow and wrist the word for bit 0 and the word for bit 1.
 const WORDS: [[&str; 2]; 3] =
     [["shoulder-left", "shoulder-right"], ["elbow-up", "elbow-down"], ["wrist-positive", "wrist-negative"]];
 
-/// What a branch is in each of [`WORDS`].
+/// Index of the branch's word in each of [`WORDS`].
 fn traits(branch: u8) -> [usize; 3] {
     let [shoulder, wrist, elbow] = [branch >> 2 & 1, branch >> 1 & 1, branch & 1].map(usize::from);
-    // on the left shoulder the first elbow hangs, on the right one it stands
+    // elbow 0 is down for the left shoulder and up for the right one
     [shoulder, 1 - (shoulder ^ elbow), wrist]
 }
 
 impl Branches {
-    /// All eight.
+    /// All eight branches.
     pub const ALL: Self = Self(u8::MAX);
 
-    /// One, by its number from 0 to 7.
+    /// The set of one branch, by its number from 0 to 7.
     pub fn one(branch: u8) -> Option<Self> {
         (branch < 8).then(|| Self(1 << branch))
     }
 
-    /// Those that words such as `elbow-up` or `shoulder-left/elbow-up/wrist-positive` leave; `None` where a word is unknown or
-    /// two contradict each other.
+    /// The branches that match words such as `elbow-up` or `shoulder-left/elbow-up/wrist-positive`; `None` where a word is
+    /// unknown or two words contradict each other.
     pub fn named(words: &str) -> Option<Self> {
         let mut left = Self::ALL;
         for word in words.split('/').map(str::trim) {
@@ -40,13 +40,13 @@ impl Branches {
         (left.0 != 0).then_some(left)
     }
 
-    /// Whether a branch is among them.
+    /// Whether a branch is in the set.
     pub fn contains(self, branch: u8) -> bool {
         self.0 >> branch & 1 == 1
     }
 }
 
-/// The words that its branches have in common: read back by [`Branches::named`] where it came from there.
+/// Prints the words that the set's branches have in common. [`Branches::named`] reads them back if the set was made by it.
 impl std::fmt::Display for Branches {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let all: Vec<[usize; 3]> = (0..8).filter(|b| self.contains(*b)).map(traits).collect();
@@ -85,7 +85,7 @@ mod tests {
                     let p: Vec<Vector3<f64>> =
                         arm.joint_places(q).unwrap().iter().map(|place| place.coords).collect();
                     let (shoulder, elbow, wrist, offset) = (p[1], p[2], p[3], p[4]);
-                    // the arm moves in a plane through the base's axis; the wrist stands beside it
+                    // the arm moves in a plane parallel to the base's axis; the wrist lies beside it
                     let left = Vector3::z().cross(&Vector3::new(offset.x, offset.y, 0.0));
                     let is_left = (wrist - offset).dot(&left) > 0.0;
                     let on_line = shoulder + (wrist - shoulder) * 0.5;

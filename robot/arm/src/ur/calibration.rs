@@ -1,13 +1,13 @@
 //! The calibration of one particular UR arm.
 //!
-//! Three forms are read, told apart by their contents:
+//! Three forms are read; the contents tell which it is:
 //! - YAML with `delta_theta`, `delta_a`, `delta_d`, `delta_alpha` (six numbers each, rad and m), at the top or under
-//!   `mounting`: what is added to the nominal DH table;
+//!   `mounting`: these are added to the nominal DH table;
 //! - the controller's own `calibration.conf`, which has the same keys with `=`;
 //! - the ROS driver's extraction: YAML with `kinematics`: `shoulder` .. `wrist_3`, each `x y z roll pitch yaw`.
 //!
-//! Offsets along the parallel axes 2, 3 and 4 may be metres each: only their sum is small. So numbers are not judged one by
-//! one; `check` compares the arm that comes out with the nominal one.
+//! Offsets along the parallel axes 2, 3 and 4 may each be metres, while only their sum is small. So the numbers are not
+//! checked one by one; `check` compares the calibrated arm with the nominal one.
 
 use std::path::Path;
 
@@ -17,29 +17,29 @@ use super::UrModel;
 use crate::arm::Arm;
 use crate::error::{CalibrationFault, RobotError};
 
-/// Farthest that a calibrated flange may be from the nominal one, mm: the factory's are 1–2 mm off, another model's
-/// hundreds.
+/// Largest distance of a calibrated flange from the nominal one, mm. Factory calibrations move it by 1–2 mm, the
+/// calibration of another model by hundreds.
 const MOST_OFF_MM: f64 = 20.0;
 
-/// Farthest that a calibrated flange may be turned, rad: the factory's angles are milliradians.
+/// Largest rotation of a calibrated flange from the nominal one, rad. Factory calibrations turn it by milliradians.
 const MOST_TURNED_RAD: f64 = 0.02;
 
 /// Names of the links in the ROS driver's extraction.
 const LINKS: [&str; 6] = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"];
 
-/// A joint's origin as URDF has it.
+/// A joint's origin as in a URDF.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct JointOrigin {
-    /// m.
+    /// Translation, m.
     pub xyz_m: [f64; 3],
     /// Fixed-axis roll, pitch, yaw, rad.
     pub rpy_rad: [f64; 3],
 }
 
-/// What a calibration says about an arm.
+/// The contents of a calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Calibration {
-    /// Added to the nominal DH table; m and rad.
+    /// Values that are added to the nominal DH table; m and rad.
     Deltas {
         /// δθ, rad.
         theta: [f64; 6],
@@ -57,7 +57,7 @@ pub enum Calibration {
 /// Reads a calibration file.
 ///
 /// # Errors
-/// [`RobotError::Calibration`] naming the file and what is wrong with it.
+/// [`RobotError::Calibration`] with the file and the fault.
 pub fn read_calibration(path: &Path) -> Result<Calibration, RobotError> {
     let source_name = path.display().to_string();
     let fail = |fault| RobotError::Calibration { source_name: source_name.clone(), fault };
@@ -65,10 +65,10 @@ pub fn read_calibration(path: &Path) -> Result<Calibration, RobotError> {
     Calibration::parse(&text).map_err(fail)
 }
 
-/// The arm of a model, by its own calibration where there is one.
+/// The arm of a model, calibrated where a calibration is given.
 ///
 /// # Errors
-/// [`RobotError::Calibration`] naming the file, also where no arm of the model comes out.
+/// [`RobotError::Calibration`] with the file and the fault, also where the calibrated arm is not near the model.
 pub fn read_ur(model: UrModel, calibration: Option<&Path>) -> Result<Arm, RobotError> {
     let Some(path) = calibration else { return Arm::ur(model, None) };
     Arm::ur(model, Some(&read_calibration(path)?)).map_err(|error| match error {
@@ -107,7 +107,7 @@ impl Calibration {
     }
 }
 
-/// `key = value` lines as YAML; section titles have no meaning here.
+/// Converts `key = value` lines to YAML; section titles are left out.
 fn as_yaml(text: &str) -> String {
     let line = |line: &str| match line.split_once('=') {
         Some((key, value)) if !key.contains('#') => format!("{}: {}\n", key.trim(), value.trim()),
@@ -143,18 +143,18 @@ fn six(table: &Yaml<'_>, key: &str) -> Result<[f64; 6], CalibrationFault> {
         .ok_or_else(|| CalibrationFault::Number { key: format!("{key} (six numbers)") })
 }
 
-/// A finite number; integers count.
+/// The value as a finite number; integers are accepted.
 fn number(value: &Yaml<'_>) -> Option<f64> {
     let number = value.as_floating_point().or_else(|| value.as_integer().map(|whole| whole as f64));
     number.filter(|number| number.is_finite())
 }
 
-/// The calibrated flange stays near the nominal one, in place and direction, over a spread of joint vectors.
+/// Checks at many joint vectors that the calibrated flange is near the nominal one, in position and orientation.
 pub(super) fn check(model: UrModel, calibrated: &Arm) -> Result<(), RobotError> {
     let nominal = Arm::ur(model, None)?;
     let (mut worst_mm, mut worst_rad) = (0f64, 0f64);
     for k in 0..32 {
-        // golden-ratio steps spread over the torus
+        // steps by the golden ratio spread the joint vectors evenly
         let q: [f64; 6] = std::array::from_fn(|j| {
             let share = f64::from(k) * (0.618_033_988_75 + 0.1 * j as f64);
             (share.fract() - 0.5) * std::f64::consts::TAU

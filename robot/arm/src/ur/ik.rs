@@ -1,32 +1,34 @@
 //! The closed-form inverse of a UR arm: up to eight joint vectors for a flange pose.
 //!
-//! Joints 2, 3 and 4 are parallel, so z₁ = (s₁, −c₁, 0) is the axis of all three, and the pose splits:
+//! The axes of joints 2, 3 and 4 are parallel, so z₁ = (s₁, −c₁, 0) is the axis of all three, and the angles are found
+//! one after the other:
 //!
-//! 1. p₅ = p − d₆ z₆ lies d₄ along z₁: s₁ p₅ₓ − c₁ p₅ᵧ = d₄, two shoulders;
-//! 2. z₁·z₆ = c₅, z₁·x₆ = c₆ s₅, z₁·y₆ = −s₆ s₅: two wrists, q₆ with them;
-//! 3. p₄ = p₅ + d₅ (s₆ x₆ + c₆ y₆) is reached in the plane of joints 2 and 3: two elbows;
+//! 1. p₅ = p − d₆ z₆ lies d₄ along z₁: s₁ p₅ₓ − c₁ p₅ᵧ = d₄ has two solutions, the shoulders;
+//! 2. z₁·z₆ = c₅, z₁·x₆ = c₆ s₅, z₁·y₆ = −s₆ s₅ have two solutions, the wrists, which also give q₆;
+//! 3. p₄ = p₅ + d₅ (s₆ x₆ + c₆ y₆) is reached in the plane of joints 2 and 3 in two ways, the elbows;
 //! 4. x₄ gives q₂ + q₃ + q₄.
 //!
-//! Every angle is an arc tangent of two lengths, a sum or difference of such, or half a turn from one; never an arc cosine of
-//! a ratio, so that nothing is lost near the ends.
+//! Every angle is an arc tangent of two lengths, a sum or difference of such, or half a turn from one. An arc cosine of a
+//! ratio is never used, because it is inaccurate near 0 and π.
 //!
-//! Singular poses have a stated answer. Wrist (s₅ = 0): q₆ is free and taken from the caller, both wrists give the same.
-//! Elbow stretched or folded, shoulder at its edge: the two branches coincide and both are given.
+//! At singular poses the result is defined. Wrist (s₅ = 0): q₆ is free and given by the caller, and both wrists give the
+//! same joint vector. Elbow stretched or folded, or shoulder at its edge: the two branches coincide and both are given.
 //!
-//! Invariants: never NaN; every vector given reproduces the pose to 1e-9 mm and 1e-9 rad (a test with 10⁶ poses), each
-//! angle in [−π, π]; turns by 2π are the caller's. Limits are not checked here.
+//! Invariants: no value is NaN; every joint vector reproduces the pose to 1e-9 mm and 1e-9 rad (tested on 10⁶ poses); each
+//! angle is in [−π, π], and the caller adds turns by 2π. Limits are not checked here.
 //!
-//! **Source:** geometry as in Hawkins 2013, "Analytic inverse kinematics for the Universal Robots"; derived anew here.
+//! **Source:** geometry as in Hawkins 2013, "Analytic inverse kinematics for the Universal Robots"; the formulas were
+//! derived independently.
 
 use std::f64::consts::{PI, TAU};
 
 use bonemill_geometry::{Base, Flange, Rigid};
 
-/// A pose this little beyond reach is at the edge, mm: what rounding makes of a pose whose shoulder and elbow are both
-/// singular, and half of what a solution may be off.
+/// A pose that is beyond reach by less than this is at the edge, mm. It is the rounding error of a pose whose shoulder and
+/// elbow are both singular, and half the error that a solution may have.
 const EDGE_MM: f64 = 5e-10;
 
-/// |s₅| at or below which q₆ is free.
+/// At |s₅| up to this value q₆ is free.
 const WRIST_SINGULAR: f64 = 1e-12;
 
 /// The lengths of a UR arm's DH table, mm, with their signs (a₂ and a₃ are negative).
@@ -40,23 +42,24 @@ pub struct UrGeometry {
     pub a3_mm: f64,
     /// Offset of the wrist along the parallel axes.
     pub d4_mm: f64,
-    /// From the first to the second wrist joint.
+    /// Distance from the first to the second wrist joint.
     pub d5_mm: f64,
-    /// From the second wrist joint to the flange.
+    /// Distance from the second wrist joint to the flange.
     pub d6_mm: f64,
 }
 
-/// What the inverse gives.
+/// The solutions of the inverse kinematics.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UrSolutions {
     /// Joint vectors, rad, by branch: 4·shoulder + 2·wrist + elbow, each 0 or 1; `None` where the branch does not reach.
     pub branches: [Option<[f64; 6]>; 8],
-    /// |s₃ s₅ w| by branch, mm, with w the distance of the origin of frame 5 from the first axis in the plane of the arm: the factors of the
-    /// Jacobian's determinant, 0 at a singularity.
+    /// |s₃ s₅ w| by branch, mm: the factors of the Jacobian's determinant, 0 at a singularity. w is the distance of the origin
+    /// of frame 5 from the first axis, in the plane of the arm.
     pub from_singular_mm: [f64; 8],
-    /// By how much the flange has to be moved, the best way that was looked at, for a branch to reach, mm; 0 where one does.
+    /// How far the flange must be moved before a branch reaches it, mm: the least of the ways that were tried. 0 where a
+    /// branch reaches.
     pub short_mm: f64,
-    /// Whether q₆ was free and taken from the caller.
+    /// Whether q₆ was free, so that the caller's value was used.
     pub wrist_singular: bool,
 }
 
@@ -70,7 +73,7 @@ impl UrSolutions {
         }
     }
 
-    /// The joint vectors there are, with their branch.
+    /// The joint vectors of the branches that reach, each with its branch.
     pub fn iter(&self) -> impl Iterator<Item = (usize, &[f64; 6])> {
         self.branches.iter().enumerate().filter_map(|(branch, q)| Some((branch, q.as_ref()?)))
     }
@@ -119,7 +122,7 @@ impl UrGeometry {
             };
             let s5 = if free { 0.0 } else { s5 };
             let (x6, y6, z6) = (in_plane(&x6), in_plane(&y6), in_plane(&z6));
-            // x₅ and y₅ = −z₄ of the wrist's frames, then x₄
+            // x₅ and y₅ = −z₄ of the wrist's frames, and then x₄
             let x5: [f64; 2] = std::array::from_fn(|k| c6 * x6[k] - s6 * y6[k]);
             let y5: [f64; 2] = std::array::from_fn(|k| s6 * x6[k] + c6 * y6[k]);
             let x4: [f64; 2] = std::array::from_fn(|k| c5 * x5[k] - s5 * z6[k]);
@@ -143,8 +146,8 @@ impl UrGeometry {
         found
     }
 
-    /// How high the lowest link behind the shoulder is over the mounting plane, mm, with links as lines from joint to joint;
-    /// `q` brings the flange to the pose.
+    /// Height of the lowest link after the shoulder above the mounting plane, mm; links are lines from joint to joint. `q` must
+    /// bring the flange to the pose.
     pub fn lowest_link_mm(&self, q: &[f64; 6], base_from_flange: &Rigid<Base, Flange>) -> f64 {
         let elbow_mm = self.d1_mm + self.a2_mm * q[1].sin();
         let wrist_mm = elbow_mm + self.a3_mm * (q[1] + q[2]).sin();
@@ -153,7 +156,7 @@ impl UrGeometry {
         self.d1_mm.min(elbow_mm).min(wrist_mm).min(p5_mm).min(flange_mm)
     }
 
-    /// The way out of the cylinder of radius d₄ about the first axis, which no branch reaches, and from there into reach.
+    /// The distance out of the cylinder of radius d₄ about the first axis, which no branch reaches, and from there into reach.
     fn way_out_mm(&self, pose: &Rigid<Base, Flange>, p5: &[f64; 3], across: f64) -> f64 {
         let out_mm = self.d4_mm - across;
         if !out_mm.is_finite() {
@@ -161,13 +164,13 @@ impl UrGeometry {
         }
         let way = if across > 0.0 { [p5[0] / across, p5[1] / across] } else { [1.0, 0.0] };
         let out = nalgebra::Vector3::new(way[0], way[1], 0.0) * (out_mm + 2.0 * EDGE_MM);
-        // z₁ is along the way out there, and what the elbow lacks is across it
+        // there z₁ points along the way out, and the distance that the elbow lacks is perpendicular to it
         let beyond_mm = self.inverse(&Rigid::new(pose.rotation, pose.translation_mm + out), 0.0).short_mm;
         out_mm.hypot(beyond_mm)
     }
 }
 
-/// The wrist as one branch rolls it.
+/// The wrist of one branch.
 #[derive(Debug, Clone, Copy)]
 struct Wrist {
     /// Outward and up.
@@ -178,7 +181,7 @@ struct Wrist {
 }
 
 impl Wrist {
-    /// The other wrist: s₅, s₆ and c₆ change their signs, and x₄ and y₅ with them.
+    /// The other wrist: s₅, s₆, c₆, x₄ and y₅ change their signs.
     fn turned(self) -> Self {
         let opposite = |angle: f64| angle - PI.copysign(angle);
         Self { y5: self.y5.map(|y| -y), q234: opposite(self.q234), q5: -self.q5, q6: opposite(self.q6) }
@@ -193,7 +196,7 @@ struct Plane<'a> {
     p5: [f64; 2],
 }
 
-/// Both ways to bend the elbow.
+/// The two solutions of the elbow.
 struct Elbows {
     q: [[f64; 6]; 2],
     /// |s₃|, the same for both.
@@ -201,7 +204,7 @@ struct Elbows {
 }
 
 impl Plane<'_> {
-    /// Both elbows, or how many mm the wrist is out of their reach.
+    /// Both elbows, or how far the wrist is out of reach, mm.
     fn elbows(&self, wrist: &Wrist) -> Result<Elbows, f64> {
         let g = self.geometry;
         let [x, y]: [f64; 2] = std::array::from_fn(|k| self.p5[k] + g.d5_mm * wrist.y5[k]);
@@ -212,13 +215,13 @@ impl Plane<'_> {
             return Err(short_mm);
         }
         let half = 0.5 / (g.a2_mm * g.a3_mm);
-        // 1 − c₃ and 1 + c₃ as products: exact to the last digit at both ends
+        // 1 − c₃ and 1 + c₃ as products, which are accurate at both ends
         let less = ((longest - length) * (longest + length) * half).max(0.0);
         let more = ((length - shortest) * (length + shortest) * half).max(0.0);
         let (less_root, more_root) = (less.sqrt(), more.sqrt());
         let q3 = 2.0 * less_root.atan2(more_root);
         let (s3, c3) = (less_root * more_root, 0.5 * (more - less));
-        // what the elbow adds to the upper arm's angle; its sign is the elbow's
+        // the angle that the elbow adds to the upper arm's angle; its sign depends on the elbow
         let aside = (g.a3_mm * s3).atan2(g.a2_mm + g.a3_mm * c3);
         let direct = y.atan2(x);
         let q = [1.0, -1.0].map(|sign| {
@@ -229,12 +232,12 @@ impl Plane<'_> {
     }
 }
 
-/// √(x² + y²): for lengths of metres, where squares neither overflow nor vanish.
+/// √(x² + y²) without protection from overflow, which lengths of metres do not need.
 fn length(x: f64, y: f64) -> f64 {
     (x * x + y * y).sqrt()
 }
 
-/// The same direction in [−π, π], for angles a few turns at most away.
+/// The same angle in [−π, π]; for angles of at most a few turns.
 pub fn wrapped(angle_rad: f64) -> f64 {
     if angle_rad.abs() <= PI {
         return angle_rad;

@@ -1,13 +1,13 @@
-//! Universal Robots' e-series: their nominal kinematics, the URDF made of it, calibration and closed-form inverse.
+//! Universal Robots' e-series: nominal kinematics, the URDF made from them, calibration and closed-form inverse.
 //!
-//! base = the DH table's frame 0, the frame in which the controller and its pendant give positions. ROS descriptions
-//! turn their `base_link` by π about z against it; joint values are the same. `tool0` is the DH table's frame 6.
+//! base is the DH table's frame 0, the frame in which the controller and its pendant show positions. In ROS descriptions
+//! `base_link` is turned by π about z relative to it; joint values are the same. `tool0` is the DH table's frame 6.
 //!
-//! Nominal parameters are 1–2 mm off a real arm; [`Calibration`] holds a particular arm's. Accelerations and jerks are
-//! unpublished, so those here are assumed and stand in [`LIMITS_ASSUMED`].
+//! A real arm differs from the nominal parameters by 1–2 mm; [`Calibration`] holds those of one arm. Accelerations and
+//! jerks are unpublished; [`LIMITS_ASSUMED`] holds assumed values.
 //!
-//! Metres exist here only, where UR's data enter. Invariants: the URDF and [`UrGeometry`] describe the same arm (a test);
-//! a calibrated arm's inverse starts from the nominal one's branches and ends exact.
+//! Metres are used only here, where UR's data enter. Invariants: the URDF and [`UrGeometry`] describe the same arm
+//! (tested); the inverse of a calibrated arm starts from the nominal branches and is exact.
 //!
 //! **Source:** DH parameters, ranges and speeds: Universal Robots, "DH parameters for calculations of kinematics and
 //! dynamics" and the e-series data sheets.
@@ -27,8 +27,8 @@ pub use urdf::has_ur_joints;
 use crate::arm::Arm;
 use crate::error::RobotError;
 
-/// Acceleration and jerk of every joint: 5 rad/s² and 250 rad/s³, that is full acceleration within 0.02 s. Assumed:
-/// well below the 40 rad/s² that the controller accepts, about the 5 rad/s² that ROS descriptions plan with.
+/// Acceleration and jerk limits of every joint: 5 rad/s² and 250 rad/s³, that is full acceleration within 0.02 s. Assumed:
+/// well below the 40 rad/s² that the controller accepts, and equal to the 5 rad/s² of ROS descriptions.
 pub const LIMITS_ASSUMED: (f64, f64) = (5.0, 250.0);
 
 /// An arm of the e-series.
@@ -52,10 +52,10 @@ pub(crate) struct DhRow {
 }
 
 impl UrModel {
-    /// All of them.
+    /// All models.
     pub const ALL: [Self; 3] = [Self::Ur3e, Self::Ur5e, Self::Ur10e];
 
-    /// As in a case file: `ur3e`, `ur5e`, `ur10e`.
+    /// Name in a case file: `ur3e`, `ur5e`, `ur10e`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Ur3e => "ur3e",
@@ -64,7 +64,7 @@ impl UrModel {
         }
     }
 
-    /// The model of a name, if it is one.
+    /// The model with this name, if there is one.
     pub fn by_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|model| model.name() == name)
     }
@@ -110,7 +110,7 @@ impl UrModel {
         }
     }
 
-    /// Greatest joint speeds, rad/s: 180°/s, the UR10e's first two 120°/s, small arms' wrists 360°/s on the UR3e.
+    /// Joint speed limits, rad/s: 180°/s, but 120°/s for the first two joints of the UR10e and 360°/s for the UR3e's wrist.
     pub(crate) fn velocity(self) -> [f64; 6] {
         let (half, third) = (TAU / 2.0, TAU / 3.0);
         match self {
@@ -125,8 +125,8 @@ impl Arm {
     /// A UR arm with its nominal kinematics, or those of a calibration; its chain ends at `tool0`.
     ///
     /// # Errors
-    /// [`RobotError::Calibration`] where the calibration is not of this model: its chain would end more than 20 mm from
-    /// the nominal one.
+    /// [`RobotError::Calibration`] where the calibration is not of this model: the flange would be more than 20 mm from the
+    /// nominal one.
     pub fn ur(model: UrModel, calibration: Option<&Calibration>) -> Result<Self, RobotError> {
         let text = urdf::text(model, calibration);
         let arm = Self::from_urdf(&text, model.name())?
@@ -138,7 +138,7 @@ impl Arm {
         Ok(arm)
     }
 
-    /// What no URDF of a UR states.
+    /// The arm with assumed acceleration and jerk limits, which URDFs of UR arms do not state.
     pub(crate) fn with_assumed_ur_limits(self) -> Result<Self, RobotError> {
         let (acceleration, jerk) = LIMITS_ASSUMED;
         self.with_limits(None, Some(&[acceleration; 6]))?.with_jerk_limits(&[jerk; 6])

@@ -1,4 +1,4 @@
-//! The closed form against forward kinematics, against search, at singular and unreachable poses; calibrations.
+//! The closed form against forward kinematics and against a search, at singular and unreachable poses; calibrations.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -11,7 +11,7 @@ use super::ik::wrapped;
 use super::*;
 use crate::error::CalibrationFault;
 
-/// A cheap, fixed stream of numbers in 0..1.
+/// A fixed stream of numbers in 0..1.
 struct Stream(u64);
 
 impl Stream {
@@ -143,7 +143,7 @@ fn out_of_reach_says_by_how_much() {
     let level = Rotation3::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2);
     let at = |mm: Vector3<f64>| geometry.inverse(&Rigid::new(level, mm), 0.0);
     assert!(at(Vector3::new(3000.0, 0.0, 200.0)).is_empty());
-    // pulled in by what is missing, it is reached; by a little less, it is not
+    // the pose is reached when it is moved in by the missing distance, and not when it is moved by a little less
     for far in [
         Vector3::new(1100.0, 130.0, 162.5),
         Vector3::new(0.0, 0.0, 1500.0),
@@ -163,7 +163,7 @@ fn out_of_reach_says_by_how_much() {
             reached(short * 1.05),
             "{far:?} is short by {short} mm, but that does not bring it into reach"
         );
-        // straight above, the shoulder's cylinder and the elbow are both in the way, and the way out is no straight one
+        // straight above the base both the shoulder's cylinder and the elbow limit the reach, and the way out is not straight
         assert!(far.x == 0.0 || !reached(short * 0.8), "{far:?} is reached with less than {short} mm");
     }
     // the wrist inside the cylinder about the first axis
@@ -176,7 +176,7 @@ fn out_of_reach_says_by_how_much() {
 fn singular_poses_have_a_stated_answer() {
     for model in UrModel::ALL {
         let (arm, geometry) = (Arm::ur(model, None).unwrap(), model.geometry());
-        // wrist: q₆ is what the caller says
+        // wrist: q₆ is the caller's value
         let q = [0.3, -1.2, 1.4, -0.7, 0.0, 0.9];
         let pose = arm.forward(&q).unwrap();
         let solutions = geometry.inverse(&pose, 0.9);
@@ -208,7 +208,8 @@ fn singular_poses_have_a_stated_answer() {
 
 #[test]
 fn shoulder_and_elbow_singular_at_once_are_still_reached() {
-    // the wrist hardly off the first axis' cylinder: its root amplifies rounding, and the arm is stretched
+    // the wrist almost touches the cylinder about the first axis, where a square root amplifies rounding, and the arm is
+    // stretched
     let found_among_a_million = [
         (UrModel::Ur5e, [0.418_252_915_470_652_63, -1.518_023_968_259_074_6, 0.0]),
         (UrModel::Ur10e, [3.002_709_794_545_157_5, -1.641_389_280_836_598_9, -3.148_889_284_118_595_3e-13]),
@@ -332,7 +333,7 @@ fn what_is_no_calibration_is_refused() {
         matches!(fault("delta_theta: [0, 0, 0, 0, 0, 0]"), CalibrationFault::Missing { key } if key == "delta_a")
     );
     assert!(matches!(fault("kinematics:\n  shoulder:\n    x: 0\n"), CalibrationFault::Missing { .. }));
-    // another model's
+    // the deltas of another model
     let far = "delta_theta: [0,0,0,0,0,0]\ndelta_a: [0,-0.2,0,0,0,0]\ndelta_d: [0,0,0,0,0,0]\ndelta_alpha: [0,0,0,0,0,0]\n";
     let error = Arm::ur(UrModel::Ur5e, Some(&Calibration::parse(far).unwrap())).unwrap_err().to_string();
     assert!(error.contains("ur5e") && error.contains("another model"), "{error}");

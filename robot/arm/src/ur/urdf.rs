@@ -1,7 +1,7 @@
-//! A UR arm as a URDF, from its DH table or from a calibration.
+//! Writes a UR arm as a URDF, from its DH table or from a calibration.
 //!
 //! Rz(qᵢ) Tz(dᵢ) Tx(aᵢ) Rx(αᵢ) is the motion of joint i followed by the origin of joint i + 1: xyz = (aᵢ, 0, dᵢ),
-//! rpy = (αᵢ, 0, 0). A calibrated zero offset δθ is a fixed joint of its own, so that no angle is converted. Link and
+//! rpy = (αᵢ, 0, 0). A calibrated zero offset δθ becomes a separate fixed joint, so that no angle is converted. Link and
 //! joint names are those of the ROS driver.
 
 use std::fmt::Write;
@@ -29,7 +29,7 @@ const JOINTS: [&str; 6] = [
     "wrist_3_joint",
 ];
 
-/// Whether an arm's joints are called as a UR's, with any prefix, as in a URDF from ROS.
+/// Whether an arm's joints have the names of a UR's joints, with any prefix, as in a URDF from ROS.
 pub fn has_ur_joints(arm: &Arm) -> bool {
     let names = || arm.joints().iter().map(|joint| joint.name.as_str());
     names().count() == JOINTS.len() && names().zip(JOINTS).all(|(name, ours)| name.ends_with(ours))
@@ -47,7 +47,7 @@ pub(super) fn text(model: UrModel, calibration: Option<&Calibration>) -> String 
         let mut parent = LINKS[i].to_owned();
         let mut origin = *origin;
         if *zero != 0.0 {
-            // the origin first, then the zero's offset about the joint's own axis
+            // first the origin, then the zero offset about the joint's own axis
             let child = format!("{}_zero", LINKS[i]);
             link(&child);
             joints += &fixed(&format!("{}_origin", JOINTS[i]), &parent, &child, &origin);
@@ -109,7 +109,7 @@ fn rows(model: UrModel, calibration: Option<&Calibration>) -> [DhRow; 6] {
     dh
 }
 
-/// What a DH row does behind its joint.
+/// The transform of a DH row after its joint's rotation.
 fn behind(row: &DhRow) -> JointOrigin {
     JointOrigin { xyz_m: [row.a_m, 0.0, row.d_m], rpy_rad: [row.alpha, 0.0, 0.0] }
 }

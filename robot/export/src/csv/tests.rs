@@ -7,7 +7,7 @@ use super::*;
 const KINDS: [JointKind; 4] =
     [JointKind::Prismatic, JointKind::Prismatic, JointKind::Prismatic, JointKind::Revolute];
 
-/// A screw with a swinging tilt, about `moves` · 0.17 s long.
+/// A helix with a swinging tilt, about `moves` · 0.17 s long.
 fn law(moves: usize) -> TimeLaw {
     let (velocity, acceleration) = ([15.0, 15.0, 15.0, 0.6], [150.0, 150.0, 150.0, 6.0]);
     let jerk = acceleration.map(|a| 20.0 * a);

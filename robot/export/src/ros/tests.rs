@@ -1,4 +1,4 @@
-//! Both texts read back by parsers of their own and compared with the rows.
+//! Both texts are read back by independent parsers and compared with the rows.
 
 use bonemill_arm::{Arm, Joint};
 use saphyr::{LoadableYamlNode, Yaml};
@@ -61,7 +61,7 @@ fn json_and_yaml_read_back_equal() {
         let (mut json, mut yaml) = (Vec::new(), Vec::new());
         write_ros_json(&mut json, &rows).unwrap();
         write_ros_yaml(&mut yaml, &rows).unwrap();
-        // JSON is YAML; that it is JSON shows where a JSON parser is at hand, in the command's own tests
+        // JSON is also YAML; the command's tests check with a JSON parser that it is JSON
         check(std::str::from_utf8(&json).unwrap(), stride);
         check(std::str::from_utf8(&yaml).unwrap(), stride);
     }

@@ -1,12 +1,12 @@
-//! Joint positions so close that an arm, straight in joint space between them, keeps to the path in space.
+//! Joint positions so close together that an arm, moving straight in joint space between them, follows the path in space.
 //!
-//! Between two waypoints the burr goes along a line while the axis turns along a great circle. Straight in joint space it
-//! bows out of both; a move is halved until the bow is below `BOW_MM` and `BOW_RAD`. Where the axis turns fast for the
-//! way the burr goes, a shift of the burr along its line that no one would notice would read as another axis: there places
-//! stand so close that their axes differ by `FAST_STEP_RAD` at most.
+//! Between two waypoints the burr moves along a line while the axis turns along a great circle. A straight motion in joint
+//! space deviates from both; a move is halved until the deviation is below `BOW_MM` and `BOW_RAD`. Where the axis turns
+//! fast compared with the burr's motion, even a negligible shift of the burr along its line changes the axis that belongs
+//! to its place; there places are so close that their axes differ by at most `FAST_STEP_RAD`.
 //!
-//! Invariants: every place is exactly on the path; waypoints are places; the burr's length of a move to a place is the
-//! greatest |J q'| on it, not its chord, so that a speed cap on it caps the burr at every instant.
+//! Invariants: every place is exactly on the path; every waypoint is a place; the burr's length of the move to a place is
+//! the greatest |J q'| on it, not its chord, so that a speed cap holds at every instant of the move.
 
 use bonemill_arm::arm::inverse::angle_between;
 use bonemill_arm::arm::{Arm, AxisPose};
@@ -14,15 +14,15 @@ use nalgebra::Vector3;
 
 use super::{Follower, OutOfReach, PosePath, ReachReason, Resolved};
 
-/// Largest distance between the burr and its line in the middle of a move, mm.
+/// Largest distance between the burr and its line at the middle of a move, mm.
 const BOW_MM: f64 = 0.002;
-/// Largest angle between the axis and where it should be in the middle of a move, rad.
+/// Largest angle between the axis and the planned axis at the middle of a move, rad.
 const BOW_RAD: f64 = 5e-4;
-/// The axis may turn by this much within [`SHIFT_MM`] before places are laid closer, rad.
+/// Places are laid closer where the axis turns by more than this within [`SHIFT_MM`], rad.
 const FAST_STEP_RAD: f64 = 2.5e-3;
-/// What counts as no shift along the line, mm: about the corner tolerance.
+/// A shift along the line that is negligible, mm: about the corner tolerance.
 const SHIFT_MM: f64 = 0.02;
-/// Halvings before a move counts as a jump.
+/// Number of halvings after which a move counts as a jump.
 const HALVINGS: u32 = 14;
 
 /// A joint path with places between waypoints.
@@ -30,7 +30,7 @@ const HALVINGS: u32 = 14;
 pub struct DensePath {
     /// Joint positions, mm or rad, shape (places × dof).
     pub q: Vec<f64>,
-    /// Greatest path length of the burr in the move to each place, mm, were it driven evenly at its fastest; 0 for the first.
+    /// For the move to each place, the burr's path length if it moved at its greatest speed throughout, mm; 0 for the first.
     pub burr_mm: Vec<f64>,
     /// Burr's centre and axis at each place, in base, shape (places).
     pub pose: Vec<[f64; 6]>,
@@ -39,7 +39,7 @@ pub struct DensePath {
 }
 
 impl DensePath {
-    /// Lays a path that was resolved.
+    /// Lays places along a path with resolved joint vectors.
     ///
     /// # Errors
     /// [`OutOfReach`] where the arm cannot follow between two waypoints.
@@ -73,12 +73,12 @@ impl DensePath {
         self.burr_mm.len()
     }
 
-    /// Whether there is none.
+    /// Whether there is no place.
     pub fn is_empty(&self) -> bool {
         self.burr_mm.is_empty()
     }
 
-    /// A value per waypoint's move as one per place's move.
+    /// Expands values per waypoint's move to values per place's move.
     pub fn per_place(&self, per_waypoint: &[f64]) -> Vec<f64> {
         let mut values = Vec::with_capacity(self.len());
         for (place, value) in self.waypoints.iter().zip(per_waypoint) {
@@ -99,10 +99,10 @@ impl DensePath {
     }
 }
 
-/// The greatest |J Δq| from one joint vector to another: the burr's speed at its fastest, times the move's time.
+/// The greatest |J Δq| from one joint vector to another: the burr's greatest speed times the move's duration.
 ///
-/// |J(q) Δq|² is smooth along the move; its values at both ends and in the middle and the parabola through them bound it
-/// to third order, and moves are short.
+/// |J(q) Δq|² is smooth along the move. The parabola through its values at both ends and at the middle gives its greatest
+/// value to third order, which suffices because moves are short.
 fn fastest_mm(arm: &Arm, from: &[f64], to: &[f64]) -> f64 {
     let step: Vec<f64> = from.iter().zip(to).map(|(a, b)| b - a).collect();
     let speed = |share: f64| {
@@ -125,7 +125,7 @@ struct Segment<'a> {
 }
 
 impl Segment<'_> {
-    /// Lays the places strictly between two shares of the move.
+    /// Lays places strictly between two points of the move, given as shares of it.
     fn lay(
         &self,
         shares: [f64; 2],
@@ -152,7 +152,7 @@ impl Segment<'_> {
         self.lay([share, shares[1]], &q, to, halvings - 1, dense)
     }
 
-    /// Whether a part of the move turns the axis little, in itself or for the way that it goes.
+    /// Whether a part of the move turns the axis little, in total or compared with the distance moved.
     fn turns_slowly(&self, part: f64) -> bool {
         let (turn_rad, _) = angle_between(&self.from.axis, &self.to.axis);
         let length_mm = self.from.position.distance_mm(&self.to.position);

@@ -1,10 +1,10 @@
 //! UR arms: dynamic programming over sampled roll, branch by branch, then refinement between the samples.
 //!
-//! A layer per pose that is looked at, a node per roll and branch. Rolls change slowly along a path, so poses are looked at about
-//! a millimetre apart ([`some_poses`]) and rolls laid evenly between them; where the arm cannot follow those, or would have to hurry,
-//! every pose is looked at. Nodes are computed for a portion of layers at a time, in parallel, and
-//! dropped when the next portion has passed; what is kept is one byte per node, where its best path came from. Edges go
-//! to the same roll and its two neighbours on the same branch and are never stored.
+//! The program has one layer per sampled pose and one node per roll and branch. Rolls change slowly along a path, so poses
+//! are sampled about a millimetre apart ([`some_poses`]) and rolls are interpolated between them; where the arm cannot
+//! follow the result, or a joint would move too fast, every pose is used. Nodes are computed for a portion of layers at a
+//! time, in parallel, and dropped after the next portion; only one byte per node is kept, which says from where its best
+//! path came. Edges lead to the same roll and its two neighbours on the same branch and are never stored.
 
 use std::f64::consts::TAU;
 
@@ -18,43 +18,44 @@ use rayon::prelude::*;
 
 use super::{EXACT, Follower, OutOfReach, PosePath, Posture, ReachReason, Resolved, into_range, yielding};
 
-/// Rolls that are looked at.
+/// Number of sampled rolls.
 const ROLLS: usize = 36;
-/// Angle between them, rad.
+/// Angle between neighbouring rolls, rad.
 const STEP_RAD: f64 = TAU / ROLLS as f64;
 /// Branches of a UR.
 const BRANCHES: usize = 8;
 /// Layers computed at a time.
 const PORTION: usize = 128;
-/// w: what a mm of path is worth against a joint's motion at full speed over it, mm.
+/// w: weight of the joints' motion against the posture's cost, mm.
 const MOTION_MM: f64 = 20.0;
-/// Moves shorter than this count as long, mm: rotations in place have a length too.
+/// Shorter moves count as this long, mm, so that rotations in place have a length.
 const SHORTEST_MM: f64 = 0.05;
-/// Lines between joints are kept this far above the mounting plane where there is a choice, mm: assumed, about the radius of a
-/// UR's links; rolls are evened out within it.
+/// Height above the mounting plane that the lines between joints keep where there is a choice, mm. Assumed: about the
+/// radius of a UR's links.
 const KEPT_ABOVE_MM: f64 = 50.0;
-/// What a posture costs per mm for a link below that, and 1 more for each mm that it is below: more than any
-/// other, so that where there is a choice none is below.
+/// Cost per mm of path of a posture with a link below that height, plus 1 for each mm that it is below. It exceeds all
+/// other costs, so such a posture is taken only where there is no other.
 const BELOW: f64 = 1e4;
-/// Sweeps that even the rolls out.
+/// Number of sweeps that smooth the rolls.
 const SWEEPS: usize = 64;
-/// A pose is looked at where the path has gone so far since the last one, mm.
+/// Largest path length between sampled poses, mm.
 const EVERY_MM: f64 = 1.0;
-/// Or where the axis has turned so far, rad.
+/// Largest turn of the axis between sampled poses, rad.
 const EVERY_RAD: f64 = 0.1;
-/// A joint that moves farther between two poses hurries, rad.
+/// If a joint moves farther than this between two poses, every pose is used, rad.
 const HURRY_RAD: f64 = 0.3;
 
-/// Rolls with the last one again before the first and the first again behind the last.
+/// Number of rolls with the last one repeated before the first and the first repeated behind the last.
 const RING: usize = ROLLS + 2;
 
-/// Every roll and branch of one pose; roll k of branch b is node b·ROLLS + k. A joint's positions lie side by side, so that moves are
-/// computed several at a time.
+/// Every roll and branch of one pose; roll k of branch b is node b·ROLLS + k. A joint's positions are adjacent in memory,
+/// so that several moves are computed at a time.
 #[derive(Debug, Clone)]
 struct ProgramLayer {
-    /// rad within half a turn around the middle of the joint's range, or around 0 where it has none, shape (branch, joint, ring of rolls); 0 where the arm cannot be.
+    /// Joint positions, rad, within half a turn around the middle of the joint's range, or around 0 where it has none, shape
+    /// (branch, joint, ring of rolls); 0 where the arm cannot take the pose.
     q: Vec<f32>,
-    /// g; infinite where the arm cannot be.
+    /// The posture's cost g; infinite where the arm cannot take the pose.
     cost: Vec<f32>,
 }
 
@@ -94,12 +95,13 @@ pub(super) fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfR
     }
 }
 
-/// The first pose, the last, and between them some that are [`EVERY_MM`] of path or [`EVERY_RAD`] of turning apart, or nearer.
+/// The sampled poses: the first, the last, and poses between them that are at most [`EVERY_MM`] of path and [`EVERY_RAD`] of
+/// turning apart where the path allows.
 pub(super) fn some_poses(path: &PosePath<'_>) -> Vec<usize> {
     let poses = path.poses;
     let (mut some, mut along_mm) = (vec![0], 0.0);
     for i in 1..poses.len() {
-        // the pose before is looked at where this one is too far from the last
+        // if this pose is too far from the last sampled one, the pose before it is sampled
         along_mm += path.length_mm[i];
         let last = some[some.len() - 1];
         let is_far = along_mm > EVERY_MM || poses[last].axis.angle(&poses[i].axis) > EVERY_RAD;
@@ -147,19 +149,19 @@ struct ChosenRolls {
     roll_rad: Vec<f64>,
 }
 
-/// One roll of so many is tested before there is a path.
+/// One in this many rolls is tested before there is a path.
 const ASKED_EVERY: usize = 3;
 
-/// The branches on which an arm can take a pose at some roll, a bit each.
+/// The branches on which an arm can take a pose at some roll, one bit per branch.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Branch {
-    /// Within the joints' ranges.
+    /// Branches that are within the joints' ranges.
     pub any: u8,
-    /// And with every link [`KEPT_ABOVE_MM`] above the mounting plane.
+    /// Branches that also have every link [`KEPT_ABOVE_MM`] above the mounting plane.
     pub above: u8,
 }
 
-/// On which branches an arm can take a pose.
+/// The branches on which an arm can take a pose.
 pub(super) fn branches(arm: &Arm, pose: &AxisPose, frame: &RollFrame) -> Branch {
     let mut taken = Branch::default();
     let InverseKind::Ur { geometry, .. } = arm.inverse_kind() else { return taken };
@@ -183,14 +185,14 @@ pub(super) fn branches(arm: &Arm, pose: &AxisPose, frame: &RollFrame) -> Branch 
     taken
 }
 
-/// Where nodes come from.
+/// Computes the nodes of a path.
 pub(super) struct Nodes<'a> {
     arm: &'a Arm,
     geometry: UrGeometry,
     path: &'a PosePath<'a>,
     rolls: [Rotation3<f64>; ROLLS],
     ranges: [Range; 6],
-    /// Those that may be taken.
+    /// The branches that are allowed.
     branches: Branches,
 }
 
@@ -208,7 +210,7 @@ impl<'a> Nodes<'a> {
         let range = |joint: &Joint| Range {
             lower: joint.lower,
             upper: joint.upper,
-            // a range without ends has no middle, and nothing is far from it
+            // a range without ends has no middle; 0 is used, and no position is far from it
             middle: if joint.is_bounded() { 0.5 * (joint.lower + joint.upper) } else { 0.0 },
             per_half: 2.0 / (joint.upper - joint.lower),
         };
@@ -222,7 +224,7 @@ impl<'a> Nodes<'a> {
         }
     }
 
-    /// Joint vectors along the whole path, chosen at some of its poses.
+    /// Joint vectors along the whole path; rolls are chosen at the poses `at`.
     pub(super) fn resolved(&self, at: &[usize]) -> Result<Resolved, OutOfReach> {
         let (arm, path) = (self.arm, self.path);
         let chosen = self.best_sequence(at)?;
@@ -230,11 +232,11 @@ impl<'a> Nodes<'a> {
         let mut roll_rad = sampled_rad.clone();
         even_out(&mut roll_rad, path.length_mm);
         let follower = Follower { arm, frame: path.frame, branch: chosen.branch };
-        // on the samples each pose was found free; between them it is tested again
+        // sampled rolls were tested; smoothed rolls are tested again here
         follow(&follower, path, &roll_rad, arm).or_else(|_| follow(&follower, path, &sampled_rad, arm))
     }
 
-    /// Over the poses `at`.
+    /// The rolls of least total cost over the poses `at`.
     fn best_sequence(&self, at: &[usize]) -> Result<ChosenRolls, OutOfReach> {
         let weights = self.weights();
         let mut from = vec![0u8; at.len() * BRANCHES * ROLLS];
@@ -292,7 +294,7 @@ impl<'a> Nodes<'a> {
         layer
     }
 
-    /// Where the flange is at a pose, by roll.
+    /// The flange's pose for each roll at a pose of the tool.
     fn flanges(&self, i: usize) -> impl Iterator<Item = Rigid<Base, Flange>> {
         let pose: &AxisPose = &self.path.poses[i];
         let upright = pose.upright(&self.path.frame);
@@ -300,10 +302,11 @@ impl<'a> Nodes<'a> {
         self.rolls.iter().map(move |roll| Rigid::new(upright * roll, pose.position.coords) * flange_to)
     }
 
-    /// g: what a posture costs per mm; infinite beyond a joint's range.
+    /// g: a posture's cost per mm of path; infinite beyond a joint's range.
     ///
-    /// Limits: Σ (u/0.25)² with u how far |q| is past three quarters of the half range. Singularity: 0.02/(σ² + 1e-4), σ = s₃ s₅ w
-    /// with w the wrist's distance from the first axis in units of a link: the factors of the Jacobian's determinant.
+    /// Limits: Σ (u/0.25)², u the share of the half range by which |q| exceeds three quarters of it. Singularity:
+    /// 0.02/(σ² + 1e-4), σ = s₃ s₅ w, with w the wrist's distance from the first axis in units of a link. σ holds the factors
+    /// of the Jacobian's determinant.
     fn posture(&self, q: &[f64; 6], from_singular_mm: f64) -> f64 {
         let mut cost = 0.0;
         for (range, q) in self.ranges.iter().zip(q) {
@@ -357,7 +360,8 @@ fn first(layer: &ProgramLayer) -> Vec<f64> {
     layer.cost.iter().map(|cost| f64::from(*cost) * SHORTEST_MM).collect()
 }
 
-/// The best total at each node of a layer; notes where it came from: 0, 1, 2 for one roll less, the same, one more.
+/// The least total cost at each node of a layer. Also stores from which roll it came: 0, 1, 2 for one roll less, the same,
+/// one more.
 fn advance(
     before: &ProgramLayer,
     total: &[f64],
@@ -413,7 +417,7 @@ fn motion(
     motion
 }
 
-/// Walks back from the best end.
+/// Traces the chosen rolls back from the best end.
 fn traced(from: &[u8], best: usize, count: usize) -> ChosenRolls {
     let (branch, mut roll) = (best / ROLLS, best % ROLLS);
     let mut turns = vec![0i64; count];
@@ -430,7 +434,7 @@ fn traced(from: &[u8], best: usize, count: usize) -> ChosenRolls {
     ChosenRolls { branch: branch as u8, roll_rad }
 }
 
-/// Rolls of every pose from those of the poses `at`, even along the path between them.
+/// Rolls of every pose, interpolated linearly along the path between the poses `at`.
 fn between(roll_rad: &[f64], at: &[usize], length_mm: &[f64]) -> Vec<f64> {
     let mut all = roll_rad[..roll_rad.len().min(1)].to_vec();
     for (rolls, ends) in roll_rad.windows(2).zip(at.windows(2)) {
@@ -439,7 +443,7 @@ fn between(roll_rad: &[f64], at: &[usize], length_mm: &[f64]) -> Vec<f64> {
         let mut along_mm = 0.0;
         for (i, length_mm) in (ends[0] + 1..).zip(lengths) {
             along_mm += length_mm;
-            // at a pose that was looked at exactly what was chosen
+            // at a sampled pose the chosen roll is kept exactly
             let share = if i == ends[1] { 1.0 } else { along_mm / whole_mm };
             all.push(rolls[0] + (rolls[1] - rolls[0]) * share);
         }
@@ -447,11 +451,11 @@ fn between(roll_rad: &[f64], at: &[usize], length_mm: &[f64]) -> Vec<f64> {
     all
 }
 
-/// Evens the samples' steps out, weighted by the moves' lengths; never farther than one step from the sample.
+/// Smooths the sampled rolls, weighted by the moves' lengths. No roll moves more than one step from its sample.
 fn even_out(roll_rad: &mut [f64], length_mm: &[f64]) {
     let sampled = roll_rad.to_vec();
     for sweep in 0..SWEEPS {
-        // to and fro, so that a step spreads both ways
+        // sweeps alternate in direction, so that a change spreads both ways
         let inner = 1..roll_rad.len().saturating_sub(1);
         let visit = |i: usize, rolls: &mut [f64]| {
             let [before, after] = [i, i + 1].map(|k| length_mm[k].max(SHORTEST_MM));
@@ -464,7 +468,7 @@ fn even_out(roll_rad: &mut [f64], length_mm: &[f64]) {
             inner.rev().for_each(|i| visit(i, roll_rad));
         }
     }
-    // a roll without choice stays exactly where it is
+    // a roll that has not moved keeps its exact value
     for (roll, sampled) in roll_rad.iter_mut().zip(&sampled) {
         if wrapped(*roll - sampled).abs() < 1e-12 {
             *roll = *sampled;

@@ -1,22 +1,22 @@
-//! Which joint vectors an arm takes along a path of points and axes.
+//! Chooses an arm's joint vectors along a path of points and axes.
 //!
-//! The burr spins, so the rotation about its axis is free, and a UR has eight branches for every pose. Both are chosen
-//! over the whole sequence: a path that is best step by step ends in front of a joint limit or a singularity.
+//! The burr rotates about the shaft, so the roll about its axis is free, and a UR has eight branches for every pose. Both
+//! are chosen over the whole path, because choosing the best roll step by step leads to a joint limit or a singularity.
 //!
-//! - UR arms (`grid`): dynamic programming over sampled roll, one pass per branch, then the roll is evened out between
-//!   its samples. A branch is kept for the whole path: between two branches lies a singularity, and the burr, which must
-//!   stay on its line, cannot go round it. A posture with a link below the mounting plane is taken only where there is no
-//!   other.
+//! - UR arms (`grid`): dynamic programming over sampled rolls, one pass per branch; then the rolls are smoothed between the
+//!   samples. The whole path stays on one branch, because two branches are separated by a singularity, which the burr
+//!   cannot avoid on its line. A posture with a link below the mounting plane is taken only where there is no other.
 //! - The bone-attached arm has one joint vector for every pose.
-//! - Other arms (`track`) follow the path by damped least squares from several starts, drifting towards the middle of
-//!   their ranges, and to where they yield less, as far as the task leaves that free.
+//! - Other arms (`track`) follow the path by damped least squares from several starts. As far as the task leaves joints
+//!   free, they move towards the middle of their ranges and towards less compliance.
 //!
-//! J = Σ g(q) Δs + w Σ Σⱼ (Δqⱼ/q̇ⱼ)²/Δs: g grows near limits and singularities, and with the compliance toward a structure
-//! where one is given; the second term is the joints' motion.
+//! The cost is J = Σ g(q) Δs + w Σ Σⱼ (Δqⱼ/q̇ⱼ)²/Δs. g grows near limits and singularities, and with the compliance toward a
+//! structure where one is given; the second term is the joints' motion.
 //!
-//! [`postures`] says beforehand which poses an arm can take in one posture. [`dense`] then lays joint positions so closely that the arm, straight in joint space, keeps to the line in space.
+//! [`postures`] tells beforehand which poses an arm can take in one posture. [`dense`] then lays joint positions so close
+//! together that the arm, moving straight in joint space, follows the path in space.
 //!
-//! Out of reach is a value ([`OutOfReach`]) that says where and by how much.
+//! A path out of reach is a value ([`OutOfReach`]) that says where and by how much.
 
 pub mod dense;
 mod grid;
@@ -32,48 +32,48 @@ use bonemill_arm::ur::Branches;
 use bonemill_arm::ur::ik::wrapped;
 pub use dense::DensePath;
 
-/// Error that a followed pose may have, mm and rad.
+/// Largest error of a followed pose, mm and rad.
 const EXACT: f64 = 1e-8;
 
-/// What counts besides limits, singularities and motion.
+/// Joint stiffness and the directions in which compliance adds to the cost.
 #[derive(Debug, Clone, Copy)]
 pub struct Stiffness<'a> {
-    /// N/mm or N·mm/rad per joint.
+    /// Stiffness of each joint, N/mm or N·mm/rad.
     pub joint: &'a [f64],
-    /// Per pose: the direction in base in which the arm shall yield little; `None` where none matters.
+    /// For each pose, the direction in base in which compliance adds to the cost; `None` where no direction does.
     pub toward: &'a [Option<Unit<Vector3<f64>>>],
 }
 
-/// A path as it is asked for.
+/// A path that an arm is to follow.
 #[derive(Debug, Clone, Copy)]
 pub struct PosePath<'a> {
     /// Points and axes, in base.
     pub poses: &'a [AxisPose],
     /// Length of the move that ends at each, mm; the first is ignored.
     pub length_mm: &'a [f64],
-    /// What rolls are counted from; a direction near all axes.
+    /// The frame from which rolls are measured; its z is near all axes.
     pub frame: RollFrame,
-    /// Stiffness towards structures, when it counts.
+    /// Stiffness towards structures, where it adds to the cost.
     pub stiffness: Option<Stiffness<'a>>,
-    /// Which posture is wanted.
+    /// The posture that the path must keep.
     pub posture: Posture<'a>,
 }
 
 /// The posture that an arm must keep along a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Posture<'a> {
-    /// Nothing.
+    /// Any posture.
     Any,
-    /// A UR's branch is one of these.
+    /// One of these branches of a UR.
     Of(Branches),
-    /// An arm without closed form starts near this joint vector, if the path can be followed from there.
+    /// For an arm without closed form: a start near this joint vector, if the path can be followed from there.
     From(&'a [f64]),
 }
 
 /// Joint vectors along a path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Resolved {
-    /// mm or rad, shape (poses × dof); revolute joints without jumps by 2π.
+    /// Joint vectors, mm or rad, shape (poses × dof); revolute joints have no jumps by 2π.
     pub q: Vec<f64>,
     /// Roll about the axis at each pose, rad, without jumps; 0 for arms that have no choice.
     pub roll_rad: Vec<f64>,
@@ -86,26 +86,26 @@ pub struct Resolved {
 pub struct OutOfReach {
     /// The pose, from 0.
     pub pose: usize,
-    /// What is the matter there.
+    /// Why the pose cannot be taken.
     pub reason: ReachReason,
 }
 
 /// Why a pose cannot be taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ReachReason {
-    /// Too far away, or too near.
+    /// The point is too far away, or too near.
     Beyond {
-        /// By how much, mm.
+        /// Distance out of reach, mm.
         short_mm: f64,
     },
     /// The arm cannot tilt so.
     Axis {
-        /// By how much, rad.
+        /// Missing angle, rad.
         short_rad: f64,
     },
     /// A joint would leave its range.
     Limit(JointExcess),
-    /// The pose can be taken, but on another branch than was asked for.
+    /// The pose can be taken, but not on the requested branch.
     Branch,
     /// Each pose can be taken, but the joints would have to jump between this one and the one before.
     Jump,
@@ -123,7 +123,7 @@ impl std::fmt::Display for ReachReason {
     }
 }
 
-/// Joint vectors for a path, or why there are none.
+/// Joint vectors for a path, or the reason why there are none.
 ///
 /// # Errors
 /// [`RobotError::Length`] where lists do not match the poses or joints.
@@ -150,8 +150,8 @@ pub fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Result<Resolved, OutOfR
     })
 }
 
-/// ûᵀ C û toward a pose's structure, mm/N, counted at 100 N/mm: as much as a posture half-way to its limits for an arm of that
-/// stiffness; 0 where none counts.
+/// ûᵀ C û toward a pose's structure, mm/N, times 100 N/mm; 0 where no direction is given. For an arm of that stiffness this
+/// equals the cost of a posture half-way to its limits.
 fn yielding(arm: &Arm, path: &PosePath<'_>, pose: usize, q: &[f64]) -> f64 {
     let Some(Stiffness { joint, toward }) = path.stiffness else { return 0.0 };
     let Some(toward) = toward.get(pose).copied().flatten() else { return 0.0 };
@@ -161,7 +161,7 @@ fn yielding(arm: &Arm, path: &PosePath<'_>, pose: usize, q: &[f64]) -> f64 {
     100.0 * yields
 }
 
-/// The bone-attached arm.
+/// The joint vectors of the bone-attached arm.
 fn closed_form(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfReach> {
     let mut q = vec![0.0; 4];
     let mut all = Vec::with_capacity(path.poses.len() * 4);
@@ -174,7 +174,8 @@ fn closed_form(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfReach> {
     Ok(Resolved { q: all, roll_rad: vec![0.0; path.poses.len()], branch: 0 })
 }
 
-/// Turns whole revolute joints by 2π into their range, and makes sure that all of the path is within.
+/// Turns revolute joints by multiples of 2π, the same for the whole path, into their ranges, and checks that the whole path
+/// is within them.
 fn into_range(arm: &Arm, resolved: &mut Resolved) -> Result<(), OutOfReach> {
     const TURN: f64 = std::f64::consts::TAU;
     let dof = arm.dof();
@@ -197,7 +198,7 @@ fn into_range(arm: &Arm, resolved: &mut Resolved) -> Result<(), OutOfReach> {
     Ok(())
 }
 
-/// Goes from pose to pose on one branch.
+/// Follows a path from pose to pose on one branch.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Follower<'a> {
     pub arm: &'a Arm,
@@ -206,7 +207,7 @@ pub(crate) struct Follower<'a> {
 }
 
 impl Follower<'_> {
-    /// The joint vector of a pose that is nearest to `q`, into `q`.
+    /// Replaces `q` by the pose's joint vector that is nearest to it.
     pub fn step(&self, pose: &AxisPose, roll_rad: f64, q: &mut [f64]) -> Result<(), ReachReason> {
         match self.arm.inverse_kind() {
             InverseKind::BoneAttached => {

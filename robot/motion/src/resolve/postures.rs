@@ -1,11 +1,12 @@
-//! Which of many poses an arm can take without leaving a posture.
+//! Finds which of many poses an arm can take without leaving one posture.
 //!
-//! A path is followed in one posture: on one branch of a UR, or from one joint vector to the next without a jump. So the
-//! question is answered posture by posture: of a UR's branches at every pose, in closed form over all rolls; of an arm without
-//! closed form by going from pose to neighbouring pose, each solved from its neighbour's joint vector by damped least
-//! squares. The posture that takes the most poses is handed out.
+//! A path is followed in one posture: on one branch of a UR, or from one joint vector to the next without a jump. So each
+//! posture is tested alone. For a UR, every branch is tested at every pose, in closed form over all rolls. An arm without
+//! closed form goes from pose to neighbouring pose, and each is solved from its neighbour's joint vector by damped least
+//! squares. The result is the posture that takes the most poses.
 //!
-//! Not here: whether the way between two poses is free of jumps; that shows when the path itself is followed.
+//! This module does not test whether the motion between two poses is free of jumps; that is tested when the path itself is
+//! followed.
 
 use std::collections::VecDeque;
 
@@ -16,10 +17,10 @@ use rayon::prelude::*;
 use super::track::{FOLLOWED, drifted, starts};
 use super::{EXACT, Follower, Posture, RollFrame, grid};
 
-/// A pose is tried from so many neighbours.
+/// Number of neighbours from which a pose is tried.
 const TRIES: u8 = 3;
 
-/// What one posture of an arm can take.
+/// The poses that an arm can take in one posture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reached {
     /// Whether it takes each pose, shape (poses).
@@ -40,10 +41,10 @@ impl Reached {
     }
 }
 
-/// Which poses the arm takes in the posture that takes most.
+/// The poses that the arm can take in the posture that takes the most of them.
 ///
 /// `seeds`: poses to start from, in the order in which they are tried, for arms without closed form; `neighbours`: the poses
-/// that are a small step from one.
+/// that are a small step away from a pose.
 pub fn reached(
     arm: &Arm,
     poses: &[AxisPose],
@@ -69,7 +70,7 @@ pub fn reached(
             let count =
                 |set: fn(&grid::Branch) -> u8, b: u8| found.iter().filter(|f| set(f) >> b & 1 == 1).count();
             let best = (0..8u8).filter(|b| allowed.contains(*b)).max_by_key(|b| {
-                // of equal ones the first
+                // of equal branches the first
                 (count(|f| f.above, *b), count(|f| f.any, *b), u8::MAX - b)
             });
             let best = best.unwrap_or(0);
@@ -91,7 +92,7 @@ pub fn reached(
     }
 }
 
-/// From pose to pose by damped least squares, from one joint vector at `seed`.
+/// Goes from pose to neighbouring pose by damped least squares, starting with one joint vector at `seed`.
 fn spread(
     arm: &Arm,
     poses: &[AxisPose],
@@ -110,7 +111,7 @@ fn spread(
                 continue;
             }
             tries[to] += 1;
-            // toward the middle of the ranges, as a path is followed; where that leads nowhere, straight from the neighbour
+            // first with a step toward the middle of the ranges, as when a path is followed; if that fails, without it
             let solved = [drifted(arm, &near, |_| 0.0), near.clone()].into_iter().find_map(|from| {
                 let found = dls::solve(arm, &Goal::Axis(poses[to]), &from);
                 (found.is_within(EXACT) && arm.excess_at(&found.q).is_none()).then_some(found.q)
@@ -186,7 +187,7 @@ mod tests {
             let frame = RollFrame::about(&Vector3::z_axis());
             let closed = reached(&ur, &poses, frame, Posture::Any, &[0], &neighbours);
             let found = reached(&other, &poses, frame, Posture::Any, &[0], &neighbours);
-            // each pose that is handed out is one that the arm stands at
+            // the forward kinematics of each joint vector give its pose
             for (n, pose) in poses.iter().enumerate() {
                 assert_eq!(found.takes[n], found.q(n).is_some());
                 let Some(q) = found.q(n) else { continue };
@@ -195,7 +196,7 @@ mod tests {
                 assert!((tool.rotation * Vector3::z()).angle(&pose.axis) < 1e-6);
                 assert_eq!(other.beyond_limits(q).unwrap(), None);
             }
-            // with a roll that need not be one of 36, no fewer than the closed form finds
+            // the search is not limited to 36 rolls, so it misses no pose that the closed form finds
             let missed = closed.takes.iter().zip(&found.takes).filter(|(c, f)| **c && !**f).count();
             assert!(missed <= 2, "{missed} of {} at ±{wrist_rad} rad", closed.count());
             assert_eq!(closed.count() == poses.len(), wrist_rad > 1.0, "{}", closed.count());

@@ -1,4 +1,5 @@
-//! Whole paths: nothing jumps, every pose is met, branches stay, and what cannot be is told with its place.
+//! Whole paths: no joint jumps, every pose is met, the branch does not change, and an impossible path is reported with its
+//! place.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -88,7 +89,7 @@ fn motion(q: &[f64], length_mm: &[f64]) -> f64 {
     moves.map(|((a, b), mm)| a.iter().zip(b).map(|(a, b)| (b - a).powi(2)).sum::<f64>() / mm).sum()
 }
 
-/// Where shafts swing slowly, quickly, and all at once.
+/// Shafts swing slowly, quickly, and in one jump.
 #[test]
 fn rolls_chosen_at_some_poses_are_as_good_as_those_chosen_at_every_pose() {
     let arm = ur5e(0.3);
@@ -116,7 +117,7 @@ fn rolls_chosen_at_some_poses_are_as_good_as_those_chosen_at_every_pose() {
             "{found} for {every}, {swing_rad} {at_once_rad} on {}",
             of_some.branch
         );
-        // a jump of the axis is a hurry: then every pose is looked at
+        // after a jump of the axis a joint moves too fast, and every pose is used
         assert_eq!(grid::hurries(&of_some.q, 6), at_once_rad > 0.0);
     }
 }
@@ -231,7 +232,7 @@ fn out_of_reach_is_told_with_place_and_distance() {
 
 #[test]
 fn a_wrist_singularity_is_avoided_where_the_roll_can_and_told_where_it_cannot() {
-    // shaft level, pointing along base x: with the tool straight on the flange the wrist's singular plane lies across
+    // the shaft is level and points along base x; with a straight tool the path crosses the wrist's singular plane
     let level = Unit::new_normalize(Vector3::new(1.0, 0.0, 0.0));
     let through = |bend: f64| {
         let arm = ur5e(bend);
@@ -251,16 +252,16 @@ fn a_wrist_singularity_is_avoided_where_the_roll_can_and_told_where_it_cannot() 
         resolved.map(|resolved| {
             let least = resolved.q.chunks_exact(6).map(|q| q[4].sin().abs()).fold(f64::INFINITY, f64::min);
             let laid = DensePath::lay(&arm, &path, &resolved);
-            // what is laid has no jump
+            // the dense path has no jump
             laid.iter().for_each(|dense| check_continuous(&dense.q));
             (least, laid.map(|dense| dense.len()))
         })
     };
-    // bent, the roll leads round it
+    // with a bent tool, the roll avoids the singularity
     let (least, laid) = through(0.7).unwrap();
     assert!(least > 0.05, "{least}");
     assert!(laid.is_ok());
-    // straight, whatever is said, nothing is silently wrong
+    // with a straight tool the path may fail or succeed, but a result must be correct
     match through(0.0) {
         Ok((_, Ok(places))) => assert!(places >= 200),
         Ok((_, Err(failed))) | Err(failed) => assert_eq!(failed.reason, ReachReason::Jump),
@@ -279,7 +280,7 @@ fn check_continuous(q: &[f64]) {
 #[test]
 fn joints_at_two_pi_and_narrow_ranges_are_kept() {
     let arm = ur5e(0.0);
-    // wind the last joint: axis fixed, flange spins with q₁ as the burr goes round the base
+    // the last joint winds up: the axis is fixed, and the flange turns with q₁ as the burr goes round the base
     let poses: Vec<AxisPose> = (0..720)
         .map(|i| {
             let angle = f64::from(i) * 0.0087;
@@ -297,7 +298,7 @@ fn joints_at_two_pi_and_narrow_ranges_are_kept() {
         (last - first - 719.0 * 0.0087).abs() < 1e-6,
         "the first joint turns all the way: {first} to {last}"
     );
-    // twice round is more than ±2π allows from anywhere but the ends
+    // two rounds need more than a range of ±2π allows, except from its ends
     let twice: Vec<AxisPose> = (0..2200).map(|i| poses[i % 720]).collect();
     let length_mm = lengths(&twice);
     let failed = resolve(&arm, &path(&twice, &length_mm)).unwrap().unwrap_err();
@@ -306,7 +307,7 @@ fn joints_at_two_pi_and_narrow_ranges_are_kept() {
 
 #[test]
 fn any_urdf_is_followed_by_damped_least_squares() {
-    // a UR's URDF, its closed form unknown
+    // an arm from a UR's URDF, without the closed form
     let text = Arm::ur(UrModel::Ur5e, None).unwrap().urdf_text().to_owned();
     let mount = ur5e(0.6).mount();
     let arm = Arm::from_urdf(&text, "some arm").unwrap().with_mount(mount);
@@ -321,7 +322,7 @@ fn any_urdf_is_followed_by_damped_least_squares() {
     ));
 }
 
-/// How much an arm yields along a raster, y, mm/N at every pose: without counting stiffness, and counting it.
+/// An arm's compliance along y at every pose of a raster, mm/N: without stiffness in the cost, and with it.
 fn yields(arm: &Arm) -> [Vec<f64>; 2] {
     let (poses, length_mm) = raster([450.0, 0.0, 100.0], 0.1, 200);
     let toward = vec![Some(Vector3::y_axis()); poses.len()];

@@ -1,24 +1,25 @@
 //! Arms without closed form: damped least squares along the path.
 //!
-//! From a start that is given, if the path can be followed from there; else from several starts at the first pose, each moved towards the middle of its ranges as far as the task leaves that free.
-//! The starts are followed in the order of their posture's cost, a few of them, and the whole path with the least joint
-//! motion and posture cost is taken. Every step starts from the last joint vector, so branches never change.
+//! The path is followed from a given start if that is possible; else from several starts at the first pose, each moved
+//! towards the middle of its ranges as far as the task leaves that free. A few starts are followed to the end, those of
+//! least posture cost first, and the whole path with the least joint motion and posture cost is taken. Every step starts
+//! from the last joint vector, so the branch never changes.
 
 use bonemill_arm::arm::{Arm, AxisPose, Goal, dls};
 use nalgebra::DVector;
 
 use super::{EXACT, Follower, OutOfReach, PosePath, Posture, ReachReason, Resolved, yielding};
 
-/// Starts that are searched from, and solutions that are followed to the end.
+/// Number of starts of the search, and number of solutions that are followed to the end.
 const STARTS: u32 = 48;
 pub(super) const FOLLOWED: usize = 4;
-/// Steps towards the middle of the ranges before the first pose counts as settled.
+/// Number of steps towards the middle of the ranges at the first pose.
 const SETTLE: usize = 60;
-/// Share of the free way to the middle of the ranges that a step takes.
+/// Size of a step towards the middle of the ranges, as a share of the free distance.
 const DRIFT: f64 = 0.05;
-/// Steps of which slopes are taken, as a share of what a joint moves at full speed in a second.
+/// Step of the finite differences, as a share of a joint's motion at full speed in one second.
 const SLOPE_S: f64 = 1e-4;
-/// Largest change of a joint at a pose that is followed, as a share of what it moves at full speed in a second.
+/// Largest change of a joint from one pose to the next, as a share of its motion at full speed in one second.
 const JUMP_S: f64 = 0.5;
 
 pub(super) fn resolve(arm: &Arm, path: &PosePath<'_>) -> Result<Resolved, OutOfReach> {
@@ -56,7 +57,7 @@ fn start_near(arm: &Arm, pose: &AxisPose, near: &[f64]) -> Option<Vec<f64>> {
     (found.is_within(EXACT) && arm.excess_at(&found.q).is_none()).then_some(found.q)
 }
 
-/// Joint vectors for the first pose within the ranges, the best posture first.
+/// Joint vectors for the first pose within the ranges, the one of least posture cost first.
 pub(super) fn starts(arm: &Arm, pose: &AxisPose) -> Result<Vec<Vec<f64>>, ReachReason> {
     let mut found: Vec<(f64, Vec<f64>)> = Vec::new();
     let mut nearest = (f64::INFINITY, ReachReason::Jump);
@@ -138,7 +139,7 @@ fn follow(
     Ok((cost, Resolved { roll_rad: vec![0.0; path.poses.len()], q: all, branch }))
 }
 
-/// Σ of squared shares of the way from the middle of each range to its end.
+/// Posture cost: Σ of squared distances from the middle of each range, as shares of the half range.
 fn posture(arm: &Arm, q: &[f64]) -> f64 {
     arm.joints().iter().zip(q).map(|(joint, q)| share(joint, *q).powi(2)).sum()
 }
@@ -151,8 +152,8 @@ fn share(joint: &bonemill_arm::Joint, q: f64) -> f64 {
     (q - 0.5 * (joint.lower + joint.upper)) / (0.5 * (joint.upper - joint.lower))
 }
 
-/// A step towards the middle of the ranges, and to where `yielding` is less, that leaves burr and axis where they are, to first
-/// order.
+/// A step towards the middle of the ranges and towards a smaller `yielding` that, to first order, moves neither burr nor
+/// axis.
 pub(super) fn drifted(arm: &Arm, q: &[f64], yielding: impl Fn(&[f64]) -> f64) -> Vec<f64> {
     if arm.dof() <= 5 {
         return q.to_vec();
@@ -172,13 +173,13 @@ pub(super) fn drifted(arm: &Arm, q: &[f64], yielding: impl Fn(&[f64]) -> f64) ->
             near[j] = q[j];
             yields
         };
-        // half the slope, as the share is half of its square's
+        // half the slope, because the share is half the derivative of its square
         let slope = (at(SLOPE_S) - at(-SLOPE_S)) / (4.0 * SLOPE_S);
         -DRIFT * (share(joint, q[j]) + slope.clamp(-1.0, 1.0))
     });
     let wish = DVector::from_iterator(arm.dof(), wish);
     let square = &jacobian * jacobian.transpose();
-    // the task's five dimensions; the roll's row is zero
+    // the task has five dimensions; the row of the roll is zero
     let Ok(inverse) = square.pseudo_inverse(1e-9 * square.trace().max(f64::MIN_POSITIVE)) else {
         return q.to_vec();
     };

@@ -1,19 +1,20 @@
-//! The path that is driven: straight pieces in joint space joined by rounded corners.
+//! The path of the motion: straight pieces in joint space joined by rounded corners.
 //!
 //! Invariants: consecutive kept waypoints differ; q(s), q'(s) and q''(s) are continuous except at stops; at equal s burr and
-//! axis are within the corner tolerance of the polyline through the kept waypoints, to first order in a corner's size, and
-//! that within what merging took of the same tolerance of the given one.
+//! axis are within the corner tolerance of the polyline through the kept waypoints, to first order in a corner's size.
+//! That polyline differs from the given one by at most the part of the tolerance that merging uses.
 
 use super::input::{CornerTolerance, JointPath, PathLimits};
 use super::merge::{Kept, joint_mm};
 
-/// A corner is long enough when its curvature takes this share of the joints' acceleration at full joint speed.
+/// A corner is long enough when its curvature needs at most this share of the joints' acceleration limit at full joint
+/// speed.
 const CURVATURE_SHARE: f64 = 0.25;
 
-/// No corner is made shorter than this for want of curvature, mm: differences of ṡ² over less are rounding.
+/// Least length of a corner with little curvature, mm: over shorter lengths differences of ṡ² are rounding errors.
 const SHORTEST_BLEND_MM: f64 = 1e-3;
 
-/// A piece of the path with one formula.
+/// A part of the path with one formula.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Element {
     /// Kept segment i, from kept waypoint i to i + 1; x = s − s(i).
@@ -59,7 +60,7 @@ pub(super) struct Geometry {
     pub dof: usize,
     /// Kept waypoint of every given one, shape (N).
     pub kept_of: Vec<u32>,
-    /// The given waypoint at which the one move of kept segment i that counts ends, shape (M−1); others were merged away.
+    /// For kept segment i, the given waypoint at which its move ends, shape (M−1); other moves of the segment were merged.
     pub move_to: Vec<u32>,
     /// Joint positions of the kept waypoints, shape (M × n).
     q: Vec<f64>,
@@ -154,7 +155,7 @@ impl Geometry {
             Element::Straight(i) => {
                 let i = i as usize;
                 let length = self.length_mm[i];
-                // from the nearer end, so that both waypoints are met exactly
+                // measured from the nearer end, so that both waypoints are met exactly
                 let (from, x) = if x <= 0.5 * length { (i, x) } else { (i + 1, x - length) };
                 for (j, (q, d)) in self.waypoint(from).iter().zip(self.direction(i)).enumerate() {
                     take(j, [q + d * x, *d, 0.0, 0.0]);
@@ -181,7 +182,7 @@ impl Geometry {
         let mut elements = Vec::with_capacity(2 * self.count());
         for i in 0..self.count() - 1 {
             let (length, l1, l2) = (self.length_mm[i], self.half_blend_mm[i], self.half_blend_mm[i + 1]);
-            // what rounding leaves of a segment between two corners that meet is no piece
+            // between two corners that meet there is no straight element, only a rounding error
             if length - l1 - l2 > 1e-12 * length {
                 elements.push((self.s_mm[i] + l1, length - l1 - l2, Element::Straight(i as u32)));
             }
@@ -209,7 +210,7 @@ impl Geometry {
         slowest.fold(0.0, f64::max).powi(-2)
     }
 
-    /// Rounds the corner of every inner waypoint, or stops there where the tolerance allows no rounding.
+    /// Rounds the corner at every inner waypoint, or makes it a stop where the tolerance allows no rounding.
     fn round_corners(&mut self, limits: &PathLimits, tolerance: CornerTolerance) {
         for i in 1..self.count().saturating_sub(1) {
             if self.stop[i] || self.is_straight(i) {
@@ -221,9 +222,9 @@ impl Geometry {
         }
     }
 
-    /// l at kept waypoint i: as curvature and jerk need it, within half of both segments and the tolerance.
+    /// l at kept waypoint i: as long as curvature and jerk need, but at most half of both segments and within the tolerance.
     ///
-    /// B leaves the polyline at the same s by ∫ (d₂ − d₁)(3u² − 2u³) up to the waypoint: 3l/16 (d₂ − d₁).
+    /// At the same s, B deviates from the polyline by ∫ (d₂ − d₁)(3u² − 2u³) up to the waypoint: 3l/16 (d₂ − d₁).
     fn half_blend(&self, i: usize, limits: &PathLimits, tolerance: CornerTolerance) -> f64 {
         let sigma = self.joint_sigma(i - 1, limits).min(self.joint_sigma(i, limits));
         let mut wanted = SHORTEST_BLEND_MM;
@@ -237,11 +238,11 @@ impl Geometry {
         let [a, b] = [i - 1, i].map(|k| &self.pose_direction[k]);
         let turn = |range: std::ops::Range<usize>| range.map(|k| (b[k] - a[k]).powi(2)).sum::<f64>().sqrt();
         let most = |tolerance: f64, turn: f64| 16.0 / 3.0 * tolerance / turn;
-        // where nothing turns: tol / 0 = ∞, and 0/0 = NaN, which min passes over
+        // without a change of direction tol / 0 = ∞, or 0/0 = NaN, which min ignores
         wanted.min(room).min(most(tolerance.burr_mm, turn(0..3))).min(most(tolerance.axis_rad, turn(3..6)))
     }
 
-    /// Whether the directions before and after kept waypoint i are the same but for rounding of the input.
+    /// Whether the directions before and after kept waypoint i are equal up to rounding of the input.
     fn is_straight(&self, i: usize) -> bool {
         let per_mm = self.length_mm[i - 1].recip() + self.length_mm[i].recip();
         let directions = self.direction(i - 1).iter().zip(self.direction(i));

@@ -1,9 +1,9 @@
-//! What a time law is asked for, checked on entry so that inner code need not.
+//! The input of a time law, checked once on entry.
 
 use bonemill_arm::RobotError;
 use bonemill_arm::arm::{Arm, check_positive};
 
-/// Greatest joint position that is taken for one, mm or rad; beyond it numbers lose the digits that matter.
+/// Largest accepted joint position, mm or rad; beyond it rounding errors become too large.
 const ABSURD_POSITION: f64 = 1e9;
 
 /// A polyline of joint positions.
@@ -14,14 +14,14 @@ pub struct JointPath<'a> {
     /// Path length of the burr in the move that ENDS at each waypoint, mm, 0 for a pure rotation, shape (n); the first
     /// is ignored.
     pub burr_mm: &'a [f64],
-    /// The burr's centre (mm) and the shaft's axis (unit) at each waypoint, in any one frame, shape (n): what a corner's
-    /// tolerance is measured by.
+    /// The burr's centre (mm) and the shaft's axis (unit) at each waypoint, all in one frame, shape (n). A corner's tolerance
+    /// is measured on them.
     pub pose: &'a [[f64; 6]],
     /// Waypoints to stop at, besides the first and the last; in any order.
     pub stops: &'a [usize],
 }
 
-/// What the joints can do and how far corners may be cut.
+/// The joints' limits and the tolerance of corners.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathLimits {
     pub(super) velocity: Vec<f64>,
@@ -30,21 +30,21 @@ pub struct PathLimits {
     pub(super) corner: CornerTolerance,
 }
 
-/// How far a plan's trajectory may leave its waypoints' polyline, mm: the corners that it cuts, and the sag of a chord between two
-/// waypoints around a structure's edge. Clearances of structures are widened by it.
+/// Largest deviation of a plan's trajectory from its waypoints' polyline, mm: the distance by which it may cut a corner between
+/// waypoints, plus the deviation of a chord between two waypoints around a structure's edge. Added to every structure's clearance.
 pub const TRAJECTORY_TOLERANCE_MM: f64 = 0.025;
 
-/// How far a corner may be cut.
+/// Largest deviation at a rounded corner.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerTolerance {
-    /// Between the burr's centre and the polyline, mm, at least 0; at 0 the arm stops at corners.
+    /// Distance of the burr's centre from the polyline, mm, at least 0; at 0 the arm stops at corners.
     pub burr_mm: f64,
-    /// Between the shaft's axis and the polyline's at the same place, rad, at least 0.
+    /// Angle between the shaft's axis and the polyline's at the same place, rad, at least 0.
     pub axis_rad: f64,
 }
 
 impl Default for CornerTolerance {
-    /// Inside the 0.05 mm and 5 mrad that a plan's trajectory may deviate.
+    /// A tolerance inside the 0.05 mm and 5 mrad by which a plan's trajectory may deviate.
     fn default() -> Self {
         Self { burr_mm: 0.04, axis_rad: 3e-3 }
     }
@@ -91,7 +91,7 @@ impl PathLimits {
     }
 }
 
-/// `path` is a polyline of joint vectors with finite values; gives its number of waypoints.
+/// Checks that `path` is a polyline of joint vectors with finite values; returns its number of waypoints.
 pub(super) fn check_path(path: &JointPath<'_>, dof: usize) -> Result<usize, RobotError> {
     let count = path.burr_mm.len();
     if count == 0 {
@@ -128,7 +128,7 @@ pub(super) fn check_path(path: &JointPath<'_>, dof: usize) -> Result<usize, Robo
     Ok(count)
 }
 
-/// One finite cap above 0 per waypoint but the first.
+/// Checks that there is one finite cap above 0 per waypoint except the first.
 pub(super) fn check_caps(caps_mm_s: &[f64], count: usize) -> Result<(), RobotError> {
     if caps_mm_s.len() != count {
         return Err(RobotError::Length { what: "speed cap", got: caps_mm_s.len(), expected: count });

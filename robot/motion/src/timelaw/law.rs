@@ -19,14 +19,14 @@ pub struct JointState {
     pub qd: Vec<f64>,
     /// Accelerations, mm/s² or rad/s².
     pub qdd: Vec<f64>,
-    /// Jerks, mm/s³ or rad/s³; at an instant where they jump, those that follow.
+    /// Jerks, mm/s³ or rad/s³; at an instant where they jump, the values after it.
     pub qddd: Vec<f64>,
 }
 
-/// How near a motion comes to the joints' limits: 1 is at the limit.
+/// Greatest ratios of a motion to the joints' limits: 1 is at the limit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LimitRatios {
-    /// Greatest |q̇|/limit over all joints and instants looked at.
+    /// Greatest |q̇|/limit over all joints and sampled instants.
     pub velocity: f64,
     /// Greatest |q̈|/limit.
     pub acceleration: f64,
@@ -34,7 +34,7 @@ pub struct LimitRatios {
     pub jerk: f64,
 }
 
-/// Instants that limits are looked at in a piece, and as many more for every formula of the path in it.
+/// Number of instants at which limits are checked in each piece, and again for every element of the path in it.
 const INSTANTS: usize = 6;
 
 /// A motion along a prepared path: at rest at both ends, within all limits at every instant between.
@@ -52,7 +52,7 @@ pub struct TimeLaw {
 }
 
 impl TimeLaw {
-    /// Lays the base through `stretches` out in time and smooths it over a window.
+    /// Computes the base motion through `stretches` and smooths it over a window.
     pub(super) fn new(
         geometry: Arc<Geometry>,
         elements: Arc<[(f64, f64, Element)]>,
@@ -79,12 +79,13 @@ impl TimeLaw {
         self.geometry.dof
     }
 
-    /// From rest to rest, s; 0 for a path that goes nowhere.
+    /// Duration from rest to rest, s; 0 for a path of no length.
     pub fn duration_s(&self) -> f64 {
         self.duration_s
     }
 
-    /// When each given waypoint is passed, s, never decreasing, shape (waypoints): at a cut corner its middle.
+    /// When each given waypoint is passed, s, never decreasing, shape (waypoints). At a rounded corner it is the corner's
+    /// middle.
     pub fn waypoint_times_s(&self) -> &[f64] {
         &self.waypoint_times_s
     }
@@ -104,8 +105,8 @@ impl TimeLaw {
         state
     }
 
-    /// How near this motion comes to limits, looked at several times in every piece of its closed form and in every formula
-    /// of the path that the piece passes: between the rows of any file, too.
+    /// Greatest ratios to limits, sampled several times in every piece of the closed form and in every element of the path that
+    /// the piece passes, so also between the rows of a file.
     pub fn limit_ratios(&self, limits: &PathLimits) -> LimitRatios {
         let instants = |(k, piece): (usize, &CubicPiece)| {
             let end_s = self.pieces.get(k + 1).map_or(self.duration_s, |next| next.start_s);
@@ -119,7 +120,7 @@ impl TimeLaw {
                 worst.acceleration = greater(worst.acceleration, qdd.abs() / limits.acceleration[j]);
                 worst.jerk = greater(worst.jerk, qddd.abs() / limits.jerk[j]);
             };
-            // on a straight move all joints are fastest at once: the greatest |ṡ|, |s̈| and |s⃛| are enough
+            // on a straight move all joints are fastest at the same time, so the greatest |ṡ|, |s̈| and |s⃛| suffice
             let mut straight: Option<(u32, [f64; 3])> = None;
             let meet_straight = |straight: &mut Option<(u32, [f64; 3])>,
                                  meet: &mut dyn FnMut(usize, [f64; 3])| {
@@ -168,14 +169,14 @@ impl TimeLaw {
         });
     }
 
-    /// A reader that goes forth in time without searching.
+    /// A cursor that advances in time without a search.
     pub(super) fn cursor(&self, time_s: f64) -> Cursor<'_> {
         let piece = self.pieces.partition_point(|piece| piece.start_s <= time_s).saturating_sub(1);
         let s_mm = self.pieces.get(piece).map_or(0.0, |piece| piece.s_mm);
         Cursor { law: self, piece, element: element_at(&self.elements, s_mm) }
     }
 
-    /// The element next to a rest on the side on which a piece is, should rounding have put s on the other.
+    /// The element next to a rest on the side of `piece`, in case rounding has put s on the other side.
     fn beside_rest(&self, piece: &CubicPiece, element: usize) -> usize {
         let at = piece.rests as usize;
         let first = self.rests.get(at).copied().unwrap_or(0);
@@ -192,7 +193,7 @@ impl TimeLaw {
             piece.start_s + passed_after_s(piece, s_mm, end_s - piece.start_s)
         };
         let mut times_s: Vec<f64> = self.geometry.s_mm.par_iter().map(passed_s).collect();
-        // rounding aside they never decrease
+        // up to rounding they never decrease
         let mut last_s = 0.0f64;
         for time_s in &mut times_s {
             last_s = last_s.max(*time_s);
@@ -205,7 +206,7 @@ impl TimeLaw {
     }
 }
 
-/// The greater of two; what is no number is greater than all.
+/// The greater of two values; NaN is greater than every number.
 fn greater(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
@@ -245,7 +246,7 @@ pub(super) struct Cursor<'a> {
 }
 
 impl Cursor<'_> {
-    /// Positions and velocities at `time_s`, not before the last one asked for.
+    /// Positions and velocities at `time_s`, which must not be before the previous call's time.
     pub fn read(&mut self, time_s: f64, q: &mut [f64], qd: &mut [f64]) {
         self.visit(time_s, |j, [position, velocity, ..]| {
             q[j] = position;
@@ -253,7 +254,7 @@ impl Cursor<'_> {
         });
     }
 
-    /// q, q̇, q̈ and q⃛ of every joint at `time_s`, not before the last one asked for.
+    /// q, q̇, q̈ and q⃛ of every joint at `time_s`, which must not be before the previous call's time.
     pub fn visit(&mut self, time_s: f64, mut take: impl FnMut(usize, [f64; 4])) {
         let law = self.law;
         match self.place(time_s) {
@@ -266,7 +267,8 @@ impl Cursor<'_> {
         }
     }
 
-    /// The element, x on it, and ṡ, s̈, s⃛ at `time_s`, not before the last one asked for; `None` at rest before and after the motion.
+    /// The element, x on it, and ṡ, s̈, s⃛ at `time_s`, which must not be before the previous call's time; `None` before and
+    /// after the motion.
     fn place(&mut self, time_s: f64) -> Option<(Element, f64, [f64; 3])> {
         let law = self.law;
         if time_s >= law.duration_s || time_s < 0.0 || law.pieces.is_empty() {
@@ -285,7 +287,7 @@ impl Cursor<'_> {
     }
 }
 
-/// Adds a phase, but lengthens the last where it goes on with the same acceleration.
+/// Adds a phase, or lengthens the last one if it continues with the same acceleration.
 fn push_unless_continued(phases: &mut Vec<Phase>, phase: Phase) {
     match phases.last_mut() {
         Some(last)

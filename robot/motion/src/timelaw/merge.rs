@@ -1,20 +1,20 @@
-//! Which waypoints are driven through: near-duplicates are merged before corners are rounded.
+//! Merges waypoints that are almost equal, before corners are rounded.
 //!
-//! Two waypoints a nanometre apart have a direction between them that is all noise; a corner there would stop the arm.
-//! Invariants: first, last and stops are kept (exact duplicates apart); every merged waypoint is within
-//! 2 · [`Kept::MERGE_SHARE`] of the tolerance of the kept one that stands for it.
+//! The direction between two waypoints that are a nanometre apart is only noise, and a corner there would stop the arm.
+//! Invariants: the first waypoint, the last one and stops are kept (except exact duplicates); the distance of every merged
+//! waypoint from the kept one is at most 2 · [`Kept::MERGE_SHARE`] of the tolerance.
 
 use super::input::{JointPath, PathLimits};
 
-/// Speed at which a move that hardly shifts the burr is measured, mm/s: a move gets at least the length that the burr
-/// would cover at this speed in the time that the joints need. A cut's typical speed (Dillon et al. 2016: 1.5 mm/s), so
-/// that ṡ stays about even from cuts to rotations. It shapes parabolas between the two, and nothing else.
+/// Speed that gives a length to moves in which the burr hardly moves, mm/s: a move has at least the length that the burr
+/// would cover at this speed in the time that the joints need. It is a cut's typical speed (Dillon et al. 2016: 1.5 mm/s),
+/// so that ṡ changes little between cuts and rotations. It only affects the transitions between the two.
 const REFERENCE_SPEED_MM_S: f64 = 1.5;
 
-/// Waypoints nearer than this are one, stops and ends included, mm.
+/// Waypoints nearer than this are merged, even if they are stops or ends, mm.
 const SAME_MM: f64 = 1e-12;
 
-/// Which waypoints are driven through; the others are as good as one of these.
+/// The waypoints that are kept; each of the others is merged into one of these.
 pub(super) struct Kept {
     /// Indices of given waypoints, increasing, shape (M).
     pub of: Vec<usize>,
@@ -27,11 +27,11 @@ pub(super) struct Kept {
 }
 
 impl Kept {
-    /// Share of the corner tolerance within which a waypoint counts as its predecessor. Waypoints nearer than this only
-    /// carry noise in their direction, and would slow the arm down for it.
+    /// Share of the corner tolerance within which a waypoint is merged with its predecessor. The direction between nearer
+    /// waypoints is noise, which would slow the arm down.
     pub const MERGE_SHARE: f64 = 1.0 / 32.0;
 
-    /// Walks along the path and merges what is near its last kept waypoint. `path` was checked.
+    /// Goes along the path and merges each waypoint that is near the last kept one. `path` was checked.
     pub fn new(path: &JointPath<'_>, limits: &PathLimits) -> Self {
         let count = path.burr_mm.len();
         let mut is_stop = vec![false; count];
@@ -53,7 +53,7 @@ impl Kept {
             } else {
                 kept.merged = true;
                 if stops {
-                    // a stop is met exactly: it takes the place of the waypoint just before it
+                    // a stop must be met exactly, so it replaces the waypoint just before it
                     kept.of[last] = k;
                     kept.stop[last] = true;
                 }
@@ -63,23 +63,24 @@ impl Kept {
         kept
     }
 
-    /// The moves that lead from one kept waypoint's cluster to the next one's.
+    /// The moves from the waypoints merged into one kept waypoint to those merged into the next.
     pub fn moves(&self) -> impl Iterator<Item = u32> {
         let leads_on = |(k, pair): (usize, &[u32])| (pair[0] != pair[1]).then_some(k as u32 + 1);
         self.kept_of.windows(2).enumerate().filter_map(leads_on)
     }
 }
 
-/// How far two waypoints are apart, as burr, axis and joints notice it, mm: an axis by what its tolerance is worth.
+/// Distance of two waypoints, mm: the greatest of the burr's motion, the axis' turn (scaled by the ratio of the two
+/// tolerances) and the joints' motion.
 fn apart_mm(path: &JointPath<'_>, limits: &PathLimits, from: usize, to: usize) -> f64 {
     let [a, b] = [from, to].map(|k| &path.pose[k]);
     let apart = |range: std::ops::Range<usize>| range.map(|k| (b[k] - a[k]).powi(2)).sum::<f64>().sqrt();
-    // both tolerances 0: corners are stops, and the axis has no scale
+    // if both tolerances are 0, corners are stops, and the axis needs no scale
     let per_rad = limits.corner.burr_mm / limits.corner.axis_rad.max(f64::MIN_POSITIVE);
     apart(0..3).max((apart(3..6) * per_rad).min(1e9)).max(joint_mm(path, limits, from, to))
 }
 
-/// What the burr covers at the reference speed while the joints go from one waypoint to the other, mm.
+/// The distance that the burr covers at the reference speed while the joints move from one waypoint to the other, mm.
 pub(super) fn joint_mm(path: &JointPath<'_>, limits: &PathLimits, from: usize, to: usize) -> f64 {
     let dof = limits.dof();
     let steps = path.q[from * dof..].iter().zip(&path.q[to * dof..]).zip(&limits.velocity);

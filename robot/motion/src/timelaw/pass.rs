@@ -1,7 +1,7 @@
-//! The base: the fastest s₀(t) within the boxes.
+//! The base: the fastest motion s₀(t) within the boxes.
 //!
-//! Nodes are the ends of the stretches. ṡ² rises and falls by at most 2A per mm, so one sweep back and one forth give the
-//! greatest ṡ² at every node; on a stretch ṡ₀ rises, goes evenly and falls, which is exact.
+//! Nodes are the ends of the stretches. ṡ² rises and falls by at most 2A per mm, so one backward and one forward sweep give
+//! the greatest ṡ² at every node. On a stretch ṡ₀ rises, stays constant and falls, which is the exact optimum.
 
 use super::stretch::Stretch;
 

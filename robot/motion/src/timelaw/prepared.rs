@@ -1,4 +1,4 @@
-//! A path made ready once, to be timed under many sets of speed caps.
+//! A path that is prepared once and then timed with many sets of speed caps.
 
 use std::sync::Arc;
 
@@ -10,15 +10,15 @@ use super::law::TimeLaw;
 use super::pass;
 use super::stretch::{Stretch, stretches};
 
-/// Window lengths that are tried, as shares of the longest that helps: at that one, 2 q̈max/q⃛max, jerk limits no longer
-/// bind accelerations on straight moves. A shorter one costs acceleration and saves time at stops and slow places.
+/// Window lengths that are tried, as shares of the longest useful one, 2 q̈max/q⃛max, at which jerk limits no longer bind
+/// accelerations on straight moves. A shorter window allows less acceleration but saves time at stops and slow places.
 pub(super) const WINDOW_SHARES: [f64; 5] = [1.0, 0.5, 0.25, 0.125, 0.0625];
 
-/// The shortest window, s: half a controller's cycle. Jerk limits that would allow less bind nothing that a controller can
-/// follow, and differences over microseconds would be lost in the rounding of the clock.
+/// The shortest window, s: half a controller's cycle. A controller cannot follow shorter changes, and differences over
+/// microseconds would be lost in the rounding of times.
 const SHORTEST_WINDOW_S: f64 = 1e-3;
 
-/// A joint path with its corners rounded; times any set of speed caps.
+/// A joint path with rounded corners, from which laws for any set of speed caps are computed.
 ///
 /// ```
 /// use bonemill_motion::timelaw::{CornerTolerance, JointPath, PathLimits, PreparedPath};
@@ -46,7 +46,7 @@ impl PreparedPath {
     ///
     /// # Errors
     /// [`RobotError::EmptyPath`], [`RobotError::Length`] or [`RobotError::Value`] where `path` holds no waypoint, lists
-    /// of other lengths, a number that is not finite or absurd, a negative length or a stop that is no waypoint.
+    /// of other lengths, a number that is not finite or too large, a negative length or a stop that is not a waypoint.
     pub fn new(path: &JointPath<'_>, limits: &PathLimits) -> Result<Self, RobotError> {
         check_path(path, limits.dof())?;
         let geometry = Geometry::new(path, limits);
@@ -58,14 +58,14 @@ impl PreparedPath {
         })
     }
 
-    /// Number of waypoints as given.
+    /// Number of given waypoints.
     pub fn waypoint_count(&self) -> usize {
         self.burr_moves.len()
     }
 
     /// The time law under speed caps of the burr, mm/s, one per waypoint for the move that ENDS there.
     ///
-    /// The first cap is ignored, as is that of a rotation in place: what the burr still moves at its cut corners is under
+    /// The first cap is ignored, and so is that of a rotation in place: the burr's motion at its rounded corners is limited by
     /// the cap of the neighbouring move.
     ///
     /// # Errors
@@ -75,7 +75,7 @@ impl PreparedPath {
         Ok(TimeLaw::new(Arc::clone(&self.geometry), Arc::clone(&self.elements), &best, window_s))
     }
 
-    /// The duration alone of [`PreparedPath::law`], s: for searches over caps.
+    /// Only the duration of [`PreparedPath::law`], s, for searches over caps.
     ///
     /// # Errors
     /// As [`PreparedPath::law`].
@@ -83,9 +83,10 @@ impl PreparedPath {
         Ok(self.best(caps_mm_s)?.1)
     }
 
-    /// A time that no law can beat, s: every move at its cap or its slowest joint's velocity limit, accelerations free.
+    /// A lower bound of a law's duration, s: every move at its cap or at its slowest joint's velocity limit, without
+    /// acceleration limits.
     ///
-    /// Moves that were merged away and the little that cut corners save are counted as driven in full.
+    /// Merged moves and rounded corners count with their full length.
     ///
     /// # Errors
     /// As [`PreparedPath::law`].
@@ -99,8 +100,8 @@ impl PreparedPath {
         Ok(seconds.sum())
     }
 
-    /// The window with the shortest law: its length, the law's duration, the boxes. A shorter window saves time at rests and costs
-    /// acceleration everywhere else, ever more: once a shorter one takes longer, none that is shorter still is tried.
+    /// The window with the shortest law: its length, the law's duration and the boxes. A shorter window saves time at rests and
+    /// allows less acceleration elsewhere, so as soon as a shorter one gives a longer law, still shorter ones are not tried.
     fn best(&self, caps_mm_s: &[f64]) -> Result<(f64, f64, Vec<Stretch>), RobotError> {
         let caps = self.segment_caps(caps_mm_s)?;
         let mut best = self.through_window(&caps, WINDOW_SHARES[0]);
@@ -125,8 +126,7 @@ impl PreparedPath {
         (window_s, duration_s, boxes)
     }
 
-    /// The cap of each kept segment, mm/s; ∞ where the burr stands still. A move that was merged away takes no time, so
-    /// its cap binds nothing.
+    /// The cap of each kept segment, mm/s; ∞ where the burr stands still. A merged move takes no time, so its cap is not used.
     pub(super) fn segment_caps(&self, caps_mm_s: &[f64]) -> Result<Vec<f64>, RobotError> {
         check_caps(caps_mm_s, self.waypoint_count())?;
         let cap = |&k: &u32| {

@@ -1,13 +1,13 @@
-//! A time law at a controller's rate.
+//! A time law sampled at a controller's rate.
 //!
-//! Invariants: rows stand at k/rate exactly (no sum of periods); the last row is the first at or after the end, so it
-//! holds the last waypoint exactly, at rest.
+//! Invariants: row k is at exactly k/rate (periods are not summed); the last row is the first one at or after the end, so
+//! it is exactly the last waypoint, at rest.
 
 use bonemill_arm::RobotError;
 
 use super::law::TimeLaw;
 
-/// Most rows that a trajectory may have: some 2 GB of text, five hours at 500 Hz.
+/// Largest number of rows of a trajectory: some 2 GB of text, five hours at 500 Hz.
 pub const MOST_ROWS: f64 = 1e7;
 
 /// Rows of a law at k/rate, k = 0..count.
@@ -18,7 +18,7 @@ pub struct RowGrid<'a> {
     count: u64,
 }
 
-/// A time law sampled at a controller's rate: what a file, a simulator or a robot gets.
+/// A time law sampled at a controller's rate, for a file, a simulator or a robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointTrajectory {
     /// Number of joints.
@@ -38,7 +38,7 @@ impl TimeLaw {
     ///
     /// # Errors
     /// [`RobotError::Value`] where the rate is not finite or not above 0, [`RobotError::TooLong`] where there would be more
-    /// than `MOST_ROWS`.
+    /// than `MOST_ROWS` rows.
     pub fn rows(&self, rate_hz: f64) -> Result<RowGrid<'_>, RobotError> {
         if !(rate_hz.is_finite() && rate_hz > 0.0) {
             let (what, unit, expected) = ("rate_hz", "Hz", "a finite rate above 0");
@@ -73,12 +73,12 @@ impl<'a> RowGrid<'a> {
         row as f64 / self.rate_hz
     }
 
-    /// Hands rows `range` to `take(row, q, qd)` in order; each row depends on its number alone.
+    /// Calls `take(row, q, qd)` for the rows `range` in order; each row depends on its number alone.
     pub fn for_each(&self, range: std::ops::Range<u64>, mut take: impl FnMut(u64, &[f64], &[f64])) {
         let (mut q, mut qd) = (vec![0.0; self.dof()], vec![0.0; self.dof()]);
         let mut cursor = self.law.cursor(self.time_s(range.start));
         for row in range.start..range.end.min(self.count) {
-            // rounding of k/rate must not leave the last row short of the end
+            // rounding of k/rate must not put the last row before the end
             let last = row + 1 == self.count;
             let time_s = if last { f64::INFINITY } else { self.time_s(row) };
             cursor.read(time_s, &mut q, &mut qd);

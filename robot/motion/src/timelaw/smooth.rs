@@ -1,8 +1,9 @@
-//! From the base to the law: the mean over a window of length T, in closed form.
+//! Computes the law from the base: the mean over a window of length T, in closed form.
 //!
-//! With the window behind t, ṡ = (s₀(t) − s₀(t − T))/T, s̈ = (ṡ₀(t) − ṡ₀(t − T))/T, s⃛ = (s̈₀(t) − s̈₀(t − T))/T. Between
-//! the times at which either end of the window passes a phase's end, s⃛ is constant: s is a cubic. The law lasts T longer
-//! than the base. Where the base rests for T, the law has come to rest at its end, exactly there.
+//! The window covers the time from t − T to t, so ṡ = (s₀(t) − s₀(t − T))/T, s̈ = (ṡ₀(t) − ṡ₀(t − T))/T and
+//! s⃛ = (s̈₀(t) − s̈₀(t − T))/T. Between the times at which an end of the window passes a phase's end, s⃛ is constant and s
+//! is a cubic. The law lasts T longer than the base. Where the base rests for T, the law is at rest at the end of that
+//! time, at exactly the same place.
 
 use super::pass::Phase;
 
@@ -19,12 +20,12 @@ pub(super) struct CubicPiece {
     pub acceleration_mm_s2: f64,
     /// s⃛, mm/s³.
     pub jerk_mm_s3: f64,
-    /// Rests inside the path that lie before it: at a rest the path may turn, and s alone does not tell the sides apart.
+    /// Number of rests inside the path before it. At a rest the path may turn, and s alone does not tell the two sides apart.
     pub rests: u32,
 }
 
 impl CubicPiece {
-    /// s, ṡ and s̈ some time after its start.
+    /// s, ṡ and s̈ at a time after its start.
     pub fn at(&self, elapsed_s: f64) -> [f64; 3] {
         let Self { s_mm, speed_mm_s: v, acceleration_mm_s2: a, jerk_mm_s3: j, .. } = *self;
         let t = elapsed_s;
@@ -32,16 +33,16 @@ impl CubicPiece {
     }
 }
 
-/// Events nearer than this are one, s: the head leaves a rest when the tail enters it, and rounding must not put a moment of
-/// both motions between.
+/// Events nearer than this are treated as one, s. The window's head leaves a rest when its tail enters it, and rounding
+/// must not separate the two.
 const SAME_S: f64 = 1e-11;
 
-/// One end of the window, going through the base's phases.
+/// One end of the window as it moves through the base's phases.
 struct End<'a> {
     phases: &'a [Phase],
-    /// The phase it is in; none before the first.
+    /// The phase that it is in; `None` before the first.
     at: Option<usize>,
-    /// When it enters the next phase (or leaves the last), on the law's clock.
+    /// When it enters the next phase (or leaves the last), in the law's time.
     next_s: f64,
 }
 
@@ -57,7 +58,7 @@ impl<'a> End<'a> {
         self.next_s = self.phases.get(at).map_or(f64::INFINITY, |phase| self.next_s + phase.duration_s);
     }
 
-    /// The rest that it is in. When the window's tail enters one, all of the window is in it.
+    /// The rest that it is in. When the window's tail enters a rest, the whole window is in it.
     fn rest(&self) -> Option<&'a Phase> {
         self.phases.get(self.at?).filter(|phase| phase.speed_mm_s == 0.0 && phase.acceleration_mm_s2 == 0.0)
     }

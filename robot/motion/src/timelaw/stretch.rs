@@ -1,6 +1,6 @@
-//! Boxes: how fast and how suddenly s may go on each stretch of the path, for one window length T.
+//! Boxes: the limits of ṡ and s̈ on each stretch of the path, for one window length T.
 //!
-//! ṡ ≤ v and |s̈| ≤ A. For every joint, with P, c, e the greatest |q'|, |q''|, |q'''| of the stretch:
+//! A box means ṡ ≤ v and |s̈| ≤ A. For every joint, with P, c, e the greatest |q'|, |q''|, |q'''| of the stretch:
 //!
 //! ```text
 //! P v ≤ q̇max      c v² ≤ q̈max/2      e v³ ≤ 0.6 q⃛max      P A ≤ q̈max/2 (q̈max where c = 0)
@@ -10,7 +10,7 @@
 //! In a corner q''' is greatest at the ends and q'' in the middle: with x = |1 − 2u|, f = max e v³ x + 3 c v A (1 − x²). It is
 //! e v³ as long as 6 c v A ≤ e v³, that is A ≤ v²/(3l), and at most 3 c v A + e v³/2 beyond.
 //!
-//! A box holds up to v T around its stretch ([`spread`]): what the window mixes into a place comes from no farther.
+//! A box applies up to v T around its stretch ([`spread`]), because the window averages motion from no farther away.
 //! Invariants: stretches lie end to end over the whole path; v and A are above 0 and finite.
 
 use super::geometry::{Element, Geometry};
@@ -25,19 +25,19 @@ pub(super) struct Stretch {
     pub speed_mm_s: f64,
     /// A, mm/s².
     pub acceleration_mm_s2: f64,
-    /// The box that it brings itself, which holds around it too.
+    /// The stretch's own box, which also applies around it.
     own: SpeedBounds,
     /// Whether s stands still at its start.
     pub starts_at_rest: bool,
 }
 
-/// Speeds above this are none, mm/s: numbers stay finite where nothing binds.
+/// Upper limit of all speeds, mm/s, so that numbers stay finite where no limit applies.
 const ABSURD_MM_S: f64 = 1e6;
 
-/// Share of the jerk limit that a corner's own shape may take.
+/// Share of the jerk limit that a corner's shape may use.
 const SNAP_SHARE: f64 = 0.6;
 
-/// What an element allows, speed caps aside: v, A for a window of length T.
+/// The box of an element without speed caps: v and A for a window of length T.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct SpeedBounds {
     speed_mm_s: f64,
@@ -84,13 +84,13 @@ pub(super) fn stretches(
     caps_mm_s: &[f64],
     window_s: f64,
 ) -> Vec<Stretch> {
-    // a burr that stands still has no speed cap: cap / 0 = ∞
+    // there is no speed cap where the burr stands still: cap / 0 = ∞
     let capped = |cap: f64, burr_per_s: f64, speed: f64| speed.min(cap / burr_per_s);
     let corner = |i: usize| -> Option<SpeedBounds> {
         (geometry.half_blend_mm[i] > 0.0).then(|| {
             let mut allowed = blend(geometry, limits, i, window_s);
             let burr_per_s = geometry.burr_per_s[i - 1].max(geometry.burr_per_s[i]);
-            // a corner into a rotation in place still carries the burr
+            // in a corner before a rotation in place the burr still moves
             let cap = caps_mm_s[i - 1].min(caps_mm_s[i]);
             allowed.speed_mm_s = capped(cap, burr_per_s, allowed.speed_mm_s);
             allowed
@@ -121,15 +121,15 @@ pub(super) fn stretches(
     back
 }
 
-/// A box that still holds for some way.
+/// A box that still applies for some distance.
 #[derive(Debug, Clone, Copy)]
 struct Zone {
     left_mm: f64,
     holds: SpeedBounds,
 }
 
-/// Lets every box hold for v T behind its stretch, in the order given; stretches are divided where a zone ends. Not across a
-/// rest: there the window holds one side only. `reversed`: stretches come last to first.
+/// Extends every box by v T behind its stretch, in the given order; stretches are divided where a box's zone ends. A zone
+/// ends at a rest, because there the window contains only one side. `reversed`: stretches come last to first.
 fn spread(stretches: impl Iterator<Item = Stretch>, window_s: f64, reversed: bool) -> Vec<Stretch> {
     let mut spread: Vec<Stretch> = Vec::with_capacity(2 * stretches.size_hint().0);
     let mut zones: Vec<Zone> = Vec::new();
@@ -142,7 +142,7 @@ fn spread(stretches: impl Iterator<Item = Stretch>, window_s: f64, reversed: boo
             zone.left_mm -= stretch.length_mm;
         }
         let new = Zone { left_mm: stretch.own.speed_mm_s * window_s, holds: stretch.own };
-        // what ends sooner and binds no more than the new one is out
+        // a zone that ends sooner and is not stricter than the new one is dropped
         zones.retain(|zone| {
             zone.left_mm > 0.0
                 && (zone.left_mm > new.left_mm
@@ -157,7 +157,7 @@ fn spread(stretches: impl Iterator<Item = Stretch>, window_s: f64, reversed: boo
     spread
 }
 
-/// A stretch under zones that reach into it, in parts.
+/// Divides a stretch by the zones that reach into it.
 fn divide(stretch: &Stretch, zones: &[Zone], reversed: bool, into: &mut Vec<Stretch>) {
     let binds = |zone: &&Zone| {
         zone.holds.speed_mm_s < stretch.speed_mm_s

@@ -23,7 +23,7 @@ proptest! {
         let (whole, half) = (prepared.duration_s(&case.caps_mm_s).unwrap(), prepared.duration_s(&half).unwrap());
         prop_assert!(half <= 2.0 * whole * (1.0 + 1e-12), "{whole} s, half caps {half} s");
         let bound = prepared.lower_bound_s(&case.caps_mm_s).unwrap();
-        // corners are cut by less than their own size
+        // a corner shortens the path by less than its own size
         prop_assert!(whole >= 0.9 * bound, "{whole} s, at least {bound} s");
     }
 
@@ -53,7 +53,7 @@ proptest! {
     #[test]
     fn splitting_a_straight_move_changes_nothing(
         before in prop::collection::vec(prop::array::uniform4(-0.3f64..0.3), 0..5),
-        // long, since a corner takes at most half of a move: a short one is not the same in two parts
+        // long, because a corner takes at most half of a move, so a short move changes when it is divided
         long in (12.0f64..30.0, -20.0f64..20.0, -0.3f64..0.3),
         after in prop::collection::vec(prop::array::uniform4(-0.3f64..0.3), 0..5),
         cap in 0.5f64..12.0,
@@ -170,7 +170,7 @@ fn hostile_paths_have_a_law() {
         vec![x(0.0), x(5e-324)],
         vec![x(0.0), x(1e-9), x(2.0), x(2.0 + 1e-9), x(2.0 - 1e-9), x(2.0), x(4.0)],
         vec![x(0.0), x(2.0), x(0.0), x(2.0), x(0.0)],
-        // a corner of 1e-9 rad at full speed: σ must not change over an interval of rounding
+        // a corner of 1e-9 rad at full speed: ṡ² must not change over a length of the size of rounding
         vec![[0.0, 0.0, 0.0, -0.68], [2.0, 0.0, 0.0, -0.68], [4.0, 0.0, 0.0, -0.68 + 1e-9]],
         vec![x(0.0), x(0.1), x(0.0), x(0.1), x(0.0)],
         vec![x(0.0), [0.0, 0.0, 0.0, 0.5], x(0.0), [0.0, 0.0, 0.0, 0.5]],
@@ -216,13 +216,13 @@ fn a_right_angle_is_cut_by_the_tolerance() {
     let case = Case::new(vec![[0.0; 4], [5.0, 0.0, 0.0, 0.0], [5.0, 5.0, 0.0, 0.0]], 14.0);
     let law = case.law();
     let at_corner = law.sample(law.waypoint_times_s()[1]);
-    // the middle is 3l/16 (d₂ − d₁) away: all of the tolerance
+    // the middle deviates by 3l/16 (d₂ − d₁), which is the whole tolerance
     let off = [at_corner.q[0] - 5.0, at_corner.q[1]];
     assert!((off[0].hypot(off[1]) - 0.04).abs() < 1e-9, "{off:?}");
-    // l = 16/3 · 0.04/√2; ṡ³ |q'''| ≤ 0.6 j with |q'''| = 6/(2l)² is what binds
+    // l = 16/3 · 0.04/√2; the limit that binds is ṡ³ |q'''| ≤ 0.6 j with |q'''| = 6/(2l)²
     let l = 16.0 / 3.0 * 0.04 / 2f64.sqrt();
     let through = (0.6 * 3000.0 * (2.0 * l).powi(2) / 6.0).cbrt();
-    // d₁ and d₂ share the middle: |q'| = 1/√2
+    // at the middle q' is the mean of d₁ and d₂: |q'| = 1/√2
     let speed = linear_mm(&at_corner.qd) * 2f64.sqrt();
     assert!((0.9 * through..=through * (1.0 + 1e-9)).contains(&speed), "{speed} mm/s, {through}");
 }
@@ -329,7 +329,7 @@ fn two_waypoints_a_nanometre_apart_and_a_half_turn_are_ordinary() {
 
 #[test]
 fn a_stop_between_a_move_and_a_turn_is_one_for_both() {
-    // rounding puts s on either side of the rest
+    // rounding may put s on either side of the rest
     let x = |x: f64, z: f64, t: f64| [x, 0.0, z, t];
     let far = 11.307616843912339;
     let turn = vec![

@@ -11,7 +11,7 @@ fn family() -> TiltFamily {
 
 const RATE: RateLimit = RateLimit { weight_mm: 0.3, most_rad_per_mm: 0.4 };
 
-/// C_i(a): distance from a wandering wish, squared.
+/// The preferred axis of waypoint i, which moves along the path; C_i(a) is the squared distance from it.
 fn wish(i: usize) -> Unit<Vector3<f64>> {
     let s = i as f64 * 0.07;
     Unit::new_normalize(Vector3::new(0.2 * (1.3 * s).cos(), 0.35 * s.sin(), 1.0))
@@ -98,7 +98,7 @@ fn refinement_lowers_the_cost_and_calms_the_turns_in_a_plane_and_on_a_cap() {
     }
 }
 
-/// Half of the sphere is not free: every refined axis is, and so is every place between two.
+/// Half of the sphere is not free; every refined axis is free, and so is every axis between two of them.
 #[test]
 fn refinement_stays_inside_the_permissible_set_between_waypoints_too() {
     let family = family();
@@ -141,12 +141,12 @@ fn turns_that_fail_between_waypoints_are_taken_elsewhere_or_named() {
     let free_choice = sequence_of(best_sequence(&problem));
     let turning: Vec<usize> = (1..60).filter(|i| free_choice[*i] != free_choice[i - 1]).collect();
     assert!(turning.len() > 3);
-    // no turn where it would like to
+    // turns are blocked where the sequence would turn
     let checked = best_checked(&problem, best_sequence(&problem), |i, a, b| a == b || !turning.contains(&i));
     assert!(checked.is_free() && checked.forbidden.len() >= turning.len());
     let found = sequence_of(checked.found);
     assert!(turning.iter().all(|i| found[*i] == found[i - 1]));
-    // nothing is free at move 7: named, not hidden
+    // no turn is free in move 7: it is reported as failing
     let stuck = best_checked(&problem, best_sequence(&problem), |i, _, _| i != 7);
     assert!(stuck.failing.contains(&7));
 }
@@ -165,7 +165,7 @@ proptest! {
         prop_assert!(tilt_rad(&axis) < 2.0);
     }
 
-    /// The fit gives a quadratic's own gradient and curvature back.
+    /// The fit reproduces the gradient and curvature of a quadratic.
     #[test]
     fn a_bowl_is_fitted_exactly(gx in -1.0f64..1.0, gy in -1.0f64..1.0, h in 0.0f64..3.0) {
         let at = |k: usize| Vector2::new((k as f64).cos(), (k as f64).sin()) * 0.1;

@@ -1,4 +1,4 @@
-//! The dynamic program against every sequence one by one, and its hard cases.
+//! The dynamic program compared with the enumeration of every sequence, and hard cases.
 
 use super::*;
 use crate::orientation::TiltFamily;
@@ -20,14 +20,14 @@ fn sets(in_plane: bool, count: usize) -> Directions {
     Directions::in_plane(&family, 0.1, 1.5)
 }
 
-/// The slots of n's fan: whether m may turn to n.
+/// Whether the axis may turn from m to n, by the slots of n's fan.
 fn may_turn(p: &Problem, i: usize, m: usize, n: usize) -> bool {
     if p.directions.angle_rad(m, n) > p.reach_rad(i) + 1e-6
         || p.forbidden.at(i).contains(&[m as u16, n as u16])
     {
         return false;
     }
-    // walk back along the fan: every place between must be free before or after
+    // back along the fan: every direction between must be free before or after the move
     let fan = p.directions.fan(n);
     let Some(mut slot) = fan.node.iter().position(|node| usize::from(*node) == m) else { return false };
     slot = usize::from(fan.parent[slot]);
@@ -66,7 +66,7 @@ fn brute_force(p: &Problem) -> Option<f64> {
 proptest! {
     #![proptest_config(bonemill_testkit::fixed(192))]
 
-    /// Up to 6 waypoints by up to 8 directions, one angle and two, with forbidden turns.
+    /// Tested for up to 6 waypoints and up to 8 directions, with one angle and with two, with forbidden turns.
     #[test]
     fn finds_the_optimum_of_every_sequence(
         in_plane in any::<bool>(), half in 1usize..4, n in 1usize..=6,
@@ -78,7 +78,7 @@ proptest! {
     ) {
         let directions = sets(in_plane, 2 * half + 1);
         let k = directions.len();
-        // 7⁶ sequences at most
+        // at most 7⁶ sequences
         let n = n.min(if k > 5 { 5 } else { 6 });
         let mut forbidden = Forbidden::default();
         bans.iter().for_each(|(i, a, b)| forbidden.insert(*i, *a, *b));
@@ -92,7 +92,7 @@ proptest! {
         };
         let blocked = blocked_waypoints(&problem);
         match (best_sequence(&problem), brute_force(&problem)) {
-            // what is blocked is blocked from the start or from the last such waypoint on
+            // a blocked waypoint cannot be reached from the start or from the last blocked waypoint
             (BestSequence::Blocked(i), None) => {
                 prop_assert_eq!(blocked[0], i);
                 for pair in blocked.windows(2).filter(|pair| pair[0] + 1 < pair[1]) {
@@ -124,14 +124,14 @@ proptest! {
 }
 
 impl Forbidden {
-    /// As seen from waypoint `first` on.
+    /// The problem from waypoint `first` on.
     fn from(&self, first: usize) -> Self {
         let later = self.0.iter().filter(|(i, _)| **i as usize > first);
         Self(later.map(|(i, turns)| (i - first as u32, turns.clone())).collect())
     }
 }
 
-/// A problem of `n` waypoints over the plane's 7 directions or the cap's 7.
+/// Solves a problem of `n` waypoints over the plane's 7 directions or the cap's 7.
 fn solve(in_plane: bool, n: usize, cost: &[f32], free: impl Fn(usize, usize) -> bool + Sync) -> BestSequence {
     let directions = sets(in_plane, 7);
     best_sequence(&Problem {
@@ -171,7 +171,7 @@ fn six_waypoints_by_seven_directions() {
 fn constant_cost_stands_still_and_upright() {
     assert_eq!(directions_of(solve(true, 10, &[0.3; 70], |_, _| true)), [3; 10]);
     assert_eq!(directions_of(solve(false, 10, &[0.3; 70], |_, _| true)), [0; 10]);
-    // the approach itself is blocked on the way: out of it once, and not back
+    // the approach is blocked at one waypoint: the axis leaves it once and does not come back
     let found = directions_of(solve(true, 10, &[0.3; 70], |i, n| i != 5 || n != 3));
     assert_eq!(found[0], found[9]);
     assert!(found.windows(2).all(|w| w[0] == w[1]) && found[0].abs_diff(3) == 1);
@@ -205,14 +205,14 @@ fn no_waypoint_and_one() {
     assert_eq!(directions_of(solve(false, 1, &cost, |_, _| true)), [5]);
 }
 
-/// Two pieces with a gap that is never free: no sequence jumps it, whatever it costs.
+/// Two parts with a gap that is never free: no sequence jumps over it, whatever the costs.
 #[test]
 fn a_free_set_in_two_pieces_is_not_jumped() {
     let cost: Vec<f32> =
         (0..20).flat_map(|i| (0..7).map(move |n| if (n < 3) == (i < 10) { 0.0 } else { 1.0 })).collect();
     let found = directions_of(solve(true, 20, &cost, |_, n| n != 3));
     assert!(found.iter().all(|n| *n < 3) || found.iter().all(|n| *n > 3), "{found:?}");
-    // once the gap opens it is crossed, step by step
+    // where the gap is open, it is crossed step by step
     let found = directions_of(solve(true, 20, &cost, |i, n| n != 3 || (8..12).contains(&i)));
     assert!(found[0] < 3 && found[19] > 3 && found.contains(&3), "{found:?}");
 }
@@ -233,7 +233,7 @@ fn a_million_waypoints() {
         panic!("blocked")
     };
     let sequence: Vec<usize> = found.iter().map(|d| usize::from(*d)).collect();
-    // the total of a million terms is still the sequence's own
+    // the total of a million terms agrees with the sequence's own J
     let own = total_of(&problem, &sequence).unwrap();
     assert!((own - total).abs() < 1e-6 * own && edges > 5_000_000, "{own} {total} {edges}");
 }

@@ -1,4 +1,4 @@
-//! Gains against brute force, and what they cost on a finer grid.
+//! Gains compared with brute force, and their cost on a finer grid.
 
 use bonemill_case::Sheets;
 use bonemill_geometry::{Ct, Grid, Volume};
@@ -57,7 +57,7 @@ fn roughed<'a>(space: &'a BurrSpace<'a>) -> (Builder<'a>, u32) {
     (builder, layers)
 }
 
-/// Per cell how many voxels that are there lie within the radius of its node.
+/// For each cell, the number of standing voxels within the radius of its node.
 fn gains_by_voxels(gains: &Gains, builder: &Builder) -> Vec<u32> {
     let grid = builder.space().grid();
     let left: Vec<[i64; 3]> = (0..grid.len())
@@ -74,7 +74,7 @@ fn gains_by_voxels(gains: &Gains, builder: &Builder) -> Vec<u32> {
     (0..gains.cells.len()).map(gain).collect()
 }
 
-/// Starts, walks and bounds are those of gains that are all known at any time.
+/// Starts, walks and bounds are the same as if all gains were always known.
 #[test]
 fn the_choice_is_that_of_gains_counted_voxel_by_voxel() {
     for (spacing_mm, side) in [(0.25, 1), (0.2, 2)] {
@@ -98,7 +98,7 @@ fn the_choice_is_that_of_gains_counted_voxel_by_voxel() {
             let Some(start) = start else { break };
             let cells = gains.walk(&builder, start);
             walked += cells.len();
-            // of the balls along the walk nothing is there, and no worthwhile step from its end is left
+            // nothing is left in the balls along the walk, and no step from its end is worth a visit
             let known = gains_by_voxels(&gains, &builder);
             assert!(cells.iter().all(|cell| known[*cell] == 0));
             let end = cells[cells.len() - 1];
@@ -109,7 +109,7 @@ fn the_choice_is_that_of_gains_counted_voxel_by_voxel() {
                     known[*cell] >= gains.worth && space.is_move_clear(from, to, step)
                 });
             assert_eq!(reached, None, "{spacing_mm}, pass {pass}");
-            // every other pass is not joined: what its walk took is there again
+            // every other pass is not joined, so the material of its walk stands again
             if pass % 2 == 0 {
                 let points = cells.iter().map(|cell| gains.center(&builder, *cell)).collect();
                 builder.add(Pass { layer, points, put_off: false, from_above: false });
@@ -120,7 +120,7 @@ fn the_choice_is_that_of_gains_counted_voxel_by_voxel() {
     }
 }
 
-/// A finer grid sharpens gains, and adds no places to choose from: rows are gone through at most as often as there are voxels.
+/// A finer grid makes gains more exact and adds no candidate positions; rows are read at most as often as there are voxels.
 #[test]
 fn finishing_costs_no_more_than_there_are_voxels() {
     let [coarse, fine] = [0.25, 0.125].map(|spacing_mm| {

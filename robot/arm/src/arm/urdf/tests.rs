@@ -1,4 +1,4 @@
-//! Bad URDFs are refused by name, and what `k` makes of a good one is what we make of it.
+//! Bad URDFs are refused with the fault's name, and for a good one the result agrees with that of `k`.
 
 use super::*;
 use crate::arm::bone_attached::URDF;
@@ -120,7 +120,7 @@ fn lengths_in_mm_are_recognised() {
         assert!(error.contains("own.urdf"), "{error}");
         assert!(error.contains("looks like millimetres; URDF lengths are metres"), "{error}");
     }
-    // as calibrations have it: two parallel joints far apart along their axes
+    // as in calibrations: two parallel joints far apart along their axes
     let apart = text.replacen("xyz=\"-0.425 0.0 0.0\"", "xyz=\"-0.425 0.0 250.0\"", 1);
     let apart = apart.replacen("xyz=\"-0.3922 0.0 0.0\"", "xyz=\"-0.3922 0.0 -250.0\"", 1);
     assert!(apart.contains(" 250.0") && apart.contains(" -250.0"));
@@ -209,7 +209,7 @@ fn names_in_namespaces_that_nothing_declares_are_refused() {
         let found = fault(&one(&inner));
         assert!(matches!(found, UrdfFault::Xml { .. }), "{inner}: {found}");
     }
-    // as xacro and Gazebo leave them
+    // names as xacro and Gazebo write them
     let text = one(&format!("{LIMIT}<g:sensor xml:lang='en' g:rate='3'/>"));
     let text =
         text.replace("name=\"r\"", "name=\"r\" xmlns:xacro=\"http://www.ros.org/wiki/xacro\" xmlns:g='u'");

@@ -1,7 +1,7 @@
-//! What is read from a URDF's XML itself: whether it is sound XML, and what `urdf-rs` does not know of.
+//! Checks that a URDF is well-formed XML, and reads the values that `urdf-rs` leaves out.
 //!
-//! `urdf-rs` parses with a reader that takes what is no XML for one, and panics when it writes a name whose namespace has no
-//! prefix. So a text is checked here first, and may use only prefixes that its root declares; URDF itself has none.
+//! `urdf-rs` accepts some texts that are not XML, and panics when it writes a name whose namespace has no prefix. So a
+//! text is checked here first. It may use only prefixes that its root declares; URDF itself uses none.
 
 use std::collections::HashMap;
 
@@ -9,7 +9,7 @@ use quick_xml::events::{BytesStart, Event};
 
 use crate::error::UrdfFault;
 
-/// Refuses what is no well-formed XML, and names in namespaces that the root does not declare.
+/// Refuses a text that is not well-formed XML, and names in namespaces that the root does not declare.
 pub(super) fn check(text: &str) -> Result<(), UrdfFault> {
     let mut reader = quick_xml::Reader::from_str(text);
     let mut declared: Option<Vec<String>> = None;
@@ -56,14 +56,14 @@ pub(super) fn check(text: &str) -> Result<(), UrdfFault> {
     }
 }
 
-/// Acceleration and jerk of a `<limit>`, m or rad, where it has them.
+/// Acceleration and jerk of a `<limit>`, in m or rad, where they are given.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Further {
     pub acceleration: Option<f64>,
     pub jerk: Option<f64>,
 }
 
-/// By joint, of a text that was checked.
+/// The further limits of each joint, by its name, from a text that was checked.
 pub(super) fn further_limits(text: &str) -> Result<HashMap<String, Further>, UrdfFault> {
     let mut found = HashMap::new();
     let mut joint = None;

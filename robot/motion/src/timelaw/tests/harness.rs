@@ -1,4 +1,4 @@
-//! What every law promises, checked at dense samples, and the paths it is checked on.
+//! Checks the guarantees of a law at dense samples, and makes the paths on which they are checked.
 
 use proptest::prelude::*;
 
@@ -53,7 +53,7 @@ pub fn linear_mm(q: &[f64]) -> f64 {
     (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]).sqrt()
 }
 
-/// How far a deviation goes of its tolerances, burr and axis: 1 is all of it.
+/// A deviation as a share of its tolerances, of burr and axis: 1 is the whole tolerance.
 pub fn share_of_tolerance(q: &[f64; 4]) -> f64 {
     (linear_mm(q) / TOLERANCE.burr_mm).max(q[3].abs() / TOLERANCE.axis_rad)
 }
@@ -82,7 +82,7 @@ pub fn instants(law: &TimeLaw) -> Vec<f64> {
     all
 }
 
-/// Everything that a law promises, at every instant of [`instants`].
+/// Checks every guarantee of a law at every instant of [`instants`].
 pub fn check(case: &Case) {
     let law = case.law();
     assert!(law.duration_s().is_finite() && law.duration_s() >= 0.0);
@@ -138,8 +138,8 @@ pub fn check_limits(law: &TimeLaw) {
     }
 }
 
-/// The burr (x, y, z of this arm) is never faster than the cap of the move that it is on; on a rotation in place (all of
-/// them in a row), than that of the moves before and after.
+/// Checks that the burr (x, y, z of this arm) is never faster than the cap of its move; in rotations in place, never faster
+/// than the caps of the moves before and after them.
 pub fn check_caps(case: &Case, law: &TimeLaw) {
     let times = law.waypoint_times_s();
     let burr_mm = case.burr_mm();
@@ -147,7 +147,7 @@ pub fn check_caps(case: &Case, law: &TimeLaw) {
     for time_s in instants(law) {
         let speed = linear_mm(&law.sample(time_s).qd);
         let on = times.partition_point(|t| *t <= time_s).min(times.len() - 1);
-        // at a passing, and where waypoints were merged, a sample belongs to either of its neighbours
+        // when a waypoint is passed, and where waypoints were merged, a sample may belong to either neighbouring move
         let mut near: Vec<usize> = (1..times.len())
             .filter(|&k| k == on || (times[k - 1] - 1e-8..=times[k] + 1e-8).contains(&time_s))
             .collect();

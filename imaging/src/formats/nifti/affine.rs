@@ -1,0 +1,258 @@
+//! Which of a NIfTI header's transforms places the voxels in the `ct` frame, and whether it can.
+//!
+//! NIfTI's world is RAS+ already, so nothing is flipped here; only a unit other than mm is converted. The sform is used
+//! if it is set, else the qform. When both are set and place a corner of the volume more than
+//! [`DISAGREEMENT_LIMIT_VOXELS`] apart, one of them is wrong (often mirrored), and the case must say which one is right.
+//! A header with voxel sizes alone does not tell left from right and is refused.
+//!
+//! A qform stores b, c, d of its quaternion in single precision and leaves out a = √(1 − b² − c² − d²). Close to a half
+//! turn the rounding of b, c, d alone changes a by up to 10⁻³, which moves a corner of a large scan by a third of a voxel.
+//! A difference from the sform that this rounding can explain is not counted as a disagreement.
+//!
+//! Axes must be perpendicular, because the planner measures distances along a grid's axes. They may be off the right
+//! angle by [`SHEAR_LIMIT_RAD`]: direction cosines are often stored with only 4 to 6 digits, while a gantry tilt, the
+//! usual true shear, is 10⁻² rad or more. Then the nearest orthonormal axes are used, provided that they move no corner by
+//! more than 0.1 voxel.
+
+use std::fmt;
+
+use bonemill_geometry::{Ct, Grid};
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+use nifti::NiftiHeader;
+
+use super::problem::NiftiProblem;
+
+/// The largest distance between a corner's positions by sform and by qform, and the largest displacement of a corner when
+/// axes are made perpendicular, voxels.
+pub const DISAGREEMENT_LIMIT_VOXELS: f64 = 0.1;
+/// The largest deviation of axes from a right angle, rad.
+pub const SHEAR_LIMIT_RAD: f64 = 1e-3;
+/// Believable voxel sizes, mm: finer than any micro-CT of a bone to coarser than any planning scan.
+pub const SPACING_RANGE_MM: [f64; 2] = [1e-3, 20.0];
+/// The most by which rounding b, c, d to single precision changes b² + c² + d², with a margin for writers that also
+/// compute in single precision.
+const QUATERNION_ROUNDING: f64 = 5e-7;
+/// Axes that span less than this share of a box's volume are singular, not sheared.
+const SINGULAR: f64 = 1e-3;
+
+/// Which transform of an image header to use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AffineChoice {
+    /// The sform, else the qform; refused when both are set and disagree.
+    Auto,
+    /// The sform, whatever the qform says.
+    Sform,
+    /// The qform, whatever the sform says.
+    Qform,
+}
+
+/// One of the header's transforms.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AffineSource {
+    /// The matrix `srow_x`, `srow_y`, `srow_z`.
+    Sform,
+    /// The quaternion with `pixdim`.
+    Qform,
+}
+
+impl fmt::Display for AffineSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Sform => "sform",
+            Self::Qform => "qform",
+        })
+    }
+}
+
+/// Which transform placed an image, and how good it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AffineReport {
+    /// The transform used.
+    pub source: AffineSource,
+    /// `sform_code`; 0 is unset.
+    pub sform_code: i16,
+    /// `qform_code`; 0 is unset.
+    pub qform_code: i16,
+    /// Largest distance between a corner's positions by sform and by qform, in units of the smallest voxel spacing; `None`
+    /// unless both are set and possible.
+    pub disagreement_voxels: Option<f64>,
+    /// Deviation of the axes from a right angle before they were made perpendicular, rad.
+    pub shear_rad: f64,
+}
+
+impl fmt::Display for AffineReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} (sform code {}, qform code {})", self.source, self.sform_code, self.qform_code)?;
+        match self.disagreement_voxels {
+            Some(voxels) => write!(f, ", which differ by {voxels:.3} voxel"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The affine map from voxel index to `ct`, mm.
+#[derive(Debug, Clone, Copy)]
+struct Placement {
+    linear: Matrix3<f64>,
+    offset: Vector3<f64>,
+}
+
+impl Placement {
+    fn at(&self, index: Vector3<f64>) -> Vector3<f64> {
+        self.linear * index + self.offset
+    }
+
+    fn spacing_mm(&self) -> Vector3<f64> {
+        Vector3::from_fn(|a, _| self.linear.column(a).norm())
+    }
+
+    /// Largest distance between the two positions of a corner of the volume, in units of this placement's smallest spacing.
+    fn corner_distance_voxels(&self, other: &Self, dims: [usize; 3]) -> f64 {
+        let corner =
+            |n: usize| Vector3::from_fn(|a, _| if n >> a & 1 == 0 { -0.5 } else { dims[a] as f64 - 0.5 });
+        let largest_mm =
+            (0..8).map(|n| (self.at(corner(n)) - other.at(corner(n))).norm()).fold(0.0, f64::max);
+        largest_mm / self.spacing_mm().min()
+    }
+}
+
+/// The grid that `header` places in `ct`. `mm_per_unit` converts the header's unit of length.
+///
+/// # Errors
+/// A [`NiftiProblem`] for each refusal that the module describes.
+pub(crate) fn grid_from_header(
+    header: &NiftiHeader,
+    dims: [usize; 3],
+    mm_per_unit: f64,
+    choice: AffineChoice,
+) -> Result<(Grid<Ct>, AffineReport), NiftiProblem> {
+    let (sform_code, qform_code) = (header.sform_code, header.qform_code);
+    let source = chosen(choice, sform_code, qform_code)?;
+    let placement = match source {
+        AffineSource::Sform => sform(header, mm_per_unit)?,
+        AffineSource::Qform => qform(header, mm_per_unit, None)?,
+    };
+    let (spacing_mm, axes, shear_rad) = straighten(&placement, dims, source)?;
+
+    let other = match source {
+        AffineSource::Sform if qform_code > 0 => Some(qform(header, mm_per_unit, Some(real_part(&axes)))),
+        AffineSource::Qform if sform_code > 0 => Some(sform(header, mm_per_unit)),
+        _ => None,
+    };
+    let other = match choice {
+        AffineChoice::Auto => other.transpose()?,
+        // the case chose one transform, so an error in the other one does not matter
+        _ => other.and_then(Result::ok),
+    };
+    let disagreement_voxels = other.map(|other| placement.corner_distance_voxels(&other, dims));
+    if let (AffineChoice::Auto, Some(voxels)) = (choice, disagreement_voxels)
+        && voxels > DISAGREEMENT_LIMIT_VOXELS
+    {
+        let limit = DISAGREEMENT_LIMIT_VOXELS;
+        return Err(NiftiProblem::Disagreement { sform_code, qform_code, voxels, limit });
+    }
+    let grid = Grid::new(dims, spacing_mm, axes, placement.offset)?;
+    Ok((grid, AffineReport { source, sform_code, qform_code, disagreement_voxels, shear_rad }))
+}
+
+fn chosen(choice: AffineChoice, sform_code: i16, qform_code: i16) -> Result<AffineSource, NiftiProblem> {
+    let set = |wanted, code| match code {
+        1.. => Ok(wanted),
+        _ => Err(NiftiProblem::TransformUnset { wanted, sform_code, qform_code }),
+    };
+    match choice {
+        AffineChoice::Sform => set(AffineSource::Sform, sform_code),
+        AffineChoice::Qform => set(AffineSource::Qform, qform_code),
+        AffineChoice::Auto if sform_code > 0 => Ok(AffineSource::Sform),
+        AffineChoice::Auto if qform_code > 0 => Ok(AffineSource::Qform),
+        AffineChoice::Auto => Err(NiftiProblem::NoTransform),
+    }
+}
+
+fn sform(header: &NiftiHeader, mm_per_unit: f64) -> Result<Placement, NiftiProblem> {
+    let rows = [header.srow_x, header.srow_y, header.srow_z];
+    if rows.iter().flatten().any(|v| !v.is_finite()) {
+        return Err(NiftiProblem::AffineNotFinite { which: AffineSource::Sform });
+    }
+    Ok(Placement {
+        linear: Matrix3::from_fn(|r, c| f64::from(rows[r][c]) * mm_per_unit),
+        offset: Vector3::from_fn(|r, _| f64::from(rows[r][3]) * mm_per_unit),
+    })
+}
+
+/// The real part a ≥ 0 of the quaternion of a grid's axes; the third axis is reversed first if they are mirrored.
+fn real_part(axes: &Matrix3<f64>) -> f64 {
+    let mut turn = *axes;
+    turn.set_column(2, &(axes.column(2) * axes.determinant().signum()));
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turn)).w.abs()
+}
+
+/// The standard's "method 2": R(quaternion) · diag(pixdim) with the third axis times qfac. b, c and d are rounded, so a
+/// is known only within a range; if `real_part` is given, the value of that range nearest to it is taken.
+fn qform(header: &NiftiHeader, mm_per_unit: f64, real_part: Option<f64>) -> Result<Placement, NiftiProblem> {
+    let vector = Vector3::new(header.quatern_b, header.quatern_c, header.quatern_d).map(f64::from);
+    let offset = Vector3::new(header.quatern_x, header.quatern_y, header.quatern_z).map(f64::from);
+    let pixdim: [f32; 3] = std::array::from_fn(|a| header.pixdim[a + 1]);
+    let size = Vector3::from(pixdim).map(f64::from);
+    if !vector.iter().chain(&offset).chain(&size).all(|v| v.is_finite()) || header.pixdim[0].is_nan() {
+        return Err(NiftiProblem::AffineNotFinite { which: AffineSource::Qform });
+    }
+    let square = vector.norm_squared();
+    // b, c, d are rounded to single precision, so the sum may exceed 1 for a half turn
+    if square > 1.0 + 1e-5 || size.min() <= 0.0 {
+        return Err(NiftiProblem::Qform { quaternion_square: square, pixdim });
+    }
+    let root = |rounding: f64| (1.0 - square + rounding).max(0.0).sqrt();
+    let real =
+        real_part.map_or(root(0.0), |a| a.clamp(root(-QUATERNION_ROUNDING), root(QUATERNION_ROUNDING)));
+    let quaternion = Quaternion::from_parts(real, vector);
+    let rotation = UnitQuaternion::from_quaternion(quaternion).to_rotation_matrix();
+    // qfac 0 means +1
+    let qfac = if header.pixdim[0] < 0.0 { -1.0 } else { 1.0 };
+    let scale = Vector3::new(size.x, size.y, size.z * qfac) * mm_per_unit;
+    Ok(Placement {
+        linear: rotation.into_inner() * Matrix3::from_diagonal(&scale),
+        offset: offset * mm_per_unit,
+    })
+}
+
+/// Spacing, the nearest orthonormal axes, and the shear that was removed, rad.
+fn straighten(
+    placement: &Placement,
+    dims: [usize; 3],
+    which: AffineSource,
+) -> Result<(Vector3<f64>, Matrix3<f64>, f64), NiftiProblem> {
+    let spacing_mm = placement.spacing_mm();
+    let relative_volume = (placement.linear.determinant() / spacing_mm.product()).abs();
+    // it is NaN when an axis has length 0
+    if relative_volume.is_nan() || relative_volume < SINGULAR {
+        return Err(NiftiProblem::AffineSingular { which, relative_volume: relative_volume.max(0.0) });
+    }
+    let range_mm = SPACING_RANGE_MM;
+    if spacing_mm.min() < range_mm[0] || spacing_mm.max() > range_mm[1] {
+        return Err(NiftiProblem::Spacing { which, spacing_mm: spacing_mm.into(), range_mm });
+    }
+    let unit = Matrix3::from_fn(|r, c| placement.linear[(r, c)] / spacing_mm[c]);
+    let off_rad = [(0, 1), (0, 2), (1, 2)]
+        .map(|(a, b)| unit.column(a).dot(&unit.column(b)).abs().min(1.0).asin())
+        .into_iter()
+        .fold(0.0, f64::max);
+    let axes = nearest_orthonormal(unit);
+    let straight = Placement { linear: axes * Matrix3::from_diagonal(&spacing_mm), offset: placement.offset };
+    let off_voxels = placement.corner_distance_voxels(&straight, dims);
+    if off_rad > SHEAR_LIMIT_RAD || off_voxels > DISAGREEMENT_LIMIT_VOXELS {
+        return Err(NiftiProblem::Shear { which, off_rad, limit_rad: SHEAR_LIMIT_RAD, off_voxels });
+    }
+    Ok((spacing_mm, axes, off_rad))
+}
+
+/// The orthogonal polar factor of a matrix that is nearly orthonormal, by Newton's iteration, which converges
+/// quadratically. A mirrored matrix stays mirrored.
+fn nearest_orthonormal(matrix: Matrix3<f64>) -> Matrix3<f64> {
+    let mut m = matrix;
+    for _ in 0..12 {
+        let Some(inverse) = m.try_inverse() else { break };
+        m = (m + inverse.transpose()) * 0.5;
+    }
+    m
+}

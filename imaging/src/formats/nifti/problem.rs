@@ -1,0 +1,264 @@
+//! What is wrong with an image file, each with the field, its value and what was expected.
+
+use std::io;
+
+use bonemill_geometry::GridError;
+use thiserror::Error;
+
+use super::affine::AffineSource;
+
+/// Why a file cannot be used as an image for planning.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum NiftiProblem {
+    /// The system cannot open or read the file.
+    #[error("cannot be read: {0}")]
+    Unreadable(io::Error),
+    /// The file ends inside the header.
+    #[error("ends after {found_bytes} bytes; expected a NIfTI-1 header of 348 bytes")]
+    NoHeader {
+        /// Bytes in the file, decompressed.
+        found_bytes: usize,
+    },
+    /// The header's size field is that of no NIfTI file.
+    #[error("is not NIfTI-1: the header's first number is {sizeof_hdr}, expected 348")]
+    NotNifti {
+        /// The field, little endian.
+        sizeof_hdr: i32,
+    },
+    /// A NIfTI-2 file.
+    #[error(
+        "is NIfTI-2; expected NIfTI-1 (save it from 3D Slicer as .nii.gz, or convert it with nibabel's Nifti1Image.from_image)"
+    )]
+    Nifti2,
+    /// The magic is wrong.
+    #[error("is not NIfTI-1: magic {:?}, expected \"n+1\\0\"", String::from_utf8_lossy(found))]
+    Magic {
+        /// The four bytes.
+        found: [u8; 4],
+    },
+    /// The file is the header of a two-file image.
+    #[error("is the header of a .hdr/.img pair; expected a single .nii or .nii.gz file")]
+    Pair,
+    /// The dimensions make no volume.
+    #[error("dim {dim:?}: expected 1 to 7 dimensions (first number), each at least 1")]
+    Dims {
+        /// `dim` as stored.
+        dim: [i16; 8],
+    },
+    /// More than one volume.
+    #[error("dim {dim:?}: {volumes} volumes in one file; expected one (cut out the one to plan on)")]
+    Volumes {
+        /// `dim` as stored.
+        dim: [i16; 8],
+        /// Product of the dimensions past the third.
+        volumes: u64,
+    },
+    /// The number of voxels is past the reader's limit.
+    #[error("dims {dims:?} are {voxels} voxels; expected at most {limit} (crop or resample the scan)")]
+    TooLarge {
+        /// Voxels along i, j, k.
+        dims: [usize; 3],
+        /// Their product.
+        voxels: u64,
+        /// The limit.
+        limit: u64,
+    },
+    /// A voxel's type is not a single number.
+    #[error("voxel type {code} ({name}); expected an integer or float of 8 to 64 bits")]
+    VoxelType {
+        /// `datatype` as stored.
+        code: i16,
+        /// Its name.
+        name: &'static str,
+    },
+    /// `bitpix` contradicts `datatype`.
+    #[error("bitpix {bitpix} contradicts voxel type {code}, which has {expected} bits")]
+    Bits {
+        /// `bitpix` as stored.
+        bitpix: i16,
+        /// `datatype` as stored.
+        code: i16,
+        /// Bits of that type.
+        expected: usize,
+    },
+    /// `vox_offset` is not a position behind the header.
+    #[error("vox_offset {vox_offset}: expected a whole number of bytes, at least 352")]
+    VoxOffset {
+        /// The field.
+        vox_offset: f32,
+    },
+    /// Slope or intercept are not finite.
+    #[error("scl_slope {slope}, scl_inter {inter}: expected finite numbers (slope 0: no scaling)")]
+    Scaling {
+        /// `scl_slope`.
+        slope: f32,
+        /// `scl_inter`.
+        inter: f32,
+    },
+    /// The standard does not define this unit of length.
+    #[error("unit of length {code} in xyzt_units; expected 0 (unknown: mm), 1 (m), 2 (mm) or 3 (µm)")]
+    Units {
+        /// The three bits of the field.
+        code: u8,
+    },
+    /// The file cannot hold what its header announces.
+    #[error(
+        "dims {dims:?} need {expected_bytes} bytes, but the file's {file_bytes} bytes can hold at most \
+         {at_most_bytes}: truncated, or the header is wrong"
+    )]
+    FileTooSmall {
+        /// Voxels along i, j, k.
+        dims: [usize; 3],
+        /// Bytes announced, header included.
+        expected_bytes: u64,
+        /// Bytes in the file.
+        file_bytes: u64,
+        /// The most bytes that they can hold, decompressed.
+        at_most_bytes: u64,
+    },
+    /// The file ends before the last voxel.
+    #[error(
+        "ends after {found_bytes} bytes of voxels, expected {expected_bytes}: truncated, or dims are wrong"
+    )]
+    Truncated {
+        /// Bytes of voxels announced.
+        expected_bytes: u64,
+        /// Bytes of voxels found.
+        found_bytes: u64,
+    },
+    /// The compressed stream is damaged.
+    #[error("gzip stream is damaged or cut off: {0}")]
+    Corrupt(io::Error),
+    /// The file goes on after the last voxel.
+    #[error("{surplus_bytes} bytes or more after the last voxel: dims, voxel type or vox_offset are wrong")]
+    Surplus {
+        /// Bytes found there before reading stopped.
+        surplus_bytes: u64,
+    },
+    /// The memory for the voxels cannot be allocated.
+    #[error("{bytes} bytes of memory for the voxels cannot be had")]
+    Memory {
+        /// Bytes requested.
+        bytes: u64,
+    },
+    /// The header does not say where the voxels lie.
+    #[error(
+        "has neither sform nor qform (both codes are 0), so left and right are unknown; pixdim alone is not \
+         used. Expected a header with orientation: write one from the original scan"
+    )]
+    NoTransform,
+    /// The transform that the case asks for is not set.
+    #[error("the case asks for the {wanted}, whose code is 0 (sform {sform_code}, qform {qform_code})")]
+    TransformUnset {
+        /// The transform that was requested.
+        wanted: AffineSource,
+        /// `sform_code`.
+        sform_code: i16,
+        /// `qform_code`.
+        qform_code: i16,
+    },
+    /// A transform holds NaN or infinity.
+    #[error("the {which} holds a value that is not finite")]
+    AffineNotFinite {
+        /// Of sform or qform.
+        which: AffineSource,
+    },
+    /// The qform's quaternion or voxel sizes are impossible.
+    #[error(
+        "the qform is impossible: b² + c² + d² = {quaternion_square} (at most 1), pixdim {pixdim:?} (above 0)"
+    )]
+    Qform {
+        /// b² + c² + d².
+        quaternion_square: f64,
+        /// `pixdim[1..=3]`.
+        pixdim: [f32; 3],
+    },
+    /// The axes do not span space.
+    #[error(
+        "the {which} is singular: its axes span a volume of {relative_volume:.2e} of a box's, expected 1"
+    )]
+    AffineSingular {
+        /// Of sform or qform.
+        which: AffineSource,
+        /// |det| divided by the product of the axes' lengths.
+        relative_volume: f64,
+    },
+    /// The axes are not perpendicular.
+    #[error(
+        "the {which} has shear: axes off the right angle by {off_rad:.2e} rad (limit {limit_rad:.0e}), \
+         {off_voxels:.2} voxels at the far corner (limit 0.1). Resample the scan to a straight grid"
+    )]
+    Shear {
+        /// Of sform or qform.
+        which: AffineSource,
+        /// Largest deviation from 90°, rad.
+        off_rad: f64,
+        /// The limit, rad.
+        limit_rad: f64,
+        /// Displacement of the far corner when the nearest grid with perpendicular axes is used, voxels.
+        off_voxels: f64,
+    },
+    /// The voxels have an impossible size.
+    #[error("voxels of {spacing_mm:?} mm by the {which}; expected {} to {} mm: wrong unit?", range_mm[0], range_mm[1])]
+    Spacing {
+        /// Of sform or qform.
+        which: AffineSource,
+        /// Spacing along i, j, k, mm.
+        spacing_mm: [f64; 3],
+        /// Smallest and largest accepted spacing, mm.
+        range_mm: [f64; 2],
+    },
+    /// sform and qform place the volume differently.
+    #[error(
+        "sform (code {sform_code}) and qform (code {qform_code}) differ by {voxels:.3} voxels at a corner, \
+         limit {limit}: say in the case which one holds"
+    )]
+    Disagreement {
+        /// `sform_code`.
+        sform_code: i16,
+        /// `qform_code`.
+        qform_code: i16,
+        /// Largest distance between a corner's two positions, in units of the smallest voxel spacing.
+        voxels: f64,
+        /// The limit.
+        limit: f64,
+    },
+    /// The grid itself is impossible.
+    #[error(transparent)]
+    Grid(#[from] GridError),
+    /// Grey values are not finite, or too large for single precision.
+    #[error("voxel {first:?} is {value}, and {count} voxels in all are not finite numbers")]
+    VoxelsNotFinite {
+        /// The first one, (i, j, k).
+        first: [usize; 3],
+        /// Its value.
+        value: f64,
+        /// How many.
+        count: u64,
+    },
+    /// Labels are not whole numbers, or out of range.
+    #[error(
+        "voxel {first:?} is {value}, and {count} voxels in all are no label; expected whole numbers 0 to 65535"
+    )]
+    NotLabels {
+        /// The first one, (i, j, k).
+        first: [usize; 3],
+        /// Its value after scaling.
+        value: f64,
+        /// How many.
+        count: u64,
+    },
+}
+
+impl From<io::Error> for NiftiProblem {
+    fn from(error: io::Error) -> Self {
+        // what a decoder finds wrong with its input; a disk has other words
+        match error.kind() {
+            io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => {
+                Self::Corrupt(error)
+            }
+            _ => Self::Unreadable(error),
+        }
+    }
+}

@@ -1,0 +1,299 @@
+//! The whole: from the part in its block to moves, with what stays, what holds the part, and how long it takes.
+//!
+//! Side A is roughed and finished from the front, side B from the back after half a turn, side C cuts the strip along the outline and then finishes what
+//! the strip had covered of the rim, from the back and, where the rim slopes the other way, from the front.
+
+use bonemill_geometry::{Block as BlockFrame, Mesh};
+
+use crate::MachiningError;
+use crate::envelope::{Envelope, Facet};
+use crate::job::Job;
+use crate::leftover::{self, Leftover, Reason};
+use crate::moves::{Facing, Move, Side};
+use crate::passes::Passes;
+use crate::raster::Raster;
+use crate::sides::{Part, Sight};
+use crate::silhouette::Silhouette;
+use crate::stock::Stock;
+use crate::strip::StripStrength;
+use crate::time::{Times, times};
+
+/// Cells across the tool, at least; and the largest cell, mm.
+const CELLS_ACROSS: f64 = 24.0;
+const LARGEST_CELL_MM: f64 = 0.12;
+
+/// The moves and what is to be known of them.
+#[derive(Debug, Clone)]
+pub struct Machining {
+    /// Moves in their order; the first leads from anywhere to above the block.
+    pub moves: Vec<Move>,
+    /// Stock that stays beside the part.
+    pub left: Vec<Leftover>,
+    /// What holds the part.
+    pub strip: StripStrength,
+    /// The box around the tab, in which stock shall stay on the part: lowest and highest corner, block's frame, mm.
+    pub tab_box: [nalgebra::Vector3<f64>; 2],
+    /// How long it takes.
+    pub times: Times,
+    /// What the user must know.
+    pub warnings: Vec<Warning>,
+}
+
+/// What the user must know.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Warning {
+    /// An axis would leave its travel.
+    Travel {
+        /// X, Y or Z of the machine.
+        axis: char,
+        /// What the moves span, mm.
+        needed_mm: f64,
+        /// What there is, mm.
+        travel_mm: f64,
+    },
+    /// The feed of the process is above the machine's.
+    Feed {
+        /// Of the process, mm/min.
+        wanted_mm_min: f64,
+        /// Of the machine, mm/min.
+        most_mm_min: f64,
+    },
+    /// It takes longer than there is time.
+    Time {
+        /// What it takes, min.
+        takes_min: f64,
+        /// What there is, min.
+        most_min: f64,
+        /// The feed per tooth that would meet it with all else the same, mm; `None` where the machine's feed does not allow it.
+        feed_per_tooth_mm: Option<f64>,
+        /// The finishing step that would about meet it with all else the same, mm; `None` where roughing alone takes longer.
+        finishing_step_mm: Option<f64>,
+    },
+    /// The tab or the strip is weaker than twice the cutting force.
+    Strip {
+        /// Shear force that the tab bears, over the cutting force.
+        factor: f64,
+    },
+}
+
+impl std::fmt::Display for Warning {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Travel { axis, needed_mm, travel_mm } => {
+                write!(f, "{axis} needs {needed_mm:.1} mm of travel, the machine has {travel_mm:.1} mm")
+            }
+            Self::Feed { wanted_mm_min, most_mm_min } => {
+                write!(
+                    f,
+                    "the process asks for a feed of {wanted_mm_min:.0} mm/min, the machine drives {most_mm_min:.0} mm/min"
+                )
+            }
+            Self::Time { takes_min, most_min, feed_per_tooth_mm, finishing_step_mm } => {
+                write!(f, "machining takes {takes_min:.1} min, but there are {most_min:.1} min")?;
+                if let Some(feed) = feed_per_tooth_mm {
+                    write!(f, "; process.feed_per_tooth_mm = {feed:.4} would meet it")?;
+                }
+                if let Some(step) = finishing_step_mm {
+                    write!(f, "; process.finishing_step_mm = {step:.2} would about meet it")?;
+                }
+                Ok(())
+            }
+            Self::Strip { factor } => {
+                write!(
+                    f,
+                    "the tab that holds the part at the end bears {factor:.1} times the cutting force, expected at least 2"
+                )
+            }
+        }
+    }
+}
+
+/// Plans how a part is milled from its block.
+///
+/// `part` is a closed mesh, oriented outwards, in the block's frame.
+///
+/// # Errors
+/// [`MachiningError`] where a number is out of range, the mesh names a vertex that is not there, or part and channel do not lie in the block above
+/// the grip. What the cutter cannot reach is no error but [`Machining::left`].
+pub fn plan(part: &Mesh<BlockFrame>, job: &Job) -> Result<Machining, MachiningError> {
+    job.checked()?;
+    let front = facets(part, Facing::Front)?;
+    let back = facets(part, Facing::Back)?;
+    let part = Part::new(&front, job)?;
+    let mut laid = Laid { moves: vec![], at: None };
+    let mut left = leftover::places(
+        &part.raster,
+        &part.envelope.hidden_mm,
+        &part.envelope.top,
+        Facing::Front,
+        Reason::Hidden,
+    );
+    let (a, b) = (Sight::new(&part, job, &front, Facing::Front), Sight::new(&part, job, &back, Facing::Back));
+    left.extend(
+        a.too_narrow(&part)
+            .into_iter()
+            .chain(b.too_narrow(&part))
+            .chain(a.too_deep(&part))
+            .chain(b.too_deep(&part)),
+    );
+
+    let block = Stock::block(&part.raster, &job.block, &job.tool, Facing::Front);
+    let stock = laid.lay(job, Facing::Front, Side::A, block, |passes| a.rough_and_finish(&part, passes));
+    let stock =
+        laid.lay(job, Facing::Back, Side::B, stock.turned(), |passes| b.rough_and_finish(&part, passes));
+    let stock = laid.lay(job, Facing::Back, Side::C, stock, |passes| {
+        b.contour(&part, passes);
+        b.rim(&part, passes);
+    });
+    laid.lay(job, Facing::Front, Side::C, stock.turned(), |passes| a.rim(&part, passes));
+
+    let mut moves = laid.moves;
+    let times = times(&mut moves, job);
+    let strip = part.strip.strength(job);
+    let warnings = warnings(&moves, &times, &strip, job);
+    Ok(Machining { moves, left, strip, tab_box: part.tab_box(job), times, warnings })
+}
+
+/// Moves so far, and where the tip is in the machine's axes.
+struct Laid {
+    moves: Vec<Move>,
+    at: Option<[f64; 3]>,
+}
+
+impl Laid {
+    fn lay(
+        &mut self,
+        job: &Job,
+        facing: Facing,
+        side: Side,
+        stock: Stock,
+        work: impl FnOnce(&mut Passes<'_>),
+    ) -> Stock {
+        let mut passes = Passes::new(job, facing, side, stock, self.at);
+        work(&mut passes);
+        let (moves, at, stock) = passes.finished();
+        self.at = at;
+        self.moves.extend(moves);
+        stock
+    }
+}
+
+/// The mesh's facets as a side sees them.
+fn facets(part: &Mesh<BlockFrame>, facing: Facing) -> Result<Vec<Facet>, MachiningError> {
+    let corner = |n: u32| {
+        let p = part.vertices.get(n as usize).filter(|p| p.is_finite())?;
+        Some(facing.from_block(&p.coords))
+    };
+    let facet = |(facet, t): (usize, &[u32; 3])| {
+        let [a, b, c] = t.map(corner);
+        let all = a.zip(b).zip(c).map(|((a, b), c)| [a, b, c]);
+        all.ok_or(MachiningError::Mesh { facet, expected: "three vertices with finite coordinates" })
+    };
+    if part.triangles.is_empty() {
+        return Err(MachiningError::Mesh { facet: 0, expected: "at least one facet" });
+    }
+    part.triangles.iter().enumerate().map(facet).collect()
+}
+
+impl Part {
+    fn new(front: &[Facet], job: &Job) -> Result<Self, MachiningError> {
+        let silhouette = Silhouette::of(front);
+        let reach = 2.0 * job.tool.diameter_mm() + 1.0;
+        let all = || front.iter().flatten();
+        let low = all().map(|p| p.x).fold(f64::INFINITY, f64::min);
+        let high = all().map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
+        let v_mm = all().map(|p| p.y.abs()).fold(0.0, f64::max);
+        lies_within(front, job)?;
+        let pitch = (job.tool.diameter_mm() / CELLS_ACROSS).min(LARGEST_CELL_MM);
+        let raster = Raster::over(low - reach, high + reach, v_mm + reach, pitch)?;
+        let envelope = Envelope::of(&raster, front);
+        Ok(Self::with(raster, envelope, silhouette, job))
+    }
+}
+
+/// The part in the block; the channel around it above the grip.
+fn lies_within(front: &[Facet], job: &Job) -> Result<(), MachiningError> {
+    let block = &job.block;
+    for p in front.iter().flatten() {
+        let p = Facing::Front.to_block(p);
+        for (n, axis) in ['x', 'y', 'z'].into_iter().enumerate() {
+            let over = if p[n] < block.low_mm[n] {
+                Some(block.low_mm[n])
+            } else if p[n] > block.high_mm[n] {
+                Some(block.high_mm[n])
+            } else {
+                None
+            };
+            if let Some(limit_mm) = over {
+                return Err(MachiningError::Outside {
+                    what: "the part",
+                    axis,
+                    at_mm: p[n],
+                    of: "the block",
+                    limit_mm,
+                });
+            }
+        }
+    }
+    let lowest = front.iter().flatten().map(|p| Facing::Front.to_block(p).z).fold(f64::INFINITY, f64::min);
+    let (at_mm, limit_mm) = (lowest - job.tool.diameter_mm() - 0.6, block.low_mm.z + block.grip_mm);
+    if at_mm < limit_mm {
+        return Err(MachiningError::Outside {
+            what: "the channel below the part",
+            axis: 'z',
+            at_mm,
+            of: "the zone above the grip",
+            limit_mm,
+        });
+    }
+    Ok(())
+}
+
+fn warnings(moves: &[Move], times: &Times, strip: &StripStrength, job: &Job) -> Vec<Warning> {
+    let mut warnings = Vec::new();
+    for (n, axis) in ['X', 'Y', 'Z'].into_iter().enumerate() {
+        let at = |m: &Move| Facing::of(m.a_rad).from_block(&m.tip_mm)[n];
+        let span = |pick: fn(f64, f64) -> f64, start: f64| moves.iter().map(at).fold(start, pick);
+        let needed_mm = span(f64::max, f64::NEG_INFINITY) - span(f64::min, f64::INFINITY);
+        let travel_mm = job.machine.travel_mm[n];
+        if needed_mm > travel_mm {
+            warnings.push(Warning::Travel { axis, needed_mm, travel_mm });
+        }
+    }
+    let wanted_mm_min = job.process.feed_mm_min(&job.tool);
+    if wanted_mm_min > job.machine.max_feed_mm_min {
+        warnings.push(Warning::Feed { wanted_mm_min, most_mm_min: job.machine.max_feed_mm_min });
+    }
+    warnings.extend(too_long(moves, times, job));
+    if strip.tab_factor < 2.0 {
+        warnings.push(Warning::Strip { factor: strip.tab_factor });
+    }
+    warnings
+}
+
+/// What would meet the time that there is: the feed scales what is cut, the finishing step what is finished.
+fn too_long(moves: &[Move], times: &Times, job: &Job) -> Option<Warning> {
+    let most_s = job.machine.max_time_min? * 60.0;
+    if times.limited_s <= most_s {
+        return None;
+    }
+    let other_s = times.limited_s - times.cutting_s;
+    let faster = times.cutting_s / (most_s - other_s);
+    let feed = job.process.feed_per_tooth_mm * faster;
+    let possible = faster > 0.0 && job.feed_mm_min() * faster <= job.machine.max_feed_mm_min;
+    let mut before_s = 0.0;
+    let mut finishing_s = 0.0;
+    for step in moves {
+        if step.kind == crate::Kind::Finish {
+            finishing_s += step.time_s - before_s;
+        }
+        before_s = step.time_s;
+    }
+    let share = (most_s - (times.limited_s - finishing_s)) / finishing_s;
+    Some(Warning::Time {
+        takes_min: times.limited_s / 60.0,
+        most_min: most_s / 60.0,
+        feed_per_tooth_mm: possible.then_some(feed),
+        finishing_step_mm: (share > 0.05).then(|| job.process.finishing_step_mm / share),
+    })
+}

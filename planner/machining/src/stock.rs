@@ -1,0 +1,152 @@
+//! What is left of the block, as heights by side, while the moves are laid.
+//!
+//! Both sides cut along one axis, so the stock over a cell is one interval: from the surface that the other side left to the one that this side leaves.
+//! The stock says which part of a pass takes anything, how wide a cut would be, and how high the tip must be to pass freely.
+
+use crate::Tool;
+use crate::job::Block;
+use crate::moves::Facing;
+use crate::raster::{NONE, Raster};
+
+/// Thinner stock than this is taken for none, mm.
+const LEAST_MM: f64 = 0.01;
+
+/// Stock as one side sees it.
+#[derive(Debug, Clone)]
+pub struct Stock {
+    raster: Raster,
+    tool: Tool,
+    /// Surface of this side, mm; `NONE` beside the block.
+    pub top: Vec<f64>,
+    /// Surface of the other side, as a height of this one, mm.
+    pub other: Vec<f64>,
+}
+
+/// A place of the tip: u, v, w, mm.
+pub type Place = [f64; 3];
+
+impl Stock {
+    /// The whole block.
+    pub fn block(raster: &Raster, block: &Block, tool: &Tool, facing: Facing) -> Self {
+        let (a, b) = (facing.from_block(&block.low_mm), facing.from_block(&block.high_mm));
+        let (low, high) = (a.inf(&b), a.sup(&b));
+        let inside = |cell: usize| {
+            let [u, v] = raster.centre_of(cell);
+            u >= low.x && u <= high.x && v >= low.y && v <= high.y
+        };
+        let top = (0..raster.len()).map(|cell| if inside(cell) { high.z } else { NONE }).collect();
+        Self { raster: *raster, tool: tool.clone(), top, other: raster.filled(low.z) }
+    }
+
+    /// Side of a cell, mm.
+    pub fn pitch_mm(&self) -> f64 {
+        self.raster.pitch_mm
+    }
+
+    /// The same stock seen from the other side.
+    pub fn turned(&self) -> Self {
+        let other_way = |map: &[f64]| self.raster.turned(&map.iter().map(|w| -w).collect::<Vec<_>>());
+        let gone = self
+            .top
+            .iter()
+            .zip(&self.other)
+            .map(|(top, other)| if top > other { *other } else { f64::INFINITY });
+        Self {
+            raster: self.raster,
+            tool: self.tool.clone(),
+            top: other_way(&gone.collect::<Vec<_>>()),
+            other: other_way(&self.top),
+        }
+    }
+
+    /// Visits the cells under a tool wider by `grown_mm` at a place: cell, height of the tool's surface there.
+    fn under(&self, [u, v, w]: Place, grown_mm: f64, mut visit: impl FnMut(usize, f64)) {
+        let radius = self.tool.radius_mm + grown_mm;
+        for j in self.raster.span(1, v - radius, v + radius) {
+            let dv = self.raster.centre(0, j)[1] - v;
+            let half = (radius * radius - dv * dv).max(0.0).sqrt();
+            for i in self.raster.span(0, u - half, u + half) {
+                let surface = if self.tool.corner_radius_mm == 0.0 {
+                    w
+                } else {
+                    let du = self.raster.centre(i, 0)[0] - u;
+                    w + self
+                        .tool
+                        .profile_mm((du.hypot(dv) - grown_mm).clamp(0.0, self.tool.radius_mm))
+                        .unwrap_or(0.0)
+                };
+                visit(i + self.raster.dims[0] * j, surface);
+            }
+        }
+    }
+
+    /// Thickness that a surface at `w_mm` takes from a cell, mm.
+    fn taken(&self, cell: usize, w_mm: f64) -> f64 {
+        self.top[cell] - w_mm.max(self.other[cell])
+    }
+
+    /// Whether the tool at a place, wider by `grown_mm`, would take anything from cells that `counts` holds for.
+    pub fn meets(&self, at: Place, grown_mm: f64, counts: &[bool]) -> bool {
+        let mut met = false;
+        self.under(at, grown_mm, |cell, w| met |= counts[cell] && self.taken(cell, w) > LEAST_MM);
+        met
+    }
+
+    /// Width, across `direction`, of the stock before the tool that is thicker than `deeper_mm`, mm.
+    pub fn width_mm(&self, at: Place, direction: [f64; 2], deeper_mm: f64) -> f64 {
+        let (mut low, mut high) = (f64::INFINITY, NONE);
+        self.under(at, 0.0, |cell, w| {
+            let [u, v] = self.raster.centre_of(cell);
+            let (du, dv) = (u - at[0], v - at[1]);
+            if du * direction[0] + dv * direction[1] > 0.0 && self.taken(cell, w) > deeper_mm {
+                let across = dv * direction[0] - du * direction[1];
+                (low, high) = (low.min(across), high.max(across));
+            }
+        });
+        (high - low + self.raster.pitch_mm).max(0.0)
+    }
+
+    /// Takes away what is above the tool at a place.
+    pub fn cut(&mut self, at: Place) {
+        let mut top = std::mem::take(&mut self.top);
+        self.under(at, 0.0, |cell, w| top[cell] = top[cell].min(w));
+        self.top = top;
+    }
+
+    /// Cuts along a straight move, at steps of half a cell.
+    pub fn cut_line(&mut self, from: Place, to: Place) {
+        for at in steps(from, to, self.raster.pitch_mm) {
+            self.cut(at);
+        }
+    }
+
+    /// Lowest place of the tip at (u, v) at which a tool wider by `grown_mm` takes nothing, mm.
+    ///
+    /// Wider by a cell it is safe for stock that cell centres do not show.
+    pub fn free_mm(&self, at: [f64; 2], grown_mm: f64) -> f64 {
+        let mut free = NONE;
+        self.under([at[0], at[1], 0.0], grown_mm, |cell, f| {
+            if self.top[cell] > self.other[cell] {
+                free = free.max(self.top[cell] - f);
+            }
+        });
+        free
+    }
+
+    /// The same along a straight line, for a tool wider by a cell.
+    pub fn free_along_mm(&self, from: [f64; 2], to: [f64; 2]) -> f64 {
+        let (from, to) = ([from[0], from[1], 0.0], [to[0], to[1], 0.0]);
+        let apart = 2.0 * self.raster.pitch_mm;
+        steps(from, to, apart).map(|p| self.free_mm([p[0], p[1]], self.raster.pitch_mm)).fold(NONE, f64::max)
+    }
+}
+
+/// Places along a straight line, both ends included, at most `apart_mm` apart.
+pub fn steps(from: Place, to: Place, apart_mm: f64) -> impl Iterator<Item = Place> {
+    let length = (to[0] - from[0]).hypot(to[1] - from[1]);
+    let count = (length / apart_mm).ceil().max(1.0) as usize;
+    (0..=count).map(move |n| {
+        let part = n as f64 / count as f64;
+        std::array::from_fn(|a| from[a] + part * (to[a] - from[a]))
+    })
+}

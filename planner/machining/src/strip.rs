@@ -1,0 +1,205 @@
+//! The strip that holds the part in its block until the outline is cut: where it lies, and what it bears.
+//!
+//! The strip runs around the part at the height of its rim, as thick as one pass cuts. Where the rim is a wall it sits in the wall's
+//! middle; where the rim is an edge it sits on the side of the edge that slopes, so that the other side's surface is free of it. What it covers of
+//! the slope is finished once the strip is cut. A tab of the strip stays, at the lowest z, next to the grip.
+//! Around holes there is no strip: both sides go a little beyond the middle.
+//!
+//! **Source:** Castelli et al. 2020, section 4.1 (holding strip, residual strip at the bottom).
+
+use crate::envelope::Envelope;
+use crate::raster::Raster;
+use crate::silhouette::{Nearest, Silhouette, area_mm2, sampled};
+
+/// How far inside the outline the rim is measured, mm.
+const RIM_MM: f64 = 0.35;
+/// Overlap of the two sides in holes, mm.
+const OVERLAP_MM: f64 = 0.1;
+/// Length of outline over which the strip's height is evened out, mm.
+const EVEN_MM: f64 = 2.0;
+
+/// Specific cutting force that the strip's strength is stated for, N/mm²; assumed: upper end for plastics.
+const FORCE_N_MM2: f64 = 150.0;
+/// Shear strength that it is stated for, N/mm²; assumed: PMMA, half of a tensile strength of 60 N/mm².
+const SHEAR_N_MM2: f64 = 30.0;
+
+/// Points along the outlines, and the strip's heights there, seen from the front.
+#[derive(Debug, Clone)]
+pub struct Strip {
+    /// Points, mm.
+    pub points: Vec<[f64; 2]>,
+    /// Lower and upper side, mm.
+    pub heights: Vec<[f64; 2]>,
+    /// Length along outer outlines, mm.
+    pub length_mm: f64,
+}
+
+/// What the strip bears. Assumed: 150 N/mm² specific cutting force, 30 N/mm² shear strength.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StripStrength {
+    /// Thickness, mm.
+    pub thickness_mm: f64,
+    /// Length around the part, mm.
+    pub length_mm: f64,
+    /// Length of the tab that stays, mm.
+    pub tab_mm: f64,
+    /// Greatest cutting force: specific force × feed per tooth × depth of cut, N.
+    pub force_n: f64,
+    /// Shear force that the whole strip bears, over the cutting force.
+    pub strip_factor: f64,
+    /// The same for the tab.
+    pub tab_factor: f64,
+}
+
+impl Strip {
+    /// Along the silhouette, `thickness_mm` thick.
+    pub fn along(raster: &Raster, envelope: &Envelope, silhouette: &Silhouette, thickness_mm: f64) -> Self {
+        let mut strip = Self { points: vec![], heights: vec![], length_mm: 0.0 };
+        let step = 0.5 * raster.pitch_mm;
+        for outline in silhouette.loops() {
+            let points = sampled(outline, step);
+            let rims = points.iter().enumerate().map(|(n, p)| rim(raster, envelope, *p, inward(&points, n)));
+            let rims: Vec<Option<Rim>> = rims.collect();
+            let hole = area_mm2(outline) < 0.0;
+            let seat = |rim: &Option<Rim>| {
+                rim.as_ref().map(|rim| rim.seat(if hole { -2.0 * OVERLAP_MM } else { thickness_mm }))
+            };
+            let heights =
+                even(&filled(&rims.iter().map(seat).collect::<Vec<_>>()), (0.5 * EVEN_MM / step) as usize);
+            if !hole {
+                strip.length_mm += length_mm(outline);
+            }
+            strip.points.extend(points);
+            strip.heights.extend(heights);
+        }
+        strip
+    }
+
+    /// Upper side of the strip over the cells outside the part, seen from the front, or from the back when `turned`; `outside` elsewhere.
+    pub fn body(&self, raster: &Raster, envelope: &Envelope, nearest: &Nearest, back: bool) -> Vec<f64> {
+        let height = |cell: usize| {
+            let [low, high] = self.heights.get(nearest.point[cell] as usize).copied().unwrap_or([0.0; 2]);
+            if envelope.holds(cell) {
+                crate::raster::NONE
+            } else if back {
+                -low
+            } else {
+                high
+            }
+        };
+        let map: Vec<f64> = (0..raster.len()).map(height).collect();
+        if back { raster.turned(&map) } else { map }
+    }
+
+    /// The tab: the part of an outline nearest the grip, and its length, mm.
+    pub fn tab(&self, force_n: f64, thickness_mm: f64) -> Tab {
+        let at = self.points.iter().copied().max_by(|a, b| a[1].total_cmp(&b[1])).unwrap_or([0.0; 2]);
+        // twice the force in shear, at least 3 mm, at most a tenth of the outline
+        let length_mm = (2.0 * force_n / (SHEAR_N_MM2 * thickness_mm)).max(3.0).min(0.1 * self.length_mm);
+        Tab { at, length_mm }
+    }
+
+    /// What it bears.
+    pub fn strength(&self, job: &crate::Job) -> StripStrength {
+        let force_n = cutting_force_n(job);
+        let thickness_mm = job.process.strip_mm;
+        let tab_mm = self.tab(force_n, thickness_mm).length_mm;
+        let factor = |length: f64| length * thickness_mm * SHEAR_N_MM2 / force_n;
+        StripStrength {
+            thickness_mm,
+            length_mm: self.length_mm,
+            tab_mm,
+            force_n,
+            strip_factor: factor(self.length_mm),
+            tab_factor: factor(tab_mm),
+        }
+    }
+}
+
+/// The piece of the strip that is not cut.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tab {
+    /// Its middle, (u, v) from the front, mm.
+    pub at: [f64; 2],
+    /// Its length, mm.
+    pub length_mm: f64,
+}
+
+/// Greatest cutting force that the strip must bear, N.
+pub fn cutting_force_n(job: &crate::Job) -> f64 {
+    FORCE_N_MM2 * job.process.feed_per_tooth_mm * job.level_mm()
+}
+
+/// Heights of the part near its outline.
+struct Rim {
+    /// Lowest and highest point at `RIM_MM` inside, mm.
+    low_mm: f64,
+    high_mm: f64,
+    /// How much top and bottom change from there to twice as far, mm.
+    top_slope_mm: f64,
+    bottom_slope_mm: f64,
+}
+
+impl Rim {
+    fn seat(&self, thickness_mm: f64) -> [f64; 2] {
+        let middle = 0.5 * (self.low_mm + self.high_mm);
+        let half = 0.5 * thickness_mm;
+        if self.high_mm - self.low_mm > 1.5 * thickness_mm || thickness_mm < 0.0 {
+            [middle - half, middle + half]
+        } else if self.top_slope_mm <= self.bottom_slope_mm {
+            [self.high_mm - thickness_mm, self.high_mm]
+        } else {
+            [self.low_mm, self.low_mm + thickness_mm]
+        }
+    }
+}
+
+fn rim(raster: &Raster, envelope: &Envelope, p: [f64; 2], inward: [f64; 2]) -> Option<Rim> {
+    let at = |depth: f64| {
+        let cell = raster.cell([p[0] + depth * inward[0], p[1] + depth * inward[1]])?;
+        envelope.holds(cell).then(|| (envelope.bottom[cell], envelope.top[cell]))
+    };
+    let (low_mm, high_mm) = at(RIM_MM)?;
+    let (low2, high2) = at(2.0 * RIM_MM).unwrap_or((low_mm, high_mm));
+    Some(Rim {
+        low_mm,
+        high_mm,
+        top_slope_mm: (high2 - high_mm).abs(),
+        bottom_slope_mm: (low2 - low_mm).abs(),
+    })
+}
+
+/// Unit vector to the left of the outline's direction: into the part.
+fn inward(points: &[[f64; 2]], n: usize) -> [f64; 2] {
+    let count = points.len();
+    let (before, after) = (points[(n + count - 3 % count) % count], points[(n + 3) % count]);
+    let (du, dv) = (after[0] - before[0], after[1] - before[1]);
+    let length = du.hypot(dv).max(1e-12);
+    [-dv / length, du / length]
+}
+
+/// Missing heights from the nearest earlier one along the loop; [0, 0] where there is none at all.
+fn filled(heights: &[Option<[f64; 2]>]) -> Vec<[f64; 2]> {
+    let mut last = heights.iter().rev().find_map(|h| *h).unwrap_or([0.0; 2]);
+    let fill = |height: &Option<[f64; 2]>| {
+        last = height.unwrap_or(last);
+        last
+    };
+    heights.iter().map(fill).collect()
+}
+
+/// Mean over `reach` points to each side along the loop.
+fn even(heights: &[[f64; 2]], reach: usize) -> Vec<[f64; 2]> {
+    let count = heights.len();
+    let reach = reach.min(count.saturating_sub(1) / 2);
+    let mean = |n: usize, side: usize| {
+        let window = (0..=2 * reach).map(|k| heights[(n + count + k - reach) % count][side]);
+        window.sum::<f64>() / (2 * reach + 1) as f64
+    };
+    (0..count).map(|n| [mean(n, 0), mean(n, 1)]).collect()
+}
+
+fn length_mm(outline: &[[f64; 2]]) -> f64 {
+    let next = outline.iter().cycle().skip(1);
+    outline.iter().zip(next).map(|(a, b)| (b[0] - a[0]).hypot(b[1] - a[1])).sum()
+}

@@ -1,0 +1,1 @@
+//! Shells and small parts, from mesh to moves.

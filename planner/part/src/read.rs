@@ -1,0 +1,132 @@
+//! Mesh files to facets: STL (binary and ASCII), OBJ and PLY, each through a library.
+//!
+//! Sizes are compared with the file's length before anything is allocated from them. STL and OBJ are read in single precision,
+//! which is STL's own: 4e-6 mm at 50 mm.
+
+use std::path::Path;
+
+use super::{Facets, MOST_FACETS, PartError, ply};
+
+/// Bytes of a binary STL before the facets: header and count.
+const STL_HEADER_BYTES: usize = 84;
+/// Bytes of one facet of a binary STL.
+const STL_FACET_BYTES: usize = 50;
+/// Most bytes of a file. An ASCII facet takes some 250 bytes.
+const MOST_BYTES: usize = 256 * MOST_FACETS;
+
+/// A format of meshes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MeshFormat {
+    /// Stereolithography, binary or ASCII.
+    Stl,
+    /// Wavefront.
+    Obj,
+    /// Polygon file format (Stanford).
+    Ply,
+}
+
+impl MeshFormat {
+    /// By a file's ending, in either case.
+    pub fn of(path: &Path) -> Option<Self> {
+        match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
+            "stl" => Some(Self::Stl),
+            "obj" => Some(Self::Obj),
+            "ply" => Some(Self::Ply),
+            _ => None,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Stl => "STL",
+            Self::Obj => "OBJ",
+            Self::Ply => "PLY",
+        }
+    }
+
+    /// An error of this format.
+    pub(crate) fn error(self, problem: impl ToString) -> PartError {
+        PartError::Format { format: self.name(), problem: problem.to_string().replace('\n', " ") }
+    }
+}
+
+/// The facets of a file.
+///
+/// # Errors
+/// [`PartError::Io`], [`PartError::UnknownFormat`], and those of [`parse_facets`].
+pub fn read_facets(path: &Path) -> Result<Facets, PartError> {
+    let format = MeshFormat::of(path).ok_or_else(|| PartError::UnknownFormat { path: path.into() })?;
+    let bytes = std::fs::read(path).map_err(|source| PartError::Io { path: path.into(), source })?;
+    parse_facets(&bytes, format)
+}
+
+/// The facets in a file's bytes.
+///
+/// # Errors
+/// [`PartError::Format`] and [`PartError::Count`] for bytes that are not of the format, [`PartError::TooManyFacets`],
+/// [`PartError::Empty`], [`PartError::NoSuchVertex`] and [`PartError::Coordinate`] for facets that are none.
+pub fn parse_facets(bytes: &[u8], format: MeshFormat) -> Result<Facets, PartError> {
+    if bytes.len() > MOST_BYTES {
+        return Err(PartError::TooManyFacets { found: bytes.len() / STL_FACET_BYTES, most: MOST_FACETS });
+    }
+    let facets = match format {
+        MeshFormat::Stl => {
+            check_stl_count(bytes)?;
+            joined(mesh_loader::stl::from_slice(bytes), format)?
+        }
+        // materials are of no use, so no other file is opened
+        MeshFormat::Obj => joined(
+            mesh_loader::obj::from_slice(bytes, None, |_| {
+                Err::<Vec<u8>, _>(std::io::ErrorKind::Unsupported.into())
+            }),
+            format,
+        )?,
+        MeshFormat::Ply => ply::parse(bytes)?,
+    };
+    facets.check()?;
+    Ok(facets)
+}
+
+/// The meshes of a scene as one.
+fn joined(scene: std::io::Result<mesh_loader::Scene>, format: MeshFormat) -> Result<Facets, PartError> {
+    let scene = scene.map_err(|e| format.error(e))?;
+    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+    for mesh in scene.meshes {
+        let first = u32::try_from(vertices.len()).map_err(|_| format.error("too many vertices"))?;
+        let shifted = |v: u32| v.checked_add(first);
+        for (facet, face) in mesh.faces.iter().enumerate() {
+            let [Some(a), Some(b), Some(c)] = face.map(shifted) else {
+                return Err(PartError::NoSuchVertex {
+                    facet,
+                    vertex: face[0].into(),
+                    count: mesh.vertices.len(),
+                });
+            };
+            triangles.push([a, b, c]);
+        }
+        vertices.extend(mesh.vertices.iter().map(|v| v.map(f64::from)));
+    }
+    Ok(Facets::new(vertices, triangles))
+}
+
+/// Refuses a binary STL that was cut short between two facets, which its size alone does not show.
+fn check_stl_count(bytes: &[u8]) -> Result<(), PartError> {
+    let count =
+        bytes.get(80..STL_HEADER_BYTES).and_then(|b| <[u8; 4]>::try_from(b).ok()).map(u32::from_le_bytes);
+    let Some(announced) = count.filter(|_| !looks_like_text(bytes)) else { return Ok(()) };
+    let found = (bytes.len() - STL_HEADER_BYTES) / STL_FACET_BYTES;
+    if found == announced as usize { Ok(()) } else { Err(PartError::Count { announced, found }) }
+}
+
+/// Whether an STL file is ASCII: it begins with `solid` and goes on with words, not with a binary header's count.
+fn looks_like_text(bytes: &[u8]) -> bool {
+    let start = bytes.trim_ascii_start();
+    let has_facets = start.get(..1024.min(start.len())).is_some_and(|head| {
+        head.windows(5).any(|w| w == b"facet") || head.windows(8).any(|w| w == b"endsolid")
+    });
+    start.starts_with(b"solid") && has_facets
+}
+
+#[cfg(test)]
+#[path = "read_tests.rs"]
+mod tests;

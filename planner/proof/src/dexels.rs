@@ -1,0 +1,269 @@
+//! The motions in their order on columns of stock: what meets stock that must not, and how wide the cutter engages.
+//!
+//! Both sides cut along y, so what is left over a cell of (x, z) is one interval of y: a dexel. The cutter is stamped along each motion at half a
+//! cell. A rapid motion that would take stock, a holder in stock and a turn of the block under the tip are collisions.
+//!
+//! *Width of cut*: across the motion, the extent of the cells from which the cutter takes more than the entries' depth, over the last 3 cells of travel. Its
+//! resolution is one cell. Plunges, steeper than 45°, are entries and have none.
+
+use nalgebra::Vector3;
+
+use crate::gcode::{Facing, Motion};
+use crate::{ProofError, ProofJob};
+
+/// Cells across the cutter's radius, and most cells.
+const CELLS_ACROSS: f64 = 12.0;
+const MOST_CELLS: f64 = 4e6;
+/// Stock that a rapid motion may touch, mm: what rounding leaves.
+const TOUCH_MM: f64 = 0.01;
+
+/// What met the stock.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Struck {
+    /// The cutter in a rapid motion.
+    RapidCutter,
+    /// The holder.
+    Holder,
+    /// The block while it turns.
+    Turn,
+}
+
+/// A motion in which something met the stock.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Collision {
+    /// What.
+    pub struck: Struck,
+    /// Line of the program.
+    pub line: usize,
+    /// By how much, mm.
+    pub depth_mm: f64,
+}
+
+/// A motion whose cut is too wide.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WideCut {
+    /// Line of the program.
+    pub line: usize,
+    /// Width of cut, mm.
+    pub width_mm: f64,
+    /// Length of the motion, mm.
+    pub length_mm: f64,
+}
+
+/// What the replay found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Replay {
+    /// Collisions, at most one of a kind a motion.
+    pub collisions: Vec<Collision>,
+    /// Widest cut deeper than the entries' depth, mm.
+    pub widest_mm: f64,
+    /// Motions whose cut is wider than allowed by more than a cell.
+    pub too_wide: Vec<WideCut>,
+    /// Side of a cell, mm.
+    pub column_mm: f64,
+}
+
+/// Replays motions on a block.
+///
+/// # Errors
+/// [`ProofError::Value`] where the block has too many columns.
+pub fn replay(motions: &[Motion], job: &ProofJob) -> Result<Replay, ProofError> {
+    let mut stock = Columns::of(job)?;
+    let mut found = Replay { collisions: vec![], widest_mm: 0.0, too_wide: vec![], column_mm: stock.cell };
+    let mut width = Width::default();
+    let farthest = |axis: usize| job.low_mm[axis].abs().max(job.high_mm[axis].abs());
+    let swing = farthest(1).hypot(farthest(2));
+    for motion in motions {
+        if motion.turns {
+            let depth_mm = swing - motion.from_mm.z.min(motion.to_mm.z);
+            if depth_mm > 0.0 {
+                found.collisions.push(Collision { struck: Struck::Turn, line: motion.line, depth_mm });
+            }
+            continue;
+        }
+        let depth_mm = stock.holder_mm(motion, job);
+        if depth_mm > TOUCH_MM {
+            found.collisions.push(Collision { struck: Struck::Holder, line: motion.line, depth_mm });
+        }
+        let met = stock.drive(motion, job, &mut width);
+        if motion.rapid && met > TOUCH_MM {
+            found.collisions.push(Collision {
+                struck: Struck::RapidCutter,
+                line: motion.line,
+                depth_mm: met,
+            });
+        }
+        found.widest_mm = found.widest_mm.max(width.widest_mm);
+        if width.widest_mm > job.widest_mm + stock.cell {
+            let length_mm = (motion.to_mm - motion.from_mm).norm();
+            found.too_wide.push(WideCut { line: motion.line, width_mm: width.widest_mm, length_mm });
+        }
+    }
+    Ok(found)
+}
+
+/// Extents across the motion over the last stamps.
+#[derive(Debug, Default)]
+struct Width {
+    recent: std::collections::VecDeque<(f64, f64)>,
+    widest_mm: f64,
+}
+
+impl Width {
+    /// Stamps at half a cell: 6 are 3 cells of travel.
+    fn add(&mut self, low: f64, high: f64, cell: f64) {
+        self.recent.push_back((low, high));
+        if self.recent.len() > 6 {
+            self.recent.pop_front();
+        }
+        let low = self.recent.iter().map(|r| r.0).fold(f64::INFINITY, f64::min);
+        let high = self.recent.iter().map(|r| r.1).fold(f64::NEG_INFINITY, f64::max);
+        if high >= low {
+            self.widest_mm = self.widest_mm.max(high - low + cell);
+        }
+    }
+}
+
+/// Intervals of y over cells of (x, z).
+struct Columns {
+    cell: f64,
+    origin: [f64; 2],
+    dims: [usize; 2],
+    low: Vec<f64>,
+    high: Vec<f64>,
+}
+
+impl Columns {
+    fn of(job: &ProofJob) -> Result<Self, ProofError> {
+        let size = job.high_mm - job.low_mm;
+        let cell = (job.radius_mm / CELLS_ACROSS).max((size.x * size.z / MOST_CELLS).sqrt());
+        if cell > 0.5 * job.radius_mm {
+            return Err(ProofError::Value {
+                what: "cutter radius for a block of this size",
+                value: job.radius_mm,
+                low: 2.0 * cell,
+                high: 50.0,
+            });
+        }
+        let dims = [size.x, size.z].map(|length| (length / cell).ceil() as usize);
+        let origin = [job.low_mm.x + 0.5 * cell, job.low_mm.z + 0.5 * cell];
+        let count = dims[0] * dims[1];
+        Ok(Self { cell, origin, dims, low: vec![job.low_mm.y; count], high: vec![job.high_mm.y; count] })
+    }
+
+    /// Cells along an axis whose centres lie in `low..=high`.
+    fn span(&self, axis: usize, low: f64, high: f64) -> std::ops::Range<usize> {
+        let first = ((low - self.origin[axis]) / self.cell).ceil().max(0.0);
+        let last =
+            (((high - self.origin[axis]) / self.cell).floor() + 1.0).clamp(0.0, self.dims[axis] as f64);
+        first.min(last) as usize..last as usize
+    }
+
+    /// Stock over a cell as the facing side sees it: its surface there and the far one.
+    fn seen(&self, cell: usize, facing: Facing) -> (f64, f64) {
+        match facing {
+            Facing::Front => (self.high[cell], self.low[cell]),
+            Facing::Back => (-self.low[cell], -self.high[cell]),
+        }
+    }
+
+    /// Stamps the cutter along a motion; gives the thickest stock that it took.
+    fn drive(&mut self, motion: &Motion, job: &ProofJob, width: &mut Width) -> f64 {
+        let along = motion.to_mm - motion.from_mm;
+        let across = along.xy().norm();
+        let count = (across / (0.5 * self.cell)).ceil().max(1.0) as usize;
+        let direction = if across > 0.0 { [along.x / across, along.y / across] } else { [0.0; 2] };
+        let mut thickest = 0.0_f64;
+        width.widest_mm = 0.0;
+        for n in 1..=count {
+            let tip = motion.from_mm + along * (n as f64 / count as f64);
+            let (taken, low, high) = self.stamp(&tip, motion, direction, job);
+            thickest = thickest.max(taken);
+            if across > along.z.abs() && !motion.rapid {
+                width.add(low, high, self.cell);
+            }
+        }
+        thickest
+    }
+
+    /// Takes what is above the cutter; gives the thickest, and the extent across of what was thicker than an entry.
+    fn stamp(
+        &mut self,
+        tip: &Vector3<f64>,
+        motion: &Motion,
+        direction: [f64; 2],
+        job: &ProofJob,
+    ) -> (f64, f64, f64) {
+        let r = job.radius_mm;
+        // rows of cells run along z: the machine's Y, or its reverse
+        let turn = if motion.facing == Facing::Front { -1.0 } else { 1.0 };
+        let z = turn * tip.y;
+        let (mut thickest, mut low, mut high) = (0.0_f64, f64::INFINITY, f64::NEG_INFINITY);
+        for k in self.span(1, z - r, z + r) {
+            let dv = turn * (self.origin[1] + k as f64 * self.cell - z);
+            let half = (r * r - dv * dv).max(0.0).sqrt();
+            for i in self.span(0, tip.x - half, tip.x + half) {
+                let du = self.origin[0] + i as f64 * self.cell - tip.x;
+                let cell = i + self.dims[0] * k;
+                let surface = tip.z + profile_mm(du.hypot(dv), job);
+                let (near, far) = self.seen(cell, motion.facing);
+                let taken = near - surface.max(far);
+                if taken <= 0.0 {
+                    continue;
+                }
+                thickest = thickest.max(taken);
+                if taken > job.entry_mm {
+                    let across = dv * direction[0] - du * direction[1];
+                    (low, high) = (low.min(across), high.max(across));
+                }
+                match motion.facing {
+                    Facing::Front => self.high[cell] = surface.max(far),
+                    Facing::Back => self.low[cell] = -surface.max(far),
+                }
+            }
+        }
+        (thickest, low, high)
+    }
+
+    /// How deep the holder is in stock anywhere on a motion, mm.
+    fn holder_mm(&self, motion: &Motion, job: &ProofJob) -> f64 {
+        let mut base = motion.from_mm.z.min(motion.to_mm.z) + job.length_mm;
+        let top = job.low_mm.y.abs().max(job.high_mm.y.abs());
+        let mut deepest = 0.0_f64;
+        // a piece above the whole block meets nothing
+        for &[length, radius] in job.holder_mm.iter() {
+            if base >= top {
+                break;
+            }
+            let surface = self.highest_near(motion, radius);
+            deepest = deepest.max(surface - base);
+            base += length;
+        }
+        deepest
+    }
+
+    /// The highest stock within the rectangle around a motion and a distance from it, mm.
+    fn highest_near(&self, motion: &Motion, radius: f64) -> f64 {
+        let turn = if motion.facing == Facing::Front { -1.0 } else { 1.0 };
+        let (a, b) = (motion.from_mm, motion.to_mm);
+        let rows = self.span(1, (turn * a.y).min(turn * b.y) - radius, (turn * a.y).max(turn * b.y) + radius);
+        let columns = self.span(0, a.x.min(b.x) - radius, a.x.max(b.x) + radius);
+        let mut highest = f64::NEG_INFINITY;
+        for k in rows {
+            for i in columns.clone() {
+                let (near, far) = self.seen(i + self.dims[0] * k, motion.facing);
+                if near > far {
+                    highest = highest.max(near);
+                }
+            }
+        }
+        highest
+    }
+}
+
+/// Height of the cutter's surface above its tip, mm.
+fn profile_mm(distance: f64, job: &ProofJob) -> f64 {
+    let rc = job.corner_radius_mm;
+    let into = (distance - (job.radius_mm - rc)).clamp(0.0, rc);
+    rc - (rc * rc - into * into).max(0.0).sqrt()
+}

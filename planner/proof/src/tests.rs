@@ -1,0 +1,1 @@
+//! Programs and parts small enough to know the answer.

@@ -1,0 +1,272 @@
+"""One run of ``python -m bonemill stream`` against the double with one fault, and what the burr did.
+
+The burr's true travel comes from the double's joints by forward kinematics of its own (UR's published DH parameters), so
+that nothing here trusts what is tested. Lengths mm, angles rad, times s.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from ur_double import Double
+
+Floats = NDArray[np.float64]
+HERE = Path(__file__).resolve().parent
+UR5E_MM = {"a": [0, -425.0, -392.2, 0, 0, 0], "d": [162.5, 0, 0, 133.3, 99.7, 99.6]}
+ALPHA = np.array([0.5, 0, 0, 0.5, -0.5, 0]) * np.pi
+CTRL_C_S = 0.5
+"""Ctrl-C counts as unanswered after this: the limit is 0.2 s, the rest is for a busy machine."""
+WATCH_S = 3.0
+"""A run that goes on is looked at for so long, then stopped by Ctrl-C."""
+START_S = 30.0
+addresses: Iterator[str] = (f"127.0.{n // 200 + 1}.{n % 200 + 1}" for n in itertools.count(os.getpid() % 20000))
+
+
+def burr_mm(q: Floats, burr_z_mm: float) -> Floats:
+    """Centre of a burr on the flange's axis, in base, shape (n, 3); q has shape (n, 6)."""
+    pose = np.broadcast_to(np.eye(4), (len(q), 4, 4)).copy()
+    for joint in range(6):
+        c, s, ca, sa = np.cos(q[:, joint]), np.sin(q[:, joint]), np.cos(ALPHA[joint]), np.sin(ALPHA[joint])
+        step = np.zeros((len(q), 4, 4))
+        step[:, 0, :] = np.stack([c, -s * ca, s * sa, UR5E_MM["a"][joint] * c], axis=1)
+        step[:, 1, :] = np.stack([s, c * ca, -c * sa, UR5E_MM["a"][joint] * s], axis=1)
+        step[:, 2, 1:] = [sa, ca, UR5E_MM["d"][joint]]
+        step[:, 3, 3] = 1.0
+        pose = pose @ step
+    return pose[:, :3, 3] + burr_z_mm * pose[:, :3, 2]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A plan that is streamed, with its burr's path."""
+
+    folder: Path
+    q: Floats
+    path_mm: Floats
+    along_mm: Floats
+
+    @classmethod
+    def load(cls, folder: Path) -> Piece:
+        rows = np.loadtxt(folder / "trajectory.csv", delimiter=",", skiprows=1)
+        path = burr_mm(rows[:, 1:7], 180.0)
+        way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
+        return cls(folder, rows[:, 1:7], path, way)
+
+    def place(self, burr: Floats, near_row: int) -> tuple[float, float]:
+        """Where along the path a burr is, and how far off it, near a row."""
+        first = max(0, near_row - 1500)
+        path = self.path_mm[first : near_row + 1000]
+        nearest = int(((path - burr) ** 2).sum(axis=1).argmin())
+        best = (float("inf"), 0.0)
+        for n in range(max(0, nearest - 1), min(len(path) - 1, nearest + 1)):
+            step = path[n + 1] - path[n]
+            size = float(step @ step)
+            share = min(1.0, max(0.0, float((burr - path[n]) @ step) / size)) if size > 0 else 0.0
+            off = float(np.linalg.norm(burr - path[n] - share * step))
+            best = min(best, (off, float(self.along_mm[first + n]) + share * size**0.5))
+        return best[1], best[0]
+
+
+@dataclass
+class Outcome:
+    """What came of a run."""
+
+    fault: str
+    seed: int
+    row: int = -1
+    """Rows that had arrived when the fault began; -1: it never did."""
+    along_mm: float = 0.0
+    """Along the path from the fault to where the burr came to rest."""
+    off_mm: float = 0.0
+    """The farthest off the path from the fault on."""
+    fastest_mm_s: float = 0.0
+    """Of the burr, from the first row on."""
+    rest_s: float = 0.0
+    """From the fault until the burr rested."""
+    code: int | None = None
+    exit_s: float = 0.0
+    """From the fault until the process had ended."""
+    how: str = ""
+    """`stopped`, `went on`, `waited` (and answered Ctrl-C), `hung`."""
+    said: str = ""
+    bound: str = ""
+    resumed: str = ""
+    notes: list[str] = field(default_factory=list)
+
+
+Local = Callable[["Run"], None]
+
+
+def _signal(number: int) -> Local:
+    return lambda run: run.process.send_signal(number)
+
+
+def _paused(run: Run) -> None:
+    run.process.send_signal(signal.SIGSTOP)
+    time.sleep(3.0)
+    run.process.send_signal(signal.SIGCONT)
+
+
+def _plan_changed(run: Run) -> None:
+    path = run.folder / "trajectory.csv"
+    lines = path.read_text().splitlines()
+    lines[len(lines) // 2] = lines[len(lines) // 2].replace(".", ".02", 1)
+    path.write_text("\n".join(lines) + "\n")
+
+
+def _second_client(run: Run) -> None:
+    second = run.start(run.arguments(run.work / "second.log"), "second")
+    try:
+        second.wait(15)
+    except subprocess.TimeoutExpired:
+        second.kill()
+        run.outcome.notes.append("the second client did not end by itself")
+    run.outcome.notes.append(f"second client: exit code {second.returncode}, {run.words('second')}")
+
+
+LOCAL: dict[str, Local] = {
+    "SIGINT": _signal(signal.SIGINT),
+    "SIGTERM": _signal(signal.SIGTERM),
+    "SIGHUP": _signal(signal.SIGHUP),
+    "SIGKILL": _signal(signal.SIGKILL),
+    "SIGSTOP for 3 s": _paused,
+    "wall clock jumps": _signal(signal.SIGUSR1),
+    "monotonic clock jumps": _signal(signal.SIGUSR2),
+    "plan changed under way": _plan_changed,
+    "two clients": _second_client,
+    "disk full": lambda run: None,
+}
+"""Faults on the user's own machine."""
+START = {f"start {mm:g} mm off": mm for mm in (0.1, 0.5, 1.6, 5.0)}
+"""The arm stands so far from the first row."""
+
+
+class Run:
+    """A client, a double and a fault. Nothing of it outlives `finish`."""
+
+    def __init__(self, piece: Piece, fault: str, seed: int, work: Path, flags: list[str]) -> None:
+        self.piece, self.fault, self.work, self.flags = piece, fault, work, flags
+        self.outcome = Outcome(fault, seed)
+        self.dice = np.random.default_rng([seed, sum(map(ord, fault))])
+        work.mkdir(parents=True, exist_ok=True)
+        self.folder = piece.folder
+        if fault == "plan changed under way":
+            self.folder = work / "plan"
+            shutil.copytree(piece.folder, self.folder, dirs_exist_ok=True)
+        self.double = Double(next(addresses), self._start_q())
+        self.log = work / "run.log"
+
+    def _start_q(self) -> Floats:
+        """The first row, or joints at which the burr is some mm off it in a random direction."""
+        off_mm = START.get(self.fault, 0.0)
+        if not off_mm:
+            return self.piece.q[0]
+        direction = self.dice.normal(size=6)
+        step = 1e-4 * direction / np.linalg.norm(direction)
+        moved = burr_mm(np.stack([self.piece.q[0], self.piece.q[0] + step]), 180.0)
+        return self.piece.q[0] + step * off_mm / float(np.linalg.norm(moved[1] - moved[0]))
+
+    def arguments(self, log: Path, *more: str) -> list[str]:
+        given = [a.replace("LOG", str(log)) for a in self.flags]
+        return ["stream", str(self.folder), "--host", self.double.host, *given, *more]
+
+    def start(self, arguments: list[str], name: str) -> subprocess.Popen[bytes]:
+        most = 60_000 if self.fault == "disk full" and name == "run" else 0
+        out = (self.work / f"{name}.out").open("wb")
+        call = [sys.executable, str(HERE / "fault_client.py"), str(most), *arguments]
+        return subprocess.Popen(call, stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL)
+
+    def words(self, name: str) -> str:
+        """The error that the user reads, else the last line."""
+        text = (self.work / f"{name}.out").read_text(errors="replace").replace("\r", "\n")
+        lines = [line.strip() for line in text.splitlines() if line.strip()]
+        errors = [n for n, line in enumerate(lines) if line.startswith("error:")]
+        return " ".join(lines[errors[0] : errors[0] + 3]) if errors else (lines[-1] if lines else "")
+
+    def go(self, first: int = 400, last: int = 2500) -> Outcome:
+        """Runs it; the fault begins when between `first` and `last` rows have arrived."""
+        row = int(self.dice.integers(first, last))
+        at_controller = self.fault not in LOCAL and self.fault not in START
+        if at_controller:
+            self.double.call("arrange", self.fault, row)
+        self.process = self.start(self.arguments(self.log), "run")
+        began = time.monotonic()
+        while self.process.poll() is None and time.monotonic() - began < START_S + row * 0.002:
+            if self.double.call("rows") >= (1 if self.fault in START else row):
+                break
+            time.sleep(0.01)
+        if self.double.call("rows") >= (1 if self.fault in START else row):
+            self.outcome.row = row
+            if self.fault in LOCAL:
+                self.double.call("mark")
+                LOCAL[self.fault](self)
+            elif self.fault in START:
+                self.double.call("mark")
+        self._await_end()
+        self._measure()
+        return self.outcome
+
+    def _await_end(self) -> None:
+        out, began = self.outcome, time.monotonic()
+        while self.process.poll() is None and time.monotonic() - began < WATCH_S + 1.0:
+            time.sleep(0.01)
+        out.exit_s = time.monotonic() - began
+        if (code := self.process.poll()) is not None:
+            out.how, out.code = "stopped", code
+            return
+        before = self.double.call("rows")
+        time.sleep(0.3)
+        out.how = "went on" if self.double.call("rows") > before else "waited"
+        for number, limit_s in ((signal.SIGINT, CTRL_C_S), (signal.SIGTERM, 2.0), (signal.SIGKILL, 5.0)):
+            asked = time.monotonic()
+            self.process.send_signal(number)
+            try:
+                out.code = self.process.wait(limit_s)
+                out.notes.append(f"{signal.Signals(number).name} answered in {time.monotonic() - asked:.2f} s")
+                return
+            except subprocess.TimeoutExpired:
+                out.how = "hung"
+                out.notes.append(f"{signal.Signals(number).name} not answered in {limit_s} s")
+
+    def _measure(self) -> None:
+        out = self.outcome
+        record, fault_s = self.double.call("rest")
+        out.said = self.words("run")
+        text = (self.work / "run.out").read_text(errors="replace")
+        out.bound = "; ".join(re.findall(r"[^\n]*bound[^\n]*", text)[:2])
+        if not len(record) or out.row < 0:
+            return
+        burr = burr_mm(record[:, 1:7], 180.0)
+        gaps = np.diff(record[:, 0])
+        if len(burr) > 1:
+            out.fastest_mm_s = float((np.linalg.norm(np.diff(burr, axis=0), axis=1) / gaps).max())
+        after = np.flatnonzero(record[:, 0] >= fault_s - 1e-4)
+        if not len(after):
+            return
+        picked = np.unique(np.r_[after[::5], after[-1]])
+        rows = record[picked, 7].astype(int)
+        places = np.array([self.piece.place(burr[n], row) for n, row in zip(picked, rows, strict=True)])
+        out.off_mm = float(places[:, 1].max())
+        if out.how != "went on":
+            out.along_mm = float(places[:, 0].max() - places[0, 0])
+        moving = np.flatnonzero(np.linalg.norm(np.diff(burr[after], axis=0), axis=1) > 1e-6)
+        out.rest_s = float(record[after[moving[-1] + 1], 0] - fault_s) if len(moving) else 0.0
+
+    def finish(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        self.double.__exit__()
