@@ -7,6 +7,7 @@
 //! Units are mm, s, N, rad, g/cm³, mg. Library code prints nothing and does not panic on data.
 
 pub use bonemill_case as case;
+pub use bonemill_channel as channel;
 pub use bonemill_cutter::{self as cutter, ball};
 pub use bonemill_cutting::{burr, calibrate, cost, metrics, mrr, speed};
 pub use bonemill_geometry::Progress;

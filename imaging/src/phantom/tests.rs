@@ -34,7 +34,16 @@ fn the_case_names_every_label_and_only_keys_of_the_case_file() {
         ("tool", vec!["kind"]),
         (
             "drill",
-            vec!["radius_mm", "point_deg", "helix_deg", "chisel_deg", "web_mm", "lips", "flute_mm", "spindle_rpm"],
+            vec![
+                "radius_mm",
+                "point_deg",
+                "helix_deg",
+                "chisel_deg",
+                "web_mm",
+                "lips",
+                "flute_mm",
+                "spindle_rpm",
+            ],
         ),
         (
             "reamer",

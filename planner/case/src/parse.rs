@@ -16,8 +16,8 @@ use super::relations;
 use super::walker::{Log, Walk, as_number, line_at};
 use super::{
     Burr, Case, CostSpec, Density, DistanceCurve, Given, GridSpec, Images, Job, LabelRef, Material, Measure,
-    OrientationMode, OrientationSpec, PathSpec, Pattern, RegistrationSpec, ShankSegment, SpeedCaps, SpeedSpec,
-    Structure, Target,
+    OrientationMode, OrientationSpec, PathSpec, Pattern, RegistrationSpec, ShankSegment, SpeedCaps,
+    SpeedSpec, Structure, Target,
 };
 use crate::{EdgeMaterial, Sheets};
 

@@ -112,7 +112,11 @@ fn read_direction(t: &Walk<'_, '_>, entry: &Entry, end: &ChannelEnd) -> ChannelD
             refuse(t, "direction", "the safest direction is sought toward target_mm: give it");
         }
         Some(ChannelDirection::Safest) if is_point => {
-            refuse(t, "entry_mm", "an entry and target_mm leave no direction to choose: give entry_label or entry_ball");
+            refuse(
+                t,
+                "entry_mm",
+                "an entry and target_mm leave no direction to choose: give entry_label or entry_ball",
+            );
         }
         Some(ChannelDirection::Given(_)) if is_target == is_point => {
             let why = "a direction goes with entry_mm and depth_mm or contact_area_mm2, or with target_mm and no entry_mm";

@@ -230,7 +230,8 @@ fn judge_joints(case: &Case, note: &dyn Fn(CaseFault, &str)) {
 fn judge_choices(case: &Case, note: &dyn Fn(CaseFault, &str)) {
     let is_speed = |key: &&str| key.starts_with("speed.") && *key != "speed.link_mm_s";
     if let (Job::Channel(_), Some(key)) = (&case.job, case.given.keys().find(is_speed)) {
-        let why = "a channel's speed is path.feed_mm_rev or path.feed_mm_s, and speed.link_mm_s outside the bone";
+        let why =
+            "a channel's speed is path.feed_mm_rev or path.feed_mm_s, and speed.link_mm_s outside the bone";
         note(CaseFault::Contradiction { key: key.into(), why }, key);
     }
     if case.cost.force == ForceTerm::Deflection && case.robot.joint_stiffness.is_none() {

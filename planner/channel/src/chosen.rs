@@ -43,9 +43,10 @@ pub fn find(
     labels_path: &Path,
     tool: &ChannelTool,
 ) -> Result<FoundChannels, PlanError> {
-    let fields = images.structures.iter().map(|(_, label)| {
-        StructureField::new(&images.labels.volume, *label, None).map_err(PlanError::from)
-    });
+    let fields = images
+        .structures
+        .iter()
+        .map(|(_, label)| StructureField::new(&images.labels.volume, *label, None).map_err(PlanError::from));
     let fields = fields.collect::<Result<Vec<_>, _>>()?;
     let kept: Vec<KeptStructure<'_>> = fields
         .iter()

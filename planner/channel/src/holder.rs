@@ -42,9 +42,8 @@ impl HolderPose<'_> {
             let from = grid.center(grid.voxel(n)) - self.origin;
             let along_mm = from.dot(self.out);
             let across_mm = (from - self.out.as_ref() * along_mm).norm();
-            let is_in = |c: &&ShankCylinder| {
-                (c.from_mm..=c.to_mm).contains(&along_mm) && across_mm <= c.radius_mm
-            };
+            let is_in =
+                |c: &&ShankCylinder| (c.from_mm..=c.to_mm).contains(&along_mm) && across_mm <= c.radius_mm;
             let Some(cylinder) = self.cylinders.iter().find(is_in) else { continue };
             let deep_mm = along_mm - cylinder.from_mm;
             if found.is_none_or(|f| deep_mm > f.deep_mm) {

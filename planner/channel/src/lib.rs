@@ -22,12 +22,14 @@ pub mod risk;
 mod rows;
 pub mod safest;
 mod save;
+pub mod section;
 pub mod strokes;
 pub mod surface;
 pub mod tool;
 mod volumes;
 
 pub use chosen::FoundChannels;
+pub use judged::deepest_waypoint;
 pub use motion::ToolMotion;
 pub use plan::{ChannelPlan, plan};
 pub use save::save;

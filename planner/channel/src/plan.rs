@@ -24,6 +24,7 @@ use crate::holder::{HolderInBone, HolderPose};
 use crate::motion::{ToolMotion, motion};
 use crate::rows::Gone;
 use crate::safest::SafeChannel;
+use crate::section::{Section, sections};
 use crate::strokes::{Strokes, TipPlace};
 use crate::tool::ChannelTool;
 use crate::volumes::{SweptVolumes, swept};
@@ -59,6 +60,8 @@ pub struct ChannelPlan {
     pub holder_in_bone: Option<HolderInBone>,
     /// Clearance of the holder from each structure, mm; infinite without a holder, `None` without the structure.
     pub holder_clearance_mm: Vec<Option<f64>>,
+    /// The images along and across the channel.
+    pub sections: Vec<Section>,
     /// What the user should know.
     pub warnings: Vec<String>,
     /// Why the plan falls short of its case.
@@ -201,7 +204,8 @@ impl ChannelJob<'_> {
             Some(_) => Compliance::new(self.case, placed)?.along(&motion.motion.resolved.q)?,
             None => None,
         };
-        let arm = ArmFacts::along(&setup.arm, &motion.motion, compliances.as_deref(), places.iter().map(|_| None))?;
+        let arm =
+            ArmFacts::along(&setup.arm, &motion.motion, compliances.as_deref(), places.iter().map(|_| None))?;
         let turn = setup.scene.ct_from_work.rotation.into_inner();
         let in_ct: Option<Vec<_>> =
             compliances.map(|all| all.iter().map(|c| turn * c * turn.transpose()).collect());
@@ -224,6 +228,7 @@ impl ChannelJob<'_> {
         let fields = setup.scene.structures.iter().map(|s| s.field.as_ref());
         let holder_clearance_mm = fields.map(|field| Some(pose.clearance_mm(field?))).collect();
         let warnings = setup.warnings.clone();
+        let sections = sections(&channel, self.images, self.tool.radius_mm);
         let mut plan = ChannelPlan {
             setup,
             channel,
@@ -239,6 +244,7 @@ impl ChannelJob<'_> {
             volumes,
             holder_in_bone,
             holder_clearance_mm,
+            sections,
             warnings,
             shortfalls: vec![],
             seconds: vec![],

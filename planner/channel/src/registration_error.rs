@@ -76,8 +76,10 @@ mod tests {
         let base: Vec<_> = base.into_iter().map(Point::<Base>::from_coords).collect();
         let fitted = fit(&ct, &base).unwrap();
         for at in [Point::new(20.0, 10.0, 5.0), Point::new(90.0, -40.0, 10.0)] {
-            let squares: f64 =
-                [Vector3::x(), Vector3::y(), Vector3::z()].iter().map(|n| error.sigma_mm(at, n).powi(2)).sum();
+            let squares: f64 = [Vector3::x(), Vector3::y(), Vector3::z()]
+                .iter()
+                .map(|n| error.sigma_mm(at, n).powi(2))
+                .sum();
             assert!((squares.sqrt() - fitted.tre_mm(&at)).abs() < 1e-9, "{}", squares.sqrt());
         }
         let stated = RegistrationError::uniform(0.2);

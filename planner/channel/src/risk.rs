@@ -38,8 +38,9 @@ pub struct KeptClearance {
     pub sigma_mm: f64,
     /// Probability that the tool touches it.
     pub touch_probability: f64,
-    /// What is kept beyond what is asked for, times √priority, mm: the larger of the case's clearance and that at which the
-    /// probability is the largest allowed one. Negative where that is not kept.
+    /// What is asked for, mm: the larger of the case's clearance and that at which the probability is the largest allowed one.
+    pub needed_mm: f64,
+    /// What is kept beyond that, times √priority, mm; negative where it is not kept.
     pub weighted_margin_mm: f64,
 }
 
@@ -85,6 +86,7 @@ impl RiskModel<'_> {
             toward: place.toward,
             sigma_mm,
             touch_probability: touch_probability(clearance_mm, sigma_mm),
+            needed_mm,
             weighted_margin_mm: f64::from(structure.priority).sqrt() * (clearance_mm - needed_mm),
         })
     }

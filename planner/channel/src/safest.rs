@@ -234,7 +234,8 @@ mod tests {
     /// A block of bone with its upper face at z = 10.25 and two walls that leave a gap around x = `gap_x`.
     fn scene(gap_x: f64) -> (Volume<f32, Ct>, Volume<u16, Ct>) {
         let grid = Grid::<Ct>::aligned([41, 41, 30], 0.5, Point::new(-10.0, -10.0, -2.0)).unwrap();
-        let (mut ct, mut labels) = (Volume::filled(grid.clone(), -1000f32), Volume::filled(grid.clone(), 0u16));
+        let (mut ct, mut labels) =
+            (Volume::filled(grid.clone(), -1000f32), Volume::filled(grid.clone(), 0u16));
         for n in 0..grid.len() {
             let p = grid.center(grid.voxel(n));
             if p.z() < 10.2 {
@@ -277,7 +278,10 @@ mod tests {
                 let (dx, dz) = (x / 5.5, 1.0);
                 let norm = f64::hypot(dx, dz);
                 let edge = |ex: f64, ez: f64| (ex * dz - ez * dx).abs() / norm;
-                [4.75, 6.25].into_iter().flat_map(|z| [edge(gap_x - 1.75, z), edge(gap_x + 1.75, z)]).fold(9.0, f64::min)
+                [4.75, 6.25]
+                    .into_iter()
+                    .flat_map(|z| [edge(gap_x - 1.75, z), edge(gap_x + 1.75, z)])
+                    .fold(9.0, f64::min)
             };
             let most = fan.map(distance).fold(0.0, f64::max) - 0.8 - 0.1 * 2.326;
             assert!((best.margin_mm - most).abs() < 0.03, "{} {most}", best.margin_mm);

@@ -61,7 +61,8 @@ fn metrics(plan: &ChannelPlan) -> Metrics {
     let kept = plan.channel.kept.iter().zip(&plan.holder_clearance_mm).zip(&case.structures);
     let kept = kept.filter_map(|((kept, holder), s)| {
         let mut entries = kept_entries(kept.as_ref()?);
-        entries.extend(holder.filter(|mm| mm.is_finite()).map(|mm| ("holder_clearance_mm".into(), mm.into())));
+        entries
+            .extend(holder.filter(|mm| mm.is_finite()).map(|mm| ("holder_clearance_mm".into(), mm.into())));
         Some((s.name.clone(), Value::Table(entries)))
     });
     let mut more = vec![

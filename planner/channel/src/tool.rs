@@ -56,7 +56,9 @@ impl ChannelTool {
                 (Box::new(GlenoidReamer::new(*spec).map_err(ChannelFault::from)?), spec.nipple_radius_mm)
             }
             Tool::Burr | Tool::Mesh(..) => {
-                return Err(ChannelFault::Tool { kind: case.tool.word(), needed: "drill\" or \"reamer" }.into());
+                return Err(
+                    ChannelFault::Tool { kind: case.tool.word(), needed: "drill\" or \"reamer" }.into()
+                );
             }
         };
         let spindle_rpm = case.tool.spindle().map_or(0.0, |spindle| spindle.rpm);

@@ -28,8 +28,8 @@ mod verdict;
 mod waypoint;
 
 pub use addition::{REPORT, ReportPart, add_to_report, replace};
-pub use channel::ChannelRecord;
 pub use cells::{push_number, structure_name};
+pub use channel::ChannelRecord;
 pub use contents::PlanContents;
 pub use csv::{read_waypoints, write_waypoints};
 pub use directory::{Replace, StagedDirectory};

@@ -1,8 +1,8 @@
 //! `plunge.csv`: what the tool of a channel feels at each waypoint, over depth.
 
+use super::PlanFileError;
 use super::cells::push_number;
 use super::columns::{PLUNGE_ROWS, names};
-use super::PlanFileError;
 
 /// The file's name in a plan's directory.
 pub const PLUNGE: &str = "plunge.csv";

@@ -39,7 +39,9 @@ pub enum ChannelFault {
         longest_mm: f64,
     },
     /// The tool would cut a structure.
-    #[error("the channel runs through {structure}: the tool would cut {cut_mm:.2} mm into it at a depth of {depth_mm:.1} mm")]
+    #[error(
+        "the channel runs through {structure}: the tool would cut {cut_mm:.2} mm into it at a depth of {depth_mm:.1} mm"
+    )]
     Through {
         /// The structure.
         structure: String,
@@ -49,7 +51,9 @@ pub enum ChannelFault {
         depth_mm: f64,
     },
     /// The tool meets no bone on its way.
-    #[error("the tool meets no bone between {from_mm:.1} mm before the entry and a depth of {to_mm:.1} mm: check entry_mm and direction")]
+    #[error(
+        "the tool meets no bone between {from_mm:.1} mm before the entry and a depth of {to_mm:.1} mm: check entry_mm and direction"
+    )]
     NoBone {
         /// How far before the entry the search began, mm.
         from_mm: f64,
@@ -57,7 +61,9 @@ pub enum ChannelFault {
         to_mm: f64,
     },
     /// The contact area that was asked for is not reached.
-    #[error("a contact area of {wanted_mm2} mm² is not reached: the most is {most_mm2:.1} mm², at a depth of {depth_mm:.1} mm")]
+    #[error(
+        "a contact area of {wanted_mm2} mm² is not reached: the most is {most_mm2:.1} mm², at a depth of {depth_mm:.1} mm"
+    )]
     ContactArea {
         /// What was asked for, mm².
         wanted_mm2: f64,

@@ -179,7 +179,9 @@ impl PlanError {
     pub fn is_infeasible(&self) -> bool {
         match self {
             Self::Channel(fault) => fault.is_infeasible(),
-            _ => matches!(self, Self::OutOfReach { .. } | Self::NoAccess { .. } | Self::BadRegistration { .. }),
+            _ => {
+                matches!(self, Self::OutOfReach { .. } | Self::NoAccess { .. } | Self::BadRegistration { .. })
+            }
         }
     }
 

@@ -1,8 +1,8 @@
 //! A case and its images as a machinist's setup: cutter, material, shank, arm, scene, and where the patient is.
 
-mod error;
 pub mod channel;
 mod channel_fault;
+mod error;
 pub mod inputs;
 pub mod nearest_structures;
 pub mod registration;
@@ -10,7 +10,7 @@ mod setup;
 mod stopwatch;
 pub mod tools;
 
-pub use error::{PlanError, Unreached};
 pub use channel_fault::ChannelFault;
+pub use error::{PlanError, Unreached};
 pub use setup::Setup;
 pub use stopwatch::Stopwatch;
