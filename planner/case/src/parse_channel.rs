@@ -138,3 +138,64 @@ fn unit(value: &DeValue<'_>) -> Option<Vector3<f64>> {
     // a unit vector stays as it is, so that a written case reads back bit for bit
     is_direction.then(|| if (norm - 1.0).abs() < 1e-14 { d } else { d / norm })
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::{Case, ChannelDirection, ChannelEnd, Entry, Feed, Job, Target};
+    use std::path::Path;
+
+    const HEAD: &str = "structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[tool]\nkind = \"drill\"\n[path]\n";
+
+    fn parse(path: &str) -> Result<Case, String> {
+        Case::parse(&format!("{HEAD}{path}"), Path::new("c.toml")).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn channels_read_back_as_they_were_written() {
+        let plunge = "pattern = \"plunge\"\n";
+        for path in [
+            "entry_mm = [1, 2, 3]\ntarget_mm = [4, 5, 6.5]\nfeed_mm_s = 0.4\n",
+            "entry_mm = [1, 2, 3]\ndirection = [0, 3, 4]\ndepth_mm = 12\npeck_mm = 2\ndwell_s = 1\n",
+            "target_mm = [1, 2, 3]\ndirection = \"safest\"\nentry_label = \"cortex\"\n",
+            "target_mm = [1, 2, 3]\ndirection = \"safest\"\nentry_ball = { center_mm = [0, 0, 9], radius_mm = 4 }\n",
+            "target_mm = [1, 2, 3]\ndirection = [0, 0, -1]\ntouch_probability = 0.001\nregistration_sigma_mm = 0.2\n",
+        ] {
+            let case = parse(&format!("{plunge}{path}")).unwrap();
+            assert_eq!(case.target, Target::Swept);
+            let again = Case::parse(&case.to_toml(), Path::new("c.toml")).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(again, case);
+        }
+        let case = parse("pattern = \"plunge\"\nentry_mm = [1, 2, 3]\ndirection = [0, 3, 4]\ndepth_mm = 12\n").unwrap();
+        let Job::Channel(channel) = &case.job else { panic!() };
+        assert_eq!(channel.entry, Entry::Point([1.0, 2.0, 3.0].into()));
+        assert_eq!(channel.direction, ChannelDirection::Given([0.0, 0.6, 0.8].into()));
+        assert_eq!((channel.end, channel.feed), (ChannelEnd::Depth(12.0), Feed::PerRevolution(0.02)));
+        assert!((channel.feed.speed_mm_s(500.0) - 0.02 * 500.0 / 60.0).abs() < 1e-15);
+        assert!((Feed::Speed(0.5).per_revolution_mm(600.0) - 0.05).abs() < 1e-15);
+    }
+
+    #[test]
+    fn what_does_not_go_together_is_refused_with_its_key() {
+        let plunge = "pattern = \"plunge\"\n";
+        for (path, words) in [
+            ("entry_mm = [1, 2, 3]\n", "target_mm"),
+            ("entry_mm = [1, 2, 3]\ndepth_mm = 3\n", "path.direction"),
+            ("entry_mm = [1, 2, 3]\ntarget_mm = [1, 2, 9]\ndepth_mm = 3\n", "depth_mm"),
+            ("direction = \"safest\"\ndepth_mm = 3\n", "path.direction"),
+            ("direction = \"safest\"\nentry_mm = [0, 0, 0]\ntarget_mm = [1, 2, 3]\n", "path.entry_mm"),
+            ("direction = \"sideways\"\ntarget_mm = [1, 2, 3]\n", "path.direction"),
+            ("direction = [0, 0, 0]\ntarget_mm = [1, 2, 3]\n", "path.direction"),
+            ("direction = \"safest\"\ntarget_mm = [1, 2, 3]\nlayer_mm = 1\n", "path.layer_mm"),
+            ("direction = \"safest\"\ntarget_mm = [1, 2, 3]\nfeed_mm_s = 1\nfeed_mm_rev = 0.1\n", "path.feed_mm_s"),
+            ("direction = \"safest\"\ntarget_mm = [1, 2, 3]\n[target]\nlabel = 1\n", "`target`"),
+            ("direction = \"safest\"\ntarget_mm = [1, 2, 3]\n[speed]\nmin_mm_s = 1\n", "speed.min_mm_s"),
+            ("direction = [0, 0, -1]\nentry_mm = [0, 0, 0]\ncontact_area_mm2 = 9\n", "path.contact_area_mm2"),
+        ] {
+            let said = parse(&format!("{plunge}{path}")).unwrap_err();
+            assert!(said.contains(words), "{path}: {said}");
+        }
+        // a lawnmower has no depth
+        let said = parse("pattern = \"lawnmower\"\ndepth_mm = 3\n").unwrap_err();
+        assert!(said.contains("path.depth_mm"), "{said}");
+    }
+}

@@ -83,6 +83,12 @@ impl Anatomy {
         Ok(Self { ct, labels, aim, kept })
     }
 
+    /// The number of a label that the case names, where it has one.
+    pub fn number_of(&self, label: &LabelRef, plan: &StoredPlan) -> Option<u16> {
+        let names = read_label_names(plan.input_path(&label_names_path(&plan.record.case.images.labels))).ok()?;
+        number(label, names.as_ref()).ok()
+    }
+
     /// Interpolated HU; beyond the scan that of air.
     pub fn hu(&self, p: Point<Ct>) -> f64 {
         self.ct.trilinear(p, OUTSIDE_HU)
