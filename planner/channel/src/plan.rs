@@ -99,8 +99,7 @@ pub fn plan(
             }
             Err(error) => return Err(error),
             Ok(gone) => {
-                let channel = channel.clone();
-                let plan = job.finish(gone, channel, found, files, unreachable)?;
+                let plan = job.finish(gone, found, files, unreachable)?;
                 return Ok(ChannelPlan { seconds: watch.into_seconds(), ..plan });
             }
         }
@@ -119,6 +118,7 @@ struct ChannelJob<'a> {
 
 /// A channel that the arm can take.
 struct Taken {
+    channel: SafeChannel,
     setup: Setup,
     record: ChannelRecord,
     places: Vec<TipPlace>,
@@ -158,7 +158,7 @@ impl ChannelJob<'_> {
         let placed = Placed { arm: &setup.arm, base_from_work: &base_from_work, posture };
         let motion = watch.run("joints", || motion(&setup, &placed, axis, &places));
         let motion = motion.map_err(|error| setup.registered.blame(self.case, error))?;
-        Ok(Taken { record, places, motion, setup })
+        Ok(Taken { channel: channel.clone(), record, places, motion, setup })
     }
 
     fn contact_mm(&self, axis: &ChannelAxis) -> Result<f64, PlanError> {
@@ -189,12 +189,11 @@ impl ChannelJob<'_> {
     fn finish(
         &self,
         taken: Taken,
-        channel: SafeChannel,
         found: FoundChannels,
         files: Vec<(bonemill_planfile::Input, std::path::PathBuf)>,
         unreachable: usize,
     ) -> Result<ChannelPlan, PlanError> {
-        let Taken { mut setup, record, places, motion } = taken;
+        let Taken { channel, mut setup, record, places, motion } = taken;
         setup.inputs = files;
         let axis = &channel.axis;
         let felt = forces::along(&places, axis, self.tool, &self.bone())?;
