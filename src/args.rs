@@ -94,7 +94,7 @@ pub enum Command {
 
 #[derive(Debug, clap::Args)]
 pub struct PhantomArgs {
-    /// Kind of phantom: block (the foam block of Dillon et al. 2016) or temporal (a mastoid computed from a seed)
+    /// Kind of phantom: block (the foam block of Dillon et al. 2016), temporal (a mastoid computed from a seed), tibia (a shaft to be drilled) or glenoid (to be reamed)
     #[arg(long)]
     pub kind: PhantomKind,
     /// Seed: each gives another body of the same kind
@@ -111,7 +111,7 @@ pub struct PlanArgs {
     /// Case file; `bonemill keys` lists its keys
     #[arg(group = "source", value_name = "CASE.toml")]
     pub case: Option<PathBuf>,
-    /// Plan a phantom instead (block or temporal); its files are kept in the plan
+    /// Plan a phantom instead (block, temporal, tibia or glenoid); its files are kept in the plan
     #[arg(long, group = "source", value_name = "KIND")]
     pub phantom: Option<PhantomKind>,
     /// The phantom's seed

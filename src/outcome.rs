@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use bonemill_planner::case::Case;
 use bonemill_planner::compare::{Comparison, Group, Pair};
-use bonemill_planner::plan::{PlanRecord, Value};
+use bonemill_planner::plan::{ChannelRecord, PlanRecord, Value};
 use bonemill_planner::prosthesis::JobRecord;
 use bonemill_planner::prosthesis::verify::Verdict;
 use bonemill_planner::report::percent;
@@ -81,6 +81,7 @@ impl Outcome {
             m.target_mm3,
             m.total_time_s
         );
+        let text = record.channel().map_or(text, |channel| channel_text(out, record, &channel));
         let mut outcome = Self::new("plan", text).warning(&record.warnings);
         outcome.shortfalls.clone_from(&record.shortfalls);
         outcome.object.insert("out".into(), out.to_string_lossy().into());
@@ -368,4 +369,19 @@ pub fn tell_error(error: &anyhow::Error, falls_short: bool, talk: Talk) {
         let object = json!({ "outcome": word, "error": error.to_string(), "causes": causes });
         let _ = writeln!(stdout(), "{object}");
     }
+}
+
+/// A planned channel for people.
+fn channel_text(out: &Path, record: &PlanRecord, channel: &ChannelRecord) -> String {
+    let m = &record.metrics;
+    let number = |name| m.number(name).unwrap_or(0.0);
+    format!(
+        "wrote {}\na channel {:.2} mm deep, {:.1} mm³ of bone; at most {:.2} N of thrust and {:.1} N mm of torque; {:.0} s\n",
+        out.display(),
+        channel.depth_mm,
+        m.removed_bone_mm3,
+        number("peak_thrust_n"),
+        number("peak_torque_nmm"),
+        m.total_time_s
+    )
 }

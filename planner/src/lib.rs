@@ -8,6 +8,7 @@
 
 pub use bonemill_case as case;
 pub use bonemill_catalogue as catalogue;
+pub use bonemill_channel as channel;
 pub use bonemill_cutter::{self as cutter, ball};
 pub use bonemill_cutting::{burr, calibrate, cost, metrics, mrr, speed};
 pub use bonemill_geometry::Progress;

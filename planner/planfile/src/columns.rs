@@ -8,7 +8,7 @@ mod toml;
 
 use std::fmt::Write;
 
-pub use csv::{ACCESS, DROPPED, FORCES_ROWS, SIMULATION_ROWS, WAYPOINTS};
+pub use csv::{ACCESS, DROPPED, FORCES_ROWS, PLUNGE_ROWS, SIMULATION_ROWS, WAYPOINTS};
 
 /// A column of a table or a key of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,6 +84,11 @@ pub const DESCRIBED: &[Described] = &[
         title: "dropped.csv",
         about: "One row per waypoint that the path leaves out because the shank had no free direction there.",
         columns: &DROPPED,
+    },
+    Described {
+        title: "plunge.csv",
+        about: "Of a drilled channel or a reaming: one row a waypoint, what the tool feels there.",
+        columns: &PLUNGE_ROWS,
     },
     Described { title: "plan.toml", about: "The plan's settings and figures.", columns: toml::PLAN },
     Described {

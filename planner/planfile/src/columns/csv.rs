@@ -191,3 +191,18 @@ pub const FORCES_ROWS: [Column; 8] = [
         "The deflection's component along it, not below 0; only with `robot.joint_stiffness`.",
     ),
 ];
+
+/// The columns of `plunge.csv`.
+pub const PLUNGE_ROWS: [Column; 6] = [
+    Column::new("index", "1", "", "The waypoint."),
+    Column::new(
+        "depth_mm",
+        "mm",
+        "",
+        "Depth of the tool's tip from the entry, along the channel; negative before it.",
+    ),
+    Column::new("thrust_n", "N", "", "Force of the bone on the tool along its axis, toward the handpiece."),
+    Column::new("torque_nmm", "N mm", "", "Torque that resists the turn."),
+    Column::new("lateral_n", "N", "", "Force across the axis, mean over a turn."),
+    Column::new("contact_mm2", "mm²", "", "Area of the tool's front in bone."),
+];

@@ -3,8 +3,8 @@
 //! The page is computed from a [`Plan`] alone and does not depend on time or place, so equal plans give equal pages.
 //! Simulation and verification later add their parts between marks in the page.
 
-mod chart;
-mod columns;
+pub(crate) mod chart;
+pub(crate) mod columns;
 pub mod compare;
 mod compared;
 mod peak;
@@ -31,7 +31,7 @@ use bonemill_planfile::toward::StructureFigures;
 use bonemill_planfile::{ReportPart, Waypoint};
 use bonemill_toolpath::orientation::OpenAround;
 
-const STYLE: &str = include_str!("style.css");
+pub(crate) const STYLE: &str = include_str!("style.css");
 
 /// The whole page.
 pub fn html(plan: &Plan) -> String {
@@ -399,19 +399,19 @@ fn as_planned(plan: &Plan) -> Case {
 }
 
 /// A key in which lines may be broken after dots and underscores.
-fn breakable(key: &str) -> String {
+pub(crate) fn breakable(key: &str) -> String {
     key.replace('.', ".<wbr>").replace('_', "_<wbr>")
 }
 
 /// Text with `words` in backticks set as code.
-fn with_code(text: &str) -> String {
+pub(crate) fn with_code(text: &str) -> String {
     let part =
         |(n, part): (usize, &str)| if n % 2 == 1 { format!("<code>{part}</code>") } else { part.into() };
     text.split('`').enumerate().map(part).collect()
 }
 
 /// Escapes text for HTML.
-fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

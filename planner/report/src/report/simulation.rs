@@ -34,6 +34,10 @@ pub fn section(simulation: &Simulation, case: &Case) -> String {
         ],
         &[],
     ));
+    if case.job.channel().is_some() {
+        let torque = one("torque", "line-a", &|row| Some(row.torque_nmm));
+        out.push_str(&chart("Torque", "N mm", &[torque], &[]));
+    }
     out.push_str(&chart("Spindle power", "W", &[one("power", "line-a", &|row| Some(row.power_w))], &[]));
     if simulation.compliant {
         out.push_str(&chart(
@@ -86,6 +90,7 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
         ("peak force (mean over a turn)".into(), format!("{:.2} N", simulation.peak_force_n())),
         ("largest force within a turn".into(), format!("{:.2} N", largest(&|row| row.peak_n))),
         ("mean force while cutting".into(), format!("{:.2} N", simulation.mean_force_n())),
+        ("peak torque".into(), format!("{:.2} N mm", largest(&|row| row.torque_nmm))),
         ("peak spindle power".into(), format!("{:.2} W", largest(&|row| row.power_w))),
         ("spindle energy".into(), format!("{:.1} J", simulation.energy_j())),
     ];
@@ -132,8 +137,9 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
 
 /// Names and values of a simulation's figures, for machines; names end in units.
 pub fn values(simulation: &Simulation, case: &Case) -> Vec<(String, Value)> {
+    let radius_mm = case.tool.radius_mm().unwrap_or(case.burr.radius_mm);
     let structures = case.structures.iter().zip(&simulation.structures);
-    let structures = structures.map(|(s, found)| (s.name.clone(), found.value(case.burr.radius_mm, "row")));
+    let structures = structures.map(|(s, found)| (s.name.clone(), found.value(radius_mm, "row")));
     let removed = Kind::ALL.into_iter().map(|kind| {
         let (mm3, mg) =
             (simulation.removed.volume_mm3[kind as usize], simulation.removed.mass_mg[kind as usize]);
