@@ -8,7 +8,7 @@
 
 pub use bonemill_case as case;
 pub use bonemill_cutter::{self as cutter, ball};
-pub use bonemill_cutting::{burr, calibrate, cost, metrics, mrr, speed};
+pub use bonemill_cutting::{burr, calibrate, cost, edge, metrics, mrr, speed};
 pub use bonemill_geometry::Progress;
 pub use bonemill_pipeline::{self as pipeline, Plan, plan};
 pub use bonemill_planfile::{self as plan, toward};
