@@ -11,6 +11,7 @@ mod arrays;
 mod calibrate;
 mod case;
 mod compare;
+mod cutter;
 mod errors;
 mod fields;
 mod finished;
@@ -37,6 +38,9 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<prosthesis::ProsthesisPlan>()?;
     m.add_class::<arm::Arm>()?;
     m.add_class::<stream::StreamPlan>()?;
+    m.add_class::<cutter::Cutter>()?;
+    m.add_function(wrap_pyfunction!(cutter::drill_force, m)?)?;
+    m.add_function(wrap_pyfunction!(cutter::reamer_force, m)?)?;
     m.add_function(wrap_pyfunction!(case::with_values, m)?)?;
     m.add_function(wrap_pyfunction!(compare::compare, m)?)?;
     m.add_function(wrap_pyfunction!(plan::plan, m)?)?;
