@@ -16,6 +16,7 @@ mod orientation;
 mod pareto;
 pub mod peers;
 mod prostheses;
+mod stream_faults;
 mod table;
 mod trials;
 
@@ -169,6 +170,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "engine-speed",
         about: "time of an engine's step over voxmaps and tools, beside a loop over the tool's box",
         run: engine::speed::run,
+    },
+    Experiment {
+        name: "stream-faults",
+        about: "what a burr does when streaming fails: 100 runs a seed of every fault on a simulated arm, of the plan in --case",
+        run: stream_faults::run,
     },
     Experiment {
         name: "hard-cases",
