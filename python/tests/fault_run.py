@@ -50,10 +50,19 @@ class Piece:
         way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
         return cls(folder, rows[:, 1:7], path, way)
 
-    def place(self, burr: Floats, near_row: int) -> tuple[float, float]:
-        """Where along the path a burr is, and how far off it, near a row."""
-        first = max(0, near_row - 1500)
-        path = self.path_mm[first : near_row + 1000]
+    def places(self, burr: Floats, row: int) -> Floats:
+        """Where along the path a burr is, and how far off it, mm, shape (n, 2), for places in the order of time; `row`: of as many
+        targets as had come. It moves on by a few rows from place to place, so that a path that comes by again is no other place."""
+        found = np.zeros((len(burr), 2))
+        first, last = max(0, row - 600), row + 100
+        for n, place in enumerate(burr):
+            along, off, at = self._place(place, first, last)
+            found[n] = along, off
+            first, last = max(0, at - 200), at + 300
+        return found
+
+    def _place(self, burr: Floats, first: int, last: int) -> tuple[float, float, int]:
+        path = self.path_mm[first:last]
         nearest = int(((path - burr) ** 2).sum(axis=1).argmin())
         best = (float("inf"), 0.0)
         for n in range(max(0, nearest - 1), min(len(path) - 1, nearest + 1)):
@@ -62,7 +71,7 @@ class Piece:
             share = min(1.0, max(0.0, float((burr - path[n]) @ step) / size)) if size > 0 else 0.0
             off = float(np.linalg.norm(burr - path[n] - share * step))
             best = min(best, (off, float(self.along_mm[first + n]) + share * size**0.5))
-        return best[1], best[0]
+        return best[1], best[0], first + nearest
 
 
 @dataclass
@@ -301,8 +310,7 @@ class Run:
         if not len(after):
             return
         picked = np.unique(np.r_[after[::5], after[-1]])
-        rows = record[picked, 7].astype(int)
-        places = np.array([self.piece.place(burr[n], row) for n, row in zip(picked, rows, strict=True)])
+        places = self.piece.places(burr[picked], int(record[picked[0], 7]))
         out.off_mm = float(places[:, 1].max())
         if out.how != "went on":
             out.along_mm = float(places[:, 0].max() - places[0, 0])

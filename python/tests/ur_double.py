@@ -190,9 +190,13 @@ class Controller:
         self.frozen = {name: value for name in names if (value := self.arm.value(name)) is not None}
 
     def _accept(self, listener: socket.socket) -> None:
-        connection, _ = listener.accept()
-        connection.setblocking(False)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        try:
+            connection, _ = listener.accept()
+            connection.setblocking(False)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        except OSError:
+            # the client has gone again
+            return
         role = self.listeners[listener]
         made = Connection(connection, role, self.weather[role], self.dice)
         if role == "dashboard":
