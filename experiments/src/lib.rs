@@ -15,6 +15,7 @@ pub mod hard_cases;
 mod orientation;
 mod pareto;
 pub mod peers;
+mod stream_faults;
 mod table;
 mod trials;
 
@@ -157,6 +158,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "engine-speed",
         about: "time of an engine's step over voxmaps and tools, beside a loop over the tool's box",
         run: engine::speed::run,
+    },
+    Experiment {
+        name: "stream-faults",
+        about: "what a burr does when streaming fails: 100 runs a seed of every fault on a simulated arm, of the plan in --case",
+        run: stream_faults::run,
     },
     Experiment {
         name: "hard-cases",
