@@ -155,7 +155,7 @@ fn input(stored: &StoredPlan) -> PyResult<StreamInput<'_>> {
         Err(error) => Standing::Unverified(words(&error)),
     };
     let digest = Sha256::of_file(&stored.dir.join("trajectory.csv")).map_err(|e| errors::file(&e))?;
-    let turn = stored.record.base_from_ct.rotation;
+    let turn = stored.record.frames.base_from_ct.rotation;
     let mut waypoints: Vec<WaypointNear> =
         stored.waypoints.iter().map(|w| WaypointNear { time_s: w.time_s, near: Vec::new() }).collect();
     for force in &stored.forces {
@@ -185,7 +185,7 @@ fn input(stored: &StoredPlan) -> PyResult<StreamInput<'_>> {
         structures: case.structures.iter().map(kept).collect(),
         waypoints,
         holds: holds.collect(),
-        registration_assumed: stored.record.registration_assumed,
+        registration_assumed: stored.record.frames.registration_assumed,
         standing,
         digest: digest.to_string(),
     })
