@@ -111,6 +111,8 @@ pub struct Session<'a> {
     late: (u64, f64),
     farthest_mm: f64,
     commanded: Option<Joints>,
+    /// The user's answer until it is used: it may come with an order before it.
+    answer: Option<bool>,
 }
 
 impl<'a> Session<'a> {
@@ -139,6 +141,7 @@ impl<'a> Session<'a> {
             late: (0, 0.0),
             farthest_mm: 0.0,
             commanded: None,
+            answer: None,
         }
     }
 
@@ -196,6 +199,7 @@ impl<'a> Session<'a> {
             Some(state) => self.watch.observe(state, self.plan.settings().timing.clock_drift),
             None => false,
         };
+        self.answer = seen.answer.or(self.answer);
         if let Some((cause, at_once)) = self.trouble(seen) {
             self.stop(cause, at_once, now_s, &mut step);
         }

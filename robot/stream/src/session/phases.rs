@@ -43,7 +43,7 @@ impl Session<'_> {
     }
 
     pub(super) fn confirm(&mut self, seen: &Seen, approach: Box<Approach>, step: &mut Step) {
-        match seen.answer {
+        match self.answer.take() {
             None => self.phase = Phase::Confirming(approach),
             Some(false) => self.stop(Cause::Declined, true, seen.now_s, step),
             Some(true) => {
@@ -177,7 +177,7 @@ impl Session<'_> {
                     part = HoldPart::Waiting;
                 }
             }
-            HoldPart::Waiting => match seen.answer {
+            HoldPart::Waiting => match self.answer.take() {
                 Some(true) => {
                     self.queue.push_back(Order::Spindle(true));
                     part = HoldPart::RunUp { until_s: now_s + self.plan.settings().run_up_s };
