@@ -67,6 +67,10 @@ pub enum Command {
     Phantom(PhantomArgs),
     /// Plan a case, or a phantom
     Plan(PlanArgs),
+    /// Turn a part (STL, OBJ, PLY) into a proven milling program: orientation, block, toolpath, G-code
+    Prosthesis(ProsthesisArgs),
+    /// Keep the catalogue of blocks that parts are milled from
+    Stock(StockArgs),
     /// Write a plan's motion for a controller: ROS, URScript or G-code
     Export(ExportArgs),
     /// Show a plan in the rerun viewer, or write a file for it (needs a build with the feature `rerun`)
@@ -81,7 +85,7 @@ pub enum Command {
     #[cfg(feature = "experiments")]
     Experiment(bonemill_experiments::cli::Args),
     /// Print the case file's keys with units, ranges, defaults and their sources, as Markdown
-    Keys,
+    Keys(KeysArgs),
     /// Print the columns and keys of a plan's files with units, frames and meanings, as Markdown
     Columns,
 }
@@ -117,6 +121,76 @@ pub struct PlanArgs {
     /// Keep copies of CT, labels and the other inputs in the plan, so that the folder can be moved or sent
     #[arg(long)]
     pub pack: bool,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(group = ArgGroup::new("part").required(true))]
+pub struct ProsthesisArgs {
+    /// Job file; `bonemill keys --prosthesis` lists what may stand in it
+    #[arg(group = "part", value_name = "JOB.toml")]
+    pub job: Option<PathBuf>,
+    /// Take a drawn prosthesis instead; it is kept in the folder
+    #[arg(long, group = "part", value_name = "KIND")]
+    pub phantom: Option<PartKind>,
+    /// The drawing's seed; 1 to 25 stand for the published set
+    #[arg(long, default_value_t = 1, requires = "phantom", conflicts_with = "job")]
+    pub seed: u64,
+    /// Folder to write: new, empty, or that of a prosthesis, which is replaced
+    #[arg(long, value_name = "OUT")]
+    pub out: PathBuf,
+}
+
+/// Parts that can be drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum PartKind {
+    /// A skull prosthesis after the statistics of Castelli et al. 2020
+    Prosthesis,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct StockArgs {
+    /// The catalogue, an SQLite database
+    #[arg(long, global = true, value_name = "STOCK.sqlite", default_value = "stock.sqlite")]
+    pub catalogue: PathBuf,
+    #[command(subcommand)]
+    pub command: StockCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum StockCommand {
+    /// Add blocks of a kind
+    Add {
+        /// The kind's number
+        #[arg(value_name = "ID")]
+        id: String,
+        /// Its three sides, mm
+        #[arg(long, num_args = 3, value_names = ["A", "B", "C"], required = true)]
+        size_mm: Vec<f64>,
+        /// How many
+        #[arg(long, default_value_t = 1)]
+        count: u32,
+    },
+    /// List every kind, its sides and how many are left
+    List,
+    /// Take one block out
+    Take {
+        /// The kind's number
+        #[arg(value_name = "ID")]
+        id: String,
+    },
+    /// Put one block back
+    Return {
+        /// The kind's number
+        #[arg(value_name = "ID")]
+        id: String,
+    },
+}
+
+#[derive(Debug, clap::Args)]
+pub struct KeysArgs {
+    /// Those of a prosthesis' job file instead
+    #[arg(long)]
+    pub prosthesis: bool,
 }
 
 /// A format that a controller reads.

@@ -14,8 +14,10 @@ mod phantom;
 mod plan;
 mod planning;
 mod pose_line;
+mod prosthesis;
 mod signals;
 mod simulate;
+mod stock;
 mod stream;
 mod verify;
 #[cfg(feature = "rerun")]
@@ -70,6 +72,8 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
     match &args.command {
         Command::Phantom(phantom) => phantom::run(phantom, console),
         Command::Plan(plan) => plan::run(plan, console),
+        Command::Prosthesis(prosthesis) => prosthesis::run(prosthesis, console),
+        Command::Stock(stock) => stock::run(stock),
         Command::Export(export) => export::run(export),
         #[cfg(feature = "rerun")]
         Command::View(view) => view::run(view, console),
@@ -87,6 +91,13 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
             Ok(Outcome::text("experiment", found.text).falling_short(found.shortfalls))
         }
         Command::Columns => Ok(Outcome::text("columns", bonemill_planner::plan::columns::reference())),
-        Command::Keys => Ok(Outcome::text("keys", bonemill_planner::case::reference())),
+        Command::Keys(args) => Ok(Outcome::text(
+            "keys",
+            if args.prosthesis {
+                bonemill_planner::case::prosthesis::reference()
+            } else {
+                bonemill_planner::case::reference()
+            },
+        )),
     }
 }

@@ -7,6 +7,8 @@ use std::process::ExitCode;
 use bonemill_planner::case::Case;
 use bonemill_planner::compare::{Comparison, Group, Pair};
 use bonemill_planner::plan::{ChannelRecord, PlanRecord, Value};
+use bonemill_planner::prosthesis::JobRecord;
+use bonemill_planner::prosthesis::verify::Verdict;
 use bonemill_planner::report::percent;
 use bonemill_planner::report::simulation::{figures, values};
 use bonemill_planner::simulate::Simulation;
@@ -174,6 +176,51 @@ impl Outcome {
             forces.push(json!({ "name": f.name, "planned_n": f.planned_n, "n_05_50_95": f.spread_n }));
         }
         self.object.insert("risk".into(), json!({ "structures": structures, "forces": forces }));
+    }
+
+    /// A prosthesis was written to `out`.
+    pub fn made(out: &Path, record: &JobRecord) -> Self {
+        let number = |name: &str| match record.metrics.iter().find(|(key, _)| key == name) {
+            Some((_, Value::Number(v))) => *v,
+            _ => 0.0,
+        };
+        let text = format!(
+            "wrote {}\nblock {}; {:.1} min of milling; at most {:.4} mm cut into the part, {:.3} mm left on it\n",
+            out.display(),
+            record.block_id,
+            number("total_time_s") / 60.0,
+            number("deepest_gouge_mm"),
+            number("thickest_uncut_mm"),
+        );
+        let mut outcome = Self::new("prosthesis", text).warning(&record.warnings);
+        let figures: Map<_, _> = record.metrics.iter().map(|(name, v)| (name.clone(), to_json(v))).collect();
+        outcome.object.insert("out".into(), out.to_string_lossy().into());
+        outcome.object.insert("block".into(), record.block_id.clone().into());
+        outcome.object.insert("figures".into(), figures.into());
+        outcome.object.insert("shortfalls".into(), record.shortfalls.clone().into());
+        outcome.shortfalls.clone_from(&record.shortfalls);
+        outcome
+    }
+
+    /// A prosthesis was judged; the verdict stands in `path`.
+    pub fn judged(path: &Path, verdict: &Verdict, all: bool) -> Self {
+        let mut text = String::new();
+        let mut shortfalls = Vec::new();
+        for check in &verdict.checks {
+            if all && check.faults.is_empty() {
+                text += &format!("ok    {}\n", check.name);
+            }
+            shortfalls.extend(check.faults.iter().map(|fault| format!("{}: {fault}", check.name)));
+        }
+        text.extend(shortfalls.iter().map(|failed| format!("FAIL  {failed}\n")));
+        let good = verdict.checks.iter().filter(|check| check.faults.is_empty()).count();
+        text += &format!("{good} of {} checks passed; wrote {}\n", verdict.checks.len(), path.display());
+        let mut outcome = Self::new("verify", text);
+        outcome.object.insert("out".into(), path.to_string_lossy().into());
+        outcome.object.insert("passed".into(), verdict.passed().into());
+        outcome.object.insert("shortfalls".into(), shortfalls.clone().into());
+        outcome.shortfalls = shortfalls;
+        outcome
     }
 
     /// Two plans were compared; the page is in the file `out`.

@@ -85,7 +85,11 @@ fn a_tibia_is_drilled_through_both_cortices_and_every_file_agrees() {
     fs::write(&path, text.replacen(line, &moved, 1)).unwrap();
     let ran = place.run(&["verify", "plan"]);
     assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
-    assert!(ran.out.contains("channel of the case") && ran.out.contains("the deepest is the channel's end"), "{}", ran.out);
+    assert!(
+        ran.out.contains("channel of the case") && ran.out.contains("the deepest is the channel's end"),
+        "{}",
+        ran.out
+    );
 }
 
 #[test]

@@ -27,6 +27,7 @@ type Fitted = (Vec<(&'static str, f64, f64, &'static str)>, f64, usize);
 
 /// Fits `coefficients` to a log of poses along which the plan's bone is milled; `saved` as for a simulation.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python function")]
 pub fn calibrate(
     py: Python<'_>,
     plan: &Plan,

@@ -139,6 +139,7 @@ fn force_dict<'py>(py: Python<'py>, force: &BurrForce) -> PyResult<Bound<'py, Py
 
 /// Mass and inertia of the bone in the ball, by the names of the reference cases.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python function")]
 pub fn engagement_metrics<'py>(
     py: Python<'py>,
     density: PyReadonlyArray3<'py, f64>,

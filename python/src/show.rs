@@ -45,6 +45,7 @@ enum Failed {
 /// The drawing of a plan, which lies in `saved` unless it was read from its own folder: about `motion` moments of the arm,
 /// `frames` of the bone.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python function")]
 pub fn show<'py>(
     py: Python<'py>,
     plan: &Plan,

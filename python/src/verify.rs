@@ -29,6 +29,7 @@ type Risks = (Vec<StructureRisk>, Vec<ForceSpread>);
 /// `keep`: that file and its part of the report are written there, as the command does; `samples`: also repeat the plan
 /// so often under drawn `errors`.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python function")]
 pub fn verify(
     py: Python<'_>,
     plan: &Plan,

@@ -144,7 +144,8 @@ mod tests {
     use crate::{Case, ChannelDirection, ChannelEnd, Entry, Feed, Job, Target};
     use std::path::Path;
 
-    const HEAD: &str = "structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[tool]\nkind = \"drill\"\n[path]\n";
+    const HEAD: &str =
+        "structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[tool]\nkind = \"drill\"\n[path]\n";
 
     fn parse(path: &str) -> Result<Case, String> {
         Case::parse(&format!("{HEAD}{path}"), Path::new("c.toml")).map_err(|e| e.to_string())
@@ -165,7 +166,9 @@ mod tests {
             let again = Case::parse(&case.to_toml(), Path::new("c.toml")).unwrap_or_else(|e| panic!("{e}"));
             assert_eq!(again, case);
         }
-        let case = parse("pattern = \"plunge\"\nentry_mm = [1, 2, 3]\ndirection = [0, 3, 4]\ndepth_mm = 12\n").unwrap();
+        let case =
+            parse("pattern = \"plunge\"\nentry_mm = [1, 2, 3]\ndirection = [0, 3, 4]\ndepth_mm = 12\n")
+                .unwrap();
         let Job::Channel(channel) = &case.job else { panic!() };
         assert_eq!(channel.entry, Entry::Point([1.0, 2.0, 3.0].into()));
         assert_eq!(channel.direction, ChannelDirection::Given([0.0, 0.6, 0.8].into()));
@@ -186,7 +189,10 @@ mod tests {
             ("direction = \"sideways\"\ntarget_mm = [1, 2, 3]\n", "path.direction"),
             ("direction = [0, 0, 0]\ntarget_mm = [1, 2, 3]\n", "path.direction"),
             ("direction = \"safest\"\ntarget_mm = [1, 2, 3]\nlayer_mm = 1\n", "path.layer_mm"),
-            ("direction = \"safest\"\ntarget_mm = [1, 2, 3]\nfeed_mm_s = 1\nfeed_mm_rev = 0.1\n", "path.feed_mm_s"),
+            (
+                "direction = \"safest\"\ntarget_mm = [1, 2, 3]\nfeed_mm_s = 1\nfeed_mm_rev = 0.1\n",
+                "path.feed_mm_s",
+            ),
             ("direction = \"safest\"\ntarget_mm = [1, 2, 3]\n[target]\nlabel = 1\n", "`target`"),
             ("direction = \"safest\"\ntarget_mm = [1, 2, 3]\n[speed]\nmin_mm_s = 1\n", "speed.min_mm_s"),
             ("direction = [0, 0, -1]\nentry_mm = [0, 0, 0]\ncontact_area_mm2 = 9\n", "path.contact_area_mm2"),

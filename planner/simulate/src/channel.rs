@@ -140,7 +140,8 @@ impl Replay<'_> {
             let cut_mm = deeper_mm.min(way_mm.max(0.0));
             let (swept, _) = self.pose(&samples[deepest]);
             force = loads.sum(TURNS, |_, at| self.weight(pose.place(at.coords), &swept));
-            let met = front.meets(&self.bone, &ToolPose { origin: pose.origin + out.as_ref() * (0.5 * cut_mm), ..pose });
+            let met = front
+                .meets(&self.bone, &ToolPose { origin: pose.origin + out.as_ref() * (0.5 * cut_mm), ..pose });
             mrr_mm3_s = met.projected_mm2 * cut_mm / seconds;
             mass_mg = met.mass_mg_mm * cut_mm;
         }
@@ -174,10 +175,15 @@ impl Replay<'_> {
         if density > 0.0 { (density / self.tool.rho_ref_g_cm3).powf(self.tool.exponent) } else { 0.0 }
     }
 
-    fn deflection_um(&self, sample: &TrajectorySample, force_n: &Vector3<f64>) -> Result<Option<f64>, SimulateError> {
+    fn deflection_um(
+        &self,
+        sample: &TrajectorySample,
+        force_n: &Vector3<f64>,
+    ) -> Result<Option<f64>, SimulateError> {
         let Some(stiffness) = self.plan.record.case.robot.joint_stiffness.as_deref() else { return Ok(None) };
         let found = self.plan.arm.compliance(&sample.q, stiffness);
-        let compliance = found.map_err(|source| SimulateError::Compliance { time_s: sample.time_s, source })?;
+        let compliance =
+            found.map_err(|source| SimulateError::Compliance { time_s: sample.time_s, source })?;
         let in_base: Vector3<f64> = self.plan.record.frames.base_from_ct.rotate(force_n);
         Ok(Some(1e3 * (compliance * in_base).norm()))
     }
@@ -196,7 +202,11 @@ impl Replay<'_> {
         found.min_by(|a, b| a.3.total_cmp(&b.3)).map(|(n, distance_mm, toward, _)| (n, distance_mm, toward))
     }
 
-    fn structures(&self, samples: &[TrajectorySample], rows: &[(SimulationRow, f64)]) -> Vec<StructureFigures> {
+    fn structures(
+        &self,
+        samples: &[TrajectorySample],
+        rows: &[(SimulationRow, f64)],
+    ) -> Vec<StructureFigures> {
         let [low_mm, high_mm] = self.tool.cutter.solid().z_range_mm();
         let of = |n: usize| {
             let field = self.scene.structures.get(n)?.field.as_ref()?;
@@ -240,8 +250,10 @@ impl Replay<'_> {
         let across = (2.0 * r / cell_mm).ceil() as usize + 1;
         let along = (length_mm / cell_mm).ceil() as usize + 1;
         let dims = [across, across, along];
-        let origin = Point::new(-0.5 * (across - 1) as f64 * cell_mm, -0.5 * (across - 1) as f64 * cell_mm, low_mm);
-        let grid = Grid::<Work>::aligned(dims, cell_mm, origin).map_err(|error| PlanError::from(SceneError::from(error)))?;
+        let origin =
+            Point::new(-0.5 * (across - 1) as f64 * cell_mm, -0.5 * (across - 1) as f64 * cell_mm, low_mm);
+        let grid = Grid::<Work>::aligned(dims, cell_mm, origin)
+            .map_err(|error| PlanError::from(SceneError::from(error)))?;
         let turn: Rotation3<f64> = basis::from_z(&out);
         let way = Vector3::new(0.0, 0.0, -way_mm);
         let mut amount = Amount::default();
@@ -261,7 +273,12 @@ impl Replay<'_> {
     }
 
     /// Bone in the holder at the deepest pose.
-    fn holder_contact(&self, ct: &Volume<f32, Ct>, bone_hu: f64, sample: &TrajectorySample) -> Option<ShankContact> {
+    fn holder_contact(
+        &self,
+        ct: &Volume<f32, Ct>,
+        bone_hu: f64,
+        sample: &TrajectorySample,
+    ) -> Option<ShankContact> {
         let (pose, out) = self.pose(sample);
         let holder = HolderPose { origin: pose.origin, out: &out, cylinders: &self.tool.holder };
         let found = holder.in_bone(ct, bone_hu)?;

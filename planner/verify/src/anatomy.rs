@@ -85,7 +85,8 @@ impl Anatomy {
 
     /// The number of a label that the case names, where it has one.
     pub fn number_of(&self, label: &LabelRef, plan: &StoredPlan) -> Option<u16> {
-        let names = read_label_names(plan.input_path(&label_names_path(&plan.record.case.images.labels))).ok()?;
+        let names =
+            read_label_names(plan.input_path(&label_names_path(&plan.record.case.images.labels))).ok()?;
         number(label, names.as_ref()).ok()
     }
 

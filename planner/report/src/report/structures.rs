@@ -15,7 +15,11 @@ pub fn structure_table(case: &Case, found: &[StructureFigures], place: impl Fn(u
         .zip(found)
         .map(|(structure, found)| {
             let least = found.least.map_or("<td>–</td><td></td>".into(), |(distance_mm, row)| {
-                format!("<td>{:.2}</td><td>{}</td>", distance_mm - case.tool.radius_mm().unwrap_or(case.burr.radius_mm), place(row))
+                format!(
+                    "<td>{:.2}</td><td>{}</td>",
+                    distance_mm - case.tool.radius_mm().unwrap_or(case.burr.radius_mm),
+                    place(row)
+                )
             });
             format!(
                 "<tr><th>{}</th><td>{:.2}</td>{least}{}{}</tr>",

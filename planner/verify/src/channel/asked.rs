@@ -26,7 +26,9 @@ pub fn rows(plan: &StoredPlan, spec: &ChannelSpec, channel: &ChannelRecord, move
     let rows = &plan.waypoints;
     let out = -channel.direction.into_inner();
     let worst = |of: &dyn Fn(usize) -> f64| {
-        (0..rows.len()).map(|n| (of(n), n)).fold((0.0, 0), |a, b| if b.0 > a.0 || b.0.is_nan() { b } else { a })
+        (0..rows.len())
+            .map(|n| (of(n), n))
+            .fold((0.0, 0), |a, b| if b.0 > a.0 || b.0.is_nan() { b } else { a })
     };
     let check = |subject: &str, (value, at): (f64, usize), limit: f64, unit| {
         Check::at_most(NAME, value, limit, unit).of(subject).at(Place::Waypoint(at))
@@ -42,8 +44,12 @@ pub fn rows(plan: &StoredPlan, spec: &ChannelSpec, channel: &ChannelRecord, move
         Some(spindle) => spec.feed.speed_mm_s(spindle.rpm),
         None => 0.0,
     };
-    let fast = |n: usize| rows[n].speed_mm_s - if is_cut(moves, n) { feed } else { plan.record.case.speed.link_mm_s };
-    let long = |n: usize| if n > 0 && is_cut(moves, n) { (rows[n].position - rows[n - 1].position).norm() } else { 0.0 };
+    let fast = |n: usize| {
+        rows[n].speed_mm_s - if is_cut(moves, n) { feed } else { plan.record.case.speed.link_mm_s }
+    };
+    let long = |n: usize| {
+        if n > 0 && is_cut(moves, n) { (rows[n].position - rows[n - 1].position).norm() } else { 0.0 }
+    };
     let deepest = (0..rows.len()).map(depth).fold(f64::NEG_INFINITY, f64::max);
     let starts = rows.first().is_some_and(|w| !is_cut(moves, 0) && w.time_s == 0.0);
     let first_mm = rows.first().map_or(0.0, |_| depth(0));
@@ -55,13 +61,19 @@ pub fn rows(plan: &StoredPlan, spec: &ChannelSpec, channel: &ChannelRecord, move
         check("what removes bone is a cut", worst(&unfit), 0.0, ""),
         check("speeds", worst(&fast), ROUNDING, "mm/s over"),
         check("length of cuts", worst(&long), spec.step_mm + ROUNDING, "mm"),
-        Check::at_most(NAME, (deepest - channel.depth_mm).abs(), ROUNDING, "mm").of("the deepest is the channel's end"),
+        Check::at_most(NAME, (deepest - channel.depth_mm).abs(), ROUNDING, "mm")
+            .of("the deepest is the channel's end"),
         Check::at_most(NAME, stands_mm.abs(), ROUNDING, "mm").of("the first stands off"),
     ]
 }
 
 /// The channel against the case's `[path]`.
-pub fn channel(plan: &StoredPlan, spec: &ChannelSpec, channel: &ChannelRecord, anatomy: &Anatomy) -> Vec<Check> {
+pub fn channel(
+    plan: &StoredPlan,
+    spec: &ChannelSpec,
+    channel: &ChannelRecord,
+    anatomy: &Anatomy,
+) -> Vec<Check> {
     const NAME: &str = "channel of the case";
     let off = |value: f64, subject: &str, unit| Check::at_most(NAME, value, ROUNDING, unit).of(subject);
     let mut checks = vec![match spec.end {
@@ -82,12 +94,16 @@ pub fn channel(plan: &StoredPlan, spec: &ChannelSpec, channel: &ChannelRecord, a
         let out = -channel.direction.into_inner();
         // the entry is where the bone ends for good: no bone from half a voxel on
         let half_mm = 0.5 * anatomy.ct.grid().diagonal_mm();
-        let reach = anatomy.ct.grid().corners().iter().map(|c| c.distance_mm(&channel.entry)).fold(0.0, f64::max);
+        let reach =
+            anatomy.ct.grid().corners().iter().map(|c| c.distance_mm(&channel.entry)).fold(0.0, f64::max);
         let step = 0.25 * anatomy.ct.grid().spacing_mm().min();
         let outside = (0..(reach / step) as usize).map(|n| half_mm + n as f64 * step);
         let bone = outside.filter(|s| anatomy.hu(channel.entry + out * *s) >= bone_hu).count();
         checks.push(Check::none_wrong(NAME, bone).of("no bone on the line before the entry"));
-        checks.push(Check::none_wrong(NAME, usize::from(!in_region(spec, channel.entry, anatomy, plan))).of("entry in its region"));
+        checks.push(
+            Check::none_wrong(NAME, usize::from(!in_region(spec, channel.entry, anatomy, plan)))
+                .of("entry in its region"),
+        );
     }
     checks.push(first_contact(plan, channel, anatomy, &out_of(channel)));
     checks
@@ -115,7 +131,9 @@ fn in_region(spec: &ChannelSpec, entry: Point<Ct>, anatomy: &Anatomy, plan: &Sto
             let reach = grid.diagonal_mm();
             // as near as a voxel's neighbour
             let steps = [-1.0, -0.5, 0.0, 0.5, 1.0];
-            let around = steps.iter().flat_map(|x| steps.iter().flat_map(move |y| steps.map(|z| Vector3::new(*x, *y, z))));
+            let around = steps
+                .iter()
+                .flat_map(|x| steps.iter().flat_map(move |y| steps.map(|z| Vector3::new(*x, *y, z))));
             number.is_some_and(|number| around.map(|d| entry + d * reach).any(|p| anatomy.label(p) == number))
         }
     }

@@ -100,7 +100,8 @@ fn clearances(
             let check = Check::at_least("clearance of moves", found, limit, "mm").of(name.clone());
             checks.push(check.at(Place::Waypoint(n.at)));
             let said = written(plan, &kept.name, "clearance_mm").unwrap_or(f64::NAN);
-            let off = Check::at_most("clearance as written", (found - said).abs(), CLEARANCE_TOLERANCE_MM, "mm");
+            let off =
+                Check::at_most("clearance as written", (found - said).abs(), CLEARANCE_TOLERANCE_MM, "mm");
             checks.push(off.of(name.clone()));
         }
         if let Some(n) = clearance::nearest_along(boxes, &ct_from_grid, &executed.points) {
@@ -183,7 +184,12 @@ fn rigid_error(case: &Case, spec: &ChannelSpec) -> Result<RigidError, Uncertaint
     let n = ct_mm.len() as f64;
     let mean = |points: &[[f64; 3]]| points.iter().map(|p| Vector3::from(*p)).sum::<Vector3<f64>>() / n;
     let (ct_middle, base_middle) = (mean(ct_mm), mean(base_mm));
-    let pairs = || ct_mm.iter().zip(base_mm).map(|(a, b)| (Vector3::from(*a) - ct_middle, Vector3::from(*b) - base_middle));
+    let pairs = || {
+        ct_mm
+            .iter()
+            .zip(base_mm)
+            .map(|(a, b)| (Vector3::from(*a) - ct_middle, Vector3::from(*b) - base_middle))
+    };
     // the best rotation leaves Σ|a|² + Σ|b|² − 2 tr(R H), with tr(R H) the sum of the signed singular values
     let cross: Matrix3<f64> = pairs().map(|(a, b)| a * b.transpose()).sum();
     let singular = cross.singular_values();

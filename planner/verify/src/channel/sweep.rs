@@ -37,7 +37,12 @@ impl OwnSolid {
             Tool::Reamer(s, _) => {
                 let out = (s.rim_radius_mm - s.offset_mm) / s.arc_radius_mm;
                 let top_mm = s.arc_radius_mm * (1.0 - (1.0 - out * out).max(0.0).sqrt()) + SHELL_MM;
-                Self::Reamer { arc_mm: s.arc_radius_mm, offset_mm: s.offset_mm, rim_mm: s.rim_radius_mm, top_mm }
+                Self::Reamer {
+                    arc_mm: s.arc_radius_mm,
+                    offset_mm: s.offset_mm,
+                    rim_mm: s.rim_radius_mm,
+                    top_mm,
+                }
             }
             Tool::Burr | Tool::Mesh(..) => Self::None,
         }
@@ -87,7 +92,8 @@ fn guide_mm(tool: &Tool) -> [f64; 2] {
 /// The volumes that the plan states, counted again on its own voxels.
 pub fn volumes(plan: &StoredPlan, channel: &ChannelRecord, anatomy: &Anatomy) -> Vec<Check> {
     let (case, frames) = (&plan.record.case, &plan.record.frames);
-    let Ok(grid) = Grid::<Work>::aligned(frames.grid.dims, case.grid.spacing_mm, Point::new(0.0, 0.0, 0.0)) else {
+    let Ok(grid) = Grid::<Work>::aligned(frames.grid.dims, case.grid.spacing_mm, Point::new(0.0, 0.0, 0.0))
+    else {
         return vec![Check::none_wrong("planning grid", 1)];
     };
     let ct_from_grid = frames.ct_from_grid();
