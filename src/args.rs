@@ -81,6 +81,8 @@ pub enum Command {
     Simulate(SimulateArgs),
     /// Show two plans side by side: cases, paths, volumes, distances, forces, times
     Compare(CompareArgs),
+    /// Set a streamed run beside its plan: path error, timing, force
+    Report(ReportArgs),
     /// Repeat a published measurement
     #[cfg(feature = "experiments")]
     Experiment(bonemill_experiments::cli::Args),
@@ -247,6 +249,9 @@ pub struct ViewArgs {
     /// Write this file instead of opening the viewer
     #[arg(long, value_name = "F.rrd")]
     pub save: Option<PathBuf>,
+    /// Also show a streamed run while its log grows, until the run ends
+    #[arg(long, value_name = "LOG", conflicts_with = "save")]
+    pub follow: Option<PathBuf>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -329,6 +334,19 @@ pub struct CompareArgs {
     #[arg(value_name = "B")]
     pub second: PathBuf,
     /// Also write an HTML page
+    #[arg(long, value_name = "PAGE.html")]
+    pub out: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct ReportArgs {
+    /// Folder of the plan that was streamed
+    #[arg(value_name = "PLAN")]
+    pub plan: PathBuf,
+    /// The run's log, as `python -m bonemill stream --log` writes it
+    #[arg(long, value_name = "LOG")]
+    pub run: PathBuf,
+    /// Also write a page
     #[arg(long, value_name = "PAGE.html")]
     pub out: Option<PathBuf>,
 }

@@ -11,9 +11,10 @@ use bonemill_planner::prosthesis::JobRecord;
 use bonemill_planner::prosthesis::verify::Verdict;
 use bonemill_planner::report::percent;
 use bonemill_planner::report::simulation::{figures, values};
+use bonemill_planner::run::RunComparison;
 use bonemill_planner::simulate::Simulation;
 use bonemill_planner::uncertainty::{ErrorModel, Risk};
-use bonemill_planner::verify::{Check, Verification};
+use bonemill_planner::verify::{Check, Short, Verification};
 use serde_json::{Map, json};
 
 use crate::args::Talk;
@@ -151,7 +152,7 @@ impl Outcome {
 
     /// Adds the risks under random errors, and a shortfall where one is too large.
     fn add_risk(&mut self, risk: &Risk, keep: f64) {
-        self.text += "under drawn errors: touched (95 % interval); distance kept in 5, 50, 95 %; clearance that keeps it\n";
+        self.text += "under random errors: share of samples that touch (95 % interval); 5, 50 and 95 % quantiles of the distance; clearance that would suffice\n";
         let mut structures = Vec::new();
         for s in &risk.structures {
             let (t, [low, middle, high]) = (&s.touched, s.kept_mm);
@@ -247,6 +248,22 @@ impl Outcome {
         outcome
     }
 
+    /// A run was set beside its plan; the page stands in `out`.
+    pub fn executed(found: &RunComparison, out: Option<&Path>) -> Self {
+        let figures = found.figures();
+        let mut text: String =
+            figures.iter().map(|(name, value)| format!("{name}: {}\n", words(value))).collect();
+        text.extend(found.events.last().map(|(time_s, said)| format!("{time_s:.3} s: {said}\n")));
+        text.extend(out.map(|path| format!("wrote {}\n", path.display())));
+        let mut outcome = Self::new("report", text);
+        let events: Vec<_> =
+            found.events.iter().map(|(s, said)| json!({ "time_s": s, "said": said })).collect();
+        outcome.object.insert("figures".into(), to_json(&Value::Table(figures)));
+        outcome.object.insert("events".into(), events.into());
+        outcome.object.extend(out.map(|path| ("out".into(), path.to_string_lossy().into())));
+        outcome
+    }
+
     /// A result with values for machines and a text for people.
     pub fn values(command: &str, text: String, values: serde_json::Value) -> Self {
         let mut outcome = Self::new(command, text);
@@ -305,6 +322,19 @@ fn by_stage(seconds: &[(String, f64)]) -> Map<String, serde_json::Value> {
         map.insert(name.clone(), (before + s).into());
     }
     map
+}
+
+/// A figure on one line.
+fn words(value: &Value) -> String {
+    match value {
+        Value::Number(v) => Short(*v).to_string(),
+        Value::Text(v) => v.clone(),
+        Value::Table(entries) => {
+            let entries: Vec<_> = entries.iter().map(|(name, v)| format!("{name} {}", words(v))).collect();
+            entries.join(", ")
+        }
+        other => to_json(other).to_string(),
+    }
 }
 
 fn to_json(value: &Value) -> serde_json::Value {
