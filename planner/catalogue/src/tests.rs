@@ -1,3 +1,5 @@
+//! The stock of blocks: changes, refusals, the choice, and several stations at once.
+
 use super::*;
 
 fn text<T: std::fmt::Debug>(result: Result<T, CatalogueError>) -> String {

@@ -1,3 +1,5 @@
+//! Mesh files: every format gives the same solid, damaged ones are refused.
+
 use super::*;
 
 /// A tetrahedron as ASCII STL.

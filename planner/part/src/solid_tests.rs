@@ -1,3 +1,5 @@
+//! Repairs and refusals on cubes that are damaged in one way each.
+
 use super::*;
 
 /// A box from the origin, each face a grid of `n` × `n` squares of `side` mm, as an unindexed file would give it.

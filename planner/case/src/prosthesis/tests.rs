@@ -1,3 +1,5 @@
+//! The job file of a prosthesis: defaults, what is refused, the way back from its own text, its documentation.
+
 use std::path::Path;
 
 use super::*;

@@ -1,3 +1,5 @@
+//! Outlines against closed forms, rectangles against a scan, and the exact orientation against the published one.
+
 use bonemill_geometry::Point;
 use proptest::prelude::*;
 
