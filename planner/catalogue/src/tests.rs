@@ -1,4 +1,4 @@
-//! The stock of blocks: changes, refusals, the choice, and several stations at once.
+//! The catalogue of blocks: adding, taking and returning them, the choice of the smallest, refusals, and several stations at once.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Mesh files: every format gives the same solid, damaged ones are refused.
+//! STL, OBJ and PLY files: every format gives the same solid, and damaged files are refused with the reason.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Repairs and refusals on cubes that are damaged in one way each.
+//! The repair of facets to a closed solid, and the refusal of what cannot be repaired without doubt.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! The job file of a prosthesis: defaults, what is refused, the way back from its own text, its documentation.
+//! The job file of a prosthesis: defaults, writing and reading back, refusal of wrong keys and values, and its reference page.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Outlines against closed forms, rectangles against a scan, and the exact orientation against the published one.
+//! The orientation of a part: known boxes, agreement of exact and published method, and independence of threads.
 
 use bonemill_geometry::Point;
 use proptest::prelude::*;
