@@ -15,6 +15,7 @@ pub mod hard_cases;
 mod orientation;
 mod pareto;
 pub mod peers;
+mod prostheses;
 mod stream_faults;
 mod table;
 mod trials;
@@ -80,6 +81,12 @@ pub enum ExperimentError {
     /// A grid is invalid.
     #[error(transparent)]
     Grid(#[from] bonemill_geometry::GridError),
+    /// A prosthesis cannot be planned.
+    #[error(transparent)]
+    Prosthesis(#[from] bonemill_planner::prosthesis::ProsthesisError),
+    /// A part's toolpath cannot be laid.
+    #[error(transparent)]
+    Machining(#[from] bonemill_planner::machining::MachiningError),
     /// The simulation's engine refused its input.
     #[error(transparent)]
     Engine(#[from] bonemill_planner::simulate::EngineError),
@@ -148,6 +155,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "orientation",
         about: "optimal against greedy orientation, one and two angles: cost, forces, rates, violations, time",
         run: orientation::run,
+    },
+    Experiment {
+        name: "prostheses",
+        about: "drawn prostheses (--seeds 25: the published set) and the reference, from STL to a proven program: orientation, time, deviation",
+        run: prostheses::run,
     },
     Experiment {
         name: "engine-convergence",

@@ -10,10 +10,13 @@ mod error;
 mod explain;
 mod given;
 mod hold;
+mod job;
 #[macro_use]
 mod keys;
 mod parse;
+mod parse_channel;
 mod parse_robot;
+mod parse_tool;
 pub mod prosthesis;
 mod reference;
 mod relations;
@@ -23,8 +26,10 @@ mod suggest;
 mod target;
 #[cfg(test)]
 mod tests;
+mod tool;
 mod walker;
 pub mod write;
+mod write_channel;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -39,6 +44,7 @@ pub use error::{CaseError, CaseFault, Located};
 pub use explain::{Origin, Parameter, explained};
 pub use given::Given;
 pub use hold::Hold;
+pub use job::{ChannelDirection, ChannelEnd, ChannelSpec, Entry, Feed, Job, Pattern};
 pub use keys::Unit;
 pub use parse::syntax;
 pub use parse_robot::rotation_from_matrix;
@@ -47,6 +53,7 @@ pub use several::SeveralStructures;
 pub use sheets::Sheets;
 pub use suggest::nearest;
 pub use target::Target;
+pub use tool::{EdgeMaterial, EdgeModel, MeshTool, Spindle, Tool};
 pub use walker::{as_number, line_at};
 
 /// One patient, one tool and one robot; resolved and validated.
@@ -58,6 +65,8 @@ pub struct Case {
     pub images: Images,
     /// Hounsfield units to density, and what counts as air and bone.
     pub density: Density,
+    /// The kind of work.
+    pub job: Job,
     /// The bone to be removed.
     pub target: Target,
     /// Whether thin bone outside the target is kept.
@@ -70,12 +79,16 @@ pub struct Case {
     pub holds: Vec<Hold>,
     /// Approach direction in ct, unit, out of the bone; `None`: the direction in which the target sees the most air.
     pub approach: Option<Vector3<f64>>,
-    /// The burr.
+    /// What cuts.
+    pub tool: Tool,
+    /// The burr, where the tool is one.
     pub burr: Burr,
     /// The shank, from the burr outwards.
     pub shank: Vec<ShankSegment>,
-    /// Cutting coefficients.
+    /// Cutting coefficients of a burr, and how force follows density.
     pub material: Material,
+    /// Cutting coefficients of the edges of other tools.
+    pub edge_material: EdgeMaterial,
     /// How the path is laid.
     pub path: PathSpec,
     /// Weights of the orientation cost.

@@ -4,7 +4,7 @@ use super::error::CaseFault;
 use super::hold::judge_holds;
 use super::keys::Unit;
 use super::suggest::nearest;
-use super::{Case, ForceTerm, SpeedMode, Target};
+use super::{Case, ForceTerm, Job, SpeedMode, Target, Tool};
 
 /// No handpiece is thicker, mm; access grows with the cube of it.
 const MOST_SHANK_RADIUS_MM: f64 = 30.0;
@@ -22,7 +22,8 @@ struct Bound {
 
 /// Notes every contradiction; `note` takes the fault and the key it stands at, `is_default` tells absent keys.
 pub(super) fn judge(case: &Case, note: &dyn Fn(CaseFault, &str), is_default: &dyn Fn(&str) -> bool) {
-    for Bound { key, found, holds, relation, limit, of, unit } in bounds(case) {
+    let bounds = if case.job == Job::Bone { bounds(case) } else { channel_bounds(case) };
+    for Bound { key, found, holds, relation, limit, of, unit } in bounds {
         if !holds {
             let is_default = is_default(key);
             note(CaseFault::Relation { key: key.into(), found, is_default, relation, limit, of, unit }, key);
@@ -34,25 +35,43 @@ pub(super) fn judge(case: &Case, note: &dyn Fn(CaseFault, &str), is_default: &dy
     judge_arm(case, note);
     judge_joints(case, note);
     judge_choices(case, note);
+    judge_tool(case, note);
 }
 
-fn bounds(case: &Case) -> Vec<Bound> {
-    let (r, path, speed) = (case.burr.radius_mm, case.path, &case.speed);
-    let at_most = |key, found: f64, limit: f64, of, unit| Bound {
-        key,
-        found,
-        holds: found <= limit,
-        relation: "at most",
-        limit,
-        of,
-        unit,
-    };
+/// A channel has no layers, and its tool is not the burr.
+fn channel_bounds(case: &Case) -> Vec<Bound> {
+    let shared = ["density.bone_hu", "grid.spacing_mm"];
+    bounds(case).into_iter().filter(|bound| shared.contains(&bound.key)).collect()
+}
+
+/// The tool's dimensions make a tool, and the coefficients fit their model.
+fn judge_tool(case: &Case, note: &dyn Fn(CaseFault, &str)) {
+    if let Err((table, problem)) = case.tool.build() {
+        note(CaseFault::Cutter { table, problem }, table);
+    }
+    let edges = &case.edge_material;
+    for (key, list) in [("material.k_normal", &edges.k_normal), ("material.k_friction", &edges.k_friction)] {
+        let (found, expected) = (list.len(), edges.model.coefficients());
+        if found != expected {
+            let expected = format!("{expected}, as material.edge_model = \"{}\" has", edges.model.word());
+            note(CaseFault::Length { key: key.into(), found, expected }, key);
+        }
+    }
+}
+
+/// `found` against a largest value.
+fn at_most(key: &'static str, found: f64, limit: f64, of: &'static str, unit: Unit) -> Bound {
+    Bound { key, found, holds: found <= limit, relation: "at most", limit, of, unit }
+}
+
+/// What follows from the burr's radius.
+fn burr_bounds(case: &Case) -> Vec<Bound> {
+    let (r, path) = (case.burr.radius_mm, case.path);
     let mut bounds = vec![
         at_most("path.layer_mm", path.layer_mm, 2.0 * r, "twice burr.radius_mm", Unit::Mm),
         at_most("path.stepover_mm", path.stepover_mm, 2.0 * r, "twice burr.radius_mm", Unit::Mm),
         at_most("path.step_mm", path.step_mm, r, "burr.radius_mm", Unit::Mm),
         at_most("grid.spacing_mm", case.grid.spacing_mm, r / 2.0, "half of burr.radius_mm", Unit::Mm),
-        at_most("speed.min_mm_s", speed.min_mm_s, speed.max_mm_s, "speed.max_mm_s", Unit::MmS),
         Bound {
             key: "burr.neck_radius_mm",
             found: case.burr.neck_radius_mm,
@@ -61,15 +80,6 @@ fn bounds(case: &Case) -> Vec<Bound> {
             limit: r,
             of: "burr.radius_mm: the neck is thinner than the ball",
             unit: Unit::Mm,
-        },
-        Bound {
-            key: "density.bone_hu",
-            found: case.density.bone_hu,
-            holds: case.density.bone_hu > case.density.air_hu,
-            relation: "above",
-            limit: case.density.air_hu,
-            of: "density.air_hu",
-            unit: Unit::Hu,
         },
     ];
     if let Some(first) = case.shank.first() {
@@ -80,6 +90,34 @@ fn bounds(case: &Case) -> Vec<Bound> {
             (r - 0.5 * case.grid.spacing_mm, room)
         };
         bounds.push(at_most("shank.segments", first.radius_mm, limit, of, Unit::Mm));
+    }
+    bounds
+}
+
+fn bounds(case: &Case) -> Vec<Bound> {
+    let speed = &case.speed;
+    let mut bounds = vec![
+        at_most("speed.min_mm_s", speed.min_mm_s, speed.max_mm_s, "speed.max_mm_s", Unit::MmS),
+        Bound {
+            key: "density.bone_hu",
+            found: case.density.bone_hu,
+            holds: case.density.bone_hu > case.density.air_hu,
+            relation: "above",
+            limit: case.density.air_hu,
+            of: "density.air_hu",
+            unit: Unit::Hu,
+        },
+    ];
+    match case.tool.radius_mm() {
+        // a mesh's radius is known once it is read
+        None if case.tool != Tool::Burr => {}
+        None => bounds.extend(burr_bounds(case)),
+        Some(r) => {
+            bounds.push(at_most("grid.spacing_mm", case.grid.spacing_mm, r, "the tool's radius", Unit::Mm));
+            let of = "the tool's radius: a thicker shank cannot follow it into the bone";
+            bounds
+                .extend(case.shank.first().map(|s| at_most("shank.segments", s.radius_mm, r, of, Unit::Mm)));
+        }
     }
     for cylinder in &case.shank {
         let of = "the thickest handpiece";
@@ -120,7 +158,7 @@ fn judge_target(case: &Case, note: &dyn Fn(CaseFault, &str)) {
                 above("target.frustum.from_radius_mm", widest, 0.5, "the wider of the frustum's two radii");
             }
         }
-        Target::Label(_) | Target::Ball { .. } => {}
+        Target::Label(_) | Target::Ball { .. } | Target::Swept => {}
     }
 }
 
@@ -190,6 +228,12 @@ fn judge_joints(case: &Case, note: &dyn Fn(CaseFault, &str)) {
 
 /// What one choice needs and another lacks.
 fn judge_choices(case: &Case, note: &dyn Fn(CaseFault, &str)) {
+    let is_speed = |key: &&str| key.starts_with("speed.") && *key != "speed.link_mm_s";
+    if let (Job::Channel(_), Some(key)) = (&case.job, case.given.keys().find(is_speed)) {
+        let why =
+            "a channel's speed is path.feed_mm_rev or path.feed_mm_s, and speed.link_mm_s outside the bone";
+        note(CaseFault::Contradiction { key: key.into(), why }, key);
+    }
     if case.cost.force == ForceTerm::Deflection && case.robot.joint_stiffness.is_none() {
         let expected = "one value per joint, N/mm or N·mm/rad, for cost.force = \"deflection\"".into();
         note(CaseFault::Missing { key: "robot.joint_stiffness".into(), expected }, "cost.force");

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use nalgebra::Vector3;
 
 use super::keys as k;
-use super::{Case, LabelRef, Registration, Target};
+use super::{Case, Job, LabelRef, Registration, Target, write_channel};
 
 impl Case {
     /// The case as a case file with every key.
@@ -59,7 +59,9 @@ impl Case {
             ],
         );
         let rules = [("least_share", float(self.least_share)), ("sheets", text(k::SHEETS.word(self.sheets)))];
-        out.table("target", &[&[target(&self.target)][..], &rules[..]].concat());
+        if let Some(target) = target(&self.target) {
+            out.table("target", &[&[target][..], &rules[..]].concat());
+        }
         for s in &self.structures {
             out.array_table(
                 "structure",
@@ -85,6 +87,10 @@ impl Case {
         let segments: Vec<_> = self.shank.iter().map(|s| list(&[s.length_mm, s.radius_mm])).collect();
         let [k_t, k_r, k_a] = self.material.k_n_mm2;
         let [k_te, k_re, k_ae] = self.material.k_edge_n_mm;
+        out.table("tool", &[("kind", text(self.tool.word()))]);
+        if let Some((table, lines)) = self.tool.lines() {
+            out.table(table, &lines);
+        }
         out.table(
             "burr",
             &[
@@ -110,13 +116,21 @@ impl Case {
                 ("exponent", float(self.material.exponent)),
                 ("measure", text(k::MEASURE.word(self.material.measure))),
                 ("t0_mm", float(self.material.t0_mm)),
+                ("edge_model", text(k::tool::EDGE_MODEL.word(self.edge_material.model))),
+                ("k_normal", list(&self.edge_material.k_normal)),
+                ("k_friction", list(&self.edge_material.k_friction)),
             ],
         );
     }
 
     fn write_planning(&self, out: &mut Text) {
+        if let Job::Channel(channel) = &self.job {
+            out.table("path", &write_channel::lines(channel));
+            out.table("speed", &[("link_mm_s", float(self.speed.link_mm_s))]);
+            return;
+        }
         let mut path = vec![
-            ("pattern", text(k::PATTERN.word(()))),
+            ("pattern", text(k::PATTERN.word(super::Pattern::Lawnmower))),
             ("layer_mm", float(self.path.layer_mm)),
             ("stepover_mm", float(self.path.stepover_mm)),
             ("step_mm", float(self.path.step_mm)),
@@ -234,7 +248,7 @@ pub fn text(s: &str) -> String {
 }
 
 /// Degrees that convert to exactly `rad`, the roundest that do; the nearest where none does.
-fn degrees(rad: f64) -> f64 {
+pub(crate) fn degrees(rad: f64) -> f64 {
     let nearest = rad.to_degrees();
     let round = (nearest * 1e9).round() / 1e9;
     let candidates = [round, nearest, nearest.next_up(), nearest.next_down()];
@@ -242,15 +256,16 @@ fn degrees(rad: f64) -> f64 {
     exact.unwrap_or(nearest)
 }
 
-fn label(label: &LabelRef) -> String {
+pub(super) fn label(label: &LabelRef) -> String {
     match label {
         LabelRef::Number(n) => n.to_string(),
         LabelRef::Name(name) => text(name),
     }
 }
 
-fn target(target: &Target) -> (&'static str, String) {
-    match target {
+fn target(target: &Target) -> Option<(&'static str, String)> {
+    Some(match target {
+        Target::Swept => return None,
         Target::Label(l) => ("label", label(l)),
         Target::Box { min_mm, max_mm } => {
             ("box", format!("{{ min_mm = {}, max_mm = {} }}", vector(min_mm), vector(max_mm)))
@@ -268,7 +283,7 @@ fn target(target: &Target) -> (&'static str, String) {
                 float(*to_radius_mm)
             ),
         ),
-    }
+    })
 }
 
 /// TOML text with tables below a prefix.

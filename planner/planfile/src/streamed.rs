@@ -31,7 +31,7 @@ pub fn stream_input(stored: &StoredPlan) -> Result<StreamInput<'_>, PlanFileErro
         structures: case.structures.iter().map(kept).collect(),
         waypoints: waypoints(stored),
         holds: hold_points(stored).into_iter().map(hold).collect(),
-        registration_assumed: stored.record.registration_assumed,
+        registration_assumed: stored.record.frames.registration_assumed,
         standing,
         digest: digest.to_string(),
     })
@@ -39,7 +39,7 @@ pub fn stream_input(stored: &StoredPlan) -> Result<StreamInput<'_>, PlanFileErro
 
 /// Structures near each waypoint, with directions in base.
 fn waypoints(stored: &StoredPlan) -> Vec<WaypointNear> {
-    let base_from_ct = &stored.record.base_from_ct;
+    let base_from_ct = &stored.record.frames.base_from_ct;
     let empty = |w: &super::Waypoint| WaypointNear { time_s: w.time_s, near: Vec::new() };
     let mut waypoints: Vec<WaypointNear> = stored.waypoints.iter().map(empty).collect();
     for force in &stored.forces {
