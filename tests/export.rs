@@ -104,7 +104,7 @@ fn ros_and_urscript_hold_the_trajectory() {
             assert!((read.parse::<f64>().unwrap() - value).abs() < 1e-9);
         }
     }
-    // at every waypoint the program allows no more than a quarter of the room to the nearest structure
+    // at every waypoint the program allows no more than a quarter of the distance to the nearest structure
     let radius_mm = plan.record.case.burr.radius_mm;
     let (mut allowed_mm, mut at) = (f64::NAN, Vec::new());
     for line in script.lines() {

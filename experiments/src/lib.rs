@@ -90,6 +90,12 @@ pub enum ExperimentError {
     /// The simulation's engine refused its input.
     #[error(transparent)]
     Engine(#[from] bonemill_planner::simulate::EngineError),
+    /// A plan's files cannot be read.
+    #[error(transparent)]
+    PlanFile(#[from] bonemill_planner::plan::PlanFileError),
+    /// A plan cannot be streamed.
+    #[error(transparent)]
+    Stream(#[from] bonemill_robot::stream::StreamError),
     /// The number of values does not match the grid.
     #[error(transparent)]
     Values(#[from] bonemill_geometry::VolumeError),

@@ -230,6 +230,10 @@ class Run:
                 LOCAL[self.fault](self)
             elif self.fault in START:
                 self.double.call("mark")
+        if self.fault == "disk full":
+            # the log says when it was full; what the burr went on then is counted from the last targets
+            self.outcome.row = self.double.call("rows")
+            self.double.call("mark")
         self._await_end()
         self._measure()
         if self.resumable:

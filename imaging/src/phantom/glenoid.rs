@@ -32,6 +32,9 @@ const SHELL_VARIES_HU: f64 = 150.0;
 const CANCELLOUS_HU: f64 = 400.0;
 const CANCELLOUS_VARIES_HU: f64 = 300.0;
 const SOFT_HU: f64 = 40.0;
+const AIR_HU: f64 = -1000.0;
+/// The joint is open: air from this height on, mm; assumed, just above the highest rim.
+const OPEN_FROM_MM: f64 = 7.0;
 const NERVE: u8 = 1;
 const NERVE_RADIUS_MM: f64 = 1.5; // assumed: the suprascapular nerve in its notch
 /// From the rim inwards to the nerve, and from the neck's wall to it, mm; assumed.
@@ -92,11 +95,12 @@ pub(super) fn glenoid(seed: u64) -> Phantom {
         let p = grid.center(grid.voxel(n)).coords;
         let [shell, cancellous] = fields.each_ref().map(|field| field.at(&p));
         let bone_mm = head.distance_mm(&p);
-        let mut value = SOFT_HU;
+        let mut value = AIR_HU;
         let mut paint = |distance_mm: f64, with_hu: f64| {
             let share = coverage(distance_mm, SPACING_MM);
             value += share * (with_hu - value);
         };
+        paint(p.z - OPEN_FROM_MM, SOFT_HU);
         paint(bone_mm, SHELL_HU + SHELL_VARIES_HU * shell);
         paint(bone_mm + shell_mm, CANCELLOUS_HU + CANCELLOUS_VARIES_HU * cancellous);
         *hu = value as f32;
