@@ -9,12 +9,15 @@ mod args;
 mod compare;
 mod console;
 mod export;
+#[cfg(any(test, feature = "rerun"))]
+mod follow;
 mod outcome;
 mod phantom;
 mod plan;
 mod planning;
 mod pose_line;
 mod prosthesis;
+mod report;
 mod signals;
 mod simulate;
 mod stock;
@@ -90,6 +93,7 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
         Command::Simulate(simulate) => simulate::run(simulate, console, args.talk()),
         Command::Compare(compare) => compare::run(compare),
         Command::Verify(verify) => verify::run(verify, console),
+        Command::Report(report) => report::run(report),
         #[cfg(feature = "experiments")]
         Command::Experiment(args) => {
             let found = bonemill_experiments::cli::run(args, console)?;

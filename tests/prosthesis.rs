@@ -85,9 +85,9 @@ fn what_cannot_be_made_is_refused_and_the_block_goes_back() {
     refused("prosthesis none.toml --out out", "cannot read the job none.toml");
     let job = fs::read_to_string(folder.path().join("job.toml")).unwrap();
     fs::write(folder.path().join("wrong.toml"), job.replace("diameter_mm", "diameter")).unwrap();
-    refused("prosthesis wrong.toml --out out", "wrong.toml:7: unknown key `tool.diameter`");
+    refused("prosthesis wrong.toml --out out", "wrong.toml:8: unknown key `tool.diameter`");
     fs::write(folder.path().join("metres.toml"), job.replace("unit = \"mm\"", "unit = \"m\"")).unwrap();
-    refused("prosthesis metres.toml --out out", "state the unit");
+    refused("prosthesis metres.toml --out out", "plausible: \"mm\"");
     // a cutter that does not fit between the part and the block's grip
     fs::write(folder.path().join("thick.toml"), job.replace("diameter_mm = 4", "diameter_mm = 20")).unwrap();
     refused("prosthesis thick.toml --out out", "cannot be milled from block B1");
