@@ -113,7 +113,7 @@ fn what_cannot_be_drilled_is_said_with_its_key() {
     let entry = case.lines().find(|l| l.starts_with("entry_mm")).unwrap();
     for (old, new, code, words) in [
         (target, "target_mm = [0, 0, -18.5]", 1, "the channel runs through vessel"),
-        (target, "target_mm = [0, 0, 17]", 2, "the tool meets no bone"),
+        (target, "target_mm = [0, 0, 17]", 2, "the tool would begin in bone"),
         ("feed_mm_rev = 0.02", "feed_mm_rev = 1.9", 2, "path.feed_mm_rev"),
         ("web_mm = 0.15", "web_mm = 1.2", 2, "the web leaves no lip"),
         ("kind = \"drill\"\n\n[drill]", "kind = \"burr\"\n\n[burr]", 2, "a channel needs"),

@@ -43,7 +43,7 @@ const NERVE_GAP_MM: f64 = 1.5;
 const NOISE_HU: f64 = 30.0;
 
 const SPACING_MM: f64 = 0.5;
-const DIMS: [usize; 3] = [88, 116, 96];
+const DIMS: [usize; 3] = [88, 116, 106];
 const ORIGIN: Point<Ct> = Point::new(-21.75, -28.75, -34.75);
 
 /// The head of a scapula as signed distances.

@@ -16,7 +16,8 @@ const MOST_DEPTH_MM: f64 = 60.0;
 /// The depth at which the front first meets bone, mm, to [`STEP_MM`] and from the side of air.
 ///
 /// # Errors
-/// [`ChannelFault::NoBone`] where it meets none from `from_mm` to `to_mm`.
+/// [`ChannelFault::NoBone`] where it meets none from `from_mm` to `to_mm`; [`ChannelFault::BeginsInBone`] where it is in bone at
+/// `from_mm` already.
 pub fn first_contact_mm(
     front: &ToolFront,
     bone: &BoneField<'_>,
@@ -27,7 +28,10 @@ pub fn first_contact_mm(
     let depth = |n: usize| from_mm + n as f64 * STEP_MM;
     let meets = |n: &usize| contact_mm2(front, bone, axis, depth(*n)) > 0.0;
     let first = (0..=count).find(meets).ok_or(ChannelFault::NoBone { from_mm: -from_mm, to_mm })?;
-    Ok(depth(first.saturating_sub(1)))
+    if first == 0 {
+        return Err(ChannelFault::BeginsInBone { before_mm: -from_mm }.into());
+    }
+    Ok(depth(first - 1))
 }
 
 /// The first depth at which the front's area in bone is at least `wanted_mm2`, mm.

@@ -50,6 +50,14 @@ pub enum ChannelFault {
         /// Where, mm from the entry.
         depth_mm: f64,
     },
+    /// The tool stands in bone before it starts.
+    #[error(
+        "the tool would begin in bone, {before_mm:.1} mm before entry_mm: check that direction leads into the bone, and path.standoff_mm"
+    )]
+    BeginsInBone {
+        /// How far before the entry the search began, mm.
+        before_mm: f64,
+    },
     /// The tool meets no bone on its way.
     #[error(
         "the tool meets no bone between {from_mm:.1} mm before the entry and a depth of {to_mm:.1} mm: check entry_mm and direction"
