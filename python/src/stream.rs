@@ -9,13 +9,12 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
-use bonemill_planner::plan::{Need, Sha256, StoredPlan, hold_points, verified};
+use bonemill_planner::plan::{Need, StoredPlan, stream_input};
 use bonemill_robot::stream::bound::{self, Failure};
 use bonemill_robot::stream::simulated::rehearse::rehearse;
 use bonemill_robot::stream::{
-    ArmLink, ArmState, Cause, Clock, Event, Hold, Identity, LinkFault, Log, LogWriter, Near, Operator, Order,
-    Outcome, Question, Session, Settings, Standing, StreamInput, StreamPlan as CorePlan, StructureKept,
-    WaypointNear, drive,
+    ArmLink, ArmState, Cause, Clock, Event, Identity, LinkFault, Log, LogWriter, Operator, Order, Outcome,
+    Question, Session, Settings, StreamPlan as CorePlan, drive,
 };
 use nalgebra::Vector3;
 use pyo3::prelude::*;
@@ -52,7 +51,8 @@ impl StreamPlan {
         let settings = Settings { slow, unverified, payload_kg, run_up_s, ..Settings::default() };
         let read = move |_: &dyn bonemill_planner::Progress| -> PyResult<Self> {
             let stored = StoredPlan::load_with(&dir, None, Need::Unchanged).map_err(|e| errors::file(&e))?;
-            let plan = CorePlan::new(input(&stored)?, settings).map_err(|e| refused(&e))?;
+            let plan = CorePlan::new(stream_input(&stored).map_err(|e| errors::file(&e))?, settings)
+                .map_err(|e| refused(&e))?;
             Ok(Self { plan, dir })
         };
         apart::run(py, None, None, read)?
@@ -102,7 +102,8 @@ impl StreamPlan {
         let text = std::fs::read_to_string(&log)
             .map_err(|e| StreamError::new_err(format!("cannot read {}: {e}", log.display())))?;
         let read = Log::read(&text).and_then(|log| log.of_plan(&self.plan.digest));
-        Ok(read.map_err(|e| StreamError::new_err(format!("{}: {}", log.display(), words(&e))))?.last_row())
+        let read = read.map_err(|e| StreamError::new_err(format!("{}: {}", log.display(), words(&e))))?;
+        Ok(self.plan.resume_row(read.last_row()))
     }
 
     /// Runs it from a row over a link, and writes its log.
@@ -145,50 +146,6 @@ impl StreamPlan {
 
 fn refused(error: &dyn std::error::Error) -> PyErr {
     StreamError::new_err(words(error))
-}
-
-/// The core's values of a stored plan.
-fn input(stored: &StoredPlan) -> PyResult<StreamInput<'_>> {
-    let case = &stored.record.case;
-    let standing = match verified(&stored.dir) {
-        Ok(_) => Standing::Verified,
-        Err(error) => Standing::Unverified(words(&error)),
-    };
-    let digest = Sha256::of_file(&stored.dir.join("trajectory.csv")).map_err(|e| errors::file(&e))?;
-    let turn = stored.record.frames.base_from_ct.rotation;
-    let mut waypoints: Vec<WaypointNear> =
-        stored.waypoints.iter().map(|w| WaypointNear { time_s: w.time_s, near: Vec::new() }).collect();
-    for force in &stored.forces {
-        if let Some(waypoint) = waypoints.get_mut(force.waypoint) {
-            waypoint.near.push(Near {
-                structure: force.structure,
-                gap_mm: force.distance_mm - case.burr.radius_mm,
-                toward: turn * force.toward,
-                force_n: force.force_toward_n,
-            });
-        }
-    }
-    let name = |structure: usize| case.structures.get(structure).map_or("a structure", |s| &s.name);
-    let holds = hold_points(stored).into_iter().map(|hold| Hold {
-        row: hold.row,
-        why: format!("{} mm from {}", hold.distance_mm, name(hold.structure)),
-    });
-    let kept = |s: &bonemill_planner::case::Structure| StructureKept {
-        name: s.name.clone(),
-        clearance_mm: s.clearance_mm,
-    };
-    Ok(StreamInput {
-        arm: &stored.arm,
-        model: case.robot.model.clone(),
-        time_s: &stored.trajectory.time_s,
-        q: &stored.trajectory.q,
-        structures: case.structures.iter().map(kept).collect(),
-        waypoints,
-        holds: holds.collect(),
-        registration_assumed: stored.record.frames.registration_assumed,
-        standing,
-        digest: digest.to_string(),
-    })
 }
 
 fn worst(plan: &CorePlan, failure: Failure) -> (&'static str, (f64, usize), (f64, usize)) {

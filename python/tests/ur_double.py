@@ -76,13 +76,24 @@ class Controller:
         """When the fault began, on the clock of `record`."""
         self._fault: tuple[str, int] | None = None
         self._later: list[tuple[float, Any]] = []
+        self._began = False
         self.listen()
 
     def listen(self) -> None:
         for port, role in PORTS.items():
-            listener = socket.create_server((self.host, port))
+            if role in self.listeners.values():
+                continue
+            try:
+                listener = socket.create_server((self.host, port))
+            except OSError:
+                if not self._began:
+                    raise
+                # an old connection still holds the port
+                self.later(0.2, self.listen)
+                continue
             listener.setblocking(False)
             self.listeners[listener] = role
+        self._began = True
 
     def deafen(self) -> None:
         """Nobody connects any more."""
