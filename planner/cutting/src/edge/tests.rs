@@ -6,9 +6,9 @@ use serde_json::Value;
 
 use super::*;
 
-const D01: &str = include_str!("cases/d01_drill_500.json");
-const D02: &str = include_str!("cases/d02_drill_f01_chisel.json");
-const D04: &str = include_str!("cases/d04_reamer.json");
+const D01: &str = include_str!("../../../tests/data/d01_drill_500.json");
+const D02: &str = include_str!("../../../tests/data/d02_drill_f01_chisel.json");
+const D04: &str = include_str!("../../../tests/data/d04_reamer.json");
 
 fn close(found: f64, expected: &Value, what: &str) {
     let expected = expected.as_f64().unwrap();
