@@ -67,6 +67,10 @@ pub enum Command {
     Phantom(PhantomArgs),
     /// Plan a case, or a phantom
     Plan(PlanArgs),
+    /// Turn a part (STL, OBJ, PLY) into a proven milling program: orientation, block, toolpath, G-code
+    Prosthesis(ProsthesisArgs),
+    /// Keep the catalogue of blocks that parts are milled from
+    Stock(StockArgs),
     /// Write a plan's motion for a controller: ROS, URScript or G-code
     Export(ExportArgs),
     /// Show a plan in the rerun viewer, or write a file for it (needs a build with the feature `rerun`)
@@ -77,18 +81,20 @@ pub enum Command {
     Simulate(SimulateArgs),
     /// Show two plans side by side: cases, paths, volumes, distances, forces, times
     Compare(CompareArgs),
+    /// Set a streamed run beside its plan: path error, timing, force
+    Report(ReportArgs),
     /// Repeat a published measurement
     #[cfg(feature = "experiments")]
     Experiment(bonemill_experiments::cli::Args),
     /// Print the case file's keys with units, ranges, defaults and their sources, as Markdown
-    Keys,
+    Keys(KeysArgs),
     /// Print the columns and keys of a plan's files with units, frames and meanings, as Markdown
     Columns,
 }
 
 #[derive(Debug, clap::Args)]
 pub struct PhantomArgs {
-    /// Kind of phantom: block (the foam block of Dillon et al. 2016) or temporal (a mastoid computed from a seed)
+    /// Kind of phantom: block (the foam block of Dillon et al. 2016), temporal (a mastoid computed from a seed), tibia (a shaft to be drilled) or glenoid (to be reamed)
     #[arg(long)]
     pub kind: PhantomKind,
     /// Seed: each gives another body of the same kind
@@ -105,7 +111,7 @@ pub struct PlanArgs {
     /// Case file; `bonemill keys` lists its keys
     #[arg(group = "source", value_name = "CASE.toml")]
     pub case: Option<PathBuf>,
-    /// Plan a phantom instead (block or temporal); its files are kept in the plan
+    /// Plan a phantom instead (block, temporal, tibia or glenoid); its files are kept in the plan
     #[arg(long, group = "source", value_name = "KIND")]
     pub phantom: Option<PhantomKind>,
     /// The phantom's seed
@@ -117,6 +123,76 @@ pub struct PlanArgs {
     /// Keep copies of CT, labels and the other inputs in the plan, so that the folder can be moved or sent
     #[arg(long)]
     pub pack: bool,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(group = ArgGroup::new("part").required(true))]
+pub struct ProsthesisArgs {
+    /// Job file; `bonemill keys --prosthesis` lists what may stand in it
+    #[arg(group = "part", value_name = "JOB.toml")]
+    pub job: Option<PathBuf>,
+    /// Take a drawn prosthesis instead; it is kept in the folder
+    #[arg(long, group = "part", value_name = "KIND")]
+    pub phantom: Option<PartKind>,
+    /// The drawing's seed; 1 to 25 stand for the published set
+    #[arg(long, default_value_t = 1, requires = "phantom", conflicts_with = "job")]
+    pub seed: u64,
+    /// Folder to write: new, empty, or that of a prosthesis, which is replaced
+    #[arg(long, value_name = "OUT")]
+    pub out: PathBuf,
+}
+
+/// Parts that can be drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum PartKind {
+    /// A skull prosthesis after the statistics of Castelli et al. 2020
+    Prosthesis,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct StockArgs {
+    /// The catalogue, an SQLite database
+    #[arg(long, global = true, value_name = "STOCK.sqlite", default_value = "stock.sqlite")]
+    pub catalogue: PathBuf,
+    #[command(subcommand)]
+    pub command: StockCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum StockCommand {
+    /// Add blocks of a kind
+    Add {
+        /// The kind's number
+        #[arg(value_name = "ID")]
+        id: String,
+        /// Its three sides, mm
+        #[arg(long, num_args = 3, value_names = ["A", "B", "C"], required = true)]
+        size_mm: Vec<f64>,
+        /// How many
+        #[arg(long, default_value_t = 1)]
+        count: u32,
+    },
+    /// List every kind, its sides and how many are left
+    List,
+    /// Take one block out
+    Take {
+        /// The kind's number
+        #[arg(value_name = "ID")]
+        id: String,
+    },
+    /// Put one block back
+    Return {
+        /// The kind's number
+        #[arg(value_name = "ID")]
+        id: String,
+    },
+}
+
+#[derive(Debug, clap::Args)]
+pub struct KeysArgs {
+    /// Those of a prosthesis' job file instead
+    #[arg(long)]
+    pub prosthesis: bool,
 }
 
 /// A format that a controller reads.
@@ -173,6 +249,9 @@ pub struct ViewArgs {
     /// Write this file instead of opening the viewer
     #[arg(long, value_name = "F.rrd")]
     pub save: Option<PathBuf>,
+    /// Also show a streamed run while its log grows, until the run ends
+    #[arg(long, value_name = "LOG", conflicts_with = "save")]
+    pub follow: Option<PathBuf>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -255,6 +334,19 @@ pub struct CompareArgs {
     #[arg(value_name = "B")]
     pub second: PathBuf,
     /// Also write an HTML page
+    #[arg(long, value_name = "PAGE.html")]
+    pub out: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct ReportArgs {
+    /// Folder of the plan that was streamed
+    #[arg(value_name = "PLAN")]
+    pub plan: PathBuf,
+    /// The run's log, as `python -m bonemill stream --log` writes it
+    #[arg(long, value_name = "LOG")]
+    pub run: PathBuf,
+    /// Also write a page
     #[arg(long, value_name = "PAGE.html")]
     pub out: Option<PathBuf>,
 }

@@ -9,13 +9,18 @@ mod args;
 mod compare;
 mod console;
 mod export;
+#[cfg(any(test, feature = "rerun"))]
+mod follow;
 mod outcome;
 mod phantom;
 mod plan;
 mod planning;
 mod pose_line;
+mod prosthesis;
+mod report;
 mod signals;
 mod simulate;
+mod stock;
 mod stream;
 mod verify;
 #[cfg(feature = "rerun")]
@@ -26,6 +31,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use bonemill_geometry::cancel::{Cancel, Cancelled};
 use bonemill_planner::pipeline::Refused;
+use bonemill_planner::plan::is_prosthesis;
 use clap::Parser;
 
 use args::{Args, Command};
@@ -70,7 +76,13 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
     match &args.command {
         Command::Phantom(phantom) => phantom::run(phantom, console),
         Command::Plan(plan) => plan::run(plan, console),
+        Command::Prosthesis(prosthesis) => prosthesis::run(prosthesis, console),
+        Command::Stock(stock) => stock::run(stock),
         Command::Export(export) => export::run(export),
+        Command::View(view) if is_prosthesis(&view.folder.plan).is_ok() => anyhow::bail!(
+            "a prosthesis is shown by its own page: open {}",
+            view.folder.plan.join("report.html").display()
+        ),
         #[cfg(feature = "rerun")]
         Command::View(view) => view::run(view, console),
         #[cfg(not(feature = "rerun"))]
@@ -81,12 +93,20 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
         Command::Simulate(simulate) => simulate::run(simulate, console, args.talk()),
         Command::Compare(compare) => compare::run(compare),
         Command::Verify(verify) => verify::run(verify, console),
+        Command::Report(report) => report::run(report),
         #[cfg(feature = "experiments")]
         Command::Experiment(args) => {
             let found = bonemill_experiments::cli::run(args, console)?;
             Ok(Outcome::text("experiment", found.text).falling_short(found.shortfalls))
         }
         Command::Columns => Ok(Outcome::text("columns", bonemill_planner::plan::columns::reference())),
-        Command::Keys => Ok(Outcome::text("keys", bonemill_planner::case::reference())),
+        Command::Keys(args) => Ok(Outcome::text(
+            "keys",
+            if args.prosthesis {
+                bonemill_planner::case::prosthesis::reference()
+            } else {
+                bonemill_planner::case::reference()
+            },
+        )),
     }
 }

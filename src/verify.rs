@@ -2,7 +2,7 @@
 
 use anyhow::Context;
 use bonemill_planner::Progress;
-use bonemill_planner::plan::{Need, PlanFileError, StoredPlan, digests};
+use bonemill_planner::plan::{Need, PlanFileError, StoredPlan, digests, is_prosthesis};
 use bonemill_planner::save;
 use bonemill_planner::uncertainty::{ErrorModel, Sigmas, UncertaintyError, simulate_errors};
 use bonemill_planner::verify::{Check, Place, Verification, verify};
@@ -11,8 +11,11 @@ use crate::args::{ErrorArgs, VerifyArgs};
 use crate::outcome::Outcome;
 
 pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> {
-    progress.stage("read plan");
     let dir = &args.folder.plan;
+    if is_prosthesis(dir).is_ok() {
+        return crate::prosthesis::verify_folder(dir, args.all, progress);
+    }
+    progress.stage("read plan");
     let (mut drawn, mut warnings) = (None, Vec::new());
     let found = match args.folder.load(Need::All) {
         Ok(plan) => {

@@ -1,4 +1,4 @@
-//! Every column and key that a plan's files hold is described, and the report says it too.
+//! Every column and key of a plan's files is described, in the reference and in the report.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
 
@@ -17,7 +17,7 @@ fn described(title: &str) -> Vec<&'static str> {
     found.columns.iter().map(|c| c.name).collect()
 }
 
-/// Whether a name of a file is one that is described: a part in capitals or a star stands for any.
+/// Whether a name in a file matches a description, in which a part in capitals or a star stands for any text.
 fn matches(name: &str, pattern: &str) -> bool {
     let (mut parts, mut wanted) = (name.split('.'), pattern.split('.'));
     loop {

@@ -1,4 +1,4 @@
-//! A number that stands in several places is the same in all of them: the command's text, its JSON, plan.toml, the report, verify.
+//! A number that is given in several places is the same in all: the command's text, its JSON, plan.toml, the report, verify.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
@@ -10,7 +10,7 @@ use bonemill_planner::report::percent;
 use serde_json::Value;
 use support::place::Place;
 
-/// Whether a value of plan.toml is that of the JSON object, which is read back to the last bit but one.
+/// Whether a value of plan.toml equals that of the JSON object, up to the rounding of reading JSON.
 fn is_same(toml: &toml::Value, json: &Value) -> bool {
     match toml {
         toml::Value::Float(v) => json.as_f64().is_some_and(|j| (j - v).abs() <= 1e-12 * v.abs()),
@@ -66,7 +66,7 @@ fn a_number_is_the_same_wherever_it_stands() {
         let card = format!("<b>{value_mm:.2} mm</b><span>{label}</span>");
         assert!(report.contains(&card), "{card}");
     }
-    // verify counts the same again, and says where two methods differ
+    // verify counts the same, and reports where two methods differ
     let ran = place.run(&["verify", "plan", "--json"]);
     let verdict: Value = serde_json::from_str(&ran.out).unwrap();
     let checks = verdict["checks"].as_array().unwrap();

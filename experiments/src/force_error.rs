@@ -8,8 +8,8 @@ use std::time::Instant;
 use bonemill_geometry::{Grid, Point, Volume, Work};
 use bonemill_planner::Progress;
 use bonemill_planner::burr::{
-    AtPoints, Discretisation, ElementGrid, EngagedSamples, ForceKernel, Material, Measure, OrientationKernel,
-    OverPatches, Patch, Tool,
+    AtPoints, Discretisation, ElementGrid, EngagedSamples, Feed, ForceKernel, Material, Measure,
+    OrientationKernel, OverPatches, Patch, Tool,
 };
 use bonemill_planner::engagement::share_beyond;
 use nalgebra::{Unit, Vector3};
@@ -155,24 +155,18 @@ impl Summed {
         let force = match &self.kernel {
             Kernel::Points(k) => k.engaged_force(
                 axis,
-                feed,
-                SPEED_MM_S,
-                RPM,
+                &Feed::new(feed, SPEED_MM_S, RPM),
                 &mut AtPoints(|n: &Vector3<f64>| scene.weight(n)),
             ),
             Kernel::Patches(k) => k.engaged_force(
                 axis,
-                feed,
-                SPEED_MM_S,
-                RPM,
+                &Feed::new(feed, SPEED_MM_S, RPM),
                 &mut OverPatches(|n: &Vector3<f64>, patch: &Patch| scene.mean_weight(n, patch)),
             ),
             Kernel::Lattice(k) => {
                 k.gather(
                     buffer,
-                    feed,
-                    SPEED_MM_S,
-                    RPM,
+                    &Feed::new(feed, SPEED_MM_S, RPM),
                     &mut OverPatches(|n: &Vector3<f64>, patch: &Patch| scene.mean_weight(n, patch)),
                 );
                 k.force_for_axis(buffer, axis, RPM)

@@ -15,6 +15,8 @@ pub mod hard_cases;
 mod orientation;
 mod pareto;
 pub mod peers;
+mod prostheses;
+mod stream_faults;
 mod table;
 mod trials;
 
@@ -79,9 +81,21 @@ pub enum ExperimentError {
     /// A grid is invalid.
     #[error(transparent)]
     Grid(#[from] bonemill_geometry::GridError),
+    /// A prosthesis cannot be planned.
+    #[error(transparent)]
+    Prosthesis(#[from] bonemill_planner::prosthesis::ProsthesisError),
+    /// A part's toolpath cannot be laid.
+    #[error(transparent)]
+    Machining(#[from] bonemill_planner::machining::MachiningError),
     /// The simulation's engine refused its input.
     #[error(transparent)]
     Engine(#[from] bonemill_planner::simulate::EngineError),
+    /// A plan's files cannot be read.
+    #[error(transparent)]
+    PlanFile(#[from] bonemill_planner::plan::PlanFileError),
+    /// A plan cannot be streamed.
+    #[error(transparent)]
+    Stream(#[from] bonemill_robot::stream::StreamError),
     /// The number of values does not match the grid.
     #[error(transparent)]
     Values(#[from] bonemill_geometry::VolumeError),
@@ -149,6 +163,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         run: orientation::run,
     },
     Experiment {
+        name: "prostheses",
+        about: "drawn prostheses (--seeds 25: the published set) and the reference, from STL to a proven program: orientation, time, deviation",
+        run: prostheses::run,
+    },
+    Experiment {
         name: "engine-convergence",
         about: "removed volume and force of the voxel engine against closed forms, from coarse to fine cells",
         run: engine::convergence::run,
@@ -157,6 +176,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "engine-speed",
         about: "time of an engine's step over voxmaps and tools, beside a loop over the tool's box",
         run: engine::speed::run,
+    },
+    Experiment {
+        name: "stream-faults",
+        about: "what a burr does when streaming fails: 100 runs a seed of every fault on a simulated arm, of the plan in --case",
+        run: stream_faults::run,
     },
     Experiment {
         name: "hard-cases",

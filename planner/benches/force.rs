@@ -7,7 +7,7 @@ use std::hint::black_box;
 use bonemill_geometry::{Grid, Point, Volume, Work, basis};
 use bonemill_planner::ball::{BallVolumes, ball_box_volume};
 use bonemill_planner::burr::{
-    AtPoints, Discretisation, ElementGrid, EngagedSamples, ForceKernel, Material, Measure, Motion,
+    AtPoints, Discretisation, ElementGrid, EngagedSamples, Feed, ForceKernel, Material, Measure, Motion,
     OrientationKernel, SphereSampler, Tool, burr_force,
 };
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -78,15 +78,13 @@ fn forces(c: &mut Criterion) {
         b.iter(|| burr_force(|p| bone.trilinear(p, 0.0), &tool, &material, &disc, black_box(&motion)))
     });
     group.bench_function("kernel", |b| {
-        b.iter(|| kernel.engaged_force(black_box(&axis), &feed, 1.5, RPM, &mut AtPoints(weight)))
+        b.iter(|| kernel.engaged_force(black_box(&axis), &Feed::new(&feed, 1.5, RPM), &mut AtPoints(weight)))
     });
     group.bench_function("kernel_without_lookups", |b| {
         b.iter(|| {
             kernel.engaged_force(
                 black_box(&axis),
-                &feed,
-                1.5,
-                RPM,
+                &Feed::new(&feed, 1.5, RPM),
                 &mut AtPoints(|n: &Vector3<f64>| f64::from(n.z < 0.3)),
             )
         })
@@ -101,9 +99,15 @@ fn forces(c: &mut Criterion) {
         let mut engaged = EngagedSamples::default();
         let mut group = c.benchmark_group(format!("orientation/{samples}"));
         group.bench_function("gather", |b| {
-            b.iter(|| orientation.gather(&mut engaged, black_box(&feed), 1.5, RPM, &mut AtPoints(weight)))
+            b.iter(|| {
+                orientation.gather(
+                    &mut engaged,
+                    &Feed::new(black_box(&feed), 1.5, RPM),
+                    &mut AtPoints(weight),
+                )
+            })
         });
-        orientation.gather(&mut engaged, &feed, 1.5, RPM, &mut AtPoints(weight));
+        orientation.gather(&mut engaged, &Feed::new(&feed, 1.5, RPM), &mut AtPoints(weight));
         let n = engaged.len();
         group.bench_function(format!("axis_db_{n}_engaged"), |b| {
             b.iter(|| orientation.force_for_axis(&engaged, black_box(&axis), RPM))

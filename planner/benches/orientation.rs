@@ -6,7 +6,7 @@ use std::hint::black_box;
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
 use bonemill_planner::burr::{
-    AtPoints, EngagedSamples, Material, Measure, OrientationKernel, SphereSampler, Tool,
+    AtPoints, EngagedSamples, Feed, Material, Measure, OrientationKernel, SphereSampler, Tool,
 };
 use bonemill_planner::cost::{CostModel, Proximity};
 use bonemill_planner::metrics::Moments;
@@ -128,9 +128,7 @@ fn cost(c: &mut Criterion) {
         let mut engaged = EngagedSamples::default();
         kernel.gather(
             &mut engaged,
-            &feed,
-            1.5,
-            RPM,
+            &Feed::new(&feed, 1.5, RPM),
             &mut AtPoints(|n: &Vector3<f64>| material.weight(sampler.at(n))),
         );
         let mut group = c.benchmark_group(format!("orientation_cost/{measure:?}/{}_engaged", engaged.len()));

@@ -14,16 +14,16 @@ use bonemill_planner::removal::NEVER;
 use bonemill_planner::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
 use nalgebra::{Unit, Vector3};
 
-use pocket::{CLEARANCE_MM, RADIUS_MM, from_segment, moves, path, scene};
+use pocket::{BALL, CLEARANCE_MM, RADIUS_MM, from_segment, moves, path, scene};
 
 /// Tests every eighth of every voxel: when it is removed, and whether it lies in the shank.
 #[test]
 fn the_shank_is_free_where_no_eighth_stands_in_it() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
     let (solid, moves) = (ShankObstacles::new(&scene, &[0.0]), moves(&path));
-    let eighths = EighthTimes::new(&solid, &path.points, RADIUS_MM);
+    let eighths = EighthTimes::new(&solid, &path.points, BALL);
     let mut standing: Vec<(Vector3<f64>, u32)> = Vec::new();
     for n in 0..scene.class.data().len() {
         let times = eighths.of(solid.grid().voxel(n));
@@ -92,12 +92,12 @@ fn the_shank_is_free_where_no_eighth_stands_in_it() {
 #[test]
 fn a_drafts_shank_is_free_where_the_voxels_along_its_axis_say_so() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
     let (solid, grid) = (ShankObstacles::new(&scene, &[0.0]), scene.class.grid());
     let shank = [ShankCylinder { from_mm: RADIUS_MM, to_mm: 12.0, radius_mm: 0.8 }];
     let draft = Access::draft(&scene, &solid, path.removal.time(), &shank);
-    let exact = Access::new(&scene, &solid, EighthTimes::new(&solid, &path.points, RADIUS_MM), &shank);
+    let exact = Access::new(&scene, &solid, EighthTimes::new(&solid, &path.points, BALL), &shank);
     let standing: Vec<(Vector3<f64>, u32)> = (0..grid.len())
         .filter(|n| solid.stays(*n).count_ones().max(solid.goes(*n).count_ones()) >= 4)
         .map(|n| {
@@ -157,10 +157,10 @@ fn standing(solid: &ShankObstacles, eighths: &EighthTimes) -> Vec<(Vector3<f64>,
 #[test]
 fn turns_are_free_where_the_shank_keeps_its_room_all_the_way() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
     let solid = ShankObstacles::new(&scene, &[0.0]);
-    let eighths = EighthTimes::new(&solid, &path.points, RADIUS_MM);
+    let eighths = EighthTimes::new(&solid, &path.points, BALL);
     let standing = standing(&solid, &eighths);
     let shank = ShankCylinder { from_mm: RADIUS_MM, to_mm: 12.0, radius_mm: 0.8 };
     let access = Access::new(&scene, &solid, eighths, &[shank]);

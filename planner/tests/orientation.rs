@@ -3,8 +3,8 @@
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
 use bonemill_planner::burr::{
-    AtPoints, Discretisation, ElementGrid, EngagedForce, EngagedSamples, ForceKernel, Material, Measure,
-    OrientationKernel, OverPatches, Patch, Tool,
+    AtPoints, Discretisation, ElementGrid, EngagedForce, EngagedSamples, Feed, ForceKernel, Material,
+    Measure, OrientationKernel, OverPatches, Patch, Tool,
 };
 use bonemill_planner::engagement::share_beyond;
 use bonemill_planner::orientation::stencil::Stencil;
@@ -96,9 +96,7 @@ fn converged(tool: &Tool, material: &Material, measure: Measure, scene: &Scene) 
     let kernel = ForceKernel::new(tool, material, &disc);
     kernel.engaged_force(
         &scene.axis,
-        &scene.feed,
-        1.5,
-        RPM,
+        &Feed::new(&scene.feed, 1.5, RPM),
         &mut AtPoints(|n: &Vector3<f64>| scene.weight(n)),
     )
 }
@@ -137,9 +135,7 @@ fn measure(label: &str, tool: &Tool, material: &Material, measure: Measure, limi
             .map(|s| {
                 kernel.gather(
                     &mut samples,
-                    &s.feed,
-                    1.5,
-                    RPM,
+                    &Feed::new(&s.feed, 1.5, RPM),
                     &mut OverPatches(|n: &Vector3<f64>, patch: &Patch| s.mean_weight(n, patch)),
                 );
                 kernel.force_for_axis(&samples, &s.axis, RPM).force_n(1.5)
@@ -160,9 +156,7 @@ fn measure(label: &str, tool: &Tool, material: &Material, measure: Measure, limi
             kernel
                 .engaged_force(
                     &s.axis,
-                    &s.feed,
-                    1.5,
-                    RPM,
+                    &Feed::new(&s.feed, 1.5, RPM),
                     &mut OverPatches(|n: &Vector3<f64>, patch: &Patch| s.mean_weight(n, patch)),
                 )
                 .force_n(1.5)
@@ -216,7 +210,7 @@ fn uniform_bone_has_its_closed_form() {
         [(Vector3::x_axis(), side, k_t * c * 1.25), (-Vector3::z_axis(), plunge, k_t * c * 1.25)]
     {
         let mut samples = EngagedSamples::default();
-        kernel.gather(&mut samples, &feed, 1.5, RPM, &mut AtPoints(|_: &Vector3<f64>| 1.0));
+        kernel.gather(&mut samples, &Feed::new(&feed, 1.5, RPM), &mut AtPoints(|_: &Vector3<f64>| 1.0));
         assert_eq!(samples.len(), 512);
         let f = kernel.force_for_axis(&samples, &Vector3::z_axis(), RPM);
         let off = (f.force_n(1.5) - expected).norm() / expected.norm();
@@ -239,9 +233,7 @@ fn the_force_is_continuous_in_the_axis() {
             let mut samples = EngagedSamples::default();
             kernel.gather(
                 &mut samples,
-                &scene.feed,
-                1.5,
-                RPM,
+                &Feed::new(&scene.feed, 1.5, RPM),
                 &mut AtPoints(|n: &Vector3<f64>| scene.weight(n)),
             );
             let force = |angle: f64| {
@@ -262,7 +254,11 @@ fn the_force_is_continuous_in_the_axis() {
 fn nothing_in_front_is_no_force() {
     let kernel = OrientationKernel::new(&tool(), &foam(), Measure::Db, 256, 4);
     let mut samples = EngagedSamples::default();
-    kernel.gather(&mut samples, &Vector3::x_axis(), 1.5, RPM, &mut AtPoints(|_: &Vector3<f64>| 0.0));
+    kernel.gather(
+        &mut samples,
+        &Feed::new(&Vector3::x_axis(), 1.5, RPM),
+        &mut AtPoints(|_: &Vector3<f64>| 0.0),
+    );
     assert!(samples.is_empty());
     assert_eq!(kernel.force_for_axis(&samples, &Vector3::z_axis(), RPM), EngagedForce::ZERO);
 }
@@ -278,7 +274,11 @@ fn the_stencil_gives_the_force_of_every_direction() {
     for _ in 0..40 {
         let scene = Scene::new(&mut sequence);
         let mut samples = EngagedSamples::default();
-        kernel.gather(&mut samples, &scene.feed, 1.5, RPM, &mut AtPoints(|n: &Vector3<f64>| scene.weight(n)));
+        kernel.gather(
+            &mut samples,
+            &Feed::new(&scene.feed, 1.5, RPM),
+            &mut AtPoints(|n: &Vector3<f64>| scene.weight(n)),
+        );
         let axis = |n: usize| Unit::new_normalize(Vector3::new(0.0, -angles[n].sin(), angles[n].cos()));
         let force = |n: usize| kernel.force_for_axis(&samples, &axis(n), RPM).force_n(1.5);
         let mut found = vec![None; angles.len()];

@@ -9,8 +9,8 @@ use std::collections::VecDeque;
 
 use bonemill_geometry::{Ct, Point, Work};
 use bonemill_planner::burr::{
-    Bone, Discretisation, EngagedSamples, ForceKernel, Material, Measure, OrientationKernel, OverPatches,
-    Patch, Tool,
+    Bone, Discretisation, EngagedSamples, Feed, ForceKernel, Material, Measure, OrientationKernel,
+    OverPatches, Patch, Tool,
 };
 use bonemill_planner::engagement::{SweptPath, mass_increments, mass_increments_by_voxels, share_beyond};
 use bonemill_planner::metrics::Moments;
@@ -21,8 +21,8 @@ use bonemill_planner::space::{BurrSpace, TRAJECTORY_TOLERANCE_MM};
 use nalgebra::{Unit, Vector3};
 
 use pocket::{
-    CLEARANCE_MM, FIRST, RADIUS_MM, ROD_VOXELS, SPACING, SPACING_MM, TARGET, from_segment, images, moves,
-    path, scene, scene_at, table,
+    BALL, CLEARANCE_MM, FIRST, RADIUS_MM, ROD_VOXELS, SPACING, SPACING_MM, TARGET, from_segment, images,
+    moves, path, scene, scene_at, table,
 };
 
 /// Planning that would need more memory than there is is refused, and the spacing named in the error does fit.
@@ -43,7 +43,7 @@ fn a_grid_that_memory_does_not_hold_is_refused_with_one_that_fits() {
 #[test]
 fn the_burr_leaves_from_under_a_ledge_as_it_went_in() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let work_from_ct = scene.ct_from_work.inverse();
     let at = |voxel: [f64; 3]| work_from_ct * (FIRST + Vector3::from(voxel) * SPACING_MM);
     let under = Pass {
@@ -89,7 +89,7 @@ fn from_rod(p: Point<Ct>) -> f64 {
 #[test]
 fn every_place_and_move_keeps_its_distance() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
     let grid = scene.class.grid();
     let obstacles: Vec<Vector3<f64>> = (0..grid.len())
@@ -119,7 +119,7 @@ fn every_place_and_move_keeps_its_distance() {
 #[test]
 fn removal_times_are_those_of_the_moves_and_links_remove_nothing() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
     let grid = scene.class.grid();
     let mut time = vec![NEVER; grid.len()];
@@ -155,7 +155,7 @@ fn removal_times_are_those_of_the_moves_and_links_remove_nothing() {
 #[test]
 fn what_can_be_reached_is_the_opening_and_nearly_all_of_it_goes() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let grid = scene.class.grid();
     let [nx, ny, nz] = grid.dims();
     let keep = RADIUS_MM + CLEARANCE_MM + TRAJECTORY_TOLERANCE_MM;
@@ -211,9 +211,9 @@ fn what_can_be_reached_is_the_opening_and_nearly_all_of_it_goes() {
 #[test]
 fn masses_add_up_to_what_the_balls_cover() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
-    let masses = mass_increments(&scene.density_g_cm3, &path.points, RADIUS_MM);
+    let masses = mass_increments(&scene.density_g_cm3, &path.points, BALL);
     let sum: f64 = masses.iter().map(|m| m.mass_mg()).sum();
     // every voxel is sampled at 5³ points, each inside a ball or not
     let grid = scene.class.grid();
@@ -239,10 +239,10 @@ fn masses_add_up_to_what_the_balls_cover() {
 #[test]
 fn masses_by_whole_voxels_are_nearly_those_of_parts() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
-    let parts = mass_increments(&scene.density_g_cm3, &path.points, RADIUS_MM);
-    let whole = mass_increments_by_voxels(&scene.density_g_cm3, &path.removal, &path.points, RADIUS_MM);
+    let parts = mass_increments(&scene.density_g_cm3, &path.points, BALL);
+    let whole = mass_increments_by_voxels(&scene.density_g_cm3, &path.removal, &path.points, BALL);
     let sum = |masses: &[Moments]| masses.iter().map(Moments::mass_mg).sum::<f64>();
     assert!((sum(&whole) / sum(&parts) - 1.0).abs() < 0.05, "{} mg, {} mg", sum(&whole), sum(&parts));
     // both methods give similar masses, on the same side of the burr
@@ -261,9 +261,9 @@ fn masses_by_whole_voxels_are_nearly_those_of_parts() {
 #[test]
 fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
     let scene = scene();
-    let space = BurrSpace::new(&scene, RADIUS_MM, &[CLEARANCE_MM]).unwrap();
+    let space = BurrSpace::new(&scene, BALL, &[CLEARANCE_MM]).unwrap();
     let path = path(&space);
-    let swept = SweptPath::new(&scene, &path.removal, &path.points, RADIUS_MM);
+    let swept = SweptPath::new(&scene, &path.removal, &path.points, BALL);
     let tool = Tool::new(RADIUS_MM, 8, -1).unwrap();
     let material = Material::new([100.0, 60.0, 20.0], 0.8).unwrap();
     let nodes = ForceKernel::new(&tool, &material, &Discretisation::default());
@@ -282,20 +282,23 @@ fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
         let (from, to) = moves[i];
         let Some(feed) = Unit::try_new(to - from, 1e-9) else { continue };
         let axis = Unit::new_normalize(Vector3::new(0.3, (i % 5) as f64 * 0.1 - 0.2, 1.0));
-        let by_tiles =
-            nodes.engaged_force(&axis, &feed, 1.5, 6e4, &mut swept.bone_at(i as u32, RADIUS_MM, weight));
+        let by_tiles = nodes.engaged_force(
+            &axis,
+            &Feed::new(&feed, 1.5, 6e4),
+            &mut swept.bone_at(i as u32, RADIUS_MM, weight),
+        );
         let mut bone = swept.bone_at(i as u32, RADIUS_MM, weight);
         let mut alone =
             |n: &Vector3<f64>, patch: &Patch| if bone.is_near(n, 0.0) { bone.weight(n, patch) } else { 0.0 };
         assert_eq!(
             by_tiles,
-            nodes.engaged_force(&axis, &feed, 1.5, 6e4, &mut OverPatches(&mut alone)),
+            nodes.engaged_force(&axis, &Feed::new(&feed, 1.5, 6e4), &mut OverPatches(&mut alone)),
             "waypoint {i}"
         );
         let [mut gathered, mut expected] = [EngagedSamples::default(), EngagedSamples::default()];
-        lattice.gather(&mut expected, &feed, 1.5, 6e4, &mut OverPatches(&mut alone));
+        lattice.gather(&mut expected, &Feed::new(&feed, 1.5, 6e4), &mut OverPatches(&mut alone));
         let mut bone = swept.bone_at(i as u32, RADIUS_MM, weight);
-        lattice.gather(&mut gathered, &feed, 1.5, 6e4, &mut bone);
+        lattice.gather(&mut gathered, &Feed::new(&feed, 1.5, 6e4), &mut bone);
         let force = |samples| lattice.force_for_axis(samples, &axis, 6e4);
         assert_eq!(force(&gathered), force(&expected), "waypoint {i}");
         // tests the whole earlier path, without an index and without removal times
@@ -310,7 +313,8 @@ fn forces_by_tiles_are_those_of_every_direction_asked_alone() {
             let share = share_beyond(away.norm() - RADIUS_MM, patch.sides_mm(&away.normalize()));
             share * material.weight(density_at(scene.ct_from_work * Point::from_coords(p)))
         };
-        let brute = nodes.engaged_force(&axis, &feed, 1.5, 6e4, &mut OverPatches(brute)).force_n(1.5);
+        let brute =
+            nodes.engaged_force(&axis, &Feed::new(&feed, 1.5, 6e4), &mut OverPatches(brute)).force_n(1.5);
         compared += usize::from(brute.norm() > 0.0);
         (most, off) = (most.max(brute.norm()), off.max((by_tiles.force_n(1.5) - brute).norm()));
     }

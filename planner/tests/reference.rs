@@ -6,7 +6,7 @@ mod support;
 use bonemill_geometry::{Grid, Point, Work};
 use bonemill_planner::ball::ball_box_volume;
 use bonemill_planner::burr::{
-    AtPoints, BurrForce, Discretisation, ElementGrid, ForceKernel, Material, burr_force,
+    AtPoints, BurrForce, Discretisation, ElementGrid, Feed, ForceKernel, Material, burr_force,
 };
 use bonemill_planner::cost::{CostModel, Proximity, compliance_mm_per_n};
 use bonemill_planner::metrics::engagement_metrics;
@@ -26,6 +26,7 @@ fn force_cases() -> impl Iterator<Item = Case> {
 }
 
 /// Asserts |found − expected| ≤ tolerance·scale for every component.
+#[expect(clippy::too_many_arguments, reason = "what is compared, and what a failure says")]
 fn close(case: &str, what: &str, found: &[f64], expected: &Value, tolerance: f64, scale: f64) {
     let expected = if expected.is_array() { numbers(expected) } else { vec![number(expected)] };
     assert_eq!(found.len(), expected.len(), "{case} {what}");
@@ -91,9 +92,7 @@ fn the_kernel_agrees_with_the_sum_to_1e_12() {
         let at = |n: &Vector3<f64>| field.density(motion.center() + n * kernel.sample_radius_mm());
         let fast = kernel.engaged_force(
             &motion.axis(),
-            &feed,
-            speed,
-            motion.spindle_rpm(),
+            &Feed::new(&feed, speed, motion.spindle_rpm()),
             &mut AtPoints(|n: &Vector3<f64>| material.weight(at(n))),
         );
         let scale = literal.force_n.norm();
@@ -129,7 +128,11 @@ fn converged_values_agree_within_their_error() {
             let weight =
                 |n: &Vector3<f64>| material.weight(field.density(motion.center() + n * tool.radius_mm()));
             kernel
-                .engaged_force(&motion.axis(), &feed, speed, motion.spindle_rpm(), &mut AtPoints(weight))
+                .engaged_force(
+                    &motion.axis(),
+                    &Feed::new(&feed, speed, motion.spindle_rpm()),
+                    &mut AtPoints(weight),
+                )
                 .force_n(speed)
         };
         let azimuths = |n: usize| n.div_ceil(tool.blades() as usize);

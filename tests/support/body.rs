@@ -1,19 +1,19 @@
 //! The patient: a block of bone under air, a pocket to be milled from above, and a nerve beside it.
 //!
-//! 40 × 40 × 30 voxels of 0.5 mm: small enough that a plan takes a second without optimisation. Nothing about it is
-//! symmetric, so that a mirrored plan cannot pass for the plan.
+//! It has 40 × 40 × 30 voxels of 0.5 mm, so that a plan takes a second without optimisation. It has no symmetry, so that a
+//! mirrored plan is not the same plan.
 
 use super::image::Image;
 
 /// Voxels along i, j, k.
 pub const DIMS: [usize; 3] = [40, 40, 30];
-/// Voxel, mm.
+/// Side of a voxel, mm.
 pub const SPACING_MM: f64 = 0.5;
 /// Centre of voxel (0, 0, 0), mm.
 pub const ORIGIN_MM: [f64; 3] = [-11.0, -8.0, 3.0];
 /// First voxel of air along k: the block's upper face lies half a voxel below.
 pub const AIR_FROM: usize = 22;
-/// Air, HU.
+/// HU of air.
 pub const AIR_HU: f32 = -1000.0;
 /// The target's label.
 pub const TARGET: f32 = 20.0;
@@ -37,7 +37,7 @@ pub fn labels() -> Image {
     labels
 }
 
-/// The case file; lines are named by what stands in them.
+/// The case file; tests refer to its lines by their text.
 pub const CASE: &str = "\
 [images]
 ct = \"ct.nii\"

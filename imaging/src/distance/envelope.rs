@@ -133,6 +133,7 @@ impl Envelope {
     }
 
     #[inline]
+    #[expect(clippy::too_many_arguments, reason = "the innermost step, inlined into the loop over places")]
     fn solve_place(&mut self, block: usize, n: usize, places: Places, [lo, hi]: [usize; 2], along: &[f32]) {
         let place = places.at(n);
         let costs = &self.costs[block * self.sites.len()..][lo..=hi];

@@ -236,6 +236,10 @@ impl BallVolumes {
     /// filled around those.
     ///
     /// Nothing is visited for a radius that is not positive, or a centre or radius that is not finite.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "where the ball is, and what is asked of it by two functions"
+    )]
     pub fn for_each<F: Frame, W: IntoIterator<Item = usize>>(
         &mut self,
         grid: &Grid<F>,

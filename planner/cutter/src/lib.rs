@@ -20,6 +20,7 @@
 //! ```
 
 pub mod ball;
+mod ball_shape;
 mod drill;
 mod edge;
 mod error;
@@ -31,6 +32,7 @@ mod solid;
 #[cfg(test)]
 mod tests;
 
+pub use ball_shape::Ball;
 pub use drill::{TwistDrill, TwistDrillSpec};
 pub use edge::{Cutter, CuttingEdges, EdgeElement, EdgeKind};
 pub use error::{CutterError, checked};

@@ -14,7 +14,7 @@ mod levels;
 mod limited;
 
 pub use bonemill_case::DistanceCurve;
-pub use caps::ForceCaps;
+pub use caps::{CappedBurr, ForceCaps};
 pub use crossing::last_within;
 pub use cut_moves::CutMoves;
 pub use levels::{CutPushes, LevelFamily, Levels};

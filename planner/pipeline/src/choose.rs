@@ -7,7 +7,8 @@ use bonemill_armpath::{Compliance, Motion, Placed};
 use bonemill_case::{
     Case, CostSpec, ForceTerm, Material as MaterialSpec, OrientationMode, SpeedSpec, TowardTerm,
 };
-use bonemill_cutting::burr::{EngagedForce, ForceKernel, OrientationKernel};
+use bonemill_cutter::Ball;
+use bonemill_cutting::burr::{EngagedForce, Feed, ForceKernel, OrientationKernel};
 use bonemill_cutting::cost::{Cost, CostModel, Ranked, Terms};
 use bonemill_motion::resolve::{Posture, Stiffness};
 use bonemill_setup::nearest_structures::NearStructure;
@@ -165,8 +166,12 @@ impl Prepared<'_> {
         let case = &choices.applied_to(self.case);
         let tool = tools::tool(&case.burr)?;
         let (material, measure) = tools::material(&case.material)?;
-        let swept =
-            SweptPath::new(self.scene, &self.reached.path.removal, self.points(), case.burr.radius_mm);
+        let swept = SweptPath::new(
+            self.scene,
+            &self.reached.path.removal,
+            self.points(),
+            Ball { radius_mm: case.burr.radius_mm },
+        );
         let terms = terms(case, &self.near)?;
         let compliance = Compliance::new(case, self.placed())?;
         let coarse = self.compliance_of(case, &compliance, &self.directions)?;
@@ -236,7 +241,7 @@ impl Prepared<'_> {
         let feed = self.feeds[i].filter(|_| self.reached.moments[i].mass_mg() > 0.0)?;
         let weight = |density| field.material.weight(density);
         let mut bone = field.swept.bone_at(i as u32, kernel.sample_radius_mm(), weight);
-        Some(kernel.engaged_force(axis, &feed, field.nominal_mm_s, field.spindle_rpm, &mut bone))
+        Some(kernel.engaged_force(axis, &Feed::new(&feed, field.nominal_mm_s, field.spindle_rpm), &mut bone))
     }
 
     /// C of every waypoint under `pushes`, and the most by which a choice in closed form is worse.

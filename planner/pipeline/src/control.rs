@@ -8,7 +8,8 @@
 //! **Source:** Dillon et al. 2016, section III: trial 1, and trial 3 at equal time.
 
 use bonemill_case::{Case, Structure};
-use bonemill_cutting::burr::{EngagedForce, EngagedSamples, OrientationKernel};
+use bonemill_cutter::Ball;
+use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, OrientationKernel};
 use bonemill_planfile::toward::{StructureFigures, TowardFigures, TowardSpan};
 use bonemill_scene::Scene;
 use bonemill_setup::nearest_structures::{self, NearStructure};
@@ -104,13 +105,13 @@ impl ControlPath {
         let tool = tools::tool(&case.burr)?;
         let (material, measure) = tools::material(&case.material)?;
         let kernel = OrientationKernel::new(&tool, &material, measure, CHOICE_SAMPLES, CHOICE_MERGED);
-        let swept = SweptPath::new(scene, &path.removal, points, radius_mm);
+        let swept = SweptPath::new(scene, &path.removal, points, Ball { radius_mm });
         let approach = Vector3::z_axis();
         let force = |samples: &mut EngagedSamples, i: usize| {
             let feed = feeds[i]?;
             let mut bone = swept.bone_at(i as u32, radius_mm, |density| material.weight(density));
             let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
-            kernel.gather(samples, &feed, speed, rpm, &mut bone);
+            kernel.gather(samples, &Feed::new(&feed, speed, rpm), &mut bone);
             (!samples.is_empty()).then(|| kernel.force_for_axis(samples, &approach, rpm))
         };
         let forces: Vec<_> =

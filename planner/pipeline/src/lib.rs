@@ -39,6 +39,7 @@ use std::path::Path;
 
 use attempt::{Attempt, Start};
 use bonemill_case::Case;
+use bonemill_cutter::Ball;
 use bonemill_geometry::Progress;
 use bonemill_scene::Scene;
 use bonemill_setup::{Setup, Stopwatch, nearest_structures};
@@ -101,7 +102,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
 /// Where the burr's centre may be.
 fn free_space<'a>(case: &Case, scene: &'a Scene) -> Result<BurrSpace<'a>, PlanError> {
     let radius_mm = case.burr.radius_mm;
-    let space = BurrSpace::new(scene, radius_mm, &case.clearances_mm())?;
+    let space = BurrSpace::new(scene, Ball { radius_mm }, &case.clearances_mm())?;
     if space.reachable().contains(&true) {
         Ok(space)
     } else {
@@ -117,7 +118,7 @@ fn shank_obstacles(case: &Case, scene: &Scene) -> ShankObstacles {
 
 /// Why no target voxel can be reached.
 fn why_nothing(scene: &Scene, radius_mm: f64) -> Result<&'static str, PlanError> {
-    let without_structures = BurrSpace::new(scene, radius_mm, &[])?;
+    let without_structures = BurrSpace::new(scene, Ball { radius_mm }, &[])?;
     Ok(if without_structures.reachable().contains(&true) {
         "the clearances of the structures leave no room for it: see structure.clearance_mm and the burr's radius"
     } else {

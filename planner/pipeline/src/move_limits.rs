@@ -4,7 +4,7 @@ use bonemill_case::Case;
 use bonemill_cutter::MoveKind;
 use bonemill_cutting::cost::Proximity;
 use bonemill_cutting::metrics::Moments;
-use bonemill_cutting::speed::{CutPushes, ForceCaps};
+use bonemill_cutting::speed::{CappedBurr, CutPushes, ForceCaps};
 use bonemill_motion::resolve::DensePath;
 use bonemill_setup::tools;
 
@@ -106,11 +106,11 @@ fn force_caps(case: &Case, prepared: &Prepared, chosen: &Chosen) -> Vec<f64> {
         deflection_mm: case.speed.caps.deflection_um.map(|um| um * 1e-3),
         power_mw: case.speed.caps.power_w.map(|w| w * 1e3),
     };
-    let (radius, rpm) = (case.burr.radius_mm, case.burr.spindle_rpm);
+    let burr = CappedBurr { radius_mm: case.burr.radius_mm, spindle_rpm: case.burr.spindle_rpm };
     let fastest = |i: usize| {
         let Some(force) = &chosen.forces[i] else { return f64::INFINITY };
         let near: Vec<Proximity> = prepared.near[i].iter().map(|n| n.proximity).collect();
-        caps.fastest_mm_s(force, &near, radius, chosen.compliances.as_ref().map(|c| &c[i]), rpm)
+        caps.fastest_mm_s(burr, force, &near, chosen.compliances.as_ref().map(|c| &c[i]))
     };
     (0..chosen.forces.len()).map(fastest).collect()
 }

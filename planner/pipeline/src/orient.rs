@@ -1,7 +1,7 @@
 //! The shaft's axis at every waypoint, by the case's mode.
 
 use bonemill_case::OrientationMode;
-use bonemill_cutting::burr::{EngagedSamples, Material, OrientationKernel};
+use bonemill_cutting::burr::{EngagedSamples, Feed, Material, OrientationKernel};
 use bonemill_cutting::cost::Terms;
 use bonemill_cutting::metrics::Moments;
 use bonemill_geometry::cancel;
@@ -113,7 +113,7 @@ impl CostField<'_> {
         let Some(feed) = self.feeds[i].filter(|_| self.needs_force(i)) else { return };
         let weight = |density| self.material.weight(density);
         let mut bone = self.swept.bone_at(i as u32, self.kernel.tool().radius_mm(), weight);
-        self.kernel.gather(samples, &feed, self.nominal_mm_s, self.spindle_rpm, &mut bone);
+        self.kernel.gather(samples, &Feed::new(&feed, self.nominal_mm_s, self.spindle_rpm), &mut bone);
     }
 
     /// What waypoint i cuts, gathered into `own` unless it was kept.
@@ -288,7 +288,7 @@ fn filtered(room: &FreeAxes, wishes: &[greedy::BestAxis]) -> greedy::Greedy {
     let in_set = |i: usize, n: usize| room.is_in_set(i, n);
     let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);
     let raw = settle(room.directions, wishes, in_set, is_free);
-    low_pass(room.directions, room.family, &raw, LOW_PASS_HALF, in_set, is_free)
+    low_pass((room.directions, room.family), &raw, LOW_PASS_HALF, in_set, is_free)
 }
 
 /// C of every waypoint and free direction, one row per waypoint; forces by a plane's stencil where that asks for fewer.

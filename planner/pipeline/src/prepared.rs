@@ -217,7 +217,7 @@ fn chosen_raster(
     let axes = spec.directions.axes();
     let (compliance, center) = (Compliance::new(case, placed)?, scene.target_center);
     let compliance = compliance.of_cost(case, center, axes, |axis| spec.arm.allows(center, axis))?;
-    raster::least_felt(case, scene, space, spec, compliance.as_deref(), &candidates)
+    raster::Drafts { case, scene, space, spec, compliance: compliance.as_deref() }.least_felt(&candidates)
 }
 
 /// How close the path's layers, lines and waypoints are.

@@ -11,7 +11,8 @@
 //! dropped or refined. Bone stands and goes by voxels, not by parts of them.
 
 use bonemill_case::{Case, OrientationMode, Sense};
-use bonemill_cutting::burr::{EngagedForce, EngagedSamples, OrientationKernel};
+use bonemill_cutter::Ball;
+use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, OrientationKernel};
 use bonemill_cutting::metrics::Moments;
 use bonemill_motion::resolve::DensePath;
 use bonemill_scene::{Class, Scene};
@@ -84,36 +85,140 @@ struct Draft {
     costs: Vec<f64>,
 }
 
-/// The candidate under which the structures feel least. `compliance`: of each direction, where the cost looks at the deflection.
-pub fn least_felt(
-    case: &Case,
-    scene: &Scene,
-    space: &BurrSpace,
-    spec: &ReachSpec,
-    compliance: Option<&[Matrix3<f64>]>,
-    candidates: &[Raster],
-) -> Result<Raster, PlanError> {
-    let drafts: Result<Vec<Draft>, PlanError> =
-        candidates.par_iter().map(|raster| draft(case, scene, space, spec, compliance, raster)).collect();
-    let drafts = drafts?;
-    let least_unreached = drafts.iter().map(|d| d.unreached).fold(f64::INFINITY, f64::min);
-    let is_candidate = |n: &usize| drafts[*n].unreached <= least_unreached + MORE_UNREACHED;
-    // one time for all of them: that of the first that can be compared
-    let first = (0..drafts.len()).find(is_candidate).map_or(&drafts[0], |n| &drafts[n]);
-    let total_s = first.cuts_mm() / case.speed.nominal_mm_s + first.links_s(case);
-    let felt: Result<Vec<Felt>, PlanError> =
-        drafts.par_iter().map(|d| d.felt(case, total_s - d.links_s(case))).collect();
-    let felt = felt?;
-    let is_felt = felt.iter().flat_map(|f| &f.structures).any(|s| s.near.peak_n > 0.0);
-    let score = |n: usize| if is_felt { felt[n].score(case) } else { drafts[n].cost.ln() };
-    let mut best: Option<(f64, usize)> = None;
-    for n in (0..drafts.len()).filter(is_candidate) {
-        let score = score(n);
-        if best.is_none_or(|(least, _)| score < least - CLEARLY) {
-            best = Some((score, n));
+/// What every draft of a case is made with.
+pub struct Drafts<'a> {
+    /// The case.
+    pub case: &'a Case,
+    /// Its scene.
+    pub scene: &'a Scene,
+    /// Its free space.
+    pub space: &'a BurrSpace<'a>,
+    /// What access depends on.
+    pub spec: &'a ReachSpec<'a, 'a>,
+    /// Of each direction, where the cost looks at the deflection.
+    pub compliance: Option<&'a [Matrix3<f64>]>,
+}
+
+impl Drafts<'_> {
+    /// The candidate under which the structures feel least.
+    ///
+    /// # Errors
+    /// When the tool, the material or the cost's weights are not usable.
+    pub fn least_felt(&self, candidates: &[Raster]) -> Result<Raster, PlanError> {
+        let case = self.case;
+        let drafts: Result<Vec<Draft>, PlanError> =
+            candidates.par_iter().map(|raster| self.draft(raster)).collect();
+        let drafts = drafts?;
+        let least_unreached = drafts.iter().map(|d| d.unreached).fold(f64::INFINITY, f64::min);
+        let is_candidate = |n: &usize| drafts[*n].unreached <= least_unreached + MORE_UNREACHED;
+        // one time for all of them: that of the first that can be compared
+        let first = (0..drafts.len()).find(is_candidate).map_or(&drafts[0], |n| &drafts[n]);
+        let total_s = first.cuts_mm() / case.speed.nominal_mm_s + first.links_s(case);
+        let felt: Result<Vec<Felt>, PlanError> =
+            drafts.par_iter().map(|d| d.felt(case, total_s - d.links_s(case))).collect();
+        let felt = felt?;
+        let is_felt = felt.iter().flat_map(|f| &f.structures).any(|s| s.near.peak_n > 0.0);
+        let score = |n: usize| if is_felt { felt[n].score(case) } else { drafts[n].cost.ln() };
+        let mut best: Option<(f64, usize)> = None;
+        for n in (0..drafts.len()).filter(is_candidate) {
+            let score = score(n);
+            if best.is_none_or(|(least, _)| score < least - CLEARLY) {
+                best = Some((score, n));
+            }
         }
+        Ok(candidates[best.map_or(0, |(_, n)| n)])
     }
-    Ok(candidates[best.map_or(0, |(_, n)| n)])
+
+    /// A draft along `raster`.
+    fn draft(&self, raster: &Raster) -> Result<Draft, PlanError> {
+        let Self { case, scene, space, spec, compliance } = *self;
+        let radius = case.burr.radius_mm;
+        let step_mm = (COARSER * spec.spacing.step_mm).min(radius);
+        let path = raster.lay(case, scene, space, PathSpacing { step_mm, ..spec.spacing })?;
+        let points = &path.points;
+        let access = Access::draft(scene, spec.solid, path.removal.time(), spec.shank);
+        let limited = limited(points.len(), |i| points[i].kind == MoveKind::Cut);
+        let free = free_directions(&access, points, &limited, spec, None);
+        drop(access);
+        let near = nearest_structures::along(case, scene, &path::centers(points))?;
+        let moments = mass_increments_by_voxels(
+            &scene.density_g_cm3,
+            &path.removal,
+            points,
+            Ball { radius_mm: radius },
+        );
+        let (terms, feeds) = (terms(case, &near)?, feeds(points));
+        let tool = tools::tool(&case.burr)?;
+        let (material, measure) = tools::material(&case.material)?;
+        let kernel = OrientationKernel::new(&tool, &material, measure, 1024, 4);
+        let swept = SweptPath::new(scene, &path.removal, points, Ball { radius_mm: radius });
+        let field = CostField {
+            swept: &swept,
+            kernel: &kernel,
+            material: &material,
+            terms: &terms,
+            moments: &moments,
+            feeds: &feeds,
+            nominal_mm_s: case.speed.nominal_mm_s,
+            spindle_rpm: case.burr.spindle_rpm,
+            compliance: compliance.map(<[_]>::to_vec),
+            scale: scale(case, compliance)?,
+            finer_compliance: None,
+        };
+        let cost = cost_rows(spec.directions, &free, &field, None);
+        let length_mm = lengths(points);
+        // what no axis reaches is left out of the sequence, and counted as dear
+        let reached: Vec<usize> = (0..points.len()).filter(|i| free.count(*i) > 0).collect();
+        let unreached_mm: f64 = (0..points.len()).filter(|i| free.count(*i) == 0).map(|i| length_mm[i]).sum();
+        let count = spec.directions.len();
+        let rows: Vec<f32> =
+            reached.iter().flat_map(|i| &cost[i * count..(i + 1) * count]).copied().collect();
+        let kept: Vec<f64> = reached.iter().map(|i| length_mm[*i]).collect();
+        let problem = Problem {
+            directions: spec.directions,
+            cost: &rows,
+            free: &FreeSets::fill(reached.len(), count, |i, n| free.contains(reached[i], n)),
+            length_mm: &kept,
+            rate: spec.rate,
+            forbidden: &Forbidden::default(),
+        };
+        let whole_mm: f64 = length_mm.iter().sum();
+        let unreached = unreached_mm / whole_mm.max(step_mm);
+        let (cost, unreached, directions) = if case.orientation.mode == OrientationMode::Fixed {
+            let straightest = |i: &usize| spec.directions.straightest(|n| free.contains(*i, n)) as u16;
+            let directions: Vec<u16> = reached.iter().map(straightest).collect();
+            let each = directions
+                .iter()
+                .enumerate()
+                .map(|(n, d)| kept[n] * f64::from(rows[n * count + usize::from(*d)]));
+            (each.sum::<f64>() + unreached_mm, unreached, directions)
+        } else {
+            match best_sequence(&problem) {
+                BestSequence::Sequence { total, directions, .. } => {
+                    (total + unreached_mm, unreached, directions)
+                }
+                // no sequence gets through without dropping waypoints: as dear as it can be, in proportion
+                BestSequence::Blocked(i) => {
+                    (whole_mm * (2.0 - i as f64 / points.len() as f64), 1.0, Vec::new())
+                }
+            }
+        };
+        let force = |samples: &mut EngagedSamples, (i, direction): (&usize, &u16)| {
+            let feed = feeds[*i].filter(|_| moments[*i].mass_mg() > 0.0)?;
+            let axis = &spec.directions.axes()[usize::from(*direction)];
+            let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
+            let mut bone = swept.bone_at(*i as u32, radius, |density| material.weight(density));
+            kernel.gather(samples, &Feed::new(&feed, speed, rpm), &mut bone);
+            Some(kernel.force_for_axis(samples, axis, rpm))
+        };
+        let mut samples = EngagedSamples::default();
+        let (mut forces, mut costs) = (vec![None; points.len()], vec![0.0; points.len()]);
+        for (n, (i, direction)) in reached.iter().zip(&directions).enumerate() {
+            forces[*i] = force(&mut samples, (i, direction));
+            costs[*i] = f64::from(rows[n * count + usize::from(*direction)]);
+        }
+        Ok(Draft { cost, unreached, length_mm, near, moments, forces, costs })
+    }
 }
 
 impl Draft {
@@ -156,93 +261,6 @@ impl Draft {
         let caps = speeds::caps_near(&input, cutting_s)?;
         Ok(felt(&|i| caps[i]))
     }
-}
-
-/// A draft along `raster`.
-fn draft(
-    case: &Case,
-    scene: &Scene,
-    space: &BurrSpace,
-    spec: &ReachSpec,
-    compliance: Option<&[Matrix3<f64>]>,
-    raster: &Raster,
-) -> Result<Draft, PlanError> {
-    let radius = case.burr.radius_mm;
-    let step_mm = (COARSER * spec.spacing.step_mm).min(radius);
-    let path = raster.lay(case, scene, space, PathSpacing { step_mm, ..spec.spacing })?;
-    let points = &path.points;
-    let access = Access::draft(scene, spec.solid, path.removal.time(), spec.shank);
-    let limited = limited(points.len(), |i| points[i].kind == MoveKind::Cut);
-    let free = free_directions(&access, points, &limited, spec, None);
-    drop(access);
-    let near = nearest_structures::along(case, scene, &path::centers(points))?;
-    let moments = mass_increments_by_voxels(&scene.density_g_cm3, &path.removal, points, radius);
-    let (terms, feeds) = (terms(case, &near)?, feeds(points));
-    let tool = tools::tool(&case.burr)?;
-    let (material, measure) = tools::material(&case.material)?;
-    let kernel = OrientationKernel::new(&tool, &material, measure, 1024, 4);
-    let swept = SweptPath::new(scene, &path.removal, points, radius);
-    let field = CostField {
-        swept: &swept,
-        kernel: &kernel,
-        material: &material,
-        terms: &terms,
-        moments: &moments,
-        feeds: &feeds,
-        nominal_mm_s: case.speed.nominal_mm_s,
-        spindle_rpm: case.burr.spindle_rpm,
-        compliance: compliance.map(<[_]>::to_vec),
-        scale: scale(case, compliance)?,
-        finer_compliance: None,
-    };
-    let cost = cost_rows(spec.directions, &free, &field, None);
-    let length_mm = lengths(points);
-    // what no axis reaches is left out of the sequence, and counted as dear
-    let reached: Vec<usize> = (0..points.len()).filter(|i| free.count(*i) > 0).collect();
-    let unreached_mm: f64 = (0..points.len()).filter(|i| free.count(*i) == 0).map(|i| length_mm[i]).sum();
-    let count = spec.directions.len();
-    let rows: Vec<f32> = reached.iter().flat_map(|i| &cost[i * count..(i + 1) * count]).copied().collect();
-    let kept: Vec<f64> = reached.iter().map(|i| length_mm[*i]).collect();
-    let problem = Problem {
-        directions: spec.directions,
-        cost: &rows,
-        free: &FreeSets::fill(reached.len(), count, |i, n| free.contains(reached[i], n)),
-        length_mm: &kept,
-        rate: spec.rate,
-        forbidden: &Forbidden::default(),
-    };
-    let whole_mm: f64 = length_mm.iter().sum();
-    let unreached = unreached_mm / whole_mm.max(step_mm);
-    let (cost, unreached, directions) = if case.orientation.mode == OrientationMode::Fixed {
-        let straightest = |i: &usize| spec.directions.straightest(|n| free.contains(*i, n)) as u16;
-        let directions: Vec<u16> = reached.iter().map(straightest).collect();
-        let each = directions
-            .iter()
-            .enumerate()
-            .map(|(n, d)| kept[n] * f64::from(rows[n * count + usize::from(*d)]));
-        (each.sum::<f64>() + unreached_mm, unreached, directions)
-    } else {
-        match best_sequence(&problem) {
-            BestSequence::Sequence { total, directions, .. } => (total + unreached_mm, unreached, directions),
-            // no sequence gets through without dropping waypoints: as dear as it can be, in proportion
-            BestSequence::Blocked(i) => (whole_mm * (2.0 - i as f64 / points.len() as f64), 1.0, Vec::new()),
-        }
-    };
-    let force = |samples: &mut EngagedSamples, (i, direction): (&usize, &u16)| {
-        let feed = feeds[*i].filter(|_| moments[*i].mass_mg() > 0.0)?;
-        let axis = &spec.directions.axes()[usize::from(*direction)];
-        let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
-        let mut bone = swept.bone_at(*i as u32, radius, |density| material.weight(density));
-        kernel.gather(samples, &feed, speed, rpm, &mut bone);
-        Some(kernel.force_for_axis(samples, axis, rpm))
-    };
-    let mut samples = EngagedSamples::default();
-    let (mut forces, mut costs) = (vec![None; points.len()], vec![0.0; points.len()]);
-    for (n, (i, direction)) in reached.iter().zip(&directions).enumerate() {
-        forces[*i] = force(&mut samples, (i, direction));
-        costs[*i] = f64::from(rows[n * count + usize::from(*direction)]);
-    }
-    Ok(Draft { cost, unreached, length_mm, near, moments, forces, costs })
 }
 
 /// The centre of mass of the target's bone in the layers' plane; the target's centre where there is none.

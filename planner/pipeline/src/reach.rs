@@ -9,6 +9,7 @@
 
 use std::collections::HashSet;
 
+use bonemill_cutter::Ball;
 use bonemill_cutting::metrics::Moments;
 use bonemill_geometry::{Point, Work};
 use bonemill_scene::Scene;
@@ -122,11 +123,12 @@ pub fn reached<'a>(
     let mut blocked_before: Option<usize> = None;
     let mut waypoints = 0;
     let mut entered_in_vain = 0;
+    let ball = Ball { radius_mm: spec.radius_mm };
     for round in 1..=MOST_ROUNDS {
         if path.points.is_empty() {
             return Err(Unreached::Nothing);
         }
-        let eighths = EighthTimes::new(spec.solid, &path.points, spec.radius_mm);
+        let eighths = EighthTimes::new(spec.solid, &path.points, ball);
         let known = before.as_ref().map(|round| round.known_of(spec.solid, &path, &eighths));
         let access = Access::new(scene, spec.solid, eighths, spec.shank);
         let limited = limited(path.points.len(), |i| path.points[i].kind == MoveKind::Cut);
@@ -139,7 +141,7 @@ pub fn reached<'a>(
             let looked_between = (round < MOST_ROUNDS).then_some(&access);
             let unturned = unturned_waypoints(looked_between, &path.points, &free, &length_mm, spec);
             if unturned.is_empty() {
-                let moments = mass_increments(&scene.density_g_cm3, &path.points, spec.radius_mm);
+                let moments = mass_increments(&scene.density_g_cm3, &path.points, ball);
                 let is_long_cut =
                     |i: usize| moments[i].mass_mg() > 0.0 && length_mm[i] > spec.longest_cut_mm();
                 let long: HashSet<usize> = (0..path.points.len()).filter(|i| is_long_cut(*i)).collect();

@@ -9,6 +9,7 @@
 //! without any clearance; for the bone around it otherwise. What lies beyond the scan counts as that.
 
 use bonemill_case::Case;
+use bonemill_cutter::Ball;
 use bonemill_imaging::{ImageError, distance_within};
 use bonemill_scene::{Class, Scene};
 use bonemill_stock::removal::RemovalTime;
@@ -80,7 +81,7 @@ pub fn rest(
         (0..class.len()).filter(|n| class[*n].is(Class::TARGET) && !removal.is_removed(*n)).collect();
     let (reachable, unreachable): (Vec<usize>, Vec<usize>) =
         left.into_iter().partition(|n| space.reachable()[*n]);
-    let without_structures = BurrSpace::new(scene, space.radius_mm(), &[])?;
+    let without_structures = BurrSpace::new(scene, space.ball(), &[])?;
     let (by_structures, by_bone): (Vec<usize>, Vec<usize>) =
         unreachable.into_iter().partition(|n| without_structures.reachable()[*n]);
     let without_thin = reachable_without_thin(scene, space)?;
@@ -154,7 +155,7 @@ fn by_clearances(
     }
     let mut keepers: Vec<Vec<usize>> = vec![Vec::new(); voxels.len()];
     for structure in near {
-        let alone = BurrSpace::new(scene, space.radius_mm(), &alone(space, structure))?;
+        let alone = BurrSpace::new(scene, space.ball(), &alone(space, structure))?;
         for (keepers, n) in keepers.iter_mut().zip(voxels) {
             if !alone.reachable()[*n] {
                 keepers.push(structure);
@@ -191,7 +192,7 @@ fn by_radius(scene: &Scene, voxels: &[usize], counts: &mut Counts) -> Result<(),
         return Ok(());
     }
     let smallest_mm = SMALLEST_BURR_VOXELS * scene.class.grid().spacing_mm().x;
-    let small = BurrSpace::new(scene, smallest_mm, &[])?;
+    let small = BurrSpace::new(scene, Ball { radius_mm: smallest_mm }, &[])?;
     let narrow = voxels.par_iter().filter(|n| small.reachable()[**n]).count();
     counts.add(Cause::BurrRadius, narrow);
     counts.add(Cause::Bone, voxels.len() - narrow);
@@ -245,7 +246,7 @@ fn help(
         structures.map(|(n, s)| if lowered(n) { lower(s.clearance_mm) } else { s.clearance_mm }).collect()
     };
     let gain = |radius_mm: f64, clearances_mm: &[f64]| -> Result<String, ImageError> {
-        let changed = BurrSpace::new(scene, radius_mm, clearances_mm)?;
+        let changed = BurrSpace::new(scene, Ball { radius_mm }, clearances_mm)?;
         let more =
             changed.reachable().iter().zip(space.reachable()).filter(|(now, before)| **now && !**before);
         let mm3 = more.count() as f64 * scene.class.grid().voxel_mm3();

@@ -6,7 +6,7 @@
 //! the force model with the shaft along the approach. All other passes are cut from whichever end is nearer.
 
 use bonemill_case::{Case, Sense};
-use bonemill_cutting::burr::{AtPoints, EngagedSamples, Material, OrientationKernel};
+use bonemill_cutting::burr::{AtPoints, EngagedSamples, Feed, Material, OrientationKernel};
 use bonemill_cutting::cost::CostModel;
 use bonemill_geometry::{Point, Work};
 use bonemill_planfile::toward::NEAR_MM;
@@ -153,7 +153,7 @@ impl<'a> PassSense<'a> {
             builder.material_at(place.at + radius_mm * n).map_or(0.0, |voxel| self.density(voxel))
         };
         let (speed, rpm) = (self.case.speed.nominal_mm_s, self.case.burr.spindle_rpm);
-        self.kernel.gather(samples, feed, speed, rpm, &mut AtPoints(weight));
+        self.kernel.gather(samples, &Feed::new(feed, speed, rpm), &mut AtPoints(weight));
         self.kernel.force_for_axis(samples, &Vector3::z_axis(), rpm).force_n(speed)
     }
 

@@ -85,7 +85,9 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     cancel::poll();
     let labels = work_labels(spec, &grid, &ct_from_work)?;
     let inside = Inside::new(spec, &grid, &ct_from_work)?;
-    let (in_target, outside) = mask::target_mask(spec, &target, &inside, &hu, &labels, &ct_from_work)?;
+    let images = mask::WorkImages { hu, labels, ct_from_work };
+    let (in_target, outside) = mask::target_mask(spec, &target, &inside, &images)?;
+    let mask::WorkImages { hu, labels, .. } = images;
     let band_mm = [spec.ct.grid().diagonal_mm(), spec.labels.grid().diagonal_mm(), grid.diagonal_mm()]
         .into_iter()
         .fold(0.0, f64::max);

@@ -55,6 +55,13 @@ fn too_much_outside(spec: &SceneSpec, target: &[Point<Ct>], outside: String) -> 
     }
 }
 
+/// The images on the planning grid.
+pub(super) struct WorkImages {
+    pub hu: Volume<f32, Work>,
+    pub labels: Volume<u16, Work>,
+    pub ct_from_work: Rigid<Ct, Work>,
+}
+
 /// The target's voxels in the scan, and what of it lies beyond: of a label its voxels there, of a shape all that it
 /// holds there, for which of that is bone cannot be known.
 ///
@@ -64,10 +71,9 @@ pub(super) fn target_mask(
     spec: &SceneSpec,
     target: &[Point<Ct>],
     inside: &Inside,
-    hu: &Volume<f32, Work>,
-    labels: &Volume<u16, Work>,
-    ct_from_work: &Rigid<Ct, Work>,
+    images: &WorkImages,
 ) -> Result<(Volume<bool, Work>, TargetOutside), SceneError> {
+    let WorkImages { hu, labels, ct_from_work } = images;
     let grid = hu.grid();
     let place = |n: usize| {
         let p = grid.center(grid.voxel(n));

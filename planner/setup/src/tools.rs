@@ -7,7 +7,7 @@ use bonemill_arm::{Arm, ToolMount, read_urdf};
 use bonemill_case::{self as case, Case, Registration};
 use bonemill_cutter::ShankCylinder;
 use bonemill_cutting::burr::{
-    AtPoints, Discretisation, ElementGrid, ForceKernel, Material, Measure, ModelError, Tool,
+    AtPoints, Discretisation, ElementGrid, Feed, ForceKernel, Material, Measure, ModelError, Tool,
 };
 use bonemill_geometry::{Approach, Base, Ct, Rigid};
 use bonemill_scene::Scene;
@@ -177,7 +177,7 @@ pub fn side_cut_n(case: &Case) -> Result<f64, ModelError> {
         let mut bone = AtPoints(|n: &Vector3<f64>| f64::from(u8::from(is_bone(n))));
         let (axis, feed) = (Vector3::z_axis(), Vector3::x_axis());
         let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
-        kernel.engaged_force(&axis, &feed, speed, rpm, &mut bone).force_n(speed).norm()
+        kernel.engaged_force(&axis, &Feed::new(&feed, speed, rpm), &mut bone).force_n(speed).norm()
     };
     Ok(force_n(radius_mm - path.stepover_mm).max(LEAST_OF_SLOT * force_n(-radius_mm)))
 }

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 
 use bonemill_cutting::burr::GRAZING;
 use bonemill_cutting::burr::rings::{Nodes, Ring};
-use bonemill_cutting::burr::{Discretisation, Material, Tool};
+use bonemill_cutting::burr::{Discretisation, Feed, Material, Tool};
 use bonemill_geometry::basis;
 use nalgebra::{Matrix3, Unit, Vector3};
 
@@ -102,15 +102,6 @@ impl Engagement {
     }
 }
 
-/// The motion of a burr.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Feed {
-    pub axis: Unit<Vector3<f64>>,
-    pub direction: Unit<Vector3<f64>>,
-    pub speed_mm_s: f64,
-    pub spindle_rpm: f64,
-}
-
 impl BurrNodes {
     /// Tabulates the nodes; `Surroundings::is_open` is evaluated on tiles with a reach of at most `tile_reach`, of the radius.
     pub fn new(tool: &Tool, disc: &Discretisation, tile_reach: f64) -> Self {
@@ -137,10 +128,16 @@ impl BurrNodes {
     }
 
     /// Samples the bone in every direction that moves forward, and sums.
-    pub(super) fn engage(&self, feed: &Feed, material: &Material, around: &impl Surroundings) -> Engagement {
-        let tool_axes = basis::from_z(&feed.axis).into_inner();
+    pub(super) fn engage(
+        &self,
+        axis: &Unit<Vector3<f64>>,
+        feed: &Feed,
+        material: &Material,
+        around: &impl Surroundings,
+    ) -> Engagement {
+        let tool_axes = basis::from_z(axis).into_inner();
         let (x, y, z) =
-            (tool_axes.column(0).into_owned(), tool_axes.column(1).into_owned(), feed.axis.into_inner());
+            (tool_axes.column(0).into_owned(), tool_axes.column(1).into_owned(), axis.into_inner());
         let tooth_mm = self.tool.feed_per_tooth_mm(feed.speed_mm_s, feed.spindle_rpm);
         let Nodes { rings, azimuths, tile_size: [high, wide], tiles } = &self.nodes;
         let around_rad = 2.0 * PI / azimuths.len() as f64;

@@ -9,8 +9,7 @@
 //! number of threads.
 
 use bonemill_cutter::ShankCylinder;
-use bonemill_cutting::burr::checked;
-use bonemill_cutting::burr::{Discretisation, Material, Tool, direction};
+use bonemill_cutting::burr::{Discretisation, Feed, Material, Tool, checked, direction};
 use bonemill_geometry::{Point, Work, cancel};
 use bonemill_stock::sweep::segment_distance_squared;
 use nalgebra::{Unit, Vector3};
@@ -18,7 +17,7 @@ use rayon::prelude::*;
 
 use super::behind::Behind;
 use super::bone::{Amount, Bone, Kind};
-use super::engagement::{BurrNodes, Engagement, Feed, Surroundings};
+use super::engagement::{BurrNodes, Engagement, Surroundings};
 use super::error::EngineError;
 use super::lattice::Lattice;
 use super::model::{CutForce, ForceModel};
@@ -134,7 +133,7 @@ pub struct EngineSpec {
 }
 
 impl EngineSpec {
-    /// Default number of cells per radius. docs/results.md, "What the engine remembers", has error and time for other values.
+    /// Default number of cells per radius. docs/results.md, "Data structures of the engine", has error and time for other values.
     pub const CELLS_PER_RADIUS: f64 = 10.0;
 }
 
@@ -371,7 +370,6 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         let way = to.to.center - from.center;
         let length_mm = way.norm();
         let feed = Feed {
-            axis: to.to.axis,
             direction: Unit::try_new(way, 0.0).filter(|u| u.iter().all(|v| v.is_finite()))?,
             speed_mm_s: length_mm / (to.seconds + waited_s),
             spindle_rpm: self.spec.spindle_rpm,
@@ -394,7 +392,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         let half_cells = half_mm / self.lattice.spacing_mm();
         let lattice = &self.lattice;
         let around = Seen { lattice, near: &near, center, radius_mm: r, sample_mm, half_mm, half_cells };
-        Some(self.nodes.engage(&feed, &self.spec.material, &around))
+        Some(self.nodes.engage(&to.to.axis, &feed, &self.spec.material, &around))
     }
 }
 

@@ -17,6 +17,7 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use thiserror::Error;
 
+use super::channel::simulate_channel;
 use super::poses::{self, PoseError, Sampling, TrajectorySample};
 use super::rates::StepVolumes;
 use super::scene::{bone_of, solid_density};
@@ -224,6 +225,9 @@ pub fn simulate(
     sampling: Sampling,
     progress: &dyn Progress,
 ) -> Result<Simulation, SimulateError> {
+    if let Some(channel) = plan.record.case.job.channel() {
+        return simulate_channel(plan, channel, sampling, progress);
+    }
     let setup = SimulationSetup::read(plan, progress)?;
     let model = model.model(&plan.record.case, &setup.spec)?;
     replay(plan, &setup, model, sampling, progress)
@@ -291,8 +295,9 @@ pub fn replay(
     let cell_mm = engine.lattice().spacing_mm();
     let removed = *engine.removed();
     progress.stage("distances");
+    let replayed = Replayed { setup, samples: &samples, places: &places, steps: &steps };
     let (rows, toward): (Vec<_>, Vec<_>) =
-        rows(setup, &samples, &places, &steps, &removed_mm3, stiffness.is_some()).into_iter().unzip();
+        replayed.rows(&removed_mm3, stiffness.is_some()).into_iter().unzip();
     let mut simulation = Simulation {
         structures: structure_figures(setup, &places, &rows, &toward),
         rows,
@@ -356,41 +361,45 @@ fn yielding_step<M: ForceModel>(
     Ok(step)
 }
 
-/// The rows of all poses, with the structures near each.
-fn rows(
-    setup: &SimulationSetup,
-    samples: &[TrajectorySample],
-    places: &[Point<Work>],
-    steps: &[Step],
-    removed_mm3: &[f64],
-    compliant: bool,
-) -> Vec<(SimulationRow, Vec<SimulatedToward>)> {
-    let still = Step::nothing(None);
-    let row = |n: usize| {
-        let (sample, center) = (&samples[n], places[n]);
-        let step = if n == 0 { &still } else { &steps[n - 1] };
-        let force = &step.force;
-        let toward = setup.toward(center, &force.force_n);
-        let first = toward.first();
-        let before = n.checked_sub(1);
-        let seconds = before.map_or(0.0, |before| sample.time_s - samples[before].time_s);
-        let removed_mm3 = before.map_or(0.0, |before| removed_mm3[before]);
-        let row = SimulationRow {
-            time_s: sample.time_s,
-            position: setup.scene.ct_from_work * center,
-            force_n: setup.scene.ct_from_work.rotate(&force.force_n),
-            peak_n: force.peak_n,
-            torque_nmm: force.torque_nmm,
-            power_w: force.spindle_power_mw * 1e-3,
-            mrr_mm3_s: if seconds > 0.0 { removed_mm3 / seconds } else { 0.0 },
-            structure: first.map(|t| t.structure),
-            force_toward_n: first.and_then(|t| t.force_n),
-            distance_mm: first.map(|t| t.distance_mm),
-            deflection_um: compliant.then(|| (center - sample.pose.center).norm() * 1e3),
+/// What was replayed: poses asked for, places taken, and the steps between them.
+struct Replayed<'a> {
+    setup: &'a SimulationSetup,
+    samples: &'a [TrajectorySample],
+    places: &'a [Point<Work>],
+    steps: &'a [Step],
+}
+
+impl Replayed<'_> {
+    /// Every pose, and the structures near it. `removed_mm3`: by step; `compliant`: whether the arm gives way.
+    fn rows(&self, removed_mm3: &[f64], compliant: bool) -> Vec<(SimulationRow, Vec<SimulatedToward>)> {
+        let Self { setup, samples, places, steps } = *self;
+        let still = Step::nothing(None);
+        let row = |n: usize| {
+            let (sample, center) = (&samples[n], places[n]);
+            let step = if n == 0 { &still } else { &steps[n - 1] };
+            let force = &step.force;
+            let toward = setup.toward(center, &force.force_n);
+            let first = toward.first();
+            let before = n.checked_sub(1);
+            let seconds = before.map_or(0.0, |before| sample.time_s - samples[before].time_s);
+            let removed_mm3 = before.map_or(0.0, |before| removed_mm3[before]);
+            let row = SimulationRow {
+                time_s: sample.time_s,
+                position: setup.scene.ct_from_work * center,
+                force_n: setup.scene.ct_from_work.rotate(&force.force_n),
+                peak_n: force.peak_n,
+                torque_nmm: force.torque_nmm,
+                power_w: force.spindle_power_mw * 1e-3,
+                mrr_mm3_s: if seconds > 0.0 { removed_mm3 / seconds } else { 0.0 },
+                structure: first.map(|t| t.structure),
+                force_toward_n: first.and_then(|t| t.force_n),
+                distance_mm: first.map(|t| t.distance_mm),
+                deflection_um: compliant.then(|| (center - sample.pose.center).norm() * 1e3),
+            };
+            (row, toward)
         };
-        (row, toward)
-    };
-    (0..samples.len().min(places.len()).min(steps.len() + 1)).into_par_iter().map(row).collect()
+        (0..samples.len().min(places.len()).min(steps.len() + 1)).into_par_iter().map(row).collect()
+    }
 }
 
 /// Figures of each structure of the scene; a force counts while something is removed.

@@ -71,7 +71,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
             if near.apart_mm > cylinder.radius_mm + view.clear_mm {
                 break;
             }
-            self.view_brick(&near, shaft, cylinder, &is_swept, &mut view);
+            self.view_brick(&near, (shaft, cylinder), &is_swept, &mut view);
         }
         self.view_far(shaft, cylinder, &mut view);
         view
@@ -124,8 +124,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
     fn view_brick(
         &self,
         &NearBrick { brick, first, .. }: &NearBrick,
-        shaft: &Shaft,
-        cylinder: &ShankCylinder,
+        (shaft, cylinder): (&Shaft, &ShankCylinder),
         is_swept: &impl Fn(&Vector3<f64>) -> bool,
         view: &mut ShankView,
     ) {

@@ -6,6 +6,7 @@
 
 use std::ops::Range;
 
+use bonemill_cutter::Ball;
 use bonemill_geometry::{Grid, Point, Work};
 
 use crate::runs::{straight_runs, take_runs};
@@ -41,17 +42,17 @@ impl RemovalTime {
         self.time[voxel] != NEVER
     }
 
-    /// Sweeps the burr along moves of a path whose positions are `at`; calls `removed` with each voxel that they cover first.
+    /// Sweeps a ball along moves of a path whose positions are `at`; calls `removed` with each voxel that they cover first.
     pub fn sweep(
         &mut self,
         moves: Range<u32>,
         at: impl Fn(u32) -> Point<Work>,
-        radius_mm: f64,
+        ball: Ball,
         mut removed: impl FnMut(usize),
     ) {
         let Self { rows, time, standing } = self;
         let runs = straight_runs(moves, &at);
-        take_runs(&runs, at, rows, radius_mm, standing, |voxel, index| {
+        take_runs(&runs, at, rows, ball, standing, |voxel, index| {
             time[voxel] = index;
             removed(voxel);
         });
@@ -70,7 +71,7 @@ mod tests {
     fn field(path: &[[f64; 3]]) -> RemovalTime {
         let mut field = RemovalTime::new(&grid());
         let at = |n: usize| Point::from_coords(path[n].into());
-        field.sweep(0..path.len() as u32, |n| at(n as usize), 1.1, |_| ());
+        field.sweep(0..path.len() as u32, |n| at(n as usize), Ball { radius_mm: 1.1 }, |_| ());
         field
     }
 
@@ -101,11 +102,11 @@ mod tests {
         let mut f = RemovalTime::new(&grid());
         let (a, b) = (Point::new(1.0, 2.0, 3.0), Point::new(5.0, 4.0, 2.0));
         let expected = f.standing.count_within(&f.rows, [a, b], 1.3, usize::MAX);
-        let mut told = 0;
+        let (mut told, ball) = (0, Ball { radius_mm: 1.3 });
         let at = |n: u32| if n == 6 { a } else { b };
-        f.sweep(7..8, at, 1.3, |_| told += 1);
+        f.sweep(7..8, at, ball, |_| told += 1);
         assert!(told == expected && told > 1000);
-        f.sweep(8..9, at, 1.3, |voxel| panic!("{voxel} goes again"));
+        f.sweep(8..9, at, ball, |voxel| panic!("{voxel} goes again"));
         assert_eq!(f.time().iter().filter(|t| **t == 7).count(), told);
     }
 }

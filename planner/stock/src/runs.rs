@@ -5,6 +5,7 @@
 
 use std::ops::{ControlFlow, Range};
 
+use bonemill_cutter::Ball;
 use bonemill_geometry::{Point, Work};
 use nalgebra::Vector3;
 
@@ -60,11 +61,15 @@ pub fn straight_runs(moves: Range<u32>, at: impl Fn(u32) -> Point<Work>) -> Vec<
 /// Removes from `standing` the voxels that a ball of `radius_mm` covers along `runs`, and calls `taken` with each voxel and
 /// the first move that covers it. The voxels that the ball covers at the start of the runs must be removed already, except
 /// at a path's first position.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "several sweeps share runs and positions, each with a ball and voxels of its own"
+)]
 pub fn take_runs(
     runs: &[Run],
     at: impl Fn(u32) -> Point<Work>,
     rows: &Rows,
-    radius_mm: f64,
+    Ball { radius_mm }: Ball,
     standing: &mut VoxelSet,
     mut taken: impl FnMut(usize, u32),
 ) {
@@ -159,7 +164,7 @@ mod tests {
             prop_assert!(runs.len() <= 2 * corners.len());
             let mut found = vec![None; grid.len()];
             let mut standing = VoxelSet::of(grid.len(), |_| true);
-            take_runs(&runs, at, &rows, radius, &mut standing, |voxel, index| found[voxel] = Some(index));
+            take_runs(&runs, at, &rows, Ball { radius_mm: radius }, &mut standing, |voxel, index| found[voxel] = Some(index));
             for (voxel, found) in found.into_iter().enumerate() {
                 let p = grid.center(grid.voxel(voxel)).coords;
                 let beyond = |n: usize| {
@@ -186,7 +191,7 @@ mod tests {
                 let sweep = |runs: &[Run]| {
                     let (mut found, mut standing) =
                         (vec![None; grid.len()], VoxelSet::of(grid.len(), |_| true));
-                    take_runs(runs, at, &rows, radius_mm, &mut standing, |voxel, index| {
+                    take_runs(runs, at, &rows, Ball { radius_mm }, &mut standing, |voxel, index| {
                         found[voxel] = Some(index);
                     });
                     found

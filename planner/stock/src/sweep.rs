@@ -75,6 +75,7 @@ impl Rows {
     /// [`Self::within_capsule`] without the rows for which `may` returns false. `may` gets a run that contains all voxels of the
     /// row that the capsule can meet. Where most voxels in a ball are already removed, this test is cheaper than computing the
     /// interval.
+    #[expect(clippy::too_many_arguments, reason = "the state is lent to both functions in turn")]
     pub fn within_capsule_where<S>(
         &self,
         a: Point<Work>,
@@ -111,6 +112,7 @@ impl Rows {
 
     /// [`Self::within_capsule_where`] for a cylinder with flat ends, of `radius_mm` about `axis` (unit) through `center`, between
     /// two distances from `center`, mm. The run passed to `may` contains all voxels of the row that the cylinder can meet.
+    #[expect(clippy::too_many_arguments, reason = "the state is lent to both functions in turn")]
     pub fn within_cylinder_where<S>(
         &self,
         (center, axis): (Point<Work>, &Vector3<f64>),

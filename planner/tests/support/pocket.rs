@@ -3,12 +3,14 @@
 use bonemill_geometry::{Ct, Grid, Point, Volume};
 use bonemill_imaging::DensityTable;
 use bonemill_planner::case::Sheets;
+use bonemill_planner::cutter::Ball;
 use bonemill_planner::path::{Lines, MillPath, PathSpacing, RasterFrame, lay_path};
 use bonemill_planner::scene::{MemoryNeed, Scene, SceneError, SceneSpec, Target, build_scene};
 use bonemill_planner::space::BurrSpace;
 use nalgebra::Vector3;
 
 pub const RADIUS_MM: f64 = 1.5;
+pub const BALL: Ball = Ball { radius_mm: RADIUS_MM };
 pub const CLEARANCE_MM: f64 = 1.0;
 pub const TARGET: u16 = 20;
 pub const ROD: u16 = 7;

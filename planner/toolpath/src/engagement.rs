@@ -11,6 +11,7 @@ mod times;
 
 pub use self::masses::{mass_increments, mass_increments_by_voxels};
 
+use bonemill_cutter::Ball;
 use bonemill_cutting::burr::{Bone, Patch, TILE_REACH};
 use bonemill_geometry::Point;
 use bonemill_scene::Scene;
@@ -44,7 +45,8 @@ pub struct SweptPath<'a> {
 
 impl<'a> SweptPath<'a> {
     /// Indexes the runs of a path.
-    pub fn new(scene: &'a Scene, removal: &RemovalTime, points: &'a [PathPoint], radius_mm: f64) -> Self {
+    pub fn new(scene: &'a Scene, removal: &RemovalTime, points: &'a [PathPoint], ball: Ball) -> Self {
+        let Ball { radius_mm } = ball;
         let runs = straight_runs(0..points.len() as u32, |n| points[n as usize].position);
         let grid = scene.class.grid();
         let cells =

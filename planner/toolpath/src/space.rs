@@ -5,6 +5,7 @@
 //! the field is convex towards each voxel, so the error is below h²·3/(8r), 0.02 mm at the default. Distances to structures
 //! are computed exactly wherever bounds do not decide. The trajectory's possible deviation from its waypoints is added.
 
+use bonemill_cutter::Ball;
 use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
 use bonemill_imaging::{ImageError, StructureField, distance_within};
 pub use bonemill_motion::timelaw::TRAJECTORY_TOLERANCE_MM;
@@ -44,13 +45,13 @@ pub struct BurrSpace<'a> {
 }
 
 impl<'a> BurrSpace<'a> {
-    /// Free space for a burr of `radius_mm` with one clearance per structure of the scene.
+    /// Free space for a ball with one clearance per structure of the scene.
     ///
     /// # Errors
     /// When a distance field cannot be computed.
-    pub fn new(scene: &'a Scene, radius_mm: f64, clearances_mm: &[f64]) -> Result<Self, ImageError> {
-        let keep_mm = clearances_mm.iter().map(|c| radius_mm + c + TRAJECTORY_TOLERANCE_MM).collect();
-        Self::among(scene, scene.obstacle_mm.as_ref(), radius_mm, keep_mm)
+    pub fn new(scene: &'a Scene, ball: Ball, clearances_mm: &[f64]) -> Result<Self, ImageError> {
+        let keep_mm = clearances_mm.iter().map(|c| ball.radius_mm + c + TRAJECTORY_TOLERANCE_MM).collect();
+        Self::among(scene, scene.obstacle_mm.as_ref(), ball, keep_mm)
     }
 
     /// The free space of the same burr and clearances among other obstacles, given by the distance to them up to twice the
@@ -65,13 +66,13 @@ impl<'a> BurrSpace<'a> {
     where
         'a: 'b,
     {
-        BurrSpace::among(self.scene, obstacle_mm, self.radius_mm, self.keep_mm.clone())
+        BurrSpace::among(self.scene, obstacle_mm, self.ball(), self.keep_mm.clone())
     }
 
     fn among(
         scene: &'a Scene,
         obstacle_mm: Option<&'a Volume<f32, Work>>,
-        radius_mm: f64,
+        Ball { radius_mm }: Ball,
         keep_mm: Vec<f64>,
     ) -> Result<Self, ImageError> {
         let margin_mm = Volume::filled(scene.class.grid().clone(), 0.0);
@@ -102,7 +103,12 @@ impl<'a> BurrSpace<'a> {
         self.scene
     }
 
-    /// The burr's radius, mm.
+    /// The ball.
+    pub fn ball(&self) -> Ball {
+        Ball { radius_mm: self.radius_mm }
+    }
+
+    /// The ball's radius, mm.
     pub fn radius_mm(&self) -> f64 {
         self.radius_mm
     }

@@ -7,6 +7,7 @@ use bonemill_geometry::{Grid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::lattice::Lattice;
 use super::voxels::{DOUBT_MM, Doubtful};
 
 /// The number for a point that no move reaches.
@@ -34,6 +35,17 @@ impl MoveSegment {
         let t = if length2 > 0.0 { ((p - self.a).dot(&d) / length2).clamp(0.0, 1.0) } else { 0.0 };
         (p - self.a - d * t).norm_squared()
     }
+}
+
+/// What a plan's moves reach of the fine lattice.
+#[derive(Debug, Clone, Copy)]
+pub struct Removed<'a> {
+    /// The lattice.
+    pub lattice: &'a Lattice,
+    /// The moves in pieces.
+    pub pieces: &'a [MoveSegment],
+    /// The move that first reaches each point of the lattice; [`NEVER`] where there is none.
+    pub first: &'a [u32],
 }
 
 /// The moves through `points`, divided into pieces; move 0 is the first point itself.

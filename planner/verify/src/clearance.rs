@@ -64,7 +64,7 @@ pub fn nearest_along(
                 let d_from =
                     if skipped.is_empty() { d_last } else { search.ask(from, n - 1, d_last + free_mm) };
                 let d = search.ask(p, n, d_from + step);
-                search.stretch(from, p, d_from, d, n);
+                search.stretch([from, p], [d_from, d], n);
                 before = Some((p, d));
                 skipped.clear();
                 free_mm = 0.0;
@@ -92,16 +92,16 @@ impl<D: Fn(&Vector3<f64>, f64) -> f64> NearestSearch<D> {
         d
     }
 
-    /// Halves the stretch while it could be nearer; each half is half as long, so the depth is bounded.
-    fn stretch(&mut self, a: &Vector3<f64>, b: &Vector3<f64>, da: f64, db: f64, n: usize) {
+    /// Halves the stretch while it could come nearer; each half is half as long, so the depth is bounded.
+    fn stretch(&mut self, [a, b]: [&Vector3<f64>; 2], [da, db]: [f64; 2], n: usize) {
         let length = (b - a).norm();
         if 0.5 * (da + db - length) >= self.best - TOLERANCE_MM || !length.is_finite() {
             return;
         }
         let middle = (a + b) * 0.5;
         let d = self.ask(&middle, n, da.min(db) + 0.5 * length);
-        self.stretch(a, &middle, da, d, n);
-        self.stretch(&middle, b, d, db, n);
+        self.stretch([a, &middle], [da, d], n);
+        self.stretch([&middle, b], [d, db], n);
     }
 }
 

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::anatomy::Anatomy;
 use super::asked::COVERAGE;
-use super::carve::NEVER;
+use super::carve::{NEVER, Removed};
 use super::check::{Check, Place};
 use super::lattice::{HAS_MASS, Lattice, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
 use super::moves::Moves;
@@ -209,11 +209,11 @@ pub fn masses(
     plan: &StoredPlan,
     anatomy: &Anatomy,
     voxels: &Voxels,
-    lattice: &Lattice,
-    first: &[u32],
+    removed: &Removed,
     moves: &Moves,
 ) -> Vec<Check> {
-    let found = mass_by_move(plan, anatomy, voxels, lattice, first, moves);
+    let Removed { lattice, first, .. } = *removed;
+    let found = mass_by_move(plan, anatomy, voxels, removed, moves);
     let total: f64 = found.iter().sum();
     let said: f64 = plan.waypoints.iter().map(|w| w.mass_mg).sum();
     let note = |said: f64, found: f64| format!("says {said:.4} mg, found {found:.4} mg");
@@ -258,10 +258,10 @@ fn mass_by_move(
     plan: &StoredPlan,
     anatomy: &Anatomy,
     voxels: &Voxels,
-    lattice: &Lattice,
-    first: &[u32],
+    removed: &Removed,
     moves: &Moves,
 ) -> Vec<f64> {
+    let Removed { lattice, first, .. } = *removed;
     let grid = &lattice.grid;
     let radius2 = plan.record.case.burr.radius_mm.powi(2);
     let [nx, ny, nz] = grid.dims();

@@ -7,9 +7,9 @@
 use bonemill_planfile::StoredPlan;
 use nalgebra::Vector3;
 
-use super::carve::{MoveSegment, NEVER, deepest};
+use super::carve::{MoveSegment, NEVER, Removed, deepest};
 use super::check::{Check, Place};
-use super::lattice::{HAS_MASS, Lattice, OBSTACLE, SHEET, SLIVER};
+use super::lattice::{HAS_MASS, OBSTACLE, SHEET, SLIVER};
 use super::moves::{Executed, MoveClass, Moves};
 
 /// Largest volume that links may remove between the points of the planner's grid, as a share of the removed volume.
@@ -20,13 +20,12 @@ const STRETCH_MM: f64 = 0.1;
 /// Checks gouging by the moves and by the trajectory, and links through material.
 pub fn ground(
     plan: &StoredPlan,
-    lattice: &Lattice,
-    pieces: &[MoveSegment],
-    first: &[u32],
+    removed: &Removed,
     moves: &Moves,
     executed: &Executed,
     band_mm: f64,
 ) -> Vec<Check> {
+    let Removed { lattice, pieces, first } = *removed;
     let radius = plan.record.case.burr.radius_mm;
     let is_obstacle = |n: usize| lattice.class[n] & OBSTACLE != 0;
     let by_moves = deepest(&lattice.grid, pieces, radius, |n, _| first[n] != NEVER && is_obstacle(n));
@@ -57,19 +56,14 @@ pub fn ground(
         gouge("bone outside the target, by the arm", by_arm).at(by_arm.map(|f| row_place(f.2))),
     ]
     .into_iter()
-    .chain(links(plan, lattice, pieces, first, moves))
+    .chain(links(plan, removed, moves))
     .collect()
 }
 
 /// The largest depth to which a link or retract reaches material that no earlier move reached, and the volume of all such
 /// material.
-fn links(
-    plan: &StoredPlan,
-    lattice: &Lattice,
-    pieces: &[MoveSegment],
-    first: &[u32],
-    moves: &Moves,
-) -> [Check; 2] {
+fn links(plan: &StoredPlan, reached: &Removed, moves: &Moves) -> [Check; 2] {
+    let Removed { lattice, pieces, first } = *reached;
     let radius = plan.record.case.burr.radius_mm;
     let is_free = |number: u32| moves.kinds.get(number as usize) == Some(&MoveClass::Free);
     let has_mass = |n: usize| lattice.is(n, HAS_MASS) && !lattice.is(n, SLIVER);

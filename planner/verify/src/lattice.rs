@@ -68,11 +68,11 @@ impl Lattice {
     pub fn new(
         anatomy: &Anatomy,
         density: &Density,
-        ct_from_grid: &Rigid<Ct, Work>,
         grid: Grid<Work>,
         voxels: &Voxels,
         rule: &Obstacle,
     ) -> Result<Self, VerifyError> {
+        let ct_from_grid = &voxels.ct_from_grid;
         let enclosed = match &anatomy.aim {
             Aim::Label(_) => None,
             Aim::Shape(_) => Some(Closed::new(anatomy, density.bone_hu, ct_from_grid, &grid)?),

@@ -22,6 +22,7 @@ mod asked;
 mod boxes;
 mod bricks;
 mod carve;
+mod channel;
 mod check;
 mod clearance;
 mod columns;
@@ -83,8 +84,11 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     }
     // before anything is judged: a file that is changed meanwhile does not get the verdict
     let files = digests(&plan.dir)?;
-    progress.stage("read images");
     let case = &plan.record.case;
+    if let Some(spec) = case.job.channel() {
+        return Ok(Verification { checks: channel::checks(plan, spec, progress)?, files });
+    }
+    progress.stage("read images");
     let anatomy = Anatomy::read(plan)?;
     let boxes: Vec<Option<Boxes<'_>>> =
         anatomy.kept.iter().map(|kept| Boxes::new(&anatomy.labels, kept.label)).collect();
@@ -132,7 +136,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     checks.push(Check::at_most("lattice spacing", grid.spacing_mm().x, spacing, "mm"));
     let (voxels, beyond_mm) = planned_voxels(plan, &anatomy)?;
     let rule = Obstacle { band_mm, sheets: case.sheets };
-    let fine = Lattice::new(&anatomy, &case.density, ct_from_grid, grid, &voxels, &rule)?;
+    let fine = Lattice::new(&anatomy, &case.density, grid, &voxels, &rule)?;
 
     progress.stage("count voxels");
     let pieces = carve::pieces(&moves.points);
@@ -156,9 +160,10 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     progress.stage("remove bone");
     let radius = case.burr.radius_mm;
     let first = carve::first_moves(&fine.grid, &pieces, radius);
-    checks.extend(ground::ground(plan, &fine, &pieces, &first, &moves, &executed, band_mm));
+    let removed = carve::Removed { lattice: &fine, pieces: &pieces, first: &first };
+    checks.extend(ground::ground(plan, &removed, &moves, &executed, band_mm));
     checks.extend(figures::resolution(plan, &fine, &first, &voxels, &swept));
-    checks.extend(figures::masses(plan, &anatomy, &voxels, &fine, &first, &moves));
+    checks.extend(figures::masses(plan, &anatomy, &voxels, &removed, &moves));
     drop((voxels, swept, reachable));
 
     progress.stage("check shank");

@@ -47,6 +47,7 @@ from ._judge import (
 )
 from ._native import __version__
 from ._plan import Frames, Plan, Structure, plan
+from ._prosthesis import ProsthesisPlan, prosthesis
 from ._verdict import verified
 from ._view import view
 
@@ -89,6 +90,8 @@ __all__ = [
     "plan",
     "PlanError",
     "PlanFileError",
+    "prosthesis",
+    "ProsthesisPlan",
     "reamer_force",
     "Risk",
     "RobotError",

@@ -55,6 +55,24 @@ impl<W: FnMut(&Vector3<f64>) -> f64> Bone for AtPoints<W> {
     }
 }
 
+/// How a burr is fed: direction, speed and spindle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Feed {
+    /// Unit direction of the burr's centre.
+    pub direction: Unit<Vector3<f64>>,
+    /// Its speed, mm/s.
+    pub speed_mm_s: f64,
+    /// Spindle speed, rpm.
+    pub spindle_rpm: f64,
+}
+
+impl Feed {
+    /// Of a unit direction, a speed, mm/s, and a spindle speed, rpm.
+    pub fn new(direction: &Unit<Vector3<f64>>, speed_mm_s: f64, spindle_rpm: f64) -> Self {
+        Self { direction: *direction, speed_mm_s, spindle_rpm }
+    }
+}
+
 /// Force at any feed speed, for one place, axis and feed direction.
 ///
 /// The cutting part is proportional to the speed. The edge part does not depend on it, exactly for t0 = 0; with t0 > 0 it
@@ -169,6 +187,14 @@ struct Sum {
     torque: f64,
 }
 
+impl Sum {
+    /// Adds a ring's sum per length of its elements; the force acts against it.
+    fn add(&mut self, per_mm: Self, length_mm: f64) {
+        self.force -= per_mm.force * length_mm;
+        self.torque += per_mm.torque * length_mm;
+    }
+}
+
 impl ForceKernel {
     /// Tabulates the nodes.
     pub fn new(tool: &Tool, material: &Material, disc: &Discretisation) -> Self {
@@ -196,19 +222,19 @@ impl ForceKernel {
         &self.material
     }
 
-    /// The force for a shaft `axis` (burr to handpiece) and a unit `feed` direction, both in the frame in which the bone is sampled:
-    /// at the centre plus [`Self::sample_radius_mm`] times a unit normal. `nominal_mm_s` matters only to an edge term with t0 > 0.
+    /// The force for a shaft `axis` (burr to handpiece) and a feed, both in the frame in which the bone is sampled:
+    /// at the centre plus [`Self::sample_radius_mm`] times a unit normal. The feed's speed matters only to an edge term with t0 > 0.
     ///
     /// Bone that gives the mean over each patch makes the sum smooth where it ends in an edge.
     pub fn engaged_force(
         &self,
         axis: &Unit<Vector3<f64>>,
-        feed: &Unit<Vector3<f64>>,
-        nominal_mm_s: f64,
-        spindle_rpm: f64,
+        feed: &Feed,
         bone: &mut impl Bone,
     ) -> EngagedForce {
         cancel::poll();
+        let Feed { direction: feed, speed_mm_s: nominal_mm_s, spindle_rpm } = feed;
+        let (nominal_mm_s, spindle_rpm) = (*nominal_mm_s, *spindle_rpm);
         let basis = basis::from_z(axis).into_inner();
         let (x, y, z) = (basis.column(0).into_owned(), basis.column(1).into_owned(), axis.into_inner());
         let tooth_mm = self.tool.feed_per_tooth_mm(nominal_mm_s, spindle_rpm);
@@ -260,15 +286,10 @@ impl ForceKernel {
                 }
                 let (element, [tc, ts]) = (&ring.element, ring.turn);
                 let frame = [x * tc + y * ts, y * tc - x * ts, z];
-                self.add_ring(&mut cut, element, &frame, q_cut, self.material.k_n_mm2(), element.dl_mm);
-                self.add_ring(
-                    &mut edge,
-                    element,
-                    &frame,
-                    q_edge,
-                    self.material.k_edge_n_mm(),
-                    element.edge_mm,
-                );
+                let k_n_mm2 = self.material.k_n_mm2();
+                cut.add(self.ring_sum(element, &frame, q_cut, k_n_mm2), element.dl_mm);
+                let k_edge_n_mm = self.material.k_edge_n_mm();
+                edge.add(self.ring_sum(element, &frame, q_edge, k_edge_n_mm), element.edge_mm);
                 out.mrr_mm2 += q_area * element.dz_mm;
                 out.weighted_mrr_mm2 += q_cut.0[0] * element.dz_mm;
             }
@@ -296,23 +317,20 @@ impl ForceKernel {
         }
     }
 
-    /// −(K_t σ e_ψ + K_r n + K_a e_a) summed over one ring with the weights' harmonics.
-    fn add_ring(
+    /// K_t σ e_ψ + K_r n + K_a e_a and its torque, summed over one ring with the weights' harmonics, per mm of the element.
+    fn ring_sum(
         &self,
-        sum: &mut Sum,
         element: &Element,
         [x, y, z]: &[Vector3<f64>; 3],
         Harmonics([q0, qc, qs]): Harmonics,
         [k_t, k_r, k_a]: [f64; 3],
-        length_mm: f64,
-    ) {
+    ) -> Sum {
         let radial = x * qc + y * qs;
         let around = y * qc - x * qs;
         let (sk, ck) = (element.sin, element.cos);
-        sum.force -= (around * (k_t * self.tool.spin())
+        let along = around * (k_t * self.tool.spin())
             + radial * (k_r * sk + k_a * ck)
-            + z * (q0 * (k_a * sk - k_r * ck)))
-            * length_mm;
-        sum.torque += k_t * q0 * self.tool.radius_mm() * sk * length_mm;
+            + z * (q0 * (k_a * sk - k_r * ck));
+        Sum { force: along, torque: k_t * q0 * self.tool.radius_mm() * sk }
     }
 }

@@ -29,7 +29,7 @@ use bonemill_geometry::{basis, cancel};
 use nalgebra::{Unit, Vector3};
 
 use super::input::{Material, Measure, Tool};
-use super::kernel::{Bone, EngagedForce, Patch, TILE_REACH};
+use super::kernel::{Bone, EngagedForce, Feed, Patch, TILE_REACH};
 use super::samples::{EngagedSamples, LANES, Lane, Sample};
 
 /// Golden angle of the sunflower, rad: 2π(1 − 1/φ).
@@ -136,15 +136,10 @@ impl OrientationKernel {
     /// `feed` and the unit normals at which bone is sampled are in the caller's frame; it is sampled at the burr's centre plus r
     /// (+ offset) times the normal. Bone that gives the mean over each patch makes the sums smooth where it ends in an edge. The
     /// speeds matter only to an edge term with t0 > 0.
-    pub fn gather(
-        &self,
-        samples: &mut EngagedSamples,
-        feed: &Unit<Vector3<f64>>,
-        nominal_mm_s: f64,
-        spindle_rpm: f64,
-        bone: &mut impl Bone,
-    ) {
+    pub fn gather(&self, samples: &mut EngagedSamples, feed: &Feed, bone: &mut impl Bone) {
         cancel::poll();
+        let Feed { direction: feed, speed_mm_s: nominal_mm_s, spindle_rpm } = *feed;
+        let feed = &feed;
         samples.clear();
         let side_mm = self.tool.radius_mm() * (2.0 * PI / self.directions.len() as f64).sqrt();
         let turn = basis::from_z(feed).into_inner();

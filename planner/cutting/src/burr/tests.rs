@@ -160,7 +160,7 @@ proptest! {
         let weight =
             |n: &Vector3<f64>| material.weight(bone.trilinear(ORIGIN + n * kernel.sample_radius_mm(), 0.0));
         let (axis, feed) = (Unit::new_normalize(axis), Unit::new_normalize(v));
-        let fast = kernel.engaged_force(&axis, &feed, v.norm(), RPM, &mut AtPoints(weight));
+        let fast = kernel.engaged_force(&axis, &Feed::new(&feed, v.norm(), RPM), &mut AtPoints(weight));
         prop_assert!(near(&fast.force_n(v.norm()), &literal.force_n, 1e-12));
         prop_assert!((fast.torque_nmm(v.norm()) - literal.torque_nmm).abs() <= 1e-12 * literal.torque_nmm);
     }

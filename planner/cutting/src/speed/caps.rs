@@ -35,23 +35,31 @@ pub struct ForceCaps {
     pub power_mw: Option<f64>,
 }
 
+/// What of a burr the caps depend on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CappedBurr {
+    /// Radius, mm.
+    pub radius_mm: f64,
+    /// Spindle speed, rpm.
+    pub spindle_rpm: f64,
+}
+
 impl ForceCaps {
     /// The largest speed that keeps every cap, mm/s; infinite where none binds, 0 where no speed does.
     ///
     /// `near`: every structure to be spared; `compliance`: mm/N; both in the frame of the force.
     pub fn fastest_mm_s(
         &self,
+        burr: CappedBurr,
         force: &EngagedForce,
         near: &[Proximity],
-        burr_radius_mm: f64,
         compliance: Option<&Matrix3<f64>>,
-        spindle_rpm: f64,
     ) -> f64 {
         let (cut, edge) = (force.cut_n_per_mm_s, force.edge_n);
         let mut fastest = f64::INFINITY;
         if let Some(limit) = &self.toward_n {
             for p in near {
-                let most = limit.at(p.distance_mm - burr_radius_mm);
+                let most = limit.at(p.distance_mm - burr.radius_mm);
                 fastest = fastest.min(linear(edge.dot(&p.toward), cut.dot(&p.toward), most));
             }
         }
@@ -62,7 +70,7 @@ impl ForceCaps {
             fastest = fastest.min(within_ball(&(c * edge), &(c * cut), most));
         }
         if let Some(most) = self.power_mw {
-            let omega = 2.0 * PI * spindle_rpm / 60.0;
+            let omega = 2.0 * PI * burr.spindle_rpm / 60.0;
             let (q_edge, q_cut) = (force.edge_torque_nmm, force.cut_torque_nmm_per_mm_s);
             fastest = fastest.min(linear(omega * q_edge, omega * q_cut, most));
         }
@@ -102,6 +110,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    const BURR: CappedBurr = CappedBurr { radius_mm: 2.5, spindle_rpm: 6e4 };
+
     fn vector(size: f64) -> impl Strategy<Value = Vector3<f64>> {
         prop::array::uniform3(-size..size).prop_map(Vector3::from)
     }
@@ -125,7 +135,7 @@ mod tests {
                 total_n: Some(total), deflection_mm: Some(um * 1e-3), power_mw: Some(watts * 1e3),
             };
             let c = Matrix3::new(0.02, 0.001, 0.0, 0.001, 0.05, 0.002, 0.0, 0.002, 0.01);
-            let v = caps.fastest_mm_s(&force, &near, 2.5, Some(&c), 60_000.0);
+            let v = caps.fastest_mm_s(BURR, &force, &near, Some(&c));
             let worst = |v: f64| {
                 let f = edge + cut * v;
                 let power = 2.0 * PI * 1e3 * (0.1 * torque + v * torque) - watts * 1e3;
@@ -148,14 +158,14 @@ mod tests {
         let near = [Proximity::new(Vector3::x() * 4.0, 3.5).unwrap()];
         let caps =
             ForceCaps { toward_n: Some(DistanceCurve::new(&[[1.0, 0.3]]).unwrap()), ..ForceCaps::default() };
-        assert_eq!(caps.fastest_mm_s(&EngagedForce::ZERO, &near, 2.5, None, 6e4), f64::INFINITY);
+        assert_eq!(caps.fastest_mm_s(BURR, &EngagedForce::ZERO, &near, None), f64::INFINITY);
         let pushes = EngagedForce { cut_n_per_mm_s: Vector3::new(0.6, 0.0, 0.0), ..EngagedForce::ZERO };
-        assert_eq!(ForceCaps::default().fastest_mm_s(&pushes, &near, 2.5, None, 6e4), f64::INFINITY);
-        assert!((caps.fastest_mm_s(&pushes, &near, 2.5, None, 6e4) - 0.5).abs() < 1e-12);
+        assert_eq!(ForceCaps::default().fastest_mm_s(BURR, &pushes, &near, None), f64::INFINITY);
+        assert!((caps.fastest_mm_s(BURR, &pushes, &near, None) - 0.5).abs() < 1e-12);
         // away from it nothing binds; between two, the nearer limit does
         let away = EngagedForce { cut_n_per_mm_s: -Vector3::x(), ..EngagedForce::ZERO };
-        assert_eq!(caps.fastest_mm_s(&away, &near, 2.5, None, 6e4), f64::INFINITY);
+        assert_eq!(caps.fastest_mm_s(BURR, &away, &near, None), f64::INFINITY);
         let both = [near[0], Proximity::new(-Vector3::x() * 4.0, 3.5).unwrap()];
-        assert!((caps.fastest_mm_s(&away, &both, 2.5, None, 6e4) - 0.3).abs() < 1e-12);
+        assert!((caps.fastest_mm_s(BURR, &away, &both, None) - 0.3).abs() < 1e-12);
     }
 }

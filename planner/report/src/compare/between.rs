@@ -4,7 +4,7 @@ use bonemill_geometry::{Ct, Grid, Point, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use bonemill_cutter::MoveKind;
+use bonemill_cutter::{Ball, MoveKind};
 use bonemill_planfile::StoredPlan;
 use bonemill_stock::removal::RemovalTime;
 
@@ -178,7 +178,7 @@ fn swept_mm3(plans: [&StoredPlan; 2]) -> Option<[f64; 3]> {
         let path: Vec<_> = plan.waypoints.iter().map(|w| work_from_ct * w.position).collect();
         let mut removal = RemovalTime::new(&grid);
         let radius_mm = plan.record.case.burr.radius_mm;
-        removal.sweep(0..path.len() as u32, |n| path[n as usize], radius_mm, |_| ());
+        removal.sweep(0..path.len() as u32, |n| path[n as usize], Ball { radius_mm }, |_| ());
         removal
     });
     let mut counts = [0usize; 3];

@@ -14,6 +14,7 @@ mod plot;
 mod slice;
 mod surface;
 
+use bonemill_cutter::Ball;
 use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
 use bonemill_scene::{Class, Scene};
 use rayon::prelude::*;
@@ -98,8 +99,9 @@ impl Images {
         let scene = scene_of(plan, progress)?;
         progress.stage("removal");
         let mut removal = RemovalTime::new(scene.class.grid());
-        let radius_mm = plan.record.case.burr.radius_mm;
-        removal.sweep(0..path.len() as u32, |n| path[n as usize], radius_mm, |_| ());
+        let radius_mm =
+            plan.record.channel().map_or(plan.record.case.burr.radius_mm, |channel| channel.radius_mm);
+        removal.sweep(0..path.len() as u32, |n| path[n as usize], Ball { radius_mm }, |_| ());
         let structure = structures(&scene);
         Ok(Self { scene, removal, structure })
     }

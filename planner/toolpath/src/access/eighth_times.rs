@@ -3,6 +3,7 @@
 //! A voxel whose centre is removed may keep a corner, for a few moves or for good, and the shank may meet this corner. An
 //! eighth counts as removed when its own centre is.
 
+use bonemill_cutter::Ball;
 use bonemill_stock::removal::NEVER;
 use bonemill_stock::runs::{straight_runs, take_runs};
 use bonemill_stock::sweep::Rows;
@@ -29,7 +30,7 @@ pub struct EighthTimes {
 
 impl EighthTimes {
     /// Sweeps the path. Each task has its own layers, so the result does not depend on the number of threads.
-    pub fn new(solid: &ShankObstacles, points: &[PathPoint], radius_mm: f64) -> Self {
+    pub fn new(solid: &ShankObstacles, points: &[PathPoint], ball: Ball) -> Self {
         let (grid, (first, dims)) = (solid.grid(), eighths_that_go(solid));
         let half_mm = 0.5 * grid.spacing_mm().x;
         let slab = dims[0] * dims[1];
@@ -49,7 +50,7 @@ impl EighthTimes {
             let lowest = grid.center(first).coords - Vector3::repeat(0.5 * half_mm);
             let origin = lowest + Vector3::z() * (below as f64 * half_mm);
             let at = |n: u32| points[n as usize].position + -origin;
-            take_runs(&runs, at, &rows, radius_mm, &mut standing, |n, index| time[n] = index);
+            take_runs(&runs, at, &rows, ball, &mut standing, |n, index| time[n] = index);
         });
         Self { first, dims, time }
     }

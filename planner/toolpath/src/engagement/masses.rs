@@ -1,6 +1,7 @@
 //! The mass that each move removes, from voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes,
 //! whose sum over the path is the mass removed (docs/force-model.md 8, row 3). Drafts use whole voxels.
 
+use bonemill_cutter::Ball;
 use bonemill_cutter::ball::BallVolumes;
 use bonemill_cutting::metrics::Moments;
 use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
@@ -23,7 +24,7 @@ const SLABS: usize = 6;
 pub fn mass_increments(
     density_g_cm3: &Volume<f32, Work>,
     points: &[PathPoint],
-    radius_mm: f64,
+    Ball { radius_mm }: Ball,
 ) -> Vec<Moments> {
     let grid = density_g_cm3.grid();
     let [nx, ny, nz] = grid.dims();
@@ -49,7 +50,7 @@ pub fn mass_increments_by_voxels(
     density_g_cm3: &Volume<f32, Work>,
     removal: &RemovalTime,
     points: &[PathPoint],
-    radius_mm: f64,
+    Ball { radius_mm }: Ball,
 ) -> Vec<Moments> {
     let grid = density_g_cm3.grid();
     let mut total = vec![Moments::new(radius_mm); points.len()];

@@ -193,8 +193,7 @@ pub fn settle(
 ///
 /// `is_free(i, axis)`: the access test; `in_set(i, n)`: whether direction n is free.
 pub fn low_pass(
-    directions: &Directions,
-    family: Option<&TiltFamily>,
+    (directions, family): (&Directions, Option<&TiltFamily>),
     raw: &[Unit<Vector3<f64>>],
     half: usize,
     in_set: impl Fn(usize, usize) -> bool,
@@ -306,7 +305,7 @@ mod tests {
         let raw: Vec<_> = (0..40).map(|i| family.axis(if i < 20 { -0.5 } else { 0.5 })).collect();
         // angles around the middle are blocked, and the average would cross them
         let free = |a: &Vector3<f64>| family.angle(a).abs() > 0.3;
-        let out = low_pass(&set, Some(&family), &raw, 4, |_, n| free(&set.axes()[n]), |_, a| free(a));
+        let out = low_pass((&set, Some(&family)), &raw, 4, |_, n| free(&set.axes()[n]), |_, a| free(a));
         assert!(out.axes.iter().all(|a| free(a)) && (4..10).contains(&out.held), "{}", out.held);
         assert_eq!(out.angles_rad.map(|q| q.len()), Some(40));
     }
@@ -324,7 +323,7 @@ mod tests {
         };
         let BestAxis::Axis(found) = at.wish() else { panic!("no axis") };
         assert!(found.angle(&wanted) < 0.03, "{}", found.angle(&wanted));
-        let out = low_pass(&cap, None, &[wanted; 9], 2, |_, _| true, |_, _| true);
+        let out = low_pass((&cap, None), &[wanted; 9], 2, |_, _| true, |_, _| true);
         assert!(out.held == 0 && out.axes.iter().all(|a| a.angle(&wanted) < 1e-7));
     }
 }

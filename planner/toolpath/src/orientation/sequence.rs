@@ -258,6 +258,10 @@ impl<'a> ProgramLayer<'a> {
     /// The same over slots that can be reached without passing a blocked direction. No cost is less than `least_alive`, so the
     /// search ends at the slot from which on the turn alone makes every farther slot worse.
     #[inline]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "the innermost step, inlined into the loop over directions"
+    )]
     fn among_allowed(
         &self,
         fan: &Fan,

@@ -374,7 +374,7 @@ impl<'a> Builder<'a> {
         let Self { points, removal, material, reachable, left, .. } = self;
         let moves = self.swept as u32..points.len() as u32;
         let at = |n: u32| points[n as usize].position;
-        removal.sweep(moves, at, self.space.radius_mm(), |voxel| {
+        removal.sweep(moves, at, self.space.ball(), |voxel| {
             material.remove(voxel);
             *left -= usize::from(reachable.remove(voxel));
         });

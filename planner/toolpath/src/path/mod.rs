@@ -103,7 +103,7 @@ impl MillPath {
             points.push(*point);
         }
         let mut removal = RemovalTime::new(space.grid());
-        removal.sweep(0..points.len() as u32, |n| points[n as usize].position, space.radius_mm(), |_| ());
+        removal.sweep(0..points.len() as u32, |n| points[n as usize].position, space.ball(), |_| ());
         let Self { passes, unjoined, layers, .. } = self;
         Self { points, removal, passes: passes.clone(), unjoined: *unjoined, layers: *layers }
     }

@@ -126,6 +126,7 @@ struct Segment<'a> {
 
 impl Segment<'_> {
     /// Lays places strictly between two points of the move, given as shares of it.
+    #[expect(clippy::too_many_arguments, reason = "a recursion over both ends of a part of the move")]
     fn lay(
         &self,
         shares: [f64; 2],

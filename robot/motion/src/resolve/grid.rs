@@ -362,6 +362,7 @@ fn first(layer: &ProgramLayer) -> Vec<f64> {
 
 /// The least total cost at each node of a layer. Also stores from which roll it came: 0, 1, 2 for one roll less, the same,
 /// one more.
+#[expect(clippy::too_many_arguments, reason = "one step of the program, with its two layers and two tables")]
 fn advance(
     before: &ProgramLayer,
     total: &[f64],

@@ -48,8 +48,7 @@ impl Reached {
 pub fn reached(
     arm: &Arm,
     poses: &[AxisPose],
-    frame: RollFrame,
-    posture: Posture<'_>,
+    (frame, posture): (RollFrame, Posture<'_>),
     seeds: &[usize],
     neighbours: impl Fn(usize) -> Vec<usize> + Sync,
 ) -> Reached {
@@ -185,8 +184,8 @@ mod tests {
             let [ur, other] = arms(wrist_rad);
             let (poses, neighbours) = fan(at);
             let frame = RollFrame::about(&Vector3::z_axis());
-            let closed = reached(&ur, &poses, frame, Posture::Any, &[0], &neighbours);
-            let found = reached(&other, &poses, frame, Posture::Any, &[0], &neighbours);
+            let closed = reached(&ur, &poses, (frame, Posture::Any), &[0], &neighbours);
+            let found = reached(&other, &poses, (frame, Posture::Any), &[0], &neighbours);
             // the forward kinematics of each joint vector give its pose
             for (n, pose) in poses.iter().enumerate() {
                 assert_eq!(found.takes[n], found.q(n).is_some());
@@ -208,7 +207,7 @@ mod tests {
         let (poses, neighbours) = fan(Point::new(2000.0, 0.0, 0.0));
         for arm in arms(3.0) {
             let frame = RollFrame::about(&Vector3::z_axis());
-            assert_eq!(reached(&arm, &poses, frame, Posture::Any, &[0, 5], &neighbours).count(), 0);
+            assert_eq!(reached(&arm, &poses, (frame, Posture::Any), &[0, 5], &neighbours).count(), 0);
         }
     }
 }

@@ -11,6 +11,7 @@ use crate::path::{PathSpacing, RasterFrame, rough::rough};
 use crate::space::BurrSpace;
 
 const RADIUS_MM: f64 = 1.0;
+const BALL: bonemill_cutter::Ball = bonemill_cutter::Ball { radius_mm: RADIUS_MM };
 const TARGET: u16 = 20;
 const SPACING: PathSpacing = PathSpacing { layer_mm: 1.0, stepover_mm: 0.7, step_mm: 0.25 };
 
@@ -79,7 +80,7 @@ fn gains_by_voxels(gains: &Gains, builder: &Builder) -> Vec<u32> {
 fn the_choice_is_that_of_gains_counted_voxel_by_voxel() {
     for (spacing_mm, side) in [(0.25, 1), (0.2, 2)] {
         let scene = scene(spacing_mm);
-        let space = BurrSpace::new(&scene, RADIUS_MM, &[]).unwrap();
+        let space = BurrSpace::new(&scene, BALL, &[]).unwrap();
         let (mut builder, layer) = roughed(&space);
         let mut gains = Gains::new(&builder, Cells::new(&space, side, f32::INFINITY));
         let travel_cost = TRAVEL_COST_MM2 / space.grid().voxel_mm3();
@@ -125,7 +126,7 @@ fn the_choice_is_that_of_gains_counted_voxel_by_voxel() {
 fn finishing_costs_no_more_than_there_are_voxels() {
     let [coarse, fine] = [0.25, 0.125].map(|spacing_mm| {
         let scene = scene(spacing_mm);
-        let space = BurrSpace::new(&scene, RADIUS_MM, &[]).unwrap();
+        let space = BurrSpace::new(&scene, BALL, &[]).unwrap();
         let (mut builder, layer) = roughed(&space);
         let rows = finish(&mut builder, layer, &lines());
         let left_mm3 = builder.left() as f64 * space.grid().voxel_mm3();
