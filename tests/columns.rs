@@ -108,7 +108,7 @@ fn the_report_and_the_command_say_what_the_columns_mean() {
     let printed = place.run(&["columns"]).out;
     assert!(report.contains("docs/columns.md") && report.contains("bonemill columns"));
     for part in [
-        "From the burr's centre to that structure",
+        "Distance from the burr's centre to it; 0 inside.",
         "speed cap",
         "z along the approach",
         "rad; mm for a prismatic joint",

@@ -60,8 +60,8 @@ fn a_number_is_the_same_wherever_it_stands() {
     let distance_mm = nerve["least_clearance_mm"].as_f64().unwrap();
     let clearance_mm = record["case"]["structure"][0]["clearance_mm"].as_float().unwrap();
     for (value_mm, label) in [
-        (distance_mm, "smallest distance from the burr's surface"),
-        (distance_mm - clearance_mm, "smallest margin: distance less clearance"),
+        (distance_mm, "smallest distance of the burr's surface from a structure"),
+        (distance_mm - clearance_mm, "smallest margin (distance less clearance)"),
     ] {
         let card = format!("<b>{value_mm:.2} mm</b><span>{label}</span>");
         assert!(report.contains(&card), "{card}");
