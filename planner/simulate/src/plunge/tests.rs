@@ -120,14 +120,14 @@ fn what_is_gone_is_the_swept_solid() {
         engine.step(Point::new(0.0, 0.0, -1.0 - 0.03 * f64::from(n)), |rho| rho);
     }
     engine.settle();
-    let (holes, tip) = (engine.holes(), Point::new(0.0, 0.0, -4.0));
+    let (holes, tip) = (engine.holes(), Vector3::new(0.0, 0.0, -4.0));
     let exact = drill.solid().swept_towards_tip(3.0);
     let (mut most, mut volume) = (0f64, 0.0);
     let h = 0.1;
     for n in 0..40 * 40 * 60usize {
         let [i, j, k] = [n % 40, n / 40 % 40, n / 1600].map(|v| v as f64);
         let p = Vector3::new(h * (i - 19.5), h * (j - 19.5), -4.5 + h * k);
-        let expected = exact.signed_distance_mm(Point::from_coords(p - tip.coords));
+        let expected = exact.signed_distance_mm(Point::from_coords(p - tip));
         let found = holes.distance_mm(&p);
         volume += (0.5 - found / h).clamp(0.0, 1.0) * h.powi(3);
         if expected.abs() < 0.15 {
@@ -136,7 +136,7 @@ fn what_is_gone_is_the_swept_solid() {
     }
     // corners of the profile are rounded by a third of a cell
     assert!(most < 0.35 * holes.cell_mm(), "{most}");
-    let [_, top] = [0.0, 1.5];
+    let top = 5.5;
     let slices = 20_000;
     let cut = |n: usize| {
         let z = -0.5 + (top + 0.5) * (n as f64 + 0.5) / slices as f64;
