@@ -1,3 +1,5 @@
+//! The catalogue of blocks: adding, taking and returning them, the choice of the smallest, refusals, and several stations at once.
+
 use super::*;
 
 fn text<T: std::fmt::Debug>(result: Result<T, CatalogueError>) -> String {

@@ -1,3 +1,5 @@
+//! STL, OBJ and PLY files: every format gives the same solid, and damaged files are refused with the reason.
+
 use super::*;
 
 /// A tetrahedron as ASCII STL.

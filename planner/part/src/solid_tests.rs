@@ -1,3 +1,5 @@
+//! The repair of facets to a closed solid, and the refusal of what cannot be repaired without doubt.
+
 use super::*;
 
 /// A box from the origin, each face a grid of `n` × `n` squares of `side` mm, as an unindexed file would give it.

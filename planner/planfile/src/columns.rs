@@ -87,7 +87,7 @@ pub const DESCRIBED: &[Described] = &[
     },
     Described {
         title: "plunge.csv",
-        about: "Of a drilled channel or a reaming: one row a waypoint, what the tool feels there.",
+        about: "For a drilled or reamed channel: one row per waypoint with the loads on the tool.",
         columns: &PLUNGE_ROWS,
     },
     Described { title: "plan.toml", about: "The plan's settings and figures.", columns: toml::PLAN },

@@ -1,3 +1,5 @@
+//! The job file of a prosthesis: defaults, writing and reading back, refusal of wrong keys and values, and its reference page.
+
 use std::path::Path;
 
 use super::*;

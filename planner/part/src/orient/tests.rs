@@ -1,3 +1,5 @@
+//! The orientation of a part: known boxes, agreement of exact and published method, and independence of threads.
+
 use bonemill_geometry::Point;
 use proptest::prelude::*;
 
