@@ -83,7 +83,6 @@ fn tables(entries: &[Entry]) -> Vec<&'static str> {
         "part",
         "orient",
         "stock",
-        "tool",
         "process",
         "machine",
     ];

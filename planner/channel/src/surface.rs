@@ -15,7 +15,14 @@ const PER_VOXEL: f64 = 4.0;
 pub fn leaves_bone_mm(ct: &Volume<f32, Ct>, bone_hu: f64, line: &Line<'_>) -> Option<f64> {
     let step = ct.grid().spacing_mm().min() / PER_VOXEL;
     let count = (line.length_mm / step).ceil() as usize;
-    let hu = |n: usize| ct.trilinear(line.from + line.along.as_ref() * (n as f64 * step), f64::from(AIR_HU));
+    let hu = |n: usize| {
+        let index = ct.grid().continuous_index(line.from + line.along.as_ref() * (n as f64 * step));
+        // the outer half of an outermost voxel has its value: a fade to air there would open bone at the scan's edges
+        ct.trilinear_at(
+            std::array::from_fn(|a| index[a].clamp(0.0, (ct.grid().dims()[a] - 1) as f64)),
+            f64::from(AIR_HU),
+        )
+    };
     let is_in_scan = |p: Point<Ct>| ct.grid().nearest(p).is_some();
     let mut last_bone = None;
     for n in 0..=count {

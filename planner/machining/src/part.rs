@@ -44,10 +44,9 @@ impl Part {
         if facing == Facing::Front { map.to_vec() } else { self.raster.turned(map) }
     }
 
-    /// Outer outlines at a distance, clockwise as the side sees them.
+    /// Outlines at a distance: clockwise as the side sees them, those in holes counter-clockwise, so that the part is on the right.
     pub fn around(&self, distance_mm: f64, facing: Facing) -> Vec<Loop> {
         let mut loops = self.silhouette.offset(distance_mm);
-        loops.retain(|l| area_mm2(l) > 0.0);
         for outline in &mut loops {
             match facing {
                 Facing::Front => outline.reverse(),
@@ -88,11 +87,23 @@ impl Part {
 
     /// Where the contour ends below: the other side of the strip and a little more, as the side sees it, mm.
     pub fn contour_floor(&self, facing: Facing, corner_mm: f64) -> Vec<f64> {
+        self.far_side(facing, corner_mm, &[&self.strip.heights])
+    }
+
+    /// Where finishing of the rim ends below: the other side of the strip or of the rim, whichever is lower, and a little more, mm.
+    pub fn rim_floor(&self, facing: Facing, corner_mm: f64) -> Vec<f64> {
+        self.far_side(facing, corner_mm, &[&self.strip.heights, &self.strip.rims])
+    }
+
+    /// The lowest of some heights along the outline, carried over the raster, as the side sees it.
+    fn far_side(&self, facing: Facing, corner_mm: f64, ends: &[&Vec<[f64; 2]>]) -> Vec<f64> {
         let floor = |cell: usize| {
-            let [low, high] =
-                self.strip.heights.get(self.nearest.point[cell] as usize).copied().unwrap_or([0.0; 2]);
-            let far = if facing == Facing::Front { low } else { -high };
-            far - THROUGH_MM - 2.0 * corner_mm
+            let at = self.nearest.point[cell] as usize;
+            let far = ends.iter().filter_map(|ends| ends.get(at)).map(|[low, high]| match facing {
+                Facing::Front => *low,
+                Facing::Back => -high,
+            });
+            far.fold(f64::INFINITY, f64::min) - THROUGH_MM - 2.0 * corner_mm
         };
         self.seen(&(0..self.raster.len()).map(floor).collect::<Vec<_>>(), facing)
     }

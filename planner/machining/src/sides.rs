@@ -14,7 +14,7 @@ use crate::pass::{Height, Pass, refined};
 use crate::passes::Passes;
 use crate::raster::{NONE, Raster};
 use crate::rings::{Field, iso_loops};
-use crate::silhouette::Loop;
+use crate::silhouette::{Loop, area_mm2};
 
 /// Stock that roughing leaves on the part, mm.
 pub(crate) const ALLOWANCE_MM: f64 = 0.1;
@@ -23,7 +23,7 @@ const BESIDE_MM: f64 = 0.005;
 /// Share of the widest cut that passes are laid at, so that bends stay below it.
 const STEP_SHARE: f64 = 0.9;
 /// Share of the finishing step that passes are laid for.
-const SCALLOP_SHARE: f64 = 0.8;
+const SCALLOP_SHARE: f64 = 0.75;
 /// One side's maps of where the tip may be.
 pub(crate) struct Sight<'a> {
     pub job: &'a Job,
@@ -169,6 +169,10 @@ impl<'a> Sight<'a> {
                 floor.max(raster.highest_around(&tab, p)).max(self.drop.height_mm(p)).max(self.deepest_mm)
             };
             for outline in &part.around(job.tool.radius_mm + BESIDE_MM, self.facing) {
+                // around holes there is no strip
+                if area_mm2(outline) > 0.0 {
+                    continue;
+                }
                 let pass = self.sensed(refined(Pass::along(outline, 1.5 * raster.pitch_mm, height), height));
                 passes.cut(&pass, &height, Kind::Contour);
             }
@@ -178,7 +182,7 @@ impl<'a> Sight<'a> {
     /// Finishes what the strip had covered.
     pub fn rim(&self, part: &Part, passes: &mut Passes<'_>) {
         let (raster, tool) = (&part.raster, &self.job.tool);
-        let below = part.contour_floor(self.facing, tool.corner_radius_mm);
+        let below = part.rim_floor(self.facing, tool.corner_radius_mm);
         let tab = raster.dilated(&part.strip_body(self.facing, true), tool, 0.0);
         let floor: Vec<f64> = below.iter().zip(&tab).map(|(a, b)| a.max(*b).max(self.deepest_mm)).collect();
         let over = |other: &[f64]| self.tip.iter().zip(other).map(|(a, b)| a.max(*b)).collect::<Vec<f64>>();

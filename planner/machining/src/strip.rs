@@ -11,8 +11,10 @@ use crate::envelope::Envelope;
 use crate::raster::Raster;
 use crate::silhouette::{Nearest, Silhouette, area_mm2, sampled};
 
-/// How far inside the outline the rim is measured, mm.
-const RIM_MM: f64 = 0.35;
+/// How far inside the outline the rim is measured: at its edge, and where a slope has risen, mm.
+const RIM_MM: [f64; 2] = [0.2, 0.7];
+/// Difference in rise of top and bottom between the two from which a wall counts as sloping, mm.
+const SLOPES_MM: f64 = 0.25;
 /// Overlap of the two sides in holes, mm.
 const OVERLAP_MM: f64 = 0.1;
 /// Length of outline over which the strip's height is evened out, mm.
@@ -30,6 +32,8 @@ pub struct Strip {
     pub points: Vec<[f64; 2]>,
     /// Lower and upper side, mm.
     pub heights: Vec<[f64; 2]>,
+    /// Lowest and highest point of the rim there, mm.
+    pub rims: Vec<[f64; 2]>,
     /// Length along outer outlines, mm.
     pub length_mm: f64,
 }
@@ -54,7 +58,7 @@ pub struct StripStrength {
 impl Strip {
     /// Along the silhouette, `thickness_mm` thick.
     pub fn along(raster: &Raster, envelope: &Envelope, silhouette: &Silhouette, thickness_mm: f64) -> Self {
-        let mut strip = Self { points: vec![], heights: vec![], length_mm: 0.0 };
+        let mut strip = Self { points: vec![], heights: vec![], rims: vec![], length_mm: 0.0 };
         let step = 0.5 * raster.pitch_mm;
         for outline in silhouette.loops() {
             let points = sampled(outline, step);
@@ -64,13 +68,14 @@ impl Strip {
             let seat = |rim: &Option<Rim>| {
                 rim.as_ref().map(|rim| rim.seat(if hole { -2.0 * OVERLAP_MM } else { thickness_mm }))
             };
-            let heights =
-                even(&filled(&rims.iter().map(seat).collect::<Vec<_>>()), (0.5 * EVEN_MM / step) as usize);
+            let ends = |rim: &Option<Rim>| rim.as_ref().map(|rim| [rim.low_mm, rim.high_mm]);
+            let reach = (0.5 * EVEN_MM / step) as usize;
+            strip.heights.extend(even(&filled(&rims.iter().map(seat).collect::<Vec<_>>()), reach));
+            strip.rims.extend(even(&filled(&rims.iter().map(ends).collect::<Vec<_>>()), reach));
             if !hole {
                 strip.length_mm += length_mm(outline);
             }
             strip.points.extend(points);
-            strip.heights.extend(heights);
         }
         strip
     }
@@ -132,10 +137,10 @@ pub fn cutting_force_n(job: &crate::Job) -> f64 {
 
 /// Heights of the part near its outline.
 struct Rim {
-    /// Lowest and highest point at `RIM_MM` inside, mm.
+    /// Lowest and highest point near the edge, mm.
     low_mm: f64,
     high_mm: f64,
-    /// How much top and bottom change from there to twice as far, mm.
+    /// How much top and bottom change from there inwards, mm.
     top_slope_mm: f64,
     bottom_slope_mm: f64,
 }
@@ -144,7 +149,8 @@ impl Rim {
     fn seat(&self, thickness_mm: f64) -> [f64; 2] {
         let middle = 0.5 * (self.low_mm + self.high_mm);
         let half = 0.5 * thickness_mm;
-        if self.high_mm - self.low_mm > 1.5 * thickness_mm || thickness_mm < 0.0 {
+        let upright = (self.top_slope_mm - self.bottom_slope_mm).abs() < SLOPES_MM;
+        if thickness_mm < 0.0 || upright && self.high_mm - self.low_mm > 1.5 * thickness_mm {
             [middle - half, middle + half]
         } else if self.top_slope_mm <= self.bottom_slope_mm {
             [self.high_mm - thickness_mm, self.high_mm]
@@ -159,8 +165,8 @@ fn rim(raster: &Raster, envelope: &Envelope, p: [f64; 2], inward: [f64; 2]) -> O
         let cell = raster.cell([p[0] + depth * inward[0], p[1] + depth * inward[1]])?;
         envelope.holds(cell).then(|| (envelope.bottom[cell], envelope.top[cell]))
     };
-    let (low_mm, high_mm) = at(RIM_MM)?;
-    let (low2, high2) = at(2.0 * RIM_MM).unwrap_or((low_mm, high_mm));
+    let (low_mm, high_mm) = at(RIM_MM[0])?;
+    let (low2, high2) = at(RIM_MM[1]).unwrap_or((low_mm, high_mm));
     Some(Rim {
         low_mm,
         high_mm,

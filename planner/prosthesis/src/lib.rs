@@ -1,6 +1,6 @@
 //! A prosthesis from its file to a proven program: the order of the stages, and the folder that is written.
 //!
-//! ```
+//! ```text
 //! job.toml -> part (read, checked, repaired) -> laid into a block -> block from stock -> toolpath -> program -> proof -> files
 //! ```
 //!

@@ -154,12 +154,12 @@ fn piece(plan: &StreamPlan, row: f64, rate: f64, reaction_s: f64) -> Travel {
         tolerance_mm = tolerance_mm.max(plan.tolerance_mm(n));
         let q = &track.q()[n];
         let next = &track.q()[(n + 1).min(track.rows() - 1)];
-        for j in 0..6 {
-            (low[j], high[j]) = (low[j].min(q[j]), high[j].max(q[j]));
-            speed_rad_s = speed_rad_s.max((next[j] - q[j]).abs() / plan.period_s);
+        for (j, (at, next)) in q.iter().zip(next).enumerate() {
+            (low[j], high[j]) = (low[j].min(*at), high[j].max(*at));
+            speed_rad_s = speed_rad_s.max((next - at).abs() / plan.period_s);
         }
     }
-    let span_rad: f64 = (0..6).map(|j| high[j] - low[j]).sum();
+    let span_rad: f64 = high.iter().zip(low).map(|(high, low)| high - low).sum();
     let way_mm = track.way_mm(from, to);
     let speed_mm_s = rate * way_mm / ((to - from).max(1.0) * plan.period_s);
     let slowing_s = rate * speed_rad_s / timing.stop_rad_s2;

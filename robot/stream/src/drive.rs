@@ -47,10 +47,10 @@ pub fn drive<W: Write>(
         if let Some(question) = &step.question {
             operator.ask(question);
         }
-        if let Some(log) = log.as_deref_mut().filter(|_| broken_log.is_none()) {
-            if let Err(error) = log.step(session, &seen, &step) {
-                broken_log = Some(Cause::Log(error.to_string()));
-            }
+        if let Some(log) = log.as_deref_mut().filter(|_| broken_log.is_none())
+            && let Err(error) = log.step(session, &seen, &step)
+        {
+            broken_log = Some(Cause::Log(error.to_string()));
         }
         if let Some(outcome) = step.outcome {
             return outcome;

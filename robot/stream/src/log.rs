@@ -172,10 +172,9 @@ impl Log {
     /// # Errors
     /// [`StreamError::Log`] naming the line: no head, a damaged line, a cell that is none.
     pub fn read(text: &str) -> Result<Self, StreamError> {
-        let mut lines = text.split_inclusive('\n').enumerate();
-        let (_, head) = lines.next().unwrap_or((0, ""));
+        let head = text.split_inclusive('\n').next().unwrap_or("");
         let mut log = Self::head(checked(head, 1)?)?;
-        while let Some((n, line)) = lines.next() {
+        for (n, line) in text.split_inclusive('\n').enumerate().skip(1) {
             let last = !line.ends_with('\n');
             match checked(line, n + 1) {
                 Ok(line) => log.take(line, n + 1)?,

@@ -230,7 +230,8 @@ fn more_force_toward_a_structure_than_predicted_holds() {
 #[test]
 fn an_arm_that_is_not_ready_is_not_moved() {
     let plan = plan();
-    let changes: [(fn(&mut ArmState), &str); 6] = [
+    type Change = (fn(&mut ArmState), &'static str);
+    let changes: [Change; 6] = [
         (|s| s.safety_mode = 3, "protective stop"),
         (|s| s.speed_fraction = 0.5, "slider is at 50 %"),
         (|s| s.payload_kg = 0.0, "0.00 kg on its flange, expected 1.00 kg"),

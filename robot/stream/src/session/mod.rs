@@ -65,22 +65,30 @@ enum Phase {
         until_s: f64,
     },
     Running,
-    Holding {
-        why: String,
-        from_row: f64,
-        part: HoldPart,
-    },
+    Holding(Holding),
     /// Slowing down along the path.
     Braking,
     /// The plan's end is reached: the arm gets there.
     Settling {
         until_s: f64,
     },
-    Ending {
-        since_s: f64,
-        since_rest_s: f64,
-        rest_q: Option<Joints>,
-    },
+    Ending(Ending),
+}
+
+/// A hold: why, where it began, in rows, and what is done now.
+#[derive(Debug)]
+struct Holding {
+    why: String,
+    from_row: f64,
+    part: HoldPart,
+}
+
+/// The end: since when, s, and where the arm has stood still since when.
+#[derive(Debug)]
+struct Ending {
+    since_s: f64,
+    since_rest_s: f64,
+    rest_q: Option<Joints>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -184,10 +192,10 @@ impl<'a> Session<'a> {
             Phase::Approaching(_) => "approach",
             Phase::RunUp { .. } => "run_up",
             Phase::Running => "run",
-            Phase::Holding { .. } => "hold",
+            Phase::Holding(_) => "hold",
             Phase::Braking => "brake",
             Phase::Settling { .. } => "settle",
-            Phase::Ending { .. } => "end",
+            Phase::Ending(_) => "end",
         }
     }
 
@@ -213,15 +221,13 @@ impl<'a> Session<'a> {
 
     /// What is wrong, and whether the arm must be stopped at once instead of along its path.
     fn trouble(&mut self, seen: &Seen) -> Option<(Cause, bool)> {
-        if matches!(self.phase, Phase::Ending { .. }) {
+        if matches!(self.phase, Phase::Ending(_)) {
             self.find_the_reason();
             return None;
         }
         let moving = self.moves();
-        if moving {
-            if let Some(cause) = self.watch.stopped_itself().or_else(|| self.watch.nonsense()) {
-                return Some((cause, true));
-            }
+        if moving && let Some(cause) = self.watch.stopped_itself().or_else(|| self.watch.nonsense()) {
+            return Some((cause, true));
         }
         if let Some(fault) = &seen.fault {
             return Some((Cause::Link(fault.clone()), true));
@@ -254,10 +260,8 @@ impl<'a> Session<'a> {
     /// Whether targets are being sent.
     fn moves(&self) -> bool {
         use Phase::{Approaching, Braking, Holding, RunUp, Running, Settling};
-        matches!(
-            self.phase,
-            Approaching(_) | RunUp { .. } | Running | Holding { .. } | Braking | Settling { .. }
-        ) && self.commanded.is_some()
+        matches!(self.phase, Approaching(_) | RunUp { .. } | Running | Holding(_) | Braking | Settling { .. })
+            && self.commanded.is_some()
     }
 
     fn off_track(&mut self) -> Option<Cause> {
@@ -295,7 +299,7 @@ impl<'a> Session<'a> {
         if self.commanded.is_some() {
             self.queue.extend([Order::Stop, Order::Spindle(false)]);
         }
-        self.phase = Phase::Ending { since_s: now_s, since_rest_s: now_s, rest_q: None };
+        self.phase = Phase::Ending(Ending { since_s: now_s, since_rest_s: now_s, rest_q: None });
     }
 
     fn proceed(&mut self, seen: &Seen, fresh: bool, step: &mut Step) {
@@ -314,7 +318,7 @@ impl<'a> Session<'a> {
                 }
             }
             Phase::Running => self.run(now_s, fresh, step),
-            Phase::Holding { why, from_row, part } => self.hold(seen, why, from_row, part, step),
+            Phase::Holding(holding) => self.hold(seen, holding, step),
             Phase::Braking => {
                 self.send(now_s, 0.0, step);
                 let back_s = self.plan.settings().timing.backlog_s();
@@ -330,9 +334,7 @@ impl<'a> Session<'a> {
                     self.end(now_s);
                 }
             }
-            Phase::Ending { since_s, since_rest_s, rest_q } => {
-                self.finish(now_s, since_s, since_rest_s, rest_q, step);
-            }
+            Phase::Ending(ending) => self.finish(now_s, ending, step),
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::link::{Joints, Order};
 use crate::plan::{StreamPlan, ramp_per_s};
 use crate::track::Track;
 
-use super::{HoldPart, Phase, Seen, Session, Step};
+use super::{Ending, HoldPart, Holding, Phase, Seen, Session, Step};
 
 /// How long the arm gets to reach its last target beyond its lag, s.
 const SETTLE_S: f64 = 0.2;
@@ -59,7 +59,7 @@ impl Session<'_> {
         let waited_s = now_s - since_s;
         let fresh = self.watch.age_s(now_s) <= self.plan.settings().timing.state_age_s;
         if self.watch.stopped_itself().is_none() && fresh {
-            return self.enter(now_s, approach, step);
+            return self.enter(now_s, &approach, step);
         }
         if waited_s > self.plan.settings().patience_s {
             let what = "the program on the controller runs, with a fresh state";
@@ -69,7 +69,7 @@ impl Session<'_> {
     }
 
     /// The arm may have been moved while the user was asked: the way begins where it is now.
-    fn enter(&mut self, now_s: f64, approach: Box<Approach>, step: &mut Step) {
+    fn enter(&mut self, now_s: f64, approach: &Approach, step: &mut Step) {
         let Some(q) = self.watch.newest().map(|state| state.q) else { return };
         let moved_rad = q.iter().zip(&approach.track.q()[0]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         if moved_rad > 1e-3 {
@@ -136,7 +136,7 @@ impl Session<'_> {
         };
         if let Some(why) = why {
             step.events.push(Event::Hold(why.clone()));
-            self.phase = Phase::Holding { why, from_row: row, part: HoldPart::Back };
+            self.phase = Phase::Holding(Holding { why, from_row: row, part: HoldPart::Back });
         }
         let wanted = self.wanted_rate(step);
         self.send(now_s, wanted, step);
@@ -161,9 +161,9 @@ impl Session<'_> {
     }
 
     /// Goes back along the path, which is free as the burr was just there, waits with the spindle off, and goes on.
-    pub(super) fn hold(&mut self, seen: &Seen, why: String, from_row: f64, part: HoldPart, step: &mut Step) {
+    pub(super) fn hold(&mut self, seen: &Seen, holding: Holding, step: &mut Step) {
         let now_s = seen.now_s;
-        let mut part = part;
+        let Holding { why, from_row, mut part } = holding;
         let mut wanted = 0.0;
         match part {
             HoldPart::Back => {
@@ -197,7 +197,7 @@ impl Session<'_> {
                 }
             }
         }
-        self.phase = Phase::Holding { why, from_row, part };
+        self.phase = Phase::Holding(Holding { why, from_row, part });
         self.send(now_s, wanted, step);
     }
 
@@ -256,14 +256,8 @@ impl Session<'_> {
         self.due_s = Some(step.wake_s);
     }
 
-    pub(super) fn finish(
-        &mut self,
-        now_s: f64,
-        since_s: f64,
-        since_rest_s: f64,
-        rest_q: Option<Joints>,
-        step: &mut Step,
-    ) {
+    pub(super) fn finish(&mut self, now_s: f64, ending: Ending, step: &mut Step) {
+        let Ending { since_s, since_rest_s, rest_q } = ending;
         let fresh = self.watch.age_s(now_s) <= self.plan.settings().timing.state_age_s;
         let q = self.watch.newest().map(|s| s.q).filter(|_| fresh);
         let still = |a: &Joints, b: &Joints| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= REST_RAD);
@@ -277,7 +271,7 @@ impl Session<'_> {
             step.order = Some(Order::End);
             step.outcome = Some(self.outcome(now_s, at_rest));
         }
-        self.phase = Phase::Ending { since_s, since_rest_s, rest_q };
+        self.phase = Phase::Ending(Ending { since_s, since_rest_s, rest_q });
     }
 
     fn outcome(&self, now_s: f64, at_rest: bool) -> Outcome {
