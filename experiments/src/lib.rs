@@ -9,8 +9,10 @@
 pub mod arms;
 pub mod body;
 pub mod cli;
+mod cross_validation;
 pub mod engine;
 pub mod force_error;
+pub mod haptic;
 pub mod hard_cases;
 mod orientation;
 mod pareto;
@@ -78,6 +80,15 @@ pub enum ExperimentError {
     /// An arm, or a request to it, is invalid.
     #[error(transparent)]
     Robot(#[from] bonemill_robot::RobotError),
+    /// A drill or reamer is invalid.
+    #[error(transparent)]
+    Cutter(bonemill_planner::cutter::CutterError),
+    /// Forces that could overflow the sums of an engine.
+    #[error(transparent)]
+    Overflow(haptic::Overflow),
+    /// A log gives no coefficients.
+    #[error(transparent)]
+    Fit(#[from] bonemill_planner::edge::PlungeFitError),
     /// A grid is invalid.
     #[error(transparent)]
     Grid(#[from] bonemill_geometry::GridError),
@@ -181,6 +192,16 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "stream-faults",
         about: "what a burr does when streaming fails: 100 runs a seed of every fault on a simulated arm, of the plan in --case",
         run: stream_faults::run,
+    },
+    Experiment {
+        name: "haptic-steps",
+        about: "time and error of a haptic step, drilling and reaming: the published engines and ours over resolutions",
+        run: haptic::run,
+    },
+    Experiment {
+        name: "cross-validation",
+        about: "thrust and torque of drilling left out of the calibration: three published regressions, negative torques counted",
+        run: cross_validation::run,
     },
     Experiment {
         name: "hard-cases",

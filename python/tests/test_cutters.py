@@ -122,8 +122,10 @@ def test_meshes_that_are_no_cutter_are_refused(tmp_path: Path) -> None:
     hole = tmp_path / "open.stl"
     hole.write_text("facet normal".join(lines[:-1]) + "endsolid")
     crossed = tmp_path / "crossed.stl"
-    # two corners of the outline change places: the surface crosses itself
-    crossed.write_text(good.read_text().replace("vertex 0 ", "vertex 2.5 "))
+    # the tip is pulled up through the other end
+    pulled = good.read_text().replace("vertex 0 -0.2 0\n", "vertex 0 -0.2 9\n").replace("vertex 0 0.2 0\n", "vertex 0 0.2 9\n")
+    assert pulled != good.read_text()
+    crossed.write_text(pulled)
     off = [[[0, -0.2, 0], [0, 0, -3]]]
     for path, options, words in (
         (hole, {}, "open.stl"),
@@ -132,7 +134,7 @@ def test_meshes_that_are_no_cutter_are_refused(tmp_path: Path) -> None:
         (good, {"edges": off}, "off the mesh"),
         (good, {"edges": [[[0, 0, 0]]]}, "1 points"),
         (good, {"axis": (0, 0, 0)}, "axis"),
-        (good, {"axis": (0, 0, -1)}, "no edge of the mesh cuts"),
+        (good, {"dihedral_deg": 150.0}, "no edge of the mesh cuts"),
         (good, {"feed": 50.0}, "outruns"),
         (good, {"scale": 0.0}, "scale"),
         (good, {"spin": 3}, "spin"),

@@ -142,7 +142,7 @@ fn time_meshes(bone: &Volume<u8, Work>) -> Result<(f64, Vec<f64>), ExperimentErr
 }
 
 /// Free memory, bytes; `None` where the system does not report it.
-fn free_bytes() -> Option<f64> {
+pub(crate) fn free_bytes() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
     line.trim().strip_suffix("kB")?.trim().parse::<f64>().ok().map(|kb| kb * 1024.0)
@@ -158,7 +158,7 @@ fn way(step_mm: f64, steps: usize) -> (Vector3<f64>, Vec<Vector3<f64>>) {
     (from, line(from, from + Vector3::new(step_mm * steps as f64, 0.0, 0.0), steps))
 }
 
-fn quantile(values: &mut [f64], q: f64) -> f64 {
+pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get((q * (values.len() as f64 - 1.0)).round().max(0.0) as usize).copied().unwrap_or(0.0)
 }

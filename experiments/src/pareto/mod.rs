@@ -3,7 +3,7 @@
 //! Every point is a complete plan of one body with one value changed: the total time, or the clearance of its structures of
 //! priority 1. The default is the plan of the body's unchanged case.
 
-mod picture;
+pub(crate) mod picture;
 
 use bonemill_imaging::phantom::{PhantomKind, phantom};
 use bonemill_planner::Progress;

@@ -267,7 +267,7 @@ pub fn calibrate(log: &[Observation], wanted: &[Coefficient]) -> Result<Calibrat
 /// The two-sided 95 % quantile of Student's t, to 1e-3 from 3 degrees of freedom on.
 ///
 /// **Source:** Cornish–Fisher expansion about the normal quantile; Abramowitz & Stegun 26.7.5.
-fn student_t95(freedom: f64) -> f64 {
+pub(crate) fn student_t95(freedom: f64) -> f64 {
     let z: f64 = 1.959_963_984_540_054;
     let n = freedom.max(3.0);
     let g1 = (z.powi(3) + z) / 4.0;

@@ -4,6 +4,7 @@
 //! - [`Bone`]: densities and kinds from the images; [`Lattice`]: the remaining bone;
 //! - [`Engine`]: from pose to pose: force, removal, and contact of the shank;
 //! - [`Lattice::touched_surface`]: the surface that a viewer must redraw; [`replay`]: a finished plan along its trajectory;
+//! - [`PlungeEngine`]: the same for drills and reamers that plunge;
 //! - [`ForceModel`]: the fluted burr ([`FlutedBurr`]) and the lumped removal rate ([`Lumped`]).
 //!
 //! Sources: Dillon et al. 2016, II-C; Faieghi et al., II (voxmap and point shell, elemental forces); Yang & Chen, 2
@@ -21,6 +22,7 @@ mod fresh;
 mod lattice;
 mod log;
 mod model;
+mod plunge;
 mod poses;
 mod rates;
 mod replay;
@@ -43,6 +45,7 @@ pub use error::EngineError;
 pub use lattice::Lattice;
 pub use log::observe;
 pub use model::{CutForce, FlutedBurr, ForceModel, Lumped, LumpedForm, force_per_coefficient};
+pub use plunge::{Holes, PlungeEngine, PlungeSpec};
 pub use poses::{PoseError, Sampling};
 pub use replay::{
     SimulateError, SimulatedToward, Simulation, SimulationRow, SimulationSetup, replay, simulate,

@@ -12,6 +12,8 @@
 //! engaged, each with its weight. Force and moment are those ON the cutter, in the tool frame: thrust is F_z, the resisting torque
 //! −M_z.
 //!
+//! [`PlungeFitting`] fits the coefficients to thrust and torque that were logged while a drill enters bone.
+//!
 //! Left out: ploughing at the edge, wear, heat, and what rubs behind the edges (margins, the wall of the hole).
 //!
 //! **Source:** Faieghi et al., (1) to (7), corrected as docs/force-model.md 9 explains.
@@ -29,10 +31,12 @@
 
 mod coefficients;
 mod element;
+mod fit;
 mod loads;
 #[cfg(test)]
 mod tests;
 
 pub use coefficients::{CoefficientModel, Cut};
 pub use element::{element_force, force_directions, uncut_area_mm2};
+pub use fit::{PlungeFit, PlungeFitError, PlungeFitting, PlungeRow, Regression};
 pub use loads::{CutterForce, EdgeLoad, EdgeLoads};

@@ -6,9 +6,9 @@ use serde_json::Value;
 
 use super::*;
 
-const D01: &str = include_str!("cases/d01_drill_500.json");
-const D02: &str = include_str!("cases/d02_drill_f01_chisel.json");
-const D04: &str = include_str!("cases/d04_reamer.json");
+const D01: &str = include_str!("../../../tests/data/d01_drill_500.json");
+const D02: &str = include_str!("../../../tests/data/d02_drill_f01_chisel.json");
+const D04: &str = include_str!("../../../tests/data/d04_reamer.json");
 
 fn close(found: f64, expected: &Value, what: &str) {
     let expected = expected.as_f64().unwrap();
@@ -166,6 +166,84 @@ fn regressions_give_what_they_say() {
     let none = Cut { area_mm2: 0.0, ..cut };
     assert_eq!(CoefficientModel::Chip([[2.0, -0.2, 0.1], [0.0; 3]]).at(&none), [0.0; 2]);
     assert!(CoefficientModel::constant(f64::NAN, 0.4).is_err());
+}
+
+/// Rows of an entry at the four feeds and speeds of Faieghi et al. III-A, with what the model gives, times 1 + `noise` · u.
+fn entries(fitting: &PlungeFitting<'_>, truth: &CoefficientModel, noise: f64) -> Vec<PlungeRow> {
+    let mut rows = Vec::new();
+    for (feed_mm_rev, spindle_rpm) in [(0.01, 500.0), (0.02, 500.0), (0.01, 3000.0), (0.02, 3000.0)] {
+        for n in 0..40 {
+            let depth_mm = 0.02 * f64::from(n + 1);
+            let row = PlungeRow { feed_mm_rev, spindle_rpm, depth_mm, thrust_n: 0.0, torque_nmm: 0.0 };
+            let [thrust_n, torque_nmm] = fitting.predict(truth, &row).unwrap();
+            let u = |k: f64| noise * (k * 12.9898 + 78.233 * rows.len() as f64).sin();
+            rows.push(PlungeRow {
+                thrust_n: thrust_n * (1.0 + u(1.0)),
+                torque_nmm: torque_nmm * (1.0 + u(2.0)),
+                ..row
+            });
+        }
+    }
+    rows
+}
+
+#[test]
+fn a_clean_log_gives_the_coefficients_back() {
+    let case: Value = serde_json::from_str(D01).unwrap();
+    let drill = drill(&case);
+    for (regression, truth) in [
+        (Regression::Constant, CoefficientModel::Constant([150.0, 60.0])),
+        (Regression::Rake, CoefficientModel::Rake([[40.0, 110.0], [20.0, 35.0]])),
+        (Regression::Reciprocal, CoefficientModel::Reciprocal([[120.0, 900.0], [50.0, 200.0]])),
+        (
+            Regression::PowerLaw,
+            CoefficientModel::PowerLaw([[4.0, -0.1, -0.05, 0.6], [3.0, -0.1, -0.02, 0.4]]),
+        ),
+    ] {
+        let fitting = PlungeFitting { cutter: &drill, regression, with_feed_angle: true };
+        let fit = fitting.fit(&entries(&fitting, &truth, 0.0)).unwrap();
+        let numbers = |model: &CoefficientModel| match model {
+            CoefficientModel::Constant(k) => k.to_vec(),
+            CoefficientModel::Rake(k) | CoefficientModel::Reciprocal(k) => k.concat(),
+            CoefficientModel::Chip(k) => k.concat(),
+            CoefficientModel::PowerLaw(k) => k.concat(),
+        };
+        for (found, expected) in numbers(&fit.model).iter().zip(numbers(&truth)) {
+            assert!(
+                (found - expected).abs() < 1e-5 * expected.abs().max(1.0),
+                "{regression:?}: {:?}",
+                fit.model
+            );
+        }
+        // with noise the intervals hold the truth
+        let noisy = fitting.fit(&entries(&fitting, &truth, 0.02)).unwrap();
+        let held =
+            noisy.estimates.iter().zip(numbers(&truth)).filter(|([v, h], t)| (v - t).abs() < 1.5 * h).count();
+        assert_eq!(held, noisy.estimates.len(), "{regression:?}: {:?}", noisy.estimates);
+    }
+}
+
+#[test]
+fn logs_that_cannot_tell_are_refused() {
+    let case: Value = serde_json::from_str(D01).unwrap();
+    let drill = drill(&case);
+    let fitting = |regression| PlungeFitting { cutter: &drill, regression, with_feed_angle: true };
+    let truth = CoefficientModel::Constant([150.0, 60.0]);
+    let all = entries(&fitting(Regression::Constant), &truth, 0.01);
+    // the full lips at one feed and speed: many rows, one number
+    let row = PlungeRow { depth_mm: 2.0, ..all[39] };
+    let found = fitting(Regression::Rake).fit(&[row; 50]);
+    assert!(matches!(found, Err(PlungeFitError::Alike { .. })), "{found:?}");
+    let air = PlungeRow { depth_mm: -1.0, ..row };
+    assert_eq!(
+        fitting(Regression::Rake).fit(&[air; 50]),
+        Err(PlungeFitError::TooFew { found: 0, needed: 3 })
+    );
+    let mut broken = all.clone();
+    broken[7].thrust_n = f64::NAN;
+    assert_eq!(fitting(Regression::Rake).fit(&broken), Err(PlungeFitError::Row { row: 7 }));
+    broken[7] = PlungeRow { feed_mm_rev: 9.0, ..all[7] };
+    assert!(matches!(fitting(Regression::Rake).fit(&broken), Err(PlungeFitError::Cutter(_))));
 }
 
 proptest! {
