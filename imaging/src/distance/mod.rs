@@ -16,7 +16,7 @@ use bonemill_geometry::{Frame, Grid, Volume};
 
 use crate::error::ImageError;
 pub(crate) use envelope::Places;
-pub(crate) use separable::{Problem, Solution};
+pub(crate) use separable::{SeparableProblem, Solution};
 
 /// The distance to the nearest voxel of a mask, and which voxel that is.
 #[derive(Debug, Clone)]
@@ -78,7 +78,7 @@ pub fn distance_within<F: Frame>(
     });
     let (along, unit_mm) = euclidean(mask.grid());
     let out = [ox, oy, oz];
-    let problem = Problem { values: mask.data(), dims, is_site: |v| v, sites, out, along, unit_mm };
+    let problem = SeparableProblem { values: mask.data(), dims, is_site: |v| v, sites, out, along, unit_mm };
     let Some(Solution { distance_mm, .. }) = problem.solve(false) else { return Ok(None) };
     let mut bounded = Volume::filled(mask.grid().clone(), max_distance_mm as f32);
     for (n, row) in distance_mm.chunks_exact(ox.count).enumerate() {
@@ -111,7 +111,8 @@ fn solve<T: Copy + Sync, F: Frame>(
     let (along, unit_mm) = euclidean(volume.grid());
     let sites = dims.map(|d| 0..d);
     let out = sites.clone().map(Places::all);
-    Ok(Problem { values: volume.data(), dims, is_site, sites, out, along, unit_mm }.solve(with_nearest))
+    Ok(SeparableProblem { values: volume.data(), dims, is_site, sites, out, along, unit_mm }
+        .solve(with_nearest))
 }
 
 fn check_size<F: Frame>(grid: &Grid<F>) -> Result<(), ImageError> {

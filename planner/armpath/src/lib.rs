@@ -12,4 +12,4 @@ mod placed;
 pub use compliance::Compliance;
 pub use facts::{ArmFacts, LowestLink, Stiffnesses};
 pub use law::{path_limits, write_trajectory};
-pub use placed::{Motion, Placed};
+pub use placed::{ArmMotion, Placed};

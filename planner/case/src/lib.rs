@@ -75,7 +75,7 @@ pub struct Case {
     /// The shank, from the burr outwards.
     pub shank: Vec<ShankSegment>,
     /// Cutting coefficients.
-    pub material: Material,
+    pub material: MaterialSpec,
     /// How the path is laid.
     pub path: PathSpec,
     /// Weights of the orientation cost.
@@ -195,7 +195,7 @@ pub enum Measure {
 
 /// `[material]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Material {
+pub struct MaterialSpec {
     /// Tangential, radial, axial specific cutting energy, N/mm².
     pub k_n_mm2: [f64; 3],
     /// Tangential, radial, axial edge coefficients, N/mm.

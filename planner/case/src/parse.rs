@@ -13,7 +13,7 @@ use super::parse_robot::read_robot;
 use super::relations;
 use super::walker::{Log, Walk, as_number, line_at};
 use super::{
-    Burr, Case, CostSpec, Density, DistanceCurve, Given, GridSpec, Images, LabelRef, Material, Measure,
+    Burr, Case, CostSpec, Density, DistanceCurve, Given, GridSpec, Images, LabelRef, MaterialSpec, Measure,
     OrientationMode, OrientationSpec, PathSpec, RegistrationSpec, ShankSegment, SpeedCaps, SpeedSpec,
     Structure, Target,
 };
@@ -314,10 +314,10 @@ fn default_k_n_mm2(measure: Measure) -> [f64; 3] {
     }
 }
 
-fn read_material(t: Walk<'_, '_>, paper: bool) -> Material {
+fn read_material(t: Walk<'_, '_>, paper: bool) -> MaterialSpec {
     let measure = t.choice(&k::MEASURE, if paper { Measure::Dz } else { Measure::Db });
     let [k_t, k_r, k_a] = default_k_n_mm2(measure);
-    let material = Material {
+    let material = MaterialSpec {
         k_n_mm2: [
             t.optional(&k::K_T).unwrap_or(k_t),
             t.optional(&k::K_R).unwrap_or(k_r),

@@ -95,7 +95,7 @@ pub struct Estimate {
 
 /// A fit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Calibration {
+pub struct CoefficientFit {
     /// The coefficients that were asked for.
     pub estimates: Vec<Estimate>,
     /// Root mean square of what the model leaves of a force component, N.
@@ -183,7 +183,7 @@ const NOTHING: f64 = 1e-12;
 /// [`CalibrateError`] when the log cannot tell them.
 ///
 /// **Source:** ordinary least squares; the linear model is docs/force-model.md 3.
-pub fn calibrate(log: &[Observation], wanted: &[Coefficient]) -> Result<Calibration, CalibrateError> {
+pub fn calibrate(log: &[Observation], wanted: &[Coefficient]) -> Result<CoefficientFit, CalibrateError> {
     for (index, row) in log.iter().enumerate() {
         let finite = |v: &Vector3<f64>| v.iter().all(|c| c.is_finite());
         if !(finite(&row.force_n) && row.per_coefficient.iter().all(finite)) {
@@ -261,7 +261,7 @@ pub fn calibrate(log: &[Observation], wanted: &[Coefficient]) -> Result<Calibrat
             });
         }
     }
-    Ok(Calibration { estimates, residual_n, used })
+    Ok(CoefficientFit { estimates, residual_n, used })
 }
 
 /// The two-sided 95 % quantile of Student's t, to 1e-3 from 3 degrees of freedom on.

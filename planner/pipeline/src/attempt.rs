@@ -5,7 +5,7 @@
 //! tried; the first that is nowhere worse stands. If none is, the least bad stands, and the plan says so.
 
 use bonemill_arm::Arm;
-use bonemill_armpath::{Motion, path_limits};
+use bonemill_armpath::{ArmMotion, path_limits};
 use bonemill_case::{Case, OrientationMode, Sense};
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_scene::Scene;
@@ -42,7 +42,7 @@ pub(super) struct Attempt<'a> {
     pub start: Start<'a>,
     pub prepared: Prepared<'a>,
     pub chosen: Chosen,
-    pub motion: Motion,
+    pub motion: ArmMotion,
     pub demand: MoveLimits,
     pub timing: Timing,
     pub coverage: Coverage,

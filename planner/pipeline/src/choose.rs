@@ -3,10 +3,8 @@
 //! What may be chosen anew on one path is [`Choices`]; everything else of the case was used to prepare the path and is the same for all
 //! of them. So variants of a case can be compared on one path, as D's trials are.
 
-use bonemill_armpath::{Compliance, Motion, Placed};
-use bonemill_case::{
-    Case, CostSpec, ForceTerm, Material as MaterialSpec, OrientationMode, SpeedSpec, TowardTerm,
-};
+use bonemill_armpath::{ArmMotion, Compliance, Placed};
+use bonemill_case::{Case, CostSpec, ForceTerm, MaterialSpec, OrientationMode, SpeedSpec, TowardTerm};
 use bonemill_cutter::Ball;
 use bonemill_cutting::burr::{EngagedForce, Feed, ForceKernel, OrientationKernel};
 use bonemill_cutting::cost::{Cost, CostModel, Ranked, Terms};
@@ -119,7 +117,7 @@ impl Prepared<'_> {
         &mut self,
         choices: &Choices,
         watch: &mut Stopwatch,
-    ) -> Result<(Chosen, Motion), PlanError> {
+    ) -> Result<(Chosen, ArmMotion), PlanError> {
         let mut found = self.choose_timed(choices, true, watch);
         for _ in 0..MOST_REFUSED {
             match found {
@@ -152,7 +150,7 @@ impl Prepared<'_> {
         choices: &Choices,
         with_motion: bool,
         watch: &mut Stopwatch,
-    ) -> Result<(Chosen, Option<Motion>), PlanError> {
+    ) -> Result<(Chosen, Option<ArmMotion>), PlanError> {
         self.chosen_by(choices, |room, field| orient(choices.mode, room, field), with_motion, watch)
     }
 
@@ -162,7 +160,7 @@ impl Prepared<'_> {
         orient: impl FnOnce(&FreeAxes, &CostField) -> Oriented + Send,
         with_motion: bool,
         watch: &mut Stopwatch,
-    ) -> Result<(Chosen, Option<Motion>), PlanError> {
+    ) -> Result<(Chosen, Option<ArmMotion>), PlanError> {
         let case = &choices.applied_to(self.case);
         let tool = tools::tool(&case.burr)?;
         let (material, measure) = tools::material(&case.material)?;
@@ -265,7 +263,7 @@ impl Prepared<'_> {
 
     /// Joint positions along the path with the shaft along `axes`; stiff toward structures where the case looks at the
     /// deflection.
-    fn motion(&self, case: &Case, axes: &[Unit<Vector3<f64>>]) -> Result<Motion, PlanError> {
+    fn motion(&self, case: &Case, axes: &[Unit<Vector3<f64>>]) -> Result<ArmMotion, PlanError> {
         let positions = path::centers(self.points());
         let toward: Vec<_> = (0..positions.len()).map(|i| self.nearest(i).map(|near| near.toward)).collect();
         let stiff = case.robot.joint_stiffness.as_deref();

@@ -35,7 +35,7 @@ mod watch;
 pub use bone::{Amount, Bone, Kind};
 pub use carve::Piece;
 pub use choice::{ModelName, NoSuchModel};
-pub use engagement::{BurrNodes, Directions, Engagement};
+pub use engagement::{BurrNodes, DirectionSums, Engagement};
 pub use engine::{Engine, EngineSpec, Move, Pose, Step};
 pub use error::EngineError;
 pub use lattice::Lattice;

@@ -54,14 +54,14 @@ pub struct Obstacle {
 
 /// Classes on a lattice.
 #[derive(Debug)]
-pub struct Lattice {
+pub struct FineLattice {
     /// Where the points are.
     pub grid: Grid<Work>,
     /// Flags per point, x-fastest.
     pub class: Vec<u8>,
 }
 
-impl Lattice {
+impl FineLattice {
     /// Classifies the points of `grid`, as far as they depend on it by the planner's voxels.
     ///
     /// # Errors

@@ -18,7 +18,7 @@ use super::rings::{Circle, Nodes};
 pub const TILE_REACH: f64 = 0.25;
 
 /// What a burr meets, as seen from its centre.
-pub trait Bone {
+pub trait BoneAround {
     /// Whether anything may be met in a direction that differs from the unit `normal` by at most `reach`. The weights that
     /// are asked for until the next call lie there.
     fn is_near(&mut self, normal: &Vector3<f64>, reach: f64) -> bool;
@@ -30,7 +30,7 @@ pub trait Bone {
 /// Bone that only says what each patch meets.
 pub struct OverPatches<W>(pub W);
 
-impl<W: FnMut(&Vector3<f64>, &Patch) -> f64> Bone for OverPatches<W> {
+impl<W: FnMut(&Vector3<f64>, &Patch) -> f64> BoneAround for OverPatches<W> {
     fn is_near(&mut self, _: &Vector3<f64>, _: f64) -> bool {
         true
     }
@@ -44,7 +44,7 @@ impl<W: FnMut(&Vector3<f64>, &Patch) -> f64> Bone for OverPatches<W> {
 /// Bone that only says what is met in each direction.
 pub struct AtPoints<W>(pub W);
 
-impl<W: FnMut(&Vector3<f64>) -> f64> Bone for AtPoints<W> {
+impl<W: FnMut(&Vector3<f64>) -> f64> BoneAround for AtPoints<W> {
     fn is_near(&mut self, _: &Vector3<f64>, _: f64) -> bool {
         true
     }
@@ -230,7 +230,7 @@ impl ForceKernel {
         &self,
         axis: &Unit<Vector3<f64>>,
         feed: &Feed,
-        bone: &mut impl Bone,
+        bone: &mut impl BoneAround,
     ) -> EngagedForce {
         cancel::poll();
         let Feed { direction: feed, speed_mm_s: nominal_mm_s, spindle_rpm } = feed;
