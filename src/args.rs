@@ -1,4 +1,4 @@
-//! The command line as it is parsed; nothing here is checked against the file system.
+//! The parsed command line. Nothing is checked against the file system here.
 
 use std::path::PathBuf;
 
@@ -14,7 +14,7 @@ use clap::{ArgGroup, Parser, Subcommand};
 #[derive(Debug, Parser)]
 #[command(version)]
 pub struct Args {
-    /// Say nothing but errors
+    /// Print nothing but errors
     #[arg(long, global = true)]
     pub quiet: bool,
     /// Print one JSON object with figures, warnings and seconds by stage, and no progress
@@ -27,7 +27,7 @@ pub struct Args {
     pub command: Command,
 }
 
-/// How much the command says, and to whom.
+/// What the command prints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Talk {
     /// Errors only.
@@ -39,7 +39,7 @@ pub enum Talk {
 }
 
 impl Args {
-    /// `--json` wins over `--quiet`: who asks for an object gets it.
+    /// What the command prints; `--json` has precedence over `--quiet`.
     pub fn talk(&self) -> Talk {
         match (self.json, self.quiet) {
             (true, _) => Talk::Machine,
@@ -50,8 +50,8 @@ impl Args {
 }
 
 impl Command {
-    /// Whether a signal lets the command tidy up, rather than end it on the spot: not where it waits for somebody's poses, nor with
-    /// a viewer open.
+    /// Whether the command tidies up after a signal instead of ending at once. It does not while it waits for poses on standard
+    /// input or has a viewer open.
     pub fn is_stopped_tidily(&self) -> bool {
         match self {
             Self::View(_) => false,
@@ -67,6 +67,10 @@ pub enum Command {
     Phantom(PhantomArgs),
     /// Plan a case, or a phantom
     Plan(PlanArgs),
+    /// Turn a part (STL, OBJ, PLY) into a proven milling program: orientation, block, toolpath, G-code
+    Prosthesis(ProsthesisArgs),
+    /// Keep the catalogue of blocks that parts are milled from
+    Stock(StockArgs),
     /// Write a plan's motion for a controller: ROS, URScript or G-code
     Export(ExportArgs),
     /// Show a plan in the rerun viewer, or write a file for it (needs a build with the feature `rerun`)
@@ -81,20 +85,20 @@ pub enum Command {
     #[cfg(feature = "experiments")]
     Experiment(bonemill_experiments::cli::Args),
     /// Print the case file's keys with units, ranges, defaults and their sources, as Markdown
-    Keys,
+    Keys(KeysArgs),
     /// Print the columns and keys of a plan's files with units, frames and meanings, as Markdown
     Columns,
 }
 
 #[derive(Debug, clap::Args)]
 pub struct PhantomArgs {
-    /// Which: block (the foam block of Dillon et al. 2016) or temporal (a procedural mastoid)
+    /// Kind of phantom: block (the foam block of Dillon et al. 2016) or temporal (a mastoid computed from a seed)
     #[arg(long)]
     pub kind: PhantomKind,
-    /// Another seed, another body of the same kind
+    /// Seed: each gives another body of the same kind
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Folder to write; must not exist, or be empty
+    /// Folder to write; it must not exist or must be empty
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
 }
@@ -102,10 +106,10 @@ pub struct PhantomArgs {
 #[derive(Debug, clap::Args)]
 #[command(group = ArgGroup::new("source").required(true))]
 pub struct PlanArgs {
-    /// Case file; `bonemill keys` lists what may stand in it
+    /// Case file; `bonemill keys` lists its keys
     #[arg(group = "source", value_name = "CASE.toml")]
     pub case: Option<PathBuf>,
-    /// Plan a phantom instead (block or temporal); it is kept in the plan
+    /// Plan a phantom instead (block or temporal); its files are kept in the plan
     #[arg(long, group = "source", value_name = "KIND")]
     pub phantom: Option<PhantomKind>,
     /// The phantom's seed
@@ -114,12 +118,82 @@ pub struct PlanArgs {
     /// Folder to write: new, empty, or a plan, which is replaced
     #[arg(long, value_name = "PLAN")]
     pub out: PathBuf,
-    /// Keep copies of CT, labels and the other inputs in the plan, so that it can be moved or sent as it is
+    /// Keep copies of CT, labels and the other inputs in the plan, so that the folder can be moved or sent
     #[arg(long)]
     pub pack: bool,
 }
 
-/// What a controller reads.
+#[derive(Debug, clap::Args)]
+#[command(group = ArgGroup::new("part").required(true))]
+pub struct ProsthesisArgs {
+    /// Job file; `bonemill keys --prosthesis` lists what may stand in it
+    #[arg(group = "part", value_name = "JOB.toml")]
+    pub job: Option<PathBuf>,
+    /// Take a drawn prosthesis instead; it is kept in the folder
+    #[arg(long, group = "part", value_name = "KIND")]
+    pub phantom: Option<PartKind>,
+    /// The drawing's seed; 1 to 25 stand for the published set
+    #[arg(long, default_value_t = 1, requires = "phantom", conflicts_with = "job")]
+    pub seed: u64,
+    /// Folder to write: new, empty, or that of a prosthesis, which is replaced
+    #[arg(long, value_name = "OUT")]
+    pub out: PathBuf,
+}
+
+/// Parts that can be drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum PartKind {
+    /// A skull prosthesis after the statistics of Castelli et al. 2020
+    Prosthesis,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct StockArgs {
+    /// The catalogue, an SQLite database
+    #[arg(long, global = true, value_name = "STOCK.sqlite", default_value = "stock.sqlite")]
+    pub catalogue: PathBuf,
+    #[command(subcommand)]
+    pub command: StockCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum StockCommand {
+    /// Add blocks of a kind
+    Add {
+        /// The kind's number
+        #[arg(value_name = "ID")]
+        id: String,
+        /// Its three sides, mm
+        #[arg(long, num_args = 3, value_names = ["A", "B", "C"], required = true)]
+        size_mm: Vec<f64>,
+        /// How many
+        #[arg(long, default_value_t = 1)]
+        count: u32,
+    },
+    /// List every kind, its sides and how many are left
+    List,
+    /// Take one block out
+    Take {
+        /// The kind's number
+        #[arg(value_name = "ID")]
+        id: String,
+    },
+    /// Put one block back
+    Return {
+        /// The kind's number
+        #[arg(value_name = "ID")]
+        id: String,
+    },
+}
+
+#[derive(Debug, clap::Args)]
+pub struct KeysArgs {
+    /// Those of a prosthesis' job file instead
+    #[arg(long)]
+    pub prosthesis: bool,
+}
+
+/// A format that a controller reads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum ExportFormat {
     /// trajectory_msgs/JointTrajectory, as JSON and as the YAML that `ros2 topic pub` takes
@@ -136,7 +210,7 @@ pub struct PlanFolder {
     /// Folder of a plan
     #[arg(value_name = "PLAN")]
     pub plan: PathBuf,
-    /// Folder in which to look for the plan's inputs as well (CT, labels, case …), by name or by content
+    /// A further folder in which to search the plan's inputs (CT, labels, case …), by name or by content
     #[arg(long, value_name = "DIR")]
     pub inputs: Option<PathBuf>,
 }
@@ -152,16 +226,16 @@ impl PlanFolder {
 pub struct ExportArgs {
     #[command(flatten)]
     pub folder: PlanFolder,
-    /// What for
+    /// Format of the files
     #[arg(long)]
     pub format: ExportFormat,
-    /// Folder for the files, which are called as the plan
+    /// Folder for the files, which are named after the plan
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
-    /// Rows per second, at most the trajectory's own; the default is chosen so that the burr keeps to the trajectory
+    /// Rows per second, at most those of the trajectory; by default chosen so that the burr stays on the trajectory
     #[arg(long = "rate", value_name = "HZ")]
     pub rate_hz: Option<f64>,
-    /// gcode: links as G0; only for a machine that drives G0 along a straight line
+    /// gcode: write links as G0; only for a machine that drives G0 along a straight line
     #[arg(long)]
     pub rapid: bool,
 }
@@ -179,39 +253,39 @@ pub struct ViewArgs {
 pub struct VerifyArgs {
     #[command(flatten)]
     pub folder: PlanFolder,
-    /// List the checks that passed, too
+    /// List also the checks that passed
     #[arg(long)]
     pub all: bool,
-    /// Also repeat the plan N times under drawn errors: how likely it touches each structure, how far forces are off
+    /// Also evaluate the plan under N sets of random errors: how likely it touches each structure, and the spread of forces
     #[arg(long, value_name = "N")]
     pub samples: Option<u32>,
     #[command(flatten)]
     pub errors: ErrorArgs,
 }
 
-/// Standard deviations of what may be wrong. The defaults are assumed.
+/// Standard deviations of the errors. The defaults are assumed.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Errors to draw (with --samples)")]
 pub struct ErrorArgs {
-    /// Registration along each axis, mm
+    /// Standard deviation of the registration along each axis, mm
     #[arg(long, value_name = "MM", default_value_t = 0.3, requires = "samples")]
     pub registration_mm: f64,
-    /// Registration about each axis through the middle of the path, degrees
+    /// Standard deviation of the registration about each axis through the middle of the path, degrees
     #[arg(long, value_name = "DEG", default_value_t = 0.3, requires = "samples")]
     pub registration_deg: f64,
-    /// Boundary of each structure, mm
+    /// Standard deviation of each structure's boundary, mm
     #[arg(long, value_name = "MM", default_value_t = 0.15, requires = "samples")]
     pub boundary_mm: f64,
-    /// Density, as a share
+    /// Standard deviation of the density, as a share
     #[arg(long, value_name = "SHARE", default_value_t = 0.1, requires = "samples")]
     pub density_share: f64,
-    /// Cutting coefficients, as a share
+    /// Standard deviation of the cutting coefficients, as a share
     #[arg(long, value_name = "SHARE", default_value_t = 0.25, requires = "samples")]
     pub k_share: f64,
-    /// Probability with which every structure is to be kept
+    /// Probability with which every structure must stay untouched
     #[arg(long, value_name = "P", default_value_t = 0.95, requires = "samples")]
     pub keep: f64,
-    /// Where the draws begin
+    /// Seed of the random errors
     #[arg(long, value_name = "SEED", default_value_t = 1, requires = "samples")]
     pub draw_seed: u64,
 }
@@ -223,13 +297,13 @@ pub struct SimulateArgs {
     /// Longest step of the burr, mm
     #[arg(long, value_name = "MM", default_value_t = 0.1, conflicts_with = "rate_hz")]
     pub step_mm: f64,
-    /// So many poses a second instead
+    /// Fixed number of poses per second instead
     #[arg(long, value_name = "HZ")]
     pub rate_hz: Option<f64>,
     /// Force model: fluted, lumped or lumped-as-printed
     #[arg(long, value_name = "NAME", default_value_t)]
     pub model: ModelName,
-    /// Read poses from stdin, a line each (time_s x y z axis_x axis_y axis_z, ct), and answer each with a line of forces
+    /// Read one pose per line from stdin (time_s x y z axis_x axis_y axis_z, ct) and print a line of forces for each
     #[arg(long, conflicts_with_all = ["calibrate", "rate_hz", "step_mm"])]
     pub stream: bool,
     /// Fit the burr's coefficients to a log of poses and forces instead
@@ -254,7 +328,7 @@ pub struct CompareArgs {
     /// Folder of the second plan
     #[arg(value_name = "B")]
     pub second: PathBuf,
-    /// Also write a page
+    /// Also write an HTML page
     #[arg(long, value_name = "PAGE.html")]
     pub out: Option<PathBuf>,
 }

@@ -1,4 +1,4 @@
-//! `bonemill compare`: two plans side by side, as a table, an object or a page.
+//! `bonemill compare`: the comparison of two plans, as a table, a JSON object or a page.
 
 use anyhow::Context;
 use bonemill_planner::compare::Comparison;
@@ -9,7 +9,7 @@ use crate::args::CompareArgs;
 use crate::outcome::Outcome;
 
 pub fn run(args: &CompareArgs) -> anyhow::Result<Outcome> {
-    // what plans were made from has no part in it
+    // the plans' inputs are not needed
     let read = |dir| StoredPlan::load_with(dir, None, Need::Nothing);
     let plans = [read(&args.first)?, read(&args.second)?];
     let plans = plans.each_ref();

@@ -1,4 +1,4 @@
-//! Progress for people: a bar on a terminal, plain lines elsewhere; and the seconds of every stage for everyone.
+//! Shows progress, as a bar on a terminal and as plain lines elsewhere, and measures the seconds of every stage.
 
 use std::cell::RefCell;
 use std::io::{IsTerminal, stderr};
@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::args::Talk;
 
-/// Shows progress on stderr and keeps the time.
+/// Shows progress on stderr and measures time.
 pub struct Console {
     show: Show,
     stages: RefCell<Stages>,
@@ -54,7 +54,7 @@ impl Console {
         }
     }
 
-    /// What the work was estimated to take, MB.
+    /// Estimated memory of the work, MB.
     pub fn memory_mb_estimated(&self) -> Option<f64> {
         self.stages.borrow().memory_mb
     }
@@ -67,7 +67,7 @@ impl Console {
 
 fn bar() -> ProgressBar {
     let bar = ProgressBar::new(0);
-    // without a valid template the default style stands
+    // without a valid template the default style is used
     if let Ok(style) = ProgressStyle::with_template("{spinner} {msg:24} [{bar:32}] {percent:>3} %  {elapsed}")
     {
         bar.set_style(style.progress_chars("=> "));

@@ -1,4 +1,4 @@
-//! `bonemill export`: a finished plan as what a controller reads.
+//! `bonemill export`: writes a finished plan in a controller's format.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,14 +16,14 @@ use bonemill_robot::export::{
 use crate::args::{ExportArgs, ExportFormat};
 use crate::outcome::Outcome;
 
-/// The fewest rows per second of a ROS trajectory; the controller interpolates with cubics.
+/// Least number of rows per second of a ROS trajectory; the controller interpolates with cubics.
 const ROS_RATE_HZ: f64 = 50.0;
-/// The fewest steps per second of a URScript program, straight in joint space: short programs load sooner.
+/// Least number of steps per second of a URScript program, straight in joint space. Short programs load faster.
 const SCRIPT_RATE_HZ: f64 = 25.0;
-/// How far the burr may be led aside of the plan's own trajectory by rows that are left out, mm: a fifth of what the
-/// trajectory itself may leave the path by.
+/// Largest distance of the burr from the plan's trajectory because of rows that are left out, mm: a fifth of the trajectory's
+/// own tolerance.
 const LEFT_OUT_MM: f64 = 0.2 * TRAJECTORY_TOLERANCE_MM;
-/// And the shaft's axis by G-code's straight blocks, rad: 0.03 mm at the end of a shank of 60 mm.
+/// Largest deviation of the shaft's axis because of G-code's straight blocks, rad: 0.03 mm at the end of a shank of 60 mm.
 const LEFT_OUT_RAD: f64 = 5e-4;
 
 pub fn run(args: &ExportArgs) -> anyhow::Result<Outcome> {
@@ -31,7 +31,7 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<Outcome> {
     let name =
         plan.dir.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
     let name = name.unwrap_or_else(|| "plan".into());
-    // nothing is created before all of it is known to be sound
+    // all files are made in memory first, so that nothing is created if one fails
     let files = files(&plan, args)?;
     fs::create_dir_all(&args.out).with_context(|| format!("cannot create {}", args.out.display()))?;
     let mut written = Vec::new();
@@ -43,7 +43,7 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::written("export", &args.out, &written.join(", ")).warning(&plan.record.warnings))
 }
 
-/// What is to be written, by extension.
+/// The files to write, by extension.
 fn files(plan: &StoredPlan, args: &ExportArgs) -> anyhow::Result<Vec<(&'static str, Vec<u8>)>> {
     let model = &plan.record.case.robot.model;
     ensure!(!args.rapid || args.format == ExportFormat::Gcode, "--rapid is for G-code only");
@@ -80,7 +80,7 @@ fn files(plan: &StoredPlan, args: &ExportArgs) -> anyhow::Result<Vec<(&'static s
     })
 }
 
-/// The trajectory's rows at about the rate that is asked for, or as few as lead the burr close enough to the trajectory.
+/// The trajectory's rows at about the requested rate, or as few as keep the burr close enough to the trajectory.
 fn rows(
     plan: &StoredPlan,
     asked_hz: Option<f64>,
@@ -111,7 +111,7 @@ fn rows(
     }
 }
 
-/// The trajectory as straight blocks; those of links as rapids where the machine drives them straight.
+/// The trajectory as straight blocks; links are rapids if `rapid`.
 fn gcode(plan: &StoredPlan, rapid: bool) -> anyhow::Result<Vec<u8>> {
     let t = &plan.trajectory;
     let rows = ExportRows::new(plan.arm.joints(), &t.time_s, &t.q, &t.qd, 1)?;

@@ -1,7 +1,7 @@
-//! The command `bonemill`: arguments in, library called, files and a summary out.
+//! The command `bonemill`: parses arguments, calls the library, writes files and prints a summary.
 //!
-//! Exit codes: 0 done, 1 the plan fell short (with the reasons), 2 bad input, 130 stopped by a signal. An error is printed once, on stderr, with
-//! its causes. What a machine asked for with `--json` is one object on stdout and nothing else.
+//! Exit codes: 0 done, 1 the plan fell short (with the reasons), 2 bad input, 130 stopped by a signal. An error is printed once,
+//! on stderr, with its causes. With `--json`, stdout holds one JSON object and nothing else.
 
 #![expect(clippy::print_stderr, reason = "only the command speaks")]
 
@@ -14,8 +14,10 @@ mod phantom;
 mod plan;
 mod planning;
 mod pose_line;
+mod prosthesis;
 mod signals;
 mod simulate;
+mod stock;
 mod stream;
 mod verify;
 #[cfg(feature = "rerun")]
@@ -70,6 +72,8 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
     match &args.command {
         Command::Phantom(phantom) => phantom::run(phantom, console),
         Command::Plan(plan) => plan::run(plan, console),
+        Command::Prosthesis(prosthesis) => prosthesis::run(prosthesis, console),
+        Command::Stock(stock) => stock::run(stock),
         Command::Export(export) => export::run(export),
         #[cfg(feature = "rerun")]
         Command::View(view) => view::run(view, console),
@@ -87,6 +91,13 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
             Ok(Outcome::text("experiment", found.text).falling_short(found.shortfalls))
         }
         Command::Columns => Ok(Outcome::text("columns", bonemill_planner::plan::columns::reference())),
-        Command::Keys => Ok(Outcome::text("keys", bonemill_planner::case::reference())),
+        Command::Keys(args) => Ok(Outcome::text(
+            "keys",
+            if args.prosthesis {
+                bonemill_planner::case::prosthesis::reference()
+            } else {
+                bonemill_planner::case::reference()
+            },
+        )),
     }
 }

@@ -1,4 +1,4 @@
-//! What a subcommand has to tell in the end, for people, for machines and as an exit code.
+//! The result of a subcommand: a text for people, a JSON object for machines, and an exit code.
 
 use std::io::{Write, stdout};
 use std::path::Path;
@@ -7,6 +7,8 @@ use std::process::ExitCode;
 use bonemill_planner::case::Case;
 use bonemill_planner::compare::{Comparison, Group, Pair};
 use bonemill_planner::plan::{PlanRecord, Value};
+use bonemill_planner::prosthesis::JobRecord;
+use bonemill_planner::prosthesis::verify::Verdict;
 use bonemill_planner::report::percent;
 use bonemill_planner::report::simulation::{figures, values};
 use bonemill_planner::simulate::Simulation;
@@ -16,39 +18,39 @@ use serde_json::{Map, json};
 
 use crate::args::Talk;
 
-/// The end of a subcommand that did what it could.
+/// The result of a subcommand that did not end with an error.
 pub struct Outcome {
-    /// For people, on stdout.
+    /// Text for people, on stdout.
     text: String,
-    /// For machines, on stdout.
+    /// JSON object for machines, on stdout.
     object: Map<String, serde_json::Value>,
     /// Why the result falls short; exit code 1 unless empty.
     shortfalls: Vec<String>,
 }
 
 impl Outcome {
-    /// Only text.
+    /// A result with only a text.
     pub fn text(command: &str, text: String) -> Self {
         let mut outcome = Self::new(command, text);
         outcome.object.insert("text".into(), outcome.text.clone().into());
         outcome
     }
 
-    /// With what the user should know about the plan.
+    /// Appends the plan's warnings.
     pub fn warning(mut self, warnings: &[String]) -> Self {
         self.text.push_str(&told(warnings));
         self.object.insert("warnings".into(), warnings.into());
         self
     }
 
-    /// The same, told before what was found.
+    /// Puts the plan's warnings before the text.
     pub fn warning_first(mut self, warnings: &[String]) -> Self {
         self.text.insert_str(0, &told(warnings));
         self.object.insert("warnings".into(), warnings.into());
         self
     }
 
-    /// With reasons why the result falls short; exit code 1 unless there are none.
+    /// Adds reasons why the result falls short; the exit code is then 1, unless there are none.
     #[cfg(feature = "experiments")]
     pub fn falling_short(mut self, shortfalls: Vec<String>) -> Self {
         self.object.insert("shortfalls".into(), shortfalls.clone().into());
@@ -86,7 +88,8 @@ impl Outcome {
         outcome
     }
 
-    /// A plan was verified; the verdict stands in `path`. What failed comes last; what passed is counted, or listed with `all`.
+    /// A plan was verified; the result is in the file `path`. Passed checks are counted, or listed with `all`; failed ones come
+    /// last.
     pub fn verified(
         path: &Path,
         found: &Verification,
@@ -123,7 +126,7 @@ impl Outcome {
         outcome
     }
 
-    /// A simulation's figures; a shank in bone falls short.
+    /// A simulation's figures; contact of the shank with bone is a shortfall.
     pub fn simulated(out: &Path, simulation: &Simulation, case: &Case) -> Self {
         let mut text = format!("wrote {}\n", out.display());
         let figures = figures(simulation, case);
@@ -145,7 +148,7 @@ impl Outcome {
         outcome
     }
 
-    /// What a plan risks under errors, and where that is more than it may.
+    /// Adds the risks under random errors, and a shortfall where one is too large.
     fn add_risk(&mut self, risk: &Risk, keep: f64) {
         self.text += "under drawn errors: touched (95 % interval); distance kept in 5, 50, 95 %; clearance that keeps it\n";
         let mut structures = Vec::new();
@@ -174,7 +177,52 @@ impl Outcome {
         self.object.insert("risk".into(), json!({ "structures": structures, "forces": forces }));
     }
 
-    /// Two plans were compared; the page stands in `out`.
+    /// A prosthesis was written to `out`.
+    pub fn made(out: &Path, record: &JobRecord) -> Self {
+        let number = |name: &str| match record.metrics.iter().find(|(key, _)| key == name) {
+            Some((_, Value::Number(v))) => *v,
+            _ => 0.0,
+        };
+        let text = format!(
+            "wrote {}\nblock {}; {:.1} min of milling; at most {:.4} mm cut into the part, {:.3} mm left on it\n",
+            out.display(),
+            record.block_id,
+            number("total_time_s") / 60.0,
+            number("deepest_gouge_mm"),
+            number("thickest_uncut_mm"),
+        );
+        let mut outcome = Self::new("prosthesis", text).warning(&record.warnings);
+        let figures: Map<_, _> = record.metrics.iter().map(|(name, v)| (name.clone(), to_json(v))).collect();
+        outcome.object.insert("out".into(), out.to_string_lossy().into());
+        outcome.object.insert("block".into(), record.block_id.clone().into());
+        outcome.object.insert("figures".into(), figures.into());
+        outcome.object.insert("shortfalls".into(), record.shortfalls.clone().into());
+        outcome.shortfalls.clone_from(&record.shortfalls);
+        outcome
+    }
+
+    /// A prosthesis was judged; the verdict stands in `path`.
+    pub fn judged(path: &Path, verdict: &Verdict, all: bool) -> Self {
+        let mut text = String::new();
+        let mut shortfalls = Vec::new();
+        for check in &verdict.checks {
+            if all && check.faults.is_empty() {
+                text += &format!("ok    {}\n", check.name);
+            }
+            shortfalls.extend(check.faults.iter().map(|fault| format!("{}: {fault}", check.name)));
+        }
+        text.extend(shortfalls.iter().map(|failed| format!("FAIL  {failed}\n")));
+        let good = verdict.checks.iter().filter(|check| check.faults.is_empty()).count();
+        text += &format!("{good} of {} checks passed; wrote {}\n", verdict.checks.len(), path.display());
+        let mut outcome = Self::new("verify", text);
+        outcome.object.insert("out".into(), path.to_string_lossy().into());
+        outcome.object.insert("passed".into(), verdict.passed().into());
+        outcome.object.insert("shortfalls".into(), shortfalls.clone().into());
+        outcome.shortfalls = shortfalls;
+        outcome
+    }
+
+    /// Two plans were compared; the page is in the file `out`.
     pub fn compared(comparison: &Comparison, names: [&str; 2], out: Option<&Path>) -> Self {
         let mut text = comparison.table(names);
         text.extend(out.map(|path| format!("wrote {}\n", path.display())));
@@ -198,7 +246,7 @@ impl Outcome {
         outcome
     }
 
-    /// Values for machines, text for people.
+    /// A result with values for machines and a text for people.
     pub fn values(command: &str, text: String, values: serde_json::Value) -> Self {
         let mut outcome = Self::new(command, text);
         outcome.object.insert("figures".into(), values);
@@ -215,7 +263,7 @@ impl Outcome {
         ExitCode::from(u8::from(!self.shortfalls.is_empty()))
     }
 
-    /// Prints it; why the result falls short goes to stderr, however quiet. A closed pipe is the reader's choice, not an error.
+    /// Prints the result. Shortfalls are printed on stderr even with `--quiet`. A closed pipe is not an error.
     pub fn tell(&self, talk: Talk, seconds: &[(String, f64)], memory_mb_estimated: Option<f64>) {
         self.print(talk, seconds, memory_mb_estimated);
         let said = talk == Talk::People && self.object.get("command").is_some_and(|name| name == "verify");
@@ -243,12 +291,12 @@ impl Outcome {
     }
 }
 
-/// Warnings, a line each.
+/// Warnings, one per line.
 fn told(warnings: &[String]) -> String {
     warnings.iter().map(|w| format!("warning: {w}\n")).collect()
 }
 
-/// Seconds by stage; a stage that came twice counts together.
+/// Seconds by stage; repeated stages are added up.
 fn by_stage(seconds: &[(String, f64)]) -> Map<String, serde_json::Value> {
     let mut map = Map::new();
     for (name, s) in seconds {
@@ -269,15 +317,16 @@ fn to_json(value: &Value) -> serde_json::Value {
     }
 }
 
-/// Prints an error with its causes on stderr, and as an object on stdout for machines; `falls_short`: the input is sound.
+/// Prints an error with its causes on stderr, and as a JSON object on stdout for machines; `falls_short`: the input is valid, but
+/// the case cannot be fulfilled.
 pub fn tell_error(error: &anyhow::Error, falls_short: bool, talk: Talk) {
-    // an error may hold several lines, one per fault
+    // an error may have several lines, one per fault
     for line in error.to_string().lines() {
         eprintln!("error: {line}");
     }
     let mut said = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
-        // some errors already quote their cause
+        // some errors already contain their cause
         if !said.contains(&cause) {
             eprintln!("  because: {cause}");
             said = cause;

@@ -1,4 +1,4 @@
-//! `bonemill phantom`: a test body as images, labels and a case file.
+//! `bonemill phantom`: writes a test body as images, labels and a case file.
 
 use std::path::Path;
 

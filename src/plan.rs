@@ -1,4 +1,4 @@
-//! `bonemill plan`: a case file, or a phantom, to a plan's directory.
+//! `bonemill plan`: plans a case file or a phantom and writes the plan's directory.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,11 +14,11 @@ use crate::args::PlanArgs;
 use crate::outcome::Outcome;
 use crate::{phantom, planning};
 
-/// Where a phantom lies in the plan that was made of it.
+/// Folder of the phantom's files in its plan.
 const PHANTOM_DIR: &str = "phantom";
 
 pub fn run(args: &PlanArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> {
-    // a case that cannot be read is told before anything about the output
+    // errors of the case are reported before errors of the output
     let given = args
         .case
         .as_deref()
@@ -30,7 +30,7 @@ pub fn run(args: &PlanArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
         None => make_phantom(args, &staged, progress)?,
     };
     spare_inputs(&case, &case_path, &staged)?;
-    // a phantom lies in the plan anyway
+    // a phantom's files are in the plan anyway
     let pack = args.pack && args.phantom.is_none();
     let record = planning::plan_into(&case, &case_path, pack, &staged, progress)?;
     let out = staged.commit()?;
@@ -43,7 +43,7 @@ fn read_case(path: &Path) -> anyhow::Result<Case> {
     Ok(Case::parse(&text, path)?)
 }
 
-/// Writes the phantom into the plan, so that the plan's inputs can be found again.
+/// Writes the phantom into the plan, so that the plan's inputs can be found later.
 fn make_phantom(
     args: &PlanArgs,
     staged: &StagedDirectory,
@@ -57,7 +57,7 @@ fn make_phantom(
     Ok((read_case(&case_path)?, case_path))
 }
 
-/// Refuses to replace a directory in which the new plan's own inputs lie.
+/// Refuses to replace a directory that contains the new plan's own inputs.
 fn spare_inputs(case: &Case, case_path: &Path, staged: &StagedDirectory) -> anyhow::Result<()> {
     staged.relative(case_path)?;
     let folder = case_path.parent().unwrap_or(Path::new(""));

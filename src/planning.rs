@@ -1,4 +1,4 @@
-//! Where the command hands a case to the planner and gets a filled directory back.
+//! Plans a case and fills a plan's directory.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use bonemill_planner::pipeline::Refused;
 use bonemill_planner::plan::{self, PlanRecord, StagedDirectory};
 use bonemill_planner::save;
 
-/// Plans `case` and writes the plan's files into the staged directory; `pack`: with copies of its inputs.
+/// Plans `case` and writes the plan's files into the staged directory; with `pack`, also copies of its inputs.
 pub fn plan_into(
     case: &Case,
     case_path: &Path,

@@ -1,6 +1,6 @@
-//! A line of `bonemill simulate --stream`: seven numbers. A file of its own, since the fuzz targets read lines with it too.
+//! Parses a line of `bonemill simulate --stream`: seven numbers. It is a separate file because the fuzz targets use it too.
 
-/// `time_s x y z axis_x axis_y axis_z` between blanks, tabs or commas.
+/// The numbers `time_s x y z axis_x axis_y axis_z`, separated by blanks, tabs or commas.
 pub fn numbers(line: &str) -> anyhow::Result<[f64; 7]> {
     let words = line.split([',', ' ', '\t']).filter(|word| !word.is_empty());
     let numbers: Vec<f64> = words

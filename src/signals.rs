@@ -1,4 +1,4 @@
-//! Stopping the command from outside: what it has begun to write is removed, what stood there stands there still.
+//! Stops the command on a signal: unfinished files are removed, existing ones are left unchanged.
 
 use anyhow::Context;
 use bonemill_geometry::cancel::Cancel;
@@ -6,7 +6,7 @@ use bonemill_geometry::cancel::Cancel;
 /// Exit code of a command that a signal stopped.
 pub const STOPPED: u8 = 130;
 
-/// SIGINT, SIGTERM and SIGHUP trigger `cancel`; a second one ends the process on the spot.
+/// Makes SIGINT, SIGTERM and SIGHUP trigger `cancel`; a second signal ends the process at once.
 pub fn watch(cancel: &Cancel) -> anyhow::Result<()> {
     let (watched, mut is_second) = (cancel.clone(), false);
     ctrlc::set_handler(move || {

@@ -1,4 +1,4 @@
-//! `bonemill simulate`: a plan's trajectory through the bone, a hand's poses, or a force log.
+//! `bonemill simulate`: replays a plan's trajectory, poses from standard input, or a force log.
 
 use std::path::Path;
 

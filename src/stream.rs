@@ -1,9 +1,9 @@
-//! `bonemill simulate --stream`: a pose per line in, a force per line out, as fast as a hand's device asks.
+//! `bonemill simulate --stream`: reads one pose per line and prints one line of forces for each, for example for a haptic device.
 //!
-//! A line holds `time_s x y z axis_x axis_y axis_z`, ct, mm, between blanks or commas; the first places the burr. The
-//! answer holds `time_s,fx_n,fy_n,fz_n,torque_nmm,power_w,mrr_mm3_s,force_toward_n,structure,distance_mm,contact_mm`:
-//! contact_mm is how deep the shank would be in bone; that step was not made. A line that is no pose is answered with
-//! `refused: ` and why, and changes nothing.
+//! A line holds `time_s x y z axis_x axis_y axis_z`, ct, mm, separated by blanks or commas; the first one places the burr. The
+//! answer holds `time_s,fx_n,fy_n,fz_n,torque_nmm,power_w,mrr_mm3_s,force_toward_n,structure,distance_mm,contact_mm`. If
+//! contact_mm is given, the shank would be in bone by this depth, and the step was not made. For a line that is not a pose
+//! the answer is `refused: ` and the reason, and nothing changes.
 
 use std::io::{BufRead, Write, stdin, stdout};
 use std::time::Instant;
@@ -22,7 +22,7 @@ use crate::args::Talk;
 use crate::outcome::Outcome;
 use crate::pose_line::numbers;
 
-/// Steps in less time than this are no hand's, s: speeds would be rounding.
+/// Least duration of a step, s; for shorter ones the speed would be inexact.
 const LEAST_SECONDS: f64 = 1e-6;
 
 type Milling<'a> = Engine<'a, f32, Box<dyn ForceModel>>;
@@ -39,7 +39,7 @@ pub fn run(
     let mut took_us = Vec::new();
     let mut out = stdout().lock();
     for line in stdin().lock().split(b'\n') {
-        // bytes that are no text make a line that is no pose
+        // a line of bytes that are not text is not a pose
         let line = line.context("cannot read stdin")?;
         let line = String::from_utf8_lossy(&line);
         if line.trim().is_empty() {
@@ -48,7 +48,7 @@ pub fn run(
         let start = Instant::now();
         let answer = hand.answer(line.trim());
         took_us.push(start.elapsed().as_secs_f64() * 1e6);
-        // a closed pipe is the reader's choice: the hand has let go
+        // if the reader closed the pipe, the stream ends
         if writeln!(out, "{answer}").and_then(|()| out.flush()).is_err() {
             break;
         }
@@ -57,7 +57,7 @@ pub fn run(
     Ok(summary(&mut took_us, talk))
 }
 
-/// The times of the steps; on stderr for people, whose stdout holds the answers.
+/// Summary of the steps' durations; printed on stderr for people, because stdout holds the answers.
 fn summary(took_us: &mut [f64], talk: Talk) -> Outcome {
     took_us.sort_by(f64::total_cmp);
     let quantile = |q: f64| took_us.get((q * (took_us.len() as f64 - 1.0)).round().max(0.0) as usize);
@@ -69,7 +69,7 @@ fn summary(took_us: &mut [f64], talk: Talk) -> Outcome {
     Outcome::values("simulate", String::new(), values)
 }
 
-/// A tool in somebody's hand.
+/// A tool that is moved by the poses on standard input.
 struct Hand<'a> {
     plan: &'a StoredPlan,
     setup: &'a SimulationSetup,

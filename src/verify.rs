@@ -1,8 +1,8 @@
-//! `bonemill verify`: a second opinion on a plan, printed and kept as `verification.toml` beside it.
+//! `bonemill verify`: a second opinion on a plan, printed and written to `verification.toml` in its folder.
 
 use anyhow::Context;
 use bonemill_planner::Progress;
-use bonemill_planner::plan::{Need, PlanFileError, StoredPlan, digests};
+use bonemill_planner::plan::{Need, PlanFileError, StoredPlan, digests, is_prosthesis};
 use bonemill_planner::save;
 use bonemill_planner::uncertainty::{ErrorModel, Sigmas, UncertaintyError, simulate_errors};
 use bonemill_planner::verify::{Check, Place, Verification, verify};
@@ -11,12 +11,15 @@ use crate::args::{ErrorArgs, VerifyArgs};
 use crate::outcome::Outcome;
 
 pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> {
-    progress.stage("read plan");
     let dir = &args.folder.plan;
+    if is_prosthesis(dir).is_ok() {
+        return crate::prosthesis::verify_folder(dir, args.all, progress);
+    }
+    progress.stage("read plan");
     let (mut drawn, mut warnings) = (None, Vec::new());
     let found = match args.folder.load(Need::All) {
         Ok(plan) => {
-            // numbers that make no sense are refused before minutes go by
+            // invalid numbers are refused before the verification, which takes minutes
             let model = args.samples.map(|n| error_model(&plan, &args.errors, n)).transpose()?;
             let failed = || format!("the plan in {} cannot be verified", dir.display());
             let found = verify(&plan, progress).with_context(failed)?;
@@ -27,7 +30,7 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
             }
             found
         }
-        // a sound plan of something else: no other check would mean anything
+        // the inputs have changed, so no other check has a meaning
         Err(PlanFileError::InputChanged { path, .. }) => Verification {
             checks: vec![
                 Check::none_wrong("inputs unchanged", 1).at(Place::Named(path.display().to_string())),
@@ -44,7 +47,7 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
     Ok(Outcome::verified(&path, &found, drawn, args.all).warning_first(&warnings))
 }
 
-/// The errors asked for.
+/// The requested errors.
 fn error_model(plan: &StoredPlan, args: &ErrorArgs, samples: u32) -> Result<ErrorModel, UncertaintyError> {
     let sigmas = Sigmas {
         registration_mm: args.registration_mm,

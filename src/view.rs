@@ -1,8 +1,8 @@
-//! `bonemill view`: a plan in the rerun viewer, or as a file for it. The only user of rerun.
+//! `bonemill view`: shows a plan in the rerun viewer, or writes a file for it. Only this module uses rerun.
 //!
-//! One time line, `time`, in seconds of the plan. Entities: `scene/…` in 3-D (target, what is cut so far, structures with
-//! the surface at their clearance, path, burr and shank, force, arm), `slices/…` through the burr, `plots/…`, `about`.
-//! What is drawn comes from [`bonemill_planner::show`]; here it only gets names, colours and places on the screen.
+//! There is one time line, `time`, in seconds of the plan. Entities: `scene/…` in 3-D (target, removed part, structures with the
+//! surface at their clearance, path, burr and shank, force, arm), `slices/…` through the burr, `plots/…`, `about`. The data come
+//! from [`bonemill_planner::show`]; this module gives them names, colours and places on the screen.
 
 use std::path::Path;
 
@@ -25,15 +25,15 @@ use rerun::{Color, EntityPath, RecordingStream, RecordingStreamBuilder, TimeColu
 use crate::args::ViewArgs;
 use crate::outcome::Outcome;
 
-/// The viewer's name for what it is shown.
+/// Name of the application in the viewer.
 const APPLICATION: &str = "bonemill";
-/// The time line's name.
+/// Name of the time line.
 const TIME: &str = "time";
-/// Moments at which the cut and the slices are drawn anew.
+/// Number of times at which target and slices are updated.
 const SLICE_MOMENTS: usize = 80;
-/// Moments of the burr and the arm.
+/// Number of times at which burr and arm are updated.
 const MOTION_MOMENTS: usize = 4000;
-/// Of the target in 3-D.
+/// Colour of the target in 3-D.
 const BONE_COLOUR: [u8; 3] = [226, 201, 160];
 
 pub fn run(args: &ViewArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> {
@@ -76,7 +76,7 @@ fn draw(stream: &RecordingStream, show: &Show, progress: &dyn Progress) -> anyho
     stream.log_static("scene", &rerun::ViewCoordinates::RIGHT_HAND_Z_UP())?;
     let moments = show.moments(MOTION_MOMENTS)?;
     let plots = show.plots(&moments);
-    // first, so that the viewer is told to wait at the beginning before it has anything to play
+    // first, so that the viewer stops at the beginning before there is anything to play
     layout(stream, show, &plots)?;
     structures(stream, show)?;
     path(stream, show)?;
@@ -106,7 +106,7 @@ fn single(p: &Point<Work>) -> [f32; 3] {
     [p.x() as f32, p.y() as f32, p.z() as f32]
 }
 
-/// A surface of one colour; `alpha` below 255 lets through what lies behind.
+/// A surface of one colour; it is transparent for `alpha` below 255.
 fn mesh(surface: Surface, [r, g, b]: [u8; 3], alpha: u8) -> rerun::Mesh3D {
     rerun::Mesh3D::new(surface.vertices)
         .with_vertex_normals(surface.normals)
@@ -164,7 +164,7 @@ fn path(stream: &RecordingStream, show: &Show) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Consecutive moves of one colour as one strip; a move has the colour of the waypoint that it ends at.
+/// Consecutive moves of one colour as one strip; a move has the colour of the waypoint at which it ends.
 fn runs(points: &[[f32; 3]], of: &[[u8; 3]]) -> (Vec<Vec<[f32; 3]>>, Vec<[u8; 3]>) {
     let (mut strips, mut colours): (Vec<Vec<[f32; 3]>>, Vec<[u8; 3]>) = (Vec::new(), Vec::new());
     for (pair, tint) in points.windows(2).zip(of.iter().skip(1)) {
@@ -189,7 +189,7 @@ fn motion(stream: &RecordingStream, show: &Show, moments: &[Moment]) -> anyhow::
     stream.log_static("scene/tool/burr", &burr)?;
     let mut from_mm = case.burr.radius_mm;
     for (n, segment) in case.shank.iter().enumerate() {
-        // what is thicker than the burr stays outside and would hide the bone: only the arm's own view shows it
+        // a part thicker than the burr stays outside the bone and would hide it, so only the arm's view shows it
         let part = if segment.radius_mm > case.burr.radius_mm { "handpiece" } else { "shank" };
         let middle = [0.0, 0.0, (from_mm + 0.5 * segment.length_mm) as f32];
         let cylinder = rerun::Cylinders3D::from_lengths_and_radii(
@@ -235,7 +235,7 @@ fn motion(stream: &RecordingStream, show: &Show, moments: &[Moment]) -> anyhow::
     Ok(())
 }
 
-/// The slices through the burr, with target and structures over them and the burr's outline.
+/// The slices through the burr, overlaid with target, structures and the burr's outline.
 fn slices(
     stream: &RecordingStream,
     show: &Show,
@@ -291,7 +291,7 @@ fn curves(stream: &RecordingStream, plots: &[Plot]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The first look: path and bone large, slices beside them, curves below.
+/// The initial layout: path and bone large, slices beside them, curves below.
 fn layout(stream: &RecordingStream, show: &Show, plots: &[Plot]) -> anyhow::Result<()> {
     let space = |name: &str, contents: &[&str]| {
         let contents = contents.iter().map(|c| (*c).to_owned());
@@ -343,7 +343,7 @@ fn layout(stream: &RecordingStream, show: &Show, plots: &[Plot]) -> anyhow::Resu
     })
 }
 
-/// Where a view's properties are in a blueprint.
+/// Path of a view's properties in a blueprint.
 fn path_of(view: &ContainerLike) -> Option<EntityPath> {
     match view {
         ContainerLike::View(view) => Some(view.blueprint_path()),
@@ -351,7 +351,7 @@ fn path_of(view: &ContainerLike) -> Option<EntityPath> {
     }
 }
 
-/// Where a plot's axes end, and whether and where its curves' names stand.
+/// Sets the ends of a plot's axes, and its legend.
 fn axes_of(blueprint: &RecordingStream, view: &EntityPath, plot: &Plot) -> anyhow::Result<()> {
     let at = |s: f64| TimeInt((s * 1e9) as i64).into();
     let seconds = TimeRange {
@@ -365,8 +365,8 @@ fn axes_of(blueprint: &RecordingStream, view: &EntityPath, plot: &Plot) -> anyho
     Ok(())
 }
 
-/// Sends a blueprint and what `more` adds to it. Rust's blueprints have no way to say how a plot's axes and legend look or where the eye is,
-/// but they are entities below the view's path like any other.
+/// Sends a blueprint with the additions of `more`. rerun's Rust blueprints cannot set a plot's axes and legend or the camera, but
+/// these are entities below the view's path and can be added as such.
 fn send(
     stream: &RecordingStream,
     blueprint: &Blueprint,
@@ -376,7 +376,7 @@ fn send(
     blueprint.send(&scratch, BlueprintActivation::default())?;
     let mut messages = taken.take();
     messages.retain(|m| m.store_id().is_blueprint());
-    // it activates the blueprint, which must be whole by then
+    // the last message activates the blueprint, which must be complete by then
     let last = messages.pop().context("the blueprint is empty")?;
     messages.into_iter().for_each(|m| stream.record_msg(m));
     let (addition, taken) = RecordingStreamBuilder::from_store_id(last.store_id()).memory()?;

@@ -1,6 +1,6 @@
-//! Distance fields, beside a textbook transform in the same run: `distance/256³/…`.
+//! Speed of distance fields, compared with a textbook transform in the same run: `distance/256³/…`.
 //!
-//! The masks are those on which experiment `peers` compares with the package that others use.
+//! The masks are those of experiment `peers`, which compares with another package.
 
 use std::hint::black_box;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 
 const N: usize = 256;
 
-/// Felzenszwalb and Huttenlocher 2012 as printed, line by line, without the nearest voxel.
+/// The transform of Felzenszwalb and Huttenlocher 2012 as printed, line by line, without the nearest voxel.
 fn textbook(mask: &Volume<bool, Ct>) -> Vec<f32> {
     let mut d: Vec<f32> = mask.data().iter().map(|v| if *v { 0.0 } else { 1e12 }).collect();
     let (mut f, mut v, mut z) = (vec![0.0f32; N], vec![0usize; N], vec![0.0f32; N + 1]);

@@ -1,4 +1,5 @@
-//! Whole plans in seconds, stage by stage, on all cores and on one: `block` always, the segmented temporal bone where its scan is.
+//! Duration of whole plans by stage, on all cores and on one: for `block`, and for the segmented temporal bone if its scan is
+//! available.
 #![allow(clippy::print_stdout, clippy::expect_used)] // a benchmark speaks, and its inputs are fixed
 
 use std::time::Instant;
@@ -18,7 +19,7 @@ fn main() {
     }
 }
 
-/// Prints the least of some runs on all cores, and one run on one thread.
+/// Prints the shortest of several runs on all cores, and one run on one thread.
 fn bench(name: &str, body: &Body) {
     let all = rayon::current_num_threads();
     let (seconds, planned) =
@@ -42,7 +43,7 @@ fn timed(body: &Body, threads: usize) -> (f64, Plan) {
     (since.elapsed().as_secs_f64(), planned)
 }
 
-/// The most memory the process had so far, where the system tells.
+/// Peak memory of the process so far, where the system reports it.
 fn peak() -> String {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let kilobytes = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));

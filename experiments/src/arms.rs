@@ -1,8 +1,9 @@
-//! Arms: kinematics for an independent library to compare with, the inverse on a million poses, singular ones among them.
+//! Arms: tables of kinematics for a comparison with other libraries, and the inverse on a million poses, including singular
+//! ones.
 //!
-//! `kinematics_<arm>.csv` holds joint vectors with the pose and Jacobian that this crate gives for them, in m and rad as
-//! other libraries have it; any of them can read the arm's URDF (`Arm::urdf_text`, or `robot.urdf` of a plan) and say where
-//! they differ. The inverse's table needs no other library: forward kinematics is the judge.
+//! `kinematics_<arm>.csv` holds joint vectors with the pose and Jacobian that this project computes, in m and rad as in other
+//! libraries. Any library that reads the arm's URDF (`Arm::urdf_text`, or `robot.urdf` of a plan) can be compared with them.
+//! The table of the inverse needs no other library, because forward kinematics checks it.
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,11 +16,11 @@ use rayon::prelude::*;
 
 use crate::{ExperimentError, Size, Table};
 
-/// Joint vectors in a table for other libraries, and poses inverted, per seed.
+/// Number of joint vectors in a table for other libraries, and of inverted poses per seed.
 const VECTORS: u64 = 10_000;
 const POSES: u64 = 1_000_000;
 
-/// Of the poses, how many are searched by damped least squares from many starts as well, per arm.
+/// Number of poses per arm that are also solved by damped least squares from many starts.
 const SEARCHED: u64 = 1000;
 
 /// Slowest direction of the tool below which a pose counts as singular, mm/s.
@@ -41,7 +42,7 @@ impl Stream {
 /// Joint vectors with their poses and Jacobians: long tables, meant for `--out` with `--quiet`.
 ///
 /// # Errors
-/// [`ExperimentError::Robot`] if a shipped arm cannot be made, which a test excludes.
+/// [`ExperimentError::Robot`] if a supplied arm cannot be made, which a test excludes.
 pub fn run_kinematics(_: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     progress.stage("forward kinematics");
     let mut tables = vec![kinematics(&Arm::bone_attached()?, "bone-attached")?];
@@ -100,7 +101,7 @@ fn kinematics(arm: &Arm, name: &str) -> Result<Table, ExperimentError> {
     Ok(table)
 }
 
-/// Joints, the flange's position, its rotation by rows and the Jacobian by rows, in m and rad, as other libraries have them.
+/// Joints, the flange's position, its rotation by rows and the Jacobian by rows, in m and rad as in other libraries.
 pub(crate) fn in_metres(
     arm: &Arm,
     q: &[f64],
@@ -120,7 +121,7 @@ pub(crate) fn in_metres(
     row
 }
 
-/// What is found out about poses inverted in closed form.
+/// Statistics of poses inverted in closed form.
 #[derive(Debug, Clone, Copy, Default)]
 struct InverseTally {
     branches: u64,
@@ -129,7 +130,7 @@ struct InverseTally {
     missing: u64,
 }
 
-/// What a search found, and how much of it the closed form does not have.
+/// Results of a search, and how many of them the closed form lacks.
 #[derive(Debug, Clone, Copy, Default)]
 struct Searched {
     found: u64,
@@ -166,7 +167,7 @@ fn inverse(model: UrModel) -> Result<Vec<String>, ExperimentError> {
     ])
 }
 
-/// A random pose searched from many starts, which knows nothing of branches: all it finds, the closed form must have.
+/// Searches a random pose from many starts, without use of branches. The closed form must contain every solution found.
 fn search(numeric: &Arm, model: UrModel, pose: u64) -> Result<Searched, ExperimentError> {
     let mut stream = Stream(!pose);
     let q: [f64; 6] = std::array::from_fn(|_| (stream.next() - 0.5) * TAU);
@@ -200,7 +201,7 @@ fn inverse_portion(arm: &Arm, model: UrModel, portion: u64) -> Result<InverseTal
             found.worst_mm = found.worst_mm.max(mm);
             found.worst_rad = found.worst_rad.max(rad);
         }
-        // near a singularity joints may share their turn differently; the pose is what counts there
+        // near a singularity joints may differ for the same pose, so only the pose is compared there
         let is_singular = k % 10 == 0 || arm.slowest_mm_s(&q)? < SINGULAR_MM_S;
         found.missing += u64::from(solutions.is_empty() || !(is_singular || is_among(&solutions, &q)));
     }

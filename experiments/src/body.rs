@@ -1,4 +1,4 @@
-//! Bodies to plan on: phantoms written to a folder that goes when they do, or a case that is already there.
+//! Bodies for experiments: phantoms in a temporary folder, or an existing case.
 
 use std::path::{Path, PathBuf};
 
@@ -35,13 +35,13 @@ impl Body {
         Ok(Self { case_text: phantom.case_toml.clone(), case_path, _folder: Some(folder) })
     }
 
-    /// A case file; `None` when it is not there.
+    /// An existing case file; `None` when it does not exist.
     pub fn case_file(path: &Path) -> Option<Self> {
         let case_text = std::fs::read_to_string(path).ok()?;
         Some(Self { case_text, case_path: path.into(), _folder: None })
     }
 
-    /// The case with the paper's defaults or ours.
+    /// The case with the paper's defaults or with this project's.
     ///
     /// # Errors
     /// When it does not parse.
@@ -50,13 +50,13 @@ impl Body {
         Ok(Case::parse(&format!("{preset}{}", self.case_text), &self.case_path)?)
     }
 
-    /// Where its paths are relative to.
+    /// The file to which its paths are relative.
     pub fn case_path(&self) -> &Path {
         &self.case_path
     }
 }
 
-/// Scans that are not part of the repository.
+/// The folder of scans that are not part of the repository.
 pub fn data() -> PathBuf {
     std::env::var_os("BONEMILL_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from)

@@ -1,4 +1,4 @@
-//! An experiment by name: its tables as text, and as files where a folder is given.
+//! Runs an experiment by its name: gives its tables as text, and as files if a folder is given.
 
 use std::fs;
 use std::io;
@@ -8,15 +8,15 @@ use bonemill_planner::Progress;
 
 use crate::{EXPERIMENTS, ExperimentError, Size, Table};
 
-/// What to run.
+/// The experiment to run, and its options.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Its name; an unknown one lists those there are
+    /// Name of the experiment; an unknown name lists all
     pub name: String,
     /// Bodies of each kind: seeds 1 to N
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub seeds: u64,
-    /// A case file of yours beside the bodies, for `pareto`
+    /// Your own case file in addition to the bodies, for `pareto`
     #[arg(long, value_name = "FILE")]
     pub case: Option<PathBuf>,
     /// Folder for tables, as Markdown and CSV, and pictures, as SVG
@@ -24,18 +24,18 @@ pub struct Args {
     pub out: Option<PathBuf>,
 }
 
-/// What an experiment found: its tables as Markdown, and what fell short.
+/// Result of an experiment: its tables as Markdown, and its shortfalls.
 pub struct ExperimentOutput {
     /// For a terminal.
     pub text: String,
-    /// Empty where all is as it must be.
+    /// What was not as expected; empty otherwise.
     pub shortfalls: Vec<String>,
 }
 
 /// Runs an experiment.
 ///
 /// # Errors
-/// [`ExperimentError`]: an unknown name, a file that cannot be written, and what the experiment fails of.
+/// [`ExperimentError`]: an unknown name, a file that cannot be written, and errors of the experiment itself.
 pub fn run(args: &Args, progress: &dyn Progress) -> Result<ExperimentOutput, ExperimentError> {
     let Some(experiment) = EXPERIMENTS.iter().find(|e| e.name == args.name) else {
         let known: Vec<_> = EXPERIMENTS.iter().map(|e| format!("{} ({})", e.name, e.about)).collect();

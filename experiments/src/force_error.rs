@@ -1,7 +1,7 @@
-//! Speed against error of the burr's force: every discretisation on random porous bone with earlier passes cut out of it.
+//! Speed against error of the burr's force: every discretisation, on random porous bone with earlier passes cut out of it.
 //!
-//! The truth is the sum over 512 × 1024 patches. Errors are relative to its |F|; scenes in which less than a thirtieth of a
-//! full slot's force acts are left out, since what is relative to nothing says nothing.
+//! The reference is the sum over 512 × 1024 patches. Errors are relative to its |F|; scenes with less than a thirtieth of a
+//! full slot's force are left out, because relative errors of a force near 0 have no meaning.
 
 use std::time::Instant;
 
@@ -22,19 +22,19 @@ const SPEED_MM_S: f64 = 1.5;
 const RADIUS_MM: f64 = 2.5;
 const FOAM_G_CM3: f64 = 0.8;
 const VOXEL_MM: f64 = 0.25;
-/// Below this force a scene is left out, N.
+/// Scenes with a smaller force are left out, N.
 const LEAST_N: f64 = 0.1;
-/// Scenes per seed of [`Size`].
+/// Number of scenes per seed of [`Size`].
 const SCENES_PER_SEED: u64 = 6;
 
-/// A way to sum the force.
+/// A method to sum the force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// Nodes from tip to shaft × around; bone is there or not at each.
+    /// Nodes from tip to shaft × around; each node is in bone or not.
     Points(usize, usize),
     /// The same nodes; a patch that an edge crosses counts by its share.
     Patches(usize, usize),
-    /// The orientation kernel's lattice: directions, merged by so many.
+    /// The orientation kernel's lattice: number of directions, and how many are merged.
     Lattice(usize, usize),
 }
 
@@ -43,9 +43,9 @@ pub enum Method {
 pub struct Model {
     /// The burr.
     pub tool: Tool,
-    /// The bone's coefficients.
+    /// Coefficients of the bone.
     pub material: Material,
-    /// Which edge length they count.
+    /// The edge length of the force sum.
     pub measure: Measure,
 }
 
@@ -71,7 +71,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Foam under a surface, with air cells and noise; tilts up to 70° from +z; most feeds along x, as the pass.
+    /// Foam under a surface, with air cells and noise; tilts up to 70° from +z; most feeds along x, like the pass.
     pub fn random(seed: u64) -> Result<Self, ExperimentError> {
         let mut s = Sequence(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 20_161_201);
         let grid = Grid::aligned([26, 26, 26], VOXEL_MM, Point::new(-3.2, -3.1, -3.15))?;
@@ -98,7 +98,7 @@ impl Scene {
         self.bone.trilinear(Point::from_coords(*offset), 0.0) / FOAM_G_CM3
     }
 
-    /// From the earlier pass' axis, which lies along x.
+    /// Vector from the earlier pass' axis, which lies along x.
     fn away_from_pass(&self, offset: &Vector3<f64>) -> Vector3<f64> {
         Vector3::new(0.0, offset.y - self.pass[0], offset.z - self.pass[1])
     }
@@ -116,7 +116,7 @@ impl Scene {
     }
 }
 
-/// A force per scene.
+/// A prepared method that computes the force in a scene.
 pub struct Summed {
     kernel: Kernel,
 }
@@ -128,7 +128,7 @@ enum Kernel {
 }
 
 impl Summed {
-    /// The tables of a method.
+    /// Prepares the tables of a method.
     pub fn new(method: Method, model: &Model) -> Result<Self, ExperimentError> {
         let nodes = |n_kappa: usize, n_around: usize| {
             let n_gamma = n_around.div_ceil(model.tool.blades() as usize);
@@ -176,10 +176,10 @@ impl Summed {
     }
 }
 
-/// Scenes and the truth in each, N; those with next to no force are left out.
+/// Scenes and the reference force in each, N; those with almost no force are left out.
 ///
 /// # Errors
-/// As the constructors of what it is made of; none for the models here.
+/// Those of the constructors that it calls; none for the models of this module.
 pub fn scenes(count: u64, model: &Model) -> Result<Vec<(Scene, Vector3<f64>)>, ExperimentError> {
     let truth = Summed::new(Method::Patches(512, 1024), model)?;
     let all: Vec<_> = (1..=count).map(Scene::random).collect::<Result<_, _>>()?;
@@ -211,7 +211,7 @@ pub fn errors(
     Ok(Errors(errors))
 }
 
-/// The default foam and burr: db, with a neck.
+/// The default foam and burr: measure db, with a neck.
 ///
 /// # Errors
 /// None for these values.
@@ -243,10 +243,10 @@ fn median_us(
     Ok(times.get(times.len() / 2).copied().unwrap_or(0.0))
 }
 
-/// experiment `force-error`.
+/// Experiment `force-error`.
 ///
 /// # Errors
-/// None that the models here give.
+/// None for the models of this module.
 pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     let model = default_model()?;
     progress.stage("converged forces");

@@ -1,10 +1,10 @@
-//! Measurements behind the published tables: each has a name, takes a size, and gives tables.
+//! The measurements behind the published tables. Each has a name, takes a size, and gives tables.
 //!
-//! `cargo run --release -p bonemill-experiments -- NAME` runs one and prints its tables; with `--out` they are written as Markdown and
-//! CSV. `bonemill` itself does not carry them. Nothing here decides anything: experiments call the planner as its users do, and count.
+//! `cargo run --release -p bonemill-experiments -- NAME` runs one and prints its tables; with `--out` they are written as
+//! Markdown and CSV. The command `bonemill` does not contain them. Experiments call the planner as its users do.
 //!
-//! Invariants: the same size gives the same tables, but for columns of wall-clock time; a body that is not there (scans that
-//! are not part of the repository) is left out and said.
+//! Invariants: the same size gives the same tables, except columns of wall-clock time; if a body is missing (scans that are not
+//! part of the repository), it is left out and the table says so.
 
 pub mod arms;
 pub mod body;
@@ -15,6 +15,7 @@ pub mod hard_cases;
 mod orientation;
 mod pareto;
 pub mod peers;
+mod prostheses;
 mod table;
 mod trials;
 
@@ -27,67 +28,73 @@ use bonemill_planner::{PlanError, Progress};
 
 pub use table::Table;
 
-/// How much is run.
+/// The size of an experiment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Size<'a> {
     /// Bodies of each kind: seeds 1 to this.
     pub seeds: u64,
-    /// A case of the user's beside them, for experiments that take one.
+    /// The user's own case, for experiments that take one.
     pub case: Option<&'a Path>,
 }
 
-/// What an experiment can fail of.
+/// Why an experiment cannot be run.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
-    /// No such experiment.
+    /// There is no experiment of this name.
     #[error("no experiment is called {name:?}; there are {known}")]
     Unknown {
-        /// The name asked for.
+        /// The given name.
         name: String,
-        /// Those there are, each with what it measures.
+        /// All experiments, each with what it measures.
         known: String,
     },
-    /// A table or picture.
+    /// A table or picture cannot be written.
     #[error("cannot write {}", path.display())]
     Write {
         /// The file or folder.
         path: PathBuf,
-        /// Why.
+        /// The system's reason.
         source: io::Error,
     },
-    /// A temporary folder.
+    /// A temporary folder cannot be made.
     #[error("cannot write a phantom's files to the temporary folder")]
     Folder(#[source] io::Error),
-    /// A case of the user's.
+    /// The user's case does not exist.
     #[error("cannot read the case {}", .0.display())]
     NoCase(PathBuf),
-    /// A phantom's image.
+    /// A phantom's image cannot be written.
     #[error(transparent)]
     Image(#[from] ImageError),
-    /// Its case.
+    /// A case is invalid.
     #[error(transparent)]
     Case(#[from] CaseError),
-    /// Planning.
+    /// Planning failed.
     #[error(transparent)]
     Plan(#[from] PlanError),
-    /// A burr or material that cannot be.
+    /// A burr or material is invalid.
     #[error(transparent)]
     Model(#[from] bonemill_planner::burr::ModelError),
-    /// An arm that cannot be, or what is asked of it.
+    /// An arm, or a request to it, is invalid.
     #[error(transparent)]
     Robot(#[from] bonemill_robot::RobotError),
-    /// A grid that cannot be.
+    /// A grid is invalid.
     #[error(transparent)]
     Grid(#[from] bonemill_geometry::GridError),
-    /// What the engine refuses.
+    /// A prosthesis cannot be planned.
+    #[error(transparent)]
+    Prosthesis(#[from] bonemill_planner::prosthesis::ProsthesisError),
+    /// A part's toolpath cannot be laid.
+    #[error(transparent)]
+    Machining(#[from] bonemill_planner::machining::MachiningError),
+    /// The simulation's engine refused its input.
     #[error(transparent)]
     Engine(#[from] bonemill_planner::simulate::EngineError),
-    /// Values that do not fit their grid.
+    /// The number of values does not match the grid.
     #[error(transparent)]
     Values(#[from] bonemill_geometry::VolumeError),
 }
 
-/// What runs an experiment.
+/// The function that runs an experiment.
 pub type Run = fn(Size, &dyn Progress) -> Result<Vec<Table>, ExperimentError>;
 
 /// An experiment.
@@ -95,9 +102,9 @@ pub type Run = fn(Size, &dyn Progress) -> Result<Vec<Table>, ExperimentError>;
 pub struct Experiment {
     /// Its name.
     pub name: &'static str,
-    /// What it measures, in a line.
+    /// What it measures, in one line.
     pub about: &'static str,
-    /// What runs it.
+    /// The function that runs it.
     pub run: Run,
 }
 
@@ -149,6 +156,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         run: orientation::run,
     },
     Experiment {
+        name: "prostheses",
+        about: "drawn prostheses (--seeds 25: the published set) and the reference, from STL to a proven program: orientation, time, deviation",
+        run: prostheses::run,
+    },
+    Experiment {
         name: "engine-convergence",
         about: "removed volume and force of the voxel engine against closed forms, from coarse to fine cells",
         run: engine::convergence::run,
@@ -170,7 +182,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     },
 ];
 
-/// On one thread: what is timed there is the work, not the machine.
+/// Runs `work` on one thread, so that the time does not depend on the number of cores.
 pub(crate) fn alone<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
         Ok(pool) => pool.install(work),

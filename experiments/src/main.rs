@@ -1,4 +1,4 @@
-//! `bonemill-experiments NAME`: measurements by name. Exit code 1 where a table says that something fell short, 2 where it cannot run.
+//! `bonemill-experiments NAME` runs a measurement by its name. Exit code 1: a table reports a shortfall; 2: it cannot run.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program prints")]
 
@@ -14,12 +14,12 @@ use clap::Parser;
 struct Command {
     #[command(flatten)]
     args: Args,
-    /// No stages on standard error
+    /// Print no stages on standard error
     #[arg(long)]
     quiet: bool,
 }
 
-/// Stages as lines.
+/// Prints stages as lines.
 struct Stages {
     is_quiet: bool,
 }

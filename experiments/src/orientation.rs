@@ -1,5 +1,5 @@
-//! Optimal against greedy orientation on the paper's own cost, one and two angles: cost, forces toward structures, angular
-//! rates, permissibility, time.
+//! Compares optimal with greedy orientation on the paper's own cost, for one and two angles: cost, forces toward structures,
+//! angular rates, permissibility, time.
 
 use std::time::Instant;
 
@@ -27,7 +27,7 @@ const COLUMNS: [&str; 12] = [
     "orientation [s]",
 ];
 
-/// The table over phantoms of every seed and, where it is there, the segmented temporal bone.
+/// The table over phantoms of every seed and, if available, the segmented temporal bone.
 pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     let mut table = Table::new("orientation", title(size), &COLUMNS);
     for (kind, name) in [(PhantomKind::Block, "block"), (PhantomKind::Temporal, "temporal")] {
@@ -58,7 +58,7 @@ fn rows(body: &Body, name: &str, progress: &dyn Progress, table: &mut Table) -> 
     for angles in [1, 2] {
         let mut case = body.case(false)?;
         case.cost.toward = TowardTerm::Share;
-        // two angles need another arm than the case's: what is compared here is the choice of axes, not the joints
+        // two angles need another arm than the case's; only the choice of axes is compared, not the joints
         case.orientation.angles = angles;
         progress.stage(name);
         for (mode, word) in [(OrientationMode::Greedy, "greedy"), (OrientationMode::Optimal, "optimal")] {

@@ -5,15 +5,15 @@
 pub struct Table {
     /// File name without ending.
     pub name: String,
-    /// What it shows, with the conditions.
+    /// Title: what the table shows, with the conditions.
     pub title: String,
     /// Column heads with units.
     pub columns: Vec<String>,
-    /// One text per column each.
+    /// Rows with one text per column.
     pub rows: Vec<Vec<String>>,
-    /// The same as SVG, where a picture says more.
+    /// A picture of the same data as SVG.
     pub picture: Option<String>,
-    /// What did not end as it must, with the reasons; empty for a mere measurement.
+    /// What did not end as expected, with the reasons; empty for a mere measurement.
     pub shortfalls: Vec<String>,
 }
 
@@ -36,14 +36,14 @@ impl Table {
         self.rows.push(row);
     }
 
-    /// A row without figures: its name, and why.
+    /// Adds a row without figures: its name, and the reason.
     pub fn push_note(&mut self, name: String, why: String) {
         let mut row = vec![name, why];
         row.resize(self.columns.len(), "-".into());
         self.rows.push(row);
     }
 
-    /// GitHub Markdown.
+    /// The table as GitHub Markdown.
     pub fn markdown(&self) -> String {
         let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
         let rule = format!("|{}\n", "---|".repeat(self.columns.len()));
@@ -51,7 +51,7 @@ impl Table {
         format!("{}\n\n{}{rule}{rows}", self.title, line(&self.columns))
     }
 
-    /// Comma-separated values; cells with commas or quotes are quoted.
+    /// The table as comma-separated values; cells with commas or quotes are quoted.
     pub fn csv(&self) -> String {
         let cell = |c: &String| match c.contains([',', '"', '\n']) {
             true => format!("\"{}\"", c.replace('"', "\"\"")),

@@ -11,6 +11,9 @@ use bonemill_imaging::phantom::{PhantomKind, phantom};
 use bonemill_imaging::{AffineChoice, read_ct, read_label_names, read_labels, write_ct_i16, write_labels_u8};
 use bonemill_planner::burr::{Discretisation, ElementGrid, Material, Measure, Tool};
 use bonemill_planner::case::Case;
+use bonemill_planner::case::prosthesis::ProsthesisJob;
+use bonemill_planner::part::phantom::Operculum;
+use bonemill_planner::part::{LengthUnit, MeshFormat, RepairLimits, Solid, parse_facets, stl_bytes};
 use bonemill_planner::plan::{PlanRecord, Trajectory, read_forces, read_waypoints};
 use bonemill_planner::simulate::{Bone, Engine, EngineSpec, FlutedBurr, Move, Pose};
 use bonemill_robot::Arm;
@@ -32,6 +35,8 @@ pub const TARGETS: &[Target] = &[
     ("urdf", urdf),
     ("calibration_yaml", calibration_yaml),
     ("poses", poses),
+    ("mesh", mesh),
+    ("job_toml", job_toml),
 ];
 
 #[path = "../../src/pose_line.rs"]
@@ -189,6 +194,30 @@ pub fn poses(data: &[u8]) {
     });
 }
 
+/// A part's mesh, the first byte telling the format: what is taken for a solid encloses a volume.
+pub fn mesh(data: &[u8]) {
+    let Some((first, bytes)) = data.split_first() else { return };
+    let format = [MeshFormat::Stl, MeshFormat::Obj, MeshFormat::Ply][usize::from(*first) % 3];
+    let solid = parse_facets(bytes, format)
+        .and_then(|facets| Solid::from_facets(facets, Some(LengthUnit::Mm), &RepairLimits::default()));
+    match solid {
+        Ok(solid) => {
+            assert!(solid.mesh.volume_mm3() > 0.0);
+            assert!(solid.mesh.vertices.iter().all(Point::is_finite));
+        }
+        Err(error) => drop(error.to_string()),
+    }
+}
+
+/// A prosthesis' job: what is read comes back from its own text.
+pub fn job_toml(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    match ProsthesisJob::parse(text, Path::new("job.toml")) {
+        Ok(job) => assert_eq!(ProsthesisJob::parse(&job.to_toml(), Path::new("again.toml")).ok(), Some(job)),
+        Err(error) => drop(error.to_string()),
+    }
+}
+
 thread_local! {
     /// 8 mm of dense bone, the burr's way in from above.
     static BLOCK: Volume<f32, Work> = {
@@ -264,8 +293,30 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
             b"0 4 4 12 0 0 1\n0.5 4 4 9.2 0 0 1\n1.0,5,4,8.8,0,0.1,1\n1.5\t5.5 4 8.8 0 0 1\n".to_vec(),
             b"0 4 4 9 0 0 1\n0.001 4 4 8.99 0 0 1\n0.001 4 4 8.99 0 0 1\n0.002 40 4 8.9 1 0 0\n".to_vec(),
         ],
+        "mesh" => meshes(),
+        "job_toml" => vec![
+            b"[part]\nstl = \"implant.stl\"\nunit = \"mm\"\n[orient]\nmode = \"least_time\"\n".to_vec(),
+            b"[part]\nstl = \"a.ply\"\n[stock]\nblocks = [{ id = \"B1\", size_mm = [60, 25, 55], count = 4 }]\n\
+              gap_mm = { x = 5, y = 2, z = 8 }\n[tool]\nkind = \"bull\"\ncorner_radius_mm = 0.5\nholder = [[20, 8]]\n\
+              [machine]\nkind = \"ur5e\"\ntravel_mm = [100, 100, 90]\nmax_time_min = 45\n"
+                .to_vec(),
+        ],
         _ => Vec::new(),
     }
+}
+
+/// A small part in every format, and one with facets turned and missing.
+fn meshes() -> Vec<Vec<u8>> {
+    let part = Operculum::drawn(1).mesh(120);
+    let mut damaged = part.clone();
+    damaged.triangles.pop();
+    damaged.triangles[3].swap(0, 1);
+    let binary = |mesh| [vec![0], stl_bytes(mesh)].concat();
+    let ascii = "\0solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 10 0 0\nvertex 0 10 0\nendloop\nendfacet\nendsolid a\n";
+    let obj = "\u{1}v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1/1 2/2 4/3\nf -4 -1 -2\nf 2 3 4\n";
+    let ply = "\u{2}ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 4\n\
+        property list uchar int vertex_indices\nend_header\n0 0 0\n10 0 0\n0 10 0\n0 0 10\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+    vec![binary(&part), binary(&damaged), ascii.into(), obj.into(), ply.into()]
 }
 
 /// A calibration as the ROS driver extracts it.

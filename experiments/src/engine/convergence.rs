@@ -1,8 +1,8 @@
-//! Removed volume and force against closed forms, from coarse to fine cells, in cells per radius.
+//! Compares removed volume and force with closed forms, from coarse to fine cells, in cells per radius.
 //!
-//! Voxels and cells are the same size here, so r/h is r/s. Volumes: the tube, segment and cap of docs/force-model.md 6; forces: its
-//! section 6. Blocks end on voxel faces, where the density fades over a voxel. Paths start off the lattice, so that
-//! no cell is special.
+//! Voxels and cells have the same size here, so r/h is r/s. Volumes of tube, segment and cap, and forces, are those of
+//! docs/force-model.md 6. Blocks end on voxel faces, where the interpolated density falls to 0 over one voxel. Paths start off
+//! the lattice points, so that no cell is a special case.
 
 use std::f64::consts::PI;
 
@@ -19,10 +19,10 @@ const LEVELS: [f64; 5] = [2.5, 5.0, 10.0, 20.0, 50.0];
 const HALF_MM: f64 = 7.5;
 const R: f64 = RADIUS_MM;
 
-/// A sweep and what it must remove.
+/// A sweep and the volume that it must remove.
 struct Sweep {
     name: &'static str,
-    /// The first place, and the others.
+    /// The first position, and the others.
     way: Vec<Vector3<f64>>,
     volume_mm3: f64,
 }
@@ -33,7 +33,7 @@ fn segment_mm2(depth_mm: f64) -> f64 {
     R * R * (ke - 0.5 * (2.0 * ke).sin())
 }
 
-/// Places on a circle of 4 mm radius, up to an angle.
+/// Positions on a circle of 4 mm radius, up to an angle.
 fn arc(angle_rad: f64) -> Vec<Vector3<f64>> {
     (0..=200)
         .map(|n| {
@@ -49,7 +49,7 @@ fn sweeps() -> Vec<Sweep> {
     let from_to = |a: Vector3<f64>, b: Vector3<f64>| [vec![a], line(a, b, 60)].concat();
     let (a, b) = (Vector3::new(-3.01, -1.3, 2.07), Vector3::new(2.6, 2.2, -1.9));
     let arc = arc(0.5 * PI);
-    // polygons are shorter than their arc, and turn: the tube's length is the polygon's
+    // a polygon is shorter than its arc, so the tube's length is the polygon's
     let arc_mm: f64 = arc.windows(2).map(|p| (p[1] - p[0]).norm()).sum();
     let through = |y: f64, z: f64| from_to(Vector3::new(-11.0, y, z), Vector3::new(11.0, y, z));
     let down = from_to(Vector3::new(0.13, -0.21, 11.0), Vector3::new(0.13, -0.21, 3.0));
@@ -67,32 +67,32 @@ fn sweeps() -> Vec<Sweep> {
     ]
 }
 
-/// A cut and the force that it must feel.
+/// A cut and the force that must act in it.
 struct Cut {
     name: &'static str,
-    /// The first place, and the others.
+    /// The first position, and the others.
     way: Vec<Vector3<f64>>,
-    /// What is cut beforehand, from its first place on.
+    /// A path that is cut before it, from its first position on.
     before: Vec<Vector3<f64>>,
-    /// Turned about z so that the feed, unless it is along z, is along x.
+    /// Expected force, turned about z so that the feed, unless it is along z, is along x.
     force_n: Option<Vector3<f64>>,
     mrr_mm3_s: f64,
 }
 
 impl Cut {
-    /// Along x at this place in y and z.
+    /// A cut along x at the given y and z.
     fn along_x(name: &'static str, y: f64, z: f64, force_n: Option<Vector3<f64>>, mrr_mm3_s: f64) -> Self {
         Self { name, way: pass(y, z), before: Vec::new(), force_n, mrr_mm3_s }
     }
 }
 
-/// Along x through the block.
+/// A pass along x through the block.
 fn pass(y: f64, z: f64) -> Vec<Vector3<f64>> {
     let (from, to) = (Vector3::new(-11.0, y, z), Vector3::new(11.0, y, z));
     [vec![from], line(from, to, 220)].concat()
 }
 
-/// A force seen along the feed: turned about z so that the feed is along x; as it is where the feed is along z.
+/// A force, turned about z so that the feed is along x; unchanged where the feed is along z.
 fn seen_along(feed: &Vector3<f64>, force: &Vector3<f64>) -> Vector3<f64> {
     let across = feed.x.hypot(feed.y);
     if across < 1e-9 {
@@ -121,7 +121,7 @@ fn cuts() -> Vec<Cut> {
     let overlap =
         2.0 * R * R * (apart / (2.0 * R)).acos() - 0.5 * apart * (4.0 * R * R - apart * apart).sqrt();
     let tube = PI * R * R * FEED_MM_S;
-    // a plunge: n has cos κ along the feed, e_a has sin κ along the axis; what goes around cancels
+    // a plunge: n has cos κ along the feed, e_a has sin κ along the axis; tangential forces cancel
     let plunge = Vector3::z() * (c * (k_r * PI / 4.0 - 0.5 * k_a));
     let (top, bottom) = (Vector3::new(0.13, -0.21, 11.0), Vector3::new(0.13, -0.21, -5.0));
     let second = pass(apart, 0.07);
@@ -130,7 +130,7 @@ fn cuts() -> Vec<Cut> {
     let back = [Vector3::new(-11.0, 20.0, 0.07), second[0]];
     vec![
         Cut::along_x("full slot", 0.13, 0.07, Some(full), tube),
-        // the front hemisphere is in bone all the way, as the circle is wider than the burr
+        // the front hemisphere is in bone along the whole path, because the circle is larger than the burr
         Cut { name: "arc", way: arc(PI), before: Vec::new(), force_n: Some(full), mrr_mm3_s: tube },
         Cut {
             name: "plunge",
@@ -151,10 +151,10 @@ fn cuts() -> Vec<Cut> {
     ]
 }
 
-/// Measures both tables. The bodies are given: `_size` changes nothing.
+/// Measures both tables. The bodies are fixed, so `_size` is not used.
 ///
 /// # Errors
-/// [`ExperimentError`] when the engine refuses its own experiment.
+/// [`ExperimentError`] when the engine refuses its input.
 pub fn run(_size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     progress.stage("volumes");
     let volumes = volumes()?;
@@ -229,7 +229,7 @@ fn forces() -> Result<Table, ExperimentError> {
     Ok(table)
 }
 
-/// The steps of a cut, and their forces as seen along the feed.
+/// The steps of a cut, and their forces relative to the feed.
 fn along(
     bone: &bonemill_geometry::Volume<f32, bonemill_geometry::Work>,
     level: f64,
@@ -258,7 +258,7 @@ fn solid(level: f64) -> Result<bonemill_geometry::Volume<f32, bonemill_geometry:
     block([n; 3], h, Vector3::repeat(-HALF_MM), |_| 0.8)
 }
 
-/// Observed order between two levels.
+/// Observed order of convergence between two levels.
 fn order(last: Option<(f64, f64)>, level: f64, error: f64) -> String {
     last.map_or("-".into(), |(before, e)| {
         format!("{:.1}", (e.abs() / error.abs().max(1e-16)).ln() / (level / before).ln())

@@ -1,4 +1,4 @@
-//! The voxel-removal engine: how it converges and how fast it is.
+//! Convergence and speed of the voxel-removal engine.
 
 pub mod convergence;
 pub mod speed;
@@ -47,7 +47,7 @@ fn pose(p: Vector3<f64>) -> Result<Pose, ExperimentError> {
     Ok(Pose::new(Point::from_coords(p), Vector3::z())?)
 }
 
-/// Steps through places at the common feed.
+/// Steps through positions at the common feed.
 fn moves(start: Pose, places: &[Vector3<f64>]) -> Result<Vec<Move>, ExperimentError> {
     let mut from = start;
     places
@@ -61,7 +61,7 @@ fn moves(start: Pose, places: &[Vector3<f64>]) -> Result<Vec<Move>, ExperimentEr
         .collect()
 }
 
-/// `count` places that end at `to`.
+/// `count` positions that end at `to`.
 fn line(from: Vector3<f64>, to: Vector3<f64>, count: usize) -> Vec<Vector3<f64>> {
     (1..=count).map(|n| from + (to - from) * (n as f64 / count as f64)).collect()
 }

@@ -1,10 +1,10 @@
-//! Time of a step, as Faieghi's Tables I and II: tool resolution × voxmap, beside a baseline that looks at every
+//! Duration of a step as in Faieghi's Tables I and II: tool resolution × voxmap, compared with a baseline that tests every
 //! voxel of the tool's box.
 //!
-//! 50 mm of bone, a burr of 2.5 mm radius half sunk into its face, straight cuts, one thread. Steps of 0.1 mm are
-//! those of a simulated plan, of 0.01 mm those of a hand at 10 mm/s and 1 kHz. Densities are bytes, so that 1024³ fit
-//! into a gigabyte and 2048³ into nine; the engine's own memory is that of the cut surface. A voxmap that does not fit
-//! into what memory is free is left out, and the table says so.
+//! The bone is 50 mm wide, the burr of 2.5 mm radius is half in its face, cuts are straight, and one thread is used. Steps of
+//! 0.1 mm are those of a simulated plan, steps of 0.01 mm those of a hand at 10 mm/s and 1 kHz. Densities are bytes, so that
+//! 1024³ voxels fit into a gigabyte and 2048³ into nine; the engine's own memory is that of the cut surface. A voxmap that does
+//! not fit into free memory is left out, and the table says so.
 
 use std::time::Instant;
 
@@ -18,22 +18,22 @@ use crate::{ExperimentError, Size, Table, alone};
 
 /// Side of the bone, mm.
 const SIDE_MM: f64 = 50.0;
-/// Voxels along it.
+/// Numbers of voxels along it.
 const VOXMAPS: [usize; 5] = [128, 256, 512, 1024, 2048];
-/// Memory that a voxmap needs, bytes a voxel: its densities, and what the baseline touches of its flags.
+/// Memory that a voxmap needs, bytes per voxel: its densities, and the baseline's flags that are used.
 const BYTES_A_VOXEL: f64 = 1.3;
-/// What is taken for free where the system does not say.
+/// Assumed free memory where the system does not report it, bytes.
 const UNKNOWN_BYTES: f64 = 4e9;
 /// Nodes along and around the burr.
 const TOOLS: [[usize; 2]; 3] = [[16, 32], [32, 64], [64, 128]];
-/// Steps per figure, and the baseline's.
+/// Number of steps per figure.
 const STEPS: usize = 400;
 const BASELINE_STEPS: usize = 40;
 
-/// Measures the tables. The bodies are given: `_size` changes nothing.
+/// Measures the tables. The bodies are fixed, so `_size` is not used.
 ///
 /// # Errors
-/// [`ExperimentError`] when the engine refuses its own experiment.
+/// [`ExperimentError`] when the engine refuses its input.
 pub fn run(_size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     let title = format!(
         "Time of a step: {SIDE_MM} mm of bone, r = {RADIUS_MM} mm in a slot of depth r, one thread, {STEPS} steps. \
@@ -99,7 +99,7 @@ pub fn run(_size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experimen
     Ok(vec![table, meshes])
 }
 
-/// Times of steps, µs; and the engine's memory, bytes.
+/// Durations of steps, µs, and the engine's memory, bytes.
 fn time_engine(
     bone: &Volume<u8, Work>,
     tool: [usize; 2],
@@ -141,7 +141,7 @@ fn time_meshes(bone: &Volume<u8, Work>) -> Result<(f64, Vec<f64>), ExperimentErr
     Ok((bricks as f64 / took.len() as f64, took))
 }
 
-/// Memory that can be had; `None` where the system does not say.
+/// Free memory, bytes; `None` where the system does not report it.
 fn free_bytes() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
@@ -163,7 +163,7 @@ fn quantile(values: &mut [f64], q: f64) -> f64 {
     values.get((q * (values.len() as f64 - 1.0)).round().max(0.0) as usize).copied().unwrap_or(0.0)
 }
 
-/// What one writes first: every voxel of the ball's box at every step, every node of the burr.
+/// The simplest implementation: tests every voxel of the ball's box at every step, and every node of the burr.
 struct Baseline<'a> {
     bone: &'a Volume<u8, Work>,
     removed: Vec<bool>,

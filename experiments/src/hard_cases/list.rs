@@ -9,11 +9,11 @@ pub fn scenes() -> Vec<Scene> {
         .concat()
 }
 
-/// How a body is stored must not matter.
+/// Scenes that differ in how the body is stored, which must not matter.
 fn image_scenes() -> Vec<Scene> {
     let stored = |name, why| Scene::plain(name, why);
     let turned = |name, why, turn_rad: [f64; 3]| Scene { turn_rad, ..stored(name, why) };
-    // stored on grids that lie otherwise than the planner's
+    // stored on grids that are turned against the planner's
     let round =
         |scene: Scene| scene.body(dome, bowl).with("layer_mm = 1.5", "layer_mm = 0.8\nstepover_mm = 0.7");
     let quarter = std::f64::consts::FRAC_PI_2;
@@ -108,7 +108,7 @@ fn target_scenes() -> Vec<Scene> {
         if deep(p) == TARGET && (-4.5..-1.2).contains(&p.z) { AIR } else { block(p) }
     }
     fn hollow(p: &V) -> f32 {
-        // wider than the target: at its rim interpolation makes a skin of material
+        // wider than the target, so interpolation makes a thin layer of material at the rim
         let wide = p.x.abs() < 4.0 && p.y.abs() < 4.0 && p.z > -4.0;
         if wide { AIR } else { block(p) }
     }
@@ -269,7 +269,7 @@ fn structure_scenes() -> Vec<Scene> {
         with("nerve under the floor", "the clearance lifts the floor along a line", bridge),
         with("nerve over the way in", "the burr fits past it on neither side", over)
             .must(Expect::FallsShort("can reach no part of the target")),
-        // the burr passes under bone and takes a skin of it
+        // the burr passes under bone and removes a thin layer of it
         with("nerve over the rim", "what lies below it cannot be reached from above", rim),
         with("structure as a lid", "no way in", lid).must(Expect::Refused("can reach no voxel")),
         with("structure that touches the target", "no clearance can be kept", touching)
@@ -289,7 +289,7 @@ fn structure_scenes() -> Vec<Scene> {
 
 fn bone_scenes() -> Vec<Scene> {
     fn sheet(p: &V) -> f32 {
-        // a film of bone over the pocket, as partial volume leaves it
+        // a thin layer of bone over the pocket, as from partial volume
         if (0.0..0.5).contains(&p.z) && p.x.abs() < 3.5 { 400.0 } else { block(p) }
     }
     fn overhang(p: &V) -> f32 {
@@ -327,7 +327,7 @@ fn bone_scenes() -> Vec<Scene> {
         if p.z < -3.0 && p.x.hypot(p.y) < 2.5 && p.z > -5.5 { AIR } else { block(p) }
     }
     fn threshold(p: &V) -> f32 {
-        // just above what counts as bone
+        // just above the threshold of bone
         if p.z < 0.0 { 205.0 } else { AIR }
     }
     let with = |name, why, hu: fn(&V) -> f32| Scene::plain(name, why).body(hu, pocket);

@@ -2,7 +2,7 @@
 
 use super::scene::{BONE, Expect, Scene, V, block, pocket};
 
-/// Burr, shank, path, orientation, speed and arm.
+/// Scenes that are hard because of burr, shank, path, orientation, speed or arm.
 pub(super) fn tool_scenes() -> Vec<Scene> {
     let plain = Scene::plain;
     let short = Expect::FallsShort;
@@ -67,7 +67,7 @@ pub(super) fn tool_scenes() -> Vec<Scene> {
     ]
 }
 
-/// Input that must be refused in words.
+/// Scenes with input that must be refused with a reason.
 pub(super) fn input_scenes() -> Vec<Scene> {
     fn shifted(p: &V) -> f32 {
         block(p) + 1024.0

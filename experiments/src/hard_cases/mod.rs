@@ -1,8 +1,8 @@
-//! Hard cases: small bodies, each hard in one way, with what must become of it.
+//! Hard cases: small bodies, each difficult in one way, with the expected result.
 //!
-//! A body is a formula for grey values and one for labels, a grid to store it on and a case. It is written, planned,
-//! read back and verified as a user's would be. What must happen is known beforehand: a plan that passes every check, a
-//! plan or an answer that says why it falls short, or a refusal that says what is wrong. A panic is a failure like any other.
+//! A body is a formula for grey values and one for labels, a grid to store it on and a case. It is written, planned, read back
+//! and verified as a user would do. The expected result is a plan that passes every check, a plan or an answer that states why
+//! it falls short, or a refusal that states what is wrong. A panic counts as a failure.
 
 mod list;
 mod list_tools;
@@ -20,10 +20,10 @@ pub use scene::{Expect, Scene};
 
 use crate::{ExperimentError, Size, Table};
 
-/// Runs every scene and says what became of it.
+/// Runs every scene and lists the results.
 ///
 /// # Errors
-/// None: whatever a scene ends with is a row of the table.
+/// None: every result of a scene is a row of the table.
 pub fn run(_: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     progress.stage("hard cases");
     let scenes = scenes();
@@ -50,10 +50,10 @@ pub fn run(_: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentErr
     Ok(vec![table])
 }
 
-/// Random scenes, 25 for each seed asked for.
+/// Runs random scenes, 25 for each seed of `size`.
 ///
 /// # Errors
-/// None: whatever a scene ends with is a row of the table.
+/// None: every result of a scene is a row of the table.
 pub fn run_random(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     progress.stage("random scenes");
     Ok(vec![random_scenes(25 * size.seeds, progress)])

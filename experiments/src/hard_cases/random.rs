@@ -1,7 +1,7 @@
-//! Random small bodies, planned and verified; one that fails is made as simple as it can be while it still fails.
+//! Random small bodies, planned and verified. A body that fails is simplified as far as it still fails.
 //!
-//! A body is a handful of numbers drawn from a seed, each with a simplest value. Shrinking sets them to it one after the
-//! other, as long as the scene still ends badly: what is left names what it takes.
+//! A body consists of a few numbers drawn from a seed, each with a simplest value. Shrinking sets them to this value one after
+//! the other as long as the scene still fails; the remaining numbers show the cause.
 
 use bonemill_planner::Progress;
 use rayon::prelude::*;
@@ -10,16 +10,16 @@ use super::run::{End, run};
 use super::scene::{AIR, BONE, NERVE, Scene, TARGET, V};
 use crate::Table;
 
-/// What a random body is made of. All numbers are small integers, so that a body can be written down.
+/// The numbers that define a random body, all small integers, so that a body can be written down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RandomBody {
     /// Half the pocket's length and width, and its depth, in half millimetres.
     pub pocket: [u8; 3],
-    /// The nerve's place beside it: distance and height in half millimetres, 0 for no nerve.
+    /// The nerve's position beside it: distance and height in half millimetres, 0 for no nerve.
     pub nerve: [u8; 2],
-    /// Air cells: 0 none, else their period in tenths of a millimetre.
+    /// Period of the air cells in tenths of a millimetre; 0 for none.
     pub cells: u8,
-    /// Roof over a part of the pocket, in half millimetres; 0 none.
+    /// Size of a roof over a part of the pocket, in half millimetres; 0 for none.
     pub roof: u8,
     /// Burr in tenths of a millimetre.
     pub burr: u8,
@@ -29,12 +29,12 @@ pub struct RandomBody {
     pub tilt_deg: u8,
     /// Turn of the scan about three axes in tenths of a radian.
     pub turn: [u8; 3],
-    /// CT voxel along each axis in quarters of a millimetre, which the planner's grid fits.
+    /// CT voxel along each axis in quarters of a millimetre, which matches the planner's grid.
     pub voxel: [u8; 3],
 }
 
 impl RandomBody {
-    /// The body of a number.
+    /// The body with this number.
     pub fn draw(number: u64) -> Self {
         let mut state = number.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         // splitmix64 (Steele et al. 2014)
@@ -71,7 +71,7 @@ impl RandomBody {
         voxel: [1; 3],
     };
 
-    /// Bodies that are simpler by one part each.
+    /// Bodies of which one number each is simpler.
     fn simpler(self) -> Vec<Self> {
         let p = Self::PLAIN;
         let all = [
@@ -88,7 +88,7 @@ impl RandomBody {
         all.into_iter().filter(|simpler| *simpler != self).collect()
     }
 
-    /// The scene of the body. It may be planned, fall short or be refused for a reason of `REASONS`; nothing else.
+    /// The scene of the body. It must be planned, fall short, or be refused for a reason in `REASONS`.
     pub fn scene(self) -> Scene {
         let mm = |v: u8| f64::from(v) * 0.5;
         let plain = Scene::plain("random", "drawn from a number");
@@ -123,7 +123,7 @@ impl RandomBody {
     /// Label at a place.
     fn label(&self, p: &V) -> u8 {
         let [a, b, depth] = self.pocket.map(|v| f64::from(v) * 0.5);
-        // rounded below, since no burr reaches into corners
+        // rounded at the bottom, because no burr reaches into corners
         let within = (p.x / a).powi(4) + (p.y / b).powi(4) + (p.z / depth).powi(4) < 1.0;
         if within && p.z < 0.0 {
             return TARGET;
@@ -139,7 +139,7 @@ impl RandomBody {
 /// Why a random body may be refused.
 const REASONS: [&str; 3] = ["can reach no voxel", "touches structure", "empty"];
 
-/// Whether a body may end so.
+/// Whether a result is acceptable.
 pub(super) fn ended_well(end: &End) -> bool {
     match end {
         End::Verified | End::FallsShort(_) => true,
@@ -148,17 +148,17 @@ pub(super) fn ended_well(end: &End) -> bool {
     }
 }
 
-/// The simplest body that fails, found from one that does: each step takes the first simpler one that still fails.
+/// Simplifies a body that fails: each step takes the first simpler body that still fails.
 pub fn shrink(body: RandomBody, fails: impl Fn(RandomBody) -> bool) -> RandomBody {
     let mut body = body;
-    // every step sets a part to its simplest value for good
+    // the loop ends, because every step sets a number to its simplest value
     while let Some(simpler) = body.simpler().into_iter().find(|b| fails(*b)) {
         body = simpler;
     }
     body
 }
 
-/// Runs bodies 0 to `count`: how they ended, and what is left of each that failed.
+/// Runs bodies 0 to `count`; lists the results, and the simplified form of each body that failed.
 pub fn random_scenes(count: u64, progress: &dyn Progress) -> Table {
     const PORTION: u64 = 50;
     let mut table =

@@ -1,4 +1,4 @@
-//! Runs a scene as a user would: files, plan, files, verification.
+//! Runs a scene as a user would: writes its files, plans, reads the plan back and verifies it.
 
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -13,26 +13,26 @@ use bonemill_planner::verify::verify;
 
 use super::scene::{Expect, Scene};
 
-/// A result whose error is only told.
+/// A result whose error is only printed.
 type Told<T> = Result<T, Box<dyn std::error::Error>>;
 
-/// What became of a scene.
+/// The result of a scene.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum End {
     /// A plan that passes every check.
     Verified,
-    /// The same, but it says that it falls short, and verify says so too; or there is no plan for a reason of the case.
+    /// The plan states that it falls short, and verify reports the same and no other fault; or the case cannot be planned.
     FallsShort(String),
     /// Bad input.
     Refused(String),
-    /// A plan that fails checks: their names, and what they say.
+    /// A plan that fails checks: their names, and their texts.
     Faulty(Vec<&'static str>, String),
     /// Something that must never happen: a panic, a file that cannot be written or read back.
     Broken(String),
 }
 
 impl End {
-    /// Whether it is what must happen.
+    /// Whether it is the expected result.
     pub fn keeps(&self, expect: &Expect) -> bool {
         match (self, expect) {
             (Self::Verified, Expect::Verified) => true,
@@ -42,7 +42,7 @@ impl End {
         }
     }
 
-    /// In a word.
+    /// The result in one word.
     pub fn word(&self) -> &'static str {
         match self {
             Self::Verified => "verified",
@@ -53,7 +53,7 @@ impl End {
         }
     }
 
-    /// Why.
+    /// The reason for the result.
     pub fn reason(&self) -> String {
         match self {
             Self::Verified => "every check passed".into(),
@@ -70,7 +70,7 @@ impl fmt::Display for End {
     }
 }
 
-/// Runs a scene in a folder of its own.
+/// Runs a scene in a temporary folder.
 pub fn run(scene: &Scene) -> End {
     let folder = match tempfile::tempdir() {
         Ok(folder) => folder,
@@ -83,7 +83,7 @@ pub fn run(scene: &Scene) -> End {
     })
 }
 
-/// Nobody watches.
+/// Ignores progress.
 struct Unseen;
 impl Progress for Unseen {
     fn stage(&self, _: &str) {}
@@ -126,7 +126,7 @@ fn run_in(scene: &Scene, folder: &Path) -> End {
         Err(error) => End::Broken(format!("the plan cannot be verified: {error}")),
         Ok(found) => {
             let shortfalls = &stored.record.shortfalls;
-            // of a plan that says that it falls short only what is wrong besides
+            // if the plan states that it falls short, only the other failed checks count
             let failed: Vec<_> =
                 if shortfalls.is_empty() { found.failed().collect() } else { found.wrong().collect() };
             if !failed.is_empty() {

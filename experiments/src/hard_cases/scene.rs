@@ -1,7 +1,7 @@
-//! One hard case: a body, how it is stored, and the case file that goes with it.
+//! One hard case: a body, how it is stored, and its case file.
 //!
-//! Bodies are given in mm of their own: bone below z = 0, air above, the target a pocket under the origin, a nerve beside
-//! it. A scene says only in what it differs.
+//! Bodies have their own coordinates in mm: bone below z = 0, air above, the target a pocket under the origin, a nerve beside
+//! it. A scene states only in what it differs from this.
 
 use std::fmt;
 use std::sync::Arc;
@@ -11,28 +11,28 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// CT and label map.
 pub type Images = (Volume<i16, Ct>, Volume<u8, Ct>);
-/// mm in the body.
+/// A point in the body, mm.
 pub type V = Vector3<f64>;
-/// A value at a place of the body.
+/// A value at each point of the body.
 pub type Formula<T> = Arc<dyn Fn(&V) -> T + Send + Sync>;
 
-/// Air, soft tissue and bone, HU.
+/// HU of air.
 pub const AIR: f32 = -1000.0;
-/// Soft tissue.
+/// HU of soft tissue.
 pub const SOFT: f32 = 40.0;
-/// Bone.
+/// HU of bone.
 pub const BONE: f32 = 1200.0;
 /// Label of the target.
 pub const TARGET: u8 = 20;
 /// Label of the nerve.
 pub const NERVE: u8 = 7;
 
-/// What must become of a scene.
+/// The expected result of a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Expect {
-    /// A plan that passes every check, and does not say that it falls short.
+    /// A plan that passes every check and states no shortfall.
     Verified,
-    /// A plan that passes every check but says that it falls short, or no plan for a reason of the case: with these words.
+    /// A plan that passes every other check but states a shortfall, or a case that cannot be planned, with these words.
     FallsShort(&'static str),
     /// Bad input, with these words.
     Refused(&'static str),
@@ -57,21 +57,21 @@ pub struct Scene {
     pub why: &'static str,
     /// What must happen.
     pub expect: Expect,
-    /// HU at a place of the body.
+    /// HU at each point of the body.
     pub hu: Formula<f32>,
-    /// Label there.
+    /// Label at each point.
     pub label: Formula<u8>,
     /// Half of the body's extent, mm.
     pub half_mm: [f64; 3],
     /// CT voxel, mm.
     pub spacing_mm: [f64; 3],
-    /// Label voxel, mm, and shift of its grid; the CT's grid where none.
+    /// Size of a label voxel, mm, and shift of the label grid; `None` for the CT's grid.
     pub label_grid: Option<([f64; 3], [f64; 3])>,
     /// The body's turn in ct, a rotation vector in rad.
     pub turn_rad: [f64; 3],
     /// Storage axes that run backwards.
     pub mirrored: [bool; 3],
-    /// Lines of the case that differ: (what stands there, what shall).
+    /// Lines of the case that are replaced: (old, new).
     pub edits: Vec<(&'static str, String)>,
 }
 
@@ -91,8 +91,8 @@ fn dome_mm(p: &V) -> f64 {
 
 /// A bowl under the dome, and the nerve beside it.
 ///
-/// Nothing of it is flat: a flat face that lies along one grid and not along another is rounded to the same side by all
-/// its voxels, and a body of such faces has no volume to a percent at voxels of half a millimetre.
+/// It has no flat faces. If a flat face lies along one grid and not along another, all its voxels are rounded to the same side,
+/// and the volume of a body of such faces is inexact by several per cent at voxels of half a millimetre.
 pub fn bowl(p: &V) -> u8 {
     let inside = V::new(p.x / 3.4, p.y / 3.1, (p.z - 0.3) / 3.4).norm() < 1.0;
     if inside && p.z < dome_mm(p) {
@@ -120,7 +120,7 @@ pub fn nerve(p: &V) -> bool {
     (4.5..5.5).contains(&p.x) && p.y.abs() < 6.0 && (-4.0..-3.0).contains(&p.z)
 }
 
-/// The case of a scene that differs in nothing; AXIS stands for the approach.
+/// The case of the plain scene; AXIS stands for the approach.
 const CASE: &str = "\
 [images]
 ct = \"ct.nii\"
@@ -161,7 +161,7 @@ spacing_mm = 0.25
 ";
 
 impl Scene {
-    /// The scene that is hard in nothing.
+    /// The plain scene, without any difficulty.
     pub fn plain(name: &'static str, why: &'static str) -> Self {
         Self {
             name,
@@ -178,14 +178,14 @@ impl Scene {
         }
     }
 
-    /// Something else must happen.
+    /// The same scene with another expected result.
     #[must_use]
     pub fn must(mut self, expect: Expect) -> Self {
         self.expect = expect;
         self
     }
 
-    /// Another body.
+    /// The same scene with another body.
     #[must_use]
     pub fn body(
         mut self,
@@ -196,14 +196,14 @@ impl Scene {
         self
     }
 
-    /// Another line in the case: `from` must stand there.
+    /// The same scene with another line in the case; the case must contain `from`.
     #[must_use]
     pub fn with(mut self, from: &'static str, to: impl Into<String>) -> Self {
         self.edits.push((from, to.into()));
         self
     }
 
-    /// The case file; an edit whose line does not stand there is our own mistake and makes the case invalid.
+    /// The case file. An edit whose line is missing in the case is a bug and makes the case invalid.
     pub fn case(&self) -> String {
         let axis = Rotation3::new(V::from(self.turn_rad)) * V::z();
         let mut text = CASE.replace("AXIS", &format!("[{:?}, {:?}, {:?}]", axis.x, axis.y, axis.z));
@@ -217,7 +217,7 @@ impl Scene {
     /// The CT and the label map.
     ///
     /// # Errors
-    /// [`GridError`] for a grid that cannot be.
+    /// [`GridError`] for an invalid grid.
     pub fn images(&self) -> Result<Images, GridError> {
         let (spacing, shift) = self.label_grid.unwrap_or((self.spacing_mm, [0.0; 3]));
         let ct = self.filled(self.spacing_mm, [0.0; 3], |p| (self.hu)(p) as i16)?;
@@ -233,7 +233,7 @@ impl Scene {
         let turn = Rotation3::new(V::from(self.turn_rad));
         let flip = Matrix3::from_diagonal(&V::from(self.mirrored.map(|m| if m { -1.0 } else { 1.0 })));
         let dims = [0, 1, 2].map(|a| (2.0 * self.half_mm[a] / spacing_mm[a]).round() as usize);
-        // the grid's middle is the body's, lifted so that the surface lies where most of the box is bone
+        // the grid's middle is below the body's origin, so that most of the box is bone
         let middle = V::new(0.0, 0.0, -0.25 * self.half_mm[2]) + V::from(shift_mm);
         let half = V::from_fn(|a, _| 0.5 * (dims[a] as f64 - 1.0) * spacing_mm[a]);
         let axes = turn.matrix() * flip;
@@ -247,7 +247,7 @@ impl Scene {
 }
 
 impl Scene {
-    /// A UR5e, which tilts to every side.
+    /// The same scene with a UR5e, which tilts to every side.
     #[must_use]
     pub fn two_angles(self) -> Self {
         let arm = "model = \"ur5e\"\nflange_from_burr = { translation_mm = [0, 0, 180], rpy_rad = [3.141592653589793, 0, 0] }";
@@ -255,7 +255,7 @@ impl Scene {
             .with("rate_hz = 100", format!("rate_hz = 100\n{arm}"))
     }
 
-    /// No structure in the case.
+    /// The same scene without a structure in the case.
     #[must_use]
     pub fn without_nerve(self) -> Self {
         self.with("[[structure]]\nname = \"nerve\"\nlabel = 7\nclearance_mm = 0.8\n", "")

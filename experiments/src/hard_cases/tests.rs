@@ -1,9 +1,9 @@
-//! The suite itself, and that its machinery can tell good from bad.
+//! Runs a part of the suite, and tests that its machinery tells good results from bad.
 
 use super::random::shrink;
 use super::*;
 
-/// Of the scenes that are planned, one in this many runs here; experiment `hard-cases` of a release build runs all.
+/// One in this many of the planned scenes runs here; experiment `hard-cases` of a release build runs all.
 const ONE_IN: usize = 10;
 
 #[test]
@@ -23,9 +23,9 @@ fn hard_cases_end_as_they_must() {
     assert!(wrong.is_empty(), "{} of {}:\n{}", wrong.len(), here.len(), wrong.join("\n"));
 }
 
-/// Bodies that once failed: 22 by bone before the shank's front, 44 by a skin that the burr took, 81, 180 and 936 by the
-/// masses of a scrap, 13, 36, 226 and 952 by the shank in a part of a voxel whose centre was gone, 584, 803 and 894 by a
-/// path that began in the bone, 875 by a sheet of just the band's thickness.
+/// Bodies that once failed: 22 because of bone before the shank's front; 44 because of a thin layer that the burr removed; 81,
+/// 180 and 936 because of the mass of a very small piece; 13, 36, 226 and 952 because the shank was in a part of a voxel whose
+/// centre was removed; 584, 803 and 894 because the path began in bone; 875 because of a sheet exactly as thick as the band.
 const FAILED: [u64; 13] = [22, 44, 81, 13, 36, 180, 226, 584, 803, 875, 894, 936, 952];
 
 #[test]

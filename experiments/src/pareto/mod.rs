@@ -1,7 +1,7 @@
-//! What less force toward the structures of priority 1 costs: in time, and in volume that is left.
+//! Trade-off between the force toward the structures of priority 1 and time or removed volume.
 //!
-//! Every point is a whole plan of one body with one value changed: the total time, or the clearance of its structures of priority 1.
-//! The default is the plan of the body's case as it stands.
+//! Every point is a complete plan of one body with one value changed: the total time, or the clearance of its structures of
+//! priority 1. The default is the plan of the body's unchanged case.
 
 mod picture;
 
@@ -14,7 +14,7 @@ use picture::{Panel, PlotPoint};
 use crate::body::Body;
 use crate::{ExperimentError, Size, Table};
 
-/// Total times, of the default's.
+/// Total times, as multiples of the default.
 const TIMES: [f64; 7] = [0.5, 0.7, 0.85, 1.2, 1.5, 2.0, 3.0];
 /// Added to the clearances, mm.
 const WIDER_MM: [f64; 5] = [-0.5, 0.5, 1.0, 1.5, 2.0];
@@ -27,7 +27,7 @@ struct Outcome {
     total_s: f64,
     removed_mm3: f64,
     target_mm3: f64,
-    /// Largest over the structures of priority 1: mean with zeros and peak toward it wherever it is within its influence, N.
+    /// Largest mean over the structures of priority 1, of the force toward a structure within its influence, zeros included, N.
     mean_n: f64,
     peak_n: f64,
     peak_force_n: f64,
@@ -65,7 +65,7 @@ impl Outcome {
     }
 }
 
-/// The default first, then what each value leads to; none for a value that cannot be planned with.
+/// The default first, then the outcome of each value; `None` for a value with which planning fails.
 struct Front {
     body: String,
     default: Outcome,
@@ -102,10 +102,10 @@ fn front(name: &str, body: &Body, progress: &dyn Progress) -> Result<Front, Expe
     Ok(Front { body: name.into(), default, times, clearances })
 }
 
-/// Block, temporal bone, and a case of the user's.
+/// Runs block, temporal bone, and the user's case.
 ///
 /// # Errors
-/// When a body cannot be made, or its case cannot be planned as it stands.
+/// When a body cannot be made, or its unchanged case cannot be planned.
 pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     let mut fronts = Vec::new();
     for (name, kind) in [("block", PhantomKind::Block), ("temporal", PhantomKind::Temporal)] {
@@ -151,7 +151,7 @@ fn table(fronts: &[Front]) -> Table {
     table
 }
 
-/// Peak and mean toward over time, then over the removed share.
+/// Panels of peak and mean force toward structures: over time, then over the removed share.
 fn panels(fronts: &[Front]) -> Vec<Panel> {
     let series = |pick: fn(&Front) -> &[Outcome], x: fn(&Outcome) -> f64, y: fn(&Outcome) -> f64| {
         let of = |front: &Front| {

@@ -1,4 +1,4 @@
-//! Curves in panels, as SVG: forces on a logarithmic axis, the default of each curve ringed.
+//! Curves in panels, as SVG: forces on a logarithmic axis; a ring marks the default of each curve.
 
 use std::fmt::Write;
 
@@ -9,7 +9,7 @@ pub struct PlotPoint {
     pub is_default: bool,
 }
 
-/// Curves over one pair of axes; y is logarithmic.
+/// Curves on one pair of axes; y is logarithmic.
 pub struct Panel {
     pub x: &'static str,
     pub y: &'static str,
@@ -20,13 +20,13 @@ pub struct Panel {
 
 const WIDTH: f64 = 460.0;
 const HEIGHT: f64 = 320.0;
-/// Left, right, top, bottom of the axes.
+/// Margins left, right, above and below the axes.
 const MARGIN: [f64; 4] = [64.0, 16.0, 34.0, 48.0];
-/// Distinct in hue and in lightness.
+/// Colours of curves, distinct in hue and in lightness.
 const COLOURS: [&str; 4] = ["#0b5fa5", "#d1731f", "#3c8d4f", "#8a4fa0"];
-/// What marks a default.
+/// The ring that marks a default.
 const RING: &str = "r=\"7\" fill=\"none\" stroke=\"#222\"";
-/// Forces below this are drawn at it, N.
+/// Smaller forces are drawn at this value, N.
 const LEAST: f64 = 1e-4;
 
 /// All panels, two in a row.
@@ -54,7 +54,7 @@ pub fn svg(panels: &[Panel]) -> String {
     out + "</svg>"
 }
 
-/// An axis from data to the panel.
+/// Maps data to a position on an axis.
 struct Axis {
     low: f64,
     high: f64,
@@ -71,7 +71,7 @@ impl Axis {
         Self { low: low - pad, high: high + pad, is_log }
     }
 
-    /// 0 to 1.
+    /// Position on the axis, 0 to 1.
     fn share(&self, value: f64) -> f64 {
         if self.is_log {
             (value.max(LEAST) / self.low).ln() / (self.high / self.low).ln()
@@ -178,7 +178,7 @@ mod tests {
         let panel =
             || Panel { x: "t [min]", y: "F [N]", is_log_x: true, series: vec![curve("a"), curve("b")] };
         let text = svg(&[panel(), panel()]);
-        // two curves in two panels, and the legend's
+        // two curves in two panels, and one in the legend
         assert_eq!(text.matches("stroke=\"#222\"").count(), 5);
         assert!(!text.contains("NaN") && !text.contains("inf"));
     }

@@ -1,4 +1,4 @@
-//! Distance fields beside PyPI `edt`.
+//! Compares distance fields with PyPI `edt`.
 
 use bonemill_geometry::{Ct, Grid, Point, Volume};
 use bonemill_imaging::{distance_only, distance_transform};
@@ -11,8 +11,8 @@ const N: usize = 256;
 const VOXEL_MM: f64 = 0.25;
 const RUNS: usize = 5;
 
-/// What planning asks for, as is(x, y, z) in voxels: thin structures (a nerve), blocks (a labyrinth), large ones (dura), and as
-/// the worst case scattered voxels.
+/// Masks like those in planning, as is(x, y, z) in voxels: thin structures (a nerve), blocks (a labyrinth), large ones (dura),
+/// and, as the worst case, scattered voxels.
 pub fn masks() -> Vec<(&'static str, Volume<bool, Ct>)> {
     let ball = |p: [f64; 3], c: [f64; 3], r: f64| (0..3).map(|a| (p[a] - c[a]).powi(2)).sum::<f64>() < r * r;
     vec![

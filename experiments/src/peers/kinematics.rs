@@ -1,4 +1,4 @@
-//! Forward kinematics and Jacobians beside PyPI `pin`, which reads the same URDF. (`k` is in the arms' benchmark.)
+//! Compares forward kinematics and Jacobians with PyPI `pin`, which reads the same URDF. (The arms' benchmark compares with `k`.)
 
 use bonemill_robot::Arm;
 use bonemill_robot::ur::UrModel;

@@ -1,9 +1,9 @@
-//! The published libraries that parts of this one could be replaced by, on the same inputs, in one run, on one thread.
+//! Compares parts of this project with published libraries (peers) that could replace them, on the same inputs, in one run, on
+//! one thread.
 //!
-//! A peer is a Python package; its half is a script beside this file, run by the interpreter that `BONEMILL_PEERS_PYTHON`
-//! names (`python3` otherwise; `pip install edt toppra pin`). Inputs go through files of a temporary folder; each side takes
-//! its own time around the one call that is compared, without reading, writing or making the input. A peer that is not
-//! installed is a row that says so.
+//! A peer is a Python package. A script beside this file calls it, run by the interpreter in `BONEMILL_PEERS_PYTHON` (else
+//! `python3`; `pip install edt toppra pin`). Inputs are passed in files of a temporary folder. Each side measures the time of
+//! the compared call alone, without reading, writing or making the input. A peer that is not installed gets a row that says so.
 //!
 //! | peer | our part | script |
 //! |---|---|---|
@@ -24,13 +24,13 @@ use bonemill_planner::Progress;
 
 use crate::{ExperimentError, Size, Table, alone};
 
-/// Names the interpreter that has the peers.
+/// Environment variable with the interpreter that has the peers.
 const PYTHON: &str = "BONEMILL_PEERS_PYTHON";
 
-/// Measures every peer. The inputs are given: `_size` changes nothing.
+/// Measures every peer. The inputs are fixed, so `_size` is not used.
 ///
 /// # Errors
-/// [`ExperimentError`] when a file cannot be written or a peer gives an answer that is none.
+/// [`ExperimentError`] when a file cannot be written or a peer's output is invalid.
 pub fn run(_size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     progress.stage("distance fields");
     let distance = alone(distance::table)?;
@@ -41,7 +41,8 @@ pub fn run(_size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experimen
     Ok(vec![distance, timelaw, kinematics])
 }
 
-/// What a peer prints about the inputs in `folder`: a line each, numbers between spaces; or why there is nothing.
+/// The output of a peer for the inputs in `folder`: one line per input with numbers separated by spaces; or the reason why
+/// there is none.
 fn ask(script: &str, folder: &Path) -> Result<Vec<Vec<f64>>, String> {
     ask_of(&std::env::var(PYTHON).unwrap_or_else(|_| "python3".into()), script, folder)
 }
@@ -61,7 +62,7 @@ fn ask_of(python: &str, script: &str, folder: &Path) -> Result<Vec<Vec<f64>>, St
     text.lines().map(|line| numbers(line).ok_or_else(|| format!("not measured: says {line:?}"))).collect()
 }
 
-/// The least of some runs, s, and what the last gave.
+/// The shortest duration of several runs, s, and the result of the last one.
 fn least_s<T>(runs: usize, mut work: impl FnMut() -> T) -> (f64, Option<T>) {
     let (mut least, mut last) = (f64::INFINITY, None);
     for _ in 0..runs {
@@ -73,7 +74,7 @@ fn least_s<T>(runs: usize, mut work: impl FnMut() -> T) -> (f64, Option<T>) {
     (least, last)
 }
 
-/// Numbers as a file that any language reads: little-endian, one after the other.
+/// Writes numbers to a file, little-endian, one after the other.
 fn write_f64(path: &Path, values: &[f64]) -> Result<(), ExperimentError> {
     let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
     std::fs::write(path, bytes).map_err(ExperimentError::Folder)

@@ -1,14 +1,14 @@
-//! The time law beside PyPI `toppra`: the same joint paths, velocity and acceleration limits.
+//! Compares the time law with PyPI `toppra`, for the same joint paths, velocity and acceleration limits.
 //!
-//! toppra follows a cubic spline through the waypoints and has no jerk limits; ours rounds the polyline's corners within a
-//! tolerance and keeps jerk limits too, which are set to 20 accelerations a second here. Neither has a speed cap.
+//! toppra follows a cubic spline through the waypoints and has no jerk limits. This project's law rounds the polyline's corners
+//! within a tolerance and also keeps jerk limits, here 20 times the acceleration limit per second. Neither has a speed cap.
 
 use bonemill_robot::timelaw::{CornerTolerance, JointPath, PathLimits, PreparedPath};
 
 use super::{ask, least_s, write_f64};
 use crate::{ExperimentError, Table};
 
-/// Of the bone-attached arm: three linear joints, mm, and a tilt, rad; a second, a second squared, a second cubed.
+/// Limits of the bone-attached arm, three linear joints (mm) and a tilt (rad): velocities, accelerations and jerks.
 const VELOCITY: [f64; 4] = [15.0, 15.0, 15.0, 0.6];
 const ACCELERATION: [f64; 4] = [150.0, 150.0, 150.0, 6.0];
 const JERK: [f64; 4] = [3000.0, 3000.0, 3000.0, 120.0];

@@ -1,12 +1,13 @@
-//! What the structures feel of whole plans, beside the controls that each plan carries: a straight shaft at constant speed in the
+//! Forces toward structures in complete plans, compared with each plan's controls: a straight shaft at constant speed in the
 //! same time, along lines in two directions.
 //!
-//! Changes are taken per body against the mean of its two controls, then averaged; the worst body stands beside. How many figures
-//! are above the better of the two controls is counted, for every structure of the body.
+//! Changes are computed for each body against the mean of its two controls, then averaged; the worst body is also given. The
+//! number of figures above the better of the two controls is counted, for every structure of the body.
 //!
-//! Beside each plan stands what the best axis of each waypoint alone would give along the same path: the one with the least force toward
-//! the nearest structure, as if the shaft could turn at once, with the least force in the plan's time. No sequence of axes has a lower
-//! push anywhere. Its mean over F_v > 0 may be above the plan's: where more pushes are none, the mean over the rest is no bound.
+//! For comparison, each plan also has the forces with the best axis of each waypoint alone along the same path: the axis with
+//! the least force toward the nearest structure, as if the shaft could turn at once, with the least force in the plan's time. No
+//! sequence of axes has a smaller push at any waypoint. Its mean over F_v > 0 may still be above the plan's, because it is a
+//! mean over fewer waypoints.
 
 use bonemill_imaging::phantom::{BlockParams, NerveSide, PhantomKind, block, phantom};
 use bonemill_planner::Progress;
@@ -21,33 +22,33 @@ use crate::{ExperimentError, Size, Table};
 
 const COLUMNS: [&str; 5] =
     ["mean toward, F_v > 0", "mean toward, zeros in", "peak toward", "peak |F|", "mean |F|"];
-/// A control's force below this is no measure of another, N.
+/// No change is computed where the control's force is below this, N.
 const LEAST_N: f64 = 0.01;
-/// At most so many heads.
+/// Largest number of heads.
 const MOST_HEADS: u64 = 4;
 
-/// Figures in the order of [`COLUMNS`], toward one structure, N.
+/// Figures in the order of [`COLUMNS`], of the force toward one structure, N.
 fn figures(felt: &Felt, structure: usize) -> [f64; 5] {
     let near = &felt.structures[structure].near;
     let [mean, zeros, peak] = JUDGED.map(|(_, figure)| figure(near));
     [mean, zeros, peak, felt.peak_n, felt.mean_n]
 }
 
-/// A plan beside its controls, toward one structure.
+/// Figures of a plan and its controls for one structure.
 struct Row {
     body: String,
     structure: String,
     priority: u32,
     controls: Vec<[f64; 5]>,
     plan: [f64; 5],
-    /// Every waypoint's best axis alone.
+    /// Figures with every waypoint's best axis alone.
     alone: [f64; 5],
     seconds: f64,
     instead: &'static str,
 }
 
 impl Row {
-    /// Against the mean of the controls, %.
+    /// Changes against the mean of the controls, %.
     fn changes(&self) -> [Option<f64>; 5] {
         let n = self.controls.len().max(1) as f64;
         std::array::from_fn(|k| {
@@ -56,14 +57,14 @@ impl Row {
         })
     }
 
-    /// Figures toward the structure that are above the better control's.
+    /// Number of figures that are above the better control's.
     fn worse(&self) -> usize {
         let better = |k: usize| self.controls.iter().map(|c| c[k]).fold(f64::INFINITY, f64::min);
         (0..JUDGED.len()).filter(|k| self.plan[*k] > better(*k).max(LEAST_N) * (1.0 + 1e-6)).count()
     }
 }
 
-/// The rows of a plan: structures near which a control or the plan pushes.
+/// The rows of a plan: one per structure near which the plan or a control has a force toward it.
 fn rows(name: &str, plan: &Plan, alone: &Felt) -> Vec<Row> {
     let structures = plan.setup.case.structures.iter().enumerate();
     let row = |(n, s): (usize, &bonemill_planner::case::Structure)| Row {
@@ -80,10 +81,10 @@ fn rows(name: &str, plan: &Plan, alone: &Felt) -> Vec<Row> {
     structures.map(row).filter(is_near).collect()
 }
 
-/// What the best axis of each waypoint alone would give, in the time that the plan takes for its cuts.
+/// The forces with the best axis of each waypoint alone, in the time that the plan takes for its cuts.
 fn alone(plan: &Plan, body: &Body) -> Result<Felt, ExperimentError> {
     let planned = Choices::of(&plan.setup.case);
-    // nothing but the push toward the nearest structure
+    // the cost is only the push toward the nearest structure
     let cost = CostSpec {
         structures: SeveralStructures::Nearest,
         kappa_per_mm: 0.0,
@@ -110,7 +111,7 @@ fn planned(name: &str, body: &Body, adjust: impl Fn(&mut Case)) -> Result<Vec<Ro
     Ok(rows(name, &plan, &alone(&plan, body)?))
 }
 
-/// Blocks with the nerve in both planes, heads, and a scan where there is one.
+/// Runs blocks with the nerve in both planes, heads, and a scan if available.
 ///
 /// # Errors
 /// When a body cannot be made or planned.
@@ -123,7 +124,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
     for angles in [1, 2] {
         let one_or_two = |case: &mut Case| {
             if angles == 2 {
-                // the bone-attached arm has one; where a UR stands is assumed
+                // the bone-attached arm has one tilt angle; the place of a UR is assumed
                 case.orientation.angles = angles;
                 case.robot.model = "ur5e".into();
                 case.robot.base_from_ct = Registration::Assumed;
@@ -155,7 +156,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
     Ok(vec![summary(size, &groups), each(&groups)])
 }
 
-/// Toward structures of priority 1, by group.
+/// Summary of the forces toward structures of priority 1, by group.
 fn summary(size: Size, groups: &[(String, u32, Vec<Row>)]) -> Table {
     let title = format!(
         "Toward structures of priority 1, the burr's surface within 2 mm: change in % against the mean of two controls (straight \
@@ -189,7 +190,7 @@ fn summary(size: Size, groups: &[(String, u32, Vec<Row>)]) -> Table {
     table
 }
 
-/// Every body and structure, in newtons.
+/// The figures of every body and structure, in newtons.
 fn each(groups: &[(String, u32, Vec<Row>)]) -> Table {
     let head: Vec<String> = ["body", "angles", "structure"]
         .map(str::to_owned)

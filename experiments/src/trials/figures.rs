@@ -1,33 +1,33 @@
-//! Forces of one trial in D's figures: toward the nerve while the burr is near it, and overall.
+//! D's figures of the forces of one trial: toward the nerve while the burr is near it, and overall.
 //!
-//! A trial is a path with a force and a speed per move, so its samples have a weight: the time that the move takes. D samples a
-//! sensor at equal times; here the weights stand for that.
+//! A trial is a path with a force and a speed per move. Each move is a sample weighted with its duration, which corresponds to
+//! D's sensor samples at equal times.
 
 use bonemill_planner::toward::{TowardFigures, TowardSpan};
 
-/// One move that cuts.
+/// One cut.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// How long it takes, s.
+    /// Duration, s.
     pub seconds: f64,
     /// Whole force, N.
     pub force_n: f64,
-    /// Toward the nerve, N, if it is within [`bonemill_planner::toward::NEAR_MM`]; 0 if it points away.
+    /// Force toward the nerve, N, if it is within [`bonemill_planner::toward::NEAR_MM`]; 0 if it points away.
     pub toward_n: Option<f64>,
 }
 
 /// D's figures of a trial, N.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TrialFigures {
-    /// Mean toward the nerve, over the time in which it points there.
+    /// Mean force toward the nerve, over the time in which the force points toward it.
     pub mean_toward_n: f64,
-    /// The same over all of the time near the nerve, zeros included.
+    /// Mean force toward the nerve over the whole time near it, zeros included.
     pub mean_toward_with_zeros_n: f64,
-    /// 75th percentile of the former.
+    /// 75th percentile over the time in which the force points toward the nerve.
     pub p75_toward_n: f64,
-    /// 75th percentile of the latter.
+    /// 75th percentile over the whole time near the nerve, zeros included.
     pub p75_toward_with_zeros_n: f64,
-    /// Largest toward the nerve.
+    /// Largest force toward the nerve.
     pub peak_toward_n: f64,
     /// Mean of the whole force.
     pub mean_n: f64,
@@ -36,7 +36,7 @@ pub struct TrialFigures {
 }
 
 impl TrialFigures {
-    /// Of a trial's samples.
+    /// The figures of a trial's samples.
     pub fn of(samples: &[Sample]) -> Self {
         let figures = |force_n: fn(&Sample) -> Option<f64>| {
             let span = |(row, s): (usize, &Sample)| {
@@ -56,7 +56,7 @@ impl TrialFigures {
         }
     }
 
-    /// All seven, in the order of the fields.
+    /// All seven figures, in the order of the fields.
     pub fn values(&self) -> [f64; 7] {
         [
             self.mean_toward_n,

@@ -2,7 +2,8 @@
 //! angle, constant speed), full (chosen angle, speed by mass, equal time), each greedy and optimal.
 //!
 //! D milled one block three times. Here one path is laid per block, and spin, material, weights, angles and speeds vary on it;
-//! forces are the model's. The reductions are taken per block and then averaged, so that each block is its own control.
+//! forces are computed by the model. The reductions are computed per block and then averaged, so that each block is its own
+//! control.
 
 mod felt;
 mod figures;
@@ -22,7 +23,7 @@ pub use felt::run as felt;
 use figures::{Sample, TrialFigures};
 pub use sweep::run as sweep;
 
-/// D's reductions, in the order of [`TrialFigures::values`], %: trial 2 and trial 3 against trial 1; where D gives none, none.
+/// D's reductions, in the order of [`TrialFigures::values`], %: trial 2 and trial 3 against trial 1; `None` where D gives none.
 const PAPER: [[Option<f64>; 7]; 2] = [
     [Some(-37.0), None, Some(-25.0), None, Some(-27.0), None, None],
     [Some(-63.0), None, Some(-51.0), None, Some(-50.0), Some(-10.0), Some(-48.0)],
@@ -37,24 +38,24 @@ const COLUMNS: [&str; 7] = [
     "peak |F|",
 ];
 
-/// A control's force below this is no measure of another, N.
+/// No change is computed where the control's force is below this, N.
 const LEAST_N: f64 = 0.01;
 
 /// Changes in the order of [`TrialFigures::values`], %.
 type Changes = [Option<f64>; 7];
 
-/// One block and one way to mill it.
+/// One block, the position of its nerve and the direction of the lines.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setup {
-    /// Hole seed.
+    /// Seed of the block's air cells.
     pub seed: u64,
-    /// Which wall the nerve passes.
+    /// The wall that the nerve passes.
     pub nerve: NerveSide,
     /// Direction of the lines from work x, rad.
     pub raster_rad: f64,
 }
 
-/// Figures of the control, then of the angle and full trials of a way to orient.
+/// Figures of the control, the angle trial and the full trial, for one orientation mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Trials {
     /// Constant angle and speed.
@@ -66,7 +67,8 @@ pub struct Trials {
 }
 
 impl Trials {
-    /// Changes of trials 2 and 3 against the control, %, in the order of [`TrialFigures::values`]; none of forces below [`LEAST_N`].
+    /// Changes of trials 2 and 3 against the control, %, in the order of [`TrialFigures::values`]; `None` for forces below
+    /// [`LEAST_N`].
     fn changes(&self) -> [Changes; 2] {
         let control = self.control.values();
         [self.angle, self.full].map(|trial| {
@@ -76,8 +78,8 @@ impl Trials {
     }
 }
 
-/// Prepares a block and hands it to `work`, with its case under the paper's defaults or ours; `adjust` changes the case
-/// before the path is laid.
+/// Prepares a block and calls `work` with it, with the paper's defaults or this project's; `adjust` changes the case before the
+/// path is laid.
 fn on_block<R>(
     setup: &Setup,
     adjust: impl Fn(&mut Case),
@@ -92,7 +94,7 @@ fn on_block<R>(
     with_prepared(&case, body.case_path(), &(), |prepared| Ok(work(&body, prepared)))?
 }
 
-/// The three trials with one way to orient, for a case that fits what was prepared.
+/// The three trials with one orientation mode, for a case that matches the prepared block.
 fn trials(
     prepared: &Prepared,
     case: &Case,
@@ -123,7 +125,7 @@ fn control(prepared: &Prepared, case: &Case) -> Result<Chosen, ExperimentError> 
     Ok(prepared.choose(&choices)?)
 }
 
-/// Moves that cut, at these speeds.
+/// The cuts as samples, at these speeds.
 fn samples(prepared: &Prepared, chosen: &Chosen, speed_mm_s: &[f64]) -> Vec<Sample> {
     let radius_mm = prepared.radius_mm();
     (0..speed_mm_s.len())
@@ -139,7 +141,7 @@ fn samples(prepared: &Prepared, chosen: &Chosen, speed_mm_s: &[f64]) -> Vec<Samp
         .collect()
 }
 
-/// Nerve beside the tilt plane and in the other plane; lines along work x and across.
+/// Positions of the nerve: beside the tilt plane and in it.
 const NERVES: [(NerveSide, &str); 2] =
     [(NerveSide::BesideTiltPlane, "beside the tilt plane"), (NerveSide::InTiltPlane, "in the tilt plane")];
 const RASTERS: [f64; 2] = [0.0, FRAC_PI_2];
@@ -148,7 +150,7 @@ const MODES: [(OrientationMode, &str); 2] =
 const PRESETS: [(bool, &str); 2] = [(true, "paper"), (false, "defaults")];
 const SPINS: [i8; 2] = [-1, 1];
 
-/// One cell of the table: the runs that differ in seed, spin and raster.
+/// One cell of the table: all runs that differ only in seed, spin and raster.
 #[derive(Default)]
 struct Cell {
     found: Vec<Trials>,
@@ -207,7 +209,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
     ])
 }
 
-/// Mean and standard deviation of those that there are; of how many, if not of all.
+/// Mean and standard deviation of the values that are known, and their number if some are not.
 fn percent(values: impl Iterator<Item = Option<f64>> + Clone) -> String {
     let (all, some) = (values.clone().count(), values.flatten());
     let of = some.clone().count();
@@ -246,7 +248,7 @@ fn changes_table(size: Size, cells: &[Cell]) -> Table {
     table
 }
 
-/// What spin and raster direction do to the mean toward the nerve of the full trial.
+/// Effect of spin and raster direction on the full trial's mean force toward the nerve.
 fn parts_table(cells: &[Cell]) -> Table {
     let columns = ["nerve", "preset", "mode", "spin -1", "spin +1", "lines along x", "lines along y"];
     let title = "Mean force toward the nerve (F_v > 0), angle and speed against control in %, by spin and raster direction.";
@@ -264,7 +266,7 @@ fn parts_table(cells: &[Cell]) -> Table {
     table
 }
 
-/// The figures themselves, N: what a change in % hides where a control's is small.
+/// The figures themselves, N, because changes in % hide that a control's force is small.
 fn newtons_table(cells: &[Cell]) -> Table {
     let title = "Forces in N, means over all plans.";
     let mut table = Table::new(
@@ -289,7 +291,7 @@ fn newtons_table(cells: &[Cell]) -> Table {
     table
 }
 
-/// The control's own figures beside D's, N.
+/// The control's figures compared with D's, N.
 fn control_table(controls: &[[f64; 7]]) -> Table {
     let mut table = Table::new(
         "trials-control",
@@ -308,7 +310,7 @@ fn control_table(controls: &[[f64; 7]]) -> Table {
 mod tests {
     use super::*;
 
-    /// One block as the paper has it: the shape of the result, not its digits.
+    /// One block as in the paper: tests the tendency of the result, not its digits.
     #[test]
     fn angle_and_speed_at_equal_time_lower_the_force_toward_the_nerve() {
         let setup = Setup { seed: 3, nerve: NerveSide::BesideTiltPlane, raster_rad: 0.0 };

@@ -1,4 +1,4 @@
-//! How D's reductions change over what D does not give: one assumption at a time, the others at their defaults.
+//! Sensitivity of D's reductions to values that D does not give: one assumption is changed at a time.
 
 use bonemill_planner::Progress;
 use bonemill_planner::case::{Case, Measure, OrientationMode};
@@ -6,14 +6,14 @@ use bonemill_planner::case::{Case, Measure, OrientationMode};
 use super::{Changes, NERVES, SPINS, Setup, control, on_block, percent, trials};
 use crate::{ExperimentError, Size, Table};
 
-/// An assumption, its value in words, and how it is set.
+/// An assumption, its value in words, and a function that sets it.
 struct Variant {
     name: &'static str,
     value: &'static str,
     set: fn(&mut Case),
 }
 
-/// What changes the path or its access: laid anew.
+/// Assumptions that change the path or its access, so that the path is laid again.
 const LAID_ANEW: &[Variant] = &[
     Variant { name: "tilt limit", value: "30°", set: |c| c.orientation.tilt_limit_rad = 30f64.to_radians() },
     Variant { name: "tilt limit", value: "60°", set: |c| c.orientation.tilt_limit_rad = 60f64.to_radians() },
@@ -22,7 +22,7 @@ const LAID_ANEW: &[Variant] = &[
     Variant { name: "step", value: "0.5 mm", set: |c| c.path.step_mm = 0.5 },
 ];
 
-/// What changes the cost or the force on the same path.
+/// Assumptions that change only the cost or the force on the same path.
 const ON_ONE_PATH: &[Variant] = &[
     Variant { name: "defaults", value: "db, 0.8, 0.7/mm, 0.6, 0.1, 45°, 2/3 r", set: |_| () },
     Variant { name: "measure", value: "dz", set: |c| c.material.measure = Measure::Dz },
@@ -44,7 +44,7 @@ const ON_ONE_PATH: &[Variant] = &[
     Variant { name: "speed smoothing", value: "plain average", set: |c| c.paper = true },
 ];
 
-/// The sweep, greedy as D has it, both spins, lines along x.
+/// Runs the sweep with the greedy mode as in D, both spins, and lines along x.
 pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     let columns = [
         "assumption",

@@ -1,4 +1,4 @@
-//! What a reader is told of the arm along a plan: how stiff it is, how far from singular, and how low its links come.
+//! Figures of the arm along a plan: its stiffness, its distance from singularities, and the lowest place of its links.
 
 use bonemill_arm::Arm;
 use bonemill_motion::resolve::DensePath;

@@ -33,7 +33,7 @@ pub struct ArmMotion {
 }
 
 impl<'a> Placed<'a> {
-    /// A point and a shaft axis in work, as the arm sees them.
+    /// A point and a shaft axis in work, converted to the arm's base.
     pub fn pose(&self, position: Point<Work>, axis: &Unit<Vector3<f64>>) -> AxisPose {
         AxisPose {
             position: *self.base_from_work * position,
@@ -48,7 +48,7 @@ impl<'a> Placed<'a> {
 
     /// Joint positions along points and axes in work.
     ///
-    /// `stiffness`: of the joints, and where the arm shall yield little, here in work; `None` leaves that out.
+    /// `stiffness`: of the joints, and the directions in work in which the arm should yield little; `None` ignores stiffness.
     ///
     /// # Errors
     /// [`PlanError::OutOfReach`] naming the waypoint.

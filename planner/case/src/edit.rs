@@ -42,7 +42,7 @@ pub fn with_values(
 
 fn set(root: &mut Table, key: &str, value: Option<Value>) -> Result<(), CaseFault> {
     let unknown = |nearest: Option<String>| CaseFault::UnknownKey { key: key.into(), nearest };
-    let entries = keys::entries();
+    let entries = keys::case_entries();
     let known = |path: &str| {
         entries.iter().any(|e| e.path.strip_prefix(path).is_some_and(|r| r.is_empty() || r.starts_with('.')))
     };

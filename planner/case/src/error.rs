@@ -6,6 +6,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use bonemill_cutter::CutterError;
 use bonemill_geometry::NotARotation;
 use bonemill_imaging::ImageError;
 use thiserror::Error;
@@ -199,6 +200,14 @@ pub enum CaseFault {
         key: String,
         /// Its length.
         norm: f64,
+    },
+    /// Dimensions that no cutter has.
+    #[error("`{table}`: {problem}")]
+    Cutter {
+        /// The tool's table.
+        table: &'static str,
+        /// What is wrong with it.
+        problem: CutterError,
     },
     /// The density table is none.
     #[error("`density.hu` and `density.g_cm3`: {problem}")]

@@ -50,7 +50,7 @@ pub struct Parameter {
 /// Every key of a case in the order of its file. Values that a plan chose are told as such where the case holds them although
 /// its file does not.
 pub fn explained(case: &Case) -> Vec<Parameter> {
-    let entries = keys::entries();
+    let entries = keys::case_entries();
     let text = case.to_toml();
     let (mut table, mut lists, mut found) = (String::new(), Vec::new(), Vec::new());
     for line in text.lines() {

@@ -205,15 +205,15 @@ macro_rules! table {
         choices { $($c:ident: $t:ty = $cp:literal [$($word:literal => $v:expr),+], $cm:literal, $cs:expr;)* }
         others { $($o:ident = $op:literal $oe:literal, $od:expr, $om:literal, $os:expr;)* }
     ) => {
-        $(pub(super) const $n: Number = Number {
+        $(pub(crate) const $n: Number = Number {
             path: $np, unit: Unit::$nunit, min: $min, max: $max, default: $nd, meaning: $nm, source: $ns };)*
-        $(pub(super) const $c: Choice<$t> =
+        $(pub(crate) const $c: Choice<$t> =
             Choice { path: $cp, options: &[$(($word, $v)),+], meaning: $cm, source: $cs };)*
-        $(pub(super) const $o: Other =
+        $(pub(crate) const $o: Other =
             Other { path: $op, expects: $oe, default: $od, meaning: $om, source: $os };)*
 
-        /// Every key, for the documentation: in the order numbers, choices, others.
-        pub(super) fn entries() -> Vec<Entry> {
+        /// The keys of this part, for the documentation: in the order numbers, choices, others.
+        pub(crate) fn entries() -> Vec<Entry> {
             vec![$(Entry::from(&$n),)* $(Entry::from(&$c),)* $(Entry::from(&$o),)*]
         }
     };
@@ -350,6 +350,13 @@ table! {
             "assumed: base x, y, z along work y, -x, z; the target's centre at the bone-attached arm's base, or before a UR's base by 0.55 and above it by 0.05 of its reach; needed for a URDF", "registration: where the patient is", "assumed, stated in plan.toml";
         FLANGE_FROM_BURR = "robot.flange_from_burr" "a table { translation_mm, rpy_rad }", "the URDF ends at the burr; needed for a UR", "where the burr is mounted", "-";
     }
+}
+
+pub(super) mod tool;
+
+/// Every key of a case, for the documentation.
+pub(super) fn case_entries() -> Vec<Entry> {
+    [entries(), tool::entries()].concat()
 }
 
 /// A key as the documentation shows it.

@@ -14,6 +14,7 @@ mod hold;
 mod keys;
 mod parse;
 mod parse_robot;
+mod parse_tool;
 pub mod prosthesis;
 mod reference;
 mod relations;
@@ -23,6 +24,7 @@ mod suggest;
 mod target;
 #[cfg(test)]
 mod tests;
+mod tool;
 mod walker;
 pub mod write;
 
@@ -47,6 +49,7 @@ pub use several::SeveralStructures;
 pub use sheets::Sheets;
 pub use suggest::nearest;
 pub use target::Target;
+pub use tool::{EdgeMaterial, EdgeModel, MeshTool, Spindle, Tool};
 pub use walker::{as_number, line_at};
 
 /// One patient, one tool and one robot; resolved and validated.
@@ -70,12 +73,16 @@ pub struct Case {
     pub holds: Vec<Hold>,
     /// Approach direction in ct, unit, out of the bone; `None`: the direction in which the target sees the most air.
     pub approach: Option<Vector3<f64>>,
-    /// The burr.
+    /// What cuts.
+    pub tool: Tool,
+    /// The burr, where the tool is one.
     pub burr: Burr,
     /// The shank, from the burr outwards.
     pub shank: Vec<ShankSegment>,
-    /// Cutting coefficients.
+    /// Cutting coefficients of a burr, and how force follows density.
     pub material: MaterialSpec,
+    /// Cutting coefficients of the edges of other tools.
+    pub edge_material: EdgeMaterial,
     /// How the path is laid.
     pub path: PathSpec,
     /// Weights of the orientation cost.

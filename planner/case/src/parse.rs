@@ -10,6 +10,7 @@ use super::error::{CaseError, CaseFault, Located};
 use super::hold::read_holds;
 use super::keys::{self as k, Fallback, Number, Other};
 use super::parse_robot::read_robot;
+use super::parse_tool::{read_edge_material, read_tool};
 use super::relations;
 use super::walker::{Log, Walk, as_number, line_at};
 use super::{
@@ -17,7 +18,7 @@ use super::{
     OrientationMode, OrientationSpec, PathSpec, RegistrationSpec, ShankSegment, SpeedCaps, SpeedSpec,
     Structure, Target,
 };
-use crate::Sheets;
+use crate::{EdgeMaterial, Sheets};
 
 /// HU and g/cm³ of the default calibration curve. Assumed.
 const DEFAULT_TABLE: ([f64; 7], [f64; 7]) = (
@@ -99,6 +100,8 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
     let root = Walk::root(log, table, path);
     let paper = root.choice(&k::PRESET, false);
     let burr = read_burr(root.table("burr"));
+    let tool = read_tool(&root);
+    let (material, edge_material) = read_material(root.table("material"), paper);
     let robot = read_robot(root.table("robot"));
     let (target, least_share) = read_target(root.table("target"));
     let case = Case {
@@ -112,7 +115,9 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
         holds: read_holds(&root),
         approach: read_approach(root.table("approach")),
         shank: read_shank(root.table("shank")),
-        material: read_material(root.table("material"), paper),
+        material,
+        edge_material,
+        tool,
         path: read_path(root.table("path"), burr.radius_mm, paper),
         cost: read_cost(root.table("cost"), paper),
         orientation: read_orientation(root.table("orientation"), paper, &robot.model),
@@ -289,7 +294,7 @@ fn read_burr(t: Walk<'_, '_>) -> Burr {
     burr
 }
 
-fn whole_default(of: &Number) -> u32 {
+pub(super) fn whole_default(of: &Number) -> u32 {
     match of.default {
         Fallback::Value(v) => v as u32,
         _ => 0,
@@ -314,7 +319,7 @@ fn default_k_n_mm2(measure: Measure) -> [f64; 3] {
     }
 }
 
-fn read_material(t: Walk<'_, '_>, paper: bool) -> MaterialSpec {
+fn read_material(t: Walk<'_, '_>, paper: bool) -> (MaterialSpec, EdgeMaterial) {
     let measure = t.choice(&k::MEASURE, if paper { Measure::Dz } else { Measure::Db });
     let [k_t, k_r, k_a] = default_k_n_mm2(measure);
     let material = MaterialSpec {
@@ -329,8 +334,9 @@ fn read_material(t: Walk<'_, '_>, paper: bool) -> MaterialSpec {
         measure,
         t0_mm: t.number(&k::T0),
     };
+    let edges = read_edge_material(&t);
     t.finish();
-    material
+    (material, edges)
 }
 
 fn read_path(t: Walk<'_, '_>, radius_mm: f64, paper: bool) -> PathSpec {

@@ -30,7 +30,7 @@ not kept, and burr and shank may pass there, as they may in the air outside the 
 
 /// The reference as Markdown.
 pub fn reference() -> String {
-    markdown(INTRODUCTION, &keys::entries())
+    markdown(INTRODUCTION, &keys::case_entries())
 }
 
 /// An introduction, and the keys of every table of a file.
@@ -65,7 +65,11 @@ fn tables(entries: &[Entry]) -> Vec<&'static str> {
         "structure",
         "hold",
         "approach",
+        "tool",
         "burr",
+        "drill",
+        "reamer",
+        "mesh",
         "shank",
         "material",
         "path",
@@ -116,12 +120,15 @@ mod tests {
                 None => keys.push(table.clone() + line.split(' ').next().unwrap()),
             }
         }
-        let documented: Vec<_> = keys::entries().iter().map(|e| e.path).collect();
+        let documented: Vec<_> = keys::case_entries().iter().map(|e| e.path).collect();
         for key in &keys {
             assert!(documented.contains(&key.as_str()), "`{key}` is written but not documented");
         }
         // the other shapes of target and registration, and what is inside inline tables
         let inside = ["target.b", "target.f", "robot.base_from_ct.", "robot.flange_from_burr."];
+        // and the tools that are no burr, see tool::tests
+        let tools = ["drill.", "reamer.", "mesh."];
+        let inside = [&inside[..], &tools[..]].concat();
         for path in documented {
             let elsewhere = inside.iter().any(|p| path.starts_with(p));
             assert!(elsewhere || keys.iter().any(|k| k == path), "`{path}` is documented but not written");
@@ -132,12 +139,13 @@ mod tests {
     fn the_documented_default_is_the_one_used() {
         let least = "structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n";
         let case = Case::parse(least, Path::new("least.toml")).unwrap();
-        for e in keys::entries() {
+        for e in keys::case_entries() {
             // a default that is a value, not a description, may as well stand in the file
             let is_value =
                 e.default.parse::<f64>().is_ok() || e.default.starts_with('[') || e.default.starts_with('"');
+            let is_apart = |t: &str| ["structure", "drill", "reamer", "mesh"].contains(&t);
             if let Some((table, name)) =
-                e.path.split_once('.').filter(|(t, n)| is_value && *t != "structure" && !n.contains('.'))
+                e.path.split_once('.').filter(|(t, n)| is_value && !is_apart(t) && !n.contains('.'))
             {
                 let line = format!("{name} = {}\n", e.default);
                 let text = match table {

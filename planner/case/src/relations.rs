@@ -4,7 +4,7 @@ use super::error::CaseFault;
 use super::hold::judge_holds;
 use super::keys::Unit;
 use super::suggest::nearest;
-use super::{Case, ForceTerm, SpeedMode, Target};
+use super::{Case, ForceTerm, SpeedMode, Target, Tool};
 
 /// No handpiece is thicker, mm; access grows with the cube of it.
 const MOST_SHANK_RADIUS_MM: f64 = 30.0;
@@ -34,25 +34,37 @@ pub(super) fn judge(case: &Case, note: &dyn Fn(CaseFault, &str), is_default: &dy
     judge_arm(case, note);
     judge_joints(case, note);
     judge_choices(case, note);
+    judge_tool(case, note);
 }
 
-fn bounds(case: &Case) -> Vec<Bound> {
-    let (r, path, speed) = (case.burr.radius_mm, case.path, &case.speed);
-    let at_most = |key, found: f64, limit: f64, of, unit| Bound {
-        key,
-        found,
-        holds: found <= limit,
-        relation: "at most",
-        limit,
-        of,
-        unit,
-    };
+/// The tool's dimensions make a tool, and the coefficients fit their model.
+fn judge_tool(case: &Case, note: &dyn Fn(CaseFault, &str)) {
+    if let Err((table, problem)) = case.tool.build() {
+        note(CaseFault::Cutter { table, problem }, table);
+    }
+    let edges = &case.edge_material;
+    for (key, list) in [("material.k_normal", &edges.k_normal), ("material.k_friction", &edges.k_friction)] {
+        let (found, expected) = (list.len(), edges.model.coefficients());
+        if found != expected {
+            let expected = format!("{expected}, as material.edge_model = \"{}\" has", edges.model.word());
+            note(CaseFault::Length { key: key.into(), found, expected }, key);
+        }
+    }
+}
+
+/// `found` against a largest value.
+fn at_most(key: &'static str, found: f64, limit: f64, of: &'static str, unit: Unit) -> Bound {
+    Bound { key, found, holds: found <= limit, relation: "at most", limit, of, unit }
+}
+
+/// What follows from the burr's radius.
+fn burr_bounds(case: &Case) -> Vec<Bound> {
+    let (r, path) = (case.burr.radius_mm, case.path);
     let mut bounds = vec![
         at_most("path.layer_mm", path.layer_mm, 2.0 * r, "twice burr.radius_mm", Unit::Mm),
         at_most("path.stepover_mm", path.stepover_mm, 2.0 * r, "twice burr.radius_mm", Unit::Mm),
         at_most("path.step_mm", path.step_mm, r, "burr.radius_mm", Unit::Mm),
         at_most("grid.spacing_mm", case.grid.spacing_mm, r / 2.0, "half of burr.radius_mm", Unit::Mm),
-        at_most("speed.min_mm_s", speed.min_mm_s, speed.max_mm_s, "speed.max_mm_s", Unit::MmS),
         Bound {
             key: "burr.neck_radius_mm",
             found: case.burr.neck_radius_mm,
@@ -61,15 +73,6 @@ fn bounds(case: &Case) -> Vec<Bound> {
             limit: r,
             of: "burr.radius_mm: the neck is thinner than the ball",
             unit: Unit::Mm,
-        },
-        Bound {
-            key: "density.bone_hu",
-            found: case.density.bone_hu,
-            holds: case.density.bone_hu > case.density.air_hu,
-            relation: "above",
-            limit: case.density.air_hu,
-            of: "density.air_hu",
-            unit: Unit::Hu,
         },
     ];
     if let Some(first) = case.shank.first() {
@@ -80,6 +83,34 @@ fn bounds(case: &Case) -> Vec<Bound> {
             (r - 0.5 * case.grid.spacing_mm, room)
         };
         bounds.push(at_most("shank.segments", first.radius_mm, limit, of, Unit::Mm));
+    }
+    bounds
+}
+
+fn bounds(case: &Case) -> Vec<Bound> {
+    let speed = &case.speed;
+    let mut bounds = vec![
+        at_most("speed.min_mm_s", speed.min_mm_s, speed.max_mm_s, "speed.max_mm_s", Unit::MmS),
+        Bound {
+            key: "density.bone_hu",
+            found: case.density.bone_hu,
+            holds: case.density.bone_hu > case.density.air_hu,
+            relation: "above",
+            limit: case.density.air_hu,
+            of: "density.air_hu",
+            unit: Unit::Hu,
+        },
+    ];
+    match case.tool.radius_mm() {
+        // a mesh's radius is known once it is read
+        None if case.tool != Tool::Burr => {}
+        None => bounds.extend(burr_bounds(case)),
+        Some(r) => {
+            bounds.push(at_most("grid.spacing_mm", case.grid.spacing_mm, r, "the tool's radius", Unit::Mm));
+            let of = "the tool's radius: a thicker shank cannot follow it into the bone";
+            bounds
+                .extend(case.shank.first().map(|s| at_most("shank.segments", s.radius_mm, r, of, Unit::Mm)));
+        }
     }
     for cylinder in &case.shank {
         let of = "the thickest handpiece";

@@ -85,6 +85,10 @@ impl Case {
         let segments: Vec<_> = self.shank.iter().map(|s| list(&[s.length_mm, s.radius_mm])).collect();
         let [k_t, k_r, k_a] = self.material.k_n_mm2;
         let [k_te, k_re, k_ae] = self.material.k_edge_n_mm;
+        out.table("tool", &[("kind", text(self.tool.word()))]);
+        if let Some((table, lines)) = self.tool.lines() {
+            out.table(table, &lines);
+        }
         out.table(
             "burr",
             &[
@@ -110,6 +114,9 @@ impl Case {
                 ("exponent", float(self.material.exponent)),
                 ("measure", text(k::MEASURE.word(self.material.measure))),
                 ("t0_mm", float(self.material.t0_mm)),
+                ("edge_model", text(k::tool::EDGE_MODEL.word(self.edge_material.model))),
+                ("k_normal", list(&self.edge_material.k_normal)),
+                ("k_friction", list(&self.edge_material.k_friction)),
             ],
         );
     }
@@ -234,7 +241,7 @@ pub fn text(s: &str) -> String {
 }
 
 /// Degrees that convert to exactly `rad`, the roundest that do; the nearest where none does.
-fn degrees(rad: f64) -> f64 {
+pub(crate) fn degrees(rad: f64) -> f64 {
     let nearest = rad.to_degrees();
     let round = (nearest * 1e9).round() / 1e9;
     let candidates = [round, nearest, nearest.next_up(), nearest.next_down()];

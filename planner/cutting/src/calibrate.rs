@@ -96,7 +96,7 @@ pub struct Estimate {
 /// A fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CoefficientFit {
-    /// The coefficients that were asked for.
+    /// The coefficients that were fitted.
     pub estimates: Vec<Estimate>,
     /// Root mean square of what the model leaves of a force component, N.
     pub residual_n: f64,
@@ -168,7 +168,7 @@ pub enum CalibrateError {
     },
 }
 
-/// Condition of the scaled problem above which coefficients cannot be told apart.
+/// Condition of the scaled problem above which coefficients cannot be separated.
 const MOST_CONDITION: f64 = 1e5;
 /// A direction of the problem with less than this share in a coefficient is not its fault.
 const SHARE: f64 = 0.3;

@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 /// Why there are no moves.
-#[derive(Debug, Clone, PartialEq, Error)]
+#[derive(Debug, Error)]
 pub enum MachiningError {
     /// A number is out of range.
     #[error("{what} is {value} {unit}, expected {expected}")]
@@ -39,6 +39,9 @@ pub enum MachiningError {
         /// Where that ends, mm.
         limit_mm: f64,
     },
+    /// The axes or the arm cannot be driven so.
+    #[error(transparent)]
+    Motion(#[from] bonemill_arm::RobotError),
     /// The raster would take too much memory.
     #[error("the block is {size_mm:.0} mm wide, at most {most_mm:.0} mm can be planned")]
     TooLarge {

@@ -7,7 +7,7 @@
 //!
 //! [`plan`] does all: envelope of the part by side ([`envelope`]), silhouette and its offsets ([`silhouette`]), the strip ([`strip`]), levels and
 //! finishing passes along rings of equal step ([`rings`]), links over the stock as it then is ([`stock`]), the contour, what is left and where
-//! ([`leftover`]), and how long it takes ([`time`]).
+//! ([`leftover`]), and how long it takes ([`time`]). [`trajectory`] drives the moves by an arm.
 //!
 //! Invariants: at every position of the cutter its tip is at or above the exact dropped height, so the part is never cut beyond
 //! [`GOUGE_TOLERANCE_MM`]; same input, same moves, on any number of threads. Not here: files, G-code, and the proof, which shares nothing with this.
@@ -29,11 +29,13 @@ pub mod silhouette;
 pub mod stock;
 pub mod strip;
 pub mod time;
+pub mod trajectory;
 
 pub use error::MachiningError;
 pub use job::{Block, HolderSegment, Job, Machine, Process, Tool};
 pub use moves::{Facing, Kind, Move, Side};
-pub use plan::{Machining, Warning, plan};
+pub use plan::{Machining, Warning, plan, plan_zigzag};
+pub use sides::ZigZag;
 
 /// How deep a cut may go into the part at most, mm: chords of the path (0.005), its last bisection (0.003), rounding to 0.001 and the
 /// proof's own sampling stay below it.

@@ -14,8 +14,12 @@ use crate::stock::{Place, Stock, steps};
 const GAP_MM: f64 = 0.5;
 /// How far a chord may leave its pass: across, below and above, mm.
 const CHORD_MM: f64 = 0.004;
+/// Share of the entries' depth that is used, so that heights between cells stay below it.
+const ENTRY_SHARE: f64 = 0.95;
 /// Lengths of slants between passes, in diameters, the best first.
 const SLANTS: [f64; 4] = [3.0, 2.0, 1.0, 0.6];
+/// Most laps of a ramp.
+const LAPS: usize = 200;
 /// Steepest ramp into stock, rise over run.
 const RAMP: f64 = 0.1;
 
@@ -39,6 +43,8 @@ pub struct Passes<'a> {
     pub(crate) stock: Stock,
     /// Cells whose stock is worth a cut.
     pub(crate) counts: Vec<bool>,
+    /// Whether cuts are kept from being too wide.
+    pub(crate) bounded: bool,
     /// How much wider than the tool stock is looked for, mm: passes closer than a cell need it.
     pub(crate) grown_mm: f64,
     at: Option<Place>,
@@ -52,7 +58,18 @@ impl<'a> Passes<'a> {
     /// The tip is at `at` in the machine's axes, above the block; the block is turned before the first move.
     pub fn new(job: &'a Job, facing: Facing, side: Side, stock: Stock, at: Option<Place>) -> Self {
         let counts = vec![true; stock.top.len()];
-        Self { job, facing, side, stock, counts, grown_mm: 0.0, at, cutting: false, moves: vec![] }
+        Self {
+            job,
+            facing,
+            side,
+            stock,
+            counts,
+            bounded: true,
+            grown_mm: 0.0,
+            at,
+            cutting: false,
+            moves: vec![],
+        }
     }
 
     /// The moves, after a retract to a height from which the block can be turned, and the stock that is left.
@@ -73,13 +90,13 @@ impl<'a> Passes<'a> {
 
     /// Cuts along a pass wherever that takes anything; where that would be too wide, first in steps of the entries' depth.
     pub fn cut(&mut self, pass: &Pass, height: Height<'_>, kind: Kind) {
-        let steps = (self.job.level_mm() / self.job.entry_mm()).ceil() as usize + 1;
+        let steps = (self.job.level_mm() / (ENTRY_SHARE * self.job.entry_mm())).ceil() as usize + 1;
         for _ in 1..steps {
             let wide: Vec<bool> = (0..pass.places.len()).map(|n| self.is_wide(pass, n)).collect();
             if !wide.contains(&true) {
                 break;
             }
-            let entry = self.job.entry_mm();
+            let entry = ENTRY_SHARE * self.job.entry_mm();
             let shallow = |p: &Place| [p[0], p[1], p[2].max(self.stock.free_mm([p[0], p[1]], 0.0) - entry)];
             let shallow = Pass { places: pass.places.iter().map(shallow).collect(), closed: pass.closed };
             self.cut_where(&shallow, wide, height, kind);
@@ -95,11 +112,16 @@ impl<'a> Passes<'a> {
         let n = if ends { n.saturating_sub(1) } else { n };
         let (here, next) = (pass.places[n], pass.next(n));
         let length = (next[0] - here[0]).hypot(next[1] - here[1]);
-        if length == 0.0 || !here[2].is_finite() || !self.stock.meets(here, 0.0, &self.counts) {
+        if !self.bounded
+            || length == 0.0
+            || !here[2].is_finite()
+            || !self.stock.meets(here, 0.0, &self.counts)
+        {
             return false;
         }
         let direction = [(next[0] - here[0]) / length, (next[1] - here[1]) / length];
-        self.stock.width_mm(here, direction, self.job.entry_mm()) > self.job.widest_mm()
+        self.stock.width_mm(here, direction, ENTRY_SHARE * self.job.entry_mm())
+            > self.job.widest_mm() - 0.5 * self.stock.pitch_mm()
     }
 
     fn cut_where(&mut self, pass: &Pass, mut needed: Vec<bool>, height: Height<'_>, kind: Kind) {
@@ -117,7 +139,7 @@ impl<'a> Passes<'a> {
         }
         let runs = pass.runs(&needed, lead, bridge);
         for run in runs {
-            self.cut_run(&run, kind);
+            self.cut_run(&run, height, kind);
         }
     }
 
@@ -132,7 +154,7 @@ impl<'a> Passes<'a> {
             }
             None => {
                 let start = self.at.map_or(0, |at| pass.nearest(at));
-                self.enter_by_ramp(&pass.from(start), kind);
+                self.enter_by_ramp(&pass.from(start), height, kind);
             }
         }
     }
@@ -143,14 +165,27 @@ impl<'a> Passes<'a> {
         let direction = self.direction()?;
         let start = pass.nearest([at[0] + ahead_mm * direction[0], at[1] + ahead_mm * direction[1], at[2]]);
         let to = pass.places[start];
-        let far = (to[0] - at[0]).hypot(to[1] - at[1]) > ahead_mm + self.job.tool.diameter_mm();
-        if far || (to[2] - at[2]).abs() >= self.job.level_mm() {
+        self.way(to, ahead_mm + self.job.tool.diameter_mm(), height).map(|way| (way, start))
+    }
+
+    /// The straight way from the cut before to a place, at the heights that are allowed.
+    ///
+    /// `None` where it is longer than `longest_mm`, climbs over a wall or falls down one, is not allowed or cuts too wide.
+    fn way(&self, to: Place, longest_mm: f64, height: Height<'_>) -> Option<Pass> {
+        let at = self.at.filter(|_| self.cutting)?;
+        let distance = (to[0] - at[0]).hypot(to[1] - at[1]);
+        if distance > longest_mm || (to[2] - at[2]).abs() >= self.job.level_mm() {
             return None;
         }
-        let places = steps(at, to, pass.step_mm()).map(|[u, v, w]| [u, v, w.max(height([u, v]))]);
-        let slant = refined(Pass { places: places.collect(), closed: false }, height);
-        let fits = |n: usize| slant.places[n][2].is_finite() && !self.is_wide(&slant, n);
-        (0..slant.places.len()).all(fits).then_some((slant, start))
+        let straight = steps(at, to, 1.5 * self.stock.pitch_mm());
+        let places: Vec<Place> = straight.map(|[u, v, w]| [u, v, w.max(height([u, v]))]).collect();
+        let most = at[2].max(to[2]) + 0.5 * self.job.entry_mm();
+        let falls = places.windows(2).any(|p| p[0][2] - p[1][2] > 0.5 * self.job.entry_mm());
+        if falls || !places.iter().all(|p| p[2] <= most) {
+            return None;
+        }
+        let way = refined(Pass { places, closed: false }, height);
+        (0..way.places.len()).all(|n| !self.is_wide(&way, n)).then_some(way)
     }
 
     /// Direction of the last move, if it went across.
@@ -161,32 +196,35 @@ impl<'a> Passes<'a> {
         (length > 1e-6).then(|| [(b.x - a.x) / length, (b.y - a.y) / length])
     }
 
-    /// Goes down along the pass itself, around it, and once more along the ramp.
-    fn enter_by_ramp(&mut self, around: &[Place], kind: Kind) {
+    /// Goes down along the pass itself, lap by lap, until a place of the ramp's end comes round again at its own height.
+    fn enter_by_ramp(&mut self, around: &[Place], height: Height<'_>, kind: Kind) {
         let Some(&first) = around.first() else { return };
         let free = self.stock.free_mm([first[0], first[1]], 0.0).max(first[2]);
         let mut places = Vec::with_capacity(around.len() + 64);
-        let (mut run, mut before) = (0.0, first);
-        let mut again = 0;
-        for (n, p) in around.iter().enumerate() {
+        let (mut run, mut before, mut level) = (0.0, first, 0);
+        for p in around.iter().cycle().take(LAPS * around.len()) {
             run += (p[0] - before[0]).hypot(p[1] - before[1]);
             before = *p;
             let w = free - RAMP * run;
-            if w > p[2] {
-                again = n + 1;
-            }
+            level = if w > p[2] { 0 } else { level + 1 };
             places.push([p[0], p[1], p[2].max(w)]);
+            if level > around.len() {
+                break;
+            }
         }
-        places.push(first);
-        places.extend(around.iter().take(again + 1).skip(1));
-        self.cut_run(&places, kind);
+        self.cut_run(&places, height, kind);
     }
 
-    /// An open run, from above its first place.
-    fn cut_run(&mut self, places: &[Place], kind: Kind) {
+    /// An open run: straight on from the cut before, or from above its first place.
+    fn cut_run(&mut self, places: &[Place], height: Height<'_>, kind: Kind) {
         let Some(&first) = places.first() else { return };
-        self.link(first);
-        self.cut_line(kind, first);
+        match self.way(first, self.job.tool.diameter_mm(), height) {
+            Some(way) => self.follow(&way.places, kind),
+            None => {
+                self.link(first);
+                self.cut_line(kind, first);
+            }
+        }
         self.follow(places, kind);
     }
 

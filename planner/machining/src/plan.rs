@@ -12,7 +12,7 @@ use crate::leftover::{self, Leftover, Reason};
 use crate::moves::{Facing, Move, Side};
 use crate::passes::Passes;
 use crate::raster::Raster;
-use crate::sides::{Part, Sight};
+use crate::sides::{Part, Sight, ZigZag};
 use crate::silhouette::Silhouette;
 use crate::stock::Stock;
 use crate::strip::StripStrength;
@@ -116,39 +116,48 @@ impl std::fmt::Display for Warning {
 /// [`MachiningError`] where a number is out of range, the mesh names a vertex that is not there, or part and channel do not lie in the block above
 /// the grip. What the cutter cannot reach is no error but [`Machining::left`].
 pub fn plan(part: &Mesh<BlockFrame>, job: &Job) -> Result<Machining, MachiningError> {
+    plan_sides(part, job, |sight, part, passes| sight.rough_and_finish(part, passes))
+}
+
+/// The published tool path in the same block, with the same strip and contour: for comparison.
+///
+/// **Source:** Castelli et al. 2020, section 4.2: planes of rows along x, there and back, finer where they meet the part, and a last pass along all
+/// contours. Its side load is not bounded and its sense of cut changes from row to row.
+///
+/// # Errors
+/// As [`plan`].
+pub fn plan_zigzag(part: &Mesh<BlockFrame>, job: &Job, rows: &ZigZag) -> Result<Machining, MachiningError> {
+    plan_sides(part, job, |sight, part, passes| sight.zigzag(part, passes, rows))
+}
+
+fn plan_sides(
+    part: &Mesh<BlockFrame>,
+    job: &Job,
+    side: impl Fn(&Sight<'_>, &Part, &mut Passes<'_>),
+) -> Result<Machining, MachiningError> {
     job.checked()?;
     let front = facets(part, Facing::Front)?;
     let back = facets(part, Facing::Back)?;
     let part = Part::new(&front, job)?;
-    let mut laid = Laid { moves: vec![], at: None };
-    let mut left = leftover::places(
-        &part.raster,
-        &part.envelope.hidden_mm,
-        &part.envelope.top,
-        Facing::Front,
-        Reason::Hidden,
-    );
     let (a, b) = (Sight::new(&part, job, &front, Facing::Front), Sight::new(&part, job, &back, Facing::Back));
-    left.extend(
-        a.too_narrow(&part)
-            .into_iter()
-            .chain(b.too_narrow(&part))
-            .chain(a.too_deep(&part))
-            .chain(b.too_deep(&part)),
-    );
 
+    let mut laid = Laid { moves: vec![], at: None };
     let block = Stock::block(&part.raster, &job.block, &job.tool, Facing::Front);
-    let stock = laid.lay(job, Facing::Front, Side::A, block, |passes| a.rough_and_finish(&part, passes));
-    let stock =
-        laid.lay(job, Facing::Back, Side::B, stock.turned(), |passes| b.rough_and_finish(&part, passes));
+    let stock = laid.lay(job, Facing::Front, Side::A, block, |passes| side(&a, &part, passes));
+    let stock = laid.lay(job, Facing::Back, Side::B, stock.turned(), |passes| side(&b, &part, passes));
     let stock = laid.lay(job, Facing::Back, Side::C, stock, |passes| {
         b.contour(&part, passes);
         b.rim(&part, passes);
     });
     laid.lay(job, Facing::Front, Side::C, stock.turned(), |passes| a.rim(&part, passes));
 
+    let hidden = &part.envelope.hidden_mm;
+    let mut left = leftover::places(&part.raster, hidden, &part.envelope.top, Facing::Front, Reason::Hidden);
+    left.extend(
+        [&a, &b].into_iter().flat_map(|side| [side.too_narrow(&part), side.too_deep(&part)]).flatten(),
+    );
     let mut moves = laid.moves;
-    let times = times(&mut moves, job);
+    let times = times(&mut moves, job)?;
     let strip = part.strip.strength(job);
     let warnings = warnings(&moves, &times, &strip, job);
     Ok(Machining { moves, left, strip, tab_box: part.tab_box(job), times, warnings })

@@ -86,9 +86,13 @@ impl Nearest {
     /// **Source:** Danielsson 1980, "Euclidean distance mapping".
     pub fn of(raster: &Raster, points: &[[f64; 2]]) -> Self {
         let mut found = Self { point: vec![0; raster.len()], distance_mm: raster.filled(f64::INFINITY) };
+        // every point is tried by the 5 × 5 cells around it
+        let reach = 2.5 * raster.pitch_mm;
         for (n, p) in points.iter().enumerate() {
-            if let Some(cell) = raster.cell(*p) {
-                found.offer(raster, points, cell, n as u32);
+            for j in raster.span(1, p[1] - reach, p[1] + reach) {
+                for i in raster.span(0, p[0] - reach, p[0] + reach) {
+                    found.offer(raster, points, i + raster.dims[0] * j, n as u32);
+                }
             }
         }
         let [nu, nv] = raster.dims;

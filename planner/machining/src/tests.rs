@@ -1,1 +1,184 @@
-//! Shells and small parts, from mesh to moves.
+//! Twins of the kernels: brute force on small parts, and known answers.
+
+use nalgebra::Vector3;
+use proptest::prelude::*;
+
+use crate::dropcutter::DropCutter;
+use crate::envelope::{Envelope, Facet};
+use crate::raster::{NONE, Raster};
+use crate::rings::{Field, iso_loops};
+use crate::silhouette::{Nearest, Silhouette, area_mm2};
+use crate::stock::Stock;
+use crate::{Block, Facing, HolderSegment, Tool};
+
+fn tool(radius_mm: f64, corner_radius_mm: f64) -> Tool {
+    let holder = vec![HolderSegment { length_mm: 20.0, radius_mm: 8.0 }];
+    Tool { radius_mm, corner_radius_mm, flutes: 1, length_mm: 20.0, holder }
+}
+
+/// max over points of the facets of p_w − f(|p − axis|), on a fine grid of barycentric coordinates.
+fn dropped_by_points(facets: &[Facet], tool: &Tool, at: [f64; 2], pieces: usize) -> f64 {
+    let mut best = NONE;
+    for [a, b, c] in facets {
+        for i in 0..=pieces {
+            for j in 0..=pieces - i {
+                let (s, t) = (i as f64 / pieces as f64, j as f64 / pieces as f64);
+                let p = a + (b - a) * s + (c - a) * t;
+                if let Some(f) = tool.profile_mm((p.x - at[0]).hypot(p.y - at[1])) {
+                    best = best.max(p.z - f);
+                }
+            }
+        }
+    }
+    best
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+    #[test]
+    fn a_dropped_cutter_touches_what_brute_force_finds(
+        corners in prop::collection::vec(prop::array::uniform3(-3.0f64..3.0), 9),
+        at in prop::array::uniform2(-3.0f64..3.0),
+        corner in prop::sample::select(vec![0.0, 0.4, 1.2]),
+    ) {
+        let p = |n: usize| Vector3::from(corners[n]);
+        // counter-clockwise seen from the tool, so that every facet faces it
+        let facing = |[a, b, c]: Facet| if (b - a).cross(&(c - a)).z > 0.0 { [a, b, c] } else { [a, c, b] };
+        let facets = [[p(0), p(1), p(2)], [p(3), p(4), p(5)], [p(6), p(7), p(8)]].map(facing);
+        prop_assume!(facets.iter().all(|[a, b, c]| (b - a).cross(&(c - a)).z > 0.1));
+        let tool = tool(1.2, corner);
+        let exact = DropCutter::new(&facets, &tool).height_mm(at);
+        let points = dropped_by_points(&facets, &tool, at, 200);
+        prop_assert!(points <= exact + 1e-9, "points {points} above {exact}");
+        // points are up to 0.05 mm apart, on slopes and at the edge of a flat end
+        prop_assert!(points == NONE || exact - points < 0.4, "points {points} far below {exact}");
+    }
+}
+
+#[test]
+fn a_ball_rests_on_a_slope_by_its_normal() {
+    // w = u/2: a ball's centre is r above the plane along the normal
+    let facets =
+        [[Vector3::new(-50.0, -50.0, -25.0), Vector3::new(50.0, -50.0, 25.0), Vector3::new(0.0, 80.0, 0.0)]];
+    let height = DropCutter::new(&facets, &tool(2.0, 2.0)).height_mm([1.0, 0.0]);
+    assert!((height - (0.5 - 2.0 + 2.0 * 1.25f64.sqrt())).abs() < 1e-9, "{height}");
+    // a flat end touches at its edge, uphill
+    let height = DropCutter::new(&facets, &tool(2.0, 0.0)).height_mm([1.0, 0.0]);
+    assert!((height - 1.5).abs() < 1e-9, "{height}");
+}
+
+/// A box as facets, seen from the front.
+fn box_facets(low: [f64; 3], high: [f64; 3]) -> Vec<Facet> {
+    let corner = |n: usize| Vector3::from([0, 1, 2].map(|a| if n >> a & 1 == 0 { low[a] } else { high[a] }));
+    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    faces.iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]].map(|t| t.map(|n| corner(*n)))).collect()
+}
+
+#[test]
+fn an_envelope_tells_top_bottom_and_what_is_hidden() {
+    let raster = Raster::over(-3.0, 3.0, 3.0, 0.25).unwrap();
+    let mut facets = box_facets([-2.0, -2.0, 0.0], [2.0, 2.0, 1.0]);
+    facets.extend(box_facets([-2.0, -2.0, 3.0], [0.0, 2.0, 4.0]));
+    let envelope = Envelope::of(&raster, &facets);
+    let under = raster.cell([-1.1, 0.3]).unwrap();
+    let beside = raster.cell([1.1, 0.3]).unwrap();
+    assert_eq!((envelope.bottom[under], envelope.top[under], envelope.hidden_mm[under]), (0.0, 4.0, 2.0));
+    assert_eq!((envelope.bottom[beside], envelope.top[beside], envelope.hidden_mm[beside]), (0.0, 1.0, 0.0));
+    assert!(!envelope.holds(raster.cell([2.6, 0.0]).unwrap()));
+    let back = envelope.heights(&raster, Facing::Back);
+    assert_eq!(back[raster.cell([-1.1, -0.3]).unwrap()], 0.0);
+}
+
+#[test]
+fn a_silhouette_and_its_offset_have_their_areas() {
+    let silhouette = Silhouette::of(&box_facets([-2.0, -1.0, 0.0], [2.0, 1.0, 3.0]));
+    let area: f64 = silhouette.loops().map(|l| area_mm2(l)).sum();
+    assert!((area - 8.0).abs() < 1e-6, "{area}");
+    let grown: f64 = silhouette.offset(1.5).iter().map(|l| area_mm2(l)).sum();
+    let expected = 8.0 + 12.0 * 1.5 + std::f64::consts::PI * 2.25;
+    assert!((grown - expected).abs() < 2e-3, "{grown} for {expected}");
+}
+
+#[test]
+fn nearest_points_are_those_of_brute_force() {
+    let raster = Raster::over(0.0, 4.0, 2.0, 0.2).unwrap();
+    let points: Vec<[f64; 2]> =
+        (0..40).map(|n| [2.0 + (n as f64 * 0.37).sin(), (n as f64 * 0.61).cos()]).collect();
+    let nearest = Nearest::of(&raster, &points);
+    for cell in 0..raster.len() {
+        let c = raster.centre_of(cell);
+        let least = points.iter().map(|p| (c[0] - p[0]).hypot(c[1] - p[1])).fold(f64::INFINITY, f64::min);
+        assert!(
+            nearest.distance_mm[cell] - least < 0.02,
+            "cell {cell}: {} for {least}",
+            nearest.distance_mm[cell]
+        );
+    }
+}
+
+#[test]
+fn rings_of_a_disc_are_circles_one_step_apart_and_clockwise() {
+    let raster = Raster::over(-6.0, 6.0, 6.0, 0.1).unwrap();
+    let inward: Vec<f64> =
+        (0..raster.len()).map(|c| 5.0 - raster.centre_of(c)[0].hypot(raster.centre_of(c)[1])).collect();
+    let domain: Vec<bool> = inward.iter().map(|d| *d >= 0.0).collect();
+    let loops = Field::march(&raster, &domain, &inward, &raster.filled(0.8)).loops();
+    assert_eq!(loops.iter().map(|(t, _)| *t).collect::<Vec<_>>(), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+    for (t, outline) in &loops {
+        let radius = (-area_mm2(outline) / std::f64::consts::PI).sqrt();
+        assert!((radius - (5.0 - 0.8 * t)).abs() < 0.1, "T = {t}: {radius}");
+    }
+}
+
+#[test]
+fn a_ridge_gets_a_line_half_way() {
+    // a strip of half-width 2.8 steps: lines at 1, 2 and, since 0.8 is more than a half, at 2.5
+    let raster = Raster::over(-6.0, 6.0, 4.0, 0.1).unwrap();
+    let inward: Vec<f64> = (0..raster.len())
+        .map(|c| raster.centre_of(c))
+        .map(|[u, v]| (5.0 - u.abs()).min(2.8 - v.abs()))
+        .collect();
+    let domain: Vec<bool> = inward.iter().map(|d| *d >= 0.0).collect();
+    let loops = Field::march(&raster, &domain, &inward, &raster.filled(1.0)).loops();
+    assert_eq!(loops.iter().map(|(t, _)| *t).collect::<Vec<_>>(), [1.0, 2.0, 2.5]);
+}
+
+#[test]
+fn iso_lines_have_the_greater_on_their_right() {
+    let raster = Raster::over(-2.0, 2.0, 2.0, 0.1).unwrap();
+    let map: Vec<f64> =
+        (0..raster.len()).map(|c| raster.centre_of(c)[0].hypot(raster.centre_of(c)[1])).collect();
+    // greater outside: counter-clockwise around the middle has the outside on its right
+    let [outline] = iso_loops(&raster, &map, 1.0).try_into().unwrap();
+    assert!((area_mm2(&outline) - std::f64::consts::PI).abs() < 0.02);
+}
+
+#[test]
+fn a_map_dilated_and_eroded_is_closed() {
+    // a slot narrower than the tool stays filled, a wide one opens
+    let raster = Raster::over(-6.0, 6.0, 2.0, 0.1).unwrap();
+    let depth = |u: f64| if (u + 3.0).abs() < 0.6 || (u - 2.0).abs() < 1.6 { 0.0 } else { 2.0 };
+    let map: Vec<f64> = (0..raster.len()).map(|c| depth(raster.centre_of(c)[0])).collect();
+    let cutter = tool(1.0, 0.0);
+    let reached = raster.eroded(&raster.dilated(&map, &cutter, 0.0), &cutter);
+    let at = |u: f64| reached[raster.cell([u, 0.0]).unwrap()];
+    assert_eq!((at(-3.0), at(2.0), at(-5.0)), (2.0, 0.0, 2.0));
+}
+
+#[test]
+fn a_slot_in_stock_is_as_wide_as_the_tool_and_half_of_it_beside() {
+    let raster = Raster::over(-10.0, 10.0, 10.0, 0.1).unwrap();
+    let block = Block { low_mm: Vector3::repeat(-8.0), high_mm: Vector3::repeat(8.0), grip_mm: 0.0 };
+    let cutter = tool(1.5, 0.0);
+    let mut stock = Stock::block(&raster, &block, &cutter, Facing::Front);
+    let width = |stock: &Stock, v: f64| stock.width_mm([0.0, v, 6.0], [1.0, 0.0], 1.0);
+    assert!((width(&stock, 0.0) - 3.0).abs() < 0.11);
+    stock.cut_line([-8.0, 0.0, 6.0], [3.0, 0.0, 6.0]);
+    assert!((width(&stock, 1.2) - 1.2).abs() < 0.11, "{}", width(&stock, 1.2));
+    assert_eq!(stock.free_mm([-4.0, 0.0], 0.0), 6.0);
+    assert_eq!(stock.free_mm([7.0, 0.0], 0.0), 8.0);
+    // from the other side the cut is a lower far surface
+    let turned = stock.turned();
+    let cell = raster.cell([-4.0, 0.0]).unwrap();
+    assert_eq!((turned.top[cell], turned.other[cell]), (8.0, -6.0));
+}

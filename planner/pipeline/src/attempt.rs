@@ -1,4 +1,4 @@
-//! Plans of one case that differ in what the case leaves open, tried until none of its structures is worse off than without us.
+//! Plans of one case that differ in what the case leaves open, tried until no structure has larger forces than under the controls.
 //!
 //! The first attempt is what the drafts prefer. Where it pushes more toward a structure of priority 1 than the better of its
 //! [controls](super::control), the other sense of cut, then lines across, then a shaft along the approach, then both of these are
@@ -49,7 +49,7 @@ pub(super) struct Attempt<'a> {
     pub compared: Compared,
     /// How its axes were chosen.
     pub mode: OrientationMode,
-    /// What was done otherwise than the cost prefers, in words; none for the first attempt.
+    /// The fallback that was taken, in words; none for the first attempt.
     pub instead: Option<&'static str>,
 }
 
@@ -195,7 +195,7 @@ impl<'a> Start<'a> {
 }
 
 impl Attempt<'_> {
-    /// Whether it leaves hardly more than another, and misses nothing that the other keeps.
+    /// Whether it leaves at most [`LEFT_SHARE`] more than another, and misses no time, cap or turn that the other meets.
     pub fn keeps_what(&self, other: &Self) -> bool {
         let misses = |of: &Self| {
             let caps = of.demand.caps_missed(of.start.case, &of.prepared, &of.chosen);

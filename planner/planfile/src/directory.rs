@@ -32,6 +32,21 @@ const PLAN_ENTRIES: [&str; 13] = [
     "inputs",
 ];
 
+/// What stands in the folder of a prosthesis.
+const PROSTHESIS_ENTRIES: [&str; 8] = [
+    "job.toml",
+    "part.stl",
+    "toolpath.csv",
+    "program.nc",
+    "trajectory.csv",
+    "report.html",
+    "verification.toml",
+    "phantom",
+];
+
+/// How the file begins that tells a folder of a prosthesis.
+pub const PROSTHESIS_HEADER: &str = "# A prosthesis by bonemill.";
+
 /// What the new directory may replace, besides an empty folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Replace {
@@ -39,6 +54,42 @@ pub enum Replace {
     Nothing,
     /// A plan.
     Plan,
+    /// The folder of a prosthesis.
+    Prosthesis,
+}
+
+impl Replace {
+    fn expected(self) -> &'static str {
+        match self {
+            Self::Nothing => "an empty folder",
+            Self::Plan => "a plan",
+            Self::Prosthesis => "the folder of a prosthesis",
+        }
+    }
+
+    fn entries(self) -> &'static [&'static str] {
+        match self {
+            Self::Nothing => &[],
+            Self::Plan => &PLAN_ENTRIES,
+            Self::Prosthesis => &PROSTHESIS_ENTRIES,
+        }
+    }
+
+    /// Whether `dir` is what may be replaced; `Err` says why not.
+    fn judge(self, dir: &Path) -> Result<(), String> {
+        match self {
+            Self::Nothing => Err("it is not empty".into()),
+            Self::Plan => is_plan(dir),
+            Self::Prosthesis => is_prosthesis(dir),
+        }
+    }
+}
+
+/// Whether `dir` holds a `job.toml` of ours; `Err` says why not.
+pub fn is_prosthesis(dir: &Path) -> Result<(), String> {
+    let text = fs::read_to_string(dir.join("job.toml")).map_err(|_| "it has no readable job.toml")?;
+    let ours = text.starts_with(PROSTHESIS_HEADER);
+    if ours { Ok(()) } else { Err("its job.toml is not one of ours".into()) }
 }
 
 /// A directory that is being written. If it is dropped without [`StagedDirectory::commit`], it leaves nothing behind.
@@ -118,7 +169,7 @@ impl StagedDirectory {
         let parent = self.target.parent().unwrap_or(Path::new("/"));
         fs::create_dir_all(parent).map_err(PlanFileError::io("create", parent))?;
         let aside = self.target.with_file_name(hidden(&self.target, ".replaced"));
-        let replaces = self.target.join("plan.toml").exists();
+        let replaces = self.replace.judge(&self.target).is_ok();
         if replaces {
             fs::rename(&self.target, &aside).map_err(PlanFileError::io("set aside", &self.target))?;
         }
@@ -167,7 +218,7 @@ fn hidden(target: &Path, ending: &str) -> OsString {
 /// Restores a plan after a process was killed while it replaced it.
 fn put_back(target: &Path) -> Result<(), PlanFileError> {
     let aside = target.with_file_name(hidden(target, ".replaced"));
-    if !aside.exists() || is_plan(&aside).is_err() {
+    if !aside.exists() || (is_plan(&aside).is_err() && is_prosthesis(&aside).is_err()) {
         return Ok(());
     }
     if target.exists() {
@@ -177,11 +228,8 @@ fn put_back(target: &Path) -> Result<(), PlanFileError> {
 }
 
 fn check_vacant(target: &Path, replace: Replace) -> Result<(), PlanFileError> {
-    let expected = match replace {
-        Replace::Nothing => "an empty folder",
-        Replace::Plan => "a plan",
-    };
-    let occupied = |why: String| PlanFileError::Occupied { path: target.into(), expected, why };
+    let occupied =
+        |why: String| PlanFileError::Occupied { path: target.into(), expected: replace.expected(), why };
     if fs::symlink_metadata(target).is_err() {
         return Ok(());
     }
@@ -195,11 +243,11 @@ fn check_vacant(target: &Path, replace: Replace) -> Result<(), PlanFileError> {
         return Ok(());
     }
     names.sort();
-    if replace == Replace::Nothing {
-        return Err(occupied("it is not empty".into()));
-    }
-    is_plan(target).map_err(occupied)?;
-    match names.iter().find(|name| !PLAN_ENTRIES.iter().any(|known| OsStr::new(known) == name.as_os_str())) {
+    replace.judge(target).map_err(occupied)?;
+    match names
+        .iter()
+        .find(|name| !replace.entries().iter().any(|known| OsStr::new(known) == name.as_os_str()))
+    {
         Some(own) => Err(occupied(format!("it also holds {}, which would be lost", own.display()))),
         None => Ok(()),
     }

@@ -29,7 +29,7 @@ pub use addition::{REPORT, ReportPart, add_to_report, replace};
 pub use cells::{push_number, structure_name};
 pub use contents::PlanContents;
 pub use csv::{read_waypoints, write_waypoints};
-pub use directory::{Replace, StagedDirectory};
+pub use directory::{PROSTHESIS_HEADER, Replace, StagedDirectory, is_prosthesis};
 pub use error::{MissingInput, PlanFileError};
 pub use files::{FILES, NOTES, copy_files};
 pub use force_log::{LogRow, read_force_log};

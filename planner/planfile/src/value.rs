@@ -46,7 +46,7 @@ impl Value {
     ///
     /// # Errors
     /// [`PlanFileError::NotFinite`] with `name` when a number is not finite.
-    pub(super) fn to_toml(&self, name: &str) -> Result<String, PlanFileError> {
+    pub fn to_toml(&self, name: &str) -> Result<String, PlanFileError> {
         Ok(match self {
             Value::Number(v) if !v.is_finite() => {
                 return Err(PlanFileError::NotFinite { what: format!("`{name}`"), value: *v });
@@ -86,6 +86,13 @@ impl Value {
                 in_order(table).map(|(k, v)| Some((k, Self::from_toml(v)?))).collect::<Option<_>>()?,
             ),
         })
+    }
+}
+
+impl Value {
+    /// A table's entries in the order of the file; `None` where one is a date or a number that is not finite.
+    pub fn entries_of(table: &DeTable<'_>) -> Option<Vec<(String, Self)>> {
+        in_order(table).map(|(key, value)| Some((key, Self::from_toml(value)?))).collect()
     }
 }
 

@@ -5,8 +5,8 @@
 
 use nalgebra::Vector3;
 
-/// Halvings of the golden section: to 10⁻⁶ of a motion.
-const SECTIONS: usize = 28;
+/// How closely a place on a motion is sought, mm.
+const PLACE_MM: f64 = 5e-4;
 
 /// A cutter by its radii, mm.
 #[derive(Debug, Clone, Copy)]
@@ -45,7 +45,8 @@ impl Cutter {
         let (mut low, mut high) = (0.0, 1.0);
         let (mut a, mut b) = (1.0 - golden, golden);
         let (mut at_a, mut at_b) = (at(a), at(b));
-        for _ in 0..SECTIONS {
+        let length = along.norm();
+        while (high - low) * length > PLACE_MM {
             if at_a < at_b {
                 (high, b, at_b) = (b, a, at_a);
                 a = high - golden * (high - low);

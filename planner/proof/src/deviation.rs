@@ -15,6 +15,8 @@ use crate::{ProofError, ProofJob};
 const MOST_POINTS: usize = 8_000_000;
 /// Deviations are measured up to this, mm: beyond it stock is just thick.
 const FARTHEST_MM: f64 = 3.0;
+/// Most points are nearer than this to what was swept, mm: they need few motions.
+const NEAR_MM: f64 = 0.2;
 
 /// A point of the part's surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,14 +86,19 @@ fn add_pieces(triangle: [Vector3<f64>; 3], apart_mm: f64, into: &mut Vec<Sample>
 /// Fills in every sample's deviation.
 pub fn measure(samples: &mut [Sample], motions: &[Motion], job: &ProofJob) {
     let cutter = Cutter { radius_mm: job.radius_mm, corner_mm: job.corner_radius_mm };
-    let swept =
-        [Facing::Front, Facing::Back].map(|facing| Swept::of(motions, facing, job.radius_mm + FARTHEST_MM));
+    let swept = |reach: f64| {
+        [Facing::Front, Facing::Back].map(|facing| Swept::of(motions, facing, job.radius_mm + reach))
+    };
+    let (near, far) = (swept(NEAR_MM), swept(FARTHEST_MM));
     samples.par_iter_mut().for_each(|sample| {
         // the air around the block counts as removed
         let beyond = (0..3).map(|n| (sample.at_mm[n] - job.low_mm[n]).min(job.high_mm[n] - sample.at_mm[n]));
         let nearest = beyond.fold(FARTHEST_MM, f64::min).max(0.0);
-        sample.deviation_mm =
-            swept.iter().fold(nearest, |best, swept| swept.nearest_mm(&sample.at_mm, &cutter, best));
+        let least = |swept: &[Swept; 2], start| {
+            swept.iter().fold(start, |best: f64, swept| swept.nearest_mm(&sample.at_mm, &cutter, best))
+        };
+        let found = least(&near, nearest.min(NEAR_MM));
+        sample.deviation_mm = if found < NEAR_MM { found } else { least(&far, nearest) };
     });
 }
 
@@ -116,7 +123,7 @@ impl Swept {
         let high = [0, 1].map(|axis| bound(axis, f64::NEG_INFINITY, f64::max) + reach);
         let extent = [0, 1].map(|axis| (high[axis] - low[axis]).max(0.0));
         // at most a million buckets
-        let side = (0.25 * reach).max((extent[0] * extent[1] / 1e6).sqrt());
+        let side = (0.2 * reach).max((extent[0] * extent[1] / 1e6).sqrt());
         let dims = extent.map(|e| if e.is_finite() { (e / side) as usize + 1 } else { 0 });
         let mut swept =
             Self { facing, origin: low, side, dims, buckets: vec![vec![]; dims[0] * dims[1]], motions };

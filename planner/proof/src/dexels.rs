@@ -3,7 +3,8 @@
 //! Both sides cut along y, so what is left over a cell of (x, z) is one interval of y: a dexel. The cutter is stamped along each motion at half a
 //! cell. A rapid motion that would take stock, a holder in stock and a turn of the block under the tip are collisions.
 //!
-//! *Width of cut*: across the motion, the extent of the cells from which the cutter takes more than the entries' depth, over the last 3 cells of travel. Its
+//! *Width of cut*: across the motion, the extent of the cells from which the cutter takes more than the entries' depth, over the last 3 cells of travel
+//! since the last bend. Its
 //! resolution is one cell. Plunges, steeper than 45°, are entries and have none.
 
 use nalgebra::Vector3;
@@ -106,10 +107,20 @@ pub fn replay(motions: &[Motion], job: &ProofJob) -> Result<Replay, ProofError> 
 #[derive(Debug, Default)]
 struct Width {
     recent: std::collections::VecDeque<(f64, f64)>,
+    direction: [f64; 2],
     widest_mm: f64,
 }
 
 impl Width {
+    /// What is across one direction is not across another: a bend of more than 20° starts anew.
+    fn turn(&mut self, direction: [f64; 2]) {
+        let cosine = direction[0] * self.direction[0] + direction[1] * self.direction[1];
+        if cosine < 0.94 {
+            self.recent.clear();
+        }
+        self.direction = direction;
+    }
+
     /// Stamps at half a cell: 6 are 3 cells of travel.
     fn add(&mut self, low: f64, high: f64, cell: f64) {
         self.recent.push_back((low, high));
@@ -175,6 +186,7 @@ impl Columns {
         let direction = if across > 0.0 { [along.x / across, along.y / across] } else { [0.0; 2] };
         let mut thickest = 0.0_f64;
         width.widest_mm = 0.0;
+        width.turn(direction);
         for n in 1..=count {
             let tip = motion.from_mm + along * (n as f64 / count as f64);
             let (taken, low, high) = self.stamp(&tip, motion, direction, job);

@@ -1,1 +1,152 @@
 //! Programs and parts small enough to know the answer.
+
+use bonemill_geometry::{Block, Mesh, Point};
+use nalgebra::Vector3;
+
+use crate::gcode::{self, Facing};
+use crate::{ProofError, ProofJob, Struck, prove};
+
+const HEAD: &str = "G21 G90 G94\nG0 Z30\nG0 X0 Y0 A0\nS8000 M3\n";
+
+fn job() -> ProofJob {
+    ProofJob {
+        low_mm: Vector3::new(-10.0, -5.0, -10.0),
+        high_mm: Vector3::new(10.0, 5.0, 10.0),
+        radius_mm: 1.5,
+        corner_radius_mm: 0.0,
+        length_mm: 12.0,
+        holder_mm: vec![[20.0, 6.0]],
+        widest_mm: 1.8,
+        entry_mm: 1.0,
+        sample_mm: 0.25,
+        kept: vec![],
+    }
+}
+
+/// A box in the block's frame.
+fn part(low: [f64; 3], high: [f64; 3]) -> Mesh<Block> {
+    let corner = |n: usize| {
+        let [x, y, z] = [0, 1, 2].map(|a| if n >> a & 1 == 0 { low[a] } else { high[a] });
+        Point::new(x, y, z)
+    };
+    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = faces.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+    Mesh { vertices: (0..8).map(corner).collect(), triangles }
+}
+
+/// Rows over the whole block at a height, from the front.
+fn faced(height_mm: f64) -> String {
+    let mut text = HEAD.to_owned();
+    for row in 0..=20 {
+        let y = -10.0 + f64::from(row);
+        text += &format!("G0 X-12 Y{y}\nG1 Z{height_mm} F300\nG1 X12\nG0 Z30\n");
+    }
+    text + "M5\nM30\n"
+}
+
+#[test]
+fn a_faced_top_deviates_by_how_much_too_high_or_low_it_is() {
+    for (height_mm, expected) in [(2.0, 0.0), (2.3, 0.3), (1.9, -0.1)] {
+        let proof = prove(&faced(height_mm), &part([-4.0, -2.0, -4.0], [4.0, 2.0, 4.0]), &job()).unwrap();
+        let top = proof.samples.iter().filter(|s| s.at_mm.y > 1.999 && s.area_mm2 > 0.0);
+        let worst = top.map(|s| (s.deviation_mm - expected).abs()).fold(0.0, f64::max);
+        assert!(worst < 1e-9, "at {height_mm}: {worst}");
+        assert!((proof.deepest_gouge_mm - (-expected).max(0.0)).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn a_wall_is_gouged_sideways_by_its_depth_and_not_by_its_height() {
+    // the cutter passes at 1.5 − 0.05 from a wall of 4 mm
+    let text = format!("{HEAD}G0 X-12 Y-5.45\nG1 Z-2 F300\nG1 X12\nG0 Z30\nM5\nM30\n");
+    let proof = prove(&text, &part([-4.0, -2.0, -4.0], [4.0, 2.0, 4.0]), &job()).unwrap();
+    assert!((proof.deepest_gouge_mm - 0.05).abs() < 1e-6, "{}", proof.deepest_gouge_mm);
+    assert!((proof.gouge_at_mm.z - 4.0).abs() < 1e-9, "{:?}", proof.gouge_at_mm);
+}
+
+#[test]
+fn deviation_is_that_of_brute_force_for_a_sloping_bull_nose() {
+    let mut job = job();
+    job.corner_radius_mm = 0.6;
+    let text = format!("{HEAD}G0 X-3 Y-1\nG1 Z2.1 F300\nG1 X3 Y1.5 Z3.3\nG0 Z30\nM5\nM30\n");
+    let part = part([-4.0, -2.0, -4.0], [4.0, 2.0, 4.0]);
+    let proof = prove(&text, &part, &job).unwrap();
+    let cutter = crate::cutter::Cutter { radius_mm: 1.5, corner_mm: 0.6 };
+    let motions = gcode::read(&text).unwrap().motions;
+    for sample in proof.samples.iter().step_by(97) {
+        let p = Facing::Front.machine(&sample.at_mm);
+        let mut least: f64 =
+            (0..3).map(|n| 10.0_f64.min([10.0, 5.0, 10.0][n] - sample.at_mm[n].abs())).fold(3.0, f64::min);
+        for motion in &motions {
+            let at = |k: u32| motion.from_mm + (motion.to_mm - motion.from_mm) * (f64::from(k) / 2000.0);
+            least = (0..=2000).map(|k| cutter.distance_mm(&(p - at(k)))).fold(least, f64::min);
+        }
+        assert!((sample.deviation_mm - least).abs() < 5e-3, "{} for {least}", sample.deviation_mm);
+    }
+}
+
+#[test]
+fn a_slot_is_as_wide_as_the_cutter_and_a_shallow_one_is_an_entry() {
+    let slot = |depth: f64| format!("{HEAD}G0 X-12 Y0\nG1 Z{} F300\nG1 X12\nG0 Z30\nM5\nM30\n", 5.0 - depth);
+    let far = part([-9.0, -4.0, -9.0], [-8.0, -3.0, -8.0]);
+    let deep = prove(&slot(2.0), &far, &job()).unwrap();
+    assert!((deep.widest_mm - 3.0).abs() < 2.0 * deep.column_mm, "{}", deep.widest_mm);
+    assert_eq!(deep.too_wide.len(), 1);
+    let shallow = prove(&slot(0.9), &far, &job()).unwrap();
+    assert_eq!((shallow.widest_mm, shallow.too_wide.len()), (0.0, 0));
+    // beside a slot, a row 1 mm on is 1 mm wide
+    let beside = slot(0.9).replace("M5\nM30\n", "G0 X-12 Y1\nG1 Z3.5 F300\nG1 X12\nG0 Z30\nM5\nM30\n");
+    let beside = prove(&beside, &far, &job()).unwrap();
+    assert!((beside.widest_mm - 1.0).abs() < 2.0 * beside.column_mm, "{}", beside.widest_mm);
+}
+
+#[test]
+fn rapid_moves_holder_and_turns_are_seen_in_the_stock() {
+    let far = part([-9.0, -4.0, -9.0], [-8.0, -3.0, -8.0]);
+    let struck = |body: &str, job: &ProofJob| {
+        let proof = prove(&format!("{HEAD}{body}M5\nM30\n"), &far, job).unwrap();
+        proof.collisions.iter().map(|c| (c.struck, c.line)).collect::<Vec<_>>()
+    };
+    assert_eq!(struck("G0 X0 Y0\nG0 Z4\nG0 Z30\n", &job())[0], (Struck::RapidCutter, 6));
+    assert_eq!(struck("G0 X0 Y0\nG1 Z4 F100\nG0 Z30\n", &job()), []);
+    let mut short = job();
+    short.length_mm = 3.0;
+    assert_eq!(struck("G0 X0 Y0\nG1 Z1 F100\nG0 Z30\n", &short)[0], (Struck::Holder, 6));
+    assert_eq!(struck("G0 Z8\nG0 A180\n", &job())[0], (Struck::Turn, 6));
+    assert_eq!(struck("G0 A180\nG0 A0\n", &job()), []);
+}
+
+#[test]
+fn what_is_no_program_of_this_machine_is_refused_with_its_line() {
+    let refused = |text: &str| match gcode::read(text) {
+        Err(ProofError::Line { line, what }) => (line, what),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(refused("G21 G90\nG2 X1 Y1 I1 J0\n").0, 2);
+    assert_eq!(
+        refused("G21 G90\nG0 X0 Y0 Z5 A0\nG1 X1 F10\nM30\n"),
+        (3, "a cut with the spindle off or without a feed".into())
+    );
+    assert_eq!(refused("G20\n").0, 1);
+    assert_eq!(refused("G0 X0\n"), (1, "a motion before G21 and G90".into()));
+    assert_eq!(refused("G21 G90\nG0 X0 Y0 Z5 A30\n").0, 2);
+    assert_eq!(refused("G21 G90\nG0 X0 (open\n").0, 2);
+    assert_eq!(refused("G21 G90\nM30\nG0 X0\n"), (3, "the program goes on after its end".into()));
+    assert_eq!(refused("G21 G90\nG0 X0 Y0 Z0 A0\n").0, 2);
+    assert_eq!(refused("G0 X1e\n").0, 1);
+}
+
+#[test]
+fn bad_input_is_an_error_and_no_panic() {
+    let good = part([-4.0, -2.0, -4.0], [4.0, 2.0, 4.0]);
+    let mut bad = job();
+    bad.sample_mm = f64::NAN;
+    assert!(matches!(prove(&faced(2.0), &good, &bad), Err(ProofError::Value { .. })));
+    let mut broken = good.clone();
+    broken.triangles[3] = [0, 1, 99];
+    assert!(matches!(prove(&faced(2.0), &broken, &job()), Err(ProofError::Mesh { facet: 3 })));
+    let mut fine = job();
+    fine.sample_mm = 0.02;
+    let huge = part([-400.0, -200.0, -400.0], [400.0, 200.0, 400.0]);
+    assert!(matches!(prove(&faced(2.0), &huge, &fine), Err(ProofError::TooFine { .. })));
+}

@@ -1,7 +1,7 @@
-//! Two plans side by side: what their cases say, what they remove, where they go, what they press on, how long they take.
+//! Compares two plans: cases, removed volumes, paths, forces and times.
 //!
-//! Everything comes from the plans' own files, so that plans whose images are gone, or were changed since, still compare. What is
-//! in one plan alone has no value for the other. Nothing here judges which plan is better.
+//! Only the plans' own files are read, so plans whose images are missing or changed can still be compared. A figure that only
+//! one plan has is `None` for the other. The comparison does not say which plan is better.
 
 mod between;
 
@@ -20,7 +20,7 @@ pub type Pair<T> = [Option<T>; 2];
 pub struct Figure {
     /// What it is.
     pub name: String,
-    /// Of the first and the second plan.
+    /// Its values in the first and the second plan.
     pub values: Pair<f64>,
 }
 
@@ -29,11 +29,11 @@ pub struct Figure {
 pub struct Group {
     /// `path`, `volumes`, `times`, `forces`, or `structure NAME`.
     pub title: String,
-    /// In order.
+    /// Its figures, in order.
     pub figures: Vec<Figure>,
 }
 
-/// What two plans have in common and where they differ.
+/// The result of comparing two plans.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
     /// Keys of the cases whose values differ, as a case file writes them; structures by name.
@@ -42,7 +42,7 @@ pub struct Comparison {
     pub inputs: Vec<(String, Pair<String>)>,
     /// Figures of both plans.
     pub groups: Vec<Group>,
-    /// How far the paths are apart.
+    /// Distances between the paths.
     pub between: BetweenPlans,
 }
 
@@ -103,12 +103,12 @@ impl Figure {
     }
 }
 
-/// Entries that are not the same in both, in the order of the first and then of the second.
+/// Entries that differ, in the order of the first list and then of the second.
 fn differing([a, b]: [Vec<(String, String)>; 2]) -> Vec<(String, Pair<String>)> {
     paired([a, b]).into_iter().filter(|(_, [a, b])| a != b).collect()
 }
 
-/// Values by name, in the order of the first and then of the second.
+/// Pairs of values by name, in the order of the first list and then of the second.
 fn paired<T: Clone>([a, b]: [Vec<(String, T)>; 2]) -> Vec<(String, Pair<T>)> {
     let value = |of: &[(String, T)], name: &str| of.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone());
     let more = b.iter().filter(|(name, _)| value(&a, name).is_none());
@@ -146,7 +146,7 @@ fn groups([a, b]: [Figures; 2]) -> Vec<Group> {
     paired([a, b]).into_iter().map(pair).filter(|group| !group.figures.is_empty()).collect()
 }
 
-/// The numbers of `[metrics]`, by what they measure, and what the waypoints add to them.
+/// The numbers of `[metrics]` in groups, and figures computed from the waypoints.
 fn figures(plan: &StoredPlan) -> Figures {
     let mut stated = Vec::new();
     flatten("", &Value::Table(plan.record.metrics.entries()), &mut stated);
@@ -171,7 +171,7 @@ fn figures(plan: &StoredPlan) -> Figures {
     groups
 }
 
-/// Place of a figure's group among volumes, times, forces and the rest, by its unit.
+/// Index of a figure's group among volumes, times, forces and the rest, by its unit.
 fn kind_of(name: &str) -> usize {
     let (head, last) = (name.split('.').next().unwrap_or(name), name.rsplit('.').next().unwrap_or(name));
     let is = |ending: &str| head.ends_with(ending) || last.ends_with(ending);

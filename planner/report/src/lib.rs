@@ -1,4 +1,5 @@
-//! What a person sees of a plan: `report.html` ([`report::html`]), what a viewer draws ([`show`]), and two plans side by side ([`compare`]).
+//! Presents a plan to people: `report.html` ([`report::html`]), the data that a viewer draws ([`show`]), and the comparison of
+//! two plans ([`compare`]).
 
 pub mod compare;
 pub mod report;

@@ -1,4 +1,4 @@
-//! A plan, a simulation and a verdict as files, with their parts of `report.html`.
+//! Writes a plan, a simulation and a verification as files, with their parts of `report.html`.
 
 use std::path::{Path, PathBuf};
 
@@ -26,7 +26,7 @@ pub fn plan(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<P
     record
 }
 
-/// Writes a simulation into its plan's directory; one that stands there is replaced. Without a report, none is made.
+/// Writes a simulation into its plan's directory and replaces an existing one. If there is no report, none is made.
 ///
 /// # Errors
 /// [`PlanFileError`] for a value that is not finite, a structure that the case lacks, or a file that cannot be written.
@@ -36,11 +36,11 @@ pub fn simulation(dir: &Path, simulation: &Simulation, case: &Case) -> Result<Pa
     Ok(path)
 }
 
-/// Writes a verdict into its plan's directory, and into its report also what drawn errors do; what stands there is replaced.
-/// Without a report, none is made.
+/// Writes a verification into its plan's directory and replaces an existing one; its part of the report also holds the risks
+/// under drawn errors. If there is no report, none is made.
 ///
 /// # Errors
-/// [`PlanFileError::Io`]; then what stood there stands there still.
+/// [`PlanFileError::Io`]; existing files are then unchanged.
 pub fn verification(
     dir: &Path,
     verification: &Verification,

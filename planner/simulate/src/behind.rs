@@ -1,4 +1,4 @@
-//! The burr's own way behind it, as the nodes of its surface see it: in the bone, or where it has been.
+//! The burr's recent path behind it: decides which nodes of the burr's surface lie outside the volume that it has swept.
 
 use nalgebra::{Unit, Vector3};
 
@@ -6,7 +6,7 @@ use super::lattice::{crossing, share};
 use super::trail::TrailPiece;
 
 impl TrailPiece {
-    /// Whether the burr goes on along this piece's own line: then it holds nothing of the burr's front.
+    /// Whether the burr continues along this piece's line; then the piece covers no part of the burr's front.
     pub(super) fn leads_to(&self, center: &Vector3<f64>, feed: &Unit<Vector3<f64>>) -> bool {
         const STRAIGHT_MM: f64 = 1e-9;
         let (along, onwards) = (self.to - self.from, center - self.to);
@@ -17,12 +17,12 @@ impl TrailPiece {
     }
 }
 
-/// A piece as the points center + normal·radius see it: only the normal differs.
+/// A piece, prepared for tests of the points center + normal·radius, which differ only in their normal.
 pub(super) struct Behind {
-    /// From its start to the centre, and along it, mm.
+    /// Vector from its start to the centre, and vector along it, mm.
     from_start: Vector3<f64>,
     along: Vector3<f64>,
-    /// Squares: of the first, plus that of the radius; of the second, and its inverse (0 for a point).
+    /// Squared length of the first vector plus the squared radius; squared length of the second, and its inverse (0 for a point).
     squared: f64,
     along2: f64,
     per_along2: f64,
@@ -45,9 +45,10 @@ impl Behind {
         }
     }
 
-    /// The part of a patch that lies outside the capsule; it is around the point with this normal.
+    /// The share of the patch around the point with this normal that lies outside the capsule.
     ///
-    /// The burr's own surface has no edge there: in or out. Of a burr that goes straight on, every node is out.
+    /// On the burr's own recent surface there is no edge: a node is either inside or outside. If the burr continues straight,
+    /// every node is outside.
     #[inline]
     pub(super) fn part_outside(&self, normal: &Vector3<f64>, radius_mm: f64, half_mm: f64) -> f64 {
         let along = self.from_start.dot(&self.along) + self.radius_mm * normal.dot(&self.along);
@@ -55,7 +56,7 @@ impl Behind {
         let squared = self.squared + 2.0 * self.radius_mm * normal.dot(&self.from_start)
             - t * (2.0 * along - t * self.along2);
         if self.is_own {
-            // a point of the ball itself at a re-visited place lies on the earlier surface: inside, to rounding
+            // when the burr is at the same place again, its points lie on the earlier surface; up to rounding they count as inside
             return if squared <= radius_mm * radius_mm * (1.0 + 1e-12) { 0.0 } else { 1.0 };
         }
         if squared >= (radius_mm + half_mm).powi(2) {

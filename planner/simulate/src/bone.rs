@@ -1,8 +1,8 @@
-//! What the burr mills: densities and kinds on one cubic grid along the work frame's axes; never changed.
+//! The uncut workpiece: densities and kinds on one cubic grid along the work frame's axes. It never changes.
 //!
-//! What is left of it is the [`Lattice`](super::Lattice)'s business. A voxel is solid when its class is bone,
-//! structure or material of the target; without classes, when its density is above 0. Only solid voxels count in
-//! volumes and masses, and only they, but for thin sheets beside the target, stop the shank.
+//! The [`Lattice`](super::Lattice) holds what is left of it. A voxel is solid when its class is bone, structure or material
+//! of the target; without classes, when its density is above 0. Only solid voxels count in volumes and masses, and only
+//! solid voxels stop the shank, except thin sheets beside the target.
 
 use std::ops::Range;
 
@@ -12,14 +12,14 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::EngineError;
 
-/// What a solid voxel is; the gravest last.
+/// The kind of a solid voxel, in the order of importance, the most important last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     /// Bone outside the target that is no obstacle: a speck, or a thin sheet beside the target.
     Sheet,
     /// Target above air and below bone.
     Material,
-    /// Target that is bone; everything where no classes are known.
+    /// Target that is bone; every solid voxel where no classes are known.
     Bone,
     /// Bone outside the target.
     Obstacle,
@@ -43,7 +43,7 @@ impl Kind {
     }
 
     fn of(class: Class) -> Option<Self> {
-        // the gravest first: a voxel may be several
+        // the most important kind first, because a voxel may have several
         if class.is(Class::STRUCTURE) {
             Some(Self::Structure)
         } else if class.is(Class::OBSTACLE) {
@@ -56,7 +56,7 @@ impl Kind {
         }
     }
 
-    /// Whether it is in the way of the shank: sheets are taken for partial volume.
+    /// Whether it blocks the shank. Sheets do not, because they count as partial volume.
     pub(super) fn stops_shank(self) -> bool {
         self != Self::Sheet
     }
@@ -72,7 +72,7 @@ pub struct Amount {
 }
 
 impl Amount {
-    /// Adds a part of this kind.
+    /// Adds volume and mass of this kind.
     pub fn add(&mut self, kind: Kind, volume_mm3: f64, mass_mg: f64) {
         self.volume_mm3[kind as usize] += volume_mm3;
         self.mass_mg[kind as usize] += mass_mg;
@@ -96,16 +96,16 @@ impl Amount {
     }
 }
 
-/// What is solid among voxels, added up.
+/// Sums over the solid voxels of a row.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct RowSum {
     pub density_g_cm3: f64,
     pub count: u16,
-    /// The gravest; `None` where nothing is solid.
+    /// The most important kind; `None` where nothing is solid.
     pub kind: Option<Kind>,
 }
 
-/// Densities, kinds, and what lies beyond.
+/// Densities and kinds on the grid, and obstacles beyond it.
 #[derive(Debug, Clone, Copy)]
 pub struct Bone<'a, T> {
     density_g_cm3: &'a Volume<T, Work>,
@@ -116,7 +116,7 @@ pub struct Bone<'a, T> {
 }
 
 impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
-    /// Densities, g/cm³: finite and not negative.
+    /// The bone with these densities, g/cm³, finite and not negative.
     ///
     /// # Errors
     /// [`EngineError::Grid`] unless the grid is cubic and along the work frame's axes.
@@ -131,7 +131,7 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         Ok(Self { density_g_cm3, class: None, far: None, origin_mm, per_mm })
     }
 
-    /// The same with the class of every voxel.
+    /// The same bone with the class of every voxel.
     ///
     /// # Errors
     /// [`EngineError::Classes`] when they are not one per voxel of the same grid.
@@ -144,7 +144,7 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         }
     }
 
-    /// The same with what the handpiece could meet beyond the grid.
+    /// The same bone with the obstacles that the handpiece could meet beyond the grid.
     #[must_use]
     pub fn with_far(self, far: &'a FarObstacles) -> Self {
         Self { far: Some(far), ..self }
@@ -164,7 +164,7 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         1.0 / self.per_mm
     }
 
-    /// Continuous voxel index of a point; integers are voxel centres.
+    /// Continuous voxel index of a point; whole numbers are voxel centres.
     #[inline]
     pub(super) fn index(&self, p: &Vector3<f64>) -> Vector3<f64> {
         (p - self.origin_mm) * self.per_mm
@@ -183,7 +183,7 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         inside.unwrap_or_else(|| self.density_g_cm3.trilinear_at(index, 0.0).max(0.0))
     }
 
-    /// Density and kind of the voxel nearest to a continuous index; `None` outside and where nothing is solid.
+    /// Density and kind of the voxel nearest to a continuous index; `None` outside the grid and where it is not solid.
     #[inline]
     pub(super) fn nearest(&self, index: &Vector3<f64>) -> Option<(f64, Kind)> {
         let dims = self.grid().dims();
@@ -198,7 +198,7 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         self.voxel(voxel)
     }
 
-    /// Density and kind of a voxel of the grid; `None` where nothing is solid.
+    /// Density and kind of a voxel of the grid; `None` where it is not solid.
     #[inline]
     pub(super) fn voxel(&self, voxel: [usize; 3]) -> Option<(f64, Kind)> {
         let n = self.grid().index(voxel);
@@ -215,7 +215,7 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         density.filter_map(move |(n, density)| solid(*density, class.map(|class| class[n])))
     }
 
-    /// Sums over the solid voxels of a row along x of at most 65 535.
+    /// Sums over the solid voxels of a row along x of at most 65 535 voxels.
     #[inline]
     pub(super) fn row_sum(&self, x: Range<usize>, j: usize, k: usize) -> RowSum {
         let mut sum = RowSum::default();
@@ -227,7 +227,7 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
             }
             return sum;
         }
-        // all are of one kind: nothing to branch on, and four sums that do not wait for each other
+        // all voxels are of one kind, so there are no branches, and four independent sums run in parallel
         let start = self.grid().index([0, j, k]);
         let (quads, rest) = self.density_g_cm3.data()[start + x.start..start + x.end].as_chunks::<4>();
         let mut lanes = [0.0; 4];
@@ -243,13 +243,13 @@ impl<'a, T: Copy + Into<f64>> Bone<'a, T> {
         sum
     }
 
-    /// All that is solid, voxel by voxel.
+    /// Volume and mass of all solid voxels.
     pub fn whole(&self) -> Amount {
         let (grid, mut amount) = (self.grid(), Amount::default());
         let [nx, ny, nz] = grid.dims();
         let voxel_mm3 = grid.voxel_mm3();
         for (k, j) in (0..nz).flat_map(|k| (0..ny).map(move |j| (k, j))) {
-            // summed by row: a long sum of like terms drifts
+            // summed by row, because one long sum would accumulate rounding errors
             let mut row = Amount::default();
             for (density, kind) in self.row(0..nx, j, k) {
                 row.add(kind, voxel_mm3, density * voxel_mm3);

@@ -1,9 +1,9 @@
-//! Takes capsules out of the lattice: D = min(D, |p − segment| − r), brick by brick, row by row.
+//! Removes capsules from the lattice: D = min(D, |p − segment| − r), brick by brick, row by row.
 //!
-//! Only bricks that the capsule's surface or inside reaches are looked at. A piece that goes on where an earlier one
-//! ended changes nothing behind its start: what lies there is nearest to the start, whose ball has been taken. Bricks
-//! are independent, so they may be worked on in parallel; what they lose is added in their order, whatever the number
-//! of threads.
+//! Only bricks that the capsule reaches are processed. A piece that continues where an earlier one ended changes nothing
+//! behind its start, because there the nearest point is the start, whose ball is removed already. Bricks are independent
+//! and are processed in parallel; their losses are added in a fixed order, so the result does not depend on the number of
+//! threads.
 
 use bonemill_geometry::{Point, Work};
 use nalgebra::Vector3;
@@ -12,19 +12,19 @@ use rayon::prelude::*;
 use super::bone::Amount;
 use super::lattice::{Brick, CELLS, FAR, Lattice, SIDE, tag};
 
-/// From a brick's middle to its farthest cell centre, cells.
+/// Distance from a brick's middle to its outermost cell centres along an axis, cells.
 const HALF: f64 = 0.5 * (SIDE - 1) as f64;
-/// Fewer bricks than this are not worth a second thread.
+/// Fewer bricks than this are processed on one thread.
 const WORTH_SHARING: usize = 48;
 
-/// A straight part of the burr's way.
+/// A straight part of the burr's path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Piece {
     /// Where it starts.
     pub from: Point<Work>,
     /// Where it ends.
     pub to: Point<Work>,
-    /// Whether the ball at its start has been taken already.
+    /// Whether the ball at its start is removed already.
     pub continues: bool,
 }
 
@@ -38,20 +38,20 @@ struct CellCapsule {
     continues: bool,
 }
 
-/// A brick's number, its cells if it is stored, and the capsules near it with its number before each.
+/// A brick's number, its cells if it is stored, and the capsules near it, each as (brick, capsule).
 type Task<'a> = (usize, Option<Box<Brick>>, &'a [(usize, usize)]);
 
-/// What a brick has become.
+/// A brick after removal.
 struct Carved {
     brick: usize,
-    /// `None`: gone.
+    /// `None` if the brick is completely removed.
     cells: Option<Box<Brick>>,
     changed: bool,
     lost: Amount,
 }
 
 impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
-    /// Takes the sweep of a ball out of the bone, and says what was lost.
+    /// Removes the sweep of a ball from the bone, and returns the removed amount.
     pub fn remove(&mut self, pieces: &[Piece], radius_mm: f64) -> Amount {
         let radius = radius_mm / self.spacing_mm();
         let capsules: Vec<_> = pieces.iter().map(|piece| self.capsule(piece, radius)).collect();
@@ -59,7 +59,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         for (n, capsule) in capsules.iter().enumerate() {
             self.bricks_near(capsule, |brick| near.push((brick, n)));
         }
-        // the order of the pieces within a brick does not matter for D, but keeps sums the same
+        // D does not depend on the order of the pieces, but a fixed order gives the same sums
         near.sort_unstable();
         let work: Vec<_> = near
             .chunk_by(|a, b| a.0 == b.0)
@@ -147,7 +147,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         if changed {
             let part_mm3 = self.part_mm3();
             for (n, (&old, &new)) in before.iter().zip(&brick.depth).enumerate() {
-                // what is far on either side of the surface has nothing to lose
+                // cells far on either side of the surface lose nothing
                 if new < old && new < 0.5 && old > -1.0 {
                     let held = brick.held[n].get_or_insert_with(|| self.held(self.cell_in(index, n)));
                     let Some(kind) = held.kind else { continue };
@@ -165,7 +165,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         let tag = self.tag(brick);
         let is_stored = tag < tag::FIRST;
         match cells {
-            // an intact brick that stays so is not kept
+            // a brick that is still intact is not stored
             Some(_) if !changed && !is_stored => {}
             Some(cells) if is_stored => self.stored[tag as usize] = Some(cells),
             Some(cells) => {
@@ -194,7 +194,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
     }
 }
 
-/// A capsule seen from a brick's first cell, in single precision: numbers stay below a few hundred cells.
+/// A capsule relative to a brick's first cell, in single precision, because coordinates stay below a few hundred cells.
 struct Local {
     start: [f32; 3],
     along: [f32; 3],
@@ -215,7 +215,7 @@ impl CellCapsule {
     }
 }
 
-/// Lowers the depths of a brick to those of a capsule; whether any fell.
+/// Lowers the depths of a brick to those of a capsule; returns whether any changed.
 fn lower(depth: &mut [f32; CELLS], capsule: &Local) -> bool {
     const X: [f32; SIDE] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
     let Local { start, along, length, radius, continues } = *capsule;
@@ -228,7 +228,7 @@ fn lower(depth: &mut [f32; CELLS], capsule: &Local) -> bool {
     for (row, cells) in depth.as_chunks_mut::<SIDE>().0.iter_mut().enumerate() {
         let (wy, wz) = ((row % SIDE) as f32 - start[1], (row / SIDE) as f32 - start[2]);
         let (side, cross) = (wy * along[1] + wz * along[2], wy * wy + wz * wz);
-        // the row's middle decides whether the row can change, and whether all of it goes
+        // the row's middle decides whether the row can change, and whether all of it is removed
         let wx = half - start[0];
         let t = wx * along[0] + side;
         let clamped = t.max(0.0).min(length);

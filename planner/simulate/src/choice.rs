@@ -1,4 +1,4 @@
-//! Which force model a simulation uses, by name.
+//! The names of the force models that a simulation can use.
 
 use std::f64::consts::PI;
 use std::fmt;
@@ -16,9 +16,9 @@ pub enum ModelName {
     /// The spherical fluted burr (Dillon), blade by blade.
     #[default]
     Fluted,
-    /// The lumped removal rate (Yang & Chen) with the burr model's energy.
+    /// The lumped removal rate (Yang & Chen) with the burr model's specific cutting energy.
     Lumped,
-    /// The lumped removal rate as printed: K_t per cross-section, that of the nominal speed at every speed.
+    /// The lumped removal rate as printed: one K_t per cross-section, that of the nominal speed, at every speed.
     LumpedAsPrinted,
 }
 
@@ -34,7 +34,7 @@ impl ModelName {
         }
     }
 
-    /// The model with a case's coefficients: K of the lumped forms is the case's k_t, F_r/F_t its k_r/k_t.
+    /// The model with a case's coefficients: K of the lumped forms is the case's k_t, and F_r/F_t is k_r/k_t.
     ///
     /// # Errors
     /// [`ModelError`] for a lumped model of a case with k_t = 0.
@@ -71,7 +71,7 @@ impl fmt::Display for ModelName {
     }
 }
 
-/// A name that no model has.
+/// There is no force model of this name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("no force model is called {0:?}: expected fluted, lumped or lumped-as-printed")]
 pub struct NoSuchModel(String);

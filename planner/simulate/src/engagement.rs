@@ -1,9 +1,9 @@
-//! The burr's surface as nodes, and what of it meets bone.
+//! The burr's surface as nodes, and the engagement of the nodes with bone.
 //!
 //! The nodes are those of the burr's force sum (D4): meridians of blades at increments of rotation, elements of equal
-//! polar angle. Only nodes that move forward are looked at. What a force model needs of them are a few sums: per
-//! increment of rotation, of the tangential, radial and axial directions times chip times weight, and of removal over
-//! all.
+//! polar angle. Only nodes that move forward are tested. A force model needs only a few sums over the nodes: for each
+//! increment of rotation, the tangential, radial and axial directions times chip thickness times weight; and the removal
+//! over all nodes.
 
 use std::f64::consts::PI;
 
@@ -25,24 +25,24 @@ pub struct BurrNodes {
     increment_of: Vec<usize>,
 }
 
-/// What there is around a burr.
+/// The bone around a burr.
 pub(super) trait Surroundings {
-    /// Whether nothing is met at any direction that differs from this one by less than `reach`.
+    /// Whether there is no bone in any direction that differs from this one by less than `reach`.
     fn is_open(&self, normal: &Vector3<f64>, reach: f64) -> bool;
 
-    /// The density of what is left in a direction, the kind of the voxel that holds it (none beyond a body's face, where
-    /// density still fades), and the part of the node's patch in which it is left.
+    /// In one direction: the density of the remaining bone, the kind of the voxel there (`None` beyond a body's face, where the
+    /// interpolated density is not yet 0), and the share of the node's patch in which bone remains.
     fn bone(&self, normal: &Vector3<f64>) -> Option<(f64, Option<Kind>, f64)>;
 }
 
 /// Direction sums of one increment of rotation, tool frame, mm: Σ q e_v dl, Σ q n dl, Σ q e_a dl.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DirectionSums {
-    /// Along the blades' motion.
+    /// Sum along the blades' motion.
     pub tangential: Vector3<f64>,
-    /// Outwards.
+    /// Sum along the outward normals.
     pub radial: Vector3<f64>,
-    /// Along the meridian from tip to shaft.
+    /// Sum along the meridians from tip to shaft.
     pub axial: Vector3<f64>,
 }
 
@@ -65,33 +65,33 @@ pub struct Engagement {
     pub tool_axes: Matrix3<f64>,
     /// Unit direction of the feed, work.
     pub feed: Unit<Vector3<f64>>,
-    /// Feed, mm/s.
+    /// Feed speed, mm/s.
     pub speed_mm_s: f64,
-    /// Spindle, rpm.
+    /// Spindle speed, rpm.
     pub spindle_rpm: f64,
-    /// Per increment of rotation, with q = w n·v̂: the cutting term per unit of chip.
+    /// For each increment of rotation, the sums with q = w n·v̂: the cutting term per unit of feed per tooth.
     pub cut: Vec<DirectionSums>,
-    /// Per increment, with q = w E: the edge term.
+    /// For each increment, the sums with q = w E: the edge term.
     pub edge: Vec<DirectionSums>,
-    /// Σ w n n·v̂ dA, tool frame, mm²: where the bone is.
+    /// Σ w n n·v̂ dA, tool frame, mm²: points toward the engaged bone.
     pub toward_bone_mm2: Vector3<f64>,
-    /// Removal per mm of feed, mm²: everything solid that has weight.
+    /// Volume of solid material with weight removed per mm of feed, mm².
     pub mrr_mm2: f64,
-    /// The same weighted with w.
+    /// The same volume weighted with w, mm².
     pub weighted_mrr_mm2: f64,
-    /// Surface that moves into bone, mm².
+    /// Area of the surface that moves into bone, mm².
     pub contact_area_mm2: f64,
     /// Volume and mass per mm of feed, by kind.
     pub by_kind_per_mm: Amount,
 }
 
 impl Engagement {
-    /// Removal rate of everything that has weight, mm³/s.
+    /// Removal rate of all material with weight, mm³/s.
     pub fn mrr_mm3_s(&self) -> f64 {
         self.mrr_mm2 * self.speed_mm_s
     }
 
-    /// Removal rate as of material at the reference density, mm³/s.
+    /// Removal rate in equivalent volume of material at the reference density, mm³/s.
     pub fn weighted_mrr_mm3_s(&self) -> f64 {
         self.weighted_mrr_mm2 * self.speed_mm_s
     }
@@ -115,19 +115,19 @@ impl BurrNodes {
         &self.tool
     }
 
-    /// Nodes in all, of which about half move forward.
+    /// Number of all nodes, of which about half move forward.
     pub fn count(&self) -> usize {
         self.nodes.rings.len() * self.nodes.azimuths.len()
     }
 
-    /// Half the width of a node's patch across an edge of the bone, mm: 0.35 of the distance of nodes along a blade,
-    /// which halves to thirds the error of counting nodes in or out (tried on crescents of 0.12 to 1 r at all tilts:
-    /// 32 × 64 nodes then do as 64 × 128).
+    /// Half the width of a node's patch across an edge of the bone, mm: 0.35 of the distance of nodes along a blade. Compared
+    /// with counting nodes as inside or outside, this reduces the error to a half to a third (measured on crescents of 0.12 to
+    /// 1 r at all tilts: 32 × 64 nodes then give the error of 64 × 128).
     pub(super) fn half_patch_mm(tool: &Tool, disc: &Discretisation) -> f64 {
         0.35 * tool.radius_mm() * (tool.kappa_max_rad() - tool.kappa_min_rad()) / disc.n_kappa() as f64
     }
 
-    /// Looks at the bone in every direction that moves forward.
+    /// Samples the bone in every direction that moves forward, and sums.
     pub(super) fn engage(
         &self,
         axis: &Unit<Vector3<f64>>,
@@ -169,7 +169,7 @@ impl BurrNodes {
                 }
             }
             let (circle, Ring { element, turn }) = (ring.circle([&x, &y, &z], &feed.direction), ring);
-            // the whole ring looks back: burr above its equator in a plunge
+            // no node of the ring moves forward, as above the burr's equator in a plunge
             if circle.most_forward() <= GRAZING {
                 continue;
             }
@@ -196,7 +196,7 @@ impl BurrNodes {
                     let rate = forward * area_mm2 * part;
                     out.weighted_mrr_mm2 += w * forward * area_mm2;
                     out.contact_area_mm2 += area_mm2 * part;
-                    // volume ends at the body's face, mass where its interpolated density does
+                    // volume ends at the body's face, mass where the interpolated density ends
                     let volume = if kind.is_some() { rate } else { 0.0 };
                     out.mrr_mm2 += volume;
                     out.by_kind_per_mm.add(kind.unwrap_or(Kind::Material), volume, rate * density);
@@ -218,7 +218,7 @@ impl BurrNodes {
     }
 }
 
-/// Σq, Σq cos ψ, Σq sin ψ.
+/// Adds to Σq, Σq cos ψ, Σq sin ψ.
 #[inline]
 fn add(sum: &mut [f64; 3], q: f64, c: f64, s: f64) {
     sum[0] += q;
@@ -226,7 +226,7 @@ fn add(sum: &mut [f64; 3], q: f64, c: f64, s: f64) {
     sum[2] += q * s;
 }
 
-/// From a ring's harmonics to directions in the tool frame.
+/// Converts a ring's harmonics to directions in the tool frame.
 struct RingFrame {
     turn: [f64; 2],
     sk: f64,

@@ -1,12 +1,12 @@
-//! The engine: poses in, forces out, bone gone.
+//! The engine: takes poses, computes forces and removes bone.
 //!
-//! A step goes straight from the previous pose to the next. The force is that at its end, in the bone as it was
-//! before the step (docs/force-model.md 5); then the swept capsule is gone. A step whose end puts the shank into bone is
-//! stopped: reported, and not made. A refused pose leaves everything as it was.
+//! A step goes straight from the previous pose to the next. The force is computed at its end, in the bone before the step
+//! (docs/force-model.md 5); then the swept capsule is removed. A step in which the shank touches bone is reported and not
+//! made. A refused pose changes nothing.
 //!
-//! Poses known beforehand go in batches: the steps of a batch look at the same lattice and each at its own part of
-//! the trail, so they are worked on in parallel; how a way is cut into batches is fixed, so results do not depend on
-//! the number of threads.
+//! Poses known beforehand are processed in batches: all steps of a batch read the same lattice, and each reads its own part
+//! of the trail, so they are computed in parallel. The division into batches is fixed, so results do not depend on the
+//! number of threads.
 
 use bonemill_cutter::ShankCylinder;
 use bonemill_cutting::burr::{Discretisation, Feed, Material, Tool, checked, direction};
@@ -25,30 +25,30 @@ use super::shank::ShankContact;
 use super::trail::Trail;
 use super::watch::ShankWatch;
 
-/// Poses farther away than this are refused: arithmetic in cells would lose its digits, mm.
+/// Poses farther away than this are refused, mm, because coordinates in cells would be inexact.
 const MOST_MM: f64 = 1e5;
-/// The lattice follows the burr at least this far behind, cells: there, at 10 cells per radius, the hole behind is
-/// deeper below the burr's front than half a patch, so that the burr's own surface is never taken for an edge.
+/// The lattice is updated to this far behind the burr, cells. With 10 cells per radius, the burr's front is then more than
+/// half a patch away from the removed volume, so that the burr's own surface never counts as an edge.
 const LAG_CELLS: f64 = 2.5;
-/// and takes stretches of at least this, cells.
+/// The lattice is updated in stretches of at least this length, cells.
 const STRETCH_CELLS: f64 = 2.0;
-/// How far a piece of the trail may be from the burr's way, cells.
+/// Largest deviation of a piece of the trail from the burr's path, cells.
 const BENT_CELLS: f64 = 0.004;
 
-/// Where the burr is and how it lies.
+/// Position of the burr and direction of its shaft.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
     /// The burr's centre.
     pub center: Point<Work>,
-    /// From the burr to the handpiece.
+    /// Unit direction from the burr to the handpiece.
     pub axis: Unit<Vector3<f64>>,
 }
 
 impl Pose {
-    /// `axis` need not be a unit vector.
+    /// A pose; `axis` need not be a unit vector.
     ///
-    /// # Errors [`EngineError::Pose`] for a centre that is not finite or absurdly far, [`EngineError::Model`] for an
-    /// axis without direction.
+    /// # Errors
+    /// [`EngineError::Pose`] for a centre that is not finite or too far away, [`EngineError::Model`] for an axis of length 0.
     pub fn new(center: Point<Work>, axis: Vector3<f64>) -> Result<Self, EngineError> {
         if !center.coords.iter().all(|c| c.abs() <= MOST_MM) {
             return Err(EngineError::Pose { center_mm: center.coords.into(), most_mm: MOST_MM });
@@ -57,35 +57,35 @@ impl Pose {
     }
 }
 
-/// A pose and the time that the way to it takes.
+/// A pose and the duration of the step to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Move {
     /// Where the step ends.
     pub to: Pose,
-    /// How long it takes, s.
+    /// Duration, s.
     pub seconds: f64,
 }
 
 /// The outcome of a step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Step {
-    /// What the burr feels.
+    /// Force and torque on the burr.
     pub force: CutForce,
     /// Removal rate at the step's end, mm³/s.
     pub mrr_mm3_s: f64,
-    /// The same as of material at the reference density, mm³/s.
+    /// The same in equivalent volume of material at the reference density, mm³/s.
     pub weighted_mrr_mm3_s: f64,
     /// Surface that moves into bone, mm².
     pub contact_area_mm2: f64,
-    /// What the step removes: the surface's rate at its end times its length. The exact sum over all steps is
+    /// Amount removed by the step, estimated as the surface's rate at its end times its length. The exact sum over all steps is
     /// [`Engine::removed`].
     pub removed: Amount,
-    /// The shank touches bone: the step was not made, and all else is zero.
+    /// Contact of the shank with bone; then the step was not made, and all other values are zero.
     pub contact: Option<ShankContact>,
 }
 
 impl Step {
-    /// Nothing is cut.
+    /// A step that cuts nothing.
     pub(super) fn nothing(contact: Option<ShankContact>) -> Self {
         Self {
             force: CutForce::default(),
@@ -115,25 +115,25 @@ impl Step {
     }
 }
 
-/// Burr, shank and fineness.
+/// Burr, shank and resolution of a simulation.
 #[derive(Debug, Clone)]
 pub struct EngineSpec {
     /// The burr.
     pub tool: Tool,
-    /// What weighs the bone: the density law.
+    /// Coefficients and density law of the bone.
     pub material: Material,
     /// Nodes of the force sum.
     pub disc: Discretisation,
     /// Spindle speed, rpm.
     pub spindle_rpm: f64,
-    /// The shank, from the burr outwards; empty: no alarm.
+    /// The shank, from the burr outwards; if empty, contacts are not tested.
     pub shank: Vec<ShankCylinder>,
-    /// Cells of the lattice along the burr's radius.
+    /// Number of the lattice's cells along the burr's radius.
     pub cells_per_radius: f64,
 }
 
 impl EngineSpec {
-    /// Cells per radius, assumed: docs/results.md, "What the engine remembers", has the error and time of other values.
+    /// Default number of cells per radius. docs/results.md, "What the engine remembers", has error and time for other values.
     pub const CELLS_PER_RADIUS: f64 = 10.0;
 }
 
@@ -147,15 +147,15 @@ pub struct Engine<'a, T, M> {
     pose: Pose,
     removed: Amount,
     watch: ShankWatch,
-    /// Time of stopped steps, which the next one that is made has as well, s.
+    /// Time of stopped steps, which is added to the next step that is made, s.
     waited_s: f64,
 }
 
 impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
-    /// A burr that appears at `start`; bone within it is gone.
+    /// A simulation whose burr starts at `start`; bone inside the burr there is removed.
     ///
     /// # Errors
-    /// [`EngineError::TooFine`], or [`EngineError::Model`] for a spindle or shank that makes no sense.
+    /// [`EngineError::TooFine`], or [`EngineError::Model`] for an impossible spindle or shank.
     pub fn new(bone: Bone<'a, T>, spec: EngineSpec, model: M, start: Pose) -> Result<Self, EngineError> {
         checked("spindle speed, rpm", spec.spindle_rpm, |n| n > 0.0 && n <= 1e6, "above 0, at most 1e6")?;
         for c in &spec.shank {
@@ -188,12 +188,12 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         self.pose
     }
 
-    /// What is left.
+    /// The remaining bone.
     pub fn lattice(&self) -> &Lattice<'a, T> {
         &self.lattice
     }
 
-    /// What is left, for a viewer that takes the surfaces that changed.
+    /// The remaining bone, for a viewer that reads the changed surfaces.
     pub fn lattice_mut(&mut self) -> &mut Lattice<'a, T> {
         &mut self.lattice
     }
@@ -203,18 +203,18 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         &self.spec
     }
 
-    /// What the lattice has lost: everything the burr swept, but for the last few cells of its way; all after
-    /// [`Engine::settle`].
+    /// Amount removed from the lattice: everything that the burr swept, except along the last few cells of its path. After
+    /// [`Engine::settle`] it is complete.
     pub fn removed(&self) -> &Amount {
         &self.removed
     }
 
-    /// Length of the end of the way that is not yet taken out of the lattice, mm.
+    /// Length of the last part of the path that is not yet removed from the lattice, mm.
     pub fn pending_mm(&self) -> f64 {
         self.trail.length_mm()
     }
 
-    /// Takes the whole way out of the lattice.
+    /// Removes the whole path from the lattice.
     pub fn settle(&mut self) {
         let pieces = self.trail.take_all_but(0.0);
         self.remove(&pieces);
@@ -222,17 +222,18 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
 
     /// Goes straight to a pose and cuts.
     ///
-    /// # Errors [`EngineError`] for a pose or time that is not finite, or a time that is negative, or 0 for a way
-    /// that is not; nothing has changed then.
+    /// # Errors
+    /// [`EngineError`] for a pose or time that is not finite, a negative time, or a time of 0 for a step of some length; nothing
+    /// changes then.
     pub fn step(&mut self, to: Move) -> Result<Step, EngineError> {
         self.step_yielding(&to, |_| Vector3::zeros())
     }
 
-    /// As [`Engine::step`], with a burr that gives way: `yields` says how far, work, mm, for the force at the step's
+    /// As [`Engine::step`], with a burr that deflects: `yields` returns the deflection in work, mm, for the force at the step's
     /// end.
     ///
     /// # Errors
-    /// As [`Engine::step`], also when it yields to nowhere.
+    /// As [`Engine::step`], also when the deflection is not finite.
     pub fn step_yielding(
         &mut self,
         to: &Move,
@@ -256,7 +257,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         Ok(met.map_or_else(|| Step::nothing(None), |met| Step::of(&met, force, length_mm)))
     }
 
-    /// What the burr would meet at the end of a step, without making it; `None` where it does not move.
+    /// The engagement at the end of a step, without making the step; `None` where the burr does not move.
     ///
     /// # Errors
     /// As [`Engine::step`].
@@ -265,11 +266,11 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         Ok(self.engage(&self.pose, to, &self.trail, self.waited_s))
     }
 
-    /// Makes steps whose poses are all known, on all threads; a step that the shank stops is left out, and the next
-    /// one starts from where the burr was, with the time of both.
+    /// Makes steps whose poses are all known, on all threads. A step stopped by the shank is left out, and the next one starts
+    /// from where the burr was and has the time of both.
     ///
     /// # Errors
-    /// As [`Engine::step`], of the first that is refused; none of the batch is made then.
+    /// As [`Engine::step`], for the first refused step; then no step of the batch is made.
     pub fn steps(&mut self, moves: &[Move]) -> Result<Vec<Step>, EngineError> {
         let mut from = self.pose;
         for to in moves {
@@ -293,7 +294,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         Ok(steps)
     }
 
-    /// Steps up to and with the first that the shank stops.
+    /// Makes steps up to and including the first that the shank stops.
     fn together(&mut self, moves: &[Move]) -> Vec<Step> {
         // the trail before each step, and after the last
         let mut trails = vec![self.trail.clone()];
@@ -306,7 +307,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         let from = |n: usize| if n == 0 { start } else { moves[n - 1].to };
         let waited_s = self.waited_s;
         let (lattice, mut watch) = (&self.lattice, self.watch.clone());
-        // both look at the bone as it is before the batch, and neither at what the other finds
+        // both read the bone as it is before the batch, and neither needs the other's result
         let (mut steps, stopped) = rayon::join(
             || {
                 let one = |n: usize| {
@@ -344,7 +345,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         steps
     }
 
-    /// The lattice follows to the lag once the way is `stretch` cells longer than that.
+    /// Updates the lattice to the lag once the path is `stretch` cells longer than the lag.
     fn follow(&mut self, stretch: f64) {
         let s = self.lattice.spacing_mm();
         let mut pieces = Vec::new();
@@ -364,7 +365,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         }
     }
 
-    /// The bone before the step, seen from its end.
+    /// The engagement at the step's end, in the bone before the step.
     fn engage(&self, from: &Pose, to: &Move, trail: &Trail, waited_s: f64) -> Option<Engagement> {
         let way = to.to.center - from.center;
         let length_mm = way.norm();
@@ -376,7 +377,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         let r = self.spec.tool.radius_mm();
         let center = to.to.center.coords;
         let half_mm = BurrNodes::half_patch_mm(&self.spec.tool, &self.spec.disc);
-        // no more than the lattice's own lag is surely the burr's own surface
+        // only the stretch within the lattice's lag is certainly the burr's own surface
         let sample_mm = r + self.spec.disc.sample_offset_mm();
         let reach2 = (2.0 * r + half_mm).powi(2);
         let near: Vec<Behind> = trail
@@ -395,13 +396,13 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
     }
 }
 
-/// The bone as a burr sees it from a place: what the lattice holds, less the newest stretch of the way.
+/// The bone around a burr: the lattice without the newest stretch of the path.
 struct Seen<'a, 'b, T> {
     lattice: &'b Lattice<'a, T>,
     near: &'b [Behind],
     center: Vector3<f64>,
     radius_mm: f64,
-    /// Where a node looks, from the centre.
+    /// Distance from the centre at which a node samples the bone, mm.
     sample_mm: f64,
     /// Half the width of a patch, mm and cells.
     half_mm: f64,
@@ -437,7 +438,7 @@ impl<T: Copy + Into<f64> + Sync> Surroundings for Seen<'_, '_, T> {
     }
 }
 
-/// Whether a step can be made.
+/// Checks that a step can be made.
 fn check(from: &Pose, to: &Move) -> Result<(), EngineError> {
     Pose::new(to.to.center, to.to.axis.into_inner())?;
     let stands = from.center == to.to.center;

@@ -1,10 +1,10 @@
-//! What the engine refuses.
+//! Errors of the engine.
 
 use thiserror::Error;
 
 use bonemill_cutting::burr::ModelError;
 
-/// Why the engine cannot be made, or cannot take a step. A refused step leaves its state as it was.
+/// Why the engine cannot be made, or cannot make a step. A refused step does not change its state.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum EngineError {
     /// The grid is not cubic, or oblique.
@@ -13,7 +13,7 @@ pub enum EngineError {
         /// Its spacing.
         spacing_mm: [f64; 3],
     },
-    /// Classes and densities do not belong together.
+    /// Classes and densities are on different grids.
     #[error("classes on a grid of {found:?} voxels: expected {expected:?}, as the densities")]
     Classes {
         /// Voxels of the densities.
@@ -21,7 +21,7 @@ pub enum EngineError {
         /// Voxels of the classes.
         found: [usize; 3],
     },
-    /// The lattice of what is left would not fit.
+    /// The lattice would be too large.
     #[error(
         "{bricks:.3e} bricks of {spacing_mm:.4} mm cells over the grid: expected at most {most:.0e}; use fewer cells per radius"
     )]
@@ -33,15 +33,15 @@ pub enum EngineError {
         /// Bricks allowed.
         most: f64,
     },
-    /// A pose holds a number that is none, or so far away that arithmetic fails.
+    /// A pose holds a number that is not finite, or is too far away for exact arithmetic.
     #[error("a pose at ({}, {}, {}) mm: expected finite, within {most_mm:.0e} mm", center_mm[0], center_mm[1], center_mm[2])]
     Pose {
         /// The burr's centre.
         center_mm: [f64; 3],
-        /// How far a pose may be.
+        /// Largest accepted distance.
         most_mm: f64,
     },
-    /// A value of burr, motion or model.
+    /// A value of burr, motion or model is invalid.
     #[error(transparent)]
     Model(#[from] ModelError),
 }

@@ -1,10 +1,10 @@
-//! Cells of the lattice as the images have them, before anything is cut.
+//! The lattice's cells before anything is cut, from the images.
 
 use super::lattice::{FAR, Held, Lattice, SIDE};
 
 impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
-    /// Whether a brick has a solid cell, cut or not, or one is so near that something of it is felt within [`FAR`] cells of the
-    /// brick: the density of a solid voxel fades over one more, and D is read between neighbouring cells.
+    /// Whether a brick has a solid cell, cut or not, or a solid cell is so near that it matters within [`FAR`] cells of the brick:
+    /// the interpolated density of a solid voxel extends over one more voxel, and D is interpolated between neighbouring cells.
     pub(super) fn has_solid(&self, brick: usize) -> bool {
         let first = self.first_cell(brick);
         let dims = self.bone.grid().dims();
@@ -17,7 +17,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         range(2).any(|k| range(1).any(|j| self.bone.row(range(0), j, k).next().is_some()))
     }
 
-    /// What a cell held before anything was cut.
+    /// The contents of a cell before anything was cut.
     pub(super) fn held(&self, cell: [usize; 3]) -> Held {
         let part_mm3 = self.part_mm3();
         let mut held = Held { mass_mg: 0.0, parts: 0, kind: None };

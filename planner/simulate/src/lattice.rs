@@ -1,19 +1,19 @@
-//! What is left of the bone: how deep inside it each cell of a lattice lies, kept in bricks of 8³ cells where
+//! The remaining bone: for each cell of a lattice, its depth below the cut surface, stored in bricks of 8³ cells where
 //! something was cut.
 //!
 //! The removed space is a union of capsules, and the depth of a point below its surface is the least of the capsules'
-//! own: D = min(|p − segment| − r). So a cell keeps one number, which only falls; that makes removal monotone,
-//! independent of order and of how a straight move is cut into steps (to single precision, 2e-5 of a cell), and free
-//! of cusps for any length of step. Between cell centres D is interpolated; that makes a tube's hole too small by
-//! s/(12 r) of a cell s in the mean, which is put right: what is left of it is below s/(20 r).
+//! distances: D = min(|p − segment| − r). So a cell stores one number, which only decreases. Therefore removal is monotone,
+//! independent of the order and of the division of a straight move into steps (to single precision, 2e-5 of a cell), and
+//! free of cusps for any length of step. Between cell centres D is interpolated. This makes the hole of a tube too small by
+//! s/(12 r) of a cell s in the mean, which is corrected; the remaining error is below s/(20 r).
 //!
-//! The surface curves with the burr's radius, not with the voxels: cells follow the radius. A cell is a whole number
-//! of voxels or a whole part of one, so that volumes and masses are those of the voxels exactly. A cell's part left
-//! is f = clamp(½ + D/s + s/(24 r), 0, 1): exact for a flat face along the cells, and without bias for a tube (a lone
-//! ball's hole is (s/r)²/8 too large).
+//! The surface's curvature depends on the burr's radius, not on the voxels, so the cell size follows the radius. A cell is a
+//! whole number of voxels or a whole part of one, so that volumes and masses are exactly those of the voxels. The remaining
+//! share of a cell is f = clamp(½ + D/s + s/(24 r), 0, 1): exact for a flat face along the cells, and without bias for a tube
+//! (the hole of a single ball is (s/r)²/8 too large).
 //!
-//! Depths are cut off at ±[`FAR`] cells. A brick is unknown until a burr comes near, then empty of solid cells,
-//! intact, cut (and stored) or gone (and forgotten): memory is that of the cut surface.
+//! Depths are limited to ±[`FAR`] cells. A brick is unknown until a burr comes near; then it is empty of solid cells, intact,
+//! cut (and stored) or completely removed (and not stored). So memory grows with the cut surface only.
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -23,34 +23,33 @@ use nalgebra::Vector3;
 use super::bone::{Amount, Bone, Kind};
 use super::error::EngineError;
 
-/// Cells along a brick's side.
+/// Side of a brick, cells.
 pub(super) const SIDE: usize = 8;
-/// Cells of a brick.
+/// Number of cells of a brick.
 pub(super) const CELLS: usize = SIDE * SIDE * SIDE;
-/// Depths beyond this are cut off, cells: every corner of a cell that the surface crosses is nearer (√3).
+/// Limit of depths, cells: every corner of a cell that the surface crosses is nearer than this (√3).
 pub(super) const FAR: f32 = 2.0;
-/// What interpolation leaves of the depth on a ball's surface, after what is put right in the mean: 1/6 of s/r, in
-/// cells.
+/// Interpolated depth on a ball's surface after the mean correction, in units of s/r cells: 1/6 and a margin.
 const DOUBT: f64 = 0.2;
-/// What interpolation may say too little of D, cells: ½ at a ridge between two balls, and less than a hundredth where one
-/// ball bends.
+/// Largest underestimate of D by interpolation, cells: ½ at a ridge between two balls, and less than a hundredth on one ball.
 const BETWEEN: f64 = 0.52;
-/// From the cell nearest to a point to the eight around the point, by their weights, at most, cells: (3 + 3√2 + √3)/8.
+/// Largest weighted mean distance from the cell nearest to a point to the eight cells around the point, cells:
+/// (3 + 3√2 + √3)/8.
 const AROUND: f64 = 1.122;
-/// More bricks than this over the grid are refused: 256 MB of tags.
+/// Largest number of bricks over the grid: 256 MB of tags.
 const MOST_BRICKS: f64 = 67_108_864.0;
 
-/// A brick's state, or the place where it is stored.
+/// A brick's tag: its state, or the index at which it is stored.
 pub(super) mod tag {
-    /// Nobody looked yet.
+    /// The brick was not classified yet.
     pub const UNKNOWN: u32 = u32::MAX;
-    /// No solid cell, nor one nearby.
+    /// There is no solid cell in it or near it.
     pub const NOTHING: u32 = u32::MAX - 1;
-    /// Solid cells, none cut.
+    /// It has solid cells, and none is cut.
     pub const INTACT: u32 = u32::MAX - 2;
-    /// Cut away, whole.
+    /// It is completely removed.
     pub const GONE: u32 = u32::MAX - 3;
-    /// Smaller tags are places.
+    /// Smaller tags are indices.
     pub const FIRST: u32 = GONE;
 }
 
@@ -59,23 +58,23 @@ pub(super) mod tag {
 pub(super) struct Brick {
     /// D, cells.
     pub depth: [f32; CELLS],
-    /// What a cell held before anything was cut; `None` where nobody asked yet.
+    /// Contents of each cell before anything was cut; `None` where it was not needed yet.
     pub held: [Option<Held>; CELLS],
 }
 
 impl Brick {
-    /// Nothing cut, nothing asked.
+    /// A brick in which nothing is cut.
     pub const INTACT: Self = Self { depth: [FAR; CELLS], held: [None; CELLS] };
 }
 
-/// What is solid in a cell of which nothing is cut.
+/// The solid contents of an uncut cell.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Held {
     /// Its mass, mg.
     pub mass_mg: f64,
-    /// How many parts it is, each of [`Lattice::part_mm3`].
+    /// Number of its solid parts, each of [`Lattice::part_mm3`].
     pub parts: u16,
-    /// The gravest kind among them; `None` where nothing is solid.
+    /// The most important kind among them; `None` where nothing is solid.
     pub kind: Option<Kind>,
 }
 
@@ -83,15 +82,15 @@ pub(super) struct Held {
 #[derive(Debug)]
 pub struct Lattice<'a, T> {
     pub(super) bone: Bone<'a, T>,
-    /// Cells along a voxel, or voxels along a cell: one of them is 1.
+    /// Number of cells along a voxel, or of voxels along a cell; one of them is 1.
     pub(super) split: usize,
     pub(super) block: usize,
     cells_per_voxel: f64,
     cells: [usize; 3],
-    /// s/r: how far the surface bends within a cell.
+    /// s/r: the angle by which the surface turns within a cell.
     bend: f64,
     pub(super) bricks: [usize; 3],
-    /// By brick; atomic so that several threads may find out what nobody looked at: all find the same.
+    /// Tag of each brick; atomic, because several threads may classify a brick at the same time, with the same result.
     tags: Vec<AtomicU32>,
     pub(super) stored: Vec<Option<Box<Brick>>>,
     pub(super) vacant: Vec<u32>,
@@ -100,10 +99,10 @@ pub struct Lattice<'a, T> {
 }
 
 impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
-    /// Nothing cut yet; about `cells_per_radius` cells to the burr's radius, never fewer.
+    /// A lattice in which nothing is cut, with at least and about `cells_per_radius` cells along the burr's radius.
     ///
     /// # Errors
-    /// [`EngineError::TooFine`], and [`EngineError::Model`] for radii that make no sense.
+    /// [`EngineError::TooFine`], and [`EngineError::Model`] for impossible radii.
     pub fn new(bone: Bone<'a, T>, radius_mm: f64, cells_per_radius: f64) -> Result<Self, EngineError> {
         bonemill_cutting::burr::checked(
             "burr radius, mm",
@@ -115,7 +114,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         bonemill_cutting::burr::checked("cells per radius", cells_per_radius, sane, "1 to 1000")?;
         let h = bone.spacing_mm();
         let wanted_mm = radius_mm / cells_per_radius * (1.0 + 1e-9);
-        // a cell of more voxels than this would not count them in its bits
+        // a cell of more voxels would overflow its count
         let block = if h <= wanted_mm { (wanted_mm / h).floor().min(40.0) as usize } else { 1 };
         let split = if h > wanted_mm { (h / wanted_mm).ceil().min(1e4) as usize } else { 1 };
         let cells = bone.grid().dims().map(|n| (n * split).div_ceil(block));
@@ -142,7 +141,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         })
     }
 
-    /// What is milled.
+    /// The uncut bone.
     pub fn bone(&self) -> &Bone<'a, T> {
         &self.bone
     }
@@ -152,18 +151,18 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         self.bone.spacing_mm() / self.cells_per_voxel
     }
 
-    /// Solid cells count their volume in parts of this, mm³: voxels, or the cell itself where it is part of one.
+    /// Volume of the parts in which a cell's solid volume is counted, mm³: a voxel, or the cell itself where it is smaller.
     pub(super) fn part_mm3(&self) -> f64 {
         (self.bone.spacing_mm() / self.split as f64).powi(3)
     }
 
-    /// Bricks that are stored, and the memory they take, bytes.
+    /// Number of stored bricks, and their memory, bytes.
     pub fn stored_bricks(&self) -> (usize, usize) {
         let count = self.stored.len() - self.vacant.len();
         (count, count * size_of::<Brick>() + self.tags.len() * (size_of::<u32>() + 1))
     }
 
-    /// Cell coordinates of a point: integers are cell centres.
+    /// Cell coordinates of a point; whole numbers are cell centres.
     #[inline]
     pub(super) fn cell_of(&self, p: &Vector3<f64>) -> Vector3<f64> {
         self.cell_of_index(&self.bone.index(p))
@@ -179,22 +178,22 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         self.bone.at(cell.map(|c| (c + 0.5) / self.cells_per_voxel - 0.5))
     }
 
-    /// The part of a patch of the burr's surface that lies in bone that is left, 0 to 1. The patch is around the
-    /// point with this continuous voxel index, its outward normal and its half width, cells, are given.
+    /// The share, 0 to 1, of a patch of the burr's surface that lies in remaining bone. The patch is given by its centre's
+    /// continuous voxel index, its outward normal and its half width in cells.
     ///
-    /// Where an older surface crosses the burr's at an angle θ, D changes by sin θ per length along the patch: m =
-    /// clamp(½ + D/(w sin θ), 0, 1).
+    /// Where an older surface crosses the burr's surface at an angle θ, D changes by sin θ per length along the patch, so the
+    /// share is m = clamp(½ + D/(w sin θ), 0, 1).
     #[inline]
     pub(super) fn patch_left(&self, index: &Vector3<f64>, normal: &Vector3<f64>, half: f64) -> f64 {
         let cell = self.cell_of_index(index);
-        // most patches are far from any cut surface, and one cell says so
+        // most patches are far from any cut surface, which one cell shows
         if let Some(is_left) = self.is_surely_left(&cell, half) {
             return f64::from(u8::from(is_left));
         }
         self.interpolated(&cell, normal, half)
     }
 
-    /// [`Self::patch_left`] by the eight cells around.
+    /// [`Self::patch_left`] by interpolation between the eight cells around.
     #[inline]
     fn interpolated(&self, cell: &Vector3<f64>, normal: &Vector3<f64>, half: f64) -> f64 {
         let (corners, u) = match self.around(cell) {
@@ -202,7 +201,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
             CellsAround::Gone => return 0.0,
             CellsAround::Cut(corners, u) => (corners, u),
         };
-        // a tube bends across two of three directions, half of each in the mean
+        // a tube is curved in two of three directions, half of each in the mean
         let bent: f32 = u.iter().map(|u| u * (1.0 - u)).sum::<f32>() * (self.bend / 6.0) as f32;
         let depth = f64::from(trilinear(&corners, u) - bent);
         if depth >= half {
@@ -211,14 +210,14 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         if depth <= -half {
             return 0.0;
         }
-        // the slope of an interpolation turns within a cell as the surface does
+        // within a cell the slope of the interpolation turns as much as the surface
         let sin = (crossing(&slope(&corners, u), normal) - self.bend).max(0.0);
         share(depth, half, sin, DOUBT * self.bend)
     }
 
-    /// Whether a patch of half width `half`, cells, is all left or all gone, where the cell nearest to its middle is so deep that no
-    /// interpolation around it says otherwise: the eight cells are [`AROUND`] from the nearest in the mean, and D grows by at most 1
-    /// per length.
+    /// Whether a patch of half width `half`, cells, certainly lies in remaining bone (true) or in removed space (false); `None`
+    /// if the cell nearest to its middle does not decide. It decides where it is so deep that interpolation cannot change the
+    /// sign: the eight cells are [`AROUND`] away in the mean, and D grows by at most 1 per length.
     #[inline]
     fn is_surely_left(&self, cell: &Vector3<f64>, half: f64) -> Option<bool> {
         let depth = f64::from(self.depth_of(self.nearest_cell(cell)));
@@ -226,10 +225,10 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         if depth >= sure { Some(true) } else { (depth <= -sure).then_some(false) }
     }
 
-    /// Whether nothing is or is left within `reach_mm` of the point with this continuous voxel index, and no patch of this half
-    /// width there sees any; `reach_mm` is at most [`Lattice::longest_reach_mm`].
+    /// Whether there is no remaining bone within `reach_mm` of the point with this continuous voxel index, and no patch of this
+    /// half width there meets any; `reach_mm` is at most [`Lattice::longest_reach_mm`].
     ///
-    /// D grows by at most 1 per length, and so do all patches' depths but for what interpolation adds.
+    /// D grows by at most 1 per length, and so do the depths of patches, up to the error of interpolation.
     #[inline]
     pub(super) fn is_open_around(&self, index: &Vector3<f64>, reach_mm: f64, half_mm: f64) -> bool {
         let cell = self.cell_of_index(index);
@@ -238,17 +237,17 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
             return true;
         }
         let least = (reach_mm + half_mm) / self.spacing_mm() + BETWEEN;
-        // in bone one cell says so
+        // inside bone one cell decides
         f64::from(self.depth_of(self.nearest_cell(&cell))) <= AROUND - least
             && f64::from(self.depth_at(&cell)) <= -least
     }
 
-    /// How far [`Lattice::is_open_around`] can look for patches of a half width, mm.
+    /// The longest reach of [`Lattice::is_open_around`] for patches of a half width, mm.
     pub(super) fn longest_reach_mm(&self, half_mm: f64) -> f64 {
         (f64::from(FAR) - BETWEEN) * self.spacing_mm() - half_mm
     }
 
-    /// The eight cells around cell coordinates and the place between them. Beyond the lattice as at its edge.
+    /// The eight cells around cell coordinates and the position between them. Beyond the lattice its outermost cells are used.
     #[inline]
     fn around(&self, cell: &Vector3<f64>) -> CellsAround {
         let (mut base, mut u) = ([0usize; 3], [0f32; 3]);
@@ -277,13 +276,13 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         CellsAround::Cut(std::array::from_fn(corner), u)
     }
 
-    /// The cell nearest to cell coordinates. Beyond the lattice the one at its edge; NaN becomes 0.
+    /// The cell nearest to cell coordinates; beyond the lattice the outermost one. NaN becomes 0.
     #[inline]
     fn nearest_cell(&self, cell: &Vector3<f64>) -> [usize; 3] {
         std::array::from_fn(|a| ((cell[a] + 0.5).max(0.0) as usize).min(self.cells[a] - 1))
     }
 
-    /// Cells along a voxel; 1 where a cell is as large or larger.
+    /// Number of cells along a voxel; 1 where a cell is as large or larger.
     pub(super) fn split(&self) -> usize {
         self.split
     }
@@ -334,7 +333,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         self.cells
     }
 
-    /// Bricks in all.
+    /// Number of all bricks.
     pub(super) fn brick_count(&self) -> usize {
         self.tags.len()
     }
@@ -349,7 +348,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         *self.tags[brick].get_mut() = tag;
     }
 
-    /// A brick's tag; one that nobody looked at is looked at.
+    /// A brick's tag; an unknown brick is classified first.
     pub(super) fn looked_at(&self, brick: usize) -> u32 {
         if self.tag(brick) == tag::UNKNOWN {
             let found = if self.has_solid(brick) { tag::INTACT } else { tag::NOTHING };
@@ -358,7 +357,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         self.tag(brick)
     }
 
-    /// What is left of everything solid. Looks at every voxel.
+    /// Amount of all remaining solid material. Reads every voxel.
     pub fn left(&self) -> Amount {
         let mut left = Amount::default();
         let part_mm3 = self.part_mm3();
@@ -369,7 +368,7 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
                 _ => Some(&Brick::INTACT),
             };
             let Some(brick) = brick else { continue };
-            // summed by brick: a long sum of like terms drifts
+            // summed by brick, because one long sum would accumulate rounding errors
             let mut own = Amount::default();
             for n in 0..CELLS {
                 let held = brick.held[n].unwrap_or_else(|| self.held(self.cell_in(index, n)));
@@ -383,13 +382,13 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
         left
     }
 
-    /// The part of a cell that is left at the depth D of its centre, cells.
+    /// The remaining share of a cell whose centre has depth D, cells.
     #[inline]
     pub(super) fn part_left(&self, depth: f32) -> f64 {
         (0.5 + self.bend / 24.0 + f64::from(depth)).clamp(0.0, 1.0)
     }
 
-    /// Notes that a brick's cells changed.
+    /// Records that a brick's cells changed.
     pub(super) fn touch(&mut self, brick: usize) {
         if !self.is_dirty[brick] {
             self.is_dirty[brick] = true;
@@ -408,16 +407,16 @@ impl<'a, T: Copy + Into<f64> + Sync> Lattice<'a, T> {
 
 /// Cells around a point.
 enum CellsAround {
-    /// Nothing cut.
+    /// None is cut.
     Bone,
-    /// All gone.
+    /// All are removed.
     Gone,
-    /// Depths, x-fastest, and the place between them, 0 to 1.
+    /// Depths, x-fastest, and the position between them, 0 to 1.
     Cut([f32; 8], [f32; 3]),
 }
 
-/// m = clamp(½ + D/(w sin θ), 0, 1) with half the width w. A surface that lies along the patch is the burr's own of
-/// an earlier visit: there, `doubt` in the depth decides for gone.
+/// m = clamp(½ + D/(w sin θ), 0, 1) with half the width w. A surface along the patch comes from an earlier visit of the burr
+/// to the same place; there a depth within `doubt` counts as removed.
 #[inline]
 pub(super) fn share(depth: f64, half: f64, sin: f64, doubt: f64) -> f64 {
     let depth = depth - doubt * (1.0 - sin * sin);

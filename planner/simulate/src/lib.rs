@@ -1,13 +1,13 @@
-//! Voxel removal under a moving burr, and the force on it: step by step for whoever moves a tool, or over a finished
+//! Simulates bone removal by a moving burr and the force on it: pose by pose for a tool moved by hand, or along a finished
 //! plan.
 //!
-//! - [`Bone`]: densities and kinds, as the images have them; [`Lattice`]: what is left of them;
-//! - [`Engine`]: from pose to pose: force, removal, and the shank's alarm;
-//! - [`Lattice::touched_surface`]: what a viewer draws anew; [`replay`]: a finished plan through its trajectory;
+//! - [`Bone`]: densities and kinds from the images; [`Lattice`]: the remaining bone;
+//! - [`Engine`]: from pose to pose: force, removal, and contact of the shank;
+//! - [`Lattice::touched_surface`]: the surface that a viewer must redraw; [`replay`]: a finished plan along its trajectory;
 //! - [`ForceModel`]: the fluted burr ([`FlutedBurr`]) and the lumped removal rate ([`Lumped`]).
 //!
 //! Sources: Dillon et al. 2016, II-C; Faieghi et al., II (voxmap and point shell, elemental forces); Yang & Chen, 2
-//! (swept volume, removal rate, shank collision). What is done otherwise, and why, stands in each module.
+//! (swept volume, removal rate, shank collision). Each module states where it differs from them, and why.
 
 mod behind;
 mod bone;

@@ -1,4 +1,4 @@
-//! A force log through the engine: what the model says of every row, for a calibration.
+//! Replays a force log in the engine and computes the model's force for every row, for a calibration.
 
 use bonemill_cutting::calibrate::Observation;
 use bonemill_planfile::LogRow;
@@ -8,19 +8,19 @@ use super::replay::{SimulateError, SimulationSetup};
 use super::scene::bone_of;
 use super::{Engine, FlutedBurr, Move, Pose, force_per_coefficient};
 
-/// Mills the scene along a log's poses and pairs each row but the first with the model's forces per coefficient, in
-/// work.
+/// Mills the scene along a log's poses and pairs each row except the first with the model's force per unit of each
+/// coefficient, in work.
 ///
-/// A row in which the shank touches bone, or the burr stands, is left out. With t0 > 0 the edge term depends on the
-/// chip as the case says.
+/// A row in which the shank touches bone, or the burr stands still, is left out. With t0 > 0 the edge term depends on the
+/// chip thickness as in the case.
 ///
 /// # Errors
-/// [`SimulateError::Engine`] for a pose that is none.
+/// [`SimulateError::Engine`] for an invalid pose.
 pub fn observe(setup: &SimulationSetup, rows: &[LogRow]) -> Result<Vec<Observation>, SimulateError> {
     let work_from_ct = setup.scene.ct_from_work.inverse();
     let pose = |row: &LogRow| Pose::new(work_from_ct * row.position, work_from_ct.rotate(&row.axis));
     let mut spec = setup.spec.clone();
-    // so that the edge's directions are summed, whatever the case's coefficients are
+    // an edge coefficient above 0, so that the edge's directions are summed for every case
     let t0_mm = spec.material.t0_mm();
     spec.material = spec.material.with_edge([1.0; 3], t0_mm)?;
     let (tool, model) =

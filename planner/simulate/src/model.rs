@@ -1,7 +1,7 @@
-//! From what the burr meets to what it feels: one small interface, two models.
+//! Computes forces from the engagement: one small interface with two models.
 //!
-//! [`FlutedBurr`] is Dillon's spherical burr with the edge term, summed blade by blade. [`Lumped`] is Yang and
-//! Chen's: the whole cut in its removal rate, as printed or with the energy of the burr model's db form.
+//! [`FlutedBurr`] is Dillon's spherical burr with the edge term, summed over the blades. [`Lumped`] is Yang and Chen's model,
+//! in which the force depends only on the removal rate, as printed or with the energy of the burr model's db form.
 
 use std::f64::consts::PI;
 
@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 
 use super::engagement::{DirectionSums, Engagement};
 
-/// What the bone does to the burr; vectors in work.
+/// Force and torque of the bone on the burr; vectors in work.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CutForce {
     /// Mean force on the burr over a turn, N.
@@ -29,7 +29,7 @@ pub struct CutForce {
 
 /// A force model.
 pub trait ForceModel: Sync {
-    /// The force for what the burr meets; zero in air and at rest.
+    /// The force for an engagement; zero in air and at rest.
     fn force(&self, met: &Engagement) -> CutForce;
 }
 
@@ -66,7 +66,7 @@ impl ForceModel for FlutedBurr {
         }
         let per_turn = 1.0 / met.cut.len() as f64;
         let moment = moment * per_turn;
-        // + 0.0: no minus zero in air
+        // + 0.0 turns −0 into 0 in air
         let torque_nmm = -self.tool.spin() * moment.z + 0.0;
         CutForce {
             force_n: met.tool_axes * force * per_turn,
@@ -93,13 +93,13 @@ pub fn force_per_coefficient(met: &Engagement, tool: &Tool) -> [Vector3<f64>; 6]
     [cut(t), cut(r), cut(a), edge(t), edge(r), edge(a)]
 }
 
-/// How the lumped force follows from the removal rate.
+/// How the lumped force is computed from the removal rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LumpedForm {
-    /// F_t = K_t MRR/f with a fixed K_t: equation (3) as printed, whatever feed and spindle do.
+    /// F_t = K_t MRR/f with a fixed K_t for all feeds and spindle speeds: equation (3) as printed.
     AsPrinted(LumpedCoefficients),
-    /// F_t = K MRR/V_c with the specific cutting energy K and V_c the speed of the teeth at the equator, F_r = K_r
-    /// F_t: the spindle's power is K MRR.
+    /// F_t = K MRR/V_c with the specific cutting energy K and V_c the speed of the teeth at the equator; F_r = K_r F_t. The
+    /// spindle's power is then K MRR.
     CuttingEnergy {
         /// K, N/mm² (mJ/mm³).
         k_n_mm2: f64,
@@ -110,9 +110,9 @@ pub enum LumpedForm {
 
 /// Yang and Chen's lumped force.
 ///
-/// F_t acts against the blades' motion and F_r away from the bone, both where the bone is: at the mean of the engaged
-/// surface's normals. MRR is that of material at the reference density, so that light bone gives less force (Yang's
-/// phantom is of one density).
+/// F_t acts against the blades' motion and F_r away from the bone, both at the mean of the engaged surface's normals. MRR is
+/// the equivalent volume of material at the reference density, so that light bone gives less force (Yang's phantom has one
+/// density).
 ///
 /// **Source:** Yang & Chen, equations (3), (4), (13), (14); docs/force-model.md 9 for both forms.
 #[derive(Debug, Clone, PartialEq)]
@@ -122,7 +122,7 @@ pub struct Lumped {
 }
 
 impl Lumped {
-    /// For a burr.
+    /// The lumped model for a burr.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] unless the coefficients are finite and not negative.
@@ -156,7 +156,7 @@ impl ForceModel for Lumped {
             }
         };
         let outwards = met.toward_bone_mm2.try_normalize(1e-12).unwrap_or_default();
-        // a plunge has no side on which the teeth push
+        // in a plunge the tangential forces cancel
         let around = Vector3::z().cross(&outwards).try_normalize(1e-9).unwrap_or_default() * sigma;
         let force = -(around * tangential_n + outwards * radial_n);
         let torque_nmm = tangential_n * r;

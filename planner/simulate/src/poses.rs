@@ -1,4 +1,4 @@
-//! A plan's joint trajectory as burr poses, close enough for a simulation.
+//! Converts a plan's joint trajectory to burr poses that are close enough for a simulation.
 
 use bonemill_arm::{Arm, RobotError};
 use bonemill_geometry::{Base, Point, Rigid, Tool, Work, cancel};
@@ -7,23 +7,23 @@ use rayon::prelude::*;
 
 use super::{EngineError, Move, Pose};
 
-/// The shaft may turn this far between two poses, rad.
+/// Largest turn of the shaft between two poses, rad.
 const TURN_RAD: f64 = 0.02;
-/// More poses than this are refused.
+/// Largest number of poses.
 const MOST_POSES: f64 = 2e7;
-/// Rarer poses, or longer steps, leave out what a path does between them.
+/// Least rate of poses; with fewer, parts of a path would be left out.
 const LEAST_RATE_HZ: f64 = 1.0;
 const MOST_STEP_MM: f64 = 5.0;
 
 /// How a trajectory is sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Sampling {
-    /// The burr goes at most this far between two poses, mm; while it stands there are none.
+    /// The burr moves at most this far between two poses, mm; while it stands still there are none.
     Step {
         /// Longest step, mm.
         step_mm: f64,
     },
-    /// So many poses a second.
+    /// A fixed number of poses per second.
     Rate {
         /// Hz.
         rate_hz: f64,
@@ -31,7 +31,7 @@ pub enum Sampling {
 }
 
 impl Default for Sampling {
-    /// A tenth of a millimetre.
+    /// Steps of 0.1 mm.
     fn default() -> Self {
         Self::Step { step_mm: 0.1 }
     }
@@ -40,7 +40,7 @@ impl Default for Sampling {
 /// A pose of the trajectory.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrajectorySample {
-    /// On the plan's clock, s.
+    /// Time in the plan, s.
     pub time_s: f64,
     /// Joint positions, mm or rad.
     pub q: Vec<f64>,
@@ -48,37 +48,37 @@ pub struct TrajectorySample {
     pub pose: Pose,
 }
 
-/// What is wrong with a trajectory as a way of the burr.
+/// Why a trajectory cannot be converted to burr poses.
 #[derive(Debug, thiserror::Error)]
 pub enum PoseError {
-    /// A step or rate that says nothing of what lies between two poses.
+    /// The step is too long, or the rate too low.
     #[error("{name} = {value}: too coarse; expected {expected}")]
     Coarse {
-        /// Which.
+        /// Name of the parameter.
         name: &'static str,
         /// What was given.
         value: f64,
-        /// What would do.
+        /// What is accepted.
         expected: &'static str,
     },
-    /// A step or rate that is no number above 0, or that makes too many poses.
+    /// The step or rate is not a number above 0, or makes too many poses.
     #[error(
         "{name} = {value}: expected a number above 0 that makes at most {most:.0e} poses, not {poses:.3e}"
     )]
     Sampling {
-        /// Which.
+        /// Name of the parameter.
         name: &'static str,
         /// What was given.
         value: f64,
-        /// How many poses it would make; infinite where it makes no sense.
+        /// Number of poses that it would make; infinite if the value is invalid.
         poses: f64,
-        /// How many are allowed.
+        /// Largest allowed number.
         most: f64,
     },
-    /// Nothing to simulate.
+    /// The trajectory has no rows.
     #[error("the trajectory has no row")]
     Empty,
-    /// The arm has no such pose.
+    /// A row is not a joint vector of the arm.
     #[error("at {time_s:.3} s of the trajectory")]
     Arm {
         /// When.
@@ -86,7 +86,7 @@ pub enum PoseError {
         /// Why not.
         source: RobotError,
     },
-    /// The burr would be nowhere.
+    /// The burr's pose is invalid.
     #[error("at {time_s:.3} s of the trajectory")]
     Pose {
         /// When.
@@ -96,9 +96,9 @@ pub enum PoseError {
     },
 }
 
-/// The burr along a trajectory. The first and last rows are always there.
+/// The burr's poses along a trajectory. The first and the last row are always included.
 ///
-/// Joints between rows follow the cubic of their positions and velocities.
+/// Between rows, joints follow the cubic with the rows' positions and velocities.
 ///
 /// # Errors
 /// [`PoseError`].
@@ -161,7 +161,7 @@ fn check(name: &'static str, value: f64, poses: f64) -> Result<f64, PoseError> {
     if fine { Ok(poses) } else { Err(PoseError::Sampling { name, value, poses, most: MOST_POSES }) }
 }
 
-/// Leaves out rows while the burr stays within a step; puts poses between rows that are farther apart.
+/// Leaves out rows while the burr stays within a step, and inserts poses between rows that are farther apart.
 fn thin_out(
     trajectory: &Trajectory,
     rows: &[Pose],
@@ -181,7 +181,7 @@ fn thin_out(
             next.center.distance_mm(&rows[last].center) > step_mm
                 || next.axis.angle(&rows[last].axis) > TURN_RAD
         };
-        // a row that is far off itself may be the tip of a sharp turn
+        // a row that is far from both neighbours may be the tip of a sharp turn
         if !is_end && !leaves(&rows[n]) && !leaves(&rows[n + 1]) {
             continue;
         }
@@ -196,7 +196,7 @@ fn thin_out(
     Ok(kept)
 }
 
-/// Joint positions at a time: the cubic through the rows around it and their velocities.
+/// Joint positions at a time, by the cubic with the positions and velocities of the rows around it.
 fn joints(trajectory: &Trajectory, time_s: f64) -> Vec<f64> {
     let last = trajectory.len() - 1;
     let next = trajectory.time_s.partition_point(|t| *t <= time_s).clamp(1, last.max(1)).min(last);
@@ -266,7 +266,7 @@ mod tests {
         }
     }
 
-    /// One row far off between two that are near each other.
+    /// One row is far away between two that are near each other.
     #[test]
     fn the_tip_of_a_sharp_turn_is_kept() {
         let arm = Arm::bone_attached().unwrap();

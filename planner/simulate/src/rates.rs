@@ -1,39 +1,39 @@
-//! The mean removal rate of every step, so that rates times durations add up to the volume removed.
+//! The mean removal rate of every step, such that rates times durations add up to the removed volume.
 //!
-//! A step's own rate is that of the burr's surface at its end. Where the engagement grows or falls within a step, that is not the
-//! step's mean, and the sum over a plan comes out some per cent too large. What the lattice loses is exact, but it follows some way
-//! behind the burr. So the loss between two looks at the lattice goes to the steps whose way it covers, in proportion to what their own
-//! rates say.
+//! A step's own rate is computed from the burr's surface at its end. Where the engagement changes within a step, this is not
+//! the step's mean, and the sum over a plan is some per cent too large. The lattice's loss is exact, but the lattice is
+//! updated some distance behind the burr. So the loss between two updates of the lattice is divided among the steps in that
+//! part of the path, in proportion to their own rates.
 
-/// Steps and the volumes that are known of them.
+/// Steps, and the volumes that are known for them.
 #[derive(Debug, Default)]
 pub struct StepVolumes {
-    /// Where each step ends along the way, mm.
+    /// Path length at the end of each step, mm.
     ends_mm: Vec<f64>,
-    /// What its own rate says, mm³.
+    /// Volume by each step's own rate, mm³.
     by_rate_mm3: Vec<f64>,
-    /// What it removes, mm³.
+    /// Volume that each step removes, mm³.
     removed_mm3: Vec<f64>,
-    /// Up to where along the way the lattice has lost what the burr took, mm, and how much, mm³.
+    /// Path length up to which the lattice is updated, mm, and the volume removed from it so far, mm³.
     lost: (f64, f64),
-    /// The first step whose end is not yet reached.
+    /// The first step whose end the lattice has not reached.
     next: usize,
 }
 
 impl StepVolumes {
-    /// One more step.
+    /// Adds a step.
     pub fn push(&mut self, length_mm: f64, by_rate_mm3: f64) {
         self.ends_mm.push(self.way_mm() + length_mm);
         self.by_rate_mm3.push(by_rate_mm3);
         self.removed_mm3.push(0.0);
     }
 
-    /// Length of the way so far, mm.
+    /// Length of the path so far, mm.
     fn way_mm(&self) -> f64 {
         self.ends_mm.last().copied().unwrap_or(0.0)
     }
 
-    /// The lattice has lost `lost_mm3` in all, and the last `pending_mm` of the way are not out of it.
+    /// Records that the lattice has lost `lost_mm3` in total, and that the last `pending_mm` of the path are not removed yet.
     pub fn look(&mut self, lost_mm3: f64, pending_mm: f64) {
         let (from_mm, before_mm3) = self.lost;
         let (to_mm, new_mm3) = (self.way_mm() - pending_mm, lost_mm3 - before_mm3);
@@ -53,7 +53,7 @@ impl StepVolumes {
         let Some(last) = parts.len().checked_sub(1) else { return };
         let sum: f64 = parts.iter().sum();
         for (n, part) in parts.iter().enumerate() {
-            // where no rate says anything, the last step takes it
+            // where all rates are 0, the last step gets the volume
             let share = if sum > 0.0 { part / sum } else { f64::from(u8::from(n == last)) };
             self.removed_mm3[first + n] += new_mm3 * share;
         }
@@ -61,7 +61,7 @@ impl StepVolumes {
         self.lost = (to_mm, lost_mm3);
     }
 
-    /// What each step removes, mm³; what is lost beyond the last look stays out.
+    /// Volume that each step removes, mm³. Volume removed after the last update is not included.
     pub fn removed_mm3(self) -> Vec<f64> {
         self.removed_mm3
     }

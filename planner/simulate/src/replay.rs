@@ -1,8 +1,7 @@
-//! A finished plan, replayed: joints through forward kinematics, burr and shank through the bone.
+//! Replays a finished plan: forward kinematics of the joint trajectory gives burr and shank, which move through the bone.
 //!
-//! With joint stiffnesses in the case, the arm yields: the burr cuts where it is, not where it should be. Its
-//! deflection follows C·F, F at the commanded speed; since F itself falls with the speed at which the burr yields, it
-//! gets there with the time constant
+//! If the case has joint stiffnesses, the arm deflects, and the burr cuts at its deflected position. The deflection tends to
+//! C·F, with F at the commanded speed. Because F decreases with the speed at which the burr gives way, the time constant is
 //! |C F|/|v| (backward Euler of d = C F(v + ḋ)), which is stable for any step.
 
 use bonemill_cutting::burr::{Discretisation, ElementGrid, Measure, ModelError, Tool};
@@ -23,35 +22,35 @@ use super::rates::StepVolumes;
 use super::scene::{bone_of, solid_density};
 use super::{Amount, Engine, EngineError, EngineSpec, ForceModel, ModelName, Move, ShankContact, Step};
 
-/// Poses that are worked on together; part of the result's definition.
+/// Number of poses per batch; the result depends on it.
 const BATCH: usize = 16;
-/// Elements of the force sum from tip to shaft, and around.
+/// Number of elements of the force sum from tip to shaft, and around.
 const N_KAPPA: usize = 32;
 const N_AROUND: usize = 64;
-/// Contacts that are kept with their place; the rest is counted.
+/// Number of contacts whose place is stored; further ones are only counted.
 const KEPT_CONTACTS: usize = 100;
 
 /// Why a plan cannot be simulated.
 #[derive(Debug, Error)]
 pub enum SimulateError {
-    /// The plan's images.
+    /// The plan's images cannot be used.
     #[error(transparent)]
     Images(#[from] PlanError),
-    /// The trajectory.
+    /// The trajectory cannot be used.
     #[error(transparent)]
     Poses(#[from] PoseError),
-    /// The arm's compliance.
+    /// The arm's compliance cannot be computed.
     #[error("compliance of the arm at {time_s:.3} s")]
     Compliance {
         /// When.
         time_s: f64,
-        /// Why there is none.
+        /// The reason.
         source: bonemill_arm::RobotError,
     },
-    /// Burr, bone or pose.
+    /// The engine refused burr, bone or a pose.
     #[error(transparent)]
     Engine(#[from] EngineError),
-    /// Our own bug: densities and grid differ.
+    /// Densities and grid do not match; this is a bug.
     #[error(transparent)]
     Volume(#[from] bonemill_geometry::VolumeError),
 }
@@ -65,9 +64,9 @@ impl From<ModelError> for SimulateError {
 /// One row of `simulation.csv`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulationRow {
-    /// On the plan's clock, s.
+    /// Time in the plan, s.
     pub time_s: f64,
-    /// Where the burr is, deflection included.
+    /// Position of the burr's centre, including deflection.
     pub position: Point<Ct>,
     /// Mean force on the burr over a turn, ct, N.
     pub force_n: Vector3<f64>,
@@ -77,57 +76,57 @@ pub struct SimulationRow {
     pub torque_nmm: f64,
     /// Spindle power, W.
     pub power_w: f64,
-    /// Mean removal rate on the way here, mm³/s: rates times durations add up to the volume removed.
+    /// Mean removal rate of the step that ends here, mm³/s; rates times durations add up to the removed volume.
     pub mrr_mm3_s: f64,
-    /// The structure that matters, by its place in the case.
+    /// Index in the case of the structure with the smallest distance less clearance.
     pub structure: Option<usize>,
     /// Force toward it, N, not negative.
     pub force_toward_n: Option<f64>,
     /// Distance from the burr's centre to it, mm.
     pub distance_mm: Option<f64>,
-    /// How far the burr is from where it should be, µm; none without a stiffness.
+    /// Distance of the burr from its commanded position, µm; `None` without a stiffness.
     pub deflection_um: Option<f64>,
 }
 
 /// A structure near the burr at one pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulatedToward {
-    /// Its place in the case.
+    /// Its index in the case.
     pub structure: usize,
-    /// From the burr's centre, mm.
+    /// Distance from the burr's centre, mm.
     pub distance_mm: f64,
-    /// Force toward it, N, not negative; none inside of it.
+    /// Force toward it, N, not negative; `None` inside it.
     pub force_n: Option<f64>,
 }
 
 /// The outcome of a simulation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Simulation {
-    /// One row per pose, the first included.
+    /// One row per pose, including the first.
     pub rows: Vec<SimulationRow>,
-    /// Per structure of the case: least distance over all poses, and the force toward it while something is removed.
+    /// For each structure of the case, the least distance over all poses, and the force toward it while something is removed.
     pub structures: Vec<StructureFigures>,
-    /// What was removed, by kind.
+    /// Amount removed, by kind.
     pub removed: Amount,
-    /// The same, by the surface's rates along the way: the difference is a measure of the step.
+    /// The same computed from the surface's rates; the difference is a measure of the step's error.
     pub removed_by_rate: Amount,
     /// The first contacts of the shank, with their times.
     pub contacts: Vec<(f64, ShankContact)>,
-    /// Steps that the shank stopped.
+    /// Number of steps that the shank stopped.
     pub stopped: usize,
     /// Side of a cell of the lattice, mm.
     pub cell_mm: f64,
-    /// Whether the arm yielded.
+    /// Whether the arm deflected.
     pub compliant: bool,
 }
 
 impl Simulation {
-    /// Largest force, mean over a turn, N.
+    /// Largest force (each averaged over a turn), N.
     pub fn peak_force_n(&self) -> f64 {
         self.rows.iter().map(|row| row.force_n.norm()).fold(0.0, f64::max)
     }
 
-    /// Mean over the time in which something is removed, N.
+    /// Mean force over the time in which something is removed, N.
     pub fn mean_force_n(&self) -> f64 {
         let (mut sum, mut seconds) = (0.0, 0.0);
         for (row, span_s) in self.spans().filter(|(row, _)| row.mrr_mm3_s > 0.0) {
@@ -142,19 +141,19 @@ impl Simulation {
         self.spans().map(|(row, span_s)| row.power_w * span_s).sum()
     }
 
-    /// Rows with the time that leads to them.
+    /// Rows, each with the duration of the step that ends there.
     fn spans(&self) -> impl Iterator<Item = (&SimulationRow, f64)> {
         self.rows.windows(2).map(|pair| (&pair[1], pair[1].time_s - pair[0].time_s))
     }
 }
 
-/// What a plan's images, burr and bone are to the engine.
+/// The input of the engine for a plan: scene, densities and tool.
 pub struct SimulationSetup {
     /// The scene, as the planner made it.
     pub scene: Scene,
-    /// Densities of everything solid.
+    /// Densities of all solid voxels.
     pub density_g_cm3: bonemill_geometry::Volume<f32, Work>,
-    /// Burr, shank, material, fineness.
+    /// Burr, shank, material and resolution.
     pub spec: EngineSpec,
     clearances_mm: Vec<f64>,
 }
@@ -182,10 +181,10 @@ impl SimulationSetup {
         Ok(Self { scene, density_g_cm3, spec, clearances_mm })
     }
 
-    /// Structures for a burr's centre: the one with the smallest distance less clearance first, then the others within their
+    /// The structures near a burr's centre: first the one with the smallest distance less clearance, then the others within their
     /// influence.
     ///
-    /// Inside a structure there is no direction: that one alone is given then, without a force, at distance 0.
+    /// Inside a structure there is no direction toward it; then only this structure is given, at distance 0 and without a force.
     pub fn toward(&self, center: Point<Work>, force_n: &Vector3<f64>) -> Vec<SimulatedToward> {
         let radius_mm = self.spec.tool.radius_mm();
         match nearest_structures::structures_within(&self.scene, &self.clearances_mm, radius_mm, center) {
@@ -209,7 +208,7 @@ impl SimulationSetup {
     }
 }
 
-/// The simulation's force sum: coarser than the planner's, 2e-3 of |F|.
+/// The simulation's force sum; it is coarser than the planner's, with an error of 2e-3 of |F|.
 fn discretisation(tool: &Tool, measure: Measure) -> Result<Discretisation, ModelError> {
     let n_gamma = N_AROUND.div_ceil(tool.blades() as usize);
     Discretisation::new(n_gamma, N_KAPPA, ElementGrid::Kappa, measure)
@@ -317,7 +316,7 @@ pub fn replay(
     Ok(simulation)
 }
 
-/// Compliance at every sample but the first, work, mm/N.
+/// Compliance at every sample except the first, work, mm/N.
 fn compliances(
     plan: &StoredPlan,
     base_from_work: &Rigid<bonemill_geometry::Base, Work>,
@@ -333,7 +332,7 @@ fn compliances(
     samples.par_iter().skip(1).map(one).collect()
 }
 
-/// One step of a burr that gives way; `deflection` is how far it is off, work, mm.
+/// One step of a burr that deflects; `deflection` is its present deflection, work, mm.
 fn yielding_step<M: ForceModel>(
     engine: &mut Engine<'_, f32, M>,
     to: &Move,

@@ -14,7 +14,7 @@ pub const SIMULATION: &str = "simulation.csv";
 /// The columns, in order; ct frame.
 const COLUMNS: [&str; 14] = names(&SIMULATION_ROWS);
 
-/// Writes a simulation's rows into its plan's directory; what stands there is replaced.
+/// Writes a simulation's rows into its plan's directory; an existing file is replaced.
 ///
 /// # Errors
 /// [`PlanFileError`] for a value that is not finite, a structure that the case lacks, or a file that cannot be written.

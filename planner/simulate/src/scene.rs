@@ -1,5 +1,5 @@
-//! What a simulation mills of a scene: the target as the planner has it, and the bone and structures around it, which
-//! resist as well when a deflected burr or a hand gets there.
+//! The solid voxels of a scene for a simulation: the planner's target, and the bone and structures around it, which also give
+//! force when a deflected or hand-moved burr reaches them.
 
 use bonemill_geometry::{Volume, VolumeError, Work};
 use bonemill_imaging::DensityTable;
@@ -7,9 +7,9 @@ use bonemill_scene::{Class, Scene};
 
 use super::{Bone, EngineError};
 
-/// Densities of everything solid in a scene, g/cm³: the target's material, all bone outside it, structures.
+/// Densities of all solid voxels of a scene, g/cm³: the target's material, all bone outside it, structures.
 ///
-/// What is neither is retracted soft tissue or air, and 0.
+/// All other voxels are retracted soft tissue or air, and have density 0.
 ///
 /// # Errors
 /// None in practice: grids of one scene agree. The type is that of [`Volume::new`].
@@ -17,7 +17,7 @@ pub fn solid_density(scene: &Scene, table: &DensityTable) -> Result<Volume<f32, 
     let cut = scene.density_g_cm3.data().iter().zip(scene.class.data()).zip(scene.hu.data());
     let data = cut
         .map(|((&density, class), &hu)| {
-            // structures resist as well where they are softer than bone
+            // structures give force also where they are softer than bone
             if class.is(Class::STRUCTURE) && density <= 0.0 {
                 table.density_g_cm3(f64::from(hu)).max(0.0) as f32
             } else {
@@ -28,7 +28,7 @@ pub fn solid_density(scene: &Scene, table: &DensityTable) -> Result<Volume<f32, 
     Volume::new(scene.class.grid().clone(), data)
 }
 
-/// A scene's solid voxels as the engine takes them.
+/// A scene's solid voxels as the engine's bone.
 ///
 /// # Errors
 /// [`EngineError`] when the densities are not on the scene's grid.

@@ -1,10 +1,10 @@
-//! Whether the shank touches what is left (Yang and Chen's alarm): where, and how deep.
+//! Tests whether the shank touches remaining bone (Yang and Chen's alarm), and finds where and how deep.
 //!
-//! The shank is a row of cylinders behind the burr. A solid cell whose centre lies in one and inside the remaining
-//! bone is touched; the depth is how far that centre lies below the cylinder's side. Bricks without solid cells, or
-//! gone, cost one look each.
+//! The shank is a row of cylinders behind the burr. It touches a solid cell if the cell's centre lies in a cylinder and
+//! inside the remaining bone; the depth is the distance of that centre below the cylinder's side. Bricks without remaining
+//! solid cells take one lookup each.
 //!
-//! Beyond the lattice a coarse map stands for bone; there only what is certain is reported.
+//! Beyond the lattice a coarse map of bone is used; there only certain contacts are reported.
 
 use bonemill_cutter::ShankCylinder;
 use bonemill_geometry::{Point, Work};
@@ -23,39 +23,39 @@ pub struct ShankContact {
     pub depth_mm: f64,
     /// Distance from the burr's centre along the shaft, mm.
     pub along_mm: f64,
-    /// What is touched there.
+    /// The kind of voxel touched there.
     pub kind: Kind,
 }
 
-/// The nearest solid cell to a cylinder of the shank.
+/// The deepest contact of a cylinder of the shank, or the distance to the nearest solid cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ShankView {
     /// The deepest contact.
     pub contact: Option<ShankContact>,
-    /// Without contact: nothing solid is nearer to it than this, mm.
+    /// Without contact, nothing solid is nearer to the cylinder than this, mm.
     pub clear_mm: f64,
 }
 
-/// A shaft at a place.
+/// Position and direction of the shaft.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shaft {
     pub center: Vector3<f64>,
     pub axis: Unit<Vector3<f64>>,
 }
 
-/// A brick in which the shank may meet something.
+/// A brick that the shank may touch.
 #[derive(Debug, Clone, Copy)]
 struct NearBrick {
     brick: usize,
     /// Its first cell.
     first: [usize; 3],
-    /// Nothing in it is nearer to the cylinder's axis than this, mm; negative where the axis may pass through.
+    /// Lower bound of the distance of its cells from the cylinder's axis, mm; negative where the axis may pass through it.
     apart_mm: f64,
 }
 
 impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
-    /// Looks for solid cells within `look_mm` of a cylinder's side; `is_swept` tells what the lattice does not know
-    /// yet.
+    /// Searches solid cells within `look_mm` of a cylinder's side; `is_swept` tells which points are removed but not yet in the
+    /// lattice.
     pub(super) fn view_shank(
         &self,
         shaft: &Shaft,
@@ -65,7 +65,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
     ) -> ShankView {
         let mut view = ShankView { contact: None, clear_mm: look_mm };
         let mut bricks = self.bricks_around(shaft, cylinder, look_mm);
-        // what is found in the nearest spares looking at the others
+        // nearest first, because a contact found there makes it unnecessary to search the others
         bricks.sort_unstable_by(|a, b| a.apart_mm.total_cmp(&b.apart_mm).then(a.brick.cmp(&b.brick)));
         for near in bricks {
             if near.apart_mm > cylinder.radius_mm + view.clear_mm {
@@ -77,7 +77,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         view
     }
 
-    /// Bricks with something solid that may lie within `look_mm` of a cylinder's side.
+    /// Bricks with solid cells that may lie within `look_mm` of a cylinder's side.
     fn bricks_around(&self, shaft: &Shaft, cylinder: &ShankCylinder, look_mm: f64) -> Vec<NearBrick> {
         let (bricks, mut found) = (self.bricks, Vec::new());
         let s = self.spacing_mm();
@@ -89,7 +89,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         let a = shaft.axis.iamax();
         let [b, c] = [(a + 1) % 3, (a + 2) % 3];
         let lean = 1.0 / shaft.axis[a].abs();
-        // layers of bricks across the axis' main direction; in each the line is short
+        // layers of bricks across the axis' main direction; the line is short in each
         let clip = |lo: f64, hi: f64, axis: usize| {
             let last = ((hi / side).floor()).min((bricks[axis] - 1) as f64);
             let first = (lo / side).floor().max(0.0);
@@ -119,7 +119,8 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         found
     }
 
-    /// A cell beyond an end counts with its distance from it, too: it may come beside the cylinder by the same way.
+    /// Searches one brick. A cell beyond an end of the cylinder counts with its distance from that end, because the same motion
+    /// may bring it beside the cylinder.
     fn view_brick(
         &self,
         &NearBrick { brick, first, .. }: &NearBrick,
@@ -172,10 +173,10 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         });
     }
 
-    /// Centres of a brick's voxels, or of its cells where these are larger: a cell of each, and the centre's cell coordinates.
+    /// Centres of a brick's voxels, or of its cells where these are larger: one cell of each, and the centre's cell coordinates.
     ///
-    /// Parts of a voxel are no more certain than the voxel: as for the planner, it is where its centre is. A row of which `may`
-    /// says, by its middle, that nothing in it matters is passed over.
+    /// As in the planner, a voxel counts by its centre, because its parts are not known more exactly. A row for whose middle
+    /// `may` is false is skipped.
     fn sites<S>(
         &self,
         first: [usize; 3],
@@ -184,7 +185,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         mut visit: impl FnMut(&mut S, [usize; 3], Vector3<f64>),
     ) {
         let split = self.split();
-        // cells that hold a centre: the first of each voxel's upper half
+        // the cells that contain a voxel's centre: the first of the voxel's upper half
         let cells = |a: usize| (first[a]..first[a] + SIDE).filter(move |c| c % split == split / 2);
         let middle = if split.is_multiple_of(2) { 0.5 } else { 0.0 };
         for z in cells(2) {
@@ -203,7 +204,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         known.unwrap_or_else(|| self.held(cell)).kind
     }
 
-    /// Contact beyond the grid, where the coarse map is certain of it.
+    /// Contact beyond the grid, if it is certain by the coarse map.
     fn view_far(&self, shaft: &Shaft, cylinder: &ShankCylinder, view: &mut ShankView) {
         let Some(far) = self.bone().far() else { return };
         let step_mm = far.spacing_mm();

@@ -1,8 +1,8 @@
-//! The bone's surface while it is cut: meshes of the bricks that changed, so that a viewer can follow.
+//! The bone's surface while it is cut: meshes of the bricks that changed, for a viewer.
 //!
-//! A brick's mesh is its own part of one surface: neighbours are made of the same samples where they meet, so they
-//! fit without stitching. A change reaches one cell into the neighbours; these are made anew as well. The surface
-//! lies where min(D, (ρ − level)/level) changes sign; it is for looking at: nothing is measured on it.
+//! A brick's mesh is its part of one surface: neighbouring bricks use the same samples where they meet, so their meshes fit
+//! together. A change reaches one cell into the neighbours, which are meshed again as well. The surface lies where
+//! min(D, (ρ − level)/level) changes sign. It is only for display; nothing is measured on it.
 
 use bonemill_geometry::{Mesh, Work};
 use fast_surface_nets::ndshape::{ConstShape, ConstShape3u32};
@@ -12,14 +12,14 @@ use rayon::prelude::*;
 
 use super::lattice::{FAR, Lattice, SIDE};
 
-/// Samples along a brick: its cells and one on either side.
+/// Number of samples along a brick: its cells and one on either side.
 const SAMPLES: usize = SIDE + 2;
 type Shape = ConstShape3u32<{ SAMPLES as u32 }, { SAMPLES as u32 }, { SAMPLES as u32 }>;
 
 /// One brick's part of the surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BrickMesh {
-    /// The brick's number: a new mesh of the same number takes the old one's place.
+    /// The brick's number; a new mesh replaces the old one of the same number.
     pub brick: usize,
     /// Its part of the surface; empty where there is none.
     pub mesh: Mesh<Work>,
@@ -55,7 +55,7 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         let level = level_g_cm3.max(1e-6);
         let sample = |n: u32| {
             let at = Shape::delinearize(n).map(|v| v as usize);
-            // one before the first cell; beyond the lattice nothing is solid
+            // starts one before the first cell; beyond the lattice nothing is solid
             let cell: [Option<usize>; 3] =
                 std::array::from_fn(|a| (first[a] + at[a]).checked_sub(1).filter(|c| *c < self.cells()[a]));
             let [Some(x), Some(y), Some(z)] = cell else { return 1.0 };

@@ -1,4 +1,4 @@
-//! Hard cases of the engine, against what is known in closed form or by brute force.
+//! Hard cases of the engine, compared with closed forms or brute force.
 
 use std::f64::consts::PI;
 
@@ -51,7 +51,7 @@ fn engine<'a>(bone: &'a Volume<f32, Work>, start: Pose) -> Engine<'a, f32, Flute
     Engine::new(Bone::new(bone).unwrap(), spec, model, start).unwrap()
 }
 
-/// At 1.5 mm/s.
+/// A move at 1.5 mm/s.
 fn to(from: Pose, to: Pose) -> Move {
     Move { to, seconds: from.center.distance_mm(&to.center) / 1.5 }
 }
@@ -88,12 +88,11 @@ fn a_full_slot_has_its_closed_form() {
     assert!((found - expected).abs() < 1.5e-3 * expected, "{found} of {expected}");
 }
 
-/// Half the burr's depth in bone below z = 0; what a slot of that depth feels (docs/force-model.md 6), where the block's edge
-/// is sharp.
+/// Two passes half a radius apart: the second removes the crescent that the first left, whose area is known exactly.
 #[test]
 fn a_second_pass_beside_the_first_meets_the_crescent_that_is_left() {
     let bone = uniform(10.0, 0.25);
-    // the exact crescent: two passes half a radius apart, removal rate = v (area of the new disc less the overlap)
+    // the exact crescent of two passes half a radius apart: removal rate = v (area of the new disc less the overlap)
     let apart = 0.5 * RADIUS_MM;
     let overlap = {
         let (r, d) = (RADIUS_MM, apart);
@@ -204,7 +203,7 @@ fn one_thread_and_two_give_the_same_bits() {
     assert!(one.0.iter().filter(|s| s.force.force_n.norm() > 0.1).count() > 300);
 }
 
-/// Steps one by one and in batches see the same bone: what differs is how much of the way is still exact.
+/// Single steps and batches cut the same bone; they differ only in how much of the path is not in the lattice yet.
 #[test]
 fn batches_agree_with_single_steps() {
     let bone = uniform(8.0, 0.25);
@@ -240,7 +239,7 @@ fn batches_agree_with_single_steps() {
 proptest! {
     #![proptest_config(bonemill_testkit::fixed(24))]
 
-    /// The lattice's depths are those of the nearest capsule, whatever the order and pieces.
+    /// The lattice's depths are those of the nearest capsule, for any order and division into pieces.
     #[test]
     fn depths_are_the_least_distance_to_any_capsule(
         corners in prop::collection::vec(prop::array::uniform3(-3.0f64..3.0), 2..6), pieces in 1usize..5, spare in 0usize..3,

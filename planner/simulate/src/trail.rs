@@ -1,13 +1,11 @@
-//! The last stretch of the burr's way, kept as it is: not yet in the lattice.
+//! The newest stretch of the burr's path, stored exactly and not yet removed from the lattice.
 //!
-//! Forces look at the burr's surface, and just behind it lies the surface that it made itself. Where that meets older
-//! cuts, an interpolated depth rounds the ridge off, and the burr would see too little bone along the rim of what it
-//! cuts. So the newest stretch stays exact: points are tested against its capsules, and the lattice follows a little
-//! behind.
+//! Forces are computed on the burr's surface, and directly behind it lies the surface that it has just cut. Where that meets
+//! older cuts, interpolated depths would round the ridge off, and the force would miss bone along the rim of the cut. So the
+//! newest stretch is stored exactly: points are tested against its capsules, and the lattice is updated some distance behind.
 //!
-//! Steps that go on straight become one piece. A piece may stand for a bent way within `tolerance_mm`, so that a
-//! hand's path of a thousand steps a second stays a handful of capsules; a way that is straight is kept exactly,
-//! however it is cut.
+//! Straight steps are merged into one piece. A piece may replace a curved path within `tolerance_mm`, so that a path moved by
+//! hand at a thousand steps per second stays a few capsules. A straight path is stored exactly, however it is divided.
 
 use bonemill_geometry::{Point, Work};
 use bonemill_stock::sweep::segment_distance_squared;
@@ -15,33 +13,33 @@ use nalgebra::Vector3;
 
 use super::carve::Piece;
 
-/// More pieces than this are not kept, whatever their length.
+/// Largest number of stored pieces.
 const MOST_PIECES: usize = 24;
 
-/// A polyline of burr centres that ends where the burr is.
+/// A polyline of burr centres that ends at the burr.
 #[derive(Debug, Clone)]
 pub struct Trail {
     corners: Vec<Vector3<f64>>,
-    /// How far the last piece may be from the way it stands for, mm.
+    /// Deviation of the last piece from the path that it replaces, mm.
     bent_mm: f64,
     tolerance_mm: f64,
-    /// Whether the ball at the first corner has been taken out of the lattice.
+    /// Whether the ball at the first corner is removed from the lattice.
     begun: bool,
 }
 
-/// A piece as a burr at the trail's end sees it.
+/// A piece of the trail.
 #[derive(Debug, Clone, Copy)]
 pub struct TrailPiece {
     /// Where it starts.
     pub from: Vector3<f64>,
     /// Where it ends.
     pub to: Vector3<f64>,
-    /// Whether the burr has just come along it: its surface is the burr's own.
+    /// Whether the burr has just moved along it, so that its surface is the burr's own.
     pub is_own: bool,
 }
 
 impl Trail {
-    /// A burr that appears at `at`.
+    /// The trail of a burr that starts at `at`.
     pub fn new(at: Point<Work>, tolerance_mm: f64) -> Self {
         Self { corners: vec![at.coords], bent_mm: 0.0, tolerance_mm, begun: false }
     }
@@ -51,14 +49,14 @@ impl Trail {
         self.corners.last().copied().unwrap_or_default()
     }
 
-    /// Goes straight to a point.
+    /// Extends the trail straight to a point.
     pub fn extend(&mut self, to: Vector3<f64>) {
         let count = self.corners.len();
         if to == self.end() {
             return;
         }
         if count >= 2 {
-            // the way so far is within `bent` of a–b, and a–b nowhere farther from a–to than b is
+            // the path so far is within `bent` of a–b, and no point of a–b is farther from a–to than b
             let off =
                 segment_distance_squared(&self.corners[count - 1], &self.corners[count - 2], &to).sqrt();
             if self.bent_mm + off <= self.tolerance_mm {
@@ -71,24 +69,24 @@ impl Trail {
         self.corners.push(to);
     }
 
-    /// Length of the way, mm.
+    /// Length of the trail, mm.
     pub fn length_mm(&self) -> f64 {
         self.corners.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum()
     }
 
-    /// Whether so many pieces are kept that the oldest must go.
+    /// Whether there are so many pieces that the oldest must be removed.
     pub fn is_crowded(&self) -> bool {
         self.corners.len() > MOST_PIECES
     }
 
-    /// Pieces, the oldest first; before the first step a piece of no length, the ball.
+    /// The pieces, the oldest first; before the first step one piece of length 0, a ball.
     pub fn pieces(&self) -> impl DoubleEndedIterator<Item = (Vector3<f64>, Vector3<f64>)> + '_ {
         let ball = (self.corners.len() == 1 && !self.begun).then(|| (self.end(), self.end()));
         ball.into_iter().chain(self.corners.windows(2).map(|pair| (pair[0], pair[1])))
     }
 
-    /// Pieces as [`Trail::pieces`], the newest first and cut at `near_mm` from the end; each with whether it lies
-    /// within that.
+    /// The pieces of [`Trail::pieces`], the newest first, divided at `near_mm` from the end; each tells whether it lies within
+    /// that distance.
     pub fn newest(&self, near_mm: f64) -> Vec<TrailPiece> {
         let mut left_mm = near_mm;
         let mut out = Vec::with_capacity(self.corners.len() + 1);
@@ -108,7 +106,7 @@ impl Trail {
         out
     }
 
-    /// Gives up all but the last `keep_mm`.
+    /// Removes and returns all pieces except the last `keep_mm`.
     pub fn take_all_but(&mut self, keep_mm: f64) -> Vec<Piece> {
         let mut excess = self.length_mm() - keep_mm;
         let mut taken = Vec::new();
@@ -133,7 +131,7 @@ impl Trail {
         taken
     }
 
-    /// Gives up pieces until it is not crowded.
+    /// Removes and returns pieces until the trail is not crowded.
     pub fn thin_out(&mut self) -> Vec<Piece> {
         let mut taken = Vec::new();
         let excess = self.corners.len().saturating_sub(MOST_PIECES / 2);

@@ -1,7 +1,8 @@
-//! Watches the shank along the burr's way: the first contact of a step, and how far each part may move unwatched.
+//! Watches the shank along the burr's path: finds the first contact of a step, and how far each part may move before it must
+//! be tested again.
 //!
-//! Bone only disappears, so a clearance found once stays until that part of the shank has moved as far: most steps ask
-//! nothing at all. What is remembered decides only whether a part is looked at again, so it may be forgotten at any time.
+//! Bone is only removed, so a clearance stays valid until that part of the shank has moved as far; most steps need no test.
+//! The stored clearances only decide whether a part is tested again, so they may be dropped at any time.
 
 use bonemill_cutter::ShankCylinder;
 use bonemill_stock::sweep::segment_distance_squared;
@@ -12,20 +13,20 @@ use super::lattice::Lattice;
 use super::shank::{Shaft, ShankContact, ShankView};
 use super::trail::Trail;
 
-/// How far around the shank bone is looked for, mm and mm per mm behind the burr, where a turn moves it more: what is
-/// found farther away saves looking again.
+/// Distance around the shank within which bone is searched, mm, and its growth per mm behind the burr, where a turn moves the
+/// shank more. A larger distance means fewer searches.
 const LOOK_MM: f64 = 1.0;
 const LOOK_PER_MM: f64 = 0.03;
-/// The shank is looked at in pieces of at most this length, mm: each may move as far as it is clear itself.
+/// The shank is tested in pieces of at most this length, mm; each has its own clearance.
 const SHANK_PIECE_MM: f64 = 5.0;
-/// Places along a step at which the shank is looked at, at most.
+/// Largest number of places along a step at which the shank is tested.
 const MOST_PLACES: f64 = 1000.0;
 
 /// The shank in pieces, and how far each may move before it can touch anything, mm.
 #[derive(Debug, Clone)]
 pub(super) struct ShankWatch {
     pieces: Vec<(ShankCylinder, f64)>,
-    /// The thinnest cylinder's radius, mm; none without a shank.
+    /// The thinnest cylinder's radius, mm; `None` without a shank.
     thin_mm: Option<f64>,
     burr_mm: f64,
 }
@@ -39,7 +40,7 @@ impl ShankWatch {
         }
     }
 
-    /// The first contact on the way between two poses; `trail` leads to the second and is what the lattice does not know.
+    /// The first contact between two poses; `trail` leads to the second and contains the path that is not in the lattice yet.
     pub(super) fn contact<T: Copy + Into<f64> + Sync>(
         &mut self,
         lattice: &Lattice<'_, T>,
@@ -76,7 +77,7 @@ impl ShankWatch {
                     .reduce(|a, b| if b.depth_mm > a.depth_mm { b } else { a });
             }
             if deepest.is_some() {
-                // the step is not made: these were looked at elsewhere
+                // the step is not made, so these clearances belong to another pose
                 close.iter().for_each(|&n| self.pieces[n].1 = 0.0);
                 return deepest;
             }

@@ -1,6 +1,7 @@
-//! The patient as the files show it: grey values, labels, what is to be removed and what is to be kept.
+//! The patient's anatomy from the image files: grey values, labels, the target and the structures.
 //!
-//! Read anew from the plan's inputs. Everything is a function of a point in ct; no grid of the planner's is involved.
+//! The images are read again from the plan's inputs. Everything is a function of a point in ct; the planner's grid is not
+//! used.
 
 use bonemill_case::{LabelRef, Target};
 use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
@@ -10,10 +11,10 @@ use nalgebra::Vector3;
 
 use super::VerifyError;
 
-/// HU of what lies beyond the scan.
+/// HU beyond the scan.
 const OUTSIDE_HU: f64 = -1000.0;
 
-/// A point this far beyond the scan's face still lies on it, voxels: rounding.
+/// A point at most this far beyond the scan's face counts as on the face, voxels, because of rounding.
 const SCAN_FACE_VOXELS: f64 = 1e-9;
 
 /// A structure to be kept.
@@ -55,7 +56,7 @@ impl Anatomy {
     /// Reads the images of a plan's case.
     ///
     /// # Errors
-    /// [`VerifyError::Image`] when a file cannot be read or trusted, [`VerifyError::LabelName`] for a name without number.
+    /// [`VerifyError::Image`] when a file cannot be read or is refused, [`VerifyError::LabelName`] for a name without a number.
     pub fn read(plan: &StoredPlan) -> Result<Self, VerifyError> {
         let case = &plan.record.case;
         let images = &case.images;
@@ -82,19 +83,19 @@ impl Anatomy {
         Ok(Self { ct, labels, aim, kept })
     }
 
-    /// Interpolated HU; beyond the scan is air.
+    /// Interpolated HU; beyond the scan that of air.
     pub fn hu(&self, p: Point<Ct>) -> f64 {
         self.ct.trilinear(p, OUTSIDE_HU)
     }
 
-    /// Whether a point lies in the scan, the union of the CT's closed voxel boxes; beyond it nothing is target.
+    /// Whether a point lies in the scan, the union of the CT's closed voxel boxes. There is no target beyond it.
     pub fn is_in_scan(&self, p: Point<Ct>) -> bool {
         let (index, dims) = (self.ct.grid().continuous_index(p), self.ct.grid().dims());
         (0..3)
             .all(|a| (index[a] - 0.5 * (dims[a] - 1) as f64).abs() <= 0.5 * dims[a] as f64 + SCAN_FACE_VOXELS)
     }
 
-    /// The label of the voxel that holds a point; 0 beyond the map.
+    /// The label of the voxel that contains a point; 0 beyond the map.
     pub fn label(&self, p: Point<Ct>) -> u16 {
         self.labels.grid().nearest(p).map_or(0, |v| *self.labels.get(v))
     }
@@ -143,19 +144,19 @@ impl Default for BoxExtent {
 }
 
 impl BoxExtent {
-    /// Takes in a point.
+    /// Extends the box to contain a point.
     pub fn hold(&mut self, p: Vector3<f64>) {
         self.lo = self.lo.inf(&p);
         self.hi = self.hi.sup(&p);
     }
 
-    /// The corners, farther out by `by`; none if nothing was held.
+    /// The corners, moved outwards by `by`; `None` if the box contains no point.
     pub fn grown(&self, by: &Vector3<f64>) -> Option<[Vector3<f64>; 2]> {
         (self.lo.x <= self.hi.x).then(|| [self.lo - by, self.hi + by])
     }
 }
 
-/// Whether a shape holds a point of ct; a label holds nothing by itself.
+/// Whether a shape contains a point of ct; always false for a label.
 pub fn shape_holds(shape: &Target, p: &Vector3<f64>) -> bool {
     match shape {
         Target::Label(_) => false,
@@ -170,7 +171,7 @@ pub fn shape_holds(shape: &Target, p: &Vector3<f64>) -> bool {
     }
 }
 
-/// The same shape with its surface farther out by `by_mm`.
+/// The same shape with its surface moved outwards by `by_mm`.
 pub fn resized(shape: &Target, by_mm: f64) -> Target {
     let by = Vector3::repeat(by_mm);
     match shape {
@@ -191,7 +192,8 @@ pub fn resized(shape: &Target, by_mm: f64) -> Target {
     }
 }
 
-/// Places in ct and half boxes around them along work's axes, which together have the shape's box.
+/// Points in ct, each with half the size of a box around it along work's axes; the boxes together have the shape's bounding
+/// box.
 fn parts(shape: &Target, grid_from_ct: &Rigid<Work, Ct>) -> Vec<(Vector3<f64>, Vector3<f64>)> {
     match shape {
         Target::Label(_) => Vec::new(),

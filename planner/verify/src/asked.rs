@@ -1,27 +1,28 @@
-//! What a case requires of a plan as a whole: that it does not fall short, by its own word and by its rows.
+//! Checks the requirements of a case on the plan as a whole: the plan must state no shortfall, and must keep the requested
+//! time and forces.
 //!
-//! A plan that falls short says why. Its word is a check of its own, so that such a plan never passes; the time and the forces that
-//! the case asks for are looked at as well, so that a plan whose word was taken out is still caught. Coverage is counted on voxels,
-//! beside the volumes; clearances, the shank and the joints' limits have checks of their own.
+//! A plan that falls short states its reasons. One check tests this statement, so that such a plan never passes. The requested
+//! time and forces are also checked from the rows, so that a plan whose statement was deleted is still found. Coverage is
+//! counted on voxels, beside the volumes; clearances, the shank and the joints' limits have separate checks.
 
 use bonemill_planfile::StoredPlan;
 
 use super::check::{Check, Place};
 use super::moves::{MoveClass, Moves};
 
-/// The names of the checks that say that a plan falls short of its case, as opposed to one that is wrong.
+/// The names of the checks for a plan that falls short of its case; all other checks are for a plan that is wrong.
 pub const SHORT: [&str; 4] = [MEETS, COVERAGE, TIME, FORCE];
 const MEETS: &str = "plan meets its case";
-/// Of [`super::figures`].
+/// Name of the check of coverage, made in [`super::figures`].
 pub const COVERAGE: &str = "coverage";
 const TIME: &str = "time asked for";
 const FORCE: &str = "force asked for";
-/// A time that was asked for is met to this share of itself.
+/// Relative accuracy to which a requested time is met.
 const TIME_SHARE: f64 = 1e-3;
-/// Rounding of forces in the file, as a share.
+/// Relative rounding of forces in the file.
 const ROUNDING: f64 = 1e-6;
 
-/// The plan's own word; the time and the forces that the case asks for, where it does.
+/// Checks the plan's stated shortfalls, and the time and forces that the case requests, if any.
 pub fn asked(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
     let shortfalls = &plan.record.shortfalls;
     let mut checks = vec![Check::none_wrong(MEETS, shortfalls.len()).noting(shortfalls.join("; "))];
@@ -38,7 +39,7 @@ pub fn asked(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
     checks
 }
 
-/// The largest share of each cap that a cut takes.
+/// The largest ratio of a cut's force to each cap.
 fn forces(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
     let (caps, radius_mm) = (&plan.record.case.speed.caps, plan.record.case.burr.radius_mm);
     let share = |subject: &str, of: &dyn Fn(&bonemill_planfile::Waypoint) -> Option<f64>| {
@@ -54,7 +55,7 @@ fn forces(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
     if let Some(curve) = &caps.force_toward_n {
         checks.push(share("speed.force_toward_n", &|w| {
             let (force_n, most_n) = (w.force_toward_n?, curve.at(w.distance_mm? - radius_mm));
-            // a cap of 0 N allows none
+            // a cap of 0 N allows no force
             Some(if force_n > 0.0 { force_n / most_n } else { 0.0 })
         }));
     }

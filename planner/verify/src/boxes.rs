@@ -1,13 +1,13 @@
 //! Exact distance to a structure: the union of its closed label voxel boxes, on the label map's own grid.
 //!
-//! Inside is looked up in the map. Outside, the nearest point lies on a voxel that has a neighbour (of 26) without the
-//! label; a hierarchy of bounding boxes over these voxels answers in about a microsecond. Works along the grid's own
-//! axes, which are orthonormal, so oblique and mirrored maps are no special case.
+//! Whether a point is inside is looked up in the map. Outside, the nearest point lies on a voxel that has a neighbour (of 26)
+//! without the label; a hierarchy of bounding boxes over these voxels finds it in about a microsecond. Coordinates are along
+//! the grid's own axes, which are orthonormal, so oblique and mirrored maps need no special treatment.
 
 use bonemill_geometry::{Ct, Grid, Point, Volume};
 use nalgebra::Vector3;
 
-/// Voxel boxes in a leaf.
+/// Largest number of voxel boxes in a leaf.
 const LEAF: usize = 8;
 
 /// The voxels of one label.
@@ -15,21 +15,21 @@ const LEAF: usize = 8;
 pub struct Boxes<'a> {
     labels: &'a Volume<u16, Ct>,
     label: u16,
-    /// Half a voxel, mm.
+    /// Half the size of a voxel, mm.
     half_mm: Vector3<f64>,
     /// Centres of the outer voxels, mm along the grid's axes from its origin; leaves are runs of them.
     centers_mm: Vec<Vector3<f64>>,
     nodes: Vec<Node>,
 }
 
-/// A box around boxes. Children follow a parent: the left one directly, the right one at `right`.
+/// A node with a bounding box. Its left child follows it directly; the right one is at `right`.
 #[derive(Debug, Clone, Copy)]
 struct Node {
     lo_mm: Vector3<f64>,
     hi_mm: Vector3<f64>,
-    /// Of a leaf: its run of centres.
+    /// For a leaf, its run of centres.
     run: [u32; 2],
-    /// Of a branch: its right child; 0 for a leaf.
+    /// For an inner node, its right child; 0 for a leaf.
     right: u32,
 }
 
@@ -54,12 +54,12 @@ impl<'a> Boxes<'a> {
         self.nearest(p).0
     }
 
-    /// Distance from `p`, mm, and the nearest point of the structure; (0, `p`) inside.
+    /// Distance from `p`, mm, and the nearest point of the structure; inside, (0, `p`).
     pub fn nearest(&self, p: Point<Ct>) -> (f64, Point<Ct>) {
         self.nearest_within(p, f64::INFINITY).unwrap_or((f64::INFINITY, p))
     }
 
-    /// [`Boxes::nearest`] if it is nearer than `cut_mm`: a small bound costs little where nothing is near.
+    /// [`Boxes::nearest`] if it is nearer than `cut_mm`. With a small bound the search is fast where nothing is near.
     pub fn nearest_within(&self, p: Point<Ct>, cut_mm: f64) -> Option<(f64, Point<Ct>)> {
         let grid = self.labels.grid();
         if !p.is_finite() || holds(self.labels, self.label, p) {
@@ -67,7 +67,7 @@ impl<'a> Boxes<'a> {
         }
         let at = along(grid, p);
         let mut best = (cut_mm * cut_mm, None);
-        // a branch leaves one child behind, and there are fewer levels than bits in a run's length
+        // each level leaves at most one child on the stack, and there are fewer levels than bits in a run's length
         let mut stack = [0u32; 64];
         let mut left = 1;
         while left > 0 {
@@ -87,7 +87,7 @@ impl<'a> Boxes<'a> {
                 }
                 continue;
             }
-            // the nearer child is looked at first: it is pushed last
+            // the nearer child is pushed last, so it is searched first
             let children = [n + 1, node.right];
             let far = |c: u32| self.nodes.get(c as usize).map_or(f64::INFINITY, |c| c.squared(&at));
             let order = if far(children[0]) < far(children[1]) { [1, 0] } else { [0, 1] };
@@ -100,8 +100,8 @@ impl<'a> Boxes<'a> {
         q.map(|q| (squared.sqrt(), Point::from_coords(grid.origin().coords + grid.axes() * q)))
     }
 
-    /// What a straight line from `a` to `b` keeps from the structure at least, mm, told up to `cut_mm`. Less than what it
-    /// truly keeps by no more than half a voxel's diagonal; 0 where it meets the structure or is not finite.
+    /// A lower bound of the distance of the straight line from `a` to `b` from the structure, mm, at most `cut_mm`. It is too
+    /// small by at most half a voxel's diagonal, and 0 where the line meets the structure or is not finite.
     pub fn kept_by_line(&self, a: Point<Ct>, b: Point<Ct>, cut_mm: f64) -> f64 {
         // a line that begins outside meets an outer voxel before an inner one
         if !(a.is_finite() && b.is_finite()) || holds(self.labels, self.label, a) {
@@ -135,7 +135,7 @@ impl<'a> Boxes<'a> {
     }
 }
 
-/// A straight line between two places, mm along the grid's axes.
+/// A straight line between two points, mm along the grid's axes.
 struct Line {
     from: Vector3<f64>,
     way: Vector3<f64>,
@@ -150,7 +150,7 @@ impl Line {
         Self { from, way, per_squared: if squared > 0.0 { squared.recip() } else { 0.0 } }
     }
 
-    /// Squared distance of a place, mm².
+    /// Squared distance of a point, mm².
     fn squared(&self, p: &Vector3<f64>) -> f64 {
         let d = p - self.from;
         let t = (d.dot(&self.way) * self.per_squared).clamp(0.0, 1.0);
@@ -170,7 +170,7 @@ impl Node {
     }
 }
 
-/// mm along the grid's axes from its origin.
+/// A point's coordinates along the grid's axes from its origin, mm.
 fn along(grid: &Grid<Ct>, p: Point<Ct>) -> Vector3<f64> {
     grid.axes().transpose() * (p - grid.origin())
 }
@@ -179,7 +179,7 @@ fn holds(labels: &Volume<u16, Ct>, label: u16, p: Point<Ct>) -> bool {
     labels.grid().nearest(p).is_some_and(|v| *labels.get(v) == label)
 }
 
-/// Centres of the label's voxels that have a neighbour (of 26) without it, or lie at the map's edge.
+/// Centres of the label's voxels that have a neighbour (of 26) without the label, or lie at the map's edge.
 fn outer_voxels(labels: &Volume<u16, Ct>, label: u16, spacing_mm: &Vector3<f64>) -> Vec<Vector3<f64>> {
     let [nx, ny, nz] = labels.grid().dims();
     let data = labels.data();
@@ -202,7 +202,7 @@ fn outer_voxels(labels: &Volume<u16, Ct>, label: u16, spacing_mm: &Vector3<f64>)
     found
 }
 
-/// Appends the hierarchy over a run of centres, halving along its longest side; the depth is the logarithm of the run.
+/// Appends the hierarchy over a run of centres, halved along its longest side; its depth is the logarithm of the run's length.
 fn split(
     centers: &mut [Vector3<f64>],
     run: std::ops::Range<usize>,
@@ -297,7 +297,7 @@ mod tests {
             kept += usize::from(said_mm > 0.5);
         }
         assert!(met > 50 && kept > 50, "{met} {kept}");
-        // all of it deep inside
+        // a line that lies deep inside
         let inner = grid.center([2, 6, 2]);
         assert_eq!(boxes.kept_by_line(inner, inner, 2.5), 0.0);
         assert_eq!(boxes.kept_by_line(Point::new(f64::NAN, 0.0, 0.0), inner, 2.5), 0.0);

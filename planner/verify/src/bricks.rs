@@ -1,37 +1,37 @@
-//! What still stands at a given move, and whether a cylinder touches it: every point in the cylinder is tested.
+//! The points that still stand at a given move, and whether a cylinder touches them: every point in the cylinder is tested.
 //!
-//! Each point of a grid stands until a move's number; blocks of 8×8×8 points know the latest of theirs, so that a block
-//! in which nothing is left is passed over. Works along the grid's own axes, in mm.
+//! Each point of a grid stands until a given move; each block of 8×8×8 points stores the latest of these moves, so that a
+//! block in which nothing stands is skipped. Coordinates are along the grid's own axes, in mm.
 
 use bonemill_geometry::{Frame, Grid, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-/// Points along a block's edge.
+/// Side of a block, points.
 const EDGE: usize = 8;
 
-/// How far from a cylinder's surface standing points are still looked for, mm: up to this, the distance kept is known.
+/// Distance from a cylinder's surface up to which standing points are searched, mm, so that small distances are known.
 pub const LOOK_MM: f64 = 0.25;
 
-/// A cylinder around a shaft: the points at `from_mm`..`to_mm` along the axis and within the radius.
+/// A cylinder around a shaft: the points between `from_mm` and `to_mm` along the axis and within the radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cylinder {
-    /// First along the axis from the burr's centre, mm.
+    /// Start along the axis, from the burr's centre, mm.
     pub from_mm: f64,
-    /// Last, mm.
+    /// End along the axis, mm.
     pub to_mm: f64,
     /// Radius, mm.
     pub radius_mm: f64,
 }
 
 impl Cylinder {
-    /// How deep a point lies inside, mm, given its place along the axis and its distance from it; negative outside.
+    /// Depth of a point inside, mm, given its position along the axis and its distance from it; negative outside.
     pub fn depth_mm(&self, along_mm: f64, off_mm: f64) -> f64 {
         (self.radius_mm - off_mm).min(along_mm - self.from_mm).min(self.to_mm - along_mm)
     }
 }
 
-/// Points of a grid with the number of the first move at which they no longer stand.
+/// Points of a grid, each with the number of the first move at which it no longer stands.
 #[derive(Debug)]
 pub struct Bricks<F: Frame> {
     grid: Grid<F>,
@@ -41,7 +41,8 @@ pub struct Bricks<F: Frame> {
 }
 
 impl<F: Frame> Bricks<F> {
-    /// `until` per point, x-fastest: the point stands before every move with a smaller number; 0: it never stands.
+    /// The points with the given numbers, x-fastest: a point stands before every move of a number below its own; with 0 it never
+    /// stands.
     pub fn new(grid: Grid<F>, until: Vec<u32>) -> Self {
         let dims = grid.dims();
         let blocks = dims.map(|d| d.div_ceil(EDGE));
@@ -62,8 +63,8 @@ impl<F: Frame> Bricks<F> {
         Self { grid, until, blocks, latest }
     }
 
-    /// The standing point deepest in the cylinder at a move: (depth mm, point). Points up to [`LOOK_MM`] outside count,
-    /// with negative depth; `None`: nothing stands that near. `center`, `axis`: the burr's centre and the shaft in F.
+    /// The standing point deepest in the cylinder at a move: (depth mm, point). Points up to [`LOOK_MM`] outside are included,
+    /// with negative depth; `None` if nothing stands that near. `center`, `axis`: the burr's centre and the shaft in F.
     pub fn deepest(
         &self,
         center: &Vector3<f64>,
@@ -136,7 +137,7 @@ impl<F: Frame> Bricks<F> {
     }
 }
 
-/// Place along a unit axis and distance from it, of a vector from a point on it.
+/// Position along a unit axis and distance from the axis, for a vector from a point on it.
 pub fn place(v: &Vector3<f64>, axis: &Vector3<f64>) -> (f64, f64) {
     let along = v.dot(axis);
     (along, (v - axis * along).norm())

@@ -1,7 +1,7 @@
-//! Which move first reaches each point of a lattice: every point of every capsule is tested, one by one.
+//! Finds the move that first reaches each point of a lattice, by testing every point of every capsule.
 //!
-//! A move sweeps the points within the burr's radius of its segment. Long moves are looked at in pieces, so that the
-//! boxes searched stay small; slabs of the lattice are independent, so threads change nothing.
+//! A move sweeps the points within the burr's radius of its segment. Long moves are divided into pieces, so that the searched
+//! boxes stay small. Slabs of the lattice are independent, so the result does not depend on the number of threads.
 
 use bonemill_geometry::{Grid, Work, cancel};
 use nalgebra::Vector3;
@@ -10,20 +10,20 @@ use rayon::prelude::*;
 use super::lattice::FineLattice;
 use super::voxels::{DOUBT_MM, Doubtful};
 
-/// Never reached.
+/// The number for a point that no move reaches.
 pub const NEVER: u32 = u32::MAX;
 
 /// Longest piece of a move searched at once, mm.
 const PIECE_MM: f64 = 1.0;
 
-/// A straight piece of the burr's way, and the number of its move.
+/// A straight piece of the burr's path, and the number of its move.
 #[derive(Debug, Clone, Copy)]
 pub struct MoveSegment {
     /// Start, mm in work.
     pub a: Vector3<f64>,
     /// End, mm in work.
     pub b: Vector3<f64>,
-    /// Its move.
+    /// Number of its move.
     pub number: u32,
 }
 
@@ -48,7 +48,7 @@ pub struct Removed<'a> {
     pub first: &'a [u32],
 }
 
-/// The moves through `points`, cut into pieces; move 0 is the first point itself.
+/// The moves through `points`, divided into pieces; move 0 is the first point itself.
 pub fn pieces(points: &[Vector3<f64>]) -> Vec<MoveSegment> {
     let mut found: Vec<MoveSegment> =
         points.first().map(|p| MoveSegment { a: *p, b: *p, number: 0 }).into_iter().collect();
@@ -63,7 +63,7 @@ pub fn pieces(points: &[Vector3<f64>]) -> Vec<MoveSegment> {
     found
 }
 
-/// The number of the first piece within `radius_mm` of each point of the lattice; [`NEVER`] where there is none.
+/// For each point of the lattice, the number of the first move within `radius_mm`; [`NEVER`] where there is none.
 pub fn first_moves(grid: &Grid<Work>, pieces: &[MoveSegment], radius_mm: f64) -> Vec<u32> {
     let [nx, ny, nz] = grid.dims();
     let radius2 = radius_mm * radius_mm;
@@ -81,7 +81,7 @@ pub fn first_moves(grid: &Grid<Work>, pieces: &[MoveSegment], radius_mm: f64) ->
     first
 }
 
-/// The points of a grid that the pieces sweep: those within the radius, and those so near to it that rounding decides.
+/// The points of a grid that the pieces sweep: those certainly within the radius, and those for which rounding decides.
 pub fn swept(grid: &Grid<Work>, pieces: &[MoveSegment], radius_mm: f64) -> Doubtful<Vec<bool>> {
     let [nx, ny, nz] = grid.dims();
     let [inner2, outer2] = [radius_mm - DOUBT_MM, radius_mm + DOUBT_MM].map(|r| r * r);
@@ -103,9 +103,9 @@ pub fn swept(grid: &Grid<Work>, pieces: &[MoveSegment], radius_mm: f64) -> Doubt
     Doubtful { surely, possibly }
 }
 
-/// Over all points and pieces for which `is(point, move)` holds: the point that lies deepest inside the sweep: (depth mm, point, move).
+/// Among all points and pieces for which `is(point, move)` holds, the point deepest inside the sweep: (depth mm, point, move).
 ///
-/// A point's depth is the radius less its distance from the nearest piece; only the deepest of all is found.
+/// A point's depth is the radius less its distance from the nearest piece.
 pub fn deepest(
     grid: &Grid<Work>,
     pieces: &[MoveSegment],
@@ -136,8 +136,8 @@ pub fn deepest(
     Some((radius_mm - best.0.sqrt(), best.1, best.2))
 }
 
-/// Calls `visit(place in the slab, point)` for every point of slab `k` whose distance from the piece's box along the
-/// axes is within the radius: all that the piece sweeps, and few others.
+/// Calls `visit(index in the slab, point)` for every point of slab `k` whose distance from the piece's bounding box is within
+/// the radius: all points that the piece sweeps, and few others.
 fn for_each_near(
     grid: &Grid<Work>,
     piece: &MoveSegment,
@@ -149,7 +149,7 @@ fn for_each_near(
     let h = grid.spacing_mm().x;
     let origin = grid.origin().coords;
     let (lo, hi) = (piece.a.inf(&piece.b), piece.a.sup(&piece.b));
-    // the points along an axis within `reach` of the box, and how far beyond it a coordinate lies
+    // the points along an axis within `reach` of the box, and the distance of a coordinate from the box
     let range = |a: usize, n: usize, reach: f64| {
         let first = ((lo[a] - reach - origin[a]) / h).ceil().max(0.0) as usize;
         let last = ((hi[a] + reach - origin[a]) / h).floor();

@@ -1,4 +1,4 @@
-//! One check's result: what was measured, what it may be, by how much it keeps or misses it, and where.
+//! The result of a check: the measured value, its limit, the margin between them, and the place of the worst value.
 
 use std::fmt;
 
@@ -16,11 +16,11 @@ pub enum LimitSide {
 pub enum Place {
     /// A row of `waypoints.csv`, from 0: the move that ends there.
     Waypoint(usize),
-    /// An instant of `trajectory.csv`, s, and the waypoint that its move leads to.
+    /// An instant of `trajectory.csv`, s, and the waypoint at which its move ends.
     Instant {
-        /// Clock, s.
+        /// Time, s.
         time_s: f64,
-        /// The move's end.
+        /// The waypoint at which the move ends.
         waypoint: usize,
     },
     /// A file or a key.
@@ -40,26 +40,26 @@ impl fmt::Display for Place {
 /// The result of one check.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Check {
-    /// What is checked, e.g. `clearance of moves`; a fixed set of names.
+    /// What is checked, e.g. `clearance of moves`; the names are fixed.
     pub name: &'static str,
-    /// Of what, where there are several: a structure, a joint, a file.
+    /// The structure, joint or file that is checked, where there are several.
     pub subject: Option<String>,
     /// The worst value found.
     pub value: f64,
-    /// What it may be.
+    /// The limit.
     pub limit: f64,
-    /// On which side.
+    /// On which side of the limit the value must lie.
     pub sense: LimitSide,
-    /// Of value and limit; empty for counts.
+    /// Unit of value and limit; empty for counts.
     pub unit: &'static str,
-    /// Where the worst is.
+    /// Place of the worst value.
     pub place: Option<Place>,
-    /// What else a reader should know, empty if nothing.
+    /// A further remark for the reader, or empty.
     pub note: String,
 }
 
 impl Check {
-    /// `value` must not exceed `limit`.
+    /// A check that `value` does not exceed `limit`.
     pub fn at_most(name: &'static str, value: f64, limit: f64, unit: &'static str) -> Self {
         Self {
             name,
@@ -73,38 +73,38 @@ impl Check {
         }
     }
 
-    /// `value` must not fall below `limit`.
+    /// A check that `value` is not below `limit`.
     pub fn at_least(name: &'static str, value: f64, limit: f64, unit: &'static str) -> Self {
         Self { sense: LimitSide::AtLeast, ..Self::at_most(name, value, limit, unit) }
     }
 
-    /// Nothing of `count` things may be wrong.
+    /// A check that the number of wrong things, `count`, is 0.
     pub fn none_wrong(name: &'static str, count: usize) -> Self {
         Self::at_most(name, count as f64, 0.0, "")
     }
 
-    /// Of what.
+    /// The same check with its subject.
     #[must_use]
     pub fn of(mut self, subject: impl Into<String>) -> Self {
         self.subject = Some(subject.into());
         self
     }
 
-    /// Where the worst is.
+    /// The same check with the place of its worst value.
     #[must_use]
     pub fn at(mut self, place: impl Into<Option<Place>>) -> Self {
         self.place = place.into();
         self
     }
 
-    /// What else there is to say.
+    /// The same check with a remark.
     #[must_use]
     pub fn noting(mut self, note: impl Into<String>) -> Self {
         self.note = note.into();
         self
     }
 
-    /// How far the value is on the right side of the limit; negative: by how much it misses it.
+    /// Distance of the value from the limit on the right side; negative if it is on the wrong side.
     pub fn margin(&self) -> f64 {
         match self.sense {
             LimitSide::AtMost => self.limit - self.value,
@@ -112,7 +112,7 @@ impl Check {
         }
     }
 
-    /// Whether the value is on the right side; a value that is no number is not.
+    /// Whether the value is on the right side of the limit; false for NaN.
     pub fn passed(&self) -> bool {
         self.margin() >= 0.0
     }
@@ -139,7 +139,7 @@ impl fmt::Display for Check {
     }
 }
 
-/// A number with about five digits.
+/// A number printed with about five digits.
 pub struct Short(pub f64);
 
 impl fmt::Display for Short {

@@ -1,8 +1,8 @@
-//! How near the burr comes to every structure: along the moves between waypoints and along the joint trajectory.
+//! The least distance of the burr from every structure, along the moves between waypoints and along the joint trajectory.
 //!
 //! The distance to a structure changes no faster than the burr moves. So a stretch of length L between places at distances
-//! d₀ and d₁ comes no nearer than (d₀ + d₁ − L)/2; stretches that could beat the nearest place found are halved, the rest
-//! are passed over. What is reported is certain: the nearest place found less [`TOLERANCE_MM`].
+//! d₀ and d₁ comes no nearer than (d₀ + d₁ − L)/2. Stretches that could be nearer than the nearest place found are halved;
+//! all others are skipped. The reported distance is a certain lower bound: that of the nearest place less [`TOLERANCE_MM`].
 
 use bonemill_geometry::{Ct, Point, Rigid, Work, cancel};
 use nalgebra::Vector3;
@@ -10,28 +10,28 @@ use rayon::prelude::*;
 
 use super::boxes::Boxes;
 
-/// How much nearer the burr can be than at any place that was tested, mm.
+/// The burr can be nearer than at any tested place by at most this, mm.
 pub const TOLERANCE_MM: f64 = 1e-3;
 
-/// Rows or moves that one task searches; fixed, so that threads change nothing.
+/// Number of rows or moves that one task searches; fixed, so that the result does not depend on the number of threads.
 const PORTION: usize = 4096;
 
 /// The nearest place along a polyline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Nearest {
-    /// Certain least distance of the burr's centre from the structure, mm.
+    /// Certain lower bound of the distance of the burr's centre from the structure, mm.
     pub distance_mm: f64,
-    /// End of the stretch in which it lies.
+    /// Index of the end of the stretch in which it lies.
     pub at: usize,
 }
 
-/// The least distance from a structure along the polyline through `points` (work); `None` for no point.
+/// The least distance from a structure along the polyline through `points` (work); `None` without points.
 pub fn nearest_along(
     boxes: &Boxes<'_>,
     ct_from_grid: &Rigid<Ct, Work>,
     points: &[Vector3<f64>],
 ) -> Option<Nearest> {
-    // what is known to be near is found sooner
+    // a known upper bound makes the search faster
     let distance = |p: &Vector3<f64>, at_most_mm: f64| {
         let p = *ct_from_grid * Point::<Work>::from_coords(*p);
         boxes.nearest_within(p, at_most_mm + TOLERANCE_MM).unwrap_or_else(|| boxes.nearest(p)).0
@@ -45,7 +45,7 @@ pub fn nearest_along(
             let first = start.saturating_sub(1);
             let mut search = NearestSearch { distance, best: f64::INFINITY, at: start };
             let mut before: Option<(&Vector3<f64>, f64)> = None;
-            let mut free_mm = 0.0; // how far from the last place asked nothing can be nearer
+            let mut free_mm = 0.0; // path length since the last tested place
             let mut skipped = Vec::new();
             for (n, p) in points.iter().enumerate().take(start + PORTION).skip(first) {
                 let Some((last, d_last)) = before else {
@@ -54,7 +54,7 @@ pub fn nearest_along(
                 };
                 let step = (p - skipped.last().copied().unwrap_or(last)).norm();
                 free_mm += step;
-                // all stretches so far stay farther than the best, whatever they do
+                // no stretch since then can be nearer than the best
                 if d_last - free_mm >= search.best {
                     skipped.push(p);
                     continue;
@@ -83,7 +83,7 @@ struct NearestSearch<D> {
 }
 
 impl<D: Fn(&Vector3<f64>, f64) -> f64> NearestSearch<D> {
-    /// The distance of a place that is `at_most_mm` away.
+    /// Measures the distance of a place that is at most `at_most_mm` away.
     fn ask(&mut self, p: &Vector3<f64>, n: usize, at_most_mm: f64) -> f64 {
         let d = (self.distance)(p, at_most_mm);
         if d < self.best {

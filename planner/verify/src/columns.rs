@@ -1,7 +1,7 @@
-//! The rows of `waypoints.csv` against each other, the case and the patient.
+//! Checks the rows of `waypoints.csv` against each other, the case and the patient.
 //!
 //! Each column that follows from others is computed again: angles from the axis, the nearest structure and its distance,
-//! α₁, the force toward it, the cost; speeds and tilt are held against the case.
+//! α₁, the force toward it, the cost. Speeds and tilt are compared with the case.
 
 use bonemill_case::{Case, ForceTerm, SeveralStructures};
 use bonemill_geometry::basis;
@@ -14,17 +14,17 @@ use super::boxes::Boxes;
 use super::check::{Check, Place};
 use super::moves::{Executed, MoveClass, Moves, angle_rad};
 
-/// Rounding of sums and file, for angles (rad), ratios and α₁.
+/// Rounding of sums and of the file, for angles (rad), ratios and α₁.
 pub(super) const ROUNDING: f64 = 1e-6;
-/// Below this α₁ the planner does not evaluate the force, and the cost is that of the inertia alone.
+/// For smaller α₁ the planner does not evaluate the force, and the cost is that of the inertia alone.
 const NO_FORCE_ALPHA: f64 = 1e-3;
-/// Structures farther than this beyond burr and clearance matter to no cost, mm, unless one is the nearest.
+/// A structure farther from the burr's surface than its clearance plus this is in no cost, unless it is the nearest, mm.
 pub(super) const INFLUENCE_MM: f64 = 8.0;
-/// Structures of which the first in priority counts: α at least this share of the largest.
+/// Among structures with α of at least this share of the largest, the first in priority counts.
 const CLOSE_SHARE: f64 = 0.5;
-/// How far the trajectory may cut a corner, mm.
+/// Largest distance by which the trajectory may cut a corner, mm.
 const PLACE_MM: f64 = 0.05;
-/// How much the trajectory's axis may deviate from the waypoints', rad.
+/// Largest deviation of the trajectory's axis from the waypoints' axis, rad.
 const AXIS_RAD: f64 = 0.005;
 
 /// The largest deviation of a column and its row.
@@ -34,7 +34,7 @@ pub(super) struct Worst(pub f64, pub Option<usize>);
 impl Worst {
     pub fn of(values: impl Iterator<Item = (usize, f64)>) -> Self {
         values.fold(Self(0.0, None), |worst, (n, value)| {
-            // a value that is no number stays, and fails
+            // NaN is kept, so that the check fails
             if value > worst.0 || (value.is_nan() && !worst.0.is_nan()) {
                 Self(value, Some(n))
             } else {
@@ -48,7 +48,7 @@ impl Worst {
     }
 }
 
-/// Kinds, clock, angles, speeds and tilt.
+/// Checks kinds, times, angles, speeds and tilt.
 pub fn rows(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check> {
     let (rows, case) = (&plan.waypoints, &plan.record.case);
     let approach_from_ct = plan.record.frames.ct_from_approach.inverse();
@@ -62,7 +62,7 @@ pub fn rows(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check>
     }));
     let steps = Worst::of(all().skip(1).map(|(n, w)| {
         let span = moves.times_s[n] - moves.times_s[n - 1];
-        // corners at both ends may be cut; a move that only turns takes any time
+        // corners at both ends may be cut; a move that only turns may take any time
         let way = (moves.arc_mm[n] - moves.arc_mm[n - 1] - 2.0 * PLACE_MM).max(0.0);
         (n, if way > 0.0 { way / (span * w.speed_mm_s) } else { 0.0 })
     }));
@@ -94,7 +94,7 @@ pub fn rows(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check>
     checks
 }
 
-/// The tilt of cuts: where they end, where they begin, and on the way.
+/// Checks the tilt of cuts, at their ends, at their starts, and between.
 fn tilt(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check> {
     let limit = plan.record.case.orientation.tilt_limit_rad;
     let tilt = |axis: &Vector3<f64>| angle_rad(axis, &Vector3::z());
@@ -121,10 +121,10 @@ fn tilt(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check> {
     ]
 }
 
-/// What one row says about structures, computed again.
+/// Deviations of one row's values about structures from the values computed again.
 #[derive(Debug, Clone, Copy, Default)]
 struct Again {
-    /// The row names another structure than the nearest, and that is farther by this, mm.
+    /// If the row names another structure than the nearest: how much farther that structure is, mm.
     structure: f64,
     distance: f64,
     alpha: f64,
@@ -132,7 +132,7 @@ struct Again {
     cost: f64,
 }
 
-/// Nearest structure, distance, α₁, force toward it and cost.
+/// Checks nearest structure, distance, α₁, force toward it and cost.
 pub fn structures(plan: &StoredPlan, kept: &[Kept], boxes: &[Option<Boxes<'_>>]) -> Vec<Check> {
     let case = &plan.record.case;
     let again: Vec<Again> = plan.waypoints.par_iter().map(|row| row_again(row, case, kept, boxes)).collect();
@@ -156,7 +156,7 @@ fn row_again(row: &Waypoint, case: &Case, kept: &[Kept], boxes: &[Option<Boxes<'
         |slack: f64| case.cost.alpha_max * (-case.cost.kappa_per_mm * (slack - radius).max(0.0)).exp();
     let nearest = (0..kept.len()).filter_map(slack).min_by(f64::total_cmp);
     let Some(own) = row.structure else {
-        // nothing is said: then nothing must be near
+        // the row names no structure, so none must be near
         let alpha = nearest.map_or(0.0, alpha_of);
         return Again { alpha: if alpha < NO_FORCE_ALPHA { 0.0 } else { alpha }, ..Again::default() };
     };
@@ -188,8 +188,8 @@ struct Weighted {
     alpha: f64,
 }
 
-/// Which structures the cost looks at (D II-D): the nearest, `own`; the first in priority of those that matter about as much; or
-/// all, their α scaled down to a sum of 1 at most.
+/// The structures in the cost (D II-D): the nearest, `own`; or the first in priority among those of similar α; or all, with
+/// their α scaled to a sum of at most 1.
 fn looked_at(near: Vec<Weighted>, own: usize, case: &Case) -> Vec<Weighted> {
     match case.cost.structures {
         SeveralStructures::Nearest => near.into_iter().filter(|w| w.structure == own).collect(),
@@ -207,8 +207,8 @@ fn looked_at(near: Vec<Weighted>, own: usize, case: &Case) -> Vec<Weighted> {
     }
 }
 
-/// How far the force toward the structure is from max(0, F·u), N. Where several points are equally near, u is any of their
-/// directions: the distance is computed again from a point a hair beside.
+/// Deviation of the force toward the structure from max(0, F·u), N. Where several points are equally near, u may be the
+/// direction to any of them: the nearest point is computed again from positions very close to the burr's centre.
 fn toward_again(row: &Waypoint, boxes: Option<&Boxes<'_>>) -> f64 {
     let (Some(said), Some(boxes)) = (row.force_toward_n, boxes) else { return f64::INFINITY };
     towards(row, boxes, &row.force_n).map(|toward| (toward - said).abs()).fold(f64::INFINITY, f64::min)
@@ -230,14 +230,14 @@ fn towards<'a>(
     })
 }
 
-/// How far C is from Σ α F_v/|F| + (1 − Σ α)(1 − I_n), where it is said and follows from the row: D5 to D7, force by cutting and
-/// without edge terms, so that its direction does not depend on the speed.
+/// Deviation of C from Σ α F_v/|F| + (1 − Σ α)(1 − I_n) (D5 to D7), where the row holds C and determines it: for the cutting
+/// force without edge terms, whose direction does not depend on the speed.
 fn cost_again(row: &Waypoint, case: &Case, looked_at: &[Weighted], boxes: &[Option<Boxes<'_>>]) -> f64 {
     let follows = case.cost.force == ForceTerm::Cutting && case.material.k_edge_n_mm == [0.0; 3];
     let (Some(said), Some(inertia), true) = (row.cost, row.inertia, follows) else { return 0.0 };
     let force = Some(row.force_n).filter(|f| f.norm() > 0.0);
     let alpha: f64 = looked_at.iter().map(|w| w.alpha).sum();
-    // from the least to the most, where several points of a structure are equally near
+    // a range from least to most, because several points of a structure may be equally near
     let mut least = (1.0 - alpha) * (1.0 - inertia);
     let mut most = least;
     for w in looked_at {

@@ -1,4 +1,4 @@
-//! The scan's edge: bone on the outer faces of the CT near the target, counted again.
+//! The scan's edge: measures again the bone on the outer faces of the CT near the target.
 
 use bonemill_geometry::{Ct, Point, Volume, Work};
 
@@ -7,13 +7,13 @@ use super::edt;
 use super::lattice::TARGET;
 use super::voxels::Voxels;
 
-/// Distances that differ by less are one, mm.
+/// Distances that differ by less than this are equal, mm.
 const SAME_MM: f64 = 1e-5;
 
 /// The least and the largest area of bone on the scan's edge within `reach_mm` of the target's voxels, mm².
 ///
-/// As the planner's definition has it: outer faces of the CT's outermost voxels at or above `bone_hu`, whose distance is
-/// interpolated at their middles from the distances between the centres of voxels and target voxels.
+/// The definition is the planner's: outer faces of the CT's outermost voxels at or above `bone_hu`. A face's distance is
+/// interpolated at its middle, from distances between the centres of voxels and of target voxels.
 pub fn edge_bone_mm2(anatomy: &Anatomy, bone_hu: f64, voxels: &Voxels, reach_mm: f64) -> [f64; 2] {
     let grid_from_ct = voxels.ct_from_grid.inverse();
     let last = voxels.grid.dims().map(|d| (d - 1) as f64);
@@ -47,7 +47,7 @@ fn from_target_mm(voxels: &Voxels, class: &[u8]) -> Volume<f32, Work> {
     distance_mm
 }
 
-/// Visits the outer faces of the CT: middle, area in mm², HU of the voxel behind it.
+/// Visits the outer faces of the CT: middle, area in mm², and HU of the voxel behind each.
 fn each_outer_face(ct: &Volume<f32, Ct>, mut visit: impl FnMut(Point<Ct>, f64, f64)) {
     let (grid, [nx, ny, nz]) = (ct.grid(), ct.grid().dims());
     let spacing = grid.spacing_mm();

@@ -1,7 +1,7 @@
-//! Distance from every voxel of a cubic grid to the nearest voxel of a mask, between centres; and what morphology needs.
+//! Distance from every voxel of a cubic grid to the nearest voxel of a mask, between centres.
 //!
-//! Squared distances in voxels are whole numbers: a scan along x, then the lower envelope of parabolas along y and z.
-//! Rows are independent, so threads change nothing.
+//! Squared distances in voxels are whole numbers, computed by a scan along x and by the lower envelope of parabolas along y
+//! and z. Rows are independent, so the result does not depend on the number of threads.
 //!
 //! **Source:** Felzenszwalb & Huttenlocher 2012, "Distance transforms of sampled functions", algorithm 1.
 
@@ -31,7 +31,7 @@ pub fn squared_voxels(dims: [usize; 3], is: impl Fn(usize) -> bool + Sync) -> Ve
         .into_par_iter()
         .map(|j| {
             cancel::poll();
-            // a line without any voxel of the mask stays as it is
+            // a line without a voxel of the mask is left unchanged
             let mut plane = vec![NONE; nx * nz];
             let mut line = Envelope::new(nz);
             for i in 0..nx {
@@ -67,10 +67,10 @@ fn along_x(row: &mut [f32], is: impl Fn(usize) -> bool) {
     }
 }
 
-/// Workspace of one line's lower envelope.
+/// Buffers for one line's lower envelope.
 struct Envelope {
     values: Vec<f32>,
-    /// Places of the parabolas on the envelope and where each begins to be lowest.
+    /// Positions of the parabolas on the envelope, and where each begins to be the lowest.
     place: Vec<usize>,
     from: Vec<f32>,
 }
@@ -94,7 +94,7 @@ impl Envelope {
                 let (Some(&top), Some(&from)) = (self.place.last(), self.from.last()) else {
                     break f32::NEG_INFINITY;
                 };
-                // in f64: squares of places would lose digits
+                // in f64, because squares of positions would lose digits in f32
                 let (a, b) = (top as f64, q as f64);
                 let cross =
                     (f64::from(value) + b * b - f64::from(self.values[top]) - a * a) / (2.0 * (b - a));

@@ -1,4 +1,4 @@
-//! The plan's figures computed again: volumes on the planner's voxels, times and lengths, masses on the fine lattice.
+//! Computes the plan's figures again: volumes on the planner's voxels, times and lengths, masses on the fine lattice.
 
 use bonemill_geometry::{Ct, Point, cancel};
 use bonemill_imaging::DensityTable;
@@ -13,22 +13,22 @@ use super::lattice::{FineLattice, HAS_MASS, MATERIAL, OUTSIDE, SHEET, TARGET, TA
 use super::moves::Moves;
 use super::voxels::{Doubtful, Voxels};
 
-/// Share of the reachable volume that a plan removes.
+/// Least share of the reachable volume that a plan must remove.
 const ENOUGH: f64 = 0.99;
-/// Share of the target that may lie outside the scan.
+/// Largest share of the target that may lie outside the scan.
 const MOST_OUTSIDE: f64 = 0.005;
-/// A volume that was summed voxel by voxel may differ by this share of itself.
+/// Relative rounding of a volume that is summed voxel by voxel.
 const SUM_SHARE: f64 = 1e-9;
-/// Masses on two lattices differ by this share.
+/// Largest relative difference of masses on two lattices.
 const MASS_SHARE: f64 = 0.03;
-/// Runs of waypoints whose masses are compared take this share of all, and may differ by that share of theirs.
+/// Masses are compared over runs of waypoints that remove this share of all mass.
 const RUN_SHARE: f64 = 0.02;
 const RUN_MASS_SHARE: f64 = 0.2;
-/// And no less than so many of the planner's voxels of 1 g/cm³: a voxel cut from two sides gives its mass later than its
-/// points go, so that few of them say little.
+/// Such a run removes at least as much as this many of the planner's voxels of 1 g/cm³. For fewer voxels the comparison is
+/// inexact, because a voxel that is cut from two sides counts later than its points.
 const RUN_VOXELS: f64 = 512.0;
 
-/// Which part of what the ball can reach is removed, and every volume that the plan states, counted on its own voxels.
+/// Checks the removed share of what the ball can reach, and every volume that the plan states, counted on the planner's voxels.
 pub fn volumes(
     plan: &StoredPlan,
     voxels: &Voxels,
@@ -45,7 +45,7 @@ pub fn volumes(
     let kinds = [("all_mm3", TARGET), ("material_mm3", MATERIAL), ("bone_mm3", TARGET_BONE)];
     let found = parts.map(|(_, sets)| kinds.map(|(_, flag)| voxels.volume_mm3(flag, sets)));
     let [[target, ..], [reached, ..], [removed, material, bone], _] = found;
-    // here the flag means all bone outside the target
+    // on these voxels the flag means all bone outside the target
     let untargeted = voxels.volume_mm3(SHEET, &[swept]);
     let outside_mm3 = more(plan, "target_outside_mm3");
     let whole_mm3 =
@@ -69,7 +69,8 @@ pub fn volumes(
     checks
 }
 
-/// What the plan says of the scan's edge, and whether the scan holds the target. What is in doubt counts for the plan.
+/// Checks the plan's figures about the scan's edge, and whether the scan contains the target. Doubtful voxels count in favour
+/// of the plan.
 pub fn beyond_scan(plan: &StoredPlan, voxels: &Voxels, edge_mm2: [f64; 2]) -> Vec<Check> {
     let (outside, [_, target]) = (voxels.volume_mm3(OUTSIDE, &[]), voxels.volume_mm3(TARGET, &[]));
     let [least, _] = outside;
@@ -82,7 +83,7 @@ pub fn beyond_scan(plan: &StoredPlan, voxels: &Voxels, edge_mm2: [f64; 2]) -> Ve
     ]
 }
 
-/// Whether a share that the plan states is that of the two volumes that it states, which are counted.
+/// Checks that a share stated by the plan is the ratio of the two stated volumes, which are themselves checked.
 fn share_said(plan: &StoredPlan, share: &str, part: &str, whole_mm3: Option<f64>) -> Check {
     let part_mm3 = stated(plan, &[part, "all_mm3"]);
     let found = part_mm3.zip(whole_mm3).map(|(part, whole)| if whole > 0.0 { part / whole } else { 1.0 });
@@ -90,7 +91,7 @@ fn share_said(plan: &StoredPlan, share: &str, part: &str, whole_mm3: Option<f64>
     Check::at_most("figures", off, SUM_SHARE, "").of(share)
 }
 
-/// Whether a volume that the plan states lies between the least and the largest count.
+/// Checks that a volume stated by the plan lies between the least and the largest count.
 pub fn counted(what: &str, said: Option<f64>, [least, most]: [f64; 2]) -> Check {
     let off = said.map_or(f64::INFINITY, |said| (least - said).max(said - most).max(0.0));
     let found = if least == most { format!("{most:.4}") } else { format!("{least:.4} to {most:.4}") };
@@ -100,7 +101,7 @@ pub fn counted(what: &str, said: Option<f64>, [least, most]: [f64; 2]) -> Check 
         .noting(format!("says {said}, counted {found}"))
 }
 
-/// Whether enough of the reachable is removed. What is in doubt counts for the plan.
+/// Checks that enough of the reachable volume is removed. Doubtful voxels count in favour of the plan.
 fn coverage(voxels: &Voxels, swept: &Doubtful<Vec<bool>>, reachable: &Doubtful<Vec<bool>>) -> Check {
     let [_, removed] = voxels.volume_mm3(TARGET, &[swept, reachable]);
     let missed = (0..voxels.grid.len()).filter(|n| reachable.surely[*n] && !swept.possibly[*n]).count();
@@ -110,12 +111,12 @@ fn coverage(voxels: &Voxels, swept: &Doubtful<Vec<bool>>, reachable: &Doubtful<V
         .noting(format!("removed {removed:.1} of {whole:.1} mm³"))
 }
 
-/// How far the planner's voxels are from the fine lattice: the resolution of what the plan states.
+/// Compares volumes on the planner's voxels with those on the fine lattice: the resolution of the stated volumes.
 ///
-/// A flat face lies between two planes of points along it, and the count puts it halfway between them: off by half their
-/// distance at worst. That is h along an axis and less for every other direction, and never more than the thickness of the
-/// layer of points at the face, h times the largest component of its normal. So a count is off by half its own layer at
-/// most, and two counts differ by half of both.
+/// A flat face lies between two planes of lattice points, and counting puts it halfway between them, so the error is at most
+/// half their distance. This distance is h for a face across an axis and less for every other direction; it is at most the
+/// thickness of the layer of points at the face, h times the largest component of the face's normal. So a count's error is
+/// at most half its surface layer, and two counts differ by at most half of both layers.
 pub fn resolution(
     plan: &StoredPlan,
     lattice: &FineLattice,
@@ -142,7 +143,7 @@ pub fn resolution(
     ]
 }
 
-/// The number of points of a body that have a neighbour of six outside it.
+/// Number of points of a body that have one of their six neighbours outside it.
 fn layer([nx, ny, nz]: [usize; 3], holds: &(impl Fn(usize) -> bool + Sync)) -> usize {
     let steps = [(1, nx), (nx, ny), (nx * ny, nz)];
     let at_surface = |n: &usize| {
@@ -155,7 +156,7 @@ fn layer([nx, ny, nz]: [usize; 3], holds: &(impl Fn(usize) -> bool + Sync)) -> u
     (0..nx * ny * nz).into_par_iter().with_min_len(1 << 14).filter(at_surface).count()
 }
 
-/// Times and lengths that the plan states.
+/// Checks the times and lengths that the plan states.
 pub fn totals(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
     let said = |what: &str, said: Option<f64>, found: f64, limit: f64, unit| {
         Check::at_most("figures", said.map_or(f64::INFINITY, |s| (s - found).abs()), limit, unit)
@@ -172,12 +173,12 @@ pub fn totals(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
     ]
 }
 
-/// A figure beyond the required ones.
+/// A figure of the plan that is not one of the required ones.
 pub fn more(plan: &StoredPlan, key: &str) -> Option<f64> {
     plan.record.metrics.number(key)
 }
 
-/// A figure that the plan states beyond the required ones, by its keys, the outermost first.
+/// A figure of the plan that is not one of the required ones, by its keys, the outermost first.
 pub(super) fn stated(plan: &StoredPlan, keys: &[&str]) -> Option<f64> {
     let (first, rest) = keys.split_first()?;
     let mut value = &plan.record.metrics.more.iter().find(|(key, _)| key == first)?.1;
@@ -192,7 +193,7 @@ pub(super) fn stated(plan: &StoredPlan, keys: &[&str]) -> Option<f64> {
     }
 }
 
-/// A table beyond the required figures.
+/// A table of the plan's figures.
 pub fn table<'a>(plan: &'a StoredPlan, key: &str) -> Option<&'a [(String, Value)]> {
     match &plan.record.metrics.more.iter().find(|(k, _)| k == key)?.1 {
         Value::Table(entries) => Some(entries),
@@ -200,10 +201,10 @@ pub fn table<'a>(plan: &'a StoredPlan, key: &str) -> Option<&'a [(String, Value)
     }
 }
 
-/// The mass column: in all, and over runs of waypoints that take a fiftieth of it each.
+/// Checks the mass column: the total, and runs of waypoints that remove a fiftieth of it each.
 ///
-/// What is weighed is the planner's voxels, each of its density: a point of the lattice in one of them stands for its share
-/// of it, counts for the move that first reaches it, and only if it lies in the ball where that move ends.
+/// The mass is that of the planner's voxels, each with its density. A lattice point has the mass of its share of its voxel;
+/// it counts for the move that first reaches it, and only if it lies in the ball at that move's end.
 pub fn masses(
     plan: &StoredPlan,
     anatomy: &Anatomy,
@@ -217,7 +218,7 @@ pub fn masses(
     let said: f64 = plan.waypoints.iter().map(|w| w.mass_mg).sum();
     let note = |said: f64, found: f64| format!("says {said:.4} mg, found {found:.4} mg");
     let of = |whole: f64, said: f64, found: f64| (said - found).abs() / whole.max(1e-9);
-    // a run of a few voxels cannot be weighed by points
+    // the mass of a run of a few voxels cannot be measured with points
     let few = RUN_VOXELS * voxels.grid.voxel_mm3();
     let least = (RUN_SHARE * total).max(few);
     let mut worst = (0.0, 0, 0.0, 0.0);
@@ -225,7 +226,7 @@ pub fn masses(
     for (n, (found, row)) in found.iter().zip(&plan.waypoints).enumerate() {
         run = (run.0 + row.mass_mg, run.1 + found);
         if run.0.max(run.1) >= least || n + 1 == plan.waypoints.len() {
-            // a single move can take more than that
+            // a single move can remove more than that
             let by = of(run.1.max(least), run.0, run.1);
             if by > worst.0 {
                 worst = (by, n, run.0, run.1);
@@ -233,7 +234,8 @@ pub fn masses(
             run = (0.0, 0.0);
         }
     }
-    // a scrap is all surface: half its own layer, and half the planner's, which is twice as thick, but never its half
+    // for a very small removed volume most points are surface points; the tolerance is half of its own layer and half of the
+    // planner's, which is twice as thick, but at most half of the volume
     let taken = |n: usize| lattice.is(n, HAS_MASS) && first[n] != NEVER;
     let share = if total < few {
         let layer = layer(lattice.grid.dims(), &taken) as f64 / lattice.count(&taken).max(1) as f64;
@@ -286,7 +288,7 @@ fn mass_by_move(
     mass
 }
 
-/// Density of the planner's voxels, g/cm³; 0 where there is neither material of the target nor bone outside.
+/// Density of the planner's voxels, g/cm³; 0 where there is neither material of the target nor bone outside it.
 fn densities(plan: &StoredPlan, anatomy: &Anatomy, voxels: &Voxels) -> Vec<f32> {
     let table = &plan.record.case.density.table;
     let of = |(n, class): (usize, &u8)| {
@@ -299,7 +301,7 @@ fn densities(plan: &StoredPlan, anatomy: &Anatomy, voxels: &Voxels) -> Vec<f32> 
     voxels.class.possibly.par_iter().enumerate().with_min_len(1 << 12).map(of).collect()
 }
 
-/// Density of the CT's voxels around a point, interpolated, g/cm³: calibrated first, interpolated then.
+/// Density at a point, g/cm³: HU are converted at the CT's voxels first, then interpolated.
 fn density(anatomy: &Anatomy, table: &DensityTable, p: Point<Ct>) -> f64 {
     let ct = &anatomy.ct;
     let index = ct.grid().continuous_index(p);

@@ -1,8 +1,9 @@
-//! Whether the joint trajectory is the waypoints' motion: its place, its axis, its clock and its speed, by forward
-//! kinematics of every row.
+//! Checks that the joint trajectory is the waypoints' motion: position, axis, time and speed, by forward kinematics of every
+//! row.
 //!
-//! A row agrees with the polyline when some place of it has both: the burr within a distance and the shaft within an angle.
-//! The place is sought on the moves near the one of that instant, so a trajectory that leaves out a move does not agree.
+//! A row agrees with the polyline if at one place of the polyline both the burr is within a distance and the shaft within an
+//! angle. The place is searched on the moves near the one of that instant, so a trajectory that leaves out a move does not
+//! agree.
 
 use bonemill_geometry::{Base, Rigid, Work, cancel};
 use bonemill_planfile::StoredPlan;
@@ -14,19 +15,19 @@ use super::check::{Check, Place};
 use super::motion::rounding;
 use super::moves::{Executed, MoveClass, Moves, angle_rad, between};
 
-/// How far the burr may be from the polyline, mm.
+/// Largest distance of the burr from the polyline, mm.
 const PLACE_MM: f64 = 0.05;
-/// How far the shaft may be from the polyline's, rad.
+/// Largest angle between the shaft and the polyline's axis, rad.
 const AXIS_RAD: f64 = 0.005;
-/// Moves before and after the one of the instant: all that lie within this of it along the path, mm, and one more.
+/// Moves before and after the one of the instant are searched within this path length, mm, and one more to either side.
 const PATH_WINDOW_MM: f64 = 0.2;
-/// The most moves looked at to either side.
+/// Largest number of moves searched to either side.
 const MOST_NEAR: usize = 12;
 
-/// Place, axis and clock.
+/// Checks position, axis and times.
 ///
 /// # Errors
-/// [`VerifyError::Robot`] where the joints between two rows are none of the arm.
+/// [`VerifyError::Robot`] where interpolated joints are not a joint vector of the arm.
 pub fn follow(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Result<Vec<Check>, VerifyError> {
     let off: Vec<Off> = (0..executed.len())
         .into_par_iter()
@@ -57,7 +58,7 @@ pub fn follow(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Result<V
     ])
 }
 
-/// How far a row is from the polyline.
+/// Deviation of a row from the polyline.
 #[derive(Debug, Clone, Copy)]
 struct Off {
     place_mm: f64,
@@ -65,7 +66,7 @@ struct Off {
 }
 
 impl Off {
-    /// Above 1: beyond one of the two.
+    /// The larger of the two deviations relative to its limit; above 1, a limit is exceeded.
     fn combined(&self) -> f64 {
         (self.place_mm / PLACE_MM).max(self.axis_rad / AXIS_RAD)
     }
@@ -81,7 +82,7 @@ fn nearest_on_polyline(moves: &Moves, executed: &Executed, row: usize, time_s: f
             axis_rad: angle_rad(&first(&moves.axes), axis),
         };
     }
-    // where on the path the clock says the burr is
+    // the place on the path by the row's time
     let [a, b] = moves.ends(here);
     let span = moves.times_s[b] - moves.times_s[a];
     let share = if span > 0.0 { ((time_s - moves.times_s[a]) / span).clamp(0.0, 1.0) } else { 1.0 };
@@ -105,7 +106,7 @@ fn nearest_on_polyline(moves: &Moves, executed: &Executed, row: usize, time_s: f
     least(&mut (first..=last).map(|n| OnMove::new(moves, n, p, axis).least()))
 }
 
-/// How far a pose is from the poses of a move.
+/// Deviations of a pose from the poses of a move.
 struct OnMove<'a> {
     ends: [&'a Vector3<f64>; 2],
     axes: [&'a Vector3<f64>; 2],
@@ -119,7 +120,7 @@ impl<'a> OnMove<'a> {
         Self { ends: ends.map(|n| &moves.points[n]), axes: ends.map(|n| &moves.axes[n]), p, axis }
     }
 
-    /// At a share of the move.
+    /// The deviation at a share of the move.
     fn at(&self, share: f64) -> Off {
         Off {
             place_mm: (self.p - self.ends[0].lerp(self.ends[1], share)).norm(),
@@ -127,7 +128,7 @@ impl<'a> OnMove<'a> {
         }
     }
 
-    /// At the nearest place.
+    /// The deviation at the nearest place.
     fn at_foot(&self) -> Off {
         let d = self.ends[1] - self.ends[0];
         let length2 = d.norm_squared();
@@ -135,8 +136,8 @@ impl<'a> OnMove<'a> {
         self.at(share.clamp(0.0, 1.0))
     }
 
-    /// Where the larger of the two deviations is least. Each falls, then rises along the move, and so does the larger of the
-    /// two: thirds close in on it.
+    /// The deviation at the place where the larger of the two is least. Each falls, then rises along the move, and so does the
+    /// larger of the two, so a ternary search finds it.
     fn least(&self) -> Off {
         let (mut lo, mut hi) = (0.0, 1.0);
         for _ in 0..40 {
@@ -148,10 +149,10 @@ impl<'a> OnMove<'a> {
     }
 }
 
-/// Where the arm is when the waypoints say that they are passed.
+/// Checks where the arm is at the times at which waypoints are passed.
 ///
-/// Between two rows each joint is taken to follow the cubic with the rows' places and velocities: a chord would leave the
-/// way by a \|q̈\| dt²/8, more than is allowed here where rows are some 0.1 s apart.
+/// Between two rows each joint follows the cubic with the rows' positions and velocities. A straight line would deviate by
+/// \|q̈\| dt²/8, which is more than the limit where rows are some 0.1 s apart.
 fn clock(plan: &StoredPlan, moves: &Moves) -> Result<Check, VerifyError> {
     let rows = &plan.trajectory;
     let grid_from_base: Rigid<Work, Base> =
@@ -177,16 +178,16 @@ fn clock(plan: &StoredPlan, moves: &Moves) -> Result<Check, VerifyError> {
     Ok(Check::at_most("arm at each waypoint's time", worst.0, PLACE_MM, "mm").at(Place::Waypoint(worst.1)))
 }
 
-/// Hermite's cubic over a unit step, from the ends' values and slopes.
+/// Hermite's cubic over a unit step, with the ends' values and slopes.
 fn cubic([p0, p1]: [f64; 2], [v0, v1]: [f64; 2], s: f64) -> f64 {
     let d = p1 - p0;
     p0 + s * (v0 + s * ((3.0 * d - 2.0 * v0 - v1) + s * (v0 + v1 - 2.0 * d)))
 }
 
-/// The burr's speed from row to row against the cap of the moves in between, and against the range for cuts.
+/// Checks the burr's speed from row to row against the caps of the moves between, and against the range for cuts.
 ///
-/// The way between rows is their chord; the rounding of the file is not counted. The longer cap holds for a period in
-/// which one move ends and another begins.
+/// The distance between rows is their chord; the rounding of the file is subtracted. In a period in which one move ends and
+/// another begins, the larger cap holds.
 pub fn speeds(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check> {
     let rows = &plan.trajectory;
     let levers = plan.arm.lever_mm();

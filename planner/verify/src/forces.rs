@@ -1,7 +1,8 @@
-//! The rows of `forces.csv` and the figures made of them, computed again.
+//! Checks the rows of `forces.csv`, and computes the figures made of them again.
 //!
-//! A row is right where its direction, followed for its distance, ends in the structure, no part of the structure is nearer, and its
-//! force is max(0, F·u). So no direction has to be found anew where several points are equally near.
+//! A row is right if the point at its distance along its direction lies in the structure, no part of the structure is nearer,
+//! and its force is max(0, F·u). So the direction itself need not be computed, which is ambiguous where several points are
+//! equally near.
 
 use std::collections::HashSet;
 
@@ -14,12 +15,12 @@ use super::check::{Check, Place};
 use super::columns::{INFLUENCE_MM, ROUNDING, Worst};
 use super::figures::stated;
 
-/// Rounding of a sum over all moves, as a share of itself.
+/// Relative rounding of a sum over all moves.
 const SUM_SHARE: f64 = 1e-9;
-/// The burr's surface is near a structure within this, mm.
+/// A burr whose surface is within this distance of a structure is near it, mm.
 const NEAR_MM: f64 = 2.0;
 
-/// How far a row is from what it should be.
+/// Deviations of a row from the correct values.
 #[derive(Debug, Clone, Copy)]
 struct Off {
     distance_mm: f64,
@@ -27,7 +28,7 @@ struct Off {
     force_n: f64,
 }
 
-/// Every row, whether one is missing or too many, and the figures of each structure.
+/// Checks every row, whether a row is missing or superfluous, and the figures of each structure.
 pub fn forces(plan: &StoredPlan, kept: &[Kept], boxes: &[Option<Boxes<'_>>]) -> Vec<Check> {
     const NAME: &str = "forces.csv";
     let again = |row: &ForceToward| row_again(row, plan, boxes.get(row.structure).and_then(Option::as_ref));
@@ -69,7 +70,7 @@ fn distances(plan: &StoredPlan, boxes: &[Option<Boxes<'_>>]) -> Vec<Vec<f64>> {
     boxes.iter().map(|boxes| boxes.as_ref().map_or(Vec::new(), along)).collect()
 }
 
-/// Rows that are missing or should not be there, and the first waypoint of which.
+/// Number of rows that are missing or superfluous, and the first waypoint with such a row.
 fn wrong_rows(plan: &StoredPlan, kept: &[Kept], distances: &[Vec<f64>]) -> (usize, Option<usize>) {
     let there: HashSet<(usize, usize)> = plan.forces.iter().map(|f| (f.waypoint, f.structure)).collect();
     let radius_mm = plan.record.case.burr.radius_mm;
@@ -79,7 +80,7 @@ fn wrong_rows(plan: &StoredPlan, kept: &[Kept], distances: &[Vec<f64>]) -> (usiz
         };
         let beyond_mm = distance_mm - kept.clearance_mm - radius_mm - INFLUENCE_MM;
         let is_named = plan.waypoints[index].structure == Some(n);
-        // at the very border either is right
+        // exactly at the limit both are right
         (is_named || beyond_mm.abs() > ROUNDING)
             && there.contains(&(index, n)) != (is_named || beyond_mm < 0.0)
     };
@@ -88,7 +89,7 @@ fn wrong_rows(plan: &StoredPlan, kept: &[Kept], distances: &[Vec<f64>]) -> (usiz
     (wrong.len(), wrong.first().map(|(index, _)| *index))
 }
 
-/// The figures of the case's structure n, its distances given.
+/// Checks the figures of the case's structure n, given its distances.
 fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
     let Some(structure) = plan.record.case.structures.get(n) else { return Vec::new() };
     let radius_mm = plan.record.case.burr.radius_mm;
@@ -141,19 +142,20 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
     checks
 }
 
-/// How long the move to a waypoint takes, s.
+/// Duration of the move to a waypoint, s.
 fn took_s(plan: &StoredPlan, waypoint: usize) -> f64 {
     let before = waypoint.checked_sub(1).map_or(0.0, |before| plan.waypoints[before].time_s);
     plan.waypoints[waypoint].time_s - before
 }
 
-/// Mean of forces by their times.
+/// Mean of forces weighted by their times.
 fn mean(ascending: &[(f64, f64, usize)]) -> f64 {
     let time: f64 = ascending.iter().map(|(_, time, _)| time).sum();
     if time > 0.0 { ascending.iter().map(|(force, time, _)| force * time).sum::<f64>() / time } else { 0.0 }
 }
 
-/// The least of ascending forces that is not exceeded during three quarters of the time; two where rounding of that time decides.
+/// The least of ascending forces that is not exceeded during three quarters of the time; two values where the rounding of that
+/// time decides.
 fn upper_quartile(ascending: &[(f64, f64, usize)]) -> [f64; 2] {
     let whole_s: f64 = ascending.iter().map(|(_, time, _)| time).sum();
     [-SUM_SHARE, SUM_SHARE].map(|doubt| {

@@ -1,8 +1,8 @@
-//! Bone that must stay, and what links do: the burr's sweep on the fine lattice.
+//! Checks on the fine lattice that the burr's sweep leaves obstacle bone standing, and that links remove nothing.
 //!
-//! A point of obstacle bone may lie inside the sweep by no more than the band, within which a scan does not tell bone from
-//! air; the volume is said. Links and retracts reach nothing that has mass, in the target or outside, before a cut does, but
-//! for what lies between the points of the planner's grid.
+//! Obstacle bone may lie inside the sweep by at most the band, within which a scan does not tell bone from air; its volume is
+//! reported. Links and retracts must not reach anything with mass, in the target or outside, before a cut does, except for
+//! what lies between the points of the planner's grid.
 
 use bonemill_planfile::StoredPlan;
 use nalgebra::Vector3;
@@ -12,12 +12,12 @@ use super::check::{Check, Place};
 use super::lattice::{HAS_MASS, OBSTACLE, SHEET, SLIVER};
 use super::moves::{Executed, MoveClass, Moves};
 
-/// What links may take between the points of the planner's grid, as a share of what is removed.
+/// Largest volume that links may remove between the points of the planner's grid, as a share of the removed volume.
 const LINK_SHARE: f64 = 5e-4;
-/// Rows of the trajectory are joined to stretches no longer than this, mm, for their sweep.
+/// For the sweep, rows of the trajectory are joined to stretches of at most this length, mm.
 const STRETCH_MM: f64 = 0.1;
 
-/// Gouging by the moves and by the trajectory; links through material.
+/// Checks gouging by the moves and by the trajectory, and links through material.
 pub fn ground(
     plan: &StoredPlan,
     removed: &Removed,
@@ -60,7 +60,8 @@ pub fn ground(
     .collect()
 }
 
-/// The deepest that a link or retract reaches into what has mass and no earlier move reached, and how much they take in all.
+/// The largest depth to which a link or retract reaches material that no earlier move reached, and the volume of all such
+/// material.
 fn links(plan: &StoredPlan, reached: &Removed, moves: &Moves) -> [Check; 2] {
     let Removed { lattice, pieces, first } = *reached;
     let radius = plan.record.case.burr.radius_mm;
@@ -71,11 +72,11 @@ fn links(plan: &StoredPlan, reached: &Removed, moves: &Moves) -> [Check; 2] {
     let found = deepest(&lattice.grid, &free, radius, |n, number| first[n] == number && taken(n));
     let volume = lattice.volume_mm3(HAS_MASS, taken);
     let removed = lattice.volume_mm3(HAS_MASS, |n| first[n] != NEVER);
-    // a lattice point may lie this far from the planner's grid
+    // a lattice point may be this far from a point of the planner's grid
     let spacing = plan.record.case.grid.spacing_mm;
     let unseen_mm = 0.5 * 3f64.sqrt() * spacing;
     let place = found.map(|f| Place::Waypoint(f.2 as usize));
-    // and one bite into a face that lies between two planes of its points
+    // plus one spherical cap cut into a face that lies between two planes of its points
     let bite = std::f64::consts::PI * (0.5 * spacing).powi(2) * radius;
     let limit = LINK_SHARE * removed + spacing.powi(3) + bite;
     [
@@ -86,7 +87,7 @@ fn links(plan: &StoredPlan, reached: &Removed, moves: &Moves) -> [Check; 2] {
     ]
 }
 
-/// The trajectory's polyline, thinned; the number is the row in which a stretch ends.
+/// The trajectory's polyline with fewer points; a stretch's number is the row at which it ends.
 fn stretches(executed: &Executed) -> Vec<MoveSegment> {
     let mut found = Vec::new();
     let mut from: Option<Vector3<f64>> = None;

@@ -1,11 +1,10 @@
-//! What stands at every point of a cubic lattice of the verifier's own: target, material, bone that must stay.
+//! Classifies every point of a separate, finer lattice: target, material, bone that must stay.
 //!
-//! The lattice has half the planner's spacing, so that each voxel of the planner's has eight points in it; gouging, links,
-//! masses and the shank are judged on it. Volumes are counted on the planner's voxels, and set beside the lattice's.
-//! Obstacle bone is bone outside the target in a voxel of the planner's that is an obstacle ([`Voxels::obstacles`]), and
-//! whatever the planner's voxels surely show as thicker than the band ([`thickest_sheet_mm`]): a ball of that diameter
-//! surely fits into it, or it lies within a band of such a place (thick bone keeps its corners). What is left out is
-//! reported by volume.
+//! The lattice has half the planner's spacing, so each of the planner's voxels contains eight points. Gouging, links, masses
+//! and the shank are checked on it. Volumes are counted on the planner's voxels and compared with those on the lattice.
+//! Obstacle bone is bone outside the target that lies in an obstacle voxel of the planner ([`Voxels::obstacles`]), or that
+//! is certainly thicker than the band on the planner's voxels ([`thickest_sheet_mm`]): a ball of that diameter fits into it,
+//! or it lies within a band of such a place (so that thick bone keeps its corners). The volume of all other bone is reported.
 
 use bonemill_case::{Density, Sheets};
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Work, cancel};
@@ -28,44 +27,44 @@ pub const OBSTACLE: u8 = 8;
 pub const SHEET: u8 = 16;
 /// Inside a structure that is to be kept.
 pub const STRUCTURE: u8 = 32;
-/// Drawn as target, but beyond the scan: neither target nor removed.
+/// In the target's shape, but beyond the scan: it counts neither as target nor as removed.
 pub const OUTSIDE: u8 = 64;
-/// Bone outside the target in a voxel of the planner's whose centre is none: too thin for its grid.
+/// Bone outside the target in a voxel of the planner whose centre is not bone: too thin for the planner's grid.
 pub const SLIVER: u8 = 128;
 
-/// What gives force and mass wherever the burr meets it.
+/// Everything that has mass and gives force.
 pub const HAS_MASS: u8 = MATERIAL | OBSTACLE | SHEET;
 
 /// Radius of the closing that decides which air a shape encloses, mm.
 const CLOSING_MM: f64 = 4.0;
-/// The closing's grid is no finer than this, mm.
+/// Least spacing of the closing's grid, mm.
 const FINEST_CLOSING_MM: f64 = 0.25;
-/// A distance larger by less than this than the closing's radius is not larger, mm.
+/// Rounding margin of the closing's radius, mm.
 const SAME_MM: f64 = 1e-6;
 
-/// What decides which bone is an obstacle.
+/// The rule that decides which bone is an obstacle.
 #[derive(Debug, Clone, Copy)]
 pub struct Obstacle {
     /// The largest voxel diagonal, mm.
     pub band_mm: f64,
-    /// The case's.
+    /// The case's rule for sheets.
     pub sheets: Sheets,
 }
 
 /// Classes on a lattice.
 #[derive(Debug)]
 pub struct FineLattice {
-    /// Where the points are.
+    /// The grid of the points.
     pub grid: Grid<Work>,
     /// Flags per point, x-fastest.
     pub class: Vec<u8>,
 }
 
 impl FineLattice {
-    /// Classifies the points of `grid`, as far as they depend on it by the planner's voxels.
+    /// Classifies the points of `grid`; the planner's voxels are used only to tell obstacles.
     ///
     /// # Errors
-    /// [`VerifyError::Grid`] for a closing's grid that cannot be made.
+    /// [`VerifyError::Grid`] if the closing's grid cannot be made.
     pub fn new(
         anatomy: &Anatomy,
         density: &Density,
@@ -117,12 +116,12 @@ impl FineLattice {
         self.grid.spacing_mm().x
     }
 
-    /// Turns what is surely thicker than a sheet from SHEET to OBSTACLE.
+    /// Changes the class of bone that is certainly thicker than a sheet from SHEET to OBSTACLE.
     fn find_thick(&mut self, band_mm: f64, planner_mm: f64) {
         let (dims, h) = (self.grid.dims(), self.spacing_mm());
         let class = &self.class;
         let deep = edt::squared_voxels(dims, |n| class[n] & SHEET == 0);
-        // n points across may be a body of n - 1 spacings, the middle one of which is (n + 1) / 2 from the first beyond
+        // n points across may be a body n - 1 spacings thick; its middle point is (n + 1) / 2 spacings from the first point beyond
         let core = ((0.5 * thickest_sheet_mm(band_mm, planner_mm) / h + 1.0).powi(2) - 1e-6) as f32;
         let from_core = edt::squared_voxels(dims, |n| deep[n] >= core);
         // a face lies half a voxel before the first centre beyond it
@@ -158,26 +157,26 @@ impl FineLattice {
         self.class[n] & flags != 0
     }
 
-    /// The number of points for which `holds`.
+    /// The number of points for which `holds` is true.
     pub fn count(&self, holds: &(impl Fn(usize) -> bool + Sync)) -> usize {
         (0..self.class.len()).into_par_iter().with_min_len(1 << 14).filter(|n| holds(*n)).count()
     }
 
-    /// Volume of the points with one of `flags` for which `holds`, mm³.
+    /// Volume of the points with one of `flags` for which `holds` is true, mm³.
     pub fn volume_mm3(&self, flags: u8, holds: impl Fn(usize) -> bool + Sync) -> f64 {
         let count = self.class.par_iter().enumerate().filter(|(n, c)| **c & flags != 0 && holds(*n)).count();
         count as f64 * self.grid.voxel_mm3()
     }
 }
 
-/// Up to which thickness, mm, bone may be a sheet on voxels of `planner_mm`.
+/// The largest thickness, mm, of bone that may count as a sheet on voxels of `planner_mm`.
 ///
-/// Bone is kept where a voxel centre is half the band and half a voxel from the first centre beyond it. The middle of n
-/// layers is (n + 1) / 2 voxels from there where n is odd, but n / 2 where it is even; and n layers of centres may be bone of
-/// up to n + 1 voxels.
+/// Bone is kept where a voxel centre is at least half the band plus half a voxel away from the first centre beyond the bone.
+/// The middle of n layers is (n + 1) / 2 voxels away from it if n is odd, but n / 2 if n is even; and n layers of centres may
+/// be bone up to n + 1 voxels thick.
 fn thickest_sheet_mm(band_mm: f64, planner_mm: f64) -> f64 {
     let band = band_mm / planner_mm;
-    // for both, n.div_ceil(2) voxels
+    // in both cases n.div_ceil(2) voxels
     let layers =
         (1u32..).take_while(|n| f64::from(n.div_ceil(2)) < 0.5 * (band + 1.0) - 1e-6).last().unwrap_or(0);
     f64::from(layers + 1) * planner_mm
@@ -186,7 +185,7 @@ fn thickest_sheet_mm(band_mm: f64, planner_mm: f64) -> f64 {
 /// A grid over a box, with points at `phase_mm` + whole multiples of the spacing along every axis.
 ///
 /// # Errors
-/// [`VerifyError::Grid`].
+/// [`VerifyError::Grid`] if it cannot be made.
 pub fn grid_over(
     [lo, hi]: [Vector3<f64>; 2],
     spacing_mm: f64,
@@ -199,10 +198,10 @@ pub fn grid_over(
     Ok(Grid::aligned([dims.x, dims.y, dims.z], spacing_mm, Point::from_coords(origin))?)
 }
 
-/// Bone closed by a ball: bone and the air that it encloses.
+/// The morphological closing of bone by a ball: bone and the air that it encloses.
 #[derive(Debug)]
 pub struct Closed {
-    /// No finer than [`FINEST_CLOSING_MM`].
+    /// Its grid, no finer than [`FINEST_CLOSING_MM`].
     pub grid: Grid<Work>,
     holds: Vec<bool>,
 }
@@ -211,14 +210,14 @@ impl Closed {
     /// Closes the bone in and around a grid.
     ///
     /// # Errors
-    /// [`VerifyError::Grid`].
+    /// [`VerifyError::Grid`] if the closing's grid cannot be made.
     pub fn new(
         anatomy: &Anatomy,
         bone_hu: f64,
         ct_from_grid: &Rigid<Ct, Work>,
         around: &Grid<Work>,
     ) -> Result<Self, VerifyError> {
-        // far enough out that bone around the lattice counts
+        // large enough that bone around the lattice is included
         let h = around.spacing_mm().x.max(FINEST_CLOSING_MM);
         let size = Vector3::from(around.dims().map(|d| (d - 1) as f64)) * around.spacing_mm().x;
         let wide = Vector3::repeat(2.0 * CLOSING_MM + 2.0 * h);
@@ -238,7 +237,7 @@ impl Closed {
         Ok(Self { grid, holds })
     }
 
-    /// Whether the voxel of the closing's grid that holds a point is closed.
+    /// Whether the voxel of the closing's grid that contains a point is closed.
     fn holds(&self, p: Point<Work>) -> bool {
         self.grid.nearest(p).is_some_and(|v| self.at(v))
     }
@@ -253,7 +252,7 @@ impl Closed {
 mod tests {
     use super::*;
 
-    /// Against every slab: as the planner counts its layers, for every place of its faces between the centres.
+    /// Tests slabs of many thicknesses, for all positions of their faces between the centres of the planner's layers.
     #[test]
     fn no_slab_thicker_than_a_sheet_is_one_on_voxels() {
         for (band_mm, planner_mm) in [(0.433, 0.25), (0.935, 0.25), (0.866, 0.5), (0.5, 0.1), (1.9, 0.4)] {
@@ -261,7 +260,7 @@ mod tests {
             let mut thickest_dropped: f64 = 0.0;
             for thousandths in 1..6000 {
                 let thick_mm = f64::from(thousandths) * 1e-3;
-                // the fewest layers of centres in it, and from the middle one to the first centre beyond
+                // the least number of layers of centres in it, and the distance from the middle one to the first centre beyond
                 let layers = (thick_mm / planner_mm + 1e-9).floor();
                 let depth_mm = (0.5 * layers).ceil() * planner_mm;
                 if depth_mm < 0.5 * (band_mm + planner_mm) - 1e-9 {

@@ -1,21 +1,21 @@
-//! A second opinion on a finished plan, by code that did not make it.
+//! A second opinion on a finished plan: checks by code that did not make the plan.
 //!
-//! The planner's way from images to joints is walked back: the trajectory goes through the arm's forward kinematics, the
-//! burr's sweep is tested point by point on a lattice of half the planner's spacing, the shank is held against everything
-//! that still stands at each moment, distances to structures are exact to their label boxes, and every figure that the
-//! plan states is computed again: volumes are counted on the planner's own voxels, so that a true one needs no allowance.
-//! A [`Check`] says its value, its limit, the margin and where the worst is.
+//! The checks start from the result. Forward kinematics turns the trajectory into poses of the burr; the burr's sweep is
+//! tested point by point on a lattice of half the planner's spacing; the shank is tested against everything that still
+//! stands at each moment; distances to structures are exact to their label boxes; and every figure that the plan states is
+//! computed again. Volumes are counted on the planner's own voxels, so that a correct figure needs no tolerance. A [`Check`]
+//! holds its value, its limit, the margin and the place of the worst value.
 //!
-//! Shared with the planner: frames and grids, the NIfTI reader, the arm's forward kinematics, and the reader of plan
-//! files. Not shared, and kept so by a test of the tree: path, space, access, orientation, removal, engagement, pipeline,
-//! time law. Definitions are those of the plan format: closed label boxes, obstacle bone without specks and without sheets
-//! thinner than the band within the band of the target; soft tissue outside the target is free.
+//! Shared with the planner are frames and grids, the NIfTI reader, the arm's forward kinematics, and the reader of plan
+//! files. Not shared are path, space, access, orientation, removal, engagement, pipeline and time law; Cargo and a test of the
+//! source tree enforce this. Definitions are those of the plan format: closed label boxes, obstacle bone without specks and
+//! without sheets thinner than the band within the band of the target; soft tissue outside the target is free.
 //!
-//! Not judged: whether the CT is the patient, whether the registration is true (only its fiducials' place and fit, and what error
-//! they let expect; see the uncertainty module for what errors of both cost), forces in newtons (only their consistency), and
-//! the arm's own body but for its height over the mounting plane.
+//! Not checked: whether the CT shows the patient; whether the registration is correct (only its fiducials' positions, their
+//! fit and the expected error; the uncertainty module computes the effect of errors); forces in newtons (only their
+//! consistency); collisions of the arm's links (only their height above the mounting plane).
 //!
-//! Invariants: no check can change another; equal plans give equal bytes on any number of threads.
+//! Invariants: checks are independent of each other; equal plans give equal bytes on any number of threads.
 
 mod anatomy;
 mod asked;
@@ -62,18 +62,18 @@ use motion::MotionLimits;
 use moves::{Executed, Moves};
 use voxels::Voxels;
 
-/// The most points of the fine lattice: about 1.5 GB.
+/// Largest number of points of the fine lattice: about 1.5 GB.
 const MOST_POINTS: f64 = 8e7;
-/// What a planning grid may fall short of the target by, voxels.
+/// Rounding by which a planning grid may be smaller than the target, voxels.
 const GRID_ROUNDING: f64 = 1e-3;
-/// Up to this beyond its clearance the shank's distance to a structure is told, mm.
+/// The shank's distance to a structure is computed up to this much beyond its clearance, mm.
 const SHANK_LOOK_MM: f64 = 1.0;
 /// Rounding of a clearance that was written, mm.
 const CLEARANCE_ROUNDING_MM: f64 = 1e-9;
 
 /// Verifies a plan.
 ///
-/// Reads the plan's images anew. A plan that fails is not an error: its [`Verification`] says which checks failed.
+/// Reads the plan's images again. A plan that fails is not an error: its [`Verification`] tells which checks failed.
 ///
 /// # Errors
 /// [`VerifyError`] when there is nothing to verify or an image cannot be read.
@@ -171,7 +171,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     drop((standing, far, first, fine));
     for (kept, boxes) in anatomy.kept.iter().zip(&boxes) {
         let Some(boxes) = boxes else { continue };
-        // a clearance of 0 still means that the shank must not touch: what is certain must be above 0
+        // with a clearance of 0 the shank must still not touch, so the certain distance must be above 0
         let limit = kept.shank_clearance_mm.max(f64::MIN_POSITIVE);
         let most_mm = kept.shank_clearance_mm + SHANK_LOOK_MM;
         let found = shaft::against_structure(&poses, &cylinders, boxes, ct_from_grid, most_mm);
@@ -183,7 +183,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     Ok(Verification { checks, files })
 }
 
-/// The burr against every structure: along the moves and along the trajectory.
+/// Checks the burr's distance from every structure, along the moves and along the trajectory.
 fn clearances(
     plan: &StoredPlan,
     anatomy: &Anatomy,
@@ -218,7 +218,7 @@ fn clearances(
     checks
 }
 
-/// The fine lattice over target and sweep, inside the scan, and how many waypoints it had to leave out.
+/// The fine lattice over target and sweep, inside the scan, and the number of waypoints outside it.
 fn fine_grid(
     plan: &StoredPlan,
     anatomy: &Anatomy,
@@ -239,22 +239,22 @@ fn fine_grid(
     Ok((grid_over(corners, h, 0.5 * h)?, missed))
 }
 
-/// What decides where the fine lattice is. Boxes by smallest and largest corner, mm in work.
+/// The limits of the fine lattice. Boxes are given by smallest and largest corner, mm in work.
 struct LatticeBounds<'a> {
     /// The target.
     aim: &'a [Vector3<f64>; 2],
-    /// The images; beyond them is air.
+    /// The images, beyond which there is air.
     scan: &'a [Vector3<f64>; 2],
-    /// Around the sweep, mm.
+    /// Margin around the sweep, mm.
     reach_mm: f64,
-    /// Around the target if the sweep is too wide, mm.
+    /// Margin around the target if the sweep is too wide, mm.
     around_mm: f64,
-    /// What fits into memory.
+    /// Largest number of points that fits into memory.
     most_points: f64,
 }
 
 impl LatticeBounds<'_> {
-    /// The box, its spacing (`finest_mm` or as fine as memory allows), and how many waypoints in the scan lie outside.
+    /// The box, its spacing (`finest_mm`, or as fine as memory allows), and the number of waypoints in the scan outside it.
     fn fine_box(&self, points: &[Vector3<f64>], finest_mm: f64) -> ([Vector3<f64>; 2], f64, usize) {
         let clip = |[lo, hi]: [Vector3<f64>; 2]| {
             [lo.sup(&self.scan[0]).inf(&self.aim[0]), hi.inf(&self.scan[1]).sup(&self.aim[1])]
@@ -278,17 +278,17 @@ impl LatticeBounds<'_> {
     }
 }
 
-/// The voxels on which the planner counts, and how far the target with the burr around it reaches beyond them, mm.
+/// The planner's voxels, and how far the target with the burr around it extends beyond them, mm.
 fn planned_voxels(plan: &StoredPlan, anatomy: &Anatomy) -> Result<(Voxels, f64), VerifyError> {
     let case = &plan.record.case;
     let (dims, h) = (plan.record.frames.grid.dims, case.grid.spacing_mm);
     let ct_from_grid = plan.record.frames.ct_from_grid();
     let [lo, hi] = anatomy.aim_box(&ct_from_grid.inverse()).ok_or(VerifyError::NoTarget)?;
     let size = Vector3::from(dims.map(|d| d as f64)) * h;
-    // voxels reach half a spacing beyond their centres
+    // voxels extend half a spacing beyond their centres
     let below = Vector3::repeat(case.burr.radius_mm - 0.5 * h) - lo;
     let above = hi + Vector3::repeat(case.burr.radius_mm + 0.5 * h) - size;
-    // the planner leaves out up to this much of a voxel, for rounding
+    // because of rounding, the planner's grid may be smaller by this part of a voxel
     let beyond_mm = below.sup(&above).max() - GRID_ROUNDING * h;
     let grid = Grid::aligned(dims, h, Point::new(0.0, 0.0, 0.0))?;
     Ok((Voxels::new(anatomy, &case.density, ct_from_grid, grid)?, beyond_mm.max(0.0)))
@@ -321,11 +321,11 @@ mod tests {
         let near = [Vector3::new(0.0, 0.0, 9.0)];
         let ([lo, hi], h, missed) = room(2e6).fine_box(&near, 0.25);
         assert_eq!((lo.z, hi.z, h, missed), (-8.0, 12.0, 0.25, 0));
-        // a waypoint far away in the scan is left out, one beyond the scan is in air
+        // a waypoint far away in the scan is outside the lattice; one beyond the scan is in air
         let far = [Vector3::new(0.0, 90.0, 0.0), Vector3::new(0.0, 0.0, 5000.0)];
         let ([lo, hi], h, missed) = room(2e6).fine_box(&far, 0.25);
         assert_eq!((lo.y, hi.y, h, missed), (-13.0, 13.0, 0.25, 1));
-        // a target too large for memory is looked at more coarsely, and a check says so
+        // a target too large for memory gets a coarser lattice, and a check reports it
         let (_, h, _) = room(1e4).fine_box(&near, 0.25);
         assert!(h > 1.0, "{h}");
         assert!(!Check::at_most("lattice spacing", h, 0.5, "mm").passed());

@@ -1,7 +1,7 @@
-//! Whether the arm's links stay above its mounting plane, or how far below it they are.
+//! Checks that the arm's links stay above its mounting plane.
 //!
-//! Links are lines from joint to joint, from the shoulder to the flange; their radius is not known and comes on top. A plan
-//! whose arm cannot stay above says how far below it goes; then it may be as far below and no farther.
+//! Links are lines from joint to joint, from the shoulder to the flange; their radius is not known and not included. A plan
+//! whose arm cannot stay above the plane states how far below it goes; then the arm must not go farther below.
 
 use bonemill_arm::ArmKind;
 use bonemill_planfile::{StoredPlan, Value};
@@ -10,13 +10,13 @@ use super::VerifyError;
 use super::check::{Check, Place};
 use super::moves::Executed;
 
-/// What the corners that the motion rounds can make of a height that the plan states, mm.
+/// Tolerance of a height that the plan states, mm, because the motion rounds corners.
 const ROUNDED_MM: f64 = 0.5;
 
-/// The lowest place of a UR's links along the trajectory; of other arms no mounting plane is known.
+/// Checks the lowest point of a UR's links along the trajectory. `None` for other arms, whose mounting plane is not known.
 ///
 /// # Errors
-/// [`VerifyError::Robot`] where a row holds no joint vector of the arm.
+/// [`VerifyError::Robot`] where a row is not a joint vector of the arm.
 pub fn links(plan: &StoredPlan, executed: &Executed) -> Result<Option<Check>, VerifyError> {
     if plan.arm.kind() != ArmKind::Ur {
         return Ok(None);

@@ -1,4 +1,4 @@
-//! The burr's way in the planning grid's frame: as the waypoints say, and as the arm goes by its joint trajectory.
+//! The burr's motion in the planning grid's frame: by the waypoints, and by the arm's joint trajectory.
 
 use bonemill_geometry::{Base, Ct, Rigid, Work, cancel};
 use bonemill_planfile::StoredPlan;
@@ -7,12 +7,12 @@ use rayon::prelude::*;
 
 use super::VerifyError;
 
-/// What a move is for, as the file says.
+/// Whether a move cuts, by the kind in the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MoveClass {
-    /// Removes bone.
+    /// A cut.
     Cut,
-    /// Crosses free space, or goes out of the bone or back in.
+    /// A link or a retract.
     Free,
 }
 
@@ -21,24 +21,24 @@ pub enum MoveClass {
 pub struct Moves {
     /// Burr's centre, mm.
     pub points: Vec<Vector3<f64>>,
-    /// Shaft, unit, to the handpiece.
+    /// Unit axis of the shaft, to the handpiece.
     pub axes: Vec<Vector3<f64>>,
-    /// Of the move that ends there.
+    /// Kind of the move that ends at each waypoint.
     pub kinds: Vec<MoveClass>,
-    /// s.
+    /// Time of each waypoint, s.
     pub times_s: Vec<f64>,
-    /// Path length to here, mm.
+    /// Path length to each waypoint, mm.
     pub arc_mm: Vec<f64>,
 }
 
-/// The trajectory's rows through the arm's forward kinematics.
+/// The poses of the trajectory's rows, by forward kinematics.
 #[derive(Debug)]
 pub struct Executed {
     /// Burr's centre, mm.
     pub points: Vec<Vector3<f64>>,
-    /// Shaft, unit.
+    /// Unit axis of the shaft.
     pub axes: Vec<Vector3<f64>>,
-    /// The waypoint that the move at this instant leads to.
+    /// The waypoint at which the move of each row ends.
     pub next: Vec<u32>,
 }
 
@@ -71,7 +71,7 @@ impl Moves {
         self.points.len()
     }
 
-    /// The waypoint that the move at an instant leads to: the first that is passed then or later.
+    /// The waypoint at which the move at an instant ends: the first that is passed then or later.
     pub fn next_at(&self, time_s: f64) -> usize {
         let next = self.times_s.partition_point(|t| *t < time_s);
         next.max(1).min(self.len().saturating_sub(1))
@@ -84,10 +84,10 @@ impl Moves {
 }
 
 impl Executed {
-    /// Every row of the trajectory.
+    /// The poses of every row of the trajectory.
     ///
     /// # Errors
-    /// [`VerifyError::Robot`] where a row is no joint vector of the arm.
+    /// [`VerifyError::Robot`] where a row is not a joint vector of the arm.
     pub fn new(plan: &StoredPlan, moves: &Moves) -> Result<Self, VerifyError> {
         let base_from_grid: Rigid<Base, Work> =
             plan.record.frames.base_from_ct * plan.record.frames.ct_from_grid();
@@ -112,12 +112,12 @@ impl Executed {
     }
 }
 
-/// Angle between unit vectors, rad; exact for small ones.
+/// Angle between unit vectors, rad; accurate for small angles.
 pub fn angle_rad(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     a.cross(b).norm().atan2(a.dot(b))
 }
 
-/// The axis a share of the way from one to another, along the great circle; the first where they are opposite.
+/// The axis at a share of the way from one axis to another along the great circle; the first one if they are opposite.
 pub fn between(a: &Vector3<f64>, b: &Vector3<f64>, share: f64) -> Vector3<f64> {
     let angle = angle_rad(a, b);
     let sine = angle.sin();

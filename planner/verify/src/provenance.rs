@@ -1,4 +1,4 @@
-//! Whether the plan is the plan of its inputs: digests, the case in it, its frames and its arm.
+//! Checks that the plan belongs to its inputs: digests, the case in it, its frames and its arm.
 
 use std::path::Path;
 
@@ -12,12 +12,12 @@ use nalgebra::{Rotation3, Vector3};
 use super::VerifyError;
 use super::check::{Check, Place};
 
-/// Rounding of frames written and read back.
+/// Rounding of frames that are written and read back.
 const ROUNDING: f64 = 1e-9;
-/// By how much a fit to fiducials may be bettered, mm.
+/// Largest possible improvement of a fit to fiducials, mm.
 const FIT_MM: f64 = 1e-4;
 
-/// Every check of where the plan comes from; `case_text` is the case file as it is now.
+/// All checks of the plan's provenance; `case_text` is the case file as it is now.
 ///
 /// # Errors
 /// [`VerifyError::Robot`] when the description of the case's arm cannot be read.
@@ -39,7 +39,7 @@ fn inputs(plan: &StoredPlan) -> Check {
     if changed.is_empty() { check } else { check.at(Place::Named(changed.join(", "))) }
 }
 
-/// The case in the plan is what its case file says.
+/// Checks that the case in the plan is that of its case file.
 fn case(plan: &StoredPlan, text: &str) -> Check {
     const NAME: &str = "case of the plan";
     match Case::parse(text, &plan.case_path()) {
@@ -99,24 +99,24 @@ fn frames(plan: &StoredPlan) -> Vec<Check> {
     checks
 }
 
-/// Distance, mm, and angle, rad, between two tools on the flange. Three angles name a rotation in many ways, so the
-/// rotations are compared.
+/// Distance, mm, and angle, rad, between two tools on the flange. Different sets of three angles can give the same rotation, so
+/// the rotations are compared.
 fn between_mounts([(a_mm, a_rpy), (b_mm, b_rpy)]: [Mount; 2]) -> [f64; 2] {
     let turn = |[roll, pitch, yaw]: [f64; 3]| Rotation3::from_euler_angles(roll, pitch, yaw);
     [(Vector3::from(a_mm) - Vector3::from(b_mm)).norm(), angle_rad(&turn(a_rpy), &turn(b_rpy))]
 }
 
-/// The angle of the turn from one rotation to another, rad in [0, π]: |A − B|_F = √8 sin(angle/2), which keeps its digits near
-/// 0, unlike an arc cosine of the trace.
+/// The angle between two rotations, rad in [0, π], by |A − B|_F = √8 sin(angle/2), which is accurate near 0, unlike an arc
+/// cosine of the trace.
 fn angle_rad(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
     2.0 * ((a.matrix() - b.matrix()).norm() / 8f64.sqrt()).min(1.0).asin()
 }
 
-/// A tool on the flange: mm, and roll, pitch and yaw, rad.
+/// A tool on the flange: translation, mm, and roll, pitch and yaw, rad.
 type Mount = ([f64; 3], [f64; 3]);
 
-/// How much a registration could be bettered, mm: the residuals' mean, and their mean moment over the points' spread. Both
-/// are 0 where the sum of squares is least; neither says how it was found.
+/// How much a registration could be improved, mm: the residuals' mean, and their mean moment divided by the points' spread.
+/// Both are 0 exactly where the sum of squares is least, however the registration was computed.
 fn misfit(base_from_ct: &Rigid<Base, Ct>, ct_mm: &[[f64; 3]], base_mm: &[[f64; 3]]) -> f64 {
     if ct_mm.len() != base_mm.len() || ct_mm.is_empty() {
         return f64::INFINITY;
@@ -135,7 +135,7 @@ fn misfit(base_from_ct: &Rigid<Base, Ct>, ct_mm: &[[f64; 3]], base_mm: &[[f64; 3
     shift.norm() + moment.norm() / spread.max(1e-9)
 }
 
-/// The plan's URDF is the one of the arm that the case names.
+/// Checks that the plan's URDF is that of the arm that the case names.
 fn arm(plan: &StoredPlan) -> Result<Check, VerifyError> {
     let robot = &plan.record.case.robot;
     let named = match (robot.model.as_str(), UrModel::by_name(&robot.model)) {
@@ -157,7 +157,7 @@ mod tests {
     use proptest::prelude::*;
     use std::f64::consts::{FRAC_PI_2, PI};
 
-    /// Angles at gimbal lock, beyond half a turn, and anywhere.
+    /// Angles at gimbal lock, beyond half a turn, and arbitrary ones.
     fn angle() -> impl Strategy<Value = f64> {
         prop_oneof![
             Just(0.0),
@@ -175,11 +175,11 @@ mod tests {
         fn other_angles_of_one_rotation_are_the_same_mount(rpy in [angle(), angle(), angle()], by in 1e-6..PI) {
             let at = [1.0, -2.0, 180.0];
             let [roll, pitch, yaw] = rpy;
-            // turned over and back: the other way to name any rotation
+            // the second set of angles of the same rotation
             let other = [roll + PI, PI - pitch, yaw + PI];
             let [off_mm, off_rad] = between_mounts([(at, rpy), (at, other)]);
             prop_assert!(off_mm == 0.0 && off_rad < ROUNDING, "{rpy:?}: {off_rad}");
-            // and a turn by an angle is seen as that angle
+            // a rotation by an angle is measured as that angle
             let [_, off_rad] = between_mounts([(at, rpy), (at, [roll, pitch, yaw + by])]);
             prop_assert!((off_rad - by).abs() < 1e-7, "{rpy:?} by {by}: {off_rad}");
         }

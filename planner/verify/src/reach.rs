@@ -1,8 +1,8 @@
-//! What the ball can reach of the target, voxel by voxel: the opening of free space and target, less clearances, connected
-//! to the outside along the approach.
+//! The voxels of the target that the ball can reach: the opening of free space and target, less clearances, connected to the
+//! outside along the approach.
 //!
-//! The burr's centre may be at a voxel's centre when the whole ball lies in the planning grid, no centre of an obstacle
-//! voxel lies in it, and every structure is its clearance away, with what a plan keeps for the trajectory's corners.
+//! The burr's centre may be at a voxel's centre if the whole ball lies in the planning grid, it contains no centre of an
+//! obstacle voxel, and every structure is its clearance away, plus the plan's margin for the trajectory's corners.
 
 use bonemill_case::Case;
 use bonemill_geometry::{Grid, Work, cancel};
@@ -13,12 +13,12 @@ use super::edt;
 use super::lattice::TARGET;
 use super::voxels::{DOUBT_MM, Doubtful, Voxels};
 
-/// What a plan keeps beyond each clearance for the trajectory's corners, mm.
+/// A plan's margin beyond each clearance for the trajectory's corners, mm.
 const CORNERS_MM: f64 = 0.025;
-/// Distances between centres that differ by less are one, mm.
+/// Distances between centres that differ by less than this are equal, mm.
 const SAME_MM: f64 = 1e-5;
 
-/// Voxels of the target that the ball reaches. `boxes`: with the clearance of each structure, mm.
+/// The voxels of the target that the ball reaches. `boxes` hold the clearance of each structure, mm.
 pub fn reachable(
     case: &Case,
     boxes: &[(&Boxes<'_>, f64)],
@@ -31,7 +31,7 @@ pub fn reachable(
     for (boxes, clearance_mm) in boxes {
         mark_near(voxels, boxes, radius + clearance_mm + CORNERS_MM, &mut near);
     }
-    // what is surely reached keeps from all that may be in the way
+    // a certainly reached voxel is reached with all possible obstacles
     let Doubtful { surely, possibly } = &voxels.class;
     let obstacles = |bone, target| voxels.obstacles(bone, target, band_mm, case.sheets);
     let clear = Doubtful {
@@ -48,7 +48,7 @@ pub fn reachable(
     Doubtful { surely, possibly }
 }
 
-/// Where the centre may be.
+/// The voxels at which the burr's centre may be.
 fn clear(voxels: &Voxels, radius_mm: f64, more_mm: f64, obstacle: &[bool], near: &[bool]) -> Vec<bool> {
     let (grid, h) = (&voxels.grid, voxels.spacing_mm());
     let from_bone = edt::squared_voxels(grid.dims(), |n| obstacle[n]);
@@ -62,7 +62,7 @@ fn clear(voxels: &Voxels, radius_mm: f64, more_mm: f64, obstacle: &[bool], near:
     (0..grid.len()).into_par_iter().with_min_len(1 << 12).map(is_clear).collect()
 }
 
-/// Target voxels in the ball at some clear centre that can be come to from above.
+/// Target voxels in the ball at some clear centre that is connected to the outside.
 fn covered(voxels: &Voxels, radius_mm: f64, more_mm: f64, clear: &[bool], class: &[u8]) -> Vec<bool> {
     let below = (radius_mm / voxels.spacing_mm()).ceil() as usize;
     let connected = connected_to_top(voxels.grid.dims(), below, clear);
@@ -71,7 +71,8 @@ fn covered(voxels: &Voxels, radius_mm: f64, more_mm: f64, clear: &[bool], class:
     class.iter().zip(from_centers).map(|(class, d)| class & TARGET != 0 && d <= reach).collect()
 }
 
-/// Marks the centres nearer to a structure than `least_mm`. Along a row, the distance says how far the side cannot change.
+/// Marks the centres nearer to a structure than `least_mm`. Along a row, a computed distance decides for the following voxels
+/// too, as far as it cannot cross `least_mm`.
 fn mark_near(voxels: &Voxels, boxes: &Boxes<'_>, least_mm: f64, near: &mut Doubtful<Vec<bool>>) {
     let grid: &Grid<Work> = &voxels.grid;
     let ([nx, ny, _], h) = (grid.dims(), voxels.spacing_mm());
@@ -95,8 +96,8 @@ fn mark_near(voxels: &Voxels, boxes: &Boxes<'_>, least_mm: f64, near: &mut Doubt
     });
 }
 
-/// The points that a walk from face to face reaches from the highest slab in which the ball fits into the grid, `below`
-/// slabs under the top.
+/// The points that are connected by faces to the highest slab in which the ball fits into the grid, `below` slabs under the
+/// top.
 fn connected_to_top([nx, ny, nz]: [usize; 3], below: usize, clear: &[bool]) -> Vec<bool> {
     let slab = nx * ny;
     let mut reached = vec![false; clear.len()];

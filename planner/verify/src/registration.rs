@@ -1,5 +1,5 @@
-//! Whether the registration is good enough for the case: where the fiducials lie, how well they fit, and what error is to be
-//! expected at each structure. Whether it is true, no file tells.
+//! Checks that the registration is good enough for the case: where the fiducials lie, how well they fit, and the expected
+//! error at each structure. The files cannot show whether the registration is correct.
 //!
 //! The expected error comes from the fit's normal equations, not from the planner's formula: with residuals of variance
 //! σ² = FLE²/3 along each axis, offsets qᵢ of the points from their centroid and K = Σ (|qᵢ|² 1 − qᵢ qᵢᵀ), the error at offset d
@@ -14,10 +14,10 @@ use super::anatomy::{Aim, Anatomy};
 use super::boxes::Boxes;
 use super::check::Check;
 
-/// What a fiducial's rounded coordinates may lie beyond the scan's voxel boxes, voxels.
+/// Largest distance of a fiducial beyond the scan's voxel boxes, voxels, because its coordinates are rounded.
 const BEYOND_VOXELS: f64 = 1.0;
 
-/// Every check of a fit to fiducials; a registration that is given or assumed has none.
+/// All checks of a fit to fiducials; there are none for a registration that is given or assumed.
 pub fn registration(record: &PlanRecord, anatomy: &Anatomy, boxes: &[Option<Boxes<'_>>]) -> Vec<Check> {
     let Registration::Fiducials { ct_mm, base_mm } = &record.case.robot.base_from_ct else { return vec![] };
     let outside = ct_mm.iter().filter(|p| is_beyond(anatomy.ct.grid(), p)).count();
@@ -62,7 +62,7 @@ fn target_middle(anatomy: &Anatomy) -> Option<Point<Ct>> {
     }
 }
 
-/// How a registration leaves its fiducials.
+/// The residuals of a registration at its fiducials.
 struct Residuals {
     fre_mm: f64,
     count: f64,
@@ -95,7 +95,7 @@ impl Residuals {
     }
 }
 
-/// |d|² 1 − d dᵀ.
+/// The matrix |d|² 1 − d dᵀ.
 fn across(d: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() * d.norm_squared() - d * d.transpose()
 }

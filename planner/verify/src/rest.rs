@@ -1,6 +1,6 @@
-//! Whether enough of the target is removed, and what keeps the rest: the plan's causes counted again by groups.
+//! Checks that enough of the target is removed, and counts the plan's causes for the rest again, in groups.
 //!
-//! What is in doubt counts for the plan.
+//! Doubtful voxels count in favour of the plan.
 
 use bonemill_planfile::{StoredPlan, Value};
 
@@ -12,17 +12,17 @@ use super::voxels::{Doubtful, Voxels};
 /// Whether a cause belongs to a group.
 type IsIn = fn(&str) -> bool;
 
-/// Which voxels the burr removes, which it reaches under the clearances, and which it would reach without any.
+/// The voxels that the burr removes, that it can reach under the clearances, and that it could reach without clearances.
 pub struct Sets<'a> {
-    /// In the ball somewhere along the path.
+    /// Voxels in the ball somewhere along the path.
     pub swept: &'a Doubtful<Vec<bool>>,
-    /// Within reach.
+    /// Voxels that the ball can reach under the clearances.
     pub reachable: &'a Doubtful<Vec<bool>>,
-    /// Within reach of a ball that keeps from bone alone.
+    /// Voxels that the ball could reach if it kept away from bone only.
     pub open: &'a Doubtful<Vec<bool>>,
 }
 
-/// The removed share of the target, and the causes that keep the rest of it.
+/// Checks the removed share of the target, and the causes for the rest.
 pub fn target_share(plan: &StoredPlan, voxels: &Voxels, sets: &Sets<'_>) -> Vec<Check> {
     let removed = voxels.volume_mm3(TARGET, &[sets.swept]);
     let (target, outside) = (voxels.volume_mm3(TARGET, &[]), voxels.volume_mm3(OUTSIDE, &[]));
@@ -61,7 +61,7 @@ fn is_path(cause: &str) -> bool {
     cause.starts_with("shank or tilt") || cause == "path's spacing"
 }
 
-/// What the plan says that some causes keep, mm³.
+/// The volume that the plan states for some causes, mm³.
 fn said(plan: &StoredPlan, is_in: impl Fn(&str) -> bool) -> Option<f64> {
     let causes = table(plan, "not_removed_mm3")?.iter().filter(|(cause, _)| is_in(cause));
     Some(causes.map(|(_, mm3)| if let Value::Number(mm3) = mm3 { *mm3 } else { f64::NAN }).sum())

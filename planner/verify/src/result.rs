@@ -1,4 +1,4 @@
-//! The verdict: every check, which files it holds for, and its text for `verification.toml`.
+//! The result of a verification: all checks, the files for which they are valid, and the text of `verification.toml`.
 
 use std::fmt::Write;
 
@@ -8,12 +8,12 @@ use bonemill_planfile::Sha256;
 use super::asked::SHORT;
 use super::check::{Check, LimitSide};
 
-/// What a verification found.
+/// The result of a verification.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verification {
     /// Every check, in the order in which they were made.
     pub checks: Vec<Check>,
-    /// The files of the plan that the verdict holds for, with their digests.
+    /// The files of the plan for which the result is valid, with their digests.
     pub files: Vec<(String, Sha256)>,
 }
 
@@ -28,12 +28,12 @@ impl Verification {
         self.checks.iter().filter(|c| !c.passed())
     }
 
-    /// Of these, the ones that say that something is wrong, not only that the plan falls short of its case.
+    /// The failed checks that show that something is wrong, not only that the plan falls short of its case.
     pub fn wrong(&self) -> impl Iterator<Item = &Check> {
         self.failed().filter(|c| !SHORT.contains(&c.name))
     }
 
-    /// The contents of `verification.toml`. Nothing in it depends on when or where it was made.
+    /// The contents of `verification.toml`. Nothing in it depends on the time or the place.
     pub fn to_toml(&self) -> String {
         let failed = self.failed().count();
         let mut out = format!(
@@ -79,7 +79,7 @@ fn push(out: &mut String, check: &Check) {
     }
 }
 
-/// A float as TOML writes it; `inf` and `nan` are TOML's own words.
+/// A float in TOML; `inf` and `nan` are TOML's own words.
 fn number(value: f64) -> String {
     if value.is_nan() { "nan".into() } else { format!("{:?}", value + 0.0) }
 }

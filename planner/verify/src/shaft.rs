@@ -1,9 +1,9 @@
-//! The shank against everything that stands: by brute force, at every waypoint and along the joint trajectory.
+//! Checks the shank against everything that stands, by brute force, at every waypoint and along the joint trajectory.
 //!
-//! Bone stands until the first move whose ball reaches it; the ball leads, so at a pose on the way to waypoint i
-//! everything stands that no move before i reached. Structures always stand.
-//! Near the target bone is judged on the fine lattice, elsewhere at the CT's own voxels; structures by their exact boxes.
-//! The trajectory is looked at so often that no point of the shank within [`REACH_MM`] moves farther than [`STRIDE_MM`].
+//! Bone stands until the first move whose ball reaches it. At a pose on the way to waypoint i, everything stands that no move
+//! before i reached. Structures always stand. Near the target, bone is tested on the fine lattice, elsewhere at the CT's own
+//! voxels; structures are tested by their exact boxes. The trajectory is sampled so densely that no point of the shank within
+//! [`REACH_MM`] moves farther than [`STRIDE_MM`] between two samples.
 
 use bonemill_case::{Case, Sheets};
 use bonemill_geometry::{Ct, Point, Rigid, Work, cancel};
@@ -20,25 +20,26 @@ use super::lattice::{FineLattice, MATERIAL, OBSTACLE};
 use super::moves::{Executed, Moves};
 use super::voxels::is_speck;
 
-/// The shank's part that stays near the bone, mm from the burr's centre.
+/// Length of the part of the shank that is near the bone, mm from the burr's centre.
 const REACH_MM: f64 = 30.0;
-/// Between two poses that are looked at, mm.
+/// Largest motion between two tested poses, mm.
 const STRIDE_MM: f64 = 0.12;
-/// Exactness of the distance from the shank to a structure, mm.
+/// Accuracy of the distance from the shank to a structure, mm.
 const TOLERANCE_MM: f64 = 0.02;
-/// Structures farther than the nearest by more than this need no search at every pose, mm.
+/// A search determines distances up to the least found so far plus this, mm; a larger known distance lets more of the
+/// following poses be skipped.
 const AHEAD_MM: f64 = 0.5;
-/// The same for the look that goes before a search, mm.
+/// The same for the lower bound that is computed before a search, mm.
 const LOOK_AHEAD_MM: f64 = 4.0;
-/// Poses that one task searches; fixed, so that threads change nothing.
+/// Number of poses that one task searches; fixed, so that the result does not depend on the number of threads.
 const PORTION: usize = 512;
 
-/// Where the shank is.
+/// A pose of the shank.
 #[derive(Debug, Clone)]
 pub struct ShankPose {
     center: Vector3<f64>,
     axis: Vector3<f64>,
-    /// The move in which it is there.
+    /// Number of the move during which the shank is there.
     moment: u32,
     place: Place,
 }
@@ -69,7 +70,7 @@ pub fn poses(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Shank
         let (center, axis, moment) = (executed.points[row], executed.axes[row], executed.next[row]);
         let moved = last.is_none_or(|(c, a, m)| {
             let way = (center - c).norm() + (axis - a).norm() * REACH_MM;
-            // the first row of a move sees the most bone for its poses
+            // at the first row of a move the most bone stands
             way > STRIDE_MM || (moment != m && way > 0.5 * STRIDE_MM)
         });
         if moved {
@@ -86,14 +87,14 @@ pub fn poses(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Shank
     poses
 }
 
-/// What stands on the fine lattice and when: `first` is the first move at each point.
+/// The points of the fine lattice with the moves until which they stand; `first` is the first move at each point.
 pub fn standing(lattice: &FineLattice, first: &[u32]) -> [Bricks<Work>; 2] {
     let target = lattice.class.iter().zip(first).map(|(class, first)| {
         // a point first reached by move i stands before every move up to and including i
         if class & MATERIAL == 0 { 0 } else { first.saturating_add(1) }
     });
     let outside = lattice.class.iter().zip(first).map(|(class, first)| {
-        // whether the burr may be there is another check's business; what it took is gone
+        // another check tests whether the burr may remove it; here bone that it removed no longer stands
         if class & OBSTACLE == 0 { 0 } else { first.saturating_add(1) }
     });
     [
@@ -102,8 +103,8 @@ pub fn standing(lattice: &FineLattice, first: &[u32]) -> [Bricks<Work>; 2] {
     ]
 }
 
-/// Bone outside the target and outside the lattice, at the CT's voxels, without specks; where sheets are cut, those that
-/// belong to a cube of 2×2×2.
+/// Bone outside the target and outside the lattice, at the CT's voxels, without specks; if the case has sheets cut, only voxels
+/// that belong to a cube of 2×2×2 bone voxels.
 pub fn far_bone(
     anatomy: &Anatomy,
     case: &Case,
@@ -149,7 +150,7 @@ pub fn far_bone(
     Bricks::new(grid.clone(), until)
 }
 
-/// The shank against bone: of the target that still stands, and outside it.
+/// Checks the shank against bone of the target that still stands, and against bone outside it.
 pub fn against_bone(
     poses: &[ShankPose],
     cylinders: &[Cylinder],
@@ -164,7 +165,7 @@ pub fn against_bone(
         };
         let found: Vec<Option<f64>> = poses.par_iter().map(of).collect();
         let found = found.into_iter().enumerate().filter_map(|(n, depth)| Some((depth?, n)));
-        // of equals the first
+        // of equal ones the first
         found.reduce(|a, b| if b.0 > a.0 { b } else { a })
     };
     let check = |name, found: Option<(f64, usize)>| {
@@ -188,9 +189,9 @@ pub fn against_bone(
     ]
 }
 
-/// The least distance from the shank's surface to a structure over all poses, mm, certain to [`TOLERANCE_MM`].
+/// The least distance from the shank's surface to a structure over all poses, mm, accurate to [`TOLERANCE_MM`].
 ///
-/// Distances are told apart up to `most_mm` only: what keeps more keeps enough.
+/// Larger distances than `most_mm` are reported as `most_mm`.
 pub fn against_structure(
     poses: &[ShankPose],
     cylinders: &[Cylinder],
@@ -205,7 +206,7 @@ pub fn against_structure(
         .map(|(portion, poses)| {
             cancel::poll();
             let mut best = (most_mm, None);
-            // how near the shank can be since the last search, whatever it did
+            // lower bound of the shank's distance since the last search
             let mut nearest_mm = 0.0;
             for (n, pose) in poses.iter().enumerate() {
                 if let Some(before) = n.checked_sub(1).and_then(|b| poses.get(b)) {
@@ -233,7 +234,7 @@ pub fn against_structure(
     Some(((least - TOLERANCE_MM).max(0.0), n.and_then(|n| poses.get(n)).map(|p| p.place.clone())))
 }
 
-/// What the shank keeps from a structure at least, mm, told up to `cut_mm`: its cylinders rounded at both ends hold it.
+/// A lower bound of the shank's distance from a structure, mm, at most `cut_mm`; computed with capsules around the cylinders.
 fn kept_by_capsules(
     boxes: &Boxes<'_>,
     ct_from_grid: &Rigid<Ct, Work>,
@@ -247,7 +248,7 @@ fn kept_by_capsules(
     cylinders.iter().map(kept).fold(cut_mm, f64::min)
 }
 
-/// Branch and bound over the places inside the shank: the distance changes no faster than the place.
+/// Branch and bound over the points inside the shank; the distance changes no faster than the point moves.
 struct ShankDistanceSearch<'a> {
     boxes: &'a Boxes<'a>,
     ct_from_grid: &'a Rigid<Ct, Work>,
@@ -256,7 +257,7 @@ struct ShankDistanceSearch<'a> {
 }
 
 impl ShankDistanceSearch<'_> {
-    /// The distance from a place, if it is below `cut_mm`.
+    /// The distance from a point, if it is below `cut_mm`.
     fn distance_below(&self, p: Vector3<f64>, cut_mm: f64) -> Option<f64> {
         let p = *self.ct_from_grid * Point::<Work>::from_coords(p);
         self.boxes.nearest_within(p, cut_mm).map(|(d, _)| d)
@@ -278,12 +279,12 @@ impl ShankDistanceSearch<'_> {
         middle: Vector3<f64>,
         half: Vector3<f64>,
     ) {
-        // the box's nearest place to the axis decides whether it holds any of the cylinder
+        // the box's point nearest to the axis decides whether the box contains a part of the cylinder
         let off = |c: f64, h: f64| (c.abs() - h).max(0.0);
         if off(middle.x, half.x).hypot(off(middle.y, half.y)) > radius_mm {
             return;
         }
-        // the tested point is in the cylinder: the middle, drawn towards the axis
+        // the tested point must lie in the cylinder: the middle of the box, moved towards the axis
         let away = middle.x.hypot(middle.y);
         let draw = if away > radius_mm { radius_mm / away } else { 1.0 };
         let asked = Vector3::new(middle.x * draw, middle.y * draw, middle.z);

@@ -1,9 +1,9 @@
-//! The planner's own voxels, classed anew: every volume that a plan states is a count of their centres.
+//! Classifies the planner's own voxels again; every volume that a plan states is a count of their centres.
 //!
-//! Where the voxels lie stands in the plan (`frames`); what each of them is follows from the images by the definitions of
-//! the case file. So a figure needs no allowance for another lattice, only for rounding: a grey value at a threshold, a
-//! centre on the face between two label voxels, on a shape's surface or on the burr's. There a voxel counts as possibly
-//! in and not as surely in, and a true figure lies between the two counts, which are nearly always one.
+//! The plan tells where the voxels lie (`frames`); their classes follow from the images by the definitions of the case file.
+//! So a figure needs no tolerance for another lattice, only for rounding: a grey value at a threshold, a centre on the face
+//! between two label voxels, on a shape's surface or on the burr's surface. Such a voxel is possibly, but not surely, inside. A
+//! correct figure lies between the two counts, which are nearly always equal.
 
 use bonemill_case::{Density, Sheets, Target};
 use bonemill_geometry::{Ct, Frame, Grid, Point, Rigid, Work, cancel};
@@ -14,24 +14,25 @@ use super::anatomy::{Aim, Anatomy, resized, shape_holds};
 use super::lattice::{Closed, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
 use super::{VerifyError, edt};
 
-/// Places closer than this to a surface may be on either side of it, mm.
+/// Points closer than this to a surface may be on either side of it, mm.
 pub const DOUBT_MM: f64 = 1e-6;
-/// The same of a voxel's face, voxels.
+/// The same for a voxel's face, voxels.
 const DOUBT_VOXELS: f64 = 1e-6;
-/// Interpolated grey values closer than this to a threshold may be on either side of it: single precision, HU.
+/// Interpolated grey values closer than this to a threshold may be on either side of it, because of single precision, HU.
 const DOUBT_HU: f64 = 2e-3;
-/// Labels are looked up this share farther from the grid's middle, so that a centre on a face takes the outer voxel.
+/// Labels are looked up farther from the grid's middle by this share of a voxel, so that a centre on a face belongs to the
+/// outer voxel.
 const LABELS_OUTWARD: f64 = 1e-4;
 
-/// A piece of bone of fewer voxels, a cube of 2×2×2, is a speck.
+/// A piece of bone of fewer voxels than this (a cube of 2×2×2) is a speck.
 const SPECK_VOXELS: usize = 8;
 
-/// What is certain, and what rounding may make of it. Whatever is sure is possible.
+/// A value without the doubtful cases, and with them. Whatever is sure is also possible.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Doubtful<T> {
-    /// Certain.
+    /// Only what is certain.
     pub surely: T,
-    /// Certain or in doubt.
+    /// What is certain or doubtful.
     pub possibly: T,
 }
 
@@ -48,7 +49,7 @@ impl Doubtful<bool> {
 /// The planner's voxels.
 #[derive(Debug)]
 pub struct Voxels {
-    /// Where they are.
+    /// Their grid.
     pub grid: Grid<Work>,
     /// The grid's frame in ct.
     pub ct_from_grid: Rigid<Ct, Work>,
@@ -57,17 +58,17 @@ pub struct Voxels {
     pub class: Doubtful<Vec<u8>>,
 }
 
-/// A shape, a hair smaller and larger, with the bone that counts as closed around it.
+/// A shape, very slightly smaller and larger, with the closing of the bone around it.
 struct Doubted {
     shape: Doubtful<Target>,
     closed: Doubtful<Closed>,
 }
 
 impl Voxels {
-    /// Classes the voxels of `grid`.
+    /// Classifies the voxels of `grid`.
     ///
     /// # Errors
-    /// [`VerifyError::Grid`] for a closing's grid that cannot be made.
+    /// [`VerifyError::Grid`] if the closing's grid cannot be made.
     pub fn new(
         anatomy: &Anatomy,
         density: &Density,
@@ -158,11 +159,11 @@ impl Voxels {
         .map(|voxels| voxels as f64 * self.grid.voxel_mm3())
     }
 
-    /// Obstacle bone. `bone` and `target` are flags of the voxels: the former tell bone outside the target ([`SHEET`]).
+    /// Obstacle bone. `bone` and `target` are flags of the voxels; `bone` marks bone outside the target ([`SHEET`]).
     ///
-    /// It is whatever is thick (the parts that hold a cube of 2×2×2 voxels into which a ball of the band's diameter fits, and
-    /// the bone within a band of them) and, unless the case has sheets cut, what is thin but no speck and farther than the
-    /// band from the target.
+    /// It consists of thick bone (parts with a cube of 2×2×2 voxels into which a ball of the band's diameter fits, and bone within
+    /// a band of them) and, unless the case has sheets cut, of thin bone that is not a speck and is farther than the band from the
+    /// target.
     pub fn obstacles(&self, bone: &[u8], target: &[u8], band_mm: f64, sheets: Sheets) -> Vec<bool> {
         let (dims, h) = (self.grid.dims(), self.spacing_mm());
         let is_bone = |n: usize| bone[n] & SHEET != 0;
@@ -191,7 +192,7 @@ impl Voxels {
 }
 
 impl Doubted {
-    /// Whether the shape holds a place.
+    /// Whether the shape contains a point.
     fn drawn(&self, p: &Vector3<f64>) -> Doubtful<bool> {
         Doubtful {
             surely: shape_holds(&self.shape.surely, p),
@@ -199,7 +200,7 @@ impl Doubted {
         }
     }
 
-    /// Whether a place is bone or enclosed by bone.
+    /// Whether a point is bone or enclosed by bone.
     fn filled(&self, center: Point<Work>, hu: f64, bone_hu: f64) -> Doubtful<bool> {
         let enclosed = |closed: &Closed| held(&closed.grid, center, |v| v.is_some_and(|v| closed.at(v)));
         Doubtful {
@@ -209,7 +210,8 @@ impl Doubted {
     }
 }
 
-/// Whether something holds for the voxel in which a point lies; on a face, for all or for any of those that share it.
+/// Whether `holds` is true for the voxel in which a point lies; for a point on a face, surely if it is true for all voxels that
+/// share the face, possibly if for any.
 fn held<F: Frame>(grid: &Grid<F>, p: Point<F>, holds: impl Fn(Option<[usize; 3]>) -> bool) -> Doubtful<bool> {
     let index = grid.continuous_index(p);
     let sides = index.map(|c| [(c + 0.5 - DOUBT_VOXELS).floor(), (c + 0.5 + DOUBT_VOXELS).floor()]);
@@ -228,7 +230,7 @@ fn held<F: Frame>(grid: &Grid<F>, p: Point<F>, holds: impl Fn(Option<[usize; 3]>
     found
 }
 
-/// Whether the piece of the mask that holds a voxel, joined by faces, edges and corners, has less than eight voxels.
+/// Whether the connected piece (by faces, edges and corners) of the mask that contains a voxel has fewer than eight voxels.
 pub fn is_speck(dims: [usize; 3], is: &impl Fn(usize) -> bool, voxel: usize) -> bool {
     let [nx, ny, nz] = dims;
     let mut piece = vec![voxel];

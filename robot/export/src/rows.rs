@@ -131,7 +131,7 @@ fn burr(arm: &Arm, q: &[f64]) -> Result<Point<Base>, RobotError> {
     Ok(Point::from_coords(arm.burr(q)?.translation_mm))
 }
 
-/// Distance of a point from the path through three consecutive places, near the middle one, mm.
+/// Distance of a point from the line through the middle one of three places along the chord of the outer two, mm.
 fn aside(around: &[Point<Base>], there: &Point<Base>) -> f64 {
     let (way, off) = (around[2] - around[0], *there - around[1]);
     let share = if way.norm_squared() > 0.0 { off.dot(&way) / way.norm_squared() } else { 0.0 };

@@ -52,6 +52,8 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> ProsthesisJob {
     let tool = read_tool(root.table("tool"));
     let process = read_process(root.table("process"), tool.diameter_mm);
     let machine = read_machine(root.table("machine"));
+    // what a finished job's file holds beside the job, so that it can be run again
+    root.accept(&["result"]);
     root.finish();
     ProsthesisJob { part, orient: mode, stock, tool, process, machine, given: Default::default() }
 }

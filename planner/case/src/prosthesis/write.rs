@@ -2,7 +2,7 @@
 
 use super::keys as k;
 use super::{BlockSource, CutterKind, ProsthesisJob};
-use crate::write::{float, list, text};
+use crate::write::{degrees, float, list, text};
 
 impl ProsthesisJob {
     /// The job as a job file with every key.
@@ -90,10 +90,4 @@ impl ProsthesisJob {
         lines.extend(m.max_time_min.map(|t| ("max_time_min", float(t))));
         lines
     }
-}
-
-/// Degrees that become the same radians again.
-fn degrees(rad: f64) -> f64 {
-    let near = rad.to_degrees();
-    [near, near.next_up(), near.next_down()].into_iter().find(|d| d.to_radians() == rad).unwrap_or(near)
 }

@@ -47,7 +47,7 @@ pub struct OrientationKernel {
     tiles: Vec<SampleTile>,
 }
 
-/// Directions in turn that are looked at together first.
+/// Number of consecutive directions that are tested together first.
 #[derive(Debug, Clone)]
 struct SampleTile {
     directions: Range<usize>,
@@ -261,7 +261,7 @@ impl OrientationKernel {
     }
 }
 
-/// A shaft and what it cuts off.
+/// A shaft, and the part of the ball that it hides.
 struct View {
     axis: [f32; 3],
     low: f32,

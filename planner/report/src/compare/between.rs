@@ -1,4 +1,4 @@
-//! How far two paths are apart: places and shaft directions along their cuts, and what the burr sweeps on a common grid.
+//! Distances between two paths: positions and shaft directions along their cuts, and the swept volumes on a common grid.
 
 use bonemill_geometry::{Ct, Grid, Point, Work, cancel};
 use nalgebra::Vector3;
@@ -8,29 +8,29 @@ use bonemill_cutter::{Ball, MoveKind};
 use bonemill_planfile::StoredPlan;
 use bonemill_stock::removal::RemovalTime;
 
-/// Between places along a cut, mm.
+/// Distance between positions along a cut, mm.
 const STEP_MM: f64 = 0.25;
-/// Cuts whose common box is looked at first.
+/// Number of cuts that share a bounding box, which is tested first.
 const AT_ONCE: usize = 64;
-/// Places whose distances differ by no more are as near, mm.
+/// Positions whose distances differ by at most this are equally near, mm.
 const AS_NEAR_MM: f64 = 0.01;
-/// What differs by less is the same but for rounding: mm, rad, entries of a rotation.
+/// Values that differ by less than this are equal up to rounding: mm, rad, entries of a rotation.
 const SAME: f64 = 1e-9;
 
-/// How far the cuts of two plans are apart in ct. Places are taken every 0.25 mm along the cuts of each plan and compared with the
-/// nearest place on the other's cuts; where several are as near (to 0.01 mm), the angle is the smallest.
+/// Distances between the cuts of two plans in ct. Positions every 0.25 mm along the cuts of each plan are compared with the
+/// nearest position on the other's cuts; where several are equally near (to 0.01 mm), the smallest angle counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BetweenPlans {
     /// Largest distance, of either plan's cuts from the other's, mm (Hausdorff); `None` where a plan has no cuts.
     pub hausdorff_mm: Option<f64>,
-    /// Mean distance over the places of both, mm.
+    /// Mean distance over the positions of both plans, mm.
     pub mean_distance_mm: Option<f64>,
-    /// Mean angle between the shafts there, degrees.
+    /// Mean angle between the shafts at these positions, degrees.
     pub mean_angle_deg: Option<f64>,
-    /// The largest, degrees.
+    /// Largest angle, degrees.
     pub largest_angle_deg: Option<f64>,
-    /// What the burr's ball sweeps, counted in voxel centres of the planning grid, air included, mm³: in both plans, in the first
-    /// alone, in the second alone; `None` where the plans' grids differ.
+    /// Volume that the burr's ball sweeps, air included, counted on voxel centres of the planning grid, mm³: in both plans, only in
+    /// the first, only in the second; `None` where the plans' grids differ.
     pub swept_mm3: Option<[f64; 3]>,
 }
 
@@ -41,7 +41,7 @@ struct Cut {
     axes: [Vector3<f64>; 2],
 }
 
-/// Cuts and the corners of the box around them.
+/// Cuts and the corners of their bounding box.
 struct Bundle<'a> {
     cuts: &'a [Cut],
     low: Vector3<f64>,
@@ -49,7 +49,7 @@ struct Bundle<'a> {
 }
 
 impl BetweenPlans {
-    /// Of two plans.
+    /// The distances between two plans.
     pub fn of(plans: [&StoredPlan; 2]) -> Self {
         let cuts = plans.map(cuts);
         let [a, b] = cuts.each_ref().map(|cuts| bundles(cuts));
@@ -69,7 +69,7 @@ impl BetweenPlans {
         }
     }
 
-    /// Names and values, those that there are.
+    /// Names and values of the figures that are known.
     pub fn entries(&self) -> Vec<(&'static str, f64)> {
         let swept = |n: usize| self.swept_mm3.map(|mm3| mm3[n]);
         let all = [
@@ -111,7 +111,7 @@ fn bundles(cuts: &[Cut]) -> Vec<Bundle<'_>> {
         .collect()
 }
 
-/// Distance (mm) and angle (rad) from every place of `cuts` to the nearest place of the others; empty where there are none.
+/// Distance (mm) and angle (rad) from every position of `cuts` to the nearest position of the others; empty without any.
 fn apart(cuts: &[Cut], others: &[Bundle<'_>]) -> Vec<(f64, f64)> {
     if others.is_empty() {
         return Vec::new();
@@ -133,7 +133,8 @@ fn axis_at([from, to]: &[Vector3<f64>; 2], share: f64) -> Vector3<f64> {
     from.lerp(to, share).try_normalize(0.0).unwrap_or(*to)
 }
 
-/// Distance from a place to the nearest of some cuts, and the angle between the shafts: where several are as near, the smallest.
+/// Distance from a position to the nearest of some cuts, and the angle between the shafts; the smallest angle where several
+/// cuts are equally near.
 fn nearest(place: Point<Ct>, axis: &Vector3<f64>, others: &[Bundle<'_>]) -> (f64, f64) {
     let (mut least_mm, mut near) = (f64::INFINITY, Vec::new());
     for bundle in others {
@@ -158,7 +159,7 @@ fn nearest(place: Point<Ct>, axis: &Vector3<f64>, others: &[Bundle<'_>]) -> (f64
     [least_mm, angle_rad].map(|v| if v < SAME { 0.0 } else { v }).into()
 }
 
-/// Volumes of the voxels whose centres the burr sweeps in both plans and in one of them alone.
+/// Volumes of the voxels whose centres the burr sweeps in both plans, and in only one of them.
 fn swept_mm3(plans: [&StoredPlan; 2]) -> Option<[f64; 3]> {
     let [a, b] = plans.map(|plan| &plan.record);
     let (frame, other) = (a.frames.ct_from_grid(), b.frames.ct_from_grid());
@@ -214,7 +215,7 @@ mod tests {
         let far = apart(&longer, &bundles(&a)).into_iter().map(|(mm, _)| mm).fold(0.0, f64::max);
         assert!((far - 3f64.hypot(0.5)).abs() < 1e-12, "{far}");
         assert!(apart(&a, &bundles(&[])).is_empty());
-        // a way that is gone twice, the second time tilted, is the same way
+        // a path that is followed twice, the second time tilted, is the same path
         let twice: Vec<Cut> = line(0.0, 200, 0.0).into_iter().chain(line(0.0, 200, 0.7)).collect();
         assert!(apart(&twice, &bundles(&twice)).iter().all(|apart| *apart == (0.0, 0.0)));
     }

@@ -1,18 +1,18 @@
-//! Line charts over time as SVG: axes, ticks, units; themed by the page's style sheet.
+//! Line charts over time as SVG, with axes, ticks and units; the page's style sheet sets the colours.
 //!
-//! Each chart is drawn twice, for a wide page and for a narrow one, so that letters and curves have their proper size on
-//! both; the style sheet shows one of them.
+//! Each chart is drawn twice, for a wide page and for a narrow one, so that text and curves have the right size on both; the
+//! style sheet shows one of them.
 
 use std::fmt::Write;
 
-/// A drawing's size and margins, in its own units: pixels of the page that it is made for.
+/// A drawing's size and margins, in pixels of the page for which it is made.
 struct Shape {
     /// CSS class.
     class: &'static str,
     width: f64,
     height: f64,
     left: f64,
-    /// About so many ticks along the time.
+    /// Approximate number of ticks on the time axis.
     ticks: usize,
 }
 
@@ -36,7 +36,7 @@ pub struct Series<'a> {
 pub struct Level<'a> {
     /// Its name.
     pub name: &'a str,
-    /// Where.
+    /// Its value.
     pub value: f64,
 }
 
@@ -108,7 +108,7 @@ impl Shape {
     }
 }
 
-/// What the colours mean, where there is more than one thing to see.
+/// The legend, where there is more than one curve or line.
 fn legend(unit: &str, series: &[Series], levels: &[Level]) -> String {
     if series.len() + levels.len() < 2 {
         return String::new();
@@ -119,7 +119,7 @@ fn legend(unit: &str, series: &[Series], levels: &[Level]) -> String {
     series.iter().map(curve).chain(levels.iter().map(level)).collect()
 }
 
-/// At most two points a pixel: the least and the largest value that falls into it. Gaps split the curve.
+/// The curve as polylines with at most two points per pixel: the least and the largest value in it. Gaps split the curve.
 fn curves(points: &[(f64, Option<f64>)], x: &impl Fn(f64) -> f64, y: &impl Fn(f64) -> f64) -> Vec<String> {
     let mut curves = Vec::new();
     let mut line = String::new();

@@ -1,4 +1,4 @@
-//! What the files beside the report hold, column by column, so that the folder explains itself without a network.
+//! Describes the files beside the report, column by column, so that no network is needed to understand the folder.
 
 use bonemill_planfile::columns::{Column, DESCRIBED, Described, FRAMES};
 

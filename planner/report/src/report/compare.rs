@@ -1,4 +1,4 @@
-//! Two plans side by side as a page of its own.
+//! The comparison of two plans as a separate page.
 
 use std::fmt::Write;
 
@@ -8,7 +8,7 @@ use bonemill_verify::Short;
 use super::{STYLE, escape};
 use crate::compare::{Comparison, Figure, Group, Pair};
 
-/// The page; `names`: what the plans are called.
+/// The page; `names`: names of the plans.
 pub fn page(comparison: &Comparison, names: [&str; 2], plans: [&StoredPlan; 2]) -> String {
     let [a, b] = names.map(escape);
     let mut page = format!(
@@ -74,7 +74,7 @@ fn texts(rows: &[(String, Pair<String>)], none: &str) -> String {
     )
 }
 
-/// Both paths as seen along the first plan's approach.
+/// Both paths, seen along the first plan's approach.
 fn overlay(plans: [&StoredPlan; 2]) -> String {
     let work_from_ct = plans[0].record.frames.ct_from_approach.inverse();
     let seen = plans.map(|plan| -> Vec<[f64; 2]> {

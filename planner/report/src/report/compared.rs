@@ -1,4 +1,5 @@
-//! What the structures feel beside a straight shaft at constant speed in the same time, and which choices lead there.
+//! Compares the forces toward structures with those of a straight shaft at constant speed in the same time, and lists the
+//! choices that the plan made.
 
 use bonemill_case::{ForceTerm, OrientationMode, Sense, SpeedMode};
 use bonemill_pipeline::{Control, Felt, Plan, half_turn};
@@ -6,7 +7,7 @@ use bonemill_planfile::toward::{NEAR_MM, TowardFigures};
 
 use super::escape;
 
-/// A figure of the table: its name, and where it stands.
+/// A figure of the table: its name, and how it is read.
 type Figure = (&'static str, fn(&TowardFigures) -> f64);
 
 const FIGURES: [Figure; 5] = [
@@ -17,7 +18,7 @@ const FIGURES: [Figure; 5] = [
     ("peak", |f| f.peak_n),
 ];
 
-/// A control's force below this says nothing about another in per cent, N.
+/// No change in per cent is given where the control's force is below this, N.
 const LEAST_N: f64 = 1e-3;
 
 /// The table and a sentence for each choice.
@@ -69,7 +70,7 @@ fn table(plan: &Plan, controls: &[Control]) -> String {
     )
 }
 
-/// One sentence for each choice that decides what the structures feel.
+/// One sentence for each choice that affects the forces toward structures.
 fn choices(plan: &Plan) -> Vec<String> {
     let (case, m) = (&plan.setup.case, &plan.modelled);
     let by_drafts = |is_given: bool| {

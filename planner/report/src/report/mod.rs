@@ -1,7 +1,7 @@
-//! `report.html`: what a surgeon-researcher looks at first, in one file that needs no network.
+//! `report.html`: the overview of a plan, in one file that needs no network.
 //!
-//! Pure text from a [`Plan`]; nothing in it depends on when or where it was made, so equal plans give equal pages.
-//! Simulation and verification add parts of their own later, at the places that the page keeps for them.
+//! The page is computed from a [`Plan`] alone and does not depend on time or place, so equal plans give equal pages.
+//! Simulation and verification later add their parts between marks in the page.
 
 mod chart;
 mod columns;
@@ -136,8 +136,8 @@ fn cards(plan: &Plan) -> String {
     format!("<div class=\"cards\">{items}</div>")
 }
 
-/// The structure that the burr's surface comes nearest to, with the distance, mm, and the one with the least left of it beyond its
-/// clearance, with that margin, mm: seldom the same where clearances differ.
+/// The structure to which the burr's surface comes nearest, with the distance, mm; and the structure with the least distance
+/// beyond its clearance, with that margin, mm. The two often differ where clearances differ.
 fn closest_and_tightest<'a>(
     kept: impl Iterator<Item = (f64, &'a Structure)> + Clone,
 ) -> [Option<(f64, &'a Structure)>; 2] {
@@ -203,7 +203,7 @@ fn charts(plan: &Plan) -> String {
     charts.concat()
 }
 
-/// What the shank leaves open around the axis that was chosen.
+/// The section on the free range around the chosen axis.
 fn free_angles(plan: &Plan) -> String {
     let series = |name, class, value: &dyn Fn(&OpenAround) -> Option<f64>| {
         let around = plan
@@ -355,7 +355,7 @@ fn inputs(plan: &Plan) -> String {
     )
 }
 
-/// Every value of the case, what the plan chose included, with its meaning and where it comes from.
+/// Every value of the case, including those that the plan chose, with its meaning and its origin.
 fn parameters(plan: &Plan) -> String {
     let row = |p: &Parameter| {
         format!(
@@ -372,7 +372,7 @@ fn parameters(plan: &Plan) -> String {
     )
 }
 
-/// The case with what the plan chose where the case leaves it open.
+/// The case, completed with the values that the plan chose.
 fn as_planned(plan: &Plan) -> Case {
     let mut case = plan.setup.case.clone();
     case.approach.get_or_insert(plan.setup.scene.approach);
@@ -389,7 +389,7 @@ fn as_planned(plan: &Plan) -> Case {
     case
 }
 
-/// A key that may be broken after its dots and underscores.
+/// A key in which lines may be broken after dots and underscores.
 fn breakable(key: &str) -> String {
     key.replace('.', ".<wbr>").replace('_', "_<wbr>")
 }
@@ -401,7 +401,7 @@ fn with_code(text: &str) -> String {
     text.split('`').enumerate().map(part).collect()
 }
 
-/// Text for HTML.
+/// Escapes text for HTML.
 fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

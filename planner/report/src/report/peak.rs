@@ -1,8 +1,8 @@
-//! The largest force of a plan: where and when it is, and whether it is that of a single waypoint.
+//! The largest force of a plan: its place and time, and whether it occurs at a single waypoint.
 
 use bonemill_planfile::Waypoint;
 
-/// A waypoint stands alone where the forces before and after it are below this share of its own.
+/// A peak is at a single waypoint if the forces before and after it are below this share of its own.
 const ALONE: f64 = 0.5;
 
 /// The waypoint with the largest force.
@@ -14,12 +14,12 @@ pub struct Peak {
     pub force_n: f64,
     /// Forces at the waypoints before and after, N.
     pub beside_n: [f64; 2],
-    /// Whether the burr comes from a move that removes nothing, and is the only one with so large a force there.
+    /// Whether the burr comes from a move that removes nothing, and only this waypoint has so large a force.
     pub single_entry: bool,
 }
 
 impl Peak {
-    /// The largest force, the first of equals, among the waypoints that count; none where there is no force.
+    /// The largest force, the first of equals, among the waypoints for which `counts` is true; `None` without a force.
     fn among(waypoints: &[Waypoint], counts: impl Fn(&Peak) -> bool) -> Option<Self> {
         let force_n = |n: Option<usize>| n.and_then(|n| waypoints.get(n)).map_or(0.0, |w| w.force_n.norm());
         let peak = |index: usize| {
@@ -38,7 +38,7 @@ impl Peak {
         Self::among(waypoints, |_| true)
     }
 
-    /// The sentences that the report says about it.
+    /// The report's sentences about it.
     pub fn sentence(&self, waypoints: &[Waypoint]) -> String {
         let mut text =
             format!("The largest force, {:.2} N, is at {}", self.force_n, place(waypoints, self.index));
@@ -61,7 +61,7 @@ impl Peak {
     }
 }
 
-/// Where and when a waypoint is, in words.
+/// Place and time of a waypoint, in words.
 pub fn place(waypoints: &[Waypoint], index: usize) -> String {
     match waypoints.get(index) {
         Some(w) => format!("waypoint {index} ({:.1} s, layer {}, {})", w.time_s, w.layer, w.kind.word()),

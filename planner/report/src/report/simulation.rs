@@ -10,7 +10,7 @@ use super::chart::{Series, chart};
 use super::escape;
 use super::structures::structure_table;
 
-/// Contacts that the page lists.
+/// Largest number of contacts that the page lists.
 const LISTED: usize = 10;
 
 /// The section, from its heading on.

@@ -13,12 +13,12 @@ use crate::show::{CUT_COLOUR, LINK_COLOUR, STRUCTURE_COLOURS, TARGET_COLOUR, css
 
 /// HU shown as black and as white.
 const WINDOW_HU: [f32; 2] = [-1000.0, 2000.0];
-/// A slice's side points into a direction of the patient whose share of it is at least this (sin 20°).
+/// A side of a slice is labelled with a direction of the patient if its share is at least this (sin 20°).
 const LETTER_SHARE: f64 = 0.342;
 
 /// A plane of the work grid: the axes shown to the right and upwards, and the one looked along.
 struct Plane {
-    /// What it shows, up to the place of the slice.
+    /// Its caption, without the position of the slice.
     name: &'static str,
     right: usize,
     up: usize,
@@ -31,7 +31,7 @@ const PLANES: [Plane; 3] = [
     Plane { name: "From the side: work y to the right, approach up, at x =", right: 1, up: 2, along: 0 },
 ];
 
-/// Three figures.
+/// The three figures.
 pub fn slices(plan: &Plan) -> String {
     PLANES.iter().map(|plane| figure(plan, plane)).collect()
 }
@@ -61,7 +61,7 @@ fn figure(plan: &Plan, plane: &Plane) -> String {
     svg + "</svg></figure>"
 }
 
-/// A scale bar of 5 mm, and at each side the direction of the patient that it points to.
+/// A scale bar of 5 mm, and at each side the direction of the patient to which it points.
 fn sides(plan: &Plan, plane: &Plane, [width, height]: [f64; 2]) -> String {
     let size = 0.05 * width.max(height);
     let axis = |n: usize| {
@@ -98,8 +98,8 @@ fn sides(plan: &Plan, plane: &Plane, [width, height]: [f64; 2]) -> String {
     out
 }
 
-/// The directions of the patient (right, left, anterior, posterior, superior, inferior) that a unit direction in ct has a part in,
-/// the largest part first.
+/// The letters of the patient's directions (right, left, anterior, posterior, superior, inferior) toward which a unit direction
+/// in ct points, the largest component first.
 fn letters(direction: &Vector3<f64>) -> String {
     let mut parts: Vec<(f64, char)> = [('R', 'L'), ('A', 'P'), ('S', 'I')]
         .into_iter()
@@ -111,7 +111,7 @@ fn letters(direction: &Vector3<f64>) -> String {
     parts.into_iter().map(|(_, letter)| letter).collect()
 }
 
-/// Moves whose both ends lie within half a layer of the slice.
+/// The moves of which both ends lie within half a layer of the slice.
 fn path_near(plan: &Plan, plane: &Plane, at_mm: f64, height_mm: f64) -> String {
     let work_from_ct = plan.setup.scene.ct_from_work.inverse();
     let near = 0.5 * plan.setup.case.path.layer_mm;
@@ -172,7 +172,7 @@ fn png(scene: &Scene, plane: &Plane, cut: usize) -> Vec<u8> {
     let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
-    // writing to memory cannot fail for a buffer of the right size; a picture less is no reason to lose a plan
+    // writing to memory cannot fail for a buffer of the right size; if it did, only the picture would be missing
     let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(&pixels));
     if written.is_err() {
         bytes.clear();

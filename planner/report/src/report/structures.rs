@@ -1,4 +1,4 @@
-//! Per structure: the distance kept, and the force toward it.
+//! The table of structures: the distance kept from each, and the force toward it.
 
 use std::fmt::Write;
 
@@ -7,7 +7,7 @@ use bonemill_planfile::toward::{NEAR_MM, StructureFigures, TowardFigures};
 
 use super::escape;
 
-/// The table of a plan's or a simulation's structures; `place` says in words where a row is.
+/// The table of a plan's or a simulation's structures; `place` describes a row's place in words.
 pub fn structure_table(case: &Case, found: &[StructureFigures], place: impl Fn(usize) -> String) -> String {
     let rows: String = case
         .structures

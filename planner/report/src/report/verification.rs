@@ -1,4 +1,5 @@
-//! The part of the report that a verification adds: the verdict, what failed, what drawn errors would do, and every check.
+//! The part of the report that a verification adds: the result, the failed checks, the risks under drawn errors, and every
+//! check.
 
 use std::fmt::Write;
 
@@ -7,7 +8,7 @@ use bonemill_verify::{Check, LimitSide, Short, Verification};
 
 use super::escape;
 
-/// The section, from its heading on; `risk`: what errors were drawn, and what they did.
+/// The section, from its heading on; `risk`: the drawn errors, and the risks under them.
 pub fn section(verification: &Verification, risk: Option<(&ErrorModel, &Risk)>) -> String {
     let mut out = "<h2>Second opinion</h2>".to_owned();
     let (count, failed) = (verification.checks.len(), verification.failed().count());
@@ -33,7 +34,7 @@ pub fn section(verification: &Verification, risk: Option<(&ErrorModel, &Risk)>) 
     out
 }
 
-/// What drawn errors do to every structure and to the forces.
+/// The risks under drawn errors, for every structure and for the forces.
 fn under_errors(model: &ErrorModel, risk: &Risk) -> String {
     let sigmas = model.registration.sigmas();
     let of = |three: &[f64], scale: f64| {

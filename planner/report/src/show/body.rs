@@ -1,21 +1,21 @@
-//! The case's structures as they are drawn, where their names stand, and from where all is seen.
+//! The case's structures for a viewer, the places of their names, and the camera.
 
 use bonemill_imaging::ImageError;
 
 use super::{STRUCTURE_COLOURS, Show, Surface};
 
-/// From the scene's box to where the names' lines begin; this and what follows in diagonals of that box, because the eye is
-/// so many of them away.
+/// Distance from the scene's box to the start of the lines to names. This and the following lengths are in diagonals of the
+/// box, because the camera's distance is too.
 const BESIDE: f32 = 0.05;
-/// From one name to the next.
+/// Distance from one name to the next.
 const BELOW: f32 = 0.05;
-/// Half a letter.
+/// Half the width of a letter.
 const HALF_LETTER: f32 = 0.005;
-/// From a name to the point that it hangs from.
+/// Distance from a name to the point below which it is drawn.
 const ABOVE: f32 = 0.02;
-/// Where the eye is, seen from the bone: above and in front, so that names stand to the right.
+/// Direction from the bone to the camera: above and in front, so that names are on the right.
 const EYE_FROM: [f32; 3] = [0.1, -0.8, 0.6];
-/// How far away it is, in diagonals of the scene's box.
+/// Distance of the camera, in diagonals of the scene's box.
 const AWAY: f32 = 0.95;
 
 /// A structure to draw.
@@ -29,11 +29,11 @@ pub struct ShownBody {
     pub surface: Surface,
     /// The surface at the clearance kept from it.
     pub shell: Surface,
-    /// It is larger than the target and would hide it: to be seen through.
+    /// Whether it is larger than the target and would hide it; then it is drawn transparent.
     pub large: bool,
-    /// Where its name hangs, by the middle, in a column beside the bone.
+    /// Position of its name, centred, in a column beside the bone.
     pub name_at: [f32; 3],
-    /// A line from before the name to its surface.
+    /// A line from the name to its surface.
     pub leader: [[f32; 3]; 2],
 }
 
@@ -44,10 +44,10 @@ impl Show<'_> {
         names.zip(STRUCTURE_COLOURS.into_iter().cycle())
     }
 
-    /// The structures that are there, the highest first: the names' lines then cross seldom. None without images.
+    /// The structures in the images, the highest first, so that the lines to names seldom cross. Empty without images.
     ///
     /// # Errors
-    /// When a distance field cannot be made.
+    /// When a distance field cannot be computed.
     pub fn bodies(&self) -> Result<Vec<ShownBody>, ImageError> {
         let Some(images) = &self.images else { return Ok(Vec::new()) };
         let size = extent(&images.target(None));
@@ -78,7 +78,7 @@ impl Show<'_> {
         Ok(bodies)
     }
 
-    /// Where an eye stands that sees the bone, the names beside it and some of the shaft, and what it looks at.
+    /// Position of a camera that sees the bone, the names beside it and a part of the shaft; and the point at which it looks.
     pub fn eye(&self) -> [[f32; 3]; 2] {
         let ([x, y, z], diagonal) = self.sides();
         let middle = [0.5 * (x + 2.0 * BESIDE * diagonal), 0.5 * y, 0.5 * z];

@@ -1,9 +1,10 @@
 //! Colours that can be told apart, also with a colour-vision deficiency.
 //!
-//! Structures, target, cuts, links and greys of the CT are drawn together. Each pair is at least 45 apart in CIELAB, and at least 20
-//! as seen without the red, green or blue cones (Machado et al. 2009); 2 is a difference that can just be seen. A test computes it.
+//! Structures, target, cuts, links and greys of the CT are drawn together. The distance of each pair in CIELAB is at least 45,
+//! and at least 20 as seen without the red, green or blue cones (Machado et al. 2009); a difference of 2 is just visible. A
+//! test computes these distances.
 
-/// Colours of structures, in the case's order, round and round; the report's, too.
+/// Colours of structures, in the case's order, repeated if there are more; the report uses them too.
 pub const STRUCTURE_COLOURS: [[u8; 3]; 10] = [
     [210, 120, 0],
     [0, 165, 165],
@@ -20,7 +21,7 @@ pub const STRUCTURE_COLOURS: [[u8; 3]; 10] = [
 pub const TARGET_COLOUR: [u8; 3] = [165, 255, 0];
 /// Moves that cut, in slices.
 pub const CUT_COLOUR: [u8; 3] = [255, 30, 90];
-/// Links and retracts in slices; drawn on a black line, so that they are seen on bright bone.
+/// Links and retracts in slices; drawn on a black line, so that they are visible on bright bone.
 pub const LINK_COLOUR: [u8; 3] = [255, 255, 255];
 
 /// A colour for style sheets.
@@ -60,7 +61,7 @@ mod tests {
         std::array::from_fn(|row| (0..3).map(|n| m[row][n] * v[n]).sum())
     }
 
-    /// Linear light of sRGB.
+    /// Linear sRGB of a colour.
     fn linear(colour: [u8; 3]) -> Rgb {
         colour
             .map(|c| f64::from(c) / 255.0)
@@ -83,8 +84,8 @@ mod tests {
         [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
     }
 
-    /// Linear sRGB as seen by everyone, and without one kind of cones: red, green, blue (Machado, Oliveira and Fernandes 2009, table 1
-    /// at severity 1).
+    /// Maps of linear sRGB for normal vision, and without the red, green or blue cones (Machado, Oliveira and Fernandes 2009,
+    /// table 1 at severity 1).
     const EYES: [[Rgb; 3]; 4] = [
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
@@ -100,7 +101,7 @@ mod tests {
 
     #[test]
     fn whatever_is_drawn_together_can_be_told_apart() {
-        // as a check of the arithmetic: sRGB's blue in CIELAB, and the distance of black from white
+        // checks the arithmetic: sRGB's blue in CIELAB, and the distance of black from white
         let blue = lab(linear([0, 0, 255]));
         assert!(
             (blue[0] - 32.30).abs() < 0.02
@@ -116,7 +117,7 @@ mod tests {
                     assert!(found >= least, "{a:?} and {b:?} are {found:.1} apart, {least} expected");
                 }
             }
-            // from the CT's greys by their colour; links have a black edge
+            // the colours differ from the CT's greys; links have a black edge
             for grey in [60, 110, 160, 210].map(|v| [v; 3]) {
                 let found = apart(&EYES[0], *a, grey);
                 assert!(found >= 30.0 || *a == LINK_COLOUR, "{a:?} and {grey:?} are {found:.1} apart");

@@ -1,23 +1,23 @@
-//! What changes as the burr goes on: the target that is left, and the slices through the burr.
+//! The parts of the picture that change during milling: the remaining target, and the slices through the burr.
 
 use bonemill_geometry::{Point, Work, cancel};
 use rayon::prelude::*;
 
 use super::{Moment, PLANES, Show, Slice, Surface};
 
-/// Target and slices at one moment.
+/// Target and slices at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShownFrame {
-    /// When, s.
+    /// Time, s.
     pub time_s: f64,
-    /// The surface of the target that is still there.
+    /// The surface of the remaining target.
     pub target: Surface,
     /// The slice of each of [`PLANES`], and the burr's centre on it ([`super::ShownImages::pixel`]).
     pub slices: [(Slice, [f32; 2]); 3],
 }
 
 impl Show<'_> {
-    /// About `most` of the moments, drawn; the first and the last among them. None without images.
+    /// Frames for about `most` of the moments, including the first and the last. Empty without images.
     pub fn frames(&self, moments: &[Moment], most: usize) -> Vec<ShownFrame> {
         let Some(images) = &self.images else { return Vec::new() };
         let step = moments.len().div_ceil(most.max(1)).max(1);

@@ -1,8 +1,9 @@
-//! What a viewer draws of a finished plan, without knowing any viewer: surfaces, slices, colours, motion.
+//! The data that a viewer draws of a finished plan, independent of the viewer: surfaces, slices, colours, motion.
 //!
-//! Read anew from the plan's own images and files, and without its images where they are missing; everything is in the work frame, whose z is the approach, out of the
-//! bone. The removal times come from the waypoints as they stand in the file, the motion from the trajectory by forward
-//! kinematics: what is drawn is what would be executed. Nothing here judges or computes forces.
+//! The data are read from the plan's files and its images, or from the files alone where images are missing. Everything is in
+//! the work frame, whose z is the approach, out of the bone. Removal times come from the waypoints in the file, and the motion
+//! from the trajectory by forward kinematics, so the drawing shows what the arm would do. This module computes no forces and
+//! makes no checks.
 
 mod body;
 mod colour;
@@ -33,16 +34,16 @@ use bonemill_setup::PlanError;
 use bonemill_setup::inputs::scene_of;
 use bonemill_stock::removal::RemovalTime;
 
-/// Voxel codes of a slice: nothing of interest, target that is there, target that is cut; structures follow in the case's order.
+/// Voxel code of a slice for a voxel that is neither target nor structure.
 pub const NOTHING: u8 = 0;
-/// Target that is still there.
+/// Voxel code of standing target.
 pub const TARGET: u8 = 1;
-/// Target that is cut away.
+/// Voxel code of removed target.
 pub const CUT: u8 = 2;
-/// Code of the case's first structure.
+/// Voxel code of the case's first structure; the others follow in the case's order.
 pub const FIRST_STRUCTURE: u8 = 3;
 
-/// A plan ready to be drawn.
+/// A plan's data for drawing.
 #[derive(Debug)]
 pub struct Show<'a> {
     plan: &'a StoredPlan,
@@ -51,18 +52,17 @@ pub struct Show<'a> {
     images: Option<ShownImages>,
 }
 
-/// What is drawn of a plan's images: target, structures, slices.
+/// The data from a plan's images: target, structures, slices.
 #[derive(Debug)]
 pub struct ShownImages {
     scene: Scene,
     removal: RemovalTime,
-    /// Structure of each voxel by its code, else [`NOTHING`].
+    /// Code of the structure in each voxel, else [`NOTHING`].
     structure: Volume<u8, Work>,
 }
 
 impl<'a> Show<'a> {
-    /// Reads a plan's images and lays its path through them. Where one of its inputs is missing, the rest is drawn without
-    /// them.
+    /// Reads a plan's images and computes the removal times of its path. If an input is missing, the plan is drawn without images.
     ///
     /// # Errors
     /// [`PlanError`] when images that are there cannot be read.
@@ -78,7 +78,7 @@ impl<'a> Show<'a> {
         self.plan
     }
 
-    /// What is drawn of its images, where they were found.
+    /// The data from its images, if they were found.
     pub fn images(&self) -> Option<&ShownImages> {
         self.images.as_ref()
     }
@@ -88,7 +88,7 @@ impl<'a> Show<'a> {
         &self.path
     }
 
-    /// Where the arm's base is.
+    /// Pose of the arm's base in work.
     pub fn work_from_base(&self) -> Rigid<Work, bonemill_geometry::Base> {
         self.work_from_ct * self.plan.record.frames.base_from_ct.inverse()
     }
@@ -105,7 +105,7 @@ impl ShownImages {
         Ok(Self { scene, removal, structure })
     }
 
-    /// Code of a voxel once waypoint `index` is reached.
+    /// Code of a voxel when waypoint `index` is reached.
     fn code(&self, voxel: usize, index: u32) -> u8 {
         let structure = self.structure.data()[voxel];
         match self.scene.class.data()[voxel] {
@@ -117,7 +117,7 @@ impl ShownImages {
     }
 }
 
-/// Which structure each voxel belongs to, by code.
+/// Code of the structure to which each voxel belongs.
 fn structures(scene: &Scene) -> Volume<u8, Work> {
     let grid = scene.class.grid();
     let code = |(n, class): (usize, &Class)| {

@@ -1,4 +1,4 @@
-//! The motion as the trajectory's rows give it through forward kinematics.
+//! The motion of arm and burr, from the trajectory's rows by forward kinematics.
 
 use bonemill_arm::RobotError;
 use bonemill_geometry::{Point, Rigid, Tool, Work};
@@ -9,17 +9,17 @@ use super::Show;
 /// The arm and the burr at one instant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moment {
-    /// When, s.
+    /// Time, s.
     pub time_s: f64,
-    /// The waypoint that the move leads to.
+    /// The waypoint at which the present move ends.
     pub waypoint: usize,
     /// Burr and shaft: origin the burr's centre, z to the handpiece.
     pub tool: Rigid<Work, Tool>,
-    /// Places of the arm's joints and of its flange, from the base outwards.
+    /// Positions of the arm's joints and of its flange, from the base outwards.
     pub links: Vec<Point<Work>>,
     /// Joint positions, mm or rad.
     pub q: Vec<f64>,
-    /// Force on the burr on the move, N; none where nothing is cut.
+    /// Force on the burr during the move, N; `None` where nothing is cut.
     pub force_n: Option<Vector3<f64>>,
 }
 
@@ -27,7 +27,7 @@ impl Show<'_> {
     /// At most `most` moments, evenly spaced in rows, the last row included.
     ///
     /// # Errors
-    /// When a row is no joint vector of the arm.
+    /// When a row is not a joint vector of the arm.
     pub fn moments(&self, most: usize) -> Result<Vec<Moment>, RobotError> {
         let rows = &self.plan.trajectory;
         let step = rows.len().div_ceil(most.max(1)).max(1);

@@ -1,4 +1,4 @@
-//! What the path can be coloured by, and the legend.
+//! The values by which the path can be coloured, and the legend.
 
 use bonemill_planfile::{StoredPlan, Waypoint};
 
@@ -10,11 +10,11 @@ pub const ARROW_MM_PER_N: f64 = 10.0;
 /// A value along the path.
 #[derive(Debug, Clone, Copy)]
 pub struct Paint {
-    /// What it is.
+    /// Its name.
     pub name: &'static str,
     /// Its unit.
     pub unit: &'static str,
-    /// A waypoint's; `None` where there is none.
+    /// The value of a waypoint, if it has one.
     pub value: fn(&Waypoint) -> Option<f64>,
 }
 
@@ -32,7 +32,7 @@ impl Paint {
         self.name.replace(' ', "_")
     }
 
-    /// From the least value to that below which 99 % lie; none where no waypoint has a value.
+    /// The least value and the 99 % quantile; `None` where no waypoint has a value.
     pub fn range(&self, plan: &StoredPlan) -> Option<(f64, f64)> {
         let mut values: Vec<f64> = plan.waypoints.iter().filter_map(self.value).collect();
         values.sort_by(f64::total_cmp);

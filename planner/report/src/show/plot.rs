@@ -1,32 +1,33 @@
-//! Curves over the plan's time, and axes that leave room for the names of curves.
+//! Curves over the plan's time, and axes that leave room for a legend.
 //!
-//! A viewer lays the legend over the plot's upper right corner. Where a plot has several curves, its axes reach beyond them,
-//! upwards or to the right, whichever takes less, so that the names cover none. One curve is named by the plot's title.
+//! A viewer draws the legend over the plot's upper right corner. Where a plot has several curves, its axes extend beyond them,
+//! upwards or to the right, whichever takes less space, so that the legend covers no curve. A single curve is named by the
+//! plot's title.
 
 use bonemill_arm::{Joint, JointKind};
 use bonemill_planfile::Waypoint;
 
 use super::{Moment, STRUCTURE_COLOURS, Show};
 
-/// Width of all plots side by side and height of one, pixels: what they have in a window of 1600 × 1000.
+/// Width of all plots side by side and height of one, pixels, in a window of 1600 × 1000.
 const PLOTS_PX: [f64; 2] = [1600.0, 200.0];
-/// What a plot's ticks and frame take of its width, pixels.
+/// Width of a plot's ticks and frame, pixels.
 const FRAME_PX: f64 = 30.0;
-/// A line of a legend, and what is above and below all of them, pixels.
+/// Height of a line of the legend, and the margin above and below all lines, pixels.
 const LINE_PX: [f64; 2] = [22.5, 10.0];
-/// A letter of a legend, and what is beside all of them, pixels.
+/// Width of a letter of the legend, and the margin beside all letters, pixels.
 const LETTER_PX: [f64; 2] = [6.0, 50.0];
-/// Between the curves and the axes' ends, as a share of what the curves span.
+/// Margin between the curves and the axes' ends, as a share of the curves' range.
 const PAD: f64 = 0.04;
 
-/// The most that names may take of a plot.
+/// Largest share of a plot for the legend.
 const MOST_ROOM: f64 = 0.6;
 
 const BLUE: [u8; 3] = [86, 156, 214];
 const ORANGE: [u8; 3] = [232, 140, 50];
 const RED: [u8; 3] = [230, 80, 80];
 
-/// A waypoint's value; `None` where it has none.
+/// A function that gives a waypoint's value, if it has one.
 type Value<'a> = &'a dyn Fn(&Waypoint) -> Option<f64>;
 
 /// A curve over time.
@@ -34,40 +35,40 @@ type Value<'a> = &'a dyn Fn(&Waypoint) -> Option<f64>;
 pub struct Curve {
     /// Part of its entity's path.
     pub entity: String,
-    /// What it is.
+    /// Its name.
     pub name: String,
     /// Its colour.
     pub colour: [u8; 3],
-    /// When, s.
+    /// Times, s.
     pub time_s: Vec<f64>,
-    /// The values, one a time.
+    /// The values, one per time.
     pub values: Vec<f64>,
 }
 
-/// Curves with one unit.
+/// Curves with a common unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plot {
     /// Part of its entity's path.
     pub entity: &'static str,
-    /// What it shows, and the unit.
+    /// Title, with the unit.
     pub title: String,
     /// Curves, none of them empty.
     pub curves: Vec<Curve>,
-    /// Where the time axis begins and ends, s.
+    /// Ends of the time axis, s.
     pub time_s: [f64; 2],
-    /// Where the values' axis begins and ends.
+    /// Ends of the value axis.
     pub values: [f64; 2],
 }
 
 impl Plot {
-    /// Whether the curves need names of their own, in the upper right corner.
+    /// Whether the plot needs a legend.
     pub fn legend(&self) -> bool {
         self.curves.len() > 1
     }
 }
 
 impl Show<'_> {
-    /// The plots, from left to right: force, distance, speed, joints; without those that have nothing to show.
+    /// The plots, from left to right: force, distance, speed, joints; plots without curves are left out.
     pub fn plots(&self, moments: &[Moment]) -> Vec<Plot> {
         let mut found: Vec<_> =
             self.sets(moments).into_iter().filter(|(.., curves)| !curves.is_empty()).collect();
@@ -125,7 +126,7 @@ impl Show<'_> {
         ]
     }
 
-    /// Curves of the waypoints' values; those that have none are left out.
+    /// Curves of the waypoints' values; curves without values are left out.
     fn along<const N: usize>(&self, asked: [(&str, &str, [u8; 3], Value<'_>); N]) -> Vec<Curve> {
         let curve = |(entity, name, colour, value): (&str, &str, [u8; 3], Value<'_>)| {
             let there = self.plan.waypoints.iter().filter_map(|w| Some((w.time_s, value(w)?)));
@@ -147,7 +148,7 @@ impl Show<'_> {
     }
 }
 
-/// Shares of a plot's height and width that the curves' names need; only the smaller is above 0.
+/// Shares of a plot's height and width that the legend needs; the larger one is set to 0.
 fn room(curves: &[Curve], width_px: f64) -> [f64; 2] {
     if curves.len() < 2 {
         return [0.0; 2];
@@ -158,7 +159,7 @@ fn room(curves: &[Curve], width_px: f64) -> [f64; 2] {
     if above <= beside { [above.min(MOST_ROOM), 0.0] } else { [0.0, beside.min(MOST_ROOM)] }
 }
 
-/// The ends of an axis whose upper `room` stays free.
+/// The ends of an axis of which the upper share `room` stays free.
 fn axis(values: impl Iterator<Item = f64>, room: f64) -> [f64; 2] {
     let (low, high) =
         values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));

@@ -41,7 +41,7 @@ pub struct Slice {
 }
 
 impl ShownImages {
-    /// The slice of a plane that holds `through` (or the nearest one), as it is once waypoint `index` is reached.
+    /// The slice of a plane through `through` (or the nearest one), when waypoint `index` is reached.
     pub fn slice(&self, plane: &Plane, through: Point<Work>, index: u32) -> Slice {
         let grid = self.scene.class.grid();
         let dims = grid.dims();
@@ -61,7 +61,7 @@ impl ShownImages {
                 let n = grid.index(voxel);
                 let code = self.code(n, index);
                 let share = (self.scene.hu.data()[n] - WINDOW_HU[0]) / (WINDOW_HU[1] - WINDOW_HU[0]);
-                // what is cut is no bone any more
+                // removed voxels are drawn black
                 slice.grey.push(if code == CUT { 0 } else { (share.clamp(0.0, 1.0) * 255.0) as u8 });
                 slice.code.push(code);
             }
@@ -69,7 +69,7 @@ impl ShownImages {
         slice
     }
 
-    /// Where a point lies in a plane's slice: pixels to the right and downwards; a pixel's middle is at a half.
+    /// Position of a point in a plane's slice, in pixels to the right and downwards; a pixel's middle is at a half.
     pub fn pixel(&self, plane: &Plane, p: Point<Work>) -> [f32; 2] {
         let grid = self.scene.class.grid();
         let at = grid.continuous_index(p);

@@ -1,4 +1,4 @@
-//! Surfaces of what is still there, of structures, and of the distance kept from them.
+//! Surfaces of the remaining target, of structures, and of the clearances around them.
 
 use bonemill_geometry::{Frame, Grid, Mesh, Point, Volume, Work};
 use bonemill_imaging::{ImageError, distance_only, surface::iso_surface};
@@ -14,7 +14,7 @@ pub struct Surface {
     pub vertices: Vec<[f32; 3]>,
     /// Outward unit normals, one per vertex.
     pub normals: Vec<[f32; 3]>,
-    /// Three vertex numbers a triangle.
+    /// The numbers of each triangle's three vertices.
     pub triangles: Vec<[u32; 3]>,
 }
 
@@ -23,7 +23,7 @@ impl Surface {
         let mut normals = vec![Vector3::zeros(); mesh.vertices.len()];
         for t in &mesh.triangles {
             let [a, b, c] = t.map(|n| mesh.vertices[n as usize].coords);
-            // its length is twice the area: large triangles count more
+            // its length is twice the area, so large triangles count more
             let normal = (b - a).cross(&(c - a));
             t.iter().for_each(|&n| normals[n as usize] += normal);
         }
@@ -43,8 +43,8 @@ impl Surface {
 }
 
 impl ShownImages {
-    /// The surface of the target, air cells included, as far as it is still there once waypoint `index` is reached; `None`:
-    /// all of it. On cells of two voxels, which takes nothing away that the eye can see.
+    /// The surface of the target, air cells included, that remains when waypoint `index` is reached; `None` means the whole
+    /// target. It is computed on cells of two voxels, which is fine enough for display.
     pub fn target(&self, index: Option<u32>) -> Surface {
         let removal = self.removal.time();
         let class = self.scene.class.data();
@@ -56,11 +56,11 @@ impl ShownImages {
         }
     }
 
-    /// The surface `offset_mm` around the case's structure `n`, as far as it lies in the scene; between voxel centres, so
-    /// good for the eye only.
+    /// The surface at `offset_mm` around the case's structure `n`, as far as it lies in the scene. It is interpolated between
+    /// voxel centres, for display only.
     ///
     /// # Errors
-    /// When a distance field cannot be made.
+    /// When a distance field cannot be computed.
     pub fn around(&self, n: usize, offset_mm: f64) -> Result<Surface, ImageError> {
         let code = u8::try_from(n).ok().and_then(|n| FIRST_STRUCTURE.checked_add(n));
         let mask = self.structure.map(|c| Some(*c) == code);
@@ -70,14 +70,14 @@ impl ShownImages {
     }
 }
 
-/// The grid of cells of 2 × 2 × 2 voxels; its last cells may reach beyond.
+/// The grid of cells of 2 × 2 × 2 voxels; its last cells may extend beyond the original grid.
 fn coarse(grid: &Grid<Work>) -> Option<Grid<Work>> {
     let origin: Point<Work> = grid.at([0.5; 3]);
     let dims = grid.dims().map(|d| d.div_ceil(2));
     Grid::new(dims, 2.0 * grid.spacing_mm(), Matrix3::identity(), origin.coords).ok()
 }
 
-/// Share of each cell's voxels that count.
+/// Share of each cell's voxels for which `counts` is true.
 fn shares(grid: &Grid<Work>, cells: &Grid<Work>, counts: impl Fn(usize) -> bool) -> Volume<f32, Work> {
     let mut shares = Volume::filled(cells.clone(), 0.0);
     for n in (0..grid.len()).filter(|n| counts(*n)) {

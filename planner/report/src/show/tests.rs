@@ -1,4 +1,4 @@
-//! A block's plan, drawn: the target shrinks, structures stay, slices and surfaces agree.
+//! The drawing of a block's plan: the target shrinks, structures stay, slices and surfaces agree.
 
 use std::path::{Path, PathBuf};
 
@@ -45,7 +45,7 @@ fn what_is_drawn_is_what_the_plan_does() {
     let images = show.images().unwrap();
     let last = stored.waypoints.len() as u32 - 1;
 
-    // the target shrinks by what the plan says
+    // the target shrinks by the volume that the plan states
     let whole = volume_mm3(&images.target(None));
     let left = [last / 4, last / 2, last].map(|i| volume_mm3(&images.target(Some(i))));
     assert!(whole > left[0] && left[0] > left[1] && left[1] > left[2] && left[2] > 0.0, "{whole} {left:?}");
@@ -62,8 +62,8 @@ fn what_is_drawn_is_what_the_plan_does() {
     assert!(images.around(1, 0.0).unwrap().is_empty());
     assert!(nerve.normals.iter().all(|n| (n.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-4));
 
-    // slices: the same voxels, cut one after the other
-    // through the deepest place of the burr: every plane there meets the cavity
+    // slices show the same voxels, removed one after the other; through the deepest position of the burr every plane meets the
+    // cavity
     let mid = *show.path().iter().min_by(|a, b| a.z().total_cmp(&b.z())).unwrap();
     for plane in &PLANES {
         let [before, after] = [0, last].map(|i| images.slice(plane, mid, i));
@@ -88,7 +88,7 @@ fn what_is_drawn_is_what_the_plan_does() {
     }
     assert!(moments.iter().any(|m| m.force_n.is_some()));
 
-    // frames are the surfaces and slices of their moments, first and last among them
+    // frames are the surfaces and slices of their moments, including the first and the last
     let frames = show.frames(&moments, 10);
     assert!((10..=12).contains(&frames.len()) && frames.windows(2).all(|f| f[0].time_s < f[1].time_s));
     for (frame, moment) in
@@ -100,14 +100,14 @@ fn what_is_drawn_is_what_the_plan_does() {
         assert_eq!(frame.slices[1].0, images.slice(&PLANES[1], burr, moment.waypoint as u32));
     }
 
-    // structures are drawn with names that stand beside the bone and lead to them
+    // names of structures are drawn beside the bone, with lines to the structures
     let bodies = show.bodies().unwrap();
     assert_eq!(bodies.iter().map(|b| b.name.as_str()).collect::<Vec<_>>(), ["facial_nerve"]);
     assert!(bodies[0].surface == nerve && bodies[0].shell == shell);
     let [before, body] = bodies[0].leader;
     assert!(nerve.vertices.contains(&body) && bodies[0].name_at[0] > before[0] && before[0] > body[0]);
 
-    // plots hold the files' values, inside axes that end beyond them where names stand
+    // plots hold the files' values, and their axes leave room for legends
     let plots = show.plots(&moments);
     let found: Vec<_> = plots.iter().map(|p| (p.title.as_str(), p.curves.len(), p.legend())).collect();
     let (several, one) = (true, false);
@@ -148,7 +148,7 @@ fn a_plan_without_its_images_is_drawn_as_far_as_its_own_files_go() {
     assert!(show.plots(&moments).len() == 5 && show.eye()[0].iter().all(|x| x.is_finite()));
     let about = show.about();
     assert!(about.contains("slices are not drawn") && about.contains("ct.nii.gz (SHA-256 "), "{about}");
-    // with its images named, it is drawn whole, from the same places
+    // with the folder of its images given, the plan is drawn completely, in the same places
     let found = StoredPlan::load_with(&away, Some(&dir.path().join("case")), Need::All).unwrap();
     let whole = Show::read(&found, &Silent).unwrap();
     assert!(whole.images().is_some() && whole.path() == show.path() && whole.eye() == show.eye());

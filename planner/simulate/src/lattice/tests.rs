@@ -1,4 +1,4 @@
-//! Where one cell decides, the eight around would have said the same.
+//! Where one cell decides, interpolation between the eight cells around gives the same answer.
 
 use bonemill_geometry::{Grid, Volume};
 use proptest::prelude::*;
@@ -24,7 +24,7 @@ proptest! {
             let piece = Piece { from: point([a, b, c]), to: point([d, e, f]), continues: false };
             lattice.remove(&[piece], radius_mm);
         }
-        // every other place near the lattice's upper edges
+        // every other point near the lattice's upper edges
         for (n, (place, normal)) in places.into_iter().enumerate() {
             let near_edge = |x: f64| 1.0 - 0.1 * (0.5 - x);
             let place = if n % 2 == 0 { place } else { place.map(near_edge) };

@@ -1,4 +1,4 @@
-//! Poses and bones that break simulators.
+//! Poses and bones that are difficult for simulators.
 
 use super::*;
 
@@ -29,7 +29,7 @@ fn grazing_contact_is_small_and_grows_smoothly_with_depth() {
         if depth < -0.25 {
             assert_eq!(force, 0.0, "a voxel above the bone");
         }
-        // along the way the force is calm where it is not tiny
+        // along the path the force varies little where it is not tiny
         let middle: Vec<f64> = steps[20..60].iter().map(|s| s.force.force_n.norm()).collect();
         let mean = middle.iter().sum::<f64>() / 40.0;
         let ripple = middle.iter().map(|f| (f - mean).abs()).fold(0.0, f64::max);
@@ -49,7 +49,7 @@ fn leaving_and_coming_back_finds_nothing_left() {
         assert!(step.force.force_n.norm() < 2e-3 * FULL_N, "{:?}", step.force);
     }
     engine.settle();
-    // a ball's way in from the top face
+    // a ball that moves in from the top face
     let expected = PI * RADIUS_MM.powi(2) * 6.0 + 2.0 / 3.0 * PI * RADIUS_MM.powi(3);
     assert!((engine.removed().total_mm3() - expected).abs() < 2e-3 * expected);
 }
@@ -93,7 +93,7 @@ fn walls_thinner_than_a_voxel_count_with_the_mass_that_they_have() {
     let tube = PI * RADIUS_MM.powi(2) / 144.0;
     let share = engine.removed().total_mg() / whole.total_mg();
     assert!((share - tube).abs() < 0.01 * tube, "{share} of {tube}");
-    // what the surface says along the way is what the cells lost
+    // the removal by the surface's rates equals the cells' loss
     let by_surface: f64 = steps.iter().map(|s| s.removed.total_mg()).sum();
     assert!((by_surface / engine.removed().total_mg() - 1.0).abs() < 0.01, "{by_surface}");
     assert!(steps.iter().all(|s| s.force.force_n.norm().is_finite()));
@@ -158,7 +158,7 @@ fn a_million_steps_in_place_change_nothing_and_keep_nothing() {
     assert_eq!(engine.lattice().stored_bricks(), memory);
 }
 
-/// A hand that trembles: micrometres to and fro, thousands of times. Removal stays within the trail's tolerance.
+/// A trembling hand: micrometres to and fro, thousands of times. Removal stays within the trail's tolerance.
 #[test]
 fn trembling_in_place_does_not_drill() {
     let bone = uniform(5.0, 0.25);

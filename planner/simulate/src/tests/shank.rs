@@ -1,4 +1,4 @@
-//! The shank's alarm: where and how deep, and that nothing happens then.
+//! Contact of the shank: its place and depth, and that the step is then not made.
 
 use super::*;
 
@@ -33,14 +33,14 @@ fn a_ledge_above_the_burr_stops_it_where_the_shank_meets_it() {
             break;
         }
     }
-    // the ledge's first cell centres are at y = 1.125: the neck's side arrives there
+    // the ledge's first cell centres are at y = 1.125, where the neck's side touches them
     let (next, contact) = stopped.unwrap();
     assert!((next.center.y() - (1.125 - NECK_MM)).abs() < 0.06, "{next:?}");
     assert!(contact.depth_mm > 0.0 && contact.depth_mm < 0.06, "{contact:?}");
     assert!((contact.at.y() - 1.125).abs() < 1e-9 && contact.at.z() > 4.0, "{contact:?}");
     assert!((contact.along_mm - contact.at.z()).abs() < 1e-9);
     assert_eq!(contact.kind, Kind::Bone);
-    // the burr may still go elsewhere
+    // the burr can still move elsewhere
     let away = engine.step(to(engine.pose(), pose(0.0, -4.0, 0.0))).unwrap();
     assert!(away.contact.is_none());
 }
@@ -66,7 +66,7 @@ fn a_turn_is_stopped_where_it_leads_into_bone() {
     assert_eq!(engine.pose(), leaning(0.2));
 }
 
-/// What the burr has cut is free for the shank, settled or not.
+/// The shank may be where the burr has cut, whether the lattice is settled or not.
 #[test]
 fn the_shank_follows_the_burr_into_its_own_hole() {
     let bone = uniform(8.0, 0.25);
@@ -79,7 +79,7 @@ fn the_shank_follows_the_burr_into_its_own_hole() {
     assert!((12..=15).contains(&stopped), "{stopped}");
 }
 
-/// The alarm skips looks that cannot find anything; every look agrees with looking at every step.
+/// Tests that cannot find a contact are skipped; the result agrees with testing at every step.
 #[test]
 fn batches_are_stopped_where_single_steps_are() {
     let bone = ledge();

@@ -1,4 +1,4 @@
-//! The surface in parts is the surface as a whole.
+//! The surface made in parts equals the surface made at once.
 
 use std::collections::BTreeMap;
 

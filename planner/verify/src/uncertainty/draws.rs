@@ -1,4 +1,4 @@
-//! Normal numbers from a seed: the draws of a sample depend on its number alone.
+//! Normal random numbers from a seed. The numbers of a sample depend only on the seed and the sample's number.
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{RngCore, SeedableRng};
@@ -10,7 +10,7 @@ pub struct Draws(Xoshiro256PlusPlus);
 impl Draws {
     /// The stream of a sample.
     pub fn of_sample(seed: u64, sample: u64) -> Self {
-        // an odd factor keeps different samples of a seed apart; the generator mixes the bits
+        // multiplying by an odd factor gives different states for different samples; the generator mixes the bits
         Self(Xoshiro256PlusPlus::seed_from_u64(seed ^ sample.wrapping_mul(0x9e37_79b9_7f4a_7c15)))
     }
 

@@ -2,25 +2,25 @@
 
 use statrs::distribution::{Beta, ContinuousCDF};
 
-/// How many of how many, and what that says about the probability.
+/// The share of samples in which something happened, and the confidence interval of its probability.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Share {
     /// Samples in which it happened.
     pub hits: usize,
-    /// Samples.
+    /// Number of all samples.
     pub samples: usize,
     /// hits / samples.
     pub estimate: f64,
     /// Lower end of the 95 % interval.
     pub low: f64,
-    /// Upper end.
+    /// Upper end of the 95 % interval.
     pub high: f64,
 }
 
 impl Share {
-    /// The exact interval, in which the true probability lies in at least 95 % of experiments.
+    /// The share with its exact interval, which contains the true probability in at least 95 % of experiments.
     ///
-    /// low: the p at which `hits` or more have probability 2.5 %, high: at which `hits` or fewer have it.
+    /// low is the p for which `hits` or more have probability 2.5 %, high the p for which `hits` or fewer have it.
     ///
     /// **Source:** Clopper & Pearson 1934.
     pub fn of(hits: usize, samples: usize) -> Self {

@@ -1,16 +1,16 @@
-//! How large a clearance must be, so that a structure is kept with a given probability.
+//! The clearance with which a structure is not touched with a given probability.
 
 use bonemill_geometry::{Ct, Point};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
 use super::{RigidError, UncertaintyError, not_negative, probability};
 
-/// The clearance that keeps a structure with probability `keep`, mm, whatever the plan does at that clearance.
+/// The clearance with which every plan that keeps it leaves the structure untouched with probability `keep`, mm.
 ///
-/// c = √(χ²_k⁻¹(1 − β)) · max σ(x) + Φ⁻¹(1 − β') σ_s, where σ(x) is the largest standard deviation of the registration's error at
-/// a point x of the structure, k its rank, σ_s the boundary's own error; β = β' = (1 − keep)/2, or all of it goes to the one
-/// that there is. In all but β of the cases the rigid error lies in its ellipsoid, and there every point moves at most
-/// √χ² σ(x) at once, in any direction; so the burr, which stays c away, does not touch.
+/// c = √(χ²_k⁻¹(1 − β)) · max σ(x) + Φ⁻¹(1 − β') σ_s, where σ(x) is the largest standard deviation of the registration's error
+/// at a point x of the structure, k the error's rank, and σ_s the standard deviation of the boundary; β = β' = (1 − keep)/2, or
+/// β = 1 − keep for the only error if there is just one. With probability 1 − β the rigid error lies in its ellipsoid. Then
+/// every point moves by at most √χ² σ(x), in any direction, so a burr that stays c away does not touch the structure.
 ///
 /// `structure`: points of its surface, ct; `boundary_sigma_mm` ≥ 0; `keep` 0.5 to below 1.
 ///
@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn a_burr_at_that_clearance_on_every_side_touches_no_more_often() {
-        // a ball of 2 mm around a far point, approached from everywhere
+        // a ball of 2 mm around a far point, approached from all sides
         let error = RigidError::of_sigmas([0.2, 0.1, 0.3], [0.004, 0.01, 0.002], ABOUT).unwrap();
         let (center, radius) = (Point::<Ct>::new(30.0, 10.0, -20.0), 2.0);
         let on_ball = |r: f64| {
@@ -82,7 +82,7 @@ mod tests {
             });
             let share = touched.count() as f64 / n as f64;
             assert!(share <= 1.0 - keep, "{share} at {keep}");
-            // nor is the bound empty
+            // the bound is not needlessly large
             assert!(clearance < 3.0, "{clearance}");
         }
     }

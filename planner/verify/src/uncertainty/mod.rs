@@ -1,15 +1,15 @@
-//! What errors of registration, segmentation, density and cutting coefficients mean for a plan.
+//! The effect on a plan of errors of registration, segmentation, density and cutting coefficients.
 //!
-//! Two questions. Before planning: how large must a structure's clearance be, so that it is kept with a given probability
-//! ([`clearance_mm`])? After planning: how likely does the finished plan touch each structure, and how far may its forces
-//! be off ([`simulate_errors`])? The first is a bound that holds whatever the plan does; the second is a Monte-Carlo of
-//! this plan with its confidence intervals, so it is less cautious.
+//! Two functions answer two questions. Before planning: how large must a structure's clearance be so that it is not touched
+//! with a given probability ([`clearance_mm`])? After planning: how likely is it that the finished plan touches each
+//! structure, and how large may the errors of its forces be ([`simulate_errors`])? The first is a bound for every plan; the
+//! second is a Monte-Carlo simulation of one plan with confidence intervals, so it is less cautious.
 //!
-//! The registration's error is rigid and normal, given by its covariance ([`RigidError`]); a structure's boundary is off by
-//! one normal offset of its own. Forces are scaled: K and density are each off by one normal factor in all of a sample.
-//! Not modelled: that a shifted burr meets other bone, errors that differ from voxel to voxel, the robot's own deflection.
+//! The registration's error is rigid and normal, given by its covariance ([`RigidError`]). Each structure's boundary has one
+//! normal offset. Forces are scaled: in each sample, K and density each have one normal factor. Not modelled: that a shifted
+//! burr meets other bone, errors that differ from voxel to voxel, the robot's own deflection.
 //!
-//! Same seed, same numbers, on any number of threads.
+//! The same seed gives the same numbers, on any number of threads.
 
 mod draws;
 mod interval;
@@ -26,23 +26,23 @@ pub use rigid_error::RigidError;
 
 use crate::VerifyError;
 
-/// Why uncertainty cannot be judged.
+/// Why the effect of errors cannot be computed.
 #[derive(Debug, Error)]
 pub enum UncertaintyError {
-    /// A covariance that is none.
+    /// A matrix is not a covariance.
     #[error("the covariance is not one: {fault}; expected 6 × 6, symmetric, no variance below 0")]
     Covariance {
         /// What is wrong.
         fault: &'static str,
     },
-    /// A number out of range.
+    /// A number is out of range.
     #[error("{what} = {value}: expected {expected}")]
     Value {
-        /// Which.
+        /// Name of the number.
         what: &'static str,
         /// The number.
         value: f64,
-        /// What would be right.
+        /// What was expected.
         expected: &'static str,
     },
     /// The plan's images cannot be read.
@@ -50,7 +50,7 @@ pub enum UncertaintyError {
     Verify(#[from] VerifyError),
 }
 
-/// A finite number that is not negative.
+/// Checks that a number is finite and not negative.
 fn not_negative(what: &'static str, value: f64) -> Result<f64, UncertaintyError> {
     if value.is_finite() && value >= 0.0 {
         return Ok(value);
@@ -58,7 +58,7 @@ fn not_negative(what: &'static str, value: f64) -> Result<f64, UncertaintyError>
     Err(UncertaintyError::Value { what, value, expected: "a finite number, at least 0" })
 }
 
-/// A probability that can be asked for.
+/// Checks that a requested probability is in range.
 fn probability(value: f64) -> Result<f64, UncertaintyError> {
     if (0.5..1.0).contains(&value) {
         return Ok(value);

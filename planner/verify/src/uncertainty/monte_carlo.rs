@@ -1,8 +1,8 @@
-//! A finished plan under drawn errors: how often it touches each structure, and how far its forces are off.
+//! Monte-Carlo simulation of errors of a finished plan: how often it touches each structure, and the spread of its forces.
 //!
-//! Each sample moves the patient rigidly, moves each structure's boundary, and scales K and density. The burr goes along
-//! its waypoints; the distance to a structure is exact at places no farther apart than [`STEP_MM`]. Places are tested in the
-//! order of their planned distance, until none that is left can be nearer, so a sample costs a few hundred questions.
+//! Each sample moves the patient rigidly, moves each structure's boundary, and scales K and density. The burr follows its
+//! waypoints; the distance to a structure is exact at places at most [`STEP_MM`] apart. Places are tested in the order of
+//! their planned distance, until no other place can be nearer, so a sample takes a few hundred distance queries.
 
 use bonemill_geometry::Progress;
 use bonemill_geometry::{Ct, Point, cancel};
@@ -14,18 +14,18 @@ use super::rigid_error::PatientShift;
 use super::{RigidError, Share, UncertaintyError, clearance_mm, not_negative, probability};
 use crate::{Anatomy, Boxes};
 
-/// Between places of the burr, mm.
+/// Distance between tested places of the burr, mm.
 const STEP_MM: f64 = 0.1;
-/// The most samples.
+/// Largest number of samples.
 const MOST_SAMPLES: usize = 1_000_000;
 
-/// Samples between two words on how far it is.
+/// Number of samples between two progress reports.
 const AT_ONCE: usize = 1024;
 
-/// What may be wrong, by how much.
+/// The errors and their sizes.
 #[derive(Debug, Clone)]
 pub struct ErrorModel {
-    /// Of the registration.
+    /// Error of the registration.
     pub registration: RigidError,
     /// Standard deviation of every structure's boundary, mm.
     pub boundary_sigma_mm: f64,
@@ -33,55 +33,55 @@ pub struct ErrorModel {
     pub density_share: f64,
     /// Standard deviation of the cutting coefficients, as a share.
     pub coefficient_share: f64,
-    /// Samples.
+    /// Number of samples.
     pub samples: usize,
-    /// Where the draws begin.
+    /// Seed of the random numbers.
     pub seed: u64,
-    /// The probability with which every structure is to be kept.
+    /// The probability with which every structure must stay untouched.
     pub keep: f64,
 }
 
-/// What a plan risks.
+/// The risks of a plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Risk {
-    /// Per structure, in the case's order.
+    /// Risk for each structure, in the case's order.
     pub structures: Vec<StructureRisk>,
-    /// Of forces.
+    /// Spread of the forces.
     pub forces: Vec<ForceSpread>,
 }
 
-/// What one structure risks.
+/// The risk for one structure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StructureRisk {
     /// Its name.
     pub name: String,
-    /// The burr touches it.
+    /// Share of the samples in which the burr touches it.
     pub touched: Share,
-    /// Distance kept in 5 %, 50 % and 95 % of the samples, mm; below 0 it is cut.
+    /// The 5 %, 50 % and 95 % quantiles of the least distance over the samples, mm; below 0 the structure is cut.
     pub kept_mm: [f64; 3],
-    /// The clearance that would keep it with the probability asked for, mm.
+    /// The clearance with which it would stay untouched with the requested probability, mm.
     pub clearance_mm: f64,
 }
 
 impl StructureRisk {
-    /// Whether it was shown to be touched more often than `keep` allows: already the interval's lower end is too much.
+    /// Whether it is certainly touched more often than `keep` allows: even the interval's lower end exceeds 1 − `keep`.
     pub fn falls_short(&self, keep: f64) -> bool {
         self.touched.low > 1.0 - keep
     }
 }
 
-/// A force and what it may be.
+/// A force and its spread.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForceSpread {
-    /// Which.
+    /// Name of the force.
     pub name: String,
-    /// As planned, N.
+    /// The planned value, N.
     pub planned_n: f64,
-    /// In 5 %, 50 % and 95 % of the samples, N.
+    /// The 5 %, 50 % and 95 % quantiles over the samples, N.
     pub spread_n: [f64; 3],
 }
 
-/// Standard deviations of what may be wrong, the same along and about every axis.
+/// Standard deviations of the errors, the same along and about every axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sigmas {
     /// Registration along each axis of ct, mm.
@@ -97,7 +97,7 @@ pub struct Sigmas {
 }
 
 impl ErrorModel {
-    /// Errors about the middle of a plan's path.
+    /// The error model for rotations about the middle of a plan's path.
     ///
     /// # Errors
     /// [`UncertaintyError`] for a number out of range.
@@ -139,7 +139,7 @@ impl ErrorModel {
     }
 }
 
-/// Draws errors and repeats the plan under each; `progress` is told samples, over all structures.
+/// Draws errors and evaluates the plan under each; `progress` receives the number of samples, over all structures.
 ///
 /// # Errors
 /// [`UncertaintyError`] for numbers out of range and images that cannot be read.
@@ -164,7 +164,7 @@ pub fn simulate_errors(
                 cancel::poll();
                 let mut draws = Draws::of_sample(model.seed, sample);
                 let motion = model.registration.draw(&mut draws);
-                // every structure has a boundary of its own: the n-th number after the motion
+                // every structure has its own boundary offset: the n-th number after the motion
                 let offset = (0..=n).map(|_| draws.normal()).last().unwrap_or(0.0);
                 near.least_mm(&boxes, &motion) - radius - model.boundary_sigma_mm * offset
             };
@@ -193,7 +193,7 @@ pub fn simulate_errors(
     Ok(Risk { structures, forces: forces(plan, model) })
 }
 
-/// Places of the burr's centre along the moves.
+/// Positions of the burr's centre along the moves.
 fn places(plan: &StoredPlan) -> Vec<Point<Ct>> {
     let mut places: Vec<_> = plan.waypoints.first().map(|w| w.position).into_iter().collect();
     for pair in plan.waypoints.windows(2) {
@@ -204,7 +204,7 @@ fn places(plan: &StoredPlan) -> Vec<Point<Ct>> {
     places
 }
 
-/// The structure's points that face the burr where it comes near: enough to know how they move.
+/// The structure's points nearest to the burr where it comes near; their displacements determine the clearance.
 fn near_surface(boxes: &Boxes<'_>, places: &[Point<Ct>], radius_mm: f64) -> Vec<Point<Ct>> {
     const FACING_MM: f64 = 10.0;
     let every = places.len().div_ceil(2000).max(1);
@@ -215,11 +215,11 @@ fn near_surface(boxes: &Boxes<'_>, places: &[Point<Ct>], radius_mm: f64) -> Vec<
     places.par_iter().step_by(every).filter_map(facing).collect()
 }
 
-/// Places by their planned distance to one structure.
+/// Positions in the order of their planned distance to one structure.
 struct SampledDistances {
-    /// Ascending.
+    /// Distance and position, ascending.
     places: Vec<(f64, Point<Ct>)>,
-    /// Farthest place from the centre of rotation, mm.
+    /// Largest distance of a position from the centre of rotation, mm.
     reach_mm: f64,
 }
 
@@ -254,7 +254,7 @@ fn forces(plan: &StoredPlan, model: &ErrorModel) -> Vec<ForceSpread> {
     let exponent = plan.record.case.material.exponent;
     let scales: Vec<f64> = (0..model.samples as u64)
         .map(|sample| {
-            // draws of their own: the registration's do not change when these are asked for
+            // a separate stream, so that these numbers do not change those of the registration
             let mut draws = Draws::of_sample(model.seed ^ u64::MAX, sample);
             let k = (1.0 + model.coefficient_share * draws.normal()).max(0.0);
             let density = (1.0 + model.density_share * draws.normal()).max(0.0);
@@ -278,7 +278,7 @@ fn forces(plan: &StoredPlan, model: &ErrorModel) -> Vec<ForceSpread> {
     found
 }
 
-/// The values that 5 %, 50 % and 95 % do not exceed.
+/// The 5 %, 50 % and 95 % quantiles.
 fn quantiles(values: &mut [f64]) -> [f64; 3] {
     values.sort_by(f64::total_cmp);
     [0.05, 0.5, 0.95].map(|share| {

@@ -11,21 +11,21 @@ use nalgebra::{Matrix3, Matrix3x6, Matrix6, Rotation3, Vector3, Vector6};
 use super::UncertaintyError;
 use super::draws::Draws;
 
-/// Asymmetry and negative variance that rounding explains, relative to the largest entry.
+/// Largest asymmetry and negative variance that can be rounding, relative to the largest entry.
 const ROUNDING: f64 = 1e-9;
 
 /// A normal rigid error.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RigidError {
     covariance: Matrix6<f64>,
-    /// Columns √λ v: what standard normal numbers are multiplied by.
+    /// Columns √λ v, by which standard normal numbers are multiplied.
     root: Matrix6<f64>,
     about: Point<Ct>,
     rank: usize,
 }
 
 impl RigidError {
-    /// From the covariance of (t mm, ω rad) about a point of ct.
+    /// The error with this covariance of (t mm, ω rad) about a point of ct.
     ///
     /// # Errors
     /// [`UncertaintyError::Covariance`] where it is not finite, not symmetric, or has a negative variance.
@@ -46,7 +46,7 @@ impl RigidError {
         for (mut column, value) in root.column_iter_mut().zip(eigen.eigenvalues.iter()) {
             column *= value.max(0.0).sqrt();
         }
-        // each unit has its own scale: rank is counted in variances per unit of the diagonal
+        // mm and rad have different scales, so the rank is computed after scaling by the diagonal
         let scaled = Matrix6::from_fn(|i, j| {
             let size = (covariance[(i, i)] * covariance[(j, j)]).sqrt();
             if size > 0.0 { covariance[(i, j)] / size } else { 0.0 }
@@ -55,7 +55,7 @@ impl RigidError {
         Ok(Self { covariance, root, about, rank })
     }
 
-    /// Independent errors: standard deviations along and about ct's axes.
+    /// Independent errors with these standard deviations along and about ct's axes.
     ///
     /// # Errors
     /// As [`RigidError::new`].
@@ -78,7 +78,7 @@ impl RigidError {
         std::array::from_fn(|n| self.covariance[(n, n)].sqrt())
     }
 
-    /// In how many independent ways it varies, 0 to 6.
+    /// Number of independent directions in which it varies, 0 to 6.
     pub fn rank(&self) -> usize {
         self.rank
     }
@@ -117,13 +117,13 @@ pub struct PatientShift {
 }
 
 impl PatientShift {
-    /// Where a point of the robot lies in the patient as the images show it.
+    /// The position in the images of a point that the robot reaches in the moved patient.
     pub fn in_images(&self, p: Point<Ct>) -> Point<Ct> {
         let back = self.rotation.inverse() * (p.coords - self.about - self.translation_mm);
         Point::from_coords(self.about + back)
     }
 
-    /// No point within `radius_mm` of the centre of rotation moves farther, mm.
+    /// Upper bound of the displacement of points within `radius_mm` of the centre of rotation, mm.
     pub fn most_mm(&self, radius_mm: f64) -> f64 {
         self.translation_mm.norm()
             + 2.0 * (0.5 * self.rotation.angle()).sin() * (radius_mm + self.translation_mm.norm())

@@ -1,0 +1,89 @@
+use super::*;
+
+fn text<T: std::fmt::Debug>(result: Result<T, CatalogueError>) -> String {
+    result.unwrap_err().to_string()
+}
+
+#[test]
+fn what_is_added_is_listed_taken_and_put_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("stock.sqlite");
+    assert!(text(Catalogue::open(&path)).contains("there is no catalogue"));
+    let mut stock = Catalogue::open_or_create(&path).unwrap();
+    stock.add("B2", [60.0, 25.0, 55.0], 1).unwrap();
+    stock.add("B1", [80.0, 30.0, 70.0], 2).unwrap();
+    stock.add("B1", [80.0, 30.0, 70.0], 1).unwrap();
+    drop(stock);
+    let mut stock = Catalogue::open(&path).unwrap();
+    let kinds: Vec<_> = stock.list().unwrap().into_iter().map(|b| (b.id, b.count)).collect();
+    assert_eq!(kinds, [("B1".to_owned(), 3), ("B2".to_owned(), 1)]);
+    assert_eq!(stock.take("B2").unwrap().count, 0);
+    assert_eq!(text(stock.take("B2")), "there is no block B2 left");
+    assert_eq!(stock.put_back("B2").unwrap().count, 1);
+    assert_eq!(text(stock.put_back("B9")), "the catalogue has no block B9");
+    assert_eq!(text(stock.take("B9")), "the catalogue has no block B9");
+}
+
+#[test]
+fn what_makes_no_sense_is_refused() {
+    let mut stock = Catalogue::in_memory().unwrap();
+    stock.add("B1", [60.0, 25.0, 55.0], 1).unwrap();
+    assert!(text(stock.add("B1", [60.0, 25.0, 50.0], 1)).contains("give the new kind a number of its own"));
+    assert!(text(stock.add("B2", [60.0, 0.0, 50.0], 1)).contains("a side of 0 mm"));
+    assert!(text(stock.add("B2", [60.0, f64::NAN, 50.0], 1)).contains("a side of NaN mm"));
+    assert!(text(stock.add("a,b", [60.0, 25.0, 50.0], 1)).contains("no block's number"));
+    assert!(text(stock.add("B1", [60.0, 25.0, 55.0], u32::MAX)).contains("at most 1000000"));
+    assert_eq!(stock.list().unwrap().len(), 1);
+}
+
+#[test]
+fn a_file_of_somebody_else_is_left_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("notes.txt");
+    std::fs::write(&path, "these are my notes, a few lines of them, and no database at all; ".repeat(20))
+        .unwrap();
+    let before = std::fs::read(&path).unwrap();
+    assert!(text(Catalogue::open_or_create(&path)).contains("is no catalogue of blocks"));
+    assert_eq!(std::fs::read(&path).unwrap(), before);
+    let other = dir.path().join("other.sqlite");
+    rusqlite::Connection::open(&other).unwrap().execute_batch("CREATE TABLE mine (x)").unwrap();
+    assert!(text(Catalogue::open_or_create(&other)).contains("is no catalogue of blocks"));
+}
+
+#[test]
+fn the_smallest_block_that_holds_the_box_is_chosen_and_turned_to_fit() {
+    let block = |id: &str, size_mm, count| StockBlock { id: id.into(), size_mm, count };
+    let blocks = [
+        block("large", [80.0, 30.0, 70.0], 1),
+        block("flat", [55.0, 60.0, 20.0], 1),
+        block("gone", [45.0, 18.0, 54.0], 0),
+        block("thin", [200.0, 200.0, 10.0], 9),
+    ];
+    let mounted = smallest(&blocks, [41.0, 16.0, 54.0]).unwrap();
+    // the thin side across y, then the shorter one along x
+    assert_eq!((mounted.id.as_str(), mounted.size_mm), ("flat", [55.0, 20.0, 60.0]));
+    assert_eq!(smallest(&blocks, [41.0, 16.0, 61.0]).unwrap().id, "large");
+    assert_eq!(smallest(&blocks, [90.0, 16.0, 61.0]), None);
+}
+
+#[test]
+fn of_many_stations_that_want_the_last_blocks_each_gets_its_own() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("stock.sqlite");
+    Catalogue::open_or_create(&path).unwrap().add("B1", [60.0, 25.0, 55.0], 5).unwrap();
+    let station = |n: usize| {
+        let path = path.clone();
+        std::thread::spawn(move || {
+            let mut stock = Catalogue::open(&path).unwrap();
+            if n % 2 == 0 {
+                stock.take("B1").is_ok()
+            } else {
+                stock.take_smallest([1.0; 3]).unwrap().is_some()
+            }
+        })
+    };
+    let stations: Vec<_> = (0..8).map(station).collect();
+    let got: Vec<bool> = stations.into_iter().map(|s| s.join().unwrap()).collect();
+    assert_eq!(got.iter().filter(|got| **got).count(), 5, "{got:?}");
+    assert_eq!(Catalogue::open(&path).unwrap().list().unwrap()[0].count, 0);
+}

@@ -1,0 +1,199 @@
+//! Small parts from mesh to proof: what is planned, written, read back and cut has no gouge, leaves no more than was asked for, and hits nothing.
+
+mod common;
+
+use bonemill_geometry::{Block, Mesh, Point};
+use bonemill_machining::leftover::Reason;
+use bonemill_machining::{Job, Machining, MachiningError, Tool, plan};
+use bonemill_proof::{Proof, prove};
+use common::{Shell, flat, job, proof_job};
+use nalgebra::Vector3;
+
+/// Plans, writes, reads back and judges.
+fn proven(part: &Mesh<Block>, job: &Job) -> (Machining, Proof, bonemill_proof::ProofJob) {
+    let planned = plan(part, job).unwrap();
+    let text = bonemill_program::write(&planned.moves, job.process.spindle_rpm);
+    let proof_job = proof_job(job, vec![planned.tab_box]);
+    let proof = prove(&text, part, &proof_job).unwrap();
+    (planned, proof, proof_job)
+}
+
+fn is_clean(proof: &Proof, job: &Job) {
+    assert!(
+        proof.deepest_gouge_mm <= 0.02,
+        "gouge of {} mm at {:?}",
+        proof.deepest_gouge_mm,
+        proof.gouge_at_mm
+    );
+    assert!(proof.collisions.is_empty(), "{:?}", proof.collisions.first());
+    assert!(proof.too_wide.is_empty(), "{:?} for {}", proof.too_wide.first(), job.widest_mm());
+}
+
+/// A coarse tool and step, so that the test is quick.
+fn quick(part: &Mesh<Block>, tool: Tool) -> Job {
+    let mut job = job(part, tool);
+    job.process.finishing_step_mm = 0.15;
+    job
+}
+
+#[test]
+fn a_bevelled_shell_is_made_to_the_finishing_step() {
+    for (bevel_mm, corner_radius_mm) in [(0.8, 0.0), (-0.6, 0.5)] {
+        let shell =
+            Shell { outer_mm: 40.0, inner_mm: 36.0, outline_mm: 7.0, bevel_mm, thickness_mm: 4.0, rings: 10 };
+        let part = shell.mesh();
+        assert!(part.volume_mm3() > 0.0);
+        let job = quick(&part, Tool { corner_radius_mm, ..flat() });
+        let (planned, proof, _) = proven(&part, &job);
+        is_clean(&proof, &job);
+        assert!(proof.thickest_uncut_mm <= job.process.finishing_step_mm, "{}", proof.thickest_uncut_mm);
+        assert!(planned.times.limited_s >= planned.times.constant_s * 0.9);
+        assert!(planned.strip.tab_factor >= 2.0);
+    }
+}
+
+/// A polygon in (y, z) drawn along x, counter-clockwise seen from +x; fans of triangles from its first corner must lie in it.
+fn drawn(outline: &[[f64; 2]], length_mm: f64) -> Mesh<Block> {
+    let count = outline.len() as u32;
+    let at = |x: f64| outline.iter().map(move |[y, z]| Point::new(x, *y, *z));
+    let vertices = at(-0.5 * length_mm).chain(at(0.5 * length_mm)).collect();
+    let mut triangles = Vec::new();
+    for k in 1..count - 1 {
+        triangles.push([0, k + 1, k]);
+        triangles.push([count, count + k, count + k + 1]);
+    }
+    for k in 0..count {
+        let next = (k + 1) % count;
+        triangles.push([k, next, count + next]);
+        triangles.push([k, count + next, count + k]);
+    }
+    Mesh { vertices, triangles }
+}
+
+#[test]
+fn a_step_that_overhangs_on_both_sides_is_told_with_its_place() {
+    // a groove of 2 mm in the rim at z = 4, between y = −0.8 and 0.8, that neither side sees
+    let outline = [
+        [0.0, 1.0],
+        [-0.8, 2.0],
+        [-0.8, 4.0],
+        [-2.0, 4.0],
+        [-2.0, -4.0],
+        [2.0, -4.0],
+        [2.0, 4.0],
+        [0.8, 4.0],
+        [0.8, 2.0],
+    ];
+    let part = drawn(&outline, 8.0);
+    let job = quick(&part, flat());
+    let (planned, proof, _) = proven(&part, &job);
+    is_clean(&proof, &job);
+    let hidden: Vec<_> = planned.left.iter().filter(|l| l.reason == Reason::Hidden).collect();
+    let [groove] = hidden.as_slice() else { panic!("{hidden:?}") };
+    assert!((groove.volume_mm3 - 8.0 * (1.6 * 2.0 + 0.8)).abs() < 2.0, "{groove:?}");
+    assert!((groove.at_mm.z - 2.8).abs() < 0.4 && groove.at_mm.x.abs() < 0.2, "{groove:?}");
+}
+
+/// A plate of 12 × 4 × 12 mm with a square hole along y.
+fn plate_with_hole(hole_mm: f64) -> Mesh<Block> {
+    let ring = |half: f64, y: f64| {
+        [[-half, -half], [half, -half], [half, half], [-half, half]].map(|[x, z]| Point::new(x, y, z))
+    };
+    let rings = [ring(6.0, 2.0), ring(0.5 * hole_mm, 2.0), ring(6.0, -2.0), ring(0.5 * hole_mm, -2.0)];
+    let mut triangles = Vec::new();
+    let mut quad = |a: u32, b: u32, c: u32, d: u32| triangles.extend([[a, b, c], [a, c, d]]);
+    for k in 0..4 {
+        let n = (k + 1) % 4;
+        // x to z is clockwise seen from +y
+        quad(k, 4 + k, 4 + n, n);
+        quad(8 + k, 8 + n, 12 + n, 12 + k);
+        quad(k, n, 8 + n, 8 + k);
+        quad(4 + k, 12 + k, 12 + n, 4 + n);
+    }
+    Mesh { vertices: rings.concat(), triangles }
+}
+
+#[test]
+fn a_hole_is_cut_where_the_cutter_fits_and_told_where_not() {
+    let wide = plate_with_hole(6.0);
+    assert!((wide.volume_mm3() - (144.0 - 36.0) * 4.0).abs() < 1e-9);
+    let job = quick(&wide, flat());
+    let (_, proof, proof_job) = proven(&wide, &job);
+    is_clean(&proof, &job);
+    // what stays is in the hole's corners, where a round cutter does not come
+    for place in proof.uncut(job.process.finishing_step_mm, &proof_job) {
+        assert!(
+            place.at_mm.x.abs() > 2.0 && place.at_mm.x.abs() < 3.1 && place.at_mm.z.abs() > 2.0,
+            "{place:?}"
+        );
+    }
+    let narrow = plate_with_hole(2.0);
+    let (planned, proof, _) = proven(&narrow, &quick(&narrow, flat()));
+    is_clean(&proof, &job);
+    assert!(
+        planned.left.is_empty() || planned.left.iter().all(|l| l.volume_mm3 < 20.0),
+        "{:?}",
+        planned.left
+    );
+    assert!(proof.thickest_uncut_mm > 0.5, "{}", proof.thickest_uncut_mm);
+}
+
+#[test]
+fn the_same_part_gives_the_same_moves_on_any_number_of_threads() {
+    let shell =
+        Shell { outer_mm: 40.0, inner_mm: 36.0, outline_mm: 5.0, bevel_mm: 0.5, thickness_mm: 3.0, rings: 8 };
+    let part = shell.mesh();
+    let job = quick(&part, flat());
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| plan(&part, &job).unwrap().moves)
+    };
+    assert_eq!(on(1), on(3));
+}
+
+#[test]
+fn a_part_outside_its_block_or_in_the_grip_is_refused_with_the_place() {
+    let part = plate_with_hole(6.0);
+    let mut low = job(&part, flat());
+    low.block.grip_mm = 12.0;
+    assert!(matches!(plan(&part, &low), Err(MachiningError::Outside { axis: 'z', .. })));
+    let mut small = job(&part, flat());
+    small.block.high_mm = Vector3::new(5.0, 10.0, 20.0);
+    assert!(matches!(plan(&part, &small), Err(MachiningError::Outside { axis: 'x', .. })));
+    let mut bad = job(&part, flat());
+    bad.process.side_load = f64::NAN;
+    assert!(matches!(plan(&part, &bad), Err(MachiningError::Value { what: "side load", .. })));
+    let empty = Mesh { vertices: vec![], triangles: vec![] };
+    assert!(matches!(plan(&empty, &job(&part, flat())), Err(MachiningError::Mesh { .. })));
+}
+
+#[test]
+fn a_time_that_is_too_short_is_answered_with_what_would_meet_it() {
+    let part = plate_with_hole(6.0);
+    let mut short = quick(&part, flat());
+    let takes_s = plan(&part, &short).unwrap().times.limited_s;
+    short.machine.max_time_min = Some(takes_s / 60.0 * 0.8);
+    let planned = plan(&part, &short).unwrap();
+    let told = planned.warnings.iter().find_map(|w| match w {
+        bonemill_machining::Warning::Time { feed_per_tooth_mm, .. } => *feed_per_tooth_mm,
+        _ => None,
+    });
+    let feed = told.unwrap();
+    assert!(feed > short.process.feed_per_tooth_mm && feed < 4.0 * short.process.feed_per_tooth_mm, "{feed}");
+}
+
+#[test]
+fn a_program_reads_back_as_the_moves() {
+    let shell =
+        Shell { outer_mm: 40.0, inner_mm: 36.0, outline_mm: 5.0, bevel_mm: 0.5, thickness_mm: 3.0, rings: 8 };
+    let part = shell.mesh();
+    let moves = plan(&part, &quick(&part, flat())).unwrap().moves;
+    let program = bonemill_proof::gcode::read(&bonemill_program::write(&moves, 8500.0)).unwrap();
+    let ends: Vec<Vector3<f64>> = program.motions.iter().filter(|m| !m.turns).map(|m| m.to_mm).collect();
+    let places = moves.iter().map(|m| bonemill_machining::Facing::of(m.a_rad).from_block(&m.tip_mm));
+    let mut places: Vec<Vector3<f64>> = places.collect();
+    places.dedup();
+    let found = places.iter().skip(1).filter(|p| ends.iter().any(|e| (*e - **p).norm() < 1e-9)).count();
+    assert_eq!(found, places.len() - 1);
+    assert_eq!(program.spindle_rpm, 8500.0);
+}

@@ -1,0 +1,34 @@
+//! A prosthesis from its file to a proven program: the order of the stages, and the folder that is written.
+//!
+//! ```
+//! job.toml -> part (read, checked, repaired) -> laid into a block -> block from stock -> toolpath -> program -> proof -> files
+//! ```
+//!
+//! [`plan`] runs the stages, [`save`] writes the folder, [`verify`](mod@verify) judges a folder by the program that stands in it. Invariants: the mesh that is
+//! planned is the one in part.stl, bit for bit; a block that was taken from a catalogue goes back unless the plan was kept; nothing
+//! in the files depends on when, where or on how many threads they were made.
+//!
+//! Not here: how a part is read and laid ([`bonemill_part`]), milled ([`bonemill_machining`]) or proved ([`bonemill_proof`]).
+
+mod block;
+mod error;
+pub mod phantom;
+mod picture;
+mod placing;
+mod plan;
+mod record;
+mod report;
+mod save;
+mod settings;
+mod toolpath_csv;
+pub mod verify;
+
+pub use block::TakenBlock;
+pub use error::ProsthesisError;
+pub use placing::Placing;
+pub use plan::{ProsthesisPlan, Trial, plan, read_part};
+pub use record::JobRecord;
+pub use save::save;
+
+/// Deepest cut into the part that a plan may have, mm.
+pub const MOST_GOUGE_MM: f64 = bonemill_machining::GOUGE_TOLERANCE_MM;

@@ -1,0 +1,155 @@
+//! `job.toml`: the resolved job, what it was made from, how the part lies in which block, and the figures.
+//!
+//! The job's own tables stand first, so that the file is a job again; all else is below `[result]`.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use bonemill_case::prosthesis::ProsthesisJob;
+use bonemill_case::write::{list, rigid, text, vector};
+use bonemill_case::{as_number, rotation_from_matrix};
+use bonemill_geometry::{Block as BlockFrame, Part, Rigid};
+use bonemill_machining::Block;
+use bonemill_planfile::{PROSTHESIS_HEADER, PlanFileError, Sha256, Value};
+use nalgebra::{Matrix3, Vector3};
+use toml::de::{DeTable, DeValue};
+
+use crate::ProsthesisError;
+
+/// The file's name.
+pub const FILE_NAME: &str = "job.toml";
+
+/// The contents of `job.toml`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JobRecord {
+    /// The job, its paths relative to the folder.
+    pub job: ProsthesisJob,
+    /// Version of the program.
+    pub version: String,
+    /// Digest of the part's file.
+    pub part_sha256: Sha256,
+    /// Where the block's frame is in the part's.
+    pub block_from_part: Rigid<BlockFrame, Part>,
+    /// Number of the block.
+    pub block_id: String,
+    /// The block.
+    pub block: Block,
+    /// The box in which stock holds the part in the end.
+    pub tab_mm: [Vector3<f64>; 2],
+    /// Figures by name.
+    pub metrics: Vec<(String, Value)>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+    /// Why the plan falls short.
+    pub shortfalls: Vec<String>,
+}
+
+impl JobRecord {
+    /// The file's text.
+    ///
+    /// # Errors
+    /// [`PlanFileError::NotFinite`] for a figure that is not.
+    pub fn to_toml(&self) -> Result<String, PlanFileError> {
+        let mut out = format!("{PROSTHESIS_HEADER} The job is resolved: every default is spelled out.\n");
+        out += &self.job.to_toml();
+        let texts = |list: &[String]| list.iter().map(|w| format!("\n    {},", text(w))).collect::<String>();
+        let at = &self.block_from_part;
+        let _ = write!(
+            out,
+            "\n[result]\nversion = {}\nwarnings = [{}]\nshortfalls = [{}]\nblock_from_part = {}\n",
+            text(&self.version),
+            texts(&self.warnings),
+            texts(&self.shortfalls),
+            rigid(at.rotation.matrix(), &at.translation_mm),
+        );
+        let _ = write!(out, "\n[result.inputs]\npart = \"{}\"\n", self.part_sha256);
+        let _ = write!(
+            out,
+            "\n[result.block]\nid = {}\nlow_mm = {}\nhigh_mm = {}\ngrip_mm = {:?}\ntab_low_mm = {}\ntab_high_mm = {}\n\n[result.metrics]\n",
+            text(&self.block_id),
+            vector(&self.block.low_mm),
+            vector(&self.block.high_mm),
+            self.block.grip_mm,
+            list(self.tab_mm[0].as_slice()),
+            list(self.tab_mm[1].as_slice()),
+        );
+        for (name, value) in &self.metrics {
+            let _ = writeln!(out, "{name} = {}", value.to_toml(name)?);
+        }
+        Ok(out)
+    }
+
+    /// Reads `dir/job.toml`; its inputs are not looked at.
+    ///
+    /// # Errors
+    /// [`ProsthesisError::Files`], [`ProsthesisError::Job`], [`ProsthesisError::Folder`] for a key that is missing or wrong.
+    pub fn read(dir: &Path) -> Result<Self, ProsthesisError> {
+        let path = dir.join(FILE_NAME);
+        let text = std::fs::read_to_string(&path).map_err(PlanFileError::io("read", &path))?;
+        let job = ProsthesisJob::parse(&text, &path)?;
+        let fault = |problem: String| ProsthesisError::Folder { path: path.clone(), problem };
+        let table = DeTable::parse(&text).map_err(|e| fault(e.to_string()))?;
+        let result = table.get_ref().get("result").and_then(|v| v.get_ref().as_table());
+        let result =
+            result.ok_or_else(|| fault("no [result]; expected the file of a finished prosthesis".into()))?;
+        read(result, job)
+            .map_err(|key| fault(format!("`result.{key}` is missing or not what is written there")))
+    }
+
+    /// The part's file, seen from the folder.
+    pub fn part_path(&self, dir: &Path) -> PathBuf {
+        dir.join(&self.job.part.file)
+    }
+}
+
+/// The record of a `[result]`; `Err` names the key.
+fn read(result: &DeTable<'_>, job: ProsthesisJob) -> Result<JobRecord, &'static str> {
+    let table = |name: &'static str| result.get(name).and_then(|v| v.get_ref().as_table()).ok_or(name);
+    let string = |table: &DeTable<'_>, name: &'static str| {
+        table.get(name).and_then(|v| v.get_ref().as_str()).map(str::to_owned).ok_or(name)
+    };
+    let number = |table: &DeTable<'_>, name: &'static str| {
+        table.get(name).and_then(|v| as_number(v.get_ref())).filter(|v| v.is_finite()).ok_or(name)
+    };
+    let point = |table: &DeTable<'_>, name: &'static str| {
+        table.get(name).and_then(|v| triple(v.get_ref())).map(Vector3::from).ok_or(name)
+    };
+    let texts = |name: &'static str| {
+        let items = result.get(name).and_then(|v| v.get_ref().as_array()).ok_or(name)?;
+        items
+            .iter()
+            .map(|v| v.get_ref().as_str().map(str::to_owned).ok_or(name))
+            .collect::<Result<Vec<_>, _>>()
+    };
+    let (block, inputs) = (table("block")?, table("inputs")?);
+    Ok(JobRecord {
+        job,
+        version: string(result, "version")?,
+        part_sha256: string(inputs, "part")?.parse().map_err(|_| "inputs.part")?,
+        block_from_part: placed(table("block_from_part")?).ok_or("block_from_part")?,
+        block_id: string(block, "id")?,
+        block: Block {
+            low_mm: point(block, "low_mm")?,
+            high_mm: point(block, "high_mm")?,
+            grip_mm: number(block, "grip_mm")?,
+        },
+        tab_mm: [point(block, "tab_low_mm")?, point(block, "tab_high_mm")?],
+        metrics: Value::entries_of(table("metrics")?).ok_or("metrics")?,
+        warnings: texts("warnings")?,
+        shortfalls: texts("shortfalls")?,
+    })
+}
+
+fn triple(value: &DeValue<'_>) -> Option<[f64; 3]> {
+    let numbers: Option<Vec<f64>> =
+        value.as_array()?.iter().map(|v| as_number(v.get_ref()).filter(|n| n.is_finite())).collect();
+    numbers?.try_into().ok()
+}
+
+fn placed(table: &DeTable<'_>) -> Option<Rigid<BlockFrame, Part>> {
+    let rows = table.get("rotation")?.get_ref().as_array()?;
+    let rows: Vec<[f64; 3]> = rows.iter().map(|row| triple(row.get_ref())).collect::<Option<_>>()?;
+    let [a, b, c] = <[[f64; 3]; 3]>::try_from(rows).ok()?;
+    let rotation = rotation_from_matrix(&Matrix3::from_rows(&[a.into(), b.into(), c.into()])).ok()?;
+    Some(Rigid::new(rotation, triple(table.get("translation_mm")?.get_ref())?.into()))
+}

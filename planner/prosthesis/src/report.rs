@@ -1,0 +1,149 @@
+//! `report.html` of a prosthesis: which block to mount and how, pictures of part, toolpath and deviation, figures, the resolved job.
+//!
+//! One file that needs no network; nothing in it depends on when or where it was made.
+
+mod pictures;
+
+use std::fmt::Write;
+
+use bonemill_part::orient::Laid;
+use bonemill_planfile::{ReportPart, Value};
+
+use crate::{JobRecord, ProsthesisPlan};
+
+const STYLE: &str = include_str!("report/style.css");
+
+/// The whole page.
+pub(crate) fn html(plan: &ProsthesisPlan, record: &JobRecord) -> String {
+    let mut page = format!(
+        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>Prosthesis</title>\
+         <style>{STYLE}</style></head><body><main><h1>Prosthesis</h1>\
+         <p class=\"note\">bonemill {}. Research software: not a medical device, not for use on patients.</p>",
+        env!("CARGO_PKG_VERSION")
+    );
+    page += &verdict(record);
+    page += &cards(plan);
+    page += &instructions(plan, record);
+    page += &ReportPart::Verification.marks().concat();
+    page += "<h2>The part in its block</h2>";
+    page += &pictures::part_in_block(plan);
+    page += "<h2>Orientation</h2>";
+    page += &orientation(plan);
+    page += "<h2>Toolpath</h2>";
+    page += &pictures::toolpath(plan);
+    page += "<h2>Deviation of the machined surface from the part</h2>";
+    page += &pictures::deviation(plan);
+    page += "<h2>Figures</h2>";
+    page += &figures(record);
+    let _ = write!(
+        page,
+        "<h2>Job, with every default</h2><details><summary>show</summary><pre>{}</pre></details></main></body></html>",
+        escape(&record.job.to_toml())
+    );
+    page
+}
+
+fn verdict(record: &JobRecord) -> String {
+    let mut text = if record.shortfalls.is_empty() {
+        "<p class=\"verdict good\">The program makes the part: it was read back and cut out of the block.</p>"
+            .to_owned()
+    } else {
+        let reasons: String = record.shortfalls.iter().map(|r| format!("<li>{}</li>", escape(r))).collect();
+        format!("<div class=\"verdict bad\">The plan falls short:<ul>{reasons}</ul></div>")
+    };
+    for warning in &record.warnings {
+        let _ = write!(text, "<p class=\"verdict warn\">Warning: {}</p>", escape(warning));
+    }
+    text
+}
+
+fn cards(plan: &ProsthesisPlan) -> String {
+    let minutes = |s: f64| format!("{:.1} min", s / 60.0);
+    let times = &plan.machining.times;
+    let cards = [
+        ("machining time under the machine's accelerations", minutes(times.limited_s)),
+        ("at constant speeds", minutes(times.constant_s)),
+        ("block", escape(&plan.taken.mounted.id)),
+        ("deepest cut into the part", format!("{:.4} mm", plan.proof.deepest_gouge_mm)),
+        ("thickest stock left on the part", format!("{:.3} mm", plan.proof.thickest_uncut_mm)),
+        ("widest cut", format!("{:.2} mm", plan.proof.widest_mm)),
+    ];
+    let items = cards.iter().map(|(label, value)| format!("<div><b>{value}</b><span>{label}</span></div>"));
+    format!("<div class=\"cards\">{}</div>", items.collect::<String>())
+}
+
+/// Which block to mount, and how.
+fn instructions(plan: &ProsthesisPlan, record: &JobRecord) -> String {
+    let [x, y, z] = plan.taken.mounted.size_mm;
+    let (low, high, tool) = (&record.block.low_mm, &record.block.high_mm, &record.job.tool);
+    let from = if plan.taken.is_from_catalogue() { " It was taken out of the catalogue." } else { "" };
+    format!(
+        "<h2>What to do</h2><ol class=\"steps\">\
+         <li>Take block <b>{}</b>, {x} × {y} × {z} mm.{from}</li>\
+         <li>Mount it with its {x} mm side along X (the rotary axis A), its {y} mm side toward the spindle and its {z} mm side across. At A = 0 side A faces \
+         the spindle. Grip it at the lower end in z: the grip may cover {:.1} mm.</li>\
+         <li>Set the program's zero on the rotary axis. Seen from there the block reaches from x = {:.2} to {:.2}, y = {:.2} to {:.2} and z = {:.2} to \
+         {:.2} mm.</li>\
+         <li>Put in the cutter: diameter {} mm, corner radius {} mm, {} flutes, {} mm from the tip to the holder.</li>\
+         <li>Run <code>program.nc</code>: side A, half a turn, side B, then the outline.</li>\
+         <li>Break the part off its last tab of {:.1} mm and take off the burrs.</li></ol>",
+        escape(&plan.taken.mounted.id),
+        record.block.grip_mm,
+        low.x,
+        high.x,
+        low.y,
+        high.y,
+        low.z,
+        high.z,
+        tool.diameter_mm,
+        tool.corner_radius_mm,
+        tool.flutes,
+        tool.length_mm,
+        plan.machining.strip.tab_mm,
+    )
+}
+
+/// Residual areas as given, after each run of the published procedure, and as chosen.
+fn orientation(plan: &ProsthesisPlan) -> String {
+    let row = |name: String, laid: &Laid| {
+        let (r, s) = (&laid.residual, &laid.size_mm);
+        format!(
+            "<tr><th>{name}</th><td>{:.2}</td><td>{:.2}</td><td>{:.2}</td><td>{:.2}</td><td>{:.2} × {:.2} × {:.2}</td></tr>",
+            r.xy_mm2,
+            r.xz_mm2,
+            r.yz_mm2,
+            r.sum_mm2(),
+            s.x,
+            s.y,
+            s.z
+        )
+    };
+    let placing = &plan.placing;
+    let mut rows = row("as given".into(), &placing.given);
+    for (n, run) in placing.runs.iter().enumerate() {
+        rows += &row(format!("published procedure, run {}", n + 1), &run.laid);
+    }
+    rows += &placing.exact.iter().map(|laid| row("least residual area".into(), laid)).collect::<String>();
+    rows += &row("machined".into(), &placing.chosen);
+    format!(
+        "<p>Residual area: the bounding rectangle of the part's projection less the projection, mm².</p><div class=\"wide\"><table><thead><tr><th></th>\
+         <th>xy</th><th>xz</th><th>yz</th><th>sum</th><th>size x × y × z, mm</th></tr></thead><tbody>{rows}</tbody></table></div>"
+    )
+}
+
+fn figures(record: &JobRecord) -> String {
+    let rows = record.metrics.iter().map(|(name, value)| {
+        let value = match value {
+            Value::Number(v) => format!("{v:.4}"),
+            other => other.to_toml(name).unwrap_or_default(),
+        };
+        format!("<tr><th><code>{name}</code></th><td>{}</td></tr>", escape(&value))
+    });
+    format!("<div class=\"wide\"><table><tbody>{}</tbody></table></div>", rows.collect::<String>())
+}
+
+/// Text inside HTML.
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

@@ -1,0 +1,30 @@
+//! `toolpath.csv`: every move of the cutter's tip.
+
+use std::fmt::Write;
+
+use bonemill_machining::Move;
+
+/// The columns, in order.
+pub(crate) const COLUMNS: &str = "index,side,kind,x_mm,y_mm,z_mm,a_rad,feed_mm_min,time_s";
+
+/// The table: where each move ends, block's frame, and when, at constant speeds.
+pub(crate) fn text(moves: &[Move]) -> String {
+    let mut out = String::with_capacity(64 * moves.len());
+    out.push_str(COLUMNS);
+    out.push('\n');
+    for (index, m) in moves.iter().enumerate() {
+        let (side, kind, p) = (m.side.name(), m.kind.name(), m.tip_mm);
+        // + 0.0 makes −0 a plain 0; writing to a String cannot fail
+        let _ = writeln!(
+            out,
+            "{index},{side},{kind},{:.3},{:.3},{:.3},{:?},{:?},{:.3}",
+            p.x + 0.0,
+            p.y + 0.0,
+            p.z + 0.0,
+            m.a_rad + 0.0,
+            m.feed_mm_min,
+            m.time_s
+        );
+    }
+    out
+}

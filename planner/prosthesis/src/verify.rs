@@ -1,0 +1,212 @@
+//! A second opinion on the folder of a prosthesis: by the program that stands in it, not by the moves that were planned.
+//!
+//! The program is read back and cut out of the block by [`bonemill_proof`], which shares nothing with what planned and wrote it; the part is
+//! read again from its own file and laid as `job.toml` says.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use bonemill_case::write::text;
+use bonemill_geometry::{Block, Mesh, Progress};
+use bonemill_machining::Block as Stock;
+use bonemill_part::{RepairLimits, Solid, read_facets};
+use bonemill_planfile::{PlanFileError, Sha256};
+use bonemill_proof::{Proof, ProofJob};
+use nalgebra::Vector3;
+
+use crate::plan::shortfalls;
+use crate::record::FILE_NAME;
+use crate::save::{PART, PROGRAM, TOOLPATH};
+use crate::{JobRecord, ProsthesisError, settings, toolpath_csv};
+
+/// How far part.stl may be from the part in its own file, mm: rounding to single precision at 100 mm.
+const SAME_MM: f64 = 1e-4;
+/// Decimals of the program and of toolpath.csv, mm.
+const ROUNDING_MM: f64 = 1e-3;
+
+/// One thing that was checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Check {
+    /// What.
+    pub name: &'static str,
+    /// What was found wrong; empty when nothing was.
+    pub faults: Vec<String>,
+}
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Verdict {
+    /// Every check, in order.
+    pub checks: Vec<Check>,
+    /// Deepest cut into the part, mm.
+    pub deepest_gouge_mm: f64,
+    /// Thickest stock left on the part, mm.
+    pub thickest_uncut_mm: f64,
+    /// Widest cut, mm.
+    pub widest_mm: f64,
+    /// Name and digest of the files that the verdict holds for.
+    pub files: Vec<(String, Sha256)>,
+}
+
+impl Verdict {
+    /// Whether nothing was found wrong.
+    pub fn passed(&self) -> bool {
+        self.checks.iter().all(|check| check.faults.is_empty())
+    }
+
+    /// `verification.toml`.
+    pub fn to_toml(&self) -> String {
+        let mut out = format!(
+            "passed = {}\ndeepest_gouge_mm = {:?}\nthickest_uncut_mm = {:?}\nwidest_mm = {:?}\n",
+            self.passed(),
+            self.deepest_gouge_mm,
+            self.thickest_uncut_mm,
+            self.widest_mm
+        );
+        for check in &self.checks {
+            let faults: Vec<String> = check.faults.iter().map(|fault| text(fault)).collect();
+            let _ =
+                write!(out, "\n[[check]]\nname = {}\nfaults = [{}]\n", text(check.name), faults.join(", "));
+        }
+        out += "\n[files]\n";
+        out.extend(self.files.iter().map(|(name, digest)| format!("{} = \"{digest}\"\n", text(name))));
+        out
+    }
+}
+
+/// Judges the folder `dir`.
+///
+/// # Errors
+/// [`ProsthesisError`] where a file is missing or not what it should be, so that no other check would mean anything.
+pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, ProsthesisError> {
+    progress.stage("read files");
+    let record = JobRecord::read(dir)?;
+    let (part, program) = (read_part(&dir.join(PART))?, read_text(&dir.join(PROGRAM))?);
+    let job = settings::proof(&record.job, &record.block, record.tab_mm);
+    let mut checks = vec![input_unchanged(&record, dir)?];
+    if checks.iter().all(|check| check.faults.is_empty()) {
+        checks.push(same_part(&record, dir, &part)?);
+    }
+    checks.push(inside_block(&record.block, &part));
+    progress.stage("prove program");
+    let proof = bonemill_proof::prove(&program, &part, &job)?;
+    checks.extend(proved(&record, &proof, &job));
+    progress.stage("compare toolpath");
+    checks.push(same_moves(&read_text(&dir.join(TOOLPATH))?, &program, &record)?);
+    let files = [FILE_NAME, PART, TOOLPATH, PROGRAM];
+    let files =
+        files.map(|name| Ok::<_, PlanFileError>((name.to_owned(), Sha256::of_file(&dir.join(name))?)));
+    Ok(Verdict {
+        checks,
+        deepest_gouge_mm: proof.deepest_gouge_mm,
+        thickest_uncut_mm: proof.thickest_uncut_mm,
+        widest_mm: proof.widest_mm,
+        files: files.into_iter().collect::<Result<_, _>>()?,
+    })
+}
+
+fn read_text(path: &Path) -> Result<String, PlanFileError> {
+    std::fs::read_to_string(path).map_err(PlanFileError::io("read", path))
+}
+
+fn read_part(path: &Path) -> Result<Mesh<Block>, ProsthesisError> {
+    let solid = read_solid(path, Some(bonemill_part::LengthUnit::Mm))?;
+    Ok(solid.mesh.transformed(&bonemill_geometry::Rigid::identity()))
+}
+
+fn read_solid(path: &Path, unit: Option<bonemill_part::LengthUnit>) -> Result<Solid, ProsthesisError> {
+    let solid =
+        read_facets(path).and_then(|facets| Solid::from_facets(facets, unit, &RepairLimits::default()));
+    solid.map_err(|source| ProsthesisError::Part { path: path.into(), source })
+}
+
+fn input_unchanged(record: &JobRecord, dir: &Path) -> Result<Check, ProsthesisError> {
+    let path = record.part_path(dir);
+    let now = Sha256::of_file(&path)?;
+    let fault = format!("{} has changed since the plan was made", path.display());
+    let faults = if now == record.part_sha256 { Vec::new() } else { vec![fault] };
+    Ok(Check { name: "input unchanged", faults })
+}
+
+/// part.stl is the part of its own file, laid as stated.
+fn same_part(record: &JobRecord, dir: &Path, part: &Mesh<Block>) -> Result<Check, ProsthesisError> {
+    let unit = record.job.part.unit.and_then(|word| word.parse().ok());
+    let own = read_solid(&record.part_path(dir), unit)?.mesh.transformed(&record.block_from_part);
+    let mut faults = Vec::new();
+    if own.triangles.len() != part.triangles.len() {
+        faults.push(format!("{} facets instead of {}", part.triangles.len(), own.triangles.len()));
+    }
+    // rounding may change the order of vertices, not their set
+    let sorted = |mesh: &Mesh<Block>| {
+        let mut rows: Vec<[i64; 3]> =
+            mesh.vertices.iter().map(|v| v.coords.map(|c| (c / SAME_MM).round() as i64).into()).collect();
+        rows.sort_unstable();
+        rows
+    };
+    let (a, b) = (sorted(&own), sorted(part));
+    let near = |p: &[i64; 3], q: &[i64; 3]| p.iter().zip(q).all(|(a, b)| (a - b).abs() <= 1);
+    let has = |q: &[i64; 3]| {
+        let from = a.partition_point(|p| p[0] < q[0] - 1);
+        a[from..].iter().take_while(|p| p[0] <= q[0] + 1).any(|p| near(p, q))
+    };
+    if let Some(off) = b.iter().find(|q| !has(q)) {
+        let at = off.map(|c| c as f64 * SAME_MM);
+        faults.push(format!("part.stl has a vertex at {at:?} mm that the part as laid has not"));
+    }
+    Ok(Check { name: "part.stl is the part as laid", faults })
+}
+
+fn inside_block(block: &Stock, part: &Mesh<Block>) -> Check {
+    let grip_top = block.low_mm + Vector3::z() * block.grip_mm;
+    let outside = part.vertices.iter().find(|v| {
+        let p = v.coords;
+        (0..3).any(|n| p[n] < grip_top[n] || p[n] > block.high_mm[n])
+    });
+    let faults =
+        outside.map(|v| format!("the part leaves the block above the grip at {:?} mm", v.coords.as_slice()));
+    Check { name: "the part lies in the block above the grip", faults: faults.into_iter().collect() }
+}
+
+fn proved(record: &JobRecord, proof: &Proof, job: &ProofJob) -> Vec<Check> {
+    let faults = shortfalls(proof, job, record.job.process.finishing_step_mm);
+    vec![Check { name: "the program makes the part without gouges, collisions and cuts too wide", faults }]
+}
+
+/// toolpath.csv tells the program's moves.
+fn same_moves(table: &str, program: &str, record: &JobRecord) -> Result<Check, ProsthesisError> {
+    let name = "toolpath.csv tells the program's moves";
+    let motions = bonemill_proof::gcode::read(program)?.motions;
+    let mut rows = table.lines();
+    if rows.next() != Some(toolpath_csv::COLUMNS) {
+        return Ok(Check { name, faults: vec![format!("expected the header {:?}", toolpath_csv::COLUMNS)] });
+    }
+    let mut faults = Vec::new();
+    let mut ends = motions.iter().map(|m| m.to_mm);
+    for (line, row) in rows.enumerate() {
+        let cells: Vec<&str> = row.split(',').collect();
+        let number = |n: usize| cells.get(n).and_then(|cell| cell.parse::<f64>().ok());
+        let (Some(x), Some(y), Some(z), Some(a_rad), Some(feed)) =
+            (number(3), number(4), number(5), number(6), number(7))
+        else {
+            faults.push(format!("line {}: expected numbers", line + 2));
+            break;
+        };
+        if feed > record.job.machine.max_feed_mm_min.max(record.job.machine.rapid_mm_min) {
+            faults.push(format!("line {}: {feed} mm/min is faster than the machine", line + 2));
+        }
+        // the machine's axes: the frame turns with the block
+        let sign = if a_rad.abs() < 1.0 { 1.0 } else { -1.0 };
+        let machine = Vector3::new(x, -sign * z, sign * y);
+        let of = |p: Vector3<f64>| {
+            (p - machine).amax() <= ROUNDING_MM || (p - Vector3::new(x, y, z)).amax() <= ROUNDING_MM
+        };
+        if !ends.any(of) {
+            faults.push(format!(
+                "line {}: ({x}, {y}, {z}) mm is no end of a motion of the program, in order",
+                line + 2
+            ));
+            break;
+        }
+    }
+    Ok(Check { name, faults })
+}
