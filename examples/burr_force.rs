@@ -21,7 +21,7 @@ fn main() -> anyhow::Result<()> {
     )?;
     let force = burr_force(|_| 0.8, &tool, &foam, &Discretisation::default(), &motion);
 
-    // whole front hemisphere, elements by arc length: F = C(-π K_r/8, -σ K_t/2, -K_a/2) with C = 60 v r/n
+    // closed form for the whole front hemisphere with elements by arc length: F = C(-π K_r/8, -σ K_t/2, -K_a/2), C = 60 v r/n
     let c = 60.0 * speed_mm_s * radius_mm / rpm;
     let closed = c * Vector3::new(-PI * 60.0 / 8.0, 100.0 / 2.0, -20.0 / 2.0);
     println!("sum over the flutes' elements: {:.6?} N", force.force_n.as_slice());

@@ -19,7 +19,7 @@ fn main() -> anyhow::Result<()> {
     let corner = labels.grid().index([0, 0, 0]);
     println!("from the corner voxel: {:.4} mm", field.distance_mm.data()[corner]);
 
-    // exact distance from any point to the closed voxel boxes: what clearances are measured by
+    // exact distance from any point to the closed voxel boxes, with which clearances are measured
     let nerve = StructureField::new(&labels, 7, None)?.ok_or_else(|| anyhow::anyhow!("out of reach"))?;
     let burr = Point::new(6.1, 9.3, 7.7);
     let (distance_mm, nearest) = nerve.nearest(burr);

@@ -1,4 +1,4 @@
-//! Plans the foam block and prints what a surgeon would ask first: `cargo run --release --example plan_phantom`.
+//! Plans the foam block and prints the main figures: `cargo run --release --example plan_phantom`.
 
 #![allow(clippy::print_stdout, reason = "an example prints")]
 

@@ -81,6 +81,8 @@ pub enum Command {
     Simulate(SimulateArgs),
     /// Show two plans side by side: cases, paths, volumes, distances, forces, times
     Compare(CompareArgs),
+    /// Set a streamed run beside its plan: path error, timing, force
+    Report(ReportArgs),
     /// Repeat a published measurement
     #[cfg(feature = "experiments")]
     Experiment(bonemill_experiments::cli::Args),
@@ -92,7 +94,7 @@ pub enum Command {
 
 #[derive(Debug, clap::Args)]
 pub struct PhantomArgs {
-    /// Kind of phantom: block (the foam block of Dillon et al. 2016) or temporal (a mastoid computed from a seed)
+    /// Kind of phantom: block (the foam block of Dillon et al. 2016), temporal (a mastoid computed from a seed), tibia (a shaft to be drilled) or glenoid (to be reamed)
     #[arg(long)]
     pub kind: PhantomKind,
     /// Seed: each gives another body of the same kind
@@ -109,7 +111,7 @@ pub struct PlanArgs {
     /// Case file; `bonemill keys` lists its keys
     #[arg(group = "source", value_name = "CASE.toml")]
     pub case: Option<PathBuf>,
-    /// Plan a phantom instead (block or temporal); its files are kept in the plan
+    /// Plan a phantom instead (block, temporal, tibia or glenoid); its files are kept in the plan
     #[arg(long, group = "source", value_name = "KIND")]
     pub phantom: Option<PhantomKind>,
     /// The phantom's seed
@@ -247,6 +249,9 @@ pub struct ViewArgs {
     /// Write this file instead of opening the viewer
     #[arg(long, value_name = "F.rrd")]
     pub save: Option<PathBuf>,
+    /// Also show a streamed run while its log grows, until the run ends
+    #[arg(long, value_name = "LOG", conflicts_with = "save")]
+    pub follow: Option<PathBuf>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -329,6 +334,19 @@ pub struct CompareArgs {
     #[arg(value_name = "B")]
     pub second: PathBuf,
     /// Also write an HTML page
+    #[arg(long, value_name = "PAGE.html")]
+    pub out: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+pub struct ReportArgs {
+    /// Folder of the plan that was streamed
+    #[arg(value_name = "PLAN")]
+    pub plan: PathBuf,
+    /// The run's log, as `python -m bonemill stream --log` writes it
+    #[arg(long, value_name = "LOG")]
+    pub run: PathBuf,
+    /// Also write a page
     #[arg(long, value_name = "PAGE.html")]
     pub out: Option<PathBuf>,
 }

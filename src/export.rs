@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
 use bonemill_planner::path::MoveKind;
-use bonemill_planner::plan::{Need, StoredPlan, least_gaps};
+use bonemill_planner::plan::{Need, StoredPlan, is_prosthesis, least_gaps};
+use bonemill_planner::prosthesis::JobRecord;
 use bonemill_planner::space::TRAJECTORY_TOLERANCE_MM;
 use bonemill_robot::ArmKind;
 use bonemill_robot::export::{
@@ -27,6 +28,9 @@ const LEFT_OUT_MM: f64 = 0.2 * TRAJECTORY_TOLERANCE_MM;
 const LEFT_OUT_RAD: f64 = 5e-4;
 
 pub fn run(args: &ExportArgs) -> anyhow::Result<Outcome> {
+    if is_prosthesis(&args.folder.plan).is_ok() {
+        return prosthesis(args);
+    }
     let plan = args.folder.load(Need::Unchanged)?;
     let name =
         plan.dir.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
@@ -41,6 +45,24 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<Outcome> {
         written.push(path.display().to_string());
     }
     Ok(Outcome::written("export", &args.out, &written.join(", ")).warning(&plan.record.warnings))
+}
+
+/// Copies the program of a prosthesis, which is written as G-code when it is planned.
+fn prosthesis(args: &ExportArgs) -> anyhow::Result<Outcome> {
+    let dir = &args.folder.plan;
+    ensure!(
+        args.format == ExportFormat::Gcode && !args.rapid && args.rate_hz.is_none(),
+        "{} holds a prosthesis: its program is G-code (--format gcode, without --rapid and --rate); joints for an arm stand in its \
+         trajectory.csv",
+        dir.display()
+    );
+    let record = JobRecord::read(dir)?;
+    let from = dir.join("program.nc");
+    let program = fs::read(&from).with_context(|| format!("cannot read {}", from.display()))?;
+    fs::create_dir_all(&args.out).with_context(|| format!("cannot create {}", args.out.display()))?;
+    let path = args.out.join("program.nc");
+    write_to(&path, &program)?;
+    Ok(Outcome::written("export", &args.out, &path.display().to_string()).warning(&record.warnings))
 }
 
 /// The files to write, by extension.

@@ -9,12 +9,15 @@ mod args;
 mod compare;
 mod console;
 mod export;
+#[cfg(any(test, feature = "rerun"))]
+mod follow;
 mod outcome;
 mod phantom;
 mod plan;
 mod planning;
 mod pose_line;
 mod prosthesis;
+mod report;
 mod signals;
 mod simulate;
 mod stock;
@@ -28,6 +31,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use bonemill_geometry::cancel::{Cancel, Cancelled};
 use bonemill_planner::pipeline::Refused;
+use bonemill_planner::plan::is_prosthesis;
 use clap::Parser;
 
 use args::{Args, Command};
@@ -75,6 +79,10 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
         Command::Prosthesis(prosthesis) => prosthesis::run(prosthesis, console),
         Command::Stock(stock) => stock::run(stock),
         Command::Export(export) => export::run(export),
+        Command::View(view) if is_prosthesis(&view.folder.plan).is_ok() => anyhow::bail!(
+            "a prosthesis is shown by its own page: open {}",
+            view.folder.plan.join("report.html").display()
+        ),
         #[cfg(feature = "rerun")]
         Command::View(view) => view::run(view, console),
         #[cfg(not(feature = "rerun"))]
@@ -85,6 +93,7 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
         Command::Simulate(simulate) => simulate::run(simulate, console, args.talk()),
         Command::Compare(compare) => compare::run(compare),
         Command::Verify(verify) => verify::run(verify, console),
+        Command::Report(report) => report::run(report),
         #[cfg(feature = "experiments")]
         Command::Experiment(args) => {
             let found = bonemill_experiments::cli::run(args, console)?;

@@ -6,14 +6,15 @@ use std::process::ExitCode;
 
 use bonemill_planner::case::Case;
 use bonemill_planner::compare::{Comparison, Group, Pair};
-use bonemill_planner::plan::{PlanRecord, Value};
+use bonemill_planner::plan::{ChannelRecord, PlanRecord, Value};
 use bonemill_planner::prosthesis::JobRecord;
 use bonemill_planner::prosthesis::verify::Verdict;
 use bonemill_planner::report::percent;
 use bonemill_planner::report::simulation::{figures, values};
+use bonemill_planner::run::RunComparison;
 use bonemill_planner::simulate::Simulation;
 use bonemill_planner::uncertainty::{ErrorModel, Risk};
-use bonemill_planner::verify::{Check, Verification};
+use bonemill_planner::verify::{Check, Short, Verification};
 use serde_json::{Map, json};
 
 use crate::args::Talk;
@@ -80,6 +81,7 @@ impl Outcome {
             m.target_mm3,
             m.total_time_s
         );
+        let text = record.channel().map_or(text, |channel| channel_text(out, record, &channel));
         let mut outcome = Self::new("plan", text).warning(&record.warnings);
         outcome.shortfalls.clone_from(&record.shortfalls);
         outcome.object.insert("out".into(), out.to_string_lossy().into());
@@ -150,7 +152,7 @@ impl Outcome {
 
     /// Adds the risks under random errors, and a shortfall where one is too large.
     fn add_risk(&mut self, risk: &Risk, keep: f64) {
-        self.text += "under drawn errors: touched (95 % interval); distance kept in 5, 50, 95 %; clearance that keeps it\n";
+        self.text += "under random errors: share of samples that touch (95 % interval); 5, 50 and 95 % quantiles of the distance; clearance that would suffice\n";
         let mut structures = Vec::new();
         for s in &risk.structures {
             let (t, [low, middle, high]) = (&s.touched, s.kept_mm);
@@ -246,6 +248,22 @@ impl Outcome {
         outcome
     }
 
+    /// A run was set beside its plan; the page stands in `out`.
+    pub fn executed(found: &RunComparison, out: Option<&Path>) -> Self {
+        let figures = found.figures();
+        let mut text: String =
+            figures.iter().map(|(name, value)| format!("{name}: {}\n", words(value))).collect();
+        text.extend(found.events.last().map(|(time_s, said)| format!("{time_s:.3} s: {said}\n")));
+        text.extend(out.map(|path| format!("wrote {}\n", path.display())));
+        let mut outcome = Self::new("report", text);
+        let events: Vec<_> =
+            found.events.iter().map(|(s, said)| json!({ "time_s": s, "said": said })).collect();
+        outcome.object.insert("figures".into(), to_json(&Value::Table(figures)));
+        outcome.object.insert("events".into(), events.into());
+        outcome.object.extend(out.map(|path| ("out".into(), path.to_string_lossy().into())));
+        outcome
+    }
+
     /// A result with values for machines and a text for people.
     pub fn values(command: &str, text: String, values: serde_json::Value) -> Self {
         let mut outcome = Self::new(command, text);
@@ -306,6 +324,19 @@ fn by_stage(seconds: &[(String, f64)]) -> Map<String, serde_json::Value> {
     map
 }
 
+/// A figure on one line.
+fn words(value: &Value) -> String {
+    match value {
+        Value::Number(v) => Short(*v).to_string(),
+        Value::Text(v) => v.clone(),
+        Value::Table(entries) => {
+            let entries: Vec<_> = entries.iter().map(|(name, v)| format!("{name} {}", words(v))).collect();
+            entries.join(", ")
+        }
+        other => to_json(other).to_string(),
+    }
+}
+
 fn to_json(value: &Value) -> serde_json::Value {
     match value {
         Value::Number(v) => (*v).into(),
@@ -338,4 +369,19 @@ pub fn tell_error(error: &anyhow::Error, falls_short: bool, talk: Talk) {
         let object = json!({ "outcome": word, "error": error.to_string(), "causes": causes });
         let _ = writeln!(stdout(), "{object}");
     }
+}
+
+/// A planned channel for people.
+fn channel_text(out: &Path, record: &PlanRecord, channel: &ChannelRecord) -> String {
+    let m = &record.metrics;
+    let number = |name| m.number(name).unwrap_or(0.0);
+    format!(
+        "wrote {}\na channel {:.2} mm deep, {:.1} mm³ of bone; at most {:.2} N of thrust and {:.1} N mm of torque; {:.0} s\n",
+        out.display(),
+        channel.depth_mm,
+        m.removed_bone_mm3,
+        number("peak_thrust_n"),
+        number("peak_torque_nmm"),
+        m.total_time_s
+    )
 }

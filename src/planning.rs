@@ -16,6 +16,13 @@ pub fn plan_into(
     staged: &StagedDirectory,
     progress: &dyn Progress,
 ) -> anyhow::Result<PlanRecord> {
+    if let Some(channel) = case.job.channel() {
+        let plan = bonemill_planner::channel::plan(case, channel, case_path, progress)
+            .map_err(|e| Refused::new(e, case, case_path))?;
+        progress.stage("write files");
+        let packed = pack.then(|| plan::pack_inputs(&plan.setup.inputs, case_path, staged)).transpose()?;
+        return Ok(save::channel(&plan, packed.as_deref().unwrap_or(case_path), staged)?);
+    }
     let plan =
         bonemill_planner::plan(case, case_path, progress).map_err(|e| Refused::new(e, case, case_path))?;
     progress.stage("write files");

@@ -5,11 +5,12 @@
 //! from [`bonemill_planner::show`]; this module gives them names, colours and places on the screen.
 
 use std::path::Path;
+use std::time::Duration;
 
 use anyhow::Context;
 use bonemill_geometry::{Point, Work};
 use bonemill_planner::Progress;
-use bonemill_planner::plan::Need;
+use bonemill_planner::plan::{Need, Sha256};
 use bonemill_planner::show::{
     self, ARROW_MM_PER_N, Moment, PAINTS, PLANES, Plot, Show, ShownBody, Slice, Surface,
 };
@@ -23,12 +24,19 @@ use rerun::external::re_sdk_types::blueprint::archetypes::{EyeControls3D, PlotLe
 use rerun::{Color, EntityPath, RecordingStream, RecordingStreamBuilder, TimeColumn};
 
 use crate::args::ViewArgs;
+use crate::follow::LogTail;
 use crate::outcome::Outcome;
 
 /// Name of the application in the viewer.
 const APPLICATION: &str = "bonemill";
 /// Name of the time line.
 const TIME: &str = "time";
+/// The time line of a run that is followed.
+const RUN_TIME: &str = "run";
+/// How often its log is looked at.
+const FOLLOW_PERIOD: Duration = Duration::from_millis(100);
+/// How much of the way that a run came is shown, logged steps: 20 s.
+const WAY_POINTS: usize = 2000;
 /// Number of times at which target and slices are updated.
 const SLICE_MOMENTS: usize = 80;
 /// Number of times at which burr and arm are updated.
@@ -40,8 +48,18 @@ pub fn run(args: &ViewArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
     progress.stage("read plan");
     let plan = args.folder.load(Need::Unchanged)?;
     let show = Show::read(&plan, progress)?;
+    // a log of another plan is refused before anything is drawn
+    let tail = args.follow.as_deref().map(|log| {
+        let digest = Sha256::of_file(&plan.dir.join("trajectory.csv"))?;
+        LogTail::open(log, &digest.to_string())
+    });
+    let tail = tail.transpose()?;
     let stream = open(args.save.as_deref())?;
     draw(&stream, &show, progress)?;
+    if let Some(tail) = tail {
+        progress.stage("follow the run");
+        follow(&stream, &show, tail)?;
+    }
     progress.stage("write");
     stream.flush_blocking().context("the viewer or the file did not take the drawing")?;
     let drawn = if show.images().is_some() {
@@ -96,6 +114,45 @@ fn draw(stream: &RecordingStream, show: &Show, progress: &dyn Progress) -> anyho
     curves(stream, &plots)?;
     stream.log_static("about", &rerun::TextDocument::from_markdown(show.about()))?;
     Ok(())
+}
+
+/// Shows a run on its own time line while its log grows, until the run has ended: the burr where the arm has it, the last
+/// of its way, and how far it is off its path.
+fn follow(stream: &RecordingStream, show: &Show, mut tail: LogTail) -> anyhow::Result<()> {
+    let work_from_base = show.work_from_base();
+    let mut way: Vec<[f32; 3]> = Vec::new();
+    loop {
+        let news = tail.news()?;
+        for step in &news.steps {
+            let Some(q) = &step.actual else { continue };
+            let burr =
+                single(&Point::from_coords((work_from_base * show.plan().arm.burr(q)?).translation_mm));
+            way.push(burr);
+            stream.set_duration_secs(RUN_TIME, step.time_s);
+            let point = rerun::Points3D::new([burr])
+                .with_colors([Color::from_rgb(255, 80, 200)])
+                .with_radii([show.plan().record.case.burr.radius_mm as f32]);
+            stream.log("scene/run/burr", &point)?;
+            if let Some(off_mm) = step.off_mm {
+                stream.log("plots/run/off_mm", &rerun::Scalars::new([off_mm]))?;
+            }
+        }
+        way.drain(..way.len().saturating_sub(WAY_POINTS));
+        if !news.steps.is_empty() {
+            let line = rerun::LineStrips3D::new([way.as_slice()])
+                .with_colors([Color::from_rgb(255, 80, 200)])
+                .with_radii([rerun::Radius::new_ui_points(1.5)]);
+            stream.log("scene/run/way", &line)?;
+        }
+        for (time_s, said) in &news.events {
+            stream.set_duration_secs(RUN_TIME, *time_s);
+            stream.log("run", &rerun::TextLog::new(said.as_str()))?;
+        }
+        if news.ended() {
+            return Ok(());
+        }
+        std::thread::sleep(FOLLOW_PERIOD);
+    }
 }
 
 fn colour([r, g, b]: [u8; 3]) -> Color {

@@ -1,4 +1,4 @@
-//! What the shank leaves open, and what it keeps the path from: the plan says both, place by place.
+//! The plan lists the free range of the shaft at every waypoint, and every waypoint that the shank cannot reach.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
@@ -34,18 +34,18 @@ fn every_waypoint_has_its_interval_of_the_tilt_plane() {
     assert_eq!(access.len(), waypoints.len());
     for (row, waypoint) in access.iter().zip(&waypoints) {
         let [angle, low, high] = [3, 4, 5].map(|n| number(&row[n]));
-        // the arm stands as assumed: its tilt plane is that of theta
+        // with the assumed registration, the arm's tilt plane is that of theta
         assert!((angle - number(&waypoint[10])).abs() < 1e-5 && low <= angle && angle <= high, "{row:?}");
         assert!(number(&row[1]) >= 1.0 && number(&row[2]) >= 1.0 && row[6].is_empty(), "{row:?}");
     }
-    // somewhere the walls bind, and somewhere they do not
+    // the walls limit the range at some waypoints and not at others
     let widths: Vec<f64> = access.iter().map(|row| number(&row[5]) - number(&row[4])).collect();
     let (least, most) = widths.iter().fold((f64::MAX, 0f64), |(a, b), w| (a.min(*w), b.max(*w)));
     assert!(least < 1.2 && most > 2.0, "{least} to {most} rad");
     assert!(rows(&place, "dropped.csv").is_empty() && counts(&place).is_empty());
 }
 
-/// A hall under a roof of bone, and one under a structure: the ball gets in from the side, the shank does not.
+/// A cavity under a roof of bone, and one under a structure: the ball can enter from the side, the shank cannot.
 #[test]
 fn dropped_places_are_listed_with_what_stands_in_the_way() {
     for (is_structure, expected) in
@@ -79,7 +79,7 @@ fn dropped_places_are_listed_with_what_stands_in_the_way() {
         }
         assert_eq!(counts.iter().map(|(_, n)| n).sum::<i64>(), dropped.len() as i64);
         assert!(counts.iter().any(|(why, _)| why == expected), "{counts:?}");
-        // nearly all in the hall, not in the pocket
+        // nearly all are in the cavity, not in the pocket
         let roof_from_mm = -11.0 + 26.5 * 0.5;
         let inside = dropped.iter().filter(|row| number(&row[0]) > roof_from_mm - 1.5).count();
         assert!(10 * inside >= 9 * dropped.len(), "{inside} of {}", dropped.len());

@@ -1,4 +1,4 @@
-//! Plans for every kind of arm: the burr follows the waypoints, limits hold, and what an arm lacks is told.
+//! Plans for every kind of arm: the burr follows the waypoints, limits hold, and what an arm cannot do is reported.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
@@ -30,7 +30,7 @@ fn planned(place: &Place) -> StoredPlan {
 /// A pose of the polyline: burr's centre and axis, in base.
 type Pose = (Vector3<f64>, Vector3<f64>);
 
-/// How far a pose is from the polyline's segment: mm at the place where `angle_mrad/5 + mm/0.05` is least, and mrad there.
+/// Deviation of a pose from the polyline's segment: mm and mrad at the place where `angle_mrad/5 + mm/0.05` is least.
 fn to_segment(pose: &Pose, from: &Pose, to: &Pose) -> (f64, f64) {
     let at = |share: f64| {
         let p = from.0 + (to.0 - from.0) * share;
@@ -46,7 +46,7 @@ fn to_segment(pose: &Pose, from: &Pose, to: &Pose) -> (f64, f64) {
     [at(0.0), at(1.0), at(low)].into_iter().min_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap()
 }
 
-/// Every row of the trajectory follows the waypoints' polyline, at rest at both ends and inside the joints' limits.
+/// Checks that every row of the trajectory follows the waypoints' polyline, at rest at both ends and inside joint limits.
 fn follows(plan: &StoredPlan) {
     let base_from_ct = plan.record.frames.base_from_ct;
     let poses: Vec<Pose> = plan
@@ -104,7 +104,7 @@ fn every_ur_follows_its_plan() {
             plan.record.warnings
         );
         assert!(plan.record.frames.registration_assumed);
-        // the plan's own URDF is the arm
+        // the plan's URDF describes the arm
         let nominal = Arm::ur(model, None).unwrap();
         let q = plan.trajectory.q_at(0);
         let apart = plan.arm.forward(q).unwrap().translation_mm - nominal.forward(q).unwrap().translation_mm;
@@ -159,7 +159,7 @@ fn a_ur_s_elbow_stays_above_its_mounting_plane() {
         let branch = format!("{:?}", modelled(&plan, "branch_name"));
         assert!(model != UrModel::Ur5e || branch.contains("elbow-up"), "{branch}");
     }
-    // a branch that is asked for is taken, and the plan says how far below the plane it goes
+    // a requested branch is taken, and the plan states how far below the plane the arm goes
     let place = with_robot(&format!("model = \"ur5e\"\n{MOUNT}\nbranch = \"elbow-down\""));
     let plan = planned(&place);
     let lowest_mm = lowest_link_mm(&plan);
@@ -168,7 +168,7 @@ fn a_ur_s_elbow_stays_above_its_mounting_plane() {
     let Some(Value::Number(said_mm)) = modelled(&plan, "lowest_link_mm") else { panic!("not said") };
     assert!((said_mm - lowest_mm).abs() < 0.1, "says {said_mm}, is {lowest_mm}");
     assert!(fs::read_to_string(place.path("plan/report.html")).unwrap().contains("elbow down"));
-    // verify finds the same, and no plan may go farther below than it says
+    // verify finds the same, and no plan may go farther below than it states
     let verdict = || -> toml::Table {
         fs::read_to_string(place.path("plan/verification.toml")).unwrap().parse().unwrap()
     };
@@ -190,7 +190,7 @@ fn a_ur_s_elbow_stays_above_its_mounting_plane() {
     place.refuses(&["robot.branch", "ur3e, ur5e or ur10e"]);
 }
 
-/// A seven-jointed arm whose wrist bends by 57° at most: of the directions within 60° of the vertical it cannot take all.
+/// An arm with seven joints whose wrist bends by at most 57°, so it cannot take all directions within 60° of the vertical.
 const SEVEN: &str = r#"<robot name="seven">
 <link name="base_link"/><link name="l1"/><link name="l2"/><link name="l3"/><link name="l4"/><link name="l5"/><link name="l6"/><link name="tool0"/>
 <joint name="a1" type="revolute"><parent link="base_link"/><child link="l1"/><origin xyz="0 0 0.36"/><axis xyz="0 0 1"/>
@@ -220,7 +220,7 @@ fn an_arm_is_asked_only_for_axes_that_it_can_take() {
     let plan = planned(&place);
     follows(&plan);
     assert_eq!(place.run(&["verify", "plan"]).code, 0);
-    // the limit matters: somewhere on the path it keeps the wrist
+    // the limit is reached somewhere on the path
     let most = (0..plan.trajectory.len()).map(|row| plan.trajectory.q_at(row)[5].abs()).fold(0.0, f64::max);
     assert!(most > 0.8 && most <= 1.0, "{most} rad");
 
@@ -231,7 +231,7 @@ fn an_arm_is_asked_only_for_axes_that_it_can_take() {
 
 #[test]
 fn any_angles_of_a_rotation_pass_verify() {
-    // at gimbal lock, and beyond half a turn; the patient where a UR5e reaches with the tool so mounted
+    // angles at gimbal lock, and beyond half a turn; the patient is where a UR5e reaches with this mount
     for (mount_rpy, base_rpy, at) in [
         ("[0, 3.141592653589793, 0]", "[0, 0, 0]", "[450, 0, 40]"),
         ("[0, 2.6, 0]", "[3.141592653589793, 3.141592653589793, 3.141592653589793]", "[450, 0, 40]"),
@@ -273,7 +273,7 @@ fn a_calibration_is_used_and_a_wrong_one_refused() {
     place.refuses(&[&place.line_of("arm.yaml"), "cannot read the calibration", "arm.yaml"]);
     fs::write(place.path("arm.yaml"), "some: thing\n").unwrap();
     place.refuses(&[&place.line_of("arm.yaml"), "expected delta_theta"]);
-    // another model's, and one in degrees: by the file's name
+    // the calibration of another model, and one in degrees, are refused with the file's name
     for (key, value, why) in [
         ("delta_a", "[0, -0.2, 0, 0, 0, 0]", "another model"),
         ("delta_alpha", "[0, 0, 0, 0, 0, 0.5]", "turned"),

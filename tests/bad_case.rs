@@ -1,4 +1,4 @@
-//! Bad case files, from outside: exit code 2, the line, the key and what was expected, and nothing written.
+//! The command with bad case files: exit code 2, the line, the key and what was expected, and nothing written.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 

@@ -1,5 +1,5 @@
-//! Bad images, targets and outputs, from outside: exit code 2 with what is wrong, where, and what was expected, and
-//! nothing written. What is sound but cannot be fulfilled ends with exit code 1 and its reasons.
+//! The command with bad images, targets and outputs: exit code 2 with what is wrong, where, and what was expected, and nothing
+//! written. A valid case that cannot be fulfilled ends with exit code 1 and the reasons.
 
 #![allow(
     clippy::unwrap_used,
@@ -45,7 +45,7 @@ fn a_truncated_image_says_how_much_there_is_and_how_much_was_expected() {
         place.refuses(&[&place.line_of(name), key, name, "truncated", &sizes[0], &sizes[1]]);
         let place = Place::healthy().with_bytes(name, |b| b.truncate(100));
         place.refuses(&[key, name, "ends after 100 bytes; expected a NIfTI-1 header of 348 bytes"]);
-        // compressed, only the stream's end tells
+        // if it is compressed, only the end of the stream shows it
         let place =
             Place::healthy().with_bytes(name, |b| *b = gzip(b)).with_bytes(name, |b| b.truncate(b.len() / 2));
         place.refuses(&[key, name, "gzip stream is damaged or cut off"]);
@@ -107,7 +107,7 @@ fn impossible_sizes_are_refused_before_memory_is_taken() {
     let dims = |sizes: [i16; 4]| move |b: &mut Vec<u8>| put_shorts(b, field::DIM, &sizes);
     let place = Place::healthy().with_bytes("ct.nii", dims([3, 1000, 1000, 1000]));
     place.refuses(&["images.ct", "ct.nii", "dims [1000, 1000, 1000] need 4000000352 bytes", "192352 bytes"]);
-    // a compressed file may truly be small
+    // a compressed file may really be small
     let place = place.with_bytes("ct.nii", |b| *b = gzip(b));
     place.refuses(&["images.ct", "ct.nii", "dims [1000, 1000, 1000]"]);
     let place = Place::healthy().with_bytes("labels.nii", dims([3, 32767, 32767, 32767]));
@@ -201,7 +201,7 @@ fn an_affine_that_is_none_is_refused() {
 
 #[test]
 fn affines_that_disagree_are_refused_until_the_case_says_which_holds() {
-    // a qform without rotation, 3 mm aside
+    // a qform without rotation, shifted by 3 mm
     let add_qform = |b: &mut Vec<u8>| {
         put_shorts(b, field::QFORM_CODE, &[1]);
         let [x, y, z] = body::ORIGIN_MM.map(|v| v as f32);
@@ -214,7 +214,7 @@ fn affines_that_disagree_are_refused_until_the_case_says_which_holds() {
     let ran = place.plan();
     assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
     assert!(fs::read_to_string(place.path("plan/plan.toml")).unwrap().contains("sform code 1, qform code 1"));
-    // the other one is a choice too, and one that is not set is not
+    // the other transform can be chosen too, but not one that is not set
     let place = Place::healthy().with_bytes("labels.nii", add_qform);
     place.refuses(&["images.labels_affine", "labels.nii", "differ by"]);
     let place =
@@ -222,7 +222,7 @@ fn affines_that_disagree_are_refused_until_the_case_says_which_holds() {
     assert_eq!(place.plan().code, 0);
     let place = Place::healthy().with_case("ct = \"ct.nii\"", "ct = \"ct.nii\"\nct_affine = \"qform\"");
     place.refuses(&["ct.nii", "the case asks for the qform, whose code is 0"]);
-    // one that holds NaN disagrees with everything, but does not matter once the other is chosen
+    // a transform with NaN disagrees with everything, but does not matter if the other is chosen
     let place = Place::healthy()
         .with_bytes("ct.nii", add_qform)
         .with_bytes("ct.nii", |b| put_singles(b, field::QUATERN_B, &[f32::NAN]));
@@ -260,7 +260,7 @@ fn a_target_of_air_is_refused() {
 
 #[test]
 fn a_target_that_touches_a_structure_is_refused_with_the_place() {
-    // corner to corner is touching: target voxel (26, 25, 15), structure voxel (27, 26, 14)
+    // voxels that meet at a corner touch: target voxel (26, 25, 15), structure voxel (27, 26, 14)
     let place = Place::healthy().with_labels(|labels| labels.fill([27..30, 26..30, 12..15], NERVE));
     place.refuses(&[
         &place.line_of("[target]"),
@@ -288,7 +288,7 @@ fn a_target_outside_the_scan_is_refused_with_both_extents() {
             "the CT -11.2..8.8 × -8.2..11.8 × 2.8..17.8 mm",
         ]);
     }
-    // a map larger than the scan, with the target where no scan is
+    // a map larger than the scan, with the target beyond the scan
     let place = Place::healthy();
     let mut labels =
         Image::new(
@@ -315,7 +315,7 @@ const NOTHING_REACHABLE: &str = "a burr of radius 1.5 mm can reach no voxel of t
 
 #[test]
 fn a_target_deep_in_the_bone_is_refused() {
-    // a chamber in which the burr has room, but no way to it
+    // a cavity in which the burr has room, but which it cannot enter
     let place = with_target([10..26, 12..26, 4..12]);
     place.refuses(&[
         &place.line_of("[target]"),
@@ -356,7 +356,7 @@ fn clearances_that_leave_nothing_are_refused() {
     place.refuses(&[&[&*place.line_of("[target]")], &parts[..]].concat());
 }
 
-// sound, but not to be had: exit code 1
+// a valid case that cannot be fulfilled: exit code 1
 
 #[test]
 fn a_patient_out_of_the_arms_reach_falls_short() {
@@ -397,7 +397,7 @@ fn an_output_that_is_not_a_plan_is_never_touched() {
     place.refuses_into("mine", &["mine", "exists and is not a plan", "choose another folder"]);
     place.refuses_into("file", &["file", "exists and is not a plan", "it is not a folder"]);
     place.refuses_into(".", &["exists and is not a plan"]); // the case's own folder
-    // a plan with somebody's notes in it
+    // a plan's folder with a foreign file in it
     assert_eq!(place.plan().code, 0);
     fs::write(place.path("plan/notes.txt"), "text").unwrap();
     place.refuses(&["plan", "it also holds notes.txt, which would be lost"]);
@@ -443,7 +443,7 @@ fn a_full_disk_leaves_nothing() {
     let place = Place::healthy();
     let disk = place.path("disk");
     fs::create_dir(&disk).unwrap();
-    // room for the first files of a plan, not for all
+    // there is room for the first files of a plan, but not for all
     for size in ["8k", "64k", "256k"] {
         let mount = Command::new("mount")
             .args(["-t", "tmpfs", "-o", &format!("size={size}"), "none"])

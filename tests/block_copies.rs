@@ -1,4 +1,4 @@
-//! A copy of the foam block in another world, with its registration turned along, is milled by the same plan there.
+//! A copy of the foam block in turned or mirrored coordinates, with the registration turned too, gets the same plan.
 
 #![allow(
     clippy::unwrap_used,
@@ -44,7 +44,7 @@ fn turned<T: Copy>(volume: &Volume<T, Ct>, turn: &Matrix3<f64>) -> Volume<T, Ct>
     Volume::new(there, volume.data().to_vec()).unwrap()
 }
 
-/// The block in a world turned or mirrored by `turn`, planned; the arm stands to it as it does to the first.
+/// Plans the block in coordinates turned or mirrored by `turn`, with the same pose of the arm relative to the block.
 fn planned(block: &Phantom, turn: &Matrix3<f64>) -> Vec<Row> {
     let place = Place::empty();
     let copy = Phantom {
@@ -58,10 +58,10 @@ fn planned(block: &Phantom, turn: &Matrix3<f64>) -> Vec<Row> {
     let place =
         place.with_case("direction = [0.0, 0.0, 1.0]", &format!("direction = {:?}", approach.as_slice()));
     let place = if turn.determinant() < 0.0 {
-        // a mirrored arm there is none: its tilt plane, the y-z plane, is its own mirror image
+        // there is no mirrored arm, but the arm's tilt plane, the y-z plane, is its own mirror image
         place.with_case("spin = -1", "spin = 1")
     } else {
-        // base x, y, z along y, -x, z of the block's own world, the pocket's middle at the origin
+        // base x, y, z are along y, -x, z of the block's own coordinates, with the pocket's middle at the origin
         let base = Matrix3::new(0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0) * turn.transpose();
         let row = |n: usize| format!("{:?}", base.row(n).iter().copied().collect::<Vec<f64>>());
         let rotation = [0, 1, 2].map(row).join(", ");
@@ -73,11 +73,11 @@ fn planned(block: &Phantom, turn: &Matrix3<f64>) -> Vec<Row> {
     rows(&place)
 }
 
-/// Cuts that take less than this, mg, a fortieth of a full slot's step, are links that graze a wall: of several ways as long, either
-/// copy takes another.
+/// Cuts that remove less than this (a fortieth of a full slot's step) are left out, mg: they are links that graze a wall, and of
+/// several equally long ways each copy may take another.
 const GRAZING_MG: f64 = 0.1;
 
-/// How far the cuts of one plan are from those of another, mm, and how many degrees the axes differ there at one waypoint in two.
+/// Distance of the cuts of one plan from those of another, mm, and the median angle between the axes there, degrees.
 fn off(expected: &[Row], found: &[Row], turn: &Matrix3<f64>) -> (f64, f64) {
     let cuts = |rows: &[Row]| {
         rows.iter()

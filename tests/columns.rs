@@ -1,4 +1,4 @@
-//! Every column and key that a plan's files hold is described, and the report says it too.
+//! Every column and key of a plan's files is described, in the reference and in the report.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
 
@@ -17,7 +17,7 @@ fn described(title: &str) -> Vec<&'static str> {
     found.columns.iter().map(|c| c.name).collect()
 }
 
-/// Whether a name of a file is one that is described: a part in capitals or a star stands for any.
+/// Whether a name in a file matches a description, in which a part in capitals or a star stands for any text.
 fn matches(name: &str, pattern: &str) -> bool {
     let (mut parts, mut wanted) = (name.split('.'), pattern.split('.'));
     loop {
@@ -108,7 +108,7 @@ fn the_report_and_the_command_say_what_the_columns_mean() {
     let printed = place.run(&["columns"]).out;
     assert!(report.contains("docs/columns.md") && report.contains("bonemill columns"));
     for part in [
-        "From the burr's centre to that structure",
+        "Distance from the burr's centre to it; 0 inside.",
         "speed cap",
         "z along the approach",
         "rad; mm for a prismatic joint",

@@ -1,4 +1,4 @@
-//! The command from outside: exit codes, what stands on which stream, and that bad input writes nothing.
+//! The command's exit codes, the contents of its output streams, and that bad input writes nothing.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
@@ -17,7 +17,7 @@ impl Place {
         self.0.path().join(name)
     }
 
-    /// Names in the place, hidden ones too.
+    /// Names in the folder, including hidden ones.
     fn names(&self) -> Vec<String> {
         names(self.0.path())
     }
@@ -38,7 +38,7 @@ struct Ran {
 }
 
 impl Ran {
-    /// Exit code 2, and one error that says `parts`.
+    /// Checks for exit code 2 and one error that contains `parts`.
     #[track_caller]
     fn refused(&self, parts: &[&str]) {
         assert_eq!(self.code, 2, "{}{}", self.out, self.err);
@@ -111,10 +111,10 @@ fn json_is_one_object_and_quiet_is_silence() {
     assert_eq!(ran.out.lines().count(), 1);
     let ran = place.run(&["phantom", "--kind", "block", "--out", "b", "--quiet"]);
     assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (0, "", ""));
-    // progress, as plain lines where there is no terminal, is on stderr
+    // without a terminal progress is printed as plain lines on stderr
     let ran = place.run(&["phantom", "--kind", "block", "--out", "c"]);
     assert_eq!(ran.err, "make phantom\nwrite phantom\n");
-    // an error is an object too, and still told on stderr
+    // an error is also a JSON object, and is printed on stderr too
     let ran = place.run(&["plan", "nowhere.toml", "--out", "p", "--json"]);
     ran.refused(&["nowhere.toml"]);
     let object: serde_json::Value = serde_json::from_str(&ran.out).unwrap();

@@ -1,4 +1,4 @@
-//! Two plans of one patient side by side, also when what they were made from is gone.
+//! Compares two plans of one patient, also when their inputs are missing.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
@@ -18,7 +18,7 @@ fn two_plans_are_compared_by_their_own_files_alone() {
     plan(&place, "a");
     let place = place.with_case("clearance_mm = 1.0", "clearance_mm = 2.0");
     plan(&place, "b");
-    // nothing of what they were made from is left
+    // all inputs are removed
     for gone in ["case.toml", "ct.nii", "labels.nii"] {
         fs::remove_file(place.path(gone)).unwrap();
     }
@@ -36,7 +36,7 @@ fn two_plans_are_compared_by_their_own_files_alone() {
     };
     for (n, dir) in ["a", "b"].into_iter().enumerate() {
         let metrics = &record(dir)["metrics"];
-        // the reader of JSON rounds
+        // reading JSON rounds numbers
         let same =
             |found: f64, stated: &toml::Value| (found / stated.as_float().unwrap() - 1.0).abs() < 1e-14;
         assert!(same(pair("volumes", "removed_mm3")[n], &metrics["removed_mm3"]));
@@ -48,7 +48,7 @@ fn two_plans_are_compared_by_their_own_files_alone() {
                 >= pair("structure nerve", "p75_force_toward_n")[n]
         );
     }
-    // a wider clearance leaves more, away from the nerve
+    // a larger clearance leaves more bone and a larger distance from the nerve
     let [a, b] = pair("volumes", "removed_mm3");
     assert!(b < a, "{a} {b}");
     let between = |name: &str| object["between"][name].as_f64().unwrap_or_else(|| panic!("{name}"));
@@ -66,7 +66,7 @@ fn two_plans_are_compared_by_their_own_files_alone() {
     {
         assert!(page.contains(part), "{part} is not in {page}");
     }
-    // for people; and a plan is itself
+    // the table for people; a plan compared with itself
     let table = place.run(&["compare", "a", "a"]).out;
     let hausdorff = table.lines().find(|line| line.contains("hausdorff_mm")).unwrap();
     assert!(hausdorff.ends_with(" 0") && !table.contains("keys of the cases that differ"), "{table}");

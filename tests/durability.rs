@@ -1,4 +1,4 @@
-//! What a killed run, a full disk and a read-only folder leave: the old files, or complete new ones, and nothing lost.
+//! A killed run, a full disk or a read-only folder leaves the old files or complete new ones, and loses nothing.
 //!
 //! Processes are killed at moments spread over their whole run. `BONEMILL_KILLS` sets how often each command is killed
 //! (16 by default; a release is tested with 200).
@@ -43,7 +43,7 @@ fn kills() -> u32 {
     std::env::var("BONEMILL_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(16)
 }
 
-/// Starts the command and kills it after a share of `whole`; whether it was still running.
+/// Starts the command and kills it after a share of `whole`; returns whether it was still running.
 fn run_and_kill(place: &Place, args: &[&str], whole: Duration, share: f64) -> bool {
     let mut child = Command::new(env!("CARGO_BIN_EXE_bonemill"))
         .args(args)
@@ -60,7 +60,7 @@ fn run_and_kill(place: &Place, args: &[&str], whole: Duration, share: f64) -> bo
     running
 }
 
-/// Two cases of one patient, their plans' files, and how long the second took.
+/// Two cases of one patient, their plans' files, and the duration of the second.
 struct Patient {
     place: Place,
     plans: [Files; 2],
@@ -88,7 +88,7 @@ fn a_plan_killed_at_any_moment_leaves_the_old_plan_or_the_new_one() {
     let Patient { place, plans, took } = Patient::new();
     let (mut killed, mut finished) = (0, 0);
     for n in 0..kills() {
-        // which plan stands there, and which is being made, alternates whenever one was finished
+        // the plan in the folder and the plan being made are exchanged whenever one was finished
         let before = files(&place.path("plan"));
         let case = if before == plans[1] { "case.toml" } else { "other.toml" };
         let share = 1.15 * f64::from(n) / f64::from(kills());
@@ -98,14 +98,14 @@ fn a_plan_killed_at_any_moment_leaves_the_old_plan_or_the_new_one() {
         let after = files(&stands.expect("one of the plans stands there"));
         assert!(plans.contains(&after), "kill {n}: neither plan: {:?}", after.keys());
         finished += u32::from(after != before);
-        // the next run finds its way, whatever was left
+        // the next run must work, whatever files were left
         if !place.path("plan").exists() {
             assert_eq!(place.run(&["plan", case, "--out", "plan", "--quiet"]).code, 0);
         }
     }
     assert!(killed > 0, "no run was killed while it ran");
     eprintln!("killed {killed} of {} runs, {finished} had put their plan into place", kills());
-    // what killed runs left beside it are hidden folders, and nothing else
+    // killed runs leave only hidden folders beside the plan
     for entry in fs::read_dir(place.path(".")).unwrap() {
         let name = entry.unwrap().file_name().into_string().unwrap();
         let known = ["case.toml", "other.toml", "ct.nii", "labels.nii", "plan"].contains(&name.as_str());
@@ -152,8 +152,8 @@ fn a_simulation_killed_at_any_moment_leaves_the_plan_and_no_half_table() {
     killed_while_it_adds("simulate", "simulation.csv");
 }
 
-/// Kills a command that adds a file to a plan and tells of it in the report: the file is the whole one, the one that was there
-/// before, or not there; the report is the one before or the one after; nothing else changes.
+/// Kills a command that adds a file to a plan and a part to its report. Then the file must be the complete new one, the old one,
+/// or absent; the report must be the one before or the one after; nothing else changes.
 fn killed_while_it_adds(command: &str, added: &str) {
     let Patient { place, plans, .. } = Patient::new();
     let begun = Instant::now();
@@ -174,7 +174,7 @@ fn killed_while_it_adds(command: &str, added: &str) {
             Err(_) => assert!(!had, "kill {n}: the {added} that stood there is gone"),
         }
         let mut left = files(&place.path("plan"));
-        // what a killed run was writing stands beside it, hidden
+        // a killed run leaves the file that it was writing beside the plan, hidden
         left.retain(|name, _| {
             let name = name.to_string_lossy();
             name != added && !name.starts_with('.')
@@ -187,7 +187,7 @@ fn killed_while_it_adds(command: &str, added: &str) {
     }
 }
 
-/// A small disk at `dir` for as long as `work` runs; `None` where none can be mounted.
+/// Mounts a small disk at `dir` while `work` runs; `None` where this is not possible.
 fn on_a_small_disk<T>(dir: &Path, size: &str, work: impl FnOnce() -> T) -> Option<T> {
     fs::create_dir(dir).unwrap();
     let mount = |args: &[&str]| Command::new("mount").args(args).arg(dir).output();
@@ -205,7 +205,7 @@ fn a_full_disk_and_a_read_only_one_lose_nothing() {
     let Patient { place, plans, .. } = Patient::new();
     let disk = place.path("disk");
     let bytes: usize = plans[1].values().map(Vec::len).sum();
-    // room for one plan and a half: the next one does not fit beside it
+    // there is room for one and a half plans, so the next one does not fit
     let size = format!("{}k", bytes * 3 / 2 / 1024 + 64);
     on_a_small_disk(&disk, &size, || {
         let on_disk = |args: &[&str]| place.run(args);
@@ -214,7 +214,7 @@ fn a_full_disk_and_a_read_only_one_lose_nothing() {
         on_disk(&["plan", "other.toml", "--out", "disk/plan", "--quiet"]).refused(&["No space left"]);
         assert!(files(&place.path("disk/plan")) == before, "the old plan changed");
         assert_eq!(fs::read_dir(&disk).unwrap().count(), 1, "something was left on the disk");
-        // a verdict that does not fit
+        // a verification file that does not fit
         let code = on_disk(&["verify", "disk/plan", "--quiet"]).code;
         assert!(code == 0 || code == 1, "{code}");
         let with_verdict = files(&place.path("disk/plan"));
@@ -228,7 +228,7 @@ fn a_full_disk_and_a_read_only_one_lose_nothing() {
         fill(left);
         on_disk(&["verify", "disk/plan", "--quiet"]).refused(&["verification.toml", "No space left"]);
         assert!(files(&place.path("disk/plan")) == with_verdict, "a full disk changed the plan");
-        // and a disk that may only be read
+        // a read-only disk
         let remounted = Command::new("mount").args(["-o", "remount,ro"]).arg(&disk).status().unwrap();
         assert!(remounted.success());
         on_disk(&["plan", "other.toml", "--out", "disk/plan", "--quiet"]).refused(&["disk", "Read-only"]);

@@ -1,4 +1,4 @@
-//! What is exported is the plan: every format read back and compared with the plan's own files.
+//! Every exported format is read back and compared with the plan's own files.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
@@ -27,12 +27,12 @@ fn exported(place: &Place, args: &[&str], file: &str) -> String {
     fs::read_to_string(place.path("out").join(file)).unwrap()
 }
 
-/// Row of the trajectory that exported row `n` of `count` is.
+/// Number of the trajectory's row that is exported as row `n` of `count`.
 fn row(plan: &StoredPlan, n: usize, stride: usize) -> usize {
     (n * stride).min(plan.trajectory.len() - 1)
 }
 
-/// How far a point is from a line between two, mm.
+/// Distance of a point from a segment, mm.
 fn from_segment(p: &nalgebra::Vector3<f64>, ends: &[nalgebra::Vector3<f64>]) -> f64 {
     let way = ends[1] - ends[0];
     let share = if way.norm_squared() > 0.0 { (p - ends[0]).dot(&way) / way.norm_squared() } else { 0.0 };
@@ -69,12 +69,12 @@ fn ros_and_urscript_hold_the_trajectory() {
     assert!(script.contains("nominal kinematics"));
     let mut time_s = 0.0;
     let steps: Vec<&str> = script.lines().filter(|line| line.starts_with("  step(")).collect();
-    // as many rows as it takes to keep to the trajectory: 25 a second or more
+    // as many rows as are needed to stay on the trajectory: at least 25 per second
     let first_s: f64 = steps[0].trim_end_matches(')').rsplit_once(", ").unwrap().1.parse().unwrap();
     let stride = (first_s * 500.0).round() as usize;
     assert!((1..=20).contains(&stride), "{first_s} s");
     assert_eq!(steps.len(), (plan.trajectory.len() - 1).div_ceil(stride));
-    // between them, straight in joint space, the burr stays beside no more of the trajectory than is said
+    // between rows, straight in joint space, the burr deviates from the trajectory by no more than is stated
     let burr = |q: &[f64]| plan.arm.burr(q).unwrap().translation_mm;
     let places: Vec<_> = (0..plan.trajectory.len()).map(|k| burr(plan.trajectory.q_at(k))).collect();
     for n in 0..steps.len() {
@@ -104,7 +104,7 @@ fn ros_and_urscript_hold_the_trajectory() {
             assert!((read.parse::<f64>().unwrap() - value).abs() < 1e-9);
         }
     }
-    // at every waypoint the program allows no more than a quarter of the room to the nearest structure
+    // at every waypoint the program allows no more than a quarter of the distance to the nearest structure
     let radius_mm = plan.record.case.burr.radius_mm;
     let (mut allowed_mm, mut at) = (f64::NAN, Vec::new());
     for line in script.lines() {
@@ -121,7 +121,7 @@ fn ros_and_urscript_hold_the_trajectory() {
         let room_mm = force.distance_mm - radius_mm;
         assert!(step.is_none_or(|n| at[n] <= 0.25 * room_mm), "waypoint {}: {room_mm} mm", force.waypoint);
     }
-    // nothing is left of what is refused
+    // a refused export leaves no files
     let refused = |args: &[&str], says: &[&str]| {
         let before = place.files();
         place.run(&[&["export", "plan", "--out", "a/b"], args].concat()).refused(says);
@@ -136,7 +136,7 @@ fn ros_and_urscript_hold_the_trajectory() {
     place.run(&["export", "nowhere", "--format", "ros"]).refused(&["plan.toml"]);
 }
 
-/// Joint positions on the straight way between two.
+/// Joint positions on the straight line between two joint vectors.
 fn between(from: &[f64], to: &[f64], share: f64) -> Vec<f64> {
     from.iter().zip(to).map(|(a, b)| a + share * (b - a)).collect()
 }
@@ -169,7 +169,7 @@ fn g_code_keeps_to_the_trajectory_and_to_every_axis_limit() {
         for (joint, (a, b)) in plan.arm.joints().iter().zip(before.iter().zip(at)) {
             fastest = fastest.max((b - a).abs() / span_s / joint.velocity_limit);
         }
-        // what the controller drives on the way, against the nearest place of the trajectory around that time
+        // the controller's interpolated positions, compared with the nearest place of the trajectory around that time
         let row = |s: f64| ((s * 500.0).round() as usize).min(trajectory.len() - 1);
         let near = row((seconds - 0.1_f64).max(0.0)) + 1..=row(seconds + span_s + 0.1);
         for share in [0.25, 0.5, 0.75, 1.0] {
@@ -192,7 +192,7 @@ fn g_code_keeps_to_the_trajectory_and_to_every_axis_limit() {
     assert!(worst < 1.02, "{worst} of 0.005 mm and 5e-4 rad beside the trajectory");
     assert!(fastest <= 1.0 + 1e-9, "{fastest} of an axis's limit");
     assert!(fastest > 0.5, "the links ask for much of what an axis can do: {fastest}");
-    // in order, each waypoint is passed as near as the trajectory passes it
+    // each waypoint is passed, in order, as near as the trajectory passes it
     let mut next = 0;
     for waypoint in &plan.waypoints {
         let p = (plan.record.frames.base_from_ct * waypoint.position).coords;
@@ -214,7 +214,7 @@ fn g_code_keeps_to_the_trajectory_and_to_every_axis_limit() {
     place
         .run(&["export", "plan", "--format", "urscript"])
         .refused(&["bone-attached", "ur3e, ur5e and ur10e"]);
-    // the other way round
+    // with the other sense of rotation
     let place = Place::healthy().with_case("spin = -1", "spin = 1");
     planned(&place);
     assert!(exported(&place, &["--format", "gcode"], "plan.ngc").contains(" M4\n"));

@@ -1,4 +1,4 @@
-//! What the structures feel: the levers that change it, and the comparison with a straight shaft at constant speed.
+//! Forces toward structures: the choices that change them, and the comparison with a straight shaft at constant speed.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
 
@@ -10,7 +10,7 @@ use bonemill_planner::plan::{StoredPlan, Value};
 use support::figures::{entry, figure};
 use support::{body, place::Place};
 
-/// Everything that varies by itself held still: straight shaft, one speed, lines along work x.
+/// A case in which nothing is chosen: straight shaft, one speed, lines along work x.
 const STILL: &str = "[orientation]\nmode = \"fixed\"\n\n[speed]\nmode = \"constant\"\n";
 
 fn planned(place: &Place) -> StoredPlan {
@@ -19,7 +19,7 @@ fn planned(place: &Place) -> StoredPlan {
     StoredPlan::load(&place.path("plan")).unwrap()
 }
 
-/// The patient with a nerve all along a wall of the pocket.
+/// The patient with a nerve along a whole wall of the pocket.
 fn beside_a_wall() -> Place {
     Place::healthy().with_labels(|labels| labels.fill([30..32, 12..26, 14..20], body::NERVE))
 }
@@ -30,8 +30,8 @@ fn still(path_keys: &str) -> Place {
         .with_case("step_mm = 0.5\n", &format!("step_mm = 0.5\nraster_deg = 90\n{path_keys}\n"))
 }
 
-/// Mean force along the feed over the length cut, N: the teeth pull the burr along in climb cuts and hold it back in
-/// conventional ones.
+/// Mean force along the feed over the length of cuts, N: the teeth pull the burr forward in climb cuts and backward in
+/// conventional cuts.
 fn along_feed_n(plan: &StoredPlan) -> f64 {
     let (mut sum, mut length) = (0.0, 0.0);
     for pair in plan.waypoints.windows(2) {
@@ -44,7 +44,7 @@ fn along_feed_n(plan: &StoredPlan) -> f64 {
     sum / length
 }
 
-/// In layers as deep as the burr and in thin ones, where only the lower half of the burr cuts.
+/// Tested in layers as deep as the burr and in thin ones, where only the lower half of the burr cuts.
 #[test]
 fn climb_cuts_pull_the_burr_along_whichever_way_it_turns() {
     for (spin, layer) in [("spin = -1", "layer_mm = 1.5"), ("spin = 1", "layer_mm = 0.75")] {
@@ -84,7 +84,8 @@ fn a_burr_that_turns_both_ways_takes_the_gentler() {
     assert_eq!((chosen, spin), if forward < reverse { (forward, -1) } else { (reverse, 1) });
 }
 
-/// With the shaft fixed, one speed and lines to and fro, the plan is its own control, but for the coarser sum of the control's forces.
+/// With a fixed shaft, one speed and lines to and fro, the plan equals its control, except for the coarser sum of the control's
+/// forces.
 #[test]
 fn a_straight_plan_at_constant_speed_is_its_control() {
     let plan = planned(&still("sense = \"both\""));
@@ -97,7 +98,7 @@ fn a_straight_plan_at_constant_speed_is_its_control() {
     assert!((speed - 1.5).abs() < 0.02, "{speed} mm/s");
 }
 
-/// Whether the plan pushes more toward the nerve than the better of its controls, and whether it says so.
+/// Whether the plan's force toward the nerve is larger than that of the better control, and whether the plan states it.
 fn is_worse_and_says_so(plan: &StoredPlan) -> [bool; 2] {
     let near = |who: &str, key| figure(&plan.record, &["compared", who, "near", "nerve", key]);
     let figures = ["mean_force_toward_n", "mean_force_toward_with_zeros_n", "peak_force_toward_n"];
@@ -107,7 +108,7 @@ fn is_worse_and_says_so(plan: &StoredPlan) -> [bool; 2] {
     [is_worse, plan.record.warnings.iter().any(|w| w.contains("pushes more than a straight shaft"))]
 }
 
-/// One sense throughout pushes toward the nerve all along its wall, and the case leaves nothing open that could help.
+/// Cutting in one sense pushes toward the nerve along its whole wall, and the case leaves no choice that could help.
 #[test]
 fn a_plan_that_must_push_more_than_its_controls_says_so() {
     let told = ["climb", "conventional"].map(|sense| {
@@ -118,7 +119,7 @@ fn a_plan_that_must_push_more_than_its_controls_says_so() {
     assert_ne!(told[0], told[1], "one of them pushes toward the nerve, the other away");
 }
 
-/// Axes that ignore the nerve, at speeds that ignore it: what the case leaves open is tried, and what is still worse is said.
+/// Axes and speeds ignore the nerve. The choices that the case leaves open are tried, and a plan that is still worse states it.
 #[test]
 fn a_plan_that_pushes_more_than_its_controls_falls_back() {
     let place = beside_a_wall()
@@ -149,7 +150,7 @@ fn the_report_shows_the_controls_and_a_sentence_for_each_choice() {
     }
 }
 
-/// Where the arm yields, what counts near a structure is how far the burr is pushed toward it.
+/// For a compliant arm, the deflection toward a structure counts.
 #[test]
 fn counting_the_deflection_lowers_the_deflection_toward_the_nerve() {
     let near = |force: &str| {

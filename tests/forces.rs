@@ -1,4 +1,4 @@
-//! Forces toward several structures: each has its own direction, distance and figures, whichever of them matters most.
+//! Forces toward several structures: each has its own direction, distance and figures.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
 
@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 use support::figures::figure;
 use support::{body, place::Place};
 
-/// Under the whole pocket, so near and with such a clearance that it is the structure with the least margin nearly everywhere.
+/// A structure under the whole pocket, so near and with such a clearance that it has the least margin nearly everywhere.
 const PLATE: &str =
     "[[structure]]\nname = \"plate\"\nlabel = 8\nclearance_mm = 1.0\n\n[[structure]]\nname = \"nerve\"\n";
 
@@ -25,7 +25,7 @@ fn with_plate() -> Place {
     place
 }
 
-/// From a place to the nearest point of a box of labels, mm.
+/// Vector from a point to the nearest point of a box of labels, mm.
 fn to_box(p: Vector3<f64>, voxels: [[usize; 2]; 3]) -> Vector3<f64> {
     Vector3::from_fn(|a, _| {
         let at = |voxel: usize| body::ORIGIN_MM[a] + (voxel as f64 - 0.5) * body::SPACING_MM;
@@ -62,7 +62,7 @@ fn each_structure_has_its_own_forces_whichever_matters_most() {
     let peak = figure(&plan.record, &["structures", "nerve", "peak_force_toward_n"]);
     assert!(peak > 2.0 * named.max(0.01), "{peak} N, {named} N where the nerve has the least margin");
 
-    // report, drawn errors and simulation tell the same
+    // report, verification under random errors and simulation have the same figures
     let page = fs::read_to_string(place.path("plan/report.html")).unwrap();
     assert!(page.contains(&format!("<td>{peak:.3}</td>")), "{peak}");
     let ran = place.run(&["verify", "plan", "--samples", "10", "--json"]);
@@ -70,7 +70,7 @@ fn each_structure_has_its_own_forces_whichever_matters_most() {
     let found: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
     let forces = found["risk"]["forces"].as_array().unwrap();
     let toward = forces.iter().find(|f| f["name"] == "peak toward nerve").unwrap();
-    // the reader of JSON rounds
+    // reading JSON rounds numbers
     assert!((toward["planned_n"].as_f64().unwrap() - peak).abs() < 1e-12);
     let ran = place.run(&["simulate", "plan", "--json"]);
     let found: serde_json::Value = serde_json::from_str(&ran.out).unwrap();

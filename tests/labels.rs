@@ -1,4 +1,4 @@
-//! Labels that are not there, are named wrongly or stand for two things: refused with what there is.
+//! Labels that are absent, misnamed or used twice are refused, and the error lists the existing labels.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 

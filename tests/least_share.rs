@@ -1,5 +1,5 @@
-//! A plan that removes too little of its target falls short, and says what keeps the rest, by mm³ that add up, and what
-//! would help; `verify` counts the share itself.
+//! A plan that removes too little of its target falls short. It states the causes for the rest in mm³ that add up, and what would
+//! help; `verify` counts the share itself.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
@@ -12,7 +12,7 @@ use serde_json::Value;
 use support::body::{AIR_FROM, NERVE, TARGET};
 use support::place::Place;
 
-/// Plans the case, which must fall short; its JSON and its shortfalls.
+/// Plans the case, which must fall short; returns its JSON and its shortfalls.
 fn short(place: &Place) -> (Value, String) {
     let ran = place.run(&["plan", "case.toml", "--out", "plan", "--json"]);
     assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
@@ -25,12 +25,13 @@ fn short(place: &Place) -> (Value, String) {
     (json, said)
 }
 
-/// What each cause keeps, mm³.
+/// The volume of a cause, mm³.
 fn kept(json: &Value, cause: &str) -> f64 {
     json["metrics"]["not_removed_mm3"][cause].as_f64().unwrap_or(0.0)
 }
 
-/// The causes add up to what is not removed, in the order of their size, and verify finds the same share too small.
+/// Checks that the causes add up to the volume that is not removed, in the order of their size, and that verify finds the share
+/// too small.
 fn adds_up(place: &Place, json: &Value) {
     let m = &json["metrics"];
     let parts: Vec<f64> =
@@ -40,7 +41,7 @@ fn adds_up(place: &Place, json: &Value) {
     assert!((parts.iter().sum::<f64>() - (whole - removed)).abs() < 1e-9, "{parts:?} {whole} {removed}");
     assert!((m["removed_share"].as_f64().unwrap() - removed / whole).abs() < 1e-12);
     let report = fs::read_to_string(place.path("plan/report.html")).unwrap();
-    assert!(report.contains("What keeps the rest of the target"));
+    assert!(report.contains("Why the rest of the target stays"));
     let ran = place.run(&["verify", "plan"]);
     assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
     assert!(ran.out.contains("FAIL  removed of the target: 0."), "{}", ran.out);
@@ -57,7 +58,7 @@ fn a_clearance_that_keeps_most_of_the_target_is_named_with_what_less_of_it_would
     assert!(said.contains("mm³ by the clearance of nerve"), "{said}");
     assert!(said.contains("clearance_mm of nerve 4.5 -> 1 would let the burr reach "), "{said}");
     adds_up(&place, &json);
-    // what it would free is what a plan with that clearance can reach more
+    // the stated gain equals the additional volume that a plan with that clearance can reach
     let reachable = |json: &Value| json["metrics"]["reachable_mm3"].as_f64().unwrap();
     let ran = Place::healthy().run(&["plan", "case.toml", "--out", "plan", "--json"]);
     let usual: Value = serde_json::from_str(ran.out.lines().last().unwrap()).unwrap();
@@ -76,7 +77,7 @@ fn two_structures_that_both_keep_the_same_bone_share_it() {
     let [nerve, vein, both] = ["clearance of nerve", "clearance of vein", "several clearances at once"]
         .map(|cause| kept(&json, cause));
     assert!(nerve > 0.0 && vein > 0.0 && both > 0.0, "{said}");
-    // without the vein the burr reaches what the vein alone kept, and what only both together did
+    // without the vein the burr reaches the volume that only the vein blocked, and the volume that both blocked
     let place = Place::healthy().with_case("clearance_mm = 1.0", "clearance_mm = 4.5");
     let (alone, _) = short(&place);
     let reachable = |json: &Value| json["metrics"]["reachable_mm3"].as_f64().unwrap();
@@ -95,7 +96,7 @@ fn with_targets(targets: &[[std::ops::Range<usize>; 3]]) -> Place {
 
 #[test]
 fn a_target_walled_in_by_other_bone_blames_that_bone_and_not_the_path() {
-    // labels that lie beside their bone: most of the target is deep inside it, a corner of it open
+    // labels beside the open bone: most of the target is deep inside, and only a corner is open
     let place = with_targets(&[[12..30, 12..30, 4..12], [2..11, 2..11, 16..AIR_FROM]]);
     let (json, said) = short(&place);
     assert!(said.contains("kept are 324.0 mm³ by the bone around it that must stay"), "{said}");
@@ -106,7 +107,7 @@ fn a_target_walled_in_by_other_bone_blames_that_bone_and_not_the_path() {
 
 #[test]
 fn a_slit_too_narrow_for_the_burr_blames_its_radius() {
-    // 2 mm wide: a burr of 1.5 mm does not fit in, one of 0.75 mm does
+    // 2 mm wide: a burr of 1.5 mm radius does not fit in, one of 0.75 mm does
     let place = with_targets(&[[4..8, 4..36, 16..AIR_FROM], [20..30, 10..20, 16..AIR_FROM]]);
     let (json, said) = short(&place);
     assert!(said.contains("mm³ by the burr's radius (corners, narrow places)"), "{said}");

@@ -1,4 +1,4 @@
-//! A number that stands in several places is the same in all of them: the command's text, its JSON, plan.toml, the report, verify.
+//! A number that is given in several places is the same in all: the command's text, its JSON, plan.toml, the report, verify.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
@@ -10,7 +10,7 @@ use bonemill_planner::report::percent;
 use serde_json::Value;
 use support::place::Place;
 
-/// Whether a value of plan.toml is that of the JSON object, which is read back to the last bit but one.
+/// Whether a value of plan.toml equals that of the JSON object, up to the rounding of reading JSON.
 fn is_same(toml: &toml::Value, json: &Value) -> bool {
     match toml {
         toml::Value::Float(v) => json.as_f64().is_some_and(|j| (j - v).abs() <= 1e-12 * v.abs()),
@@ -60,13 +60,13 @@ fn a_number_is_the_same_wherever_it_stands() {
     let distance_mm = nerve["least_clearance_mm"].as_f64().unwrap();
     let clearance_mm = record["case"]["structure"][0]["clearance_mm"].as_float().unwrap();
     for (value_mm, label) in [
-        (distance_mm, "smallest distance from the burr's surface"),
-        (distance_mm - clearance_mm, "smallest margin: distance less clearance"),
+        (distance_mm, "smallest distance of the burr's surface from a structure"),
+        (distance_mm - clearance_mm, "smallest margin (distance less clearance)"),
     ] {
         let card = format!("<b>{value_mm:.2} mm</b><span>{label}</span>");
         assert!(report.contains(&card), "{card}");
     }
-    // verify counts the same again, and says where two methods differ
+    // verify counts the same, and reports where two methods differ
     let ran = place.run(&["verify", "plan", "--json"]);
     let verdict: Value = serde_json::from_str(&ran.out).unwrap();
     let checks = verdict["checks"].as_array().unwrap();

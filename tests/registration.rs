@@ -1,5 +1,5 @@
-//! Registrations from fiducials: a good one is used, a bad one is refused or falls short with what to do, and an assumed place
-//! is a warning everywhere.
+//! Registrations from fiducials: a good one is used, a bad one is refused or makes the plan fall short with advice, and an
+//! assumed one gives a warning everywhere.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
 
@@ -15,7 +15,7 @@ use support::place::{Place, Ran};
 const CT_MM: [[f64; 3]; 5] =
     [[-10.0, -7.0, 4.0], [8.0, -6.0, 6.0], [-9.0, 11.0, 5.0], [2.0, 3.0, 16.0], [7.0, 9.0, 15.0]];
 
-/// The same as an arm touches them: a quarter turn about z, 12 mm below. Exact.
+/// The same points measured exactly by an arm: a quarter turn about z, 12 mm below.
 fn touched() -> [[f64; 3]; 5] {
     CT_MM.map(|[x, y, z]| [-y, x, z - 12.0])
 }
@@ -71,7 +71,7 @@ fn a_fiducial_that_is_off_falls_short_and_is_named() {
     short_of(&place.plan(), &parts);
     let plan = load(&place);
     assert!(plan.record.shortfalls.iter().any(|s| s.contains("FRE")), "{:?}", plan.record.shortfalls);
-    // a case that is content with less says so, as long as the error at the nerve is below its clearance
+    // a case may allow a larger error, as long as the expected error at the nerve is below its clearance
     let place = with_fiducials(&CT_MM, &base, "[registration]\nmax_fre_mm = 2\n");
     let fre_mm = number(&plan, "fre_mm");
     let place = place.with_case("clearance_mm = 1.0", "clearance_mm = 1.6");
@@ -129,7 +129,7 @@ fn where_a_bad_registration_leaves_no_plan_it_is_named() {
 #[test]
 fn points_in_lps_are_refused_and_recognised() {
     let lps = CT_MM.map(|[x, y, z]| [-x, -y, z]);
-    // a turn by half about z: the fit itself is exact
+    // half a turn about z: the fit itself is exact
     let place = with_fiducials(&lps, &touched(), "");
     place.refuses(&[
         &place.line_of("fiducials"),

@@ -1,4 +1,4 @@
-//! What the report says of the case's values: where each comes from.
+//! The report lists the case's values and the origin of each.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
 
@@ -24,11 +24,11 @@ fn every_value_says_whether_the_case_gave_it_by_presence() {
     let place = Place::healthy().with_case("[approach]\ndirection = [0.0, 0.0, 1.0]\n", "");
     let ran = place.plan();
     assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
-    // a later command rewrites the page around the table
+    // a later command adds to the page around the table
     place.run(&["verify", "plan"]);
     let report = fs::read_to_string(place.path("plan/report.html")).unwrap().replace("<wbr>", "");
     let from = |key: &str| row(&report, key)[2].clone();
-    // given, three of them as what the default is
+    // keys given in the case; three of them equal the default
     for key in ["images.ct", "structure[0].clearance_mm", "burr.radius_mm", "burr.spin", "speed.min_mm_s"] {
         assert_eq!(from(key), "the case", "{key}");
     }

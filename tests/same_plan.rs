@@ -1,4 +1,4 @@
-//! What must not change a plan: running again, the number of threads, how the images are stored, and where the patient lies.
+//! A plan must not depend on the run, the number of threads, the storage of the images, or the orientation of the patient.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
@@ -53,7 +53,7 @@ fn planned(place: &Place) -> Vec<[f64; 3]> {
     cuts(place)
 }
 
-/// The healthy patient in a world turned or mirrored by `turn`, with approach and sense of rotation to match.
+/// The healthy patient in coordinates turned or mirrored by `turn`, with matching approach and sense of rotation.
 fn patient_in(turn: [[f64; 3]; 3], is_mirror: bool) -> Place {
     let place = Place::healthy();
     place.put_ct(&body::ct().turned(turn));
@@ -63,7 +63,7 @@ fn patient_in(turn: [[f64; 3]; 3], is_mirror: bool) -> Place {
     if is_mirror { place.with_case("spin = -1", "spin = 1") } else { place }
 }
 
-/// What a plan's folder holds, by name.
+/// Names of the files in a plan's folder.
 const FILES: [&str; 9] = [
     "access.csv",
     "case.toml",

@@ -1,5 +1,5 @@
-//! A scan that ends too early: what of the target lies beyond it is neither target nor removed, and bone that reaches its
-//! edge beside the target is told.
+//! A scan that ends too early: the part of the target beyond it counts neither as target nor as removed, and bone at the scan's
+//! edge beside the target is reported.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
@@ -14,7 +14,7 @@ use support::body::{self, DIMS, TARGET};
 use support::image::Stored;
 use support::place::{Place, Ran};
 
-/// The healthy patient in a scan that holds only these voxels along i and j; the labels stay whole.
+/// The healthy patient in a scan of only these voxels along i and j, with complete labels.
 fn scanned(is: Range<usize>, js: Range<usize>) -> Place {
     let place = Place::healthy();
     place.put_ct(&body::ct().cropped([is, js, 0..DIMS[2]]));
@@ -66,12 +66,12 @@ fn a_target_with_4_percent_outside_falls_short_and_a_plan_that_denies_it_is_caug
     let report = fs::read_to_string(place.path("plan/report.html")).unwrap();
     assert!(report.contains(said) && report.contains("end of the scan"));
 
-    // verify's own count agrees with what is said, and finds the target outside
+    // verify's own count agrees with the plan, and finds the target outside
     let checks = verified(&place);
     assert!(checks.contains("FAIL  target outside the scan: 0.04"), "{checks}");
     assert!(checks.contains("FAIL  plan meets its case: 1 <= 0"), "{checks}");
     assert_eq!(checks.matches("FAIL").count(), 2, "{checks}");
-    // and disagrees with a plan that says there is none
+    // and disagrees with a plan that states that there is none
     let plan = fs::read_to_string(place.path("plan/plan.toml")).unwrap();
     let denied = plan.replace("target_outside_mm3 = 8.75", "target_outside_mm3 = 0.0");
     assert_ne!(plan, denied);
@@ -93,7 +93,7 @@ fn a_few_voxels_outside_are_a_warning() {
 
 #[test]
 fn bone_on_the_scans_edge_is_told_by_area_and_side() {
-    // the target ends where the scan does: 7 × 5 voxels of it lie on the face, bone beside and below
+    // the target ends where the scan does: 7 × 5 of its voxels are at the face, with bone beside and below
     let (ran, json) = planned(&scanned(0..DIMS[0], 0..31));
     assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
     let mm2 = json["metrics"]["scan_edge_bone_mm2"].as_f64().unwrap();
@@ -109,7 +109,7 @@ fn bone_on_the_scans_edge_is_told_by_area_and_side() {
     let faces = (0..DIMS[0]).flat_map(|i| (0..body::AIR_FROM).map(move |k| (i, k)));
     let near = faces.filter(|(i, k)| 0.5 * (distance_mm(*i, 30, *k) + distance_mm(*i, 31, *k)) <= 3.0);
     assert_eq!(mm2, 0.25 * near.count() as f64);
-    // a scan that ends farther away has none
+    // a scan that ends farther away has no such bone
     let (ran, json) = planned(&Place::healthy());
     assert_eq!((ran.code, json["metrics"]["scan_edge_bone_mm2"].as_f64()), (0, Some(0.0)));
     assert!(!texts(&json, "warnings").contains("edge"), "{json}");

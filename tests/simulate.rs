@@ -1,4 +1,4 @@
-//! `bonemill simulate`: a plan's table and report, a hand's poses, a force log; and what is refused.
+//! `bonemill simulate`: a plan's table and report, poses from standard input, a force log, and refused input.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
@@ -84,17 +84,18 @@ fn a_plan_s_simulation_agrees_with_its_waypoints_and_is_the_same_on_any_number_o
     }
     off.sort_by(f64::total_cmp);
     let median = off[off.len() / 2];
-    // voxels of a third of the burr's radius: at the target's walls the plan's density fades over one, the simulation's bone goes on
+    // voxels are a third of the burr's radius: at the target's walls the plan's density falls to 0 over one voxel, while the
+    // simulation's bone continues
     assert!(off.len() > 50 && median < 0.2, "median {median} of {}", off.len());
     // the shank is free, no bone outside the target is cut, and every row has its structure
     for row in &rows {
         assert_eq!(row.len(), 14);
         assert!(row[11] == "nerve" && number(&row[12]) > 2.5 - 0.05 && row[13].is_empty(), "{row:?}");
     }
-    // one section of the report, however often
+    // the report has one section, however often it is simulated
     let page = fs::read_to_string(place.path("plan/report.html")).unwrap();
     assert_eq!(page.matches("<h2>Simulation of the trajectory</h2>").count(), 1);
-    // a simulated plan is a plan that may be replaced
+    // a plan with a simulation can be replaced by a new plan
     done(&place.plan());
 }
 
@@ -111,7 +112,7 @@ fn removed_volume_is_the_plan_s() {
         kinds.iter().map(|k| removed[*k][unit].as_f64().unwrap()).sum()
     };
     let volume = sum("mm3", &["material", "bone"]);
-    // rates are means over their steps: times durations they add up to what is removed
+    // rates are means over their steps, so rates times durations add up to the removed volume
     let rows = table(&place, "plan/simulation.csv");
     let by_rows: f64 =
         rows.windows(2).map(|w| number(&w[1][9]) * (number(&w[1][0]) - number(&w[0][0]))).sum();
@@ -119,8 +120,8 @@ fn removed_volume_is_the_plan_s() {
     assert!((by_rows / all - 1.0).abs() < 1e-9, "{by_rows} of {all}");
     assert!((volume / planned - 1.0).abs() < 0.04, "{volume} of {planned}");
     assert_eq!(removed["structure"]["mm3"].as_f64(), Some(0.0));
-    // the surface's rate at the end of each step, summed: part of its error falls with the step, part is surface that is
-    // brushed again within the doubt of an interpolated depth
+    // the sum of the surface's rates at the end of each step: a part of its error decreases with the step; the rest comes from
+    // surface that is touched again within the error of interpolated depths
     let by_rate = |found: &serde_json::Value| {
         let mass: f64 = ["material", "bone", "obstacle"]
             .map(|k| found["figures"]["removed"][k]["mg"].as_f64().unwrap())
@@ -147,21 +148,21 @@ fn a_soft_arm_is_deflected_and_a_stiff_one_is_not() {
     let soft = deflected("[30.0, 30.0, 30.0, 2e4]");
     let stiff = deflected("[3e4, 3e4, 3e4, 2e7]");
     assert!(soft > 10.0 && soft < 1000.0, "{soft} µm");
-    // a thousand times as stiff; the soft one gives way before its force is there
+    // a thousand times as stiff; the soft arm deflects before the full force acts
     assert!(stiff < 5e-3 * soft && stiff > 0.0, "{stiff} of {soft} µm");
 }
 
 #[test]
 fn a_hand_s_poses_are_answered_line_by_line() {
     let place = planned(Place::healthy());
-    // down into the pocket's middle, from ct z = 20 to 12; then what is no pose; then on
+    // down into the pocket's middle, from ct z = 20 to 12; then invalid poses; then further steps
     let mut lines = String::new();
     for n in 0..=80 {
         lines += &format!("{} -1.5 1.5 {} 0 0 1\n", 0.1 * n as f64, 20.0 - 0.1 * n as f64);
     }
     lines += "8.1 NaN 0 0 0 0 1\n8.1 0 0\n8.1 -1.5 1.5 11.9 0 0 0\n7.0 -1.5 1.5 11.9 0 0 1\n";
     lines += "8.1,-1.5,1.5,11.9,0,0,1\n8.1000001 -1.5 1.5 11.8 0 0 1\n";
-    // and what is no text
+    // and bytes that are not text
     let lines = [lines.as_bytes(), b"\xff\xfe\n"].concat();
     let (answers, said) = stream(&place, &lines);
     assert_eq!(answers.len(), 88);
@@ -169,10 +170,10 @@ fn a_hand_s_poses_are_answered_line_by_line() {
     assert_eq!(refused, [81, 82, 83, 84, 86, 87], "{answers:#?}");
     let cells = |n: usize| answers[n].split(',').map(str::to_owned).collect::<Vec<_>>();
     assert!(answers.iter().enumerate().all(|(n, _)| refused.contains(&n) || cells(n).len() == 11));
-    // in the air nothing, in bone a push back along the way
+    // in air there is no force, in bone a force against the motion
     assert_eq!(number(&cells(1)[3]), 0.0);
     assert!(number(&cells(75)[3]) > 0.0, "{}", answers[75]);
-    // what was refused changed nothing: the next step is as the one before
+    // refused lines change nothing: the next step is like the one before
     let (before, after) = (number(&cells(80)[3]), number(&cells(85)[3]));
     assert!((before - after).abs() < 0.1 * before, "{before} {after}");
     assert!(said.contains("88 lines; time of one: p50 ") && said.contains("p99 "), "{said}");

@@ -1,5 +1,5 @@
-//! Thin bone outside the target: kept beyond the band, taken and felt within it. Against the images themselves, point by
-//! point, without a planning grid.
+//! Thin bone outside the target: it is kept beyond the band; within the band it may be removed and gives force. Compared with the
+//! images point by point, without a planning grid.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
 
@@ -21,8 +21,8 @@ use support::place::Place;
 const RADIUS_MM: f64 = 1.5;
 const NECK_MM: f64 = 0.6;
 
-/// A pocket that is open to an air cell, but for a wall one voxel thick that begins half a millimetre from its last layer's
-/// centres: within the band.
+/// A pocket beside an air cell, separated by a wall one voxel thick that begins half a millimetre from the pocket's last layer of
+/// centres, within the band.
 fn with_wall() -> Place {
     Place::healthy()
         .with_ct(|ct| {
@@ -66,7 +66,7 @@ fn moves(plan: &StoredPlan) -> Vec<[Vector3<f64>; 2]> {
     (0..plan.waypoints.len()).map(|n| [at(n.saturating_sub(1)), at(n)]).collect()
 }
 
-/// How deep the voxels' centres of the sheet lie in the sweep at most, mm; negative outside.
+/// Largest depth of the sheet's voxel centres in the sweep, mm; negative outside.
 fn deepest_in_sheet(plan: &StoredPlan) -> f64 {
     let moves = moves(plan);
     let [x, y, z] = SHEET;
@@ -100,7 +100,7 @@ fn thin_bone_beyond_the_band_is_kept_or_cut_as_the_case_says_and_its_cost_is_tol
     assert_eq!(kept_by_thin_bone(&cutting), 0.0);
 }
 
-/// The images, looked at anywhere.
+/// The images, evaluated at any point.
 struct Truth {
     ct: Volume<f32, Ct>,
     labels: Volume<u16, Ct>,
@@ -120,7 +120,7 @@ impl Truth {
         Self { ct, labels, calibrated }
     }
 
-    /// Bone wherever it is, and all but air in the target, g/cm³.
+    /// Density of bone everywhere, and of everything except air in the target, g/cm³.
     fn density_g_cm3(&self, p: Point<Ct>) -> f64 {
         let hu = self.ct.trilinear(p, -1000.0);
         let label = self.labels.grid().nearest(p).map_or(0, |v| *self.labels.get(v));
@@ -128,7 +128,7 @@ impl Truth {
         if hu >= 200.0 || in_target && hu > -700.0 { self.calibrated.trilinear(p, 0.01) } else { 0.0 }
     }
 
-    /// What each move takes first, mg, on a lattice of 0.125 mm.
+    /// Mass that each move removes first, mg, on a lattice of 0.125 mm.
     fn masses_mg(&self, plan: &StoredPlan) -> Vec<f64> {
         const H: f64 = 0.125;
         let dims = [160, 160, 120]; // all of the block
@@ -156,7 +156,7 @@ impl Truth {
         moves(plan).into_iter().map(of_move).collect()
     }
 
-    /// The force at a waypoint, from all of the path before it, N.
+    /// The force at a waypoint, computed with the whole path before it, N.
     fn force_n(&self, moves: &[[Vector3<f64>; 2]], i: usize, waypoint: &Waypoint) -> Vector3<f64> {
         let [from, to] = moves[i];
         let near: Vec<_> =
@@ -175,7 +175,7 @@ impl Truth {
     }
 }
 
-/// The wall on the pocket's open side lies within the band: the burr takes it, and nothing of it is free.
+/// The wall on the pocket's side lies within the band: the burr removes it, and all of it has mass and gives force.
 #[test]
 fn thin_bone_that_the_burr_takes_has_mass_and_gives_force() {
     let place = with_wall();

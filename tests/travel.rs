@@ -1,4 +1,4 @@
-//! Plans that were moved or sent: what each command still does without the plan's inputs, and how they are given.
+//! Plans that were moved: what each command can do without the plan's inputs, and how the inputs are given.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
@@ -8,12 +8,12 @@ use std::fs;
 
 use support::place::Place;
 
-/// A patient whose plan passes every check: the shaft stays upright.
+/// A patient whose plan passes every check, because the shaft stays upright.
 fn upright() -> Place {
     Place::healthy().with_case("[robot]\n", "[orientation]\nmode = \"fixed\"\n\n[robot]\n")
 }
 
-/// A planned patient, and its plan moved to a folder where nothing else is.
+/// A planned patient whose plan is moved to an otherwise empty folder.
 fn moved(plan: &[&str]) -> Place {
     let place = upright();
     let ran = place.run(&[&["plan", "case.toml", "--out", "plan"], plan].concat());
@@ -49,12 +49,12 @@ fn a_moved_plan_carries_its_case_is_exported_alone_and_finds_its_images_where_it
         let ran = place.run(&[command, "sent/plan", "--inputs", "."]);
         assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
     }
-    // beside the plan, nothing needs to be said
+    // inputs beside the plan are found without an option
     for image in ["ct.nii", "labels.nii"] {
         fs::rename(place.path(image), place.path("sent").join(image)).unwrap();
     }
     assert_eq!(place.run(&["verify", "sent/plan"]).code, 0);
-    // an image that changed there is not the plan's
+    // an image that changed there is not accepted
     fs::write(place.path("sent/ct.nii"), "other").unwrap();
     place.run(&["simulate", "sent/plan"]).refused(&["ct.nii has changed"]);
 }
@@ -69,12 +69,12 @@ fn a_packed_plan_needs_nothing_else() {
         let ran = place.run(&[command, "sent/plan"]);
         assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
     }
-    // its copies are inputs like any other: none may change
+    // the copies in the plan must not change either
     fs::write(place.path("sent/plan/inputs/labels.nii"), "other").unwrap();
     let ran = place.run(&["verify", "sent/plan"]);
     assert!(ran.code == 1 && ran.out.contains("inputs unchanged"), "{}{}", ran.out, ran.err);
     place.run(&["export", "sent/plan", "--format", "ros"]).refused(&["labels.nii has changed"]);
-    // and it is planned anew in its place
+    // the case is planned again in its place
     fs::remove_dir_all(place.path("sent/plan/inputs")).unwrap();
     let place = Place::healthy();
     for _ in 0..2 {

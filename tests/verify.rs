@@ -1,7 +1,7 @@
-//! The verifier against faults that were put into a sound plan: each must be caught by the check that is there for it.
+//! Tests the verifier with faults that are put into a correct plan: the intended check must find each of them.
 //!
-//! A fault is planted where only one check should see it: where positions change, the trajectory is laid anew through
-//! them, so that it follows the wrong path faithfully.
+//! A fault should be visible to one check only. Where positions change, the trajectory is computed again, so that it follows the
+//! wrong path exactly.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
@@ -25,12 +25,12 @@ impl Progress for Quiet {
     fn advance(&self, _: usize, _: usize) {}
 }
 
-/// A patient whose plan is sound by a wide margin: the shaft stays upright, so the shank stays behind the burr.
+/// A patient whose plan is correct by a wide margin: the shaft stays upright, so the shank stays behind the burr.
 fn upright() -> Place {
     Place::healthy().with_case("[robot]\n", "[orientation]\nmode = \"fixed\"\n\n[robot]\n")
 }
 
-/// A sound plan, made once.
+/// A correct plan, computed once.
 fn sound() -> &'static (Place, StoredPlan) {
     static PLAN: OnceLock<(Place, StoredPlan)> = OnceLock::new();
     PLAN.get_or_init(|| {
@@ -85,7 +85,7 @@ fn every_planted_fault_is_caught_by_the_check_for_it() {
 fn every_check_has_a_fault_that_fails_it() {
     let name = |caught: &'static str| caught.split_once('/').map_or(caught, |(name, _)| name);
     let named: BTreeSet<&str> = all_faults().flat_map(|f| f.caught_by).map(|c| name(c)).collect();
-    // planted outside a plan in memory, in tests of their own (the last one in tests/scan_edge.rs)
+    // checks whose faults cannot be put into a plan in memory have separate tests (the last one in tests/scan_edge.rs)
     let elsewhere =
         ["inputs unchanged", "burr stays where it is checked", "lattice spacing", "target outside the scan"];
     let all: BTreeSet<&str> = verified(&sound().1).checks.iter().map(|c| c.name).collect();
@@ -102,7 +102,7 @@ fn threads_change_no_byte_of_the_verdict() {
     assert!(text(1) == text(3));
 }
 
-/// What the command prints, but for warnings.
+/// The command's output without warnings.
 fn found_lines(out: &str) -> Vec<&str> {
     out.lines().filter(|line| !line.starts_with("warning: ")).collect()
 }
@@ -113,7 +113,7 @@ fn the_command_says_what_it_found_and_writes_it() {
     assert_eq!(place.plan().code, 0);
     let ran = place.run(&["verify", "plan"]);
     assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
-    // what passed is counted, and listed when asked for
+    // passed checks are counted, and listed with --all
     assert_eq!(found_lines(&ran.out).len(), 1, "{}", ran.out);
     assert!(ran.out.contains(" checks passed (--all lists them); wrote "), "{}", ran.out);
     let line = "pass  clearance of moves (nerve): ";
@@ -124,13 +124,13 @@ fn the_command_says_what_it_found_and_writes_it() {
     assert_eq!(read["passed"].as_bool(), Some(true));
     let digest = read["files"]["waypoints.csv"].as_str().unwrap();
     assert_eq!(digest.len(), 64);
-    // the same again, as an object
+    // the same as a JSON object
     let first = verdict();
     let ran = place.run(&["verify", "plan", "--json", "--threads", "1"]);
     let object: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
     assert_eq!((ran.code, &object["passed"]), (0, &true.into()));
     assert!(verdict() == first);
-    // a verdict is no stranger: the plan can be made again over it
+    // a folder with a verification can be replaced by a new plan
     assert_eq!(place.plan().code, 0);
     assert!(!place.path("plan/verification.toml").exists());
 }
@@ -145,7 +145,7 @@ fn a_plan_that_falls_short_never_passes() {
     assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
     assert!(ran.out.contains(&format!("FAIL  plan meets its case: 1 <= 0; {reason}")), "{}", ran.out);
     assert!(ran.out.contains("FAIL  time asked for: "), "{}", ran.out);
-    // its word taken out, the cause is still there
+    // if the plan's shortfalls are deleted, the cause is still found
     let record = fs::read_to_string(place.path("plan/plan.toml")).unwrap();
     let (before, rest) = record.split_once("shortfalls = [").unwrap();
     let (_, after) = rest.split_once(",]\n").unwrap();
@@ -166,7 +166,7 @@ fn what_failed_comes_last_and_drawn_errors_stand_in_the_report() {
     assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
     let last = ran.out.lines().last().unwrap();
     assert!(last.starts_with("FAIL  probability of touching nerve: "), "{}", ran.out);
-    assert!(report().contains("Under drawn errors") && report().contains("registration 6 mm along"));
+    assert!(report().contains("Under random errors") && report().contains("registration 6 mm along"));
     let place = place.with_bytes("plan/plan.toml", |bytes| {
         let text = String::from_utf8(bytes.clone()).unwrap();
         let metrics = text.replacen("\nremoved_mm3 = ", "\nremoved_mm3 = 1", 1);
@@ -232,7 +232,7 @@ fn what_is_no_plan_is_bad_input() {
     edited("plan/trajectory.csv", "\n0.01,", "\nNaN,").refused(&["trajectory.csv:3:", "finite"]);
     edited("plan/plan.toml", "removed_mm3 = ", "removed_mm3 = \"much\" #").refused(&["metrics.removed_mm3"]);
     edited("plan/robot.urdf", "<robot", "<rabbit").refused(&["robot.urdf"]);
-    // numbers that are only wrong are the verifier's own business
+    // wrong numbers that are readable are found by the verifier
     let ran = edited("plan/plan.toml", "\ntarget_mm3 = ", "\ntarget_mm3 = 9");
     assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
 }

@@ -1,7 +1,7 @@
-//! From a CT to a verified plan, on both phantoms and on real scans: what every plan must show.
+//! The whole way from a CT to a verified plan, on both phantoms and on real scans.
 //!
-//! Real scans are looked for in `BONEMILL_DATA`, or beside the workspace in `../shared/data`; where one is missing, the test
-//! says so and looks at the others.
+//! Real scans are searched in `BONEMILL_DATA`, or beside the workspace in `../shared/data`. If one is missing, the test prints
+//! this and uses the others.
 
 #![allow(
     clippy::unwrap_used,
@@ -16,10 +16,10 @@ use std::path::{Path, PathBuf};
 
 use support::place::Place;
 
-/// What of the reachable part is removed at least.
+/// Least removed share of the reachable part.
 const ENOUGH: f64 = 0.99;
 
-/// A plan that is whole by its own figures, by the verifier's, and by the simulation's.
+/// Checks that a plan is complete by its own figures, by the verifier's and by the simulation's.
 fn goes_the_whole_way(place: &Place, plan: &[&str]) {
     let ran = place.run(&[&["plan", "--out", "plan", "--json"], plan].concat());
     assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
@@ -45,7 +45,7 @@ fn goes_the_whole_way(place: &Place, plan: &[&str]) {
     let figures = &simulated["figures"];
     assert_eq!(figures["stopped_steps"], 0);
     assert_eq!(figures["removed"]["structure"]["mm3"].as_f64(), Some(0.0));
-    // voxels are there or not for the planner, partly there for the simulation
+    // the planner removes whole voxels, the simulation parts of them
     let removed = figures["removed"]["bone"]["mm3"].as_f64().unwrap()
         + figures["removed"]["material"]["mm3"].as_f64().unwrap();
     assert!((removed / metric("removed_material_mm3") - 1.0).abs() < 0.02, "{removed} mm³");

@@ -16,6 +16,7 @@ mod orientation;
 mod pareto;
 pub mod peers;
 mod prostheses;
+mod stream_faults;
 mod table;
 mod trials;
 
@@ -89,6 +90,12 @@ pub enum ExperimentError {
     /// The simulation's engine refused its input.
     #[error(transparent)]
     Engine(#[from] bonemill_planner::simulate::EngineError),
+    /// A plan's files cannot be read.
+    #[error(transparent)]
+    PlanFile(#[from] bonemill_planner::plan::PlanFileError),
+    /// A plan cannot be streamed.
+    #[error(transparent)]
+    Stream(#[from] bonemill_robot::stream::StreamError),
     /// The number of values does not match the grid.
     #[error(transparent)]
     Values(#[from] bonemill_geometry::VolumeError),
@@ -169,6 +176,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "engine-speed",
         about: "time of an engine's step over voxmaps and tools, beside a loop over the tool's box",
         run: engine::speed::run,
+    },
+    Experiment {
+        name: "stream-faults",
+        about: "what a burr does when streaming fails: 100 runs a seed of every fault on a simulated arm, of the plan in --case",
+        run: stream_faults::run,
     },
     Experiment {
         name: "hard-cases",

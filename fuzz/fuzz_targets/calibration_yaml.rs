@@ -1,4 +1,4 @@
-//! libFuzzer's way into [`bonemill_fuzz::calibration_yaml`].
+//! libFuzzer's entry to [`bonemill_fuzz::calibration_yaml`].
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| bonemill_fuzz::calibration_yaml(data));

@@ -1,4 +1,4 @@
-//! libFuzzer's way into [`bonemill_fuzz::case_toml`].
+//! libFuzzer's entry to [`bonemill_fuzz::case_toml`].
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| bonemill_fuzz::case_toml(data));

@@ -1,4 +1,4 @@
-//! libFuzzer's way into [`bonemill_fuzz::urdf`].
+//! libFuzzer's entry to [`bonemill_fuzz::urdf`].
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| bonemill_fuzz::urdf(data));

@@ -1,4 +1,4 @@
-//! libFuzzer's way into [`bonemill_fuzz::waypoints_csv`].
+//! libFuzzer's entry to [`bonemill_fuzz::waypoints_csv`].
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| bonemill_fuzz::waypoints_csv(data));

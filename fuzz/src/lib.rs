@@ -1,7 +1,7 @@
-//! One function per reader: bytes in, and whatever they are, no panic, no hang, no gigabytes.
+//! One function per reader. For any bytes, a reader must not panic, hang or allocate gigabytes.
 //!
-//! Errors are expected; what is read must also keep what it promises (a case that parses must come back from its own
-//! text). libFuzzer and the in-tree mutator (`--bin mutate`) call the same functions and start from the same [`seeds`].
+//! Errors are expected. What is read must also be consistent (a case that parses must be read back from its own text). libFuzzer
+//! and the in-tree mutator (`--bin mutate`) call the same functions and start from the same [`seeds`].
 
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -46,7 +46,7 @@ thread_local! {
     static FOLDER: RefCell<Option<tempfile::TempDir>> = const { RefCell::new(None) };
 }
 
-/// A file with these bytes, in memory where the system has such a place.
+/// A file with these bytes, in memory where the system has a folder for that.
 fn file(name: &str, data: &[u8]) -> PathBuf {
     FOLDER.with(|folder| {
         let mut folder = folder.borrow_mut();
@@ -85,7 +85,7 @@ pub fn labels_json(data: &[u8]) {
     }
 }
 
-/// A case file: what is read comes back from its own text.
+/// A case file: a case that is read must be read back from its own text.
 pub fn case_toml(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     match Case::parse(text, Path::new("case.toml")) {
@@ -102,7 +102,7 @@ pub fn case_toml(data: &[u8]) {
     }
 }
 
-/// `plan.toml`, whose inputs are not there.
+/// `plan.toml` with missing inputs.
 pub fn plan_toml(data: &[u8]) {
     let path = file("plan.toml", data);
     let dir = path.parent().expect("a folder");
@@ -160,7 +160,7 @@ pub fn calibration_yaml(data: &[u8]) {
     }
 }
 
-/// Lines of `simulate --stream`, stepped through a small block of bone: a refused line changes nothing, an answer is finite.
+/// Lines of `simulate --stream` in a small block of bone: a refused line changes nothing, and an answer is finite.
 pub fn poses(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     BLOCK.with(|block| {
@@ -219,7 +219,7 @@ pub fn job_toml(data: &[u8]) {
 }
 
 thread_local! {
-    /// 8 mm of dense bone, the burr's way in from above.
+    /// 8 mm of dense bone, open from above.
     static BLOCK: Volume<f32, Work> = {
         let grid = Grid::<Work>::aligned([16, 16, 16], 0.5, Point::new(0.0, 0.0, 0.0)).expect("a grid");
         let data = vec![1.2; grid.len()];
@@ -238,7 +238,7 @@ fn spec() -> EngineSpec {
     }
 }
 
-/// A case with all that a small one has.
+/// A small case with all common keys.
 const CASE: &str = "\
 [images]\nct = \"ct.nii\"\nlabels = \"labels.nii\"\n[target]\nlabel = 20\n\
 [[structure]]\nname = \"nerve\"\nlabel = 7\nclearance_mm = 1.0\npriority = 1\n\
@@ -247,7 +247,7 @@ const CASE: &str = "\
 [shank]\nsegments = [[25.0, 0.7], [60.0, 6.0]]\n[path]\nlayer_mm = 1.5\n[speed]\nmin_mm_s = 0.5\n\
 [robot]\nrate_hz = 100\nbase_from_ct = { rpy_rad = [0, 0, 0.6], translation_mm = [0, 0, 0] }\n[grid]\nspacing_mm = 0.5\n";
 
-/// Valid inputs of a target, small ones.
+/// Small valid inputs of a target.
 pub fn seeds(target: &str) -> Vec<Vec<u8>> {
     let header = "index,layer,kind,time_s,x_mm,y_mm,z_mm,axis_x,axis_y,axis_z,theta_rad,phi_rad,speed_mm_s,mass_mg,inertia,\
                   fx_n,fy_n,fz_n,force_toward_n,structure,distance_mm,alpha1,cost,deflection_toward_um";
@@ -345,7 +345,7 @@ fn images() -> Vec<Vec<u8>> {
     ["ct.nii", "ct.nii.gz", "labels.nii"].map(|name| std::fs::read(path(name)).expect("a file")).to_vec()
 }
 
-/// A `plan.toml` as plans have it.
+/// A valid `plan.toml`.
 fn plan_text() -> String {
     let case = Case::parse(CASE, Path::new("case.toml")).expect("a valid case").to_toml();
     let case =

@@ -8,8 +8,9 @@
 
 pub use bonemill_case as case;
 pub use bonemill_catalogue as catalogue;
+pub use bonemill_channel as channel;
 pub use bonemill_cutter::{self as cutter, ball};
-pub use bonemill_cutting::{burr, calibrate, cost, metrics, mrr, speed};
+pub use bonemill_cutting::{burr, calibrate, cost, edge, metrics, mrr, speed};
 pub use bonemill_geometry::Progress;
 pub use bonemill_machining as machining;
 pub use bonemill_part as part;
@@ -18,7 +19,7 @@ pub use bonemill_planfile::{self as plan, toward};
 pub use bonemill_program as program;
 pub use bonemill_proof as proof;
 pub use bonemill_prosthesis as prosthesis;
-pub use bonemill_report::{compare, report, save, show};
+pub use bonemill_report::{compare, report, run, save, show};
 pub use bonemill_scene as scene;
 pub use bonemill_setup::PlanError;
 pub use bonemill_simulate as simulate;

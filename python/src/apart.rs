@@ -1,10 +1,10 @@
-//! Long work apart from Python: progress comes back, Ctrl-C and exceptions in a callback stop it.
+//! Runs long work without holding Python: progress is reported, and Ctrl-C or an exception in a callback stops the work.
 //!
-//! The work runs on a pool of its own threads, which never touch Python; the calling thread waits without holding Python,
-//! delivers progress and looks for signals every [`LOOK`]. So other Python threads run, two plans can be made at once,
-//! and the library needs no more than to be polled ([`bonemill_geometry::cancel`]). Work that is to stop is waited for no
-//! longer than [`PATIENCE`]: between two polls it may take a while, but nobody waits for what comes of it. It holds
-//! nothing of Python's, and writes no file, since every file comes after a stage of its own.
+//! The work runs on a separate pool of threads, which never use Python. The calling thread waits without the GIL, delivers
+//! progress and checks for signals every [`LOOK`]. So other Python threads run, two plans can be computed at once, and the
+//! library only needs to be polled ([`bonemill_geometry::cancel`]). After a stop the caller waits at most [`PATIENCE`] for the
+//! work. The work may run on until its next poll, but its result is dropped, it holds no Python object, and it writes no file,
+//! because every file is written in a later stage.
 
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread;
@@ -15,12 +15,12 @@ use bonemill_planner::Progress;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
-/// How long a signal waits at most before it is looked for.
+/// Interval between checks for signals.
 const LOOK: Duration = Duration::from_millis(20);
-/// How long work that was told to stop is waited for.
+/// Longest wait for work that was told to stop.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// What the work tells.
+/// A progress report of the work.
 struct Told {
     stage: String,
     done: usize,
@@ -40,17 +40,17 @@ impl Progress for Teller {
     }
 
     fn advance(&self, done: usize, of: usize) {
-        // what is told how far it is can also be told to stop
+        // each progress report is also a point at which the work can stop
         cancel::poll();
-        // nobody listens any more: the work is being stopped
+        // sending fails when the work is being stopped
         let _ = self.to.send(Told { stage: self.stage.borrow().clone(), done, of });
     }
 }
 
-/// Does `work` on `threads` threads (default: one per core) and gives its result.
+/// Runs `work` on `threads` threads (default: one per core) and returns its result.
 ///
 /// # Errors
-/// What `progress` raised, or a signal's handler (KeyboardInterrupt); the work has then stopped.
+/// The exception raised by `progress` or by a signal's handler (KeyboardInterrupt); the work is then stopped.
 pub fn run<T: Send + 'static>(
     py: Python<'_>,
     progress: Option<Py<PyAny>>,

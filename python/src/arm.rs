@@ -18,7 +18,7 @@ pub struct Arm(pub RustArm);
 
 #[pymethods]
 impl Arm {
-    /// The arm of this name, else of the URDF at this path.
+    /// The arm with this name, else the arm of the URDF at this path.
     #[new]
     fn new(model: &str) -> PyResult<Self> {
         Ok(Self(load(model).map_err(|e| errors::robot(&e))?))
@@ -115,7 +115,7 @@ impl Arm {
     }
 }
 
-/// A copy in C order, so that rows are slices; there may be none.
+/// A copy in C order, so that rows are slices; it may have no rows.
 fn rows(q: &PyReadonlyArray2<'_, f64>) -> Array2<f64> {
     let view = q.as_array();
     Array2::from_shape_vec(view.dim(), view.iter().copied().collect()).unwrap_or_default()

@@ -1,4 +1,4 @@
-//! Arrays in and out. Python indexes [i, j, k]; our memory is x-fastest, which numpy calls Fortran order.
+//! Converts arrays. Python indexes [i, j, k]; this project's memory is x-fastest, which numpy calls Fortran order.
 
 use bonemill_geometry::{Frame, Grid, Volume};
 use nalgebra::{Matrix3, Vector3};

@@ -15,10 +15,10 @@ use crate::finished::{Finished, NotDone};
 use crate::plan::Plan;
 use crate::{apart, errors};
 
-/// Where the log is.
+/// The source of the log.
 #[derive(FromPyObject)]
 pub enum Log<'py> {
-    /// Rows time_s, position (mm, ct), axis, force (N, ct): 10 finite columns, time rising, checked by the caller.
+    /// Rows of time_s, position (mm, ct), axis, force (N, ct): 10 finite columns with increasing time, checked by the caller.
     Rows(PyReadonlyArray2<'py, f64>),
     /// A file.
     File(PathBuf),
@@ -27,7 +27,7 @@ pub enum Log<'py> {
 /// Key, value, half the 95 % interval and unit of every coefficient; residual, N; rows used.
 type Fitted = (Vec<(&'static str, f64, f64, &'static str)>, f64, usize);
 
-/// Fits `coefficients` to a log of poses along which the plan's bone is milled; `saved` as for a simulation.
+/// Fits `coefficients` to a log of poses along which the plan's bone is milled; `saved` has the same meaning as for a simulation.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python function")]
 pub fn calibrate(
@@ -60,7 +60,7 @@ pub fn calibrate(
     Ok((fit.estimates.iter().map(estimate).collect(), fit.residual_n, fit.used))
 }
 
-/// A row of the log; `v` gives its columns.
+/// A row of the log; `v` returns its columns.
 fn row(v: impl Fn(usize) -> f64) -> LogRow {
     LogRow {
         time_s: v(0),

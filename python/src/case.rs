@@ -1,4 +1,4 @@
-//! A case's text and what it says.
+//! A case: its text and its validated values.
 
 use std::path::PathBuf;
 
@@ -7,14 +7,14 @@ use pyo3::prelude::*;
 
 use crate::errors;
 
-/// A validated case and where its file stands.
+/// A validated case and the path of its file.
 #[pyclass(frozen, module = "bonemill._native")]
 pub struct Case {
     pub case: RustCase,
     pub path: PathBuf,
 }
 
-/// The text of the case in `file` with keys set to values, written as TOML, or taken out.
+/// The text of the case in `file` with keys set to values (written as TOML) or removed.
 #[pyfunction]
 pub fn with_values(text: &str, file: PathBuf, values: Vec<(String, Option<String>)>) -> PyResult<String> {
     rust_with_values(text, &file, &values).map_err(|e| errors::case(&e))
@@ -22,7 +22,7 @@ pub fn with_values(text: &str, file: PathBuf, values: Vec<(String, Option<String
 
 #[pymethods]
 impl Case {
-    /// The case in `text`; `path` is the file that messages name and paths are relative to.
+    /// The case in `text`; messages name the file `path`, and paths are relative to it.
     #[new]
     fn new(text: &str, path: PathBuf) -> PyResult<Self> {
         let case = RustCase::parse(text, &path).map_err(|e| errors::case(&e))?;
@@ -34,7 +34,7 @@ impl Case {
         self.case.to_toml()
     }
 
-    /// Keys and paths of the files that the case names: CT, labels, an arm's own.
+    /// Keys and paths of the files that the case names: CT, labels, and those of the arm.
     fn files(&self) -> Vec<(&'static str, PathBuf)> {
         let images = &self.case.images;
         let images = [("images.ct", images.ct.as_path()), ("images.labels", &images.labels)];

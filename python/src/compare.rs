@@ -14,14 +14,14 @@ type Texts = Vec<(String, Pair<String>)>;
 /// A group's title, and its figures: name and the values of both plans.
 type Groups = Vec<(String, Vec<(String, Pair<f64>)>)>;
 
-/// Case keys and inputs that differ, figures, how far the paths are apart, table and page.
+/// Case keys and inputs that differ, figures, distances between the paths, table and page.
 type Compared = (Texts, Texts, Groups, Vec<(&'static str, f64)>, [String; 2]);
 
-/// Where the cases and inputs of two plans' folders differ, their figures, how far the paths are apart; table and page.
+/// Differences of the cases and inputs of two plans' folders, their figures, distances between the paths; table and page.
 #[pyfunction]
 pub fn compare(py: Python<'_>, dirs: [PathBuf; 2], names: [String; 2]) -> PyResult<Compared> {
     let done = apart::run(py, None, None, move |_| {
-        // what plans were made from has no part in it
+        // the plans' inputs are not needed
         let [a, b] = dirs.map(|dir| StoredPlan::load_with(&dir, None, Need::Nothing));
         let plans = [a?, b?];
         let (plans, names) = (plans.each_ref(), names.each_ref().map(String::as_str));

@@ -1,4 +1,4 @@
-//! The crates' errors as the package's exceptions, in the command's words.
+//! Converts the crates' errors to the package's exceptions, with the same texts as the command.
 
 use std::error::Error;
 
@@ -21,14 +21,15 @@ import_exception!(bonemill._errors, ModelError);
 import_exception!(bonemill._errors, PlanError);
 import_exception!(bonemill._errors, PlanFileError);
 import_exception!(bonemill._errors, RobotError);
+import_exception!(bonemill._errors, StreamError);
 
-/// An error with its causes, one to a line, as the command prints them.
+/// An error with its causes, one per line, as the command prints them.
 pub fn words(error: &dyn Error) -> String {
     let mut text = error.to_string();
     let mut said = text.clone();
     let mut cause = error.source();
     while let Some(error) = cause {
-        // some errors already quote their cause
+        // some errors already contain their cause
         if !said.contains(&error.to_string()) {
             said = error.to_string();
             text.push_str(&format!("\n  because: {said}"));
@@ -38,7 +39,7 @@ pub fn words(error: &dyn Error) -> String {
     text
 }
 
-/// A case got no plan.
+/// A case could not be planned.
 pub fn refused(refused: &Refused) -> PyErr {
     let text = words(refused);
     match refused.error() {
@@ -58,37 +59,47 @@ pub fn refused(refused: &Refused) -> PyErr {
     }
 }
 
-/// A case file is none.
+/// A case file is not valid.
 pub fn case(error: &RustCaseError) -> PyErr {
     CaseError::new_err(words(error))
 }
 
-/// An image, or a field on its grid.
+/// An image, or a field on its grid, is not valid.
 pub fn image(error: &RustImageError) -> PyErr {
     ImageError::new_err(words(error))
 }
 
-/// A plan's files.
+/// A plan's files cannot be read or written.
 pub fn file(error: &RustPlanFileError) -> PyErr {
     PlanFileError::new_err(words(error))
 }
 
-/// An arm.
+/// An arm is not valid.
 pub fn robot(error: &RustRobotError) -> PyErr {
     RobotError::new_err(words(error))
 }
 
-/// A number that the force model cannot take.
+/// The force model refused a number.
 pub fn model(error: &RustModelError) -> PyErr {
     ModelError::new_err(words(error))
 }
 
-/// An array's grid makes no sense.
+/// An array's grid is not valid.
 pub fn grid(error: &GridError) -> PyErr {
     ArrayError::new_err(words(error))
 }
 
-/// Values and grid differ.
+/// The number of values does not match the grid.
 pub fn volume(error: &VolumeError) -> PyErr {
     ArrayError::new_err(words(error))
+}
+
+/// A prosthesis that could not be planned: its job, its part, its block or its files.
+pub fn prosthesis(error: &bonemill_planner::prosthesis::ProsthesisError) -> PyErr {
+    use bonemill_planner::prosthesis::ProsthesisError;
+    match error {
+        ProsthesisError::Job(_) => CaseError::new_err(words(error)),
+        ProsthesisError::Files(_) | ProsthesisError::Folder { .. } => PlanFileError::new_err(words(error)),
+        _ => PlanError::new_err(words(error)),
+    }
 }

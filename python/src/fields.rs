@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::{apart, arrays, errors};
 
-/// Distance in mm and, in C order, the place of the nearest true voxel; `None`: there is none.
+/// Distance in mm and the index, in C order, of the nearest true voxel; `None` if there is no true voxel.
 type Distances<'py> = Option<(Bound<'py, PyArray3<f32>>, Bound<'py, PyArray3<u32>>)>;
 
 /// Exact distance from voxel centres to the nearest true voxel's centre.

@@ -1,4 +1,4 @@
-//! A finished plan on disk: what simulation, verification and calibration work on, and why they cannot.
+//! A finished plan on disk, as the input of simulation, verification and calibration, and the errors of these.
 
 use std::path::PathBuf;
 
@@ -14,7 +14,7 @@ use thiserror::Error;
 use crate::errors::{self, words};
 use crate::plan::Plan;
 
-/// Where a plan lies, and what must stand there.
+/// A plan's folder, and the record that it must contain.
 pub struct Finished {
     dir: PathBuf,
     record: Option<PlanRecord>,
@@ -22,7 +22,7 @@ pub struct Finished {
 }
 
 impl Finished {
-    /// A plan that was just written to `saved`, or else one that was read from its folder.
+    /// A plan that was just written to `saved`, else one that was read from its folder.
     pub fn new(plan: &Plan, saved: Option<PathBuf>) -> PyResult<Self> {
         match (saved, plan.home()) {
             (Some(dir), _) => Ok(Self { dir, record: None, inputs_folder: None }),
@@ -40,7 +40,7 @@ impl Finished {
         &self.dir
     }
 
-    /// Reads the files again, and what is needed of the inputs: another plan may stand there by now.
+    /// Reads the files and the needed inputs again, because another plan may be in the folder by now.
     pub fn read(&self, need: Need) -> Result<StoredPlan, NotDone> {
         let stored = StoredPlan::load_with(&self.dir, self.inputs_folder.as_deref(), need)?;
         match &self.record {
@@ -50,25 +50,25 @@ impl Finished {
     }
 }
 
-/// Why nothing came of it.
+/// Why the work failed.
 #[derive(Debug, Error)]
 pub enum NotDone {
-    /// The plan's files, or those of the result.
+    /// The plan's files, or those of the result, cannot be read or written.
     #[error(transparent)]
     File(#[from] RustPlanFileError),
-    /// The folder holds another plan by now.
+    /// The folder contains another plan by now.
     #[error("{} holds another plan than the one that was loaded: load it again", .0.display())]
     Replaced(PathBuf),
-    /// No simulation.
+    /// The simulation failed.
     #[error(transparent)]
     Simulate(#[from] SimulateError),
-    /// No verification.
+    /// The verification failed.
     #[error(transparent)]
     Verify(#[from] VerifyError),
-    /// No risk.
+    /// The risks could not be computed.
     #[error(transparent)]
     Uncertainty(UncertaintyError),
-    /// No calibration.
+    /// The calibration failed.
     #[error(transparent)]
     Calibrate(#[from] CalibrateError),
 }

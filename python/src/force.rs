@@ -25,12 +25,12 @@ type DiscArgs = (usize, usize, String, String, f64);
 /// center, axis, velocity, rpm.
 type MotionArgs = ([f64; 3], [f64; 3], [f64; 3], f64);
 
-/// Where the density comes from.
+/// The source of the density.
 #[derive(FromPyObject)]
 pub enum Field<'py> {
-    /// Voxels, with the others' density 0.
+    /// Voxels; the density is 0 outside them.
     Voxels(PyReadonlyArray3<'py, f64>),
-    /// A function of points, shape (n, 3), that gives densities, shape (n).
+    /// A function of points, shape (n, 3), that returns densities, shape (n).
     Function(Bound<'py, PyAny>),
 }
 
@@ -42,14 +42,14 @@ fn material((k, k_edge, rho_ref, p, rho_min, t0): MaterialArgs) -> Result<Materi
     Material::new(k, rho_ref)?.with_edge(k_edge, t0)?.with_density_law(p, rho_min)
 }
 
-/// The words were checked by the caller; others mean the first choice.
+/// The discretisation of these values. The words were checked by the caller; any other word means the first choice.
 fn disc((n_gamma, n_kappa, grid, measure, offset): DiscArgs) -> Result<Discretisation, ModelError> {
     let grid = if grid == "z" { ElementGrid::Z } else { ElementGrid::Kappa };
     let measure = if measure == "dz" { Measure::Dz } else { Measure::Db };
     Discretisation::new(n_gamma, n_kappa, grid, measure)?.with_sample_offset(offset)
 }
 
-/// The mean force and what follows from the same nodes, by the names of the reference cases.
+/// The mean force and other results of the same sum, with the names of the reference cases.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "one per part of the model; the package's Python names them")]
 pub fn burr_force<'py>(
@@ -74,7 +74,7 @@ pub fn burr_force<'py>(
             py.detach(|| rust_burr_force(|p| volume.trilinear(p, 0.0), &tool, &material, &disc, &motion))
         }
         Field::Function(function) => {
-            // which points are asked does not depend on what is there: ask for all of them at once, then sum
+            // the sampled points do not depend on the density, so the function is called once for all of them before the sum
             let asked = RefCell::new(Vec::new());
             let record = |p: Point<Work>| {
                 asked.borrow_mut().extend_from_slice(p.coords.as_slice());
@@ -90,7 +90,7 @@ pub fn burr_force<'py>(
     force_dict(py, &force)
 }
 
-/// What `function` gives at points, x, y, z of one after the other.
+/// The densities that `function` returns for points, given as x, y, z of one point after the other.
 fn densities_at(function: &Bound<'_, PyAny>, coordinates: Vec<f64>) -> PyResult<Vec<f64>> {
     let count = coordinates.len() / 3;
     let points = Array2::from_shape_vec((count, 3), coordinates)
@@ -137,7 +137,7 @@ fn force_dict<'py>(py: Python<'py>, force: &BurrForce) -> PyResult<Bound<'py, Py
     Ok(dict)
 }
 
-/// Mass and inertia of the bone in the ball, by the names of the reference cases.
+/// Mass and inertia of the bone in the ball, with the names of the reference cases.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python function")]
 pub fn engagement_metrics<'py>(

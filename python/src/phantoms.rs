@@ -1,4 +1,4 @@
-//! Phantoms, so that everything can be tried without a patient.
+//! Phantoms, with which everything can be tried without a patient.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 
 use crate::{apart, errors};
 
-/// Writes a phantom's images, names and case file into a new folder; gives the folder.
+/// Writes a phantom's images, names and case file into a new folder; returns the folder.
 #[pyfunction]
 pub fn write_phantom(py: Python<'_>, kind: &str, seed: u64, out: PathBuf) -> PyResult<PathBuf> {
     let kind: PhantomKind =

@@ -1,4 +1,4 @@
-//! A plan: made here or read back, the same to Python.
+//! A plan, computed in this process or read from a folder, with the same interface for Python.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -20,9 +20,9 @@ use pyo3::types::PyDict;
 use crate::case::Case;
 use crate::{apart, errors, values, waypoints};
 
-/// Where a plan's content comes from.
+/// The source of a plan's content.
 enum Body {
-    /// Planned by this process.
+    /// Computed by this process.
     Made(Box<RustPlan>),
     /// Read from its files.
     Read(Box<StoredPlan>),
@@ -34,11 +34,11 @@ pub struct Plan {
     body: Body,
     record: PlanRecord,
     case_path: PathBuf,
-    /// Where inputs are looked for as well.
+    /// A further folder in which inputs are searched.
     inputs_folder: Option<PathBuf>,
 }
 
-/// Plans a case; `progress(stage, done, of)` is told how far it is.
+/// Plans a case; `progress(stage, done, of)` receives the progress.
 #[pyfunction]
 pub fn plan(
     py: Python<'_>,
@@ -78,7 +78,7 @@ impl Plan {
         }
     }
 
-    /// The folder that it was read from, and what stood there; none for a plan of this process.
+    /// The folder from which it was read, and its record; `None` for a plan of this process.
     pub fn home(&self) -> Option<(PathBuf, &PlanRecord)> {
         match &self.body {
             Body::Made(_) => None,
@@ -86,7 +86,7 @@ impl Plan {
         }
     }
 
-    /// Where its inputs are looked for as well.
+    /// A further folder in which its inputs are searched.
     pub fn inputs_folder(&self) -> Option<PathBuf> {
         self.inputs_folder.clone()
     }
@@ -95,7 +95,7 @@ impl Plan {
         &self.record.case.structures
     }
 
-    /// Rows time, q, qd, as they stand in `trajectory.csv`.
+    /// Rows of time, q, qd, with the values of `trajectory.csv`.
     fn rows(&self) -> Result<Array2<f64>, RobotError> {
         match &self.body {
             Body::Made(plan) => sampled(plan),
@@ -111,7 +111,7 @@ impl Plan {
     }
 }
 
-/// The law at the controller's rate, to the decimals of the file.
+/// The law at the controller's rate, rounded to the decimals of the file.
 fn sampled(plan: &RustPlan) -> Result<Array2<f64>, RobotError> {
     let rows = plan.moves.law.rows(plan.setup.case.robot.rate_hz)?;
     let dof = rows.dof();
@@ -129,7 +129,7 @@ fn sampled(plan: &RustPlan) -> Result<Array2<f64>, RobotError> {
     Ok(all)
 }
 
-/// One over the file's resolution: 1e-7 mm, 1e-9 rad.
+/// The reciprocal of the file's resolution, which is 1e-7 mm or 1e-9 rad.
 fn scale(kind: JointKind) -> f64 {
     match kind {
         JointKind::Prismatic => 1e7,
@@ -137,14 +137,14 @@ fn scale(kind: JointKind) -> f64 {
     }
 }
 
-/// The number that the file's decimals read back as; never −0.
+/// The value after writing with the file's decimals and reading it back; never −0.
 fn to_decimals(value: f64, scale: f64) -> f64 {
     (value * scale).round_ties_even() / scale + 0.0
 }
 
 #[pymethods]
 impl Plan {
-    /// Reads the plan in a folder; its inputs are also looked for in `inputs`, and may be missing.
+    /// Reads the plan in a folder; its inputs are also searched in `inputs`, and may be missing.
     #[staticmethod]
     fn load(py: Python<'_>, dir: PathBuf, inputs: Option<PathBuf>) -> PyResult<Self> {
         let folder = inputs.clone();
@@ -157,9 +157,9 @@ impl Plan {
         Ok(Self { body: Body::Read(stored), record, case_path, inputs_folder: inputs })
     }
 
-    /// Writes the plan's folder, whole or not at all; gives its absolute path.
+    /// Writes the plan's folder, whole or not at all; returns its absolute path.
     ///
-    /// `pack`: copies of all inputs go into the plan; `own`: of those that lie in the case's folder.
+    /// `pack`: copies all inputs into the plan; `own`: copies those that lie in the case's folder.
     fn save(&self, py: Python<'_>, out: PathBuf, pack: bool, own: bool) -> PyResult<PathBuf> {
         py.detach(|| self.write(&out, pack, own)).map_err(|e| errors::file(&e))
     }
@@ -172,7 +172,7 @@ impl Plan {
         }
     }
 
-    /// The folder that it was read from, its own.
+    /// The folder from which it was read.
     #[pyo3(name = "home")]
     fn folder(&self) -> Option<PathBuf> {
         self.home().map(|(dir, _)| dir)
@@ -193,12 +193,12 @@ impl Plan {
         waypoints::numbers(py, self.waypoints())
     }
 
-    /// Layer, kind (place in `kinds`) and structure (place in the case, −1: none) of every waypoint.
+    /// Layer, kind (index in `kinds`) and structure (index in the case, −1 for none) of every waypoint.
     fn codes<'py>(&self, py: Python<'py>) -> waypoints::Codes<'py> {
         waypoints::codes(py, self.waypoints())
     }
 
-    /// Waypoints, structures (places in the case) and numeric columns of `forces.csv`, in order; NaN where a cell is empty.
+    /// Waypoints, structures (indices in the case) and numeric columns of `forces.csv`, in order; NaN where a cell is empty.
     fn force_columns<'py>(&self, py: Python<'py>) -> waypoints::Forces<'py> {
         waypoints::forces(py, self.forces())
     }
@@ -214,33 +214,33 @@ impl Plan {
         self.structures().iter().map(|s| (s.name.clone(), s.clearance_mm, s.priority)).collect()
     }
 
-    /// Rows time_s, q1..qn, qd1..qdn, as they stand in `trajectory.csv`.
+    /// Rows of time_s, q1..qn, qd1..qdn, with the values of `trajectory.csv`.
     fn trajectory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let rows = py.detach(|| self.rows()).map_err(|e| errors::robot(&e))?;
         Ok(rows.into_pyarray(py))
     }
 
-    /// Figures.
+    /// The plan's figures.
     fn metrics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         values::dict(py, &self.record.metrics.entries())
     }
 
-    /// What was modelled where.
+    /// What was modelled.
     fn modelled<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         values::dict(py, &self.record.modelled)
     }
 
-    /// Why the plan falls short, and what the user should know.
+    /// Shortfalls and warnings.
     fn words(&self) -> (Vec<String>, Vec<String>) {
         (self.record.shortfalls.clone(), self.record.warnings.clone())
     }
 
-    /// Whether the case says nothing of where the arm stands.
+    /// Whether the case gives no registration, so that one is assumed.
     fn registration_assumed(&self) -> bool {
         self.record.frames.registration_assumed
     }
 
-    /// Wall-clock seconds by stage; none for a plan that was read.
+    /// Wall-clock seconds by stage; empty for a plan that was read.
     fn seconds(&self) -> Vec<(&'static str, f64)> {
         match &self.body {
             Body::Made(plan) => plan.seconds.clone(),
@@ -261,7 +261,7 @@ impl Plan {
         .into()
     }
 
-    /// Voxels of the planning grid, and their side, mm.
+    /// Numbers of voxels of the planning grid along its axes, and their side, mm.
     fn grid(&self) -> ([usize; 3], f64) {
         (self.record.frames.grid.dims, self.record.case.grid.spacing_mm)
     }
@@ -286,7 +286,7 @@ impl Plan {
                 files::copy_files(plan, &staged)?;
                 let mut record = self.record.clone();
                 let recorded = plan.dir.join(&record.case_file);
-                // a case that is not where it was recorded has no place that could be told from elsewhere
+                // the place of a case is known only if it is packed or still at its recorded path
                 if let Some(case_path) = packed.or(recorded.exists().then_some(recorded)) {
                     record.case_file = staged.relative(&case_path)?;
                 }
@@ -296,8 +296,8 @@ impl Plan {
         staged.commit()
     }
 
-    /// The inputs whose copies go into the saved plan, and where they are now: all, or those in the case's folder; of a plan
-    /// that was read and keeps its case, those that it keeps.
+    /// The inputs that are copied into the saved plan, and their present paths: all, or those in the case's folder; for a plan that
+    /// was read and contains its case, those that it contains.
     fn kept_inputs(&self, pack: bool, own: bool) -> Result<Vec<(Input, PathBuf)>, PlanFileError> {
         match &self.body {
             Body::Made(plan) => {
@@ -325,7 +325,7 @@ fn homogeneous<A: Frame, B: Frame>(a_from_b: &Rigid<A, B>) -> Array2<f64> {
     })
 }
 
-/// Whether a path leads nowhere but into the folder that it is relative to.
+/// Whether a relative path stays inside the folder to which it is relative.
 fn stays_inside(path: &Path) -> bool {
     path.components().all(|c| matches!(c, Component::Normal(_)))
 }

@@ -1,4 +1,4 @@
-//! What a viewer draws of a plan, as arrays.
+//! The data that a viewer draws of a plan, as arrays.
 
 use std::path::PathBuf;
 
@@ -19,7 +19,7 @@ use crate::finished::{Finished, NotDone};
 use crate::plan::Plan;
 use crate::{apart, errors};
 
-/// Everything, drawn.
+/// All data for a viewer.
 struct Drawn {
     about: String,
     pixel_mm: Option<f64>,
@@ -42,8 +42,8 @@ enum Failed {
     Robot(RobotError),
 }
 
-/// The drawing of a plan, which lies in `saved` unless it was read from its own folder: about `motion` moments of the arm,
-/// `frames` of the bone.
+/// The data for drawing a plan, which was written to `saved` unless it was read from its own folder: about `motion` times of the
+/// arm and `frames` of the bone.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python function")]
 pub fn show<'py>(

@@ -1,4 +1,4 @@
-//! A finished plan, replayed through the bone.
+//! Replays a finished plan through the bone.
 
 use std::path::PathBuf;
 
@@ -37,12 +37,12 @@ const COLUMNS: [Column; 13] = [
     ("deflection_um", |r| r.deflection_um),
 ];
 
-/// Columns by name, places of the structures (−1: none), figures.
+/// Columns by name, indices of the structures (−1 for none), figures.
 type Simulated<'py> =
     (Vec<(&'static str, Bound<'py, PyArray1<f64>>)>, Bound<'py, PyArray1<i64>>, Bound<'py, PyDict>);
 
-/// Replays a plan, which lies in `saved` unless it was read from its own folder; `keep`: `simulation.csv` and its part
-/// of the report are written there, as the command does. One of `step_mm` and `rate_hz` is given.
+/// Replays a plan, which was written to `saved` unless it was read from its own folder. With `keep`, `simulation.csv` and its
+/// part of the report are written there, as by the command. Exactly one of `step_mm` and `rate_hz` is given.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the package's Python names them")]
 pub fn simulate<'py>(

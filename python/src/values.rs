@@ -1,4 +1,4 @@
-//! Named values of a plan as Python's own: dict, list, float, int, str, bool.
+//! Converts named values of a plan to Python's types: dict, list, float, int, str, bool.
 
 use bonemill_planner::plan::Value;
 use pyo3::prelude::*;

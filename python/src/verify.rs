@@ -14,20 +14,20 @@ use crate::apart;
 use crate::finished::{Finished, NotDone};
 use crate::plan::Plan;
 
-/// Standard deviations: registration (mm, degrees), boundary (mm), density and coefficients (shares); probability with
-/// which structures are to be kept; where the draws begin.
+/// Standard deviations: registration (mm, degrees), boundary (mm), density and coefficients (shares); probability with which
+/// structures must stay untouched; seed.
 type Errors = ([f64; 5], f64, u64);
-/// Name, samples in which it is touched and all, their share with its 95 % interval; distances kept in 5, 50 and 95 %,
-/// clearance that would keep it, mm.
+/// Name; number of samples in which it is touched, and of all samples; their share with its 95 % interval; 5, 50 and 95 %
+/// quantiles of the distance, and the clearance with which it would stay untouched, mm.
 type StructureRisk = (String, (usize, usize), [f64; 3], [f64; 3], f64);
-/// Name, as planned, in 5, 50 and 95 %, N.
+/// Name, planned value, and 5, 50 and 95 % quantiles, N.
 type ForceSpread = (String, f64, [f64; 3]);
-/// What errors would do.
+/// The risks under errors.
 type Risks = (Vec<StructureRisk>, Vec<ForceSpread>);
 
-/// The verdict on a plan, which lies in `saved` unless it was read from its own folder, as `verification.toml` has it;
-/// `keep`: that file and its part of the report are written there, as the command does; `samples`: also repeat the plan
-/// so often under drawn `errors`.
+/// The verification of a plan, which was written to `saved` unless it was read from its own folder, as in `verification.toml`.
+/// With `keep`, that file and its part of the report are written there, as by the command; with `samples`, the plan is also
+/// evaluated under this many random `errors`.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python function")]
 pub fn verify(

@@ -32,7 +32,7 @@ const COLUMNS: [Column; 20] = [
     ("deflection_toward_um", |w| w.deflection_toward_um),
 ];
 
-/// Numeric columns by name; NaN, numpy's way, where a cell is empty, and like the file without −0.
+/// Numeric columns by name; NaN where a cell is empty, and without −0, as in the file.
 pub fn numbers<'py>(py: Python<'py>, rows: &[Waypoint]) -> Vec<(&'static str, Bound<'py, PyArray1<f64>>)> {
     let column = |(name, value): &Column| {
         let values = rows.iter().map(|w| value(w).map_or(f64::NAN, |v| v + 0.0));
@@ -41,10 +41,10 @@ pub fn numbers<'py>(py: Python<'py>, rows: &[Waypoint]) -> Vec<(&'static str, Bo
     COLUMNS.iter().map(column).collect()
 }
 
-/// Layer, kind (place in [`kinds`]) and structure (place in the case, −1: none) of every row.
+/// Layer, kind (index in [`kinds`]) and structure (index in the case, −1 for none) of every row.
 pub type Codes<'py> = (Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<u8>>, Bound<'py, PyArray1<i64>>);
 
-/// The columns that hold no numbers, as numbers.
+/// The columns of words, as numbers.
 pub fn codes<'py>(py: Python<'py>, rows: &[Waypoint]) -> Codes<'py> {
     let kind = |w: &Waypoint| MoveKind::ALL.iter().position(|k| *k == w.kind).unwrap_or(0) as u8;
     let structure = |w: &Waypoint| w.structure.map_or(-1, |n| n as i64);
@@ -68,7 +68,7 @@ const FORCE_COLUMNS: [ForceColumn; 6] = [
     ("deflection_toward_um", |f| f.deflection_toward_um),
 ];
 
-/// Waypoints, structures (places in the case) and the quantities by name.
+/// Waypoints, structures (indices in the case) and the quantities by name.
 pub type Forces<'py> =
     (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>, Vec<(&'static str, Bound<'py, PyArray1<f64>>)>);
 

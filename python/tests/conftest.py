@@ -55,12 +55,26 @@ base_from_ct = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = 
 """
 
 
+def for_ur5e(block: bonemill.Case, text: str, name: str) -> Path:
+    """The case's text with a UR5e on a table, beside the block's images."""
+    head, found, tail = text.partition("[robot]")
+    assert found
+    _, next_table, rest = tail.partition("\n[")
+    path = block.path.with_name(name)
+    path.write_text(head + ROBOT + (next_table + rest).lstrip("\n"), encoding="utf-8")
+    return path
+
+
 @pytest.fixture(scope="session")
 def ur_planned(block: bonemill.Case) -> bonemill.Plan:
     """The same pocket for a UR5e on a table."""
-    head, found, tail = block.text.partition("[robot]")
-    assert found
-    _, next_table, rest = tail.partition("\n[")
-    path = block.path.with_name("case_ur5e.toml")
-    path.write_text(head + ROBOT + (next_table + rest).lstrip("\n"), encoding="utf-8")
-    return bonemill.plan(path)
+    return bonemill.plan(for_ur5e(block, block.text, "case_ur5e.toml"))
+
+
+@pytest.fixture(scope="session")
+def ur_pocket(block: bonemill.Case) -> bonemill.Plan:
+    """A shallow pocket for the same arm, milled in some ten seconds: for what runs in real time."""
+    text = block.text.replace("[-1.0, -4.0, -4.0], max_mm = [7.0, 4.0, 0.0]", "[0.0, -2.5, -1.2], max_mm = [6.0, 2.5, 0.0]")
+    text = text.replace("least_share = 0.8", "least_share = 0.5").replace('mode = "least_force"', 'mode = "constant"')
+    text = text.replace("nominal_mm_s = 1.5", "nominal_mm_s = 4.0").replace("stepover_mm = 1.667", "stepover_mm = 1.2")
+    return bonemill.plan(for_ur5e(block, text, "case_pocket.toml"))

@@ -21,32 +21,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from ur_arm import burr_mm
 from ur_double import Double
 
 Floats = NDArray[np.float64]
 HERE = Path(__file__).resolve().parent
-UR5E_MM = {"a": [0, -425.0, -392.2, 0, 0, 0], "d": [162.5, 0, 0, 133.3, 99.7, 99.6]}
-ALPHA = np.array([0.5, 0, 0, 0.5, -0.5, 0]) * np.pi
-CTRL_C_S = 0.5
-"""Ctrl-C counts as unanswered after this: the limit is 0.2 s, the rest is for a busy machine."""
+ENDS_S = 5.0
+"""A client that has not ended so long after Ctrl-C hangs; closing the client's sockets alone takes two seconds."""
 WATCH_S = 3.0
 """A run that goes on is looked at for so long, then stopped by Ctrl-C."""
 START_S = 30.0
 addresses: Iterator[str] = (f"127.0.{n // 200 + 1}.{n % 200 + 1}" for n in itertools.count(os.getpid() % 20000))
-
-
-def burr_mm(q: Floats, burr_z_mm: float) -> Floats:
-    """Centre of a burr on the flange's axis, in base, shape (n, 3); q has shape (n, 6)."""
-    pose = np.broadcast_to(np.eye(4), (len(q), 4, 4)).copy()
-    for joint in range(6):
-        c, s, ca, sa = np.cos(q[:, joint]), np.sin(q[:, joint]), np.cos(ALPHA[joint]), np.sin(ALPHA[joint])
-        step = np.zeros((len(q), 4, 4))
-        step[:, 0, :] = np.stack([c, -s * ca, s * sa, UR5E_MM["a"][joint] * c], axis=1)
-        step[:, 1, :] = np.stack([s, c * ca, -c * sa, UR5E_MM["a"][joint] * s], axis=1)
-        step[:, 2, 1:] = [sa, ca, UR5E_MM["d"][joint]]
-        step[:, 3, 3] = 1.0
-        pose = pose @ step
-    return pose[:, :3, 3] + burr_z_mm * pose[:, :3, 2]
 
 
 @dataclass(frozen=True)
@@ -61,14 +46,23 @@ class Piece:
     @classmethod
     def load(cls, folder: Path) -> Piece:
         rows = np.loadtxt(folder / "trajectory.csv", delimiter=",", skiprows=1)
-        path = burr_mm(rows[:, 1:7], 180.0)
+        path = burr_mm(rows[:, 1:7])
         way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
         return cls(folder, rows[:, 1:7], path, way)
 
-    def place(self, burr: Floats, near_row: int) -> tuple[float, float]:
-        """Where along the path a burr is, and how far off it, near a row."""
-        first = max(0, near_row - 1500)
-        path = self.path_mm[first : near_row + 1000]
+    def places(self, burr: Floats, row: int) -> Floats:
+        """Where along the path a burr is, and how far off it, mm, shape (n, 2), for places in the order of time; `row`: of as many
+        targets as had come. It moves on by a few rows from place to place, so that a path that comes by again is no other place."""
+        found = np.zeros((len(burr), 2))
+        first, last = max(0, row - 600), row + 100
+        for n, place in enumerate(burr):
+            along, off, at = self._place(place, first, last)
+            found[n] = along, off
+            first, last = max(0, at - 200), at + 300
+        return found
+
+    def _place(self, burr: Floats, first: int, last: int) -> tuple[float, float, int]:
+        path = self.path_mm[first:last]
         nearest = int(((path - burr) ** 2).sum(axis=1).argmin())
         best = (float("inf"), 0.0)
         for n in range(max(0, nearest - 1), min(len(path) - 1, nearest + 1)):
@@ -77,7 +71,7 @@ class Piece:
             share = min(1.0, max(0.0, float((burr - path[n]) @ step) / size)) if size > 0 else 0.0
             off = float(np.linalg.norm(burr - path[n] - share * step))
             best = min(best, (off, float(self.along_mm[first + n]) + share * size**0.5))
-        return best[1], best[0]
+        return best[1], best[0], first + nearest
 
 
 @dataclass
@@ -100,11 +94,19 @@ class Outcome:
     exit_s: float = 0.0
     """From the fault until the process had ended."""
     how: str = ""
-    """`stopped`, `went on`, `waited` (and answered Ctrl-C), `hung`."""
+    """`stopped`, `went on`, `waited`, or `hung`: the last three were ended by Ctrl-C, or not even by that."""
+    ctrl_c_s: float | None = None
+    """From Ctrl-C until the burr rested, where Ctrl-C ended it."""
     said: str = ""
     bound: str = ""
     resumed: str = ""
     notes: list[str] = field(default_factory=list)
+
+    @property
+    def bounds_mm(self) -> tuple[float, float]:
+        """The printed bound along and off the path; nothing where none was printed."""
+        found = re.search(r"bound[^:]*: ([\d.]+) mm along[^,]*, ([\d.]+) mm off", self.bound)
+        return (float(found[1]), float(found[2])) if found else (0.0, 0.0)
 
 
 Local = Callable[["Run"], None]
@@ -154,8 +156,19 @@ START = {f"start {mm:g} mm off": mm for mm in (0.1, 0.5, 1.6, 5.0)}
 """The arm stands so far from the first row."""
 
 
+def prefer() -> None:
+    """Real-time priority for this process and its children where the system allows it: other programs share the cores."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20))
+    except (PermissionError, AttributeError):
+        pass
+
+
 class Run:
     """A client, a double and a fault. Nothing of it outlives `finish`."""
+
+    resume_s = 4.0
+    """How long a resumed run is looked at; longer than the plan: to its end."""
 
     def __init__(self, piece: Piece, fault: str, seed: int, work: Path, flags: list[str]) -> None:
         self.piece, self.fault, self.work, self.flags = piece, fault, work, flags
@@ -168,6 +181,7 @@ class Run:
             shutil.copytree(piece.folder, self.folder, dirs_exist_ok=True)
         self.double = Double(next(addresses), self._start_q())
         self.log = work / "run.log"
+        self.asked_s: float | None = None
 
     def _start_q(self) -> Floats:
         """The first row, or joints at which the burr is some mm off it in a random direction."""
@@ -176,7 +190,7 @@ class Run:
             return self.piece.q[0]
         direction = self.dice.normal(size=6)
         step = 1e-4 * direction / np.linalg.norm(direction)
-        moved = burr_mm(np.stack([self.piece.q[0], self.piece.q[0] + step]), 180.0)
+        moved = burr_mm(np.stack([self.piece.q[0], self.piece.q[0] + step]))
         return self.piece.q[0] + step * off_mm / float(np.linalg.norm(moved[1] - moved[0]))
 
     def arguments(self, log: Path, *more: str) -> list[str]:
@@ -184,8 +198,9 @@ class Run:
         return ["stream", str(self.folder), "--host", self.double.host, *given, *more]
 
     def start(self, arguments: list[str], name: str) -> subprocess.Popen[bytes]:
-        most = 60_000 if self.fault == "disk full" and name == "run" else 0
+        most = 40_000 if self.fault == "disk full" and name == "run" else 0
         out = (self.work / f"{name}.out").open("wb")
+        # a log that may not grow stands for a full disk
         call = [sys.executable, str(HERE / "fault_client.py"), str(most), *arguments]
         return subprocess.Popen(call, stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL)
 
@@ -215,9 +230,50 @@ class Run:
                 LOCAL[self.fault](self)
             elif self.fault in START:
                 self.double.call("mark")
+        if self.fault == "disk full":
+            # the log says when it was full; what the burr went on then is counted from the last targets
+            self.outcome.row = self.double.call("rows")
+            self.double.call("mark")
         self._await_end()
         self._measure()
+        if self.resumable:
+            self._resume()
         return self.outcome
+
+    @property
+    def resumable(self) -> bool:
+        """A run that was stopped on its way and whose arm can be mended."""
+        stopped = self.outcome.how == "stopped" and self.outcome.code not in (0, 2) and self.outcome.row >= 0
+        return stopped and self.log.exists() and self.fault not in START and self.fault != "plan changed under way"
+
+    def _resume(self) -> None:
+        """Mends everything and goes on from the log, for a while or to the end."""
+        out = self.outcome
+        self.double.call("cured")
+        time.sleep(0.1)
+        before = self.double.call("rows")
+        self.process = self.start(self.arguments(self.work / "resumed.log", "--resume", str(self.log)), "resumed")
+        began = time.monotonic()
+        while self.process.poll() is None and time.monotonic() - began < self.resume_s:
+            time.sleep(0.02)
+        went_on = self.process.poll() is None
+        if went_on:
+            self.process.send_signal(signal.SIGINT)
+        try:
+            code = self.process.wait(ENDS_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            out.resumed = "hung"
+            return
+        record, _ = self.double.call("rest")
+        burr = burr_mm(record[record[:, 7] > before][:, 1:7]) if len(record) else []
+        rows = self.double.call("rows") - before
+        if code == 0:
+            out.resumed = f"to the end, {rows} rows"
+        elif went_on and rows > 100 and len(burr):
+            out.resumed = f"went on, {rows} rows until Ctrl-C"
+        else:
+            out.resumed = f"exit code {code}: {self.words('resumed')}"
 
     def _await_end(self) -> None:
         out, began = self.outcome, time.monotonic()
@@ -230,7 +286,8 @@ class Run:
         before = self.double.call("rows")
         time.sleep(0.3)
         out.how = "went on" if self.double.call("rows") > before else "waited"
-        for number, limit_s in ((signal.SIGINT, CTRL_C_S), (signal.SIGTERM, 2.0), (signal.SIGKILL, 5.0)):
+        self.asked_s = time.monotonic()
+        for number, limit_s in ((signal.SIGINT, ENDS_S), (signal.SIGTERM, 2.0), (signal.SIGKILL, 5.0)):
             asked = time.monotonic()
             self.process.send_signal(number)
             try:
@@ -249,7 +306,7 @@ class Run:
         out.bound = "; ".join(re.findall(r"[^\n]*bound[^\n]*", text)[:2])
         if not len(record) or out.row < 0:
             return
-        burr = burr_mm(record[:, 1:7], 180.0)
+        burr = burr_mm(record[:, 1:7])
         gaps = np.diff(record[:, 0])
         if len(burr) > 1:
             out.fastest_mm_s = float((np.linalg.norm(np.diff(burr, axis=0), axis=1) / gaps).max())
@@ -257,13 +314,15 @@ class Run:
         if not len(after):
             return
         picked = np.unique(np.r_[after[::5], after[-1]])
-        rows = record[picked, 7].astype(int)
-        places = np.array([self.piece.place(burr[n], row) for n, row in zip(picked, rows, strict=True)])
+        places = self.piece.places(burr[picked], int(record[picked[0], 7]))
         out.off_mm = float(places[:, 1].max())
         if out.how != "went on":
             out.along_mm = float(places[:, 0].max() - places[0, 0])
         moving = np.flatnonzero(np.linalg.norm(np.diff(burr[after], axis=0), axis=1) > 1e-6)
-        out.rest_s = float(record[after[moving[-1] + 1], 0] - fault_s) if len(moving) else 0.0
+        rest_s = float(record[after[moving[-1] + 1], 0]) if len(moving) else fault_s
+        out.rest_s = rest_s - fault_s
+        if self.asked_s is not None:
+            out.ctrl_c_s = max(0.0, rest_s - self.asked_s)
 
     def finish(self) -> None:
         if self.process.poll() is None:

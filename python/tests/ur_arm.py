@@ -11,6 +11,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
 
 SERVOJ, SERVO_STOP, SET_WATCHDOG, GET_TCP_OFFSET, STOP_SCRIPT = 11, 16, 35, 40, 255
 STOPPED, PLAYING = 1, 2
@@ -24,6 +27,43 @@ MOST_ACCELERATION = 40.0
 STOP_DECELERATION = 10.0
 """rad/s² of servoStop without a number, of a script that ends and of safety stops; assumed."""
 STEP_S = 0.001
+UR5E_A_MM = np.array([0, -425.0, -392.2, 0, 0, 0])
+UR5E_D_MM = np.array([162.5, 0, 0, 133.3, 99.7, 99.6])
+UR5E_ALPHA_RAD = np.array([0.5, 0, 0, 0.5, -0.5, 0]) * np.pi
+BURR_Z_MM = 180.0
+"""The burr's centre lies so far before the flange, the handpiece behind it: `flange_from_burr` is turned by pi about x."""
+
+
+def flange_poses(q: Floats) -> Floats:
+    """The UR5e's flange in its base by the published DH parameters, mm, shape (n, 4, 4); q has shape (n, 6)."""
+    pose = np.broadcast_to(np.eye(4), (len(q), 4, 4)).copy()
+    for joint in range(6):
+        c, s = np.cos(q[:, joint]), np.sin(q[:, joint])
+        ca, sa = np.cos(UR5E_ALPHA_RAD[joint]), np.sin(UR5E_ALPHA_RAD[joint])
+        step = np.zeros((len(q), 4, 4))
+        step[:, 0, :] = np.stack([c, -s * ca, s * sa, UR5E_A_MM[joint] * c], axis=1)
+        step[:, 1, :] = np.stack([s, c * ca, -c * sa, UR5E_A_MM[joint] * s], axis=1)
+        step[:, 2, 1:] = [sa, ca, UR5E_D_MM[joint]]
+        step[:, 3, 3] = 1.0
+        pose = pose @ step
+    return pose
+
+
+def burr_mm(q: Floats) -> Floats:
+    """The burr's centre in base, shape (n, 3)."""
+    pose = flange_poses(q)
+    return pose[:, :3, 3] + BURR_Z_MM * pose[:, :3, 2]
+
+
+def tool_pose(q: Floats) -> list[float]:
+    """The controller's tool centre point for one joint vector: m, and the rotation vector, rad."""
+    rotation = flange_poses(q[None])[0, :3, :3] @ np.diag([1.0, -1.0, -1.0])
+    place_m = burr_mm(q[None])[0] / 1e3
+    angle = float(np.arccos(np.clip((np.trace(rotation) - 1.0) / 2.0, -1.0, 1.0)))
+    values, vectors = np.linalg.eigh(0.5 * (rotation + rotation.T))
+    axis = vectors[:, values.argmax()]
+    twist = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
+    return [*place_m.tolist(), *(angle * axis * (1.0 if twist @ axis >= 0 else -1.0)).tolist()]
 
 
 class Arm:
@@ -141,11 +181,12 @@ class Arm:
             "robot_mode": self.robot_mode,
             "runtime_state": self.runtime_state,
             "target_speed_fraction": self.speed_fraction,
-            "speed_scaling": self.speed_fraction,
+            "speed_scaling": 1.0,
             "output_int_register_0": self.ready,
             "robot_status_bits": 1 | (self.runtime_state == PLAYING) << 1,
             "safety_status_bits": bits.get(self.safety_mode, 0),
             "actual_digital_output_bits": self.digital_outputs,
             "timestamp": self._clock_s,
+            "payload": 1.0,
         }
-        return known.get(name)
+        return tool_pose(self.true_q) if name == "actual_TCP_pose" else known.get(name)

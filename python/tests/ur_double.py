@@ -190,9 +190,13 @@ class Controller:
         self.frozen = {name: value for name in names if (value := self.arm.value(name)) is not None}
 
     def _accept(self, listener: socket.socket) -> None:
-        connection, _ = listener.accept()
-        connection.setblocking(False)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        try:
+            connection, _ = listener.accept()
+            connection.setblocking(False)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        except OSError:
+            # the client has gone again
+            return
         role = self.listeners[listener]
         made = Connection(connection, role, self.weather[role], self.dice)
         if role == "dashboard":
@@ -266,7 +270,9 @@ class Controller:
             self._input(connection, body, now_s)
 
     def _input(self, connection: Connection, body: bytes, now_s: float) -> None:
-        names = connection.recipes[body[0]]
+        if (names := connection.recipes.get(body[0])) is None:
+            # a client that connected again and did not say what it sends
+            return
         values = dict(zip(names, struct.unpack(">" + "".join(SIZES[type_of(n)] for n in names), body[1:])))
         doubles = [v for n, v in values.items() if "double_register" in n]
         self.arm.hear(now_s)
@@ -289,10 +295,11 @@ def _serve(host: str, q: list[float], pipe: Any) -> None:
     sys.setswitchinterval(1e-3)
     try:
         controller = Controller(host, q)
-        pipe.send("up")
-        controller.run(pipe)
     except OSError as error:
         pipe.send(error)
+        return
+    pipe.send("up")
+    controller.run(pipe)
 
 
 class Double:
@@ -325,5 +332,8 @@ class Double:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._pipe.send(None)
+        try:
+            self._pipe.send(None)
+        except BrokenPipeError:
+            pass
         self._process.join(5)

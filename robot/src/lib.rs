@@ -35,3 +35,4 @@ pub use bonemill_arm::{
 };
 pub use bonemill_export as export;
 pub use bonemill_motion::{resolve, timelaw};
+pub use bonemill_stream as stream;

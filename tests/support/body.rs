@@ -20,7 +20,7 @@ pub fn labels() -> Image {
     Image::new(DIMS, SPACING_MM, ORIGIN_MM, |voxel| f32::from(label(voxel)))
 }
 
-/// The case file; lines are named by what stands in them.
+/// The case file; tests refer to its lines by their text.
 pub const CASE: &str = "\
 [images]
 ct = \"ct.nii\"

@@ -12,20 +12,20 @@ use super::relay::{relay, relay_at};
 
 /// One kind of fault.
 pub struct Fault {
-    /// In words.
+    /// Its description.
     pub name: &'static str,
     /// Puts it into a plan.
     pub plant: fn(&mut StoredPlan),
-    /// The checks that are there for it.
+    /// The checks that must find it.
     pub caught_by: &'static [&'static str],
 }
 
-/// Places of the cuts.
+/// Indices of the cuts.
 fn cuts(plan: &StoredPlan) -> Vec<usize> {
     (0..plan.waypoints.len()).filter(|n| plan.waypoints[*n].kind == MoveKind::Cut).collect()
 }
 
-/// The cut in the middle.
+/// Index of the middle cut.
 fn a_cut(plan: &StoredPlan) -> usize {
     let cuts = cuts(plan);
     cuts[cuts.len() / 2]
@@ -42,7 +42,7 @@ fn tilt_cuts(plan: &mut StoredPlan, degrees: f64) {
     }
 }
 
-/// Changes a figure beyond the required ones.
+/// Changes a figure that is not one of the required ones.
 pub fn scale_figure(plan: &mut StoredPlan, key: &str, by: f64) {
     let entry = plan.record.metrics.more.iter_mut().find(|(k, _)| k == key).unwrap();
     if let Value::Number(v) = &mut entry.1 {
@@ -50,14 +50,14 @@ pub fn scale_figure(plan: &mut StoredPlan, key: &str, by: f64) {
     }
 }
 
-/// The same arm with something else in its description.
+/// The same arm with a changed description.
 fn described_as(plan: &mut StoredPlan, from: &str, to: &str) {
     let text = plan.arm.urdf_text();
     assert!(text.contains(from), "{from} in {text}");
     plan.arm = Arm::from_urdf(&text.replace(from, to), "test").unwrap().of_model("bone-attached").unwrap();
 }
 
-/// Every kind.
+/// All kinds of faults.
 pub const ALL: &[Fault] = &[
     Fault {
         name: "a waypoint moved, the arm not",
@@ -89,7 +89,7 @@ pub const ALL: &[Fault] = &[
     Fault {
         name: "the way between two waypoints past the nerve",
         plant: |p| {
-            // both ends are clear, the straight way between them is not
+            // both ends are clear, but the straight move between them is not
             let n = a_cut(p);
             p.waypoints[n].position = Point::new(4.2, 0.9, 9.2);
             p.waypoints[n + 1].position = Point::new(4.2, 12.6, 9.2);

@@ -1,10 +1,10 @@
-//! Faults in the figures of a plan and in the grid that they are counted on.
+//! Faults in the figures of a plan and in the grid on which they are counted.
 
 use bonemill_planner::plan::Value;
 
 use super::faults::{Fault, scale_figure};
 
-/// Every kind.
+/// All kinds of faults.
 pub const ALL: &[Fault] = &[
     Fault {
         name: "a planning grid that leaves out a part of the target",

@@ -1,4 +1,4 @@
-//! What a plan.toml says, by its keys.
+//! Access to the values of a plan.toml by their keys.
 
 use bonemill_planner::plan::{PlanRecord, Value};
 
@@ -11,7 +11,7 @@ pub fn figure(record: &PlanRecord, keys: &[&str]) -> f64 {
     }
 }
 
-/// The entry at the end of a way through tables.
+/// The entry with this path of keys through nested tables.
 pub fn entry<'a>(entries: &'a [(String, Value)], keys: &[&str]) -> &'a Value {
     let (key, rest) = keys.split_first().unwrap_or_else(|| panic!("no key"));
     let (_, value) = entries.iter().find(|(name, _)| name == key).unwrap_or_else(|| panic!("no {key}"));

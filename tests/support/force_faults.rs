@@ -21,7 +21,7 @@ fn largest_force(plan: &mut StoredPlan) -> &mut ForceToward {
     plan.forces.iter_mut().max_by(|a, b| a.force_toward_n.total_cmp(&b.force_toward_n)).unwrap()
 }
 
-/// Every kind.
+/// All kinds of faults.
 pub const ALL: &[Fault] = &[
     Fault {
         name: "a structure's row of forces left out",

@@ -1,9 +1,9 @@
-//! NIfTI-1 files byte by byte, written apart from the planner's own writer: a header field is a number at a place, so
-//! that any of them can be made wrong.
+//! Writes NIfTI-1 files byte by byte, independent of the planner's writer. A header field is a number at a byte offset, so that
+//! any field can be made wrong.
 
 use std::ops::Range;
 
-/// Places of header fields, in bytes.
+/// Byte offsets of header fields.
 pub mod field {
     /// `dim`, eight 16-bit numbers.
     pub const DIM: usize = 40;
@@ -19,18 +19,18 @@ pub mod field {
     pub const QUATERN_B: usize = 256;
     /// `srow_x`, four singles; y and z follow.
     pub const SROW: usize = 280;
-    /// Where voxels start.
+    /// Byte at which voxels start.
     pub const VOXELS: usize = 352;
 }
 
-/// Voxel values and where they lie in the world.
+/// Voxel values and their affine transform.
 #[derive(Debug, Clone)]
 pub struct Image {
     /// Voxels along i, j, k.
     pub dims: [usize; 3],
     /// Rows of the map from (i, j, k, 1) to mm.
     pub affine: [[f64; 4]; 3],
-    /// i fastest.
+    /// Values, i fastest.
     pub values: Vec<f32>,
 }
 
@@ -72,7 +72,7 @@ impl Image {
         }
     }
 
-    /// A box of its voxels, in their places of the world.
+    /// A box of its voxels, at unchanged positions.
     pub fn cropped(&self, box_of: [Range<usize>; 3]) -> Self {
         let dims = [0, 1, 2].map(|a| box_of[a].len());
         let first = [0, 1, 2].map(|a| box_of[a].start);
@@ -87,8 +87,8 @@ impl Image {
         Self { dims, affine, values }
     }
 
-    /// The same voxels in the same places of the world, stored in another order: axis `a` of the copy is axis `order[a]`
-    /// of this one, backwards where `flipped[a]`.
+    /// The same voxels at the same positions, stored in another order: axis `a` of the copy is axis `order[a]` of this image,
+    /// reversed where `flipped[a]`.
     pub fn stored_as(&self, order: [usize; 3], flipped: [bool; 3]) -> Self {
         let dims = order.map(|a| self.dims[a]);
         let source = |at: [usize; 3]| {
@@ -115,7 +115,7 @@ impl Image {
         Self { dims, affine, values }
     }
 
-    /// The same voxels in a world turned or mirrored by `turn` (rows).
+    /// The same voxels in coordinates turned or mirrored by `turn` (rows).
     pub fn turned(&self, turn: [[f64; 3]; 3]) -> Self {
         let mut affine = [[0.0; 4]; 3];
         for (row, out) in affine.iter_mut().enumerate() {
@@ -126,12 +126,12 @@ impl Image {
         Self { affine, ..self.clone() }
     }
 
-    /// Where a (continuous) index lies, mm.
+    /// Position of a (continuous) index, mm.
     pub fn world(&self, index: [f64; 3]) -> [f64; 3] {
         self.affine.map(|row| row[3] + (0..3).map(|a| row[a] * index[a]).sum::<f64>())
     }
 
-    /// The file, uncompressed: sform set, qform not.
+    /// The uncompressed file; its sform is set, its qform is not.
     pub fn bytes(&self, stored: Stored) -> Vec<u8> {
         let (datatype, bits) = match stored {
             Stored::Single => (16, 32),
@@ -164,7 +164,7 @@ impl Image {
     }
 }
 
-/// Index of the voxel at a place in memory.
+/// Voxel at a memory index.
 fn voxel([nx, ny, _]: [usize; 3], n: usize) -> [usize; 3] {
     [n % nx, n / nx % ny, n / (nx * ny)]
 }

@@ -1,4 +1,4 @@
-//! A small patient for tests of the command: images as raw bytes that are easy to damage, a case, and a folder to plan in.
+//! A small patient for tests of the command: images as bytes that are easy to damage, a case, and a folder for planning.
 
 #![allow(dead_code, reason = "every test program uses its own part of it")]
 #![allow(clippy::panic, reason = "a test's helper fails by panicking")]

@@ -1,4 +1,4 @@
-//! A folder with the patient in it, and the command run there.
+//! A folder with the patient's files, in which the command is run.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -11,7 +11,7 @@ use super::image::{Image, Stored};
 /// A temporary folder in which the command runs.
 pub struct Place(tempfile::TempDir);
 
-/// What a run of the command left.
+/// The result of a run of the command.
 pub struct Ran {
     /// Exit code.
     pub code: i32,
@@ -75,7 +75,7 @@ impl Place {
         self
     }
 
-    /// Replaces `old`, which must stand there once, in the case.
+    /// Replaces `old`, which must occur exactly once, in the case.
     #[track_caller]
     pub fn with_case(self, old: &str, new: &str) -> Self {
         let text = fs::read_to_string(self.path("case.toml")).unwrap();
@@ -84,7 +84,7 @@ impl Place {
         self
     }
 
-    /// `case.toml:LINE` of the line in which `part` stands first.
+    /// `case.toml:LINE` of the first line that contains `part`.
     #[track_caller]
     pub fn line_of(&self, part: &str) -> String {
         let text = fs::read_to_string(self.path("case.toml")).unwrap();
@@ -106,13 +106,13 @@ impl Place {
         self.run(&["plan", "case.toml", "--out", "plan"])
     }
 
-    /// The plan is refused as bad input with these words, and the folder stays as it was.
+    /// Checks that planning is refused as bad input with these words, and that the folder does not change.
     #[track_caller]
     pub fn refuses(&self, parts: &[&str]) {
         self.refuses_into("plan", parts);
     }
 
-    /// The same for a given output.
+    /// The same check for a given output.
     #[track_caller]
     pub fn refuses_into(&self, out: &str, parts: &[&str]) {
         let before = self.files();
@@ -121,7 +121,7 @@ impl Place {
         self.unchanged(&before);
     }
 
-    /// The case is sound but cannot be fulfilled: exit code 1, the reason, and the folder stays as it was.
+    /// Checks that the case is valid but cannot be fulfilled: exit code 1, the reason, and an unchanged folder.
     #[track_caller]
     pub fn falls_short_of_a_plan(&self, parts: &[&str]) {
         let before = self.files();
@@ -137,7 +137,7 @@ impl Place {
         assert!(*before == after, "a file was changed");
     }
 
-    /// Every file and folder with its bytes, hidden ones too.
+    /// Every file and folder with its bytes, including hidden ones.
     pub fn files(&self) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
         let mut found = BTreeMap::new();
         collect(self.0.path(), &mut found);
@@ -159,13 +159,13 @@ fn collect(dir: &Path, found: &mut BTreeMap<PathBuf, Option<Vec<u8>>>) {
 }
 
 impl Ran {
-    /// Exit code 2, and one error that says `parts`.
+    /// Checks for exit code 2 and one error that contains `parts`.
     #[track_caller]
     pub fn refused(&self, parts: &[&str]) {
         self.failed(2, parts);
     }
 
-    /// This exit code, and one error that says `parts` in words for people.
+    /// Checks for this exit code and one readable error that contains `parts`.
     #[track_caller]
     pub fn failed(&self, code: i32, parts: &[&str]) {
         assert_eq!(self.code, code, "{}{}", self.out, self.err);

@@ -1,11 +1,11 @@
-//! Lays a finished plan's trajectory anew, for faults that the trajectory must share.
+//! Computes a finished plan's trajectory again, for faults that the trajectory must follow.
 
 use bonemill_planner::path::MoveKind;
 use bonemill_planner::plan::{StoredPlan, Trajectory};
 use bonemill_robot::arm::bone_attached;
 use bonemill_robot::timelaw::{CornerTolerance, JointPath, PathLimits, PreparedPath};
 
-/// Lays the trajectory anew through the waypoints as they are, under their caps.
+/// Computes the trajectory again through the present waypoints, under their caps.
 pub fn relay(plan: &mut StoredPlan) {
     let (mut q, mut pose, mut burr_mm, mut caps, mut at) = (vec![], vec![], vec![], vec![], vec![]);
     for n in 0..plan.waypoints.len() {
@@ -35,7 +35,7 @@ pub fn relay(plan: &mut StoredPlan) {
     plan.trajectory = Trajectory { dof: rows.dof, time_s: rows.time_s, q: rows.q, qd: rows.qd };
 }
 
-/// Lays the trajectory under other caps for one kind of move than the rows then say.
+/// Computes the trajectory with other caps for one kind of move than the rows state.
 pub fn relay_at(plan: &mut StoredPlan, factor: f64, is: fn(MoveKind) -> bool) {
     let caps: Vec<f64> = plan.waypoints.iter().map(|w| w.speed_mm_s).collect();
     plan.waypoints.iter_mut().filter(|w| is(w.kind)).for_each(|w| w.speed_mm_s *= factor);

@@ -1,7 +1,7 @@
 //! A small mutation fuzzer for toolchains without libFuzzer: deterministic, without coverage feedback.
 //!
-//! `mutate TARGET MINUTES [SEED] [CRASHES]`: takes a valid input, damages it in a few places, calls the target. A panic or
-//! a call of more than five seconds is kept in the folder CRASHES (`crashes` by default), and the exit code is 1.
+//! `mutate TARGET MINUTES [SEED] [CRASHES]`: takes a valid input, damages it in a few places and calls the target. An input that
+//! causes a panic or takes more than five seconds is written to the folder CRASHES (`crashes` by default), and the exit code is 1.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -28,7 +28,7 @@ impl Draws {
     }
 }
 
-/// What readers trip over.
+/// Words that are often difficult for readers.
 const WORDS: &[&[u8]] = &[
     b"nan",
     b"inf",
@@ -72,7 +72,7 @@ fn damage(draws: &mut Draws, seeds: &[Vec<u8>]) -> Vec<u8> {
             4 => drop(data.splice(at..at, data[at..end].to_vec())),
             5 => data.truncate(at),
             6 => {
-                // whole numbers of 2, 4 or 8 bytes at their ends
+                // extreme whole numbers of 2, 4 or 8 bytes
                 let value = [0, 1, -1, i64::from(i16::MAX), i64::from(i32::MIN), i64::MAX][draws.below(6)];
                 for (byte, new) in data[at..end].iter_mut().zip(value.to_le_bytes()) {
                     *byte = new;
@@ -110,7 +110,7 @@ fn main() -> ExitCode {
     seeds.iter().for_each(|seed| target(seed));
     std::panic::set_hook(Box::new(|_| {}));
 
-    // a call that does not return is told from outside
+    // another thread detects a call that does not return
     let current = Arc::new(Mutex::new(Vec::new()));
     let since = Arc::new(AtomicU64::new(0));
     let begun = Instant::now();

@@ -1,4 +1,4 @@
-//! Writes every target's valid inputs to `corpus/TARGET/`, where cargo-fuzz looks for them.
+//! Writes every target's valid inputs to `corpus/TARGET/`, where cargo-fuzz expects them.
 
 fn main() -> std::io::Result<()> {
     for (target, _) in bonemill_fuzz::TARGETS {

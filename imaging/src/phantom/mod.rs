@@ -2,11 +2,13 @@
 //! patient.
 //!
 //! [`PhantomKind::Block`] is the foam block of Dillon et al. 2016 (D), section III; [`PhantomKind::Temporal`] is a mastoid
-//! with its air cells and the structures around it. A phantom consists of an image in HU, a label map on the same grid,
+//! with its air cells and the structures around it; [`PhantomKind::Tibia`] and [`PhantomKind::Glenoid`] are bones to be drilled
+//! and reamed. A phantom consists of an image in HU, a label map on the same grid,
 //! the labels' names and the text of a case file. This module writes no files.
 //!
-//! Invariants: the same kind and seed give the same voxels, whatever the number of threads; every seed gives a case whose
-//! target is one piece, reaches the outside along the approach, and keeps every structure's clearance.
+//! Invariants: the same kind and seed give the same voxels, whatever the number of threads; every seed of `block`
+//! and `temporal` gives a case whose target is one piece, reaches the outside along the approach, and keeps every structure's
+//! clearance; every seed of `tibia` and `glenoid` one whose channel does.
 //!
 //! ```
 //! use bonemill_imaging::phantom::{PhantomKind, phantom};
@@ -19,9 +21,12 @@
 
 mod block;
 mod cells;
+mod glenoid;
 mod rng;
 mod shapes;
 mod temporal;
+mod tibia;
+mod variation;
 
 use std::fmt;
 use std::str::FromStr;
@@ -42,11 +47,20 @@ pub enum PhantomKind {
     Block,
     /// A procedural right mastoid: a cavity behind the ear canal, between dura, sinus, labyrinth and facial nerve.
     Temporal,
+    /// A stretch of a tibia's shaft to be drilled through both cortices.
+    Tibia,
+    /// The head of a scapula with a glenoid to be reamed.
+    Glenoid,
+}
+
+impl PhantomKind {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Block, Self::Temporal, Self::Tibia, Self::Glenoid];
 }
 
 /// There is no phantom of the given name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("phantom '{found}': expected 'block' or 'temporal'")]
+#[error("phantom '{found}': expected 'block', 'temporal', 'tibia' or 'glenoid'")]
 pub struct UnknownPhantom {
     /// The name given.
     pub found: String,
@@ -57,6 +71,8 @@ impl fmt::Display for PhantomKind {
         f.write_str(match self {
             Self::Block => "block",
             Self::Temporal => "temporal",
+            Self::Tibia => "tibia",
+            Self::Glenoid => "glenoid",
         })
     }
 }
@@ -68,6 +84,8 @@ impl FromStr for PhantomKind {
         match name {
             "block" => Ok(Self::Block),
             "temporal" => Ok(Self::Temporal),
+            "tibia" => Ok(Self::Tibia),
+            "glenoid" => Ok(Self::Glenoid),
             _ => Err(UnknownPhantom { found: name.to_string() }),
         }
     }
@@ -91,6 +109,8 @@ pub fn phantom(kind: PhantomKind, seed: u64) -> Phantom {
     match kind {
         PhantomKind::Block => block(&BlockParams::paper(), seed),
         PhantomKind::Temporal => temporal::temporal(seed),
+        PhantomKind::Tibia => tibia::tibia(seed),
+        PhantomKind::Glenoid => glenoid::glenoid(seed),
     }
 }
 

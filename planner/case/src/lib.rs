@@ -10,9 +10,11 @@ mod error;
 mod explain;
 mod given;
 mod hold;
+mod job;
 #[macro_use]
 mod keys;
 mod parse;
+mod parse_channel;
 mod parse_robot;
 mod parse_tool;
 pub mod prosthesis;
@@ -27,6 +29,7 @@ mod tests;
 mod tool;
 mod walker;
 pub mod write;
+mod write_channel;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -41,6 +44,7 @@ pub use error::{CaseError, CaseFault, Located};
 pub use explain::{Origin, Parameter, explained};
 pub use given::Given;
 pub use hold::Hold;
+pub use job::{ChannelDirection, ChannelEnd, ChannelSpec, Entry, Feed, Job, Pattern};
 pub use keys::Unit;
 pub use parse::syntax;
 pub use parse_robot::rotation_from_matrix;
@@ -61,6 +65,8 @@ pub struct Case {
     pub images: Images,
     /// Hounsfield units to density, and what counts as air and bone.
     pub density: Density,
+    /// The kind of work.
+    pub job: Job,
     /// The bone to be removed.
     pub target: Target,
     /// Whether thin bone outside the target is kept.

@@ -9,14 +9,15 @@ use toml::de::{DeTable, DeValue};
 use super::error::{CaseError, CaseFault, Located};
 use super::hold::read_holds;
 use super::keys::{self as k, Fallback, Number, Other};
+use super::parse_channel::read_channel;
 use super::parse_robot::read_robot;
 use super::parse_tool::{read_edge_material, read_tool};
 use super::relations;
 use super::walker::{Log, Walk, as_number, line_at};
 use super::{
-    Burr, Case, CostSpec, Density, DistanceCurve, Given, GridSpec, Images, LabelRef, MaterialSpec, Measure,
-    OrientationMode, OrientationSpec, PathSpec, RegistrationSpec, ShankSegment, SpeedCaps, SpeedSpec,
-    Structure, Target,
+    Burr, Case, CostSpec, Density, DistanceCurve, Given, GridSpec, Images, Job, LabelRef, MaterialSpec,
+    Measure, OrientationMode, OrientationSpec, PathSpec, Pattern, RegistrationSpec, ShankSegment, SpeedCaps,
+    SpeedSpec, Structure, Target,
 };
 use crate::{EdgeMaterial, Sheets};
 
@@ -103,12 +104,23 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
     let tool = read_tool(&root);
     let (material, edge_material) = read_material(root.table("material"), paper);
     let robot = read_robot(root.table("robot"));
-    let (target, least_share) = read_target(root.table("target"));
+    let (path, job) = read_path(root.table("path"), burr.radius_mm, paper);
+    let (target, least_share) = match &job {
+        Job::Bone => read_target(root.table("target")),
+        Job::Channel(_) => {
+            refuse_bone_tables(&root);
+            (Target::Swept, 1.0)
+        }
+    };
     let case = Case {
         paper,
+        job,
         images: read_images(root.table("images")),
         density: read_density(log, root.table("density")),
-        sheets: root.table("target").choice(&k::SHEETS, Sheets::Keep),
+        sheets: match target {
+            Target::Swept => Sheets::Keep,
+            _ => root.table("target").choice(&k::SHEETS, Sheets::Keep),
+        },
         target,
         least_share,
         structures: read_structures(&root),
@@ -118,7 +130,7 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
         material,
         edge_material,
         tool,
-        path: read_path(root.table("path"), burr.radius_mm, paper),
+        path,
         cost: read_cost(root.table("cost"), paper),
         orientation: read_orientation(root.table("orientation"), paper, &robot.model),
         speed: read_speed(root.table("speed"), paper),
@@ -172,7 +184,7 @@ fn harmless_table() -> DensityTable {
     DensityTable::new(&[-1000.0, 1000.0], &[0.0, 1.0]).expect("a table")
 }
 
-fn read_label(t: &Walk<'_, '_>, of: &Other) -> LabelRef {
+pub(super) fn read_label(t: &Walk<'_, '_>, of: &Other) -> LabelRef {
     let harmless = LabelRef::Number(1);
     match t.raw(of) {
         None => {
@@ -339,17 +351,45 @@ fn read_material(t: Walk<'_, '_>, paper: bool) -> (MaterialSpec, EdgeMaterial) {
     (material, edges)
 }
 
-fn read_path(t: Walk<'_, '_>, radius_mm: f64, paper: bool) -> PathSpec {
-    t.choice(&k::PATTERN, ());
+/// How the path is laid, and for which kind of work.
+fn read_path(t: Walk<'_, '_>, radius_mm: f64, paper: bool) -> (PathSpec, Job) {
+    let pattern = t.choice(&k::PATTERN, Pattern::Lawnmower);
+    let step_mm = t.number(&k::STEP);
+    let is_bone = pattern == Pattern::Lawnmower;
+    let number = |of: &Number| if is_bone { t.number(of) } else { default_of(of) };
     let path = PathSpec {
-        layer_mm: t.number(&k::LAYER),
-        stepover_mm: t.optional(&k::STEPOVER).unwrap_or(2.0 / 3.0 * radius_mm),
-        step_mm: t.number(&k::STEP),
-        raster_rad: t.optional(&k::RASTER).map(f64::to_radians),
-        sense: t.choice(&k::SENSE, if paper { super::Sense::Both } else { super::Sense::Auto }),
+        layer_mm: number(&k::LAYER),
+        stepover_mm: is_bone.then(|| t.optional(&k::STEPOVER)).flatten().unwrap_or(2.0 / 3.0 * radius_mm),
+        step_mm,
+        raster_rad: is_bone.then(|| t.optional(&k::RASTER)).flatten().map(f64::to_radians),
+        sense: match (is_bone, paper) {
+            (true, true) => t.choice(&k::SENSE, super::Sense::Both),
+            (true, false) => t.choice(&k::SENSE, super::Sense::Auto),
+            (false, _) => super::Sense::Auto,
+        },
     };
+    let job = if is_bone { Job::Bone } else { Job::Channel(read_channel(&t, pattern, step_mm)) };
     t.finish();
-    path
+    (path, job)
+}
+
+/// The default of a number that has a fixed one.
+fn default_of(of: &Number) -> f64 {
+    match of.default {
+        Fallback::Value(v) => v,
+        _ => of.min,
+    }
+}
+
+/// Tables that say how bone is milled in layers.
+fn refuse_bone_tables(root: &Walk<'_, '_>) {
+    for name in ["target", "cost", "orientation"] {
+        if root.has(name) {
+            let why = "a channel (path.pattern = \"plunge\" or \"ream\") is determined by [path] alone: leave the table out";
+            root.note(name, CaseFault::Contradiction { key: name.into(), why });
+        }
+    }
+    root.accept(&["target"]);
 }
 
 fn read_cost(t: Walk<'_, '_>, paper: bool) -> CostSpec {

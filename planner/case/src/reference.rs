@@ -108,10 +108,15 @@ mod tests {
         base_from_ct = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [0, 0, 0] }\n\
         flange_from_burr = { translation_mm = [0, 0, 0], rpy_rad = [0, 0, 0] }\n";
 
+    /// A channel with every key that can stand together.
+    const CHANNEL: &str = "structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[tool]\nkind = \"drill\"\n[path]\npattern = \"plunge\"\n\
+        target_mm = [1, 2, 3]\ndirection = \"safest\"\npeck_mm = 3\n";
+
     #[test]
     fn every_key_that_is_written_is_documented_and_the_other_way_round() {
         let case = Case::parse(FULL, Path::new("full.toml")).unwrap();
-        let written = case.to_toml();
+        let channel = Case::parse(CHANNEL, Path::new("channel.toml")).unwrap();
+        let written = case.to_toml() + &channel.to_toml();
         let mut table = String::new();
         let mut keys = vec!["structure".to_owned(), "hold".to_owned()];
         for line in written.lines().filter(|l| !l.is_empty()) {
@@ -126,8 +131,10 @@ mod tests {
         }
         // the other shapes of target and registration, and what is inside inline tables
         let inside = ["target.b", "target.f", "robot.base_from_ct.", "robot.flange_from_burr."];
+        // the other ways to say where a channel begins and ends and how fast it is, see parse_channel::tests
+        let ways = ["path.entry_", "path.depth_mm", "path.contact_area_mm2", "path.feed_mm_s"];
         // and the tools that are no burr, see tool::tests
-        let tools = ["drill.", "reamer.", "mesh."];
+        let tools = [&["drill.", "reamer.", "mesh."][..], &ways[..]].concat();
         let inside = [&inside[..], &tools[..]].concat();
         for path in documented {
             let elsewhere = inside.iter().any(|p| path.starts_with(p));

@@ -4,7 +4,7 @@ use super::error::CaseFault;
 use super::hold::judge_holds;
 use super::keys::Unit;
 use super::suggest::nearest;
-use super::{Case, ForceTerm, SpeedMode, Target, Tool};
+use super::{Case, ForceTerm, Job, SpeedMode, Target, Tool};
 
 /// No handpiece is thicker, mm; access grows with the cube of it.
 const MOST_SHANK_RADIUS_MM: f64 = 30.0;
@@ -22,7 +22,8 @@ struct Bound {
 
 /// Notes every contradiction; `note` takes the fault and the key it stands at, `is_default` tells absent keys.
 pub(super) fn judge(case: &Case, note: &dyn Fn(CaseFault, &str), is_default: &dyn Fn(&str) -> bool) {
-    for Bound { key, found, holds, relation, limit, of, unit } in bounds(case) {
+    let bounds = if case.job == Job::Bone { bounds(case) } else { channel_bounds(case) };
+    for Bound { key, found, holds, relation, limit, of, unit } in bounds {
         if !holds {
             let is_default = is_default(key);
             note(CaseFault::Relation { key: key.into(), found, is_default, relation, limit, of, unit }, key);
@@ -35,6 +36,12 @@ pub(super) fn judge(case: &Case, note: &dyn Fn(CaseFault, &str), is_default: &dy
     judge_joints(case, note);
     judge_choices(case, note);
     judge_tool(case, note);
+}
+
+/// A channel has no layers, and its tool is not the burr.
+fn channel_bounds(case: &Case) -> Vec<Bound> {
+    let shared = ["density.bone_hu", "grid.spacing_mm"];
+    bounds(case).into_iter().filter(|bound| shared.contains(&bound.key)).collect()
 }
 
 /// The tool's dimensions make a tool, and the coefficients fit their model.
@@ -151,7 +158,7 @@ fn judge_target(case: &Case, note: &dyn Fn(CaseFault, &str)) {
                 above("target.frustum.from_radius_mm", widest, 0.5, "the wider of the frustum's two radii");
             }
         }
-        Target::Label(_) | Target::Ball { .. } => {}
+        Target::Label(_) | Target::Ball { .. } | Target::Swept => {}
     }
 }
 
@@ -221,6 +228,12 @@ fn judge_joints(case: &Case, note: &dyn Fn(CaseFault, &str)) {
 
 /// What one choice needs and another lacks.
 fn judge_choices(case: &Case, note: &dyn Fn(CaseFault, &str)) {
+    let is_speed = |key: &&str| key.starts_with("speed.") && *key != "speed.link_mm_s";
+    if let (Job::Channel(_), Some(key)) = (&case.job, case.given.keys().find(is_speed)) {
+        let why =
+            "a channel's speed is path.feed_mm_rev or path.feed_mm_s, and speed.link_mm_s outside the bone";
+        note(CaseFault::Contradiction { key: key.into(), why }, key);
+    }
     if case.cost.force == ForceTerm::Deflection && case.robot.joint_stiffness.is_none() {
         let expected = "one value per joint, N/mm or N·mm/rad, for cost.force = \"deflection\"".into();
         note(CaseFault::Missing { key: "robot.joint_stiffness".into(), expected }, "cost.force");

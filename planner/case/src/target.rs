@@ -35,6 +35,8 @@ pub enum Target<L = LabelRef> {
         /// Radius at the second end.
         to_radius_mm: f64,
     },
+    /// What the tool of a channel sweeps; it has no shape of its own until the channel is laid.
+    Swept,
 }
 
 impl<L> Target<L> {
@@ -45,6 +47,7 @@ impl<L> Target<L> {
     pub fn with_label<M, E>(&self, label: impl FnOnce(&L) -> Result<M, E>) -> Result<Target<M>, E> {
         Ok(match *self {
             Self::Label(ref of) => Target::Label(label(of)?),
+            Self::Swept => Target::Swept,
             Self::Box { min_mm, max_mm } => Target::Box { min_mm, max_mm },
             Self::Ball { center_mm, radius_mm } => Target::Ball { center_mm, radius_mm },
             Self::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
@@ -56,7 +59,7 @@ impl<L> Target<L> {
     /// Whether a shape holds `p`; a label holds nothing by itself.
     pub fn contains(&self, p: Point<Ct>) -> bool {
         match *self {
-            Self::Label(_) => false,
+            Self::Label(_) | Self::Swept => false,
             Self::Box { min_mm, max_mm } => {
                 (0..3).all(|a| p.coords[a] >= min_mm[a] && p.coords[a] <= max_mm[a])
             }
@@ -84,7 +87,7 @@ impl<L> Target<L> {
             })
         };
         match *self {
-            Self::Label(_) => Vec::new(),
+            Self::Label(_) | Self::Swept => Vec::new(),
             Self::Box { min_mm, max_mm } => corners(min_mm, max_mm).collect(),
             Self::Ball { center_mm, radius_mm } => {
                 let r = Vector3::repeat(radius_mm);

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use nalgebra::Vector3;
 
 use super::keys as k;
-use super::{Case, LabelRef, Registration, Target};
+use super::{Case, Job, LabelRef, Registration, Target, write_channel};
 
 impl Case {
     /// The case as a case file with every key.
@@ -59,7 +59,9 @@ impl Case {
             ],
         );
         let rules = [("least_share", float(self.least_share)), ("sheets", text(k::SHEETS.word(self.sheets)))];
-        out.table("target", &[&[target(&self.target)][..], &rules[..]].concat());
+        if let Some(target) = target(&self.target) {
+            out.table("target", &[&[target][..], &rules[..]].concat());
+        }
         for s in &self.structures {
             out.array_table(
                 "structure",
@@ -122,8 +124,13 @@ impl Case {
     }
 
     fn write_planning(&self, out: &mut Text) {
+        if let Job::Channel(channel) = &self.job {
+            out.table("path", &write_channel::lines(channel));
+            out.table("speed", &[("link_mm_s", float(self.speed.link_mm_s))]);
+            return;
+        }
         let mut path = vec![
-            ("pattern", text(k::PATTERN.word(()))),
+            ("pattern", text(k::PATTERN.word(super::Pattern::Lawnmower))),
             ("layer_mm", float(self.path.layer_mm)),
             ("stepover_mm", float(self.path.stepover_mm)),
             ("step_mm", float(self.path.step_mm)),
@@ -249,15 +256,16 @@ pub(crate) fn degrees(rad: f64) -> f64 {
     exact.unwrap_or(nearest)
 }
 
-fn label(label: &LabelRef) -> String {
+pub(super) fn label(label: &LabelRef) -> String {
     match label {
         LabelRef::Number(n) => n.to_string(),
         LabelRef::Name(name) => text(name),
     }
 }
 
-fn target(target: &Target) -> (&'static str, String) {
-    match target {
+fn target(target: &Target) -> Option<(&'static str, String)> {
+    Some(match target {
+        Target::Swept => return None,
         Target::Label(l) => ("label", label(l)),
         Target::Box { min_mm, max_mm } => {
             ("box", format!("{{ min_mm = {}, max_mm = {} }}", vector(min_mm), vector(max_mm)))
@@ -275,7 +283,7 @@ fn target(target: &Target) -> (&'static str, String) {
                 float(*to_radius_mm)
             ),
         ),
-    }
+    })
 }
 
 /// TOML text with tables below a prefix.

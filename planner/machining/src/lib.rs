@@ -20,6 +20,8 @@ mod error;
 mod job;
 pub mod leftover;
 mod moves;
+mod part;
+mod pass;
 mod passes;
 mod plan;
 pub mod raster;
@@ -30,12 +32,13 @@ pub mod stock;
 pub mod strip;
 pub mod time;
 pub mod trajectory;
+mod zigzag;
 
 pub use error::MachiningError;
 pub use job::{Block, HolderSegment, Job, Machine, Process, Tool};
 pub use moves::{Facing, Kind, Move, Side};
 pub use plan::{Machining, Warning, plan, plan_zigzag};
-pub use sides::ZigZag;
+pub use zigzag::ZigZag;
 
 /// How deep a cut may go into the part at most, mm: chords of the path (0.005), its last bisection (0.003), rounding to 0.001 and the
 /// proof's own sampling stay below it.

@@ -10,13 +10,15 @@ use crate::envelope::{Envelope, Facet};
 use crate::job::Job;
 use crate::leftover::{self, Leftover, Reason};
 use crate::moves::{Facing, Move, Side};
+use crate::part::Part;
 use crate::passes::Passes;
 use crate::raster::Raster;
-use crate::sides::{Part, Sight, ZigZag};
+use crate::sides::Sight;
 use crate::silhouette::Silhouette;
 use crate::stock::Stock;
 use crate::strip::StripStrength;
 use crate::time::{Times, times};
+use crate::zigzag::ZigZag;
 
 /// Cells across the tool, at least; and the largest cell, mm.
 const CELLS_ACROSS: f64 = 24.0;
@@ -141,15 +143,15 @@ fn plan_sides(
     let part = Part::new(&front, job)?;
     let (a, b) = (Sight::new(&part, job, &front, Facing::Front), Sight::new(&part, job, &back, Facing::Back));
 
-    let mut laid = Laid { moves: vec![], at: None };
+    let mut laid = Laid { job, moves: vec![], at: None };
     let block = Stock::block(&part.raster, &job.block, &job.tool, Facing::Front);
-    let stock = laid.lay(job, Facing::Front, Side::A, block, |passes| side(&a, &part, passes));
-    let stock = laid.lay(job, Facing::Back, Side::B, stock.turned(), |passes| side(&b, &part, passes));
-    let stock = laid.lay(job, Facing::Back, Side::C, stock, |passes| {
+    let stock = laid.lay(Facing::Front, Side::A, block, |passes| side(&a, &part, passes));
+    let stock = laid.lay(Facing::Back, Side::B, stock.turned(), |passes| side(&b, &part, passes));
+    let stock = laid.lay(Facing::Back, Side::C, stock, |passes| {
         b.contour(&part, passes);
         b.rim(&part, passes);
     });
-    laid.lay(job, Facing::Front, Side::C, stock.turned(), |passes| a.rim(&part, passes));
+    laid.lay(Facing::Front, Side::C, stock.turned(), |passes| a.rim(&part, passes));
 
     let hidden = &part.envelope.hidden_mm;
     let mut left = leftover::places(&part.raster, hidden, &part.envelope.top, Facing::Front, Reason::Hidden);
@@ -164,21 +166,15 @@ fn plan_sides(
 }
 
 /// Moves so far, and where the tip is in the machine's axes.
-struct Laid {
+struct Laid<'a> {
+    job: &'a Job,
     moves: Vec<Move>,
     at: Option<[f64; 3]>,
 }
 
-impl Laid {
-    fn lay(
-        &mut self,
-        job: &Job,
-        facing: Facing,
-        side: Side,
-        stock: Stock,
-        work: impl FnOnce(&mut Passes<'_>),
-    ) -> Stock {
-        let mut passes = Passes::new(job, facing, side, stock, self.at);
+impl Laid<'_> {
+    fn lay(&mut self, facing: Facing, side: Side, stock: Stock, work: impl FnOnce(&mut Passes<'_>)) -> Stock {
+        let mut passes = Passes::new(self.job, facing, side, stock, self.at);
         work(&mut passes);
         let (moves, at, stock) = passes.finished();
         self.at = at;

@@ -34,7 +34,7 @@ impl Raster {
         let pitch_mm = pitch_mm.max((width * height / MOST_CELLS).sqrt());
         let most_mm = 0.5 * MOST_CELLS.sqrt();
         let size_mm = width.max(height);
-        if !(size_mm <= most_mm) {
+        if size_mm > most_mm || !size_mm.is_finite() {
             return Err(MachiningError::TooLarge { size_mm, most_mm });
         }
         let cells = |length: f64| (length / pitch_mm).ceil() as usize + 1;

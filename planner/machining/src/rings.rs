@@ -44,7 +44,7 @@ impl Field {
                 continue;
             }
             for next in field.neighbours(cell).into_iter().flatten() {
-                if field.t[next] != OUTSIDE && !done[next] {
+                if field.t[next] >= 0.0 && !done[next] {
                     let t = field.arrival(next, raster.pitch_mm / step_mm[next]);
                     if t < field.t[next] {
                         field.t[next] = t;
@@ -73,7 +73,7 @@ impl Field {
         let [left, right, below, above] = self.neighbours(cell);
         let lesser = |one: Option<usize>, other: Option<usize>| {
             let value = |n: Option<usize>| {
-                n.map_or(f64::INFINITY, |n| if self.t[n] == OUTSIDE { f64::INFINITY } else { self.t[n] })
+                n.map_or(f64::INFINITY, |n| if self.t[n] < 0.0 { f64::INFINITY } else { self.t[n] })
             };
             value(one).min(value(other))
         };

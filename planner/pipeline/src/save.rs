@@ -15,7 +15,7 @@ use crate::{Plan, record};
 pub fn save(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<PlanRecord, PlanFileError> {
     let record = record(plan, staged.relative(case_path)?);
     let (setup, moves) = (&plan.setup, &plan.moves);
-    let [access, dropped] = NOTES;
+    let [access, dropped, ..] = NOTES;
     let contents = PlanContents {
         record: &record,
         waypoints: &moves.waypoints,

@@ -8,7 +8,7 @@ mod toml;
 
 use std::fmt::Write;
 
-pub use csv::{ACCESS, DROPPED, FORCES_ROWS, SIMULATION_ROWS, WAYPOINTS};
+pub use csv::{ACCESS, DROPPED, FORCES_ROWS, PLUNGE_ROWS, SIMULATION_ROWS, WAYPOINTS};
 
 /// A column of a table or a key of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,40 +55,45 @@ pub struct Described {
 pub const DESCRIBED: &[Described] = &[
     Described {
         title: "waypoints.csv",
-        about: "One row a waypoint. Everything in a row belongs to the move that ends there; the first row is where the \
+        about: "One row per waypoint. Everything in a row belongs to the move that ends there; the first row is where the \
                 motion begins. An empty cell: there is no such value.",
         columns: &WAYPOINTS,
     },
     Described {
         title: "forces.csv",
-        about: "One row a waypoint and structure within its influence: its clearance from the burr's surface and 8 mm more.",
+        about: "One row for each waypoint and each structure within its influence, that is, within its clearance plus 8 mm of the burr's surface.",
         columns: &FORCES_ROWS,
     },
     Described {
         title: "trajectory.csv",
-        about: "One row a controller period (`robot.rate_hz`): the motion of the joints of `robot.urdf`, on the clock of \
+        about: "One row per controller period (`robot.rate_hz`): the motion of the joints of `robot.urdf`, on the clock of \
                 `waypoints.csv`.",
         columns: &csv::TRAJECTORY,
     },
     Described {
         title: "simulation.csv",
-        about: "Written by `bonemill simulate`: one row a simulated pose. An empty cell: there is no such value.",
+        about: "Written by `bonemill simulate`: one row per simulated pose. An empty cell means that there is no such value.",
         columns: &SIMULATION_ROWS,
     },
     Described {
         title: "access.csv",
-        about: "One row a waypoint: which directions of the shaft were free there.",
+        about: "One row per waypoint: the free directions of the shaft there.",
         columns: &ACCESS,
     },
     Described {
         title: "dropped.csv",
-        about: "One row a place that the path leaves out because the shank could not get there.",
+        about: "One row per waypoint that the path leaves out because the shank had no free direction there.",
         columns: &DROPPED,
     },
-    Described { title: "plan.toml", about: "The plan in figures.", columns: toml::PLAN },
+    Described {
+        title: "plunge.csv",
+        about: "Of a drilled channel or a reaming: one row a waypoint, what the tool feels there.",
+        columns: &PLUNGE_ROWS,
+    },
+    Described { title: "plan.toml", about: "The plan's settings and figures.", columns: toml::PLAN },
     Described {
         title: "plan.toml [frames]",
-        about: "`a_from_b` takes coordinates of b to coordinates of a: p_a = rotation · p_b + translation_mm; a rotation is \
+        about: "`a_from_b` converts coordinates of b to coordinates of a: p_a = rotation · p_b + translation_mm; a rotation is \
                 written by rows.",
         columns: toml::FRAMES,
     },
@@ -100,12 +105,12 @@ pub const DESCRIBED: &[Described] = &[
     },
     Described {
         title: "plan.toml [modelled]",
-        about: "What was modelled where, and what each approximation may have cost.",
+        about: "What was modelled, and the error of each approximation.",
         columns: toml::MODELLED,
     },
     Described {
         title: "verification.toml",
-        about: "Written by `bonemill verify`: the verdict, and one `[[check]]` for each thing that was checked.",
+        about: "Written by `bonemill verify`: the verdict and one `[[check]]` for each check.",
         columns: toml::VERIFICATION,
     },
 ];
@@ -131,7 +136,7 @@ const INTRODUCTION: &str = "\
 # The files of a plan
 
 Every column and key with its unit, frame and meaning. Lengths are mm, forces N, angles rad; names end in their unit. Distances
-are from the burr's centre unless they say otherwise: less the burr's radius they are from its surface. The keys of `[case]` are
+are measured from the burr's centre unless stated otherwise; subtract the burr's radius for distances from its surface. The keys of `[case]` are
 those of the [case file](case.md).
 
 This page is generated from the table that the writers use: `bonemill columns` prints it.

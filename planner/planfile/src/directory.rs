@@ -16,7 +16,7 @@ use super::PlanFileError;
 use super::record::is_plan;
 
 /// Entries of a plan's directory. A directory with any other entry is not replaced.
-const PLAN_ENTRIES: [&str; 13] = [
+const PLAN_ENTRIES: [&str; 14] = [
     "plan.toml",
     "case.toml",
     "waypoints.csv",
@@ -26,6 +26,7 @@ const PLAN_ENTRIES: [&str; 13] = [
     "report.html",
     "access.csv",
     "dropped.csv",
+    "plunge.csv",
     "simulation.csv",
     "verification.toml",
     "phantom",

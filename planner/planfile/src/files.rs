@@ -3,12 +3,12 @@
 use std::path::Path;
 
 use super::inputs::CASE_COPY;
-use super::{FORCES, PlanFileError, REPORT, StagedDirectory, StoredPlan};
+use super::{FORCES, PLUNGE, PlanFileError, REPORT, StagedDirectory, StoredPlan};
 
 /// Files of a plan's directory besides `plan.toml`.
 pub const FILES: [&str; 5] = ["waypoints.csv", FORCES, "trajectory.csv", "robot.urdf", REPORT];
 /// Files for human readers only; no command reads them.
-pub const NOTES: [&str; 2] = ["access.csv", "dropped.csv"];
+pub const NOTES: [&str; 3] = ["access.csv", "dropped.csv", PLUNGE];
 
 /// Copies the files of a plan, except `plan.toml`, into the staged directory.
 ///

@@ -5,6 +5,7 @@
 
 mod addition;
 mod cells;
+mod channel;
 pub mod columns;
 mod contents;
 mod csv;
@@ -17,8 +18,10 @@ mod gaps;
 mod hash;
 mod holds;
 mod inputs;
+mod plunge;
 mod record;
 mod stored;
+mod streamed;
 pub mod toward;
 mod trajectory;
 mod value;
@@ -27,6 +30,7 @@ mod waypoint;
 
 pub use addition::{REPORT, ReportPart, add_to_report, replace};
 pub use cells::{push_number, structure_name};
+pub use channel::ChannelRecord;
 pub use contents::PlanContents;
 pub use csv::{read_waypoints, write_waypoints};
 pub use directory::{PROSTHESIS_HEADER, Replace, StagedDirectory, is_prosthesis};
@@ -38,8 +42,10 @@ pub use gaps::{Gap, least_gaps};
 pub use hash::Sha256;
 pub use holds::{HoldPoint, hold_points};
 pub use inputs::{CASE_COPY, FoundInputs, Need, copy_input, pack_inputs};
+pub use plunge::{PLUNGE, PlungeRow, plunge_text};
 pub use record::{Input, Metrics, PlanFrames, PlanRecord, PlanningGrid};
 pub use stored::StoredPlan;
+pub use streamed::stream_input;
 pub use trajectory::Trajectory;
 pub use value::Value;
 pub use verdict::{Unverified, VERDICT, Verified, digests, read_case_text, verified};

@@ -1,6 +1,7 @@
 //! The block that a part is milled from: chosen, taken from stock, and where the part lies in it.
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use bonemill_case::prosthesis::{BlockSource, ProsthesisJob};
 use bonemill_catalogue::{Catalogue, CatalogueError, Mounted, StockBlock, smallest};
@@ -16,12 +17,13 @@ pub struct TakenBlock {
     pub mounted: Mounted,
     /// The catalogue to which it goes back.
     catalogue: Option<PathBuf>,
+    is_kept: AtomicBool,
 }
 
 impl TakenBlock {
     /// The block is used: it does not go back.
-    pub fn keep(mut self) {
-        self.catalogue = None;
+    pub fn keep(&self) {
+        self.is_kept.store(true, Ordering::Relaxed);
     }
 
     /// Whether it was taken from a catalogue.
@@ -32,7 +34,7 @@ impl TakenBlock {
 
 impl Drop for TakenBlock {
     fn drop(&mut self) {
-        if let Some(path) = &self.catalogue {
+        if let Some(path) = self.catalogue.as_ref().filter(|_| !self.is_kept.load(Ordering::Relaxed)) {
             // a catalogue that cannot be reached any more is looked after by people
             let _ = Catalogue::open(path).and_then(|mut stock| stock.put_back(&self.mounted.id));
         }
@@ -66,7 +68,7 @@ pub(crate) fn take(
     };
     let there = || there.iter().filter(|b| b.count > 0).map(|b| (b.id.clone(), b.size_mm)).collect();
     let mounted = mounted.ok_or_else(|| ProsthesisError::NoBlock { needed_mm, there: there() })?;
-    Ok(TakenBlock { mounted, catalogue })
+    Ok(TakenBlock { mounted, catalogue, is_kept: AtomicBool::new(false) })
 }
 
 fn from_catalogue(

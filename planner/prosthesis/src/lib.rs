@@ -18,6 +18,7 @@ mod placing;
 mod plan;
 mod record;
 mod report;
+mod robot;
 mod save;
 mod settings;
 mod toolpath_csv;
@@ -28,6 +29,7 @@ pub use error::ProsthesisError;
 pub use placing::Placing;
 pub use plan::{ProsthesisPlan, Trial, plan, read_part};
 pub use record::JobRecord;
+pub use robot::RobotMotion;
 pub use save::save;
 
 /// Deepest cut into the part that a plan may have, mm.

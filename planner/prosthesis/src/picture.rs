@@ -117,21 +117,26 @@ impl Picture {
     }
 
     fn put(&mut self, x: usize, y: usize, depth: f64, colour: Colour) {
+        if x >= self.width || y >= self.height {
+            return;
+        }
         let at = y * self.width + x;
-        if x < self.width && y < self.height && depth >= self.depth[at] {
+        if depth >= self.depth[at] {
             self.depth[at] = depth;
             self.pixels[at] = colour;
         }
     }
 
-    /// A line, hidden where something lies before it.
+    /// A line two pixels wide, hidden where something lies before it.
     pub(crate) fn line(&mut self, from: &Vector3<f64>, to: &Vector3<f64>, colour: Colour) {
         let (a, b) = (self.project(from), self.project(to));
         let steps = (b - a).xy().amax().ceil().clamp(1.0, 8.0 * WIDTH as f64);
         for n in 0..=steps as usize {
             let p = a + (b - a) * (n as f64 / steps);
             if p.x >= 0.0 && p.y >= 0.0 {
-                self.put(p.x as usize, p.y as usize, p.z, colour);
+                for (x, y) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                    self.put(p.x as usize + x, p.y as usize + y, p.z, colour);
+                }
             }
         }
     }

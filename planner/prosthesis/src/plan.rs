@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use bonemill_case::prosthesis::ProsthesisJob;
+use bonemill_case::prosthesis::{MachineKind, ProsthesisJob};
 use bonemill_catalogue::Mounted;
 use bonemill_geometry::{Block as BlockFrame, Mesh, Progress};
 use bonemill_machining::{Block, Job, Machining, Warning};
@@ -12,7 +12,7 @@ use bonemill_planfile::{Sha256, Value};
 use bonemill_proof::{Proof, ProofJob};
 
 use crate::block::{self, TakenBlock};
-use crate::{MOST_GOUGE_MM, Placing, ProsthesisError, settings};
+use crate::{MOST_GOUGE_MM, Placing, ProsthesisError, RobotMotion, robot, settings};
 
 /// What finishing may leave beyond the step that was asked for, mm: chords, rounding and the samples of the proof.
 pub(crate) const UNCUT_TOLERANCE_MM: f64 = 0.02;
@@ -36,6 +36,8 @@ pub struct ProsthesisPlan {
     pub block: Block,
     /// The toolpath.
     pub machining: Machining,
+    /// The same moves by an arm, for a job that names one that can follow them.
+    pub robot: Option<RobotMotion>,
     /// The program.
     pub program: String,
     /// What the program was judged with.
@@ -73,6 +75,16 @@ pub fn plan(
     let machining_job = settings::machining(job, block);
     let failed = |source| ProsthesisError::Machining { block: taken.mounted.id.clone(), source };
     let machining = bonemill_machining::plan(&part, &machining_job).map_err(failed)?;
+    let (robot, stuck) = match job.machine.kind {
+        MachineKind::FiveAxis => (None, None),
+        MachineKind::Ur(model) => {
+            progress.stage("move arm");
+            match robot::motion(model, &machining.moves).map_err(failed)? {
+                Ok(motion) => (Some(motion), None),
+                Err(reason) => (None, Some(reason)),
+            }
+        }
+    };
     progress.stage("write program");
     let program = bonemill_program::write(&machining.moves, job.process.spindle_rpm);
     progress.stage("prove program");
@@ -87,12 +99,13 @@ pub fn plan(
         taken,
         block,
         machining,
+        robot,
         program,
         proof_job,
         proof,
         metrics: Vec::new(),
         warnings: Vec::new(),
-        shortfalls: Vec::new(),
+        shortfalls: stuck.into_iter().collect(),
     };
     plan.judge(&machining_job);
     plan.measure();
@@ -216,6 +229,9 @@ impl ProsthesisPlan {
             ("widest_cut_mm".into(), proof.widest_mm.into()),
             ("cuts_too_wide".into(), proof.too_wide.len().into()),
         ]);
+        if let Some(robot) = &self.robot {
+            metrics.push(("robot_time_s".into(), robot.duration_s.into()));
+        }
         self.metrics = metrics;
     }
 }

@@ -153,3 +153,66 @@ fn placed(table: &DeTable<'_>) -> Option<Rigid<BlockFrame, Part>> {
     let rotation = rotation_from_matrix(&Matrix3::from_rows(&[a.into(), b.into(), c.into()])).ok()?;
     Some(Rigid::new(rotation, triple(table.get("translation_mm")?.get_ref())?.into()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Rotation3;
+
+    fn record() -> JobRecord {
+        let job = "[part]\nstl = \"phantom/implant.stl\"\n[machine]\nmax_time_min = 60\n";
+        let digest = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+        JobRecord {
+            job: ProsthesisJob::parse(job, Path::new("job.toml")).unwrap(),
+            version: "0.1.0".into(),
+            part_sha256: digest.parse().unwrap(),
+            block_from_part: Rigid::new(
+                Rotation3::new(Vector3::new(0.3, -0.2, 0.9)),
+                Vector3::new(1.5, -70.25, 3.0),
+            ),
+            block_id: "B \"1\"".into(),
+            block: Block {
+                low_mm: Vector3::new(-20.0, -8.0, -33.0),
+                high_mm: Vector3::new(20.0, 8.0, 22.0),
+                grip_mm: 10.0,
+            },
+            tab_mm: [Vector3::new(-1.0, -2.0, -3.0), Vector3::new(1.0, 2.0, 3.0)],
+            metrics: vec![("facets".into(), 20_i64.into()), ("total_time_s".into(), 61.25.into())],
+            warnings: vec!["the mesh was repaired".into()],
+            shortfalls: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_record_reads_back_equal_and_is_a_job_again() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = record().to_toml().unwrap();
+        std::fs::write(dir.path().join(FILE_NAME), &text).unwrap();
+        let again = JobRecord::read(dir.path()).unwrap();
+        let off = again.block_from_part.rotation.matrix() - record().block_from_part.rotation.matrix();
+        assert!(off.amax() < 1e-15);
+        assert_eq!(JobRecord { block_from_part: record().block_from_part, ..again }, record());
+        assert_eq!(ProsthesisJob::parse(&text, Path::new("job.toml")).unwrap(), record().job);
+        assert_eq!(bonemill_planfile::is_prosthesis(dir.path()), Ok(()));
+    }
+
+    #[test]
+    fn a_key_that_is_missing_is_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = record().to_toml().unwrap();
+        for (from, to, expected) in [
+            ("high_mm = [20.0, 8.0, 22.0]", "high_mm = [20.0, 8.0]", "`result.high_mm`"),
+            ("ba7816bf", "ba78", "`result.inputs.part`"),
+            ("[result.metrics]", "[result.figures]", "`result.metrics`"),
+            ("[result]", "[results]", "unknown key `results`"),
+        ] {
+            std::fs::write(dir.path().join(FILE_NAME), text.replace(from, to)).unwrap();
+            let said = JobRecord::read(dir.path()).unwrap_err();
+            let said = format!(
+                "{said} {}",
+                std::error::Error::source(&said).map_or(String::new(), ToString::to_string)
+            );
+            assert!(said.contains(expected), "{said}");
+        }
+    }
+}

@@ -134,13 +134,20 @@ fn orientation(plan: &ProsthesisPlan) -> String {
 
 fn figures(record: &JobRecord) -> String {
     let rows = record.metrics.iter().map(|(name, value)| {
-        let value = match value {
-            Value::Number(v) => format!("{v:.4}"),
-            other => other.to_toml(name).unwrap_or_default(),
-        };
+        let value = short(value);
         format!("<tr><th><code>{name}</code></th><td>{}</td></tr>", escape(&value))
     });
     format!("<div class=\"wide\"><table><tbody>{}</tbody></table></div>", rows.collect::<String>())
+}
+
+/// A figure with the digits that a reader needs.
+fn short(value: &Value) -> String {
+    match value {
+        Value::Number(v) if v.abs() >= 100.0 => format!("{v:.1}"),
+        Value::Number(v) => format!("{v:.4}"),
+        Value::List(items) => items.iter().map(short).collect::<Vec<_>>().join(", "),
+        other => other.to_toml("").unwrap_or_default(),
+    }
 }
 
 /// Text inside HTML.

@@ -14,6 +14,9 @@ pub const TOOLPATH: &str = "toolpath.csv";
 /// The program.
 pub const PROGRAM: &str = "program.nc";
 
+/// The joints of an arm over time, where the job names one.
+pub const TRAJECTORY: &str = "trajectory.csv";
+
 /// Writes the plan's files into a staged folder; `job_path` is the job's file. What `job.toml` holds.
 ///
 /// # Errors
@@ -29,6 +32,10 @@ pub fn save(
     std::fs::write(&part, stl_bytes(&plan.part)).map_err(PlanFileError::io("write", part))?;
     staged.write(TOOLPATH, &toolpath_csv::text(&plan.machining.moves))?;
     staged.write(PROGRAM, &plan.program)?;
+    if let Some(robot) = &plan.robot {
+        let path = staged.path().join(TRAJECTORY);
+        std::fs::write(&path, &robot.csv).map_err(PlanFileError::io("write", path))?;
+    }
     staged.write(REPORT, &report::html(plan, &record))?;
     Ok(record)
 }

@@ -11,6 +11,7 @@ use bonemill_geometry::{Block, Mesh, Progress};
 use bonemill_machining::Block as Stock;
 use bonemill_part::{RepairLimits, Solid, read_facets};
 use bonemill_planfile::{PlanFileError, Sha256};
+use bonemill_proof::gcode::Facing;
 use bonemill_proof::{Proof, ProofJob};
 use nalgebra::Vector3;
 
@@ -181,32 +182,34 @@ fn same_moves(table: &str, program: &str, record: &JobRecord) -> Result<Check, P
         return Ok(Check { name, faults: vec![format!("expected the header {:?}", toolpath_csv::COLUMNS)] });
     }
     let mut faults = Vec::new();
-    let mut ends = motions.iter().map(|m| m.to_mm);
+    let mut ends = motions.iter().map(|m| (m.facing, m.to_mm));
+    let mut at = None;
     for (line, row) in rows.enumerate() {
-        let cells: Vec<&str> = row.split(',').collect();
-        let number = |n: usize| cells.get(n).and_then(|cell| cell.parse::<f64>().ok());
-        let (Some(x), Some(y), Some(z), Some(a_rad), Some(feed)) =
-            (number(3), number(4), number(5), number(6), number(7))
-        else {
-            faults.push(format!("line {}: expected numbers", line + 2));
+        let line = line + 2;
+        let Some([x, y, z, a_rad, feed_mm_min]) = numbers(row) else {
+            faults.push(format!("line {line}: expected numbers"));
             break;
         };
-        if feed > record.job.machine.max_feed_mm_min.max(record.job.machine.rapid_mm_min) {
-            faults.push(format!("line {}: {feed} mm/min is faster than the machine", line + 2));
+        if feed_mm_min > record.job.machine.max_feed_mm_min.max(record.job.machine.rapid_mm_min) {
+            faults.push(format!("line {line}: {feed_mm_min} mm/min is faster than the machine"));
         }
-        // the machine's axes: the frame turns with the block
-        let sign = if a_rad.abs() < 1.0 { 1.0 } else { -1.0 };
-        let machine = Vector3::new(x, -sign * z, sign * y);
-        let of = |p: Vector3<f64>| {
-            (p - machine).amax() <= ROUNDING_MM || (p - Vector3::new(x, y, z)).amax() <= ROUNDING_MM
-        };
-        if !ends.any(of) {
+        let facing = if a_rad.abs() < 1.0 { Facing::Front } else { Facing::Back };
+        let to = (facing, facing.machine(&Vector3::new(x, y, z)));
+        let same = |a: &(Facing, Vector3<f64>)| a.0 == to.0 && (a.1 - to.1).amax() <= ROUNDING_MM;
+        // a program says nothing where the tip stays
+        if !at.as_ref().is_some_and(same) && !ends.any(|end| same(&end)) {
             faults.push(format!(
-                "line {}: ({x}, {y}, {z}) mm is no end of a motion of the program, in order",
-                line + 2
+                "line {line}: ({x}, {y}, {z}) mm is no end of a motion of the program, in order"
             ));
             break;
         }
+        at = Some(to);
     }
     Ok(Check { name, faults })
+}
+
+/// x, y, z, a and feed of a row of toolpath.csv.
+fn numbers(row: &str) -> Option<[f64; 5]> {
+    let numbers: Option<Vec<f64>> = row.split(',').skip(3).take(5).map(|cell| cell.parse().ok()).collect();
+    numbers?.try_into().ok()
 }

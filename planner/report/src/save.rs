@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use bonemill_case::Case;
+use bonemill_channel::ChannelPlan;
 use bonemill_pipeline::Plan;
 use bonemill_planfile::{
     PlanFileError, PlanRecord, REPORT, ReportPart, StagedDirectory, VERDICT, add_to_report, replace,
@@ -24,6 +25,19 @@ pub fn plan(plan: &Plan, case_path: &Path, staged: &StagedDirectory) -> Result<P
     );
     page?;
     record
+}
+
+/// Writes every file of a planned channel into the staged directory; `case_path` is where its case was read from.
+///
+/// # Errors
+/// As [`bonemill_channel::save`].
+pub fn channel(
+    plan: &ChannelPlan,
+    case_path: &Path,
+    staged: &StagedDirectory,
+) -> Result<PlanRecord, PlanFileError> {
+    staged.write(REPORT, &crate::channel::html(plan))?;
+    bonemill_channel::save(plan, case_path, staged)
 }
 
 /// Writes a simulation into its plan's directory and replaces an existing one. If there is no report, none is made.

@@ -9,6 +9,7 @@ use bonemill_scene::SceneError;
 use nalgebra::{Unit, Vector3};
 use thiserror::Error;
 
+use super::ChannelFault;
 use bonemill_case::{Case, LabelRef, Target};
 use bonemill_cutting::burr::ModelError;
 use bonemill_planfile::PlanFileError;
@@ -49,6 +50,9 @@ pub enum PlanError {
     /// A model's parameter is out of range.
     #[error(transparent)]
     Model(#[from] ModelError),
+    /// There is no channel as the case asks for it.
+    #[error("{key}: {0}", key = .0.key())]
+    Channel(#[from] ChannelFault),
     /// A label is named that `labels.json` does not know.
     #[error("{key}: {} has no {name:?}{} it has: {}", beside.with_file_name("labels.json").display(),
         nearest.as_ref().map_or(";".into(), |nearest| format!("; did you mean {nearest:?}?")), known.join(", "))]
@@ -173,7 +177,12 @@ pub enum PlanError {
 impl PlanError {
     /// Whether the case is sound but cannot be fulfilled, rather than wrong.
     pub fn is_infeasible(&self) -> bool {
-        matches!(self, Self::OutOfReach { .. } | Self::NoAccess { .. } | Self::BadRegistration { .. })
+        match self {
+            Self::Channel(fault) => fault.is_infeasible(),
+            _ => {
+                matches!(self, Self::OutOfReach { .. } | Self::NoAccess { .. } | Self::BadRegistration { .. })
+            }
+        }
     }
 
     /// The key of the case that causes the error, as in [`Case::line_of`]; `None` where no single one is.
@@ -189,6 +198,7 @@ impl PlanError {
             Self::SharedLabel { place, .. } => return Some(format!("structure[{place}].label")),
             Self::Unsupported { key, .. } => key,
             Self::StiffnessMissing => "cost.force",
+            Self::Channel(fault) => fault.key(),
             Self::Needed { .. } => "robot.model",
             Self::Registration(_) | Self::BadRegistration { .. } => "robot.base_from_ct",
             Self::FiducialsOutside { .. } => "robot.base_from_ct.fiducials.ct_mm",

@@ -12,7 +12,7 @@ use bonemill_planfile::{Input, StoredPlan};
 use bonemill_scene::{MemoryNeed, Scene, SceneSpec, build_scene};
 use rayon::prelude::*;
 
-use super::PlanError;
+use super::{PlanError, channel};
 
 /// Distances to structures are kept this far from the target's box, mm, beside what the burr and its cost need.
 const STRUCTURE_FIELD_MARGIN_MM: f64 = 12.0;
@@ -99,6 +99,15 @@ pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Resu
     Ok(CaseImages { ct, labels, target, structures, warnings })
 }
 
+/// The number of a label that the case names.
+///
+/// # Errors
+/// [`PlanError::LabelName`] and [`PlanError::NoLabelNames`] for a name without number, [`PlanError::Image`].
+pub fn label_of(key: &str, label: &LabelRef, labels_path: &Path) -> Result<u16, PlanError> {
+    let names = read_label_names(label_names_path(labels_path))?;
+    label_number(key.into(), label, names.as_ref(), labels_path)
+}
+
 fn label_number(
     key: String,
     label: &LabelRef,
@@ -140,10 +149,18 @@ fn labels_differ(target: &Target<u16>, structures: &[(String, u16)]) -> Result<(
 /// # Errors
 /// [`PlanError::Scene`].
 pub fn make_scene(case: &Case, inputs: &CaseImages) -> Result<Scene, PlanError> {
+    make_scene_of(case, inputs.target.clone(), inputs)
+}
+
+/// The same with another target than the one that was read with the images.
+///
+/// # Errors
+/// [`PlanError::Scene`].
+pub fn make_scene_of(case: &Case, target: Target<u16>, inputs: &CaseImages) -> Result<Scene, PlanError> {
     Ok(build_scene(&SceneSpec {
         ct: &inputs.ct.volume,
         labels: &inputs.labels.volume,
-        target: inputs.target.clone(),
+        target,
         structures: &inputs.structures,
         table: &case.density.table,
         air_hu: case.density.air_hu,
@@ -167,7 +184,7 @@ pub fn make_scene(case: &Case, inputs: &CaseImages) -> Result<Scene, PlanError> 
 /// # Errors
 /// [`PlanError`] for images that are missing or cannot be read or trusted.
 pub fn scene_of(plan: &StoredPlan, progress: &dyn Progress) -> Result<Scene, PlanError> {
-    let case = &plan.record.case;
+    let case = &channel::scene_case_of(&plan.record);
     progress.stage("read images");
     let images = read_images(case, |path| plan.input_path(path))?;
     progress.stage("scene");

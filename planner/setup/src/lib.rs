@@ -1,5 +1,7 @@
 //! A case and its images as a machinist's setup: cutter, material, shank, arm, scene, and where the patient is.
 
+pub mod channel;
+mod channel_fault;
 mod error;
 pub mod inputs;
 pub mod nearest_structures;
@@ -8,6 +10,7 @@ mod setup;
 mod stopwatch;
 pub mod tools;
 
+pub use channel_fault::ChannelFault;
 pub use error::{PlanError, Unreached};
 pub use setup::Setup;
 pub use stopwatch::Stopwatch;

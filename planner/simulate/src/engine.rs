@@ -133,7 +133,7 @@ pub struct EngineSpec {
 }
 
 impl EngineSpec {
-    /// Default number of cells per radius. docs/results.md, "What the engine remembers", has error and time for other values.
+    /// Default number of cells per radius. docs/results.md, "Data structures of the engine", has error and time for other values.
     pub const CELLS_PER_RADIUS: f64 = 10.0;
 }
 

@@ -12,6 +12,7 @@
 mod behind;
 mod bone;
 mod carve;
+mod channel;
 mod choice;
 mod engagement;
 mod engine;
@@ -34,6 +35,7 @@ mod watch;
 
 pub use bone::{Amount, Bone, Kind};
 pub use carve::Piece;
+pub use channel::simulate_channel;
 pub use choice::{ModelName, NoSuchModel};
 pub use engagement::{BurrNodes, DirectionSums, Engagement};
 pub use engine::{Engine, EngineSpec, Move, Pose, Step};

@@ -17,6 +17,7 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use thiserror::Error;
 
+use super::channel::simulate_channel;
 use super::poses::{self, PoseError, Sampling, TrajectorySample};
 use super::rates::StepVolumes;
 use super::scene::{bone_of, solid_density};
@@ -224,6 +225,9 @@ pub fn simulate(
     sampling: Sampling,
     progress: &dyn Progress,
 ) -> Result<Simulation, SimulateError> {
+    if let Some(channel) = plan.record.case.job.channel() {
+        return simulate_channel(plan, channel, sampling, progress);
+    }
     let setup = SimulationSetup::read(plan, progress)?;
     let model = model.model(&plan.record.case, &setup.spec)?;
     replay(plan, &setup, model, sampling, progress)

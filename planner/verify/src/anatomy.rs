@@ -83,6 +83,13 @@ impl Anatomy {
         Ok(Self { ct, labels, aim, kept })
     }
 
+    /// The number of a label that the case names, where it has one.
+    pub fn number_of(&self, label: &LabelRef, plan: &StoredPlan) -> Option<u16> {
+        let names =
+            read_label_names(plan.input_path(&label_names_path(&plan.record.case.images.labels))).ok()?;
+        number(label, names.as_ref()).ok()
+    }
+
     /// Interpolated HU; beyond the scan that of air.
     pub fn hu(&self, p: Point<Ct>) -> f64 {
         self.ct.trilinear(p, OUTSIDE_HU)
@@ -159,7 +166,7 @@ impl BoxExtent {
 /// Whether a shape contains a point of ct; always false for a label.
 pub fn shape_holds(shape: &Target, p: &Vector3<f64>) -> bool {
     match shape {
-        Target::Label(_) => false,
+        Target::Label(_) | Target::Swept => false,
         Target::Box { min_mm, max_mm } => (0..3).all(|a| (min_mm[a]..=max_mm[a]).contains(&p[a])),
         Target::Ball { center_mm, radius_mm } => (p - center_mm).norm() <= *radius_mm,
         Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
@@ -176,6 +183,7 @@ pub fn resized(shape: &Target, by_mm: f64) -> Target {
     let by = Vector3::repeat(by_mm);
     match shape {
         Target::Label(label) => Target::Label(label.clone()),
+        Target::Swept => Target::Swept,
         Target::Box { min_mm, max_mm } => Target::Box { min_mm: min_mm - by, max_mm: max_mm + by },
         Target::Ball { center_mm, radius_mm } => {
             Target::Ball { center_mm: *center_mm, radius_mm: radius_mm + by_mm }
@@ -196,7 +204,7 @@ pub fn resized(shape: &Target, by_mm: f64) -> Target {
 /// box.
 fn parts(shape: &Target, grid_from_ct: &Rigid<Work, Ct>) -> Vec<(Vector3<f64>, Vector3<f64>)> {
     match shape {
-        Target::Label(_) => Vec::new(),
+        Target::Label(_) | Target::Swept => Vec::new(),
         Target::Box { min_mm, max_mm } => {
             let half = grid_from_ct.rotation.matrix().abs() * (max_mm - min_mm) * 0.5;
             vec![((min_mm + max_mm) * 0.5, half)]

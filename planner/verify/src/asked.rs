@@ -12,7 +12,7 @@ use super::moves::{MoveClass, Moves};
 
 /// The names of the checks for a plan that falls short of its case; all other checks are for a plan that is wrong.
 pub const SHORT: [&str; 4] = [MEETS, COVERAGE, TIME, FORCE];
-const MEETS: &str = "plan meets its case";
+pub const MEETS: &str = "plan meets its case";
 /// Name of the check of coverage, made in [`super::figures`].
 pub const COVERAGE: &str = "coverage";
 const TIME: &str = "time asked for";

@@ -53,7 +53,7 @@ fn target_middle(anatomy: &Anatomy) -> Option<Point<Ct>> {
             let (sum, count) = centers.fold((Vector3::zeros(), 0.0), |(sum, n), p| (sum + p, n + 1.0));
             (count > 0.0).then(|| Point::from_coords(sum / count))
         }
-        Aim::Shape(Target::Label(_)) => None,
+        Aim::Shape(Target::Label(_) | Target::Swept) => None,
         Aim::Shape(Target::Box { min_mm, max_mm }) => Some(Point::from_coords((min_mm + max_mm) * 0.5)),
         Aim::Shape(Target::Ball { center_mm, .. }) => Some(Point::from_coords(*center_mm)),
         Aim::Shape(Target::Frustum { from_mm, to_mm, .. }) => {

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from ._arm import Arm, Joint
 from ._case import Case, phantom
 from ._compare import Comparison, compare
+from ._cutters import Cutter, drill_force, reamer_force
 from ._errors import (
     ArrayError,
     BonemillError,
@@ -46,6 +47,7 @@ from ._judge import (
 )
 from ._native import __version__
 from ._plan import Frames, Plan, Structure, plan
+from ._prosthesis import ProsthesisPlan, prosthesis
 from ._verdict import verified
 from ._view import view
 
@@ -53,16 +55,26 @@ if TYPE_CHECKING:
     from . import cohort, stream
 
 __all__ = [
+    "__version__",
     "Arm",
     "ArrayError",
+    "ball_volumes",
     "BonemillError",
+    "burr_force",
+    "calibrate",
     "Calibration",
     "CalibrationError",
     "Case",
     "CaseError",
     "Check",
+    "cohort",
+    "compare",
     "Comparison",
+    "Cutter",
     "Disc",
+    "distance_transform",
+    "drill_force",
+    "engagement_metrics",
     "Errors",
     "Estimate",
     "ForceSpread",
@@ -70,33 +82,28 @@ __all__ = [
     "ImageError",
     "InfeasibleError",
     "Joint",
-    "Material",
     "LOG_COLUMNS",
+    "Material",
     "ModelError",
+    "phantom",
     "Plan",
+    "plan",
     "PlanError",
     "PlanFileError",
+    "prosthesis",
+    "ProsthesisPlan",
+    "reamer_force",
     "Risk",
     "RobotError",
+    "simulate",
     "Simulation",
+    "stream",
     "StreamError",
     "Structure",
     "StructureRisk",
     "Tool",
     "Verification",
     "verified",
-    "__version__",
-    "ball_volumes",
-    "burr_force",
-    "calibrate",
-    "cohort",
-    "compare",
-    "distance_transform",
-    "engagement_metrics",
-    "phantom",
-    "plan",
-    "simulate",
-    "stream",
     "verify",
     "view",
 ]

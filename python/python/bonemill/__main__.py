@@ -1,61 +1,85 @@
 """``python -m bonemill stream PLAN/ --host H``: what only Python can do; everything else is the command ``bonemill``.
 
-Exit code 0: done; 1: stopped, with the reason; 2: bad input.
+Exit code 0: done; 1: stopped, with the reason; 2: bad input; 130: stopped by the user.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+import time
+from pathlib import Path
 
-from . import BonemillError, Plan, StreamError, __version__
+from . import BonemillError, StreamError, __version__
 from ._verdict import require_verified
-from .stream import Settings, rows_of, stream
+from .stream import Console, Report, Settings, Streaming, UrLink
+
+_BY_USER = "stopped by the user"
 
 
-def main(arguments: list[str] | None = None) -> int:
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m bonemill", description="Streams plans to Universal Robots arms.")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(dest="command", required=True)
     streaming = commands.add_parser("stream", help="move a UR arm along a plan's trajectory")
     streaming.add_argument("plan", metavar="PLAN", help="folder of a plan for a UR arm, with a registration")
-    streaming.add_argument("--host", required=True, metavar="H", help="the controller's address")
+    streaming.add_argument("--host", metavar="H", help="the controller's address")
     streaming.add_argument("--dry-run", action="store_true", help="check the plan; connect to nothing, move nothing")
+    streaming.add_argument("--rehearse", action="store_true", help="run on a simulated arm, faster than real time")
+    streaming.add_argument("--payload-kg", type=float, metavar="KG", help="mass on the flange that the controller must know")
+    streaming.add_argument("--slow", action="store_true", help="slow down where the bound is larger than the room, instead of refusing")
+    streaming.add_argument("--yes", action="store_true", help="answer every question with yes, for automated runs")
     streaming.add_argument("--unverified", action="store_true", help="stream a plan without a passed verification: says what is risked, and asks")
+    streaming.add_argument("--resume", metavar="LOG", help="go on where the run with this log was stopped")
+    streaming.add_argument("--log", metavar="FILE", help="the run's log, a new file (default: PLAN's name and the time, here)")
     streaming.add_argument("--lookahead-s", type=float, default=Settings.lookahead_s, metavar="S")
     streaming.add_argument("--gain", type=float, default=Settings.gain, metavar="G")
-    asked = parser.parse_args(arguments)
+    streaming.add_argument("--run-up-s", type=float, default=3.0, metavar="S", help="time that the spindle needs to run up")
+    streaming.add_argument("--spindle-output", type=int, default=Settings.spindle_output, metavar="N")
+    return parser
 
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = _parser()
+    asked = parser.parse_args(arguments)
+    if asked.host is None and not asked.rehearse:
+        parser.error("--host is needed")
     try:
-        settings = Settings(lookahead_s=asked.lookahead_s, gain=asked.gain)
-        plan = Plan.load(asked.plan)
-        rows_of(plan)
+        settings = Settings(asked.lookahead_s, asked.gain, spindle_output=asked.spindle_output)
+        streaming = Streaming(
+            asked.plan, slow=asked.slow, unverified=asked.unverified, payload_kg=asked.payload_kg, run_up_s=asked.run_up_s
+        )
         require_verified(asked.plan, unverified=asked.unverified)
+        start_row = 0.0 if asked.resume is None else streaming.resume_row(asked.resume)
     except BonemillError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    for problem in (*plan.shortfalls, *plan.warnings):
-        print(f"note: {problem}", file=sys.stderr)
+    print(f"{streaming.rows} rows, {streaming.duration_s:.1f} s; begins at row {start_row:.0f}")
+    print("\n".join(streaming.bound_lines()), flush=True)
+    if asked.dry_run:
+        return 0
+    log = asked.log or f"{Path(asked.plan).resolve().name}-{time.strftime('%Y%m%d-%H%M%S')}.run"
     try:
-        report = stream(plan, asked.host, settings=settings, dry_run=asked.dry_run, progress=_tell)
+        if asked.rehearse:
+            report = streaming.rehearse(log=log)
+        else:
+            link = UrLink(asked.host, streaming.period_s, settings)
+            report = streaming.run(link, Console(yes=asked.yes), start_row=start_row, log=log)
     except StreamError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("error: stopped by Ctrl-C", file=sys.stderr)
-        return 1
-    did = "would send" if asked.dry_run else "sent"
-    print(f"{did} {report.rows} rows in {report.seconds:.1f} s")
-    if not asked.dry_run:
-        print(
-            f"late: {report.late_rows} rows, at most {1e3 * report.latest_s:.1f} ms; "
-            f"largest distance from the track {1e3 * report.largest_error_rad:.2f} mrad"
-        )
-    return 0
+    return _tell(report, log)
 
 
-def _tell(done: int, of: int) -> None:
-    print(f"\r{100 * done // of:3d} %", end="" if sys.stderr.isatty() else "\n", file=sys.stderr, flush=True)
+def _tell(report: Report, log: str) -> int:
+    print(
+        f"reached row {report.reached_row:.0f} of {report.rows} in {report.seconds:.1f} s; late: {report.late_targets} of {report.targets} "
+        f"targets, at most {1e3 * report.latest_s:.1f} ms; burr at most {report.farthest_off_mm:.3f} mm off its path; log: {log}"
+    )
+    if report.reason is None:
+        return 0
+    print(f"error: {report.reason}", file=sys.stderr)
+    return 130 if _BY_USER in report.reason else 1
 
 
 if __name__ == "__main__":

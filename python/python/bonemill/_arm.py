@@ -74,8 +74,8 @@ class Arm:
     def ik(self, pose: ArrayLike) -> Floats:
         """Every joint vector that brings the flange to a pose, shape (n, dof); n = 0 where the arm does not reach.
 
-        A UR has up to 8, in closed form; an arm without a closed form is searched, and may have more than are found. Arms
-        of fewer than six joints answer for the pose's place and z axis. Joint limits are not judged.
+        A UR has up to 8, in closed form; an arm without a closed form is searched, and may have more than are found. An arm
+        of fewer than six joints reaches only the pose's position and z axis. Joint limits are not checked.
 
         Args:
             pose: homogeneous matrix, mm, shape (4, 4), as `fk` gives it.

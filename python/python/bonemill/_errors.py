@@ -26,11 +26,11 @@ class ModelError(BonemillError, ValueError):
 
 
 class RobotError(BonemillError, ValueError):
-    """An arm's description, joint positions or limits make no sense."""
+    """An arm's description, joint positions or limits are inconsistent."""
 
 
 class PlanError(BonemillError):
-    """A case got no plan."""
+    """No plan was found for the case."""
 
 
 class InfeasibleError(PlanError):

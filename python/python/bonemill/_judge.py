@@ -1,4 +1,4 @@
-"""What becomes of a plan: replayed through the bone, checked by code that did not make it, calibrated with measured forces."""
+"""Simulation of a plan, its verification by separate code, and calibration with measured forces."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LOG_COLUMNS = ("time_s", "x_mm", "y_mm", "z_mm", "axis_x", "axis_y", "axis_z", "
 
 
 class Simulation(NamedTuple):
-    """A plan, replayed."""
+    """The result of simulating a plan."""
 
     rows: NDArray[np.void]
     """The columns of ``simulation.csv`` by name, shape (n,), ct frame, read-only; a number is NaN and a text "" where
@@ -32,27 +32,27 @@ class Simulation(NamedTuple):
 
 
 class Check(NamedTuple):
-    """One thing that was checked."""
+    """One check and its result."""
 
     name: str
     subject: str
-    """Of what, where there are several: a structure, a joint, a file; else ""."""
+    """The structure, joint or file that was checked; "" if the check concerns the whole plan."""
     passed: bool
     value: float
-    """The worst that was found, in `unit`."""
+    """The worst value found, in `unit`."""
     limit: float
     sense: str
     """``at_most`` or ``at_least`` the limit."""
     margin: float
-    """How far the value is on the right side of the limit; negative: by how much it misses it."""
+    """Distance from the value to the limit; negative if the limit is broken."""
     unit: str
     place: str
-    """Where the worst is; "" where that makes no sense."""
+    """Where the worst value was found; "" if it has no place."""
     note: str
 
 
 class Errors(TypedDict, total=False):
-    """Standard deviations of what may be wrong; every key has a default, that of the command, and it is assumed."""
+    """Standard deviations of the random errors; every key has the default of the command. The defaults are assumptions."""
 
     registration_mm: float
     """Registration along each axis, mm; default 0.3."""
@@ -65,9 +65,9 @@ class Errors(TypedDict, total=False):
     k_share: float
     """Cutting coefficients, as a share; default 0.25."""
     keep: float
-    """Probability with which every structure is to be kept; default 0.95."""
+    """Probability with which every structure must stay untouched; default 0.95."""
     draw_seed: int
-    """Where the draws begin; default 1."""
+    """Seed of the random numbers; default 1."""
 
 
 class StructureRisk(NamedTuple):
@@ -81,13 +81,13 @@ class StructureRisk(NamedTuple):
     hits: int
     samples: int
     kept_mm: tuple[float, float, float]
-    """Distance kept in 5 %, 50 % and 95 % of the samples, mm; below 0 it is cut."""
+    """5 %, 50 % and 95 % quantile of the burr surface's least distance, mm; below 0 the structure is cut."""
     clearance_mm: float
-    """The clearance that would keep it with the probability asked for, mm."""
+    """The clearance with which it would stay untouched with probability `keep`, mm."""
 
 
 class ForceSpread(NamedTuple):
-    """A force and what drawn errors make of it."""
+    """A force and its spread under random errors."""
 
     name: str
     planned_n: float

@@ -1,4 +1,4 @@
-"""Whether a plan may be streamed as it stands: its files are those that a passed verification judged."""
+"""Whether a plan may be streamed: its files must be those that a passed verification checked."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ can drive the burr into a nerve or a vessel at full speed, and no check while it
 file. Only go on where nothing can be harmed, with the spindle off or the bone a dummy.
 """
 SENTENCE = "move unverified"
-"""What the user has to type."""
+"""The words that the user types to confirm."""
 
 
 def verified(folder: str | os.PathLike[str]) -> dict[str, str]:
@@ -34,10 +34,10 @@ def verified(folder: str | os.PathLike[str]) -> dict[str, str]:
 def require_verified(
     folder: str | os.PathLike[str], *, unverified: bool = False, ask: Callable[[str], str] = input
 ) -> dict[str, str]:
-    """`verified`, or nothing where the user takes the risk: ``unverified`` tells it and asks for `SENTENCE`.
+    """The result of `verified`, or an empty dict if ``unverified`` is set and the user confirms the stated risk with `SENTENCE`.
 
     Raises:
-        StreamError: not verified, and the risk not taken.
+        StreamError: the plan is not verified and the user did not confirm.
     """
     try:
         return verified(folder)

@@ -1,36 +1,41 @@
-"""A plan's trajectory to a Universal Robots arm, row by row, through ``ur_rtde`` (the extra ``stream``).
+"""A plan's trajectory to a Universal Robots arm through ``ur_rtde`` (the extra ``stream``), judged in millimetres.
 
-What users of such systems complain of is refused before anything moves: an arm that is not at the plan's first position,
-a speed slider below 100 % (it would stretch the plan's time silently), a registration that was only assumed, steps beyond
-the plan's own limits. While it moves, the arm is stopped when it falls behind, leaves the track, goes into a protective
-stop or when this program dies: the controller's watchdog then stops it, where it would otherwise run on.
+All decisions are the Rust core's (``bonemill-stream``): what must hold before the first motion, the approach, when targets
+are sent, when the arm is stopped, holds, the log. Here is what only Python can do: the arm's client. It runs in two processes
+of its own, one that brings the arm's state and one that takes orders, because a client whose controller is gone may block for
+ever with Python's lock in its hand. This process never waits for them: it kills one that hangs.
 
-Units here are the arm's: rad, s. Not here: moving to the first position, force control, registration.
+Units are mm, rad and s; the client's metres end in `UrLink`.
 """
 
 from __future__ import annotations
 
-import operator
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from . import _native
 from ._errors import StreamError
-from ._plan import Plan
+from ._ur import control, receive
 
-Floats = NDArray[np.float64]
-
-_NORMAL = 1
-"""Safety mode NORMAL."""
-_FULL_SPEED = 0.999
-"""Speed fraction above which the slider counts as being at 100 %."""
-_MOST_SPEED = 1.001
-"""A slider ends at 100 %."""
+_HERE = Path(__file__).resolve().parent / "_ur"
+_ORDERS = {"start": control.START, "target": control.TARGET, "stop": control.STOP, "spindle": control.SPINDLE, "end": control.END}
+_WORDS = {number: word for word, number in _ORDERS.items()}
+_ENDS_S = 1.0
+"""The control process gets so long to end its program; then it is killed, and the controller's watchdog stops the arm."""
+_DASHBOARD_S = 3.0
 
 
 @dataclass(frozen=True)
@@ -41,269 +46,337 @@ class Settings:
     """Smoothing of servoJ, 0.03 to 0.2 s."""
     gain: float = 2000.0
     """Stiffness of servoJ, 100 to 2000."""
-    start_tolerance_rad: float = 0.002
-    """How far the arm may be from the first row."""
-    track_tolerance_rad: float = 0.01
-    """How far it may be from what it was told within the last `track_s`."""
-    track_s: float = 0.25
-    """How long it may take to get where it was told to be."""
-    late_s: float = 0.1
-    """How far the clock may run behind."""
     watchdog_hz: float = 10.0
     """The controller stops the arm when it hears less often."""
+    spindle_output: int = 0
+    """Standard digital output that switches the spindle."""
 
     def __post_init__(self) -> None:
         for name, value, low, high in (
             ("lookahead_s", self.lookahead_s, 0.03, 0.2),
             ("gain", self.gain, 100.0, 2000.0),
-            ("start_tolerance_rad", self.start_tolerance_rad, 0.0, 0.1),
-            ("track_tolerance_rad", self.track_tolerance_rad, 0.0, 0.5),
-            ("track_s", self.track_s, 0.0, 2.0),
-            ("late_s", self.late_s, 0.0, 2.0),
             ("watchdog_hz", self.watchdog_hz, 1.0, 100.0),
+            ("spindle_output", self.spindle_output, 0, 7),
         ):
             if not low <= value <= high:
                 raise StreamError(f"{name} = {value}: expected {low} to {high}")
 
 
 @dataclass(frozen=True)
-class Rows:
-    """What will be sent: one row a period."""
-
-    period_s: float
-    q: Floats
-    """Shape (n, 6), rad."""
-
-
-@dataclass(frozen=True)
 class Report:
-    """How it went."""
+    """How a run ended."""
 
+    reason: str | None
+    """Why it was stopped; none where it came to the plan's end."""
+    at_rest: bool
+    """Whether the arm was seen at rest; if not, it may still move."""
+    reached_row: float
     rows: int
     seconds: float
-    late_rows: int
-    """Rows that were sent more than a period late."""
+    targets: int
+    late_targets: int
+    """Targets that were more than a period late."""
     latest_s: float
-    """How late the latest was."""
-    largest_error_rad: float
-    """Largest distance of the arm from where it was told to be within `Settings.track_s`."""
+    farthest_off_mm: float
+    """Farthest of the burr from its path."""
+
+
+class Operator(Protocol):
+    """Who is told and asked. No method may block; an answer comes when it is there, once."""
+
+    def tell(self, text: str) -> None: ...
+    def ask(self, text: str) -> None: ...
+    def answer(self) -> bool | None: ...
 
 
 class Link(Protocol):
-    """An arm that takes joint positions. `UrLink` is the real one."""
+    """An arm. No method may block; what is raised is the link's fault."""
 
-    def actual_q(self) -> Floats: ...
-    def speed_fraction(self) -> float: ...
-    def safety_mode(self) -> int: ...
-    def servo(self, q: Floats, period_s: float, settings: Settings) -> bool: ...
-    def stop(self) -> None: ...
+    def state(self) -> tuple[Any, ...] | None: ...
+    def order(self, what: str, values: list[float]) -> None: ...
+    def identity(self) -> tuple[str, str] | None: ...
+    def close(self) -> None: ...
+
+
+class _Child:
+    """A process of the client with pipes that never block here."""
+
+    def __init__(self, name: str, *arguments: object) -> None:
+        self.name, self.data = name, b""
+        self._said = tempfile.TemporaryFile()
+        call = [sys.executable, str(_HERE / f"{name}.py"), *map(str, arguments)]
+        # a session of its own: Ctrl-C is for this process, which stops the arm in order
+        self.process = subprocess.Popen(
+            call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._said, start_new_session=True
+        )
+        assert self.process.stdin is not None and self.process.stdout is not None
+        self.into, self.out = self.process.stdin.fileno(), self.process.stdout.fileno()
+        os.set_blocking(self.into, False)
+        os.set_blocking(self.out, False)
+
+    def read(self, size: int) -> list[bytes]:
+        """Whole messages that came; an ended process is a fault."""
+        ended = False
+        while not ended:
+            try:
+                piece = os.read(self.out, 1 << 16)
+            except BlockingIOError:
+                break
+            self.data, ended = self.data + piece, not piece
+        whole = len(self.data) // size * size
+        messages = [self.data[n : n + size] for n in range(0, whole, size)]
+        self.data = self.data[whole:]
+        if ended and not messages:
+            raise RuntimeError(self.reason())
+        return messages
+
+    def reason(self) -> str:
+        self._said.seek(0)
+        lines = self._said.read().decode(errors="replace").splitlines()
+        reasons = [line.removeprefix("reason: ") for line in lines if line.startswith("reason: ")]
+        return (reasons or lines or [f"the client's process for {self.name} ended"])[-1]
+
+    def write(self, order: bytes) -> None:
+        os.write(self.into, order)
+
+    def end(self, patience_s: float) -> None:
+        try:
+            self.process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        for pipe in (self.process.stdin, self.process.stdout):
+            if pipe is not None:
+                try:
+                    pipe.close()
+                except OSError:
+                    pass
+        self._said.close()
 
 
 class UrLink:
     """An e-Series arm through ``ur_rtde``."""
 
-    def __init__(self, host: str, rate_hz: float, settings: Settings) -> None:
+    def __init__(self, host: str, period_s: float, settings: Settings) -> None:
+        self._state: tuple[float, ...] | None = None
+        self._identity: tuple[str, str] | None = None
+        self._fault = ""
+        self._receive = _Child("receive", host, 1.0 / period_s)
+        numbers = (period_s, settings.lookahead_s, settings.gain, settings.watchdog_hz)
+        self._control = _Child("control", host, *numbers, settings.spindle_output)
+        threading.Thread(target=self._ask_dashboard, args=(host,), daemon=True).start()
+
+    def _ask_dashboard(self, host: str) -> None:
+        """Model and serial number, as far as the controller has a dashboard."""
+        answers = []
         try:
-            import rtde_control
-            import rtde_receive
-        except ImportError as error:
-            raise StreamError("streaming needs ur_rtde: pip install 'bonemill[stream]'") from error
+            with socket.create_connection((host, 29999), _DASHBOARD_S) as dashboard:
+                dashboard.settimeout(_DASHBOARD_S)
+                lines = dashboard.makefile("rw", newline="\n")
+                lines.readline()
+                for question in ("get robot model", "get serial number"):
+                    lines.write(question + "\n")
+                    lines.flush()
+                    answers.append(lines.readline().strip())
+        except OSError:
+            pass
+        self._identity = (answers[0], answers[1]) if len(answers) == 2 else ("", "")
+
+    def state(self) -> tuple[Any, ...] | None:
+        self._heed_answers()
+        if (messages := self._receive.read(receive.STATE.size)):
+            self._state = receive.STATE.unpack(messages[-1])
+        if self._state is None:
+            return None
+        received, clock_s, *values = self._state
+        q, pose, force, modes = values[:6], values[6:12], values[12:18], values[18:]
+        place_mm = [1e3 * v for v in pose[:3]]
+        # an arm without a sensor says zeros
+        measured = force[:3] if any(force) else None
+        return (time.monotonic() - received, clock_s, q, (place_mm, pose[3:]), measured, *modes)
+
+    def _heed_answers(self) -> None:
+        for message in self._control.read(control.ANSWER.size):
+            what, status, why = control.ANSWER.unpack(message)
+            if status == 1 and what in (control.START, control.TARGET, control.SPINDLE):
+                raise RuntimeError({control.START: "watchdog", control.TARGET: "target"}.get(what, "spindle"))
+            if status == 2:
+                said = why.rstrip(b"\0").decode(errors="replace")
+                raise RuntimeError(f"the client could not hand on the order to {_WORDS[what]} ({said})")
+
+    def order(self, what: str, values: list[float]) -> None:
+        padded = (*values, *[0.0] * (6 - len(values)))
         try:
-            self._receive: Any = rtde_receive.RTDEReceiveInterface(host, rate_hz)
-            self._control: Any = rtde_control.RTDEControlInterface(host, rate_hz)
-        except RuntimeError as error:
-            raise StreamError(f"cannot connect to the arm at {host}\n  because: {error}") from error
-        # every row that is sent counts as a sign of life
-        self._control.setWatchdog(settings.watchdog_hz)
+            self._control.write(control.ORDER.pack(_ORDERS[what], *padded))
+        except BlockingIOError:
+            # the process has not read for seconds
+            raise RuntimeError("target") from None
+        except BrokenPipeError:
+            raise RuntimeError(self._control.reason()) from None
 
-    def actual_q(self) -> Floats:
-        return np.asarray(self._receive.getActualQ(), dtype=np.float64)
+    def identity(self) -> tuple[str, str] | None:
+        return self._identity
 
-    def speed_fraction(self) -> float:
-        return float(self._receive.getTargetSpeedFraction())
-
-    def safety_mode(self) -> int:
-        return int(self._receive.getSafetyMode())
-
-    def servo(self, q: Floats, period_s: float, settings: Settings) -> bool:
-        # speed and acceleration are not used by servoJ
-        return bool(
-            self._control.servoJ(q.tolist(), 0.5, 0.5, period_s, settings.lookahead_s, settings.gain)
-        )
-
-    def stop(self) -> None:
-        try:
-            self._control.servoStop()
-        finally:
-            self._control.stopScript()
-            self._control.disconnect()
-            self._receive.disconnect()
+    def close(self) -> None:
+        """Lets go of the arm; both processes have ended when it comes back."""
+        if self._control.process.stdin is not None:
+            # its end stops the arm, should the last orders not have arrived
+            self._control.process.stdin.close()
+        self._control.end(_ENDS_S)
+        self._receive.process.kill()
+        self._receive.end(_ENDS_S)
 
 
-def rows_of(plan: Plan) -> Rows:
-    """The rows to send, checked against the plan's own limits.
+class Console:
+    """Tells on standard error and asks on the terminal; ``yes`` answers every question."""
 
-    Raises:
-        StreamError: an arm that is no UR, an assumed registration, a rate that the controller does not have, steps or
-            positions beyond the limits: with the row, joint and by how much.
-    """
-    joints = plan.arm.joints
-    if len(joints) != 6 or any(j.kind != "revolute" for j in joints):
-        kinds = ", ".join(j.kind for j in joints)
-        raise StreamError(f"the plan is for an arm with joints {kinds}: streaming needs a UR arm, six revolute joints")
-    if plan.registration_assumed:
-        raise StreamError(
-            "the case has no registration, so where the arm stands was assumed: give robot.base_from_ct and plan again"
-        )
-    time_s, q = plan.trajectory["time_s"], np.ascontiguousarray(plan.q)
-    if len(time_s) < 2:
-        raise StreamError(f"the trajectory has {len(time_s)} rows: expected at least 2")
-    period_s = float(time_s[-1]) / (len(time_s) - 1)
-    if not 0.002 - 1e-9 <= period_s <= 0.01 + 1e-9:
-        raise StreamError(f"the trajectory has a row every {period_s} s: the controller takes one every 0.002 to 0.01 s")
-    off = np.abs(time_s - period_s * np.arange(len(time_s)))
-    if off.max() > 1e-6:
-        row = int(off.argmax())
-        raise StreamError(f"row {row} is at {time_s[row]} s: expected even steps of {period_s} s")
-    speed = np.abs(np.diff(q, axis=0)) / period_s
-    for n, joint in enumerate(joints):
-        beyond = np.maximum(joint.lower - q[:, n], q[:, n] - joint.upper)
-        if beyond.max() > 0:
-            row = int(beyond.argmax())
-            raise StreamError(f"row {row}: joint {joint.name} is {beyond[row]:.4f} rad beyond its limit")
-        fastest = int(speed[:, n].argmax())
-        if speed[fastest, n] > joint.velocity_limit * (1 + 1e-6):
-            raise StreamError(
-                f"row {fastest}: joint {joint.name} at {speed[fastest, n]:.4f} rad/s, limit {joint.velocity_limit} rad/s"
-            )
-    return Rows(period_s, q)
+    def __init__(self, *, yes: bool = False) -> None:
+        self._yes, self._asked, self._text = yes, False, ""
+
+    def tell(self, text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    def ask(self, text: str) -> None:
+        self._asked = True
+        print(f"{text} [{'yes' if self._yes else 'y/N'}]", file=sys.stderr, flush=True)
+
+    def answer(self) -> bool | None:
+        if not self._asked:
+            return None
+        if self._yes:
+            self._asked = False
+            return True
+        readable, _, _ = select.select([sys.stdin], [], [], 0.0)
+        if not readable:
+            return None
+        self._asked = False
+        return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
-def stream(
-    plan: Plan,
-    host: str,
-    *,
-    settings: Settings | None = None,
-    dry_run: bool = False,
-    progress: Callable[[int, int], object] | None = None,
-) -> Report:
-    """Moves a UR arm along a plan's trajectory.
+class _Heard:
+    """An operator, and whether a signal came meanwhile."""
 
-    Args:
-        plan: for a UR arm, with a registration.
-        host: the controller's address; it must be in remote control, at the plan's first position, slider at 100 %.
-        settings: how it follows.
-        dry_run: check all that can be checked without an arm; nothing is connected to.
-        progress: told ``(rows sent, rows)`` about twice a second.
+    def __init__(self, operator: Operator) -> None:
+        self.tell, self.ask, self.answer = operator.tell, operator.ask, operator.answer
+        self.signals: list[int] = []
 
-    Raises:
-        StreamError: what is wrong, where; the arm has then been stopped. KeyboardInterrupt (Ctrl-C) stops it, too.
-    """
-    chosen = settings or Settings()
-    rows = rows_of(plan)
-    if dry_run:
-        return Report(len(rows.q), rows.period_s * (len(rows.q) - 1), 0, 0.0, 0.0)
-    return follow(UrLink(host, 1.0 / rows.period_s, chosen), rows, chosen, progress=progress)
-
-
-def follow(
-    link: Link,
-    rows: Rows,
-    settings: Settings,
-    *,
-    progress: Callable[[int, int], object] | None = None,
-    clock: Callable[[], float] = time.perf_counter,
-    sleep: Callable[[float], None] = time.sleep,
-) -> Report:
-    """Sends rows to an arm on time, and stops it whatever happens."""
-    with _stopped_in_the_end(link):
-        _check_start(link, rows, settings)
-        window = max(1, round(settings.track_s / rows.period_s))
-        late, latest, largest = 0, 0.0, 0.0
-        began = clock()
-        for row, q in enumerate(rows.q):
-            behind = clock() - began - row * rows.period_s
-            if behind < 0:
-                sleep(-behind)
-                behind = 0.0
-            late, latest = late + (behind > rows.period_s), max(latest, behind)
-            if behind > settings.late_s:
-                raise StreamError(f"row {row} of {len(rows.q)}: {behind:.3f} s late, at most {settings.late_s} s")
-            _send(link, q, f"row {row} of {len(rows.q)}", rows.period_s, settings)
-            told = rows.q[max(0, row - window) : row + 1]
-            largest = max(largest, _watch(link, row, told, settings))
-            if progress is not None and row % max(1, round(0.5 / rows.period_s)) == 0:
-                progress(row, len(rows.q))
-        for _ in range(window):
-            # the last row is rest: the arm gets there, and the watchdog hears of us meanwhile
-            sleep(rows.period_s)
-            _send(link, rows.q[-1], "at rest in the end", rows.period_s, settings)
-        largest = max(largest, _watch(link, len(rows.q) - 1, rows.q[-1:], settings))
-        return Report(len(rows.q), clock() - began, late, latest, largest)
-
-
-def _check_start(link: Link, rows: Rows, settings: Settings) -> None:
-    mode, fraction, actual = _state(link, "at the start")
-    if mode != _NORMAL:
-        raise StreamError(f"the arm's safety mode is {mode}: expected {_NORMAL} (normal)")
-    if fraction < _FULL_SPEED:
-        raise StreamError(f"the speed slider is at {100 * fraction:.0f} %: the plan's times hold at 100 % only")
-    off = np.abs(actual - rows.q[0])
-    if off.max() > settings.start_tolerance_rad:
-        joint = int(off.argmax())
-        raise StreamError(
-            f"the arm is not at the plan's first position: joint {joint + 1} is {off[joint]:.4f} rad off, at most "
-            f"{settings.start_tolerance_rad} rad; move it to {np.round(rows.q[0], 5).tolist()} rad"
-        )
-
-
-def _send(link: Link, q: Floats, what: str, period_s: float, settings: Settings) -> None:
-    try:
-        taken = link.servo(q, period_s, settings)
-    except (RuntimeError, OSError) as error:
-        raise StreamError(f"{what}: cannot be sent\n  because: {error}") from error
-    if not taken:
-        raise StreamError(f"{what}: the arm did not take it")
-
-
-def _state(link: Link, when: str) -> tuple[int, float, Floats]:
-    """Safety mode, speed fraction and joints, rad, as the arm says them; nonsense is refused: NaN is below no limit."""
-    try:
-        # a mode is a whole number: 1.9 is not normal
-        mode, fraction = operator.index(link.safety_mode()), float(link.speed_fraction())
-        actual = np.asarray(link.actual_q(), dtype=np.float64)
-    except (RuntimeError, TypeError, ValueError, OverflowError, OSError) as error:
-        raise StreamError(f"{when}: the arm's state cannot be read\n  because: {error}") from error
-    if not (np.isfinite(fraction) and 0.0 <= fraction <= _MOST_SPEED):
-        raise StreamError(f"{when}: the arm gives {fraction} as its speed fraction: expected 0 to {_MOST_SPEED:g}")
-    if actual.shape != (6,) or not np.isfinite(actual).all():
-        raise StreamError(f"{when}: the arm gives {actual.tolist()} as its joints: expected six finite numbers, rad")
-    return mode, fraction, actual
-
-
-def _watch(link: Link, row: int, told: Floats, settings: Settings) -> float:
-    """How far the arm is from all that it was told lately, rad."""
-    mode, fraction, actual = _state(link, f"row {row}")
-    if mode != _NORMAL:
-        raise StreamError(f"row {row}: the arm stopped itself, safety mode {mode}")
-    if fraction < _FULL_SPEED:
-        raise StreamError(f"row {row}: the speed slider was moved to {100 * fraction:.0f} %")
-    off = np.maximum(told.min(axis=0) - actual, actual - told.max(axis=0)).max()
-    if off > settings.track_tolerance_rad:
-        raise StreamError(f"row {row}: the arm is {off:.4f} rad off its track, at most {settings.track_tolerance_rad}")
-    return max(float(off), 0.0)
+    def interrupted(self) -> bool:
+        return bool(self.signals)
 
 
 @contextmanager
-def _stopped_in_the_end(link: Link) -> Iterator[None]:
-    before = ""
+def _signals(heard: _Heard) -> Iterator[None]:
+    """Ctrl-C, SIGTERM and SIGHUP stop the arm in order: they are noted, and raise nothing in the middle of a call."""
+
+    def note(number: int, frame: FrameType | None) -> None:
+        heard.signals.append(number)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, note) for number in numbers}
     try:
         yield
-    except StreamError as error:
-        before = f"\n  before that: {error}"
-        raise
     finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class Streaming:
+    """A plan that is ready to be streamed.
+
+    Raises:
+        StreamError, PlanFileError: what of it no UR arm can follow, with row and joint; an assumed registration.
+    """
+
+    def __init__(
+        self,
+        plan: str | os.PathLike[str],
+        *,
+        slow: bool = False,
+        unverified: bool = False,
+        payload_kg: float | None = None,
+        run_up_s: float = 3.0,
+    ) -> None:
+        self._native = _native.StreamPlan.load(
+            Path(plan), slow=slow, unverified=unverified, payload_kg=payload_kg, run_up_s=run_up_s
+        )
+        self.rows = self._native.rows()
+        self.period_s = self._native.period_s()
+
+    @property
+    def duration_s(self) -> float:
+        """At the speeds that are allowed."""
+        return self._native.duration_s()
+
+    def bound_lines(self) -> list[str]:
+        """What the burr can travel after each kind of failure, for people."""
+        bounds = self._native.bounds()
+        along, off = max(b[1] for b in bounds), max(b[2] for b in bounds)
+        gap_mm, gap_row = self._native.least_gap()
+        rate, row = self._native.slowest()
+        lines = [
+            f"bound after any failure: {along[0]:.3f} mm along the path (row {along[1]}), {off[0]:.3f} mm off it (row {off[1]}); "
+            f"least room to a structure {gap_mm:.2f} mm (row {gap_row})"
+        ]
+        lines += [f"  {name}: {a[0]:.3f} mm along (row {a[1]}), {o[0]:.3f} mm off (row {o[1]})" for name, a, o in bounds]
+        if rate < 1.0:
+            lines.append(f"slowed where the bound is larger than the room: to {100 * rate:.0f} % at row {row}")
+        return lines
+
+    def resume_row(self, log: str | os.PathLike[str]) -> float:
+        """Where a run with this log goes on."""
+        return self._native.resume_row(Path(log))
+
+    def joints(self, row: float) -> list[float]:
+        """Joint positions of a row, rad."""
+        return self._native.joints(row)
+
+    def run(
+        self, link: Link, operator: Operator, *, start_row: float = 0.0, log: str | os.PathLike[str] | None = None
+    ) -> Report:
+        """Runs it over a link; whatever happens, the arm is stopped and let go of."""
         try:
-            link.stop()
-        except (RuntimeError, OSError) as error:
-            raise StreamError(f"the arm may still move: it could not be stopped\n  because: {error}{before}") from error
+            heard = _Heard(operator)
+            with _signals(heard):
+                return Report(*self._native.run(start_row, link, heard, None if log is None else Path(log)))
+        finally:
+            link.close()
+
+    def rehearse(self, *, seed: int = 1, log: str | os.PathLike[str] | None = None) -> Report:
+        """Runs it on a simulated arm, faster than real time."""
+        return Report(*self._native.rehearse(seed, None if log is None else Path(log)))
+
+
+def stream(
+    plan: str | os.PathLike[str],
+    host: str,
+    *,
+    payload_kg: float,
+    settings: Settings | None = None,
+    slow: bool = False,
+    unverified: bool = False,
+    start_row: float = 0.0,
+    log: str | os.PathLike[str] | None = None,
+    operator: Operator | None = None,
+    link: Callable[[str, float, Settings], Link] = UrLink,
+) -> Report:
+    """Moves a UR arm along the trajectory of a plan's folder.
+
+    Args:
+        plan: the folder: a UR arm, a registration, a passed verification.
+        host: the controller's address; it must be in remote control.
+        payload_kg: mass on the flange that the controller must know.
+        slow: slow down where the bound is larger than the room to a structure, instead of refusing.
+        unverified: move a plan without a passed verification.
+        start_row: where to begin: 0, or `Streaming.resume_row`.
+        log: a new file.
+        operator: who is told and asked; default: the terminal.
+
+    Raises:
+        StreamError: what of the plan is refused. Why a run was stopped stands in the report.
+    """
+    chosen = settings or Settings()
+    streaming = Streaming(plan, slow=slow, unverified=unverified, payload_kg=payload_kg)
+    return streaming.run(link(host, streaming.period_s, chosen), operator or Console(), start_row=start_row, log=log)

@@ -90,11 +90,11 @@ pub fn write_urscript(
     let step_s = if rows.count() > 1 { rows.row(1).0 } else { LATE_S };
     out.write_all(head(options, &list(start), step_s).as_bytes()).map_err(failed(0))?;
     let (mut before_s, mut before_mm) = (0.0, f64::NAN);
-    for n in 1..rows.count() {
+    for (n, limit_mm) in limits_mm.into_iter().enumerate().skip(1) {
         let (time_s, q, _) = rows.row(n);
         let mut line = String::new();
-        if limits_mm[n] != before_mm {
-            before_mm = limits_mm[n];
+        if limit_mm != before_mm {
+            before_mm = limit_mm;
             line = format!("  allow({before_mm:.2})\n");
         }
         line += &format!("  step({}, {:.9})\n", list(q), time_s - before_s);
@@ -121,7 +121,8 @@ fn check_steps(rows: &ExportRows<'_>) -> Result<(), RobotError> {
 
 /// What the program compares with at each row: the smallest limit from [`LATE_S`] before the row before it, rounded down.
 fn limits_mm(rows: &ExportRows<'_>, aside_mm: &[f64]) -> Result<Vec<f64>, RobotError> {
-    if let Some((index, value)) = aside_mm.iter().copied().enumerate().find(|(_, a)| !(*a >= LEAST_ASIDE_MM))
+    if let Some((index, value)) =
+        aside_mm.iter().copied().enumerate().find(|(_, a)| a.is_nan() || *a < LEAST_ASIDE_MM)
     {
         let (what, unit, expected) =
             ("limit beside the path, row", "mm", "at least 0.1 mm, which an arm can keep");

@@ -10,9 +10,14 @@ pub const WAYPOINTS: [Column; 24] = [
         "kind",
         "text",
         "",
-        "What the move does: `cut` removes material; `link` and `retract` remove none.",
+        "Kind of the move: `cut` removes material; `link` and `retract` remove none.",
     ),
-    Column::new("time_s", "s", "", "When the burr is here. It decides how long the move takes."),
+    Column::new(
+        "time_s",
+        "s",
+        "",
+        "Time at which the burr is here; the difference of two rows is the move's duration.",
+    ),
     Column::new("x_mm", "mm", "ct", "The burr's centre."),
     Column::new("y_mm", "mm", "ct", "The burr's centre."),
     Column::new("z_mm", "mm", "ct", "The burr's centre."),
@@ -30,14 +35,14 @@ pub const WAYPOINTS: [Column; 24] = [
         "speed_mm_s",
         "mm/s",
         "",
-        "The move's speed cap. The burr may be slower where the joints' limits or the neighbouring moves ask for it: \
+        "Highest feed allowed in the move. The burr is slower where joint limits or neighbouring moves require it: \
          `time_s` says how long it takes.",
     ),
     Column::new(
         "mass_mg",
         "mg",
         "",
-        "Mass that the move removes: what the ball holds here less what all earlier moves swept. 0: it cuts air.",
+        "Mass that the move removes: the mass in the ball here without what all earlier moves swept; 0 in air.",
     ),
     Column::new(
         "inertia",
@@ -57,7 +62,7 @@ pub const WAYPOINTS: [Column; 24] = [
         "force_toward_n",
         "N",
         "",
-        "The part of that force that pushes the burr toward `structure`; never below 0.",
+        "The component of that force toward `structure`; 0 if it points away.",
     ),
     Column::new(
         "structure",
@@ -69,7 +74,7 @@ pub const WAYPOINTS: [Column; 24] = [
         "distance_mm",
         "mm",
         "",
-        "From the burr's centre to that structure's nearest voxel face; less the burr's radius, what is left between them.",
+        "Distance from the burr's centre to that structure's nearest voxel face; subtract the burr's radius for the gap between them.",
     ),
     Column::new("alpha1", "1", "", "Weight of the force in the cost, 0 to 1 (Dillon's equation 8)."),
     Column::new("cost", "1", "", "The cost C of the shaft's direction (Dillon's equation 5)."),
@@ -77,18 +82,18 @@ pub const WAYPOINTS: [Column; 24] = [
         "deflection_toward_um",
         "µm",
         "",
-        "How far the force bends the arm toward `structure`; only with `robot.joint_stiffness`.",
+        "Deflection of the burr toward `structure` by the force; only with `robot.joint_stiffness`.",
     ),
 ];
 
 /// The columns of `trajectory.csv`.
 pub const TRAJECTORY: [Column; 3] = [
-    Column::new("time_s", "s", "", "On the clock of `waypoints.csv`."),
+    Column::new("time_s", "s", "", "Time, with the same zero as in `waypoints.csv`."),
     Column::new(
         "q1..n",
         "rad; mm for a prismatic joint",
         "",
-        "Joint positions, from the base outwards, as `robot.urdf` has the joints that move.",
+        "Positions of the moving joints of `robot.urdf`, from the base outwards.",
     ),
     Column::new("qd1..n", "rad/s; mm/s for a prismatic joint", "", "Joint velocities."),
 ];
@@ -99,7 +104,7 @@ pub const SIMULATION_ROWS: [Column; 14] = [
         "time_s",
         "s",
         "",
-        "On the plan's clock. Everything in a row belongs to the step that ends there.",
+        "Time in the plan. All values of a row belong to the step that ends there.",
     ),
     Column::new(
         "x_mm",
@@ -119,15 +124,15 @@ pub const SIMULATION_ROWS: [Column; 14] = [
         "force_toward_n",
         "N",
         "",
-        "The part of the force that pushes the burr toward `structure`; never below 0.",
+        "The component of the force toward `structure`; 0 if it points away.",
     ),
     Column::new("structure", "text", "", "The structure with the smallest distance less clearance."),
-    Column::new("distance_mm", "mm", "", "From the burr's centre to it; 0 inside."),
+    Column::new("distance_mm", "mm", "", "Distance from the burr's centre to it; 0 inside."),
     Column::new(
         "deflection_um",
         "µm",
         "",
-        "How far the burr is from where the joints put it; only with `robot.joint_stiffness`.",
+        "Distance of the burr from its position by the joints alone; only with `robot.joint_stiffness`.",
     ),
 ];
 
@@ -138,12 +143,12 @@ pub const ACCESS: [Column; 7] = [
         "free",
         "1",
         "",
-        "How many of the directions that were tried are free for the shank, and within the tilt limit where that binds.",
+        "Number of tested directions in which the shank is free and, for cuts, the tilt limit is kept.",
     ),
-    Column::new("pieces", "1", "", "Into how many connected parts these fall."),
+    Column::new("pieces", "1", "", "Number of connected parts of these directions."),
     Column::new("angle_rad", "rad", "work", "With one angle: the chosen tilt in the arm's tilt plane."),
-    Column::new("low_rad", "rad", "work", "With one angle: where the free interval around it begins."),
-    Column::new("high_rad", "rad", "work", "With one angle: where it ends."),
+    Column::new("low_rad", "rad", "work", "With one angle: start of the free interval around it."),
+    Column::new("high_rad", "rad", "work", "With one angle: end of that interval."),
     Column::new(
         "cap_rad",
         "rad",
@@ -154,10 +159,10 @@ pub const ACCESS: [Column; 7] = [
 
 /// The columns of `dropped.csv`.
 pub const DROPPED: [Column; 4] = [
-    Column::new("x_mm", "mm", "ct", "Where the burr's centre would have been."),
-    Column::new("y_mm", "mm", "ct", "The same place."),
-    Column::new("z_mm", "mm", "ct", "The same place."),
-    Column::new("reason", "text", "", "What was in the way."),
+    Column::new("x_mm", "mm", "ct", "Position that the burr's centre would have had."),
+    Column::new("y_mm", "mm", "ct", "The same position."),
+    Column::new("z_mm", "mm", "ct", "The same position."),
+    Column::new("reason", "text", "", "What blocked the shank."),
 ];
 
 /// The columns of `forces.csv`.
@@ -173,11 +178,31 @@ pub const FORCES_ROWS: [Column; 8] = [
     Column::new("toward_x", "1", "ct", "Unit vector from the burr's centre to that point."),
     Column::new("toward_y", "1", "ct", "The same vector."),
     Column::new("toward_z", "1", "ct", "The same vector."),
-    Column::new("force_toward_n", "N", "", "The force's part along it; never below 0, and 0 in air."),
+    Column::new(
+        "force_toward_n",
+        "N",
+        "",
+        "The force's component along it; 0 if it points away, and in air.",
+    ),
     Column::new(
         "deflection_toward_um",
         "µm",
         "",
-        "The deflection's part along it, not below 0; only with `robot.joint_stiffness`.",
+        "The deflection's component along it, not below 0; only with `robot.joint_stiffness`.",
     ),
+];
+
+/// The columns of `plunge.csv`.
+pub const PLUNGE_ROWS: [Column; 6] = [
+    Column::new("index", "1", "", "The waypoint."),
+    Column::new(
+        "depth_mm",
+        "mm",
+        "",
+        "Depth of the tool's tip from the entry, along the channel; negative before it.",
+    ),
+    Column::new("thrust_n", "N", "", "Force of the bone on the tool along its axis, toward the handpiece."),
+    Column::new("torque_nmm", "N mm", "", "Torque that resists the turn."),
+    Column::new("lateral_n", "N", "", "Force across the axis, mean over a turn."),
+    Column::new("contact_mm2", "mm²", "", "Area of the tool's front in bone."),
 ];

@@ -42,8 +42,13 @@ pub struct Level<'a> {
 
 /// A chart of several series over time. `unit` labels the vertical axis.
 pub fn chart(title: &str, unit: &str, series: &[Series], levels: &[Level]) -> String {
+    chart_over("time [s]", [title, unit], series, levels)
+}
+
+/// The same over something else, which may begin below 0; `over` is its name and unit.
+pub fn chart_over(over: &str, [title, unit]: [&str; 2], series: &[Series], levels: &[Level]) -> String {
     format!(
-        "<figure><figcaption>{title} <span class=\"unit\">[{unit}] over time [s]</span>{}</figcaption>{}{}</figure>",
+        "<figure><figcaption>{title} <span class=\"unit\">[{unit}] over {over}</span>{}</figcaption>{}{}</figure>",
         legend(unit, series, levels),
         WIDE.draw(title, series, levels),
         NARROW.draw(title, series, levels)
@@ -57,12 +62,13 @@ impl Shape {
         let top = values().chain(levels.iter().map(|l| l.value)).fold(0.0, f64::max);
         let bottom = values().fold(0.0, f64::min);
         let end_s = series.iter().flat_map(|s| s.points.last().map(|p| p.0)).fold(0.0, f64::max).max(1e-9);
+        let start = series.iter().flat_map(|s| s.points.first().map(|p| p.0)).fold(0.0, f64::min);
         let (y_step, _) = ticks((top - bottom).max(1e-9), 4);
         let tick = |value: f64| (value / y_step - 1e-9).ceil() * y_step;
         let y_start = -tick(-bottom);
         let y_end = tick(top).max(y_start + y_step);
-        let (x_step, _) = ticks(end_s, self.ticks);
-        let x = |t: f64| left + t / end_s * (width - left - RIGHT);
+        let (x_step, _) = ticks(end_s - start, self.ticks);
+        let x = |t: f64| left + (t - start) / (end_s - start) * (width - left - RIGHT);
         let y = |v: f64| height - BOTTOM - (v - y_start) / (y_end - y_start) * (height - TOP - BOTTOM);
         let mut svg = format!(
             "<svg class=\"{class}\" viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{title}\">"
@@ -80,14 +86,14 @@ impl Shape {
                 number(v + 0.0, y_step)
             );
         }
-        let mut t = 0.0;
+        let mut t = (start / x_step).ceil() * x_step;
         while t <= end_s {
             let _ = write!(
                 svg,
                 "<text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
                 x(t),
                 height - 6.0,
-                number(t, x_step)
+                number(t + 0.0, x_step)
             );
             t += x_step;
         }

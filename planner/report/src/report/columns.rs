@@ -9,9 +9,9 @@ pub fn section() -> String {
     let frames: String = FRAMES.iter().map(|(name, meaning)| row(&[name, meaning])).collect();
     let files: String = DESCRIBED.iter().map(file).collect();
     format!(
-        "<h2>The files of this plan</h2><p>Unit, frame and meaning of every column in the files beside this page; the same text is \
-         docs/columns.md of bonemill and what <code>bonemill columns</code> prints. Distances are from the burr's centre unless they \
-         say otherwise.</p><details><summary>frames</summary><table class=\"words\"><tbody>{frames}</tbody></table></details>{files}"
+        "<h2>The files of this plan</h2><p>Unit, frame and meaning of every column in the files beside this page. The same text is in \
+         docs/columns.md of bonemill and printed by <code>bonemill columns</code>. Distances are from the burr's centre unless stated \
+         otherwise.</p><details><summary>frames</summary><table class=\"words\"><tbody>{frames}</tbody></table></details>{files}"
     )
 }
 

@@ -12,9 +12,9 @@ type Figure = (&'static str, fn(&TowardFigures) -> f64);
 
 const FIGURES: [Figure; 5] = [
     ("mean", |f| f.mean_n),
-    ("mean, zeros in", |f| f.mean_with_zeros_n),
-    ("75&nbsp;%", |f| f.p75_n),
-    ("75&nbsp;%, zeros in", |f| f.p75_with_zeros_n),
+    ("mean, with zeros", |f| f.mean_with_zeros_n),
+    ("75th percentile", |f| f.p75_n),
+    ("75th percentile, with zeros", |f| f.p75_with_zeros_n),
     ("peak", |f| f.peak_n),
 ];
 
@@ -59,14 +59,15 @@ fn table(plan: &Plan, controls: &[Control]) -> String {
         .iter()
         .map(|c| {
             let degrees = half_turn(c.raster_rad + plan.setup.scene.turn_rad).to_degrees();
-            format!("<th>straight, lines at {degrees:.0}°, {:.2}&nbsp;mm/s</th>", c.speed_mm_s)
+            format!("<th>control with lines at {degrees:.0}°, {:.2}&nbsp;mm/s</th>", c.speed_mm_s)
         })
         .collect();
     format!(
-        "<div class=\"wide\"><table><thead><tr><th>force [N]</th>{heads}<th>this plan</th><th>change to the lower</th></tr></thead>\
-         <tbody>{rows}</tbody></table></div><p class=\"note\">Toward structures while the burr's surface is within {NEAR_MM} mm of them. \
-         The two controls mill the same target in the same time with the shaft along the approach and every cut at one speed; whether \
-         their shank is free is not asked. All are timed by their speed caps.</p>"
+        "<div class=\"wide\"><table><thead><tr><th>force [N]</th>{heads}<th>this plan</th><th>change from the lower control</th></tr></thead>\
+         <tbody>{rows}</tbody></table></div><p class=\"note\">Forces toward a structure count while the burr's surface is within {NEAR_MM} mm of it: over the time in which \
+         they point toward it, or, with zeros, over all of that time. The two controls mill the same target in the same time with the \
+         shaft along the approach and one speed for every cut. Their shank is not tested for collisions. The time of every move \
+         follows from its speed cap.</p>"
     )
 }
 
@@ -79,7 +80,7 @@ fn choices(plan: &Plan) -> Vec<String> {
         } else if is_given {
             "as the case asks"
         } else {
-            "chosen by what the structures feel in drafts of the same time"
+            "chosen by the forces toward structures in coarse drafts of the same duration"
         }
     };
     let lines = format!(
@@ -93,7 +94,7 @@ fn choices(plan: &Plan) -> Vec<String> {
         "The burr turns {}: {}.",
         if case.burr.spin < 0 { "forward (clockwise seen from the handpiece)" } else { "in reverse" },
         if case.burr.turns_both_ways {
-            "chosen from two whole plans by what the structures feel"
+            "chosen by the forces toward structures in two complete plans"
         } else {
             "as the case asks"
         }
@@ -104,25 +105,27 @@ fn choices(plan: &Plan) -> Vec<String> {
     };
     let axes = match m.axes.mode {
         OrientationMode::Fixed => {
-            "The shaft stands along the approach, or as near to it as is free.".to_owned()
+            "The shaft is along the approach, or along the free direction nearest to it.".to_owned()
         }
         OrientationMode::Greedy => {
-            "The shaft is turned at each waypoint by its own cost, then smoothed.".to_owned()
+            "The shaft's direction is chosen for each waypoint alone, then smoothed.".to_owned()
         }
         OrientationMode::Optimal => format!(
-            "The shaft is turned so that near structures the {push} toward them is least along the whole path, elsewhere inertia and turning."
+            "The shaft is turned so that near structures the {push} toward them is least over the whole path, and elsewhere the loss of inertia and the turning."
         ),
     };
     let speed = match (&m.speeds.levels, case.speed.mode) {
         (Some(levels), _) => {
-            format!("Speeds: the least {push} in the time, {}.", escape(&levels.sentence(case)))
+            format!("Speeds: the least {push} in the given time, {}.", escape(&levels.sentence(case)))
         }
         (None, SpeedMode::Constant) => "Every cut has one speed.".to_owned(),
-        (None, SpeedMode::ForceLimited) => "Speeds are the fastest under the force caps.".to_owned(),
-        (None, _) => "Speeds fall with the mass ahead, whatever the structures feel.".to_owned(),
+        (None, SpeedMode::ForceLimited) => "Speeds are the fastest that keep the force caps.".to_owned(),
+        (None, _) => {
+            "Speeds decrease with the mass ahead of the burr and do not depend on structures.".to_owned()
+        }
     };
     let instead = m.axes.instead.map(|words| {
-        format!("Fallback: {words}, since a structure of priority 1 would have felt more than with a straight shaft.")
+        format!("Fallback: {words}, because otherwise a force toward a structure of priority 1 would have been larger than with a straight shaft.")
     });
     [lines, sense, spin, axes, speed].into_iter().chain(instead).collect()
 }

@@ -3,14 +3,16 @@
 //! The page is computed from a [`Plan`] alone and does not depend on time or place, so equal plans give equal pages.
 //! Simulation and verification later add their parts between marks in the page.
 
-mod chart;
-mod columns;
+pub(crate) mod chart;
+pub(crate) mod columns;
 pub mod compare;
 mod compared;
 mod peak;
+pub mod run;
 pub mod simulation;
 mod slices;
 mod structures;
+mod terms;
 pub mod verification;
 
 use std::fmt::Write;
@@ -29,7 +31,7 @@ use bonemill_planfile::toward::StructureFigures;
 use bonemill_planfile::{ReportPart, Waypoint};
 use bonemill_toolpath::orientation::OpenAround;
 
-const STYLE: &str = include_str!("style.css");
+pub(crate) const STYLE: &str = include_str!("style.css");
 
 /// The whole page.
 pub fn html(plan: &Plan) -> String {
@@ -42,6 +44,7 @@ pub fn html(plan: &Plan) -> String {
     );
     page.push_str(&verdict(plan));
     page.push_str(&cards(plan));
+    page.push_str(terms::TERMS);
     page.push_str(&ReportPart::Verification.marks().concat());
     page.push_str("<h2>Path over the CT</h2>");
     page.push_str(&legend(plan));
@@ -56,10 +59,10 @@ pub fn html(plan: &Plan) -> String {
     page.push_str(&coverage(plan));
     page.push_str("<h2>Structures</h2>");
     page.push_str(&structures::structure_table(&plan.setup.case, &plan.results.figures.structures, |row| {
-        peak::place(&plan.moves.waypoints, row)
+        peak::short_place(&plan.moves.waypoints, row)
     }));
     if !plan.setup.case.structures.is_empty() {
-        page.push_str("<h2>Beside a straight shaft at constant speed</h2>");
+        page.push_str("<h2>Compared with a straight shaft at constant speed</h2>");
         page.push_str(&compared::section(plan));
     }
     page.push_str("<h2>What was modelled</h2>");
@@ -71,7 +74,7 @@ pub fn html(plan: &Plan) -> String {
     page.push_str(&columns::section());
     let _ = write!(
         page,
-        "<h2>Case, with every default</h2><details><summary>show</summary><pre>{}</pre></details></main></body></html>",
+        "<h2>Case file with every default</h2><details><summary>show the file</summary><pre>{}</pre></details></main></body></html>",
         escape(&plan.setup.case.to_toml())
     );
     page
@@ -120,14 +123,17 @@ fn cards(plan: &Plan) -> String {
         cards.push(("peak force toward a structure", format!("{:.2} N", found.force.peak_n), name));
     }
     let of = |label, value_mm: f64, s: &Structure| {
-        let name = format!("<small>{}, kept {}\u{a0}mm</small>", escape(&s.name), s.clearance_mm);
+        let name = format!("<small>{}, clearance {}\u{a0}mm</small>", escape(&s.name), s.clearance_mm);
         (label, format!("{value_mm:.2} mm"), name)
     };
     if let Some((margin_mm, structure)) = tightest {
-        cards.insert(2, of("smallest margin: distance less clearance", margin_mm, structure));
+        cards.insert(2, of("smallest margin (distance less clearance)", margin_mm, structure));
     }
     if let Some((distance_mm, structure)) = closest {
-        cards.insert(2, of("smallest distance from the burr's surface", distance_mm, structure));
+        cards.insert(
+            2,
+            of("smallest distance of the burr's surface from a structure", distance_mm, structure),
+        );
     }
     let items: String = cards
         .into_iter()
@@ -159,10 +165,10 @@ fn legend(plan: &Plan) -> String {
         .map(|(n, s)| chip(STRUCTURE_COLOURS[n % STRUCTURE_COLOURS.len()], &s.name))
         .collect();
     format!(
-        "<p class=\"legend\">{}{structures}{}{}Letters at the sides: right, left, anterior, posterior, superior, inferior of the patient.</p>",
+        "<p class=\"legend\">{}{structures}{}{}Letters: the patient's right, left, anterior, posterior, superior, inferior.</p>",
         chip(TARGET_COLOUR, "target"),
         chip(CUT_COLOUR, "cuts within half a layer of the slice"),
-        chip(LINK_COLOUR, "links and retracts there (dashed)"),
+        chip(LINK_COLOUR, "links and retracts (dashed), in the same range"),
     )
 }
 
@@ -192,7 +198,7 @@ fn charts(plan: &Plan) -> String {
     if !plan.setup.case.structures.is_empty() {
         let least = plan.setup.case.structures.iter().map(|s| s.clearance_mm).fold(f64::INFINITY, f64::min);
         charts.push(chart(
-            "Distance from the burr's surface to the structure that matters",
+            "Distance of the burr's surface from the structure with the smallest margin",
             "mm",
             &[one("distance", "line-a", &|w| w.distance_mm.map(|d| d - radius))],
             &[Level { name: "smallest clearance", value: least }],
@@ -225,15 +231,15 @@ fn free_angles(plan: &Plan) -> String {
         OpenAround::Interval { .. } => None,
     };
     if plan.access.allowed.iter().any(|allowed| cap(&allowed.around).is_some()) {
-        let title = "Cap around the axis within which every direction is free, half its opening";
+        let title = "Angle around the shaft within which every tested direction is free";
         return chart(title, "°", &[series("cap", "line-a", &cap)], &[]);
     }
     let curves = [
-        series("lowest and", "line-b", &in_plane(|[low, ..]| low)),
-        series("highest free around it", "line-b", &in_plane(|[.., high]| high)),
+        series("lowest free", "line-b", &in_plane(|[low, ..]| low)),
+        series("highest free", "line-b", &in_plane(|[.., high]| high)),
         series("chosen", "line-a", &in_plane(|[_, at, _]| at)),
     ];
-    chart("Angle in the tilt plane", "°", &curves, &[])
+    chart("Angle of the shaft in the arm's tilt plane", "°", &curves, &[])
 }
 
 /// Angle between shaft and approach, degrees: cos = cos θ cos φ.
@@ -267,11 +273,11 @@ fn coverage(plan: &Plan) -> String {
         .collect();
     format!(
         "<div class=\"wide\"><table><thead><tr><th></th><th>all [mm³]</th><th>above air [mm³]</th><th>bone [mm³]</th><th>of the target</th></tr></thead><tbody>{}{}{}</tbody></table>\
-         <table><thead><tr><th>What keeps the rest of the target</th><th>[mm³]</th><th>of it all</th></tr></thead><tbody>{kept}</tbody></table></div>\
+         <table><thead><tr><th>Why the rest of the target stays</th><th>[mm³]</th><th>of the target</th></tr></thead><tbody>{kept}</tbody></table></div>\
          <p>Untargeted bone removed: {:.1} mm³ by voxel centres of the planning grid, {:.1} mm³ of it specks and bone thinner than the band \
-         of {:.2} mm{}. Other bone outside the target: no such centre deeper than {:.3} mm inside the swept ball. <code>verify</code> \
-         counts these voxels again, and looks at points half as far apart as well; a simulation adds up parts of voxels.</p>\
-         <p>Bone on the scan's edge within the burr's diameter of the target: {:.1} mm². Beyond the scan nothing is known: it counts as air.</p>",
+         of {:.2} mm{}. Other bone outside the target: no voxel centre is deeper than {:.3} mm inside the swept ball. <code>verify</code> \
+         counts these voxels again and also tests points half as far apart; a simulation counts parts of voxels.</p>\
+         <p>Bone on the scan's edge within the burr's diameter of the target: {:.1} mm². Everything beyond the scan is unknown and counts as air.</p>",
         row("target", &c.target),
         row("reachable by the ball under the clearances", &c.reachable),
         row("removed", &c.removed),
@@ -291,28 +297,28 @@ fn modelled(plan: &Plan) -> String {
     let m = &plan.modelled;
     let mut rows = vec![
         ("waypoints".to_owned(), m.path.waypoints.to_string()),
-        ("of these, removing material".into(), m.path.cutting.to_string()),
-        ("orientation cost with the cutting force".into(), m.axes.cost_with_force.to_string()),
+        ("waypoints that remove material".into(), m.path.cutting.to_string()),
+        ("waypoints whose orientation cost includes the force".into(), m.axes.cost_with_force.to_string()),
         (
-            "orientation cost in closed form (weight of forces below 0.01)".into(),
+            "waypoints whose orientation cost leaves the force out (weight below 0.01)".into(),
             format!(
-                "{}; no choice is worse by more than {:.1e} of C",
+                "{}; the cost of no choice is worse by more than {:.1e}",
                 m.axes.cost_closed_form, m.axes.closed_form_error
             ),
         ),
         (
-            "shaft's directions chosen from, then moved between".into(),
+            "candidate directions of the shaft, before refinement".into(),
             format!("{:.1}° apart", m.axes.direction_spacing_rad.to_degrees()),
         ),
-        ("moves during which the turning shank is not free all the way".into(), m.axes.blocked_turns.to_string()),
+        ("moves in which the turning shank is not free throughout".into(), m.axes.blocked_turns.to_string()),
         ("milling layers".into(), m.path.layers.to_string()),
-        ("raster lines, angle from work x".into(), format!("{:.1}°", m.path.raster_rad.to_degrees())),
+        ("direction of the lines, angle from work x".into(), format!("{:.1}°", m.path.raster_rad.to_degrees())),
         (
             "compliance of the arm".into(),
             m.arm.stiffness.map_or("not modelled: no stiffness in the case".into(), |along| {
                 let toward = along.least_toward_n_mm;
                 format!(
-                    "D10; the burr's stiffness along the path: {:.3} N/mm where it is softest (waypoint {}), {:.3} N/mm in the mean{}",
+                    "Dillon et al. 2016, eq. 10; stiffness at the burr along the path: least {:.3} N/mm (waypoint {}), mean {:.3} N/mm{}",
                     along.softest_n_mm,
                     along.softest_waypoint,
                     along.mean_softest_n_mm,
@@ -325,16 +331,19 @@ fn modelled(plan: &Plan) -> String {
     ];
     if plan.modelled.axes.mode == OrientationMode::Greedy {
         let held = m.axes.low_pass_held.to_string();
-        rows.push(("waypoints at which the low-pass was held at a free angle".into(), held));
+        rows.push(("waypoints at which the low-pass result was not free and was replaced".into(), held));
     }
     if let Some(lowest) = m.arm.lowest_link {
         let branch = branch_name(m.arm.branch).replace('/', ", ").replace('-', " ");
         let height =
-            format!("{:.0} mm over the mounting plane, at waypoint {}", lowest.height_mm, lowest.waypoint);
+            format!("{:.0} mm above the mounting plane, at waypoint {}", lowest.height_mm, lowest.waypoint);
         rows.push(("branch of the arm, for the whole path".into(), format!("{branch} ({})", m.arm.branch)));
-        rows.push(("lowest place of the arm's links, as lines from joint to joint".into(), height));
+        rows.push(("lowest point of the arm's links (lines from joint to joint)".into(), height));
     }
-    rows.push(("places put off to the end, for the shank".into(), m.path.put_off.to_string()));
+    rows.push((
+        "waypoints moved to the end of the path, because the shank was not free".into(),
+        m.path.put_off.to_string(),
+    ));
     rows.extend(
         dropped_by_reason(&plan.access.dropped)
             .into_iter()
@@ -368,7 +377,7 @@ fn parameters(plan: &Plan) -> String {
     };
     let rows: String = explained(&as_planned(plan)).iter().map(row).collect();
     format!(
-        "<div class=\"wide\"><table class=\"words params\"><thead><tr><th>key</th><th>value</th><th>meaning</th><th>from</th></tr></thead><tbody>{rows}</tbody></table></div>"
+        "<div class=\"wide\"><table class=\"words params\"><thead><tr><th>key</th><th>value</th><th>meaning</th><th>origin (D: Dillon et al. 2016)</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
 }
 
@@ -390,19 +399,19 @@ fn as_planned(plan: &Plan) -> Case {
 }
 
 /// A key in which lines may be broken after dots and underscores.
-fn breakable(key: &str) -> String {
+pub(crate) fn breakable(key: &str) -> String {
     key.replace('.', ".<wbr>").replace('_', "_<wbr>")
 }
 
 /// Text with `words` in backticks set as code.
-fn with_code(text: &str) -> String {
+pub(crate) fn with_code(text: &str) -> String {
     let part =
         |(n, part): (usize, &str)| if n % 2 == 1 { format!("<code>{part}</code>") } else { part.into() };
     text.split('`').enumerate().map(part).collect()
 }
 
 /// Escapes text for HTML.
-fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

@@ -34,6 +34,10 @@ pub fn section(simulation: &Simulation, case: &Case) -> String {
         ],
         &[],
     ));
+    if case.job.channel().is_some() {
+        let torque = one("torque", "line-a", &|row| Some(row.torque_nmm));
+        out.push_str(&chart("Torque", "N mm", &[torque], &[]));
+    }
     out.push_str(&chart("Spindle power", "W", &[one("power", "line-a", &|row| Some(row.power_w))], &[]));
     if simulation.compliant {
         out.push_str(&chart(
@@ -49,14 +53,14 @@ pub fn section(simulation: &Simulation, case: &Case) -> String {
         .collect();
     let _ = write!(out, "<div class=\"wide\"><table><tbody>{rows}</tbody></table></div>");
     out.push_str(&structure_table(case, &simulation.structures, |row| {
-        format!("{:.2} s", simulation.rows[row].time_s)
+        format!("{:.2}\u{a0}s", simulation.rows[row].time_s)
     }));
     out
 }
 
 fn verdict(simulation: &Simulation) -> String {
     if simulation.stopped == 0 {
-        return "<p class=\"verdict good\">The shank touches nothing on the whole way.</p>".into();
+        return "<p class=\"verdict good\">The shank touches nothing along the whole trajectory.</p>".into();
     }
     let listed: String = simulation
         .contacts
@@ -83,9 +87,10 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
         |value: &dyn Fn(&SimulationRow) -> f64| simulation.rows.iter().map(value).fold(0.0, f64::max);
     let mut out = vec![
         ("poses".to_owned(), simulation.rows.len().to_string()),
-        ("peak of the mean force over a turn".into(), format!("{:.2} N", simulation.peak_force_n())),
+        ("peak force (mean over a turn)".into(), format!("{:.2} N", simulation.peak_force_n())),
         ("largest force within a turn".into(), format!("{:.2} N", largest(&|row| row.peak_n))),
         ("mean force while cutting".into(), format!("{:.2} N", simulation.mean_force_n())),
+        ("peak torque".into(), format!("{:.2} N mm", largest(&|row| row.torque_nmm))),
         ("peak spindle power".into(), format!("{:.2} W", largest(&|row| row.power_w))),
         ("spindle energy".into(), format!("{:.1} J", simulation.energy_j())),
     ];
@@ -94,11 +99,11 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
             (simulation.removed.volume_mm3[kind as usize], simulation.removed.mass_mg[kind as usize]);
         if volume > 0.0 {
             let what = match kind {
-                Kind::Sheet => "removed of thin bone beside the target",
-                Kind::Material => "removed of the target below bone",
-                Kind::Bone => "removed of the target's bone",
-                Kind::Obstacle => "removed of bone outside the target, by parts of voxels",
-                Kind::Structure => "removed of structures",
+                Kind::Sheet => "removed thin bone beside the target",
+                Kind::Material => "removed target below the threshold of bone",
+                Kind::Bone => "removed bone of the target",
+                Kind::Obstacle => "removed bone outside the target (parts of voxels)",
+                Kind::Structure => "removed from structures",
             };
             out.push((what.into(), format!("{volume:.1} mm³, {mass:.0} mg")));
         }
@@ -106,13 +111,19 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
     let by_rate = simulation.removed_by_rate.total_mg();
     if simulation.removed.total_mg() > 0.0 {
         let off = 100.0 * (by_rate / simulation.removed.total_mg() - 1.0);
-        out.push(("mass by the surface's rate, against the voxels'".into(), format!("{off:+.2} %")));
+        out.push((
+            "removed mass by the burr's surface, compared with that by voxels".into(),
+            format!("{off:+.2} %"),
+        ));
     }
     for (structure, found) in case.structures.iter().zip(&simulation.structures) {
         if let Some(row) = found.force.peak_row {
             let (peak_n, time_s) = (found.force.peak_n, simulation.rows[row].time_s);
             let name = format!("peak force toward {}", structure.name);
-            out.push((name, format!("{peak_n:.3} N at {time_s:.2} s; {:.3} N near it", found.near.peak_n)));
+            out.push((
+                name,
+                format!("{peak_n:.3} N at {time_s:.2} s; {:.3} N within 2 mm of it", found.near.peak_n),
+            ));
         }
     }
     if simulation.compliant {
@@ -126,8 +137,9 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
 
 /// Names and values of a simulation's figures, for machines; names end in units.
 pub fn values(simulation: &Simulation, case: &Case) -> Vec<(String, Value)> {
+    let radius_mm = case.tool.radius_mm().unwrap_or(case.burr.radius_mm);
     let structures = case.structures.iter().zip(&simulation.structures);
-    let structures = structures.map(|(s, found)| (s.name.clone(), found.value(case.burr.radius_mm, "row")));
+    let structures = structures.map(|(s, found)| (s.name.clone(), found.value(radius_mm, "row")));
     let removed = Kind::ALL.into_iter().map(|kind| {
         let (mm3, mg) =
             (simulation.removed.volume_mm3[kind as usize], simulation.removed.mass_mg[kind as usize]);

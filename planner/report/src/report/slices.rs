@@ -26,9 +26,9 @@ struct Plane {
 }
 
 const PLANES: [Plane; 3] = [
-    Plane { name: "Along the approach: work x to the right, y up, at z =", right: 0, up: 1, along: 2 },
-    Plane { name: "From the side: work x to the right, approach up, at y =", right: 0, up: 2, along: 1 },
-    Plane { name: "From the side: work y to the right, approach up, at x =", right: 1, up: 2, along: 0 },
+    Plane { name: "Seen along the approach: work x to the right, y up, at z =", right: 0, up: 1, along: 2 },
+    Plane { name: "Seen from the side: work x to the right, approach up, at y =", right: 0, up: 2, along: 1 },
+    Plane { name: "Seen from the side: work y to the right, approach up, at x =", right: 1, up: 2, along: 0 },
 ];
 
 /// The three figures.

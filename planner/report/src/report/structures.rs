@@ -15,7 +15,11 @@ pub fn structure_table(case: &Case, found: &[StructureFigures], place: impl Fn(u
         .zip(found)
         .map(|(structure, found)| {
             let least = found.least.map_or("<td>–</td><td></td>".into(), |(distance_mm, row)| {
-                format!("<td>{:.2}</td><td>{}</td>", distance_mm - case.burr.radius_mm, place(row))
+                format!(
+                    "<td>{:.2}</td><td>{}</td>",
+                    distance_mm - case.tool.radius_mm().unwrap_or(case.burr.radius_mm),
+                    place(row)
+                )
             });
             format!(
                 "<tr><th>{}</th><td>{:.2}</td>{least}{}{}</tr>",
@@ -31,14 +35,14 @@ pub fn structure_table(case: &Case, found: &[StructureFigures], place: impl Fn(u
         .to_owned();
     let _ = write!(
         table,
-        "<th colspan=\"4\">force toward it [N], surface within {NEAR_MM} mm</th><th colspan=\"4\">force toward it [N], everywhere</th></tr>\
-         <tr><th>[mm]</th><th>where</th>{0}{0}</tr></thead><tbody>{rows}</tbody></table></div>",
-        "<th>mean</th><th>75&nbsp;%</th><th>peak</th><th>where</th>"
+        "<th colspan=\"4\">force toward it [N] while the burr is within {NEAR_MM} mm</th><th colspan=\"4\">force toward it [N] everywhere</th></tr>\
+         <tr><th>[mm]</th><th>at</th>{0}{0}</tr></thead><tbody>{rows}</tbody></table></div>",
+        "<th>mean</th><th>75th pct.</th><th>peak</th><th>peak at</th>"
     );
     table.push_str(
-        "<p class=\"note\">Mean and 75th percentile by time, over the time in which material is removed and the force points toward \
-         the structure (F<sub>v</sub> &gt; 0); in brackets over all of the time in which material is removed, zeros in. –: no force \
-         toward it there, or no such structure in the label map.</p>",
+        "<p class=\"note\">Mean and 75th percentile are weighted by time, over the time in which material is removed and the force points \
+         toward the structure (F<sub>v</sub> &gt; 0). Values in brackets are over all of the time in which material is removed, zeros \
+         included. – means no force toward the structure, or no such structure in the label map.</p>",
     );
     table
 }

@@ -15,21 +15,21 @@ pub fn section(verification: &Verification, risk: Option<(&ErrorModel, &Risk)>) 
     let _ = if failed == 0 {
         write!(
             out,
-            "<p class=\"verdict good\">All {count} checks passed, by code that did not make this plan.</p>"
+            "<p class=\"verdict good\">All {count} checks passed. The code of these checks did not make the plan.</p>"
         )
     } else {
         let reasons: String = verification.failed().map(|c| format!("<li>{}</li>", line(c))).collect();
         write!(
             out,
-            "<div class=\"verdict bad\">{failed} of {count} checks failed, by code that did not make this plan:<ul>{reasons}</ul></div>"
+            "<div class=\"verdict bad\">{failed} of {count} checks failed. The code of these checks did not make the plan.<ul>{reasons}</ul></div>"
         )
     };
     out.extend(risk.map(|(model, risk)| under_errors(model, risk)));
     let rows: String = verification.checks.iter().map(row).collect();
     let _ = write!(
         out,
-        "<details><summary>every check</summary><div class=\"wide\"><table class=\"checks\"><thead><tr><th>check</th><th>value</th>\
-         <th>limit</th><th>margin</th><th>unit</th><th>where, and what else</th></tr></thead><tbody>{rows}</tbody></table></div></details>"
+        "<details><summary>all checks</summary><div class=\"wide\"><table class=\"checks\"><thead><tr><th>check</th><th>value</th>\
+         <th>limit</th><th>margin</th><th>unit</th><th>place of the worst value, and remarks</th></tr></thead><tbody>{rows}</tbody></table></div></details>"
     );
     out
 }
@@ -38,21 +38,21 @@ pub fn section(verification: &Verification, risk: Option<(&ErrorModel, &Risk)>) 
 fn under_errors(model: &ErrorModel, risk: &Risk) -> String {
     let sigmas = model.registration.sigmas();
     let of = |three: &[f64], scale: f64| {
-        let all: Vec<String> = three.iter().map(|s| Short(s * scale).to_string()).collect();
+        let all: Vec<String> = three.iter().map(|s| rounded(s * scale, 2)).collect();
         if all.iter().all(|s| *s == all[0]) { all[0].clone() } else { all.join(", ") }
     };
     let mut out = format!(
-        "<h3>Under drawn errors</h3><p class=\"note\">The plan was repeated {} times with normal errors of these standard \
+        "<h3>Under random errors</h3><p class=\"note\">The plan was evaluated {} times with normally distributed errors of these standard \
          deviations: registration {} mm along and {}° about each axis of ct, boundary of each structure {} mm, density \
-         {} %, cutting coefficients {} %. Below 0 mm a structure is cut. Every structure is to be kept with a probability \
-         of {} %.</p>",
+         {} %, cutting coefficients {} %. The tables show quantiles over these samples. A distance below 0 means that the structure \
+         is cut. Every structure must stay untouched with a probability of {} %.</p>",
         model.samples,
         of(&sigmas[..3], 1.0),
         of(&sigmas[3..], 1f64.to_degrees()),
-        Short(model.boundary_sigma_mm),
-        Short(100.0 * model.density_share),
-        Short(100.0 * model.coefficient_share),
-        Short(100.0 * model.keep)
+        rounded(model.boundary_sigma_mm, 2),
+        rounded(100.0 * model.density_share, 1),
+        rounded(100.0 * model.coefficient_share, 1),
+        rounded(100.0 * model.keep, 2)
     );
     let structures: String = risk
         .structures
@@ -64,9 +64,9 @@ fn under_errors(model: &ErrorModel, risk: &Risk) -> String {
                  <td>{:.2}</td></tr>",
                 if bad { " class=\"bad\"" } else { "" },
                 escape(&s.name),
-                Short(100.0 * s.touched.estimate),
-                Short(100.0 * s.touched.low),
-                Short(100.0 * s.touched.high),
+                rounded(100.0 * s.touched.estimate, 1),
+                rounded(100.0 * s.touched.low, 1),
+                rounded(100.0 * s.touched.high, 1),
                 s.clearance_mm
             )
         })
@@ -85,12 +85,19 @@ fn under_errors(model: &ErrorModel, risk: &Risk) -> String {
         .collect();
     let _ = write!(
         out,
-        "<div class=\"wide\"><table><thead><tr><th></th><th>touched</th><th>95 % interval</th><th>distance kept in 5 % [mm]</th>\
-         <th>50 %</th><th>95 %</th><th>clearance that would keep it [mm]</th></tr></thead><tbody>{structures}</tbody></table></div>\
-         <div class=\"wide\"><table><thead><tr><th>force</th><th>as planned [N]</th><th>in 5 % [N]</th><th>50 %</th><th>95 %</th>\
-         </tr></thead><tbody>{forces}</tbody></table></div>"
+        "<div class=\"wide\"><table><thead><tr><th rowspan=\"2\">structure</th><th colspan=\"2\">touched in</th>\
+         <th colspan=\"3\">least distance of the burr's surface [mm]</th><th rowspan=\"2\">clearance that would suffice [mm]</th></tr>\
+         <tr><th>samples</th><th>95 % interval</th><th>5 %</th><th>50 %</th><th>95 %</th></tr></thead><tbody>{structures}</tbody></table></div>\
+         <div class=\"wide\"><table><thead><tr><th rowspan=\"2\">force [N]</th><th rowspan=\"2\">planned</th><th colspan=\"3\">quantiles</th></tr>\
+         <tr><th>5 %</th><th>50 %</th><th>95 %</th></tr></thead><tbody>{forces}</tbody></table></div>"
     );
     out
+}
+
+/// A number with at most so many decimals, without trailing zeros.
+fn rounded(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
 fn line(check: &Check) -> String {
@@ -164,8 +171,8 @@ mod tests {
             Risk { structures: vec![structure("a <nerve>", 80), structure("dura", 0)], forces: vec![force] };
         let page = section(&Verification { checks: vec![], files: vec![] }, Some((&model, &risk)));
         for part in [
-            "repeated 400 times",
-            "registration 0.30000 mm along and 0.57296, 1.1459, 0.57296° about",
+            "evaluated 400 times",
+            "registration 0.3 mm along and 0.57, 1.15, 0.57° about",
             "density 10 %, cutting coefficients 25 %",
             "probability of 95 %",
             "<tr class=\"bad\"><th>a &lt;nerve&gt;</th><td>20 %</td>",

@@ -152,7 +152,7 @@ pub fn simulate_errors(
     progress.stage("draw errors");
     let anatomy = Anatomy::read(plan)?;
     let places = places(plan);
-    let radius = plan.record.case.burr.radius_mm;
+    let radius = crate::channel::radius_mm(&plan.record.case);
     let structures = anatomy
         .kept
         .iter()

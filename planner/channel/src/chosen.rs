@@ -1,0 +1,170 @@
+//! Which channel a case asks for: given, to a target, or the safest of all.
+
+use std::path::Path;
+
+use bonemill_case::{Case, ChannelDirection, ChannelEnd, ChannelSpec, Entry};
+use bonemill_geometry::{Ct, Point};
+use bonemill_imaging::StructureField;
+use bonemill_setup::inputs::{CaseImages, label_of};
+use bonemill_setup::{ChannelFault, PlanError};
+use nalgebra::{Unit, Vector3};
+
+use crate::axis::ChannelAxis;
+use crate::bone::BoneField;
+use crate::depths::of_contact_area_mm;
+use crate::front::ToolFront;
+use crate::registration_error::RegistrationError;
+use crate::risk::{KeptClearance, KeptStructure, RiskModel, least_margin_mm};
+use crate::safest::{EntryRegion, SafeChannel, SafestFound, SafestSearch};
+use crate::tool::ChannelTool;
+
+/// What clearances of the chosen channel may be told too small, mm.
+const TOLERANCE_MM: f64 = 1e-3;
+
+/// The channels that were found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FoundChannels {
+    /// The one to plan first, then the runners-up; one alone where the case determines it.
+    pub channels: Vec<SafeChannel>,
+    /// What the search went through; `None` where there was nothing to choose.
+    pub search: Option<SafestFound>,
+    /// The registration's error.
+    pub error: RegistrationError,
+}
+
+/// Finds the channels of a case; `labels_path` is where its label map is.
+///
+/// # Errors
+/// [`ChannelFault`] where there is none.
+pub fn find(
+    case: &Case,
+    spec: &ChannelSpec,
+    images: &CaseImages,
+    labels_path: &Path,
+    tool: &ChannelTool,
+) -> Result<FoundChannels, PlanError> {
+    let fields = images
+        .structures
+        .iter()
+        .map(|(_, label)| StructureField::new(&images.labels.volume, *label, None).map_err(PlanError::from));
+    let fields = fields.collect::<Result<Vec<_>, _>>()?;
+    let kept: Vec<KeptStructure<'_>> = fields
+        .iter()
+        .zip(&case.structures)
+        .map(|(field, of)| KeptStructure {
+            field: field.as_ref(),
+            clearance_mm: of.clearance_mm,
+            priority: of.priority,
+        })
+        .collect();
+    let error = RegistrationError::of_case(&case.robot, spec.registration_sigma_mm)?;
+    let risk = RiskModel {
+        structures: &kept,
+        radius_mm: tool.radius_mm,
+        standoff_mm: spec.standoff_mm,
+        error,
+        touch_probability: spec.touch_probability,
+    };
+    let bone = BoneField { ct: &images.ct.volume, density: &case.density };
+    let region = region(spec, images, labels_path)?;
+    let target = match spec.end {
+        ChannelEnd::Target(target) => Point::from_coords(target),
+        _ => Point::new(0.0, 0.0, 0.0),
+    };
+    let search = SafestSearch {
+        ct: &images.ct.volume,
+        bone_hu: case.density.bone_hu,
+        target,
+        region,
+        longest_mm: tool.longest_mm(),
+        risk,
+    };
+    let (axes, search) = match spec.direction {
+        ChannelDirection::Safest => {
+            let found = search.run();
+            if found.channels.is_empty() {
+                let SafestFound { sampled, in_region, too_long, .. } = found;
+                let longest_mm = tool.longest_mm();
+                return Err(ChannelFault::NoDirection { sampled, in_region, too_long, longest_mm }.into());
+            }
+            let channels = found.channels.iter().map(|c| c.axis).collect();
+            (channels, Some(found))
+        }
+        ChannelDirection::Given(direction) => {
+            let out = Unit::new_normalize(-direction);
+            (vec![given(spec, &search, &bone, tool, out)?], None)
+        }
+        ChannelDirection::ToTarget => (vec![to_target(spec, target)?], None),
+    };
+    let judged = |axis: ChannelAxis| {
+        let kept = risk.assess(&axis, TOLERANCE_MM);
+        SafeChannel { axis, margin_mm: least_margin_mm(&kept), kept }
+    };
+    let channels: Vec<SafeChannel> = axes.into_iter().map(judged).collect();
+    through(case, channels.first())?;
+    Ok(FoundChannels { channels, search, error })
+}
+
+/// A channel along a given direction: from the entry, or to the target.
+fn given(
+    spec: &ChannelSpec,
+    search: &SafestSearch<'_>,
+    bone: &BoneField<'_>,
+    tool: &ChannelTool,
+    out: Unit<Vector3<f64>>,
+) -> Result<ChannelAxis, PlanError> {
+    let entry = match spec.entry {
+        Entry::Point(entry) => Point::from_coords(entry),
+        _ => return Ok(search.axis(&out).ok_or(ChannelFault::NoEntry)?),
+    };
+    let mut axis = ChannelAxis { entry, out, depth_mm: 0.0 };
+    axis.depth_mm = match spec.end {
+        ChannelEnd::Depth(mm) => mm,
+        ChannelEnd::ContactArea(mm2) => {
+            let front = ToolFront::new(tool.cutter.solid(), tool.guide_radius_mm);
+            of_contact_area_mm(&front, bone, &axis, -spec.standoff_mm, mm2)?
+        }
+        ChannelEnd::Target(target) => (Point::from_coords(target) - entry).norm(),
+    };
+    Ok(axis)
+}
+
+/// From a given entry to the target.
+fn to_target(spec: &ChannelSpec, target: Point<Ct>) -> Result<ChannelAxis, PlanError> {
+    let Entry::Point(entry) = spec.entry else { return Err(ChannelFault::NoEntry.into()) };
+    let entry = Point::from_coords(entry);
+    let out = Unit::try_new(entry - target, 1e-6).ok_or(ChannelFault::NoEntry)?;
+    Ok(ChannelAxis { entry, out, depth_mm: entry.distance_mm(&target) })
+}
+
+fn region<'a>(
+    spec: &ChannelSpec,
+    images: &'a CaseImages,
+    labels_path: &Path,
+) -> Result<EntryRegion<'a>, PlanError> {
+    Ok(match &spec.entry {
+        Entry::Label(label) => {
+            EntryRegion::Label(&images.labels.volume, label_of("path.entry_label", label, labels_path)?)
+        }
+        Entry::Ball { center_mm, radius_mm } => {
+            EntryRegion::Ball { center: Point::from_coords(*center_mm), radius_mm: *radius_mm }
+        }
+        Entry::Point(_) | Entry::Surface => EntryRegion::Surface,
+    })
+}
+
+/// Refuses a channel that cuts a structure.
+fn through(case: &Case, channel: Option<&SafeChannel>) -> Result<(), PlanError> {
+    let kept = channel.into_iter().flat_map(|channel| channel.kept.iter().zip(&case.structures));
+    let cut = kept.filter_map(|(kept, structure)| Some((kept.as_ref()?, structure)));
+    let cut = cut.filter(|(kept, _): &(&KeptClearance, _)| kept.clearance_mm < 0.0);
+    match cut.min_by(|a, b| a.0.clearance_mm.total_cmp(&b.0.clearance_mm)) {
+        None => Ok(()),
+        Some((kept, structure)) => Err(ChannelFault::Through {
+            structure: structure.name.clone(),
+            cut_mm: -kept.clearance_mm,
+            depth_mm: kept.depth_mm,
+        }
+        .into()),
+    }
+}

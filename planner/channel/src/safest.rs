@@ -1,0 +1,301 @@
+//! The safest straight channel to a target: the direction with the largest weighted margin, and the next best ones.
+//!
+//! Every direction is a channel that begins where the line from the target leaves the bone for good, which must lie in the
+//! entry's region. Its worth is the least weighted margin over all structures ([`crate::risk`]). That is continuous in the direction
+//! but has several local maxima, one for each gap between structures. So directions are first sampled over the
+//! sphere, [`SPACING_RAD`] apart; the best of them that are [`APART_RAD`] from each other are then moved to their local maximum
+//! by halving steps.
+
+use bonemill_geometry::{Ct, Point, Volume, basis, cancel};
+use nalgebra::{Unit, Vector3};
+use rayon::prelude::*;
+
+use crate::axis::ChannelAxis;
+use crate::clearance::Line;
+use crate::risk::{KeptClearance, RiskModel, least_margin_mm};
+use crate::surface::leaves_bone_mm;
+
+/// Angle between neighbouring samples, rad.
+const SPACING_RAD: f64 = 0.025;
+/// Least angle between two directions that are told apart, rad.
+pub const APART_RAD: f64 = 0.087;
+/// Sampled directions that are moved to their local maximum.
+const REFINED: usize = 8;
+/// Steps of moving, from the first to the last, rad.
+const STEPS_RAD: [f64; 2] = [0.5 * SPACING_RAD, 2e-4];
+/// What clearances may be told too small while sampling and while moving, mm.
+const TOLERANCES_MM: [f64; 2] = [0.05, 0.005];
+
+/// Where a channel may leave the bone.
+#[derive(Debug, Clone, Copy)]
+pub enum EntryRegion<'a> {
+    /// Anywhere.
+    Surface,
+    /// In a ball of ct, mm.
+    Ball {
+        /// Its centre.
+        center: Point<Ct>,
+        /// Its radius, mm.
+        radius_mm: f64,
+    },
+    /// Where the nearest voxel, or one beside it, has this label.
+    Label(&'a Volume<u16, Ct>, u16),
+}
+
+impl EntryRegion<'_> {
+    fn holds(&self, p: Point<Ct>) -> bool {
+        match *self {
+            Self::Surface => true,
+            Self::Ball { center, radius_mm } => p.distance_mm(&center) <= radius_mm,
+            Self::Label(labels, label) => {
+                let grid = labels.grid();
+                let Some(voxel) = grid.nearest(p) else { return false };
+                let around = |a: usize| voxel[a].saturating_sub(1)..(voxel[a] + 2).min(grid.dims()[a]);
+                around(2).any(|k| around(1).any(|j| around(0).any(|i| *labels.get([i, j, k]) == label)))
+            }
+        }
+    }
+}
+
+/// A channel to the target and what it keeps.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SafeChannel {
+    /// The channel.
+    pub axis: ChannelAxis,
+    /// Per structure, in the case's order; `None` for one that the map lacks.
+    pub kept: Vec<Option<KeptClearance>>,
+    /// The least weighted margin over the structures, mm; infinite where there is none.
+    pub margin_mm: f64,
+}
+
+/// What is searched.
+#[derive(Debug, Clone, Copy)]
+pub struct SafestSearch<'a> {
+    /// Grey values.
+    pub ct: &'a Volume<f32, Ct>,
+    /// At or above: bone, HU.
+    pub bone_hu: f64,
+    /// Where the tip ends.
+    pub target: Point<Ct>,
+    /// Where the channel leaves the bone.
+    pub region: EntryRegion<'a>,
+    /// The longest channel that the tool can drill, mm.
+    pub longest_mm: f64,
+    /// By what channels are judged.
+    pub risk: RiskModel<'a>,
+}
+
+/// What a search found.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SafestFound {
+    /// Best first, at least [`APART_RAD`] from each other.
+    pub channels: Vec<SafeChannel>,
+    /// Directions that were sampled.
+    pub sampled: usize,
+    /// Of these: leave the bone in the region.
+    pub in_region: usize,
+    /// Of these: longer than the tool can drill.
+    pub too_long: usize,
+}
+
+impl SafestSearch<'_> {
+    /// The safest channels.
+    pub fn run(&self) -> SafestFound {
+        let count = (4.0 * std::f64::consts::PI / (SPACING_RAD * SPACING_RAD)) as usize;
+        let sampled: Vec<Sampled> = (0..count)
+            .into_par_iter()
+            .map(|n| {
+                cancel::poll();
+                self.sample(&on_sphere(n, count))
+            })
+            .collect();
+        let mut best: Vec<SafeChannel> = sampled.iter().filter_map(Sampled::channel).cloned().collect();
+        sort(&mut best);
+        let best = apart(best, REFINED);
+        let mut channels: Vec<SafeChannel> = best.par_iter().map(|channel| self.refined(channel)).collect();
+        sort(&mut channels);
+        SafestFound {
+            channels: apart(channels, REFINED),
+            sampled: count,
+            in_region: sampled.iter().filter(|s| !matches!(s, Sampled::Elsewhere)).count(),
+            too_long: sampled.iter().filter(|s| matches!(s, Sampled::TooLong)).count(),
+        }
+    }
+
+    /// The channel of one direction out of the bone.
+    fn sample(&self, out: &Unit<Vector3<f64>>) -> Sampled {
+        let Some(axis) = self.axis(out) else { return Sampled::Elsewhere };
+        if axis.depth_mm > self.longest_mm {
+            return Sampled::TooLong;
+        }
+        Sampled::Channel(self.judged(axis, TOLERANCES_MM[0]))
+    }
+
+    /// The channel along a direction out of the bone; `None` where its line meets no bone, leaves the scan in bone, or leaves
+    /// the bone outside the region.
+    pub fn axis(&self, out: &Unit<Vector3<f64>>) -> Option<ChannelAxis> {
+        let grid = self.ct.grid();
+        let farthest = grid.corners().iter().map(|c| c.distance_mm(&self.target)).fold(0.0, f64::max);
+        let line = Line { from: self.target, along: out, length_mm: farthest };
+        let depth_mm = leaves_bone_mm(self.ct, self.bone_hu, &line)?;
+        let entry = self.target + out.as_ref() * depth_mm;
+        self.region.holds(entry).then_some(ChannelAxis { entry, out: *out, depth_mm })
+    }
+
+    fn judged(&self, axis: ChannelAxis, tolerance_mm: f64) -> SafeChannel {
+        let kept = self.risk.assess(&axis, tolerance_mm);
+        let margin_mm = least_margin_mm(&kept);
+        SafeChannel { axis, kept, margin_mm }
+    }
+
+    /// The local maximum next to a channel, by steps around it that are halved where none is better.
+    fn refined(&self, from: &SafeChannel) -> SafeChannel {
+        let [first, last] = STEPS_RAD;
+        let mut best = self.judged(from.axis, TOLERANCES_MM[1]);
+        let mut step = first;
+        while step > last {
+            cancel::poll();
+            let turn = basis::from_z(&best.axis.out);
+            let around = (0..8).map(|n| {
+                let (sin, cos) = (f64::from(n) * std::f64::consts::FRAC_PI_4).sin_cos();
+                Unit::new_normalize(turn * Vector3::new(step * cos, step * sin, 1.0))
+            });
+            let fitting = around.filter_map(|out| self.axis(&out)).filter(|a| a.depth_mm <= self.longest_mm);
+            let better = fitting
+                .map(|axis| self.judged(axis, TOLERANCES_MM[1]))
+                .filter(|channel| channel.margin_mm > best.margin_mm)
+                .max_by(|a, b| a.margin_mm.total_cmp(&b.margin_mm));
+            match better {
+                Some(better) => best = better,
+                None => step *= 0.5,
+            }
+        }
+        best
+    }
+}
+
+/// One direction.
+enum Sampled {
+    /// No channel in the region.
+    Elsewhere,
+    /// Longer than the tool can drill.
+    TooLong,
+    Channel(SafeChannel),
+}
+
+impl Sampled {
+    fn channel(&self) -> Option<&SafeChannel> {
+        match self {
+            Self::Channel(channel) => Some(channel),
+            _ => None,
+        }
+    }
+}
+
+/// Best first; of equals the shorter one.
+fn sort(channels: &mut [SafeChannel]) {
+    channels.sort_by(|a, b| {
+        b.margin_mm.total_cmp(&a.margin_mm).then(a.axis.depth_mm.total_cmp(&b.axis.depth_mm))
+    });
+}
+
+/// The first channels that are apart from all before them, at most so many.
+fn apart(channels: Vec<SafeChannel>, most: usize) -> Vec<SafeChannel> {
+    let mut chosen: Vec<SafeChannel> = Vec::new();
+    for channel in channels {
+        if chosen.len() == most {
+            break;
+        }
+        let is_apart = |other: &SafeChannel| other.axis.out.dot(&channel.axis.out) < APART_RAD.cos();
+        if chosen.iter().all(is_apart) {
+            chosen.push(channel);
+        }
+    }
+    chosen
+}
+
+/// Point `n` of `count` that are spread evenly over the sphere (a spiral with the golden angle).
+fn on_sphere(n: usize, count: usize) -> Unit<Vector3<f64>> {
+    let golden_rad = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    let z = 1.0 - (2 * n + 1) as f64 / count as f64;
+    let (sin, cos) = (golden_rad * n as f64).sin_cos();
+    let across = (1.0 - z * z).sqrt();
+    Unit::new_normalize(Vector3::new(across * cos, across * sin, z))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::registration_error::RegistrationError;
+    use crate::risk::KeptStructure;
+    use bonemill_geometry::Grid;
+    use bonemill_imaging::StructureField;
+
+    /// A block of bone with its upper face at z = 10.25 and two walls that leave a gap around x = `gap_x`.
+    fn scene(gap_x: f64) -> (Volume<f32, Ct>, Volume<u16, Ct>) {
+        let grid = Grid::<Ct>::aligned([41, 41, 30], 0.5, Point::new(-10.0, -10.0, -2.0)).unwrap();
+        let (mut ct, mut labels) =
+            (Volume::filled(grid.clone(), -1000f32), Volume::filled(grid.clone(), 0u16));
+        for n in 0..grid.len() {
+            let p = grid.center(grid.voxel(n));
+            if p.z() < 10.2 {
+                ct.data_mut()[n] = 1000.0;
+            }
+            let is_wall = p.z() > 4.8 && p.z() < 6.2 && (p.x() - gap_x).abs() > 1.9;
+            labels.data_mut()[n] = u16::from(is_wall);
+        }
+        (ct, labels)
+    }
+
+    fn found(gap_x: f64, region: EntryRegion<'_>) -> SafestFound {
+        let (ct, labels) = scene(gap_x);
+        let field = StructureField::new(&labels, 1, None).unwrap().unwrap();
+        let structures = [KeptStructure { field: Some(&field), clearance_mm: 0.2, priority: 1 }];
+        let risk = RiskModel {
+            structures: &structures,
+            radius_mm: 0.8,
+            standoff_mm: 3.0,
+            error: RegistrationError::uniform(0.1),
+            touch_probability: 0.01,
+        };
+        let target = Point::new(0.0, 0.0, 0.0);
+        SafestSearch { ct: &ct, bone_hu: 0.0, target, region, longest_mm: 20.0, risk }.run()
+    }
+
+    #[test]
+    fn the_safest_channel_goes_through_the_middle_of_the_gap() {
+        for gap_x in [0.0, 2.0, -3.0] {
+            let found = found(gap_x, EntryRegion::Surface);
+            let best = &found.channels[0];
+            // voxels' faces end the gap at gap_x ± 1.75; the line crosses z 4.75 to 6.25, widest in the middle at 5.5
+            let x = best.axis.out.x / best.axis.out.z * 5.5;
+            assert!((x - gap_x).abs() < 0.12, "gap at {gap_x}: {x}");
+            assert!(best.margin_mm > 0.3 && best.margin_mm < 0.8, "{}", best.margin_mm);
+            assert!(found.channels.windows(2).all(|w| w[0].margin_mm >= w[1].margin_mm));
+            // exact: no direction of a fine fan is better
+            let fan = (0..400).map(|n| f64::from(n) * 0.01 - 2.0 + gap_x);
+            let distance = |x: f64| {
+                let (dx, dz) = (x / 5.5, 1.0);
+                let norm = f64::hypot(dx, dz);
+                let edge = |ex: f64, ez: f64| (ex * dz - ez * dx).abs() / norm;
+                [4.75, 6.25]
+                    .into_iter()
+                    .flat_map(|z| [edge(gap_x - 1.75, z), edge(gap_x + 1.75, z)])
+                    .fold(9.0, f64::min)
+            };
+            let most = fan.map(distance).fold(0.0, f64::max) - 0.8 - 0.1 * 2.326;
+            assert!((best.margin_mm - most).abs() < 0.03, "{} {most}", best.margin_mm);
+        }
+    }
+
+    #[test]
+    fn an_entry_region_binds_and_what_it_leaves_out_is_counted() {
+        let region = EntryRegion::Ball { center: Point::new(4.0, 0.0, 10.25), radius_mm: 2.0 };
+        let found = found(0.0, region);
+        assert!(found.in_region > 10 && found.in_region < found.sampled / 10);
+        for channel in &found.channels {
+            assert!(channel.axis.entry.distance_mm(&Point::new(4.0, 0.0, 10.25)) <= 2.0);
+            assert!((channel.axis.entry.z() - 10.25).abs() < 0.3);
+        }
+    }
+}

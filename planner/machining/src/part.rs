@@ -1,0 +1,119 @@
+//! What both sides share: the part over a raster, its outlines, the strip around it and the tab.
+//!
+//! Everything is kept as seen from the front; [`Part::seen`] turns a map for the back. Three bodies must not be cut: the part, always; the strip,
+//! until the contour; the tab, ever.
+
+use nalgebra::Vector3;
+
+use crate::envelope::Envelope;
+use crate::job::Job;
+use crate::moves::Facing;
+use crate::raster::{NONE, Raster};
+use crate::silhouette::{Loop, Nearest, Silhouette, area_mm2, sampled};
+use crate::strip::{Strip, Tab, cutting_force_n};
+
+/// How far the contour goes beyond the strip, mm.
+pub(crate) const THROUGH_MM: f64 = 0.1;
+
+/// The part over a raster, with the strip around it; seen from the front.
+pub(crate) struct Part {
+    pub raster: Raster,
+    pub envelope: Envelope,
+    pub silhouette: Silhouette,
+    pub strip: Strip,
+    tab: Tab,
+    nearest: Nearest,
+    /// Distance to the outer outline, mm, below 0 inside; holes count as inside.
+    pub outside_mm: Vec<f64>,
+}
+
+impl Part {
+    pub fn with(raster: Raster, envelope: Envelope, silhouette: Silhouette, job: &Job) -> Self {
+        let strip = Strip::along(&raster, &envelope, &silhouette, job.process.strip_mm);
+        let nearest = Nearest::of(&raster, &strip.points);
+        let outer = silhouette.loops().filter(|l| area_mm2(l) > 0.0);
+        let outer: Vec<[f64; 2]> = outer.flat_map(|l| sampled(l, 0.5 * raster.pitch_mm)).collect();
+        let mut outside_mm = Nearest::of(&raster, &outer).distance_mm;
+        let open = reached_from_the_edge(&raster, |cell| !envelope.holds(cell));
+        outside_mm.iter_mut().zip(&open).filter(|(_, open)| !**open).for_each(|(d, _)| *d = -*d);
+        let tab = strip.tab(cutting_force_n(job), job.process.strip_mm);
+        Self { raster, envelope, silhouette, strip, tab, nearest, outside_mm }
+    }
+
+    pub fn seen<T: Copy>(&self, map: &[T], facing: Facing) -> Vec<T> {
+        if facing == Facing::Front { map.to_vec() } else { self.raster.turned(map) }
+    }
+
+    /// Outer outlines at a distance, clockwise as the side sees them.
+    pub fn around(&self, distance_mm: f64, facing: Facing) -> Vec<Loop> {
+        let mut loops = self.silhouette.offset(distance_mm);
+        loops.retain(|l| area_mm2(l) > 0.0);
+        for outline in &mut loops {
+            match facing {
+                Facing::Front => outline.reverse(),
+                Facing::Back => outline.iter_mut().for_each(|p| p[1] = -p[1]),
+            }
+        }
+        loops
+    }
+
+    /// The strip, or the tab alone, as a body that the side must not cut.
+    pub fn strip_body(&self, facing: Facing, tab_only: bool) -> Vec<f64> {
+        let mut body = self.strip.body(&self.raster, &self.envelope, &self.nearest, facing == Facing::Back);
+        if tab_only {
+            let tab =
+                self.seen(&(0..self.raster.len()).map(|cell| self.is_tab(cell)).collect::<Vec<_>>(), facing);
+            body.iter_mut().zip(tab).filter(|(_, tab)| !tab).for_each(|(w, _)| *w = NONE);
+        }
+        body
+    }
+
+    fn is_tab(&self, cell: usize) -> bool {
+        let [u, v] = self.raster.centre_of(cell);
+        v > 0.0
+            && (u - self.tab.at[0]).abs() < 0.5 * self.tab.length_mm
+            && v > self.tab.at[1] - 0.5 * self.tab.length_mm
+    }
+
+    /// The box around the tab and what the cutter leaves beside it, block's frame, mm.
+    pub fn tab_box(&self, job: &Job) -> [Vector3<f64>; 2] {
+        let beside = 0.5 * self.tab.length_mm + job.tool.diameter_mm();
+        let (low, high) = (job.block.low_mm, job.block.high_mm);
+        let z = -self.tab.at[1];
+        [
+            Vector3::new(self.tab.at[0] - beside, low.y, z - beside),
+            Vector3::new(self.tab.at[0] + beside, high.y, z + 0.5 * self.tab.length_mm + job.tool.radius_mm),
+        ]
+    }
+
+    /// Where the contour ends below: the other side of the strip and a little more, as the side sees it, mm.
+    pub fn contour_floor(&self, facing: Facing, corner_mm: f64) -> Vec<f64> {
+        let floor = |cell: usize| {
+            let [low, high] =
+                self.strip.heights.get(self.nearest.point[cell] as usize).copied().unwrap_or([0.0; 2]);
+            let far = if facing == Facing::Front { low } else { -high };
+            far - THROUGH_MM - 2.0 * corner_mm
+        };
+        self.seen(&(0..self.raster.len()).map(floor).collect::<Vec<_>>(), facing)
+    }
+}
+
+/// Cells that are connected to the raster's edge through cells that are `open`.
+fn reached_from_the_edge(raster: &Raster, open: impl Fn(usize) -> bool) -> Vec<bool> {
+    let [nu, nv] = raster.dims;
+    let mut reached = vec![false; raster.len()];
+    let on_edge =
+        |cell: usize| cell.is_multiple_of(nu) || cell % nu == nu - 1 || cell < nu || cell >= nu * (nv - 1);
+    let mut stack: Vec<usize> = (0..raster.len()).filter(|c| on_edge(*c)).collect();
+    while let Some(cell) = stack.pop() {
+        if !open(cell) || std::mem::replace(&mut reached[cell], true) {
+            continue;
+        }
+        let (i, j) = (cell % nu, cell / nu);
+        stack.extend((i > 0).then(|| cell - 1));
+        stack.extend((i + 1 < nu).then(|| cell + 1));
+        stack.extend((j > 0).then(|| cell - nu));
+        stack.extend((j + 1 < nv).then(|| cell + nu));
+    }
+    reached
+}

@@ -1,0 +1,158 @@
+//! A pass: a line of places of the tip, from an outline and heights; its runs; and the fewest places that keep it.
+//!
+//! Invariant: where a pass was [`refined`], straight lines between its places stay within 0.003 mm above the lowest allowed heights; where it was
+//! [`simplified`], within [`CHORD_MM`] of its places.
+
+use crate::stock::Place;
+
+/// How far a chord may leave its pass: across, below and above, mm.
+const CHORD_MM: f64 = 0.004;
+/// Lowest height of the tip at a place, mm; +∞ where it must not be.
+pub type Height<'a> = &'a (dyn Fn([f64; 2]) -> f64 + Sync);
+
+/// A line of places of the tip, seen from one side.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pass {
+    /// Places, mm, about `Passes::step_mm` apart.
+    pub places: Vec<Place>,
+    /// Whether the last is followed by the first.
+    pub closed: bool,
+}
+
+impl Pass {
+    /// Places along a loop, at heights that `height` gives; +∞ where the tip must not be.
+    pub fn along(outline: &[[f64; 2]], step_mm: f64, height: impl Fn([f64; 2]) -> f64) -> Self {
+        let points = crate::silhouette::sampled(outline, step_mm);
+        Self { places: points.into_iter().map(|p| [p[0], p[1], height(p)]).collect(), closed: true }
+    }
+
+    /// The pass the other way round.
+    pub fn reversed(mut self) -> Self {
+        self.places.reverse();
+        self
+    }
+
+    pub(crate) fn next(&self, n: usize) -> Place {
+        self.places[(n + 1) % self.places.len()]
+    }
+
+    /// Mean distance of neighbours, mm.
+    pub(crate) fn step_mm(&self) -> f64 {
+        let across = self.places.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]));
+        (across.sum::<f64>() / self.places.len().max(1) as f64).max(1e-3)
+    }
+
+    pub(crate) fn nearest(&self, to: Place) -> usize {
+        let distance = |p: &Place| (p[0] - to[0]).hypot(p[1] - to[1]);
+        let places = self.places.iter().enumerate();
+        places.min_by(|a, b| distance(a.1).total_cmp(&distance(b.1))).map_or(0, |(n, _)| n)
+    }
+
+    /// The closed pass from another of its places on.
+    pub(crate) fn from(&self, start: usize) -> Vec<Place> {
+        let (head, tail) = self.places.split_at(start.min(self.places.len()));
+        [tail, head].concat()
+    }
+
+    /// The longest stretch in which nothing is needed, around the end.
+    pub(crate) fn gaps(&self, needed: &[bool]) -> usize {
+        let twice = needed.iter().chain(needed);
+        twice
+            .fold((0, 0), |(longest, now), n| if *n { (longest, 0) } else { (longest.max(now + 1), now + 1) })
+            .0
+    }
+
+    /// Stretches of what is needed, `lead` places longer at each end; gaps of up to `bridge` places are cut through.
+    pub(crate) fn runs(&self, needed: &[bool], lead: usize, bridge: usize) -> Vec<Vec<Place>> {
+        let count = self.places.len();
+        // begin in a gap, so that no run goes around the end
+        let offset = if self.closed {
+            needed.windows(2).position(|p| !p[0] && p[1]).map_or(0, |n| (n + 1).saturating_sub(lead) % count)
+        } else {
+            0
+        };
+        let index = |n: usize| (n + offset) % count;
+        let finite = |n: usize| self.places[index(n)][2].is_finite();
+        let mut runs: Vec<(usize, usize)> = Vec::new();
+        for n in (0..count).filter(|n| needed[index(*n)]) {
+            match runs.last_mut().filter(|(_, end)| n - *end <= bridge + 1 && (*end..n).all(finite)) {
+                Some((_, end)) => *end = n,
+                None => runs.push((n, n)),
+            }
+        }
+        let grown = |(start, end): (usize, usize)| {
+            let before = (start.saturating_sub(lead)..start).rev().take_while(|n| finite(*n)).count();
+            let after = (end + 1..(end + 1 + lead).min(count)).take_while(|n| finite(*n)).count();
+            (start - before..=end + after).map(|n| self.places[index(n)]).collect()
+        };
+        runs.into_iter().map(grown).collect()
+    }
+}
+
+/// The fewest of the places whose chords stay within `CHORD_MM` of those left out.
+pub(crate) fn simplified(places: &[Place]) -> Vec<Place> {
+    let mut kept: Vec<Place> = places.first().copied().into_iter().collect();
+    let mut start = 0;
+    while start + 1 < places.len() {
+        let (mut end, mut step) = (start + 1, 1);
+        // farther and farther while the chord holds, then back by halves
+        while end + step < places.len() && holds(&places[start..=end + step]) {
+            end += step;
+            step *= 2;
+        }
+        while step > 0 {
+            if end + step < places.len() && holds(&places[start..=end + step]) {
+                end += step;
+            }
+            step /= 2;
+        }
+        kept.push(places[end]);
+        start = end;
+    }
+    kept
+}
+
+fn holds(places: &[Place]) -> bool {
+    let [a, between @ .., b] = places else { return true };
+    let (du, dv) = (b[0] - a[0], b[1] - a[1]);
+    let length2 = du * du + dv * dv;
+    let near = |p: &Place| {
+        let part = if length2 > 0.0 { ((p[0] - a[0]) * du + (p[1] - a[1]) * dv) / length2 } else { 0.0 };
+        let off = (p[0] - a[0] - part * du).hypot(p[1] - a[1] - part * dv);
+        let w = a[2] + part * (b[2] - a[2]);
+        (0.0..=1.0).contains(&part) && off <= CHORD_MM && (w - p[2]).abs() <= CHORD_MM
+    };
+    between.iter().all(near)
+}
+
+/// Whole micrometres; heights up.
+pub(crate) fn rounded([u, v, w]: Place) -> Place {
+    let up = (w * 1000.0 - 1e-6).ceil() / 1000.0;
+    [(u * 1000.0).round() / 1000.0, (v * 1000.0).round() / 1000.0, up]
+}
+
+/// Keeps places at which a straight line between neighbours would leave `height` by more than 0.003 mm, by halving.
+pub(crate) fn refined(pass: Pass, height: impl Fn([f64; 2]) -> f64) -> Pass {
+    let mut places = Vec::with_capacity(pass.places.len());
+    let count = pass.places.len();
+    for (n, place) in pass.places.iter().enumerate() {
+        places.push(*place);
+        if n + 1 < count || pass.closed {
+            halve(*place, pass.places[(n + 1) % count], &height, 6, &mut places);
+        }
+    }
+    Pass { places, closed: pass.closed }
+}
+
+fn halve(a: Place, b: Place, height: &impl Fn([f64; 2]) -> f64, depth: usize, into: &mut Vec<Place>) {
+    let middle = [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])];
+    let w = height(middle);
+    let off = w - 0.5 * (a[2] + b[2]);
+    if depth == 0 || !w.is_finite() || (-0.01..=0.003).contains(&off) {
+        return;
+    }
+    let middle = [middle[0], middle[1], w];
+    halve(a, middle, height, depth - 1, into);
+    into.push(middle);
+    halve(middle, b, height, depth - 1, into);
+}

@@ -1,0 +1,255 @@
+//! Verifies a drilled channel or a reaming.
+//!
+//! The line, the clearances, the probabilities of touching, the holder and the volumes are computed again: distances are exact to the
+//! label boxes, probabilities come from drawn motions of the patient, the tool's swept solid from its dimensions in the case. Motion,
+//! registration and provenance are checked as for any plan. Not judged: forces in newtons, and whether the guide of a reamer has
+//! its pilot hole.
+
+mod asked;
+mod sweep;
+
+use bonemill_case::{Case, ChannelSpec, Registration};
+use bonemill_geometry::{Ct, Point, Progress};
+use bonemill_planfile::{ChannelRecord, StoredPlan, Value, read_case_text};
+use nalgebra::{Matrix3, Matrix6, Vector3};
+
+use super::anatomy::Anatomy;
+use super::boxes::Boxes;
+use super::check::{Check, Place};
+use super::motion::MotionLimits;
+use super::moves::{Executed, MoveClass, Moves};
+use super::uncertainty::{ErrorModel, RigidError, UncertaintyError, simulate_errors};
+use super::{VerifyError, clearance, follow, links, motion, provenance, registration};
+
+/// What a written clearance may differ from the one found here, mm: both searches tell at most 1e-3 mm too little.
+const CLEARANCE_TOLERANCE_MM: f64 = 2.5e-3;
+/// Rounding of lengths in the files, mm, of directions and of speeds.
+const ROUNDING: f64 = 1e-6;
+/// Draws of the registration's error, and their seed.
+const DRAWS: usize = 20_000;
+const SEED: u64 = 1;
+
+/// Every check of a channel.
+///
+/// # Errors
+/// [`VerifyError`] when an image cannot be read or a row is no joint vector of the arm.
+pub fn checks(
+    plan: &StoredPlan,
+    spec: &ChannelSpec,
+    progress: &dyn Progress,
+) -> Result<Vec<Check>, VerifyError> {
+    let case = &plan.record.case;
+    progress.stage("read images");
+    let anatomy = Anatomy::read(plan)?;
+    let boxes: Vec<Option<Boxes<'_>>> =
+        anatomy.kept.iter().map(|kept| Boxes::new(&anatomy.labels, kept.label)).collect();
+    let mut checks = provenance::provenance(plan, &read_case_text(plan)?)?;
+    checks.extend(registration::registration(&plan.record, &anatomy, &boxes));
+    checks.push(asked::meets(plan));
+
+    progress.stage("check motion");
+    let moves = Moves::new(plan);
+    let executed = Executed::new(plan, &moves)?;
+    let end_s = moves.times_s.last().copied().unwrap_or(0.0);
+    let limits = MotionLimits { arm: &plan.arm, rate_hz: case.robot.rate_hz, end_s };
+    checks.extend(motion::motion(&plan.trajectory, &limits));
+    checks.extend(follow::follow(plan, &moves, &executed)?);
+    checks.extend(follow::speeds(plan, &moves, &executed));
+    checks.extend(links::links(plan, &executed)?);
+
+    progress.stage("check the channel");
+    let Some(channel) = plan.record.channel() else {
+        checks.push(Check::none_wrong("plan says its channel", 1).of("metrics.channel"));
+        return Ok(checks);
+    };
+    checks.extend(asked::rows(plan, spec, &channel, &moves));
+    checks.extend(asked::channel(plan, spec, &channel, &anatomy));
+    checks.extend(clearances(plan, &anatomy, &boxes, &moves, &executed));
+    checks.extend(holder(case, &channel, &anatomy, &boxes));
+    checks.extend(sweep::volumes(plan, &channel, &anatomy));
+
+    checks.extend(touched(plan, spec, progress)?);
+    Ok(checks)
+}
+
+/// Largest radius of the tool of a case, mm.
+pub fn radius_mm(case: &Case) -> f64 {
+    case.tool.radius_mm().unwrap_or(case.burr.radius_mm)
+}
+
+/// The tool against every structure: along the waypoints and along the trajectory. Its body lies on the line that its tip takes.
+fn clearances(
+    plan: &StoredPlan,
+    anatomy: &Anatomy,
+    boxes: &[Option<Boxes<'_>>],
+    moves: &Moves,
+    executed: &Executed,
+) -> Vec<Check> {
+    let radius = radius_mm(&plan.record.case);
+    let ct_from_grid = plan.record.frames.ct_from_grid();
+    let mut checks = Vec::new();
+    for (kept, boxes) in anatomy.kept.iter().zip(boxes) {
+        let name = kept.name.clone();
+        let Some(boxes) = boxes else {
+            checks.push(Check::none_wrong("structures are in the label map", 1).of(name));
+            continue;
+        };
+        if let Some(n) = clearance::nearest_along(boxes, &ct_from_grid, &moves.points) {
+            let found = n.distance_mm - radius;
+            let limit = kept.clearance_mm - CLEARANCE_TOLERANCE_MM;
+            let check = Check::at_least("clearance of moves", found, limit, "mm").of(name.clone());
+            checks.push(check.at(Place::Waypoint(n.at)));
+            let said = written(plan, &kept.name, "clearance_mm").unwrap_or(f64::NAN);
+            let off =
+                Check::at_most("clearance as written", (found - said).abs(), CLEARANCE_TOLERANCE_MM, "mm");
+            checks.push(off.of(name.clone()));
+        }
+        if let Some(n) = clearance::nearest_along(boxes, &ct_from_grid, &executed.points) {
+            let place = Place::Instant {
+                time_s: plan.trajectory.time_s.get(n.at).copied().unwrap_or(0.0),
+                waypoint: executed.next.get(n.at).map_or(0, |n| *n as usize),
+            };
+            // the trajectory may leave the line by what a plan's trajectory may
+            let limit = kept.clearance_mm - CLEARANCE_TOLERANCE_MM - 0.05;
+            let check = Check::at_least("clearance of the arm's tool", n.distance_mm - radius, limit, "mm");
+            checks.push(check.of(name).at(place));
+        }
+    }
+    checks
+}
+
+/// A number that the plan writes of a structure.
+fn written(plan: &StoredPlan, structure: &str, key: &str) -> Option<f64> {
+    let table = |entries: &[(String, Value)], key: &str| {
+        entries.iter().find(|(name, _)| name == key).map(|(_, value)| value.clone())
+    };
+    let Value::Table(kept) = table(&plan.record.metrics.more, "kept")? else { return None };
+    let Value::Table(of) = table(&kept, structure)? else { return None };
+    match table(&of, key)? {
+        Value::Number(v) => Some(v),
+        Value::Integer(v) => Some(v as f64),
+        _ => None,
+    }
+}
+
+/// How often the tool touches each structure under drawn errors of the registration.
+fn touched(
+    plan: &StoredPlan,
+    spec: &ChannelSpec,
+    progress: &dyn Progress,
+) -> Result<Vec<Check>, VerifyError> {
+    const NAME: &str = "probability of touching";
+    let registration = match rigid_error(&plan.record.case, spec) {
+        Ok(error) => error,
+        Err(error) => return Ok(vec![Check::none_wrong(NAME, 1).noting(error.to_string())]),
+    };
+    let model = ErrorModel {
+        registration,
+        boundary_sigma_mm: 0.0,
+        density_share: 0.0,
+        coefficient_share: 0.0,
+        samples: DRAWS,
+        seed: SEED,
+        keep: 1.0 - spec.touch_probability,
+    };
+    let risk = match simulate_errors(plan, &model, progress) {
+        Ok(risk) => risk,
+        Err(UncertaintyError::Verify(error)) => return Err(error),
+        Err(error) => return Ok(vec![Check::none_wrong(NAME, 1).noting(error.to_string())]),
+    };
+    let check = |found: &super::uncertainty::StructureRisk| {
+        let share = found.touched;
+        let note = format!(
+            "lower end of the 95 % interval; {} of {} drawn motions touch it: {:.2e}, at most {:.2e}; the plan says {:.2e}",
+            share.hits,
+            share.samples,
+            share.estimate,
+            share.high,
+            written(plan, &found.name, "touch_probability").unwrap_or(f64::NAN)
+        );
+        Check::at_most(NAME, share.low, spec.touch_probability, "").of(found.name.clone()).noting(note)
+    };
+    Ok(risk.structures.iter().map(check).collect())
+}
+
+/// The registration's error: that of the fiducials' fit, else the case's standard deviation along each axis.
+///
+/// With residuals of variance σ² = FLE²/3 along each axis, FLE² = FRE²/(1 − 2/N): σ²/N of the translation and σ² K⁻¹ of the rotation about the
+/// centroid, K = Σ (|qᵢ|² 1 − qᵢ qᵢᵀ).
+fn rigid_error(case: &Case, spec: &ChannelSpec) -> Result<RigidError, UncertaintyError> {
+    let Registration::Fiducials { ct_mm, base_mm } = &case.robot.base_from_ct else {
+        let sigma = spec.registration_sigma_mm;
+        return RigidError::of_sigmas([sigma; 3], [0.0; 3], Point::new(0.0, 0.0, 0.0));
+    };
+    let n = ct_mm.len() as f64;
+    let mean = |points: &[[f64; 3]]| points.iter().map(|p| Vector3::from(*p)).sum::<Vector3<f64>>() / n;
+    let (ct_middle, base_middle) = (mean(ct_mm), mean(base_mm));
+    let pairs = || {
+        ct_mm
+            .iter()
+            .zip(base_mm)
+            .map(|(a, b)| (Vector3::from(*a) - ct_middle, Vector3::from(*b) - base_middle))
+    };
+    // the best rotation leaves Σ|a|² + Σ|b|² − 2 tr(R H), with tr(R H) the sum of the signed singular values
+    let cross: Matrix3<f64> = pairs().map(|(a, b)| a * b.transpose()).sum();
+    let singular = cross.singular_values();
+    let trace = singular[0] + singular[1] + singular[2] * cross.determinant().signum();
+    let squares: f64 = pairs().map(|(a, b)| a.norm_squared() + b.norm_squared()).sum::<f64>() - 2.0 * trace;
+    let variance = squares.max(0.0) / n / (1.0 - 2.0 / n) / 3.0;
+    let inertia: Matrix3<f64> =
+        pairs().map(|(a, _)| Matrix3::identity() * a.norm_squared() - a * a.transpose()).sum();
+    let mut covariance = Matrix6::zeros();
+    covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::identity() * (variance / n)));
+    let rotation = inertia.try_inverse().unwrap_or_else(Matrix3::zeros) * variance;
+    covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&(0.5 * (rotation + rotation.transpose())));
+    RigidError::new(covariance, Point::from_coords(ct_middle))
+}
+
+/// The thick part of the shank at the deepest place: bone in it by voxel centres, and its distance to structures.
+fn holder(
+    case: &Case,
+    channel: &ChannelRecord,
+    anatomy: &Anatomy,
+    boxes: &[Option<Boxes<'_>>],
+) -> Vec<Check> {
+    let radius = radius_mm(case);
+    let out = -channel.direction.into_inner();
+    let end = channel.end();
+    let mut from_mm = sweep::top_mm(&case.tool);
+    let mut thick = Vec::new();
+    for segment in &case.shank {
+        let to_mm = from_mm + segment.length_mm;
+        if segment.radius_mm > radius || !thick.is_empty() {
+            thick.push([from_mm, to_mm, segment.radius_mm]);
+        }
+        from_mm = to_mm;
+    }
+    let grid = anatomy.ct.grid();
+    let in_holder = |p: Point<Ct>| {
+        let along = (p - end).dot(&out);
+        let across = (p - end - out * along).norm();
+        thick.iter().any(|[from, to, r]| (*from..=*to).contains(&along) && across <= *r)
+    };
+    let bone = anatomy.ct.data().iter().enumerate();
+    let bone = bone.filter(|(_, hu)| f64::from(**hu) >= case.density.bone_hu);
+    let wrong = bone.filter(|(n, _)| in_holder(grid.center(grid.voxel(*n)))).count();
+    let mut checks = vec![Check::none_wrong("bone voxels in the holder", wrong)];
+    for (kept, boxes) in anatomy.kept.iter().zip(boxes) {
+        let Some(boxes) = boxes else { continue };
+        for [from, to, r] in &thick {
+            let limit = kept.shank_clearance_mm;
+            let cut_mm = limit + r + 1.0;
+            // a lower bound of the distance, too small by at most half a voxel's diagonal
+            let found = boxes.kept_by_line(end + out * *from, end + out * *to, cut_mm) - r;
+            let slack = 0.5 * anatomy.labels.grid().diagonal_mm();
+            let check = Check::at_least("clearance of the holder", found, limit - slack, "mm");
+            checks.push(check.of(kept.name.clone()).noting("to half a voxel's diagonal"));
+        }
+    }
+    checks
+}
+
+/// Whether a move removes something, by its word.
+fn is_cut(moves: &Moves, n: usize) -> bool {
+    moves.kinds.get(n) == Some(&MoveClass::Cut)
+}

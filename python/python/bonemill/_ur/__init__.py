@@ -1,0 +1,1 @@
+"""The processes in which ``ur_rtde`` runs."""

@@ -1,0 +1,411 @@
+//! Streaming for Python: a plan's values into the core, and the core's loop over callbacks of a link and an operator.
+//!
+//! The loop runs here, so that Python only answers: a link's `state()` and `order(…)`, an operator's `tell`, `ask`, `answer` and `interrupted`.
+//! None of them may block. Signals are looked for at every step, so that Ctrl-C is heard within one; while the loop sleeps,
+//! other Python threads run.
+
+use std::fs::{File, OpenOptions};
+use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::{Duration, Instant, SystemTime};
+
+use bonemill_planner::plan::{Need, Sha256, StoredPlan, hold_points, verified};
+use bonemill_robot::stream::bound::{self, Failure};
+use bonemill_robot::stream::simulated::rehearse::rehearse;
+use bonemill_robot::stream::{
+    ArmLink, ArmState, Cause, Clock, Event, Hold, Identity, LinkFault, Log, LogWriter, Near, Operator, Order,
+    Outcome, Question, Session, Settings, Standing, StreamInput, StreamPlan as CorePlan, StructureKept,
+    WaypointNear, drive,
+};
+use nalgebra::Vector3;
+use pyo3::prelude::*;
+
+use crate::apart;
+use crate::errors::{self, StreamError, words};
+
+/// How often the plan's files are looked at for changes.
+const LOOK_AT_FILES: Duration = Duration::from_millis(500);
+
+/// A plan that can be streamed.
+#[pyclass(frozen)]
+pub struct StreamPlan {
+    plan: CorePlan,
+    dir: PathBuf,
+}
+
+/// What a run came to: why it ended (none: done), at rest, reached row, rows, s, targets, late targets, latest s, farthest mm.
+type Ended = (Option<String>, bool, f64, usize, f64, u64, u64, f64, f64);
+
+#[pymethods]
+impl StreamPlan {
+    /// Reads and checks the plan in a folder.
+    #[staticmethod]
+    #[pyo3(signature = (dir, *, slow, unverified, payload_kg, run_up_s))]
+    fn load(
+        py: Python<'_>,
+        dir: PathBuf,
+        slow: bool,
+        unverified: bool,
+        payload_kg: Option<f64>,
+        run_up_s: f64,
+    ) -> PyResult<Self> {
+        let settings = Settings { slow, unverified, payload_kg, run_up_s, ..Settings::default() };
+        let read = move |_: &dyn bonemill_planner::Progress| -> PyResult<Self> {
+            let stored = StoredPlan::load_with(&dir, None, Need::Unchanged).map_err(|e| errors::file(&e))?;
+            let plan = CorePlan::new(input(&stored)?, settings).map_err(|e| refused(&e))?;
+            Ok(Self { plan, dir })
+        };
+        apart::run(py, None, None, read)?
+    }
+
+    /// Rows of the trajectory.
+    fn rows(&self) -> usize {
+        self.plan.track.rows()
+    }
+
+    /// Time between rows, s.
+    fn period_s(&self) -> f64 {
+        self.plan.period_s
+    }
+
+    /// Time at the speed that is allowed in every row, s.
+    fn duration_s(&self) -> f64 {
+        let slowed = self.plan.rate.iter().map(|rate| self.plan.period_s / rate.max(1e-3));
+        slowed.sum()
+    }
+
+    /// Joint positions of a row, rad.
+    fn joints(&self, row: f64) -> [f64; 6] {
+        self.plan.track.joints(row)
+    }
+
+    /// The smallest share of the planned speed at which a row may be passed, and the row.
+    fn slowest(&self) -> (f64, usize) {
+        let rates = self.plan.rate.iter().copied().enumerate();
+        rates.fold((1.0, 0), |least, (row, rate)| if rate < least.0 { (rate, row) } else { least })
+    }
+
+    /// What the burr can travel after each kind of failure, at the allowed speeds: what failed, mm along its path and the row, mm off
+    /// it and the row.
+    fn bounds(&self, py: Python<'_>) -> Vec<(&'static str, (f64, usize), (f64, usize))> {
+        py.detach(|| Failure::ALL.map(|failure| worst(&self.plan, failure)).to_vec())
+    }
+
+    /// The least room between the burr's surface and a structure, mm, and the row.
+    fn least_gap(&self) -> (f64, usize) {
+        let gaps = self.plan.gap_mm.iter().copied().enumerate();
+        gaps.fold((f64::INFINITY, 0), |least, (row, gap)| if gap < least.0 { (gap, row) } else { least })
+    }
+
+    /// The row at which a run of this plan that has this log goes on.
+    fn resume_row(&self, log: PathBuf) -> PyResult<f64> {
+        let text = std::fs::read_to_string(&log)
+            .map_err(|e| StreamError::new_err(format!("cannot read {}: {e}", log.display())))?;
+        let read = Log::read(&text).and_then(|log| log.of_plan(&self.plan.digest));
+        Ok(read.map_err(|e| StreamError::new_err(format!("{}: {}", log.display(), words(&e))))?.last_row())
+    }
+
+    /// Runs it from a row over a link, and writes its log.
+    fn run(
+        &self,
+        py: Python<'_>,
+        start_row: f64,
+        link: Py<PyAny>,
+        operator: Py<PyAny>,
+        log: Option<PathBuf>,
+    ) -> PyResult<Ended> {
+        let mut log = log.map(|path| self.log(&path)).transpose()?;
+        let mut clock = PcClock { py, began: Instant::now() };
+        let mut link = PyLink { py, link, began: clock.began, failed: None };
+        let watched = FileWatch::new(&self.dir);
+        let mut operator = PyOperator { py, operator, watched, stopped: false, failed: None };
+        let mut session = Session::new(&self.plan, start_row, clock.now_s());
+        let outcome = drive(&mut session, &mut link, &mut clock, &mut operator, log.as_mut());
+        operator.failed.map_or_else(|| Ok(ended(&outcome)), Err)
+    }
+
+    /// The whole run on a simulated arm in simulated time.
+    fn rehearse(&self, py: Python<'_>, seed: u64, log: Option<PathBuf>) -> PyResult<Ended> {
+        let mut log = log.map(|path| self.log(&path)).transpose()?;
+        let outcome = py.detach(|| rehearse(&self.plan, 0.0, seed, &mut Yes(false), log.as_mut()));
+        Ok(ended(&outcome))
+    }
+}
+
+impl StreamPlan {
+    /// A new log; one that stands there is not written over.
+    fn log(&self, path: &Path) -> PyResult<LogWriter<File>> {
+        let cannot = |e: std::io::Error| {
+            StreamError::new_err(format!("cannot write the log {}\n  because: {e}", path.display()))
+        };
+        let file = OpenOptions::new().append(true).create_new(true).open(path).map_err(cannot)?;
+        LogWriter::new(file, &self.plan.digest, self.plan.track.rows(), self.plan.period_s).map_err(cannot)
+    }
+}
+
+fn refused(error: &dyn std::error::Error) -> PyErr {
+    StreamError::new_err(words(error))
+}
+
+/// The core's values of a stored plan.
+fn input(stored: &StoredPlan) -> PyResult<StreamInput<'_>> {
+    let case = &stored.record.case;
+    let standing = match verified(&stored.dir) {
+        Ok(_) => Standing::Verified,
+        Err(error) => Standing::Unverified(words(&error)),
+    };
+    let digest = Sha256::of_file(&stored.dir.join("trajectory.csv")).map_err(|e| errors::file(&e))?;
+    let turn = stored.record.frames.base_from_ct.rotation;
+    let mut waypoints: Vec<WaypointNear> =
+        stored.waypoints.iter().map(|w| WaypointNear { time_s: w.time_s, near: Vec::new() }).collect();
+    for force in &stored.forces {
+        if let Some(waypoint) = waypoints.get_mut(force.waypoint) {
+            waypoint.near.push(Near {
+                structure: force.structure,
+                gap_mm: force.distance_mm - case.burr.radius_mm,
+                toward: turn * force.toward,
+                force_n: force.force_toward_n,
+            });
+        }
+    }
+    let name = |structure: usize| case.structures.get(structure).map_or("a structure", |s| &s.name);
+    let holds = hold_points(stored).into_iter().map(|hold| Hold {
+        row: hold.row,
+        why: format!("{} mm from {}", hold.distance_mm, name(hold.structure)),
+    });
+    let kept = |s: &bonemill_planner::case::Structure| StructureKept {
+        name: s.name.clone(),
+        clearance_mm: s.clearance_mm,
+    };
+    Ok(StreamInput {
+        arm: &stored.arm,
+        model: case.robot.model.clone(),
+        time_s: &stored.trajectory.time_s,
+        q: &stored.trajectory.q,
+        structures: case.structures.iter().map(kept).collect(),
+        waypoints,
+        holds: holds.collect(),
+        registration_assumed: stored.record.frames.registration_assumed,
+        standing,
+        digest: digest.to_string(),
+    })
+}
+
+fn worst(plan: &CorePlan, failure: Failure) -> (&'static str, (f64, usize), (f64, usize)) {
+    let mut found = (failure.about(), (0.0, 0), (0.0, 0));
+    for row in (0..plan.track.rows()).step_by(5) {
+        let travel = bound::travel(plan, row as f64, plan.rate.get(row).copied().unwrap_or(0.0), failure);
+        if travel.along_mm > found.1.0 {
+            found.1 = (travel.along_mm, row);
+        }
+        if travel.off_mm > found.2.0 {
+            found.2 = (travel.off_mm, row);
+        }
+    }
+    found
+}
+
+fn ended(outcome: &Outcome) -> Ended {
+    (
+        outcome.cause.as_ref().map(|_| outcome.to_string()),
+        outcome.at_rest,
+        outcome.reached_row,
+        outcome.rows,
+        outcome.seconds,
+        outcome.targets,
+        outcome.late_targets,
+        outcome.latest_s,
+        outcome.farthest_off_mm,
+    )
+}
+
+/// The PC's monotonic clock, from the moment that it was made; Python runs while it sleeps.
+struct PcClock<'py> {
+    py: Python<'py>,
+    began: Instant,
+}
+
+impl Clock for PcClock<'_> {
+    fn now_s(&mut self) -> f64 {
+        self.began.elapsed().as_secs_f64()
+    }
+
+    fn sleep_until_s(&mut self, wake_s: f64) {
+        let wait_s = wake_s - self.now_s();
+        if wait_s > 0.0 {
+            self.py.detach(|| thread::sleep(Duration::from_secs_f64(wait_s)));
+        }
+    }
+}
+
+/// What `link.state()` gives: age of its receipt, s; controller's clock, s; joints, rad; tool's place, mm, and turn, rad; force, N;
+/// safety mode; runtime state; speed fraction; payload, kg.
+type StateTuple = (f64, f64, [f64; 6], ([f64; 3], [f64; 3]), Option<[f64; 3]>, i32, u32, f64, f64);
+
+/// A link in Python: `state() -> tuple | None`, `order(word, values)`, `identity() -> (model, serial) | None`. What it raises is the
+/// link's fault.
+struct PyLink<'py> {
+    py: Python<'py>,
+    link: Py<PyAny>,
+    began: Instant,
+    failed: Option<LinkFault>,
+}
+
+impl PyLink<'_> {
+    fn fault(&mut self, error: &PyErr) -> LinkFault {
+        let said = error.value(self.py).to_string();
+        let fault = match said.as_str() {
+            "watchdog" => LinkFault::Watchdog,
+            "target" => LinkFault::NotTaken("a target"),
+            "spindle" => LinkFault::NotTaken("the spindle's output"),
+            _ => LinkFault::Closed(said),
+        };
+        self.failed.get_or_insert(fault).clone()
+    }
+}
+
+impl ArmLink for PyLink<'_> {
+    fn state(&mut self) -> Result<Option<ArmState>, LinkFault> {
+        if let Some(fault) = &self.failed {
+            return Err(fault.clone());
+        }
+        let found = self.link.call_method0(self.py, "state");
+        let found = found.and_then(|state| state.extract::<Option<StateTuple>>(self.py));
+        let state = found.map_err(|error| self.fault(&error))?;
+        let now_s = self.began.elapsed().as_secs_f64();
+        Ok(state.map(|(age_s, controller_s, q, tool_pose, force_n, mode, runtime, fraction, kg)| ArmState {
+            received_s: now_s - age_s,
+            controller_s,
+            q,
+            tool_pose,
+            force_n: force_n.map(Vector3::from),
+            safety_mode: mode,
+            runtime_state: runtime,
+            speed_fraction: fraction,
+            payload_kg: kg,
+        }))
+    }
+
+    fn order(&mut self, order: &Order) -> Result<(), LinkFault> {
+        let (word, values): (&str, Vec<f64>) = match order {
+            Order::Start => ("start", vec![]),
+            Order::Target(q) => ("target", q.to_vec()),
+            Order::Stop => ("stop", vec![]),
+            Order::Spindle(on) => ("spindle", vec![f64::from(u8::from(*on))]),
+            Order::End => ("end", vec![]),
+        };
+        match self.link.call_method1(self.py, "order", (word, values)) {
+            Ok(_) => Ok(()),
+            Err(error) => Err(self.fault(&error)),
+        }
+    }
+
+    fn identity(&self) -> Option<Identity> {
+        let found = self.link.call_method0(self.py, "identity").ok()?;
+        let (model, serial) = found.extract::<Option<(String, String)>>(self.py).ok()??;
+        Some(Identity { model, serial })
+    }
+}
+
+/// An operator in Python, the user's signals, and the plan's files.
+struct PyOperator<'py> {
+    py: Python<'py>,
+    operator: Py<PyAny>,
+    watched: FileWatch,
+    stopped: bool,
+    /// What went wrong in the operator itself, told after the arm was stopped.
+    failed: Option<PyErr>,
+}
+
+impl PyOperator<'_> {
+    fn call(&mut self, method: &str, text: String) {
+        if let Err(error) = self.operator.call_method1(self.py, method, (text,)) {
+            self.failed.get_or_insert(error);
+        }
+    }
+}
+
+impl Operator for PyOperator<'_> {
+    fn tell(&mut self, event: &Event) {
+        self.call("tell", event.to_string());
+    }
+
+    fn ask(&mut self, question: &Question) {
+        self.call("ask", question.to_string());
+    }
+
+    fn answer(&mut self) -> Option<bool> {
+        let found = self.operator.call_method0(self.py, "answer").and_then(|a| a.extract(self.py));
+        found.unwrap_or_else(|error| {
+            self.failed.get_or_insert(error);
+            None
+        })
+    }
+
+    fn stop(&mut self) -> Option<Cause> {
+        if self.stopped {
+            return None;
+        }
+        // the package's signal handlers only take a note, so that no signal ends a call of the link halfway
+        let heard = self.py.check_signals();
+        let heard = heard.and_then(|()| self.operator.call_method0(self.py, "interrupted")?.extract(self.py));
+        let cause = match heard {
+            Ok(false) if self.failed.is_none() => self.watched.changed().map(Cause::PlanChanged),
+            Ok(_) => Some(Cause::Interrupted),
+            Err(error) => {
+                self.failed.get_or_insert(error);
+                Some(Cause::Interrupted)
+            }
+        };
+        self.stopped = cause.is_some();
+        cause
+    }
+}
+
+/// The plan's files as they were when the run began.
+struct FileWatch {
+    files: Vec<(PathBuf, Option<(u64, SystemTime)>)>,
+    looked: Instant,
+}
+
+impl FileWatch {
+    fn new(dir: &Path) -> Self {
+        let names = ["plan.toml", "trajectory.csv", "waypoints.csv", "forces.csv", "robot.urdf"];
+        let files = names.map(|name| dir.join(name)).map(|path| (path.clone(), stamp(&path)));
+        Self { files: files.to_vec(), looked: Instant::now() }
+    }
+
+    /// The first file that is another now; looked for now and then.
+    fn changed(&mut self) -> Option<String> {
+        if self.looked.elapsed() < LOOK_AT_FILES {
+            return None;
+        }
+        self.looked = Instant::now();
+        let changed = self.files.iter().find(|(path, before)| stamp(path) != *before);
+        changed.map(|(path, _)| path.display().to_string())
+    }
+}
+
+fn stamp(path: &Path) -> Option<(u64, SystemTime)> {
+    let found = std::fs::metadata(path).ok()?;
+    Some((found.len(), found.modified().ok()?))
+}
+
+/// Says yes to everything.
+struct Yes(bool);
+
+impl Operator for Yes {
+    fn tell(&mut self, _: &Event) {}
+
+    fn ask(&mut self, _: &Question) {
+        self.0 = true;
+    }
+
+    fn answer(&mut self) -> Option<bool> {
+        std::mem::take(&mut self.0).then_some(true)
+    }
+
+    fn stop(&mut self) -> Option<Cause> {
+        None
+    }
+}

@@ -1,0 +1,60 @@
+//! The loop that carries out what a [`Session`] decides: the only place where link, clock, user and log meet.
+
+use std::io::Write;
+
+use crate::cause::{Cause, Event, Outcome, Question};
+use crate::link::{ArmLink, Clock};
+use crate::log::LogWriter;
+use crate::session::{Seen, Session};
+
+/// Who is told and asked.
+pub trait Operator {
+    /// Hears what happens.
+    fn tell(&mut self, event: &Event);
+    /// Is asked; the answer comes later.
+    fn ask(&mut self, question: &Question);
+    /// The answer to the last question, once.
+    fn answer(&mut self) -> Option<bool>;
+    /// Why the run must be stopped, as soon as there is a reason.
+    fn stop(&mut self) -> Option<Cause>;
+}
+
+/// Runs a session to its end.
+pub fn drive<W: Write>(
+    session: &mut Session<'_>,
+    link: &mut impl ArmLink,
+    clock: &mut impl Clock,
+    operator: &mut impl Operator,
+    mut log: Option<&mut LogWriter<W>>,
+) -> Outcome {
+    let mut broken_log = None;
+    loop {
+        let (state, fault) = match link.state() {
+            Ok(state) => (state, None),
+            Err(fault) => (None, Some(fault)),
+        };
+        let stop = operator.stop().or_else(|| broken_log.clone());
+        let identity = link.identity();
+        let seen = Seen { now_s: clock.now_s(), state, identity, fault, answer: operator.answer(), stop };
+        let step = session.step(&seen);
+        if let Some(order) = &step.order {
+            // a link that fails says so with its next state
+            let _ = link.order(order);
+        }
+        for event in &step.events {
+            operator.tell(event);
+        }
+        if let Some(question) = &step.question {
+            operator.ask(question);
+        }
+        if let Some(log) = log.as_deref_mut().filter(|_| broken_log.is_none()) {
+            if let Err(error) = log.step(session, &seen, &step) {
+                broken_log = Some(Cause::Log(error.to_string()));
+            }
+        }
+        if let Some(outcome) = step.outcome {
+            return outcome;
+        }
+        clock.sleep_until_s(step.wake_s);
+    }
+}

@@ -1,0 +1,103 @@
+//! What streaming needs of an arm and of a clock: two small traits, so that the same decisions run on hardware, in a rehearsal
+//! and in simulated time.
+//!
+//! No call blocks: a link answers from what it has, and whoever implements it keeps slow clients on threads or in processes of
+//! their own. Joints are rad, times are s on the clock of the PC unless a name says otherwise, forces N in base.
+
+use nalgebra::Vector3;
+use thiserror::Error;
+
+/// Joint positions of a UR arm, rad.
+pub type Joints = [f64; 6];
+
+/// Safety mode NORMAL of a UR controller.
+pub const SAFETY_NORMAL: i32 = 1;
+/// Runtime state PLAYING of a UR controller: a program runs.
+pub const PLAYING: u32 = 2;
+
+/// The arm as its controller last described it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArmState {
+    /// When it was received, on the PC's clock, s.
+    pub received_s: f64,
+    /// When the controller made it, on the controller's own clock, s.
+    pub controller_s: f64,
+    /// Actual joint positions, rad.
+    pub q: Joints,
+    /// Where the controller itself has the tool centre point in its base: mm, and the rotation vector, rad.
+    pub tool_pose: ([f64; 3], [f64; 3]),
+    /// Force on the tool in base, N; none without a sensor.
+    pub force_n: Option<Vector3<f64>>,
+    /// [`SAFETY_NORMAL`], or what stopped the arm.
+    pub safety_mode: i32,
+    /// [`PLAYING`] while a program runs on the controller.
+    pub runtime_state: u32,
+    /// Share of full speed that the controller runs at, slider and scaling together, 0 to 1.
+    pub speed_fraction: f64,
+    /// Mass that the controller carries on its flange, kg.
+    pub payload_kg: f64,
+}
+
+/// Which arm answers.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Identity {
+    /// As the controller names its model, e.g. `UR5`; empty where it does not say.
+    pub model: String,
+    /// The arm's serial number; empty where it does not say.
+    pub serial: String,
+}
+
+/// What the arm is told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Order {
+    /// Start the program on the controller that follows targets, and its watchdog.
+    Start,
+    /// Be there a period from now.
+    Target(Joints),
+    /// Come to rest: all joints slow down together, straight in joint space.
+    Stop,
+    /// Spindle on or off.
+    Spindle(bool),
+    /// End the program on the controller and let go of it.
+    End,
+}
+
+/// Why a link no longer serves.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum LinkFault {
+    /// A connection ended or was refused.
+    #[error("the connection to the controller is lost: {0}")]
+    Closed(String),
+    /// The controller did not take an order.
+    #[error("the controller did not take {0}")]
+    NotTaken(&'static str),
+    /// The controller did not acknowledge the watchdog.
+    #[error("the controller did not take the watchdog")]
+    Watchdog,
+}
+
+/// An arm that takes joint positions.
+pub trait ArmLink {
+    /// The newest state, if there has been one; never blocks.
+    ///
+    /// # Errors
+    /// [`LinkFault`] once the link has failed, from then on every time.
+    fn state(&mut self) -> Result<Option<ArmState>, LinkFault>;
+
+    /// Hands on an order; never blocks.
+    ///
+    /// # Errors
+    /// As [`ArmLink::state`].
+    fn order(&mut self, order: &Order) -> Result<(), LinkFault>;
+
+    /// Which arm it is, once that is known.
+    fn identity(&self) -> Option<Identity>;
+}
+
+/// Time on the PC: monotonic, from any zero.
+pub trait Clock {
+    /// Now, s.
+    fn now_s(&mut self) -> f64;
+    /// Comes back at a time or later.
+    fn sleep_until_s(&mut self, wake_s: f64);
+}

@@ -1,0 +1,210 @@
+//! A trial: a piece of a plan, run with one fault at a drawn moment, and how far the burr went because of it.
+//!
+//! Judged on the true motion, by what was printed before: at every moment the burr is no farther off the plan's path than the bound
+//! there, and after the fault it goes no farther along it. Then the run is resumed from the place that it reported, to the end.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use super::fault::{Draws, Fault};
+use super::world::{World, WorldClock, WorldLink};
+use bonemill_arm::arm::{Goal, dls};
+use nalgebra::Vector3;
+
+use crate::bound::Travel;
+use crate::cause::{Cause, Event, Outcome, Question};
+use crate::drive::{Operator, drive};
+use crate::link::{Clock, Joints};
+use crate::log::LogWriter;
+use crate::plan::StreamPlan;
+use crate::session::Session;
+
+/// What came of a trial.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrialResult {
+    /// How the run ended.
+    pub outcome: Outcome,
+    /// Of the burr along the path after the fault, and off it where it was nearest to its bound, mm.
+    pub travel: Travel,
+    /// What was printed for the place of the fault, and for the place where the burr was nearest to what was printed off the path, mm.
+    pub bound: Travel,
+    /// How the run ended that went on from there; none where it was not asked for, or nothing was left to do.
+    pub resumed: Option<Outcome>,
+    /// Way from where the arm truly was at the farthest to where the run goes on, mm: what is left out.
+    pub skipped_mm: f64,
+}
+
+impl TrialResult {
+    /// Whether it came to no end by itself.
+    pub fn hung(&self) -> bool {
+        matches!(self.outcome.cause, Some(Cause::NoAnswer { .. }))
+    }
+
+    /// Whether the burr stayed within what was printed.
+    pub fn is_within(&self) -> bool {
+        self.travel.along_mm <= self.bound.along_mm + 1e-9 && self.travel.off_mm <= self.bound.off_mm + 1e-9
+    }
+}
+
+/// Says yes, and stops when the fault is that.
+struct Yes {
+    world: Rc<RefCell<World>>,
+    fault: Fault,
+    asked: bool,
+    stopped: bool,
+    /// When the plan's first target was due, in true time, s.
+    began_s: f64,
+}
+
+impl Operator for Yes {
+    fn tell(&mut self, event: &Event) {
+        if *event == Event::Stage("run") {
+            self.began_s = self.world.borrow().now_s();
+        }
+    }
+
+    fn ask(&mut self, _: &Question) {
+        self.asked = true;
+    }
+
+    fn answer(&mut self) -> Option<bool> {
+        std::mem::take(&mut self.asked).then_some(true)
+    }
+
+    fn stop(&mut self) -> Option<Cause> {
+        if self.world.borrow().now_s() > MOST_S {
+            return Some(Cause::NoAnswer { what: "the end of a trial", waited_s: MOST_S });
+        }
+        if self.stopped || !self.world.borrow().struck() {
+            return None;
+        }
+        let cause = match self.fault {
+            Fault::Interrupted | Fault::Killed => Cause::Interrupted,
+            Fault::DiskFull => Cause::Log("no space left on device".to_owned()),
+            Fault::PlanChanged => Cause::PlanChanged("trajectory.csv".to_owned()),
+            _ => return None,
+        };
+        self.stopped = true;
+        Some(cause)
+    }
+}
+
+/// A piece of a plan that trials are run on, and the bounds that are printed for it.
+#[derive(Debug, Clone)]
+pub struct Piece {
+    plan: StreamPlan,
+    /// Of every fifth row.
+    printed: Vec<Travel>,
+}
+
+/// Rows that share a bound.
+const BLOCK: usize = 5;
+/// Seconds that approach and start take before a piece is run.
+const BEFORE_S: f64 = 0.15;
+/// Simulated seconds after which a trial counts as hung.
+const MOST_S: f64 = 10.0;
+/// Seconds that the world goes on after the run has ended.
+const AFTER_S: f64 = 0.3;
+/// The row of a piece that a run starts at.
+const START_ROW: f64 = 1.0;
+
+impl Piece {
+    /// So many rows of a plan, from a row on; fewer at its end.
+    pub fn new(plan: &StreamPlan, from_row: usize, rows: usize) -> Self {
+        let plan = plan.piece(from_row, rows);
+        let printed = (0..plan.track.rows()).step_by(BLOCK).map(|row| plan.travel(row)).collect();
+        Self { plan, printed }
+    }
+
+    /// The largest bound of the targets that an arm at a row may have.
+    fn bound(&self, row: f64) -> Travel {
+        let backlog = self.plan.settings().timing.backlog_s() / self.plan.period_s;
+        let first = (row as usize / BLOCK).min(self.printed.len() - 1);
+        let last = ((row + backlog) as usize / BLOCK + 1).min(self.printed.len() - 1);
+        self.printed[first..=last].iter().fold(Travel::default(), |a, b| a.max(*b))
+    }
+
+    /// Runs it with a fault at a drawn moment; `resume`: also run the rest of it after a stop.
+    pub fn run(&self, fault: Fault, seed: u64, resume: bool) -> TrialResult {
+        let plan = &self.plan;
+        let mut draws = Draws::new(seed ^ 0x9e37_79b9_7f4a_7c15);
+        let q = match fault {
+            Fault::WrongStart(mm) => aside(plan, &plan.track.joints(START_ROW), mm, &mut draws),
+            _ => plan.track.joints(START_ROW),
+        };
+        let drawn_s = BEFORE_S + draws.between(0.0, plan.duration_s());
+        let onset_s = if fault.is_standing() { 0.0 } else { drawn_s };
+        let world = World::new(&plan.arm, q, plan.settings().timing, (fault, onset_s), seed).traced();
+        let world = Rc::new(RefCell::new(world));
+        let Ran { outcome, used_s, began_s } = once(plan, START_ROW, fault, &world);
+        let end_s = world.borrow().now_s() + AFTER_S;
+        world.borrow_mut().advance(end_s);
+        let since_s = if fault.is_gradual() { onset_s.max(used_s) } else { onset_s };
+        let (travel, bound, end_row) =
+            self.judge(&world.borrow(), began_s, outcome.cause.as_ref().map(|_| since_s));
+        let resume_row = plan.resume_row(outcome.reached_row);
+        let skipped_mm = plan.track.way_mm(end_row.min(resume_row), resume_row);
+        let unfinished = outcome.cause.is_some() && !matches!(outcome.cause, Some(Cause::NotReady(_)));
+        let resumed = (resume && unfinished && !fault.is_standing()).then(|| {
+            let q = world.borrow().q();
+            let timing = plan.settings().timing;
+            let again = World::new(&plan.arm, q, timing, (Fault::None, f64::INFINITY), seed.wrapping_add(1));
+            once(plan, resume_row, Fault::None, &Rc::new(RefCell::new(again))).outcome
+        });
+        TrialResult { outcome, travel, bound, resumed, skipped_mm }
+    }
+
+    /// Travel along the path since a failure, farthest off it since the plan began, their bounds, and the farthest row that the arm was at.
+    fn judge(&self, world: &World, began_s: f64, stopped_s: Option<f64>) -> (Travel, Travel, f64) {
+        let track = &self.plan.track;
+        let (mut travel, mut bound) = (Travel::default(), Travel::default());
+        let (mut row, mut farthest, mut failed, mut worst) = (START_ROW, START_ROW, None, f64::NEG_INFINITY);
+        // before it begins, the plan's tube says nothing
+        for (time_s, q) in world.trace().iter().filter(|(time_s, _)| *time_s >= began_s) {
+            let burr_mm = self.plan.arm.tool_at(q).translation_mm;
+            let near = track.nearest((row - 5.0).max(0.0), (row + 40.0).min(track.last_row()), &burr_mm);
+            row = near.row;
+            farthest = farthest.max(row);
+            if failed.is_none() && stopped_s.is_some_and(|since_s| *time_s >= since_s) {
+                failed = Some(row);
+            }
+            let allowed = self.bound(row);
+            if near.distance_mm - allowed.off_mm > worst {
+                worst = near.distance_mm - allowed.off_mm;
+                (travel.off_mm, bound.off_mm) = (near.distance_mm, allowed.off_mm);
+            }
+        }
+        if let Some(failed) = failed {
+            travel.along_mm = track.way_mm(failed, row);
+            bound.along_mm = self.bound(failed).along_mm;
+        }
+        (travel, bound, farthest)
+    }
+}
+
+/// A run, when the newest state that it used was made, and when its plan began, s.
+struct Ran {
+    outcome: Outcome,
+    used_s: f64,
+    began_s: f64,
+}
+
+/// Runs a plan in a world.
+fn once(plan: &StreamPlan, start_row: f64, fault: Fault, world: &Rc<RefCell<World>>) -> Ran {
+    let (mut link, mut clock) = (WorldLink(world.clone()), WorldClock(world.clone()));
+    let mut session = Session::new(plan, start_row, clock.now_s());
+    let mut operator =
+        Yes { world: world.clone(), fault, asked: false, stopped: false, began_s: f64::INFINITY };
+    let outcome = drive(&mut session, &mut link, &mut clock, &mut operator, None::<&mut LogWriter<Vec<u8>>>);
+    let used_s = session.state().map_or(0.0, |state| world.borrow().made_s(state));
+    Ran { outcome, used_s, began_s: operator.began_s }
+}
+
+/// Joints that have the burr beside where it is, across the shaft.
+fn aside(plan: &StreamPlan, q: &Joints, mm: f64, draws: &mut Draws) -> Joints {
+    let mut tool = plan.arm.tool_at(q);
+    let angle = draws.between(0.0, std::f64::consts::TAU);
+    tool.translation_mm += tool.rotation * (mm * Vector3::new(angle.cos(), angle.sin(), 0.0));
+    let found = dls::solve(&plan.arm, &Goal::Pose(tool), q);
+    found.q.as_slice().try_into().unwrap_or(*q)
+}

@@ -1,0 +1,131 @@
+//! What the arm's state says while it moves: how old it is, and what must stop the arm.
+//!
+//! Age is counted on the controller's own clock, against the quickest state so far: a state that is made late, comes late or
+//! comes again is old, whatever the PC received when. The burr is judged in mm and the shaft in mrad against the clearance that
+//! is left where the arm is.
+
+use nalgebra::Vector3;
+
+use crate::cause::Cause;
+use crate::link::{ArmState, PLAYING, SAFETY_NORMAL};
+use crate::plan::StreamPlan;
+use crate::track::Track;
+
+/// A controller's clock that falls back by more than this was started again, s.
+const RESTART_S: f64 = 1.0;
+
+/// The newest state and its age.
+#[derive(Debug, Clone, Default)]
+pub struct Watch {
+    newest: Option<ArmState>,
+    /// Least of PC's clock minus controller's clock, s, and when that was brought up to date.
+    offset: Option<(f64, f64)>,
+    restarted: bool,
+}
+
+/// Where the arm is beside its track.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Deviation {
+    /// The arm's place on the track, in rows.
+    pub row: f64,
+    /// Of the burr from the path, mm.
+    pub off_mm: f64,
+    /// Of the shaft from its planned axis, rad.
+    pub axis_rad: f64,
+}
+
+impl Watch {
+    /// Takes a state; whether it is a new one.
+    pub fn observe(&mut self, state: &ArmState, clock_drift: f64) -> bool {
+        let apart_s = state.received_s - state.controller_s;
+        if let Some(newest) = &self.newest {
+            if state.controller_s < newest.controller_s - RESTART_S {
+                self.restarted = true;
+            }
+            if !(state.controller_s > newest.controller_s) {
+                return false;
+            }
+        }
+        self.offset = Some(match self.offset {
+            None => (apart_s, state.received_s),
+            Some((offset_s, at_s)) => {
+                let drifted_s = offset_s + clock_drift * (state.received_s - at_s).max(0.0);
+                (drifted_s.min(apart_s), state.received_s)
+            }
+        });
+        self.newest = Some(*state);
+        true
+    }
+
+    /// The newest state.
+    pub fn newest(&self) -> Option<&ArmState> {
+        self.newest.as_ref()
+    }
+
+    /// How old the newest state is, s; infinite where there is none.
+    pub fn age_s(&self, now_s: f64) -> f64 {
+        match (&self.newest, self.offset) {
+            (Some(state), Some((offset_s, _))) => now_s - state.controller_s - offset_s,
+            _ => f64::INFINITY,
+        }
+    }
+
+    /// What the controller itself says against moving.
+    pub fn stopped_itself(&self) -> Option<Cause> {
+        let state = self.newest.as_ref()?;
+        if state.safety_mode != SAFETY_NORMAL {
+            return Some(Cause::SafetyMode(state.safety_mode));
+        }
+        if self.restarted {
+            return Some(Cause::Restarted);
+        }
+        (state.runtime_state != PLAYING).then_some(Cause::ProgramStopped)
+    }
+
+    /// What in the newest state is none of an arm's.
+    pub fn nonsense(&self) -> Option<Cause> {
+        let state = self.newest.as_ref()?;
+        let said = if !state.q.iter().all(|q| q.is_finite() && q.abs() < 100.0) {
+            "joints, expected six finite numbers, rad"
+        } else if !(0.0..=1.001).contains(&state.speed_fraction) {
+            "speed fraction, expected 0 to 1"
+        } else if !state.controller_s.is_finite() {
+            "timestamp, expected a finite number, s"
+        } else if state.force_n.is_some_and(|f| !f.iter().all(|v| v.is_finite())) {
+            "force, expected finite numbers, N"
+        } else {
+            return None;
+        };
+        Some(Cause::Nonsense(said))
+    }
+
+    /// Where the arm is beside the piece of track that it may be on, and what is too far there.
+    pub fn judge(
+        &self,
+        plan: &StreamPlan,
+        track: &Track,
+        (from_row, to_row): (f64, f64),
+        tolerance_mm: impl Fn(usize) -> f64,
+    ) -> Option<(Deviation, Option<Cause>)> {
+        let state = self.newest.as_ref()?;
+        let tool = plan.arm.tool_at(&state.q);
+        let near = track.nearest(from_row, to_row, &tool.translation_mm);
+        let axis_rad = track.axis_off_rad(from_row, to_row, &(tool.rotation * Vector3::z()));
+        let deviation = Deviation { row: near.row, off_mm: near.distance_mm, axis_rad };
+        let rows = from_row as usize..=to_row.ceil() as usize;
+        let most_mm = rows.map(tolerance_mm).fold(f64::INFINITY, f64::min);
+        let most_rad = most_mm / plan.settings().shaft_lever_mm;
+        let joint_most_rad = plan.settings().timing.joint_error_rad();
+        let (joint, joint_rad) = track.joints_off(from_row, to_row, &state.q);
+        let cause = if !(near.distance_mm <= most_mm) {
+            Some(Cause::OffPath { off_mm: near.distance_mm, most_mm })
+        } else if !(axis_rad <= most_rad) {
+            Some(Cause::AxisOff { off_rad: axis_rad, most_rad })
+        } else if joint_rad > joint_most_rad {
+            Some(Cause::JointOff { joint: joint + 1, off_rad: joint_rad, most_rad: joint_most_rad })
+        } else {
+            None
+        };
+        Some((deviation, cause))
+    }
+}

@@ -1,0 +1,333 @@
+//! A run without and with what users do: every row, hold points, too much force, refusals before the start, the log and going on from it.
+
+#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
+
+mod common;
+
+use bonemill_stream::simulated::rehearse::rehearse;
+use bonemill_stream::{
+    ArmLink, ArmState, Cause, Clock, Event, Hold, Identity, Joints, LinkFault, Log, LogWriter, Operator,
+    Order, Outcome, PLAYING, Question, SAFETY_NORMAL, Session, Settings, Standing, StreamError, StreamPlan,
+    drive,
+};
+use common::{PERIOD_S, settings, values};
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// Answers as told, and remembers what it heard.
+#[derive(Default)]
+struct User {
+    says: Vec<bool>,
+    asked: usize,
+    heard: Vec<String>,
+    pending: bool,
+}
+
+impl User {
+    fn who_says(says: &[bool]) -> Self {
+        Self { says: says.to_vec(), ..Self::default() }
+    }
+}
+
+impl Operator for User {
+    fn tell(&mut self, event: &Event) {
+        self.heard.push(event.to_string());
+    }
+
+    fn ask(&mut self, question: &Question) {
+        self.heard.push(question.to_string());
+        self.pending = true;
+    }
+
+    fn answer(&mut self) -> Option<bool> {
+        if !std::mem::take(&mut self.pending) {
+            return None;
+        }
+        self.asked += 1;
+        Some(self.says.get(self.asked - 1).copied().unwrap_or(true))
+    }
+
+    fn stop(&mut self) -> Option<Cause> {
+        None
+    }
+}
+
+/// An arm that is where it was told to be, with a clock of its own; it keeps every order.
+struct Obedient {
+    now_s: f64,
+    state: ArmState,
+    orders: Vec<(f64, Order)>,
+    /// Rows after which the loop is held up for so many s, once.
+    stall: Option<(usize, f64)>,
+    force_n: fn(usize) -> Vector3<f64>,
+}
+
+impl Obedient {
+    fn at(plan: &StreamPlan, q: Joints) -> Self {
+        let tool = plan.arm.tool_at(&q);
+        let turn = UnitQuaternion::from_rotation_matrix(&tool.rotation).scaled_axis();
+        let state = ArmState {
+            received_s: 0.0,
+            controller_s: 50.0,
+            q,
+            tool_pose: (tool.translation_mm.into(), turn.into()),
+            force_n: None,
+            safety_mode: SAFETY_NORMAL,
+            runtime_state: 1,
+            speed_fraction: 1.0,
+            payload_kg: 1.0,
+        };
+        Self { now_s: 0.0, state, orders: vec![], stall: None, force_n: |_| Vector3::zeros() }
+    }
+
+    fn targets(&self) -> Vec<Joints> {
+        let target = |(_, order): &(f64, Order)| match order {
+            Order::Target(q) => Some(*q),
+            _ => None,
+        };
+        self.orders.iter().filter_map(target).collect()
+    }
+
+    fn run(&mut self, plan: &StreamPlan, user: &mut User) -> Outcome {
+        let mut session = Session::new(plan, 0.0, 0.0);
+        let shared = std::cell::RefCell::new(self);
+        drive(&mut session, &mut End(&shared), &mut End(&shared), user, None::<&mut LogWriter<Vec<u8>>>)
+    }
+}
+
+/// Both ends of an obedient arm.
+struct End<'a, 'b>(&'a std::cell::RefCell<&'b mut Obedient>);
+
+impl ArmLink for End<'_, '_> {
+    fn state(&mut self) -> Result<Option<ArmState>, LinkFault> {
+        let mut arm = self.0.borrow_mut();
+        let (now_s, sent) = (arm.now_s, arm.orders.len());
+        let force_n = (arm.force_n)(sent);
+        arm.state =
+            ArmState { received_s: now_s, controller_s: 50.0 + now_s, force_n: Some(force_n), ..arm.state };
+        Ok(Some(arm.state))
+    }
+
+    fn order(&mut self, order: &Order) -> Result<(), LinkFault> {
+        let mut arm = self.0.borrow_mut();
+        let now_s = arm.now_s;
+        arm.orders.push((now_s, *order));
+        match order {
+            Order::Start => arm.state.runtime_state = PLAYING,
+            Order::Target(q) => arm.state.q = *q,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn identity(&self) -> Option<Identity> {
+        Some(Identity { model: "UR5".into(), serial: "1".into() })
+    }
+}
+
+impl Clock for End<'_, '_> {
+    fn now_s(&mut self) -> f64 {
+        self.0.borrow().now_s
+    }
+
+    fn sleep_until_s(&mut self, wake_s: f64) {
+        let mut arm = self.0.borrow_mut();
+        let sent = arm.orders.len();
+        arm.now_s = wake_s.max(arm.now_s);
+        if let Some((_, for_s)) = arm.stall.filter(|(after, _)| sent == *after) {
+            arm.now_s += for_s;
+            arm.stall = None;
+        }
+    }
+}
+
+fn plan() -> StreamPlan {
+    values(1.0, 3.0, 8.0).plan(settings())
+}
+
+#[test]
+fn every_row_is_sent_in_order_and_unchanged() {
+    let plan = plan();
+    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+    let outcome = arm.run(&plan, &mut User::default());
+    assert_eq!((outcome.cause, outcome.at_rest), (None, true));
+    let targets = arm.targets();
+    let first = targets.iter().rposition(|q| q == &plan.track.q()[0]).unwrap();
+    assert_eq!(&targets[first..first + plan.track.rows()], plan.track.q());
+    let last: Vec<&Order> = arm.orders.iter().rev().take(3).map(|(_, order)| order).collect();
+    assert_eq!(last, [&Order::End, &Order::Spindle(false), &Order::Stop]);
+    let at = |wanted: Order| arm.orders.iter().position(|(_, order)| *order == wanted).unwrap();
+    assert!(
+        at(Order::Start) < at(Order::Spindle(true)) && at(Order::Spindle(true)) < at(Order::Spindle(false))
+    );
+}
+
+#[test]
+fn what_was_missed_is_never_sent_at_once() {
+    let plan = plan();
+    for stall_s in [0.02, 0.095, 0.25] {
+        let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+        arm.stall = Some((400, stall_s));
+        let outcome = arm.run(&plan, &mut User::default());
+        assert_eq!(outcome.cause, None, "{stall_s}");
+        let sent = arm.orders.iter().filter_map(|(at_s, order)| match order {
+            Order::Target(q) => Some((*at_s, *q)),
+            _ => None,
+        });
+        let sent: Vec<(f64, Joints)> = sent.collect();
+        for pair in sent.windows(2) {
+            let ((t0, a), (t1, b)) = (&pair[0], &pair[1]);
+            assert!(t1 - t0 >= 0.5 * PERIOD_S - 1e-9);
+            let most = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            let fastest = plan.track.fastest_joint_rad_s(PERIOD_S) * PERIOD_S;
+            assert!(most <= fastest * 1.001, "{stall_s}: a step of {most} rad, the plan's are {fastest}");
+        }
+    }
+}
+
+#[test]
+fn a_hold_goes_back_along_the_path_waits_and_goes_on() {
+    let mut values = values(2.0, 3.0, 8.0);
+    values.holds = vec![Hold { row: 600, why: "2 mm from nerve".into() }];
+    let plan = values.plan(settings());
+    let mut user = User::default();
+    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+    let outcome = arm.run(&plan, &mut user);
+    assert_eq!((outcome.cause, user.asked), (None, 2));
+    assert!(user.heard.contains(&"hold: 2 mm from nerve".to_owned()), "{:?}", user.heard);
+    let off = arm.orders.iter().position(|(_, order)| *order == Order::Spindle(false)).unwrap();
+    let row = |n: usize| match arm.orders[n].1 {
+        Order::Target(q) => plan.track.nearest(0.0, 700.0, &plan.arm.tool_at(&q).translation_mm).row,
+        _ => f64::NAN,
+    };
+    let waits = row(off - 1);
+    let back_mm = plan.track.way_mm(waits, 600.0);
+    assert!((1.9..2.6).contains(&back_mm), "waits {back_mm} mm before the hold");
+    let farthest = (0..off).map(row).filter(|row| row.is_finite()).fold(0.0, f64::max);
+    assert!(farthest <= 601.0, "passed the hold: {farthest}");
+
+    let mut user = User::who_says(&[true, false]);
+    let outcome = Obedient::at(&plan, plan.track.q()[0]).run(&plan, &mut user);
+    assert_eq!(outcome.cause, Some(Cause::Declined));
+}
+
+#[test]
+fn more_force_toward_a_structure_than_predicted_holds() {
+    let plan = plan();
+    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+    // 3 N of the sensor's own from the start, 8 N more for a while
+    arm.force_n = |sent| Vector3::new(if (300..340).contains(&sent) { 11.0 } else { 3.0 }, 0.0, 0.0);
+    let mut user = User::default();
+    assert_eq!(arm.run(&plan, &mut user).cause, None);
+    let held = user.heard.iter().any(|said| said.starts_with("hold: 8.0 N toward nerve, predicted 0.5 N"));
+    assert!(held, "{:?}", user.heard);
+    arm = Obedient::at(&plan, plan.track.q()[0]);
+    arm.force_n = |_| Vector3::new(3.0, 0.0, 0.0);
+    let mut user = User::default();
+    arm.run(&plan, &mut user);
+    assert!(!user.heard.iter().any(|said| said.starts_with("hold")), "the sensor's zero is no force");
+}
+
+#[test]
+fn an_arm_that_is_not_ready_is_not_moved() {
+    let plan = plan();
+    let changes: [(fn(&mut ArmState), &str); 6] = [
+        (|s| s.safety_mode = 3, "protective stop"),
+        (|s| s.speed_fraction = 0.5, "slider is at 50 %"),
+        (|s| s.payload_kg = 0.0, "0.00 kg on its flange, expected 1.00 kg"),
+        (|s| s.tool_pose.0[2] += 1.5, "1.50 mm"),
+        (|s| s.tool_pose.1[0] += 0.05, "mrad apart"),
+        (|s| s.q[0] = f64::NAN, "joints"),
+    ];
+    for (change, says) in changes {
+        let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+        change(&mut arm.state);
+        let outcome = arm.run(&plan, &mut User::default());
+        let said = outcome.cause.unwrap().to_string();
+        assert!(said.contains(says), "{said}");
+        assert_eq!(arm.orders.iter().map(|(_, o)| *o).collect::<Vec<_>>(), [Order::End], "{says}");
+    }
+    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+    assert_eq!(arm.run(&plan, &mut User::who_says(&[false])).cause, Some(Cause::Declined));
+    assert!(arm.targets().is_empty());
+}
+
+#[test]
+fn a_plan_that_is_not_verified_needs_the_user_to_say_so() {
+    let mut values = values(0.5, 2.0, 8.0);
+    values.standing = Standing::Unverified("trajectory.csv was changed".into());
+    let plan = values.plan(settings());
+    let said = Obedient::at(&plan, plan.track.q()[0]).run(&plan, &mut User::default()).cause.unwrap();
+    assert!(said.to_string().contains("trajectory.csv was changed"), "{said}");
+    let plan = values.plan(Settings { unverified: true, ..settings() });
+    assert_eq!(Obedient::at(&plan, plan.track.q()[0]).run(&plan, &mut User::default()).cause, None);
+}
+
+#[test]
+fn a_plan_too_fast_for_its_clearance_is_slowed_or_refused() {
+    let values = values(2.0, 8.0, 0.5);
+    let plan = values.plan(Settings { slow: false, ..settings() });
+    let said = Obedient::at(&plan, plan.track.q()[0]).run(&plan, &mut User::default()).cause.unwrap();
+    assert!(said.to_string().contains("--slow"), "{said}");
+    let plan = values.plan(settings());
+    let outcome = Obedient::at(&plan, plan.track.q()[0]).run(&plan, &mut User::default());
+    assert_eq!(outcome.cause, None);
+    assert!(outcome.seconds > 2.5, "{}", outcome.seconds);
+    for row in (0..plan.track.rows()).step_by(10) {
+        let travel = plan.travel(row);
+        assert!(
+            travel.most_mm() <= plan.gap_mm[row] + 1e-9,
+            "row {row}: {travel:?}, {} mm",
+            plan.gap_mm[row]
+        );
+        assert!(plan.tolerance_mm(row) <= 0.25 * plan.gap_mm[row]);
+    }
+}
+
+#[test]
+fn plans_that_no_ur_arm_can_follow_are_refused() {
+    let refused = |change: &dyn Fn(&mut common::Values)| {
+        let mut changed = values(0.4, 2.0, 8.0);
+        change(&mut changed);
+        StreamPlan::new(changed.input(), settings()).unwrap_err()
+    };
+    assert!(matches!(refused(&|v| v.registration_assumed = true), StreamError::RegistrationAssumed));
+    assert!(matches!(refused(&|v| v.time_s[7] += 1e-4), StreamError::Uneven { row: 7, .. }));
+    assert!(matches!(refused(&|v| v.q[6 * 50 + 1] += 0.02), StreamError::TooFast { row: 50, .. }));
+    assert!(matches!(refused(&|v| v.q[6 * 50] = f64::NAN), StreamError::BeyondLimit { row: 50, .. }));
+    assert!(matches!(refused(&|v| v.waypoints[3].time_s = 0.0), StreamError::Waypoint { waypoint: 3, .. }));
+    let wrong = Settings { tolerance_mm: f64::NAN, ..settings() };
+    let found = StreamPlan::new(values(0.4, 2.0, 8.0).input(), wrong);
+    assert!(matches!(found, Err(StreamError::Setting { name: "tolerance_mm", .. })));
+}
+
+#[test]
+fn a_rehearsal_writes_a_log_that_survives_a_kill_and_says_where_to_go_on() {
+    let plan = plan();
+    let mut bytes = Vec::new();
+    let mut log = LogWriter::new(&mut bytes, "d1", plan.track.rows(), plan.period_s).unwrap();
+    let outcome = rehearse(&plan, 0.0, 3, &mut User::default(), Some(&mut log));
+    assert_eq!(outcome.cause, None);
+    assert!(outcome.farthest_off_mm < 0.05, "{outcome:?}");
+    let text = String::from_utf8(bytes).unwrap();
+    let read = Log::read(&text).unwrap().of_plan("d1").unwrap();
+    assert_eq!(
+        (read.rows, read.period_s, read.last_row()),
+        (plan.track.rows(), plan.period_s, plan.track.last_row())
+    );
+    assert!(read.events.iter().any(|(_, said)| said.starts_with("ended: done")));
+    assert!(read.clone().of_plan("d2").is_err());
+    // killed at any byte: all whole lines are there
+    let head = text.find('\n').unwrap();
+    for cut in (head + 1..text.len()).step_by(997) {
+        let part = Log::read(&text[..cut]).unwrap();
+        assert!(part.steps.len() <= read.steps.len() && part.steps[..] == read.steps[..part.steps.len()]);
+    }
+    // damage in the middle is told with its line
+    let at = text.len() / 2;
+    let damaged = format!("{}#{}", &text[..at], &text[at + 1..]);
+    assert!(matches!(Log::read(&damaged), Err(StreamError::Log { line, .. }) if line > 3));
+    let middle = read.steps[read.steps.len() / 2].reached_row;
+    let row = plan.resume_row(middle);
+    assert!(row <= middle && plan.track.way_mm(row, middle) <= 0.6);
+    assert_eq!(rehearse(&plan, row, 4, &mut User::default(), None::<&mut LogWriter<Vec<u8>>>).cause, None);
+}

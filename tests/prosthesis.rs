@@ -1,0 +1,101 @@
+//! `bonemill prosthesis`, `stock` and `verify` of the folder: from a job and a catalogue to files; and what is refused.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use bonemill_planner::part::phantom::Operculum;
+use bonemill_planner::prosthesis::phantom;
+
+fn bonemill(folder: &Path, arguments: &str) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_bonemill"));
+    command.current_dir(folder).args(arguments.split(' ')).output().unwrap()
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
+}
+
+/// A folder with a small part, coarse steps so that it is quick, and a catalogue with one block.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let mut shape = Operculum::drawn(3);
+    for length_mm in shape.outer_length_mm.iter_mut().chain(&mut shape.inner_length_mm) {
+        *length_mm *= 0.5;
+    }
+    shape.thickness_mm = 4.0;
+    let job = phantom::write(folder.path(), &shape, 1200).unwrap();
+    let text = fs::read_to_string(&job).unwrap();
+    let more = "[stock]\ncatalogue = \"stock.sqlite\"\n[tool]\ndiameter_mm = 4\nkind = \"ball\"\n[process]\nfinishing_step_mm = 0.3\n";
+    fs::write(&job, text + more).unwrap();
+    let added = bonemill(folder.path(), "stock add B1 --size-mm 40 15 50 --count 1");
+    assert!(added.status.success(), "{}", said(&added));
+    folder
+}
+
+/// The program with every hundredth cut 2 mm deeper.
+fn deeper(program: &str) -> String {
+    let word = |word: &str| match word.strip_prefix('Z').and_then(|z| z.parse::<f64>().ok()) {
+        Some(z) => format!("Z{:.3}", z - 2.0),
+        None => word.to_owned(),
+    };
+    let line = |(n, line): (usize, &str)| match n % 100 {
+        0 if line.starts_with("G1") => line.split(' ').map(word).collect::<Vec<_>>().join(" ") + "\n",
+        _ => format!("{line}\n"),
+    };
+    program.lines().enumerate().map(line).collect()
+}
+
+#[test]
+fn a_job_becomes_a_folder_that_verifies_and_takes_its_block() {
+    let folder = folder();
+    let made = bonemill(folder.path(), "prosthesis job.toml --out out --json");
+    let object: serde_json::Value =
+        serde_json::from_slice(&made.stdout).unwrap_or_else(|_| panic!("{}", said(&made)));
+    assert_eq!(object["block"], "B1", "{object}");
+    let out = folder.path().join("out");
+    for name in ["job.toml", "part.stl", "toolpath.csv", "program.nc", "report.html"] {
+        assert!(out.join(name).exists(), "{name}");
+    }
+    let header = "index,side,kind,x_mm,y_mm,z_mm,a_rad,feed_mm_min,time_s\n";
+    assert!(fs::read_to_string(out.join("toolpath.csv")).unwrap().starts_with(header));
+    assert!(object["figures"]["deepest_gouge_mm"].as_f64().unwrap() <= 0.02, "{object}");
+    assert!(said(&bonemill(folder.path(), "stock list")).contains("B1: 40 × 15 × 50 mm, 0 left"));
+    // the verdict agrees with the plan's own, and fails once the program is another
+    let verified = bonemill(folder.path(), "verify out --all");
+    assert_eq!(verified.status.code(), made.status.code(), "{}", said(&verified));
+    let program = fs::read_to_string(out.join("program.nc")).unwrap();
+    fs::write(out.join("program.nc"), deeper(&program)).unwrap();
+    assert_eq!(bonemill(folder.path(), "verify out").status.code(), Some(1));
+    // no block is left, and nothing is written
+    let again = bonemill(folder.path(), "prosthesis job.toml --out other");
+    assert_eq!(again.status.code(), Some(2));
+    assert!(said(&again).contains("no block in stock holds"), "{}", said(&again));
+    assert!(!folder.path().join("other").exists());
+}
+
+#[test]
+fn what_cannot_be_made_is_refused_and_the_block_goes_back() {
+    let folder = folder();
+    let refused = |arguments: &str, expected: &str| {
+        let output = bonemill(folder.path(), arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments}: {}", said(&output));
+        assert!(said(&output).contains(expected), "{arguments}: {}", said(&output));
+    };
+    refused("prosthesis none.toml --out out", "cannot read the job none.toml");
+    let job = fs::read_to_string(folder.path().join("job.toml")).unwrap();
+    fs::write(folder.path().join("wrong.toml"), job.replace("diameter_mm", "diameter")).unwrap();
+    refused("prosthesis wrong.toml --out out", "wrong.toml:8: unknown key `tool.diameter`");
+    fs::write(folder.path().join("metres.toml"), job.replace("unit = \"mm\"", "unit = \"m\"")).unwrap();
+    refused("prosthesis metres.toml --out out", "plausible: \"mm\"");
+    // a cutter that does not fit between the part and the block's grip
+    fs::write(folder.path().join("thick.toml"), job.replace("diameter_mm = 4", "diameter_mm = 20")).unwrap();
+    refused("prosthesis thick.toml --out out", "cannot be milled from block B1");
+    assert!(said(&bonemill(folder.path(), "stock list")).contains("1 left"));
+    fs::write(folder.path().join("implant.stl"), "solid x\nendsolid x\n").unwrap();
+    refused("prosthesis job.toml --out out", "the mesh has no facets");
+    fs::create_dir(folder.path().join("mine")).unwrap();
+    fs::write(folder.path().join("mine/notes.txt"), "mine").unwrap();
+    refused("prosthesis job.toml --out mine", "is not the folder of a prosthesis");
+    assert!(!folder.path().join("out").exists());
+}
