@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::Context;
 use bonemill_planner::Progress;
-use bonemill_planner::calibrate::{Calibration, Coefficient, calibrate};
+use bonemill_planner::calibrate::{Coefficient, CoefficientFit, calibrate};
 use bonemill_planner::plan::{Need, StoredPlan, read_force_log};
 use bonemill_planner::save;
 use bonemill_planner::simulate::{Sampling, SimulationSetup, observe, simulate};
@@ -52,7 +52,7 @@ fn fit(
     Ok(Outcome::values("simulate", text(&fit), values(&fit)))
 }
 
-fn text(fit: &Calibration) -> String {
+fn text(fit: &CoefficientFit) -> String {
     let line = |e: &bonemill_planner::calibrate::Estimate| {
         let (key, unit) = (e.coefficient.key(), e.coefficient.unit());
         format!("{key} = {:.5} ± {:.5} {unit} (95 %)\n", e.value, e.half_width)
@@ -61,7 +61,7 @@ fn text(fit: &Calibration) -> String {
     format!("{lines}the model leaves {:.4} N of a force component, over {} rows\n", fit.residual_n, fit.used)
 }
 
-fn values(fit: &Calibration) -> serde_json::Value {
+fn values(fit: &CoefficientFit) -> serde_json::Value {
     let estimates: serde_json::Map<_, _> = fit
         .estimates
         .iter()

@@ -12,7 +12,7 @@ use bonemill_geometry::{Point, Work};
 use bonemill_planner::Progress;
 use bonemill_planner::plan::{Need, Sha256};
 use bonemill_planner::show::{
-    self, ARROW_MM_PER_N, Body, Moment, PAINTS, PLANES, Plot, Show, Slice, Surface,
+    self, ARROW_MM_PER_N, Moment, PAINTS, PLANES, Plot, Show, ShownBody, Slice, Surface,
 };
 use rerun::blueprint::components::{Corner2D, PanelState, PlayState};
 use rerun::blueprint::{
@@ -174,7 +174,7 @@ fn mesh(surface: Surface, [r, g, b]: [u8; 3], alpha: u8) -> rerun::Mesh3D {
 }
 
 /// A structure's name in a column beside the bone, with a line to it, so that names do not cover each other.
-fn label(stream: &RecordingStream, entity: &str, body: &Body) -> anyhow::Result<()> {
+fn label(stream: &RecordingStream, entity: &str, body: &ShownBody) -> anyhow::Result<()> {
     let point = rerun::Points3D::new([body.name_at])
         .with_labels([body.name.as_str()])
         .with_radii([0.05])

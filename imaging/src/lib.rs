@@ -43,9 +43,7 @@ mod write;
 mod write_phantom;
 
 pub use density::DensityTable;
-pub use distance::{
-    DistanceField, distance_only, distance_transform, distance_transform_label, distance_within,
-};
+pub use distance::{DistanceField, distance_only, distance_transform, distance_within};
 pub use error::ImageError;
 pub use formats::{
     AffineChoice, AffineReport, AffineSource, DISAGREEMENT_LIMIT_VOXELS, ForeignFormat, Image, NiftiProblem,

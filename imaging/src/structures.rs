@@ -12,7 +12,7 @@
 use bonemill_geometry::{Ct, Grid, Point, Volume};
 use nalgebra::Vector3;
 
-use crate::distance::{Places, Problem, Solution};
+use crate::distance::{Places, SeparableProblem, Solution};
 use crate::error::ImageError;
 
 mod mask;
@@ -233,7 +233,7 @@ impl Coarse {
             let spacing = grid.spacing_mm()[a];
             (0..grid.dims()[a]).map(|t| ((t as f64 - 0.5).max(0.0) * spacing).powi(2) as f32).collect()
         });
-        let problem = Problem {
+        let problem = SeparableProblem {
             values: labels.data(),
             dims: grid.dims(),
             is_site: |v| v == label,

@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 
 use bonemill_geometry::{Ct, Point, Work};
 use bonemill_planner::burr::{
-    Bone, Discretisation, EngagedSamples, Feed, ForceKernel, Material, Measure, OrientationKernel,
+    BoneAround, Discretisation, EngagedSamples, Feed, ForceKernel, Material, Measure, OrientationKernel,
     OverPatches, Patch, Tool,
 };
 use bonemill_planner::engagement::{SweptPath, mass_increments, mass_increments_by_voxels, share_beyond};

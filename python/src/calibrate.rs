@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use bonemill_geometry::Point;
-use bonemill_planner::calibrate::{Calibration, Coefficient, NoSuchCoefficient, calibrate as rust_calibrate};
+use bonemill_planner::calibrate::{
+    Coefficient, CoefficientFit, NoSuchCoefficient, calibrate as rust_calibrate,
+};
 use bonemill_planner::plan::{LogRow, Need, read_force_log};
 use bonemill_planner::simulate::{SimulationSetup, observe};
 use numpy::PyReadonlyArray2;
@@ -44,7 +46,7 @@ pub fn calibrate(
         Log::File(path) => read_force_log(&path).map_err(|e| errors::file(&e))?,
     };
     let finished = Finished::new(plan, saved)?;
-    let done: Result<Calibration, NotDone> = apart::run(py, progress, None, move |progress| {
+    let done: Result<CoefficientFit, NotDone> = apart::run(py, progress, None, move |progress| {
         let setup = SimulationSetup::read(&finished.read(Need::All)?, progress)?;
         progress.stage("mill along the log");
         let observations = observe(&setup, &rows)?;

@@ -7,7 +7,7 @@ use bonemill_imaging::ImageError;
 use bonemill_planner::pipeline::Refused;
 use bonemill_planner::plan::Need;
 use bonemill_planner::show::{
-    self as rust, Body, Frame, Images, Moment, PAINTS, PLANES, Plot, Show, Slice, Surface,
+    self as rust, Moment, PAINTS, PLANES, Plot, Show, ShownBody, ShownFrame, ShownImages, Slice, Surface,
 };
 use bonemill_robot::RobotError;
 use numpy::ndarray::Array2;
@@ -24,12 +24,12 @@ struct Drawn {
     about: String,
     pixel_mm: Option<f64>,
     structures: Vec<(String, [u8; 3])>,
-    bodies: Vec<Body>,
+    bodies: Vec<ShownBody>,
     eye: [[f32; 3]; 2],
     path: Vec<[f32; 3]>,
     paints: Vec<(&'static str, Vec<[u8; 3]>)>,
     moments: Vec<Moment>,
-    frames: Vec<Frame>,
+    frames: Vec<ShownFrame>,
     shank: Vec<(f64, f64)>,
     radius_mm: f64,
     plots: Vec<Plot>,
@@ -79,7 +79,7 @@ fn draw(show: &Show, motion: usize, frames: usize) -> Result<Drawn, Failed> {
     let drawn_paints = PAINTS.iter().filter(|p| p.range(plan).is_some());
     Ok(Drawn {
         about: show.about(),
-        pixel_mm: show.images().map(Images::pixel_mm),
+        pixel_mm: show.images().map(ShownImages::pixel_mm),
         structures: show.structure_colours().map(|(name, tint)| (name.to_owned(), tint)).collect(),
         bodies,
         eye: show.eye(),

@@ -223,7 +223,7 @@ fn measure(job: &Job, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentE
                 let depth = start + (STEPS + n) as f64 * job.step_mm();
                 engine.step_stored(&job.place(depth, n), &mut stored, &mut hits)
             });
-            curve.push(picture::Point { x: mean(&own), y: off, is_default: false });
+            curve.push(picture::PlotPoint { x: mean(&own), y: off, is_default: false });
             table.push(vec![
                 format!("{}³", SHELLS[row]),
                 shell.codes.len().to_string(),
@@ -250,7 +250,7 @@ fn ours(
     expected: &[[f64; 2]],
     whole: [f64; 2],
     progress: &dyn Progress,
-) -> Result<(Table, Vec<picture::Point>), ExperimentError> {
+) -> Result<(Table, Vec<picture::PlotPoint>), ExperimentError> {
     let title = format!("Our engine, {}: {OWN_STEPS} steps in bone, one thread; error as above", job.name);
     let columns =
         ["elements × angles", "voxmap", "median [µs]", "mean [µs]", "p99.9 [µs]", "holes [MB]", "error"];
@@ -284,7 +284,7 @@ fn ours(
             let mut each =
                 times(OWN_STEPS, |n| felt(engine.step(tip(start + (n + 1) as f64 * job.step_mm()), weight)));
             let mean_us = 1e3 * mean(&each);
-            curve.push(picture::Point { x: mean(&each), y: off, is_default: false });
+            curve.push(picture::PlotPoint { x: mean(&each), y: off, is_default: false });
             table.push(vec![
                 format!("{} × {turns}", loads.loads().len()),
                 format!("{side}³"),

@@ -9,7 +9,7 @@ use bonemill_imaging::phantom::{PhantomKind, phantom};
 use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
 use bonemill_planner::pipeline::{Plan, plan};
-use picture::{Panel, Point};
+use picture::{Panel, PlotPoint};
 
 use crate::body::Body;
 use crate::{ExperimentError, Size, Table};
@@ -156,8 +156,8 @@ fn panels(fronts: &[Front]) -> Vec<Panel> {
     let series = |pick: fn(&Front) -> &[Outcome], x: fn(&Outcome) -> f64, y: fn(&Outcome) -> f64| {
         let of = |front: &Front| {
             let points = std::iter::once(&front.default).chain(pick(front)).enumerate();
-            let mut points: Vec<Point> =
-                points.map(|(n, o)| Point { x: x(o), y: y(o), is_default: n == 0 }).collect();
+            let mut points: Vec<PlotPoint> =
+                points.map(|(n, o)| PlotPoint { x: x(o), y: y(o), is_default: n == 0 }).collect();
             points.sort_by(|a, b| a.x.total_cmp(&b.x));
             (front.body.clone(), points)
         };

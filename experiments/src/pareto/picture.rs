@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 /// One plan of a curve.
-pub struct Point {
+pub struct PlotPoint {
     pub x: f64,
     pub y: f64,
     pub is_default: bool,
@@ -15,7 +15,7 @@ pub struct Panel {
     pub y: &'static str,
     pub is_log_x: bool,
     /// Name and points, in the order of x.
-    pub series: Vec<(String, Vec<Point>)>,
+    pub series: Vec<(String, Vec<PlotPoint>)>,
 }
 
 const WIDTH: f64 = 460.0;
@@ -172,7 +172,7 @@ mod tests {
     fn every_curve_has_one_ring_in_every_panel() {
         let curve = |name: &str| {
             let points = [(1.0, 0.2), (2.0, 0.1), (4.0, 0.0)];
-            let point = |(n, (x, y)): (usize, (f64, f64))| Point { x, y, is_default: n == 1 };
+            let point = |(n, (x, y)): (usize, (f64, f64))| PlotPoint { x, y, is_default: n == 1 };
             (name.to_owned(), points.into_iter().enumerate().map(point).collect())
         };
         let panel =

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::envelope::{Envelope, MAX_LINES, Places};
 
 /// The transform's input: which voxels are sites, and what a distance costs.
-pub(crate) struct Problem<'a, T, P> {
+pub(crate) struct SeparableProblem<'a, T, P> {
     /// Values of a whole volume, x-fastest.
     pub values: &'a [T],
     /// Its dimensions.
@@ -30,7 +30,7 @@ pub(crate) struct Problem<'a, T, P> {
     pub unit_mm: f32,
 }
 
-/// The distances of the voxels of [`Problem::out`], x-fastest.
+/// The distances of the voxels of [`SeparableProblem::out`], x-fastest.
 pub(crate) struct Solution {
     /// Root of the cost to the nearest site, mm.
     pub distance_mm: Vec<f32>,
@@ -49,7 +49,7 @@ struct Scratch {
     nearest: Vec<u32>,
 }
 
-impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> Problem<'_, T, P> {
+impl<T: Copy + Sync, P: Fn(T) -> bool + Sync> SeparableProblem<'_, T, P> {
     /// Cost and, if `with_nearest`, place of the nearest site; `None` when there is no site.
     pub fn solve(&self, with_nearest: bool) -> Option<Solution> {
         let slices: Vec<usize> = self.sites[2]

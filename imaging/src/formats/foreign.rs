@@ -1,4 +1,4 @@
-//! Images in other formats, told by their first bytes: what they are, and how they become NIfTI-1.
+//! Formats that are recognised by their first bytes and not read, and how to convert them to NIfTI-1.
 
 use std::fmt;
 use std::fs::{self, File};

@@ -1,9 +1,9 @@
-//! Image formats side by side: each is told by a file's first bytes, and read as values on a grid in `ct` (RAS+, mm), with the
-//! files that they came from.
+//! Image formats side by side: each is recognised by a file's first bytes, and read as values on a grid in `ct` (RAS+, mm), with
+//! the files that were read.
 //!
-//! A format is a module with one function, `read`, and a variant of [`Format`], which says how it is told. What is told to be another
-//! format than those that are read is refused with how to convert it ([`ForeignFormat`]); what nothing is known of is taken for NIfTI,
-//! whose reader says what is wrong with it. A wrong transform mirrors the patient silently: what cannot be read for certain is refused.
+//! A format is a module with one function, `read`, and a variant of [`Format`], by which it is recognised. A file of a format that is
+//! recognised but not read is refused, with how to convert it ([`ForeignFormat`]); an unknown file is taken for NIfTI, whose reader
+//! reports what is wrong with it. A wrong transform mirrors the patient silently: what cannot be read for certain is refused.
 
 mod foreign;
 mod nifti;
@@ -34,7 +34,7 @@ pub struct Image<T> {
     pub volume: Volume<T, Ct>,
     /// Where they came from.
     pub provenance: Provenance,
-    /// What a reader should be told.
+    /// Oddities of the file that was read all the same.
     pub warnings: Vec<ReadWarning>,
 }
 

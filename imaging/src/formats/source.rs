@@ -1,4 +1,4 @@
-//! An image file as a stream, plain or gzip, with its first bytes and what its size says about what it can hold.
+//! An image file as a stream, plain or gzip, with its first bytes and the most that it can hold by its size.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use flate2::bufread::MultiGzDecoder;
 
-/// The first bytes, decompressed, by which formats are told.
+/// Number of first bytes, decompressed, by which formats are recognised.
 pub(super) const HEAD_BYTES: usize = 348;
 /// Deflate cannot expand by more (a stored byte gives at most 1032: zlib's technical notes, "Maximum Compression Factor").
 const MAX_EXPANSION: u64 = 1032;
@@ -23,7 +23,7 @@ pub(super) struct ImageSource {
     pub extent: FileExtent,
 }
 
-/// What the file's size says about what it can hold.
+/// Bounds on what the file can hold, from its size.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct FileExtent {
     pub file_bytes: u64,
@@ -40,14 +40,14 @@ impl FileExtent {
         }
     }
 
-    /// Whether the file also says itself that it holds as much, so that memory may be taken at once.
+    /// Whether the file's own size field agrees, so that memory may be reserved at once.
     pub fn is_plausible(&self, expected_bytes: u64) -> bool {
         self.gzip_size.is_none_or(|size| u64::from(size) == expected_bytes & u64::from(u32::MAX))
     }
 }
 
 impl ImageSource {
-    /// Of a file that was opened; gzip is told by its content, not by its name.
+    /// Of a file that was opened; gzip is recognised by its content, not by its name.
     ///
     /// # Errors
     /// When the system cannot read it, or the gzip stream is damaged at its beginning.

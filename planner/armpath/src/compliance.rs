@@ -1,4 +1,4 @@
-//! How much the arm yields at the burr: before the axes are chosen, and along the joint vectors that were.
+//! The arm's compliance at the burr: before the axes are chosen, and along the joint vectors that were chosen.
 //!
 //! Before the axes are chosen, the bone-attached arm's compliance depends on the tilt alone; another arm's is taken with the burr at
 //! the target's centre, a few mm of the arm's reach away from where it will be.
@@ -21,7 +21,7 @@ impl<'a> Compliance<'a> {
     /// Of a case's arm.
     ///
     /// # Errors
-    /// [`PlanError::StiffnessMissing`] where the case's cost asks for the deflection and gives no stiffness.
+    /// [`PlanError::StiffnessMissing`] if the case's cost uses the deflection and the case gives no stiffness.
     pub fn new(case: &'a Case, placed: Placed<'a>) -> Result<Self, PlanError> {
         let stiffness = case.robot.joint_stiffness.as_deref();
         if stiffness.is_none() && case.cost.force == ForceTerm::Deflection {
@@ -30,8 +30,8 @@ impl<'a> Compliance<'a> {
         Ok(Self { placed, stiffness })
     }
 
-    /// What a case's cost turns forces by, mm/N in work for each of neighbouring axes with the burr at `at`; `None` where it looks at
-    /// the force itself. An axis that the arm cannot take there has that of the nearest one that it can.
+    /// The compliance in a case's cost, mm/N in work, for each of neighbouring axes with the burr at `at`; `None` if the cost uses the
+    /// force itself. An axis that the arm cannot take there gets the compliance of the nearest one that it can take.
     ///
     /// # Errors
     /// As [`Compliance::at_axes`].

@@ -1,4 +1,4 @@
-//! What a reader is told of the arm along a plan: how stiff it is, how far from singular, and how low its links come.
+//! Figures of the arm along a plan: its stiffness, its distance from singularities, and the lowest place of its links.
 
 use bonemill_arm::Arm;
 use bonemill_motion::resolve::DensePath;
@@ -6,7 +6,7 @@ use bonemill_setup::PlanError;
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
-use super::Motion;
+use super::ArmMotion;
 
 /// The arm along a plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,7 +28,7 @@ impl ArmFacts {
     /// Where the motion is not the arm's.
     pub fn along<'a>(
         arm: &Arm,
-        motion: &Motion,
+        motion: &ArmMotion,
         compliances: Option<&[Matrix3<f64>]>,
         toward: impl Iterator<Item = Option<&'a Unit<Vector3<f64>>>>,
     ) -> Result<Self, PlanError> {

@@ -1,7 +1,7 @@
 //! The arm along a planned path: joint positions, compliance, and the law of time with its file. Shared by all pipelines.
 //!
-//! What is planned are points and unit axes in work; a pipeline gets from here the joint vectors that lead through them ([`Placed`]),
-//! what the arm yields on the way ([`Compliance`]), what a reader is told of it ([`ArmFacts`]), the limits of its time law
+//! A pipeline plans points and unit axes in work. This crate gives the joint vectors that lead through them ([`Placed`]), the arm's
+//! compliance on the way ([`Compliance`]), its figures ([`ArmFacts`]), the limits of its time law
 //! ([`path_limits`]), and `trajectory.csv` ([`write_trajectory`]). Which path, which axes and which speeds is not decided here.
 
 mod compliance;
@@ -12,4 +12,4 @@ mod placed;
 pub use compliance::Compliance;
 pub use facts::{ArmFacts, LowestLink, Stiffnesses};
 pub use law::{path_limits, write_trajectory};
-pub use placed::{Motion, Placed};
+pub use placed::{ArmMotion, Placed};

@@ -25,7 +25,7 @@ pub struct Placed<'a> {
 
 /// Joint positions along the path.
 #[derive(Debug, Clone)]
-pub struct Motion {
+pub struct ArmMotion {
     /// At the waypoints.
     pub resolved: Resolved,
     /// With places between them.
@@ -33,7 +33,7 @@ pub struct Motion {
 }
 
 impl<'a> Placed<'a> {
-    /// A point and a shaft axis in work, as the arm sees them.
+    /// A point and a shaft axis in work, converted to the arm's base.
     pub fn pose(&self, position: Point<Work>, axis: &Unit<Vector3<f64>>) -> AxisPose {
         AxisPose {
             position: *self.base_from_work * position,
@@ -48,7 +48,7 @@ impl<'a> Placed<'a> {
 
     /// Joint positions along points and axes in work.
     ///
-    /// `stiffness`: of the joints, and where the arm shall yield little, here in work; `None` leaves that out.
+    /// `stiffness`: of the joints, and the directions in work in which the arm should yield little; `None` ignores stiffness.
     ///
     /// # Errors
     /// [`PlanError::OutOfReach`] naming the waypoint.
@@ -58,7 +58,7 @@ impl<'a> Placed<'a> {
         axes: &[Unit<Vector3<f64>>],
         length_mm: &[f64],
         stiffness: Option<Stiffness<'_>>,
-    ) -> Result<Motion, PlanError> {
+    ) -> Result<ArmMotion, PlanError> {
         let poses: Vec<AxisPose> = positions.iter().zip(axes).map(|(p, a)| self.pose(*p, a)).collect();
         let in_base: Option<Vec<_>> = stiffness.map(|stiffness| {
             let turned = |u: &Unit<Vector3<f64>>| Unit::new_normalize(self.base_from_work.rotate(u));
@@ -76,6 +76,6 @@ impl<'a> Placed<'a> {
         };
         let resolved = resolve(self.arm, &path)?.map_err(out_of_reach)?;
         let dense = DensePath::lay(self.arm, &path, &resolved).map_err(out_of_reach)?;
-        Ok(Motion { resolved, dense })
+        Ok(ArmMotion { resolved, dense })
     }
 }

@@ -86,7 +86,7 @@ pub struct Case {
     /// The shank, from the burr outwards.
     pub shank: Vec<ShankSegment>,
     /// Cutting coefficients of a burr, and how force follows density.
-    pub material: Material,
+    pub material: MaterialSpec,
     /// Cutting coefficients of the edges of other tools.
     pub edge_material: EdgeMaterial,
     /// How the path is laid.
@@ -208,7 +208,7 @@ pub enum Measure {
 
 /// `[material]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Material {
+pub struct MaterialSpec {
     /// Tangential, radial, axial specific cutting energy, N/mm².
     pub k_n_mm2: [f64; 3],
     /// Tangential, radial, axial edge coefficients, N/mm.

@@ -15,8 +15,8 @@ use super::parse_tool::{read_edge_material, read_tool};
 use super::relations;
 use super::walker::{Log, Walk, as_number, line_at};
 use super::{
-    Burr, Case, CostSpec, Density, DistanceCurve, Given, GridSpec, Images, Job, LabelRef, Material, Measure,
-    OrientationMode, OrientationSpec, PathSpec, Pattern, RegistrationSpec, ShankSegment, SpeedCaps,
+    Burr, Case, CostSpec, Density, DistanceCurve, Given, GridSpec, Images, Job, LabelRef, MaterialSpec,
+    Measure, OrientationMode, OrientationSpec, PathSpec, Pattern, RegistrationSpec, ShankSegment, SpeedCaps,
     SpeedSpec, Structure, Target,
 };
 use crate::{EdgeMaterial, Sheets};
@@ -331,10 +331,10 @@ fn default_k_n_mm2(measure: Measure) -> [f64; 3] {
     }
 }
 
-fn read_material(t: Walk<'_, '_>, paper: bool) -> (Material, EdgeMaterial) {
+fn read_material(t: Walk<'_, '_>, paper: bool) -> (MaterialSpec, EdgeMaterial) {
     let measure = t.choice(&k::MEASURE, if paper { Measure::Dz } else { Measure::Db });
     let [k_t, k_r, k_a] = default_k_n_mm2(measure);
-    let material = Material {
+    let material = MaterialSpec {
         k_n_mm2: [
             t.optional(&k::K_T).unwrap_or(k_t),
             t.optional(&k::K_R).unwrap_or(k_r),

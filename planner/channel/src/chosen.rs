@@ -5,7 +5,7 @@ use std::path::Path;
 use bonemill_case::{Case, ChannelDirection, ChannelEnd, ChannelSpec, Entry};
 use bonemill_geometry::{Ct, Point};
 use bonemill_imaging::StructureField;
-use bonemill_setup::inputs::{Images, label_of};
+use bonemill_setup::inputs::{CaseImages, label_of};
 use bonemill_setup::{ChannelFault, PlanError};
 use nalgebra::{Unit, Vector3};
 
@@ -39,7 +39,7 @@ pub struct FoundChannels {
 pub fn find(
     case: &Case,
     spec: &ChannelSpec,
-    images: &Images,
+    images: &CaseImages,
     labels_path: &Path,
     tool: &ChannelTool,
 ) -> Result<FoundChannels, PlanError> {
@@ -139,7 +139,7 @@ fn to_target(spec: &ChannelSpec, target: Point<Ct>) -> Result<ChannelAxis, PlanE
 
 fn region<'a>(
     spec: &ChannelSpec,
-    images: &'a Images,
+    images: &'a CaseImages,
     labels_path: &Path,
 ) -> Result<EntryRegion<'a>, PlanError> {
     Ok(match &spec.entry {

@@ -5,6 +5,7 @@
 //! goes deeper than any before has the force of its elements, weighted by (ρ/ρ_ref)^p; every other move is in air. Elements that have
 //! not entered the bone yet, or have left it, feel nothing: entry and breakthrough show element by element.
 
+use bonemill_cutter::MoveKind;
 use bonemill_cutting::edge::{CutterForce, EdgeLoads};
 use bonemill_setup::{ChannelFault, PlanError};
 use nalgebra::Vector3;
@@ -66,7 +67,8 @@ pub fn along(
     let deepest = deepest_before(places);
     let feel = |(place, before): (&TipPlace, &f64)| -> Result<Felt, PlanError> {
         let deeper_mm = (place.depth_mm - before).max(0.0);
-        if deeper_mm <= 0.0 {
+        // links run before the bone, and faster than edges can cut
+        if deeper_mm <= 0.0 || place.kind != MoveKind::Cut {
             return Ok(Felt::default());
         }
         let pose = ToolPose::new(axis.at(place.depth_mm), &axis.out);

@@ -1,6 +1,6 @@
 //! The joints along a channel: joint vectors at its waypoints and the time law through them.
 
-use bonemill_armpath::{Motion, Placed, path_limits};
+use bonemill_armpath::{ArmMotion, Placed, path_limits};
 use bonemill_motion::timelaw::{JointPath, LimitRatios, PreparedPath, TimeLaw};
 use bonemill_setup::{PlanError, Setup};
 use nalgebra::Unit;
@@ -12,7 +12,7 @@ use crate::strokes::TipPlace;
 #[derive(Debug)]
 pub struct ToolMotion {
     /// The joints.
-    pub motion: Motion,
+    pub motion: ArmMotion,
     /// Over time.
     pub law: TimeLaw,
     /// When each waypoint is passed, s.

@@ -10,7 +10,7 @@ use bonemill_case::{Case, ChannelSpec};
 use bonemill_geometry::Progress;
 use bonemill_motion::resolve::Posture;
 use bonemill_planfile::{ChannelRecord, ForceToward, PlungeRow, Waypoint};
-use bonemill_setup::inputs::{self, Images};
+use bonemill_setup::inputs::{self, CaseImages};
 use bonemill_setup::{ChannelFault, PlanError, Setup, Stopwatch, channel::scene_case, registration, tools};
 use nalgebra::Unit;
 
@@ -112,7 +112,7 @@ struct ChannelJob<'a> {
     case: &'a Case,
     spec: &'a ChannelSpec,
     folder: &'a Path,
-    images: &'a Images,
+    images: &'a CaseImages,
     tool: &'a ChannelTool,
 }
 

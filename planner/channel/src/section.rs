@@ -2,7 +2,7 @@
 
 use bonemill_geometry::{Ct, Point, Volume};
 use bonemill_imaging::AIR_HU;
-use bonemill_setup::inputs::Images;
+use bonemill_setup::inputs::CaseImages;
 use nalgebra::{Unit, Vector3};
 
 use crate::safest::SafeChannel;
@@ -34,7 +34,7 @@ pub struct Section {
 }
 
 /// Two sections along a channel, the first through the structure that limits it, and one across it where that is nearest.
-pub fn sections(channel: &SafeChannel, images: &Images, radius_mm: f64) -> Vec<Section> {
+pub fn sections(channel: &SafeChannel, images: &CaseImages, radius_mm: f64) -> Vec<Section> {
     let axis = &channel.axis;
     let limiting = channel.kept.iter().flatten();
     let limiting = limiting.min_by(|a, b| a.weighted_margin_mm.total_cmp(&b.weighted_margin_mm));
@@ -67,7 +67,7 @@ struct Plane {
 }
 
 impl Plane {
-    fn section(&self, size: [usize; 2], images: &Images, across_at_mm: Option<f64>) -> Section {
+    fn section(&self, size: [usize; 2], images: &CaseImages, across_at_mm: Option<f64>) -> Section {
         let (mut hu, mut structure) = (Vec::new(), Vec::new());
         for row in 0..size[1] {
             for column in 0..size[0] {

@@ -95,8 +95,8 @@ pub struct Estimate {
 
 /// A fit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Calibration {
-    /// The coefficients that were asked for.
+pub struct CoefficientFit {
+    /// The coefficients that were fitted.
     pub estimates: Vec<Estimate>,
     /// Root mean square of what the model leaves of a force component, N.
     pub residual_n: f64,
@@ -168,7 +168,7 @@ pub enum CalibrateError {
     },
 }
 
-/// Condition of the scaled problem above which coefficients cannot be told apart.
+/// Condition of the scaled problem above which coefficients cannot be separated.
 const MOST_CONDITION: f64 = 1e5;
 /// A direction of the problem with less than this share in a coefficient is not its fault.
 const SHARE: f64 = 0.3;
@@ -183,7 +183,7 @@ const NOTHING: f64 = 1e-12;
 /// [`CalibrateError`] when the log cannot tell them.
 ///
 /// **Source:** ordinary least squares; the linear model is docs/force-model.md 3.
-pub fn calibrate(log: &[Observation], wanted: &[Coefficient]) -> Result<Calibration, CalibrateError> {
+pub fn calibrate(log: &[Observation], wanted: &[Coefficient]) -> Result<CoefficientFit, CalibrateError> {
     for (index, row) in log.iter().enumerate() {
         let finite = |v: &Vector3<f64>| v.iter().all(|c| c.is_finite());
         if !(finite(&row.force_n) && row.per_coefficient.iter().all(finite)) {
@@ -261,7 +261,7 @@ pub fn calibrate(log: &[Observation], wanted: &[Coefficient]) -> Result<Calibrat
             });
         }
     }
-    Ok(Calibration { estimates, residual_n, used })
+    Ok(CoefficientFit { estimates, residual_n, used })
 }
 
 /// The two-sided 95 % quantile of Student's t, to 1e-3 from 3 degrees of freedom on.

@@ -2,7 +2,7 @@
 //!
 //! [`burr`] sums forces over elements of a burr's flutes, [`edge`] over those of a drill's, a reamer's or any other edge, [`mrr`] is the lumped model by removal rate, [`metrics`] the mass and inertia
 //! ahead, [`cost`] what an axis costs, [`speed`] how fast to go, and [`calibrate`] fits the coefficients to a force log.
-//! Positions, densities and directions come in, forces and speeds go out: nothing here knows a path or a file.
+//! Inputs are positions, densities and directions, outputs are forces and speeds. No path and no file is used here.
 //!
 //! **Sources:** Dillon et al. 2016 (D1 to D13), Faieghi et al. (edge), Yang & Chen (mrr); docs/force-model.md.
 

@@ -13,16 +13,12 @@
 //! I_n(a) = 1 − aᵀ S a/(m r²)
 //! ```
 //!
-//! so that one pass over the voxels serves every axis ([`Moments`]), the best axis is an eigenvector, and along a turn about
-//! one joint I_n is a sum of two harmonics ([`InertiaAlongTurn`]).
+//! so that one pass over the voxels serves every axis ([`Moments`]).
 
 use bonemill_geometry::{Frame, Point, Volume};
-use nalgebra::{Matrix3, SymmetricEigen, Unit, Vector3};
+use nalgebra::{Matrix3, Unit, Vector3};
 
 use bonemill_cutter::ball::BallVolumes;
-
-mod turn;
-pub use turn::InertiaAlongTurn;
 
 /// Dillon's quantities at one place for one axis. With no mass, I_n is 1 and everything else 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -143,21 +139,6 @@ impl Moments {
         } else {
             Matrix3::zeros()
         }
-    }
-
-    /// The axis of the largest I_n, one of ±a: an eigenvector of the least eigenvalue of S. `None` without mass.
-    pub fn best_axis(&self) -> Option<Unit<Vector3<f64>>> {
-        if self.mass_mg <= 0.0 {
-            return None;
-        }
-        let eigen = SymmetricEigen::new(self.scaled());
-        let least = eigen.eigenvalues.imin();
-        Some(Unit::new_normalize(eigen.eigenvectors.column(least).into_owned()))
-    }
-
-    /// I_n while the axis turns from `from` about `about`.
-    pub fn along_turn(&self, from: &Unit<Vector3<f64>>, about: &Unit<Vector3<f64>>) -> InertiaAlongTurn {
-        InertiaAlongTurn::new(&self.scaled(), from, about)
     }
 }
 

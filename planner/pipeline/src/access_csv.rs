@@ -1,4 +1,4 @@
-//! `access.csv` and `dropped.csv`: what the shank leaves open at every waypoint, and what it kept the path from.
+//! `access.csv` and `dropped.csv`: the directions that are free for the shank at every waypoint, and the places that it cannot reach.
 //!
 //! Both are for a reader; nothing is planned from them again.
 

@@ -1,11 +1,11 @@
-//! Plans of one case that differ in what the case leaves open, tried until none of its structures is worse off than without us.
+//! Plans of one case that differ in what the case leaves open, tried until no structure has larger forces than under the controls.
 //!
 //! The first attempt is what the drafts prefer. Where it pushes more toward a structure of priority 1 than the better of its
 //! [controls](super::control), the other sense of cut, then lines across, then a shaft along the approach, then both of these are
 //! tried; the first that is nowhere worse stands. If none is, the least bad stands, and the plan says so.
 
 use bonemill_arm::Arm;
-use bonemill_armpath::{Motion, path_limits};
+use bonemill_armpath::{ArmMotion, path_limits};
 use bonemill_case::{Case, OrientationMode, Sense};
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_scene::Scene;
@@ -42,14 +42,14 @@ pub(super) struct Attempt<'a> {
     pub start: Start<'a>,
     pub prepared: Prepared<'a>,
     pub chosen: Chosen,
-    pub motion: Motion,
+    pub motion: ArmMotion,
     pub demand: MoveLimits,
     pub timing: Timing,
     pub coverage: Coverage,
     pub compared: Compared,
     /// How its axes were chosen.
     pub mode: OrientationMode,
-    /// What was done otherwise than the cost prefers, in words; none for the first attempt.
+    /// The fallback that was taken, in words; none for the first attempt.
     pub instead: Option<&'static str>,
 }
 
@@ -195,7 +195,7 @@ impl<'a> Start<'a> {
 }
 
 impl Attempt<'_> {
-    /// Whether it leaves hardly more than another, and misses nothing that the other keeps.
+    /// Whether it leaves at most [`LEFT_SHARE`] more than another, and misses no time, cap or turn that the other meets.
     pub fn keeps_what(&self, other: &Self) -> bool {
         let misses = |of: &Self| {
             let caps = of.demand.caps_missed(of.start.case, &of.prepared, &of.chosen);

@@ -3,10 +3,8 @@
 //! What may be chosen anew on one path is [`Choices`]; everything else of the case was used to prepare the path and is the same for all
 //! of them. So variants of a case can be compared on one path, as D's trials are.
 
-use bonemill_armpath::{Compliance, Motion, Placed};
-use bonemill_case::{
-    Case, CostSpec, ForceTerm, Material as MaterialSpec, OrientationMode, SpeedSpec, TowardTerm,
-};
+use bonemill_armpath::{ArmMotion, Compliance, Placed};
+use bonemill_case::{Case, CostSpec, ForceTerm, MaterialSpec, OrientationMode, SpeedSpec, TowardTerm};
 use bonemill_cutter::Ball;
 use bonemill_cutting::burr::{EngagedForce, Feed, ForceKernel, OrientationKernel};
 use bonemill_cutting::cost::{Cost, CostModel, Ranked, Terms};
@@ -32,7 +30,7 @@ pub(super) const CHOICE_MERGED: usize = 2;
 /// A push toward a structure counts fully from this share of the force in a straight cut of the path's depth and stepover: with a
 /// larger one small pushes are traded for efficiency, with a smaller one all pushes count alike.
 const FULL_SHARE: f64 = 0.25;
-/// Axes that the arm cannot follow and that are refused one after the other, at most.
+/// Largest number of axes that are excluded one after the other.
 const MOST_REFUSED: usize = 12;
 
 /// What may be chosen anew on a prepared path.
@@ -94,7 +92,7 @@ impl Prepared<'_> {
     /// Chooses axes.
     ///
     /// # Errors
-    /// When a parameter is out of range, or the deflection is asked for without a stiffness.
+    /// When a parameter is out of range, or the cost uses the deflection and the case gives no stiffness.
     pub fn choose(&self, choices: &Choices) -> Result<Chosen, PlanError> {
         let with_motion = self.case.robot.joint_stiffness.is_some();
         Ok(self.choose_timed(choices, with_motion, &mut Stopwatch::new(&()))?.0)
@@ -113,13 +111,13 @@ impl Prepared<'_> {
         Felt::of(self.case, self.length_mm(), &chosen.forces, &self.near, |i| speed_mm_s[i])
     }
 
-    /// [`Self::choose`] with the motion that leads through these axes. Where the arm cannot follow them, the axis at which it
-    /// ends is refused, and axes are chosen anew.
+    /// [`Self::choose`] with the motion that leads through these axes. If the arm cannot follow them, the axis that it
+    /// cannot reach is excluded and the axes are chosen again.
     pub(super) fn choose_with_motion(
         &mut self,
         choices: &Choices,
         watch: &mut Stopwatch,
-    ) -> Result<(Chosen, Motion), PlanError> {
+    ) -> Result<(Chosen, ArmMotion), PlanError> {
         let mut found = self.choose_timed(choices, true, watch);
         for _ in 0..MOST_REFUSED {
             match found {
@@ -129,13 +127,13 @@ impl Prepared<'_> {
             found = self.choose_timed(choices, true, watch);
         }
         let (chosen, motion) = found?;
-        // it was asked for
+        // None only if the arm's motion was not computed above
         let motion =
             motion.map_or_else(|| self.motion(&choices.applied_to(self.case), &chosen.oriented.axes), Ok)?;
         Ok((chosen, motion))
     }
 
-    /// Takes an axis that the arm cannot follow to away from the waypoints around; whether each has another left.
+    /// Excludes an axis that the arm cannot reach from the waypoints around it; returns whether every waypoint has another axis left.
     fn refuse(&mut self, waypoint: usize, axis: Unit<Vector3<f64>>) -> bool {
         let at = self.reached.path.points[waypoint].position;
         self.arm_axes.refuse(at, axis);
@@ -152,7 +150,7 @@ impl Prepared<'_> {
         choices: &Choices,
         with_motion: bool,
         watch: &mut Stopwatch,
-    ) -> Result<(Chosen, Option<Motion>), PlanError> {
+    ) -> Result<(Chosen, Option<ArmMotion>), PlanError> {
         self.chosen_by(choices, |room, field| orient(choices.mode, room, field), with_motion, watch)
     }
 
@@ -162,7 +160,7 @@ impl Prepared<'_> {
         orient: impl FnOnce(&FreeAxes, &CostField) -> Oriented + Send,
         with_motion: bool,
         watch: &mut Stopwatch,
-    ) -> Result<(Chosen, Option<Motion>), PlanError> {
+    ) -> Result<(Chosen, Option<ArmMotion>), PlanError> {
         let case = &choices.applied_to(self.case);
         let tool = tools::tool(&case.burr)?;
         let (material, measure) = tools::material(&case.material)?;
@@ -208,7 +206,7 @@ impl Prepared<'_> {
         Ok((Chosen { oriented, kinds, forces, costs, compliances, closed_form_error }, motion))
     }
 
-    /// Deflection per force of each direction of a set, mm/N in work, where the cost looks at the deflection.
+    /// Deflection per force of each direction of a set, mm/N in work, if the cost uses the deflection.
     fn compliance_of(
         &self,
         case: &Case,
@@ -263,9 +261,9 @@ impl Prepared<'_> {
         (costs, closed_form_error)
     }
 
-    /// Joint positions along the path with the shaft along `axes`; stiff toward structures where the case looks at the
-    /// deflection.
-    fn motion(&self, case: &Case, axes: &[Unit<Vector3<f64>>]) -> Result<Motion, PlanError> {
+    /// Joint positions along the path with the shaft along `axes`; if the cost uses the deflection, postures that are stiff
+    /// toward the structures are preferred.
+    fn motion(&self, case: &Case, axes: &[Unit<Vector3<f64>>]) -> Result<ArmMotion, PlanError> {
         let positions = path::centers(self.points());
         let toward: Vec<_> = (0..positions.len()).map(|i| self.nearest(i).map(|near| near.toward)).collect();
         let stiff = case.robot.joint_stiffness.as_deref();
@@ -277,8 +275,8 @@ impl Prepared<'_> {
         Placed { posture, ..placed }.motion(&positions, axes, self.length_mm(), stiffness)
     }
 
-    /// A link that grazes a cusp by a part of a voxel removes it: it is a cut, and as slow as one. The first waypoint is no
-    /// move: its ball may touch a voxel's corner to rounding.
+    /// The kind of the move to waypoint i. A link that removes part of a voxel counts as a cut, and is as slow as one. The first
+    /// waypoint is not a move: its ball may touch a voxel's corner because of rounding.
     fn kind(&self, i: usize, axis: &Vector3<f64>) -> MoveKind {
         let removes =
             i > 0 && self.reached.moments[i].mass_mg() > 0.0 && self.directions.is_within_limit(axis);
@@ -286,7 +284,7 @@ impl Prepared<'_> {
     }
 }
 
-/// What the cost looks at of each force at the nominal speed, as D13 takes it: the force, N, or the deflection under it, mm.
+/// The push that enters the cost of each waypoint, at the nominal speed as in D13: the force, N, or the deflection under it, mm.
 fn nominal_pushes(
     case: &Case,
     forces: &[Option<EngagedForce>],
@@ -302,8 +300,8 @@ fn nominal_pushes(
     (0..forces.len()).map(push).collect()
 }
 
-/// The push that counts fully in the choice of axes: [`FULL_SHARE`] of that in a cut beside its neighbour, N; where the cost looks at
-/// the deflection what that push bends the arm, mm, in the mean over directions. None where its share of the whole push counts.
+/// The push that counts fully in the choice of axes: [`FULL_SHARE`] of that in a cut beside its neighbour, N; if the cost uses
+/// the deflection, the mean deflection over all directions under that force, mm. `None` if the cost uses the share of the whole push.
 pub(super) fn scale(case: &Case, compliance: Option<&[Matrix3<f64>]>) -> Result<Option<f64>, PlanError> {
     if case.cost.toward == TowardTerm::Share {
         return Ok(None);
@@ -313,7 +311,7 @@ pub(super) fn scale(case: &Case, compliance: Option<&[Matrix3<f64>]>) -> Result<
     Ok(Some(force_n * compliance.map_or(1.0, mean)))
 }
 
-/// What the cost of each waypoint looks at.
+/// The structures that enter the cost of each waypoint, with their weights.
 pub(super) fn terms(case: &Case, near: &[Vec<NearStructure>]) -> Result<Vec<Terms>, PlanError> {
     let model = CostModel::new(case.cost.kappa_per_mm, case.cost.alpha_max)?;
     let ranked = |n: &NearStructure| {

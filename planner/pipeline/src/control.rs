@@ -1,7 +1,7 @@
-//! What the structures would feel without the planner's choices: the control of Dillon's trials, in the plan's time.
+//! The forces toward the structures without the planner's choices: the control of Dillon's trials, in the plan's time.
 //!
 //! A control mills the same target with the shaft along the approach and every cut at one speed, along lines in one direction. There
-//! are two, with lines in the plan's direction and across. Its shank is not checked: on a bone it may be impossible, and it is
+//! are two, with lines in the plan's direction and across. Its shank is not checked: it may collide, and the control is
 //! compared all the same. Distances and figures come from the same functions as the plan's, forces from the sums by which axes are chosen;
 //! both are timed by their speed caps, without the joints' accelerations.
 //!
@@ -42,7 +42,7 @@ pub(super) struct ControlPath {
     cuts_mm: f64,
 }
 
-/// What is felt at given speeds.
+/// Forces at given speeds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Felt {
     /// Mean force by time, N.
@@ -125,7 +125,7 @@ impl ControlPath {
     }
 
     /// At the constant speed with which all moves take `total_s`, or at the case's largest where they cannot: then the control takes
-    /// longer and feels less, and the plan has the harder rival.
+    /// longer and its forces are smaller, which makes the comparison stricter.
     pub fn in_time(&self, case: &Case, total_s: f64) -> Control {
         let cutting_s = total_s - self.links_s;
         let speed_mm_s = if cutting_s > 0.0 { self.cuts_mm / cutting_s } else { f64::INFINITY };

@@ -1,6 +1,6 @@
 //! Which directions are sampled: about 2° apart in a plane, 6° over a cap.
 //!
-//! The best sequence over a cap is looked for on directions 12° apart, and near it on directions 4° apart
+//! The best sequence over a cap is computed on directions 12° apart, then near it on directions 4° apart
 //! ([`bonemill_toolpath::orientation::corridor`]). Where the shank's freedom is too narrow for the coarse ones, and where the path is very long,
 //! one cap of 6° is used.
 

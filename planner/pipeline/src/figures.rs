@@ -1,4 +1,4 @@
-//! What a reader first asks of a plan, in one number each.
+//! The main figures of a plan: mass, length, forces, times and distances, one number each.
 
 use bonemill_cutter::MoveKind;
 use bonemill_planfile::toward::{StructureFigures, TowardSpan};

@@ -45,7 +45,7 @@ impl Attempt<'_> {
     }
 }
 
-/// A target that the scan does not hold.
+/// A target that lies partly outside the scan.
 fn target_outside(scene: &Scene) -> Option<String> {
     (scene.outside.share > TargetOutside::FEW_SHARE).then(|| {
         format!(
@@ -77,14 +77,14 @@ fn unreached(case: &Case, coverage: &Coverage, unjoined_passes: usize) -> Option
     })
 }
 
-/// A time that the speeds do not allow.
+/// A total time that cannot be met within the speed range.
 fn time_missed((asked_s, got_s): (f64, f64)) -> String {
     format!(
         "speed.total_time_s = {asked_s} s cannot be met within the speed range: the nearest is {got_s:.1} s"
     )
 }
 
-/// The same where the case asks for none.
+/// The same for a case without `speed.total_time_s`.
 fn nominal_time_missed((asked_s, got_s): (f64, f64)) -> String {
     format!(
         "the time with every cut at speed.nominal_mm_s, {asked_s:.1} s, cannot be met with the least force: the plan takes \
@@ -92,7 +92,7 @@ fn nominal_time_missed((asked_s, got_s): (f64, f64)) -> String {
     )
 }
 
-/// Turns that the whole sequence could not avoid. Greedy and fixed angles do not look ahead: theirs are only counted.
+/// Turns on which the shank is not free. Only the optimal mode avoids them; in the other modes they are only counted.
 fn turns_missed(mode: OrientationMode, blocked: &[BlockedTurn]) -> Option<String> {
     let worst = blocked.iter().max_by(|a, b| a.missing_mm.total_cmp(&b.missing_mm))?;
     if mode != OrientationMode::Optimal {
@@ -113,7 +113,7 @@ fn turns_missed(mode: OrientationMode, blocked: &[BlockedTurn]) -> Option<String
     ))
 }
 
-/// The time law's own promise, looked at on what it gave.
+/// Joint limits that the time law exceeds; it should never do so.
 fn limits_missed(ratios: &LimitRatios) -> Option<String> {
     let LimitRatios { velocity, acceleration, jerk } = *ratios;
     let passed = [velocity, acceleration, jerk].into_iter().any(|ratio| ratio.is_nan() || ratio > 1.0 + 1e-6);

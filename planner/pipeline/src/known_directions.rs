@@ -1,8 +1,8 @@
-//! What one round of dropping waypoints leaves for the next.
+//! Access results that stay valid from one round of dropping waypoints to the next.
 //!
-//! A round drops a few waypoints and keeps the others' order, so nearly every voxel goes in the move that took it before,
-//! and a direction can change only where its shank comes near a voxel of which that is not true. Those are found once per
-//! round, as coarse cells; every other one keeps its answer. Where the rounds do not match, nothing is assumed.
+//! A round drops a few waypoints and keeps the order of the others, so nearly every voxel is removed by the same move as before. The
+//! access of a direction can change only if its shank comes near a voxel that is removed by another move. Coarse cells with such
+//! voxels are found once per round; all other results are reused. Where the rounds do not match, nothing is reused.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 
@@ -58,7 +58,7 @@ struct CellGroup {
 }
 
 impl Round {
-    /// What this round knows of a path made of what it left.
+    /// The results of this round that hold for a path made of its remaining waypoints.
     pub fn known_of(
         &self,
         solid: &ShankObstacles,

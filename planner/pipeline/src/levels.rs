@@ -172,7 +172,7 @@ mod tests {
         let worst = found.worst.unwrap();
         assert_eq!((worst.waypoint, worst.structure), (4, Some(4)));
         assert!((worst.by - 0.1).abs() < 1e-12);
-        // levels that bind nothing: the largest pushes are told
+        // levels that bind nothing: the largest pushes are reported
         let free = Levels { toward: 9.0, overall: 9.0, speed_mm_s: 4.0 };
         let found = SpeedLevels::of(&free, &pushes, &[1.5, 4.0, 0.5, 0.5, 0.5], &near, true);
         assert_eq!((found.toward, found.exceeded, found.unit()), (0.25, 0, ("um", 1e3)));

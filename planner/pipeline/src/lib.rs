@@ -67,8 +67,8 @@ pub use save::save;
 /// Plans a case; paths in it are relative to the folder of `case_path`.
 ///
 /// # Errors
-/// [`PlanError`] for images that cannot be read or trusted, targets that cannot be planned for, and features that the
-/// case asks for and this version does not have.
+/// [`PlanError`] for images that cannot be read or trusted, targets that cannot be planned for, and options of the
+/// case that this version does not support.
 pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Plan, PlanError> {
     let mut watch = Stopwatch::new(progress);
     let setup = Setup::read(case, case_path, &mut watch)?;

@@ -1,4 +1,4 @@
-//! What the moves of a path ask of their speed: mass, cost, and caps on force.
+//! What limits the speed of each move: mass, cost, and caps on force.
 
 use bonemill_case::Case;
 use bonemill_cutter::MoveKind;
@@ -29,7 +29,7 @@ impl Prepared<'_> {
     pub(super) fn demand(&self, choices: &Choices, chosen: &Chosen) -> Result<MoveLimits, PlanError> {
         let case = &choices.applied_to(self.case);
         let mut pushes = levels::pushes(case, &self.near, &chosen.forces, chosen.compliances.as_deref())?;
-        // a link may graze a cusp: it has no speed to choose
+        // a link that grazes a cusp has a fixed speed
         let links = pushes.iter_mut().zip(&chosen.kinds).filter(|(_, kind)| **kind != MoveKind::Cut);
         links.for_each(|(pushes, _)| *pushes = None);
         Ok(MoveLimits {

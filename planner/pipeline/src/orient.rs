@@ -19,13 +19,13 @@ use super::arm_axes::ArmAxes;
 use super::direction_sets::Finer;
 use super::reach::ReachedPath;
 
-/// Below this weight of forces in the cost they are left out: the choice is then worse by less than it, and the plan says by
-/// how much at most ([`super::Modelled::closed_form_error`]).
+/// Below this weight of forces in the cost they are left out. The choice is then worse by less than this weight; the plan records
+/// the largest possible loss ([`super::Modelled::closed_form_error`]).
 pub const FORCE_MATTERS: f64 = 1e-2;
 /// Half-width of the greedy mode's low-pass, waypoints. Assumed: D gives none.
 const LOW_PASS_HALF: usize = 6;
 
-/// Everything a waypoint's cost is made of.
+/// The inputs of every waypoint's cost.
 #[derive(Debug)]
 pub struct CostField<'a> {
     /// The path, for what is gone.
@@ -44,7 +44,7 @@ pub struct CostField<'a> {
     pub nominal_mm_s: f64,
     /// rpm.
     pub spindle_rpm: f64,
-    /// Deflection per force in work, mm/N, by direction; `None`: the force itself is looked at.
+    /// Deflection per force in work, mm/N, by direction; `None` if the cost uses the force itself.
     pub compliance: Option<Vec<Matrix3<f64>>>,
     /// Push that counts as much as no efficiency at all, N, or mm where a compliance is given; none for D's share of |F|.
     pub scale: Option<f64>,
@@ -100,7 +100,7 @@ pub struct Oriented {
 }
 
 impl CostField<'_> {
-    /// Whether the force is looked at for waypoint i.
+    /// Whether the force enters the choice at waypoint i.
     pub fn needs_force(&self, i: usize) -> bool {
         self.moments[i].mass_mg() > 0.0
             && self.feeds[i].is_some()
@@ -241,7 +241,7 @@ fn fixed(room: &FreeAxes) -> Oriented {
     Oriented::new((0..room.reached.free.len()).map(axis).collect(), room.family)
 }
 
-/// What every waypoint would take if it were alone.
+/// The best axis of every waypoint by itself.
 fn wishes(room: &FreeAxes, field: &CostField) -> Vec<greedy::BestAxis> {
     (0..room.reached.free.len())
         .into_par_iter()
@@ -271,7 +271,7 @@ fn wishes(room: &FreeAxes, field: &CostField) -> Vec<greedy::BestAxis> {
         .collect()
 }
 
-/// Every waypoint as if it were alone, and the shaft could turn at once: what no sequence can be better than.
+/// The best axis of every waypoint by itself, without limits on turning: no sequence has a lower cost.
 pub fn alone(room: &FreeAxes, field: &CostField) -> Oriented {
     let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);
     let in_set = |i: usize, n: usize| room.is_in_set(i, n);
@@ -291,7 +291,7 @@ fn filtered(room: &FreeAxes, wishes: &[greedy::BestAxis]) -> greedy::Greedy {
     low_pass((room.directions, room.family), &raw, LOW_PASS_HALF, in_set, is_free)
 }
 
-/// C of every waypoint and free direction, one row per waypoint; forces by a plane's stencil where that asks for fewer.
+/// C of every waypoint and free direction, one row per waypoint; forces are interpolated by a plane's stencil if that needs fewer of them.
 /// `kept`: what was gathered, where it was.
 pub fn cost_rows(
     directions: &Directions,

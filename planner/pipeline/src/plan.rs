@@ -1,4 +1,4 @@
-//! A plan in memory: what it was planned on, how burr and arm move, and what came of it.
+//! A plan in memory: its setup, how burr and arm move, and the results.
 
 use bonemill_motion::timelaw::TimeLaw;
 use bonemill_planfile::{ForceToward, Waypoint};
@@ -14,9 +14,9 @@ pub struct Plan {
     pub setup: Setup,
     /// How burr and arm move.
     pub moves: PlannedMoves,
-    /// What the shank left open.
+    /// Where the shank can go.
     pub access: ShankAccess,
-    /// What comes of it.
+    /// Volumes, forces and distances.
     pub results: PlanResults,
     /// What was modelled how.
     pub modelled: Modelled,
@@ -39,7 +39,7 @@ pub struct PlannedMoves {
     pub law: TimeLaw,
 }
 
-/// What the shank left open along the path, and what it kept the path from.
+/// The directions that are free for the shank along the path, and the places that it cannot reach.
 #[derive(Debug)]
 pub struct ShankAccess {
     /// Directions that are open at each waypoint.
@@ -48,13 +48,13 @@ pub struct ShankAccess {
     pub dropped: Vec<Dropped>,
 }
 
-/// What comes of a plan.
+/// The results of a plan.
 #[derive(Debug)]
 pub struct PlanResults {
     /// Volumes.
     pub coverage: Coverage,
     /// Forces, times and distances in one number each.
     pub figures: Figures,
-    /// What the structures feel, beside a straight shaft at constant speed in the same time.
+    /// Forces toward the structures, compared with a straight shaft at constant speed in the same time.
     pub compared: Compared,
 }

@@ -186,7 +186,7 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// The lines that the case asks for; of what it leaves open, those under which the structures feel least in a draft.
+/// The lines that the case gives; what it leaves open is chosen by the least force toward the structures in drafts.
 fn chosen_raster(
     case: &Case,
     scene: &Scene,

@@ -1,10 +1,10 @@
-//! Direction and sense of the lines, chosen by what the structures feel.
+//! Direction and sense of the lines, chosen by the forces toward the structures.
 //!
 //! They decide which side of the burr meets a structure, and with one tilt how often the shaft must alternate between the two sides
 //! of a line. Candidates, lines along the target's longer side and across it, each cut to and fro or away from the structures, are
 //! laid as drafts: whole paths, finishing included, with coarse steps and coarse directions. Each draft is oriented by the dynamic
 //! program, or as straight as is free where the case's shaft is fixed, gets speeds by the case's mode in one and the same time, links
-//! included, and is judged by what is felt near the structures. Where nothing is cut near a structure, the lower cost of orientation
+//! included, and is compared by the forces near the structures. Where nothing is cut near a structure, the lower cost of orientation
 //! wins.
 //!
 //! A draft is a comparison, not a plan: waypoints that no axis reaches count as much as the dearest cut, and nothing is
@@ -95,12 +95,12 @@ pub struct Drafts<'a> {
     pub space: &'a BurrSpace<'a>,
     /// What access depends on.
     pub spec: &'a ReachSpec<'a, 'a>,
-    /// Of each direction, where the cost looks at the deflection.
+    /// Deflection per force of each direction, mm/N, if the cost uses the deflection.
     pub compliance: Option<&'a [Matrix3<f64>]>,
 }
 
 impl Drafts<'_> {
-    /// The candidate under which the structures feel least.
+    /// The candidate with the least force toward the structures.
     ///
     /// # Errors
     /// When the tool, the material or the cost's weights are not usable.

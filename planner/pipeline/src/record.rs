@@ -23,7 +23,7 @@ pub fn record(plan: &Plan, case_file: PathBuf) -> PlanRecord {
     }
 }
 
-/// The figures of a plan, in the order in which a reader asks for them.
+/// The figures of a plan, the most important first.
 fn metrics(plan: &Plan) -> Metrics {
     let (case, scene, arm, speeds) =
         (&plan.setup.case, &plan.setup.scene, &plan.modelled.arm, &plan.modelled.speeds);

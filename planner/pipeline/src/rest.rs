@@ -22,7 +22,7 @@ use crate::percent::percent;
 
 /// Radius of the smallest burr that the planning grid can show, voxels: half of what a case's burr must have at least.
 const SMALLEST_BURR_VOXELS: f64 = 2.0;
-/// Where clearances keep less than this share of the target, which of several keeps what is told by distance alone.
+/// Where clearances keep less than this share of the target, a voxel is counted for the nearest structure alone.
 const FEW_SHARE: f64 = 0.01;
 /// A clearance above this is compared with it, a smaller one with its half, mm: the case file's default.
 const USUAL_CLEARANCE_MM: f64 = 1.0;
@@ -199,7 +199,7 @@ fn by_radius(scene: &Scene, voxels: &[usize], counts: &mut Counts) -> Result<(),
     Ok(())
 }
 
-/// Less than this is not told, mm³: it would read 0.0.
+/// Smaller volumes are not reported, mm³: they would read 0.0.
 const TOLD_MM3: f64 = 0.05;
 
 /// Why too little of the target is removed, if it is: what keeps the rest, and what would help against the largest cause.

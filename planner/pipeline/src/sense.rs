@@ -20,7 +20,7 @@ use super::{PlanError, levels};
 
 /// Directions in which bone is looked for, and how many make a sample.
 const SAMPLES: [usize; 2] = [512, 4];
-/// At most so many places of a pass are looked at, at least [`APART`] radii apart.
+/// Largest number of places of a pass at which forces are evaluated, at least [`APART`] radii apart.
 const MOST_PLACES: f64 = 16.0;
 const APART: f64 = 0.4;
 /// Senses whose pushes, or sides whose bone, differ by no more than this share are alike: the nearer end decides.
@@ -120,7 +120,7 @@ impl<'a> PassSense<'a> {
         let mut samples = EngagedSamples::default();
         for place in self.places(points) {
             let radius_mm = self.case.burr.radius_mm;
-            // no path leads into a structure: what cannot be measured there is told by the path's own check
+            // no path leads into a structure; the path's own check reports an error there
             let near =
                 nearest_structures::structures_within(self.scene, &self.clearances_mm, radius_mm, place.at)
                     .unwrap_or_default();

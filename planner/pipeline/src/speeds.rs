@@ -11,7 +11,7 @@ use super::PlanError;
 /// Share of a full slot's mass per step at or below which a waypoint counts as air. D13 takes a mean of 1/m: the crumbs of
 /// finishing passes would otherwise set the speed of the whole plan.
 const AIR_SHARE: f64 = 0.02;
-/// Time laws tried until the whole plan takes the time asked for, beside those at the ends of the range.
+/// Largest number of time laws computed to meet a total time, besides those at the ends of the range.
 const TIME_EVALUATIONS: u32 = 38;
 /// How exactly a total time is met, s: from below, where it is not an end of the range.
 const TIME_TOLERANCE_S: f64 = 1e-3;
@@ -181,8 +181,8 @@ impl<'a> Cuts<'a> {
         })
     }
 
-    /// The time of the cuts with which the whole plan takes `total_s`, or the nearest that can be had; `total` gives the
-    /// plan's time for one of the cuts.
+    /// The time of the cuts for which the whole plan takes `total_s`, or the nearest possible; `total` returns the plan's time for
+    /// a time of the cuts.
     fn cutting_for(
         &self,
         total_s: f64,

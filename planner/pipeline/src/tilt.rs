@@ -11,7 +11,7 @@ const TILT_RATE_RAD_S: f64 = 0.6;
 /// How far it tilts the shaft from the approach, rad: 70°, as the bone-attached arm does. Assumed; the case's limit binds
 /// cuts beside it.
 const TILT_RANGE_RAD: f64 = 70.0 * std::f64::consts::PI / 180.0;
-/// Axes that are looked at, in work: those of the bone-attached arm's tilt; for an arm that can point anywhere the y–z
+/// The axes to choose from, in work: those of the bone-attached arm's tilt; for an arm that can point anywhere the y–z
 /// plane of θ, which is where the bone-attached arm tilts under the assumed registration.
 pub fn tilt_family(arm: &Arm, base_from_work: &Rigid<Base, Work>, scene: &Scene) -> TiltFamily {
     if arm.kind() != ArmKind::BoneAttached {

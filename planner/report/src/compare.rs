@@ -5,7 +5,7 @@
 
 mod between;
 
-pub use between::Between;
+pub use between::BetweenPlans;
 
 use bonemill_case::explained;
 use bonemill_cutter::MoveKind;
@@ -43,7 +43,7 @@ pub struct Comparison {
     /// Figures of both plans.
     pub groups: Vec<Group>,
     /// Distances between the paths.
-    pub between: Between,
+    pub between: BetweenPlans,
 }
 
 impl Comparison {
@@ -53,7 +53,7 @@ impl Comparison {
             case: differing(plans.map(case_values)),
             inputs: differing(plans.map(digests)),
             groups: groups(plans.map(figures)),
-            between: Between::of(plans),
+            between: BetweenPlans::of(plans),
         }
     }
 

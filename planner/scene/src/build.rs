@@ -20,7 +20,7 @@ use super::{
 /// Coarse voxel of what lies beyond the work grid, mm.
 const FAR_SPACING_MM: f64 = 1.0;
 
-/// What a scene is made of; plain values from the case.
+/// The inputs of a scene; plain values from the case.
 #[derive(Debug)]
 pub struct SceneSpec<'a> {
     /// The CT in HU.
@@ -43,7 +43,7 @@ pub struct SceneSpec<'a> {
     pub approach: Option<Vector3<f64>>,
     /// Planning grid, mm.
     pub spacing_mm: f64,
-    /// What planning on the grid takes, and what there is.
+    /// Memory that planning on the grid needs, and that is available.
     pub memory: MemoryNeed,
     /// Kept around the target, mm.
     pub margin_mm: f64,
@@ -57,12 +57,12 @@ pub struct SceneSpec<'a> {
     pub shank_radius_mm: f64,
 }
 
-/// What planning takes for each voxel of its grid, and what is there for it.
+/// Memory that planning needs per voxel of its grid, and memory that is available.
 #[derive(Debug, Clone, Copy)]
 pub struct MemoryNeed {
-    /// At the peak, bytes.
+    /// Peak need, bytes.
     pub bytes_per_voxel: f64,
-    /// What there is, MB; `None` where that is not known.
+    /// Available, MB; `None` if unknown.
     pub available_mb: Option<f64>,
 }
 
@@ -186,7 +186,7 @@ fn choose_approach(spec: &SceneSpec, target: &[Point<Ct>]) -> Result<Vector3<f64
         .map(|(d, s)| d * s)
         .sum();
     let is_bone = |p| hu_at(p).is_some_and(|hu| hu >= spec.bone_hu);
-    // a ray that leaves the scan out of the target or out of bone sees no air: the bone goes on there
+    // a ray that leaves the scan from the target or from bone does not reach air: the bone is assumed to continue
     let ends_in_bone = |p| {
         let at_edge = spec.ct.grid().center(edge::nearest_in_scan(spec.ct.grid(), p));
         hu_at(p).is_none() && (in_target(p) || in_target(at_edge) || is_bone(at_edge))

@@ -9,7 +9,7 @@ use super::{SceneError, SceneSpec, Target};
 const ALIGNED_RAD: f64 = 1e-9;
 /// Most voxels of a work grid, whatever memory there is: what readers of a plan accept.
 const MOST_VOXELS: f64 = 1e8;
-/// Spacings are told in steps of this, mm.
+/// Suggested spacings are multiples of this, mm.
 const SPACING_STEP_MM: f64 = 0.01;
 
 /// The planning grid and where it lies.

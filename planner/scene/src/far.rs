@@ -8,7 +8,7 @@ use bonemill_geometry::{Grid, Point, Volume, Work};
 
 use bonemill_imaging::{ImageError, distance_within};
 
-/// Distances are told apart this far beyond what is asked for, mm, so that long ways need few looks.
+/// Distances are kept this far beyond the reach that is needed, mm, so that a long march needs few steps.
 const AHEAD_MM: f64 = 12.0;
 
 /// Distances to bone and structures on a coarse grid around the work grid.
@@ -23,7 +23,7 @@ pub struct FarObstacles {
 impl FarObstacles {
     /// From the coarse voxels that hold something.
     pub(super) fn new(full: &Volume<bool, Work>, reach_mm: f64) -> Result<Self, ImageError> {
-        // an obstacle anywhere in its voxel, asked for from anywhere in another one
+        // obstacle and query point may lie anywhere in their voxels
         let slack_mm = full.grid().diagonal_mm();
         // cut off where an answer is certainly more than `reach_mm`, however it is asked for
         let distance_mm = distance_within(full, reach_mm + 2.0 * slack_mm + AHEAD_MM)?;

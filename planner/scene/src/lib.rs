@@ -69,7 +69,7 @@ pub struct SceneStructure {
     pub field: Option<StructureField>,
 }
 
-/// Images, target and structures as the planner sees them.
+/// Images, target and structures on the planning grid.
 #[derive(Debug)]
 pub struct Scene {
     /// Work frame, the grid's, in ct.

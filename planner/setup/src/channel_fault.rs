@@ -95,7 +95,7 @@ impl ChannelFault {
             Self::Cutter(CutterError::FeedOutrunsLip { .. }) => "path.feed_mm_rev",
             Self::Cutter(_) => "tool",
             Self::NoEntry | Self::NoDirection { .. } => "path.target_mm",
-            Self::Through { .. } | Self::NoBone { .. } => "path",
+            Self::Through { .. } | Self::NoBone { .. } | Self::BeginsInBone { .. } => "path",
             Self::ContactArea { .. } => "path.contact_area_mm2",
         }
     }

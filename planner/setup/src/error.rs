@@ -91,7 +91,7 @@ pub enum PlanError {
         /// Place of the other in the case's structures.
         place: usize,
     },
-    /// The case asks for something that this version does not have.
+    /// The case uses an option that this version does not support.
     #[error("{key} = \"{value}\" is not supported by this version: expected {supported}")]
     Unsupported {
         /// The key.
@@ -140,7 +140,7 @@ pub enum PlanError {
         /// What to write.
         example: &'static str,
     },
-    /// The deflection is asked for without a stiffness.
+    /// The cost uses the deflection, and the case gives no stiffness.
     #[error("cost.force = \"deflection\" needs robot.joint_stiffness: one value per joint, N/mm or N·mm/rad")]
     StiffnessMissing,
     /// The burr reaches nothing of the target.
@@ -185,7 +185,7 @@ impl PlanError {
         }
     }
 
-    /// The key of the case that is to be looked at, as in [`Case::line_of`]; `None` where no single one is.
+    /// The key of the case that causes the error, as in [`Case::line_of`]; `None` where no single one is.
     ///
     /// `folder` is the case file's, to which the paths in the case are relative.
     pub fn key(&self, case: &Case, folder: &Path) -> Option<String> {

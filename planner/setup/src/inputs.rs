@@ -24,13 +24,13 @@ const BYTES_PER_VOXEL: f64 = 66.0;
 const WAYPOINTS_MB: f64 = 100.0;
 
 /// The memory that planning on a scene takes at its peak, MB, about.
-pub fn memory_mb(scene: &Scene, inputs: &Images) -> f64 {
+pub fn memory_mb(scene: &Scene, inputs: &CaseImages) -> f64 {
     let images = 4 * inputs.ct.volume.grid().len() + 2 * inputs.labels.volume.grid().len();
     WAYPOINTS_MB + 1e-6 * (BYTES_PER_VOXEL * scene.class.grid().len() as f64 + images as f64)
 }
 
 /// The images of a case.
-pub struct Images {
+pub struct CaseImages {
     /// Grey values.
     pub ct: Image<f32>,
     /// Labels.
@@ -45,7 +45,7 @@ pub struct Images {
 
 /// Reads and checks the images of a case in `case_path`; notes every file that its plan depends on, with its digest and where
 /// it is: case, images, names of labels, and an arm's own files.
-pub fn read_inputs(case: &Case, case_path: &Path) -> Result<(Images, Vec<(Input, PathBuf)>), PlanError> {
+pub fn read_inputs(case: &Case, case_path: &Path) -> Result<(CaseImages, Vec<(Input, PathBuf)>), PlanError> {
     let folder = case_path.parent().unwrap_or(Path::new(""));
     let images = read_images(case, |path| folder.join(path))?;
     let names = label_names_path(&case.images.labels);
@@ -73,7 +73,7 @@ fn named_files(named: &Path, folder: &Path, provenance: &Provenance) -> Vec<Path
 }
 
 /// Reads and checks the images of a case; `place` says where the file is that the case names so.
-pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Result<Images, PlanError> {
+pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Result<CaseImages, PlanError> {
     let labels_path = place(&case.images.labels);
     let (ct, labels) = rayon::join(
         || -> Result<_, PlanError> {
@@ -96,7 +96,7 @@ pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Resu
         .collect::<Result<Vec<_>, PlanError>>()?;
     labels_differ(&target, &structures)?;
     let warnings = ct.warnings.iter().chain(&labels.warnings).map(ToString::to_string).collect();
-    Ok(Images { ct, labels, target, structures, warnings })
+    Ok(CaseImages { ct, labels, target, structures, warnings })
 }
 
 /// The number of a label that the case names.
@@ -148,7 +148,7 @@ fn labels_differ(target: &Target<u16>, structures: &[(String, u16)]) -> Result<(
 ///
 /// # Errors
 /// [`PlanError::Scene`].
-pub fn make_scene(case: &Case, inputs: &Images) -> Result<Scene, PlanError> {
+pub fn make_scene(case: &Case, inputs: &CaseImages) -> Result<Scene, PlanError> {
     make_scene_of(case, inputs.target.clone(), inputs)
 }
 
@@ -156,7 +156,7 @@ pub fn make_scene(case: &Case, inputs: &Images) -> Result<Scene, PlanError> {
 ///
 /// # Errors
 /// [`PlanError::Scene`].
-pub fn make_scene_of(case: &Case, target: Target<u16>, inputs: &Images) -> Result<Scene, PlanError> {
+pub fn make_scene_of(case: &Case, target: Target<u16>, inputs: &CaseImages) -> Result<Scene, PlanError> {
     Ok(build_scene(&SceneSpec {
         ct: &inputs.ct.volume,
         labels: &inputs.labels.volume,

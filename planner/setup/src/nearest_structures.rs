@@ -60,7 +60,7 @@ fn to_nearest(scene: &Scene, field: &StructureField, center: Point<Ct>) -> Vecto
     scene.ct_from_work.rotation.inverse() * (field.nearest(center).1 - center)
 }
 
-/// The structures that a cost or a cap looks at for a burr's centre: the one with the smallest distance less clearance first, then
+/// The structures that enter a cost or a cap at a burr's centre: the one with the smallest distance less clearance first, then
 /// those within [`INFLUENCE_MM`], in the scene's order.
 ///
 /// # Errors

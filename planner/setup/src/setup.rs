@@ -1,4 +1,4 @@
-//! A case with everything that is made of its files before a path is planned: scene, arm, and where the patient is.
+//! A case with everything that is built from its files before a path is planned: scene, arm and registration.
 //!
 //! Every pipeline begins with [`Setup::read`] and records what it planned on by [`Setup::frames`] and [`Setup::recorded_inputs`].
 
@@ -14,7 +14,7 @@ use bonemill_scene::Scene;
 use super::registration::{Registered, fiducials_in_scan, registration};
 use super::{PlanError, Stopwatch, inputs, tools};
 
-/// A case with what was made of its files.
+/// A case with its scene, arm and registration.
 #[derive(Debug)]
 pub struct Setup {
     /// The case, resolved.

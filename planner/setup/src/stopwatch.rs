@@ -1,4 +1,4 @@
-//! Wall-clock seconds by stage of planning, told to the progress as the stages begin.
+//! Wall-clock seconds by stage of planning; the progress is notified when a stage begins.
 //!
 //! The seconds are for people: they never enter a plan's files, which must not depend on the machine.
 
@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use bonemill_geometry::{Progress, cancel};
 
-/// Runs stages, tells the progress of each, and notes how long it took.
+/// Runs stages, notifies the progress of each, and measures how long it takes.
 pub struct Stopwatch<'a> {
     progress: &'a dyn Progress,
     seconds: Vec<(&'static str, f64)>,
@@ -32,7 +32,7 @@ impl<'a> Stopwatch<'a> {
         result
     }
 
-    /// Tells the memory that the job is estimated to take, MB.
+    /// Reports the memory that the job is estimated to take, MB.
     pub fn tell_memory_mb(&self, mb: f64) {
         self.progress.memory_mb(mb);
     }

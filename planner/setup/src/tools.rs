@@ -25,7 +25,7 @@ pub fn tool(burr: &case::Burr) -> Result<Tool, ModelError> {
 }
 
 /// Its material, and the measure that its coefficients belong to.
-pub fn material(material: &case::Material) -> Result<(Material, Measure), ModelError> {
+pub fn material(material: &case::MaterialSpec) -> Result<(Material, Measure), ModelError> {
     let made = Material::new(material.k_n_mm2, material.rho_ref_g_cm3)?
         .with_edge(material.k_edge_n_mm, material.t0_mm)?
         .with_density_law(material.exponent, 0.0)?;

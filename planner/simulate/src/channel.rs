@@ -136,12 +136,15 @@ impl Replay<'_> {
         if deeper_mm > LEAST_MM && seconds > 0.0 {
             let before = n.saturating_sub(1);
             let way_mm = self.depth_mm(sample) - self.depth_mm(&samples[before]);
-            let loads = loads_at(self.tool, way_mm.max(0.0) / seconds)?;
             let cut_mm = deeper_mm.min(way_mm.max(0.0));
-            let (swept, _) = self.pose(&samples[deepest]);
-            force = loads.sum(TURNS, |_, at| self.weight(pose.place(at.coords), &swept));
             let met = front
                 .meets(&self.bone, &ToolPose { origin: pose.origin + out.as_ref() * (0.5 * cut_mm), ..pose });
+            // in air the tool is faster than edges can cut
+            if met.projected_mm2 > 0.0 {
+                let loads = loads_at(self.tool, way_mm.max(0.0) / seconds)?;
+                let (swept, _) = self.pose(&samples[deepest]);
+                force = loads.sum(TURNS, |_, at| self.weight(pose.place(at.coords), &swept));
+            }
             mrr_mm3_s = met.projected_mm2 * cut_mm / seconds;
             mass_mg = met.mass_mg_mm * cut_mm;
         }

@@ -37,7 +37,7 @@ pub(super) trait Surroundings {
 
 /// Direction sums of one increment of rotation, tool frame, mm: Σ q e_v dl, Σ q n dl, Σ q e_a dl.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Directions {
+pub struct DirectionSums {
     /// Sum along the blades' motion.
     pub tangential: Vector3<f64>,
     /// Sum along the outward normals.
@@ -46,7 +46,7 @@ pub struct Directions {
     pub axial: Vector3<f64>,
 }
 
-impl Directions {
+impl DirectionSums {
     /// −(k_t Σ e_v + k_r Σ n + k_a Σ e_a).
     pub fn force(&self, [k_t, k_r, k_a]: [f64; 3]) -> Vector3<f64> {
         -(self.tangential * k_t + self.radial * k_r + self.axial * k_a)
@@ -70,9 +70,9 @@ pub struct Engagement {
     /// Spindle speed, rpm.
     pub spindle_rpm: f64,
     /// For each increment of rotation, the sums with q = w n·v̂: the cutting term per unit of feed per tooth.
-    pub cut: Vec<Directions>,
+    pub cut: Vec<DirectionSums>,
     /// For each increment, the sums with q = w E: the edge term.
-    pub edge: Vec<Directions>,
+    pub edge: Vec<DirectionSums>,
     /// Σ w n n·v̂ dA, tool frame, mm²: points toward the engaged bone.
     pub toward_bone_mm2: Vector3<f64>,
     /// Volume of solid material with weight removed per mm of feed, mm².
@@ -147,8 +147,8 @@ impl BurrNodes {
             feed: feed.direction,
             speed_mm_s: feed.speed_mm_s,
             spindle_rpm: feed.spindle_rpm,
-            cut: vec![Directions::default(); self.increments],
-            edge: if has_edge { vec![Directions::default(); self.increments] } else { Vec::new() },
+            cut: vec![DirectionSums::default(); self.increments],
+            edge: if has_edge { vec![DirectionSums::default(); self.increments] } else { Vec::new() },
             toward_bone_mm2: Vector3::zeros(),
             mrr_mm2: 0.0,
             weighted_mrr_mm2: 0.0,
@@ -245,7 +245,7 @@ impl RingFrame {
         Vector3::new(self.sk * c, self.sk * s, -self.ck * q[0])
     }
 
-    fn expand(&self, sum: &mut Directions, q: [f64; 3], length_mm: f64) {
+    fn expand(&self, sum: &mut DirectionSums, q: [f64; 3], length_mm: f64) {
         let (c, s) = self.around(q);
         sum.tangential += Vector3::new(-s, c, 0.0) * (self.spin * length_mm);
         sum.radial += self.outwards(q) * length_mm;

@@ -10,7 +10,7 @@ use bonemill_cutting::burr::{Material, ModelError, Tool};
 use bonemill_cutting::mrr::LumpedCoefficients;
 use nalgebra::Vector3;
 
-use super::engagement::{Directions, Engagement};
+use super::engagement::{DirectionSums, Engagement};
 
 /// Force and torque of the bone on the burr; vectors in work.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -84,7 +84,7 @@ impl ForceModel for FlutedBurr {
 pub fn force_per_coefficient(met: &Engagement, tool: &Tool) -> [Vector3<f64>; 6] {
     let tooth_mm = tool.feed_per_tooth_mm(met.speed_mm_s, met.spindle_rpm);
     let per_turn = 1.0 / met.cut.len().max(1) as f64;
-    let sum = |all: &[Directions], k: [f64; 3], scale: f64| {
+    let sum = |all: &[DirectionSums], k: [f64; 3], scale: f64| {
         met.tool_axes * all.iter().map(|d| d.force(k)).sum::<Vector3<f64>>() * (scale * per_turn)
     };
     let [t, r, a] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];

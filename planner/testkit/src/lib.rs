@@ -1,4 +1,6 @@
-//! Helpers that unit tests of several crates share.
+//! Helpers and bodies that tests of several crates share.
+
+pub mod pocket;
 
 /// A configuration with which property tests draw the same cases in every run.
 pub fn fixed(cases: u32) -> proptest::test_runner::Config {

@@ -7,44 +7,23 @@ use bonemill_planner::cutter::Ball;
 use bonemill_planner::path::{Lines, MillPath, PathSpacing, RasterFrame, lay_path};
 use bonemill_planner::scene::{MemoryNeed, Scene, SceneError, SceneSpec, Target, build_scene};
 use bonemill_planner::space::BurrSpace;
+use bonemill_testkit::pocket::{DIMS, ORIGIN_MM, hu, label};
+pub use bonemill_testkit::pocket::{ROD, ROD_VOXELS, SPACING_MM, TARGET, is_inside as inside};
 use nalgebra::Vector3;
 
 pub const RADIUS_MM: f64 = 1.5;
 pub const BALL: Ball = Ball { radius_mm: RADIUS_MM };
 pub const CLEARANCE_MM: f64 = 1.0;
-pub const TARGET: u16 = 20;
-pub const ROD: u16 = 7;
-pub const DIMS: [usize; 3] = [40, 40, 30];
-pub const SPACING_MM: f64 = 0.5;
-pub const FIRST: Point<Ct> = Point::new(-11.0, -8.0, 3.0);
-/// First voxel of air along k.
-pub const AIR_FROM: usize = 22;
-/// The rod's voxels.
-pub const ROD_VOXELS: [[usize; 2]; 3] = [[30, 32], [24, 36], [12, 14]];
+/// Centre of voxel (0, 0, 0).
+pub const FIRST: Point<Ct> = Point::new(ORIGIN_MM[0], ORIGIN_MM[1], ORIGIN_MM[2]);
 pub const SPACING: PathSpacing = PathSpacing { layer_mm: 1.5, stepover_mm: 1.0, step_mm: 0.5 };
-
-pub fn inside(voxel: [usize; 3], ranges: [[usize; 2]; 3]) -> bool {
-    (0..3).all(|a| (ranges[a][0]..ranges[a][1]).contains(&voxel[a]))
-}
 
 /// The CT and the label map.
 pub fn images() -> (Volume<f32, Ct>, Volume<u16, Ct>) {
     let grid: Grid<Ct> = Grid::aligned(DIMS, SPACING_MM, FIRST).unwrap();
-    let ct = (0..grid.len()).map(|n| {
-        let [i, j, k] = grid.voxel(n);
-        if k >= AIR_FROM { -1000.0 } else { 1100.0 + ((7 * i + 13 * j + 5 * k) % 11) as f32 * 20.0 }
-    });
-    let ct = Volume::new(grid.clone(), ct.collect()).unwrap();
-    let labels = (0..grid.len()).map(|n| match grid.voxel(n) {
-        v if inside(v, [[11, 27], [12, 26], [15, AIR_FROM]])
-            || inside(v, [[11, 18], [26, 31], [17, AIR_FROM]]) =>
-        {
-            TARGET
-        }
-        v if inside(v, ROD_VOXELS) => ROD,
-        _ => 0,
-    });
-    let labels = Volume::new(grid.clone(), labels.collect()).unwrap();
+    let of = |n: usize| grid.voxel(n);
+    let ct = Volume::new(grid.clone(), (0..grid.len()).map(|n| hu(of(n))).collect()).unwrap();
+    let labels = Volume::new(grid.clone(), (0..grid.len()).map(|n| label(of(n))).collect()).unwrap();
     (ct, labels)
 }
 

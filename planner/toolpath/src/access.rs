@@ -41,7 +41,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use self::eighths::Eighths;
-use self::field::{Bounds, Field, SOLID};
+use self::field::{Bounds, SOLID, TimeField};
 use self::front::Front;
 use self::march::Marched;
 use bonemill_motion::timelaw::TRAJECTORY_TOLERANCE_MM;
@@ -135,7 +135,7 @@ pub struct Access<'a> {
     segments: Vec<Segment>,
     /// The latest time of the first cylinder's field within `around_mm` of a place, used for groups of a front's balls; `None`
     /// without a front.
-    around: Option<Field>,
+    around: Option<TimeField>,
     around_mm: f64,
 }
 
@@ -177,7 +177,7 @@ impl<'a> Access<'a> {
         removal_time: &[u32],
         shank: &[ShankCylinder],
     ) -> Self {
-        let latest = Field::of_voxels(solid, removal_time);
+        let latest = TimeField::of_voxels(solid, removal_time);
         Self::of(scene, latest.bounds(), segments(&latest, shank, Segment::nearly))
     }
 
@@ -312,9 +312,9 @@ impl<'a> Access<'a> {
 
 /// One segment per cylinder; `make` gets the cylinder, the radius of the first one, and the field with a margin around it.
 fn segments(
-    latest: &Field,
+    latest: &TimeField,
     shank: &[ShankCylinder],
-    make: impl Fn(&ShankCylinder, f64, Field) -> Segment + Sync,
+    make: impl Fn(&ShankCylinder, f64, TimeField) -> Segment + Sync,
 ) -> Vec<Segment> {
     let thin_mm = shank.first().map_or(0.0, |c| c.radius_mm);
     let segment = |cylinder: &ShankCylinder| {
@@ -332,7 +332,7 @@ fn wide_mm(cylinder: &ShankCylinder) -> f64 {
 
 impl Segment {
     /// A segment with balls whose answers are certain.
-    fn certain(cylinder: &ShankCylinder, thin_mm: f64, pooled: Field) -> Self {
+    fn certain(cylinder: &ShankCylinder, thin_mm: f64, pooled: TimeField) -> Self {
         let wide_mm = wide_mm(cylinder);
         let reach_mm = pooled.ball_voxels(wide_mm) * pooled.spacing_mm;
         let front = (pooled.is_blocks && cylinder.radius_mm > thin_mm)
@@ -344,7 +344,7 @@ impl Segment {
     }
 
     /// A segment with a ball of the cylinder's own radius, for a cylinder without a front.
-    fn nearly(cylinder: &ShankCylinder, thin_mm: f64, pooled: Field) -> Self {
+    fn nearly(cylinder: &ShankCylinder, thin_mm: f64, pooled: TimeField) -> Self {
         if pooled.is_blocks && cylinder.radius_mm > thin_mm {
             return Self::certain(cylinder, thin_mm, pooled);
         }

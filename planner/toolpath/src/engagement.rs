@@ -12,7 +12,7 @@ mod times;
 pub use self::masses::{mass_increments, mass_increments_by_voxels};
 
 use bonemill_cutter::Ball;
-use bonemill_cutting::burr::{Bone, Patch, TILE_REACH};
+use bonemill_cutting::burr::{BoneAround, Patch, TILE_REACH};
 use bonemill_geometry::Point;
 use bonemill_scene::Scene;
 use bonemill_stock::removal::RemovalTime;
@@ -186,7 +186,7 @@ impl<W> BoneAt<'_, W> {
     }
 }
 
-impl<W: Fn(f64) -> f64> Bone for BoneAt<'_, W> {
+impl<W: Fn(f64) -> f64> BoneAround for BoneAt<'_, W> {
     /// Whether the neighbourhood may contain bone: not if all of it is removed before this move, or if one earlier run covers
     /// all of it. Also keeps only the runs that can cross a patch in the neighbourhood.
     fn is_near(&mut self, normal: &Vector3<f64>, reach: f64) -> bool {

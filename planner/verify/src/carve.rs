@@ -7,7 +7,7 @@ use bonemill_geometry::{Grid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::lattice::Lattice;
+use super::lattice::FineLattice;
 use super::voxels::{DOUBT_MM, Doubtful};
 
 /// The number for a point that no move reaches.
@@ -41,7 +41,7 @@ impl MoveSegment {
 #[derive(Debug, Clone, Copy)]
 pub struct Removed<'a> {
     /// The lattice.
-    pub lattice: &'a Lattice,
+    pub lattice: &'a FineLattice,
     /// The moves in pieces.
     pub pieces: &'a [MoveSegment],
     /// The move that first reaches each point of the lattice; [`NEVER`] where there is none.

@@ -9,7 +9,7 @@ use super::anatomy::Anatomy;
 use super::asked::COVERAGE;
 use super::carve::{NEVER, Removed};
 use super::check::{Check, Place};
-use super::lattice::{HAS_MASS, Lattice, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
+use super::lattice::{FineLattice, HAS_MASS, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
 use super::moves::Moves;
 use super::voxels::{Doubtful, Voxels};
 
@@ -119,7 +119,7 @@ fn coverage(voxels: &Voxels, swept: &Doubtful<Vec<bool>>, reachable: &Doubtful<V
 /// at most half its surface layer, and two counts differ by at most half of both layers.
 pub fn resolution(
     plan: &StoredPlan,
-    lattice: &Lattice,
+    lattice: &FineLattice,
     first: &[u32],
     voxels: &Voxels,
     swept: &Doubtful<Vec<bool>>,

@@ -53,14 +53,14 @@ pub struct Obstacle {
 
 /// Classes on a lattice.
 #[derive(Debug)]
-pub struct Lattice {
+pub struct FineLattice {
     /// The grid of the points.
     pub grid: Grid<Work>,
     /// Flags per point, x-fastest.
     pub class: Vec<u8>,
 }
 
-impl Lattice {
+impl FineLattice {
     /// Classifies the points of `grid`; the planner's voxels are used only to tell obstacles.
     ///
     /// # Errors

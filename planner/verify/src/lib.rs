@@ -58,7 +58,7 @@ pub use result::Verification;
 use anatomy::BoxExtent;
 use bonemill_geometry::Progress;
 use bonemill_planfile::{StoredPlan, digests, read_case_text};
-use lattice::{Lattice, Obstacle, grid_over};
+use lattice::{FineLattice, Obstacle, grid_over};
 use motion::MotionLimits;
 use moves::{Executed, Moves};
 use voxels::Voxels;
@@ -136,7 +136,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     checks.push(Check::at_most("lattice spacing", grid.spacing_mm().x, spacing, "mm"));
     let (voxels, beyond_mm) = planned_voxels(plan, &anatomy)?;
     let rule = Obstacle { band_mm, sheets: case.sheets };
-    let fine = Lattice::new(&anatomy, &case.density, grid, &voxels, &rule)?;
+    let fine = FineLattice::new(&anatomy, &case.density, grid, &voxels, &rule)?;
 
     progress.stage("count voxels");
     let pieces = carve::pieces(&moves.points);

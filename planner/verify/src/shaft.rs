@@ -16,7 +16,7 @@ use super::boxes::Boxes;
 use super::bricks::{Bricks, Cylinder};
 use super::carve::NEVER;
 use super::check::{Check, Place};
-use super::lattice::{Lattice, MATERIAL, OBSTACLE};
+use super::lattice::{FineLattice, MATERIAL, OBSTACLE};
 use super::moves::{Executed, Moves};
 use super::voxels::is_speck;
 
@@ -88,7 +88,7 @@ pub fn poses(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Shank
 }
 
 /// The points of the fine lattice with the moves until which they stand; `first` is the first move at each point.
-pub fn standing(lattice: &Lattice, first: &[u32]) -> [Bricks<Work>; 2] {
+pub fn standing(lattice: &FineLattice, first: &[u32]) -> [Bricks<Work>; 2] {
     let target = lattice.class.iter().zip(first).map(|(class, first)| {
         // a point first reached by move i stands before every move up to and including i
         if class & MATERIAL == 0 { 0 } else { first.saturating_add(1) }
@@ -108,7 +108,7 @@ pub fn standing(lattice: &Lattice, first: &[u32]) -> [Bricks<Work>; 2] {
 pub fn far_bone(
     anatomy: &Anatomy,
     case: &Case,
-    lattice: &Lattice,
+    lattice: &FineLattice,
     grid_from_ct: &Rigid<Work, Ct>,
 ) -> Bricks<Ct> {
     let grid = anatomy.ct.grid();
@@ -316,7 +316,7 @@ mod tests {
     fn bone_stands_until_the_burr_takes_it_whether_it_may_or_not() {
         let grid = Grid::aligned([4, 1, 1], 0.5, Point::new(0.0, 0.0, 0.0)).unwrap();
         let class = vec![MATERIAL, OBSTACLE, OBSTACLE, 0];
-        let lattice = Lattice { grid, class };
+        let lattice = FineLattice { grid, class };
         let [target, outside] = standing(&lattice, &[3, 3, NEVER, NEVER]);
         let cylinder = Cylinder { from_mm: 0.3, to_mm: 5.0, radius_mm: 0.2 };
         let stands = |bricks: &Bricks<Work>, n: usize, moment| {

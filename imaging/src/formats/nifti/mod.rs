@@ -2,8 +2,8 @@
 //!
 //! The file is streamed: it is decompressed piece by piece and converted in place, so that little more than the result
 //! is ever in memory, and a header that announces more than the file can hold is refused before anything is
-//! allocated. The stream is read to its very end: only there gzip's checksum is compared, and only there one sees that
-//! a file holds more than its header says.
+//! allocated. The stream is read to its very end: gzip's checksum is compared there, and data beyond
+//! what the header announces is found there.
 
 mod affine;
 mod decode;
@@ -75,7 +75,7 @@ fn check_extent(extent: &FileExtent, layout: &Layout) -> Result<(), NiftiProblem
     Ok(())
 }
 
-/// Goes to the first voxel, over the extension flag, extensions and whatever else is there.
+/// Skips the extension flag, extensions and anything else before the first voxel.
 fn skip(source: &mut dyn Read, layout: &Layout) -> Result<(), NiftiProblem> {
     let mut left = layout.data_offset - HEADER_BYTES as u64;
     let mut buffer = [0; 4096];

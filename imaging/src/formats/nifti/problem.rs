@@ -148,7 +148,7 @@ pub enum NiftiProblem {
          used. Expected a header with orientation: write one from the original scan"
     )]
     NoTransform,
-    /// The transform that the case asks for is not set.
+    /// The transform that the case chooses is not set.
     #[error("the case asks for the {wanted}, whose code is 0 (sform {sform_code}, qform {qform_code})")]
     TransformUnset {
         /// The transform that was requested.

@@ -33,7 +33,7 @@ pub enum ModelError {
         /// Values given.
         found: usize,
     },
-    /// No speeds within the range take the time asked for.
+    /// No speeds within the range give the requested time.
     #[error(
         "the cuts cannot take {requested_s:.3} s: within the speed range they take {shortest_s:.3} to {longest_s:.3} s"
     )]

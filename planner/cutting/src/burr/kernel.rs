@@ -2,8 +2,8 @@
 //!
 //! On a ring, e_v, n and e_a are linear in (cos ψ, sin ψ, 1), so that the three sums Σq, Σq cos ψ, Σq sin ψ of the weights
 //! q = t w carry the whole force; the trigonometry is tabulated once for a tool. What is left per node is one dot
-//! product and, where the node moves forward, one look at the bone; where a tile of nodes meets nothing, one look serves
-//! all of it. Same nodes, same result to rounding.
+//! product and, if the node moves forward, one sample of the bone; a tile of nodes without bone takes one sample for all of
+//! them. Same nodes, same result to rounding.
 
 use std::f64::consts::PI;
 
@@ -14,23 +14,23 @@ use super::force::GRAZING;
 use super::input::{Discretisation, Element, Material, Tool};
 use super::rings::{Circle, Nodes};
 
-/// The reach of a tile of directions that are looked at together, of the burr's radius.
+/// The reach of a tile of directions that are tested together, as a share of the burr's radius.
 pub const TILE_REACH: f64 = 0.25;
 
-/// What a burr meets, as seen from its centre.
-pub trait Bone {
-    /// Whether anything may be met in a direction that differs from the unit `normal` by at most `reach`. The weights that
-    /// are asked for until the next call lie there.
+/// The bone around a burr, by direction from its centre.
+pub trait BoneAround {
+    /// Whether there may be bone in a direction that differs from the unit `normal` by at most `reach`. All calls of
+    /// [`Self::weight`] until the next call of this function are for such directions.
     fn is_near(&mut self, normal: &Vector3<f64>, reach: f64) -> bool;
 
     /// w ≥ 0 of the bone in the direction of a unit normal, the mean over the patch around it; 0 where it has been removed.
     fn weight(&mut self, normal: &Vector3<f64>, patch: &Patch) -> f64;
 }
 
-/// Bone that only says what each patch meets.
+/// Bone given by its weight on each patch.
 pub struct OverPatches<W>(pub W);
 
-impl<W: FnMut(&Vector3<f64>, &Patch) -> f64> Bone for OverPatches<W> {
+impl<W: FnMut(&Vector3<f64>, &Patch) -> f64> BoneAround for OverPatches<W> {
     fn is_near(&mut self, _: &Vector3<f64>, _: f64) -> bool {
         true
     }
@@ -41,10 +41,10 @@ impl<W: FnMut(&Vector3<f64>, &Patch) -> f64> Bone for OverPatches<W> {
     }
 }
 
-/// Bone that only says what is met in each direction.
+/// Bone given by its weight in each direction.
 pub struct AtPoints<W>(pub W);
 
-impl<W: FnMut(&Vector3<f64>) -> f64> Bone for AtPoints<W> {
+impl<W: FnMut(&Vector3<f64>) -> f64> BoneAround for AtPoints<W> {
     fn is_near(&mut self, _: &Vector3<f64>, _: f64) -> bool {
         true
     }
@@ -76,7 +76,7 @@ impl Feed {
 /// Force at any feed speed, for one place, axis and feed direction.
 ///
 /// The cutting part is proportional to the speed. The edge part does not depend on it, exactly for t0 = 0; with t0 > 0 it
-/// holds at the nominal speed that the kernel was asked for.
+/// holds at the nominal speed that the kernel was given.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EngagedForce {
     /// Cutting force on the burr per unit of speed, N/(mm/s).
@@ -207,7 +207,7 @@ impl ForceKernel {
         }
     }
 
-    /// Distance from the burr's centre at which the bone is to be looked at, mm: r + δ.
+    /// Distance from the burr's centre at which the bone is sampled, mm: r + δ.
     pub fn sample_radius_mm(&self) -> f64 {
         self.sample_radius_mm
     }
@@ -230,7 +230,7 @@ impl ForceKernel {
         &self,
         axis: &Unit<Vector3<f64>>,
         feed: &Feed,
-        bone: &mut impl Bone,
+        bone: &mut impl BoneAround,
     ) -> EngagedForce {
         cancel::poll();
         let Feed { direction: feed, speed_mm_s: nominal_mm_s, spindle_rpm } = feed;

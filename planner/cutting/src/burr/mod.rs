@@ -44,7 +44,7 @@ mod tests;
 pub use error::{ModelError, checked};
 pub use force::{BurrForce, GRAZING, burr_force};
 pub use input::{Discretisation, Element, ElementGrid, Material, Measure, Motion, Tool, direction};
-pub use kernel::{AtPoints, Bone, EngagedForce, Feed, ForceKernel, OverPatches, Patch, TILE_REACH};
+pub use kernel::{AtPoints, BoneAround, EngagedForce, Feed, ForceKernel, OverPatches, Patch, TILE_REACH};
 pub use orientation::OrientationKernel;
 pub use sampler::SphereSampler;
 pub use samples::EngagedSamples;

@@ -29,7 +29,7 @@ use bonemill_geometry::{basis, cancel};
 use nalgebra::{Unit, Vector3};
 
 use super::input::{Material, Measure, Tool};
-use super::kernel::{Bone, EngagedForce, Feed, Patch, TILE_REACH};
+use super::kernel::{BoneAround, EngagedForce, Feed, Patch, TILE_REACH};
 use super::samples::{EngagedSamples, LANES, Lane, Sample};
 
 /// Golden angle of the sunflower, rad: 2π(1 − 1/φ).
@@ -47,7 +47,7 @@ pub struct OrientationKernel {
     tiles: Vec<SampleTile>,
 }
 
-/// Directions in turn that are looked at together first.
+/// Number of consecutive directions that are tested together first.
 #[derive(Debug, Clone)]
 struct SampleTile {
     directions: Range<usize>,
@@ -136,7 +136,7 @@ impl OrientationKernel {
     /// `feed` and the unit normals at which bone is sampled are in the caller's frame; it is sampled at the burr's centre plus r
     /// (+ offset) times the normal. Bone that gives the mean over each patch makes the sums smooth where it ends in an edge. The
     /// speeds matter only to an edge term with t0 > 0.
-    pub fn gather(&self, samples: &mut EngagedSamples, feed: &Feed, bone: &mut impl Bone) {
+    pub fn gather(&self, samples: &mut EngagedSamples, feed: &Feed, bone: &mut impl BoneAround) {
         cancel::poll();
         let Feed { direction: feed, speed_mm_s: nominal_mm_s, spindle_rpm } = *feed;
         let feed = &feed;
@@ -261,7 +261,7 @@ impl OrientationKernel {
     }
 }
 
-/// A shaft and what it cuts off.
+/// A shaft, and the part of the ball that it hides.
 struct View {
     axis: [f32; 3],
     low: f32,

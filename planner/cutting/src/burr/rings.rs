@@ -1,7 +1,7 @@
 //! The nodes of a burr's force sum on its sphere: rings of equal polar angle, azimuths around them, and tiles of both.
 //!
-//! Most of a burr is in the open, so neighbouring nodes are looked at together first: a [`NodeTile`] has a middle and a
-//! reach, and where nothing is met within it its nodes are skipped.
+//! Most of a burr is in air, so neighbouring nodes are tested together first: a [`NodeTile`] has a middle and a reach, and if there
+//! is no bone within it, its nodes are skipped.
 
 use std::f64::consts::PI;
 

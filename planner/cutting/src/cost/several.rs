@@ -1,4 +1,4 @@
-//! Several structures near the burr (D II-D): which of them the cost looks at, and how much.
+//! Several structures near the burr (D II-D): which of them enter the cost, and with which weight.
 //!
 //! D names three ways: the closest one, the one of higher priority where several are in close proximity, or an additional
 //! term for each. A [`Terms`] is the outcome for one waypoint: directions with their weights α_s, and what is left for the
@@ -28,7 +28,7 @@ pub struct Ranked {
 /// "Close proximity": α at least this share of the largest. With κ = 0.7/mm, within 1 mm of the nearest.
 const CLOSE: f64 = 0.5;
 
-/// What the cost of one waypoint looks at.
+/// The structures that enter the cost of one waypoint, with their weights.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Terms {
     terms: Vec<(Unit<Vector3<f64>>, f64)>,
@@ -49,7 +49,7 @@ impl Terms {
 
     /// The cost of a `push` on the burr, a force (N) by equation (6) or a deflection (mm) by (12), for I_n and the mass cut.
     ///
-    /// In the result α_1 is Σ α_s, `toward` the largest component toward any of the structures looked at, and `fraction`
+    /// In the result α_1 is Σ α_s, `toward` the largest component toward any of these structures, and `fraction`
     /// the mean of F_s/|F| by α_s.
     ///
     /// **Source:** Dillon et al. 2016, equations (5), (6), (9), (11), (12) and the end of II-D.

@@ -1,7 +1,6 @@
 //! Tests of `metrics`.
 
 use bonemill_geometry::{Grid, Work};
-use nalgebra::Rotation3;
 use proptest::prelude::*;
 
 use super::*;
@@ -36,39 +35,6 @@ proptest! {
         let found = moments(&pieces).inertia_normalised(&axis);
         prop_assert!((found - inertia / (mass * 4.0)).abs() < 1e-13);
     }
-
-    #[test]
-    fn no_axis_beats_the_best(pieces in pieces(), axis in prop::array::uniform3(-1.0f64..1.0)) {
-        let m = moments(&pieces);
-        let best = m.best_axis().unwrap();
-        prop_assert!(m.inertia_normalised(&best) >= m.inertia_normalised(&unit(axis)) - 1e-13);
-    }
-
-    #[test]
-    fn along_a_turn_it_is_the_form_and_argmax_beats_a_scan(
-        pieces in pieces(), from in prop::array::uniform3(-1.0f64..1.0), about in prop::array::uniform3(-1.0f64..1.0),
-        low in -4.0f64..3.0, width in 0.0f64..7.0, across: bool,
-    ) {
-        let about = unit(about);
-        let mut from = unit(from);
-        if across {
-            from = Unit::new_normalize(about.cross(&from));
-        }
-        let m = moments(&pieces);
-        let turn = m.along_turn(&from, &about);
-        let best = turn.argmax(low, low + width).unwrap();
-        prop_assert!(best >= low && best <= low + width);
-        for k in 0..=200 {
-            let theta = low + width * f64::from(k) / 200.0;
-            let axis = Unit::new_normalize(Rotation3::from_axis_angle(&about, theta) * from.into_inner());
-            prop_assert!((turn.at(theta) - m.inertia_normalised(&axis)).abs() < 1e-13);
-            prop_assert!(turn.at(theta) <= turn.at(best) + 1e-13);
-        }
-        if across {
-            let (b, phi) = turn.second_harmonic();
-            prop_assert!((turn.at(best) - turn.mean() - b * (2.0 * best - phi).cos()).abs() < 1e-13);
-        }
-    }
 }
 
 #[test]
@@ -88,9 +54,6 @@ fn a_full_ball_of_fine_voxels_is_four_fifths_for_any_tilt() {
 fn without_mass_every_axis_is_as_good() {
     let none = Moments::new(2.0);
     assert_eq!(none.inertia_normalised(&Vector3::z_axis()), 1.0);
-    assert_eq!(none.best_axis(), None);
-    assert_eq!(none.along_turn(&Vector3::z_axis(), &Vector3::x_axis()).argmax(-1.0, 1.0), Some(-1.0));
-    assert_eq!(none.along_turn(&Vector3::z_axis(), &Vector3::x_axis()).argmax(1.0, -1.0), None);
     let grid = Grid::<Work>::aligned([9, 9, 9], 0.5, Point::new(0.0, 0.0, 0.0)).unwrap();
     let m =
         engagement_metrics(&Volume::filled(grid, 0.0), Point::new(2.0, 2.0, 2.0), &Vector3::z_axis(), 1.0);

@@ -20,7 +20,7 @@ const SAME: f64 = 1e-9;
 /// Distances between the cuts of two plans in ct. Positions every 0.25 mm along the cuts of each plan are compared with the
 /// nearest position on the other's cuts; where several are equally near (to 0.01 mm), the smallest angle counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Between {
+pub struct BetweenPlans {
     /// Largest distance, of either plan's cuts from the other's, mm (Hausdorff); `None` where a plan has no cuts.
     pub hausdorff_mm: Option<f64>,
     /// Mean distance over the positions of both plans, mm.
@@ -48,7 +48,7 @@ struct Bundle<'a> {
     high: Vector3<f64>,
 }
 
-impl Between {
+impl BetweenPlans {
     /// The distances between two plans.
     pub fn of(plans: [&StoredPlan; 2]) -> Self {
         let cuts = plans.map(cuts);

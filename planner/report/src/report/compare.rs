@@ -24,7 +24,7 @@ pub fn page(comparison: &Comparison, names: [&str; 2], plans: [&StoredPlan; 2]) 
     }
     page += "<h2>Where the cases differ</h2>";
     page += &texts(&comparison.case, "The cases say the same.");
-    page += "<h2>Between the paths</h2><p class=\"note\">Places every 0.25 mm along the cuts of each plan, against the nearest place \
+    page += "<h2>BetweenPlans the paths</h2><p class=\"note\">Places every 0.25 mm along the cuts of each plan, against the nearest place \
              on the other's. Swept: voxels of the common planning grid whose centres the burr comes to, air included.</p>";
     let between = comparison.between.entries().into_iter();
     let between: String =

@@ -20,7 +20,7 @@ const AWAY: f32 = 0.95;
 
 /// A structure to draw.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Body {
+pub struct ShownBody {
     /// Its name.
     pub name: String,
     /// Its colour.
@@ -48,7 +48,7 @@ impl Show<'_> {
     ///
     /// # Errors
     /// When a distance field cannot be computed.
-    pub fn bodies(&self) -> Result<Vec<Body>, ImageError> {
+    pub fn bodies(&self) -> Result<Vec<ShownBody>, ImageError> {
         let Some(images) = &self.images else { return Ok(Vec::new()) };
         let size = extent(&images.target(None));
         let mut bodies = Vec::new();
@@ -56,7 +56,7 @@ impl Show<'_> {
             let surface = images.around(n, 0.0)?;
             if !surface.is_empty() {
                 let clearance_mm = self.plan.record.case.structures[n].clearance_mm;
-                bodies.push(Body {
+                bodies.push(ShownBody {
                     name: name.to_owned(),
                     colour,
                     shell: images.around(n, clearance_mm)?,

@@ -7,18 +7,18 @@ use super::{Moment, PLANES, Show, Slice, Surface};
 
 /// Target and slices at one time.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Frame {
+pub struct ShownFrame {
     /// Time, s.
     pub time_s: f64,
     /// The surface of the remaining target.
     pub target: Surface,
-    /// The slice of each of [`PLANES`], and the burr's centre on it ([`super::Images::pixel`]).
+    /// The slice of each of [`PLANES`], and the burr's centre on it ([`super::ShownImages::pixel`]).
     pub slices: [(Slice, [f32; 2]); 3],
 }
 
 impl Show<'_> {
     /// Frames for about `most` of the moments, including the first and the last. Empty without images.
-    pub fn frames(&self, moments: &[Moment], most: usize) -> Vec<Frame> {
+    pub fn frames(&self, moments: &[Moment], most: usize) -> Vec<ShownFrame> {
         let Some(images) = &self.images else { return Vec::new() };
         let step = moments.len().div_ceil(most.max(1)).max(1);
         let last = moments.len().saturating_sub(1);
@@ -27,7 +27,7 @@ impl Show<'_> {
             let burr: Point<Work> = Point::from_coords(m.tool.translation_mm);
             let index = m.waypoint as u32;
             let slices = PLANES.each_ref().map(|p| (images.slice(p, burr, index), images.pixel(p, burr)));
-            Frame { time_s: m.time_s, target: images.target(Some(index)), slices }
+            ShownFrame { time_s: m.time_s, target: images.target(Some(index)), slices }
         };
         let chosen: Vec<_> = (0..moments.len()).filter(|n| n % step == 0 || *n == last).collect();
         chosen.into_par_iter().map(|n| drawn(&moments[n])).collect()

@@ -19,9 +19,9 @@ use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
 use bonemill_scene::{Class, Scene};
 use rayon::prelude::*;
 
-pub use body::Body;
+pub use body::ShownBody;
 pub use colour::{CUT_COLOUR, LINK_COLOUR, STRUCTURE_COLOURS, TARGET_COLOUR, css, scale_colour};
-pub use frame::Frame;
+pub use frame::ShownFrame;
 pub use motion::Moment;
 pub use paint::{ARROW_MM_PER_N, PAINTS, Paint};
 pub use plot::{Curve, Plot};
@@ -49,12 +49,12 @@ pub struct Show<'a> {
     plan: &'a StoredPlan,
     work_from_ct: Rigid<Work, Ct>,
     path: Vec<Point<Work>>,
-    images: Option<Images>,
+    images: Option<ShownImages>,
 }
 
 /// The data from a plan's images: target, structures, slices.
 #[derive(Debug)]
-pub struct Images {
+pub struct ShownImages {
     scene: Scene,
     removal: RemovalTime,
     /// Code of the structure in each voxel, else [`NOTHING`].
@@ -69,7 +69,7 @@ impl<'a> Show<'a> {
     pub fn read(plan: &'a StoredPlan, progress: &dyn Progress) -> Result<Self, PlanError> {
         let work_from_ct = plan.record.frames.ct_from_grid().inverse();
         let path: Vec<_> = plan.waypoints.iter().map(|w| work_from_ct * w.position).collect();
-        let images = plan.images_found().then(|| Images::read(plan, &path, progress)).transpose()?;
+        let images = plan.images_found().then(|| ShownImages::read(plan, &path, progress)).transpose()?;
         Ok(Self { plan, work_from_ct, path, images })
     }
 
@@ -79,7 +79,7 @@ impl<'a> Show<'a> {
     }
 
     /// The data from its images, if they were found.
-    pub fn images(&self) -> Option<&Images> {
+    pub fn images(&self) -> Option<&ShownImages> {
         self.images.as_ref()
     }
 
@@ -94,7 +94,7 @@ impl<'a> Show<'a> {
     }
 }
 
-impl Images {
+impl ShownImages {
     fn read(plan: &StoredPlan, path: &[Point<Work>], progress: &dyn Progress) -> Result<Self, PlanError> {
         let scene = scene_of(plan, progress)?;
         progress.stage("removal");

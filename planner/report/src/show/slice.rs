@@ -2,7 +2,7 @@
 
 use bonemill_geometry::{Point, Work};
 
-use super::{CUT, Images};
+use super::{CUT, ShownImages};
 
 /// HU shown as black and as white.
 const WINDOW_HU: [f32; 2] = [-1000.0, 2000.0];
@@ -40,7 +40,7 @@ pub struct Slice {
     pub code: Vec<u8>,
 }
 
-impl Images {
+impl ShownImages {
     /// The slice of a plane through `through` (or the nearest one), when waypoint `index` is reached.
     pub fn slice(&self, plane: &Plane, through: Point<Work>, index: u32) -> Slice {
         let grid = self.scene.class.grid();

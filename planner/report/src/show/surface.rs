@@ -5,7 +5,7 @@ use bonemill_imaging::{ImageError, distance_only, surface::iso_surface};
 use bonemill_scene::Class;
 use nalgebra::{Matrix3, Vector3};
 
-use super::{FIRST_STRUCTURE, Images};
+use super::{FIRST_STRUCTURE, ShownImages};
 
 /// A triangle surface with a normal per vertex, single precision, work frame, mm.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -42,7 +42,7 @@ impl Surface {
     }
 }
 
-impl Images {
+impl ShownImages {
     /// The surface of the target, air cells included, that remains when waypoint `index` is reached; `None` means the whole
     /// target. It is computed on cells of two voxels, which is fine enough for display.
     pub fn target(&self, index: Option<u32>) -> Surface {

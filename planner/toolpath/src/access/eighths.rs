@@ -7,7 +7,7 @@ use bonemill_geometry::Work;
 use bonemill_stock::sweep::Rows;
 
 use super::eighth_times::EighthTimes;
-use super::field::{self, Field};
+use super::field::{self, TimeField};
 use super::solid::ShankObstacles;
 use super::{Blocked, PosedShank, ShankCylinder, aside_mm};
 
@@ -18,7 +18,7 @@ pub(super) struct Eighths<'a> {
     rows: Rows,
     pub eighths: EighthTimes,
     /// For each voxel, T of its solid eighth that is removed last.
-    pub latest: Field,
+    pub latest: TimeField,
     /// The latest of these times in every run of voxels.
     latest_of_runs: Vec<f32>,
 }
@@ -26,7 +26,7 @@ pub(super) struct Eighths<'a> {
 impl<'a> Eighths<'a> {
     /// The eighths for a path with these removal times.
     pub(super) fn new(solid: &'a ShankObstacles, eighths: EighthTimes) -> Self {
-        let latest = Field::removal_time(solid, &eighths);
+        let latest = TimeField::removal_time(solid, &eighths);
         Self { solid, rows: Rows::of(solid.grid()), latest_of_runs: latest.runs(), eighths, latest }
     }
 

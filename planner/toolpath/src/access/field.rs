@@ -86,7 +86,7 @@ impl Bounds {
 
 /// A scalar per cubic voxel; free outside.
 #[derive(Debug, Clone)]
-pub(super) struct Field {
+pub(super) struct TimeField {
     /// Whether memory runs along z first, then y, then x; else along x first.
     is_z_first: bool,
     /// Voxels along the axes in memory's order.
@@ -99,7 +99,7 @@ pub(super) struct Field {
     pub(super) value: Vec<f32>,
 }
 
-impl Field {
+impl TimeField {
     /// For each voxel, T of the eighth that is removed last; [`FREE`] where it is empty.
     pub(super) fn removal_time(solid: &ShankObstacles, eighths: &EighthTimes) -> Self {
         let grid = solid.grid();
@@ -371,7 +371,7 @@ fn greatest(target: &mut [f32], source: &[f32]) {
 }
 
 #[cfg(test)]
-impl Field {
+impl TimeField {
     /// A field that is free except for some voxels.
     pub(super) fn of_test(
         dims: [usize; 3],
@@ -416,7 +416,7 @@ mod tests {
     fn what_is_surely_within_is_within_of_every_point_of_the_voxel() {
         for factor in [1, 2, 3] {
             let solid = [(3 + 14 * (5 + 14 * 9), 1.0)];
-            let field = Field::of_test([14, 14, 14], 0.2, false, &solid);
+            let field = TimeField::of_test([14, 14, 14], 0.2, false, &solid);
             for radius_mm in [0.7, 0.9, 1.3, 1.345, 1.9] {
                 let pooled = field.pooled(factor, 0.0);
                 let Some(within) = pooled.surely_within(radius_mm) else { continue };
@@ -438,7 +438,7 @@ mod tests {
     fn what_is_latest_around_a_place_is_no_earlier_than_what_any_place_around_has() {
         let times: Vec<(usize, f32)> = (0..40).map(|n| (n * 7919 % (11 * 9 * 13), n as f32)).collect();
         for is_z_first in [true, false] {
-            let field = Field::of_test([11, 9, 13], 0.3, is_z_first, &times);
+            let field = TimeField::of_test([11, 9, 13], 0.3, is_z_first, &times);
             for (side, reach_mm) in [(1, 0.4), (2, 0.7), (3, 0.0), (2, 1.5)] {
                 let around = field.latest_around(side, reach_mm);
                 for n in 0..4000u32 {
@@ -455,7 +455,7 @@ mod tests {
     #[test]
     fn pooling_keeps_the_latest_time_of_every_block() {
         let times: Vec<(usize, f32)> = (0..60).map(|n| (n, n as f32)).collect();
-        let field = Field::of_test([5, 4, 3], 0.5, false, &times);
+        let field = TimeField::of_test([5, 4, 3], 0.5, false, &times);
         let coarse = field.pooled(2, 1.0);
         for n in 0..60usize {
             let p = Vector3::new((n % 5) as f64, (n / 5 % 4) as f64, (n / 20) as f64) * 0.5;

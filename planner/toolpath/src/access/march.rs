@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use super::field::Field;
+use super::field::TimeField;
 
 /// Number of bits for the fraction of a voxel.
 const FRACTION: u32 = 32;
@@ -16,7 +16,7 @@ const BLOCK: u32 = 3;
 /// A field with the latest time in each of its blocks.
 #[derive(Debug)]
 pub(super) struct Marched {
-    pub field: Field,
+    pub field: TimeField,
     blocks: [usize; 3],
     latest: Vec<f32>,
 }
@@ -37,7 +37,7 @@ pub(super) struct Ray {
 }
 
 impl Marched {
-    pub(super) fn new(field: Field) -> Self {
+    pub(super) fn new(field: TimeField) -> Self {
         let (blocks, latest) = field.blocks(1 << BLOCK);
         Self { field, blocks, latest }
     }
@@ -166,7 +166,7 @@ mod tests {
                     (0..43 * 21 * 30).filter(move |n| holds(from, side, *n)).map(move |n| (n, latest))
                 })
                 .collect();
-            let field = Field::of_test(dims, 0.4, is_z_first, &solid);
+            let field = TimeField::of_test(dims, 0.4, is_z_first, &solid);
             let (center, to_mm) = (Vector3::from(center), ends.0 + ends.1);
             let samples = (ends.1 / 0.4) as usize + 1;
             let at = |n: usize| center + axis * (ends.0 + n as f64 * 0.4).min(to_mm);
@@ -194,7 +194,7 @@ mod tests {
 
     #[test]
     fn no_ray_where_there_is_no_way() {
-        let marched = Marched::new(Field::of_test([4, 4, 4], 0.4, true, &[]));
+        let marched = Marched::new(TimeField::of_test([4, 4, 4], 0.4, true, &[]));
         for ends in [[1.0, 0.5], [f64::NAN, 1.0], [0.0, f64::NAN], [f64::INFINITY, 0.0]] {
             assert!(marched.ray(&Vector3::zeros(), &Vector3::z(), ends).is_none());
         }

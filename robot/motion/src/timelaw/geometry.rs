@@ -16,7 +16,7 @@ const SHORTEST_BLEND_MM: f64 = 1e-3;
 
 /// A part of the path with one formula.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Element {
+pub(super) enum PathElement {
     /// Kept segment i, from kept waypoint i to i + 1; x = s − s(i).
     Straight(u32),
     /// Rounded corner about kept waypoint i; x = s − its start, in 0..2l.
@@ -150,9 +150,9 @@ impl Geometry {
     }
 
     /// q, q', q'' and q''' at x on an element, handed to `take` joint by joint.
-    pub fn at(&self, element: Element, x: f64, mut take: impl FnMut(usize, [f64; 4])) {
+    pub fn at(&self, element: PathElement, x: f64, mut take: impl FnMut(usize, [f64; 4])) {
         match element {
-            Element::Straight(i) => {
+            PathElement::Straight(i) => {
                 let i = i as usize;
                 let length = self.length_mm[i];
                 // measured from the nearer end, so that both waypoints are met exactly
@@ -161,7 +161,7 @@ impl Geometry {
                     take(j, [q + d * x, *d, 0.0, 0.0]);
                 }
             }
-            Element::Blend(i) => {
+            PathElement::Blend(i) => {
                 let corner = self.corner(i as usize);
                 let l = corner.half_mm;
                 let u = x / (2.0 * l);
@@ -178,26 +178,26 @@ impl Geometry {
     }
 
     /// Every element in the order of travel, with s where it starts and its length, mm.
-    pub fn elements(&self) -> Vec<(f64, f64, Element)> {
+    pub fn elements(&self) -> Vec<(f64, f64, PathElement)> {
         let mut elements = Vec::with_capacity(2 * self.count());
         for i in 0..self.count() - 1 {
             let (length, l1, l2) = (self.length_mm[i], self.half_blend_mm[i], self.half_blend_mm[i + 1]);
             // between two corners that meet there is no straight element, only a rounding error
             if length - l1 - l2 > 1e-12 * length {
-                elements.push((self.s_mm[i] + l1, length - l1 - l2, Element::Straight(i as u32)));
+                elements.push((self.s_mm[i] + l1, length - l1 - l2, PathElement::Straight(i as u32)));
             }
             if l2 > 0.0 {
-                elements.push((self.s_mm[i + 1] - l2, 2.0 * l2, Element::Blend(i as u32 + 1)));
+                elements.push((self.s_mm[i + 1] - l2, 2.0 * l2, PathElement::Blend(i as u32 + 1)));
             }
         }
         elements
     }
 
     /// x on an element for s.
-    pub fn place(&self, element: Element, s_mm: f64) -> f64 {
+    pub fn place(&self, element: PathElement, s_mm: f64) -> f64 {
         match element {
-            Element::Straight(i) => (s_mm - self.s_mm[i as usize]).clamp(0.0, self.length_mm[i as usize]),
-            Element::Blend(i) => {
+            PathElement::Straight(i) => (s_mm - self.s_mm[i as usize]).clamp(0.0, self.length_mm[i as usize]),
+            PathElement::Blend(i) => {
                 let l = self.half_blend_mm[i as usize];
                 (s_mm - self.s_mm[i as usize] + l).clamp(0.0, 2.0 * l)
             }

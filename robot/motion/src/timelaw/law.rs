@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::geometry::{Element, Geometry};
+use super::geometry::{Geometry, PathElement};
 use super::input::PathLimits;
 use super::pass::{Phase, for_each_phase};
 use super::smooth::{CubicPiece, smooth};
@@ -43,7 +43,7 @@ const INSTANTS: usize = 6;
 #[derive(Debug, Clone)]
 pub struct TimeLaw {
     geometry: Arc<Geometry>,
-    elements: Arc<[(f64, f64, Element)]>,
+    elements: Arc<[(f64, f64, PathElement)]>,
     /// The first element of each stretch between rests, and their number.
     rests: Vec<usize>,
     pieces: Vec<CubicPiece>,
@@ -55,7 +55,7 @@ impl TimeLaw {
     /// Computes the base motion through `stretches` and smooths it over a window.
     pub(super) fn new(
         geometry: Arc<Geometry>,
-        elements: Arc<[(f64, f64, Element)]>,
+        elements: Arc<[(f64, f64, PathElement)]>,
         stretches: &[Stretch],
         window_s: f64,
     ) -> Self {
@@ -135,7 +135,7 @@ impl TimeLaw {
                     continue;
                 };
                 match element {
-                    Element::Straight(i) => {
+                    PathElement::Straight(i) => {
                         if straight.is_none_or(|(on, _)| on != i) {
                             meet_straight(&mut straight, &mut meet);
                         }
@@ -145,7 +145,7 @@ impl TimeLaw {
                             .zip(rates)
                             .for_each(|(most, rate)| *most = greater(*most, rate.abs()));
                     }
-                    Element::Blend(_) => {
+                    PathElement::Blend(_) => {
                         self.at(element, x, rates, |j, [_, qd, qdd, qddd]| meet(j, [qd, qdd, qddd]));
                     }
                 }
@@ -162,7 +162,13 @@ impl TimeLaw {
     }
 
     /// q, q̇, q̈ and q⃛ of every joint at x on an element, at ṡ, s̈, s⃛.
-    fn at(&self, element: Element, x: f64, [v, a, jerk]: [f64; 3], mut take: impl FnMut(usize, [f64; 4])) {
+    fn at(
+        &self,
+        element: PathElement,
+        x: f64,
+        [v, a, jerk]: [f64; 3],
+        mut take: impl FnMut(usize, [f64; 4]),
+    ) {
         self.geometry.at(element, x, |j, [q, slope, bend, snap]| {
             let qddd = snap * v * v * v + 3.0 * bend * v * a + slope * jerk;
             take(j, [q, slope * v, bend * v * v + slope * a, qddd]);
@@ -212,8 +218,9 @@ fn greater(a: f64, b: f64) -> f64 {
 }
 
 /// Where stretches between rests begin and end, as indices of elements.
-fn rests(geometry: &Geometry, elements: &[(f64, f64, Element)]) -> Vec<usize> {
-    let is_rest = |element: &Element| matches!(element, Element::Straight(i) if geometry.stop[*i as usize]);
+fn rests(geometry: &Geometry, elements: &[(f64, f64, PathElement)]) -> Vec<usize> {
+    let is_rest =
+        |element: &PathElement| matches!(element, PathElement::Straight(i) if geometry.stop[*i as usize]);
     let starts = elements.iter().enumerate().filter(|(_, (_, _, element))| is_rest(element));
     starts.map(|(at, _)| at).chain([elements.len()]).collect()
 }
@@ -269,7 +276,7 @@ impl Cursor<'_> {
 
     /// The element, x on it, and ṡ, s̈, s⃛ at `time_s`, which must not be before the previous call's time; `None` before and
     /// after the motion.
-    fn place(&mut self, time_s: f64) -> Option<(Element, f64, [f64; 3])> {
+    fn place(&mut self, time_s: f64) -> Option<(PathElement, f64, [f64; 3])> {
         let law = self.law;
         if time_s >= law.duration_s || time_s < 0.0 || law.pieces.is_empty() {
             return None;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use bonemill_arm::RobotError;
 
-use super::geometry::{Element, Geometry};
+use super::geometry::{Geometry, PathElement};
 use super::input::{JointPath, PathLimits, check_caps, check_path};
 use super::law::TimeLaw;
 use super::pass;
@@ -35,7 +35,7 @@ const SHORTEST_WINDOW_S: f64 = 1e-3;
 #[derive(Debug, Clone)]
 pub struct PreparedPath {
     geometry: Arc<Geometry>,
-    elements: Arc<[(f64, f64, Element)]>,
+    elements: Arc<[(f64, f64, PathElement)]>,
     limits: PathLimits,
     /// Whether the burr moves on a given move, so that its cap counts.
     burr_moves: Vec<bool>,

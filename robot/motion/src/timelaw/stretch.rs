@@ -13,7 +13,7 @@
 //! A box applies up to v T around its stretch ([`spread`]), because the window averages motion from no farther away.
 //! Invariants: stretches lie end to end over the whole path; v and A are above 0 and finite.
 
-use super::geometry::{Element, Geometry};
+use super::geometry::{Geometry, PathElement};
 use super::input::PathLimits;
 
 /// A stretch of the path with one box.
@@ -184,6 +184,6 @@ fn divide(stretch: &Stretch, zones: &[Zone], reversed: bool, into: &mut Vec<Stre
 }
 
 /// The element that a place on the path belongs to, as an index into [`Geometry::elements`].
-pub(super) fn element_at(elements: &[(f64, f64, Element)], s_mm: f64) -> usize {
+pub(super) fn element_at(elements: &[(f64, f64, PathElement)], s_mm: f64) -> usize {
     elements.partition_point(|(start, ..)| *start <= s_mm).saturating_sub(1)
 }
