@@ -92,6 +92,7 @@ struct Score {
 }
 
 impl Score {
+    #[expect(clippy::too_many_arguments, reason = "a fit, the logs without one of them, and what made them")]
     fn add(
         &mut self,
         fitting: &PlungeFitting<'_>,

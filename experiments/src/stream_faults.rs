@@ -127,7 +127,7 @@ fn faults(plan: &StreamPlan, name: &str, seeds: u64, progress: &dyn Progress) ->
         progress.advance(n, Fault::ALL.len());
         let one = |run: u64| {
             let seed = run * Fault::ALL.len() as u64 + n as u64;
-            pieces[(run as usize * 7919) % pieces.len()].run(*fault, seed, run % 10 == 0)
+            pieces[(run as usize * 7919) % pieces.len()].run(*fault, seed, run.is_multiple_of(10))
         };
         let tally = Tally { results: (0..RUNS * seeds).into_par_iter().map(one).collect() };
         let (beyond, hung) = (tally.count(|r| !r.is_within()), tally.count(TrialResult::hung));

@@ -96,10 +96,13 @@ fn sums(py: Python<'_>, [fz, mz, fx]: [f64; 3]) -> PyResult<Bound<'_, PyDict>> {
     [("Fz", fz), ("Mz", mz), ("torque", -mz + 0.0), ("Fx_per_lip", fx)].into_py_dict(py)
 }
 
+/// A number of an edge element.
+type ElementNumber = fn(&EdgeElement) -> f64;
+
 /// The elements as arrays, by the names of the reference.
 fn element_dict<'py>(py: Python<'py>, elements: &[EdgeElement]) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
-    let columns: [(&str, fn(&EdgeElement) -> f64); 9] = [
+    let columns: [(&str, ElementNumber); 9] = [
         ("r", |e| e.radius_mm),
         ("width", |e| e.width_mm),
         ("feed_share", |e| e.feed_share),

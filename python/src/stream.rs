@@ -32,6 +32,9 @@ pub struct StreamPlan {
     dir: PathBuf,
 }
 
+/// What failed; the burr's largest travel along its path, mm, and the row; the same beside its path.
+type WorstTravel = (&'static str, (f64, usize), (f64, usize));
+
 /// What a run came to: why it ended (none: done), at rest, reached row, rows, s, targets, late targets, latest s, farthest mm.
 type Ended = (Option<String>, bool, f64, usize, f64, u64, u64, f64, f64);
 
@@ -40,6 +43,7 @@ impl StreamPlan {
     /// Reads and checks the plan in a folder.
     #[staticmethod]
     #[pyo3(signature = (dir, *, slow, unverified, payload_kg, run_up_s))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python function")]
     fn load(
         py: Python<'_>,
         dir: PathBuf,
@@ -87,7 +91,7 @@ impl StreamPlan {
 
     /// What the burr can travel after each kind of failure, at the allowed speeds: what failed, mm along its path and the row, mm off
     /// it and the row.
-    fn bounds(&self, py: Python<'_>) -> Vec<(&'static str, (f64, usize), (f64, usize))> {
+    fn bounds(&self, py: Python<'_>) -> Vec<WorstTravel> {
         py.detach(|| Failure::ALL.map(|failure| worst(&self.plan, failure)).to_vec())
     }
 
@@ -107,6 +111,7 @@ impl StreamPlan {
     }
 
     /// Runs it from a row over a link, and writes its log.
+    #[expect(clippy::too_many_arguments, reason = "arguments of a Python function")]
     fn run(
         &self,
         py: Python<'_>,

@@ -1,5 +1,6 @@
 //! The patient: the testkit's pocket in bone, as images and a case file.
 
+#[allow(unused_imports, reason = "every test program uses its own part of it")]
 pub use bonemill_testkit::pocket::{AIR_FROM, AIR_HU, DIMS, ORIGIN_MM, SPACING_MM};
 use bonemill_testkit::pocket::{hu, label};
 

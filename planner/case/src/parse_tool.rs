@@ -79,7 +79,7 @@ fn read_reamer(t: Walk<'_, '_>) -> Tool {
 fn read_mesh(t: Walk<'_, '_>) -> Tool {
     let axis = t.required_vector(&k::AXIS);
     let length = axis.norm();
-    if t.has("axis") && !(length > 1e-9) {
+    if t.has("axis") && (length.is_nan() || length <= 1e-9) {
         t.note("axis", CaseFault::ZeroDirection { key: t.key("axis") });
     }
     let mesh = MeshTool {

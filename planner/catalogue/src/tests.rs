@@ -77,7 +77,7 @@ fn of_many_stations_that_want_the_last_blocks_each_gets_its_own() {
         let path = path.clone();
         std::thread::spawn(move || {
             let mut stock = Catalogue::open(&path).unwrap();
-            if n % 2 == 0 {
+            if n.is_multiple_of(2) {
                 stock.take("B1").is_ok()
             } else {
                 stock.take_smallest([1.0; 3]).unwrap().is_some()

@@ -46,7 +46,7 @@ pub enum ProsthesisError {
         /// The block.
         block: String,
         /// Why.
-        source: MachiningError,
+        source: Box<MachiningError>,
     },
     /// The program cannot be judged.
     #[error("the program cannot be judged")]

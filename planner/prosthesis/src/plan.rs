@@ -73,7 +73,8 @@ pub fn plan(
     let block = block::around(job, &taken.mounted, &placing.chosen.size_mm);
     progress.stage("plan toolpath");
     let machining_job = settings::machining(job, block);
-    let failed = |source| ProsthesisError::Machining { block: taken.mounted.id.clone(), source };
+    let failed =
+        |source| ProsthesisError::Machining { block: taken.mounted.id.clone(), source: Box::new(source) };
     let machining = bonemill_machining::plan(&part, &machining_job).map_err(failed)?;
     let (robot, stuck) = match job.machine.kind {
         MachineKind::FiveAxis => (None, None),

@@ -8,6 +8,7 @@ use bonemill_planner::path::{Lines, MillPath, PathSpacing, RasterFrame, lay_path
 use bonemill_planner::scene::{MemoryNeed, Scene, SceneError, SceneSpec, Target, build_scene};
 use bonemill_planner::space::BurrSpace;
 use bonemill_testkit::pocket::{DIMS, ORIGIN_MM, hu, label};
+#[allow(unused_imports, reason = "every test program uses its own part of it")]
 pub use bonemill_testkit::pocket::{ROD, ROD_VOXELS, SPACING_MM, TARGET, is_inside as inside};
 use nalgebra::Vector3;
 

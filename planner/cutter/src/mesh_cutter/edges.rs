@@ -101,7 +101,7 @@ pub(super) fn check_on_mesh(
             let facets = 0..mesh.triangles.len() as u32;
             let distance_mm =
                 facets.map(|f| triangle_distance2(p, &corners(mesh, f))).fold(f64::INFINITY, f64::min).sqrt();
-            if !(distance_mm <= most_mm) {
+            if distance_mm.is_nan() || distance_mm > most_mm {
                 return Err(CutterError::EdgeOffMesh { edge, point, distance_mm, most_mm });
             }
         }

@@ -164,6 +164,18 @@ pub struct PlungeFitting<'c> {
     pub with_feed_angle: bool,
 }
 
+/// A log as the fit compares it: forces divided by their root mean square.
+struct ScaledLog<'a> {
+    /// What one unit of each coefficient gives, in the order of the rows.
+    shares: &'a [Share],
+    /// Rows of the log in which the tool cuts.
+    rows: &'a [usize],
+    /// Root mean square of thrust, N, and torque, N·mm.
+    scale: [f64; 2],
+    /// The force of a row: 0 thrust, 1 torque.
+    measured: &'a dyn Fn(usize, usize) -> f64,
+}
+
 impl PlungeFitting<'_> {
     fn elements(&self, feed_mm_rev: f64) -> Result<(Vec<EdgeElement>, f64), CutterError> {
         let edges = self.cutter.edges(if self.with_feed_angle { feed_mm_rev } else { 0.0 }, ELEMENTS)?;
@@ -233,8 +245,9 @@ impl PlungeFitting<'_> {
             rms(square).max(1e-12)
         });
         let unknowns = 2 * self.regression.count();
-        let mut p = self.start(shares, scale, rows, &measured)?;
-        let (mut jacobian, mut residual) = self.linearised(&p, shares, rows, scale, &measured);
+        let log = ScaledLog { shares, rows, scale, measured: &measured };
+        let mut p = self.start(&log)?;
+        let (mut jacobian, mut residual) = self.linearised(&p, &log);
         let mut damping = 0.0;
         let mut steps = 0;
         loop {
@@ -248,7 +261,7 @@ impl PlungeFitting<'_> {
             let gains = along.zip_map(&svd.singular_values, |a, s| a * s / (s * s + damping).max(1e-300));
             let step = v_t.transpose() * gains;
             let next: Vec<f64> = (0..unknowns).map(|j| p[j] + step[j] / widths[j]).collect();
-            let (next_jacobian, next_residual) = self.linearised(&next, shares, rows, scale, &measured);
+            let (next_jacobian, next_residual) = self.linearised(&next, &log);
             // false for NaN, too
             let better = next_residual.norm() <= residual.norm() * (1.0 + 1e-12);
             let size: f64 = next.iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -270,18 +283,12 @@ impl PlungeFitting<'_> {
     }
 
     /// Where the steps start: 0 for a linear regression, the best constants for an exponential one.
-    fn start(
-        &self,
-        shares: &[Share],
-        scale: [f64; 2],
-        rows: &[usize],
-        measured: &dyn Fn(usize, usize) -> f64,
-    ) -> Result<Vec<f64>, PlungeFitError> {
+    fn start(&self, log: &ScaledLog) -> Result<Vec<f64>, PlungeFitError> {
         let count = self.regression.count();
         let mut p = vec![0.0; 2 * count];
         if self.regression.is_exponential() {
             let constant = Self { regression: Regression::Constant, ..*self };
-            let (jacobian, residual) = constant.linearised(&[0.0; 2], shares, rows, scale, measured);
+            let (jacobian, residual) = constant.linearised(&[0.0; 2], log);
             let best = jacobian
                 .svd(true, true)
                 .solve(&residual, 1e-12)
@@ -293,14 +300,8 @@ impl PlungeFitting<'_> {
     }
 
     /// Derivatives of the scaled forces by the coefficients, and what is left of the measured ones.
-    fn linearised(
-        &self,
-        p: &[f64],
-        shares: &[Share],
-        rows: &[usize],
-        scale: [f64; 2],
-        measured: &dyn Fn(usize, usize) -> f64,
-    ) -> (DMatrix<f64>, DVector<f64>) {
+    fn linearised(&self, p: &[f64], log: &ScaledLog) -> (DMatrix<f64>, DVector<f64>) {
+        let ScaledLog { shares, rows, scale, measured } = *log;
         let count = self.regression.count();
         let mut jacobian = DMatrix::zeros(2 * rows.len(), 2 * count);
         let mut residual = DVector::from_fn(2 * rows.len(), |i, _| measured(i / 2, i % 2) / scale[i % 2]);

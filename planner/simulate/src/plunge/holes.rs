@@ -26,6 +26,7 @@ pub struct Holes {
     origin_mm: Vector3<f64>,
     bricks: [usize; 3],
     places: Vec<u32>,
+    #[expect(clippy::vec_box, reason = "growth must not copy every brick within one haptic step")]
     stored: Vec<Box<[f32; SIDE * SIDE * SIDE]>>,
 }
 

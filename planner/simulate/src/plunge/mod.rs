@@ -142,7 +142,7 @@ impl<'a, T: Copy + Into<f64> + Sync> PlungeEngine<'a, T> {
         let mut sum = CutterForce::default();
         for node in &self.nodes {
             let index = grid.continuous_index(tip + node.offset_mm);
-            let density = self.density_g_cm3.trilinear_at(index.into(), 0.0);
+            let density = self.density_g_cm3.trilinear_at(index, 0.0);
             if density <= 0.0 {
                 continue;
             }
