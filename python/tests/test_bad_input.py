@@ -130,7 +130,7 @@ def test_bad_options_are_refused(block: bonemill.Case, tmp_path: Path) -> None:
     for threads in (0, -1, 1.5, "two", 10**6):
         with pytest.raises(bonemill.ArrayError, match="threads"):
             bonemill.plan(block, threads=threads)  # type: ignore[arg-type]
-    with pytest.raises(bonemill.CaseError, match="'block' or 'temporal'"):
+    with pytest.raises(bonemill.CaseError, match="'block', 'temporal', 'tibia' or 'glenoid'"):
         bonemill.phantom("skull", tmp_path / "skull")
     with pytest.raises(bonemill.ArrayError, match="seed"):
         bonemill.phantom("block", tmp_path / "p", seed=-1)

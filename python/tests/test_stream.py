@@ -185,7 +185,8 @@ def test_a_rehearsal_is_faster_than_the_run_and_its_log_is_one(judged: Path, tmp
     streaming = ready(judged)
     report = streaming.rehearse(log=tmp_path / "r.run")
     assert report.reason is None and report.reached_row == pytest.approx(streaming.rows - 1, abs=1.0)
-    assert streaming.resume_row(tmp_path / "r.run") > streaming.rows - 10
+    # a resumed run begins where the arm may have been behind: at most 0.2 s before the last row
+    assert streaming.rows - 100 < streaming.resume_row(tmp_path / "r.run") < streaming.rows
 
 
 def test_plans_that_no_ur_arm_can_follow_are_refused(planned: bonemill.Plan, tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ const NERVE_GAP_MM: f64 = 1.5;
 const NOISE_HU: f64 = 30.0;
 
 const SPACING_MM: f64 = 0.5;
-const DIMS: [usize; 3] = [88, 116, 106];
+const DIMS: [usize; 3] = [88, 116, 96];
 const ORIGIN: Point<Ct> = Point::new(-21.75, -28.75, -34.75);
 
 /// The head of a scapula as signed distances.
@@ -65,8 +65,8 @@ impl Head {
         let level = (q.x / half_width).hypot(q.y / half_height);
         let side = (level - 1.0) * half_width.min(half_height) * self.size;
         let bottom = -DEPTH_MM * self.size - p.z;
-        // the face looks away from its centre of curvature: inside is beyond the sphere
-        (-face).max(side).max(bottom)
+        // the face is hollow: bone is what lies beyond the sphere
+        face.max(side).max(bottom)
     }
 
     /// Where the nerve crosses the back of the neck, mm.

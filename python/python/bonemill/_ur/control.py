@@ -82,6 +82,7 @@ def main(control: Control) -> None:
 
 if __name__ == "__main__":
     host, *numbers = sys.argv[1:]
-    main(Control(host, *map(float, numbers[:4]), int(numbers[4])))
+    period_s, lookahead_s, gain, watchdog_hz = map(float, numbers[:4])
+    main(Control(host, period_s, lookahead_s, gain, watchdog_hz, int(numbers[4])))
     # the client's own destructor may wait for a controller that is gone
     os._exit(0)
