@@ -3,7 +3,7 @@
 //! Every direction is a channel that begins where the line from the target leaves the bone for good, which must lie in the
 //! entry's region. Its worth is the least weighted margin over all structures ([`crate::risk`]). That is continuous in the direction
 //! but has several local maxima, one for each gap between structures. So directions are first sampled over the
-//! sphere, [`SPACING_RAD`] apart; the best of them that are [`APART_RAD`] from each other are then moved to their local maximum
+//! sphere, `SPACING_RAD` apart; the best of them that are [`APART_RAD`] from each other are then moved to their local maximum
 //! by halving steps.
 
 use bonemill_geometry::{Ct, Point, Volume, basis, cancel};

@@ -112,7 +112,7 @@ pub struct StreamPlan {
     pub digest: String,
     /// Longest lever from a joint's axis to the burr, mm.
     pub lever_mm: f64,
-    /// How fast the share of the planned speed may change, 1/s ([`ramp_per_s`]).
+    /// How fast the share of the planned speed may change, 1/s.
     pub ramp_per_s: f64,
     waypoints: Vec<WaypointNear>,
     settings: Settings,

@@ -1,7 +1,7 @@
 //! The job of a prosthesis: which part, out of which block, with which cutter, on which machine; as validated values.
 //!
 //! Text becomes a [`ProsthesisJob`] in [`ProsthesisJob::parse`]; every number in it is finite and in range. The keys, their defaults and
-//! sources are in one table, from which the documentation is generated too ([`reference`]). Reading files is not done here.
+//! sources are in one table, from which the documentation is generated too ([`reference()`]). Reading files is not done here.
 //!
 //! **Source:** Castelli et al. 2020; the defaults of the process are its Table 4, soft plastic.
 
