@@ -221,14 +221,13 @@ impl<'a> Sight<'a> {
         let [nu, nv] = raster.dims;
         let step = |cell: usize| {
             let (i, j) = (cell % nu, cell / nu);
-            let slope = |low: usize, high: usize, apart: usize| {
-                let rise = tip[high] - tip[low];
-                if rise.is_finite() { rise.abs() / (apart.max(1) as f64 * raster.pitch_mm) } else { 0.0 }
+            // the steeper of both ways, so that an edge is not evened out
+            let slope = |others: [Option<usize>; 2]| {
+                let rises = others.into_iter().flatten().map(|other| (tip[other] - tip[cell]).abs());
+                rises.filter(|rise| rise.is_finite()).fold(0.0, f64::max) / raster.pitch_mm
             };
-            let (left, right) = (i.saturating_sub(1), (i + 1).min(nu - 1));
-            let (below, above) = (j.saturating_sub(1), (j + 1).min(nv - 1));
-            let along_u = slope(left + nu * j, right + nu * j, right - left);
-            let along_v = slope(i + nu * below, i + nu * above, above - below);
+            let along_u = slope([(i > 0).then(|| cell - 1), (i + 1 < nu).then(|| cell + 1)]);
+            let along_v = slope([(j > 0).then(|| cell - nu), (j + 1 < nv).then(|| cell + nu)]);
             let tangent = along_u.hypot(along_v);
             let cosine = 1.0 / (1.0 + tangent * tangent).sqrt();
             let stairs = (e / (tangent * cosine).max(1e-9)).min(flat);
