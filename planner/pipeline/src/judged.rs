@@ -19,7 +19,7 @@ impl Attempt<'_> {
     /// # Errors
     /// When a distance field cannot be made.
     pub(super) fn shortfalls(&self, setup: &Setup, modelled: &Modelled) -> Result<Vec<String>, PlanError> {
-        let (start, coverage, oriented) = (&self.start, &self.coverage, &self.chosen.oriented);
+        let (start, coverage, oriented) = (&self.prepared.start, &self.coverage, &self.chosen.oriented);
         let case = start.case;
         let missed = self.timing.missed.filter(|_| case.speed.total_time_s.is_some());
         let mut found: Vec<String> = target_outside(start.scene).into_iter().collect();
@@ -35,7 +35,7 @@ impl Attempt<'_> {
 
     /// What the user should know beside that.
     pub(super) fn warnings(&self, setup: &Setup, modelled: &Modelled) -> Vec<String> {
-        let case = self.start.case;
+        let case = self.prepared.start.case;
         let missed = self.timing.missed.filter(|_| case.speed.total_time_s.is_none());
         let mut found = setup.warnings.clone();
         found.extend(modelled.arm.lowest_link.and_then(|lowest| lowest.warning()));

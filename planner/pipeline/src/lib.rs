@@ -12,7 +12,6 @@ mod control;
 mod direction_sets;
 mod figures;
 mod judged;
-mod known_directions;
 mod levels;
 mod metrics;
 mod modelled;
@@ -83,7 +82,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let figures = Figures::of(&moves.0, &moves.1, attempt.prepared.length_mm(), &least, case.burr.radius_mm);
     let (warnings, shortfalls) =
         (attempt.warnings(&setup, &modelled), attempt.shortfalls(&setup, &modelled)?);
-    let planned_case = attempt.start.case.clone();
+    let planned_case = attempt.prepared.start.case.clone();
     let Attempt { prepared, chosen, timing, coverage, compared, .. } = attempt;
     let access = ShankAccess { allowed: chosen.oriented.allowed, dropped: prepared.reached.dropped.clone() };
     drop(prepared);

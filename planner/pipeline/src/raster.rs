@@ -138,7 +138,7 @@ impl Drafts<'_> {
         let points = &path.points;
         let access = Access::draft(scene, spec.solid, path.removal.time(), spec.shank);
         let limited = limited(points.len(), |i| points[i].kind == MoveKind::Cut);
-        let free = free_directions(&access, points, &limited, spec, None);
+        let free = free_directions(&access, points, &limited, spec);
         drop(access);
         let near = nearest_structures::along(case, scene, &path::centers(points))?;
         let moments = mass_increments_by_voxels(

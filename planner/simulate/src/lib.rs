@@ -39,7 +39,7 @@ pub use bone::{Amount, Bone, Kind};
 pub use carve::Piece;
 pub use channel::simulate_channel;
 pub use choice::{ModelName, NoSuchModel};
-pub use engagement::{BurrNodes, DirectionSums, Engagement};
+pub use engagement::{BurrNodes, Engagement};
 pub use engine::{Engine, EngineSpec, Move, Pose, Step};
 pub use error::EngineError;
 pub use lattice::Lattice;
