@@ -183,7 +183,7 @@ impl<'a> Start<'a> {
         let caps = &timing.caps_mm_s;
         let compared = Compared {
             controls: controls.iter().map(|control| control.in_time(case, timing.at_caps_s)).collect(),
-            plan: prepared.felt(&chosen, caps),
+            plan: prepared.structure_forces(&chosen, caps),
         };
         Ok(Attempt {
             prepared,
@@ -216,7 +216,7 @@ impl Attempt<'_> {
         self.compared.worse(self.prepared.start.case).first().map(Worse::ratio)
     }
 
-    /// How much the structures feel: see [`super::Felt::score`].
+    /// How much the structures feel: see [`super::StructureForces::score`].
     pub fn score(&self) -> f64 {
         self.compared.plan.score(self.prepared.start.case)
     }

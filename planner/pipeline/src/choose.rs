@@ -19,7 +19,7 @@ use rayon::prelude::*;
 
 use super::PlanError;
 use super::arm_axes::REFUSED_MM;
-use super::control::Felt;
+use super::control::StructureForces;
 use super::orient::{CostField, FreeAxes, Oriented, alone, orient};
 use super::prepared::Prepared;
 
@@ -106,9 +106,9 @@ impl Prepared<'_> {
         Ok(self.chosen_by(choices, alone, false, &mut Stopwatch::new(&()))?.0)
     }
 
-    /// What is felt along chosen axes at given speeds, mm/s per waypoint.
-    pub fn felt(&self, chosen: &Chosen, speed_mm_s: &[f64]) -> Felt {
-        Felt::of(self.start.case, self.length_mm(), &chosen.forces, &self.near, |i| speed_mm_s[i])
+    /// Forces toward the structures along chosen axes at given speeds, mm/s per waypoint.
+    pub fn structure_forces(&self, chosen: &Chosen, speed_mm_s: &[f64]) -> StructureForces {
+        StructureForces::of(self.start.case, self.length_mm(), &chosen.forces, &self.near, |i| speed_mm_s[i])
     }
 
     /// [`Self::choose`] with the motion that leads through these axes. If the arm cannot follow them, the axis that it

@@ -7,7 +7,7 @@ use bonemill_setup::Setup;
 use bonemill_toolpath::space::TRAJECTORY_TOLERANCE_MM;
 
 use super::attempt::Attempt;
-use super::rest::{self, Cause};
+use super::rest::{self, RestCause};
 use super::{BlockedTurn, Coverage, Modelled, PlanError, percent};
 
 /// Share of the reachable volume below which a plan fell short.
@@ -60,7 +60,7 @@ fn target_outside(scene: &Scene) -> Option<String> {
 /// Less removed than the burr can reach.
 fn unreached(case: &Case, coverage: &Coverage, unjoined_passes: usize) -> Option<String> {
     let share = coverage.reached_share();
-    let of_path = |cause: &Cause| matches!(cause, Cause::Shank(_) | Cause::Spacing);
+    let of_path = |cause: &RestCause| matches!(cause, RestCause::Shank(_) | RestCause::Spacing);
     let parts = coverage.rest.iter().filter(|(cause, _)| of_path(cause));
     let mut why: Vec<String> =
         parts.map(|(cause, mm3)| format!("{mm3:.1} mm³ stay for the {}", cause.text(case))).collect();

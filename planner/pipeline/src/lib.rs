@@ -48,7 +48,7 @@ use bonemill_toolpath::space::BurrSpace;
 
 pub use bonemill_setup::PlanError;
 pub use choose::{Choices, Chosen};
-pub use control::{Compared, Control, Felt, JUDGED, Worse};
+pub use control::{Compared, Control, JUDGED, StructureForces, Worse};
 pub use figures::Figures;
 pub use levels::{Exceeded, SpeedLevels};
 pub use metrics::{Coverage, Volumes};
@@ -60,7 +60,7 @@ pub use prepared::{Prepared, with_prepared};
 pub use reach::Dropped;
 pub use record::record;
 pub use refused::{Refused, place};
-pub use rest::Cause;
+pub use rest::RestCause;
 pub use save::save;
 
 /// Plans a case; paths in it are relative to the folder of `case_path`.

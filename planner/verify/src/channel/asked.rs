@@ -6,9 +6,9 @@ use bonemill_planfile::{ChannelRecord, StoredPlan};
 use nalgebra::Vector3;
 
 use super::super::anatomy::Anatomy;
-use super::super::asked::MEETS;
 use super::super::check::{Check, Place};
 use super::super::moves::Moves;
+use super::super::requirements::MEETS;
 use super::{ROUNDING, is_cut};
 
 /// Feed may begin this far before the bone, mm, and a search for a contact area may end this far beyond it.
