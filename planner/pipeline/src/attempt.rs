@@ -216,7 +216,7 @@ impl Attempt<'_> {
         self.compared.worse(self.prepared.start.case).first().map(Worse::ratio)
     }
 
-    /// How much the structures feel: see [`super::StructureForces::score`].
+    /// Score of the forces toward structures: see [`super::StructureForces::score`].
     pub fn score(&self) -> f64 {
         self.compared.plan.score(self.prepared.start.case)
     }

@@ -45,8 +45,8 @@ pub struct PathFacts {
 pub struct AxisFacts {
     /// The case's mode, or fixed by a fallback.
     pub mode: OrientationMode,
-    /// What was done otherwise than the cost prefers, because a structure of priority 1 would have felt more than under the
-    /// controls; none where nothing was.
+    /// The fallback that was taken because the force toward a structure of priority 1 would have been larger than under the
+    /// controls, in words; none where the first attempt stands.
     pub instead: Option<&'static str>,
     /// Of the waypoints that cut, those whose orientation cost was computed with the force.
     pub cost_with_force: usize,

@@ -58,9 +58,12 @@ pub fn html(plan: &Plan) -> String {
     page.push_str("<h2>Coverage</h2>");
     page.push_str(&coverage(plan));
     page.push_str("<h2>Structures</h2>");
-    page.push_str(&structures::structure_table(&plan.setup.case, &plan.results.figures.structures, |row| {
-        peak::short_place(&plan.moves.waypoints, row)
-    }));
+    page.push_str(&structures::structure_table(
+        &plan.setup.case,
+        &plan.results.figures.structures,
+        "at waypoint",
+        |row| peak::short_place(&plan.moves.waypoints, row),
+    ));
     if !plan.setup.case.structures.is_empty() {
         page.push_str("<h2>Compared with a straight shaft at constant speed</h2>");
         page.push_str(&compared::section(plan));

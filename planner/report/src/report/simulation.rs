@@ -52,7 +52,7 @@ pub fn section(simulation: &Simulation, case: &Case) -> String {
         .map(|(name, value)| format!("<tr><th>{}</th><td>{value}</td></tr>", escape(&name)))
         .collect();
     let _ = write!(out, "<div class=\"wide\"><table><tbody>{rows}</tbody></table></div>");
-    out.push_str(&structure_table(case, &simulation.structures, |row| {
+    out.push_str(&structure_table(case, &simulation.structures, "at time", |row| {
         format!("{:.2}\u{a0}s", simulation.rows[row].time_s)
     }));
     out
