@@ -1,7 +1,7 @@
 //! `[path]` of a straight channel from text: `pattern = "plunge"` or `"ream"`.
 //!
-//! A channel is determined by an entry and a direction or target. Which of these go together is judged here, since a key too
-//! many would be read as a promise that nothing keeps.
+//! A channel is determined by an entry and a direction or target. Which of these go together is judged here, because a key
+//! without effect would mislead.
 
 use nalgebra::Vector3;
 use toml::de::DeValue;
