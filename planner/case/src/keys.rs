@@ -276,6 +276,7 @@ table! {
         END_TARGET = "path.target_mm" Mm -1e4..1e4, Words("exactly one of target_mm, depth_mm, contact_area_mm2"), "with plunge or ream: where the tip ends, ct", "-";
         END_DEPTH = "path.depth_mm" Mm 0.1..300.0, Words("exactly one of target_mm, depth_mm, contact_area_mm2"), "with plunge or ream: from the entry to where the tip ends", "-";
         END_AREA = "path.contact_area_mm2" One 1.0..1e5, Words("exactly one of target_mm, depth_mm, contact_area_mm2"), "with ream: the plunge ends where so many mm² of the reamer's surface are in bone", "-";
+        CONE = "path.cone_deg" Deg 1.0..180.0, Words("60 with plunge or ream"), "with direction = \"safest\" and approach.direction: largest angle between that and the way out of the bone", ASSUMED;
         FEED_REV = "path.feed_mm_rev" Mm 0.0001..2.0, Words("0.02 with plunge or ream"), "with plunge or ream: feed per revolution of the spindle", "Faieghi et al., III-A: 0.01 and 0.02 mm/rev";
         FEED_SPEED = "path.feed_mm_s" MmS 0.001..100.0, Words("instead of feed_mm_rev"), "with plunge or ream: feed speed", "-";
         PECK = "path.peck_mm" Mm 0.1..300.0, Words(ABSENT), "with plunge: depth between two retractions out of the bone", "-";

@@ -45,7 +45,7 @@ pub use force_models::{ModelName, NoSuchModel};
 pub use lattice::Lattice;
 pub use log::observe;
 pub use model::{CutForce, FlutedBurr, ForceModel, Lumped, LumpedForm, force_per_coefficient};
-pub use plunge::{Holes, PlungeEngine, PlungeSpec};
+pub use plunge::{BrickSamples, Holes, PlungeEngine, PlungeSpec};
 pub use poses::{PoseError, Sampling};
 pub use replay::{
     SimulateError, SimulatedToward, Simulation, SimulationRow, SimulationSetup, replay, simulate,

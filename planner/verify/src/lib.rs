@@ -85,9 +85,6 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     // before anything is judged: a file that is changed meanwhile does not get the verdict
     let files = digests(&plan.dir)?;
     let case = &plan.record.case;
-    if let Some(spec) = case.job.channel() {
-        return Ok(Verification { checks: channel::checks(plan, spec, progress)?, files });
-    }
     progress.stage("read images");
     let anatomy = Anatomy::read(plan)?;
     let boxes: Vec<Option<Boxes<'_>>> =
@@ -107,6 +104,11 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     checks.extend(follow::follow(plan, &moves, &executed)?);
     checks.extend(follow::speeds(plan, &moves, &executed));
     checks.extend(links::links(plan, &executed)?);
+    if let Some(spec) = case.job.channel() {
+        let looked_at = channel::LookedAt { plan, spec, anatomy: &anatomy, boxes: &boxes };
+        checks.extend(looked_at.checks(&moves, &executed, progress)?);
+        return Ok(Verification { checks, files });
+    }
 
     progress.stage("check rows");
     checks.extend(columns::rows(plan, &moves, &executed));

@@ -37,11 +37,13 @@ pub fn structure_table(
         })
         .collect();
     let mut table = "<div class=\"wide\"><table class=\"structures\"><thead><tr><th rowspan=\"2\"></th><th rowspan=\"2\">clearance [mm]</th>\
-         <th colspan=\"2\">least distance of the burr's surface</th>"
+         <th colspan=\"2\">least distance of the "
         .to_owned();
+    let tool = case.tool.word();
+    let _ = write!(table, "{tool}'s surface</th>");
     let _ = write!(
         table,
-        "<th colspan=\"4\">force toward it [N] while the burr is within {NEAR_MM} mm</th><th colspan=\"4\">force toward it [N] everywhere</th></tr>\
+        "<th colspan=\"4\">force toward it [N] while the {tool} is within {NEAR_MM} mm</th><th colspan=\"4\">force toward it [N] everywhere</th></tr>\
          <tr><th>[mm]</th><th>{at}</th>{0}{0}</tr></thead><tbody>{rows}</tbody></table></div>",
         format_args!("<th>mean</th><th>75th pct.</th><th>peak</th><th>{at}</th>")
     );
