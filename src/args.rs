@@ -311,18 +311,12 @@ pub struct SimulateArgs {
     /// Read one pose per line from stdin (time_s x y z axis_x axis_y axis_z, ct) and print a line of forces for each
     #[arg(long, conflicts_with_all = ["calibrate", "rate_hz", "step_mm"])]
     pub stream: bool,
-    /// Fit the burr's coefficients to a log of poses and forces instead
+    /// Fit coefficients to a log instead: a burr's to poses and forces, those of a drill or reamer to depth, thrust and torque
     #[arg(long, value_name = "LOG.csv", conflicts_with_all = ["rate_hz", "step_mm", "model"])]
     pub calibrate: Option<PathBuf>,
-    /// The coefficients to fit
-    #[arg(
-        long,
-        value_name = "KEYS",
-        value_delimiter = ',',
-        requires = "calibrate",
-        default_value = "k_t,k_r,k_a,k_te,k_re,k_ae"
-    )]
-    pub coefficients: Vec<Coefficient>,
+    /// The burr's coefficients to fit [default: k_t,k_r,k_a,k_te,k_re,k_ae]
+    #[arg(long, value_name = "KEYS", value_delimiter = ',', requires = "calibrate")]
+    pub coefficients: Option<Vec<Coefficient>>,
 }
 
 #[derive(Debug, clap::Args)]

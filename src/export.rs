@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
+use bonemill_planner::case::Spindle;
 use bonemill_planner::path::MoveKind;
 use bonemill_planner::plan::{Need, StoredPlan, is_prosthesis, least_gaps};
 use bonemill_planner::prosthesis::JobRecord;
@@ -145,8 +146,10 @@ fn gcode(plan: &StoredPlan, rapid: bool) -> anyhow::Result<Vec<u8>> {
         duration_s: *duration_s,
         cuts: plan.waypoints[*of].kind == MoveKind::Cut,
     });
-    let burr = &plan.record.case.burr;
-    let options = Gcode { spindle_rpm: burr.spindle_rpm, clockwise: burr.spin < 0, rapid };
+    let case = &plan.record.case;
+    let Spindle { rpm: spindle_rpm, spin } =
+        case.tool.spindle().unwrap_or(Spindle { rpm: case.burr.spindle_rpm, spin: case.burr.spin });
+    let options = Gcode { spindle_rpm, clockwise: spin < 0, rapid };
     let mut text = Vec::new();
     write_gcode(&mut text, plan.arm.joints(), &options, moves)?;
     Ok(text)

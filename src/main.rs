@@ -8,6 +8,7 @@
 mod args;
 mod compare;
 mod console;
+mod drill_log;
 mod export;
 #[cfg(any(test, feature = "rerun"))]
 mod follow;

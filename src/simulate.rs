@@ -11,6 +11,7 @@ use bonemill_planner::simulate::{Sampling, SimulationSetup, observe, simulate};
 use serde_json::json;
 
 use crate::args::{SimulateArgs, Talk};
+use crate::drill_log;
 use crate::outcome::Outcome;
 use crate::stream;
 
@@ -23,7 +24,13 @@ pub fn run(args: &SimulateArgs, progress: &dyn Progress, talk: Talk) -> anyhow::
         return stream::run(&plan, args.model, progress, talk);
     }
     if let Some(log) = &args.calibrate {
-        return fit(&plan, log, &args.coefficients, progress);
+        return match (plan.record.case.job.channel(), &args.coefficients) {
+            (None, wanted) => fit(&plan, log, wanted.as_deref().unwrap_or(&Coefficient::ALL), progress),
+            (Some(_), None) => drill_log::fit(&plan.record.case, log),
+            (Some(_), Some(_)) => anyhow::bail!(
+                "--coefficients: they are a burr's; what is fitted for a drill or reamer is material.edge_model of the plan's case"
+            ),
+        };
     }
     let sampling = match args.rate_hz {
         Some(rate_hz) => Sampling::Rate { rate_hz },

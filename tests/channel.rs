@@ -7,6 +7,9 @@ mod support;
 use std::fs;
 use std::path::Path;
 
+use bonemill_planner::case::Case;
+use bonemill_planner::channel::tool::ChannelTool;
+use bonemill_planner::edge::{CoefficientModel, PlungeFitting, PlungeRow, Regression};
 use support::place::Place;
 
 /// A table of numbers by column.
@@ -35,6 +38,13 @@ fn runs(place: &Place, args: &[&str]) -> String {
     let ran = place.run(args);
     assert_eq!(ran.code, 0, "{args:?}: {}{}", ran.out, ran.err);
     ran.out
+}
+
+/// A figure of `plan.toml`.
+fn number_of(place: &Place, key: &str) -> f64 {
+    let text = fs::read_to_string(place.path("plan/plan.toml")).unwrap();
+    let line = text.lines().find_map(|l| l.strip_prefix(key)?.strip_prefix(" = "));
+    line.unwrap_or_else(|| panic!("{key}")).parse().unwrap()
 }
 
 /// The mean of a column over the depths from `from` to `to`.
@@ -68,7 +78,14 @@ fn a_tibia_is_drilled_through_both_cortices_and_every_file_agrees() {
         assert!(report.contains(words), "{words}");
     }
     // the replay feels the same, and the second opinion agrees
-    runs(&place, &["simulate", "plan"]);
+    let replayed: serde_json::Value =
+        serde_json::from_str(&runs(&place, &["simulate", "plan", "--json"])).unwrap();
+    let planned = number_of(&place, "removed_bone_mm3");
+    let removed = replayed["figures"]["removed"]["bone"]["mm3"].as_f64().unwrap();
+    assert!(
+        (removed - planned).abs() < 2e-3 * planned,
+        "{removed} mm³ in the replay, {planned} mm³ in the plan"
+    );
     let simulated = Table::read(&place.path("plan/simulation.csv"));
     let peak = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
     let torque = [peak(&plunge.column("torque_nmm")), peak(&simulated.column("torque_nmm"))];
@@ -77,6 +94,10 @@ fn a_tibia_is_drilled_through_both_cortices_and_every_file_agrees() {
     for check in ["clearance of moves (vessel)", "probability of touching (vessel)", "volumes as written"] {
         assert!(said.contains(check), "{check} is missing in {said}");
     }
+    // a machine turns the drill as the case says, not as a burr
+    runs(&place, &["export", "plan", "--format", "gcode"]);
+    let program = fs::read_to_string(place.path("plan.ngc")).unwrap();
+    assert!(program.contains("\nS500 M3\n"), "{}", &program[..200]);
     // a plan whose channel was moved does not pass
     let path = place.path("plan/plan.toml");
     let text = fs::read_to_string(&path).unwrap();
@@ -105,15 +126,89 @@ fn a_glenoid_is_reamed_to_its_contact_area() {
 }
 
 #[test]
+fn a_log_of_thrust_and_torque_gives_the_edges_coefficients_or_is_refused() {
+    let place = Place::empty();
+    runs(&place, &["phantom", "--kind", "tibia", "--out", "bone"]);
+    let case = fs::read_to_string(place.path("bone/case.toml")).unwrap();
+    let rake = [
+        ("constant", "rake"),
+        ("k_normal = [150]", "k_normal = [60, 90]"),
+        ("k_friction = [60]", "k_friction = [20, 50]"),
+    ];
+    let case = rake.iter().fold(case, |text, (old, new)| text.replacen(old, new, 1));
+    fs::write(place.path("bone/case.toml"), &case).unwrap();
+    runs(&place, &["plan", "bone/case.toml", "--out", "plan"]);
+    // the log of a drill with other coefficients
+    let parsed = Case::parse(&case, Path::new("case.toml")).unwrap();
+    let tool = ChannelTool::of_case(&parsed).unwrap();
+    let fitting = PlungeFitting {
+        cutter: tool.cutter.as_ref(),
+        regression: Regression::Rake,
+        with_feed_angle: true,
+        with_chisel: true,
+    };
+    let truth = CoefficientModel::Rake([[70.0, 120.0], [25.0, 40.0]]);
+    let log = |depths: [f64; 2]| {
+        let mut text = "feed_mm_rev,spindle_rpm,depth_mm,thrust_n,torque_nmm\n".to_owned();
+        for n in 0..80 {
+            let (feed_mm_rev, spindle_rpm) = ([0.01, 0.02][n % 2], 500.0);
+            let depth_mm = depths[0] + (depths[1] - depths[0]) * n as f64 / 79.0;
+            let row = PlungeRow { feed_mm_rev, spindle_rpm, depth_mm, thrust_n: 0.0, torque_nmm: 0.0 };
+            let [thrust, torque] = fitting.predict(&truth, &row).unwrap();
+            // 1 % of noise, the same in every run
+            let noise = 1.0 + 0.01 * (n as f64 * 12.9898).sin();
+            text +=
+                &format!("{feed_mm_rev},{spindle_rpm},{depth_mm},{},{}\n", thrust * noise, torque * noise);
+        }
+        text
+    };
+    fs::write(place.path("log.csv"), log([0.02, 1.0])).unwrap();
+    let said = runs(&place, &["simulate", "plan", "--calibrate", "log.csv", "--json"]);
+    let found: serde_json::Value = serde_json::from_str(&said).unwrap();
+    for (key, expected) in [("k_normal", [70.0, 120.0]), ("k_friction", [25.0, 40.0])] {
+        for (n, expected) in expected.into_iter().enumerate() {
+            let part = |what: &str| found["figures"]["coefficients"][key][what][n].as_f64().unwrap();
+            let (value, half_width) = (part("value"), part("half_width"));
+            assert!(
+                (value - expected).abs() < 3.0 * half_width,
+                "{key}[{n}]: {value} ± {half_width}, {expected}"
+            );
+            assert!(half_width < 0.1 * expected, "{key}[{n}]: ± {half_width}");
+        }
+    }
+    let refused = |words: &[&str], args: &[&str]| {
+        place.run(&[&["simulate", "plan", "--calibrate"], args].concat()).refused(words)
+    };
+    // all edges in bone all the time, one feed and speed: nothing tells the rake's part from the rest
+    let deep: String = log([3.0, 4.0])
+        .lines()
+        .enumerate()
+        .filter(|(n, _)| n % 2 < 1 || *n == 0)
+        .map(|(_, l)| format!("{l}\n"))
+        .collect();
+    fs::write(place.path("deep.csv"), deep).unwrap();
+    refused(&["deep.csv", "cannot tell the 4 coefficients apart"], &["deep.csv"]);
+    fs::write(place.path("still.csv"), log([0.02, 1.0]).replacen("0.01,500", "0.01,0", 1)).unwrap();
+    refused(&["still.csv:2", "spindle speed above 0"], &["still.csv"]);
+    fs::write(place.path("air.csv"), log([-3.0, -1.0])).unwrap();
+    refused(&["air.csv", "0 rows in which the cutter is in bone"], &["air.csv"]);
+    fs::write(place.path("bad.csv"), "t,x\n").unwrap();
+    refused(&["bad.csv:1:", "depth_mm"], &["bad.csv"]);
+    refused(&["--coefficients", "material.edge_model"], &["log.csv", "--coefficients", "k_t"]);
+}
+
+#[test]
 fn what_cannot_be_drilled_is_said_with_its_key() {
     let place = Place::empty();
     runs(&place, &["phantom", "--kind", "tibia", "--out", "bone"]);
     let case = fs::read_to_string(place.path("bone/case.toml")).unwrap();
     let target = case.lines().find(|l| l.starts_with("target_mm")).unwrap();
     let entry = case.lines().find(|l| l.starts_with("entry_mm")).unwrap();
+    let both = format!("{entry}\n{target}");
     for (old, new, code, words) in [
         (target, "target_mm = [0, 0, -18.5]", 1, "the channel runs through vessel"),
         (target, "target_mm = [0, 0, 17]", 2, "the tool would begin in bone"),
+        (&both, "entry_mm = [0, 0, 17]\ntarget_mm = [0, 0, 14]", 2, "the tool meets no bone"),
         ("feed_mm_rev = 0.02", "feed_mm_rev = 1.9", 2, "path.feed_mm_rev"),
         ("web_mm = 0.15", "web_mm = 1.2", 2, "the web leaves no lip"),
         ("kind = \"drill\"\n\n[drill]", "kind = \"burr\"\n\n[burr]", 2, "a channel needs"),

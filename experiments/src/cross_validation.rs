@@ -70,7 +70,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
     for (truth_name, truth) in &truths {
         progress.stage(truth_name);
         for (name, regression, with_feed_angle) in MODELS {
-            let fitting = PlungeFitting { cutter: &drill, regression, with_feed_angle };
+            let fitting = PlungeFitting { cutter: &drill, regression, with_feed_angle, with_chisel: false };
             let mut score = Score::default();
             for seed in 1..=size.seeds {
                 let logs = logs(&drill, truth, seed)?;
@@ -111,7 +111,8 @@ impl Score {
         let full =
             PlungeRow { feed_mm_rev, spindle_rpm, depth_mm: f64::INFINITY, thrust_n: 0.0, torque_nmm: 0.0 };
         let found = fitting.predict(&fit.model, &full).map_err(ExperimentError::Cutter)?;
-        let own = PlungeFitting { cutter, regression: Regression::Rake, with_feed_angle: true };
+        let own =
+            PlungeFitting { cutter, regression: Regression::Rake, with_feed_angle: true, with_chisel: false };
         let expected = own.predict(truth, &full).map_err(ExperimentError::Cutter)?;
         for part in 0..2 {
             self.errors[part].push(100.0 * (found[part] / expected[part] - 1.0).abs());
@@ -136,7 +137,8 @@ fn logs(
     truth: &CoefficientModel,
     seed: u64,
 ) -> Result<[Vec<PlungeRow>; 4], ExperimentError> {
-    let truth_of = PlungeFitting { cutter, regression: Regression::Rake, with_feed_angle: true };
+    let truth_of =
+        PlungeFitting { cutter, regression: Regression::Rake, with_feed_angle: true, with_chisel: false };
     let mut state = seed;
     let mut logs: [Vec<PlungeRow>; 4] = Default::default();
     for (log, [feed_mm_rev, spindle_rpm]) in logs.iter_mut().zip(SCENARIOS) {

@@ -18,6 +18,7 @@ mod orientation;
 mod pareto;
 pub mod peers;
 mod prostheses;
+mod safest_channel;
 mod stream_faults;
 mod table;
 mod trials;
@@ -104,6 +105,9 @@ pub enum ExperimentError {
     /// A plan's files cannot be read.
     #[error(transparent)]
     PlanFile(#[from] bonemill_planner::plan::PlanFileError),
+    /// A plan cannot be verified.
+    #[error(transparent)]
+    Verify(#[from] bonemill_planner::verify::VerifyError),
     /// A plan cannot be streamed.
     #[error(transparent)]
     Stream(#[from] bonemill_robot::stream::StreamError),
@@ -197,6 +201,16 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "haptic-steps",
         about: "time and error of a haptic step, drilling and reaming: the published engines and ours over resolutions",
         run: haptic::run,
+    },
+    Experiment {
+        name: "haptic-loop",
+        about: "the haptic loop at 1 kHz and the surface of what changed, together for a minute: late steps, frames a second",
+        run: haptic::together::run,
+    },
+    Experiment {
+        name: "safest-channel",
+        about: "the safest channel to the cochlea's basal turn: temporal bones over the registration's error, each plan verified",
+        run: safest_channel::run,
     },
     Experiment {
         name: "cross-validation",

@@ -5,7 +5,7 @@
 
 use bonemill_planner::Progress;
 use bonemill_planner::plan::{Need, StoredPlan, stream_input};
-use bonemill_robot::stream::bound::{self, Failure, Mode};
+use bonemill_robot::stream::bound::{self, Failure};
 use bonemill_robot::stream::simulated::fault::{Draws, Fault};
 use bonemill_robot::stream::simulated::trial::{Piece, TrialResult};
 use bonemill_robot::stream::{Settings, Standing, StreamPlan};
@@ -53,24 +53,25 @@ fn bounds(plan: &StreamPlan, name: &str) -> Table {
         100.0 * slow_rows as f64 / plan.rate.len() as f64,
         plan.gap_mm.iter().copied().fold(f64::INFINITY, f64::min),
     );
-    let columns = ["failure", "along, planned speed [mm]", "off [mm]", "along, slowed [mm]", "off [mm] "];
+    let columns = ["", "planned speed [mm]", "slowed [mm]"];
     let mut table = Table::new("stream-bounds", title, &columns);
-    let largest = |travel: &(dyn Fn(usize, f64) -> bound::Travel + Sync), slowed: bool| {
+    let largest = |mm: &(dyn Fn(usize, f64) -> f64 + Sync), slowed: bool| {
         let rows = (0..plan.track.rows()).into_par_iter().step_by(5);
-        rows.map(|row| travel(row, if slowed { plan.rate[row] } else { 1.0 }))
-            .reduce(bound::Travel::default, bound::Travel::max)
+        rows.map(|row| mm(row, if slowed { plan.rate[row] } else { 1.0 })).reduce(|| 0.0, f64::max)
     };
-    let mut push = |what: String, travel: &(dyn Fn(usize, f64) -> bound::Travel + Sync)| {
-        let (planned, slowed) = (largest(travel, false), largest(travel, true));
-        let cells = [planned.along_mm, planned.off_mm, slowed.along_mm, slowed.off_mm];
-        table.push(std::iter::once(what).chain(cells.map(|mm| format!("{mm:.2}"))).collect());
+    let mut push = |what: String, planned_mm: f64, slowed_mm: f64| {
+        table.push(vec![what, format!("{planned_mm:.3}"), format!("{slowed_mm:.3}")]);
     };
+    let off_mm = plan.off_mm.iter().copied().fold(0.0, f64::max);
+    push("off the path".into(), largest(&|row, rate| bound::tube(plan, row, rate).off_mm, false), off_mm);
     for failure in Failure::ALL {
-        push(failure.about().into(), &|row, rate| bound::travel(plan, row as f64, rate, failure));
+        let along = |row: usize, rate: f64| bound::along_mm(plan, row, rate, failure);
+        push(format!("along, {}", failure.about()), largest(&along, false), largest(&along, true));
     }
     for depth_s in DEPTHS_S {
-        let what = format!("supply lost, buffer of {depth_s} s on the controller");
-        push(what, &|row, rate| bound::travel_in_mode(plan, row as f64, rate, Mode::Buffered { depth_s }));
+        let along = |row: usize, rate: f64| bound::along_buffered_mm(plan, row, rate, depth_s);
+        let what = format!("along, supply of a buffer of {depth_s} s on the controller lost");
+        push(what, largest(&along, false), largest(&along, true));
     }
     table
 }

@@ -52,7 +52,7 @@ pub use formats::{
 pub use hounsfield::{GreyKind, GreyRange, looks_like_hu};
 pub use memory::available_memory_mb;
 pub use names::{LabelNames, LabelNamesProblem, label_names_path, read_label_names};
-pub use resample::{AIR_HU, resample_density, resample_hu, resample_hu_and_density, resample_nearest};
+pub use resample::{AIR_HU, resample_hu, resample_hu_and_density, resample_nearest};
 pub use structures::{Region, StructureField};
 pub use write::{write_ct_i16, write_labels_u8};
 pub use write_phantom::{PHANTOM_CASE_FILE, write_phantom};

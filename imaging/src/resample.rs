@@ -38,26 +38,8 @@ pub fn resample_hu(
     hu
 }
 
-/// Density on `grid`, g/cm³: HU calibrated per CT voxel, then trilinear; beyond the image the density of air.
-pub fn resample_density(
-    ct: &Volume<f32, Ct>,
-    table: &DensityTable,
-    grid: &Grid<Work>,
-    ct_from_work: &Rigid<Ct, Work>,
-) -> Volume<f32, Work> {
-    let index = IndexMap::new(ct.grid(), grid, ct_from_work);
-    let calibrated = Calibrated::new(ct, table, grid, &index);
-    let [nx, ny, _] = grid.dims();
-    let mut density = Volume::filled(grid.clone(), 0.0);
-    density
-        .data_mut()
-        .par_chunks_exact_mut(nx)
-        .enumerate()
-        .for_each(|(row, out)| calibrated.source().fill_row(&index, [row % ny, row / ny], out));
-    density
-}
-
-/// [`resample_hu`] with [`AIR_HU`] outside and [`resample_density`] in one pass: `(hu, density_g_cm3)`.
+/// HU and density on `grid`, `(hu, density_g_cm3)`: [`resample_hu`] with [`AIR_HU`] outside; HU calibrated per CT voxel, then
+/// trilinear, beyond the image the density of air.
 pub fn resample_hu_and_density(
     ct: &Volume<f32, Ct>,
     table: &DensityTable,
@@ -319,12 +301,10 @@ mod tests {
             let labels = ct.map(|v| (*v + 1000.0) as u16);
 
             let hu = resample_hu(&ct, &grid, &ct_from_work, -900.0);
-            let density = resample_density(&ct, &table, &grid, &ct_from_work);
-            let both = resample_hu_and_density(&ct, &table, &grid, &ct_from_work);
+            let (hu_in_air, density) = resample_hu_and_density(&ct, &table, &grid, &ct_from_work);
             let nearest = resample_nearest(&labels, &grid, &ct_from_work);
-            prop_assert_eq!(density.data(), both.1.data());
             let in_air = resample_hu(&ct, &grid, &ct_from_work, AIR_HU);
-            prop_assert_eq!(both.0.data(), in_air.data());
+            prop_assert_eq!(hu_in_air.data(), in_air.data());
             for n in 0..grid.len() {
                 let p = ct_from_work * grid.center(grid.voxel(n));
                 prop_assert!((f64::from(hu.data()[n]) - ct.trilinear(p, -900.0)).abs() < 2e-3);
@@ -346,7 +326,7 @@ mod tests {
         let ct = Volume::new(grid, vec![-1000.0, 300.0]).unwrap();
         let work = Grid::aligned([1, 1, 1], 0.5, Point::new(0.0, 0.0, 0.0)).unwrap();
         let middle: Rigid<Ct, Work> = Rigid::new(Rotation3::identity(), Vector3::new(0.5, 0.0, 0.0));
-        let density = resample_density(&ct, &table(), &work, &middle).data()[0];
+        let density = resample_hu_and_density(&ct, &table(), &work, &middle).1.data()[0];
         assert!((density - 0.5 * (0.01 + 1.145)).abs() < 1e-6, "{density}");
     }
 

@@ -1,4 +1,4 @@
-//! Closed triangle surfaces of voxel fields and of labels, for display and export.
+//! Closed triangle surfaces of voxel fields, for display and export.
 //!
 //! Naive surface nets: one vertex in each cube of eight voxel centres that the surface crosses, at the mean of its edge
 //! crossings. Invariants: the surface is closed, also where the body leaves the grid (it then ends on the outermost voxel
@@ -22,17 +22,6 @@ pub fn iso_surface<F: Frame>(field: &Volume<f32, F>, level: f32) -> Mesh<F> {
     // clamped to finite values, so that interpolation along edges stays finite
     let depth = |value: f32| if value.is_nan() { -1.0 } else { (value - level).clamp(-1e30, 1e30) };
     mesh_of(field, depth)
-}
-
-/// The surface of all voxels with value `label`, about half a voxel from their centres, with the steps between voxels
-/// rounded.
-///
-/// The mesh is empty when the label is absent. The volume of a ball of radius r is within 1.5 % at r/h = 10.
-///
-/// # Panics
-/// As [`iso_surface`].
-pub fn label_surface<F: Frame>(labels: &Volume<u16, F>, label: u16) -> Mesh<F> {
-    mesh_of(labels, |value| if value == label { 1.0 } else { -1.0 })
 }
 
 /// The zero surface of `depth(value)`, positive inside.
@@ -204,6 +193,10 @@ mod tests {
             });
         assert!((lo - Vector3::new(8.75, -0.35, -4.55)).amax() < 1e-6, "{lo}");
         assert!((hi - Vector3::new(11.75, 3.15, -0.15)).amax() < 1e-6, "{hi}");
+    }
+
+    fn label_surface<F: Frame>(labels: &Volume<u16, F>, label: u16) -> Mesh<F> {
+        iso_surface(&labels.map(|l| if *l == label { 1.0 } else { -1.0 }), 0.0)
     }
 
     #[test]

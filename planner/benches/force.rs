@@ -8,7 +8,7 @@ use bonemill_geometry::{Grid, Point, Volume, Work, basis};
 use bonemill_planner::ball::{BallVolumes, ball_box_volume};
 use bonemill_planner::burr::{
     AtPoints, Discretisation, ElementGrid, EngagedSamples, Feed, ForceKernel, Material, Measure, Motion,
-    OrientationKernel, SphereSampler, Tool, burr_force,
+    OrientationKernel, Tool, burr_force,
 };
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::{Unit, Vector3};
@@ -69,8 +69,7 @@ fn forces(c: &mut Criterion) {
     let disc = Discretisation::new(16, 64, ElementGrid::Kappa, Measure::Db).expect("a discretisation");
     let motion = Motion::new(CENTER, axis.into_inner(), v, RPM).expect("a motion");
     let kernel = ForceKernel::new(&tool, &material, &disc);
-    let sampler = SphereSampler::new(&bone, CENTER, 2.5);
-    let weight = |n: &Vector3<f64>| material.weight(sampler.at(n));
+    let weight = |n: &Vector3<f64>| material.weight(bone.trilinear(CENTER + n * 2.5, 0.0));
 
     let mut group = c.benchmark_group("force/64x128");
     group.bench_function("plain_loop", |b| b.iter(|| plain_loop(&bone, &tool, k, black_box(&axis), v)));

@@ -5,9 +5,7 @@
 use std::hint::black_box;
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
-use bonemill_planner::burr::{
-    AtPoints, EngagedSamples, Feed, Material, Measure, OrientationKernel, SphereSampler, Tool,
-};
+use bonemill_planner::burr::{AtPoints, EngagedSamples, Feed, Material, Measure, OrientationKernel, Tool};
 use bonemill_planner::cost::{CostModel, Proximity};
 use bonemill_planner::metrics::Moments;
 use bonemill_planner::orientation::sequence::{BestSequence, Forbidden, Problem, best_sequence};
@@ -114,7 +112,6 @@ fn cost(c: &mut Criterion) {
     let tool = Tool::new(2.5, 8, -1).and_then(|t| t.with_neck(1.1)).expect("a tool");
     let material = Material::new([1400.0, 840.0, 140.0], 0.8).expect("a material");
     let center = Point::new(0.03, -0.02, 0.01);
-    let sampler = SphereSampler::new(&bone, center, 2.5);
     let feed = Unit::new_normalize(Vector3::new(1.0, 0.1, 0.0));
     let model = CostModel::new(0.7, 0.8).expect("a model");
     let near = Proximity::new(Vector3::new(0.5, -4.0, -1.0), 3.5).expect("a structure");
@@ -129,7 +126,7 @@ fn cost(c: &mut Criterion) {
         kernel.gather(
             &mut engaged,
             &Feed::new(&feed, 1.5, RPM),
-            &mut AtPoints(|n: &Vector3<f64>| material.weight(sampler.at(n))),
+            &mut AtPoints(|n: &Vector3<f64>| material.weight(bone.trilinear(center + n * 2.5, 0.0))),
         );
         let mut group = c.benchmark_group(format!("orientation_cost/{measure:?}/{}_engaged", engaged.len()));
         group.throughput(Throughput::Elements(axes.len() as u64));

@@ -3,14 +3,16 @@
 use std::path::{Component, Path, PathBuf};
 
 use bonemill_geometry::{Frame, Rigid};
-use bonemill_planner::Plan as RustPlan;
 use bonemill_planner::case::Structure;
+use bonemill_planner::channel::{self, ChannelPlan};
 use bonemill_planner::pipeline::{Refused, record};
 use bonemill_planner::plan::{
     self as files, ForceToward, Input, Need, PlanFileError, PlanRecord, Replace, StagedDirectory, StoredPlan,
     Waypoint,
 };
 use bonemill_planner::save;
+use bonemill_planner::{Plan as RustPlan, Setup};
+use bonemill_robot::timelaw::TimeLaw;
 use bonemill_robot::{Arm, JointKind, RobotError};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2};
@@ -22,8 +24,10 @@ use crate::{apart, errors, values, waypoints};
 
 /// The source of a plan's content.
 enum Body {
-    /// Computed by this process.
+    /// Milled bone, computed by this process.
     Made(Box<RustPlan>),
+    /// A channel, computed by this process.
+    Channel(Box<ChannelPlan>),
     /// Read from its files.
     Read(Box<StoredPlan>),
 }
@@ -49,17 +53,27 @@ pub fn plan(
     let (case, case_path) = (case.case.clone(), case.path.clone());
     let path = case_path.clone();
     let made = apart::run(py, progress, threads, move |progress| {
-        bonemill_planner::plan(&case, &path, progress).map_err(|e| Box::new(Refused::new(e, &case, &path)))
+        let refuse = |error| Box::new(Refused::new(error, &case, &path));
+        Ok(match case.job.channel() {
+            Some(spec) => {
+                let plan = channel::plan(&case, spec, &path, progress).map_err(refuse)?;
+                (channel::record(&plan, path.clone()), Body::Channel(Box::new(plan)))
+            }
+            None => {
+                let plan = bonemill_planner::plan(&case, &path, progress).map_err(refuse)?;
+                (record(&plan, path.clone()), Body::Made(Box::new(plan)))
+            }
+        })
     })?;
-    let made = Box::new(made.map_err(|e| errors::refused(&e))?);
-    let record = record(&made, case_path.clone());
-    Ok(Plan { body: Body::Made(made), record, case_path, inputs_folder: None })
+    let (record, body) = made.map_err(|e: Box<Refused>| errors::refused(&e))?;
+    Ok(Plan { body, record, case_path, inputs_folder: None })
 }
 
 impl Plan {
     fn waypoints(&self) -> &[Waypoint] {
         match &self.body {
             Body::Made(plan) => &plan.moves.waypoints,
+            Body::Channel(plan) => &plan.waypoints,
             Body::Read(plan) => &plan.waypoints,
         }
     }
@@ -67,6 +81,7 @@ impl Plan {
     fn forces(&self) -> &[ForceToward] {
         match &self.body {
             Body::Made(plan) => &plan.moves.forces,
+            Body::Channel(plan) => &plan.forces,
             Body::Read(plan) => &plan.forces,
         }
     }
@@ -74,6 +89,7 @@ impl Plan {
     fn arm(&self) -> &Arm {
         match &self.body {
             Body::Made(plan) => &plan.setup.arm,
+            Body::Channel(plan) => &plan.setup.arm,
             Body::Read(plan) => &plan.arm,
         }
     }
@@ -81,7 +97,7 @@ impl Plan {
     /// The folder from which it was read, and its record; `None` for a plan of this process.
     pub fn home(&self) -> Option<(PathBuf, &PlanRecord)> {
         match &self.body {
-            Body::Made(_) => None,
+            Body::Made(_) | Body::Channel(_) => None,
             Body::Read(plan) => Some((plan.dir.clone(), &self.record)),
         }
     }
@@ -98,7 +114,8 @@ impl Plan {
     /// Rows of time, q, qd, with the values of `trajectory.csv`.
     fn rows(&self) -> Result<Array2<f64>, RobotError> {
         match &self.body {
-            Body::Made(plan) => sampled(plan),
+            Body::Made(plan) => sampled(&plan.setup, &plan.moves.law),
+            Body::Channel(plan) => sampled(&plan.setup, &plan.motion.law),
             Body::Read(plan) => {
                 let t = &plan.trajectory;
                 Ok(Array2::from_shape_fn((t.len(), 1 + 2 * t.dof), |(row, column)| match column {
@@ -112,10 +129,10 @@ impl Plan {
 }
 
 /// The law at the controller's rate, rounded to the decimals of the file.
-fn sampled(plan: &RustPlan) -> Result<Array2<f64>, RobotError> {
-    let rows = plan.moves.law.rows(plan.setup.case.robot.rate_hz)?;
+fn sampled(setup: &Setup, law: &TimeLaw) -> Result<Array2<f64>, RobotError> {
+    let rows = law.rows(setup.case.robot.rate_hz)?;
     let dof = rows.dof();
-    let scale: Vec<f64> = plan.setup.arm.joints().iter().map(|j| scale(j.kind)).collect();
+    let scale: Vec<f64> = setup.arm.joints().iter().map(|j| scale(j.kind)).collect();
     let count = usize::try_from(rows.count()).unwrap_or(usize::MAX);
     let mut all = Array2::zeros((count, 1 + 2 * dof));
     rows.for_each(0..rows.count(), |row, q, qd| {
@@ -167,7 +184,7 @@ impl Plan {
     /// The inputs that were not found, with digests.
     fn missing_inputs(&self) -> Vec<String> {
         match &self.body {
-            Body::Made(_) => Vec::new(),
+            Body::Made(_) | Body::Channel(_) => Vec::new(),
             Body::Read(plan) => plan.inputs.missing().iter().map(ToString::to_string).collect(),
         }
     }
@@ -244,6 +261,7 @@ impl Plan {
     fn seconds(&self) -> Vec<(&'static str, f64)> {
         match &self.body {
             Body::Made(plan) => plan.seconds.clone(),
+            Body::Channel(plan) => plan.seconds.clone(),
             Body::Read(_) => Vec::new(),
         }
     }
@@ -278,9 +296,13 @@ impl Plan {
         let kept = self.kept_inputs(pack, own)?;
         let packed = (!kept.is_empty()).then(|| files::pack_inputs(&kept, &self.record.case_file, &staged));
         let packed = packed.transpose()?;
+        let case_path = packed.as_deref().unwrap_or(&self.case_path);
         match &self.body {
             Body::Made(plan) => {
-                save::plan(plan, packed.as_deref().unwrap_or(&self.case_path), &staged)?;
+                save::plan(plan, case_path, &staged)?;
+            }
+            Body::Channel(plan) => {
+                save::channel(plan, case_path, &staged)?;
             }
             Body::Read(plan) => {
                 files::copy_files(plan, &staged)?;
@@ -299,11 +321,13 @@ impl Plan {
     /// The inputs that are copied into the saved plan, and their present paths: all, or those in the case's folder; for a plan that
     /// was read and contains its case, those that it contains.
     fn kept_inputs(&self, pack: bool, own: bool) -> Result<Vec<(Input, PathBuf)>, PlanFileError> {
+        let made = |setup: &Setup| {
+            let kept = |(input, _): &&(Input, PathBuf)| pack || (own && stays_inside(&input.path));
+            Ok(setup.inputs.iter().filter(kept).cloned().collect())
+        };
         match &self.body {
-            Body::Made(plan) => {
-                let kept = |(input, _): &&(Input, PathBuf)| pack || (own && stays_inside(&input.path));
-                Ok(plan.setup.inputs.iter().filter(kept).cloned().collect())
-            }
+            Body::Made(plan) => made(&plan.setup),
+            Body::Channel(plan) => made(&plan.setup),
             Body::Read(plan) if pack || stays_inside(&self.record.case_file) => {
                 let mut kept = plan.all_inputs()?;
                 kept.retain(|(_, place)| pack || place.starts_with(&plan.dir));

@@ -156,12 +156,12 @@ fn refused(error: &dyn std::error::Error) -> PyErr {
 fn worst(plan: &CorePlan, failure: Failure) -> (&'static str, (f64, usize), (f64, usize)) {
     let mut found = (failure.about(), (0.0, 0), (0.0, 0));
     for row in (0..plan.track.rows()).step_by(5) {
-        let travel = bound::travel(plan, row as f64, plan.rate.get(row).copied().unwrap_or(0.0), failure);
-        if travel.along_mm > found.1.0 {
-            found.1 = (travel.along_mm, row);
+        let along_mm = bound::along_mm(plan, row, plan.rate[row], failure);
+        if along_mm > found.1.0 {
+            found.1 = (along_mm, row);
         }
-        if travel.off_mm > found.2.0 {
-            found.2 = (travel.off_mm, row);
+        if plan.off_mm[row] > found.2.0 {
+            found.2 = (plan.off_mm[row], row);
         }
     }
     found

@@ -10,6 +10,7 @@ mod published;
 mod shell;
 #[cfg(test)]
 mod tests;
+pub mod together;
 mod voxmap;
 
 use std::time::Instant;

@@ -14,7 +14,7 @@ use bonemill_planner::Progress;
 use bonemill_planner::case::{Case, CostSpec, Registration, SpeedMode};
 use bonemill_planner::cost::SeveralStructures;
 use bonemill_planner::path::MoveKind;
-use bonemill_planner::pipeline::{Choices, Felt, JUDGED, Plan, Prepared, plan, with_prepared};
+use bonemill_planner::pipeline::{Choices, JUDGED, Plan, Prepared, StructureForces, plan, with_prepared};
 
 use super::percent;
 use crate::body::{self, Body};
@@ -28,10 +28,10 @@ const LEAST_N: f64 = 0.01;
 const MOST_HEADS: u64 = 4;
 
 /// Figures in the order of [`COLUMNS`], of the force toward one structure, N.
-fn figures(felt: &Felt, structure: usize) -> [f64; 5] {
-    let near = &felt.structures[structure].near;
+fn figures(forces: &StructureForces, structure: usize) -> [f64; 5] {
+    let near = &forces.structures[structure].near;
     let [mean, zeros, peak] = JUDGED.map(|(_, figure)| figure(near));
-    [mean, zeros, peak, felt.peak_n, felt.mean_n]
+    [mean, zeros, peak, forces.peak_n, forces.mean_n]
 }
 
 /// Figures of a plan and its controls for one structure.
@@ -65,13 +65,13 @@ impl Row {
 }
 
 /// The rows of a plan: one per structure near which the plan or a control has a force toward it.
-fn rows(name: &str, plan: &Plan, alone: &Felt) -> Vec<Row> {
+fn rows(name: &str, plan: &Plan, alone: &StructureForces) -> Vec<Row> {
     let structures = plan.setup.case.structures.iter().enumerate();
     let row = |(n, s): (usize, &bonemill_planner::case::Structure)| Row {
         body: name.to_owned(),
         structure: s.name.clone(),
         priority: s.priority,
-        controls: plan.results.compared.controls.iter().map(|c| figures(&c.felt, n)).collect(),
+        controls: plan.results.compared.controls.iter().map(|c| figures(&c.forces, n)).collect(),
         plan: figures(&plan.results.compared.plan, n),
         alone: figures(alone, n),
         seconds: plan.seconds.iter().map(|(_, s)| s).sum(),
@@ -82,7 +82,7 @@ fn rows(name: &str, plan: &Plan, alone: &Felt) -> Vec<Row> {
 }
 
 /// The forces with the best axis of each waypoint alone, in the time that the plan takes for its cuts.
-fn alone(plan: &Plan, body: &Body) -> Result<Felt, ExperimentError> {
+fn alone(plan: &Plan, body: &Body) -> Result<StructureForces, ExperimentError> {
     let planned = Choices::of(&plan.setup.case);
     // the cost is only the push toward the nearest structure
     let cost = CostSpec {
@@ -95,12 +95,12 @@ fn alone(plan: &Plan, body: &Body) -> Result<Felt, ExperimentError> {
     let cuts = plan.moves.waypoints.windows(2).filter(|pair| pair[1].kind == MoveKind::Cut);
     let cutting_s =
         cuts.map(|pair| pair[0].position.distance_mm(&pair[1].position) / pair[1].speed_mm_s).sum();
-    let felt = |prepared: &Prepared| {
+    let forces = |prepared: &Prepared| {
         let chosen = prepared.choose_alone(&nearest_only)?;
         let speed_mm_s = prepared.speeds(&planned, &chosen, Some(cutting_s))?;
-        Ok(prepared.felt(&chosen, &speed_mm_s))
+        Ok(prepared.structure_forces(&chosen, &speed_mm_s))
     };
-    Ok(with_prepared(&plan.setup.case, body.case_path(), &(), felt)?)
+    Ok(with_prepared(&plan.setup.case, body.case_path(), &(), forces)?)
 }
 
 fn planned(name: &str, body: &Body, adjust: impl Fn(&mut Case)) -> Result<Vec<Row>, ExperimentError> {

@@ -36,6 +36,8 @@ pub struct ChannelSpec {
     pub direction: ChannelDirection,
     /// Where it ends.
     pub end: ChannelEnd,
+    /// With a direction that is searched: its largest angle from `approach.direction`, where that is given, degrees.
+    pub cone_deg: f64,
     /// How fast the tool is pushed.
     pub feed: Feed,
     /// Depth between two retractions, mm; `None`: none.

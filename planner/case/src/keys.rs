@@ -269,13 +269,14 @@ table! {
         LAYER = "path.layer_mm" Mm 0.05..20.0, Value(1.5), "depth of a layer, at most twice the radius", "D: 1.5 mm";
         STEPOVER = "path.stepover_mm" Mm 0.05..20.0, Derived("2/3 of burr.radius_mm"), "distance of neighbouring lines, at most twice the radius", "assumed: reproduces D's figures";
         STEP = "path.step_mm" Mm 0.01..5.0, Value(0.25), "distance of neighbouring waypoints, at most the radius", "assumed: the planning grid's spacing";
-        RASTER = "path.raster_deg" Deg -360.0..360.0, Chosen("along the target or across it, by what the structures feel in a draft"), "direction of the lines from work x towards work y", "-";
+        RASTER = "path.raster_deg" Deg -360.0..360.0, Chosen("along the target or across it, by the forces toward structures in a draft"), "direction of the lines from work x towards work y", "-";
         ENTRY = "path.entry_mm" Mm -1e4..1e4, Words("where the line leaves the bone"), "with pattern = \"plunge\" or \"ream\": the tool's tip at depth 0, ct", "-";
         ENTRY_CENTER = "path.entry_ball.center_mm" Mm -1e4..1e4, Words(REQUIRED), "centre, ct", "-";
         ENTRY_RADIUS = "path.entry_ball.radius_mm" Mm 0.5..200.0, Words(REQUIRED), "radius", "-";
         END_TARGET = "path.target_mm" Mm -1e4..1e4, Words("exactly one of target_mm, depth_mm, contact_area_mm2"), "with plunge or ream: where the tip ends, ct", "-";
         END_DEPTH = "path.depth_mm" Mm 0.1..300.0, Words("exactly one of target_mm, depth_mm, contact_area_mm2"), "with plunge or ream: from the entry to where the tip ends", "-";
         END_AREA = "path.contact_area_mm2" One 1.0..1e5, Words("exactly one of target_mm, depth_mm, contact_area_mm2"), "with ream: the plunge ends where so many mm² of the reamer's surface are in bone", "-";
+        CONE = "path.cone_deg" Deg 1.0..180.0, Words("60 with plunge or ream"), "with direction = \"safest\" and approach.direction: largest angle between that and the way out of the bone", ASSUMED;
         FEED_REV = "path.feed_mm_rev" Mm 0.0001..2.0, Words("0.02 with plunge or ream"), "with plunge or ream: feed per revolution of the spindle", "Faieghi et al., III-A: 0.01 and 0.02 mm/rev";
         FEED_SPEED = "path.feed_mm_s" MmS 0.001..100.0, Words("instead of feed_mm_rev"), "with plunge or ream: feed speed", "-";
         PECK = "path.peck_mm" Mm 0.1..300.0, Words(ABSENT), "with plunge: depth between two retractions out of the bone", "-";
@@ -333,17 +334,17 @@ table! {
         TURNS: bool = "burr.turns" ["one_way" => false, "both_ways" => true],
             "whether the burr cuts one way only, as spin says, or either way: then the plan with less force toward the structures decides", ASSUMED;
         SENSE: Sense = "path.sense" ["auto" => Sense::Auto, "both" => Sense::Both, "climb" => Sense::Climb, "conventional" => Sense::Conventional, "away" => Sense::Away],
-            "sense in which a pass is cut, where it has bone on one side: whichever end is nearer; the teeth against the feed; with it; near a structure the one that pushes less toward it. `auto`: both or away, by what the structures feel in drafts of the same time", "-";
+            "sense in which a pass is cut, where it has bone on one side: whichever end is nearer; the teeth against the feed; with it; near a structure the one that pushes less toward it. `auto`: both or away, by the forces toward structures in drafts of the same time", "-";
         COST_FORCE: ForceTerm = "cost.force" ["cutting" => ForceTerm::Cutting, "deflection" => ForceTerm::Deflection],
             "which force the cost looks at: D6 or D12", "D eq. 6";
         COST_TOWARD: TowardTerm = "cost.toward" ["size" => TowardTerm::Size, "share" => TowardTerm::Share],
-            "how the choice of axes counts a push toward a structure: its size over a quarter of the force in a straight side cut, at most 1; or its share of the whole push, D6. The column `cost` is D6 either way", "what the structures feel, see docs/results.md; share: D eq. 6";
+            "how the choice of axes counts a push toward a structure: its size over a quarter of the force in a straight side cut, at most 1; or its share of the whole push, D6. The column `cost` is D6 either way", "forces toward structures, see docs/results.md; share: D eq. 6";
         COST_STRUCTURES: SeveralStructures = "cost.structures" ["nearest" => SeveralStructures::Nearest, "priority" => SeveralStructures::Priority, "sum" => SeveralStructures::Sum],
             "which structures the cost looks at where several are near: the closest; the one of highest priority among the close ones; all, each by its own α₁", "D II-D names all three";
         ORIENTATION: OrientationMode = "orientation.mode" ["optimal" => OrientationMode::Optimal, "greedy" => OrientationMode::Greedy, "fixed" => OrientationMode::Fixed],
             "dynamic programming over the sequence; each waypoint alone, then a low-pass; along the approach. `greedy` with preset = \"paper\"", "assumed; greedy: D II-D";
         SPEED_MODE: SpeedMode = "speed.mode" ["least_force" => SpeedMode::LeastForce, "mass" => SpeedMode::Mass, "constant" => SpeedMode::Constant, "force_limited" => SpeedMode::ForceLimited],
-            "in the given time the least force toward structures, weighted by nearness (kappa_per_mm) and 1/√priority, then the least force; D13, inverse to the mass ahead; nominal_mm_s; fastest under force caps. `mass` with preset = \"paper\"", "what the structures feel, see docs/results.md; mass: D eq. 13";
+            "in the given time the least force toward structures, weighted by nearness (kappa_per_mm) and 1/√priority, then the least force; D13, inverse to the mass ahead; nominal_mm_s; fastest under force caps. `mass` with preset = \"paper\"", "forces toward structures, see docs/results.md; mass: D eq. 13";
     }
     others {
         CT = "images.ct" "a path relative to the case file", REQUIRED, "the CT, NIfTI-1", "-";

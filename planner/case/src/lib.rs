@@ -241,7 +241,7 @@ pub struct PathSpec {
 /// In which sense a pass is cut.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sense {
-    /// [`Self::Both`] or [`Self::Away`], whichever the structures feel less of in the same time.
+    /// [`Self::Both`] or [`Self::Away`], whichever gives smaller forces toward structures in the same time.
     Auto,
     /// From whichever end is nearer.
     Both,

@@ -1,7 +1,7 @@
 //! `[path]` of a straight channel from text: `pattern = "plunge"` or `"ream"`.
 //!
-//! A channel is determined by an entry and a direction or target. Which of these go together is judged here, since a key too
-//! many would be read as a promise that nothing keeps.
+//! A channel is determined by an entry and a direction or target. Which of these go together is judged here, because a key
+//! without effect would mislead.
 
 use nalgebra::Vector3;
 use toml::de::DeValue;
@@ -14,6 +14,8 @@ use super::walker::{Walk, as_number};
 
 /// Feed per revolution without a key, mm.
 const DEFAULT_FEED_MM_REV: f64 = 0.02;
+/// Angle from the approach within which the safest direction is sought, without a key, degrees.
+const DEFAULT_CONE_DEG: f64 = 60.0;
 /// Beginning before the entry without a key, mm.
 const DEFAULT_STANDOFF_MM: f64 = 5.0;
 /// Probability of touching without a key.
@@ -40,6 +42,7 @@ pub(super) fn read_channel(t: &Walk<'_, '_>, pattern: Pattern, step_mm: f64) -> 
         entry,
         direction,
         end,
+        cone_deg: t.optional(&k::CONE).unwrap_or(DEFAULT_CONE_DEG),
         feed,
         peck_mm: t.optional(&k::PECK),
         dwell_s: t.optional(&k::DWELL).unwrap_or(0.0),

@@ -26,6 +26,7 @@ pub(super) fn lines(channel: &ChannelSpec) -> Vec<(&'static str, String)> {
         ChannelEnd::Depth(mm) => ("depth_mm", float(mm)),
         ChannelEnd::ContactArea(mm2) => ("contact_area_mm2", float(mm2)),
     });
+    lines.push(("cone_deg", float(channel.cone_deg)));
     lines.push(match channel.feed {
         Feed::PerRevolution(mm) => ("feed_mm_rev", float(mm)),
         Feed::Speed(mm_s) => ("feed_mm_s", float(mm_s)),

@@ -33,7 +33,7 @@ pub enum CatalogueError {
         /// Its side, mm.
         side_mm: f64,
     },
-    /// More blocks than are counted.
+    /// More blocks of a kind than the catalogue counts.
     #[error("block {id}: {count} of them; expected at most {most}")]
     Count {
         /// The block.

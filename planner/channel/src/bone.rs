@@ -17,6 +17,12 @@ pub struct BoneField<'a> {
 }
 
 impl BoneField<'_> {
+    /// HU at a point; `None` where there is no image.
+    pub fn hu(&self, p: Point<Ct>) -> Option<f64> {
+        let (corners, at) = self.ct.cell_inside(self.ct.grid().continuous_index(p))?;
+        Some(trilinear(&corners, at))
+    }
+
     /// Density of bone at a point, g/cm³; 0 where there is none, or no image.
     ///
     /// HU are calibrated at the voxels, then the density is interpolated.

@@ -13,6 +13,7 @@ use crate::axis::ChannelAxis;
 use crate::bone::BoneField;
 use crate::depths::of_contact_area_mm;
 use crate::front::ToolFront;
+use crate::outside::OutsideAir;
 use crate::registration_error::RegistrationError;
 use crate::risk::{KeptClearance, KeptStructure, RiskModel, least_margin_mm};
 use crate::safest::{EntryRegion, SafeChannel, SafestFound, SafestSearch};
@@ -20,6 +21,10 @@ use crate::tool::ChannelTool;
 
 /// What clearances of the chosen channel may be told too small, mm.
 const TOLERANCE_MM: f64 = 1e-3;
+
+/// Where nothing says from which side a surgeon comes.
+const UNKNOWN_OUTSIDE: &str = "no corner of the scan holds air, so it is not known where the patient ends: every side on which a line \
+    leaves the bone counts as outside; give approach.direction, path.entry_label or path.entry_ball";
 
 /// The channels that were found.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,6 +35,8 @@ pub struct FoundChannels {
     pub search: Option<SafestFound>,
     /// The registration's error.
     pub error: RegistrationError,
+    /// What the user should know of the way out.
+    pub warning: Option<String>,
 }
 
 /// Finds the channels of a case; `labels_path` is where its label map is.
@@ -71,11 +78,14 @@ pub fn find(
         ChannelEnd::Target(target) => Point::from_coords(target),
         _ => Point::new(0.0, 0.0, 0.0),
     };
+    let outside = OutsideAir::of(&images.ct.volume, case.density.air_hu);
     let search = SafestSearch {
         ct: &images.ct.volume,
         bone_hu: case.density.bone_hu,
         target,
         region,
+        outside: &outside,
+        cone: case.approach.map(|out| (out, spec.cone_deg.to_radians())),
         longest_mm: tool.longest_mm(),
         risk,
     };
@@ -102,7 +112,9 @@ pub fn find(
     };
     let channels: Vec<SafeChannel> = axes.into_iter().map(judged).collect();
     through(case, channels.first())?;
-    Ok(FoundChannels { channels, search, error })
+    let is_open = matches!(spec.entry, Entry::Surface) && case.approach.is_none() && !outside.is_in_scan();
+    let warning = (search.is_some() && is_open).then(|| UNKNOWN_OUTSIDE.into());
+    Ok(FoundChannels { channels, search, error, warning })
 }
 
 /// A channel along a given direction: from the entry, or to the target.

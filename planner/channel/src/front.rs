@@ -66,6 +66,17 @@ impl ToolFront {
         Self { nodes }
     }
 
+    /// Parts of what the front sweeps on a way along the axis that ends at the tool's origin: the middle of each in the tool's frame, mm,
+    /// and its volume, mm³; no part is longer than `step_mm`.
+    pub fn swept(&self, way_mm: f64, step_mm: f64) -> impl Iterator<Item = (Vector3<f64>, f64)> {
+        let count = (way_mm / step_mm).ceil().max(1.0);
+        let length_mm = way_mm / count;
+        self.nodes.iter().flat_map(move |node| {
+            let middle = move |n| node.at + Vector3::z() * ((f64::from(n) + 0.5) * length_mm);
+            (0..count as u32).map(move |n| (middle(n), node.projected_mm2 * length_mm))
+        })
+    }
+
     /// What the front meets at a pose.
     pub fn meets(&self, bone: &BoneField<'_>, pose: &ToolPose) -> Met {
         let mut met = Met::default();

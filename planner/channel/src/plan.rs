@@ -15,7 +15,7 @@ use bonemill_setup::{ChannelFault, PlanError, Setup, Stopwatch, channel::scene_c
 use nalgebra::Unit;
 
 use crate::axis::ChannelAxis;
-use crate::bone::BoneField;
+use crate::bone::{BoneField, ToolPose};
 use crate::chosen::{FoundChannels, find};
 use crate::depths::first_contact_mm;
 use crate::forces::{self, Felt};
@@ -130,6 +130,10 @@ impl ChannelJob<'_> {
         BoneField { ct: &self.images.ct.volume, density: &self.case.density }
     }
 
+    fn front(&self) -> ToolFront {
+        ToolFront::new(self.tool.cutter.solid(), self.tool.guide_radius_mm)
+    }
+
     /// Scene, waypoints and joints of one channel.
     fn gone_through(&self, channel: &SafeChannel, watch: &mut Stopwatch) -> Result<Taken, PlanError> {
         let axis = &channel.axis;
@@ -162,11 +166,9 @@ impl ChannelJob<'_> {
     }
 
     fn contact_mm(&self, axis: &ChannelAxis) -> Result<f64, PlanError> {
-        let solid = self.tool.cutter.solid();
-        let front = ToolFront::new(solid, self.tool.guide_radius_mm);
         // a wide front may meet bone beside the entry before its tip is there
         let before_mm = self.spec.standoff_mm + self.tool.radius_mm;
-        first_contact_mm(&front, &self.bone(), axis, [-before_mm, axis.depth_mm])
+        first_contact_mm(&self.front(), &self.bone(), axis, [-before_mm, axis.depth_mm])
     }
 
     /// The case with the scene of its channel.
@@ -220,8 +222,9 @@ impl ChannelJob<'_> {
         };
         let (waypoints, forces) = gone.rows();
         let plunge = gone.plunge_rows();
-        let solid = self.tool.cutter.solid();
-        let volumes = swept(&setup.scene, &self.case.density, axis, solid, record.contact_depth_mm);
+        let way_mm = axis.depth_mm - record.contact_depth_mm;
+        let end = ToolPose::new(axis.end(), &axis.out);
+        let volumes = swept(&self.front(), &self.bone(), &end, way_mm);
         let pose = HolderPose { origin: axis.end(), out: &axis.out, cylinders: &self.tool.holder };
         let holder_in_bone = pose.in_bone(&self.images.ct.volume, self.case.density.bone_hu);
         let fields = setup.scene.structures.iter().map(|s| s.field.as_ref());
@@ -248,6 +251,7 @@ impl ChannelJob<'_> {
             shortfalls: vec![],
             seconds: vec![],
         };
+        plan.warnings.extend(plan.found.warning.clone());
         plan.warnings.extend(plan.arm.lowest_link.and_then(|lowest| lowest.warning()));
         plan.shortfalls = crate::judged::shortfalls(&plan, self.spec);
         Ok(plan)

@@ -1,7 +1,8 @@
 //! The safest straight channel to a target: the direction with the largest weighted margin, and the next best ones.
 //!
-//! Every direction is a channel that begins where the line from the target leaves the bone for good, which must lie in the
-//! entry's region. Its worth is the least weighted margin over all structures ([`crate::risk`]). That is continuous in the direction
+//! Every direction is a channel that begins where the line from the target leaves the bone for good. That must lie in the entry's
+//! region, in the cone about the approach, and on a way that is free for the tool and reaches the air outside the patient
+//! ([`crate::outside`]): a line that ends in an air cell is no channel. Its worth is the least weighted margin over all structures ([`crate::risk`]). That is continuous in the direction
 //! but has several local maxima, one for each gap between structures. So directions are first sampled over the
 //! sphere, `SPACING_RAD` apart; the best of them that are [`APART_RAD`] from each other are then moved to their local maximum
 //! by halving steps.
@@ -12,6 +13,7 @@ use rayon::prelude::*;
 
 use crate::axis::ChannelAxis;
 use crate::clearance::Line;
+use crate::outside::OutsideAir;
 use crate::risk::{KeptClearance, RiskModel, least_margin_mm};
 use crate::surface::leaves_bone_mm;
 
@@ -26,6 +28,8 @@ const STEPS_RAD: [f64; 2] = [0.5 * SPACING_RAD, 2e-4];
 /// A step of moving that gains less than this does not count, mm, so that a plateau ends the search; the clearances' own tolerance
 /// is larger.
 const LEAST_GAIN_MM: f64 = 1e-3;
+/// Lines beside the channel's along which the way to the entry must be free.
+const AROUND: u32 = 12;
 /// What clearances may be told too small while sampling and while moving, mm.
 const TOLERANCES_MM: [f64; 2] = [0.05, 0.005];
 
@@ -82,6 +86,10 @@ pub struct SafestSearch<'a> {
     pub target: Point<Ct>,
     /// Where the channel leaves the bone.
     pub region: EntryRegion<'a>,
+    /// The air outside the patient.
+    pub outside: &'a OutsideAir,
+    /// Out of the bone, and the largest angle from it, rad; `None`: any direction.
+    pub cone: Option<(Vector3<f64>, f64)>,
     /// The longest channel that the tool can drill, mm.
     pub longest_mm: f64,
     /// By what channels are judged.
@@ -95,7 +103,7 @@ pub struct SafestFound {
     pub channels: Vec<SafeChannel>,
     /// Directions that were sampled.
     pub sampled: usize,
-    /// Of these: leave the bone in the region.
+    /// Of these: lead outside within the region and the cone.
     pub in_region: usize,
     /// Of these: longer than the tool can drill.
     pub too_long: usize,
@@ -127,22 +135,47 @@ impl SafestSearch<'_> {
 
     /// The channel of one direction out of the bone.
     fn sample(&self, out: &Unit<Vector3<f64>>) -> Sampled {
-        let Some(axis) = self.axis(out) else { return Sampled::Elsewhere };
+        let Some(axis) = self.axis_in_cone(out) else { return Sampled::Elsewhere };
         if axis.depth_mm > self.longest_mm {
             return Sampled::TooLong;
         }
         Sampled::Channel(self.judged(axis, TOLERANCES_MM[0]))
     }
 
-    /// The channel along a direction out of the bone; `None` where its line meets no bone, leaves the scan in bone, or leaves
-    /// the bone outside the region.
+    /// The channel along a direction out of the bone; `None` where its line meets no bone, leaves the scan in bone, leaves the
+    /// bone outside the region, or does not lead outside.
     pub fn axis(&self, out: &Unit<Vector3<f64>>) -> Option<ChannelAxis> {
         let grid = self.ct.grid();
         let farthest = grid.corners().iter().map(|c| c.distance_mm(&self.target)).fold(0.0, f64::max);
         let line = Line { from: self.target, along: out, length_mm: farthest };
         let depth_mm = leaves_bone_mm(self.ct, self.bone_hu, &line)?;
-        let entry = self.target + out.as_ref() * depth_mm;
-        self.region.holds(entry).then_some(ChannelAxis { entry, out: *out, depth_mm })
+        let axis = ChannelAxis { entry: self.target + out.as_ref() * depth_mm, out: *out, depth_mm };
+        let beyond = Line { from: axis.entry, ..line };
+        let fits = self.region.holds(axis.entry) && self.outside.is_reached(self.ct, &beyond);
+        (fits && self.is_free_before(&axis)).then_some(axis)
+    }
+
+    /// The same in the cone.
+    fn axis_in_cone(&self, out: &Unit<Vector3<f64>>) -> Option<ChannelAxis> {
+        let is_inside = self.cone.is_none_or(|(about, angle_rad)| out.angle(&about) <= angle_rad);
+        if is_inside { self.axis(out) } else { None }
+    }
+
+    /// Whether no bone stands beside the line where the tool waits before the entry, and beyond.
+    fn is_free_before(&self, axis: &ChannelAxis) -> bool {
+        let grid = self.ct.grid();
+        let RiskModel { radius_mm, standoff_mm, .. } = self.risk;
+        // a little more than the radius: the tool's front is judged on a grid of its own
+        let aside = radius_mm + 0.5 * grid.diagonal_mm();
+        let turn = basis::from_z(&axis.out);
+        let start = axis.at(-standoff_mm - radius_mm);
+        let step = 0.5 * grid.spacing_mm().min();
+        (0..AROUND).all(|n| {
+            let (sin, cos) = (f64::from(n) / f64::from(AROUND) * std::f64::consts::TAU).sin_cos();
+            let beside = start + turn * Vector3::new(aside * cos, aside * sin, 0.0);
+            let places = (0..).map(|n| beside + axis.out.as_ref() * (f64::from(n) * step));
+            places.map_while(|p| Some(f64::from(*self.ct.get(grid.nearest(p)?)))).all(|hu| hu < self.bone_hu)
+        })
     }
 
     fn judged(&self, axis: ChannelAxis, tolerance_mm: f64) -> SafeChannel {
@@ -163,7 +196,8 @@ impl SafestSearch<'_> {
                 let (sin, cos) = (f64::from(n) * std::f64::consts::FRAC_PI_4).sin_cos();
                 Unit::new_normalize(turn * Vector3::new(step * cos, step * sin, 1.0))
             });
-            let fitting = around.filter_map(|out| self.axis(&out)).filter(|a| a.depth_mm <= self.longest_mm);
+            let fitting =
+                around.filter_map(|out| self.axis_in_cone(&out)).filter(|a| a.depth_mm <= self.longest_mm);
             let better = fitting
                 .map(|axis| self.judged(axis, TOLERANCES_MM[1]))
                 .filter(|channel| channel.margin_mm > best.margin_mm + LEAST_GAIN_MM)
@@ -251,6 +285,10 @@ mod tests {
     }
 
     fn found(gap_x: f64, region: EntryRegion<'_>) -> SafestFound {
+        found_in(gap_x, region, None)
+    }
+
+    fn found_in(gap_x: f64, region: EntryRegion<'_>, cone: Option<(Vector3<f64>, f64)>) -> SafestFound {
         let (ct, labels) = scene(gap_x);
         let field = StructureField::new(&labels, 1, None).unwrap().unwrap();
         let structures = [KeptStructure { field: Some(&field), clearance_mm: 0.2, priority: 1 }];
@@ -262,7 +300,18 @@ mod tests {
             touch_probability: 0.01,
         };
         let target = Point::new(0.0, 0.0, 0.0);
-        SafestSearch { ct: &ct, bone_hu: 0.0, target, region, longest_mm: 20.0, risk }.run()
+        let outside = OutsideAir::of(&ct, -700.0);
+        SafestSearch {
+            ct: &ct,
+            bone_hu: 0.0,
+            target,
+            region,
+            outside: &outside,
+            cone,
+            longest_mm: 20.0,
+            risk,
+        }
+        .run()
     }
 
     #[test]
@@ -273,9 +322,8 @@ mod tests {
             // voxels' faces end the gap at gap_x ± 1.75; the line crosses z 4.75 to 6.25, widest in the middle at 5.5
             let x = best.axis.out.x / best.axis.out.z * 5.5;
             assert!((x - gap_x).abs() < 0.12, "gap at {gap_x}: {x}");
-            assert!(best.margin_mm > 0.1 && best.margin_mm < 0.8, "{}", best.margin_mm);
             assert!(found.channels.windows(2).all(|w| w[0].margin_mm >= w[1].margin_mm));
-            // exact: no direction of a fine fan is better
+            // the gap's own margin: of a fine fan, the direction that stays farthest from the walls' edges
             let fan = (0..400).map(|n| f64::from(n) * 0.01 - 2.0 + gap_x);
             let distance = |x: f64| {
                 let (dx, dz) = (x / 5.5, 1.0);
@@ -289,6 +337,21 @@ mod tests {
             let most = fan.map(distance).fold(0.0, f64::max) - 0.8 - 0.1 * 2.326;
             assert!((best.margin_mm - most).abs() < 0.03, "{} {most}", best.margin_mm);
         }
+    }
+
+    #[test]
+    fn a_cone_binds_and_the_block_s_underside_leads_nowhere() {
+        let about = Vector3::new(1.0, 0.0, 1.0);
+        let found = found_in(0.0, EntryRegion::Surface, Some((about, 0.4)));
+        assert!(!found.channels.is_empty());
+        for channel in &found.channels {
+            assert!(channel.axis.out.angle(&about) <= 0.4 + 1e-12);
+        }
+        // half of all directions lead down, to the scan's lower face: in bone, or without outside air
+        let all = self::found(0.0, EntryRegion::Surface);
+        assert!(all.in_region < all.sampled / 2 && all.channels.iter().all(|c| c.axis.out.z > 0.0));
+        let none = found_in(0.0, EntryRegion::Surface, Some((-Vector3::z(), 0.5)));
+        assert!(none.channels.is_empty() && none.in_region == 0);
     }
 
     #[test]

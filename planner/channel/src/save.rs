@@ -1,6 +1,6 @@
 //! A planned channel's files but for its report, and what `plan.toml` says of it.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use bonemill_arm::ArmKind;
 use bonemill_arm::ur::branch_name;
@@ -14,6 +14,22 @@ use crate::plan::ChannelPlan;
 use crate::risk::KeptClearance;
 use crate::safest::SafeChannel;
 
+/// What `plan.toml` says; `case_file` is the path of the case's file from the plan's folder.
+pub fn record(plan: &ChannelPlan, case_file: PathBuf) -> PlanRecord {
+    let setup = &plan.setup;
+    PlanRecord {
+        version: env!("CARGO_PKG_VERSION").into(),
+        case: setup.case.clone(),
+        case_file,
+        inputs: setup.recorded_inputs(),
+        frames: setup.frames(),
+        metrics: metrics(plan),
+        modelled: modelled(plan),
+        warnings: plan.warnings.clone(),
+        shortfalls: plan.shortfalls.clone(),
+    }
+}
+
 /// Writes the files of `plan`, but for its report, into the staged directory; `case_path` is where its case was read from.
 ///
 /// # Errors
@@ -24,17 +40,7 @@ pub fn save(
     staged: &StagedDirectory,
 ) -> Result<PlanRecord, PlanFileError> {
     let setup = &plan.setup;
-    let record = PlanRecord {
-        version: env!("CARGO_PKG_VERSION").into(),
-        case: setup.case.clone(),
-        case_file: staged.relative(case_path)?,
-        inputs: setup.recorded_inputs(),
-        frames: setup.frames(),
-        metrics: metrics(plan),
-        modelled: modelled(plan),
-        warnings: plan.warnings.clone(),
-        shortfalls: plan.shortfalls.clone(),
-    };
+    let record = record(plan, staged.relative(case_path)?);
     let contents = PlanContents {
         record: &record,
         waypoints: &plan.waypoints,

@@ -1,48 +1,71 @@
-//! The volumes of a channel: voxels of the planning grid whose centres the tool sweeps.
+//! What a channel removes: the places that the tool's front passes from the first bone to the end.
+//!
+//! The front sweeps its projection times the way, so a volume is a sum over the front's polar grid and steps along the axis; no lattice
+//! of cubes rounds the circle. The guide of a reamer lies in a hole that was drilled before and removes nothing.
 
-use bonemill_case::Density;
-use bonemill_cutter::SolidOfRevolution;
-use bonemill_geometry::{Point, Tool, basis};
-use bonemill_scene::Scene;
-use rayon::prelude::*;
+use crate::bone::{BoneField, ToolPose};
+use crate::front::ToolFront;
 
-use crate::axis::ChannelAxis;
+/// Steps along the axis, mm.
+pub const SWEPT_STEP_MM: f64 = 0.1;
 
-/// What a channel removes, mm³.
+/// What a channel removes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SweptVolumes {
-    /// All that is swept within the target of the scene: from just before the bone to the end.
+    /// All that is swept from the first contact with bone to the end, mm³.
     pub all_mm3: f64,
-    /// Its part above `air_hu`.
+    /// Its part above `air_hu`, mm³.
     pub material_mm3: f64,
-    /// Its part at or above `bone_hu`.
+    /// Its part at or above `bone_hu`, mm³.
     pub bone_mm3: f64,
+    /// Mass of that, mg.
+    pub bone_mass_mg: f64,
 }
 
-/// The volumes of a channel from the depth `from_mm` on.
-pub fn swept(
-    scene: &Scene,
-    density: &Density,
-    axis: &ChannelAxis,
-    solid: &SolidOfRevolution,
-    from_mm: f64,
-) -> SweptVolumes {
-    let grid = scene.class.grid();
-    let tool_from_ct = basis::from_z(&axis.out).inverse();
-    // in tool coordinates at the end of the way, which leads along -z
-    let way = nalgebra::Vector3::new(0.0, 0.0, from_mm - axis.depth_mm);
-    let count = |(n, hu): (usize, &f32)| {
-        let p = scene.ct_from_work * grid.center(grid.voxel(n));
-        let at = tool_from_ct * (p - axis.end());
-        let is_before = at.z > axis.depth_mm - from_mm;
-        if is_before || !solid.sweep_contains(Point::<Tool>::from_coords(at), way) {
-            return [0u64; 3];
+/// What a front removes on a straight way of `way_mm` that ends at a pose.
+pub fn swept(front: &ToolFront, bone: &BoneField<'_>, end: &ToolPose, way_mm: f64) -> SweptVolumes {
+    let mut sum = SweptVolumes::default();
+    for (at, mm3) in front.swept(way_mm, SWEPT_STEP_MM) {
+        let p = end.place(at);
+        sum.all_mm3 += mm3;
+        let Some(hu) = bone.hu(p) else { continue };
+        if hu > bone.density.air_hu {
+            sum.material_mm3 += mm3;
         }
-        let hu = f64::from(*hu);
-        [1, u64::from(hu > density.air_hu), u64::from(hu >= density.bone_hu)]
-    };
-    let add = |a: [u64; 3], b: [u64; 3]| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-    let counts = scene.hu.data().par_iter().enumerate().map(count).reduce(|| [0; 3], add);
-    let [all_mm3, material_mm3, bone_mm3] = counts.map(|n| n as f64 * grid.voxel_mm3());
-    SweptVolumes { all_mm3, material_mm3, bone_mm3 }
+        if hu >= bone.density.bone_hu {
+            sum.bone_mm3 += mm3;
+            sum.bone_mass_mg += bone.density_g_cm3(p) * mm3;
+        }
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bonemill_case::Case;
+    use bonemill_cutter::SolidOfRevolution;
+    use bonemill_geometry::{Ct, Grid, Point, Volume};
+    use nalgebra::{Rotation3, Vector3};
+
+    #[test]
+    fn a_cone_s_hole_has_the_volume_of_the_cylinder_that_its_front_sweeps() {
+        let grid = Grid::<Ct>::aligned([30, 30, 40], 0.5, Point::new(-7.25, -7.25, -9.75)).unwrap();
+        let ct = Volume::filled(grid, 1000f32);
+        let text = "structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n";
+        let density = Case::parse(text, std::path::Path::new("case.toml")).unwrap().density;
+        let bone = BoneField { ct: &ct, density: &density };
+        // a point of 45° on a shaft of radius 1.25 about a guide of radius 0.3, turned by 90°
+        let solid = SolidOfRevolution::new(&[[0.0, 0.0], [1.25, 1.25], [9.0, 1.25]]).unwrap();
+        let turn = Rotation3::from_axis_angle(&Vector3::y_axis(), std::f64::consts::FRAC_PI_2);
+        let end = ToolPose { origin: Point::new(-3.0, 0.4, -0.3), turn };
+        let found = swept(&ToolFront::new(&solid, 0.3), &bone, &end, 5.03);
+        let expected = std::f64::consts::PI * (1.25 * 1.25 - 0.3 * 0.3) * 5.03;
+        let mass = expected * density.table.density_g_cm3(1000.0);
+        for (found, expected) in
+            [(found.all_mm3, expected), (found.bone_mm3, expected), (found.bone_mass_mg, mass)]
+        {
+            assert!((found - expected).abs() < 1e-9 * expected, "{found} {expected}");
+        }
+    }
 }

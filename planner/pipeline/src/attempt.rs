@@ -5,9 +5,10 @@
 //! tried; the first that is nowhere worse stands. If none is, the least bad stands, and the plan says so.
 
 use bonemill_arm::Arm;
-use bonemill_armpath::{ArmMotion, path_limits};
+use bonemill_armpath::{ArmMotion, Placed, path_limits};
 use bonemill_case::{Case, OrientationMode, Sense};
 use bonemill_geometry::{Base, Rigid, Work};
+use bonemill_motion::resolve::Posture;
 use bonemill_scene::Scene;
 use bonemill_setup::{Setup, Stopwatch};
 use bonemill_toolpath::access::ShankObstacles;
@@ -27,7 +28,7 @@ use super::speeds::{self, Timing};
 const LEFT_SHARE: f64 = 0.005;
 
 /// What every attempt at a case starts from.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Start<'a> {
     pub case: &'a Case,
     pub arm: &'a Arm,
@@ -39,7 +40,6 @@ pub(super) struct Start<'a> {
 
 /// A path with its axes, its motion and its speeds.
 pub(super) struct Attempt<'a> {
-    pub start: Start<'a>,
     pub prepared: Prepared<'a>,
     pub chosen: Chosen,
     pub motion: ArmMotion,
@@ -102,6 +102,12 @@ impl<'a> Start<'a> {
     pub fn new(setup: &'a Setup, space: &'a BurrSpace<'a>, solid: &'a ShankObstacles) -> Self {
         let Setup { case, arm, scene, .. } = setup;
         Self { case, arm, scene, space, solid, base_from_work: setup.base_from_work() }
+    }
+
+    /// The arm where it stands, in a posture that the case allows.
+    pub fn placed(&self) -> Placed<'_> {
+        let posture = self.case.robot.branch.map_or(Posture::Any, Posture::Of);
+        Placed { arm: self.arm, base_from_work: &self.base_from_work, posture }
     }
 
     /// The first attempt that is nowhere worse than its controls, or the least bad.
@@ -177,10 +183,9 @@ impl<'a> Start<'a> {
         let caps = &timing.caps_mm_s;
         let compared = Compared {
             controls: controls.iter().map(|control| control.in_time(case, timing.at_caps_s)).collect(),
-            plan: prepared.felt(&chosen, caps),
+            plan: prepared.structure_forces(&chosen, caps),
         };
         Ok(Attempt {
-            start: *self,
             prepared,
             chosen,
             motion,
@@ -198,7 +203,7 @@ impl Attempt<'_> {
     /// Whether it leaves at most [`LEFT_SHARE`] more than another, and misses no time, cap or turn that the other meets.
     pub fn keeps_what(&self, other: &Self) -> bool {
         let misses = |of: &Self| {
-            let caps = of.demand.caps_missed(of.start.case, &of.prepared, &of.chosen);
+            let caps = of.demand.caps_missed(of.prepared.start.case, &of.prepared, &of.chosen);
             [of.timing.missed.is_some(), caps.is_some()]
         };
         self.coverage.reached_share() >= other.coverage.reached_share() - LEFT_SHARE
@@ -208,11 +213,11 @@ impl Attempt<'_> {
 
     /// By how much it is worse than its controls at the worst; none where it is nowhere worse.
     pub fn worst_ratio(&self) -> Option<f64> {
-        self.compared.worse(self.start.case).first().map(Worse::ratio)
+        self.compared.worse(self.prepared.start.case).first().map(Worse::ratio)
     }
 
-    /// How much the structures feel: see [`super::Felt::score`].
+    /// Score of the forces toward structures: see [`super::StructureForces::score`].
     pub fn score(&self) -> f64 {
-        self.compared.plan.score(self.start.case)
+        self.compared.plan.score(self.prepared.start.case)
     }
 }

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 
 use super::PlanError;
 use super::arm_axes::REFUSED_MM;
-use super::control::Felt;
+use super::control::StructureForces;
 use super::orient::{CostField, FreeAxes, Oriented, alone, orient};
 use super::prepared::Prepared;
 
@@ -94,7 +94,7 @@ impl Prepared<'_> {
     /// # Errors
     /// When a parameter is out of range, or the cost uses the deflection and the case gives no stiffness.
     pub fn choose(&self, choices: &Choices) -> Result<Chosen, PlanError> {
-        let with_motion = self.case.robot.joint_stiffness.is_some();
+        let with_motion = self.start.case.robot.joint_stiffness.is_some();
         Ok(self.choose_timed(choices, with_motion, &mut Stopwatch::new(&()))?.0)
     }
 
@@ -106,9 +106,9 @@ impl Prepared<'_> {
         Ok(self.chosen_by(choices, alone, false, &mut Stopwatch::new(&()))?.0)
     }
 
-    /// What is felt along chosen axes at given speeds, mm/s per waypoint.
-    pub fn felt(&self, chosen: &Chosen, speed_mm_s: &[f64]) -> Felt {
-        Felt::of(self.case, self.length_mm(), &chosen.forces, &self.near, |i| speed_mm_s[i])
+    /// Forces toward the structures along chosen axes at given speeds, mm/s per waypoint.
+    pub fn structure_forces(&self, chosen: &Chosen, speed_mm_s: &[f64]) -> StructureForces {
+        StructureForces::of(self.start.case, self.length_mm(), &chosen.forces, &self.near, |i| speed_mm_s[i])
     }
 
     /// [`Self::choose`] with the motion that leads through these axes. If the arm cannot follow them, the axis that it
@@ -128,8 +128,8 @@ impl Prepared<'_> {
         }
         let (chosen, motion) = found?;
         // None only if the arm's motion was not computed above
-        let motion =
-            motion.map_or_else(|| self.motion(&choices.applied_to(self.case), &chosen.oriented.axes), Ok)?;
+        let motion = motion
+            .map_or_else(|| self.motion(&choices.applied_to(self.start.case), &chosen.oriented.axes), Ok)?;
         Ok((chosen, motion))
     }
 
@@ -161,17 +161,17 @@ impl Prepared<'_> {
         with_motion: bool,
         watch: &mut Stopwatch,
     ) -> Result<(Chosen, Option<ArmMotion>), PlanError> {
-        let case = &choices.applied_to(self.case);
+        let case = &choices.applied_to(self.start.case);
         let tool = tools::tool(&case.burr)?;
         let (material, measure) = tools::material(&case.material)?;
         let swept = SweptPath::new(
-            self.scene,
+            self.start.scene,
             &self.reached.path.removal,
             self.points(),
             Ball { radius_mm: case.burr.radius_mm },
         );
         let terms = terms(case, &self.near)?;
-        let compliance = Compliance::new(case, self.placed())?;
+        let compliance = Compliance::new(case, self.start.placed())?;
         let coarse = self.compliance_of(case, &compliance, &self.directions)?;
         let field = CostField {
             swept: &swept,
@@ -213,7 +213,7 @@ impl Prepared<'_> {
         compliance: &Compliance,
         set: &Directions,
     ) -> Result<Option<Vec<Matrix3<f64>>>, PlanError> {
-        let center = self.scene.target_center;
+        let center = self.start.scene.target_center;
         compliance.of_cost(case, center, set.axes(), |axis| self.arm_axes.allows(center, axis))
     }
 
@@ -270,7 +270,7 @@ impl Prepared<'_> {
         let stiff = stiff.filter(|_| case.cost.force == ForceTerm::Deflection);
         let stiffness = stiff.map(|joint| Stiffness { joint, toward: &toward });
         let start = positions.first().zip(axes.first()).and_then(|(at, axis)| self.arm_axes.start(*at, axis));
-        let placed = self.placed();
+        let placed = self.start.placed();
         let posture = start.map_or(placed.posture, Posture::From);
         Placed { posture, ..placed }.motion(&positions, axes, self.length_mm(), stiffness)
     }

@@ -44,7 +44,7 @@ pub(super) struct ControlPath {
 
 /// Forces at given speeds.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Felt {
+pub struct StructureForces {
     /// Mean force by time, N.
     pub mean_n: f64,
     /// Largest force, N.
@@ -60,8 +60,8 @@ pub struct Control {
     pub raster_rad: f64,
     /// Speed of its cuts, mm/s.
     pub speed_mm_s: f64,
-    /// What is felt.
-    pub felt: Felt,
+    /// Its forces.
+    pub forces: StructureForces,
 }
 
 /// A plan beside its controls.
@@ -70,7 +70,7 @@ pub struct Compared {
     /// Lines in the plan's direction, and across; none where there is nothing to spare.
     pub controls: Vec<Control>,
     /// The plan.
-    pub plan: Felt,
+    pub plan: StructureForces,
 }
 
 /// A figure in which a plan is worse than the better of its controls.
@@ -133,12 +133,12 @@ impl ControlPath {
         Control {
             raster_rad: self.raster_rad,
             speed_mm_s,
-            felt: Felt::of(case, &self.length_mm, &self.forces, &self.near, |_| speed_mm_s),
+            forces: StructureForces::of(case, &self.length_mm, &self.forces, &self.near, |_| speed_mm_s),
         }
     }
 }
 
-impl Felt {
+impl StructureForces {
     /// Of moves at their speeds, mm/s; one entry per waypoint each.
     pub(super) fn of(
         case: &Case,
@@ -184,7 +184,7 @@ impl Felt {
 impl Compared {
     /// The lower of the controls' figures near a structure, N; none without a control.
     pub fn better_control(&self, structure: usize, figure: fn(&TowardFigures) -> f64) -> Option<f64> {
-        let of = |c: &Control| c.felt.structures.get(structure).map(|s| figure(&s.near));
+        let of = |c: &Control| c.forces.structures.get(structure).map(|s| figure(&s.near));
         self.controls.iter().filter_map(of).min_by(f64::total_cmp)
     }
 

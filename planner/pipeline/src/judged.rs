@@ -7,7 +7,7 @@ use bonemill_setup::Setup;
 use bonemill_toolpath::space::TRAJECTORY_TOLERANCE_MM;
 
 use super::attempt::Attempt;
-use super::rest::{self, Cause};
+use super::rest::{self, RestCause};
 use super::{BlockedTurn, Coverage, Modelled, PlanError, percent};
 
 /// Share of the reachable volume below which a plan fell short.
@@ -19,7 +19,7 @@ impl Attempt<'_> {
     /// # Errors
     /// When a distance field cannot be made.
     pub(super) fn shortfalls(&self, setup: &Setup, modelled: &Modelled) -> Result<Vec<String>, PlanError> {
-        let (start, coverage, oriented) = (&self.start, &self.coverage, &self.chosen.oriented);
+        let (start, coverage, oriented) = (&self.prepared.start, &self.coverage, &self.chosen.oriented);
         let case = start.case;
         let missed = self.timing.missed.filter(|_| case.speed.total_time_s.is_some());
         let mut found: Vec<String> = target_outside(start.scene).into_iter().collect();
@@ -35,7 +35,7 @@ impl Attempt<'_> {
 
     /// What the user should know beside that.
     pub(super) fn warnings(&self, setup: &Setup, modelled: &Modelled) -> Vec<String> {
-        let case = self.start.case;
+        let case = self.prepared.start.case;
         let missed = self.timing.missed.filter(|_| case.speed.total_time_s.is_none());
         let mut found = setup.warnings.clone();
         found.extend(modelled.arm.lowest_link.and_then(|lowest| lowest.warning()));
@@ -60,7 +60,7 @@ fn target_outside(scene: &Scene) -> Option<String> {
 /// Less removed than the burr can reach.
 fn unreached(case: &Case, coverage: &Coverage, unjoined_passes: usize) -> Option<String> {
     let share = coverage.reached_share();
-    let of_path = |cause: &Cause| matches!(cause, Cause::Shank(_) | Cause::Spacing);
+    let of_path = |cause: &RestCause| matches!(cause, RestCause::Shank(_) | RestCause::Spacing);
     let parts = coverage.rest.iter().filter(|(cause, _)| of_path(cause));
     let mut why: Vec<String> =
         parts.map(|(cause, mm3)| format!("{mm3:.1} mm³ stay for the {}", cause.text(case))).collect();

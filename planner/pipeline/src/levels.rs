@@ -54,7 +54,7 @@ pub(super) fn nearness(case: &Case) -> Result<CostModel, ModelError> {
     CostModel::new(case.cost.kappa_per_mm, 1.0)
 }
 
-/// Weight of a push toward a structure: its nearness over the root of its priority, so that the fourth may feel twice as much as the first.
+/// Weight of a push toward a structure: its nearness over the root of its priority, so that the force toward the fourth may be twice that toward the first.
 pub(super) fn weight(nearness: &CostModel, case: &Case, n: &NearStructure) -> f64 {
     let priority = case.structures.get(n.structure).map_or(u32::MAX, |s| s.priority);
     nearness.alpha_1(n.proximity.distance_mm, n.proximity.least_mm) / f64::from(priority).sqrt()

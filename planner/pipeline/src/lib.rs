@@ -12,7 +12,6 @@ mod control;
 mod direction_sets;
 mod figures;
 mod judged;
-mod known_directions;
 mod levels;
 mod metrics;
 mod modelled;
@@ -49,7 +48,7 @@ use bonemill_toolpath::space::BurrSpace;
 
 pub use bonemill_setup::PlanError;
 pub use choose::{Choices, Chosen};
-pub use control::{Compared, Control, Felt, JUDGED, Worse};
+pub use control::{Compared, Control, JUDGED, StructureForces, Worse};
 pub use figures::Figures;
 pub use levels::{Exceeded, SpeedLevels};
 pub use metrics::{Coverage, Volumes};
@@ -61,7 +60,7 @@ pub use prepared::{Prepared, with_prepared};
 pub use reach::Dropped;
 pub use record::record;
 pub use refused::{Refused, place};
-pub use rest::Cause;
+pub use rest::RestCause;
 pub use save::save;
 
 /// Plans a case; paths in it are relative to the folder of `case_path`.
@@ -83,7 +82,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let figures = Figures::of(&moves.0, &moves.1, attempt.prepared.length_mm(), &least, case.burr.radius_mm);
     let (warnings, shortfalls) =
         (attempt.warnings(&setup, &modelled), attempt.shortfalls(&setup, &modelled)?);
-    let planned_case = attempt.start.case.clone();
+    let planned_case = attempt.prepared.start.case.clone();
     let Attempt { prepared, chosen, timing, coverage, compared, .. } = attempt;
     let access = ShankAccess { allowed: chosen.oriented.allowed, dropped: prepared.reached.dropped.clone() };
     drop(prepared);

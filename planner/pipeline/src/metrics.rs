@@ -8,7 +8,7 @@ use bonemill_toolpath::path::PathPoint;
 use bonemill_toolpath::space::BurrSpace;
 
 use super::reach::Dropped;
-use super::rest::{Cause, rest};
+use super::rest::{RestCause, rest};
 
 /// One volume in its three kinds, mm³.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -35,7 +35,7 @@ pub struct Coverage {
     /// The part of the target beyond the scan, mm³; not in `target`.
     pub outside_mm3: f64,
     /// What keeps the rest of the target, mm³ by cause, the largest first; together target + outside − removed.
-    pub rest: Vec<(Cause, f64)>,
+    pub rest: Vec<(RestCause, f64)>,
     /// Bone outside the target whose voxel centres are removed, mm³.
     pub untargeted_bone_removed_mm3: f64,
     /// The part of it that is specks and thin bone, mm³.

@@ -45,8 +45,8 @@ pub struct PathFacts {
 pub struct AxisFacts {
     /// The case's mode, or fixed by a fallback.
     pub mode: OrientationMode,
-    /// What was done otherwise than the cost prefers, because a structure of priority 1 would have felt more than under the
-    /// controls; none where nothing was.
+    /// The fallback that was taken because the force toward a structure of priority 1 would have been larger than under the
+    /// controls, in words; none where the first attempt stands.
     pub instead: Option<&'static str>,
     /// Of the waypoints that cut, those whose orientation cost was computed with the force.
     pub cost_with_force: usize,
@@ -88,7 +88,7 @@ impl Modelled {
         Ok(Self {
             path: attempt.path_facts(),
             axes: attempt.axis_facts(),
-            arm: ArmFacts::along(attempt.start.arm, &attempt.motion, compliances, toward)?,
+            arm: ArmFacts::along(attempt.prepared.start.arm, &attempt.motion, compliances, toward)?,
             speeds: attempt.speed_facts()?,
         })
     }
@@ -101,7 +101,7 @@ impl Attempt<'_> {
             waypoints: reached.path.points.len(),
             cutting: reached.moments.iter().filter(|m: &&Moments| m.mass_mg() > 0.0).count(),
             layers: reached.path.layers,
-            raster_rad: half_turn(raster.frame.angle_rad() + self.start.scene.turn_rad),
+            raster_rad: half_turn(raster.frame.angle_rad() + self.prepared.start.scene.turn_rad),
             sense: raster.sense,
             put_off: reached.put_off(),
             unjoined_passes: reached.path.unjoined,
@@ -125,13 +125,13 @@ impl Attempt<'_> {
 
     fn speed_facts(&self) -> Result<SpeedFacts, PlanError> {
         let (timing, near) = (&self.timing, &self.prepared.near);
-        let is_deflection = levels::is_deflection(self.start.case, &self.chosen);
+        let is_deflection = levels::is_deflection(self.prepared.start.case, &self.chosen);
         let levels = timing
             .levels
             .as_ref()
             .map(|found| SpeedLevels::of(found, &self.demand.pushes, &timing.caps_mm_s, near, is_deflection));
         Ok(SpeedFacts {
-            limit_ratios: timing.law.limit_ratios(&path_limits(self.start.arm)?),
+            limit_ratios: timing.law.limit_ratios(&path_limits(self.prepared.start.arm)?),
             time_at_caps_s: timing.at_caps_s,
             levels,
         })

@@ -27,7 +27,7 @@ pub struct MoveLimits {
 
 impl Prepared<'_> {
     pub(super) fn demand(&self, choices: &Choices, chosen: &Chosen) -> Result<MoveLimits, PlanError> {
-        let case = &choices.applied_to(self.case);
+        let case = &choices.applied_to(self.start.case);
         let mut pushes = levels::pushes(case, &self.near, &chosen.forces, chosen.compliances.as_deref())?;
         // a link that grazes a cusp has a fixed speed
         let links = pushes.iter_mut().zip(&chosen.kinds).filter(|(_, kind)| **kind != MoveKind::Cut);
@@ -72,10 +72,13 @@ impl MoveLimits {
             dense,
             force_cap_mm_s: &self.force_cap_mm_s,
             pushes: &self.pushes,
-            step_mm: prepared.case.path.step_mm,
-            slot_mass_mg: tools::slot_mass_mg(&choices.applied_to(prepared.case), prepared.case.path.step_mm),
+            step_mm: prepared.start.case.path.step_mm,
+            slot_mass_mg: tools::slot_mass_mg(
+                &choices.applied_to(prepared.start.case),
+                prepared.start.case.path.step_mm,
+            ),
             spec: &choices.speed,
-            smoothing: speeds::smoothing(prepared.case),
+            smoothing: speeds::smoothing(prepared.start.case),
         }
     }
 

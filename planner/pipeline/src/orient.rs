@@ -10,7 +10,6 @@ use bonemill_toolpath::orientation::corridor::{Corridor, best_near};
 use bonemill_toolpath::orientation::greedy::{self, LoneWaypoint, low_pass, settle};
 use bonemill_toolpath::orientation::refine::{Chart, best_checked, refine};
 use bonemill_toolpath::orientation::sequence::{BestSequence, Forbidden, Problem, best_sequence};
-use bonemill_toolpath::orientation::stencil::Stencil;
 use bonemill_toolpath::orientation::{Directions, FreeSets, Permissible, RateLimit, TiltFamily};
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
@@ -291,8 +290,7 @@ fn filtered(room: &FreeAxes, wishes: &[greedy::BestAxis]) -> greedy::Greedy {
     low_pass((room.directions, room.family), &raw, LOW_PASS_HALF, in_set, is_free)
 }
 
-/// C of every waypoint and free direction, one row per waypoint; forces are interpolated by a plane's stencil if that needs fewer of them.
-/// `kept`: what was gathered, where it was.
+/// C of every waypoint and free direction, one row per waypoint. `kept`: what was gathered, where it was.
 pub fn cost_rows(
     directions: &Directions,
     free: &FreeSets,
@@ -300,26 +298,16 @@ pub fn cost_rows(
     kept: Option<&[EngagedSamples]>,
 ) -> Vec<f32> {
     let axes = directions.axes();
-    let stencil = directions.angles_rad().map(Stencil::new);
     let mut cost = vec![0f32; free.len() * axes.len()];
-    let workspace = || (EngagedSamples::default(), vec![None; axes.len()]);
-    cost.par_chunks_mut(axes.len()).enumerate().for_each_init(workspace, |(own, forces), (i, row)| {
+    cost.par_chunks_mut(axes.len()).enumerate().for_each_init(EngagedSamples::default, |own, (i, row)| {
         cancel::poll();
         if field.moments[i].mass_mg() <= 0.0 {
             return;
         }
         let samples = field.kept_or_gathered(kept, i, own);
-        let force = |n: usize| field.force_n(samples, &axes[n]);
-        forces.fill(None);
-        match stencil.as_ref().filter(|_| !samples.is_empty()) {
-            Some(stencil) => stencil.fill(free.iter(i), force, forces),
-            None => free.iter(i).for_each(|n| forces[n] = Some(force(n))),
-        }
-        for (n, force) in forces.iter().enumerate() {
-            if let Some(force) = force {
-                let compliance = field.compliance.as_ref().map(|c| &c[n]);
-                row[n] = field.cost_of(i, force, &axes[n], compliance) as f32;
-            }
+        for n in free.iter(i) {
+            let compliance = field.compliance.as_ref().map(|c| &c[n]);
+            row[n] = field.cost_of(i, &field.force_n(samples, &axes[n]), &axes[n], compliance) as f32;
         }
     });
     cost

@@ -2,14 +2,10 @@
 
 use std::path::Path;
 
-use bonemill_arm::Arm;
-use bonemill_arm::ur::Branches;
 use bonemill_armpath::{Compliance, Placed};
 use bonemill_case::{Case, OrientationMode, PathSpec, Sense};
 use bonemill_cutting::cost::Proximity;
 use bonemill_geometry::Progress;
-use bonemill_geometry::{Base, Rigid, Work};
-use bonemill_motion::resolve::Posture;
 use bonemill_scene::Scene;
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::{Setup, Stopwatch, tools};
@@ -33,12 +29,8 @@ const RATE_WEIGHT_MM: f64 = 1.0;
 /// Scene, path, access and engagement of a case.
 #[derive(Debug)]
 pub struct Prepared<'a> {
-    /// What it was prepared for; [`super::Choices`] may replace a part of it.
-    pub(super) case: &'a Case,
-    /// Images as planned on.
-    pub scene: &'a Scene,
-    pub(super) base_from_work: Rigid<Base, Work>,
-    pub(super) arm: &'a Arm,
+    /// What it was prepared for; [`super::Choices`] may replace a part of its case.
+    pub(super) start: Start<'a>,
     pub(super) family: Option<TiltFamily>,
     pub(super) directions: Directions,
     /// A finer cap to choose from near the best of these.
@@ -46,14 +38,11 @@ pub struct Prepared<'a> {
     pub(super) rate: RateLimit,
     pub(super) reached: ReachedPath<'a>,
     pub(super) arm_axes: ArmAxes,
-    /// The branches of a UR that the case allows.
-    branches: Option<Branches>,
     /// Links that graze a cusp where no axis within the tilt limit is free.
     pub(super) beyond_limit: usize,
     /// Per waypoint the nearest structure first, then others within influence.
     pub(super) near: Vec<Vec<NearStructure>>,
     pub(super) feeds: Vec<Option<Unit<Vector3<f64>>>>,
-    radius_mm: f64,
     raster: Raster,
 }
 
@@ -68,7 +57,6 @@ impl<'a> Prepared<'a> {
         watch: &mut Stopwatch,
     ) -> Result<Self, PlanError> {
         let Start { case, arm, scene, space, solid, base_from_work } = *start;
-        let radius = case.burr.radius_mm;
         let spacing = spacing(case);
         let limit_rad = case.orientation.tilt_limit_rad;
         let family = (case.orientation.angles == 1).then(|| tilt::tilt_family(arm, &base_from_work, scene));
@@ -78,12 +66,11 @@ impl<'a> Prepared<'a> {
         let shank = tools::shank(case);
         let draft =
             direction_sets::one(family.as_ref(), limit_rad, DRAFT_COARSER[usize::from(family.is_none())]);
-        let posture = case.robot.branch.map_or(Posture::Any, Posture::Of);
-        let placed = Placed { arm, base_from_work: &base_from_work, posture };
+        let placed = start.placed();
         let asked = direction_sets::one(family.as_ref(), limit_rad, 1.0);
         let arm_axes = watch.run("arm", || ArmAxes::new(placed, space, asked));
         let spec = ReachSpec {
-            radius_mm: radius,
+            radius_mm: case.burr.radius_mm,
             shank: &shank,
             solid,
             arm: &arm_axes,
@@ -130,22 +117,17 @@ impl<'a> Prepared<'a> {
         let beyond_limit =
             reach::limit_where_it_cuts(&mut reached, &cuts, &ReachSpec { directions: &directions, ..spec });
         Ok(Self {
-            case,
-            scene,
-            arm,
-            base_from_work,
+            start: *start,
             family,
             rate,
             near,
             feeds,
-            radius_mm: radius,
             raster,
             beyond_limit,
             reached,
             directions,
             finer,
             arm_axes,
-            branches: case.robot.branch,
         })
     }
 
@@ -164,9 +146,14 @@ impl<'a> Prepared<'a> {
         self.raster
     }
 
+    /// Images as planned on.
+    pub fn scene(&self) -> &'a Scene {
+        self.start.scene
+    }
+
     /// The burr's radius, mm.
     pub fn radius_mm(&self) -> f64 {
-        self.radius_mm
+        self.start.case.burr.radius_mm
     }
 
     /// The nearest structure of a waypoint.
@@ -177,12 +164,6 @@ impl<'a> Prepared<'a> {
     /// What is chosen from.
     pub fn directions(&self) -> &Directions {
         &self.directions
-    }
-
-    /// The arm where it stands.
-    pub(super) fn placed(&self) -> Placed<'_> {
-        let posture = self.branches.map_or(Posture::Any, Posture::Of);
-        Placed { arm: self.arm, base_from_work: &self.base_from_work, posture }
     }
 }
 

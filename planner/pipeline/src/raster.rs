@@ -29,7 +29,7 @@ use rayon::prelude::*;
 
 use super::PlanError;
 use super::choose::{scale, terms};
-use super::control::Felt;
+use super::control::StructureForces;
 use super::levels;
 use super::orient::{CostField, cost_rows};
 use super::prepared::feeds;
@@ -114,11 +114,11 @@ impl Drafts<'_> {
         // one time for all of them: that of the first that can be compared
         let first = (0..drafts.len()).find(is_candidate).map_or(&drafts[0], |n| &drafts[n]);
         let total_s = first.cuts_mm() / case.speed.nominal_mm_s + first.links_s(case);
-        let felt: Result<Vec<Felt>, PlanError> =
-            drafts.par_iter().map(|d| d.felt(case, total_s - d.links_s(case))).collect();
-        let felt = felt?;
-        let is_felt = felt.iter().flat_map(|f| &f.structures).any(|s| s.near.peak_n > 0.0);
-        let score = |n: usize| if is_felt { felt[n].score(case) } else { drafts[n].cost.ln() };
+        let forces: Result<Vec<StructureForces>, PlanError> =
+            drafts.par_iter().map(|d| d.structure_forces(case, total_s - d.links_s(case))).collect();
+        let forces = forces?;
+        let is_pushed = forces.iter().flat_map(|f| &f.structures).any(|s| s.near.peak_n > 0.0);
+        let score = |n: usize| if is_pushed { forces[n].score(case) } else { drafts[n].cost.ln() };
         let mut best: Option<(f64, usize)> = None;
         for n in (0..drafts.len()).filter(is_candidate) {
             let score = score(n);
@@ -138,7 +138,7 @@ impl Drafts<'_> {
         let points = &path.points;
         let access = Access::draft(scene, spec.solid, path.removal.time(), spec.shank);
         let limited = limited(points.len(), |i| points[i].kind == MoveKind::Cut);
-        let free = free_directions(&access, points, &limited, spec, None);
+        let free = free_directions(&access, points, &limited, spec);
         drop(access);
         let near = nearest_structures::along(case, scene, &path::centers(points))?;
         let moments = mass_increments_by_voxels(
@@ -235,11 +235,12 @@ impl Draft {
     }
 
     /// At the speeds of the case's mode, the cuts in `cutting_s` or as near to it as they can.
-    fn felt(&self, case: &Case, cutting_s: f64) -> Result<Felt, PlanError> {
-        let felt =
-            |speed: &dyn Fn(usize) -> f64| Felt::of(case, &self.length_mm, &self.forces, &self.near, speed);
+    fn structure_forces(&self, case: &Case, cutting_s: f64) -> Result<StructureForces, PlanError> {
+        let forces = |speed: &dyn Fn(usize) -> f64| {
+            StructureForces::of(case, &self.length_mm, &self.forces, &self.near, speed)
+        };
         if self.forces.iter().all(Option::is_none) {
-            return Ok(felt(&|_| case.speed.nominal_mm_s));
+            return Ok(forces(&|_| case.speed.nominal_mm_s));
         }
         let count = self.forces.len();
         let mass_mg: Vec<f64> = self.moments.iter().map(Moments::mass_mg).collect();
@@ -259,7 +260,7 @@ impl Draft {
             smoothing: speeds::smoothing(case),
         };
         let caps = speeds::caps_near(&input, cutting_s)?;
-        Ok(felt(&|i| caps[i]))
+        Ok(forces(&|i| caps[i]))
     }
 }
 

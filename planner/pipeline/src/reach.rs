@@ -27,7 +27,6 @@ use bonemill_toolpath::space::BurrSpace;
 use nalgebra::{Unit, Vector3};
 
 use super::arm_axes::ArmAxes;
-use super::known_directions::{KnownDirections, Round};
 
 /// Rounds before the planner gives up; each puts off or drops at least one waypoint, few are usual.
 const MOST_ROUNDS: usize = 40;
@@ -118,7 +117,6 @@ pub fn reached<'a>(
     spec: &ReachSpec<'_, 'a>,
 ) -> Result<ReachedPath<'a>, Unreached> {
     let mut dropped = Vec::new();
-    let mut before: Option<Round> = None;
     // of the round before; none when the path is another than what was put off made it
     let mut blocked_before: Option<usize> = None;
     let mut waypoints = 0;
@@ -129,10 +127,9 @@ pub fn reached<'a>(
             return Err(Unreached::Nothing);
         }
         let eighths = EighthTimes::new(spec.solid, &path.points, ball);
-        let known = before.as_ref().map(|round| round.known_of(spec.solid, &path, &eighths));
         let access = Access::new(scene, spec.solid, eighths, spec.shank);
         let limited = limited(path.points.len(), |i| path.points[i].kind == MoveKind::Cut);
-        let free = free_directions(&access, &path.points, &limited, spec, known.as_ref());
+        let free = free_directions(&access, &path.points, &limited, spec);
         let length_mm = lengths(&path.points);
         let mut blocked = closed_waypoints(&free);
         let mut ahead = 1;
@@ -149,10 +146,7 @@ pub fn reached<'a>(
                     return Ok(ReachedPath { path, access, free, limited, length_mm, moments, dropped });
                 }
                 // links that graze a cusp are cuts: laid anew in steps, along the same way
-                let next = path.stepped(space, &long, spec.spacing.step_mm);
-                let dropped = HashSet::new();
-                before = access.into_eighths().map(|eighths| Round { path, eighths, free, dropped });
-                path = next;
+                path = path.stepped(space, &long, spec.spacing.step_mm);
                 continue;
             }
             waypoints = unturned.len();
@@ -162,8 +156,7 @@ pub fn reached<'a>(
             if !below.is_empty() && entered_in_vain < MOST_IN_VAIN {
                 let passes = enter_from_above(&path.passes, &below);
                 path = join_passes(space, spec.spacing, passes, path.layers);
-                // waypoints came in between: what was known of the others may be too little now
-                (before, blocked_before) = (None, None);
+                blocked_before = None;
                 continue;
             }
             let is_to_go =
@@ -198,9 +191,7 @@ pub fn reached<'a>(
             }
         }
         let passes = put_off_points(&path.passes, &points, path.layers);
-        let next = join_passes(space, spec.spacing, passes, path.layers);
-        before = access.into_eighths().map(|eighths| Round { path, eighths, free, dropped: points });
-        path = next;
+        path = join_passes(space, spec.spacing, passes, path.layers);
     }
     Err(Unreached::Unsettled { waypoints, rounds: MOST_ROUNDS })
 }
@@ -241,7 +232,6 @@ pub fn free_directions(
     points: &[PathPoint],
     limited: &[bool],
     spec: &ReachSpec,
-    known: Option<&KnownDirections>,
 ) -> FreeSets {
     let axes = spec.directions.axes();
     let within: Vec<bool> = axes.iter().map(|a| spec.directions.is_within_limit(a)).collect();
@@ -249,16 +239,8 @@ pub fn free_directions(
         if limited[i] && !within[n] {
             return false;
         }
-        // beyond the limit, "not free" may only have meant "not allowed"
-        match known.filter(|_| within[n]).and_then(|known| known.was_free(i, n).map(|free| (free, known))) {
-            // less is removed than before: what was blocked stays so
-            Some((false, _)) => false,
-            Some((true, known)) if !known.may_have_changed(points[i].position, &axes[n], spec.shank) => true,
-            _ => {
-                spec.arm.allows(points[i].position, &axes[n])
-                    && access.is_free(i as u32, points[i].position, &axes[n])
-            }
-        }
+        spec.arm.allows(points[i].position, &axes[n])
+            && access.is_free(i as u32, points[i].position, &axes[n])
     })
 }
 

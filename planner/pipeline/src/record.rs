@@ -6,7 +6,7 @@ use bonemill_arm::ArmKind;
 use bonemill_arm::ur::branch_name;
 use bonemill_planfile::{Metrics, PlanRecord, Value};
 
-use crate::{Control, Felt, Plan, SpeedLevels, Volumes, dropped_by_reason, half_turn};
+use crate::{Control, Plan, SpeedLevels, StructureForces, Volumes, dropped_by_reason, half_turn};
 
 /// What `plan.toml` says of a plan; `case_file` is its case's file, relative to the plan's directory once it has one.
 pub fn record(plan: &Plan, case_file: PathBuf) -> PlanRecord {
@@ -114,25 +114,25 @@ fn metrics(plan: &Plan) -> Metrics {
 
 /// The plan beside its controls.
 fn compared(plan: &Plan) -> Vec<(String, Value)> {
-    let felt = |felt: &Felt| -> Vec<(String, Value)> {
-        let structures = plan.setup.case.structures.iter().zip(&felt.structures);
+    let forces = |forces: &StructureForces| -> Vec<(String, Value)> {
+        let structures = plan.setup.case.structures.iter().zip(&forces.structures);
         let near =
             structures.map(|(s, found)| (s.name.clone(), Value::Table(found.near.entries("waypoint"))));
         vec![
-            ("mean_force_n".into(), felt.mean_n.into()),
-            ("peak_force_n".into(), felt.peak_n.into()),
+            ("mean_force_n".into(), forces.mean_n.into()),
+            ("peak_force_n".into(), forces.peak_n.into()),
             ("near".into(), Value::Table(near.collect())),
         ]
     };
     let control = |(number, control): (usize, &Control)| {
-        let mut entries = felt(&control.felt);
+        let mut entries = forces(&control.forces);
         let turned = control.raster_rad + plan.setup.scene.turn_rad;
         entries.insert(0, ("raster_deg".into(), half_turn(turned).to_degrees().into()));
         entries.insert(1, ("speed_mm_s".into(), control.speed_mm_s.into()));
         (format!("control_{}", number + 1), Value::Table(entries))
     };
     let mut entries: Vec<_> = plan.results.compared.controls.iter().enumerate().map(control).collect();
-    entries.push(("plan".into(), Value::Table(felt(&plan.results.compared.plan))));
+    entries.push(("plan".into(), Value::Table(forces(&plan.results.compared.plan))));
     entries
 }
 

@@ -29,7 +29,7 @@ const USUAL_CLEARANCE_MM: f64 = 1.0;
 
 /// What keeps a part of the target from being removed.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Cause {
+pub enum RestCause {
     /// The clearance of one structure, by its place in the case.
     Clearance(usize),
     /// More than one clearance, each by itself or only together.
@@ -48,7 +48,7 @@ pub enum Cause {
     OutsideScan,
 }
 
-impl Cause {
+impl RestCause {
     /// In words that follow "kept by".
     pub fn text(&self, case: &Case) -> String {
         match self {
@@ -75,7 +75,7 @@ pub fn rest(
     space: &BurrSpace,
     removal: &RemovalTime,
     dropped: &[Dropped],
-) -> Result<Vec<(Cause, f64)>, ImageError> {
+) -> Result<Vec<(RestCause, f64)>, ImageError> {
     let class = scene.class.data();
     let left: Vec<usize> =
         (0..class.len()).filter(|n| class[*n].is(Class::TARGET) && !removal.is_removed(*n)).collect();
@@ -89,14 +89,14 @@ pub fn rest(
         by_bone.into_iter().partition(|n| without_thin.as_ref().is_some_and(|reachable| reachable[*n]));
     let mut counts = Counts(Vec::new());
     reachable.iter().for_each(|n| counts.add(left_by_path(scene, space, dropped, *n), 1));
-    counts.add(Cause::ThinBone, by_thin.len());
+    counts.add(RestCause::ThinBone, by_thin.len());
     by_clearances(scene, space, &by_structures, &mut counts)?;
     by_radius(scene, &by_bone, &mut counts)?;
     let voxel_mm3 = scene.class.grid().voxel_mm3();
-    let mut rest: Vec<(Cause, f64)> =
+    let mut rest: Vec<(RestCause, f64)> =
         counts.0.into_iter().map(|(cause, voxels)| (cause, voxels as f64 * voxel_mm3)).collect();
     if scene.outside.mm3.total() > 0.0 {
-        rest.push((Cause::OutsideScan, scene.outside.mm3.total()));
+        rest.push((RestCause::OutsideScan, scene.outside.mm3.total()));
     }
     rest.sort_by(|a, b| b.1.total_cmp(&a.1));
     Ok(rest)
@@ -113,10 +113,10 @@ fn reachable_without_thin(scene: &Scene, space: &BurrSpace) -> Result<Option<Vec
 }
 
 /// Voxels by cause, in the order of their first mention.
-struct Counts(Vec<(Cause, usize)>);
+struct Counts(Vec<(RestCause, usize)>);
 
 impl Counts {
-    fn add(&mut self, cause: Cause, voxels: usize) {
+    fn add(&mut self, cause: RestCause, voxels: usize) {
         match self.0.iter_mut().find(|(known, _)| *known == cause) {
             Some((_, count)) => *count += voxels,
             None if voxels > 0 => self.0.push((cause, voxels)),
@@ -126,11 +126,11 @@ impl Counts {
 }
 
 /// Why a voxel that the ball can reach stays: the nearest dropped place from which the ball would have removed it.
-fn left_by_path(scene: &Scene, space: &BurrSpace, dropped: &[Dropped], voxel: usize) -> Cause {
+fn left_by_path(scene: &Scene, space: &BurrSpace, dropped: &[Dropped], voxel: usize) -> RestCause {
     let p = scene.class.grid().center(scene.class.grid().voxel(voxel));
     let near = dropped.iter().map(|place| (place.position.distance_mm(&p), place));
     let near = near.filter(|(mm, _)| *mm <= space.radius_mm()).min_by(|a, b| a.0.total_cmp(&b.0));
-    near.map_or(Cause::Spacing, |(_, place)| Cause::Shank(place.reason.clone()))
+    near.map_or(RestCause::Spacing, |(_, place)| RestCause::Shank(place.reason.clone()))
 }
 
 /// Which clearances keep `voxels`, which the ball would reach without any.
@@ -143,14 +143,14 @@ fn by_clearances(
     let near: Vec<usize> =
         (0..scene.structures.len()).filter(|n| scene.structures[*n].field.is_some()).collect();
     if let [only] = near[..] {
-        counts.add(Cause::Clearance(only), voxels.len());
+        counts.add(RestCause::Clearance(only), voxels.len());
         return Ok(());
     }
     if (voxels.len() as f64) < FEW_SHARE * scene.count(Class::TARGET) as f64 {
         voxels
             .iter()
             .filter_map(|n| nearest_limit(scene, space, *n))
-            .for_each(|s| counts.add(Cause::Clearance(s), 1));
+            .for_each(|s| counts.add(RestCause::Clearance(s), 1));
         return Ok(());
     }
     let mut keepers: Vec<Vec<usize>> = vec![Vec::new(); voxels.len()];
@@ -163,7 +163,10 @@ fn by_clearances(
         }
     }
     for keepers in keepers {
-        counts.add(if let [only] = keepers[..] { Cause::Clearance(only) } else { Cause::Clearances }, 1);
+        counts.add(
+            if let [only] = keepers[..] { RestCause::Clearance(only) } else { RestCause::Clearances },
+            1,
+        );
     }
     Ok(())
 }
@@ -194,8 +197,8 @@ fn by_radius(scene: &Scene, voxels: &[usize], counts: &mut Counts) -> Result<(),
     let smallest_mm = SMALLEST_BURR_VOXELS * scene.class.grid().spacing_mm().x;
     let small = BurrSpace::new(scene, Ball { radius_mm: smallest_mm }, &[])?;
     let narrow = voxels.par_iter().filter(|n| small.reachable()[**n]).count();
-    counts.add(Cause::BurrRadius, narrow);
-    counts.add(Cause::Bone, voxels.len() - narrow);
+    counts.add(RestCause::BurrRadius, narrow);
+    counts.add(RestCause::Bone, voxels.len() - narrow);
     Ok(())
 }
 
@@ -238,7 +241,7 @@ fn help(
     scene: &Scene,
     space: &BurrSpace,
     coverage: &Coverage,
-    cause: &Cause,
+    cause: &RestCause,
 ) -> Result<String, ImageError> {
     let lower = |mm: f64| if mm > USUAL_CLEARANCE_MM { USUAL_CLEARANCE_MM } else { 0.5 * mm };
     let clearances = |lowered: &dyn Fn(usize) -> bool| -> Vec<f64> {
@@ -254,7 +257,7 @@ fn help(
     };
     let radius_mm = case.burr.radius_mm;
     Ok(match cause {
-        Cause::Clearance(structure) => {
+        RestCause::Clearance(structure) => {
             let (name, from_mm) = case
                 .structures
                 .get(*structure)
@@ -262,25 +265,25 @@ fn help(
             let gain = gain(radius_mm, &clearances(&|n| n == *structure))?;
             format!("clearance_mm of {name} {from_mm} -> {} {gain}", lower(from_mm))
         }
-        Cause::Clearances => format!(
+        RestCause::Clearances => format!(
             "clearance_mm of every structure lowered to {USUAL_CLEARANCE_MM}, and where it is that already by half, {}",
             gain(radius_mm, &clearances(&|_| true))?
         ),
-        Cause::BurrRadius => {
+        RestCause::BurrRadius => {
             format!("burr.radius_mm {radius_mm} -> {} {}", 0.5 * radius_mm, gain(0.5 * radius_mm, &clearances(&|_| false))?)
         }
-        Cause::Bone => format!(
+        RestCause::Bone => format!(
             "{:.0} % of the target is bone itself: if that is little, the labels may lie beside their bone (check both images' \
              affines); else take the bone in the way into the target, or choose another approach.direction",
             100.0 * coverage.target.bone_mm3 / coverage.target.all_mm3
         ),
-        Cause::ThinBone => "target.sheets = \"cut\" would let the burr through it".into(),
-        Cause::Shank(_) => {
+        RestCause::ThinBone => "target.sheets = \"cut\" would let the burr through it".into(),
+        RestCause::Shank(_) => {
             "a longer or thinner shank (shank.segments), a larger orientation.tilt_limit_deg or another approach.direction may \
              help"
                 .into()
         }
-        Cause::Spacing => "smaller path.layer_mm and path.stepover_mm would help".into(),
-        Cause::OutsideScan => "a scan that holds the target would help".into(),
+        RestCause::Spacing => "smaller path.layer_mm and path.stepover_mm would help".into(),
+        RestCause::OutsideScan => "a scan that holds the target would help".into(),
     })
 }

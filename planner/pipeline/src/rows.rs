@@ -15,7 +15,7 @@ impl Attempt<'_> {
 
     fn waypoint_row(&self, i: usize) -> Waypoint {
         let (scene, point, moments) =
-            (self.start.scene, &self.prepared.points()[i], &self.prepared.reached.moments[i]);
+            (self.prepared.start.scene, &self.prepared.points()[i], &self.prepared.reached.moments[i]);
         let axis_work = &self.chosen.oriented.axes[i];
         let axis = scene.ct_from_work.rotate(axis_work);
         let (theta_rad, phi_rad) = basis::angles_from_axis(&scene.ct_from_approach().inverse().rotate(&axis));
@@ -63,7 +63,7 @@ impl Attempt<'_> {
             waypoint,
             structure: near.structure,
             distance_mm: near.proximity.distance_mm,
-            toward: self.start.scene.ct_from_work.rotate(&near.proximity.toward),
+            toward: self.prepared.start.scene.ct_from_work.rotate(&near.proximity.toward),
             force_toward_n: toward.force_n,
             deflection_toward_um: toward.deflection_um,
         }

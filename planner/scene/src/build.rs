@@ -47,14 +47,21 @@ pub struct SceneSpec<'a> {
     pub memory: MemoryNeed,
     /// Kept around the target, mm.
     pub margin_mm: f64,
-    /// Burr, mm.
-    pub burr_radius_mm: f64,
+    /// How far the tool reaches.
+    pub tool: ToolReach,
+}
+
+/// How far a tool reaches into a scene.
+#[derive(Debug, Clone, Copy)]
+pub struct ToolReach {
+    /// Largest radius of the cutter, mm.
+    pub cutter_radius_mm: f64,
+    /// Length of the shank from the cutter's centre, mm.
+    pub shank_length_mm: f64,
+    /// Largest radius of the shank, mm.
+    pub shank_radius_mm: f64,
     /// Farthest that distances to structures matter from the target's box, mm.
     pub influence_mm: f64,
-    /// The shank's whole length from the burr's centre, mm.
-    pub shank_length_mm: f64,
-    /// The shank's largest radius, mm.
-    pub shank_radius_mm: f64,
 }
 
 /// Memory that planning needs per voxel of its grid, and memory that is available.
@@ -102,7 +109,8 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     cancel::poll();
     keep_mass(&mut density_g_cm3, &class);
     let matter = Matter::new(spec, &grid, ct_from_work, inside)?;
-    let obstacle_mm = distance_within(&class.map(|c| c.is(Class::OBSTACLE)), 2.0 * spec.burr_radius_mm)?;
+    let obstacle_mm =
+        distance_within(&class.map(|c| c.is(Class::OBSTACLE)), 2.0 * spec.tool.cutter_radius_mm)?;
     let structures = structure_fields(spec, &target)?;
     cancel::poll();
     check_touching(spec, &target, &structures)?;
@@ -279,7 +287,7 @@ fn keep_mass(density_g_cm3: &mut Volume<f32, Work>, class: &Volume<Class, Work>)
 fn structure_fields(spec: &SceneSpec, target: &[Point<Ct>]) -> Result<Vec<SceneStructure>, SceneError> {
     let (lo, hi) = extent(target.iter().copied());
     let region =
-        Region { min: Point::from_coords(lo), max: Point::from_coords(hi), reach_mm: spec.influence_mm };
+        Region { min: Point::from_coords(lo), max: Point::from_coords(hi), reach_mm: spec.tool.influence_mm };
     spec.structures
         .par_iter()
         .map(|(name, label)| {
@@ -412,7 +420,7 @@ fn far_obstacles(
     ct_from_work: &Rigid<Ct, Work>,
 ) -> Result<FarObstacles, SceneError> {
     let near = class.grid();
-    let reach = Vector3::repeat(spec.shank_length_mm + spec.shank_radius_mm);
+    let reach = Vector3::repeat(spec.tool.shank_length_mm + spec.tool.shank_radius_mm);
     let size = Vector3::from(near.dims().map(|d| (d - 1) as f64 * spec.spacing_mm));
     // only as far as there is an image
     let work_from_ct = ct_from_work.inverse();
@@ -445,7 +453,7 @@ fn far_obstacles(
     for_each_center(class, |class| class.is(Class::OBSTACLE | Class::STRUCTURE), mark);
     let full = full.into_iter().map(AtomicBool::into_inner).collect();
     let full = Volume::new(grid, full).map_err(SceneError::Values)?;
-    Ok(FarObstacles::new(&full, spec.shank_radius_mm)?)
+    Ok(FarObstacles::new(&full, spec.tool.shank_radius_mm)?)
 }
 
 /// Centres of the voxels for which `is_solid` holds, slices in parallel.

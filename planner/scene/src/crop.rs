@@ -50,8 +50,8 @@ impl Crop {
         // or turned scan has the mirrored or turned grid. Rounding must not add a voxel in one copy of a scan.
         let cells = |length: f64| (length / h - 1e-4).ceil().max(1.0);
         let inner = (hi - lo).map(cells);
-        let around = cells(spec.burr_radius_mm + spec.margin_mm);
-        let above = cells(spec.burr_radius_mm);
+        let around = cells(spec.tool.cutter_radius_mm + spec.margin_mm);
+        let above = cells(spec.tool.cutter_radius_mm);
         let dims = inner + Vector3::new(2.0 * around, 2.0 * around, 2.0 * around + above);
         let middle = 0.5 * (lo + hi);
         let low = middle - (inner * 0.5 + Vector3::repeat(around - 0.5)) * h;

@@ -134,7 +134,7 @@ pub(super) fn edge_bone(
     if grid.corners().iter().all(|corner| beyond_face(ct, *ct_from_work * *corner).is_none()) {
         return Ok(found_mm2);
     }
-    let reach_mm = 2.0 * spec.burr_radius_mm;
+    let reach_mm = 2.0 * spec.tool.cutter_radius_mm;
     let Some(from_target_mm) = distance_within(in_target, reach_mm + grid.diagonal_mm())? else {
         return Ok(found_mm2);
     };

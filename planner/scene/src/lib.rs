@@ -20,7 +20,7 @@ use nalgebra::Vector3;
 use thiserror::Error;
 
 pub use bonemill_case::{Sheets, Target};
-pub use build::{MemoryNeed, SceneSpec, build_scene};
+pub use build::{MemoryNeed, SceneSpec, ToolReach, build_scene};
 pub use edge::{ByFace, TargetOutside};
 pub use far::FarObstacles;
 pub use hull::{Rectangle, smallest_rectangle};

@@ -19,19 +19,19 @@ pub enum ChannelFault {
     Cutter(#[from] CutterError),
     /// A line that should lead out of the bone does not.
     #[error(
-        "the line from target_mm against the direction meets no bone, leaves the scan in bone, or leaves the bone outside the entry's region: \
-         check target_mm, direction and the region"
+        "the line from target_mm against the direction meets no bone, leaves the scan in bone, leaves the bone outside the entry's region, \
+         or does not reach the air outside with room for the tool: check target_mm, direction and the region"
     )]
     NoEntry,
     /// No direction leads to the target.
     #[error(
-        "no straight channel leads to target_mm: of {sampled} directions {in_region} leave the bone in the entry's region, and {too_long} of these are longer \
+        "no straight channel leads to target_mm: of {sampled} directions {in_region} lead outside in the entry's region and within path.cone_deg of approach.direction, with room for the tool, and {too_long} of these are longer \
          than the {longest_mm:.1} mm that the tool can drill before its holder reaches the bone"
     )]
     NoDirection {
         /// Directions that were tried.
         sampled: usize,
-        /// Of these: leave the bone in the region.
+        /// Of these: lead outside within the region and the cone.
         in_region: usize,
         /// Of these: longer than the tool.
         too_long: usize,

@@ -9,7 +9,7 @@ use bonemill_imaging::{
     read_label_names, read_labels,
 };
 use bonemill_planfile::{Input, StoredPlan};
-use bonemill_scene::{MemoryNeed, Scene, SceneSpec, build_scene};
+use bonemill_scene::{MemoryNeed, Scene, SceneSpec, ToolReach, build_scene};
 use rayon::prelude::*;
 
 use super::{PlanError, channel};
@@ -170,12 +170,18 @@ pub fn make_scene_of(case: &Case, target: Target<u16>, inputs: &CaseImages) -> R
         spacing_mm: case.grid.spacing_mm,
         memory: MemoryNeed { bytes_per_voxel: BYTES_PER_VOXEL, available_mb: available_memory_mb() },
         margin_mm: case.grid.margin_mm,
-        burr_radius_mm: case.burr.radius_mm,
-        influence_mm: 2.0 * case.burr.radius_mm
-            + case.structures.iter().map(|s| s.clearance_mm.max(s.shank_clearance_mm)).fold(0.0, f64::max)
-            + STRUCTURE_FIELD_MARGIN_MM,
-        shank_length_mm: case.burr.radius_mm + case.shank.iter().map(|s| s.length_mm).sum::<f64>(),
-        shank_radius_mm: case.shank.iter().map(|s| s.radius_mm).fold(0.0, f64::max),
+        tool: ToolReach {
+            cutter_radius_mm: case.burr.radius_mm,
+            shank_length_mm: case.burr.radius_mm + case.shank.iter().map(|s| s.length_mm).sum::<f64>(),
+            shank_radius_mm: case.shank.iter().map(|s| s.radius_mm).fold(0.0, f64::max),
+            influence_mm: 2.0 * case.burr.radius_mm
+                + case
+                    .structures
+                    .iter()
+                    .map(|s| s.clearance_mm.max(s.shank_clearance_mm))
+                    .fold(0.0, f64::max)
+                + STRUCTURE_FIELD_MARGIN_MM,
+        },
     })?)
 }
 

@@ -2,35 +2,31 @@
 //!
 //! A place of an edge feels bone unless it lies in the tool's solid at the deepest pose so far: that is exact for a straight way, and
 //! holds for pecks and dwells. The force follows from the speed along the axis from pose to pose, so acceleration, deceleration and
-//! a dwell show in it. What is removed is counted in two ways: by the front's rate, and by cells of a lattice whose centres the
-//! solid passes. With joint stiffnesses the deflection C·F is told; the tool itself stays where the joints bring it.
+//! a dwell show in it. What is removed is counted in two ways: by the front's rate from pose to pose, and by the places that the front
+//! passes on its way to the deepest pose. With joint stiffnesses the deflection C·F is told; the tool itself stays where the joints bring it.
 
-use bonemill_case::ChannelSpec;
 use bonemill_channel::bone::{BoneField, ToolPose};
 use bonemill_channel::clearance::{Line, nearest_place};
 use bonemill_channel::forces::{TURNS, loads_at};
 use bonemill_channel::front::ToolFront;
 use bonemill_channel::holder::HolderPose;
 use bonemill_channel::tool::ChannelTool;
+use bonemill_channel::{SWEPT_STEP_MM, swept};
 use bonemill_cutting::edge::CutterForce;
-use bonemill_geometry::{Base, Ct, Grid, Point, Progress, Rigid, Tool, Volume, Work, basis};
+use bonemill_geometry::{Base, Ct, Point, Progress, Rigid, Tool, Volume, Work};
 use bonemill_planfile::StoredPlan;
 use bonemill_planfile::toward::{StructureFigures, TowardSpan};
-use bonemill_scene::{Scene, SceneError};
-use bonemill_setup::PlanError;
+use bonemill_scene::Scene;
 use bonemill_setup::channel::scene_case_of;
 use bonemill_setup::inputs::{make_scene, read_images};
-use nalgebra::{Rotation3, Unit, Vector3};
+use bonemill_setup::{ChannelFault, PlanError};
+use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
 use super::poses::{self, PoseError, Sampling, TrajectorySample};
 use super::replay::{SimulateError, Simulation, SimulationRow};
 use super::{Amount, Kind, ShankContact};
 
-/// Cells of the lattice across the tool's radius.
-const CELLS_PER_RADIUS: f64 = 10.0;
-/// Most cells along an edge of the lattice: a large tool has larger ones.
-const MOST_CELLS: f64 = 160.0;
 /// What distances may be told too small, mm.
 const TOLERANCE_MM: f64 = 0.01;
 /// A tool that is deeper by less than this does not cut, mm.
@@ -42,7 +38,6 @@ const LEAST_MM: f64 = 1e-7;
 /// [`SimulateError`].
 pub fn simulate_channel(
     plan: &StoredPlan,
-    spec: &ChannelSpec,
     sampling: Sampling,
     progress: &dyn Progress,
 ) -> Result<Simulation, SimulateError> {
@@ -57,11 +52,16 @@ pub fn simulate_channel(
     progress.stage("simulate");
     let bone = BoneField { ct: &images.ct.volume, density: &case.density };
     let replay = Replay { plan, scene: &scene, tool: &tool, bone };
-    let rows = replay.rows(&samples)?;
+    let front = ToolFront::new(tool.cutter.solid(), tool.guide_radius_mm);
+    let rows = replay.rows(&samples, &front)?;
     let deepest = replay.deepest(&samples).ok_or(PoseError::Empty)?;
-    let removed = replay.removed(&samples, deepest, spec)?;
+    let channel = plan.record.channel().ok_or(ChannelFault::NoEntry).map_err(PlanError::from)?;
+    let removed =
+        swept(&front, &bone, &replay.pose(&samples[deepest]).0, channel.depth_mm - channel.contact_depth_mm);
     let contact = replay.holder_contact(&images.ct.volume, case.density.bone_hu, &samples[deepest]);
     let structures = replay.structures(&samples, &rows);
+    let mut bone_only = Amount::default();
+    bone_only.add(Kind::Bone, removed.bone_mm3, removed.bone_mass_mg);
     let mut by_rate = Amount::default();
     for pair in rows.windows(2) {
         let seconds = pair[1].0.time_s - pair[0].0.time_s;
@@ -70,11 +70,11 @@ pub fn simulate_channel(
     Ok(Simulation {
         rows: rows.into_iter().map(|(row, _)| row).collect(),
         structures,
-        removed: removed.0,
+        removed: bone_only,
         removed_by_rate: by_rate,
         stopped: usize::from(contact.is_some()),
         contacts: contact.map(|contact| (samples[deepest].time_s, contact)).into_iter().collect(),
-        cell_mm: removed.1,
+        cell_mm: SWEPT_STEP_MM,
         compliant: plan.record.case.robot.joint_stiffness.is_some(),
     })
 }
@@ -105,8 +105,11 @@ impl Replay<'_> {
     }
 
     /// The rows, each with the mass that the front's rate gives, mg.
-    fn rows(&self, samples: &[TrajectorySample]) -> Result<Vec<(SimulationRow, f64)>, SimulateError> {
-        let front = ToolFront::new(self.tool.cutter.solid(), self.tool.guide_radius_mm);
+    fn rows(
+        &self,
+        samples: &[TrajectorySample],
+        front: &ToolFront,
+    ) -> Result<Vec<(SimulationRow, f64)>, SimulateError> {
         let mut deepest = 0;
         let before: Vec<usize> = (0..samples.len())
             .map(|n| {
@@ -117,7 +120,7 @@ impl Replay<'_> {
                 so_far
             })
             .collect();
-        let row = |n: usize| self.row(samples, n, before[n], &front);
+        let row = |n: usize| self.row(samples, n, before[n], front);
         (0..samples.len()).into_par_iter().map(row).collect()
     }
 
@@ -234,45 +237,6 @@ impl Replay<'_> {
         };
         let figures = |n: usize| StructureFigures::of(of(n), &spans(n), self.tool.radius_mm);
         (0..self.scene.structures.len()).map(figures).collect()
-    }
-
-    /// What the solid passes on its way from the first bone to the deepest pose, by cells, and their side, mm.
-    fn removed(
-        &self,
-        samples: &[TrajectorySample],
-        deepest: usize,
-        spec: &ChannelSpec,
-    ) -> Result<(Amount, f64), SimulateError> {
-        let (end, out) = self.pose(&samples[deepest]);
-        let solid = self.tool.cutter.solid();
-        let r = self.tool.radius_mm;
-        let way_mm = self.depth_mm(&samples[deepest]) - self.depth_mm(&samples[0]) - 0.5 * spec.standoff_mm;
-        let [low_mm, _] = solid.z_range_mm();
-        let length_mm = way_mm - low_mm + r;
-        let cell_mm = (r / CELLS_PER_RADIUS).max(length_mm.max(2.0 * r) / MOST_CELLS);
-        let across = (2.0 * r / cell_mm).ceil() as usize + 1;
-        let along = (length_mm / cell_mm).ceil() as usize + 1;
-        let dims = [across, across, along];
-        let origin =
-            Point::new(-0.5 * (across - 1) as f64 * cell_mm, -0.5 * (across - 1) as f64 * cell_mm, low_mm);
-        let grid = Grid::<Work>::aligned(dims, cell_mm, origin)
-            .map_err(|error| PlanError::from(SceneError::from(error)))?;
-        let turn: Rotation3<f64> = basis::from_z(&out);
-        let way = Vector3::new(0.0, 0.0, -way_mm);
-        let mut amount = Amount::default();
-        for n in 0..grid.len() {
-            let at = grid.center(grid.voxel(n)).coords;
-            if at.z > way_mm || !solid.sweep_contains(Point::<Tool>::from_coords(at), way) {
-                continue;
-            }
-            let p = end.origin + turn * at;
-            let density = self.bone.density_g_cm3(p);
-            if density > 0.0 {
-                let mm3 = grid.voxel_mm3();
-                amount.add(Kind::Bone, mm3, density * mm3);
-            }
-        }
-        Ok((amount, cell_mm))
     }
 
     /// Bone in the holder at the deepest pose.

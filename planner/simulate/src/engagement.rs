@@ -8,7 +8,8 @@
 use std::f64::consts::PI;
 
 use bonemill_cutting::burr::GRAZING;
-use bonemill_cutting::burr::rings::{Nodes, Ring};
+use bonemill_cutting::burr::rings::Nodes;
+use bonemill_cutting::burr::sums::{DirectionSums, Harmonics};
 use bonemill_cutting::burr::{Discretisation, Feed, Material, Tool};
 use bonemill_geometry::basis;
 use nalgebra::{Matrix3, Unit, Vector3};
@@ -33,29 +34,6 @@ pub(super) trait Surroundings {
     /// In one direction: the density of the remaining bone, the kind of the voxel there (`None` beyond a body's face, where the
     /// interpolated density is not yet 0), and the share of the node's patch in which bone remains.
     fn bone(&self, normal: &Vector3<f64>) -> Option<(f64, Option<Kind>, f64)>;
-}
-
-/// Direction sums of one increment of rotation, tool frame, mm: Σ q e_v dl, Σ q n dl, Σ q e_a dl.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct DirectionSums {
-    /// Sum along the blades' motion.
-    pub tangential: Vector3<f64>,
-    /// Sum along the outward normals.
-    pub radial: Vector3<f64>,
-    /// Sum along the meridians from tip to shaft.
-    pub axial: Vector3<f64>,
-}
-
-impl DirectionSums {
-    /// −(k_t Σ e_v + k_r Σ n + k_a Σ e_a).
-    pub fn force(&self, [k_t, k_r, k_a]: [f64; 3]) -> Vector3<f64> {
-        -(self.tangential * k_t + self.radial * k_r + self.axial * k_a)
-    }
-
-    /// Σ r n × dF: n × e_v = σ e_a and n × e_a = −σ e_v.
-    pub fn moment(&self, [k_t, _, k_a]: [f64; 3], tool: &Tool) -> Vector3<f64> {
-        (self.axial * -k_t + self.tangential * k_a) * (tool.radius_mm() * tool.spin())
-    }
 }
 
 /// The bone that a burr meets at one pose and feed direction.
@@ -155,8 +133,8 @@ impl BurrNodes {
             contact_area_mm2: 0.0,
             by_kind_per_mm: Amount::default(),
         };
-        let mut cut = vec![[0.0; 3]; self.increments];
-        let mut edge = vec![[0.0; 3]; self.increments];
+        let mut cut = vec![Harmonics::default(); self.increments];
+        let mut edge = vec![Harmonics::default(); self.increments];
         let mut open = vec![false; azimuths.len().div_ceil(*wide)];
         for (k, ring) in rings.iter().enumerate() {
             if k % high == 0 {
@@ -168,12 +146,12 @@ impl BurrNodes {
                             || around.is_open(&circle.normal(c, s), tile.reach));
                 }
             }
-            let (circle, Ring { element, turn }) = (ring.circle([&x, &y, &z], &feed.direction), ring);
+            let circle = ring.circle([&x, &y, &z], &feed.direction);
             // no node of the ring moves forward, as above the burr's equator in a plunge
             if circle.most_forward() <= GRAZING {
                 continue;
             }
-            let area_mm2 = self.tool.radius_mm() * element.dz_mm * around_rad;
+            let area_mm2 = self.tool.radius_mm() * ring.element.dz_mm * around_rad;
             let mut found = false;
             let tiles = azimuths.chunks(*wide).zip(self.increment_of.chunks(*wide)).zip(&open);
             for (azimuths, increments) in tiles.filter(|(_, open)| !**open).map(|(tile, _)| tile) {
@@ -189,9 +167,9 @@ impl BurrNodes {
                     }
                     found = true;
                     let w = w * part;
-                    add(&mut cut[slot], forward * w, c, s);
+                    cut[slot].add(forward * w, [c, s]);
                     if has_edge {
-                        add(&mut edge[slot], material.edge_factor(forward * tooth_mm) * w, c, s);
+                        edge[slot].add(material.edge_factor(forward * tooth_mm) * w, [c, s]);
                     }
                     let rate = forward * area_mm2 * part;
                     out.weighted_mrr_mm2 += w * forward * area_mm2;
@@ -203,52 +181,17 @@ impl BurrNodes {
                 }
             }
             if found {
-                let ring =
-                    RingFrame { turn: *turn, sk: element.sin, ck: element.cos, spin: self.tool.spin() };
+                let (spin, element) = (self.tool.spin(), &ring.element);
                 for (sum, slot) in out.cut.iter_mut().zip(&mut cut) {
-                    out.toward_bone_mm2 += ring.outwards(*slot) * area_mm2;
-                    ring.expand(sum, std::mem::take(slot), element.dl_mm);
+                    let slot = std::mem::take(slot);
+                    out.toward_bone_mm2 += slot.outwards(ring) * area_mm2;
+                    sum.add(ring, &slot, element.dl_mm, spin);
                 }
                 for (sum, slot) in out.edge.iter_mut().zip(&mut edge) {
-                    ring.expand(sum, std::mem::take(slot), element.edge_mm);
+                    sum.add(ring, &std::mem::take(slot), element.edge_mm, spin);
                 }
             }
         }
         out
-    }
-}
-
-/// Adds to Σq, Σq cos ψ, Σq sin ψ.
-#[inline]
-fn add(sum: &mut [f64; 3], q: f64, c: f64, s: f64) {
-    sum[0] += q;
-    sum[1] += q * c;
-    sum[2] += q * s;
-}
-
-/// Converts a ring's harmonics to directions in the tool frame.
-struct RingFrame {
-    turn: [f64; 2],
-    sk: f64,
-    ck: f64,
-    spin: f64,
-}
-
-impl RingFrame {
-    fn around(&self, [_, qc, qs]: [f64; 3]) -> (f64, f64) {
-        let [tc, ts] = self.turn;
-        (qc * tc - qs * ts, qs * tc + qc * ts)
-    }
-
-    fn outwards(&self, q: [f64; 3]) -> Vector3<f64> {
-        let (c, s) = self.around(q);
-        Vector3::new(self.sk * c, self.sk * s, -self.ck * q[0])
-    }
-
-    fn expand(&self, sum: &mut DirectionSums, q: [f64; 3], length_mm: f64) {
-        let (c, s) = self.around(q);
-        sum.tangential += Vector3::new(-s, c, 0.0) * (self.spin * length_mm);
-        sum.radial += self.outwards(q) * length_mm;
-        sum.axial += Vector3::new(self.ck * c, self.ck * s, self.sk * q[0]) * length_mm;
     }
 }

@@ -15,15 +15,15 @@ use bonemill_stock::sweep::segment_distance_squared;
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
-use super::behind::Behind;
 use super::bone::{Amount, Bone, Kind};
 use super::engagement::{BurrNodes, Engagement, Surroundings};
 use super::error::EngineError;
 use super::lattice::Lattice;
 use super::model::{CutForce, ForceModel};
 use super::shank::ShankContact;
+use super::shank_clearance::ShankClearance;
+use super::swept::SweptPiece;
 use super::trail::Trail;
-use super::watch::ShankWatch;
 
 /// Poses farther away than this are refused, mm, because coordinates in cells would be inexact.
 const MOST_MM: f64 = 1e5;
@@ -146,7 +146,7 @@ pub struct Engine<'a, T, M> {
     spec: EngineSpec,
     pose: Pose,
     removed: Amount,
-    watch: ShankWatch,
+    watch: ShankClearance,
     /// Time of stopped steps, which is added to the next step that is made, s.
     waited_s: f64,
 }
@@ -169,7 +169,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         let half_mm = BurrNodes::half_patch_mm(&spec.tool, &spec.disc);
         let tile_reach = lattice.longest_reach_mm(half_mm) / (r + spec.disc.sample_offset_mm());
         let nodes = BurrNodes::new(&spec.tool, &spec.disc, tile_reach);
-        let watch = ShankWatch::new(&spec.shank, r);
+        let watch = ShankClearance::new(&spec.shank, r);
         Ok(Self {
             trail: Trail::new(start.center, tolerance_mm),
             lattice,
@@ -380,14 +380,14 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         // only the stretch within the lattice's lag is certainly the burr's own surface
         let sample_mm = r + self.spec.disc.sample_offset_mm();
         let reach2 = (2.0 * r + half_mm).powi(2);
-        let near: Vec<Behind> = trail
+        let near: Vec<SweptPiece> = trail
             .newest(LAG_CELLS * self.lattice.spacing_mm())
             .into_iter()
             .filter(|piece| {
                 !piece.leads_to(&center, &feed.direction)
                     && segment_distance_squared(&center, &piece.from, &piece.to) < reach2
             })
-            .map(|piece| Behind::new(&piece, &center, sample_mm))
+            .map(|piece| SweptPiece::new(&piece, &center, sample_mm))
             .collect();
         let half_cells = half_mm / self.lattice.spacing_mm();
         let lattice = &self.lattice;
@@ -399,7 +399,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
 /// The bone around a burr: the lattice without the newest stretch of the path.
 struct Seen<'a, 'b, T> {
     lattice: &'b Lattice<'a, T>,
-    near: &'b [Behind],
+    near: &'b [SweptPiece],
     center: Vector3<f64>,
     radius_mm: f64,
     /// Distance from the centre at which a node samples the bone, mm.

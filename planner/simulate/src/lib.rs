@@ -10,15 +10,13 @@
 //! Sources: Dillon et al. 2016, II-C; Faieghi et al., II (voxmap and point shell, elemental forces); Yang & Chen, 2
 //! (swept volume, removal rate, shank collision). Each module states where it differs from them, and why.
 
-mod behind;
 mod bone;
 mod carve;
 mod channel;
-mod choice;
 mod engagement;
 mod engine;
 mod error;
-mod fresh;
+mod force_models;
 mod lattice;
 mod log;
 mod model;
@@ -29,23 +27,25 @@ mod replay;
 mod save;
 mod scene;
 mod shank;
+mod shank_clearance;
 mod surface;
+mod swept;
 #[cfg(test)]
 mod tests;
 mod trail;
-mod watch;
+mod uncut;
 
 pub use bone::{Amount, Bone, Kind};
 pub use carve::Piece;
 pub use channel::simulate_channel;
-pub use choice::{ModelName, NoSuchModel};
-pub use engagement::{BurrNodes, DirectionSums, Engagement};
+pub use engagement::{BurrNodes, Engagement};
 pub use engine::{Engine, EngineSpec, Move, Pose, Step};
 pub use error::EngineError;
+pub use force_models::{ModelName, NoSuchModel};
 pub use lattice::Lattice;
 pub use log::observe;
 pub use model::{CutForce, FlutedBurr, ForceModel, Lumped, LumpedForm, force_per_coefficient};
-pub use plunge::{Holes, PlungeEngine, PlungeSpec};
+pub use plunge::{BrickSamples, Holes, PlungeEngine, PlungeSpec};
 pub use poses::{PoseError, Sampling};
 pub use replay::{
     SimulateError, SimulatedToward, Simulation, SimulationRow, SimulationSetup, replay, simulate,

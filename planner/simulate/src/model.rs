@@ -10,7 +10,8 @@ use bonemill_cutting::burr::{Material, ModelError, Tool};
 use bonemill_cutting::mrr::LumpedCoefficients;
 use nalgebra::Vector3;
 
-use super::engagement::{DirectionSums, Engagement};
+use super::engagement::Engagement;
+use bonemill_cutting::burr::sums::DirectionSums;
 
 /// Force and torque of the bone on the burr; vectors in work.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -225,8 +225,8 @@ pub fn simulate(
     sampling: Sampling,
     progress: &dyn Progress,
 ) -> Result<Simulation, SimulateError> {
-    if let Some(channel) = plan.record.case.job.channel() {
-        return simulate_channel(plan, channel, sampling, progress);
+    if plan.record.case.job.channel().is_some() {
+        return simulate_channel(plan, sampling, progress);
     }
     let setup = SimulationSetup::read(plan, progress)?;
     let model = model.model(&plan.record.case, &setup.spec)?;

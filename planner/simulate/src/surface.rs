@@ -4,7 +4,7 @@
 //! together. A change reaches one cell into the neighbours, which are meshed again as well. The surface lies where
 //! min(D, (ρ − level)/level) changes sign. It is only for display; nothing is measured on it.
 
-use bonemill_geometry::{Mesh, Work};
+use bonemill_geometry::{Mesh, Point, Work};
 use fast_surface_nets::ndshape::{ConstShape, ConstShape3u32};
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use nalgebra::Vector3;
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::lattice::{FAR, Lattice, SIDE};
 
 /// Number of samples along a brick: its cells and one on either side.
-const SAMPLES: usize = SIDE + 2;
+pub(super) const SAMPLES: usize = SIDE + 2;
 type Shape = ConstShape3u32<{ SAMPLES as u32 }, { SAMPLES as u32 }, { SAMPLES as u32 }>;
 
 /// One brick's part of the surface.
@@ -68,21 +68,24 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         for (n, value) in field.iter_mut().enumerate() {
             *value = sample(n as u32);
         }
-        let mut buffer = SurfaceNetsBuffer::default();
-        let inside = field.iter().filter(|v| **v < 0.0).count();
-        if inside > 0 && inside < field.len() {
-            surface_nets(&field, &Shape {}, [0; 3], [SAMPLES as u32 - 1; 3], &mut buffer);
-        }
-        let place = |p: &[f32; 3]| {
-            let cell = Vector3::from_fn(|a, _| f64::from(p[a]) + first[a] as f64 - 1.0);
-            self.point(cell)
-        };
-        BrickMesh {
-            brick,
-            mesh: Mesh {
-                vertices: buffer.positions.iter().map(place).collect(),
-                triangles: buffer.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
-            },
-        }
+        let place =
+            |p: [f32; 3]| self.point(Vector3::from_fn(|a, _| f64::from(p[a]) + first[a] as f64 - 1.0));
+        BrickMesh { brick, mesh: mesh_of(&field, place) }
+    }
+}
+
+/// The surface where samples, negative in bone, change sign; `place` takes their indices to points.
+pub(super) fn mesh_of(
+    field: &[f32; SAMPLES * SAMPLES * SAMPLES],
+    place: impl Fn([f32; 3]) -> Point<Work>,
+) -> Mesh<Work> {
+    let mut buffer = SurfaceNetsBuffer::default();
+    let inside = field.iter().filter(|v| **v < 0.0).count();
+    if inside > 0 && inside < field.len() {
+        surface_nets(field, &Shape {}, [0; 3], [SAMPLES as u32 - 1; 3], &mut buffer);
+    }
+    Mesh {
+        vertices: buffer.positions.iter().map(|p| place(*p)).collect(),
+        triangles: buffer.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
     }
 }

@@ -5,7 +5,7 @@ use bonemill_imaging::DensityTable;
 use bonemill_planner::case::Sheets;
 use bonemill_planner::cutter::Ball;
 use bonemill_planner::path::{Lines, MillPath, PathSpacing, RasterFrame, lay_path};
-use bonemill_planner::scene::{MemoryNeed, Scene, SceneError, SceneSpec, Target, build_scene};
+use bonemill_planner::scene::{MemoryNeed, Scene, SceneError, SceneSpec, Target, ToolReach, build_scene};
 use bonemill_planner::space::BurrSpace;
 use bonemill_testkit::pocket::{DIMS, ORIGIN_MM, hu, label};
 #[allow(unused_imports, reason = "every test program uses its own part of it")]
@@ -51,10 +51,12 @@ pub fn scene_at(spacing_mm: f64, available_mb: Option<f64>) -> Result<Scene, Sce
         spacing_mm,
         memory: MemoryNeed { bytes_per_voxel: 100.0, available_mb },
         margin_mm: 3.0,
-        burr_radius_mm: RADIUS_MM,
-        influence_mm: 10.0,
-        shank_length_mm: 85.0,
-        shank_radius_mm: 6.0,
+        tool: ToolReach {
+            cutter_radius_mm: RADIUS_MM,
+            shank_length_mm: 85.0,
+            shank_radius_mm: 6.0,
+            influence_mm: 10.0,
+        },
     })
 }
 

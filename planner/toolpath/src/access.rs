@@ -190,11 +190,6 @@ impl<'a> Access<'a> {
         Self { scene, eighths: None, near_box, far_box, segments, around, around_mm }
     }
 
-    /// The removal times of which it was made; `None` for a draft.
-    pub fn into_eighths(self) -> Option<EighthTimes> {
-        self.eighths.map(|eighths| eighths.eighths)
-    }
-
     /// Whether the shank along `axis` (unit, work) is free while move `index` ends at `center`.
     pub fn is_free(&self, index: u32, center: Point<Work>, axis: &Vector3<f64>) -> bool {
         self.blocked(index, center, axis).is_none()

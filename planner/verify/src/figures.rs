@@ -6,11 +6,11 @@ use bonemill_planfile::{StoredPlan, Value};
 use rayon::prelude::*;
 
 use super::anatomy::Anatomy;
-use super::asked::COVERAGE;
 use super::carve::{NEVER, Removed};
 use super::check::{Check, Place};
 use super::lattice::{FineLattice, HAS_MASS, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
 use super::moves::Moves;
+use super::requirements::COVERAGE;
 use super::voxels::{Doubtful, Voxels};
 
 /// Least share of the reachable volume that a plan must remove.

@@ -18,7 +18,6 @@
 //! Invariants: checks are independent of each other; equal plans give equal bytes on any number of threads.
 
 mod anatomy;
-mod asked;
 mod boxes;
 mod bricks;
 mod carve;
@@ -32,7 +31,7 @@ mod error;
 mod figures;
 mod follow;
 mod forces;
-mod ground;
+mod gouge;
 mod lattice;
 mod links;
 mod motion;
@@ -40,6 +39,7 @@ mod moves;
 mod provenance;
 mod reach;
 mod registration;
+mod requirements;
 mod rest;
 mod result;
 mod shaft;
@@ -85,9 +85,6 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     // before anything is judged: a file that is changed meanwhile does not get the verdict
     let files = digests(&plan.dir)?;
     let case = &plan.record.case;
-    if let Some(spec) = case.job.channel() {
-        return Ok(Verification { checks: channel::checks(plan, spec, progress)?, files });
-    }
     progress.stage("read images");
     let anatomy = Anatomy::read(plan)?;
     let boxes: Vec<Option<Boxes<'_>>> =
@@ -107,13 +104,18 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     checks.extend(follow::follow(plan, &moves, &executed)?);
     checks.extend(follow::speeds(plan, &moves, &executed));
     checks.extend(links::links(plan, &executed)?);
+    if let Some(spec) = case.job.channel() {
+        let looked_at = channel::LookedAt { plan, spec, anatomy: &anatomy, boxes: &boxes };
+        checks.extend(looked_at.checks(&moves, &executed, progress)?);
+        return Ok(Verification { checks, files });
+    }
 
     progress.stage("check rows");
     checks.extend(columns::rows(plan, &moves, &executed));
     checks.extend(columns::structures(plan, &anatomy.kept, &boxes));
     checks.extend(forces::forces(plan, &anatomy.kept, &boxes));
     checks.extend(figures::totals(plan, &moves));
-    checks.extend(asked::asked(plan, &moves));
+    checks.extend(requirements::requirements(plan, &moves));
 
     progress.stage("check clearances");
     checks.extend(clearances(plan, &anatomy, &boxes, &moves, &executed));
@@ -161,7 +163,7 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     let radius = case.burr.radius_mm;
     let first = carve::first_moves(&fine.grid, &pieces, radius);
     let removed = carve::Removed { lattice: &fine, pieces: &pieces, first: &first };
-    checks.extend(ground::ground(plan, &removed, &moves, &executed, band_mm));
+    checks.extend(gouge::gouge(plan, &removed, &moves, &executed, band_mm));
     checks.extend(figures::resolution(plan, &fine, &first, &voxels, &swept));
     checks.extend(figures::masses(plan, &anatomy, &voxels, &removed, &moves));
     drop((voxels, swept, reachable));

@@ -5,8 +5,8 @@ use std::fmt::Write;
 use bonemill_case::write::text;
 use bonemill_planfile::Sha256;
 
-use super::asked::SHORT;
 use super::check::{Check, LimitSide};
+use super::requirements::SHORT;
 
 /// The result of a verification.
 #[derive(Debug, Clone, PartialEq)]

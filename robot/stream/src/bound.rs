@@ -1,25 +1,29 @@
 //! How far the burr can travel after a failure, along its planned path and off it.
 //!
-//! An arm that follows without overshoot is, in joint space, a weighted mean of the targets that it was sent; so it stays in their
-//! convex hull, and a stop that does not pass the target stays in it, too ([`Timing::joint_error_rad`]). Targets lie on the path.
-//! So after a failure at row x, passed at the share r of the planned speed, the burr is between the place where it can be at the
-//! earliest, x − r·backlog, and the last target that is sent, x + r·reaction:
+//! An arm that follows is, in joint space, a weighted mean of the targets that it was sent lately, and its velocity is the mean of their
+//! velocities with the same weights. So a stop that slows all joints together, straight in joint space, leads to places that are means of
+//! targets *moved ahead along their own tangent* by the stop's duration over two. Means lie in the convex hull of those points, and the
+//! distance from a chord of the path is convex: its largest value is at one of the points.
 //!
 //! ```text
-//! along = arc[x − r·backlog, x + r·reaction] + tolerance + overshoot
-//! off   = tolerance + 2·sagitta + lever·(Σ Δq)²/2 + overshoot
+//! off   = tolerance·max(1, q̇/(2aτ)) + farthest point from the chord + sagitta of the path + bend of the kinematics + older targets
+//! along = arc[x − backlog, x + reaction] + tolerance + v·q̇/(2a)
 //! ```
 //!
-//! tolerance: how far off its path the burr was let. sagitta: the farthest of that piece of path from its chord; a point of the
-//! hull is within one sagitta of the chord, and the path within one more. lever·(Σ Δq)²/2: how far the burr's place is from affine
-//! in the joints. overshoot: by how much a stop from the path's own joint speed passes the target.
+//! `off` holds at every moment for the newest target, before a failure as after it: targets that are still sent have a row, and an
+//! `off`, of their own. Each term is derived in docs/streaming.md.
 //!
 //! Not bounded: an arm that moves by itself. That is the controller's safety configuration's to limit.
 
+use std::ops::RangeInclusive;
+
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use crate::link::Joints;
 use crate::plan::StreamPlan;
 use crate::settings::Timing;
+use crate::track::Track;
 
 /// A distance along and off the path.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -31,11 +35,6 @@ pub struct Travel {
 }
 
 impl Travel {
-    /// The larger of both.
-    pub fn most_mm(&self) -> f64 {
-        self.along_mm.max(self.off_mm)
-    }
-
     /// The larger of two in each direction.
     #[must_use]
     pub fn max(self, other: Self) -> Self {
@@ -86,116 +85,181 @@ impl Failure {
     }
 }
 
-/// How motion gets to the controller.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Mode {
-    /// servoJ: a target a period.
-    Servo,
-    /// A program on the controller follows splines of so many seconds, and slows down when none is left.
-    Buffered {
-        /// Splines that the controller holds, s.
-        depth_s: f64,
-    },
+/// Along the path after a failure in a row, passed at the share `rate` of the planned speed, mm.
+pub fn along_mm(plan: &StreamPlan, row: usize, rate: f64, failure: Failure) -> f64 {
+    way_mm(plan, row, rate, failure.reaction_s(plan, rate))
 }
 
-/// Travel after a failure at a place, passed at the share `rate` of the planned speed.
-pub fn travel(plan: &StreamPlan, row: f64, rate: f64, failure: Failure) -> Travel {
-    piece(plan, row, rate, failure.reaction_s(plan, rate))
+/// The same when a program on the controller follows splines that last for `depth_s`, and slows down when none is left.
+pub fn along_buffered_mm(plan: &StreamPlan, row: usize, rate: f64, depth_s: f64) -> f64 {
+    let sent_s = plan.settings().timing.transport_s + plan.period_s;
+    way_mm(plan, row, rate, rate * (depth_s + sent_s) + rate * rate / (2.0 * plan.ramp_per_s))
 }
 
-/// The same when a program on the controller follows a buffer; what fails is then the supply.
-pub fn travel_in_mode(plan: &StreamPlan, row: f64, rate: f64, mode: Mode) -> Travel {
-    match mode {
-        Mode::Servo => worst(plan, row, rate),
-        Mode::Buffered { depth_s } => {
-            let sent_s = plan.settings().timing.transport_s + plan.period_s;
-            piece(plan, row, rate, rate * (depth_s + sent_s) + rate * rate / (2.0 * plan.ramp_per_s))
-        }
-    }
-}
-
-/// The worst over all failures.
-pub fn worst(plan: &StreamPlan, row: f64, rate: f64) -> Travel {
-    // everything grows with the reaction
-    let reaction_s = Failure::ALL.map(|f| f.reaction_s(plan, rate)).into_iter().fold(0.0, f64::max);
-    piece(plan, row, rate, reaction_s)
-}
-
-/// The least clearance between the first place where the burr can be and the last target, mm.
-pub fn least_gap_mm(plan: &StreamPlan, row: f64, rate: f64) -> f64 {
-    let (from, to) = ends(plan, row, rate, Failure::StateLost.reaction_s(plan, rate));
-    plan.gap_mm[from as usize..=(to.ceil() as usize).min(plan.gap_mm.len() - 1)]
-        .iter()
-        .copied()
-        .fold(f64::INFINITY, f64::min)
-}
-
-/// First and last place of the piece of path that counts.
-fn ends(plan: &StreamPlan, row: f64, rate: f64, reaction_s: f64) -> (f64, f64) {
+fn way_mm(plan: &StreamPlan, row: usize, rate: f64, reaction_s: f64) -> f64 {
+    let Timing { stop_rad_s2, .. } = plan.settings().timing;
     let backlog_s = plan.settings().timing.backlog_s();
-    let last = plan.track.last_row();
-    let from = (row - rate * backlog_s / plan.period_s).clamp(0.0, last);
-    (from, (row + reaction_s / plan.period_s).clamp(from, last))
+    // the share may have been larger before, and may grow after
+    let rate = (rate + plan.ramp_per_s * backlog_s).min(1.0);
+    let track = &plan.track;
+    let from = (row as f64 - rate * backlog_s / plan.period_s).max(0.0);
+    let to = (row as f64 + reaction_s / plan.period_s).clamp(from, track.last_row());
+    let rows = from as usize..=(to.ceil() as usize).min(track.rows() - 1);
+    let tolerance_mm = rows.clone().map(|n| plan.tolerance_mm(n)).fold(0.0, f64::max);
+    let fastest = track.fastest(rows, plan.period_s);
+    let ahead_mm = rate * fastest.burr_mm_s * rate * fastest.joint_rad_s / (2.0 * stop_rad_s2);
+    track.way_mm(from, to) + tolerance_mm + ahead_mm
 }
 
-fn piece(plan: &StreamPlan, row: f64, rate: f64, reaction_s: f64) -> Travel {
-    let timing = plan.settings().timing;
-    let (from, to) = ends(plan, row, rate, reaction_s);
-    let track = &plan.track;
-    let rows = from as usize..=(to.ceil() as usize).min(track.rows() - 1);
-    let (start, end) = (track.burr_at(from), track.burr_at(to));
-    let chord = (end - start).try_normalize(1e-9).unwrap_or_default();
-    let (mut sagitta_mm, mut tolerance_mm) = (0.0f64, 0.0f64);
-    let (mut low, mut high) = ([f64::INFINITY; 6], [f64::NEG_INFINITY; 6]);
-    let mut speed_rad_s = 0.0f64;
-    for n in rows {
-        let off = track.burr_mm()[n] - start;
-        sagitta_mm = sagitta_mm.max((off - chord * chord.dot(&off)).norm());
-        tolerance_mm = tolerance_mm.max(plan.tolerance_mm(n));
-        let q = &track.q()[n];
-        let next = &track.q()[(n + 1).min(track.rows() - 1)];
-        for (j, (at, next)) in q.iter().zip(next).enumerate() {
-            (low[j], high[j]) = (low[j].min(*at), high[j].max(*at));
-            speed_rad_s = speed_rad_s.max((next - at).abs() / plan.period_s);
-        }
+/// How far off its path the burr can be, and the room to structures there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tube {
+    /// Off the path, mm.
+    pub off_mm: f64,
+    /// The least clearance over that piece of path, mm.
+    pub gap_mm: f64,
+}
+
+/// The tube while the newest target is in one of [`BLOCK`] rows from a row on, and no row before was passed at more than the share `rate`
+/// of its planned speed (above 0), or at half of that going back.
+pub fn tube(plan: &StreamPlan, row: usize, rate: f64) -> Tube {
+    let (timing, track) = (plan.settings().timing, &plan.track);
+    let end = track.rows() - 1;
+    let rows_of = |seconds: f64| rate * seconds / plan.period_s;
+    let first = (row as f64 - rows_of(timing.backlog_s())).max(0.0) as usize;
+    let last = (row + BLOCK).min(end);
+    let fastest = track.fastest(first..=last, plan.period_s);
+    let joint_rad_s = rate * fastest.joint_rad_s;
+    // half of the longest stop's duration: from the path's speed, and from that of a joint on its way back to what it was told
+    let stop_s = joint_rad_s / (2.0 * timing.stop_rad_s2) + timing.follow_s;
+    let points = Points { rows: first..=last, ahead: rows_of(stop_s) };
+    let from = (first as f64 - BACK * points.ahead).max(0.0) as usize;
+    let to = ((last as f64 + points.ahead).ceil() as usize).min(end);
+    // what may be judged by the state that was used last
+    let judged =
+        first..=((row as f64 - rows_of(timing.state_age_s + timing.transport_s)) as usize).max(first);
+    let tolerance_mm = judged.map(|n| plan.tolerance_mm(n)).fold(f64::INFINITY, f64::min);
+    let beside_mm = points.beside_mm(track, from, to).min(points.beside_mm(track, from, last));
+    let older_mm = older_s(timing, stop_s) * fastest.burr_mm_s;
+    Tube {
+        off_mm: tolerance_mm * (joint_rad_s / (2.0 * timing.stop_rad_s2 * timing.follow_s)).max(1.0)
+            + beside_mm
+            + points.bend_mm(plan)
+            + older_mm,
+        gap_mm: plan.gap_mm[from..=to].iter().copied().fold(f64::INFINITY, f64::min),
     }
-    let span_rad: f64 = high.iter().zip(low).map(|(high, low)| high - low).sum();
-    let way_mm = track.way_mm(from, to);
-    let speed_mm_s = rate * way_mm / ((to - from).max(1.0) * plan.period_s);
-    let slowing_s = rate * speed_rad_s / timing.stop_rad_s2;
-    let overshoot_mm = speed_mm_s * (slowing_s / 2.0 - timing.follow_s).max(0.0);
-    Travel {
-        along_mm: way_mm + tolerance_mm + overshoot_mm,
-        off_mm: tolerance_mm + 2.0 * sagitta_mm + 0.5 * plan.lever_mm * span_rad.powi(2) + overshoot_mm,
+}
+
+/// What share of a stop a stop on the way back, at half the speed, goes.
+const BACK: f64 = 0.25;
+
+/// How much targets older than the backlog count, times how far back they are, s: of a mean with the weights s/τ² exp(−s/τ) of two lags
+/// behind each other.
+fn older_s(timing: Timing, stop_s: f64) -> f64 {
+    let lags = (timing.lag_s + timing.state_age_s) / timing.follow_s;
+    (timing.follow_s * (2.0 + lags) + stop_s * (1.0 + lags)) * (-lags).exp()
+}
+
+/// Targets of some rows, as they are and moved ahead and back along their tangents.
+struct Points {
+    rows: RangeInclusive<usize>,
+    /// How far ahead, in rows.
+    ahead: f64,
+}
+
+impl Points {
+    /// A value of each row, and moved by its step.
+    fn moved<T>(&self, values: &[T], at: impl Fn(&T, &T, f64) -> T + Copy) -> impl Iterator<Item = T> {
+        let shares = [0.0, self.ahead, -BACK * self.ahead];
+        self.rows.clone().flat_map(move |n| {
+            let (here, next) = (&values[n], &values[(n + 1).min(values.len() - 1)]);
+            shares.map(|share| at(here, next, share))
+        })
+    }
+
+    /// The farthest of the points from the chord between two rows, and of the chord from the path there, mm.
+    fn beside_mm(&self, track: &Track, from: usize, to: usize) -> f64 {
+        let burr_mm = track.burr_mm();
+        let (start, chord) = (burr_mm[from], burr_mm[to] - burr_mm[from]);
+        let square = chord.norm_squared().max(1e-18);
+        let beside_mm = |point: &Vector3<f64>| {
+            let share = ((point - start).dot(&chord) / square).clamp(0.0, 1.0);
+            (point - start - chord * share).norm()
+        };
+        let points = self.moved(burr_mm, |here, next, share| here + (next - here) * share);
+        let farthest_mm = points.map(|p| beside_mm(&p)).fold(0.0, f64::max);
+        farthest_mm + burr_mm[from..=to].iter().map(beside_mm).fold(0.0, f64::max)
+    }
+
+    /// How far the burr's place is from an affine function of the joints over the points, mm.
+    ///
+    /// Its second derivative by joints i and j is at most the burr's distance d from the axis of the later one, and the variance of a mean
+    /// over a range R at most R²/4. The distances change by the later joints' turns.
+    fn bend_mm(&self, plan: &StreamPlan) -> f64 {
+        let q = plan.track.q();
+        let (mut low, mut high) = ([f64::INFINITY; 6], [f64::NEG_INFINITY; 6]);
+        for point in self.moved(q, |a, b, share| std::array::from_fn(|j| a[j] + share * (b[j] - a[j]))) {
+            for (j, at) in point.iter().enumerate() {
+                (low[j], high[j]) = (low[j].min(*at), high[j].max(*at));
+            }
+        }
+        let range: Joints = std::array::from_fn(|j| high[j] - low[j]);
+        let jacobian = plan.arm.tool_jacobian_at(&q[*self.rows.end()]);
+        let (mut bend_mm, mut turned_mm, mut later_rad) = (0.0, 0.0, range.iter().sum::<f64>());
+        for (j, column) in jacobian.column_iter().enumerate().rev() {
+            let distance_mm = column.fixed_rows::<3>(0).norm() + turned_mm;
+            turned_mm += distance_mm * range[j];
+            // pairs of which this joint is the later one
+            later_rad -= range[j];
+            bend_mm += distance_mm * range[j] * (range[j] + 2.0 * later_rad);
+        }
+        // 1/8 for the mean, 1/2 for moving ahead along the tangent, which is at most the range
+        bend_mm / 8.0 + bend_mm / 2.0 * self.ahead_share(q, &range).powi(2)
+    }
+
+    /// The largest share of its range that a joint is moved ahead by.
+    fn ahead_share(&self, q: &[Joints], range: &Joints) -> f64 {
+        let steps = self.rows.clone().map(|n| (&q[n], &q[(n + 1).min(q.len() - 1)]));
+        let share = |(a, b): (&Joints, &Joints)| {
+            let shares = (0..6).map(|j| self.ahead * (b[j] - a[j]).abs() / range[j].max(1e-12));
+            shares.fold(0.0, f64::max)
+        };
+        steps.map(share).fold(0.0, f64::max).min(1.0)
     }
 }
 
 /// Shares of the planned speed that are tried, from fast to slow.
 const RATES: [f64; 9] = [1.0, 0.85, 0.7, 0.55, 0.4, 0.3, 0.2, 0.1, 0.05];
-/// Rows that are judged at once.
-const BLOCK: usize = 5;
+/// Rows that share a tube.
+pub(crate) const BLOCK: usize = 5;
 
-/// The share of its planned speed at which every row may be passed: the bound is no larger than the clearance that is left, and
-/// the speed falls no faster than the ramp; 0 where no share is small enough.
-pub(crate) fn rates(plan: &StreamPlan) -> Vec<f64> {
+/// The share of its planned speed at which every row may be passed, and how far off its path the burr can be there, mm: no farther
+/// than the room there, while speed falls no faster than the ramp; 0 where no share is small enough.
+pub(crate) fn rates(plan: &StreamPlan) -> (Vec<f64>, Vec<f64>) {
     let rows = plan.track.rows();
-    let fits = |row: usize, rate: f64| {
-        worst(plan, row as f64, rate).most_mm() <= least_gap_mm(plan, row as f64, rate)
-    };
     let allowed = |block: usize| {
-        let row = block * BLOCK;
-        // no structure near: nothing to compare with
-        RATES.into_iter().find(|rate| fits(row, *rate)).unwrap_or(0.0)
+        let tubes = RATES.iter().map(|rate| (*rate, tube(plan, block * BLOCK, *rate)));
+        let (mut rate, mut off_mm) = (0.0, 0.0);
+        for (tried, tube) in tubes {
+            off_mm = tube.off_mm;
+            if tube.off_mm <= tube.gap_mm {
+                rate = tried;
+                break;
+            }
+        }
+        (rate, off_mm)
     };
-    let blocks: Vec<f64> = (0..rows.div_ceil(BLOCK)).into_par_iter().map(allowed).collect();
-    let mut rate: Vec<f64> = (0..rows)
-        .map(|row| {
-            let next = blocks.get(row / BLOCK + 1).copied().unwrap_or(1.0);
-            blocks[row / BLOCK].min(next)
-        })
-        .collect();
+    let blocks: Vec<(f64, f64)> = (0..rows.div_ceil(BLOCK)).into_par_iter().map(allowed).collect();
+    let mut rate = vec![1.0f64; rows];
+    let backlog_rows = plan.settings().timing.backlog_s() / plan.period_s;
+    for (block, (allowed, _)) in blocks.iter().enumerate().filter(|(_, (allowed, _))| *allowed < 1.0) {
+        // no row that counts for a tube is passed faster than it
+        let first = ((block * BLOCK) as f64 - allowed * backlog_rows).max(0.0) as usize;
+        let last = ((block + 1) * BLOCK).min(rows);
+        rate[first..last].iter_mut().for_each(|rate| *rate = rate.min(*allowed));
+    }
     slow_ahead(&mut rate, plan.ramp_per_s * plan.period_s);
-    rate
+    (rate, (0..rows).map(|row| blocks[row / BLOCK].1).collect())
 }
 
 /// Lowers rates so that none falls faster than `ramp` a period: r² may fall by 2·ramp a row, since a row takes 1/r periods.

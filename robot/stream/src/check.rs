@@ -47,16 +47,15 @@ fn speeds(plan: &StreamPlan) -> Result<(), String> {
     if rate >= 1.0 || (plan.settings().slow && rate > 0.0) {
         return Ok(());
     }
-    let travel = crate::bound::worst(plan, row as f64, 1.0);
+    let tube = crate::bound::tube(plan, row, 1.0);
     let advice =
         if rate > 0.0 { "stream with --slow" } else { "no speed is slow enough: plan with more clearance" };
     Err(format!(
-        "after a failure near row {row} ({:.1} s) the burr could travel {:.2} mm along its path and {:.2} mm off it, with {:.2} mm left \
-         to the nearest structure: {advice}",
+        "near row {row} ({:.1} s) a stop or a failure could bring the burr {:.2} mm off its path, with {:.2} mm left to the nearest \
+         structure: {advice}",
         row as f64 * plan.period_s,
-        travel.along_mm,
-        travel.off_mm,
-        crate::bound::least_gap_mm(plan, row as f64, 1.0),
+        tube.off_mm,
+        tube.gap_mm,
     ))
 }
 

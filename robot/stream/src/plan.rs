@@ -7,7 +7,7 @@
 use bonemill_arm::{Arm, Joint, JointKind};
 use nalgebra::Vector3;
 
-use crate::bound::{self, Travel};
+use crate::bound::{self, Failure, Travel};
 use crate::error::StreamError;
 use crate::link::Joints;
 use crate::settings::Settings;
@@ -110,8 +110,8 @@ pub struct StreamPlan {
     pub standing: Standing,
     /// SHA-256 of the trajectory, hexadecimal.
     pub digest: String,
-    /// Longest lever from a joint's axis to the burr, mm.
-    pub lever_mm: f64,
+    /// How far off its path the burr can be while a row is the newest target, at that share, mm.
+    pub off_mm: Vec<f64>,
     /// How fast the share of the planned speed may change, 1/s.
     pub ramp_per_s: f64,
     waypoints: Vec<WaypointNear>,
@@ -143,7 +143,6 @@ impl StreamPlan {
             return Err(StreamError::TooFewRows { rows: rows.len() });
         }
         check_rows(joints, &rows, period_s)?;
-        let lever_mm = lever_mm(input.arm, &rows)?;
         let track = Track::new(input.arm, rows);
         let gap_mm = gaps(&track, period_s, &input.waypoints, &input.structures)?;
         let mut plan = Self {
@@ -156,13 +155,13 @@ impl StreamPlan {
             holds: input.holds,
             standing: input.standing,
             digest: input.digest,
-            lever_mm,
+            off_mm: Vec::new(),
             ramp_per_s: ramp_per_s(&track, period_s, settings.timing.stop_rad_s2),
             waypoints: input.waypoints,
             settings,
             track,
         };
-        plan.rate = bound::rates(&plan);
+        (plan.rate, plan.off_mm) = bound::rates(&plan);
         Ok(plan)
     }
 
@@ -187,7 +186,8 @@ impl StreamPlan {
         let reached_row = reached_row.clamp(0.0, self.track.last_row());
         let back_mm = self.tolerance_mm(reached_row as usize);
         let mut row = reached_row;
-        while row > 0.0 && self.track.way_mm(row, reached_row) < back_mm {
+        let reached_mm = self.track.burr_at(reached_row);
+        while row > 0.0 && (self.track.burr_at(row) - reached_mm).norm() < back_mm {
             row = (row - 1.0).max(0.0);
         }
         row
@@ -195,7 +195,9 @@ impl StreamPlan {
 
     /// What the burr can travel after a failure in a row, at the worst and at the speed that is allowed there.
     pub fn travel(&self, row: usize) -> Travel {
-        bound::worst(self, row as f64, self.rate.get(row).copied().unwrap_or(0.0))
+        let row = row.min(self.track.rows() - 1);
+        let along = Failure::ALL.map(|failure| bound::along_mm(self, row, self.rate[row], failure));
+        Travel { along_mm: along.into_iter().fold(0.0, f64::max), off_mm: self.off_mm[row] }
     }
 
     /// Some rows of it, for trials: with its clearances and speeds, without waypoints and hold points.
@@ -213,7 +215,7 @@ impl StreamPlan {
             holds: Vec::new(),
             standing: self.standing.clone(),
             digest: self.digest.clone(),
-            lever_mm: self.lever_mm,
+            off_mm: self.off_mm[from..to].to_vec(),
             ramp_per_s: self.ramp_per_s,
             waypoints: Vec::new(),
             settings: self.settings,
@@ -231,7 +233,8 @@ impl StreamPlan {
 /// How fast the share of a track's speed may change, 1/s: joints slow no harder than in twice the least stop that is assumed, since a
 /// controller's own is that hard. Between 2 and 10.
 pub(crate) fn ramp_per_s(track: &Track, period_s: f64, stop_rad_s2: f64) -> f64 {
-    (2.0 * stop_rad_s2 / track.fastest_joint_rad_s(period_s).max(1e-6)).clamp(2.0, 10.0)
+    let fastest = track.fastest(0..=track.rows(), period_s);
+    (2.0 * stop_rad_s2 / fastest.joint_rad_s.max(1e-6)).clamp(2.0, 10.0)
 }
 
 fn even_period(time_s: &[f64]) -> Result<f64, StreamError> {
@@ -267,18 +270,6 @@ fn check_rows(joints: &[Joint], rows: &[Joints], period_s: f64) -> Result<(), St
         }
     }
     Ok(())
-}
-
-/// The longest lever from a joint's place to the burr over some hundred rows, mm.
-fn lever_mm(arm: &Arm, rows: &[Joints]) -> Result<f64, StreamError> {
-    let mut longest_mm: f64 = 0.0;
-    for q in rows.iter().step_by(rows.len().div_ceil(200)) {
-        let burr_mm = arm.burr(q)?.translation_mm;
-        for place in arm.joint_places(q)? {
-            longest_mm = longest_mm.max((place.coords - burr_mm).norm());
-        }
-    }
-    Ok(longest_mm)
 }
 
 /// The clearance that is left in every row.

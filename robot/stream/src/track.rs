@@ -3,6 +3,8 @@
 //! Rows are even steps of the controller's period; a place between rows is a fraction of one ([`Track::joints`]). Lengths are mm
 //! in base, axes are unit vectors from the burr to the handpiece. Nothing here knows time beyond the row's number.
 
+use std::ops::RangeInclusive;
+
 use bonemill_arm::Arm;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -29,6 +31,15 @@ pub struct Nearest {
     pub distance_mm: f64,
     /// Where it is, in rows.
     pub row: f64,
+}
+
+/// Greatest speeds on a piece of track.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fastest {
+    /// Of a joint, rad/s.
+    pub joint_rad_s: f64,
+    /// Of the burr, mm/s.
+    pub burr_mm_s: f64,
 }
 
 impl Track {
@@ -161,9 +172,14 @@ impl Track {
         (worst.0, worst.1)
     }
 
-    /// Greatest joint speed between rows that a period apart follow each other, rad/s.
-    pub fn fastest_joint_rad_s(&self, period_s: f64) -> f64 {
-        let steps = self.q.windows(2).flat_map(|w| (0..6).map(move |j| (w[1][j] - w[0][j]).abs()));
-        steps.fold(0.0, f64::max) / period_s
+    /// The greatest speeds on the steps from some rows, which exist, to their next ones, a period apart.
+    pub fn fastest(&self, rows: RangeInclusive<usize>, period_s: f64) -> Fastest {
+        let mut most = Fastest { joint_rad_s: 0.0, burr_mm_s: 0.0 };
+        for n in rows.filter(|n| n + 1 < self.rows()) {
+            let joints = (0..6).map(|j| (self.q[n + 1][j] - self.q[n][j]).abs());
+            most.joint_rad_s = joints.fold(most.joint_rad_s, f64::max);
+            most.burr_mm_s = most.burr_mm_s.max(self.arc_mm[n + 1] - self.arc_mm[n]);
+        }
+        Fastest { joint_rad_s: most.joint_rad_s / period_s, burr_mm_s: most.burr_mm_s / period_s }
     }
 }

@@ -1,9 +1,8 @@
 //! The sum of [`super::burr_force`], factored over rings of equal κ.
 //!
-//! On a ring, e_v, n and e_a are linear in (cos ψ, sin ψ, 1), so that the three sums Σq, Σq cos ψ, Σq sin ψ of the weights
-//! q = t w carry the whole force; the trigonometry is tabulated once for a tool. What is left per node is one dot
-//! product and, if the node moves forward, one sample of the bone; a tile of nodes without bone takes one sample for all of
-//! them. Same nodes, same result to rounding.
+//! A ring's weights q = t w enter through three sums ([`super::sums`]); the trigonometry is tabulated once for a tool. What is
+//! left per node is one dot product and, if the node moves forward, one sample of the bone; a tile of nodes without bone takes
+//! one sample for all of them. Same nodes, same result to rounding.
 
 use std::f64::consts::PI;
 
@@ -13,6 +12,7 @@ use nalgebra::{Unit, Vector3};
 use super::force::GRAZING;
 use super::input::{Discretisation, Element, Material, Tool};
 use super::rings::{Circle, Nodes};
+use super::sums::{DirectionSums, Harmonics};
 
 /// The reach of a tile of directions that are tested together, as a share of the burr's radius.
 pub const TILE_REACH: f64 = 0.25;
@@ -167,34 +167,6 @@ pub struct ForceKernel {
     nodes: Nodes,
 }
 
-/// Σq, Σq cos ψ, Σq sin ψ.
-#[derive(Clone, Copy, Default)]
-struct Harmonics([f64; 3]);
-
-impl Harmonics {
-    #[inline]
-    fn add(&mut self, q: f64, [c, s]: [f64; 2]) {
-        self.0[0] += q;
-        self.0[1] += q * c;
-        self.0[2] += q * s;
-    }
-}
-
-/// Force per unit of feed per tooth and torque, summed over rings.
-#[derive(Clone, Copy, Default)]
-struct Sum {
-    force: Vector3<f64>,
-    torque: f64,
-}
-
-impl Sum {
-    /// Adds a ring's sum per length of its elements; the force acts against it.
-    fn add(&mut self, per_mm: Self, length_mm: f64) {
-        self.force -= per_mm.force * length_mm;
-        self.torque += per_mm.torque * length_mm;
-    }
-}
-
 impl ForceKernel {
     /// Tabulates the nodes.
     pub fn new(tool: &Tool, material: &Material, disc: &Discretisation) -> Self {
@@ -239,7 +211,8 @@ impl ForceKernel {
         let (x, y, z) = (basis.column(0).into_owned(), basis.column(1).into_owned(), axis.into_inner());
         let tooth_mm = self.tool.feed_per_tooth_mm(nominal_mm_s, spindle_rpm);
         let mut out = EngagedForce::ZERO;
-        let (mut cut, mut edge) = (Sum::default(), Sum::default());
+        let (mut cut, mut edge) = (DirectionSums::default(), DirectionSums::default());
+        let spin = self.tool.spin();
         let Nodes { rings, azimuths, tile_size: [high, wide], tiles } = &self.nodes;
         let mut weights = vec![0.0; high * azimuths.len()];
         for (tile, rings) in tiles.iter().zip(rings.chunks(*high)) {
@@ -284,24 +257,22 @@ impl ForceKernel {
                         q_area += forward;
                     }
                 }
-                let (element, [tc, ts]) = (&ring.element, ring.turn);
-                let frame = [x * tc + y * ts, y * tc - x * ts, z];
-                let k_n_mm2 = self.material.k_n_mm2();
-                cut.add(self.ring_sum(element, &frame, q_cut, k_n_mm2), element.dl_mm);
-                let k_edge_n_mm = self.material.k_edge_n_mm();
-                edge.add(self.ring_sum(element, &frame, q_edge, k_edge_n_mm), element.edge_mm);
+                let element = &ring.element;
+                cut.add(ring, &q_cut, element.dl_mm, spin);
+                edge.add(ring, &q_edge, element.edge_mm, spin);
                 out.mrr_mm2 += q_area * element.dz_mm;
-                out.weighted_mrr_mm2 += q_cut.0[0] * element.dz_mm;
+                out.weighted_mrr_mm2 += q_cut.sum() * element.dz_mm;
             }
         }
         let per_turn = 1.0 / self.n_gamma as f64;
         let per_speed = self.tool.feed_per_tooth_mm(1.0, spindle_rpm) * per_turn;
         let area = self.tool.radius_mm() * 2.0 * PI / azimuths.len() as f64;
-        out.cut_n_per_mm_s = cut.force * per_speed;
-        out.cut_torque_nmm_per_mm_s = cut.torque * per_speed;
+        let (k_n_mm2, k_edge_n_mm) = (self.material.k_n_mm2(), self.material.k_edge_n_mm());
+        out.cut_n_per_mm_s = basis * cut.force(k_n_mm2) * per_speed;
+        out.cut_torque_nmm_per_mm_s = cut.torque(k_n_mm2[0], &self.tool) * per_speed;
         if self.material.has_edge() && tooth_mm > 0.0 {
-            out.edge_n = edge.force * per_turn;
-            out.edge_torque_nmm = edge.torque * per_turn;
+            out.edge_n = basis * edge.force(k_edge_n_mm) * per_turn;
+            out.edge_torque_nmm = edge.torque(k_edge_n_mm[0], &self.tool) * per_turn;
         }
         out.mrr_mm2 *= area;
         out.weighted_mrr_mm2 *= area;
@@ -315,22 +286,5 @@ impl ForceKernel {
             along_mm: element.dz_mm / element.sin,
             around_mm: self.tool.radius_mm() * element.sin * 2.0 * PI / self.nodes.azimuths.len() as f64,
         }
-    }
-
-    /// K_t σ e_ψ + K_r n + K_a e_a and its torque, summed over one ring with the weights' harmonics, per mm of the element.
-    fn ring_sum(
-        &self,
-        element: &Element,
-        [x, y, z]: &[Vector3<f64>; 3],
-        Harmonics([q0, qc, qs]): Harmonics,
-        [k_t, k_r, k_a]: [f64; 3],
-    ) -> Sum {
-        let radial = x * qc + y * qs;
-        let around = y * qc - x * qs;
-        let (sk, ck) = (element.sin, element.cos);
-        let along = around * (k_t * self.tool.spin())
-            + radial * (k_r * sk + k_a * ck)
-            + z * (q0 * (k_a * sk - k_r * ck));
-        Sum { force: along, torque: k_t * q0 * self.tool.radius_mm() * sk }
     }
 }

@@ -36,8 +36,8 @@ mod input;
 mod kernel;
 mod orientation;
 pub mod rings;
-mod sampler;
 mod samples;
+pub mod sums;
 #[cfg(test)]
 mod tests;
 
@@ -46,5 +46,4 @@ pub use force::{BurrForce, GRAZING, burr_force};
 pub use input::{Discretisation, Element, ElementGrid, Material, Measure, Motion, Tool, direction};
 pub use kernel::{AtPoints, BoneAround, EngagedForce, Feed, ForceKernel, OverPatches, Patch, TILE_REACH};
 pub use orientation::OrientationKernel;
-pub use sampler::SphereSampler;
 pub use samples::EngagedSamples;

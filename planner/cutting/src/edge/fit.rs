@@ -162,6 +162,8 @@ pub struct PlungeFitting<'c> {
     pub regression: Regression,
     /// Whether the angles turn with the feed; the earlier published models leave that out.
     pub with_feed_angle: bool,
+    /// Whether the chisel edge cuts with the same coefficients, as in a plan; not where a pilot hole took its place.
+    pub with_chisel: bool,
 }
 
 /// A log as the fit compares it: forces divided by their root mean square.
@@ -182,9 +184,13 @@ impl PlungeFitting<'_> {
         Ok((edges.elements, f64::from(edges.copies)))
     }
 
+    fn is_engaged(&self, e: &EdgeElement, depth_mm: f64) -> bool {
+        (self.with_chisel || e.kind == EdgeKind::Lip) && e.position_mm.z() < depth_mm
+    }
+
     fn shares(&self, row: usize, at: &PlungeRow) -> Result<Vec<Share>, CutterError> {
         let (elements, copies) = self.elements(at.feed_mm_rev)?;
-        let inside = |e: &&EdgeElement| e.kind == EdgeKind::Lip && e.position_mm.z() < at.depth_mm;
+        let inside = |e: &&EdgeElement| self.is_engaged(e, at.depth_mm);
         let share = |e: &EdgeElement| {
             let area = copies * uncut_area_mm2(e, at.feed_mm_rev);
             let per_k = force_directions(e).map(|d| [area * d.z, -area * e.radius_mm * d.y]);
@@ -193,14 +199,14 @@ impl PlungeFitting<'_> {
         Ok(elements.iter().filter(inside).map(share).collect())
     }
 
-    /// Thrust, N, and torque, N mm, of the lips with a model at the row's feed, speed and depth.
+    /// Thrust, N, and torque, N mm, of the edges with a model at the row's feed, speed and depth.
     ///
     /// # Errors
     /// [`CutterError`] for a feed that the cutter cannot take.
     pub fn predict(&self, model: &CoefficientModel, at: &PlungeRow) -> Result<[f64; 2], CutterError> {
         let (elements, copies) = self.elements(at.feed_mm_rev)?;
         let mut sums = [0.0; 2];
-        for e in elements.iter().filter(|e| e.kind == EdgeKind::Lip && e.position_mm.z() < at.depth_mm) {
+        for e in elements.iter().filter(|e| self.is_engaged(e, at.depth_mm)) {
             let k = model.at(&Cut::of(e, at.feed_mm_rev, at.spindle_rpm));
             let area = copies * uncut_area_mm2(e, at.feed_mm_rev);
             let [normal, friction] = force_directions(e);
@@ -210,7 +216,7 @@ impl PlungeFitting<'_> {
         Ok(sums)
     }
 
-    /// Fits the lips' coefficients to a log.
+    /// Fits the edges' coefficients to a log.
     ///
     /// # Errors
     /// [`PlungeFitError`] when the log cannot tell them.

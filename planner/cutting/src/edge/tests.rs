@@ -200,7 +200,7 @@ fn a_clean_log_gives_the_coefficients_back() {
             CoefficientModel::PowerLaw([[4.0, -0.1, -0.05, 0.6], [3.0, -0.1, -0.02, 0.4]]),
         ),
     ] {
-        let fitting = PlungeFitting { cutter: &drill, regression, with_feed_angle: true };
+        let fitting = PlungeFitting { cutter: &drill, regression, with_feed_angle: true, with_chisel: false };
         let fit = fitting.fit(&entries(&fitting, &truth, 0.0)).unwrap();
         let numbers = |model: &CoefficientModel| match model {
             CoefficientModel::Constant(k) => k.to_vec(),
@@ -227,7 +227,8 @@ fn a_clean_log_gives_the_coefficients_back() {
 fn logs_that_cannot_tell_are_refused() {
     let case: Value = serde_json::from_str(D01).unwrap();
     let drill = drill(&case);
-    let fitting = |regression| PlungeFitting { cutter: &drill, regression, with_feed_angle: true };
+    let fitting =
+        |regression| PlungeFitting { cutter: &drill, regression, with_feed_angle: true, with_chisel: false };
     let truth = CoefficientModel::Constant([150.0, 60.0]);
     let all = entries(&fitting(Regression::Constant), &truth, 0.01);
     // the full lips at one feed and speed: many rows, one number

@@ -7,26 +7,19 @@ mod corridor;
 
 use std::fmt::Write;
 
-use bonemill_case::{Parameter, Pattern, explained};
+use bonemill_case::Pattern;
 use bonemill_channel::{ChannelPlan, deepest_waypoint};
 use bonemill_planfile::{PlungeRow, ReportPart};
 
 use crate::report::chart::{Series, chart_over};
-use crate::report::{STYLE, breakable, columns, escape, with_code};
+use crate::report::{escape, frame};
 use crate::show::{STRUCTURE_COLOURS, css};
 
 /// The whole page.
 pub fn html(plan: &ChannelPlan) -> String {
     let reams = plan.setup.case.job.channel().is_some_and(|channel| channel.pattern == Pattern::Ream);
     let title = if reams { "Reaming plan" } else { "Channel plan" };
-    let mut page = format!(
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>{title}</title>\
-         <style>{STYLE}</style></head><body><main><h1>{title}</h1>\
-         <p class=\"note\">bonemill {}. Research software: not a medical device, not for use on patients.</p>",
-        env!("CARGO_PKG_VERSION")
-    );
-    page.push_str(&verdict(plan));
+    let mut page = frame::head(title, &plan.shortfalls, &plan.warnings);
     page.push_str(&cards(plan));
     page.push_str(&ReportPart::Verification.marks().concat());
     page.push_str("<h2>The corridor in the images</h2>");
@@ -41,30 +34,8 @@ pub fn html(plan: &ChannelPlan) -> String {
         page.push_str("<h2>The safest channels</h2>");
         page.push_str(&runners_up(plan));
     }
-    page.push_str("<h2>Inputs</h2>");
-    page.push_str(&inputs(plan));
-    page.push_str("<h2>Parameters</h2>");
-    page.push_str(&parameters(plan));
-    page.push_str(&columns::section());
-    let _ = write!(
-        page,
-        "<h2>Case, with every default</h2><details><summary>show</summary><pre>{}</pre></details></main></body></html>",
-        escape(&plan.setup.case.to_toml())
-    );
+    page.push_str(&frame::tail(&plan.setup.inputs, &plan.setup.case, &plan.setup.case));
     page
-}
-
-fn verdict(plan: &ChannelPlan) -> String {
-    let mut text = if plan.shortfalls.is_empty() {
-        "<p class=\"verdict good\">The plan meets its case.</p>".to_owned()
-    } else {
-        let reasons: String = plan.shortfalls.iter().map(|r| format!("<li>{}</li>", escape(r))).collect();
-        format!("<div class=\"verdict bad\">The plan falls short:<ul>{reasons}</ul></div>")
-    };
-    for warning in &plan.warnings {
-        let _ = write!(text, "<p class=\"verdict warn\">Warning: {}</p>", escape(warning));
-    }
-    text
 }
 
 fn cards(plan: &ChannelPlan) -> String {
@@ -188,7 +159,7 @@ fn runners_up(plan: &ChannelPlan) -> String {
     let rows: String = plan.found.channels.iter().enumerate().map(row).collect();
     let search = plan.found.search.as_ref().map_or(String::new(), |search| {
         format!(
-            "<p>{} directions were looked at: {} leave the bone in the entry's region, {} of these are longer than the tool can drill. The best were \
+            "<p>{} directions were looked at: {} lead outside in the entry's region and cone, with room for the tool; {} of these are longer than the tool can drill. The best were \
              moved to their local maximum; those listed are at least 5° apart.</p>",
             search.sampled, search.in_region, search.too_long
         )
@@ -196,32 +167,5 @@ fn runners_up(plan: &ChannelPlan) -> String {
     format!(
         "<div class=\"wide\"><table><thead><tr><th></th><th>direction, ct</th><th>depth [mm]</th><th>least weighted margin [mm]</th><th>limited by</th>\
          <th>its clearance [mm]</th><th>probability of touching it</th></tr></thead><tbody>{rows}</tbody></table></div>{search}"
-    )
-}
-
-fn inputs(plan: &ChannelPlan) -> String {
-    let row = |(input, _): &(bonemill_planfile::Input, std::path::PathBuf)| {
-        let name = escape(&input.path.to_string_lossy());
-        format!("<tr><th>{name}</th><td><code>{}</code></td></tr>", input.sha256)
-    };
-    let rows: String = plan.setup.inputs.iter().map(row).collect();
-    format!(
-        "<div class=\"wide\"><table class=\"words\"><thead><tr><th>file</th><th>SHA-256</th></tr></thead><tbody>{rows}</tbody></table></div>"
-    )
-}
-
-fn parameters(plan: &ChannelPlan) -> String {
-    let row = |p: &Parameter| {
-        format!(
-            "<tr><th><code>{}</code></th><td><code>{}</code></td><td>{}</td><td>{}</td></tr>",
-            breakable(&escape(&p.key)),
-            escape(&p.value),
-            with_code(&escape(p.meaning)),
-            with_code(&escape(&p.origin.to_string()))
-        )
-    };
-    let rows: String = explained(&plan.setup.case).iter().map(row).collect();
-    format!(
-        "<div class=\"wide\"><table class=\"words params\"><thead><tr><th>key</th><th>value</th><th>meaning</th><th>from</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
 }

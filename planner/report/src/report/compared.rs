@@ -2,7 +2,7 @@
 //! choices that the plan made.
 
 use bonemill_case::{ForceTerm, OrientationMode, Sense, SpeedMode};
-use bonemill_pipeline::{Control, Felt, Plan, half_turn};
+use bonemill_pipeline::{Control, Plan, StructureForces, half_turn};
 use bonemill_planfile::toward::{NEAR_MM, TowardFigures};
 
 use super::escape;
@@ -30,7 +30,8 @@ pub fn section(plan: &Plan) -> String {
 }
 
 fn table(plan: &Plan, controls: &[Control]) -> String {
-    let felt: Vec<&Felt> = controls.iter().map(|c| &c.felt).chain([&plan.results.compared.plan]).collect();
+    let forces: Vec<&StructureForces> =
+        controls.iter().map(|c| &c.forces).chain([&plan.results.compared.plan]).collect();
     let row = |name: String, values: Vec<f64>| {
         let (ours, theirs) = values.split_last().map_or((0.0, &[][..]), |(ours, theirs)| (*ours, theirs));
         let cells: String = values.iter().map(|n| format!("<td>{n:.3}</td>")).collect();
@@ -44,17 +45,17 @@ fn table(plan: &Plan, controls: &[Control]) -> String {
     };
     let mut rows = String::new();
     for (n, structure) in plan.setup.case.structures.iter().enumerate() {
-        let near = |felt: &&Felt| felt.structures.get(n).map(|s| s.near).unwrap_or_default();
-        if felt.iter().all(|f| near(f).peak_n == 0.0) {
+        let near = |forces: &&StructureForces| forces.structures.get(n).map(|s| s.near).unwrap_or_default();
+        if forces.iter().all(|f| near(f).peak_n == 0.0) {
             continue;
         }
         for (name, figure) in FIGURES {
             let name = format!("{}: {name}", escape(&structure.name));
-            rows.push_str(&row(name, felt.iter().map(|f| figure(&near(f))).collect()));
+            rows.push_str(&row(name, forces.iter().map(|f| figure(&near(f))).collect()));
         }
     }
-    rows.push_str(&row("whole force: mean".into(), felt.iter().map(|f| f.mean_n).collect()));
-    rows.push_str(&row("whole force: peak".into(), felt.iter().map(|f| f.peak_n).collect()));
+    rows.push_str(&row("whole force: mean".into(), forces.iter().map(|f| f.mean_n).collect()));
+    rows.push_str(&row("whole force: peak".into(), forces.iter().map(|f| f.peak_n).collect()));
     let heads: String = controls
         .iter()
         .map(|c| {

@@ -4,9 +4,10 @@
 //! Simulation and verification later add their parts between marks in the page.
 
 pub(crate) mod chart;
-pub(crate) mod columns;
+mod columns;
 pub mod compare;
 mod compared;
+pub(crate) mod frame;
 mod peak;
 pub mod run;
 pub mod simulation;
@@ -25,7 +26,7 @@ use chart::{Level, Series, chart};
 use peak::Peak;
 
 use crate::show::{CUT_COLOUR, LINK_COLOUR, STRUCTURE_COLOURS, TARGET_COLOUR, css};
-use bonemill_case::{Case, OrientationMode, Parameter, Registration, Sheets, Structure, explained};
+use bonemill_case::{Case, OrientationMode, Registration, Sheets, Structure};
 use bonemill_pipeline::{Plan, Volumes, dropped_by_reason};
 use bonemill_planfile::toward::StructureFigures;
 use bonemill_planfile::{ReportPart, Waypoint};
@@ -35,14 +36,7 @@ pub(crate) const STYLE: &str = include_str!("style.css");
 
 /// The whole page.
 pub fn html(plan: &Plan) -> String {
-    let mut page = format!(
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>Milling plan</title>\
-         <style>{STYLE}</style></head><body><main><h1>Milling plan</h1>\
-         <p class=\"note\">bonemill {}. Research software: not a medical device, not for use on patients.</p>",
-        env!("CARGO_PKG_VERSION")
-    );
-    page.push_str(&verdict(plan));
+    let mut page = frame::head("Milling plan", &plan.shortfalls, &plan.warnings);
     page.push_str(&cards(plan));
     page.push_str(terms::TERMS);
     page.push_str(&ReportPart::Verification.marks().concat());
@@ -58,39 +52,20 @@ pub fn html(plan: &Plan) -> String {
     page.push_str("<h2>Coverage</h2>");
     page.push_str(&coverage(plan));
     page.push_str("<h2>Structures</h2>");
-    page.push_str(&structures::structure_table(&plan.setup.case, &plan.results.figures.structures, |row| {
-        peak::short_place(&plan.moves.waypoints, row)
-    }));
+    page.push_str(&structures::structure_table(
+        &plan.setup.case,
+        &plan.results.figures.structures,
+        "at waypoint",
+        |row| peak::short_place(&plan.moves.waypoints, row),
+    ));
     if !plan.setup.case.structures.is_empty() {
         page.push_str("<h2>Compared with a straight shaft at constant speed</h2>");
         page.push_str(&compared::section(plan));
     }
     page.push_str("<h2>What was modelled</h2>");
     page.push_str(&modelled(plan));
-    page.push_str("<h2>Inputs</h2>");
-    page.push_str(&inputs(plan));
-    page.push_str("<h2>Parameters</h2>");
-    page.push_str(&parameters(plan));
-    page.push_str(&columns::section());
-    let _ = write!(
-        page,
-        "<h2>Case file with every default</h2><details><summary>show the file</summary><pre>{}</pre></details></main></body></html>",
-        escape(&plan.setup.case.to_toml())
-    );
+    page.push_str(&frame::tail(&plan.setup.inputs, &as_planned(plan), &plan.setup.case));
     page
-}
-
-fn verdict(plan: &Plan) -> String {
-    let mut text = if plan.shortfalls.is_empty() {
-        "<p class=\"verdict good\">The plan meets its case.</p>".to_owned()
-    } else {
-        let reasons: String = plan.shortfalls.iter().map(|r| format!("<li>{}</li>", escape(r))).collect();
-        format!("<div class=\"verdict bad\">The plan falls short:<ul>{reasons}</ul></div>")
-    };
-    for warning in &plan.warnings {
-        let _ = write!(text, "<p class=\"verdict warn\">Warning: {}</p>", escape(warning));
-    }
-    text
 }
 
 fn cards(plan: &Plan) -> String {
@@ -351,34 +326,6 @@ fn modelled(plan: &Plan) -> String {
     );
     let rows: String = rows.into_iter().map(|(k, v)| format!("<tr><th>{k}</th><td>{v}</td></tr>")).collect();
     format!("<div class=\"wide\"><table class=\"words\"><tbody>{rows}</tbody></table></div>")
-}
-
-fn inputs(plan: &Plan) -> String {
-    let row = |(input, _): &(bonemill_planfile::Input, std::path::PathBuf)| {
-        let name = escape(&input.path.to_string_lossy());
-        format!("<tr><th>{name}</th><td><code>{}</code></td></tr>", input.sha256)
-    };
-    let rows: String = plan.setup.inputs.iter().map(row).collect();
-    format!(
-        "<div class=\"wide\"><table class=\"words\"><thead><tr><th>file</th><th>SHA-256</th></tr></thead><tbody>{rows}</tbody></table></div>"
-    )
-}
-
-/// Every value of the case, including those that the plan chose, with its meaning and its origin.
-fn parameters(plan: &Plan) -> String {
-    let row = |p: &Parameter| {
-        format!(
-            "<tr><th><code>{}</code></th><td><code>{}</code></td><td>{}</td><td>{}</td></tr>",
-            breakable(&escape(&p.key)),
-            escape(&p.value),
-            with_code(&escape(p.meaning)),
-            with_code(&escape(&p.origin.to_string()))
-        )
-    };
-    let rows: String = explained(&as_planned(plan)).iter().map(row).collect();
-    format!(
-        "<div class=\"wide\"><table class=\"words params\"><thead><tr><th>key</th><th>value</th><th>meaning</th><th>origin (D: Dillon et al. 2016)</th></tr></thead><tbody>{rows}</tbody></table></div>"
-    )
 }
 
 /// The case, completed with the values that the plan chose.

@@ -63,7 +63,7 @@ impl Peak {
 
 /// A waypoint's number and time, for a narrow column.
 pub fn short_place(waypoints: &[Waypoint], index: usize) -> String {
-    waypoints.get(index).map_or(String::new(), |w| format!("waypoint\u{a0}{index} ({:.1}\u{a0}s)", w.time_s))
+    waypoints.get(index).map_or(String::new(), |w| format!("{index} ({:.1}\u{a0}s)", w.time_s))
 }
 
 /// Place and time of a waypoint, in words.

@@ -16,7 +16,7 @@ const LISTED: usize = 10;
 /// The section, from its heading on.
 pub fn section(simulation: &Simulation, case: &Case) -> String {
     let mut out = "<h2>Simulation of the trajectory</h2>".to_owned();
-    out.push_str(&verdict(simulation));
+    out.push_str(&verdict(simulation, case.tool.word()));
     let over_time = |value: &dyn Fn(&SimulationRow) -> Option<f64>| -> Vec<(f64, Option<f64>)> {
         simulation.rows.iter().map(|row| (row.time_s, value(row))).collect()
     };
@@ -52,13 +52,13 @@ pub fn section(simulation: &Simulation, case: &Case) -> String {
         .map(|(name, value)| format!("<tr><th>{}</th><td>{value}</td></tr>", escape(&name)))
         .collect();
     let _ = write!(out, "<div class=\"wide\"><table><tbody>{rows}</tbody></table></div>");
-    out.push_str(&structure_table(case, &simulation.structures, |row| {
+    out.push_str(&structure_table(case, &simulation.structures, "at time", |row| {
         format!("{:.2}\u{a0}s", simulation.rows[row].time_s)
     }));
     out
 }
 
-fn verdict(simulation: &Simulation) -> String {
+fn verdict(simulation: &Simulation, tool: &str) -> String {
     if simulation.stopped == 0 {
         return "<p class=\"verdict good\">The shank touches nothing along the whole trajectory.</p>".into();
     }
@@ -68,7 +68,7 @@ fn verdict(simulation: &Simulation) -> String {
         .take(LISTED)
         .map(|(time_s, c)| {
             format!(
-                "<li>{time_s:.3} s: {:.2} mm deep in {}, {:.1} mm behind the burr's centre</li>",
+                "<li>{time_s:.3} s: {:.2} mm deep in {}, {:.1} mm behind the {tool}</li>",
                 c.depth_mm,
                 c.kind.word(),
                 c.along_mm
@@ -85,6 +85,7 @@ fn verdict(simulation: &Simulation) -> String {
 pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
     let largest =
         |value: &dyn Fn(&SimulationRow) -> f64| simulation.rows.iter().map(value).fold(0.0, f64::max);
+    let (tool, is_channel) = (case.tool.word(), case.job.channel().is_some());
     let mut out = vec![
         ("poses".to_owned(), simulation.rows.len().to_string()),
         ("peak force (mean over a turn)".into(), format!("{:.2} N", simulation.peak_force_n())),
@@ -101,6 +102,7 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
             let what = match kind {
                 Kind::Sheet => "removed thin bone beside the target",
                 Kind::Material => "removed target below the threshold of bone",
+                Kind::Bone if is_channel => "removed bone",
                 Kind::Bone => "removed bone of the target",
                 Kind::Obstacle => "removed bone outside the target (parts of voxels)",
                 Kind::Structure => "removed from structures",
@@ -111,10 +113,14 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
     let by_rate = simulation.removed_by_rate.total_mg();
     if simulation.removed.total_mg() > 0.0 {
         let off = 100.0 * (by_rate / simulation.removed.total_mg() - 1.0);
-        out.push((
-            "removed mass by the burr's surface, compared with that by voxels".into(),
-            format!("{off:+.2} %"),
-        ));
+        let name = if is_channel {
+            format!(
+                "removed mass by the {tool}'s front from pose to pose, compared with that on its whole way"
+            )
+        } else {
+            "removed mass by the burr's surface, compared with that by voxels".into()
+        };
+        out.push((name, format!("{off:+.2} %")));
     }
     for (structure, found) in case.structures.iter().zip(&simulation.structures) {
         if let Some(row) = found.force.peak_row {

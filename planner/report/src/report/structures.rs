@@ -7,8 +7,14 @@ use bonemill_planfile::toward::{NEAR_MM, StructureFigures, TowardFigures};
 
 use super::escape;
 
-/// The table of a plan's or a simulation's structures; `place` describes a row's place in words.
-pub fn structure_table(case: &Case, found: &[StructureFigures], place: impl Fn(usize) -> String) -> String {
+/// The table of a plan's or a simulation's structures; `place` describes a row's place in
+/// words, under the heading `at`.
+pub fn structure_table(
+    case: &Case,
+    found: &[StructureFigures],
+    at: &str,
+    place: impl Fn(usize) -> String,
+) -> String {
     let rows: String = case
         .structures
         .iter()
@@ -31,13 +37,15 @@ pub fn structure_table(case: &Case, found: &[StructureFigures], place: impl Fn(u
         })
         .collect();
     let mut table = "<div class=\"wide\"><table class=\"structures\"><thead><tr><th rowspan=\"2\"></th><th rowspan=\"2\">clearance [mm]</th>\
-         <th colspan=\"2\">least distance of the burr's surface</th>"
+         <th colspan=\"2\">least distance of the "
         .to_owned();
+    let tool = case.tool.word();
+    let _ = write!(table, "{tool}'s surface</th>");
     let _ = write!(
         table,
-        "<th colspan=\"4\">force toward it [N] while the burr is within {NEAR_MM} mm</th><th colspan=\"4\">force toward it [N] everywhere</th></tr>\
-         <tr><th>[mm]</th><th>at</th>{0}{0}</tr></thead><tbody>{rows}</tbody></table></div>",
-        "<th>mean</th><th>75th pct.</th><th>peak</th><th>peak at</th>"
+        "<th colspan=\"4\">force toward it [N] while the {tool} is within {NEAR_MM} mm</th><th colspan=\"4\">force toward it [N] everywhere</th></tr>\
+         <tr><th>[mm]</th><th>{at}</th>{0}{0}</tr></thead><tbody>{rows}</tbody></table></div>",
+        format_args!("<th>mean</th><th>75th pct.</th><th>peak</th><th>{at}</th>")
     );
     table.push_str(
         "<p class=\"note\">Mean and 75th percentile are weighted by time, over the time in which material is removed and the force points \

@@ -10,9 +10,9 @@ use super::radial::RadialDistances;
 use crate::EngineError;
 
 /// Cells along a brick's side.
-const SIDE: usize = 8;
+pub(super) const SIDE: usize = 8;
 /// Distances beyond this are cut off, cells.
-const FAR: f32 = 2.0;
+pub(super) const FAR: f32 = 2.0;
 /// More bricks than this over the bone are refused.
 const MOST_BRICKS: f64 = 6.7e7;
 /// A brick without a hole.
@@ -21,10 +21,13 @@ const WHOLE: u32 = u32::MAX;
 /// Distances, in cells.
 #[derive(Debug, Clone)]
 pub struct Holes {
-    cell_mm: f64,
+    pub(super) cell_mm: f64,
     /// Cell centre (0, 0, 0), tool axes.
-    origin_mm: Vector3<f64>,
-    bricks: [usize; 3],
+    pub(super) origin_mm: Vector3<f64>,
+    pub(super) bricks: [usize; 3],
+    /// Bricks that changed since they were last taken for display, each once.
+    pub(super) touched: Vec<usize>,
+    pub(super) is_touched: Vec<bool>,
     places: Vec<u32>,
     #[expect(clippy::vec_box, reason = "growth must not copy every brick within one haptic step")]
     stored: Vec<Box<[f32; SIDE * SIDE * SIDE]>>,
@@ -61,7 +64,9 @@ impl Holes {
         }
         let bricks = [count.x as usize, count.y as usize, count.z as usize];
         let places = vec![WHOLE; bricks.iter().product()];
-        Ok(Self { cell_mm, origin_mm: low, bricks, places, stored: Vec::new() })
+        let is_touched = vec![false; places.len()];
+        let (stored, touched) = (Vec::new(), Vec::new());
+        Ok(Self { cell_mm, origin_mm: low, bricks, touched, is_touched, places, stored })
     }
 
     /// Side of a cell, mm.
@@ -122,6 +127,9 @@ impl Holes {
             self.places[number] = self.stored.len() as u32;
             self.stored.push(Box::new([FAR; SIDE * SIDE * SIDE]));
         }
+        if !std::mem::replace(&mut self.is_touched[number], true) {
+            self.touched.push(number);
+        }
         let (cell_mm, per_mm) = (self.cell_mm, (1.0 / self.cell_mm) as f32);
         let cells = &mut self.stored[self.places[number] as usize];
         let mut radii = [0.0; SIDE * SIDE];
@@ -141,7 +149,7 @@ impl Holes {
 
     /// The signed distance of a cell, cells.
     #[inline]
-    fn cell(&self, cell: [usize; 3]) -> f32 {
+    pub(super) fn cell(&self, cell: [usize; 3]) -> f32 {
         let brick = cell.map(|c| c / SIDE);
         let number = brick[0] + self.bricks[0] * (brick[1] + self.bricks[1] * brick[2]);
         match self.places.get(number) {

@@ -13,6 +13,7 @@
 
 mod holes;
 mod radial;
+mod surface;
 #[cfg(test)]
 mod tests;
 
@@ -25,6 +26,7 @@ use nalgebra::{Rotation3, Vector3};
 
 pub use holes::Holes;
 use radial::RadialDistances;
+pub use surface::BrickSamples;
 
 use crate::EngineError;
 
@@ -100,6 +102,11 @@ impl<'a, T: Copy + Into<f64> + Sync> PlungeEngine<'a, T> {
     /// What is gone, as distances: behind the present tip by less than a cell.
     pub fn holes(&self) -> &Holes {
         &self.holes
+    }
+
+    /// Samples of the bricks whose surface changed since the last call, for display; behind the present tip by less than a cell.
+    pub fn take_touched(&mut self) -> Vec<BrickSamples> {
+        self.holes.take_touched(self.tool_from_work.inverse())
     }
 
     /// Goes straight to a tip position: what the cutter feels at its end, with the weight of bone by its density, g/cm³; work axes,

@@ -145,3 +145,29 @@ fn what_is_gone_is_the_swept_solid() {
     let expected: f64 = (0..slices).map(cut).sum::<f64>() * (top + 0.5) / slices as f64;
     assert!((volume / expected - 1.0).abs() < 0.02, "{volume} {expected}");
 }
+
+/// The bricks that changed, meshed one by one, are the wall of the hole: every vertex lies on the drill's swept solid or on the block's
+/// faces, and a call without a change gives nothing.
+#[test]
+fn the_surface_of_what_changed_is_the_hole_s_wall() {
+    let (drill, block) = (drill(), block());
+    let loads = loads(&drill);
+    let spec = spec(&drill, &loads);
+    let mut engine = PlungeEngine::new(&block, &spec, Point::new(0.0, 0.0, 1.0)).unwrap();
+    engine.take_touched();
+    for n in 0..=400 {
+        engine.step(Point::new(0.0, 0.0, 1.0 - 0.01 * f64::from(n)), |density| density);
+    }
+    engine.settle();
+    let meshes: Vec<_> = engine.take_touched().iter().map(|samples| samples.mesh(&block, 0.5)).collect();
+    let vertices: Vec<_> = meshes.iter().flat_map(|part| &part.mesh.vertices).collect();
+    let cell = engine.holes().cell_mm();
+    let wall = vertices.iter().filter(|p| p.z() < -0.5);
+    assert!(wall.clone().count() > 500, "{}", vertices.len());
+    for p in wall {
+        let own = drill.solid().signed_distance_mm(Point::new(p.x(), p.y(), p.z() + 3.0));
+        assert!(own.abs() < cell, "{own} mm at {p:?}");
+    }
+    assert!(meshes.iter().map(|part| part.mesh.triangles.len()).sum::<usize>() > 1000);
+    assert!(engine.take_touched().is_empty());
+}

@@ -15,7 +15,6 @@ pub mod greedy;
 pub mod permissible;
 pub mod refine;
 pub mod sequence;
-pub mod stencil;
 
 pub use directions::Directions;
 pub use free::FreeSets;

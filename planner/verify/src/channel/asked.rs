@@ -6,9 +6,9 @@ use bonemill_planfile::{ChannelRecord, StoredPlan};
 use nalgebra::Vector3;
 
 use super::super::anatomy::Anatomy;
-use super::super::asked::MEETS;
 use super::super::check::{Check, Place};
 use super::super::moves::Moves;
+use super::super::requirements::MEETS;
 use super::{ROUNDING, is_cut};
 
 /// Feed may begin this far before the bone, mm, and a search for a contact area may end this far beyond it.
@@ -100,6 +100,12 @@ pub fn channel(
         let outside = (0..(reach / step) as usize).map(|n| half_mm + n as f64 * step);
         let bone = outside.filter(|s| anatomy.hu(channel.entry + out * *s) >= bone_hu).count();
         checks.push(Check::none_wrong(NAME, bone).of("no bone on the line before the entry"));
+        checks.push(leads_outside(anatomy, plan.record.case.density.air_hu, channel.entry, &out));
+        if let (ChannelDirection::Safest, Some(about)) = (spec.direction, plan.record.case.approach) {
+            let off_deg = out.angle(&about).to_degrees();
+            let check = Check::at_most(NAME, off_deg, spec.cone_deg + ROUNDING, "°");
+            checks.push(check.of("angle from approach.direction"));
+        }
         checks.push(
             Check::none_wrong(NAME, usize::from(!in_region(spec, channel.entry, anatomy, plan)))
                 .of("entry in its region"),
@@ -115,6 +121,48 @@ fn out_of(channel: &ChannelRecord) -> Vector3<f64> {
 
 fn largest_contact_mm2(plan: &StoredPlan) -> f64 {
     plan.record.metrics.number("largest_contact_mm2").unwrap_or(f64::NAN)
+}
+
+/// The air on the line before the entry goes on, from voxel to voxel by their faces, to a corner of the scan: it is the air
+/// outside the patient. A scan that has no air in its corners does not show the outside, and nothing is judged.
+fn leads_outside(anatomy: &Anatomy, air_hu: f64, entry: Point<Ct>, out: &Vector3<f64>) -> Check {
+    let grid = anatomy.ct.grid();
+    let [nx, ny, nz] = grid.dims();
+    let is_air = |n: usize| f64::from(anatomy.ct.data()[n]) <= air_hu;
+    let is_corner =
+        |[i, j, k]: [usize; 3]| (i == 0 || i + 1 == nx) && (j == 0 || j + 1 == ny) && (k == 0 || k + 1 == nz);
+    let check = |wrong: bool| {
+        Check::none_wrong("channel of the case", usize::from(wrong)).of("the way out reaches the outside air")
+    };
+    let corners = (0..8).map(|c| [[0, nx - 1][c & 1], [0, ny - 1][c >> 1 & 1], [0, nz - 1][c >> 2]]);
+    if !corners.map(|voxel| grid.index(voxel)).any(is_air) {
+        return check(false).noting("not judged: no corner of the scan holds air");
+    }
+    let step = 0.25 * grid.spacing_mm().min();
+    let line = (0..).map_while(|n| grid.nearest(entry + out * (f64::from(n) * step)));
+    let mut seen = vec![false; grid.len()];
+    let mut open: Vec<[usize; 3]> = line.filter(|voxel| is_air(grid.index(*voxel))).collect();
+    while let Some([i, j, k]) = open.pop() {
+        let n = grid.index([i, j, k]);
+        if std::mem::replace(&mut seen[n], true) {
+            continue;
+        }
+        if is_corner([i, j, k]) {
+            return check(false);
+        }
+        // one step to either side along each axis; beyond the scan there is no voxel
+        let beside = [
+            [i.wrapping_sub(1), j, k],
+            [i + 1, j, k],
+            [i, j.wrapping_sub(1), k],
+            [i, j + 1, k],
+            [i, j, k.wrapping_sub(1)],
+            [i, j, k + 1],
+        ];
+        let inside = beside.into_iter().filter(|[i, j, k]| *i < nx && *j < ny && *k < nz);
+        open.extend(inside.filter(|voxel| !seen[grid.index(*voxel)] && is_air(grid.index(*voxel))));
+    }
+    check(true)
 }
 
 /// Whether the entry lies in the region that the case names.

@@ -10,16 +10,15 @@ mod sweep;
 
 use bonemill_case::{Case, ChannelSpec, Registration};
 use bonemill_geometry::{Ct, Point, Progress};
-use bonemill_planfile::{ChannelRecord, StoredPlan, Value, read_case_text};
+use bonemill_planfile::{ChannelRecord, StoredPlan, Value};
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
 use super::anatomy::Anatomy;
 use super::boxes::Boxes;
 use super::check::{Check, Place};
-use super::motion::MotionLimits;
 use super::moves::{Executed, MoveClass, Moves};
 use super::uncertainty::{ErrorModel, RigidError, UncertaintyError, simulate_errors};
-use super::{VerifyError, clearance, follow, links, motion, provenance, registration};
+use super::{VerifyError, clearance};
 
 /// What a written clearance may differ from the one found here, mm: both searches tell at most 1e-3 mm too little.
 const CLEARANCE_TOLERANCE_MM: f64 = 2.5e-3;
@@ -29,47 +28,45 @@ const ROUNDING: f64 = 1e-6;
 const DRAWS: usize = 20_000;
 const SEED: u64 = 1;
 
-/// Every check of a channel.
-///
-/// # Errors
-/// [`VerifyError`] when an image cannot be read or a row is no joint vector of the arm.
-pub fn checks(
-    plan: &StoredPlan,
-    spec: &ChannelSpec,
-    progress: &dyn Progress,
-) -> Result<Vec<Check>, VerifyError> {
-    let case = &plan.record.case;
-    progress.stage("read images");
-    let anatomy = Anatomy::read(plan)?;
-    let boxes: Vec<Option<Boxes<'_>>> =
-        anatomy.kept.iter().map(|kept| Boxes::new(&anatomy.labels, kept.label)).collect();
-    let mut checks = provenance::provenance(plan, &read_case_text(plan)?)?;
-    checks.extend(registration::registration(&plan.record, &anatomy, &boxes));
-    checks.push(asked::meets(plan));
+/// A channel's plan and what it is checked against.
+#[derive(Clone, Copy)]
+pub struct LookedAt<'a> {
+    /// The plan.
+    pub plan: &'a StoredPlan,
+    /// What its case asks for.
+    pub spec: &'a ChannelSpec,
+    /// Its images.
+    pub anatomy: &'a Anatomy,
+    /// The structures' voxel boxes; `None` for one that the map lacks.
+    pub boxes: &'a [Option<Boxes<'a>>],
+}
 
-    progress.stage("check motion");
-    let moves = Moves::new(plan);
-    let executed = Executed::new(plan, &moves)?;
-    let end_s = moves.times_s.last().copied().unwrap_or(0.0);
-    let limits = MotionLimits { arm: &plan.arm, rate_hz: case.robot.rate_hz, end_s };
-    checks.extend(motion::motion(&plan.trajectory, &limits));
-    checks.extend(follow::follow(plan, &moves, &executed)?);
-    checks.extend(follow::speeds(plan, &moves, &executed));
-    checks.extend(links::links(plan, &executed)?);
-
-    progress.stage("check the channel");
-    let Some(channel) = plan.record.channel() else {
-        checks.push(Check::none_wrong("plan says its channel", 1).of("metrics.channel"));
-        return Ok(checks);
-    };
-    checks.extend(asked::rows(plan, spec, &channel, &moves));
-    checks.extend(asked::channel(plan, spec, &channel, &anatomy));
-    checks.extend(clearances(plan, &anatomy, &boxes, &moves, &executed));
-    checks.extend(holder(case, &channel, &anatomy, &boxes));
-    checks.extend(sweep::volumes(plan, &channel, &anatomy));
-
-    checks.extend(touched(plan, spec, progress)?);
-    Ok(checks)
+impl LookedAt<'_> {
+    /// The checks that only a channel has.
+    ///
+    /// # Errors
+    /// [`VerifyError`] when a row is no joint vector of the arm.
+    pub fn checks(
+        &self,
+        moves: &Moves,
+        executed: &Executed,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Check>, VerifyError> {
+        let Self { plan, spec, anatomy, boxes } = *self;
+        progress.stage("check the channel");
+        let mut checks = vec![asked::meets(plan)];
+        let Some(channel) = plan.record.channel() else {
+            checks.push(Check::none_wrong("plan says its channel", 1).of("metrics.channel"));
+            return Ok(checks);
+        };
+        checks.extend(asked::rows(plan, spec, &channel, moves));
+        checks.extend(asked::channel(plan, spec, &channel, anatomy));
+        checks.extend(clearances(plan, anatomy, boxes, moves, executed));
+        checks.extend(holder(&plan.record.case, &channel, anatomy, boxes));
+        checks.extend(sweep::volumes(plan, &channel, anatomy));
+        checks.extend(touched(plan, spec, progress)?);
+        Ok(checks)
+    }
 }
 
 /// Largest radius of the tool of a case, mm.

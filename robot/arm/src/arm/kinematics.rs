@@ -103,16 +103,8 @@ impl Arm {
         Ok(columns.map(|(column, chi)| column * column.transpose() / *chi).sum())
     }
 
-    /// Jacobian of the tool at the burr's centre, in base, shape 6 × dof, rows as in [`Arm::jacobian`].
-    ///
-    /// # Errors
-    /// As [`Arm::forward`].
-    pub fn tool_jacobian(&self, q: &[f64]) -> Result<Matrix6xX<f64>, RobotError> {
-        self.check_q(q)?;
-        Ok(self.tool_jacobian_at(q))
-    }
-
-    /// [`Arm::tool_jacobian`] for a joint vector that was checked.
+    /// Jacobian of the tool at the burr's centre for a joint vector that was checked, in base, shape 6 × dof, rows as in
+    /// [`Arm::jacobian`].
     pub fn tool_jacobian_at(&self, q: &[f64]) -> Matrix6xX<f64> {
         self.jacobian_at(q, &self.mount().flange_from_burr.translation_mm)
     }

@@ -277,7 +277,8 @@ impl<'a> Session<'a> {
         let (deviation, cause) = judged?;
         self.deviation = Some(deviation);
         self.farthest_mm = self.farthest_mm.max(deviation.off_mm);
-        if self.began_s.is_some() {
+        // an arm beside its path may be behind all that it was told lately
+        if self.began_s.is_some() && cause.is_none() {
             self.reached_row = deviation.row;
         }
         cause

@@ -3,7 +3,7 @@
 use bonemill_case::Sheets;
 use bonemill_geometry::{Ct, Grid, Volume};
 use bonemill_imaging::DensityTable;
-use bonemill_scene::{MemoryNeed, Scene, SceneSpec, Target, build_scene};
+use bonemill_scene::{MemoryNeed, Scene, SceneSpec, Target, ToolReach, build_scene};
 use nalgebra::Vector3;
 
 use super::*;
@@ -44,10 +44,12 @@ fn scene(spacing_mm: f64) -> Scene {
         spacing_mm,
         memory: MemoryNeed { bytes_per_voxel: 70.0, available_mb: None },
         margin_mm: 1.0,
-        burr_radius_mm: RADIUS_MM,
-        influence_mm: 5.0,
-        shank_length_mm: 20.0,
-        shank_radius_mm: 3.0,
+        tool: ToolReach {
+            cutter_radius_mm: RADIUS_MM,
+            shank_length_mm: 20.0,
+            shank_radius_mm: 3.0,
+            influence_mm: 5.0,
+        },
     })
     .unwrap()
 }

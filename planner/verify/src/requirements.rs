@@ -23,7 +23,7 @@ const TIME_SHARE: f64 = 1e-3;
 const ROUNDING: f64 = 1e-6;
 
 /// Checks the plan's stated shortfalls, and the time and forces that the case requests, if any.
-pub fn asked(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
+pub fn requirements(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
     let shortfalls = &plan.record.shortfalls;
     let mut checks = vec![Check::none_wrong(MEETS, shortfalls.len()).noting(shortfalls.join("; "))];
     let speed = &plan.record.case.speed;

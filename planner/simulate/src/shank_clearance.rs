@@ -24,14 +24,14 @@ const MOST_PLACES: f64 = 1000.0;
 
 /// The shank in pieces, and how far each may move before it can touch anything, mm.
 #[derive(Debug, Clone)]
-pub(super) struct ShankWatch {
+pub(super) struct ShankClearance {
     pieces: Vec<(ShankCylinder, f64)>,
     /// The thinnest cylinder's radius, mm; `None` without a shank.
     thin_mm: Option<f64>,
     burr_mm: f64,
 }
 
-impl ShankWatch {
+impl ShankClearance {
     pub(super) fn new(shank: &[ShankCylinder], burr_mm: f64) -> Self {
         Self {
             pieces: shank.iter().flat_map(pieces).map(|piece| (piece, 0.0)).collect(),

@@ -18,7 +18,7 @@ const LINK_SHARE: f64 = 5e-4;
 const STRETCH_MM: f64 = 0.1;
 
 /// Checks gouging by the moves and by the trajectory, and links through material.
-pub fn ground(
+pub fn gouge(
     plan: &StoredPlan,
     removed: &Removed,
     moves: &Moves,

@@ -18,7 +18,7 @@ impl TrailPiece {
 }
 
 /// A piece, prepared for tests of the points center + normal·radius, which differ only in their normal.
-pub(super) struct Behind {
+pub(super) struct SweptPiece {
     /// Vector from its start to the centre, and vector along it, mm.
     from_start: Vector3<f64>,
     along: Vector3<f64>,
@@ -30,7 +30,7 @@ pub(super) struct Behind {
     is_own: bool,
 }
 
-impl Behind {
+impl SweptPiece {
     pub(super) fn new(piece: &TrailPiece, center: &Vector3<f64>, radius_mm: f64) -> Self {
         let (from_start, along) = (center - piece.from, piece.to - piece.from);
         let along2 = along.norm_squared();
