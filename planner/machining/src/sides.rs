@@ -188,10 +188,12 @@ impl<'a> Sight<'a> {
         let over = |other: &[f64]| self.tip.iter().zip(other).map(|(a, b)| a.max(*b)).collect::<Vec<f64>>();
         let before = raster.eroded(&over(&self.strip_tip), tool);
         let after = raster.eroded(&over(&floor), tool);
+        // a slope narrower than a cell shows in no height: the outermost cells count all
+        let edge: Vec<bool> = part.outside_mm.iter().map(|d| *d > -1.5 * raster.pitch_mm).collect();
+        let edge = part.seen(&edge, self.facing);
         let covered = |cell: usize| {
-            self.heights[cell] > NONE
-                && before[cell] - after[cell].max(self.heights[cell])
-                    > 0.5 * self.job.process.finishing_step_mm
+            let thick = before[cell] - after[cell].max(self.heights[cell]);
+            self.heights[cell] > NONE && (edge[cell] || thick > 0.5 * self.job.process.finishing_step_mm)
         };
         passes.counts = (0..raster.len()).map(covered).collect();
         if passes.counts.contains(&true) {
@@ -216,7 +218,8 @@ impl<'a> Sight<'a> {
     fn steps_mm(&self, raster: &Raster, tip: &[f64]) -> Vec<f64> {
         let tool = &self.job.tool;
         let e = SCALLOP_SHARE * self.job.process.finishing_step_mm;
-        let most = STEP_SHARE * self.job.widest_mm();
+        // two passes beside a ridge leave nothing between them
+        let most = STEP_SHARE * self.job.widest_mm().min(tool.radius_mm);
         let flat = 2.0 * (tool.radius_mm - tool.corner_radius_mm);
         let [nu, nv] = raster.dims;
         let step = |cell: usize| {
