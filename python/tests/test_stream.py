@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fault_run import prefer
-from ur_arm import SERVO_STOP, SET_WATCHDOG, STOP_SCRIPT, tool_pose
+from ur_arm import SERVO_STOP, SET_WATCHDOG, STOP_SCRIPT, burr_mm, tool_pose
 from ur_double import Double
 
 import bonemill
@@ -185,8 +185,11 @@ def test_a_rehearsal_is_faster_than_the_run_and_its_log_is_one(judged: Path, tmp
     streaming = ready(judged)
     report = streaming.rehearse(log=tmp_path / "r.run")
     assert report.reason is None and report.reached_row == pytest.approx(streaming.rows - 1, abs=1.0)
-    # a resumed run begins where the arm may have been behind: at most 0.2 s before the last row
-    assert streaming.rows - 100 < streaming.resume_row(tmp_path / "r.run") < streaming.rows
+    # a resumed run begins where the burr is the tolerance, at most 0.5 mm, away from the last place, which is within a row of the end
+    burr = burr_mm(bonemill.Plan.load(judged).q)
+    away_mm = np.linalg.norm(burr - burr[-1], axis=1)
+    first = np.flatnonzero(away_mm >= 0.5 + away_mm[-2])[-1]
+    assert first - 1 <= streaming.resume_row(tmp_path / "r.run") < streaming.rows
 
 
 def test_plans_that_no_ur_arm_can_follow_are_refused(planned: bonemill.Plan, tmp_path: Path) -> None:

@@ -195,7 +195,8 @@ fn thin_out(
                 || next.axis.angle(&rows[last].axis) > TURN_RAD
         };
         // a row that is far from both neighbours may be the tip of a sharp turn
-        if !is_end && !leaves(&rows[n]) && !leaves(&rows[n + 1]) && !(turns_back && has_moved) {
+        let is_kept = is_end || leaves(&rows[n]) || leaves(&rows[n + 1]) || turns_back && has_moved;
+        if !is_kept {
             continue;
         }
         let between = (rows[n].center.distance_mm(&rows[last].center) / step_mm * (1.0 - 1e-9)).floor();
