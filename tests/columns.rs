@@ -101,6 +101,29 @@ fn every_column_and_key_that_is_written_is_described() {
 }
 
 #[test]
+fn every_key_of_a_channel_is_described() {
+    let place = Place::empty();
+    let ran = place.run(&["phantom", "--kind", "tibia", "--out", "bone"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let case = fs::read_to_string(place.path("bone/case.toml")).unwrap();
+    let entry = case.lines().find(|l| l.starts_with("entry_mm")).unwrap();
+    let safest = case.replacen(entry, "direction = \"safest\"", 1);
+    fs::write(place.path("bone/safest.toml"), safest).unwrap();
+    // the target lies in the far soft tissue, beside which the vessel runs: a channel from the other side keeps more
+    let ran = place.run(&["plan", "bone/safest.toml", "--out", "plan"]);
+    assert!(ran.code < 2, "{}", ran.err);
+    let plan: toml::Table = fs::read_to_string(place.path("plan/plan.toml")).unwrap().parse().unwrap();
+    for table in ["metrics", "modelled"] {
+        let mut found = BTreeSet::new();
+        keys("", plan[table].as_table().unwrap(), &mut found);
+        let title = format!("plan.toml [{table}]");
+        let known = [described(&title), described(&format!("{title} of a channel"))].concat();
+        let unknown: Vec<_> = found.iter().filter(|name| !known.iter().any(|k| matches(name, k))).collect();
+        assert!(unknown.is_empty(), "{title} of a channel: {unknown:?} are not described");
+    }
+}
+
+#[test]
 fn the_report_and_the_command_say_what_the_columns_mean() {
     let place = Place::healthy();
     assert_eq!(place.plan().code, 0);

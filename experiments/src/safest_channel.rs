@@ -2,7 +2,7 @@
 //! bones and a segmented one, over the registration's error, each plan verified.
 //!
 //! The target is found from the labels, so that it needs no hand. On the segmented bone it is the most lateral voxel of the labyrinth
-//! from 2 to 3 mm below the stapes' footplate (its most medial voxels): the lateral end of the basal turn, beside the round window. The
+//! from 2.5 to 3.5 mm below the stapes' footplate (its most medial voxels): the lateral end of the basal turn, beside the round window. The
 //! procedural cochlea is the ball at the labyrinth's front: there it is the most lateral voxel from 3 to 4 mm behind the foremost
 //! one. The labyrinth is not a structure to keep, since the channel ends in it.
 //!
@@ -212,14 +212,14 @@ fn most_lateral(points: impl Iterator<Item = Point<Ct>>) -> Option<Point<Ct>> {
     points.max_by(|a, b| a.x().total_cmp(&b.x()))
 }
 
-/// The labyrinth's most lateral voxel from 2 to 3 mm below the stapes' footplate.
+/// The labyrinth's most lateral voxel from 2.5 to 3.5 mm below the stapes' footplate.
 fn below_the_stapes(labels: &Volume<u16, Ct>, labyrinth: u16, stapes: u16) -> Option<Point<Ct>> {
     let stapes = voxels(labels, stapes);
     let medial_mm = stapes.iter().map(|p| p.x()).fold(f64::INFINITY, f64::min);
     let footplate: Vec<f64> = stapes.iter().filter(|p| p.x() < medial_mm + 0.6).map(|p| p.z()).collect();
     let height_mm = footplate.iter().sum::<f64>() / footplate.len() as f64;
     let below = voxels(labels, labyrinth).into_iter();
-    most_lateral(below.filter(|p| (2.0..3.0).contains(&(height_mm - p.z()))))
+    most_lateral(below.filter(|p| (2.5..3.5).contains(&(height_mm - p.z()))))
 }
 
 /// The most lateral voxel from 3 to 4 mm behind a label's foremost one.

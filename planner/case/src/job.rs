@@ -39,7 +39,7 @@ pub struct ChannelSpec {
     /// With a direction that is searched: its largest angle from `approach.direction`, where that is given, degrees.
     pub cone_deg: f64,
     /// How fast the tool is pushed.
-    pub feed: Feed,
+    pub feed: FeedSpec,
     /// Depth between two retractions, mm; `None`: none.
     pub peck_mm: Option<f64>,
     /// How long the tool turns at the end before it is drawn back, s.
@@ -96,14 +96,14 @@ pub enum ChannelEnd {
 
 /// How fast the tool is pushed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Feed {
+pub enum FeedSpec {
     /// mm per revolution of the spindle.
     PerRevolution(f64),
     /// mm/s.
     Speed(f64),
 }
 
-impl Feed {
+impl FeedSpec {
     /// Speed at a spindle speed, mm/s.
     pub fn speed_mm_s(self, spindle_rpm: f64) -> f64 {
         match self {

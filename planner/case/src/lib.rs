@@ -44,7 +44,7 @@ pub use error::{CaseError, CaseFault, Located};
 pub use explain::{Origin, Parameter, explained};
 pub use given::Given;
 pub use hold::Hold;
-pub use job::{ChannelDirection, ChannelEnd, ChannelSpec, Entry, Feed, Job, Pattern};
+pub use job::{ChannelDirection, ChannelEnd, ChannelSpec, Entry, FeedSpec, Job, Pattern};
 pub use keys::Unit;
 pub use parse::syntax;
 pub use parse_robot::rotation_from_matrix;
@@ -53,7 +53,7 @@ pub use several::SeveralStructures;
 pub use sheets::Sheets;
 pub use suggest::nearest;
 pub use target::Target;
-pub use tool::{EdgeMaterial, EdgeModel, MeshTool, Spindle, Tool};
+pub use tool::{EdgeMaterial, EdgeModel, MeshTool, Spindle, ToolSpec};
 pub use walker::{as_number, line_at};
 
 /// One patient, one tool and one robot; resolved and validated.
@@ -80,7 +80,7 @@ pub struct Case {
     /// Approach direction in ct, unit, out of the bone; `None`: the direction in which the target sees the most air.
     pub approach: Option<Vector3<f64>>,
     /// What cuts.
-    pub tool: Tool,
+    pub tool: ToolSpec,
     /// The burr, where the tool is one.
     pub burr: Burr,
     /// The shank, from the burr outwards.

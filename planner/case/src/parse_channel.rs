@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use toml::de::DeValue;
 
 use super::error::CaseFault;
-use super::job::{ChannelDirection, ChannelEnd, ChannelSpec, Entry, Feed, Pattern};
+use super::job::{ChannelDirection, ChannelEnd, ChannelSpec, Entry, FeedSpec, Pattern};
 use super::keys as k;
 use super::parse::read_label;
 use super::walker::{Walk, as_number};
@@ -29,12 +29,12 @@ pub(super) fn read_channel(t: &Walk<'_, '_>, pattern: Pattern, step_mm: f64) -> 
     let end = read_end(t, pattern);
     let direction = read_direction(t, &entry, &end);
     let feed = match (t.optional(&k::FEED_REV), t.optional(&k::FEED_SPEED)) {
-        (None, None) => Feed::PerRevolution(DEFAULT_FEED_MM_REV),
-        (Some(mm), None) => Feed::PerRevolution(mm),
-        (None, Some(mm_s)) => Feed::Speed(mm_s),
+        (None, None) => FeedSpec::PerRevolution(DEFAULT_FEED_MM_REV),
+        (Some(mm), None) => FeedSpec::PerRevolution(mm),
+        (None, Some(mm_s)) => FeedSpec::Speed(mm_s),
         (Some(mm), Some(_)) => {
             refuse(t, "feed_mm_s", "feed_mm_rev says the same: leave one of the two out");
-            Feed::PerRevolution(mm)
+            FeedSpec::PerRevolution(mm)
         }
     };
     ChannelSpec {
@@ -144,7 +144,7 @@ fn unit(value: &DeValue<'_>) -> Option<Vector3<f64>> {
 
 #[cfg(test)]
 mod tests {
-    use crate::{Case, ChannelDirection, ChannelEnd, Entry, Feed, Job, Target};
+    use crate::{Case, ChannelDirection, ChannelEnd, Entry, FeedSpec, Job, Target};
     use std::path::Path;
 
     const HEAD: &str =
@@ -175,9 +175,9 @@ mod tests {
         let Job::Channel(channel) = &case.job else { panic!() };
         assert_eq!(channel.entry, Entry::Point([1.0, 2.0, 3.0].into()));
         assert_eq!(channel.direction, ChannelDirection::Given([0.0, 0.6, 0.8].into()));
-        assert_eq!((channel.end, channel.feed), (ChannelEnd::Depth(12.0), Feed::PerRevolution(0.02)));
+        assert_eq!((channel.end, channel.feed), (ChannelEnd::Depth(12.0), FeedSpec::PerRevolution(0.02)));
         assert!((channel.feed.speed_mm_s(500.0) - 0.02 * 500.0 / 60.0).abs() < 1e-15);
-        assert!((Feed::Speed(0.5).per_revolution_mm(600.0) - 0.05).abs() < 1e-15);
+        assert!((FeedSpec::Speed(0.5).per_revolution_mm(600.0) - 0.05).abs() < 1e-15);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! From `[tool]` and the table of its kind to a [`Tool`]; the edges' coefficients of `[material]`.
+//! From `[tool]` and the table of its kind to a [`ToolSpec`]; the edges' coefficients of `[material]`.
 
 use std::path::PathBuf;
 
@@ -8,14 +8,14 @@ use nalgebra::Vector3;
 use super::error::CaseFault;
 use super::keys::{Number, tool as k};
 use super::parse::whole_default;
-use super::tool::{EdgeMaterial, EdgeModel, MeshTool, Spindle, Tool, ToolKind};
+use super::tool::{EdgeMaterial, EdgeModel, MeshTool, Spindle, ToolKind, ToolSpec};
 use super::walker::Walk;
 
 /// k_c and k_f k_c without keys, N/mm².
 const DEFAULT_K: [f64; 2] = [60.0, 24.0];
 
 /// The tool; a table of dimensions that no kind asks for is a fault.
-pub(super) fn read_tool(root: &Walk<'_, '_>) -> Tool {
+pub(super) fn read_tool(root: &Walk<'_, '_>) -> ToolSpec {
     let t = root.table("tool");
     let kind = t.choice(&k::KIND, ToolKind::Burr);
     t.finish();
@@ -26,7 +26,7 @@ pub(super) fn read_tool(root: &Walk<'_, '_>) -> Tool {
     }
     root.accept(&["drill", "reamer", "mesh"]);
     match kind {
-        ToolKind::Burr => Tool::Burr,
+        ToolKind::Burr => ToolSpec::Burr,
         ToolKind::Drill => read_drill(root.table("drill")),
         ToolKind::Reamer => read_reamer(root.table("reamer")),
         ToolKind::Mesh => read_mesh(root.table("mesh")),
@@ -46,7 +46,7 @@ fn read_spindle(t: &Walk<'_, '_>, rpm: &Number, spin: &Number) -> Spindle {
     Spindle { rpm: t.number(rpm), spin: if spin > 0.0 { 1 } else { -1 } }
 }
 
-fn read_drill(t: Walk<'_, '_>) -> Tool {
+fn read_drill(t: Walk<'_, '_>) -> ToolSpec {
     let spec = TwistDrillSpec {
         radius_mm: t.number(&k::DRILL_RADIUS),
         point_deg: t.number(&k::POINT),
@@ -58,10 +58,10 @@ fn read_drill(t: Walk<'_, '_>) -> Tool {
     };
     let spindle = read_spindle(&t, &k::DRILL_RPM, &k::DRILL_SPIN);
     t.finish();
-    Tool::Drill(spec, spindle)
+    ToolSpec::Drill(spec, spindle)
 }
 
-fn read_reamer(t: Walk<'_, '_>) -> Tool {
+fn read_reamer(t: Walk<'_, '_>) -> ToolSpec {
     let spec = GlenoidReamerSpec {
         arc_radius_mm: t.number(&k::ARC),
         offset_mm: t.number(&k::OFFSET),
@@ -73,10 +73,10 @@ fn read_reamer(t: Walk<'_, '_>) -> Tool {
     };
     let spindle = read_spindle(&t, &k::REAMER_RPM, &k::REAMER_SPIN);
     t.finish();
-    Tool::Reamer(spec, spindle)
+    ToolSpec::Reamer(spec, spindle)
 }
 
-fn read_mesh(t: Walk<'_, '_>) -> Tool {
+fn read_mesh(t: Walk<'_, '_>) -> ToolSpec {
     let axis = t.required_vector(&k::AXIS);
     let length = axis.norm();
     if t.has("axis") && (length.is_nan() || length <= 1e-9) {
@@ -93,7 +93,7 @@ fn read_mesh(t: Walk<'_, '_>) -> Tool {
     };
     let spindle = read_spindle(&t, &k::MESH_RPM, &k::MESH_SPIN);
     t.finish();
-    Tool::Mesh(mesh, spindle)
+    ToolSpec::Mesh(mesh, spindle)
 }
 
 /// The keys of `[material]` that are the edges'.

@@ -4,7 +4,7 @@ use super::error::CaseFault;
 use super::hold::judge_holds;
 use super::keys::Unit;
 use super::suggest::nearest;
-use super::{Case, ForceTerm, Job, SpeedMode, Target, Tool};
+use super::{Case, ForceTerm, Job, SpeedMode, Target, ToolSpec};
 
 /// No handpiece is thicker, mm; access grows with the cube of it.
 const MOST_SHANK_RADIUS_MM: f64 = 30.0;
@@ -110,7 +110,7 @@ fn bounds(case: &Case) -> Vec<Bound> {
     ];
     match case.tool.radius_mm() {
         // a mesh's radius is known once it is read
-        None if case.tool != Tool::Burr => {}
+        None if case.tool != ToolSpec::Burr => {}
         None => bounds.extend(burr_bounds(case)),
         Some(r) => {
             bounds.push(at_most("grid.spacing_mm", case.grid.spacing_mm, r, "the tool's radius", Unit::Mm));

@@ -28,7 +28,7 @@ pub struct Spindle {
 
 /// `[tool]`: what cuts.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Tool {
+pub enum ToolSpec {
     /// A spherical burr; its dimensions stand in [`crate::Case::burr`].
     Burr,
     /// `[drill]`.
@@ -56,7 +56,7 @@ pub struct MeshTool {
     pub dihedral_rad: f64,
 }
 
-impl Tool {
+impl ToolSpec {
     fn kind(&self) -> ToolKind {
         match self {
             Self::Burr => ToolKind::Burr,

@@ -1,6 +1,6 @@
 //! `[path]` of a straight channel as TOML.
 
-use super::job::{ChannelDirection, ChannelEnd, ChannelSpec, Entry, Feed};
+use super::job::{ChannelDirection, ChannelEnd, ChannelSpec, Entry, FeedSpec};
 use super::keys as k;
 use super::write::{float, label, text, vector};
 
@@ -28,8 +28,8 @@ pub(super) fn lines(channel: &ChannelSpec) -> Vec<(&'static str, String)> {
     });
     lines.push(("cone_deg", float(channel.cone_deg)));
     lines.push(match channel.feed {
-        Feed::PerRevolution(mm) => ("feed_mm_rev", float(mm)),
-        Feed::Speed(mm_s) => ("feed_mm_s", float(mm_s)),
+        FeedSpec::PerRevolution(mm) => ("feed_mm_rev", float(mm)),
+        FeedSpec::Speed(mm_s) => ("feed_mm_s", float(mm_s)),
     });
     lines.extend(channel.peck_mm.map(|mm| ("peck_mm", float(mm))));
     lines.push(("dwell_s", float(channel.dwell_s)));

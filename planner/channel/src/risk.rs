@@ -40,7 +40,8 @@ pub struct KeptClearance {
     pub touch_probability: f64,
     /// What is asked for, mm: the larger of the case's clearance and that at which the probability is the largest allowed one.
     pub needed_mm: f64,
-    /// What is kept beyond that, times √priority, mm; negative where it is not kept.
+    /// What is kept beyond that, times √priority, mm. What is missing is negative and divided by it: of two structures that cannot both
+    /// be kept, the more important one comes first.
     pub weighted_margin_mm: f64,
 }
 
@@ -87,7 +88,7 @@ impl RiskModel<'_> {
             sigma_mm,
             touch_probability: touch_probability(clearance_mm, sigma_mm),
             needed_mm,
-            weighted_margin_mm: f64::from(structure.priority).sqrt() * (clearance_mm - needed_mm),
+            weighted_margin_mm: weighted_mm(clearance_mm - needed_mm, structure.priority),
         })
     }
 }
@@ -99,6 +100,11 @@ pub fn touch_probability(clearance_mm: f64, sigma_mm: f64) -> f64 {
     } else {
         f64::from(u8::from(clearance_mm < 0.0))
     }
+}
+
+fn weighted_mm(margin_mm: f64, priority: u32) -> f64 {
+    let weight = f64::from(priority).sqrt();
+    if margin_mm < 0.0 { margin_mm / weight } else { margin_mm * weight }
 }
 
 /// The least weighted margin over all structures, mm; infinite where there is none.
@@ -139,6 +145,9 @@ mod tests {
         // Φ(−2.5) = 0.00621, Φ⁻¹(0.99) = 2.32635
         assert!((kept.touch_probability - 0.00621).abs() < 1e-5, "{}", kept.touch_probability);
         assert!((kept.weighted_margin_mm - 2.0 * (0.5 - 0.2 * 2.326_35)).abs() < 5e-4);
+        // a shortfall counts more where the structure is more important, a margin less
+        assert_eq!([weighted_mm(-0.4, 1), weighted_mm(-0.4, 4)], [-0.4, -0.2]);
+        assert_eq!([weighted_mm(0.4, 1), weighted_mm(0.4, 4)], [0.4, 0.8]);
         assert_eq!([touch_probability(0.1, 0.0), touch_probability(-0.1, 0.0)], [0.0, 1.0]);
     }
 }

@@ -1,6 +1,6 @@
 //! The tool of a channel: what it sweeps, what follows it into the bone, and what must stay outside.
 
-use bonemill_case::{Case, EdgeModel, Tool};
+use bonemill_case::{Case, EdgeModel, ToolSpec};
 use bonemill_cutter::{Cutter, GlenoidReamer, ShankCylinder, TwistDrill};
 use bonemill_cutting::edge::CoefficientModel;
 
@@ -51,11 +51,11 @@ impl ChannelTool {
     /// make none.
     pub fn of_case(case: &Case) -> Result<Self, PlanError> {
         let (cutter, guide_radius_mm): (Box<dyn Cutter>, f64) = match &case.tool {
-            Tool::Drill(spec, _) => (Box::new(TwistDrill::new(*spec).map_err(ChannelFault::from)?), 0.0),
-            Tool::Reamer(spec, _) => {
+            ToolSpec::Drill(spec, _) => (Box::new(TwistDrill::new(*spec).map_err(ChannelFault::from)?), 0.0),
+            ToolSpec::Reamer(spec, _) => {
                 (Box::new(GlenoidReamer::new(*spec).map_err(ChannelFault::from)?), spec.nipple_radius_mm)
             }
-            Tool::Burr | Tool::Mesh(..) => {
+            ToolSpec::Burr | ToolSpec::Mesh(..) => {
                 return Err(
                     ChannelFault::Tool { kind: case.tool.word(), needed: "drill\" or \"reamer" }.into()
                 );

@@ -54,38 +54,36 @@ impl Pass {
         [tail, head].concat()
     }
 
-    /// The longest stretch in which nothing is needed, around the end.
-    pub(crate) fn gaps(&self, needed: &[bool]) -> usize {
-        let twice = needed.iter().chain(needed);
-        twice
-            .fold((0, 0), |(longest, now), n| if *n { (longest, 0) } else { (longest.max(now + 1), now + 1) })
-            .0
+    /// What is driven to cut where it is `needed`: up to `lead` places more at each end, and gaps of up to `bridge` places.
+    pub(crate) fn driven(&self, needed: &[bool], lead: usize, bridge: usize) -> Vec<bool> {
+        let count = self.places.len();
+        // places before or after one, as far as the tip may be there
+        let from = |n: usize, most: usize, forward: bool| {
+            let step = move |k: usize| if forward { n + count + k } else { n + count - k };
+            let inside = |m: &usize| self.closed || (count..2 * count).contains(m);
+            let free = |m: &usize| self.places[m % count][2].is_finite();
+            let all = (1..=most.min(count - 1)).map(step).take_while(inside).take_while(free);
+            all.map(|m| m % count).collect::<Vec<usize>>()
+        };
+        let mut driven = needed.to_vec();
+        for n in (0..count).filter(|n| needed[*n]) {
+            let ahead = from(n, bridge + 1, true);
+            let gap = ahead.iter().position(|m| needed[*m]).unwrap_or(0);
+            let leads = [from(n, lead, true), from(n, lead, false), ahead[..gap].to_vec()];
+            leads.iter().flatten().for_each(|m| driven[*m] = true);
+        }
+        driven
     }
 
-    /// Stretches of what is needed, `lead` places longer at each end; gaps of up to `bridge` places are cut through.
-    pub(crate) fn runs(&self, needed: &[bool], lead: usize, bridge: usize) -> Vec<Vec<Place>> {
-        let count = self.places.len();
+    /// The stretches that are driven.
+    pub(crate) fn runs(&self, driven: &[bool]) -> Vec<Vec<Place>> {
         // begin in a gap, so that no run goes around the end
-        let offset = if self.closed {
-            needed.windows(2).position(|p| !p[0] && p[1]).map_or(0, |n| (n + 1).saturating_sub(lead) % count)
-        } else {
-            0
-        };
-        let index = |n: usize| (n + offset) % count;
-        let finite = |n: usize| self.places[index(n)][2].is_finite();
-        let mut runs: Vec<(usize, usize)> = Vec::new();
-        for n in (0..count).filter(|n| needed[index(*n)]) {
-            match runs.last_mut().filter(|(_, end)| n - *end <= bridge + 1 && (*end..n).all(finite)) {
-                Some((_, end)) => *end = n,
-                None => runs.push((n, n)),
-            }
-        }
-        let grown = |(start, end): (usize, usize)| {
-            let before = (start.saturating_sub(lead)..start).rev().take_while(|n| finite(*n)).count();
-            let after = (end + 1..(end + 1 + lead).min(count)).take_while(|n| finite(*n)).count();
-            (start - before..=end + after).map(|n| self.places[index(n)]).collect()
-        };
-        runs.into_iter().map(grown).collect()
+        let start = if self.closed { driven.iter().position(|d| !d).unwrap_or(0) } else { 0 };
+        let places: Vec<(bool, Place)> = driven.iter().copied().zip(self.places.iter().copied()).collect();
+        let (head, tail) = places.split_at(start);
+        let around = [tail, head].concat();
+        let runs = around.chunk_by(|a, b| a.0 == b.0).filter(|run| run[0].0);
+        runs.map(|run| run.iter().map(|(_, place)| *place).collect()).collect()
     }
 }
 
@@ -155,4 +153,30 @@ fn halve(a: Place, b: Place, height: &impl Fn([f64; 2]) -> f64, depth: usize, in
     halve(a, middle, height, depth - 1, into);
     into.push(middle);
     halve(middle, b, height, depth - 1, into);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pass(heights: &[f64], closed: bool) -> Pass {
+        let places = heights.iter().enumerate().map(|(n, w)| [n as f64, 0.0, *w]);
+        Pass { places: places.collect(), closed }
+    }
+
+    #[test]
+    fn leads_and_short_gaps_are_driven_but_not_where_the_tip_must_not_be() {
+        let [o, x] = [0.0, f64::INFINITY];
+        let needed = [true, false, false, true, false, false, false, false, true, false];
+        let driven = |heights: &[f64], closed| {
+            let pass = pass(heights, closed);
+            let driven = pass.driven(&needed, 1, 2);
+            let text = driven.iter().map(|d| if *d { '#' } else { '.' }).collect::<String>();
+            (text, pass.runs(&driven).iter().map(Vec::len).collect::<Vec<_>>())
+        };
+        assert_eq!(driven(&[o; 10], false), ("#####..###".into(), vec![5, 3]));
+        assert_eq!(driven(&[o; 10], true), ("#####..###".into(), vec![8]));
+        let walled = [o, o, x, o, o, o, o, x, o, o];
+        assert_eq!(driven(&walled, true), ("##.##...##".into(), vec![2, 4]));
+    }
 }

@@ -17,6 +17,11 @@ const GAP_MM: f64 = 0.5;
 const ENTRY_SHARE: f64 = 0.95;
 /// Lengths of slants between passes, in diameters, the best first.
 const SLANTS: [f64; 4] = [3.0, 2.0, 1.0, 0.6];
+/// Lead before and after what is needed, and the longest gap that is cut through, in radii.
+const LEAD: f64 = 0.3;
+const BRIDGE: f64 = 2.0;
+/// Most shallower steps of a pass.
+const MOST_STEPS: usize = 32;
 /// Most laps of a ramp.
 const LAPS: usize = 200;
 /// Steepest ramp into stock, rise over run.
@@ -77,20 +82,25 @@ impl<'a> Passes<'a> {
 
     /// Cuts along a pass wherever that takes anything; where that would be too wide, first in steps of the entries' depth.
     pub fn cut(&mut self, pass: &Pass, height: Height<'_>, kind: Kind) {
-        let steps = (self.job.level_mm() / (ENTRY_SHARE * self.job.entry_mm())).ceil() as usize + 1;
-        for _ in 1..steps {
-            let wide: Vec<bool> = (0..pass.places.len()).map(|n| self.is_wide(pass, n)).collect();
+        let entry = ENTRY_SHARE * self.job.entry_mm();
+        for _ in 0..MOST_STEPS {
+            let driven = self.driven(pass, &self.needed(pass));
+            let wide: Vec<bool> =
+                driven.iter().enumerate().map(|(n, driven)| *driven && self.is_wide(pass, n)).collect();
             if !wide.contains(&true) {
                 break;
             }
-            let entry = ENTRY_SHARE * self.job.entry_mm();
             let shallow = |p: &Place| [p[0], p[1], p[2].max(self.stock.free_mm([p[0], p[1]], 0.0) - entry)];
             let shallow = Pass { places: pass.places.iter().map(shallow).collect(), closed: pass.closed };
             self.cut_where(&shallow, wide, height, kind);
         }
-        let meets = |p: &Place| self.stock.meets(*p, self.grown_mm, &self.counts);
-        let needed = pass.places.iter().map(meets).collect();
-        self.cut_where(pass, needed, height, kind);
+        self.cut_where(pass, self.needed(pass), height, kind);
+    }
+
+    /// Where a pass takes anything that counts.
+    fn needed(&self, pass: &Pass) -> Vec<bool> {
+        let meets = |p: &Place| p[2].is_finite() && self.stock.meets(*p, self.grown_mm, &self.counts);
+        pass.places.iter().map(meets).collect()
     }
 
     fn is_wide(&self, pass: &Pass, n: usize) -> bool {
@@ -99,11 +109,7 @@ impl<'a> Passes<'a> {
         let n = if ends { n.saturating_sub(1) } else { n };
         let (here, next) = (pass.places[n], pass.next(n));
         let length = (next[0] - here[0]).hypot(next[1] - here[1]);
-        if !self.bounded
-            || length == 0.0
-            || !here[2].is_finite()
-            || !self.stock.meets(here, 0.0, &self.counts)
-        {
+        if !self.bounded || length == 0.0 || !here[2].is_finite() {
             return false;
         }
         let direction = [(next[0] - here[0]) / length, (next[1] - here[1]) / length];
@@ -111,23 +117,21 @@ impl<'a> Passes<'a> {
             > self.job.widest_mm() - 0.5 * self.stock.pitch_mm()
     }
 
-    fn cut_where(&mut self, pass: &Pass, mut needed: Vec<bool>, height: Height<'_>, kind: Kind) {
-        for (needed, place) in needed.iter_mut().zip(&pass.places) {
-            *needed &= place[2].is_finite();
-        }
-        let tool = &self.job.tool;
-        let lead = ((0.3 * tool.radius_mm) / pass.step_mm()).ceil() as usize;
-        let bridge = (2.0 * tool.radius_mm / pass.step_mm()).ceil() as usize;
-        if pass.closed && pass.places.iter().all(|p| p[2].is_finite()) && pass.gaps(&needed) <= bridge {
-            if needed.contains(&true) {
-                self.cut_around(pass, height, kind);
-            }
+    /// Cuts along a pass where it is `needed`, with what leads there and the short gaps between.
+    fn cut_where(&mut self, pass: &Pass, needed: Vec<bool>, height: Height<'_>, kind: Kind) {
+        let driven = self.driven(pass, &needed);
+        if pass.closed && needed.contains(&true) && !driven.contains(&false) {
+            self.cut_around(pass, height, kind);
             return;
         }
-        let runs = pass.runs(&needed, lead, bridge);
-        for run in runs {
+        for run in pass.runs(&driven) {
             self.cut_run(&run, height, kind);
         }
+    }
+
+    fn driven(&self, pass: &Pass, needed: &[bool]) -> Vec<bool> {
+        let places = |radii: f64| (radii * self.job.tool.radius_mm / pass.step_mm()).ceil() as usize;
+        pass.driven(needed, places(LEAD), places(BRIDGE))
     }
 
     /// A closed pass that cuts everywhere: on a slant from the cut before, else by a ramp.

@@ -188,10 +188,12 @@ impl<'a> Sight<'a> {
         let over = |other: &[f64]| self.tip.iter().zip(other).map(|(a, b)| a.max(*b)).collect::<Vec<f64>>();
         let before = raster.eroded(&over(&self.strip_tip), tool);
         let after = raster.eroded(&over(&floor), tool);
+        // a slope narrower than a cell shows in no height: the outermost cells count all
+        let edge: Vec<bool> = part.outside_mm.iter().map(|d| *d > -1.5 * raster.pitch_mm).collect();
+        let edge = part.seen(&edge, self.facing);
         let covered = |cell: usize| {
-            self.heights[cell] > NONE
-                && before[cell] - after[cell].max(self.heights[cell])
-                    > 0.5 * self.job.process.finishing_step_mm
+            let thick = before[cell] - after[cell].max(self.heights[cell]);
+            self.heights[cell] > NONE && (edge[cell] || thick > 0.5 * self.job.process.finishing_step_mm)
         };
         passes.counts = (0..raster.len()).map(covered).collect();
         if passes.counts.contains(&true) {
@@ -216,19 +218,19 @@ impl<'a> Sight<'a> {
     fn steps_mm(&self, raster: &Raster, tip: &[f64]) -> Vec<f64> {
         let tool = &self.job.tool;
         let e = SCALLOP_SHARE * self.job.process.finishing_step_mm;
-        let most = STEP_SHARE * self.job.widest_mm();
+        // two passes beside a ridge leave nothing between them
+        let most = STEP_SHARE * self.job.widest_mm().min(tool.radius_mm);
         let flat = 2.0 * (tool.radius_mm - tool.corner_radius_mm);
         let [nu, nv] = raster.dims;
         let step = |cell: usize| {
             let (i, j) = (cell % nu, cell / nu);
-            let slope = |low: usize, high: usize, apart: usize| {
-                let rise = tip[high] - tip[low];
-                if rise.is_finite() { rise.abs() / (apart.max(1) as f64 * raster.pitch_mm) } else { 0.0 }
+            // the steeper of both ways, so that an edge is not evened out
+            let slope = |others: [Option<usize>; 2]| {
+                let rises = others.into_iter().flatten().map(|other| (tip[other] - tip[cell]).abs());
+                rises.filter(|rise| rise.is_finite()).fold(0.0, f64::max) / raster.pitch_mm
             };
-            let (left, right) = (i.saturating_sub(1), (i + 1).min(nu - 1));
-            let (below, above) = (j.saturating_sub(1), (j + 1).min(nv - 1));
-            let along_u = slope(left + nu * j, right + nu * j, right - left);
-            let along_v = slope(i + nu * below, i + nu * above, above - below);
+            let along_u = slope([(i > 0).then(|| cell - 1), (i + 1 < nu).then(|| cell + 1)]);
+            let along_v = slope([(j > 0).then(|| cell - nu), (j + 1 < nv).then(|| cell + nu)]);
             let tangent = along_u.hypot(along_v);
             let cosine = 1.0 / (1.0 + tangent * tangent).sqrt();
             let stairs = (e / (tangent * cosine).max(1e-9)).min(flat);

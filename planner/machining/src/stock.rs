@@ -8,6 +8,8 @@ use crate::job::Block;
 use crate::moves::Facing;
 use crate::raster::{NONE, Raster};
 
+/// So that cells on the border of two strips count for one and the same side, in strips.
+const TIE: f64 = 1e-6;
 /// Thinner stock than this is taken for none, mm.
 const LEAST_MM: f64 = 0.01;
 
@@ -92,18 +94,18 @@ impl Stock {
         met
     }
 
-    /// Width, across `direction`, of the stock before the tool that is thicker than `deeper_mm`, mm.
+    /// How much of the tool's width, across `direction`, has stock before it that is thicker than `deeper_mm`, mm: in strips one cell wide.
     pub fn width_mm(&self, at: Place, direction: [f64; 2], deeper_mm: f64) -> f64 {
-        let (mut low, mut high) = (f64::INFINITY, NONE);
+        let mut strips = vec![false; (self.tool.diameter_mm() / self.raster.pitch_mm) as usize + 2];
         self.under(at, 0.0, |cell, w| {
             let [u, v] = self.raster.centre_of(cell);
             let (du, dv) = (u - at[0], v - at[1]);
             if du * direction[0] + dv * direction[1] > 0.0 && self.taken(cell, w) > deeper_mm {
                 let across = dv * direction[0] - du * direction[1];
-                (low, high) = (low.min(across), high.max(across));
+                strips[((across + self.tool.radius_mm) / self.raster.pitch_mm + TIE) as usize] = true;
             }
         });
-        (high - low + self.raster.pitch_mm).max(0.0)
+        strips.iter().filter(|strip| **strip).count() as f64 * self.raster.pitch_mm
     }
 
     /// Takes away what is above the tool at a place.

@@ -3,6 +3,7 @@
 //! One table has three uses: the writers take the columns' names from it, `docs/columns.md` and `bonemill columns` are
 //! printed from it, and every report shows it.
 
+mod channel;
 mod csv;
 mod toml;
 
@@ -107,6 +108,16 @@ pub const DESCRIBED: &[Described] = &[
         title: "plan.toml [modelled]",
         about: "What was modelled, and the error of each approximation.",
         columns: toml::MODELLED,
+    },
+    Described {
+        title: "plan.toml [metrics] of a channel",
+        about: "Beside those above that apply. Volumes are what the tool's front passes from the first bone to the end.",
+        columns: channel::METRICS,
+    },
+    Described {
+        title: "plan.toml [modelled] of a channel",
+        about: "Beside those above that apply.",
+        columns: channel::MODELLED,
     },
     Described {
         title: "verification.toml",

@@ -3,9 +3,9 @@
 //! Both sides cut along y, so what is left over a cell of (x, z) is one interval of y: a dexel. The cutter is stamped along each motion at half a
 //! cell. A rapid motion that would take stock, a holder in stock and a turn of the block under the tip are collisions.
 //!
-//! *Width of cut*: across the motion, the extent of the cells from which the cutter takes more than the entries' depth, over the last 3 cells of travel
-//! since the last bend. Its
-//! resolution is one cell. Plunges, steeper than 45°, are entries and have none.
+//! *Width of cut*: how much of the cutter's width, across the motion, takes more than the entries' depth, over the last 3 cells of travel since the
+//! last bend. It is counted in strips one cell wide along the motion, so that slivers at both edges of a channel count by their own width and not by
+//! the channel's. Plunges, steeper than 45°, are entries and have none.
 
 use nalgebra::Vector3;
 
@@ -15,6 +15,8 @@ use crate::{ProofError, ProofJob};
 /// Cells across the cutter's radius, and most cells.
 const CELLS_ACROSS: f64 = 12.0;
 const MOST_CELLS: f64 = 4e6;
+/// So that cells on the border of two strips count for one and the same side, in strips.
+const TIE: f64 = 1e-6;
 /// Stock that a rapid motion may touch, mm: what rounding leaves.
 const TOUCH_MM: f64 = 0.01;
 
@@ -103,10 +105,10 @@ pub fn replay(motions: &[Motion], job: &ProofJob) -> Result<Replay, ProofError> 
     Ok(found)
 }
 
-/// Extents across the motion over the last stamps.
+/// Strips along the motion that were cut deep, a bit each, over the last stamps.
 #[derive(Debug, Default)]
 struct Width {
-    recent: std::collections::VecDeque<(f64, f64)>,
+    recent: std::collections::VecDeque<u32>,
     direction: [f64; 2],
     widest_mm: f64,
 }
@@ -121,17 +123,14 @@ impl Width {
         self.direction = direction;
     }
 
-    /// Stamps at half a cell: 6 are 3 cells of travel.
-    fn add(&mut self, low: f64, high: f64, cell: f64) {
-        self.recent.push_back((low, high));
+    /// Stamps at half a cell: 6 are 3 cells of travel, in which every strip meets a cell's centre.
+    fn add(&mut self, deep: u32, cell: f64) {
+        self.recent.push_back(deep);
         if self.recent.len() > 6 {
             self.recent.pop_front();
         }
-        let low = self.recent.iter().map(|r| r.0).fold(f64::INFINITY, f64::min);
-        let high = self.recent.iter().map(|r| r.1).fold(f64::NEG_INFINITY, f64::max);
-        if high >= low {
-            self.widest_mm = self.widest_mm.max(high - low + cell);
-        }
+        let strips = self.recent.iter().fold(0, |all, deep| all | deep);
+        self.widest_mm = self.widest_mm.max(f64::from(strips.count_ones()) * cell);
     }
 }
 
@@ -189,28 +188,28 @@ impl Columns {
         width.turn(direction);
         for n in 1..=count {
             let tip = motion.from_mm + along * (n as f64 / count as f64);
-            let (taken, low, high) = self.stamp(&tip, motion, direction, job);
+            let (taken, deep) = self.stamp(&tip, motion, direction, job);
             thickest = thickest.max(taken);
             if across > along.z.abs() && !motion.rapid {
-                width.add(low, high, self.cell);
+                width.add(deep, self.cell);
             }
         }
         thickest
     }
 
-    /// Takes what is above the cutter; gives the thickest, and the extent across of what was thicker than an entry.
+    /// Takes what is above the cutter; gives the thickest, and the strips from which it was thicker than an entry.
     fn stamp(
         &mut self,
         tip: &Vector3<f64>,
         motion: &Motion,
         direction: [f64; 2],
         job: &ProofJob,
-    ) -> (f64, f64, f64) {
+    ) -> (f64, u32) {
         let r = job.radius_mm;
         // rows of cells run along z: the machine's Y, or its reverse
         let turn = if motion.facing == Facing::Front { -1.0 } else { 1.0 };
         let z = turn * tip.y;
-        let (mut thickest, mut low, mut high) = (0.0_f64, f64::INFINITY, f64::NEG_INFINITY);
+        let (mut thickest, mut deep) = (0.0_f64, 0);
         for k in self.span(1, z - r, z + r) {
             let dv = turn * (self.origin[1] + k as f64 * self.cell - z);
             let half = (r * r - dv * dv).max(0.0).sqrt();
@@ -225,8 +224,9 @@ impl Columns {
                 }
                 thickest = thickest.max(taken);
                 if taken > job.entry_mm {
+                    // a cell is at least a twelfth of the radius: fewer than 26 strips
                     let across = dv * direction[0] - du * direction[1];
-                    (low, high) = (low.min(across), high.max(across));
+                    deep |= 1 << ((across + r) / self.cell + TIE) as u32;
                 }
                 match motion.facing {
                     Facing::Front => self.high[cell] = surface.max(far),
@@ -234,7 +234,7 @@ impl Columns {
                 }
             }
         }
-        (thickest, low, high)
+        (thickest, deep)
     }
 
     /// How deep the holder is in stock anywhere on a motion, mm.
@@ -278,4 +278,24 @@ fn profile_mm(distance: f64, job: &ProofJob) -> f64 {
     let rc = job.corner_radius_mm;
     let into = (distance - (job.radius_mm - rc)).clamp(0.0, rc);
     rc - (rc * rc - into * into).max(0.0).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slivers_at_both_edges_of_a_channel_count_by_their_own_width() {
+        let mut width = Width::default();
+        width.turn([1.0, 0.0]);
+        width.add(1 | 1 << 23, 0.125);
+        assert_eq!(width.widest_mm, 0.25);
+        // strips are met one after the other within 3 cells of travel, and forgotten at a bend
+        width.add(0b11110, 0.125);
+        assert_eq!(width.widest_mm, 0.75);
+        width.turn([0.0, 1.0]);
+        width.widest_mm = 0.0;
+        width.add(0b100, 0.125);
+        assert_eq!(width.widest_mm, 0.125);
+    }
 }

@@ -3,12 +3,17 @@
 use bonemill_arm::{Arm, RobotError};
 use bonemill_geometry::{Base, Point, Rigid, Tool, Work, cancel};
 use bonemill_planfile::Trajectory;
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::{EngineError, Move, Pose};
 
 /// Largest turn of the shaft between two poses, rad.
 const TURN_RAD: f64 = 0.02;
+/// Less than this between two rows is rounding, mm.
+const STILL_MM: f64 = 1e-6;
+/// A turn back this near to the last pose needs none of its own, mm.
+const LEAST_TURN_MM: f64 = 1e-3;
 /// Largest number of poses.
 const MOST_POSES: f64 = 2e7;
 /// Least rate of poses; with fewer, parts of a path would be left out.
@@ -161,7 +166,8 @@ fn check(name: &'static str, value: f64, poses: f64) -> Result<f64, PoseError> {
     if fine { Ok(poses) } else { Err(PoseError::Sampling { name, value, poses, most: MOST_POSES }) }
 }
 
-/// Leaves out rows while the burr stays within a step, and inserts poses between rows that are farther apart.
+/// Leaves out rows while the tool stays within a step, but for those where it turns back: a drill is deepest there. Inserts poses between
+/// rows that are farther apart.
 fn thin_out(
     trajectory: &Trajectory,
     rows: &[Pose],
@@ -175,14 +181,22 @@ fn thin_out(
     };
     let mut kept = Vec::new();
     let mut last = 0;
+    let mut heading = Vector3::zeros();
     for n in 0..rows.len() {
+        let way = rows.get(n + 1).map_or_else(Vector3::zeros, |next| next.center - rows[n].center);
+        let turns_back = way.norm() > STILL_MM && way.dot(&heading) < 0.0;
+        if way.norm() > STILL_MM {
+            heading = way;
+        }
+        let has_moved = rows[n].center.distance_mm(&rows[last].center) > LEAST_TURN_MM;
         let is_end = n == 0 || n + 1 == rows.len();
         let leaves = |next: &Pose| {
             next.center.distance_mm(&rows[last].center) > step_mm
                 || next.axis.angle(&rows[last].axis) > TURN_RAD
         };
         // a row that is far from both neighbours may be the tip of a sharp turn
-        if !is_end && !leaves(&rows[n]) && !leaves(&rows[n + 1]) {
+        let is_kept = is_end || leaves(&rows[n]) || leaves(&rows[n + 1]) || turns_back && has_moved;
+        if !is_kept {
             continue;
         }
         let between = (rows[n].center.distance_mm(&rows[last].center) / step_mm * (1.0 - 1e-9)).floor();

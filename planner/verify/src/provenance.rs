@@ -58,7 +58,9 @@ fn case(plan: &StoredPlan, text: &str) -> Check {
 fn frames(plan: &StoredPlan) -> Vec<Check> {
     const NAME: &str = "frames";
     let record = &plan.record;
-    let approach = record.case.approach.unwrap_or(record.frames.approach_direction);
+    // a channel is approached along its own direction
+    let along = record.channel().map(|channel| -channel.direction.into_inner());
+    let approach = along.or(record.case.approach).unwrap_or(record.frames.approach_direction);
     let mut checks = vec![
         Check::at_most(NAME, (record.frames.approach_direction - approach).amax(), ROUNDING, "")
             .of("approach of the case"),

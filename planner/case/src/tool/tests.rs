@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::{Case, EdgeModel, Tool};
+use crate::{Case, EdgeModel, ToolSpec};
 
 const LEAST: &str = "structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n";
 
@@ -13,7 +13,7 @@ fn parse(more: &str) -> Result<Case, String> {
 #[test]
 fn a_burr_needs_no_tool_table() {
     for text in ["", "[burr]\nradius_mm = 2\n", "[tool]\nkind = \"burr\"\n", "[tool]\n"] {
-        assert_eq!(parse(text).unwrap().tool, Tool::Burr, "{text}");
+        assert_eq!(parse(text).unwrap().tool, ToolSpec::Burr, "{text}");
     }
 }
 
@@ -32,9 +32,9 @@ fn every_kind_is_read_and_reads_back() {
         let again = Case::parse(&case.to_toml(), Path::new("again.toml")).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!((&again.tool, &again.edge_material), (&case.tool, &case.edge_material), "{text}");
     }
-    let Tool::Drill(spec, spindle) = parse("[tool]\nkind = \"drill\"\n").unwrap().tool else { panic!() };
+    let ToolSpec::Drill(spec, spindle) = parse("[tool]\nkind = \"drill\"\n").unwrap().tool else { panic!() };
     assert_eq!((spec.radius_mm, spec.lips, spindle.rpm, spindle.spin), (1.25, 2, 1000.0, -1));
-    let Tool::Mesh(tool, _) = parse(mesh).unwrap().tool else { panic!() };
+    let ToolSpec::Mesh(tool, _) = parse(mesh).unwrap().tool else { panic!() };
     assert_eq!(tool.axis, nalgebra::Vector3::new(0.0, 0.6, 0.8));
     assert_eq!(parse("").unwrap().edge_material.model, EdgeModel::Constant);
 }

@@ -16,9 +16,9 @@ use nalgebra::{Matrix3, Matrix6, Vector3};
 use super::anatomy::Anatomy;
 use super::boxes::Boxes;
 use super::check::{Check, Place};
-use super::moves::{Executed, MoveClass, Moves};
+use super::moves::{MoveClass, Moves};
 use super::uncertainty::{ErrorModel, RigidError, UncertaintyError, simulate_errors};
-use super::{VerifyError, clearance};
+use super::{Evidence, VerifyError, clearance};
 
 /// What a written clearance may differ from the one found here, mm: both searches tell at most 1e-3 mm too little.
 const CLEARANCE_TOLERANCE_MM: f64 = 2.5e-3;
@@ -28,45 +28,29 @@ const ROUNDING: f64 = 1e-6;
 const DRAWS: usize = 20_000;
 const SEED: u64 = 1;
 
-/// A channel's plan and what it is checked against.
-#[derive(Clone, Copy)]
-pub struct LookedAt<'a> {
-    /// The plan.
-    pub plan: &'a StoredPlan,
-    /// What its case asks for.
-    pub spec: &'a ChannelSpec,
-    /// Its images.
-    pub anatomy: &'a Anatomy,
-    /// The structures' voxel boxes; `None` for one that the map lacks.
-    pub boxes: &'a [Option<Boxes<'a>>],
-}
-
-impl LookedAt<'_> {
-    /// The checks that only a channel has.
-    ///
-    /// # Errors
-    /// [`VerifyError`] when a row is no joint vector of the arm.
-    pub fn checks(
-        &self,
-        moves: &Moves,
-        executed: &Executed,
-        progress: &dyn Progress,
-    ) -> Result<Vec<Check>, VerifyError> {
-        let Self { plan, spec, anatomy, boxes } = *self;
-        progress.stage("check the channel");
-        let mut checks = vec![asked::meets(plan)];
-        let Some(channel) = plan.record.channel() else {
-            checks.push(Check::none_wrong("plan says its channel", 1).of("metrics.channel"));
-            return Ok(checks);
-        };
-        checks.extend(asked::rows(plan, spec, &channel, moves));
-        checks.extend(asked::channel(plan, spec, &channel, anatomy));
-        checks.extend(clearances(plan, anatomy, boxes, moves, executed));
-        checks.extend(holder(&plan.record.case, &channel, anatomy, boxes));
-        checks.extend(sweep::volumes(plan, &channel, anatomy));
-        checks.extend(touched(plan, spec, progress)?);
-        Ok(checks)
-    }
+/// The checks that only a channel has.
+///
+/// # Errors
+/// [`VerifyError`] when a row is no joint vector of the arm.
+pub fn checks(
+    evidence: &Evidence,
+    spec: &ChannelSpec,
+    progress: &dyn Progress,
+) -> Result<Vec<Check>, VerifyError> {
+    let Evidence { plan, anatomy, boxes, moves, .. } = *evidence;
+    progress.stage("check the channel");
+    let mut checks = vec![asked::meets(plan)];
+    let Some(channel) = plan.record.channel() else {
+        checks.push(Check::none_wrong("plan says its channel", 1).of("metrics.channel"));
+        return Ok(checks);
+    };
+    checks.extend(asked::rows(plan, spec, &channel, moves));
+    checks.extend(asked::channel(plan, spec, &channel, anatomy));
+    checks.extend(clearances(evidence));
+    checks.extend(holder(&plan.record.case, &channel, anatomy, boxes));
+    checks.extend(sweep::volumes(plan, &channel, anatomy));
+    checks.extend(touched(plan, spec, progress)?);
+    Ok(checks)
 }
 
 /// Largest radius of the tool of a case, mm.
@@ -75,13 +59,8 @@ pub fn radius_mm(case: &Case) -> f64 {
 }
 
 /// The tool against every structure: along the waypoints and along the trajectory. Its body lies on the line that its tip takes.
-fn clearances(
-    plan: &StoredPlan,
-    anatomy: &Anatomy,
-    boxes: &[Option<Boxes<'_>>],
-    moves: &Moves,
-    executed: &Executed,
-) -> Vec<Check> {
+fn clearances(evidence: &Evidence) -> Vec<Check> {
+    let Evidence { plan, anatomy, boxes, moves, executed } = *evidence;
     let radius = radius_mm(&plan.record.case);
     let ct_from_grid = plan.record.frames.ct_from_grid();
     let mut checks = Vec::new();

@@ -1,6 +1,6 @@
 //! What the tool of a channel sweeps, from the dimensions in the case, and the volumes that this gives.
 
-use bonemill_case::Tool;
+use bonemill_case::ToolSpec;
 use bonemill_planfile::{ChannelRecord, StoredPlan};
 use nalgebra::Vector3;
 
@@ -27,16 +27,16 @@ pub enum OwnSolid {
 
 impl OwnSolid {
     /// Of a case's tool.
-    pub fn new(tool: &Tool) -> Self {
+    pub fn new(tool: &ToolSpec) -> Self {
         match tool {
-            Tool::Drill(s, _) => {
+            ToolSpec::Drill(s, _) => {
                 let inner_mm = s.web_mm / s.chisel_deg.to_radians().sin();
                 let cot = if s.point_deg >= 90.0 { 0.0 } else { 1.0 / s.point_deg.to_radians().tan() };
                 let along = |r: f64| (r * r - s.web_mm * s.web_mm).max(0.0).sqrt();
                 let top_mm = (along(s.radius_mm) - along(inner_mm)) * cot + s.flute_mm;
                 Self::Drill { web_mm: s.web_mm, inner_mm, cot, radius_mm: s.radius_mm, top_mm }
             }
-            Tool::Reamer(s, _) => {
+            ToolSpec::Reamer(s, _) => {
                 let out = (s.rim_radius_mm - s.offset_mm) / s.arc_radius_mm;
                 let top_mm = s.arc_radius_mm * (1.0 - (1.0 - out * out).max(0.0).sqrt()) + SHELL_MM;
                 Self::Reamer {
@@ -46,7 +46,7 @@ impl OwnSolid {
                     top_mm,
                 }
             }
-            Tool::Burr | Tool::Mesh(..) => Self::None,
+            ToolSpec::Burr | ToolSpec::Mesh(..) => Self::None,
         }
     }
 
@@ -79,14 +79,14 @@ impl OwnSolid {
 }
 
 /// Where the shank begins behind the tool, mm.
-pub fn top_mm(tool: &Tool) -> f64 {
+pub fn top_mm(tool: &ToolSpec) -> f64 {
     OwnSolid::new(tool).top_mm()
 }
 
 /// Radius of a guide in front of the tool, mm: it lies in a hole that was drilled before.
-fn guide_radius_mm(tool: &Tool) -> f64 {
+fn guide_radius_mm(tool: &ToolSpec) -> f64 {
     match tool {
-        Tool::Reamer(s, _) => s.nipple_radius_mm,
+        ToolSpec::Reamer(s, _) => s.nipple_radius_mm,
         _ => 0.0,
     }
 }
