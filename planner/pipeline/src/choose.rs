@@ -202,7 +202,7 @@ impl Prepared<'_> {
         let compliances = motion.as_ref().map_or(Ok(None), |motion| compliance.along(&motion.resolved.q))?;
         let pushes = nominal_pushes(case, &forces, compliances.as_deref());
         let (costs, closed_form_error) = self.costs(&field, &oriented.axes, &pushes);
-        let kinds = (0..self.points().len()).map(|i| self.kind(i, &oriented.axes[i])).collect();
+        let kinds = (0..self.points().len()).map(|i| self.kind(i, &oriented.axes)).collect();
         Ok((Chosen { oriented, kinds, forces, costs, compliances, closed_form_error }, motion))
     }
 
@@ -275,11 +275,13 @@ impl Prepared<'_> {
         Placed { posture, ..placed }.motion(&positions, axes, self.length_mm(), stiffness)
     }
 
-    /// The kind of the move to waypoint i. A link that removes part of a voxel counts as a cut, and is as slow as one. The first
-    /// waypoint is not a move: its ball may touch a voxel's corner because of rounding.
-    fn kind(&self, i: usize, axis: &Vector3<f64>) -> MoveKind {
-        let removes =
-            i > 0 && self.reached.moments[i].mass_mg() > 0.0 && self.directions.is_within_limit(axis);
+    /// The kind of the move to waypoint i. A link that removes part of a voxel counts as a cut, and is as slow as one, unless the
+    /// shaft is beyond the tilt limit at one of its ends. The first waypoint is not a move: its ball may touch a voxel's corner
+    /// because of rounding.
+    fn kind(&self, i: usize, axes: &[Unit<Vector3<f64>>]) -> MoveKind {
+        let removes = i > 0
+            && self.reached.moments[i].mass_mg() > 0.0
+            && axes[i - 1..=i].iter().all(|axis| self.directions.is_within_limit(axis));
         if removes { MoveKind::Cut } else { self.points()[i].kind }
     }
 }

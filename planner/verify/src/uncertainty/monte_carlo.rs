@@ -193,13 +193,18 @@ pub fn simulate_errors(
     Ok(Risk { structures, forces: forces(plan, model) })
 }
 
-/// Positions of the burr's centre along the moves.
+/// Positions of the burr's centre along the moves; of a channel, whose strokes repeat one line, along that line once.
 fn places(plan: &StoredPlan) -> Vec<Point<Ct>> {
-    let mut places: Vec<_> = plan.waypoints.first().map(|w| w.position).into_iter().collect();
-    for pair in plan.waypoints.windows(2) {
-        let way = pair[1].position - pair[0].position;
+    let mut corners: Vec<_> = plan.waypoints.iter().map(|w| w.position).collect();
+    if let Some(channel) = plan.record.channel() {
+        corners.truncate(1);
+        corners.push(channel.end());
+    }
+    let mut places: Vec<_> = corners.first().copied().into_iter().collect();
+    for pair in corners.windows(2) {
+        let way = pair[1] - pair[0];
         let parts = (way.norm() / STEP_MM).ceil().clamp(1.0, 1e5);
-        places.extend((1..=parts as usize).map(|n| pair[0].position + way * (n as f64 / parts)));
+        places.extend((1..=parts as usize).map(|n| pair[0] + way * (n as f64 / parts)));
     }
     places
 }
