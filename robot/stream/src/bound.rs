@@ -120,7 +120,7 @@ pub struct Tube {
     pub gap_mm: f64,
 }
 
-/// The tube while the newest target is in one of [`BLOCK`] rows from a row on, and no row before was passed at more than the share `rate`
+/// The tube while the newest target is in one of `BLOCK` rows from a row on, and no row before was passed at more than the share `rate`
 /// of its planned speed (above 0), or at half of that going back.
 pub fn tube(plan: &StreamPlan, row: usize, rate: f64) -> Tube {
     let (timing, track) = (plan.settings().timing, &plan.track);
