@@ -85,7 +85,7 @@ fn instructions(plan: &ProsthesisPlan, record: &JobRecord) -> String {
          the spindle. Grip it at the lower end in z: the grip may cover {:.1} mm.</li>\
          <li>Set the program's zero on the rotary axis. Seen from there the block reaches from x = {:.2} to {:.2}, y = {:.2} to {:.2} and z = {:.2} to \
          {:.2} mm.</li>\
-         <li>Put in the cutter: diameter {} mm, corner radius {} mm, {} flutes, {} mm from the tip to the holder.</li>\
+         <li>Put in the cutter: diameter {} mm, corner radius {} mm, flutes: {}, {} mm from the tip to the holder.</li>\
          <li>Run <code>program.nc</code>: side A, half a turn, side B, then the outline.</li>\
          <li>Break the part off its last tab of {:.1} mm and take off the burrs.</li></ol>",
         escape(&plan.taken.mounted.id),
