@@ -6,12 +6,12 @@
 use std::f64::consts::PI;
 
 use bonemill_cutting::burr::checked;
+use bonemill_cutting::burr::sums::DirectionSums;
 use bonemill_cutting::burr::{Material, ModelError, Tool};
 use bonemill_cutting::mrr::LumpedCoefficients;
 use nalgebra::Vector3;
 
 use super::engagement::Engagement;
-use bonemill_cutting::burr::sums::DirectionSums;
 
 /// Force and torque of the bone on the burr; vectors in work.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

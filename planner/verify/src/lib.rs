@@ -48,7 +48,7 @@ mod shaft;
 pub mod uncertainty;
 mod voxels;
 
-pub(crate) use anatomy::Anatomy;
+pub(crate) use anatomy::{Anatomy, Kept};
 pub(crate) use boxes::Boxes;
 pub use check::{Check, LimitSide, Place, Short};
 pub use error::VerifyError;
@@ -72,6 +72,27 @@ pub(crate) struct Evidence<'a> {
     pub moves: &'a Moves,
     /// The burr along its trajectory.
     pub executed: &'a Executed,
+}
+
+impl Evidence<'_> {
+    /// Checks of every structure; one that the label map lacks fails by itself.
+    fn of_structures(&self, checks: impl Fn(&Kept, &Boxes<'_>) -> Vec<Check>) -> Vec<Check> {
+        let missing =
+            |kept: &Kept| Check::none_wrong("structures are in the label map", 1).of(kept.name.clone());
+        let of = |(kept, boxes): (&Kept, &Option<Boxes<'_>>)| match boxes {
+            Some(boxes) => checks(kept, boxes),
+            None => vec![missing(kept)],
+        };
+        self.anatomy.kept.iter().zip(self.boxes).flat_map(of).collect()
+    }
+
+    /// The instant of a row of the trajectory.
+    fn instant(&self, row: usize) -> Place {
+        Place::Instant {
+            time_s: self.plan.trajectory.time_s[row],
+            waypoint: self.executed.next[row] as usize,
+        }
+    }
 }
 
 /// Verifies a plan.

@@ -37,32 +37,20 @@ pub fn checks(evidence: &Evidence, progress: &dyn Progress) -> Result<Vec<Check>
 
 /// Checks the burr's distance from every structure, along the moves and along the trajectory.
 fn clearances(evidence: &Evidence) -> Vec<Check> {
-    let Evidence { plan, anatomy, boxes, moves, executed } = *evidence;
+    let Evidence { plan, moves, executed, .. } = *evidence;
     let radius = plan.record.case.burr.radius_mm;
     let ct_from_grid = plan.record.frames.ct_from_grid();
-    let mut checks = Vec::new();
-    for (kept, boxes) in anatomy.kept.iter().zip(boxes) {
-        let name = kept.name.clone();
-        let Some(boxes) = boxes else {
-            checks.push(Check::none_wrong("structures are in the label map", 1).of(name));
-            continue;
-        };
+    evidence.of_structures(|kept, boxes| {
         let limit = kept.clearance_mm - CLEARANCE_ROUNDING_MM;
-        let nearest = |points| clearance::nearest_along(boxes, &ct_from_grid, points);
-        if let Some(n) = nearest(&moves.points) {
-            let check = Check::at_least("clearance of moves", n.distance_mm - radius, limit, "mm");
-            checks.push(check.of(name.clone()).at(Place::Waypoint(n.at)));
-        }
-        if let Some(n) = nearest(&executed.points) {
-            let place = Place::Instant {
-                time_s: plan.trajectory.time_s[n.at],
-                waypoint: executed.next[n.at] as usize,
-            };
-            let check = Check::at_least("clearance of the arm's burr", n.distance_mm - radius, limit, "mm");
-            checks.push(check.of(name).at(place));
-        }
-    }
-    checks
+        let check = |subject, points, place: &dyn Fn(usize) -> Place| {
+            let n = clearance::nearest_along(boxes, &ct_from_grid, points)?;
+            let check = Check::at_least(subject, n.distance_mm - radius, limit, "mm");
+            Some(check.of(kept.name.clone()).at(place(n.at)))
+        };
+        let moves = check("clearance of moves", &moves.points, &Place::Waypoint);
+        let arm = check("clearance of the arm's burr", &executed.points, &|row| evidence.instant(row));
+        moves.into_iter().chain(arm).collect()
+    })
 }
 
 /// Classifies the bone anew, removes it along the moves, and checks volumes, gouges, masses and the shank against it.

@@ -60,38 +60,29 @@ pub fn radius_mm(case: &Case) -> f64 {
 
 /// The tool against every structure: along the waypoints and along the trajectory. Its body lies on the line that its tip takes.
 fn clearances(evidence: &Evidence) -> Vec<Check> {
-    let Evidence { plan, anatomy, boxes, moves, executed } = *evidence;
+    let Evidence { plan, moves, executed, .. } = *evidence;
     let radius = radius_mm(&plan.record.case);
     let ct_from_grid = plan.record.frames.ct_from_grid();
-    let mut checks = Vec::new();
-    for (kept, boxes) in anatomy.kept.iter().zip(boxes) {
-        let name = kept.name.clone();
-        let Some(boxes) = boxes else {
-            checks.push(Check::none_wrong("structures are in the label map", 1).of(name));
-            continue;
-        };
+    evidence.of_structures(|kept, boxes| {
+        let limit = kept.clearance_mm - CLEARANCE_TOLERANCE_MM;
+        let mut checks = Vec::new();
         if let Some(n) = clearance::nearest_along(boxes, &ct_from_grid, &moves.points) {
             let found = n.distance_mm - radius;
-            let limit = kept.clearance_mm - CLEARANCE_TOLERANCE_MM;
-            let check = Check::at_least("clearance of moves", found, limit, "mm").of(name.clone());
+            let check = Check::at_least("clearance of moves", found, limit, "mm").of(kept.name.clone());
             checks.push(check.at(Place::Waypoint(n.at)));
             let said = written(plan, &kept.name, "clearance_mm").unwrap_or(f64::NAN);
             let off =
                 Check::at_most("clearance as written", (found - said).abs(), CLEARANCE_TOLERANCE_MM, "mm");
-            checks.push(off.of(name.clone()));
+            checks.push(off.of(kept.name.clone()));
         }
         if let Some(n) = clearance::nearest_along(boxes, &ct_from_grid, &executed.points) {
-            let place = Place::Instant {
-                time_s: plan.trajectory.time_s.get(n.at).copied().unwrap_or(0.0),
-                waypoint: executed.next.get(n.at).map_or(0, |n| *n as usize),
-            };
             // the trajectory may leave the line by what a plan's trajectory may
-            let limit = kept.clearance_mm - CLEARANCE_TOLERANCE_MM - 0.05;
+            let limit = limit - 0.05;
             let check = Check::at_least("clearance of the arm's tool", n.distance_mm - radius, limit, "mm");
-            checks.push(check.of(name).at(place));
+            checks.push(check.of(kept.name.clone()).at(evidence.instant(n.at)));
         }
-    }
-    checks
+        checks
+    })
 }
 
 /// A number that the plan writes of a structure.
