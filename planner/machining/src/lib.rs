@@ -30,6 +30,7 @@ mod sides;
 pub mod silhouette;
 pub mod stock;
 pub mod strip;
+mod surface;
 pub mod time;
 pub mod trajectory;
 mod zigzag;

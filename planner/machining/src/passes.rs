@@ -14,7 +14,7 @@ use crate::stock::{Place, Stock, steps};
 /// Height of short links above the stock, and of the last approach, mm.
 const GAP_MM: f64 = 0.5;
 /// Share of the entries' depth that is used, so that heights between cells stay below it.
-const ENTRY_SHARE: f64 = 0.95;
+pub(crate) const ENTRY_SHARE: f64 = 0.95;
 /// Lengths of slants between passes, in diameters, the best first.
 const SLANTS: [f64; 4] = [3.0, 2.0, 1.0, 0.6];
 /// Lead before and after what is needed, and the longest gap that is cut through, in radii.
@@ -22,10 +22,19 @@ const LEAD: f64 = 0.3;
 const BRIDGE: f64 = 2.0;
 /// Most shallower steps of a pass.
 const MOST_STEPS: usize = 32;
+/// Width of cut up to which the tip goes down beside the stock, in diameters.
+const BESIDE: f64 = 0.3;
 /// Most laps of a ramp.
 const LAPS: usize = 200;
 /// Steepest ramp into stock, rise over run.
 const RAMP: f64 = 0.1;
+
+/// Stock that roughing leaves to finishing: thinner or narrower than this, mm.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sliver {
+    pub thinner_mm: f64,
+    pub narrower_mm: f64,
+}
 
 /// Lays moves from one side.
 pub struct Passes<'a> {
@@ -39,6 +48,8 @@ pub struct Passes<'a> {
     pub(crate) bounded: bool,
     /// How much wider than the tool stock is looked for, mm: passes closer than a cell need it.
     pub(crate) grown_mm: f64,
+    /// Stock that is not worth a cut.
+    pub(crate) left_alone: Option<Sliver>,
     at: Option<Place>,
     /// Whether the last move cut.
     cutting: bool,
@@ -58,6 +69,7 @@ impl<'a> Passes<'a> {
             counts,
             bounded: true,
             grown_mm: 0.0,
+            left_alone: None,
             at,
             cutting: false,
             moves: vec![],
@@ -71,6 +83,11 @@ impl<'a> Passes<'a> {
             self.go(Kind::Retract, [u, v, safe]);
         }
         (self.moves, self.at, self.stock)
+    }
+
+    /// Where the tip is.
+    pub(crate) fn place(&self) -> Option<Place> {
+        self.at
     }
 
     /// Above the block, however it is turned.
@@ -100,21 +117,30 @@ impl<'a> Passes<'a> {
     /// Where a pass takes anything that counts.
     fn needed(&self, pass: &Pass) -> Vec<bool> {
         let meets = |p: &Place| p[2].is_finite() && self.stock.meets(*p, self.grown_mm, &self.counts);
-        pass.places.iter().map(meets).collect()
+        let worth = |n: usize| {
+            let enough = |sliver: Sliver| self.width_mm(pass, n, sliver.thinner_mm) > sliver.narrower_mm;
+            self.left_alone.is_none_or(enough)
+        };
+        pass.places.iter().enumerate().map(|(n, p)| meets(p) && worth(n)).collect()
     }
 
-    fn is_wide(&self, pass: &Pass, n: usize) -> bool {
+    /// How much of the tool's width meets stock thicker than `deeper_mm` ahead of a place of a pass, mm; 0 where it goes nowhere.
+    fn width_mm(&self, pass: &Pass, n: usize, deeper_mm: f64) -> f64 {
         // an open pass ends in the direction in which it came
         let ends = !pass.closed && n + 1 == pass.places.len();
         let n = if ends { n.saturating_sub(1) } else { n };
         let (here, next) = (pass.places[n], pass.next(n));
         let length = (next[0] - here[0]).hypot(next[1] - here[1]);
-        if !self.bounded || length == 0.0 || !here[2].is_finite() {
-            return false;
+        if length == 0.0 || !here[2].is_finite() {
+            return 0.0;
         }
         let direction = [(next[0] - here[0]) / length, (next[1] - here[1]) / length];
-        self.stock.width_mm(here, direction, ENTRY_SHARE * self.job.entry_mm())
-            > self.job.widest_mm() - 0.5 * self.stock.pitch_mm()
+        self.stock.width_mm(here, direction, deeper_mm)
+    }
+
+    fn is_wide(&self, pass: &Pass, n: usize) -> bool {
+        let deeper_mm = ENTRY_SHARE * self.job.entry_mm();
+        self.bounded && self.width_mm(pass, n, deeper_mm) > self.job.widest_mm() - 0.5 * self.stock.pitch_mm()
     }
 
     /// Cuts along a pass where it is `needed`, with what leads there and the short gaps between.
@@ -129,7 +155,7 @@ impl<'a> Passes<'a> {
         }
     }
 
-    fn driven(&self, pass: &Pass, needed: &[bool]) -> Vec<bool> {
+    pub(crate) fn driven(&self, pass: &Pass, needed: &[bool]) -> Vec<bool> {
         let places = |radii: f64| (radii * self.job.tool.radius_mm / pass.step_mm()).ceil() as usize;
         pass.driven(needed, places(LEAD), places(BRIDGE))
     }
@@ -145,7 +171,12 @@ impl<'a> Passes<'a> {
             }
             None => {
                 let start = self.at.map_or(0, |at| pass.nearest(at));
-                self.enter_by_ramp(&pass.from(start), height, kind);
+                let around = pass.from(start);
+                if self.width_mm(pass, start, self.stock.pitch_mm()) < BESIDE * self.job.tool.diameter_mm() {
+                    self.cut_run(&[around.as_slice(), &around[..1]].concat(), height, kind);
+                } else {
+                    self.enter_by_ramp(&around, height, kind);
+                }
             }
         }
     }
@@ -172,7 +203,9 @@ impl<'a> Passes<'a> {
         let places: Vec<Place> = straight.map(|[u, v, w]| [u, v, w.max(height([u, v]))]).collect();
         let most = at[2].max(to[2]) + 0.5 * self.job.entry_mm();
         let falls = places.windows(2).any(|p| p[0][2] - p[1][2] > 0.5 * self.job.entry_mm());
-        if falls || !places.iter().all(|p| p[2] <= most) {
+        // closely, so that no corner of where the tip must not be lies between two places
+        let mut close = steps(at, to, 0.25 * self.stock.pitch_mm());
+        if falls || !places.iter().all(|p| p[2] <= most) || !close.all(|p| height([p[0], p[1]]).is_finite()) {
             return None;
         }
         let way = refined(Pass { places, closed: false }, height);
@@ -219,9 +252,9 @@ impl<'a> Passes<'a> {
         self.follow(places, kind);
     }
 
-    /// On from the first of the places, where the tip is.
+    /// On along the places. The tip is at the first of them or, where a way has to rise, below it.
     fn follow(&mut self, places: &[Place], kind: Kind) {
-        for place in simplified(places).into_iter().skip(1) {
+        for place in simplified(places) {
             self.cut_line(kind, place);
         }
     }

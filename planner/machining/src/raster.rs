@@ -120,6 +120,16 @@ impl Raster {
         self.spread(map, &Footprint::of(self, tool, 0.0), |best, w, f| best.min(w + f), f64::INFINITY)
     }
 
+    /// The highest of a cell and the eight around it.
+    pub fn widened(&self, map: &[f64]) -> Vec<f64> {
+        self.spread(map, &Footprint::square(), |best, w, _| best.max(w), NONE)
+    }
+
+    /// The lowest of a cell and the eight around it.
+    pub fn narrowed(&self, map: &[f64]) -> Vec<f64> {
+        self.spread(map, &Footprint::square(), |best, w, _| best.min(w), f64::INFINITY)
+    }
+
     fn spread(
         &self,
         map: &[f64],
@@ -152,6 +162,11 @@ pub struct Footprint {
 }
 
 impl Footprint {
+    /// A cell and the eight around it.
+    fn square() -> Self {
+        Self { cells: (-1..=1).flat_map(|dv| (-1..=1).map(move |du| (du, dv, 0.0))).collect() }
+    }
+
     /// Of a tool whose radius is larger by `grown_mm`.
     pub fn of(raster: &Raster, tool: &Tool, grown_mm: f64) -> Self {
         let reach = ((tool.radius_mm + grown_mm) / raster.pitch_mm).floor() as isize;

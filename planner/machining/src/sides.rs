@@ -2,37 +2,36 @@
 //!
 //! A [`Sight`] holds one side's maps of where the tip may be.
 
-use rayon::prelude::*;
-
 use crate::dropcutter::DropCutter;
 use crate::envelope::Facet;
 use crate::job::Job;
 use crate::leftover::{self, Leftover, Reason};
 use crate::moves::{Facing, Kind};
 use crate::part::{Part, THROUGH_MM};
-use crate::pass::{Height, Pass, refined};
-use crate::passes::Passes;
-use crate::raster::{NONE, Raster};
+use crate::pass::{Pass, refined};
+use crate::passes::{ENTRY_SHARE, Passes, Sliver};
+use crate::raster::NONE;
 use crate::rings::{Field, iso_loops};
 use crate::silhouette::{Loop, area_mm2};
 
 /// Stock that roughing leaves on the part, mm.
 pub(crate) const ALLOWANCE_MM: f64 = 0.1;
+/// What roughing leaves to finishing: its thickness in entries' depths, its width in diameters.
+const SLIVER_DEPTH: f64 = 0.6;
+const SLIVER_WIDTH: f64 = 0.1;
 /// Distance of passes around the part from touching it, mm.
-const BESIDE_MM: f64 = 0.005;
+pub(crate) const BESIDE_MM: f64 = 0.005;
 /// Share of the widest cut that passes are laid at, so that bends stay below it.
-const STEP_SHARE: f64 = 0.9;
-/// Share of the finishing step that passes are laid for.
-const SCALLOP_SHARE: f64 = 0.75;
+pub(crate) const STEP_SHARE: f64 = 0.9;
 /// One side's maps of where the tip may be.
 pub(crate) struct Sight<'a> {
     pub job: &'a Job,
-    facing: Facing,
+    pub facing: Facing,
     pub drop: DropCutter,
     /// Heights of the part, mm.
     pub heights: Vec<f64>,
     /// Lowest tip over the part, mm.
-    tip: Vec<f64>,
+    pub tip: Vec<f64>,
     /// Lowest tip over the strip, mm.
     pub strip_tip: Vec<f64>,
     /// Lowest tip that the holder allows, mm.
@@ -79,6 +78,7 @@ impl<'a> Sight<'a> {
         self.finish(part, passes);
     }
 
+    /// Levels down to the strip. What is thinner or narrower than a [`Sliver`] is left to finishing.
     fn rough(&self, part: &Part, passes: &mut Passes<'_>) {
         let (raster, job) = (&part.raster, self.job);
         let grown = 0.75 * raster.pitch_mm + ALLOWANCE_MM;
@@ -86,38 +86,41 @@ impl<'a> Sight<'a> {
         for (tip, strip) in tip.iter_mut().zip(&self.strip_tip) {
             *tip = (*tip + ALLOWANCE_MM).max(*strip).max(self.deepest_mm);
         }
-        // heights are read from the cells around, which must lie beside the part
-        let beside = job.tool.radius_mm + grown + 1.5 * raster.pitch_mm;
+        let beside = job.tool.radius_mm + ALLOWANCE_MM;
         let domain = self.domain(part, beside);
         let loops = self.loops(part, &domain, beside, &raster.filled(STEP_SHARE * job.widest_mm()));
         let top = passes.stock.top.iter().copied().fold(NONE, f64::max);
         let lowest =
             tip.iter().zip(&domain).filter(|(_, inside)| **inside).map(|(w, _)| *w).fold(top, f64::min);
-        let levels = ((top - lowest) / job.level_mm() - 1e-9).ceil().max(0.0) as usize;
-        let depth = (top - lowest) / levels.max(1) as f64;
         let free = |p: [f64; 2]| {
             let inside = raster.cell(p).is_some_and(|cell| domain[cell]);
             if inside { raster.highest_around(&tip, p) } else { f64::INFINITY }
         };
-        for level in (1..=levels).map(|n| top - n as f64 * depth) {
-            let height = |p: [f64; 2]| free(p).max(level);
-            // outlines lie on the domain's edge, where cells may count as outside
-            let edge = |p: [f64; 2]| raster.highest_around(&tip, p).max(level);
-            for outline in &part.around(beside, self.facing) {
-                passes.cut(
-                    &self.sensed(Pass::along(outline, 1.5 * raster.pitch_mm, edge)),
-                    &edge,
-                    Kind::Rough,
-                );
-            }
-            for outline in loops.iter().chain(&iso_loops(raster, &tip, level + 1e-6)) {
-                passes.cut(
-                    &self.sensed(Pass::along(outline, 1.5 * raster.pitch_mm, height)),
-                    &height,
-                    Kind::Rough,
-                );
+        // beside the part the raster's heights are those of its edge
+        let floor = |p: [f64; 2]| raster.highest_around(&self.strip_tip, p).max(self.deepest_mm);
+        let beside_part = |p: [f64; 2]| (self.drop.height_mm(p) + ALLOWANCE_MM).max(floor(p));
+        let around = part.around(beside, self.facing);
+        let wall = raster.widened(&tip);
+        passes.left_alone = Some(Sliver {
+            thinner_mm: SLIVER_DEPTH * job.entry_mm(),
+            narrower_mm: SLIVER_WIDTH * job.tool.diameter_mm(),
+        });
+        // the channel around the part is a slot
+        for level in levels(top, lowest, ENTRY_SHARE * job.entry_mm()) {
+            let height = |p: [f64; 2]| beside_part(p).max(level);
+            for outline in &around {
+                let pass = self.sensed(Pass::along(outline, 1.5 * raster.pitch_mm, height));
+                passes.cut(&pass, &height, Kind::Rough);
             }
         }
+        for level in levels(top, lowest, job.level_mm()) {
+            let height = |p: [f64; 2]| free(p).max(level);
+            for outline in loops.iter().chain(&iso_loops(raster, &wall, level + 1e-6)) {
+                let pass = self.sensed(Pass::along(outline, 1.5 * raster.pitch_mm, height));
+                passes.cut(&pass, &height, Kind::Rough);
+            }
+        }
+        passes.left_alone = None;
     }
 
     fn finish(&self, part: &Part, passes: &mut Passes<'_>) {
@@ -125,34 +128,6 @@ impl<'a> Sight<'a> {
         passes.counts = part.seen(&(0..part.raster.len()).map(near).collect::<Vec<_>>(), self.facing);
         let floor: Vec<f64> = self.strip_tip.iter().map(|w| w.max(self.deepest_mm)).collect();
         self.surface(part, passes, &floor);
-    }
-
-    /// Passes of the finishing step over the part, nowhere below `floor`.
-    fn surface(&self, part: &Part, passes: &mut Passes<'_>, floor: &[f64]) {
-        let raster = &part.raster;
-        let tip: Vec<f64> = self.tip.iter().zip(floor).map(|(a, b)| a.max(*b)).collect();
-        let beside = self.job.tool.radius_mm + BESIDE_MM;
-        let domain = self.domain(part, beside);
-        let mut loops = part.around(beside, self.facing);
-        loops.extend(self.loops(part, &domain, beside, &self.steps_mm(raster, &tip)));
-        let height = |p: [f64; 2]| self.drop.height_mm(p).max(raster.highest_around(floor, p));
-        // the raster's heights are enough to see what is needless
-        let worth = |outline: &Loop| {
-            let rough = Pass::along(outline, 2.0 * raster.pitch_mm, |p| raster.highest_around(&tip, p));
-            rough.places.iter().any(|p| {
-                passes.stock.meets([p[0], p[1], p[2] - ALLOWANCE_MM], raster.pitch_mm, &passes.counts)
-            })
-        };
-        let worth: Vec<bool> = loops.par_iter().map(worth).collect();
-        let loops: Vec<&Loop> = loops.iter().zip(worth).filter(|(_, worth)| *worth).map(|(l, _)| l).collect();
-        let lay = |outline: &&Loop| {
-            self.sensed(refined(Pass::along(outline, 1.5 * raster.pitch_mm, height), height))
-        };
-        let laid: Vec<Pass> = loops.par_iter().map(lay).collect();
-        passes.grown_mm = 0.75 * raster.pitch_mm;
-        for pass in &laid {
-            passes.cut(pass, &height as Height<'_>, Kind::Finish);
-        }
     }
 
     /// Cuts the strip along the outline, but not the tab.
@@ -207,41 +182,20 @@ impl<'a> Sight<'a> {
         part.seen(&map, self.facing)
     }
 
-    fn loops(&self, part: &Part, domain: &[bool], beside_mm: f64, step_mm: &[f64]) -> Vec<Loop> {
+    pub fn loops(&self, part: &Part, domain: &[bool], beside_mm: f64, step_mm: &[f64]) -> Vec<Loop> {
         let inward: Vec<f64> = part.outside_mm.iter().map(|d| beside_mm - d).collect();
         let field = Field::march(&part.raster, domain, &part.seen(&inward, self.facing), step_mm);
         field.loops().into_iter().map(|(_, outline)| outline).collect()
     }
 
-    /// The step across the raster that leaves the finishing step e along the normal: where the tip rises at an angle θ, a flat end leaves stairs
-    /// s sin θ, a rounded corner of radius r_c scallops with s = cos θ √(8 e r_c); the better of both, at most the widest cut.
-    fn steps_mm(&self, raster: &Raster, tip: &[f64]) -> Vec<f64> {
-        let tool = &self.job.tool;
-        let e = SCALLOP_SHARE * self.job.process.finishing_step_mm;
-        // two passes beside a ridge leave nothing between them
-        let most = STEP_SHARE * self.job.widest_mm().min(tool.radius_mm);
-        let flat = 2.0 * (tool.radius_mm - tool.corner_radius_mm);
-        let [nu, nv] = raster.dims;
-        let step = |cell: usize| {
-            let (i, j) = (cell % nu, cell / nu);
-            // the steeper of both ways, so that an edge is not evened out
-            let slope = |others: [Option<usize>; 2]| {
-                let rises = others.into_iter().flatten().map(|other| (tip[other] - tip[cell]).abs());
-                rises.filter(|rise| rise.is_finite()).fold(0.0, f64::max) / raster.pitch_mm
-            };
-            let along_u = slope([(i > 0).then(|| cell - 1), (i + 1 < nu).then(|| cell + 1)]);
-            let along_v = slope([(j > 0).then(|| cell - nu), (j + 1 < nv).then(|| cell + nu)]);
-            let tangent = along_u.hypot(along_v);
-            let cosine = 1.0 / (1.0 + tangent * tangent).sqrt();
-            let stairs = (e / (tangent * cosine).max(1e-9)).min(flat);
-            let scallop = cosine * (8.0 * e * tool.corner_radius_mm).sqrt();
-            stairs.max(scallop).min(most)
-        };
-        (0..raster.len()).map(step).collect()
-    }
-
     /// In the sense of the case: passes are laid for climb.
-    fn sensed(&self, pass: Pass) -> Pass {
+    pub fn sensed(&self, pass: Pass) -> Pass {
         if self.job.process.climb { pass } else { pass.reversed() }
     }
+}
+
+/// Heights from below `top` to `lowest`, evenly, at most `most_mm` apart.
+fn levels(top: f64, lowest: f64, most_mm: f64) -> impl Iterator<Item = f64> {
+    let count = ((top - lowest) / most_mm - 1e-9).ceil().max(0.0) as usize;
+    (1..=count).map(move |n| top - (top - lowest) * n as f64 / count as f64)
 }

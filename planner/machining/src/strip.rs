@@ -205,7 +205,7 @@ fn even(heights: &[[f64; 2]], reach: usize) -> Vec<[f64; 2]> {
     (0..count).map(|n| [mean(n, 0), mean(n, 1)]).collect()
 }
 
-fn length_mm(outline: &[[f64; 2]]) -> f64 {
+pub(crate) fn length_mm(outline: &[[f64; 2]]) -> f64 {
     let next = outline.iter().cycle().skip(1);
     outline.iter().zip(next).map(|(a, b)| (b[0] - a[0]).hypot(b[1] - a[1])).sum()
 }

@@ -5,11 +5,13 @@ use proptest::prelude::*;
 
 use crate::dropcutter::DropCutter;
 use crate::envelope::{Envelope, Facet};
+use crate::pass::Pass;
+use crate::passes::Passes;
 use crate::raster::{NONE, Raster};
 use crate::rings::{Field, iso_loops};
 use crate::silhouette::{Nearest, Silhouette, area_mm2};
 use crate::stock::Stock;
-use crate::{Block, Facing, HolderSegment, Tool};
+use crate::{Block, Facing, HolderSegment, Job, Kind, Machine, Process, Side, Tool};
 
 fn tool(radius_mm: f64, corner_radius_mm: f64) -> Tool {
     let holder = vec![HolderSegment { length_mm: 20.0, radius_mm: 8.0 }];
@@ -181,4 +183,54 @@ fn a_slot_in_stock_is_as_wide_as_the_tool_and_half_of_it_beside() {
     let turned = stock.turned();
     let cell = raster.cell([-4.0, 0.0]).unwrap();
     assert_eq!((turned.top[cell], turned.other[cell]), (8.0, -6.0));
+}
+
+#[test]
+fn a_way_that_must_rise_does_so_before_it_goes_across() {
+    let raster = Raster::over(-10.0, 10.0, 10.0, 0.12).unwrap();
+    let block = Block { low_mm: Vector3::repeat(-8.0), high_mm: Vector3::repeat(8.0), grip_mm: 0.0 };
+    let job = Job {
+        block,
+        tool: tool(1.5, 0.0),
+        process: Process {
+            spindle_rpm: 8500.0,
+            feed_per_tooth_mm: 0.04,
+            side_load: 0.6,
+            depth_of_cut: 0.7,
+            finishing_step_mm: 0.1,
+            strip_mm: 1.0,
+            clearance_mm: 3.0,
+            climb: true,
+        },
+        machine: Machine {
+            travel_mm: [200.0; 3],
+            max_feed_mm_min: 1500.0,
+            rapid_mm_min: 1500.0,
+            rotary_rad_s: 1.0,
+            acceleration_mm_s2: 500.0,
+            jerk_mm_s3: 5000.0,
+            max_time_min: None,
+        },
+    };
+    let stock = Stock::block(&raster, &job.block, &job.tool, Facing::Front);
+    let mut passes = Passes::new(&job, Facing::Front, Side::A, stock, None);
+    let ring = |radius: f64| -> Vec<[f64; 2]> {
+        let at = |n: u32| -f64::from(n) * std::f64::consts::TAU / 200.0;
+        (0..200).map(|n| [radius * at(n).cos(), radius * at(n).sin()]).collect()
+    };
+    // a channel, then a ring inside it that must stay 1 mm higher, also over the channel
+    let (low, high) = (|_: [f64; 2]| 7.0, |_: [f64; 2]| 7.4);
+    passes.cut(&Pass::along(&ring(5.0), 0.2, low), &low, Kind::Rough);
+    let before = passes.finished();
+    let mut passes = Passes::new(&job, Facing::Front, Side::A, before.2, before.1);
+    passes.cut(&Pass::along(&ring(5.0), 0.2, |_| 6.6), &|_| 6.6, Kind::Rough);
+    passes.cut(&Pass::along(&ring(4.0), 0.2, high), &high, Kind::Finish);
+    let (moves, ..) = passes.finished();
+    let finishing: Vec<_> = moves.windows(2).filter(|pair| pair[1].kind == Kind::Finish).collect();
+    assert!(!finishing.is_empty());
+    for pair in finishing {
+        let across = (pair[1].tip_mm - pair[0].tip_mm).xz().norm();
+        let lowest = pair[0].tip_mm.y.min(pair[1].tip_mm.y);
+        assert!(across < 1e-9 || lowest >= 7.4 - 1e-9, "{:?} to {:?}", pair[0].tip_mm, pair[1].tip_mm);
+    }
 }

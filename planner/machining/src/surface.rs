@@ -1,0 +1,350 @@
+//! The surface of a side: passes that leave no more than the finishing step.
+//!
+//! Where a surface rises at an angle θ, a pass of a flat end with radius R that goes at an angle φ to the steepest way leaves R sin θ (1 − cos Δψ) along the
+//! normal at R sin(φ ± Δψ) across it. So passes along the steepest way may be √(8 e R / sin θ) apart for a finishing step e, passes along a contour line
+//! e / sin θ only. A surface is therefore cut by straight rows, in the one of two directions that is closer to the steepest way, and by rings along
+//! the outline only where it is steep: there a pass cuts by the side of the cutter.
+//!
+//! Rows come in rounds, each at half the spacing of the one before, and are driven only where the stock that is left is thicker than the
+//! finishing step. What no row has made good is cut by rings of the step that leaves e at every place. All go one way, so that the sense of cut is constant.
+
+use std::f64::consts::FRAC_PI_2;
+
+use rayon::prelude::*;
+
+use crate::Tool;
+use crate::moves::Kind;
+use crate::part::Part;
+use crate::pass::{Height, Pass, refined};
+use crate::passes::Passes;
+use crate::raster::{NONE, Raster};
+use crate::sides::{ALLOWANCE_MM, BESIDE_MM, STEP_SHARE, Sight};
+use crate::silhouette::Loop;
+use crate::stock::{Place, Stock};
+use crate::strip::length_mm;
+
+/// Share of the finishing step that rows and rings are laid for.
+const SCALLOP_SHARE: f64 = 0.9;
+const RING_SHARE: f64 = 0.8;
+/// Share of it above which stock is cut again.
+const LEFT_SHARE: f64 = 0.9;
+/// Distance of the first rows, in diameters: layers are thinner than an entry, so their width is not bounded.
+const ROWS_APART: f64 = 0.7;
+/// Rounds of rows in each direction.
+const ROUNDS: usize = 3;
+/// Rise over run up to which rows go over a surface: the cutter goes down it at no steeper angle.
+const STEEP: f64 = 1.0;
+
+/// The surface that a side shall leave over the part.
+struct Surface {
+    /// Lowest surface that the tip can leave, mm; `NONE` beside the part.
+    target: Vec<f64>,
+    /// Root of 1 + slope²: thickness along the cutter over thickness along the normal.
+    steepness: Vec<f64>,
+    /// Direction of the rows that may be farther apart: along u (0) or v (1); `None` where the surface is too steep for rows.
+    way: Vec<Option<usize>>,
+}
+
+impl Surface {
+    /// Those of some cells on which stock thicker than the finishing step is left along the normal.
+    fn left(&self, stock: &Stock, cells: &[bool], finishing_step_mm: f64) -> Vec<bool> {
+        let left = |cell: usize| {
+            let thickness = stock.top[cell] - self.target[cell].max(stock.other[cell]);
+            cells[cell] && thickness > LEFT_SHARE * finishing_step_mm * self.steepness[cell]
+        };
+        (0..self.target.len()).map(left).collect()
+    }
+
+    /// The direction of rows over most cells.
+    fn most(&self) -> usize {
+        let count = |along: usize| self.way.iter().filter(|way| **way == Some(along)).count();
+        usize::from(count(1) > count(0))
+    }
+}
+
+/// Where the tip may be: over the raster in general, and exactly.
+struct Reach<'a> {
+    raster: &'a Raster,
+    /// Where the axis may be.
+    domain: Vec<bool>,
+    /// Lowest tip, mm.
+    tip: Vec<f64>,
+    /// Lowest tip, exact for the part, mm.
+    height: Height<'a>,
+}
+
+impl Reach<'_> {
+    fn may_be(&self, p: [f64; 2]) -> bool {
+        self.raster.cell(p).is_some_and(|cell| self.domain[cell])
+    }
+
+    fn about_mm(&self, p: [f64; 2]) -> f64 {
+        self.raster.highest_around(&self.tip, p)
+    }
+
+    fn exact_mm(&self, p: [f64; 2]) -> f64 {
+        if self.may_be(p) { (self.height)(p) } else { f64::INFINITY }
+    }
+}
+
+impl Sight<'_> {
+    /// Passes that leave the finishing step on the cells that count, nowhere below `floor`.
+    pub fn surface(&self, part: &Part, passes: &mut Passes<'_>, floor: &[f64]) {
+        let raster = &part.raster;
+        let beside = self.job.tool.radius_mm + BESIDE_MM;
+        let height = |p: [f64; 2]| self.drop.height_mm(p).max(raster.highest_around(floor, p));
+        let reach = Reach {
+            raster,
+            domain: self.domain(part, beside),
+            tip: self.tip.iter().zip(floor).map(|(a, b)| a.max(*b)).collect(),
+            height: &height,
+        };
+        let cells = passes.counts.clone();
+        let surface = self.surface_to_leave(&reach);
+        let left =
+            |passes: &Passes<'_>| surface.left(&passes.stock, &cells, self.job.process.finishing_step_mm);
+        passes.grown_mm = 0.75 * raster.pitch_mm;
+        self.cut_rings(&part.around(beside, self.facing), &reach, passes);
+        for round in 0..ROUNDS {
+            for along in [surface.most(), 1 - surface.most()] {
+                let all = round == 0 && along == surface.most();
+                let by_row = |way: &Option<usize>| way.is_some_and(|way| all || way == along);
+                passes.counts =
+                    left(passes).iter().zip(&surface.way).map(|(l, way)| *l && by_row(way)).collect();
+                self.cut_rows(&rows(raster, along, self.rows_apart_mm(), round), !all, &reach, passes);
+            }
+        }
+        let rest = left(passes).into_iter().zip(&surface.way).zip(&cells);
+        passes.counts = rest.map(|((left, way), counts)| *counts && (left || way.is_none())).collect();
+        // the least step around a cell, since a ring may lie anywhere between centres
+        let steps_mm = raster.narrowed(&self.steps_mm(&slopes(raster, &reach.tip)));
+        let mut rings = self.loops(part, &reach.domain, beside, &steps_mm);
+        // around a peak, the rings outside cover what is within the cutter's radius
+        rings.retain(|ring| length_mm(ring) > self.job.tool.radius_mm);
+        self.cut_rings(&rings, &reach, passes);
+    }
+
+    /// What the tip can leave of the surface, and how it lies.
+    fn surface_to_leave(&self, reach: &Reach<'_>) -> Surface {
+        let reached = reach.raster.eroded(&reach.tip, &self.job.tool);
+        let over = |(h, reached): (&f64, f64)| if *h > NONE { h.max(reached) } else { NONE };
+        let target: Vec<f64> = self.heights.iter().zip(reached).map(over).collect();
+        let slopes = slopes(reach.raster, &target);
+        let most_mm = self.rows_apart_mm();
+        let way = |(w, [along_u, along_v]): (&f64, &[f64; 2])| {
+            let apart_mm =
+                [(*along_u, *along_v), (*along_v, *along_u)].map(|(a, b)| self.apart_mm(a, b).min(most_mm));
+            let gentle = *w > NONE && along_u.hypot(*along_v) <= STEEP;
+            gentle.then_some(usize::from(apart_mm[1] > apart_mm[0]))
+        };
+        Surface {
+            way: target.iter().zip(&slopes).map(way).collect(),
+            steepness: slopes.iter().map(|[u, v]| (1.0 + u * u + v * v).sqrt()).collect(),
+            target,
+        }
+    }
+
+    fn cut_rings(&self, loops: &[Loop], reach: &Reach<'_>, passes: &mut Passes<'_>) {
+        let lay = |outline: &Loop| {
+            // the raster's heights are enough to see what is needless
+            let about = Pass::along(outline, 2.0 * reach.raster.pitch_mm, |p| reach.about_mm(p));
+            let height = reach.height;
+            let lay =
+                || self.sensed(refined(Pass::along(outline, 1.5 * reach.raster.pitch_mm, height), height));
+            about.places.iter().any(|p| is_worth(passes, p)).then(lay)
+        };
+        let laid: Vec<Pass> = loops.par_iter().filter_map(lay).collect();
+        for pass in &laid {
+            passes.cut(pass, reach.height, Kind::Finish);
+        }
+    }
+
+    /// The needed stretches of some rows; `nearest`: each the nearest to the one before, instead of in their order.
+    fn cut_rows(&self, rows: &[Loop], nearest: bool, reach: &Reach<'_>, passes: &mut Passes<'_>) {
+        let exact = |p: [f64; 2]| reach.exact_mm(p);
+        let lay = |row: &Loop| {
+            let about = |p: &[f64; 2]| {
+                [p[0], p[1], if reach.may_be(*p) { reach.about_mm(*p) } else { f64::INFINITY }]
+            };
+            let about = Pass { places: row.iter().map(about).collect(), closed: false };
+            let needed: Vec<bool> = about.places.iter().map(|p| is_worth(passes, p)).collect();
+            let stretch = |places: Vec<Place>| {
+                let places = places.iter().map(|p| [p[0], p[1], exact([p[0], p[1]])]).collect();
+                self.sensed(refined(Pass { places, closed: false }, reach.height))
+            };
+            about.runs(&passes.driven(&about, &needed)).into_iter().map(stretch).collect::<Vec<Pass>>()
+        };
+        let mut laid: Vec<Pass> = rows.par_iter().flat_map_iter(lay).collect();
+        if nearest {
+            laid = nearest_first(laid, passes.place());
+        }
+        for pass in &laid {
+            passes.cut(pass, &exact, Kind::Finish);
+        }
+    }
+
+    /// Distance of the first rows, mm.
+    fn rows_apart_mm(&self) -> f64 {
+        self.apart_mm(0.0, 0.0).min(ROWS_APART * self.job.tool.diameter_mm())
+    }
+
+    fn apart_mm(&self, along: f64, across: f64) -> f64 {
+        apart_mm(&self.job.tool, SCALLOP_SHARE * self.job.process.finishing_step_mm, along, across)
+    }
+
+    /// The step of rings that leaves the finishing step e along the normal: where the tip's lowest place rises at an angle θ, a flat end leaves stairs s sin θ, a
+    /// rounded corner of radius r_c scallops with s = cos θ √(8 e r_c); the better of both, at most the widest cut.
+    fn steps_mm(&self, slope_of_tip: &[[f64; 2]]) -> Vec<f64> {
+        let tool = &self.job.tool;
+        let e = RING_SHARE * self.job.process.finishing_step_mm;
+        // two passes beside a ridge leave nothing between them
+        let most = STEP_SHARE * self.job.widest_mm().min(tool.radius_mm);
+        let flat = 2.0 * (tool.radius_mm - tool.corner_radius_mm);
+        let step = |[along_u, along_v]: &[f64; 2]| {
+            let tangent = along_u.hypot(*along_v);
+            let cosine = 1.0 / (1.0 + tangent * tangent).sqrt();
+            let stairs = (e / (tangent * cosine).max(1e-9)).min(flat);
+            let scallop = cosine * (8.0 * e * tool.corner_radius_mm).sqrt();
+            stairs.max(scallop).min(most)
+        };
+        slope_of_tip.iter().map(step).collect()
+    }
+}
+
+/// How far rows may be apart that leave at most `step_mm` along the normal of a plane that rises by `along` along and by `across` across them, mm.
+///
+/// A corner of radius r_c leaves scallops that are cos θ √(8 e r_c) apart; the better of both counts.
+fn apart_mm(tool: &Tool, step_mm: f64, along: f64, across: f64) -> f64 {
+    let flat = tool.radius_mm - tool.corner_radius_mm;
+    let tangent = along.hypot(across);
+    let cosine = 1.0 / (1.0 + tangent * tangent).sqrt();
+    let phi = across.abs().atan2(along.abs());
+    let turn = (1.0 - step_mm / (flat * tangent * cosine).max(1e-9)).clamp(-1.0, 1.0).acos();
+    let rows = flat * ((phi + turn).min(FRAC_PI_2).sin() - (phi - turn).max(-FRAC_PI_2).sin());
+    rows.max(cosine * (8.0 * step_mm * tool.corner_radius_mm).sqrt())
+}
+
+/// Rise over run along u and v, the steeper of both ways, over the finite heights of a map.
+fn slopes(raster: &Raster, map: &[f64]) -> Vec<[f64; 2]> {
+    let [nu, nv] = raster.dims;
+    let slope = |cell: usize| {
+        let (i, j) = (cell % nu, cell / nu);
+        let steeper = |others: [Option<usize>; 2]| {
+            let rises = others.into_iter().flatten().map(|other| (map[other] - map[cell]).abs());
+            rises.filter(|rise| rise.is_finite()).fold(0.0, f64::max) / raster.pitch_mm
+        };
+        [
+            steeper([(i > 0).then(|| cell - 1), (i + 1 < nu).then(|| cell + 1)]),
+            steeper([(j > 0).then(|| cell - nu), (j + 1 < nv).then(|| cell + nu)]),
+        ]
+    };
+    (0..raster.len()).map(slope).collect()
+}
+
+/// Straight rows of a round over a raster along u (0) or v (1): `apart_mm` apart in the first round, half-way between those before in the next.
+///
+/// From the middle outwards, on one side there and on the other back: all in one sense of cut, with short ways between them.
+fn rows(raster: &Raster, along: usize, apart_mm: f64, round: usize) -> Vec<Loop> {
+    let across = 1 - along;
+    let (start, end) = (raster.origin_mm, raster.centre(raster.dims[0] - 1, raster.dims[1] - 1));
+    let apart_mm = apart_mm / 2f64.powi(round as i32);
+    let step = 1.5 * raster.pitch_mm;
+    let places = ((end[along] - start[along]) / step) as usize;
+    let row = |n: usize| {
+        let at = |k: usize| {
+            let mut p = start;
+            p[along] += k as f64 * step;
+            p[across] += n as f64 * apart_mm;
+            p
+        };
+        (0..=places).map(at).collect::<Loop>()
+    };
+    let new = |n: &usize| round == 0 || n % 2 == 1;
+    let count = ((end[across] - start[across]) / apart_mm) as usize;
+    let middle = count / 2;
+    let mut numbers: Vec<usize> = (0..=count).filter(new).collect();
+    // the middle first, then one on either side
+    numbers.sort_by_key(|n| (n.abs_diff(middle), *n));
+    // along u the stock is on the right of rows to +u at the lower v, along v of those to +v at the higher u
+    let is_back = |n: usize| (n > middle) == (along == 0);
+    let sensed = |n: usize| if is_back(n) { row(n).into_iter().rev().collect() } else { row(n) };
+    numbers.into_iter().map(sensed).collect()
+}
+
+/// Whether a place, lower by the allowance, takes anything that counts: a superset of what is needed at exact heights.
+fn is_worth(passes: &Passes<'_>, p: &Place) -> bool {
+    let deeper = [p[0], p[1], p[2] - ALLOWANCE_MM];
+    p[2].is_finite() && passes.stock.meets(deeper, passes.stock.pitch_mm(), &passes.counts)
+}
+
+/// Open passes, each the nearest to the end of the one before.
+fn nearest_first(mut passes: Vec<Pass>, at: Option<Place>) -> Vec<Pass> {
+    let mut ordered = Vec::with_capacity(passes.len());
+    let mut at = at.unwrap_or_default();
+    while !passes.is_empty() {
+        let distance = |pass: &Pass| pass.places.first().map_or(0.0, |p| (p[0] - at[0]).hypot(p[1] - at[1]));
+        let nearest =
+            (0..passes.len()).min_by(|a, b| distance(&passes[*a]).total_cmp(&distance(&passes[*b])));
+        let pass = passes.remove(nearest.unwrap_or(0));
+        at = pass.places.last().copied().unwrap_or(at);
+        ordered.push(pass);
+    }
+    ordered
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Greatest thickness along the normal that flat rows `apart_mm` apart leave on a plane: brute force over the ends' discs.
+    fn left_mm(tool: &Tool, apart_mm: f64, along: f64, across: f64) -> f64 {
+        let (radius, tangent) = (tool.radius_mm, along.hypot(across));
+        // over a point at 0 along and y across from a row's axis
+        let over = |y: f64| {
+            let reach = (radius * radius - y * y).sqrt();
+            let tip = |t: f64| along * t + radius * tangent;
+            tip(-reach).min(tip(reach)) - across * y
+        };
+        let rows =
+            |y: f64| (-40..=40).map(move |n| y + apart_mm * f64::from(n)).filter(|y| y.abs() <= radius);
+        let left = |k: i32| rows(apart_mm * f64::from(k) / 2000.0).map(over).fold(f64::INFINITY, f64::min);
+        (0..2000).map(left).fold(0.0, f64::max) / (1.0 + tangent * tangent).sqrt()
+    }
+
+    #[test]
+    fn rows_leave_what_they_are_laid_for() {
+        let tool = Tool { radius_mm: 1.6, corner_radius_mm: 0.0, flutes: 1, length_mm: 20.0, holder: vec![] };
+        for (along, across) in [(0.3, 0.0), (0.5, 0.2), (-0.4, 0.4), (0.2, -0.6), (0.0, 0.5), (0.9, 0.3)] {
+            let apart = apart_mm(&tool, 0.08, along, across);
+            let left = left_mm(&tool, apart, along, across);
+            assert!((left - 0.08).abs() < 0.002, "({along}, {across}): {left} mm at {apart} mm");
+        }
+        // along a contour line: stairs of s sin θ
+        assert!((apart_mm(&tool, 0.08, 0.0, 0.75) - 0.08 / 0.6).abs() < 1e-9);
+        // a plane across the cutter: as wide as the cutter
+        assert!((apart_mm(&tool, 0.08, 0.0, 0.0) - 3.2).abs() < 1e-9);
+    }
+
+    #[test]
+    fn rows_are_climb_and_later_rounds_lie_between() {
+        let raster = Raster::over(-5.0, 5.0, 5.0, 0.1).unwrap();
+        for along in [0, 1] {
+            let first = rows(&raster, along, 1.0, 0);
+            let second = rows(&raster, along, 1.0, 1);
+            let across = |row: &Loop| row[0][1 - along];
+            // each row has those after it on its right or has been passed on its left
+            let forward = |row: &Loop| row[row.len() - 1][along] > row[0][along];
+            for rows in [&first, &second] {
+                for (a, b) in rows.iter().zip(rows.iter().skip(2)).filter(|(a, b)| forward(a) == forward(b)) {
+                    let to_right = if along == 0 { across(a) - across(b) } else { across(b) - across(a) };
+                    assert!(to_right * if forward(a) { 1.0 } else { -1.0 } > 0.0);
+                }
+            }
+            for row in &second {
+                let nearest =
+                    first.iter().map(|other| (across(other) - across(row)).abs()).fold(9.0, f64::min);
+                assert!((nearest - 0.5).abs() < 1e-9, "{nearest}");
+            }
+        }
+    }
+}
