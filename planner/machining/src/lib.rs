@@ -6,7 +6,7 @@
 //! the triangles ([`dropcutter`]).
 //!
 //! [`plan`] does all: envelope of the part by side ([`envelope`]), silhouette and its offsets ([`silhouette`]), the strip ([`strip`]), levels and
-//! finishing passes along rings of equal step ([`rings`]), links over the stock as it then is ([`stock`]), the contour, what is left and where
+//! finishing by rows and, where it is steep, by rings of equal step ([`rings`]), links over the stock as it then is ([`stock`]), the contour, what is left and where
 //! ([`leftover`]), and how long it takes ([`time`]). [`trajectory`] drives the moves by an arm.
 //!
 //! Invariants: at every position of the cutter its tip is at or above the exact dropped height, so the part is never cut beyond
