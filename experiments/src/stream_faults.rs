@@ -1,12 +1,15 @@
 //! What the burr does when streaming fails: every fault on a simulated arm, at drawn moments of a plan.
 //!
 //! Each run takes a piece of the plan, lets one thing break, and measures the true motion against the bound that is printed before a
-//! start. A stopped run is resumed. The arm stands where the plan says, so an assumed registration is no obstacle here.
+//! start. A stopped run is resumed, and what both runs sweep is compared with the plan. The arm stands where the plan says, so an assumed registration is no obstacle here.
+
+use std::time::Instant;
 
 use bonemill_planner::Progress;
 use bonemill_planner::plan::{Need, StoredPlan, stream_input};
 use bonemill_robot::stream::bound::{self, Failure};
 use bonemill_robot::stream::simulated::fault::{Draws, Fault};
+use bonemill_robot::stream::simulated::swept::Swept;
 use bonemill_robot::stream::simulated::trial::{Piece, TrialResult};
 use bonemill_robot::stream::{Settings, Standing, StreamPlan};
 use rayon::prelude::*;
@@ -18,6 +21,8 @@ const PIECES: usize = 400;
 const ROWS: usize = 150;
 /// Runs of each fault per seed.
 const RUNS: u64 = 100;
+/// Of each fault, so many runs are resumed where they stopped; of those after them every tenth.
+const RESUMED: u64 = 1000;
 /// Depths of a buffer on the controller that are compared with servoj, s.
 const DEPTHS_S: [f64; 3] = [0.02, 0.1, 0.5];
 
@@ -39,7 +44,44 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
     let plan = StreamPlan::new(input, settings)?;
     let name = folder.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
     progress.stage("runs");
-    Ok(vec![bounds(&plan, &name), faults(&plan, &name, size.seeds, progress)])
+    Ok(vec![bounds(&plan, &name), refused(&plan, &name), faults(&plan, &name, size.seeds, progress)])
+}
+
+/// Where the plan is refused at its planned speed, and how fast its joints are there.
+fn refused(plan: &StreamPlan, name: &str) -> Table {
+    let rows: Vec<usize> = (0..plan.track.rows()).step_by(5).collect();
+    let found = rows.par_iter().map(|row| {
+        let tube = bound::tube(plan, *row, 1.0);
+        let fastest = plan.track.fastest(row.saturating_sub(40)..=row + 5, plan.period_s);
+        (tube.off_mm, tube.gap_mm, fastest.joint_rad_s)
+    });
+    let found: Vec<(f64, f64, f64)> = found.collect();
+    let too_wide: Vec<_> = found.iter().copied().filter(|(off_mm, gap_mm, _)| off_mm > gap_mm).collect();
+    let columns = ["rows", "share [%]", "quantile", "off [mm]", "room [mm]", "fastest joint [rad/s]"];
+    let title = format!(
+        "{name}: rows at their planned speed; refused are those whose bound is larger than their room"
+    );
+    let mut table = Table::new("stream-refused", title, &columns);
+    for (what, of) in [("all", &found), ("refused", &too_wide)] {
+        let share = 100.0 * of.len() as f64 / found.len() as f64;
+        for quantile in [0.01, 0.5, 0.99, 1.0] {
+            let at = |value: fn(&(f64, f64, f64)) -> f64| {
+                let mut values: Vec<f64> = of.iter().map(value).collect();
+                values.sort_by(f64::total_cmp);
+                let place = (quantile * values.len().saturating_sub(1) as f64) as usize;
+                values.get(place).map_or_else(|| "-".into(), |value| format!("{value:.2}"))
+            };
+            table.push(vec![
+                what.into(),
+                format!("{share:.2}"),
+                quantile.to_string(),
+                at(|v| v.0),
+                at(|v| v.1),
+                at(|v| v.2),
+            ]);
+        }
+    }
+    table
 }
 
 /// What the burr can travel, by what fails, at the planned speed and at the one that is allowed.
@@ -87,7 +129,9 @@ fn faults_table(name: &str) -> Table {
         "its bound [mm] ",
         "beyond",
         "hung",
-        "resumed to the end",
+        "resumed to the end, same volume",
+        "left out, worst [mm]",
+        "volume other, worst [%]",
         "what the user reads (most often)",
     ];
     Table::new("stream-faults", format!("{name}: a simulated UR arm, one fault a run"), &columns)
@@ -97,6 +141,8 @@ fn faults_table(name: &str) -> Table {
 #[derive(Default)]
 struct Tally {
     results: Vec<TrialResult>,
+    /// Those that were resumed to the end and did what the plan does.
+    same: usize,
 }
 
 impl Tally {
@@ -124,24 +170,33 @@ fn faults(plan: &StreamPlan, name: &str, seeds: u64, progress: &dyn Progress) ->
     let starts: Vec<usize> = (0..PIECES).map(|_| from(&mut draws)).collect();
     let pieces: Vec<Piece> = starts.into_par_iter().map(|row| Piece::new(plan, row, ROWS)).collect();
     let mut table = faults_table(name);
+    let began = Instant::now();
     for (n, (what, fault)) in Fault::ALL.iter().enumerate() {
         progress.advance(n, Fault::ALL.len());
         let one = |run: u64| {
             let seed = run * Fault::ALL.len() as u64 + n as u64;
-            pieces[(run as usize * 7919) % pieces.len()].run(*fault, seed, run.is_multiple_of(10))
+            let piece = &pieces[(run as usize * 7919) % pieces.len()];
+            let result = piece.run(*fault, seed, run < RESUMED || run.is_multiple_of(10));
+            let same =
+                result.swept.is_some_and(|swept| swept.left_mm.max(swept.beside_mm) <= piece.tolerance_mm());
+            (result, same)
         };
-        let tally = Tally { results: (0..RUNS * seeds).into_par_iter().map(one).collect() };
+        let (results, same): (Vec<_>, Vec<bool>) = (0..RUNS * seeds).into_par_iter().map(one).unzip();
+        let tally = Tally { results, same: same.into_iter().filter(|same| *same).count() };
         let (beyond, hung) = (tally.count(|r| !r.is_within()), tally.count(TrialResult::hung));
-        let unfinished = tally.count(|r| r.resumed.as_ref().is_some_and(|o| o.cause.is_some()));
+        let unfinished = tally.count(|r| r.resumed.is_some()) - tally.same;
         let left_out = tally.count(|r| r.skipped_mm > 1e-6);
         if beyond + hung + unfinished + left_out > 0 {
             let counts = format!(
-                "{beyond} beyond the bound, {hung} hung, {unfinished} not resumed, {left_out} left something out"
+                "{beyond} beyond the bound, {hung} hung, {unfinished} not resumed to the same, {left_out} left something out"
             );
             table.shortfalls.push(format!("{name}, {what}: {counts}"));
         }
         table.push(row(what, *fault, &tally, beyond, hung));
     }
+    let runs = Fault::ALL.len() as u64 * RUNS * seeds;
+    let seconds = began.elapsed().as_secs_f64();
+    table.title += &format!("; {runs} schedules in {seconds:.0} s, {:.0} a second", runs as f64 / seconds);
     table
 }
 
@@ -151,7 +206,10 @@ fn row(what: &str, fault: Fault, tally: &Tally, beyond: usize, hung: usize) -> V
     let along = tally.most(|r| r.travel.along_mm).filter(|_| stopped > 0);
     let off = tally.most(|r| r.travel.off_mm).filter(|_| !matches!(fault, Fault::Offset(_)));
     let asked = tally.count(|r| r.resumed.is_some());
-    let went = tally.count(|r| r.resumed.as_ref().is_some_and(|o| o.cause.is_none()));
+    let swept = |value: fn(&Swept) -> f64| {
+        tally.results.iter().filter_map(|r| r.swept.as_ref().map(value)).reduce(f64::max)
+    };
+    let other = swept(|s| 100.0 * s.different_mm3 / s.planned_mm3);
     vec![
         what.to_owned(),
         tally.results.len().to_string(),
@@ -162,7 +220,9 @@ fn row(what: &str, fault: Fault, tally: &Tally, beyond: usize, hung: usize) -> V
         mm(off.map(|r| r.bound.off_mm)),
         beyond.to_string(),
         hung.to_string(),
-        if asked > 0 { format!("{went} of {asked}") } else { "-".into() },
+        if asked > 0 { format!("{} of {asked}", tally.same) } else { "-".into() },
+        mm(swept(|s| s.left_mm)),
+        mm(other),
         tally.reads(),
     ]
 }

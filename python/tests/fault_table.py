@@ -50,7 +50,8 @@ def table(found: list[tuple[str, Outcome]]) -> list[list[str]]:
     lengths = [f"{what} {plan} [mm]" for what in ("along", "off") for plan in plans]
     rows = [["fault", "runs", *lengths, "within the bound", "ended", "exit code", "resumed", "the user reads"]]
     for fault in dict.fromkeys(o.fault for _, o in found):
-        runs = [(name, o) for name, o in found if o.fault == fault and (o.row >= 0 or o.how == "stopped")]
+        # what the machine stopped before its fault began tells nothing of the fault; a wrong start is refused before any row
+        runs = [(name, o) for name, o in found if o.fault == fault and (o.row >= 0 or fault in START)]
         if not runs:
             continue
         outcomes = [o for _, o in runs]

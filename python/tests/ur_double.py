@@ -70,6 +70,8 @@ class Controller:
         self.listeners: dict[socket.socket, str] = {}
         self.frozen: dict[str, Any] | None = None
         """The last outputs, while they do not change."""
+        self.came_s: list[float] = []
+        """When each servoj row arrived."""
         self.record: list[tuple[float, ...]] = []
         """A tick a row: time, s; six joints, rad; rows that arrived; whether a fault has begun."""
         self.fault_s = FOREVER_S
@@ -115,6 +117,9 @@ class Controller:
 
     def rows(self) -> int:
         return len(self.arm.sent)
+
+    def times(self) -> list[float]:
+        return self.came_s
 
     def later(self, seconds: float, what: Any) -> None:
         self._later.append((time.monotonic() + seconds, what))
@@ -289,6 +294,8 @@ class Controller:
         self.arm.hear(now_s)
         if names[0] == "input_int_register_0":
             self.arm.command(values[names[0]], doubles)
+            if len(self.arm.sent) > len(self.came_s):
+                self.came_s.append(now_s)
             if values[names[0]] == GET_TCP_OFFSET:
                 offset = self.arm.values.get("tcp_offset", [0.0] * 6)
                 self.arm.values |= {f"output_double_register_{n}": v for n, v in enumerate(offset)}

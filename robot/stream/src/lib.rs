@@ -15,6 +15,7 @@
 )]
 
 pub mod approach;
+mod bend;
 pub mod bound;
 mod cause;
 mod check;
@@ -28,6 +29,7 @@ mod session;
 mod settings;
 pub mod simulated;
 mod track;
+mod tube;
 mod watch;
 
 pub use cause::{Cause, Event, Outcome, Question};

@@ -32,11 +32,18 @@ impl Timing {
         clock_drift: 2e-4,
     };
 
-    /// How far a joint may be from what it was told lately, rad, so that no stop passes the target: 2 a τ².
+    /// How far a joint may be from what it was told lately, rad, where the fastest joint is planned at so many rad/s: 2 a τ² at rest,
+    /// less where a stop takes long.
     ///
-    /// The last stage moves at e/τ for an error e, and a stop that slows at a needs v²/(2a) = e²/(2aτ²) ≤ e.
-    pub fn joint_error_rad(&self) -> f64 {
-        2.0 * self.stop_rad_s2 * self.follow_s.powi(2)
+    /// The last stage moves at e/τ for an error e. A stop that slows at a needs v²/(2a) = e²/(2aτ²) ≤ e at rest; from a speed q̇ it takes
+    /// q̇/a, in which the error goes q̇/(2aτ) times as far.
+    pub fn joint_error_rad(&self, joint_rad_s: f64) -> f64 {
+        2.0 * self.stop_rad_s2 * self.follow_s.powi(2) * self.joint_error_share(joint_rad_s)
+    }
+
+    /// The share of the error at rest that is allowed at a speed.
+    pub fn joint_error_share(&self, joint_rad_s: f64) -> f64 {
+        (2.0 * self.stop_rad_s2 * self.follow_s / joint_rad_s).min(1.0)
     }
 
     /// How long ago a target may have been sent that the newest state still has before it, s.

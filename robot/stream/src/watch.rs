@@ -10,6 +10,7 @@ use crate::cause::Cause;
 use crate::link::{ArmState, PLAYING, SAFETY_NORMAL};
 use crate::plan::StreamPlan;
 use crate::track::Track;
+use crate::tube::BLOCK;
 
 /// A controller's clock that falls back by more than this was started again, s.
 const RESTART_S: f64 = 1.0;
@@ -115,7 +116,11 @@ impl Watch {
         let rows = from_row as usize..=to_row.ceil() as usize;
         let most_mm = rows.map(tolerance_mm).fold(f64::INFINITY, f64::min);
         let most_rad = most_mm / plan.settings().shaft_lever_mm;
-        let joint_most_rad = plan.settings().timing.joint_error_rad();
+        // speeds of every row that may count until a stop begins
+        let timing = plan.settings().timing;
+        let soon_rows = (timing.state_age_s + 2.0 * timing.transport_s) / plan.period_s;
+        let soon = from_row as usize..=(to_row + soon_rows).ceil() as usize + 2 * BLOCK;
+        let joint_most_rad = timing.joint_error_rad(track.fastest(soon, plan.period_s).joint_rad_s);
         let (joint, joint_rad) = track.joints_off(from_row, to_row, &state.q);
         let cause = if !(near.distance_mm <= most_mm) {
             Some(Cause::OffPath { off_mm: near.distance_mm, most_mm })

@@ -28,13 +28,19 @@ fn ten_thousand_schedules_stay_within_the_printed_bound() {
         let n = seed as usize % Fault::ALL.len();
         let (name, fault) = Fault::ALL[n];
         let resume = seed % 8 == 0;
-        let result = pieces[(seed as usize / Fault::ALL.len()) % pieces.len()].run(fault, seed, resume);
+        let piece = &pieces[(seed as usize / Fault::ALL.len()) % pieces.len()];
+        let result = piece.run(fault, seed, resume);
         assert!(result.is_within(), "{name}, seed {seed}: {result:#?}");
         assert!(!result.hung(), "{name}, seed {seed}: hung");
         assert!(result.outcome.at_rest || result.outcome.cause.is_some(), "{name}, seed {seed}: silent");
         assert!(result.skipped_mm < 1e-6, "{name}, seed {seed}: {result:#?}");
         if let Some(resumed) = &result.resumed {
             assert_eq!(resumed.cause, None, "{name}, seed {seed}: {result:#?}");
+            // nothing was left out, and nothing else was cut, than what is told from the plan within its tolerance
+            let swept = result.swept.unwrap();
+            assert!(swept.left_mm <= piece.tolerance_mm(), "{name}, seed {seed}: {swept:?}");
+            assert!(swept.beside_mm <= piece.tolerance_mm(), "{name}, seed {seed}: {swept:?}");
+            assert!(swept.different_mm3 < 0.02 * swept.planned_mm3, "{name}, seed {seed}: {swept:?}");
         }
         stopped[n] += usize::from(result.outcome.cause.is_some());
     }

@@ -265,7 +265,7 @@ fn a_plan_that_is_not_verified_needs_the_user_to_say_so() {
 
 #[test]
 fn a_plan_too_fast_for_its_clearance_is_slowed_or_refused() {
-    let values = values(2.0, 8.0, 0.5);
+    let values = values(2.0, 12.0, 0.5);
     let plan = values.plan(Settings { slow: false, ..settings() });
     let said = Obedient::at(&plan, plan.track.q()[0]).run(&plan, &mut User::default()).cause.unwrap();
     assert!(said.to_string().contains("--slow"), "{said}");

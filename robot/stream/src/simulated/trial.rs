@@ -7,6 +7,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use super::fault::{Draws, Fault};
+use super::swept::{self, Swept};
 use super::world::{World, WorldClock, WorldLink};
 use bonemill_arm::arm::{Goal, dls};
 use nalgebra::Vector3;
@@ -30,6 +31,8 @@ pub struct TrialResult {
     pub bound: Travel,
     /// How the run ended that went on from there; none where it was not asked for, or nothing was left to do.
     pub resumed: Option<Outcome>,
+    /// What both runs together swept, against the plan; none where it was not resumed to the end.
+    pub swept: Option<Swept>,
     /// Way from where the arm truly was at the farthest to where the run goes on, mm: what is left out.
     pub skipped_mm: f64,
 }
@@ -139,19 +142,38 @@ impl Piece {
         let Ran { outcome, used_s, began_s } = once(plan, START_ROW, fault, &world);
         let end_s = world.borrow().now_s() + AFTER_S;
         world.borrow_mut().advance(end_s);
-        let since_s = if fault.is_gradual() { onset_s.max(used_s) } else { onset_s };
+        let since_s = if fault.is_gradual() || fault.is_standing() { onset_s.max(used_s) } else { onset_s };
         let (travel, bound, end_row) =
             self.judge(&world.borrow(), began_s, outcome.cause.as_ref().map(|_| since_s));
         let resume_row = plan.resume_row(outcome.reached_row);
         let skipped_mm = plan.track.way_mm(end_row.min(resume_row), resume_row);
         let unfinished = outcome.cause.is_some() && !matches!(outcome.cause, Some(Cause::NotReady(_)));
-        let resumed = (resume && unfinished && !fault.is_standing()).then(|| {
-            let q = world.borrow().q();
-            let timing = plan.settings().timing;
+        let (mut resumed, mut swept) = (None, None);
+        if resume && unfinished && !fault.is_standing() {
+            let (q, timing) = (world.borrow().q(), plan.settings().timing);
             let again = World::new(&plan.arm, q, timing, (Fault::None, f64::INFINITY), seed.wrapping_add(1));
-            once(plan, resume_row, Fault::None, &Rc::new(RefCell::new(again))).outcome
-        });
-        TrialResult { outcome, travel, bound, resumed, skipped_mm }
+            let again = Rc::new(RefCell::new(again.traced()));
+            let rest = once(plan, resume_row, Fault::None, &again);
+            if rest.outcome.cause.is_none() {
+                let mut executed_mm = self.way_mm(&world.borrow(), began_s);
+                executed_mm.extend(self.way_mm(&again.borrow(), rest.began_s));
+                let planned_mm = &plan.track.burr_mm()[START_ROW as usize..];
+                swept = swept::compare(planned_mm, &executed_mm);
+            }
+            resumed = Some(rest.outcome);
+        }
+        TrialResult { outcome, travel, bound, resumed, swept, skipped_mm }
+    }
+
+    /// Where the burr was from a time on, mm.
+    fn way_mm(&self, world: &World, since_s: f64) -> Vec<Vector3<f64>> {
+        let trace = world.trace().iter().filter(|(time_s, _)| *time_s >= since_s);
+        trace.map(|(_, q)| self.plan.arm.tool_at(q).translation_mm).collect()
+    }
+
+    /// The least that the burr may be off its path by, mm.
+    pub fn tolerance_mm(&self) -> f64 {
+        (0..self.plan.track.rows()).map(|row| self.plan.tolerance_mm(row)).fold(f64::INFINITY, f64::min)
     }
 
     /// Travel along the path since a failure, farthest off it since the plan began, their bounds, and the farthest row that the arm was at.
