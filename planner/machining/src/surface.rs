@@ -28,6 +28,8 @@ const SCALLOP_SHARE: f64 = 0.9;
 const RING_SHARE: f64 = 0.8;
 /// Share of it above which stock is cut again.
 const LEFT_SHARE: f64 = 0.9;
+/// Share of it above which rings were too far apart.
+const TOO_FAR_APART: f64 = 1.05;
 /// Distance of the first rows, in diameters: layers are thinner than an entry, so their width is not bounded.
 const ROWS_APART: f64 = 0.7;
 /// Rounds of rows in each direction.
@@ -46,11 +48,11 @@ struct Surface {
 }
 
 impl Surface {
-    /// Those of some cells on which stock thicker than the finishing step is left along the normal.
-    fn left(&self, stock: &Stock, cells: &[bool], finishing_step_mm: f64) -> Vec<bool> {
+    /// Those of some cells on which stock thicker than `thick_mm` is left along the normal.
+    fn left(&self, stock: &Stock, cells: &[bool], thick_mm: f64) -> Vec<bool> {
         let left = |cell: usize| {
             let thickness = stock.top[cell] - self.target[cell].max(stock.other[cell]);
-            cells[cell] && thickness > LEFT_SHARE * finishing_step_mm * self.steepness[cell]
+            cells[cell] && thickness > thick_mm * self.steepness[cell]
         };
         (0..self.target.len()).map(left).collect()
     }
@@ -101,27 +103,53 @@ impl Sight<'_> {
         };
         let cells = passes.counts.clone();
         let surface = self.surface_to_leave(&reach);
-        let left =
-            |passes: &Passes<'_>| surface.left(&passes.stock, &cells, self.job.process.finishing_step_mm);
+        let left = |passes: &Passes<'_>, share: f64| {
+            surface.left(&passes.stock, &cells, share * self.job.process.finishing_step_mm)
+        };
         passes.grown_mm = 0.75 * raster.pitch_mm;
         self.cut_rings(&part.around(beside, self.facing), &reach, passes);
         for round in 0..ROUNDS {
             for along in [surface.most(), 1 - surface.most()] {
                 let all = round == 0 && along == surface.most();
                 let by_row = |way: &Option<usize>| way.is_some_and(|way| all || way == along);
-                passes.counts =
-                    left(passes).iter().zip(&surface.way).map(|(l, way)| *l && by_row(way)).collect();
+                passes.counts = left(passes, LEFT_SHARE)
+                    .iter()
+                    .zip(&surface.way)
+                    .map(|(l, way)| *l && by_row(way))
+                    .collect();
                 self.cut_rows(&rows(raster, along, self.rows_apart_mm(), round), !all, &reach, passes);
             }
         }
-        let rest = left(passes).into_iter().zip(&surface.way).zip(&cells);
-        passes.counts = rest.map(|((left, way), counts)| *counts && (left || way.is_none())).collect();
         // the least step around a cell, since a ring may lie anywhere between centres
         let steps_mm = raster.narrowed(&self.steps_mm(&slopes(raster, &reach.tip)));
-        let mut rings = self.loops(part, &reach.domain, beside, &steps_mm);
+        let steep = |cell: usize| cells[cell] && surface.way[cell].is_none();
+        let rest = left(passes, LEFT_SHARE).into_iter().enumerate().map(|(cell, left)| left || steep(cell));
+        passes.counts = rest.collect();
+        self.cut_field(part, beside, &steps_mm, &reach, passes);
+        // rings lie where a raster has them: where two are too far apart, those between
+        // but for the outermost cells, of whose slope a raster says too little
+        let inner = part.seen(&part.outside_mm, self.facing).into_iter().map(|d| d < -1.5 * raster.pitch_mm);
+        passes.counts =
+            left(passes, TOO_FAR_APART).into_iter().zip(inner).map(|(l, inner)| l && inner).collect();
+        if passes.counts.contains(&true) {
+            let between: Vec<f64> = steps_mm.iter().map(|step| 0.5 * step).collect();
+            self.cut_field(part, beside, &between, &reach, passes);
+        }
+    }
+
+    /// Rings of the given steps, where they are needed.
+    fn cut_field(
+        &self,
+        part: &Part,
+        beside_mm: f64,
+        steps_mm: &[f64],
+        reach: &Reach<'_>,
+        passes: &mut Passes<'_>,
+    ) {
+        let mut rings = self.loops(part, &reach.domain, beside_mm, steps_mm);
         // around a peak, the rings outside cover what is within the cutter's radius
         rings.retain(|ring| length_mm(ring) > self.job.tool.radius_mm);
-        self.cut_rings(&rings, &reach, passes);
+        self.cut_rings(&rings, reach, passes);
     }
 
     /// What the tip can leave of the surface, and how it lies.
