@@ -150,7 +150,7 @@ impl Tables {
             format!("{:.3}", proof.thickest_uncut_mm),
             format!("{:.2}", proof.widest_mm),
             proof.collisions.len().to_string(),
-            format!("{:.1}", plan.machining.left.iter().map(|l| l.volume_mm3).sum::<f64>()),
+            format!("{:.1}", plan.machining.left_mm3()),
             format!("{:.1}", all - proving),
             format!("{proving:.1}"),
             if plan.shortfalls.is_empty() { "no".into() } else { plan.shortfalls.join("; ") },
@@ -233,7 +233,7 @@ fn minutes(job: &ProsthesisJob, plan: &ProsthesisPlan, laid: &Laid) -> String {
     let trial = Trial::new(job, &plan.solid, laid);
     match machining::plan(&trial.part, &trial.machining) {
         Ok(machining) => {
-            let stays = machining.left.iter().map(|l| l.volume_mm3).sum::<f64>() > 1.0;
+            let stays = machining.left_mm3() > 1.0;
             format!("{:.1}{}", machining.times.constant_s / 60.0, if stays { "*" } else { "" })
         }
         Err(error) => error.to_string(),

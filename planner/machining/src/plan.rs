@@ -41,6 +41,13 @@ pub struct Machining {
     pub warnings: Vec<Warning>,
 }
 
+impl Machining {
+    /// Volume of the stock that stays beside the part, mm³; the empty sum is 0, not −0.
+    pub fn left_mm3(&self) -> f64 {
+        self.left.iter().fold(0.0, |sum, left| sum + left.volume_mm3)
+    }
+}
+
 /// What the user must know.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Warning {

@@ -223,7 +223,7 @@ impl ProsthesisPlan {
             ("strip_strength_over_force".into(), strip.strip_factor.into()),
             ("tab_mm".into(), strip.tab_mm.into()),
             ("tab_strength_over_force".into(), strip.tab_factor.into()),
-            ("left_mm3".into(), self.machining.left.iter().map(|l| l.volume_mm3).sum::<f64>().into()),
+            ("left_mm3".into(), self.machining.left_mm3().into()),
             ("deepest_gouge_mm".into(), proof.deepest_gouge_mm.into()),
             ("thickest_uncut_mm".into(), proof.thickest_uncut_mm.into()),
             ("collisions".into(), proof.collisions.len().into()),
