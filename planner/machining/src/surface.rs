@@ -67,6 +67,8 @@ impl Surface {
 /// Where the tip may be: over the raster in general, and exactly.
 struct Reach<'a> {
     raster: &'a Raster,
+    /// Distance of the domain's edge from the outline, mm.
+    beside_mm: f64,
     /// Where the axis may be.
     domain: Vec<bool>,
     /// Lowest tip, mm.
@@ -97,6 +99,7 @@ impl Sight<'_> {
         let height = |p: [f64; 2]| self.drop.height_mm(p).max(raster.highest_around(floor, p));
         let reach = Reach {
             raster,
+            beside_mm: beside,
             domain: self.domain(part, beside),
             tip: self.tip.iter().zip(floor).map(|(a, b)| a.max(*b)).collect(),
             height: &height,
@@ -125,7 +128,7 @@ impl Sight<'_> {
         let steep = |cell: usize| cells[cell] && surface.way[cell].is_none();
         let rest = left(passes, LEFT_SHARE).into_iter().enumerate().map(|(cell, left)| left || steep(cell));
         passes.counts = rest.collect();
-        self.cut_field(part, beside, &steps_mm, &reach, passes);
+        self.cut_field(part, &steps_mm, &reach, passes);
         // rings lie where a raster has them: where two are too far apart, those between
         // but for the outermost cells, of whose slope a raster says too little
         let inner = part.seen(&part.outside_mm, self.facing).into_iter().map(|d| d < -1.5 * raster.pitch_mm);
@@ -133,20 +136,13 @@ impl Sight<'_> {
             left(passes, TOO_FAR_APART).into_iter().zip(inner).map(|(l, inner)| l && inner).collect();
         if passes.counts.contains(&true) {
             let between: Vec<f64> = steps_mm.iter().map(|step| 0.5 * step).collect();
-            self.cut_field(part, beside, &between, &reach, passes);
+            self.cut_field(part, &between, &reach, passes);
         }
     }
 
     /// Rings of the given steps, where they are needed.
-    fn cut_field(
-        &self,
-        part: &Part,
-        beside_mm: f64,
-        steps_mm: &[f64],
-        reach: &Reach<'_>,
-        passes: &mut Passes<'_>,
-    ) {
-        let mut rings = self.loops(part, &reach.domain, beside_mm, steps_mm);
+    fn cut_field(&self, part: &Part, steps_mm: &[f64], reach: &Reach<'_>, passes: &mut Passes<'_>) {
+        let mut rings = self.loops(part, &reach.domain, reach.beside_mm, steps_mm);
         // around a peak, the rings outside cover what is within the cutter's radius
         rings.retain(|ring| length_mm(ring) > self.job.tool.radius_mm);
         self.cut_rings(&rings, reach, passes);
