@@ -44,6 +44,12 @@ impl Part {
         if facing == Facing::Front { map.to_vec() } else { self.raster.turned(map) }
     }
 
+    /// The outermost cells of the part and all beside it, as the side sees them: of their slope a raster says too little.
+    pub fn outermost(&self, facing: Facing) -> Vec<bool> {
+        let map: Vec<bool> = self.outside_mm.iter().map(|d| *d > -1.5 * self.raster.pitch_mm).collect();
+        self.seen(&map, facing)
+    }
+
     /// Outlines at a distance: clockwise as the side sees them, those in holes counter-clockwise, so that the part is on the right.
     pub fn around(&self, distance_mm: f64, facing: Facing) -> Vec<Loop> {
         let mut loops = self.silhouette.offset(distance_mm);

@@ -14,7 +14,7 @@ use crate::stock::{Place, Stock, steps};
 /// Height of short links above the stock, and of the last approach, mm.
 const GAP_MM: f64 = 0.5;
 /// Share of the entries' depth that is used, so that heights between cells stay below it.
-pub(crate) const ENTRY_SHARE: f64 = 0.95;
+const ENTRY_SHARE: f64 = 0.95;
 /// Lengths of slants between passes, in diameters, the best first.
 const SLANTS: [f64; 4] = [3.0, 2.0, 1.0, 0.6];
 /// Lead before and after what is needed, and the longest gap that is cut through, in radii.
@@ -85,6 +85,11 @@ impl<'a> Passes<'a> {
         (self.moves, self.at, self.stock)
     }
 
+    /// Depth of a cut at the tool's full width, mm.
+    pub(crate) fn entry_mm(&self) -> f64 {
+        ENTRY_SHARE * self.job.entry_mm()
+    }
+
     /// Where the tip is.
     pub(crate) fn place(&self) -> Option<Place> {
         self.at
@@ -99,7 +104,7 @@ impl<'a> Passes<'a> {
 
     /// Cuts along a pass wherever that takes anything; where that would be too wide, first in steps of the entries' depth.
     pub fn cut(&mut self, pass: &Pass, height: Height<'_>, kind: Kind) {
-        let entry = ENTRY_SHARE * self.job.entry_mm();
+        let entry = self.entry_mm();
         for _ in 0..MOST_STEPS {
             let driven = self.driven(pass, &self.needed(pass));
             let wide: Vec<bool> =
@@ -139,8 +144,8 @@ impl<'a> Passes<'a> {
     }
 
     fn is_wide(&self, pass: &Pass, n: usize) -> bool {
-        let deeper_mm = ENTRY_SHARE * self.job.entry_mm();
-        self.bounded && self.width_mm(pass, n, deeper_mm) > self.job.widest_mm() - 0.5 * self.stock.pitch_mm()
+        self.bounded
+            && self.width_mm(pass, n, self.entry_mm()) > self.job.widest_mm() - 0.5 * self.stock.pitch_mm()
     }
 
     /// Cuts along a pass where it is `needed`, with what leads there and the short gaps between.

@@ -9,7 +9,7 @@ use crate::leftover::{self, Leftover, Reason};
 use crate::moves::{Facing, Kind};
 use crate::part::{Part, THROUGH_MM};
 use crate::pass::{Pass, refined};
-use crate::passes::{ENTRY_SHARE, Passes, Sliver};
+use crate::passes::{Passes, Sliver};
 use crate::raster::NONE;
 use crate::rings::{Field, iso_loops};
 use crate::silhouette::{Loop, area_mm2};
@@ -31,7 +31,7 @@ pub(crate) struct Sight<'a> {
     /// Heights of the part, mm.
     pub heights: Vec<f64>,
     /// Lowest tip over the part, mm.
-    pub tip: Vec<f64>,
+    tip: Vec<f64>,
     /// Lowest tip over the strip, mm.
     pub strip_tip: Vec<f64>,
     /// Lowest tip that the holder allows, mm.
@@ -106,7 +106,7 @@ impl<'a> Sight<'a> {
             narrower_mm: SLIVER_WIDTH * job.tool.diameter_mm(),
         });
         // the channel around the part is a slot
-        for level in levels(top, lowest, ENTRY_SHARE * job.entry_mm()) {
+        for level in levels(top, lowest, passes.entry_mm()) {
             let height = |p: [f64; 2]| beside_part(p).max(level);
             for outline in &around {
                 let pass = self.sensed(Pass::along(outline, 1.5 * raster.pitch_mm, height));
@@ -160,12 +160,10 @@ impl<'a> Sight<'a> {
         let below = part.rim_floor(self.facing, tool.corner_radius_mm);
         let tab = raster.dilated(&part.strip_body(self.facing, true), tool, 0.0);
         let floor: Vec<f64> = below.iter().zip(&tab).map(|(a, b)| a.max(*b).max(self.deepest_mm)).collect();
-        let over = |other: &[f64]| self.tip.iter().zip(other).map(|(a, b)| a.max(*b)).collect::<Vec<f64>>();
-        let before = raster.eroded(&over(&self.strip_tip), tool);
-        let after = raster.eroded(&over(&floor), tool);
+        let before = raster.eroded(&self.tip_above(&self.strip_tip), tool);
+        let after = raster.eroded(&self.tip_above(&floor), tool);
         // a slope narrower than a cell shows in no height: the outermost cells count all
-        let edge: Vec<bool> = part.outside_mm.iter().map(|d| *d > -1.5 * raster.pitch_mm).collect();
-        let edge = part.seen(&edge, self.facing);
+        let edge = part.outermost(self.facing);
         let covered = |cell: usize| {
             let thick = before[cell] - after[cell].max(self.heights[cell]);
             self.heights[cell] > NONE && (edge[cell] || thick > 0.5 * self.job.process.finishing_step_mm)
@@ -174,6 +172,11 @@ impl<'a> Sight<'a> {
         if passes.counts.contains(&true) {
             self.surface(part, passes, &floor);
         }
+    }
+
+    /// Lowest tip over the part and nowhere below `floor`, mm.
+    pub fn tip_above(&self, floor: &[f64]) -> Vec<f64> {
+        self.tip.iter().zip(floor).map(|(a, b)| a.max(*b)).collect()
     }
 
     /// Where the axis may be: within `distance_mm` of the part's outer outline or inside it.

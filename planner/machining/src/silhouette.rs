@@ -58,6 +58,12 @@ pub fn area_mm2(outline: &[[f64; 2]]) -> f64 {
     outline.iter().zip(next).map(|(a, b)| 0.5 * (a[0] * b[1] - b[0] * a[1])).sum()
 }
 
+/// Length of a closed polygon, mm.
+pub fn length_mm(outline: &[[f64; 2]]) -> f64 {
+    let next = outline.iter().cycle().skip(1);
+    outline.iter().zip(next).map(|(a, b)| (b[0] - a[0]).hypot(b[1] - a[1])).sum()
+}
+
 /// Points along closed polygons, at most `step_mm` apart, corners included.
 pub fn sampled(outline: &[[f64; 2]], step_mm: f64) -> Loop {
     let mut points = Vec::new();

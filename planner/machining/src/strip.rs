@@ -9,7 +9,7 @@
 
 use crate::envelope::Envelope;
 use crate::raster::Raster;
-use crate::silhouette::{Nearest, Silhouette, area_mm2, sampled};
+use crate::silhouette::{Nearest, Silhouette, area_mm2, length_mm, sampled};
 
 /// How far inside the outline the rim is measured: at its edge, and where a slope has risen, mm.
 const RIM_MM: [f64; 2] = [0.2, 0.7];
@@ -203,9 +203,4 @@ fn even(heights: &[[f64; 2]], reach: usize) -> Vec<[f64; 2]> {
         window.sum::<f64>() / (2 * reach + 1) as f64
     };
     (0..count).map(|n| [mean(n, 0), mean(n, 1)]).collect()
-}
-
-pub(crate) fn length_mm(outline: &[[f64; 2]]) -> f64 {
-    let next = outline.iter().cycle().skip(1);
-    outline.iter().zip(next).map(|(a, b)| (b[0] - a[0]).hypot(b[1] - a[1])).sum()
 }

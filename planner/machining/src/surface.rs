@@ -6,7 +6,8 @@
 //! the outline only where it is steep: there a pass cuts by the side of the cutter.
 //!
 //! Rows come in rounds, each at half the spacing of the one before, and are driven only where the stock that is left is thicker than the
-//! finishing step. What no row has made good is cut by rings of the step that leaves e at every place. All go one way, so that the sense of cut is constant.
+//! finishing step. What no row has made good is cut by rings of the step that leaves e at every place.
+//! Rings and the first rows keep the sense of cut; a row of a later round lies between two others and has stock on both sides.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -19,9 +20,8 @@ use crate::pass::{Height, Pass, refined};
 use crate::passes::Passes;
 use crate::raster::{NONE, Raster};
 use crate::sides::{ALLOWANCE_MM, BESIDE_MM, STEP_SHARE, Sight};
-use crate::silhouette::Loop;
+use crate::silhouette::{Loop, length_mm};
 use crate::stock::{Place, Stock};
-use crate::strip::length_mm;
 
 /// Share of the finishing step that rows and rings are laid for.
 const SCALLOP_SHARE: f64 = 0.9;
@@ -36,6 +36,9 @@ const ROWS_APART: f64 = 0.7;
 const ROUNDS: usize = 3;
 /// Rise over run up to which rows go over a surface: the cutter goes down it at no steeper angle.
 const STEEP: f64 = 1.0;
+
+/// Points along a straight line over the raster, mm.
+type Row = Vec<[f64; 2]>;
 
 /// The surface that a side shall leave over the part.
 struct Surface {
@@ -101,7 +104,7 @@ impl Sight<'_> {
             raster,
             beside_mm: beside,
             domain: self.domain(part, beside),
-            tip: self.tip.iter().zip(floor).map(|(a, b)| a.max(*b)).collect(),
+            tip: self.tip_above(floor),
             height: &height,
         };
         let cells = passes.counts.clone();
@@ -111,9 +114,10 @@ impl Sight<'_> {
         };
         passes.grown_mm = 0.75 * raster.pitch_mm;
         self.cut_rings(&part.around(beside, self.facing), &reach, passes);
+        let most = surface.most();
         for round in 0..ROUNDS {
-            for along in [surface.most(), 1 - surface.most()] {
-                let all = round == 0 && along == surface.most();
+            for along in [most, 1 - most] {
+                let all = round == 0 && along == most;
                 let by_row = |way: &Option<usize>| way.is_some_and(|way| all || way == along);
                 passes.counts = left(passes, LEFT_SHARE)
                     .iter()
@@ -129,11 +133,13 @@ impl Sight<'_> {
         let rest = left(passes, LEFT_SHARE).into_iter().enumerate().map(|(cell, left)| left || steep(cell));
         passes.counts = rest.collect();
         self.cut_field(part, &steps_mm, &reach, passes);
-        // rings lie where a raster has them: where two are too far apart, those between
-        // but for the outermost cells, of whose slope a raster says too little
-        let inner = part.seen(&part.outside_mm, self.facing).into_iter().map(|d| d < -1.5 * raster.pitch_mm);
-        passes.counts =
-            left(passes, TOO_FAR_APART).into_iter().zip(inner).map(|(l, inner)| l && inner).collect();
+        // a raster says where rings lie to a share of a cell: where two are too far apart, there are others between
+        let outermost = part.outermost(self.facing);
+        passes.counts = left(passes, TOO_FAR_APART)
+            .into_iter()
+            .zip(outermost)
+            .map(|(left, outer)| left && !outer)
+            .collect();
         if passes.counts.contains(&true) {
             let between: Vec<f64> = steps_mm.iter().map(|step| 0.5 * step).collect();
             self.cut_field(part, &between, &reach, passes);
@@ -184,9 +190,9 @@ impl Sight<'_> {
     }
 
     /// The needed stretches of some rows; `nearest`: each the nearest to the one before, instead of in their order.
-    fn cut_rows(&self, rows: &[Loop], nearest: bool, reach: &Reach<'_>, passes: &mut Passes<'_>) {
+    fn cut_rows(&self, rows: &[Row], nearest: bool, reach: &Reach<'_>, passes: &mut Passes<'_>) {
         let exact = |p: [f64; 2]| reach.exact_mm(p);
-        let lay = |row: &Loop| {
+        let lay = |row: &Row| {
             let about = |p: &[f64; 2]| {
                 [p[0], p[1], if reach.may_be(*p) { reach.about_mm(*p) } else { f64::INFINITY }]
             };
@@ -216,28 +222,20 @@ impl Sight<'_> {
         apart_mm(&self.job.tool, SCALLOP_SHARE * self.job.process.finishing_step_mm, along, across)
     }
 
-    /// The step of rings that leaves the finishing step e along the normal: where the tip's lowest place rises at an angle θ, a flat end leaves stairs s sin θ, a
-    /// rounded corner of radius r_c scallops with s = cos θ √(8 e r_c); the better of both, at most the widest cut.
+    /// The step of rings that leaves the finishing step along the normal where the tip's lowest place rises as given: they are rows along
+    /// contour lines.
     fn steps_mm(&self, slope_of_tip: &[[f64; 2]]) -> Vec<f64> {
         let tool = &self.job.tool;
         let e = RING_SHARE * self.job.process.finishing_step_mm;
         // two passes beside a ridge leave nothing between them
         let most = STEP_SHARE * self.job.widest_mm().min(tool.radius_mm);
-        let flat = 2.0 * (tool.radius_mm - tool.corner_radius_mm);
-        let step = |[along_u, along_v]: &[f64; 2]| {
-            let tangent = along_u.hypot(*along_v);
-            let cosine = 1.0 / (1.0 + tangent * tangent).sqrt();
-            let stairs = (e / (tangent * cosine).max(1e-9)).min(flat);
-            let scallop = cosine * (8.0 * e * tool.corner_radius_mm).sqrt();
-            stairs.max(scallop).min(most)
-        };
-        slope_of_tip.iter().map(step).collect()
+        slope_of_tip.iter().map(|[u, v]| apart_mm(tool, e, 0.0, u.hypot(*v)).min(most)).collect()
     }
 }
 
 /// How far rows may be apart that leave at most `step_mm` along the normal of a plane that rises by `along` along and by `across` across them, mm.
 ///
-/// A corner of radius r_c leaves scallops that are cos θ √(8 e r_c) apart; the better of both counts.
+/// A flat end leaves stairs of s sin θ along a contour line, a corner of radius r_c scallops that are cos θ √(8 e r_c) apart; the better of both counts.
 fn apart_mm(tool: &Tool, step_mm: f64, along: f64, across: f64) -> f64 {
     let flat = tool.radius_mm - tool.corner_radius_mm;
     let tangent = along.hypot(across);
@@ -268,7 +266,7 @@ fn slopes(raster: &Raster, map: &[f64]) -> Vec<[f64; 2]> {
 /// Straight rows of a round over a raster along u (0) or v (1): `apart_mm` apart in the first round, half-way between those before in the next.
 ///
 /// From the middle outwards, on one side there and on the other back: all in one sense of cut, with short ways between them.
-fn rows(raster: &Raster, along: usize, apart_mm: f64, round: usize) -> Vec<Loop> {
+fn rows(raster: &Raster, along: usize, apart_mm: f64, round: usize) -> Vec<Row> {
     let across = 1 - along;
     let (start, end) = (raster.origin_mm, raster.centre(raster.dims[0] - 1, raster.dims[1] - 1));
     let apart_mm = apart_mm / 2f64.powi(round as i32);
@@ -281,7 +279,7 @@ fn rows(raster: &Raster, along: usize, apart_mm: f64, round: usize) -> Vec<Loop>
             p[across] += n as f64 * apart_mm;
             p
         };
-        (0..=places).map(at).collect::<Loop>()
+        (0..=places).map(at).collect::<Row>()
     };
     let new = |n: &usize| round == 0 || n % 2 == 1;
     let count = ((end[across] - start[across]) / apart_mm) as usize;
@@ -355,9 +353,9 @@ mod tests {
         for along in [0, 1] {
             let first = rows(&raster, along, 1.0, 0);
             let second = rows(&raster, along, 1.0, 1);
-            let across = |row: &Loop| row[0][1 - along];
+            let across = |row: &Row| row[0][1 - along];
             // each row has those after it on its right or has been passed on its left
-            let forward = |row: &Loop| row[row.len() - 1][along] > row[0][along];
+            let forward = |row: &Row| row[row.len() - 1][along] > row[0][along];
             for rows in [&first, &second] {
                 for (a, b) in rows.iter().zip(rows.iter().skip(2)).filter(|(a, b)| forward(a) == forward(b)) {
                     let to_right = if along == 0 { across(a) - across(b) } else { across(b) - across(a) };

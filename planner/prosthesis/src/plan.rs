@@ -12,10 +12,7 @@ use bonemill_planfile::{Sha256, Value};
 use bonemill_proof::{Proof, ProofJob};
 
 use crate::block::{self, TakenBlock};
-use crate::{MOST_GOUGE_MM, Placing, ProsthesisError, RobotMotion, robot, settings};
-
-/// What finishing may leave beyond the step that was asked for, mm: chords, rounding and the samples of the proof.
-pub(crate) const UNCUT_TOLERANCE_MM: f64 = 0.02;
+use crate::{MOST_GOUGE_MM, Placing, ProsthesisError, RobotMotion, UNCUT_TOLERANCE_MM, robot, settings};
 
 /// Everything about a prosthesis that was planned.
 #[derive(Debug)]
