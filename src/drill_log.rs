@@ -4,18 +4,19 @@
 use std::path::Path;
 
 use anyhow::Context;
-use bonemill_planner::case::{Case, EdgeModel};
+use bonemill_planner::case::EdgeModel;
 use bonemill_planner::channel::tool::ChannelTool;
 use bonemill_planner::edge::{PlungeFit, PlungeFitError, PlungeFitting, PlungeRow, Regression};
-use bonemill_planner::plan::{DrillLogRow, read_drill_log};
+use bonemill_planner::plan::{DrillLogRow, StoredPlan, read_drill_log};
 use serde_json::json;
 
 use crate::outcome::Outcome;
 
 /// Fits the coefficients that the case's material has to a log.
-pub fn fit(case: &Case, log: &Path) -> anyhow::Result<Outcome> {
+pub fn fit(plan: &StoredPlan, log: &Path) -> anyhow::Result<Outcome> {
     let rows = read_drill_log(log)?;
-    let tool = ChannelTool::of_case(case)?;
+    let case = &plan.record.case;
+    let tool = ChannelTool::of_case(case, |file| plan.input_path(file))?;
     let fitting = PlungeFitting {
         cutter: tool.cutter.as_ref(),
         regression: regression(case.edge_material.model),

@@ -26,7 +26,7 @@ pub fn run(args: &SimulateArgs, progress: &dyn Progress, talk: Talk) -> anyhow::
     if let Some(log) = &args.calibrate {
         return match (plan.record.case.job.channel(), &args.coefficients) {
             (None, wanted) => fit(&plan, log, wanted.as_deref().unwrap_or(&Coefficient::ALL), progress),
-            (Some(_), None) => drill_log::fit(&plan.record.case, log),
+            (Some(_), None) => drill_log::fit(&plan, log),
             (Some(_), Some(_)) => anyhow::bail!(
                 "--coefficients: they are a burr's; what is fitted for a drill or reamer is material.edge_model of the plan's case"
             ),

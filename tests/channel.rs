@@ -140,7 +140,7 @@ fn a_log_of_thrust_and_torque_gives_the_edges_coefficients_or_is_refused() {
     runs(&place, &["plan", "bone/case.toml", "--out", "plan"]);
     // the log of a drill with other coefficients
     let parsed = Case::parse(&case, Path::new("case.toml")).unwrap();
-    let tool = ChannelTool::of_case(&parsed).unwrap();
+    let tool = ChannelTool::of_case(&parsed, Path::to_path_buf).unwrap();
     let fitting = PlungeFitting {
         cutter: tool.cutter.as_ref(),
         regression: Regression::Rake,
@@ -226,5 +226,97 @@ fn what_cannot_be_drilled_is_said_with_its_key() {
         assert_eq!(ran.code, code, "{new}: {}{}", ran.out, ran.err);
         assert!(ran.err.contains(words), "{new}: {}", ran.err);
         assert!(!place.path("plan").exists());
+    }
+}
+
+/// A flat spade drill of radius 1.25 mm as an ASCII STL in cm: its point at `[0.3, -0.2, 0.1]`, its shaft along y; without its last facets where
+/// `open`.
+fn spade_stl(open: usize) -> String {
+    let (r, half, top) = (1.25, 0.15, 40.0);
+    let point = r / 59f64.to_radians().tan();
+    let outline = [[0.0, 0.0], [r, point], [r, top], [-r, top], [-r, point]];
+    let place = |[x, z]: [f64; 2], y: f64| [0.3 + 0.1 * y, -0.2 + 0.1 * z, 0.1 + 0.1 * x];
+    let mut facets = Vec::new();
+    let corner = |n: usize, y: f64| place(outline[n % 5], y);
+    for n in 1..4 {
+        facets.push([corner(0, -half), corner(n, -half), corner(n + 1, -half)]);
+        facets.push([corner(0, half), corner(n + 1, half), corner(n, half)]);
+    }
+    for n in 0..5 {
+        facets.push([corner(n, -half), corner(n + 1, half), corner(n + 1, -half)]);
+        facets.push([corner(n, -half), corner(n, half), corner(n + 1, half)]);
+    }
+    facets.truncate(facets.len() - open);
+    let vertex = |v: [f64; 3]| format!("vertex {} {} {}\n", v[0], v[1], v[2]);
+    let facet = |f: &[[f64; 3]; 3]| {
+        format!("facet normal 0 0 0\nouter loop\n{}endloop\nendfacet\n", f.map(vertex).concat())
+    };
+    format!("solid spade\n{}endsolid spade\n", facets.iter().map(facet).collect::<String>())
+}
+
+#[test]
+fn a_cutter_from_a_mesh_is_planned_simulated_and_verified() {
+    let place = Place::empty();
+    runs(&place, &["phantom", "--kind", "tibia", "--out", "bone"]);
+    let drilled = fs::read_to_string(place.path("bone/case.toml")).unwrap();
+    let (head, rest) = drilled.split_once("kind = \"drill\"").unwrap();
+    let rest = &rest[rest.find("[shank]").unwrap()..];
+    let mesh = "kind = \"mesh\"\n\n[mesh]\nstl = \"spade.stl\"\nscale_mm = 10\naxis = [0, 1, 0]\naxis_point_mm = [3, 0, 1]\n\
+                dihedral_deg = 45\nspindle_rpm = 500\n";
+    let case = format!("{head}{mesh}\n{rest}").replacen("dwell_s = 0.5", "dwell_s = 0.5\n", 1);
+    fs::write(place.path("bone/spade.stl"), spade_stl(0)).unwrap();
+    fs::write(place.path("bone/mesh.toml"), &case).unwrap();
+    runs(&place, &["plan", "bone/mesh.toml", "--out", "plan"]);
+    let radius_mm = 1.25f64.hypot(0.15);
+    let record = fs::read_to_string(place.path("plan/plan.toml")).unwrap();
+    assert!(record.contains("spade.stl"), "the mesh is no input of the plan");
+    let channel: toml::Table = record.parse().unwrap();
+    let channel = &channel["metrics"]["channel"];
+    let of = |key: &str| channel[key].as_float().unwrap();
+    assert!((of("radius_mm") - radius_mm).abs() < 1e-6, "{}", of("radius_mm"));
+    let swept = std::f64::consts::PI * radius_mm * radius_mm * (of("depth_mm") - of("contact_depth_mm"));
+    assert!((number_of(&place, "removed_mm3") - swept).abs() < 1e-3 * swept);
+    let plunge = Table::read(&place.path("plan/plunge.csv"));
+    let peak = |plunge: &Table, column: &str| plunge.column(column).into_iter().fold(0.0, f64::max);
+    runs(&place, &["plan", "bone/case.toml", "--out", "drilled"]);
+    let drilled = Table::read(&place.path("drilled/plunge.csv"));
+    let share = |column: &str| peak(&plunge, column) / peak(&drilled, column);
+    // lips of the drill's point angle and nearly its radius turn as hard; upright rake faces push harder than those along a helix
+    assert!((0.8..1.25).contains(&share("torque_nmm")), "{}", share("torque_nmm"));
+    assert!((1.0..3.0).contains(&share("thrust_n")), "{}", share("thrust_n"));
+    runs(&place, &["simulate", "plan"]);
+    runs(&place, &["verify", "plan"]);
+    // the same edges, given as polylines in the file's unit: from the middle of the chisel edge out
+    let lip = |side: f64| {
+        let (x, y) = (0.3 - 0.015 * side, 0.1 + 0.125 * side);
+        format!("{x},-0.2,0.1\n{x},{},{y}\n", -0.2 + 0.125 / 59f64.to_radians().tan())
+    };
+    let rows =
+        |edge: u8, side: f64| lip(side).lines().map(|line| format!("{edge},{line}\n")).collect::<String>();
+    let edges = format!("edge,x,y,z\n{}{}", rows(1, 1.0), rows(2, -1.0));
+    fs::write(place.path("bone/edges.csv"), &edges).unwrap();
+    let by_angle = peak(&plunge, "torque_nmm");
+    let given = case.replacen("spindle_rpm = 500", "edges = \"edges.csv\"\nspindle_rpm = 500", 1);
+    fs::write(place.path("bone/given.toml"), &given).unwrap();
+    runs(&place, &["plan", "bone/given.toml", "--out", "given"]);
+    runs(&place, &["verify", "given"]);
+    let by_file = peak(&Table::read(&place.path("given/plunge.csv")), "torque_nmm");
+    assert!(by_file > 0.9 * by_angle && by_file <= by_angle * (1.0 + 1e-6), "{by_file} {by_angle} N mm");
+    // a file that was changed since is no input of this plan
+    fs::write(place.path("bone/spade.stl"), spade_stl(0).replacen("solid", "solid other", 1)).unwrap();
+    let ran = place.run(&["verify", "plan"]);
+    assert!(ran.code != 0 && (ran.out + &ran.err).contains("spade.stl"));
+    // what is no cutter is said with its file
+    for (stl, edges, words) in [
+        (spade_stl(2), edges.clone(), ["spade.stl", "the surface is open"]),
+        ("solid".into(), edges.clone(), ["spade.stl", "not valid ASCII STL"]),
+        (spade_stl(0), edges.replacen("0.1\n", "0.9\n", 1), ["spade.stl", "off the mesh"]),
+        (spade_stl(0), edges.replacen("1,", "one,", 1), ["edges.csv:2", "a finite number"]),
+    ] {
+        fs::write(place.path("bone/spade.stl"), stl).unwrap();
+        fs::write(place.path("bone/edges.csv"), edges).unwrap();
+        let ran = place.run(&["plan", "bone/given.toml", "--out", "other"]);
+        assert_eq!(ran.code, 2, "{}{}", ran.out, ran.err);
+        assert!(words.iter().all(|w| ran.err.contains(w)), "{words:?}: {}", ran.err);
     }
 }

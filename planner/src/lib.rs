@@ -21,7 +21,7 @@ pub use bonemill_proof as proof;
 pub use bonemill_prosthesis as prosthesis;
 pub use bonemill_report::{compare, report, run, save, show};
 pub use bonemill_scene as scene;
-pub use bonemill_setup::{PlanError, Setup};
+pub use bonemill_setup::{PlanError, Setup, mesh_tool};
 pub use bonemill_simulate as simulate;
 pub use bonemill_stock::{removal, runs, sweep, voxels};
 pub use bonemill_toolpath::{access, engagement, orientation, path, space};

@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use bonemill_geometry::{Point, Tool};
-use bonemill_part::{LengthUnit, RepairLimits, Solid, read_facets};
 use bonemill_planner::cutter::{
     Cutter as RustCutter, CuttingEdges, EdgeElement, EdgeKind, EdgeSource, GlenoidReamer, GlenoidReamerSpec,
     MeshCutter, MeshCutterSpec, TwistDrill, TwistDrillSpec,
 };
 use bonemill_planner::edge::{CoefficientModel, EdgeLoads};
+use bonemill_planner::mesh_tool::cutter_from_file;
 use numpy::IntoPyArray;
 use numpy::ndarray::Array2;
 use pyo3::prelude::*;
@@ -146,15 +146,10 @@ impl Cutter {
         edges: Option<Vec<Vec<[f64; 3]>>>,
     ) -> PyResult<Self> {
         let named = |e: &dyn std::error::Error| model(format!("{}: {}", path.display(), errors::words(e)));
-        let mut facets = read_facets(&path).map_err(|e| named(&e))?;
-        facets.vertices.iter_mut().for_each(|v| *v *= scale_mm);
-        // nothing of a cutter is guessed: a hole or loose piece is refused
-        let limits = RepairLimits { weld_mm: 1e-6, hole_perimeter_mm: 0.0, debris_share: 0.0 };
-        let solid = Solid::from_facets(facets, Some(LengthUnit::Mm), &limits).map_err(|e| named(&e))?;
         let (axis, axis_point_mm, spin, least_rad) = args;
         let edges = edges.map_or(EdgeSource::Dihedral { least_rad }, EdgeSource::Polylines);
         let spec = MeshCutterSpec { axis: axis.into(), axis_point_mm: axis_point_mm.into(), spin, edges };
-        let cutter = MeshCutter::new(&solid.mesh, &spec).map_err(|e| named(&e))?;
+        let cutter = cutter_from_file(&path, scale_mm, &spec).map_err(|e| named(&e))?;
         Ok(Self { cutter })
     }
 

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +74,42 @@ class Piece:
         return best[1], best[0], first + nearest
 
 
+def thinned(way: Floats, apart_mm: float = 0.02) -> Floats:
+    """Places of a way that are at least so far from the one kept before."""
+    kept = [way[0]]
+    for place in way[1:]:
+        if float(np.linalg.norm(place - kept[-1])) >= apart_mm:
+            kept.append(place)
+    return np.array([*kept, way[-1]])
+
+
+def nearest_mm(places: Floats, way: Floats) -> Floats:
+    """The distance of each place from the nearest place of a way, mm."""
+    parts = [((part[:, None] - way[None]) ** 2).sum(axis=2).min(axis=1) for part in np.array_split(places, len(places) // 200 + 1)]
+    return np.sqrt(np.concatenate(parts))
+
+
+@dataclass
+class Swept:
+    """What a ball of 2 mm sweeps on an executed way and on the planned one."""
+
+    left_mm: float
+    """The farthest of a planned place from the executed way."""
+    beside_mm: float
+    """The farthest of an executed place from the planned way."""
+    other: float
+    """Volume swept on one way only, in parts of what the planned way sweeps."""
+
+    @classmethod
+    def of(cls, planned: Floats, executed: Floats, ball_mm: float = 2.0, voxel_mm: float = 0.2) -> Swept:
+        planned, executed = thinned(planned), thinned(executed)
+        both = np.r_[planned, executed]
+        axes = [np.arange(low, high, voxel_mm) for low, high in zip(both.min(axis=0) - ball_mm, both.max(axis=0) + ball_mm, strict=True)]
+        voxels = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        a, b = (nearest_mm(voxels, way) <= ball_mm for way in (planned, executed))
+        return cls(float(nearest_mm(planned, executed).max()), float(nearest_mm(executed, planned).max()), float((a != b).sum() / a.sum()))
+
+
 @dataclass
 class Outcome:
     """What came of a run."""
@@ -100,6 +136,8 @@ class Outcome:
     said: str = ""
     bound: str = ""
     resumed: str = ""
+    swept: dict[str, float] | None = None
+    """Of both runs together where the resumed one came to the end: `Swept`."""
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -270,6 +308,7 @@ class Run:
         rows = self.double.call("rows") - before
         if code == 0:
             out.resumed = f"to the end, {rows} rows"
+            out.swept = asdict(Swept.of(self.piece.path_mm, burr_mm(record[:, 1:7])))
         elif went_on and rows > 100 and len(burr):
             out.resumed = f"went on, {rows} rows until Ctrl-C"
         else:

@@ -48,7 +48,7 @@ def table(found: list[tuple[str, Outcome]]) -> list[list[str]]:
     """A row a fault: the worst of all runs in which it began, by plan, and what the user read most often."""
     plans = list(dict.fromkeys(name for name, _ in found))
     lengths = [f"{what} {plan} [mm]" for what in ("along", "off") for plan in plans]
-    rows = [["fault", "runs", *lengths, "within the bound", "ended", "exit code", "resumed", "the user reads"]]
+    rows = [["fault", "runs", *lengths, "within the bound", "ended", "exit code", "resumed", "to the end", "left out [mm]", "volume other [%]", "the user reads"]]
     for fault in dict.fromkeys(o.fault for _, o in found):
         # what the machine stopped before its fault began tells nothing of the fault; a wrong start is refused before any row
         runs = [(name, o) for name, o in found if o.fault == fault and (o.row >= 0 or fault in START)]
@@ -58,6 +58,7 @@ def table(found: list[tuple[str, Outcome]]) -> list[list[str]]:
         of = {plan: [o for name, o in runs if name == plan] for plan in plans}
         within = sum(o.along_mm <= o.bounds_mm[0] and o.off_mm <= o.bounds_mm[1] for o in outcomes)
         tried = [o for o in outcomes if o.resumed]
+        swept = [o.swept for o in tried if o.swept]
         resumed = sum(o.resumed.startswith(("went on", "to the end")) for o in tried)
         rows.append(
             [
@@ -68,6 +69,9 @@ def table(found: list[tuple[str, Outcome]]) -> list[list[str]]:
                 ", ".join(f"{how} {n}" for how, n in Counter(o.how for o in outcomes).most_common()),
                 ", ".join(sorted({str(o.code) for o in outcomes})),
                 f"{resumed} of {len(tried)}" if tried else "-",
+                str(len(swept)) if tried else "-",
+                f"{max(s['left_mm'] for s in swept):.3f}" if swept else "-",
+                f"{max(100 * s['other'] for s in swept):.2f}" if swept else "-",
                 "(goes on)" if all(o.how == "went on" for o in outcomes) else plain(Counter(plain(o.said) for o in outcomes if o.how != "went on").most_common(1)[0][0]),
             ]
         )

@@ -1,6 +1,6 @@
 //! The tool of a case: a burr, or one of the cutters with edges.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use bonemill_cutter::{CutterError, GlenoidReamer, GlenoidReamerSpec, TwistDrill, TwistDrillSpec};
 use nalgebra::Vector3;
@@ -69,6 +69,17 @@ impl ToolSpec {
     /// The word in the case file, and the name of its table.
     pub fn word(&self) -> &'static str {
         k::KIND.word(self.kind())
+    }
+
+    /// The files that describe it, relative to the case file.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        let mesh = match self {
+            Self::Mesh(mesh, _) => Some(mesh),
+            Self::Burr | Self::Drill(..) | Self::Reamer(..) => None,
+        };
+        mesh.into_iter()
+            .flat_map(|mesh| [Some(&mesh.stl), mesh.edges.as_ref()].into_iter().flatten())
+            .map(PathBuf::as_path)
     }
 
     /// How it turns; a burr's own values stand in its table.

@@ -82,7 +82,7 @@ pub fn plan(
 ) -> Result<ChannelPlan, PlanError> {
     let mut watch = Stopwatch::new(progress);
     let folder = case_path.parent().unwrap_or(Path::new(""));
-    let tool = ChannelTool::of_case(case)?;
+    let tool = ChannelTool::of_case(case, |file| folder.join(file))?;
     tools::arm(case, folder)?; // an arm that cannot be used is told before anything else
     let (images, files) = watch.run("read images", || inputs::read_inputs(case, case_path))?;
     registration::fiducials_in_scan(&case.robot, images.ct.volume.grid())?;

@@ -1,10 +1,12 @@
 //! The tool of a channel: what it sweeps, what follows it into the bone, and what must stay outside.
 
+use std::path::{Path, PathBuf};
+
 use bonemill_case::{Case, EdgeModel, ToolSpec};
 use bonemill_cutter::{Cutter, GlenoidReamer, ShankCylinder, TwistDrill};
 use bonemill_cutting::edge::CoefficientModel;
 
-use bonemill_setup::{ChannelFault, PlanError};
+use bonemill_setup::{ChannelFault, PlanError, mesh_tool::mesh_cutter};
 
 /// A tool and its spindle. Heights are along the axis from the tool's origin, towards the handpiece.
 pub struct ChannelTool {
@@ -44,21 +46,21 @@ fn coefficients(case: &Case) -> CoefficientModel {
 }
 
 impl ChannelTool {
-    /// The tool of a case.
+    /// The tool of a case; `place` says where the file is that the case names so.
     ///
     /// # Errors
     /// [`ChannelFault::Tool`] where the case's tool cannot be pushed along its axis, [`ChannelFault::Cutter`] for dimensions that
-    /// make none.
-    pub fn of_case(case: &Case) -> Result<Self, PlanError> {
+    /// make none, [`PlanError::MeshTool`] for a mesh that is none.
+    pub fn of_case(case: &Case, place: impl Fn(&Path) -> PathBuf) -> Result<Self, PlanError> {
         let (cutter, guide_radius_mm): (Box<dyn Cutter>, f64) = match &case.tool {
             ToolSpec::Drill(spec, _) => (Box::new(TwistDrill::new(*spec).map_err(ChannelFault::from)?), 0.0),
             ToolSpec::Reamer(spec, _) => {
                 (Box::new(GlenoidReamer::new(*spec).map_err(ChannelFault::from)?), spec.nipple_radius_mm)
             }
-            ToolSpec::Burr | ToolSpec::Mesh(..) => {
-                return Err(
-                    ChannelFault::Tool { kind: case.tool.word(), needed: "drill\" or \"reamer" }.into()
-                );
+            ToolSpec::Mesh(mesh, spindle) => (Box::new(mesh_cutter(mesh, spindle.spin, place)?), 0.0),
+            ToolSpec::Burr => {
+                let needed = "drill\", \"reamer\" or \"mesh";
+                return Err(ChannelFault::Tool { kind: case.tool.word(), needed }.into());
             }
         };
         let spindle_rpm = case.tool.spindle().map_or(0.0, |spindle| spindle.rpm);

@@ -6,7 +6,7 @@
 //! Behind the cutter the shank ([`ShankCylinder`]) must stay out of bone. What the edges feel is physics, not shape: see `bonemill-cutting`.
 //!
 //! Tool frame: z along the shaft to the handpiece. The origin of a ball is its centre; that of every other cutter is where its axis
-//! meets the lowest cutting edge: a drill's chisel edge, a reamer's pole. Edges turn in the positive sense about z, as in the
+//! meets the lowest cutting edge (a drill's chisel edge, a reamer's pole) or, of a mesh, the plane of its lowest point. Edges turn in the positive sense about z, as in the
 //! source; a cutter that turns the other way is its mirror image, with the same thrust and torque.
 //!
 //! ```

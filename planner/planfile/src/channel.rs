@@ -44,6 +44,11 @@ impl ChannelRecord {
 }
 
 impl PlanRecord {
+    /// Largest radius of what cuts, mm: of the channel's tool, or of the burr.
+    pub fn cutter_radius_mm(&self) -> f64 {
+        self.channel().map_or(self.case.burr.radius_mm, |channel| channel.radius_mm)
+    }
+
     /// The channel of a plan of one; `None` for other plans, and where it is not written as it must be.
     pub fn channel(&self) -> Option<ChannelRecord> {
         let (_, table) = self.metrics.more.iter().find(|(key, _)| key == KEY)?;

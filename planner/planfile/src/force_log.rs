@@ -91,7 +91,7 @@ pub fn read_drill_log(path: &Path) -> Result<Vec<DrillLogRow>, PlanFileError> {
 type NumberedRows<const N: usize> = Vec<(usize, [f64; N])>;
 
 /// A table of finite numbers under one of the given headers: which header, and each line's numbers.
-fn read_numbers<const N: usize>(
+pub(crate) fn read_numbers<const N: usize>(
     path: &Path,
     headers: &[&[&'static str; N]],
 ) -> Result<(usize, NumberedRows<N>), PlanFileError> {

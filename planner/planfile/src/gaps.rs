@@ -51,7 +51,7 @@ pub(super) struct Nearness<'a> {
 impl<'a> Nearness<'a> {
     pub(super) fn of(plan: &'a StoredPlan, structure: usize) -> Self {
         let case = &plan.record.case;
-        let radius_mm = case.burr.radius_mm;
+        let radius_mm = plan.record.cutter_radius_mm();
         let clearance_mm = case.structures.get(structure).map_or(0.0, |s| s.clearance_mm);
         let mut distances_mm = vec![radius_mm + clearance_mm + INFLUENCE_MM; plan.waypoints.len()];
         for ForceToward { waypoint, distance_mm, .. } in

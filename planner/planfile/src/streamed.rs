@@ -40,13 +40,14 @@ pub fn stream_input(stored: &StoredPlan) -> Result<StreamInput<'_>, PlanFileErro
 /// Structures near each waypoint, with directions in base.
 fn waypoints(stored: &StoredPlan) -> Vec<WaypointNear> {
     let base_from_ct = &stored.record.frames.base_from_ct;
+    let radius_mm = stored.record.cutter_radius_mm();
     let empty = |w: &super::Waypoint| WaypointNear { time_s: w.time_s, near: Vec::new() };
     let mut waypoints: Vec<WaypointNear> = stored.waypoints.iter().map(empty).collect();
     for force in &stored.forces {
         if let Some(waypoint) = waypoints.get_mut(force.waypoint) {
             waypoint.near.push(Near {
                 structure: force.structure,
-                gap_mm: force.distance_mm - stored.record.case.burr.radius_mm,
+                gap_mm: force.distance_mm - radius_mm,
                 toward: base_from_ct.rotate(&force.toward),
                 force_n: force.force_toward_n,
             });

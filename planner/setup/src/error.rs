@@ -10,6 +10,7 @@ use nalgebra::{Unit, Vector3};
 use thiserror::Error;
 
 use super::ChannelFault;
+use super::mesh_tool::MeshToolError;
 use bonemill_case::{Case, LabelRef, Target};
 use bonemill_cutting::burr::ModelError;
 use bonemill_planfile::PlanFileError;
@@ -53,6 +54,14 @@ pub enum PlanError {
     /// There is no channel as the case asks for it.
     #[error("{key}: {0}", key = .0.key())]
     Channel(#[from] ChannelFault),
+    /// A mesh that is to be the cutter is none.
+    #[error("mesh.stl: {}", path.display())]
+    MeshTool {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: Box<MeshToolError>,
+    },
     /// A label is named that `labels.json` does not know.
     #[error("{key}: {} has no {name:?}{} it has: {}", beside.with_file_name("labels.json").display(),
         nearest.as_ref().map_or(";".into(), |nearest| format!("; did you mean {nearest:?}?")), known.join(", "))]
@@ -199,6 +208,7 @@ impl PlanError {
             Self::Unsupported { key, .. } => key,
             Self::StiffnessMissing => "cost.force",
             Self::Channel(fault) => fault.key(),
+            Self::MeshTool { .. } => "mesh.stl",
             Self::Needed { .. } => "robot.model",
             Self::Registration(_) | Self::BadRegistration { .. } => "robot.base_from_ct",
             Self::FiducialsOutside { .. } => "robot.base_from_ct.fiducials.ct_mm",

@@ -44,7 +44,8 @@ pub struct CaseImages {
 }
 
 /// Reads and checks the images of a case in `case_path`; notes every file that its plan depends on, with its digest and where
-/// it is: case, images, names of labels, and an arm's own files.
+/// it is: case, images, names of labels, an arm's
+/// and a tool's own files.
 pub fn read_inputs(case: &Case, case_path: &Path) -> Result<(CaseImages, Vec<(Input, PathBuf)>), PlanError> {
     let folder = case_path.parent().unwrap_or(Path::new(""));
     let images = read_images(case, |path| folder.join(path))?;
@@ -57,6 +58,7 @@ pub fn read_inputs(case: &Case, case_path: &Path) -> Result<(CaseImages, Vec<(In
     paths.extend(ct.iter().chain(&labels).map(PathBuf::as_path));
     paths.extend(folder.join(&names).exists().then_some(names.as_path()));
     paths.extend(case.robot.files().map(|(_, path)| path));
+    paths.extend(case.tool.files());
     let noted = |path: &&Path| Ok((Input::now(folder, path)?, folder.join(path)));
     let files = paths.par_iter().map(noted).collect::<Result<_, PlanError>>()?;
     Ok((images, files))

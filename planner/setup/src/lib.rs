@@ -4,6 +4,7 @@ pub mod channel;
 mod channel_fault;
 mod error;
 pub mod inputs;
+pub mod mesh_tool;
 pub mod nearest_structures;
 pub mod registration;
 mod setup;

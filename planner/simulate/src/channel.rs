@@ -45,7 +45,7 @@ pub fn simulate_channel(
     let case = scene_case_of(&plan.record);
     let images = read_images(&case, |path| plan.input_path(path))?;
     let scene = make_scene(&case, &images)?;
-    let tool = ChannelTool::of_case(&case)?;
+    let tool = ChannelTool::of_case(&case, |file| plan.input_path(file))?;
     progress.stage("forward kinematics");
     let base_from_work: Rigid<Base, Work> = plan.record.frames.base_from_ct * scene.ct_from_work;
     let samples = poses::sample(&plan.trajectory, &plan.arm, &base_from_work.inverse(), sampling)?;
@@ -75,6 +75,7 @@ pub fn simulate_channel(
         stopped: usize::from(contact.is_some()),
         contacts: contact.map(|contact| (samples[deepest].time_s, contact)).into_iter().collect(),
         cell_mm: SWEPT_STEP_MM,
+        radius_mm: tool.radius_mm,
         compliant: plan.record.case.robot.joint_stiffness.is_some(),
     })
 }

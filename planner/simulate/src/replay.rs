@@ -117,6 +117,8 @@ pub struct Simulation {
     pub stopped: usize,
     /// Side of a cell of the lattice, mm.
     pub cell_mm: f64,
+    /// Largest radius of the cutter, mm.
+    pub radius_mm: f64,
     /// Whether the arm deflected.
     pub compliant: bool,
 }
@@ -306,6 +308,7 @@ pub fn replay(
         contacts: Vec::new(),
         stopped: 0,
         cell_mm,
+        radius_mm: setup.spec.tool.radius_mm(),
         compliant: stiffness.is_some(),
     };
     for (step, sample) in steps.iter().zip(samples.iter().skip(1)) {

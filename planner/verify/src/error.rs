@@ -1,8 +1,11 @@
 //! Errors that make verification impossible. A plan that fails a check is not an error.
 
+use std::path::PathBuf;
+
 use bonemill_arm::RobotError;
 use bonemill_geometry::GridError;
 use bonemill_imaging::ImageError;
+use bonemill_part::PartError;
 use thiserror::Error;
 
 use bonemill_planfile::PlanFileError;
@@ -22,6 +25,14 @@ pub enum VerifyError {
     /// A lattice cannot be made.
     #[error(transparent)]
     Grid(#[from] GridError),
+    /// The mesh of the tool cannot be read.
+    #[error("mesh.stl: {}", path.display())]
+    Tool {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: Box<PartError>,
+    },
     /// `labels.json` does not contain the name of a label.
     #[error("label name '{name}' is not in the labels.json beside the label map")]
     LabelName {

@@ -110,8 +110,7 @@ impl MeshCutter {
         if edges.is_empty() {
             return Err(CutterError::NoEdge);
         }
-        let lowest =
-            edges.iter().flatten().flat_map(|p| [p.ends[0].z, p.ends[1].z]).fold(f64::INFINITY, f64::min);
+        let lowest = turned.vertices.iter().map(|v| v.z()).fold(f64::INFINITY, f64::min);
         turned.vertices.iter_mut().for_each(|v| v.coords.z -= lowest);
         edges.iter_mut().flatten().for_each(|p| p.ends.iter_mut().for_each(|e| e.z -= lowest));
         let solid = profile::solid_of(&turned)?;

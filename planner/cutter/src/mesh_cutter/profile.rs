@@ -43,6 +43,15 @@ pub(super) fn solid_of(mesh: &Mesh<Tool>) -> Result<SolidOfRevolution, CutterErr
             }
         }
     }
+    if at_vertices.is_empty() {
+        // between two levels the chord must hold the vertices, too
+        for v in &mesh.vertices {
+            let above = levels.partition_point(|z| *z < v.z());
+            for n in [above.saturating_sub(1), above.min(levels.len() - 1)] {
+                radius2[n] = radius2[n].max(v.x() * v.x() + v.y() * v.y());
+            }
+        }
+    }
     let profile: Vec<[f64; 2]> = levels.iter().zip(&radius2).map(|(z, r2)| [*z, r2.sqrt()]).collect();
     SolidOfRevolution::new(&profile)
 }

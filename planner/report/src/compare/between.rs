@@ -177,7 +177,7 @@ fn swept_mm3(plans: [&StoredPlan; 2]) -> Option<[f64; 3]> {
     let [a, b] = plans.map(|plan| {
         let path: Vec<_> = plan.waypoints.iter().map(|w| work_from_ct * w.position).collect();
         let mut removal = RemovalTime::new(&grid);
-        let radius_mm = plan.record.case.burr.radius_mm;
+        let radius_mm = plan.record.cutter_radius_mm();
         removal.sweep(0..path.len() as u32, |n| path[n as usize], Ball { radius_mm }, |_| ());
         removal
     });

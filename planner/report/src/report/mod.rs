@@ -54,6 +54,7 @@ pub fn html(plan: &Plan) -> String {
     page.push_str("<h2>Structures</h2>");
     page.push_str(&structures::structure_table(
         &plan.setup.case,
+        plan.setup.case.burr.radius_mm,
         &plan.results.figures.structures,
         "at waypoint",
         |row| peak::short_place(&plan.moves.waypoints, row),

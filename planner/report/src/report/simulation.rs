@@ -52,7 +52,7 @@ pub fn section(simulation: &Simulation, case: &Case) -> String {
         .map(|(name, value)| format!("<tr><th>{}</th><td>{value}</td></tr>", escape(&name)))
         .collect();
     let _ = write!(out, "<div class=\"wide\"><table><tbody>{rows}</tbody></table></div>");
-    out.push_str(&structure_table(case, &simulation.structures, "at time", |row| {
+    out.push_str(&structure_table(case, simulation.radius_mm, &simulation.structures, "at time", |row| {
         format!("{:.2}\u{a0}s", simulation.rows[row].time_s)
     }));
     out
@@ -143,9 +143,8 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
 
 /// Names and values of a simulation's figures, for machines; names end in units.
 pub fn values(simulation: &Simulation, case: &Case) -> Vec<(String, Value)> {
-    let radius_mm = case.tool.radius_mm().unwrap_or(case.burr.radius_mm);
     let structures = case.structures.iter().zip(&simulation.structures);
-    let structures = structures.map(|(s, found)| (s.name.clone(), found.value(radius_mm, "row")));
+    let structures = structures.map(|(s, found)| (s.name.clone(), found.value(simulation.radius_mm, "row")));
     let removed = Kind::ALL.into_iter().map(|kind| {
         let (mm3, mg) =
             (simulation.removed.volume_mm3[kind as usize], simulation.removed.mass_mg[kind as usize]);

@@ -8,9 +8,10 @@ use bonemill_planfile::toward::{NEAR_MM, StructureFigures, TowardFigures};
 use super::escape;
 
 /// The table of a plan's or a simulation's structures; `place` describes a row's place in
-/// words, under the heading `at`.
+/// words, under the heading `at`. Distances are told from a tool of this radius.
 pub fn structure_table(
     case: &Case,
+    radius_mm: f64,
     found: &[StructureFigures],
     at: &str,
     place: impl Fn(usize) -> String,
@@ -21,11 +22,7 @@ pub fn structure_table(
         .zip(found)
         .map(|(structure, found)| {
             let least = found.least.map_or("<td>–</td><td></td>".into(), |(distance_mm, row)| {
-                format!(
-                    "<td>{:.2}</td><td>{}</td>",
-                    distance_mm - case.tool.radius_mm().unwrap_or(case.burr.radius_mm),
-                    place(row)
-                )
+                format!("<td>{:.2}</td><td>{}</td>", distance_mm - radius_mm, place(row))
             });
             format!(
                 "<tr><th>{}</th><td>{:.2}</td>{least}{}{}</tr>",

@@ -99,8 +99,7 @@ impl ShownImages {
         let scene = scene_of(plan, progress)?;
         progress.stage("removal");
         let mut removal = RemovalTime::new(scene.class.grid());
-        let radius_mm =
-            plan.record.channel().map_or(plan.record.case.burr.radius_mm, |channel| channel.radius_mm);
+        let radius_mm = plan.record.cutter_radius_mm();
         removal.sweep(0..path.len() as u32, |n| path[n as usize], Ball { radius_mm }, |_| ());
         let structure = structures(&scene);
         Ok(Self { scene, removal, structure })

@@ -99,9 +99,10 @@ impl Show<'_> {
     fn sets(&self, moments: &[Moment]) -> [(&'static str, String, Vec<Curve>); 5] {
         let case = &self.plan.record.case;
         let structures = &case.structures;
+        let radius_mm = self.plan.record.cutter_radius_mm();
         let force = |w: &Waypoint| Some(w.force_n.norm());
         let toward = |w: &Waypoint| (!structures.is_empty()).then(|| w.force_toward_n.unwrap_or(0.0));
-        let distance = |w: &Waypoint| w.distance_mm.map(|d| d - case.burr.radius_mm);
+        let distance = |w: &Waypoint| w.distance_mm.map(|d| d - radius_mm);
         let clearance = |w: &Waypoint| Some(structures.get(w.structure?)?.clearance_mm);
         [
             (

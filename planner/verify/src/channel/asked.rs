@@ -9,6 +9,7 @@ use super::super::anatomy::Anatomy;
 use super::super::check::{Check, Place};
 use super::super::moves::Moves;
 use super::super::requirements::MEETS;
+use super::sweep::OwnSolid;
 use super::{ROUNDING, is_cut};
 
 /// Feed may begin this far before the bone, mm, and a search for a contact area may end this far beyond it.
@@ -73,6 +74,7 @@ pub fn channel(
     spec: &ChannelSpec,
     channel: &ChannelRecord,
     anatomy: &Anatomy,
+    solid: &OwnSolid,
 ) -> Vec<Check> {
     const NAME: &str = "channel of the case";
     let off = |value: f64, subject: &str, unit| Check::at_most(NAME, value, ROUNDING, unit).of(subject);
@@ -111,7 +113,7 @@ pub fn channel(
                 .of("entry in its region"),
         );
     }
-    checks.push(first_contact(plan, channel, anatomy, &out_of(channel)));
+    checks.push(first_contact(plan, channel, anatomy, solid));
     checks
 }
 
@@ -188,16 +190,16 @@ fn in_region(spec: &ChannelSpec, entry: Point<Ct>, anatomy: &Anatomy, plan: &Sto
 }
 
 /// The depth at which the plan says that bone begins: none of the tool's solid is in bone before it.
-fn first_contact(plan: &StoredPlan, channel: &ChannelRecord, anatomy: &Anatomy, out: &Vector3<f64>) -> Check {
+fn first_contact(plan: &StoredPlan, channel: &ChannelRecord, anatomy: &Anatomy, solid: &OwnSolid) -> Check {
+    let out = out_of(channel);
     let case = &plan.record.case;
     let grid = anatomy.ct.grid();
     let at = channel.entry + channel.direction.as_ref() * (channel.contact_depth_mm - BEFORE_MM);
-    let solid = super::sweep::OwnSolid::new(&case.tool);
     let bone = anatomy.ct.data().iter().enumerate();
     let bone = bone.filter(|(_, hu)| f64::from(**hu) >= case.density.bone_hu);
     let inside = bone.filter(|(n, _)| {
         let from = grid.center(grid.voxel(*n)) - at;
-        let along = from.dot(out);
+        let along = from.dot(&out);
         solid.cuts((from - out * along).norm(), along)
     });
     Check::none_wrong("bone voxels in the tool before it cuts", inside.count())

@@ -13,6 +13,7 @@ use bonemill_geometry::{Ct, Point, Progress};
 use bonemill_planfile::{ChannelRecord, StoredPlan, Value};
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
+use self::sweep::OwnSolid;
 use super::anatomy::Anatomy;
 use super::boxes::Boxes;
 use super::check::{Check, Place};
@@ -39,29 +40,27 @@ pub fn checks(
 ) -> Result<Vec<Check>, VerifyError> {
     let Evidence { plan, anatomy, boxes, moves, .. } = *evidence;
     progress.stage("check the channel");
+    let solid = OwnSolid::new(&plan.record.case.tool, |file| plan.input_path(file))?;
     let mut checks = vec![asked::meets(plan)];
     let Some(channel) = plan.record.channel() else {
         checks.push(Check::none_wrong("plan says its channel", 1).of("metrics.channel"));
         return Ok(checks);
     };
+    let off_mm = (channel.radius_mm - solid.radius_mm()).abs();
+    checks.push(Check::at_most("tool of the case", off_mm, ROUNDING, "mm").of("radius"));
     checks.extend(asked::rows(plan, spec, &channel, moves));
-    checks.extend(asked::channel(plan, spec, &channel, anatomy));
-    checks.extend(clearances(evidence));
-    checks.extend(holder(&plan.record.case, &channel, anatomy, boxes));
-    checks.extend(sweep::volumes(plan, &channel, anatomy));
+    checks.extend(asked::channel(plan, spec, &channel, anatomy, &solid));
+    checks.extend(clearances(evidence, &solid));
+    checks.extend(holder(&plan.record.case, &channel, anatomy, boxes, &solid));
+    checks.extend(sweep::volumes(plan, &channel, anatomy, &solid));
     checks.extend(touched(plan, spec, progress)?);
     Ok(checks)
 }
 
-/// Largest radius of the tool of a case, mm.
-pub fn radius_mm(case: &Case) -> f64 {
-    case.tool.radius_mm().unwrap_or(case.burr.radius_mm)
-}
-
 /// The tool against every structure: along the waypoints and along the trajectory. Its body lies on the line that its tip takes.
-fn clearances(evidence: &Evidence) -> Vec<Check> {
+fn clearances(evidence: &Evidence, solid: &OwnSolid) -> Vec<Check> {
     let Evidence { plan, moves, executed, .. } = *evidence;
-    let radius = radius_mm(&plan.record.case);
+    let radius = solid.radius_mm();
     let ct_from_grid = plan.record.frames.ct_from_grid();
     evidence.of_structures(|kept, boxes| {
         let limit = kept.clearance_mm - CLEARANCE_TOLERANCE_MM;
@@ -178,11 +177,12 @@ fn holder(
     channel: &ChannelRecord,
     anatomy: &Anatomy,
     boxes: &[Option<Boxes<'_>>],
+    solid: &OwnSolid,
 ) -> Vec<Check> {
-    let radius = radius_mm(case);
+    let radius = solid.radius_mm();
     let out = -channel.direction.into_inner();
     let end = channel.end();
-    let mut from_mm = sweep::top_mm(&case.tool);
+    let mut from_mm = solid.top_mm();
     let mut thick = Vec::new();
     for segment in &case.shank {
         let to_mm = from_mm + segment.length_mm;

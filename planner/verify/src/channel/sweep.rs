@@ -1,14 +1,20 @@
 //! What the tool of a channel sweeps, from the dimensions in the case, and the volumes that this gives.
 
-use bonemill_case::ToolSpec;
+use std::path::{Path, PathBuf};
+
+use bonemill_case::{MeshTool, ToolSpec};
+use bonemill_part::read_facets;
 use bonemill_planfile::{ChannelRecord, StoredPlan};
 use nalgebra::Vector3;
 
+use super::super::VerifyError;
 use super::super::anatomy::Anatomy;
 use super::super::check::Check;
 
 /// Height of a reamer's shell above its rim, mm, as the planner assumes it.
 const SHELL_MM: f64 = 2.0;
+/// Radii, beside 0, at which the front of a mesh is kept.
+const RADII: usize = 800;
 /// Columns along the tool's radius, and steps along a column, mm.
 const COLUMNS_PER_RADIUS: i32 = 40;
 const STEP_MM: f64 = 0.1;
@@ -21,14 +27,19 @@ pub enum OwnSolid {
     Drill { web_mm: f64, inner_mm: f64, cot: f64, radius_mm: f64, top_mm: f64 },
     /// An arc of radius R about a point at the distance w from the axis; flat inside, with a guide below.
     Reamer { arc_mm: f64, offset_mm: f64, rim_mm: f64, top_mm: f64 },
+    /// The lowest point of a spinning mesh at or beyond each of equally spaced radii from 0 on.
+    Mesh { front_mm: Vec<f64>, radius_mm: f64, top_mm: f64 },
     /// No solid.
     None,
 }
 
 impl OwnSolid {
-    /// Of a case's tool.
-    pub fn new(tool: &ToolSpec) -> Self {
-        match tool {
+    /// Of a case's tool; `place` says where the file is that the case names so.
+    ///
+    /// # Errors
+    /// [`VerifyError::Tool`] for a mesh that cannot be read.
+    pub fn new(tool: &ToolSpec, place: impl Fn(&Path) -> PathBuf) -> Result<Self, VerifyError> {
+        Ok(match tool {
             ToolSpec::Drill(s, _) => {
                 let inner_mm = s.web_mm / s.chisel_deg.to_radians().sin();
                 let cot = if s.point_deg >= 90.0 { 0.0 } else { 1.0 / s.point_deg.to_radians().tan() };
@@ -46,28 +57,83 @@ impl OwnSolid {
                     top_mm,
                 }
             }
-            ToolSpec::Burr | ToolSpec::Mesh(..) => Self::None,
+            ToolSpec::Mesh(mesh, _) => Self::of_mesh(mesh, &place(&mesh.stl))?,
+            ToolSpec::Burr => Self::None,
+        })
+    }
+
+    /// Of a mesh that spins. On a facet the part beyond a radius has its lowest point on the facet's outline: there the height is linear and the
+    /// squared radius a convex quadratic, so each edge is met at a radius once on the way up from its lower end, if that end lies
+    /// within the radius.
+    fn of_mesh(mesh: &MeshTool, path: &Path) -> Result<Self, VerifyError> {
+        let facets = read_facets(path)
+            .map_err(|source| VerifyError::Tool { path: path.into(), source: Box::new(source) })?;
+        let placed = |v: &Vector3<f64>| {
+            let from = v * mesh.scale_mm - mesh.axis_point_mm;
+            let height = from.dot(&mesh.axis);
+            (from - mesh.axis * height, height)
+        };
+        let corners: Vec<(Vector3<f64>, f64)> = facets.vertices.iter().map(placed).collect();
+        let ends = |pick: fn(f64, f64) -> f64, start: f64| corners.iter().map(|c| c.1).fold(start, pick);
+        let (low, high) = (ends(f64::min, f64::INFINITY), ends(f64::max, f64::NEG_INFINITY));
+        let radius_mm = corners.iter().map(|c| c.0.norm()).fold(0.0, f64::max);
+        let mut front_mm = vec![high; RADII + 1];
+        let place_of = |radius: f64| radius / radius_mm * RADII as f64;
+        let edges = facets.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+        for [a, b] in edges.map(|edge| edge.map(|v| corners[v as usize])) {
+            let (lower, upper) = if a.1 <= b.1 { (a, b) } else { (b, a) };
+            let first = place_of(lower.0.norm());
+            let at = first as usize;
+            front_mm[at] = front_mm[at].min(lower.1);
+            let (across, rise) = (upper.0 - lower.0, upper.1 - lower.1);
+            let (square, half) = (across.norm_squared(), across.dot(&lower.0));
+            let end = place_of(upper.0.norm()).floor().max(first) as usize;
+            for (n, front) in front_mm.iter_mut().enumerate().take(end + 1).skip(at + 1) {
+                let radius2 = (n as f64 / RADII as f64 * radius_mm).powi(2);
+                let root = (half * half + square * (radius2 - lower.0.norm_squared())).max(0.0).sqrt();
+                *front = front.min(lower.1 + ((root - half) / square).clamp(0.0, 1.0) * rise);
+            }
+        }
+        for n in (0..RADII).rev() {
+            front_mm[n] = front_mm[n].min(front_mm[n + 1]);
+        }
+        front_mm.iter_mut().for_each(|z| *z -= low);
+        Ok(Self::Mesh { front_mm, radius_mm, top_mm: high - low })
+    }
+
+    /// Largest radius, mm.
+    pub fn radius_mm(&self) -> f64 {
+        match *self {
+            Self::Drill { radius_mm, .. } | Self::Mesh { radius_mm, .. } => radius_mm,
+            Self::Reamer { rim_mm, .. } => rim_mm,
+            Self::None => 0.0,
         }
     }
 
     /// Height of the front at a radius, mm; `None` beyond the tool.
     fn front_mm(&self, radius: f64) -> Option<f64> {
-        match *self {
-            Self::Drill { web_mm, inner_mm, cot, radius_mm, .. } => (radius <= radius_mm).then(|| {
+        match self {
+            &Self::Drill { web_mm, inner_mm, cot, radius_mm, .. } => (radius <= radius_mm).then(|| {
                 let along = |r: f64| (r * r - web_mm * web_mm).max(0.0).sqrt();
                 if radius <= inner_mm { 0.0 } else { (along(radius) - along(inner_mm)) * cot }
             }),
-            Self::Reamer { arc_mm, offset_mm, rim_mm, .. } => (radius <= rim_mm).then(|| {
+            &Self::Reamer { arc_mm, offset_mm, rim_mm, .. } => (radius <= rim_mm).then(|| {
                 let out = ((radius - offset_mm) / arc_mm).max(0.0);
                 arc_mm * (1.0 - (1.0 - out * out).max(0.0).sqrt())
+            }),
+            Self::Mesh { front_mm, radius_mm, .. } => (radius <= *radius_mm).then(|| {
+                let at = radius / radius_mm * RADII as f64;
+                let n = (at as usize).min(RADII - 1);
+                front_mm[n] + (front_mm[n + 1] - front_mm[n]) * (at - n as f64)
             }),
             Self::None => None,
         }
     }
 
-    fn top_mm(&self) -> f64 {
+    /// Where the shank begins behind the tool, mm.
+    pub fn top_mm(&self) -> f64 {
         match *self {
-            Self::Drill { top_mm, .. } | Self::Reamer { top_mm, .. } => top_mm,
+            Self::Drill { top_mm, .. } | Self::Reamer { top_mm, .. } | Self::Mesh { top_mm, .. } => top_mm,
             Self::None => 0.0,
         }
     }
@@ -76,11 +142,6 @@ impl OwnSolid {
     pub fn cuts(&self, radius: f64, height: f64) -> bool {
         self.front_mm(radius).is_some_and(|front| (front..=self.top_mm()).contains(&height))
     }
-}
-
-/// Where the shank begins behind the tool, mm.
-pub fn top_mm(tool: &ToolSpec) -> f64 {
-    OwnSolid::new(tool).top_mm()
 }
 
 /// Radius of a guide in front of the tool, mm: it lies in a hole that was drilled before.
@@ -92,10 +153,14 @@ fn guide_radius_mm(tool: &ToolSpec) -> f64 {
 }
 
 /// The volumes that the plan states, counted again by columns along the axis, from the front to where it was at the first contact.
-pub fn volumes(plan: &StoredPlan, channel: &ChannelRecord, anatomy: &Anatomy) -> Vec<Check> {
+pub fn volumes(
+    plan: &StoredPlan,
+    channel: &ChannelRecord,
+    anatomy: &Anatomy,
+    solid: &OwnSolid,
+) -> Vec<Check> {
     let case = &plan.record.case;
-    let solid = OwnSolid::new(&case.tool);
-    let radius = super::radius_mm(case);
+    let radius = solid.radius_mm();
     let out = -channel.direction.into_inner();
     let end = channel.end();
     let right = out.cross(&Vector3::ith(out.iamin(), 1.0)).normalize();

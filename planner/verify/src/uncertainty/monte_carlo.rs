@@ -152,7 +152,7 @@ pub fn simulate_errors(
     progress.stage("draw errors");
     let anatomy = Anatomy::read(plan)?;
     let places = places(plan);
-    let radius = crate::channel::radius_mm(&plan.record.case);
+    let radius = plan.record.cutter_radius_mm();
     let structures = anatomy
         .kept
         .iter()
