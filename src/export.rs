@@ -126,7 +126,7 @@ fn rows(
         }
         ensure!(
             asked_hz.is_none(),
-            "--rate {rate_hz} Hz: between rows {row} and {} the burr would be {off_mm:.4} mm aside of the planned \
+            "--rate {rate_hz} Hz: between rows {row} and {} the tool would be {off_mm:.4} mm aside of the planned \
              trajectory; expected at most {LEFT_OUT_MM:.3} mm: take a higher rate, or none to have one chosen",
             row + 1
         );
@@ -169,7 +169,7 @@ fn aside_mm(plan: &StoredPlan, rows: &ExportRows<'_>) -> anyhow::Result<Vec<f64>
     if let Some((n, gap)) = gaps.iter().enumerate().find(|(_, gap)| gap.gap_mm * ASIDE_SHARE < LEAST_ASIDE_MM)
     {
         bail!(
-            "waypoint {n}: the burr's surface passes {} at {:.3} mm; a script can hold the arm within {LEAST_ASIDE_MM} mm of its \
+            "waypoint {n}: the tool's surface passes {} at {:.3} mm; a script can hold the arm within {LEAST_ASIDE_MM} mm of its \
              path, and needs {} mm of room: give the structure a larger clearance_mm",
             plan.record.case.structures[gap.structure].name,
             gap.gap_mm,

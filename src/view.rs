@@ -1,7 +1,7 @@
 //! `bonemill view`: shows a plan in the rerun viewer, or writes a file for it. Only this module uses rerun.
 //!
 //! There is one time line, `time`, in seconds of the plan. Entities: `scene/…` in 3-D (target, removed part, structures with the
-//! surface at their clearance, path, burr and shank, force, arm), `slices/…` through the burr, `plots/…`, `about`. The data come
+//! surface at their clearance, path, tool, force, arm), `slices/…` through the tool's origin, `plots/…`, `about`. The data come
 //! from [`bonemill_planner::show`]; this module gives them names, colours and places on the screen.
 
 use std::path::Path;
@@ -39,7 +39,7 @@ const FOLLOW_PERIOD: Duration = Duration::from_millis(100);
 const WAY_POINTS: usize = 2000;
 /// Number of times at which target and slices are updated.
 const SLICE_MOMENTS: usize = 80;
-/// Number of times at which burr and arm are updated.
+/// Number of times at which tool and arm are updated.
 const MOTION_MOMENTS: usize = 4000;
 /// Colour of the target in 3-D.
 const BONE_COLOUR: [u8; 3] = [226, 201, 160];
@@ -106,7 +106,7 @@ fn draw(stream: &RecordingStream, show: &Show, progress: &dyn Progress) -> anyho
         stream.set_duration_secs(TIME, frame.time_s);
         stream.log("scene/target", &mesh(frame.target, BONE_COLOUR, 150))?; // the path shows through
         if let Some(images) = show.images() {
-            slices(stream, show, images.pixel_mm(), frame.slices)?;
+            slices(stream, images.pixel_mm(), frame.slices)?;
         }
         progress.advance(n, count);
     }
@@ -116,7 +116,7 @@ fn draw(stream: &RecordingStream, show: &Show, progress: &dyn Progress) -> anyho
     Ok(())
 }
 
-/// Shows a run on its own time line while its log grows, until the run has ended: the burr where the arm has it, the last
+/// Shows a run on its own time line while its log grows, until the run has ended: the tool where the arm has it, the last
 /// of its way, and how far it is off its path.
 fn follow(stream: &RecordingStream, show: &Show, mut tail: LogTail) -> anyhow::Result<()> {
     let work_from_base = show.work_from_base();
@@ -125,14 +125,13 @@ fn follow(stream: &RecordingStream, show: &Show, mut tail: LogTail) -> anyhow::R
         let news = tail.news()?;
         for step in &news.steps {
             let Some(q) = &step.actual else { continue };
-            let burr =
-                single(&Point::from_coords((work_from_base * show.plan().arm.burr(q)?).translation_mm));
-            way.push(burr);
+            let at = single(&Point::from_coords((work_from_base * show.plan().arm.burr(q)?).translation_mm));
+            way.push(at);
             stream.set_duration_secs(RUN_TIME, step.time_s);
-            let point = rerun::Points3D::new([burr])
+            let point = rerun::Points3D::new([at])
                 .with_colors([Color::from_rgb(255, 80, 200)])
-                .with_radii([show.plan().record.case.burr.radius_mm as f32]);
-            stream.log("scene/run/burr", &point)?;
+                .with_radii([show.tool().radius_mm() as f32]);
+            stream.log("scene/run/cutter", &point)?;
             if let Some(off_mm) = step.off_mm {
                 stream.log("plots/run/off_mm", &rerun::Scalars::new([off_mm]))?;
             }
@@ -236,28 +235,20 @@ fn runs(points: &[[f32; 3]], of: &[[u8; 3]]) -> (Vec<Vec<[f32; 3]>>, Vec<[u8; 3]
     (strips, colours)
 }
 
-/// Burr, shank, force and arm at every moment.
+/// Tool, force and arm at every moment.
 fn motion(stream: &RecordingStream, show: &Show, moments: &[Moment]) -> anyhow::Result<()> {
-    let case = &show.plan().record.case;
-    let radius = case.burr.radius_mm as f32;
-    let burr = rerun::Ellipsoids3D::from_radii([radius])
-        .with_colors([Color::from_rgb(235, 235, 240)])
-        .with_fill_mode(rerun::FillMode::Solid);
-    stream.log_static("scene/tool/burr", &burr)?;
-    let mut from_mm = case.burr.radius_mm;
-    for (n, segment) in case.shank.iter().enumerate() {
-        // a part thicker than the burr stays outside the bone and would hide it, so only the arm's view shows it
-        let part = if segment.radius_mm > case.burr.radius_mm { "handpiece" } else { "shank" };
-        let middle = [0.0, 0.0, (from_mm + 0.5 * segment.length_mm) as f32];
-        let cylinder = rerun::Cylinders3D::from_lengths_and_radii(
-            [segment.length_mm as f32],
-            [segment.radius_mm as f32],
-        )
-        .with_centers([middle])
-        .with_colors([Color::from_rgb(170, 176, 186)])
-        .with_fill_mode(rerun::FillMode::Solid);
-        stream.log_static(format!("scene/tool/{part}/{n}"), &cylinder)?;
-        from_mm += segment.length_mm;
+    let tool = show.tool();
+    stream.log_static("scene/tool/cutter", &mesh(tool.cutter.clone(), [235, 235, 240], 255))?;
+    for (n, (cylinder, is_thick)) in tool.shank.iter().enumerate() {
+        // a part thicker than the cutter stays outside the bone and would hide it, so only the arm's view shows it
+        let part = if *is_thick { "handpiece" } else { "shank" };
+        let middle = [0.0, 0.0, (0.5 * (cylinder.from_mm + cylinder.to_mm)) as f32];
+        let length = (cylinder.to_mm - cylinder.from_mm) as f32;
+        let drawn = rerun::Cylinders3D::from_lengths_and_radii([length], [cylinder.radius_mm as f32])
+            .with_centers([middle])
+            .with_colors([Color::from_rgb(170, 176, 186)])
+            .with_fill_mode(rerun::FillMode::Solid);
+        stream.log_static(format!("scene/tool/{part}/{n}"), &drawn)?;
     }
 
     let times = || [TimeColumn::new_duration_secs(TIME, moments.iter().map(|m| m.time_s))];
@@ -292,15 +283,9 @@ fn motion(stream: &RecordingStream, show: &Show, moments: &[Moment]) -> anyhow::
     Ok(())
 }
 
-/// The slices through the burr, overlaid with target, structures and the burr's outline.
-fn slices(
-    stream: &RecordingStream,
-    show: &Show,
-    pixel_mm: f64,
-    drawn: [(Slice, [f32; 2]); 3],
-) -> anyhow::Result<()> {
-    let radius = (show.plan().record.case.burr.radius_mm / pixel_mm) as f32;
-    for ((slice, [x, y]), name) in drawn.into_iter().zip(SLICE_NAMES) {
+/// The slices through the tool's origin, overlaid with target, structures and the cutter's outline.
+fn slices(stream: &RecordingStream, pixel_mm: f64, drawn: [(Slice, Vec<[f32; 2]>); 3]) -> anyhow::Result<()> {
+    for ((slice, outline), name) in drawn.into_iter().zip(SLICE_NAMES) {
         let size = [slice.width as u32, slice.height as u32];
         stream.log(format!("slices/{name}/ct"), &rerun::Image::from_l8(slice.grey, size))?;
         let format = rerun::components::ImageFormat::from(rerun::datatypes::ImageFormat::segmentation(
@@ -309,14 +294,10 @@ fn slices(
         ));
         let labels = rerun::SegmentationImage::new(slice.code, format).with_opacity(0.35);
         stream.log(format!("slices/{name}/labels"), &labels)?;
-        let circle = (0..=48).map(|n| {
-            let (sin, cos) = (n as f32 / 48.0 * std::f32::consts::TAU).sin_cos();
-            [x + radius * cos, y + radius * sin]
-        });
-        let outline = rerun::LineStrips2D::new([circle.collect::<Vec<_>>()])
+        let outline = rerun::LineStrips2D::new([outline])
             .with_colors([Color::from_rgb(255, 255, 255)])
             .with_radii([rerun::Radius::new_ui_points(1.0)]);
-        stream.log(format!("slices/{name}/burr"), &outline)?;
+        stream.log(format!("slices/{name}/cutter"), &outline)?;
         let bar_y = size[1] as f32 * 0.9;
         let bar_px = (5.0 / pixel_mm) as f32;
         let bar = rerun::LineStrips2D::new([[[3.0, bar_y], [3.0 + bar_px, bar_y]]])

@@ -254,6 +254,21 @@ fn spade_stl(open: usize) -> String {
     format!("solid spade\n{}endsolid spade\n", facets.iter().map(facet).collect::<String>())
 }
 
+/// The same STL with its top turned by half a turn, so that its sides cross.
+fn twisted(stl: &str) -> String {
+    let line = |line: &str| match line.strip_prefix("vertex ") {
+        Some(vertex) => {
+            let mut v: Vec<f64> = vertex.split(' ').map(|c| c.parse().unwrap()).collect();
+            if v[1] > 3.0 {
+                (v[0], v[2]) = (0.6 - v[0], 0.2 - v[2]);
+            }
+            format!("vertex {} {} {}\n", v[0], v[1], v[2])
+        }
+        None => format!("{line}\n"),
+    };
+    stl.lines().map(line).collect()
+}
+
 #[test]
 fn a_cutter_from_a_mesh_is_planned_simulated_and_verified() {
     let place = Place::empty();
@@ -309,6 +324,7 @@ fn a_cutter_from_a_mesh_is_planned_simulated_and_verified() {
     // what is no cutter is said with its file
     for (stl, edges, words) in [
         (spade_stl(2), edges.clone(), ["spade.stl", "the surface is open"]),
+        (twisted(&spade_stl(0)), edges.clone(), ["spade.stl", "the surface crosses itself"]),
         ("solid".into(), edges.clone(), ["spade.stl", "not valid ASCII STL"]),
         (spade_stl(0), edges.replacen("0.1\n", "0.9\n", 1), ["spade.stl", "off the mesh"]),
         (spade_stl(0), edges.replacen("1,", "one,", 1), ["edges.csv:2", "a finite number"]),

@@ -7,7 +7,8 @@ use bonemill_imaging::ImageError;
 use bonemill_planner::pipeline::Refused;
 use bonemill_planner::plan::Need;
 use bonemill_planner::show::{
-    self as rust, Moment, PAINTS, PLANES, Plot, Show, ShownBody, ShownFrame, ShownImages, Slice, Surface,
+    self as rust, Moment, PAINTS, PLANES, Plot, Show, ShownBody, ShownFrame, ShownImages, ShownTool, Slice,
+    Surface,
 };
 use bonemill_robot::RobotError;
 use numpy::ndarray::Array2;
@@ -30,8 +31,7 @@ struct Drawn {
     paints: Vec<(&'static str, Vec<[u8; 3]>)>,
     moments: Vec<Moment>,
     frames: Vec<ShownFrame>,
-    shank: Vec<(f64, f64)>,
-    radius_mm: f64,
+    tool: ShownTool,
     plots: Vec<Plot>,
 }
 
@@ -86,8 +86,7 @@ fn draw(show: &Show, motion: usize, frames: usize) -> Result<Drawn, Failed> {
         path: show.path().iter().map(single).collect(),
         paints: drawn_paints.map(|p| (p.name, p.colours(plan))).collect(),
         frames,
-        shank: case.shank.iter().map(|s| (s.length_mm, s.radius_mm)).collect(),
-        radius_mm: case.burr.radius_mm,
+        tool: show.tool().clone(),
         plots: show.plots(&moments),
         moments,
     })
@@ -113,7 +112,7 @@ fn surface<'py>(py: Python<'py>, s: &Surface) -> PyResult<Bound<'py, PyDict>> {
     Ok(dict)
 }
 
-fn slice<'py>(py: Python<'py>, (slice, burr): (Slice, [f32; 2])) -> PyResult<Bound<'py, PyDict>> {
+fn slice<'py>(py: Python<'py>, (slice, outline): (Slice, Vec<[f32; 2]>)) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     let image = |values: Vec<u8>| -> PyResult<_> {
         let image = Array2::from_shape_vec((slice.height, slice.width), values);
@@ -121,7 +120,7 @@ fn slice<'py>(py: Python<'py>, (slice, burr): (Slice, [f32; 2])) -> PyResult<Bou
     };
     dict.set_item("grey", image(slice.grey.clone())?)?;
     dict.set_item("code", image(slice.code.clone())?)?;
-    dict.set_item("burr", burr)?;
+    dict.set_item("outline", table(py, &outline))?;
     Ok(dict)
 }
 
@@ -177,15 +176,17 @@ fn to_python(py: Python<'_>, drawn: Drawn) -> PyResult<Bound<'_, PyDict>> {
         frames.append((frame.time_s, surface(py, &frame.target)?, slices))?;
     }
     all.set_item("frames", frames)?;
-    all.set_item("shank", drawn.shank)?;
-    all.set_item("radius_mm", drawn.radius_mm)?;
+    all.set_item("cutter", surface(py, &drawn.tool.cutter)?)?;
+    let shank = drawn.tool.shank.iter();
+    let shank: Vec<_> = shank.map(|(c, is_thick)| (c.from_mm, c.to_mm, c.radius_mm, *is_thick)).collect();
+    all.set_item("shank", shank)?;
     let plots = PyList::empty(py);
     for found in drawn.plots {
         plots.append(plot(py, found)?)?;
     }
     all.set_item("plots", plots)?;
     let moments = &drawn.moments;
-    let tool: Vec<[f32; 3]> =
+    let at: Vec<[f32; 3]> =
         moments.iter().map(|m| single(&Point::from_coords(m.tool.translation_mm))).collect();
     let turn = |m: &Moment| {
         let q = nalgebra::UnitQuaternion::from_rotation_matrix(&m.tool.rotation);
@@ -193,7 +194,7 @@ fn to_python(py: Python<'_>, drawn: Drawn) -> PyResult<Bound<'_, PyDict>> {
     };
     let force = |m: &Moment| -> [f32; 3] { m.force_n.unwrap_or_default().map(|f| f as f32).into() };
     all.set_item("time_s", moments.iter().map(|m| m.time_s).collect::<Vec<_>>().into_pyarray(py))?;
-    all.set_item("tool", table(py, &tool))?;
+    all.set_item("at", table(py, &at))?;
     all.set_item("turn", table(py, &moments.iter().map(turn).collect::<Vec<_>>()))?;
     all.set_item("force", table(py, &moments.iter().map(force).collect::<Vec<_>>()))?;
     let links = PyList::empty(py);

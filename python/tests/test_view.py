@@ -17,7 +17,7 @@ ENTITIES = [
     "/scene/structures/facial_nerve/clearance",
     "/scene/path/force_toward_structures",
     "/scene/path/speed",
-    "/scene/tool/burr",
+    "/scene/tool/cutter",
     "/scene/force",
     "/scene/arm",
     "/slices/x_y/ct",
@@ -61,4 +61,4 @@ def test_a_plan_without_its_images_is_drawn_without_slices(own_block: bonemill.C
     bonemill.view(bonemill.Plan.load(saved), save=path)
     call = [sys.executable, "-m", "rerun", "rrd", "print", str(path)]
     said = subprocess.run(call, capture_output=True, text=True, check=True).stdout
-    assert "/scene/path/speed" in said and "/scene/tool/burr" in said and "/slices/x_y/ct" not in said
+    assert "/scene/path/speed" in said and "/scene/tool/cutter" in said and "/slices/x_y/ct" not in said

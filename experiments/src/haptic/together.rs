@@ -1,7 +1,7 @@
 //! The haptic loop at 1 kHz and the surface of what changed, together for a minute, as at a workstation: how many steps end too late, and how
 //! many frames a second the surface gets.
 //!
-//! One thread steps our engine at every millisecond; after each 33 of them it hands the samples of the changed bricks to a second thread,
+//! One thread steps our engine at every millisecond; after each 33 of them it hands the changed bricks to a second thread,
 //! which meshes them. A step is late where it has not ended when the next begins. The drill begins a hole beside the last one when it is
 //! through; the reamer goes straight on.
 

@@ -51,7 +51,7 @@ impl ToolFront {
         for ring in 0..RINGS {
             let inner = guide_radius_mm + ring as f64 * width;
             let radius = inner + 0.5 * width;
-            let height = |r: f64| front_height_mm(solid, r);
+            let height = |r: f64| solid.front_height_mm(r);
             let slope = (height(inner + width) - height(inner)) / width;
             let projected_mm2 = radius * width * TAU / AROUND as f64;
             let surface_mm2 = projected_mm2 * slope.hypot(1.0);
@@ -90,21 +90,6 @@ impl ToolFront {
         }
         met
     }
-}
-
-/// The lowest height at which a solid has the radius r, mm; above the guide.
-fn front_height_mm(solid: &SolidOfRevolution, radius_mm: f64) -> f64 {
-    let mut before: Option<[f64; 2]> = None;
-    for &[z, r] in solid.profile() {
-        if r >= radius_mm {
-            return match before {
-                Some([z0, r0]) if r > r0 && r0 < radius_mm => z0 + (z - z0) * (radius_mm - r0) / (r - r0),
-                _ => z,
-            };
-        }
-        before = Some([z, r]);
-    }
-    solid.z_range_mm()[1]
 }
 
 #[cfg(test)]

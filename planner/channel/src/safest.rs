@@ -5,7 +5,8 @@
 //! ([`crate::outside`]): a line that ends in an air cell is no channel. Its worth is the least weighted margin over all structures ([`crate::risk`]). That is continuous in the direction
 //! but has several local maxima, one for each gap between structures. So directions are first sampled over the
 //! sphere, `SPACING_RAD` apart; the best of them that are [`APART_RAD`] from each other are then moved to their local maximum
-//! by halving steps.
+//! by halving steps. The first channel is the best of these; each further one, a runner-up, is the best that stays
+//! [`APART_RAD`] from all before it, in another gap or beside the first in the same.
 
 use bonemill_geometry::{Ct, Point, Volume, basis, cancel};
 use nalgebra::{Unit, Vector3};
@@ -21,8 +22,10 @@ use crate::surface::leaves_bone_mm;
 const SPACING_RAD: f64 = 0.025;
 /// Least angle between two directions that are told apart, rad.
 pub const APART_RAD: f64 = 0.087;
-/// Sampled directions that are moved to their local maximum.
-const REFINED: usize = 8;
+/// Sampled directions that are moved to their local maximum, for the best channel and for each runner-up.
+const STARTS: [usize; 2] = [8, 3];
+/// Channels that are found: the best and its runners-up.
+const MOST_CHANNELS: usize = 5;
 /// Steps of moving, from the first to the last, rad.
 const STEPS_RAD: [f64; 2] = [0.5 * SPACING_RAD, 2e-4];
 /// A step of moving that gains less than this does not count, mm, so that a plateau ends the search; the clearances' own tolerance
@@ -99,7 +102,7 @@ pub struct SafestSearch<'a> {
 /// What a search found.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SafestFound {
-    /// Best first, at least [`APART_RAD`] from each other.
+    /// Best first, at least [`APART_RAD`] from each other, at most 5.
     pub channels: Vec<SafeChannel>,
     /// Directions that were sampled.
     pub sampled: usize,
@@ -120,13 +123,22 @@ impl SafestSearch<'_> {
                 self.sample(&on_sphere(n, count))
             })
             .collect();
-        let mut best: Vec<SafeChannel> = sampled.iter().filter_map(Sampled::channel).cloned().collect();
-        sort(&mut best);
-        let best = apart(best, REFINED);
-        let mut channels: Vec<SafeChannel> = best.par_iter().map(|channel| self.refined(channel)).collect();
+        let mut starts: Vec<SafeChannel> = sampled.iter().filter_map(Sampled::channel).cloned().collect();
+        sort(&mut starts);
+        let mut channels: Vec<SafeChannel> = Vec::new();
+        while channels.len() < MOST_CHANNELS {
+            let possible = starts.iter().filter(|start| is_apart(&start.axis, &channels));
+            let tried: Vec<SafeChannel> = apart(possible, STARTS[usize::from(!channels.is_empty())])
+                .par_iter()
+                .map(|start| self.refined(start, &channels))
+                .collect();
+            let best = tried.into_iter().max_by(|a, b| worse_to_better(a, b));
+            let Some(best) = best else { break };
+            channels.push(best);
+        }
         sort(&mut channels);
         SafestFound {
-            channels: apart(channels, REFINED),
+            channels,
             sampled: count,
             in_region: sampled.iter().filter(|s| !matches!(s, Sampled::Elsewhere)).count(),
             too_long: sampled.iter().filter(|s| matches!(s, Sampled::TooLong)).count(),
@@ -184,22 +196,24 @@ impl SafestSearch<'_> {
         SafeChannel { axis, kept, margin_mm }
     }
 
-    /// The local maximum next to a channel, by steps around it that are halved where none is better.
-    fn refined(&self, from: &SafeChannel) -> SafeChannel {
+    /// The local maximum next to a channel among those that stay apart from `others`, by steps around it that are halved where none
+    /// is better.
+    fn refined(&self, from: &SafeChannel, others: &[SafeChannel]) -> SafeChannel {
         let [first, last] = STEPS_RAD;
         let mut best = self.judged(from.axis, TOLERANCES_MM[1]);
         let mut step = first;
         while step > last {
             cancel::poll();
             let turn = basis::from_z(&best.axis.out);
-            let around = (0..8).map(|n| {
+            let beside = |n: u32| {
                 let (sin, cos) = (f64::from(n) * std::f64::consts::FRAC_PI_4).sin_cos();
-                Unit::new_normalize(turn * Vector3::new(step * cos, step * sin, 1.0))
-            });
-            let fitting =
-                around.filter_map(|out| self.axis_in_cone(&out)).filter(|a| a.depth_mm <= self.longest_mm);
-            let better = fitting
-                .map(|axis| self.judged(axis, TOLERANCES_MM[1]))
+                let out = Unit::new_normalize(turn * Vector3::new(step * cos, step * sin, 1.0));
+                let axis = self.axis_in_cone(&out)?;
+                let fits = axis.depth_mm <= self.longest_mm && is_apart(&axis, others);
+                fits.then(|| self.judged(axis, TOLERANCES_MM[1]))
+            };
+            let better = (0..8)
+                .filter_map(beside)
                 .filter(|channel| channel.margin_mm > best.margin_mm + LEAST_GAIN_MM)
                 .max_by(|a, b| a.margin_mm.total_cmp(&b.margin_mm));
             match better {
@@ -229,23 +243,30 @@ impl Sampled {
     }
 }
 
-/// Best first; of equals the shorter one.
+/// The smaller margin first; of equals the longer one.
+fn worse_to_better(a: &SafeChannel, b: &SafeChannel) -> std::cmp::Ordering {
+    a.margin_mm.total_cmp(&b.margin_mm).then(b.axis.depth_mm.total_cmp(&a.axis.depth_mm))
+}
+
+/// Best first.
 fn sort(channels: &mut [SafeChannel]) {
-    channels.sort_by(|a, b| {
-        b.margin_mm.total_cmp(&a.margin_mm).then(a.axis.depth_mm.total_cmp(&b.axis.depth_mm))
-    });
+    channels.sort_by(|a, b| worse_to_better(b, a));
+}
+
+/// Whether a channel is [`APART_RAD`] from all others.
+fn is_apart(axis: &ChannelAxis, others: &[SafeChannel]) -> bool {
+    others.iter().all(|other| other.axis.out.dot(&axis.out) < APART_RAD.cos())
 }
 
 /// The first channels that are apart from all before them, at most so many.
-fn apart(channels: Vec<SafeChannel>, most: usize) -> Vec<SafeChannel> {
+fn apart<'c>(channels: impl Iterator<Item = &'c SafeChannel>, most: usize) -> Vec<SafeChannel> {
     let mut chosen: Vec<SafeChannel> = Vec::new();
     for channel in channels {
         if chosen.len() == most {
             break;
         }
-        let is_apart = |other: &SafeChannel| other.axis.out.dot(&channel.axis.out) < APART_RAD.cos();
-        if chosen.iter().all(is_apart) {
-            chosen.push(channel);
+        if is_apart(&channel.axis, &chosen) {
+            chosen.push(channel.clone());
         }
     }
     chosen
@@ -289,6 +310,15 @@ mod tests {
     }
 
     fn found_in(gap_x: f64, region: EntryRegion<'_>, cone: Option<(Vector3<f64>, f64)>) -> SafestFound {
+        searched(gap_x, region, cone, |search| search.run())
+    }
+
+    fn searched<R>(
+        gap_x: f64,
+        region: EntryRegion<'_>,
+        cone: Option<(Vector3<f64>, f64)>,
+        of: impl Fn(&SafestSearch<'_>) -> R,
+    ) -> R {
         let (ct, labels) = scene(gap_x);
         let field = StructureField::new(&labels, 1, None).unwrap().unwrap();
         let structures = [KeptStructure { field: Some(&field), clearance_mm: 0.2, priority: 1 }];
@@ -301,7 +331,7 @@ mod tests {
         };
         let target = Point::new(0.0, 0.0, 0.0);
         let outside = OutsideAir::of(&ct, -700.0);
-        SafestSearch {
+        of(&SafestSearch {
             ct: &ct,
             bone_hu: 0.0,
             target,
@@ -310,8 +340,7 @@ mod tests {
             cone,
             longest_mm: 20.0,
             risk,
-        }
-        .run()
+        })
     }
 
     #[test]
@@ -337,6 +366,30 @@ mod tests {
             let most = fan.map(distance).fold(0.0, f64::max) - 0.8 - 0.1 * 2.326;
             assert!((best.margin_mm - most).abs() < 0.03, "{} {most}", best.margin_mm);
         }
+    }
+
+    /// A brute-force twin: of a fine fan of directions, none that stays apart from the channels before a runner-up keeps more than it.
+    #[test]
+    fn every_runner_up_is_the_best_of_what_stays_apart() {
+        let cone = Some((Vector3::new(0.1, 0.0, 1.0), 0.3));
+        searched(0.0, EntryRegion::Surface, cone, |search| {
+            let channels = search.run().channels;
+            assert!(channels.len() > 3, "{}", channels.len());
+            let fan =
+                (0..61u8).flat_map(|i| (0..61u8).map(move |j| [i, j].map(|n| f64::from(n) * 0.012 - 0.36)));
+            let fan = fan.filter_map(|[x, y]| {
+                let axis = search.axis_in_cone(&Unit::new_normalize(Vector3::new(x + 0.1, y, 1.0)))?;
+                Some(search.judged(axis, TOLERANCES_MM[1]))
+            });
+            let fan: Vec<SafeChannel> = fan.collect();
+            assert!(fan.len() > 1500, "{}", fan.len());
+            for (n, channel) in channels.iter().enumerate() {
+                assert!(is_apart(&channel.axis, &channels[..n]));
+                let others = fan.iter().filter(|other| is_apart(&other.axis, &channels[..n]));
+                let most = others.map(|other| other.margin_mm).fold(f64::NEG_INFINITY, f64::max);
+                assert!(channel.margin_mm > most - 0.03, "channel {n} keeps {} of {most}", channel.margin_mm);
+            }
+        });
     }
 
     #[test]

@@ -98,6 +98,21 @@ impl SolidOfRevolution {
         self.pieces().filter_map(at).reduce(f64::max)
     }
 
+    /// The lowest height at which its radius is at least this, mm; its top where it never is.
+    pub fn front_height_mm(&self, radius_mm: f64) -> f64 {
+        let mut before: Option<[f64; 2]> = None;
+        for &[z, r] in &self.profile {
+            if r >= radius_mm {
+                return match before {
+                    Some([z0, r0]) if r > r0 && r0 < radius_mm => z0 + (z - z0) * (radius_mm - r0) / (r - r0),
+                    _ => z,
+                };
+            }
+            before = Some([z, r]);
+        }
+        self.z_range_mm()[1]
+    }
+
     /// Whether a point lies in it.
     pub fn contains(&self, p: Point<Tool>) -> bool {
         let radius2 = p.x() * p.x() + p.y() * p.y();

@@ -91,21 +91,21 @@ def _scene(rr: Any, recording: Any, drawn: dict[str, Any]) -> None:
 
 
 def _motion(rr: Any, recording: Any, drawn: dict[str, Any]) -> None:
-    radius = drawn["radius_mm"]
-    burr = rr.Ellipsoids3D(radii=[radius], colors=(235, 235, 240), fill_mode="solid")
-    recording.log("scene/tool/burr", burr, static=True)
-    start = radius
-    for n, (length, thick) in enumerate(drawn["shank"]):
-        part = "handpiece" if thick > radius else "shank"
+    recording.log("scene/tool/cutter", _mesh(rr, drawn["cutter"], (235, 235, 240), 255), static=True)
+    for n, (start, end, radius, is_thick) in enumerate(drawn["shank"]):
+        part = "handpiece" if is_thick else "shank"
         cylinder = rr.Cylinders3D(
-            lengths=[length], radii=[thick], centers=[(0, 0, start + length / 2)], colors=(170, 176, 186), fill_mode="solid"
+            lengths=[end - start],
+            radii=[radius],
+            centers=[(0, 0, (start + end) / 2)],
+            colors=(170, 176, 186),
+            fill_mode="solid",
         )
         recording.log(f"scene/tool/{part}/{n}", cylinder, static=True)
-        start += length
     times = [rr.TimeColumn(_TIME, duration=drawn["time_s"])]
-    poses = rr.Transform3D.columns(translation=drawn["tool"], quaternion=drawn["turn"])
+    poses = rr.Transform3D.columns(translation=drawn["at"], quaternion=drawn["turn"])
     recording.send_columns("scene/tool", indexes=times, columns=poses)
-    arrows = rr.Arrows3D.columns(vectors=drawn["force"] * drawn["arrow_mm_per_n"], origins=drawn["tool"])
+    arrows = rr.Arrows3D.columns(vectors=drawn["force"] * drawn["arrow_mm_per_n"], origins=drawn["at"])
     recording.send_columns("scene/force", indexes=times, columns=arrows)
     recording.log("scene/force", rr.Arrows3D.from_fields(colors=(255, 60, 60), radii=0.25), static=True)
     recording.send_columns("scene/arm", indexes=times, columns=rr.LineStrips3D.columns(strips=drawn["links"]))
@@ -115,10 +115,8 @@ def _motion(rr: Any, recording: Any, drawn: dict[str, Any]) -> None:
 def _slice(rr: Any, recording: Any, drawn: dict[str, Any], name: str, found: dict[str, Any]) -> None:
     recording.log(f"slices/{name}/ct", rr.Image(found["grey"]))
     recording.log(f"slices/{name}/labels", rr.SegmentationImage(found["code"], opacity=0.35))
-    turn = np.linspace(0, 2 * np.pi, 49)
-    circle = np.asarray(found["burr"]) + drawn["radius_mm"] / drawn["pixel_mm"] * np.stack([np.cos(turn), np.sin(turn)], -1)
-    outline = rr.LineStrips2D([circle], colors=(255, 255, 255), radii=rr.Radius.ui_points(1.0))
-    recording.log(f"slices/{name}/burr", outline)
+    outline = rr.LineStrips2D([found["outline"]], colors=(255, 255, 255), radii=rr.Radius.ui_points(1.0))
+    recording.log(f"slices/{name}/cutter", outline)
     low = 0.9 * found["grey"].shape[0]
     bar = rr.LineStrips2D([[(3, low), (3 + 5.0 / drawn["pixel_mm"], low)]], labels=["5 mm"], colors=(255, 255, 255))
     recording.log(f"slices/{name}/scale", bar, static=True)

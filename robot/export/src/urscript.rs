@@ -240,7 +240,7 @@ fn head(options: &UrScript, start: &str, step_s: f64) -> String {
     end
     if aside_mm() > most_aside_mm:
       textmsg(\"bonemill: mm beside the path that the structures allow here: \", most_aside_mm)
-      safe_stop(\"the burr is farther beside its path than the structures allow here\")
+      safe_stop(\"the tool is farther beside its path than the structures allow here\")
     end
     servoj(q, t=dt, lookahead_time=0.1, gain=300)
     remember(q)

@@ -43,7 +43,7 @@ impl Approach {
         let length_mm = way_mm.norm();
         if length_mm > settings.approach_most_mm {
             return Err(format!(
-                "the burr is {length_mm:.1} mm from where the motion begins, at most {:.0} mm: move the arm nearer",
+                "the tool is {length_mm:.1} mm from where the motion begins, at most {:.0} mm: move the arm nearer",
                 settings.approach_most_mm
             ));
         }
@@ -53,7 +53,7 @@ impl Approach {
         let aside_rad = if touches { 0.0 } else { way_mm.angle(&outward) };
         if aside_rad > settings.approach_cone_rad {
             return Err(format!(
-                "the burr is {length_mm:.2} mm from where the motion begins, {:.0}° beside the shaft's way out: bring it within {:.0}° of it, on the handpiece's side",
+                "the tool is {length_mm:.2} mm from where the motion begins, {:.0}° beside the shaft's way out: bring it within {:.0}° of it, on the handpiece's side",
                 aside_rad.to_degrees(),
                 settings.approach_cone_rad.to_degrees()
             ));

@@ -105,7 +105,7 @@ impl fmt::Display for Cause {
             Self::OffPath { off_mm, most_mm } => {
                 write!(
                     f,
-                    "the burr is {off_mm:.3} mm off its path, at most {most_mm:.3} mm with the clearance left here"
+                    "the tool is {off_mm:.3} mm off its path, at most {most_mm:.3} mm with the clearance left here"
                 )
             }
             Self::AxisOff { off_rad, most_rad } => {
@@ -189,7 +189,7 @@ impl fmt::Display for Question {
         match self {
             Self::Approach { from_mm, to_mm, length_mm, duration_s } => write!(
                 f,
-                "The burr moves straight by {length_mm:.1} mm in {duration_s:.1} s, spindle off, from ({:.1}, {:.1}, {:.1}) to \
+                "The tool moves straight by {length_mm:.1} mm in {duration_s:.1} s, spindle off, from ({:.1}, {:.1}, {:.1}) to \
                  ({:.1}, {:.1}, {:.1}) mm in the arm's base. Is the way free?",
                 from_mm[0], from_mm[1], from_mm[2], to_mm[0], to_mm[1], to_mm[2]
             ),

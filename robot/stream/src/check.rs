@@ -51,7 +51,7 @@ fn speeds(plan: &StreamPlan) -> Result<(), String> {
     let advice =
         if rate > 0.0 { "stream with --slow" } else { "no speed is slow enough: plan with more clearance" };
     Err(format!(
-        "near row {row} ({:.1} s) a stop or a failure could bring the burr {:.2} mm off its path, with {:.2} mm left to the nearest \
+        "near row {row} ({:.1} s) a stop or a failure could bring the tool {:.2} mm off its path, with {:.2} mm left to the nearest \
          structure: {advice}",
         row as f64 * plan.period_s,
         tube.off_mm,
@@ -93,7 +93,7 @@ fn tool(plan: &StreamPlan, state: &ArmState) -> Result<(), String> {
     }
     let p = planned.translation_mm;
     Err(format!(
-        "the controller has its tool centre point at ({:.2}, {:.2}, {:.2}) mm in its base, the plan's arm has the burr at ({:.2}, {:.2}, {:.2}): \
+        "the controller has its tool centre point at ({:.2}, {:.2}, {:.2}) mm in its base, the plan's arm has the tool at ({:.2}, {:.2}, {:.2}): \
          {off_mm:.2} mm and {:.1} mrad apart. Set the tool centre point to flange_from_burr, and plan with this arm's own calibration",
         place[0],
         place[1],

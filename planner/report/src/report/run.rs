@@ -26,7 +26,7 @@ pub fn page(run: &RunComparison, name: &str) -> String {
     page += &cards(run);
     page += "<h2>Over the run</h2>";
     page += &charts(run);
-    page += "<h2>Figures</h2><p class=\"note\">Off: of the burr's centre from its planned path. Behind: along the path, from the newest \
+    page += "<h2>Figures</h2><p class=\"note\">Off: of the tool from its planned path. Behind: along the path, from the newest \
              target. Late: a step of the program after its time. Room: between burr and nearest structure as planned, less what the burr \
              was off.</p>";
     let rows: String = run.figures().iter().map(|(name, value)| row(name, value)).collect();
@@ -63,7 +63,7 @@ fn verdict(run: &RunComparison) -> String {
 fn cards(run: &RunComparison) -> String {
     let largest = |value: &dyn Fn(&Executed) -> f64| run.steps.iter().map(value).fold(0.0, f64::max);
     let mut cards = vec![
-        ("farthest of the burr from its path".to_owned(), format!("{:.3} mm", largest(&|s| s.off_mm))),
+        ("farthest of the tool from its path".to_owned(), format!("{:.3} mm", largest(&|s| s.off_mm))),
         ("farthest behind its target, along the path".into(), format!("{:.3} mm", largest(&|s| s.behind_mm))),
         ("largest turn of the shaft".into(), format!("{:.2} mrad", largest(&|s| 1e3 * s.axis_rad))),
         ("executed".into(), format!("{:.1} s", run.executed_s)),
@@ -117,7 +117,7 @@ fn charts(run: &RunComparison) -> String {
     ];
     if run.least_room.is_some() {
         charts.push(chart(
-            "Room between burr and the nearest structure",
+            "Room between tool and the nearest structure",
             "mm",
             &[one("room", "line-a", &|s| s.room_mm)],
             &[],
@@ -126,7 +126,7 @@ fn charts(run: &RunComparison) -> String {
     if run.steps.iter().any(|s| s.force_n.is_some()) {
         let series =
             [one("measured", "line-a", &|s| s.force_n), one("predicted", "line-b", &|s| Some(s.predicted_n))];
-        charts.push(chart("Force on the burr", "N", &series, &[]));
+        charts.push(chart("Force on the tool", "N", &series, &[]));
     }
     charts.concat()
 }

@@ -1,4 +1,4 @@
-//! The parts of the picture that change during milling: the remaining target, and the slices through the burr.
+//! The parts of the picture that change during milling: the remaining target, and the slices through the tool.
 
 use bonemill_geometry::{Point, Work, cancel};
 use rayon::prelude::*;
@@ -12,8 +12,9 @@ pub struct ShownFrame {
     pub time_s: f64,
     /// The surface of the remaining target.
     pub target: Surface,
-    /// The slice of each of [`PLANES`], and the burr's centre on it ([`super::ShownImages::pixel`]).
-    pub slices: [(Slice, [f32; 2]); 3],
+    /// The slice of each of [`PLANES`] through the tool's origin, and the cutter's outline on it, pixels
+    /// ([`super::ShownImages::pixel`]).
+    pub slices: [(Slice, Vec<[f32; 2]>); 3],
 }
 
 impl Show<'_> {
@@ -24,9 +25,15 @@ impl Show<'_> {
         let last = moments.len().saturating_sub(1);
         let drawn = |m: &Moment| {
             cancel::poll();
-            let burr: Point<Work> = Point::from_coords(m.tool.translation_mm);
+            let at: Point<Work> = Point::from_coords(m.tool.translation_mm);
             let index = m.waypoint as u32;
-            let slices = PLANES.each_ref().map(|p| (images.slice(p, burr, index), images.pixel(p, burr)));
+            let pixel_mm = images.pixel_mm();
+            let slices = PLANES.each_ref().map(|plane| {
+                let [x, y] = images.pixel(plane, at);
+                let pixel =
+                    |[right, up]: [f64; 2]| [x + (right / pixel_mm) as f32, y - (up / pixel_mm) as f32];
+                (images.slice(plane, at, index), self.tool.outline(plane).into_iter().map(pixel).collect())
+            });
             ShownFrame { time_s: m.time_s, target: images.target(Some(index)), slices }
         };
         let chosen: Vec<_> = (0..moments.len()).filter(|n| n % step == 0 || *n == last).collect();

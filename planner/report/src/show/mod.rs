@@ -13,8 +13,8 @@ mod paint;
 mod plot;
 mod slice;
 mod surface;
+mod tool;
 
-use bonemill_cutter::Ball;
 use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
 use bonemill_scene::{Class, Scene};
 use rayon::prelude::*;
@@ -27,12 +27,12 @@ pub use paint::{ARROW_MM_PER_N, PAINTS, Paint};
 pub use plot::{Curve, Plot};
 pub use slice::{PLANES, Plane, Slice};
 pub use surface::Surface;
+pub use tool::ShownTool;
 
 use bonemill_geometry::Progress;
 use bonemill_planfile::StoredPlan;
 use bonemill_setup::PlanError;
 use bonemill_setup::inputs::scene_of;
-use bonemill_stock::removal::RemovalTime;
 
 /// Voxel code of a slice for a voxel that is neither target nor structure.
 pub const NOTHING: u8 = 0;
@@ -49,6 +49,7 @@ pub struct Show<'a> {
     plan: &'a StoredPlan,
     work_from_ct: Rigid<Work, Ct>,
     path: Vec<Point<Work>>,
+    tool: ShownTool,
     images: Option<ShownImages>,
 }
 
@@ -56,7 +57,8 @@ pub struct Show<'a> {
 #[derive(Debug)]
 pub struct ShownImages {
     scene: Scene,
-    removal: RemovalTime,
+    /// The waypoint on the way to which each voxel is removed.
+    removal: Vec<u32>,
     /// Code of the structure in each voxel, else [`NOTHING`].
     structure: Volume<u8, Work>,
 }
@@ -69,8 +71,10 @@ impl<'a> Show<'a> {
     pub fn read(plan: &'a StoredPlan, progress: &dyn Progress) -> Result<Self, PlanError> {
         let work_from_ct = plan.record.frames.ct_from_grid().inverse();
         let path: Vec<_> = plan.waypoints.iter().map(|w| work_from_ct * w.position).collect();
-        let images = plan.images_found().then(|| ShownImages::read(plan, &path, progress)).transpose()?;
-        Ok(Self { plan, work_from_ct, path, images })
+        let tool = ShownTool::of(plan)?;
+        let images =
+            plan.images_found().then(|| ShownImages::read(plan, &path, &tool, progress)).transpose()?;
+        Ok(Self { plan, work_from_ct, path, tool, images })
     }
 
     /// The plan.
@@ -83,7 +87,12 @@ impl<'a> Show<'a> {
         self.images.as_ref()
     }
 
-    /// The burr's centre at every waypoint.
+    /// The tool.
+    pub fn tool(&self) -> &ShownTool {
+        &self.tool
+    }
+
+    /// The tool's origin at every waypoint: a burr's centre.
     pub fn path(&self) -> &[Point<Work>] {
         &self.path
     }
@@ -95,12 +104,15 @@ impl<'a> Show<'a> {
 }
 
 impl ShownImages {
-    fn read(plan: &StoredPlan, path: &[Point<Work>], progress: &dyn Progress) -> Result<Self, PlanError> {
+    fn read(
+        plan: &StoredPlan,
+        path: &[Point<Work>],
+        tool: &ShownTool,
+        progress: &dyn Progress,
+    ) -> Result<Self, PlanError> {
         let scene = scene_of(plan, progress)?;
         progress.stage("removal");
-        let mut removal = RemovalTime::new(scene.class.grid());
-        let radius_mm = plan.record.cutter_radius_mm();
-        removal.sweep(0..path.len() as u32, |n| path[n as usize], Ball { radius_mm }, |_| ());
+        let removal = tool.removal(scene.class.grid(), path);
         let structure = structures(&scene);
         Ok(Self { scene, removal, structure })
     }
@@ -111,7 +123,7 @@ impl ShownImages {
         match self.scene.class.data()[voxel] {
             _ if structure != NOTHING => structure,
             class if !class.is(Class::TARGET) => NOTHING,
-            _ if self.removal.time()[voxel] <= index => CUT,
+            _ if self.removal[voxel] <= index => CUT,
             _ => TARGET,
         }
     }

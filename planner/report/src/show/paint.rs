@@ -53,7 +53,7 @@ impl Show<'_> {
         let plan = self.plan();
         let m = &plan.record.metrics;
         let mut text = format!(
-            "# Milling plan\n\nRemoved {:.0} of {:.0} mm³ that the burr can reach, in {:.0} s. bonemill {}; research \
+            "# Milling plan\n\nRemoved {:.0} of {:.0} mm³ that the tool can reach, in {:.0} s. bonemill {}; research \
              software, not a medical device.\n\n**3-D** (z is the approach, out of the bone; mm): sand: what is still there \
              of the target; structures with the surface at their clearance around them; burr, shank and arm; red: force on \
              the burr, {ARROW_MM_PER_N} mm per N.\n\n**Path**, dark violet to yellow, grey where there is no value:\n\n\
@@ -68,7 +68,7 @@ impl Show<'_> {
             text += &format!("| {} | {row} |\n", paint.name);
         }
         if self.images().is_some() {
-            text += "\n**Slices** go through the burr (white circle): CT, target lime, cut black, structures in their colours.\n";
+            text += "\n**Slices** go through the tool (white outline): CT, target lime, cut black, structures in their colours.\n";
         } else {
             text += "\n**Without images**: target, structures and slices are not drawn.\n";
         }

@@ -117,7 +117,7 @@ impl Show<'_> {
                 "distance",
                 "distance [mm]".into(),
                 self.along([
-                    ("surface", "burr's surface to structure", BLUE, &distance),
+                    ("surface", "tool's surface to structure", BLUE, &distance),
                     ("clearance", "clearance kept from it", RED, &clearance),
                 ]),
             ),

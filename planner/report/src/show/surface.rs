@@ -19,7 +19,7 @@ pub struct Surface {
 }
 
 impl Surface {
-    fn of<F: Frame>(mesh: &Mesh<F>) -> Self {
+    pub(super) fn of<F: Frame>(mesh: &Mesh<F>) -> Self {
         let mut normals = vec![Vector3::zeros(); mesh.vertices.len()];
         for t in &mesh.triangles {
             let [a, b, c] = t.map(|n| mesh.vertices[n as usize].coords);
@@ -46,9 +46,8 @@ impl ShownImages {
     /// The surface of the target, air cells included, that remains when waypoint `index` is reached; `None` means the whole
     /// target. It is computed on cells of two voxels, which is fine enough for display.
     pub fn target(&self, index: Option<u32>) -> Surface {
-        let removal = self.removal.time();
         let class = self.scene.class.data();
-        let counts = |n: usize| class[n].is(Class::TARGET) && index.is_none_or(|i| removal[n] > i);
+        let counts = |n: usize| class[n].is(Class::TARGET) && index.is_none_or(|i| self.removal[n] > i);
         let grid = self.scene.class.grid();
         match coarse(grid) {
             Some(cells) => Surface::of(&iso_surface(&shares(grid, &cells, counts), 0.5)),

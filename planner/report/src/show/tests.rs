@@ -31,6 +31,19 @@ fn small_plan(dir: &Path) -> PathBuf {
     staged.commit().unwrap()
 }
 
+/// Plans the channel of a drilled tibia in `dir`.
+fn channel_plan(dir: &Path) -> PathBuf {
+    let folder = dir.join("case");
+    std::fs::create_dir(&folder).unwrap();
+    write_phantom(&folder, &phantom(PhantomKind::Tibia, 1)).unwrap();
+    let case_path = folder.join(PHANTOM_CASE_FILE);
+    let case = Case::parse(&std::fs::read_to_string(&case_path).unwrap(), &case_path).unwrap();
+    let plan = bonemill_channel::plan(&case, case.job.channel().unwrap(), &case_path, &Silent).unwrap();
+    let staged = StagedDirectory::create(&dir.join("plan"), Replace::Nothing).unwrap();
+    crate::save::channel(&plan, &case_path, &staged).unwrap();
+    staged.commit().unwrap()
+}
+
 /// Signed volume by the divergence theorem, mm³.
 fn volume_mm3(s: &Surface) -> f64 {
     let at = |n: u32| nalgebra::Vector3::from(s.vertices[n as usize].map(f64::from));
@@ -152,4 +165,47 @@ fn a_plan_without_its_images_is_drawn_as_far_as_its_own_files_go() {
     let found = StoredPlan::load_with(&away, Some(&dir.path().join("case")), Need::All).unwrap();
     let whole = Show::read(&found, &Silent).unwrap();
     assert!(whole.images().is_some() && whole.path() == show.path() && whole.eye() == show.eye());
+}
+
+/// A drill is drawn with its point at the trajectory's tip, and each voxel goes on the first way of the drill's solid over it.
+#[test]
+fn a_channel_is_drawn_with_its_own_tool() {
+    let dir = tempfile::tempdir().unwrap();
+    let stored = StoredPlan::load(&channel_plan(dir.path())).unwrap();
+    let show = Show::read(&stored, &Silent).unwrap();
+    let tool = show.tool();
+    assert_eq!(tool.radius_mm(), stored.record.channel().unwrap().radius_mm);
+    let lowest = tool.cutter.vertices.iter().map(|v| v[2]).fold(f32::INFINITY, f32::min);
+    assert!(lowest.abs() < 1e-6 && tool.cutter.triangles.len() > 100, "{lowest}");
+    assert!(tool.shank.iter().all(|(part, is_thick)| *is_thick == (part.radius_mm > tool.radius_mm())));
+
+    // a twin by brute force: the first waypoint whose tip brings the solid, or what it swept on the way down, over the voxel
+    let images = show.images().unwrap();
+    let grid = images.scene.class.grid();
+    let path = show.path();
+    let drill =
+        bonemill_channel::tool::ChannelTool::of_case(&stored.record.case, |f| stored.input_path(f)).unwrap();
+    let swept = drill.cutter.solid().swept_towards_tip(1000.0);
+    let mut removed = 0;
+    for n in (0..grid.len()).step_by(7) {
+        let p = grid.center(grid.voxel(n));
+        let over = |tip: &Point<Work>| swept.contains(Point::from_coords(p - *tip));
+        let first = path.iter().position(over).map_or(u32::MAX, |index| index as u32);
+        assert_eq!(images.removal[n], first, "voxel {n} at {p:?}");
+        removed += usize::from(first != u32::MAX);
+    }
+    assert!(removed > 1000, "{removed}");
+
+    // its outline: as wide as the tool from above, its point at the origin from the side
+    for (plane, low) in PLANES.iter().zip([-tool.radius_mm(), 0.0, 0.0]) {
+        let outline = tool.outline(plane);
+        let least = |a: usize| outline.iter().map(|p| p[a]).fold(f64::INFINITY, f64::min);
+        assert!(
+            (least(0) + tool.radius_mm()).abs() < 1e-6 && (least(1) - low).abs() < 1e-6,
+            "{}",
+            plane.name
+        );
+        let [first, last] = [outline[0], outline[outline.len() - 1]];
+        assert!((first[0] - last[0]).hypot(first[1] - last[1]) < 1e-9, "{}: not closed", plane.name);
+    }
 }

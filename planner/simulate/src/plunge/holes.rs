@@ -2,6 +2,9 @@
 //! axes.
 //!
 //! A cell keeps the least signed distance of all solids taken, cut off at ±2 cells; it only falls, so the order does not matter.
+//! A brick is shared with who displays it and copied when it is cut again, so that neither waits for the other.
+
+use std::sync::Arc;
 
 use bonemill_geometry::{Grid, Work};
 use nalgebra::{Rotation3, Vector3};
@@ -15,8 +18,11 @@ pub(super) const SIDE: usize = 8;
 pub(super) const FAR: f32 = 2.0;
 /// More bricks than this over the bone are refused.
 const MOST_BRICKS: f64 = 6.7e7;
-/// A brick without a hole.
+/// The place of a brick without a hole: beyond all that are stored.
 const WHOLE: u32 = u32::MAX;
+
+/// Distances of a brick's cells, in cells, x-fastest.
+pub(super) type Brick = [f32; SIDE * SIDE * SIDE];
 
 /// Distances, in cells.
 #[derive(Debug, Clone)]
@@ -29,8 +35,7 @@ pub struct Holes {
     pub(super) touched: Vec<usize>,
     pub(super) is_touched: Vec<bool>,
     places: Vec<u32>,
-    #[expect(clippy::vec_box, reason = "growth must not copy every brick within one haptic step")]
-    stored: Vec<Box<[f32; SIDE * SIDE * SIDE]>>,
+    stored: Vec<Arc<Brick>>,
 }
 
 impl Holes {
@@ -76,7 +81,7 @@ impl Holes {
 
     /// Bricks that hold a surface, and the memory of all, bytes.
     pub fn memory(&self) -> (usize, usize) {
-        let bytes = self.stored.len() * size_of::<[f32; SIDE * SIDE * SIDE]>();
+        let bytes = self.stored.len() * size_of::<Brick>();
         (self.stored.len(), bytes + self.places.len() * size_of::<u32>())
     }
 
@@ -125,13 +130,11 @@ impl Holes {
         }
         if self.places[number] == WHOLE {
             self.places[number] = self.stored.len() as u32;
-            self.stored.push(Box::new([FAR; SIDE * SIDE * SIDE]));
-        }
-        if !std::mem::replace(&mut self.is_touched[number], true) {
-            self.touched.push(number);
+            self.stored.push(Arc::new([FAR; SIDE * SIDE * SIDE]));
         }
         let (cell_mm, per_mm) = (self.cell_mm, (1.0 / self.cell_mm) as f32);
-        let cells = &mut self.stored[self.places[number] as usize];
+        let cells = Arc::make_mut(&mut self.stored[self.places[number] as usize]);
+        let mut changes = false;
         let mut radii = [0.0; SIDE * SIDE];
         for (n, radius) in radii.iter_mut().enumerate() {
             *radius = (first.x + (n % SIDE) as f64 * cell_mm).hypot(first.y + (n / SIDE) as f64 * cell_mm);
@@ -142,23 +145,30 @@ impl Holes {
                 break;
             }
             for (cell, radius) in cells.iter_mut().zip(&radii) {
-                *cell = cell.min((solid.at(*radius, z) * per_mm).max(-FAR));
+                let distance = (solid.at(*radius, z) * per_mm).max(-FAR);
+                if distance < *cell {
+                    *cell = distance;
+                    changes = true;
+                }
             }
         }
+        if changes && !std::mem::replace(&mut self.is_touched[number], true) {
+            self.touched.push(number);
+        }
+    }
+
+    /// A brick's cells; `None` for one without a hole.
+    #[inline]
+    pub(super) fn brick(&self, [i, j, k]: [usize; 3]) -> Option<&Arc<Brick>> {
+        let place = *self.places.get(i + self.bricks[0] * (j + self.bricks[1] * k))?;
+        self.stored.get(place as usize)
     }
 
     /// The signed distance of a cell, cells.
     #[inline]
-    pub(super) fn cell(&self, cell: [usize; 3]) -> f32 {
-        let brick = cell.map(|c| c / SIDE);
-        let number = brick[0] + self.bricks[0] * (brick[1] + self.bricks[1] * brick[2]);
-        match self.places.get(number) {
-            Some(&place) if place != WHOLE => {
-                let [i, j, k] = cell.map(|c| c % SIDE);
-                self.stored[place as usize][i + SIDE * (j + SIDE * k)]
-            }
-            _ => FAR,
-        }
+    fn cell(&self, cell: [usize; 3]) -> f32 {
+        let brick = self.brick(cell.map(|c| c / SIDE));
+        brick.map_or(FAR, |cells| cells[within(cell)])
     }
 
     /// The distance of the removed space at a point, tool axes, mm: negative within; cut off at ±2 cells.
@@ -192,4 +202,11 @@ impl Holes {
         }
         (0.5 + distance / self.cell_mm).clamp(0.0, 1.0)
     }
+}
+
+/// Where a cell stands in its brick.
+#[inline]
+pub(super) fn within(cell: [usize; 3]) -> usize {
+    let [i, j, k] = cell.map(|c| c % SIDE);
+    i + SIDE * (j + SIDE * k)
 }

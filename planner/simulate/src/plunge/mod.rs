@@ -104,7 +104,8 @@ impl<'a, T: Copy + Into<f64> + Sync> PlungeEngine<'a, T> {
         &self.holes
     }
 
-    /// Samples of the bricks whose surface changed since the last call, for display; behind the present tip by less than a cell.
+    /// The bricks whose surface changed since the last call, for display; behind the present tip by less than a cell. Another thread can
+    /// mesh them while this one goes on.
     pub fn take_touched(&mut self) -> Vec<BrickSamples> {
         self.holes.take_touched(self.tool_from_work.inverse())
     }

@@ -1,16 +1,18 @@
 //! The surface of the holes while they are cut: samples of the bricks that changed, to be meshed by another thread.
 //!
-//! Taking the samples copies a few kilobytes a brick, so that the haptic thread waits for no mesh. A change reaches one cell into the
-//! neighbours, which are taken as well. The surface lies where min(distance from the hole, (ρ − level)/level) changes sign, as in
-//! [`crate::surface`]; it is only for display.
+//! Taking them shares the bricks and copies nothing, so that the haptic thread neither samples nor waits for a mesh. A change reaches
+//! one cell into the neighbours, which are taken as well. The surface lies where min(distance from the hole, (ρ − level)/level)
+//! changes sign, as in [`crate::surface`]; it is only for display.
+
+use std::sync::Arc;
 
 use bonemill_geometry::{Point, Volume, Work};
 use nalgebra::{Rotation3, Vector3};
 
-use super::holes::{Holes, SIDE};
+use super::holes::{Brick, FAR, Holes, SIDE, within};
 use crate::surface::{BrickMesh, SAMPLES, mesh_of};
 
-/// Distances from the hole at a brick's cells and one beyond on either side.
+/// Distances from the hole at a brick's cells and one beyond on either side, as they were when the brick was taken.
 #[derive(Debug, Clone)]
 pub struct BrickSamples {
     brick: usize,
@@ -18,8 +20,8 @@ pub struct BrickSamples {
     first_mm: Vector3<f64>,
     cell_mm: f64,
     work_from_tool: Rotation3<f64>,
-    /// In cells.
-    distances: Vec<f32>,
+    /// The brick between its 26 neighbours, x-fastest; `None`: without a hole.
+    around: [Option<Arc<Brick>>; 27],
 }
 
 impl BrickSamples {
@@ -29,13 +31,20 @@ impl BrickSamples {
         let place =
             |at: Vector3<f64>| Point::from_coords(self.work_from_tool * (self.first_mm + at * self.cell_mm));
         let field = |n: usize| {
-            let at = [n % SAMPLES, n / SAMPLES % SAMPLES, n / (SAMPLES * SAMPLES)].map(|v| v as f64);
-            let index = density_g_cm3.grid().continuous_index(place(at.into()));
+            let at = [n % SAMPLES, n / SAMPLES % SAMPLES, n / (SAMPLES * SAMPLES)];
+            let index = density_g_cm3.grid().continuous_index(place(at.map(|v| v as f64).into()));
             let bone = (density_g_cm3.trilinear_at(index, 0.0) - level) / level;
-            -self.distances[n].min(bone as f32)
+            -self.distance(at).min(bone as f32)
         };
         let mesh = mesh_of(&std::array::from_fn(field), |p| place(p.map(f64::from).into()));
         BrickMesh { brick: self.brick, mesh }
+    }
+
+    /// In cells, at one sample: sample 0 is the last cell of the neighbour before.
+    fn distance(&self, sample: [usize; 3]) -> f32 {
+        let cell = sample.map(|s| s + SIDE - 1);
+        let [i, j, k] = cell.map(|c| c / SIDE);
+        self.around[i + 3 * (j + 3 * k)].as_ref().map_or(FAR, |cells| cells[within(cell)])
     }
 }
 
@@ -60,23 +69,18 @@ impl Holes {
     }
 
     fn samples(&self, brick: [usize; 3], work_from_tool: Rotation3<f64>) -> BrickSamples {
-        let cell = |a: usize, n: usize| (brick[a] * SIDE + n).checked_sub(1);
-        let mut distances = Vec::with_capacity(SAMPLES * SAMPLES * SAMPLES);
-        for k in 0..SAMPLES {
-            for j in 0..SAMPLES {
-                distances.extend((0..SAMPLES).map(|i| match (cell(0, i), cell(1, j), cell(2, k)) {
-                    (Some(x), Some(y), Some(z)) => self.cell([x, y, z]),
-                    _ => super::holes::FAR,
-                }));
-            }
-        }
+        let neighbour = |n: usize| {
+            let beside =
+                |a: usize, step: usize| (brick[a] + step).checked_sub(1).filter(|b| *b < self.bricks[a]);
+            self.brick([beside(0, n % 3)?, beside(1, n / 3 % 3)?, beside(2, n / 9)?]).cloned()
+        };
         let first = Vector3::from(brick.map(|b| (b * SIDE) as f64 - 1.0)) * self.cell_mm;
         BrickSamples {
             brick: brick[0] + self.bricks[0] * (brick[1] + self.bricks[1] * brick[2]),
             first_mm: self.origin_mm + first,
             cell_mm: self.cell_mm,
             work_from_tool,
-            distances,
+            around: std::array::from_fn(neighbour),
         }
     }
 }

@@ -170,4 +170,13 @@ fn the_surface_of_what_changed_is_the_hole_s_wall() {
     }
     assert!(meshes.iter().map(|part| part.mesh.triangles.len()).sum::<usize>() > 1000);
     assert!(engine.take_touched().is_empty());
+    // what was taken stays as it was while the hole goes deeper
+    engine.step(Point::new(0.0, 0.0, -3.2), |density| density);
+    engine.settle();
+    let taken = engine.take_touched();
+    let meshed = || taken.iter().map(|samples| samples.mesh(&block, 0.5)).collect::<Vec<_>>();
+    let before = meshed();
+    engine.step(Point::new(0.0, 0.0, -4.0), |density| density);
+    engine.settle();
+    assert!(meshed() == before && !engine.take_touched().is_empty());
 }

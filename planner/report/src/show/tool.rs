@@ -1,0 +1,112 @@
+//! The tool to draw, and which of its moves first removes a voxel.
+
+use bonemill_channel::tool::ChannelTool;
+use bonemill_cutter::{Ball, ShankCylinder, SolidOfRevolution};
+use bonemill_geometry::{Grid, Point, Work};
+use bonemill_planfile::StoredPlan;
+use bonemill_setup::{ChannelFault, PlanError};
+use bonemill_stock::removal::{NEVER, RemovalTime};
+
+use super::{Plane, Surface};
+
+/// Facets around a cutter that is a solid of revolution.
+const FACETS: usize = 48;
+
+/// A plan's tool. The frame is the tool's, z toward the handpiece.
+#[derive(Debug, Clone)]
+pub struct ShownTool {
+    /// The cutter.
+    pub cutter: Surface,
+    /// What it sweeps when it spins.
+    solid: SolidOfRevolution,
+    /// The shank from the cutter upwards, and whether it is thicker than the cutter: then it stays outside the bone.
+    pub shank: Vec<(ShankCylinder, bool)>,
+    /// Whether the plan is a channel along work's z axis, not a path of a ball.
+    is_channel: bool,
+}
+
+impl ShownTool {
+    /// Of a plan.
+    ///
+    /// # Errors
+    /// [`PlanError`] for a cutter that cannot be made, a mesh that cannot be read.
+    pub fn of(plan: &StoredPlan) -> Result<Self, PlanError> {
+        let case = &plan.record.case;
+        let is_channel = plan.record.channel().is_some();
+        if is_channel {
+            let tool = ChannelTool::of_case(case, |file| plan.input_path(file))?;
+            let [followers, holder] = [(&tool.followers, false), (&tool.holder, true)];
+            let shank = [followers, holder]
+                .into_iter()
+                .flat_map(|(parts, is_thick)| parts.iter().map(move |c| (*c, is_thick)));
+            return Ok(Self {
+                cutter: Surface::of(&tool.cutter.mesh()),
+                solid: tool.cutter.solid().clone(),
+                shank: shank.collect(),
+                is_channel,
+            });
+        }
+        let solid = SolidOfRevolution::ball(case.burr.radius_mm).map_err(ChannelFault::from)?;
+        let mut from_mm = case.burr.radius_mm;
+        let cylinder = |segment: &bonemill_case::ShankSegment| {
+            let to_mm = from_mm + segment.length_mm;
+            let cylinder = ShankCylinder { from_mm, to_mm, radius_mm: segment.radius_mm };
+            from_mm = to_mm;
+            (cylinder, segment.radius_mm > case.burr.radius_mm)
+        };
+        let shank = case.shank.iter().map(cylinder).collect();
+        Ok(Self { cutter: Surface::of(&solid.mesh(FACETS)), solid, shank, is_channel })
+    }
+
+    /// Its largest radius, mm.
+    pub fn radius_mm(&self) -> f64 {
+        self.solid.max_radius_mm()
+    }
+
+    /// The cutter's outline in a plane, a closed line of positions to the right and upwards from the tool's origin, mm. A tool that
+    /// turns to other angles than the approach must be a ball, whose outline is the same from everywhere.
+    pub fn outline(&self, plane: &Plane) -> Vec<[f64; 2]> {
+        if plane.along == 2 {
+            let turn = |n: usize| (n as f64 / FACETS as f64 * std::f64::consts::TAU).sin_cos();
+            return (0..=FACETS)
+                .map(turn)
+                .map(|(sin, cos)| [self.radius_mm() * cos, self.radius_mm() * sin])
+                .collect();
+        }
+        let right = self.solid.profile().iter().map(|[z, r]| [*r, *z]);
+        let left = self.solid.profile().iter().rev().map(|[z, r]| [-r, *z]);
+        let first = self.solid.profile().first().map(|[z, r]| [*r, *z]);
+        right.chain(left).chain(first).collect()
+    }
+
+    /// The waypoint on the way to which each voxel's centre is first removed; [`NEVER`] where none is.
+    pub(super) fn removal(&self, grid: &Grid<Work>, path: &[Point<Work>]) -> Vec<u32> {
+        if self.is_channel {
+            return self.channel_removal(grid, path);
+        }
+        let mut removal = RemovalTime::new(grid);
+        let ball = Ball { radius_mm: self.radius_mm() };
+        removal.sweep(0..path.len() as u32, |n| path[n as usize], ball, |_| ());
+        removal.time().to_vec()
+    }
+
+    /// Along one axis a voxel is gone as soon as the tool's front at its radius has come as low, at whatever stroke.
+    fn channel_removal(&self, grid: &Grid<Work>, path: &[Point<Work>]) -> Vec<u32> {
+        let Some(axis) = path.first() else { return vec![NEVER; grid.len()] };
+        let mut lowest = Vec::with_capacity(path.len());
+        for p in path {
+            lowest.push(p.z().min(lowest.last().copied().unwrap_or(f64::INFINITY)));
+        }
+        let time = |n: usize| {
+            let p = grid.center(grid.voxel(n));
+            let radius_mm = (p.x() - axis.x()).hypot(p.y() - axis.y());
+            if radius_mm > self.radius_mm() {
+                return NEVER;
+            }
+            let tip = p.z() - self.solid.front_height_mm(radius_mm);
+            let index = lowest.partition_point(|low| *low > tip);
+            if index < path.len() { index as u32 } else { NEVER }
+        };
+        (0..grid.len()).map(time).collect()
+    }
+}
