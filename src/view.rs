@@ -1,7 +1,7 @@
 //! `bonemill view`: shows a plan in the rerun viewer, or writes a file for it. Only this module uses rerun.
 //!
 //! There is one time line, `time`, in seconds of the plan. Entities: `scene/…` in 3-D (target, removed part, structures with the
-//! surface at their clearance, path, tool, force, arm), `slices/…` through the tool's origin, `plots/…`, `about`. The data come
+//! surface at their clearance, a channel's corridor, path, tool, force, arm), `slices/…` through the tool's origin, `plots/…`, `about`. The data come
 //! from [`bonemill_planner::show`]; this module gives them names, colours and places on the screen.
 
 use std::path::Path;
@@ -97,6 +97,9 @@ fn draw(stream: &RecordingStream, show: &Show, progress: &dyn Progress) -> anyho
     // first, so that the viewer stops at the beginning before there is anything to play
     layout(stream, show, &plots)?;
     structures(stream, show)?;
+    if let Some(corridor) = show.corridor()? {
+        stream.log_static("scene/corridor", &mesh(corridor, show::CUT_COLOUR, 60))?;
+    }
     path(stream, show)?;
     motion(stream, show, &moments)?;
     let frames = show.frames(&moments, SLICE_MOMENTS);

@@ -32,6 +32,7 @@ struct Drawn {
     moments: Vec<Moment>,
     frames: Vec<ShownFrame>,
     tool: ShownTool,
+    corridor: Option<Surface>,
     plots: Vec<Plot>,
 }
 
@@ -87,6 +88,9 @@ fn draw(show: &Show, motion: usize, frames: usize) -> Result<Drawn, Failed> {
         paints: drawn_paints.map(|p| (p.name, p.colours(plan))).collect(),
         frames,
         tool: show.tool().clone(),
+        corridor: show
+            .corridor()
+            .map_err(|e| Failed::Images(Box::new(Refused::new(e, case, &plan.case_path()))))?,
         plots: show.plots(&moments),
         moments,
     })
@@ -177,6 +181,8 @@ fn to_python(py: Python<'_>, drawn: Drawn) -> PyResult<Bound<'_, PyDict>> {
     }
     all.set_item("frames", frames)?;
     all.set_item("cutter", surface(py, &drawn.tool.cutter)?)?;
+    all.set_item("corridor", drawn.corridor.map(|corridor| surface(py, &corridor)).transpose()?)?;
+    all.set_item("corridor_colour", rust::CUT_COLOUR)?;
     let shank = drawn.tool.shank.iter();
     let shank: Vec<_> = shank.map(|(c, is_thick)| (c.from_mm, c.to_mm, c.radius_mm, *is_thick)).collect();
     all.set_item("shank", shank)?;

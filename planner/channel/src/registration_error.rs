@@ -12,6 +12,7 @@ use bonemill_case::{Registration, RobotSpec};
 use bonemill_geometry::{Base, Ct, Point};
 use bonemill_setup::PlanError;
 use nalgebra::{Matrix3, Vector3};
+use statrs::distribution::{ContinuousCDF, Normal};
 
 /// The registration's error.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,6 +54,11 @@ impl RegistrationError {
     pub fn sigma_mm(&self, at: Point<Ct>, along: &Vector3<f64>) -> f64 {
         let lever = (at.coords - self.about).cross(along);
         (self.translation_mm2 + lever.dot(&(self.rotation_rad2 * lever))).max(0.0).sqrt()
+    }
+
+    /// The error along a unit direction that is exceeded with a probability above 0 and at most 0.5, mm.
+    pub fn exceeded_mm(&self, at: Point<Ct>, along: &Vector3<f64>, probability: f64) -> f64 {
+        -self.sigma_mm(at, along) * Normal::standard().inverse_cdf(probability)
     }
 }
 

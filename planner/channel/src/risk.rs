@@ -78,9 +78,10 @@ impl RiskModel<'_> {
         let place = nearest_place(structure.field?, &line, tolerance_mm);
         let depth_mm = axis.depth_mm - place.along_mm;
         let clearance_mm = place.distance_mm - self.radius_mm;
-        let sigma_mm = self.error.sigma_mm(axis.at(depth_mm), &place.toward);
-        let most_likely_mm = -sigma_mm * Normal::standard().inverse_cdf(self.touch_probability);
-        let needed_mm = structure.clearance_mm.max(most_likely_mm);
+        let at = axis.at(depth_mm);
+        let sigma_mm = self.error.sigma_mm(at, &place.toward);
+        let exceeded_mm = self.error.exceeded_mm(at, &place.toward, self.touch_probability);
+        let needed_mm = structure.clearance_mm.max(exceeded_mm);
         Some(KeptClearance {
             clearance_mm,
             depth_mm,

@@ -132,7 +132,7 @@ impl SafestSearch<'_> {
                 .par_iter()
                 .map(|start| self.refined(start, &channels))
                 .collect();
-            let best = tried.into_iter().max_by(|a, b| worse_to_better(a, b));
+            let best = tried.into_iter().max_by(worse_to_better);
             let Some(best) = best else { break };
             channels.push(best);
         }

@@ -81,6 +81,8 @@ def _scene(rr: Any, recording: Any, drawn: dict[str, Any]) -> None:
         recording.log(f"{entity}/clearance", _mesh(rr, body["shell"], colour, 40), static=True)
         alpha = 100 if body["large"] else 255
         recording.log(f"{entity}/surface", _mesh(rr, body["surface"], colour, alpha), static=True)
+    if drawn["corridor"] is not None:
+        recording.log("scene/corridor", _mesh(rr, drawn["corridor"], tuple(drawn["corridor_colour"]), 60), static=True)
     for name, colours in drawn["paints"]:
         # consecutive moves of one colour as one strip
         ends = np.flatnonzero((colours[2:] != colours[1:-1]).any(axis=1)) + 2

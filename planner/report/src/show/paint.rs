@@ -55,8 +55,8 @@ impl Show<'_> {
         let mut text = format!(
             "# Milling plan\n\nRemoved {:.0} of {:.0} mm³ that the tool can reach, in {:.0} s. bonemill {}; research \
              software, not a medical device.\n\n**3-D** (z is the approach, out of the bone; mm): sand: what is still there \
-             of the target; structures with the surface at their clearance around them; burr, shank and arm; red: force on \
-             the burr, {ARROW_MM_PER_N} mm per N.\n\n**Path**, dark violet to yellow, grey where there is no value:\n\n\
+             of the target; structures with the surface at their clearance around them; tool and arm; red: force on \
+             the tool, {ARROW_MM_PER_N} mm per N.\n\n**Path**, dark violet to yellow, grey where there is no value:\n\n\
              | tab | from | to (99 % of it) |\n|---|---|---|\n",
             m.removed_mm3, m.reachable_mm3, m.total_time_s, plan.record.version
         );
@@ -66,6 +66,13 @@ impl Show<'_> {
                 None => "not modelled | ".into(),
             };
             text += &format!("| {} | {row} |\n", paint.name);
+        }
+        if let Some(spec) = plan.record.case.job.channel() {
+            text += &format!(
+                "\n**Corridor** (transparent): what the tool passes, widened by the registration's error that is exceeded with a \
+                 probability of {}.\n",
+                spec.touch_probability
+            );
         }
         if self.images().is_some() {
             text += "\n**Slices** go through the tool (white outline): CT, target lime, cut black, structures in their colours.\n";

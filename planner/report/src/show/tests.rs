@@ -196,6 +196,19 @@ fn a_channel_is_drawn_with_its_own_tool() {
     }
     assert!(removed > 1000, "{removed}");
 
+    // its corridor reaches from the entry to the depth, each wider than the tool by what the registration's error is likely to exceed
+    let record = stored.record.channel().unwrap();
+    let spec = stored.record.case.job.channel().unwrap();
+    let error = spec.registration_sigma_mm * 2.326_347_874;
+    assert_eq!(spec.touch_probability, 0.01);
+    let corridor = show.corridor().unwrap().unwrap();
+    let aside = |v: &[f32; 3]| (f64::from(v[0]) - path[0].x()).hypot(f64::from(v[1]) - path[0].y());
+    let widest = corridor.vertices.iter().map(aside).fold(0.0, f64::max);
+    assert!((widest - record.radius_mm - error).abs() < 1e-5, "{widest} {error}");
+    let [low, high] =
+        [f32::min, f32::max].map(|of| corridor.vertices.iter().map(|v| v[2]).reduce(of).unwrap());
+    assert!((f64::from(high - low) - record.depth_mm - error).abs() < 1e-4, "{low} {high}");
+
     // its outline: as wide as the tool from above, its point at the origin from the side
     for (plane, low) in PLANES.iter().zip([-tool.radius_mm(), 0.0, 0.0]) {
         let outline = tool.outline(plane);

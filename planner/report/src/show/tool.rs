@@ -1,13 +1,15 @@
-//! The tool to draw, and which of its moves first removes a voxel.
+//! The tool to draw, which of its moves first removes a voxel, and the corridor of a channel.
 
+use bonemill_channel::registration_error::RegistrationError;
 use bonemill_channel::tool::ChannelTool;
 use bonemill_cutter::{Ball, ShankCylinder, SolidOfRevolution};
-use bonemill_geometry::{Grid, Point, Work};
+use bonemill_geometry::{Grid, Point, Work, basis};
 use bonemill_planfile::StoredPlan;
 use bonemill_setup::{ChannelFault, PlanError};
 use bonemill_stock::removal::{NEVER, RemovalTime};
+use nalgebra::Vector3;
 
-use super::{Plane, Surface};
+use super::{Plane, Show, Surface};
 
 /// Facets around a cutter that is a solid of revolution.
 const FACETS: usize = 48;
@@ -108,5 +110,42 @@ impl ShownTool {
             if index < path.len() { index as u32 } else { NEVER }
         };
         (0..grid.len()).map(time).collect()
+    }
+}
+
+impl Show<'_> {
+    /// The corridor of a channel, work frame: what the tool passes, widened by the largest error of the registration across the channel
+    /// that is exceeded with the case's probability. `None` for other plans.
+    ///
+    /// # Errors
+    /// [`PlanError::Registration`] for fiducials that give none.
+    pub fn corridor(&self) -> Result<Option<Surface>, PlanError> {
+        let case = &self.plan.record.case;
+        let (Some(channel), Some(spec)) = (self.plan.record.channel(), case.job.channel()) else {
+            return Ok(None);
+        };
+        let error = RegistrationError::of_case(&case.robot, spec.registration_sigma_mm)?;
+        let end = channel.entry + channel.direction.as_ref() * channel.depth_mm;
+        let across = basis::from_z(&channel.direction);
+        let exceeded = |n: usize| {
+            let (sin, cos) = (n as f64 / FACETS as f64 * std::f64::consts::TAU).sin_cos();
+            let along = across * Vector3::new(cos, sin, 0.0);
+            let mm = |at| error.exceeded_mm(at, &along, spec.touch_probability);
+            mm(channel.entry).max(mm(end))
+        };
+        let beside_mm = (0..FACETS).map(exceeded).fold(0.0, f64::max);
+        let radius_mm = channel.radius_mm + beside_mm;
+        let [from, to] = [end, channel.entry].map(|p| self.work_from_ct * p);
+        let profile = [
+            [from.z() - beside_mm, 0.0],
+            [from.z() - beside_mm, radius_mm],
+            [to.z(), radius_mm],
+            [to.z(), 0.0],
+        ];
+        let solid = SolidOfRevolution::new(&profile).map_err(ChannelFault::from)?;
+        let mut surface = Surface::of(&solid.mesh(FACETS));
+        let aside = [from.x() as f32, from.y() as f32, 0.0];
+        surface.vertices.iter_mut().flat_map(|v| v.iter_mut().zip(aside)).for_each(|(v, by)| *v += by);
+        Ok(Some(surface))
     }
 }
