@@ -388,8 +388,8 @@ fn edge_warnings(
     }
     if edge_bone_mm2.total() > 0.0 {
         warnings.push(format!(
-            "{:.1} mm² of bone within the burr's reach of the target lie on the CT's {} edge: bone that goes on beyond it is not \
-             seen and counts as air, so that burr and shank may enter it; plan on a scan that reaches farther",
+            "{:.1} mm² of bone within the tool's reach of the target lie on the CT's {} edge: bone that goes on beyond it is not \
+             seen and counts as air, so that the tool may enter it; plan on a scan that reaches farther",
             edge_bone_mm2.total(),
             edge_bone_mm2.text()
         ));
