@@ -62,6 +62,11 @@ impl StreamPlan {
         apart::run(py, None, None, read)?
     }
 
+    /// Refuses an arm that no controller here moves.
+    fn for_a_ur(&self) -> PyResult<()> {
+        self.plan.for_a_ur().map_err(|e| refused(&e))
+    }
+
     /// Rows of the trajectory.
     fn rows(&self) -> usize {
         self.plan.track.rows()
@@ -78,7 +83,7 @@ impl StreamPlan {
         slowed.sum()
     }
 
-    /// Joint positions of a row, rad.
+    /// Joint positions of a row, rad or mm; 0 beyond the arm's.
     fn joints(&self, row: f64) -> [f64; 6] {
         self.plan.track.joints(row)
     }
@@ -120,6 +125,7 @@ impl StreamPlan {
         operator: Py<PyAny>,
         log: Option<PathBuf>,
     ) -> PyResult<Ended> {
+        self.for_a_ur()?;
         let mut log = log.map(|path| self.log(&path)).transpose()?;
         let mut clock = PcClock { py, began: Instant::now() };
         let mut link = PyLink { py, link, began: clock.began, failed: None };

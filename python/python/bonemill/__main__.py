@@ -49,6 +49,8 @@ def main(arguments: list[str] | None = None) -> int:
         streaming = Streaming(
             asked.plan, slow=asked.slow, unverified=asked.unverified, payload_kg=asked.payload_kg, run_up_s=asked.run_up_s
         )
+        if not asked.rehearse:
+            streaming.for_a_ur()
         require_verified(asked.plan, unverified=asked.unverified)
         start_row = 0.0 if asked.resume is None else streaming.resume_row(asked.resume)
     except BonemillError as error:

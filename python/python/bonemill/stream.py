@@ -284,10 +284,10 @@ def _signals(heard: _Heard) -> Iterator[None]:
 
 
 class Streaming:
-    """A plan that is ready to be streamed.
+    """A plan that is ready to be streamed or rehearsed.
 
     Raises:
-        StreamError, PlanFileError: what of it no UR arm can follow, with row and joint; an assumed registration.
+        StreamError, PlanFileError: what of it no arm can follow, with row and joint; an assumed registration.
     """
 
     def __init__(
@@ -304,6 +304,14 @@ class Streaming:
         )
         self.rows = self._native.rows()
         self.period_s = self._native.period_s()
+
+    def for_a_ur(self) -> None:
+        """That a UR arm can follow it; others can be rehearsed.
+
+        Raises:
+            StreamError: with the kinds of the plan's joints.
+        """
+        self._native.for_a_ur()
 
     @property
     def duration_s(self) -> float:
@@ -330,7 +338,7 @@ class Streaming:
         return self._native.resume_row(Path(log))
 
     def joints(self, row: float) -> list[float]:
-        """Joint positions of a row, rad."""
+        """Joint positions of a row, rad or mm; 0 beyond the arm's."""
         return self._native.joints(row)
 
     def run(
@@ -379,4 +387,5 @@ def stream(
     """
     chosen = settings or Settings()
     streaming = Streaming(plan, slow=slow, unverified=unverified, payload_kg=payload_kg)
+    streaming.for_a_ur()
     return streaming.run(link(host, streaming.period_s, chosen), operator or Console(), start_row=start_row, log=log)

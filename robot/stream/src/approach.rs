@@ -10,7 +10,7 @@ use bonemill_arm::arm::dls;
 use bonemill_geometry::Rigid;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::link::Joints;
+use crate::link::{Joints, padded};
 use crate::plan::StreamPlan;
 use crate::track::Track;
 
@@ -75,7 +75,7 @@ impl Approach {
         same_posture(&rows[steps], &to)?;
         rows[steps] = to;
         check_steps(plan, &rows)?;
-        Ok(Self { track: Track::new(&plan.arm, rows), length_mm, row })
+        Ok(Self { track: Track::new(&plan.arm, plan.track.stops(), rows), length_mm, row })
     }
 }
 
@@ -84,8 +84,8 @@ fn follow(
     pose: Rigid<bonemill_geometry::Base, bonemill_geometry::Tool>,
     before: &Joints,
 ) -> Result<Joints, String> {
-    let found = dls::solve(arm, &Goal::Pose(pose), before);
-    let joints = found.is_within(EXACT).then(|| found.q.as_slice().try_into().ok()).flatten();
+    let found = dls::solve(arm, &Goal::Pose(pose), &before[..arm.dof()]);
+    let joints = found.is_within(EXACT).then(|| padded(&found.q)).flatten();
     joints.ok_or_else(|| {
         format!(
             "the straight approach leads out of the arm's reach: {:.2} mm are missing; move the arm nearer to where the motion begins",

@@ -10,7 +10,8 @@
 //! burr's distance from the axis of the joint that is farthest out, whatever its sign. Positions of a path lie along one direction u
 //! nearly, so each is a·u + e: the derivatives along u are evaluated, and what is beside it counts joint by joint.
 //!
-//! Revolute joints only. Nothing is known of the weights but that they are not negative and their sum is 1.
+//! A joint that slides has ω = 0. One with no turning joint before it moves the burr straight whatever the others do, so it is left out.
+//! Nothing is known of the weights but that they are not negative and their sum is 1.
 
 use bonemill_arm::Arm;
 use nalgebra::Vector3;
@@ -25,11 +26,13 @@ type Row = [Vector3<f64>; 6];
 
 /// Derivatives of the burr's place over a box of joint positions, and a direction in it.
 pub(crate) struct Curvature {
-    /// Half the box's edges, rad.
-    half_rad: Joints,
+    /// Joints that turn, or that others turn.
+    bends: [bool; 6],
+    /// Half the box's edges.
+    half: Joints,
     /// The joints' axes in the box's middle.
     axis: Row,
-    /// Largest distance of the burr from each joint's axis in the box, mm.
+    /// Largest distance of the burr from each joint's axis in the box, mm; 1 and more for one that slides.
     distance_mm: Joints,
     /// D² in the box's middle, mm/rad².
     second: [Row; 6],
@@ -51,24 +54,30 @@ struct Reach {
 }
 
 impl Curvature {
-    /// Of an arm with six revolute joints, in the box around some positions, with a direction along which most of them lie.
+    /// Of an arm with at most six joints, in the box around some positions, with a direction along which most of them lie.
     pub fn around(arm: &Arm, positions: &[Joints], direction: Joints) -> Self {
         let (low, high) = limits(positions.iter().copied());
         let middle: Joints = std::array::from_fn(|j| 0.5 * (low[j] + high[j]));
-        let half_rad: Joints = std::array::from_fn(|j| 0.5 * (high[j] - low[j]));
         let jacobian = arm.tool_jacobian_at(&middle);
-        let lever: Row = std::array::from_fn(|j| jacobian.fixed_view::<3, 1>(0, j).into_owned());
-        let axis: Row = std::array::from_fn(|j| jacobian.fixed_view::<3, 1>(3, j).into_owned());
+        let (mut lever, mut axis) = ([Vector3::zeros(); 6], [Vector3::zeros(); 6]);
+        for ((lever, axis), column) in lever.iter_mut().zip(&mut axis).zip(jacobian.column_iter()) {
+            (*lever, *axis) =
+                (column.fixed_rows::<3>(0).into_owned(), column.fixed_rows::<3>(3).into_owned());
+        }
+        let bends = std::array::from_fn(|j| axis[..=j].iter().any(|axis| axis.norm_squared() > 0.0));
+        let half = kept(&bends, &std::array::from_fn(|j| 0.5 * (high[j] - low[j])));
+        let direction = kept(&bends, &direction);
         let (mut distance_mm, mut turned_mm) = ([0.0; 6], 0.0);
         for j in (0..6).rev() {
             // joints farther out turn the burr to or from this axis
             distance_mm[j] = lever[j].norm() + turned_mm;
-            turned_mm += distance_mm[j] * half_rad[j];
+            turned_mm += distance_mm[j] * half[j];
         }
         let second: [Row; 6] = from_pairs(|i, j| axis[i.min(j)].cross(&lever[i.max(j)]));
         let bent: Row = std::array::from_fn(|i| dot(&second[i], &direction));
         let mut found = Self {
-            half_rad,
+            bends,
+            half,
             axis,
             distance_mm,
             second,
@@ -94,6 +103,7 @@ impl Curvature {
 
     /// A vector's share of the direction, and what is beside it.
     fn split(&self, v: &Joints) -> (f64, Joints) {
+        let v = kept(&self.bends, v);
         let square = self.direction.iter().map(|u| u * u).sum::<f64>().max(1e-18);
         let share = v.iter().zip(&self.direction).map(|(v, u)| v * u).sum::<f64>() / square;
         (share, std::array::from_fn(|j| v[j] - share * self.direction[j]))
@@ -111,15 +121,14 @@ impl Curvature {
 
     /// The most of |D²[v, v]| in the box, mm.
     fn square_mm(&self, v: &Reach) -> f64 {
-        let half: f64 = self.half_rad.iter().sum();
+        let half: f64 = self.half.iter().sum();
         let joints = v.joints(&self.direction);
         let mut square_mm = v.along * v.along * dot(&self.bent, &self.direction).norm()
             + 2.0 * v.along * Vector3::from(v.across_mm).norm()
             + self.fourth_mm(&joints, &joints);
         for k in 0..6 {
             let mixed: f64 = self.turned_mm[k].iter().zip(&v.beside).map(|(turned, e)| turned * e).sum();
-            square_mm +=
-                self.half_rad[k] * (v.along * v.along * self.turned_twice_mm[k] + 2.0 * v.along * mixed);
+            square_mm += self.half[k] * (v.along * v.along * self.turned_twice_mm[k] + 2.0 * v.along * mixed);
             let second = self.second[k].iter().map(|second| second.norm() + self.farthest_mm() * half);
             square_mm += v.beside[k] * second.zip(&v.beside).map(|(second, e)| second * e).sum::<f64>();
         }
@@ -136,7 +145,7 @@ impl Curvature {
         let (mut sums, mut half, mut before, mut fourth_mm) = ([0.0; 2], 0.0, 0.0, 0.0);
         for j in 0..6 {
             sums = [sums[0] + a[j].abs(), sums[1] + b[j].abs()];
-            half += self.half_rad[j];
+            half += self.half[j];
             // products of which this joint is the last
             let all = sums[0] * sums[1] * half * half;
             fourth_mm += self.distance_mm[j] * (all - before);
@@ -163,31 +172,34 @@ impl Curvature {
         self.square_mm(&vectors.iter().map(of).fold(none, Reach::or))
     }
 
-    /// How much more or less a small error, at most so large in each joint, moves the burr in one of the positions than in another, mm, if
+    /// How much more or less a small error, at most `error` in each joint, moves the burr in one of the positions than in another, mm, if
     /// it may have the other sign there: half of D²[e, e] counts twice.
-    pub fn error_mm(&self, positions: &[Joints], error_rad: f64) -> f64 {
+    pub fn error_mm(&self, positions: &[Joints], error: &Joints) -> f64 {
+        let error = kept(&self.bends, error);
         let apart = self.between(positions);
         let beside_mm = self.farthest_mm() * apart.beside.iter().sum::<f64>();
         let (mut turned_mm, mut square_mm) = (0.0, Vector3::zeros());
         for (i, second) in self.second.iter().enumerate() {
             let bent = positions.iter().map(|q| dot(second, q).into());
-            turned_mm += Vector3::from(ranges(bent)).norm();
-            for (k, half_rad) in self.half_rad.iter().enumerate() {
-                turned_mm += half_rad * (apart.along * self.turned_mm[k][i] + beside_mm);
-                square_mm += (0..6).map(|j| self.third(i, j, k).abs()).sum::<Vector3<f64>>() * *half_rad;
+            let mut of_joint_mm = Vector3::from(ranges(bent)).norm();
+            let mut square =
+                second.iter().zip(&error).map(|(second, e)| second.abs() * *e).sum::<Vector3<f64>>();
+            for (k, half) in self.half.iter().enumerate() {
+                of_joint_mm += half * (apart.along * self.turned_mm[k][i] + beside_mm);
+                square += (0..6).map(|j| self.third(i, j, k).abs() * error[j]).sum::<Vector3<f64>>() * *half;
             }
-            square_mm += second.iter().map(|second| second.abs()).sum::<Vector3<f64>>();
+            turned_mm += error[i] * of_joint_mm;
+            square_mm += square * error[i];
         }
-        let error = [error_rad; 6];
-        error_rad * turned_mm
-            + error_rad * error_rad * square_mm.norm()
+        turned_mm
+            + square_mm.norm()
             + self.fourth_mm(&error, &apart.joints(&self.direction))
             + self.fourth_mm(&error, &error)
     }
 }
 
 impl Reach {
-    /// The most of each joint, rad.
+    /// The most of each joint.
     fn joints(&self, direction: &Joints) -> Joints {
         std::array::from_fn(|j| self.along * direction[j].abs() + self.beside[j])
     }
@@ -200,6 +212,11 @@ impl Reach {
             across_mm: larger(self.across_mm, other.across_mm),
         }
     }
+}
+
+/// Zero where a joint is left out.
+fn kept(bends: &[bool; 6], v: &Joints) -> Joints {
+    std::array::from_fn(|j| if bends[j] { v[j] } else { 0.0 })
 }
 
 fn from_pairs<T>(of: impl Fn(usize, usize) -> T) -> [[T; 6]; 6] {

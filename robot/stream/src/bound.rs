@@ -94,7 +94,6 @@ pub fn along_buffered_mm(plan: &StreamPlan, row: usize, rate: f64, depth_s: f64)
 }
 
 fn way_mm(plan: &StreamPlan, row: usize, rate: f64, reaction_s: f64) -> f64 {
-    let Timing { stop_rad_s2, .. } = plan.settings().timing;
     let backlog_s = plan.settings().timing.backlog_s();
     // the share may have been larger before, and may grow after
     let rate = (rate + plan.ramp_per_s * backlog_s).min(1.0);
@@ -104,7 +103,7 @@ fn way_mm(plan: &StreamPlan, row: usize, rate: f64, reaction_s: f64) -> f64 {
     let rows = from as usize..=(to.ceil() as usize).min(track.rows() - 1);
     let tolerance_mm = rows.clone().map(|n| plan.tolerance_mm(n)).fold(0.0, f64::max);
     let fastest = track.fastest(rows, plan.period_s);
-    let ahead_mm = rate * fastest.burr_mm_s * rate * fastest.joint_rad_s / (2.0 * stop_rad_s2);
+    let ahead_mm = rate * fastest.burr_mm_s * rate * fastest.stop_s / 2.0;
     track.way_mm(from, to) + tolerance_mm + ahead_mm
 }
 

@@ -48,10 +48,12 @@ pub enum Cause {
     JointOff {
         /// The joint, from 1.
         joint: usize,
-        /// By how much, rad.
-        off_rad: f64,
-        /// What is allowed, rad.
-        most_rad: f64,
+        /// By how much.
+        off: f64,
+        /// What is allowed.
+        most: f64,
+        /// Of both: mrad, or mm where it slides.
+        unit: &'static str,
     },
     /// No answer in time.
     NoAnswer {
@@ -116,12 +118,9 @@ impl fmt::Display for Cause {
                     1e3 * most_rad
                 )
             }
-            Self::JointOff { joint, off_rad, most_rad } => write!(
-                f,
-                "joint {joint} is {:.2} mrad from what it was told, at most {:.2} mrad",
-                1e3 * off_rad,
-                1e3 * most_rad
-            ),
+            Self::JointOff { joint, off, most, unit } => {
+                write!(f, "joint {joint} is {off:.2} {unit} from what it was told, at most {most:.2} {unit}")
+            }
             Self::NoAnswer { what, waited_s } => write!(f, "no answer within {waited_s:.1} s: {what}"),
             Self::Log(why) => write!(f, "the log cannot be written: {why}"),
             Self::PlanChanged(why) => write!(f, "the plan was changed under way: {why}"),

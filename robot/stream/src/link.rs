@@ -2,13 +2,20 @@
 //! and in simulated time.
 //!
 //! No call blocks: a link answers from what it has, and whoever implements it keeps slow clients on threads or in processes of
-//! their own. Joints are rad, times are s on the clock of the PC unless a name says otherwise, forces N in base.
+//! their own. Joints are rad, or mm where they slide; times are s on the clock of the PC unless a name says otherwise, forces N in base.
 
 use nalgebra::Vector3;
 use thiserror::Error;
 
-/// Joint positions of a UR arm, rad.
+/// Positions of at most six joints, rad or mm; 0 for those beyond the arm's.
 pub type Joints = [f64; 6];
+
+/// The positions of an arm's joints; `None` for more than six.
+pub(crate) fn padded(q: &[f64]) -> Option<Joints> {
+    let mut joints = [0.0; 6];
+    joints.get_mut(..q.len())?.copy_from_slice(q);
+    Some(joints)
+}
 
 /// Safety mode NORMAL of a UR controller.
 pub const SAFETY_NORMAL: i32 = 1;

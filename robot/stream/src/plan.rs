@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 
 use crate::bound::{self, Failure, Travel};
 use crate::error::StreamError;
-use crate::link::Joints;
+use crate::link::{Joints, padded};
 use crate::settings::Settings;
 use crate::track::Track;
 
@@ -71,7 +71,7 @@ pub struct StreamInput<'a> {
     pub model: String,
     /// The trajectory's clock, s.
     pub time_s: &'a [f64],
-    /// Joint positions row by row, rad.
+    /// Joint positions row by row, rad or mm.
     pub q: &'a [f64],
     /// The case's structures.
     pub structures: Vec<StructureKept>,
@@ -125,25 +125,24 @@ impl StreamPlan {
     /// Checks a plan's values.
     ///
     /// # Errors
-    /// [`StreamError`]: an arm that is no UR, an assumed registration, a rate that the controller does not have, steps or positions
+    /// [`StreamError`]: an arm of more than six joints, an assumed registration, a rate that the controller does not have, steps or positions
     /// beyond the limits, waypoints of another trajectory, settings out of range.
     pub fn new(input: StreamInput<'_>, settings: Settings) -> Result<Self, StreamError> {
         let settings = settings.checked()?;
         let joints = input.arm.joints();
-        if joints.len() != 6 || joints.iter().any(|j| j.kind != JointKind::Revolute) {
-            let kind = |j: &Joint| if j.kind == JointKind::Revolute { "revolute" } else { "prismatic" };
-            return Err(StreamError::NotUr { kinds: joints.iter().map(kind).collect::<Vec<_>>().join(", ") });
+        if joints.is_empty() || joints.len() > 6 {
+            return Err(not_ur(joints));
         }
         if input.registration_assumed {
             return Err(StreamError::RegistrationAssumed);
         }
         let period_s = even_period(input.time_s)?;
-        let rows: Vec<Joints> = input.q.chunks_exact(6).filter_map(|row| row.try_into().ok()).collect();
+        let rows: Vec<Joints> = input.q.chunks_exact(joints.len()).filter_map(padded).collect();
         if rows.len() != input.time_s.len() {
             return Err(StreamError::TooFewRows { rows: rows.len() });
         }
         check_rows(joints, &rows, period_s)?;
-        let track = Track::new(input.arm, rows);
+        let track = Track::new(input.arm, settings.timing.stops(input.arm), rows);
         let gap_mm = gaps(&track, period_s, &input.waypoints, &input.structures)?;
         let mut plan = Self {
             arm: input.arm.clone(),
@@ -156,13 +155,23 @@ impl StreamPlan {
             standing: input.standing,
             digest: input.digest,
             off_mm: Vec::new(),
-            ramp_per_s: ramp_per_s(&track, period_s, settings.timing.stop_rad_s2),
+            ramp_per_s: ramp_per_s(&track, period_s),
             waypoints: input.waypoints,
             settings,
             track,
         };
         (plan.rate, plan.off_mm) = bound::rates(&plan);
         Ok(plan)
+    }
+
+    /// That a controller with six revolute joints can follow it, as those that it is streamed to have.
+    ///
+    /// # Errors
+    /// [`StreamError::NotUr`].
+    pub fn for_a_ur(&self) -> Result<(), StreamError> {
+        let joints = self.arm.joints();
+        let is_ur = joints.len() == 6 && joints.iter().all(|j| j.kind == JointKind::Revolute);
+        if is_ur { Ok(()) } else { Err(not_ur(joints)) }
     }
 
     /// How it is streamed.
@@ -232,9 +241,13 @@ impl StreamPlan {
 
 /// How fast the share of a track's speed may change, 1/s: joints slow no harder than in twice the least stop that is assumed, since a
 /// controller's own is that hard. Between 2 and 10.
-pub(crate) fn ramp_per_s(track: &Track, period_s: f64, stop_rad_s2: f64) -> f64 {
-    let fastest = track.fastest(0..=track.rows(), period_s);
-    (2.0 * stop_rad_s2 / fastest.joint_rad_s.max(1e-6)).clamp(2.0, 10.0)
+pub(crate) fn ramp_per_s(track: &Track, period_s: f64) -> f64 {
+    (2.0 / track.fastest(0..=track.rows(), period_s).stop_s).clamp(2.0, 10.0)
+}
+
+fn not_ur(joints: &[Joint]) -> StreamError {
+    let kind = |j: &Joint| if j.kind == JointKind::Revolute { "revolute" } else { "prismatic" };
+    StreamError::NotUr { kinds: joints.iter().map(kind).collect::<Vec<_>>().join(", ") }
 }
 
 fn even_period(time_s: &[f64]) -> Result<f64, StreamError> {

@@ -2,7 +2,10 @@
 //!
 //! Every number is checked once, in [`Settings::checked`].
 
+use bonemill_arm::{Arm, JointKind};
+
 use crate::error::StreamError;
+use crate::link::Joints;
 
 /// What is assumed of PC, network and controller. The bound stands on these numbers, and the simulated arm keeps them.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,7 +18,7 @@ pub struct Timing {
     pub state_age_s: f64,
     /// Time constant of the arm's last stage of following, s: half of what was measured as lag. Assumed.
     pub follow_s: f64,
-    /// Least slowing of a joint in any stop, rad/s²: half of servoStop's default. Assumed.
+    /// Least slowing of a joint that turns in any stop, rad/s²: half of servoStop's default. Assumed.
     pub stop_rad_s2: f64,
     /// How fast the controller's clock may run against the PC's. Assumed.
     pub clock_drift: f64,
@@ -32,18 +35,28 @@ impl Timing {
         clock_drift: 2e-4,
     };
 
-    /// How far a joint may be from what it was told lately, rad, where the fastest joint is planned at so many rad/s: 2 a τ² at rest,
-    /// less where a stop takes long.
+    /// Least slowing a of each joint of an arm in any stop, rad/s², or mm/s² where it slides: there its acceleration limit.
+    pub fn stops(&self, arm: &Arm) -> Joints {
+        let mut stops = [1.0; 6];
+        for (stop, joint) in stops.iter_mut().zip(arm.joints()) {
+            *stop =
+                if joint.kind == JointKind::Revolute { self.stop_rad_s2 } else { joint.acceleration_limit };
+        }
+        stops
+    }
+
+    /// How far a joint may be from what it was told lately, over its slowing a, s², where a stop from the planned speeds takes `stop_s`:
+    /// 2 τ² at rest, less where a stop takes long.
     ///
     /// The last stage moves at e/τ for an error e. A stop that slows at a needs v²/(2a) = e²/(2aτ²) ≤ e at rest; from a speed q̇ it takes
     /// q̇/a, in which the error goes q̇/(2aτ) times as far.
-    pub fn joint_error_rad(&self, joint_rad_s: f64) -> f64 {
-        2.0 * self.stop_rad_s2 * self.follow_s.powi(2) * self.joint_error_share(joint_rad_s)
+    pub fn joint_error_s2(&self, stop_s: f64) -> f64 {
+        2.0 * self.follow_s.powi(2) * self.joint_error_share(stop_s)
     }
 
-    /// The share of the error at rest that is allowed at a speed.
-    pub fn joint_error_share(&self, joint_rad_s: f64) -> f64 {
-        (2.0 * self.stop_rad_s2 * self.follow_s / joint_rad_s).min(1.0)
+    /// The share of the error at rest that is allowed where a stop takes so long.
+    pub fn joint_error_share(&self, stop_s: f64) -> f64 {
+        (2.0 * self.follow_s / stop_s).min(1.0)
     }
 
     /// How long ago a target may have been sent that the newest state still has before it, s.

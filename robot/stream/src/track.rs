@@ -14,8 +14,10 @@ use crate::link::Joints;
 /// Joints over rows, and what the arm's kinematics makes of them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Track {
-    /// Joint positions, rad; at least two rows.
+    /// Joint positions; at least two rows.
     q: Vec<Joints>,
+    /// Least slowing of each joint in any stop, a second².
+    stops: Joints,
     /// The burr's centre, mm.
     burr_mm: Vec<Vector3<f64>>,
     /// The shaft's axis.
@@ -36,15 +38,15 @@ pub struct Nearest {
 /// Greatest speeds on a piece of track.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fastest {
-    /// Of a joint, rad/s.
-    pub joint_rad_s: f64,
+    /// The longest that a joint takes to stop from its speed, s.
+    pub stop_s: f64,
     /// Of the burr, mm/s.
     pub burr_mm_s: f64,
 }
 
 impl Track {
-    /// The track of joint vectors that the arm's kinematics accept: finite, six each, two at least.
-    pub fn new(arm: &Arm, q: Vec<Joints>) -> Self {
+    /// The track of joint vectors that the arm's kinematics accept: finite, two at least. `stops` is the least slowing of each joint.
+    pub fn new(arm: &Arm, stops: Joints, q: Vec<Joints>) -> Self {
         let poses: Vec<_> = q
             .par_iter()
             .map(|q| {
@@ -59,13 +61,14 @@ impl Track {
             way_mm += step;
             way_mm
         });
-        Self { arc_mm: arc_mm.collect(), q, burr_mm, axis }
+        Self { arc_mm: arc_mm.collect(), q, stops, burr_mm, axis }
     }
 
     /// The rows from one to before another, which exist.
     pub(crate) fn piece(&self, from: usize, to: usize) -> Self {
         Self {
             q: self.q[from..to].to_vec(),
+            stops: self.stops,
             burr_mm: self.burr_mm[from..to].to_vec(),
             axis: self.axis[from..to].to_vec(),
             arc_mm: self.arc_mm[from..to].to_vec(),
@@ -82,9 +85,14 @@ impl Track {
         (self.rows() - 1) as f64
     }
 
-    /// Joint positions of all rows, rad.
+    /// Joint positions of all rows.
     pub fn q(&self) -> &[Joints] {
         &self.q
+    }
+
+    /// Least slowing of each joint in any stop, rad/s² or mm/s².
+    pub fn stops(&self) -> Joints {
+        self.stops
     }
 
     /// The burr's centre in all rows, mm.
@@ -159,7 +167,7 @@ impl Track {
         angles.fold(f64::INFINITY, f64::min).min(1.0).asin()
     }
 
-    /// How far joints are outside of what the rows between two places span, rad, the worst joint first by number.
+    /// The joint that is farthest outside of what the rows between two places span, for how hard it slows, and how far it is.
     pub fn joints_off(&self, from_row: f64, to_row: f64, q: &Joints) -> (usize, f64) {
         let (first, _) = self.between(from_row);
         let (last, _) = self.between(to_row);
@@ -168,18 +176,19 @@ impl Track {
             let (low, high) = told.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
             (low - q[j]).max(q[j] - high).max(0.0)
         };
-        let worst = (0..6).map(|j| (j, off(j))).fold((0, 0.0), |a, b| if b.1 > a.1 { b } else { a });
-        (worst.0, worst.1)
+        let weighted = (0..6).map(|j| (j, off(j) / self.stops[j]));
+        let (worst, _) = weighted.fold((0, 0.0), |a, b| if b.1 > a.1 { b } else { a });
+        (worst, off(worst))
     }
 
     /// The greatest speeds on the steps from some rows, which exist, to their next ones, a period apart.
     pub fn fastest(&self, rows: RangeInclusive<usize>, period_s: f64) -> Fastest {
-        let mut most = Fastest { joint_rad_s: 0.0, burr_mm_s: 0.0 };
+        let mut most = Fastest { stop_s: 0.0, burr_mm_s: 0.0 };
         for n in rows.filter(|n| n + 1 < self.rows()) {
-            let joints = (0..6).map(|j| (self.q[n + 1][j] - self.q[n][j]).abs());
-            most.joint_rad_s = joints.fold(most.joint_rad_s, f64::max);
+            let joints = (0..6).map(|j| (self.q[n + 1][j] - self.q[n][j]).abs() / self.stops[j]);
+            most.stop_s = joints.fold(most.stop_s, f64::max);
             most.burr_mm_s = most.burr_mm_s.max(self.arc_mm[n + 1] - self.arc_mm[n]);
         }
-        Fastest { joint_rad_s: most.joint_rad_s / period_s, burr_mm_s: most.burr_mm_s / period_s }
+        Fastest { stop_s: most.stop_s / period_s, burr_mm_s: most.burr_mm_s / period_s }
     }
 }

@@ -43,10 +43,9 @@ pub fn tube(plan: &StreamPlan, row: usize, rate: f64) -> Tube {
     let first = (row as f64 - rows_of(timing.backlog_s())).max(0.0) as usize;
     let last = (row + BLOCK).min(end);
     let fastest = track.fastest(first..=last, plan.period_s);
-    let joint_rad_s = rate * fastest.joint_rad_s;
-    let error_share = timing.joint_error_share(fastest.joint_rad_s);
+    let error_share = timing.joint_error_share(fastest.stop_s);
     // half of the longest stop's duration: from the path's speed, and from that of a joint on its way back to what it was told
-    let stop_s = joint_rad_s / (2.0 * timing.stop_rad_s2) + error_share * timing.follow_s;
+    let stop_s = 0.5 * rate * fastest.stop_s + error_share * timing.follow_s;
     let longer = (stop_s / timing.follow_s - 1.0).max(1.0);
     let points = Points::new(plan, first..=last, rows_of(stop_s));
     let from = (first as f64 - BACK * points.ahead).max(0.0) as usize;
@@ -67,7 +66,8 @@ pub fn tube(plan: &StreamPlan, row: usize, rate: f64) -> Tube {
             + bend_mm
             + older_s(timing, stop_s) * fastest.burr_mm_s
             + longer * (tolerance_mm + followed_mm)
-            + points.error_mm(plan, timing.joint_error_rad(fastest.joint_rad_s) * longer),
+            + points
+                .error_mm(plan, track.stops().map(|a| a * timing.joint_error_s2(fastest.stop_s) * longer)),
         gap_mm: plan.gap_mm[from..=to].iter().copied().fold(f64::INFINITY, f64::min),
     }
 }
@@ -97,15 +97,15 @@ const AS_THEY_ARE: usize = 1;
 
 /// Targets of some rows, as they are and moved ahead and back along their tangents.
 struct Points {
-    /// Steps to the next row, rad.
+    /// Steps to the next row.
     steps: Vec<Joints>,
     /// How far ahead, in rows.
     ahead: f64,
-    /// For one of the shares after the other, all targets, rad.
+    /// For one of the shares after the other, all targets.
     q: Vec<Joints>,
     /// Their burrs, mm.
     burr_mm: Vec<Vector3<f64>>,
-    /// From the first target to the last, rad.
+    /// From the first target to the last.
     direction: Joints,
 }
 
@@ -164,10 +164,10 @@ impl Points {
             + curvature.along_mm(&self.steps) * (moved.powi(2) / 8.0 + older_rows.powi(2) / 2.0)
     }
 
-    /// What an error of the joints moves the burr by, beside what it does where it is judged, mm.
-    fn error_mm(&self, plan: &StreamPlan, error_rad: f64) -> f64 {
+    /// What an error of at most so much in each joint moves the burr by, beside what it does where it is judged, mm.
+    fn error_mm(&self, plan: &StreamPlan, error: Joints) -> f64 {
         let curvature = Curvature::around(&plan.arm, &self.q, self.direction);
-        curvature.error_mm(&self.q, error_rad)
+        curvature.error_mm(&self.q, &error)
     }
 }
 

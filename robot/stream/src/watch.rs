@@ -4,6 +4,7 @@
 //! comes again is old, whatever the PC received when. The burr is judged in mm and the shaft in mrad against the clearance that
 //! is left where the arm is.
 
+use bonemill_arm::JointKind;
 use nalgebra::Vector3;
 
 use crate::cause::Cause;
@@ -120,14 +121,17 @@ impl Watch {
         let timing = plan.settings().timing;
         let soon_rows = (timing.state_age_s + 2.0 * timing.transport_s) / plan.period_s;
         let soon = from_row as usize..=(to_row + soon_rows).ceil() as usize + 2 * BLOCK;
-        let joint_most_rad = timing.joint_error_rad(track.fastest(soon, plan.period_s).joint_rad_s);
-        let (joint, joint_rad) = track.joints_off(from_row, to_row, &state.q);
+        let (joint, joint_off) = track.joints_off(from_row, to_row, &state.q);
+        let joint_most =
+            track.stops()[joint] * timing.joint_error_s2(track.fastest(soon, plan.period_s).stop_s);
         let cause = if !(near.distance_mm <= most_mm) {
             Some(Cause::OffPath { off_mm: near.distance_mm, most_mm })
         } else if !(axis_rad <= most_rad) {
             Some(Cause::AxisOff { off_rad: axis_rad, most_rad })
-        } else if joint_rad > joint_most_rad {
-            Some(Cause::JointOff { joint: joint + 1, off_rad: joint_rad, most_rad: joint_most_rad })
+        } else if joint_off > joint_most {
+            let slides = plan.arm.joints().get(joint).is_some_and(|j| j.kind == JointKind::Prismatic);
+            let (per, unit) = if slides { (1.0, "mm") } else { (1e3, "mrad") };
+            Some(Cause::JointOff { joint: joint + 1, off: per * joint_off, most: per * joint_most, unit })
         } else {
             None
         };

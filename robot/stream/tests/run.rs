@@ -4,6 +4,7 @@
 
 mod common;
 
+use bonemill_arm::Arm;
 use bonemill_stream::simulated::rehearse::rehearse;
 use bonemill_stream::{
     ArmLink, ArmState, Cause, Clock, Event, Hold, Identity, Joints, LinkFault, Log, LogWriter, Operator,
@@ -178,7 +179,8 @@ fn what_was_missed_is_never_sent_at_once() {
             let ((t0, a), (t1, b)) = (&pair[0], &pair[1]);
             assert!(t1 - t0 >= 0.5 * PERIOD_S - 1e-9);
             let most = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            let fastest = plan.track.fastest(0..=plan.track.rows(), PERIOD_S).joint_rad_s * PERIOD_S;
+            let stop_s = plan.track.fastest(0..=plan.track.rows(), PERIOD_S).stop_s;
+            let fastest = stop_s * plan.settings().timing.stop_rad_s2 * PERIOD_S;
             assert!(most <= fastest * 1.001, "{stall_s}: a step of {most} rad, the plan's are {fastest}");
         }
     }
@@ -327,4 +329,29 @@ fn a_rehearsal_writes_a_log_that_survives_a_kill_and_says_where_to_go_on() {
     let row = plan.resume_row(middle);
     assert!(row <= middle && plan.track.way_mm(row, middle) <= 0.6);
     assert_eq!(rehearse(&plan, row, 4, &mut User::default(), None::<&mut LogWriter<Vec<u8>>>).cause, None);
+}
+
+#[test]
+fn an_arm_that_slides_is_rehearsed_within_its_bound_and_not_streamed_to() {
+    let mut values = values(3.0, 2.0, 3.0);
+    values.arm = Arm::bone_attached().unwrap();
+    let last = (values.time_s.len() - 1) as f64;
+    let place = |n: usize| {
+        let share = n as f64 / last;
+        // once round, at rest in the beginning and in the end
+        let angle = std::f64::consts::TAU * share * share * (3.0 - 2.0 * share);
+        [3.0 * angle.sin(), 3.0 * (1.0 - angle.cos()), 0.5 * angle.sin(), 0.2 * (1.0 - angle.cos())]
+    };
+    values.q = (0..values.time_s.len()).flat_map(place).collect();
+    let plan = values.plan(settings());
+    let mut log = LogWriter::new(Vec::new(), "d1", plan.track.rows(), plan.period_s).unwrap();
+    let outcome = rehearse(&plan, 0.0, 5, &mut User::default(), Some(&mut log));
+    assert_eq!(outcome.cause, None);
+    let most_mm = plan.off_mm.iter().copied().fold(0.0, f64::max);
+    assert!(
+        outcome.farthest_off_mm > 1e-3 && outcome.farthest_off_mm < most_mm,
+        "{outcome:?}, bound {most_mm} mm"
+    );
+    let refused = plan.for_a_ur().unwrap_err().to_string();
+    assert!(refused.contains("prismatic, prismatic, prismatic, revolute"), "{refused}");
 }

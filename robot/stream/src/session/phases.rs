@@ -81,8 +81,7 @@ impl Session<'_> {
             Ok(approach) => {
                 step.events.push(Event::Stage("approach"));
                 let backlog_s = self.plan.settings().timing.backlog_s();
-                let ramp =
-                    ramp_per_s(&approach.track, self.plan.period_s, self.plan.settings().timing.stop_rad_s2);
+                let ramp = ramp_per_s(&approach.track, self.plan.period_s);
                 let last = approach.track.last_row();
                 self.follower = Follower::new(self.plan.period_s, ramp, backlog_s, last, 0.0);
                 self.phase = Phase::Approaching(Box::new(approach));

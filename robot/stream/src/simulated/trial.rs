@@ -15,7 +15,7 @@ use nalgebra::Vector3;
 use crate::bound::Travel;
 use crate::cause::{Cause, Event, Outcome, Question};
 use crate::drive::{Operator, drive};
-use crate::link::{Clock, Joints};
+use crate::link::{Clock, Joints, padded};
 use crate::log::LogWriter;
 use crate::plan::StreamPlan;
 use crate::session::Session;
@@ -227,6 +227,6 @@ fn aside(plan: &StreamPlan, q: &Joints, mm: f64, draws: &mut Draws) -> Joints {
     let mut tool = plan.arm.tool_at(q);
     let angle = draws.between(0.0, std::f64::consts::TAU);
     tool.translation_mm += tool.rotation * (mm * Vector3::new(angle.cos(), angle.sin(), 0.0));
-    let found = dls::solve(&plan.arm, &Goal::Pose(tool), q);
-    found.q.as_slice().try_into().unwrap_or(*q)
+    let found = dls::solve(&plan.arm, &Goal::Pose(tool), &q[..plan.arm.dof()]);
+    padded(&found.q).unwrap_or(*q)
 }

@@ -59,7 +59,8 @@ pub struct World {
     safety_mode: i32,
     fraction: f64,
     last_order_s: f64,
-    stop_rad_s2: f64,
+    /// Slowing of each joint in a stop, rad/s² or mm/s².
+    stops: Joints,
     transport_s: (f64, f64),
     orders: VecDeque<(f64, Order)>,
     states: VecDeque<(f64, ArmState)>,
@@ -85,7 +86,8 @@ impl World {
         let controller = (draws.between(0.0, 1e5), skew);
         // both ways together stay within what is assumed
         let least_s = draws.between(2e-4, 0.2 * timing.transport_s);
-        let stop_rad_s2 = timing.stop_rad_s2 * draws.between(1.0, 4.0);
+        let harder = draws.between(1.0, 4.0);
+        let stops = timing.stops(arm).map(|a| a * harder);
         Self {
             draws,
             timing,
@@ -101,7 +103,7 @@ impl World {
             safety_mode: SAFETY_NORMAL,
             fraction: 1.0,
             last_order_s: 0.0,
-            stop_rad_s2,
+            stops,
             transport_s: (least_s, 0.4 * timing.transport_s),
             orders: VecDeque::new(),
             states: VecDeque::new(),
@@ -125,7 +127,7 @@ impl World {
         self.now_s
     }
 
-    /// Where the arm is, rad.
+    /// Where the arm is.
     pub fn q(&self) -> Joints {
         self.q
     }
@@ -218,7 +220,7 @@ impl World {
             return;
         }
         let velocity: Joints = std::array::from_fn(|j| self.speed() * (self.first[j] - self.q[j]));
-        let for_s = velocity.iter().fold(0.0f64, |a, v| a.max(v.abs())) / self.stop_rad_s2;
+        let for_s = velocity.iter().zip(&self.stops).fold(0.0f64, |longest, (v, a)| longest.max(v.abs() / a));
         self.motion = Motion::Slowing { from: self.q, velocity, since_s: self.now_s, for_s };
     }
 
