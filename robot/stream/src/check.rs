@@ -5,8 +5,10 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use crate::bound::{Tube, tube};
 use crate::link::{ArmState, Identity, SAFETY_NORMAL};
 use crate::plan::{Standing, StreamPlan};
+use crate::tube::BLOCK;
 
 /// How far the controller's tool pose may be from the plan's, mm. Assumed: a tenth of a common clearance.
 const TOOL_MM: f64 = 0.1;
@@ -42,12 +44,17 @@ pub fn ready(plan: &StreamPlan, state: &ArmState, identity: &Identity) -> Result
 
 /// The bound is no larger than the clearance left, or the user wants to be slowed down, and that is enough.
 fn speeds(plan: &StreamPlan) -> Result<(), String> {
-    let slowest = plan.rate.iter().copied().enumerate().fold((0, 1.0), |a, b| if b.1 < a.1 { b } else { a });
-    let (row, rate) = slowest;
+    let rate = plan.rate.iter().copied().fold(1.0, f64::min);
     if rate >= 1.0 || (plan.settings().slow && rate > 0.0) {
         return Ok(());
     }
-    let tube = crate::bound::tube(plan, row, 1.0);
+    // rows before a narrow place are slowed as well: the place itself is where the tube is widest for its room
+    let slowed = (0..plan.rate.len()).step_by(BLOCK).filter(|row| plan.rate[*row] < 1.0);
+    let tubes = slowed.map(|row| (row, tube(plan, row, 1.0)));
+    let missing_mm = |of: &(usize, Tube)| of.1.off_mm - of.1.gap_mm;
+    let Some((row, tube)) = tubes.max_by(|a, b| missing_mm(a).total_cmp(&missing_mm(b))) else {
+        return Ok(());
+    };
     let advice =
         if rate > 0.0 { "stream with --slow" } else { "no speed is slow enough: plan with more clearance" };
     Err(format!(
