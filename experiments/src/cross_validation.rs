@@ -33,16 +33,7 @@ const MODELS: [(&str, Regression, bool); 3] = [
 /// # Errors
 /// [`ExperimentError`] when the drill refuses a feed.
 pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
-    let drill = TwistDrill::new(TwistDrillSpec {
-        radius_mm: 1.25,
-        point_deg: 59.0,
-        helix_deg: 20.0,
-        chisel_deg: 116.0,
-        web_mm: 0.15,
-        lips: 2,
-        flute_mm: 10.0,
-    })
-    .map_err(ExperimentError::Cutter)?;
+    let drill = TwistDrill::new(TwistDrillSpec::FAIEGHI).map_err(ExperimentError::Cutter)?;
     let truths = [
         ("k by rake alone", CoefficientModel::Rake([[60.0, 150.0], [30.0, 50.0]])),
         (

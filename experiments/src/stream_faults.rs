@@ -29,11 +29,11 @@ const DEPTHS_S: [f64; 3] = [0.02, 0.1, 0.5];
 /// The table of faults, and that of bounds, of the plan in `--case`.
 ///
 /// # Errors
-/// [`ExperimentError`]: no plan of a UR arm in the folder.
+/// [`ExperimentError`]: no plan in the folder.
 pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     let Some(folder) = size.case else {
         let mut table = faults_table("no plan");
-        table.push_note("none".into(), "give the folder of a UR arm's plan as --case".into());
+        table.push_note("none".into(), "give the folder of a plan as --case".into());
         return Ok(vec![table]);
     };
     let stored = StoredPlan::load_with(folder, None, Need::Unchanged)?;
@@ -47,17 +47,17 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
     Ok(vec![bounds(&plan, &name), refused(&plan, &name), faults(&plan, &name, size.seeds, progress)])
 }
 
-/// Where the plan is refused at its planned speed, and how fast its joints are there.
+/// Where the plan is refused at its planned speed, and how long its joints take to stop there.
 fn refused(plan: &StreamPlan, name: &str) -> Table {
     let rows: Vec<usize> = (0..plan.track.rows()).step_by(5).collect();
     let found = rows.par_iter().map(|row| {
         let tube = bound::tube(plan, *row, 1.0);
         let fastest = plan.track.fastest(row.saturating_sub(40)..=row + 5, plan.period_s);
-        (tube.off_mm, tube.gap_mm, fastest.joint_rad_s)
+        (tube.off_mm, tube.gap_mm, fastest.stop_s)
     });
     let found: Vec<(f64, f64, f64)> = found.collect();
     let too_wide: Vec<_> = found.iter().copied().filter(|(off_mm, gap_mm, _)| off_mm > gap_mm).collect();
-    let columns = ["rows", "share [%]", "quantile", "off [mm]", "room [mm]", "fastest joint [rad/s]"];
+    let columns = ["rows", "share [%]", "quantile", "off [mm]", "room [mm]", "longest stop [s]"];
     let title = format!(
         "{name}: rows at their planned speed; refused are those whose bound is larger than their room"
     );

@@ -76,24 +76,8 @@ struct Job {
 }
 
 fn jobs() -> Result<Vec<Job>, CutterError> {
-    let drill = TwistDrill::new(TwistDrillSpec {
-        radius_mm: 1.25,
-        point_deg: 59.0,
-        helix_deg: 20.0,
-        chisel_deg: 116.0,
-        web_mm: 0.15,
-        lips: 2,
-        flute_mm: 10.0,
-    })?;
-    let reamer = GlenoidReamer::new(GlenoidReamerSpec {
-        arc_radius_mm: 16.22,
-        offset_mm: 6.43,
-        rim_radius_mm: 18.25,
-        edge_deg: 9.46,
-        edges: 5,
-        nipple_radius_mm: 0.0,
-        nipple_length_mm: 0.0,
-    })?;
+    let drill = TwistDrill::new(TwistDrillSpec::FAIEGHI)?;
+    let reamer = GlenoidReamer::new(GlenoidReamerSpec::FAIEGHI)?;
     let (drill_mm, reamer_mm) = (drill.lip_height_mm(), reamer.lip_height_mm());
     Ok(vec![
         Job {

@@ -40,6 +40,19 @@ pub struct TwistDrillSpec {
     pub flute_mm: f64,
 }
 
+impl TwistDrillSpec {
+    /// The drill of Faieghi et al., section III-A; web, lips and flute are assumed.
+    pub const FAIEGHI: Self = Self {
+        radius_mm: 1.25,
+        point_deg: 59.0,
+        helix_deg: 20.0,
+        chisel_deg: 116.0,
+        web_mm: 0.15,
+        lips: 2,
+        flute_mm: 10.0,
+    };
+}
+
 /// A twist drill; its dimensions make an edge everywhere.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TwistDrill {

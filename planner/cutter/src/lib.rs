@@ -11,8 +11,7 @@
 //!
 //! ```
 //! use bonemill_cutter::{Cutter, TwistDrill, TwistDrillSpec};
-//! let spec = TwistDrillSpec { radius_mm: 1.25, point_deg: 59.0, helix_deg: 20.0, chisel_deg: 116.0, web_mm: 0.15, lips: 2, flute_mm: 30.0 };
-//! let drill = TwistDrill::new(spec)?;
+//! let drill = TwistDrill::new(TwistDrillSpec { web_mm: 0.2, ..TwistDrillSpec::FAIEGHI })?;
 //! let edges = drill.edges(0.02, 64)?;
 //! assert_eq!((edges.copies, edges.elements.len()), (2, 128));   // 64 along the lip, 64 along the chisel edge
 //! assert_eq!(drill.solid().max_radius_mm(), 1.25);

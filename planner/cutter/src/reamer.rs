@@ -32,6 +32,19 @@ pub struct GlenoidReamerSpec {
     pub nipple_length_mm: f64,
 }
 
+impl GlenoidReamerSpec {
+    /// The reamer of Faieghi et al., section III-B, without its guide.
+    pub const FAIEGHI: Self = Self {
+        arc_radius_mm: 16.22,
+        offset_mm: 6.43,
+        rim_radius_mm: 18.25,
+        edge_deg: 9.46,
+        edges: 5,
+        nipple_radius_mm: 0.0,
+        nipple_length_mm: 0.0,
+    };
+}
+
 /// A glenoid reamer; its dimensions make an edge everywhere.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GlenoidReamer {

@@ -2,24 +2,9 @@
 
 use super::*;
 
-const DRILL: TwistDrillSpec = TwistDrillSpec {
-    radius_mm: 1.25,
-    point_deg: 59.0,
-    helix_deg: 20.0,
-    chisel_deg: 116.0,
-    web_mm: 0.15,
-    lips: 2,
-    flute_mm: 30.0,
-};
-const REAMER: GlenoidReamerSpec = GlenoidReamerSpec {
-    arc_radius_mm: 16.22,
-    offset_mm: 6.43,
-    rim_radius_mm: 18.25,
-    edge_deg: 9.46,
-    edges: 5,
-    nipple_radius_mm: 3.0,
-    nipple_length_mm: 6.0,
-};
+const DRILL: TwistDrillSpec = TwistDrillSpec { flute_mm: 30.0, ..TwistDrillSpec::FAIEGHI };
+const REAMER: GlenoidReamerSpec =
+    GlenoidReamerSpec { nipple_radius_mm: 3.0, nipple_length_mm: 6.0, ..GlenoidReamerSpec::FAIEGHI };
 
 #[test]
 fn elements_lie_on_the_solid_that_they_sweep() {

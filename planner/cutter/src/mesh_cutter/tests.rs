@@ -66,16 +66,7 @@ fn a_spade_s_lips_have_the_angles_of_a_drill_with_that_web() {
 #[test]
 fn the_rake_of_a_face_is_that_of_the_drill_s_formula() {
     use crate::{Cutter, TwistDrill, TwistDrillSpec};
-    let drill = TwistDrill::new(TwistDrillSpec {
-        radius_mm: 1.25,
-        point_deg: 59.0,
-        helix_deg: 20.0,
-        chisel_deg: 116.0,
-        web_mm: 0.15,
-        lips: 2,
-        flute_mm: 10.0,
-    })
-    .unwrap();
+    let drill = TwistDrill::new(TwistDrillSpec::FAIEGHI).unwrap();
     for e in drill.edges(0.02, 16).unwrap().elements.iter().filter(|e| e.kind == EdgeKind::Lip) {
         let ((se, ce), (sb, cb)) = (e.epsilon_rad.sin_cos(), e.beta_rad.sin_cos());
         let edge = Vector3::new(se * cb, -se * sb, ce);

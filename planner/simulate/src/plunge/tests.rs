@@ -9,16 +9,7 @@ use super::*;
 const FEED_MM_REV: f64 = 0.02;
 
 fn drill() -> TwistDrill {
-    let spec = TwistDrillSpec {
-        radius_mm: 1.25,
-        point_deg: 59.0,
-        helix_deg: 20.0,
-        chisel_deg: 116.0,
-        web_mm: 0.15,
-        lips: 2,
-        flute_mm: 10.0,
-    };
-    TwistDrill::new(spec).unwrap()
+    TwistDrill::new(TwistDrillSpec::FAIEGHI).unwrap()
 }
 
 fn loads(drill: &TwistDrill) -> EdgeLoads {
