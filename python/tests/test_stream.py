@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -192,8 +193,34 @@ def test_a_rehearsal_is_faster_than_the_run_and_its_log_is_one(judged: Path, tmp
     assert first - 1 <= streaming.resume_row(tmp_path / "r.run") < streaming.rows
 
 
-def test_plans_that_no_ur_arm_can_follow_are_refused(planned: bonemill.Plan, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def on_the_bone(block: bonemill.Case, planned: bonemill.Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A verified plan for the bone-attached arm, whose place the case tells."""
+    record = tomllib.loads((planned.save(tmp_path_factory.mktemp("assumed") / "plan") / "plan.toml").read_text())
+    place = record["frames"]["base_from_ct"]
+    told = f'rotation = {place["rotation"]}, translation_mm = {place["translation_mm"]}'
+    text = block.text.replace('model = "bone-attached"', f'model = "bone-attached"\nbase_from_ct = {{ {told} }}')
+    path = block.path.with_name("case_on_the_bone.toml")
+    path.write_text(text, encoding="utf-8")
+    folder = bonemill.plan(path).save(tmp_path_factory.mktemp("on_the_bone") / "plan")
+    assert bonemill.verify(bonemill.Plan.load(folder), save=True).passed
+    return folder
+
+
+def test_an_arm_that_no_controller_here_moves_is_rehearsed_only(on_the_bone: Path, tmp_path: Path) -> None:
+    log = tmp_path / "r.run"
+    done = run("stream", on_the_bone, "--rehearse", "--slow", "--payload-kg", "1", "--log", log)
+    assert done.returncode == 0, done.stderr
+    assert "bound after any failure" in done.stdout and log.stat().st_size > 10_000
+    done = run("stream", on_the_bone, "--host", "192.0.2.1", "--dry-run")
+    assert done.returncode == 2 and "six revolute joints" in done.stderr
+    streaming = ready(on_the_bone)
     with pytest.raises(bonemill.StreamError, match="six revolute joints"):
+        streaming.run(Imagined(streaming.joints(0.0)), Yes())
+
+
+def test_plans_that_no_arm_can_follow_are_refused(planned: bonemill.Plan, tmp_path: Path) -> None:
+    with pytest.raises(bonemill.StreamError, match="no registration"):
         Streaming(planned.save(tmp_path / "plan"))
     for wrong in ({"lookahead_s": 0.01}, {"gain": 5000.0}, {"watchdog_hz": float("nan")}, {"spindle_output": 8}):
         with pytest.raises(bonemill.StreamError, match="expected"):
@@ -208,7 +235,7 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
 def test_the_command_line_says_what_is_wrong(planned: bonemill.Plan, judged: Path, tmp_path: Path) -> None:
     saved = planned.save(tmp_path / "plan")
     done = run("stream", saved, "--host", "192.0.2.1", "--dry-run")
-    assert done.returncode == 2 and "six revolute joints" in done.stderr
+    assert done.returncode == 2 and "no registration" in done.stderr
     assert run("stream", tmp_path, "--host", "h").returncode == 2
     assert run("stream", saved).returncode == 2
     assert run("stream", saved, "--host", "h", "--gain", "1").returncode == 2
