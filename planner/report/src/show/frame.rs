@@ -13,7 +13,7 @@ pub struct ShownFrame {
     /// The surface of the remaining target.
     pub target: Surface,
     /// The slice of each of [`PLANES`] through the tool's origin, and the cutter's outline on it, pixels
-    /// ([`super::ShownImages::pixel`]); what lies above the slice is at its upper edge.
+    /// ([`super::ShownImages::pixel`]).
     pub slices: [(Slice, Vec<[f32; 2]>); 3],
 }
 
@@ -30,9 +30,8 @@ impl Show<'_> {
             let pixel_mm = images.pixel_mm();
             let slices = PLANES.each_ref().map(|plane| {
                 let [x, y] = images.pixel(plane, at);
-                let pixel = |[right, up]: [f64; 2]| {
-                    [x + (right / pixel_mm) as f32, (y - (up / pixel_mm) as f32).max(0.0)]
-                };
+                let pixel =
+                    |[right, up]: [f64; 2]| [x + (right / pixel_mm) as f32, y - (up / pixel_mm) as f32];
                 (images.slice(plane, at, index), self.tool.outline(plane).into_iter().map(pixel).collect())
             });
             ShownFrame { time_s: m.time_s, target: images.target(Some(index)), slices }

@@ -11,6 +11,8 @@ use nalgebra::Vector3;
 
 use super::{Plane, Show, Surface};
 
+/// How much of a long cutter its outline in a slice shows, in radii.
+const OUTLINED: f64 = 4.0;
 /// Facets around a cutter that is a solid of revolution.
 const FACETS: usize = 48;
 
@@ -65,7 +67,8 @@ impl ShownTool {
         self.solid.max_radius_mm()
     }
 
-    /// The cutter's outline in a plane, a closed line of positions to the right and upwards from the tool's origin, mm. A tool that
+    /// The outline of the cutter, or of a long one's lower part, in a plane: a closed line of positions to the right and upwards from the
+    /// tool's origin, mm. A tool that
     /// turns to other angles than the approach must be a ball, whose outline is the same from everywhere.
     pub fn outline(&self, plane: &Plane) -> Vec<[f64; 2]> {
         if plane.along == 2 {
@@ -75,9 +78,11 @@ impl ShownTool {
                 .map(|(sin, cos)| [self.radius_mm() * cos, self.radius_mm() * sin])
                 .collect();
         }
-        let right = self.solid.profile().iter().map(|[z, r]| [*r, *z]);
-        let left = self.solid.profile().iter().rev().map(|[z, r]| [-r, *z]);
-        let first = self.solid.profile().first().map(|[z, r]| [*r, *z]);
+        let profile = self.solid.profile();
+        let at = |[z, r]: &[f64; 2], side: f64| [side * r, z.min(OUTLINED * self.radius_mm())];
+        let right = profile.iter().map(|point| at(point, 1.0));
+        let left = profile.iter().rev().map(|point| at(point, -1.0));
+        let first = profile.first().map(|point| at(point, 1.0));
         right.chain(left).chain(first).collect()
     }
 
