@@ -180,7 +180,7 @@ fn label(stream: &RecordingStream, entity: &str, body: &ShownBody) -> anyhow::Re
     let point = rerun::Points3D::new([body.name_at])
         .with_labels([body.name.as_str()])
         .with_radii([0.05])
-        .with_colors([colour(body.colour)]);
+        .with_colors([colour(show::light(body.colour))]);
     stream.log_static(format!("{entity}/name"), &point)?;
     let line = rerun::LineStrips3D::new([body.leader])
         .with_colors([colour(body.colour)])

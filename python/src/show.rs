@@ -156,6 +156,7 @@ fn to_python(py: Python<'_>, drawn: Drawn) -> PyResult<Bound<'_, PyDict>> {
         let dict = PyDict::new(py);
         dict.set_item("name", &b.name)?;
         dict.set_item("colour", b.colour)?;
+        dict.set_item("name_colour", rust::light(b.colour))?;
         dict.set_item("surface", surface(py, &b.surface)?)?;
         dict.set_item("shell", surface(py, &b.shell)?)?;
         dict.set_item("large", b.large)?;

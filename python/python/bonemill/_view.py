@@ -74,7 +74,7 @@ def _scene(rr: Any, recording: Any, drawn: dict[str, Any]) -> None:
     for body in drawn["bodies"]:
         colour = tuple(body["colour"])
         entity = f"scene/structures/{rr.escape_entity_path_part(body['name'])}"
-        label = rr.Points3D([body["name_at"]], labels=[body["name"]], radii=0.05, colors=colour)
+        label = rr.Points3D([body["name_at"]], labels=[body["name"]], radii=0.05, colors=tuple(body["name_colour"]))
         recording.log(f"{entity}/name", label, static=True)
         leader = rr.LineStrips3D([body["leader"]], colors=colour, radii=rr.Radius.ui_points(0.7))
         recording.log(f"{entity}/leader", leader, static=True)

@@ -24,6 +24,11 @@ pub const CUT_COLOUR: [u8; 3] = [255, 30, 90];
 /// Links and retracts in slices; drawn on a black line, so that they are visible on bright bone.
 pub const LINK_COLOUR: [u8; 3] = [255, 255, 255];
 
+/// A colour half-way to white, for text on a dark ground.
+pub fn light(colour: [u8; 3]) -> [u8; 3] {
+    colour.map(|c| c / 2 + 128)
+}
+
 /// A colour for style sheets.
 pub fn css([r, g, b]: [u8; 3]) -> String {
     format!("rgb({r},{g},{b})")

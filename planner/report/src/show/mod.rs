@@ -20,7 +20,7 @@ use bonemill_scene::{Class, Scene};
 use rayon::prelude::*;
 
 pub use body::ShownBody;
-pub use colour::{CUT_COLOUR, LINK_COLOUR, STRUCTURE_COLOURS, TARGET_COLOUR, css, scale_colour};
+pub use colour::{CUT_COLOUR, LINK_COLOUR, STRUCTURE_COLOURS, TARGET_COLOUR, css, light, scale_colour};
 pub use frame::ShownFrame;
 pub use motion::Moment;
 pub use paint::{ARROW_MM_PER_N, PAINTS, Paint};
