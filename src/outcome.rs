@@ -376,8 +376,9 @@ fn channel_text(out: &Path, record: &PlanRecord, channel: &ChannelRecord) -> Str
     let m = &record.metrics;
     let number = |name| m.number(name).unwrap_or(0.0);
     format!(
-        "wrote {}\na channel {:.2} mm deep, {:.1} mm³ of bone; at most {:.2} N of thrust and {:.1} N mm of torque; {:.0} s\n",
+        "wrote {}\na channel of {:.2} mm from where the tool meets bone, to {:.2} mm from the entry; {:.1} mm³ of bone; at most {:.2} N of thrust and {:.1} N mm of torque; {:.0} s\n",
         out.display(),
+        channel.depth_mm - channel.contact_depth_mm,
         channel.depth_mm,
         m.removed_bone_mm3,
         number("peak_thrust_n"),

@@ -60,6 +60,8 @@ pub struct ChannelPlan {
     pub holder_in_bone: Option<HolderInBone>,
     /// Clearance of the holder from each structure, mm; infinite without a holder, `None` without the structure.
     pub holder_clearance_mm: Vec<Option<f64>>,
+    /// The front of the tool: [height, radius] from its tip to its largest radius, mm.
+    pub front: Vec<[f64; 2]>,
     /// The images along and across the channel.
     pub sections: Vec<Section>,
     /// What the user should know.
@@ -231,7 +233,10 @@ impl ChannelJob<'_> {
         let holder_clearance_mm = fields.map(|field| Some(pose.clearance_mm(field?))).collect();
         let warnings = setup.warnings.clone();
         let sections = sections(&channel, self.images, self.tool.radius_mm);
+        let profile = self.tool.cutter.solid().profile();
+        let widest = profile.iter().position(|[_, r]| *r >= self.tool.radius_mm).unwrap_or(0);
         let mut plan = ChannelPlan {
+            front: profile[..=widest].to_vec(),
             setup,
             channel,
             record,

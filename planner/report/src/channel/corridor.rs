@@ -10,6 +10,8 @@ use crate::show::{CUT_COLOUR, STRUCTURE_COLOURS, css};
 
 /// HU shown as black and as white.
 const WINDOW_HU: [f32; 2] = [-1000.0, 2000.0];
+/// Pieces of the front's outline.
+const PIECES: usize = 40;
 /// Share of a structure's colour in its pixels.
 const TINT: f32 = 0.65;
 
@@ -43,14 +45,13 @@ fn figure(plan: &ChannelPlan, section: &Section, number: usize) -> String {
     if section.across_at_mm.is_some() {
         let _ = write!(svg, "<circle r=\"{r:.3}\" {}/><circle r=\"{margin:.3}\" {dashed}/>", line(""));
     } else {
-        let (from, to) = (section.top_mm, plan.record.depth_mm);
+        let path = |beside_mm: f64| swept(plan, section.top_mm, beside_mm);
         let _ = write!(
             svg,
-            "<path d=\"M{:.3} {from:.2}V{to:.3}H{r:.3}V{from:.2}\" {}/><path d=\"M{:.3} {from:.2}V{:.3}H{margin:.3}V{from:.2}\" {dashed}/>",
-            -r,
+            "<path d=\"{}\" {}/><path d=\"{}\" {dashed}/>",
+            path(0.0),
             line(""),
-            -margin,
-            to + margin - r
+            path(margin - r)
         );
         let _ = write!(
             svg,
@@ -60,6 +61,36 @@ fn figure(plan: &ChannelPlan, section: &Section, number: usize) -> String {
     }
     svg.push_str(&scale(left, top + height, width.max(height)));
     svg + "</svg></figure>"
+}
+
+/// What the tool sweeps down to its depth and what is within `beside_mm` of it, from a height on, as an SVG path.
+fn swept(plan: &ChannelPlan, top_mm: f64, beside_mm: f64) -> String {
+    let (r, to_mm) = (plan.record.radius_mm, plan.record.depth_mm);
+    let pieces = |n: usize| n as f64 / PIECES as f64;
+    // the front as points near each other, and the lower edge of discs about them
+    let front: Vec<[f64; 2]> = plan
+        .front
+        .windows(2)
+        .flat_map(|w| (0..=PIECES).map(move |n| [0, 1].map(|a| w[0][a] + pieces(n) * (w[1][a] - w[0][a]))))
+        .collect();
+    let low_mm = |aside_mm: f64| {
+        let below =
+            front.iter().filter(|[_, radius]| (aside_mm - radius).abs() <= beside_mm + r / PIECES as f64);
+        let edge =
+            below.map(|[z, radius]| z - (beside_mm.powi(2) - (aside_mm - radius).powi(2)).max(0.0).sqrt());
+        edge.fold(f64::INFINITY, f64::min)
+    };
+    let half: Vec<[f64; 2]> = (0..=PIECES)
+        .map(|n| pieces(n) * (r + beside_mm))
+        .map(|aside_mm| [aside_mm, to_mm - low_mm(aside_mm)])
+        .filter(|[_, depth_mm]| depth_mm.is_finite())
+        .collect();
+    let mut path = format!("M{:.3} {top_mm:.2}", -r - beside_mm);
+    for [x, depth_mm] in half.iter().rev().map(|[x, depth_mm]| [-x, *depth_mm]).chain(half.iter().copied()) {
+        let _ = write!(path, "L{x:.3} {depth_mm:.3}");
+    }
+    let _ = write!(path, "L{:.3} {top_mm:.2}", r + beside_mm);
+    path
 }
 
 /// What the registration's error needs at the allowed probability beside the structure that limits the channel, mm.

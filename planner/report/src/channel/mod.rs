@@ -44,6 +44,10 @@ fn cards(plan: &ChannelPlan) -> String {
     let mut cards = vec![
         ("depth from the entry".to_owned(), format!("{:.2} mm", plan.record.depth_mm)),
         (
+            "from where the tool meets bone".to_owned(),
+            format!("{:.2} mm", plan.record.depth_mm - plan.record.contact_depth_mm),
+        ),
+        (
             "total time".into(),
             format!("{:.0} min {:02.0} s", (total_s / 60.0).floor(), (total_s % 60.0).floor()),
         ),

@@ -61,10 +61,14 @@ impl Shape {
         let values = || series.iter().flat_map(|s| s.points.iter().filter_map(|p| p.1));
         let top = values().chain(levels.iter().map(|l| l.value)).fold(0.0, f64::max);
         let bottom = values().fold(0.0, f64::min);
-        let end_s = series.iter().flat_map(|s| s.points.last().map(|p| p.0)).fold(0.0, f64::max).max(1e-9);
-        let start = series.iter().flat_map(|s| s.points.first().map(|p| p.0)).fold(0.0, f64::min);
+        let ends = |of: fn(&[(f64, Option<f64>)]) -> Option<&(f64, Option<f64>)>| {
+            series.iter().filter_map(move |s| of(&s.points)).map(|point| point.0)
+        };
+        let start = ends(|points| points.first()).reduce(f64::min).unwrap_or(0.0);
+        let end_s = ends(|points| points.last()).reduce(f64::max).unwrap_or(0.0).max(start + 1e-9);
         let (y_step, _) = ticks((top - bottom).max(1e-9), 4);
-        let tick = |value: f64| (value / y_step - 1e-9).ceil() * y_step;
+        // what is beyond a tick by less than a line's width needs no further one
+        let tick = |value: f64| (value / y_step - 1e-3).ceil() * y_step;
         let y_start = -tick(-bottom);
         let y_end = tick(top).max(y_start + y_step);
         let (x_step, _) = ticks(end_s - start, self.ticks);
