@@ -32,7 +32,6 @@ use std::process::ExitCode;
 use anyhow::Context;
 use bonemill_geometry::cancel::{Cancel, Cancelled};
 use bonemill_planner::pipeline::Refused;
-use bonemill_planner::plan::is_prosthesis;
 use clap::Parser;
 
 use args::{Args, Command};
@@ -80,10 +79,6 @@ fn run(args: &Args, console: &Console, cancel: &Cancel) -> anyhow::Result<Outcom
         Command::Prosthesis(prosthesis) => prosthesis::run(prosthesis, console),
         Command::Stock(stock) => stock::run(stock),
         Command::Export(export) => export::run(export),
-        Command::View(view) if is_prosthesis(&view.folder.plan).is_ok() => anyhow::bail!(
-            "a prosthesis is shown by its own page: open {}",
-            view.folder.plan.join("report.html").display()
-        ),
         #[cfg(feature = "rerun")]
         Command::View(view) => view::run(view, console),
         #[cfg(not(feature = "rerun"))]

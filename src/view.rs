@@ -2,7 +2,9 @@
 //!
 //! There is one time line, `time`, in seconds of the plan. Entities: `scene/…` in 3-D (target, removed part, structures with the
 //! surface at their clearance, a channel's corridor, path, tool, force, arm), `slices/…` through the tool's origin, `plots/…`, `about`. The data come
-//! from [`bonemill_planner::show`]; this module gives them names, colours and places on the screen.
+//! from [`bonemill_planner::show`]; this module gives them names, colours and places on the screen. A prosthesis: [`prosthesis`].
+
+mod prosthesis;
 
 use std::path::Path;
 use std::time::Duration;
@@ -10,14 +12,14 @@ use std::time::Duration;
 use anyhow::Context;
 use bonemill_geometry::{Point, Work};
 use bonemill_planner::Progress;
-use bonemill_planner::plan::{Need, Sha256};
+use bonemill_planner::plan::{Need, Sha256, is_prosthesis};
 use bonemill_planner::show::{
-    self, ARROW_MM_PER_N, Moment, PAINTS, PLANES, Plot, Show, ShownBody, Slice, Surface,
+    self, ARROW_MM_PER_N, Moment, PAINTS, PLANES, Plot, Show, ShownBody, ShownFrame, Slice, Surface,
 };
 use rerun::blueprint::components::{Corner2D, PanelState, PlayState};
 use rerun::blueprint::{
     Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial2DView,
-    Spatial3DView, Tabs, TextDocumentView, TimePanel, TimeSeriesView, Vertical,
+    Spatial3DView, Tabs, TextDocumentView, TextLogView, TimePanel, TimeSeriesView, Vertical,
 };
 use rerun::datatypes::{TimeInt, TimeRange, TimeRangeBoundary};
 use rerun::external::re_sdk_types::blueprint::archetypes::{EyeControls3D, PlotLegend, ScalarAxis, TimeAxis};
@@ -45,6 +47,9 @@ const MOTION_MOMENTS: usize = 4000;
 const BONE_COLOUR: [u8; 3] = [226, 201, 160];
 
 pub fn run(args: &ViewArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> {
+    if is_prosthesis(&args.folder.plan).is_ok() {
+        return prosthesis::run(args, progress);
+    }
     progress.stage("read plan");
     let plan = args.folder.load(Need::Unchanged)?;
     let show = Show::read(&plan, progress)?;
@@ -55,19 +60,24 @@ pub fn run(args: &ViewArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
     });
     let tail = tail.transpose()?;
     let stream = open(args.save.as_deref())?;
-    draw(&stream, &show, progress)?;
+    let frames = draw(&stream, &show, tail.is_some(), progress)?;
     if let Some(tail) = tail {
         progress.stage("follow the run");
-        follow(&stream, &show, tail)?;
+        follow(&stream, &show, tail, frames)?;
     }
     progress.stage("write");
-    stream.flush_blocking().context("the viewer or the file did not take the drawing")?;
     let drawn = if show.images().is_some() {
         ""
     } else {
         ", without target, structures and slices: images are missing"
     };
-    Ok(match &args.save {
+    finish(&stream, args.save.as_deref(), drawn)
+}
+
+/// Waits until everything is taken, and says where it is and what is not `drawn`.
+fn finish(stream: &RecordingStream, save: Option<&Path>, drawn: &str) -> anyhow::Result<Outcome> {
+    stream.flush_blocking().context("the viewer or the file did not take the drawing")?;
+    Ok(match save {
         Some(path) => {
             let bytes =
                 std::fs::metadata(path).with_context(|| format!("cannot find {}", path.display()))?.len();
@@ -88,14 +98,19 @@ fn open(save: Option<&Path>) -> anyhow::Result<RecordingStream> {
     }
 }
 
-/// Draws everything.
-fn draw(stream: &RecordingStream, show: &Show, progress: &dyn Progress) -> anyhow::Result<()> {
+/// Draws everything but, where a run is followed, the bone at the times that the run has not come to: these frames are given back.
+fn draw(
+    stream: &RecordingStream,
+    show: &Show,
+    is_followed: bool,
+    progress: &dyn Progress,
+) -> anyhow::Result<Vec<ShownFrame>> {
     progress.stage("draw");
     stream.log_static("scene", &rerun::ViewCoordinates::RIGHT_HAND_Z_UP())?;
     let moments = show.moments(MOTION_MOMENTS)?;
     let plots = show.plots(&moments);
     // first, so that the viewer stops at the beginning before there is anything to play
-    layout(stream, show, &plots)?;
+    layout(stream, show, &plots, is_followed)?;
     structures(stream, show)?;
     if let Some(corridor) = show.corridor()? {
         stream.log_static("scene/corridor", &mesh(corridor, show::CUT_COLOUR, 60))?;
@@ -104,39 +119,63 @@ fn draw(stream: &RecordingStream, show: &Show, progress: &dyn Progress) -> anyho
     motion(stream, show, &moments)?;
     let frames = show.frames(&moments, SLICE_MOMENTS);
     progress.stage("write drawing");
+    let mut later = Vec::new();
     let count = frames.len();
     for (n, frame) in frames.into_iter().enumerate() {
-        stream.set_duration_secs(TIME, frame.time_s);
-        stream.log("scene/target", &mesh(frame.target, BONE_COLOUR, 150))?; // the path shows through
-        if let Some(images) = show.images() {
-            slices(stream, images.pixel_mm(), frame.slices)?;
+        if is_followed {
+            later.push(frame);
+            continue;
         }
+        stream.set_duration_secs(TIME, frame.time_s);
+        bone(stream, show, frame)?;
         progress.advance(n, count);
     }
     stream.reset_time();
     curves(stream, &plots)?;
     stream.log_static("about", &rerun::TextDocument::from_markdown(show.about()))?;
-    Ok(())
+    Ok(later)
 }
 
-/// Shows a run on its own time line while its log grows, until the run has ended: the tool where the arm has it, the last
-/// of its way, and how far it is off its path.
-fn follow(stream: &RecordingStream, show: &Show, mut tail: LogTail) -> anyhow::Result<()> {
+/// Target and slices at the stream's time.
+fn bone(stream: &RecordingStream, show: &Show, frame: ShownFrame) -> anyhow::Result<()> {
+    stream.log("scene/target", &mesh(frame.target, BONE_COLOUR, 150))?; // the path shows through
+    show.images().map_or(Ok(()), |images| slices(stream, images.pixel_mm(), frame.slices))
+}
+
+/// Shows a run on its own time line while its log grows, until the run has ended: the tool where the arm has it, the last of its way,
+/// how far it is off its path, and the bone as the plan has it at the place that was reached.
+fn follow(
+    stream: &RecordingStream,
+    show: &Show,
+    mut tail: LogTail,
+    frames: Vec<ShownFrame>,
+) -> anyhow::Result<()> {
     let work_from_base = show.work_from_base();
+    let plan_s = &show.plan().trajectory.time_s;
+    let mut frames = frames.into_iter().peekable();
     let mut way: Vec<[f32; 3]> = Vec::new();
     loop {
         let news = tail.news()?;
         for step in &news.steps {
-            let Some(q) = &step.actual else { continue };
-            let at = single(&Point::from_coords((work_from_base * show.plan().arm.burr(q)?).translation_mm));
-            way.push(at);
+            // a log has six columns, whatever the arm
+            let Some(q) = step.actual.as_ref().and_then(|q| q.get(..show.plan().arm.dof())) else { continue };
             stream.set_duration_secs(RUN_TIME, step.time_s);
-            let point = rerun::Points3D::new([at])
-                .with_colors([Color::from_rgb(255, 80, 200)])
-                .with_radii([show.tool().radius_mm() as f32]);
-            stream.log("scene/run/cutter", &point)?;
+            let tool = work_from_base * show.plan().arm.burr(q)?;
+            way.push(single(&Point::from_coords(tool.translation_mm)));
+            let turn = nalgebra::UnitQuaternion::from_rotation_matrix(&tool.rotation);
+            let turn = rerun::Quaternion::from_xyzw([turn.i, turn.j, turn.k, turn.w].map(|c| c as f32));
+            let pose = rerun::Transform3D::from_translation_rotation(way[way.len() - 1], turn);
+            stream.log("scene/tool", &pose)?;
             if let Some(off_mm) = step.off_mm {
                 stream.log("plots/run/off_mm", &rerun::Scalars::new([off_mm]))?;
+            }
+            let reached_s = plan_s.get(step.reached_row as usize).copied().unwrap_or(f64::INFINITY);
+            let mut reached = None;
+            while let Some(frame) = frames.next_if(|frame| frame.time_s <= reached_s) {
+                reached = Some(frame);
+            }
+            if let Some(frame) = reached {
+                bone(stream, show, frame)?;
             }
         }
         way.drain(..way.len().saturating_sub(WAY_POINTS));
@@ -144,7 +183,7 @@ fn follow(stream: &RecordingStream, show: &Show, mut tail: LogTail) -> anyhow::R
             let line = rerun::LineStrips3D::new([way.as_slice()])
                 .with_colors([Color::from_rgb(255, 80, 200)])
                 .with_radii([rerun::Radius::new_ui_points(1.5)]);
-            stream.log("scene/run/way", &line)?;
+            stream.log("scene/way", &line)?;
         }
         for (time_s, said) in &news.events {
             stream.set_duration_secs(RUN_TIME, *time_s);
@@ -332,8 +371,9 @@ fn curves(stream: &RecordingStream, plots: &[Plot]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The initial layout: path and bone large, slices beside them, curves below.
-fn layout(stream: &RecordingStream, show: &Show, plots: &[Plot]) -> anyhow::Result<()> {
+/// The initial layout: path and bone large, slices beside them, curves below. A run that is followed shows its own curves, messages and
+/// newest time.
+fn layout(stream: &RecordingStream, show: &Show, plots: &[Plot], is_followed: bool) -> anyhow::Result<()> {
     let space = |name: &str, contents: &[&str]| {
         let contents = contents.iter().map(|c| (*c).to_owned());
         ContainerLike::from(Spatial3DView::new(name).with_origin("scene").with_contents(contents))
@@ -358,20 +398,27 @@ fn layout(stream: &RecordingStream, show: &Show, plots: &[Plot]) -> anyhow::Resu
             ContainerLike::from(view.with_origin(format!("plots/{}", plot.entity)))
         })
         .collect();
+    let of_run = [
+        ContainerLike::from(TimeSeriesView::new("off the path [mm]").with_origin("plots/run")),
+        ContainerLike::from(TextLogView::new("the run").with_origin("run")),
+    ];
     let eyes: Vec<_> = tabs.iter().filter_map(path_of).collect();
-    let axes: Vec<_> = below.iter().filter_map(path_of).collect();
+    let axes: Vec<_> = if is_followed { Vec::new() } else { below.iter().filter_map(path_of).collect() };
     tabs.push(ContainerLike::from(TextDocumentView::new("about").with_origin("about")));
     let above = Horizontal::new([Tabs::new(tabs).into(), Vertical::new(slices).into()])
         .with_column_shares([1.7, 1.0]);
-    let views = Vertical::new([above.into(), Horizontal::new(below).into()]).with_row_shares([2.8, 1.0]);
+    let below = Horizontal::new(if is_followed { of_run.into() } else { below });
+    let views = Vertical::new([above.into(), below.into()]).with_row_shares([2.8, 1.0]);
+    let (line, state) =
+        if is_followed { (RUN_TIME, PlayState::Following) } else { (TIME, PlayState::Paused) };
     let blueprint = Blueprint::new(views)
         .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Collapsed))
         .with_selection_panel(SelectionPanel::from_state(PanelState::Collapsed))
         .with_time_panel(
             TimePanel::new()
                 .with_state(PanelState::Collapsed)
-                .with_timeline(TIME)
-                .with_play_state(PlayState::Paused)
+                .with_timeline(line)
+                .with_play_state(state)
                 .with_playback_speed(20.0),
         );
     send(stream, &blueprint, |blueprint| {

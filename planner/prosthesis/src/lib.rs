@@ -21,6 +21,7 @@ mod report;
 mod robot;
 mod save;
 mod settings;
+pub mod show;
 mod toolpath_csv;
 pub mod verify;
 

@@ -2,7 +2,7 @@
 //!
 //! One file that needs no network; nothing in it depends on when or where it was made.
 
-mod pictures;
+pub(crate) mod pictures;
 
 use std::fmt::Write;
 

@@ -106,11 +106,11 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
     })
 }
 
-fn read_text(path: &Path) -> Result<String, PlanFileError> {
+pub(crate) fn read_text(path: &Path) -> Result<String, PlanFileError> {
     std::fs::read_to_string(path).map_err(PlanFileError::io("read", path))
 }
 
-fn read_part(path: &Path) -> Result<Mesh<Block>, ProsthesisError> {
+pub(crate) fn read_part(path: &Path) -> Result<Mesh<Block>, ProsthesisError> {
     let solid = read_solid(path, Some(bonemill_part::LengthUnit::Mm))?;
     Ok(solid.mesh.transformed(&bonemill_geometry::Rigid::identity()))
 }

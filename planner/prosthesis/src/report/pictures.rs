@@ -103,7 +103,7 @@ pub(super) fn deviation(plan: &ProsthesisPlan) -> String {
 }
 
 /// Blue below 0, grey at it, through yellow to red above.
-fn scale(deviation_mm: f64) -> Colour {
+pub(crate) fn scale(deviation_mm: f64) -> Colour {
     let [low, high] = COLOUR_RANGE_MM;
     let mix = |a: [f64; 3], b: [f64; 3], t: f64| {
         [0, 1, 2].map(|k| (a[k] + (b[k] - a[k]) * t.clamp(0.0, 1.0)) as u8)

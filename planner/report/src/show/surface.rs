@@ -19,7 +19,8 @@ pub struct Surface {
 }
 
 impl Surface {
-    pub(super) fn of<F: Frame>(mesh: &Mesh<F>) -> Self {
+    /// Of a mesh; a vertex's normal is the mean of its triangles', by their area.
+    pub fn of<F: Frame>(mesh: &Mesh<F>) -> Self {
         let mut normals = vec![Vector3::zeros(); mesh.vertices.len()];
         for t in &mesh.triangles {
             let [a, b, c] = t.map(|n| mesh.vertices[n as usize].coords);

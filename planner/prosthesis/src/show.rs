@@ -1,0 +1,138 @@
+//! What a viewer draws of a finished prosthesis: the part coloured by what the program leaves, the block, the moves, the cutter.
+//!
+//! Read from the folder's files: the moves from `toolpath.csv`, the deviation from the program that stands there. Lengths are mm in the
+//! block's frame.
+
+use std::path::Path;
+
+use bonemill_cutter::{ShankCylinder, SolidOfRevolution};
+use bonemill_geometry::{Block, Mesh, Progress};
+use bonemill_planfile::PlanFileError;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+use crate::picture::Colour;
+use crate::record::FILE_NAME;
+use crate::report::pictures::scale;
+use crate::save::{PART, PROGRAM, TOOLPATH};
+use crate::toolpath_csv::COLUMNS;
+use crate::verify::{read_part, read_text};
+use crate::{JobRecord, ProsthesisError, settings};
+
+/// A move of the cutter's tip.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShownMove {
+    /// A, B or C.
+    pub side: String,
+    /// rough, finish, contour, link or retract.
+    pub kind: String,
+    /// Where it ends.
+    pub tip_mm: Vector3<f64>,
+    /// The rotary axis there, rad: 0 or half a turn.
+    pub a_rad: f64,
+    /// Feed, mm/min.
+    pub feed_mm_min: f64,
+    /// When it ends, s, at constant speeds.
+    pub time_s: f64,
+}
+
+impl ShownMove {
+    /// Out of the part along the cutter: +y, or −y after half a turn about x.
+    pub fn axis(&self) -> Vector3<f64> {
+        Vector3::new(0.0, self.a_rad.cos().signum(), 0.0)
+    }
+
+    /// From a frame with z along the cutter to the block's.
+    pub fn turn(&self) -> Rotation3<f64> {
+        let (x, z) = (Vector3::x(), self.axis());
+        Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]))
+    }
+}
+
+/// A prosthesis to draw.
+#[derive(Debug)]
+pub struct ShownProsthesis {
+    /// Job, block and figures.
+    pub record: JobRecord,
+    /// The part.
+    pub part: Mesh<Block>,
+    /// By vertex of the part: blue where the program cuts into it, grey as asked for, through yellow to red where stock stays.
+    pub colours: Vec<Colour>,
+    /// Every move, in order.
+    pub moves: Vec<ShownMove>,
+    /// What the cutter sweeps as it spins; z from its tip to the spindle.
+    pub cutter: SolidOfRevolution,
+    /// The holder behind it.
+    pub holder: Vec<ShankCylinder>,
+}
+
+impl ShownProsthesis {
+    /// Reads a folder.
+    ///
+    /// # Errors
+    /// [`ProsthesisError`] for a file that is missing or not what it should be, with its line.
+    pub fn read(dir: &Path, progress: &dyn Progress) -> Result<Self, ProsthesisError> {
+        progress.stage("read files");
+        let record = JobRecord::read(dir)?;
+        let part = read_part(&dir.join(PART))?;
+        let moves = moves(&dir.join(TOOLPATH))?;
+        progress.stage("prove program");
+        let job = settings::proof(&record.job, &record.block, record.tab_mm);
+        let proof = bonemill_proof::prove(&read_text(&dir.join(PROGRAM))?, &part, &job)?;
+        // the proof's last samples are the mesh's vertices
+        let first = proof.samples.len().saturating_sub(part.vertices.len());
+        let colours = proof.samples[first..].iter().map(|sample| scale(sample.deviation_mm)).collect();
+        let (cutter, holder) = tool(&record)
+            .map_err(|problem| ProsthesisError::Folder { path: dir.join(FILE_NAME), problem })?;
+        Ok(Self { colours, moves, cutter, holder, part, record })
+    }
+}
+
+/// The moves of a `toolpath.csv`.
+fn moves(path: &Path) -> Result<Vec<ShownMove>, ProsthesisError> {
+    let text = std::fs::read_to_string(path).map_err(PlanFileError::io("read", path))?;
+    let fault = |line: usize, problem: &str| ProsthesisError::Folder {
+        path: path.to_owned(),
+        problem: format!("line {line}: {problem}"),
+    };
+    let mut lines = text.lines().enumerate();
+    if lines.next().map(|(_, header)| header) != Some(COLUMNS) {
+        return Err(fault(1, &format!("expected the header {COLUMNS:?}")));
+    }
+    lines
+        .map(|(n, row)| a_move(row).ok_or_else(|| fault(n + 1, "expected side, kind and six finite numbers")))
+        .collect()
+}
+
+fn a_move(row: &str) -> Option<ShownMove> {
+    let cells: Vec<&str> = row.split(',').collect();
+    let [_, side, kind, numbers @ ..] = &cells[..] else { return None };
+    let numbers: Option<Vec<f64>> =
+        numbers.iter().map(|cell| cell.parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    let [x, y, z, a_rad, feed_mm_min, time_s] = numbers?.try_into().ok()?;
+    let tip_mm = Vector3::new(x, y, z);
+    Some(ShownMove { side: (*side).into(), kind: (*kind).into(), tip_mm, a_rad, feed_mm_min, time_s })
+}
+
+/// The cutter's solid, tip at z = 0, and the holder.
+fn tool(record: &JobRecord) -> Result<(SolidOfRevolution, Vec<ShankCylinder>), String> {
+    const ROUND: usize = 16;
+    let tool = &record.job.tool;
+    let (radius, corner) = (tool.diameter_mm / 2.0, tool.corner_radius_mm);
+    let round = (0..=ROUND).map(|n| {
+        let (sin, cos) = (n as f64 / ROUND as f64 * std::f64::consts::FRAC_PI_2).sin_cos();
+        [corner * (1.0 - cos), radius - corner * (1.0 - sin)]
+    });
+    let mut profile = vec![[0.0, 0.0]];
+    profile.extend(if corner > 0.0 { round.collect() } else { vec![[0.0, radius]] });
+    profile.push([tool.length_mm, radius]);
+    profile.dedup();
+    let mut from_mm = tool.length_mm;
+    let cylinder = |&[length_mm, radius_mm]: &[f64; 2]| {
+        let to_mm = from_mm + length_mm;
+        let cylinder = ShankCylinder { from_mm, to_mm, radius_mm };
+        from_mm = to_mm;
+        cylinder
+    };
+    let holder = tool.holder_mm.iter().map(cylinder).collect();
+    Ok((SolidOfRevolution::new(&profile).map_err(|e| e.to_string())?, holder))
+}
