@@ -1,13 +1,14 @@
 //! A finished prosthesis in the viewer: the part coloured by deviation, its block, the toolpath by side and kind, the cutter over time.
 
 use bonemill_planner::Progress;
+use bonemill_planner::plan::Value;
 use bonemill_planner::prosthesis::show::{ShownMove, ShownProsthesis};
 use bonemill_planner::show::Surface;
 use nalgebra::{UnitQuaternion, Vector3};
 use rerun::blueprint::components::{PanelState, PlayState};
 use rerun::blueprint::{
-    Blueprint, BlueprintActivation, ContainerLike, Horizontal, SelectionPanel, Spatial3DView,
-    TextDocumentView, TimePanel, TimeSeriesView, Vertical,
+    Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial3DView,
+    Tabs, TextDocumentView, TimePanel, TimeSeriesView, Vertical,
 };
 use rerun::{RecordingStream, TimeColumn};
 
@@ -119,9 +120,10 @@ fn motion(stream: &RecordingStream, shown: &ShownProsthesis) -> anyhow::Result<(
 /// The legend, Markdown.
 fn about(shown: &ShownProsthesis) -> String {
     let record = &shown.record;
-    let number = |name: &str| {
-        let found = record.metrics.iter().find(|(key, _)| key == name);
-        found.map_or_else(|| "unknown".to_owned(), |(_, value)| value.to_toml(name).unwrap_or_default())
+    let number = |name: &str, digits: usize| match record.metrics.iter().find(|(key, _)| key == name) {
+        Some((_, Value::Number(v))) => format!("{v:.digits$}"),
+        Some((_, Value::Integer(v))) => v.to_string(),
+        _ => "unknown".to_owned(),
     };
     let mut text = format!(
         "# Prosthesis\n\nBlock {}; bonemill {}; research software, not a medical device. The frame is the block's; mm.\n\n\
@@ -130,10 +132,10 @@ fn about(shown: &ShownProsthesis) -> String {
          | | |\n|---|---|\n| deepest gouge | {} mm |\n| thickest uncut | {} mm |\n| machining time | {} s |\n| moves | {} |\n",
         record.block_id,
         record.version,
-        number("deepest_gouge_mm"),
-        number("thickest_uncut_mm"),
-        number("total_time_s"),
-        number("moves")
+        number("deepest_gouge_mm", 4),
+        number("thickest_uncut_mm", 3),
+        number("total_time_s", 0),
+        number("moves", 0)
     );
     for problem in record.shortfalls.iter().chain(&record.warnings) {
         text += &format!("\n- {problem}");
@@ -142,12 +144,22 @@ fn about(shown: &ShownProsthesis) -> String {
 }
 
 fn layout(stream: &RecordingStream) -> anyhow::Result<()> {
-    let space = ContainerLike::from(Spatial3DView::new("part, block and toolpath").with_origin("scene"));
+    let space = |name: &str, more: &[String]| {
+        let all = ["+ $origin/**", "- $origin/path/**"].map(String::from);
+        let contents = [&all[..], more].concat();
+        ContainerLike::from(Spatial3DView::new(name).with_origin("scene").with_contents(contents))
+    };
+    // repositioning would hide the rest; it can be shown by hand
+    let cuts =
+        |side: &str| ["rough", "finish", "contour"].map(|kind| format!("+ $origin/path/{side}/{kind}"));
+    let mut tabs = vec![space("deviation", &[])];
+    tabs.extend(["A", "B", "C"].map(|side| space(&format!("side {side}"), &cuts(side))));
     let feed = ContainerLike::from(TimeSeriesView::new("feed [mm/min]").with_origin("plots/feed"));
     let about = ContainerLike::from(TextDocumentView::new("about").with_origin("about"));
     let beside = Vertical::new([about, feed]).with_row_shares([1.6, 1.0]);
-    let views = Horizontal::new([space, beside.into()]).with_column_shares([2.2, 1.0]);
+    let views = Horizontal::new([Tabs::new(tabs).into(), beside.into()]).with_column_shares([2.2, 1.0]);
     let blueprint = Blueprint::new(views)
+        .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Collapsed))
         .with_selection_panel(SelectionPanel::from_state(PanelState::Collapsed))
         .with_time_panel(
             TimePanel::new()
