@@ -105,8 +105,9 @@ impl<'a> Passes<'a> {
     /// Cuts along a pass wherever that takes anything; where that would be too wide, first in steps of the entries' depth.
     pub fn cut(&mut self, pass: &Pass, height: Height<'_>, kind: Kind) {
         let entry = self.entry_mm();
+        let mut needed = self.needed(pass);
         for _ in 0..MOST_STEPS {
-            let driven = self.driven(pass, &self.needed(pass));
+            let driven = self.driven(pass, &needed);
             let wide: Vec<bool> =
                 driven.iter().enumerate().map(|(n, driven)| *driven && self.is_wide(pass, n)).collect();
             if !wide.contains(&true) {
@@ -115,8 +116,9 @@ impl<'a> Passes<'a> {
             let shallow = |p: &Place| [p[0], p[1], p[2].max(self.stock.free_mm([p[0], p[1]], 0.0) - entry)];
             let shallow = Pass { places: pass.places.iter().map(shallow).collect(), closed: pass.closed };
             self.cut_where(&shallow, wide, height, kind);
+            needed = self.needed(pass);
         }
-        self.cut_where(pass, self.needed(pass), height, kind);
+        self.cut_where(pass, needed, height, kind);
     }
 
     /// Where a pass takes anything that counts.

@@ -99,18 +99,18 @@ impl<'a> Sight<'a> {
         // beside the part the raster's heights are those of its edge
         let floor = |p: [f64; 2]| raster.highest_around(&self.strip_tip, p).max(self.deepest_mm);
         let beside_part = |p: [f64; 2]| (self.drop.height_mm(p) + ALLOWANCE_MM).max(floor(p));
-        let around = part.around(beside, self.facing);
         let wall = raster.widened(&tip);
         passes.left_alone = Some(Sliver {
             thinner_mm: SLIVER_DEPTH * job.entry_mm(),
             narrower_mm: SLIVER_WIDTH * job.tool.diameter_mm(),
         });
         // the channel around the part is a slot
+        let lay = |outline: &Loop| self.sensed(Pass::along(outline, 1.5 * raster.pitch_mm, beside_part));
+        let around: Vec<Pass> = part.around(beside, self.facing).iter().map(lay).collect();
         for level in levels(top, lowest, passes.entry_mm()) {
             let height = |p: [f64; 2]| beside_part(p).max(level);
-            for outline in &around {
-                let pass = self.sensed(Pass::along(outline, 1.5 * raster.pitch_mm, height));
-                passes.cut(&pass, &height, Kind::Rough);
+            for pass in &around {
+                passes.cut(&pass.above(level), &height, Kind::Rough);
             }
         }
         for level in levels(top, lowest, job.level_mm()) {
