@@ -7,7 +7,7 @@ use crate::envelope::Facet;
 use crate::job::Job;
 use crate::leftover::{self, Leftover, Reason};
 use crate::moves::{Facing, Kind};
-use crate::part::{Part, THROUGH_MM};
+use crate::part::Part;
 use crate::pass::{Pass, refined};
 use crate::passes::{Passes, Sliver};
 use crate::raster::NONE;
@@ -135,22 +135,17 @@ impl<'a> Sight<'a> {
         let (raster, job) = (&part.raster, self.job);
         let floor = part.contour_floor(self.facing, job.tool.corner_radius_mm);
         let tab = raster.dilated(&part.strip_body(self.facing, true), &job.tool, 0.0);
-        let depth = job.process.strip_mm + THROUGH_MM + 2.0 * job.tool.corner_radius_mm;
-        let entries = (depth / (job.entry_mm() + THROUGH_MM)).ceil().max(1.0) as usize;
-        for entry in 1..=entries {
-            let above = depth * (1.0 - entry as f64 / entries as f64);
-            let height = |p: [f64; 2]| {
-                let floor = raster.highest_around(&floor, p) + above;
-                floor.max(raster.highest_around(&tab, p)).max(self.drop.height_mm(p)).max(self.deepest_mm)
-            };
-            for outline in &part.around(job.tool.radius_mm + BESIDE_MM, self.facing) {
-                // around holes there is no strip
-                if area_mm2(outline) > 0.0 {
-                    continue;
-                }
-                let pass = self.sensed(refined(Pass::along(outline, 1.5 * raster.pitch_mm, height), height));
-                passes.cut(&pass, &height, Kind::Contour);
+        let height = |p: [f64; 2]| {
+            let lowest = raster.highest_around(&floor, p).max(raster.highest_around(&tab, p));
+            lowest.max(self.drop.height_mm(p)).max(self.deepest_mm)
+        };
+        for outline in &part.around(job.tool.radius_mm + BESIDE_MM, self.facing) {
+            // around holes there is no strip
+            if area_mm2(outline) > 0.0 {
+                continue;
             }
+            let pass = self.sensed(refined(Pass::along(outline, 1.5 * raster.pitch_mm, height), height));
+            passes.cut(&pass, &height, Kind::Contour);
         }
     }
 
