@@ -167,6 +167,8 @@ fn what_is_no_program_of_this_machine_is_refused_with_its_line() {
     assert_eq!(refused("G21 G90\nM30\nG0 X0\n"), (3, "the program goes on after its end".into()));
     assert_eq!(refused("G21 G90\nG0 X0 Y0 Z0 A0\n").0, 2);
     assert_eq!(refused("G0 X1e\n").0, 1);
+    // a turn without end is no front
+    assert_eq!(refused(&format!("G21 G90\nG0 X0 Y0 Z5 A{}\n", "9".repeat(400))).0, 2);
 }
 
 #[test]
