@@ -145,9 +145,10 @@ impl<'a> Passes<'a> {
         self.stock.width_mm(here, direction, deeper_mm)
     }
 
+    /// Strips of cells tell a width to a cell and a half.
     fn is_wide(&self, pass: &Pass, n: usize) -> bool {
         self.bounded
-            && self.width_mm(pass, n, self.entry_mm()) > self.job.widest_mm() - 0.5 * self.stock.pitch_mm()
+            && self.width_mm(pass, n, self.entry_mm()) > self.job.widest_mm() - 1.5 * self.stock.pitch_mm()
     }
 
     /// Cuts along a pass where it is `needed`, with what leads there and the short gaps between.

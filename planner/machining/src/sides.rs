@@ -21,8 +21,8 @@ const SLIVER_DEPTH: f64 = 0.6;
 const SLIVER_WIDTH: f64 = 0.1;
 /// Distance of passes around the part from touching it, mm.
 pub(crate) const BESIDE_MM: f64 = 0.005;
-/// Share of the widest cut that passes are laid at, so that bends stay below it.
-pub(crate) const STEP_SHARE: f64 = 0.9;
+/// Share of the widest cut that passes are laid at, so that bends, and cells, stay below it.
+pub(crate) const STEP_SHARE: f64 = 0.82;
 /// One side's maps of where the tip may be.
 pub(crate) struct Sight<'a> {
     pub job: &'a Job,

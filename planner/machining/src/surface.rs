@@ -25,14 +25,13 @@ use crate::stock::{Place, Stock};
 
 /// Share of the finishing step that rows and rings are laid for.
 const SCALLOP_SHARE: f64 = 0.9;
-const RING_SHARE: f64 = 0.95;
-/// Share of it above which stock is cut again; where it is steep, of which a raster says less.
+const RING_SHARE: f64 = 0.8;
+/// Share of it above which stock is cut again.
 const LEFT_SHARE: f64 = 0.9;
-const STEEP_LEFT_SHARE: f64 = 0.5;
 /// Share of it above which rings were too far apart.
 const TOO_FAR_APART: f64 = 1.05;
 /// Distance of the first rows, in diameters: layers are thinner than an entry, so their width is not bounded.
-const ROWS_APART: f64 = 0.9;
+const ROWS_APART: f64 = 0.7;
 /// Rounds of rows in each direction.
 const ROUNDS: usize = 3;
 /// Rise over run up to which rows go over a surface: the cutter goes down it at no steeper angle.
@@ -130,8 +129,8 @@ impl Sight<'_> {
         }
         // the least step around a cell, since a ring may lie anywhere between centres
         let steps_mm = raster.narrowed(&self.steps_mm(&slopes(raster, &reach.tip)));
-        let thick = left(passes, LEFT_SHARE).into_iter().zip(left(passes, STEEP_LEFT_SHARE));
-        let rest = thick.zip(&surface.way).map(|((left, some), way)| left || some && way.is_none());
+        let steep = |cell: usize| cells[cell] && surface.way[cell].is_none();
+        let rest = left(passes, LEFT_SHARE).into_iter().enumerate().map(|(cell, left)| left || steep(cell));
         passes.counts = rest.collect();
         self.cut_field(part, &steps_mm, &reach, passes);
         // a raster says where rings lie to a share of a cell: where two are too far apart, there are others between
