@@ -25,7 +25,8 @@ pub fn run(args: &ProsthesisArgs, progress: &dyn Progress) -> anyhow::Result<Out
         Some(given) => given,
         None => draw(args.seed, &staged)?,
     };
-    staged.relative(&job_path.parent().unwrap_or(Path::new("")).join(&job.part.file))?;
+    let part = job_path.parent().unwrap_or(Path::new("")).join(&job.part.file);
+    staged.relative(&part).with_context(|| format!("{}: `part.stl` is no file", job_path.display()))?;
     let plan = plan(&job, &job_path, progress)?;
     progress.stage("write files");
     let record = save(&plan, &job_path, &staged)?;

@@ -15,6 +15,7 @@ use bonemill_planner::case::prosthesis::ProsthesisJob;
 use bonemill_planner::part::phantom::Operculum;
 use bonemill_planner::part::{LengthUnit, MeshFormat, RepairLimits, Solid, parse_facets, stl_bytes};
 use bonemill_planner::plan::{PlanRecord, Trajectory, read_forces, read_waypoints};
+use bonemill_planner::proof::gcode::read as read_program;
 use bonemill_planner::simulate::{Bone, Engine, EngineSpec, FlutedBurr, Move, Pose};
 use bonemill_robot::Arm;
 use bonemill_robot::ur::Calibration;
@@ -37,6 +38,7 @@ pub const TARGETS: &[Target] = &[
     ("poses", poses),
     ("mesh", mesh),
     ("job_toml", job_toml),
+    ("gcode", gcode),
 ];
 
 #[path = "../../src/pose_line.rs"]
@@ -218,6 +220,20 @@ pub fn job_toml(data: &[u8]) {
     }
 }
 
+/// A machine's program: every motion that is read starts and ends somewhere.
+pub fn gcode(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    match read_program(text) {
+        Ok(program) => {
+            let places = program.motions.iter().flat_map(|m| [m.from_mm, m.to_mm]);
+            assert!(
+                places.flat_map(|p| [p.x, p.y, p.z]).all(f64::is_finite) && program.spindle_rpm.is_finite()
+            );
+        }
+        Err(error) => drop(error.to_string()),
+    }
+}
+
 thread_local! {
     /// 8 mm of dense bone, open from above.
     static BLOCK: Volume<f32, Work> = {
@@ -294,6 +310,10 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
             b"0 4 4 9 0 0 1\n0.001 4 4 8.99 0 0 1\n0.001 4 4 8.99 0 0 1\n0.002 40 4 8.9 1 0 0\n".to_vec(),
         ],
         "mesh" => meshes(),
+        "gcode" => vec![
+            b"%\n(part) G21 G90 G94 G17 G54\nT1 M6\nG0 Z30\nG0 X0 Y0 A0\nS8000 M3\nG4 P1\nG1 Z4.5 F300\nX1.5 Y-2\nG0 Z30\nA180 ; turned\nG1 X2 Z3\nM5\nM30\n%"
+                .to_vec(),
+        ],
         "job_toml" => vec![
             b"[part]\nstl = \"implant.stl\"\nunit = \"mm\"\n[orient]\nmode = \"least_time\"\n".to_vec(),
             b"[part]\nstl = \"a.ply\"\n[stock]\nblocks = [{ id = \"B1\", size_mm = [60, 25, 55], count = 4 }]\n\

@@ -46,6 +46,9 @@ pub struct Move {
 }
 
 impl Side {
+    /// All.
+    pub const ALL: [Self; 3] = [Self::A, Self::B, Self::C];
+
     /// The name in files.
     pub fn name(self) -> &'static str {
         match self {
@@ -57,6 +60,9 @@ impl Side {
 }
 
 impl Kind {
+    /// All.
+    pub const ALL: [Self; 5] = [Self::Rough, Self::Finish, Self::Contour, Self::Link, Self::Retract];
+
     /// The name in files.
     pub fn name(self) -> &'static str {
         match self {

@@ -13,7 +13,7 @@ use crate::silhouette::{Loop, Nearest, Silhouette, area_mm2, sampled};
 use crate::strip::{Strip, Tab, cutting_force_n};
 
 /// How far the contour goes beyond the strip, mm.
-pub(crate) const THROUGH_MM: f64 = 0.1;
+const THROUGH_MM: f64 = 0.1;
 
 /// The part over a raster, with the strip around it; seen from the front.
 pub(crate) struct Part {

@@ -3,6 +3,8 @@
 //! Invariant: where a pass was [`refined`], straight lines between its places stay within 0.003 mm above the lowest allowed heights; where it was
 //! [`simplified`], within [`CHORD_MM`] of its places.
 
+use rayon::prelude::*;
+
 use crate::stock::Place;
 
 /// How far a chord may leave its pass: across, below and above, mm.
@@ -21,15 +23,23 @@ pub struct Pass {
 
 impl Pass {
     /// Places along a loop, at heights that `height` gives; +∞ where the tip must not be.
-    pub fn along(outline: &[[f64; 2]], step_mm: f64, height: impl Fn([f64; 2]) -> f64) -> Self {
+    pub fn along(outline: &[[f64; 2]], step_mm: f64, height: impl Fn([f64; 2]) -> f64 + Sync) -> Self {
         let points = crate::silhouette::sampled(outline, step_mm);
-        Self { places: points.into_iter().map(|p| [p[0], p[1], height(p)]).collect(), closed: true }
+        Self { places: points.into_par_iter().map(|p| [p[0], p[1], height(p)]).collect(), closed: true }
     }
 
     /// The pass the other way round.
     pub fn reversed(mut self) -> Self {
         self.places.reverse();
         self
+    }
+
+    /// The pass where it is above a height, else at that height.
+    pub(crate) fn above(&self, w_mm: f64) -> Self {
+        Self {
+            places: self.places.iter().map(|p| [p[0], p[1], p[2].max(w_mm)]).collect(),
+            closed: self.closed,
+        }
     }
 
     pub(crate) fn next(&self, n: usize) -> Place {
@@ -130,23 +140,26 @@ pub(crate) fn rounded([u, v, w]: Place) -> Place {
 }
 
 /// Keeps places at which a straight line between neighbours would leave `height` by more than 0.003 mm, by halving.
-pub(crate) fn refined(pass: Pass, height: impl Fn([f64; 2]) -> f64) -> Pass {
-    let mut places = Vec::with_capacity(pass.places.len());
+pub(crate) fn refined(pass: Pass, height: impl Fn([f64; 2]) -> f64 + Sync) -> Pass {
     let count = pass.places.len();
-    for (n, place) in pass.places.iter().enumerate() {
-        places.push(*place);
+    let from = |n: usize| {
+        let mut places = vec![pass.places[n]];
         if n + 1 < count || pass.closed {
-            halve(*place, pass.places[(n + 1) % count], &height, 6, &mut places);
+            halve(pass.places[n], pass.next(n), &height, 6, &mut places);
         }
+        places
+    };
+    Pass {
+        places: (0..count).into_par_iter().with_min_len(16).flat_map_iter(from).collect(),
+        closed: pass.closed,
     }
-    Pass { places, closed: pass.closed }
 }
 
 fn halve(a: Place, b: Place, height: &impl Fn([f64; 2]) -> f64, depth: usize, into: &mut Vec<Place>) {
     let middle = [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])];
     let w = height(middle);
     let off = w - 0.5 * (a[2] + b[2]);
-    if depth == 0 || !w.is_finite() || (-0.01..=0.003).contains(&off) {
+    if depth == 0 || !off.is_finite() || (-0.01..=0.003).contains(&off) {
         return;
     }
     let middle = [middle[0], middle[1], w];

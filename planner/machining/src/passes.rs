@@ -105,8 +105,9 @@ impl<'a> Passes<'a> {
     /// Cuts along a pass wherever that takes anything; where that would be too wide, first in steps of the entries' depth.
     pub fn cut(&mut self, pass: &Pass, height: Height<'_>, kind: Kind) {
         let entry = self.entry_mm();
+        let mut needed = self.needed(pass);
         for _ in 0..MOST_STEPS {
-            let driven = self.driven(pass, &self.needed(pass));
+            let driven = self.driven(pass, &needed);
             let wide: Vec<bool> =
                 driven.iter().enumerate().map(|(n, driven)| *driven && self.is_wide(pass, n)).collect();
             if !wide.contains(&true) {
@@ -115,8 +116,9 @@ impl<'a> Passes<'a> {
             let shallow = |p: &Place| [p[0], p[1], p[2].max(self.stock.free_mm([p[0], p[1]], 0.0) - entry)];
             let shallow = Pass { places: pass.places.iter().map(shallow).collect(), closed: pass.closed };
             self.cut_where(&shallow, wide, height, kind);
+            needed = self.needed(pass);
         }
-        self.cut_where(pass, self.needed(pass), height, kind);
+        self.cut_where(pass, needed, height, kind);
     }
 
     /// Where a pass takes anything that counts.
@@ -143,9 +145,10 @@ impl<'a> Passes<'a> {
         self.stock.width_mm(here, direction, deeper_mm)
     }
 
+    /// Strips of cells tell a width to a cell and a half.
     fn is_wide(&self, pass: &Pass, n: usize) -> bool {
         self.bounded
-            && self.width_mm(pass, n, self.entry_mm()) > self.job.widest_mm() - 0.5 * self.stock.pitch_mm()
+            && self.width_mm(pass, n, self.entry_mm()) > self.job.widest_mm() - 1.5 * self.stock.pitch_mm()
     }
 
     /// Cuts along a pass where it is `needed`, with what leads there and the short gaps between.

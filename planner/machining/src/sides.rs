@@ -7,7 +7,7 @@ use crate::envelope::Facet;
 use crate::job::Job;
 use crate::leftover::{self, Leftover, Reason};
 use crate::moves::{Facing, Kind};
-use crate::part::{Part, THROUGH_MM};
+use crate::part::Part;
 use crate::pass::{Pass, refined};
 use crate::passes::{Passes, Sliver};
 use crate::raster::NONE;
@@ -21,8 +21,8 @@ const SLIVER_DEPTH: f64 = 0.6;
 const SLIVER_WIDTH: f64 = 0.1;
 /// Distance of passes around the part from touching it, mm.
 pub(crate) const BESIDE_MM: f64 = 0.005;
-/// Share of the widest cut that passes are laid at, so that bends stay below it.
-pub(crate) const STEP_SHARE: f64 = 0.9;
+/// Share of the widest cut that passes are laid at, so that bends, and cells, stay below it.
+pub(crate) const STEP_SHARE: f64 = 0.82;
 /// One side's maps of where the tip may be.
 pub(crate) struct Sight<'a> {
     pub job: &'a Job,
@@ -99,18 +99,18 @@ impl<'a> Sight<'a> {
         // beside the part the raster's heights are those of its edge
         let floor = |p: [f64; 2]| raster.highest_around(&self.strip_tip, p).max(self.deepest_mm);
         let beside_part = |p: [f64; 2]| (self.drop.height_mm(p) + ALLOWANCE_MM).max(floor(p));
-        let around = part.around(beside, self.facing);
         let wall = raster.widened(&tip);
         passes.left_alone = Some(Sliver {
             thinner_mm: SLIVER_DEPTH * job.entry_mm(),
             narrower_mm: SLIVER_WIDTH * job.tool.diameter_mm(),
         });
         // the channel around the part is a slot
+        let lay = |outline: &Loop| self.sensed(Pass::along(outline, 1.5 * raster.pitch_mm, beside_part));
+        let around: Vec<Pass> = part.around(beside, self.facing).iter().map(lay).collect();
         for level in levels(top, lowest, passes.entry_mm()) {
             let height = |p: [f64; 2]| beside_part(p).max(level);
-            for outline in &around {
-                let pass = self.sensed(Pass::along(outline, 1.5 * raster.pitch_mm, height));
-                passes.cut(&pass, &height, Kind::Rough);
+            for pass in &around {
+                passes.cut(&pass.above(level), &height, Kind::Rough);
             }
         }
         for level in levels(top, lowest, job.level_mm()) {
@@ -135,22 +135,17 @@ impl<'a> Sight<'a> {
         let (raster, job) = (&part.raster, self.job);
         let floor = part.contour_floor(self.facing, job.tool.corner_radius_mm);
         let tab = raster.dilated(&part.strip_body(self.facing, true), &job.tool, 0.0);
-        let depth = job.process.strip_mm + THROUGH_MM + 2.0 * job.tool.corner_radius_mm;
-        let entries = (depth / (job.entry_mm() + THROUGH_MM)).ceil().max(1.0) as usize;
-        for entry in 1..=entries {
-            let above = depth * (1.0 - entry as f64 / entries as f64);
-            let height = |p: [f64; 2]| {
-                let floor = raster.highest_around(&floor, p) + above;
-                floor.max(raster.highest_around(&tab, p)).max(self.drop.height_mm(p)).max(self.deepest_mm)
-            };
-            for outline in &part.around(job.tool.radius_mm + BESIDE_MM, self.facing) {
-                // around holes there is no strip
-                if area_mm2(outline) > 0.0 {
-                    continue;
-                }
-                let pass = self.sensed(refined(Pass::along(outline, 1.5 * raster.pitch_mm, height), height));
-                passes.cut(&pass, &height, Kind::Contour);
+        let height = |p: [f64; 2]| {
+            let lowest = raster.highest_around(&floor, p).max(raster.highest_around(&tab, p));
+            lowest.max(self.drop.height_mm(p)).max(self.deepest_mm)
+        };
+        for outline in &part.around(job.tool.radius_mm + BESIDE_MM, self.facing) {
+            // around holes there is no strip
+            if area_mm2(outline) > 0.0 {
+                continue;
             }
+            let pass = self.sensed(refined(Pass::along(outline, 1.5 * raster.pitch_mm, height), height));
+            passes.cut(&pass, &height, Kind::Contour);
         }
     }
 

@@ -61,25 +61,24 @@ impl Stock {
         }
     }
 
-    /// Visits the cells under a tool wider by `grown_mm` at a place: cell, height of the tool's surface there.
-    fn under(&self, [u, v, w]: Place, grown_mm: f64, mut visit: impl FnMut(usize, f64)) {
-        let radius = self.tool.radius_mm + grown_mm;
-        for j in self.raster.span(1, v - radius, v + radius) {
-            let dv = self.raster.centre(0, j)[1] - v;
+    /// The cells under a tool wider by `grown_mm` at a place: cell, height of the tool's surface there.
+    fn under(&self, [u, v, w]: Place, grown_mm: f64) -> impl Iterator<Item = (usize, f64)> {
+        let (raster, tool) = (&self.raster, &self.tool);
+        let radius = tool.radius_mm + grown_mm;
+        raster.span(1, v - radius, v + radius).flat_map(move |j| {
+            let dv = raster.centre(0, j)[1] - v;
             let half = (radius * radius - dv * dv).max(0.0).sqrt();
-            for i in self.raster.span(0, u - half, u + half) {
-                let surface = if self.tool.corner_radius_mm == 0.0 {
+            raster.span(0, u - half, u + half).map(move |i| {
+                let surface = if tool.corner_radius_mm == 0.0 {
                     w
                 } else {
-                    let du = self.raster.centre(i, 0)[0] - u;
-                    w + self
-                        .tool
-                        .profile_mm((du.hypot(dv) - grown_mm).clamp(0.0, self.tool.radius_mm))
-                        .unwrap_or(0.0)
+                    let du = raster.centre(i, 0)[0] - u;
+                    let distance = (du.hypot(dv) - grown_mm).clamp(0.0, tool.radius_mm);
+                    w + tool.profile_mm(distance).unwrap_or(0.0)
                 };
-                visit(i + self.raster.dims[0] * j, surface);
-            }
-        }
+                (i + raster.dims[0] * j, surface)
+            })
+        })
     }
 
     /// Thickness that a surface at `w_mm` takes from a cell, mm.
@@ -89,15 +88,13 @@ impl Stock {
 
     /// Whether the tool at a place, wider by `grown_mm`, would take anything from cells that `counts` holds for.
     pub fn meets(&self, at: Place, grown_mm: f64, counts: &[bool]) -> bool {
-        let mut met = false;
-        self.under(at, grown_mm, |cell, w| met |= counts[cell] && self.taken(cell, w) > LEAST_MM);
-        met
+        self.under(at, grown_mm).any(|(cell, w)| counts[cell] && self.taken(cell, w) > LEAST_MM)
     }
 
     /// How much of the tool's width, across `direction`, has stock before it that is thicker than `deeper_mm`, mm: in strips one cell wide.
     pub fn width_mm(&self, at: Place, direction: [f64; 2], deeper_mm: f64) -> f64 {
         let mut strips = vec![false; (self.tool.diameter_mm() / self.raster.pitch_mm) as usize + 2];
-        self.under(at, 0.0, |cell, w| {
+        self.under(at, 0.0).for_each(|(cell, w)| {
             let [u, v] = self.raster.centre_of(cell);
             let (du, dv) = (u - at[0], v - at[1]);
             if du * direction[0] + dv * direction[1] > 0.0 && self.taken(cell, w) > deeper_mm {
@@ -111,7 +108,7 @@ impl Stock {
     /// Takes away what is above the tool at a place.
     pub fn cut(&mut self, at: Place) {
         let mut top = std::mem::take(&mut self.top);
-        self.under(at, 0.0, |cell, w| top[cell] = top[cell].min(w));
+        self.under(at, 0.0).for_each(|(cell, w)| top[cell] = top[cell].min(w));
         self.top = top;
     }
 
@@ -127,7 +124,7 @@ impl Stock {
     /// Wider by a cell it is safe for stock that cell centres do not show.
     pub fn free_mm(&self, at: [f64; 2], grown_mm: f64) -> f64 {
         let mut free = NONE;
-        self.under([at[0], at[1], 0.0], grown_mm, |cell, f| {
+        self.under([at[0], at[1], 0.0], grown_mm).for_each(|(cell, f)| {
             if self.top[cell] > self.other[cell] {
                 free = free.max(self.top[cell] - f);
             }

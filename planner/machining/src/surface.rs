@@ -177,11 +177,13 @@ impl Sight<'_> {
     fn cut_rings(&self, loops: &[Loop], reach: &Reach<'_>, passes: &mut Passes<'_>) {
         let lay = |outline: &Loop| {
             // the raster's heights are enough to see what is needless
-            let about = Pass::along(outline, 2.0 * reach.raster.pitch_mm, |p| reach.about_mm(p));
-            let height = reach.height;
-            let lay =
-                || self.sensed(refined(Pass::along(outline, 1.5 * reach.raster.pitch_mm, height), height));
-            about.places.iter().any(|p| is_worth(passes, p)).then(lay)
+            let mut pass = Pass::along(outline, 1.5 * reach.raster.pitch_mm, |p| reach.about_mm(p));
+            let worth: Vec<bool> = pass.places.iter().map(|p| is_worth(passes, p)).collect();
+            let driven = passes.driven(&pass, &worth);
+            pass.places.par_iter_mut().zip(&driven).for_each(|(p, driven)| {
+                p[2] = if *driven { (reach.height)([p[0], p[1]]) } else { f64::INFINITY };
+            });
+            worth.contains(&true).then(|| self.sensed(refined(pass, reach.height)))
         };
         let laid: Vec<Pass> = loops.par_iter().filter_map(lay).collect();
         for pass in &laid {

@@ -88,8 +88,8 @@ pub enum PartError {
     },
     /// The unit is not known and mm is not plausible.
     #[error(
-        "the part is {length} long without a unit, and {length} mm is not plausible (expected {SHORTEST_MM} to {LONGEST_MM} mm): \
-         state the unit{}", plausible_text(.plausible)
+        "the part is {shown} long without a unit, and {shown} mm is not plausible (expected {SHORTEST_MM} to {LONGEST_MM} mm): \
+         state the unit, in a job as `part.unit`{}", plausible_text(.plausible), shown = (.length * 1e4).round() / 1e4
     )]
     UnitNeeded {
         /// Longest side of the bounding box in the file's unit.

@@ -8,8 +8,9 @@ use bonemill_arm::arm::Arm;
 use bonemill_arm::ur::UrModel;
 use bonemill_geometry::{Block, Mesh, Point};
 use bonemill_machining::leftover::Reason;
+use bonemill_machining::time::times;
 use bonemill_machining::trajectory::by_arm;
-use bonemill_machining::{Job, Machining, MachiningError, Tool, plan};
+use bonemill_machining::{Facing, Job, Kind, Machining, MachiningError, Move, Side, Tool, plan};
 use bonemill_motion::timelaw::{CornerTolerance, PathLimits};
 use bonemill_proof::{Proof, prove};
 use common::{Shell, flat, job, proof_job};
@@ -144,6 +145,70 @@ fn a_hole_is_cut_where_the_cutter_fits_and_told_where_not() {
     assert!(proof.thickest_uncut_mm > 0.5, "{}", proof.thickest_uncut_mm);
 }
 
+/// For every cut: its length across, mm, and the area from which it takes more than the depth of cut at once, mm²; on cells of 0.1 mm.
+fn too_deep(planned: &Machining, job: &Job) -> Vec<(f64, f64)> {
+    const CELL_MM: f64 = 0.1;
+    let (low, high) = (job.block.low_mm, job.block.high_mm);
+    let dims = [high.x - low.x, high.z - low.z].map(|side| (side / CELL_MM) as usize);
+    let mut stock = vec![[low.y, high.y]; dims[0] * dims[1]];
+    let mut found = Vec::new();
+    for pair in planned.moves.windows(2).filter(|pair| pair[0].a_rad == pair[1].a_rad) {
+        let (from, to) = (pair[0].tip_mm, pair[1].tip_mm);
+        let front = Facing::of(pair[1].a_rad) == Facing::Front;
+        let across = (to - from).xz().norm();
+        let steps = (across / (0.5 * CELL_MM)).ceil().max(1.0) as usize;
+        let mut cells = 0;
+        for n in 1..=steps {
+            let tip = from + (to - from) * (n as f64 / steps as f64);
+            let (x, z) = (tip.x - low.x, tip.z - low.z);
+            let cell = |at: f64, most: usize| ((at / CELL_MM).max(0.0) as usize).min(most);
+            let span = |at: f64, most: usize| {
+                cell(at - job.tool.radius_mm, most)..cell(at + job.tool.radius_mm + CELL_MM, most)
+            };
+            for k in span(z, dims[1]) {
+                for i in span(x, dims[0]) {
+                    let off = ((i as f64 + 0.5) * CELL_MM - x).hypot((k as f64 + 0.5) * CELL_MM - z);
+                    let Some(above) = job.tool.profile_mm(off) else { continue };
+                    let column = &mut stock[i + dims[0] * k];
+                    let before = *column;
+                    if front {
+                        column[1] = column[1].min(tip.y + above);
+                    } else {
+                        column[0] = column[0].max(tip.y - above);
+                    }
+                    let thick = |[bottom, top]: [f64; 2]| (top - bottom).max(0.0);
+                    cells += usize::from(thick(before) - thick(*column) > job.level_mm() + 0.02);
+                }
+            }
+        }
+        found.push((across, cells as f64 * CELL_MM * CELL_MM));
+    }
+    assert!(stock.iter().any(|[bottom, top]| top <= bottom), "the channel goes through");
+    found
+}
+
+#[test]
+fn no_cut_is_deeper_than_the_depth_of_cut_but_in_slivers_that_roughing_leaves() {
+    let shell = Shell {
+        outer_mm: 40.0,
+        inner_mm: 36.0,
+        outline_mm: 7.0,
+        bevel_mm: 0.8,
+        thickness_mm: 4.0,
+        rings: 10,
+    };
+    let (shell, plate) = (shell.mesh(), plate_with_hole(6.0));
+    for (part, corner_radius_mm) in [(&shell, 0.0), (&shell, 1.5875), (&plate, 0.5)] {
+        let job = quick(part, Tool { corner_radius_mm, ..flat() });
+        // a tenth of the diameter, and a cell
+        let sliver_mm = 0.1 * job.tool.diameter_mm() + 0.1;
+        for (across_mm, area_mm2) in too_deep(&plan(part, &job).unwrap(), &job) {
+            let most_mm2 = sliver_mm * (across_mm + job.tool.radius_mm);
+            assert!(area_mm2 <= most_mm2, "corner {corner_radius_mm}: {area_mm2} mm² in {across_mm} mm");
+        }
+    }
+}
+
 #[test]
 fn the_same_part_gives_the_same_moves_on_any_number_of_threads() {
     let shell =
@@ -186,6 +251,32 @@ fn a_time_that_is_too_short_is_answered_with_what_would_meet_it() {
     });
     let feed = told.unwrap();
     assert!(feed > short.process.feed_per_tooth_mm && feed < 4.0 * short.process.feed_per_tooth_mm, "{feed}");
+}
+
+#[test]
+fn the_rotary_axis_keeps_its_speed_and_turns_with_the_tip_at_rest() {
+    let mut job = job(&plate_with_hole(6.0), flat());
+    // up, half a turn in place and down again: the machine's Z is the block's y, then its reverse
+    let at = |y: f64, a_rad: f64| Move {
+        side: Side::B,
+        kind: Kind::Link,
+        tip_mm: Vector3::new(0.0, y, 0.0),
+        a_rad,
+        feed_mm_min: 1524.0,
+        time_s: 0.0,
+    };
+    let half = std::f64::consts::PI;
+    let mut moves = [at(20.0, 0.0), at(30.0, 0.0), at(-30.0, half), at(-20.0, half)];
+    let [fast, slow] = [0.7, 0.1].map(|rotary_rad_s| {
+        job.machine.rotary_rad_s = rotary_rad_s;
+        times(&mut moves, &job).unwrap()
+    });
+    let straight_s = 20.0 / 1524.0 * 60.0;
+    assert!((fast.constant_s - half / 0.7 - straight_s).abs() < 1e-9, "{fast:?}");
+    assert!((slow.constant_s - half / 0.1 - straight_s).abs() < 1e-9, "{slow:?}");
+    for times in [fast, slow] {
+        assert!((times.constant_s..times.constant_s + 2.0).contains(&times.limited_s), "{times:?}");
+    }
 }
 
 #[test]

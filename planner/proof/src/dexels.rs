@@ -5,7 +5,8 @@
 //!
 //! *Width of cut*: how much of the cutter's width, across the motion, takes more than the entries' depth, over the last 3 cells of travel since the
 //! last bend. It is counted in strips one cell wide along the motion, so that slivers at both edges of a channel count by their own width and not by
-//! the channel's. Plunges, steeper than 45°, are entries and have none.
+//! the channel's. A stretch of the width may so be given up to two cells too much; a width that is by at most 4 cells more than allowed is measured again
+//! on cells a quarter as wide. Plunges, steeper than 45°, are entries and have none.
 
 use nalgebra::Vector3;
 
@@ -15,6 +16,8 @@ use crate::{ProofError, ProofJob};
 /// Cells across the cutter's radius, and most cells.
 const CELLS_ACROSS: f64 = 12.0;
 const MOST_CELLS: f64 = 4e6;
+/// Columns of the second measure across one of the first.
+const FINER: f64 = 4.0;
 /// So that cells on the border of two strips count for one and the same side, in strips.
 const TIE: f64 = 1e-6;
 /// Stock that a rapid motion may touch, mm: what rounding leaves.
@@ -60,9 +63,9 @@ pub struct Replay {
     pub collisions: Vec<Collision>,
     /// Widest cut deeper than the entries' depth, mm.
     pub widest_mm: f64,
-    /// Motions whose cut is wider than allowed by more than a cell.
+    /// Motions whose cut is wider than allowed by more than a quarter of a cell.
     pub too_wide: Vec<WideCut>,
-    /// Side of a cell, mm.
+    /// Side of a cell, mm; those that judge a width near the allowed one have a quarter of it.
     pub column_mm: f64,
 }
 
@@ -76,7 +79,7 @@ pub fn replay(motions: &[Motion], job: &ProofJob) -> Result<Replay, ProofError> 
     let mut width = Width::default();
     let farthest = |axis: usize| job.low_mm[axis].abs().max(job.high_mm[axis].abs());
     let swing = farthest(1).hypot(farthest(2));
-    for motion in motions {
+    for (n, motion) in motions.iter().enumerate() {
         if motion.turns {
             let depth_mm = swing - motion.from_mm.z.min(motion.to_mm.z);
             if depth_mm > 0.0 {
@@ -96,19 +99,48 @@ pub fn replay(motions: &[Motion], job: &ProofJob) -> Result<Replay, ProofError> 
                 depth_mm: met,
             });
         }
-        found.widest_mm = found.widest_mm.max(width.widest_mm);
-        if width.widest_mm > job.widest_mm + stock.cell {
+        let mut width_mm = width.widest_mm;
+        if width_mm > job.widest_mm && width_mm <= job.widest_mm + 4.0 * stock.cell {
+            width_mm = finer_width_mm(&motions[..=n], job, stock.cell);
+        }
+        found.widest_mm = found.widest_mm.max(width_mm);
+        if width_mm > job.widest_mm + stock.cell / FINER {
             let length_mm = (motion.to_mm - motion.from_mm).norm();
-            found.too_wide.push(WideCut { line: motion.line, width_mm: width.widest_mm, length_mm });
+            found.too_wide.push(WideCut { line: motion.line, width_mm, length_mm });
         }
     }
     Ok(found)
 }
 
+/// Width of cut of the last of some motions, on finer columns around it that all motions before have cut, mm.
+fn finer_width_mm(motions: &[Motion], job: &ProofJob, cell: f64) -> f64 {
+    let Some(last) = motions.last() else { return 0.0 };
+    let bounds = |m: &Motion| {
+        let turn = if m.facing == Facing::Front { -1.0 } else { 1.0 };
+        let (a, b) = ([m.from_mm.x, turn * m.from_mm.y], [m.to_mm.x, turn * m.to_mm.y]);
+        [0, 1].map(|n| (a[n].min(b[n]), a[n].max(b[n])))
+    };
+    let reach = job.radius_mm + 3.0 * cell;
+    let window = bounds(last).map(|(low, high)| (low - reach, high + reach));
+    let block = [(job.low_mm.x, job.high_mm.x), (job.low_mm.z, job.high_mm.z)];
+    let [x, z] = [0, 1].map(|n| (window[n].0.max(block[n].0), window[n].1.min(block[n].1)));
+    let mut stock = Columns::over(job, x, z, cell / FINER);
+    let mut width = Width::default();
+    let is_near = |m: &&Motion| {
+        let bounds = bounds(m);
+        let r = job.radius_mm;
+        !m.turns && (0..2).all(|n| bounds[n].0 <= window[n].1 + r && bounds[n].1 >= window[n].0 - r)
+    };
+    for motion in motions.iter().filter(is_near) {
+        stock.drive(motion, job, &mut width);
+    }
+    width.widest_mm
+}
+
 /// Strips along the motion that were cut deep, a bit each, over the last stamps.
 #[derive(Debug, Default)]
 struct Width {
-    recent: std::collections::VecDeque<u32>,
+    recent: std::collections::VecDeque<u128>,
     direction: [f64; 2],
     widest_mm: f64,
 }
@@ -124,7 +156,7 @@ impl Width {
     }
 
     /// Stamps at half a cell: 6 are 3 cells of travel, in which every strip meets a cell's centre.
-    fn add(&mut self, deep: u32, cell: f64) {
+    fn add(&mut self, deep: u128, cell: f64) {
         self.recent.push_back(deep);
         if self.recent.len() > 6 {
             self.recent.pop_front();
@@ -155,10 +187,15 @@ impl Columns {
                 high: 50.0,
             });
         }
-        let dims = [size.x, size.z].map(|length| (length / cell).ceil() as usize);
-        let origin = [job.low_mm.x + 0.5 * cell, job.low_mm.z + 0.5 * cell];
+        Ok(Self::over(job, (job.low_mm.x, job.high_mm.x), (job.low_mm.z, job.high_mm.z), cell))
+    }
+
+    /// The block from the lower to the higher x and z, mm, uncut.
+    fn over(job: &ProofJob, x: (f64, f64), z: (f64, f64), cell: f64) -> Self {
+        let dims = [x, z].map(|(low, high)| ((high - low) / cell).ceil().max(0.0) as usize);
         let count = dims[0] * dims[1];
-        Ok(Self { cell, origin, dims, low: vec![job.low_mm.y; count], high: vec![job.high_mm.y; count] })
+        let (low, high) = (vec![job.low_mm.y; count], vec![job.high_mm.y; count]);
+        Self { cell, origin: [x.0 + 0.5 * cell, z.0 + 0.5 * cell], dims, low, high }
     }
 
     /// Cells along an axis whose centres lie in `low..=high`.
@@ -204,7 +241,7 @@ impl Columns {
         motion: &Motion,
         direction: [f64; 2],
         job: &ProofJob,
-    ) -> (f64, u32) {
+    ) -> (f64, u128) {
         let r = job.radius_mm;
         // rows of cells run along z: the machine's Y, or its reverse
         let turn = if motion.facing == Facing::Front { -1.0 } else { 1.0 };
@@ -224,7 +261,7 @@ impl Columns {
                 }
                 thickest = thickest.max(taken);
                 if taken > job.entry_mm {
-                    // a cell is at least a twelfth of the radius: fewer than 26 strips
+                    // a cell is at least a 48th of the radius: fewer than 98 strips
                     let across = dv * direction[0] - du * direction[1];
                     deep |= 1 << ((across + r) / self.cell + TIE) as u32;
                 }

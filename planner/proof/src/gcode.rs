@@ -115,6 +115,9 @@ fn words(line: &str) -> Result<Vec<(char, f64)>, String> {
         let end = number.find(|c: char| !(c.is_ascii_digit() || "+-.".contains(c))).unwrap_or(number.len());
         let value: f64 =
             number[..end].parse().map_err(|_| format!("a number was expected after {letter}"))?;
+        if !value.is_finite() {
+            return Err(format!("the number after {letter} is too large"));
+        }
         words.push((letter.to_ascii_uppercase(), value));
         rest = number[end..].trim_start();
     }

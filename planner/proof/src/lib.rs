@@ -67,7 +67,7 @@ pub struct Proof {
     pub collisions: Vec<Collision>,
     /// Widest cut deeper than the entries' depth, mm.
     pub widest_mm: f64,
-    /// Motions whose cut is wider than allowed by more than a column.
+    /// Motions whose cut is wider than allowed by more than a quarter of a column.
     pub too_wide: Vec<WideCut>,
     /// Side of a column of stock in the replay, mm.
     pub column_mm: f64,

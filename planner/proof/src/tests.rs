@@ -101,6 +101,39 @@ fn a_slot_is_as_wide_as_the_cutter_and_a_shallow_one_is_an_entry() {
 }
 
 #[test]
+fn a_width_near_the_allowed_one_is_known_to_a_quarter_of_a_column() {
+    let far = part([-9.0, -4.0, -9.0], [-8.0, -3.0, -8.0]);
+    // a shallow slot askew to the columns, then a row beside it
+    let beside = |width_mm: f64| {
+        let row = |off: f64, z: f64, half: f64| {
+            let [x, y] = [-0.6 * off, 0.8 * off];
+            let (start, end) = (
+                format!("X{:.3} Y{:.3}", x - 0.8 * half, y - 0.6 * half),
+                format!("X{:.3} Y{:.3}", x + 0.8 * half, y + 0.6 * half),
+            );
+            format!("G0 {start}\nG1 Z{z} F300\nG1 {end}\nG0 Z30\n")
+        };
+        prove(&format!("{HEAD}{}{}M5\nM30\n", row(0.0, 4.1, 12.0), row(width_mm, 3.5, 6.0)), &far, &job())
+            .unwrap()
+    };
+    for width_mm in [1.71, 1.75, 1.79, 1.86, 1.9, 1.97] {
+        let proof = beside(width_mm);
+        let finer_mm = proof.column_mm / 4.0;
+        assert_eq!(
+            proof.too_wide.len(),
+            usize::from(width_mm > 1.8 + finer_mm),
+            "{width_mm}: {}",
+            proof.widest_mm
+        );
+        let off_mm = proof.widest_mm - width_mm;
+        assert!(
+            (-finer_mm..2.0 * finer_mm).contains(&off_mm) || proof.widest_mm <= 1.8,
+            "{width_mm}: {off_mm}"
+        );
+    }
+}
+
+#[test]
 fn rapid_moves_holder_and_turns_are_seen_in_the_stock() {
     let far = part([-9.0, -4.0, -9.0], [-8.0, -3.0, -8.0]);
     let struck = |body: &str, job: &ProofJob| {
@@ -134,6 +167,8 @@ fn what_is_no_program_of_this_machine_is_refused_with_its_line() {
     assert_eq!(refused("G21 G90\nM30\nG0 X0\n"), (3, "the program goes on after its end".into()));
     assert_eq!(refused("G21 G90\nG0 X0 Y0 Z0 A0\n").0, 2);
     assert_eq!(refused("G0 X1e\n").0, 1);
+    // a turn without end is no front
+    assert_eq!(refused(&format!("G21 G90\nG0 X0 Y0 Z5 A{}\n", "9".repeat(400))).0, 2);
 }
 
 #[test]

@@ -8,9 +8,9 @@ use std::path::Path;
 
 use bonemill_case::write::text;
 use bonemill_geometry::{Block, Mesh, Progress};
-use bonemill_machining::Block as Stock;
+use bonemill_machining::{Block as Stock, Kind, Side};
 use bonemill_part::{RepairLimits, Solid, read_facets};
-use bonemill_planfile::{PlanFileError, Sha256};
+use bonemill_planfile::{PlanFileError, Sha256, Value};
 use bonemill_proof::gcode::Facing;
 use bonemill_proof::{Proof, ProofJob};
 use nalgebra::Vector3;
@@ -22,6 +22,8 @@ use crate::{JobRecord, ProsthesisError, settings, toolpath_csv};
 
 /// How far part.stl may be from the part in its own file, mm: rounding to single precision at 100 mm.
 const SAME_MM: f64 = 1e-4;
+/// How far a figure may be from the proof's.
+const SAME_FIGURE: f64 = 1e-6;
 /// Decimals of the program and of toolpath.csv, mm.
 const ROUNDING_MM: f64 = 1e-3;
 
@@ -170,7 +172,33 @@ fn inside_block(block: &Stock, part: &Mesh<Block>) -> Check {
 
 fn proved(record: &JobRecord, proof: &Proof, job: &ProofJob) -> Vec<Check> {
     let faults = shortfalls(proof, job, record.job.process.finishing_step_mm);
-    vec![Check { name: "the program makes the part without gouges, collisions and cuts too wide", faults }]
+    vec![
+        Check { name: "the program makes the part without gouges, collisions and cuts too wide", faults },
+        Check { name: "job.toml has the proof's figures", faults: other_figures(record, proof) },
+    ]
+}
+
+/// Figures of the record that the proof does not find.
+fn other_figures(record: &JobRecord, proof: &Proof) -> Vec<String> {
+    let found = [
+        ("deepest_gouge_mm", proof.deepest_gouge_mm),
+        ("thickest_uncut_mm", proof.thickest_uncut_mm),
+        ("widest_cut_mm", proof.widest_mm),
+        ("collisions", proof.collisions.len() as f64),
+        ("cuts_too_wide", proof.too_wide.len() as f64),
+    ];
+    let stated = |name: &str| match record.metrics.iter().find(|(n, _)| n == name)?.1 {
+        Value::Number(number) => Some(number),
+        Value::Integer(count) => Some(count as f64),
+        _ => None,
+    };
+    let other =
+        found.iter().filter(|(name, is)| !stated(name).is_some_and(|s| (s - is).abs() <= SAME_FIGURE));
+    let told = other.map(|(name, is)| match stated(name) {
+        Some(stated) => format!("`{name}` is {stated}, but the proof finds {is}"),
+        None => format!("`{name}` is missing, the proof finds {is}"),
+    });
+    told.collect()
 }
 
 /// toolpath.csv tells the program's moves.
@@ -186,8 +214,10 @@ fn same_moves(table: &str, program: &str, record: &JobRecord) -> Result<Check, P
     let mut at = None;
     for (line, row) in rows.enumerate() {
         let line = line + 2;
-        let Some([x, y, z, a_rad, feed_mm_min]) = numbers(row) else {
-            faults.push(format!("line {line}: expected numbers"));
+        let Some([x, y, z, a_rad, feed_mm_min]) = numbers(row, line - 2) else {
+            let index = line - 2;
+            faults
+                .push(format!("line {line}: expected index {index}, a side, a kind of move and six numbers"));
             break;
         };
         if feed_mm_min > record.job.machine.max_feed_mm_min.max(record.job.machine.rapid_mm_min) {
@@ -208,8 +238,13 @@ fn same_moves(table: &str, program: &str, record: &JobRecord) -> Result<Check, P
     Ok(Check { name, faults })
 }
 
-/// x, y, z, a and feed of a row of toolpath.csv.
-fn numbers(row: &str) -> Option<[f64; 5]> {
-    let numbers: Option<Vec<f64>> = row.split(',').skip(3).take(5).map(|cell| cell.parse().ok()).collect();
-    numbers?.try_into().ok()
+/// x, y, z, a and feed of a row of toolpath.csv; `None` for a row that is not the move of this index.
+fn numbers(row: &str, index: usize) -> Option<[f64; 5]> {
+    let cells: Vec<&str> = row.split(',').collect();
+    let [number, side, kind, numbers @ ..] = cells.as_slice() else { return None };
+    let is_side = Side::ALL.iter().any(|s| s.name() == *side);
+    let is_move = *number == index.to_string() && is_side && Kind::ALL.iter().any(|k| k.name() == *kind);
+    let numbers: Vec<f64> = numbers.iter().map(|cell| cell.parse().ok()).collect::<Option<_>>()?;
+    let [x, y, z, a_rad, feed_mm_min, _time_s] = numbers.try_into().ok()?;
+    is_move.then_some([x, y, z, a_rad, feed_mm_min])
 }

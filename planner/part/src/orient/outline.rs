@@ -77,8 +77,11 @@ impl Outline {
 pub struct Silhouette {
     vertices: Vec<Vector3<f64>>,
     triangles: Vec<[u32; 3]>,
-    /// Every facet's side: its two vertices, the lesser first; its facet; whether the facet runs from the lesser to the greater.
-    sides: Vec<([u32; 2], u32, bool)>,
+    /// Every facet's normal, of any length.
+    normals: Vec<Vector3<f64>>,
+    /// Every edge's two vertices, the facet that runs from the first to the second, and the one that runs back; where more than two facets meet,
+    /// an edge for every two.
+    edges: Vec<[u32; 4]>,
 }
 
 impl Silhouette {
@@ -88,13 +91,19 @@ impl Silhouette {
     }
 
     pub(super) fn new(vertices: Vec<Vector3<f64>>, triangles: Vec<[u32; 3]>) -> Self {
+        // a side as it is run through, and as its edge is named
         let side = |f: usize, k: usize| {
             let [a, b] = [triangles[f][k], triangles[f][(k + 1) % 3]];
-            ([a.min(b), a.max(b)], f as u32, a < b)
+            (a > b, [a.min(b), a.max(b)], f as u32)
         };
         let mut sides: Vec<_> = (0..triangles.len()).flat_map(|f| [0, 1, 2].map(|k| side(f, k))).collect();
         sides.par_sort_unstable();
-        Self { vertices, triangles, sides }
+        // on a closed surface as many facets run one way as the other, so both halves have the same edges in the same order
+        let (forward, back) = sides.split_at(sides.partition_point(|side| !side.0));
+        let edges = forward.iter().zip(back).map(|(f, b)| [f.1[0], f.1[1], f.2, b.2]).collect();
+        let corner = |v: u32| vertices[v as usize];
+        let normal = |[a, b, c]: &[u32; 3]| (corner(*b) - corner(*a)).cross(&(corner(*c) - corner(*a)));
+        Self { normals: triangles.iter().map(normal).collect(), vertices, triangles, edges }
     }
 
     pub(super) fn surface(&self) -> (&[Vector3<f64>], &[[u32; 3]]) {
@@ -111,28 +120,23 @@ impl Silhouette {
     /// The outline on `plane` of the part turned by `rotation`.
     pub(crate) fn outline(&self, rotation: &Rotation3<f64>, plane: Plane) -> Outline {
         let [u, v] = plane.axes().map(|axis| rotation.matrix().row(axis).transpose());
-        let flat: Vec<[f64; 2]> = self.vertices.iter().map(|p| [u.dot(p), v.dot(p)]).collect();
-        let loops = chained(self.border(&flat));
-        let contours: Vec<Vec<[f64; 2]>> =
-            loops.iter().map(|l| l.iter().map(|&v| flat[v as usize]).collect()).collect();
+        let flat = |n: &u32| [u.dot(&self.vertices[*n as usize]), v.dot(&self.vertices[*n as usize])];
+        let loops = chained(self.border(&u.cross(&v)));
+        let contours: Vec<Vec<[f64; 2]>> = loops.iter().map(|l| l.iter().map(flat).collect()).collect();
         let shapes = contours.simplify_shape(FillRule::NonZero);
         let area_mm2 = shapes.iter().flatten().map(|contour| gauss_area(contour)).sum::<f64>().abs();
         Outline { area_mm2, hull_mm: hull(&contours) }
     }
 
-    /// Directed edges around the facets that face the viewer.
-    fn border(&self, flat: &[[f64; 2]]) -> Vec<[u32; 2]> {
-        let faces: Vec<bool> =
-            (self.triangles.iter()).map(|t| gauss_area(&t.map(|v| flat[v as usize])) > 0.0).collect();
-        let mut border = Vec::new();
-        for edge in self.sides.chunk_by(|a, b| a.0 == b.0) {
-            let seen = edge.iter().filter(|(_, f, _)| faces[*f as usize]);
-            let along: i32 = seen.map(|(_, _, forward)| if *forward { 1 } else { -1 }).sum();
-            let Some(([a, b], ..)) = edge.first() else { continue };
-            let directed = if along > 0 { [*a, *b] } else { [*b, *a] };
-            border.extend((0..along.unsigned_abs()).map(|_| directed));
-        }
-        border
+    /// Directed edges around the facets that face a viewer from `toward`.
+    fn border(&self, toward: &Vector3<f64>) -> Vec<[u32; 2]> {
+        let faces: Vec<bool> = self.normals.iter().map(|normal| normal.dot(toward) > 0.0).collect();
+        let directed = |&[a, b, forward, back]: &[u32; 4]| match [forward, back].map(|f| faces[f as usize]) {
+            [true, false] => Some([a, b]),
+            [false, true] => Some([b, a]),
+            _ => None,
+        };
+        self.edges.iter().filter_map(directed).collect()
     }
 }
 
