@@ -140,7 +140,16 @@ fn wait_until(start: Instant, tick: Duration) {
 /// Meshes what comes until nothing comes any more; a frame that waits behind a newer one is meshed all the same.
 fn show(frames: mpsc::Receiver<Vec<BrickSamples>>, bone: &Volume<u8, Work>) -> Shown {
     let mut shown = Shown::default();
-    for bricks in frames {
+    loop {
+        let bricks = match frames.try_recv() {
+            Ok(bricks) => bricks,
+            // a thread that the haptic one wakes is put on its core, and takes it for milliseconds
+            Err(mpsc::TryRecvError::Empty) => {
+                std::thread::sleep(PERIOD);
+                continue;
+            }
+            Err(mpsc::TryRecvError::Disconnected) => return shown,
+        };
         let start = Instant::now();
         let level = 0.5 * f64::from(voxmap::BONE);
         let meshes = bricks.iter().map(|samples| samples.mesh(bone, level));
@@ -148,5 +157,4 @@ fn show(frames: mpsc::Receiver<Vec<BrickSamples>>, bone: &Volume<u8, Work>) -> S
         shown.longest_ms = shown.longest_ms.max(start.elapsed().as_secs_f64() * 1e3);
         shown.frames += 1;
     }
-    shown
 }
