@@ -61,11 +61,10 @@ impl Shape {
         let values = || series.iter().flat_map(|s| s.points.iter().filter_map(|p| p.1));
         let top = values().chain(levels.iter().map(|l| l.value)).fold(0.0, f64::max);
         let bottom = values().fold(0.0, f64::min);
-        let ends = |of: fn(&[(f64, Option<f64>)]) -> Option<&(f64, Option<f64>)>| {
-            series.iter().filter_map(move |s| of(&s.points)).map(|point| point.0)
-        };
-        let start = ends(|points| points.first()).reduce(f64::min).unwrap_or(0.0);
-        let end_s = ends(|points| points.last()).reduce(f64::max).unwrap_or(0.0).max(start + 1e-9);
+        let drawn = || series.iter().filter(|s| !s.points.is_empty());
+        let start = drawn().map(|s| s.points[0].0).reduce(f64::min).unwrap_or(0.0);
+        let end_s = drawn().map(|s| s.points[s.points.len() - 1].0).reduce(f64::max).unwrap_or(0.0);
+        let end_s = end_s.max(start + 1e-9);
         let (y_step, _) = ticks((top - bottom).max(1e-9), 4);
         // what is beyond a tick by less than a line's width needs no further one
         let tick = |value: f64| (value / y_step - 1e-3).ceil() * y_step;
