@@ -7,7 +7,6 @@ use std::path::Path;
 
 use bonemill_cutter::{ShankCylinder, SolidOfRevolution};
 use bonemill_geometry::{Block, Mesh, Progress};
-use bonemill_planfile::PlanFileError;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::picture::Colour;
@@ -89,7 +88,7 @@ impl ShownProsthesis {
 
 /// The moves of a `toolpath.csv`.
 fn moves(path: &Path) -> Result<Vec<ShownMove>, ProsthesisError> {
-    let text = std::fs::read_to_string(path).map_err(PlanFileError::io("read", path))?;
+    let text = read_text(path)?;
     let fault = |line: usize, problem: &str| ProsthesisError::Folder {
         path: path.to_owned(),
         problem: format!("line {line}: {problem}"),
