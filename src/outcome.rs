@@ -181,10 +181,7 @@ impl Outcome {
 
     /// A prosthesis was written to `out`.
     pub fn made(out: &Path, record: &JobRecord) -> Self {
-        let number = |name: &str| match record.metrics.iter().find(|(key, _)| key == name) {
-            Some((_, Value::Number(v))) => *v,
-            _ => 0.0,
-        };
+        let number = |name: &str| record.number(name).unwrap_or(0.0);
         let text = format!(
             "wrote {}\nblock {}; {:.1} min of milling; at most {:.4} mm cut into the part, {:.3} mm left on it\n",
             out.display(),

@@ -12,10 +12,12 @@ use std::time::Duration;
 use anyhow::Context;
 use bonemill_geometry::{Point, Work};
 use bonemill_planner::Progress;
+use bonemill_planner::cutter::ShankCylinder;
 use bonemill_planner::plan::{Need, Sha256, is_prosthesis};
 use bonemill_planner::show::{
     self, ARROW_MM_PER_N, Moment, PAINTS, PLANES, Plot, Show, ShownBody, ShownFrame, Slice, Surface,
 };
+use nalgebra::{Rotation3, UnitQuaternion};
 use rerun::blueprint::components::{Corner2D, PanelState, PlayState};
 use rerun::blueprint::{
     Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial2DView,
@@ -119,21 +121,19 @@ fn draw(
     motion(stream, show, &moments)?;
     let frames = show.frames(&moments, SLICE_MOMENTS);
     progress.stage("write drawing");
-    let mut later = Vec::new();
+    curves(stream, &plots)?;
+    stream.log_static("about", &rerun::TextDocument::from_markdown(show.about()))?;
+    if is_followed {
+        return Ok(frames);
+    }
     let count = frames.len();
     for (n, frame) in frames.into_iter().enumerate() {
-        if is_followed {
-            later.push(frame);
-            continue;
-        }
         stream.set_duration_secs(TIME, frame.time_s);
         bone(stream, show, frame)?;
         progress.advance(n, count);
     }
     stream.reset_time();
-    curves(stream, &plots)?;
-    stream.log_static("about", &rerun::TextDocument::from_markdown(show.about()))?;
-    Ok(later)
+    Ok(Vec::new())
 }
 
 /// Target and slices at the stream's time.
@@ -162,9 +162,8 @@ fn follow(
             stream.set_duration_secs(RUN_TIME, step.time_s);
             let tool = work_from_base * show.plan().arm.burr(q)?;
             way.push(single(&Point::from_coords(tool.translation_mm)));
-            let turn = nalgebra::UnitQuaternion::from_rotation_matrix(&tool.rotation);
-            let turn = rerun::Quaternion::from_xyzw([turn.i, turn.j, turn.k, turn.w].map(|c| c as f32));
-            let pose = rerun::Transform3D::from_translation_rotation(way[way.len() - 1], turn);
+            let pose =
+                rerun::Transform3D::from_translation_rotation(way[way.len() - 1], quaternion(&tool.rotation));
             stream.log("scene/tool", &pose)?;
             if let Some(off_mm) = step.off_mm {
                 stream.log("plots/run/off_mm", &rerun::Scalars::new([off_mm]))?;
@@ -202,6 +201,20 @@ fn colour([r, g, b]: [u8; 3]) -> Color {
 
 fn single(p: &Point<Work>) -> [f32; 3] {
     [p.x() as f32, p.y() as f32, p.z() as f32]
+}
+
+fn quaternion(turn: &Rotation3<f64>) -> rerun::Quaternion {
+    let q = UnitQuaternion::from_rotation_matrix(turn);
+    rerun::Quaternion::from_xyzw([q.i, q.j, q.k, q.w].map(|c| c as f32))
+}
+
+/// A part of the shank or of a holder, in the tool's frame.
+fn cylinder(part: &ShankCylinder) -> rerun::Cylinders3D {
+    let length = (part.to_mm - part.from_mm) as f32;
+    rerun::Cylinders3D::from_lengths_and_radii([length], [part.radius_mm as f32])
+        .with_centers([[0.0, 0.0, (0.5 * (part.from_mm + part.to_mm)) as f32]])
+        .with_colors([Color::from_rgb(170, 176, 186)])
+        .with_fill_mode(rerun::FillMode::Solid)
 }
 
 /// A surface of one colour; it is transparent for `alpha` below 255.
@@ -284,21 +297,12 @@ fn motion(stream: &RecordingStream, show: &Show, moments: &[Moment]) -> anyhow::
     for (n, (cylinder, is_thick)) in tool.shank.iter().enumerate() {
         // a part thicker than the cutter stays outside the bone and would hide it, so only the arm's view shows it
         let part = if *is_thick { "handpiece" } else { "shank" };
-        let middle = [0.0, 0.0, (0.5 * (cylinder.from_mm + cylinder.to_mm)) as f32];
-        let length = (cylinder.to_mm - cylinder.from_mm) as f32;
-        let drawn = rerun::Cylinders3D::from_lengths_and_radii([length], [cylinder.radius_mm as f32])
-            .with_centers([middle])
-            .with_colors([Color::from_rgb(170, 176, 186)])
-            .with_fill_mode(rerun::FillMode::Solid);
-        stream.log_static(format!("scene/tool/{part}/{n}"), &drawn)?;
+        stream.log_static(format!("scene/tool/{part}/{n}"), &self::cylinder(cylinder))?;
     }
 
     let times = || [TimeColumn::new_duration_secs(TIME, moments.iter().map(|m| m.time_s))];
     let translations = moments.iter().map(|m| single(&Point::from_coords(m.tool.translation_mm)));
-    let quaternions = moments.iter().map(|m| {
-        let q = nalgebra::UnitQuaternion::from_rotation_matrix(&m.tool.rotation);
-        rerun::Quaternion::from_xyzw([q.i as f32, q.j as f32, q.k as f32, q.w as f32])
-    });
+    let quaternions = moments.iter().map(|m| quaternion(&m.tool.rotation));
     let poses = rerun::Transform3D::update_fields()
         .with_many_translation(translations)
         .with_many_quaternion(quaternions);
@@ -411,16 +415,7 @@ fn layout(stream: &RecordingStream, show: &Show, plots: &[Plot], is_followed: bo
     let views = Vertical::new([above.into(), below.into()]).with_row_shares([2.8, 1.0]);
     let (line, state) =
         if is_followed { (RUN_TIME, PlayState::Following) } else { (TIME, PlayState::Paused) };
-    let blueprint = Blueprint::new(views)
-        .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Collapsed))
-        .with_selection_panel(SelectionPanel::from_state(PanelState::Collapsed))
-        .with_time_panel(
-            TimePanel::new()
-                .with_state(PanelState::Collapsed)
-                .with_timeline(line)
-                .with_play_state(state)
-                .with_playback_speed(20.0),
-        );
+    let blueprint = panels(Blueprint::new(views), line, state);
     send(stream, &blueprint, |blueprint| {
         let [position, target] = show.eye();
         for view in &eyes {
@@ -429,6 +424,20 @@ fn layout(stream: &RecordingStream, show: &Show, plots: &[Plot], is_followed: bo
         }
         axes.iter().zip(plots).try_for_each(|(view, plot)| axes_of(blueprint, view, plot))
     })
+}
+
+/// A blueprint with its panels collapsed, on a time line.
+fn panels(blueprint: Blueprint, line: &str, state: PlayState) -> Blueprint {
+    blueprint
+        .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Collapsed))
+        .with_selection_panel(SelectionPanel::from_state(PanelState::Collapsed))
+        .with_time_panel(
+            TimePanel::new()
+                .with_state(PanelState::Collapsed)
+                .with_timeline(line)
+                .with_play_state(state)
+                .with_playback_speed(20.0),
+        )
 }
 
 /// Path of a view's properties in a blueprint.

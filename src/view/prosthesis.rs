@@ -1,29 +1,31 @@
 //! A finished prosthesis in the viewer: the part coloured by deviation, its block, the toolpath by side and kind, the cutter over time.
 
 use bonemill_planner::Progress;
-use bonemill_planner::plan::Value;
-use bonemill_planner::prosthesis::show::{ShownMove, ShownProsthesis};
+use bonemill_planner::machining::{Kind, Move, Side};
+use bonemill_planner::prosthesis::show::{ShownProsthesis, turn};
 use bonemill_planner::show::Surface;
-use nalgebra::{UnitQuaternion, Vector3};
-use rerun::blueprint::components::{PanelState, PlayState};
+use nalgebra::Vector3;
+use rerun::blueprint::components::PlayState;
 use rerun::blueprint::{
-    Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial3DView,
-    Tabs, TextDocumentView, TimePanel, TimeSeriesView, Vertical,
+    Blueprint, BlueprintActivation, ContainerLike, Horizontal, Spatial3DView, Tabs, TextDocumentView,
+    TimeSeriesView, Vertical,
 };
 use rerun::{RecordingStream, TimeColumn};
 
-use super::{TIME, colour, mesh, open};
+use super::{TIME, colour, cylinder, mesh, open, panels, quaternion};
 use crate::args::ViewArgs;
 use crate::outcome::Outcome;
 
-/// Kinds of moves and their colours.
-const KINDS: [(&str, [u8; 3]); 5] = [
-    ("rough", [70, 130, 200]),
-    ("finish", [46, 160, 90]),
-    ("contour", [200, 60, 60]),
-    ("link", [190, 190, 190]),
-    ("retract", [190, 190, 190]),
-];
+/// The colour of a kind of moves.
+fn tint(kind: Kind) -> [u8; 3] {
+    match kind {
+        Kind::Rough => [70, 130, 200],
+        Kind::Finish => [46, 160, 90],
+        Kind::Contour => [200, 60, 60],
+        Kind::Link | Kind::Retract => [190, 190, 190],
+    }
+}
+
 /// Facets around the cutter.
 const FACETS: usize = 48;
 
@@ -62,9 +64,9 @@ fn part(stream: &RecordingStream, shown: &ShownProsthesis) -> anyhow::Result<()>
 }
 
 /// The moves of each side and kind, consecutive ones as one strip.
-fn paths(stream: &RecordingStream, moves: &[ShownMove]) -> anyhow::Result<()> {
-    for side in ["A", "B", "C"] {
-        for (kind, tint) in KINDS {
+fn paths(stream: &RecordingStream, moves: &[Move]) -> anyhow::Result<()> {
+    for side in Side::ALL {
+        for kind in Kind::ALL {
             let mut strips: Vec<Vec<[f32; 3]>> = Vec::new();
             let mut goes_on = false;
             for pair in moves.windows(2) {
@@ -80,9 +82,9 @@ fn paths(stream: &RecordingStream, moves: &[ShownMove]) -> anyhow::Result<()> {
             }
             if !strips.is_empty() {
                 let lines = rerun::LineStrips3D::new(strips)
-                    .with_colors([colour(tint)])
+                    .with_colors([colour(tint(kind))])
                     .with_radii([rerun::Radius::new_ui_points(0.8)]);
-                stream.log_static(format!("scene/path/{side}/{kind}"), &lines)?;
+                stream.log_static(format!("scene/path/{}/{}", side.name(), kind.name()), &lines)?;
             }
         }
     }
@@ -94,20 +96,12 @@ fn motion(stream: &RecordingStream, shown: &ShownProsthesis) -> anyhow::Result<(
     let cutter = mesh(Surface::of(&shown.cutter.mesh(FACETS)), [235, 235, 240], 255);
     stream.log_static("scene/tool/cutter", &cutter)?;
     for (n, part) in shown.holder.iter().enumerate() {
-        let length = (part.to_mm - part.from_mm) as f32;
-        let cylinder = rerun::Cylinders3D::from_lengths_and_radii([length], [part.radius_mm as f32])
-            .with_centers([[0.0, 0.0, (0.5 * (part.from_mm + part.to_mm)) as f32]])
-            .with_colors([colour([170, 176, 186])])
-            .with_fill_mode(rerun::FillMode::Solid);
-        stream.log_static(format!("scene/tool/holder/{n}"), &cylinder)?;
+        stream.log_static(format!("scene/tool/holder/{n}"), &cylinder(part))?;
     }
     let moves = &shown.moves;
     let times = || [TimeColumn::new_duration_secs(TIME, moves.iter().map(|m| m.time_s))];
     let at = moves.iter().map(|m| <[f32; 3]>::from(m.tip_mm.map(|c| c as f32)));
-    let turns = moves.iter().map(|m| {
-        let q = UnitQuaternion::from_rotation_matrix(&m.turn());
-        rerun::Quaternion::from_xyzw([q.i as f32, q.j as f32, q.k as f32, q.w as f32])
-    });
+    let turns = moves.iter().map(|m| quaternion(&turn(m)));
     let poses = rerun::Transform3D::update_fields().with_many_translation(at).with_many_quaternion(turns);
     stream.send_columns("scene/tool", times(), poses.columns_of_unit_batches()?)?;
     let look = rerun::SeriesLines::new().with_names(["feed"]).with_widths([1.5]);
@@ -120,10 +114,9 @@ fn motion(stream: &RecordingStream, shown: &ShownProsthesis) -> anyhow::Result<(
 /// The legend, Markdown.
 fn about(shown: &ShownProsthesis) -> String {
     let record = &shown.record;
-    let number = |name: &str, digits: usize| match record.metrics.iter().find(|(key, _)| key == name) {
-        Some((_, Value::Number(v))) => format!("{v:.digits$}"),
-        Some((_, Value::Integer(v))) => v.to_string(),
-        _ => "unknown".to_owned(),
+    let number = |name: &str, digits: usize| match record.number(name) {
+        Some(v) => format!("{v:.digits$}"),
+        None => "unknown".to_owned(),
     };
     let mut text = format!(
         "# Prosthesis\n\nBlock {}; bonemill {}; research software, not a medical device. The frame is the block's; mm.\n\n\
@@ -150,24 +143,17 @@ fn layout(stream: &RecordingStream) -> anyhow::Result<()> {
         ContainerLike::from(Spatial3DView::new(name).with_origin("scene").with_contents(contents))
     };
     // repositioning would hide the rest; it can be shown by hand
-    let cuts =
-        |side: &str| ["rough", "finish", "contour"].map(|kind| format!("+ $origin/path/{side}/{kind}"));
+    let cuts = |side: Side| {
+        let cuts = Kind::ALL.into_iter().filter(|kind| kind.cuts());
+        cuts.map(|kind| format!("+ $origin/path/{}/{}", side.name(), kind.name())).collect::<Vec<_>>()
+    };
     let mut tabs = vec![space("deviation", &[])];
-    tabs.extend(["A", "B", "C"].map(|side| space(&format!("side {side}"), &cuts(side))));
+    tabs.extend(Side::ALL.map(|side| space(&format!("side {}", side.name()), &cuts(side))));
     let feed = ContainerLike::from(TimeSeriesView::new("feed [mm/min]").with_origin("plots/feed"));
     let about = ContainerLike::from(TextDocumentView::new("about").with_origin("about"));
     let beside = Vertical::new([about, feed]).with_row_shares([1.6, 1.0]);
     let views = Horizontal::new([Tabs::new(tabs).into(), beside.into()]).with_column_shares([2.2, 1.0]);
-    let blueprint = Blueprint::new(views)
-        .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Collapsed))
-        .with_selection_panel(SelectionPanel::from_state(PanelState::Collapsed))
-        .with_time_panel(
-            TimePanel::new()
-                .with_state(PanelState::Collapsed)
-                .with_timeline(TIME)
-                .with_play_state(PlayState::Paused)
-                .with_playback_speed(20.0),
-        );
+    let blueprint = panels(Blueprint::new(views), TIME, PlayState::Paused);
     blueprint.send(stream, BlueprintActivation::default())?;
     Ok(())
 }

@@ -6,7 +6,7 @@ use bonemill_case::{Case, EdgeModel, ToolSpec};
 use bonemill_cutter::{Cutter, GlenoidReamer, ShankCylinder, TwistDrill};
 use bonemill_cutting::edge::CoefficientModel;
 
-use bonemill_setup::{ChannelFault, PlanError, mesh_tool::mesh_cutter};
+use bonemill_setup::{ChannelFault, PlanError, mesh_tool::mesh_cutter, tools::shank_from};
 
 /// A tool and its spindle. Heights are along the axis from the tool's origin, towards the handpiece.
 pub struct ChannelTool {
@@ -66,14 +66,7 @@ impl ChannelTool {
         let spindle_rpm = case.tool.spindle().map_or(0.0, |spindle| spindle.rpm);
         let radius_mm = cutter.solid().max_radius_mm();
         let [_, top_mm] = cutter.solid().z_range_mm();
-        let mut from_mm = top_mm;
-        let cylinders = case.shank.iter().map(|segment| {
-            let to_mm = from_mm + segment.length_mm;
-            let cylinder = ShankCylinder { from_mm, to_mm, radius_mm: segment.radius_mm };
-            from_mm = to_mm;
-            cylinder
-        });
-        let cylinders: Vec<ShankCylinder> = cylinders.collect();
+        let cylinders = shank_from(case, top_mm);
         let thin = cylinders.iter().take_while(|c| c.radius_mm <= radius_mm).count();
         let (followers, holder) = cylinders.split_at(thin);
         Ok(Self {

@@ -96,6 +96,15 @@ impl JobRecord {
             .map_err(|key| fault(format!("`result.{key}` is missing or not what is written there")))
     }
 
+    /// A figure by its name, where it is a number.
+    pub fn number(&self, name: &str) -> Option<f64> {
+        match self.metrics.iter().find(|(key, _)| key == name)?.1 {
+            Value::Number(number) => Some(number),
+            Value::Integer(count) => Some(count as f64),
+            _ => None,
+        }
+    }
+
     /// The part's file, seen from the folder.
     pub fn part_path(&self, dir: &Path) -> PathBuf {
         dir.join(&self.job.part.file)

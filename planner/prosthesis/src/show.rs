@@ -7,44 +7,21 @@ use std::path::Path;
 
 use bonemill_cutter::{ShankCylinder, SolidOfRevolution};
 use bonemill_geometry::{Block, Mesh, Progress};
+use bonemill_machining::{Facing, Move};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::picture::Colour;
 use crate::record::FILE_NAME;
 use crate::report::pictures::scale;
 use crate::save::{PART, PROGRAM, TOOLPATH};
-use crate::toolpath_csv::COLUMNS;
+use crate::toolpath_csv::{COLUMNS, read_row};
 use crate::verify::{read_part, read_text};
 use crate::{JobRecord, ProsthesisError, settings};
 
-/// A move of the cutter's tip.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ShownMove {
-    /// A, B or C.
-    pub side: String,
-    /// rough, finish, contour, link or retract.
-    pub kind: String,
-    /// Where it ends.
-    pub tip_mm: Vector3<f64>,
-    /// The rotary axis there, rad: 0 or half a turn.
-    pub a_rad: f64,
-    /// Feed, mm/min.
-    pub feed_mm_min: f64,
-    /// When it ends, s, at constant speeds.
-    pub time_s: f64,
-}
-
-impl ShownMove {
-    /// Out of the part along the cutter: +y, or −y after half a turn about x.
-    pub fn axis(&self) -> Vector3<f64> {
-        Vector3::new(0.0, self.a_rad.cos().signum(), 0.0)
-    }
-
-    /// From a frame with z along the cutter to the block's.
-    pub fn turn(&self) -> Rotation3<f64> {
-        let (x, z) = (Vector3::x(), self.axis());
-        Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]))
-    }
+/// From a frame with z along the cutter, out of the part, to the block's, at a move's end.
+pub fn turn(at: &Move) -> Rotation3<f64> {
+    let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| Facing::of(at.a_rad).to_block(&axis));
+    Rotation3::from_matrix_unchecked(Matrix3::from_columns(&axes))
 }
 
 /// A prosthesis to draw.
@@ -57,7 +34,7 @@ pub struct ShownProsthesis {
     /// By vertex of the part: blue where the program cuts into it, grey as asked for, through yellow to red where stock stays.
     pub colours: Vec<Colour>,
     /// Every move, in order.
-    pub moves: Vec<ShownMove>,
+    pub moves: Vec<Move>,
     /// What the cutter sweeps as it spins; z from its tip to the spindle.
     pub cutter: SolidOfRevolution,
     /// The holder behind it.
@@ -87,29 +64,20 @@ impl ShownProsthesis {
 }
 
 /// The moves of a `toolpath.csv`.
-fn moves(path: &Path) -> Result<Vec<ShownMove>, ProsthesisError> {
+fn moves(path: &Path) -> Result<Vec<Move>, ProsthesisError> {
     let text = read_text(path)?;
     let fault = |line: usize, problem: &str| ProsthesisError::Folder {
         path: path.to_owned(),
         problem: format!("line {line}: {problem}"),
     };
-    let mut lines = text.lines().enumerate();
-    if lines.next().map(|(_, header)| header) != Some(COLUMNS) {
+    let mut rows = text.lines();
+    if rows.next() != Some(COLUMNS) {
         return Err(fault(1, &format!("expected the header {COLUMNS:?}")));
     }
-    lines
-        .map(|(n, row)| a_move(row).ok_or_else(|| fault(n + 1, "expected side, kind and six finite numbers")))
-        .collect()
-}
-
-fn a_move(row: &str) -> Option<ShownMove> {
-    let cells: Vec<&str> = row.split(',').collect();
-    let [_, side, kind, numbers @ ..] = &cells[..] else { return None };
-    let numbers: Option<Vec<f64>> =
-        numbers.iter().map(|cell| cell.parse().ok().filter(|v: &f64| v.is_finite())).collect();
-    let [x, y, z, a_rad, feed_mm_min, time_s] = numbers?.try_into().ok()?;
-    let tip_mm = Vector3::new(x, y, z);
-    Some(ShownMove { side: (*side).into(), kind: (*kind).into(), tip_mm, a_rad, feed_mm_min, time_s })
+    let read = |(index, row)| {
+        read_row(row, index).ok_or_else(|| fault(index + 2, "expected index, side, kind and six numbers"))
+    };
+    rows.enumerate().map(read).collect()
 }
 
 /// The cutter's solid, tip at z = 0, and the holder.
@@ -125,13 +93,6 @@ fn tool(record: &JobRecord) -> Result<(SolidOfRevolution, Vec<ShankCylinder>), S
     profile.extend(if corner > 0.0 { round.collect() } else { vec![[0.0, radius]] });
     profile.push([tool.length_mm, radius]);
     profile.dedup();
-    let mut from_mm = tool.length_mm;
-    let cylinder = |&[length_mm, radius_mm]: &[f64; 2]| {
-        let to_mm = from_mm + length_mm;
-        let cylinder = ShankCylinder { from_mm, to_mm, radius_mm };
-        from_mm = to_mm;
-        cylinder
-    };
-    let holder = tool.holder_mm.iter().map(cylinder).collect();
+    let holder = ShankCylinder::stacked(tool.length_mm, tool.holder_mm.iter().copied());
     Ok((SolidOfRevolution::new(&profile).map_err(|e| e.to_string())?, holder))
 }

@@ -2,7 +2,8 @@
 
 use std::fmt::Write;
 
-use bonemill_machining::Move;
+use bonemill_machining::{Kind, Move, Side};
+use nalgebra::Vector3;
 
 /// The columns, in order.
 pub(crate) const COLUMNS: &str = "index,side,kind,x_mm,y_mm,z_mm,a_rad,feed_mm_min,time_s";
@@ -27,4 +28,22 @@ pub(crate) fn text(moves: &[Move]) -> String {
         );
     }
     out
+}
+
+/// A row read back; `None` for one that is not the move of this index.
+pub(crate) fn read_row(row: &str, index: usize) -> Option<Move> {
+    let cells: Vec<&str> = row.split(',').collect();
+    let [number, side, kind, numbers @ ..] = cells.as_slice() else { return None };
+    let numbers: Vec<f64> = numbers.iter().map(|cell| cell.parse().ok()).collect::<Option<_>>()?;
+    let [x, y, z, a_rad, feed_mm_min, time_s] = numbers.try_into().ok()?;
+    let read = Move {
+        side: Side::ALL.into_iter().find(|s| s.name() == *side)?,
+        kind: Kind::ALL.into_iter().find(|k| k.name() == *kind)?,
+        tip_mm: Vector3::new(x, y, z),
+        a_rad,
+        feed_mm_min,
+        time_s,
+    };
+    let is_finite = [x, y, z, a_rad, feed_mm_min, time_s].iter().all(|v| v.is_finite());
+    (*number == index.to_string() && is_finite).then_some(read)
 }

@@ -8,9 +8,9 @@ use std::path::Path;
 
 use bonemill_case::write::text;
 use bonemill_geometry::{Block, Mesh, Progress};
-use bonemill_machining::{Block as Stock, Kind, Side};
+use bonemill_machining::{Block as Stock, Move};
 use bonemill_part::{RepairLimits, Solid, read_facets};
-use bonemill_planfile::{PlanFileError, Sha256, Value};
+use bonemill_planfile::{PlanFileError, Sha256};
 use bonemill_proof::gcode::Facing;
 use bonemill_proof::{Proof, ProofJob};
 use nalgebra::Vector3;
@@ -187,11 +187,7 @@ fn other_figures(record: &JobRecord, proof: &Proof) -> Vec<String> {
         ("collisions", proof.collisions.len() as f64),
         ("cuts_too_wide", proof.too_wide.len() as f64),
     ];
-    let stated = |name: &str| match record.metrics.iter().find(|(n, _)| n == name)?.1 {
-        Value::Number(number) => Some(number),
-        Value::Integer(count) => Some(count as f64),
-        _ => None,
-    };
+    let stated = |name: &str| record.number(name);
     let other =
         found.iter().filter(|(name, is)| !stated(name).is_some_and(|s| (s - is).abs() <= SAME_FIGURE));
     let told = other.map(|(name, is)| match stated(name) {
@@ -214,8 +210,8 @@ fn same_moves(table: &str, program: &str, record: &JobRecord) -> Result<Check, P
     let mut at = None;
     for (line, row) in rows.enumerate() {
         let line = line + 2;
-        let Some([x, y, z, a_rad, feed_mm_min]) = numbers(row, line - 2) else {
-            let index = line - 2;
+        let index = line - 2;
+        let Some(Move { tip_mm, a_rad, feed_mm_min, .. }) = toolpath_csv::read_row(row, index) else {
             faults
                 .push(format!("line {line}: expected index {index}, a side, a kind of move and six numbers"));
             break;
@@ -224,27 +220,17 @@ fn same_moves(table: &str, program: &str, record: &JobRecord) -> Result<Check, P
             faults.push(format!("line {line}: {feed_mm_min} mm/min is faster than the machine"));
         }
         let facing = if a_rad.abs() < 1.0 { Facing::Front } else { Facing::Back };
-        let to = (facing, facing.machine(&Vector3::new(x, y, z)));
+        let to = (facing, facing.machine(&tip_mm));
         let same = |a: &(Facing, Vector3<f64>)| a.0 == to.0 && (a.1 - to.1).amax() <= ROUNDING_MM;
         // a program says nothing where the tip stays
         if !at.as_ref().is_some_and(same) && !ends.any(|end| same(&end)) {
             faults.push(format!(
-                "line {line}: ({x}, {y}, {z}) mm is no end of a motion of the program, in order"
+                "line {line}: ({}, {}, {}) mm is no end of a motion of the program, in order",
+                tip_mm.x, tip_mm.y, tip_mm.z
             ));
             break;
         }
         at = Some(to);
     }
     Ok(Check { name, faults })
-}
-
-/// x, y, z, a and feed of a row of toolpath.csv; `None` for a row that is not the move of this index.
-fn numbers(row: &str, index: usize) -> Option<[f64; 5]> {
-    let cells: Vec<&str> = row.split(',').collect();
-    let [number, side, kind, numbers @ ..] = cells.as_slice() else { return None };
-    let is_side = Side::ALL.iter().any(|s| s.name() == *side);
-    let is_move = *number == index.to_string() && is_side && Kind::ALL.iter().any(|k| k.name() == *kind);
-    let numbers: Vec<f64> = numbers.iter().map(|cell| cell.parse().ok()).collect::<Option<_>>()?;
-    let [x, y, z, a_rad, feed_mm_min, _time_s] = numbers.try_into().ok()?;
-    is_move.then_some([x, y, z, a_rad, feed_mm_min])
 }

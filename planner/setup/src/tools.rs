@@ -40,16 +40,12 @@ pub fn discretisation(tool: &Tool, measure: Measure) -> Result<Discretisation, M
 
 /// The shank as cylinders; the first starts at the burr's radius.
 pub fn shank(case: &Case) -> Vec<ShankCylinder> {
-    let mut from_mm = case.burr.radius_mm;
-    case.shank
-        .iter()
-        .map(|segment| {
-            let cylinder =
-                ShankCylinder { from_mm, to_mm: from_mm + segment.length_mm, radius_mm: segment.radius_mm };
-            from_mm = cylinder.to_mm;
-            cylinder
-        })
-        .collect()
+    shank_from(case, case.burr.radius_mm)
+}
+
+/// The same where the first starts at a height.
+pub fn shank_from(case: &Case, from_mm: f64) -> Vec<ShankCylinder> {
+    ShankCylinder::stacked(from_mm, case.shank.iter().map(|segment| [segment.length_mm, segment.radius_mm]))
 }
 
 /// Where a UR's patient is assumed, as shares of its reach: before the base and above it. In the middle of the range, the

@@ -5,7 +5,7 @@ use bonemill_channel::tool::ChannelTool;
 use bonemill_cutter::{Ball, ShankCylinder, SolidOfRevolution};
 use bonemill_geometry::{Grid, Point, Work, basis};
 use bonemill_planfile::StoredPlan;
-use bonemill_setup::{ChannelFault, PlanError};
+use bonemill_setup::{ChannelFault, PlanError, tools};
 use bonemill_stock::removal::{NEVER, RemovalTime};
 use nalgebra::Vector3;
 
@@ -51,14 +51,7 @@ impl ShownTool {
             });
         }
         let solid = SolidOfRevolution::ball(case.burr.radius_mm).map_err(ChannelFault::from)?;
-        let mut from_mm = case.burr.radius_mm;
-        let cylinder = |segment: &bonemill_case::ShankSegment| {
-            let to_mm = from_mm + segment.length_mm;
-            let cylinder = ShankCylinder { from_mm, to_mm, radius_mm: segment.radius_mm };
-            from_mm = to_mm;
-            (cylinder, segment.radius_mm > case.burr.radius_mm)
-        };
-        let shank = case.shank.iter().map(cylinder).collect();
+        let shank = tools::shank(case).into_iter().map(|c| (c, c.radius_mm > case.burr.radius_mm)).collect();
         Ok(Self { cutter: Surface::of(&solid.mesh(FACETS)), solid, shank, is_channel })
     }
 
@@ -68,8 +61,7 @@ impl ShownTool {
     }
 
     /// The outline of the cutter, or of a long one's lower part, in a plane: a closed line of positions to the right and upwards from the
-    /// tool's origin, mm. A tool that
-    /// turns to other angles than the approach must be a ball, whose outline is the same from everywhere.
+    /// tool's origin, mm. A tool that turns to other angles than the approach must be a ball, whose outline is the same from everywhere.
     pub fn outline(&self, plane: &Plane) -> Vec<[f64; 2]> {
         if plane.along == 2 {
             let turn = |n: usize| (n as f64 / FACETS as f64 * std::f64::consts::TAU).sin_cos();
