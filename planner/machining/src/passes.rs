@@ -8,7 +8,7 @@
 
 use crate::Job;
 use crate::moves::{Facing, Kind, Move, Side};
-use crate::pass::{Height, Pass, refined, rounded, simplified};
+use crate::pass::{Height, Pass, rounded, simplified};
 use crate::stock::{Place, Stock, steps};
 
 /// Height of short links above the stock, and of the last approach, mm.
@@ -18,12 +18,14 @@ const ENTRY_SHARE: f64 = 0.95;
 /// Lengths of slants between passes, in diameters, the best first.
 const SLANTS: [f64; 4] = [3.0, 2.0, 1.0, 0.6];
 /// Lead before and after what is needed, and the longest gap that is cut through, in radii.
-const LEAD: f64 = 0.3;
+const LEAD: f64 = 0.1;
 const BRIDGE: f64 = 2.0;
 /// Most shallower steps of a pass.
 const MOST_STEPS: usize = 32;
 /// Width of cut up to which the tip goes down beside the stock, in diameters.
 const BESIDE: f64 = 0.3;
+/// Places of a way to a cell.
+const CLOSE: usize = 4;
 /// Most laps of a ramp.
 const LAPS: usize = 200;
 /// Steepest ramp into stock, rise over run.
@@ -207,17 +209,19 @@ impl<'a> Passes<'a> {
         if distance > longest_mm || (to[2] - at[2]).abs() >= self.job.level_mm() {
             return None;
         }
-        let straight = steps(at, to, 1.5 * self.stock.pitch_mm());
-        let places: Vec<Place> = straight.map(|[u, v, w]| [u, v, w.max(height([u, v]))]).collect();
+        // closely, each place as high as the line and as its neighbours must be: so no corner of the part lies between two of them
+        let line: Vec<Place> = steps(at, to, self.stock.pitch_mm() / CLOSE as f64).collect();
+        let allowed: Vec<f64> = line.iter().map(|p| height([p[0], p[1]])).collect();
+        let highest = |n: usize| allowed[n.saturating_sub(1)..(n + 2).min(allowed.len())].iter();
+        let raised = |(n, [u, v, w]): (usize, &Place)| [*u, *v, highest(n).fold(*w, |a, b| a.max(*b))];
+        let places: Vec<Place> = line.iter().enumerate().map(raised).collect();
         let most = at[2].max(to[2]) + 0.5 * self.job.entry_mm();
-        let falls = places.windows(2).any(|p| p[0][2] - p[1][2] > 0.5 * self.job.entry_mm());
-        // closely, so that no corner of where the tip must not be lies between two places
-        let mut close = steps(at, to, 0.25 * self.stock.pitch_mm());
-        if falls || !places.iter().all(|p| p[2] <= most) || !close.all(|p| height([p[0], p[1]]).is_finite()) {
+        let falls = |p: &[Place]| p[0][2] - p[p.len() - 1][2] > 0.5 * self.job.entry_mm();
+        if places.iter().any(|p| p[2] > most) || places.windows(3 * CLOSE / 2 + 1).any(falls) {
             return None;
         }
-        let way = refined(Pass { places, closed: false }, height);
-        (0..way.places.len()).all(|n| !self.is_wide(&way, n)).then_some(way)
+        let way = Pass { places, closed: false };
+        (0..way.places.len()).step_by(CLOSE).all(|n| !self.is_wide(&way, n)).then_some(way)
     }
 
     /// Direction of the last move, if it went across.

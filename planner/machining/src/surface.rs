@@ -23,15 +23,14 @@ use crate::sides::{ALLOWANCE_MM, BESIDE_MM, STEP_SHARE, Sight};
 use crate::silhouette::{Loop, length_mm};
 use crate::stock::{Place, Stock};
 
-/// Share of the finishing step that rows and rings are laid for.
-const SCALLOP_SHARE: f64 = 0.9;
-const RING_SHARE: f64 = 0.8;
-/// Share of it above which stock is cut again.
-const LEFT_SHARE: f64 = 0.9;
+/// Share of the finishing step that rows are laid for, and above which stock is cut again: cells tell thickness to a tenth of it.
+const ROW_SHARE: f64 = 0.9;
+/// Share of it that rings are laid for.
+const RING_SHARE: f64 = 0.95;
 /// Share of it above which rings were too far apart.
 const TOO_FAR_APART: f64 = 1.05;
 /// Distance of the first rows, in diameters: layers are thinner than an entry, so their width is not bounded.
-const ROWS_APART: f64 = 0.7;
+const ROWS_APART: f64 = 0.9;
 /// Rounds of rows in each direction.
 const ROUNDS: usize = 3;
 /// Rise over run up to which rows go over a surface: the cutter goes down it at no steeper angle.
@@ -119,7 +118,7 @@ impl Sight<'_> {
             for along in [most, 1 - most] {
                 let all = round == 0 && along == most;
                 let by_row = |way: &Option<usize>| way.is_some_and(|way| all || way == along);
-                passes.counts = left(passes, LEFT_SHARE)
+                passes.counts = left(passes, ROW_SHARE)
                     .iter()
                     .zip(&surface.way)
                     .map(|(l, way)| *l && by_row(way))
@@ -130,14 +129,13 @@ impl Sight<'_> {
         // the least step around a cell, since a ring may lie anywhere between centres
         let steps_mm = raster.narrowed(&self.steps_mm(&slopes(raster, &reach.tip)));
         let steep = |cell: usize| cells[cell] && surface.way[cell].is_none();
-        let rest = left(passes, LEFT_SHARE).into_iter().enumerate().map(|(cell, left)| left || steep(cell));
+        let rest = left(passes, ROW_SHARE).into_iter().enumerate().map(|(cell, left)| left || steep(cell));
         passes.counts = rest.collect();
         self.cut_field(part, &steps_mm, &reach, passes);
         // a raster says where rings lie to a share of a cell: where two are too far apart, there are others between
-        let outermost = part.outermost(self.facing);
         passes.counts = left(passes, TOO_FAR_APART)
             .into_iter()
-            .zip(outermost)
+            .zip(part.outermost(self.facing))
             .map(|(left, outer)| left && !outer)
             .collect();
         if passes.counts.contains(&true) {
@@ -161,14 +159,16 @@ impl Sight<'_> {
         let target: Vec<f64> = self.heights.iter().zip(reached).map(over).collect();
         let slopes = slopes(reach.raster, &target);
         let most_mm = self.rows_apart_mm();
-        let way = |(w, [along_u, along_v]): (&f64, &[f64; 2])| {
+        // a wall within the radius lifts the tip: its foot is cut on the way down, by rings
+        let most_lift_mm = STEEP * self.job.tool.radius_mm;
+        let way = |((w, tip), [along_u, along_v]): ((&f64, &f64), &[f64; 2])| {
             let apart_mm =
                 [(*along_u, *along_v), (*along_v, *along_u)].map(|(a, b)| self.apart_mm(a, b).min(most_mm));
-            let gentle = *w > NONE && along_u.hypot(*along_v) <= STEEP;
+            let gentle = *w > NONE && along_u.hypot(*along_v) <= STEEP && tip - w <= most_lift_mm;
             gentle.then_some(usize::from(apart_mm[1] > apart_mm[0]))
         };
         Surface {
-            way: target.iter().zip(&slopes).map(way).collect(),
+            way: target.iter().zip(&reach.tip).zip(&slopes).map(way).collect(),
             steepness: slopes.iter().map(|[u, v]| (1.0 + u * u + v * v).sqrt()).collect(),
             target,
         }
@@ -221,7 +221,7 @@ impl Sight<'_> {
     }
 
     fn apart_mm(&self, along: f64, across: f64) -> f64 {
-        apart_mm(&self.job.tool, SCALLOP_SHARE * self.job.process.finishing_step_mm, along, across)
+        apart_mm(&self.job.tool, ROW_SHARE * self.job.process.finishing_step_mm, along, across)
     }
 
     /// The step of rings that leaves the finishing step along the normal where the tip's lowest place rises as given: they are rows along
