@@ -19,6 +19,8 @@ use crate::{ExperimentError, Size, Table};
 /// Pieces of the plan that runs are drawn from, and rows of each.
 const PIECES: usize = 400;
 const ROWS: usize = 150;
+/// Rows of each where targets are held back for up to 0.7 s.
+const LONGER_ROWS: usize = 600;
 /// Runs of each fault per seed.
 const RUNS: u64 = 100;
 /// Of each fault, so many runs are resumed where they stopped; of those after them every tenth.
@@ -44,7 +46,13 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
     let plan = StreamPlan::new(input, settings)?;
     let name = folder.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
     progress.stage("runs");
-    Ok(vec![bounds(&plan, &name), refused(&plan, &name), faults(&plan, &name, size.seeds, progress)])
+    let (pieces, longer) = (pieces(&plan, ROWS), pieces(&plan, LONGER_ROWS));
+    Ok(vec![
+        bounds(&plan, &name),
+        refused(&plan, &name),
+        buffers(&longer, &name, size.seeds),
+        faults(&pieces, &name, size.seeds, progress),
+    ])
 }
 
 /// Where the plan is refused at its planned speed, and how long its joints take to stop there.
@@ -164,11 +172,80 @@ impl Tally {
     }
 }
 
-fn faults(plan: &StreamPlan, name: &str, seeds: u64, progress: &dyn Progress) -> Table {
+/// Pieces at drawn places of a plan.
+fn pieces(plan: &StreamPlan, rows: usize) -> Vec<Piece> {
     let mut draws = Draws::new(25);
-    let from = |draws: &mut Draws| draws.below(plan.track.rows().saturating_sub(ROWS).max(1));
+    let from = |draws: &mut Draws| draws.below(plan.track.rows().saturating_sub(rows).max(1));
     let starts: Vec<usize> = (0..PIECES).map(|_| from(&mut draws)).collect();
-    let pieces: Vec<Piece> = starts.into_par_iter().map(|row| Piece::new(plan, row, ROWS)).collect();
+    starts.into_par_iter().map(|row| Piece::new(plan, row, rows)).collect()
+}
+
+/// servoJ against programs on the controller that follow a buffer of targets: how many runs a loss or a stall ends, and how far the burr goes.
+fn buffers(pieces: &[Piece], name: &str, seeds: u64) -> Table {
+    let columns = [
+        "fault",
+        "program",
+        "runs",
+        "stopped",
+        "along, worst [mm]",
+        "its bound [mm]",
+        "off, worst [mm]",
+        "beyond",
+    ];
+    let title =
+        format!("{name}: servoJ, and programs that hold targets for so long beyond what a stop needs");
+    let mut table = Table::new("stream-buffers", title, &columns);
+    let lost = Fault::ALL.iter().enumerate().filter(|(_, (_, fault))| {
+        use Fault::{BothCut, ControlCut, Frozen, HalfOpen, Killed, ReceiveCut, Stall};
+        matches!(fault, ControlCut | ReceiveCut | BothCut | HalfOpen | Killed | Frozen | Stall(_))
+    });
+    let buffered = DEPTHS_S.map(|depth_s| {
+        let pieces: Vec<Piece> = pieces.par_iter().map(|piece| piece.clone().buffered(depth_s)).collect();
+        (format!("buffer of {depth_s} s"), pieces)
+    });
+    for (n, (what, fault)) in lost {
+        let programs = std::iter::once(("servoJ", pieces))
+            .chain(buffered.iter().map(|(p, all)| (p.as_str(), all.as_slice())));
+        for (program, pieces) in programs {
+            let one = |run: u64| {
+                let seed = run * Fault::ALL.len() as u64 + n as u64;
+                pieces[(run as usize * 7919) % pieces.len()].run(*fault, seed, false)
+            };
+            let results: Vec<_> = (0..RUNS * seeds).into_par_iter().map(one).collect();
+            let tally = Tally { results, same: 0 };
+            let stopped = tally.count(|r| r.outcome.cause.is_some());
+            let beyond = tally.count(|r| !r.is_within());
+            if beyond > 0 {
+                table.shortfalls.push(format!("{name}, {what}, {program}: {beyond} beyond the bound"));
+            }
+            let most = |mm: &dyn Fn(&TrialResult) -> f64| {
+                let most = tally.most(mm).filter(|_| stopped > 0);
+                most.map_or_else(
+                    || ("-".into(), "-".into()),
+                    |r| (format!("{:.3}", r.travel.along_mm), format!("{:.3}", r.bound.along_mm)),
+                )
+            };
+            let (along, bound) = most(&|r| r.travel.along_mm);
+            let off = tally
+                .most(|r| r.travel.off_mm)
+                .map_or_else(|| "-".into(), |r| format!("{:.3}", r.travel.off_mm));
+            let runs = tally.results.len().to_string();
+            table.push(vec![
+                (*what).into(),
+                program.into(),
+                runs,
+                stopped.to_string(),
+                along,
+                bound,
+                off,
+                beyond.to_string(),
+            ]);
+        }
+    }
+    table
+}
+
+fn faults(pieces: &[Piece], name: &str, seeds: u64, progress: &dyn Progress) -> Table {
     let mut table = faults_table(name);
     let began = Instant::now();
     for (n, (what, fault)) in Fault::ALL.iter().enumerate() {

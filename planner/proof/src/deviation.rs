@@ -87,7 +87,7 @@ fn add_pieces(triangle: [Vector3<f64>; 3], apart_mm: f64, into: &mut Vec<Sample>
 pub fn measure(samples: &mut [Sample], motions: &[Motion], job: &ProofJob) {
     let cutter = Cutter { radius_mm: job.radius_mm, corner_mm: job.corner_radius_mm };
     let swept = |reach: f64| {
-        [Facing::Front, Facing::Back].map(|facing| Swept::of(motions, facing, job.radius_mm + reach))
+        [Facing::Front, Facing::Back].map(|facing| Swept::of(motions, facing, job, job.radius_mm + reach))
     };
     let (near, far) = (swept(NEAR_MM), swept(FARTHEST_MM));
     samples.par_iter_mut().for_each(|sample| {
@@ -102,7 +102,7 @@ pub fn measure(samples: &mut [Sample], motions: &[Motion], job: &ProofJob) {
     });
 }
 
-/// Motions of one side in square buckets over X and Y, those that reach lowest first.
+/// Motions of one side in square buckets over the block's X and Y, those that reach lowest first. Motions beside or above the block are in none.
 struct Swept {
     facing: Facing,
     origin: [f64; 2],
@@ -113,22 +113,22 @@ struct Swept {
 }
 
 impl Swept {
-    fn of(all: &[Motion], facing: Facing, reach: f64) -> Self {
+    fn of(all: &[Motion], facing: Facing, job: &ProofJob, reach: f64) -> Self {
         let this_side = all.iter().filter(|m| m.facing == facing && !m.turns);
         let motions: Vec<[Vector3<f64>; 2]> = this_side.map(|m| [m.from_mm, m.to_mm]).collect();
-        let bound = |axis: usize, start: f64, pick: fn(f64, f64) -> f64| {
-            motions.iter().flatten().map(|p| p[axis]).fold(start, pick)
-        };
-        let low = [0, 1].map(|axis| bound(axis, f64::INFINITY, f64::min) - reach);
-        let high = [0, 1].map(|axis| bound(axis, f64::NEG_INFINITY, f64::max) + reach);
-        let extent = [0, 1].map(|axis| (high[axis] - low[axis]).max(0.0));
+        let corners = [facing.machine(&job.low_mm), facing.machine(&job.high_mm)];
+        let (low, high) = (corners[0].inf(&corners[1]), corners[0].sup(&corners[1]));
+        let extent = [0, 1].map(|axis| high[axis] - low[axis]);
         // at most a million buckets
         let side = (0.2 * reach).max((extent[0] * extent[1] / 1e6).sqrt());
-        let dims = extent.map(|e| if e.is_finite() { (e / side) as usize + 1 } else { 0 });
+        let dims = extent.map(|e| (e / side) as usize + 1);
+        let origin = [low.x, low.y];
         let mut swept =
-            Self { facing, origin: low, side, dims, buckets: vec![vec![]; dims[0] * dims[1]], motions };
+            Self { facing, origin, side, dims, buckets: vec![vec![]; dims[0] * dims[1]], motions };
         for n in 0..swept.motions.len() {
-            swept.insert(n, reach);
+            if swept.motions[n].iter().any(|p| p.z < high.z + reach) {
+                swept.insert(n, reach);
+            }
         }
         swept
             .buckets
@@ -141,15 +141,20 @@ impl Swept {
         let [from, to] = self.motions[n];
         let lowest = from.z.min(to.z);
         let span = |axis: usize| {
-            let cell = |mm: f64| {
-                ((mm - self.origin[axis]) / self.side).clamp(0.0, (self.dims[axis] - 1) as f64) as usize
-            };
-            cell(from[axis].min(to[axis]) - reach)..=cell(from[axis].max(to[axis]) + reach)
+            let cell =
+                |mm: f64| ((mm - self.origin[axis]) / self.side).clamp(0.0, self.dims[axis] as f64) as usize;
+            cell(from[axis].min(to[axis]) - reach)
+                ..(cell(from[axis].max(to[axis]) + reach) + 1).min(self.dims[axis])
         };
         let (columns, rows) = (span(0), span(1));
+        let centre = |i: usize, axis: usize| self.origin[axis] + (i as f64 + 0.5) * self.side;
         for j in rows {
             for i in columns.clone() {
-                self.buckets[i + self.dims[0] * j].push((lowest, n as u32));
+                // half a bucket's diagonal, rounded up
+                let middle = Vector3::new(centre(i, 0), centre(j, 1), 0.0);
+                if across_mm(&middle, &from, &to) <= reach + 0.71 * self.side {
+                    self.buckets[i + self.dims[0] * j].push((lowest, n as u32));
+                }
             }
         }
     }

@@ -18,6 +18,8 @@ const CELLS_ACROSS: f64 = 12.0;
 const MOST_CELLS: f64 = 4e6;
 /// Columns of the second measure across one of the first.
 const FINER: f64 = 4.0;
+/// Stamps over which a width is counted.
+const REMEMBERED: usize = 6;
 /// So that cells on the border of two strips count for one and the same side, in strips.
 const TIE: f64 = 1e-6;
 /// Stock that a rapid motion may touch, mm: what rounding leaves.
@@ -155,10 +157,10 @@ impl Width {
         self.direction = direction;
     }
 
-    /// Stamps at half a cell: 6 are 3 cells of travel, in which every strip meets a cell's centre.
+    /// Stamps at half a cell: [`REMEMBERED`] are 3 cells of travel, in which every strip meets a cell's centre.
     fn add(&mut self, deep: u128, cell: f64) {
         self.recent.push_back(deep);
-        if self.recent.len() > 6 {
+        if self.recent.len() > REMEMBERED {
             self.recent.pop_front();
         }
         let strips = self.recent.iter().fold(0, |all, deep| all | deep);
@@ -223,15 +225,49 @@ impl Columns {
         let mut thickest = 0.0_f64;
         width.widest_mm = 0.0;
         width.turn(direction);
-        for n in 1..=count {
+        let counts = across > along.z.abs() && !motion.rapid;
+        let met = self.meeting(motion, count, job.radius_mm);
+        // stamps beside the columns take nothing: as many as the width remembers stand for all
+        let beside = |stamps: usize, width: &mut Width, cell: f64| {
+            (0..stamps.min(REMEMBERED)).filter(|_| counts).for_each(|_| width.add(0, cell));
+        };
+        beside(met.start - 1, width, self.cell);
+        for n in met.clone() {
             let tip = motion.from_mm + along * (n as f64 / count as f64);
             let (taken, deep) = self.stamp(&tip, motion, direction, job);
             thickest = thickest.max(taken);
-            if across > along.z.abs() && !motion.rapid {
+            if counts {
                 width.add(deep, self.cell);
             }
         }
+        beside(count + 1 - met.end, width, self.cell);
         thickest
+    }
+
+    /// Those of the stamps 1 to `count` of a motion at which a tool may be over the columns.
+    fn meeting(&self, motion: &Motion, count: usize, radius_mm: f64) -> std::ops::Range<usize> {
+        let turn = if motion.facing == Facing::Front { -1.0 } else { 1.0 };
+        let (mut first, mut last) = (0.0f64, 1.0f64);
+        for (axis, from, to) in
+            [(0, motion.from_mm.x, motion.to_mm.x), (1, turn * motion.from_mm.y, turn * motion.to_mm.y)]
+        {
+            let low = self.origin[axis] - radius_mm - self.cell;
+            let high = self.origin[axis] + self.dims[axis] as f64 * self.cell + radius_mm;
+            if from == to {
+                if !(low..=high).contains(&from) {
+                    return 1..1;
+                }
+                continue;
+            }
+            let (a, b) = ((low - from) / (to - from), (high - from) / (to - from));
+            (first, last) = (first.max(a.min(b)), last.min(a.max(b)));
+        }
+        if first > last {
+            return 1..1;
+        }
+        let first = ((first * count as f64).floor() as usize).max(1);
+        let last = ((last * count as f64).ceil() as usize).min(count);
+        first..(last + 1).max(first)
     }
 
     /// Takes what is above the cutter; gives the thickest, and the strips from which it was thicker than an entry.

@@ -86,6 +86,25 @@ fn deviation_is_that_of_brute_force_for_a_sloping_bull_nose() {
 }
 
 #[test]
+fn moves_of_a_hundred_metres_count_where_they_are_over_the_block() {
+    let part = part([-4.0, -2.0, -4.0], [4.0, 2.0, 4.0]);
+    let proved = |x: f64| {
+        // one cut through the block from far away, and a thousand moves beside and above it
+        let away = format!("G1 X{x} Y{x} F300\nG1 X{x} Y-{x}\n").repeat(500);
+        let text = format!("{HEAD}G0 Z60\n{away}G0 X-{x} Y-5.45\nG0 Z-2\nG1 X{x} F300\n{away}M5\nM30\n");
+        prove(&text, &part, &job()).unwrap()
+    };
+    let (near, far) = (proved(20.0), proved(1e5));
+    assert!((far.deepest_gouge_mm - 0.05).abs() < 1e-6, "{}", far.deepest_gouge_mm);
+    let deviations = |proof: &crate::Proof| proof.samples.iter().map(|s| s.deviation_mm).collect::<Vec<_>>();
+    let apart =
+        deviations(&near).iter().zip(deviations(&far)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(apart < 1e-6, "{apart}");
+    assert!((near.widest_mm - far.widest_mm).abs() <= near.column_mm, "{} {}", near.widest_mm, far.widest_mm);
+    assert_eq!(near.collisions.len(), far.collisions.len());
+}
+
+#[test]
 fn a_slot_is_as_wide_as_the_cutter_and_a_shallow_one_is_an_entry() {
     let slot = |depth: f64| format!("{HEAD}G0 X-12 Y0\nG1 Z{} F300\nG1 X12\nG0 Z30\nM5\nM30\n", 5.0 - depth);
     let far = part([-9.0, -4.0, -9.0], [-8.0, -3.0, -8.0]);

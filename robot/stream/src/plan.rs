@@ -179,6 +179,11 @@ impl StreamPlan {
         &self.settings
     }
 
+    /// Expects the arm farther behind its targets, as far as they are held back on the controller; bounds and speeds stay.
+    pub(crate) fn lag_by(&mut self, held_s: f64) {
+        self.settings.timing.lag_s += held_s;
+    }
+
     /// The time that it takes at its planned speed, s.
     pub fn duration_s(&self) -> f64 {
         self.period_s * self.track.last_row()

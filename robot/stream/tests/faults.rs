@@ -80,3 +80,30 @@ fn the_cause_comes_first() {
     let offset = cause(Fault::Offset(9.5e-3));
     assert!(offset.is_some_and(|c| c.to_string().contains(" mm ")), "judged in mm");
 }
+
+#[test]
+fn targets_held_on_the_controller_bridge_stalls_and_go_farther_after_a_loss() {
+    let plan = common::values(3.0, 4.0, 0.6).plan(common::settings());
+    let servo: Vec<Piece> = (0..4).map(|n| Piece::new(&plan, 200 * n, 500)).collect();
+    let worst_mm = |pieces: &[Piece], fault: Fault| {
+        let results = (0..120).map(|seed| pieces[seed as usize % pieces.len()].run(fault, seed, false));
+        results.fold((0, 0.0f64), |(stopped, worst_mm), result| {
+            assert!(result.is_within() && !result.hung(), "{fault:?}: {result:#?}");
+            (stopped + usize::from(result.outcome.cause.is_some()), worst_mm.max(result.travel.along_mm))
+        })
+    };
+    let held = [0.02, 0.2]
+        .map(|depth_s| servo.iter().map(|piece| piece.clone().buffered(depth_s)).collect::<Vec<_>>());
+    for fault in [Fault::ControlCut, Fault::HalfOpen, Fault::Killed] {
+        let [(stopped, at_once_mm), (_, short_mm), (_, long_mm)] =
+            [&servo, &held[0], &held[1]].map(|pieces| worst_mm(pieces, fault));
+        assert_eq!(stopped, 120, "{fault:?}");
+        assert!(
+            at_once_mm < short_mm && short_mm + 0.1 < long_mm,
+            "{fault:?}: {at_once_mm} {short_mm} {long_mm}"
+        );
+    }
+    let stall = Fault::Stall(0.15);
+    let stopped = [&servo, &held[0], &held[1]].map(|pieces| worst_mm(pieces, stall).0);
+    assert!(stopped[0] > 60 && stopped[2] == 0, "{stopped:?}");
+}

@@ -6,13 +6,14 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
+use super::buffer::Buffer;
 use super::fault::{Draws, Fault};
 use super::swept::{self, Swept};
 use super::world::{World, WorldClock, WorldLink};
 use bonemill_arm::arm::{Goal, dls};
 use nalgebra::Vector3;
 
-use crate::bound::Travel;
+use crate::bound::{self, Travel};
 use crate::cause::{Cause, Event, Outcome, Question};
 use crate::drive::{Operator, drive};
 use crate::link::{Clock, Joints, padded};
@@ -98,6 +99,9 @@ pub struct Piece {
     plan: StreamPlan,
     /// Of every fifth row.
     printed: Vec<Travel>,
+    /// How far the arm may be behind its targets, in rows.
+    backlog: f64,
+    buffer: Option<Buffer>,
 }
 
 /// Rows that share a bound.
@@ -116,14 +120,29 @@ impl Piece {
     pub fn new(plan: &StreamPlan, from_row: usize, rows: usize) -> Self {
         let plan = plan.piece(from_row, rows);
         let printed = (0..plan.track.rows()).step_by(BLOCK).map(|row| plan.travel(row)).collect();
-        Self { plan, printed }
+        let backlog = plan.settings().timing.backlog_s() / plan.period_s;
+        Self { plan, printed, backlog, buffer: None }
+    }
+
+    /// The same piece, followed by a program on the controller that holds targets for `depth_s` beyond what a stop needs.
+    #[must_use]
+    pub fn buffered(mut self, depth_s: f64) -> Self {
+        let plan = &mut self.plan;
+        for (n, travel) in self.printed.iter_mut().enumerate() {
+            let row = (BLOCK * n).min(plan.track.rows() - 1);
+            travel.along_mm = bound::along_buffered_mm(plan, row, plan.rate[row], depth_s);
+        }
+        let buffer = Buffer::new(depth_s, plan.period_s, plan.ramp_per_s);
+        // so far behind the newest target the arm is where it shall be
+        plan.lag_by(buffer.whole_s());
+        self.buffer = Some(buffer);
+        self
     }
 
     /// The largest bound of the targets that an arm at a row may have.
     fn bound(&self, row: f64) -> Travel {
-        let backlog = self.plan.settings().timing.backlog_s() / self.plan.period_s;
         let first = (row as usize / BLOCK).min(self.printed.len() - 1);
-        let last = ((row + backlog) as usize / BLOCK + 1).min(self.printed.len() - 1);
+        let last = ((row + self.backlog) as usize / BLOCK + 1).min(self.printed.len() - 1);
         self.printed[first..=last].iter().fold(Travel::default(), |a, b| a.max(*b))
     }
 
@@ -135,9 +154,11 @@ impl Piece {
             Fault::WrongStart(mm) => aside(plan, &plan.track.joints(START_ROW), mm, &mut draws),
             _ => plan.track.joints(START_ROW),
         };
-        let drawn_s = BEFORE_S + draws.between(0.0, plan.duration_s());
+        let held_s = self.buffer.as_ref().map_or(0.0, Buffer::whole_s);
+        let drawn_s = BEFORE_S + held_s + draws.between(0.0, plan.duration_s());
         let onset_s = if fault.is_standing() { 0.0 } else { drawn_s };
-        let world = World::new(&plan.arm, q, plan.settings().timing, (fault, onset_s), seed).traced();
+        let world = World::new(&plan.arm, q, plan.settings().timing, (fault, onset_s), seed);
+        let world = world.traced().buffered(self.buffer.clone());
         let world = Rc::new(RefCell::new(world));
         let Ran { outcome, used_s, began_s } = once(plan, START_ROW, fault, &world);
         let end_s = world.borrow().now_s() + AFTER_S;
@@ -152,7 +173,7 @@ impl Piece {
         if resume && unfinished && !fault.is_standing() {
             let (q, timing) = (world.borrow().q(), plan.settings().timing);
             let again = World::new(&plan.arm, q, timing, (Fault::None, f64::INFINITY), seed.wrapping_add(1));
-            let again = Rc::new(RefCell::new(again.traced()));
+            let again = Rc::new(RefCell::new(again.traced().buffered(self.buffer.clone())));
             let rest = once(plan, resume_row, Fault::None, &again);
             if rest.outcome.cause.is_none() {
                 let mut executed_mm = self.way_mm(&world.borrow(), began_s);

@@ -12,6 +12,7 @@ use std::rc::Rc;
 use bonemill_arm::Arm;
 use nalgebra::UnitQuaternion;
 
+use super::buffer::Buffer;
 use super::fault::{Draws, Fault};
 use crate::link::{ArmLink, ArmState, Clock, Identity, Joints, LinkFault, Order, PLAYING, SAFETY_NORMAL};
 use crate::settings::Timing;
@@ -55,6 +56,7 @@ pub struct World {
     first: Joints,
     q: Joints,
     target: Joints,
+    buffer: Option<Buffer>,
     running: bool,
     safety_mode: i32,
     fraction: f64,
@@ -99,6 +101,7 @@ impl World {
             first: q,
             q,
             target: q,
+            buffer: None,
             running: false,
             safety_mode: SAFETY_NORMAL,
             fraction: 1.0,
@@ -149,6 +152,13 @@ impl World {
         self
     }
 
+    /// The same world, whose controller follows a buffer of targets.
+    #[must_use]
+    pub fn buffered(mut self, buffer: Option<Buffer>) -> Self {
+        self.buffer = buffer;
+        self
+    }
+
     /// The arm at every tick so far, s and rad; empty unless it is kept.
     pub fn trace(&self) -> &[(f64, Joints)] {
         self.trace.as_deref().unwrap_or(&[])
@@ -180,7 +190,12 @@ impl World {
                 self.obey(order);
             }
         }
-        if self.running && self.now_s - self.last_order_s > WATCHDOG_S {
+        // with a buffer a run ends when none is left, not when none comes
+        let ends = match &self.buffer {
+            Some(buffer) => buffer.ran_out(),
+            None => self.now_s - self.last_order_s > WATCHDOG_S,
+        };
+        if self.running && ends {
             self.halt();
         }
         self.move_joints();
@@ -236,9 +251,18 @@ impl World {
                 self.running = true;
                 (self.first, self.target) = (self.q, self.q);
                 self.motion = Motion::Following;
+                if let Some(buffer) = &mut self.buffer {
+                    buffer.start(self.q);
+                }
             }
-            Order::Target(q) if self.running && self.motion == Motion::Following => self.target = q,
-            Order::Stop => self.slow(),
+            Order::Target(q) if self.running && self.motion == Motion::Following => match &mut self.buffer {
+                Some(buffer) => buffer.push(q),
+                None => self.target = q,
+            },
+            Order::Stop => match &mut self.buffer {
+                Some(buffer) => buffer.stop(),
+                None => self.slow(),
+            },
             Order::End => self.halt(),
             _ => {}
         }
@@ -256,6 +280,11 @@ impl World {
                 }
             }
             Motion::Following => {
+                if let Some(target) =
+                    self.buffer.as_mut().and_then(|buffer| buffer.target(TICK_S, self.fraction))
+                {
+                    self.target = target;
+                }
                 if matches!(self.fault, Fault::Ignores(for_s) if self.struck && self.now_s < self.onset_s + for_s)
                 {
                     return;

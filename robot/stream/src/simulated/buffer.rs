@@ -1,0 +1,85 @@
+//! A program on the controller that follows a buffer of targets, as an alternative to servoJ: to measure how far the burr goes with it.
+//!
+//! It holds `depth_s` and what it needs to come to rest, plays at the controller's share of full speed, and is never faster than it can come to rest at its
+//! last target: without supply it slows down by the ramp, along its path, and then ends. A stop does the same at once.
+
+use std::collections::VecDeque;
+
+use crate::link::Joints;
+
+/// Targets that are not reached yet, and how fast they are played.
+#[derive(Debug, Clone)]
+pub struct Buffer {
+    /// How long its targets last beyond what a stop needs, s.
+    pub depth_s: f64,
+    period_s: f64,
+    ramp_per_s: f64,
+    /// The first is the one behind the place.
+    targets: VecDeque<Joints>,
+    /// Time since the first target, s.
+    place_s: f64,
+    rate: f64,
+    plays: bool,
+    stops: bool,
+}
+
+impl Buffer {
+    /// Of targets a period apart; the share of full speed changes by the ramp at most.
+    pub fn new(depth_s: f64, period_s: f64, ramp_per_s: f64) -> Self {
+        let (targets, place_s, rate) = (VecDeque::new(), 0.0, 0.0);
+        Self { depth_s, period_s, ramp_per_s, targets, place_s, rate, plays: false, stops: false }
+    }
+
+    /// How long its targets last at full speed, s.
+    pub fn whole_s(&self) -> f64 {
+        self.depth_s + 1.0 / (2.0 * self.ramp_per_s)
+    }
+
+    /// Empty, at rest at `q`.
+    pub(super) fn start(&mut self, q: Joints) {
+        *self = Self::new(self.depth_s, self.period_s, self.ramp_per_s);
+        self.targets.push_back(q);
+    }
+
+    pub(super) fn push(&mut self, q: Joints) {
+        if !self.stops {
+            self.targets.push_back(q);
+        }
+    }
+
+    pub(super) fn stop(&mut self) {
+        self.stops = true;
+    }
+
+    /// Whether it has come to rest by itself or by a stop.
+    pub(super) fn ran_out(&self) -> bool {
+        self.plays && self.rate == 0.0 && (self.stops || self.left_s() <= 0.0)
+    }
+
+    fn left_s(&self) -> f64 {
+        self.period_s * self.targets.len().saturating_sub(1) as f64 - self.place_s
+    }
+
+    /// The target a tick later, at a share of full speed.
+    pub(super) fn target(&mut self, tick_s: f64, fraction: f64) -> Option<Joints> {
+        // what a stop needs comes in while it speeds up
+        self.plays |= self.left_s() >= self.depth_s || self.stops;
+        let wanted = if self.plays && !self.stops { fraction } else { 0.0 };
+        let ramp = self.ramp_per_s * tick_s;
+        let to_rest = (2.0 * self.ramp_per_s * self.left_s().max(0.0)).sqrt();
+        self.rate = (self.rate + (wanted - self.rate).clamp(-ramp, ramp)).min(to_rest);
+        // the last step of a stop, which the root would only come near to
+        let step_s = (self.rate * tick_s).min(self.left_s().max(0.0));
+        if self.left_s() <= self.rate * tick_s {
+            self.rate = 0.0;
+        }
+        self.place_s += step_s;
+        while self.place_s >= self.period_s && self.targets.len() > 1 {
+            self.targets.pop_front();
+            self.place_s -= self.period_s;
+        }
+        let (from, to) = (self.targets.front()?, self.targets.get(1).or(self.targets.front())?);
+        let share = self.place_s / self.period_s;
+        Some(std::array::from_fn(|j| from[j] + share * (to[j] - from[j])))
+    }
+}
