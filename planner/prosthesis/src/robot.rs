@@ -7,7 +7,7 @@ use bonemill_arm::arm::{Arm, ToolMount};
 use bonemill_arm::ur::UrModel;
 use bonemill_export::write_trajectory_csv;
 use bonemill_geometry::Rigid;
-use bonemill_machining::trajectory::{ArmMotion, by_arm};
+use bonemill_machining::trajectory::{ArmMotion, spindle_on_flange};
 use bonemill_machining::{MachiningError, Move};
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
@@ -38,7 +38,7 @@ pub(crate) fn motion(model: UrModel, moves: &[Move]) -> Result<Result<RobotMotio
     let arm = Arm::ur(model, None)?.with_mount(ToolMount { flange_from_burr: mount });
     let [before, above] = PLACE.map(|share| share * model.reach_mm());
     let place = Isometry3::from_parts(Translation3::new(before, 0.0, above), UnitQuaternion::identity());
-    match by_arm(&arm, &place, moves)? {
+    match spindle_on_flange(&arm, &place, moves)? {
         Ok(motion) => Ok(Ok(written(model, &arm, &motion)?)),
         Err(out) => {
             Ok(Err(format!("the {} cannot follow move {}: {:?}", model.name(), out.pose, out.reason)))
