@@ -84,7 +84,9 @@ fn files(plan: &StoredPlan, args: &ExportArgs) -> anyhow::Result<Vec<(&'static s
                 "the plan is for robot.model = \"{model}\"; URScript runs on ur3e, ur5e and ur10e only"
             );
             let rows = rows(plan, args.rate_hz, SCRIPT_RATE_HZ, Between::Straight)?;
-            let mut options = UrScript::with_mount(plan.arm.mount());
+            let mount =
+                plan.arm.mount().tool().context("URScript is written for a tool on the flange only")?;
+            let mut options = UrScript::with_mount(mount);
             options.calibrated = plan.record.case.robot.calibration.is_some();
             let aside_mm = aside_mm(plan, &rows)?;
             let mut script = Vec::new();

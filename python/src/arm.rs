@@ -69,8 +69,8 @@ impl Arm {
         let base_from_flange: Rigid<Base, Flange> =
             Rigid::from_matrix(&matrix, Vector3::from(translation_mm))
                 .map_err(|e| errors::RobotError::new_err(format!("pose: {e}")))?;
-        let base_from_tool = base_from_flange * self.0.mount().flange_from_burr;
-        let found = self.0.inverse(&base_from_tool).map_err(|e| errors::robot(&e))?;
+        let work_from_tool = self.0.mount().work_from_tool(base_from_flange);
+        let found = self.0.inverse(&work_from_tool).map_err(|e| errors::robot(&e))?;
         let q = Array2::from_shape_fn((found.q.len(), self.0.dof()), |(n, j)| found.q[n][j]);
         Ok(q.into_pyarray(py))
     }

@@ -269,14 +269,14 @@ impl Plan {
     /// The frames by name, 4 × 4 each.
     fn frames<'py>(&self, py: Python<'py>) -> Vec<(&'static str, Bound<'py, PyArray2<f64>>)> {
         let record = &self.record;
-        [
+        let mut frames = vec![
             ("ct_from_work", homogeneous(&record.frames.ct_from_approach)),
             ("ct_from_grid", homogeneous(&record.frames.ct_from_grid())),
             ("base_from_ct", homogeneous(&record.frames.base_from_ct)),
-            ("flange_from_burr", homogeneous(&self.arm().mount().flange_from_burr)),
-        ]
-        .map(|(name, frame)| (name, frame.into_pyarray(py)))
-        .into()
+        ];
+        let mount = self.arm().mount().tool();
+        frames.extend(mount.map(|mount| ("flange_from_burr", homogeneous(&mount.flange_from_burr))));
+        frames.into_iter().map(|(name, frame)| (name, frame.into_pyarray(py))).collect()
     }
 
     /// Numbers of voxels of the planning grid along its axes, and their side, mm.

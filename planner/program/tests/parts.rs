@@ -4,14 +4,10 @@
 
 mod common;
 
-use bonemill_arm::arm::Arm;
-use bonemill_arm::ur::UrModel;
 use bonemill_geometry::{Block, Mesh, Point};
 use bonemill_machining::leftover::Reason;
 use bonemill_machining::time::times;
-use bonemill_machining::trajectory::by_arm;
 use bonemill_machining::{Facing, Job, Kind, Machining, MachiningError, Move, Side, Tool, plan};
-use bonemill_motion::timelaw::{CornerTolerance, PathLimits};
 use bonemill_proof::{Proof, prove};
 use common::{Shell, flat, job, proof_job};
 use nalgebra::Vector3;
@@ -293,42 +289,4 @@ fn a_program_reads_back_as_the_moves() {
     let found = places.iter().skip(1).filter(|p| ends.iter().any(|e| (*e - **p).norm() < 1e-9)).count();
     assert_eq!(found, places.len() - 1);
     assert_eq!(program.spindle_rpm, 8500.0);
-}
-
-#[test]
-fn an_arm_follows_the_moves_within_its_limits_or_says_where_it_cannot() {
-    let shell =
-        Shell { outer_mm: 40.0, inner_mm: 36.0, outline_mm: 5.0, bevel_mm: 0.5, thickness_mm: 3.0, rings: 8 };
-    let part = shell.mesh();
-    let moves = plan(&part, &quick(&part, flat())).unwrap().moves;
-    let arm = Arm::ur(UrModel::Ur5e, None).unwrap();
-    let base_from_machine = nalgebra::Isometry3::translation(450.0, 0.0, 200.0);
-    let motion = by_arm(&arm, &base_from_machine, &moves).unwrap().unwrap();
-    let limits = PathLimits::of_arm(&arm, CornerTolerance { burr_mm: 0.01, axis_rad: 1e-3 }).unwrap();
-    let ratios = motion.law.limit_ratios(&limits);
-    assert!(
-        ratios.velocity <= 1.0 + 1e-9 && ratios.acceleration <= 1.0 + 1e-9 && ratios.jerk <= 1.0 + 1e-9,
-        "{ratios:?}"
-    );
-    // the tip keeps to the polyline in the machine's axes, and its axis upright
-    let tips: Vec<Vector3<f64>> =
-        moves.iter().map(|m| bonemill_machining::Facing::of(m.a_rad).from_block(&m.tip_mm)).collect();
-    for k in 0..60 {
-        let tool = arm.tool_at(&motion.law.sample(motion.law.duration_s() * f64::from(k) / 59.0).q);
-        let tip = tool.translation_mm - base_from_machine.translation.vector;
-        let off = tips.windows(2).map(|w| {
-            let (along, from) = (w[1] - w[0], tip - w[0]);
-            let t = if along.norm() > 0.0 {
-                (from.dot(&along) / along.norm_squared()).clamp(0.0, 1.0)
-            } else {
-                0.0
-            };
-            (from - along * t).norm()
-        });
-        assert!(off.fold(f64::INFINITY, f64::min) < 0.02, "at {k}");
-        assert!(tool.rotation.matrix().column(2).z > 1.0 - 1e-5);
-    }
-    let far = nalgebra::Isometry3::translation(2000.0, 0.0, 200.0);
-    let out = by_arm(&arm, &far, &moves).unwrap().unwrap_err();
-    assert!(out.pose < moves.len());
 }

@@ -77,7 +77,7 @@ pub fn plan(
         MachineKind::FiveAxis => (None, None),
         MachineKind::Ur(model) => {
             progress.stage("move arm");
-            match robot::motion(model, &machining.moves).map_err(failed)? {
+            match robot::motion(model, job.machine.on_flange, &block, &machining.moves).map_err(failed)? {
                 Ok(motion) => (Some(motion), None),
                 Err(reason) => (None, Some(reason)),
             }

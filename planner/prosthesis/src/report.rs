@@ -9,7 +9,7 @@ use std::fmt::Write;
 use bonemill_part::orient::Laid;
 use bonemill_planfile::{ReportPart, Value};
 
-use crate::{JobRecord, ProsthesisPlan};
+use crate::{JobRecord, ProsthesisPlan, RobotMotion};
 
 const STYLE: &str = include_str!("report/style.css");
 
@@ -86,7 +86,7 @@ fn instructions(plan: &ProsthesisPlan, record: &JobRecord) -> String {
          <li>Set the program's zero on the rotary axis. Seen from there the block reaches from x = {:.2} to {:.2}, y = {:.2} to {:.2} and z = {:.2} to \
          {:.2} mm.</li>\
          <li>Put in the cutter: diameter {} mm, corner radius {} mm, flutes: {}, {} mm from the tip to the holder.</li>\
-         <li>Run <code>program.nc</code>: side A, half a turn, side B, then the outline.</li>\
+         <li>Run <code>program.nc</code>: side A, half a turn, side B, then the outline.{}</li>\
          <li>Break the part off its last tab of {:.1} mm and take off the burrs.</li></ol>",
         escape(&plan.taken.mounted.id),
         record.block.grip_mm,
@@ -100,7 +100,17 @@ fn instructions(plan: &ProsthesisPlan, record: &JobRecord) -> String {
         tool.corner_radius_mm,
         tool.flutes,
         tool.length_mm,
+        plan.robot.as_ref().map(by_arm).unwrap_or_default(),
         plan.machining.strip.tab_mm,
+    )
+}
+
+/// How an arm does the same.
+fn by_arm(robot: &RobotMotion) -> String {
+    let minutes = robot.duration_s / 60.0;
+    format!(
+        " Or by the arm, which runs <code>trajectory.csv</code> in {minutes:.1} min instead: {}",
+        escape(&robot.setup)
     )
 }
 

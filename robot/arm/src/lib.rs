@@ -12,5 +12,5 @@ mod error;
 pub mod registration;
 pub mod ur;
 
-pub use arm::{Arm, ArmKind, Joint, JointExcess, JointKind, ToolMount, read_urdf};
+pub use arm::{Arm, ArmKind, Joint, JointExcess, JointKind, Mount, ToolMount, read_urdf};
 pub use error::{CalibrationFault, RobotError, UrdfFault};

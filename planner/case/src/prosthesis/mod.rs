@@ -143,13 +143,22 @@ pub struct ProcessSpec {
     pub sense: CutSense,
 }
 
-/// What moves the cutter.
+/// What moves the cutter against the part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MachineKind {
     /// Three linear axes and a rotary one.
     FiveAxis,
-    /// A robot arm with the spindle on its flange.
+    /// A robot arm.
     Ur(UrModel),
+}
+
+/// What an arm holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OnFlange {
+    /// The spindle; a table turns the block between the sides.
+    Spindle,
+    /// The part in its block, by the block's grip; the spindle stands still.
+    Part,
 }
 
 /// `[machine]`.
@@ -157,6 +166,8 @@ pub enum MachineKind {
 pub struct MachineSpec {
     /// Kind.
     pub kind: MachineKind,
+    /// What it holds, if it is an arm; [`OnFlange::Spindle`] for a milling machine.
+    pub on_flange: OnFlange,
     /// Travel of the machine's X, Y and Z, mm.
     pub travel_mm: [f64; 3],
     /// Fastest feed, mm/min.

@@ -6,8 +6,8 @@ use toml::de::DeTable;
 
 use super::keys as k;
 use super::{
-    BlockSource, BlockSpec, CutSense, CutterKind, CutterSpec, MachineKind, MachineSpec, OrientMode, PartSpec,
-    ProcessSpec, ProsthesisJob, StockSpec,
+    BlockSource, BlockSpec, CutSense, CutterKind, CutterSpec, MachineKind, MachineSpec, OnFlange, OrientMode,
+    PartSpec, ProcessSpec, ProsthesisJob, StockSpec,
 };
 use crate::error::{CaseError, CaseFault};
 use crate::keys::Unit;
@@ -162,8 +162,15 @@ fn read_process(walk: Walk<'_, '_>, diameter_mm: f64) -> ProcessSpec {
 
 fn read_machine(walk: Walk<'_, '_>) -> MachineSpec {
     walk.choice(&k::ROTARY, ());
+    let kind = walk.choice(&k::MACHINE, MachineKind::FiveAxis);
+    let on_flange = walk.choice(&k::ON_FLANGE, OnFlange::Spindle);
+    if kind == MachineKind::FiveAxis && on_flange == OnFlange::Part {
+        let why = "a milling machine has no flange; machine.kind = \"ur3e\", \"ur5e\" or \"ur10e\" has one";
+        walk.note("on_flange", CaseFault::Contradiction { key: walk.key("on_flange"), why });
+    }
     let machine = MachineSpec {
-        kind: walk.choice(&k::MACHINE, MachineKind::FiveAxis),
+        kind,
+        on_flange,
         travel_mm: walk.exactly::<3>(&k::TRAVEL).unwrap_or(DEFAULT_TRAVEL_MM),
         max_feed_mm_min: walk.number(&k::MAX_FEED),
         rapid_mm_min: walk.number(&k::RAPID),

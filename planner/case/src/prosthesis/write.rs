@@ -79,6 +79,7 @@ impl ProsthesisJob {
         let m = &self.machine;
         let mut lines = vec![
             ("kind", text(k::MACHINE.word(m.kind))),
+            ("on_flange", text(k::ON_FLANGE.word(m.on_flange))),
             ("rotary", text("A")),
             ("travel_mm", list(&m.travel_mm)),
             ("max_feed_mm_min", float(m.max_feed_mm_min)),

@@ -27,7 +27,7 @@ const STEPS: usize = 100;
 /// An error below this is rounding, mm.
 const DONE_MM: f64 = 1e-12;
 
-/// The goal of the tool.
+/// The goal of the tool, in the work frame ([`super::Mount`]).
 #[derive(Debug, Clone, Copy)]
 pub enum Goal {
     /// A full pose.

@@ -4,6 +4,8 @@
 //! least squares. Any other arm is solved by a search from a fixed set of starts, so that the result is repeatable.
 //! A pose out of reach is a value ([`Solutions::short_mm`]), not an error.
 //!
+//! Poses of the tool are in the work frame: the base for a tool on the flange, the block for a block on it ([`super::Mount`]).
+//!
 //! The burr rotates about the shaft, so a cut only determines the burr's centre and the shaft's axis ([`AxisPose`]). For
 //! arms with fewer than six joints only these are solved for.
 
@@ -41,7 +43,8 @@ pub enum InverseKind {
     Numeric,
 }
 
-/// The pose that a cut requires: the burr's centre and the shaft's axis, in base. The rotation about the axis is free.
+/// The pose that a cut requires: the burr's centre and the shaft's axis, in the work frame ([`super::Mount`]). The rotation
+/// about the axis is free.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisPose {
     /// The burr's centre.
@@ -62,7 +65,7 @@ impl AxisPose {
     pub fn upright(&self, reference: &RollFrame) -> Rotation3<f64> {
         let turn = Rotation3::rotation_between(&reference.direction(), &self.axis)
             .unwrap_or_else(|| Rotation3::from_axis_angle(&reference.across(), std::f64::consts::PI));
-        turn * reference.base_from_upright
+        turn * reference.work_from_upright
     }
 
     /// A pose between two: the point lies on the line, the axis on the great circle; `share` in 0..=1.
@@ -91,11 +94,11 @@ pub fn angle_between(from: &Vector3<f64>, to: &Vector3<f64>) -> (f64, Option<Uni
 /// The zero of roll angles: a frame whose z is a direction near all axes of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RollFrame {
-    base_from_upright: Rotation3<f64>,
+    work_from_upright: Rotation3<f64>,
 }
 
 impl RollFrame {
-    /// The frame for axes near `direction` (in base); roll 0 is base x, projected perpendicular to `direction`.
+    /// The frame for axes near `direction` (in the work frame); roll 0 is its x, projected perpendicular to `direction`.
     pub fn about(direction: &Unit<Vector3<f64>>) -> Self {
         let across = [Vector3::x(), Vector3::y()]
             .map(|candidate| candidate - direction.into_inner() * direction.dot(&candidate))
@@ -105,15 +108,15 @@ impl RollFrame {
         let x = across.normalize();
         let y = direction.cross(&x);
         let columns = nalgebra::Matrix3::from_columns(&[x, y, direction.into_inner()]);
-        Self { base_from_upright: Rotation3::from_matrix_unchecked(columns) }
+        Self { work_from_upright: Rotation3::from_matrix_unchecked(columns) }
     }
 
     fn direction(&self) -> Vector3<f64> {
-        self.base_from_upright.matrix().column(2).into_owned()
+        self.work_from_upright.matrix().column(2).into_owned()
     }
 
     fn across(&self) -> Unit<Vector3<f64>> {
-        Unit::new_unchecked(self.base_from_upright.matrix().column(0).into_owned())
+        Unit::new_unchecked(self.work_from_upright.matrix().column(0).into_owned())
     }
 }
 
@@ -132,25 +135,25 @@ pub struct Solutions {
 }
 
 impl Arm {
-    /// Every joint vector that brings the tool to a pose. For arms of fewer than six joints only the pose's origin and z axis
-    /// are used.
+    /// Every joint vector that brings the tool to a pose in the work frame. For arms of fewer than six joints only the pose's
+    /// origin and z axis are used.
     ///
     /// Joint limits are not checked: see [`Arm::beyond_limits`].
     ///
     /// # Errors
     /// [`RobotError::Value`] where the pose is not finite.
-    pub fn inverse(&self, base_from_tool: &Rigid<Base, Tool>) -> Result<Solutions, RobotError> {
-        let numbers = base_from_tool.translation_mm.iter().chain(base_from_tool.rotation.matrix().iter());
+    pub fn inverse(&self, work_from_tool: &Rigid<Base, Tool>) -> Result<Solutions, RobotError> {
+        let numbers = work_from_tool.translation_mm.iter().chain(work_from_tool.rotation.matrix().iter());
         if let Some((index, &value)) = numbers.enumerate().find(|(_, value)| !value.is_finite()) {
             let (what, unit, expected) = ("pose", "mm or 1", "a finite number");
             return Err(RobotError::Value { what, index, value, unit, expected });
         }
-        let z = Unit::new_normalize(base_from_tool.rotation * Vector3::z());
-        let pose = AxisPose { position: Point::from_coords(base_from_tool.translation_mm), axis: z };
+        let z = Unit::new_normalize(work_from_tool.rotation * Vector3::z());
+        let pose = AxisPose { position: Point::from_coords(work_from_tool.translation_mm), axis: z };
         Ok(match self.inverse {
             InverseKind::BoneAttached => self.inverse_bone_attached(&pose),
-            InverseKind::Ur { .. } => self.inverse_ur(base_from_tool),
-            InverseKind::Numeric if self.dof() >= 6 => self.search(&Goal::Pose(*base_from_tool)),
+            InverseKind::Ur { .. } => self.inverse_ur(work_from_tool),
+            InverseKind::Numeric if self.dof() >= 6 => self.search(&Goal::Pose(*work_from_tool)),
             InverseKind::Numeric => self.search(&Goal::Axis(pose)),
         })
     }
@@ -170,16 +173,16 @@ impl Arm {
         }
     }
 
-    fn inverse_ur(&self, base_from_tool: &Rigid<Base, Tool>) -> Solutions {
+    fn inverse_ur(&self, work_from_tool: &Rigid<Base, Tool>) -> Solutions {
         let mut solutions = Solutions { q: vec![], branch: vec![], short_mm: 0.0, short_rad: 0.0 };
         let InverseKind::Ur { geometry, calibrated } = self.inverse else { return solutions };
-        let flange = *base_from_tool * self.mount().flange_from_burr.inverse();
+        let flange = self.mount().base_from_flange(work_from_tool);
         let found = geometry.inverse(&flange, 0.0);
         solutions.short_mm = found.short_mm;
         for (branch, nominal) in found.iter() {
             let mut q = nominal.to_vec();
             if calibrated {
-                let refined = dls::solve(self, &Goal::Pose(*base_from_tool), nominal);
+                let refined = dls::solve(self, &Goal::Pose(*work_from_tool), nominal);
                 if !refined.is_within(EXACT) {
                     solutions.short_mm = solutions.short_mm.max(refined.short_mm);
                     continue;

@@ -6,7 +6,7 @@
 use bonemill_geometry::{Base, Flange, Point, Rigid, Tool};
 use nalgebra::{Matrix3, Matrix3xX, Matrix6xX, Rotation3, Unit, Vector3};
 
-use super::{Arm, ArmKind, JointKind, check_positive};
+use super::{Arm, ArmKind, JointKind, Mount, check_positive};
 use crate::error::RobotError;
 
 /// The axis of a moving joint at one joint vector, in base.
@@ -31,12 +31,12 @@ impl Arm {
         Ok(self.walk(q, |_| ()))
     }
 
-    /// Pose of the tool in base: origin the burr's centre, z along the shaft to the handpiece.
+    /// Pose of the tool in the work frame ([`Mount`]): origin the burr's centre, z along the shaft to the handpiece.
     ///
     /// # Errors
     /// As [`Arm::forward`].
     pub fn burr(&self, q: &[f64]) -> Result<Rigid<Base, Tool>, RobotError> {
-        Ok(self.forward(q)? * self.mount().flange_from_burr)
+        Ok(self.mount().work_from_tool(self.forward(q)?))
     }
 
     /// The arm as a polyline: a point on the axis of each moving joint, and the flange last, in base, shape (dof + 1).
@@ -78,16 +78,16 @@ impl Arm {
         Ok(self.jacobian_at(q, &Vector3::zeros()))
     }
 
-    /// Jacobian of the burr's centre, in base, shape 3 × dof, mm per mm or mm per rad.
+    /// Jacobian of the burr's centre, in the work frame, shape 3 × dof, mm per mm or mm per rad.
     ///
     /// # Errors
     /// As [`Arm::forward`].
     pub fn burr_jacobian(&self, q: &[f64]) -> Result<Matrix3xX<f64>, RobotError> {
         self.check_q(q)?;
-        Ok(self.jacobian_at(q, &self.mount().flange_from_burr.translation_mm).fixed_rows::<3>(0).into_owned())
+        Ok(self.tool_jacobian_at(q).fixed_rows::<3>(0).into_owned())
     }
 
-    /// Compliance at the burr's centre, in base, mm/N: deflection = C · force.
+    /// Compliance at the burr's centre, in the work frame, mm/N: deflection = C · force.
     ///
     /// C = J χ⁻¹ Jᵀ, J the burr's 3 × dof Jacobian, χ = diag(stiffness): N/mm for prismatic and N·mm/rad for revolute
     /// joints, shape (dof). Symmetric, positive semidefinite. Links are rigid.
@@ -103,15 +103,33 @@ impl Arm {
         Ok(columns.map(|(column, chi)| column * column.transpose() / *chi).sum())
     }
 
-    /// Jacobian of the tool at the burr's centre for a joint vector that was checked, in base, shape 6 × dof, rows as in
-    /// [`Arm::jacobian`].
+    /// Jacobian of the tool's pose in the work frame, at the burr's centre, for a joint vector that was checked, shape
+    /// 6 × dof, rows as in [`Arm::jacobian`].
+    ///
+    /// Block on the flange: −Rᵀ J, R the block's rotation in base, J the Jacobian in base of the block's point at the tool's
+    /// origin. The tool stands still, so in the block it moves as that point does in the base, the other way.
     pub fn tool_jacobian_at(&self, q: &[f64]) -> Matrix6xX<f64> {
-        self.jacobian_at(q, &self.mount().flange_from_burr.translation_mm)
+        match self.mount() {
+            Mount::Tool(mount) => self.jacobian_at(q, &mount.flange_from_burr.translation_mm),
+            Mount::Block(mount) => {
+                let base_from_flange = self.walk(q, |_| ());
+                let tip_in_flange_mm = (base_from_flange.inverse() * mount.base_from_tool).translation_mm;
+                let block_from_base = (base_from_flange * mount.flange_from_block).rotation.inverse();
+                let mut jacobian = self.jacobian_at(q, &tip_in_flange_mm);
+                for mut column in jacobian.column_iter_mut() {
+                    for row in [0, 3] {
+                        let turned = -(block_from_base * column.fixed_rows::<3>(row));
+                        column.fixed_rows_mut::<3>(row).copy_from(&turned);
+                    }
+                }
+                jacobian
+            }
+        }
     }
 
     /// [`Arm::burr`] for a joint vector that was checked.
     pub fn tool_at(&self, q: &[f64]) -> Rigid<Base, Tool> {
-        self.walk(q, |_| ()) * self.mount().flange_from_burr
+        self.mount().work_from_tool(self.walk(q, |_| ()))
     }
 
     /// The tool's speed in its slowest direction when no joint exceeds its speed limit, mm/s: the smallest singular value of
@@ -141,9 +159,15 @@ impl Arm {
     /// The largest motion of the burr per unit of each joint, mm per mm or mm per rad, shape (dof).
     ///
     /// It is 1 for a prismatic joint. For a revolute joint it is the length of the chain from it to the burr: Σ |O_i| +
-    /// greatest |q| of the prismatic joints + |flange_from_burr|. This is an upper bound over the whole workspace.
+    /// greatest |q| of the prismatic joints + |flange_from_burr|. This is an upper bound over the whole workspace. If the arm
+    /// holds a block, it is the chain from the joint through the base to the tool.
     pub fn lever_mm(&self) -> Vec<f64> {
-        let mut reach_mm = self.mount().flange_from_burr.translation_mm.norm();
+        let mut reach_mm = match self.mount() {
+            Mount::Tool(mount) => mount.flange_from_burr.translation_mm.norm(),
+            Mount::Block(mount) => {
+                return self.lever_from_base_mm(mount.base_from_tool.translation_mm.norm());
+            }
+        };
         let mut levers = Vec::with_capacity(self.dof());
         let mut joints = self.joints().iter().rev();
         for segment in self.segments.iter().rev() {
@@ -159,6 +183,24 @@ impl Arm {
             reach_mm += segment.translation_mm.norm();
         }
         levers.reverse();
+        levers
+    }
+
+    /// [`Arm::lever_mm`] with the chain from each joint through the base to a point at a distance from it, mm.
+    fn lever_from_base_mm(&self, mut reach_mm: f64) -> Vec<f64> {
+        let mut joints = self.joints().iter();
+        let mut levers = Vec::with_capacity(self.dof());
+        for segment in &self.segments {
+            reach_mm += segment.translation_mm.norm();
+            match segment.motion.and_then(|(kind, _)| Some((kind, joints.next()?))) {
+                Some((JointKind::Revolute, _)) => levers.push(reach_mm),
+                Some((JointKind::Prismatic, joint)) => {
+                    levers.push(1.0);
+                    reach_mm += joint.lower.abs().max(joint.upper.abs());
+                }
+                None => {}
+            }
+        }
         levers
     }
 

@@ -1,4 +1,4 @@
-//! Arms: serial chains of prismatic and revolute joints with their limits and their tool.
+//! Arms: serial chains of prismatic and revolute joints with their limits and what they hold.
 //!
 //! Positions, velocities and accelerations are mm and rad by the joint's kind; poses are [`Rigid`] from flange to base.
 //! An [`Arm`] is plain data: every function is pure, and threads may share one. It is checked when it is built. After
@@ -12,13 +12,13 @@ pub mod dls;
 pub mod inverse;
 mod joint;
 mod kinematics;
+mod mount;
 mod reader;
 mod urdf;
 
-use bonemill_geometry::{Flange, Rigid, Tool};
-
 pub use inverse::{AxisPose, Solutions};
 pub use joint::{Joint, JointExcess, JointKind};
+pub use mount::{BlockMount, Mount, ToolMount};
 pub(crate) use reader::read_text;
 pub use reader::{load, read_urdf};
 
@@ -39,27 +39,13 @@ pub enum ArmKind {
     Other,
 }
 
-/// How the tool sits on the flange.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ToolMount {
-    /// Pose of the tool (origin: burr's centre, z: along the shaft to the handpiece) in the flange.
-    pub flange_from_burr: Rigid<Flange, Tool>,
-}
-
-impl Default for ToolMount {
-    /// The identity: the URDF ends at the burr.
-    fn default() -> Self {
-        Self { flange_from_burr: Rigid::identity() }
-    }
-}
-
-/// A serial arm: kinematics, limits, tool.
+/// A serial arm: kinematics, limits, what it holds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arm {
     urdf_text: String,
     segments: Vec<Segment>,
     joints: Vec<Joint>,
-    mount: ToolMount,
+    mount: Mount,
     inverse: InverseKind,
 }
 
@@ -75,7 +61,7 @@ impl Arm {
     /// chain with one tip, where no joint moves, or where a number or limit is impossible.
     pub fn from_urdf(text: &str, source_name: &str) -> Result<Self, RobotError> {
         let urdf::Description { segments, joints } = urdf::parse(text, source_name)?;
-        let (mount, inverse) = (ToolMount::default(), InverseKind::Numeric);
+        let (mount, inverse) = (ToolMount::default().into(), InverseKind::Numeric);
         Ok(Self { urdf_text: text.to_owned(), segments, joints, mount, inverse })
     }
 
@@ -132,10 +118,10 @@ impl Arm {
         self
     }
 
-    /// The same arm with a tool on its flange.
+    /// The same arm with a tool or a block on its flange. The bone-attached layout's closed form leaves it out.
     #[must_use]
-    pub fn with_mount(mut self, mount: ToolMount) -> Self {
-        self.mount = mount;
+    pub fn with_mount(mut self, mount: impl Into<Mount>) -> Self {
+        self.mount = mount.into();
         self
     }
 
@@ -175,8 +161,8 @@ impl Arm {
         &self.joints
     }
 
-    /// How the tool sits on the flange.
-    pub fn mount(&self) -> ToolMount {
+    /// What the arm holds, and so the work frame of its tool's poses.
+    pub fn mount(&self) -> Mount {
         self.mount
     }
 

@@ -32,7 +32,7 @@ pub struct DensePath {
     pub q: Vec<f64>,
     /// For the move to each place, the burr's path length if it moved at its greatest speed throughout, mm; 0 for the first.
     pub burr_mm: Vec<f64>,
-    /// Burr's centre and axis at each place, in base, shape (places).
+    /// Burr's centre and axis at each place, in the work frame, shape (places).
     pub pose: Vec<[f64; 6]>,
     /// The place of each waypoint.
     pub waypoints: Vec<usize>,

@@ -166,10 +166,9 @@ pub(super) fn branches(arm: &Arm, pose: &AxisPose, frame: &RollFrame) -> Branch 
     let mut taken = Branch::default();
     let InverseKind::Ur { geometry, .. } = arm.inverse_kind() else { return taken };
     let upright = pose.upright(frame);
-    let flange_to = arm.mount().flange_from_burr.inverse();
     for roll in (0..ROLLS).step_by(ASKED_EVERY) {
         let tool = Rigid::new(upright * about_z(roll as f64 * STEP_RAD), pose.position.coords);
-        let flange = tool * flange_to;
+        let flange = arm.mount().base_from_flange(&tool);
         for (branch, q) in geometry.inverse(&flange, 0.0).iter() {
             let mut q = *q;
             arm.bring_into_range(&mut q);
@@ -298,8 +297,9 @@ impl<'a> Nodes<'a> {
     fn flanges(&self, i: usize) -> impl Iterator<Item = Rigid<Base, Flange>> {
         let pose: &AxisPose = &self.path.poses[i];
         let upright = pose.upright(&self.path.frame);
-        let flange_to = self.arm.mount().flange_from_burr.inverse();
-        self.rolls.iter().map(move |roll| Rigid::new(upright * roll, pose.position.coords) * flange_to)
+        let mount = self.arm.mount();
+        let tool = move |roll| Rigid::new(upright * roll, pose.position.coords);
+        self.rolls.iter().map(move |roll| mount.base_from_flange(&tool(roll)))
     }
 
     /// g: a posture's cost per mm of path; infinite beyond a joint's range.

@@ -40,14 +40,14 @@ const EXACT: f64 = 1e-8;
 pub struct Stiffness<'a> {
     /// Stiffness of each joint, N/mm or N·mm/rad.
     pub joint: &'a [f64],
-    /// For each pose, the direction in base in which compliance adds to the cost; `None` where no direction does.
+    /// For each pose, the direction in the work frame in which compliance adds to the cost; `None` where no direction does.
     pub toward: &'a [Option<Unit<Vector3<f64>>>],
 }
 
 /// A path that an arm is to follow.
 #[derive(Debug, Clone, Copy)]
 pub struct PosePath<'a> {
-    /// Points and axes, in base.
+    /// Points and axes, in the arm's work frame ([`bonemill_arm::Mount`]).
     pub poses: &'a [AxisPose],
     /// Length of the move that ends at each, mm; the first is ignored.
     pub length_mm: &'a [f64],
@@ -220,7 +220,7 @@ impl Follower<'_> {
             }
             InverseKind::Ur { geometry, calibrated } => {
                 let tool = pose.spun(&self.frame, roll_rad);
-                let flange = tool * self.arm.mount().flange_from_burr.inverse();
+                let flange = self.arm.mount().base_from_flange(&tool);
                 let found = geometry.inverse(&flange, q.last().copied().unwrap_or(0.0));
                 let Some(mut solution) = found.branches.get(usize::from(self.branch)).copied().flatten()
                 else {
