@@ -18,7 +18,7 @@ const ENTRY_SHARE: f64 = 0.95;
 /// Lengths of slants between passes, in diameters, the best first.
 const SLANTS: [f64; 4] = [3.0, 2.0, 1.0, 0.6];
 /// Lead before and after what is needed, and the longest gap that is cut through, in radii.
-const LEAD: f64 = 0.1;
+const LEAD: f64 = 0.3;
 const BRIDGE: f64 = 2.0;
 /// Most shallower steps of a pass.
 const MOST_STEPS: usize = 32;

@@ -23,14 +23,12 @@ use crate::sides::{ALLOWANCE_MM, BESIDE_MM, STEP_SHARE, Sight};
 use crate::silhouette::{Loop, length_mm};
 use crate::stock::{Place, Stock};
 
-/// Share of the finishing step that rows are laid for, and above which stock is cut again: cells tell thickness to a tenth of it.
-const ROW_SHARE: f64 = 0.9;
-/// Share of it that rings are laid for.
-const RING_SHARE: f64 = 0.95;
+/// Share of the finishing step that rows and rings are laid for, and above which stock is cut again: cells tell thickness to a tenth of it.
+const SHARE: f64 = 0.9;
 /// Share of it above which rings were too far apart.
 const TOO_FAR_APART: f64 = 1.05;
 /// Distance of the first rows, in diameters: layers are thinner than an entry, so their width is not bounded.
-const ROWS_APART: f64 = 0.9;
+const ROWS_APART: f64 = 0.7;
 /// Rounds of rows in each direction.
 const ROUNDS: usize = 3;
 /// Rise over run up to which rows go over a surface: the cutter goes down it at no steeper angle.
@@ -118,18 +116,15 @@ impl Sight<'_> {
             for along in [most, 1 - most] {
                 let all = round == 0 && along == most;
                 let by_row = |way: &Option<usize>| way.is_some_and(|way| all || way == along);
-                passes.counts = left(passes, ROW_SHARE)
-                    .iter()
-                    .zip(&surface.way)
-                    .map(|(l, way)| *l && by_row(way))
-                    .collect();
+                passes.counts =
+                    left(passes, SHARE).iter().zip(&surface.way).map(|(l, way)| *l && by_row(way)).collect();
                 self.cut_rows(&rows(raster, along, self.rows_apart_mm(), round), !all, &reach, passes);
             }
         }
         // the least step around a cell, since a ring may lie anywhere between centres
         let steps_mm = raster.narrowed(&self.steps_mm(&slopes(raster, &reach.tip)));
         let steep = |cell: usize| cells[cell] && surface.way[cell].is_none();
-        let rest = left(passes, ROW_SHARE).into_iter().enumerate().map(|(cell, left)| left || steep(cell));
+        let rest = left(passes, SHARE).into_iter().enumerate().map(|(cell, left)| left || steep(cell));
         passes.counts = rest.collect();
         self.cut_field(part, &steps_mm, &reach, passes);
         // a raster says where rings lie to a share of a cell: where two are too far apart, there are others between
@@ -221,14 +216,14 @@ impl Sight<'_> {
     }
 
     fn apart_mm(&self, along: f64, across: f64) -> f64 {
-        apart_mm(&self.job.tool, ROW_SHARE * self.job.process.finishing_step_mm, along, across)
+        apart_mm(&self.job.tool, SHARE * self.job.process.finishing_step_mm, along, across)
     }
 
     /// The step of rings that leaves the finishing step along the normal where the tip's lowest place rises as given: they are rows along
     /// contour lines.
     fn steps_mm(&self, slope_of_tip: &[[f64; 2]]) -> Vec<f64> {
         let tool = &self.job.tool;
-        let e = RING_SHARE * self.job.process.finishing_step_mm;
+        let e = SHARE * self.job.process.finishing_step_mm;
         // two passes beside a ridge leave nothing between them
         let most = STEP_SHARE * self.job.widest_mm().min(tool.radius_mm);
         slope_of_tip.iter().map(|[u, v]| apart_mm(tool, e, 0.0, u.hypot(*v)).min(most)).collect()

@@ -112,8 +112,6 @@ const BEFORE_S: f64 = 0.15;
 const MOST_S: f64 = 10.0;
 /// Seconds that the world goes on after the run has ended.
 const AFTER_S: f64 = 0.3;
-/// How far, in rows, a place is looked for again that was mistaken.
-const BACK_ROWS: f64 = 100.0;
 /// The row of a piece that a run starts at.
 const START_ROW: f64 = 1.0;
 
@@ -207,13 +205,10 @@ impl Piece {
         // before it begins, the plan's tube says nothing
         for (time_s, q) in world.trace().iter().filter(|(time_s, _)| *time_s >= began_s) {
             let burr_mm = self.plan.arm.tool_at(q).translation_mm;
-            let nearest = |before: f64, ahead: f64| {
-                track.nearest((row - before).max(0.0), (row + ahead).min(track.last_row()), &burr_mm)
-            };
-            let mut near = nearest(5.0, 40.0);
-            // where the path comes back on itself, the nearest row may not be the one that the arm is on
+            let mut near = track.nearest((row - 5.0).max(0.0), (row + 40.0).min(track.last_row()), &burr_mm);
+            // where the path stands or comes back on itself, the arm may be on another row than was thought
             if near.distance_mm > self.bound(near.row).off_mm {
-                near = nearest(BACK_ROWS, BACK_ROWS);
+                near = track.nearest(0.0, track.last_row(), &burr_mm);
             }
             row = near.row;
             farthest = farthest.max(row);
