@@ -1,6 +1,6 @@
 //! Arms: serial chains of prismatic and revolute joints with their limits and what they hold.
 //!
-//! Positions, velocities and accelerations are mm and rad by the joint's kind; poses are [`Rigid`] from flange to base.
+//! Positions, velocities and accelerations are mm and rad by the joint's kind; poses are [`bonemill_geometry::Rigid`] from flange to base.
 //! An [`Arm`] is plain data: every function is pure, and threads may share one. It is checked when it is built. After
 //! that, the only possible errors are a joint vector of the wrong length or with values that are not finite.
 //!
