@@ -93,6 +93,7 @@ impl Mount {
 mod tests {
     use super::*;
     use crate::arm::Arm;
+    use crate::arm::tests::derivative;
     use crate::ur::{Calibration, UrModel};
     use nalgebra::{Matrix3, Rotation3, Vector3};
     use proptest::prelude::*;
@@ -150,17 +151,7 @@ mod tests {
             for arm in arms() {
                 let jacobian = arm.tool_jacobian_at(&q);
                 for j in 0..6 {
-                    let step = 1e-5;
-                    let at = |sign: f64| {
-                        let mut moved = q;
-                        moved[j] += sign * step;
-                        arm.tool_at(&moved)
-                    };
-                    let (ahead, behind) = (at(1.0), at(-1.0));
-                    let linear = (ahead.translation_mm - behind.translation_mm) / (2.0 * step);
-                    let turned = (ahead.rotation.into_inner() - behind.rotation.into_inner())
-                        * arm.tool_at(&q).rotation.inverse().into_inner() / (2.0 * step);
-                    let angular = Vector3::new(turned[(2, 1)], turned[(0, 2)], turned[(1, 0)]);
+                    let [linear, angular] = derivative(|q| arm.tool_at(q), &q, j);
                     prop_assert!((jacobian.fixed_view::<3, 1>(0, j) - linear).amax() < 1e-5, "joint {}", j);
                     prop_assert!((jacobian.fixed_view::<3, 1>(3, j) - angular).amax() < 1e-9, "joint {}", j);
                     prop_assert!(linear.norm() <= arm.lever_mm()[j] + 1e-5, "joint {}", j);

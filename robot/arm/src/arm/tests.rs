@@ -56,6 +56,26 @@ fn any_q() -> impl Strategy<Value = [f64; 5]> {
         .prop_map(|(a, b, c, d, e)| [a, b, c, d, e])
 }
 
+/// Derivative of a pose by a joint, by differences: of its place, and its angular velocity.
+pub(super) fn derivative<A: bonemill_geometry::Frame, B: bonemill_geometry::Frame>(
+    pose: impl Fn(&[f64]) -> Rigid<A, B>,
+    q: &[f64],
+    j: usize,
+) -> [Vector3<f64>; 2] {
+    let step = 1e-5;
+    let at = |sign: f64| {
+        let mut moved = q.to_vec();
+        moved[j] += sign * step;
+        pose(&moved)
+    };
+    let (ahead, behind) = (at(1.0), at(-1.0));
+    let linear = (ahead.translation_mm - behind.translation_mm) / (2.0 * step);
+    let turned = (ahead.rotation.into_inner() - behind.rotation.into_inner())
+        * pose(q).rotation.inverse().into_inner()
+        / (2.0 * step);
+    [linear, Vector3::new(turned[(2, 1)], turned[(0, 2)], turned[(1, 0)])]
+}
+
 proptest! {
     #[test]
     fn the_pose_is_the_product_written_by_hand(q in any_q()) {
@@ -76,17 +96,7 @@ proptest! {
         let arm = oblique();
         let jacobian = arm.jacobian(&q).unwrap();
         for j in 0..5 {
-            let step = 1e-5;
-            let at = |sign: f64| {
-                let mut moved = q;
-                moved[j] += sign * step;
-                arm.forward(&moved).unwrap()
-            };
-            let (ahead, behind) = (at(1.0), at(-1.0));
-            let linear = (ahead.translation_mm - behind.translation_mm) / (2.0 * step);
-            let turned = (ahead.rotation.into_inner() - behind.rotation.into_inner())
-                * arm.forward(&q).unwrap().rotation.inverse().into_inner() / (2.0 * step);
-            let angular = Vector3::new(turned[(2, 1)], turned[(0, 2)], turned[(1, 0)]);
+            let [linear, angular] = derivative(|q| arm.forward(q).unwrap(), &q, j);
             prop_assert!((jacobian.fixed_view::<3, 1>(0, j) - linear).amax() < 1e-5, "joint {}", j);
             prop_assert!((jacobian.fixed_view::<3, 1>(3, j) - angular).amax() < 1e-9, "joint {}", j);
         }
