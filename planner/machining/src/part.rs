@@ -91,18 +91,10 @@ impl Part {
         ]
     }
 
-    /// Where the contour ends below: the other side of the strip and a little more, as the side sees it, mm.
-    pub fn contour_floor(&self, facing: Facing, corner_mm: f64) -> Vec<f64> {
-        self.far_side(facing, corner_mm, &[&self.strip.heights])
-    }
-
-    /// Where finishing of the rim ends below: the other side of the strip or of the rim, whichever is lower, and a little more, mm.
+    /// Where contour and finishing of the rim end below, as the side sees it, mm: the other side of the strip or of the rim, whichever is lower, and a
+    /// little more, carried from the outline over the raster.
     pub fn rim_floor(&self, facing: Facing, corner_mm: f64) -> Vec<f64> {
-        self.far_side(facing, corner_mm, &[&self.strip.heights, &self.strip.rims])
-    }
-
-    /// The lowest of some heights along the outline, carried over the raster, as the side sees it.
-    fn far_side(&self, facing: Facing, corner_mm: f64, ends: &[&Vec<[f64; 2]>]) -> Vec<f64> {
+        let ends = [&self.strip.heights, &self.strip.rims];
         let floor = |cell: usize| {
             let at = self.nearest.point[cell] as usize;
             let far = ends.iter().filter_map(|ends| ends.get(at)).map(|[low, high]| match facing {

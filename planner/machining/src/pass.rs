@@ -58,6 +58,31 @@ impl Pass {
         places.min_by(|a, b| distance(a.1).total_cmp(&distance(b.1))).map_or(0, |(n, _)| n)
     }
 
+    /// Where it ends that begins at its first place.
+    pub(crate) fn end(&self) -> Option<Place> {
+        if self.closed { self.places.first() } else { self.places.last() }.copied()
+    }
+
+    /// To where it begins, across, mm: a closed pass begins anywhere.
+    pub(crate) fn distance_mm(&self, at: Place) -> f64 {
+        let start = if self.closed { self.nearest(at) } else { 0 };
+        self.places.get(start).map_or(0.0, |p| (p[0] - at[0]).hypot(p[1] - at[1]))
+    }
+
+    /// Whether another pass comes nearer than a distance, across: told to half of it.
+    pub(crate) fn is_beside(&self, other: &Self, distance_mm: f64) -> bool {
+        if distance_mm <= 0.0 {
+            return false;
+        }
+        let some = |pass: &Self| -> Vec<Place> {
+            let every = (0.5 * distance_mm / pass.step_mm()).ceil() as usize;
+            pass.places.iter().step_by(every.max(1)).chain(pass.places.last()).copied().collect()
+        };
+        let near = |a: &Place, b: &Place| (a[0] - b[0]).hypot(a[1] - b[1]) < distance_mm;
+        let (ours, theirs) = (some(self), some(other));
+        ours.iter().any(|a| theirs.iter().any(|b| near(a, b)))
+    }
+
     /// The closed pass from another of its places on.
     pub(crate) fn from(&self, start: usize) -> Vec<Place> {
         let (head, tail) = self.places.split_at(start.min(self.places.len()));

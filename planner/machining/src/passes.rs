@@ -12,13 +12,13 @@ use crate::pass::{Height, Pass, rounded, simplified};
 use crate::stock::{Place, Stock, steps};
 
 /// Height of short links above the stock, and of the last approach, mm.
-const GAP_MM: f64 = 0.5;
+const GAP_MM: f64 = 0.3;
 /// Share of the entries' depth that is used, so that heights between cells stay below it.
 const ENTRY_SHARE: f64 = 0.95;
 /// Lengths of slants between passes, in diameters, the best first.
 const SLANTS: [f64; 4] = [3.0, 2.0, 1.0, 0.6];
 /// Lead before and after what is needed, and the longest gap that is cut through, in radii.
-const LEAD: f64 = 0.3;
+const LEAD: f64 = 0.2;
 const BRIDGE: f64 = 2.0;
 /// Most shallower steps of a pass.
 const MOST_STEPS: usize = 32;
@@ -48,8 +48,6 @@ pub struct Passes<'a> {
     pub(crate) counts: Vec<bool>,
     /// Whether cuts are kept from being too wide.
     pub(crate) bounded: bool,
-    /// How much wider than the tool stock is looked for, mm: passes closer than a cell need it.
-    pub(crate) grown_mm: f64,
     /// Stock that is not worth a cut.
     pub(crate) left_alone: Option<Sliver>,
     at: Option<Place>,
@@ -62,7 +60,7 @@ impl<'a> Passes<'a> {
     /// On the stock as the side sees it.
     /// The tip is at `at` in the machine's axes, above the block; the block is turned before the first move.
     pub fn new(job: &'a Job, facing: Facing, side: Side, stock: Stock, at: Option<Place>) -> Self {
-        let counts = vec![true; stock.top.len()];
+        let counts = vec![true; stock.centres.top.len()];
         Self {
             job,
             facing,
@@ -70,7 +68,6 @@ impl<'a> Passes<'a> {
             stock,
             counts,
             bounded: true,
-            grown_mm: 0.0,
             left_alone: None,
             at,
             cutting: false,
@@ -115,7 +112,7 @@ impl<'a> Passes<'a> {
             if !wide.contains(&true) {
                 break;
             }
-            let shallow = |p: &Place| [p[0], p[1], p[2].max(self.stock.free_mm([p[0], p[1]], 0.0) - entry)];
+            let shallow = |p: &Place| [p[0], p[1], p[2].max(self.stock.lowest_mm([p[0], p[1]]) - entry)];
             let shallow = Pass { places: pass.places.iter().map(shallow).collect(), closed: pass.closed };
             self.cut_where(&shallow, wide, height, kind);
             needed = self.needed(pass);
@@ -125,7 +122,7 @@ impl<'a> Passes<'a> {
 
     /// Where a pass takes anything that counts.
     fn needed(&self, pass: &Pass) -> Vec<bool> {
-        let meets = |p: &Place| p[2].is_finite() && self.stock.meets(*p, self.grown_mm, &self.counts);
+        let meets = |p: &Place| p[2].is_finite() && self.stock.meets(*p, 0.0, &self.counts);
         let worth = |n: usize| {
             let enough = |sliver: Sliver| self.width_mm(pass, n, sliver.thinner_mm) > sliver.narrower_mm;
             self.left_alone.is_none_or(enough)
@@ -235,7 +232,7 @@ impl<'a> Passes<'a> {
     /// Goes down along the pass itself, lap by lap, until a place of the ramp's end comes round again at its own height.
     fn enter_by_ramp(&mut self, around: &[Place], height: Height<'_>, kind: Kind) {
         let Some(&first) = around.first() else { return };
-        let free = self.stock.free_mm([first[0], first[1]], 0.0).max(first[2]);
+        let free = self.stock.lowest_mm([first[0], first[1]]).max(first[2]);
         let mut places = Vec::with_capacity(around.len() + 64);
         let (mut run, mut before, mut level) = (0.0, first, 0);
         for p in around.iter().cycle().take(LAPS * around.len()) {
@@ -282,8 +279,7 @@ impl<'a> Passes<'a> {
 
     /// Up, across and down to a little above a place.
     fn link(&mut self, to: Place) {
-        let approach =
-            [to[0], to[1], to[2].max(self.stock.free_mm([to[0], to[1]], self.stock.pitch_mm())) + GAP_MM];
+        let approach = [to[0], to[1], to[2].max(self.stock.free_mm([to[0], to[1]])) + GAP_MM];
         let Some(from) = self.at.filter(|_| !self.moves.is_empty()) else {
             self.go(Kind::Link, self.at.unwrap_or([to[0], to[1], self.safe_mm()]));
             self.go(Kind::Link, [to[0], to[1], self.safe_mm()]);

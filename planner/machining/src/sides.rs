@@ -20,7 +20,7 @@ pub(crate) const ALLOWANCE_MM: f64 = 0.1;
 const SLIVER_DEPTH: f64 = 0.6;
 const SLIVER_WIDTH: f64 = 0.1;
 /// Distance of passes around the part from touching it, mm.
-pub(crate) const BESIDE_MM: f64 = 0.005;
+const BESIDE_MM: f64 = 0.005;
 /// Share of the widest cut that passes are laid at, so that bends, and cells, stay below it.
 pub(crate) const STEP_SHARE: f64 = 0.82;
 /// One side's maps of where the tip may be.
@@ -89,7 +89,7 @@ impl<'a> Sight<'a> {
         let beside = job.tool.radius_mm + ALLOWANCE_MM;
         let domain = self.domain(part, beside);
         let loops = self.loops(part, &domain, beside, &raster.filled(STEP_SHARE * job.widest_mm()));
-        let top = passes.stock.top.iter().copied().fold(NONE, f64::max);
+        let top = passes.stock.centres.top.iter().copied().fold(NONE, f64::max);
         let lowest =
             tip.iter().zip(&domain).filter(|(_, inside)| **inside).map(|(w, _)| *w).fold(top, f64::min);
         let free = |p: [f64; 2]| {
@@ -127,19 +127,19 @@ impl<'a> Sight<'a> {
         let near = |cell: usize| part.outside_mm[cell] < 3.0 * part.raster.pitch_mm;
         passes.counts = part.seen(&(0..part.raster.len()).map(near).collect::<Vec<_>>(), self.facing);
         let floor: Vec<f64> = self.strip_tip.iter().map(|w| w.max(self.deepest_mm)).collect();
-        self.surface(part, passes, &floor);
+        self.surface(part, passes, &floor, &part.around(self.beside_mm(), self.facing));
     }
 
     /// Cuts the strip along the outline, but not the tab.
     pub fn contour(&self, part: &Part, passes: &mut Passes<'_>) {
         let (raster, job) = (&part.raster, self.job);
-        let floor = part.contour_floor(self.facing, job.tool.corner_radius_mm);
+        let floor = part.rim_floor(self.facing, job.tool.corner_radius_mm);
         let tab = raster.dilated(&part.strip_body(self.facing, true), &job.tool, 0.0);
         let height = |p: [f64; 2]| {
             let lowest = raster.highest_around(&floor, p).max(raster.highest_around(&tab, p));
             lowest.max(self.drop.height_mm(p)).max(self.deepest_mm)
         };
-        for outline in &part.around(job.tool.radius_mm + BESIDE_MM, self.facing) {
+        for outline in &part.around(self.beside_mm(), self.facing) {
             // around holes there is no strip
             if area_mm2(outline) > 0.0 {
                 continue;
@@ -165,7 +165,8 @@ impl<'a> Sight<'a> {
         };
         passes.counts = (0..raster.len()).map(covered).collect();
         if passes.counts.contains(&true) {
-            self.surface(part, passes, &floor);
+            // the contour has been around
+            self.surface(part, passes, &floor, &[]);
         }
     }
 
@@ -184,6 +185,11 @@ impl<'a> Sight<'a> {
         let inward: Vec<f64> = part.outside_mm.iter().map(|d| beside_mm - d).collect();
         let field = Field::march(&part.raster, domain, &part.seen(&inward, self.facing), step_mm);
         field.loops().into_iter().map(|(_, outline)| outline).collect()
+    }
+
+    /// Distance of passes around the part from its outline, mm.
+    pub fn beside_mm(&self) -> f64 {
+        self.job.tool.radius_mm + BESIDE_MM
     }
 
     /// In the sense of the case: passes are laid for climb.

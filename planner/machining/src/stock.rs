@@ -2,6 +2,8 @@
 //!
 //! Both sides cut along one axis, so the stock over a cell is one interval: from the surface that the other side left to the one that this side leaves.
 //! The stock says which part of a pass takes anything, how wide a cut would be, and how high the tip must be to pass freely.
+//!
+//! What a cut takes is told at cells' centres. What is free is told by the cells that were cut whole: a ridge may stand between two centres.
 
 use crate::Tool;
 use crate::job::Block;
@@ -13,15 +15,37 @@ const TIE: f64 = 1e-6;
 /// Thinner stock than this is taken for none, mm.
 const LEAST_MM: f64 = 0.01;
 
+/// Share of a cell's side from its centre to its corners.
+const TO_CORNER: f64 = std::f64::consts::FRAC_1_SQRT_2;
+
 /// Stock as one side sees it.
 #[derive(Debug, Clone)]
 pub struct Stock {
     raster: Raster,
     tool: Tool,
-    /// Surface of this side, mm; `NONE` beside the block.
+    /// At the cells' centres.
+    pub centres: Surfaces,
+    /// Where a cell was cut whole.
+    whole: Surfaces,
+}
+
+/// The two surfaces of the stock over the cells, as heights of one side.
+#[derive(Debug, Clone)]
+pub struct Surfaces {
+    /// Of this side, mm; `NONE` beside the block.
     pub top: Vec<f64>,
-    /// Surface of the other side, as a height of this one, mm.
+    /// Of the other side, mm.
     pub other: Vec<f64>,
+}
+
+impl Surfaces {
+    /// The same seen from the other side.
+    fn turned(&self, raster: &Raster) -> Self {
+        let other_way = |map: &[f64]| raster.turned(&map.iter().map(|w| -w).collect::<Vec<_>>());
+        let cells = self.top.iter().zip(&self.other);
+        let gone = cells.map(|(top, other)| if top > other { *other } else { f64::INFINITY });
+        Self { top: other_way(&gone.collect::<Vec<_>>()), other: other_way(&self.top) }
+    }
 }
 
 /// A place of the tip: u, v, w, mm.
@@ -37,7 +61,8 @@ impl Stock {
             u >= low.x && u <= high.x && v >= low.y && v <= high.y
         };
         let top = (0..raster.len()).map(|cell| if inside(cell) { high.z } else { NONE }).collect();
-        Self { raster: *raster, tool: tool.clone(), top, other: raster.filled(low.z) }
+        let centres = Surfaces { top, other: raster.filled(low.z) };
+        Self { raster: *raster, tool: tool.clone(), whole: centres.clone(), centres }
     }
 
     /// Side of a cell, mm.
@@ -47,21 +72,11 @@ impl Stock {
 
     /// The same stock seen from the other side.
     pub fn turned(&self) -> Self {
-        let other_way = |map: &[f64]| self.raster.turned(&map.iter().map(|w| -w).collect::<Vec<_>>());
-        let gone = self
-            .top
-            .iter()
-            .zip(&self.other)
-            .map(|(top, other)| if top > other { *other } else { f64::INFINITY });
-        Self {
-            raster: self.raster,
-            tool: self.tool.clone(),
-            top: other_way(&gone.collect::<Vec<_>>()),
-            other: other_way(&self.top),
-        }
+        let [centres, whole] = [&self.centres, &self.whole].map(|surfaces| surfaces.turned(&self.raster));
+        Self { raster: self.raster, tool: self.tool.clone(), centres, whole }
     }
 
-    /// The cells under a tool wider by `grown_mm` at a place: cell, height of the tool's surface there.
+    /// The cells whose centres are under a tool wider by `grown_mm` at a place: cell, height of the tool's surface there.
     fn under(&self, [u, v, w]: Place, grown_mm: f64) -> impl Iterator<Item = (usize, f64)> {
         let (raster, tool) = (&self.raster, &self.tool);
         let radius = tool.radius_mm + grown_mm;
@@ -83,7 +98,7 @@ impl Stock {
 
     /// Thickness that a surface at `w_mm` takes from a cell, mm.
     fn taken(&self, cell: usize, w_mm: f64) -> f64 {
-        self.top[cell] - w_mm.max(self.other[cell])
+        self.centres.top[cell] - w_mm.max(self.centres.other[cell])
     }
 
     /// Whether the tool at a place, wider by `grown_mm`, would take anything from cells that `counts` holds for.
@@ -107,9 +122,12 @@ impl Stock {
 
     /// Takes away what is above the tool at a place.
     pub fn cut(&mut self, at: Place) {
-        let mut top = std::mem::take(&mut self.top);
+        let mut top = std::mem::take(&mut self.centres.top);
         self.under(at, 0.0).for_each(|(cell, w)| top[cell] = top[cell].min(w));
-        self.top = top;
+        self.centres.top = top;
+        let mut top = std::mem::take(&mut self.whole.top);
+        self.under(at, -TO_CORNER * self.raster.pitch_mm).for_each(|(cell, w)| top[cell] = top[cell].min(w));
+        self.whole.top = top;
     }
 
     /// Cuts along a straight move, at steps of half a cell.
@@ -119,24 +137,31 @@ impl Stock {
         }
     }
 
-    /// Lowest place of the tip at (u, v) at which a tool wider by `grown_mm` takes nothing, mm.
-    ///
-    /// Wider by a cell it is safe for stock that cell centres do not show.
-    pub fn free_mm(&self, at: [f64; 2], grown_mm: f64) -> f64 {
-        let mut free = NONE;
-        self.under([at[0], at[1], 0.0], grown_mm).for_each(|(cell, f)| {
-            if self.top[cell] > self.other[cell] {
-                free = free.max(self.top[cell] - f);
-            }
-        });
-        free
+    /// Lowest place of the tip at (u, v) at which the tool takes nothing from the centres, mm.
+    pub fn lowest_mm(&self, at: [f64; 2]) -> f64 {
+        self.lowest_over_mm(at, 0.0, &self.centres)
     }
 
-    /// The same along a straight line, for a tool wider by a cell.
+    /// Lowest place of the tip at (u, v) at which the tool meets nothing, a cell's side away from it either, mm.
+    pub fn free_mm(&self, at: [f64; 2]) -> f64 {
+        self.lowest_over_mm(at, self.raster.pitch_mm, &self.whole)
+    }
+
+    fn lowest_over_mm(&self, at: [f64; 2], grown_mm: f64, stock: &Surfaces) -> f64 {
+        let mut lowest = NONE;
+        self.under([at[0], at[1], 0.0], grown_mm).for_each(|(cell, f)| {
+            if stock.top[cell] > stock.other[cell] {
+                lowest = lowest.max(stock.top[cell] - f);
+            }
+        });
+        lowest
+    }
+
+    /// [`Self::free_mm`] along a straight line.
     pub fn free_along_mm(&self, from: [f64; 2], to: [f64; 2]) -> f64 {
         let (from, to) = ([from[0], from[1], 0.0], [to[0], to[1], 0.0]);
         let apart = 2.0 * self.raster.pitch_mm;
-        steps(from, to, apart).map(|p| self.free_mm([p[0], p[1]], self.raster.pitch_mm)).fold(NONE, f64::max)
+        steps(from, to, apart).map(|p| self.free_mm([p[0], p[1]])).fold(NONE, f64::max)
     }
 }
 

@@ -6,8 +6,9 @@
 //! the outline only where it is steep: there a pass cuts by the side of the cutter.
 //!
 //! Rows come in rounds, each at half the spacing of the one before, and are driven only where the stock that is left is thicker than the
-//! finishing step. What no row has made good is cut by rings of the step that leaves e at every place.
-//! Rings and the first rows keep the sense of cut; a row of a later round lies between two others and has stock on both sides.
+//! finishing step. Walls, and what no row has made good, are cut by rings of the step that leaves e at every place.
+//! Rings and the first rows keep the sense of cut: those beside each other are cut in the order in which they are laid, others from the nearest on. A row of
+//! a later round lies between two others and has stock on both sides.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -19,16 +20,16 @@ use crate::part::Part;
 use crate::pass::{Height, Pass, refined};
 use crate::passes::Passes;
 use crate::raster::{NONE, Raster};
-use crate::sides::{ALLOWANCE_MM, BESIDE_MM, STEP_SHARE, Sight};
+use crate::sides::{ALLOWANCE_MM, STEP_SHARE, Sight};
 use crate::silhouette::{Loop, length_mm};
-use crate::stock::{Place, Stock};
+use crate::stock::{Place, Stock, Surfaces};
 
 /// Share of the finishing step that rows and rings are laid for, and above which stock is cut again: cells tell thickness to a tenth of it.
 const SHARE: f64 = 0.9;
 /// Share of it above which rings were too far apart.
 const TOO_FAR_APART: f64 = 1.05;
 /// Distance of the first rows, in diameters: layers are thinner than an entry, so their width is not bounded.
-const ROWS_APART: f64 = 0.7;
+const ROWS_APART: f64 = 0.8;
 /// Rounds of rows in each direction.
 const ROUNDS: usize = 3;
 /// Rise over run up to which rows go over a surface: the cutter goes down it at no steeper angle.
@@ -39,6 +40,8 @@ type Row = Vec<[f64; 2]>;
 
 /// The surface that a side shall leave over the part.
 struct Surface {
+    /// Where.
+    cells: Vec<bool>,
     /// Lowest surface that the tip can leave, mm; `NONE` beside the part.
     target: Vec<f64>,
     /// Root of 1 + slope²: thickness along the cutter over thickness along the normal.
@@ -48,27 +51,20 @@ struct Surface {
 }
 
 impl Surface {
-    /// Those of some cells on which stock thicker than `thick_mm` is left along the normal.
-    fn left(&self, stock: &Stock, cells: &[bool], thick_mm: f64) -> Vec<bool> {
+    /// Its cells on which stock thicker than `thick_mm` is left along the normal.
+    fn left(&self, stock: &Stock, thick_mm: f64) -> Vec<bool> {
+        let Surfaces { top, other } = &stock.centres;
         let left = |cell: usize| {
-            let thickness = stock.top[cell] - self.target[cell].max(stock.other[cell]);
-            cells[cell] && thickness > thick_mm * self.steepness[cell]
+            let thickness = top[cell] - self.target[cell].max(other[cell]);
+            self.cells[cell] && thickness > thick_mm * self.steepness[cell]
         };
         (0..self.target.len()).map(left).collect()
-    }
-
-    /// The direction of rows over most cells.
-    fn most(&self) -> usize {
-        let count = |along: usize| self.way.iter().filter(|way| **way == Some(along)).count();
-        usize::from(count(1) > count(0))
     }
 }
 
 /// Where the tip may be: over the raster in general, and exactly.
 struct Reach<'a> {
     raster: &'a Raster,
-    /// Distance of the domain's edge from the outline, mm.
-    beside_mm: f64,
     /// Where the axis may be.
     domain: Vec<bool>,
     /// Lowest tip, mm.
@@ -92,63 +88,77 @@ impl Reach<'_> {
 }
 
 impl Sight<'_> {
-    /// Passes that leave the finishing step on the cells that count, nowhere below `floor`.
-    pub fn surface(&self, part: &Part, passes: &mut Passes<'_>, floor: &[f64]) {
+    /// Passes that leave the finishing step on the cells that count, nowhere below `floor`; along the `first` outlines before all others.
+    pub fn surface(&self, part: &Part, passes: &mut Passes<'_>, floor: &[f64], first: &[Loop]) {
         let raster = &part.raster;
-        let beside = self.job.tool.radius_mm + BESIDE_MM;
         let height = |p: [f64; 2]| self.drop.height_mm(p).max(raster.highest_around(floor, p));
         let reach = Reach {
             raster,
-            beside_mm: beside,
-            domain: self.domain(part, beside),
+            domain: self.domain(part, self.beside_mm()),
             tip: self.tip_above(floor),
             height: &height,
         };
-        let cells = passes.counts.clone();
-        let surface = self.surface_to_leave(&reach);
-        let left = |passes: &Passes<'_>, share: f64| {
-            surface.left(&passes.stock, &cells, share * self.job.process.finishing_step_mm)
-        };
-        passes.grown_mm = 0.75 * raster.pitch_mm;
-        self.cut_rings(&part.around(beside, self.facing), &reach, passes);
-        let most = surface.most();
+        let surface = self.surface_to_leave(&reach, passes.counts.clone());
+        self.cut_rings(first, &reach, passes, |_| true);
+        self.cut_gentle(&surface, &reach, passes);
+        self.cut_steep(&surface, part, &reach, passes);
+    }
+
+    /// Rows in both directions, closer and closer where stock is left.
+    fn cut_gentle(&self, surface: &Surface, reach: &Reach<'_>, passes: &mut Passes<'_>) {
         for round in 0..ROUNDS {
-            for along in [most, 1 - most] {
-                let all = round == 0 && along == most;
-                let by_row = |way: &Option<usize>| way.is_some_and(|way| all || way == along);
-                passes.counts =
-                    left(passes, SHARE).iter().zip(&surface.way).map(|(l, way)| *l && by_row(way)).collect();
-                self.cut_rows(&rows(raster, along, self.rows_apart_mm(), round), !all, &reach, passes);
+            for along in [0, 1] {
+                let left = surface.left(&passes.stock, SHARE * self.job.process.finishing_step_mm);
+                let of_way = left.into_iter().zip(&surface.way);
+                passes.counts = of_way.map(|(left, way)| left && *way == Some(along)).collect();
+                let rows = rows(reach.raster, along, self.rows_apart_mm(), round);
+                self.cut_rows(&rows, round == 0, reach, passes);
             }
         }
+    }
+
+    /// Rings up the walls, then where rows and walls have left stock.
+    fn cut_steep(&self, surface: &Surface, part: &Part, reach: &Reach<'_>, passes: &mut Passes<'_>) {
+        let raster = reach.raster;
+        let slopes = slopes(raster, &reach.tip);
         // the least step around a cell, since a ring may lie anywhere between centres
-        let steps_mm = raster.narrowed(&self.steps_mm(&slopes(raster, &reach.tip)));
-        let steep = |cell: usize| cells[cell] && surface.way[cell].is_none();
-        let rest = left(passes, SHARE).into_iter().enumerate().map(|(cell, left)| left || steep(cell));
-        passes.counts = rest.collect();
-        self.cut_field(part, &steps_mm, &reach, passes);
+        let steps_mm = raster.narrowed(&self.steps_mm(&slopes));
+        let rings = self.rings(part, reach, &steps_mm);
+        let steepest = raster.widened(&slopes.iter().map(|[u, v]| u.hypot(*v)).collect::<Vec<_>>());
+        let on_wall = |p: [f64; 2]| raster.cell(p).is_some_and(|cell| steepest[cell] > STEEP);
+        let left = |passes: &Passes<'_>, share: f64| {
+            surface.left(&passes.stock, share * self.job.process.finishing_step_mm)
+        };
+        // of a wall's thickness a raster says too little: all of its rings are driven
+        let steep = surface.cells.iter().zip(&surface.way).map(|(counts, way)| *counts && way.is_none());
+        passes.counts =
+            left(passes, SHARE).into_iter().zip(steep).map(|(left, steep)| left || steep).collect();
+        self.cut_rings(&rings, reach, passes, on_wall);
+        passes.counts = left(passes, SHARE);
+        self.cut_rings(&rings, reach, passes, |p| !on_wall(p));
         // a raster says where rings lie to a share of a cell: where two are too far apart, there are others between
+        let outermost = part.outermost(self.facing);
         passes.counts = left(passes, TOO_FAR_APART)
             .into_iter()
-            .zip(part.outermost(self.facing))
+            .zip(outermost)
             .map(|(left, outer)| left && !outer)
             .collect();
         if passes.counts.contains(&true) {
             let between: Vec<f64> = steps_mm.iter().map(|step| 0.5 * step).collect();
-            self.cut_field(part, &between, &reach, passes);
+            self.cut_rings(&self.rings(part, reach, &between), reach, passes, |_| true);
         }
     }
 
-    /// Rings of the given steps, where they are needed.
-    fn cut_field(&self, part: &Part, steps_mm: &[f64], reach: &Reach<'_>, passes: &mut Passes<'_>) {
-        let mut rings = self.loops(part, &reach.domain, reach.beside_mm, steps_mm);
+    /// Rings of the given steps.
+    fn rings(&self, part: &Part, reach: &Reach<'_>, steps_mm: &[f64]) -> Vec<Loop> {
+        let mut rings = self.loops(part, &reach.domain, self.beside_mm(), steps_mm);
         // around a peak, the rings outside cover what is within the cutter's radius
         rings.retain(|ring| length_mm(ring) > self.job.tool.radius_mm);
-        self.cut_rings(&rings, reach, passes);
+        rings
     }
 
     /// What the tip can leave of the surface, and how it lies.
-    fn surface_to_leave(&self, reach: &Reach<'_>) -> Surface {
+    fn surface_to_leave(&self, reach: &Reach<'_>, cells: Vec<bool>) -> Surface {
         let reached = reach.raster.eroded(&reach.tip, &self.job.tool);
         let over = |(h, reached): (&f64, f64)| if *h > NONE { h.max(reached) } else { NONE };
         let target: Vec<f64> = self.heights.iter().zip(reached).map(over).collect();
@@ -163,31 +173,42 @@ impl Sight<'_> {
             gentle.then_some(usize::from(apart_mm[1] > apart_mm[0]))
         };
         Surface {
+            cells,
             way: target.iter().zip(&reach.tip).zip(&slopes).map(way).collect(),
             steepness: slopes.iter().map(|[u, v]| (1.0 + u * u + v * v).sqrt()).collect(),
             target,
         }
     }
 
-    fn cut_rings(&self, loops: &[Loop], reach: &Reach<'_>, passes: &mut Passes<'_>) {
-        let lay = |outline: &Loop| {
+    /// Rings where they are needed, of the places that `over` tells.
+    fn cut_rings(
+        &self,
+        rings: &[Loop],
+        reach: &Reach<'_>,
+        passes: &mut Passes<'_>,
+        over: impl Fn([f64; 2]) -> bool + Sync,
+    ) {
+        let lay = |ring: &Loop| {
             // the raster's heights are enough to see what is needless
-            let mut pass = Pass::along(outline, 1.5 * reach.raster.pitch_mm, |p| reach.about_mm(p));
-            let worth: Vec<bool> = pass.places.iter().map(|p| is_worth(passes, p)).collect();
-            let driven = passes.driven(&pass, &worth);
+            let mut pass = Pass::along(ring, 1.5 * reach.raster.pitch_mm, |p| reach.about_mm(p));
+            let worth = |p: &Place| over([p[0], p[1]]) && is_worth(passes, p);
+            let driven = passes.driven(&pass, &pass.places.iter().map(worth).collect::<Vec<_>>());
             pass.places.par_iter_mut().zip(&driven).for_each(|(p, driven)| {
                 p[2] = if *driven { (reach.height)([p[0], p[1]]) } else { f64::INFINITY };
             });
-            worth.contains(&true).then(|| self.sensed(refined(pass, reach.height)))
+            let closed = !driven.contains(&false);
+            let runs = if closed { vec![pass.places] } else { pass.runs(&driven) };
+            let laid = |places| self.sensed(refined(Pass { places, closed }, reach.height));
+            runs.into_iter().map(laid).collect::<Vec<Pass>>()
         };
-        let laid: Vec<Pass> = loops.par_iter().filter_map(lay).collect();
-        for pass in &laid {
+        let laid = rings.par_iter().flat_map_iter(lay).collect();
+        for pass in &nearest_first(laid, passes.place(), self.job.tool.diameter_mm()) {
             passes.cut(pass, reach.height, Kind::Finish);
         }
     }
 
-    /// The needed stretches of some rows; `nearest`: each the nearest to the one before, instead of in their order.
-    fn cut_rows(&self, rows: &[Row], nearest: bool, reach: &Reach<'_>, passes: &mut Passes<'_>) {
+    /// The needed stretches of some rows, each the nearest to the one before; `sensed`: those beside each other in their order.
+    fn cut_rows(&self, rows: &[Row], sensed: bool, reach: &Reach<'_>, passes: &mut Passes<'_>) {
         let exact = |p: [f64; 2]| reach.exact_mm(p);
         let lay = |row: &Row| {
             let about = |p: &[f64; 2]| {
@@ -201,11 +222,9 @@ impl Sight<'_> {
             };
             about.runs(&passes.driven(&about, &needed)).into_iter().map(stretch).collect::<Vec<Pass>>()
         };
-        let mut laid: Vec<Pass> = rows.par_iter().flat_map_iter(lay).collect();
-        if nearest {
-            laid = nearest_first(laid, passes.place());
-        }
-        for pass in &laid {
+        let laid = rows.par_iter().flat_map_iter(lay).collect();
+        let beside_mm = if sensed { self.job.tool.diameter_mm() } else { 0.0 };
+        for pass in &nearest_first(laid, passes.place(), beside_mm) {
             passes.cut(pass, &exact, Kind::Finish);
         }
     }
@@ -296,19 +315,21 @@ fn is_worth(passes: &Passes<'_>, p: &Place) -> bool {
     p[2].is_finite() && passes.stock.meets(deeper, passes.stock.pitch_mm(), &passes.counts)
 }
 
-/// Open passes, each the nearest to the end of the one before.
-fn nearest_first(mut passes: Vec<Pass>, at: Option<Place>) -> Vec<Pass> {
-    let mut ordered = Vec::with_capacity(passes.len());
+/// Passes, each the nearest to the end of the one before, but after all earlier ones that are nearer to it than `beside_mm`.
+fn nearest_first(passes: Vec<Pass>, at: Option<Place>, beside_mm: f64) -> Vec<Pass> {
+    let waits_for = |n: usize| (0..n).filter(|m| passes[*m].is_beside(&passes[n], beside_mm)).collect();
+    let mut waits: Vec<Vec<usize>> = (0..passes.len()).into_par_iter().map(waits_for).collect();
+    let mut left: Vec<Option<Pass>> = passes.into_iter().map(Some).collect();
+    let mut ordered = Vec::with_capacity(left.len());
     let mut at = at.unwrap_or_default();
-    while !passes.is_empty() {
-        let distance = |pass: &Pass| pass.places.first().map_or(0.0, |p| (p[0] - at[0]).hypot(p[1] - at[1]));
-        let nearest =
-            (0..passes.len()).min_by(|a, b| distance(&passes[*a]).total_cmp(&distance(&passes[*b])));
-        let pass = passes.remove(nearest.unwrap_or(0));
-        at = pass.places.last().copied().unwrap_or(at);
-        ordered.push(pass);
+    loop {
+        let free = left.iter().enumerate().filter(|(n, _)| waits[*n].is_empty());
+        let free = free.filter_map(|(n, pass)| Some((n, pass.as_ref()?.distance_mm(at))));
+        let Some((next, _)) = free.min_by(|a, b| a.1.total_cmp(&b.1)) else { return ordered };
+        waits.iter_mut().for_each(|waits| waits.retain(|n| *n != next));
+        ordered.extend(left[next].take());
+        at = ordered.last().and_then(Pass::end).unwrap_or(at);
     }
-    ordered
 }
 
 #[cfg(test)]
@@ -342,6 +363,24 @@ mod tests {
         assert!((apart_mm(&tool, 0.08, 0.0, 0.75) - 0.08 / 0.6).abs() < 1e-9);
         // a plane across the cutter: as wide as the cutter
         assert!((apart_mm(&tool, 0.08, 0.0, 0.0) - 3.2).abs() < 1e-9);
+    }
+
+    #[test]
+    fn passes_beside_each_other_keep_their_order_and_the_nearest_of_the_others_is_next() {
+        // arcs of rings on the left and on the right: ring 0 left and right, ring 1 left and right, …
+        let arc = |n: usize| {
+            let u = if n.is_multiple_of(2) { -20.0 } else { 20.0 };
+            let places = (0..=4).map(|k| [u + 0.1 * (n / 2) as f64, f64::from(k), 0.0]);
+            Pass { places: places.collect(), closed: false }
+        };
+        let order = |beside_mm: f64, at: Place| {
+            let ordered = nearest_first((0..6).map(arc).collect(), Some(at), beside_mm);
+            let number = |pass: &Pass| (0..6).position(|n| arc(n).places == pass.places).unwrap();
+            ordered.iter().map(number).collect::<Vec<_>>()
+        };
+        assert_eq!(order(3.0, [21.0, 0.0, 0.0]), [1, 3, 5, 0, 2, 4]);
+        // with nothing to wait for, the innermost may be first
+        assert_eq!(order(0.0, [21.0, 0.0, 0.0]), [5, 3, 1, 4, 2, 0]);
     }
 
     #[test]

@@ -177,12 +177,33 @@ fn a_slot_in_stock_is_as_wide_as_the_tool_and_half_of_it_beside() {
     assert!((width(&stock, 0.0) - 3.0).abs() < 0.11);
     stock.cut_line([-8.0, 0.0, 6.0], [3.0, 0.0, 6.0]);
     assert!((width(&stock, 1.2) - 1.2).abs() < 0.11, "{}", width(&stock, 1.2));
-    assert_eq!(stock.free_mm([-4.0, 0.0], 0.0), 6.0);
-    assert_eq!(stock.free_mm([7.0, 0.0], 0.0), 8.0);
+    assert_eq!(stock.lowest_mm([-4.0, 0.0]), 6.0);
+    assert_eq!(stock.lowest_mm([7.0, 0.0]), 8.0);
     // from the other side the cut is a lower far surface
     let turned = stock.turned();
     let cell = raster.cell([-4.0, 0.0]).unwrap();
-    assert_eq!((turned.top[cell], turned.other[cell]), (8.0, -6.0));
+    assert_eq!((turned.centres.top[cell], turned.centres.other[cell]), (8.0, -6.0));
+}
+
+#[test]
+fn a_ridge_between_cells_stands_in_the_way_from_either_side() {
+    let raster = Raster::over(-10.0, 10.0, 10.0, 0.1).unwrap();
+    let block = Block { low_mm: Vector3::repeat(-8.0), high_mm: Vector3::repeat(8.0), grip_mm: 0.0 };
+    let mut stock = Stock::block(&raster, &block, &tool(1.5, 0.0), Facing::Front);
+    let cut_beside = |stock: &mut Stock, ridge_mm: f64, w: f64| {
+        for v in [-1.5 - 0.5 * ridge_mm, 1.5 + 0.5 * ridge_mm] {
+            stock.cut_line([-9.0, 0.05 + v, w], [9.0, 0.05 + v, w]);
+        }
+    };
+    // 0.06 mm wide, between rows of cells at v = 0 and 0.1
+    cut_beside(&mut stock, 0.06, 5.0);
+    assert_eq!((stock.lowest_mm([0.0, 0.0]), stock.free_mm([0.0, 0.0])), (5.0, 8.0));
+    let mut turned = stock.turned();
+    cut_beside(&mut turned, 0.06, -2.0);
+    assert_eq!((turned.lowest_mm([0.0, 0.0]), turned.free_mm([0.0, 0.0])), (-2.0, 8.0));
+    // once it is gone the way is free
+    stock.cut_line([-9.0, 0.0, 5.0], [9.0, 0.0, 5.0]);
+    assert_eq!(stock.free_mm([0.0, 0.0]), 5.0);
 }
 
 #[test]

@@ -47,7 +47,7 @@ impl Sight<'_> {
         let lowest =
             surface.iter().flat_map(|r| &r.places).map(|p| p[2]).filter(finite).fold(f64::INFINITY, f64::min);
         let part_top = self.heights.iter().copied().fold(NONE, f64::max);
-        let mut level = passes.stock.top.iter().copied().fold(NONE, f64::max);
+        let mut level = passes.stock.centres.top.iter().copied().fold(NONE, f64::max);
         while level > lowest {
             let step = if level - rows.plane_mm >= part_top { rows.plane_mm } else { rows.fine_plane_mm };
             level = (level - step).max(lowest);
@@ -62,7 +62,6 @@ impl Sight<'_> {
                 );
             }
         }
-        passes.grown_mm = 0.75 * raster.pitch_mm;
         for row in &finest {
             passes.cut(row, &height, Kind::Finish);
         }
