@@ -23,14 +23,20 @@ use crate::raster::NONE;
 const HALVINGS: usize = 30;
 
 /// What stands in a bucket.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 struct Bucket {
+    /// Highest point of all, mm.
+    top_mm: f64,
     vertices: Vec<Vector3<f64>>,
     edges: Vec<[Vector3<f64>; 2]>,
     facets: Vec<(Facet, Vector3<f64>)>,
 }
 
 impl Bucket {
+    fn empty() -> Self {
+        Self { top_mm: NONE, vertices: vec![], edges: vec![], facets: vec![] }
+    }
+
     /// Facets share their vertices and edges.
     fn without_doubles(&mut self) {
         let order = |p: &Vector3<f64>, q: &Vector3<f64>| {
@@ -77,7 +83,7 @@ impl DropCutter {
             origin_mm: low,
             side_mm,
             dims,
-            buckets: vec![Bucket::default(); dims[0] * dims[1]],
+            buckets: vec![Bucket::empty(); dims[0] * dims[1]],
         };
         facets.iter().for_each(|facet| drop.insert(facet));
         drop.buckets.iter_mut().for_each(Bucket::without_doubles);
@@ -108,6 +114,7 @@ impl DropCutter {
         for j in rows {
             for i in columns.clone() {
                 if let Some(bucket) = self.buckets.get_mut(i + self.dims[0] * j) {
+                    bucket.top_mm = points.iter().fold(bucket.top_mm, |top, p| top.max(p.z));
                     add(bucket);
                 }
             }
@@ -131,19 +138,23 @@ impl DropCutter {
             })
         };
         let mut best = NONE;
-        for vertex in buckets().flat_map(|b| &b.vertices) {
-            if vertex.z > best {
-                best = best.max(self.over_vertex(vertex, at));
+        for bucket in buckets() {
+            if bucket.top_mm > best {
+                best = bucket.vertices.iter().fold(best, |best, p| best.max(self.over_vertex(p, at)));
             }
         }
-        for (facet, n) in buckets().flat_map(|b| &b.facets) {
-            if facet[0].z.max(facet[1].z).max(facet[2].z) > best {
-                best = best.max(self.over_facet(facet, n, at));
+        for bucket in buckets() {
+            // neither reaches above a bucket's highest point
+            if bucket.top_mm > best {
+                let facets = bucket.facets.iter().filter(|(f, _)| f[0].z.max(f[1].z).max(f[2].z) > best);
+                best = facets.map(|(facet, n)| self.over_facet(facet, n, at)).fold(best, f64::max);
             }
-        }
-        for [p, q] in buckets().flat_map(|b| &b.edges) {
-            if p.z.max(q.z) > best {
-                best = best.max(self.over_edge(p, q, at, best));
+            if bucket.top_mm > best {
+                for [p, q] in &bucket.edges {
+                    if p.z.max(q.z) > best {
+                        best = best.max(self.over_edge(p, q, at, best));
+                    }
+                }
             }
         }
         best
@@ -168,7 +179,7 @@ impl DropCutter {
     }
 
     fn over_facet(&self, [a, b, c]: &Facet, n: &Vector3<f64>, at: [f64; 2]) -> f64 {
-        let flat = n.x.hypot(n.y);
+        let flat = (n.x * n.x + n.y * n.y).sqrt();
         let reach =
             self.corner_mm + if flat > 1e-12 { (self.radius_mm - self.corner_mm) / flat } else { 0.0 };
         let (u, v) = (at[0] - reach * n.x, at[1] - reach * n.y);
@@ -183,7 +194,7 @@ impl DropCutter {
 
     fn over_edge(&self, p: &Vector3<f64>, q: &Vector3<f64>, at: [f64; 2], best: f64) -> f64 {
         let (du, dv, dw) = (q.x - p.x, q.y - p.y, q.z - p.z);
-        let length = du.hypot(dv);
+        let length = (du * du + dv * dv).sqrt();
         if length < 1e-12 {
             return NONE;
         }

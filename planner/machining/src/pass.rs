@@ -151,9 +151,9 @@ fn holds(places: &[Place]) -> bool {
     let length2 = du * du + dv * dv;
     let near = |p: &Place| {
         let part = if length2 > 0.0 { ((p[0] - a[0]) * du + (p[1] - a[1]) * dv) / length2 } else { 0.0 };
-        let off = (p[0] - a[0] - part * du).hypot(p[1] - a[1] - part * dv);
+        let off2 = (p[0] - a[0] - part * du).powi(2) + (p[1] - a[1] - part * dv).powi(2);
         let w = a[2] + part * (b[2] - a[2]);
-        (0.0..=1.0).contains(&part) && off <= CHORD_MM && (w - p[2]).abs() <= CHORD_MM
+        (0.0..=1.0).contains(&part) && off2 <= CHORD_MM * CHORD_MM && (w - p[2]).abs() <= CHORD_MM
     };
     between.iter().all(near)
 }

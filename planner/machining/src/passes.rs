@@ -6,6 +6,8 @@
 //!
 //! Invariant: the tip is never below the height that the pass gives. Coordinates are whole micrometres, heights rounded up.
 
+use rayon::prelude::*;
+
 use crate::Job;
 use crate::moves::{Facing, Kind, Move, Side};
 use crate::pass::{Height, Pass, rounded, simplified};
@@ -26,6 +28,8 @@ const MOST_STEPS: usize = 32;
 const BESIDE: f64 = 0.3;
 /// Places of a way to a cell.
 const CLOSE: usize = 4;
+/// Places of a pass that one thread looks at, at least.
+const SHARED: usize = 16;
 /// Most laps of a ramp.
 const LAPS: usize = 200;
 /// Steepest ramp into stock, rise over run.
@@ -107,8 +111,8 @@ impl<'a> Passes<'a> {
         let mut needed = self.needed(pass);
         for _ in 0..MOST_STEPS {
             let driven = self.driven(pass, &needed);
-            let wide: Vec<bool> =
-                driven.iter().enumerate().map(|(n, driven)| *driven && self.is_wide(pass, n)).collect();
+            let wide = |n: usize| driven[n] && self.is_wide(pass, n);
+            let wide: Vec<bool> = (0..driven.len()).into_par_iter().with_min_len(SHARED).map(wide).collect();
             if !wide.contains(&true) {
                 break;
             }
@@ -127,7 +131,11 @@ impl<'a> Passes<'a> {
             let enough = |sliver: Sliver| self.width_mm(pass, n, sliver.thinner_mm) > sliver.narrower_mm;
             self.left_alone.is_none_or(enough)
         };
-        pass.places.iter().enumerate().map(|(n, p)| meets(p) && worth(n)).collect()
+        (0..pass.places.len())
+            .into_par_iter()
+            .with_min_len(SHARED)
+            .map(|n| meets(&pass.places[n]) && worth(n))
+            .collect()
     }
 
     /// How much of the tool's width meets stock thicker than `deeper_mm` ahead of a place of a pass, mm; 0 where it goes nowhere.

@@ -109,10 +109,11 @@ impl Stock {
     /// How much of the tool's width, across `direction`, has stock before it that is thicker than `deeper_mm`, mm: in strips one cell wide.
     pub fn width_mm(&self, at: Place, direction: [f64; 2], deeper_mm: f64) -> f64 {
         let mut strips = vec![false; (self.tool.diameter_mm() / self.raster.pitch_mm) as usize + 2];
-        self.under(at, 0.0).for_each(|(cell, w)| {
+        let thick = self.under(at, 0.0).filter(|(cell, w)| self.taken(*cell, *w) > deeper_mm);
+        thick.for_each(|(cell, _)| {
             let [u, v] = self.raster.centre_of(cell);
             let (du, dv) = (u - at[0], v - at[1]);
-            if du * direction[0] + dv * direction[1] > 0.0 && self.taken(cell, w) > deeper_mm {
+            if du * direction[0] + dv * direction[1] > 0.0 {
                 let across = dv * direction[0] - du * direction[1];
                 strips[((across + self.tool.radius_mm) / self.raster.pitch_mm + TIE) as usize] = true;
             }

@@ -20,9 +20,10 @@ pub struct Cutter {
 impl Cutter {
     /// Signed distance of a point, given from the tip in the machine's axes, mm.
     pub fn distance_mm(&self, from_tip: &Vector3<f64>) -> f64 {
-        let r = from_tip.x.hypot(from_tip.y) - (self.radius_mm - self.corner_mm);
+        let length = |a: f64, b: f64| (a * a + b * b).sqrt();
+        let r = length(from_tip.x, from_tip.y) - (self.radius_mm - self.corner_mm);
         let below = self.corner_mm - from_tip.z;
-        r.max(0.0).hypot(below.max(0.0)) + r.max(below).min(0.0) - self.corner_mm
+        length(r.max(0.0), below.max(0.0)) + r.max(below).min(0.0) - self.corner_mm
     }
 
     /// Signed distance of a point to what the cutter sweeps on a straight motion, mm.

@@ -112,8 +112,11 @@ impl Silhouette {
 
     /// Residual areas of the part turned by `rotation`.
     pub fn residual(&self, rotation: &Rotation3<f64>) -> Residual {
-        let [xy_mm2, xz_mm2, yz_mm2] =
-            Plane::ALL.map(|plane| self.outline(rotation, plane).residual_mm2(0.0));
+        let area_mm2 = |plane| self.outline(rotation, plane).residual_mm2(0.0);
+        let (xy_mm2, (xz_mm2, yz_mm2)) = rayon::join(
+            || area_mm2(Plane::Xy),
+            || rayon::join(|| area_mm2(Plane::Xz), || area_mm2(Plane::Yz)),
+        );
         Residual { xy_mm2, xz_mm2, yz_mm2 }
     }
 
