@@ -69,24 +69,28 @@ fn cards(plan: &ProsthesisPlan) -> String {
         ("thickest stock left on the part", format!("{:.3} mm", plan.proof.thickest_uncut_mm)),
         ("widest cut", format!("{:.2} mm", plan.proof.widest_mm)),
     ];
-    let items = cards.iter().map(|(label, value)| format!("<div><b>{value}</b><span>{label}</span></div>"));
+    let by_arm = plan.robot.as_ref().map(|robot| ("by the arm", minutes(robot.duration_s)));
+    let items = by_arm
+        .into_iter()
+        .chain(cards)
+        .map(|(label, value)| format!("<div><b>{value}</b><span>{label}</span></div>"));
     format!("<div class=\"cards\">{}</div>", items.collect::<String>())
 }
 
-/// Which block to mount, and how.
+/// Which block to mount, how, and what to run.
 fn instructions(plan: &ProsthesisPlan, record: &JobRecord) -> String {
     let [x, y, z] = plan.taken.mounted.size_mm;
     let (low, high, tool) = (&record.block.low_mm, &record.block.high_mm, &record.job.tool);
     let from = if plan.taken.is_from_catalogue() { " It was taken out of the catalogue." } else { "" };
+    let (mount, run) = plan.robot.as_ref().map_or_else(|| on_machine([x, y, z]), by_arm);
     format!(
         "<h2>What to do</h2><ol class=\"steps\">\
          <li>Take block <b>{}</b>, {x} × {y} × {z} mm.{from}</li>\
-         <li>Mount it with its {x} mm side along X (the rotary axis A), its {y} mm side toward the spindle and its {z} mm side across. At A = 0 side A faces \
-         the spindle. Grip it at the lower end in z: the grip may cover {:.1} mm.</li>\
-         <li>Set the program's zero on the rotary axis. Seen from there the block reaches from x = {:.2} to {:.2}, y = {:.2} to {:.2} and z = {:.2} to \
-         {:.2} mm.</li>\
+         <li>{mount}</li>\
+         <li>The grip may cover {:.1} mm at the block's lower end in z. Seen from the program's zero the block reaches from x = {:.2} to {:.2}, y = {:.2} to \
+         {:.2} and z = {:.2} to {:.2} mm.</li>\
          <li>Put in the cutter: diameter {} mm, corner radius {} mm, flutes: {}, {} mm from the tip to the holder.</li>\
-         <li>Run <code>program.nc</code>: side A, half a turn, side B, then the outline.{}</li>\
+         <li>{run}</li>\
          <li>Break the part off its last tab of {:.1} mm and take off the burrs.</li></ol>",
         escape(&plan.taken.mounted.id),
         record.block.grip_mm,
@@ -100,18 +104,27 @@ fn instructions(plan: &ProsthesisPlan, record: &JobRecord) -> String {
         tool.corner_radius_mm,
         tool.flutes,
         tool.length_mm,
-        plan.robot.as_ref().map(by_arm).unwrap_or_default(),
         plan.machining.strip.tab_mm,
     )
 }
 
-/// How an arm does the same.
-fn by_arm(robot: &RobotMotion) -> String {
-    let minutes = robot.duration_s / 60.0;
-    format!(
-        " Or by the arm, which runs <code>trajectory.csv</code> in {minutes:.1} min instead: {}",
-        escape(&robot.setup)
-    )
+/// How the block is mounted on a machine, and what the machine runs.
+fn on_machine([x, y, z]: [f64; 3]) -> (String, String) {
+    let mount = format!(
+        "Mount it with its {x} mm side along X (the rotary axis A), its {y} mm side toward the spindle and its {z} mm side across. At A = 0 side A faces the \
+         spindle. Set the program's zero on the rotary axis."
+    );
+    (mount, "Run <code>program.nc</code>: side A, half a turn, side B, then the outline.".into())
+}
+
+/// How block and spindle are mounted for an arm, and what it runs.
+fn by_arm(robot: &RobotMotion) -> (String, String) {
+    let run = format!(
+        "Run <code>trajectory.csv</code> by the arm, {:.1} min: side A, half a turn, side B, then the outline. <code>program.nc</code> is the same for a \
+         milling machine with a rotary axis along the block's x.",
+        robot.duration_s / 60.0
+    );
+    (escape(&robot.setup), run)
 }
 
 /// Residual areas as given, after each run of the published procedure, and as chosen.
