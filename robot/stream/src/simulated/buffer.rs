@@ -11,7 +11,7 @@ use crate::link::Joints;
 #[derive(Debug, Clone)]
 pub struct Buffer {
     /// How long its targets last beyond what a stop needs, s.
-    pub depth_s: f64,
+    depth_s: f64,
     period_s: f64,
     ramp_per_s: f64,
     /// The first is the one behind the place.
@@ -81,5 +81,60 @@ impl Buffer {
         let (from, to) = (self.targets.front()?, self.targets.get(1).or(self.targets.front())?);
         let share = self.place_s / self.period_s;
         Some(std::array::from_fn(|j| from[j] + share * (to[j] - from[j])))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TICK_S: f64 = 0.002;
+    const PERIOD_S: f64 = 0.008;
+    const RAMP_PER_S: f64 = 4.0;
+
+    /// Steps of a buffer of even targets, in targets a period, at the slider's share of each tick.
+    fn played(fractions: &[f64]) -> (Buffer, Vec<f64>) {
+        let mut buffer = Buffer::new(0.05, PERIOD_S, RAMP_PER_S);
+        buffer.start([0.0; 6]);
+        (1..=1000).for_each(|n| buffer.push([f64::from(n); 6]));
+        let mut at = 0.0;
+        let step = |fraction: &f64| {
+            let q = buffer.target(TICK_S, *fraction).unwrap()[0];
+            let rate = (q - at) * PERIOD_S / TICK_S;
+            at = q;
+            rate
+        };
+        let rates = fractions.iter().map(step).collect();
+        (buffer, rates)
+    }
+
+    #[test]
+    fn a_buffer_follows_the_slider_along_its_targets_by_the_ramp() {
+        let slider = [1.0, 0.5, 0.0, 1.0];
+        let fractions: Vec<f64> = slider.iter().flat_map(|fraction| [*fraction; 250]).collect();
+        let (buffer, rates) = played(&fractions);
+        for (n, fraction) in slider.iter().enumerate() {
+            assert!((rates[250 * n + 249] - fraction).abs() < 1e-9, "{fraction}: {}", rates[250 * n + 249]);
+        }
+        let most = RAMP_PER_S * TICK_S + 1e-9;
+        assert!(rates.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= most && pair[1] >= 0.0));
+        // a slider at 0 is no end
+        assert!(!buffer.ran_out());
+    }
+
+    #[test]
+    fn a_stopped_buffer_rests_and_takes_no_more() {
+        let (mut buffer, _) = played(&[1.0; 250]);
+        buffer.stop();
+        let before = buffer.target(TICK_S, 1.0).unwrap()[0];
+        let ticks = (1.0 / (RAMP_PER_S * TICK_S)) as usize + 1;
+        let rest = (0..ticks).filter_map(|_| buffer.target(TICK_S, 1.0)).last().unwrap()[0];
+        // from full speed: half a second of the ramp's way
+        let way = 0.5 / RAMP_PER_S / PERIOD_S;
+        assert!((rest - before - way).abs() < 0.5, "{before} to {rest}, not {way}");
+        assert!(buffer.ran_out());
+        let count = buffer.targets.len();
+        buffer.push([2000.0; 6]);
+        assert_eq!(buffer.targets.len(), count);
     }
 }

@@ -20,6 +20,7 @@ use crate::link::{Clock, Joints, padded};
 use crate::log::LogWriter;
 use crate::plan::StreamPlan;
 use crate::session::Session;
+use crate::track::Nearest;
 
 /// What came of a trial.
 #[derive(Debug, Clone, PartialEq)]
@@ -112,6 +113,8 @@ const BEFORE_S: f64 = 0.15;
 const MOST_S: f64 = 10.0;
 /// Seconds that the world goes on after the run has ended.
 const AFTER_S: f64 = 0.3;
+/// Rows ahead of the arm among which it is looked for first.
+const AHEAD_ROWS: f64 = 40.0;
 /// The row of a piece that a run starts at.
 const START_ROW: f64 = 1.0;
 
@@ -197,6 +200,21 @@ impl Piece {
         (0..self.plan.track.rows()).map(|row| self.plan.tolerance_mm(row)).fold(f64::INFINITY, f64::min)
     }
 
+    /// Where on the path an arm is that was at a row a moment ago.
+    ///
+    /// Where the path stands, that may be many rows on, and where it comes back the arm is near to two of its rows: of the ranges ahead the shortest that
+    /// has a row within its bound tells, and where there is none, the whole path.
+    fn where_on_path(&self, row: f64, burr_mm: &Vector3<f64>) -> Nearest {
+        let track = &self.plan.track;
+        let ahead =
+            |rows: f64| track.nearest((row - 5.0).max(0.0), (row + rows).min(track.last_row()), burr_mm);
+        let is_on = |near: &Nearest| near.distance_mm <= self.bound(near.row).off_mm;
+        let ranges = std::iter::successors(Some(AHEAD_ROWS), |rows| {
+            (row + rows < track.last_row()).then_some(2.0 * rows)
+        });
+        ranges.map(ahead).find(is_on).unwrap_or_else(|| track.nearest(0.0, track.last_row(), burr_mm))
+    }
+
     /// Travel along the path since a failure, farthest off it since the plan began, their bounds, and the farthest row that the arm was at.
     fn judge(&self, world: &World, began_s: f64, stopped_s: Option<f64>) -> (Travel, Travel, f64) {
         let track = &self.plan.track;
@@ -205,11 +223,7 @@ impl Piece {
         // before it begins, the plan's tube says nothing
         for (time_s, q) in world.trace().iter().filter(|(time_s, _)| *time_s >= began_s) {
             let burr_mm = self.plan.arm.tool_at(q).translation_mm;
-            let mut near = track.nearest((row - 5.0).max(0.0), (row + 40.0).min(track.last_row()), &burr_mm);
-            // where the path stands or comes back on itself, the arm may be on another row than was thought
-            if near.distance_mm > self.bound(near.row).off_mm {
-                near = track.nearest(0.0, track.last_row(), &burr_mm);
-            }
+            let near = self.where_on_path(row, &burr_mm);
             row = near.row;
             farthest = farthest.max(row);
             if failed.is_none() && stopped_s.is_some_and(|since_s| *time_s >= since_s) {
