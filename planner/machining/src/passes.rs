@@ -52,6 +52,8 @@ pub struct Passes<'a> {
     pub(crate) counts: Vec<bool>,
     /// Whether cuts are kept from being too wide.
     pub(crate) bounded: bool,
+    /// How much wider than the tool stock is looked for, mm: passes much closer than a cell need it.
+    pub(crate) grown_mm: f64,
     /// Stock that is not worth a cut.
     pub(crate) left_alone: Option<Sliver>,
     at: Option<Place>,
@@ -72,6 +74,7 @@ impl<'a> Passes<'a> {
             stock,
             counts,
             bounded: true,
+            grown_mm: 0.0,
             left_alone: None,
             at,
             cutting: false,
@@ -126,7 +129,7 @@ impl<'a> Passes<'a> {
 
     /// Where a pass takes anything that counts.
     fn needed(&self, pass: &Pass) -> Vec<bool> {
-        let meets = |p: &Place| p[2].is_finite() && self.stock.meets(*p, 0.0, &self.counts);
+        let meets = |p: &Place| p[2].is_finite() && self.stock.meets(*p, self.grown_mm, &self.counts);
         let worth = |n: usize| {
             let enough = |sliver: Sliver| self.width_mm(pass, n, sliver.thinner_mm) > sliver.narrower_mm;
             self.left_alone.is_none_or(enough)

@@ -20,9 +20,10 @@ use crate::strip::StripStrength;
 use crate::time::{Times, times};
 use crate::zigzag::ZigZag;
 
-/// Cells across the tool, at least; and the largest cell, mm.
+/// Cells across the tool, at least; largest side of a cell in finishing steps; and bounds of it, mm.
 const CELLS_ACROSS: f64 = 24.0;
-const LARGEST_CELL_MM: f64 = 0.12;
+const CELL_IN_STEPS: f64 = 1.2;
+const CELL_MM: [f64; 2] = [0.05, 0.12];
 
 /// The moves and what is to be known of them.
 #[derive(Debug, Clone)]
@@ -216,7 +217,8 @@ impl Part {
         let high = all().map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
         let v_mm = all().map(|p| p.y.abs()).fold(0.0, f64::max);
         lies_within(front, job)?;
-        let pitch = (job.tool.diameter_mm() / CELLS_ACROSS).min(LARGEST_CELL_MM);
+        let by_step = (CELL_IN_STEPS * job.process.finishing_step_mm).clamp(CELL_MM[0], CELL_MM[1]);
+        let pitch = (job.tool.diameter_mm() / CELLS_ACROSS).min(by_step);
         let raster = Raster::over(low - reach, high + reach, v_mm + reach, pitch)?;
         let envelope = Envelope::of(&raster, front);
         Ok(Self::with(raster, envelope, silhouette, job))
