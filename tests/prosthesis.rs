@@ -103,6 +103,29 @@ fn a_job_becomes_a_folder_that_verifies_and_takes_its_block() {
 }
 
 #[test]
+fn the_report_for_an_arm_tells_how_the_arm_is_mounted() {
+    let folder = folder();
+    let job = folder.path().join("job.toml");
+    let text = fs::read_to_string(&job).unwrap();
+    for (on_flange, told) in [("part", "The ur5e holds the block"), ("spindle", "The ur5e holds the spindle")]
+    {
+        fs::write(&job, format!("{text}[machine]\nkind = \"ur5e\"\non_flange = \"{on_flange}\"\n")).unwrap();
+        let made = bonemill(folder.path(), "prosthesis job.toml --out out");
+        let report = fs::read_to_string(folder.path().join("out/report.html"))
+            .unwrap_or_else(|_| panic!("{}", said(&made)));
+        let (_, steps) = report.split_once("What to do").unwrap();
+        let (steps, _) = steps.split_once("</ol>").unwrap();
+        assert!(
+            steps.contains(told) && steps.contains("Run <code>trajectory.csv</code> by the arm"),
+            "{steps}"
+        );
+        // how a machine is mounted holds for no arm
+        assert!(!steps.contains("toward the spindle"), "{steps}");
+        bonemill(folder.path(), "stock return B1");
+    }
+}
+
+#[test]
 fn what_cannot_be_made_is_refused_and_the_block_goes_back() {
     let folder = folder();
     let refused = |arguments: &str, expected: &str| {
