@@ -75,8 +75,14 @@ impl Pass {
             return false;
         }
         let some = |pass: &Self| -> Vec<Place> {
-            let every = (0.5 * distance_mm / pass.step_mm()).ceil() as usize;
-            pass.places.iter().step_by(every.max(1)).chain(pass.places.last()).copied().collect()
+            let mut kept: Vec<Place> = pass.places.iter().take(1).copied().collect();
+            for p in &pass.places {
+                let far = |last: &Place| (p[0] - last[0]).hypot(p[1] - last[1]) > 0.5 * distance_mm;
+                if kept.last().is_some_and(far) {
+                    kept.push(*p);
+                }
+            }
+            kept
         };
         let near = |a: &Place, b: &Place| (a[0] - b[0]).hypot(a[1] - b[1]) < distance_mm;
         let (ours, theirs) = (some(self), some(other));

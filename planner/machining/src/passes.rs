@@ -52,8 +52,8 @@ pub struct Passes<'a> {
     pub(crate) counts: Vec<bool>,
     /// Whether cuts are kept from being too wide.
     pub(crate) bounded: bool,
-    /// How much wider than the tool stock is looked for, mm: passes much closer than a cell need it.
-    pub(crate) grown_mm: f64,
+    /// How much wider than the tool stock is looked for, mm.
+    grown_mm: f64,
     /// Stock that is not worth a cut.
     pub(crate) left_alone: Option<Sliver>,
     at: Option<Place>,
@@ -94,6 +94,11 @@ impl<'a> Passes<'a> {
     /// Depth of a cut at the tool's full width, mm.
     pub(crate) fn entry_mm(&self) -> f64 {
         ENTRY_SHARE * self.job.entry_mm()
+    }
+
+    /// For passes that are at least `step_mm` apart: a strip as wide as a cell holds a row of centres wherever it lies.
+    pub(crate) fn look_beyond(&mut self, step_mm: f64) {
+        self.grown_mm = (self.stock.pitch_mm() - step_mm).max(0.0);
     }
 
     /// Where the tip is.

@@ -56,13 +56,18 @@ impl Stock {
     pub fn block(raster: &Raster, block: &Block, tool: &Tool, facing: Facing) -> Self {
         let (a, b) = (facing.from_block(&block.low_mm), facing.from_block(&block.high_mm));
         let (low, high) = (a.inf(&b), a.sup(&b));
-        let inside = |cell: usize| {
-            let [u, v] = raster.centre_of(cell);
-            u >= low.x && u <= high.x && v >= low.y && v <= high.y
+        // of the cells, or of those that the block touches
+        let surfaces = |beside_mm: f64| {
+            let inside = |cell: usize| {
+                let [u, v] = raster.centre_of(cell);
+                let [from, to] = [low.add_scalar(-beside_mm), high.add_scalar(beside_mm)];
+                u >= from.x && u <= to.x && v >= from.y && v <= to.y
+            };
+            let top = (0..raster.len()).map(|cell| if inside(cell) { high.z } else { NONE }).collect();
+            Surfaces { top, other: raster.filled(low.z) }
         };
-        let top = (0..raster.len()).map(|cell| if inside(cell) { high.z } else { NONE }).collect();
-        let centres = Surfaces { top, other: raster.filled(low.z) };
-        Self { raster: *raster, tool: tool.clone(), whole: centres.clone(), centres }
+        let (centres, whole) = (surfaces(0.0), surfaces(0.5 * raster.pitch_mm));
+        Self { raster: *raster, tool: tool.clone(), centres, whole }
     }
 
     /// Side of a cell, mm.
@@ -131,7 +136,7 @@ impl Stock {
         self.whole.top = top;
     }
 
-    /// Cuts along a straight move, at steps of half a cell.
+    /// Cuts along a straight move, at steps of a cell.
     pub fn cut_line(&mut self, from: Place, to: Place) {
         for at in steps(from, to, self.raster.pitch_mm) {
             self.cut(at);

@@ -28,8 +28,6 @@ use crate::stock::{Place, Stock, Surfaces};
 const SHARE: f64 = 0.9;
 /// Share of it above which rings were too far apart.
 const TOO_FAR_APART: f64 = 1.05;
-/// Distance in cells below which a pass beside another may meet no centre of what it takes: closer ones look for stock so far beyond themselves.
-const SEEN: f64 = 0.7;
 /// Distance of the first rows, in diameters: layers are thinner than an entry, so their width is not bounded.
 const ROWS_APART: f64 = 0.8;
 /// Rounds of rows in each direction.
@@ -101,9 +99,7 @@ impl Sight<'_> {
             height: &height,
         };
         let surface = self.surface_to_leave(&reach, passes.counts.clone());
-        let seen_mm = SEEN * raster.pitch_mm;
-        let is_close = SHARE * self.job.process.finishing_step_mm < seen_mm;
-        passes.grown_mm = if is_close { seen_mm } else { 0.0 };
+        passes.look_beyond(SHARE * self.job.process.finishing_step_mm);
         self.cut_rings(first, &reach, passes, |_| true);
         self.cut_gentle(&surface, &reach, passes);
         self.cut_steep(&surface, part, &reach, passes);
@@ -150,6 +146,7 @@ impl Sight<'_> {
             .collect();
         if passes.counts.contains(&true) {
             let between: Vec<f64> = steps_mm.iter().map(|step| 0.5 * step).collect();
+            passes.look_beyond(0.5 * SHARE * self.job.process.finishing_step_mm);
             self.cut_rings(&self.rings(part, reach, &between), reach, passes, |_| true);
         }
     }

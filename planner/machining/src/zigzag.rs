@@ -62,6 +62,7 @@ impl Sight<'_> {
                 );
             }
         }
+        passes.look_beyond(rows.last_row_mm);
         for row in &finest {
             passes.cut(row, &height, Kind::Finish);
         }

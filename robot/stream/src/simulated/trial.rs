@@ -202,8 +202,8 @@ impl Piece {
 
     /// Where on the path an arm is that was at a row a moment ago.
     ///
-    /// Where the path stands, that may be many rows on, and where it comes back the arm is near to two of its rows: of the ranges ahead the shortest that
-    /// has a row within its bound tells, and where there is none, the whole path.
+    /// Where the path stands, that may be many rows on, and where it comes back the arm is near to two of its rows: of the ranges ahead the shortest whose
+    /// nearest row is within its bound tells, and where there is none, the whole path.
     fn where_on_path(&self, row: f64, burr_mm: &Vector3<f64>) -> Nearest {
         let track = &self.plan.track;
         let ahead =
