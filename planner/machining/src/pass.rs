@@ -48,14 +48,13 @@ impl Pass {
 
     /// Mean distance of neighbours, mm.
     pub(crate) fn step_mm(&self) -> f64 {
-        let across = self.places.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]));
+        let across = self.places.windows(2).map(|p| across_mm(&p[1], &p[0]));
         (across.sum::<f64>() / self.places.len().max(1) as f64).max(1e-3)
     }
 
     pub(crate) fn nearest(&self, to: Place) -> usize {
-        let distance = |p: &Place| (p[0] - to[0]).hypot(p[1] - to[1]);
         let places = self.places.iter().enumerate();
-        places.min_by(|a, b| distance(a.1).total_cmp(&distance(b.1))).map_or(0, |(n, _)| n)
+        places.min_by(|a, b| across_mm(a.1, &to).total_cmp(&across_mm(b.1, &to))).map_or(0, |(n, _)| n)
     }
 
     /// Where it ends that begins at its first place.
@@ -66,27 +65,18 @@ impl Pass {
     /// To where it begins, across, mm: a closed pass begins anywhere.
     pub(crate) fn distance_mm(&self, at: Place) -> f64 {
         let start = if self.closed { self.nearest(at) } else { 0 };
-        self.places.get(start).map_or(0.0, |p| (p[0] - at[0]).hypot(p[1] - at[1]))
+        self.places.get(start).map_or(0.0, |p| across_mm(p, &at))
     }
 
-    /// Whether another pass comes nearer than a distance, across: told to half of it.
-    pub(crate) fn is_beside(&self, other: &Self, distance_mm: f64) -> bool {
-        if distance_mm <= 0.0 {
-            return false;
-        }
-        let some = |pass: &Self| -> Vec<Place> {
-            let mut kept: Vec<Place> = pass.places.iter().take(1).copied().collect();
-            for p in &pass.places {
-                let far = |last: &Place| (p[0] - last[0]).hypot(p[1] - last[1]) > 0.5 * distance_mm;
-                if kept.last().is_some_and(far) {
-                    kept.push(*p);
-                }
+    /// Those of its places that are more than a distance apart, across.
+    pub(crate) fn sparse(&self, distance_mm: f64) -> Vec<Place> {
+        let mut kept: Vec<Place> = self.places.iter().take(1).copied().collect();
+        for p in &self.places {
+            if kept.last().is_some_and(|last| across_mm(p, last) > distance_mm) {
+                kept.push(*p);
             }
-            kept
-        };
-        let near = |a: &Place, b: &Place| (a[0] - b[0]).hypot(a[1] - b[1]) < distance_mm;
-        let (ours, theirs) = (some(self), some(other));
-        ours.iter().any(|a| theirs.iter().any(|b| near(a, b)))
+        }
+        kept
     }
 
     /// The closed pass from another of its places on.
@@ -126,6 +116,11 @@ impl Pass {
         let runs = around.chunk_by(|a, b| a.0 == b.0).filter(|run| run[0].0);
         runs.map(|run| run.iter().map(|(_, place)| *place).collect()).collect()
     }
+}
+
+/// Distance of two places across the cutter's axis, mm.
+pub(crate) fn across_mm(a: &Place, b: &Place) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
 /// The fewest of the places whose chords stay within `CHORD_MM` of those left out.

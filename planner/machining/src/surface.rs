@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use crate::Tool;
 use crate::moves::Kind;
 use crate::part::Part;
-use crate::pass::{Height, Pass, refined};
+use crate::pass::{Height, Pass, across_mm, refined};
 use crate::passes::Passes;
 use crate::raster::{NONE, Raster};
 use crate::sides::{ALLOWANCE_MM, STEP_SHARE, Sight};
@@ -99,7 +99,7 @@ impl Sight<'_> {
             height: &height,
         };
         let surface = self.surface_to_leave(&reach, passes.counts.clone());
-        passes.look_beyond(SHARE * self.job.process.finishing_step_mm);
+        passes.look_beyond(self.laid_for_mm());
         self.cut_rings(first, &reach, passes, |_| true);
         self.cut_gentle(&surface, &reach, passes);
         self.cut_steep(&surface, part, &reach, passes);
@@ -109,7 +109,7 @@ impl Sight<'_> {
     fn cut_gentle(&self, surface: &Surface, reach: &Reach<'_>, passes: &mut Passes<'_>) {
         for round in 0..ROUNDS {
             for along in [0, 1] {
-                let left = surface.left(&passes.stock, SHARE * self.job.process.finishing_step_mm);
+                let left = surface.left(&passes.stock, self.laid_for_mm());
                 let of_way = left.into_iter().zip(&surface.way);
                 passes.counts = of_way.map(|(left, way)| left && *way == Some(along)).collect();
                 let rows = rows(reach.raster, along, self.rows_apart_mm(), round);
@@ -146,7 +146,7 @@ impl Sight<'_> {
             .collect();
         if passes.counts.contains(&true) {
             let between: Vec<f64> = steps_mm.iter().map(|step| 0.5 * step).collect();
-            passes.look_beyond(0.5 * SHARE * self.job.process.finishing_step_mm);
+            passes.look_beyond(0.5 * self.laid_for_mm());
             self.cut_rings(&self.rings(part, reach, &between), reach, passes, |_| true);
         }
     }
@@ -231,20 +231,25 @@ impl Sight<'_> {
         }
     }
 
+    /// The thickness that rows and rings are laid for, mm.
+    fn laid_for_mm(&self) -> f64 {
+        SHARE * self.job.process.finishing_step_mm
+    }
+
     /// Distance of the first rows, mm.
     fn rows_apart_mm(&self) -> f64 {
         self.apart_mm(0.0, 0.0).min(ROWS_APART * self.job.tool.diameter_mm())
     }
 
     fn apart_mm(&self, along: f64, across: f64) -> f64 {
-        apart_mm(&self.job.tool, SHARE * self.job.process.finishing_step_mm, along, across)
+        apart_mm(&self.job.tool, self.laid_for_mm(), along, across)
     }
 
     /// The step of rings that leaves the finishing step along the normal where the tip's lowest place rises as given: they are rows along
     /// contour lines.
     fn steps_mm(&self, slope_of_tip: &[[f64; 2]]) -> Vec<f64> {
         let tool = &self.job.tool;
-        let e = SHARE * self.job.process.finishing_step_mm;
+        let e = self.laid_for_mm();
         // two passes beside a ridge leave nothing between them
         let most = STEP_SHARE * self.job.widest_mm().min(tool.radius_mm);
         slope_of_tip.iter().map(|[u, v]| apart_mm(tool, e, 0.0, u.hypot(*v)).min(most)).collect()
@@ -317,9 +322,12 @@ fn is_worth(passes: &Passes<'_>, p: &Place) -> bool {
     p[2].is_finite() && passes.stock.meets(deeper, passes.stock.pitch_mm(), &passes.counts)
 }
 
-/// Passes, each the nearest to the end of the one before, but after all earlier ones that are nearer to it than `beside_mm`.
+/// Passes, each the nearest to the end of the one before, but after all earlier ones that are nearer to it than `beside_mm`, told to half of it; 0: none.
 fn nearest_first(passes: Vec<Pass>, at: Option<Place>, beside_mm: f64) -> Vec<Pass> {
-    let waits_for = |n: usize| (0..n).filter(|m| passes[*m].is_beside(&passes[n], beside_mm)).collect();
+    let some: Vec<Vec<Place>> = passes.par_iter().map(|pass| pass.sparse(0.5 * beside_mm)).collect();
+    let are_beside =
+        |m: usize, n: usize| some[m].iter().any(|a| some[n].iter().any(|b| across_mm(a, b) < beside_mm));
+    let waits_for = |n: usize| (0..n).filter(|m| beside_mm > 0.0 && are_beside(*m, n)).collect();
     let mut waits: Vec<Vec<usize>> = (0..passes.len()).into_par_iter().map(waits_for).collect();
     let mut left: Vec<Option<Pass>> = passes.into_iter().map(Some).collect();
     let mut ordered = Vec::with_capacity(left.len());

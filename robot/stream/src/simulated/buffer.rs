@@ -129,7 +129,7 @@ mod tests {
         let before = buffer.target(TICK_S, 1.0).unwrap()[0];
         let ticks = (1.0 / (RAMP_PER_S * TICK_S)) as usize + 1;
         let rest = (0..ticks).filter_map(|_| buffer.target(TICK_S, 1.0)).last().unwrap()[0];
-        // from full speed: half a second of the ramp's way
+        // from full speed at an even ramp: half of what the time of the ramp is long
         let way = 0.5 / RAMP_PER_S / PERIOD_S;
         assert!((rest - before - way).abs() < 0.5, "{before} to {rest}, not {way}");
         assert!(buffer.ran_out());
