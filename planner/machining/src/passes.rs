@@ -14,13 +14,13 @@ use crate::pass::{Height, Pass, rounded, simplified};
 use crate::stock::{Place, Stock, steps};
 
 /// Height of short links above the stock, and of the last approach, mm.
-const GAP_MM: f64 = 0.3;
+const GAP_MM: f64 = 0.2;
 /// Share of the entries' depth that is used, so that heights between cells stay below it.
 const ENTRY_SHARE: f64 = 0.95;
 /// Lengths of slants between passes, in diameters, the best first.
 const SLANTS: [f64; 4] = [3.0, 2.0, 1.0, 0.6];
 /// Lead before and after what is needed, and the longest gap that is cut through, in radii.
-const LEAD: f64 = 0.2;
+const LEAD: f64 = 0.1;
 const BRIDGE: f64 = 2.0;
 /// Most shallower steps of a pass.
 const MOST_STEPS: usize = 32;

@@ -8,7 +8,7 @@
 //! Rows come in rounds, each at half the spacing of the one before, and are driven only where the stock that is left is thicker than the
 //! finishing step. Walls, and what no row has made good, are cut by rings of the step that leaves e at every place.
 //! Rings and the first rows keep the sense of cut: those beside each other are cut in the order in which they are laid, others from the nearest on. A row of
-//! a later round lies between two others and has stock on both sides.
+//! a later round lies between two others and has stock on both sides: it is driven either way.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -322,7 +322,9 @@ fn is_worth(passes: &Passes<'_>, p: &Place) -> bool {
     p[2].is_finite() && passes.stock.meets(deeper, passes.stock.pitch_mm(), &passes.counts)
 }
 
-/// Passes, each the nearest to the end of the one before, but after all earlier ones that are nearer to it than `beside_mm`, told to half of it; 0: none.
+/// Passes, each the nearest to the end of the one before, but after all earlier ones that are nearer to it than `beside_mm`, told to half of it.
+///
+/// 0: after none of them, and driven from either end, since they have stock on both sides.
 fn nearest_first(passes: Vec<Pass>, at: Option<Place>, beside_mm: f64) -> Vec<Pass> {
     let some: Vec<Vec<Place>> = passes.par_iter().map(|pass| pass.sparse(0.5 * beside_mm)).collect();
     let are_beside =
@@ -332,12 +334,18 @@ fn nearest_first(passes: Vec<Pass>, at: Option<Place>, beside_mm: f64) -> Vec<Pa
     let mut left: Vec<Option<Pass>> = passes.into_iter().map(Some).collect();
     let mut ordered = Vec::with_capacity(left.len());
     let mut at = at.unwrap_or_default();
+    let either_way = beside_mm == 0.0;
     loop {
         let free = left.iter().enumerate().filter(|(n, _)| waits[*n].is_empty());
-        let free = free.filter_map(|(n, pass)| Some((n, pass.as_ref()?.distance_mm(at))));
-        let Some((next, _)) = free.min_by(|a, b| a.1.total_cmp(&b.1)) else { return ordered };
+        let ways = free.filter_map(|(n, pass)| Some((n, pass.as_ref()?))).flat_map(|(n, pass)| {
+            let back = either_way.then(|| pass.places.last()).flatten();
+            let back = back.map(|end| (n, across_mm(end, &at), true));
+            [(n, pass.distance_mm(at), false)].into_iter().chain(back)
+        });
+        let nearest = ways.min_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((next, _, back)) = nearest else { return ordered };
         waits.iter_mut().for_each(|waits| waits.retain(|n| *n != next));
-        ordered.extend(left[next].take());
+        ordered.extend(left[next].take().map(|pass| if back { pass.reversed() } else { pass }));
         at = ordered.last().and_then(Pass::end).unwrap_or(at);
     }
 }
@@ -385,12 +393,13 @@ mod tests {
         };
         let order = |beside_mm: f64, at: Place| {
             let ordered = nearest_first((0..6).map(arc).collect(), Some(at), beside_mm);
-            let number = |pass: &Pass| (0..6).position(|n| arc(n).places == pass.places).unwrap();
-            ordered.iter().map(number).collect::<Vec<_>>()
+            let number = |pass: &Pass| (0..6).position(|n| arc(n).places == pass.places);
+            let back = |pass: &Pass| number(&pass.clone().reversed()).map(|n| n + 100);
+            ordered.iter().map(|pass| number(pass).or_else(|| back(pass)).unwrap()).collect::<Vec<_>>()
         };
         assert_eq!(order(3.0, [21.0, 0.0, 0.0]), [1, 3, 5, 0, 2, 4]);
-        // with nothing to wait for, the innermost may be first
-        assert_eq!(order(0.0, [21.0, 0.0, 0.0]), [5, 3, 1, 4, 2, 0]);
+        // with nothing to wait for, the innermost may be first, and every second is driven back
+        assert_eq!(order(0.0, [21.0, 0.0, 0.0]), [5, 103, 1, 104, 2, 100]);
     }
 
     #[test]

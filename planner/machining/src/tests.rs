@@ -206,12 +206,10 @@ fn a_ridge_between_cells_stands_in_the_way_from_either_side() {
     assert_eq!(stock.free_mm([0.0, 0.0]), 5.0);
 }
 
-#[test]
-fn a_way_that_must_rise_does_so_before_it_goes_across() {
-    let raster = Raster::over(-10.0, 10.0, 10.0, 0.12).unwrap();
-    let block = Block { low_mm: Vector3::repeat(-8.0), high_mm: Vector3::repeat(8.0), grip_mm: 0.0 };
-    let job = Job {
-        block,
+/// A flat end of radius 1.5 mm and a block of 16 mm.
+fn flat_job() -> Job {
+    Job {
+        block: Block { low_mm: Vector3::repeat(-8.0), high_mm: Vector3::repeat(8.0), grip_mm: 0.0 },
         tool: tool(1.5, 0.0),
         process: Process {
             spindle_rpm: 8500.0,
@@ -232,7 +230,41 @@ fn a_way_that_must_rise_does_so_before_it_goes_across() {
             jerk_mm_s3: 5000.0,
             max_time_min: None,
         },
+    }
+}
+
+#[test]
+fn a_wall_along_the_cells_is_cut_wherever_it_lies() {
+    let job = flat_job();
+    let raster = Raster::over(-10.0, 10.0, 10.0, 0.12).unwrap();
+    // passes along a row of cells, each 0.05 mm deeper into a wall than the one before
+    let (step, w) = (0.05, 5.0);
+    let line = |v: f64| -> Vec<[f64; 3]> { (-60..=60).map(|n| [0.15 * f64::from(n), v, w]).collect() };
+    let height = |_: [f64; 2]| w;
+    let cut = |look_beyond: bool| {
+        let stock = Stock::block(&raster, &job.block, &job.tool, Facing::Front);
+        let mut passes = Passes::new(&job, Facing::Front, Side::A, stock, None);
+        if look_beyond {
+            passes.look_beyond(step);
+        }
+        let walls = (0..=9).map(|n| 6.6 - step * f64::from(n));
+        for v in walls.clone() {
+            passes.cut(&Pass { places: line(v), closed: false }, &height, Kind::Finish);
+        }
+        let (moves, ..) = passes.finished();
+        let finishing: Vec<_> = moves.iter().filter(|m| m.kind == Kind::Finish).collect();
+        let is_cut = |v: f64| finishing.iter().filter(|m| (m.tip_mm.z + v).abs() < 1e-3).count() > 1;
+        walls.map(is_cut).collect::<Vec<bool>>()
     };
+    assert_eq!(cut(true), [true; 10]);
+    // a row of centres every 0.12 mm says nothing of most of them
+    assert!(cut(false).contains(&false));
+}
+
+#[test]
+fn a_way_that_must_rise_does_so_before_it_goes_across() {
+    let raster = Raster::over(-10.0, 10.0, 10.0, 0.12).unwrap();
+    let job = flat_job();
     let stock = Stock::block(&raster, &job.block, &job.tool, Facing::Front);
     let mut passes = Passes::new(&job, Facing::Front, Side::A, stock, None);
     let ring = |radius: f64| -> Vec<[f64; 2]> {
