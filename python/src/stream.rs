@@ -35,8 +35,8 @@ pub struct StreamPlan {
 /// What failed; the burr's largest travel along its path, mm, and the row; the same beside its path.
 type WorstTravel = (&'static str, (f64, usize), (f64, usize));
 
-/// What a run came to: why it ended (none: done), at rest, reached row, rows, s, targets, late targets, latest s, farthest mm.
-type Ended = (Option<String>, bool, f64, usize, f64, u64, u64, f64, f64);
+/// What a run came to: why it ended (none: done), at rest, off, reached row, rows, s, targets, late targets, latest s, farthest mm.
+type Ended = (Option<String>, bool, bool, f64, usize, f64, u64, u64, f64, f64);
 
 #[pymethods]
 impl StreamPlan {
@@ -175,8 +175,9 @@ fn worst(plan: &CorePlan, failure: Failure) -> (&'static str, (f64, usize), (f64
 
 fn ended(outcome: &Outcome) -> Ended {
     (
-        outcome.cause.as_ref().map(|_| outcome.to_string()),
+        (outcome.cause.is_some() || !outcome.at_rest || !outcome.is_off).then(|| outcome.to_string()),
         outcome.at_rest,
+        outcome.is_off,
         outcome.reached_row,
         outcome.rows,
         outcome.seconds,
@@ -210,8 +211,8 @@ impl Clock for PcClock<'_> {
 /// safety mode; runtime state; speed fraction; payload, kg.
 type StateTuple = (f64, f64, [f64; 6], ([f64; 3], [f64; 3]), Option<[f64; 3]>, i32, u32, f64, f64);
 
-/// A link in Python: `state() -> tuple | None`, `order(word, values)`, `identity() -> (model, serial) | None`. What it raises is the
-/// link's fault.
+/// A link in Python: `state() -> tuple | None`, `order(word, values)`, `identity() -> (model, serial) | None`, `waiting() -> int`. What
+/// it raises is the link's fault.
 struct PyLink<'py> {
     py: Python<'py>,
     link: Py<PyAny>,
@@ -272,6 +273,12 @@ impl ArmLink for PyLink<'_> {
         let found = self.link.call_method0(self.py, "identity").ok()?;
         let (model, serial) = found.extract::<Option<(String, String)>>(self.py).ok()??;
         Some(Identity { model, serial })
+    }
+
+    /// A link that does not tell has lost an answer: as many as never pass.
+    fn waiting(&self) -> usize {
+        let found = self.link.call_method0(self.py, "waiting").and_then(|n| n.extract(self.py));
+        found.unwrap_or(usize::MAX)
     }
 }
 

@@ -142,6 +142,9 @@ class Imagined:
     def identity(self) -> tuple[str, str]:
         return ("UR5", "20225000000")
 
+    def waiting(self) -> int:
+        return 0
+
     def close(self) -> None:
         self.closed = True
 

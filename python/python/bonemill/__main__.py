@@ -44,6 +44,8 @@ def main(arguments: list[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     if asked.host is None and not asked.rehearse:
         parser.error("--host is needed")
+    if asked.rehearse and asked.resume is not None:
+        parser.error("--rehearse begins at the plan's start: it does not go with --resume")
     try:
         settings = Settings(asked.lookahead_s, asked.gain, spindle_output=asked.spindle_output)
         streaming = Streaming(

@@ -17,6 +17,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -67,9 +68,11 @@ class Report:
     """How a run ended."""
 
     reason: str | None
-    """Why it was stopped; none where it came to the plan's end."""
+    """Why it was stopped, or what was not seen at its end; none where it came to the plan's end at rest."""
     at_rest: bool
     """Whether the arm was seen at rest; if not, it may still move."""
+    is_off: bool
+    """Whether the orders to stop and to switch the spindle off were taken; if not, it may still turn."""
     reached_row: float
     rows: int
     seconds: float
@@ -95,6 +98,7 @@ class Link(Protocol):
     def state(self) -> tuple[Any, ...] | None: ...
     def order(self, what: str, values: list[float]) -> None: ...
     def identity(self) -> tuple[str, str] | None: ...
+    def waiting(self) -> int: ...
     def close(self) -> None: ...
 
 
@@ -160,7 +164,8 @@ class UrLink:
     def __init__(self, host: str, period_s: float, settings: Settings) -> None:
         self._state: tuple[float, ...] | None = None
         self._identity: tuple[str, str] | None = None
-        self._fault = ""
+        self._waiting = 0
+        self._feels = False
         self._receive = _Child("receive", host, 1.0 / period_s)
         numbers = (period_s, settings.lookahead_s, settings.gain, settings.watchdog_hz)
         self._control = _Child("control", host, *numbers, settings.spindle_output)
@@ -191,13 +196,17 @@ class UrLink:
         received, clock_s, *values = self._state
         q, pose, force, modes = values[:6], values[6:12], values[12:18], values[18:]
         place_mm = [1e3 * v for v in pose[:3]]
-        # an arm without a sensor says zeros
-        measured = force[:3] if any(force) else None
+        # an arm without a sensor says zeros, and so does a sensor that has failed
+        if self._feels and not any(force):
+            raise RuntimeError("the force sensor says zeros")
+        self._feels = any(force)
+        measured = force[:3] if self._feels else None
         return (time.monotonic() - received, clock_s, q, (place_mm, pose[3:]), measured, *modes)
 
     def _heed_answers(self) -> None:
         for message in self._control.read(control.ANSWER.size):
             what, status, why = control.ANSWER.unpack(message)
+            self._waiting -= 1
             if status == 1 and what in (control.START, control.TARGET, control.SPINDLE):
                 raise RuntimeError({control.START: "watchdog", control.TARGET: "target"}.get(what, "spindle"))
             if status == 2:
@@ -213,6 +222,11 @@ class UrLink:
             raise RuntimeError("target") from None
         except BrokenPipeError:
             raise RuntimeError(self._control.reason()) from None
+        self._waiting += 1
+
+    def waiting(self) -> int:
+        """Orders that the process for control has not answered."""
+        return self._waiting
 
     def identity(self) -> tuple[str, str] | None:
         return self._identity
@@ -238,6 +252,9 @@ class Console:
 
     def ask(self, text: str) -> None:
         self._asked = True
+        if sys.stdin.isatty():
+            # what was typed before the question is no answer to it
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)
         print(f"{text} [{'yes' if self._yes else 'y/N'}]", file=sys.stderr, flush=True)
 
     def answer(self) -> bool | None:
@@ -345,12 +362,12 @@ class Streaming:
         self, link: Link, operator: Operator, *, start_row: float = 0.0, log: str | os.PathLike[str] | None = None
     ) -> Report:
         """Runs it over a link; whatever happens, the arm is stopped and let go of."""
-        try:
-            heard = _Heard(operator)
-            with _signals(heard):
+        heard = _Heard(operator)
+        with _signals(heard):
+            try:
                 return Report(*self._native.run(start_row, link, heard, None if log is None else Path(log)))
-        finally:
-            link.close()
+            finally:
+                link.close()
 
     def rehearse(self, *, seed: int = 1, log: str | os.PathLike[str] | None = None) -> Report:
         """Runs it on a simulated arm, faster than real time."""

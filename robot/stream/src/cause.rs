@@ -204,6 +204,8 @@ pub struct Outcome {
     pub cause: Option<Cause>,
     /// Whether the arm was seen at rest; if not, it may still move.
     pub at_rest: bool,
+    /// Whether the arm's client took the orders to stop and to switch the spindle off; if not, it may still turn.
+    pub is_off: bool,
     /// The place reached by the arm, in rows.
     pub reached_row: f64,
     /// Rows of the plan.
@@ -228,6 +230,9 @@ impl fmt::Display for Outcome {
         }
         if !self.at_rest {
             f.write_str("\n  the arm was not seen at rest: it may still move")?;
+        }
+        if !self.is_off {
+            f.write_str("\n  the spindle was not seen to be switched off: it may still turn")?;
         }
         Ok(())
     }

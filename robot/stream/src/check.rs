@@ -6,7 +6,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::bound::{Tube, tube};
-use crate::link::{ArmState, Identity, SAFETY_NORMAL};
+use crate::link::{ArmState, Identity, PLAYING, SAFETY_NORMAL};
 use crate::plan::{Standing, StreamPlan};
 use crate::tube::BLOCK;
 
@@ -38,8 +38,17 @@ pub fn ready(plan: &StreamPlan, state: &ArmState, identity: &Identity) -> Result
             100.0 * state.speed_fraction
         ));
     }
+    idle(state)?;
     payload(plan, state)?;
     tool(plan, state)
+}
+
+/// No other program moves the arm.
+fn idle(state: &ArmState) -> Result<(), String> {
+    if state.runtime_state == PLAYING {
+        return Err("a program already runs on the controller: stop it, and let other clients go".into());
+    }
+    Ok(())
 }
 
 /// The bound is no larger than the clearance left, or the user wants to be slowed down, and that is enough.

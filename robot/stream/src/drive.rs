@@ -35,7 +35,8 @@ pub fn drive<W: Write>(
         };
         let stop = operator.stop().or_else(|| broken_log.clone());
         let identity = link.identity();
-        let seen = Seen { now_s: clock.now_s(), state, identity, fault, answer: operator.answer(), stop };
+        let (waiting, answer) = (link.waiting(), operator.answer());
+        let seen = Seen { now_s: clock.now_s(), state, identity, fault, waiting, answer, stop };
         let step = session.step(&seen);
         if let Some(order) = &step.order {
             // a link that fails says so with its next state

@@ -99,6 +99,11 @@ pub trait ArmLink {
 
     /// Which arm it is, once that is known.
     fn identity(&self) -> Option<Identity>;
+
+    /// Orders that were handed on and wait for a client in between; none where `order` itself gives them to the arm.
+    fn waiting(&self) -> usize {
+        0
+    }
 }
 
 /// Time on the PC: monotonic, from any zero.

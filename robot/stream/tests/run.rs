@@ -60,6 +60,8 @@ struct Obedient {
     /// Rows after which the loop is held up for so many s, once.
     stall: Option<(usize, f64)>,
     force_n: fn(usize) -> Vector3<f64>,
+    /// From so many orders on, its client takes no more.
+    deaf_after: usize,
 }
 
 impl Obedient {
@@ -77,7 +79,14 @@ impl Obedient {
             speed_fraction: 1.0,
             payload_kg: 1.0,
         };
-        Self { now_s: 0.0, state, orders: vec![], stall: None, force_n: |_| Vector3::zeros() }
+        Self {
+            now_s: 0.0,
+            state,
+            orders: vec![],
+            stall: None,
+            force_n: |_| Vector3::zeros(),
+            deaf_after: usize::MAX,
+        }
     }
 
     fn targets(&self) -> Vec<Joints> {
@@ -122,6 +131,11 @@ impl ArmLink for End<'_, '_> {
 
     fn identity(&self) -> Option<Identity> {
         Some(Identity { model: "UR5".into(), serial: "1".into() })
+    }
+
+    fn waiting(&self) -> usize {
+        let arm = self.0.borrow();
+        arm.orders.len().saturating_sub(arm.deaf_after)
     }
 }
 
@@ -184,6 +198,51 @@ fn what_was_missed_is_never_sent_at_once() {
             assert!(most <= fastest * 1.001, "{stall_s}: a step of {most} rad, the plan's are {fastest}");
         }
     }
+}
+
+#[test]
+fn orders_do_not_pile_up_before_a_client_that_takes_none() {
+    let plan = plan();
+    // the start is never answered, though the controller says that the program runs: nothing is known of its watchdog
+    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+    arm.deaf_after = 0;
+    let outcome = arm.run(&plan, &mut User::default());
+    assert!(matches!(outcome.cause, Some(Cause::NoAnswer { .. })), "{:?}", outcome.cause);
+    assert!(arm.targets().is_empty() && arm.now_s < 2.0 * plan.settings().patience_s);
+
+    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+    arm.deaf_after = 400;
+    let outcome = arm.run(&plan, &mut User::default());
+    let expected = Cause::Link(LinkFault::NotTaken("any order for 0.1 s"));
+    assert_eq!((&outcome.cause, outcome.is_off), (&Some(expected), false));
+    assert!(outcome.to_string().contains("spindle was not seen to be switched off"), "{outcome}");
+    let after: Vec<_> = arm.orders[400..].iter().map(|(_, order)| *order).collect();
+    assert!(
+        matches!(after[..], [.., Order::Target(_), Order::Stop, Order::Spindle(false), Order::End]),
+        "{after:?}"
+    );
+    assert!(after.len() <= 9, "{} orders wait", after.len());
+}
+
+#[test]
+fn an_arm_that_another_program_moves_is_left_alone() {
+    let plan = plan();
+    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+    arm.state.runtime_state = PLAYING;
+    let outcome = arm.run(&plan, &mut User::default());
+    assert!(outcome.to_string().contains("a program already runs on the controller"), "{outcome}");
+    assert!(arm.orders.iter().all(|(_, order)| *order == Order::End), "{:?}", arm.orders);
+}
+
+#[test]
+fn a_hold_at_the_first_row_waits_there() {
+    let mut values = values(2.0, 3.0, 8.0);
+    values.holds = vec![Hold { row: 0, why: "2 mm from nerve".into() }];
+    let plan = values.plan(settings());
+    let mut user = User::who_says(&[true, false]);
+    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+    let outcome = arm.run(&plan, &mut user);
+    assert_eq!((outcome.cause, outcome.reached_row), (Some(Cause::Declined), 0.0));
 }
 
 #[test]

@@ -1,12 +1,11 @@
 """Orders to the arm through ``ur_rtde``, in a process of its own: ``control.py HOST PERIOD_S LOOKAHEAD_S GAIN WATCHDOG_HZ OUTPUT``.
 
-Orders come on standard input as `ORDER`, each answered on standard output by `ANSWER`. Of several targets that wait only the
-newest is sent: what was missed is never sent at once. When standard input ends, the arm is stopped. Blocking calls block this
-process alone; whoever started it kills it, and the controller's watchdog stops the arm.
+Orders come on standard input as `ORDER`, each answered on standard output by `ANSWER`. When standard input ends, the arm is
+stopped. Blocking calls block this process alone; whoever started it kills it, and the controller's watchdog stops the arm.
 """
 
+import contextlib
 import os
-import select
 import struct
 import sys
 
@@ -50,32 +49,29 @@ class Control:
         return True
 
 
-def newest(orders: list[tuple[int, tuple[float, ...]]]) -> list[tuple[int, tuple[float, ...]]]:
-    """Without targets that a newer one follows."""
-    return [o for n, o in enumerate(orders) if o[0] != TARGET or n + 1 == len(orders) or orders[n + 1][0] != TARGET]
-
-
 def main(control: Control) -> None:
+    # the client prints to standard output: among the answers it would shift all that follow
+    answers = os.dup(1)
+    os.dup2(2, 1)
     data = b""
     while True:
-        select.select([0], [], [])
         piece = os.read(0, 1 << 16)
         if not piece:
             if hasattr(control, "arm"):
-                control.obey(STOP, ())
-                control.obey(SPINDLE, (0.0,))
-                control.obey(END, ())
+                for what in (STOP, SPINDLE, END):
+                    with contextlib.suppress(Exception):
+                        control.obey(what, (0.0,))
             return
         data += piece
         whole = len(data) // ORDER.size * ORDER.size
         orders = [(o[0], o[1:]) for o in ORDER.iter_unpack(data[:whole])]
         data = data[whole:]
-        for what, values in newest(orders):
+        for what, values in orders:
             try:
                 status, why = (0, "") if control.obey(what, values) else (1, "")
             except Exception as error:
                 status, why = 2, str(error)
-            os.write(1, ANSWER.pack(what, status, why.encode()[:200]))
+            os.write(answers, ANSWER.pack(what, status, why.encode()[:200]))
             if what == END:
                 return
 

@@ -22,6 +22,9 @@ def main(host: str, rate_hz: float) -> str:
     """Hands on states until the connection ends; why it did."""
     import rtde_receive
 
+    # the client prints to standard output: among the states it would shift all that follow
+    states = os.dup(1)
+    os.dup2(2, 1)
     arm = rtde_receive.RTDEReceiveInterface(host, rate_hz, VARIABLES)
     last, heard = -1.0, time.monotonic()
     while True:
@@ -32,7 +35,7 @@ def main(host: str, rate_hz: float) -> str:
             modes = (arm.getSafetyMode(), arm.getRuntimeState())
             state = (now, clock_s, *arm.getActualQ(), *arm.getActualTCPPose(), *arm.getActualTCPForce(), *modes, fraction, arm.getPayload())
             try:
-                os.write(1, STATE.pack(*state))
+                os.write(states, STATE.pack(*state))
             except BlockingIOError:
                 pass
         elif now - heard > QUIET_S and not arm.isConnected():

@@ -2,7 +2,7 @@
 //!
 //! connect → check → (user) → start → approach → spindle → run ⇄ hold → end. A [`Session`] touches no arm, clock or file, so the same
 //! code decides on hardware, in a rehearsal and in simulated time. No target is ever sent on a state that is too old, after a fault, or
-//! a second time within half a period; every wait has a deadline.
+//! a second time within half a period, or while earlier ones wait for the arm's client; every wait has a deadline.
 
 mod phases;
 
@@ -17,6 +17,11 @@ use crate::link::{ArmState, Identity, Joints, LinkFault, Order};
 use crate::plan::StreamPlan;
 use crate::watch::{Deviation, Watch};
 
+/// Orders that may wait for the arm's client before the next target: what piles up would reach the arm at once.
+const MOST_WAITING: usize = 5;
+/// How long orders may wait, s: the controller's watchdog stops the arm after as long.
+const MOST_WAITING_S: f64 = 0.1;
+
 /// What a step is told.
 #[derive(Debug, Clone, Default)]
 pub struct Seen {
@@ -28,6 +33,8 @@ pub struct Seen {
     pub identity: Option<Identity>,
     /// What is wrong with the link.
     pub fault: Option<LinkFault>,
+    /// Orders that its client has not taken yet.
+    pub waiting: usize,
     /// The user's answer to the last question, once given.
     pub answer: Option<bool>,
     /// Why somebody outside wants it to stop: the user, the log, a changed plan.
@@ -119,6 +126,10 @@ pub struct Session<'a> {
     late: (u64, f64),
     farthest_mm: f64,
     commanded: Option<Joints>,
+    /// Since when orders have been waiting, more than may.
+    waiting_since_s: Option<f64>,
+    /// Whether an order of the end was lost.
+    lost: bool,
     /// The user's answer until it is used: it may come with an order before it.
     answer: Option<bool>,
 }
@@ -140,7 +151,7 @@ impl<'a> Session<'a> {
             cause: None,
             deviation: None,
             reached_row: start_row,
-            next_hold: plan.holds.partition_point(|h| (h.row as f64) <= start_row),
+            next_hold: plan.holds.partition_point(|h| (h.row as f64) < start_row),
             told_fraction: 1.0,
             tare: (Vector3::zeros(), 0),
             excess_states: 0,
@@ -149,6 +160,8 @@ impl<'a> Session<'a> {
             late: (0, 0.0),
             farthest_mm: 0.0,
             commanded: None,
+            waiting_since_s: None,
+            lost: false,
             answer: None,
         }
     }
@@ -208,6 +221,8 @@ impl<'a> Session<'a> {
             None => false,
         };
         self.answer = seen.answer.or(self.answer);
+        let since_s = self.waiting_since_s.unwrap_or(now_s);
+        self.waiting_since_s = (seen.waiting > MOST_WAITING).then_some(since_s);
         if let Some((cause, at_once)) = self.trouble(seen) {
             self.stop(cause, at_once, now_s, &mut step);
         }
@@ -222,6 +237,7 @@ impl<'a> Session<'a> {
     /// What is wrong, and whether the arm must be stopped at once instead of along its path.
     fn trouble(&mut self, seen: &Seen) -> Option<(Cause, bool)> {
         if matches!(self.phase, Phase::Ending(_)) {
+            self.lost |= seen.fault.is_some();
             self.find_the_reason();
             return None;
         }
@@ -231,6 +247,9 @@ impl<'a> Session<'a> {
         }
         if let Some(fault) = &seen.fault {
             return Some((Cause::Link(fault.clone()), true));
+        }
+        if moving && self.waiting_since_s.is_some_and(|since_s| seen.now_s - since_s > MOST_WAITING_S) {
+            return Some((Cause::Link(LinkFault::NotTaken("any order for 0.1 s")), true));
         }
         if moving {
             let age_s = self.watch.age_s(seen.now_s);
@@ -335,7 +354,7 @@ impl<'a> Session<'a> {
                     self.end(now_s);
                 }
             }
-            Phase::Ending(ending) => self.finish(now_s, ending, step),
+            Phase::Ending(ending) => self.finish(seen, ending, step),
         }
     }
 }

@@ -58,11 +58,12 @@ impl Session<'_> {
         let now_s = seen.now_s;
         let waited_s = now_s - since_s;
         let fresh = self.watch.age_s(now_s) <= self.plan.settings().timing.state_age_s;
-        if self.watch.stopped_itself().is_none() && fresh {
+        // the client's answer says that the watchdog was taken
+        if seen.waiting == 0 && self.watch.stopped_itself().is_none() && fresh {
             return self.enter(now_s, &approach, step);
         }
         if waited_s > self.plan.settings().patience_s {
-            let what = "the program on the controller runs, with a fresh state";
+            let what = "that the program on the controller runs under its watchdog, with a fresh state";
             return self.stop(Cause::NoAnswer { what, waited_s }, true, now_s, step);
         }
         self.phase = Phase::Starting { approach, since_s };
@@ -234,8 +235,11 @@ impl Session<'_> {
         self.send_on(&plan.track, now_s, wanted, step);
     }
 
-    /// The next target, at its time.
+    /// The next target, at its time; none while earlier orders wait: the gap is then timed anew like any other.
     fn send_on(&mut self, track: &Track, now_s: f64, wanted: f64, step: &mut Step) {
+        if self.waiting_since_s.is_some() {
+            return;
+        }
         let period_s = self.plan.period_s;
         let due_s = self.due_s.unwrap_or(now_s);
         let late_s = now_s - due_s;
@@ -255,7 +259,8 @@ impl Session<'_> {
         self.due_s = Some(step.wake_s);
     }
 
-    pub(super) fn finish(&mut self, now_s: f64, ending: Ending, step: &mut Step) {
+    pub(super) fn finish(&mut self, seen: &Seen, ending: Ending, step: &mut Step) {
+        let now_s = seen.now_s;
         let Ending { since_s, since_rest_s, rest_q } = ending;
         let fresh = self.watch.age_s(now_s) <= self.plan.settings().timing.state_age_s;
         let q = self.watch.newest().map(|s| s.q).filter(|_| fresh);
@@ -266,17 +271,19 @@ impl Session<'_> {
         };
         let never_moved = self.commanded.is_none();
         let at_rest = never_moved || (rest_q.is_some() && now_s - since_rest_s >= REST_S);
-        if at_rest || now_s - since_s >= REST_PATIENCE_S {
+        let taken = seen.waiting == 0 && !self.lost;
+        if (at_rest && taken) || now_s - since_s >= REST_PATIENCE_S {
             step.order = Some(Order::End);
-            step.outcome = Some(self.outcome(now_s, at_rest));
+            step.outcome = Some(self.outcome(now_s, at_rest, never_moved || taken));
         }
         self.phase = Phase::Ending(Ending { since_s, since_rest_s, rest_q });
     }
 
-    fn outcome(&self, now_s: f64, at_rest: bool) -> Outcome {
+    fn outcome(&self, now_s: f64, at_rest: bool, is_off: bool) -> Outcome {
         Outcome {
             cause: self.cause.clone(),
             at_rest,
+            is_off,
             reached_row: self.reached_row,
             rows: self.plan.track.rows(),
             seconds: self.began_s.map_or(0.0, |began_s| now_s - began_s),

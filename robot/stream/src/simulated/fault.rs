@@ -42,6 +42,8 @@ pub enum Fault {
     HalfOpen,
     /// The program does not run for a while.
     Stall(f64),
+    /// The client that takes orders does not run for a while; states still come.
+    Held(f64),
     /// The program is killed.
     Killed,
     /// All packets take longer.
@@ -94,6 +96,8 @@ impl Fault {
         ("stall of 100 ms", Fault::Stall(0.1)),
         ("stall of 250 ms", Fault::Stall(0.25)),
         ("stall of 2 s (SIGSTOP, SIGCONT)", Fault::Stall(2.0)),
+        ("orders held up for 50 ms", Fault::Held(0.05)),
+        ("orders held up for 2 s", Fault::Held(2.0)),
         ("stall for ever (SIGKILL, SIGSTOP)", Fault::Killed),
         ("delay of 50 ms", Fault::Delay(0.05)),
         ("delay of 150 ms", Fault::Delay(0.15)),

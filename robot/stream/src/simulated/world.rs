@@ -309,6 +309,13 @@ impl World {
         }
     }
 
+    /// Until when the client that takes orders is held up, if it is.
+    fn held_until_s(&self) -> Option<f64> {
+        let Fault::Held(for_s) = self.fault else { return None };
+        let until_s = self.onset_s + for_s;
+        (self.struck && self.now_s < until_s).then_some(until_s)
+    }
+
     /// Whether states still come, and orders still arrive.
     fn open(&self) -> (bool, bool) {
         if !self.struck {
@@ -388,7 +395,7 @@ impl ArmLink for WorldLink {
         if !world.open().1 {
             return Ok(());
         }
-        let arrives_s = world.now_s + world.way_s();
+        let arrives_s = (world.now_s + world.way_s()).max(world.held_until_s().unwrap_or(0.0));
         let arrives_s = world.orders.back().map_or(arrives_s, |(before_s, _)| arrives_s.max(*before_s));
         world.orders.push_back((arrives_s, *order));
         if world.struck && world.fault == Fault::Duplicated {
@@ -399,6 +406,12 @@ impl ArmLink for WorldLink {
 
     fn identity(&self) -> Option<Identity> {
         Some(Identity::default())
+    }
+
+    fn waiting(&self) -> usize {
+        let world = self.0.borrow();
+        let held = |until_s| world.orders.iter().filter(|(at_s, _)| *at_s >= until_s).count();
+        world.held_until_s().map_or(0, held)
     }
 }
 

@@ -1,0 +1,148 @@
+"""The two processes of the arm's client, with a client made here that prints, refuses, fails and hangs."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bonemill.stream import Settings, UrLink
+
+CONTROL = """
+import os, time
+import rtde_io
+class RTDEControlInterface:
+    def __init__(self, host, rate):
+        os.write(1, b"RTDEControlInterface: Reconnecting...")
+    def setWatchdog(self, hz):
+        return rtde_io.KIND != "no watchdog"
+    def servoJ(self, *values):
+        os.write(1, b"Lost connection")
+        if rtde_io.KIND == "hangs":
+            time.sleep(60.0)
+        return True
+    def servoStop(self, slowing):
+        rtde_io.note("stop")
+        if rtde_io.KIND == "stop fails":
+            raise RuntimeError("no connection")
+        return True
+    def stopScript(self):
+        rtde_io.note("script ends")
+"""
+IO = """
+import os
+KIND = os.environ["CLIENT_KIND"]
+def note(text):
+    with open(os.environ["CLIENT_NOTES"], "a") as notes:
+        notes.write(text + ",")
+class RTDEIOInterface:
+    def __init__(self, host): pass
+    def setStandardDigitalOut(self, output, on):
+        note(f"spindle {int(on)}")
+        return True
+"""
+RECEIVE = """
+import os, time
+class RTDEReceiveInterface:
+    def __init__(self, host, rate, variables):
+        self.began = time.monotonic()
+        os.write(1, b"RTDEReceiveInterface: Reconnecting...")
+    def getTimestamp(self): return round(time.monotonic() - self.began, 3)
+    def getActualQ(self): return [0.5] * 6
+    def getActualTCPPose(self): return [0.1, 0.2, 0.3, 0.0, 0.0, 0.0]
+    def getActualTCPForce(self):
+        felt = time.monotonic() - self.began < 0.5 or os.environ["CLIENT_KIND"] != "sensor fails"
+        return [0.0, 0.0, 1.5 if felt else 0.0, 0.0, 0.0, 0.0]
+    def getSafetyMode(self): return 1
+    def getRuntimeState(self): return 2
+    def getTargetSpeedFraction(self): return 1.0
+    def getSpeedScalingCombined(self): return 1.0
+    def getPayload(self): return 1.0
+    def isConnected(self): return True
+"""
+
+Begin = Callable[[str], UrLink]
+
+
+@pytest.fixture
+def notes(tmp_path: Path) -> Path:
+    return tmp_path / "notes"
+
+
+@pytest.fixture
+def begin(tmp_path: Path, notes: Path, monkeypatch: pytest.MonkeyPatch) -> Begin:
+    for name, text in (("rtde_control", CONTROL), ("rtde_io", IO), ("rtde_receive", RECEIVE)):
+        (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("CLIENT_NOTES", str(notes))
+
+    def link(kind: str) -> UrLink:
+        monkeypatch.setenv("CLIENT_KIND", kind)
+        return UrLink("127.0.0.41", 0.002, Settings())
+
+    return link
+
+
+def watched(link: UrLink, until: Callable[[], bool], seconds: float = 10.0) -> None:
+    """Looks at the state as a run does, until something holds."""
+    ends = time.monotonic() + seconds
+    while not until():
+        link.state()
+        assert time.monotonic() < ends, "it did not come in time"
+        time.sleep(0.002)
+
+
+def test_what_the_client_prints_is_no_answer_and_no_state(begin: Begin, notes: Path) -> None:
+    link = begin("prints")
+    try:
+        watched(link, lambda: link.state() is not None)
+        for what, values in (("start", []), ("spindle", [1.0]), *[("target", [0.5] * 6)] * 20):
+            link.order(what, values)
+        assert link.waiting() > 0
+        watched(link, lambda: link.waiting() == 0)
+        _, _, q, (place_mm, _), force_n, safety_mode, *_ = link.state() or ()
+        assert (list(q), place_mm, list(force_n), safety_mode) == ([0.5] * 6, [100.0, 200.0, 300.0], [0.0, 0.0, 1.5], 1)
+    finally:
+        link.close()
+    assert notes.read_text() == "spindle 1,stop,spindle 0,script ends,"
+
+
+def test_a_watchdog_that_is_refused_is_told(begin: Begin) -> None:
+    link = begin("no watchdog")
+    try:
+        link.order("start", [])
+        with pytest.raises(RuntimeError, match="watchdog"):
+            watched(link, lambda: link.waiting() == 0)
+    finally:
+        link.close()
+
+
+def test_the_spindle_is_switched_off_though_the_stop_fails(begin: Begin, notes: Path) -> None:
+    link = begin("stop fails")
+    link.order("start", [])
+    watched(link, lambda: link.waiting() == 0)
+    link.close()
+    assert notes.read_text() == "stop,spindle 0,script ends,"
+
+
+def test_orders_wait_before_a_client_that_hangs_and_closing_does_not(begin: Begin) -> None:
+    link = begin("hangs")
+    link.order("start", [])
+    watched(link, lambda: link.waiting() == 0)
+    for _ in range(5):
+        link.order("target", [0.5] * 6)
+    time.sleep(0.2)
+    link.state()
+    assert link.waiting() == 5
+    began = time.monotonic()
+    link.close()
+    assert time.monotonic() - began < 3.0
+
+
+def test_a_sensor_that_falls_silent_is_a_fault(begin: Begin) -> None:
+    link = begin("sensor fails")
+    try:
+        with pytest.raises(RuntimeError, match="force sensor"):
+            watched(link, lambda: False)
+    finally:
+        link.close()
