@@ -31,7 +31,10 @@ pub fn run(args: &ProsthesisArgs, progress: &dyn Progress) -> anyhow::Result<Out
     progress.stage("write files");
     let record = save(&plan, &job_path, &staged)?;
     let out = staged.commit()?;
-    plan.taken.keep();
+    // what falls short is not milled as it is: its block goes back
+    if record.shortfalls.is_empty() {
+        plan.taken.keep();
+    }
     Ok(Outcome::made(&out, &record))
 }
 

@@ -83,6 +83,14 @@ fn a_job_becomes_a_folder_that_verifies_and_takes_its_block() {
         assert!(said(&verified).contains(name), "{}", said(&verified));
         fs::write(out.join(name), text).unwrap();
     }
+    // and once the program's speeds are others
+    for (from, to) in [(" F", " F9"), ("\nS", "\nS1")] {
+        assert!(program.contains(from), "{from}");
+        fs::write(out.join("program.nc"), program.replacen(from, to, 1)).unwrap();
+        let verified = bonemill(folder.path(), "verify out");
+        assert!(said(&verified).contains(" instead of "), "{}", said(&verified));
+    }
+    fs::write(out.join("program.nc"), &program).unwrap();
     // a viewer draws what stands there
     let shown = ShownProsthesis::read(&out, &()).unwrap();
     assert_eq!(shown.colours.len(), shown.part.vertices.len());
@@ -121,6 +129,13 @@ fn the_report_for_an_arm_tells_how_the_arm_is_mounted() {
         );
         // how a machine is mounted holds for no arm
         assert!(!steps.contains("toward the spindle"), "{steps}");
+        assert_eq!(bonemill(folder.path(), "verify out").status.code(), made.status.code());
+        let trajectory = folder.path().join("out/trajectory.csv");
+        let text = fs::read_to_string(&trajectory).unwrap();
+        fs::write(&trajectory, text.replacen("0.1", "0.2", 1)).unwrap();
+        let verified = bonemill(folder.path(), "verify out");
+        assert_eq!(verified.status.code(), Some(1));
+        assert!(said(&verified).contains("trajectory.csv"), "{}", said(&verified));
         bonemill(folder.path(), "stock return B1");
     }
 }
@@ -142,6 +157,12 @@ fn what_cannot_be_made_is_refused_and_the_block_goes_back() {
     // a cutter that does not fit between the part and the block's grip
     fs::write(folder.path().join("thick.toml"), job.replace("diameter_mm = 4", "diameter_mm = 20")).unwrap();
     refused("prosthesis thick.toml --out out", "cannot be milled from block B1");
+    assert!(said(&bonemill(folder.path(), "stock list")).contains("1 left"));
+    // a plan that falls short is written, but its block goes back too
+    fs::write(folder.path().join("short.toml"), format!("{job}[machine]\nmax_time_min = 0.1\n")).unwrap();
+    let short = bonemill(folder.path(), "prosthesis short.toml --out short");
+    assert_eq!(short.status.code(), Some(1), "{}", said(&short));
+    assert_eq!(bonemill(folder.path(), "verify short").status.code(), Some(1));
     assert!(said(&bonemill(folder.path(), "stock list")).contains("1 left"));
     fs::write(folder.path().join("implant.stl"), "solid x\nendsolid x\n").unwrap();
     refused("prosthesis job.toml --out out", "the mesh has no facets");

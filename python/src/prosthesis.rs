@@ -100,12 +100,14 @@ impl ProsthesisPlan {
         Array2::from_shape_fn((samples.len(), 4), at).into_pyarray(py)
     }
 
-    /// Writes the folder; the block stays taken.
+    /// Writes the folder; the block stays taken unless the plan falls short.
     fn save(&self, out: PathBuf) -> PyResult<PathBuf> {
         let staged = StagedDirectory::create(&out, Replace::Prosthesis).map_err(|e| errors::file(&e))?;
         save(&self.plan, &self.job_path, &staged).map_err(|e| errors::prosthesis(&e))?;
         let out = staged.commit().map_err(|e| errors::file(&e))?;
-        self.plan.taken.keep();
+        if self.plan.shortfalls.is_empty() {
+            self.plan.taken.keep();
+        }
         Ok(out)
     }
 }

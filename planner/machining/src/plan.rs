@@ -17,7 +17,7 @@ use crate::sides::Sight;
 use crate::silhouette::Silhouette;
 use crate::stock::Stock;
 use crate::strip::StripStrength;
-use crate::time::{Times, times};
+use crate::time::{Times, limited_s, times};
 use crate::zigzag::ZigZag;
 
 /// Cells across the tool, at least; largest side of a cell in finishing steps; and bounds of it, mm.
@@ -291,10 +291,7 @@ fn too_long(moves: &[Move], times: &Times, job: &Job) -> Option<Warning> {
     if times.limited_s <= most_s {
         return None;
     }
-    let other_s = times.limited_s - times.cutting_s;
-    let faster = times.cutting_s / (most_s - other_s);
-    let feed = job.process.feed_per_tooth_mm * faster;
-    let possible = faster > 0.0 && job.feed_mm_min() * faster <= job.machine.max_feed_mm_min;
+    let feed_per_tooth_mm = faster(moves, job, most_s).map(|by| job.process.feed_per_tooth_mm * by);
     let mut before_s = 0.0;
     let mut finishing_s = 0.0;
     for step in moves {
@@ -307,7 +304,25 @@ fn too_long(moves: &[Move], times: &Times, job: &Job) -> Option<Warning> {
     Some(Warning::Time {
         takes_min: times.limited_s / 60.0,
         most_min: most_s / 60.0,
-        feed_per_tooth_mm: possible.then_some(feed),
+        feed_per_tooth_mm,
         finishing_step_mm: (share > 0.05).then(|| job.process.finishing_step_mm / share),
     })
+}
+
+/// The least factor of the feed, to a hundredth, with which the moves take no longer than `most_s`; `None` where the machine's feed does not allow it.
+fn faster(moves: &[Move], job: &Job, most_s: f64) -> Option<f64> {
+    let meets = |by: f64| {
+        let at_feed = |m: &Move| if m.kind.cuts() { m.feed_mm_min * by } else { m.feed_mm_min };
+        let moves: Vec<Move> = moves.iter().map(|m| Move { feed_mm_min: at_feed(m), ..*m }).collect();
+        limited_s(&moves, &job.machine).is_ok_and(|takes_s| takes_s <= most_s)
+    };
+    let (mut low, mut high) = (1.0, job.machine.max_feed_mm_min / job.feed_mm_min());
+    if !(high > low && meets(high)) {
+        return None;
+    }
+    while high - low > 0.01 {
+        let middle = 0.5 * (low + high);
+        if meets(middle) { high = middle } else { low = middle }
+    }
+    Some(high)
 }

@@ -57,7 +57,8 @@ fn in_machine(from: &Move, to: &Move) -> Vector3<f64> {
     at(to) - at(from)
 }
 
-fn limited_s(moves: &[Move], machine: &Machine) -> Result<f64, MachiningError> {
+/// With limited acceleration and jerk, s.
+pub(crate) fn limited_s(moves: &[Move], machine: &Machine) -> Result<f64, MachiningError> {
     let Some(first) = moves.first() else { return Ok(0.0) };
     let fastest = machine.rapid_mm_min.max(machine.max_feed_mm_min) / 60.0;
     let rotary = machine.rotary_rad_s;

@@ -247,6 +247,17 @@ fn a_time_that_is_too_short_is_answered_with_what_would_meet_it() {
     });
     let feed = told.unwrap();
     assert!(feed > short.process.feed_per_tooth_mm && feed < 4.0 * short.process.feed_per_tooth_mm, "{feed}");
+    // it does, and not by much
+    let time_s = |feed: f64| {
+        short.process.feed_per_tooth_mm = feed;
+        plan(&part, &short).unwrap().times.limited_s
+    };
+    let [met_s, missed_s] = [feed, 0.97 * feed].map(time_s);
+    assert!(
+        met_s <= 0.8 * takes_s && missed_s > 0.8 * takes_s,
+        "{met_s} and {missed_s} of {} s",
+        0.8 * takes_s
+    );
 }
 
 #[test]

@@ -168,11 +168,25 @@ impl ProsthesisPlan {
             self.warnings
                 .push(format!("{pairs} pairs of facets touch or cross by at most {tolerance_mm} mm"));
         }
+        let is_arm = self.job.machine.kind != MachineKind::FiveAxis;
+        if let (Some(robot), Some(most_min)) = (&self.robot, self.job.machine.max_time_min)
+            && robot.duration_s > 60.0 * most_min
+        {
+            let takes_min = robot.duration_s / 60.0;
+            self.shortfalls
+                .push(format!("the arm takes {takes_min:.1} min, but there are {most_min:.1} min"));
+        }
         for warning in &self.machining.warnings {
             match warning {
+                // an arm has its own reach and its own time
+                Warning::Travel { .. } | Warning::Time { .. } if is_arm => {}
                 Warning::Travel { .. } | Warning::Time { .. } => self.shortfalls.push(warning.to_string()),
                 Warning::Feed { .. } | Warning::Strip { .. } => self.warnings.push(warning.to_string()),
             }
+        }
+        // the proof says whether stock stays, the planner's places say why
+        if self.proof.thickest_uncut_mm <= job.process.finishing_step_mm + UNCUT_TOLERANCE_MM {
+            self.machining.left.clear();
         }
         for left in &self.machining.left {
             let p = left.at_mm;

@@ -61,9 +61,7 @@ pub(crate) fn motion(
             csv: csv(&arm, &motion)?,
             setup: setup(model, on_flange),
         })),
-        Err(out) => {
-            Ok(Err(format!("the {} cannot follow move {}: {:?}", model.name(), out.pose, out.reason)))
-        }
+        Err(out) => Ok(Err(format!("the {} cannot follow move {}: {}", model.name(), out.pose, out.reason))),
     }
 }
 
@@ -184,6 +182,6 @@ mod tests {
         let mut long = block();
         long.low_mm.z = -2000.0;
         let said = motion(UrModel::Ur5e, OnFlange::Part, &long, &moves()).unwrap().unwrap_err();
-        assert!(said.starts_with("the ur5e cannot follow move 0: Beyond"), "{said}");
+        assert!(said.starts_with("the ur5e cannot follow move 0: out of reach"), "{said}");
     }
 }

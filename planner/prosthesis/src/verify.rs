@@ -6,24 +6,27 @@
 use std::fmt::Write;
 use std::path::Path;
 
+use bonemill_case::prosthesis::MachineKind;
 use bonemill_case::write::text;
 use bonemill_geometry::{Block, Mesh, Progress};
 use bonemill_machining::{Block as Stock, Move};
 use bonemill_part::{RepairLimits, Solid, read_facets};
 use bonemill_planfile::{PlanFileError, Sha256};
-use bonemill_proof::gcode::Facing;
+use bonemill_proof::gcode::{self, Facing};
 use bonemill_proof::{Proof, ProofJob};
 use nalgebra::Vector3;
 
 use crate::plan::shortfalls;
 use crate::record::FILE_NAME;
-use crate::save::{PART, PROGRAM, TOOLPATH};
-use crate::{JobRecord, ProsthesisError, settings, toolpath_csv};
+use crate::save::{PART, PROGRAM, TOOLPATH, TRAJECTORY};
+use crate::{JobRecord, ProsthesisError, robot, settings, toolpath_csv};
 
 /// How far part.stl may be from the part in its own file, mm: rounding to single precision at 100 mm.
 const SAME_MM: f64 = 1e-4;
 /// How far a figure may be from the proof's.
 const SAME_FIGURE: f64 = 1e-6;
+/// How far a feed, mm/min, or a spindle speed, 1/min, may be from the job's: decimals of the program.
+const SAME_SPEED: f64 = 0.51;
 /// Decimals of the program and of toolpath.csv, mm.
 const ROUNDING_MM: f64 = 1e-3;
 
@@ -95,16 +98,27 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
     let proof = bonemill_proof::prove(&program, &part, &job)?;
     checks.extend(proved(&record, &proof, &job));
     progress.stage("compare toolpath");
-    checks.push(same_moves(&read_text(&dir.join(TOOLPATH))?, &program, &record)?);
-    let files = [FILE_NAME, PART, TOOLPATH, PROGRAM];
-    let files =
-        files.map(|name| Ok::<_, PlanFileError>((name.to_owned(), Sha256::of_file(&dir.join(name))?)));
+    let toolpath = read_text(&dir.join(TOOLPATH))?;
+    let moves = same_moves(&toolpath, &program, &record)?;
+    let is_same = moves.faults.is_empty();
+    checks.extend([moves, speeds_of_the_job(&program, &record)?]);
+    let mut files = vec![FILE_NAME, PART, TOOLPATH, PROGRAM];
+    if let MachineKind::Ur(_) = record.job.machine.kind {
+        files.push(TRAJECTORY);
+        let path = dir.join(TRAJECTORY);
+        let trajectory = std::fs::read(&path).map_err(PlanFileError::io("read", path))?;
+        if is_same {
+            checks.push(same_trajectory(&trajectory, &toolpath, &record)?);
+        }
+    }
+    let digest = |name: &str| Ok::<_, PlanFileError>((name.to_owned(), Sha256::of_file(&dir.join(name))?));
+    let files = files.into_iter().map(digest);
     Ok(Verdict {
         checks,
         deepest_gouge_mm: proof.deepest_gouge_mm,
         thickest_uncut_mm: proof.thickest_uncut_mm,
         widest_mm: proof.widest_mm,
-        files: files.into_iter().collect::<Result<_, _>>()?,
+        files: files.collect::<Result<_, _>>()?,
     })
 }
 
@@ -200,24 +214,26 @@ fn other_figures(record: &JobRecord, proof: &Proof) -> Vec<String> {
 /// toolpath.csv tells the program's moves.
 fn same_moves(table: &str, program: &str, record: &JobRecord) -> Result<Check, ProsthesisError> {
     let name = "toolpath.csv tells the program's moves";
-    let motions = bonemill_proof::gcode::read(program)?.motions;
+    let motions = gcode::read(program)?.motions;
     let mut rows = table.lines();
     if rows.next() != Some(toolpath_csv::COLUMNS) {
         return Ok(Check { name, faults: vec![format!("expected the header {:?}", toolpath_csv::COLUMNS)] });
     }
     let mut faults = Vec::new();
+    let feed_of_job = settings::machining(&record.job, record.block).feed_mm_min();
     let mut ends = motions.iter().map(|m| (m.facing, m.to_mm));
     let mut at = None;
     for (line, row) in rows.enumerate() {
         let line = line + 2;
         let index = line - 2;
-        let Some(Move { tip_mm, a_rad, feed_mm_min, .. }) = toolpath_csv::read_row(row, index) else {
+        let Some(Move { kind, tip_mm, a_rad, feed_mm_min, .. }) = toolpath_csv::read_row(row, index) else {
             faults
                 .push(format!("line {line}: expected index {index}, a side, a kind of move and six numbers"));
             break;
         };
-        if feed_mm_min > record.job.machine.max_feed_mm_min.max(record.job.machine.rapid_mm_min) {
-            faults.push(format!("line {line}: {feed_mm_min} mm/min is faster than the machine"));
+        let wanted = if kind.cuts() { feed_of_job } else { record.job.machine.rapid_mm_min };
+        if is_other(feed_mm_min, wanted) {
+            faults.push(format!("line {line}: {feed_mm_min} mm/min instead of {wanted:.1} mm/min"));
         }
         let facing = if a_rad.abs() < 1.0 { Facing::Front } else { Facing::Back };
         let to = (facing, facing.machine(&tip_mm));
@@ -232,5 +248,69 @@ fn same_moves(table: &str, program: &str, record: &JobRecord) -> Result<Check, P
         }
         at = Some(to);
     }
+    Ok(Check { name, faults })
+}
+
+/// Whether a speed is not the one that is wanted.
+fn is_other(speed: f64, wanted: f64) -> bool {
+    let off = (speed - wanted).abs();
+    off.is_nan() || off > SAME_SPEED
+}
+
+/// The program's feeds, spindle speed and span are the job's and the machine's, and its time is what there is.
+fn speeds_of_the_job(program: &str, record: &JobRecord) -> Result<Check, ProsthesisError> {
+    let read = gcode::read(program)?;
+    let (job, machine) = (settings::machining(&record.job, record.block), &record.job.machine);
+    let mut faults = Vec::new();
+    let wanted = job.feed_mm_min();
+    let cuts = || read.motions.iter().filter(|m| !m.rapid);
+    if let Some(other) = cuts().find(|m| is_other(m.feed_mm_min, wanted)) {
+        faults.push(format!("line {}: F{} instead of {wanted:.1} mm/min", other.line, other.feed_mm_min));
+    }
+    let rpm = job.process.spindle_rpm;
+    if is_other(read.spindle_rpm, rpm) {
+        faults.push(format!("S{} instead of {rpm} 1/min", read.spindle_rpm));
+    }
+    // an arm has its own reach and its own time
+    if machine.kind == MachineKind::FiveAxis {
+        for (n, axis) in ["X", "Y", "Z"].into_iter().enumerate() {
+            let at = || read.motions.iter().map(|m| m.to_mm[n]);
+            let span_mm = at().fold(f64::NEG_INFINITY, f64::max) - at().fold(f64::INFINITY, f64::min);
+            if span_mm > machine.travel_mm[n] {
+                faults.push(format!(
+                    "{axis} needs {span_mm:.1} mm of {:.1} mm of travel",
+                    machine.travel_mm[n]
+                ));
+            }
+        }
+    }
+    let time = if machine.kind == MachineKind::FiveAxis { "total_time_s" } else { "robot_time_s" };
+    if let Some(most_min) = machine.max_time_min
+        && !record.number(time).is_some_and(|time_s| time_s <= 60.0 * most_min)
+    {
+        faults.push(format!("`{time}` is more than the {most_min} min that there are"));
+    }
+    Ok(Check { name: "the program keeps the job's speeds and the machine's limits", faults })
+}
+
+/// trajectory.csv is the arm's motion along toolpath.csv.
+fn same_trajectory(trajectory: &[u8], toolpath: &str, record: &JobRecord) -> Result<Check, ProsthesisError> {
+    let name = "trajectory.csv is the arm's motion along toolpath.csv";
+    let MachineKind::Ur(model) = record.job.machine.kind else { return Ok(Check { name, faults: vec![] }) };
+    let rows = toolpath.lines().skip(1).enumerate();
+    let moves: Vec<Move> = rows.filter_map(|(n, row)| toolpath_csv::read_row(row, n)).collect();
+    let failed =
+        |source| ProsthesisError::Machining { block: record.block_id.clone(), source: Box::new(source) };
+    let found = robot::motion(model, record.job.machine.on_flange, &record.block, &moves).map_err(failed)?;
+    let faults = match found {
+        Err(reason) => vec![reason],
+        Ok(motion) if motion.csv == trajectory => vec![],
+        Ok(motion) => {
+            let same = |(a, b): &(&u8, &u8)| a == b;
+            let until = motion.csv.iter().zip(trajectory).take_while(same).map(|(a, _)| a);
+            let line = 1 + until.filter(|byte| **byte == b'\n').count();
+            vec![format!("line {line} is another than the motion's")]
+        }
+    };
     Ok(Check { name, faults })
 }
