@@ -226,6 +226,7 @@ impl PyLink<'_> {
         let fault = match said.as_str() {
             "watchdog" => LinkFault::Watchdog,
             "target" => LinkFault::NotTaken("a target"),
+            "stop" => LinkFault::NotTaken("the stop"),
             "spindle" => LinkFault::NotTaken("the spindle's output"),
             _ => LinkFault::Closed(said),
         };

@@ -129,9 +129,11 @@ def test_orders_wait_before_a_client_that_hangs_and_closing_does_not(begin: Begi
     link = begin("hangs")
     link.order("start", [])
     watched(link, lambda: link.waiting() == 0)
-    for _ in range(5):
-        link.order("target", [0.5] * 6)
+    link.order("target", [0.5] * 6)
     time.sleep(0.2)
+    for _ in range(4):
+        link.order("target", [0.5] * 6)
+    time.sleep(0.1)
     link.state()
     assert link.waiting() == 5
     began = time.monotonic()

@@ -291,7 +291,9 @@ fn too_long(moves: &[Move], times: &Times, job: &Job) -> Option<Warning> {
     if times.limited_s <= most_s {
         return None;
     }
-    let feed_per_tooth_mm = faster(moves, job, most_s).map(|by| job.process.feed_per_tooth_mm * by);
+    // up to the decimals that are told
+    let told = |by: f64| (1e4 * job.process.feed_per_tooth_mm * by).ceil() / 1e4;
+    let feed_per_tooth_mm = faster(moves, job, most_s).map(told);
     let mut before_s = 0.0;
     let mut finishing_s = 0.0;
     for step in moves {

@@ -81,7 +81,11 @@ fn cards(plan: &ProsthesisPlan) -> String {
 fn instructions(plan: &ProsthesisPlan, record: &JobRecord) -> String {
     let [x, y, z] = plan.taken.mounted.size_mm;
     let (low, high, tool) = (&record.block.low_mm, &record.block.high_mm, &record.job.tool);
-    let from = if plan.taken.is_from_catalogue() { " It was taken out of the catalogue." } else { "" };
+    let from = match (plan.taken.is_from_catalogue(), plan.shortfalls.is_empty()) {
+        (false, _) => "",
+        (true, true) => " It was taken out of the catalogue.",
+        (true, false) => " It is still in the catalogue, because the plan falls short.",
+    };
     let (mount, run) = plan.robot.as_ref().map_or_else(|| on_machine([x, y, z]), by_arm);
     format!(
         "<h2>What to do</h2><ol class=\"steps\">\

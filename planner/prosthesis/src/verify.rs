@@ -27,6 +27,9 @@ const SAME_MM: f64 = 1e-4;
 const SAME_FIGURE: f64 = 1e-6;
 /// How far a feed, mm/min, or a spindle speed, 1/min, may be from the job's: decimals of the program.
 const SAME_SPEED: f64 = 0.51;
+/// How far a number of trajectory.csv may be from the motion's: another processor's last digits, s and rad.
+const SAME_MOTION: f64 = 1e-6;
+const TRAJECTORY_FOLLOWS: &str = "trajectory.csv is the arm's motion along toolpath.csv";
 /// Decimals of the program and of toolpath.csv, mm.
 const ROUNDING_MM: f64 = 1e-3;
 
@@ -104,11 +107,15 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
     checks.extend([moves, speeds_of_the_job(&program, &record)?]);
     let mut files = vec![FILE_NAME, PART, TOOLPATH, PROGRAM];
     if let MachineKind::Ur(_) = record.job.machine.kind {
-        files.push(TRAJECTORY);
         let path = dir.join(TRAJECTORY);
-        let trajectory = std::fs::read(&path).map_err(PlanFileError::io("read", path))?;
-        if is_same {
-            checks.push(same_trajectory(&trajectory, &toolpath, &record)?);
+        if !path.exists() {
+            let faults = vec!["there is none: the arm cannot follow the tool path".into()];
+            checks.push(Check { name: TRAJECTORY_FOLLOWS, faults });
+        } else {
+            files.push(TRAJECTORY);
+            if is_same {
+                checks.push(same_trajectory(&read_text(&path)?, &toolpath, &record)?);
+            }
         }
     }
     let digest = |name: &str| Ok::<_, PlanFileError>((name.to_owned(), Sha256::of_file(&dir.join(name))?));
@@ -211,6 +218,9 @@ fn other_figures(record: &JobRecord, proof: &Proof) -> Vec<String> {
     told.collect()
 }
 
+/// Where a motion ends in the machine's axes, and whether it is G0.
+type End = (Facing, Vector3<f64>, bool);
+
 /// toolpath.csv tells the program's moves.
 fn same_moves(table: &str, program: &str, record: &JobRecord) -> Result<Check, ProsthesisError> {
     let name = "toolpath.csv tells the program's moves";
@@ -221,7 +231,8 @@ fn same_moves(table: &str, program: &str, record: &JobRecord) -> Result<Check, P
     }
     let mut faults = Vec::new();
     let feed_of_job = settings::machining(&record.job, record.block).feed_mm_min();
-    let mut ends = motions.iter().map(|m| (m.facing, m.to_mm));
+    let mut ends = motions.iter().map(|m| (m.facing, m.to_mm, m.rapid));
+    let mut count = 0;
     let mut at = None;
     for (line, row) in rows.enumerate() {
         let line = line + 2;
@@ -236,10 +247,10 @@ fn same_moves(table: &str, program: &str, record: &JobRecord) -> Result<Check, P
             faults.push(format!("line {line}: {feed_mm_min} mm/min instead of {wanted:.1} mm/min"));
         }
         let facing = if a_rad.abs() < 1.0 { Facing::Front } else { Facing::Back };
-        let to = (facing, facing.machine(&tip_mm));
-        let same = |a: &(Facing, Vector3<f64>)| a.0 == to.0 && (a.1 - to.1).amax() <= ROUNDING_MM;
+        let to = (facing, facing.machine(&tip_mm), !kind.cuts());
+        let near = |a: &End| a.0 == to.0 && (a.1 - to.1).amax() <= ROUNDING_MM;
         // a program says nothing where the tip stays
-        if !at.as_ref().is_some_and(same) && !ends.any(|end| same(&end)) {
+        if !at.as_ref().is_some_and(near) && !ends.any(|end| near(&end) && end.2 == to.2) {
             faults.push(format!(
                 "line {line}: ({}, {}, {}) mm is no end of a motion of the program, in order",
                 tip_mm.x, tip_mm.y, tip_mm.z
@@ -247,6 +258,10 @@ fn same_moves(table: &str, program: &str, record: &JobRecord) -> Result<Check, P
             break;
         }
         at = Some(to);
+        count = index + 1;
+    }
+    if faults.is_empty() && record.number("moves") != Some(count as f64) {
+        faults.push(format!("{count} moves instead of {}", record.number("moves").unwrap_or(f64::NAN)));
     }
     Ok(Check { name, faults })
 }
@@ -285,32 +300,49 @@ fn speeds_of_the_job(program: &str, record: &JobRecord) -> Result<Check, Prosthe
         }
     }
     let time = if machine.kind == MachineKind::FiveAxis { "total_time_s" } else { "robot_time_s" };
-    if let Some(most_min) = machine.max_time_min
-        && !record.number(time).is_some_and(|time_s| time_s <= 60.0 * most_min)
-    {
-        faults.push(format!("`{time}` is more than the {most_min} min that there are"));
+    let takes_min = record.number(time).map(|time_s| time_s / 60.0);
+    match (machine.max_time_min, takes_min) {
+        (Some(_), None) => faults.push(format!("`{time}` is missing")),
+        (Some(most), Some(takes)) if takes > most => {
+            faults.push(format!("it takes {takes:.1} min, but there are {most:.1} min"));
+        }
+        _ => {}
     }
     Ok(Check { name: "the program keeps the job's speeds and the machine's limits", faults })
 }
 
-/// trajectory.csv is the arm's motion along toolpath.csv.
-fn same_trajectory(trajectory: &[u8], toolpath: &str, record: &JobRecord) -> Result<Check, ProsthesisError> {
-    let name = "trajectory.csv is the arm's motion along toolpath.csv";
+/// trajectory.csv is the arm's motion along toolpath.csv, in the stated time.
+fn same_trajectory(trajectory: &str, toolpath: &str, record: &JobRecord) -> Result<Check, ProsthesisError> {
+    let name = TRAJECTORY_FOLLOWS;
     let MachineKind::Ur(model) = record.job.machine.kind else { return Ok(Check { name, faults: vec![] }) };
     let rows = toolpath.lines().skip(1).enumerate();
     let moves: Vec<Move> = rows.filter_map(|(n, row)| toolpath_csv::read_row(row, n)).collect();
     let failed =
         |source| ProsthesisError::Machining { block: record.block_id.clone(), source: Box::new(source) };
     let found = robot::motion(model, record.job.machine.on_flange, &record.block, &moves).map_err(failed)?;
-    let faults = match found {
-        Err(reason) => vec![reason],
-        Ok(motion) if motion.csv == trajectory => vec![],
-        Ok(motion) => {
-            let same = |(a, b): &(&u8, &u8)| a == b;
-            let until = motion.csv.iter().zip(trajectory).take_while(same).map(|(a, _)| a);
-            let line = 1 + until.filter(|byte| **byte == b'\n').count();
-            vec![format!("line {line} is another than the motion's")]
-        }
+    let motion = match found {
+        Ok(motion) => motion,
+        Err(reason) => return Ok(Check { name, faults: vec![reason] }),
     };
+    let own = String::from_utf8_lossy(&motion.csv);
+    let mut faults = Vec::new();
+    let other = own.lines().zip(trajectory.lines()).position(|(a, b)| !is_same_row(a, b));
+    if let Some(line) = other {
+        faults.push(format!("line {} is another than the motion's", line + 1));
+    } else if own.lines().count() != trajectory.lines().count() {
+        faults.push(format!("{} lines instead of {}", trajectory.lines().count(), own.lines().count()));
+    }
+    if !record.number("robot_time_s").is_some_and(|s| (s - motion.duration_s).abs() <= SAME_MOTION * s) {
+        faults.push(format!("`robot_time_s` is not the motion's {:.1} s", motion.duration_s));
+    }
     Ok(Check { name, faults })
+}
+
+/// Whether two rows have the same words, numbers to [`SAME_MOTION`].
+fn is_same_row(a: &str, b: &str) -> bool {
+    let same = |(a, b): (&str, &str)| match (a.parse::<f64>(), b.parse::<f64>()) {
+        (Ok(a), Ok(b)) => (a - b).abs() <= SAME_MOTION,
+        _ => a == b,
+    };
+    a.split(',').count() == b.split(',').count() && a.split(',').zip(b.split(',')).all(same)
 }

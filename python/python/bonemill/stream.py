@@ -197,7 +197,8 @@ class UrLink:
         q, pose, force, modes = values[:6], values[6:12], values[12:18], values[18:]
         place_mm = [1e3 * v for v in pose[:3]]
         # an arm without a sensor says zeros, and so does a sensor that has failed
-        if self._feels and not any(force):
+        runs = modes[:2] == [1, 2]
+        if self._feels and not any(force) and runs:
             raise RuntimeError("the force sensor says zeros")
         self._feels = any(force)
         measured = force[:3] if self._feels else None
@@ -207,8 +208,8 @@ class UrLink:
         for message in self._control.read(control.ANSWER.size):
             what, status, why = control.ANSWER.unpack(message)
             self._waiting -= 1
-            if status == 1 and what in (control.START, control.TARGET, control.SPINDLE):
-                raise RuntimeError({control.START: "watchdog", control.TARGET: "target"}.get(what, "spindle"))
+            if status == 1 and what != control.END:
+                raise RuntimeError("watchdog" if what == control.START else _WORDS[what])
             if status == 2:
                 said = why.rstrip(b"\0").decode(errors="replace")
                 raise RuntimeError(f"the client could not hand on the order to {_WORDS[what]} ({said})")
@@ -232,7 +233,7 @@ class UrLink:
         return self._identity
 
     def close(self) -> None:
-        """Lets go of the arm; both processes have ended when it comes back."""
+        """Lets go of the arm; both processes have ended when it comes back. Once more does nothing."""
         if self._control.process.stdin is not None:
             # its end stops the arm, should the last orders not have arrived
             self._control.process.stdin.close()
@@ -252,7 +253,7 @@ class Console:
 
     def ask(self, text: str) -> None:
         self._asked = True
-        if sys.stdin.isatty():
+        if not self._yes and sys.stdin.isatty():
             # what was typed before the question is no answer to it
             termios.tcflush(sys.stdin, termios.TCIFLUSH)
         print(f"{text} [{'yes' if self._yes else 'y/N'}]", file=sys.stderr, flush=True)
@@ -362,12 +363,14 @@ class Streaming:
         self, link: Link, operator: Operator, *, start_row: float = 0.0, log: str | os.PathLike[str] | None = None
     ) -> Report:
         """Runs it over a link; whatever happens, the arm is stopped and let go of."""
-        heard = _Heard(operator)
-        with _signals(heard):
-            try:
-                return Report(*self._native.run(start_row, link, heard, None if log is None else Path(log)))
-            finally:
+        try:
+            heard = _Heard(operator)
+            with _signals(heard):
+                ended = self._native.run(start_row, link, heard, None if log is None else Path(log))
                 link.close()
+                return Report(*ended)
+        finally:
+            link.close()
 
     def rehearse(self, *, seed: int = 1, log: str | os.PathLike[str] | None = None) -> Report:
         """Runs it on a simulated arm, faster than real time."""

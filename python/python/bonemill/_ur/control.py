@@ -1,7 +1,7 @@
 """Orders to the arm through ``ur_rtde``, in a process of its own: ``control.py HOST PERIOD_S LOOKAHEAD_S GAIN WATCHDOG_HZ OUTPUT``.
 
-Orders come on standard input as `ORDER`, each answered on standard output by `ANSWER`. When standard input ends, the arm is
-stopped. Blocking calls block this process alone; whoever started it kills it, and the controller's watchdog stops the arm.
+Orders come on standard input as `ORDER`, each answered on standard output by `ANSWER`. A target that a newer one follows is not
+sent, so that a stop waits for one of them at most. When standard input ends, the arm is stopped. Blocking calls block this process alone; whoever started it kills it, and the controller's watchdog stops the arm.
 """
 
 import contextlib
@@ -66,9 +66,10 @@ def main(control: Control) -> None:
         whole = len(data) // ORDER.size * ORDER.size
         orders = [(o[0], o[1:]) for o in ORDER.iter_unpack(data[:whole])]
         data = data[whole:]
-        for what, values in orders:
+        for n, (what, values) in enumerate(orders):
+            is_old = what == TARGET and n + 1 < len(orders) and orders[n + 1][0] == TARGET
             try:
-                status, why = (0, "") if control.obey(what, values) else (1, "")
+                status, why = (0, "") if is_old or control.obey(what, values) else (1, "")
             except Exception as error:
                 status, why = 2, str(error)
             os.write(answers, ANSWER.pack(what, status, why.encode()[:200]))

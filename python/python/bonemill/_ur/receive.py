@@ -20,11 +20,11 @@ QUIET_S = 1.0
 
 def main(host: str, rate_hz: float) -> str:
     """Hands on states until the connection ends; why it did."""
-    import rtde_receive
-
     # the client prints to standard output: among the states it would shift all that follow
     states = os.dup(1)
     os.dup2(2, 1)
+    import rtde_receive
+
     arm = rtde_receive.RTDEReceiveInterface(host, rate_hz, VARIABLES)
     last, heard = -1.0, time.monotonic()
     while True:

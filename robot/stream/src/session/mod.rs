@@ -2,7 +2,7 @@
 //!
 //! connect → check → (user) → start → approach → spindle → run ⇄ hold → end. A [`Session`] touches no arm, clock or file, so the same
 //! code decides on hardware, in a rehearsal and in simulated time. No target is ever sent on a state that is too old, after a fault, or
-//! a second time within half a period, or while earlier ones wait for the arm's client; every wait has a deadline.
+//! a second time within half a period, or while more than five orders wait for the arm's client; every wait has a deadline.
 
 mod phases;
 

@@ -235,7 +235,7 @@ impl Session<'_> {
         self.send_on(&plan.track, now_s, wanted, step);
     }
 
-    /// The next target, at its time; none while earlier orders wait: the gap is then timed anew like any other.
+    /// The next target, at its time; none while too many orders wait: the gap is then timed anew like any other.
     fn send_on(&mut self, track: &Track, now_s: f64, wanted: f64, step: &mut Step) {
         if self.waiting_since_s.is_some() {
             return;
