@@ -31,10 +31,7 @@ pub fn run(args: &ProsthesisArgs, progress: &dyn Progress) -> anyhow::Result<Out
     progress.stage("write files");
     let record = save(&plan, &job_path, &staged)?;
     let out = staged.commit()?;
-    // what falls short is not milled as it is: its block goes back
-    if record.shortfalls.is_empty() {
-        plan.taken.keep();
-    }
+    plan.keep_block();
     Ok(Outcome::made(&out, &record))
 }
 

@@ -105,9 +105,7 @@ impl ProsthesisPlan {
         let staged = StagedDirectory::create(&out, Replace::Prosthesis).map_err(|e| errors::file(&e))?;
         save(&self.plan, &self.job_path, &staged).map_err(|e| errors::prosthesis(&e))?;
         let out = staged.commit().map_err(|e| errors::file(&e))?;
-        if self.plan.shortfalls.is_empty() {
-            self.plan.taken.keep();
-        }
+        self.plan.keep_block();
         Ok(out)
     }
 }

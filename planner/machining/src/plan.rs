@@ -17,7 +17,7 @@ use crate::sides::Sight;
 use crate::silhouette::Silhouette;
 use crate::stock::Stock;
 use crate::strip::StripStrength;
-use crate::time::{Times, limited_s, times};
+use crate::time::{Times, faster, times};
 use crate::zigzag::ZigZag;
 
 /// Cells across the tool, at least; largest side of a cell in finishing steps; and bounds of it, mm.
@@ -293,7 +293,8 @@ fn too_long(moves: &[Move], times: &Times, job: &Job) -> Option<Warning> {
     }
     // up to the decimals that are told
     let told = |by: f64| (1e4 * job.process.feed_per_tooth_mm * by).ceil() / 1e4;
-    let feed_per_tooth_mm = faster(moves, job, most_s).map(told);
+    let most = job.machine.max_feed_mm_min / job.feed_mm_min();
+    let feed_per_tooth_mm = faster(moves, &job.machine, most, most_s).map(told);
     let mut before_s = 0.0;
     let mut finishing_s = 0.0;
     for step in moves {
@@ -309,22 +310,4 @@ fn too_long(moves: &[Move], times: &Times, job: &Job) -> Option<Warning> {
         feed_per_tooth_mm,
         finishing_step_mm: (share > 0.05).then(|| job.process.finishing_step_mm / share),
     })
-}
-
-/// The least factor of the feed, to a hundredth, with which the moves take no longer than `most_s`; `None` where the machine's feed does not allow it.
-fn faster(moves: &[Move], job: &Job, most_s: f64) -> Option<f64> {
-    let meets = |by: f64| {
-        let at_feed = |m: &Move| if m.kind.cuts() { m.feed_mm_min * by } else { m.feed_mm_min };
-        let moves: Vec<Move> = moves.iter().map(|m| Move { feed_mm_min: at_feed(m), ..*m }).collect();
-        limited_s(&moves, &job.machine).is_ok_and(|takes_s| takes_s <= most_s)
-    };
-    let (mut low, mut high) = (1.0, job.machine.max_feed_mm_min / job.feed_mm_min());
-    if !(high > low && meets(high)) {
-        return None;
-    }
-    while high - low > 0.01 {
-        let middle = 0.5 * (low + high);
-        if meets(middle) { high = middle } else { low = middle }
-    }
-    Some(high)
 }

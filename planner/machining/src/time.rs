@@ -57,9 +57,35 @@ fn in_machine(from: &Move, to: &Move) -> Vector3<f64> {
     at(to) - at(from)
 }
 
-/// With limited acceleration and jerk, s.
-pub(crate) fn limited_s(moves: &[Move], machine: &Machine) -> Result<f64, MachiningError> {
+fn limited_s(moves: &[Move], machine: &Machine) -> Result<f64, MachiningError> {
     let Some(first) = moves.first() else { return Ok(0.0) };
+    Ok(prepared(first, moves, machine)?.duration_s(&caps_mm_s(moves, 1.0))?)
+}
+
+/// The speed of every move, that of cuts `by` times as fast, mm/s.
+fn caps_mm_s(moves: &[Move], by: f64) -> Vec<f64> {
+    let cap = |m: &Move| (if m.kind.cuts() { m.feed_mm_min * by } else { m.feed_mm_min }) / 60.0;
+    moves.iter().map(cap).collect()
+}
+
+/// The least factor of the feed, to a hundredth, with which the moves take no longer than `most_s` under the machine's accelerations; `None` where
+/// `most` is not enough.
+pub(crate) fn faster(moves: &[Move], machine: &Machine, most: f64, most_s: f64) -> Option<f64> {
+    let path = prepared(moves.first()?, moves, machine).ok()?;
+    let meets = |by: f64| path.duration_s(&caps_mm_s(moves, by)).is_ok_and(|takes_s| takes_s <= most_s);
+    let (mut low, mut high) = (1.0, most);
+    if !(high > low && meets(high)) {
+        return None;
+    }
+    while high - low > 0.01 {
+        let middle = 0.5 * (low + high);
+        if meets(middle) { high = middle } else { low = middle }
+    }
+    Some(high)
+}
+
+/// The machine's axes along the moves.
+fn prepared(first: &Move, moves: &[Move], machine: &Machine) -> Result<PreparedPath, MachiningError> {
     let fastest = machine.rapid_mm_min.max(machine.max_feed_mm_min) / 60.0;
     let rotary = machine.rotary_rad_s;
     // the rotary axis reaches its speed within the same time as the linear ones
@@ -72,19 +98,18 @@ pub(crate) fn limited_s(moves: &[Move], machine: &Machine) -> Result<f64, Machin
         &[j, j, j, j * share],
         corner,
     )?;
-    let (mut q, mut length, mut pose, mut caps, mut stops) = (vec![], vec![], vec![], vec![], vec![]);
+    let (mut q, mut length, mut pose, mut stops) = (vec![], vec![], vec![], vec![]);
     let mut before = first;
     for (n, step) in moves.iter().enumerate() {
         let at = Facing::of(step.a_rad).from_block(&step.tip_mm);
         q.extend([at.x, at.y, at.z, step.a_rad]);
         length.push(in_machine(before, step).norm());
         pose.push([at.x, at.y, at.z, 0.0, 0.0, 1.0]);
-        caps.push(step.feed_mm_min / 60.0);
         if step.a_rad != before.a_rad {
             stops.extend([n - 1, n]);
         }
         before = step;
     }
     let path = JointPath { q: &q, burr_mm: &length, pose: &pose, stops: &stops };
-    Ok(PreparedPath::new(&path, &limits)?.duration_s(&caps)?)
+    Ok(PreparedPath::new(&path, &limits)?)
 }

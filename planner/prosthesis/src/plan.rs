@@ -158,6 +158,13 @@ impl Trial {
 }
 
 impl ProsthesisPlan {
+    /// Keeps the block out of the stock. What falls short is not milled as it is: its block goes back with the plan.
+    pub fn keep_block(&self) {
+        if self.shortfalls.is_empty() {
+            self.taken.keep();
+        }
+    }
+
     /// What the user should know, and where the plan falls short.
     fn judge(&mut self, job: &Job) {
         self.warnings
@@ -185,7 +192,7 @@ impl ProsthesisPlan {
             }
         }
         // the proof says whether stock stays, the planner's places say why
-        if self.proof.thickest_uncut_mm <= job.process.finishing_step_mm + UNCUT_TOLERANCE_MM {
+        if self.proof.thickest_uncut_mm <= most_uncut_mm(job.process.finishing_step_mm) {
             self.machining.left.clear();
         }
         for left in &self.machining.left {
@@ -248,6 +255,11 @@ impl ProsthesisPlan {
     }
 }
 
+/// Thickest stock that a program may leave, mm.
+fn most_uncut_mm(finishing_step_mm: f64) -> f64 {
+    finishing_step_mm + UNCUT_TOLERANCE_MM
+}
+
 /// Why a program falls short by what it leaves.
 pub(crate) fn shortfalls(proof: &Proof, job: &ProofJob, finishing_step_mm: f64) -> Vec<String> {
     let mut found = Vec::new();
@@ -259,7 +271,7 @@ pub(crate) fn shortfalls(proof: &Proof, job: &ProofJob, finishing_step_mm: f64) 
             "the part is cut {deepest_mm:.4} mm deep at ({x:.2}, {y:.2}, {z:.2}) mm; at most {MOST_GOUGE_MM} mm"
         ));
     }
-    let most_mm = finishing_step_mm + UNCUT_TOLERANCE_MM;
+    let most_mm = most_uncut_mm(finishing_step_mm);
     if proof.thickest_uncut_mm > most_mm {
         for place in proof.uncut(most_mm, job) {
             let p = place.at_mm;

@@ -6,13 +6,14 @@
 use std::fmt::Write;
 use std::path::Path;
 
+use bonemill_arm::ur::UrModel;
 use bonemill_case::prosthesis::MachineKind;
 use bonemill_case::write::text;
 use bonemill_geometry::{Block, Mesh, Progress};
 use bonemill_machining::{Block as Stock, Move};
 use bonemill_part::{RepairLimits, Solid, read_facets};
 use bonemill_planfile::{PlanFileError, Sha256};
-use bonemill_proof::gcode::{self, Facing};
+use bonemill_proof::gcode::{self, Facing, Program};
 use bonemill_proof::{Proof, ProofJob};
 use nalgebra::Vector3;
 
@@ -102,11 +103,12 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
     checks.extend(proved(&record, &proof, &job));
     progress.stage("compare toolpath");
     let toolpath = read_text(&dir.join(TOOLPATH))?;
-    let moves = same_moves(&toolpath, &program, &record)?;
+    let read = gcode::read(&program)?;
+    let moves = same_moves(&toolpath, &read, &record);
     let is_same = moves.faults.is_empty();
-    checks.extend([moves, speeds_of_the_job(&program, &record)?]);
+    checks.extend([moves, speeds_of_the_job(&read, &record)]);
     let mut files = vec![FILE_NAME, PART, TOOLPATH, PROGRAM];
-    if let MachineKind::Ur(_) = record.job.machine.kind {
+    if let MachineKind::Ur(model) = record.job.machine.kind {
         let path = dir.join(TRAJECTORY);
         if !path.exists() {
             let faults = vec!["there is none: the arm cannot follow the tool path".into()];
@@ -114,7 +116,7 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
         } else {
             files.push(TRAJECTORY);
             if is_same {
-                checks.push(same_trajectory(&read_text(&path)?, &toolpath, &record)?);
+                checks.push(same_trajectory(model, &read_text(&path)?, &toolpath, &record)?);
             }
         }
     }
@@ -222,16 +224,15 @@ fn other_figures(record: &JobRecord, proof: &Proof) -> Vec<String> {
 type End = (Facing, Vector3<f64>, bool);
 
 /// toolpath.csv tells the program's moves.
-fn same_moves(table: &str, program: &str, record: &JobRecord) -> Result<Check, ProsthesisError> {
+fn same_moves(table: &str, program: &Program, record: &JobRecord) -> Check {
     let name = "toolpath.csv tells the program's moves";
-    let motions = gcode::read(program)?.motions;
     let mut rows = table.lines();
     if rows.next() != Some(toolpath_csv::COLUMNS) {
-        return Ok(Check { name, faults: vec![format!("expected the header {:?}", toolpath_csv::COLUMNS)] });
+        return Check { name, faults: vec![format!("expected the header {:?}", toolpath_csv::COLUMNS)] };
     }
     let mut faults = Vec::new();
     let feed_of_job = settings::machining(&record.job, record.block).feed_mm_min();
-    let mut ends = motions.iter().map(|m| (m.facing, m.to_mm, m.rapid));
+    let mut ends = program.motions.iter().map(|m| (m.facing, m.to_mm, m.rapid));
     let mut count = 0;
     let mut at = None;
     for (line, row) in rows.enumerate() {
@@ -263,7 +264,7 @@ fn same_moves(table: &str, program: &str, record: &JobRecord) -> Result<Check, P
     if faults.is_empty() && record.number("moves") != Some(count as f64) {
         faults.push(format!("{count} moves instead of {}", record.number("moves").unwrap_or(f64::NAN)));
     }
-    Ok(Check { name, faults })
+    Check { name, faults }
 }
 
 /// Whether a speed is not the one that is wanted.
@@ -273,23 +274,22 @@ fn is_other(speed: f64, wanted: f64) -> bool {
 }
 
 /// The program's feeds, spindle speed and span are the job's and the machine's, and its time is what there is.
-fn speeds_of_the_job(program: &str, record: &JobRecord) -> Result<Check, ProsthesisError> {
-    let read = gcode::read(program)?;
+fn speeds_of_the_job(program: &Program, record: &JobRecord) -> Check {
     let (job, machine) = (settings::machining(&record.job, record.block), &record.job.machine);
     let mut faults = Vec::new();
     let wanted = job.feed_mm_min();
-    let cuts = || read.motions.iter().filter(|m| !m.rapid);
+    let cuts = || program.motions.iter().filter(|m| !m.rapid);
     if let Some(other) = cuts().find(|m| is_other(m.feed_mm_min, wanted)) {
         faults.push(format!("line {}: F{} instead of {wanted:.1} mm/min", other.line, other.feed_mm_min));
     }
     let rpm = job.process.spindle_rpm;
-    if is_other(read.spindle_rpm, rpm) {
-        faults.push(format!("S{} instead of {rpm} 1/min", read.spindle_rpm));
+    if is_other(program.spindle_rpm, rpm) {
+        faults.push(format!("S{} instead of {rpm} 1/min", program.spindle_rpm));
     }
     // an arm has its own reach and its own time
     if machine.kind == MachineKind::FiveAxis {
         for (n, axis) in ["X", "Y", "Z"].into_iter().enumerate() {
-            let at = || read.motions.iter().map(|m| m.to_mm[n]);
+            let at = || program.motions.iter().map(|m| m.to_mm[n]);
             let span_mm = at().fold(f64::NEG_INFINITY, f64::max) - at().fold(f64::INFINITY, f64::min);
             if span_mm > machine.travel_mm[n] {
                 faults.push(format!(
@@ -308,13 +308,17 @@ fn speeds_of_the_job(program: &str, record: &JobRecord) -> Result<Check, Prosthe
         }
         _ => {}
     }
-    Ok(Check { name: "the program keeps the job's speeds and the machine's limits", faults })
+    Check { name: "the program keeps the job's speeds and the machine's limits", faults }
 }
 
 /// trajectory.csv is the arm's motion along toolpath.csv, in the stated time.
-fn same_trajectory(trajectory: &str, toolpath: &str, record: &JobRecord) -> Result<Check, ProsthesisError> {
+fn same_trajectory(
+    model: UrModel,
+    trajectory: &str,
+    toolpath: &str,
+    record: &JobRecord,
+) -> Result<Check, ProsthesisError> {
     let name = TRAJECTORY_FOLLOWS;
-    let MachineKind::Ur(model) = record.job.machine.kind else { return Ok(Check { name, faults: vec![] }) };
     let rows = toolpath.lines().skip(1).enumerate();
     let moves: Vec<Move> = rows.filter_map(|(n, row)| toolpath_csv::read_row(row, n)).collect();
     let failed =

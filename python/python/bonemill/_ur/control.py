@@ -1,7 +1,8 @@
 """Orders to the arm through ``ur_rtde``, in a process of its own: ``control.py HOST PERIOD_S LOOKAHEAD_S GAIN WATCHDOG_HZ OUTPUT``.
 
 Orders come on standard input as `ORDER`, each answered on standard output by `ANSWER`. A target that a newer one follows is not
-sent, so that a stop waits for one of them at most. When standard input ends, the arm is stopped. Blocking calls block this process alone; whoever started it kills it, and the controller's watchdog stops the arm.
+sent, so that a stop waits for one of them at most. When standard input ends, the arm is stopped. Blocking calls block this
+process alone; whoever started it kills it, and the controller's watchdog stops the arm.
 """
 
 import contextlib
