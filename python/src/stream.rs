@@ -42,7 +42,7 @@ type Ended = (Option<String>, bool, bool, f64, usize, f64, u64, u64, f64, f64);
 impl StreamPlan {
     /// Reads and checks the plan in a folder.
     #[staticmethod]
-    #[pyo3(signature = (dir, *, slow, unverified, payload_kg, run_up_s))]
+    #[pyo3(signature = (dir, *, slow, unverified, payload_kg, serial, run_up_s))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python function")]
     fn load(
         py: Python<'_>,
@@ -50,9 +50,10 @@ impl StreamPlan {
         slow: bool,
         unverified: bool,
         payload_kg: Option<f64>,
+        serial: Option<String>,
         run_up_s: f64,
     ) -> PyResult<Self> {
-        let settings = Settings { slow, unverified, payload_kg, run_up_s, ..Settings::default() };
+        let settings = Settings { slow, unverified, payload_kg, serial, run_up_s, ..Settings::default() };
         let read = move |_: &dyn bonemill_planner::Progress| -> PyResult<Self> {
             let stored = StoredPlan::load_with(&dir, None, Need::Unchanged).map_err(|e| errors::file(&e))?;
             let plan = CorePlan::new(stream_input(&stored).map_err(|e| errors::file(&e))?, settings)
@@ -211,8 +212,8 @@ impl Clock for PcClock<'_> {
 /// safety mode; runtime state; speed fraction; payload, kg.
 type StateTuple = (f64, f64, [f64; 6], ([f64; 3], [f64; 3]), Option<[f64; 3]>, i32, u32, f64, f64);
 
-/// A link in Python: `state() -> tuple | None`, `order(word, values)`, `identity() -> (model, serial) | None`, `waiting() -> int`. What
-/// it raises is the link's fault.
+/// A link in Python: `state() -> tuple | None`, `fault() -> str | None`, `order(word, values)`, `identity() -> (model, serial) | None`,
+/// `waiting() -> int`, `spindle_is_off() -> bool`. What it raises is the link's fault.
 struct PyLink<'py> {
     py: Python<'py>,
     link: Py<PyAny>,
@@ -221,8 +222,12 @@ struct PyLink<'py> {
 }
 
 impl PyLink<'_> {
-    fn fault(&mut self, error: &PyErr) -> LinkFault {
-        let said = error.value(self.py).to_string();
+    fn raised(&mut self, error: &PyErr) {
+        self.fail(error.value(self.py).to_string());
+    }
+
+    /// The first of what goes wrong is the cause.
+    fn fail(&mut self, said: String) {
         let fault = match said.as_str() {
             "watchdog" => LinkFault::Watchdog,
             "target" => LinkFault::NotTaken("a target"),
@@ -230,20 +235,20 @@ impl PyLink<'_> {
             "spindle" => LinkFault::NotTaken("the spindle's output"),
             _ => LinkFault::Closed(said),
         };
-        self.failed.get_or_insert(fault).clone()
+        self.failed.get_or_insert(fault);
     }
 }
 
 impl ArmLink for PyLink<'_> {
-    fn state(&mut self) -> Result<Option<ArmState>, LinkFault> {
-        if let Some(fault) = &self.failed {
-            return Err(fault.clone());
-        }
+    fn state(&mut self) -> Option<ArmState> {
         let found = self.link.call_method0(self.py, "state");
         let found = found.and_then(|state| state.extract::<Option<StateTuple>>(self.py));
-        let state = found.map_err(|error| self.fault(&error))?;
+        let state = found.unwrap_or_else(|error| {
+            self.raised(&error);
+            None
+        });
         let now_s = self.began.elapsed().as_secs_f64();
-        Ok(state.map(|(age_s, controller_s, q, tool_pose, force_n, mode, runtime, fraction, kg)| ArmState {
+        state.map(|(age_s, controller_s, q, tool_pose, force_n, mode, runtime, fraction, kg)| ArmState {
             received_s: now_s - age_s,
             controller_s,
             q,
@@ -253,10 +258,20 @@ impl ArmLink for PyLink<'_> {
             runtime_state: runtime,
             speed_fraction: fraction,
             payload_kg: kg,
-        }))
+        })
     }
 
-    fn order(&mut self, order: &Order) -> Result<(), LinkFault> {
+    fn fault(&mut self) -> Option<LinkFault> {
+        let found = self.link.call_method0(self.py, "fault");
+        match found.and_then(|said| said.extract::<Option<String>>(self.py)) {
+            Ok(Some(said)) => self.fail(said),
+            Ok(None) => {}
+            Err(error) => self.raised(&error),
+        }
+        self.failed.clone()
+    }
+
+    fn order(&mut self, order: &Order) {
         let (word, values): (&str, Vec<f64>) = match order {
             Order::Start => ("start", vec![]),
             Order::Target(q) => ("target", q.to_vec()),
@@ -264,9 +279,8 @@ impl ArmLink for PyLink<'_> {
             Order::Spindle(on) => ("spindle", vec![f64::from(u8::from(*on))]),
             Order::End => ("end", vec![]),
         };
-        match self.link.call_method1(self.py, "order", (word, values)) {
-            Ok(_) => Ok(()),
-            Err(error) => Err(self.fault(&error)),
+        if let Err(error) = self.link.call_method1(self.py, "order", (word, values)) {
+            self.raised(&error);
         }
     }
 
@@ -280,6 +294,12 @@ impl ArmLink for PyLink<'_> {
     fn waiting(&self) -> usize {
         let found = self.link.call_method0(self.py, "waiting").and_then(|n| n.extract(self.py));
         found.unwrap_or(usize::MAX)
+    }
+
+    /// A link that does not tell is none that has it off.
+    fn spindle_is_off(&self) -> bool {
+        let found = self.link.call_method0(self.py, "spindle_is_off");
+        found.and_then(|off| off.extract(self.py)).unwrap_or(false)
     }
 }
 

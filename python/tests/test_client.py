@@ -25,6 +25,8 @@ class RTDEControlInterface:
         rtde_io.note("stop")
         if rtde_io.KIND == "stop fails":
             raise RuntimeError("no connection")
+        if rtde_io.KIND == "stop hangs":
+            time.sleep(60.0)
         return True
     def stopScript(self):
         rtde_io.note("script ends")
@@ -88,6 +90,7 @@ def watched(link: UrLink, until: Callable[[], bool], seconds: float = 10.0) -> N
     ends = time.monotonic() + seconds
     while not until():
         link.state()
+        link.fault()
         assert time.monotonic() < ends, "it did not come in time"
         time.sleep(0.002)
 
@@ -104,25 +107,49 @@ def test_what_the_client_prints_is_no_answer_and_no_state(begin: Begin, notes: P
         assert (list(q), place_mm, list(force_n), safety_mode) == ([0.5] * 6, [100.0, 200.0, 300.0], [0.0, 0.0, 1.5], 1)
     finally:
         link.close()
-    assert notes.read_text() == "spindle 1,stop,spindle 0,script ends,"
+    said = notes.read_text().split(",")
+    assert sorted(said) == ["", "script ends", "spindle 0", "spindle 1", "stop"]
+    assert said.index("stop") < said.index("script ends") and said.index("spindle 1") < said.index("spindle 0")
 
 
 def test_a_watchdog_that_is_refused_is_told(begin: Begin) -> None:
     link = begin("no watchdog")
     try:
         link.order("start", [])
-        with pytest.raises(RuntimeError, match="watchdog"):
-            watched(link, lambda: link.waiting() == 0)
+        watched(link, lambda: link.waiting() == 0)
+        assert link.fault() == "watchdog"
     finally:
         link.close()
 
 
-def test_the_spindle_is_switched_off_though_the_stop_fails(begin: Begin, notes: Path) -> None:
-    link = begin("stop fails")
+@pytest.mark.parametrize("kind", ["stop fails", "stop hangs"])
+def test_the_spindle_is_switched_off_whatever_the_stop_does(begin: Begin, notes: Path, kind: str) -> None:
+    link = begin(kind)
+    try:
+        link.order("start", [])
+        watched(link, lambda: link.waiting() == 0)
+        link.order("spindle", [1.0])
+        watched(link, lambda: link.waiting() == 0)
+        assert not link.spindle_is_off()
+        link.order("stop", [])
+        link.order("spindle", [0.0])
+        began = time.monotonic()
+        watched(link, link.spindle_is_off)
+        assert time.monotonic() - began < 1.0 and link.state() is not None
+        if kind == "stop fails":
+            watched(link, lambda: link.fault() is not None)
+            assert "no connection" in (link.fault() or "")
+    finally:
+        link.close()
+    assert "spindle 0" in notes.read_text().split(",")
+
+
+def test_the_spindle_is_switched_off_when_no_order_comes_any_more(begin: Begin, notes: Path) -> None:
+    link = begin("prints")
     link.order("start", [])
     watched(link, lambda: link.waiting() == 0)
     link.close()
-    assert notes.read_text() == "stop,spindle 0,script ends,"
+    assert sorted(notes.read_text().split(",")) == ["", "script ends", "spindle 0", "stop"]
 
 
 def test_orders_wait_before_a_client_that_hangs_and_closing_does_not(begin: Begin) -> None:
@@ -134,7 +161,7 @@ def test_orders_wait_before_a_client_that_hangs_and_closing_does_not(begin: Begi
     for _ in range(4):
         link.order("target", [0.5] * 6)
     time.sleep(0.1)
-    link.state()
+    link.fault()
     assert link.waiting() == 5
     began = time.monotonic()
     link.close()

@@ -4,6 +4,8 @@
 """
 
 import re
+import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -55,3 +57,55 @@ def test_the_burr_stays_within_the_printed_bound(piece: Piece, fault: str, says:
     assert outcome.along_mm <= along_mm and outcome.off_mm <= off_mm, outcome
     assert outcome.how == "stopped" and outcome.code == 1, outcome
     assert re.search(says, outcome.said), outcome.said
+
+
+def answer_s(run: Run) -> float | None:
+    """From Ctrl-C until the client answers in words; none where it had ended before."""
+    out = run.work / "run.out"
+    before = out.stat().st_size
+    asked = time.monotonic()
+    run.process.send_signal(signal.SIGINT)
+    while out.stat().st_size == before:
+        if run.process.poll() is not None:
+            return None
+        assert time.monotonic() - asked < 2.0, "Ctrl-C is not answered"
+        time.sleep(0.001)
+    return time.monotonic() - asked
+
+
+@pytest.mark.parametrize(
+    ("fault", "row"),
+    [
+        ("receive cut", 300),
+        ("half-open", 300),
+        ("outputs frozen", 300),
+        ("controller dead", 300),
+        ("controller restarted", 300),
+        ("stall for ever", 300),
+        # while the client connects and waits for its watchdog
+        ("half-open", 0),
+        ("control cut", 0),
+        ("stall for ever", 0),
+    ],
+)
+def test_ctrl_c_is_answered_within_a_fifth_of_a_second(piece: Piece, fault: str, row: int, tmp_path: Path) -> None:
+    found = None
+    for attempt in range(TRIES):
+        run = Run(piece, fault, attempt, tmp_path / str(attempt), FLAGS)
+        try:
+            run.double.call("arrange", fault, row)
+            run.process = run.start(run.arguments(run.log), "run")
+            # until the fault begins; without a row, until the client hangs on it
+            began, wait_s = time.monotonic(), 30.0 if row else 1.5
+            while run.process.poll() is None and time.monotonic() - began < wait_s:
+                if row and run.double.call("rows") >= row:
+                    break
+                time.sleep(0.005)
+            time.sleep(0.03 * attempt)
+            found = answer_s(run) if run.process.poll() is None else None
+            run.process.wait(5.0)
+        finally:
+            run.finish()
+        if found is not None:
+            break
+    assert found is not None and found < 0.2

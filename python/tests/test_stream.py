@@ -106,6 +106,22 @@ def test_an_arm_that_is_not_ready_is_not_moved(judged: Path, change: str, value:
         assert double.get("sent") == [] and double.get("commands") == []
 
 
+@pytest.mark.parametrize(
+    ("names", "says"),
+    [
+        (("UR10", "20225000000"), "moves a UR10, the plan is for a ur5e"),
+        (("UR5", "20225000001"), "serial number 20225000001, expected 20225000000"),
+        (("", ""), "did not say its model and serial number"),
+    ],
+)
+def test_another_arm_is_not_moved(judged: Path, names: tuple[str, str], says: str) -> None:
+    streaming = ready(judged, serial="20225000000")
+    arm = Imagined(streaming.joints(0.0))
+    arm.names = names
+    report = streaming.run(arm, Yes())
+    assert report.reason is not None and says in report.reason and arm.orders == ["end"]
+
+
 def test_a_controller_that_is_not_there_is_told_within_its_deadline(judged: Path) -> None:
     began = time.monotonic()
     report = ready(judged).run(UrLink("127.0.0.39", 0.002, Settings()), Yes())
@@ -119,6 +135,7 @@ class Imagined:
     def __init__(self, q: list[float], at: int = 10**9, damage: Any = None) -> None:
         self.q, self.at, self.damage = list(q), at, damage
         self.orders: list[str] = []
+        self.names = ("UR5", "20225000000")
         self.answers, self.closed, self.began, self.state_2 = 0, False, time.monotonic(), 1
 
     def state(self) -> Any:
@@ -139,8 +156,14 @@ class Imagined:
             self.q = values
         self.state_2 = {"start": 2, "end": 1}.get(what, self.state_2)
 
+    def fault(self) -> str | None:
+        return None
+
+    def spindle_is_off(self) -> bool:
+        return self.orders.count("spindle") % 2 == 0
+
     def identity(self) -> tuple[str, str]:
-        return ("UR5", "20225000000")
+        return self.names
 
     def waiting(self) -> int:
         return 0

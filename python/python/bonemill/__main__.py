@@ -27,6 +27,7 @@ def _parser() -> argparse.ArgumentParser:
     streaming.add_argument("--dry-run", action="store_true", help="check the plan; connect to nothing, move nothing")
     streaming.add_argument("--rehearse", action="store_true", help="run on a simulated arm, faster than real time")
     streaming.add_argument("--payload-kg", type=float, metavar="KG", help="mass on the flange that the controller must know")
+    streaming.add_argument("--serial", metavar="N", help="serial number that the arm must have")
     streaming.add_argument("--slow", action="store_true", help="slow down where the bound is larger than the room, instead of refusing")
     streaming.add_argument("--yes", action="store_true", help="answer every question with yes, for automated runs")
     streaming.add_argument("--unverified", action="store_true", help="stream a plan without a passed verification: says what is risked, and asks")
@@ -49,7 +50,12 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         settings = Settings(asked.lookahead_s, asked.gain, spindle_output=asked.spindle_output)
         streaming = Streaming(
-            asked.plan, slow=asked.slow, unverified=asked.unverified, payload_kg=asked.payload_kg, run_up_s=asked.run_up_s
+            asked.plan,
+            slow=asked.slow,
+            unverified=asked.unverified,
+            payload_kg=asked.payload_kg,
+            serial=asked.serial,
+            run_up_s=asked.run_up_s,
         )
         if not asked.rehearse:
             streaming.for_a_ur()
@@ -58,6 +64,9 @@ def main(arguments: list[str] | None = None) -> int:
     except BonemillError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print(f"error: {_BY_USER}; nothing was moved", file=sys.stderr)
+        return 130
     print(f"{streaming.rows} rows, {streaming.duration_s:.1f} s; begins at row {start_row:.0f}")
     print("\n".join(streaming.bound_lines()), flush=True)
     if asked.dry_run:

@@ -1,9 +1,9 @@
 """A plan's trajectory to a Universal Robots arm through ``ur_rtde`` (the extra ``stream``), judged in millimetres.
 
 All decisions are the Rust core's (``bonemill-stream``): what must hold before the first motion, the approach, when targets
-are sent, when the arm is stopped, holds, the log. Here is what only Python can do: the arm's client. It runs in two processes
-of its own, one that brings the arm's state and one that takes orders, because a client whose controller is gone may block for
-ever with Python's lock in its hand. This process never waits for them: it kills one that hangs.
+are sent, when the arm is stopped, holds, the log. Here is what only Python can do: the arm's client. It runs in three processes
+of its own, one that brings the arm's state, one that moves the arm and one that switches the spindle, because a client whose
+controller is gone may block for ever with Python's lock in its hand. This process never waits for them: it kills one that hangs.
 
 Units are mm, rad and s; the client's metres end in `UrLink`.
 """
@@ -21,7 +21,7 @@ import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -72,7 +72,7 @@ class Report:
     at_rest: bool
     """Whether the arm was seen at rest; if not, it may still move."""
     is_off: bool
-    """Whether the orders to stop and to switch the spindle off were taken; if not, it may still turn."""
+    """Whether the order to switch the spindle off was taken; if not, it may still turn."""
     reached_row: float
     rows: int
     seconds: float
@@ -93,22 +93,28 @@ class Operator(Protocol):
 
 
 class Link(Protocol):
-    """An arm. No method may block; what is raised is the link's fault."""
+    """An arm. No method may block; what is raised is the link's fault. States may come after one."""
 
     def state(self) -> tuple[Any, ...] | None: ...
+    def fault(self) -> str | None: ...
     def order(self, what: str, values: list[float]) -> None: ...
     def identity(self) -> tuple[str, str] | None: ...
     def waiting(self) -> int: ...
+    def spindle_is_off(self) -> bool: ...
     def close(self) -> None: ...
 
 
 class _Child:
     """A process of the client with pipes that never block here."""
 
-    def __init__(self, name: str, *arguments: object) -> None:
-        self.name, self.data = name, b""
+    def __init__(self, script: str, *arguments: object) -> None:
+        self.script, self.data = script, b""
+        self.waiting = 0
+        """Orders that it has not answered."""
+        self.failed: str | None = None
+        """The first that was wrong with an order."""
         self._said = tempfile.TemporaryFile()
-        call = [sys.executable, str(_HERE / f"{name}.py"), *map(str, arguments)]
+        call = [sys.executable, str(_HERE / f"{script}.py"), *map(str, arguments)]
         # a session of its own: Ctrl-C is for this process, which stops the arm in order
         self.process = subprocess.Popen(
             call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._said, start_new_session=True
@@ -138,10 +144,39 @@ class _Child:
         self._said.seek(0)
         lines = self._said.read().decode(errors="replace").splitlines()
         reasons = [line.removeprefix("reason: ") for line in lines if line.startswith("reason: ")]
-        return (reasons or lines or [f"the client's process for {self.name} ended"])[-1]
+        return (reasons or lines or [f"the client's process for {self.script} ended"])[-1]
 
-    def write(self, order: bytes) -> None:
-        os.write(self.into, order)
+    def order(self, what: str, values: list[float]) -> None:
+        padded = (*values, *[0.0] * (6 - len(values)))
+        try:
+            os.write(self.into, control.ORDER.pack(_ORDERS[what], *padded))
+            self.waiting += 1
+        except BlockingIOError:
+            # the process has not read for seconds
+            self.failed = self.failed or what
+        except BrokenPipeError:
+            self.failed = self.failed or self.reason()
+
+    def heed(self) -> str | None:
+        """Takes the answers that came; what was wrong with the first order that failed."""
+        try:
+            messages = self.read(control.ANSWER.size)
+        except RuntimeError as error:
+            messages, self.failed = [], self.failed or str(error)
+        for message in messages:
+            what, status, why = control.ANSWER.unpack(message)
+            self.waiting -= 1
+            if status == 1 and what != control.END:
+                self.failed = self.failed or ("watchdog" if what == control.START else _WORDS[what])
+            if status == 2:
+                said = why.rstrip(b"\0").decode(errors="replace")
+                self.failed = self.failed or f"the client could not hand on the order to {_WORDS[what]} ({said})"
+        return self.failed
+
+    def hang_up(self) -> None:
+        """The end of its orders: it does what must be done should the last ones not have come, and ends."""
+        if self.process.stdin is not None:
+            self.process.stdin.close()
 
     def end(self, patience_s: float) -> None:
         try:
@@ -164,11 +199,11 @@ class UrLink:
     def __init__(self, host: str, period_s: float, settings: Settings) -> None:
         self._state: tuple[float, ...] | None = None
         self._identity: tuple[str, str] | None = None
-        self._waiting = 0
+        self._spindle_ordered = 0.0
         self._feels = False
         self._receive = _Child("receive", host, 1.0 / period_s)
-        numbers = (period_s, settings.lookahead_s, settings.gain, settings.watchdog_hz)
-        self._control = _Child("control", host, *numbers, settings.spindle_output)
+        self._arm = _Child("control", "arm", host, period_s, settings.lookahead_s, settings.gain, settings.watchdog_hz)
+        self._spindle = _Child("control", "spindle", host, settings.spindle_output)
         threading.Thread(target=self._ask_dashboard, args=(host,), daemon=True).start()
 
     def _ask_dashboard(self, host: str) -> None:
@@ -188,7 +223,6 @@ class UrLink:
         self._identity = (answers[0], answers[1]) if len(answers) == 2 else ("", "")
 
     def state(self) -> tuple[Any, ...] | None:
-        self._heed_answers()
         if (messages := self._receive.read(receive.STATE.size)):
             self._state = receive.STATE.unpack(messages[-1])
         if self._state is None:
@@ -204,40 +238,35 @@ class UrLink:
         measured = force[:3] if self._feels else None
         return (time.monotonic() - received, clock_s, q, (place_mm, pose[3:]), measured, *modes)
 
-    def _heed_answers(self) -> None:
-        for message in self._control.read(control.ANSWER.size):
-            what, status, why = control.ANSWER.unpack(message)
-            self._waiting -= 1
-            if status == 1 and what != control.END:
-                raise RuntimeError("watchdog" if what == control.START else _WORDS[what])
-            if status == 2:
-                said = why.rstrip(b"\0").decode(errors="replace")
-                raise RuntimeError(f"the client could not hand on the order to {_WORDS[what]} ({said})")
+    def fault(self) -> str | None:
+        """What is wrong with an order or its process. Both are listened to, whatever one of them says."""
+        arm, spindle = self._arm.heed(), self._spindle.heed()
+        return arm or spindle
 
     def order(self, what: str, values: list[float]) -> None:
-        padded = (*values, *[0.0] * (6 - len(values)))
-        try:
-            self._control.write(control.ORDER.pack(_ORDERS[what], *padded))
-        except BlockingIOError:
-            # the process has not read for seconds
-            raise RuntimeError("target") from None
-        except BrokenPipeError:
-            raise RuntimeError(self._control.reason()) from None
-        self._waiting += 1
+        if what == "spindle":
+            self._spindle_ordered = values[0]
+        else:
+            self._arm.order(what, values)
+        if what in ("start", "spindle", "end"):
+            self._spindle.order(what, values)
 
     def waiting(self) -> int:
-        """Orders that the process for control has not answered."""
-        return self._waiting
+        """Orders that no process has answered."""
+        return self._arm.waiting + self._spindle.waiting
+
+    def spindle_is_off(self) -> bool:
+        return self._spindle_ordered == 0.0 and self._spindle.waiting == 0 and self._spindle.failed is None
 
     def identity(self) -> tuple[str, str] | None:
         return self._identity
 
     def close(self) -> None:
-        """Lets go of the arm; both processes have ended when it comes back. Once more does nothing."""
-        if self._control.process.stdin is not None:
-            # its end stops the arm, should the last orders not have arrived
-            self._control.process.stdin.close()
-        self._control.end(_ENDS_S)
+        """Lets go of the arm; all processes have ended when it comes back. Once more does nothing."""
+        self._spindle.hang_up()
+        self._arm.hang_up()
+        self._spindle.end(_ENDS_S)
+        self._arm.end(_ENDS_S)
         self._receive.process.kill()
         self._receive.end(_ENDS_S)
 
@@ -288,6 +317,9 @@ def _signals(heard: _Heard) -> Iterator[None]:
 
     def note(number: int, frame: FrameType | None) -> None:
         heard.signals.append(number)
+        # answers whatever the run is waiting for; a handler may not use buffered files
+        with suppress(OSError):
+            os.write(2, f"{signal.Signals(number).name}: the arm is being stopped\n".encode())
 
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -315,10 +347,11 @@ class Streaming:
         slow: bool = False,
         unverified: bool = False,
         payload_kg: float | None = None,
+        serial: str | None = None,
         run_up_s: float = 3.0,
     ) -> None:
         self._native = _native.StreamPlan.load(
-            Path(plan), slow=slow, unverified=unverified, payload_kg=payload_kg, run_up_s=run_up_s
+            Path(plan), slow=slow, unverified=unverified, payload_kg=payload_kg, serial=serial, run_up_s=run_up_s
         )
         self.rows = self._native.rows()
         self.period_s = self._native.period_s()
@@ -382,6 +415,7 @@ def stream(
     host: str,
     *,
     payload_kg: float,
+    serial: str | None = None,
     settings: Settings | None = None,
     slow: bool = False,
     unverified: bool = False,
@@ -396,6 +430,7 @@ def stream(
         plan: the folder: a UR arm, a registration, a passed verification.
         host: the controller's address; it must be in remote control.
         payload_kg: mass on the flange that the controller must know.
+        serial: serial number that the arm must have; default: any, it is shown before the first motion.
         slow: slow down where the bound is larger than the room to a structure, instead of refusing.
         unverified: move a plan without a passed verification.
         start_row: where to begin: 0, or `Streaming.resume_row`.
@@ -406,6 +441,6 @@ def stream(
         StreamError: what of the plan is refused. Why a run was stopped stands in the report.
     """
     chosen = settings or Settings()
-    streaming = Streaming(plan, slow=slow, unverified=unverified, payload_kg=payload_kg)
+    streaming = Streaming(plan, slow=slow, unverified=unverified, payload_kg=payload_kg, serial=serial)
     streaming.for_a_ur()
     return streaming.run(link(host, streaming.period_s, chosen), operator or Console(), start_row=start_row, log=log)

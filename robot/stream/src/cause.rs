@@ -4,7 +4,7 @@
 
 use std::fmt;
 
-use crate::link::LinkFault;
+use crate::link::{Identity, LinkFault};
 
 /// Why an arm was not moved, or was stopped.
 #[derive(Debug, Clone, PartialEq)]
@@ -170,6 +170,8 @@ impl fmt::Display for Event {
 pub enum Question {
     /// Whether the way to the first place is free.
     Approach {
+        /// Which arm moves.
+        arm: Identity,
         /// Where the burr is, in base, mm.
         from_mm: [f64; 3],
         /// Where it goes, straight, mm.
@@ -186,12 +188,14 @@ pub enum Question {
 impl fmt::Display for Question {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Approach { from_mm, to_mm, length_mm, duration_s } => write!(
-                f,
-                "The tool moves straight by {length_mm:.1} mm in {duration_s:.1} s, spindle off, from ({:.1}, {:.1}, {:.1}) to \
+            Self::Approach { arm: Identity { model, serial }, from_mm, to_mm, length_mm, duration_s } => {
+                write!(
+                    f,
+                    "The tool of the {model} {serial} moves straight by {length_mm:.1} mm in {duration_s:.1} s, spindle off, from ({:.1}, {:.1}, {:.1}) to \
                  ({:.1}, {:.1}, {:.1}) mm in the arm's base. Is the way free?",
-                from_mm[0], from_mm[1], from_mm[2], to_mm[0], to_mm[1], to_mm[2]
-            ),
+                    from_mm[0], from_mm[1], from_mm[2], to_mm[0], to_mm[1], to_mm[2]
+                )
+            }
             Self::GoOn(why) => write!(f, "Held: {why}. Go on?"),
         }
     }
@@ -204,7 +208,7 @@ pub struct Outcome {
     pub cause: Option<Cause>,
     /// Whether the arm was seen at rest; if not, it may still move.
     pub at_rest: bool,
-    /// Whether the arm's client took the orders to stop and to switch the spindle off; if not, it may still turn.
+    /// Whether the order to switch the spindle off was taken; if not, it may still turn.
     pub is_off: bool,
     /// The place reached by the arm, in rows.
     pub reached_row: f64,

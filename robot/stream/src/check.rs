@@ -3,6 +3,7 @@
 //! The controller's own tool pose is compared with the plan's kinematics: that covers the arm's model, its calibration and the tool
 //! centre point in one, at the pose where it counts.
 
+use bonemill_arm::ur::UrModel;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::bound::{Tube, tube};
@@ -28,7 +29,7 @@ pub fn ready(plan: &StreamPlan, state: &ArmState, identity: &Identity) -> Result
         return Err(format!("the plan is not verified: {why}; verify it, or say --unverified"));
     }
     speeds(plan)?;
-    model(plan, identity)?;
+    which_arm(plan, identity)?;
     if state.safety_mode != SAFETY_NORMAL {
         return Err(crate::Cause::SafetyMode(state.safety_mode).to_string());
     }
@@ -75,12 +76,24 @@ fn speeds(plan: &StreamPlan) -> Result<(), String> {
     ))
 }
 
-fn model(plan: &StreamPlan, identity: &Identity) -> Result<(), String> {
+/// The plan's model, and the serial number that the user states.
+fn which_arm(plan: &StreamPlan, identity: &Identity) -> Result<(), String> {
+    let Identity { model, serial } = identity;
+    if model.is_empty() || serial.is_empty() {
+        return Err(
+            "the controller did not say its model and serial number: its dashboard (port 29999) must answer"
+                .into(),
+        );
+    }
     let reach = |name: &str| name.chars().filter(char::is_ascii_digit).collect::<String>();
-    let planned = plan.model.as_str();
-    let known = !identity.model.is_empty() && !planned.is_empty();
-    if known && reach(planned) != reach(&identity.model) {
-        return Err(format!("the controller moves a {}, the plan is for a {planned}", identity.model));
+    // an arm of the user's own description has no model to compare
+    if let Some(planned) =
+        UrModel::by_name(&plan.model).filter(|planned| reach(planned.name()) != reach(model))
+    {
+        return Err(format!("the controller moves a {model}, the plan is for a {}", planned.name()));
+    }
+    if let Some(stated) = plan.settings().serial.as_ref().filter(|stated| *stated != serial) {
+        return Err(format!("the controller's arm has the serial number {serial}, expected {stated}"));
     }
     Ok(())
 }

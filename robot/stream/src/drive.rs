@@ -29,18 +29,15 @@ pub fn drive<W: Write>(
 ) -> Outcome {
     let mut broken_log = None;
     loop {
-        let (state, fault) = match link.state() {
-            Ok(state) => (state, None),
-            Err(fault) => (None, Some(fault)),
-        };
+        let (state, fault) = (link.state(), link.fault());
         let stop = operator.stop().or_else(|| broken_log.clone());
         let identity = link.identity();
-        let (waiting, answer) = (link.waiting(), operator.answer());
-        let seen = Seen { now_s: clock.now_s(), state, identity, fault, waiting, answer, stop };
+        let (waiting, spindle_is_off, answer) = (link.waiting(), link.spindle_is_off(), operator.answer());
+        let now_s = clock.now_s();
+        let seen = Seen { now_s, state, identity, fault, waiting, spindle_is_off, answer, stop };
         let step = session.step(&seen);
         if let Some(order) = &step.order {
-            // a link that fails says so with its next state
-            let _ = link.order(order);
+            link.order(order);
         }
         for event in &step.events {
             operator.tell(event);

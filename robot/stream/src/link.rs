@@ -85,17 +85,14 @@ pub enum LinkFault {
 
 /// An arm that takes joint positions.
 pub trait ArmLink {
-    /// The newest state, if there has been one; never blocks.
-    ///
-    /// # Errors
-    /// [`LinkFault`] once the link has failed, from then on every time.
-    fn state(&mut self) -> Result<Option<ArmState>, LinkFault>;
+    /// The newest state, if there has been one; never blocks. States may still come after a fault: they tell whether the arm rests.
+    fn state(&mut self) -> Option<ArmState>;
 
-    /// Hands on an order; never blocks.
-    ///
-    /// # Errors
-    /// As [`ArmLink::state`].
-    fn order(&mut self, order: &Order) -> Result<(), LinkFault>;
+    /// Why the link no longer serves, from the moment that it is known; asked after [`ArmLink::state`].
+    fn fault(&mut self) -> Option<LinkFault>;
+
+    /// Hands on an order; never blocks. What goes wrong is a fault of the link.
+    fn order(&mut self, order: &Order);
 
     /// Which arm it is, once that is known.
     fn identity(&self) -> Option<Identity>;
@@ -104,6 +101,9 @@ pub trait ArmLink {
     fn waiting(&self) -> usize {
         0
     }
+
+    /// Whether the spindle was never switched on, or the last order to switch it off was taken.
+    fn spindle_is_off(&self) -> bool;
 }
 
 /// Time on the PC: monotonic, from any zero.

@@ -232,7 +232,7 @@ impl StreamPlan {
             off_mm: self.off_mm[from..to].to_vec(),
             ramp_per_s: self.ramp_per_s,
             waypoints: Vec::new(),
-            settings: self.settings,
+            settings: self.settings.clone(),
         }
     }
 

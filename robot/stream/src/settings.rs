@@ -66,7 +66,7 @@ impl Timing {
 }
 
 /// How the arm is streamed to.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// Assumptions on the controller.
     pub timing: Timing,
@@ -88,6 +88,8 @@ pub struct Settings {
     pub run_up_s: f64,
     /// Mass on the flange that the controller must know, kg; without it nothing moves.
     pub payload_kg: Option<f64>,
+    /// Serial number that the arm must have, where the user states it.
+    pub serial: Option<String>,
     /// Force toward a structure above what was predicted at which the arm goes back and waits, N.
     pub force_excess_n: f64,
     /// How far back along its path the burr goes to wait, mm.
@@ -114,6 +116,7 @@ impl Default for Settings {
             approach_cone_rad: 60f64.to_radians(),
             run_up_s: 3.0,
             payload_kg: None,
+            serial: None,
             force_excess_n: 5.0,
             retreat_mm: 2.0,
             slow: false,

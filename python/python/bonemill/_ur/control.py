@@ -1,7 +1,8 @@
-"""Orders to the arm through ``ur_rtde``, in a process of its own: ``control.py HOST PERIOD_S LOOKAHEAD_S GAIN WATCHDOG_HZ OUTPUT``.
+"""Orders through ``ur_rtde``, in a process of its own: ``control.py arm HOST PERIOD_S LOOKAHEAD_S GAIN WATCHDOG_HZ`` moves the
+arm, ``control.py spindle HOST OUTPUT`` switches the spindle, which goes off though the arm's client hangs.
 
 Orders come on standard input as `ORDER`, each answered on standard output by `ANSWER`. A target that a newer one follows is not
-sent, so that a stop waits for one of them at most. When standard input ends, the arm is stopped. Blocking calls block this
+sent, so that a stop waits for one of them at most. When standard input ends, arm and spindle are stopped. Blocking calls block this
 process alone; whoever started it kills it, and the controller's watchdog stops the arm.
 """
 
@@ -19,38 +20,51 @@ STOP_RAD_S2 = 10.0
 """Slowing of servoStop."""
 
 
-class Control:
-    """The client's interfaces, made when the first order asks for them."""
+class Arm:
+    """The client's interface for motion, made when the first order asks for it."""
 
-    def __init__(self, host: str, period_s: float, lookahead_s: float, gain: float, watchdog_hz: float, output: int) -> None:
-        self.host, self.period_s, self.output = host, period_s, output
-        self.lookahead_s, self.gain, self.watchdog_hz = lookahead_s, gain, watchdog_hz
+    at_the_end = (STOP, END)
 
-    def start(self) -> bool:
-        import rtde_control
-        import rtde_io
-
-        self.io = rtde_io.RTDEIOInterface(self.host)
-        self.arm = rtde_control.RTDEControlInterface(self.host, 1.0 / self.period_s)
-        # every target that is sent counts as a sign of life
-        return bool(self.arm.setWatchdog(self.watchdog_hz))
+    def __init__(self, host: str, period_s: str, lookahead_s: str, gain: str, watchdog_hz: str) -> None:
+        self.host, self.period_s = host, float(period_s)
+        self.lookahead_s, self.gain, self.watchdog_hz = float(lookahead_s), float(gain), float(watchdog_hz)
 
     def obey(self, what: int, values: tuple[float, ...]) -> bool:
         if what == START:
-            return self.start()
+            import rtde_control
+
+            self.client = rtde_control.RTDEControlInterface(self.host, 1.0 / self.period_s)
+            # every target that is sent counts as a sign of life
+            return bool(self.client.setWatchdog(self.watchdog_hz))
         if what == TARGET:
             # speed and acceleration are not used by servoJ
-            return bool(self.arm.servoJ(list(values), 0.5, 0.5, self.period_s, self.lookahead_s, self.gain))
+            return bool(self.client.servoJ(list(values), 0.5, 0.5, self.period_s, self.lookahead_s, self.gain))
         if what == STOP:
-            return bool(self.arm.servoStop(STOP_RAD_S2))
-        if what == SPINDLE:
-            return bool(self.io.setStandardDigitalOut(self.output, values[0] > 0.5))
-        if hasattr(self, "arm"):
-            self.arm.stopScript()
+            return bool(self.client.servoStop(STOP_RAD_S2))
+        if hasattr(self, "client"):
+            self.client.stopScript()
         return True
 
 
-def main(control: Control) -> None:
+class Spindle:
+    """The client's interface for outputs, made when the first order asks for it."""
+
+    at_the_end = (SPINDLE,)
+
+    def __init__(self, host: str, output: str) -> None:
+        self.host, self.output = host, int(output)
+
+    def obey(self, what: int, values: tuple[float, ...]) -> bool:
+        if what == START:
+            import rtde_io
+
+            self.client = rtde_io.RTDEIOInterface(self.host)
+        if what == SPINDLE:
+            return bool(self.client.setStandardDigitalOut(self.output, values[0] > 0.5))
+        return True
+
+
+def main(controlled: Arm | Spindle) -> None:
     # the client prints to standard output: among the answers it would shift all that follow
     answers = os.dup(1)
     os.dup2(2, 1)
@@ -58,10 +72,10 @@ def main(control: Control) -> None:
     while True:
         piece = os.read(0, 1 << 16)
         if not piece:
-            if hasattr(control, "arm"):
-                for what in (STOP, SPINDLE, END):
+            if hasattr(controlled, "client"):
+                for what in controlled.at_the_end:
                     with contextlib.suppress(Exception):
-                        control.obey(what, (0.0,))
+                        controlled.obey(what, (0.0,))
             return
         data += piece
         whole = len(data) // ORDER.size * ORDER.size
@@ -70,7 +84,7 @@ def main(control: Control) -> None:
         for n, (what, values) in enumerate(orders):
             is_old = what == TARGET and n + 1 < len(orders) and orders[n + 1][0] == TARGET
             try:
-                status, why = (0, "") if is_old or control.obey(what, values) else (1, "")
+                status, why = (0, "") if is_old or controlled.obey(what, values) else (1, "")
             except Exception as error:
                 status, why = 2, str(error)
             os.write(answers, ANSWER.pack(what, status, why.encode()[:200]))
@@ -79,8 +93,7 @@ def main(control: Control) -> None:
 
 
 if __name__ == "__main__":
-    host, *numbers = sys.argv[1:]
-    period_s, lookahead_s, gain, watchdog_hz = map(float, numbers[:4])
-    main(Control(host, period_s, lookahead_s, gain, watchdog_hz, int(numbers[4])))
+    role, *given = sys.argv[1:]
+    main(Arm(*given) if role == "arm" else Spindle(*given))
     # the client's own destructor may wait for a controller that is gone
     os._exit(0)

@@ -2,7 +2,8 @@
 //!
 //! connect → check → (user) → start → approach → spindle → run ⇄ hold → end. A [`Session`] touches no arm, clock or file, so the same
 //! code decides on hardware, in a rehearsal and in simulated time. No target is ever sent on a state that is too old, after a fault, or
-//! a second time within half a period, or while more than five orders wait for the arm's client; every wait has a deadline.
+//! a second time within half a period, or while more orders wait for the arm's client than are sent in an order's assumed time on its way;
+//! every wait has a deadline.
 
 mod phases;
 
@@ -17,10 +18,10 @@ use crate::link::{ArmState, Identity, Joints, LinkFault, Order};
 use crate::plan::StreamPlan;
 use crate::watch::{Deviation, Watch};
 
-/// Orders that may wait for the arm's client before the next target: what piles up would reach the arm at once.
-const MOST_WAITING: usize = 5;
-/// How long orders may wait, s: the controller's watchdog stops the arm after as long.
+/// How long too many orders may wait in all, s: the controller's watchdog stops the arm after as long. A tenth of the time in which
+/// they do not is taken off again, so that a client that is always slow is stopped like one that hangs.
 const MOST_WAITING_S: f64 = 0.1;
+const FORGIVEN_SHARE: f64 = 0.1;
 
 /// What a step is told.
 #[derive(Debug, Clone, Default)]
@@ -35,6 +36,8 @@ pub struct Seen {
     pub fault: Option<LinkFault>,
     /// Orders that its client has not taken yet.
     pub waiting: usize,
+    /// Whether the spindle is off, as far as its client knows.
+    pub spindle_is_off: bool,
     /// The user's answer to the last question, once given.
     pub answer: Option<bool>,
     /// Why somebody outside wants it to stop: the user, the log, a changed plan.
@@ -126,10 +129,8 @@ pub struct Session<'a> {
     late: (u64, f64),
     farthest_mm: f64,
     commanded: Option<Joints>,
-    /// Since when orders have been waiting, more than may.
-    waiting_since_s: Option<f64>,
-    /// Whether an order of the end was lost.
-    lost: bool,
+    /// Whether more orders wait than may, how long they have in all, s, and when that was looked at.
+    backed_up: (bool, f64, f64),
     /// The user's answer until it is used: it may come with an order before it.
     answer: Option<bool>,
 }
@@ -160,8 +161,7 @@ impl<'a> Session<'a> {
             late: (0, 0.0),
             farthest_mm: 0.0,
             commanded: None,
-            waiting_since_s: None,
-            lost: false,
+            backed_up: (false, 0.0, now_s),
             answer: None,
         }
     }
@@ -221,8 +221,11 @@ impl<'a> Session<'a> {
             None => false,
         };
         self.answer = seen.answer.or(self.answer);
-        let since_s = self.waiting_since_s.unwrap_or(now_s);
-        self.waiting_since_s = (seen.waiting > MOST_WAITING).then_some(since_s);
+        let (was, waited_s, before_s) = self.backed_up;
+        let passed_s = (now_s - before_s).max(0.0);
+        let waited_s =
+            if was { waited_s + passed_s } else { (waited_s - FORGIVEN_SHARE * passed_s).max(0.0) };
+        self.backed_up = (seen.waiting > self.most_waiting(), waited_s, now_s);
         if let Some((cause, at_once)) = self.trouble(seen) {
             self.stop(cause, at_once, now_s, &mut step);
         }
@@ -237,7 +240,6 @@ impl<'a> Session<'a> {
     /// What is wrong, and whether the arm must be stopped at once instead of along its path.
     fn trouble(&mut self, seen: &Seen) -> Option<(Cause, bool)> {
         if matches!(self.phase, Phase::Ending(_)) {
-            self.lost |= seen.fault.is_some();
             self.find_the_reason();
             return None;
         }
@@ -248,8 +250,8 @@ impl<'a> Session<'a> {
         if let Some(fault) = &seen.fault {
             return Some((Cause::Link(fault.clone()), true));
         }
-        if moving && self.waiting_since_s.is_some_and(|since_s| seen.now_s - since_s > MOST_WAITING_S) {
-            return Some((Cause::Link(LinkFault::NotTaken("any order for 0.1 s")), true));
+        if moving && self.backed_up.1 > MOST_WAITING_S {
+            return Some((Cause::Link(LinkFault::NotTaken("its orders in time")), true));
         }
         if moving {
             let age_s = self.watch.age_s(seen.now_s);
@@ -281,6 +283,13 @@ impl<'a> Session<'a> {
         use Phase::{Approaching, Braking, Holding, RunUp, Running, Settling};
         matches!(self.phase, Approaching(_) | RunUp { .. } | Running | Holding(_) | Braking | Settling { .. })
             && self.commanded.is_some()
+    }
+
+    /// Orders that may wait for the arm's client before the next target: as many as the assumed transport holds. What piles up beyond it
+    /// would reach the arm at once.
+    fn most_waiting(&self) -> usize {
+        let periods = self.plan.settings().timing.transport_s / self.plan.period_s;
+        (periods.round() as usize).max(1)
     }
 
     fn off_track(&mut self) -> Option<Cause> {

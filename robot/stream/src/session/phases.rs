@@ -4,7 +4,7 @@ use crate::approach::Approach;
 use crate::cause::{Cause, Event, Outcome, Question};
 use crate::check::{self, FULL_SPEED};
 use crate::follower::Follower;
-use crate::link::{Joints, Order};
+use crate::link::{Identity, Joints, Order};
 use crate::plan::{StreamPlan, ramp_per_s};
 use crate::track::Track;
 
@@ -36,7 +36,7 @@ impl Session<'_> {
         match ready.and_then(|()| Approach::new(self.plan, &state.q, self.follower.row())) {
             Err(why) => self.stop(Cause::NotReady(why), true, seen.now_s, step),
             Ok(approach) => {
-                step.question = Some(question(self.plan, &approach));
+                step.question = Some(question(self.plan, &approach, identity.clone()));
                 self.phase = Phase::Confirming(Box::new(approach));
             }
         }
@@ -237,7 +237,7 @@ impl Session<'_> {
 
     /// The next target, at its time; none while too many orders wait: the gap is then timed anew like any other.
     fn send_on(&mut self, track: &Track, now_s: f64, wanted: f64, step: &mut Step) {
-        if self.waiting_since_s.is_some() {
+        if self.backed_up.0 {
             return;
         }
         let period_s = self.plan.period_s;
@@ -271,10 +271,10 @@ impl Session<'_> {
         };
         let never_moved = self.commanded.is_none();
         let at_rest = never_moved || (rest_q.is_some() && now_s - since_rest_s >= REST_S);
-        let taken = seen.waiting == 0 && !self.lost;
-        if (at_rest && taken) || now_s - since_s >= REST_PATIENCE_S {
+        let is_off = seen.spindle_is_off;
+        if (at_rest && is_off) || now_s - since_s >= REST_PATIENCE_S {
             step.order = Some(Order::End);
-            step.outcome = Some(self.outcome(now_s, at_rest, never_moved || taken));
+            step.outcome = Some(self.outcome(now_s, at_rest, is_off));
         }
         self.phase = Phase::Ending(Ending { since_s, since_rest_s, rest_q });
     }
@@ -295,9 +295,10 @@ impl Session<'_> {
     }
 }
 
-fn question(plan: &StreamPlan, approach: &Approach) -> Question {
+fn question(plan: &StreamPlan, approach: &Approach, arm: Identity) -> Question {
     let track = &approach.track;
     Question::Approach {
+        arm,
         from_mm: track.burr_at(0.0).into(),
         to_mm: track.burr_at(track.last_row()).into(),
         length_mm: approach.length_mm,

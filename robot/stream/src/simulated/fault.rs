@@ -44,6 +44,8 @@ pub enum Fault {
     Stall(f64),
     /// The client that takes orders does not run for a while; states still come.
     Held(f64),
+    /// That client needs so long for every order.
+    Slow(f64),
     /// The program is killed.
     Killed,
     /// All packets take longer.
@@ -98,6 +100,9 @@ impl Fault {
         ("stall of 2 s (SIGSTOP, SIGCONT)", Fault::Stall(2.0)),
         ("orders held up for 50 ms", Fault::Held(0.05)),
         ("orders held up for 2 s", Fault::Held(2.0)),
+        ("client needs 5 ms an order", Fault::Slow(0.005)),
+        ("client needs 20 ms an order", Fault::Slow(0.02)),
+        ("client needs 60 ms an order", Fault::Slow(0.06)),
         ("stall for ever (SIGKILL, SIGSTOP)", Fault::Killed),
         ("delay of 50 ms", Fault::Delay(0.05)),
         ("delay of 150 ms", Fault::Delay(0.15)),
@@ -139,6 +144,7 @@ impl Fault {
                 | Self::Slider(_)
                 | Self::Ignores(_)
                 | Self::Stall(_)
+                | Self::Slow(_)
                 | Self::None
         )
     }

@@ -22,7 +22,7 @@ pub fn rehearse<W: Write>(
     log: Option<&mut LogWriter<W>>,
 ) -> Outcome {
     let q = plan.track.joints(start_row);
-    let world = World::new(&plan.arm, q, plan.settings().timing, (Fault::None, f64::INFINITY), seed);
+    let world = World::new(plan, q, (Fault::None, f64::INFINITY), seed);
     let world = Rc::new(RefCell::new(world));
     let (mut link, mut clock) = (WorldLink(world.clone()), WorldClock(world));
     let mut session = Session::new(plan, start_row, clock.now_s());

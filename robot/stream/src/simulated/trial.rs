@@ -160,7 +160,7 @@ impl Piece {
         let held_s = self.buffer.as_ref().map_or(0.0, Buffer::whole_s);
         let drawn_s = BEFORE_S + held_s + draws.between(0.0, plan.duration_s());
         let onset_s = if fault.is_standing() { 0.0 } else { drawn_s };
-        let world = World::new(&plan.arm, q, plan.settings().timing, (fault, onset_s), seed);
+        let world = World::new(plan, q, (fault, onset_s), seed);
         let world = world.traced().buffered(self.buffer.clone());
         let world = Rc::new(RefCell::new(world));
         let Ran { outcome, used_s, began_s } = once(plan, START_ROW, fault, &world);
@@ -174,8 +174,8 @@ impl Piece {
         let unfinished = outcome.cause.is_some() && !matches!(outcome.cause, Some(Cause::NotReady(_)));
         let (mut resumed, mut swept) = (None, None);
         if resume && unfinished && !fault.is_standing() {
-            let (q, timing) = (world.borrow().q(), plan.settings().timing);
-            let again = World::new(&plan.arm, q, timing, (Fault::None, f64::INFINITY), seed.wrapping_add(1));
+            let (q, never) = (world.borrow().q(), (Fault::None, f64::INFINITY));
+            let again = World::new(plan, q, never, seed.wrapping_add(1));
             let again = Rc::new(RefCell::new(again.traced().buffered(self.buffer.clone())));
             let rest = once(plan, resume_row, Fault::None, &again);
             if rest.outcome.cause.is_none() {

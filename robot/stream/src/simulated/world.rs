@@ -9,12 +9,12 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-use bonemill_arm::Arm;
 use nalgebra::UnitQuaternion;
 
 use super::buffer::Buffer;
 use super::fault::{Draws, Fault};
 use crate::link::{ArmLink, ArmState, Clock, Identity, Joints, LinkFault, Order, PLAYING, SAFETY_NORMAL};
+use crate::plan::StreamPlan;
 use crate::settings::Timing;
 
 /// The controller's period, s.
@@ -43,10 +43,20 @@ enum Motion {
     Resting,
 }
 
+/// The client that gives orders to the controller, like `control.py` of the Python package.
+#[derive(Debug, Default)]
+struct Client {
+    orders: VecDeque<Order>,
+    /// What an order takes it, s.
+    takes_s: f64,
+    busy_until_s: f64,
+}
+
 /// The world outside of the run's decisions.
 #[derive(Debug)]
 pub struct World {
     draws: Draws,
+    identity: Identity,
     timing: Timing,
     now_s: f64,
     ticks: u64,
@@ -58,12 +68,15 @@ pub struct World {
     target: Joints,
     buffer: Option<Buffer>,
     running: bool,
+    spindle_on: bool,
     safety_mode: i32,
     fraction: f64,
     last_order_s: f64,
     /// Slowing of each joint in a stop, rad/s² or mm/s².
     stops: Joints,
     transport_s: (f64, f64),
+    client: Client,
+    /// On their way to the controller, with when they arrive, s.
     orders: VecDeque<(f64, Order)>,
     states: VecDeque<(f64, ArmState)>,
     newest: Option<ArmState>,
@@ -79,8 +92,9 @@ pub struct World {
 }
 
 impl World {
-    /// An arm at rest at `q`, which fails at `onset_s`.
-    pub fn new(arm: &Arm, q: Joints, timing: Timing, (fault, onset_s): (Fault, f64), seed: u64) -> Self {
+    /// The arm of a plan, at rest at `q`, which fails at `onset_s`.
+    pub fn new(plan: &StreamPlan, q: Joints, (fault, onset_s): (Fault, f64), seed: u64) -> Self {
+        let (arm, timing) = (&plan.arm, plan.settings().timing);
         let mut draws = Draws::new(seed);
         let tool = arm.tool_at(&q);
         let turn = UnitQuaternion::from_rotation_matrix(&tool.rotation).scaled_axis();
@@ -90,8 +104,10 @@ impl World {
         let least_s = draws.between(2e-4, 0.2 * timing.transport_s);
         let harder = draws.between(1.0, 4.0);
         let stops = timing.stops(arm).map(|a| a * harder);
+        let serial = plan.settings().serial.clone().unwrap_or_else(|| "simulated".to_owned());
         Self {
             draws,
+            identity: Identity { model: plan.model.clone(), serial },
             timing,
             now_s: 0.0,
             ticks: 0,
@@ -103,11 +119,13 @@ impl World {
             target: q,
             buffer: None,
             running: false,
+            spindle_on: false,
             safety_mode: SAFETY_NORMAL,
             fraction: 1.0,
             last_order_s: 0.0,
             stops,
             transport_s: (least_s, 0.4 * timing.transport_s),
+            client: Client::default(),
             orders: VecDeque::new(),
             states: VecDeque::new(),
             newest: None,
@@ -185,6 +203,7 @@ impl World {
         if self.struck && self.now_s >= self.onset_s + SLIDER_S {
             self.fraction = 1.0;
         }
+        self.hand_on();
         while self.orders.front().is_some_and(|(at_s, _)| *at_s <= self.now_s) {
             if let Some((_, order)) = self.orders.pop_front() {
                 self.obey(order);
@@ -220,6 +239,8 @@ impl World {
             }
             Fault::Slider(fraction) => self.fraction = fraction,
             Fault::ClockJump(by_s) => self.pc_ahead_s += by_s,
+            Fault::Held(for_s) => self.client.busy_until_s = self.now_s + for_s,
+            Fault::Slow(takes_s) => self.client.takes_s = takes_s,
             _ => {}
         }
     }
@@ -264,6 +285,7 @@ impl World {
                 None => self.slow(),
             },
             Order::End => self.halt(),
+            Order::Spindle(on) => self.spindle_on = on,
             _ => {}
         }
     }
@@ -309,11 +331,23 @@ impl World {
         }
     }
 
-    /// Until when the client that takes orders is held up, if it is.
-    fn held_until_s(&self) -> Option<f64> {
-        let Fault::Held(for_s) = self.fault else { return None };
-        let until_s = self.onset_s + for_s;
-        (self.struck && self.now_s < until_s).then_some(until_s)
+    /// The client gives its orders to the network, one after the other; of targets that wait, the newest alone.
+    fn hand_on(&mut self) {
+        while self.now_s >= self.client.busy_until_s
+            && let Some(order) = self.client.orders.pop_front()
+        {
+            let is_target = |order: &Order| matches!(order, Order::Target(_));
+            if is_target(&order) && self.client.orders.front().is_some_and(is_target) {
+                continue;
+            }
+            self.client.busy_until_s = self.now_s + self.client.takes_s;
+            let arrives_s = self.now_s + self.way_s();
+            let arrives_s = self.orders.back().map_or(arrives_s, |(before_s, _)| arrives_s.max(*before_s));
+            self.orders.push_back((arrives_s, order));
+            if self.struck && self.fault == Fault::Duplicated {
+                self.orders.push_back((arrives_s + 0.001, order));
+            }
+        }
     }
 
     /// Whether states still come, and orders still arrive.
@@ -381,37 +415,38 @@ impl World {
 pub struct WorldLink(pub Rc<RefCell<World>>);
 
 impl ArmLink for WorldLink {
-    fn state(&mut self) -> Result<Option<ArmState>, LinkFault> {
+    fn state(&mut self) -> Option<ArmState> {
         let mut world = self.0.borrow_mut();
         world.receive();
-        match &world.link_fault {
-            Some((from_s, fault)) if world.now_s >= *from_s => Err(fault.clone()),
-            _ => Ok(world.newest),
-        }
+        world.newest
     }
 
-    fn order(&mut self, order: &Order) -> Result<(), LinkFault> {
+    fn fault(&mut self) -> Option<LinkFault> {
+        let world = self.0.borrow();
+        let (from_s, fault) = world.link_fault.as_ref()?;
+        (world.now_s >= *from_s).then(|| fault.clone())
+    }
+
+    fn order(&mut self, order: &Order) {
         let mut world = self.0.borrow_mut();
         if !world.open().1 {
-            return Ok(());
+            return;
         }
-        let arrives_s = (world.now_s + world.way_s()).max(world.held_until_s().unwrap_or(0.0));
-        let arrives_s = world.orders.back().map_or(arrives_s, |(before_s, _)| arrives_s.max(*before_s));
-        world.orders.push_back((arrives_s, *order));
-        if world.struck && world.fault == Fault::Duplicated {
-            world.orders.push_back((arrives_s + 0.001, *order));
-        }
-        Ok(())
+        world.client.orders.push_back(*order);
+        world.hand_on();
     }
 
     fn identity(&self) -> Option<Identity> {
-        Some(Identity::default())
+        Some(self.0.borrow().identity.clone())
     }
 
     fn waiting(&self) -> usize {
         let world = self.0.borrow();
-        let held = |until_s| world.orders.iter().filter(|(at_s, _)| *at_s >= until_s).count();
-        world.held_until_s().map_or(0, held)
+        world.client.orders.len() + usize::from(world.now_s < world.client.busy_until_s)
+    }
+
+    fn spindle_is_off(&self) -> bool {
+        !self.0.borrow().spindle_on
     }
 }
 
