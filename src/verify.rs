@@ -13,6 +13,12 @@ use crate::outcome::Outcome;
 pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> {
     let dir = &args.folder.plan;
     if is_prosthesis(dir).is_ok() {
+        if args.samples.is_some() {
+            anyhow::bail!(
+                "{} holds a prosthesis: --samples draws errors of a plan on a patient",
+                dir.display()
+            );
+        }
         return crate::prosthesis::verify_folder(dir, args.all, progress);
     }
     progress.stage("read plan");

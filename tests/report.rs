@@ -30,7 +30,7 @@ fn every_value_says_whether_the_case_gave_it_by_presence() {
     let from = |key: &str| row(&report, key)[2].clone();
     // keys given in the case; three of them equal the default
     for key in ["images.ct", "structure[0].clearance_mm", "burr.radius_mm", "burr.spin", "speed.min_mm_s"] {
-        assert_eq!(from(key), "the case", "{key}");
+        assert_eq!(from(key), "the file", "{key}");
     }
     for key in ["cost.alpha_max", "burr.flutes", "path.pattern", "registration.max_fre_mm"] {
         assert!(from(key).starts_with("default; "), "{key}: {}", from(key));

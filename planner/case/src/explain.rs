@@ -1,15 +1,16 @@
-//! A case's values one by one, each with its meaning and with where it comes from: for reports.
+//! The values of a case or of a prosthesis' job one by one, each with its meaning and with where it comes from: for reports.
 
 use std::fmt;
 
-use super::Case;
 use super::keys::{self, Entry, Fallback, PRESET_KEYS};
+use super::prosthesis::{self, ProsthesisJob};
+use super::{Case, Given};
 
 /// Where a value comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Origin {
-    /// The key stands in the case's file.
-    Case,
+    /// The key stands in the file.
+    File,
     /// `preset = "paper"`.
     Preset,
     /// The default, with its source; `-` for none.
@@ -23,7 +24,7 @@ pub enum Origin {
 impl fmt::Display for Origin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Case => f.write_str("the case"),
+            Self::File => f.write_str("the file"),
             Self::Preset => f.write_str("preset \"paper\""),
             Self::Default("-") => f.write_str("default"),
             Self::Default(source) => write!(f, "default; {source}"),
@@ -34,7 +35,7 @@ impl fmt::Display for Origin {
     }
 }
 
-/// One key of a resolved case.
+/// One key of a resolved file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Parameter {
     /// Full path; `structure[2].label` for what comes several times.
@@ -50,8 +51,16 @@ pub struct Parameter {
 /// Every key of a case in the order of its file. Values that a plan chose are told as such where the case holds them although
 /// its file does not.
 pub fn explained(case: &Case) -> Vec<Parameter> {
-    let entries = keys::case_entries();
-    let text = case.to_toml();
+    values(&case.to_toml(), &keys::case_entries(), &case.given, case.paper)
+}
+
+/// Every key of a prosthesis' job in the order of its file.
+pub fn explained_job(job: &ProsthesisJob) -> Vec<Parameter> {
+    values(&job.to_toml(), &prosthesis::entries(), &job.given, false)
+}
+
+/// The values that stand in a resolved file, one on a line; `given`: the keys of the user's own.
+fn values(text: &str, entries: &[Entry], given: &Given, paper: bool) -> Vec<Parameter> {
     let (mut table, mut lists, mut found) = (String::new(), Vec::new(), Vec::new());
     for line in text.lines() {
         if let Some(name) = line.strip_prefix("[[").and_then(|l| l.strip_suffix("]]")) {
@@ -67,8 +76,8 @@ pub fn explained(case: &Case) -> Vec<Parameter> {
             };
             let entry = entries.iter().find(|e| e.path == path);
             let origin = match entry {
-                _ if case.given.holds(&key) => Origin::Case,
-                Some(entry) => origin(entry, case.paper),
+                _ if given.holds(&key) => Origin::File,
+                Some(entry) => origin(entry, paper),
                 None => Origin::Default("-"),
             };
             found.push(Parameter {
@@ -115,10 +124,10 @@ mod tests {
         let origin = |key: &str| get(&all, key).origin;
         assert_eq!(
             (get(&all, "burr.radius_mm").value.as_str(), origin("burr.radius_mm")),
-            ("2.0", Origin::Case)
+            ("2.0", Origin::File)
         );
         // given as what the default is
-        assert_eq!(origin("structure[0].clearance_mm"), Origin::Case);
+        assert_eq!(origin("structure[0].clearance_mm"), Origin::File);
         assert!(
             matches!(origin("structure[1].clearance_mm"), Origin::Default(source) if source.contains("assumed"))
         );
@@ -148,28 +157,28 @@ mod tests {
         assert!(matches!(get(&all, "path.raster_deg").origin, Origin::Chosen(_)));
         let all = fill(&format!("{TEXT}[path]\nraster_deg = 1\n[approach]\ndirection = [0, 0, 1]\n"));
         for key in ["approach.direction", "path.raster_deg"] {
-            assert_eq!(get(&all, key).origin, Origin::Case, "{key}");
+            assert_eq!(get(&all, key).origin, Origin::File, "{key}");
         }
     }
 
     #[test]
     fn the_preset_s_keys_are_those_whose_default_it_changes() {
-        let values = |text: &str| explained(&parse(text));
-        let (plain, paper) = (values(TEXT), values(&format!("preset = \"paper\"\n{TEXT}")));
+        let explain = |text: &str| explained(&parse(text));
+        let (plain, paper) = (explain(TEXT), explain(&format!("preset = \"paper\"\n{TEXT}")));
         let differ = plain.iter().zip(&paper).filter(|(a, b)| a.value != b.value).map(|(_, b)| b);
         let (preset, others): (Vec<_>, Vec<_>) = differ.partition(|p| p.origin == Origin::Preset);
         let preset: BTreeSet<&str> = preset.iter().map(|p| p.key.as_str()).collect();
         assert_eq!(preset, BTreeSet::from(PRESET_KEYS));
         for other in others {
             assert!(
-                matches!(other.origin, Origin::Case | Origin::Derived(..)),
+                matches!(other.origin, Origin::File | Origin::Derived(..)),
                 "{}: {}",
                 other.key,
                 other.origin
             );
         }
         // a key in the file wins
-        let own = values(&format!("preset = \"paper\"\n{TEXT}[cost]\nalpha_max = 0.5\n"));
-        assert_eq!(get(&own, "cost.alpha_max").origin, Origin::Case);
+        let own = explain(&format!("preset = \"paper\"\n{TEXT}[cost]\nalpha_max = 0.5\n"));
+        assert_eq!(get(&own, "cost.alpha_max").origin, Origin::File);
     }
 }

@@ -41,7 +41,7 @@ use nalgebra::{Rotation3, Vector3};
 pub use curve::DistanceCurve;
 pub use edit::with_values;
 pub use error::{CaseError, CaseFault, Located};
-pub use explain::{Origin, Parameter, explained};
+pub use explain::{Origin, Parameter, explained, explained_job};
 pub use given::Given;
 pub use hold::Hold;
 pub use job::{ChannelDirection, ChannelEnd, ChannelSpec, Entry, FeedSpec, Job, Pattern};

@@ -65,6 +65,8 @@ pub struct Process {
 pub struct Machine {
     /// Travel along the block's x, z and y at A = 0 (the machine's X, Y and Z), mm.
     pub travel_mm: [f64; 3],
+    /// Angles that the rotary axis reaches, lowest and highest, rad.
+    pub rotary_range_rad: [f64; 2],
     /// Fastest feed, mm/min.
     pub max_feed_mm_min: f64,
     /// Repositioning speed, mm/min.
@@ -168,6 +170,9 @@ impl Job {
         within("clearance", p.clearance_mm, "mm", 0.1..=100.0)?;
         for travel in m.travel_mm {
             within("travel", travel, "mm", 1.0..=1e5)?;
+        }
+        for angle in m.rotary_range_rad {
+            within("rotary range", angle, "rad", -100.0..=100.0)?;
         }
         within("fastest feed", m.max_feed_mm_min, "mm/min", 1.0..=1e6)?;
         within("rapid speed", m.rapid_mm_min, "mm/min", 1.0..=1e6)?;

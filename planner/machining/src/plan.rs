@@ -61,6 +61,13 @@ pub enum Warning {
         /// What there is, mm.
         travel_mm: f64,
     },
+    /// The rotary axis does not reach a side.
+    Rotary {
+        /// The side's angle, rad.
+        angle_rad: f64,
+        /// What it reaches, rad.
+        range_rad: [f64; 2],
+    },
     /// The feed of the process is above the machine's.
     Feed {
         /// Of the process, mm/min.
@@ -91,6 +98,10 @@ impl std::fmt::Display for Warning {
         match self {
             Self::Travel { axis, needed_mm, travel_mm } => {
                 write!(f, "{axis} needs {needed_mm:.1} mm of travel, the machine has {travel_mm:.1} mm")
+            }
+            Self::Rotary { angle_rad, range_rad } => {
+                let [angle, low, high] = [*angle_rad, range_rad[0], range_rad[1]].map(f64::to_degrees);
+                write!(f, "A turns to {angle:.0}°, the machine reaches {low:.0}° to {high:.0}°")
             }
             Self::Feed { wanted_mm_min, most_mm_min } => {
                 write!(
@@ -273,6 +284,11 @@ fn warnings(moves: &[Move], times: &Times, strip: &StripStrength, job: &Job) -> 
         if needed_mm > travel_mm {
             warnings.push(Warning::Travel { axis, needed_mm, travel_mm });
         }
+    }
+    let range_rad = job.machine.rotary_range_rad;
+    let reached = |m: &&Move| (range_rad[0]..=range_rad[1]).contains(&m.a_rad);
+    if let Some(beyond) = moves.iter().find(|m| !reached(m)) {
+        warnings.push(Warning::Rotary { angle_rad: beyond.a_rad, range_rad });
     }
     let wanted_mm_min = job.process.feed_mm_min(&job.tool);
     if wanted_mm_min > job.machine.max_feed_mm_min {

@@ -21,9 +21,9 @@ const OVERLAP_MM: f64 = 0.1;
 const EVEN_MM: f64 = 2.0;
 
 /// Specific cutting force that the strip's strength is stated for, N/mm²; assumed: upper end for plastics.
-const FORCE_N_MM2: f64 = 150.0;
+pub const FORCE_N_MM2: f64 = 150.0;
 /// Shear strength that it is stated for, N/mm²; assumed: PMMA, half of a tensile strength of 60 N/mm².
-const SHEAR_N_MM2: f64 = 30.0;
+pub const SHEAR_N_MM2: f64 = 30.0;
 
 /// Points along the outlines, and the strip's heights there, seen from the front.
 #[derive(Debug, Clone)]

@@ -223,6 +223,7 @@ fn flat_job() -> Job {
         },
         machine: Machine {
             travel_mm: [200.0; 3],
+            rotary_range_rad: [-6.3, 6.3],
             max_feed_mm_min: 1500.0,
             rapid_mm_min: 1500.0,
             rotary_rad_s: 1.0,

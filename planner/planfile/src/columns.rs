@@ -5,6 +5,7 @@
 
 mod channel;
 mod csv;
+pub mod prosthesis;
 mod toml;
 
 use std::fmt::Write;
@@ -165,7 +166,7 @@ pub fn reference() -> String {
     for (name, meaning) in FRAMES {
         let _ = writeln!(out, "| {name} | {meaning} |");
     }
-    for Described { title, about, columns } in DESCRIBED {
+    for Described { title, about, columns } in DESCRIBED.iter().chain(prosthesis::DESCRIBED) {
         let _ =
             write!(out, "\n## {title}\n\n{about}\n\n| name | unit | frame | meaning |\n|---|---|---|---|\n");
         for c in *columns {
@@ -198,7 +199,7 @@ mod tests {
 
     #[test]
     fn names_are_unique_and_units_agree_with_their_endings() {
-        for Described { title, columns, .. } in DESCRIBED {
+        for Described { title, columns, .. } in DESCRIBED.iter().chain(prosthesis::DESCRIBED) {
             for (n, c) in columns.iter().enumerate() {
                 assert!(
                     !columns[..n].iter().any(|before| before.name == c.name),

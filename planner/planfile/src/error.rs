@@ -23,6 +23,12 @@ pub enum PlanFileError {
         /// The system's reason.
         source: io::Error,
     },
+    /// A plan was asked for in the folder of a prosthesis.
+    #[error("{} holds a prosthesis, expected a plan: `verify`, `view` and `export` read both", path.display())]
+    Prosthesis {
+        /// The folder.
+        path: PathBuf,
+    },
     /// The output path has no name for a folder.
     #[error("{}: expected the name of a folder to write", path.display())]
     NoName {

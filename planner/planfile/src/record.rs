@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use toml::de::{DeTable, DeValue};
 
 use super::value::{in_order, key_text};
-use super::{PlanFileError, Sha256, Value};
+use super::{PlanFileError, Sha256, Value, is_prosthesis};
 
 /// The file's name in a plan's directory.
 pub(super) const FILE_NAME: &str = "plan.toml";
@@ -161,6 +161,9 @@ impl PlanRecord {
     /// the file itself.
     pub fn read(dir: &Path) -> Result<Self, PlanFileError> {
         let path = dir.join(FILE_NAME);
+        if !path.exists() && is_prosthesis(dir).is_ok() {
+            return Err(PlanFileError::Prosthesis { path: dir.to_owned() });
+        }
         let text = std::fs::read_to_string(&path).map_err(PlanFileError::io("read", &path))?;
         let record = Self::parse(&text, &path)?;
         let images = [&record.case.images.ct, &record.case.images.labels].map(PathBuf::as_path);

@@ -14,7 +14,7 @@ use crate::{ProofError, ProofJob};
 /// Most points that are taken.
 const MOST_POINTS: usize = 8_000_000;
 /// Deviations are measured up to this, mm: beyond it stock is just thick.
-const FARTHEST_MM: f64 = 3.0;
+pub const FARTHEST_MM: f64 = 3.0;
 /// Most points are nearer than this to what was swept, mm: they need few motions.
 const NEAR_MM: f64 = 0.2;
 

@@ -37,12 +37,16 @@ pub struct Motion {
     pub to_mm: Vector3<f64>,
     /// Side that faces the spindle.
     pub facing: Facing,
+    /// Angle of the rotary axis at its end, degrees.
+    pub a_deg: f64,
     /// G0.
     pub rapid: bool,
     /// Whether the block is turned in it.
     pub turns: bool,
     /// F, mm/min; 0 for G0.
     pub feed_mm_min: f64,
+    /// S, 1/min.
+    pub spindle_rpm: f64,
     /// Line of the program, from 1.
     pub line: usize,
 }
@@ -52,8 +56,6 @@ pub struct Motion {
 pub struct Program {
     /// Motions in their order.
     pub motions: Vec<Motion>,
-    /// Greatest spindle speed, 1/min.
-    pub spindle_rpm: f64,
 }
 
 /// Modes and places while a program is read.
@@ -77,14 +79,13 @@ struct Machine {
 /// angle other than 0 or 180°, or follows the program's end; and for a program that never ends.
 pub fn read(text: &str) -> Result<Program, ProofError> {
     let mut machine = Machine::default();
-    let mut program = Program { motions: vec![], spindle_rpm: 0.0 };
+    let mut program = Program { motions: vec![] };
     let mut last = 0;
     for (n, line) in text.lines().enumerate() {
         last = n + 1;
         let words = words(line).and_then(|words| machine.run(&words, last));
         let motion = words.map_err(|what| ProofError::Line { line: last, what })?;
         program.motions.extend(motion);
-        program.spindle_rpm = program.spindle_rpm.max(machine.speed_rpm);
     }
     if !machine.ended {
         return Err(ProofError::Line {
@@ -198,7 +199,7 @@ impl Machine {
         let turns = a_deg != self.a_deg && self.a_deg.is_some();
         let before = self.at;
         (self.at, self.a_deg) = (target, a_deg);
-        if !rapid && (!self.spindle || self.feed_mm_min <= 0.0) {
+        if !rapid && (!self.spindle || self.speed_rpm <= 0.0 || self.feed_mm_min <= 0.0) {
             return Err("a cut with the spindle off or without a feed".into());
         }
         let ([Some(x), Some(y), Some(z)], Some(a_deg)) = (target, a_deg) else {
@@ -221,6 +222,7 @@ impl Machine {
             a => return Err(format!("A is {a}°, expected 0 or 180°")),
         };
         let feed_mm_min = if rapid { 0.0 } else { self.feed_mm_min };
-        Ok(Some(Motion { from_mm, to_mm, facing, rapid, turns, feed_mm_min, line }))
+        let spindle_rpm = self.speed_rpm;
+        Ok(Some(Motion { from_mm, to_mm, facing, a_deg, rapid, turns, feed_mm_min, spindle_rpm, line }))
     }
 }

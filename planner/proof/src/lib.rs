@@ -63,6 +63,8 @@ pub struct Proof {
     pub gouge_at_mm: Vector3<f64>,
     /// Thickest stock left outside the boxes in which it shall stay, mm.
     pub thickest_uncut_mm: f64,
+    /// All stock left on the part there, Σ area × thickness, mm³.
+    pub uncut_mm3: f64,
     /// Motions in which something met the stock that must not.
     pub collisions: Vec<Collision>,
     /// Widest cut deeper than the entries' depth, mm.
@@ -86,11 +88,12 @@ pub fn prove(program: &str, part: &Mesh<Block>, job: &ProofJob) -> Result<Proof,
     deviation::measure(&mut samples, &program.motions, job);
     let replay = dexels::replay(&program.motions, job)?;
     let deepest = samples.iter().min_by(|a, b| a.deviation_mm.total_cmp(&b.deviation_mm));
-    let outside = samples.iter().filter(|s| !job.keeps(&s.at_mm));
+    let outside = || samples.iter().filter(|s| !job.keeps(&s.at_mm));
     Ok(Proof {
         deepest_gouge_mm: deepest.map_or(0.0, |s| (-s.deviation_mm).max(0.0)),
         gouge_at_mm: deepest.map_or_else(Vector3::zeros, |s| s.at_mm),
-        thickest_uncut_mm: outside.map(|s| s.deviation_mm).fold(0.0, f64::max),
+        thickest_uncut_mm: outside().map(|s| s.deviation_mm).fold(0.0, f64::max),
+        uncut_mm3: outside().map(|s| s.area_mm2 * s.deviation_mm.max(0.0)).sum(),
         collisions: replay.collisions,
         widest_mm: replay.widest_mm,
         too_wide: replay.too_wide,

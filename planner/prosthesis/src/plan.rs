@@ -9,6 +9,7 @@ use bonemill_machining::{Block, Job, Machining, Warning};
 use bonemill_part::orient::Laid;
 use bonemill_part::{RepairLimits, Solid, read_facets, rounded};
 use bonemill_planfile::{Sha256, Value};
+use bonemill_proof::deviation::FARTHEST_MM;
 use bonemill_proof::{Proof, ProofJob};
 
 use crate::block::{self, TakenBlock};
@@ -186,8 +187,10 @@ impl ProsthesisPlan {
         for warning in &self.machining.warnings {
             match warning {
                 // an arm has its own reach and its own time
-                Warning::Travel { .. } | Warning::Time { .. } if is_arm => {}
-                Warning::Travel { .. } | Warning::Time { .. } => self.shortfalls.push(warning.to_string()),
+                Warning::Travel { .. } | Warning::Rotary { .. } | Warning::Time { .. } if is_arm => {}
+                Warning::Travel { .. } | Warning::Rotary { .. } | Warning::Time { .. } => {
+                    self.shortfalls.push(warning.to_string())
+                }
                 Warning::Feed { .. } | Warning::Strip { .. } => self.warnings.push(warning.to_string()),
             }
         }
@@ -238,12 +241,14 @@ impl ProsthesisPlan {
             ("total_time_s".into(), times.limited_s.into()),
             ("cutting_time_s".into(), times.cutting_s.into()),
             ("strip_mm".into(), strip.thickness_mm.into()),
+            ("cutting_force_n".into(), strip.force_n.into()),
             ("strip_strength_over_force".into(), strip.strip_factor.into()),
             ("tab_mm".into(), strip.tab_mm.into()),
             ("tab_strength_over_force".into(), strip.tab_factor.into()),
             ("left_mm3".into(), self.machining.left_mm3().into()),
             ("deepest_gouge_mm".into(), proof.deepest_gouge_mm.into()),
             ("thickest_uncut_mm".into(), proof.thickest_uncut_mm.into()),
+            ("uncut_mm3".into(), proof.uncut_mm3.into()),
             ("collisions".into(), proof.collisions.len().into()),
             ("widest_cut_mm".into(), proof.widest_mm.into()),
             ("cuts_too_wide".into(), proof.too_wide.len().into()),
@@ -275,9 +280,15 @@ pub(crate) fn shortfalls(proof: &Proof, job: &ProofJob, finishing_step_mm: f64) 
     if proof.thickest_uncut_mm > most_mm {
         for place in proof.uncut(most_mm, job) {
             let p = place.at_mm;
+            // the proof looks no farther
+            let stock = if place.thickest_mm < FARTHEST_MM {
+                format!("up to {:.3} mm", place.thickest_mm)
+            } else {
+                format!("{FARTHEST_MM} mm or more")
+            };
             found.push(format!(
-                "stock of up to {:.3} mm is left on {:.2} mm² of the part at ({:.1}, {:.1}, {:.1}) mm; at most {most_mm:.3} mm",
-                place.thickest_mm, place.area_mm2, p.x, p.y, p.z
+                "stock of {stock} is left on {:.2} mm² of the part at ({:.1}, {:.1}, {:.1}) mm; at most {most_mm:.3} mm",
+                place.area_mm2, p.x, p.y, p.z
             ));
         }
     }

@@ -6,6 +6,9 @@ pub(crate) mod pictures;
 
 use std::fmt::Write;
 
+use bonemill_case::prosthesis::MachineKind;
+use bonemill_case::{Parameter, explained_job};
+use bonemill_machining::strip::{FORCE_N_MM2, SHEAR_N_MM2, StripStrength};
 use bonemill_part::orient::Laid;
 use bonemill_planfile::{ReportPart, Value};
 
@@ -28,6 +31,7 @@ pub(crate) fn html(plan: &ProsthesisPlan, record: &JobRecord) -> String {
     page += &ReportPart::Verification.marks().concat();
     page += "<h2>The part in its block</h2>";
     page += &pictures::part_in_block(plan);
+    page += &strip(&plan.machining.strip);
     page += "<h2>Orientation</h2>";
     page += &orientation(plan);
     page += "<h2>Toolpath</h2>";
@@ -36,6 +40,8 @@ pub(crate) fn html(plan: &ProsthesisPlan, record: &JobRecord) -> String {
     page += &pictures::deviation(plan);
     page += "<h2>Figures</h2>";
     page += &figures(record);
+    page += "<h2>Choices</h2>";
+    page += &choices(record);
     let _ = write!(
         page,
         "<h2>Job, with every default</h2><details><summary>show</summary><pre>{}</pre></details></main></body></html>",
@@ -86,7 +92,14 @@ fn instructions(plan: &ProsthesisPlan, record: &JobRecord) -> String {
         (true, true) => " It was taken out of the catalogue.",
         (true, false) => " It is still in the catalogue, because the plan falls short.",
     };
-    let (mount, run) = plan.robot.as_ref().map_or_else(|| on_machine([x, y, z]), by_arm);
+    let (mount, run) = match (&plan.robot, record.job.machine.kind) {
+        (Some(robot), _) => by_arm(robot),
+        (None, MachineKind::FiveAxis) => on_machine([x, y, z]),
+        (None, MachineKind::Ur(_)) => {
+            let none = "Do not mount it: the arm cannot follow this toolpath, as is said above.";
+            (none.into(), "There is no trajectory to run.".into())
+        }
+    };
     format!(
         "<h2>What to do</h2><ol class=\"steps\">\
          <li>Take block <b>{}</b>, {x} × {y} × {z} mm.{from}</li>\
@@ -131,6 +144,21 @@ fn by_arm(robot: &RobotMotion) -> (String, String) {
     (escape(&robot.setup), run)
 }
 
+/// What holds the part until the end, and what that rests on.
+fn strip(strip: &StripStrength) -> String {
+    format!(
+        "<p>Until the outline is cut, a strip {:.2} mm thick and {:.0} mm long holds the part; then a tab of it, {:.1} mm long. They bear {:.0} and {:.1} times the \
+         greatest cutting force of {:.1} N, if the stock shears at {SHEAR_N_MM2:.0} N/mm² and is cut at {FORCE_N_MM2:.0} N/mm² (both assumed, for PMMA): other \
+         materials bear other forces.</p>",
+        strip.thickness_mm,
+        strip.length_mm,
+        strip.tab_mm,
+        strip.strip_factor,
+        strip.tab_factor,
+        strip.force_n
+    )
+}
+
 /// Residual areas as given, after each run of the published procedure, and as chosen.
 fn orientation(plan: &ProsthesisPlan) -> String {
     let row = |name: String, laid: &Laid| {
@@ -156,6 +184,20 @@ fn orientation(plan: &ProsthesisPlan) -> String {
     format!(
         "<p>Residual area: the bounding rectangle of the part's projection less the projection, mm².</p><div class=\"wide\"><table><thead><tr><th></th>\
          <th>xy</th><th>xz</th><th>yz</th><th>sum</th><th>size x × y × z, mm</th></tr></thead><tbody>{rows}</tbody></table></div>"
+    )
+}
+
+/// Every key of the job with its value, its meaning and where the value comes from.
+fn choices(record: &JobRecord) -> String {
+    let row = |p: &Parameter| {
+        let cells =
+            [p.meaning, &p.origin.to_string()].map(|text| format!("<td>{}</td>", escape(text))).concat();
+        format!("<tr><th><code>{}</code></th><td><code>{}</code></td>{cells}</tr>", p.key, escape(&p.value))
+    };
+    let rows: String = explained_job(&record.job).iter().map(row).collect();
+    format!(
+        "<p>C: Castelli et al. 2020. How the part is laid, which block was chosen and what holds the part stand above.</p><div class=\"wide\"><table class=\"words\">\
+         <thead><tr><th>key</th><th>value</th><th>meaning</th><th>origin</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
 }
 

@@ -34,6 +34,7 @@ pub(crate) fn machining(job: &ProsthesisJob, block: Block) -> Job {
         },
         machine: Machine {
             travel_mm: m.travel_mm,
+            rotary_range_rad: m.rotary_range_rad,
             max_feed_mm_min: m.max_feed_mm_min,
             rapid_mm_min: m.rapid_mm_min,
             rotary_rad_s: m.rotary_rad_s,

@@ -14,7 +14,7 @@ use crate::picture::Colour;
 use crate::record::FILE_NAME;
 use crate::report::pictures::scale;
 use crate::save::{PART, PROGRAM, TOOLPATH};
-use crate::toolpath_csv::{COLUMNS, read_row};
+use crate::toolpath_csv::{header, read_row};
 use crate::verify::{read_part, read_text};
 use crate::{JobRecord, ProsthesisError, settings};
 
@@ -71,8 +71,9 @@ fn moves(path: &Path) -> Result<Vec<Move>, ProsthesisError> {
         problem: format!("line {line}: {problem}"),
     };
     let mut rows = text.lines();
-    if rows.next() != Some(COLUMNS) {
-        return Err(fault(1, &format!("expected the header {COLUMNS:?}")));
+    let header = header();
+    if rows.next() != Some(header.as_str()) {
+        return Err(fault(1, &format!("expected the header {header:?}")));
     }
     let read = |(index, row)| {
         read_row(row, index).ok_or_else(|| fault(index + 2, "expected index, side, kind and six numbers"))

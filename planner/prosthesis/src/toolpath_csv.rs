@@ -3,15 +3,18 @@
 use std::fmt::Write;
 
 use bonemill_machining::{Kind, Move, Side};
+use bonemill_planfile::columns::{names, prosthesis::TOOLPATH};
 use nalgebra::Vector3;
 
-/// The columns, in order.
-pub(crate) const COLUMNS: &str = "index,side,kind,x_mm,y_mm,z_mm,a_rad,feed_mm_min,time_s";
+/// The first line.
+pub(crate) fn header() -> String {
+    names(&TOOLPATH).join(",")
+}
 
 /// The table: where each move ends, block's frame, and when, at constant speeds.
 pub(crate) fn text(moves: &[Move]) -> String {
     let mut out = String::with_capacity(64 * moves.len());
-    out.push_str(COLUMNS);
+    out.push_str(&header());
     out.push('\n');
     for (index, m) in moves.iter().enumerate() {
         let (side, kind, p) = (m.side.name(), m.kind.name(), m.tip_mm);

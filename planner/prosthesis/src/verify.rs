@@ -227,8 +227,9 @@ type End = (Facing, Vector3<f64>, bool);
 fn same_moves(table: &str, program: &Program, record: &JobRecord) -> Check {
     let name = "toolpath.csv tells the program's moves";
     let mut rows = table.lines();
-    if rows.next() != Some(toolpath_csv::COLUMNS) {
-        return Check { name, faults: vec![format!("expected the header {:?}", toolpath_csv::COLUMNS)] };
+    let header = toolpath_csv::header();
+    if rows.next() != Some(header.as_str()) {
+        return Check { name, faults: vec![format!("expected the header {header:?}")] };
     }
     let mut faults = Vec::new();
     let feed_of_job = settings::machining(&record.job, record.block).feed_mm_min();
@@ -283,8 +284,8 @@ fn speeds_of_the_job(program: &Program, record: &JobRecord) -> Check {
         faults.push(format!("line {}: F{} instead of {wanted:.1} mm/min", other.line, other.feed_mm_min));
     }
     let rpm = job.process.spindle_rpm;
-    if is_other(program.spindle_rpm, rpm) {
-        faults.push(format!("S{} instead of {rpm} 1/min", program.spindle_rpm));
+    if let Some(other) = cuts().find(|m| is_other(m.spindle_rpm, rpm)) {
+        faults.push(format!("line {}: S{} instead of {rpm} 1/min", other.line, other.spindle_rpm));
     }
     // an arm has its own reach and its own time
     if machine.kind == MachineKind::FiveAxis {
@@ -297,6 +298,12 @@ fn speeds_of_the_job(program: &Program, record: &JobRecord) -> Check {
                     machine.travel_mm[n]
                 ));
             }
+        }
+        let [low_deg, high_deg] = machine.rotary_range_rad.map(f64::to_degrees);
+        let reached = |a_deg: f64| (low_deg - 1e-9..=high_deg + 1e-9).contains(&a_deg);
+        if let Some(beyond) = program.motions.iter().find(|m| !reached(m.a_deg)) {
+            let (line, a_deg) = (beyond.line, beyond.a_deg);
+            faults.push(format!("line {line}: A{a_deg} where the machine reaches {low_deg}° to {high_deg}°"));
         }
     }
     let time = if machine.kind == MachineKind::FiveAxis { "total_time_s" } else { "robot_time_s" };

@@ -31,6 +31,7 @@ table! {
         STRIP = "process.strip_mm" Mm 0.05..50.0, Derived("side_load · depth_of_cut · diameter: what one pass at full width may cut"), "thickness of the strip that holds the part", "C 4.1: one single pass";
         CLEARANCE = "process.clearance_mm" Mm 0.1..100.0, Value(3.0), "height of repositioning moves above the stock", "the job's contract; C 5.1 names the gap without a value";
         TRAVEL = "machine.travel_mm" Mm 1.0..1e5, Words("[115.5, 128.3, 90.1]"), "travel of the machine's X, Y and Z", "assumed: a desktop machine as in C section 5";
+        ROTARY_RANGE = "machine.rotary_range_deg" Deg -3600.0..3600.0, Words("[-360, 360]"), "lowest and highest angle of the rotary axis; side A is cut at 0, side B at 180", ASSUMED;
         MAX_FEED = "machine.max_feed_mm_min" MmMin 1.0..1e6, Value(1524.0), "fastest feed", "C section 5, read as mm/min";
         RAPID = "machine.rapid_mm_min" MmMin 1.0..1e6, Value(1524.0), "speed of repositioning", "C section 5, read as mm/min";
         ROTARY_SPEED = "machine.rotary_deg_s" Deg 0.1..10_000.0, Value(40.0), "speed of the rotary axis, degrees a second", "C section 5";

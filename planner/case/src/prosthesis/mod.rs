@@ -170,6 +170,8 @@ pub struct MachineSpec {
     pub on_flange: OnFlange,
     /// Travel of the machine's X, Y and Z, mm.
     pub travel_mm: [f64; 3],
+    /// Angles that the rotary axis reaches, lowest and highest, rad.
+    pub rotary_range_rad: [f64; 2],
     /// Fastest feed, mm/min.
     pub max_feed_mm_min: f64,
     /// Speed of repositioning, mm/min.
@@ -184,12 +186,14 @@ pub struct MachineSpec {
     pub max_time_min: Option<f64>,
 }
 
+pub(crate) use keys::entries;
+
 /// The keys of a job file as Markdown.
 pub fn reference() -> String {
     let introduction = "# The job file of a prosthesis\n\nA TOML file. Only `part.stl` must be given; every other key has the default below. A key that is not \
         listed is an error, and so are numbers that are not finite or outside the range. `C` is Castelli et al. 2020; `assumed` marks what no \
         source gives.\n\nThis page is generated from the table that the parser uses: `bonemill keys --prosthesis` prints it.\n";
-    crate::reference::markdown(introduction, &keys::entries())
+    crate::reference::markdown(introduction, &entries())
 }
 
 #[cfg(test)]

@@ -21,6 +21,8 @@ const DEFAULT_BLOCKS: [(&str, [f64; 3]); 3] =
 const DEFAULT_HOLDER_MM: [f64; 2] = [20.0, 8.0];
 /// The machine of C section 5. Assumed.
 const DEFAULT_TRAVEL_MM: [f64; 3] = [115.5, 128.3, 90.1];
+/// Assumed: an axis that turns freely.
+const DEFAULT_ROTARY_DEG: [f64; 2] = [-360.0, 360.0];
 
 impl ProsthesisJob {
     /// The job in `text`; `source` names the file in messages. No file is touched.
@@ -168,10 +170,16 @@ fn read_machine(walk: Walk<'_, '_>) -> MachineSpec {
         let why = "a milling machine has no flange; machine.kind = \"ur3e\", \"ur5e\" or \"ur10e\" has one";
         walk.note("on_flange", CaseFault::Contradiction { key: walk.key("on_flange"), why });
     }
+    let [low, high] = walk.exactly::<2>(&k::ROTARY_RANGE).unwrap_or(DEFAULT_ROTARY_DEG);
+    if low > high {
+        let why = "the lowest angle comes first";
+        walk.note("rotary_range_deg", CaseFault::Contradiction { key: walk.key("rotary_range_deg"), why });
+    }
     let machine = MachineSpec {
         kind,
         on_flange,
         travel_mm: walk.exactly::<3>(&k::TRAVEL).unwrap_or(DEFAULT_TRAVEL_MM),
+        rotary_range_rad: [low, high].map(f64::to_radians),
         max_feed_mm_min: walk.number(&k::MAX_FEED),
         rapid_mm_min: walk.number(&k::RAPID),
         rotary_rad_s: walk.number(&k::ROTARY_SPEED).to_radians(),

@@ -22,6 +22,8 @@ impl ProsthesisJob {
         );
         table("orient", &[("mode", text(k::ORIENT.word(self.orient)))]);
         table("stock", &self.stock_lines());
+        let [x, y, z] = self.stock.gap_mm.map(float);
+        table("stock.gap_mm", &[("x", x), ("y", y), ("z", z)]);
         table("tool", &self.tool_lines());
         table("process", &self.process_lines());
         table("machine", &self.machine_lines());
@@ -38,12 +40,7 @@ impl ProsthesisJob {
                 ("blocks", format!("[{}]", blocks.iter().map(block).collect::<Vec<_>>().join(", ")))
             }
         };
-        let [x, y, z] = self.stock.gap_mm.map(float);
-        vec![
-            source,
-            ("gap_mm", format!("{{ x = {x}, y = {y}, z = {z} }}")),
-            ("grip_mm", float(self.stock.grip_mm)),
-        ]
+        vec![source, ("grip_mm", float(self.stock.grip_mm))]
     }
 
     fn tool_lines(&self) -> Vec<(&'static str, String)> {
@@ -82,6 +79,7 @@ impl ProsthesisJob {
             ("on_flange", text(k::ON_FLANGE.word(m.on_flange))),
             ("rotary", text("A")),
             ("travel_mm", list(&m.travel_mm)),
+            ("rotary_range_deg", list(&m.rotary_range_rad.map(degrees))),
             ("max_feed_mm_min", float(m.max_feed_mm_min)),
             ("rapid_mm_min", float(m.rapid_mm_min)),
             ("rotary_deg_s", float(degrees(m.rotary_rad_s))),

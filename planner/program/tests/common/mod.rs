@@ -97,6 +97,7 @@ pub fn job(part: &Mesh<Block>, tool: Tool) -> Job {
         },
         machine: Machine {
             travel_mm: [300.0, 300.0, 300.0],
+            rotary_range_rad: [-6.3, 6.3],
             max_feed_mm_min: 1524.0,
             rapid_mm_min: 1524.0,
             rotary_rad_s: 0.7,
