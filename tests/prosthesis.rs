@@ -7,6 +7,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use bonemill_planner::part::phantom::Operculum;
+use bonemill_planner::plan::columns::prosthesis::DESCRIBED;
 use bonemill_planner::prosthesis::phantom;
 use bonemill_planner::prosthesis::show::{ShownProsthesis, turn};
 use nalgebra::Vector3;
@@ -103,11 +104,49 @@ fn a_job_becomes_a_folder_that_verifies_and_takes_its_block() {
     let (first, block) = (&shown.moves[0], &shown.record.block);
     assert!(first.tip_mm.dot(&(turn(first) * Vector3::z())) > block.high_mm.y);
     assert_eq!(shown.cutter.max_radius_mm(), shown.record.job.tool.diameter_mm / 2.0);
+    // every figure is described, every key is told with where it comes from, and what a plan's commands say here is of use
+    let described = DESCRIBED.iter().find(|d| d.title == "job.toml [result.metrics]").unwrap().columns;
+    for (name, _) in object["figures"].as_object().unwrap() {
+        assert!(described.iter().any(|c| c.name == name), "{name} is not described");
+    }
+    let report = fs::read_to_string(out.join("report.html")).unwrap();
+    let (_, choices) = report.split_once("<h2>Choices</h2>").unwrap();
+    for (key, origin) in [
+        ("tool.kind", "the file"),
+        ("process.spindle_rpm", "default; C Table 4"),
+        ("stock.gap_mm.x", "default"),
+    ] {
+        let (_, row) = choices.split_once(&format!("<code>{key}</code>")).unwrap_or_else(|| panic!("{key}"));
+        assert!(row.split_once("</tr>").unwrap().0.contains(origin), "{key}");
+    }
+    for arguments in ["simulate out", "compare out out", "verify out --samples 10"] {
+        let refused = bonemill(folder.path(), arguments);
+        assert_eq!(refused.status.code(), Some(2), "{arguments}");
+        assert!(said(&refused).contains("out holds a prosthesis"), "{arguments}: {}", said(&refused));
+    }
     // no block is left, and nothing is written
     let again = bonemill(folder.path(), "prosthesis job.toml --out other");
     assert_eq!(again.status.code(), Some(2));
     assert!(said(&again).contains("no block in stock holds"), "{}", said(&again));
     assert!(!folder.path().join("other").exists());
+}
+
+#[test]
+fn a_rotary_axis_that_does_not_reach_a_side_is_told() {
+    let folder = folder();
+    let job = folder.path().join("job.toml");
+    let text = fs::read_to_string(&job).unwrap();
+    fs::write(&job, format!("{text}[machine]\nrotary_range_deg = [-90, 90]\n")).unwrap();
+    let made = bonemill(folder.path(), "prosthesis job.toml --out out");
+    assert_eq!(made.status.code(), Some(1), "{}", said(&made));
+    assert!(said(&made).contains("A turns to 180°, the machine reaches -90° to 90°"), "{}", said(&made));
+    let verified = bonemill(folder.path(), "verify out");
+    assert_eq!(verified.status.code(), Some(1));
+    assert!(said(&verified).contains("A180 where the machine reaches -90° to 90°"), "{}", said(&verified));
+    fs::write(&job, format!("{text}[machine]\nrotary_range_deg = [90, -90]\n")).unwrap();
+    let refused = bonemill(folder.path(), "prosthesis job.toml --out other");
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(said(&refused).contains("the lowest angle comes first"), "{}", said(&refused));
 }
 
 #[test]
