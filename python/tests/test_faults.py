@@ -54,9 +54,7 @@ def ran(piece: Piece, fault: str, work: Path) -> Outcome:
 def test_the_burr_stays_within_the_printed_bound(piece: Piece, fault: str, says: str, tmp_path: Path) -> None:
     outcome = ran(piece, fault, tmp_path)
     along_mm, off_mm = outcome.bounds_mm
-    # an arm that jumps against its targets is not bounded (docs/streaming.md): it is seen and stopped
-    jumps = fault.startswith("joint offset")
-    assert jumps or (outcome.along_mm <= along_mm and outcome.off_mm <= off_mm), outcome
+    assert outcome.along_mm <= along_mm and outcome.off_mm <= off_mm, outcome
     assert outcome.how == "stopped" and outcome.code == 1, outcome
     assert re.search(says, outcome.said), outcome.said
 
