@@ -44,7 +44,7 @@ const METRICS: [Column; 26] = [
     Column::new("cuts", "1", "", "Moves that cut."),
     Column::new("constant_speed_time_s", "s", "", "Machining time at constant speeds (Castelli's estimate)."),
     Column::new("total_time_s", "s", "", "Machining time with the machine's acceleration and jerk."),
-    Column::new("cutting_time_s", "s", "", "Share of the constant-speed time in which the cutter cuts."),
+    Column::new("cutting_time_s", "s", "", "What of the constant-speed time is spent at feed."),
     Column::new("strip_mm", "mm", "", "Thickness of the strip that holds the part."),
     Column::new("cutting_force_n", "N", "", "Greatest cutting force that the strip is compared with."),
     Column::new(

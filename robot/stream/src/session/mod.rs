@@ -101,6 +101,22 @@ struct Ending {
     rest_q: Option<Joints>,
 }
 
+/// Orders before the arm's client: whether more wait than may, how long that was so in all, less what is forgiven, and when it was looked at, s.
+#[derive(Debug)]
+struct OrderBacklog {
+    is_long: bool,
+    in_all_s: f64,
+    seen_s: f64,
+}
+
+impl OrderBacklog {
+    fn observe(&mut self, is_long: bool, now_s: f64) {
+        let passed_s = (now_s - self.seen_s).max(0.0);
+        let change_s = if self.is_long { passed_s } else { -FORGIVEN_SHARE * passed_s };
+        *self = Self { is_long, in_all_s: (self.in_all_s + change_s).max(0.0), seen_s: now_s };
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum HoldPart {
     Back,
@@ -129,8 +145,7 @@ pub struct Session<'a> {
     late: (u64, f64),
     farthest_mm: f64,
     commanded: Option<Joints>,
-    /// Whether more orders wait than may, how long they have in all, s, and when that was looked at.
-    backed_up: (bool, f64, f64),
+    backlog: OrderBacklog,
     /// The user's answer until it is used: it may come with an order before it.
     answer: Option<bool>,
 }
@@ -161,7 +176,7 @@ impl<'a> Session<'a> {
             late: (0, 0.0),
             farthest_mm: 0.0,
             commanded: None,
-            backed_up: (false, 0.0, now_s),
+            backlog: OrderBacklog { is_long: false, in_all_s: 0.0, seen_s: now_s },
             answer: None,
         }
     }
@@ -221,11 +236,7 @@ impl<'a> Session<'a> {
             None => false,
         };
         self.answer = seen.answer.or(self.answer);
-        let (was, waited_s, before_s) = self.backed_up;
-        let passed_s = (now_s - before_s).max(0.0);
-        let waited_s =
-            if was { waited_s + passed_s } else { (waited_s - FORGIVEN_SHARE * passed_s).max(0.0) };
-        self.backed_up = (seen.waiting > self.most_waiting(), waited_s, now_s);
+        self.backlog.observe(seen.waiting > self.most_waiting(), now_s);
         if let Some((cause, at_once)) = self.trouble(seen) {
             self.stop(cause, at_once, now_s, &mut step);
         }
@@ -250,7 +261,7 @@ impl<'a> Session<'a> {
         if let Some(fault) = &seen.fault {
             return Some((Cause::Link(fault.clone()), true));
         }
-        if moving && self.backed_up.1 > MOST_WAITING_S {
+        if moving && self.backlog.in_all_s > MOST_WAITING_S {
             return Some((Cause::Link(LinkFault::NotTaken("its orders in time")), true));
         }
         if moving {

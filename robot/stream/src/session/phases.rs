@@ -237,7 +237,7 @@ impl Session<'_> {
 
     /// The next target, at its time; none while too many orders wait: the gap is then timed anew like any other.
     fn send_on(&mut self, track: &Track, now_s: f64, wanted: f64, step: &mut Step) {
-        if self.backed_up.0 {
+        if self.backlog.is_long {
             return;
         }
         let period_s = self.plan.period_s;
