@@ -5,6 +5,7 @@
 mod support;
 
 use std::fs;
+use std::ops::Range;
 
 use bonemill_planner::plan::{StoredPlan, Value};
 use bonemill_robot::Arm;
@@ -39,11 +40,27 @@ fn to_segment(pose: &Pose, from: &Pose, to: &Pose) -> (f64, f64) {
     };
     let size = |(mm, mrad): (f64, f64)| (mm / 0.05).max(mrad / 5.0);
     let (mut low, mut high) = (0.0, 1.0);
-    for _ in 0..50 {
+    for _ in 0..40 {
         let [m1, m2] = [low + (high - low) / 3.0, high - (high - low) / 3.0];
         if size(at(m1)) < size(at(m2)) { high = m2 } else { low = m1 }
     }
     [at(0.0), at(1.0), at(low)].into_iter().min_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap()
+}
+
+/// The same of the nearest of some segments, each named by its end; the one looked at first lets most others be left out.
+fn to_polyline(pose: &Pose, poses: &[Pose], first: usize, others: Range<usize>) -> (f64, f64) {
+    let size = |(mm, mrad): (f64, f64)| mm / 0.05 + mrad / 5.0;
+    let mut best = (f64::INFINITY, f64::INFINITY);
+    for k in std::iter::once(first).chain(others) {
+        let (from, to) = (&poses[k - 1], &poses[k]);
+        let way = to.0 - from.0;
+        let share = ((pose.0 - from.0).dot(&way) / way.norm_squared().max(1e-12)).clamp(0.0, 1.0);
+        if size(((pose.0 - from.0 - way * share).norm(), 0.0)) < size(best) {
+            let off = to_segment(pose, from, to);
+            best = if size(off) < size(best) { off } else { best };
+        }
+    }
+    best
 }
 
 /// Checks that every row of the trajectory follows the waypoints' polyline, at rest at both ends and inside joint limits.
@@ -67,9 +84,7 @@ fn follows(plan: &StoredPlan) {
         let pose = (tool.translation_mm, tool.rotation * Vector3::z());
         let on = plan.waypoints.partition_point(|w| w.time_s <= time_s).clamp(1, poses.len() - 1);
         let near = on.saturating_sub(6).max(1)..(on + 7).min(poses.len());
-        let off = near.clone().map(|k| to_segment(&pose, &poses[k - 1], &poses[k]));
-        let (mm, mrad) =
-            off.min_by(|a, b| (a.0 / 0.05 + a.1 / 5.0).total_cmp(&(b.0 / 0.05 + b.1 / 5.0))).unwrap();
+        let (mm, mrad) = to_polyline(&pose, &poses, on, near.clone());
         (worst_mm, worst_mrad) = (worst_mm.max(mm), worst_mrad.max(mrad));
         if let Some(before) = before {
             let speed = (pose.0 - before).norm() * 500.0;

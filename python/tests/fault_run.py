@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from ur_arm import burr_mm
 from ur_double import Double
+from ur_faults import OFFSET, OFFSET_RAD
 
 Floats = NDArray[np.float64]
 HERE = Path(__file__).resolve().parent
@@ -122,6 +123,8 @@ class Outcome:
     """Along the path from the fault to where the burr came to rest."""
     off_mm: float = 0.0
     """The farthest off the path from the fault on."""
+    own_mm: float = 0.0
+    """How far the fault itself moves the burr from where the targets have it: no order can bound that, so it is added to the bound."""
     fastest_mm_s: float = 0.0
     """Of the burr, from the first row on."""
     rest_s: float = 0.0
@@ -145,6 +148,12 @@ class Outcome:
         """The printed bound along and off the path; nothing where none was printed."""
         found = re.search(r"bound[^:]*: ([\d.]+) mm along[^,]*, ([\d.]+) mm off", self.bound)
         return (float(found[1]), float(found[2])) if found else (0.0, 0.0)
+
+    @property
+    def within(self) -> bool:
+        """No farther along the path nor off it than the printed bound and the fault's own distance."""
+        along_mm, off_mm = self.bounds_mm
+        return self.along_mm <= along_mm + self.own_mm and self.off_mm <= off_mm + self.own_mm
 
 
 Local = Callable[["Run"], None]
@@ -229,7 +238,9 @@ class Run:
         direction = self.dice.normal(size=6)
         step = 1e-4 * direction / np.linalg.norm(direction)
         moved = burr_mm(np.stack([self.piece.q[0], self.piece.q[0] + step]))
-        return self.piece.q[0] + step * off_mm / float(np.linalg.norm(moved[1] - moved[0]))
+        q = self.piece.q[0] + step * off_mm / float(np.linalg.norm(moved[1] - moved[0]))
+        self.outcome.own_mm = float(np.linalg.norm(burr_mm(q[None])[0] - moved[0])) + 1e-6
+        return q
 
     def arguments(self, log: Path, *more: str) -> list[str]:
         given = [a.replace("LOG", str(log)) for a in self.flags]
@@ -353,6 +364,9 @@ class Run:
         if not len(after):
             return
         picked = np.unique(np.r_[after[::5], after[-1]])
+        if self.fault == OFFSET:
+            told = burr_mm(record[picked, 1:7] - OFFSET_RAD)
+            out.own_mm = float(np.linalg.norm(burr[picked] - told, axis=1).max())
         places = self.piece.places(burr[picked], int(record[picked[0], 7]))
         out.off_mm = float(places[:, 1].max())
         if out.how != "went on":

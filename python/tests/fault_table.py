@@ -56,7 +56,7 @@ def table(found: list[tuple[str, Outcome]]) -> list[list[str]]:
             continue
         outcomes = [o for _, o in runs]
         of = {plan: [o for name, o in runs if name == plan] for plan in plans}
-        within = sum(o.along_mm <= o.bounds_mm[0] and o.off_mm <= o.bounds_mm[1] for o in outcomes)
+        within = sum(o.within for o in outcomes)
         tried = [o for o in outcomes if o.resumed]
         swept = [o.swept for o in tried if o.swept]
         resumed = sum(o.resumed.startswith(("went on", "to the end")) for o in tried)

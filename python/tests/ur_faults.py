@@ -61,9 +61,12 @@ def _ignores(seconds: float) -> Fault:
     return ignore
 
 
+OFFSET, OFFSET_RAD = "joint offset 9.5 mrad", 0.0095
+
+
 def _offset(controller: Any) -> None:
-    """Every joint stands 9.5 mrad beside where it is told to stand."""
-    controller.arm.offset = np.full(6, 0.0095)
+    """Every joint stands so far beside where it is told to stand."""
+    controller.arm.offset = np.full(6, OFFSET_RAD)
 
 
 FAULTS: dict[str, Fault] = {
@@ -94,7 +97,7 @@ FAULTS: dict[str, Fault] = {
     "slider 10 %": _slider(0.1),
     "slider 50 %": _slider(0.5),
     "arm ignores, then follows": _ignores(0.3),
-    "joint offset 9.5 mrad": _offset,
+    OFFSET: _offset,
 }
 
 
