@@ -3,7 +3,7 @@
 //! This module only converts arrays and texts to the crates' types, calls the crates, and converts the results back. The
 //! user's interface (names, units, defaults, structured arrays) is the package's Python code. Arrays are copied while the GIL
 //! is held, so that a change during a call has no effect; results are passed on without a copy. Long work runs without the
-//! GIL ([`apart`]), so that other Python threads continue and Ctrl-C works.
+//! GIL (`apart`), so that other Python threads continue and Ctrl-C works.
 
 mod apart;
 mod arm;
