@@ -42,6 +42,7 @@ pub struct StructureField {
     label: u16,
     grid: Grid<Ct>,
     count: usize,
+    reach_mm: f64,
     bounding_box: [Point<Ct>; 2],
     mask: Mask,
     /// Boxes of voxels with an uncovered face, in mm along the grid's axes from the centre of voxel (0, 0, 0).
@@ -87,12 +88,18 @@ impl StructureField {
         let mask = Mask::new(labels, label, sites);
         let Some(coarse) = Coarse::new(labels, label, sites, places) else { return Ok(None) };
         let surface = Tree::new(mask.surface(&grid.spacing_mm()));
-        Ok(Some(Self { label, grid: grid.clone(), count, bounding_box, mask, surface, coarse }))
+        let reach_mm = region.map_or(f64::INFINITY, |region| region.reach_mm);
+        Ok(Some(Self { label, grid: grid.clone(), count, reach_mm, bounding_box, mask, surface, coarse }))
     }
 
     /// The structure's label.
     pub fn label(&self) -> u16 {
         self.label
+    }
+
+    /// Up to where distances are exact, mm; ∞ without a region.
+    pub fn reach_mm(&self) -> f64 {
+        self.reach_mm
     }
 
     /// Voxels of the structure in the whole map.

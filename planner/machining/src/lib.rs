@@ -25,6 +25,7 @@ mod pass;
 mod passes;
 mod plan;
 pub mod raster;
+mod reach;
 pub mod rings;
 mod sides;
 pub mod silhouette;
@@ -39,6 +40,7 @@ pub use error::MachiningError;
 pub use job::{Block, HolderSegment, Job, Machine, Process, Tool};
 pub use moves::{Facing, Kind, Move, Side};
 pub use plan::{Machining, Warning, plan, plan_zigzag};
+pub use reach::shift_to_reach_mm;
 pub use zigzag::ZigZag;
 
 /// How deep a cut may go into the part at most, mm: chords of the path (0.005), its last bisection (0.003), rounding to 0.001 and the

@@ -9,11 +9,9 @@ use crate::envelope::Envelope;
 use crate::job::Job;
 use crate::moves::Facing;
 use crate::raster::{NONE, Raster};
+use crate::reach::THROUGH_MM;
 use crate::silhouette::{Loop, Nearest, Silhouette, area_mm2, sampled};
 use crate::strip::{Strip, Tab, cutting_force_n};
-
-/// How far the contour goes beyond the strip, mm.
-const THROUGH_MM: f64 = 0.1;
 
 /// The part over a raster, with the strip around it; seen from the front.
 pub(crate) struct Part {

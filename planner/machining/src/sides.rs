@@ -42,7 +42,6 @@ impl<'a> Sight<'a> {
     pub fn new(part: &Part, job: &'a Job, facets: &[Facet], facing: Facing) -> Self {
         let heights = part.envelope.heights(&part.raster, facing);
         let top = facing.from_block(&job.block.high_mm).z.max(facing.from_block(&job.block.low_mm).z);
-        let widest = job.tool.holder.iter().map(|h| h.radius_mm).fold(0.0, f64::max);
         Self {
             job,
             facing,
@@ -50,7 +49,7 @@ impl<'a> Sight<'a> {
             tip: part.raster.dilated(&heights, &job.tool, 0.0),
             strip_tip: part.raster.dilated(&part.strip_body(facing, false), &job.tool, 0.0),
             heights,
-            deepest_mm: if widest > job.tool.radius_mm { top - job.tool.length_mm + BESIDE_MM } else { NONE },
+            deepest_mm: top - job.tool.reach_mm(),
         }
     }
 

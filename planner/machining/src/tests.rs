@@ -1,5 +1,6 @@
 //! Twins of the kernels: brute force on small parts, and known answers.
 
+use bonemill_geometry::{Block as BlockFrame, Mesh, Point};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
@@ -8,6 +9,7 @@ use crate::envelope::{Envelope, Facet};
 use crate::pass::Pass;
 use crate::passes::Passes;
 use crate::raster::{NONE, Raster};
+use crate::reach::shift_to_reach_mm;
 use crate::rings::{Field, iso_loops};
 use crate::silhouette::{Nearest, Silhouette, area_mm2};
 use crate::stock::Stock;
@@ -287,4 +289,33 @@ fn a_way_that_must_rise_does_so_before_it_goes_across() {
         let lowest = pair[0].tip_mm.y.min(pair[1].tip_mm.y);
         assert!(across < 1e-9 || lowest >= 7.4 - 1e-9, "{:?} to {:?}", pair[0].tip_mm, pair[1].tip_mm);
     }
+}
+
+#[test]
+fn a_part_moves_in_its_block_as_far_as_the_cutter_is_too_short() {
+    // a pyramid, 4 mm high, its base toward the back: the front must go down to the base, the back to the base only
+    let vertices =
+        [[-5.0, -2.0, -5.0], [5.0, -2.0, -5.0], [5.0, -2.0, 5.0], [-5.0, -2.0, 5.0], [0.0, 2.0, 0.0]];
+    let triangles = vec![[0, 1, 2], [0, 2, 3], [1, 0, 4], [2, 1, 4], [3, 2, 4], [0, 3, 4]];
+    let pyramid = |turn: f64| Mesh::<BlockFrame> {
+        vertices: vertices.iter().map(|[x, y, z]| Point::new(*x, turn * y, turn * z)).collect(),
+        triangles: triangles.clone(),
+    };
+    let mut job = flat_job();
+    (job.block.low_mm.y, job.block.high_mm.y) = (-19.0, 19.0);
+    // the base lies 21 mm below the front's top; the tip goes down 20 mm less the holder's distance, and 0.1 mm beyond what it cuts
+    let lacks_mm = 21.0 - (20.0 - 0.005 - 0.1);
+    for turn in [1.0, -1.0] {
+        let shift = |job: &Job, gap_mm: f64| turn * shift_to_reach_mm(&pyramid(turn), job, gap_mm);
+        assert!((shift(&job, 2.0) - lacks_mm).abs() < 1e-12);
+        // the room beside the part is 17 mm
+        assert!((shift(&job, 16.5) - 0.5).abs() < 1e-12 && shift(&job, 18.0) == 0.0);
+        let slim = Job { tool: Tool { holder: vec![], ..job.tool.clone() }, ..job.clone() };
+        assert_eq!(shift(&slim, 2.0), 0.0);
+    }
+    (job.block.low_mm.y, job.block.high_mm.y) = (-17.0, 17.0);
+    assert_eq!(shift_to_reach_mm(&pyramid(1.0), &job, 2.0), 0.0);
+    // 27 mm below the front's top and 23 mm above the back's: neither is reached, both lack the same
+    (job.block.low_mm.y, job.block.high_mm.y) = (-25.0, 25.0);
+    assert_eq!(shift_to_reach_mm(&pyramid(1.0), &job, 2.0), 2.0);
 }

@@ -100,7 +100,7 @@ fn quantile_n(mut spans: Vec<TowardSpan>, q: f64) -> f64 {
 /// One structure's figures over a plan or a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct StructureFigures {
-    /// Least distance of the burr's centre over all rows, mm, and its row; `None` where the label map lacks the structure.
+    /// Least distance of the burr's centre over all rows, mm, and its row; `None` where the structure is far from all of them.
     pub least: Option<(f64, usize)>,
     /// Force toward the structure while the burr is within its influence.
     pub force: TowardFigures,

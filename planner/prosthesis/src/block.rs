@@ -80,7 +80,7 @@ fn from_catalogue(
     Ok((mounted, stock.list()?))
 }
 
-/// Where the block lies about a part of this size: in the middle along x and y; along z the part has its gap above, the rest is below.
+/// Where the block lies about a part of this size around the origin: in the middle along x and y; along z the part has its gap above, the rest is below.
 pub(crate) fn around(job: &ProsthesisJob, mounted: &Mounted, size_mm: &Vector3<f64>) -> Block {
     let [x, y, z] = mounted.size_mm;
     let top = size_mm.z / 2.0 + job.stock.gap_mm[2];

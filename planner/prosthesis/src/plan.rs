@@ -64,13 +64,16 @@ pub fn plan(
     progress.stage("read part");
     let (solid, sha256) = read_part(job, folder)?;
     progress.stage("lay part");
-    let placing = Placing::of(&solid.mesh, job.orient, |laid| time_s(job, &solid, laid));
-    let part = laid_part(&solid, &placing.chosen);
+    let mut placing = Placing::of(&solid.mesh, job.orient, |laid| time_s(job, &solid, laid));
     progress.stage("take block");
     let taken = block::take(job, folder, &placing.chosen.size_mm)?;
     let block = block::around(job, &taken.mounted, &placing.chosen.size_mm);
     progress.stage("plan toolpath");
     let machining_job = settings::machining(job, block);
+    let centred = laid_part(&solid, &placing.chosen);
+    let shift_mm = bonemill_machining::shift_to_reach_mm(&centred, &machining_job, job.stock.gap_mm[1]);
+    placing.chosen.block_from_part.translation_mm.y += shift_mm;
+    let part = laid_part(&solid, &placing.chosen);
     let failed =
         |source| ProsthesisError::Machining { block: taken.mounted.id.clone(), source: Box::new(source) };
     let machining = bonemill_machining::plan(&part, &machining_job).map_err(failed)?;

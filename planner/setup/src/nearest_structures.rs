@@ -105,7 +105,7 @@ pub fn along(
 }
 
 /// Per structure of the scene the least distance of the burr's centre over all `centers`, mm, and the first of them where it is; none
-/// for a structure that the label map lacks.
+/// for a structure farther than distances are exact, which is at least the burr's diameter, the largest clearance and 12 mm.
 pub fn least_distances(scene: &Scene, centers: &[Point<Work>]) -> Vec<Option<(f64, usize)>> {
     let least = |structure: &SceneStructure| {
         let field = structure.field.as_ref()?;
@@ -116,7 +116,7 @@ pub fn least_distances(scene: &Scene, centers: &[Point<Work>]) -> Vec<Option<(f6
                 least = Some((to_nearest(scene, field, center).norm(), index));
             }
         }
-        least
+        least.filter(|(mm, _)| *mm <= field.reach_mm())
     };
     scene.structures.par_iter().map(least).collect()
 }

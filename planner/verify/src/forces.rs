@@ -20,6 +20,9 @@ const SUM_SHARE: f64 = 1e-9;
 /// A burr whose surface is within this distance of a structure is near it, mm.
 const NEAR_MM: f64 = 2.0;
 
+/// The figures may leave out a structure that is farther from the burr's surface than the burr's radius, the largest clearance and this, mm.
+const FAR_MM: f64 = 12.0;
+
 /// Deviations of a row from the correct values.
 #[derive(Debug, Clone, Copy)]
 struct Off {
@@ -107,7 +110,12 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
                 .noting(format!("says {said}, found {found}")),
         );
     };
-    if let Some(least_mm) = distances_mm.iter().copied().reduce(f64::min) {
+    let case = &plan.record.case;
+    let widest_mm =
+        case.structures.iter().map(|s| s.clearance_mm.max(s.shank_clearance_mm)).fold(0.0, f64::max);
+    let is_far =
+        |mm: &f64| *mm > 2.0 * radius_mm + widest_mm + FAR_MM && said(&["least_distance_mm"]).is_none();
+    if let Some(least_mm) = distances_mm.iter().copied().reduce(f64::min).filter(|mm| !is_far(mm)) {
         check(&["least_distance_mm"], [least_mm; 2]);
         check(&["least_clearance_mm"], [least_mm - radius_mm; 2]);
         let there = said(&["least_distance_waypoint"]).and_then(|index| distances_mm.get(index as usize));

@@ -201,6 +201,7 @@ class UrLink:
         self._identity: tuple[str, str] | None = None
         self._spindle_ordered = 0.0
         self._feels = False
+        self._sensor: str | None = None
         self._receive = _Child("receive", host, 1.0 / period_s)
         self._arm = _Child("control", "arm", host, period_s, settings.lookahead_s, settings.gain, settings.watchdog_hz)
         self._spindle = _Child("control", "spindle", host, settings.spindle_output)
@@ -233,15 +234,15 @@ class UrLink:
         # an arm without a sensor says zeros, and so does a sensor that has failed
         runs = modes[:2] == [1, 2]
         if self._feels and not any(force) and runs:
-            raise RuntimeError("the force sensor says zeros")
+            self._sensor = "the force sensor says zeros"
         self._feels = any(force)
         measured = force[:3] if self._feels else None
         return (time.monotonic() - received, clock_s, q, (place_mm, pose[3:]), measured, *modes)
 
     def fault(self) -> str | None:
-        """What is wrong with an order or its process. Both are listened to, whatever one of them says."""
+        """What is wrong with an order, its process or the force sensor. Both processes are listened to, whatever one of them says."""
         arm, spindle = self._arm.heed(), self._spindle.heed()
-        return arm or spindle
+        return arm or spindle or self._sensor
 
     def order(self, what: str, values: list[float]) -> None:
         if what == "spindle":

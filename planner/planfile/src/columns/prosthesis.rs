@@ -84,8 +84,8 @@ const METRICS: [Column; 26] = [
 pub const DESCRIBED: &[Described] = &[
     Described {
         title: "toolpath.csv",
-        about: "Of a prosthesis: one row per move of the cutter's tip. `block`: origin in the middle of the part, on the rotary axis; x along that axis, y \
-                toward the spindle at A = 0, z away from the grip.",
+        about: "Of a prosthesis: one row per move of the cutter's tip. `block`: origin in the middle of the block along x and y, on the rotary axis; x along \
+                that axis, y toward the spindle at A = 0, z away from the grip. The part lies around it, along y no farther off than the cutter's length asks for.",
         columns: &TOOLPATH,
     },
     Described {

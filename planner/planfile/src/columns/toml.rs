@@ -146,7 +146,8 @@ pub const METRICS: &[Column] = &[
         "structures.NAME.least_distance_mm",
         "mm",
         "",
-        "Smallest distance of the burr's centre from this structure.",
+        "Smallest distance of the burr's centre from this structure; not said where it is more than the burr's diameter, the largest clearance and \
+         12 mm.",
     ),
     Column::new("structures.NAME.least_clearance_mm", "mm", "", "The same from the burr's surface."),
     Column::new("structures.NAME.least_distance_waypoint", "1", "", "The waypoint where that is."),
