@@ -14,8 +14,11 @@ use std::sync::OnceLock;
 use bonemill_planner::Progress;
 use bonemill_planner::plan::StoredPlan;
 use bonemill_planner::verify::{Check, Verification, verify};
+use bonemill_testkit::pocket;
 
+use support::body;
 use support::faults::{self, Fault};
+use support::image::Image;
 use support::place::Place;
 use support::{figure_faults, force_faults};
 
@@ -235,4 +238,29 @@ fn what_is_no_plan_is_bad_input() {
     // wrong numbers that are readable are found by the verifier
     let ran = edited("plan/plan.toml", "\ntarget_mm3 = ", "\ntarget_mm3 = 9");
     assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
+}
+
+/// The figures of a structure that is far from the burr may be left out: the planner measures no distance there.
+#[test]
+fn a_structure_far_from_the_burr_needs_no_figures() {
+    let wide = [body::DIMS[0] + 24, body::DIMS[1], body::DIMS[2]];
+    let image = |value: fn([usize; 3]) -> f32| Image::new(wide, body::SPACING_MM, body::ORIGIN_MM, value);
+    // from the burr's centre it may be 2 · 1.5 + 1 + 12 = 16 mm: here it is some 19 and 15 mm
+    for (from, is_said) in [(62, false), (54, true)] {
+        let place = upright().with_case(
+            "[approach]\n",
+            "[[structure]]\nname = \"far\"\nlabel = 9\nclearance_mm = 1.0\n\n[approach]\n",
+        );
+        place.put_ct(&image(pocket::hu));
+        let mut labels = image(|voxel| f32::from(pocket::label(voxel)));
+        labels.fill([from..from + 2, 10..20, 4..10], 9.0);
+        place.put_labels(&labels);
+        let ran = place.plan();
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        let plan = StoredPlan::load(&place.path("plan")).unwrap();
+        assert_eq!(failed(&verified(&plan)), BTreeSet::new());
+        let record: toml::Table = fs::read_to_string(place.path("plan/plan.toml")).unwrap().parse().unwrap();
+        let far = &record["metrics"]["structures"]["far"];
+        assert_eq!(far.get("least_distance_mm").is_some(), is_said, "{far}");
+    }
 }
