@@ -11,7 +11,7 @@ use bonemill_planner::part::orient::Laid;
 use bonemill_planner::part::phantom::Operculum;
 use bonemill_planner::proof::{Proof, prove};
 use bonemill_planner::prosthesis::{
-    Placing, ProsthesisError, ProsthesisPlan, Trial, UNCUT_TOLERANCE_MM, phantom, plan,
+    Placing, ProsthesisError, ProsthesisPlan, Trial, most_uncut_mm, phantom, plan,
 };
 
 use crate::{ExperimentError, Size, Table};
@@ -196,7 +196,7 @@ impl Tables {
         let (rows_mm, level_mm) = (trial.machining.widest_mm(), trial.machining.level_mm());
         let ours_min = ours.times.constant_s / 60.0;
         let mut row = vec![name.to_owned(), format!("{ours_min:.1}"), format!("{our_error_mm:.3}")];
-        let most_mm = job.process.finishing_step_mm + UNCUT_TOLERANCE_MM;
+        let most_mm = most_uncut_mm(job.process.finishing_step_mm);
         // rows half as wide each time leave a quarter of the height; the last are 0.12 mm apart
         let mut found = [None; 2];
         for halving in 0..5 {

@@ -28,7 +28,7 @@ pub mod verify;
 pub use block::TakenBlock;
 pub use error::ProsthesisError;
 pub use placing::Placing;
-pub use plan::{ProsthesisPlan, Trial, plan, read_part};
+pub use plan::{ProsthesisPlan, Trial, most_uncut_mm, plan, read_part};
 pub use record::JobRecord;
 pub use robot::RobotMotion;
 pub use save::save;

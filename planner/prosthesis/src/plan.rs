@@ -263,8 +263,8 @@ impl ProsthesisPlan {
     }
 }
 
-/// Thickest stock that a program may leave, mm.
-fn most_uncut_mm(finishing_step_mm: f64) -> f64 {
+/// Thickest stock that a program may leave for a finishing step, mm.
+pub fn most_uncut_mm(finishing_step_mm: f64) -> f64 {
     finishing_step_mm + UNCUT_TOLERANCE_MM
 }
 
