@@ -55,7 +55,8 @@ def ran(piece: Piece, fault: str, work: Path) -> Outcome:
 def test_the_burr_stays_within_the_printed_bound(piece: Piece, fault: str, says: str, tmp_path: Path) -> None:
     outcome = ran(piece, fault, tmp_path)
     assert outcome.bounds_mm[0] > 0.0 and outcome.within, outcome
-    assert outcome.own_mm == 0.0 or fault == OFFSET
+    # what moves the arm itself is seen at once: it rests soon
+    assert (outcome.own_mm > 0.0) == (fault == OFFSET) and (fault != OFFSET or outcome.rest_s < 1.0), outcome
     assert outcome.how == "stopped" and outcome.code == 1, outcome
     assert re.search(says, outcome.said), outcome.said
 
@@ -104,7 +105,7 @@ def test_ctrl_c_is_answered_within_a_fifth_of_a_second(piece: Piece, fault: str,
                 time.sleep(0.005)
             time.sleep(0.03 * attempt)
             found = answer_s(run) if run.process.poll() is None else None
-            run.process.wait(5.0)
+            run.process.wait(10.0)
         finally:
             run.finish()
         if found is not None:

@@ -4,7 +4,7 @@ use bonemill_geometry::{Block as BlockFrame, Mesh};
 
 use crate::{Job, Tool};
 
-/// How far finishing goes below the lowest place of a surface, mm.
+/// How far contour and rim go below the lowest place, mm.
 pub(crate) const THROUGH_MM: f64 = 0.1;
 /// Distance that the holder keeps from the block's top, mm.
 const HOLDER_MM: f64 = 0.005;
@@ -21,7 +21,8 @@ impl Tool {
 
 /// How far a part is to be moved along y so that the cutter reaches from each side what faces it, mm; `gap_mm` of the block stays beside the part.
 ///
-/// 0 where it reaches all from where the part is; where no place will do, both sides lack the same.
+/// 0 where it reaches all from where the part is; where no place will do, to where both sides lack the same, as far as the gap lets it. A facet that another one hides counts, a wall does not: whether the place is better
+/// is for the proof to say.
 pub fn shift_to_reach_mm(part: &Mesh<BlockFrame>, job: &Job, gap_mm: f64) -> f64 {
     // the depths below the block's tops of the front's lowest and the back's highest place, and the room beside the part
     let (top_mm, bottom_mm) = (job.block.high_mm.y, job.block.low_mm.y);

@@ -293,7 +293,7 @@ fn a_way_that_must_rise_does_so_before_it_goes_across() {
 
 #[test]
 fn a_part_moves_in_its_block_as_far_as_the_cutter_is_too_short() {
-    // a pyramid, 4 mm high, its base toward the back: the front must go down to the base, the back to the base only
+    // a pyramid, 4 mm high, its base toward the back: both sides must go to the base, which is farther from the front
     let vertices =
         [[-5.0, -2.0, -5.0], [5.0, -2.0, -5.0], [5.0, -2.0, 5.0], [-5.0, -2.0, 5.0], [0.0, 2.0, 0.0]];
     let triangles = vec![[0, 1, 2], [0, 2, 3], [1, 0, 4], [2, 1, 4], [3, 2, 4], [0, 3, 4]];
@@ -315,7 +315,13 @@ fn a_part_moves_in_its_block_as_far_as_the_cutter_is_too_short() {
     }
     (job.block.low_mm.y, job.block.high_mm.y) = (-17.0, 17.0);
     assert_eq!(shift_to_reach_mm(&pyramid(1.0), &job, 2.0), 0.0);
-    // 27 mm below the front's top and 23 mm above the back's: neither is reached, both lack the same
+    // 27 mm below the front's top and 23 mm above the back's bottom: neither is reached, both lack the same
     (job.block.low_mm.y, job.block.high_mm.y) = (-25.0, 25.0);
     assert_eq!(shift_to_reach_mm(&pyramid(1.0), &job, 2.0), 2.0);
+    // a rounded end goes deeper by its corner
+    (job.block.low_mm.y, job.block.high_mm.y) = (-17.0, 17.0);
+    job.tool.corner_radius_mm = 0.5;
+    assert!(
+        (shift_to_reach_mm(&pyramid(1.0), &job, 2.0) - (19.0 - (20.0 - 0.005 - 0.1 - 1.0))).abs() < 1e-12
+    );
 }

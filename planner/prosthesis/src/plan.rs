@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use bonemill_case::prosthesis::{MachineKind, ProsthesisJob};
 use bonemill_catalogue::Mounted;
-use bonemill_geometry::{Block as BlockFrame, Mesh, Progress};
-use bonemill_machining::{Block, Job, Machining, Warning};
+use bonemill_geometry::{Block as BlockFrame, Mesh, Part, Progress, Rigid};
+use bonemill_machining::{Block, Job, Machining, MachiningError, Warning};
 use bonemill_part::orient::Laid;
 use bonemill_part::{RepairLimits, Solid, read_facets, rounded};
 use bonemill_planfile::{Sha256, Value};
@@ -26,6 +26,8 @@ pub struct ProsthesisPlan {
     pub solid: Solid,
     /// How it lies.
     pub placing: Placing,
+    /// Where the part lies in the block's frame: as chosen, along y perhaps out of the middle.
+    pub block_from_part: Rigid<BlockFrame, Part>,
     /// The part in the block's frame, in single precision as part.stl has it.
     pub part: Mesh<BlockFrame>,
     /// The block.
@@ -64,19 +66,29 @@ pub fn plan(
     progress.stage("read part");
     let (solid, sha256) = read_part(job, folder)?;
     progress.stage("lay part");
-    let mut placing = Placing::of(&solid.mesh, job.orient, |laid| time_s(job, &solid, laid));
+    let placing = Placing::of(&solid.mesh, job.orient, |laid| time_s(job, &solid, laid));
     progress.stage("take block");
     let taken = block::take(job, folder, &placing.chosen.size_mm)?;
     let block = block::around(job, &taken.mounted, &placing.chosen.size_mm);
-    progress.stage("plan toolpath");
     let machining_job = settings::machining(job, block);
-    let centred = laid_part(&solid, &placing.chosen);
-    let shift_mm = bonemill_machining::shift_to_reach_mm(&centred, &machining_job, job.stock.gap_mm[1]);
-    placing.chosen.block_from_part.translation_mm.y += shift_mm;
-    let part = laid_part(&solid, &placing.chosen);
     let failed =
         |source| ProsthesisError::Machining { block: taken.mounted.id.clone(), source: Box::new(source) };
-    let machining = bonemill_machining::plan(&part, &machining_job).map_err(failed)?;
+    let mill = |laid: &Laid| Milled::of(job, &solid, laid, &machining_job, progress);
+    let mut milled = mill(&placing.chosen).map_err(failed)??;
+    if milled.proof.thickest_uncut_mm > job.process.finishing_step_mm {
+        let mut moved = placing.chosen.clone();
+        let shift_mm =
+            bonemill_machining::shift_to_reach_mm(&milled.part, &machining_job, job.stock.gap_mm[1]);
+        moved.block_from_part.translation_mm.y += shift_mm;
+        // the better of the two by what the proof finds
+        if shift_mm != 0.0
+            && let Ok(Ok(other)) = mill(&moved)
+            && other.proof.thickest_uncut_mm < milled.proof.thickest_uncut_mm
+        {
+            milled = other;
+        }
+    }
+    let Milled { block_from_part, part, machining, program, proof_job, proof } = milled;
     let (robot, stuck) = match job.machine.kind {
         MachineKind::FiveAxis => (None, None),
         MachineKind::Ur(model) => {
@@ -87,16 +99,12 @@ pub fn plan(
             }
         }
     };
-    progress.stage("write program");
-    let program = bonemill_program::write(&machining.moves, job.process.spindle_rpm);
-    progress.stage("prove program");
-    let proof_job = settings::proof(job, &block, machining.tab_box);
-    let proof = bonemill_proof::prove(&program, &part, &proof_job)?;
     let mut plan = ProsthesisPlan {
         job: job.clone(),
         input: (job.part.file.clone(), sha256),
         solid,
         placing,
+        block_from_part,
         part,
         taken,
         block,
@@ -112,6 +120,40 @@ pub fn plan(
     plan.judge(&machining_job);
     plan.measure();
     Ok(plan)
+}
+
+/// A part at a place in its block, and what comes of it.
+struct Milled {
+    block_from_part: Rigid<BlockFrame, Part>,
+    part: Mesh<BlockFrame>,
+    machining: Machining,
+    program: String,
+    proof_job: ProofJob,
+    proof: Proof,
+}
+
+impl Milled {
+    /// Toolpath, program and proof. The outer error is the toolpath's.
+    fn of(
+        job: &ProsthesisJob,
+        solid: &Solid,
+        laid: &Laid,
+        machining_job: &Job,
+        progress: &dyn Progress,
+    ) -> Result<Result<Self, ProsthesisError>, MachiningError> {
+        progress.stage("plan toolpath");
+        let part = laid_part(solid, laid);
+        let machining = bonemill_machining::plan(&part, machining_job)?;
+        progress.stage("write program");
+        let program = bonemill_program::write(&machining.moves, job.process.spindle_rpm);
+        progress.stage("prove program");
+        let proof_job = settings::proof(job, &machining_job.block, machining.tab_box);
+        let proof = bonemill_proof::prove(&program, &part, &proof_job);
+        let block_from_part = laid.block_from_part;
+        Ok(proof
+            .map(|proof| Self { block_from_part, part, machining, program, proof_job, proof })
+            .map_err(Into::into))
+    }
 }
 
 /// The job's part, checked and repaired, and its file's digest; `folder` is the job's.

@@ -57,7 +57,7 @@ fn record_of(
         job,
         version: env!("CARGO_PKG_VERSION").into(),
         part_sha256: plan.input.1,
-        block_from_part: plan.placing.chosen.block_from_part,
+        block_from_part: plan.block_from_part,
         block_id: plan.taken.mounted.id.clone(),
         block: plan.block,
         tab_mm: plan.machining.tab_box,

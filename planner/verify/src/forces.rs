@@ -113,8 +113,10 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
     let case = &plan.record.case;
     let widest_mm =
         case.structures.iter().map(|s| s.clearance_mm.max(s.shank_clearance_mm)).fold(0.0, f64::max);
-    let is_far =
-        |mm: &f64| *mm > 2.0 * radius_mm + widest_mm + FAR_MM && said(&["least_distance_mm"]).is_none();
+    let leasts = ["least_distance_mm", "least_clearance_mm", "least_distance_waypoint"];
+    let is_far = |mm: &f64| {
+        *mm > 2.0 * radius_mm + widest_mm + FAR_MM && leasts.iter().all(|key| said(&[key]).is_none())
+    };
     if let Some(least_mm) = distances_mm.iter().copied().reduce(f64::min).filter(|mm| !is_far(mm)) {
         check(&["least_distance_mm"], [least_mm; 2]);
         check(&["least_clearance_mm"], [least_mm - radius_mm; 2]);
