@@ -105,7 +105,7 @@ def test_ctrl_c_is_answered_within_a_fifth_of_a_second(piece: Piece, fault: str,
                 time.sleep(0.005)
             time.sleep(0.03 * attempt)
             found = answer_s(run) if run.process.poll() is None else None
-            run.process.wait(10.0)
+            run.process.wait(5.0)
         finally:
             run.finish()
         if found is not None:
