@@ -5,7 +5,9 @@
 //! other Python threads run.
 
 use std::fs::{File, OpenOptions};
+use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
@@ -13,8 +15,8 @@ use bonemill_planner::plan::{Need, StoredPlan, stream_input};
 use bonemill_robot::stream::bound::{self, Failure};
 use bonemill_robot::stream::simulated::rehearse::rehearse;
 use bonemill_robot::stream::{
-    ArmLink, ArmState, Cause, Clock, Event, Identity, LinkFault, Log, LogWriter, Operator, Order, Outcome,
-    Question, Session, Settings, StreamPlan as CorePlan, drive,
+    ArmLink, ArmState, Aside, Cause, Clock, Event, Identity, LinkFault, Log, LogWriter, Operator, Order,
+    Outcome, Question, Session, Settings, StreamPlan as CorePlan, drive,
 };
 use nalgebra::Vector3;
 use pyo3::prelude::*;
@@ -127,7 +129,7 @@ impl StreamPlan {
         log: Option<PathBuf>,
     ) -> PyResult<Ended> {
         self.for_a_ur()?;
-        let mut log = log.map(|path| self.log(&path)).transpose()?;
+        let mut log = log.map(|path| self.log(&path, Aside::new)).transpose()?;
         let mut clock = PcClock { py, began: Instant::now() };
         let mut link = PyLink { py, link, began: clock.began, failed: None };
         let watched = FileWatch::new(&self.dir);
@@ -139,7 +141,7 @@ impl StreamPlan {
 
     /// The whole run on a simulated arm in simulated time.
     fn rehearse(&self, py: Python<'_>, seed: u64, log: Option<PathBuf>) -> PyResult<Ended> {
-        let mut log = log.map(|path| self.log(&path)).transpose()?;
+        let mut log = log.map(|path| self.log(&path, Ok)).transpose()?;
         let outcome = py.detach(|| rehearse(&self.plan, 0.0, seed, &mut Yes(false), log.as_mut()));
         Ok(ended(&outcome))
     }
@@ -147,12 +149,17 @@ impl StreamPlan {
 
 impl StreamPlan {
     /// A new log; one that stands there is not written over.
-    fn log(&self, path: &Path) -> PyResult<LogWriter<File>> {
+    fn log<W: Write>(
+        &self,
+        path: &Path,
+        through: impl FnOnce(File) -> std::io::Result<W>,
+    ) -> PyResult<LogWriter<W>> {
         let cannot = |e: std::io::Error| {
             StreamError::new_err(format!("cannot write the log {}\n  because: {e}", path.display()))
         };
         let file = OpenOptions::new().append(true).create_new(true).open(path).map_err(cannot)?;
-        LogWriter::new(file, &self.plan.digest, self.plan.track.rows(), self.plan.period_s).map_err(cannot)
+        let out = through(file).map_err(cannot)?;
+        LogWriter::new(out, &self.plan.digest, self.plan.track.rows(), self.plan.period_s).map_err(cannot)
     }
 }
 
@@ -358,27 +365,34 @@ impl Operator for PyOperator<'_> {
     }
 }
 
-/// The plan's files as they were when the run began.
+/// The plan's files as they were when the run began, looked at now and then by a thread of its own: a disk may not answer.
 struct FileWatch {
-    files: Vec<(PathBuf, Option<(u64, SystemTime)>)>,
-    looked: Instant,
+    changed: Receiver<String>,
+    /// The thread ends when it is dropped.
+    _wanted: Sender<()>,
 }
 
 impl FileWatch {
     fn new(dir: &Path) -> Self {
         let names = ["plan.toml", "trajectory.csv", "waypoints.csv", "forces.csv", "robot.urdf"];
         let files = names.map(|name| dir.join(name)).map(|path| (path.clone(), stamp(&path)));
-        Self { files: files.to_vec(), looked: Instant::now() }
+        let (found, changed) = mpsc::channel();
+        let (wanted, is_wanted) = mpsc::channel::<()>();
+        thread::spawn(move || {
+            while is_wanted.recv_timeout(LOOK_AT_FILES) == Err(RecvTimeoutError::Timeout) {
+                if let Some((path, _)) = files.iter().find(|(path, before)| stamp(path) != *before) {
+                    // nobody listens once the run is over
+                    let _ = found.send(path.display().to_string());
+                    return;
+                }
+            }
+        });
+        Self { changed, _wanted: wanted }
     }
 
-    /// The first file that is another now; looked for now and then.
-    fn changed(&mut self) -> Option<String> {
-        if self.looked.elapsed() < LOOK_AT_FILES {
-            return None;
-        }
-        self.looked = Instant::now();
-        let changed = self.files.iter().find(|(path, before)| stamp(path) != *before);
-        changed.map(|(path, _)| path.display().to_string())
+    /// The first file that was seen to be another.
+    fn changed(&self) -> Option<String> {
+        self.changed.try_recv().ok()
     }
 }
 

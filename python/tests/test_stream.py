@@ -269,3 +269,39 @@ def test_the_command_line_says_what_is_wrong(planned: bonemill.Plan, judged: Pat
     assert done.returncode == 0 and "bound after any failure" in done.stdout, done.stderr
     assert run("stream", judged, "--host", "h", "--resume", os.devnull).returncode == 2
     assert run("--version").stdout.strip() == bonemill.__version__
+
+
+TELLS = """
+import time
+from bonemill.stream import Console
+console = Console()
+for n in range(20_000):
+    console.tell(f"line {n}")
+print("told", flush=True)
+console.ask("Is the way free?")
+polls = 0
+while (answer := console.answer()) is None or console._screen._lines:
+    polls += 1
+    time.sleep(0.001)
+print(polls > 50, flush=True)
+"""
+
+
+def test_a_terminal_that_is_halted_or_says_half_a_word_is_not_waited_for() -> None:
+    pipes = {name: subprocess.PIPE for name in ("stdin", "stdout", "stderr")}
+    with subprocess.Popen([sys.executable, "-c", TELLS], **pipes) as console:
+        assert console.stdin and console.stdout and console.stderr
+        try:
+            # nobody has read a line of it yet, and a pipe holds a fraction of them
+            assert console.stdout.readline() == b"told\n"
+            console.stdin.write(b"ye")
+            console.stdin.flush()
+            lines = [console.stderr.readline() for _ in range(20_001)]
+            assert lines[:20_000] == [f"line {n}\n".encode() for n in range(20_000)] and lines[-1].startswith(b"Is the way free?")
+            time.sleep(0.2)
+            assert console.poll() is None, "half a word was taken for an answer"
+            console.stdin.write(b"s\n")
+            console.stdin.flush()
+            assert console.stdout.readline() == b"True\n"
+        finally:
+            console.kill()

@@ -200,8 +200,6 @@ class UrLink:
         self._state: tuple[float, ...] | None = None
         self._identity: tuple[str, str] | None = None
         self._spindle_ordered = 0.0
-        self._feels = False
-        self._sensor: str | None = None
         self._receive = _Child("receive", host, 1.0 / period_s)
         self._arm = _Child("control", "arm", host, period_s, settings.lookahead_s, settings.gain, settings.watchdog_hz)
         self._spindle = _Child("control", "spindle", host, settings.spindle_output)
@@ -232,17 +230,13 @@ class UrLink:
         q, pose, force, modes = values[:6], values[6:12], values[12:18], values[18:]
         place_mm = [1e3 * v for v in pose[:3]]
         # an arm without a sensor says zeros, and so does a sensor that has failed
-        runs = modes[:2] == [1, 2]
-        if self._feels and not any(force) and runs:
-            self._sensor = "the force sensor says zeros"
-        self._feels = any(force)
-        measured = force[:3] if self._feels else None
+        measured = force[:3] if any(force) else None
         return (time.monotonic() - received, clock_s, q, (place_mm, pose[3:]), measured, *modes)
 
     def fault(self) -> str | None:
-        """What is wrong with an order, its process or the force sensor. Both processes are listened to, whatever one of them says."""
+        """What is wrong with an order or its process. Both processes are listened to, whatever one of them says."""
         arm, spindle = self._arm.heed(), self._spindle.heed()
-        return arm or spindle or self._sensor
+        return arm or spindle
 
     def order(self, what: str, values: list[float]) -> None:
         if what == "spindle":
@@ -272,33 +266,58 @@ class UrLink:
         self._receive.end(_ENDS_S)
 
 
+class _Screen:
+    """Standard error, never waited for: a terminal that was halted (Ctrl-S) or a reader that sleeps gets its lines later."""
+
+    def __init__(self) -> None:
+        self._lines: list[bytes] = []
+
+    def show(self, text: str) -> None:
+        self._lines.append(f"{text}\n".encode())
+        self.catch_up()
+
+    def catch_up(self) -> None:
+        """Shows what it takes now."""
+        while self._lines and select.select([], [2], [], 0.0)[1]:
+            # a pipe that can be written to takes so much in one piece
+            piece, rest = self._lines[0][: select.PIPE_BUF], self._lines[0][select.PIPE_BUF :]
+            os.write(2, piece)
+            self._lines[:1] = [rest] if rest else []
+
+
 class Console:
     """Tells on standard error and asks on the terminal; ``yes`` answers every question."""
 
     def __init__(self, *, yes: bool = False) -> None:
-        self._yes, self._asked, self._text = yes, False, ""
+        self._yes, self._asked, self._typed = yes, False, b""
+        self._screen = _Screen()
 
     def tell(self, text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
+        self._screen.show(text)
 
     def ask(self, text: str) -> None:
-        self._asked = True
+        self._asked, self._typed = True, b""
         if not self._yes and sys.stdin.isatty():
             # what was typed before the question is no answer to it
             termios.tcflush(sys.stdin, termios.TCIFLUSH)
-        print(f"{text} [{'yes' if self._yes else 'y/N'}]", file=sys.stderr, flush=True)
+        self._screen.show(f"{text} [{'yes' if self._yes else 'y/N'}]")
 
     def answer(self) -> bool | None:
+        self._screen.catch_up()
         if not self._asked:
             return None
         if self._yes:
             self._asked = False
             return True
-        readable, _, _ = select.select([sys.stdin], [], [], 0.0)
-        if not readable:
+        if not select.select([0], [], [], 0.0)[0]:
+            return None
+        piece = os.read(0, 1 << 10)
+        self._typed += piece
+        # the whole line, or all that there will be
+        if piece and b"\n" not in self._typed:
             return None
         self._asked = False
-        return sys.stdin.readline().strip().lower() in ("y", "yes")
+        return self._typed.split(b"\n")[0].strip().lower() in (b"y", b"yes")
 
 
 class _Heard:
@@ -320,7 +339,7 @@ def _signals(heard: _Heard) -> Iterator[None]:
         heard.signals.append(number)
         # answers whatever the run is waiting for; a handler may not use buffered files
         with suppress(OSError):
-            os.write(2, f"{signal.Signals(number).name}: the arm is being stopped\n".encode())
+            _Screen().show(f"{signal.Signals(number).name}: the arm is being stopped")
 
     if threading.current_thread() is not threading.main_thread():
         yield

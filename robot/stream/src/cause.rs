@@ -30,6 +30,8 @@ pub enum Cause {
     },
     /// The state holds something that no arm says.
     Nonsense(&'static str),
+    /// The force sensor no longer says anything.
+    SensorLost,
     /// The burr is beside its path, mm.
     OffPath {
         /// By how much, mm.
@@ -104,6 +106,9 @@ impl fmt::Display for Cause {
                 write!(f, "the arm's state is {:.0} ms old: connection or controller lost", 1e3 * age_s)
             }
             Self::Nonsense(what) => write!(f, "the arm's state makes no sense: {what}"),
+            Self::SensorLost => {
+                f.write_str("the force sensor has fallen silent: it says zeros, as an arm without one does")
+            }
             Self::OffPath { off_mm, most_mm } => {
                 write!(
                     f,

@@ -36,7 +36,7 @@ pub use cause::{Cause, Event, Outcome, Question};
 pub use drive::{Operator, drive};
 pub use error::StreamError;
 pub use link::{ArmLink, ArmState, Clock, Identity, Joints, LinkFault, Order, PLAYING, SAFETY_NORMAL};
-pub use log::{Log, LogWriter};
+pub use log::{Aside, Log, LogWriter};
 pub use plan::{Hold, Near, Standing, StreamInput, StreamPlan, StructureKept, WaypointNear};
 pub use session::{Seen, Session, Step};
 pub use settings::{Settings, Timing};

@@ -33,7 +33,7 @@ pub struct ArmState {
     pub q: Joints,
     /// Where the controller itself has the tool centre point in its base: mm, and the rotation vector, rad.
     pub tool_pose: ([f64; 3], [f64; 3]),
-    /// Force on the tool in base, N; none without a sensor.
+    /// Force on the tool in base, N; none without a sensor, and from one that has fallen silent.
     pub force_n: Option<Vector3<f64>>,
     /// [`SAFETY_NORMAL`], or what stopped the arm.
     pub safety_mode: i32,

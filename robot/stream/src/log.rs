@@ -4,12 +4,16 @@
 //! that was cut off is left out, damage anywhere else is an error. Times are s on the PC's clock since the log began, joints rad,
 //! forces N in base.
 
+mod aside;
+
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
 use crate::error::StreamError;
 use crate::link::Joints;
 use crate::session::{Seen, Session, Step};
+
+pub use aside::Aside;
 
 /// First words of a log.
 const HEAD: &str = "bonemill-run,1";

@@ -23,6 +23,8 @@ pub struct Watch {
     /// Least of PC's clock minus controller's clock, s, and when that was brought up to date.
     offset: Option<(f64, f64)>,
     restarted: bool,
+    /// Whether a state has ever had a force.
+    felt: bool,
 }
 
 /// Where the arm is beside its track.
@@ -55,6 +57,7 @@ impl Watch {
                 (drifted_s.min(apart_s), state.received_s)
             }
         });
+        self.felt |= state.force_n.is_some();
         self.newest = Some(*state);
         true
     }
@@ -99,6 +102,12 @@ impl Watch {
             return None;
         };
         Some(Cause::Nonsense(said))
+    }
+
+    /// A force sensor that was there and is not.
+    pub fn sensor_lost(&self) -> Option<Cause> {
+        let is_silent = self.newest.as_ref()?.force_n.is_none();
+        (self.felt && is_silent).then_some(Cause::SensorLost)
     }
 
     /// Where the arm is beside the piece of track that it may be on, and what is too far there.

@@ -59,7 +59,8 @@ struct Obedient {
     orders: Vec<(f64, Order)>,
     /// Rows after which the loop is held up for so many s, once.
     stall: Option<(usize, f64)>,
-    force_n: fn(usize) -> Vector3<f64>,
+    /// What its sensor says after so many orders.
+    force_n: fn(usize) -> Option<Vector3<f64>>,
     /// From so many orders on, its client takes no more.
     deaf_after: usize,
 }
@@ -79,14 +80,7 @@ impl Obedient {
             speed_fraction: 1.0,
             payload_kg: 1.0,
         };
-        Self {
-            now_s: 0.0,
-            state,
-            orders: vec![],
-            stall: None,
-            force_n: |_| Vector3::zeros(),
-            deaf_after: usize::MAX,
-        }
+        Self { now_s: 0.0, state, orders: vec![], stall: None, force_n: |_| None, deaf_after: usize::MAX }
     }
 
     fn targets(&self) -> Vec<Joints> {
@@ -112,8 +106,7 @@ impl ArmLink for End<'_, '_> {
         let mut arm = self.0.borrow_mut();
         let (now_s, sent) = (arm.now_s, arm.orders.len());
         let force_n = (arm.force_n)(sent);
-        arm.state =
-            ArmState { received_s: now_s, controller_s: 50.0 + now_s, force_n: Some(force_n), ..arm.state };
+        arm.state = ArmState { received_s: now_s, controller_s: 50.0 + now_s, force_n, ..arm.state };
         Some(arm.state)
     }
 
@@ -288,16 +281,28 @@ fn more_force_toward_a_structure_than_predicted_holds() {
     let plan = plan();
     let mut arm = Obedient::at(&plan, plan.track.q()[0]);
     // 3 N of the sensor's own from the start, 8 N more for a while
-    arm.force_n = |sent| Vector3::new(if (300..340).contains(&sent) { 11.0 } else { 3.0 }, 0.0, 0.0);
+    arm.force_n = |sent| Some(Vector3::new(if (300..340).contains(&sent) { 11.0 } else { 3.0 }, 0.0, 0.0));
     let mut user = User::default();
     assert_eq!(arm.run(&plan, &mut user).cause, None);
     let held = user.heard.iter().any(|said| said.starts_with("hold: 8.0 N toward nerve, predicted 0.5 N"));
     assert!(held, "{:?}", user.heard);
     arm = Obedient::at(&plan, plan.track.q()[0]);
-    arm.force_n = |_| Vector3::new(3.0, 0.0, 0.0);
+    arm.force_n = |_| Some(Vector3::new(3.0, 0.0, 0.0));
     let mut user = User::default();
     arm.run(&plan, &mut user);
     assert!(!user.heard.iter().any(|said| said.starts_with("hold")), "the sensor's zero is no force");
+}
+
+#[test]
+fn a_force_sensor_that_falls_silent_stops_the_arm_along_its_path() {
+    let plan = plan();
+    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+    arm.force_n = |sent| (sent < 300).then(|| Vector3::new(3.0, 0.0, 0.0));
+    let outcome = arm.run(&plan, &mut User::default());
+    assert_eq!(outcome.cause, Some(Cause::SensorLost));
+    assert!(outcome.at_rest && outcome.is_off && outcome.farthest_off_mm < 0.01, "{outcome}");
+    let targets = arm.targets().len();
+    assert!((300..500).contains(&targets), "slowed down over targets, not stopped between two: {targets}");
 }
 
 #[test]

@@ -273,7 +273,8 @@ impl<'a> Session<'a> {
                 return Some((cause, true));
             }
         }
-        let stop = seen.stop.clone().filter(|_| self.cause.is_none());
+        let lost = || self.watch.sensor_lost().filter(|_| moving);
+        let stop = seen.stop.clone().or_else(lost).filter(|_| self.cause.is_none());
         stop.map(|cause| (cause, !moving))
     }
 
@@ -281,7 +282,13 @@ impl<'a> Session<'a> {
     fn find_the_reason(&mut self) {
         let follows = matches!(
             self.cause,
-            Some(Cause::Link(_) | Cause::OffPath { .. } | Cause::AxisOff { .. } | Cause::JointOff { .. })
+            Some(
+                Cause::Link(_)
+                    | Cause::SensorLost
+                    | Cause::OffPath { .. }
+                    | Cause::AxisOff { .. }
+                    | Cause::JointOff { .. }
+            )
         );
         let reason = self.watch.stopped_itself();
         if follows && matches!(reason, Some(Cause::SafetyMode(_) | Cause::Restarted)) {
