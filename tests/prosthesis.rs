@@ -6,6 +6,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use bonemill_geometry::Point;
 use bonemill_planner::part::phantom::Operculum;
 use bonemill_planner::plan::columns::prosthesis::DESCRIBED;
 use bonemill_planner::prosthesis::phantom;
@@ -116,6 +117,7 @@ fn a_job_becomes_a_folder_that_verifies_and_takes_its_block() {
         ("process.spindle_rpm", "default; C Table 4"),
         ("stock.gap_mm.x", "default"),
     ] {
+        let key = key.replace('.', ".<wbr>").replace('_', "_<wbr>");
         let (_, row) = choices.split_once(&format!("<code>{key}</code>")).unwrap_or_else(|| panic!("{key}"));
         assert!(row.split_once("</tr>").unwrap().0.contains(origin), "{key}");
     }
@@ -129,6 +131,41 @@ fn a_job_becomes_a_folder_that_verifies_and_takes_its_block() {
     assert_eq!(again.status.code(), Some(2));
     assert!(said(&again).contains("no block in stock holds"), "{}", said(&again));
     assert!(!folder.path().join("other").exists());
+}
+
+#[test]
+fn a_part_is_moved_in_a_thick_block_where_the_cutter_reaches_more_from_there() {
+    let folder = tempfile::tempdir().unwrap();
+    // much higher outside than inside: from the middle of the block the outside's rim lies deeper than the inside's crest
+    let shape = Operculum {
+        outer_radius_mm: [12.0; 2],
+        inner_radius_mm: [100.0; 2],
+        outer_length_mm: [16.0; 2],
+        inner_length_mm: [17.0; 2],
+        thickness_mm: 4.0,
+        ..Operculum::drawn(3)
+    };
+    let job = phantom::write(folder.path(), &shape, 1200).unwrap();
+    let text = fs::read_to_string(&job).unwrap();
+    let offset_mm = |length_mm: f64, code: i32| -> f64 {
+        let more = format!(
+            "[stock]\nblocks = [{{ id = \"T\", size_mm = [40, 30, 50], count = 1 }}]\n[tool]\ndiameter_mm = 4\nkind = \"flat\"\nlength_mm = {length_mm}\n\
+             [process]\nfinishing_step_mm = 0.3\n"
+        );
+        fs::write(&job, format!("{text}{more}")).unwrap();
+        let made = bonemill(folder.path(), "prosthesis job.toml --out out");
+        assert_eq!(made.status.code(), Some(code), "{length_mm} mm: {}", said(&made));
+        assert_eq!(bonemill(folder.path(), "verify out").status.code(), Some(code), "{length_mm} mm");
+        let shown = ShownProsthesis::read(&folder.path().join("out"), &()).unwrap();
+        let y =
+            |least: f64, of: fn(f64, f64) -> f64| shown.part.vertices.iter().map(Point::y).fold(least, of);
+        0.5 * (y(f64::INFINITY, f64::min) + y(f64::NEG_INFINITY, f64::max))
+    };
+    // a long cutter reaches from the middle, a shorter one from elsewhere, one that is too short from nowhere
+    assert!(offset_mm(20.0, 0).abs() < 1e-3);
+    let moved_mm = offset_mm(15.6, 0).abs();
+    assert!((1.0..2.5).contains(&moved_mm), "moved by {moved_mm} mm");
+    offset_mm(12.0, 1);
 }
 
 #[test]

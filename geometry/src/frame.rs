@@ -37,8 +37,8 @@ frames! {
     Tool = "tool",
     /// A part to be machined, as its file gives it, in mm.
     Part = "part",
-    /// The block that a part is machined from: origin at the centre of the part's bounding box, x along its longest side and the
-    /// rotary axis, y across its thickness with side A toward +y, z the third side; the block is gripped at its lower end in z.
+    /// The block that a part is machined from: origin in the block's middle in x and y and as high as the part's middle, x along the part's
+    /// longest side and the rotary axis, y across its thickness with side A toward +y, z the third side; the block is gripped at its lower end in z.
     Block = "block",
 }
 

@@ -24,6 +24,8 @@ use pyo3::prelude::*;
 use crate::apart;
 use crate::errors::{self, StreamError, words};
 
+/// Steps of a rehearsal between two looks for signals.
+const LOOK_FOR_SIGNALS: u32 = 100;
 /// How often the plan's files are looked at for changes.
 const LOOK_AT_FILES: Duration = Duration::from_millis(500);
 
@@ -132,18 +134,24 @@ impl StreamPlan {
         let mut log = log.map(|path| self.log(&path, Aside::new)).transpose()?;
         let mut clock = PcClock { py, began: Instant::now() };
         let mut link = PyLink { py, link, began: clock.began, failed: None };
-        let watched = FileWatch::new(&self.dir);
+        let watched = FileWatch::new(&self.dir)?;
         let mut operator = PyOperator { py, operator, watched, stopped: false, failed: None };
         let mut session = Session::new(&self.plan, start_row, clock.now_s());
         let outcome = drive(&mut session, &mut link, &mut clock, &mut operator, log.as_mut());
-        operator.failed.map_or_else(|| Ok(ended(&outcome)), Err)
+        let mut ended = ended(&outcome);
+        let written = py.detach(|| log.map_or(Ok(()), |log| log.into_inner().finish()));
+        if let (None, Err(error)) = (&ended.0, written) {
+            ended.0 = Some(format!("{outcome}\n  the log's end was not written: {error}"));
+        }
+        operator.failed.map_or_else(|| Ok(ended), Err)
     }
 
     /// The whole run on a simulated arm in simulated time.
     fn rehearse(&self, py: Python<'_>, seed: u64, log: Option<PathBuf>) -> PyResult<Ended> {
         let mut log = log.map(|path| self.log(&path, Ok)).transpose()?;
-        let outcome = py.detach(|| rehearse(&self.plan, 0.0, seed, &mut Yes(false), log.as_mut()));
-        Ok(ended(&outcome))
+        let mut user = Rehearsing::default();
+        let outcome = py.detach(|| rehearse(&self.plan, 0.0, seed, &mut user, log.as_mut()));
+        user.raised.map_or_else(|| Ok(ended(&outcome)), Err)
     }
 }
 
@@ -373,12 +381,12 @@ struct FileWatch {
 }
 
 impl FileWatch {
-    fn new(dir: &Path) -> Self {
+    fn new(dir: &Path) -> PyResult<Self> {
         let names = ["plan.toml", "trajectory.csv", "waypoints.csv", "forces.csv", "robot.urdf"];
         let files = names.map(|name| dir.join(name)).map(|path| (path.clone(), stamp(&path)));
         let (found, changed) = mpsc::channel();
         let (wanted, is_wanted) = mpsc::channel::<()>();
-        thread::spawn(move || {
+        thread::Builder::new().name("files".to_owned()).spawn(move || {
             while is_wanted.recv_timeout(LOOK_AT_FILES) == Err(RecvTimeoutError::Timeout) {
                 if let Some((path, _)) = files.iter().find(|(path, before)| stamp(path) != *before) {
                     // nobody listens once the run is over
@@ -386,8 +394,8 @@ impl FileWatch {
                     return;
                 }
             }
-        });
-        Self { changed, _wanted: wanted }
+        })?;
+        Ok(Self { changed, _wanted: wanted })
     }
 
     /// The first file that was seen to be another.
@@ -401,21 +409,30 @@ fn stamp(path: &Path) -> Option<(u64, SystemTime)> {
     Some((found.len(), found.modified().ok()?))
 }
 
-/// Says yes to everything.
-struct Yes(bool);
+/// Says yes to everything, and stops for a signal.
+#[derive(Default)]
+struct Rehearsing {
+    asked: bool,
+    steps: u32,
+    raised: Option<PyErr>,
+}
 
-impl Operator for Yes {
+impl Operator for Rehearsing {
     fn tell(&mut self, _: &Event) {}
 
     fn ask(&mut self, _: &Question) {
-        self.0 = true;
+        self.asked = true;
     }
 
     fn answer(&mut self) -> Option<bool> {
-        std::mem::take(&mut self.0).then_some(true)
+        std::mem::take(&mut self.asked).then_some(true)
     }
 
     fn stop(&mut self) -> Option<Cause> {
-        None
+        self.steps += 1;
+        if self.raised.is_none() && self.steps.is_multiple_of(LOOK_FOR_SIGNALS) {
+            self.raised = Python::attach(|py| py.check_signals()).err();
+        }
+        self.raised.as_ref().map(|_| Cause::Interrupted)
     }
 }

@@ -204,7 +204,9 @@ START = {f"start {mm:g} mm off": mm for mm in (0.1, 0.5, 1.6, 5.0)}
 
 
 def prefer() -> None:
-    """Real-time priority for this process and its children where the system allows it: other programs share the cores."""
+    """Real-time priority for this process and its children where the system allows it: other programs share the cores. They hear Ctrl-C,
+    though this process was started in the background."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20))
     except (PermissionError, AttributeError):
@@ -311,8 +313,8 @@ class Run:
         try:
             code = self.process.wait(ENDS_S)
         except subprocess.TimeoutExpired:
+            out.resumed = f"hung: {self.words('resumed')}"
             self.process.kill()
-            out.resumed = "hung"
             return
         record, _ = self.double.call("rest")
         burr = burr_mm(record[record[:, 7] > before][:, 1:7]) if len(record) else []

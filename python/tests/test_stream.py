@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -277,13 +278,19 @@ from bonemill.stream import Console
 console = Console()
 for n in range(20_000):
     console.tell(f"line {n}")
-print("told", flush=True)
 console.ask("Is the way free?")
+ends = time.monotonic() + 0.3
+early = [console.answer() for _ in iter(lambda: time.monotonic() < ends, False)]
+print("told", set(early), flush=True)
 polls = 0
-while (answer := console.answer()) is None or console._screen._lines:
+while (answer := console.answer()) is None:
     polls += 1
     time.sleep(0.001)
-print(polls > 50, flush=True)
+print(answer, polls > 50, flush=True)
+console.ask("Go on?")
+while (answer := console.answer()) is None:
+    time.sleep(0.001)
+print(answer, flush=True)
 """
 
 
@@ -292,16 +299,44 @@ def test_a_terminal_that_is_halted_or_says_half_a_word_is_not_waited_for() -> No
     with subprocess.Popen([sys.executable, "-c", TELLS], **pipes) as console:
         assert console.stdin and console.stdout and console.stderr
         try:
-            # nobody has read a line of it yet, and a pipe holds a fraction of them
-            assert console.stdout.readline() == b"told\n"
+            # nobody has read a line of it yet, and a pipe holds a fraction of them: a question that nobody sees has no answer
             console.stdin.write(b"ye")
             console.stdin.flush()
+            assert console.stdout.readline() == b"told {None}\n"
             lines = [console.stderr.readline() for _ in range(20_001)]
             assert lines[:20_000] == [f"line {n}\n".encode() for n in range(20_000)] and lines[-1].startswith(b"Is the way free?")
             time.sleep(0.2)
             assert console.poll() is None, "half a word was taken for an answer"
-            console.stdin.write(b"s\n")
+            console.stdin.write(b"s\ny\n")
             console.stdin.flush()
-            assert console.stdout.readline() == b"True\n"
+            assert [console.stdout.readline() for _ in range(2)] == [b"True True\n", b"True\n"]
         finally:
             console.kill()
+
+
+HEARS = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+from bonemill.__main__ import main
+code = main(["stream", "nowhere", "--host", "none"])
+print(code, signal.getsignal(signal.SIGINT) is signal.default_int_handler)
+"""
+
+
+def test_ctrl_c_is_heard_by_a_command_that_was_started_in_the_background() -> None:
+    done = subprocess.run([sys.executable, "-c", HEARS], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "2 True\n", done.stderr
+
+
+def test_a_rehearsal_hears_ctrl_c(judged: Path, tmp_path: Path) -> None:
+    call = [sys.executable, "-m", "bonemill", "stream", str(judged), "--rehearse", "--slow", "--payload-kg", "1", "--log", "/dev/full"]
+    told = subprocess.run(call, capture_output=True, text=True, timeout=60)
+    assert told.returncode == 1 and "cannot write the log" in told.stderr
+    log = tmp_path / "rehearsal.run"
+    with subprocess.Popen([*call[:-1], str(log)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as rehearsal:
+        ends = time.monotonic() + 30.0
+        while (not log.exists() or log.stat().st_size < 4000) and time.monotonic() < ends:
+            time.sleep(0.002)
+        rehearsal.send_signal(signal.SIGINT)
+        _, said = rehearsal.communicate(timeout=10)
+    assert rehearsal.returncode == 130 and "stopped by the user" in said, said

@@ -21,8 +21,8 @@ impl Tool {
 
 /// How far a part is to be moved along y so that the cutter reaches from each side what faces it, mm; `gap_mm` of the block stays beside the part.
 ///
-/// 0 where it reaches all from where the part is; where no place will do, to where both sides lack the same, as far as the gap lets it. A facet that another one hides counts, a wall does not: whether the place is better
-/// is for the proof to say.
+/// 0 where it reaches all from where the part is; where no place will do, to where both sides lack the same, as far as the gap lets it. A facet
+/// that another one hides counts, a wall does not: whether the place is better is for the proof to say.
 pub fn shift_to_reach_mm(part: &Mesh<BlockFrame>, job: &Job, gap_mm: f64) -> f64 {
     // the depths below the block's tops of the front's lowest and the back's highest place, and the room beside the part
     let (top_mm, bottom_mm) = (job.block.high_mm.y, job.block.low_mm.y);

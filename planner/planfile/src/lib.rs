@@ -19,6 +19,7 @@ mod gaps;
 mod hash;
 mod holds;
 mod inputs;
+pub mod page;
 mod plunge;
 mod record;
 mod stored;

@@ -35,6 +35,3 @@ pub use save::save;
 
 /// Deepest cut into the part that a plan may have, mm.
 pub const MOST_GOUGE_MM: f64 = bonemill_machining::GOUGE_TOLERANCE_MM;
-
-/// What finishing may leave beyond the step that was asked for, mm: chords, rounding and the samples of the proof.
-pub const UNCUT_TOLERANCE_MM: f64 = 0.02;

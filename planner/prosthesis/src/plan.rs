@@ -13,7 +13,10 @@ use bonemill_proof::deviation::FARTHEST_MM;
 use bonemill_proof::{Proof, ProofJob};
 
 use crate::block::{self, TakenBlock};
-use crate::{MOST_GOUGE_MM, Placing, ProsthesisError, RobotMotion, UNCUT_TOLERANCE_MM, robot, settings};
+use crate::{MOST_GOUGE_MM, Placing, ProsthesisError, RobotMotion, robot, settings};
+
+/// What finishing may leave beyond the step that was asked for, mm: chords, rounding and the samples of the proof.
+const UNCUT_TOLERANCE_MM: f64 = 0.02;
 
 /// Everything about a prosthesis that was planned.
 #[derive(Debug)]
@@ -71,10 +74,8 @@ pub fn plan(
     let taken = block::take(job, folder, &placing.chosen.size_mm)?;
     let block = block::around(job, &taken.mounted, &placing.chosen.size_mm);
     let machining_job = settings::machining(job, block);
-    let failed =
-        |source| ProsthesisError::Machining { block: taken.mounted.id.clone(), source: Box::new(source) };
-    let mill = |laid: &Laid| Milled::of(job, &solid, laid, &machining_job, progress);
-    let mut milled = mill(&placing.chosen).map_err(failed)??;
+    let mill = Mill { job, solid: &solid, machining_job: &machining_job, block: &taken.mounted.id, progress };
+    let mut milled = mill.at(&placing.chosen)?;
     if milled.proof.thickest_uncut_mm > job.process.finishing_step_mm {
         let mut moved = placing.chosen.clone();
         let shift_mm =
@@ -82,7 +83,7 @@ pub fn plan(
         moved.block_from_part.translation_mm.y += shift_mm;
         // the better of the two by what the proof finds
         if shift_mm != 0.0
-            && let Ok(Ok(other)) = mill(&moved)
+            && let Ok(other) = mill.at(&moved)
             && other.proof.thickest_uncut_mm < milled.proof.thickest_uncut_mm
         {
             milled = other;
@@ -93,7 +94,9 @@ pub fn plan(
         MachineKind::FiveAxis => (None, None),
         MachineKind::Ur(model) => {
             progress.stage("move arm");
-            match robot::motion(model, job.machine.on_flange, &block, &machining.moves).map_err(failed)? {
+            match robot::motion(model, job.machine.on_flange, &block, &machining.moves)
+                .map_err(|source| mill.failed(source))?
+            {
                 Ok(motion) => (Some(motion), None),
                 Err(reason) => (None, Some(reason)),
             }
@@ -132,27 +135,32 @@ struct Milled {
     proof: Proof,
 }
 
-impl Milled {
-    /// Toolpath, program and proof. The outer error is the toolpath's.
-    fn of(
-        job: &ProsthesisJob,
-        solid: &Solid,
-        laid: &Laid,
-        machining_job: &Job,
-        progress: &dyn Progress,
-    ) -> Result<Result<Self, ProsthesisError>, MachiningError> {
+/// What mills a part, wherever it lies in its block.
+struct Mill<'a> {
+    job: &'a ProsthesisJob,
+    solid: &'a Solid,
+    machining_job: &'a Job,
+    block: &'a str,
+    progress: &'a dyn Progress,
+}
+
+impl Mill<'_> {
+    /// Toolpath, program and proof of the part laid like this.
+    fn at(&self, laid: &Laid) -> Result<Milled, ProsthesisError> {
+        let Self { job, machining_job, progress, .. } = *self;
         progress.stage("plan toolpath");
-        let part = laid_part(solid, laid);
-        let machining = bonemill_machining::plan(&part, machining_job)?;
+        let part = laid_part(self.solid, laid);
+        let machining = bonemill_machining::plan(&part, machining_job).map_err(|e| self.failed(e))?;
         progress.stage("write program");
         let program = bonemill_program::write(&machining.moves, job.process.spindle_rpm);
         progress.stage("prove program");
         let proof_job = settings::proof(job, &machining_job.block, machining.tab_box);
-        let proof = bonemill_proof::prove(&program, &part, &proof_job);
-        let block_from_part = laid.block_from_part;
-        Ok(proof
-            .map(|proof| Self { block_from_part, part, machining, program, proof_job, proof })
-            .map_err(Into::into))
+        let proof = bonemill_proof::prove(&program, &part, &proof_job)?;
+        Ok(Milled { block_from_part: laid.block_from_part, part, machining, program, proof_job, proof })
+    }
+
+    fn failed(&self, source: MachiningError) -> ProsthesisError {
+        ProsthesisError::Machining { block: self.block.to_owned(), source: Box::new(source) }
     }
 }
 

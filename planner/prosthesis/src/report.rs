@@ -1,31 +1,24 @@
 //! `report.html` of a prosthesis: which block to mount and how, pictures of part, toolpath and deviation, figures, the resolved job.
-//!
-//! One file that needs no network; nothing in it depends on when or where it was made.
 
 pub(crate) mod pictures;
 
 use std::fmt::Write;
 
+use bonemill_case::explained_job;
 use bonemill_case::prosthesis::MachineKind;
-use bonemill_case::{Parameter, explained_job};
 use bonemill_machining::strip::{FORCE_N_MM2, SHEAR_N_MM2, StripStrength};
 use bonemill_part::orient::Laid;
+use bonemill_planfile::page::{escape, opening, parameters, verdict};
 use bonemill_planfile::{ReportPart, Value};
 
 use crate::{JobRecord, ProsthesisPlan, RobotMotion};
 
-const STYLE: &str = include_str!("report/style.css");
+const MEETS: &str = "The program makes the part: it was read back and cut out of the block.";
 
 /// The whole page.
 pub(crate) fn html(plan: &ProsthesisPlan, record: &JobRecord) -> String {
-    let mut page = format!(
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>Prosthesis</title>\
-         <style>{STYLE}</style></head><body><main><h1>Prosthesis</h1>\
-         <p class=\"note\">bonemill {}. Research software: not a medical device, not for use on patients.</p>",
-        env!("CARGO_PKG_VERSION")
-    );
-    page += &verdict(record);
+    let mut page = opening("Prosthesis", "");
+    page += &verdict(MEETS, &record.shortfalls, &record.warnings);
     page += &cards(plan);
     page += &instructions(plan, record);
     page += &ReportPart::Verification.marks().concat();
@@ -41,27 +34,14 @@ pub(crate) fn html(plan: &ProsthesisPlan, record: &JobRecord) -> String {
     page += "<h2>Figures</h2>";
     page += &figures(record);
     page += "<h2>Choices</h2>";
-    page += &choices(record);
+    page += "<p>How the part is laid, which block was chosen and what holds the part stand above.</p>";
+    page += &parameters(&explained_job(&record.job), "C: Castelli et al. 2020");
     let _ = write!(
         page,
         "<h2>Job, with every default</h2><details><summary>show</summary><pre>{}</pre></details></main></body></html>",
         escape(&record.job.to_toml())
     );
     page
-}
-
-fn verdict(record: &JobRecord) -> String {
-    let mut text = if record.shortfalls.is_empty() {
-        "<p class=\"verdict good\">The program makes the part: it was read back and cut out of the block.</p>"
-            .to_owned()
-    } else {
-        let reasons: String = record.shortfalls.iter().map(|r| format!("<li>{}</li>", escape(r))).collect();
-        format!("<div class=\"verdict bad\">The plan falls short:<ul>{reasons}</ul></div>")
-    };
-    for warning in &record.warnings {
-        let _ = write!(text, "<p class=\"verdict warn\">Warning: {}</p>", escape(warning));
-    }
-    text
 }
 
 fn cards(plan: &ProsthesisPlan) -> String {
@@ -187,20 +167,6 @@ fn orientation(plan: &ProsthesisPlan) -> String {
     )
 }
 
-/// Every key of the job with its value, its meaning and where the value comes from.
-fn choices(record: &JobRecord) -> String {
-    let row = |p: &Parameter| {
-        let cells =
-            [p.meaning, &p.origin.to_string()].map(|text| format!("<td>{}</td>", escape(text))).concat();
-        format!("<tr><th><code>{}</code></th><td><code>{}</code></td>{cells}</tr>", p.key, escape(&p.value))
-    };
-    let rows: String = explained_job(&record.job).iter().map(row).collect();
-    format!(
-        "<p>C: Castelli et al. 2020. How the part is laid, which block was chosen and what holds the part stand above.</p><div class=\"wide\"><table class=\"words\">\
-         <thead><tr><th>key</th><th>value</th><th>meaning</th><th>origin</th></tr></thead><tbody>{rows}</tbody></table></div>"
-    )
-}
-
 fn figures(record: &JobRecord) -> String {
     let rows = record.metrics.iter().map(|(name, value)| {
         let value = short(value);
@@ -217,9 +183,4 @@ fn short(value: &Value) -> String {
         Value::List(items) => items.iter().map(short).collect::<Vec<_>>().join(", "),
         other => other.to_toml("").unwrap_or_default(),
     }
-}
-
-/// Text inside HTML.
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

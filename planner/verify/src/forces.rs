@@ -20,7 +20,8 @@ const SUM_SHARE: f64 = 1e-9;
 /// A burr whose surface is within this distance of a structure is near it, mm.
 const NEAR_MM: f64 = 2.0;
 
-/// The figures may leave out a structure that is farther from the burr's surface than the burr's radius, the largest clearance and this, mm.
+/// The figures may leave out a structure that is farther from the burr's surface than the burr's radius, the largest clearance and this, mm. The
+/// planner has the same rule and its own figure for it: a check shares nothing with what it checks.
 const FAR_MM: f64 = 12.0;
 
 /// Deviations of a row from the correct values.

@@ -6,6 +6,8 @@ Exit code 0: done; 1: stopped, with the reason; 2: bad input; 130: stopped by th
 from __future__ import annotations
 
 import argparse
+import os
+import signal
 import sys
 import time
 from pathlib import Path
@@ -40,7 +42,17 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _prepare() -> None:
+    """Ctrl-C is heard although the command was started in the background, and what is opened later is none of the three streams."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+
+
 def main(arguments: list[str] | None = None) -> int:
+    _prepare()
     parser = _parser()
     asked = parser.parse_args(arguments)
     if asked.host is None and not asked.rehearse:
@@ -65,10 +77,12 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print(f"error: {_BY_USER}; nothing was moved", file=sys.stderr)
-        return 130
+        return _nothing_moved()
     print(f"{streaming.rows} rows, {streaming.duration_s:.1f} s; begins at row {start_row:.0f}")
-    print("\n".join(streaming.bound_lines()), flush=True)
+    try:
+        print("\n".join(streaming.bound_lines()), flush=True)
+    except KeyboardInterrupt:
+        return _nothing_moved()
     if asked.dry_run:
         return 0
     log = asked.log or f"{Path(asked.plan).resolve().name}-{time.strftime('%Y%m%d-%H%M%S')}.run"
@@ -81,7 +95,15 @@ def main(arguments: list[str] | None = None) -> int:
     except StreamError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        # a run notes it and stops the arm in order: what is left is a rehearsal, and the time before the first order
+        return _nothing_moved()
     return _tell(report, log)
+
+
+def _nothing_moved() -> int:
+    print(f"error: {_BY_USER}; nothing was moved", file=sys.stderr)
+    return 130
 
 
 def _tell(report: Report, log: str) -> int:

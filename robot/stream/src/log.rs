@@ -1,4 +1,4 @@
-//! The log of a run: lines that survive a kill. Written to what it is handed, read back from text.
+//! The log of a run: lines that survive a kill as far as the writer has them. Written to what it is handed, read back from text.
 //!
 //! The first line names the plan, then one line a logged step or event; each ends in the CRC-32 of what stands before it. A last line
 //! that was cut off is left out, damage anywhere else is an error. Times are s on the PC's clock since the log began, joints rad,
@@ -45,6 +45,11 @@ impl<W: Write> LogWriter<W> {
         log.line(&format!("{HEAD},{digest},{rows},{period_s:?}"))?;
         log.line(&format!("C,{COLUMNS}"))?;
         Ok(log)
+    }
+
+    /// What it writes to.
+    pub fn into_inner(self) -> W {
+        self.out
     }
 
     fn line(&mut self, text: &str) -> io::Result<()> {

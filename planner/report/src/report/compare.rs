@@ -3,28 +3,23 @@
 use std::fmt::Write;
 
 use bonemill_planfile::StoredPlan;
+use bonemill_planfile::page::opening;
 use bonemill_verify::Short;
 
-use super::{STYLE, escape};
+use super::escape;
 use crate::compare::{Comparison, Figure, Group, Pair};
 
 /// The page; `names`: names of the plans.
 pub fn page(comparison: &Comparison, names: [&str; 2], plans: [&StoredPlan; 2]) -> String {
     let [a, b] = names.map(escape);
-    let mut page = format!(
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>Two milling plans</title>\
-         <style>{STYLE}</style></head><body><main><h1>Two milling plans</h1>\
-         <p class=\"note\">bonemill {}. First: {a}. Second: {b}. Research software: not a medical device, not for use on patients.</p>",
-        env!("CARGO_PKG_VERSION")
-    );
+    let mut page = opening("Two milling plans", &format!("First: {a}. Second: {b}. "));
     if !comparison.inputs.is_empty() {
         page += "<p class=\"verdict warn\">The plans were made from different images or arms: places and volumes compare only \
                  where these share one frame.</p>";
     }
     page += "<h2>Where the cases differ</h2>";
     page += &texts(&comparison.case, "The cases say the same.");
-    page += "<h2>BetweenPlans the paths</h2><p class=\"note\">Places every 0.25 mm along the cuts of each plan, against the nearest place \
+    page += "<h2>Between the paths</h2><p class=\"note\">Places every 0.25 mm along the cuts of each plan, against the nearest place \
              on the other's. Swept: voxels of the common planning grid whose centres the burr comes to, air included.</p>";
     let between = comparison.between.entries().into_iter();
     let between: String =

@@ -28,11 +28,10 @@ use peak::Peak;
 use crate::show::{CUT_COLOUR, LINK_COLOUR, STRUCTURE_COLOURS, TARGET_COLOUR, css};
 use bonemill_case::{Case, OrientationMode, Registration, Sheets, Structure};
 use bonemill_pipeline::{Plan, Volumes, dropped_by_reason};
+pub(crate) use bonemill_planfile::page::escape;
 use bonemill_planfile::toward::StructureFigures;
 use bonemill_planfile::{ReportPart, Waypoint};
 use bonemill_toolpath::orientation::OpenAround;
-
-pub(crate) const STYLE: &str = include_str!("style.css");
 
 /// The whole page.
 pub fn html(plan: &Plan) -> String {
@@ -344,23 +343,6 @@ fn as_planned(plan: &Plan) -> Case {
     case.robot.acceleration_limits.get_or_insert_with(|| of_arm(|joint| joint.acceleration_limit));
     case.robot.jerk_limits.get_or_insert_with(|| of_arm(|joint| joint.jerk_limit));
     case
-}
-
-/// A key in which lines may be broken after dots and underscores.
-pub(crate) fn breakable(key: &str) -> String {
-    key.replace('.', ".<wbr>").replace('_', "_<wbr>")
-}
-
-/// Text with `words` in backticks set as code.
-pub(crate) fn with_code(text: &str) -> String {
-    let part =
-        |(n, part): (usize, &str)| if n % 2 == 1 { format!("<code>{part}</code>") } else { part.into() };
-    text.split('`').enumerate().map(part).collect()
-}
-
-/// Escapes text for HTML.
-pub(crate) fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

@@ -3,10 +3,11 @@
 use std::fmt::Write;
 
 use bonemill_planfile::Value;
+use bonemill_planfile::page::opening;
 use bonemill_verify::Short;
 
 use super::chart::{Series, chart};
-use super::{STYLE, escape};
+use super::escape;
 use crate::run::{Executed, RunComparison};
 
 /// Events that the page lists.
@@ -14,14 +15,7 @@ const LISTED: usize = 200;
 
 /// The page; `name`: what the plan is called.
 pub fn page(run: &RunComparison, name: &str) -> String {
-    let mut page = format!(
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>Executed plan</title>\
-         <style>{STYLE}</style></head><body><main><h1>Executed plan</h1>\
-         <p class=\"note\">bonemill {}. Plan: {}. Research software: not a medical device, not for use on patients.</p>",
-        env!("CARGO_PKG_VERSION"),
-        escape(name)
-    );
+    let mut page = opening("Executed plan", &format!("Plan: {}. ", escape(name)));
     page += &verdict(run);
     page += &cards(run);
     page += "<h2>Over the run</h2>";

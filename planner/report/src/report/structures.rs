@@ -47,7 +47,7 @@ pub fn structure_table(
     table.push_str(
         "<p class=\"note\">Mean and 75th percentile are weighted by time, over the time in which material is removed and the force points \
          toward the structure (F<sub>v</sub> &gt; 0). Values in brackets are over all of the time in which material is removed, zeros \
-         included. – means no force toward the structure, or no such structure in the label map.</p>",
+         included. – means no force toward the structure, none in the label map, or one so far away that no distance is measured.</p>",
     );
     table
 }

@@ -336,6 +336,8 @@ impl<'a> Session<'a> {
         if at_once || matches!(self.phase, Phase::Approaching(_)) || self.commanded.is_none() {
             self.end(now_s);
         } else {
+            // no spindle goes on any more
+            self.queue.clear();
             self.phase = Phase::Braking;
         }
     }

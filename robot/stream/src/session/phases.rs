@@ -72,6 +72,9 @@ impl Session<'_> {
     /// The arm may have been moved while the user was asked: the way begins where it is now.
     fn enter(&mut self, now_s: f64, approach: &Approach, step: &mut Step) {
         let Some(q) = self.watch.newest().map(|state| state.q) else { return };
+        if let Some(cause) = self.watch.sensor_lost() {
+            return self.stop(cause, true, now_s, step);
+        }
         let moved_rad = q.iter().zip(&approach.track.q()[0]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         if moved_rad > 1e-3 {
             let why = "the arm was moved after the approach was confirmed: start again".to_owned();
@@ -80,6 +83,10 @@ impl Session<'_> {
         match Approach::new(self.plan, &q, approach.row) {
             Err(why) => self.stop(Cause::NotReady(why), true, now_s, step),
             Ok(approach) => {
+                if self.watch.newest().is_some_and(|state| state.force_n.is_none()) {
+                    step.events
+                        .push(Event::Stage("no force sensor: forces toward structures are not watched"));
+                }
                 step.events.push(Event::Stage("approach"));
                 let backlog_s = self.plan.settings().timing.backlog_s();
                 let ramp = ramp_per_s(&approach.track, self.plan.period_s);
