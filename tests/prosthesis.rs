@@ -230,6 +230,12 @@ fn what_cannot_be_made_is_refused_and_the_block_goes_back() {
     refused("prosthesis wrong.toml --out out", "wrong.toml:8: unknown key `tool.diameter`");
     fs::write(folder.path().join("metres.toml"), job.replace("unit = \"mm\"", "unit = \"m\"")).unwrap();
     refused("prosthesis metres.toml --out out", "plausible: \"mm\"");
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink("/dev/zero", folder.path().join("zero.stl")).unwrap();
+        fs::write(folder.path().join("device.toml"), job.replace("implant.stl", "zero.stl")).unwrap();
+        refused("prosthesis device.toml --out out", "it is no regular file");
+    }
     // a cutter that does not fit between the part and the block's grip
     fs::write(folder.path().join("thick.toml"), job.replace("diameter_mm = 4", "diameter_mm = 20")).unwrap();
     refused("prosthesis thick.toml --out out", "cannot be milled from block B1");

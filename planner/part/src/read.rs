@@ -53,11 +53,17 @@ impl MeshFormat {
 /// The facets of a file.
 ///
 /// # Errors
-/// [`PartError::Io`], [`PartError::UnknownFormat`], and those of [`parse_facets`].
+/// [`PartError::Io`], also for what is no regular file, [`PartError::UnknownFormat`], and those of [`parse_facets`].
 pub fn read_facets(path: &Path) -> Result<Facets, PartError> {
     let format = MeshFormat::of(path).ok_or_else(|| PartError::UnknownFormat { path: path.into() })?;
-    let bytes = std::fs::read(path).map_err(|source| PartError::Io { path: path.into(), source })?;
-    parse_facets(&bytes, format)
+    let failed = |source| PartError::Io { path: path.into(), source };
+    let found = std::fs::metadata(path).map_err(failed)?;
+    // a pipe may never end, and what is too large is not read first
+    if !found.is_file() {
+        return Err(failed(std::io::Error::other("it is no regular file")));
+    }
+    check_size(usize::try_from(found.len()).unwrap_or(usize::MAX))?;
+    parse_facets(&std::fs::read(path).map_err(failed)?, format)
 }
 
 /// The facets in a file's bytes.
@@ -66,9 +72,7 @@ pub fn read_facets(path: &Path) -> Result<Facets, PartError> {
 /// [`PartError::Format`] and [`PartError::Count`] for bytes that are not of the format, [`PartError::TooManyFacets`],
 /// [`PartError::Empty`], [`PartError::NoSuchVertex`] and [`PartError::Coordinate`] for facets that are none.
 pub fn parse_facets(bytes: &[u8], format: MeshFormat) -> Result<Facets, PartError> {
-    if bytes.len() > MOST_BYTES {
-        return Err(PartError::TooManyFacets { found: bytes.len() / STL_FACET_BYTES, most: MOST_FACETS });
-    }
+    check_size(bytes.len())?;
     let facets = match format {
         MeshFormat::Stl => {
             check_stl_count(bytes)?;
@@ -85,6 +89,13 @@ pub fn parse_facets(bytes: &[u8], format: MeshFormat) -> Result<Facets, PartErro
     };
     facets.check()?;
     Ok(facets)
+}
+
+fn check_size(bytes: usize) -> Result<(), PartError> {
+    if bytes > MOST_BYTES {
+        return Err(PartError::TooManyFacets { found: bytes / STL_FACET_BYTES, most: MOST_FACETS });
+    }
+    Ok(())
 }
 
 /// The meshes of a scene as one.

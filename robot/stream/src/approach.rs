@@ -77,6 +77,18 @@ impl Approach {
         check_steps(plan, &rows)?;
         Ok(Self { track: Track::new(&plan.arm, plan.track.stops(), rows), length_mm, row })
     }
+
+    /// The same way from where the arm is now: what it moved by since fades out evenly. It takes no inverse kinematics, which would hold up the
+    /// first targets for longer than a controller's watchdog waits.
+    pub fn begun_at(self, plan: &StreamPlan, q: &Joints) -> Self {
+        let rows = self.track.q();
+        let shifted = |n: usize| -> Joints {
+            let left = 1.0 - n as f64 / self.track.last_row();
+            std::array::from_fn(|j| rows[n][j] + left * (q[j] - rows[0][j]))
+        };
+        let track = Track::new(&plan.arm, plan.track.stops(), (0..rows.len()).map(shifted).collect());
+        Self { track, ..self }
+    }
 }
 
 fn follow(

@@ -5,6 +5,7 @@
 mod common;
 
 use bonemill_arm::Arm;
+use bonemill_stream::approach::Approach;
 use bonemill_stream::simulated::rehearse::rehearse;
 use bonemill_stream::{
     ArmLink, ArmState, Cause, Clock, Event, Hold, Identity, Joints, LinkFault, Log, LogWriter, Operator,
@@ -303,6 +304,26 @@ fn a_force_sensor_that_falls_silent_stops_the_arm_along_its_path() {
     assert!(outcome.at_rest && outcome.is_off && outcome.farthest_off_mm < 0.01, "{outcome}");
     let targets = arm.targets().len();
     assert!((300..500).contains(&targets), "slowed down over targets, not stopped between two: {targets}");
+}
+
+#[test]
+fn the_way_begins_where_the_arm_is_and_not_where_the_user_was_asked() {
+    let plan = plan();
+    let mut from = plan.track.q()[0];
+    from[1] -= 5e-3;
+    let asked = Approach::new(&plan, &from, 0.0).unwrap();
+    let now = from.map(|q| q + 1e-4);
+    let begun = asked.clone().begun_at(&plan, &now);
+    let (before, after) = (asked.track.q(), begun.track.q());
+    assert!(after.len() > 10 && after.len() == before.len());
+    assert_eq!((after[0], after[after.len() - 1]), (now, plan.track.q()[0]));
+    for (n, pair) in after.windows(2).enumerate() {
+        for joint in 0..6 {
+            let (step, planned) = (pair[1][joint] - pair[0][joint], before[n + 1][joint] - before[n][joint]);
+            assert!((step - planned).abs() <= 1.001e-4 / (after.len() - 1) as f64, "row {n}, joint {joint}");
+        }
+    }
+    assert_eq!(begun.track.burr_at(0.0), plan.arm.tool_at(&now).translation_mm);
 }
 
 #[test]

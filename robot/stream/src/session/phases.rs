@@ -17,6 +17,8 @@ const REST_PATIENCE_S: f64 = 0.3;
 /// How long it must stand still to be at rest, s, and how still, rad.
 const REST_S: f64 = 0.03;
 const REST_RAD: f64 = 3e-5;
+/// How far a joint may have moved since the user confirmed the way, rad: the noise of an arm that stands, 0.2 mm at the tool.
+const MOVED_RAD: f64 = 2e-4;
 /// New states in a row with too much force before it counts.
 const FORCE_STATES: u32 = 25;
 
@@ -60,7 +62,7 @@ impl Session<'_> {
         let fresh = self.watch.age_s(now_s) <= self.plan.settings().timing.state_age_s;
         // the client's answer says that the watchdog was taken
         if seen.waiting == 0 && self.watch.stopped_itself().is_none() && fresh {
-            return self.enter(now_s, &approach, step);
+            return self.enter(now_s, *approach, step);
         }
         if waited_s > self.plan.settings().patience_s {
             let what = "that the program on the controller runs under its watchdog, with a fresh state";
@@ -70,31 +72,26 @@ impl Session<'_> {
     }
 
     /// The arm may have been moved while the user was asked: the way begins where it is now.
-    fn enter(&mut self, now_s: f64, approach: &Approach, step: &mut Step) {
+    fn enter(&mut self, now_s: f64, approach: Approach, step: &mut Step) {
         let Some(q) = self.watch.newest().map(|state| state.q) else { return };
         if let Some(cause) = self.watch.sensor_lost() {
             return self.stop(cause, true, now_s, step);
         }
         let moved_rad = q.iter().zip(&approach.track.q()[0]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        if moved_rad > 1e-3 {
+        if !(moved_rad <= MOVED_RAD) {
             let why = "the arm was moved after the approach was confirmed: start again".to_owned();
             return self.stop(Cause::NotReady(why), true, now_s, step);
         }
-        match Approach::new(self.plan, &q, approach.row) {
-            Err(why) => self.stop(Cause::NotReady(why), true, now_s, step),
-            Ok(approach) => {
-                if self.watch.newest().is_some_and(|state| state.force_n.is_none()) {
-                    step.events
-                        .push(Event::Stage("no force sensor: forces toward structures are not watched"));
-                }
-                step.events.push(Event::Stage("approach"));
-                let backlog_s = self.plan.settings().timing.backlog_s();
-                let ramp = ramp_per_s(&approach.track, self.plan.period_s);
-                let last = approach.track.last_row();
-                self.follower = Follower::new(self.plan.period_s, ramp, backlog_s, last, 0.0);
-                self.phase = Phase::Approaching(Box::new(approach));
-            }
+        let approach = approach.begun_at(self.plan, &q);
+        if self.watch.newest().is_some_and(|state| state.force_n.is_none()) {
+            step.events.push(Event::Stage("no force sensor: forces toward structures are not watched"));
         }
+        step.events.push(Event::Stage("approach"));
+        let backlog_s = self.plan.settings().timing.backlog_s();
+        let ramp = ramp_per_s(&approach.track, self.plan.period_s);
+        let last = approach.track.last_row();
+        self.follower = Follower::new(self.plan.period_s, ramp, backlog_s, last, 0.0);
+        self.phase = Phase::Approaching(Box::new(approach));
     }
 
     pub(super) fn approach(&mut self, now_s: f64, approach: Box<Approach>, step: &mut Step) {
