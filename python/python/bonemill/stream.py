@@ -11,14 +11,11 @@ Units are mm, rad and s; the client's metres end in `UrLink`.
 from __future__ import annotations
 
 import os
-import queue
-import select
 import signal
 import socket
 import subprocess
 import sys
 import tempfile
-import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -29,6 +26,8 @@ from types import FrameType
 from typing import Any, Protocol
 
 from . import _native
+from ._console import CATCH_UP_S, SCREEN
+from ._console import Console as Console
 from ._errors import StreamError
 from ._ur import control, receive
 
@@ -267,96 +266,6 @@ class UrLink:
         self._receive.end(_ENDS_S)
 
 
-class _Screen:
-    """Standard error through a thread of its own: a halted terminal (Ctrl-S) or a reader that sleeps gets its lines later."""
-
-    def __init__(self) -> None:
-        self._lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        self._told = self._shown = 0
-        self._gone: OSError | None = None
-        self._writer: threading.Thread | None = None
-
-    def begin(self) -> None:
-        if self._writer is None:
-            self._writer = threading.Thread(target=self._write, daemon=True)
-            self._writer.start()
-
-    def show(self, text: str) -> None:
-        """Hands on a line; may be called by a signal's handler.
-
-        Raises:
-            OSError: nobody reads standard error any more.
-        """
-        if self._gone is not None:
-            raise self._gone
-        self._told += 1
-        self._lines.put(f"{text}\n".encode())
-
-    def is_up_to_date(self) -> bool:
-        return self._shown == self._told or self._gone is not None
-
-    def catch_up(self, patience_s: float) -> None:
-        """Waits until all is shown, but not longer."""
-        ends = time.monotonic() + patience_s
-        while not self.is_up_to_date() and time.monotonic() < ends:
-            time.sleep(0.001)
-
-    def _write(self) -> None:
-        while True:
-            line = self._lines.get()
-            while line and self._gone is None:
-                try:
-                    line = line[os.write(2, line) :]
-                except BlockingIOError:
-                    time.sleep(0.01)
-                except OSError as error:
-                    self._gone = error
-            self._shown += 1
-
-
-_SCREEN = _Screen()
-_CATCH_UP_S = 1.0
-"""A terminal gets so long for the last lines of a run."""
-
-
-class Console:
-    """Tells on standard error and asks on the terminal; ``yes`` answers every question."""
-
-    def __init__(self, *, yes: bool = False) -> None:
-        self._yes, self._asked, self._seen, self._typed = yes, False, False, b""
-        _SCREEN.begin()
-
-    def tell(self, text: str) -> None:
-        _SCREEN.show(text)
-
-    def ask(self, text: str) -> None:
-        self._asked, self._seen = True, False
-        _SCREEN.show(f"{text} [{'yes' if self._yes else 'y/N'}]")
-
-    def answer(self) -> bool | None:
-        if not self._asked or not _SCREEN.is_up_to_date():
-            return None
-        if self._yes:
-            self._asked = False
-            return True
-        if not self._seen and os.isatty(0):
-            # what was typed before the question stood there is no answer to it
-            termios.tcflush(0, termios.TCIFLUSH)
-            self._typed = b""
-        self._seen = True
-        if b"\n" not in self._typed:
-            if not select.select([0], [], [], 0.0)[0]:
-                return None
-            piece = os.read(0, 1 << 10)
-            # the whole line, or all that there will be
-            self._typed += piece or b"\n"
-            if b"\n" not in self._typed:
-                return None
-        line, _, self._typed = self._typed.partition(b"\n")
-        self._asked = False
-        return line.strip().lower() in (b"y", b"yes")
-
-
 class _Heard:
     """An operator, and whether a signal came meanwhile."""
 
@@ -376,12 +285,12 @@ def _signals(heard: _Heard) -> Iterator[None]:
         heard.signals.append(number)
         # answers whatever the run is waiting for; a handler may not use buffered files
         with suppress(OSError):
-            _SCREEN.show(f"{signal.Signals(number).name}: the arm is being stopped")
+            SCREEN.show(f"{signal.Signals(number).name}: the arm is being stopped")
 
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    _SCREEN.begin()
+    SCREEN.begin()
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = {number: signal.signal(number, note) for number in numbers}
     try:
@@ -391,7 +300,7 @@ def _signals(heard: _Heard) -> Iterator[None]:
             # none: one that is not Python's
             if handler is not None:
                 signal.signal(number, handler)
-        _SCREEN.catch_up(_CATCH_UP_S)
+        SCREEN.catch_up(CATCH_UP_S)
 
 
 class Streaming:

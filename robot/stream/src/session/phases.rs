@@ -4,7 +4,7 @@ use crate::approach::Approach;
 use crate::cause::{Cause, Event, Outcome, Question};
 use crate::check::{self, FULL_SPEED};
 use crate::follower::Follower;
-use crate::link::{Identity, Joints, Order};
+use crate::link::{ArmState, Identity, Joints, Order};
 use crate::plan::{StreamPlan, ramp_per_s};
 use crate::track::Track;
 
@@ -73,7 +73,7 @@ impl Session<'_> {
 
     /// The arm may have been moved while the user was asked: the way begins where it is now.
     fn enter(&mut self, now_s: f64, approach: Approach, step: &mut Step) {
-        let Some(q) = self.watch.newest().map(|state| state.q) else { return };
+        let Some(&ArmState { q, force_n, .. }) = self.watch.newest() else { return };
         if let Some(cause) = self.watch.sensor_lost() {
             return self.stop(cause, true, now_s, step);
         }
@@ -83,7 +83,7 @@ impl Session<'_> {
             return self.stop(Cause::NotReady(why), true, now_s, step);
         }
         let approach = approach.begun_at(self.plan, &q);
-        if self.watch.newest().is_some_and(|state| state.force_n.is_none()) {
+        if force_n.is_none() {
             step.events.push(Event::Stage("no force sensor: forces toward structures are not watched"));
         }
         step.events.push(Event::Stage("approach"));
