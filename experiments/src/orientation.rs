@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use bonemill_imaging::phantom::{PhantomKind, phantom};
 use bonemill_planner::Progress;
-use bonemill_planner::case::{OrientationMode, TowardTerm};
+use bonemill_planner::case::OrientationMode;
 use bonemill_planner::orientation::directions::angle_between;
 use bonemill_planner::pipeline::{Choices, Chosen, Prepared, with_prepared};
 
@@ -57,7 +57,6 @@ fn title(size: Size) -> String {
 fn rows(body: &Body, name: &str, progress: &dyn Progress, table: &mut Table) -> Result<(), ExperimentError> {
     for angles in [1, 2] {
         let mut case = body.case(false)?;
-        case.cost.toward = TowardTerm::Share;
         // two angles need another arm than the case's; only the choice of axes is compared, not the joints
         case.orientation.angles = angles;
         progress.stage(name);

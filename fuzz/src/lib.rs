@@ -265,8 +265,8 @@ const CASE: &str = "\
 
 /// Small valid inputs of a target.
 pub fn seeds(target: &str) -> Vec<Vec<u8>> {
-    let header = "index,layer,kind,time_s,x_mm,y_mm,z_mm,axis_x,axis_y,axis_z,theta_rad,phi_rad,speed_mm_s,mass_mg,inertia,\
-                  fx_n,fy_n,fz_n,force_toward_n,structure,distance_mm,alpha1,cost,deflection_toward_um";
+    let header = "index,layer,kind,time_s,x_mm,y_mm,z_mm,axis_x,axis_y,axis_z,theta_rad,phi_rad,speed_mm_s,driven_mm_s,mass_mg,inertia,\
+                  fx_n,fy_n,fz_n,peak_force_n,force_toward_n,structure,distance_mm,alpha1,cost,deflection_toward_um";
     match target {
         "nifti" => images(),
         "labels_json" => vec![
@@ -281,8 +281,8 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
         "plan_toml" => vec![plan_text().into()],
         "waypoints_csv" => vec![
             format!(
-                "{header}\n0,0,link,0.0,1.0,2.0,3.0,0.0,0.0,1.0,0.0,0.0,10.0,0.0,,0.0,0.0,0.0,0.0,nerve,4.5,0.1,,\n\
-                 1,0,cut,0.5,1.0,2.5,3.0,0.0,0.6,0.8,-0.6435,0.0,1.5,0.25,0.75,0.1,0.2,0.3,0.1,dura,4.5,0.1,0.4,12.0\n"
+                "{header}\n0,0,link,0.0,1.0,2.0,3.0,0.0,0.0,1.0,0.0,0.0,10.0,9.5,0.0,,0.0,0.0,0.0,0.0,0.0,nerve,4.5,0.1,,\n\
+                 1,0,cut,0.5,1.0,2.5,3.0,0.0,0.6,0.8,-0.6435,0.0,1.5,1.5,0.25,0.75,0.1,0.2,0.3,0.4,0.1,dura,4.5,0.1,0.4,12.0\n"
             )
             .into(),
             format!("{header}\n").into(),

@@ -9,11 +9,12 @@ use bonemill_planner::burr::{AtPoints, EngagedSamples, Feed, Material, Measure, 
 use bonemill_planner::cost::{CostModel, Proximity};
 use bonemill_planner::metrics::Moments;
 use bonemill_planner::orientation::sequence::{BestSequence, Forbidden, Problem, best_sequence};
-use bonemill_planner::orientation::{Directions, FreeSets, RateLimit, TiltFamily};
+use bonemill_planner::orientation::{Directions, FreeSets, TiltFamily, TurnLimits, TurnPrice};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::{Unit, Vector3};
 
-const RATE: RateLimit = RateLimit { weight_mm: 1.0, most_rad_per_mm: 0.4 };
+const WEIGHT_MM: f64 = 1.0;
+const RATE: TurnLimits = TurnLimits { price: TurnPrice::Smoothness(WEIGHT_MM), most_rad_per_mm: 0.4 };
 const STEP_MM: f64 = 0.25;
 
 fn family() -> TiltFamily {
@@ -34,7 +35,7 @@ impl Ladder {
             let edge = |(a, b): (usize, usize)| {
                 let angle = problem.directions.angle_rad(a, b);
                 let fits = angle <= reach && problem.free.contains(i - 1, a) && problem.free.contains(i, b);
-                fits.then(|| (a as u32, b as u32, angle * angle * RATE.weight_mm / STEP_MM))
+                fits.then(|| (a as u32, b as u32, angle * angle * WEIGHT_MM / STEP_MM))
             };
             pairs.filter_map(edge).collect()
         };
@@ -82,7 +83,7 @@ fn edges(c: &mut Criterion) {
             cost: &cost,
             free: &free,
             length_mm: &vec![STEP_MM; waypoints],
-            rate: RATE,
+            turns: RATE,
             forbidden: &forbidden,
         };
         let BestSequence::Sequence { total, edges, .. } = best_sequence(&problem) else { return };

@@ -20,11 +20,13 @@ const COLUMNS: [Column; 20] = [
     ("theta_rad", |w| Some(w.theta_rad)),
     ("phi_rad", |w| Some(w.phi_rad)),
     ("speed_mm_s", |w| Some(w.speed_mm_s)),
+    ("driven_mm_s", |w| Some(w.driven_mm_s)),
     ("mass_mg", |w| Some(w.mass_mg)),
     ("inertia", |w| w.inertia),
     ("fx_n", |w| Some(w.force_n.x)),
     ("fy_n", |w| Some(w.force_n.y)),
     ("fz_n", |w| Some(w.force_n.z)),
+    ("peak_force_n", |w| Some(w.peak_force_n)),
     ("force_toward_n", |w| w.force_toward_n),
     ("distance_mm", |w| w.distance_mm),
     ("alpha1", |w| w.alpha1),
@@ -65,6 +67,7 @@ const FORCE_COLUMNS: [ForceColumn; 6] = [
     ("toward_y", |f| Some(f.toward.y)),
     ("toward_z", |f| Some(f.toward.z)),
     ("force_toward_n", |f| Some(f.force_toward_n)),
+    ("peak_toward_n", |f| Some(f.peak_toward_n)),
     ("deflection_toward_um", |f| f.deflection_toward_um),
 ];
 

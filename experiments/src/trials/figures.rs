@@ -40,7 +40,8 @@ impl TrialFigures {
     pub fn of(samples: &[Sample]) -> Self {
         let figures = |force_n: fn(&Sample) -> Option<f64>| {
             let span = |(row, s): (usize, &Sample)| {
-                Some(TowardSpan { seconds: s.seconds, force_n: force_n(s)?, row })
+                let force_n = force_n(s)?;
+                Some(TowardSpan { seconds: s.seconds, force_n, peak_n: force_n, row })
             };
             TowardFigures::of(&samples.iter().enumerate().filter_map(span).collect::<Vec<_>>())
         };

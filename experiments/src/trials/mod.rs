@@ -13,7 +13,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use bonemill_imaging::phantom::{BlockParams, NerveSide, block};
 use bonemill_planner::Progress;
-use bonemill_planner::case::{Case, OrientationMode, Sense, SpeedMode, TowardTerm};
+use bonemill_planner::case::{Case, OrientationMode, Sense, SpeedMode};
 use bonemill_planner::pipeline::{Choices, Chosen, Prepared, with_prepared};
 use bonemill_planner::toward::NEAR_MM;
 
@@ -102,7 +102,6 @@ fn trials(
     mode: OrientationMode,
 ) -> Result<Trials, ExperimentError> {
     let mut choices = Choices { mode, ..Choices::of(case) };
-    choices.cost.toward = TowardTerm::Share;
     choices.speed.mode = SpeedMode::Constant;
     let chosen = prepared.choose(&choices)?;
     let constant = prepared.speeds(&choices, &chosen, None)?;

@@ -7,7 +7,7 @@ use std::fmt;
 
 use bonemill_imaging::AffineChoice;
 
-use super::{ForceTerm, Measure, OrientationMode, Pattern, Sense, SeveralStructures, SpeedMode, TowardTerm};
+use super::{ForceTerm, Measure, Objective, OrientationMode, Pattern, Sense, SeveralStructures, SpeedMode};
 use crate::Sheets;
 
 /// Unit of a number in the case file.
@@ -193,7 +193,15 @@ use Fallback::{Chosen, Derived, Value, Words};
 
 /// Keys whose default `preset = "paper"` changes.
 pub(super) const PRESET_KEYS: [&str; 6] =
-    ["material.measure", "cost.alpha_max", "orientation.mode", "path.sense", "speed.mode", "cost.toward"];
+    ["material.measure", "cost.alpha_max", "orientation.mode", "path.sense", "speed.mode", "cost.objective"];
+
+/// Keys of earlier versions, and what stands in their place.
+const RENAMED: [(&str, &str); 1] = [("cost.toward", "cost.objective")];
+
+/// The key that replaces one of an earlier version.
+pub(super) fn renamed(path: &str) -> Option<String> {
+    RENAMED.iter().find(|(old, _)| *old == path).map(|(_, new)| (*new).to_owned())
+}
 
 const REQUIRED: &str = "required";
 const ABSENT: &str = "none";
@@ -285,14 +293,15 @@ table! {
         TOUCH_PROBABILITY = "path.touch_probability" One 1e-9..0.5, Words("0.01 with plunge or ream"), "with plunge or ream: largest probability with which the registration's error lets the tool touch a structure; above it the plan falls short", ASSUMED;
         REGISTRATION_SIGMA = "path.registration_sigma_mm" Mm 0.0..10.0, Words("0.15 with plunge or ream"), "with plunge or ream: standard deviation of the registration's error along each axis, where robot.base_from_ct gives no fiducials to estimate it from",
             "assumed: the largest deviation of 12 robotically milled cochlear channels was 0.35 mm";
-        KAPPA = "cost.kappa_per_mm" PerMm 0.0..100.0, Value(0.7), "decay of α₁ with distance", "assumed (docs/force-model.md 10): α₁ halves with each mm";
+        KAPPA = "cost.kappa_per_mm" PerMm 0.0..100.0, Value(0.7), "decay of a structure's importance with distance, that of α₁ too", "assumed (docs/force-model.md 10): α₁ halves with each mm";
         ALPHA_MAX = "cost.alpha_max" One 0.0..1.0, Words("0.8; 0.5 with preset = \"paper\""), "α₁ at the clearance", "docs/force-model.md 8, resolution 10: 0.5 as D prints it, 0.8 as D's text and trials ask";
         TILT_LIMIT = "orientation.tilt_limit_deg" Deg 0.0..90.0, Value(60.0), "largest angle from the approach while cutting", ASSUMED;
         MIN_SPEED = "speed.min_mm_s" MmS 0.01..1000.0, Value(0.5), "slowest cut", "assumed (docs/force-model.md 10)";
         MAX_SPEED = "speed.max_mm_s" MmS 0.01..1000.0, Value(4.0), "fastest cut", "assumed (docs/force-model.md 10)";
         NOMINAL_SPEED = "speed.nominal_mm_s" MmS 0.01..1000.0, Value(1.5), "speed of `constant`, and at which forces are compared", "D: 1.5 mm/s";
         LINK_SPEED = "speed.link_mm_s" MmS 0.01..1000.0, Value(10.0), "speed in free space", ASSUMED;
-        TOTAL_TIME = "speed.total_time_s" S 0.1..1e6, Derived("with mode = \"least_force\": what the plan takes with every cut at nominal_mm_s; else none"), "time of the whole plan, when it is to be met", "-";
+        TOTAL_TIME = "speed.total_time_s" S 0.1..1e6, Derived("with mode = \"least_force\": what a straight shaft takes with every cut at nominal_mm_s, driven by the same arm along lines in the better of two directions; else none"), "time of the whole plan, when it is to be met", "D III: trials of equal time";
+        FORCE_ROOM = "speed.force_room" One 0.0..10.0, Value(0.1), "with mode = \"least_force\": share by which the least level of |F| that fits the time may be exceeded, so that the level toward structures can be lower", "measured: docs/results.md, Room for lower forces toward structures";
         ANGLES = "orientation.angles" One 1.0..2.0, Derived("1 for the bone-attached arm, 2 for others"), "tilt angles of the shaft: θ in one plane, or θ and φ", "D: four joints leave θ";
         FORCE_CAP = "speed.force_n" N 0.001..1000.0, Derived("with mode = \"force_limited\": 1.7; else none"), "largest predicted force on the burr", "D IV: peak 1.69 N of the third trial";
         TOWARD_CAP = "speed.force_toward_n" One 0.0..1000.0, Derived("with mode = \"force_limited\": [[2, 0.8], [6, 1.7]]; else none"),
@@ -337,8 +346,8 @@ table! {
             "sense in which a pass is cut, where it has bone on one side: whichever end is nearer; the teeth against the feed; with it; near a structure the one that pushes less toward it. `auto`: both or away, by the forces toward structures in drafts of the same time", "-";
         COST_FORCE: ForceTerm = "cost.force" ["cutting" => ForceTerm::Cutting, "deflection" => ForceTerm::Deflection],
             "which force the cost looks at: D6 or D12", "D eq. 6";
-        COST_TOWARD: TowardTerm = "cost.toward" ["size" => TowardTerm::Size, "share" => TowardTerm::Share],
-            "how the choice of axes counts a push toward a structure: its size over a quarter of the force in a straight side cut, at most 1; or its share of the whole push, D6. The column `cost` is D6 either way", "forces toward structures, see docs/results.md; share: D eq. 6";
+        OBJECTIVE: Objective = "cost.objective" ["levels" => Objective::Levels, "dillon" => Objective::Dillon],
+            "what the choice of axes minimises: `levels`, the time that cuts under levels of force and turns need, so that the lowest levels fit the total time; `dillon`, D's cost C of inertia and of the push's share toward structures (with preset = \"paper\"). The column `cost` is C either way", "levels: forces toward structures, see docs/results.md; dillon: D eq. 5 to 12";
         COST_STRUCTURES: SeveralStructures = "cost.structures" ["nearest" => SeveralStructures::Nearest, "priority" => SeveralStructures::Priority, "sum" => SeveralStructures::Sum],
             "which structures the cost looks at where several are near: the closest; the one of highest priority among the close ones; all, each by its own α₁", "D II-D names all three";
         ORIENTATION: OrientationMode = "orientation.mode" ["optimal" => OrientationMode::Optimal, "greedy" => OrientationMode::Greedy, "fixed" => OrientationMode::Fixed],

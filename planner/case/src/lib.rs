@@ -280,13 +280,13 @@ pub enum ForceTerm {
     Deflection,
 }
 
-/// How the choice of axes counts a push toward a structure.
+/// What the choice of axes minimises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TowardTerm {
-    /// By its size over a fixed scale, at most 1.
-    Size,
-    /// D6: its share of the whole push.
-    Share,
+pub enum Objective {
+    /// The time under levels of force: the lowest levels whose fastest sequence fits the total time.
+    Levels,
+    /// D's cost C.
+    Dillon,
 }
 
 /// `[cost]`.
@@ -298,8 +298,8 @@ pub struct CostSpec {
     pub alpha_max: f64,
     /// Which force.
     pub force: ForceTerm,
-    /// How the choice of axes counts a push toward a structure.
-    pub toward: TowardTerm,
+    /// What the choice of axes minimises.
+    pub objective: Objective,
     /// Which structures, where several are near.
     pub structures: SeveralStructures,
 }
@@ -376,6 +376,8 @@ pub struct SpeedSpec {
     pub link_mm_s: f64,
     /// Time of the whole plan, s, when it is to be met.
     pub total_time_s: Option<f64>,
+    /// Share by which the least level of |F| may be exceeded for lower forces toward structures.
+    pub force_room: f64,
     /// Of `force_limited` and `least_force`.
     pub caps: SpeedCaps,
 }

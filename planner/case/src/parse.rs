@@ -397,8 +397,8 @@ fn read_cost(t: Walk<'_, '_>, paper: bool) -> CostSpec {
         kappa_per_mm: t.number(&k::KAPPA),
         alpha_max: t.optional(&k::ALPHA_MAX).unwrap_or(if paper { 0.5 } else { 0.8 }),
         force: t.choice(&k::COST_FORCE, super::ForceTerm::Cutting),
-        toward: t
-            .choice(&k::COST_TOWARD, if paper { super::TowardTerm::Share } else { super::TowardTerm::Size }),
+        objective: t
+            .choice(&k::OBJECTIVE, if paper { super::Objective::Dillon } else { super::Objective::Levels }),
         structures: t.choice(&k::COST_STRUCTURES, super::SeveralStructures::Nearest),
     };
     t.finish();
@@ -426,6 +426,7 @@ fn read_speed(t: Walk<'_, '_>, paper: bool) -> SpeedSpec {
         nominal_mm_s: t.number(&k::NOMINAL_SPEED),
         link_mm_s: t.number(&k::LINK_SPEED),
         total_time_s: t.optional(&k::TOTAL_TIME),
+        force_room: t.number(&k::FORCE_ROOM),
         caps: read_caps(&t, mode == super::SpeedMode::ForceLimited),
     };
     t.finish();

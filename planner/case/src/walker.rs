@@ -11,6 +11,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::error::{CaseFault, Located};
 use super::keys::{Choice, Fallback, Number, Other, Unit, name_of};
+use super::keys::renamed;
 use super::suggest::{nearest, same_quantity};
 
 /// The text being read and the faults found so far.
@@ -335,7 +336,8 @@ impl<'t, 'i> Walk<'t, 'i> {
                 }
                 None => CaseFault::UnknownKey {
                     key: self.key(name),
-                    nearest: nearest(name, asked.iter().map(|(k, _)| *k)).map(|k| self.key(k)),
+                    nearest: renamed(&self.key(name))
+                        .or_else(|| nearest(name, asked.iter().map(|(k, _)| *k)).map(|k| self.key(k))),
                 },
             };
             self.log.note(Some(line_at(self.log.text, key.span().start)), fault);

@@ -144,7 +144,7 @@ impl Case {
                 ("kappa_per_mm", float(self.cost.kappa_per_mm)),
                 ("alpha_max", float(self.cost.alpha_max)),
                 ("force", text(k::COST_FORCE.word(self.cost.force))),
-                ("toward", text(k::COST_TOWARD.word(self.cost.toward))),
+                ("objective", text(k::OBJECTIVE.word(self.cost.objective))),
                 ("structures", text(k::COST_STRUCTURES.word(self.cost.structures))),
             ],
         );
@@ -164,6 +164,7 @@ impl Case {
             ("link_mm_s", float(self.speed.link_mm_s)),
         ];
         speed.extend(self.speed.total_time_s.map(|s| ("total_time_s", float(s))));
+        speed.push(("force_room", float(self.speed.force_room)));
         let caps = &self.speed.caps;
         let numbers =
             [("force_n", caps.force_n), ("deflection_um", caps.deflection_um), ("power_w", caps.power_w)];

@@ -17,6 +17,8 @@ pub struct ToolMotion {
     pub law: TimeLaw,
     /// When each waypoint is passed, s.
     pub waypoint_times_s: Vec<f64>,
+    /// Greatest speed within the move that ends at each waypoint, mm/s.
+    pub driven_mm_s: Vec<f64>,
     /// How near it comes to the joints' limits.
     pub limit_ratios: LimitRatios,
 }
@@ -45,8 +47,9 @@ pub fn motion(
     let law = PreparedPath::new(&path, &limits)?.law(&dense.per_place(&caps))?;
     let times = law.waypoint_times_s();
     let waypoint_times_s = dense.waypoints.iter().map(|place| times[*place]).collect();
+    let driven_mm_s = dense.greatest_per_waypoint(&law.burr_speeds_mm_s());
     let limit_ratios = law.limit_ratios(&limits);
-    Ok(ToolMotion { motion, law, waypoint_times_s, limit_ratios })
+    Ok(ToolMotion { motion, law, waypoint_times_s, driven_mm_s, limit_ratios })
 }
 
 /// Length of the move that ends at each waypoint, mm.

@@ -219,6 +219,7 @@ impl ChannelJob<'_> {
             tool: self.tool,
             places: &places,
             times_s: &motion.waypoint_times_s,
+            driven_mm_s: &motion.driven_mm_s,
             felt: &felt,
             compliances: in_ct.as_deref(),
         };

@@ -35,6 +35,8 @@ pub struct Gone<'a> {
     pub places: &'a [TipPlace],
     /// When, s.
     pub times_s: &'a [f64],
+    /// Greatest speed within the move that ends at each, mm/s.
+    pub driven_mm_s: &'a [f64],
     /// What is felt.
     pub felt: &'a [Felt],
     /// Compliance of the arm, ct, mm/N.
@@ -105,9 +107,11 @@ impl Gone<'_> {
             theta_rad,
             phi_rad,
             speed_mm_s: place.speed_mm_s,
+            driven_mm_s: self.driven_mm_s[n],
             mass_mg: felt.mass_mg,
             inertia: None,
             force_n,
+            peak_force_n: force_n.norm(),
             force_toward_n: first.map(|near| toward(&near.place.toward)),
             structure: first.map(|near| near.structure),
             distance_mm: first.map(|near| near.place.distance_mm),
@@ -123,6 +127,7 @@ impl Gone<'_> {
                 distance_mm: place.distance_mm,
                 toward: place.toward,
                 force_toward_n: toward(&place.toward),
+                peak_toward_n: toward(&place.toward),
                 deflection_toward_um: deflected(&place.toward),
             })
             .collect();

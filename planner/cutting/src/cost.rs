@@ -18,6 +18,7 @@ use nalgebra::{Dyn, Matrix3, OMatrix, U3, Unit, Vector3};
 
 use crate::burr::ModelError;
 use crate::burr::checked;
+use crate::importance::Importance;
 
 /// A force below this is none, N (and a deflection, mm): its direction is rounding.
 const NOTHING: f64 = 1e-12;
@@ -25,7 +26,7 @@ const NOTHING: f64 = 1e-12;
 /// The weights of the cost.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CostModel {
-    kappa_per_mm: f64,
+    importance: Importance,
     alpha_max: f64,
 }
 
@@ -59,24 +60,15 @@ impl CostModel {
     /// # Errors
     /// [`ModelError::OutOfRange`] unless κ ≥ 0 and 0 ≤ α_max ≤ 1.
     pub fn new(kappa_per_mm: f64, alpha_max: f64) -> Result<Self, ModelError> {
-        checked("kappa, 1/mm", kappa_per_mm, |k| k >= 0.0, "0 or more")?;
         checked("alpha_max", alpha_max, |a| (0.0..=1.0).contains(&a), "0 to 1")?;
-        Ok(Self { kappa_per_mm, alpha_max })
+        Ok(Self { importance: Importance::new(kappa_per_mm)?, alpha_max })
     }
 
     /// α_1 = α_max exp(−κ max(0, r_v − r_v,min)): never above α_max, also inside the clearance.
     ///
     /// **Source:** Dillon et al. 2016, equation (8), clamped (docs/force-model.md 8, resolution 10).
     pub fn alpha_1(&self, distance_mm: f64, least_mm: f64) -> f64 {
-        self.alpha_max * (-self.kappa_per_mm * (distance_mm - least_mm).max(0.0)).exp()
-    }
-
-    /// Distance beyond which α_1 is below `alpha`, mm past r_v,min; `None` if it never falls so far (κ = 0).
-    pub fn reach_mm(&self, alpha: f64) -> Option<f64> {
-        if self.alpha_max <= alpha {
-            return Some(0.0);
-        }
-        (alpha > 0.0 && self.kappa_per_mm > 0.0).then(|| (self.alpha_max / alpha).ln() / self.kappa_per_mm)
+        self.alpha_max * self.importance.nearness(distance_mm, least_mm)
     }
 
     /// The cost of a `push` on the burr, a force (N) by equation (6) or a deflection (mm) by (12), with no structure near if
@@ -170,11 +162,9 @@ mod tests {
         }
 
         #[test]
-        fn alpha_falls_with_distance_and_reach_inverts_it(d in 0.0f64..20.0, alpha in 1e-4f64..0.79) {
+        fn alpha_falls_with_distance(d in 0.0f64..20.0) {
             let model = CostModel::new(0.7, 0.8).unwrap();
-            prop_assert!(model.alpha_1(d + 0.1, 3.0) <= model.alpha_1(d, 3.0));
-            let reach = model.reach_mm(alpha).unwrap();
-            prop_assert!((model.alpha_1(3.0 + reach, 3.0) - alpha).abs() < 1e-12);
+            prop_assert!(model.alpha_1(d + 0.1, 3.0) <= model.alpha_1(d, 3.0) && model.alpha_1(d, 3.0) <= 0.8);
         }
 
         /// A spring's energy: F·Δp ≥ 0 for every force, whatever the arm.
@@ -193,8 +183,6 @@ mod tests {
         let model = CostModel::new(0.7, 0.8).unwrap();
         let c = model.cost(&Vector3::x(), None, 0.75, 1.0);
         assert_eq!(c, Cost { alpha_1: 0.0, toward: 0.0, fraction: 0.0, cost: 0.25 });
-        assert_eq!(model.reach_mm(0.9), Some(0.0));
-        assert_eq!(CostModel::new(0.0, 0.8).unwrap().reach_mm(0.1), None);
     }
 
     #[test]

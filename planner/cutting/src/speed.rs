@@ -17,7 +17,7 @@ pub use bonemill_case::DistanceCurve;
 pub use caps::{CappedBurr, ForceCaps};
 pub use crossing::last_within;
 pub use cut_moves::CutMoves;
-pub use levels::{CutPushes, LevelFamily, Levels};
+pub use levels::{CutPushes, Levels, TimeLimit, least_along, least_levels};
 pub use limited::{LimitedProfile, fastest_profile};
 
 use crate::burr::ModelError;

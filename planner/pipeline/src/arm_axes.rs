@@ -25,7 +25,7 @@ const SEEDS: usize = 12;
 pub const REFUSED_MM: f64 = 2.0;
 
 /// The axes that an arm can take.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct ArmAxes {
     lattice: ReachLattice,
     set: Directions,

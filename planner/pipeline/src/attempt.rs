@@ -1,31 +1,41 @@
-//! Plans of one case that differ in what the case leaves open, tried until no structure has larger forces than under the controls.
+//! One plan of a case, beside what a straight shaft does in the same time.
 //!
-//! The first attempt is what the drafts prefer. Where it pushes more toward a structure of priority 1 than the better of its
-//! [controls](super::control), the other sense of cut, then lines across, then a shaft along the approach, then both of these are
-//! tried; the first that is nowhere worse stands. If none is, the least bad stands, and the plan says so.
+//! First the references: two controls give the total time, a straight shaft with the least force the levels. Then the lines, the axes
+//! that fit the time at the lowest levels, the arm's motion and its speeds. A plan that pushes more than the straight shaft at any judged figure keeps
+//! the shaft straight near structures, and if that is of no help everywhere: the straight shaft is always among the candidates.
 
 use bonemill_arm::Arm;
 use bonemill_armpath::{ArmMotion, Placed, path_limits};
-use bonemill_case::{Case, OrientationMode, Sense};
+use bonemill_case::{Case, Objective, OrientationMode, Sense, SpeedMode};
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_motion::resolve::Posture;
 use bonemill_scene::Scene;
 use bonemill_setup::{Setup, Stopwatch};
 use bonemill_toolpath::access::ShankObstacles;
+use bonemill_toolpath::orientation::TurnTime;
 use bonemill_toolpath::path::RasterFrame;
 use bonemill_toolpath::space::BurrSpace;
 
 use super::PlanError;
 use super::choose::{Choices, Chosen};
-use super::control::{Compared, ControlPath, Worse};
+use super::compared::Compared;
+use super::in_time::Goal;
 use super::metrics::{self, Coverage};
 use super::move_limits::MoveLimits;
-use super::prepared::{Prepared, spacing};
-use super::raster::Raster;
-use super::speeds::{self, Timing};
+use super::prepared::{Prepared, ShaftFreedom};
+use super::raster::{self, ChosenLines, Raster};
+use super::reference::{Reference, ReferencePath, Straight};
+use super::speeds::{self, Aim, JointMotion, Timing};
+use super::tilt;
 
 /// An attempt may leave this share more of what the burr can reach than the one before.
 const LEFT_SHARE: f64 = 0.005;
+
+/// How often the time of turns is corrected, at most, and the share by which predicted and driven times may differ.
+const CORRECTIONS: usize = 2;
+const AGREES_SHARE: f64 = 0.01;
+/// Where turns keep nothing waiting, they count as this share of the time.
+const LEAST_WAITS_SHARE: f64 = 0.02;
 
 /// What every attempt at a case starts from.
 #[derive(Debug, Clone, Copy)]
@@ -49,50 +59,39 @@ pub(super) struct Attempt<'a> {
     pub compared: Compared,
     /// How its axes were chosen.
     pub mode: OrientationMode,
-    /// The fallback that was taken, in words; none for the first attempt.
+    /// Why the shaft is straighter than the first choice of axes, in words; none for that choice.
     pub instead: Option<&'static str>,
 }
 
-/// One way to fall back.
-#[derive(Clone, Copy)]
-struct Fallback {
-    /// The other sense of cut of those that were compared.
-    is_other_sense: bool,
-    is_across: bool,
-    is_fixed: bool,
-    words: &'static str,
+/// The references of a case, and the time of the plan.
+struct References {
+    /// Lines along and across; without those that the arm cannot drive.
+    controls: Vec<ReferencePath>,
+    /// The shortest time of a control at the nominal speed, s.
+    nominal_s: Option<f64>,
+    /// Time of the plan, s: the case's, else the controls'.
+    total_s: Option<f64>,
+    /// How long turns take in the posture of a control.
+    turn: Option<TurnTime>,
 }
 
-const NONE: Fallback = Fallback { is_other_sense: false, is_across: false, is_fixed: false, words: "" };
-const FALLBACKS: [Fallback; 4] = [
-    Fallback { is_other_sense: true, words: "the sense of cut that drafts did not prefer", ..NONE },
-    Fallback { is_across: true, words: "lines across those that drafts preferred", ..NONE },
-    Fallback { is_fixed: true, words: "the shaft along the approach", ..NONE },
-    Fallback {
-        is_across: true,
-        is_fixed: true,
-        words: "lines across those that drafts preferred, and the shaft along the approach",
-        ..NONE
-    },
-];
+/// How the shaft is turned.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Turning {
+    /// By the case's mode.
+    Wherever,
+    /// The same, but straight near structures.
+    AwayFromStructures,
+    /// Straight.
+    Nowhere,
+}
 
-impl Fallback {
-    /// Whether a case leaves that open.
-    fn is_open(&self, case: &Case) -> bool {
-        (!self.is_other_sense || case.path.sense == Sense::Auto)
-            && (!self.is_across || case.path.raster_rad.is_none())
-            && (!self.is_fixed || case.orientation.mode == OrientationMode::Optimal)
-    }
-
-    /// The lines that it lays instead.
-    fn raster(&self, raster: Raster) -> Raster {
-        let sense = match raster.sense {
-            Sense::Both => Sense::Away,
-            _ => Sense::Both,
-        };
-        Raster {
-            frame: if self.is_across { raster.frame.across() } else { raster.frame },
-            sense: if self.is_other_sense { sense } else { raster.sense },
+impl Turning {
+    fn words(self) -> Option<&'static str> {
+        match self {
+            Self::Wherever => None,
+            Self::AwayFromStructures => Some("the shaft stays straight near structures"),
+            Self::Nowhere => Some("the shaft stays straight everywhere"),
         }
     }
 }
@@ -110,67 +109,228 @@ impl<'a> Start<'a> {
         Placed { arm: self.arm, base_from_work: &self.base_from_work, posture }
     }
 
-    /// The first attempt that is nowhere worse than its controls, or the least bad.
+    /// A path along the lines that are chosen, with what is free on it.
     ///
     /// # Errors
-    /// [`PlanError`] of the first attempt; a fallback that cannot be planned is passed over.
+    /// [`PlanError`] where nothing can be reached.
+    pub fn prepared(&self, watch: &mut Stopwatch) -> Result<Prepared<'a>, PlanError> {
+        let freedom = ShaftFreedom::new(self, watch);
+        let frames = raster::frames(self.case, self.scene)?;
+        let references = self.references(&frames, &freedom, watch)?;
+        let lines = self.lines(&frames, &freedom, &references, watch)?;
+        Prepared::new(self, &freedom, lines.plan, watch)
+    }
+
+    /// The plan with the least force in its time that is nowhere worse than a straight shaft.
+    ///
+    /// # Errors
+    /// [`PlanError`] where nothing can be planned.
     pub fn plan(&self, watch: &mut Stopwatch) -> Result<Attempt<'a>, PlanError> {
-        let prepared = Prepared::new(self, None, watch)?;
-        let raster = prepared.raster();
-        let controls = if self.case.structures.is_empty() {
-            Vec::new()
-        } else {
-            watch.run("control", || self.controls(&raster.frame))?
-        };
-        let choices = Choices::of(self.case);
-        let mut best = self.attempt(prepared, &choices, &controls, watch)?;
-        let mut ratio = best.worst_ratio();
-        for fallback in FALLBACKS.iter().filter(|fallback| fallback.is_open(self.case)) {
-            if ratio.is_none() {
+        let case = self.case;
+        let freedom = ShaftFreedom::new(self, watch);
+        let frames = raster::frames(case, self.scene)?;
+        let references = self.references(&frames, &freedom, watch)?;
+        let lines = self.lines(&frames, &freedom, &references, watch)?;
+        let straight = watch.run("references", || self.straight(&references, lines.straight))?;
+        let is_open = case.orientation.mode == OrientationMode::Optimal && case.cost.objective == Objective::Levels;
+        let tries = [
+            (lines.plan, Turning::Wherever),
+            (lines.plan, Turning::AwayFromStructures),
+            (lines.straight, Turning::AwayFromStructures),
+            (lines.straight, Turning::Nowhere),
+        ];
+        let mut best: Option<Attempt<'a>> = None;
+        for (n, (raster, turning)) in tries.into_iter().enumerate() {
+            if n > 0 && (!is_open || tries[..n].contains(&(raster, turning))) {
+                continue;
+            }
+            let goal = self.goal(&references, straight.as_ref(), turning);
+            let attempt = Prepared::new(self, &freedom, raster, watch)
+                .and_then(|prepared| self.attempt(prepared, turning, goal, (&references, straight.as_ref()), watch));
+            let attempt = match (attempt, &best) {
+                (Ok(attempt), _) => attempt,
+                (Err(error), None) if n == 0 => return Err(error),
+                (Err(_), _) => continue,
+            };
+            let is_good = attempt.is_nowhere_worse_than_straight();
+            if std::env::var("TUNE_SHOW").is_ok() {
+                let f = |x: &super::reference::StructureForces| {
+                    let s = x.structures.first().map(|s| s.near).unwrap_or_default();
+                    format!("mean {:.4} peak {:.4} toward {:.4} {:.4} {:.4}", x.mean_n, x.peak_n, s.mean_n, s.mean_with_zeros_n, s.peak_n)
+                };
+                eprintln!("TRY {n} {turning:?} good {is_good} levels {:?} T {:.1} blocked {}: {} | straight {}", attempt.timing.levels, attempt.timing.driven.law.duration_s(), attempt.chosen.oriented.blocked_turns.len(), f(&attempt.compared.plan), attempt.compared.straight.as_ref().map(|s| f(&s.forces)).unwrap_or_default());
+            }
+            if best.as_ref().is_none_or(|best| is_good && attempt.keeps_what(best)) {
+                best = Some(attempt);
+            }
+            if is_good {
                 break;
             }
-            let mode = if fallback.is_fixed { OrientationMode::Fixed } else { choices.mode };
-            let varied = Choices { mode, ..choices.clone() };
-            let tried = Prepared::new(self, Some(fallback.raster(raster)), watch)
-                .and_then(|prepared| self.attempt(prepared, &varied, &controls, watch));
-            let Ok(tried) = tried else { continue };
-            let its_ratio = tried.worst_ratio();
-            if tried.keeps_what(&best) && its_ratio.unwrap_or(1.0) < ratio.unwrap_or(1.0) {
-                ratio = its_ratio;
-                best = Attempt { instead: Some(fallback.words), ..tried };
-            }
         }
+        // the first attempt either stands or was returned as an error
+        let mut best = best.ok_or(PlanError::NoAccess {
+            why: bonemill_setup::Unreached::Nothing,
+            tilt_limit_deg: case.orientation.tilt_limit_rad.to_degrees(),
+        })?;
+        best.compared.controls = watch.run("references", || self.controls_in(&references, best.timing.driven.law.duration_s()))?;
         Ok(best)
     }
 
-    /// The controls with lines along `frame` and across.
-    fn controls(&self, frame: &RasterFrame) -> Result<Vec<ControlPath>, PlanError> {
-        let along = |frame: RasterFrame| {
-            let raster = Raster { frame, sense: Sense::Both };
-            let path = raster.lay(self.case, self.scene, self.space, spacing(self.case))?;
-            ControlPath::new(self.case, self.scene, &path, frame.angle_rad())
+    /// The controls along each of `frames` and, of one alone, across it, and the times that follow from them.
+    fn references(
+        &self,
+        frames: &[RasterFrame],
+        freedom: &ShaftFreedom,
+        watch: &mut Stopwatch,
+    ) -> Result<References, PlanError> {
+        let case = self.case;
+        let frames = match *frames {
+            [only] => vec![only, only.across()],
+            _ => frames.to_vec(),
         };
-        let (first, second) = rayon::join(|| along(*frame), || along(frame.across()));
-        Ok(vec![first?, second?])
+        let path = |frame: &RasterFrame| ReferencePath::new(self, Raster { frame: *frame, sense: Sense::Both });
+        let made = watch.run("references", || {
+            let (first, second) = rayon::join(|| path(&frames[0]), || path(&frames[1]));
+            [first, second]
+        });
+        let mut controls = Vec::new();
+        for made in made {
+            match made {
+                Ok(path) => controls.push(path),
+                Err(PlanError::OutOfReach { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        let nominal: Vec<f64> = controls.iter().map(|c| c.nominal_s(self)).collect::<Result<_, _>>()?;
+        let nominal_s = nominal.iter().copied().min_by(f64::total_cmp);
+        let of_mode = nominal_s.filter(|_| case.speed.mode == SpeedMode::LeastForce);
+        let turn = controls.first().and_then(|control| {
+            let (dof, q) = (self.arm.dof(), &control.motion.resolved.q);
+            let middle = q.chunks_exact(dof).nth(q.len() / dof / 2)?;
+            tilt::turn_time(self.arm, middle, &self.base_from_work, freedom.family.as_ref())
+        });
+        Ok(References { controls, nominal_s, total_s: case.speed.total_time_s.or(of_mode), turn })
+    }
+
+    /// The lines for the plan and for a straight shaft, chosen in drafts.
+    fn lines(
+        &self,
+        frames: &[RasterFrame],
+        freedom: &ShaftFreedom,
+        references: &References,
+        watch: &mut Stopwatch,
+    ) -> Result<ChosenLines, PlanError> {
+        // drafts are timed without the arm: by how much the plan takes longer or less than the first control
+        let first_s = references.controls.first().map(|control| control.nominal_s(self)).transpose()?;
+        let total_s = references.total_s.or(references.nominal_s);
+        let time_share = total_s.zip(first_s).map_or(1.0, |(total_s, first_s)| total_s / first_s);
+        watch.run("lines", || raster::chosen(self, freedom, frames, (time_share, references.turn)))
+    }
+
+    /// The straight shaft with the least force, in the plan's time; `None` where the arm cannot drive it.
+    fn straight(&self, references: &References, raster: Raster) -> Result<Option<Straight>, PlanError> {
+        let Some(total_s) = references.total_s.or(references.nominal_s) else { return Ok(None) };
+        let most = self.most_overall(references, total_s)?;
+        let known = references.controls.iter().find(|control| control.raster == raster);
+        if let Some(path) = known {
+            return path.least_force(self, total_s, most).map(Some);
+        }
+        match ReferencePath::new(self, raster) {
+            Ok(path) => path.least_force(self, total_s, most).map(Some),
+            Err(PlanError::OutOfReach { .. }) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The largest force of the controls in a time, N; none pushes more even in a plan that cannot be driven in the time.
+    fn most_overall(&self, references: &References, total_s: f64) -> Result<Option<f64>, PlanError> {
+        if self.case.cost.force != bonemill_case::ForceTerm::Cutting {
+            return Ok(None);
+        }
+        let controls = self.controls_in(references, total_s)?;
+        Ok(controls.iter().map(|control| control.forces.peak_n).max_by(f64::total_cmp))
+    }
+
+    fn controls_in(&self, references: &References, total_s: f64) -> Result<Vec<Reference>, PlanError> {
+        references.controls.iter().map(|control| control.in_time(self, total_s)).collect()
+    }
+
+    /// What axes are chosen for; `None` by Dillon's cost, and where the arm cannot drive a straight shaft.
+    fn goal(&self, references: &References, straight: Option<&Straight>, turning: Turning) -> Option<Goal> {
+        let (straight, turn) = (straight?, references.turn?);
+        (self.case.cost.objective == Objective::Levels).then(|| Goal {
+            levels: straight.levels[0],
+            most: straight.levels[1],
+            seconds: straight.reference.total_time_s * straight.caps_over_driven,
+            caps_over_driven: straight.caps_over_driven,
+            turn,
+            keeps_straight_near: turning == Turning::AwayFromStructures,
+        })
+    }
+
+    /// A goal with the time of turns corrected by what the arm drives; none where both agree.
+    fn corrected(
+        &self,
+        goal: Goal,
+        prepared: &Prepared,
+        choices: &Choices,
+        chosen: &Chosen,
+        motion: &ArmMotion,
+    ) -> Result<Option<Goal>, PlanError> {
+        let Some(predicted) = chosen.oriented.predicted else { return Ok(None) };
+        let mut by_levels = choices.clone();
+        by_levels.speed.mode = SpeedMode::LeastForce;
+        let demand = prepared.demand(&by_levels, chosen)?;
+        let joints = JointMotion::new(&motion.dense, &path_limits(self.arm)?)?;
+        let driven_s = speeds::under_levels_s(&demand.input(prepared, &by_levels, chosen), &joints, &predicted.levels)?;
+        // as the straight shaft drives it
+        let expected_s = predicted.seconds / goal.caps_over_driven;
+        let more_s = (driven_s - expected_s) * goal.caps_over_driven;
+        if std::env::var("TUNE_SHOW").is_ok() {
+            eprintln!("PRED {:.1} waits {:.1} expected {expected_s:.1} driven {driven_s:.1} factor {:.2}", predicted.seconds, predicted.waits_s, goal.turn.factor);
+        }
+        if (driven_s / expected_s - 1.0).abs() <= AGREES_SHARE {
+            return Ok(None);
+        }
+        let least_s = LEAST_WAITS_SHARE * predicted.seconds;
+        let factor = goal.turn.factor * ((predicted.waits_s + more_s) / predicted.waits_s.max(least_s)).clamp(0.5, 2.5);
+        Ok(Some(Goal { turn: TurnTime { factor, ..goal.turn }, ..goal }))
     }
 
     /// Axes, motion and speeds for a path.
     fn attempt(
         &self,
         mut prepared: Prepared<'a>,
-        choices: &Choices,
-        controls: &[ControlPath],
+        turning: Turning,
+        goal: Option<Goal>,
+        (references, straight): (&References, Option<&Straight>),
         watch: &mut Stopwatch,
     ) -> Result<Attempt<'a>, PlanError> {
         let case = self.case;
-        let (chosen, motion) = prepared.choose_with_motion(choices, watch)?;
-        let demand = prepared.demand(choices, &chosen)?;
+        let mode = if turning == Turning::Nowhere { OrientationMode::Fixed } else { case.orientation.mode };
+        let mut choices = Choices { mode, goal, ..Choices::of(case) };
+        let is_tilted = mode == OrientationMode::Optimal && goal.is_some();
+        let (mut chosen, mut motion) = prepared.choose_with_motion(&choices, watch)?;
+        for _ in 0..CORRECTIONS {
+            let Some(goal) = choices.goal.filter(|_| is_tilted) else { break };
+            let Some(corrected) = self.corrected(goal, &prepared, &choices, &chosen, &motion)? else { break };
+            choices.goal = Some(corrected);
+            (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
+        }
         let limits = path_limits(self.arm)?;
-        let speed_input = demand.input(&prepared, choices, &chosen, &motion.dense);
+        let joints = JointMotion::new(&motion.dense, &limits)?;
+        watch.run("forces", || prepared.look_within(&choices, &mut chosen, &joints))?;
+        let demand = prepared.demand(&choices, &chosen)?;
+        let aim = Aim {
+            total_s: references.total_s,
+            reference: straight.filter(|_| is_tilted).map(|straight| straight.levels[0]),
+            most_overall: references.total_s.map(|total_s| self.most_overall(references, total_s)).transpose()?.flatten(),
+        };
+        let speed_input = demand.input(&prepared, &choices, &chosen);
         let reached = &prepared.reached;
         let (timing, coverage) = watch.run("time law, coverage", || {
             rayon::join(
-                || speeds::timing(&speed_input, &limits),
+                || speeds::timing(&speed_input, &joints, &aim),
                 || {
                     let (path, dropped) = (&reached.path, &reached.dropped);
                     metrics::coverage(self.scene, self.space, &path.removal, &path.points, dropped)
@@ -178,24 +338,13 @@ impl<'a> Start<'a> {
             )
         });
         let (timing, coverage) = (timing?, coverage?);
+        drop(joints);
         // refused here, before anything is written
-        timing.law.rows(case.robot.rate_hz)?;
-        let caps = &timing.caps_mm_s;
-        let compared = Compared {
-            controls: controls.iter().map(|control| control.in_time(case, timing.at_caps_s)).collect(),
-            plan: prepared.structure_forces(&chosen, caps),
-        };
-        Ok(Attempt {
-            prepared,
-            chosen,
-            motion,
-            demand,
-            timing,
-            coverage,
-            compared,
-            mode: choices.mode,
-            instead: None,
-        })
+        timing.driven.law.rows(case.robot.rate_hz)?;
+        let plan = super::reference::StructureForces::of(case, prepared.length_mm(), &timing.driven, (&chosen.forces, &chosen.within), &prepared.near);
+        let straight = straight.map(|straight| straight.reference.clone());
+        let compared = Compared { controls: Vec::new(), straight, plan };
+        Ok(Attempt { prepared, chosen, motion, demand, timing, coverage, compared, mode, instead: turning.words() })
     }
 }
 
@@ -211,9 +360,16 @@ impl Attempt<'_> {
             && misses(self).iter().zip(misses(other)).all(|(ours, theirs)| !ours || theirs)
     }
 
-    /// By how much it is worse than its controls at the worst; none where it is nowhere worse.
-    pub fn worst_ratio(&self) -> Option<f64> {
-        self.compared.worse(self.prepared.start.case).first().map(Worse::ratio)
+    /// Whether no judged figure is above the straight shaft's with the least force.
+    fn is_nowhere_worse_than_straight(&self) -> bool {
+        let case = self.prepared.start.case;
+        let straight = self.compared.straight.as_ref();
+        straight.is_none_or(|straight| self.compared.plan.is_nowhere_worse(case, &straight.forces))
+    }
+
+    /// Whether it pushes more than its controls toward a structure of the highest priority.
+    pub fn is_worse_than_controls(&self) -> bool {
+        !self.compared.worse(self.prepared.start.case).is_empty()
     }
 
     /// Score of the forces toward structures: see [`super::StructureForces::score`].

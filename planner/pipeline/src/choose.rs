@@ -4,32 +4,37 @@
 //! of them. So variants of a case can be compared on one path, as D's trials are.
 
 use bonemill_armpath::{ArmMotion, Compliance, Placed};
-use bonemill_case::{Case, CostSpec, ForceTerm, MaterialSpec, OrientationMode, SpeedSpec, TowardTerm};
+use bonemill_case::{Case, CostSpec, ForceTerm, MaterialSpec, OrientationMode, SpeedSpec};
 use bonemill_cutter::Ball;
-use bonemill_cutting::burr::{EngagedForce, Feed, ForceKernel, OrientationKernel};
+use bonemill_cutting::burr::{EngagedForce, OrientationKernel};
 use bonemill_cutting::cost::{Cost, CostModel, Ranked, Terms};
 use bonemill_motion::resolve::{Posture, Stiffness};
+use bonemill_planfile::toward::NEAR_MM;
 use bonemill_setup::nearest_structures::NearStructure;
 use bonemill_setup::{Stopwatch, tools};
 use bonemill_toolpath::engagement::SweptPath;
-use bonemill_toolpath::orientation::Directions;
+use bonemill_toolpath::orientation::{Directions, FreeSets};
 use bonemill_toolpath::path::{self, MoveKind, PathPoint};
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
 use super::PlanError;
 use super::arm_axes::REFUSED_MM;
-use super::control::StructureForces;
-use super::orient::{CostField, FreeAxes, Oriented, alone, orient};
+use super::axis_cost::{AxisObjective, CostField, LevelTimes};
+use super::in_time::{Goal, straight_where};
+use super::levels;
+use super::orient::{FreeAxes, Oriented, alone, orient};
+use super::path_forces::{ForcedPath, rounded_corners};
 use super::prepared::Prepared;
+use super::reference::StructureForces;
+use super::speeds::JointMotion;
 
 /// Directions in which the choice of axes looks for bone, and how many make a sample. Forces are then summed over the nodes
 /// of D4; with 4096 directions by 8, Σ C Δs + λ ∫ (da/ds)² ds of a mastoidectomy comes out 0.007 % lower.
 pub(super) const CHOICE_SAMPLES: usize = 1024;
 pub(super) const CHOICE_MERGED: usize = 2;
-/// A push toward a structure counts fully from this share of the force in a straight cut of the path's depth and stepover: with a
-/// larger one small pushes are traded for efficiency, with a smaller one all pushes count alike.
-const FULL_SHARE: f64 = 0.25;
+/// A waypoint that keeps the straight shaft near structures does so a little farther from them than forces are judged, mm.
+const HELD_BEYOND_MM: f64 = 0.5;
 /// Largest number of axes that are excluded one after the other.
 const MOST_REFUSED: usize = 12;
 
@@ -44,6 +49,8 @@ pub struct Choices {
     pub cost: CostSpec,
     /// How axes are chosen.
     pub mode: OrientationMode,
+    /// The levels of force and the time that [`OrientationMode::Optimal`] chooses axes for; without, Dillon's cost.
+    pub goal: Option<Goal>,
     /// Speed range and law.
     pub speed: SpeedSpec,
 }
@@ -57,6 +64,7 @@ impl Choices {
             material: *material,
             cost: *cost,
             mode: orientation.mode,
+            goal: None,
             speed: speed.clone(),
         }
     }
@@ -78,8 +86,10 @@ pub struct Chosen {
     pub oriented: Oriented,
     /// What each move is for: one that removes material is a cut.
     pub kinds: Vec<MoveKind>,
-    /// Force at any speed, where something is cut.
+    /// Force at any speed where the move ends, if it removes something.
     pub forces: Vec<Option<EngagedForce>>,
+    /// Forces at places within the move, where something is cut; none before [`Prepared::look_within`].
+    pub within: Vec<Vec<EngagedForce>>,
     /// C with its parts, the force included everywhere.
     pub costs: Vec<Cost>,
     /// mm/N in work, when the stiffness is known.
@@ -108,7 +118,9 @@ impl Prepared<'_> {
 
     /// Forces toward the structures along chosen axes at given speeds, mm/s per waypoint.
     pub fn structure_forces(&self, chosen: &Chosen, speed_mm_s: &[f64]) -> StructureForces {
-        StructureForces::of(self.start.case, self.length_mm(), &chosen.forces, &self.near, |i| speed_mm_s[i])
+        let seconds: Vec<f64> = self.length_mm().iter().zip(speed_mm_s).map(|(mm, v)| mm / v).collect();
+        let moves = (self.length_mm(), &seconds[..], speed_mm_s);
+        StructureForces::at(self.start.case, moves, (&chosen.forces, &chosen.within), &self.near)
     }
 
     /// [`Self::choose`] with the motion that leads through these axes. If the arm cannot follow them, the axis that it
@@ -133,6 +145,28 @@ impl Prepared<'_> {
         Ok((chosen, motion))
     }
 
+    fn forced(&self) -> ForcedPath<'_> {
+        let (removal, points) = (&self.reached.path.removal, self.points());
+        ForcedPath { scene: self.start.scene, removal, points, feeds: &self.feeds }
+    }
+
+    /// Computes the forces within moves, along the path as the arm drives it.
+    ///
+    /// # Errors
+    /// When the tool, the material or the arm's limits are not usable.
+    pub(super) fn look_within(
+        &self,
+        choices: &Choices,
+        chosen: &mut Chosen,
+        joints: &JointMotion,
+    ) -> Result<(), PlanError> {
+        let corners = rounded_corners(joints, self.start.arm, &self.start.base_from_work);
+        let case = &choices.applied_to(self.start.case);
+        let removes = |i: usize| self.reached.moments[i].mass_mg() > 0.0;
+        chosen.within = self.forced().within(case, &chosen.oriented.axes, &corners, removes)?;
+        Ok(())
+    }
+
     /// Excludes an axis that the arm cannot reach from the waypoints around it; returns whether every waypoint has another axis left.
     fn refuse(&mut self, waypoint: usize, axis: Unit<Vector3<f64>>) -> bool {
         let at = self.reached.path.points[waypoint].position;
@@ -151,7 +185,8 @@ impl Prepared<'_> {
         with_motion: bool,
         watch: &mut Stopwatch,
     ) -> Result<(Chosen, Option<ArmMotion>), PlanError> {
-        self.chosen_by(choices, |room, field| orient(choices.mode, room, field), with_motion, watch)
+        let goal = choices.goal.as_ref();
+        self.chosen_by(choices, |room, field| orient(choices.mode, room, field, goal), with_motion, watch)
     }
 
     fn chosen_by(
@@ -171,39 +206,47 @@ impl Prepared<'_> {
             Ball { radius_mm: case.burr.radius_mm },
         );
         let terms = terms(case, &self.near)?;
+        let weighted = levels::weighted(case, &self.near)?;
+        let objective = match choices.goal {
+            None => AxisObjective::Dillon(&terms),
+            Some(_) => AxisObjective::Levels(LevelTimes {
+                weighted: &weighted,
+                range_mm_s: [case.speed.min_mm_s, case.speed.max_mm_s],
+                link_mm_s: case.speed.link_mm_s,
+            }),
+        };
         let compliance = Compliance::new(case, self.start.placed())?;
         let coarse = self.compliance_of(case, &compliance, &self.directions)?;
         let field = CostField {
             swept: &swept,
             kernel: &OrientationKernel::new(&tool, &material, measure, CHOICE_SAMPLES, CHOICE_MERGED),
             material: &material,
-            terms: &terms,
+            objective,
             moments: &self.reached.moments,
             feeds: &self.feeds,
             nominal_mm_s: case.speed.nominal_mm_s,
             spindle_rpm: case.burr.spindle_rpm,
-            scale: scale(case, coarse.as_deref())?,
             compliance: coarse,
             finer_compliance: match &self.finer {
                 Some((finer, _)) => self.compliance_of(case, &compliance, finer)?,
                 None => None,
             },
         };
-        let oriented = watch.run("orientation", || orient(&self.free_axes(), &field));
-        let kernel = ForceKernel::new(&tool, &material, &tools::discretisation(&tool, measure)?);
-        let (forces, motion): (Vec<_>, _) = watch.run("forces, inverse kinematics", || {
-            let force = |i: usize| self.force(&field, &kernel, &oriented.axes[i], i);
-            rayon::join(
-                || (0..self.points().len()).into_par_iter().map(force).collect(),
-                || with_motion.then(|| self.motion(case, &oriented.axes)).transpose(),
-            )
-        });
-        let motion = motion?;
+        let held = self.held(choices.goal.as_ref());
+        let narrowed = held.contains(&true).then(|| straight_where(&self.directions, &self.reached.free, &held));
+        let room = self.free_axes(narrowed.as_ref().unwrap_or(&self.reached.free), &held);
+        let oriented = watch.run("orientation", || orient(&room, &field));
+        let (reached, forced) = (&self.reached, self.forced());
+        let motion = watch
+            .run("inverse kinematics", || with_motion.then(|| self.motion(case, &oriented.axes)).transpose())?;
+        let removes = |i: usize| reached.moments[i].mass_mg() > 0.0;
+        let forces = watch.run("forces", || forced.at_ends(case, &oriented.axes, removes))?;
         let compliances = motion.as_ref().map_or(Ok(None), |motion| compliance.along(&motion.resolved.q))?;
         let pushes = nominal_pushes(case, &forces, compliances.as_deref());
-        let (costs, closed_form_error) = self.costs(&field, &oriented.axes, &pushes);
+        let (costs, closed_form_error) = self.costs(&field, &terms, &oriented.axes, &pushes);
         let kinds = (0..self.points().len()).map(|i| self.kind(i, &oriented.axes)).collect();
-        Ok((Chosen { oriented, kinds, forces, costs, compliances, closed_form_error }, motion))
+        let within = vec![Vec::new(); self.points().len()];
+        Ok((Chosen { oriented, kinds, forces, within, costs, compliances, closed_form_error }, motion))
     }
 
     /// Deflection per force of each direction of a set, mm/N in work, if the cost uses the deflection.
@@ -217,35 +260,35 @@ impl Prepared<'_> {
         compliance.of_cost(case, center, set.axes(), |axis| self.arm_axes.allows(center, axis))
     }
 
-    fn free_axes(&self) -> FreeAxes<'_> {
+    fn free_axes<'b>(&'b self, free: &'b FreeSets, held: &'b [bool]) -> FreeAxes<'b> {
         FreeAxes {
             reached: &self.reached,
+            free,
+            held,
             directions: &self.directions,
             finer: self.finer.as_ref(),
             family: self.family.as_ref(),
-            rate: self.rate,
+            turns: self.turns,
             arm: &self.arm_axes,
         }
     }
 
-    /// Force of waypoint i at any speed, where something is cut.
-    fn force(
-        &self,
-        field: &CostField,
-        kernel: &ForceKernel,
-        axis: &Unit<Vector3<f64>>,
-        i: usize,
-    ) -> Option<EngagedForce> {
-        let feed = self.feeds[i].filter(|_| self.reached.moments[i].mass_mg() > 0.0)?;
-        let weight = |density| field.material.weight(density);
-        let mut bone = field.swept.bone_at(i as u32, kernel.sample_radius_mm(), weight);
-        Some(kernel.engaged_force(axis, &Feed::new(&feed, field.nominal_mm_s, field.spindle_rpm), &mut bone))
+    /// Whether a waypoint keeps the straight shaft: if its cut is near a structure and the goal asks for it.
+    fn held(&self, goal: Option<&Goal>) -> Vec<bool> {
+        let near_mm = NEAR_MM + HELD_BEYOND_MM + self.radius_mm();
+        let is_held = |i: usize| {
+            goal.is_some_and(|goal| goal.keeps_straight_near)
+                && self.reached.moments[i].mass_mg() > 0.0
+                && self.near[i].iter().any(|n| n.proximity.distance_mm <= near_mm)
+        };
+        (0..self.near.len()).map(is_held).collect()
     }
 
     /// C of every waypoint under `pushes`, and the most by which a choice in closed form is worse.
     fn costs(
         &self,
         field: &CostField,
+        terms: &[Terms],
         axes: &[Unit<Vector3<f64>>],
         pushes: &[Vector3<f64>],
     ) -> (Vec<Cost>, f64) {
@@ -253,9 +296,10 @@ impl Prepared<'_> {
             let moments = &self.reached.moments[i];
             terms.cost(&pushes[i], moments.inertia_normalised(&axes[i]), moments.mass_mg())
         };
-        let costs: Vec<Cost> = (0..pushes.len()).map(|i| cost_of(i, &field.terms[i])).collect();
+        let costs: Vec<Cost> = (0..pushes.len()).map(|i| cost_of(i, &terms[i])).collect();
         // what was left out is never negative: no choice with the force can be better by more than it
-        let left_out = |i: usize| costs[i].cost - cost_of(i, &field.terms[i].without_force()).cost;
+        // under levels every cut is chosen with its force
+        let left_out = |i: usize| costs[i].cost - cost_of(i, &terms[i].without_force()).cost;
         let closed_form_error =
             (0..pushes.len()).filter(|i| !field.needs_force(*i)).map(left_out).fold(0.0, f64::max);
         (costs, closed_form_error)
@@ -300,17 +344,6 @@ fn nominal_pushes(
         }
     };
     (0..forces.len()).map(push).collect()
-}
-
-/// The push that counts fully in the choice of axes: [`FULL_SHARE`] of that in a cut beside its neighbour, N; if the cost uses
-/// the deflection, the mean deflection over all directions under that force, mm. `None` if the cost uses the share of the whole push.
-pub(super) fn scale(case: &Case, compliance: Option<&[Matrix3<f64>]>) -> Result<Option<f64>, PlanError> {
-    if case.cost.toward == TowardTerm::Share {
-        return Ok(None);
-    }
-    let force_n = FULL_SHARE * tools::side_cut_n(case)?;
-    let mean = |c: &[Matrix3<f64>]| c.iter().map(|c| c.trace() / 3.0).sum::<f64>() / c.len() as f64;
-    Ok(Some(force_n * compliance.map_or(1.0, mean)))
 }
 
 /// The structures that enter the cost of each waypoint, with their weights.

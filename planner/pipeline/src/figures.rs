@@ -45,25 +45,37 @@ impl Figures {
             for (_, total) in found.seconds_by_kind.iter_mut().filter(|(kind, _)| *kind == waypoint.kind) {
                 *total += seconds;
             }
-            if waypoint.mass_mg > 0.0 {
-                let force_n = waypoint.force_n.norm();
-                found.peak_force_n = found.peak_force_n.max(force_n);
-                found.mean_force_n += force_n * seconds;
-                cutting_s += seconds;
-            }
         }
+        let mean_shares: Vec<f64> = (0..waypoints.len()).map(|n| mean_share(waypoints, length_mm, &seconds, n)).collect();
+        for (n, waypoint) in waypoints.iter().enumerate().filter(|(_, w)| w.mass_mg > 0.0) {
+            found.mean_force_n += mean_shares[n] * waypoint.force_n.norm() * seconds[n];
+            cutting_s += seconds[n];
+        }
+        found.peak_force_n = waypoints.iter().map(|w| w.peak_force_n).fold(0.0, f64::max);
         if cutting_s > 0.0 {
             found.mean_force_n /= cutting_s;
         }
         let mut spans = vec![Vec::new(); least.len()];
-        for f in forces.iter().filter(|f| waypoints[f.waypoint].mass_mg > 0.0) {
-            let (row, force_n) = (f.waypoint, f.force_toward_n);
-            spans[f.structure].push((TowardSpan { seconds: seconds[row], force_n, row }, f.distance_mm));
+        let cuts = |f: &&ForceToward| waypoints[f.waypoint].mass_mg > 0.0 || waypoints[f.waypoint].peak_force_n > 0.0;
+        for f in forces.iter().filter(cuts) {
+            let row = f.waypoint;
+            // a move that is planned to remove nothing may cut a skin: its peak counts, its time does not
+            let taken = if waypoints[row].mass_mg > 0.0 { seconds[row] } else { 0.0 };
+            let force_n = mean_shares[row] * f.force_toward_n;
+            let span = TowardSpan { seconds: taken, force_n, peak_n: f.peak_toward_n, row };
+            spans[f.structure].push((span, f.distance_mm));
         }
         let of = |(least, spans): (&Option<_>, &Vec<_>)| StructureFigures::of(*least, spans, radius_mm);
         found.structures = least.iter().zip(&spans).map(of).collect();
         found
     }
+}
+
+/// The mean speed of the move to waypoint n over its greatest: the force grows with the speed, so this is also the mean force over that
+/// of the row.
+fn mean_share(waypoints: &[Waypoint], length_mm: &[f64], seconds: &[f64], n: usize) -> f64 {
+    let driven_mm = waypoints[n].driven_mm_s * seconds[n];
+    if driven_mm > 0.0 { (length_mm[n] / driven_mm).min(1.0) } else { 0.0 }
 }
 
 /// How long the move to each waypoint takes, s.

@@ -1,25 +1,19 @@
-//! What `speed.mode = "least_force"` weighs at every waypoint, and which levels its speeds keep.
+//! What levels of force weigh at every waypoint, and which levels a plan's speeds keep.
 //!
-//! A push toward a structure is weighted by how near and how important the structure is, by the law of the cost's α₁:
-//!
-//! ```text
-//! w = exp(−κ max(0, r_v − r_v,min))/√priority
-//! ```
-//!
-//! So a newton toward the most important structure at its clearance weighs 1, and the levels are newtons (or mm of deflection) there.
+//! A push toward a structure is weighted by the law of importance ([`Importance`]). So a newton toward the most important structure at its
+//! clearance weighs 1, and the levels are newtons (or mm of deflection) there.
 
 use bonemill_case::{Case, ForceTerm, SpeedMode};
 use bonemill_cutting::burr::{EngagedForce, ModelError};
-use bonemill_cutting::cost::CostModel;
+use bonemill_cutting::importance::Importance;
 use bonemill_cutting::speed::{CutPushes, Levels};
 use bonemill_setup::nearest_structures::NearStructure;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Unit, Vector3};
 
 use super::choose::Chosen;
 
 /// Beyond a level by more than this share of it is no rounding.
 const ROUNDING: f64 = 1e-6;
-
 /// The levels of push that the speeds keep, as far as they can: mm where [`Self::is_deflection`], else N.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpeedLevels {
@@ -46,43 +40,81 @@ pub struct Exceeded {
     pub structure: Option<usize>,
 }
 
-/// How the weight of a structure falls with distance: 1 at the clearance, since the cost's own largest weight plays no part here.
+/// The law of importance of a case.
 ///
 /// # Errors
 /// When the case's decay is out of range.
-pub(super) fn nearness(case: &Case) -> Result<CostModel, ModelError> {
-    CostModel::new(case.cost.kappa_per_mm, 1.0)
+pub(super) fn importance(case: &Case) -> Result<Importance, ModelError> {
+    Importance::new(case.cost.kappa_per_mm)
 }
 
-/// Weight of a push toward a structure: its nearness over the root of its priority, so that the force toward the fourth may be twice that toward the first.
-pub(super) fn weight(nearness: &CostModel, case: &Case, n: &NearStructure) -> f64 {
+/// Weight of a push toward a structure of a case.
+pub(super) fn weight(importance: &Importance, case: &Case, n: &NearStructure) -> f64 {
     let priority = case.structures.get(n.structure).map_or(u32::MAX, |s| s.priority);
-    nearness.alpha_1(n.proximity.distance_mm, n.proximity.least_mm) / f64::from(priority).sqrt()
+    importance.weight(&n.proximity, priority)
 }
 
-/// What pushes the burr at every waypoint where it cuts; empty in any other mode.
+/// The weights of the structures near each waypoint, with the directions to them.
 ///
 /// # Errors
-/// When the weights of the cost are out of range.
+/// As [`importance`].
+pub(super) fn weighted(
+    case: &Case,
+    near: &[Vec<NearStructure>],
+) -> Result<Vec<Vec<(f64, Unit<Vector3<f64>>)>>, ModelError> {
+    let law = importance(case)?;
+    let of = |n: &NearStructure| (weight(&law, case, n), n.proximity.toward);
+    Ok(near.iter().map(|near| near.iter().map(of).collect()).collect())
+}
+
+/// What pushes the burr at every waypoint where it cuts.
+///
+/// # Errors
+/// As [`importance`].
 pub(super) fn pushes(
     case: &Case,
     near: &[Vec<NearStructure>],
-    forces: &[Option<EngagedForce>],
+    (ends, within): (&[Option<EngagedForce>], &[Vec<EngagedForce>]),
+    compliances: Option<&[Matrix3<f64>]>,
+) -> Result<Vec<Option<CutPushes>>, ModelError> {
+    let weighted = weighted(case, near)?;
+    let compliances = compliances.filter(|_| case.cost.force == ForceTerm::Deflection);
+    let of = |(i, toward): (usize, Vec<_>)| {
+        let compliance = compliances.and_then(|c| c.get(i));
+        let forces = ends[i].iter().chain(within.get(i).into_iter().flatten());
+        (forces.clone().count() > 0).then(|| CutPushes::new(forces, compliance, &toward))
+    };
+    Ok(weighted.into_iter().enumerate().map(of).collect())
+}
+
+/// The same with [`SpeedMode::LeastForce`]; empty in any other mode.
+///
+/// # Errors
+/// As [`importance`].
+pub(super) fn pushes_of_mode(
+    case: &Case,
+    near: &[Vec<NearStructure>],
+    forces: (&[Option<EngagedForce>], &[Vec<EngagedForce>]),
     compliances: Option<&[Matrix3<f64>]>,
 ) -> Result<Vec<Option<CutPushes>>, ModelError> {
     if case.speed.mode != SpeedMode::LeastForce {
         return Ok(Vec::new());
     }
-    let nearness = nearness(case)?;
-    let weighted = |n: &NearStructure| (weight(&nearness, case, n), n.proximity.toward);
-    let compliances = compliances.filter(|_| case.cost.force == ForceTerm::Deflection);
-    let of = |(i, near): (usize, &Vec<NearStructure>)| {
-        let compliance = compliances.and_then(|c| c.get(i));
-        forces[i].map(|force| CutPushes::new(&force, compliance, near.iter().map(weighted)))
-    };
-    Ok(near.iter().enumerate().map(of).collect())
+    pushes(case, near, forces, compliances)
 }
 
+/// The largest pushes of cuts at their speeds, mm/s.
+pub(super) fn reached(pushes: &[Option<CutPushes>], speed_mm_s: &[f64]) -> Levels {
+    let none = Levels { toward: 0.0, overall: 0.0, speed_mm_s: 0.0 };
+    pushes.iter().zip(speed_mm_s).fold(none, |most, (pushes, speed)| {
+        let Some(pushes) = pushes else { return most };
+        Levels {
+            toward: most.toward.max(pushes.toward(*speed).map_or(0.0, |(push, _)| push)),
+            overall: most.overall.max(pushes.overall(*speed)),
+            speed_mm_s: most.speed_mm_s.max(*speed),
+        }
+    })
+}
 /// Whether pushes are deflections.
 pub(super) fn is_deflection(case: &Case, chosen: &Chosen) -> bool {
     case.cost.force == ForceTerm::Deflection && chosen.compliances.is_some()
@@ -162,7 +194,7 @@ mod tests {
         };
         let push = |x: f64, y: f64| {
             let force = EngagedForce { cut_n_per_mm_s: Vector3::new(x, y, 0.0), ..EngagedForce::ZERO };
-            Some(CutPushes::new(&force, None, [(1.0, Vector3::x_axis())].into_iter()))
+            Some(CutPushes::new(std::iter::once(&force), None, &[(1.0, Vector3::x_axis())]))
         };
         let pushes = [push(0.1, 0.0), None, push(0.4, 0.0), push(-0.1, 6.0), push(0.5, 0.0)];
         let near: Vec<Vec<NearStructure>> = (0..5).map(|n| vec![near(n)]).collect();

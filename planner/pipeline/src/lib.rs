@@ -7,16 +7,19 @@
 mod access_csv;
 mod arm_axes;
 mod attempt;
+mod axis_cost;
 mod choose;
-mod control;
+mod compared;
 mod direction_sets;
 mod figures;
+mod in_time;
 mod judged;
 mod levels;
 mod metrics;
 mod modelled;
 mod move_limits;
 mod orient;
+mod path_forces;
 mod percent;
 mod plan;
 mod prepared;
@@ -24,6 +27,7 @@ mod push;
 mod raster;
 mod reach;
 mod record;
+mod reference;
 mod refused;
 mod rest;
 mod rows;
@@ -48,8 +52,9 @@ use bonemill_toolpath::space::BurrSpace;
 
 pub use bonemill_setup::PlanError;
 pub use choose::{Choices, Chosen};
-pub use control::{Compared, Control, JUDGED, StructureForces, Worse};
+pub use compared::{Compared, JUDGED, Worse};
 pub use figures::Figures;
+pub use in_time::Goal;
 pub use levels::{Exceeded, SpeedLevels};
 pub use metrics::{Coverage, Volumes};
 pub use modelled::{AxisFacts, Modelled, PathFacts, SpeedFacts};
@@ -58,7 +63,9 @@ pub use percent::percent;
 pub use plan::{Plan, PlanResults, PlannedMoves, ShankAccess};
 pub use prepared::{Prepared, with_prepared};
 pub use reach::Dropped;
+pub use raster::Raster;
 pub use record::record;
+pub use reference::{Reference, StructureForces};
 pub use refused::{Refused, place};
 pub use rest::RestCause;
 pub use save::save;
@@ -88,7 +95,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     drop(prepared);
     Ok(Plan {
         setup: Setup { case: planned_case, ..setup },
-        moves: PlannedMoves { waypoints: moves.0, forces: moves.1, law: timing.law },
+        moves: PlannedMoves { waypoints: moves.0, forces: moves.1, law: timing.driven.law },
         access,
         results: PlanResults { coverage, figures, compared },
         modelled,

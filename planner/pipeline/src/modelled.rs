@@ -70,8 +70,6 @@ pub struct AxisFacts {
 pub struct SpeedFacts {
     /// How near the motion comes to the joints' limits.
     pub limit_ratios: LimitRatios,
-    /// What the plan would take if every move ran at its speed cap, s.
-    pub time_at_caps_s: f64,
     /// The levels of force that the speeds keep, with `speed.mode = "least_force"`.
     pub levels: Option<SpeedLevels>,
 }
@@ -129,10 +127,9 @@ impl Attempt<'_> {
         let levels = timing
             .levels
             .as_ref()
-            .map(|found| SpeedLevels::of(found, &self.demand.pushes, &timing.caps_mm_s, near, is_deflection));
+            .map(|found| SpeedLevels::of(found, &self.demand.pushes, &timing.driven.driven_mm_s, near, is_deflection));
         Ok(SpeedFacts {
-            limit_ratios: timing.law.limit_ratios(&path_limits(self.prepared.start.arm)?),
-            time_at_caps_s: timing.at_caps_s,
+            limit_ratios: timing.driven.law.limit_ratios(&path_limits(self.prepared.start.arm)?),
             levels,
         })
     }

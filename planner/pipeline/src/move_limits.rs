@@ -1,18 +1,16 @@
 //! What limits the speed of each move: mass, cost, and caps on force.
 
 use bonemill_case::Case;
-use bonemill_cutter::MoveKind;
 use bonemill_cutting::cost::Proximity;
 use bonemill_cutting::metrics::Moments;
 use bonemill_cutting::speed::{CappedBurr, CutPushes, ForceCaps};
-use bonemill_motion::resolve::DensePath;
 use bonemill_setup::tools;
 
 use super::PlanError;
 use super::choose::{Choices, Chosen};
 use super::levels;
 use super::prepared::Prepared;
-use super::speeds::{self, SpeedInput};
+use super::speeds::{self, Aim, SpeedInput};
 
 /// One entry per waypoint each.
 #[derive(Debug, Clone)]
@@ -28,10 +26,10 @@ pub struct MoveLimits {
 impl Prepared<'_> {
     pub(super) fn demand(&self, choices: &Choices, chosen: &Chosen) -> Result<MoveLimits, PlanError> {
         let case = &choices.applied_to(self.start.case);
-        let mut pushes = levels::pushes(case, &self.near, &chosen.forces, chosen.compliances.as_deref())?;
-        // a link that grazes a cusp has a fixed speed
-        let links = pushes.iter_mut().zip(&chosen.kinds).filter(|(_, kind)| **kind != MoveKind::Cut);
-        links.for_each(|(pushes, _)| *pushes = None);
+        let pushes = {
+            let forces = (&chosen.forces[..], &chosen.within[..]);
+            levels::pushes_of_mode(case, &self.near, forces, chosen.compliances.as_deref())?
+        };
         Ok(MoveLimits {
             mass_mg: self.reached.moments.iter().map(Moments::mass_mg).collect(),
             cost: chosen.costs.iter().map(|c| c.cost).collect(),
@@ -51,8 +49,8 @@ impl Prepared<'_> {
         chosen: &Chosen,
         cutting_s: Option<f64>,
     ) -> Result<Vec<f64>, PlanError> {
-        let (demand, no_joints) = (self.demand(choices, chosen)?, DensePath::default());
-        speeds::caps(&demand.input(self, choices, chosen, &no_joints), cutting_s)
+        let demand = self.demand(choices, chosen)?;
+        Ok(speeds::caps(&demand.input(self, choices, chosen), cutting_s, &Aim::default())?.mm_s)
     }
 }
 
@@ -62,14 +60,12 @@ impl MoveLimits {
         prepared: &'a Prepared,
         choices: &'a Choices,
         chosen: &'a Chosen,
-        dense: &'a DensePath,
     ) -> SpeedInput<'a> {
         SpeedInput {
             kinds: &chosen.kinds,
             length_mm: prepared.length_mm(),
             mass_mg: &self.mass_mg,
             cost: &self.cost,
-            dense,
             force_cap_mm_s: &self.force_cap_mm_s,
             pushes: &self.pushes,
             step_mm: prepared.start.case.path.step_mm,
@@ -111,9 +107,10 @@ fn force_caps(case: &Case, prepared: &Prepared, chosen: &Chosen) -> Vec<f64> {
     };
     let burr = CappedBurr { radius_mm: case.burr.radius_mm, spindle_rpm: case.burr.spindle_rpm };
     let fastest = |i: usize| {
-        let Some(force) = &chosen.forces[i] else { return f64::INFINITY };
         let near: Vec<Proximity> = prepared.near[i].iter().map(|n| n.proximity).collect();
-        caps.fastest_mm_s(burr, force, &near, chosen.compliances.as_ref().map(|c| &c[i]))
+        let compliance = chosen.compliances.as_ref().map(|c| &c[i]);
+        let forces = chosen.forces[i].iter().chain(&chosen.within[i]);
+        forces.map(|force| caps.fastest_mm_s(burr, force, &near, compliance)).fold(f64::INFINITY, f64::min)
     };
     (0..chosen.forces.len()).map(fastest).collect()
 }

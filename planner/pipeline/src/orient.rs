@@ -1,69 +1,46 @@
 //! The shaft's axis at every waypoint, by the case's mode.
 
 use bonemill_case::OrientationMode;
-use bonemill_cutting::burr::{EngagedSamples, Feed, Material, OrientationKernel};
-use bonemill_cutting::cost::Terms;
-use bonemill_cutting::metrics::Moments;
+use bonemill_cutting::burr::EngagedSamples;
+use bonemill_cutting::speed::Levels;
 use bonemill_geometry::cancel;
-use bonemill_toolpath::engagement::SweptPath;
 use bonemill_toolpath::orientation::corridor::{Corridor, best_near};
+use bonemill_toolpath::orientation::directions::angle_between;
 use bonemill_toolpath::orientation::greedy::{self, LoneWaypoint, low_pass, settle};
 use bonemill_toolpath::orientation::refine::{Chart, best_checked, refine};
 use bonemill_toolpath::orientation::sequence::{BestSequence, Forbidden, Problem, best_sequence};
-use bonemill_toolpath::orientation::{Directions, FreeSets, Permissible, RateLimit, TiltFamily};
+use bonemill_toolpath::orientation::{Directions, FreeSets, Permissible, TiltFamily, TurnLimits, TurnPrice};
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
 use super::arm_axes::ArmAxes;
+use super::axis_cost::{AxisObjective, CostField};
 use super::direction_sets::Finer;
+use super::in_time::{Goal, UnderLevels, least_levels};
 use super::reach::ReachedPath;
 
-/// Below this weight of forces in the cost they are left out. The choice is then worse by less than this weight; the plan records
-/// the largest possible loss ([`super::Modelled::closed_form_error`]).
-pub const FORCE_MATTERS: f64 = 1e-2;
 /// Half-width of the greedy mode's low-pass, waypoints. Assumed: D gives none.
 const LOW_PASS_HALF: usize = 6;
-
-/// The inputs of every waypoint's cost.
-#[derive(Debug)]
-pub struct CostField<'a> {
-    /// The path, for what is gone.
-    pub swept: &'a SweptPath<'a>,
-    /// Force of the gathered samples.
-    pub kernel: &'a OrientationKernel,
-    /// Density to weight.
-    pub material: &'a Material,
-    /// Structures near each waypoint, with their weights.
-    pub terms: &'a [Terms],
-    /// Mass ahead and its moments.
-    pub moments: &'a [Moments],
-    /// Direction of the move that ends at each waypoint.
-    pub feeds: &'a [Option<Unit<Vector3<f64>>>],
-    /// mm/s.
-    pub nominal_mm_s: f64,
-    /// rpm.
-    pub spindle_rpm: f64,
-    /// Deflection per force in work, mm/N, by direction; `None` if the cost uses the force itself.
-    pub compliance: Option<Vec<Matrix3<f64>>>,
-    /// Push that counts as much as no efficiency at all, N, or mm where a compliance is given; none for D's share of |F|.
-    pub scale: Option<f64>,
-    /// The same by direction of [`FreeAxes::finer`].
-    pub finer_compliance: Option<Vec<Matrix3<f64>>>,
-}
+/// Axes nearer than this are the same, rad.
+const SAME_RAD: f64 = 1e-9;
 
 /// Where axes may go.
 #[derive(Debug, Clone, Copy)]
 pub struct FreeAxes<'a> {
     /// The path and its access.
     pub reached: &'a ReachedPath<'a>,
+    /// Which directions may be chosen at each waypoint.
+    pub free: &'a FreeSets,
+    /// Whether a waypoint keeps the only direction that it may have.
+    pub held: &'a [bool],
     /// To choose from.
     pub directions: &'a Directions,
     /// A finer cap to choose from near the best of these, with the number in it of each of these.
     pub finer: Option<&'a Finer>,
     /// The plane of an arm with one tilt.
     pub family: Option<&'a TiltFamily>,
-    /// How fast axes may turn.
-    pub rate: RateLimit,
+    /// How fast axes may turn, and what that costs Dillon's objective.
+    pub turns: TurnLimits,
     /// The axes that the arm can take.
     pub arm: &'a ArmAxes,
 }
@@ -96,70 +73,28 @@ pub struct Oriented {
     pub allowed: Vec<Permissible>,
     /// Angle between neighbouring directions of the finest set that the axes were chosen from, rad.
     pub spacing_rad: f64,
+    /// What the choice by levels predicts.
+    pub predicted: Option<Predicted>,
 }
 
-impl CostField<'_> {
-    /// Whether the force enters the choice at waypoint i.
-    pub fn needs_force(&self, i: usize) -> bool {
-        self.moments[i].mass_mg() > 0.0
-            && self.feeds[i].is_some()
-            && self.terms[i].total_alpha() >= FORCE_MATTERS
-    }
-
-    /// Gathers what waypoint i cuts.
-    fn gather(&self, i: usize, samples: &mut EngagedSamples) {
-        samples.clear();
-        let Some(feed) = self.feeds[i].filter(|_| self.needs_force(i)) else { return };
-        let weight = |density| self.material.weight(density);
-        let mut bone = self.swept.bone_at(i as u32, self.kernel.tool().radius_mm(), weight);
-        self.kernel.gather(samples, &Feed::new(&feed, self.nominal_mm_s, self.spindle_rpm), &mut bone);
-    }
-
-    /// What waypoint i cuts, gathered into `own` unless it was kept.
-    fn kept_or_gathered<'a>(
-        &self,
-        kept: Option<&'a [EngagedSamples]>,
-        i: usize,
-        own: &'a mut EngagedSamples,
-    ) -> &'a EngagedSamples {
-        if let Some(kept) = kept {
-            return &kept[i];
-        }
-        self.gather(i, own);
-        own
-    }
-
-    /// Force of what was gathered, for an axis.
-    fn force_n(&self, samples: &EngagedSamples, axis: &Unit<Vector3<f64>>) -> Vector3<f64> {
-        if samples.is_empty() {
-            return Vector3::zeros();
-        }
-        self.kernel.force_for_axis(samples, axis, self.spindle_rpm).force_n(self.nominal_mm_s)
-    }
-
-    /// C of waypoint i for an axis and the force on it; `compliance`: of that axis.
-    fn cost_of(
-        &self,
-        i: usize,
-        force_n: &Vector3<f64>,
-        axis: &Unit<Vector3<f64>>,
-        compliance: Option<&Matrix3<f64>>,
-    ) -> f64 {
-        let moments = &self.moments[i];
-        let push = compliance.map_or(*force_n, |c| c * force_n);
-        let (inertia, mass_mg) = (moments.inertia_normalised(axis), moments.mass_mg());
-        match self.scale {
-            Some(scale) => self.terms[i].objective(&push, scale, inertia, mass_mg),
-            None => self.terms[i].cost(&push, inertia, mass_mg).cost,
-        }
-    }
+/// The time of a sequence of axes as the choice of axes sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Predicted {
+    /// The levels under which its cuts are as fast as they may be.
+    pub levels: Levels,
+    /// Time of the moves at their caps, s.
+    pub seconds: f64,
+    /// The part of it in which turns keep moves waiting, s.
+    pub waits_s: f64,
 }
 
 impl FreeAxes<'_> {
     /// Whether waypoint i may have the axis.
     pub fn is_free(&self, i: usize, axis: &Vector3<f64>) -> bool {
         let position = self.reached.path.points[i].position;
-        (!self.reached.limited[i] || self.directions.is_within_limit(axis))
+        let keeps = |n: usize| angle_between(&self.directions.axes()[n], axis) < SAME_RAD;
+        (!self.held[i] || self.free.iter(i).any(keeps))
+            && (!self.reached.limited[i] || self.directions.is_within_limit(axis))
             && self.arm.allows(position, axis)
             && self.reached.access.is_free(i as u32, position, axis)
     }
@@ -171,7 +106,7 @@ impl FreeAxes<'_> {
     }
 
     fn is_in_set(&self, i: usize, n: usize) -> bool {
-        self.reached.free.contains(i, n)
+        self.free.contains(i, n)
     }
 
     /// What is open around each axis; `corridor`: of the finer cap.
@@ -196,14 +131,14 @@ impl FreeAxes<'_> {
 }
 
 /// Chooses the axes.
-pub fn orient(mode: OrientationMode, room: &FreeAxes, field: &CostField) -> Oriented {
+pub fn orient(mode: OrientationMode, room: &FreeAxes, field: &CostField, goal: Option<&Goal>) -> Oriented {
     let count = room.reached.path.points.len();
     let with_force = (0..count).filter(|i| field.needs_force(*i)).count();
-    let closed_form = (0..count).filter(|i| field.moments[*i].mass_mg() > 0.0).count() - with_force;
+    let closed_form = (0..count).filter(|i| field.cuts(*i)).count() - with_force;
     let mut oriented = match mode {
         OrientationMode::Fixed => fixed(room).surveyed(room, None),
         OrientationMode::Greedy => by_waypoint(room, field).surveyed(room, None),
-        OrientationMode::Optimal => optimal(room, field),
+        OrientationMode::Optimal => optimal(room, field, goal),
     };
     (oriented.with_force, oriented.closed_form) = (with_force, closed_form);
     oriented
@@ -221,6 +156,7 @@ impl Oriented {
             blocked_turns: Vec::new(),
             allowed: Vec::new(),
             spacing_rad: 0.0,
+            predicted: None,
         }
     }
 
@@ -237,22 +173,23 @@ impl Oriented {
 /// Along the approach, or as near as is free.
 fn fixed(room: &FreeAxes) -> Oriented {
     let axis = |i: usize| room.directions.axes()[room.directions.straightest(|n| room.is_in_set(i, n))];
-    Oriented::new((0..room.reached.free.len()).map(axis).collect(), room.family)
+    Oriented::new((0..room.free.len()).map(axis).collect(), room.family)
 }
 
 /// The best axis of every waypoint by itself.
 fn wishes(room: &FreeAxes, field: &CostField) -> Vec<greedy::BestAxis> {
-    (0..room.reached.free.len())
+    (0..room.free.len())
         .into_par_iter()
         .map_init(EngagedSamples::default, |samples, i| {
             cancel::poll();
-            if field.moments[i].mass_mg() <= 0.0 {
-                return if room.reached.free.count(i) > 0 {
+            if !field.cuts(i) {
+                return if room.free.count(i) > 0 {
                     greedy::BestAxis::Any
                 } else {
                     greedy::BestAxis::Nothing
                 };
             }
+            let AxisObjective::Dillon(terms) = field.objective else { return greedy::BestAxis::Any };
             field.gather(i, samples);
             let compliance =
                 |axis: &Vector3<f64>| Some(&field.compliance.as_ref()?[room.directions.nearest(axis)]);
@@ -262,7 +199,7 @@ fn wishes(room: &FreeAxes, field: &CostField) -> Vec<greedy::BestAxis> {
                 in_set: |n: usize| room.is_in_set(i, n),
                 is_free: |axis: &Unit<Vector3<f64>>| room.is_free(i, axis),
                 cost: |axis: &Unit<Vector3<f64>>| {
-                    field.cost_of(i, &field.force_n(samples, axis), axis, compliance(axis))
+                    field.dillon(terms, i, samples, axis, compliance(axis))
                 },
             }
             .wish()
@@ -290,33 +227,12 @@ fn filtered(room: &FreeAxes, wishes: &[greedy::BestAxis]) -> greedy::Greedy {
     low_pass((room.directions, room.family), &raw, LOW_PASS_HALF, in_set, is_free)
 }
 
-/// C of every waypoint and free direction, one row per waypoint. `kept`: what was gathered, where it was.
-pub fn cost_rows(
-    directions: &Directions,
-    free: &FreeSets,
-    field: &CostField,
-    kept: Option<&[EngagedSamples]>,
-) -> Vec<f32> {
-    let axes = directions.axes();
-    let mut cost = vec![0f32; free.len() * axes.len()];
-    cost.par_chunks_mut(axes.len()).enumerate().for_each_init(EngagedSamples::default, |own, (i, row)| {
-        cancel::poll();
-        if field.moments[i].mass_mg() <= 0.0 {
-            return;
-        }
-        let samples = field.kept_or_gathered(kept, i, own);
-        for n in free.iter(i) {
-            let compliance = field.compliance.as_ref().map(|c| &c[n]);
-            row[n] = field.cost_of(i, &field.force_n(samples, &axes[n]), &axes[n], compliance) as f32;
-        }
-    });
-    cost
-}
+/// A cost of waypoint i for an axis, given what it cuts and the axis's compliance.
+type AxisCost<'a> = dyn Fn(usize, &EngagedSamples, &Unit<Vector3<f64>>, Option<&Matrix3<f64>>) -> f32 + Sync + 'a;
 
 /// The best sequence on the set; near it on a finer cap, where there is one; then between its directions.
-fn optimal(room: &FreeAxes, field: &CostField) -> Oriented {
-    let none = Forbidden::default();
-    let waypoints = room.reached.free.len();
+fn optimal(room: &FreeAxes, field: &CostField, goal: Option<&Goal>) -> Oriented {
+    let waypoints = room.free.len();
     let kept: Option<Vec<EngagedSamples>> = room.finer.filter(|_| waypoints <= MOST_KEPT).map(|_| {
         let gathered = |i: usize| {
             cancel::poll();
@@ -328,20 +244,59 @@ fn optimal(room: &FreeAxes, field: &CostField) -> Oriented {
         (0..waypoints).into_par_iter().map(gathered).collect()
     });
     let kept = kept.as_deref();
-    let cost = cost_rows(room.directions, &room.reached.free, field, kept);
-    let problem = Problem {
-        directions: room.directions,
-        cost: &cost,
-        free: &room.reached.free,
-        length_mm: &room.reached.length_mm,
-        rate: room.rate,
-        forbidden: &none,
-    };
-    // where directions are far apart a turn of one spacing stands for a way over several of the finer ones
-    let lighter = room.finer.map_or(1.0, |(finer, _)| finer.spacing_rad() / room.directions.spacing_rad());
-    let rate = RateLimit { weight_mm: lighter * room.rate.weight_mm, ..room.rate };
-    let found = best_sequence(&Problem { rate, ..problem });
-    let corridor = room.finer.and_then(|finer| on_finer(room, field, kept, finer, &found));
+    // how many times farther apart directions are than the finest
+    let coarser = room.finer.map_or(1.0, |(finer, _)| room.directions.spacing_rad() / finer.spacing_rad());
+    match (field.objective, goal) {
+        (AxisObjective::Levels(times), Some(goal)) => {
+            let UnderLevels { levels, cost, found, seconds: [seconds, waits_s] } =
+                least_levels(room, field, &times, goal, (coarser, kept));
+            let value = |i: usize, samples: &EngagedSamples, axis: &Unit<_>, compliance: Option<&_>| {
+                if !field.cuts(i) {
+                    return (1.0 / times.link_mm_s) as f32;
+                }
+                field.axis_push(&times, i, samples, axis, compliance).cost(&levels, times.range_mm_s) as f32
+            };
+            let turns = goal.limits(room.turns, 1.0);
+            let predicted = Predicted { levels: levels.levels, seconds, waits_s };
+            Oriented { predicted: Some(predicted), ..along_best(room, field, (&cost, found), turns, (&value, kept)) }
+        }
+        (AxisObjective::Dillon(terms), _) => {
+            let value = |i: usize, samples: &EngagedSamples, axis: &Unit<_>, compliance: Option<&_>| {
+                if field.cuts(i) { field.dillon(terms, i, samples, axis, compliance) as f32 } else { 0.0 }
+            };
+            let cost = field.rows(room.directions, room.free, kept, value);
+            let none = Forbidden::default();
+            let TurnPrice::Smoothness(weight_mm) = room.turns.price else { return fixed(room).surveyed(room, None) };
+            // where directions are far apart a turn of one spacing stands for a way over several of the finer ones
+            let turns = TurnLimits { price: TurnPrice::Smoothness(weight_mm / coarser), ..room.turns };
+            let found = best_sequence(&problem(room, &cost, turns, &none));
+            along_best(room, field, (&cost, found), room.turns, (&value, kept))
+        }
+        (AxisObjective::Levels(_), None) => fixed(room).surveyed(room, None),
+    }
+}
+
+fn problem<'a>(
+    room: &'a FreeAxes,
+    cost: &'a [f32],
+    turns: TurnLimits,
+    forbidden: &'a Forbidden,
+) -> Problem<'a> {
+    let (directions, free, length_mm) = (room.directions, room.free, &room.reached.length_mm);
+    Problem { directions, cost, free, length_mm, turns, forbidden }
+}
+
+/// From the best sequence of the set to axes: near it on the finer cap, its turns tested, then between directions.
+fn along_best(
+    room: &FreeAxes,
+    field: &CostField,
+    (cost, found): (&[f32], BestSequence),
+    turns: TurnLimits,
+    (value, kept): (&AxisCost, Option<&[EngagedSamples]>),
+) -> Oriented {
+    let none = Forbidden::default();
+    let problem = problem(room, cost, turns, &none);
+    let corridor = room.finer.and_then(|finer| on_finer(room, field, (value, kept), finer, (&found, turns)));
     let checked = |problem: &Problem, first: BestSequence| {
         let axis = |n: u16| &problem.directions.axes()[usize::from(n)];
         best_checked(problem, first, |i, from, to| room.is_turn_free(i, axis(from), axis(to)))
@@ -358,7 +313,7 @@ fn optimal(room: &FreeAxes, field: &CostField) -> Oriented {
             let mut best = checked(&problem, first);
             if !best.is_free() {
                 // the one by which the path was found to be passable
-                let free_of_cost = Problem { cost: &vec![0.0; cost.len()], ..problem };
+                let free_of_cost = Problem { cost: &vec![0.0; cost.len()], free: &room.reached.free, ..problem };
                 best = checked(&free_of_cost, best_sequence(&free_of_cost));
             }
             (best, None)
@@ -392,9 +347,9 @@ const MOST_KEPT: usize = 20_000;
 fn on_finer(
     room: &FreeAxes,
     field: &CostField,
-    kept: Option<&[EngagedSamples]>,
+    (value, kept): (&AxisCost, Option<&[EngagedSamples]>),
     (finer, numbers): &Finer,
-    found: &BestSequence,
+    (found, turns): (&BestSequence, TurnLimits),
 ) -> Option<Corridor> {
     let BestSequence::Sequence { directions, .. } = found else { return None };
     let start: Vec<u16> = directions.iter().map(|n| numbers[usize::from(*n)]).collect();
@@ -402,15 +357,11 @@ fn on_finer(
         cancel::poll();
         let axis = |n: usize| &finer.axes()[n];
         let is_free: Vec<bool> = wanted.iter().map(|n| room.is_free(i, axis(*n))).collect();
-        let cuts = field.moments[i].mass_mg() > 0.0;
         let mut own = EngagedSamples::default();
         let samples = field.kept_or_gathered(kept, i, &mut own);
         let compliance = |n: usize| Some(&field.finer_compliance.as_ref()?[n]);
-        let cost = |n: usize| {
-            let force_n = field.force_n(samples, axis(n));
-            if cuts { field.cost_of(i, &force_n, axis(n), compliance(n)) as f32 } else { 0.0 }
-        };
+        let cost = |n: usize| value(i, samples, axis(n), compliance(n));
         wanted.iter().zip(is_free).map(|(n, is_free)| is_free.then(|| cost(*n))).collect()
     };
-    best_near(finer, &start, &room.reached.length_mm, room.rate, ask)
+    best_near(finer, &start, &room.reached.length_mm, turns, ask)
 }

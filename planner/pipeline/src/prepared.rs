@@ -2,16 +2,15 @@
 
 use std::path::Path;
 
-use bonemill_armpath::{Compliance, Placed};
-use bonemill_case::{Case, OrientationMode, PathSpec, Sense};
+use bonemill_case::{Case, OrientationMode, PathSpec};
+use bonemill_cutter::ShankCylinder;
 use bonemill_cutting::cost::Proximity;
 use bonemill_geometry::Progress;
 use bonemill_scene::Scene;
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::{Setup, Stopwatch, tools};
-use bonemill_toolpath::orientation::{Directions, RateLimit, TiltFamily};
-use bonemill_toolpath::path::{self, PathPoint, PathSpacing, RasterFrame};
-use bonemill_toolpath::space::BurrSpace;
+use bonemill_toolpath::orientation::{Directions, TiltFamily, TurnLimits, TurnPrice};
+use bonemill_toolpath::path::{self, PathPoint, PathSpacing};
 use nalgebra::{Unit, Vector3};
 
 use super::arm_axes::ArmAxes;
@@ -19,12 +18,54 @@ use super::attempt::Start;
 use super::direction_sets::{self, Finer};
 use super::raster::Raster;
 use super::reach::{self, ReachSpec, ReachedPath};
-use super::{PlanError, raster, tilt};
+use super::{PlanError, tilt};
 
 /// Steps of a draft's directions are this many times as long, in a plane and over a cap.
 const DRAFT_COARSER: [f64; 2] = [2.0, 3.0];
 /// λ of the orientation's rate penalty, mm/rad² per unit of cost.
 const RATE_WEIGHT_MM: f64 = 1.0;
+
+/// What the shaft of a case may do, before any path is laid.
+#[derive(Debug, Clone)]
+pub(super) struct ShaftFreedom {
+    pub family: Option<TiltFamily>,
+    pub turns: TurnLimits,
+    pub shank: Vec<ShankCylinder>,
+    /// The directions of drafts.
+    pub draft: Directions,
+    pub arm_axes: ArmAxes,
+}
+
+impl ShaftFreedom {
+    /// Of a case's arm and tool.
+    pub fn new(start: &Start, watch: &mut Stopwatch) -> Self {
+        let Start { case, arm, scene, space, base_from_work, .. } = *start;
+        let limit_rad = case.orientation.tilt_limit_rad;
+        let family = (case.orientation.angles == 1).then(|| tilt::tilt_family(arm, &base_from_work, scene));
+        let most_rad_per_mm = tilt::tilt_rate_rad_s(arm) / case.speed.nominal_mm_s;
+        let asked = direction_sets::one(family.as_ref(), limit_rad, 1.0);
+        Self {
+            turns: TurnLimits { price: TurnPrice::Smoothness(RATE_WEIGHT_MM), most_rad_per_mm },
+            shank: tools::shank(case),
+            draft: direction_sets::one(family.as_ref(), limit_rad, DRAFT_COARSER[usize::from(family.is_none())]),
+            arm_axes: watch.run("arm", || ArmAxes::new(start.placed(), space, asked)),
+            family,
+        }
+    }
+
+    /// What access depends on, for drafts.
+    pub fn reach_spec<'b, 's>(&'b self, start: &Start<'s>) -> ReachSpec<'b, 's> {
+        ReachSpec {
+            radius_mm: start.case.burr.radius_mm,
+            shank: &self.shank,
+            solid: start.solid,
+            arm: &self.arm_axes,
+            directions: &self.draft,
+            turns: self.turns,
+            spacing: spacing(start.case),
+        }
+    }
+}
 
 /// Scene, path, access and engagement of a case.
 #[derive(Debug)]
@@ -35,7 +76,7 @@ pub struct Prepared<'a> {
     pub(super) directions: Directions,
     /// A finer cap to choose from near the best of these.
     pub(super) finer: Option<Finer>,
-    pub(super) rate: RateLimit,
+    pub(super) turns: TurnLimits,
     pub(super) reached: ReachedPath<'a>,
     pub(super) arm_axes: ArmAxes,
     /// Links that graze a cusp where no axis within the tilt limit is free.
@@ -47,41 +88,20 @@ pub struct Prepared<'a> {
 }
 
 impl<'a> Prepared<'a> {
-    /// Lays the path, its lines as `raster` says or as the case and the structures decide, and finds what is free on it.
+    /// Lays the path along `raster` and finds what is free on it.
     ///
     /// # Errors
     /// When the arm cannot stand there, or the shank reaches nothing.
     pub(super) fn new(
         start: &Start<'a>,
-        raster: Option<Raster>,
+        freedom: &ShaftFreedom,
+        raster: Raster,
         watch: &mut Stopwatch,
     ) -> Result<Self, PlanError> {
-        let Start { case, arm, scene, space, solid, base_from_work } = *start;
-        let spacing = spacing(case);
-        let limit_rad = case.orientation.tilt_limit_rad;
-        let family = (case.orientation.angles == 1).then(|| tilt::tilt_family(arm, &base_from_work, scene));
-        let rate_rad_s = tilt::tilt_rate_rad_s(arm);
-        let rate =
-            RateLimit { weight_mm: RATE_WEIGHT_MM, most_rad_per_mm: rate_rad_s / case.speed.nominal_mm_s };
-        let shank = tools::shank(case);
-        let draft =
-            direction_sets::one(family.as_ref(), limit_rad, DRAFT_COARSER[usize::from(family.is_none())]);
-        let placed = start.placed();
-        let asked = direction_sets::one(family.as_ref(), limit_rad, 1.0);
-        let arm_axes = watch.run("arm", || ArmAxes::new(placed, space, asked));
-        let spec = ReachSpec {
-            radius_mm: case.burr.radius_mm,
-            shank: &shank,
-            solid,
-            arm: &arm_axes,
-            directions: &draft,
-            rate,
-            spacing,
-        };
-        let raster = match raster {
-            Some(raster) => raster,
-            None => watch.run("raster", || chosen_raster(case, scene, space, &spec, placed))?,
-        };
+        let Start { case, scene, space, .. } = *start;
+        let (spacing, limit_rad) = (spacing(case), case.orientation.tilt_limit_rad);
+        let ShaftFreedom { family, turns, arm_axes, .. } = freedom;
+        let spec = freedom.reach_spec(start);
         let lay = || raster.lay(case, scene, space, spacing);
         let path = watch.run("path", lay)?;
         let is_whole = family.is_none() && case.orientation.mode == OrientationMode::Optimal;
@@ -118,8 +138,8 @@ impl<'a> Prepared<'a> {
             reach::limit_where_it_cuts(&mut reached, &cuts, &ReachSpec { directions: &directions, ..spec });
         Ok(Self {
             start: *start,
-            family,
-            rate,
+            family: *family,
+            turns: *turns,
             near,
             feeds,
             raster,
@@ -127,7 +147,7 @@ impl<'a> Prepared<'a> {
             reached,
             directions,
             finer,
-            arm_axes,
+            arm_axes: arm_axes.clone(),
         })
     }
 
@@ -167,40 +187,6 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// The lines that the case gives; what it leaves open is chosen by the least force toward the structures in drafts.
-fn chosen_raster(
-    case: &Case,
-    scene: &Scene,
-    space: &BurrSpace,
-    spec: &ReachSpec,
-    placed: Placed,
-) -> Result<Raster, PlanError> {
-    let frames = match case.path.raster_rad {
-        Some(angle) => vec![RasterFrame::at_angle(angle - scene.turn_rad)],
-        None => {
-            let toward = raster::toward_structure(case, scene)?;
-            let along = RasterFrame::chosen(&scene.target_hull_xy, toward, raster::mass_center(scene));
-            vec![along, along.across()]
-        }
-    };
-    let senses = match case.path.sense {
-        Sense::Auto if case.structures.is_empty() => vec![Sense::Both],
-        Sense::Auto => vec![Sense::Both, Sense::Away],
-        given => vec![given],
-    };
-    let candidates: Vec<Raster> = senses
-        .iter()
-        .flat_map(|sense| frames.iter().map(|frame| Raster { frame: *frame, sense: *sense }))
-        .collect();
-    if candidates.len() == 1 {
-        return Ok(candidates[0]);
-    }
-    let axes = spec.directions.axes();
-    let (compliance, center) = (Compliance::new(case, placed)?, scene.target_center);
-    let compliance = compliance.of_cost(case, center, axes, |axis| spec.arm.allows(center, axis))?;
-    raster::Drafts { case, scene, space, spec, compliance: compliance.as_deref() }.least_felt(&candidates)
-}
-
 /// How close the path's layers, lines and waypoints are.
 pub(super) fn spacing(case: &Case) -> PathSpacing {
     let PathSpec { layer_mm, stepover_mm, step_mm, .. } = case.path;
@@ -221,7 +207,7 @@ pub fn with_prepared<R>(
     let setup = Setup::read(case, case_path, &mut watch)?;
     let space = super::free_space(&setup.case, &setup.scene)?;
     let solid = super::shank_obstacles(&setup.case, &setup.scene);
-    work(&Prepared::new(&Start::new(&setup, &space, &solid), None, &mut watch)?)
+    work(&Start::new(&setup, &space, &solid).prepared(&mut watch)?)
 }
 
 /// Unit direction of the move that ends at each waypoint; that of the last real move where the burr only turns.

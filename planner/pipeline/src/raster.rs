@@ -2,47 +2,50 @@
 //!
 //! They decide which side of the burr meets a structure, and with one tilt how often the shaft must alternate between the two sides
 //! of a line. Candidates, lines along the target's longer side and across it, each cut to and fro or away from the structures, are
-//! laid as drafts: whole paths, finishing included, with coarse steps and coarse directions. Each draft is oriented by the dynamic
-//! program, or as straight as is free where the case's shaft is fixed, gets speeds by the case's mode in one and the same time, links
-//! included, and is compared by the forces near the structures. Where nothing is cut near a structure, the lower cost of orientation
-//! wins.
+//! laid as drafts: whole paths, finishing included, with coarse steps and coarse directions. Each draft is judged twice in one and the
+//! same time, links included: with the shaft along the approach at the least levels of force, and, where the case chooses axes by
+//! levels, with axes under the levels of the best straight draft. The figures of both are mean and peak of the force toward each
+//! structure and the mean force. The first candidate stands unless another is clearly better, so that rounding decides nothing.
 //!
-//! A draft is a comparison, not a plan: waypoints that no axis reaches count as much as the dearest cut, and nothing is
-//! dropped or refined. Bone stands and goes by voxels, not by parts of them.
+//! A draft is a comparison, not a plan: waypoints that no axis reaches count as time without a cut, and nothing is
+//! dropped or refined. Bone stands and goes by voxels, not by parts of them, and the joints' accelerations do not count.
 
-use bonemill_case::{Case, OrientationMode, Sense};
+use bonemill_armpath::Compliance;
+use bonemill_case::{Case, Objective, OrientationMode, Sense, SpeedMode, SpeedSpec};
 use bonemill_cutter::Ball;
-use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, OrientationKernel};
+use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, Material, OrientationKernel};
 use bonemill_cutting::metrics::Moments;
-use bonemill_motion::resolve::DensePath;
+use bonemill_cutting::speed::Levels;
 use bonemill_scene::{Class, Scene};
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::tools;
 use bonemill_toolpath::access::Access;
 use bonemill_toolpath::engagement::{SweptPath, mass_increments_by_voxels};
-use bonemill_toolpath::orientation::FreeSets;
-use bonemill_toolpath::orientation::sequence::{BestSequence, Forbidden, Problem, best_sequence};
+use bonemill_toolpath::orientation::{FreeSets, TurnTime};
 use bonemill_toolpath::path::{self, Builder, Lines, MillPath, MoveKind, PathSpacing, RasterFrame, lay_path};
 use bonemill_toolpath::space::BurrSpace;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
 use super::PlanError;
-use super::choose::{scale, terms};
-use super::control::StructureForces;
+use super::attempt::Start;
+use super::axis_cost::{AxisObjective, CostField, LevelTimes};
+use super::in_time::{Goal, best_under};
 use super::levels;
-use super::orient::{CostField, cost_rows};
-use super::prepared::feeds;
+use super::prepared::{ShaftFreedom, feeds};
 use super::reach::{ReachSpec, free_directions, lengths, limited};
+use super::reference::StructureForces;
 use super::sense::PassSense;
-use super::speeds::{self, SpeedInput};
+use super::speeds::{self, Aim, SpeedInput};
 
 /// A draft's steps are this many times longer.
 const COARSER: f64 = 4.0;
-/// A later candidate must be better by this share: ties keep the first.
-const CLEARLY: f64 = 0.01;
+/// A later candidate must have a product of figures that is lower by this share: otherwise the first stands.
+const CLEARLY: f64 = 0.1;
 /// A candidate that leaves this share more of its length out of reach than the best is no candidate.
 const MORE_UNREACHED: f64 = 0.01;
+/// Directions in which drafts look for bone, and how many make a sample.
+const SAMPLES: [usize; 2] = [1024, 4];
 
 /// Lines of a path, as chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,201 +74,272 @@ impl Raster {
     }
 }
 
+/// The directions of lines that a case leaves open: the one that it gives, or along the target and across.
+pub(super) fn frames(case: &Case, scene: &Scene) -> Result<Vec<RasterFrame>, PlanError> {
+    if let Some(angle) = case.path.raster_rad {
+        return Ok(vec![RasterFrame::at_angle(angle - scene.turn_rad)]);
+    }
+    let along = RasterFrame::chosen(&scene.target_hull_xy, toward_structure(case, scene)?, mass_center(scene));
+    Ok(vec![along, along.across()])
+}
+
+/// The lines to choose from.
+fn candidates(case: &Case, frames: &[RasterFrame]) -> Vec<Raster> {
+    let senses = match case.path.sense {
+        Sense::Auto if case.structures.is_empty() => vec![Sense::Both],
+        Sense::Auto => vec![Sense::Both, Sense::Away],
+        given => vec![given],
+    };
+    let with = |sense: &Sense| frames.iter().map(|frame| Raster { frame: *frame, sense: *sense }).collect::<Vec<_>>();
+    senses.iter().flat_map(with).collect()
+}
+
+/// The lines that are chosen for the plan, and for a straight shaft.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct ChosenLines {
+    pub plan: Raster,
+    pub straight: Raster,
+}
+
+/// Chooses the lines. `time_share`: total time over that of lines along the first frame at the nominal speed; `turn`: how long turns
+/// take, where axes are chosen by levels.
+///
+/// # Errors
+/// When the tool, the material or the cost's weights are not usable.
+pub(super) fn chosen(
+    start: &Start,
+    freedom: &ShaftFreedom,
+    frames: &[RasterFrame],
+    (time_share, turn): (f64, Option<TurnTime>),
+) -> Result<ChosenLines, PlanError> {
+    let case = start.case;
+    let candidates = candidates(case, frames);
+    if let [only] = candidates[..] {
+        return Ok(ChosenLines { plan: only, straight: only });
+    }
+    let chooses_axes = case.orientation.mode == OrientationMode::Optimal && case.cost.objective == Objective::Levels;
+    let turn = turn.filter(|_| chooses_axes);
+    let drafts = Drafts::new(start, freedom)?;
+    let made: Vec<Draft> =
+        candidates.par_iter().map(|raster| drafts.draft(raster, turn.is_some())).collect::<Result<_, _>>()?;
+    // one time for all of them
+    let total_s = time_share * (made[0].cuts_mm() / case.speed.nominal_mm_s + made[0].links_s(case));
+    let straight: Vec<Judged> = made
+        .par_iter()
+        .map(|draft| draft.judged(case, &draft.straight, total_s, None))
+        .collect::<Result<_, _>>()?;
+    let best_straight = first_clearly_best(straight.iter().map(|judged| Some(judged.forces.score(case))));
+    let [reference, most] = straight[best_straight].levels;
+    let Some(turn) = turn else {
+        return Ok(ChosenLines { plan: candidates[best_straight], straight: candidates[best_straight] });
+    };
+    let tilted: Vec<Option<f64>> = made
+        .par_iter()
+        .map(|draft| {
+            let goal = Goal { levels: reference, most, seconds: total_s, caps_over_driven: 1.0, turn, keeps_straight_near: false };
+            let Some(forces) = drafts.along_best(draft, &goal)? else { return Ok(None) };
+            Ok(Some(draft.judged(case, &forces, total_s, Some(reference))?.forces.score(case)))
+        })
+        .collect::<Result<_, PlanError>>()?;
+    let least_unreached = made.iter().map(Draft::unreached).fold(f64::INFINITY, f64::min);
+    let is_candidate = |n: usize| made[n].unreached() <= least_unreached + MORE_UNREACHED;
+    let scores = tilted.iter().enumerate().map(|(n, score)| score.filter(|_| is_candidate(n)));
+    Ok(ChosenLines { plan: candidates[first_clearly_best(scores)], straight: candidates[best_straight] })
+}
+
+/// The first of scores that no other is clearly below.
+fn first_clearly_best(scores: impl Iterator<Item = Option<f64>>) -> usize {
+    let mut best: Option<(f64, usize)> = None;
+    for (n, score) in scores.enumerate().filter_map(|(n, score)| Some((n, score?))) {
+        if best.is_none_or(|(least, _)| score < least - CLEARLY) {
+            best = Some((score, n));
+        }
+    }
+    best.map_or(0, |(_, n)| n)
+}
+
 /// A draft along one candidate.
 struct Draft {
-    /// Cost of orientation, mm; unreached waypoints cost 1 per mm.
-    cost: f64,
-    /// Share of its length that no axis reaches; 1 where no sequence gets through.
-    unreached: f64,
+    path: MillPath,
     length_mm: Vec<f64>,
+    feeds: Vec<Option<Unit<Vector3<f64>>>>,
     near: Vec<Vec<NearStructure>>,
     moments: Vec<Moments>,
-    /// Along the chosen axes, and their cost.
-    forces: Vec<Option<EngagedForce>>,
-    costs: Vec<f64>,
+    /// With the shaft along the approach.
+    straight: Vec<Option<EngagedForce>>,
+    /// The directions that are free at each waypoint; none where the shaft stays straight.
+    free: Option<FreeSets>,
+}
+
+/// A draft's forces in a time, the levels of its cuts faster than the least speed, and the largest pushes.
+struct Judged {
+    forces: StructureForces,
+    levels: [Levels; 2],
 }
 
 /// What every draft of a case is made with.
-pub struct Drafts<'a> {
-    /// The case.
-    pub case: &'a Case,
-    /// Its scene.
-    pub scene: &'a Scene,
-    /// Its free space.
-    pub space: &'a BurrSpace<'a>,
-    /// What access depends on.
-    pub spec: &'a ReachSpec<'a, 'a>,
+struct Drafts<'a> {
+    start: &'a Start<'a>,
+    spec: ReachSpec<'a, 'a>,
+    kernel: OrientationKernel,
+    material: Material,
     /// Deflection per force of each direction, mm/N, if the cost uses the deflection.
-    pub compliance: Option<&'a [Matrix3<f64>]>,
+    compliance: Option<Vec<Matrix3<f64>>>,
 }
 
-impl Drafts<'_> {
-    /// The candidate with the least force toward the structures.
-    ///
-    /// # Errors
-    /// When the tool, the material or the cost's weights are not usable.
-    pub fn least_felt(&self, candidates: &[Raster]) -> Result<Raster, PlanError> {
-        let case = self.case;
-        let drafts: Result<Vec<Draft>, PlanError> =
-            candidates.par_iter().map(|raster| self.draft(raster)).collect();
-        let drafts = drafts?;
-        let least_unreached = drafts.iter().map(|d| d.unreached).fold(f64::INFINITY, f64::min);
-        let is_candidate = |n: &usize| drafts[*n].unreached <= least_unreached + MORE_UNREACHED;
-        // one time for all of them: that of the first that can be compared
-        let first = (0..drafts.len()).find(is_candidate).map_or(&drafts[0], |n| &drafts[n]);
-        let total_s = first.cuts_mm() / case.speed.nominal_mm_s + first.links_s(case);
-        let forces: Result<Vec<StructureForces>, PlanError> =
-            drafts.par_iter().map(|d| d.structure_forces(case, total_s - d.links_s(case))).collect();
-        let forces = forces?;
-        let is_pushed = forces.iter().flat_map(|f| &f.structures).any(|s| s.near.peak_n > 0.0);
-        let score = |n: usize| if is_pushed { forces[n].score(case) } else { drafts[n].cost.ln() };
-        let mut best: Option<(f64, usize)> = None;
-        for n in (0..drafts.len()).filter(is_candidate) {
-            let score = score(n);
-            if best.is_none_or(|(least, _)| score < least - CLEARLY) {
-                best = Some((score, n));
-            }
-        }
-        Ok(candidates[best.map_or(0, |(_, n)| n)])
+impl<'a> Drafts<'a> {
+    fn new(start: &'a Start<'a>, freedom: &'a ShaftFreedom) -> Result<Self, PlanError> {
+        let (case, spec) = (start.case, freedom.reach_spec(start));
+        let tool = tools::tool(&case.burr)?;
+        let (material, measure) = tools::material(&case.material)?;
+        let [samples, merged] = SAMPLES;
+        let (axes, center) = (spec.directions.axes(), start.scene.target_center);
+        let compliance = Compliance::new(case, start.placed())?;
+        let compliance = compliance.of_cost(case, center, axes, |axis| spec.arm.allows(center, axis))?;
+        let kernel = OrientationKernel::new(&tool, &material, measure, samples, merged);
+        Ok(Self { start, spec, kernel, material, compliance })
     }
 
     /// A draft along `raster`.
-    fn draft(&self, raster: &Raster) -> Result<Draft, PlanError> {
-        let Self { case, scene, space, spec, compliance } = *self;
-        let radius = case.burr.radius_mm;
-        let step_mm = (COARSER * spec.spacing.step_mm).min(radius);
-        let path = raster.lay(case, scene, space, PathSpacing { step_mm, ..spec.spacing })?;
+    fn draft(&self, raster: &Raster, tilts: bool) -> Result<Draft, PlanError> {
+        let Start { case, scene, space, .. } = *self.start;
+        let radius_mm = case.burr.radius_mm;
+        let step_mm = (COARSER * self.spec.spacing.step_mm).min(radius_mm);
+        let path = raster.lay(case, scene, space, PathSpacing { step_mm, ..self.spec.spacing })?;
         let points = &path.points;
-        let access = Access::draft(scene, spec.solid, path.removal.time(), spec.shank);
-        let limited = limited(points.len(), |i| points[i].kind == MoveKind::Cut);
-        let free = free_directions(&access, points, &limited, spec);
-        drop(access);
+        let free = tilts.then(|| {
+            let access = Access::draft(scene, self.spec.solid, path.removal.time(), self.spec.shank);
+            let limited = limited(points.len(), |i| points[i].kind == MoveKind::Cut);
+            free_directions(&access, points, &limited, &self.spec)
+        });
         let near = nearest_structures::along(case, scene, &path::centers(points))?;
-        let moments = mass_increments_by_voxels(
-            &scene.density_g_cm3,
-            &path.removal,
-            points,
-            Ball { radius_mm: radius },
-        );
-        let (terms, feeds) = (terms(case, &near)?, feeds(points));
-        let tool = tools::tool(&case.burr)?;
-        let (material, measure) = tools::material(&case.material)?;
-        let kernel = OrientationKernel::new(&tool, &material, measure, 1024, 4);
-        let swept = SweptPath::new(scene, &path.removal, points, Ball { radius_mm: radius });
+        let moments =
+            mass_increments_by_voxels(&scene.density_g_cm3, &path.removal, points, Ball { radius_mm });
+        let (feeds, length_mm) = (feeds(points), lengths(points));
+        let mut draft = Draft { length_mm, feeds, near, moments, straight: Vec::new(), free, path };
+        draft.straight = self.forces(&draft, |_| Some(Vector3::z_axis()));
+        Ok(draft)
+    }
+
+    /// Force of every waypoint that cuts, for its axis.
+    fn forces(
+        &self,
+        draft: &Draft,
+        axis: impl Fn(usize) -> Option<Unit<Vector3<f64>>> + Sync,
+    ) -> Vec<Option<EngagedForce>> {
+        let case = self.start.case;
+        let (radius_mm, speed, rpm) = (case.burr.radius_mm, case.speed.nominal_mm_s, case.burr.spindle_rpm);
+        let swept = self.swept(draft);
+        let force = |samples: &mut EngagedSamples, i: usize| {
+            let (feed, axis) = (draft.feeds[i].filter(|_| draft.moments[i].mass_mg() > 0.0)?, axis(i)?);
+            let mut bone = swept.bone_at(i as u32, radius_mm, |density| self.material.weight(density));
+            self.kernel.gather(samples, &Feed::new(&feed, speed, rpm), &mut bone);
+            Some(self.kernel.force_for_axis(samples, &axis, rpm))
+        };
+        (0..draft.feeds.len()).into_par_iter().map_init(EngagedSamples::default, force).collect()
+    }
+
+    fn swept<'b>(&self, draft: &'b Draft) -> SweptPath<'b>
+    where
+        'a: 'b,
+    {
+        let ball = Ball { radius_mm: self.start.case.burr.radius_mm };
+        SweptPath::new(self.start.scene, &draft.path.removal, &draft.path.points, ball)
+    }
+
+    /// The forces along the sequence of axes that takes the least time under the reference's levels; none where no sequence gets
+    /// through.
+    fn along_best(&self, draft: &Draft, goal: &Goal) -> Result<Option<Vec<Option<EngagedForce>>>, PlanError> {
+        let Some(free) = &draft.free else { return Ok(None) };
+        let case = self.start.case;
+        let weighted = levels::weighted(case, &draft.near)?;
+        let times = LevelTimes {
+            weighted: &weighted,
+            range_mm_s: [case.speed.min_mm_s, case.speed.max_mm_s],
+            link_mm_s: case.speed.link_mm_s,
+        };
         let field = CostField {
-            swept: &swept,
-            kernel: &kernel,
-            material: &material,
-            terms: &terms,
-            moments: &moments,
-            feeds: &feeds,
+            swept: &self.swept(draft),
+            kernel: &self.kernel,
+            material: &self.material,
+            objective: AxisObjective::Levels(times),
+            moments: &draft.moments,
+            feeds: &draft.feeds,
             nominal_mm_s: case.speed.nominal_mm_s,
             spindle_rpm: case.burr.spindle_rpm,
-            compliance: compliance.map(<[_]>::to_vec),
-            scale: scale(case, compliance)?,
+            compliance: self.compliance.clone(),
             finer_compliance: None,
         };
-        let cost = cost_rows(spec.directions, &free, &field, None);
-        let length_mm = lengths(points);
-        // what no axis reaches is left out of the sequence, and counted as dear
-        let reached: Vec<usize> = (0..points.len()).filter(|i| free.count(*i) > 0).collect();
-        let unreached_mm: f64 = (0..points.len()).filter(|i| free.count(*i) == 0).map(|i| length_mm[i]).sum();
-        let count = spec.directions.len();
-        let rows: Vec<f32> =
-            reached.iter().flat_map(|i| &cost[i * count..(i + 1) * count]).copied().collect();
-        let kept: Vec<f64> = reached.iter().map(|i| length_mm[*i]).collect();
-        let problem = Problem {
-            directions: spec.directions,
-            cost: &rows,
-            free: &FreeSets::fill(reached.len(), count, |i, n| free.contains(reached[i], n)),
-            length_mm: &kept,
-            rate: spec.rate,
-            forbidden: &Forbidden::default(),
+        // what no axis reaches is left out of the sequence
+        let reached: Vec<usize> = (0..free.len()).filter(|i| free.count(*i) > 0).collect();
+        let set = self.spec.directions;
+        let Some(found) = best_under(&field, &times, goal, (set, free, &draft.length_mm), &reached) else {
+            return Ok(None);
         };
-        let whole_mm: f64 = length_mm.iter().sum();
-        let unreached = unreached_mm / whole_mm.max(step_mm);
-        let (cost, unreached, directions) = if case.orientation.mode == OrientationMode::Fixed {
-            let straightest = |i: &usize| spec.directions.straightest(|n| free.contains(*i, n)) as u16;
-            let directions: Vec<u16> = reached.iter().map(straightest).collect();
-            let each = directions
-                .iter()
-                .enumerate()
-                .map(|(n, d)| kept[n] * f64::from(rows[n * count + usize::from(*d)]));
-            (each.sum::<f64>() + unreached_mm, unreached, directions)
-        } else {
-            match best_sequence(&problem) {
-                BestSequence::Sequence { total, directions, .. } => {
-                    (total + unreached_mm, unreached, directions)
-                }
-                // no sequence gets through without dropping waypoints: as dear as it can be, in proportion
-                BestSequence::Blocked(i) => {
-                    (whole_mm * (2.0 - i as f64 / points.len() as f64), 1.0, Vec::new())
-                }
-            }
-        };
-        let force = |samples: &mut EngagedSamples, (i, direction): (&usize, &u16)| {
-            let feed = feeds[*i].filter(|_| moments[*i].mass_mg() > 0.0)?;
-            let axis = &spec.directions.axes()[usize::from(*direction)];
-            let (speed, rpm) = (case.speed.nominal_mm_s, case.burr.spindle_rpm);
-            let mut bone = swept.bone_at(*i as u32, radius, |density| material.weight(density));
-            kernel.gather(samples, &Feed::new(&feed, speed, rpm), &mut bone);
-            Some(kernel.force_for_axis(samples, axis, rpm))
-        };
-        let mut samples = EngagedSamples::default();
-        let (mut forces, mut costs) = (vec![None; points.len()], vec![0.0; points.len()]);
-        for (n, (i, direction)) in reached.iter().zip(&directions).enumerate() {
-            forces[*i] = force(&mut samples, (i, direction));
-            costs[*i] = f64::from(rows[n * count + usize::from(*direction)]);
-        }
-        Ok(Draft { cost, unreached, length_mm, near, moments, forces, costs })
+        let mut axes = vec![None; free.len()];
+        reached.iter().zip(found).for_each(|(i, n)| axes[*i] = Some(set.axes()[usize::from(n)]));
+        Ok(Some(self.forces(draft, |i| axes[i])))
     }
 }
 
 impl Draft {
-    fn kinds(&self) -> Vec<MoveKind> {
-        self.forces.iter().map(|f| if f.is_some() { MoveKind::Cut } else { MoveKind::Link }).collect()
-    }
-
     fn cuts_mm(&self) -> f64 {
-        self.forces.iter().zip(&self.length_mm).filter(|(f, _)| f.is_some()).map(|(_, mm)| mm).sum()
+        self.straight.iter().zip(&self.length_mm).filter(|(f, _)| f.is_some()).map(|(_, mm)| mm).sum()
     }
 
     fn links_s(&self, case: &Case) -> f64 {
         (self.length_mm.iter().sum::<f64>() - self.cuts_mm()) / case.speed.link_mm_s
     }
 
-    /// At the speeds of the case's mode, the cuts in `cutting_s` or as near to it as they can.
-    fn structure_forces(&self, case: &Case, cutting_s: f64) -> Result<StructureForces, PlanError> {
-        let forces = |speed: &dyn Fn(usize) -> f64| {
-            StructureForces::of(case, &self.length_mm, &self.forces, &self.near, speed)
-        };
-        if self.forces.iter().all(Option::is_none) {
-            return Ok(forces(&|_| case.speed.nominal_mm_s));
-        }
-        let count = self.forces.len();
-        let mass_mg: Vec<f64> = self.moments.iter().map(Moments::mass_mg).collect();
-        let pushes = levels::pushes(case, &self.near, &self.forces, None)?;
-        let step_mm = (COARSER * case.path.step_mm).min(case.burr.radius_mm);
+    /// Share of its length that no axis reaches.
+    fn unreached(&self) -> f64 {
+        let Some(free) = &self.free else { return 0.0 };
+        let unreached: f64 =
+            (0..free.len()).filter(|i| free.count(*i) == 0).map(|i| self.length_mm[i]).sum();
+        unreached / self.length_mm.iter().sum::<f64>().max(f64::MIN_POSITIVE)
+    }
+
+    /// With the least levels of force, the whole in `total_s` or as near to it as it can; in the ratio of a reference's, if one is given.
+    fn judged(
+        &self,
+        case: &Case,
+        forces: &[Option<EngagedForce>],
+        total_s: f64,
+        reference: Option<Levels>,
+    ) -> Result<Judged, PlanError> {
+        let count = forces.len();
+        let kind = |force: &Option<EngagedForce>| if force.is_some() { MoveKind::Cut } else { MoveKind::Link };
+        let kinds: Vec<MoveKind> = forces.iter().map(kind).collect();
+        let pushes = levels::pushes(case, &self.near, (forces, &[]), None)?;
+        let spec = SpeedSpec { mode: SpeedMode::LeastForce, ..case.speed.clone() };
         let input = SpeedInput {
-            kinds: &self.kinds(),
+            kinds: &kinds,
             length_mm: &self.length_mm,
-            mass_mg: &mass_mg,
-            cost: &self.costs,
-            dense: &DensePath::default(),
+            mass_mg: &vec![0.0; count],
+            cost: &vec![0.0; count],
             force_cap_mm_s: &vec![f64::INFINITY; count],
             pushes: &pushes,
-            step_mm,
-            slot_mass_mg: tools::slot_mass_mg(case, step_mm),
-            spec: &case.speed,
+            step_mm: case.path.step_mm,
+            slot_mass_mg: 0.0,
+            spec: &spec,
             smoothing: speeds::smoothing(case),
         };
-        let caps = speeds::caps_near(&input, cutting_s)?;
-        Ok(forces(&|i| caps[i]))
+        let cuts_mm: f64 = forces.iter().zip(&self.length_mm).filter(|(f, _)| f.is_some()).map(|(_, mm)| mm).sum();
+        let links_s = (self.length_mm.iter().sum::<f64>() - cuts_mm) / case.speed.link_mm_s;
+        let aim = Aim { total_s: None, reference, most_overall: None };
+        let found = speeds::caps(&input, Some((total_s - links_s).max(1e-3)), &aim)?;
+        let caps = found.mm_s;
+        let reached = levels::reached(&pushes, &caps);
+        let seconds: Vec<f64> = self.length_mm.iter().zip(&caps).map(|(mm, v)| mm / v).collect();
+        Ok(Judged {
+            forces: StructureForces::at(case, (&self.length_mm, &seconds, &caps), (forces, &[]), &self.near),
+            levels: [found.levels.unwrap_or(reached), reached],
+        })
     }
 }
 
 /// The centre of mass of the target's bone in the layers' plane; the target's centre where there is none.
-pub fn mass_center(scene: &Scene) -> [f64; 2] {
+fn mass_center(scene: &Scene) -> [f64; 2] {
     let grid = scene.class.grid();
     let [nx, ny, _] = grid.dims();
     let (mut mass, mut moment) = (0.0, [0.0; 2]);
@@ -285,7 +359,7 @@ pub fn mass_center(scene: &Scene) -> [f64; 2] {
 }
 
 /// Direction in the layer from the target's centre to the structure that is nearest less its clearance.
-pub fn toward_structure(case: &Case, scene: &Scene) -> Result<Option<[f64; 2]>, PlanError> {
+fn toward_structure(case: &Case, scene: &Scene) -> Result<Option<[f64; 2]>, PlanError> {
     let (clearances_mm, radius_mm) = (case.clearances_mm(), case.burr.radius_mm);
     let near = nearest_structures::nearest_structure(scene, &clearances_mm, radius_mm, scene.target_center)?;
     let toward: Option<Vector3<f64>> = near.map(|n| n.proximity.toward.into_inner());

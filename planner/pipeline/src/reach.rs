@@ -18,7 +18,7 @@ use bonemill_toolpath::access::{Access, Blocked, EighthTimes, ShankCylinder, Sha
 use bonemill_toolpath::engagement::mass_increments;
 use bonemill_toolpath::orientation::refine::best_checked;
 use bonemill_toolpath::orientation::sequence::{self, Forbidden, Problem, best_sequence};
-use bonemill_toolpath::orientation::{Directions, FreeSets, RateLimit};
+use bonemill_toolpath::orientation::{Directions, FreeSets, TurnLimits};
 use bonemill_toolpath::path::{
     MillPath, MoveKind, Pass, PathPoint, PathSpacing, STEP_ROUNDING, enter_from_above, join_passes,
     put_off_points,
@@ -94,7 +94,7 @@ pub struct ReachSpec<'a, 's> {
     /// Directions to choose from.
     pub directions: &'a Directions,
     /// How fast they may change.
-    pub rate: RateLimit,
+    pub turns: TurnLimits,
     /// For joining passes anew.
     pub spacing: PathSpacing,
 }
@@ -264,7 +264,7 @@ fn unturned_waypoints(
         cost: &vec![0.0; free.len() * spec.directions.len()],
         free,
         length_mm,
-        rate: spec.rate,
+        turns: spec.turns,
         forbidden: &none,
     };
     let axis = |n: u16| &spec.directions.axes()[usize::from(n)];

@@ -6,7 +6,7 @@ use bonemill_arm::ArmKind;
 use bonemill_arm::ur::branch_name;
 use bonemill_planfile::{Metrics, PlanRecord, Value};
 
-use crate::{Control, Plan, SpeedLevels, StructureForces, Volumes, dropped_by_reason, half_turn};
+use crate::{Plan, Reference, SpeedLevels, StructureForces, Volumes, dropped_by_reason, half_turn};
 
 /// What `plan.toml` says of a plan; `case_file` is its case's file, relative to the plan's directory once it has one.
 pub fn record(plan: &Plan, case_file: PathBuf) -> PlanRecord {
@@ -59,7 +59,6 @@ fn metrics(plan: &Plan) -> Metrics {
         ("band_mm".into(), scene.band_mm.into()),
         ("removed_mass_mg".into(), figures.removed_mass_mg.into()),
         ("path_length_mm".into(), figures.path_length_mm.into()),
-        ("time_at_speed_caps_s".into(), speeds.time_at_caps_s.into()),
         (
             "joint_limit_ratios".into(),
             Value::Table(vec![
@@ -112,7 +111,7 @@ fn metrics(plan: &Plan) -> Metrics {
     }
 }
 
-/// The plan beside its controls.
+/// The plan beside its references.
 fn compared(plan: &Plan) -> Vec<(String, Value)> {
     let forces = |forces: &StructureForces| -> Vec<(String, Value)> {
         let structures = plan.setup.case.structures.iter().zip(&forces.structures);
@@ -124,14 +123,18 @@ fn compared(plan: &Plan) -> Vec<(String, Value)> {
             ("near".into(), Value::Table(near.collect())),
         ]
     };
-    let control = |(number, control): (usize, &Control)| {
-        let mut entries = forces(&control.forces);
-        let turned = control.raster_rad + plan.setup.scene.turn_rad;
-        entries.insert(0, ("raster_deg".into(), half_turn(turned).to_degrees().into()));
-        entries.insert(1, ("speed_mm_s".into(), control.speed_mm_s.into()));
-        (format!("control_{}", number + 1), Value::Table(entries))
+    let reference = |(name, reference): (String, &Reference)| {
+        let turned = reference.raster.frame.angle_rad() + plan.setup.scene.turn_rad;
+        let mut entries = vec![
+            ("raster_deg".into(), half_turn(turned).to_degrees().into()),
+            ("sense".into(), reference.raster.sense.word().into()),
+            ("total_time_s".into(), reference.total_time_s.into()),
+        ];
+        entries.extend(reference.speed_mm_s.map(|v| ("speed_mm_s".into(), v.into())));
+        entries.extend(forces(&reference.forces));
+        (name, Value::Table(entries))
     };
-    let mut entries: Vec<_> = plan.results.compared.controls.iter().enumerate().map(control).collect();
+    let mut entries: Vec<_> = plan.results.compared.named().map(reference).collect();
     entries.push(("plan".into(), Value::Table(forces(&plan.results.compared.plan))));
     entries
 }

@@ -3,6 +3,7 @@
 use bonemill_geometry::basis;
 use bonemill_planfile::{ForceToward, Waypoint};
 use bonemill_setup::nearest_structures::NearStructure;
+use nalgebra::Vector3;
 
 use super::attempt::Attempt;
 use super::push::Push;
@@ -26,15 +27,17 @@ impl Attempt<'_> {
         Waypoint {
             layer: point.layer,
             kind: self.chosen.kinds[i],
-            time_s: self.timing.waypoint_times_s[i],
+            time_s: self.timing.driven.times_s[i],
             position: scene.ct_from_work * point.position,
             axis,
             theta_rad,
             phi_rad,
             speed_mm_s: self.timing.caps_mm_s[i],
+            driven_mm_s: self.timing.driven.driven_mm_s[i],
             mass_mg: moments.mass_mg(),
             inertia: cuts.then(|| moments.inertia_normalised(axis_work)),
             force_n: scene.ct_from_work.rotate(&push.force_n),
+            peak_force_n: self.peaks(i).map(|force| force.norm()).fold(push.force_n.norm(), f64::max),
             force_toward_n: toward.map(|t| t.force_n),
             structure: nearest.map(|n| n.structure),
             distance_mm: nearest.map(|n| n.proximity.distance_mm),
@@ -65,13 +68,23 @@ impl Attempt<'_> {
             distance_mm: near.proximity.distance_mm,
             toward: self.prepared.start.scene.ct_from_work.rotate(&near.proximity.toward),
             force_toward_n: toward.force_n,
+            peak_toward_n: self
+                .peaks(waypoint)
+                .map(|force| force.dot(&near.proximity.toward))
+                .fold(toward.force_n, f64::max),
             deflection_toward_um: toward.deflection_um,
         }
+    }
+
+    /// Forces at places within the move to waypoint i at the greatest speed that is driven, work, N.
+    fn peaks(&self, i: usize) -> impl Iterator<Item = Vector3<f64>> {
+        let speed = self.timing.driven.driven_mm_s[i];
+        self.chosen.within[i].iter().map(move |force| force.force_n(speed))
     }
 
     /// What pushes the burr at waypoint i.
     fn push(&self, i: usize) -> Push {
         let compliance = self.chosen.compliances.as_ref().map(|c| &c[i]);
-        Push::new(self.chosen.forces[i].as_ref(), self.timing.caps_mm_s[i], compliance)
+        Push::new(self.chosen.forces[i].as_ref(), self.timing.driven.driven_mm_s[i], compliance)
     }
 }

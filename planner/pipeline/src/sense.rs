@@ -7,7 +7,7 @@
 
 use bonemill_case::{Case, Sense};
 use bonemill_cutting::burr::{AtPoints, EngagedSamples, Feed, Material, OrientationKernel};
-use bonemill_cutting::cost::CostModel;
+use bonemill_cutting::importance::Importance;
 use bonemill_geometry::{Point, Work};
 use bonemill_planfile::toward::NEAR_MM;
 use bonemill_scene::Scene;
@@ -36,7 +36,7 @@ pub(super) struct PassSense<'a> {
     sense: Sense,
     kernel: OrientationKernel,
     material: Material,
-    nearness: CostModel,
+    importance: Importance,
     clearances_mm: Vec<f64>,
 }
 
@@ -56,7 +56,7 @@ impl<'a> PassSense<'a> {
         let [samples, merged] = SAMPLES;
         Ok(Self {
             kernel: OrientationKernel::new(&tool, &material, measure, samples, merged),
-            nearness: levels::nearness(case)?,
+            importance: levels::importance(case)?,
             clearances_mm: case.clearances_mm(),
             case,
             scene,
@@ -132,7 +132,7 @@ impl<'a> PassSense<'a> {
             for (push, feed) in pushes.iter_mut().zip([place.feed, -place.feed]) {
                 let force_n = self.force_n(builder, &place, &feed, &mut samples);
                 let toward = near.iter().map(|n| {
-                    levels::weight(&self.nearness, self.case, n) * force_n.dot(&n.proximity.toward).max(0.0)
+                    levels::weight(&self.importance, self.case, n) * force_n.dot(&n.proximity.toward).max(0.0)
                 });
                 *push += place.length_mm * toward.fold(0.0, f64::max);
             }

@@ -1,8 +1,10 @@
-//! Speed caps per move (D13, force caps or least force), and the time law under them.
+//! Speed caps per move by the case's mode, and the motion under them.
 
 use bonemill_case::{Case, SpeedMode, SpeedSpec};
 use bonemill_cutter::MoveKind;
-use bonemill_cutting::speed::{CutMoves, CutPushes, LevelFamily, Levels, Smoothing, SpeedModel, last_within};
+use bonemill_cutting::speed::{
+    CutMoves, CutPushes, Levels, Smoothing, SpeedModel, TimeLimit, last_within, least_along, least_levels,
+};
 use bonemill_motion::resolve::DensePath;
 use bonemill_motion::timelaw::{JointPath, PathLimits, PreparedPath, TimeLaw};
 
@@ -11,10 +13,14 @@ use super::PlanError;
 /// Share of a full slot's mass per step at or below which a waypoint counts as air. D13 takes a mean of 1/m: the crumbs of
 /// finishing passes would otherwise set the speed of the whole plan.
 const AIR_SHARE: f64 = 0.02;
-/// Largest number of time laws computed to meet a total time, besides those at the ends of the range.
-const TIME_EVALUATIONS: u32 = 38;
+/// Largest number of time laws computed to meet a total time on one way between speeds, besides those at its ends.
+const TIME_EVALUATIONS: u32 = 30;
 /// How exactly a total time is met, s: from below, where it is not an end of the range.
-const TIME_TOLERANCE_S: f64 = 1e-3;
+const TIME_TOLERANCE_S: f64 = 5e-3;
+/// A push toward structures up to this counts as none where levels are compared with those of another plan: N, or mm of deflection.
+const NOTHING: f64 = 1e-3;
+/// A cap is at most this many times the speed that is driven.
+const CAP_OVER_DRIVEN: f64 = 1.01;
 
 /// What speeds depend on; one entry per waypoint each.
 #[derive(Debug, Clone, Copy)]
@@ -27,8 +33,6 @@ pub struct SpeedInput<'a> {
     pub mass_mg: &'a [f64],
     /// Cost C.
     pub cost: &'a [f64],
-    /// The joint path through all waypoints.
-    pub dense: &'a DensePath,
     /// Fastest speed that the case's caps on force, deflection and power allow, mm/s; infinite where none binds.
     pub force_cap_mm_s: &'a [f64],
     /// What pushes the burr where something is cut; empty unless the mode is [`SpeedMode::LeastForce`].
@@ -43,69 +47,131 @@ pub struct SpeedInput<'a> {
     pub smoothing: Smoothing,
 }
 
-/// Caps and the law under them.
+/// The time and the levels that speeds aim at.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Aim {
+    /// Time of the whole plan, s, when it is to be met.
+    pub total_s: Option<f64>,
+    /// Levels of a reference: with [`SpeedMode::LeastForce`] both are lowered in its ratio; without, L_o comes first.
+    pub reference: Option<Levels>,
+    /// Push in any direction that no cut exceeds even where the time cannot be met.
+    pub most_overall: Option<f64>,
+}
+
+/// A path whose joints are known, ready to be timed with any caps.
+#[derive(Debug)]
+pub struct JointMotion<'a> {
+    dense: &'a DensePath,
+    prepared: PreparedPath,
+}
+
+/// A motion, and when and how fast it passes the waypoints.
 #[derive(Debug, Clone)]
-pub struct Timing {
-    /// Speed cap of the move that ends at each waypoint, mm/s.
-    pub caps_mm_s: Vec<f64>,
+pub struct Driven {
     /// The motion.
     pub law: TimeLaw,
     /// When each waypoint is passed, s.
-    pub waypoint_times_s: Vec<f64>,
-    /// What the plan would take if every move ran at its speed cap, s.
-    pub at_caps_s: f64,
+    pub times_s: Vec<f64>,
+    /// Greatest speed within the move that ends at each waypoint, mm/s.
+    pub driven_mm_s: Vec<f64>,
+}
+
+/// Caps and the law under them.
+#[derive(Debug, Clone)]
+pub struct Timing {
+    /// Speed cap of the move that ends at each waypoint, mm/s: hardly more than what is driven.
+    pub caps_mm_s: Vec<f64>,
+    /// The caps before those that the arm does not reach were lowered, mm/s.
+    pub under_levels_mm_s: Vec<f64>,
+    /// The motion.
+    pub driven: Driven,
     /// The total time that was to be met, s, and the one that the plan takes instead, s, where it could not be met.
     pub missed: Option<(f64, f64)>,
     /// The levels that the cuts keep, with [`SpeedMode::LeastForce`].
     pub levels: Option<Levels>,
 }
 
-/// Caps by the case's mode, scaled to its total time if it has one; with [`SpeedMode::LeastForce`] and no total time, to the time
-/// that the plan takes with every cut at the nominal speed.
+impl<'a> JointMotion<'a> {
+    /// Of a dense path under an arm's limits.
+    ///
+    /// # Errors
+    /// When the arm's limits are not usable.
+    pub fn new(dense: &'a DensePath, limits: &PathLimits) -> Result<Self, PlanError> {
+        let path = JointPath { q: &dense.q, burr_mm: &dense.burr_mm, pose: &dense.pose, stops: &[] };
+        Ok(Self { dense, prepared: PreparedPath::new(&path, limits)? })
+    }
+
+    /// The waypoints at whose rounded corner the burr leaves the path by at least `least_mm`, with the joint vectors where the corner
+    /// begins, in its middle and where it ends.
+    pub fn burr_corners(&self, least_mm: f64) -> Vec<(usize, [Vec<f64>; 3])> {
+        let corners = self.prepared.burr_corners(least_mm).into_iter();
+        let at_waypoint =
+            corners.filter_map(|(place, q)| Some((self.dense.waypoints.binary_search(&place).ok()?, q)));
+        at_waypoint.collect()
+    }
+
+    /// How long the path takes under caps per waypoint, mm/s.
+    ///
+    /// # Errors
+    /// Where a cap is not positive.
+    pub fn duration_s(&self, caps_mm_s: &[f64]) -> Result<f64, PlanError> {
+        Ok(self.prepared.duration_s(&self.dense.per_place(caps_mm_s))?)
+    }
+
+    /// The motion under caps per waypoint, mm/s.
+    ///
+    /// # Errors
+    /// Where a cap is not positive.
+    pub fn driven(&self, caps_mm_s: &[f64]) -> Result<Driven, PlanError> {
+        let law = self.prepared.law(&self.dense.per_place(caps_mm_s))?;
+        let times = law.waypoint_times_s();
+        let times_s = self.dense.waypoints.iter().map(|place| times[*place]).collect();
+        let driven_mm_s = self.dense.greatest_per_waypoint(&law.burr_speeds_mm_s());
+        Ok(Driven { law, times_s, driven_mm_s })
+    }
+}
+
+impl Driven {
+    /// How long the move to each waypoint takes, s.
+    pub fn seconds(&self) -> Vec<f64> {
+        let before = std::iter::once(0.0).chain(self.times_s.iter().copied());
+        self.times_s.iter().zip(before).map(|(time, before)| time - before).collect()
+    }
+}
+
+/// Caps by the case's mode, so that the plan takes the time aimed at, and the motion under them.
 ///
 /// # Errors
 /// When the mode is not supported, or the arm's limits are not usable.
-pub fn timing(input: &SpeedInput, limits: &PathLimits) -> Result<Timing, PlanError> {
-    let prepared = PreparedPath::new(
-        &JointPath { q: &input.dense.q, burr_mm: &input.dense.burr_mm, pose: &input.dense.pose, stops: &[] },
-        limits,
-    )?;
-    let (spec, cuts) = (input.spec, Cuts::new(input)?);
-    let duration_s = |caps: &[f64]| prepared.duration_s(&input.dense.per_place(caps));
-    let total_s = match (spec.total_time_s, spec.mode) {
-        (None, SpeedMode::LeastForce) => Some(duration_s(&cuts.constant(spec.nominal_mm_s))?),
-        (asked_s, _) => asked_s,
-    };
-    let total = |cutting_s: f64| Ok(duration_s(&cuts.caps(Some(cutting_s))?.mm_s)?);
-    let cutting_s = total_s.map(|total_s| cuts.cutting_for(total_s, total)).transpose()?;
-    let caps = cuts.caps(cutting_s)?;
-    let law = prepared.law(&input.dense.per_place(&caps.mm_s))?;
-    let times = law.waypoint_times_s();
-    let waypoint_times_s = input.dense.waypoints.iter().map(|place| times[*place]).collect();
-    // beyond the tolerance by more than rounding
-    let is_missed = |asked_s: &f64| (law.duration_s() - asked_s).abs() > 1.001 * TIME_TOLERANCE_S;
-    let missed = total_s.filter(is_missed).map(|asked_s| (asked_s, law.duration_s()));
-    let at_caps_s = input.length_mm.iter().zip(&caps.mm_s).map(|(mm, cap)| mm / cap).sum();
-    Ok(Timing { law, waypoint_times_s, caps_mm_s: caps.mm_s, at_caps_s, missed, levels: caps.levels })
-}
-
-/// Caps by the case's mode alone; cuts take `cutting_s` in all if it is given. With [`SpeedMode::LeastForce`] and no time they take
-/// what they take at the nominal speed.
-///
-/// # Errors
-/// As [`timing`].
-pub fn caps(input: &SpeedInput, cutting_s: Option<f64>) -> Result<Vec<f64>, PlanError> {
-    Ok(Cuts::new(input)?.caps(cutting_s)?.mm_s)
-}
-
-/// The same with the cuts in `cutting_s`, or in the time nearest to it that the speed range allows.
-///
-/// # Errors
-/// As [`timing`].
-pub fn caps_near(input: &SpeedInput, cutting_s: f64) -> Result<Vec<f64>, PlanError> {
+pub fn timing(input: &SpeedInput, motion: &JointMotion, aim: &Aim) -> Result<Timing, PlanError> {
     let cuts = Cuts::new(input)?;
-    let [fast, slow] = cuts.time_range_s()?;
-    Ok(cuts.caps(Some(cutting_s.max(fast).min(slow)))?.mm_s)
+    let duration_s = |caps: &[f64]| motion.duration_s(caps);
+    let found = cuts.caps_in_total(aim, duration_s)?;
+    let driven = motion.driven(&found.mm_s)?;
+    // beyond the tolerance by more than rounding
+    let takes_s = driven.law.duration_s();
+    let is_missed = |asked_s: &f64| (takes_s - asked_s).abs() > 1.001 * TIME_TOLERANCE_S;
+    let missed = aim.total_s.filter(is_missed).map(|asked_s| (asked_s, takes_s));
+    let caps_mm_s = cuts.lowered(&found.mm_s, &driven.driven_mm_s);
+    Ok(Timing { caps_mm_s, under_levels_mm_s: found.mm_s, driven, missed, levels: found.levels })
+}
+
+/// How long the motion takes with every cut as fast as levels and the case's caps on force allow, s.
+///
+/// # Errors
+/// As [`timing`].
+pub fn under_levels_s(input: &SpeedInput, motion: &JointMotion, levels: &Levels) -> Result<f64, PlanError> {
+    let cuts = Cuts::new(input)?;
+    motion.duration_s(&cuts.moves.profile(|i| cuts.cap_under(levels, i))?.move_mm_s)
+}
+
+/// Caps by the case's mode alone; cuts take `cutting_s` in all if it is given, or the time nearest to it that the speed range allows.
+/// With [`SpeedMode::LeastForce`] and no time they take what they take at the nominal speed.
+///
+/// # Errors
+/// As [`timing`].
+pub fn caps(input: &SpeedInput, cutting_s: Option<f64>, aim: &Aim) -> Result<SpeedCaps, PlanError> {
+    Cuts::new(input)?.caps_in_cutting(cutting_s, aim)
 }
 
 /// The paper takes a plain average; it raises speed where the burr enters bone, so it is not the default.
@@ -114,12 +180,15 @@ pub fn smoothing(case: &Case) -> Smoothing {
 }
 
 /// Caps of all moves.
-struct Caps {
-    mm_s: Vec<f64>,
-    levels: Option<Levels>,
+#[derive(Debug, Clone)]
+pub struct SpeedCaps {
+    /// Per waypoint, mm/s.
+    pub mm_s: Vec<f64>,
+    /// With [`SpeedMode::LeastForce`].
+    pub levels: Option<Levels>,
 }
 
-impl From<Vec<f64>> for Caps {
+impl From<Vec<f64>> for SpeedCaps {
     fn from(mm_s: Vec<f64>) -> Self {
         Self { mm_s, levels: None }
     }
@@ -131,7 +200,6 @@ struct Cuts<'a> {
     spec: &'a SpeedSpec,
     model: SpeedModel,
     moves: CutMoves<'a>,
-    levels: LevelFamily,
     mass_mg: Vec<f64>,
     cost: Vec<f64>,
     length_mm: Vec<f64>,
@@ -145,16 +213,13 @@ impl<'a> Cuts<'a> {
         let cuts = || (0..is_cut.len()).filter(|i| is_cut[*i]);
         // a short last step to a wall takes little bone only because it is short: mass per length decides
         let mass = |i: usize| input.mass_mg[i] * input.step_mm / input.length_mm[i].max(1e-3 * input.step_mm);
-        let range_mm_s = [spec.min_mm_s, spec.max_mm_s];
-        let pushes = input.pushes.iter().zip(&is_cut).filter(|(_, is_cut)| **is_cut);
         Ok(Self {
             mass_mg: cuts().map(mass).collect(),
             cost: cuts().map(|i| input.cost[i]).collect(),
             length_mm: cuts().map(|i| input.length_mm[i]).collect(),
-            levels: LevelFamily::new(pushes.filter_map(|(pushes, _)| pushes.as_ref()), range_mm_s),
             moves: CutMoves {
                 length_mm: input.length_mm,
-                range_mm_s,
+                range_mm_s: [spec.min_mm_s, spec.max_mm_s],
                 link_mm_s: spec.link_mm_s,
                 acceleration_mm_s2: spec.caps.acceleration_mm_s2,
                 is_cut,
@@ -169,14 +234,74 @@ impl<'a> Cuts<'a> {
         self.length_mm.iter().sum()
     }
 
+    /// Caps for a time of the whole path; `duration_s` returns that time for caps.
+    fn caps_in_total(
+        &self,
+        aim: &Aim,
+        duration_s: impl Fn(&[f64]) -> Result<f64, PlanError>,
+    ) -> Result<SpeedCaps, PlanError> {
+        if self.spec.mode == SpeedMode::LeastForce {
+            let total_s = aim.total_s.map_or_else(|| duration_s(&self.constant(self.spec.nominal_mm_s)), Ok)?;
+            let limit =
+                TimeLimit { total_s, tolerance_s: TIME_TOLERANCE_S, evaluations: TIME_EVALUATIONS };
+            return self.least_force(aim, limit, |caps| duration_s(caps));
+        }
+        let total = |cutting_s: f64| duration_s(&self.caps_of_mode(Some(cutting_s))?.mm_s);
+        let cutting_s = aim.total_s.map(|total_s| self.cutting_for(total_s, total)).transpose()?;
+        self.caps_of_mode(cutting_s)
+    }
+
+    /// Caps for a time of the cuts.
+    fn caps_in_cutting(&self, cutting_s: Option<f64>, aim: &Aim) -> Result<SpeedCaps, PlanError> {
+        if self.spec.mode == SpeedMode::LeastForce {
+            let total_s = cutting_s.unwrap_or_else(|| self.length_mm() / self.spec.nominal_mm_s);
+            let limit = TimeLimit { total_s, tolerance_s: 1e-6 * total_s, evaluations: 2 * TIME_EVALUATIONS };
+            return self.least_force(aim, limit, |caps| Ok(self.cutting_s(caps)));
+        }
+        let within = |asked_s: f64| -> Result<f64, PlanError> {
+            let [fast, slow] = self.time_range_s()?;
+            Ok(asked_s.max(fast).min(slow))
+        };
+        self.caps_of_mode(cutting_s.map(within).transpose()?)
+    }
+
+    /// The lowest levels of force in a time, and the caps under them.
+    fn least_force(
+        &self,
+        aim: &Aim,
+        limit: TimeLimit,
+        duration_s: impl Fn(&[f64]) -> Result<f64, PlanError>,
+    ) -> Result<SpeedCaps, PlanError> {
+        let pushes = self.input.pushes.iter().flatten();
+        let mut top = Levels::above_all(pushes, self.moves.range_mm_s);
+        top.overall = aim.most_overall.map_or(top.overall, |most| top.overall.min(most));
+        let caps = |levels: &Levels| -> Result<Vec<f64>, PlanError> {
+            Ok(self.moves.profile(|i| self.cap_under(levels, i))?.move_mm_s)
+        };
+        let time_s = |levels: &Levels| duration_s(&caps(levels)?);
+        let levels = match aim.reference {
+            Some(reference) => least_along(reference, top, NOTHING, limit, time_s)?,
+            None => least_levels(top, self.spec.min_mm_s, self.spec.force_room, limit, time_s)?,
+        };
+        Ok(SpeedCaps { mm_s: caps(&levels)?, levels: Some(levels) })
+    }
+
+    /// Time of the cuts at their caps, s.
+    fn cutting_s(&self, caps_mm_s: &[f64]) -> f64 {
+        let moves = self.moves.is_cut.iter().zip(self.moves.length_mm).zip(caps_mm_s);
+        moves.filter(|((is_cut, _), _)| **is_cut).map(|((_, ds), v)| ds / v).sum()
+    }
+
     /// Shortest and longest time of all cuts within the speed range, s.
     fn time_range_s(&self) -> Result<[f64; 2], PlanError> {
         let of_family = |slowness: f64| -> Result<f64, PlanError> {
-            Ok(self.moves.cutting_s(&self.moves.profile(|i| self.force_cap_mm_s(slowness, i))?))
+            Ok(self.moves.cutting_s(&self.moves.profile(|i| self.share_of_cap(slowness, i))?))
         };
         Ok(match self.spec.mode {
-            SpeedMode::Constant => [self.spec.max_mm_s, self.spec.min_mm_s].map(|v| self.length_mm() / v),
-            SpeedMode::ForceLimited | SpeedMode::LeastForce => [of_family(0.0)?, of_family(self.slowest())?],
+            SpeedMode::Constant | SpeedMode::LeastForce => {
+                [self.spec.max_mm_s, self.spec.min_mm_s].map(|v| self.length_mm() / v)
+            }
+            SpeedMode::ForceLimited => [of_family(0.0)?, of_family(1.0)?],
             SpeedMode::Mass => self.model.time_range_s(&self.mass_mg, &self.cost, &self.length_mm)?,
         })
     }
@@ -200,21 +325,20 @@ impl<'a> Cuts<'a> {
         last_within([(fast, at_fast), (slow, at_slow)], total_s, TIME_TOLERANCE_S, TIME_EVALUATIONS, total)
     }
 
-    /// Caps of all moves; cuts take `cutting_s` in all if it is given.
-    fn caps(&self, cutting_s: Option<f64>) -> Result<Caps, PlanError> {
+    /// Caps of all moves by any mode but the least force; cuts take `cutting_s` in all if it is given.
+    fn caps_of_mode(&self, cutting_s: Option<f64>) -> Result<SpeedCaps, PlanError> {
         let speeds = match (self.spec.mode, cutting_s) {
             (SpeedMode::ForceLimited, None) => {
-                return Ok(self.moves.profile(|i| self.force_cap_mm_s(0.0, i))?.move_mm_s.into());
+                return Ok(self.moves.profile(|i| self.share_of_cap(0.0, i))?.move_mm_s.into());
             }
-            (SpeedMode::ForceLimited | SpeedMode::LeastForce, _) => {
-                let cutting_s = cutting_s.unwrap_or_else(|| self.length_mm() / self.spec.nominal_mm_s);
-                let cap = |slowness: f64, i: usize| self.force_cap_mm_s(slowness, i);
-                let (slowness, profile) = self.moves.in_time(self.slowest(), cap, cutting_s)?;
-                let levels = (self.spec.mode == SpeedMode::LeastForce).then(|| self.levels.at(slowness));
-                return Ok(Caps { mm_s: profile.move_mm_s, levels });
+            (SpeedMode::ForceLimited, Some(s)) => {
+                let (_, profile) = self.moves.in_time(1.0, |slowness, i| self.share_of_cap(slowness, i), s)?;
+                return Ok(profile.move_mm_s.into());
             }
-            (SpeedMode::Constant, None) => return Ok(self.constant(self.spec.nominal_mm_s).into()),
-            (SpeedMode::Constant, Some(s)) => {
+            (SpeedMode::Constant | SpeedMode::LeastForce, None) => {
+                return Ok(self.constant(self.spec.nominal_mm_s).into());
+            }
+            (SpeedMode::Constant | SpeedMode::LeastForce, Some(s)) => {
                 let even_mm_s = (self.length_mm() / s).clamp(self.spec.min_mm_s, self.spec.max_mm_s);
                 return Ok(self.constant(even_mm_s).into());
             }
@@ -239,19 +363,30 @@ impl<'a> Cuts<'a> {
         self.moves.is_cut.iter().map(cap).collect()
     }
 
-    /// The last parameter of the family of caps that the mode follows; 0 is the first.
-    fn slowest(&self) -> f64 {
-        if self.spec.mode == SpeedMode::LeastForce { self.levels.slowest() } else { 1.0 }
+    /// Cap of a cut under levels and the case's caps on force, mm/s.
+    fn cap_under(&self, levels: &Levels, i: usize) -> f64 {
+        let pushes = self.input.pushes.get(i).and_then(Option::as_ref);
+        // a link is capped only where it cuts the skin that a rounded corner left
+        let levels_mm_s = match pushes {
+            None if !self.moves.is_cut[i] => f64::INFINITY,
+            _ => levels.fastest_mm_s(pushes),
+        };
+        levels_mm_s.min(self.input.force_cap_mm_s[i])
     }
 
-    /// Cap of a cut at a parameter of that family, mm/s: a share of its force cap, or what the levels and the force cap allow.
-    fn force_cap_mm_s(&self, slowness: f64, i: usize) -> f64 {
-        let most_mm_s = self.input.force_cap_mm_s[i].min(self.spec.max_mm_s);
-        if self.spec.mode == SpeedMode::LeastForce {
-            let pushes = self.input.pushes.get(i).and_then(Option::as_ref);
-            self.levels.at(slowness).fastest_mm_s(pushes).min(most_mm_s)
-        } else {
-            (1.0 - slowness) * most_mm_s
-        }
+    /// Cap of a cut as a share of that under the case's caps on force, mm/s.
+    fn share_of_cap(&self, slowness: f64, i: usize) -> f64 {
+        let cap_mm_s = self.input.force_cap_mm_s[i];
+        if self.moves.is_cut[i] { (1.0 - slowness) * cap_mm_s.min(self.spec.max_mm_s) } else { cap_mm_s }
+    }
+
+    /// Caps that the arm does not reach, lowered to hardly more than what it drives; a cut's within the range of speeds.
+    fn lowered(&self, caps_mm_s: &[f64], driven_mm_s: &[f64]) -> Vec<f64> {
+        let lower = |i: usize| {
+            let least = if self.moves.is_cut[i] { self.spec.min_mm_s } else { 0.0 };
+            let driven = driven_mm_s[i];
+            if driven > 0.0 { caps_mm_s[i].min((CAP_OVER_DRIVEN * driven).max(least)) } else { caps_mm_s[i] }
+        };
+        (0..caps_mm_s.len()).map(lower).collect()
     }
 }

@@ -35,6 +35,6 @@ pub(super) fn better<'a>(
 
 fn is_better(other: &Attempt, attempt: &Attempt) -> bool {
     let is_gentler = other.score() < attempt.score();
-    let is_worse = other.worst_ratio().is_some() && attempt.worst_ratio().is_none();
+    let is_worse = other.is_worse_than_controls() && !attempt.is_worse_than_controls();
     is_gentler && !is_worse && other.keeps_what(attempt)
 }

@@ -12,7 +12,7 @@ use super::columns::{WAYPOINTS, names};
 use super::{PlanFileError, Waypoint};
 
 /// The columns, in order.
-const COLUMNS: [&str; 24] = names(&WAYPOINTS);
+const COLUMNS: [&str; 26] = names(&WAYPOINTS);
 
 /// Writes `waypoints.csv` and syncs it to disk.
 ///
@@ -45,9 +45,17 @@ fn push_row(
         w.theta_rad,
         w.phi_rad,
         w.speed_mm_s,
+        w.driven_mm_s,
         w.mass_mg,
     ];
-    let force = [w.inertia, Some(w.force_n.x), Some(w.force_n.y), Some(w.force_n.z), w.force_toward_n];
+    let force = [
+        w.inertia,
+        Some(w.force_n.x),
+        Some(w.force_n.y),
+        Some(w.force_n.z),
+        Some(w.peak_force_n),
+        w.force_toward_n,
+    ];
     let after = [w.distance_mm, w.alpha1, w.cost, w.deflection_toward_um];
     // writing to a Vec cannot fail
     let _ = write!(row, "{index},{},{}", w.layer, w.kind.word());
@@ -91,15 +99,17 @@ fn read_row(row: &Row<'_>, index: usize, structures: &[Structure]) -> Result<Way
         theta_rad: row.number(10)?,
         phi_rad: row.number(11)?,
         speed_mm_s: row.number(12)?,
-        mass_mg: row.number(13)?,
-        inertia: row.optional(14)?,
-        force_n: row.vector(15)?,
-        force_toward_n: row.optional(18)?,
-        structure: if row.text(19).is_empty() { None } else { Some(row.structure(19, structures)?) },
-        distance_mm: row.optional(20)?,
-        alpha1: row.optional(21)?,
-        cost: row.optional(22)?,
-        deflection_toward_um: row.optional(23)?,
+        driven_mm_s: row.number(13)?,
+        mass_mg: row.number(14)?,
+        inertia: row.optional(15)?,
+        force_n: row.vector(16)?,
+        peak_force_n: row.number(19)?,
+        force_toward_n: row.optional(20)?,
+        structure: if row.text(21).is_empty() { None } else { Some(row.structure(21, structures)?) },
+        distance_mm: row.optional(22)?,
+        alpha1: row.optional(23)?,
+        cost: row.optional(24)?,
+        deflection_toward_um: row.optional(25)?,
     })
 }
 

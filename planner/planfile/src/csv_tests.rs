@@ -34,9 +34,11 @@ fn waypoint() -> impl Strategy<Value = Waypoint> {
         theta_rad: n[0],
         phi_rad: n[1],
         speed_mm_s: n[2],
+        driven_mm_s: n[2],
         mass_mg: n[3],
         inertia,
         force_n,
+        peak_force_n: n[2],
         force_toward_n: toward,
         structure,
         distance_mm: more[0],
@@ -57,9 +59,11 @@ fn some_waypoints(n: usize) -> Vec<Waypoint> {
             theta_rad: 0.0,
             phi_rad: -0.0,
             speed_mm_s: 1.5,
+            driven_mm_s: 1.25,
             mass_mg: 2.0 / 3.0,
             inertia: Some(0.75),
             force_n: Vector3::new(0.1, 0.2, 0.3),
+            peak_force_n: 0.5,
             force_toward_n: None,
             structure: Some(1),
             distance_mm: Some(4.5),
@@ -102,10 +106,10 @@ fn the_text_is_as_specified() {
     let text = std::fs::read_to_string(&path).unwrap();
     assert_eq!(
         text,
-        "index,layer,kind,time_s,x_mm,y_mm,z_mm,axis_x,axis_y,axis_z,theta_rad,phi_rad,speed_mm_s,mass_mg,inertia,\
-         fx_n,fy_n,fz_n,force_toward_n,structure,distance_mm,alpha1,cost,deflection_toward_um\n\
-         0,0,cut,0.0,0.0,-2.0,1e-7,0.0,0.0,1.0,0.0,0.0,1.5,0.6666666666666666,0.75,0.1,0.2,0.3,,sinus and dura,4.5,,,\n\
-         1,0,cut,0.3333333333333333,0.1,-2.0,1e-7,0.0,0.0,1.0,0.0,0.0,1.5,0.6666666666666666,0.75,0.1,0.2,0.3,,\
+        "index,layer,kind,time_s,x_mm,y_mm,z_mm,axis_x,axis_y,axis_z,theta_rad,phi_rad,speed_mm_s,driven_mm_s,mass_mg,inertia,\
+         fx_n,fy_n,fz_n,peak_force_n,force_toward_n,structure,distance_mm,alpha1,cost,deflection_toward_um\n\
+         0,0,cut,0.0,0.0,-2.0,1e-7,0.0,0.0,1.0,0.0,0.0,1.5,1.25,0.6666666666666666,0.75,0.1,0.2,0.3,0.5,,sinus and dura,4.5,,,\n\
+         1,0,cut,0.3333333333333333,0.1,-2.0,1e-7,0.0,0.0,1.0,0.0,0.0,1.5,1.25,0.6666666666666666,0.75,0.1,0.2,0.3,0.5,,\
          sinus and dura,4.5,,,\n"
     );
 }

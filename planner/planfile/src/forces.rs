@@ -18,7 +18,7 @@ use super::columns::{FORCES_ROWS, names};
 pub const FORCES: &str = "forces.csv";
 
 /// The columns, in order.
-const COLUMNS: [&str; 8] = names(&FORCES_ROWS);
+const COLUMNS: [&str; 9] = names(&FORCES_ROWS);
 
 /// One row of `forces.csv`, in ct.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,6 +33,8 @@ pub struct ForceToward {
     pub toward: Vector3<f64>,
     /// The force's component along it, max(0, F·u), N; 0 in air.
     pub force_toward_n: f64,
+    /// Largest component along it within the move as the arm drives it, N; at least `force_toward_n`.
+    pub peak_toward_n: f64,
     /// The deflection's component along it, not negative, µm; `None` without a stiffness.
     pub deflection_toward_um: Option<f64>,
 }
@@ -52,7 +54,8 @@ pub fn write_forces(
         // writing to a Vec cannot fail
         let _ = write!(out, "{index},{name}");
         let u = row.toward;
-        let numbers = [row.distance_mm, u.x, u.y, u.z, row.force_toward_n].map(Some).into_iter();
+        let numbers = [row.distance_mm, u.x, u.y, u.z, row.force_toward_n, row.peak_toward_n];
+        let numbers = numbers.map(Some).into_iter();
         for (value, column) in numbers.chain([row.deflection_toward_um]).zip(&COLUMNS[2..]) {
             out.push(b',');
             push_number(out, value, || format!("`{column}` toward {name} at waypoint {index}"))?;
@@ -95,7 +98,8 @@ fn read_row(row: &Row<'_>, structures: &[Structure]) -> Result<ForceToward, Plan
         distance_mm: not_negative(2)?,
         toward: row.unit(3, "direction")?,
         force_toward_n: not_negative(6)?,
-        deflection_toward_um: row.optional(7)?,
+        peak_toward_n: not_negative(7)?,
+        deflection_toward_um: row.optional(8)?,
     })
 }
 

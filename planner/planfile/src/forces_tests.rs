@@ -23,6 +23,7 @@ fn rows() -> Vec<ForceToward> {
         distance_mm: 10.0 / 3.0,
         toward: Vector3::new(1.0, 2.0, -3.0).normalize(),
         force_toward_n,
+        peak_toward_n: 1.5 * force_toward_n,
         deflection_toward_um,
     };
     vec![row(0, 1, 0.0, None), row(2, 0, 1.0 / 7.0, Some(0.25)), row(2, 1, 1e-9, Some(0.0))]

@@ -17,8 +17,10 @@ pub const NEAR_MM: f64 = 2.0;
 pub struct TowardSpan {
     /// Duration of the move, s.
     pub seconds: f64,
-    /// Force toward the structure, N; 0 if it points away.
+    /// Force toward the structure in the mean over the move, N; 0 if it points away.
     pub force_n: f64,
+    /// Largest force toward the structure within the move, N.
+    pub peak_n: f64,
     /// The row of the move: a waypoint, or a pose of a simulation.
     pub row: usize,
 }
@@ -46,15 +48,16 @@ impl TowardFigures {
     /// The statistics of moves, in the order of their rows.
     pub fn of(spans: &[TowardSpan]) -> Self {
         let toward: Vec<TowardSpan> = spans.iter().copied().filter(|s| s.force_n > 0.0).collect();
-        let higher = |a: TowardSpan, b: &TowardSpan| if b.force_n > a.force_n { *b } else { a };
-        let peak = toward.iter().fold(None, |peak, s| Some(peak.map_or(*s, |peak| higher(peak, s))));
+        let higher = |a: TowardSpan, b: &TowardSpan| if b.peak_n > a.peak_n { *b } else { a };
+        let pushing = spans.iter().filter(|s| s.peak_n > 0.0);
+        let peak = pushing.fold(None, |peak, s| Some(peak.map_or(*s, |peak| higher(peak, s))));
         Self {
             seconds: spans.iter().map(|s| s.seconds).sum(),
             mean_n: mean_n(&toward),
             mean_with_zeros_n: mean_n(spans),
             p75_n: quantile_n(toward, 0.75),
             p75_with_zeros_n: quantile_n(spans.to_vec(), 0.75),
-            peak_n: peak.map_or(0.0, |s: TowardSpan| s.force_n),
+            peak_n: peak.map_or(0.0, |s: TowardSpan| s.peak_n),
             peak_row: peak.map(|s| s.row),
         }
     }
@@ -140,7 +143,7 @@ mod tests {
     use super::*;
 
     fn span(seconds: f64, force_n: f64, row: usize) -> TowardSpan {
-        TowardSpan { seconds, force_n, row }
+        TowardSpan { seconds, force_n, peak_n: force_n, row }
     }
 
     #[test]

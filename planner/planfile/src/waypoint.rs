@@ -24,12 +24,16 @@ pub struct Waypoint {
     pub phi_rad: f64,
     /// The move's speed cap, mm/s.
     pub speed_mm_s: f64,
+    /// Greatest speed that the trajectory has within the move, mm/s, at most the cap.
+    pub driven_mm_s: f64,
     /// Mass in the ball at this position, without what all earlier moves removed, mg.
     pub mass_mg: f64,
     /// I_n of that mass about the shaft (D1, D2), 0..1.
     pub inertia: Option<f64>,
-    /// Force on the burr at this speed and direction, ct, N; 0 in air.
+    /// Force on the burr at the driven speed and this direction, ct, N; 0 in air.
     pub force_n: Vector3<f64>,
+    /// Largest force within the move as the arm drives it, at the driven speed, N; at least that of `force_n`.
+    pub peak_force_n: f64,
     /// Component of the force toward the nearest structure, N, not negative; 0 in air.
     pub force_toward_n: Option<f64>,
     /// Index in the case of the structure with the smallest distance less clearance.

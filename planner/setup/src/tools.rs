@@ -15,10 +15,6 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::PlanError;
 
-/// Elements of the force sum: 64 from tip to shaft, about 128 around.
-const N_KAPPA: usize = 64;
-const N_AROUND: usize = 128;
-
 /// The burr of a case.
 pub fn tool(burr: &case::Burr) -> Result<Tool, ModelError> {
     Tool::new(burr.radius_mm, burr.flutes, i32::from(burr.spin))?.with_neck(burr.neck_radius_mm)
@@ -32,10 +28,15 @@ pub fn material(material: &case::MaterialSpec) -> Result<(Material, Measure), Mo
     Ok((made, material.measure))
 }
 
-/// The force sum's discretisation for a burr.
-pub fn discretisation(tool: &Tool, measure: Measure) -> Result<Discretisation, ModelError> {
-    let n_gamma = N_AROUND.div_ceil(tool.blades() as usize);
-    Discretisation::new(n_gamma, N_KAPPA, ElementGrid::Kappa, measure)
+/// The force sum's discretisation for a burr: `n_kappa` elements from tip to shaft, about `n_around` around.
+pub fn discretisation(
+    tool: &Tool,
+    measure: Measure,
+    n_kappa: usize,
+    n_around: usize,
+) -> Result<Discretisation, ModelError> {
+    let n_gamma = n_around.div_ceil(tool.blades() as usize);
+    Discretisation::new(n_gamma, n_kappa, ElementGrid::Kappa, measure)
 }
 
 /// The shank as cylinders; the first starts at the burr's radius.
@@ -165,7 +166,7 @@ pub fn side_cut_n(case: &Case) -> Result<f64, ModelError> {
     const LEAST_OF_SLOT: f64 = 0.1;
     let tool = tool(&case.burr)?;
     let (material, measure) = material(&case.material)?;
-    let kernel = ForceKernel::new(&tool, &material, &discretisation(&tool, measure)?);
+    let kernel = ForceKernel::new(&tool, &material, &discretisation(&tool, measure, 64, 128)?);
     let (radius_mm, path) = (case.burr.radius_mm, &case.path);
     let force_n = |from_y_mm: f64| {
         let is_bone =

@@ -232,7 +232,7 @@ impl Replay<'_> {
             let span = |(row, pair): (usize, &[(SimulationRow, f64)])| {
                 let seconds = pair[1].0.time_s - pair[0].0.time_s;
                 let force_n = pair[1].0.force_toward_n?;
-                Some((TowardSpan { seconds, force_n, row: row + 1 }, pair[1].0.distance_mm?))
+                Some((TowardSpan { seconds, force_n, peak_n: force_n, row: row + 1 }, pair[1].0.distance_mm?))
             };
             pairs.filter_map(span).collect()
         };

@@ -5,6 +5,10 @@
 //! does not depend on the step. A patch that the edge of an earlier part crosses counts by its share. The path is merged
 //! into straight runs, and only runs near the burr are tested. Where all eight voxels around a point have similar removal
 //! times, these decide at once; the exact test is needed only for points near a boundary.
+//!
+//! An arm rounds corners of its path ([`RoundedCorner`]). The skin that it leaves there, some micrometres thick, gives nearly the full force when a later
+//! move cuts it, since a force depends on the area that cuts and not on its depth. So the runs are those of the driven path. A skin lies on the ball
+//! around its corner, and only a move that comes back to the corner meets much of it at once: there removal times, which know nothing of skins, decide nothing.
 
 mod masses;
 mod times;
@@ -13,12 +17,13 @@ pub use self::masses::{mass_increments, mass_increments_by_voxels};
 
 use bonemill_cutter::Ball;
 use bonemill_cutting::burr::{BoneAround, Patch, TILE_REACH};
-use bonemill_geometry::Point;
+use bonemill_geometry::{Point, Work};
 use bonemill_scene::Scene;
 use bonemill_stock::removal::RemovalTime;
 use bonemill_stock::runs::{Run, straight_runs};
 use bonemill_stock::sweep::segment_distance_squared;
-use nalgebra::Vector3;
+use nalgebra::{Unit, Vector3};
+use rayon::prelude::*;
 
 use self::times::{CellTimes, LastTimes, cell_times};
 use crate::path::PathPoint;
@@ -28,13 +33,27 @@ const CELL_MM: f64 = 2.0;
 /// Half the sum of a patch's sides is at most this share of the burr's radius.
 const LARGEST_PATCH: f64 = 0.1;
 
+/// A corner of a path as an arm rounds it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RoundedCorner {
+    /// The waypoint at the corner.
+    pub waypoint: usize,
+    /// Where the burr's centre leaves the line before it, where it passes the corner, and where it meets the line behind it.
+    pub at: [Point<Work>; 3],
+}
+
 /// The path as straight runs with an index by position.
 #[derive(Debug)]
 pub struct SweptPath<'a> {
     scene: &'a Scene,
     times: Vec<CellTimes>,
     last_times: LastTimes,
-    points: &'a [PathPoint],
+    /// The driven path: the waypoints, with three points in the place of one at a rounded corner.
+    vertices: Vec<Vector3<f64>>,
+    /// The vertex at which the move to each waypoint ends.
+    end_of: Vec<u32>,
+    /// Whether the move to each waypoint comes back to an earlier rounded corner.
+    comes_back: Vec<bool>,
     radius_mm: f64,
     dims: [usize; 3],
     per_mm: f64,
@@ -44,10 +63,36 @@ pub struct SweptPath<'a> {
 }
 
 impl<'a> SweptPath<'a> {
-    /// Indexes the runs of a path.
-    pub fn new(scene: &'a Scene, removal: &RemovalTime, points: &'a [PathPoint], ball: Ball) -> Self {
+    /// Indexes the runs of a path through its waypoints.
+    pub fn new(scene: &'a Scene, removal: &RemovalTime, points: &[PathPoint], ball: Ball) -> Self {
+        Self::driven(scene, removal, points, ball, &[])
+    }
+
+    /// Indexes the runs of a path whose `corners`, in the path's order, are rounded.
+    pub fn driven(
+        scene: &'a Scene,
+        removal: &RemovalTime,
+        points: &[PathPoint],
+        ball: Ball,
+        corners: &[RoundedCorner],
+    ) -> Self {
         let Ball { radius_mm } = ball;
-        let runs = straight_runs(0..points.len() as u32, |n| points[n as usize].position);
+        let (mut vertices, mut end_of) = (Vec::with_capacity(points.len()), Vec::with_capacity(points.len()));
+        let mut rounded = corners.iter().peekable();
+        for (i, point) in points.iter().enumerate() {
+            let corner = rounded.next_if(|corner| corner.waypoint == i);
+            match corner {
+                Some(RoundedCorner { at: [before, middle, behind], .. }) => {
+                    end_of.push(vertices.len() as u32 + 1);
+                    vertices.extend([before.coords, middle.coords, behind.coords]);
+                }
+                None => {
+                    end_of.push(vertices.len() as u32);
+                    vertices.push(point.position.coords);
+                }
+            }
+        }
+        let runs = straight_runs(0..vertices.len() as u32, |n| Point::from_coords(vertices[n as usize]));
         let grid = scene.class.grid();
         let cells =
             [0, 1, 2].map(|a| (grid.dims()[a] as f64 * grid.spacing_mm()[a] / CELL_MM).ceil() as usize + 1);
@@ -56,7 +101,9 @@ impl<'a> SweptPath<'a> {
             scene,
             last_times: LastTimes::new(&times, grid, TILE_REACH * radius_mm),
             times,
-            points,
+            comes_back: comes_back(points, corners),
+            vertices,
+            end_of,
             radius_mm,
             dims: grid.dims(),
             per_mm: 1.0 / grid.spacing_mm().x,
@@ -72,7 +119,7 @@ impl<'a> SweptPath<'a> {
     fn index_runs(&mut self) {
         let reach = 2.0 * self.radius_mm + 0.5 * 3f64.sqrt() * CELL_MM;
         for (number, run) in self.runs.iter().enumerate() {
-            let (a, b) = (self.start(run), self.points[run.last as usize].position.coords);
+            let (a, b) = (self.start(run), self.vertices[run.last as usize]);
             let (lo, hi) = (a.inf(&b) - Vector3::repeat(reach), a.sup(&b) + Vector3::repeat(reach));
             let range = |axis: usize| {
                 let cell = |v: f64| ((v / CELL_MM).max(0.0) as usize).min(self.cells[axis] - 1);
@@ -106,7 +153,7 @@ impl<'a> SweptPath<'a> {
     }
 
     fn start(&self, run: &Run) -> Vector3<f64> {
-        self.points[run.start() as usize].position.coords
+        self.vertices[run.start() as usize]
     }
 
     /// Distance from the axis of an earlier run within which bone is removed, mm. If the burr comes to the same place again,
@@ -120,6 +167,11 @@ impl<'a> SweptPath<'a> {
         LARGEST_PATCH * self.radius_mm
     }
 
+    /// Whether the move to a waypoint comes back to a corner that the arm rounded before, and may cut the skin that was left there.
+    pub fn comes_back(&self, index: usize) -> bool {
+        self.comes_back[index]
+    }
+
     /// The bone that the burr meets at waypoint `index`: `weight_of` the density, sampled `sample_radius_mm` from the burr's
     /// centre.
     pub fn bone_at<W: Fn(f64) -> f64>(
@@ -128,24 +180,75 @@ impl<'a> SweptPath<'a> {
         sample_radius_mm: f64,
         weight_of: W,
     ) -> BoneAt<'_, W> {
-        let center = self.points[index as usize].position.coords;
+        let center = self.vertices[self.end_of[index as usize] as usize];
+        let before = index.checked_sub(1).map(|before| self.end_of[before as usize]);
+        self.bone_around(center, (index, before), sample_radius_mm, weight_of)
+    }
+
+    /// The same at a share, 0 to 1, of the way of the move to waypoint `index`, and the direction in which the burr moves there; `None`
+    /// where it does not move.
+    pub fn bone_within<W: Fn(f64) -> f64>(
+        &self,
+        (index, share): (u32, f64),
+        sample_radius_mm: f64,
+        weight_of: W,
+    ) -> Option<(Unit<Vector3<f64>>, BoneAt<'_, W>)> {
+        let (first, last) = (self.end_of[index.checked_sub(1)? as usize], self.end_of[index as usize]);
+        let length = |n: u32| (self.vertices[n as usize] - self.vertices[n as usize - 1]).norm();
+        let mut left_mm = share * (first + 1..=last).map(length).sum::<f64>();
+        for n in first + 1..=last {
+            let (from, to) = (self.vertices[n as usize - 1], self.vertices[n as usize]);
+            let piece_mm = length(n);
+            if left_mm <= piece_mm || n == last {
+                let direction = Unit::try_new(to - from, 1e-9)?;
+                let center = from + direction.into_inner() * left_mm.min(piece_mm);
+                return Some((direction, self.bone_around(center, (index, Some(n - 1)), sample_radius_mm, weight_of)));
+            }
+            left_mm -= piece_mm;
+        }
+        None
+    }
+
+    /// The bone around a centre on the move to waypoint `index`, whose earlier path ends at vertex `before`.
+    fn bone_around<W: Fn(f64) -> f64>(
+        &self,
+        center: Vector3<f64>,
+        (index, before): (u32, Option<u32>),
+        sample_radius_mm: f64,
+        weight_of: W,
+    ) -> BoneAt<'_, W> {
         let mut capsules = Vec::new();
         let at = |axis: usize| ((center[axis] / CELL_MM).max(0.0) as usize).min(self.cells[axis] - 1);
         let cell = at(0) + self.cells[0] * (at(1) + self.cells[1] * at(2));
         for run in self.runs_in_cell[cell].iter().map(|n| &self.runs[*n as usize]) {
-            if run.first >= index {
-                break; // runs are listed in the path's order
-            }
-            // the part of the run before this move; waypoint 0 is a ball
-            let last = run.last.min(index - 1);
-            let (a, b) = (self.start(run), self.points[last as usize].position.coords);
+            // runs are listed in the path's order
+            let Some(before) = before.filter(|before| run.first <= *before) else { break };
+            // the part of the run before; waypoint 0 is a ball
+            let (a, b) = (self.start(run), self.vertices[run.last.min(before) as usize]);
             if segment_distance_squared(&center, &a, &b) < (2.0 * self.radius_mm).powi(2) {
                 capsules.push(RunAxis::new(a, b));
             }
         }
         capsules.reverse();
-        BoneAt { path: self, index, center, sample_radius_mm, weight_of, capsules, in_reach: Vec::new() }
+        let knows_times = !self.comes_back[index as usize];
+        BoneAt { path: self, index, knows_times, center, sample_radius_mm, weight_of, capsules, in_reach: Vec::new() }
     }
+}
+
+/// A move that comes this near to a rounded corner comes back to it, mm.
+const BACK_MM: f64 = 0.3;
+
+/// Whether each move comes near the corner of a move before the one before it.
+fn comes_back(points: &[PathPoint], corners: &[RoundedCorner]) -> Vec<bool> {
+    let at = |i: usize| points[i].position.coords;
+    let corners: Vec<_> = corners.iter().map(|corner| (corner.waypoint, at(corner.waypoint))).collect();
+    let comes_back = |i: usize| {
+        i > 0
+            && corners.iter().take_while(|(waypoint, _)| waypoint + 1 < i).any(|(_, corner)| {
+                segment_distance_squared(corner, &at(i - 1), &at(i)) < BACK_MM * BACK_MM
+            })
+    };
+    (0..points.len()).into_par_iter().map(comes_back).collect()
 }
 
 /// The bone before one move, around the position where the move ends.
@@ -153,6 +256,8 @@ impl<'a> SweptPath<'a> {
 pub struct BoneAt<'a, W> {
     path: &'a SweptPath<'a>,
     index: u32,
+    /// Whether removal times decide where they are alike.
+    knows_times: bool,
     center: Vector3<f64>,
     sample_radius_mm: f64,
     weight_of: W,
@@ -192,7 +297,7 @@ impl<W: Fn(f64) -> f64> BoneAround for BoneAt<'_, W> {
     fn is_near(&mut self, normal: &Vector3<f64>, reach: f64) -> bool {
         let p = self.center + normal * self.sample_radius_mm;
         let around_mm = reach * self.sample_radius_mm;
-        if self.path.last_times.around(&p, around_mm).is_some_and(|last| last < self.index) {
+        if self.knows_times && self.path.last_times.around(&p, around_mm).is_some_and(|last| last < self.index) {
             return false;
         }
         let rounding_mm = 1e-9 * self.path.radius_mm;
@@ -225,7 +330,7 @@ impl<W: Fn(f64) -> f64> BoneAround for BoneAt<'_, W> {
         let p = self.center + normal * self.sample_radius_mm;
         let Some(cell) = self.path.cell(&p) else { return 0.0 };
         let CellTimes { first, last } = self.path.times[cell];
-        if last < self.index {
+        if self.knows_times && last < self.index {
             return 0.0;
         }
         let share = if first >= self.index { 1.0 } else { self.share_left(&p, |g| patch.sides_mm(g)) };

@@ -72,21 +72,6 @@ impl Terms {
     }
 }
 
-impl Terms {
-    /// What the choice of axes minimises: equation (6) with F_s over a fixed `scale` (N, or mm for a deflection), at most 1, in the place
-    /// of F_s/|F|. A large push toward a structure then counts for more than a small one; away from structures nothing changes.
-    pub fn objective(&self, push: &Vector3<f64>, scale: f64, inertia_normalised: f64, mass_mg: f64) -> f64 {
-        if mass_mg <= 0.0 {
-            return 0.0;
-        }
-        let pushed = |(direction, alpha): &(Unit<Vector3<f64>>, f64)| {
-            alpha * (push.dot(direction) / scale).clamp(0.0, 1.0)
-        };
-        let toward: f64 = self.terms.iter().map(pushed).sum();
-        toward + (1.0 - self.total_alpha) * (1.0 - inertia_normalised)
-    }
-}
-
 impl CostModel {
     /// The terms of a waypoint for the structures near it.
     ///

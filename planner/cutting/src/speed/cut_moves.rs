@@ -28,14 +28,16 @@ pub struct CutMoves<'a> {
 }
 
 impl CutMoves<'_> {
-    /// The fastest profile with cut i at most `cap_mm_s(i)`, which counts as the nearest speed of the range.
+    /// The fastest profile with move i at most `cap_mm_s(i)`, which counts as the nearest speed of the range; a link that nothing caps
+    /// goes at its own speed.
     ///
     /// # Errors
     /// As [`fastest_profile`].
     pub fn profile(&self, cap_mm_s: impl Fn(usize) -> f64) -> Result<LimitedProfile, ModelError> {
         let [min_mm_s, max_mm_s] = self.range_mm_s;
         let cap = |(i, is_cut): (usize, &bool)| {
-            if *is_cut { cap_mm_s(i).min(max_mm_s).max(min_mm_s) } else { self.link_mm_s }
+            let most_mm_s = if *is_cut { max_mm_s } else { self.link_mm_s };
+            cap_mm_s(i).min(most_mm_s).max(min_mm_s.min(most_mm_s))
         };
         let caps: Vec<f64> = self.is_cut.iter().enumerate().map(cap).collect();
         fastest_profile(&caps, self.length_mm, min_mm_s.min(self.link_mm_s), self.acceleration_mm_s2)
@@ -90,7 +92,10 @@ mod tests {
             acceleration_mm_s2: 20.0,
         };
         let force_cap = [9.0, 2.0, 0.0, f64::INFINITY, 0.1];
-        let cap = |slowness: f64, i: usize| (1.0 - slowness) * f64::min(force_cap[i], 4.0);
+        let is_cut = moves.is_cut.clone();
+        let cap = |slowness: f64, i: usize| {
+            if is_cut[i] { (1.0 - slowness) * f64::min(force_cap[i], 4.0) } else { f64::INFINITY }
+        };
         let fastest = moves.profile(|i| cap(0.0, i)).unwrap();
         // no cut above its cap nor below the range, links on their own speed at most
         assert_eq!(fastest.move_mm_s[1], 2.0);

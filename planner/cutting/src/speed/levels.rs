@@ -1,4 +1,4 @@
-//! Speeds with the least force in a given time: levels that cap the pushes, and the one family of levels that holds every optimum.
+//! Speeds with the least force in a given time: levels that cap the pushes, and how low they can be.
 //!
 //! The bone pushes the burr with F(v) = e + v c. Toward a structure with unit direction û, weighted with w for nearness and
 //! priority, the push of cut i is w max(0, (e + v c)·û). Where the edge part pushes more than the whole does, a burr that speeds
@@ -8,36 +8,30 @@
 //! W_i(v) = max_s max(0, w_s e·û_s, w_s (e + v c)·û_s)        P_i(v) = max(|e|, |e + v c|)
 //! ```
 //!
-//! Both never fall with v. Without edge forces they are the pushes at v. Among all profiles within the range of speed, the
-//! acceleration limit and a time T0, wanted is the one that makes least, in this order:
-//!
-//! 1. the largest W_i of all cuts; 2. the largest P_i of all cuts; 3. the largest W_i of the cuts faster than v_min; 4. the
-//!    largest P_i of those; 5. the largest speed.
-//!
-//! **One family.** Levels (λ, P, u) cap cut i at V_i = clamp(max { v ≤ u : W_i(v) ≤ λ, P_i(v) ≤ P }, v_min, v_max). With
-//! λ(v) = max_i W_i(v) and P(v) = max_i P_i(v), the levels go from corner to corner, one of them at a time:
+//! Both never fall with v. Without edge forces they are the pushes at v. Levels (L_t, L_o, u) cap cut i at
 //!
 //! ```text
-//! (λ(v_max), P(v_max), v_max) → (λ(v_min), ·, ·) → (·, P(v_min), ·) → (0, ·, ·) → (·, 0, ·) → (·, ·, v_min)
+//! V_i = clamp(max { v ≤ u : W_i(v) ≤ L_t, P_i(v) ≤ L_o }, v_min, v_max)
 //! ```
 //!
-//! No V_i rises along the way, so no speed of the greatest profile under these caps does ([`super::fastest_profile`]), and a time
-//! that falls where speeds rise never falls along it. The wanted profile is the greatest profile at the last parameter whose time is at
-//! most T0. Proof, leg by leg, for a profile with time at most T0:
+//! so a cut that cannot keep a level goes at v_min. No V_i rises where a level falls, hence no speed of the greatest profile under these
+//! caps does ([`super::fastest_profile`]), and a time that falls where speeds rise never falls where a level does. A profile whose
+//! cuts faster than v_min keep the levels is one under these caps, and the greatest of them is the fastest. So on any way along which
+//! no level rises, the last levels whose time is at most T0 are the least that can be kept in T0.
 //!
-//! - Leg 1 caps with λ ≥ λ(v_min): every cut can keep it. The profiles that keep λ are those under the caps, and the greatest of them is
-//!   the fastest; so some profile keeps λ within T0 exactly if the greatest does. The least λ is the last one whose time is at most
-//!   T0. If it is above λ(v_min), T0 is used up, and since a slower speed anywhere takes longer, no other profile keeps it.
-//! - At λ(v_min) goal 1 is at its least, since no cut is slower than v_min. The same argument under these caps gives the least P ≥ P(v_min).
-//! - Below, a cut that cannot keep a level goes at v_min and drops out of goals 3 and 4: a profile keeps the level in the cuts faster
-//!   than v_min exactly if it is under the clamped caps. The argument holds again, for λ down to 0, then for P, then for u.
+//! **Two levels in one time** ([`least_levels`]). The least L_o with L_t free comes first; L_o may then exceed it by the share x, and the
+//! least L_t under it follows; time that is left, since L_t cannot be less than 0, goes to L_o, then to u.
 //!
-//! Where a push falls with the speed, and where two corners agree, V_i jumps or stays: T0 is then met from below. The levels have the
+//! **Beside a reference** ([`least_along`]). The levels of another plan, both times one factor: the least factor that fits T0. If it is at most 1,
+//! neither level is above the reference's.
+//!
+//! Where a push falls with the speed, V_i may jump: T0 is then met from below. The levels have the
 //! unit of the pushes: N, or mm where a compliance C makes them deflections, with C e and C c for e and c.
 
 use nalgebra::{Matrix3, Unit, Vector3};
 
 use super::caps::{linear, within_ball};
+use super::last_within;
 use crate::burr::EngagedForce;
 
 /// Less per mm/s than this is rounding: N or mm.
@@ -46,45 +40,56 @@ const NOTHING: f64 = 1e-12;
 /// What pushes the burr during one cut, as affine functions of the speed: N, or mm of deflection.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CutPushes {
-    /// Per structure the weighted part toward it at rest, and what a mm/s adds.
+    /// Per structure the weighted part toward it at rest, and what a mm/s adds, for every place within the cut.
     toward: Vec<[f64; 2]>,
-    edge: Vector3<f64>,
-    cut: Vector3<f64>,
+    structures: usize,
+    /// At rest, and what a mm/s adds, for every place within the cut.
+    whole: Vec<[Vector3<f64>; 2]>,
 }
 
 impl CutPushes {
-    /// Of a force, and of a compliance, mm/N, where deflections count. `toward`: the weight and the direction of each structure.
-    pub fn new(
-        force: &EngagedForce,
+    /// Of the forces at places within the cut, and of a compliance, mm/N, where deflections count. `toward`: the weight and the
+    /// direction of each structure.
+    pub fn new<'a>(
+        forces: impl Iterator<Item = &'a EngagedForce>,
         compliance: Option<&Matrix3<f64>>,
-        toward: impl Iterator<Item = (f64, Unit<Vector3<f64>>)>,
+        toward: &[(f64, Unit<Vector3<f64>>)],
     ) -> Self {
         let pushed = |force: Vector3<f64>| compliance.map_or(force, |c| c * force);
         let or_none = |per_mm_s: f64| if per_mm_s.abs() < NOTHING { 0.0 } else { per_mm_s };
-        let (edge, cut) = (pushed(force.edge_n), pushed(force.cut_n_per_mm_s));
-        let cut = if cut.norm() < NOTHING { Vector3::zeros() } else { cut };
-        let toward = toward.map(|(weight, direction)| {
-            [weight * edge.dot(&direction), or_none(weight * cut.dot(&direction))]
-        });
-        Self { toward: toward.collect(), edge, cut }
+        let whole = |force: &EngagedForce| {
+            let cut = pushed(force.cut_n_per_mm_s);
+            [pushed(force.edge_n), if cut.norm() < NOTHING { Vector3::zeros() } else { cut }]
+        };
+        let whole: Vec<_> = forces.map(whole).collect();
+        let part = |[edge, cut]: &[Vector3<f64>; 2]| {
+            let part = |(weight, direction): &(f64, Unit<Vector3<f64>>)| {
+                [weight * edge.dot(direction), or_none(weight * cut.dot(direction))]
+            };
+            toward.iter().map(part).collect::<Vec<_>>()
+        };
+        Self { toward: whole.iter().flat_map(part).collect(), structures: toward.len(), whole }
     }
 
     /// W(v): the largest weighted push toward a structure up to the speed, and which of the structures it is; none where
     /// nothing pushes toward any.
     pub fn toward(&self, speed_mm_s: f64) -> Option<(f64, usize)> {
         let pushes = self.toward.iter().map(|[rest, per_mm_s]| rest.max(rest + per_mm_s * speed_mm_s));
-        pushes.zip(0..).filter(|(push, _)| *push > 0.0).max_by(|a, b| a.0.total_cmp(&b.0))
+        let most = pushes.zip(0..).filter(|(push, _)| *push > 0.0).max_by(|a, b| a.0.total_cmp(&b.0));
+        most.map(|(push, n)| (push, n % self.structures))
     }
 
     /// P(v): the largest whole push up to the speed.
     pub fn overall(&self, speed_mm_s: f64) -> f64 {
-        self.edge.norm().max((self.edge + speed_mm_s * self.cut).norm())
+        let of = |[edge, cut]: &[Vector3<f64>; 2]| edge.norm().max((edge + speed_mm_s * cut).norm());
+        self.whole.iter().map(of).fold(0.0, f64::max)
     }
 
     /// The largest speed that keeps the levels, mm/s; 0 where no speed does.
     pub fn fastest_mm_s(&self, levels: &Levels) -> f64 {
         let toward = self.toward.iter().map(|[rest, per_mm_s]| linear(*rest, *per_mm_s, levels.toward));
-        toward.fold(levels.speed_mm_s, f64::min).min(within_ball(&self.edge, &self.cut, levels.overall))
+        let whole = self.whole.iter().map(|[edge, cut]| within_ball(edge, cut, levels.overall));
+        toward.chain(whole).fold(levels.speed_mm_s, f64::min)
     }
 }
 
@@ -105,51 +110,103 @@ impl Levels {
         pushes.map_or(self.speed_mm_s, |pushes| pushes.fastest_mm_s(self))
     }
 
-    /// From these levels to others, at a share of 0 to 1 of the way.
-    fn toward_others(&self, others: &Self, share: f64) -> Self {
+    /// Levels that bind no cut within the range of speed, mm/s.
+    pub fn above_all<'a>(
+        pushes: impl Iterator<Item = &'a CutPushes>,
+        [_, max_mm_s]: [f64; 2],
+    ) -> Self {
+        pushes.fold(Self { toward: 0.0, overall: 0.0, speed_mm_s: max_mm_s }, |most, p| Self {
+            toward: most.toward.max(p.toward(max_mm_s).map_or(0.0, |(push, _)| push)),
+            overall: most.overall.max(p.overall(max_mm_s)),
+            ..most
+        })
+    }
+
+    /// From these levels to lower ones; `parameter` 0 to 1. The time of a cut is inverse to its level, so equal steps of the parameter
+    /// are nearly equal steps of time.
+    fn lowered(&self, to: &Self, parameter: f64) -> Self {
+        let share = 1.0 - (1.0 - parameter) / (1.0 + STEEPNESS * parameter);
         let between = |from: f64, to: f64| from + (to - from) * share;
         Self {
-            toward: between(self.toward, others.toward),
-            overall: between(self.overall, others.overall),
-            speed_mm_s: between(self.speed_mm_s, others.speed_mm_s),
+            toward: between(self.toward, to.toward),
+            overall: between(self.overall, to.overall),
+            speed_mm_s: between(self.speed_mm_s, to.speed_mm_s),
         }
     }
 }
 
-/// The family of levels: parameter 0 is the fastest, [`Self::slowest`] the slowest, whole numbers are corners.
-#[derive(Debug, Clone, PartialEq)]
-pub struct LevelFamily(Vec<Levels>);
+/// How much of a way to a level of 0 lies in the first steps of its parameter.
+const STEEPNESS: f64 = 9.0;
 
-impl LevelFamily {
-    /// Of the pushes of all cuts, within a range of speed, mm/s.
-    pub fn new<'a>(
-        pushes: impl Iterator<Item = &'a CutPushes> + Clone,
-        [min_mm_s, max_mm_s]: [f64; 2],
-    ) -> Self {
-        let toward = |v: f64| pushes.clone().filter_map(|p| p.toward(v)).map(|(w, _)| w).fold(0.0, f64::max);
-        let overall = |v: f64| pushes.clone().map(|p| p.overall(v)).fold(0.0, f64::max);
-        let fastest = Levels { toward: toward(max_mm_s), overall: overall(max_mm_s), speed_mm_s: max_mm_s };
-        let least_toward = Levels { toward: toward(min_mm_s), ..fastest };
-        let least = Levels { overall: overall(min_mm_s), ..least_toward };
-        let none_toward = Levels { toward: 0.0, ..least };
-        let none = Levels { overall: 0.0, ..none_toward };
-        let slowest = Levels { speed_mm_s: min_mm_s, ..none };
-        let mut corners = vec![fastest, least_toward, least, none_toward, none, slowest];
-        corners.dedup();
-        Self(corners)
-    }
+/// The time that levels may take.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TimeLimit {
+    /// T0, s.
+    pub total_s: f64,
+    /// How far below it a time may stay, s.
+    pub tolerance_s: f64,
+    /// Largest number of evaluations of the time on each way between levels.
+    pub evaluations: u32,
+}
 
-    /// The largest parameter.
-    pub fn slowest(&self) -> f64 {
-        (self.0.len() - 1) as f64
+/// The least levels on the way from `from` to lower levels that keep the time, or `from` where even those take longer.
+fn least_on_way<E>(
+    [from, to]: [Levels; 2],
+    limit: TimeLimit,
+    time_s: &mut impl FnMut(&Levels) -> Result<f64, E>,
+) -> Result<Levels, E> {
+    let TimeLimit { total_s, tolerance_s, evaluations } = limit;
+    if from == to {
+        return Ok(from);
     }
+    let ends_s = [time_s(&from)?, time_s(&to)?];
+    if ends_s[0] >= total_s || ends_s[1] <= total_s {
+        return Ok(if ends_s[1] <= total_s { to } else { from });
+    }
+    let bracket = [(0.0, ends_s[0]), (1.0, ends_s[1])];
+    let at = |parameter: f64| from.lowered(&to, parameter);
+    Ok(at(last_within(bracket, total_s, tolerance_s, evaluations, |parameter| time_s(&at(parameter)))?))
+}
 
-    /// The levels at a parameter.
-    pub fn at(&self, parameter: f64) -> Levels {
-        let from = parameter.clamp(0.0, self.slowest()).floor();
-        let (corner, next) = (from as usize, self.0.len().min(from as usize + 2) - 1);
-        self.0[corner].toward_others(&self.0[next], (parameter - from).clamp(0.0, 1.0))
+/// The least levels in a time, from `top` down to the least speed, mm/s: first L_o, which may then rise by the share `room`, then L_t.
+///
+/// # Errors
+/// Those of `time_s`.
+pub fn least_levels<E>(
+    top: Levels,
+    min_mm_s: f64,
+    room: f64,
+    limit: TimeLimit,
+    mut time_s: impl FnMut(&Levels) -> Result<f64, E>,
+) -> Result<Levels, E> {
+    let least = least_on_way([top, Levels { overall: 0.0, ..top }], limit, &mut time_s)?;
+    let with_room = Levels { overall: top.overall.min((1.0 + room) * least.overall), ..top };
+    let spared = Levels { toward: 0.0, ..with_room };
+    let mut found = least_on_way([with_room, spared], limit, &mut time_s)?;
+    for slower in [Levels { overall: 0.0, ..spared }, Levels { overall: 0.0, speed_mm_s: min_mm_s, ..spared }] {
+        if found.toward == 0.0 {
+            found = least_on_way([found, slower], limit, &mut time_s)?;
+        }
     }
+    Ok(found)
+}
+
+/// Levels in the ratio of `reference`, below `top`: the least that keep the time. A push toward structures that the reference does not
+/// have at all counts from `nothing` on.
+///
+/// # Errors
+/// Those of `time_s`.
+pub fn least_along<E>(
+    reference: Levels,
+    top: Levels,
+    nothing: f64,
+    limit: TimeLimit,
+    mut time_s: impl FnMut(&Levels) -> Result<f64, E>,
+) -> Result<Levels, E> {
+    let (toward, overall) = (reference.toward.max(nothing), reference.overall.max(nothing));
+    let times = (top.toward / toward).max(top.overall / overall).max(1.0);
+    let from = Levels { toward: times * toward, overall: times * overall, ..top };
+    least_on_way([from, Levels { toward: 0.0, overall: 0.0, ..top }], limit, &mut time_s)
 }
 
 #[cfg(test)]

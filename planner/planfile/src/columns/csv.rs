@@ -3,7 +3,7 @@
 use super::Column;
 
 /// The columns of `waypoints.csv`.
-pub const WAYPOINTS: [Column; 24] = [
+pub const WAYPOINTS: [Column; 26] = [
     Column::new("index", "1", "", "The row's place, from 0."),
     Column::new("layer", "1", "", "Milling layer, from 0 at the outside."),
     Column::new(
@@ -35,8 +35,14 @@ pub const WAYPOINTS: [Column; 24] = [
         "speed_mm_s",
         "mm/s",
         "",
-        "Highest feed allowed in the move. The burr is slower where joint limits or neighbouring moves require it: \
-         `time_s` says how long it takes.",
+        "Highest feed allowed in the move.",
+    ),
+    Column::new(
+        "driven_mm_s",
+        "mm/s",
+        "",
+        "Greatest speed of the burr's centre within the move, as `trajectory.csv` drives it; the means over time weigh a move by its \
+         own time in `time_s`.",
     ),
     Column::new(
         "mass_mg",
@@ -54,10 +60,17 @@ pub const WAYPOINTS: [Column; 24] = [
         "fx_n",
         "N",
         "ct",
-        "Force of the bone on the burr, mean over a turn, at `speed_mm_s` and this direction.",
+        "Force of the bone on the burr, mean over a turn, at `driven_mm_s` and this direction.",
     ),
     Column::new("fy_n", "N", "ct", "The same force."),
     Column::new("fz_n", "N", "ct", "The same force."),
+    Column::new(
+        "peak_force_n",
+        "N",
+        "",
+        "Largest force within the move as the arm drives it, at `driven_mm_s`: at places between the waypoints too, and where the move cuts \
+         the skin that a rounded corner left. No less than the force itself.",
+    ),
     Column::new(
         "force_toward_n",
         "N",
@@ -166,7 +179,7 @@ pub const DROPPED: [Column; 4] = [
 ];
 
 /// The columns of `forces.csv`.
-pub const FORCES_ROWS: [Column; 8] = [
+pub const FORCES_ROWS: [Column; 9] = [
     Column::new("index", "1", "", "The waypoint."),
     Column::new(
         "structure",
@@ -183,6 +196,12 @@ pub const FORCES_ROWS: [Column; 8] = [
         "N",
         "",
         "The force's component along it; 0 if it points away, and in air.",
+    ),
+    Column::new(
+        "peak_toward_n",
+        "N",
+        "",
+        "Largest component toward the structure within the move as the arm drives it, at `driven_mm_s`; no less than `force_toward_n`.",
     ),
     Column::new(
         "deflection_toward_um",

@@ -122,7 +122,6 @@ pub const METRICS: &[Column] = &[
     ),
     Column::new("removed_mass_mg", "mg", "", "Mass that is removed: the sum of `mass_mg` of the waypoints."),
     Column::new("path_length_mm", "mm", "", "Length of the burr's path."),
-    Column::new("time_at_speed_caps_s", "s", "", "Duration of the plan if every move had its speed cap."),
     Column::new("joint_limit_ratios.velocity", "1", "", "Largest ratio of a joint's velocity to its limit."),
     Column::new(
         "joint_limit_ratios.acceleration",

@@ -1,8 +1,8 @@
 //! Compares the forces toward structures with those of a straight shaft at constant speed in the same time, and lists the
 //! choices that the plan made.
 
-use bonemill_case::{ForceTerm, OrientationMode, Sense, SpeedMode};
-use bonemill_pipeline::{Control, Plan, StructureForces, half_turn};
+use bonemill_case::{ForceTerm, Objective, OrientationMode, Sense, SpeedMode};
+use bonemill_pipeline::{Compared, Plan, Reference, StructureForces, half_turn};
 use bonemill_planfile::toward::{NEAR_MM, TowardFigures};
 
 use super::escape;
@@ -23,15 +23,15 @@ const LEAST_N: f64 = 1e-3;
 
 /// The table and a sentence for each choice.
 pub fn section(plan: &Plan) -> String {
-    let controls = &plan.results.compared.controls;
-    let table = if controls.is_empty() { String::new() } else { table(plan, controls) };
+    let compared = &plan.results.compared;
+    let table = if compared.named().next().is_none() { String::new() } else { table(plan, compared) };
     let choices: String = choices(plan).into_iter().map(|text| format!("<li>{text}</li>")).collect();
     format!("{table}<ul class=\"choices\">{choices}</ul>")
 }
 
-fn table(plan: &Plan, controls: &[Control]) -> String {
-    let forces: Vec<&StructureForces> =
-        controls.iter().map(|c| &c.forces).chain([&plan.results.compared.plan]).collect();
+fn table(plan: &Plan, compared: &Compared) -> String {
+    let references: Vec<&Reference> = compared.named().map(|(_, reference)| reference).collect();
+    let forces: Vec<&StructureForces> = references.iter().map(|r| &r.forces).chain([&compared.plan]).collect();
     let row = |name: String, values: Vec<f64>| {
         let (ours, theirs) = values.split_last().map_or((0.0, &[][..]), |(ours, theirs)| (*ours, theirs));
         let cells: String = values.iter().map(|n| format!("<td>{n:.3}</td>")).collect();
@@ -56,19 +56,22 @@ fn table(plan: &Plan, controls: &[Control]) -> String {
     }
     rows.push_str(&row("whole force: mean".into(), forces.iter().map(|f| f.mean_n).collect()));
     rows.push_str(&row("whole force: peak".into(), forces.iter().map(|f| f.peak_n).collect()));
-    let heads: String = controls
-        .iter()
-        .map(|c| {
-            let degrees = half_turn(c.raster_rad + plan.setup.scene.turn_rad).to_degrees();
-            format!("<th>control with lines at {degrees:.0}°, {:.2}&nbsp;mm/s</th>", c.speed_mm_s)
-        })
-        .collect();
+    let head = |reference: &&Reference| {
+        let degrees = half_turn(reference.raster.frame.angle_rad() + plan.setup.scene.turn_rad).to_degrees();
+        let (how, seconds) = match reference.speed_mm_s {
+            Some(speed) => (format!("at {speed:.2}&nbsp;mm/s"), reference.total_time_s),
+            None => ("with the least force".to_owned(), reference.total_time_s),
+        };
+        format!("<th>straight shaft {how}, lines at {degrees:.0}°, {seconds:.0}&nbsp;s</th>")
+    };
+    let heads: String = references.iter().map(head).collect();
     format!(
-        "<div class=\"wide\"><table><thead><tr><th>force [N]</th>{heads}<th>this plan</th><th>change from the lower control</th></tr></thead>\
-         <tbody>{rows}</tbody></table></div><p class=\"note\">Forces toward a structure count while the burr's surface is within {NEAR_MM} mm of it: over the time in which \
-         they point toward it, or, with zeros, over all of that time. The two controls mill the same target in the same time with the \
-         shaft along the approach and one speed for every cut. Their shank is not tested for collisions. The time of every move \
-         follows from its speed cap.</p>"
+        "<div class=\"wide\"><table><thead><tr><th>force [N]</th>{heads}<th>this plan, {:.0}&nbsp;s</th><th>change from the lowest</th></tr></thead>\
+         <tbody>{rows}</tbody></table></div><p class=\"note\">Forces are those at the greatest speed that the arm drives within each move. Forces toward a structure count while the \
+         burr's surface is within {NEAR_MM} mm of it: over the time in which \
+         they point toward it, or, with zeros, over all of that time. The straight shafts mill the same target along the approach, driven by the same arm in the plan's time, \
+         links, approach and retracts included; their shank is not tested for collisions.</p>",
+        plan.moves.law.duration_s()
     )
 }
 
@@ -76,9 +79,7 @@ fn table(plan: &Plan, controls: &[Control]) -> String {
 fn choices(plan: &Plan) -> Vec<String> {
     let (case, m) = (&plan.setup.case, &plan.modelled);
     let by_drafts = |is_given: bool| {
-        if m.axes.instead.is_some() {
-            "see the fallback below"
-        } else if is_given {
+        if is_given {
             "as the case asks"
         } else {
             "chosen by the forces toward structures in coarse drafts of the same duration"
@@ -111,8 +112,11 @@ fn choices(plan: &Plan) -> Vec<String> {
         OrientationMode::Greedy => {
             "The shaft's direction is chosen for each waypoint alone, then smoothed.".to_owned()
         }
-        OrientationMode::Optimal => format!(
+        OrientationMode::Optimal if case.cost.objective == Objective::Dillon => format!(
             "The shaft is turned so that near structures the {push} toward them is least over the whole path, and elsewhere the loss of inertia and the turning."
+        ),
+        OrientationMode::Optimal => format!(
+            "The shaft is turned so that cuts and turns together fit the time at the lowest levels of {push}."
         ),
     };
     let speed = match (&m.speeds.levels, case.speed.mode) {
@@ -126,7 +130,7 @@ fn choices(plan: &Plan) -> Vec<String> {
         }
     };
     let instead = m.axes.instead.map(|words| {
-        format!("Fallback: {words}, because otherwise a force toward a structure of priority 1 would have been larger than with a straight shaft.")
+        format!("Fallback: {words}, because otherwise a figure would have been above that of a straight shaft with the least force.")
     });
     [lines, sense, spin, axes, speed].into_iter().chain(instead).collect()
 }

@@ -12,7 +12,7 @@
 use rayon::prelude::*;
 
 use super::sequence::{BestSequence, Forbidden, Problem, best_sequence, blocked_waypoints};
-use super::{Directions, FreeSets, RateLimit};
+use super::{Directions, FreeSets, TurnLimits};
 
 /// Number of waypoints to either side over which the coarse sequence is smoothed.
 const GLIDE: usize = 10;
@@ -46,7 +46,7 @@ pub fn best_near(
     fine: &Directions,
     sequence: &[u16],
     length_mm: &[f64],
-    rate: RateLimit,
+    turns: TurnLimits,
     ask: impl Fn(usize, &[usize]) -> Vec<Option<f32>> + Sync,
 ) -> Option<Corridor> {
     let (waypoints, count) = (sequence.len(), fine.len());
@@ -82,7 +82,7 @@ pub fn best_near(
             }
         }
         let problem =
-            Problem { directions: fine, cost: &cost, free: &free, length_mm, rate, forbidden: &nothing };
+            Problem { directions: fine, cost: &cost, free: &free, length_mm, turns, forbidden: &nothing };
         let found = best_sequence(&problem);
         round += 1;
         grow = match &found {
@@ -135,9 +135,10 @@ struct Growth {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::orientation::TurnPrice;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    const RATE: RateLimit = RateLimit { weight_mm: 1.0, most_rad_per_mm: 2.0 };
+    const RATE: TurnLimits = TurnLimits { price: TurnPrice::Smoothness(1.0), most_rad_per_mm: 2.0 };
 
     /// A cost with a valley that winds over the cap, a wall that the sequence must go around, and ripples of height `ripple`.
     fn cost_at(fine: &Directions, i: usize, n: usize, ripple: f64) -> Option<f32> {
@@ -159,7 +160,7 @@ mod tests {
             cost: &cost,
             free: &free,
             length_mm,
-            rate: RATE,
+            turns: RATE,
             forbidden: &forbidden,
         })
     }
@@ -203,7 +204,7 @@ mod tests {
                 cost,
                 free,
                 length_mm: &length_mm,
-                rate: RATE,
+                turns: RATE,
                 forbidden: &forbidden,
             };
             assert_eq!(best_sequence(&again), corridor.found);

@@ -50,13 +50,53 @@ impl TiltFamily {
     }
 }
 
-/// Weight of turning in a sequence's cost, and the largest rate of turning.
+/// What turning costs in a sequence, and the largest rate of turning.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RateLimit {
-    /// Weight λ, mm/rad² per unit of cost.
-    pub weight_mm: f64,
+pub struct TurnLimits {
+    /// What a turn costs.
+    pub price: TurnPrice,
     /// Largest change of the axis per mm of path, rad/mm.
     pub most_rad_per_mm: f64,
+}
+
+/// What a turn costs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum TurnPrice {
+    /// λ angle²/Δs beside the cost of the waypoint: λ ∫ (da/ds)² ds, whatever the step. λ, mm/rad² per unit of cost.
+    Smoothness(f64),
+    /// The time that the arm needs for it, s; the waypoint's own cost is a time, and both pass together.
+    Time(TurnTime),
+}
+
+/// How long an arm needs to turn the shaft about the burr during one move.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TurnTime {
+    /// ω: the rate that a joint's velocity limit allows, rad/s.
+    pub rate_rad_s: f64,
+    /// α: the change of that rate that acceleration limits allow, rad/s².
+    pub acceleration_rad_s2: f64,
+    /// Driven over predicted time of turns, measured.
+    pub factor: f64,
+}
+
+impl TurnTime {
+    /// The least time of a turn by `angle_rad`: factor · max(angle/ω, √(3 angle/α)).
+    ///
+    /// The second term is that of a turn in one move between moves without any: the corners at its ends, rounded over half the
+    /// move, change the rate from 0 and back to 0 within the acceleration limit. It never falls with the angle.
+    pub fn seconds(&self, angle_rad: f64) -> f64 {
+        let by_rate = angle_rad / self.rate_rad_s;
+        self.factor * by_rate.max((tune("ACC", 1.0) * angle_rad / self.acceleration_rad_s2).sqrt())
+    }
+}
+
+/// DEV
+pub fn tune(name: &'static str, default: f64) -> f64 {
+    use std::collections::HashMap;
+    use std::sync::OnceLock;
+    static T: OnceLock<HashMap<String, f64>> = OnceLock::new();
+    let t = T.get_or_init(|| std::env::vars().filter_map(|(k, v)| Some((k.strip_prefix("TUNE_")?.to_owned(), v.parse().ok()?))).collect());
+    t.get(name).copied().unwrap_or(default)
 }
 
 /// The angle at which the axis is nearest to +z.

@@ -1,15 +1,18 @@
 //! Chooses the whole sequence of directions at once, by dynamic programming over a layered graph whose edges are not stored.
 //!
-//! There is one layer per waypoint and one state per free direction. The sequence a_0, a_1, … minimises
+//! There is one layer per waypoint and one state per free direction. With d_i = ∠(a_{i−1}, a_i), the sequence a_0, a_1, …
+//! minimises, by the price of turns ([`TurnPrice`]),
 //!
 //! ```text
-//! J = Σ C_i(a_i) Δs_i + λ Σ ∠(a_{i−1}, a_i)²/Δs_i
+//! smoothness    J = Σ C_i(a_i) Δs_i + λ Σ d_i²/Δs_i
+//! time          J = Σ max(C_i(a_i) Δs_i, t(d_i)) + ε d_i²/Δs_i
 //! ```
 //!
-//! subject to: a_i is free at i; ∠(a_{i−1}, a_i) is at most the angle that the arm can turn during the move; every direction
+//! subject to: a_i is free at i; d_i is at most the angle that the arm can turn during the move; every direction
 //! passed on the way from a_{i−1} to a_i is free before or after the move; and the turn is not in a list of forbidden ones.
-//! The second term is λ ∫ (da/ds)² ds, so the weight does not depend on the step. Bellman's recursion goes over the layers
-//! once and finds the optimum over all sequences; the tests compare it with an enumeration of every sequence.
+//! In the first, λ ∫ (da/ds)² ds does not depend on the step. In the second, C_i is the time of the cut per mm, so that J is the time
+//! of the path: a turn costs nothing as long as the cut takes longer, but for ε, which spreads it. Bellman's recursion goes over the layers once and finds the optimum over all sequences; the tests compare it with an
+//! enumeration of every sequence. It looks at most at Σ_i |free_i| · |fan| edges.
 //!
 //! An edge is a slot in a direction's fan ([`Directions`]): its angle and the slot passed before are looked up, not stored
 //! per waypoint. One byte per state stores from which slot its best sequence came. Of equal sequences the one with the least
@@ -19,15 +22,20 @@ use bonemill_geometry::cancel;
 use std::collections::HashMap;
 
 use super::directions::{Directions, Fan, tilt_rad};
-use super::{FreeSets, RateLimit};
+use super::{FreeSets, TurnLimits, TurnPrice, tune};
 
 /// Shorter moves count as this long, mm, so that the cost of a turn on the spot is high but finite.
 const SHORTEST_MM: f64 = 1e-3;
 /// λ is at least this, mm/rad² per unit of cost; with λ = 0 the axis would move arbitrarily among directions of equal cost.
 const LEAST_WEIGHT_MM: f64 = 1e-6;
+/// ε, s mm/rad²: what a turn costs although the cut takes longer. A turn that gains nothing is not made, and one that does is spread
+/// over moves, since its corners slow the arm down. Measured: docs/results.md, How much turning pays.
+const CALM_S_MM: f64 = 2.0;
+/// λ by which axes are refined where turns cost time, s mm/rad².
+const REFINING_S_MM: f64 = 1.0;
 /// Largest number of reached directions for which a cone around all of them is computed.
 const MOST_NARROW: usize = 64;
-/// Squares of a fan's angles are ascending up to this rounding error, rad².
+/// A fan's angles, rad, and their squares, rad², are ascending up to this rounding error.
 const UNEVEN: f64 = 1e-8;
 /// Cost per rad of tilt that decides between first directions of equal cost.
 const UPRIGHT: f64 = 1e-9;
@@ -60,8 +68,8 @@ pub struct Problem<'a> {
     pub free: &'a FreeSets,
     /// Length of the move that ends at each waypoint, mm; the first is used only as the weight of C.
     pub length_mm: &'a [f64],
-    /// λ, and the largest rate of turning.
-    pub rate: RateLimit,
+    /// The price of turns, and the largest rate of turning.
+    pub turns: TurnLimits,
     /// Turns that must not be used.
     pub forbidden: &'a Forbidden,
 }
@@ -96,12 +104,30 @@ impl Problem<'_> {
     /// turn in short moves; the time law slows such a move.
     pub(super) fn reach_rad(&self, i: usize) -> f64 {
         let spacing = 1.5 * self.directions.spacing_rad();
-        (self.rate.most_rad_per_mm * self.length_mm[i]).max(spacing)
+        (self.turns.most_rad_per_mm * self.length_mm[i]).max(spacing)
     }
 
     /// λ/Δs_i.
     pub(super) fn turn_weight(&self, i: usize) -> f64 {
-        self.rate.weight_mm.max(LEAST_WEIGHT_MM) / self.length_mm[i].max(SHORTEST_MM)
+        let weight = match self.turns.price {
+            TurnPrice::Smoothness(weight_mm) => weight_mm.max(LEAST_WEIGHT_MM),
+            TurnPrice::Time(_) => tune("REFINE", REFINING_S_MM),
+        };
+        weight / self.length_mm[i].max(SHORTEST_MM)
+    }
+
+    /// What the move to waypoint i costs: `own_cost` of its direction, and the turn to it.
+    #[inline]
+    fn move_cost(&self, i: usize) -> impl Fn(f64, f64, f64) -> f64 + use<> {
+        let (price, weight) = (self.turns.price, self.turn_weight(i));
+        let length = self.length_mm[i].max(SHORTEST_MM);
+        move |own_cost: f64, angle_rad: f64, square: f64| match price {
+            TurnPrice::Smoothness(_) => own_cost + weight * square,
+            TurnPrice::Time(turn) => {
+                let seconds = turn.seconds(angle_rad);
+                own_cost.max(seconds) + turn.factor * tune("LAMBDA", CALM_S_MM) * square / length
+            }
+        }
     }
 
     /// C Δs of waypoint i and direction n.
@@ -193,7 +219,7 @@ impl<'a> ProgramLayer<'a> {
     fn advance(&mut self, i: usize, came_from: &mut [u8], edges: &mut u64) -> bool {
         let p = self.problem;
         let count = p.directions.len();
-        let (turn, forbidden, reach_rad) = (p.turn_weight(i), p.forbidden.at(i), p.reach_rad(i));
+        let (move_cost, forbidden, reach_rad) = (p.move_cost(i), p.forbidden.at(i), p.reach_rad(i));
         // no direction lies between neighbours, so none can be blocked
         let only_neighbours = reach_rad <= 1.5 * p.directions.spacing_rad() && forbidden.is_empty();
         let beside = || p.free.iter(i).chain(p.free.iter(i - 1)).filter(|_| !only_neighbours);
@@ -207,17 +233,19 @@ impl<'a> ProgramLayer<'a> {
                 reach_rad.min(p.directions.angle_at_most(middle, n) + radius_rad)
             });
             let most_rad = most_rad + 1e-6;
+            let own_cost = p.own(i, n);
+            let edge = |angle_rad: f64, square: f64| move_cost(own_cost, angle_rad, square);
             let (slot, least, looked_at) = if only_neighbours {
-                self.among_neighbours(fan, most_rad, turn)
+                self.among_neighbours(fan, most_rad, edge)
             } else if forbidden.is_empty() {
-                self.among_allowed(fan, most_rad, turn, least_alive, |_| false)
+                self.among_allowed(fan, most_rad, edge, least_alive, |_| false)
             } else {
                 let is_forbidden = |from| forbidden.contains(&[from, n as u16]);
-                self.among_allowed(fan, most_rad, turn, least_alive, is_forbidden)
+                self.among_allowed(fan, most_rad, edge, least_alive, is_forbidden)
             };
             *edges += looked_at as u64;
             if least.is_finite() {
-                self.next[n] = least + p.own(i, n);
+                self.next[n] = least;
                 came_from[i * count + n] = slot as u8;
                 self.reached.push(n as u16);
             }
@@ -240,13 +268,18 @@ impl<'a> ProgramLayer<'a> {
 
     /// The best slot to come from among neighbours, the total cost with it, and the number of slots tested.
     #[inline]
-    fn among_neighbours(&self, fan: &Fan, most_rad: f64, turn: f64) -> (usize, f64, usize) {
+    fn among_neighbours(
+        &self,
+        fan: &Fan,
+        most_rad: f64,
+        edge: impl Fn(f64, f64) -> f64,
+    ) -> (usize, f64, usize) {
         let (mut from, mut least, mut slots) = (0, f64::INFINITY, 0);
         for ((node, square), angle_rad) in fan.node.iter().zip(&fan.square).zip(&fan.angle_rad) {
             if f64::from(*angle_rad) > most_rad {
                 break;
             }
-            let total = self.best[usize::from(*node)] + turn * square;
+            let total = self.best[usize::from(*node)] + edge(f64::from(*angle_rad), *square);
             if total < least {
                 (from, least) = (slots, total);
             }
@@ -255,8 +288,8 @@ impl<'a> ProgramLayer<'a> {
         (from, least, slots)
     }
 
-    /// The same over slots that can be reached without passing a blocked direction. No cost is less than `least_alive`, so the
-    /// search ends at the slot from which on the turn alone makes every farther slot worse.
+    /// The same over slots that can be reached without passing a blocked direction. No cost is less than `least_alive`, and no edge
+    /// cheaper than one of a smaller angle, so the search ends at the slot from which on every farther slot is worse.
     #[inline]
     #[expect(
         clippy::too_many_arguments,
@@ -266,7 +299,7 @@ impl<'a> ProgramLayer<'a> {
         &self,
         fan: &Fan,
         most_rad: f64,
-        turn: f64,
+        edge: impl Fn(f64, f64) -> f64,
         least_alive: f64,
         is_forbidden: impl Fn(u16) -> bool,
     ) -> (usize, f64, usize) {
@@ -274,10 +307,13 @@ impl<'a> ProgramLayer<'a> {
         let mut open = [1u64, 0, 0, 0];
         let (mut from, mut least) = (0, f64::INFINITY);
         for (slot, angle_rad) in fan.angle_rad.iter().enumerate() {
-            let by_turn = turn * fan.square[slot];
-            if f64::from(*angle_rad) > most_rad || least_alive + turn * (fan.square[slot] - UNEVEN) >= least {
+            let (angle_rad, square) = (f64::from(*angle_rad), fan.square[slot]);
+            // angles ascend but for rounding
+            let at_least = edge((angle_rad - UNEVEN).max(0.0), (square - UNEVEN).max(0.0));
+            if angle_rad > most_rad || least_alive + at_least >= least {
                 return (from, least, slot);
             }
+            let by_turn = edge(angle_rad, square);
             let node = fan.node[slot];
             let parent = usize::from(fan.parent[slot]);
             let on_way = open[parent / 64 % 4] >> (parent % 64) & 1 == 1;

@@ -87,6 +87,17 @@ impl DensePath {
         values
     }
 
+    /// The greatest of the values per place's move within each waypoint's move.
+    pub fn greatest_per_waypoint(&self, per_place: &[f64]) -> Vec<f64> {
+        let mut first = 0;
+        let of_move = |place: &usize| {
+            let moves = per_place.get(first..=*place).unwrap_or_default();
+            first = place + 1;
+            moves.iter().copied().fold(0.0, f64::max)
+        };
+        self.waypoints.iter().map(of_move).collect()
+    }
+
     fn push(&mut self, arm: &Arm, pose: &AxisPose, q: &[f64]) {
         let burr_mm = match self.len() {
             0 => 0.0,

@@ -4,6 +4,8 @@
 //! axis are within the corner tolerance of the polyline through the kept waypoints, to first order in a corner's size.
 //! That polyline differs from the given one by at most the part of the tolerance that merging uses.
 
+use nalgebra::Vector3;
+
 use super::input::{CornerTolerance, JointPath, PathLimits};
 use super::merge::{Kept, joint_mm};
 
@@ -175,6 +177,40 @@ impl Geometry {
                 }
             }
         }
+    }
+
+    /// The burr's way per mm of s at a place of kept segment i, in 0..=1: on a rounded corner the length of the mean of both sides'
+    /// directions, weighted as q' is.
+    pub fn burr_per_s_at(&self, i: usize, s_mm: f64) -> f64 {
+        let blended = |corner: usize| {
+            let l = self.half_blend_mm[corner];
+            let u = (0.5 * (s_mm - self.s_mm[corner] + l) / l).clamp(0.0, 1.0);
+            let step = u * u * (3.0 - 2.0 * u);
+            let [before, after] = [corner - 1, corner].map(|k| {
+                // the chord's direction, as long as the way per s: an arc is longer than its chord
+                let d = Vector3::from_column_slice(&self.pose_direction[k][..3]);
+                let chord = d.norm();
+                if chord > 0.0 { d * (self.burr_per_s[k] / chord) } else { d }
+            });
+            (before + (after - before) * step).norm()
+        };
+        if i > 0 && s_mm < self.s_mm[i] + self.half_blend_mm[i] {
+            blended(i)
+        } else if s_mm > self.s_mm[i + 1] - self.half_blend_mm[i + 1] {
+            blended(i + 1)
+        } else {
+            self.burr_per_s[i]
+        }
+    }
+
+    /// How far the burr is from kept waypoint i where it passes it, mm: 3l/16 of the change of its direction.
+    pub fn burr_off_mm(&self, i: usize) -> f64 {
+        let l = self.half_blend_mm[i];
+        if l <= 0.0 {
+            return 0.0;
+        }
+        let [a, b] = [i - 1, i].map(|k| &self.pose_direction[k]);
+        3.0 / 16.0 * l * (0..3).map(|k| (b[k] - a[k]).powi(2)).sum::<f64>().sqrt()
     }
 
     /// Every element in the order of travel, with s where it starts and its length, mm.

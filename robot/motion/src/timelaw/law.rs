@@ -37,6 +37,9 @@ pub struct LimitRatios {
 /// Number of instants at which limits are checked in each piece, and again for every element of the path in it.
 const INSTANTS: usize = 6;
 
+/// Number of intervals in each piece between instants at which the burr's speed is evaluated.
+const BURR_INSTANTS: usize = 4;
+
 /// A motion along a prepared path: at rest at both ends, within all limits at every instant between.
 ///
 /// q(t) = q(s(t)), q̇ = q' ṡ, q̈ = q'' ṡ² + q' s̈, q⃛ = q''' ṡ³ + 3 q'' ṡ s̈ + q' s⃛, with s⃛ constant on each piece.
@@ -88,6 +91,49 @@ impl TimeLaw {
     /// middle.
     pub fn waypoint_times_s(&self) -> &[f64] {
         &self.waypoint_times_s
+    }
+
+    /// Greatest speed of the burr within the move that ends at each given waypoint, mm/s, shape (waypoints); 0 for the first.
+    ///
+    /// A rounded corner belongs to both moves, half each. A waypoint that was merged has the speed of the move that it lies on.
+    pub fn burr_speeds_mm_s(&self) -> Vec<f64> {
+        let count = self.geometry.count();
+        if self.pieces.is_empty() || count < 2 {
+            return vec![0.0; self.geometry.kept_of.len()];
+        }
+        let of_segment = |i: usize| self.greatest_burr_speed_mm_s(i);
+        let of_segments: Vec<f64> = (0..count - 1).into_par_iter().map(of_segment).collect();
+        let of_move = |kept: &u32| (*kept as usize).checked_sub(1).map_or(0.0, |i| of_segments[i]);
+        self.geometry.kept_of.iter().map(of_move).collect()
+    }
+
+    /// The same for the kept segment i: ṡ is a parabola in time on each piece, and the burr's way per s is constant on the straight and
+    /// sampled on the halves of the corners.
+    fn greatest_burr_speed_mm_s(&self, i: usize) -> f64 {
+        let (from_mm, to_mm) = (self.geometry.s_mm[i], self.geometry.s_mm[i + 1]);
+        let first = self.pieces.partition_point(|piece| piece.s_mm <= from_mm).saturating_sub(1);
+        let mut greatest = 0f64;
+        for (k, piece) in self.pieces.iter().enumerate().skip(first) {
+            if piece.s_mm >= to_mm {
+                break;
+            }
+            let end_s = self.pieces.get(k + 1).map_or(self.duration_s, |next| next.start_s) - piece.start_s;
+            let enters_s = if piece.s_mm < from_mm { passed_after_s(piece, from_mm, end_s) } else { 0.0 };
+            let leaves_s =
+                if piece.at(end_s)[0] > to_mm { passed_after_s(piece, to_mm, end_s) } else { end_s };
+            let turns_s = -piece.acceleration_mm_s2 / piece.jerk_mm_s3;
+            let is_inside = turns_s > enters_s && turns_s < leaves_s;
+            let mut meet = |elapsed_s: f64| {
+                let [s_mm, speed, _] = piece.at(elapsed_s);
+                greatest = greatest.max(speed * self.geometry.burr_per_s_at(i, s_mm));
+            };
+            (0..=BURR_INSTANTS)
+                .for_each(|n| meet(enters_s + (leaves_s - enters_s) * n as f64 / BURR_INSTANTS as f64));
+            if is_inside {
+                meet(turns_s);
+            }
+        }
+        greatest
     }
 
     /// Joint state at a time; before the start and from the end on the arm stands at the first and the last waypoint.

@@ -63,6 +63,27 @@ impl PreparedPath {
         self.burr_moves.len()
     }
 
+    /// The rounded corners at which the burr leaves the polyline by at least `least_mm`: the given waypoint, and the joint vectors where
+    /// the corner begins, in its middle and where it ends.
+    pub fn burr_corners(&self, least_mm: f64) -> Vec<(usize, [Vec<f64>; 3])> {
+        let mut of_kept = vec![usize::MAX; self.geometry.count()];
+        for (given, kept) in self.geometry.kept_of.iter().enumerate() {
+            let first = &mut of_kept[*kept as usize];
+            *first = given.min(*first);
+        }
+        let is_wide = |i: &usize| self.geometry.burr_off_mm(*i) >= least_mm;
+        let corner = |i: usize| {
+            let l = self.geometry.half_blend_mm[i];
+            let at = [0.0, l, 2.0 * l].map(|x| {
+                let mut q = vec![0.0; self.geometry.dof];
+                self.geometry.at(PathElement::Blend(i as u32), x, |j, [position, ..]| q[j] = position);
+                q
+            });
+            (of_kept[i], at)
+        };
+        (0..self.geometry.count()).filter(is_wide).map(corner).collect()
+    }
+
     /// The time law under speed caps of the burr, mm/s, one per waypoint for the move that ENDS there.
     ///
     /// The first cap is ignored, and so is that of a rotation in place: the burr's motion at its rounded corners is limited by

@@ -2,14 +2,15 @@
 
 use super::*;
 use crate::orientation::directions::{angle_between, tilt_rad};
-use crate::orientation::{Directions, FreeSets, RateLimit};
+use crate::orientation::{Directions, FreeSets, TurnLimits, TurnPrice};
 use proptest::prelude::*;
 
 fn family() -> TiltFamily {
     TiltFamily { hinge: Vector3::x_axis(), zero: Vector3::z_axis(), lower_rad: -1.0, upper_rad: 1.0 }
 }
 
-const RATE: RateLimit = RateLimit { weight_mm: 0.3, most_rad_per_mm: 0.4 };
+const WEIGHT_MM: f64 = 0.3;
+const RATE: TurnLimits = TurnLimits { price: TurnPrice::Smoothness(WEIGHT_MM), most_rad_per_mm: 0.4 };
 
 /// The preferred axis of waypoint i, which moves along the path; C_i(a) is the squared distance from it.
 fn wish(i: usize) -> Unit<Vector3<f64>> {
@@ -46,7 +47,7 @@ impl Setup {
             cost: &self.cost,
             free: &self.free,
             length_mm: &self.length_mm,
-            rate: RATE,
+            turns: RATE,
             forbidden,
         }
     }
@@ -55,7 +56,7 @@ impl Setup {
         (0..axes.len())
             .map(|i| {
                 let turn = if i > 0 { angle_between(&axes[i - 1], &axes[i]) } else { 0.0 };
-                cost_at(i, &axes[i]) * 0.25 + RATE.weight_mm * turn * turn / 0.25
+                cost_at(i, &axes[i]) * 0.25 + WEIGHT_MM * turn * turn / 0.25
             })
             .sum()
     }

@@ -1,7 +1,7 @@
 //! The dynamic program compared with the enumeration of every sequence, and hard cases.
 
 use super::*;
-use crate::orientation::TiltFamily;
+use crate::orientation::{TiltFamily, TurnTime};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
@@ -49,10 +49,15 @@ fn total_of(p: &Problem, sequence: &[usize]) -> Option<f64> {
             return None;
         }
         let turn = if i > 0 { p.directions.angle_rad(sequence[i - 1], n) } else { 0.0 };
-        Some(
-            sum + f64::from(p.cost[i * p.directions.len() + n]) * p.length_mm[i]
-                + p.turn_weight(i) * turn * turn,
-        )
+        let own = f64::from(p.cost[i * p.directions.len() + n]) * p.length_mm[i];
+        Some(match p.turns.price {
+            TurnPrice::Smoothness(weight_mm) => sum + own + weight_mm.max(1e-6) * turn * turn / p.length_mm[i],
+            TurnPrice::Time(TurnTime { rate_rad_s, acceleration_rad_s2, factor }) => {
+                let seconds = factor * (turn / rate_rad_s).max((turn / acceleration_rad_s2).sqrt());
+                // before the first waypoint nothing turns
+                sum + own.max(seconds) + 2.0 * factor * turn * turn / p.length_mm[i]
+            }
+        })
     })
 }
 
@@ -74,12 +79,16 @@ proptest! {
         free in prop::collection::vec(prop::collection::vec(prop::bool::weighted(0.7), 8), 6),
         length_mm in prop::collection::vec(0.1f64..1.5, 6),
         weight_mm in 0.0f64..3.0, most_rad_per_mm in 0.05f64..1.0,
+        timed in prop::option::of((0.1f64..2.0, 0.5f64..10.0, 0.3f64..3.0)),
         bans in prop::collection::vec((1usize..6, 0u16..7, 0u16..7), 0..12),
     ) {
         let directions = sets(in_plane, 2 * half + 1);
         let k = directions.len();
         // at most 7⁶ sequences
         let n = n.min(if k > 5 { 5 } else { 6 });
+        let price = timed.map_or(TurnPrice::Smoothness(weight_mm), |(rate_rad_s, acceleration_rad_s2, factor)| {
+            TurnPrice::Time(TurnTime { rate_rad_s, acceleration_rad_s2, factor })
+        });
         let mut forbidden = Forbidden::default();
         bans.iter().for_each(|(i, a, b)| forbidden.insert(*i, *a, *b));
         let problem = Problem {
@@ -87,7 +96,7 @@ proptest! {
             cost: &cost[..n * k],
             free: &FreeSets::fill(n, k, |i, d| free[i][d]),
             length_mm: &length_mm[..n],
-            rate: RateLimit { weight_mm, most_rad_per_mm },
+            turns: TurnLimits { price, most_rad_per_mm },
             forbidden: &forbidden,
         };
         let blocked = blocked_waypoints(&problem);
@@ -139,7 +148,7 @@ fn solve(in_plane: bool, n: usize, cost: &[f32], free: impl Fn(usize, usize) -> 
         cost,
         free: &FreeSets::fill(n, 7, free),
         length_mm: &vec![0.25; n],
-        rate: RateLimit { weight_mm: 1.0, most_rad_per_mm: 0.4 },
+        turns: TurnLimits { price: TurnPrice::Smoothness(1.0), most_rad_per_mm: 0.4 },
         forbidden: &Forbidden::default(),
     })
 }
@@ -160,7 +169,7 @@ fn six_waypoints_by_seven_directions() {
         cost: &cost,
         free: &FreeSets::fill(6, 7, |i, n| (i + n) % 4 != 3),
         length_mm: &[0.3; 6],
-        rate: RateLimit { weight_mm: 0.2, most_rad_per_mm: 0.4 },
+        turns: TurnLimits { price: TurnPrice::Smoothness(0.2), most_rad_per_mm: 0.4 },
         forbidden: &Forbidden::default(),
     };
     let BestSequence::Sequence { total, .. } = best_sequence(&problem) else { panic!("blocked") };
@@ -185,7 +194,7 @@ fn without_a_rate_weight_ties_still_go_to_the_smaller_turn() {
         cost: &[0.0; 70],
         free: &FreeSets::fill(10, 7, |_, _| true),
         length_mm: &[0.25; 10],
-        rate: RateLimit { weight_mm: 0.0, most_rad_per_mm: 0.4 },
+        turns: TurnLimits { price: TurnPrice::Smoothness(0.0), most_rad_per_mm: 0.4 },
         forbidden: &Forbidden::default(),
     };
     assert_eq!(directions_of(best_sequence(&problem)), [3; 10]);
@@ -226,7 +235,7 @@ fn a_million_waypoints() {
         cost: &cost,
         free: &FreeSets::fill(n, 5, |i, d| (i / 7 + d) % 6 != 0),
         length_mm: &vec![0.25; n],
-        rate: RateLimit { weight_mm: 1.0, most_rad_per_mm: 0.4 },
+        turns: TurnLimits { price: TurnPrice::Smoothness(1.0), most_rad_per_mm: 0.4 },
         forbidden: &Forbidden::default(),
     };
     let BestSequence::Sequence { directions: found, total, edges } = best_sequence(&problem) else {

@@ -1,0 +1,132 @@
+//! A plan beside its references in the same time: where it pushes more than a simpler plan would.
+
+use bonemill_case::Case;
+use bonemill_planfile::toward::TowardFigures;
+
+use super::reference::{Reference, StructureForces};
+
+/// Toward a structure, a force up to this counts as none, N: assumed.
+const NOTHING_N: f64 = 0.01;
+/// The same beside a straight shaft with the least force, whose forces are much smaller, N: assumed.
+const LEAST_N: f64 = 1e-3;
+/// Forces toward structures that differ by no more than this share count as the same.
+const SAME_SHARE: f64 = 0.02;
+/// Whole forces that differ by no more than this share count as the same: rounding.
+const ROUNDING: f64 = 1e-3;
+
+/// A plan beside its references.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Compared {
+    /// Straight shafts at one speed: lines along, and across; none that the arm cannot drive.
+    pub controls: Vec<Reference>,
+    /// The straight shaft with the least force; none that the arm cannot drive.
+    pub straight: Option<Reference>,
+    /// The plan.
+    pub plan: StructureForces,
+}
+
+/// A figure of the force toward a structure: its name, and where it stands, N.
+pub type JudgedFigure = (&'static str, fn(&TowardFigures) -> f64);
+
+/// The figures that a plan is judged by, while the burr's surface is within [`bonemill_planfile::toward::NEAR_MM`] of a structure.
+pub const JUDGED: [JudgedFigure; 3] =
+    [("mean", |f| f.mean_n), ("mean with zeros", |f| f.mean_with_zeros_n), ("peak", |f| f.peak_n)];
+
+/// A figure in which a plan is worse than the better of its references.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Worse {
+    /// Number of the structure in the case.
+    pub structure: usize,
+    /// Name of the figure.
+    pub figure: &'static str,
+    /// The reference's, N.
+    pub reference_n: f64,
+    /// The plan's, N.
+    pub plan_n: f64,
+}
+
+impl StructureForces {
+    /// Where these forces are above those of the better of some references: toward the structures of the case's highest priority, the
+    /// worst first; with `nothing_n`, forces up to it count as none.
+    fn worse_than(&self, case: &Case, references: &[&Self], nothing_n: f64) -> Vec<Worse> {
+        let first = case.structures.iter().map(|s| s.priority).min();
+        let judged = case.structures.iter().enumerate().filter(|(_, s)| Some(s.priority) == first);
+        let mut found = Vec::new();
+        for (n, _) in judged {
+            for (figure, value) in JUDGED {
+                let of = |forces: &Self| forces.structures.get(n).map_or(0.0, |s| value(&s.near));
+                let better = references.iter().map(|r| of(r)).min_by(f64::total_cmp);
+                let Some(reference_n) = better else { continue };
+                if of(self) > reference_n.max(nothing_n) * (1.0 + SAME_SHARE) {
+                    found.push(Worse { structure: n, figure, reference_n, plan_n: of(self) });
+                }
+            }
+        }
+        found.sort_by(|a, b| b.ratio(nothing_n).total_cmp(&a.ratio(nothing_n)));
+        found
+    }
+
+    /// Whether no figure is above that of a straight shaft with the least force: toward the structures of the highest priority, and
+    /// mean and peak of the whole force.
+    pub(super) fn is_nowhere_worse(&self, case: &Case, straight: &Self) -> bool {
+        let keeps = |ours: f64, theirs: f64| ours <= theirs * (1.0 + ROUNDING);
+        keeps(self.mean_n, straight.mean_n)
+            && self.peak_n <= straight.peak_n * (1.0 + SAME_SHARE)
+            && self.worse_than(case, &[straight], LEAST_N).is_empty()
+    }
+
+    /// One number to compare drafts of one case by: the mean logarithm of the judged figures toward each structure, over the root of its
+    /// priority as in the law of importance, and the logarithm of the mean force. So drafts rank by products of forces.
+    pub(super) fn score(&self, case: &Case) -> f64 {
+        let of = |(found, structure): (&bonemill_planfile::toward::StructureFigures, &bonemill_case::Structure)| {
+            let logarithms = JUDGED.iter().map(|(_, figure)| figure(&found.near).max(NOTHING_N).ln());
+            logarithms.sum::<f64>() / JUDGED.len() as f64 / f64::from(structure.priority).sqrt()
+        };
+        let toward: f64 = self.structures.iter().zip(&case.structures).map(of).sum();
+        toward + self.mean_n.max(NOTHING_N).ln()
+    }
+}
+
+impl Compared {
+    /// The references, with a name for each: the controls, then the straight shaft with the least force.
+    pub fn named(&self) -> impl Iterator<Item = (String, &Reference)> {
+        let controls = self.controls.iter().enumerate().map(|(n, c)| (format!("control_{}", n + 1), c));
+        controls.chain(self.straight.iter().map(|s| ("straight".to_owned(), s)))
+    }
+
+    /// The lower of the controls' figures near a structure, N; none without a control.
+    pub fn better_control(&self, structure: usize, figure: fn(&TowardFigures) -> f64) -> Option<f64> {
+        let of = |c: &Reference| c.forces.structures.get(structure).map(|s| figure(&s.near));
+        self.controls.iter().filter_map(of).min_by(f64::total_cmp)
+    }
+
+    /// Where the plan pushes more than the better of its controls toward a structure of the highest priority, the worst first.
+    pub fn worse(&self, case: &Case) -> Vec<Worse> {
+        let controls: Vec<&StructureForces> = self.controls.iter().map(|c| &c.forces).collect();
+        self.plan.worse_than(case, &controls, NOTHING_N)
+    }
+
+    /// That a plan pushes more than its controls, in words.
+    pub fn warning(&self, case: &Case) -> Option<String> {
+        let each: Vec<String> = self.worse(case).iter().map(|w| w.text(case)).collect();
+        (!each.is_empty()).then(|| {
+            format!(
+                "near a structure of the highest priority the plan pushes more than a straight shaft at constant speed would in the \
+                 same time: {}; see the forces in the report, speed.total_time_s and path.raster_deg",
+                each.join(", ")
+            )
+        })
+    }
+}
+
+impl Worse {
+    fn text(&self, case: &Case) -> String {
+        let name = case.structures.get(self.structure).map_or("", |s| s.name.as_str());
+        format!("{} toward {name} {:.3} N instead of {:.3} N", self.figure, self.plan_n, self.reference_n)
+    }
+
+    /// The plan's figure over the reference's.
+    fn ratio(&self, nothing_n: f64) -> f64 {
+        self.plan_n / self.reference_n.max(nothing_n)
+    }
+}

@@ -1,0 +1,220 @@
+//! Axes for the lowest levels of force that fit a time: the time of cuts and of turns is one currency.
+//!
+//! For given levels the dynamic program ([`bonemill_toolpath::orientation::sequence`]) finds the sequence that takes the least time.
+//! The levels are those of a straight shaft in the same time, both times one factor κ, and κ is lowered until the least time is the one
+//! that may be taken. The straight shaft itself is among the sequences, with κ = 1 and no turn, so a turn is made only where the cuts
+//! gain more time than it takes. Each factor that is tried costs one run of the program over pushes that are computed once.
+
+use bonemill_cutting::burr::EngagedSamples;
+use bonemill_cutting::speed::Levels;
+use bonemill_geometry::cancel;
+use bonemill_toolpath::orientation::sequence::{BestSequence, Forbidden, Problem, best_sequence};
+use bonemill_toolpath::orientation::{Directions, FreeSets, TurnLimits, TurnPrice, TurnTime};
+use rayon::prelude::*;
+
+use super::axis_cost::{AxisLevels, AxisPush, CostField, LevelTimes};
+use super::orient::FreeAxes;
+
+/// Runs of the dynamic program until the factor is known.
+const FACTORS_TRIED: usize = 6;
+/// The least and the largest factor.
+const FACTORS: [f64; 2] = [0.2, 3.0];
+/// A level toward structures is at least this share of the largest push toward them of the straight shaft, and at least this much: N, or mm.
+const LEAST_TOWARD: f64 = 0.2;
+const NOTHING: f64 = 1e-3;
+/// How near the least time must come to the one that may be taken, as a share of it.
+const NEAR_SHARE: f64 = 2e-3;
+
+/// What axes are chosen for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Goal {
+    /// The levels of a straight shaft in the same time.
+    pub levels: Levels,
+    /// The largest pushes of that shaft, cuts at the least speed included: no axis is chosen with which a cut pushes more.
+    pub most: Levels,
+    /// Time that the moves may take at their caps under the levels, s.
+    pub seconds: f64,
+    /// Time at the caps over the time that is driven, without turns.
+    pub caps_over_driven: f64,
+    /// How long turns take.
+    pub turn: TurnTime,
+    /// Whether cuts near a structure keep the straight shaft.
+    pub keeps_straight_near: bool,
+}
+
+/// Levels, and the best sequence of the set under them.
+pub(super) struct UnderLevels {
+    pub levels: AxisLevels,
+    pub cost: Vec<f32>,
+    pub found: BestSequence,
+    /// Time of its moves, and the part of it in which turns keep them waiting, s.
+    pub seconds: [f64; 2],
+}
+
+impl Goal {
+    /// The reference's levels, times a factor.
+    fn levels(&self, factor: f64) -> AxisLevels {
+        let Levels { toward, overall, speed_mm_s } = self.levels;
+        let toward = toward.max(super::axis_cost::tune("LEAST", LEAST_TOWARD) * self.most.toward).max(NOTHING);
+        let levels = Levels { toward: factor * toward, overall: factor * overall, speed_mm_s };
+        AxisLevels { levels, most: Levels { toward: self.most.toward.max(NOTHING), ..self.most } }
+    }
+
+    /// The price of turns on a set whose directions are `coarser` times as far apart as those of the finest: there a turn of one
+    /// spacing stands for a way over several.
+    pub fn limits(&self, limits: TurnLimits, coarser: f64) -> TurnLimits {
+        let turn = TurnTime { factor: self.turn.factor / coarser, ..self.turn };
+        TurnLimits { price: TurnPrice::Time(turn), ..limits }
+    }
+}
+
+/// Searches the factor on the directions of a set.
+pub(super) fn least_levels(
+    room: &FreeAxes,
+    field: &CostField,
+    times: &LevelTimes,
+    goal: &Goal,
+    (coarser, kept): (f64, Option<&[EngagedSamples]>),
+) -> UnderLevels {
+    let pushes = field.rows(room.directions, room.free, kept, |i, samples, axis, compliance| {
+        field.axis_push(times, i, samples, axis, compliance)
+    });
+    let turns = goal.limits(room.turns, coarser);
+    let none = Forbidden::default();
+    let run = |factor: f64| {
+        let levels = goal.levels(factor);
+        let cost = costs(field, times, &levels, &pushes, room.directions.len());
+        let problem = Problem {
+            directions: room.directions,
+            cost: &cost,
+            free: room.free,
+            length_mm: &room.reached.length_mm,
+            turns,
+            forbidden: &none,
+        };
+        let found = best_sequence(&problem);
+        let seconds = match &found {
+            BestSequence::Sequence { directions, .. } => {
+                seconds(&problem, field, times, &levels, &pushes, directions)
+            }
+            BestSequence::Blocked(_) => [f64::INFINITY, 0.0],
+        };
+        (seconds[0], UnderLevels { levels, cost, found, seconds })
+    };
+    // the time is nearly linear in 1/factor
+    let mut tried: Vec<[f64; 2]> = Vec::new();
+    let (mut factor, mut best) = (1.0, None);
+    for _ in 0..FACTORS_TRIED {
+        cancel::poll();
+        let (took_s, under) = run(factor);
+        let is_fit = took_s <= goal.seconds * (1.0 + NEAR_SHARE);
+        if best.as_ref().is_none_or(|(fits, of, _): &(bool, f64, UnderLevels)| is_fit && (!fits || factor < *of)) {
+            best = Some((is_fit, factor, under));
+        }
+        tried.push([1.0 / factor, took_s]);
+        if (took_s - goal.seconds).abs() <= NEAR_SHARE * goal.seconds || !took_s.is_finite() {
+            break;
+        }
+        factor = next_factor(&tried, goal.seconds);
+    }
+    // the loop runs at least once
+    best.map_or_else(|| run(1.0).1, |(.., under)| under)
+}
+
+/// The best sequence under the reference's levels over some waypoints of a draft; none where no sequence gets through.
+pub(super) fn best_under(
+    field: &CostField,
+    times: &LevelTimes,
+    goal: &Goal,
+    (set, free, length_mm): (&Directions, &FreeSets, &[f64]),
+    waypoints: &[usize],
+) -> Option<Vec<u16>> {
+    let pushes = field.rows(set, free, None, |i, samples, axis, compliance| {
+        field.axis_push(times, i, samples, axis, compliance)
+    });
+    let count = set.len();
+    let cost = costs(field, times, &goal.levels(1.0), &pushes, count);
+    let rows: Vec<f32> = waypoints.iter().flat_map(|i| &cost[i * count..(i + 1) * count]).copied().collect();
+    let kept: Vec<f64> = waypoints.iter().map(|i| length_mm[*i]).collect();
+    let turns = TurnLimits { price: TurnPrice::Time(goal.turn), most_rad_per_mm: f64::INFINITY };
+    let problem = Problem {
+        directions: set,
+        cost: &rows,
+        free: &FreeSets::fill(waypoints.len(), count, |i, n| free.contains(waypoints[i], n)),
+        length_mm: &kept,
+        turns,
+        forbidden: &Forbidden::default(),
+    };
+    match best_sequence(&problem) {
+        BestSequence::Sequence { directions, .. } => Some(directions),
+        BestSequence::Blocked(_) => None,
+    }
+}
+
+/// The factor at which the line through the last two times, or through the last and a guess, meets the time that may be taken.
+fn next_factor(tried: &[[f64; 2]], seconds: f64) -> f64 {
+    let [x, t] = tried[tried.len() - 1];
+    let slope = match tried.len().checked_sub(2).map(|n| tried[n]) {
+        Some([before, took_s]) if (x - before).abs() > 1e-6 && (t - took_s) / (x - before) > 0.0 => {
+            (t - took_s) / (x - before)
+        }
+        // most of the time is inverse to the levels
+        _ => 0.8 * t / x,
+    };
+    let inverse = (x + (seconds - t) / slope).clamp(1.0 / FACTORS[1], 1.0 / FACTORS[0]);
+    1.0 / inverse
+}
+
+/// Cost of every waypoint and free direction under levels, s per mm.
+fn costs(
+    field: &CostField,
+    times: &LevelTimes,
+    levels: &AxisLevels,
+    pushes: &[AxisPush],
+    directions: usize,
+) -> Vec<f32> {
+    let mut cost = vec![0f32; pushes.len()];
+    cost.par_chunks_mut(directions).zip(pushes.par_chunks(directions)).enumerate().for_each(
+        |(i, (row, pushes))| {
+            if field.cuts(i) {
+                row.iter_mut()
+                    .zip(pushes)
+                    .for_each(|(cost, push)| *cost = push.cost(levels, times.range_mm_s) as f32);
+            } else {
+                row.fill((1.0 / times.link_mm_s) as f32);
+            }
+        },
+    );
+    cost
+}
+
+/// Time of a sequence with its cuts within the range of speeds, and the part of it in which turns keep the moves waiting, s.
+fn seconds(
+    problem: &Problem,
+    field: &CostField,
+    times: &LevelTimes,
+    levels: &AxisLevels,
+    pushes: &[AxisPush],
+    sequence: &[u16],
+) -> [f64; 2] {
+    let TurnPrice::Time(turn) = problem.turns.price else { return [f64::INFINITY, 0.0] };
+    let of = |i: usize| {
+        let (n, length_mm) = (usize::from(sequence[i]), problem.length_mm[i]);
+        let push = &pushes[i * problem.directions.len() + n];
+        let own = if field.cuts(i) { push.seconds(&levels.levels, times.range_mm_s) } else { 1.0 / times.link_mm_s };
+        let angle_rad = if i > 0 { problem.directions.angle_rad(usize::from(sequence[i - 1]), n) } else { 0.0 };
+        let waits_s = (turn.seconds(angle_rad) - own * length_mm).max(0.0);
+        [own * length_mm + waits_s, waits_s]
+    };
+    (0..sequence.len()).map(of).fold([0.0; 2], |sum, of| [sum[0] + of[0], sum[1] + of[1]])
+}
+
+/// The waypoints whose cuts are near a structure keep the straightest direction that is free.
+pub(super) fn straight_where(directions: &Directions, free: &FreeSets, held: &[bool]) -> FreeSets {
+    let mut kept = free.clone();
+    for i in (0..held.len()).filter(|i| held[*i]) {
+        let straight = directions.straightest(|n| free.contains(i, n));
+        kept.retain(i, |n| n == straight);
+    }
+    kept
+}
