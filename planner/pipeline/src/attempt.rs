@@ -34,6 +34,8 @@ const LEFT_SHARE: f64 = 0.005;
 /// How often the time of turns is corrected, at most, and the share by which predicted and driven times may differ.
 const CORRECTIONS: usize = 2;
 const AGREES_SHARE: f64 = 0.01;
+/// How often axes are chosen again, at most, where a cut pushes more at the least speed than the straight shaft ever does.
+const STRAIGHTENED: usize = 2;
 /// Where turns keep nothing waiting, they count as this share of the time.
 const LEAST_WAITS_SHARE: f64 = 0.02;
 
@@ -133,45 +135,34 @@ impl<'a> Start<'a> {
         let lines = self.lines(&frames, &freedom, &references, watch)?;
         let straight = watch.run("references", || self.straight(&references, lines.straight))?;
         let is_open = case.orientation.mode == OrientationMode::Optimal && case.cost.objective == Objective::Levels;
-        let tries = [
-            (lines.plan, Turning::Wherever),
-            (lines.plan, Turning::AwayFromStructures),
-            (lines.straight, Turning::AwayFromStructures),
-            (lines.straight, Turning::Nowhere),
-        ];
-        let mut best: Option<Attempt<'a>> = None;
-        for (n, (raster, turning)) in tries.into_iter().enumerate() {
-            if n > 0 && (!is_open || tries[..n].contains(&(raster, turning))) {
-                continue;
-            }
+        let attempt = |raster: Raster, turning: Turning, watch: &mut Stopwatch| {
             let goal = self.goal(&references, straight.as_ref(), turning);
-            let attempt = Prepared::new(self, &freedom, raster, watch)
-                .and_then(|prepared| self.attempt(prepared, turning, goal, (&references, straight.as_ref()), watch));
-            let attempt = match (attempt, &best) {
-                (Ok(attempt), _) => attempt,
-                (Err(error), None) if n == 0 => return Err(error),
-                (Err(_), _) => continue,
-            };
-            let is_good = attempt.is_nowhere_worse_than_straight();
-            if std::env::var("TUNE_SHOW").is_ok() {
-                let f = |x: &super::reference::StructureForces| {
-                    let s = x.structures.first().map(|s| s.near).unwrap_or_default();
-                    format!("mean {:.4} peak {:.4} toward {:.4} {:.4} {:.4}", x.mean_n, x.peak_n, s.mean_n, s.mean_with_zeros_n, s.peak_n)
-                };
-                eprintln!("TRY {n} {turning:?} good {is_good} levels {:?} T {:.1} blocked {}: {} | straight {}", attempt.timing.levels, attempt.timing.driven.law.duration_s(), attempt.chosen.oriented.blocked_turns.len(), f(&attempt.compared.plan), attempt.compared.straight.as_ref().map(|s| f(&s.forces)).unwrap_or_default());
-            }
-            if best.as_ref().is_none_or(|best| is_good && attempt.keeps_what(best)) {
-                best = Some(attempt);
-            }
-            if is_good {
-                break;
+            let prepared = Prepared::new(self, &freedom, raster, watch)?;
+            self.attempt(prepared, turning, goal, (&references, straight.as_ref()), watch)
+        };
+        let mut best = attempt(lines.plan, Turning::Wherever, watch)?;
+        if is_open && !best.is_nowhere_worse_than_straight() {
+            // the shank of the reference is not tested: what it can do where it is decides
+            if let Ok(mut fallback) = attempt(lines.straight, Turning::Nowhere, watch) {
+                let forces = fallback.compared.plan.clone();
+                let total_time_s = fallback.timing.driven.law.duration_s();
+                let tested = Reference { raster: lines.straight, speed_mm_s: None, total_time_s, forces };
+                best.compared.straight = Some(tested.clone());
+                if !best.is_nowhere_worse_than_straight() {
+                    let away = attempt(lines.plan, Turning::AwayFromStructures, watch);
+                    let away = away.map(|mut away| {
+                        away.compared.straight = Some(tested.clone());
+                        away
+                    });
+                    fallback.compared.straight = Some(tested);
+                    match away {
+                        Ok(away) if away.is_nowhere_worse_than_straight() && away.keeps_what(&best) => best = away,
+                        _ if fallback.keeps_what(&best) => best = fallback,
+                        _ => {}
+                    }
+                }
             }
         }
-        // the first attempt either stands or was returned as an error
-        let mut best = best.ok_or(PlanError::NoAccess {
-            why: bonemill_setup::Unreached::Nothing,
-            tilt_limit_deg: case.orientation.tilt_limit_rad.to_degrees(),
-        })?;
         best.compared.controls = watch.run("references", || self.controls_in(&references, best.timing.driven.law.duration_s()))?;
         Ok(best)
     }
@@ -286,9 +277,6 @@ impl<'a> Start<'a> {
         // as the straight shaft drives it
         let expected_s = predicted.seconds / goal.caps_over_driven;
         let more_s = (driven_s - expected_s) * goal.caps_over_driven;
-        if std::env::var("TUNE_SHOW").is_ok() {
-            eprintln!("PRED {:.1} waits {:.1} expected {expected_s:.1} driven {driven_s:.1} factor {:.2}", predicted.seconds, predicted.waits_s, goal.turn.factor);
-        }
         if (driven_s / expected_s - 1.0).abs() <= AGREES_SHARE {
             return Ok(None);
         }
@@ -318,8 +306,18 @@ impl<'a> Start<'a> {
             (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
         }
         let limits = path_limits(self.arm)?;
+        watch.run("forces", || prepared.look_within(&choices, &mut chosen, &JointMotion::new(&motion.dense, &limits)?))?;
+        for _ in 0..STRAIGHTENED {
+            let hot = straight.filter(|_| is_tilted).map(|straight| prepared.hotter(&choices, &chosen, &straight.levels[1]));
+            let hot = hot.transpose()?.unwrap_or_default();
+            if hot.is_subset(&choices.straight_at) {
+                break;
+            }
+            choices.straight_at.extend(hot);
+            (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
+            watch.run("forces", || prepared.look_within(&choices, &mut chosen, &JointMotion::new(&motion.dense, &limits)?))?;
+        }
         let joints = JointMotion::new(&motion.dense, &limits)?;
-        watch.run("forces", || prepared.look_within(&choices, &mut chosen, &joints))?;
         let demand = prepared.demand(&choices, &chosen)?;
         let aim = Aim {
             total_s: references.total_s,

@@ -101,11 +101,10 @@ impl AxisPush {
     pub fn cost(&self, levels: &AxisLevels, [min_mm_s, max_mm_s]: [f64; 2]) -> f64 {
         let [toward, overall] = self.shares(&levels.levels);
         let [most_toward, most_overall] = self.shares(&levels.most);
-        let beyond = (min_mm_s * most_toward.max(most_overall) - tune("MARGIN", 1.0)).max(0.0);
+        let beyond = (min_mm_s * most_toward.max(most_overall) - 1.0).max(0.0);
         toward.max(overall).clamp(1.0 / max_mm_s, 1.0 / min_mm_s)
-            + tune("SUM", SUM_SHARE) * overall
-            + tune("TSUM", SUM_SHARE) * toward
-            + tune("BEYOND", BEYOND_S_MM) * (beyond + if beyond > 0.0 { 0.1 } else { 0.0 })
+            + SUM_SHARE * (toward + overall)
+            + BEYOND_S_MM * (beyond + if beyond > 0.0 { 0.1 } else { 0.0 })
             + INERTIA_SHARE * f64::from(self.inertia_lost) / max_mm_s
     }
 
@@ -234,11 +233,31 @@ impl CostField<'_> {
     }
 }
 
-/// DEV
-pub fn tune(name: &'static str, default: f64) -> f64 {
-    use std::collections::HashMap;
-    use std::sync::OnceLock;
-    static T: OnceLock<HashMap<String, f64>> = OnceLock::new();
-    let t = T.get_or_init(|| std::env::vars().filter_map(|(k, v)| Some((k.strip_prefix("TUNE_")?.to_owned(), v.parse().ok()?))).collect());
-    t.get(name).copied().unwrap_or(default)
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cut_takes_the_time_of_the_level_that_it_meets_first() {
+        let push = AxisPush { toward: 0.1, overall: 0.3, inertia_lost: 0.5 };
+        let levels = |toward: f64, overall: f64| Levels { toward, overall, speed_mm_s: 4.0 };
+        let time = |toward, overall| push.seconds(&levels(toward, overall), [0.5, 4.0]);
+        assert!((time(0.1, 0.6) - 1.0).abs() < 1e-6 && (time(1.0, 0.6) - 0.5).abs() < 1e-6);
+        assert_eq!([time(9.0, 9.0), time(0.0, 9.0)], [0.25, 2.0]);
+        // nothing pushes: a level of 0 binds nothing
+        assert_eq!(AxisPush::default().seconds(&levels(0.0, 0.0), [0.5, 4.0]), 0.25);
+    }
+
+    #[test]
+    fn of_axes_with_equal_time_less_force_and_more_inertia_win_and_no_cut_pushes_beyond_the_most() {
+        let of = |toward: f64, overall: f64| Levels { toward, overall, speed_mm_s: 4.0 };
+        let levels = AxisLevels { levels: of(1.0, 0.6), most: of(1.0, 0.6) };
+        let cost = |push: AxisPush| push.cost(&levels, [0.5, 4.0]);
+        let push = AxisPush { toward: 0.1, overall: 0.3, inertia_lost: 0.5 };
+        assert!(cost(AxisPush { toward: 0.05, ..push }) < cost(push));
+        assert!(cost(AxisPush { inertia_lost: 0.2, ..push }) < cost(push));
+        // at the least speed 0.6 N is kept up to 1.2 N per mm/s
+        let beyond = AxisPush { overall: 1.21, ..push };
+        assert!(cost(beyond) > cost(AxisPush { overall: 1.19, ..push }) + 50.0);
+    }
 }

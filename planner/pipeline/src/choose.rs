@@ -3,6 +3,8 @@
 //! What may be chosen anew on one path is [`Choices`]; everything else of the case was used to prepare the path and is the same for all
 //! of them. So variants of a case can be compared on one path, as D's trials are.
 
+use std::collections::BTreeSet;
+
 use bonemill_armpath::{ArmMotion, Compliance, Placed};
 use bonemill_case::{Case, CostSpec, ForceTerm, MaterialSpec, OrientationMode, SpeedSpec};
 use bonemill_cutter::Ball;
@@ -13,7 +15,7 @@ use bonemill_planfile::toward::NEAR_MM;
 use bonemill_setup::nearest_structures::NearStructure;
 use bonemill_setup::{Stopwatch, tools};
 use bonemill_toolpath::engagement::SweptPath;
-use bonemill_toolpath::orientation::{Directions, FreeSets};
+use bonemill_toolpath::orientation::Directions;
 use bonemill_toolpath::path::{self, MoveKind, PathPoint};
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
@@ -21,7 +23,7 @@ use rayon::prelude::*;
 use super::PlanError;
 use super::arm_axes::REFUSED_MM;
 use super::axis_cost::{AxisObjective, CostField, LevelTimes};
-use super::in_time::{Goal, straight_where};
+use super::in_time::Goal;
 use super::levels;
 use super::orient::{FreeAxes, Oriented, alone, orient};
 use super::path_forces::{ForcedPath, rounded_corners};
@@ -51,6 +53,8 @@ pub struct Choices {
     pub mode: OrientationMode,
     /// The levels of force and the time that [`OrientationMode::Optimal`] chooses axes for; without, Dillon's cost.
     pub goal: Option<Goal>,
+    /// Waypoints that keep the straight shaft.
+    pub straight_at: BTreeSet<usize>,
     /// Speed range and law.
     pub speed: SpeedSpec,
 }
@@ -65,6 +69,7 @@ impl Choices {
             cost: *cost,
             mode: orientation.mode,
             goal: None,
+            straight_at: BTreeSet::new(),
             speed: speed.clone(),
         }
     }
@@ -232,9 +237,8 @@ impl Prepared<'_> {
                 None => None,
             },
         };
-        let held = self.held(choices.goal.as_ref());
-        let narrowed = held.contains(&true).then(|| straight_where(&self.directions, &self.reached.free, &held));
-        let room = self.free_axes(narrowed.as_ref().unwrap_or(&self.reached.free), &held);
+        let kept = self.kept_axes(choices);
+        let room = self.free_axes(&kept);
         let oriented = watch.run("orientation", || orient(&room, &field));
         let (reached, forced) = (&self.reached, self.forced());
         let motion = watch
@@ -260,11 +264,10 @@ impl Prepared<'_> {
         compliance.of_cost(case, center, set.axes(), |axis| self.arm_axes.allows(center, axis))
     }
 
-    fn free_axes<'b>(&'b self, free: &'b FreeSets, held: &'b [bool]) -> FreeAxes<'b> {
+    fn free_axes<'b>(&'b self, kept: &'b [Option<Unit<Vector3<f64>>>]) -> FreeAxes<'b> {
         FreeAxes {
             reached: &self.reached,
-            free,
-            held,
+            kept,
             directions: &self.directions,
             finer: self.finer.as_ref(),
             family: self.family.as_ref(),
@@ -273,15 +276,22 @@ impl Prepared<'_> {
         }
     }
 
-    /// Whether a waypoint keeps the straight shaft: if its cut is near a structure and the goal asks for it.
-    fn held(&self, goal: Option<&Goal>) -> Vec<bool> {
+    /// The straightest axis that is free, where a waypoint keeps it: near a structure if the goal asks for it, and where it was found
+    /// to push less than what was chosen.
+    fn kept_axes(&self, choices: &Choices) -> Vec<Option<Unit<Vector3<f64>>>> {
         let near_mm = NEAR_MM + HELD_BEYOND_MM + self.radius_mm();
-        let is_held = |i: usize| {
-            goal.is_some_and(|goal| goal.keeps_straight_near)
+        let keeps_near = choices.goal.is_some_and(|goal| goal.keeps_straight_near);
+        let is_near = |i: usize| {
+            keeps_near
                 && self.reached.moments[i].mass_mg() > 0.0
                 && self.near[i].iter().any(|n| n.proximity.distance_mm <= near_mm)
         };
-        (0..self.near.len()).map(is_held).collect()
+        let straight = |i: usize| {
+            let n = self.directions.straightest(|n| self.reached.free.contains(i, n));
+            (self.reached.free.count(i) > 0).then(|| self.directions.axes()[n])
+        };
+        let of = |i: usize| if is_near(i) || choices.straight_at.contains(&i) { straight(i) } else { None };
+        (0..self.near.len()).map(of).collect()
     }
 
     /// C of every waypoint under `pushes`, and the most by which a choice in closed form is worse.

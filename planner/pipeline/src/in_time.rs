@@ -55,7 +55,7 @@ impl Goal {
     /// The reference's levels, times a factor.
     fn levels(&self, factor: f64) -> AxisLevels {
         let Levels { toward, overall, speed_mm_s } = self.levels;
-        let toward = toward.max(super::axis_cost::tune("LEAST", LEAST_TOWARD) * self.most.toward).max(NOTHING);
+        let toward = toward.max(LEAST_TOWARD * self.most.toward).max(NOTHING);
         let levels = Levels { toward: factor * toward, overall: factor * overall, speed_mm_s };
         AxisLevels { levels, most: Levels { toward: self.most.toward.max(NOTHING), ..self.most } }
     }
@@ -76,18 +76,23 @@ pub(super) fn least_levels(
     goal: &Goal,
     (coarser, kept): (f64, Option<&[EngagedSamples]>),
 ) -> UnderLevels {
-    let pushes = field.rows(room.directions, room.free, kept, |i, samples, axis, compliance| {
+    let pushes = field.rows(room.directions, &room.reached.free, kept, |i, samples, axis, compliance| {
         field.axis_push(times, i, samples, axis, compliance)
     });
     let turns = goal.limits(room.turns, coarser);
     let none = Forbidden::default();
     let run = |factor: f64| {
         let levels = goal.levels(factor);
-        let cost = costs(field, times, &levels, &pushes, room.directions.len());
+        let mut cost = costs(field, times, &levels, &pushes, room.directions.len());
+        let axes = room.directions.axes();
+        for i in (0..room.kept.len()).filter(|i| room.kept[*i].is_some()) {
+            let row = cost[i * axes.len()..].iter_mut().zip(axes);
+            row.for_each(|(cost, axis)| *cost += room.leaves_kept(i, axis) as f32);
+        }
         let problem = Problem {
             directions: room.directions,
             cost: &cost,
-            free: room.free,
+            free: &room.reached.free,
             length_mm: &room.reached.length_mm,
             turns,
             forbidden: &none,
@@ -207,14 +212,4 @@ fn seconds(
         [own * length_mm + waits_s, waits_s]
     };
     (0..sequence.len()).map(of).fold([0.0; 2], |sum, of| [sum[0] + of[0], sum[1] + of[1]])
-}
-
-/// The waypoints whose cuts are near a structure keep the straightest direction that is free.
-pub(super) fn straight_where(directions: &Directions, free: &FreeSets, held: &[bool]) -> FreeSets {
-    let mut kept = free.clone();
-    for i in (0..held.len()).filter(|i| held[*i]) {
-        let straight = directions.straightest(|n| free.contains(i, n));
-        kept.retain(i, |n| n == straight);
-    }
-    kept
 }

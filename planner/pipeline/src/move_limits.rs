@@ -1,9 +1,11 @@
 //! What limits the speed of each move: mass, cost, and caps on force.
 
+use std::collections::BTreeSet;
+
 use bonemill_case::Case;
 use bonemill_cutting::cost::Proximity;
 use bonemill_cutting::metrics::Moments;
-use bonemill_cutting::speed::{CappedBurr, CutPushes, ForceCaps};
+use bonemill_cutting::speed::{CappedBurr, CutPushes, ForceCaps, Levels};
 use bonemill_setup::tools;
 
 use super::PlanError;
@@ -11,6 +13,11 @@ use super::choose::{Choices, Chosen};
 use super::levels;
 use super::prepared::Prepared;
 use super::speeds::{self, Aim, SpeedInput};
+
+/// A push toward structures up to this is none that matters: N, or mm of deflection.
+const NOTHING: f64 = 1e-3;
+/// Waypoints to either side of one that pushes too much.
+const AROUND: usize = 2;
 
 /// One entry per waypoint each.
 #[derive(Debug, Clone)]
@@ -36,6 +43,21 @@ impl Prepared<'_> {
             force_cap_mm_s: force_caps(case, self, chosen),
             pushes,
         })
+    }
+
+    /// Waypoints around those whose cuts push more at the least speed than `most`.
+    pub(super) fn hotter(&self, choices: &Choices, chosen: &Chosen, most: &Levels) -> Result<BTreeSet<usize>, PlanError> {
+        let case = &choices.applied_to(self.start.case);
+        let forces = (&chosen.forces[..], &chosen.within[..]);
+        let pushes = levels::pushes(case, &self.near, forces, chosen.compliances.as_deref())?;
+        let slowest = case.speed.min_mm_s;
+        let is_hot = |pushes: &CutPushes| {
+            let toward = pushes.toward(slowest).map_or(0.0, |(push, _)| push);
+            pushes.overall(slowest) > most.overall || toward > most.toward.max(NOTHING)
+        };
+        let hot = pushes.iter().enumerate().filter(|(_, pushes)| pushes.as_ref().is_some_and(is_hot));
+        let count = pushes.len();
+        Ok(hot.flat_map(|(i, _)| i.saturating_sub(AROUND)..(i + AROUND + 1).min(count)).collect())
     }
 
     /// Largest speed of every move by the speed mode, mm/s, without the joints' limits; the cuts take `cutting_s` in all

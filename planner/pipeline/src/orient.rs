@@ -9,7 +9,7 @@ use bonemill_toolpath::orientation::directions::angle_between;
 use bonemill_toolpath::orientation::greedy::{self, LoneWaypoint, low_pass, settle};
 use bonemill_toolpath::orientation::refine::{Chart, best_checked, refine};
 use bonemill_toolpath::orientation::sequence::{BestSequence, Forbidden, Problem, best_sequence};
-use bonemill_toolpath::orientation::{Directions, FreeSets, Permissible, TiltFamily, TurnLimits, TurnPrice};
+use bonemill_toolpath::orientation::{Directions, Permissible, TiltFamily, TurnLimits, TurnPrice};
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 
@@ -23,16 +23,16 @@ use super::reach::ReachedPath;
 const LOW_PASS_HALF: usize = 6;
 /// Axes nearer than this are the same, rad.
 const SAME_RAD: f64 = 1e-9;
+/// What an axis costs that a waypoint has instead of the one that it keeps, s/mm: more than any cut takes.
+const LEAVES_KEPT_S_MM: f64 = 100.0;
 
 /// Where axes may go.
 #[derive(Debug, Clone, Copy)]
 pub struct FreeAxes<'a> {
     /// The path and its access.
     pub reached: &'a ReachedPath<'a>,
-    /// Which directions may be chosen at each waypoint.
-    pub free: &'a FreeSets,
-    /// Whether a waypoint keeps the only direction that it may have.
-    pub held: &'a [bool],
+    /// The axis that a waypoint keeps unless it must leave it, where it keeps one.
+    pub kept: &'a [Option<Unit<Vector3<f64>>>],
     /// To choose from.
     pub directions: &'a Directions,
     /// A finer cap to choose from near the best of these, with the number in it of each of these.
@@ -92,9 +92,7 @@ impl FreeAxes<'_> {
     /// Whether waypoint i may have the axis.
     pub fn is_free(&self, i: usize, axis: &Vector3<f64>) -> bool {
         let position = self.reached.path.points[i].position;
-        let keeps = |n: usize| angle_between(&self.directions.axes()[n], axis) < SAME_RAD;
-        (!self.held[i] || self.free.iter(i).any(keeps))
-            && (!self.reached.limited[i] || self.directions.is_within_limit(axis))
+        (!self.reached.limited[i] || self.directions.is_within_limit(axis))
             && self.arm.allows(position, axis)
             && self.reached.access.is_free(i as u32, position, axis)
     }
@@ -106,7 +104,13 @@ impl FreeAxes<'_> {
     }
 
     fn is_in_set(&self, i: usize, n: usize) -> bool {
-        self.free.contains(i, n)
+        self.reached.free.contains(i, n)
+    }
+
+    /// What an axis costs that a waypoint has instead of the one that it keeps, s/mm.
+    pub fn leaves_kept(&self, i: usize, axis: &Vector3<f64>) -> f64 {
+        let leaves = self.kept[i].is_some_and(|kept| angle_between(&kept, axis) > SAME_RAD);
+        if leaves { LEAVES_KEPT_S_MM } else { 0.0 }
     }
 
     /// What is open around each axis; `corridor`: of the finer cap.
@@ -173,17 +177,17 @@ impl Oriented {
 /// Along the approach, or as near as is free.
 fn fixed(room: &FreeAxes) -> Oriented {
     let axis = |i: usize| room.directions.axes()[room.directions.straightest(|n| room.is_in_set(i, n))];
-    Oriented::new((0..room.free.len()).map(axis).collect(), room.family)
+    Oriented::new((0..room.reached.free.len()).map(axis).collect(), room.family)
 }
 
 /// The best axis of every waypoint by itself.
 fn wishes(room: &FreeAxes, field: &CostField) -> Vec<greedy::BestAxis> {
-    (0..room.free.len())
+    (0..room.reached.free.len())
         .into_par_iter()
         .map_init(EngagedSamples::default, |samples, i| {
             cancel::poll();
             if !field.cuts(i) {
-                return if room.free.count(i) > 0 {
+                return if room.reached.free.count(i) > 0 {
                     greedy::BestAxis::Any
                 } else {
                     greedy::BestAxis::Nothing
@@ -232,7 +236,7 @@ type AxisCost<'a> = dyn Fn(usize, &EngagedSamples, &Unit<Vector3<f64>>, Option<&
 
 /// The best sequence on the set; near it on a finer cap, where there is one; then between its directions.
 fn optimal(room: &FreeAxes, field: &CostField, goal: Option<&Goal>) -> Oriented {
-    let waypoints = room.free.len();
+    let waypoints = room.reached.free.len();
     let kept: Option<Vec<EngagedSamples>> = room.finer.filter(|_| waypoints <= MOST_KEPT).map(|_| {
         let gathered = |i: usize| {
             cancel::poll();
@@ -254,7 +258,8 @@ fn optimal(room: &FreeAxes, field: &CostField, goal: Option<&Goal>) -> Oriented 
                 if !field.cuts(i) {
                     return (1.0 / times.link_mm_s) as f32;
                 }
-                field.axis_push(&times, i, samples, axis, compliance).cost(&levels, times.range_mm_s) as f32
+                let push = field.axis_push(&times, i, samples, axis, compliance);
+                (push.cost(&levels, times.range_mm_s) + room.leaves_kept(i, axis)) as f32
             };
             let turns = goal.limits(room.turns, 1.0);
             let predicted = Predicted { levels: levels.levels, seconds, waits_s };
@@ -264,7 +269,7 @@ fn optimal(room: &FreeAxes, field: &CostField, goal: Option<&Goal>) -> Oriented 
             let value = |i: usize, samples: &EngagedSamples, axis: &Unit<_>, compliance: Option<&_>| {
                 if field.cuts(i) { field.dillon(terms, i, samples, axis, compliance) as f32 } else { 0.0 }
             };
-            let cost = field.rows(room.directions, room.free, kept, value);
+            let cost = field.rows(room.directions, &room.reached.free, kept, value);
             let none = Forbidden::default();
             let TurnPrice::Smoothness(weight_mm) = room.turns.price else { return fixed(room).surveyed(room, None) };
             // where directions are far apart a turn of one spacing stands for a way over several of the finer ones
@@ -282,7 +287,7 @@ fn problem<'a>(
     turns: TurnLimits,
     forbidden: &'a Forbidden,
 ) -> Problem<'a> {
-    let (directions, free, length_mm) = (room.directions, room.free, &room.reached.length_mm);
+    let (directions, free, length_mm) = (room.directions, &room.reached.free, &room.reached.length_mm);
     Problem { directions, cost, free, length_mm, turns, forbidden }
 }
 
@@ -313,7 +318,7 @@ fn along_best(
             let mut best = checked(&problem, first);
             if !best.is_free() {
                 // the one by which the path was found to be passable
-                let free_of_cost = Problem { cost: &vec![0.0; cost.len()], free: &room.reached.free, ..problem };
+                let free_of_cost = Problem { cost: &vec![0.0; cost.len()], ..problem };
                 best = checked(&free_of_cost, best_sequence(&free_of_cost));
             }
             (best, None)

@@ -63,6 +63,7 @@ pub fn turn_time(
     let inverse = jacobian.pseudo_inverse(SINGULAR).ok()?;
     let hinges = family.map_or(vec![Vector3::x_axis(), Vector3::y_axis()], |family| vec![family.hinge]);
     let (mut rate_rad_s, mut acceleration_rad_s2) = (f64::INFINITY, f64::INFINITY);
+    let count = hinges.len();
     for hinge in hinges {
         let turn = LEVER_MM * across(base_from_work.rotation * hinge.into_inner());
         let rates = &inverse * Vector6::new(0.0, 0.0, 0.0, turn.x, turn.y, turn.z);
@@ -72,9 +73,12 @@ pub fn turn_time(
         }
     }
     let is_known = rate_rad_s.is_finite() && acceleration_rad_s2.is_finite();
-    is_known.then_some(TurnTime { rate_rad_s, acceleration_rad_s2, factor: 1.0 })
+    is_known.then_some(TurnTime { rate_rad_s, acceleration_rad_s2, factor: FIRST_FACTOR[count - 1] })
 }
 
+/// Driven over predicted time of turns, before it is measured on the plan itself, in a plane and over a cap: as it is on blocks with the
+/// bone-attached arm and a UR5e.
+const FIRST_FACTOR: [f64; 2] = [1.8, 6.0];
 /// A turn by 1 rad weighs as much as the burr's way of so many mm.
 const LEVER_MM: f64 = 100.0;
 /// Singular values, mm, and joint velocities below this count as none.

@@ -80,23 +80,14 @@ pub struct TurnTime {
 }
 
 impl TurnTime {
-    /// The least time of a turn by `angle_rad`: factor · max(angle/ω, √(3 angle/α)).
+    /// The least time of a turn by `angle_rad`: factor · max(angle/ω, √(angle/α)).
     ///
-    /// The second term is that of a turn in one move between moves without any: the corners at its ends, rounded over half the
-    /// move, change the rate from 0 and back to 0 within the acceleration limit. It never falls with the angle.
+    /// The second term is that of a turn in one move between moves without any, in which the rate rises from 0 and falls to 0 within
+    /// the acceleration limit, up to a constant that the factor holds. It never falls with the angle.
     pub fn seconds(&self, angle_rad: f64) -> f64 {
         let by_rate = angle_rad / self.rate_rad_s;
-        self.factor * by_rate.max((tune("ACC", 1.0) * angle_rad / self.acceleration_rad_s2).sqrt())
+        self.factor * by_rate.max((angle_rad / self.acceleration_rad_s2).sqrt())
     }
-}
-
-/// DEV
-pub fn tune(name: &'static str, default: f64) -> f64 {
-    use std::collections::HashMap;
-    use std::sync::OnceLock;
-    static T: OnceLock<HashMap<String, f64>> = OnceLock::new();
-    let t = T.get_or_init(|| std::env::vars().filter_map(|(k, v)| Some((k.strip_prefix("TUNE_")?.to_owned(), v.parse().ok()?))).collect());
-    t.get(name).copied().unwrap_or(default)
 }
 
 /// The angle at which the axis is nearest to +z.

@@ -22,7 +22,7 @@ use bonemill_geometry::cancel;
 use std::collections::HashMap;
 
 use super::directions::{Directions, Fan, tilt_rad};
-use super::{FreeSets, TurnLimits, TurnPrice, tune};
+use super::{FreeSets, TurnLimits, TurnPrice};
 
 /// Shorter moves count as this long, mm, so that the cost of a turn on the spot is high but finite.
 const SHORTEST_MM: f64 = 1e-3;
@@ -111,7 +111,7 @@ impl Problem<'_> {
     pub(super) fn turn_weight(&self, i: usize) -> f64 {
         let weight = match self.turns.price {
             TurnPrice::Smoothness(weight_mm) => weight_mm.max(LEAST_WEIGHT_MM),
-            TurnPrice::Time(_) => tune("REFINE", REFINING_S_MM),
+            TurnPrice::Time(_) => REFINING_S_MM,
         };
         weight / self.length_mm[i].max(SHORTEST_MM)
     }
@@ -125,7 +125,7 @@ impl Problem<'_> {
             TurnPrice::Smoothness(_) => own_cost + weight * square,
             TurnPrice::Time(turn) => {
                 let seconds = turn.seconds(angle_rad);
-                own_cost.max(seconds) + turn.factor * tune("LAMBDA", CALM_S_MM) * square / length
+                own_cost.max(seconds) + turn.factor * CALM_S_MM * square / length
             }
         }
     }

@@ -36,6 +36,8 @@ const KEPT_ABOVE_MM: f64 = 50.0;
 /// Cost per mm of path of a posture with a link below that height, plus 1 for each mm that it is below. It exceeds all
 /// other costs, so such a posture is taken only where there is no other.
 const BELOW: f64 = 1e4;
+/// Where one turn of rolls may begin, tried in this order.
+const TURN_ENDS: [usize; 4] = [ROLLS / 2, 0, ROLLS / 4, 3 * ROLLS / 4];
 /// Number of sweeps that smooth the rolls.
 const SWEEPS: usize = 64;
 /// Largest path length between sampled poses, mm.
@@ -224,9 +226,21 @@ impl<'a> Nodes<'a> {
     }
 
     /// Joint vectors along the whole path; rolls are chosen at the poses `at`.
+    ///
+    /// Rolls may wind without end along a path, a joint may not: where it would leave its range, rolls are chosen within one turn.
     pub(super) fn resolved(&self, at: &[usize]) -> Result<Resolved, OutOfReach> {
+        let wound = match self.resolved_within(at, None) {
+            Err(error @ OutOfReach { reason: ReachReason::Limit(_), .. }) => error,
+            other => return other,
+        };
+        let within = TURN_ENDS.iter().map(|end| self.resolved_within(at, Some(*end)));
+        within.into_iter().find_map(Result::ok).ok_or(wound)
+    }
+
+    /// The same; with `end`, no roll passes from the one before it to it or back.
+    fn resolved_within(&self, at: &[usize], end: Option<usize>) -> Result<Resolved, OutOfReach> {
         let (arm, path) = (self.arm, self.path);
-        let chosen = self.best_sequence(at)?;
+        let chosen = self.best_sequence(at, end)?;
         let sampled_rad = between(&chosen.roll_rad, at, path.length_mm);
         let mut roll_rad = sampled_rad.clone();
         even_out(&mut roll_rad, path.length_mm);
@@ -236,7 +250,7 @@ impl<'a> Nodes<'a> {
     }
 
     /// The rolls of least total cost over the poses `at`.
-    fn best_sequence(&self, at: &[usize]) -> Result<ChosenRolls, OutOfReach> {
+    fn best_sequence(&self, at: &[usize], end: Option<usize>) -> Result<ChosenRolls, OutOfReach> {
         let weights = self.weights();
         let mut from = vec![0u8; at.len() * BRANCHES * ROLLS];
         let mut before = ProgramLayer::empty();
@@ -252,7 +266,7 @@ impl<'a> Nodes<'a> {
                 let next = if n == 0 {
                     first(&layer)
                 } else {
-                    advance(&before, &total, &layer, length_mm, &weights, came)
+                    advance((&before, &total), &layer, (length_mm, end), &weights, came)
                 };
                 if next.iter().all(|cost| cost.is_infinite()) {
                     return Err(OutOfReach { pose: i, reason: self.why(i, &layer) });
@@ -362,12 +376,10 @@ fn first(layer: &ProgramLayer) -> Vec<f64> {
 
 /// The least total cost at each node of a layer. Also stores from which roll it came: 0, 1, 2 for one roll less, the same,
 /// one more.
-#[expect(clippy::too_many_arguments, reason = "one step of the program, with its two layers and two tables")]
 fn advance(
-    before: &ProgramLayer,
-    total: &[f64],
+    (before, total): (&ProgramLayer, &[f64]),
     layer: &ProgramLayer,
-    length_mm: f64,
+    (length_mm, end): (f64, Option<usize>),
     weights: &[f32; 6],
     came: &mut [u8],
 ) -> Vec<f64> {
@@ -383,8 +395,14 @@ fn advance(
         let nodes = next[nodes.clone()].iter_mut().zip(&layer.cost[nodes.clone()]).zip(&mut came[nodes]);
         for (roll, ((next, cost), came)) in nodes.enumerate() {
             let at = [(roll + ROLLS - 1) % ROLLS, roll, (roll + 1) % ROLLS];
-            let [less, same, more] =
+            let [mut less, same, mut more] =
                 [0, 1, 2].map(|how| total[at[how]] + f64::from(motion[how][roll]) * per_motion);
+            if end == Some(roll) {
+                less = f64::INFINITY;
+            }
+            if end == Some(at[2]) {
+                more = f64::INFINITY;
+            }
             // the same roll wins when all are equal
             let (best, how) = if less < same { (less, 0) } else { (same, 1) };
             let (best, how) = if more < best { (more, 2) } else { (best, how) };
