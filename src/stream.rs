@@ -98,7 +98,7 @@ impl Hand<'_> {
             seconds <= 0.0 || seconds >= LEAST_SECONDS,
             "{seconds:e} s since the last pose: expected at least {LEAST_SECONDS:e}"
         );
-        let step = engine.step(Move { to: pose, seconds })?;
+        let step = engine.step(Move::straight(pose, seconds))?;
         let center = engine.pose().center;
         self.time_s = time_s;
         Ok(self.row(time_s, center, Some(step)))

@@ -181,7 +181,7 @@ pub fn poses(data: &[u8]) {
                 }
                 Some(engine) => {
                     let before = engine.pose().center;
-                    match engine.step(Move { to, seconds: time_s - last_s }) {
+                    match engine.step(Move::straight(to, time_s - last_s)) {
                         Ok(step) => {
                             assert!(
                                 step.force.force_n.iter().all(|v| v.is_finite()) && step.mrr_mm3_s >= 0.0

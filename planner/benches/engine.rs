@@ -79,7 +79,7 @@ fn steps(c: &mut Criterion) {
             let start = pose(way.next(0.1));
             let mut engine =
                 Engine::new(Bone::new(&bone).expect("a bone"), spec, model, start).expect("an engine");
-            b.iter(|| engine.step(Move { to: pose(way.next(0.1)), seconds: 0.1 / 1.5 }));
+            b.iter(|| engine.step(Move::straight(pose(way.next(0.1)), 0.1 / 1.5)));
         });
         group.bench_function(BenchmarkId::new("box_loop_without_force", format!("{n}³")), |b| {
             let (mut removed, mut way) = (vec![false; bone.data().len()], Way(0));

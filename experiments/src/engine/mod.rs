@@ -56,7 +56,7 @@ fn moves(start: Pose, places: &[Vector3<f64>]) -> Result<Vec<Move>, ExperimentEr
             let to = pose(p)?;
             let seconds = from.center.distance_mm(&to.center) / FEED_MM_S;
             from = to;
-            Ok(Move { to, seconds })
+            Ok(Move::straight(to, seconds))
         })
         .collect()
 }

@@ -64,6 +64,16 @@ pub struct Move {
     pub to: Pose,
     /// Duration, s.
     pub seconds: f64,
+    /// The burr's velocity at the end, mm/s, for which the force is computed; `None`: the step's mean. The two differ where a path
+    /// is curved or the speed changes.
+    pub end_velocity_mm_s: Option<Vector3<f64>>,
+}
+
+impl Move {
+    /// A straight step at constant speed.
+    pub fn straight(to: Pose, seconds: f64) -> Self {
+        Self { to, seconds, end_velocity_mm_s: None }
+    }
 }
 
 /// The outcome of a step.
@@ -242,7 +252,7 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         let met = self.meet(to)?;
         let force = met.as_ref().map(|met| self.model.force(met)).unwrap_or_default();
         let end = Pose { center: to.to.center + yields(&force), axis: to.to.axis };
-        check(&self.pose, &Move { to: end, seconds: to.seconds })?;
+        check(&self.pose, &Move { to: end, ..*to })?;
         let length_mm = (end.center - self.pose.center).norm();
         let before = self.trail.clone();
         self.trail.extend(end.center.coords);
@@ -365,15 +375,22 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
         }
     }
 
+    /// The feed at the end of a step; `None` where the burr does not move. A step after a stopped one does not begin where it should,
+    /// so that its mean velocity counts.
+    fn feed(&self, from: &Pose, to: &Move, waited_s: f64) -> Option<Feed> {
+        let unit = |v: Vector3<f64>| Unit::try_new(v, 0.0).filter(|u| u.iter().all(|v| v.is_finite()));
+        let way = to.to.center - from.center;
+        let chord = unit(way)?;
+        let (direction, speed_mm_s) = match to.end_velocity_mm_s.filter(|_| waited_s == 0.0) {
+            Some(velocity) => (unit(velocity).unwrap_or(chord), velocity.norm()),
+            None => (chord, way.norm() / (to.seconds + waited_s)),
+        };
+        Some(Feed { direction, speed_mm_s, spindle_rpm: self.spec.spindle_rpm })
+    }
+
     /// The engagement at the step's end, in the bone before the step.
     fn engage(&self, from: &Pose, to: &Move, trail: &Trail, waited_s: f64) -> Option<Engagement> {
-        let way = to.to.center - from.center;
-        let length_mm = way.norm();
-        let feed = Feed {
-            direction: Unit::try_new(way, 0.0).filter(|u| u.iter().all(|v| v.is_finite()))?,
-            speed_mm_s: length_mm / (to.seconds + waited_s),
-            spindle_rpm: self.spec.spindle_rpm,
-        };
+        let feed = self.feed(from, to, waited_s)?;
         let r = self.spec.tool.radius_mm();
         let center = to.to.center.coords;
         let half_mm = BurrNodes::half_patch_mm(&self.spec.tool, &self.spec.disc);
@@ -391,7 +408,8 @@ impl<'a, T: Copy + Into<f64> + Sync, M: ForceModel> Engine<'a, T, M> {
             .collect();
         let half_cells = half_mm / self.lattice.spacing_mm();
         let lattice = &self.lattice;
-        let around = Seen { lattice, near: &near, center, radius_mm: r, sample_mm, half_mm, half_cells };
+        let way = center - from.center.coords;
+        let around = Seen { lattice, near: &near, center, way, radius_mm: r, sample_mm, half_mm, half_cells };
         Some(self.nodes.engage(&to.to.axis, &feed, &self.spec.material, &around))
     }
 }
@@ -401,6 +419,8 @@ struct Seen<'a, 'b, T> {
     lattice: &'b Lattice<'a, T>,
     near: &'b [SweptPiece],
     center: Vector3<f64>,
+    /// The step that ends at the centre; it has swept what lies behind.
+    way: Vector3<f64>,
     radius_mm: f64,
     /// Distance from the centre at which a node samples the bone, mm.
     sample_mm: f64,
@@ -418,6 +438,9 @@ impl<T: Copy + Into<f64> + Sync> Surroundings for Seen<'_, '_, T> {
 
     #[inline]
     fn bone(&self, normal: &Vector3<f64>) -> Option<(f64, Option<Kind>, f64)> {
+        if normal.dot(&self.way) <= 0.0 {
+            return None;
+        }
         let bone = self.lattice.bone();
         let index = bone.index(&(self.center + normal * self.sample_mm));
         let mut part = self.lattice.patch_left(&index, normal, self.half_cells);

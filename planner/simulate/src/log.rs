@@ -29,7 +29,7 @@ pub fn observe(setup: &SimulationSetup, rows: &[LogRow]) -> Result<Vec<Observati
     let mut engine = Engine::new(bone_of(&setup.scene, &setup.density_g_cm3)?, spec, model, pose(first)?)?;
     let mut log = Vec::with_capacity(rows.len());
     for pair in rows.windows(2) {
-        let to = Move { to: pose(&pair[1])?, seconds: pair[1].time_s - pair[0].time_s };
+        let to = Move::straight(pose(&pair[1])?, pair[1].time_s - pair[0].time_s);
         let met = engine.meet(&to)?;
         let step = engine.step(to)?;
         let (Some(met), None) = (met, step.contact) else { continue };

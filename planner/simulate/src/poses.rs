@@ -3,6 +3,7 @@
 use bonemill_arm::{Arm, RobotError};
 use bonemill_geometry::{Base, Point, Rigid, Tool, Work, cancel};
 use bonemill_planfile::Trajectory;
+use bonemill_stock::sweep::segment_distance_squared;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -10,10 +11,19 @@ use super::{EngineError, Move, Pose};
 
 /// Largest turn of the shaft between two poses, rad.
 const TURN_RAD: f64 = 0.02;
-/// Less than this between two rows is rounding, mm.
-const STILL_MM: f64 = 1e-6;
-/// A turn back this near to the last pose needs none of its own, mm.
-const LEAST_TURN_MM: f64 = 1e-3;
+/// Half the time over which a difference of poses gives the velocity, s.
+const SHORT_S: f64 = 1e-4;
+/// Less than this between two rows is rounding, mm; it has no direction.
+const STILL_MM: f64 = 1e-5;
+/// Largest distance of a row from the straight step that replaces it, mm. Where the burr comes again to a place, a skin of this
+/// thickness may appear or vanish, and cutting a skin needs the full force.
+const ASIDE_MM: f64 = 5e-4;
+/// Largest distance of a row from where an even step would have the burr at that time, mm: speeds up to a stop stay those of the rows.
+const UNEVEN_MM: f64 = 5e-3;
+/// Largest turn of the path within a step, rad. Where the burr rounds a corner, its force rises and falls within a few hundredths of mm.
+const BEND_RAD: f64 = 0.3;
+/// Largest number of rows that one step replaces; it bounds the time for a burr that stands still.
+const MOST_ROWS: usize = 1000;
 /// Largest number of poses.
 const MOST_POSES: f64 = 2e7;
 /// Least rate of poses; with fewer, parts of a path would be left out.
@@ -51,6 +61,8 @@ pub struct TrajectorySample {
     pub q: Vec<f64>,
     /// The burr.
     pub pose: Pose,
+    /// Velocity of its centre, mm/s.
+    pub velocity_mm_s: Vector3<f64>,
 }
 
 /// Why a trajectory cannot be converted to burr poses.
@@ -122,9 +134,13 @@ pub fn sample(
         pose.map_err(|source| PoseError::Pose { time_s, source })
     };
     let at = |time_s: f64| -> Result<TrajectorySample, PoseError> {
-        let q = joints(trajectory, time_s);
+        let (q, qd) = joints(trajectory, time_s);
+        let shifted = |seconds: f64| -> Result<Pose, PoseError> {
+            pose(time_s, &q.iter().zip(&qd).map(|(q, qd)| q + qd * seconds).collect::<Vec<f64>>())
+        };
+        let velocity_mm_s = (shifted(SHORT_S)?.center - shifted(-SHORT_S)?.center) / (2.0 * SHORT_S);
         let pose = pose(time_s, &q)?;
-        Ok(TrajectorySample { time_s, q, pose })
+        Ok(TrajectorySample { time_s, q, pose, velocity_mm_s })
     };
     match sampling {
         Sampling::Rate { rate_hz } => {
@@ -166,145 +182,94 @@ fn check(name: &'static str, value: f64, poses: f64) -> Result<f64, PoseError> {
     if fine { Ok(poses) } else { Err(PoseError::Sampling { name, value, poses, most: MOST_POSES }) }
 }
 
-/// Leaves out rows while the tool stays within a step, but for those where it turns back: a drill is deepest there. Inserts poses between
-/// rows that are farther apart.
+/// Leaves out rows, such that the straight steps between the others sweep what the rows sweep. Inserts poses between rows that are
+/// farther apart than a step.
 fn thin_out(
     trajectory: &Trajectory,
     rows: &[Pose],
     step_mm: f64,
     at: impl Fn(f64) -> Result<TrajectorySample, PoseError>,
 ) -> Result<Vec<TrajectorySample>, PoseError> {
-    let row = |n: usize| TrajectorySample {
-        time_s: trajectory.time_s[n],
-        q: trajectory.q_at(n).to_vec(),
-        pose: rows[n],
-    };
     let mut kept = Vec::new();
     let mut last = 0;
-    let mut heading = Vector3::zeros();
-    for n in 0..rows.len() {
-        let way = rows.get(n + 1).map_or_else(Vector3::zeros, |next| next.center - rows[n].center);
-        let turns_back = way.norm() > STILL_MM && way.dot(&heading) < 0.0;
-        if way.norm() > STILL_MM {
-            heading = way;
-        }
-        let has_moved = rows[n].center.distance_mm(&rows[last].center) > LEAST_TURN_MM;
-        let is_end = n == 0 || n + 1 == rows.len();
-        let leaves = |next: &Pose| {
-            next.center.distance_mm(&rows[last].center) > step_mm
-                || next.axis.angle(&rows[last].axis) > TURN_RAD
-        };
-        // a row that is far from both neighbours may be the tip of a sharp turn
-        let is_kept = is_end || leaves(&rows[n]) || leaves(&rows[n + 1]) || turns_back && has_moved;
-        if !is_kept {
-            continue;
-        }
+    for n in kept_rows(&trajectory.time_s, rows, step_mm) {
         let between = (rows[n].center.distance_mm(&rows[last].center) / step_mm * (1.0 - 1e-9)).floor();
         let [from_s, to_s] = [last, n].map(|n| trajectory.time_s[n]);
         for part in 1..=between as usize {
             kept.push(at(from_s + (to_s - from_s) * part as f64 / (between + 1.0))?);
         }
-        kept.push(row(n));
+        kept.push(at(to_s)?);
         last = n;
     }
     Ok(kept)
 }
 
-/// Joint positions at a time, by the cubic with the positions and velocities of the rows around it.
-fn joints(trajectory: &Trajectory, time_s: f64) -> Vec<f64> {
+/// The rows that are kept: the first, the last, and each after which the step could not go on.
+fn kept_rows(time_s: &[f64], rows: &[Pose], step_mm: f64) -> Vec<usize> {
+    let mut kept = vec![0];
+    let mut last = 0;
+    for n in 1..rows.len() {
+        let goes_on = n + 1 < rows.len()
+            && n + 1 - last <= MOST_ROWS
+            && is_one_step(&time_s[last..=n + 1], &rows[last..=n + 1], step_mm);
+        if !goes_on {
+            kept.push(n);
+            last = n;
+        }
+    }
+    kept
+}
+
+/// Whether one straight, even step may replace these rows: it is short enough, the shaft and the path turn little, and the burr's centre
+/// is within the tolerances of it in every row.
+fn is_one_step(time_s: &[f64], rows: &[Pose], step_mm: f64) -> bool {
+    let ([from, second, ..], [.., before, to]) = (rows, rows) else { return true };
+    let ([from_s, ..], [.., to_s]) = (time_s, time_s) else { return true };
+    let (start, way) = (from.center.coords, to.center - from.center);
+    let (first, latest) = (second.center - from.center, to.center - before.center);
+    let moves = first.norm() > STILL_MM && latest.norm() > STILL_MM;
+    let is_short = way.norm() <= step_mm && from.axis.angle(&to.axis) <= TURN_RAD;
+    let is_near = |(pose, row_s): (&Pose, &f64)| {
+        let p = pose.center.coords;
+        let even = start + way * ((row_s - from_s) / (to_s - from_s));
+        segment_distance_squared(&p, &start, &to.center.coords) <= ASIDE_MM.powi(2)
+            && (p - even).norm_squared() <= UNEVEN_MM.powi(2)
+    };
+    is_short && !(moves && first.angle(&latest) > BEND_RAD) && rows.iter().zip(time_s).all(is_near)
+}
+
+/// Joint positions and velocities at a time, by the cubic with the positions and velocities of the rows around it.
+fn joints(trajectory: &Trajectory, time_s: f64) -> (Vec<f64>, Vec<f64>) {
     let last = trajectory.len() - 1;
     let next = trajectory.time_s.partition_point(|t| *t <= time_s).clamp(1, last.max(1)).min(last);
     let before = next.saturating_sub(1);
     let span = trajectory.time_s[next] - trajectory.time_s[before];
     if span <= 0.0 {
-        return trajectory.q_at(next).to_vec();
+        return (trajectory.q_at(next).to_vec(), trajectory.qd_at(next).to_vec());
     }
     let u = ((time_s - trajectory.time_s[before]) / span).clamp(0.0, 1.0);
     let (h01, h10, h11) = (u * u * (3.0 - 2.0 * u), u * (1.0 - u).powi(2) * span, u * u * (u - 1.0) * span);
+    let (d01, d10, d11) = (6.0 * u * (1.0 - u) / span, (1.0 - u) * (1.0 - 3.0 * u), u * (3.0 * u - 2.0));
     (0..trajectory.dof)
         .map(|j| {
             let (a, b) = (trajectory.q_at(before)[j], trajectory.q_at(next)[j]);
             let (va, vb) = (trajectory.qd_at(before)[j], trajectory.qd_at(next)[j]);
-            a + (b - a) * h01 + va * h10 + vb * h11
+            (a + (b - a) * h01 + va * h10 + vb * h11, (b - a) * d01 + va * d10 + vb * d11)
         })
-        .collect()
+        .unzip()
 }
 
 /// The steps between samples.
 pub fn moves(samples: &[TrajectorySample]) -> Vec<Move> {
     samples
         .windows(2)
-        .map(|pair| Move { to: pair[1].pose, seconds: pair[1].time_s - pair[0].time_s })
+        .map(|pair| Move {
+            to: pair[1].pose,
+            seconds: pair[1].time_s - pair[0].time_s,
+            end_velocity_mm_s: Some(pair[1].velocity_mm_s),
+        })
         .collect()
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A circle of 10 mm radius at constant speed, 100 rows.
-    fn circle() -> Trajectory {
-        let (mut q, mut qd, mut time_s) = (vec![], vec![], vec![]);
-        for n in 0..100 {
-            let t = n as f64 * 0.02;
-            time_s.push(t);
-            q.extend([10.0 * t.cos(), 10.0 * t.sin(), 0.0, 0.1 * t]);
-            qd.extend([-10.0 * t.sin(), 10.0 * t.cos(), 0.0, 0.1]);
-        }
-        Trajectory { dof: 4, time_s, q, qd }
-    }
-
-    #[test]
-    fn steps_are_no_longer_than_asked_and_the_ends_are_kept() {
-        let arm = Arm::bone_attached().unwrap();
-        let frame = Rigid::<Work, Base>::identity();
-        for step_mm in [0.05, 0.15, 0.5, 3.0] {
-            let samples = sample(&circle(), &arm, &frame, Sampling::Step { step_mm }).unwrap();
-            for pair in samples.windows(2) {
-                assert!(pair[0].pose.center.distance_mm(&pair[1].pose.center) <= step_mm * 1.000_001);
-                assert!(pair[1].time_s > pair[0].time_s);
-            }
-            assert_eq!((samples[0].time_s, samples[samples.len() - 1].time_s), (0.0, 99.0 * 0.02));
-        }
-    }
-
-    #[test]
-    fn between_rows_joints_follow_the_cubic() {
-        let arm = Arm::bone_attached().unwrap();
-        let rate = Sampling::Rate { rate_hz: 777.0 };
-        let samples = sample(&circle(), &arm, &Rigid::identity(), rate).unwrap();
-        assert!(samples.len() > 1500);
-        for s in &samples {
-            let radius = s.q[0].hypot(s.q[1]);
-            assert!((radius - 10.0).abs() < 1e-6, "{radius}");
-        }
-    }
-
-    /// One row is far away between two that are near each other.
-    #[test]
-    fn the_tip_of_a_sharp_turn_is_kept() {
-        let arm = Arm::bone_attached().unwrap();
-        let mut path = circle();
-        path.q[4 * 50] += 40.0;
-        let samples = sample(&path, &arm, &Rigid::identity(), Sampling::Step { step_mm: 0.3 }).unwrap();
-        let is_tip = |s: &TrajectorySample| s.q[0] == path.q[4 * 50];
-        assert!(samples.iter().any(is_tip));
-    }
-
-    #[test]
-    fn what_cannot_be_sampled_is_refused() {
-        let arm = Arm::bone_attached().unwrap();
-        for sampling in [
-            Sampling::Step { step_mm: 0.0 },
-            Sampling::Step { step_mm: f64::NAN },
-            Sampling::Step { step_mm: 1e-9 },
-            Sampling::Rate { rate_hz: -1.0 },
-            Sampling::Rate { rate_hz: 1e12 },
-            Sampling::Rate { rate_hz: 1e-300 },
-            Sampling::Rate { rate_hz: 0.5 },
-            Sampling::Step { step_mm: 1000.0 },
-        ] {
-            assert!(sample(&circle(), &arm, &Rigid::identity(), sampling).is_err(), "{sampling:?}");
-        }
-    }
-}
+mod tests;

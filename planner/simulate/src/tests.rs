@@ -26,7 +26,7 @@ fn block(half_mm: f64, h_mm: f64, density: impl Fn(Vector3<f64>) -> f64) -> Volu
     Volume::new(grid, data).unwrap()
 }
 
-fn uniform(half_mm: f64, h_mm: f64) -> Volume<f32, Work> {
+pub(super) fn uniform(half_mm: f64, h_mm: f64) -> Volume<f32, Work> {
     block(half_mm, h_mm, |_| 0.8)
 }
 
@@ -45,7 +45,7 @@ fn pose(x: f64, y: f64, z: f64) -> Pose {
     Pose::new(Point::new(x, y, z), Vector3::z()).unwrap()
 }
 
-fn engine<'a>(bone: &'a Volume<f32, Work>, start: Pose) -> Engine<'a, f32, FlutedBurr> {
+pub(super) fn engine<'a>(bone: &'a Volume<f32, Work>, start: Pose) -> Engine<'a, f32, FlutedBurr> {
     let spec = spec();
     let model = burr(&spec);
     Engine::new(Bone::new(bone).unwrap(), spec, model, start).unwrap()
@@ -53,7 +53,7 @@ fn engine<'a>(bone: &'a Volume<f32, Work>, start: Pose) -> Engine<'a, f32, Flute
 
 /// A move at 1.5 mm/s.
 fn to(from: Pose, to: Pose) -> Move {
-    Move { to, seconds: from.center.distance_mm(&to.center) / 1.5 }
+    Move::straight(to, from.center.distance_mm(&to.center) / 1.5)
 }
 
 /// `count` equal steps to a place.

@@ -126,14 +126,14 @@ fn standing_reversing_and_turning_cut_nothing() {
     let before = state(&engine);
     let here = engine.pose();
     for seconds in [0.0, 1e-3, 1.0] {
-        let step = engine.step(Move { to: here, seconds }).unwrap();
+        let step = engine.step(Move::straight(here, seconds)).unwrap();
         assert_eq!((step.force, step.mrr_mm3_s), (CutForce::default(), 0.0));
     }
     assert_eq!(state(&engine), before);
     // pure rotation, also by half a turn
     for axis in [Vector3::x(), Vector3::new(0.3, 0.2, -1.0), Vector3::z()] {
         let to = Pose::new(here.center, axis).unwrap();
-        assert_eq!(engine.step(Move { to, seconds: 0.1 }).unwrap().force, CutForce::default());
+        assert_eq!(engine.step(Move::straight(to, 0.1)).unwrap().force, CutForce::default());
     }
     assert_eq!(state(&engine), before);
     // straight back
@@ -152,7 +152,7 @@ fn a_million_steps_in_place_change_nothing_and_keep_nothing() {
     let (before, here) = (state(&engine), engine.pose());
     let memory = engine.lattice().stored_bricks();
     for _ in 0..1_000_000 {
-        engine.step(Move { to: here, seconds: 1e-3 }).unwrap();
+        engine.step(Move::straight(here, 1e-3)).unwrap();
     }
     assert_eq!(state(&engine), before);
     assert_eq!(engine.lattice().stored_bricks(), memory);
@@ -169,7 +169,7 @@ fn trembling_in_place_does_not_drill() {
         let t = n as f64;
         let center = Point::new(2e-3 * (t * 1.7).sin(), 2e-3 * (t * 2.3).cos(), 1.0 + 1e-3 * (t * 0.7).sin());
         let to = Pose { center, axis: engine.pose().axis };
-        engine.step(Move { to, seconds: 1e-3 }).unwrap();
+        engine.step(Move::straight(to, 1e-3)).unwrap();
     }
     engine.settle();
     let (after, r) = (engine.removed().total_mm3(), RADIUS_MM);
@@ -218,15 +218,15 @@ fn what_is_no_pose_or_no_time_is_refused_and_changes_nothing() {
     for bad in [f64::NAN, f64::INFINITY, 1e9] {
         assert!(Pose::new(Point::new(bad, 0.0, 0.0), Vector3::z()).is_err());
         let to = Pose { center: Point::new(0.0, bad, 0.0), axis: before.2.axis };
-        assert!(matches!(engine.step(Move { to, seconds: 0.1 }), Err(EngineError::Pose { .. })));
-        let good = Move { to: pose(0.0, 0.0, 0.5), seconds: 0.1 };
-        assert!(engine.steps(&[good, Move { to, seconds: 0.1 }]).is_err());
+        assert!(matches!(engine.step(Move::straight(to, 0.1)), Err(EngineError::Pose { .. })));
+        let good = Move::straight(pose(0.0, 0.0, 0.5), 0.1);
+        assert!(engine.steps(&[good, Move::straight(to, 0.1)]).is_err());
     }
     for axis in [Vector3::zeros(), Vector3::new(f64::NAN, 0.0, 1.0)] {
         assert!(Pose::new(Point::new(0.0, 0.0, 0.0), axis).is_err());
     }
     for seconds in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert!(engine.step(Move { to: pose(0.0, 0.0, 0.5), seconds }).is_err(), "{seconds} s");
+        assert!(engine.step(Move::straight(pose(0.0, 0.0, 0.5), seconds)).is_err(), "{seconds} s");
     }
     assert_eq!(state(&engine), before);
 }

@@ -60,8 +60,8 @@ fn a_turn_is_stopped_where_it_leads_into_bone() {
     let mut engine = with_shank(&bone, pose(0.0, -2.0, 0.0));
     let here = engine.pose();
     let leaning = |angle: f64| Pose::new(here.center, Vector3::new(0.0, angle.sin(), angle.cos())).unwrap();
-    assert!(engine.step(Move { to: leaning(0.2), seconds: 0.1 }).unwrap().contact.is_none());
-    let step = engine.step(Move { to: leaning(0.9), seconds: 0.1 }).unwrap();
+    assert!(engine.step(Move::straight(leaning(0.2), 0.1)).unwrap().contact.is_none());
+    let step = engine.step(Move::straight(leaning(0.9), 0.1)).unwrap();
     assert!(step.contact.is_some());
     assert_eq!(engine.pose(), leaning(0.2));
 }
