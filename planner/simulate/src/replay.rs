@@ -144,10 +144,17 @@ impl Simulation {
         self.spans().map(|(row, span_s)| row.power_w * span_s).sum()
     }
 
-    /// Rows, each with the duration of the step that ends there.
+    /// Rows, each with the time for which it stands.
     fn spans(&self) -> impl Iterator<Item = (&SimulationRow, f64)> {
-        self.rows.windows(2).map(|pair| (&pair[1], pair[1].time_s - pair[0].time_s))
+        self.rows.iter().enumerate().map(|(n, row)| (row, span_s(&self.rows, n)))
     }
+}
+
+/// The time for which a row's force stands: half of the step that ends there and half of the next, s. Sums are then those of the
+/// trapezoidal rule.
+fn span_s(rows: &[SimulationRow], n: usize) -> f64 {
+    let after_s = rows[(n + 1).min(rows.len() - 1)].time_s;
+    0.5 * (after_s - rows[n.saturating_sub(1)].time_s)
 }
 
 /// The input of the engine for a plan: scene, densities and tool.
@@ -414,10 +421,8 @@ fn structure_figures(
 ) -> Vec<StructureFigures> {
     let least = nearest_structures::least_distances(&setup.scene, &places[..rows.len()]);
     let mut spans = vec![Vec::new(); least.len()];
-    let mut before_s = 0.0;
     for (index, (row, toward)) in rows.iter().zip(toward).enumerate() {
-        let seconds = row.time_s - before_s;
-        before_s = row.time_s;
+        let seconds = span_s(rows, index);
         for near in toward {
             if let Some(force_n) = near.force_n.filter(|_| row.mrr_mm3_s > 0.0) {
                 spans[near.structure].push((TowardSpan { seconds, force_n, peak_n: force_n, row: index }, near.distance_mm));
