@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use super::VerifyError;
 
 /// HU beyond the scan.
-const OUTSIDE_HU: f64 = -1000.0;
+pub const OUTSIDE_HU: f64 = -1000.0;
 
 /// A point at most this far beyond the scan's face counts as on the face, voxels, because of rounding.
 const SCAN_FACE_VOXELS: f64 = 1e-9;

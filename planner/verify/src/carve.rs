@@ -30,10 +30,15 @@ pub struct MoveSegment {
 impl MoveSegment {
     /// Squared distance from a point, mm².
     pub fn squared(&self, p: &Vector3<f64>) -> f64 {
+        self.away(p).norm_squared()
+    }
+
+    /// The vector to a point from the nearest place of the piece, mm.
+    pub fn away(&self, p: &Vector3<f64>) -> Vector3<f64> {
         let d = self.b - self.a;
         let length2 = d.norm_squared();
         let t = if length2 > 0.0 { ((p - self.a).dot(&d) / length2).clamp(0.0, 1.0) } else { 0.0 };
-        (p - self.a - d * t).norm_squared()
+        p - self.a - d * t
     }
 }
 

@@ -73,19 +73,7 @@ impl FineLattice {
         rule: &Obstacle,
     ) -> Result<Self, VerifyError> {
         let ct_from_grid = &voxels.ct_from_grid;
-        let enclosed = match &anatomy.aim {
-            Aim::Label(_) => None,
-            Aim::Shape(_) => Some(Closed::new(anatomy, density.bone_hu, ct_from_grid, &grid)?),
-        };
-        let in_target = |center: Point<Work>, p: Point<Ct>, label: u16, hu: f64| match &anatomy.aim {
-            Aim::Label(aim) => label == *aim && anatomy.is_in_scan(p),
-            Aim::Shape(shape) => {
-                shape_holds(shape, &p.coords)
-                    && anatomy.is_in_scan(p)
-                    && !anatomy.is_kept(label)
-                    && (hu >= density.bone_hu || enclosed.as_ref().is_some_and(|c| c.holds(center)))
-            }
-        };
+        let target = Inside::new(anatomy, density.bone_hu, ct_from_grid, &grid)?;
         let [nx, ny, _] = grid.dims();
         let mut class = vec![0u8; grid.len()];
         class.par_chunks_mut(nx).enumerate().for_each(|(row, class)| {
@@ -95,7 +83,7 @@ impl FineLattice {
                 let p = *ct_from_grid * center;
                 let (value, label) = (anatomy.hu(p), anatomy.label(p));
                 let mut flags = if anatomy.is_kept(label) { STRUCTURE } else { 0 };
-                if in_target(center, p, label, value) {
+                if target.holds(center, p, label, value) {
                     flags |= TARGET;
                     flags |= if value > density.air_hu { MATERIAL } else { 0 };
                     flags |= if value >= density.bone_hu { TARGET_BONE } else { 0 };
@@ -196,6 +184,47 @@ pub fn grid_over(
     let dims = (last - first).map(|n| n as usize + 1);
     let origin = first * spacing_mm + Vector3::repeat(phase_mm);
     Ok(Grid::aligned([dims.x, dims.y, dims.z], spacing_mm, Point::from_coords(origin))?)
+}
+
+/// Tells whether a point belongs to the target.
+#[derive(Debug)]
+pub struct Inside<'a> {
+    anatomy: &'a Anatomy,
+    bone_hu: f64,
+    /// For a shape, the bone and the air that it encloses.
+    enclosed: Option<Closed>,
+}
+
+impl<'a> Inside<'a> {
+    /// The target's points in and around a grid.
+    ///
+    /// # Errors
+    /// [`VerifyError::Grid`] if the closing's grid cannot be made.
+    pub fn new(
+        anatomy: &'a Anatomy,
+        bone_hu: f64,
+        ct_from_grid: &Rigid<Ct, Work>,
+        around: &Grid<Work>,
+    ) -> Result<Self, VerifyError> {
+        let enclosed = match &anatomy.aim {
+            Aim::Label(_) => None,
+            Aim::Shape(_) => Some(Closed::new(anatomy, bone_hu, ct_from_grid, around)?),
+        };
+        Ok(Self { anatomy, bone_hu, enclosed })
+    }
+
+    /// Whether a point, given in both frames with its label and HU, belongs to the target.
+    pub fn holds(&self, center: Point<Work>, p: Point<Ct>, label: u16, hu: f64) -> bool {
+        match &self.anatomy.aim {
+            Aim::Label(aim) => label == *aim && self.anatomy.is_in_scan(p),
+            Aim::Shape(shape) => {
+                shape_holds(shape, &p.coords)
+                    && self.anatomy.is_in_scan(p)
+                    && !self.anatomy.is_kept(label)
+                    && (hu >= self.bone_hu || self.enclosed.as_ref().is_some_and(|c| c.holds(center)))
+            }
+        }
+    }
 }
 
 /// The morphological closing of bone by a ball: bone and the air that it encloses.
