@@ -92,7 +92,7 @@ pub fn planned_voxels(plan: &StoredPlan, anatomy: &Anatomy) -> Result<(Voxels, f
 }
 
 /// The box of CT and label map along work's axes.
-fn scan_box(anatomy: &Anatomy, grid_from_ct: &Rigid<Work, Ct>) -> [Vector3<f64>; 2] {
+pub fn scan_box(anatomy: &Anatomy, grid_from_ct: &Rigid<Work, Ct>) -> [Vector3<f64>; 2] {
     let mut extent = BoxExtent::default();
     for corner in anatomy.ct.grid().corners().into_iter().chain(anatomy.labels.grid().corners()) {
         extent.hold((*grid_from_ct * corner).coords);

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::anatomy::Anatomy;
 use super::carve::{NEVER, Removed};
 use super::check::{Check, Place};
+use super::forces::took_s;
 use super::lattice::{FineLattice, HAS_MASS, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
 use super::moves::Moves;
 use super::requirements::COVERAGE;
@@ -156,7 +157,7 @@ fn layer([nx, ny, nz]: [usize; 3], holds: &(impl Fn(usize) -> bool + Sync)) -> u
     (0..nx * ny * nz).into_par_iter().with_min_len(1 << 14).filter(at_surface).count()
 }
 
-/// Checks the times and lengths that the plan states.
+/// Checks the times, lengths and forces that the plan states as a whole.
 pub fn totals(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
     let said = |what: &str, said: Option<f64>, found: f64, limit: f64, unit| {
         Check::at_most("figures", said.map_or(f64::INFINITY, |s| (s - found).abs()), limit, unit)
@@ -166,10 +167,19 @@ pub fn totals(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
     let length = moves.arc_mm.last().copied().unwrap_or(0.0);
     let end = moves.times_s.last().copied().unwrap_or(0.0);
     let mass: f64 = plan.waypoints.iter().map(|w| w.mass_mg).sum();
+    // (force, time) of the moves that remove something
+    let cuts = plan.waypoints.iter().enumerate().filter(|(_, w)| w.mass_mg > 0.0);
+    let cuts: Vec<_> = cuts.map(|(n, w)| (w.force_n.norm(), took_s(plan, n))).collect();
+    let cutting_s: f64 = cuts.iter().map(|(_, time_s)| time_s).sum();
+    let sum_ns: f64 = cuts.iter().map(|(force_n, time_s)| force_n * time_s).sum();
+    let peak_n = cuts.iter().map(|(force_n, _)| *force_n).fold(0.0, f64::max);
+    let mean_n = if cutting_s > 0.0 { sum_ns / cutting_s } else { 0.0 };
     vec![
         said("total_time_s", Some(plan.record.metrics.total_time_s), end, 1e-6, "s"),
         said("path_length_mm", more(plan, "path_length_mm"), length, 1e-3, "mm"),
         said("removed_mass_mg", more(plan, "removed_mass_mg"), mass, 1e-6 * (1.0 + mass), "mg"),
+        said("peak_force_n", more(plan, "peak_force_n"), peak_n, 1e-6, "N"),
+        said("mean_force_n", more(plan, "mean_force_n"), mean_n, 1e-6, "N"),
     ]
 }
 

@@ -18,7 +18,7 @@ use super::figures::stated;
 /// Relative rounding of a sum over all moves.
 const SUM_SHARE: f64 = 1e-9;
 /// A burr whose surface is within this distance of a structure is near it, mm.
-const NEAR_MM: f64 = 2.0;
+pub const NEAR_MM: f64 = 2.0;
 
 /// The figures may leave out a structure that is farther from the burr's surface than the burr's radius, the largest clearance and this, mm. The
 /// planner has the same rule and its own figure for it: a check shares nothing with what it checks.
@@ -154,7 +154,7 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
 }
 
 /// Duration of the move to a waypoint, s.
-fn took_s(plan: &StoredPlan, waypoint: usize) -> f64 {
+pub fn took_s(plan: &StoredPlan, waypoint: usize) -> f64 {
     let before = waypoint.checked_sub(1).map_or(0.0, |before| plan.waypoints[before].time_s);
     plan.waypoints[waypoint].time_s - before
 }

@@ -2,8 +2,8 @@
 //!
 //! The checks start from the result. Forward kinematics turns the trajectory into poses of the burr; the burr's sweep is
 //! tested point by point on a lattice of half the planner's spacing; the shank is tested against everything that still
-//! stands at each moment; distances to structures are exact to their label boxes; and every figure that the plan states is
-//! computed again. Volumes are counted on the planner's own voxels, so that a correct figure needs no tolerance. A [`Check`]
+//! stands at each moment; distances to structures are exact to their label boxes; the burr's force is summed along the driven
+//! motion; and every figure that the plan states is computed again. Volumes are counted on the planner's own voxels, so that a correct figure needs no tolerance. A [`Check`]
 //! holds its value, its limit, the margin and the place of the worst value.
 //!
 //! Shared with the planner are frames and grids, the NIfTI reader, the arm's forward kinematics, and the reader of plan
@@ -12,8 +12,8 @@
 //! without sheets thinner than the band within the band of the target; soft tissue outside the target is free.
 //!
 //! Not checked: whether the CT shows the patient; whether the registration is correct (only its fiducials' positions, their
-//! fit and the expected error; the uncertainty module computes the effect of errors); forces in newtons (only their
-//! consistency); collisions of the arm's links (only their height above the mounting plane).
+//! fit and the expected error; the uncertainty module computes the effect of errors); whether the material's coefficients are
+//! those of the bone; collisions of the arm's links (only their height above the mounting plane).
 //!
 //! Invariants: checks are independent of each other; equal plans give equal bytes on any number of threads.
 
@@ -25,6 +25,7 @@ mod channel;
 mod check;
 mod clearance;
 mod columns;
+mod driven;
 mod edge;
 mod edt;
 mod error;

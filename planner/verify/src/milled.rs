@@ -7,7 +7,7 @@ use super::check::{Check, Place};
 use super::extents::{fine_grid, planned_voxels};
 use super::lattice::{FineLattice, Obstacle};
 use super::{
-    Boxes, Evidence, VerifyError, carve, clearance, columns, edge, figures, forces, gouge, reach,
+    Boxes, Evidence, VerifyError, carve, clearance, columns, driven, edge, figures, forces, gouge, reach,
     requirements, rest, shaft, voxels,
 };
 
@@ -28,6 +28,9 @@ pub fn checks(evidence: &Evidence, progress: &dyn Progress) -> Result<Vec<Check>
     checks.extend(forces::forces(plan, &anatomy.kept, boxes));
     checks.extend(figures::totals(plan, moves));
     checks.extend(requirements::requirements(plan, moves));
+
+    progress.stage("check forces");
+    checks.extend(driven::checks(evidence)?);
 
     progress.stage("check clearances");
     checks.extend(clearances(evidence));

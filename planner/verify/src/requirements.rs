@@ -11,12 +11,14 @@ use super::check::{Check, Place};
 use super::moves::{MoveClass, Moves};
 
 /// The names of the checks for a plan that falls short of its case; all other checks are for a plan that is wrong.
-pub const SHORT: [&str; 4] = [MEETS, COVERAGE, TIME, FORCE];
+pub const SHORT: [&str; 5] = [MEETS, COVERAGE, TIME, FORCE, DRIVEN];
 pub const MEETS: &str = "plan meets its case";
 /// Name of the check of coverage, made in [`super::figures`].
 pub const COVERAGE: &str = "coverage";
 const TIME: &str = "time asked for";
 const FORCE: &str = "force asked for";
+/// Name of the checks of the same caps along the driven motion, made in [`super::driven`].
+pub const DRIVEN: &str = "driven force asked for";
 /// Relative accuracy to which a requested time is met.
 const TIME_SHARE: f64 = 1e-3;
 /// Relative rounding of forces in the file.
