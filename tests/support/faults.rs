@@ -199,8 +199,15 @@ pub const ALL: &[Fault] = &[
             speed.mode = SpeedMode::ForceLimited;
             speed.caps.force_n = Some(0.01);
             speed.caps.force_toward_n = DistanceCurve::new(&[[100.0, 0.0]]);
+            speed.caps.power_w = Some(1e-3);
         },
-        caught_by: &["force asked for/speed.force_n", "force asked for/speed.force_toward_n"],
+        caught_by: &[
+            "force asked for/speed.force_n",
+            "force asked for/speed.force_toward_n",
+            "driven force asked for/speed.force_n",
+            "driven force asked for/speed.force_toward_n, nerve",
+            "driven force asked for/speed.power_w",
+        ],
     },
     Fault {
         name: "everything 1 mm deeper",

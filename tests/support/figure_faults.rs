@@ -43,6 +43,21 @@ pub const ALL: &[Fault] = &[
         caught_by: &["figures/path_length_mm"],
     },
     Fault {
+        name: "a smaller largest force claimed",
+        plant: |p| scale_figure(p, "peak_force_n", 0.5),
+        caught_by: &["figures/peak_force_n", "driven force/peak_force_n"],
+    },
+    Fault {
+        name: "a smaller mean force claimed",
+        plant: |p| scale_figure(p, "mean_force_n", 0.5),
+        caught_by: &["figures/mean_force_n", "driven mean force/mean_force_n"],
+    },
+    Fault {
+        name: "a material that is twice as hard",
+        plant: |p| p.record.case.material.k_n_mm2 = p.record.case.material.k_n_mm2.map(|k| 2.0 * k),
+        caught_by: &["driven force/peak_force_n", "driven mean force/mean_force_n"],
+    },
+    Fault {
         name: "a larger share of the target asked for than is removed",
         plant: |p| p.record.case.least_share = 1.0,
         caught_by: &["removed of the target", "case of the plan"],
