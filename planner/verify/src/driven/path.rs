@@ -92,29 +92,49 @@ impl DrivenPath {
             end_mm_s: 0.0,
         }));
         let steps = &mut self.steps[first..];
+        let step_at = |mm: f64| ((mm / step_mm) as usize).min(count - 1);
         // the way along the piece to each row never falls
         let mut from_mm = 0.0;
         for n in 1..points.len() {
             let to_mm = (points[n] - a).dot(&direction).clamp(from_mm, length_mm);
             let took_s = time_s[n] - time_s[n - 1];
             let speed_mm_s = (points[n] - points[n - 1]).norm() / took_s;
-            let step_at = |mm: f64| ((mm / step_mm) as usize).min(count - 1);
-            for at in step_at(from_mm)..=step_at(to_mm) {
-                let start_mm = at as f64 * step_mm;
-                let on_mm = to_mm.min(start_mm + step_mm) - from_mm.max(start_mm);
-                let share = if to_mm > from_mm { on_mm / (to_mm - from_mm) } else { 1.0 };
-                let step = &mut steps[at];
-                step.took_s += share * took_s;
-                step.end_mm_s = if on_mm > 0.0 { speed_mm_s } else { step.end_mm_s };
-                let middle_mm = start_mm + 0.5 * step_mm;
-                if from_mm <= middle_mm {
-                    step.row = if to_mm <= middle_mm { row + n } else { row + n - 1 };
-                }
+            let way = RowWay { from_mm, to_mm, took_s, speed_mm_s, row: row + n };
+            let passed = step_at(from_mm)..=step_at(to_mm);
+            for (at, step) in passed.clone().zip(&mut steps[passed]) {
+                step.add(&way, [at as f64 * step_mm, (at + 1) as f64 * step_mm]);
             }
             from_mm = to_mm;
         }
         for step in steps {
             step.mean_mm_s = if step.took_s > 0.0 { step_mm / step.took_s } else { 0.0 };
+        }
+    }
+}
+
+/// The way along a piece from one row to the next.
+#[derive(Debug, Clone, Copy)]
+struct RowWay {
+    from_mm: f64,
+    to_mm: f64,
+    took_s: f64,
+    speed_mm_s: f64,
+    /// The row at its end.
+    row: usize,
+}
+
+impl Step {
+    /// Adds the part of a row's way that lies in the step, which is given by its start and end along the piece, mm.
+    fn add(&mut self, way: &RowWay, [start_mm, end_mm]: [f64; 2]) {
+        let on_mm = way.to_mm.min(end_mm) - way.from_mm.max(start_mm);
+        let share = if way.to_mm > way.from_mm { on_mm / (way.to_mm - way.from_mm) } else { 1.0 };
+        self.took_s += share * way.took_s;
+        if on_mm > 0.0 {
+            self.end_mm_s = way.speed_mm_s;
+        }
+        let middle_mm = 0.5 * (start_mm + end_mm);
+        if way.from_mm <= middle_mm {
+            self.row = if way.to_mm <= middle_mm { way.row } else { way.row - 1 };
         }
     }
 }
