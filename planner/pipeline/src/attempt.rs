@@ -32,10 +32,10 @@ use super::tilt;
 const LEFT_SHARE: f64 = 0.005;
 
 /// How often the time of turns is corrected, at most, and the share by which predicted and driven times may differ.
-const CORRECTIONS: usize = 2;
-const AGREES_SHARE: f64 = 0.01;
+const CORRECTIONS: usize = 1;
+const AGREES_SHARE: f64 = 0.02;
 /// How often axes are chosen again, at most, where a cut pushes more at the least speed than the straight shaft ever does.
-const STRAIGHTENED: usize = 2;
+const STRAIGHTENED: usize = 1;
 /// Where turns keep nothing waiting, they count as this share of the time.
 const LEAST_WAITS_SHARE: f64 = 0.02;
 

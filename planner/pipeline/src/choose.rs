@@ -26,7 +26,7 @@ use super::axis_cost::{AxisObjective, CostField, LevelTimes};
 use super::in_time::Goal;
 use super::levels;
 use super::orient::{FreeAxes, Oriented, alone, orient};
-use super::path_forces::{ForcedPath, rounded_corners};
+use super::path_forces::{COARSE, FINE, ForcedPath, rounded_corners};
 use super::prepared::Prepared;
 use super::reference::StructureForces;
 use super::speeds::JointMotion;
@@ -155,7 +155,7 @@ impl Prepared<'_> {
         ForcedPath { scene: self.start.scene, removal, points, feeds: &self.feeds }
     }
 
-    /// Computes the forces within moves, along the path as the arm drives it.
+    /// Computes the forces where moves end and within them, along the path as the arm drives it.
     ///
     /// # Errors
     /// When the tool, the material or the arm's limits are not usable.
@@ -168,7 +168,12 @@ impl Prepared<'_> {
         let corners = rounded_corners(joints, self.start.arm, &self.start.base_from_work);
         let case = &choices.applied_to(self.start.case);
         let removes = |i: usize| self.reached.moments[i].mass_mg() > 0.0;
-        chosen.within = self.forced().within(case, &chosen.oriented.axes, &corners, removes)?;
+        let (forced, axes) = (self.forced(), &chosen.oriented.axes);
+        let (ends, within) = rayon::join(
+            || forced.at_ends(case, axes, FINE, removes),
+            || forced.within(case, axes, &corners, removes),
+        );
+        (chosen.forces, chosen.within) = (ends?, within?);
         Ok(())
     }
 
@@ -244,7 +249,9 @@ impl Prepared<'_> {
         let motion = watch
             .run("inverse kinematics", || with_motion.then(|| self.motion(case, &oriented.axes)).transpose())?;
         let removes = |i: usize| reached.moments[i].mass_mg() > 0.0;
-        let forces = watch.run("forces", || forced.at_ends(case, &oriented.axes, removes))?;
+        // axes for a goal are chosen several times: their forces are computed finely once they stand
+        let elements = if choices.goal.is_some() { COARSE } else { FINE };
+        let forces = watch.run("forces", || forced.at_ends(case, &oriented.axes, elements, removes))?;
         let compliances = motion.as_ref().map_or(Ok(None), |motion| compliance.along(&motion.resolved.q))?;
         let pushes = nominal_pushes(case, &forces, compliances.as_deref());
         let (costs, closed_form_error) = self.costs(&field, &terms, &oriented.axes, &pushes);

@@ -21,11 +21,12 @@ use super::speeds::JointMotion;
 
 /// Places within a move at which the force is computed, as shares of its way, besides its end.
 const WITHIN: [f64; 2] = [0.35, 0.7];
-/// The same of a move that comes back to a rounded corner: it meets the skin there all at once.
-const COMING_BACK: [f64; 5] = [0.05, 0.3, 0.6, 0.9, 1.0];
-/// Elements from tip to shaft and around of the force sum where moves end, and within moves.
-const FINE: [usize; 2] = [64, 128];
-const COARSE: [usize; 2] = [32, 64];
+/// The same, from where a move comes back to a rounded corner and meets the skin there.
+const AROUND_BACK: [f64; 4] = [-0.2, -0.06, 0.0, 0.06];
+/// Elements from tip to shaft and around of the force sum where moves end.
+pub(super) const FINE: [usize; 2] = [64, 128];
+/// The same within moves, and while axes are still chosen.
+pub(super) const COARSE: [usize; 2] = [32, 64];
 /// A corner by whose rounding the burr leaves the path less than this leaves no skin that counts, mm.
 const LEAST_CORNER_MM: f64 = 2e-3;
 
@@ -63,9 +64,10 @@ impl ForcedPath<'_> {
         &self,
         case: &Case,
         axes: &[Unit<Vector3<f64>>],
+        elements: [usize; 2],
         removes: impl Fn(usize) -> bool + Sync,
     ) -> Result<Vec<Option<EngagedForce>>, PlanError> {
-        let (kernel, material) = kernel(case, FINE)?;
+        let (kernel, material) = kernel(case, elements)?;
         let ball = Ball { radius_mm: case.burr.radius_mm };
         let swept = SweptPath::new(self.scene, self.removal, self.points, ball);
         let force = |i: usize| {
@@ -92,19 +94,15 @@ impl ForcedPath<'_> {
         let ball = Ball { radius_mm: case.burr.radius_mm };
         let swept = SweptPath::driven(self.scene, self.removal, self.points, ball, corners);
         let of_move = |i: usize| {
-            let comes_back = swept.comes_back(i);
-            let shares: &[f64] = match (removes(i), comes_back) {
-                (_, true) => &COMING_BACK,
-                (true, false) => &WITHIN,
-                (false, false) => &[],
-            };
+            let back = swept.comes_back(i).map(|back| AROUND_BACK.map(|off| (back + off).clamp(0.0, 1.0)));
+            let shares = back.iter().flatten().chain(WITHIN.iter().filter(|_| removes(i)));
             let force = |share: &f64| {
                 let weight = |density| material.weight(density);
                 let (feed, mut bone) = swept.bone_within((i as u32, *share), kernel.sample_radius_mm(), weight)?;
                 let force = kernel.engaged_force(&axes[i], &feed_of(case, &feed), &mut bone);
                 (force.mrr_mm2 > 0.0).then_some(force)
             };
-            shares.iter().filter_map(force).collect()
+            shares.filter_map(force).collect()
         };
         Ok((0..self.points.len()).into_par_iter().map(of_move).collect())
     }

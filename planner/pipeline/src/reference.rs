@@ -4,7 +4,8 @@
 //! arm and timed as the plan's is, links, approach and retracts included; only its shank is not checked, so it may collide, and is
 //! compared all the same. There are three:
 //!
-//! - two **controls**, the plan of a CNC machine: one speed for every cut, lines along and across;
+//! - two **controls**, the plan of a CNC machine: one speed for every cut, lines along and across; their peaks are those where moves
+//!   end, which is less than they drive;
 //! - the **straight shaft with the least force**: the lines, the sense of cut and the speeds that levels of force choose for it.
 //!
 //! The default total time is that of the faster control at the nominal speed, so that lower forces take no longer than a plain plan.
@@ -20,12 +21,12 @@ use bonemill_planfile::toward::{StructureFigures, TowardSpan};
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_toolpath::engagement::mass_increments;
 use bonemill_toolpath::path::{self, MillPath, MoveKind};
-use nalgebra::Vector3;
+use nalgebra::{Unit, Vector3};
 
 use super::PlanError;
 use super::attempt::Start;
 use super::levels;
-use super::path_forces::{ForcedPath, rounded_corners};
+use super::path_forces::{FINE, ForcedPath, rounded_corners};
 use super::prepared::{feeds, spacing};
 use super::raster::Raster;
 use super::reach::lengths;
@@ -44,8 +45,10 @@ pub(super) struct ReferencePath {
     length_mm: Vec<f64>,
     kinds: Vec<MoveKind>,
     /// Along the approach.
+    path: MillPath,
+    feeds: Vec<Option<Unit<Vector3<f64>>>>,
+    /// Where moves end.
     forces: Vec<Option<EngagedForce>>,
-    within: Vec<Vec<EngagedForce>>,
     near: Vec<Vec<NearStructure>>,
     pub motion: ArmMotion,
 }
@@ -92,11 +95,6 @@ impl ReferencePath {
     pub fn new(start: &Start, raster: Raster) -> Result<Self, PlanError> {
         let Start { case, scene, space, .. } = *start;
         let path = raster.lay(case, scene, space, spacing(case))?;
-        Self::along(start, raster, &path)
-    }
-
-    fn along(start: &Start, raster: Raster, path: &MillPath) -> Result<Self, PlanError> {
-        let Start { case, scene, .. } = *start;
         let (points, centers) = (&path.points, path::centers(&path.points));
         let near = nearest_structures::along(case, scene, &centers)?;
         let (feeds, length_mm) = (feeds(points), lengths(points));
@@ -106,16 +104,11 @@ impl ReferencePath {
         let cuts = |i: usize| moments[i].mass_mg() > 0.0;
         let forced = ForcedPath { scene, removal: &path.removal, points, feeds: &feeds };
         let motion = start.placed().motion(&centers, &axes, &length_mm, None)?;
-        let joints = JointMotion::new(&motion.dense, &path_limits(start.arm)?)?;
-        let corners = rounded_corners(&joints, start.arm, &start.base_from_work);
-        drop(joints);
-        let (forces, within) =
-            rayon::join(|| forced.at_ends(case, &axes, cuts), || forced.within(case, &axes, &corners, cuts));
-        let (forces, within) = (forces?, within?);
+        let forces = forced.at_ends(case, &axes, FINE, cuts)?;
         let is_cut = |i: usize| i > 0 && cuts(i) || points[i].kind == MoveKind::Cut;
         let kind = |i: usize| if is_cut(i) { MoveKind::Cut } else { points[i].kind };
         let kinds = (0..points.len()).map(kind).collect();
-        Ok(Self { raster, length_mm, kinds, forces, within, near, motion })
+        Ok(Self { raster, length_mm, kinds, forces, near, motion, feeds, path })
     }
 
     fn joints(&self, start: &Start) -> Result<JointMotion<'_>, PlanError> {
@@ -154,19 +147,30 @@ impl ReferencePath {
             last_within(bracket, total_s, TIME_TOLERANCE_S, EVALUATIONS, time_s)?
         };
         let driven = joints.driven(&self.constant(case, 1.0 / per_speed))?;
-        Ok(self.reference(case, &driven, Some(1.0 / per_speed)))
+        Ok(self.reference(case, &driven, Some(1.0 / per_speed), &[]))
     }
 
-    fn reference(&self, case: &Case, driven: &Driven, speed_mm_s: Option<f64>) -> Reference {
-        // at one speed of all cuts, links keep theirs, and what they graze is no cut
-        let is_judged = |i: usize| speed_mm_s.is_none() || self.kinds[i] == MoveKind::Cut;
-        let of_move = |(i, forces): (usize, &Vec<EngagedForce>)| if is_judged(i) { forces.clone() } else { Vec::new() };
-        let within: Vec<_> = self.within.iter().enumerate().map(of_move).collect();
+    /// Forces at places within moves, along the path as the arm drives it.
+    fn within(&self, start: &Start, joints: &JointMotion) -> Result<Vec<Vec<EngagedForce>>, PlanError> {
+        let (points, removal) = (&self.path.points, &self.path.removal);
+        let forced = ForcedPath { scene: start.scene, removal, points, feeds: &self.feeds };
+        let corners = rounded_corners(joints, start.arm, &start.base_from_work);
+        let axes = vec![Vector3::z_axis(); points.len()];
+        forced.within(start.case, &axes, &corners, |i| self.forces[i].is_some())
+    }
+
+    fn reference(
+        &self,
+        case: &Case,
+        driven: &Driven,
+        speed_mm_s: Option<f64>,
+        within: &[Vec<EngagedForce>],
+    ) -> Reference {
         Reference {
             raster: self.raster,
             speed_mm_s,
             total_time_s: driven.law.duration_s(),
-            forces: StructureForces::of(case, &self.length_mm, driven, (&self.forces, &within), &self.near),
+            forces: StructureForces::of(case, &self.length_mm, driven, (&self.forces, within), &self.near),
         }
     }
 
@@ -182,7 +186,8 @@ impl ReferencePath {
     ) -> Result<Straight, PlanError> {
         let (case, joints) = (start.case, self.joints(start)?);
         let spec = SpeedSpec { mode: SpeedMode::LeastForce, ..case.speed.clone() };
-        let pushes = levels::pushes(case, &self.near, (&self.forces, &self.within), None)?;
+        let within = self.within(start, &joints)?;
+        let pushes = levels::pushes(case, &self.near, (&self.forces, &within), None)?;
         let count = self.kinds.len();
         let input = SpeedInput {
             kinds: &self.kinds,
@@ -202,7 +207,7 @@ impl ReferencePath {
         let takes_s = timing.driven.law.duration_s();
         let at_caps_s: f64 = self.length_mm.iter().zip(&timing.under_levels_mm_s).map(|(mm, v)| mm / v).sum();
         Ok(Straight {
-            reference: self.reference(case, &timing.driven, None),
+            reference: self.reference(case, &timing.driven, None, &within),
             levels: [timing.levels.unwrap_or(reached), reached],
             caps_over_driven: at_caps_s / takes_s.max(f64::MIN_POSITIVE),
         })

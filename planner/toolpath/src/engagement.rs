@@ -52,8 +52,8 @@ pub struct SweptPath<'a> {
     vertices: Vec<Vector3<f64>>,
     /// The vertex at which the move to each waypoint ends.
     end_of: Vec<u32>,
-    /// Whether the move to each waypoint comes back to an earlier rounded corner.
-    comes_back: Vec<bool>,
+    /// Where the move to each waypoint comes back to an earlier rounded corner, as a share of its way.
+    comes_back: Vec<Option<f64>>,
     radius_mm: f64,
     dims: [usize; 3],
     per_mm: f64,
@@ -167,8 +167,9 @@ impl<'a> SweptPath<'a> {
         LARGEST_PATCH * self.radius_mm
     }
 
-    /// Whether the move to a waypoint comes back to a corner that the arm rounded before, and may cut the skin that was left there.
-    pub fn comes_back(&self, index: usize) -> bool {
+    /// Where the move to a waypoint comes back to a corner that the arm rounded before, as a share of its way: there it may cut the skin
+    /// that was left.
+    pub fn comes_back(&self, index: usize) -> Option<f64> {
         self.comes_back[index]
     }
 
@@ -230,23 +231,27 @@ impl<'a> SweptPath<'a> {
             }
         }
         capsules.reverse();
-        let knows_times = !self.comes_back[index as usize];
+        let knows_times = self.comes_back[index as usize].is_none();
         BoneAt { path: self, index, knows_times, center, sample_radius_mm, weight_of, capsules, in_reach: Vec::new() }
     }
 }
 
-/// A move that comes this near to a rounded corner comes back to it, mm.
-const BACK_MM: f64 = 0.3;
+/// A move that comes this near to a rounded corner comes back to it, mm: some times a skin's thickness, beyond which little of the skin
+/// is met at once.
+const BACK_MM: f64 = 0.06;
 
-/// Whether each move comes near the corner of a move before the one before it.
-fn comes_back(points: &[PathPoint], corners: &[RoundedCorner]) -> Vec<bool> {
+/// Where each move comes nearest to the corner of a move before the one before it.
+fn comes_back(points: &[PathPoint], corners: &[RoundedCorner]) -> Vec<Option<f64>> {
     let at = |i: usize| points[i].position.coords;
     let corners: Vec<_> = corners.iter().map(|corner| (corner.waypoint, at(corner.waypoint))).collect();
     let comes_back = |i: usize| {
-        i > 0
-            && corners.iter().take_while(|(waypoint, _)| waypoint + 1 < i).any(|(_, corner)| {
-                segment_distance_squared(corner, &at(i - 1), &at(i)) < BACK_MM * BACK_MM
-            })
+        let (from, to) = (at(i.checked_sub(1)?), at(i));
+        let earlier = corners.iter().take_while(|(waypoint, _)| waypoint + 1 < i);
+        let away = earlier.map(|(_, corner)| (segment_distance_squared(corner, &from, &to), corner));
+        let (squared, corner) = away.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let along = to - from;
+        let share = (corner - from).dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE);
+        (squared < BACK_MM * BACK_MM).then(|| share.clamp(0.0, 1.0))
     };
     (0..points.len()).into_par_iter().map(comes_back).collect()
 }
