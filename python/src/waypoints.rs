@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 type Column = (&'static str, fn(&Waypoint) -> Option<f64>);
 
 /// The columns that hold numbers, in the file's order.
-const COLUMNS: [Column; 20] = [
+const COLUMNS: [Column; 22] = [
     ("time_s", |w| Some(w.time_s)),
     ("x_mm", |w| Some(w.position.x())),
     ("y_mm", |w| Some(w.position.y())),
@@ -61,7 +61,7 @@ pub fn codes<'py>(py: Python<'py>, rows: &[Waypoint]) -> Codes<'py> {
 type ForceColumn = (&'static str, fn(&ForceToward) -> Option<f64>);
 
 /// The columns of `forces.csv` that hold quantities, in its order.
-const FORCE_COLUMNS: [ForceColumn; 6] = [
+const FORCE_COLUMNS: [ForceColumn; 7] = [
     ("distance_mm", |f| Some(f.distance_mm)),
     ("toward_x", |f| Some(f.toward.x)),
     ("toward_y", |f| Some(f.toward.y)),

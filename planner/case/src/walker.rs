@@ -10,8 +10,8 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::error::{CaseFault, Located};
-use super::keys::{Choice, Fallback, Number, Other, Unit, name_of};
 use super::keys::renamed;
+use super::keys::{Choice, Fallback, Number, Other, Unit, name_of};
 use super::suggest::{nearest, same_quantity};
 
 /// The text being read and the faults found so far.

@@ -51,7 +51,10 @@ mod tests {
     fn a_push_counts_less_with_distance_and_priority() {
         let law = Importance::new(0.7).unwrap();
         let at = |mm: f64| Proximity::new(Vector3::x() * mm, 3.5).unwrap();
-        assert_eq!([law.weight(&at(3.5), 1), law.weight(&at(2.0), 1), law.weight(&at(3.5), 4)], [1.0, 1.0, 0.5]);
+        assert_eq!(
+            [law.weight(&at(3.5), 1), law.weight(&at(2.0), 1), law.weight(&at(3.5), 4)],
+            [1.0, 1.0, 0.5]
+        );
         assert!((law.weight(&at(4.5), 1) - (-0.7f64).exp()).abs() < 1e-15);
         assert!(Importance::new(-0.1).is_err() && Importance::new(f64::NAN).is_err());
     }

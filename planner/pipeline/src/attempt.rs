@@ -134,7 +134,8 @@ impl<'a> Start<'a> {
         let references = self.references(&frames, &freedom, watch)?;
         let lines = self.lines(&frames, &freedom, &references, watch)?;
         let straight = watch.run("references", || self.straight(&references, lines.straight))?;
-        let is_open = case.orientation.mode == OrientationMode::Optimal && case.cost.objective == Objective::Levels;
+        let is_open =
+            case.orientation.mode == OrientationMode::Optimal && case.cost.objective == Objective::Levels;
         let attempt = |raster: Raster, turning: Turning, watch: &mut Stopwatch| {
             let goal = self.goal(&references, straight.as_ref(), turning);
             let prepared = Prepared::new(self, &freedom, raster, watch)?;
@@ -156,14 +157,17 @@ impl<'a> Start<'a> {
                     });
                     fallback.compared.straight = Some(tested);
                     match away {
-                        Ok(away) if away.is_nowhere_worse_than_straight() && away.keeps_what(&best) => best = away,
+                        Ok(away) if away.is_nowhere_worse_than_straight() && away.keeps_what(&best) => {
+                            best = away
+                        }
                         _ if fallback.keeps_what(&best) => best = fallback,
                         _ => {}
                     }
                 }
             }
         }
-        best.compared.controls = watch.run("references", || self.controls_in(&references, best.timing.driven.law.duration_s()))?;
+        best.compared.controls =
+            watch.run("references", || self.controls_in(&references, best.timing.driven.law.duration_s()))?;
         Ok(best)
     }
 
@@ -179,7 +183,8 @@ impl<'a> Start<'a> {
             [only] => vec![only, only.across()],
             _ => frames.to_vec(),
         };
-        let path = |frame: &RasterFrame| ReferencePath::new(self, Raster { frame: *frame, sense: Sense::Both });
+        let path =
+            |frame: &RasterFrame| ReferencePath::new(self, Raster { frame: *frame, sense: Sense::Both });
         let made = watch.run("references", || {
             let (first, second) = rayon::join(|| path(&frames[0]), || path(&frames[1]));
             [first, second]
@@ -273,7 +278,8 @@ impl<'a> Start<'a> {
         by_levels.speed.mode = SpeedMode::LeastForce;
         let demand = prepared.demand(&by_levels, chosen)?;
         let joints = JointMotion::new(&motion.dense, &path_limits(self.arm)?)?;
-        let driven_s = speeds::under_levels_s(&demand.input(prepared, &by_levels, chosen), &joints, &predicted.levels)?;
+        let driven_s =
+            speeds::under_levels_s(&demand.input(prepared, &by_levels, chosen), &joints, &predicted.levels)?;
         // as the straight shaft drives it
         let expected_s = predicted.seconds / goal.caps_over_driven;
         let more_s = (driven_s - expected_s) * goal.caps_over_driven;
@@ -281,7 +287,8 @@ impl<'a> Start<'a> {
             return Ok(None);
         }
         let least_s = LEAST_WAITS_SHARE * predicted.seconds;
-        let factor = goal.turn.factor * ((predicted.waits_s + more_s) / predicted.waits_s.max(least_s)).clamp(0.5, 2.5);
+        let factor = goal.turn.factor
+            * ((predicted.waits_s + more_s) / predicted.waits_s.max(least_s)).clamp(0.5, 2.5);
         Ok(Some(Goal { turn: TurnTime { factor, ..goal.turn }, ..goal }))
     }
 
@@ -306,23 +313,33 @@ impl<'a> Start<'a> {
             (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
         }
         let limits = path_limits(self.arm)?;
-        watch.run("forces", || prepared.look_within(&choices, &mut chosen, &JointMotion::new(&motion.dense, &limits)?))?;
+        watch.run("forces", || {
+            prepared.look_within(&choices, &mut chosen, &JointMotion::new(&motion.dense, &limits)?)
+        })?;
         for _ in 0..STRAIGHTENED {
-            let hot = straight.filter(|_| is_tilted).map(|straight| prepared.hotter(&choices, &chosen, &straight.levels[1]));
+            let hot = straight
+                .filter(|_| is_tilted)
+                .map(|straight| prepared.hotter(&choices, &chosen, &straight.levels[1]));
             let hot = hot.transpose()?.unwrap_or_default();
             if hot.is_subset(&choices.straight_at) {
                 break;
             }
             choices.straight_at.extend(hot);
             (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
-            watch.run("forces", || prepared.look_within(&choices, &mut chosen, &JointMotion::new(&motion.dense, &limits)?))?;
+            watch.run("forces", || {
+                prepared.look_within(&choices, &mut chosen, &JointMotion::new(&motion.dense, &limits)?)
+            })?;
         }
         let joints = JointMotion::new(&motion.dense, &limits)?;
         let demand = prepared.demand(&choices, &chosen)?;
         let aim = Aim {
             total_s: references.total_s,
             reference: straight.filter(|_| is_tilted).map(|straight| straight.levels[0]),
-            most_overall: references.total_s.map(|total_s| self.most_overall(references, total_s)).transpose()?.flatten(),
+            most_overall: references
+                .total_s
+                .map(|total_s| self.most_overall(references, total_s))
+                .transpose()?
+                .flatten(),
         };
         let speed_input = demand.input(&prepared, &choices, &chosen);
         let reached = &prepared.reached;
@@ -339,10 +356,26 @@ impl<'a> Start<'a> {
         drop(joints);
         // refused here, before anything is written
         timing.driven.law.rows(case.robot.rate_hz)?;
-        let plan = super::reference::StructureForces::of(case, prepared.length_mm(), &timing.driven, (&chosen.forces, &chosen.within), &prepared.near);
+        let plan = super::reference::StructureForces::of(
+            case,
+            prepared.length_mm(),
+            &timing.driven,
+            (&chosen.forces, &chosen.within),
+            &prepared.near,
+        );
         let straight = straight.map(|straight| straight.reference.clone());
         let compared = Compared { controls: Vec::new(), straight, plan };
-        Ok(Attempt { prepared, chosen, motion, demand, timing, coverage, compared, mode, instead: turning.words() })
+        Ok(Attempt {
+            prepared,
+            chosen,
+            motion,
+            demand,
+            timing,
+            coverage,
+            compared,
+            mode,
+            instead: turning.words(),
+        })
     }
 }
 

@@ -246,8 +246,9 @@ impl Prepared<'_> {
         let room = self.free_axes(&kept);
         let oriented = watch.run("orientation", || orient(&room, &field));
         let (reached, forced) = (&self.reached, self.forced());
-        let motion = watch
-            .run("inverse kinematics", || with_motion.then(|| self.motion(case, &oriented.axes)).transpose())?;
+        let motion = watch.run("inverse kinematics", || {
+            with_motion.then(|| self.motion(case, &oriented.axes)).transpose()
+        })?;
         let removes = |i: usize| reached.moments[i].mass_mg() > 0.0;
         // axes for a goal are chosen several times: their forces are computed finely once they stand
         let elements = if choices.goal.is_some() { COARSE } else { FINE };

@@ -46,7 +46,8 @@ impl Figures {
                 *total += seconds;
             }
         }
-        let mean_shares: Vec<f64> = (0..waypoints.len()).map(|n| mean_share(waypoints, length_mm, &seconds, n)).collect();
+        let mean_shares: Vec<f64> =
+            (0..waypoints.len()).map(|n| mean_share(waypoints, length_mm, &seconds, n)).collect();
         for (n, waypoint) in waypoints.iter().enumerate().filter(|(_, w)| w.mass_mg > 0.0) {
             found.mean_force_n += mean_shares[n] * waypoint.force_n.norm() * seconds[n];
             cutting_s += seconds[n];
@@ -56,7 +57,9 @@ impl Figures {
             found.mean_force_n /= cutting_s;
         }
         let mut spans = vec![Vec::new(); least.len()];
-        let cuts = |f: &&ForceToward| waypoints[f.waypoint].mass_mg > 0.0 || waypoints[f.waypoint].peak_force_n > 0.0;
+        let cuts = |f: &&ForceToward| {
+            waypoints[f.waypoint].mass_mg > 0.0 || waypoints[f.waypoint].peak_force_n > 0.0
+        };
         for f in forces.iter().filter(cuts) {
             let row = f.waypoint;
             // a move that is planned to remove nothing may cut a skin: its peak counts, its time does not

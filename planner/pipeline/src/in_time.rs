@@ -113,7 +113,10 @@ pub(super) fn least_levels(
         cancel::poll();
         let (took_s, under) = run(factor);
         let is_fit = took_s <= goal.seconds * (1.0 + NEAR_SHARE);
-        if best.as_ref().is_none_or(|(fits, of, _): &(bool, f64, UnderLevels)| is_fit && (!fits || factor < *of)) {
+        if best
+            .as_ref()
+            .is_none_or(|(fits, of, _): &(bool, f64, UnderLevels)| is_fit && (!fits || factor < *of))
+        {
             best = Some((is_fit, factor, under));
         }
         tried.push([1.0 / factor, took_s]);
@@ -206,8 +209,13 @@ fn seconds(
     let of = |i: usize| {
         let (n, length_mm) = (usize::from(sequence[i]), problem.length_mm[i]);
         let push = &pushes[i * problem.directions.len() + n];
-        let own = if field.cuts(i) { push.seconds(&levels.levels, times.range_mm_s) } else { 1.0 / times.link_mm_s };
-        let angle_rad = if i > 0 { problem.directions.angle_rad(usize::from(sequence[i - 1]), n) } else { 0.0 };
+        let own = if field.cuts(i) {
+            push.seconds(&levels.levels, times.range_mm_s)
+        } else {
+            1.0 / times.link_mm_s
+        };
+        let angle_rad =
+            if i > 0 { problem.directions.angle_rad(usize::from(sequence[i - 1]), n) } else { 0.0 };
         let waits_s = (turn.seconds(angle_rad) - own * length_mm).max(0.0);
         [own * length_mm + waits_s, waits_s]
     };

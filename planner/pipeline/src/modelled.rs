@@ -124,10 +124,9 @@ impl Attempt<'_> {
     fn speed_facts(&self) -> Result<SpeedFacts, PlanError> {
         let (timing, near) = (&self.timing, &self.prepared.near);
         let is_deflection = levels::is_deflection(self.prepared.start.case, &self.chosen);
-        let levels = timing
-            .levels
-            .as_ref()
-            .map(|found| SpeedLevels::of(found, &self.demand.pushes, &timing.driven.driven_mm_s, near, is_deflection));
+        let levels = timing.levels.as_ref().map(|found| {
+            SpeedLevels::of(found, &self.demand.pushes, &timing.driven.driven_mm_s, near, is_deflection)
+        });
         Ok(SpeedFacts {
             limit_ratios: timing.driven.law.limit_ratios(&path_limits(self.prepared.start.arm)?),
             levels,

@@ -46,7 +46,12 @@ impl Prepared<'_> {
     }
 
     /// Waypoints around those whose cuts push more at the least speed than `most`.
-    pub(super) fn hotter(&self, choices: &Choices, chosen: &Chosen, most: &Levels) -> Result<BTreeSet<usize>, PlanError> {
+    pub(super) fn hotter(
+        &self,
+        choices: &Choices,
+        chosen: &Chosen,
+        most: &Levels,
+    ) -> Result<BTreeSet<usize>, PlanError> {
         let case = &choices.applied_to(self.start.case);
         let forces = (&chosen.forces[..], &chosen.within[..]);
         let pushes = levels::pushes(case, &self.near, forces, chosen.compliances.as_deref())?;

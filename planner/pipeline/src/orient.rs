@@ -202,9 +202,7 @@ fn wishes(room: &FreeAxes, field: &CostField) -> Vec<greedy::BestAxis> {
                 family: room.family,
                 in_set: |n: usize| room.is_in_set(i, n),
                 is_free: |axis: &Unit<Vector3<f64>>| room.is_free(i, axis),
-                cost: |axis: &Unit<Vector3<f64>>| {
-                    field.dillon(terms, i, samples, axis, compliance(axis))
-                },
+                cost: |axis: &Unit<Vector3<f64>>| field.dillon(terms, i, samples, axis, compliance(axis)),
             }
             .wish()
         })
@@ -232,7 +230,8 @@ fn filtered(room: &FreeAxes, wishes: &[greedy::BestAxis]) -> greedy::Greedy {
 }
 
 /// A cost of waypoint i for an axis, given what it cuts and the axis's compliance.
-type AxisCost<'a> = dyn Fn(usize, &EngagedSamples, &Unit<Vector3<f64>>, Option<&Matrix3<f64>>) -> f32 + Sync + 'a;
+type AxisCost<'a> =
+    dyn Fn(usize, &EngagedSamples, &Unit<Vector3<f64>>, Option<&Matrix3<f64>>) -> f32 + Sync + 'a;
 
 /// The best sequence on the set; near it on a finer cap, where there is one; then between its directions.
 fn optimal(room: &FreeAxes, field: &CostField, goal: Option<&Goal>) -> Oriented {
@@ -263,7 +262,10 @@ fn optimal(room: &FreeAxes, field: &CostField, goal: Option<&Goal>) -> Oriented 
             };
             let turns = goal.limits(room.turns, 1.0);
             let predicted = Predicted { levels: levels.levels, seconds, waits_s };
-            Oriented { predicted: Some(predicted), ..along_best(room, field, (&cost, found), turns, (&value, kept)) }
+            Oriented {
+                predicted: Some(predicted),
+                ..along_best(room, field, (&cost, found), turns, (&value, kept))
+            }
         }
         (AxisObjective::Dillon(terms), _) => {
             let value = |i: usize, samples: &EngagedSamples, axis: &Unit<_>, compliance: Option<&_>| {
@@ -271,7 +273,9 @@ fn optimal(room: &FreeAxes, field: &CostField, goal: Option<&Goal>) -> Oriented 
             };
             let cost = field.rows(room.directions, &room.reached.free, kept, value);
             let none = Forbidden::default();
-            let TurnPrice::Smoothness(weight_mm) = room.turns.price else { return fixed(room).surveyed(room, None) };
+            let TurnPrice::Smoothness(weight_mm) = room.turns.price else {
+                return fixed(room).surveyed(room, None);
+            };
             // where directions are far apart a turn of one spacing stands for a way over several of the finer ones
             let turns = TurnLimits { price: TurnPrice::Smoothness(weight_mm / coarser), ..room.turns };
             let found = best_sequence(&problem(room, &cost, turns, &none));

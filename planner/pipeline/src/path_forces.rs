@@ -48,7 +48,8 @@ pub(super) fn rounded_corners(
     let work_from_base = base_from_work.inverse();
     let place = |q: Vec<f64>| {
         let tool: Rigid<Base, bonemill_geometry::Tool> = arm.tool_at(&q);
-        let center: bonemill_geometry::Point<Base> = bonemill_geometry::Point::from_coords(tool.translation_mm);
+        let center: bonemill_geometry::Point<Base> =
+            bonemill_geometry::Point::from_coords(tool.translation_mm);
         work_from_base * center
     };
     let corners = motion.burr_corners(LEAST_CORNER_MM).into_iter();
@@ -98,7 +99,8 @@ impl ForcedPath<'_> {
             let shares = back.iter().flatten().chain(WITHIN.iter().filter(|_| removes(i)));
             let force = |share: &f64| {
                 let weight = |density| material.weight(density);
-                let (feed, mut bone) = swept.bone_within((i as u32, *share), kernel.sample_radius_mm(), weight)?;
+                let (feed, mut bone) =
+                    swept.bone_within((i as u32, *share), kernel.sample_radius_mm(), weight)?;
                 let force = kernel.engaged_force(&axes[i], &feed_of(case, &feed), &mut bone);
                 (force.mrr_mm2 > 0.0).then_some(force)
             };
@@ -111,7 +113,8 @@ impl ForcedPath<'_> {
 fn kernel(case: &Case, [n_kappa, n_around]: [usize; 2]) -> Result<(ForceKernel, Material), PlanError> {
     let tool = tools::tool(&case.burr)?;
     let (material, measure) = tools::material(&case.material)?;
-    let kernel = ForceKernel::new(&tool, &material, &tools::discretisation(&tool, measure, n_kappa, n_around)?);
+    let kernel =
+        ForceKernel::new(&tool, &material, &tools::discretisation(&tool, measure, n_kappa, n_around)?);
     Ok((kernel, material))
 }
 

@@ -47,7 +47,11 @@ impl ShaftFreedom {
         Self {
             turns: TurnLimits { price: TurnPrice::Smoothness(RATE_WEIGHT_MM), most_rad_per_mm },
             shank: tools::shank(case),
-            draft: direction_sets::one(family.as_ref(), limit_rad, DRAFT_COARSER[usize::from(family.is_none())]),
+            draft: direction_sets::one(
+                family.as_ref(),
+                limit_rad,
+                DRAFT_COARSER[usize::from(family.is_none())],
+            ),
             arm_axes: watch.run("arm", || ArmAxes::new(start.placed(), space, asked)),
             family,
         }

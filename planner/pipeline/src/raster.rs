@@ -79,7 +79,8 @@ pub(super) fn frames(case: &Case, scene: &Scene) -> Result<Vec<RasterFrame>, Pla
     if let Some(angle) = case.path.raster_rad {
         return Ok(vec![RasterFrame::at_angle(angle - scene.turn_rad)]);
     }
-    let along = RasterFrame::chosen(&scene.target_hull_xy, toward_structure(case, scene)?, mass_center(scene));
+    let along =
+        RasterFrame::chosen(&scene.target_hull_xy, toward_structure(case, scene)?, mass_center(scene));
     Ok(vec![along, along.across()])
 }
 
@@ -90,7 +91,9 @@ fn candidates(case: &Case, frames: &[RasterFrame]) -> Vec<Raster> {
         Sense::Auto => vec![Sense::Both, Sense::Away],
         given => vec![given],
     };
-    let with = |sense: &Sense| frames.iter().map(|frame| Raster { frame: *frame, sense: *sense }).collect::<Vec<_>>();
+    let with = |sense: &Sense| {
+        frames.iter().map(|frame| Raster { frame: *frame, sense: *sense }).collect::<Vec<_>>()
+    };
     senses.iter().flat_map(with).collect()
 }
 
@@ -117,7 +120,8 @@ pub(super) fn chosen(
     if let [only] = candidates[..] {
         return Ok(ChosenLines { plan: only, straight: only });
     }
-    let chooses_axes = case.orientation.mode == OrientationMode::Optimal && case.cost.objective == Objective::Levels;
+    let chooses_axes =
+        case.orientation.mode == OrientationMode::Optimal && case.cost.objective == Objective::Levels;
     let turn = turn.filter(|_| chooses_axes);
     let drafts = Drafts::new(start, freedom)?;
     let made: Vec<Draft> =
@@ -136,7 +140,14 @@ pub(super) fn chosen(
     let tilted: Vec<Option<f64>> = made
         .par_iter()
         .map(|draft| {
-            let goal = Goal { levels: reference, most, seconds: total_s, caps_over_driven: 1.0, turn, keeps_straight_near: false };
+            let goal = Goal {
+                levels: reference,
+                most,
+                seconds: total_s,
+                caps_over_driven: 1.0,
+                turn,
+                keeps_straight_near: false,
+            };
             let Some(forces) = drafts.along_best(draft, &goal)? else { return Ok(None) };
             Ok(Some(draft.judged(case, &forces, total_s, Some(reference))?.forces.score(case)))
         })
@@ -294,8 +305,7 @@ impl Draft {
     /// Share of its length that no axis reaches.
     fn unreached(&self) -> f64 {
         let Some(free) = &self.free else { return 0.0 };
-        let unreached: f64 =
-            (0..free.len()).filter(|i| free.count(*i) == 0).map(|i| self.length_mm[i]).sum();
+        let unreached: f64 = (0..free.len()).filter(|i| free.count(*i) == 0).map(|i| self.length_mm[i]).sum();
         unreached / self.length_mm.iter().sum::<f64>().max(f64::MIN_POSITIVE)
     }
 
@@ -308,7 +318,8 @@ impl Draft {
         reference: Option<Levels>,
     ) -> Result<Judged, PlanError> {
         let count = forces.len();
-        let kind = |force: &Option<EngagedForce>| if force.is_some() { MoveKind::Cut } else { MoveKind::Link };
+        let kind =
+            |force: &Option<EngagedForce>| if force.is_some() { MoveKind::Cut } else { MoveKind::Link };
         let kinds: Vec<MoveKind> = forces.iter().map(kind).collect();
         let pushes = levels::pushes(case, &self.near, (forces, &[]), None)?;
         let spec = SpeedSpec { mode: SpeedMode::LeastForce, ..case.speed.clone() };
@@ -324,7 +335,8 @@ impl Draft {
             spec: &spec,
             smoothing: speeds::smoothing(case),
         };
-        let cuts_mm: f64 = forces.iter().zip(&self.length_mm).filter(|(f, _)| f.is_some()).map(|(_, mm)| mm).sum();
+        let cuts_mm: f64 =
+            forces.iter().zip(&self.length_mm).filter(|(f, _)| f.is_some()).map(|(_, mm)| mm).sum();
         let links_s = (self.length_mm.iter().sum::<f64>() - cuts_mm) / case.speed.link_mm_s;
         let aim = Aim { total_s: None, reference, most_overall: None };
         let found = speeds::caps(&input, Some((total_s - links_s).max(1e-3)), &aim)?;

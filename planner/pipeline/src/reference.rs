@@ -99,8 +99,7 @@ impl ReferencePath {
         let near = nearest_structures::along(case, scene, &centers)?;
         let (feeds, length_mm) = (feeds(points), lengths(points));
         let axes = vec![Vector3::z_axis(); points.len()];
-        let moments =
-            mass_increments(&scene.density_g_cm3, points, Ball { radius_mm: case.burr.radius_mm });
+        let moments = mass_increments(&scene.density_g_cm3, points, Ball { radius_mm: case.burr.radius_mm });
         let cuts = |i: usize| moments[i].mass_mg() > 0.0;
         let forced = ForcedPath { scene, removal: &path.removal, points, feeds: &feeds };
         let motion = start.placed().motion(&centers, &axes, &length_mm, None)?;
@@ -238,7 +237,8 @@ impl StructureForces {
         let (mut cutting_s, mut impulse, mut peak_n) = (0.0, 0.0, 0f64);
         for (row, end) in ends.iter().enumerate() {
             let within = within.get(row).map_or(&[][..], Vec::as_slice);
-            let peaks: Vec<_> = end.iter().chain(within).map(|force| force.force_n(speed_mm_s[row])).collect();
+            let peaks: Vec<_> =
+                end.iter().chain(within).map(|force| force.force_n(speed_mm_s[row])).collect();
             peak_n = peaks.iter().map(|force| force.norm()).fold(peak_n, f64::max);
             let taken = if end.is_some() { seconds[row] } else { 0.0 };
             let mean_mm_s = if taken > 0.0 { (length_mm[row] / taken).min(speed_mm_s[row]) } else { 0.0 };

@@ -241,9 +241,9 @@ impl<'a> Cuts<'a> {
         duration_s: impl Fn(&[f64]) -> Result<f64, PlanError>,
     ) -> Result<SpeedCaps, PlanError> {
         if self.spec.mode == SpeedMode::LeastForce {
-            let total_s = aim.total_s.map_or_else(|| duration_s(&self.constant(self.spec.nominal_mm_s)), Ok)?;
-            let limit =
-                TimeLimit { total_s, tolerance_s: TIME_TOLERANCE_S, evaluations: TIME_EVALUATIONS };
+            let total_s =
+                aim.total_s.map_or_else(|| duration_s(&self.constant(self.spec.nominal_mm_s)), Ok)?;
+            let limit = TimeLimit { total_s, tolerance_s: TIME_TOLERANCE_S, evaluations: TIME_EVALUATIONS };
             return self.least_force(aim, limit, |caps| duration_s(caps));
         }
         let total = |cutting_s: f64| duration_s(&self.caps_of_mode(Some(cutting_s))?.mm_s);
@@ -332,7 +332,8 @@ impl<'a> Cuts<'a> {
                 return Ok(self.moves.profile(|i| self.share_of_cap(0.0, i))?.move_mm_s.into());
             }
             (SpeedMode::ForceLimited, Some(s)) => {
-                let (_, profile) = self.moves.in_time(1.0, |slowness, i| self.share_of_cap(slowness, i), s)?;
+                let (_, profile) =
+                    self.moves.in_time(1.0, |slowness, i| self.share_of_cap(slowness, i), s)?;
                 return Ok(profile.move_mm_s.into());
             }
             (SpeedMode::Constant | SpeedMode::LeastForce, None) => {

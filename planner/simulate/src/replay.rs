@@ -425,7 +425,8 @@ fn structure_figures(
         let seconds = span_s(rows, index);
         for near in toward {
             if let Some(force_n) = near.force_n.filter(|_| row.mrr_mm3_s > 0.0) {
-                spans[near.structure].push((TowardSpan { seconds, force_n, peak_n: force_n, row: index }, near.distance_mm));
+                spans[near.structure]
+                    .push((TowardSpan { seconds, force_n, peak_n: force_n, row: index }, near.distance_mm));
             }
         }
     }

@@ -203,7 +203,10 @@ impl<'a> SweptPath<'a> {
             if left_mm <= piece_mm || n == last {
                 let direction = Unit::try_new(to - from, 1e-9)?;
                 let center = from + direction.into_inner() * left_mm.min(piece_mm);
-                return Some((direction, self.bone_around(center, (index, Some(n - 1)), sample_radius_mm, weight_of)));
+                return Some((
+                    direction,
+                    self.bone_around(center, (index, Some(n - 1)), sample_radius_mm, weight_of),
+                ));
             }
             left_mm -= piece_mm;
         }
@@ -232,7 +235,16 @@ impl<'a> SweptPath<'a> {
         }
         capsules.reverse();
         let knows_times = self.comes_back[index as usize].is_none();
-        BoneAt { path: self, index, knows_times, center, sample_radius_mm, weight_of, capsules, in_reach: Vec::new() }
+        BoneAt {
+            path: self,
+            index,
+            knows_times,
+            center,
+            sample_radius_mm,
+            weight_of,
+            capsules,
+            in_reach: Vec::new(),
+        }
     }
 }
 
@@ -302,7 +314,9 @@ impl<W: Fn(f64) -> f64> BoneAround for BoneAt<'_, W> {
     fn is_near(&mut self, normal: &Vector3<f64>, reach: f64) -> bool {
         let p = self.center + normal * self.sample_radius_mm;
         let around_mm = reach * self.sample_radius_mm;
-        if self.knows_times && self.path.last_times.around(&p, around_mm).is_some_and(|last| last < self.index) {
+        if self.knows_times
+            && self.path.last_times.around(&p, around_mm).is_some_and(|last| last < self.index)
+        {
             return false;
         }
         let rounding_mm = 1e-9 * self.path.radius_mm;

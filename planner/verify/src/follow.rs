@@ -184,7 +184,12 @@ fn cubic([p0, p1]: [f64; 2], [v0, v1]: [f64; 2], s: f64) -> f64 {
     p0 + s * (v0 + s * ((3.0 * d - 2.0 * v0 - v1) + s * (v0 + v1 - 2.0 * d)))
 }
 
-/// Checks the burr's speed from row to row against the caps of the moves between, and against the range for cuts.
+/// By how much a speed from row to row may exceed the greatest speed that a plan states of the moves between, as a share and in mm/s: the
+/// stated one is taken at several instants.
+const DRIVEN_SHARE: f64 = 0.02;
+const LEAST_DRIVEN_MM_S: f64 = 0.01;
+
+/// Checks the burr's speed from row to row against the greatest speed stated and the caps of the moves between, and against the range for cuts.
 ///
 /// The distance between rows is their chord; the rounding of the file is subtracted. In a period in which one move ends and
 /// another begins, the larger cap holds.
@@ -193,20 +198,32 @@ pub fn speeds(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Chec
     let levers = plan.arm.lever_mm();
     let grain: f64 =
         plan.arm.joints().iter().zip(&levers).map(|(j, lever)| 2.0 * rounding(j.kind) * lever).sum();
-    let cap = |n: usize| plan.waypoints.get(n).map_or(0.0, |w| w.speed_mm_s);
-    let ratio = |row: usize| -> (f64, usize) {
+    let ratio = |row: usize, most: &(dyn Fn(usize) -> f64 + Sync)| -> (f64, usize) {
         let (t0, t1) = (rows.time_s[row - 1], rows.time_s[row]);
         let way = (executed.points[row] - executed.points[row - 1]).norm();
         let speed = (way - grain).max(0.0) / (t1 - t0);
         let first = moves.times_s.partition_point(|t| *t <= t0).max(1);
         let last = moves.next_at(t1).max(first);
-        let fastest = (first..=last).max_by(|a, b| cap(*a).total_cmp(&cap(*b))).unwrap_or(last);
-        (speed / cap(fastest), fastest)
+        let fastest = (first..=last).max_by(|a, b| most(*a).total_cmp(&most(*b))).unwrap_or(last);
+        (speed / most(fastest), fastest)
     };
-    let ratios: Vec<(f64, usize)> = (1..executed.len()).into_par_iter().map(ratio).collect();
-    [("speed of cuts", MoveClass::Cut), ("speed of links", MoveClass::Free)]
-        .into_iter()
-        .map(|(name, kind)| {
+    let ratios_of = |most: &(dyn Fn(usize) -> f64 + Sync)| -> Vec<(f64, usize)> {
+        (1..executed.len()).into_par_iter().map(|row| ratio(row, most)).collect()
+    };
+    let ratios = ratios_of(&|n| plan.waypoints.get(n).map_or(0.0, |w| w.speed_mm_s));
+    let driven = ratios_of(&|n| plan.waypoints.get(n).map_or(0.0, |w| w.driven_mm_s + LEAST_DRIVEN_MM_S));
+    let worst = (0..driven.len()).max_by(|a, b| driven[*a].0.total_cmp(&driven[*b].0));
+    let mut checks = vec![
+        Check::at_most(
+            "driven_mm_s",
+            worst.map_or(0.0, |row| driven[row].0),
+            1.0 + DRIVEN_SHARE,
+            "of what is stated",
+        )
+        .at(worst.map(|row| Place::Instant { time_s: rows.time_s[row + 1], waypoint: driven[row].1 })),
+    ];
+    let of_caps = [("speed of cuts", MoveClass::Cut), ("speed of links", MoveClass::Free)].into_iter().map(
+        |(name, kind)| {
             let of_kind = |r: &(usize, &(f64, usize))| moves.kinds.get(r.1.1) == Some(&kind);
             let all = || ratios.iter().enumerate();
             let worst = all().filter(of_kind).max_by(|a, b| a.1.0.total_cmp(&b.1.0));
@@ -222,8 +239,10 @@ pub fn speeds(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Chec
                 ));
             }
             check
-        })
-        .collect()
+        },
+    );
+    checks.extend(of_caps);
+    checks
 }
 
 #[cfg(test)]

@@ -30,6 +30,7 @@ struct Off {
     distance_mm: f64,
     direction: f64,
     force_n: f64,
+    peak_n: f64,
 }
 
 /// Checks every row, whether a row is missing or superfluous, and the figures of each structure.
@@ -50,6 +51,7 @@ pub fn forces(plan: &StoredPlan, kept: &[Kept], boxes: &[Option<Boxes<'_>>]) -> 
         worst(|off| off.distance_mm, "distance_mm", "mm"),
         worst(|off| off.direction, "toward", "mm"),
         worst(|off| off.force_n, "force_toward_n", "N"),
+        worst(|off| off.peak_n, "peak_toward_n", "N"),
     ];
     checks.extend(distances.iter().enumerate().flat_map(|(n, mm)| figures(plan, n, mm)));
     checks
@@ -57,13 +59,18 @@ pub fn forces(plan: &StoredPlan, kept: &[Kept], boxes: &[Option<Boxes<'_>>]) -> 
 
 fn row_again(row: &ForceToward, plan: &StoredPlan, boxes: Option<&Boxes<'_>>) -> Off {
     let (Some(boxes), Some(waypoint)) = (boxes, plan.waypoints.get(row.waypoint)) else {
-        return Off { distance_mm: f64::INFINITY, direction: f64::INFINITY, force_n: f64::INFINITY };
+        let none = f64::INFINITY;
+        return Off { distance_mm: none, direction: none, force_n: none, peak_n: none };
     };
     let end = waypoint.position + row.toward * row.distance_mm;
     Off {
         distance_mm: (boxes.distance_mm(waypoint.position) - row.distance_mm).abs(),
         direction: boxes.distance_mm(end).max((row.toward.norm() - 1.0).abs()),
         force_n: (waypoint.force_n.dot(&row.toward).max(0.0) - row.force_toward_n).abs(),
+        // between the component where the move ends and the whole force within the move
+        peak_n: (row.force_toward_n - row.peak_toward_n)
+            .max(row.peak_toward_n - waypoint.peak_force_n)
+            .max(0.0),
     }
 }
 
@@ -125,17 +132,16 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
         check(&["least_distance_mm"], [there.copied().unwrap_or(f64::NAN); 2]);
     }
     for (table, most_mm) in [(&[][..], f64::INFINITY), (&["near"][..], NEAR_MM)] {
-        // (force toward it, time, waypoint) of every move that removes something
-        let mut toward: Vec<(f64, f64, usize)> = plan
-            .forces
-            .iter()
-            .filter(|f| f.structure == n && f.distance_mm - radius_mm <= most_mm)
+        let within =
+            || plan.forces.iter().filter(|f| f.structure == n && f.distance_mm - radius_mm <= most_mm);
+        // (mean force toward it, time, waypoint) of every move that removes something
+        let mut toward: Vec<(f64, f64, usize)> = within()
             .filter(|f| plan.waypoints.get(f.waypoint).is_some_and(|w| w.mass_mg > 0.0))
-            .map(|f| (f.force_toward_n, took_s(plan, f.waypoint), f.waypoint))
+            .map(|f| (mean_share(plan, f.waypoint) * f.force_toward_n, took_s(plan, f.waypoint), f.waypoint))
             .collect();
         toward.sort_by(|a, b| a.0.total_cmp(&b.0));
         let first = toward.iter().position(|(force, ..)| *force > 0.0).unwrap_or(toward.len());
-        let peak = toward.last().map_or(0.0, |last| last.0);
+        let peak = within().map(|f| f.peak_toward_n).fold(0.0, f64::max);
         for (key, found) in [
             ("mean_force_toward_n", [mean(&toward[first..]); 2]),
             ("mean_force_toward_with_zeros_n", [mean(&toward); 2]),
@@ -147,8 +153,11 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
             check(&[table, &[key]].concat(), found);
         }
         let place = said(&[table, &["peak_force_toward_waypoint"]].concat());
-        let there = toward.iter().find(|(.., waypoint)| place == Some(*waypoint as f64));
-        check(&[table, &["peak_force_toward_n"]].concat(), [there.map_or(0.0, |there| there.0); 2]);
+        let there = within().find(|f| place == Some(f.waypoint as f64));
+        check(
+            &[table, &["peak_force_toward_n"]].concat(),
+            [there.map_or(0.0, |there| there.peak_toward_n); 2],
+        );
     }
     checks
 }
@@ -157,6 +166,16 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
 pub fn took_s(plan: &StoredPlan, waypoint: usize) -> f64 {
     let before = waypoint.checked_sub(1).map_or(0.0, |before| plan.waypoints[before].time_s);
     plan.waypoints[waypoint].time_s - before
+}
+
+/// The mean speed of the move to a waypoint over the greatest: as the mean force over that of the row.
+pub fn mean_share(plan: &StoredPlan, waypoint: usize) -> f64 {
+    let Some(before) = waypoint.checked_sub(1).and_then(|before| plan.waypoints.get(before)) else {
+        return 0.0;
+    };
+    let row = &plan.waypoints[waypoint];
+    let driven_mm = row.driven_mm_s * took_s(plan, waypoint);
+    if driven_mm > 0.0 { (row.position.distance_mm(&before.position) / driven_mm).min(1.0) } else { 0.0 }
 }
 
 /// Mean of forces weighted by their times.

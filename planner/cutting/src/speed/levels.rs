@@ -111,10 +111,7 @@ impl Levels {
     }
 
     /// Levels that bind no cut within the range of speed, mm/s.
-    pub fn above_all<'a>(
-        pushes: impl Iterator<Item = &'a CutPushes>,
-        [_, max_mm_s]: [f64; 2],
-    ) -> Self {
+    pub fn above_all<'a>(pushes: impl Iterator<Item = &'a CutPushes>, [_, max_mm_s]: [f64; 2]) -> Self {
         pushes.fold(Self { toward: 0.0, overall: 0.0, speed_mm_s: max_mm_s }, |most, p| Self {
             toward: most.toward.max(p.toward(max_mm_s).map_or(0.0, |(push, _)| push)),
             overall: most.overall.max(p.overall(max_mm_s)),
@@ -183,7 +180,8 @@ pub fn least_levels<E>(
     let with_room = Levels { overall: top.overall.min((1.0 + room) * least.overall), ..top };
     let spared = Levels { toward: 0.0, ..with_room };
     let mut found = least_on_way([with_room, spared], limit, &mut time_s)?;
-    for slower in [Levels { overall: 0.0, ..spared }, Levels { overall: 0.0, speed_mm_s: min_mm_s, ..spared }] {
+    for slower in [Levels { overall: 0.0, ..spared }, Levels { overall: 0.0, speed_mm_s: min_mm_s, ..spared }]
+    {
         if found.toward == 0.0 {
             found = least_on_way([found, slower], limit, &mut time_s)?;
         }

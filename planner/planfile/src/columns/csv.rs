@@ -31,12 +31,7 @@ pub const WAYPOINTS: [Column; 26] = [
         "Tilt of the shaft in the plane of work's y and z; 0 is the approach. In work the shaft is (sin φ, −sin θ cos φ, cos θ cos φ).",
     ),
     Column::new("phi_rad", "rad", "work", "Tilt of the shaft out of that plane: φ of the same formula."),
-    Column::new(
-        "speed_mm_s",
-        "mm/s",
-        "",
-        "Highest feed allowed in the move.",
-    ),
+    Column::new("speed_mm_s", "mm/s", "", "Highest feed allowed in the move."),
     Column::new(
         "driven_mm_s",
         "mm/s",

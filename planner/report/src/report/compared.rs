@@ -31,7 +31,8 @@ pub fn section(plan: &Plan) -> String {
 
 fn table(plan: &Plan, compared: &Compared) -> String {
     let references: Vec<&Reference> = compared.named().map(|(_, reference)| reference).collect();
-    let forces: Vec<&StructureForces> = references.iter().map(|r| &r.forces).chain([&compared.plan]).collect();
+    let forces: Vec<&StructureForces> =
+        references.iter().map(|r| &r.forces).chain([&compared.plan]).collect();
     let row = |name: String, values: Vec<f64>| {
         let (ours, theirs) = values.split_last().map_or((0.0, &[][..]), |(ours, theirs)| (*ours, theirs));
         let cells: String = values.iter().map(|n| format!("<td>{n:.3}</td>")).collect();

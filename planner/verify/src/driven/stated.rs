@@ -1,8 +1,8 @@
 //! Compares the driven force with the forces that the plan states: their peaks and their means by time.
 //!
-//! A peak is stated of the waypoints; the driven one must not be larger, wherever it occurs: between waypoints, in a corner, in a
-//! link. A mean is stated of the moves that remove something, each with the force at its waypoint and its time. The plan states
-//! forces at the largest speed of each move, so a driven mean may be smaller.
+//! A peak is stated of every move; the driven one must not be larger, wherever it occurs: between waypoints, in a corner, in a
+//! link. A mean is stated of the moves that remove something, each with the force at its waypoint, its mean speed and its time; engagement may fall
+//! within a move, so a driven mean may be smaller.
 
 use bonemill_planfile::{StoredPlan, Waypoint};
 use nalgebra::Vector3;
@@ -21,7 +21,7 @@ use super::{DrivenForce, Instant, accepted_n};
 pub fn checks(evidence: &Evidence, force: &DrivenForce) -> Vec<Check> {
     let plan = evidence.plan;
     let largest = force.largest(|instant| Some(instant.end_n().norm()));
-    let row_n = |waypoint: usize| plan.waypoints.get(waypoint).map_or(0.0, |w| w.force_n.norm());
+    let row_n = |waypoint: usize| plan.waypoints.get(waypoint).map_or(0.0, |w| w.peak_force_n);
     let mut checks = vec![peak(evidence, &["peak_force_n"], largest, row_n)];
     let cutting = |waypoint: usize| plan.waypoints.get(waypoint).is_some_and(|w| w.mass_mg > 0.0);
     let sum_ns = force.sum_ns(evidence, cutting, |instant| instant.mean_n().norm());
@@ -67,7 +67,7 @@ impl Span<'_> {
         let mut rows_n = vec![None; plan.waypoints.len()];
         for row in plan.forces.iter().filter(|f| f.structure == self.n && f.distance_mm <= self.most_mm) {
             if let Some(row_n) = rows_n.get_mut(row.waypoint) {
-                *row_n = Some(row.force_toward_n);
+                *row_n = Some(row.peak_toward_n);
             }
         }
         let row_n = |waypoint: usize| rows_n.get(waypoint).copied().flatten();
@@ -121,7 +121,7 @@ fn peak(
 
 /// The speed at which a row's force is stated, mm/s.
 fn stated_speed_mm_s(row: &Waypoint) -> f64 {
-    row.speed_mm_s
+    row.driven_mm_s
 }
 
 /// Compares a driven mean with a stated one. `sum_ns`: the driven force over time, N s, during the moves that are counted.

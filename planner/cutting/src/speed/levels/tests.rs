@@ -1,11 +1,11 @@
-//! The family of levels against brute force over small paths.
+//! The least levels against brute force over small paths.
 
 use std::convert::Infallible;
 
 use proptest::prelude::*;
 
 use super::*;
-use crate::speed::{CutMoves, LimitedProfile, last_within};
+use crate::speed::{CutMoves, LimitedProfile};
 
 const RANGE_MM_S: [f64; 2] = [0.5, 4.0];
 /// Speeds that the brute force tries at every place, mm/s.
@@ -20,35 +20,40 @@ struct Path {
 }
 
 impl Path {
-    fn moves(&self) -> CutMoves<'_> {
-        CutMoves {
+    fn top(&self) -> Levels {
+        Levels::above_all(self.pushes.iter(), RANGE_MM_S)
+    }
+
+    fn profile(&self, levels: &Levels) -> LimitedProfile {
+        let moves = CutMoves {
             is_cut: vec![true; self.pushes.len()],
             length_mm: &self.length_mm,
             range_mm_s: RANGE_MM_S,
             link_mm_s: 10.0,
             acceleration_mm_s2: self.acceleration_mm_s2,
-        }
+        };
+        moves.profile(|i| levels.fastest_mm_s(Some(&self.pushes[i]))).unwrap()
     }
 
-    fn family(&self) -> LevelFamily {
-        LevelFamily::new(self.pushes.iter(), RANGE_MM_S)
+    fn time_s(&self, levels: &Levels) -> Result<f64, Infallible> {
+        Ok(self.profile(levels).time_s)
     }
 
-    fn profile(&self, levels: &Levels) -> LimitedProfile {
-        self.moves().profile(|i| levels.fastest_mm_s(Some(&self.pushes[i]))).unwrap()
+    /// A time between the shortest and the longest.
+    fn limit(&self, share: f64) -> TimeLimit {
+        let slowest = Levels { toward: 0.0, overall: 0.0, ..self.top() };
+        let [Ok(shortest_s), Ok(longest_s)] = [self.time_s(&self.top()), self.time_s(&slowest)];
+        let total_s = shortest_s + share * (longest_s - shortest_s);
+        TimeLimit { total_s, tolerance_s: 1e-9, evaluations: 100 }
     }
 
-    /// The goals in their order, each to be least.
-    fn goals(&self, move_mm_s: &[f64]) -> [f64; 5] {
-        let mut goals = [0.0f64; 5];
-        for (pushes, v) in self.pushes.iter().zip(move_mm_s) {
-            let (toward, overall) = (pushes.toward(*v).map_or(0.0, |(w, _)| w), pushes.overall(*v));
-            let is_faster = *v > RANGE_MM_S[0] + 1e-9;
-            let above = |push: f64| if is_faster { push } else { 0.0 };
-            let found = [toward, overall, above(toward), above(overall), *v];
-            goals.iter_mut().zip(found).for_each(|(goal, found)| *goal = goal.max(found));
-        }
-        goals
+    /// Largest push toward structures and overall of the moves faster than the least speed.
+    fn levels_of(&self, move_mm_s: &[f64]) -> [f64; 2] {
+        let faster = self.pushes.iter().zip(move_mm_s).filter(|(_, v)| **v > RANGE_MM_S[0] + 1e-9);
+        faster.fold([0.0; 2], |most, (pushes, v)| {
+            let toward = pushes.toward(*v).map_or(0.0, |(push, _)| push);
+            [most[0].max(toward), most[1].max(pushes.overall(*v))]
+        })
     }
 
     /// Speeds of the moves of every profile over the tried speeds that keeps the acceleration and the time.
@@ -67,22 +72,21 @@ impl Path {
     }
 }
 
-/// Whether `a` is less than `b` in the first goal in which they differ.
-fn is_better(a: &[f64; 5], b: &[f64; 5]) -> bool {
-    let differing = a.iter().zip(b).find(|(a, b)| **a < **b - 1e-6 || **a > **b + 1e-9);
-    differing.is_some_and(|(a, b)| a < b)
-}
-
 fn vector(size: f64) -> impl Strategy<Value = Vector3<f64>> {
     prop::array::uniform3(-size..size).prop_map(Vector3::from)
 }
 
+/// One or two places within a cut, with edge forces up to `edge_n`.
 fn pushes(edge_n: f64) -> impl Strategy<Value = CutPushes> {
-    let structures = prop::collection::vec((0.1f64..1.0, vector(1.0)), 0..3);
-    (vector(0.6), vector(1.0), structures).prop_map(move |(cut, edge, structures)| {
-        let force = EngagedForce { cut_n_per_mm_s: cut, edge_n: edge * edge_n, ..EngagedForce::ZERO };
-        let toward = structures.into_iter().filter_map(|(w, u)| Some((w, Unit::try_new(u, 1e-3)?)));
-        CutPushes::new(&force, None, toward)
+    let force = (vector(0.5), vector(edge_n.max(1e-12))).prop_map(move |(cut_n_per_mm_s, edge)| {
+        let edge_n = if edge_n > 0.0 { edge } else { Vector3::zeros() };
+        EngagedForce { cut_n_per_mm_s, edge_n, ..EngagedForce::ZERO }
+    });
+    let near = prop::collection::vec((0.1f64..1.0, vector(1.0)), 1..3);
+    (prop::collection::vec(force, 1..3), near).prop_map(|(forces, near)| {
+        let toward: Vec<_> =
+            near.into_iter().filter_map(|(weight, u)| Some((weight, Unit::try_new(u, 1e-3)?))).collect();
+        CutPushes::new(forces.iter(), None, &toward)
     })
 }
 
@@ -94,45 +98,41 @@ fn path(edge_n: f64) -> impl Strategy<Value = Path> {
     })
 }
 
-/// The least force within a time, by the family alone.
-fn least_force(path: &Path, share: f64) -> (f64, LimitedProfile) {
-    let family = path.family();
-    let time_s = |p: f64| path.profile(&family.at(p)).time_s;
-    let (shortest_s, longest_s) = (time_s(0.0), time_s(family.slowest()));
-    let total_s = shortest_s + share * (longest_s - shortest_s);
-    let bracket = [(0.0, shortest_s), (family.slowest(), longest_s)];
-    let found = last_within(bracket, total_s, 1e-11, 100, |p| Ok::<_, Infallible>(time_s(p))).unwrap();
-    (total_s, path.profile(&family.at(found)))
-}
-
 proptest! {
     #![proptest_config(bonemill_testkit::fixed(128))]
 
-    /// No profile that keeps the time and the acceleration has less force, goal by goal.
+    /// Without room, no profile that keeps time and acceleration has a lower level overall, and with it none under the raised level has
+    /// a lower one toward structures.
     #[test]
-    fn no_other_profile_has_less_force_in_the_time(
-        path in prop_oneof![path(0.0), path(0.1)], share in 0.01f64..0.99,
+    fn no_other_profile_keeps_lower_levels_in_the_time(
+        path in prop_oneof![path(0.0), path(0.1)], share in 0.01f64..0.99, room in 0.0f64..0.3,
     ) {
-        let (total_s, found) = least_force(&path, share);
-        prop_assert!(found.time_s <= total_s);
-        prop_assert!(found.move_mm_s.iter().all(|v| (0.5 - 1e-12..=4.0 + 1e-12).contains(v)));
-        let ours = path.goals(&found.move_mm_s);
-        for other in path.tried(total_s) {
-            let theirs = path.goals(&other);
-            prop_assert!(!is_better(&theirs, &ours), "{other:?} {theirs:?}, found {:?} {ours:?}", found.move_mm_s);
+        let limit = path.limit(share);
+        let Ok(least) = least_levels(path.top(), RANGE_MM_S[0], 0.0, limit, |levels| path.time_s(levels));
+        let Ok(found) = least_levels(path.top(), RANGE_MM_S[0], room, limit, |levels| path.time_s(levels));
+        let profile = path.profile(&found);
+        prop_assert!(profile.time_s <= limit.total_s);
+        prop_assert!(profile.move_mm_s.iter().all(|v| (0.5 - 1e-12..=4.0 + 1e-12).contains(v)));
+        prop_assert!(found.overall <= (1.0 + room) * least.overall + 1e-9 || found.toward == path.top().toward);
+        for other in path.tried(limit.total_s) {
+            let [toward, overall] = path.levels_of(&other);
+            prop_assert!(overall >= least.overall - 1e-6, "{other:?} {overall}, found {least:?}");
+            prop_assert!(overall > found.overall || toward >= found.toward - 1e-6, "{other:?} {toward}, found {found:?}");
         }
     }
 
-    /// The time never falls along the family, and is used up but for what a jump leaves.
+    /// Beside a reference that takes the same time, neither level is above the reference's, and the time is used up.
     #[test]
-    fn the_time_grows_along_the_family(path in path(0.0), share in 0.01f64..0.99) {
-        let family = path.family();
-        let steps = 40.0 * family.slowest();
-        let times: Vec<f64> =
-            (0..=steps as usize).map(|n| path.profile(&family.at(n as f64 / 40.0)).time_s).collect();
-        prop_assert!(times.windows(2).all(|w| w[1] >= w[0] - 1e-12), "{times:?}");
-        let (total_s, found) = least_force(&path, share);
-        prop_assert!(total_s - found.time_s < 1e-6, "{} of {total_s}", found.time_s);
+    fn levels_beside_a_reference_are_no_higher(path in path(0.0), share in 0.01f64..0.99, more in 0.0f64..0.5) {
+        let limit = path.limit(share);
+        let Ok(reference) = least_levels(path.top(), RANGE_MM_S[0], 0.1, limit, |levels| path.time_s(levels));
+        prop_assume!(reference.toward > 1e-3 && reference.overall > 1e-3);
+        let longer = TimeLimit { total_s: (1.0 + more) * limit.total_s, ..limit };
+        let Ok(found) = least_along(reference, path.top(), 1e-9, longer, |levels| path.time_s(levels));
+        prop_assert!(found.toward <= reference.toward * (1.0 + 1e-6) && found.overall <= reference.overall * (1.0 + 1e-6));
+        let ratio = found.toward * reference.overall - found.overall * reference.toward;
+        prop_assert!(ratio.abs() < 1e-9 * reference.toward * reference.overall + 1e-12);
+        prop_assert!(path.profile(&found).time_s <= longer.total_s + 1e-9);
     }
 
     /// At the speed found the levels hold, and a little faster one does not.
@@ -149,50 +149,51 @@ proptest! {
 }
 
 #[test]
-fn levels_fall_one_after_the_other_and_empty_legs_are_left_out() {
+fn what_no_time_allows_stays_at_the_top_and_what_every_time_allows_at_the_least_speed() {
     let along = |cut: Vector3<f64>| EngagedForce { cut_n_per_mm_s: cut, ..EngagedForce::ZERO };
     let near = [(0.5, Vector3::x_axis())];
-    let pushes = [
-        CutPushes::new(&along(Vector3::x() * 0.4), None, near.into_iter()),
-        CutPushes::new(&along(Vector3::y()), None, near.into_iter()),
+    let pushes = vec![
+        CutPushes::new([&along(Vector3::x() * 0.4)].into_iter(), None, &near),
+        CutPushes::new([&along(Vector3::y())].into_iter(), None, &near),
     ];
-    let family = LevelFamily::new(pushes.iter(), RANGE_MM_S);
-    let at = |parameter: f64| {
-        let levels = family.at(parameter);
-        [levels.toward, levels.overall, levels.speed_mm_s].map(|x| (x * 1e9).round() / 1e9)
+    let path = Path { pushes, length_mm: vec![1.0; 2], acceleration_mm_s2: f64::INFINITY };
+    let levels = |total_s: f64| {
+        let limit = TimeLimit { total_s, tolerance_s: 1e-9, evaluations: 100 };
+        let Ok(found) = least_levels(path.top(), RANGE_MM_S[0], 0.1, limit, |levels| path.time_s(levels));
+        found
     };
-    assert_eq!(family.slowest(), 5.0);
-    assert_eq!([0.0, 1.0, 2.0].map(at), [[0.8, 4.0, 4.0], [0.1, 4.0, 4.0], [0.1, 0.5, 4.0]]);
-    assert_eq!([3.0, 4.0, 5.0].map(at), [[0.0, 0.5, 4.0], [0.0, 0.0, 4.0], [0.0, 0.0, 0.5]]);
-    assert_eq!((at(0.5), at(9.0)), ([0.45, 4.0, 4.0], at(5.0)));
-    // the first cut slows down for the structure, the second for the whole force, and one without force only at the end
-    let speeds = |parameter: f64| pushes.each_ref().map(|p| family.at(parameter).fastest_mm_s(Some(p)));
-    assert_eq!(speeds(1.0), [0.5, 4.0]);
-    assert_eq!(speeds(2.0), [0.5, 0.5]);
-    assert_eq!([4.0, 4.5, 5.0].map(|p| family.at(p).fastest_mm_s(None)), [4.0, 2.25, 0.5]);
-    // without structures two legs and the last, without anything the last alone
-    let free = [CutPushes::new(&along(Vector3::y()), None, std::iter::empty())];
-    assert_eq!(LevelFamily::new(free.iter(), RANGE_MM_S).slowest(), 3.0);
-    assert_eq!(LevelFamily::new(std::iter::empty(), RANGE_MM_S).slowest(), 1.0);
-    assert_eq!(LevelFamily::new(std::iter::empty(), [1.0, 1.0]).slowest(), 0.0);
+    assert_eq!(levels(0.1), path.top());
+    assert_eq!(levels(99.0), Levels { toward: 0.0, overall: 0.0, speed_mm_s: 0.5 });
+    // without a structure the whole time lowers the level overall
+    let free = CutPushes::new([&along(Vector3::y())].into_iter(), None, &[]);
+    assert_eq!((free.toward(2.0), free.overall(2.0)), (None, 2.0));
 }
 
 #[test]
 fn a_compliance_makes_deflections_of_forces() {
     let force = EngagedForce { cut_n_per_mm_s: Vector3::new(1.0, 0.0, 0.0), ..EngagedForce::ZERO };
     let c = Matrix3::new(0.02, 0.01, 0.0, 0.01, 0.05, 0.0, 0.0, 0.0, 0.01);
-    let p = CutPushes::new(&force, Some(&c), [(0.5, Vector3::y_axis())].into_iter());
+    let toward = [(0.5, Vector3::y_axis())];
+    let p = CutPushes::new([&force].into_iter(), Some(&c), &toward);
     assert!((p.toward(2.0).unwrap().0 - 0.01).abs() < 1e-15);
     assert!((p.overall(2.0) - 2.0 * 0.02f64.hypot(0.01)).abs() < 1e-15);
-    assert_eq!(CutPushes::new(&force, None, [(0.5, Vector3::y_axis())].into_iter()).toward(2.0), None);
+    assert_eq!(CutPushes::new([&force].into_iter(), None, &toward).toward(2.0), None);
 }
 
 #[test]
-fn a_push_that_falls_with_the_speed_counts_from_rest() {
+fn a_push_that_falls_with_the_speed_counts_from_rest_and_the_worst_place_counts() {
     let force =
         EngagedForce { cut_n_per_mm_s: -Vector3::x(), edge_n: Vector3::x() * 0.6, ..EngagedForce::ZERO };
-    let p = CutPushes::new(&force, None, [(0.5, Vector3::x_axis())].into_iter());
+    let toward = [(0.5, Vector3::x_axis())];
+    let p = CutPushes::new([&force].into_iter(), None, &toward);
     assert_eq!((p.toward(0.5), p.toward(4.0), p.overall(1.0)), (Some((0.3, 0)), Some((0.3, 0)), 0.6));
     let levels = |toward: f64| Levels { toward, overall: 9.0, speed_mm_s: 4.0 };
     assert_eq!((p.fastest_mm_s(&levels(0.29)), p.fastest_mm_s(&levels(0.3))), (0.0, 4.0));
+    // two places: the stronger one decides, and structures are told by their number
+    let weak = EngagedForce { cut_n_per_mm_s: Vector3::y() * 0.1, ..EngagedForce::ZERO };
+    let strong = EngagedForce { cut_n_per_mm_s: Vector3::y() * 0.4, ..EngagedForce::ZERO };
+    let two = [(1.0, Vector3::x_axis()), (0.5, Vector3::y_axis())];
+    let p = CutPushes::new([&weak, &strong].into_iter(), None, &two);
+    let (push, structure) = p.toward(2.0).unwrap();
+    assert!((push - 0.4).abs() < 1e-12 && structure == 1 && (p.overall(2.0) - 0.8).abs() < 1e-12);
 }

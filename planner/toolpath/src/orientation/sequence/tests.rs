@@ -51,7 +51,9 @@ fn total_of(p: &Problem, sequence: &[usize]) -> Option<f64> {
         let turn = if i > 0 { p.directions.angle_rad(sequence[i - 1], n) } else { 0.0 };
         let own = f64::from(p.cost[i * p.directions.len() + n]) * p.length_mm[i];
         Some(match p.turns.price {
-            TurnPrice::Smoothness(weight_mm) => sum + own + weight_mm.max(1e-6) * turn * turn / p.length_mm[i],
+            TurnPrice::Smoothness(weight_mm) => {
+                sum + own + weight_mm.max(1e-6) * turn * turn / p.length_mm[i]
+            }
             TurnPrice::Time(TurnTime { rate_rad_s, acceleration_rad_s2, factor }) => {
                 let seconds = factor * (turn / rate_rad_s).max((turn / acceleration_rad_s2).sqrt());
                 // before the first waypoint nothing turns
