@@ -174,6 +174,8 @@ impl Prepared<'_> {
             || forced.within(case, axes, &corners, removes),
         );
         (chosen.forces, chosen.within) = (ends?, within?);
+        let pushes = nominal_pushes(case, &chosen.forces, chosen.compliances.as_deref());
+        chosen.costs = self.costs(&terms(case, &self.near)?, axes, &pushes);
         Ok(())
     }
 
@@ -255,7 +257,13 @@ impl Prepared<'_> {
         let forces = watch.run("forces", || forced.at_ends(case, &oriented.axes, elements, removes))?;
         let compliances = motion.as_ref().map_or(Ok(None), |motion| compliance.along(&motion.resolved.q))?;
         let pushes = nominal_pushes(case, &forces, compliances.as_deref());
-        let (costs, closed_form_error) = self.costs(&field, &terms, &oriented.axes, &pushes);
+        let costs = self.costs(&terms, &oriented.axes, &pushes);
+        // what was left out is never negative: no choice with the force can be better by more than it
+        let closed_form: Vec<Terms> = terms.iter().map(Terms::without_force).collect();
+        let without = self.costs(&closed_form, &oriented.axes, &pushes);
+        let left_out = |i: usize| costs[i].cost - without[i].cost;
+        let closed_form_error =
+            (0..pushes.len()).filter(|i| !field.needs_force(*i)).map(left_out).fold(0.0, f64::max);
         let kinds = (0..self.points().len()).map(|i| self.kind(i, &oriented.axes)).collect();
         let within = vec![Vec::new(); self.points().len()];
         Ok((Chosen { oriented, kinds, forces, within, costs, compliances, closed_form_error }, motion))
@@ -302,25 +310,13 @@ impl Prepared<'_> {
         (0..self.near.len()).map(of).collect()
     }
 
-    /// C of every waypoint under `pushes`, and the most by which a choice in closed form is worse.
-    fn costs(
-        &self,
-        field: &CostField,
-        terms: &[Terms],
-        axes: &[Unit<Vector3<f64>>],
-        pushes: &[Vector3<f64>],
-    ) -> (Vec<Cost>, f64) {
-        let cost_of = |i: usize, terms: &Terms| {
+    /// C of every waypoint under `pushes`.
+    fn costs(&self, terms: &[Terms], axes: &[Unit<Vector3<f64>>], pushes: &[Vector3<f64>]) -> Vec<Cost> {
+        let cost = |i: usize| {
             let moments = &self.reached.moments[i];
-            terms.cost(&pushes[i], moments.inertia_normalised(&axes[i]), moments.mass_mg())
+            terms[i].cost(&pushes[i], moments.inertia_normalised(&axes[i]), moments.mass_mg())
         };
-        let costs: Vec<Cost> = (0..pushes.len()).map(|i| cost_of(i, &terms[i])).collect();
-        // what was left out is never negative: no choice with the force can be better by more than it
-        // under levels every cut is chosen with its force
-        let left_out = |i: usize| costs[i].cost - cost_of(i, &terms[i].without_force()).cost;
-        let closed_form_error =
-            (0..pushes.len()).filter(|i| !field.needs_force(*i)).map(left_out).fold(0.0, f64::max);
-        (costs, closed_form_error)
+        (0..pushes.len()).map(cost).collect()
     }
 
     /// Joint positions along the path with the shaft along `axes`; if the cost uses the deflection, postures that are stiff

@@ -223,9 +223,11 @@ pub const METRICS: &[Column] = &[
         "compared.WHO.raster_deg",
         "°",
         "work",
-        "WHO is `control_1` or `control_2`: the target milled in the plan's time with the shaft along the approach and every cut at one speed, along lines in the plan's direction or across; or `plan`. All are timed by their speed caps. Here the angle of the control's lines.",
+        "WHO is `control_1` or `control_2`: the target milled with the shaft along the approach and every cut at one speed, along lines along the target or across; `straight`: the same with the lines, the sense and the speeds of the least force; or `plan`. All are driven by the same arm in the plan's time, links, approach and retracts included. Here the angle of its lines.",
     ),
-    Column::new("compared.WHO.speed_mm_s", "mm/s", "", "Speed of the control's cuts."),
+    Column::new("compared.WHO.sense", "text", "", "The sense in which its passes are cut; not of `plan`."),
+    Column::new("compared.WHO.total_time_s", "s", "", "How long it takes; not of `plan`."),
+    Column::new("compared.WHO.speed_mm_s", "mm/s", "", "Speed of a control's cuts."),
     Column::new(
         "compared.WHO.mean_force_n",
         "N",
@@ -298,7 +300,7 @@ pub const METRICS: &[Column] = &[
         "speed_levels.toward_n",
         "N",
         "",
-        "With `speed.mode = \"least_force\"`: largest force toward a structure of the cuts faster than `min_mm_s`, times exp(-`kappa_per_mm` · mm beyond the clearance) / priority.",
+        "With `speed.mode = \"least_force\"`: largest force toward a structure of the cuts faster than `min_mm_s`, times exp(-`kappa_per_mm` · mm beyond the clearance)/√priority.",
     ),
     Column::new("speed_levels.overall_n", "N", "", "Largest force on the burr of the same cuts."),
     Column::new(
@@ -379,7 +381,7 @@ pub const MODELLED: &[Column] = &[
         "instead",
         "text",
         "",
-        "The fallback that was taken because otherwise a force toward a structure of priority 1 would have exceeded the controls; usually `nothing`.",
+        "Where the shaft stays straight because otherwise a figure would have been above that of a straight shaft with the least force; usually `nothing`.",
     ),
     Column::new("raster_deg", "°", "work", "Direction of the raster's lines from work's x."),
     Column::new(
