@@ -6,8 +6,8 @@ mod support;
 
 use std::fs;
 
-use bonemill_planner::plan::{StoredPlan, Value};
-use support::figures::{entry, figure};
+use bonemill_planner::plan::StoredPlan;
+use support::figures::figure;
 use support::{body, place::Place};
 
 /// A case in which nothing is chosen: straight shaft, one speed, lines along work x.
@@ -111,25 +111,51 @@ fn is_worse_and_says_so(plan: &StoredPlan) -> [bool; 2] {
 /// Cutting in one sense pushes toward the nerve along its whole wall, and the case leaves no choice that could help.
 #[test]
 fn a_plan_that_must_push_more_than_its_controls_says_so() {
-    let told = ["climb", "conventional"].map(|sense| {
-        let [is_worse, is_said] = is_worse_and_says_so(&planned(&still(&format!("sense = \"{sense}\""))));
+    let found = ["climb", "conventional"].map(|sense| {
+        let plan = planned(&still(&format!("sense = \"{sense}\"")));
+        let [is_worse, is_said] = is_worse_and_says_so(&plan);
         assert_eq!(is_worse, is_said, "{sense}");
-        is_said
+        let mean_n = figure(&plan.record, &["structures", "nerve", "near", "mean_force_toward_with_zeros_n"]);
+        (mean_n, is_said)
     });
-    assert_ne!(told[0], told[1], "one of them pushes toward the nerve, the other away");
+    let [(one_n, is_said), (other_n, is_also_said)] = found;
+    assert!(is_said || is_also_said);
+    assert!(
+        one_n.max(other_n) > 1.5 * one_n.min(other_n),
+        "one pushes toward the nerve, the other away: {found:?}"
+    );
 }
 
-/// Axes and speeds ignore the nerve. The choices that the case leaves open are tried, and a plan that is still worse states it.
+/// The time of a plan is that of the faster of two plain ones, which are planned here by themselves; its references take the same time, and
+/// no judged figure is above that of the straight shaft with the least force.
 #[test]
-fn a_plan_that_pushes_more_than_its_controls_falls_back() {
-    let place = beside_a_wall()
-        .with_case("[speed]\n", "[cost]\nalpha_max = 0.0\n\n[speed]\nmode = \"mass\"\n")
-        .with_case("step_mm = 0.5\n", "step_mm = 0.5\nsense = \"both\"\n");
+fn a_plan_takes_the_time_of_a_plain_one_and_is_nowhere_above_a_straight_shaft() {
+    let place = beside_a_wall();
     let plan = planned(&place);
-    let [is_worse, is_said] = is_worse_and_says_so(&plan);
-    assert_eq!(is_worse, is_said, "{:?}", plan.record.warnings);
-    let Value::Text(instead) = entry(&plan.record.modelled, &["instead"]) else { panic!("no text") };
-    assert_ne!(instead, "nothing", "nothing was worse: the case tests nothing");
+    let of = |who: &str, key: &str| figure(&plan.record, &["compared", who, key]);
+    let total_s = plan.record.metrics.total_time_s;
+    for who in ["control_1", "control_2", "straight"] {
+        assert!(
+            (of(who, "total_time_s") - total_s).abs() < 1e-3 * total_s,
+            "{who}: {}",
+            of(who, "total_time_s")
+        );
+    }
+    let plain_s = ["control_1", "control_2"].map(|who| {
+        let lines = format!("step_mm = 0.5\nsense = \"both\"\nraster_deg = {:?}\n", of(who, "raster_deg"));
+        let plain = beside_a_wall().with_case("[speed]\n", STILL).with_case("step_mm = 0.5\n", &lines);
+        planned(&plain).record.metrics.total_time_s
+    });
+    let least_s = plain_s[0].min(plain_s[1]);
+    assert!((total_s / least_s - 1.0).abs() < 0.01, "{total_s} s, plain plans {plain_s:?}");
+    let toward = |who: &str, key: &str| figure(&plan.record, &["compared", who, "near", "nerve", key]);
+    for key in ["mean_force_toward_n", "mean_force_toward_with_zeros_n", "peak_force_toward_n"] {
+        let (ours, straight) = (toward("plan", key), toward("straight", key));
+        assert!(ours <= 1.02 * straight.max(1e-3), "{key}: {ours} {straight} N");
+    }
+    assert!(of("plan", "mean_force_n") <= of("straight", "mean_force_n") * 1.001);
+    assert!(of("plan", "peak_force_n") <= of("straight", "peak_force_n") * 1.02);
+    assert!(of("plan", "peak_force_n") < of("control_1", "peak_force_n"));
 }
 
 #[test]
@@ -137,7 +163,7 @@ fn the_report_shows_the_controls_and_a_sentence_for_each_choice() {
     let place = Place::healthy();
     let plan = planned(&place);
     let page = fs::read_to_string(place.path("plan/report.html")).unwrap();
-    let peak = figure(&plan.record, &["compared", "control_2", "near", "nerve", "peak_force_toward_n"]);
+    let peak = figure(&plan.record, &["compared", "control_2", "peak_force_n"]);
     assert!(page.contains(&format!("<td>{peak:.3}</td>")));
     for part in [
         "Lines run at",

@@ -19,9 +19,10 @@ use super::orient::FreeAxes;
 const FACTORS_TRIED: usize = 6;
 /// The least and the largest factor.
 const FACTORS: [f64; 2] = [0.2, 3.0];
-/// A level toward structures is at least this share of the largest push toward them of the straight shaft, and at least this much: N, or mm.
+/// A level toward structures is at least this share of the largest push toward them of the straight shaft, and at least [`NOTHING_SHARE`].
 const LEAST_TOWARD: f64 = 0.2;
-const NOTHING: f64 = 1e-3;
+/// A push toward structures up to this share of the largest push in any direction counts as none.
+pub(super) const NOTHING_SHARE: f64 = 1e-3;
 /// How near the least time must come to the one that may be taken, as a share of it.
 const NEAR_SHARE: f64 = 2e-3;
 
@@ -55,9 +56,10 @@ impl Goal {
     /// The reference's levels, times a factor.
     fn levels(&self, factor: f64) -> AxisLevels {
         let Levels { toward, overall, speed_mm_s } = self.levels;
-        let toward = toward.max(LEAST_TOWARD * self.most.toward).max(NOTHING);
+        let nothing = NOTHING_SHARE * self.most.overall;
+        let toward = toward.max(LEAST_TOWARD * self.most.toward).max(nothing);
         let levels = Levels { toward: factor * toward, overall: factor * overall, speed_mm_s };
-        AxisLevels { levels, most: Levels { toward: self.most.toward.max(NOTHING), ..self.most } }
+        AxisLevels { levels, most: Levels { toward: self.most.toward.max(nothing), ..self.most } }
     }
 
     /// The price of turns on a set whose directions are `coarser` times as far apart as those of the finest: there a turn of one

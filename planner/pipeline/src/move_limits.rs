@@ -10,12 +10,11 @@ use bonemill_setup::tools;
 
 use super::PlanError;
 use super::choose::{Choices, Chosen};
+use super::in_time::NOTHING_SHARE;
 use super::levels;
 use super::prepared::Prepared;
 use super::speeds::{self, Aim, SpeedInput};
 
-/// A push toward structures up to this is none that matters: N, or mm of deflection.
-const NOTHING: f64 = 1e-3;
 /// Waypoints to either side of one that pushes too much.
 const AROUND: usize = 2;
 
@@ -58,7 +57,7 @@ impl Prepared<'_> {
         let slowest = case.speed.min_mm_s;
         let is_hot = |pushes: &CutPushes| {
             let toward = pushes.toward(slowest).map_or(0.0, |(push, _)| push);
-            pushes.overall(slowest) > most.overall || toward > most.toward.max(NOTHING)
+            pushes.overall(slowest) > most.overall || toward > most.toward.max(NOTHING_SHARE * most.overall)
         };
         let hot = pushes.iter().enumerate().filter(|(_, pushes)| pushes.as_ref().is_some_and(is_hot));
         let count = pushes.len();

@@ -8,9 +8,8 @@
 //! structure and the mean force. The first candidate stands unless another is clearly better, so that rounding decides nothing.
 //!
 //! A draft is a comparison, not a plan: waypoints that no axis reaches count as time without a cut, and nothing is
-//! dropped or refined. Bone stands and goes by voxels, not by parts of them, and the joints' accelerations do not count.
+//! dropped or refined; forces count, also where the cost uses the deflection. Bone stands and goes by voxels, not by parts of them, and the joints' accelerations do not count.
 
-use bonemill_armpath::Compliance;
 use bonemill_case::{Case, Objective, OrientationMode, Sense, SpeedMode, SpeedSpec};
 use bonemill_cutter::Ball;
 use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, Material, OrientationKernel};
@@ -24,7 +23,7 @@ use bonemill_toolpath::engagement::{SweptPath, mass_increments_by_voxels};
 use bonemill_toolpath::orientation::{FreeSets, TurnTime};
 use bonemill_toolpath::path::{self, Builder, Lines, MillPath, MoveKind, PathSpacing, RasterFrame, lay_path};
 use bonemill_toolpath::space::BurrSpace;
-use nalgebra::{Matrix3, Unit, Vector3};
+use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
 use super::PlanError;
@@ -194,8 +193,6 @@ struct Drafts<'a> {
     spec: ReachSpec<'a, 'a>,
     kernel: OrientationKernel,
     material: Material,
-    /// Deflection per force of each direction, mm/N, if the cost uses the deflection.
-    compliance: Option<Vec<Matrix3<f64>>>,
 }
 
 impl<'a> Drafts<'a> {
@@ -204,11 +201,8 @@ impl<'a> Drafts<'a> {
         let tool = tools::tool(&case.burr)?;
         let (material, measure) = tools::material(&case.material)?;
         let [samples, merged] = SAMPLES;
-        let (axes, center) = (spec.directions.axes(), start.scene.target_center);
-        let compliance = Compliance::new(case, start.placed())?;
-        let compliance = compliance.of_cost(case, center, axes, |axis| spec.arm.allows(center, axis))?;
         let kernel = OrientationKernel::new(&tool, &material, measure, samples, merged);
-        Ok(Self { start, spec, kernel, material, compliance })
+        Ok(Self { start, spec, kernel, material })
     }
 
     /// A draft along `raster`.
@@ -278,7 +272,7 @@ impl<'a> Drafts<'a> {
             feeds: &draft.feeds,
             nominal_mm_s: case.speed.nominal_mm_s,
             spindle_rpm: case.burr.spindle_rpm,
-            compliance: self.compliance.clone(),
+            compliance: None,
             finer_compliance: None,
         };
         // what no axis reaches is left out of the sequence

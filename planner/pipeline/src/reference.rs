@@ -4,24 +4,23 @@
 //! arm and timed as the plan's is, links, approach and retracts included; only its shank is not checked, so it may collide, and is
 //! compared all the same. There are three:
 //!
-//! - two **controls**, the plan of a CNC machine: one speed for every cut, lines along and across; their peaks are those where moves
-//!   end, which is less than they drive;
+//! - two **controls**, the plan of a CNC machine: one speed for every cut, lines along and across;
 //! - the **straight shaft with the least force**: the lines, the sense of cut and the speeds that levels of force choose for it.
 //!
 //! The default total time is that of the faster control at the nominal speed, so that lower forces take no longer than a plain plan.
 //!
 //! **Source:** Dillon et al. 2016, section III: trial 1, and trial 3 at equal time.
 
-use bonemill_armpath::{ArmMotion, path_limits};
-use bonemill_case::{Case, SpeedMode, SpeedSpec};
+use bonemill_armpath::{ArmMotion, Compliance, path_limits};
+use bonemill_case::{Case, ForceTerm, SpeedMode, SpeedSpec};
 use bonemill_cutter::Ball;
 use bonemill_cutting::burr::EngagedForce;
 use bonemill_cutting::speed::{Levels, last_within};
 use bonemill_planfile::toward::{StructureFigures, TowardSpan};
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_toolpath::engagement::mass_increments;
-use bonemill_toolpath::path::{self, MillPath, MoveKind};
-use nalgebra::{Unit, Vector3};
+use bonemill_toolpath::path::{self, MoveKind};
+use nalgebra::Vector3;
 
 use super::PlanError;
 use super::attempt::Start;
@@ -45,10 +44,10 @@ pub(super) struct ReferencePath {
     length_mm: Vec<f64>,
     kinds: Vec<MoveKind>,
     /// Along the approach.
-    path: MillPath,
-    feeds: Vec<Option<Unit<Vector3<f64>>>>,
     /// Where moves end.
     forces: Vec<Option<EngagedForce>>,
+    /// At places within moves, along the path as the arm drives it.
+    within: Vec<Vec<EngagedForce>>,
     near: Vec<Vec<NearStructure>>,
     pub motion: ArmMotion,
 }
@@ -103,11 +102,18 @@ impl ReferencePath {
         let cuts = |i: usize| moments[i].mass_mg() > 0.0;
         let forced = ForcedPath { scene, removal: &path.removal, points, feeds: &feeds };
         let motion = start.placed().motion(&centers, &axes, &length_mm, None)?;
-        let forces = forced.at_ends(case, &axes, FINE, cuts)?;
+        let joints = JointMotion::new(&motion.dense, &path_limits(start.arm)?)?;
+        let corners = rounded_corners(&joints, start.arm, &start.base_from_work);
+        drop(joints);
+        let (forces, within) = rayon::join(
+            || forced.at_ends(case, &axes, FINE, cuts),
+            || forced.within(case, &axes, &corners, cuts),
+        );
+        let (forces, within) = (forces?, within?);
         let is_cut = |i: usize| i > 0 && cuts(i) || points[i].kind == MoveKind::Cut;
         let kind = |i: usize| if is_cut(i) { MoveKind::Cut } else { points[i].kind };
         let kinds = (0..points.len()).map(kind).collect();
-        Ok(Self { raster, length_mm, kinds, forces, near, motion, feeds, path })
+        Ok(Self { raster, length_mm, kinds, forces, within, near, motion })
     }
 
     fn joints(&self, start: &Start) -> Result<JointMotion<'_>, PlanError> {
@@ -146,16 +152,12 @@ impl ReferencePath {
             last_within(bracket, total_s, TIME_TOLERANCE_S, EVALUATIONS, time_s)?
         };
         let driven = joints.driven(&self.constant(case, 1.0 / per_speed))?;
-        Ok(self.reference(case, &driven, Some(1.0 / per_speed), &[]))
-    }
-
-    /// Forces at places within moves, along the path as the arm drives it.
-    fn within(&self, start: &Start, joints: &JointMotion) -> Result<Vec<Vec<EngagedForce>>, PlanError> {
-        let (points, removal) = (&self.path.points, &self.path.removal);
-        let forced = ForcedPath { scene: start.scene, removal, points, feeds: &self.feeds };
-        let corners = rounded_corners(joints, start.arm, &start.base_from_work);
-        let axes = vec![Vector3::z_axis(); points.len()];
-        forced.within(start.case, &axes, &corners, |i| self.forces[i].is_some())
+        // links keep their speed, and what they graze is no cut
+        let of_cut = |(kind, forces): (&MoveKind, &Vec<_>)| {
+            if *kind == MoveKind::Cut { forces.clone() } else { Vec::new() }
+        };
+        let within: Vec<_> = self.kinds.iter().zip(&self.within).map(of_cut).collect();
+        Ok(self.reference(case, &driven, Some(1.0 / per_speed), &within))
     }
 
     fn reference(
@@ -185,8 +187,11 @@ impl ReferencePath {
     ) -> Result<Straight, PlanError> {
         let (case, joints) = (start.case, self.joints(start)?);
         let spec = SpeedSpec { mode: SpeedMode::LeastForce, ..case.speed.clone() };
-        let within = self.within(start, &joints)?;
-        let pushes = levels::pushes(case, &self.near, (&self.forces, &within), None)?;
+        let compliances = match case.cost.force {
+            ForceTerm::Deflection => Compliance::new(case, start.placed())?.along(&self.motion.resolved.q)?,
+            ForceTerm::Cutting => None,
+        };
+        let pushes = levels::pushes(case, &self.near, (&self.forces, &self.within), compliances.as_deref())?;
         let count = self.kinds.len();
         let input = SpeedInput {
             kinds: &self.kinds,
@@ -206,7 +211,7 @@ impl ReferencePath {
         let takes_s = timing.driven.law.duration_s();
         let at_caps_s: f64 = self.length_mm.iter().zip(&timing.under_levels_mm_s).map(|(mm, v)| mm / v).sum();
         Ok(Straight {
-            reference: self.reference(case, &timing.driven, None, &within),
+            reference: self.reference(case, &timing.driven, None, &self.within),
             levels: [timing.levels.unwrap_or(reached), reached],
             caps_over_driven: at_caps_s / takes_s.max(f64::MIN_POSITIVE),
         })

@@ -9,6 +9,7 @@ use bonemill_motion::resolve::DensePath;
 use bonemill_motion::timelaw::{JointPath, PathLimits, PreparedPath, TimeLaw};
 
 use super::PlanError;
+use super::in_time::NOTHING_SHARE;
 
 /// Share of a full slot's mass per step at or below which a waypoint counts as air. D13 takes a mean of 1/m: the crumbs of
 /// finishing passes would otherwise set the speed of the whole plan.
@@ -17,8 +18,6 @@ const AIR_SHARE: f64 = 0.02;
 const TIME_EVALUATIONS: u32 = 30;
 /// How exactly a total time is met, s: from below, where it is not an end of the range.
 const TIME_TOLERANCE_S: f64 = 5e-3;
-/// A push toward structures up to this counts as none where levels are compared with those of another plan: N, or mm of deflection.
-const NOTHING: f64 = 1e-3;
 /// A cap is at most this many times the speed that is driven.
 const CAP_OVER_DRIVEN: f64 = 1.01;
 
@@ -280,7 +279,10 @@ impl<'a> Cuts<'a> {
         };
         let time_s = |levels: &Levels| duration_s(&caps(levels)?);
         let levels = match aim.reference {
-            Some(reference) => least_along(reference, top, NOTHING, limit, time_s)?,
+            Some(reference) => {
+                let nothing = NOTHING_SHARE * reference.overall.max(f64::MIN_POSITIVE);
+                least_along(reference, top, nothing, limit, time_s)?
+            }
             None => least_levels(top, self.spec.min_mm_s, self.spec.force_room, limit, time_s)?,
         };
         Ok(SpeedCaps { mm_s: caps(&levels)?, levels: Some(levels) })
