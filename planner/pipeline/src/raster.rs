@@ -40,7 +40,7 @@ use super::speeds::{self, Aim, SpeedInput};
 /// A draft's steps are this many times longer.
 const COARSER: f64 = 4.0;
 /// A later candidate must have a product of figures that is lower by this share: otherwise the first stands.
-const CLEARLY: f64 = 0.1;
+const CLEARLY: f64 = 0.25;
 /// A candidate that leaves this share more of its length out of reach than the best is no candidate.
 const MORE_UNREACHED: f64 = 0.01;
 /// Directions in which drafts look for bone, and how many make a sample.
