@@ -75,7 +75,7 @@ fn a_plan_s_simulation_agrees_with_its_waypoints_and_is_the_same_on_any_number_o
     let mut off = Vec::new();
     for waypoint in table(&place, "plan/waypoints.csv").iter().filter(|w| w[2] == "cut" && !w[15].is_empty())
     {
-        let (time, planned) = (number(&waypoint[3]), force(waypoint, 15));
+        let (time, planned) = (number(&waypoint[3]), force(waypoint, 16));
         let n = rows.partition_point(|row| number(&row[0]) < time).min(rows.len() - 1);
         let simulated = force(&rows[n], 4);
         if planned > 0.1 {

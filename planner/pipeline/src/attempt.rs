@@ -6,7 +6,7 @@
 
 use bonemill_arm::Arm;
 use bonemill_armpath::{ArmMotion, Placed, path_limits};
-use bonemill_case::{Case, Objective, OrientationMode, Sense, SpeedMode};
+use bonemill_case::{Case, ForceTerm, Objective, OrientationMode, Sense, SpeedMode};
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_motion::resolve::Posture;
 use bonemill_scene::Scene;
@@ -134,8 +134,10 @@ impl<'a> Start<'a> {
         let references = self.references(&frames, &freedom, watch)?;
         let lines = self.lines(&frames, &freedom, &references, watch)?;
         let straight = watch.run("references", || self.straight(&references, lines.straight))?;
-        let is_open =
-            case.orientation.mode == OrientationMode::Optimal && case.cost.objective == Objective::Levels;
+        // figures are forces: they do not judge a plan that lowers deflections
+        let is_open = case.cost.force == ForceTerm::Cutting
+            && case.orientation.mode == OrientationMode::Optimal
+            && case.cost.objective == Objective::Levels;
         let attempt = |raster: Raster, turning: Turning, watch: &mut Stopwatch| {
             let goal = self.goal(&references, straight.as_ref(), turning);
             let prepared = Prepared::new(self, &freedom, raster, watch)?;
@@ -240,7 +242,7 @@ impl<'a> Start<'a> {
 
     /// The largest force of the controls in a time, N; none pushes more even in a plan that cannot be driven in the time.
     fn most_overall(&self, references: &References, total_s: f64) -> Result<Option<f64>, PlanError> {
-        if self.case.cost.force != bonemill_case::ForceTerm::Cutting {
+        if self.case.cost.force != ForceTerm::Cutting {
             return Ok(None);
         }
         let controls = self.controls_in(references, total_s)?;

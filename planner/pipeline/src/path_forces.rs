@@ -20,7 +20,7 @@ use super::PlanError;
 use super::speeds::JointMotion;
 
 /// Places within a move at which the force is computed, as shares of its way, besides its end.
-const WITHIN: [f64; 2] = [0.35, 0.7];
+const WITHIN: [f64; 4] = [0.02, 0.25, 0.5, 0.75];
 /// The same, from where a move comes back to a rounded corner and meets the skin there.
 const AROUND_BACK: [f64; 4] = [-0.2, -0.06, 0.0, 0.06];
 /// Elements from tip to shaft and around of the force sum where moves end.
