@@ -46,7 +46,15 @@ pub const ALL: &[Fault] = &[
     Fault {
         name: "the largest force toward the nerve halved",
         plant: |p| largest_force(p).force_toward_n *= 0.5,
-        caught_by: &["forces.csv/force_toward_n", "figures/structures.nerve.peak_force_toward_n"],
+        caught_by: &["forces.csv/force_toward_n", "figures/structures.nerve.mean_force_toward_n"],
+    },
+    Fault {
+        name: "the peak of the force toward the nerve halved",
+        plant: |p| {
+            let peak = p.forces.iter_mut().max_by(|a, b| a.peak_toward_n.total_cmp(&b.peak_toward_n));
+            peak.unwrap().peak_toward_n *= 0.5;
+        },
+        caught_by: &["figures/structures.nerve.peak_force_toward_n"],
     },
     Fault {
         name: "a mean force toward the nerve understated",

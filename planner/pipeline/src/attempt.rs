@@ -141,7 +141,7 @@ impl<'a> Start<'a> {
         let attempt = |raster: Raster, turning: Turning, watch: &mut Stopwatch| {
             let goal = self.goal(&references, straight.as_ref(), turning);
             let prepared = Prepared::new(self, &freedom, raster, watch)?;
-            self.attempt(prepared, turning, goal, (&references, straight.as_ref()), watch)
+            self.attempt(prepared, (turning, goal), (&references, straight.as_ref()), watch)
         };
         let mut best = attempt(lines.plan, Turning::Wherever, watch)?;
         if is_open && !best.is_nowhere_worse_than_straight() {
@@ -269,13 +269,14 @@ impl<'a> Start<'a> {
     /// A goal with the time of turns corrected by what the arm drives; none where both agree.
     fn corrected(
         &self,
-        goal: Goal,
         prepared: &Prepared,
         choices: &Choices,
         chosen: &Chosen,
         motion: &ArmMotion,
     ) -> Result<Option<Goal>, PlanError> {
-        let Some(predicted) = chosen.oriented.predicted else { return Ok(None) };
+        let (Some(goal), Some(predicted)) = (choices.goal, chosen.oriented.predicted) else {
+            return Ok(None);
+        };
         let mut by_levels = choices.clone();
         by_levels.speed.mode = SpeedMode::LeastForce;
         let demand = prepared.demand(&by_levels, chosen)?;
@@ -298,8 +299,7 @@ impl<'a> Start<'a> {
     fn attempt(
         &self,
         mut prepared: Prepared<'a>,
-        turning: Turning,
-        goal: Option<Goal>,
+        (turning, goal): (Turning, Option<Goal>),
         (references, straight): (&References, Option<&Straight>),
         watch: &mut Stopwatch,
     ) -> Result<Attempt<'a>, PlanError> {
@@ -309,8 +309,10 @@ impl<'a> Start<'a> {
         let is_tilted = mode == OrientationMode::Optimal && goal.is_some();
         let (mut chosen, mut motion) = prepared.choose_with_motion(&choices, watch)?;
         for _ in 0..CORRECTIONS {
-            let Some(goal) = choices.goal.filter(|_| is_tilted) else { break };
-            let Some(corrected) = self.corrected(goal, &prepared, &choices, &chosen, &motion)? else { break };
+            if !is_tilted {
+                break;
+            }
+            let Some(corrected) = self.corrected(&prepared, &choices, &chosen, &motion)? else { break };
             choices.goal = Some(corrected);
             (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
         }

@@ -64,11 +64,14 @@ pub enum AxisObjective<'a> {
     Levels(LevelTimes<'a>),
 }
 
+/// Weight of a structure, and the direction to it.
+pub type Weighted = (f64, Unit<Vector3<f64>>);
+
 /// What the time of a cut under levels depends on.
 #[derive(Debug, Clone, Copy)]
 pub struct LevelTimes<'a> {
     /// Weight of each structure near a waypoint, and the direction to it.
-    pub weighted: &'a [Vec<(f64, Unit<Vector3<f64>>)>],
+    pub weighted: &'a [Vec<Weighted>],
     /// Slowest and fastest cut, mm/s.
     pub range_mm_s: [f64; 2],
     /// Speed of a move that cuts nothing, mm/s.
@@ -160,7 +163,7 @@ impl CostField<'_> {
     }
 
     /// Force of what was gathered, for an axis; the deflection under it with `compliance`.
-    fn push(
+    pub fn push(
         &self,
         samples: &EngagedSamples,
         axis: &Unit<Vector3<f64>>,
@@ -173,30 +176,21 @@ impl CostField<'_> {
         compliance.map_or(force_n, |c| c * force_n)
     }
 
-    /// Dillon's C of waypoint i for an axis; `compliance`: of that axis.
-    pub fn dillon(
-        &self,
-        terms: &[Terms],
-        i: usize,
-        samples: &EngagedSamples,
-        axis: &Unit<Vector3<f64>>,
-        compliance: Option<&Matrix3<f64>>,
-    ) -> f64 {
+    /// Dillon's C of waypoint i for an axis, with its [`push`](Self::push).
+    pub fn dillon(&self, terms: &[Terms], i: usize, axis: &Unit<Vector3<f64>>, push: &Vector3<f64>) -> f64 {
         let moments = &self.moments[i];
-        let push = self.push(samples, axis, compliance);
-        terms[i].cost(&push, moments.inertia_normalised(axis), moments.mass_mg()).cost
+        terms[i].cost(push, moments.inertia_normalised(axis), moments.mass_mg()).cost
     }
 
-    /// What pushes at waypoint i for an axis.
+    /// What pushes at waypoint i for an axis, with its [`push`](Self::push).
     pub fn axis_push(
         &self,
         times: &LevelTimes,
         i: usize,
-        samples: &EngagedSamples,
         axis: &Unit<Vector3<f64>>,
-        compliance: Option<&Matrix3<f64>>,
+        push: &Vector3<f64>,
     ) -> AxisPush {
-        let push = self.push(samples, axis, compliance) / self.nominal_mm_s;
+        let push = push / self.nominal_mm_s;
         let toward = times.weighted[i].iter().map(|(weight, u)| weight * push.dot(u));
         AxisPush {
             toward: toward.fold(0.0, f64::max) as f32,

@@ -79,7 +79,7 @@ pub(super) fn least_levels(
     (coarser, kept): (f64, Option<&[EngagedSamples]>),
 ) -> UnderLevels {
     let pushes = field.rows(room.directions, &room.reached.free, kept, |i, samples, axis, compliance| {
-        field.axis_push(times, i, samples, axis, compliance)
+        field.axis_push(times, i, axis, &field.push(samples, axis, compliance))
     });
     let turns = goal.limits(room.turns, coarser);
     let none = Forbidden::default();
@@ -102,7 +102,7 @@ pub(super) fn least_levels(
         let found = best_sequence(&problem);
         let seconds = match &found {
             BestSequence::Sequence { directions, .. } => {
-                seconds(&problem, field, times, &levels, &pushes, directions)
+                seconds(&problem, field, times, (&levels, &pushes), directions)
             }
             BestSequence::Blocked(_) => [f64::INFINITY, 0.0],
         };
@@ -140,7 +140,7 @@ pub(super) fn best_under(
     waypoints: &[usize],
 ) -> Option<Vec<u16>> {
     let pushes = field.rows(set, free, None, |i, samples, axis, compliance| {
-        field.axis_push(times, i, samples, axis, compliance)
+        field.axis_push(times, i, axis, &field.push(samples, axis, compliance))
     });
     let count = set.len();
     let cost = costs(field, times, &goal.levels(1.0), &pushes, count);
@@ -203,8 +203,7 @@ fn seconds(
     problem: &Problem,
     field: &CostField,
     times: &LevelTimes,
-    levels: &AxisLevels,
-    pushes: &[AxisPush],
+    (levels, pushes): (&AxisLevels, &[AxisPush]),
     sequence: &[u16],
 ) -> [f64; 2] {
     let TurnPrice::Time(turn) = problem.turns.price else { return [f64::INFINITY, 0.0] };

@@ -8,8 +8,9 @@ use bonemill_cutting::burr::{EngagedForce, ModelError};
 use bonemill_cutting::importance::Importance;
 use bonemill_cutting::speed::{CutPushes, Levels};
 use bonemill_setup::nearest_structures::NearStructure;
-use nalgebra::{Matrix3, Unit, Vector3};
+use nalgebra::Matrix3;
 
+use super::axis_cost::Weighted;
 use super::choose::Chosen;
 
 /// Beyond a level by more than this share of it is no rounding.
@@ -58,10 +59,7 @@ pub(super) fn weight(importance: &Importance, case: &Case, n: &NearStructure) ->
 ///
 /// # Errors
 /// As [`importance`].
-pub(super) fn weighted(
-    case: &Case,
-    near: &[Vec<NearStructure>],
-) -> Result<Vec<Vec<(f64, Unit<Vector3<f64>>)>>, ModelError> {
+pub(super) fn weighted(case: &Case, near: &[Vec<NearStructure>]) -> Result<Vec<Vec<Weighted>>, ModelError> {
     let law = importance(case)?;
     let of = |n: &NearStructure| (weight(&law, case, n), n.proximity.toward);
     Ok(near.iter().map(|near| near.iter().map(of).collect()).collect())

@@ -202,7 +202,9 @@ fn wishes(room: &FreeAxes, field: &CostField) -> Vec<greedy::BestAxis> {
                 family: room.family,
                 in_set: |n: usize| room.is_in_set(i, n),
                 is_free: |axis: &Unit<Vector3<f64>>| room.is_free(i, axis),
-                cost: |axis: &Unit<Vector3<f64>>| field.dillon(terms, i, samples, axis, compliance(axis)),
+                cost: |axis: &Unit<Vector3<f64>>| {
+                    field.dillon(terms, i, axis, &field.push(samples, axis, compliance(axis)))
+                },
             }
             .wish()
         })
@@ -257,7 +259,7 @@ fn optimal(room: &FreeAxes, field: &CostField, goal: Option<&Goal>) -> Oriented 
                 if !field.cuts(i) {
                     return (1.0 / times.link_mm_s) as f32;
                 }
-                let push = field.axis_push(&times, i, samples, axis, compliance);
+                let push = field.axis_push(&times, i, axis, &field.push(samples, axis, compliance));
                 (push.cost(&levels, times.range_mm_s) + room.leaves_kept(i, axis)) as f32
             };
             let turns = goal.limits(room.turns, 1.0);
@@ -269,7 +271,10 @@ fn optimal(room: &FreeAxes, field: &CostField, goal: Option<&Goal>) -> Oriented 
         }
         (AxisObjective::Dillon(terms), _) => {
             let value = |i: usize, samples: &EngagedSamples, axis: &Unit<_>, compliance: Option<&_>| {
-                if field.cuts(i) { field.dillon(terms, i, samples, axis, compliance) as f32 } else { 0.0 }
+                if !field.cuts(i) {
+                    return 0.0;
+                }
+                field.dillon(terms, i, axis, &field.push(samples, axis, compliance)) as f32
             };
             let cost = field.rows(room.directions, &room.reached.free, kept, value);
             let none = Forbidden::default();
