@@ -44,6 +44,7 @@ fn between_rows_joints_follow_the_cubic() {
 /// before it to as many behind it.
 fn rounded(corners: &[[f64; 3]]) -> Trajectory {
     let at = |n: usize| Vector3::new(corners[n][0], corners[n][1], 0.0);
+    let round_mm = |n: usize| corners[n][2];
     let mut places = vec![at(0)];
     let go = |places: &mut Vec<Vector3<f64>>, to: Vector3<f64>| {
         let from = places[places.len() - 1];
@@ -51,7 +52,7 @@ fn rounded(corners: &[[f64; 3]]) -> Trajectory {
         places.extend((1..=count).map(|n| from.lerp(&to, n as f64 / count as f64)));
     };
     for n in 1..corners.len() - 1 {
-        let (corner, round_mm) = (at(n), corners[n][2]);
+        let (corner, round_mm) = (at(n), round_mm(n));
         let [before, behind] = [n - 1, n + 1].map(|m| corner + (at(m) - corner).normalize() * round_mm);
         go(&mut places, before);
         let count = (2.0 * round_mm / 0.002).ceil();
