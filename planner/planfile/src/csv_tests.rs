@@ -143,7 +143,7 @@ fn damage_is_named_by_line_and_column() {
     damage("0.3333333333333333", "7.0", &[":4:", "`time_s`", "at least 7 s"]);
     damage("1e-7,0.0,0.0,1.0", "1e-7,0.0,0.0,1.1", &[":2:", "`axis_x`", "unit axis"]);
     damage("sinus and dura", "sinus", &[":2:", "`structure`", "structure of the case"]);
-    damage(",4.5,", ",", &[":2:", "23 cells", "24"]);
+    damage(",4.5,", ",", &[":2:", "25 cells", "26"]);
     damage("0.1,0.2,0.3", "0.1,,0.3", &[":2:", "`fy_n`"]);
     damage("index,layer", "index,level", &[":1:", "header"]);
     std::fs::write(&path, "").unwrap();

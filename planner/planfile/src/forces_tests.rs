@@ -62,7 +62,7 @@ fn damage_is_named_by_line_and_column() {
         ("0.1428571428", "-0.1428571428", "forces.csv:3: column `force_toward_n`"),
         ("0.1428571428", "inf", "forces.csv:3: column `force_toward_n`"),
         ("0.267261241", "0.367261241", "forces.csv:2: column `toward_x`"),
-        (",0.25\n", "\n", "forces.csv:3: found 7 cells, expected 8"),
+        (",0.25\n", "\n", "forces.csv:3: found 8 cells, expected 9"),
     ] {
         assert!(sound.contains(from), "{from}");
         fs::write(&path, sound.replacen(from, to, 1)).unwrap();
