@@ -12,21 +12,63 @@ use support::place::Place;
 /// A voxel of the planning grid, mm.
 const VOXEL_MM: f64 = 0.5;
 
-/// Centres of the burr at the cuts of the plan in `place`, mm.
-fn cuts(place: &Place) -> Vec<[f64; 3]> {
-    let text = fs::read_to_string(place.path("plan/waypoints.csv")).unwrap();
-    let mut lines = text.lines();
-    let columns: Vec<_> = lines.next().unwrap().split(',').collect();
-    let at = |name: &str| columns.iter().position(|c| *c == name).unwrap();
-    let (kind, x) = (at("kind"), at("x_mm"));
-    assert_eq!([columns[x + 1], columns[x + 2]], ["y_mm", "z_mm"]);
-    let rows = lines.map(|line| line.split(',').collect::<Vec<_>>());
-    let cuts: Vec<_> = rows
-        .filter(|row| row[kind] == "cut")
-        .map(|row| [0, 1, 2].map(|a| row[x + a].parse::<f64>().unwrap()))
-        .collect();
-    assert!(cuts.len() > 100, "{} cuts", cuts.len());
-    cuts
+/// A cut that removes less than this share of the largest one grazes: where ways between lines graze depends on the voxels.
+const GRAZES: f64 = 0.1;
+
+/// The cuts of a plan.
+struct Cuts {
+    /// Centres of the burr, mm.
+    at: Vec<[f64; 3]>,
+    /// Whether each does more than graze.
+    is_full: Vec<bool>,
+}
+
+impl Cuts {
+    fn of(place: &Place) -> Self {
+        let text = fs::read_to_string(place.path("plan/waypoints.csv")).unwrap();
+        let mut lines = text.lines();
+        let columns: Vec<_> = lines.next().unwrap().split(',').collect();
+        let column = |name: &str| columns.iter().position(|c| *c == name).unwrap();
+        let (kind, x, mass) = (column("kind"), column("x_mm"), column("mass_mg"));
+        assert_eq!([columns[x + 1], columns[x + 2]], ["y_mm", "z_mm"]);
+        let rows = lines.map(|line| line.split(',').collect::<Vec<_>>());
+        let cuts: Vec<_> = rows.filter(|row| row[kind] == "cut").collect();
+        assert!(cuts.len() > 100, "{} cuts", cuts.len());
+        let number = |text: &str| text.parse::<f64>().unwrap();
+        let most_mg = cuts.iter().map(|row| number(row[mass])).fold(0.0, f64::max);
+        Self {
+            at: cuts.iter().map(|row| [0, 1, 2].map(|a| number(row[x + a]))).collect(),
+            is_full: cuts.iter().map(|row| number(row[mass]) >= GRAZES * most_mg).collect(),
+        }
+    }
+
+    /// The same in a turned or mirrored patient.
+    fn turned(&self, turn: [[f64; 3]; 3]) -> Self {
+        Self { at: self.at.iter().map(|p| turned(turn, *p)).collect(), is_full: self.is_full.clone() }
+    }
+
+    /// How far a cut of one plan that does more than graze is from the nearest cut of the other, at most, mm.
+    fn apart_mm(&self, other: &Self) -> f64 {
+        let one_way = |from: &Self, to: &Self| {
+            let nearest =
+                |p: &[f64; 3]| to.at.iter().map(|q| distance_mm(p, q)).fold(f64::INFINITY, f64::min);
+            let full = from.at.iter().zip(&from.is_full).filter(|(_, is_full)| **is_full);
+            full.map(|(p, _)| nearest(p)).fold(0.0, f64::max)
+        };
+        one_way(self, other).max(one_way(other, self))
+    }
+
+    /// How much of the way goes along each direction: Σ d dᵀ/|d| over the full cuts' moves, over Σ |d|.
+    fn along(&self) -> [[f64; 3]; 3] {
+        let (mut sum, mut length_mm) = ([[0.0; 3]; 3], 0.0);
+        for n in (1..self.at.len()).filter(|n| self.is_full[*n]) {
+            let d = [0, 1, 2].map(|a| self.at[n][a] - self.at[n - 1][a]);
+            let mm = distance_mm(&self.at[n], &self.at[n - 1]).max(1e-9);
+            (0..9).for_each(|c| sum[c / 3][c % 3] += d[c / 3] * d[c % 3] / mm);
+            length_mm += mm;
+        }
+        sum.map(|row| row.map(|v| v / length_mm))
+    }
 }
 
 fn turned(turn: [[f64; 3]; 3], p: [f64; 3]) -> [f64; 3] {
@@ -37,20 +79,11 @@ fn distance_mm(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     (0..3).map(|n| (a[n] - b[n]).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Hausdorff distance of two sets of points, mm.
-fn hausdorff_mm(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
-    let one_way = |from: &[[f64; 3]], to: &[[f64; 3]]| {
-        let nearest = |p: &[f64; 3]| to.iter().map(|q| distance_mm(p, q)).fold(f64::INFINITY, f64::min);
-        from.iter().map(nearest).fold(0.0, f64::max)
-    };
-    one_way(a, b).max(one_way(b, a))
-}
-
 #[track_caller]
-fn planned(place: &Place) -> Vec<[f64; 3]> {
+fn planned(place: &Place) -> Cuts {
     let ran = place.plan();
     assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
-    cuts(place)
+    Cuts::of(place)
 }
 
 /// The healthy patient in coordinates turned or mirrored by `turn`, with matching approach and sense of rotation.
@@ -92,7 +125,7 @@ fn the_healthy_patient_is_planned_and_every_file_is_there() {
     let face = body::ORIGIN_MM[0] + 29.5 * body::SPACING_MM;
     let [least, most] =
         [body::ORIGIN_MM[2] + 11.5 * body::SPACING_MM, body::ORIGIN_MM[2] + 13.5 * body::SPACING_MM];
-    for [x, _, z] in cuts(&place) {
+    for [x, _, z] in Cuts::of(&place).at {
         let away = (face - x).max(0.0).hypot((least - z).max(z - most).max(0.0));
         assert!(away >= 2.5 - 1e-6, "({x}, {z}): {away} mm");
     }
@@ -121,7 +154,7 @@ fn another_order_of_voxels_in_the_same_world_is_the_same_plan() {
         let place = Place::healthy();
         place.put_ct(&body::ct().stored_as(order, flipped));
         place.put_labels(&body::labels().stored_as(order, flipped));
-        let off_mm = hausdorff_mm(&plan, &planned(&place));
+        let off_mm = plan.apart_mm(&planned(&place));
         eprintln!("axes {order:?}, flipped {flipped:?}: {off_mm:.3} mm");
         assert!(off_mm <= VOXEL_MM, "axes {order:?}, flipped {flipped:?}: {off_mm} mm");
     }
@@ -134,8 +167,7 @@ fn a_mirrored_patient_is_the_mirrored_plan() {
         let mut mirror = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         mirror[axis][axis] = -1.0;
         let found = planned(&patient_in(mirror, true));
-        let expected: Vec<_> = plan.iter().map(|p| turned(mirror, *p)).collect();
-        let off_mm = hausdorff_mm(&expected, &found);
+        let off_mm = plan.turned(mirror).apart_mm(&found);
         eprintln!("mirrored along axis {axis}: {off_mm:.3} mm");
         assert!(off_mm <= VOXEL_MM, "mirrored along axis {axis}: {off_mm} mm");
     }
@@ -143,7 +175,6 @@ fn a_mirrored_patient_is_the_mirrored_plan() {
 
 #[test]
 fn a_patient_turned_obliquely_is_the_turned_plan() {
-    let plan = planned(&Place::healthy());
     // by 0.7 rad about (1, 2, 2)/3
     let turn = {
         let (s, c) = 0.7f64.sin_cos();
@@ -157,9 +188,27 @@ fn a_patient_turned_obliquely_is_the_turned_plan() {
         }
         turn
     };
-    let found = planned(&patient_in(turn, false));
-    let expected: Vec<_> = plan.iter().map(|p| turned(turn, *p)).collect();
-    let off_mm = hausdorff_mm(&expected, &found);
-    eprintln!("turned obliquely: {off_mm:.3} mm, {} and {} cuts", expected.len(), found.len());
+    let place = Place::healthy();
+    let (plan, turned_place) = (planned(&place), patient_in(turn, false));
+    let (expected, found) = (plan.turned(turn), planned(&turned_place));
+    let off_mm = expected.apart_mm(&found);
+    eprintln!("turned obliquely: {off_mm:.3} mm, {} and {} cuts", expected.at.len(), found.at.len());
     assert!(off_mm <= VOXEL_MM + 1e-6, "turned obliquely: {off_mm} mm");
+    let (along, found) = (expected.along(), found.along());
+    let differ = (0..9).map(|c| (along[c / 3][c % 3] - found[c / 3][c % 3]).abs()).fold(0.0, f64::max);
+    assert!(differ < 0.05, "lines in other directions: {along:?} and {found:?}");
+    let [before, after] = [&place, &turned_place].map(metrics);
+    for figure in ["mean_force_n", "peak_force_n", "total_time_s"] {
+        let [before, after] = [&before, &after].map(|m| m[figure].as_float().unwrap());
+        assert!((after / before - 1.0).abs() < 0.2, "{figure}: {before} and {after}");
+    }
+    for figure in ["mean_force_toward_n", "peak_force_toward_n"] {
+        let [before, after] = [&before, &after].map(|m| m["structures"]["nerve"][figure].as_float().unwrap());
+        assert!((after / before - 1.0).abs() < 0.2, "{figure}: {before} and {after}");
+    }
+}
+
+fn metrics(place: &Place) -> toml::Table {
+    let text = fs::read_to_string(place.path("plan/plan.toml")).unwrap();
+    text.parse::<toml::Table>().unwrap()["metrics"].as_table().unwrap().clone()
 }

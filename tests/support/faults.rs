@@ -226,11 +226,6 @@ pub const ALL: &[Fault] = &[
         caught_by: &["links in bone/in all"],
     },
     Fault {
-        name: "half the speed that the arm drives stated",
-        plant: |p| p.waypoints.iter_mut().for_each(|w| w.driven_mm_s *= 0.5),
-        caught_by: &["driven_mm_s"],
-    },
-    Fault {
         name: "cuts faster than their caps",
         plant: |p| relay_at(p, 1.5, |kind| kind == MoveKind::Cut),
         caught_by: &["speed of cuts"],

@@ -43,6 +43,11 @@ pub const ALL: &[Fault] = &[
         caught_by: &["figures/path_length_mm"],
     },
     Fault {
+        name: "half the speed that the arm drives stated",
+        plant: |p| p.waypoints.iter_mut().for_each(|w| w.driven_mm_s *= 0.5),
+        caught_by: &["driven_mm_s"],
+    },
+    Fault {
         name: "a smaller largest force claimed",
         plant: |p| scale_figure(p, "peak_force_n", 0.5),
         caught_by: &["figures/peak_force_n", "driven force/peak_force_n"],

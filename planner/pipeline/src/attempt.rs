@@ -1,11 +1,12 @@
 //! One plan of a case, beside what a straight shaft does in the same time.
 //!
 //! First the references: two controls give the total time, a straight shaft with the least force the levels. Then the lines, the axes
-//! that fit the time at the lowest levels, the arm's motion and its speeds. A plan that pushes more than the straight shaft at any judged figure keeps
-//! the shaft straight near structures, and if that is of no help everywhere: the straight shaft is always among the candidates.
+//! that fit the time at the lowest levels, the arm's motion and its speeds. A plan that pushes more than the straight shaft at any
+//! judged figure keeps the shaft straight near structures, and if that is of no help everywhere: the straight shaft is always among the
+//! candidates.
 
 use bonemill_arm::Arm;
-use bonemill_armpath::{ArmMotion, Placed, path_limits};
+use bonemill_armpath::{ArmMotion, Placed};
 use bonemill_case::{Case, ForceTerm, Objective, OrientationMode, Sense, SpeedMode};
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_motion::resolve::Posture;
@@ -24,18 +25,15 @@ use super::metrics::{self, Coverage};
 use super::move_limits::MoveLimits;
 use super::prepared::{Prepared, ShaftFreedom};
 use super::raster::{self, ChosenLines, Raster};
-use super::reference::{Reference, ReferencePath, Straight};
+use super::reference::{Reference, ReferencePath, Straight, StructureForces};
 use super::speeds::{self, Aim, JointMotion, Timing};
 use super::tilt;
 
 /// An attempt may leave this share more of what the burr can reach than the one before.
 const LEFT_SHARE: f64 = 0.005;
 
-/// How often the time of turns is corrected, at most, and the share by which predicted and driven times may differ.
-const CORRECTIONS: usize = 1;
+/// The share by which predicted and driven times may differ before the time of turns is corrected.
 const AGREES_SHARE: f64 = 0.02;
-/// How often axes are chosen again, at most, where a cut pushes more at the least speed than the straight shaft ever does.
-const STRAIGHTENED: usize = 1;
 /// Where turns keep nothing waiting, they count as this share of the time.
 const LEAST_WAITS_SHARE: f64 = 0.02;
 
@@ -73,8 +71,17 @@ struct References {
     nominal_s: Option<f64>,
     /// Time of the plan, s: the case's, else the controls'.
     total_s: Option<f64>,
+    /// The time of the first control at the nominal speed, s.
+    first_s: Option<f64>,
     /// How long turns take in the posture of a control.
     turn: Option<TurnTime>,
+}
+
+impl References {
+    /// The plan's time, or without one the controls', s.
+    fn time_s(&self) -> Option<f64> {
+        self.total_s.or(self.nominal_s)
+    }
 }
 
 /// How the shaft is turned.
@@ -133,7 +140,10 @@ impl<'a> Start<'a> {
         let frames = raster::frames(case, self.scene)?;
         let references = self.references(&frames, &freedom, watch)?;
         let lines = self.lines(&frames, &freedom, &references, watch)?;
-        let straight = watch.run("references", || self.straight(&references, lines.straight))?;
+        let most = watch.run("references", || self.most_overall(&references))?;
+        let straight = watch.run("references", || self.straight(&references, lines.straight, most))?;
+        let total_s = references.total_s;
+        let aim = Aim { total_s, reference: None, most_overall: total_s.and(most) };
         // figures are forces: they do not judge a plan that lowers deflections
         let is_open = case.cost.force == ForceTerm::Cutting
             && case.orientation.mode == OrientationMode::Optimal
@@ -141,32 +151,14 @@ impl<'a> Start<'a> {
         let attempt = |raster: Raster, turning: Turning, watch: &mut Stopwatch| {
             let goal = self.goal(&references, straight.as_ref(), turning);
             let prepared = Prepared::new(self, &freedom, raster, watch)?;
-            self.attempt(prepared, (turning, goal), (&references, straight.as_ref()), watch)
+            self.attempt(prepared, (turning, goal), (aim, straight.as_ref()), watch)
         };
         let mut best = attempt(lines.plan, Turning::Wherever, watch)?;
-        if is_open && !best.is_nowhere_worse_than_straight() {
-            // the shank of the reference is not tested: what it can do where it is decides
-            if let Ok(mut fallback) = attempt(lines.straight, Turning::Nowhere, watch) {
-                let forces = fallback.compared.plan.clone();
-                let total_time_s = fallback.timing.driven.law.duration_s();
-                let tested = Reference { raster: lines.straight, speed_mm_s: None, total_time_s, forces };
-                best.compared.straight = Some(tested.clone());
-                if !best.is_nowhere_worse_than_straight() {
-                    let away = attempt(lines.plan, Turning::AwayFromStructures, watch);
-                    let away = away.map(|mut away| {
-                        away.compared.straight = Some(tested.clone());
-                        away
-                    });
-                    fallback.compared.straight = Some(tested);
-                    match away {
-                        Ok(away) if away.is_nowhere_worse_than_straight() && away.keeps_what(&best) => {
-                            best = away
-                        }
-                        _ if fallback.keeps_what(&best) => best = fallback,
-                        _ => {}
-                    }
-                }
-            }
+        if is_open
+            && !best.is_nowhere_worse_than_straight()
+            && let Ok(fallback) = attempt(lines.straight, Turning::Nowhere, watch)
+        {
+            best = best.or_straighter(fallback, || attempt(lines.plan, Turning::AwayFromStructures, watch));
         }
         best.compared.controls =
             watch.run("references", || self.controls_in(&references, best.timing.driven.law.duration_s()))?;
@@ -207,7 +199,8 @@ impl<'a> Start<'a> {
             let middle = q.chunks_exact(dof).nth(q.len() / dof / 2)?;
             tilt::turn_time(self.arm, middle, &self.base_from_work, freedom.family.as_ref())
         });
-        Ok(References { controls, nominal_s, total_s: case.speed.total_time_s.or(of_mode), turn })
+        let (total_s, first_s) = (case.speed.total_time_s.or(of_mode), nominal.first().copied());
+        Ok(References { controls, nominal_s, total_s, first_s, turn })
     }
 
     /// The lines for the plan and for a straight shaft, chosen in drafts.
@@ -219,16 +212,19 @@ impl<'a> Start<'a> {
         watch: &mut Stopwatch,
     ) -> Result<ChosenLines, PlanError> {
         // drafts are timed without the arm: by how much the plan takes longer or less than the first control
-        let first_s = references.controls.first().map(|control| control.nominal_s(self)).transpose()?;
-        let total_s = references.total_s.or(references.nominal_s);
-        let time_share = total_s.zip(first_s).map_or(1.0, |(total_s, first_s)| total_s / first_s);
+        let times_s = references.time_s().zip(references.first_s);
+        let time_share = times_s.map_or(1.0, |(total_s, first_s)| total_s / first_s);
         watch.run("lines", || raster::chosen(self, freedom, frames, (time_share, references.turn)))
     }
 
     /// The straight shaft with the least force, in the plan's time; `None` where the arm cannot drive it.
-    fn straight(&self, references: &References, raster: Raster) -> Result<Option<Straight>, PlanError> {
-        let Some(total_s) = references.total_s.or(references.nominal_s) else { return Ok(None) };
-        let most = self.most_overall(references, total_s)?;
+    fn straight(
+        &self,
+        references: &References,
+        raster: Raster,
+        most: Option<f64>,
+    ) -> Result<Option<Straight>, PlanError> {
+        let Some(total_s) = references.time_s() else { return Ok(None) };
         let known = references.controls.iter().find(|control| control.raster == raster);
         if let Some(path) = known {
             return path.least_force(self, total_s, most).map(Some);
@@ -240,12 +236,11 @@ impl<'a> Start<'a> {
         }
     }
 
-    /// The largest force of the controls in a time, N; none pushes more even in a plan that cannot be driven in the time.
-    fn most_overall(&self, references: &References, total_s: f64) -> Result<Option<f64>, PlanError> {
-        if self.case.cost.force != ForceTerm::Cutting {
-            return Ok(None);
-        }
-        let controls = self.controls_in(references, total_s)?;
+    /// The largest force of the controls in the plan's time, N: no cut pushes more even in a plan that cannot be driven in the time.
+    fn most_overall(&self, references: &References) -> Result<Option<f64>, PlanError> {
+        let time_s = references.time_s().filter(|_| self.case.cost.force == ForceTerm::Cutting);
+        let Some(time_s) = time_s else { return Ok(None) };
+        let controls = self.controls_in(references, time_s)?;
         Ok(controls.iter().map(|control| control.forces.peak_n).max_by(f64::total_cmp))
     }
 
@@ -280,7 +275,7 @@ impl<'a> Start<'a> {
         let mut by_levels = choices.clone();
         by_levels.speed.mode = SpeedMode::LeastForce;
         let demand = prepared.demand(&by_levels, chosen)?;
-        let joints = JointMotion::new(&motion.dense, &path_limits(self.arm)?)?;
+        let joints = JointMotion::new(motion, self.arm)?;
         let driven_s =
             speeds::under_levels_s(&demand.input(prepared, &by_levels, chosen), &joints, &predicted.levels)?;
         // as the straight shaft drives it
@@ -300,7 +295,7 @@ impl<'a> Start<'a> {
         &self,
         mut prepared: Prepared<'a>,
         (turning, goal): (Turning, Option<Goal>),
-        (references, straight): (&References, Option<&Straight>),
+        (aim, straight): (Aim, Option<&Straight>),
         watch: &mut Stopwatch,
     ) -> Result<Attempt<'a>, PlanError> {
         let case = self.case;
@@ -308,43 +303,23 @@ impl<'a> Start<'a> {
         let mut choices = Choices { mode, goal, ..Choices::of(case) };
         let is_tilted = mode == OrientationMode::Optimal && goal.is_some();
         let (mut chosen, mut motion) = prepared.choose_with_motion(&choices, watch)?;
-        for _ in 0..CORRECTIONS {
-            if !is_tilted {
-                break;
-            }
-            let Some(corrected) = self.corrected(&prepared, &choices, &chosen, &motion)? else { break };
+        if is_tilted && let Some(corrected) = self.corrected(&prepared, &choices, &chosen, &motion)? {
             choices.goal = Some(corrected);
             (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
         }
-        let limits = path_limits(self.arm)?;
-        watch.run("forces", || {
-            prepared.look_within(&choices, &mut chosen, &JointMotion::new(&motion.dense, &limits)?)
-        })?;
-        for _ in 0..STRAIGHTENED {
-            let hot = straight
-                .filter(|_| is_tilted)
-                .map(|straight| prepared.hotter(&choices, &chosen, &straight.levels[1]));
-            let hot = hot.transpose()?.unwrap_or_default();
-            if hot.is_subset(&choices.straight_at) {
-                break;
+        watch.run("forces", || prepared.look_within(&choices, &mut chosen, &motion))?;
+        if is_tilted && let Some(straight) = straight {
+            let hot = prepared.hotter(&choices, &chosen, &straight.levels[1])?;
+            if !hot.is_empty() {
+                choices.straight_at = hot;
+                (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
+                watch.run("forces", || prepared.look_within(&choices, &mut chosen, &motion))?;
             }
-            choices.straight_at.extend(hot);
-            (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
-            watch.run("forces", || {
-                prepared.look_within(&choices, &mut chosen, &JointMotion::new(&motion.dense, &limits)?)
-            })?;
         }
-        let joints = JointMotion::new(&motion.dense, &limits)?;
+        let joints = JointMotion::new(&motion, self.arm)?;
         let demand = prepared.demand(&choices, &chosen)?;
-        let aim = Aim {
-            total_s: references.total_s,
-            reference: straight.filter(|_| is_tilted).map(|straight| straight.levels[0]),
-            most_overall: references
-                .total_s
-                .map(|total_s| self.most_overall(references, total_s))
-                .transpose()?
-                .flatten(),
-        };
+        let reference = straight.filter(|_| is_tilted).map(|straight| straight.levels[0]);
+        let aim = Aim { reference, ..aim };
         let speed_input = demand.input(&prepared, &choices, &chosen);
         let reached = &prepared.reached;
         let (timing, coverage) = watch.run("time law, coverage", || {
@@ -360,7 +335,7 @@ impl<'a> Start<'a> {
         drop(joints);
         // refused here, before anything is written
         timing.driven.law.rows(case.robot.rate_hz)?;
-        let plan = super::reference::StructureForces::of(
+        let plan = StructureForces::of(
             case,
             prepared.length_mm(),
             &timing.driven,
@@ -384,6 +359,31 @@ impl<'a> Start<'a> {
 }
 
 impl Attempt<'_> {
+    /// This attempt, unless it pushes more than `fallback`, whose shaft is straight everywhere: then `away`, where that pushes no more,
+    /// else the fallback. Neither replaces an attempt that mills or keeps more than it does.
+    ///
+    /// The shank of the reference is not tested, so what the fallback can do takes its place.
+    fn or_straighter(mut self, mut fallback: Self, away: impl FnOnce() -> Result<Self, PlanError>) -> Self {
+        let tested = Reference {
+            raster: fallback.prepared.raster(),
+            speed_mm_s: None,
+            total_time_s: fallback.timing.driven.law.duration_s(),
+            forces: fallback.compared.plan.clone(),
+        };
+        self.compared.straight = Some(tested.clone());
+        if self.is_nowhere_worse_than_straight() {
+            return self;
+        }
+        if let Ok(mut away) = away() {
+            away.compared.straight = Some(tested.clone());
+            if away.is_nowhere_worse_than_straight() && away.keeps_what(&self) {
+                return away;
+            }
+        }
+        fallback.compared.straight = Some(tested);
+        if fallback.keeps_what(&self) { fallback } else { self }
+    }
+
     /// Whether it leaves at most [`LEFT_SHARE`] more than another, and misses no time, cap or turn that the other meets.
     pub fn keeps_what(&self, other: &Self) -> bool {
         let misses = |of: &Self| {
@@ -407,7 +407,7 @@ impl Attempt<'_> {
         !self.compared.worse(self.prepared.start.case).is_empty()
     }
 
-    /// Score of the forces toward structures: see [`super::StructureForces::score`].
+    /// Score of the forces toward structures: see [`StructureForces::score`].
     pub fn score(&self) -> f64 {
         self.compared.plan.score(self.prepared.start.case)
     }

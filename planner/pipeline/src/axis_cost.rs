@@ -10,6 +10,7 @@
 //! smaller one still of 1 − I_n: inertia decides between axes that the levels leave equal. With `cost.force = "deflection"`
 //! the deflection C F takes the place of F.
 
+use bonemill_case::SpeedSpec;
 use bonemill_cutting::burr::{EngagedSamples, Feed, Material, OrientationKernel};
 use bonemill_cutting::cost::Terms;
 use bonemill_cutting::metrics::Moments;
@@ -76,6 +77,14 @@ pub struct LevelTimes<'a> {
     pub range_mm_s: [f64; 2],
     /// Speed of a move that cuts nothing, mm/s.
     pub link_mm_s: f64,
+}
+
+impl<'a> LevelTimes<'a> {
+    /// In a range of speeds.
+    pub fn new(speed: &SpeedSpec, weighted: &'a [Vec<Weighted>]) -> Self {
+        let range_mm_s = [speed.min_mm_s, speed.max_mm_s];
+        Self { weighted, range_mm_s, link_mm_s: speed.link_mm_s }
+    }
 }
 
 /// Levels of a sequence.
@@ -197,6 +206,20 @@ impl CostField<'_> {
             overall: push.norm() as f32,
             inertia_lost: (1.0 - self.moments[i].inertia_normalised(axis)) as f32,
         }
+    }
+
+    /// What pushes at every waypoint that cuts, for each of its free directions, one row per waypoint. `kept`: what was gathered, where
+    /// it was.
+    pub fn axis_pushes(
+        &self,
+        times: &LevelTimes,
+        directions: &Directions,
+        free: &FreeSets,
+        kept: Option<&[EngagedSamples]>,
+    ) -> Vec<AxisPush> {
+        self.rows(directions, free, kept, |i, samples, axis, compliance| {
+            self.axis_push(times, i, axis, &self.push(samples, axis, compliance))
+        })
     }
 
     /// A value of every waypoint that cuts and of its free directions, one row per waypoint. `kept`: what was gathered, where it was.

@@ -26,10 +26,9 @@ use super::axis_cost::{AxisObjective, CostField, LevelTimes};
 use super::in_time::Goal;
 use super::levels;
 use super::orient::{FreeAxes, Oriented, alone, orient};
-use super::path_forces::{COARSE, FINE, ForcedPath, rounded_corners};
+use super::path_forces::{COARSE, FINE, ForcedPath};
 use super::prepared::Prepared;
 use super::reference::StructureForces;
-use super::speeds::JointMotion;
 
 /// Directions in which the choice of axes looks for bone, and how many make a sample. Forces are then summed over the nodes
 /// of D4; with 4096 directions by 8, Σ C Δs + λ ∫ (da/ds)² ds of a mastoidectomy comes out 0.007 % lower.
@@ -163,17 +162,13 @@ impl Prepared<'_> {
         &self,
         choices: &Choices,
         chosen: &mut Chosen,
-        joints: &JointMotion,
+        motion: &ArmMotion,
     ) -> Result<(), PlanError> {
-        let corners = rounded_corners(joints, self.start.arm, &self.start.base_from_work);
         let case = &choices.applied_to(self.start.case);
         let removes = |i: usize| self.reached.moments[i].mass_mg() > 0.0;
-        let (forced, axes) = (self.forced(), &chosen.oriented.axes);
-        let (ends, within) = rayon::join(
-            || forced.at_ends(case, axes, FINE, removes),
-            || forced.within(case, axes, &corners, removes),
-        );
-        (chosen.forces, chosen.within) = (ends?, within?);
+        let axes = &chosen.oriented.axes;
+        let found = self.forced().driven((&self.start, case), axes, motion, removes)?;
+        (chosen.forces, chosen.within) = (found.ends, found.within);
         let pushes = nominal_pushes(case, &chosen.forces, chosen.compliances.as_deref());
         chosen.costs = self.costs(&terms(case, &self.near)?, axes, &pushes);
         Ok(())
@@ -221,11 +216,7 @@ impl Prepared<'_> {
         let weighted = levels::weighted(case, &self.near)?;
         let objective = match choices.goal {
             None => AxisObjective::Dillon(&terms),
-            Some(_) => AxisObjective::Levels(LevelTimes {
-                weighted: &weighted,
-                range_mm_s: [case.speed.min_mm_s, case.speed.max_mm_s],
-                link_mm_s: case.speed.link_mm_s,
-            }),
+            Some(_) => AxisObjective::Levels(LevelTimes::new(&case.speed, &weighted)),
         };
         let compliance = Compliance::new(case, self.start.placed())?;
         let coarse = self.compliance_of(case, &compliance, &self.directions)?;

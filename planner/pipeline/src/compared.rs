@@ -1,7 +1,7 @@
 //! A plan beside its references in the same time: where it pushes more than a simpler plan would.
 
-use bonemill_case::Case;
-use bonemill_planfile::toward::TowardFigures;
+use bonemill_case::{Case, Structure};
+use bonemill_planfile::toward::{StructureFigures, TowardFigures};
 
 use super::reference::{Reference, StructureForces};
 
@@ -78,10 +78,7 @@ impl StructureForces {
     /// One number to compare drafts of one case by: the mean logarithm of the judged figures toward each structure, over the root of its
     /// priority as in the law of importance, and the logarithm of the mean force. So drafts rank by products of forces.
     pub(super) fn score(&self, case: &Case) -> f64 {
-        let of = |(found, structure): (
-            &bonemill_planfile::toward::StructureFigures,
-            &bonemill_case::Structure,
-        )| {
+        let of = |(found, structure): (&StructureFigures, &Structure)| {
             let logarithms = JUDGED.iter().map(|(_, figure)| figure(&found.near).max(NOTHING_N).ln());
             logarithms.sum::<f64>() / JUDGED.len() as f64 / f64::from(structure.priority).sqrt()
         };

@@ -78,9 +78,7 @@ pub(super) fn least_levels(
     goal: &Goal,
     (coarser, kept): (f64, Option<&[EngagedSamples]>),
 ) -> UnderLevels {
-    let pushes = field.rows(room.directions, &room.reached.free, kept, |i, samples, axis, compliance| {
-        field.axis_push(times, i, axis, &field.push(samples, axis, compliance))
-    });
+    let pushes = field.axis_pushes(times, room.directions, &room.reached.free, kept);
     let turns = goal.limits(room.turns, coarser);
     let none = Forbidden::default();
     let run = |factor: f64| {
@@ -91,14 +89,7 @@ pub(super) fn least_levels(
             let row = cost[i * axes.len()..].iter_mut().zip(axes);
             row.for_each(|(cost, axis)| *cost += room.leaves_kept(i, axis) as f32);
         }
-        let problem = Problem {
-            directions: room.directions,
-            cost: &cost,
-            free: &room.reached.free,
-            length_mm: &room.reached.length_mm,
-            turns,
-            forbidden: &none,
-        };
+        let problem = room.problem(&cost, turns, &none);
         let found = best_sequence(&problem);
         let seconds = match &found {
             BestSequence::Sequence { directions, .. } => {
@@ -139,9 +130,7 @@ pub(super) fn best_under(
     (set, free, length_mm): (&Directions, &FreeSets, &[f64]),
     waypoints: &[usize],
 ) -> Option<Vec<u16>> {
-    let pushes = field.rows(set, free, None, |i, samples, axis, compliance| {
-        field.axis_push(times, i, axis, &field.push(samples, axis, compliance))
-    });
+    let pushes = field.axis_pushes(times, set, free, None);
     let count = set.len();
     let cost = costs(field, times, &goal.levels(1.0), &pushes, count);
     let rows: Vec<f32> = waypoints.iter().flat_map(|i| &cost[i * count..(i + 1) * count]).copied().collect();

@@ -15,6 +15,7 @@ use super::choose::Chosen;
 
 /// Beyond a level by more than this share of it is no rounding.
 const ROUNDING: f64 = 1e-6;
+
 /// The levels of push that the speeds keep, as far as they can: mm where [`Self::is_deflection`], else N.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpeedLevels {
@@ -79,8 +80,8 @@ pub(super) fn pushes(
     let compliances = compliances.filter(|_| case.cost.force == ForceTerm::Deflection);
     let of = |(i, toward): (usize, Vec<_>)| {
         let compliance = compliances.and_then(|c| c.get(i));
-        let forces = ends[i].iter().chain(within.get(i).into_iter().flatten());
-        (forces.clone().count() > 0).then(|| CutPushes::new(forces, compliance, &toward))
+        let mut forces = ends[i].iter().chain(within.get(i).into_iter().flatten()).peekable();
+        forces.peek().is_some().then(|| CutPushes::new(forces, compliance, &toward))
     };
     Ok(weighted.into_iter().enumerate().map(of).collect())
 }
@@ -113,6 +114,7 @@ pub(super) fn reached(pushes: &[Option<CutPushes>], speed_mm_s: &[f64]) -> Level
         }
     })
 }
+
 /// Whether pushes are deflections.
 pub(super) fn is_deflection(case: &Case, chosen: &Chosen) -> bool {
     case.cost.force == ForceTerm::Deflection && chosen.compliances.is_some()

@@ -103,6 +103,17 @@ impl FreeAxes<'_> {
         self.reached.access.is_turn_free(&self.reached.turn(i, [from, to]))
     }
 
+    /// The choice among the directions of the set.
+    pub fn problem<'a>(
+        &'a self,
+        cost: &'a [f32],
+        turns: TurnLimits,
+        forbidden: &'a Forbidden,
+    ) -> Problem<'a> {
+        let (directions, free, length_mm) = (self.directions, &self.reached.free, &self.reached.length_mm);
+        Problem { directions, cost, free, length_mm, turns, forbidden }
+    }
+
     fn is_in_set(&self, i: usize, n: usize) -> bool {
         self.reached.free.contains(i, n)
     }
@@ -283,21 +294,11 @@ fn optimal(room: &FreeAxes, field: &CostField, goal: Option<&Goal>) -> Oriented 
             };
             // where directions are far apart a turn of one spacing stands for a way over several of the finer ones
             let turns = TurnLimits { price: TurnPrice::Smoothness(weight_mm / coarser), ..room.turns };
-            let found = best_sequence(&problem(room, &cost, turns, &none));
+            let found = best_sequence(&room.problem(&cost, turns, &none));
             along_best(room, field, (&cost, found), room.turns, (&value, kept))
         }
         (AxisObjective::Levels(_), None) => fixed(room).surveyed(room, None),
     }
-}
-
-fn problem<'a>(
-    room: &'a FreeAxes,
-    cost: &'a [f32],
-    turns: TurnLimits,
-    forbidden: &'a Forbidden,
-) -> Problem<'a> {
-    let (directions, free, length_mm) = (room.directions, &room.reached.free, &room.reached.length_mm);
-    Problem { directions, cost, free, length_mm, turns, forbidden }
 }
 
 /// From the best sequence of the set to axes: near it on the finer cap, its turns tested, then between directions.
@@ -309,7 +310,7 @@ fn along_best(
     (value, kept): (&AxisCost, Option<&[EngagedSamples]>),
 ) -> Oriented {
     let none = Forbidden::default();
-    let problem = problem(room, cost, turns, &none);
+    let problem = room.problem(cost, turns, &none);
     let corridor = room.finer.and_then(|finer| on_finer(room, field, (value, kept), finer, (&found, turns)));
     let checked = |problem: &Problem, first: BestSequence| {
         let axis = |n: u16| &problem.directions.axes()[usize::from(n)];

@@ -1,13 +1,14 @@
 //! The force on the burr along a path as the arm drives it, for the axes that the shaft has.
 //!
-//! A row of a plan states the force where its move ends. Engagement changes within a move too, and a move may cut the skin that a rounded corner left,
-//! so forces are also computed at places within every move, those that plan to cut nothing included. Levels and caps hold at all of them.
+//! A row of a plan states the force where its move ends. Engagement changes within a move too, and a move may cut the skin that a
+//! rounded corner left, so forces are also computed at places within every move, those that plan to cut nothing included. Levels and
+//! caps hold at all of them.
 
-use bonemill_arm::Arm;
+use bonemill_armpath::ArmMotion;
 use bonemill_case::Case;
 use bonemill_cutter::Ball;
 use bonemill_cutting::burr::{EngagedForce, Feed, ForceKernel, Material};
-use bonemill_geometry::{Base, Rigid, Work};
+use bonemill_geometry::{Base, Point, Rigid, Tool};
 use bonemill_scene::Scene;
 use bonemill_setup::tools;
 use bonemill_stock::removal::RemovalTime;
@@ -17,14 +18,20 @@ use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
 use super::PlanError;
+use super::attempt::Start;
 use super::speeds::JointMotion;
 
 /// Places within a move at which the force is computed, as shares of its way, besides its end.
-const WITHIN: [f64; 4] = [0.02, 0.25, 0.5, 0.75];
+const WITHIN: [f64; 2] = [0.02, 0.5];
+/// Between two such places it is computed in the middle where they differ by more than this share of the larger force ..
+const VARIES_SHARE: f64 = 0.1;
+/// .. and of the path's largest, as long as they are farther apart than this share of the way.
+const VARIES_LEAST: f64 = 0.01;
+const APART: f64 = 0.07;
 /// The same, from where a move comes back to a rounded corner and meets the skin there.
 const AROUND_BACK: [f64; 4] = [-0.2, -0.06, 0.0, 0.06];
-/// Elements from tip to shaft and around of the force sum where moves end.
-pub(super) const FINE: [usize; 2] = [64, 128];
+/// Elements of the force sum where moves end, as stated.
+pub(super) const FINE: [usize; 2] = tools::FORCE_ELEMENTS;
 /// The same within moves, and while axes are still chosen.
 pub(super) const COARSE: [usize; 2] = [32, 64];
 /// A corner by whose rounding the burr leaves the path less than this leaves no skin that counts, mm.
@@ -39,21 +46,24 @@ pub(super) struct ForcedPath<'a> {
     pub feeds: &'a [Option<Unit<Vector3<f64>>>],
 }
 
+/// The forces of every move.
+#[derive(Debug)]
+pub(super) struct MoveForces {
+    /// Where it ends, if it is planned to remove something.
+    pub ends: Vec<Option<EngagedForce>>,
+    /// At places within it, where something is cut.
+    pub within: Vec<Vec<EngagedForce>>,
+}
+
 /// The corners that an arm rounds along its motion, in the path's order.
-pub(super) fn rounded_corners(
-    motion: &JointMotion,
-    arm: &Arm,
-    base_from_work: &Rigid<Base, Work>,
-) -> Vec<RoundedCorner> {
-    let work_from_base = base_from_work.inverse();
+fn rounded_corners(start: &Start, motion: &ArmMotion) -> Result<Vec<RoundedCorner>, PlanError> {
+    let work_from_base = start.base_from_work.inverse();
     let place = |q: Vec<f64>| {
-        let tool: Rigid<Base, bonemill_geometry::Tool> = arm.tool_at(&q);
-        let center: bonemill_geometry::Point<Base> =
-            bonemill_geometry::Point::from_coords(tool.translation_mm);
-        work_from_base * center
+        let tool: Rigid<Base, Tool> = start.arm.tool_at(&q);
+        work_from_base * Point::<Base>::from_coords(tool.translation_mm)
     };
-    let corners = motion.burr_corners(LEAST_CORNER_MM).into_iter();
-    corners.map(|(waypoint, q)| RoundedCorner { waypoint, at: q.map(place) }).collect()
+    let corners = JointMotion::new(motion, start.arm)?.burr_corners(LEAST_CORNER_MM).into_iter();
+    Ok(corners.map(|(waypoint, q)| RoundedCorner { waypoint, at: q.map(place) }).collect())
 }
 
 impl ForcedPath<'_> {
@@ -79,42 +89,77 @@ impl ForcedPath<'_> {
         Ok((0..self.points.len()).into_par_iter().map(force).collect())
     }
 
-    /// Forces at places within every move of a path whose `corners` are rounded, the ends of moves that are planned to remove nothing
-    /// included.
+    /// Forces where moves end and within them, along the path as the arm drives it: with rounded corners. `removes(i)`: whether move i is
+    /// planned to remove something.
     ///
     /// # Errors
-    /// When the tool or the material is not usable.
-    pub fn within(
+    /// When the tool, the material or the arm's limits are not usable.
+    pub fn driven(
+        &self,
+        (start, case): (&Start, &Case),
+        axes: &[Unit<Vector3<f64>>],
+        motion: &ArmMotion,
+        removes: impl Fn(usize) -> bool + Sync,
+    ) -> Result<MoveForces, PlanError> {
+        let corners = rounded_corners(start, motion)?;
+        let ends = self.at_ends(case, axes, FINE, &removes)?;
+        let within = self.within(case, axes, &corners, &ends)?;
+        Ok(MoveForces { ends, within })
+    }
+
+    /// Forces at places within every move of a path whose `corners` are rounded, given those at the ends of moves that are planned to
+    /// remove something.
+    fn within(
         &self,
         case: &Case,
         axes: &[Unit<Vector3<f64>>],
         corners: &[RoundedCorner],
-        removes: impl Fn(usize) -> bool + Sync,
+        ends: &[Option<EngagedForce>],
     ) -> Result<Vec<Vec<EngagedForce>>, PlanError> {
         let (kernel, material) = kernel(case, COARSE)?;
         let ball = Ball { radius_mm: case.burr.radius_mm };
         let swept = SweptPath::driven(self.scene, self.removal, self.points, ball, corners);
+        let pushes = |force: &EngagedForce| force.force_n(case.speed.nominal_mm_s);
+        let largest_n = ends.iter().flatten().map(|force| pushes(force).norm()).fold(0.0, f64::max);
         let of_move = |i: usize| {
-            let back = swept.comes_back(i).map(|back| AROUND_BACK.map(|off| (back + off).clamp(0.0, 1.0)));
-            let shares = back.iter().flatten().chain(WITHIN.iter().filter(|_| removes(i)));
-            let force = |share: &f64| {
+            let at = |share: f64| {
                 let weight = |density| material.weight(density);
                 let (feed, mut bone) =
-                    swept.bone_within((i as u32, *share), kernel.sample_radius_mm(), weight)?;
-                let force = kernel.engaged_force(&axes[i], &feed_of(case, &feed), &mut bone);
-                (force.mrr_mm2 > 0.0).then_some(force)
+                    swept.bone_within((i as u32, share), kernel.sample_radius_mm(), weight)?;
+                Some(kernel.engaged_force(&axes[i], &feed_of(case, &feed), &mut bone))
             };
-            shares.filter_map(force).collect()
+            let back = swept.comes_back(i).map(|back| AROUND_BACK.map(|off| (back + off).clamp(0.0, 1.0)));
+            let mut found: Vec<EngagedForce> = back.iter().flatten().filter_map(|share| at(*share)).collect();
+            if let Some(end) = &ends[i] {
+                let first = WITHIN.iter().filter_map(|share| Some((*share, at(*share)?)));
+                let places: Vec<_> = first.chain([(1.0, *end)]).collect();
+                found.extend(places[..places.len() - 1].iter().map(|(_, force)| *force));
+                // pairs whose forces may differ too much
+                let mut pairs: Vec<_> = places.windows(2).map(|pair| [pair[0], pair[1]]).collect();
+                while let Some([from, to]) = pairs.pop() {
+                    let [a, b] = [pushes(&from.1), pushes(&to.1)];
+                    let same_n = VARIES_SHARE * a.norm().max(b.norm()) + VARIES_LEAST * largest_n;
+                    if to.0 - from.0 <= APART || (a - b).norm() <= same_n {
+                        continue;
+                    }
+                    let middle = 0.5 * (from.0 + to.0);
+                    if let Some(force) = at(middle) {
+                        found.push(force);
+                        pairs.extend([[from, (middle, force)], [(middle, force), to]]);
+                    }
+                }
+            }
+            found.retain(|force| force.mrr_mm2 > 0.0);
+            found
         };
         Ok((0..self.points.len()).into_par_iter().map(of_move).collect())
     }
 }
 
-fn kernel(case: &Case, [n_kappa, n_around]: [usize; 2]) -> Result<(ForceKernel, Material), PlanError> {
+fn kernel(case: &Case, elements: [usize; 2]) -> Result<(ForceKernel, Material), PlanError> {
     let tool = tools::tool(&case.burr)?;
     let (material, measure) = tools::material(&case.material)?;
-    let kernel =
-        ForceKernel::new(&tool, &material, &tools::discretisation(&tool, measure, n_kappa, n_around)?);
+    let kernel = ForceKernel::new(&tool, &material, &tools::discretisation(&tool, measure, elements)?);
     Ok((kernel, material))
 }
 

@@ -8,9 +8,10 @@
 //! structure and the mean force. The first candidate stands unless another is clearly better, so that rounding decides nothing.
 //!
 //! A draft is a comparison, not a plan: waypoints that no axis reaches count as time without a cut, and nothing is
-//! dropped or refined; forces count, also where the cost uses the deflection. Bone stands and goes by voxels, not by parts of them, and the joints' accelerations do not count.
+//! dropped or refined; forces count, also where the cost uses the deflection. Bone stands and goes by voxels, not by parts of them,
+//! and the joints' accelerations do not count.
 
-use bonemill_case::{Case, Objective, OrientationMode, Sense, SpeedMode, SpeedSpec};
+use bonemill_case::{Case, Objective, OrientationMode, Sense};
 use bonemill_cutter::Ball;
 use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, Material, OrientationKernel};
 use bonemill_cutting::metrics::Moments;
@@ -35,7 +36,7 @@ use super::prepared::{ShaftFreedom, feeds};
 use super::reach::{ReachSpec, free_directions, lengths, limited};
 use super::reference::StructureForces;
 use super::sense::PassSense;
-use super::speeds::{self, Aim, SpeedInput};
+use super::speeds::{self, Aim, PushedMoves};
 
 /// A draft's steps are this many times longer.
 const COARSER: f64 = 4.0;
@@ -126,7 +127,9 @@ pub(super) fn chosen(
     let made: Vec<Draft> =
         candidates.par_iter().map(|raster| drafts.draft(raster, turn.is_some())).collect::<Result<_, _>>()?;
     // one time for all of them
-    let total_s = time_share * (made[0].cuts_mm() / case.speed.nominal_mm_s + made[0].links_s(case));
+    let first = &made[0];
+    let total_s = time_share
+        * (first.cuts_mm(&first.straight) / case.speed.nominal_mm_s + first.links_s(case, &first.straight));
     let straight: Vec<Judged> = made
         .par_iter()
         .map(|draft| draft.judged(case, &draft.straight, total_s, None))
@@ -136,17 +139,17 @@ pub(super) fn chosen(
     let Some(turn) = turn else {
         return Ok(ChosenLines { plan: candidates[best_straight], straight: candidates[best_straight] });
     };
+    let goal = Goal {
+        levels: reference,
+        most,
+        seconds: total_s,
+        caps_over_driven: 1.0,
+        turn,
+        keeps_straight_near: false,
+    };
     let tilted: Vec<Option<f64>> = made
         .par_iter()
         .map(|draft| {
-            let goal = Goal {
-                levels: reference,
-                most,
-                seconds: total_s,
-                caps_over_driven: 1.0,
-                turn,
-                keeps_straight_near: false,
-            };
             let Some(forces) = drafts.along_best(draft, &goal)? else { return Ok(None) };
             Ok(Some(draft.judged(case, &forces, total_s, Some(reference))?.forces.score(case)))
         })
@@ -258,11 +261,7 @@ impl<'a> Drafts<'a> {
         let Some(free) = &draft.free else { return Ok(None) };
         let case = self.start.case;
         let weighted = levels::weighted(case, &draft.near)?;
-        let times = LevelTimes {
-            weighted: &weighted,
-            range_mm_s: [case.speed.min_mm_s, case.speed.max_mm_s],
-            link_mm_s: case.speed.link_mm_s,
-        };
+        let times = LevelTimes::new(&case.speed, &weighted);
         let field = CostField {
             swept: &self.swept(draft),
             kernel: &self.kernel,
@@ -288,12 +287,14 @@ impl<'a> Drafts<'a> {
 }
 
 impl Draft {
-    fn cuts_mm(&self) -> f64 {
-        self.straight.iter().zip(&self.length_mm).filter(|(f, _)| f.is_some()).map(|(_, mm)| mm).sum()
+    /// Length of the moves on which there is a force, mm.
+    fn cuts_mm(&self, forces: &[Option<EngagedForce>]) -> f64 {
+        forces.iter().zip(&self.length_mm).filter(|(f, _)| f.is_some()).map(|(_, mm)| mm).sum()
     }
 
-    fn links_s(&self, case: &Case) -> f64 {
-        (self.length_mm.iter().sum::<f64>() - self.cuts_mm()) / case.speed.link_mm_s
+    /// Time of the other moves, s.
+    fn links_s(&self, case: &Case, forces: &[Option<EngagedForce>]) -> f64 {
+        (self.length_mm.iter().sum::<f64>() - self.cuts_mm(forces)) / case.speed.link_mm_s
     }
 
     /// Share of its length that no axis reaches.
@@ -311,29 +312,14 @@ impl Draft {
         total_s: f64,
         reference: Option<Levels>,
     ) -> Result<Judged, PlanError> {
-        let count = forces.len();
         let kind =
             |force: &Option<EngagedForce>| if force.is_some() { MoveKind::Cut } else { MoveKind::Link };
         let kinds: Vec<MoveKind> = forces.iter().map(kind).collect();
         let pushes = levels::pushes(case, &self.near, (forces, &[]), None)?;
-        let spec = SpeedSpec { mode: SpeedMode::LeastForce, ..case.speed.clone() };
-        let input = SpeedInput {
-            kinds: &kinds,
-            length_mm: &self.length_mm,
-            mass_mg: &vec![0.0; count],
-            cost: &vec![0.0; count],
-            force_cap_mm_s: &vec![f64::INFINITY; count],
-            pushes: &pushes,
-            step_mm: case.path.step_mm,
-            slot_mass_mg: 0.0,
-            spec: &spec,
-            smoothing: speeds::smoothing(case),
-        };
-        let cuts_mm: f64 =
-            forces.iter().zip(&self.length_mm).filter(|(f, _)| f.is_some()).map(|(_, mm)| mm).sum();
-        let links_s = (self.length_mm.iter().sum::<f64>() - cuts_mm) / case.speed.link_mm_s;
+        let moves = PushedMoves::new(case, &kinds, &self.length_mm, &pushes);
         let aim = Aim { total_s: None, reference, most_overall: None };
-        let found = speeds::caps(&input, Some((total_s - links_s).max(1e-3)), &aim)?;
+        let cutting_s = (total_s - self.links_s(case, forces)).max(1e-3);
+        let found = speeds::caps(&moves.input(), Some(cutting_s), &aim)?;
         let caps = found.mm_s;
         let reached = levels::reached(&pushes, &caps);
         let seconds: Vec<f64> = self.length_mm.iter().zip(&caps).map(|(mm, v)| mm / v).collect();

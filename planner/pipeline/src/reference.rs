@@ -11,8 +11,8 @@
 //!
 //! **Source:** Dillon et al. 2016, section III: trial 1, and trial 3 at equal time.
 
-use bonemill_armpath::{ArmMotion, Compliance, path_limits};
-use bonemill_case::{Case, ForceTerm, SpeedMode, SpeedSpec};
+use bonemill_armpath::{ArmMotion, Compliance};
+use bonemill_case::{Case, ForceTerm};
 use bonemill_cutter::Ball;
 use bonemill_cutting::burr::EngagedForce;
 use bonemill_cutting::speed::{Levels, last_within};
@@ -25,11 +25,11 @@ use nalgebra::Vector3;
 use super::PlanError;
 use super::attempt::Start;
 use super::levels;
-use super::path_forces::{FINE, ForcedPath, rounded_corners};
+use super::path_forces::{ForcedPath, MoveForces};
 use super::prepared::{feeds, spacing};
 use super::raster::Raster;
 use super::reach::lengths;
-use super::speeds::{self, Aim, Driven, JointMotion, SpeedInput};
+use super::speeds::{self, Aim, Driven, JointMotion, PushedMoves};
 
 /// Slowest constant speed of a control, as a share of the nominal speed.
 const SLOWEST_SHARE: f64 = 0.02;
@@ -43,11 +43,7 @@ pub(super) struct ReferencePath {
     pub raster: Raster,
     length_mm: Vec<f64>,
     kinds: Vec<MoveKind>,
-    /// Along the approach.
-    /// Where moves end.
-    forces: Vec<Option<EngagedForce>>,
-    /// At places within moves, along the path as the arm drives it.
-    within: Vec<Vec<EngagedForce>>,
+    forces: MoveForces,
     near: Vec<Vec<NearStructure>>,
     pub motion: ArmMotion,
 }
@@ -102,22 +98,15 @@ impl ReferencePath {
         let cuts = |i: usize| moments[i].mass_mg() > 0.0;
         let forced = ForcedPath { scene, removal: &path.removal, points, feeds: &feeds };
         let motion = start.placed().motion(&centers, &axes, &length_mm, None)?;
-        let joints = JointMotion::new(&motion.dense, &path_limits(start.arm)?)?;
-        let corners = rounded_corners(&joints, start.arm, &start.base_from_work);
-        drop(joints);
-        let (forces, within) = rayon::join(
-            || forced.at_ends(case, &axes, FINE, cuts),
-            || forced.within(case, &axes, &corners, cuts),
-        );
-        let (forces, within) = (forces?, within?);
+        let forces = forced.driven((start, case), &axes, &motion, cuts)?;
         let is_cut = |i: usize| i > 0 && cuts(i) || points[i].kind == MoveKind::Cut;
         let kind = |i: usize| if is_cut(i) { MoveKind::Cut } else { points[i].kind };
         let kinds = (0..points.len()).map(kind).collect();
-        Ok(Self { raster, length_mm, kinds, forces, within, near, motion })
+        Ok(Self { raster, length_mm, kinds, forces, near, motion })
     }
 
     fn joints(&self, start: &Start) -> Result<JointMotion<'_>, PlanError> {
-        JointMotion::new(&self.motion.dense, &path_limits(start.arm)?)
+        JointMotion::new(&self.motion, start.arm)
     }
 
     /// One cap for every cut, mm/s.
@@ -156,7 +145,7 @@ impl ReferencePath {
         let of_cut = |(kind, forces): (&MoveKind, &Vec<_>)| {
             if *kind == MoveKind::Cut { forces.clone() } else { Vec::new() }
         };
-        let within: Vec<_> = self.kinds.iter().zip(&self.within).map(of_cut).collect();
+        let within: Vec<_> = self.kinds.iter().zip(&self.forces.within).map(of_cut).collect();
         Ok(self.reference(case, &driven, Some(1.0 / per_speed), &within))
     }
 
@@ -171,7 +160,13 @@ impl ReferencePath {
             raster: self.raster,
             speed_mm_s,
             total_time_s: driven.law.duration_s(),
-            forces: StructureForces::of(case, &self.length_mm, driven, (&self.forces, within), &self.near),
+            forces: StructureForces::of(
+                case,
+                &self.length_mm,
+                driven,
+                (&self.forces.ends, within),
+                &self.near,
+            ),
         }
     }
 
@@ -186,32 +181,24 @@ impl ReferencePath {
         most_overall: Option<f64>,
     ) -> Result<Straight, PlanError> {
         let (case, joints) = (start.case, self.joints(start)?);
-        let spec = SpeedSpec { mode: SpeedMode::LeastForce, ..case.speed.clone() };
         let compliances = match case.cost.force {
             ForceTerm::Deflection => Compliance::new(case, start.placed())?.along(&self.motion.resolved.q)?,
             ForceTerm::Cutting => None,
         };
-        let pushes = levels::pushes(case, &self.near, (&self.forces, &self.within), compliances.as_deref())?;
-        let count = self.kinds.len();
-        let input = SpeedInput {
-            kinds: &self.kinds,
-            length_mm: &self.length_mm,
-            mass_mg: &vec![0.0; count],
-            cost: &vec![0.0; count],
-            force_cap_mm_s: &vec![f64::INFINITY; count],
-            pushes: &pushes,
-            step_mm: case.path.step_mm,
-            slot_mass_mg: 0.0,
-            spec: &spec,
-            smoothing: speeds::smoothing(case),
-        };
+        let pushes = levels::pushes(
+            case,
+            &self.near,
+            (&self.forces.ends, &self.forces.within),
+            compliances.as_deref(),
+        )?;
+        let moves = PushedMoves::new(case, &self.kinds, &self.length_mm, &pushes);
         let aim = Aim { total_s: Some(total_s), reference: None, most_overall };
-        let timing = speeds::timing(&input, &joints, &aim)?;
+        let timing = speeds::timing(&moves.input(), &joints, &aim)?;
         let reached = levels::reached(&pushes, &timing.driven.driven_mm_s);
         let takes_s = timing.driven.law.duration_s();
         let at_caps_s: f64 = self.length_mm.iter().zip(&timing.under_levels_mm_s).map(|(mm, v)| mm / v).sum();
         Ok(Straight {
-            reference: self.reference(case, &timing.driven, None, &self.within),
+            reference: self.reference(case, &timing.driven, None, &self.forces.within),
             levels: [timing.levels.unwrap_or(reached), reached],
             caps_over_driven: at_caps_s / takes_s.max(f64::MIN_POSITIVE),
         })

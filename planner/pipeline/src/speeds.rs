@@ -1,12 +1,14 @@
 //! Speed caps per move by the case's mode, and the motion under them.
 
+use bonemill_arm::Arm;
+use bonemill_armpath::{ArmMotion, path_limits};
 use bonemill_case::{Case, SpeedMode, SpeedSpec};
 use bonemill_cutter::MoveKind;
 use bonemill_cutting::speed::{
     CutMoves, CutPushes, Levels, Smoothing, SpeedModel, TimeLimit, last_within, least_along, least_levels,
 };
 use bonemill_motion::resolve::DensePath;
-use bonemill_motion::timelaw::{JointPath, PathLimits, PreparedPath, TimeLaw};
+use bonemill_motion::timelaw::{JointPath, PreparedPath, TimeLaw};
 
 use super::PlanError;
 use super::in_time::NOTHING_SHARE;
@@ -44,6 +46,56 @@ pub struct SpeedInput<'a> {
     pub spec: &'a SpeedSpec,
     /// How D13's speeds are smoothed.
     pub smoothing: Smoothing,
+}
+
+/// What speeds with the least force depend on where no mass, cost or cap enters; one entry per waypoint each.
+#[derive(Debug)]
+pub struct PushedMoves<'a> {
+    kinds: &'a [MoveKind],
+    length_mm: &'a [f64],
+    pushes: &'a [Option<CutPushes>],
+    step_mm: f64,
+    spec: SpeedSpec,
+    smoothing: Smoothing,
+    none: Vec<f64>,
+    uncapped_mm_s: Vec<f64>,
+}
+
+impl<'a> PushedMoves<'a> {
+    /// Of moves of a case.
+    pub fn new(
+        case: &Case,
+        kinds: &'a [MoveKind],
+        length_mm: &'a [f64],
+        pushes: &'a [Option<CutPushes>],
+    ) -> Self {
+        Self {
+            kinds,
+            length_mm,
+            pushes,
+            step_mm: case.path.step_mm,
+            spec: SpeedSpec { mode: SpeedMode::LeastForce, ..case.speed.clone() },
+            smoothing: smoothing(case),
+            none: vec![0.0; kinds.len()],
+            uncapped_mm_s: vec![f64::INFINITY; kinds.len()],
+        }
+    }
+
+    /// For [`timing`] and [`caps`].
+    pub fn input(&self) -> SpeedInput<'_> {
+        SpeedInput {
+            kinds: self.kinds,
+            length_mm: self.length_mm,
+            mass_mg: &self.none,
+            cost: &self.none,
+            force_cap_mm_s: &self.uncapped_mm_s,
+            pushes: self.pushes,
+            step_mm: self.step_mm,
+            slot_mass_mg: 0.0,
+            spec: &self.spec,
+            smoothing: self.smoothing,
+        }
+    }
 }
 
 /// The time and the levels that speeds aim at.
@@ -91,13 +143,14 @@ pub struct Timing {
 }
 
 impl<'a> JointMotion<'a> {
-    /// Of a dense path under an arm's limits.
+    /// Of a motion under its arm's limits.
     ///
     /// # Errors
     /// When the arm's limits are not usable.
-    pub fn new(dense: &'a DensePath, limits: &PathLimits) -> Result<Self, PlanError> {
+    pub fn new(motion: &'a ArmMotion, arm: &Arm) -> Result<Self, PlanError> {
+        let (dense, limits) = (&motion.dense, path_limits(arm)?);
         let path = JointPath { q: &dense.q, burr_mm: &dense.burr_mm, pose: &dense.pose, stops: &[] };
-        Ok(Self { dense, prepared: PreparedPath::new(&path, limits)? })
+        Ok(Self { dense, prepared: PreparedPath::new(&path, &limits)? })
     }
 
     /// The waypoints at whose rounded corner the burr leaves the path by at least `least_mm`, with the joint vectors where the corner

@@ -15,6 +15,9 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::PlanError;
 
+/// Elements of the force sum where a force is stated: from tip to shaft, and about so many around.
+pub const FORCE_ELEMENTS: [usize; 2] = [64, 128];
+
 /// The burr of a case.
 pub fn tool(burr: &case::Burr) -> Result<Tool, ModelError> {
     Tool::new(burr.radius_mm, burr.flutes, i32::from(burr.spin))?.with_neck(burr.neck_radius_mm)
@@ -32,8 +35,7 @@ pub fn material(material: &case::MaterialSpec) -> Result<(Material, Measure), Mo
 pub fn discretisation(
     tool: &Tool,
     measure: Measure,
-    n_kappa: usize,
-    n_around: usize,
+    [n_kappa, n_around]: [usize; 2],
 ) -> Result<Discretisation, ModelError> {
     let n_gamma = n_around.div_ceil(tool.blades() as usize);
     Discretisation::new(n_gamma, n_kappa, ElementGrid::Kappa, measure)
@@ -166,7 +168,7 @@ pub fn side_cut_n(case: &Case) -> Result<f64, ModelError> {
     const LEAST_OF_SLOT: f64 = 0.1;
     let tool = tool(&case.burr)?;
     let (material, measure) = material(&case.material)?;
-    let kernel = ForceKernel::new(&tool, &material, &discretisation(&tool, measure, 64, 128)?);
+    let kernel = ForceKernel::new(&tool, &material, &discretisation(&tool, measure, FORCE_ELEMENTS)?);
     let (radius_mm, path) = (case.burr.radius_mm, &case.path);
     let force_n = |from_y_mm: f64| {
         let is_bone =

@@ -11,8 +11,9 @@
 //! subject to: a_i is free at i; d_i is at most the angle that the arm can turn during the move; every direction
 //! passed on the way from a_{i−1} to a_i is free before or after the move; and the turn is not in a list of forbidden ones.
 //! In the first, λ ∫ (da/ds)² ds does not depend on the step. In the second, C_i is the time of the cut per mm, so that J is the time
-//! of the path: a turn costs nothing as long as the cut takes longer, but for ε, which spreads it. Bellman's recursion goes over the layers once and finds the optimum over all sequences; the tests compare it with an
-//! enumeration of every sequence. It looks at most at Σ_i |free_i| · |fan| edges.
+//! of the path: a turn costs nothing as long as the cut takes longer, but for ε, which spreads it. Bellman's recursion goes over the
+//! layers once and finds the optimum over all sequences; the tests compare it with an enumeration of every sequence. It looks at most
+//! at Σ_i |free_i| · |fan| edges.
 //!
 //! An edge is a slot in a direction's fan ([`Directions`]): its angle and the slot passed before are looked up, not stored
 //! per waypoint. One byte per state stores from which slot its best sequence came. Of equal sequences the one with the least
@@ -29,7 +30,7 @@ const SHORTEST_MM: f64 = 1e-3;
 /// λ is at least this, mm/rad² per unit of cost; with λ = 0 the axis would move arbitrarily among directions of equal cost.
 const LEAST_WEIGHT_MM: f64 = 1e-6;
 /// ε, s mm/rad²: what a turn costs although the cut takes longer. A turn that gains nothing is not made, and one that does is spread
-/// over moves, since its corners slow the arm down. Measured: docs/results.md, How much turning pays.
+/// over moves, since its corners slow the arm down. Assumed.
 const CALM_S_MM: f64 = 2.0;
 /// λ by which axes are refined where turns cost time, s mm/rad².
 const REFINING_S_MM: f64 = 1.0;

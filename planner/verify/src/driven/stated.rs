@@ -4,7 +4,7 @@
 //! link. A mean is stated of the moves that remove something, each with the force at its waypoint, its mean speed and its time; engagement may fall
 //! within a move, so a driven mean may be smaller.
 
-use bonemill_planfile::{StoredPlan, Waypoint};
+use bonemill_planfile::StoredPlan;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -113,15 +113,10 @@ fn peak(
         "states {} N, and {} N at that waypoint at {} mm/s; driven {} N at {} mm/s",
         Short(stated_n),
         Short(row_n(waypoint)),
-        Short(plan.waypoints.get(waypoint).map_or(0.0, stated_speed_mm_s)),
+        Short(plan.waypoints.get(waypoint).map_or(0.0, |row| row.driven_mm_s)),
         Short(driven_n),
         Short(instant.step.end_mm_s)
     ))
-}
-
-/// The speed at which a row's force is stated, mm/s.
-fn stated_speed_mm_s(row: &Waypoint) -> f64 {
-    row.driven_mm_s
 }
 
 /// Compares a driven mean with a stated one. `sum_ns`: the driven force over time, N s, during the moves that are counted.
