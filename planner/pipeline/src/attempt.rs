@@ -185,11 +185,7 @@ impl<'a> Start<'a> {
         });
         let mut controls = Vec::new();
         for made in made {
-            match made {
-                Ok(path) => controls.push(path),
-                Err(PlanError::OutOfReach { .. }) => {}
-                Err(error) => return Err(error),
-            }
+            controls.extend(made?);
         }
         let nominal: Vec<f64> = controls.iter().map(|c| c.nominal_s(self)).collect::<Result<_, _>>()?;
         let nominal_s = nominal.iter().copied().min_by(f64::total_cmp);
@@ -229,11 +225,7 @@ impl<'a> Start<'a> {
         if let Some(path) = known {
             return path.least_force(self, total_s, most).map(Some);
         }
-        match ReferencePath::new(self, raster) {
-            Ok(path) => path.least_force(self, total_s, most).map(Some),
-            Err(PlanError::OutOfReach { .. }) => Ok(None),
-            Err(error) => Err(error),
-        }
+        ReferencePath::new(self, raster)?.map(|path| path.least_force(self, total_s, most)).transpose()
     }
 
     /// The largest force of the controls in the plan's time, N: no cut pushes more even in a plan that cannot be driven in the time.

@@ -135,14 +135,24 @@ impl Prepared<'_> {
         watch: &mut Stopwatch,
     ) -> Result<(Chosen, ArmMotion), PlanError> {
         let mut found = self.choose_timed(choices, true, watch);
-        for _ in 0..MOST_REFUSED {
+        let mut tried = 1;
+        while tried <= MOST_REFUSED {
             match found {
                 Err(PlanError::OutOfReach { waypoint, axis, .. }) if self.refuse(waypoint, axis) => {}
                 _ => break,
             }
             found = self.choose_timed(choices, true, watch);
+            tried += 1;
         }
-        let (chosen, motion) = found?;
+        let with_tried = |error| match error {
+            PlanError::OutOfReach { waypoint, axis, excess } => PlanError::OutOfReach {
+                waypoint,
+                axis,
+                excess: format!("{excess} ({tried} {} tried)", if tried == 1 { "axis" } else { "axes" }),
+            },
+            other => other,
+        };
+        let (chosen, motion) = found.map_err(with_tried)?;
         // None only if the arm's motion was not computed above
         let motion = motion
             .map_or_else(|| self.motion(&choices.applied_to(self.start.case), &chosen.oriented.axes), Ok)?;

@@ -83,13 +83,16 @@ pub(super) struct Straight {
 }
 
 impl ReferencePath {
-    /// Lays a path along `raster` and follows it with the arm.
+    /// Lays a path along `raster` and follows it with the arm; `None` where nothing can be reached or the arm cannot follow.
     ///
     /// # Errors
-    /// When the burr's centre lies inside a structure, or the arm cannot follow.
-    pub fn new(start: &Start, raster: Raster) -> Result<Self, PlanError> {
+    /// When the burr's centre lies inside a structure.
+    pub fn new(start: &Start, raster: Raster) -> Result<Option<Self>, PlanError> {
         let Start { case, scene, space, .. } = *start;
         let path = raster.lay(case, scene, space, spacing(case))?;
+        if path.points.is_empty() {
+            return Ok(None);
+        }
         let (points, centers) = (&path.points, path::centers(&path.points));
         let near = nearest_structures::along(case, scene, &centers)?;
         let (feeds, length_mm) = (feeds(points), lengths(points));
@@ -97,12 +100,16 @@ impl ReferencePath {
         let moments = mass_increments(&scene.density_g_cm3, points, Ball { radius_mm: case.burr.radius_mm });
         let cuts = |i: usize| moments[i].mass_mg() > 0.0;
         let forced = ForcedPath { scene, removal: &path.removal, points, feeds: &feeds };
-        let motion = start.placed().motion(&centers, &axes, &length_mm, None)?;
+        let motion = match start.placed().motion(&centers, &axes, &length_mm, None) {
+            Ok(motion) => motion,
+            Err(PlanError::OutOfReach { .. }) => return Ok(None),
+            Err(error) => return Err(error),
+        };
         let forces = forced.driven((start, case), &axes, &motion, cuts)?;
         let is_cut = |i: usize| i > 0 && cuts(i) || points[i].kind == MoveKind::Cut;
         let kind = |i: usize| if is_cut(i) { MoveKind::Cut } else { points[i].kind };
         let kinds = (0..points.len()).map(kind).collect();
-        Ok(Self { raster, length_mm, kinds, forces, near, motion })
+        Ok(Some(Self { raster, length_mm, kinds, forces, near, motion }))
     }
 
     fn joints(&self, start: &Start) -> Result<JointMotion<'_>, PlanError> {

@@ -21,7 +21,7 @@ const TIME_EVALUATIONS: u32 = 30;
 /// How exactly a total time is met, s: from below, where it is not an end of the range.
 const TIME_TOLERANCE_S: f64 = 5e-3;
 /// A cap is at most this many times the speed that is driven.
-const CAP_OVER_DRIVEN: f64 = 1.01;
+const CAP_OVER_DRIVEN: f64 = 1.02;
 
 /// What speeds depend on; one entry per waypoint each.
 #[derive(Debug, Clone, Copy)]
