@@ -44,7 +44,6 @@ struct Row {
     /// Figures with every waypoint's best axis alone.
     alone: [f64; 5],
     seconds: f64,
-    instead: &'static str,
 }
 
 impl Row {
@@ -75,7 +74,6 @@ fn rows(name: &str, plan: &Plan, alone: &StructureForces) -> Vec<Row> {
         plan: figures(&plan.results.compared.plan, n),
         alone: figures(alone, n),
         seconds: plan.seconds.iter().map(|(_, s)| s).sum(),
-        instead: plan.modelled.axes.instead.unwrap_or("-"),
     };
     let is_near = |row: &Row| row.controls.iter().chain([&row.plan]).any(|f| f[2] > 0.0);
     structures.map(row).filter(is_near).collect()
@@ -196,7 +194,7 @@ fn each(groups: &[(String, u32, Vec<Row>)]) -> Table {
         .map(str::to_owned)
         .into_iter()
         .chain(COLUMNS.iter().map(|c| format!("{c} [N]")))
-        .chain(["worse".into(), "fallback".into(), "planning [s]".into()])
+        .chain(["worse".into(), "planning [s]".into()])
         .collect();
     let head: Vec<&str> = head.iter().map(String::as_str).collect();
     let title = "Control along the plan's lines / control across / plan / each waypoint's best axis alone.";
@@ -208,7 +206,7 @@ fn each(groups: &[(String, u32, Vec<Row>)]) -> Table {
                 all.map(|f| format!("{:.3}", f[k])).collect::<Vec<_>>().join(" / ")
             };
             let cells = (0..COLUMNS.len()).map(figure);
-            let end = [row.worse().to_string(), row.instead.into(), format!("{:.1}", row.seconds)];
+            let end = [row.worse().to_string(), format!("{:.1}", row.seconds)];
             let start =
                 [row.body.clone(), angles.to_string(), format!("{} ({})", row.structure, row.priority)];
             table.push(start.into_iter().chain(cells).chain(end).collect());

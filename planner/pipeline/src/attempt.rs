@@ -1,9 +1,8 @@
 //! One plan of a case, beside what a straight shaft does in the same time.
 //!
 //! First the references: two controls give the total time, a straight shaft with the least force the levels. Then the lines, the axes
-//! that fit the time at the lowest levels, the arm's motion and its speeds. A plan that pushes more than the straight shaft at any
-//! judged figure keeps the shaft straight near structures, and if that is of no help everywhere: the straight shaft is always among the
-//! candidates.
+//! that fit the time at the lowest levels, the arm's motion and its speeds. Near structures no figure may be above those of the
+//! references ([`super::bounds`]).
 
 use bonemill_arm::Arm;
 use bonemill_armpath::{ArmMotion, Placed};
@@ -18,6 +17,7 @@ use bonemill_toolpath::path::RasterFrame;
 use bonemill_toolpath::space::BurrSpace;
 
 use super::PlanError;
+use super::bounds::Bounds;
 use super::choose::{Choices, Chosen};
 use super::compared::Compared;
 use super::in_time::Goal;
@@ -26,7 +26,7 @@ use super::move_limits::MoveLimits;
 use super::prepared::{Prepared, ShaftFreedom};
 use super::raster::{self, ChosenLines, Raster};
 use super::reference::{Reference, ReferencePath, Straight, StructureForces};
-use super::speeds::{self, Aim, JointMotion, Timing};
+use super::speeds::{self, Aim, JointMotion, SpeedInput, Timing};
 use super::tilt;
 
 /// An attempt may leave this share more of what the burr can reach than the one before.
@@ -36,6 +36,14 @@ const LEFT_SHARE: f64 = 0.005;
 const AGREES_SHARE: f64 = 0.02;
 /// Where turns keep nothing waiting, they count as this share of the time.
 const LEAST_WAITS_SHARE: f64 = 0.02;
+
+/// How often axes are chosen again with those kept that push least.
+const MOST_KEPT_ROUNDS: usize = 2;
+/// How often the cuts near structures are slowed, and the least gain for which they are, as a logarithm of figures.
+const MOST_EASED: usize = 3;
+const GAINS: f64 = 0.01;
+/// A control whose time is this near to the plan's takes the same time, s.
+const SAME_TIME_S: f64 = 0.05;
 
 /// What every attempt at a case starts from.
 #[derive(Debug, Clone, Copy)]
@@ -59,8 +67,6 @@ pub(super) struct Attempt<'a> {
     pub compared: Compared,
     /// How its axes were chosen.
     pub mode: OrientationMode,
-    /// Why the shaft is straighter than the first choice of axes, in words; none for that choice.
-    pub instead: Option<&'static str>,
 }
 
 /// The references of a case, and the time of the plan.
@@ -81,27 +87,6 @@ impl References {
     /// The plan's time, or without one the controls', s.
     fn time_s(&self) -> Option<f64> {
         self.total_s.or(self.nominal_s)
-    }
-}
-
-/// How the shaft is turned.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Turning {
-    /// By the case's mode.
-    Wherever,
-    /// The same, but straight near structures.
-    AwayFromStructures,
-    /// Straight.
-    Nowhere,
-}
-
-impl Turning {
-    fn words(self) -> Option<&'static str> {
-        match self {
-            Self::Wherever => None,
-            Self::AwayFromStructures => Some("the shaft stays straight near structures"),
-            Self::Nowhere => Some("the shaft stays straight everywhere"),
-        }
     }
 }
 
@@ -130,39 +115,31 @@ impl<'a> Start<'a> {
         Prepared::new(self, &freedom, lines.plan, watch)
     }
 
-    /// The plan with the least force in its time that is nowhere worse than a straight shaft.
+    /// The plan with the least force in its time.
     ///
     /// # Errors
     /// [`PlanError`] where nothing can be planned.
     pub fn plan(&self, watch: &mut Stopwatch) -> Result<Attempt<'a>, PlanError> {
-        let case = self.case;
         let freedom = ShaftFreedom::new(self, watch);
-        let frames = raster::frames(case, self.scene)?;
+        let frames = raster::frames(self.case, self.scene)?;
         let references = self.references(&frames, &freedom, watch)?;
         let lines = self.lines(&frames, &freedom, &references, watch)?;
-        let most = watch.run("references", || self.most_overall(&references))?;
-        let straight = watch.run("references", || self.straight(&references, lines.straight, most))?;
-        let total_s = references.total_s;
-        let aim = Aim { total_s, reference: None, most_overall: total_s.and(most) };
-        // figures are forces: they do not judge a plan that lowers deflections
-        let is_open = case.cost.force == ForceTerm::Cutting
-            && case.orientation.mode == OrientationMode::Optimal
-            && case.cost.objective == Objective::Levels;
-        let attempt = |raster: Raster, turning: Turning, watch: &mut Stopwatch| {
-            let goal = self.goal(&references, straight.as_ref(), turning);
-            let prepared = Prepared::new(self, &freedom, raster, watch)?;
-            self.attempt(prepared, (turning, goal), (aim, straight.as_ref()), watch)
+        let (controls, straight) = watch.run("references", || {
+            let controls = references.time_s().map(|time_s| self.controls_in(&references, time_s));
+            let controls = controls.transpose()?.unwrap_or_default();
+            let straight = self.straight(&references, lines.straight, self.most_overall(&controls))?;
+            Ok::<_, PlanError>((controls, straight))
+        })?;
+        let prepared = Prepared::new(self, &freedom, lines.plan, watch)?;
+        let mut attempt = self.attempt(prepared, &references, (&controls, straight), watch)?;
+        let takes_s = attempt.timing.driven.law.duration_s();
+        let is_same_time = |control: &Reference| (control.total_time_s - takes_s).abs() <= SAME_TIME_S;
+        attempt.compared.controls = if controls.iter().all(is_same_time) {
+            controls
+        } else {
+            watch.run("references", || self.controls_in(&references, takes_s))?
         };
-        let mut best = attempt(lines.plan, Turning::Wherever, watch)?;
-        if is_open
-            && !best.is_nowhere_worse_than_straight()
-            && let Ok(fallback) = attempt(lines.straight, Turning::Nowhere, watch)
-        {
-            best = best.or_straighter(fallback, || attempt(lines.plan, Turning::AwayFromStructures, watch));
-        }
-        best.compared.controls =
-            watch.run("references", || self.controls_in(&references, best.timing.driven.law.duration_s()))?;
-        Ok(best)
+        Ok(attempt)
     }
 
     /// The controls along each of `frames` and, of one alone, across it, and the times that follow from them.
@@ -229,11 +206,9 @@ impl<'a> Start<'a> {
     }
 
     /// The largest force of the controls in the plan's time, N: no cut pushes more even in a plan that cannot be driven in the time.
-    fn most_overall(&self, references: &References) -> Result<Option<f64>, PlanError> {
-        let time_s = references.time_s().filter(|_| self.case.cost.force == ForceTerm::Cutting);
-        let Some(time_s) = time_s else { return Ok(None) };
-        let controls = self.controls_in(references, time_s)?;
-        Ok(controls.iter().map(|control| control.forces.peak_n).max_by(f64::total_cmp))
+    fn most_overall(&self, controls: &[Reference]) -> Option<f64> {
+        let peaks = controls.iter().map(|control| control.forces.peak_n);
+        peaks.filter(|_| self.case.cost.force == ForceTerm::Cutting).max_by(f64::total_cmp)
     }
 
     fn controls_in(&self, references: &References, total_s: f64) -> Result<Vec<Reference>, PlanError> {
@@ -241,7 +216,7 @@ impl<'a> Start<'a> {
     }
 
     /// What axes are chosen for; `None` by Dillon's cost, and where the arm cannot drive a straight shaft.
-    fn goal(&self, references: &References, straight: Option<&Straight>, turning: Turning) -> Option<Goal> {
+    fn goal(&self, references: &References, straight: Option<&Straight>) -> Option<Goal> {
         let (straight, turn) = (straight?, references.turn?);
         (self.case.cost.objective == Objective::Levels).then(|| Goal {
             levels: straight.levels[0],
@@ -249,7 +224,6 @@ impl<'a> Start<'a> {
             seconds: straight.reference.total_time_s * straight.caps_over_driven,
             caps_over_driven: straight.caps_over_driven,
             turn,
-            keeps_straight_near: turning == Turning::AwayFromStructures,
         })
     }
 
@@ -286,96 +260,109 @@ impl<'a> Start<'a> {
     fn attempt(
         &self,
         mut prepared: Prepared<'a>,
-        (turning, goal): (Turning, Option<Goal>),
-        (aim, straight): (Aim, Option<&Straight>),
+        references: &References,
+        (controls, straight): (&[Reference], Option<Straight>),
         watch: &mut Stopwatch,
     ) -> Result<Attempt<'a>, PlanError> {
-        let case = self.case;
-        let mode = if turning == Turning::Nowhere { OrientationMode::Fixed } else { case.orientation.mode };
-        let mut choices = Choices { mode, goal, ..Choices::of(case) };
-        let is_tilted = mode == OrientationMode::Optimal && goal.is_some();
-        let (mut chosen, mut motion) = prepared.choose_with_motion(&choices, watch)?;
-        if is_tilted && let Some(corrected) = self.corrected(&prepared, &choices, &chosen, &motion)? {
-            choices.goal = Some(corrected);
-            (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
-        }
-        watch.run("forces", || prepared.look_within(&choices, &mut chosen, &motion))?;
-        if is_tilted && let Some(straight) = straight {
-            let hot = prepared.hotter(&choices, &chosen, &straight.levels[1])?;
-            if !hot.is_empty() {
-                choices.straight_at = hot;
-                (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
-                watch.run("forces", || prepared.look_within(&choices, &mut chosen, &motion))?;
-            }
-        }
-        let joints = JointMotion::new(&motion, self.arm)?;
+        let (case, mode) = (self.case, self.case.orientation.mode);
+        let goal = self.goal(references, straight.as_ref()).filter(|_| mode == OrientationMode::Optimal);
+        // figures are forces: they bound no plan that lowers deflections
+        let bounds = straight.as_ref().filter(|_| goal.is_some() && case.cost.force == ForceTerm::Cutting);
+        let bounds = bounds.map(|straight| Bounds::of(&straight.reference.forces, controls));
+        let (choices, chosen, motion) = self.axes(&mut prepared, goal, bounds.as_ref(), watch)?;
         let demand = prepared.demand(&choices, &chosen)?;
-        let reference = straight.filter(|_| is_tilted).map(|straight| straight.levels[0]);
-        let aim = Aim { reference, ..aim };
+        let total_s = references.total_s;
+        let aim = Aim {
+            total_s,
+            reference: straight.as_ref().filter(|_| goal.is_some()).map(|straight| straight.levels[0]),
+            most_overall: total_s.and(self.most_overall(controls)),
+        };
         let speed_input = demand.input(&prepared, &choices, &chosen);
-        let reached = &prepared.reached;
+        let (reached, joints) = (&prepared.reached, JointMotion::new(&motion, self.arm)?);
         let (timing, coverage) = watch.run("time law, coverage", || {
             rayon::join(
-                || speeds::timing(&speed_input, &joints, &aim),
+                || self.timed(&prepared, &chosen, (&speed_input, &joints, &aim), bounds.as_ref()),
                 || {
                     let (path, dropped) = (&reached.path, &reached.dropped);
                     metrics::coverage(self.scene, self.space, &path.removal, &path.points, dropped)
                 },
             )
         });
-        let (timing, coverage) = (timing?, coverage?);
+        let ((timing, plan), coverage) = (timing?, coverage?);
         drop(joints);
         // refused here, before anything is written
         timing.driven.law.rows(case.robot.rate_hz)?;
-        let plan = StructureForces::of(
-            case,
-            prepared.length_mm(),
-            &timing.driven,
-            (&chosen.forces, &chosen.within),
-            &prepared.near,
-        );
-        let straight = straight.map(|straight| straight.reference.clone());
+        let straight = straight.map(|straight| straight.reference);
         let compared = Compared { controls: Vec::new(), straight, plan };
-        Ok(Attempt {
-            prepared,
-            chosen,
-            motion,
-            demand,
-            timing,
-            coverage,
-            compared,
-            mode,
-            instead: turning.words(),
-        })
+        Ok(Attempt { prepared, chosen, motion, demand, timing, coverage, compared, mode })
+    }
+
+    /// Axes for a goal, and the motion through them; with the time of turns as the arm drives them, and within bounds as far as axes are of help.
+    fn axes(
+        &self,
+        prepared: &mut Prepared,
+        goal: Option<Goal>,
+        bounds: Option<&Bounds>,
+        watch: &mut Stopwatch,
+    ) -> Result<(Choices, Chosen, ArmMotion), PlanError> {
+        let mut choices = Choices { goal, ..Choices::of(self.case) };
+        let (mut chosen, mut motion) = prepared.choose_with_motion(&choices, watch)?;
+        if let Some(corrected) = self.corrected(prepared, &choices, &chosen, &motion)? {
+            choices.goal = Some(corrected);
+            (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
+        }
+        watch.run("forces", || prepared.look_within(&choices, &mut chosen, &motion))?;
+        for bounds in std::iter::repeat_n(bounds, MOST_KEPT_ROUNDS).flatten() {
+            let gentlest = watch.run("forces", || prepared.gentlest(&choices, &chosen, &motion, bounds))?;
+            let before = choices.kept.len();
+            for (i, axis) in gentlest {
+                choices.kept.entry(i).or_insert(axis);
+            }
+            if choices.kept.len() == before {
+                break;
+            }
+            (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
+            watch.run("forces", || prepared.look_within(&choices, &mut chosen, &motion))?;
+        }
+        if goal.is_some() {
+            watch.run("forces", || prepared.look_finely(&choices, &mut chosen))?;
+        }
+        Ok((choices, chosen, motion))
+    }
+
+    /// Speeds for an aim, and the forces at them; within bounds as far as slower cuts near structures are of help.
+    fn timed(
+        &self,
+        prepared: &Prepared,
+        chosen: &Chosen,
+        (input, joints, aim): (&SpeedInput, &JointMotion, &Aim),
+        bounds: Option<&Bounds>,
+    ) -> Result<(Timing, StructureForces), PlanError> {
+        let timed = |input: &SpeedInput| {
+            let timing = speeds::timing(input, joints, aim)?;
+            let moves = (&chosen.forces[..], &chosen.within[..]);
+            let forces =
+                StructureForces::of(self.case, prepared.length_mm(), &timing.driven, moves, &prepared.near);
+            Ok::<_, PlanError>((timing, forces))
+        };
+        let (mut timing, mut forces) = timed(input)?;
+        let bounds = bounds.filter(|_| self.case.speed.mode == SpeedMode::LeastForce);
+        let mut caps_mm_s = input.force_cap_mm_s.to_vec();
+        for bounds in std::iter::repeat_n(bounds, MOST_EASED).flatten() {
+            let speeds = (&timing.driven.driven_mm_s[..], &caps_mm_s[..]);
+            let Some(eased) = prepared.eased(chosen, &forces, bounds, speeds) else { break };
+            let (slower, found) = timed(&SpeedInput { force_cap_mm_s: &eased, ..*input })?;
+            let is_gain = bounds.excess(&found) < bounds.excess(&forces) - GAINS;
+            if !is_gain || !bounds.keeps_mean(&found) || slower.missed.is_some() && timing.missed.is_none() {
+                break;
+            }
+            (timing, forces, caps_mm_s) = (slower, found, eased);
+        }
+        Ok((timing, forces))
     }
 }
 
 impl Attempt<'_> {
-    /// This attempt, unless it pushes more than `fallback`, whose shaft is straight everywhere: then `away`, where that pushes no more,
-    /// else the fallback. Neither replaces an attempt that mills or keeps more than it does.
-    ///
-    /// The shank of the reference is not tested, so what the fallback can do takes its place.
-    fn or_straighter(mut self, mut fallback: Self, away: impl FnOnce() -> Result<Self, PlanError>) -> Self {
-        let tested = Reference {
-            raster: fallback.prepared.raster(),
-            speed_mm_s: None,
-            total_time_s: fallback.timing.driven.law.duration_s(),
-            forces: fallback.compared.plan.clone(),
-        };
-        self.compared.straight = Some(tested.clone());
-        if self.is_nowhere_worse_than_straight() {
-            return self;
-        }
-        if let Ok(mut away) = away() {
-            away.compared.straight = Some(tested.clone());
-            if away.is_nowhere_worse_than_straight() && away.keeps_what(&self) {
-                return away;
-            }
-        }
-        fallback.compared.straight = Some(tested);
-        if fallback.keeps_what(&self) { fallback } else { self }
-    }
-
     /// Whether it leaves at most [`LEFT_SHARE`] more than another, and misses no time, cap or turn that the other meets.
     pub fn keeps_what(&self, other: &Self) -> bool {
         let misses = |of: &Self| {
@@ -385,13 +372,6 @@ impl Attempt<'_> {
         self.coverage.reached_share() >= other.coverage.reached_share() - LEFT_SHARE
             && self.chosen.oriented.blocked_turns.len() <= other.chosen.oriented.blocked_turns.len()
             && misses(self).iter().zip(misses(other)).all(|(ours, theirs)| !ours || theirs)
-    }
-
-    /// Whether no judged figure is above the straight shaft's with the least force.
-    fn is_nowhere_worse_than_straight(&self) -> bool {
-        let case = self.prepared.start.case;
-        let straight = self.compared.straight.as_ref();
-        straight.is_none_or(|straight| self.compared.plan.is_nowhere_worse(case, &straight.forces))
     }
 
     /// Whether it pushes more than its controls toward a structure of the highest priority.

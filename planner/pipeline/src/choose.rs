@@ -3,15 +3,15 @@
 //! What may be chosen anew on one path is [`Choices`]; everything else of the case was used to prepare the path and is the same for all
 //! of them. So variants of a case can be compared on one path, as D's trials are.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
 use bonemill_armpath::{ArmMotion, Compliance, Placed};
 use bonemill_case::{Case, CostSpec, ForceTerm, MaterialSpec, OrientationMode, SpeedSpec};
 use bonemill_cutter::Ball;
 use bonemill_cutting::burr::{EngagedForce, OrientationKernel};
 use bonemill_cutting::cost::{Cost, CostModel, Ranked, Terms};
+use bonemill_cutting::speed::SLOWEST_LINK;
 use bonemill_motion::resolve::{Posture, Stiffness};
-use bonemill_planfile::toward::NEAR_MM;
 use bonemill_setup::nearest_structures::NearStructure;
 use bonemill_setup::{Stopwatch, tools};
 use bonemill_toolpath::engagement::SweptPath;
@@ -26,7 +26,7 @@ use super::axis_cost::{AxisObjective, CostField, LevelTimes};
 use super::in_time::Goal;
 use super::levels;
 use super::orient::{FreeAxes, Oriented, alone, orient};
-use super::path_forces::{COARSE, FINE, ForcedPath};
+use super::path_forces::ForcedPath;
 use super::prepared::Prepared;
 use super::reference::StructureForces;
 
@@ -34,8 +34,6 @@ use super::reference::StructureForces;
 /// of D4; with 4096 directions by 8, Σ C Δs + λ ∫ (da/ds)² ds of a mastoidectomy comes out 0.007 % lower.
 pub(super) const CHOICE_SAMPLES: usize = 1024;
 pub(super) const CHOICE_MERGED: usize = 2;
-/// A waypoint that keeps the straight shaft near structures does so a little farther from them than forces are judged, mm.
-const HELD_BEYOND_MM: f64 = 0.5;
 /// Largest number of axes that are excluded one after the other.
 const MOST_REFUSED: usize = 12;
 
@@ -52,8 +50,8 @@ pub struct Choices {
     pub mode: OrientationMode,
     /// The levels of force and the time that [`OrientationMode::Optimal`] chooses axes for; without, Dillon's cost.
     pub goal: Option<Goal>,
-    /// Waypoints that keep the straight shaft.
-    pub straight_at: BTreeSet<usize>,
+    /// Waypoints that keep an axis unless they must leave it.
+    pub kept: BTreeMap<usize, Unit<Vector3<f64>>>,
     /// Speed range and law.
     pub speed: SpeedSpec,
 }
@@ -68,7 +66,7 @@ impl Choices {
             cost: *cost,
             mode: orientation.mode,
             goal: None,
-            straight_at: BTreeSet::new(),
+            kept: BTreeMap::new(),
             speed: speed.clone(),
         }
     }
@@ -100,6 +98,13 @@ pub struct Chosen {
     pub compliances: Option<Vec<Matrix3<f64>>>,
     /// The most by which a choice without the force is worse than one with it, in units of C.
     pub closed_form_error: f64,
+}
+
+impl Chosen {
+    /// The slowest that move i may be, mm/s.
+    pub(super) fn slowest_mm_s(&self, case: &Case, i: usize) -> f64 {
+        case.speed.min_mm_s * if self.kinds[i] == MoveKind::Cut { 1.0 } else { SLOWEST_LINK }
+    }
 }
 
 impl Prepared<'_> {
@@ -159,12 +164,12 @@ impl Prepared<'_> {
         Ok((chosen, motion))
     }
 
-    fn forced(&self) -> ForcedPath<'_> {
+    pub(super) fn forced(&self) -> ForcedPath<'_> {
         let (removal, points) = (&self.reached.path.removal, self.points());
         ForcedPath { scene: self.start.scene, removal, points, feeds: &self.feeds }
     }
 
-    /// Computes the forces where moves end and within them, along the path as the arm drives it.
+    /// Computes the forces within moves, along the path as the arm drives it.
     ///
     /// # Errors
     /// When the tool, the material or the arm's limits are not usable.
@@ -175,10 +180,20 @@ impl Prepared<'_> {
         motion: &ArmMotion,
     ) -> Result<(), PlanError> {
         let case = &choices.applied_to(self.start.case);
+        let axes = &chosen.oriented.axes;
+        chosen.within = self.forced().within((&self.start, case), axes, motion, &chosen.forces)?;
+        Ok(())
+    }
+
+    /// Computes the forces where moves end as finely as they are stated, and the costs with them.
+    ///
+    /// # Errors
+    /// When the tool or the material is not usable.
+    pub(super) fn look_finely(&self, choices: &Choices, chosen: &mut Chosen) -> Result<(), PlanError> {
+        let case = &choices.applied_to(self.start.case);
         let removes = |i: usize| self.reached.moments[i].mass_mg() > 0.0;
         let axes = &chosen.oriented.axes;
-        let found = self.forced().driven((&self.start, case), axes, motion, removes)?;
-        (chosen.forces, chosen.within) = (found.ends, found.within);
+        chosen.forces = self.forced().at_ends(case, axes, |_| true, removes)?;
         let pushes = nominal_pushes(case, &chosen.forces, chosen.compliances.as_deref());
         chosen.costs = self.costs(&terms(case, &self.near)?, axes, &pushes);
         Ok(())
@@ -245,7 +260,7 @@ impl Prepared<'_> {
                 None => None,
             },
         };
-        let kept = self.kept_axes(choices);
+        let kept: Vec<_> = (0..self.points().len()).map(|i| choices.kept.get(&i).copied()).collect();
         let room = self.free_axes(&kept);
         let oriented = watch.run("orientation", || orient(&room, &field));
         let (reached, forced) = (&self.reached, self.forced());
@@ -254,8 +269,8 @@ impl Prepared<'_> {
         })?;
         let removes = |i: usize| reached.moments[i].mass_mg() > 0.0;
         // axes for a goal are chosen several times: their forces are computed finely once they stand
-        let elements = if choices.goal.is_some() { COARSE } else { FINE };
-        let forces = watch.run("forces", || forced.at_ends(case, &oriented.axes, elements, removes))?;
+        let is_fine = |_| choices.goal.is_none();
+        let forces = watch.run("forces", || forced.at_ends(case, &oriented.axes, is_fine, removes))?;
         let compliances = motion.as_ref().map_or(Ok(None), |motion| compliance.along(&motion.resolved.q))?;
         let pushes = nominal_pushes(case, &forces, compliances.as_deref());
         let costs = self.costs(&terms, &oriented.axes, &pushes);
@@ -291,24 +306,6 @@ impl Prepared<'_> {
             turns: self.turns,
             arm: &self.arm_axes,
         }
-    }
-
-    /// The straightest axis that is free, where a waypoint keeps it: near a structure if the goal asks for it, and where it was found
-    /// to push less than what was chosen.
-    fn kept_axes(&self, choices: &Choices) -> Vec<Option<Unit<Vector3<f64>>>> {
-        let near_mm = NEAR_MM + HELD_BEYOND_MM + self.radius_mm();
-        let keeps_near = choices.goal.is_some_and(|goal| goal.keeps_straight_near);
-        let is_near = |i: usize| {
-            keeps_near
-                && self.reached.moments[i].mass_mg() > 0.0
-                && self.near[i].iter().any(|n| n.proximity.distance_mm <= near_mm)
-        };
-        let straight = |i: usize| {
-            let n = self.directions.straightest(|n| self.reached.free.contains(i, n));
-            (self.reached.free.count(i) > 0).then(|| self.directions.axes()[n])
-        };
-        let of = |i: usize| if is_near(i) || choices.straight_at.contains(&i) { straight(i) } else { None };
-        (0..self.near.len()).map(of).collect()
     }
 
     /// C of every waypoint under `pushes`.

@@ -8,11 +8,9 @@ use super::reference::{Reference, StructureForces};
 /// Toward a structure, a force up to this counts as none, N: assumed.
 const NOTHING_N: f64 = 0.01;
 /// The same beside a straight shaft with the least force, whose forces are much smaller, N: assumed.
-const LEAST_N: f64 = 1e-3;
+pub(super) const LEAST_N: f64 = 1e-3;
 /// Forces toward structures that differ by no more than this share count as the same.
-const SAME_SHARE: f64 = 0.02;
-/// Whole forces that differ by no more than this share count as the same: rounding.
-const ROUNDING: f64 = 1e-3;
+pub(super) const SAME_SHARE: f64 = 0.02;
 
 /// A plan beside its references.
 #[derive(Debug, Clone, PartialEq)]
@@ -64,15 +62,6 @@ impl StructureForces {
         }
         found.sort_by(|a, b| b.ratio(nothing_n).total_cmp(&a.ratio(nothing_n)));
         found
-    }
-
-    /// Whether no figure is above that of a straight shaft with the least force: toward the structures of the highest priority, and
-    /// mean and peak of the whole force.
-    pub(super) fn is_nowhere_worse(&self, case: &Case, straight: &Self) -> bool {
-        let keeps = |ours: f64, theirs: f64| ours <= theirs * (1.0 + ROUNDING);
-        keeps(self.mean_n, straight.mean_n)
-            && self.peak_n <= straight.peak_n * (1.0 + SAME_SHARE)
-            && self.worse_than(case, &[straight], LEAST_N).is_empty()
     }
 
     /// One number to compare drafts of one case by: the mean logarithm of the judged figures toward each structure, over the root of its

@@ -39,8 +39,6 @@ pub struct Goal {
     pub caps_over_driven: f64,
     /// How long turns take.
     pub turn: TurnTime,
-    /// Whether cuts near a structure keep the straight shaft.
-    pub keeps_straight_near: bool,
 }
 
 /// Levels, and the best sequence of the set under them.

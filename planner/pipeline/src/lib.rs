@@ -8,6 +8,7 @@ mod access_csv;
 mod arm_axes;
 mod attempt;
 mod axis_cost;
+mod bounds;
 mod choose;
 mod compared;
 mod direction_sets;

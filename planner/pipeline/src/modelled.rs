@@ -45,9 +45,6 @@ pub struct PathFacts {
 pub struct AxisFacts {
     /// The case's mode, or fixed by a fallback.
     pub mode: OrientationMode,
-    /// The fallback that was taken because the force toward a structure of priority 1 would have been larger than under the
-    /// controls, in words; none where the first attempt stands.
-    pub instead: Option<&'static str>,
     /// Of the waypoints that cut, those whose orientation cost was computed with the force.
     pub cost_with_force: usize,
     /// Of the waypoints that cut, those whose orientation cost was computed in closed form.
@@ -110,7 +107,6 @@ impl Attempt<'_> {
         let oriented = &self.chosen.oriented;
         AxisFacts {
             mode: self.mode,
-            instead: self.instead,
             cost_with_force: oriented.with_force,
             cost_closed_form: oriented.closed_form,
             closed_form_error: self.chosen.closed_form_error,

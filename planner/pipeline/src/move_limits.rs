@@ -1,22 +1,16 @@
 //! What limits the speed of each move: mass, cost, and caps on force.
 
-use std::collections::BTreeSet;
-
 use bonemill_case::Case;
 use bonemill_cutting::cost::Proximity;
 use bonemill_cutting::metrics::Moments;
-use bonemill_cutting::speed::{CappedBurr, CutPushes, ForceCaps, Levels};
+use bonemill_cutting::speed::{CappedBurr, CutPushes, ForceCaps};
 use bonemill_setup::tools;
 
 use super::PlanError;
 use super::choose::{Choices, Chosen};
-use super::in_time::NOTHING_SHARE;
 use super::levels;
 use super::prepared::Prepared;
 use super::speeds::{self, Aim, SpeedInput};
-
-/// Waypoints to either side of one that pushes too much.
-const AROUND: usize = 2;
 
 /// One entry per waypoint each.
 #[derive(Debug, Clone)]
@@ -24,7 +18,7 @@ pub struct MoveLimits {
     mass_mg: Vec<f64>,
     cost: Vec<f64>,
     /// Fastest speed under the case's caps, mm/s; infinite where none binds.
-    force_cap_mm_s: Vec<f64>,
+    pub(super) force_cap_mm_s: Vec<f64>,
     /// What pushes the burr; empty unless the mode asks for the least force.
     pub(super) pushes: Vec<Option<CutPushes>>,
 }
@@ -42,26 +36,6 @@ impl Prepared<'_> {
             force_cap_mm_s: force_caps(case, self, chosen),
             pushes,
         })
-    }
-
-    /// Waypoints around those whose cuts push more at the least speed than `most`.
-    pub(super) fn hotter(
-        &self,
-        choices: &Choices,
-        chosen: &Chosen,
-        most: &Levels,
-    ) -> Result<BTreeSet<usize>, PlanError> {
-        let case = &choices.applied_to(self.start.case);
-        let forces = (&chosen.forces[..], &chosen.within[..]);
-        let pushes = levels::pushes(case, &self.near, forces, chosen.compliances.as_deref())?;
-        let slowest = case.speed.min_mm_s;
-        let is_hot = |pushes: &CutPushes| {
-            let toward = pushes.toward(slowest).map_or(0.0, |(push, _)| push);
-            pushes.overall(slowest) > most.overall || toward > most.toward.max(NOTHING_SHARE * most.overall)
-        };
-        let hot = pushes.iter().enumerate().filter(|(_, pushes)| pushes.as_ref().is_some_and(is_hot));
-        let count = pushes.len();
-        Ok(hot.flat_map(|(i, _)| i.saturating_sub(AROUND)..(i + AROUND + 1).min(count)).collect())
     }
 
     /// Largest speed of every move by the speed mode, mm/s, without the joints' limits; the cuts take `cutting_s` in all
@@ -106,9 +80,11 @@ impl MoveLimits {
 
     /// Cuts that break a cap even at the slowest speed allowed, in words.
     pub(super) fn caps_missed(&self, case: &Case, prepared: &Prepared, chosen: &Chosen) -> Option<String> {
-        let (slowest, caps) = (case.speed.min_mm_s, &self.force_cap_mm_s);
-        let missed: Vec<usize> = (0..caps.len()).filter(|i| caps[*i] < slowest).collect();
+        let caps = &self.force_cap_mm_s;
+        let missed: Vec<usize> =
+            (0..caps.len()).filter(|i| caps[*i] < chosen.slowest_mm_s(case, *i)).collect();
         let worst = missed.iter().copied().min_by(|a, b| caps[*a].total_cmp(&caps[*b]))?;
+        let slowest = chosen.slowest_mm_s(case, worst);
         let force = chosen.forces[worst].map(|f| f.force_n(slowest)).unwrap_or_default();
         let toward_n = prepared.nearest(worst).map_or(0.0, |near| force.dot(&near.toward).max(0.0));
         Some(format!(

@@ -31,9 +31,9 @@ const APART: f64 = 0.07;
 /// The same, from where a move comes back to a rounded corner and meets the skin there.
 const AROUND_BACK: [f64; 4] = [-0.2, -0.06, 0.0, 0.06];
 /// Elements of the force sum where moves end, as stated.
-pub(super) const FINE: [usize; 2] = tools::FORCE_ELEMENTS;
-/// The same within moves, and while axes are still chosen.
-pub(super) const COARSE: [usize; 2] = [32, 64];
+const FINE: [usize; 2] = tools::FORCE_ELEMENTS;
+/// The same within moves, while axes are still chosen, and far from structures along references.
+const COARSE: [usize; 2] = [32, 64];
 /// A corner by whose rounding the burr leaves the path less than this leaves no skin that counts, mm.
 const LEAST_CORNER_MM: f64 = 2e-3;
 
@@ -66,8 +66,14 @@ fn rounded_corners(start: &Start, motion: &ArmMotion) -> Result<Vec<RoundedCorne
     Ok(corners.map(|(waypoint, q)| RoundedCorner { waypoint, at: q.map(place) }).collect())
 }
 
+/// Places around the one where move i comes back to a rounded corner, as shares of its way.
+pub(super) fn around_back(swept: &SweptPath, i: usize) -> Vec<f64> {
+    let around = |back: f64| AROUND_BACK.map(|off| (back + off).clamp(0.0, 1.0));
+    swept.comes_back(i).into_iter().flat_map(around).collect()
+}
+
 impl ForcedPath<'_> {
-    /// Forces where moves end, of those that are planned to remove something: `removes(i)`.
+    /// Forces where moves end, of those that are planned to remove something: `removes(i)`; `is_fine(i)`: whether as finely as they are stated.
     ///
     /// # Errors
     /// When the tool or the material is not usable.
@@ -75,50 +81,47 @@ impl ForcedPath<'_> {
         &self,
         case: &Case,
         axes: &[Unit<Vector3<f64>>],
-        elements: [usize; 2],
+        is_fine: impl Fn(usize) -> bool + Sync,
         removes: impl Fn(usize) -> bool + Sync,
     ) -> Result<Vec<Option<EngagedForce>>, PlanError> {
-        let (kernel, material) = kernel(case, elements)?;
+        let [(fine, material), (coarse, _)] = [kernel(case, FINE)?, kernel(case, COARSE)?];
         let ball = Ball { radius_mm: case.burr.radius_mm };
         let swept = SweptPath::new(self.scene, self.removal, self.points, ball);
         let force = |i: usize| {
             let feed = self.feeds[i].filter(|_| removes(i))?;
+            let kernel = if is_fine(i) { &fine } else { &coarse };
             let mut bone = swept.bone_at(i as u32, kernel.sample_radius_mm(), |d| material.weight(d));
             Some(kernel.engaged_force(&axes[i], &feed_of(case, &feed), &mut bone))
         };
         Ok((0..self.points.len()).into_par_iter().map(force).collect())
     }
 
-    /// Forces where moves end and within them, along the path as the arm drives it: with rounded corners. `removes(i)`: whether move i is
-    /// planned to remove something.
+    /// The path as the arm drives it.
+    ///
+    /// # Errors
+    /// When the arm's limits are not usable.
+    pub fn rounded(
+        &self,
+        (start, case): (&Start, &Case),
+        motion: &ArmMotion,
+    ) -> Result<SweptPath<'_>, PlanError> {
+        let (corners, ball) = (rounded_corners(start, motion)?, Ball { radius_mm: case.burr.radius_mm });
+        Ok(SweptPath::driven(self.scene, self.removal, self.points, ball, &corners))
+    }
+
+    /// Forces at places within every move as the arm drives it, given those at the ends of moves that are planned to remove something.
     ///
     /// # Errors
     /// When the tool, the material or the arm's limits are not usable.
-    pub fn driven(
+    pub fn within(
         &self,
         (start, case): (&Start, &Case),
         axes: &[Unit<Vector3<f64>>],
         motion: &ArmMotion,
-        removes: impl Fn(usize) -> bool + Sync,
-    ) -> Result<MoveForces, PlanError> {
-        let corners = rounded_corners(start, motion)?;
-        let ends = self.at_ends(case, axes, FINE, &removes)?;
-        let within = self.within(case, axes, &corners, &ends)?;
-        Ok(MoveForces { ends, within })
-    }
-
-    /// Forces at places within every move of a path whose `corners` are rounded, given those at the ends of moves that are planned to
-    /// remove something.
-    fn within(
-        &self,
-        case: &Case,
-        axes: &[Unit<Vector3<f64>>],
-        corners: &[RoundedCorner],
         ends: &[Option<EngagedForce>],
     ) -> Result<Vec<Vec<EngagedForce>>, PlanError> {
         let (kernel, material) = kernel(case, COARSE)?;
-        let ball = Ball { radius_mm: case.burr.radius_mm };
-        let swept = SweptPath::driven(self.scene, self.removal, self.points, ball, corners);
+        let swept = self.rounded((start, case), motion)?;
         let pushes = |force: &EngagedForce| force.force_n(case.speed.nominal_mm_s);
         let largest_n = ends.iter().flatten().map(|force| pushes(force).norm()).fold(0.0, f64::max);
         let of_move = |i: usize| {
@@ -128,8 +131,7 @@ impl ForcedPath<'_> {
                     swept.bone_within((i as u32, share), kernel.sample_radius_mm(), weight)?;
                 Some(kernel.engaged_force(&axes[i], &feed_of(case, &feed), &mut bone))
             };
-            let back = swept.comes_back(i).map(|back| AROUND_BACK.map(|off| (back + off).clamp(0.0, 1.0)));
-            let mut found: Vec<EngagedForce> = back.iter().flatten().filter_map(|share| at(*share)).collect();
+            let mut found: Vec<EngagedForce> = around_back(&swept, i).into_iter().filter_map(at).collect();
             if let Some(end) = &ends[i] {
                 let first = WITHIN.iter().filter_map(|share| Some((*share, at(*share)?)));
                 let places: Vec<_> = first.chain([(1.0, *end)]).collect();

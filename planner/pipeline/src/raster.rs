@@ -139,14 +139,7 @@ pub(super) fn chosen(
     let Some(turn) = turn else {
         return Ok(ChosenLines { plan: candidates[best_straight], straight: candidates[best_straight] });
     };
-    let goal = Goal {
-        levels: reference,
-        most,
-        seconds: total_s,
-        caps_over_driven: 1.0,
-        turn,
-        keeps_straight_near: false,
-    };
+    let goal = Goal { levels: reference, most, seconds: total_s, caps_over_driven: 1.0, turn };
     let tilted: Vec<Option<f64>> = made
         .par_iter()
         .map(|draft| {

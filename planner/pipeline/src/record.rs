@@ -178,7 +178,6 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
         ("dropped_waypoints".into(), Value::Table(dropped)),
         ("unjoined_passes".into(), path.unjoined_passes.into()),
         ("branch".into(), usize::from(arm.branch).into()),
-        ("instead".into(), axes.instead.unwrap_or("nothing").into()),
         ("raster_deg".into(), path.raster_rad.to_degrees().into()),
         ("sense".into(), path.sense.word().into()),
         ("layers".into(), path.layers.into()),

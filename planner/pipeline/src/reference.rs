@@ -16,7 +16,7 @@ use bonemill_case::{Case, ForceTerm};
 use bonemill_cutter::Ball;
 use bonemill_cutting::burr::EngagedForce;
 use bonemill_cutting::speed::{Levels, last_within};
-use bonemill_planfile::toward::{StructureFigures, TowardSpan};
+use bonemill_planfile::toward::{NEAR_MM, StructureFigures, TowardSpan};
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_toolpath::engagement::mass_increments;
 use bonemill_toolpath::path::{self, MoveKind};
@@ -105,7 +105,12 @@ impl ReferencePath {
             Err(PlanError::OutOfReach { .. }) => return Ok(None),
             Err(error) => return Err(error),
         };
-        let forces = forced.driven((start, case), &axes, &motion, cuts)?;
+        // figures near structures are small
+        let is_near =
+            |i: usize| near[i].iter().any(|n| n.proximity.distance_mm - case.burr.radius_mm <= NEAR_MM);
+        let ends = forced.at_ends(case, &axes, is_near, cuts)?;
+        let within = forced.within((start, case), &axes, &motion, &ends)?;
+        let forces = MoveForces { ends, within };
         let is_cut = |i: usize| i > 0 && cuts(i) || points[i].kind == MoveKind::Cut;
         let kind = |i: usize| if is_cut(i) { MoveKind::Cut } else { points[i].kind };
         let kinds = (0..points.len()).map(kind).collect();

@@ -12,6 +12,9 @@ const EVALUATIONS: u32 = 60;
 /// How exactly that time is met, as a share of it.
 const TIME_SHARE: f64 = 1e-9;
 
+/// A link may go this many times as slowly as the slowest cut: it is slow only where it cuts the skin that a rounded corner left.
+pub const SLOWEST_LINK: f64 = 0.1;
+
 /// Moves in order, links included; one entry per move in each list.
 #[derive(Debug, Clone)]
 pub struct CutMoves<'a> {
@@ -29,18 +32,20 @@ pub struct CutMoves<'a> {
 
 impl CutMoves<'_> {
     /// The fastest profile with move i at most `cap_mm_s(i)`, which counts as the nearest speed of the range; a link that nothing caps
-    /// goes at its own speed.
+    /// goes at its own speed, any other at [`SLOWEST_LINK`] of the slowest cut's or faster.
     ///
     /// # Errors
     /// As [`fastest_profile`].
     pub fn profile(&self, cap_mm_s: impl Fn(usize) -> f64) -> Result<LimitedProfile, ModelError> {
         let [min_mm_s, max_mm_s] = self.range_mm_s;
         let cap = |(i, is_cut): (usize, &bool)| {
-            let most_mm_s = if *is_cut { max_mm_s } else { self.link_mm_s };
-            cap_mm_s(i).min(most_mm_s).max(min_mm_s.min(most_mm_s))
+            let [least_mm_s, most_mm_s] =
+                if *is_cut { [min_mm_s, max_mm_s] } else { [SLOWEST_LINK * min_mm_s, self.link_mm_s] };
+            cap_mm_s(i).min(most_mm_s).max(least_mm_s.min(most_mm_s))
         };
         let caps: Vec<f64> = self.is_cut.iter().enumerate().map(cap).collect();
-        fastest_profile(&caps, self.length_mm, min_mm_s.min(self.link_mm_s), self.acceleration_mm_s2)
+        let least_mm_s = (SLOWEST_LINK * min_mm_s).min(self.link_mm_s);
+        fastest_profile(&caps, self.length_mm, least_mm_s, self.acceleration_mm_s2)
     }
 
     /// Time of the cuts at their largest speeds: Σ Δs/v, s.
@@ -101,6 +106,9 @@ mod tests {
         assert_eq!(fastest.move_mm_s[1], 2.0);
         assert_eq!(fastest.move_mm_s[4], 4.0f64.min(fastest.place_mm_s[3]).max(0.5));
         assert!(fastest.move_mm_s[2] <= 10.0);
+        // a link that cuts a skin may be slower than the slowest cut
+        let slow = moves.profile(|i| if i == 2 { 0.02 } else { cap(0.0, i) }).unwrap();
+        assert_eq!([slow.place_mm_s[1], slow.place_mm_s[2]], [SLOWEST_LINK * 0.5; 2]);
         for asked_s in [3.2, 5.0, 7.9] {
             let (slowness, profile) = moves.in_time(1.0, cap, asked_s).unwrap();
             let took_s = moves.cutting_s(&profile);

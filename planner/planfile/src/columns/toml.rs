@@ -377,12 +377,6 @@ pub const MODELLED: &[Column] = &[
         "",
         "Least height of the lines between joint centres above the mounting plane; UR arms only.",
     ),
-    Column::new(
-        "instead",
-        "text",
-        "",
-        "Where the shaft stays straight because otherwise a figure would have been above that of a straight shaft with the least force; usually `nothing`.",
-    ),
     Column::new("raster_deg", "°", "work", "Direction of the raster's lines from work's x."),
     Column::new(
         "sense",

@@ -130,8 +130,5 @@ fn choices(plan: &Plan) -> Vec<String> {
             "Speeds decrease with the mass ahead of the burr and do not depend on structures.".to_owned()
         }
     };
-    let instead = m.axes.instead.map(|words| {
-        format!("Fallback: {words}, because otherwise a figure would have been above that of a straight shaft with the least force.")
-    });
-    [lines, sense, spin, axes, speed].into_iter().chain(instead).collect()
+    vec![lines, sense, spin, axes, speed]
 }

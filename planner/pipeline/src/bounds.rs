@@ -1,0 +1,242 @@
+//! What a plan may push near structures: no more than its references do.
+//!
+//! Levels bound the largest push of all cuts. The figures that a plan is judged by are means and peaks near each structure, and bounds
+//! on them hold in two steps:
+//!
+//! - a cut that exceeds a bound even at the least speed takes a free axis that keeps the bounds, or misses them least
+//!   ([`Prepared::gentlest`]);
+//! - the cuts that push toward a structure near it go slower by the share by which a figure is too high ([`Prepared::eased`]): at
+//!   r times the speeds the means and the peak are r times as large, and only the few seconds near the structure are longer.
+
+use std::collections::BTreeMap;
+
+use bonemill_armpath::ArmMotion;
+use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, OrientationKernel};
+use bonemill_planfile::toward::NEAR_MM;
+use bonemill_setup::nearest_structures::NearStructure;
+use bonemill_setup::tools;
+use bonemill_toolpath::orientation::directions::angle_between;
+use nalgebra::{Unit, Vector3};
+use rayon::prelude::*;
+
+use super::PlanError;
+use super::choose::{CHOICE_MERGED, CHOICE_SAMPLES, Choices, Chosen};
+use super::compared::{JUDGED, LEAST_N, SAME_SHARE};
+use super::path_forces::around_back;
+use super::prepared::Prepared;
+use super::reference::{Reference, StructureForces};
+
+/// Places within a move at which axes are compared, as shares of its way.
+const PLACES: [f64; 5] = [0.02, 0.25, 0.5, 0.75, 1.0];
+/// Figures that are above their bound by no more than this share are left.
+const NEARLY: f64 = 0.005;
+
+/// What a plan may not exceed, N.
+#[derive(Debug, Clone)]
+pub(super) struct Bounds {
+    /// Mean and largest force in any direction.
+    mean_n: f64,
+    peak_n: f64,
+    /// Per structure the judged figures near it.
+    near_n: Vec<[f64; JUDGED.len()]>,
+}
+
+impl Bounds {
+    /// The whole force of a straight shaft, and the least of its and the controls' figures near structures.
+    pub fn of(straight: &StructureForces, controls: &[Reference]) -> Self {
+        let least = |n: usize, figure: usize| {
+            let of = |forces: &StructureForces| {
+                forces.structures.get(n).map_or(0.0, |s| (JUDGED[figure].1)(&s.near))
+            };
+            controls.iter().map(|c| of(&c.forces)).fold(of(straight), f64::min).max(LEAST_N)
+        };
+        let near_n =
+            (0..straight.structures.len()).map(|n| [0, 1, 2].map(|figure| least(n, figure))).collect();
+        Self { mean_n: straight.mean_n, peak_n: straight.peak_n, near_n }
+    }
+
+    /// Whether the mean of the whole force is within its bound.
+    pub fn keeps_mean(&self, forces: &StructureForces) -> bool {
+        forces.mean_n <= self.mean_n
+    }
+
+    /// The largest share of a structure's bounds that forces reach.
+    fn share(&self, forces: &StructureForces, n: usize) -> f64 {
+        let of =
+            |(bound, (_, figure)): (&f64, &(_, fn(&_) -> f64))| figure(&forces.structures[n].near) / bound;
+        self.near_n[n].iter().zip(&JUDGED).map(of).fold(0.0, f64::max)
+    }
+
+    /// How far figures are above their bounds: the logarithms of the structures' largest shares.
+    pub fn excess(&self, forces: &StructureForces) -> f64 {
+        (0..self.near_n.len()).map(|n| self.share(forces, n).max(1.0).ln()).sum()
+    }
+
+    /// By how much the cuts that push toward a structure near it must be slower, at most 1.
+    ///
+    /// The impulse F Δt = g Δs of a cut does not depend on its speed. So the mean over the pushing cuts and the peak fall with the speed,
+    /// and the mean with zeros as the time near the structure grows, of which the pushing cuts take the share of the two means.
+    fn slower(&self, forces: &StructureForces, n: usize) -> f64 {
+        let near = &forces.structures[n].near;
+        let [mean, zeros, peak] = [0, 1, 2].map(|k| (JUDGED[k].1)(near) / self.near_n[n][k]);
+        let times = |share: f64, of_time: f64| {
+            if share > 1.0 + NEARLY { 1.0 / (1.0 + (share - 1.0) * of_time) } else { 1.0 }
+        };
+        let of_time = near.mean_n / near.mean_with_zeros_n.max(f64::MIN_POSITIVE);
+        times(mean, 1.0).min(times(peak, 1.0)).min(times(zeros, of_time))
+    }
+
+    /// The largest share of a bound on peaks that one force reaches.
+    fn of_peaks(&self, force_n: &Vector3<f64>, near: &[&NearStructure]) -> f64 {
+        let [.., peak] = [0, 1, 2];
+        let toward = near.iter().map(|n| force_n.dot(&n.proximity.toward) / self.near_n[n.structure][peak]);
+        toward.fold(force_n.norm() / self.peak_n.max(LEAST_N), f64::max)
+    }
+}
+
+impl Prepared<'_> {
+    /// The structures that the burr's surface is near at a waypoint.
+    fn close_by(&self, i: usize) -> Vec<&NearStructure> {
+        self.near[i].iter().filter(|n| n.proximity.distance_mm - self.radius_mm() <= NEAR_MM).collect()
+    }
+
+    /// Cuts that push more at the least speed than any of the references does, each with a free axis that keeps the bounds, or misses them
+    /// least.
+    ///
+    /// # Errors
+    /// When the tool, the material or the arm's limits are not usable.
+    pub(super) fn gentlest(
+        &self,
+        choices: &Choices,
+        chosen: &Chosen,
+        motion: &ArmMotion,
+        bounds: &Bounds,
+    ) -> Result<BTreeMap<usize, Unit<Vector3<f64>>>, PlanError> {
+        let case = &choices.applied_to(self.start.case);
+        let rpm = case.burr.spindle_rpm;
+        let near: Vec<_> = (0..self.near.len()).map(|i| self.close_by(i)).collect();
+        let slowest = |i: usize| chosen.slowest_mm_s(case, i);
+        let share = |i: usize, force: &EngagedForce| bounds.of_peaks(&force.force_n(slowest(i)), &near[i]);
+        let is_hot = |i: &usize| {
+            let mut forces = chosen.forces[*i].iter().chain(&chosen.within[*i]);
+            forces.any(|force| share(*i, force) > 1.0 + SAME_SHARE)
+        };
+        let hot: Vec<usize> = (0..near.len()).filter(is_hot).collect();
+        if hot.is_empty() {
+            return Ok(BTreeMap::new());
+        }
+        let tool = tools::tool(&case.burr)?;
+        let (material, measure) = tools::material(&case.material)?;
+        let kernel = OrientationKernel::new(&tool, &material, measure, CHOICE_SAMPLES, CHOICE_MERGED);
+        let forced = self.forced();
+        let swept = forced.rounded((&self.start, case), motion)?;
+        let axes = self.directions.axes();
+        // the free axis at waypoint i that keeps the bounds, or misses them least, and is nearest to `wanted`
+        let best = |i: usize, wanted: &Unit<Vector3<f64>>| {
+            let gathered = |place: f64| {
+                let weight = |density| material.weight(density);
+                let (feed, mut bone) =
+                    swept.bone_within((i as u32, place), kernel.tool().radius_mm(), weight)?;
+                let mut samples = EngagedSamples::default();
+                kernel.gather(&mut samples, &Feed::new(&feed, slowest(i), rpm), &mut bone);
+                Some(samples)
+            };
+            let places = around_back(&swept, i).into_iter().chain(PLACES);
+            let gathered: Vec<EngagedSamples> = places.filter_map(gathered).collect();
+            let share = |axis: &Unit<Vector3<f64>>| {
+                let forces = gathered.iter().map(|samples| kernel.force_for_axis(samples, axis, rpm));
+                forces.map(|force| share(i, &force)).fold(0.0, f64::max)
+            };
+            let free = self.reached.free.iter(i);
+            let all = free.map(|n| (share(&axes[n]).max(1.0), angle_between(&axes[n], wanted), axes[n]));
+            all.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))).map(|(.., axis)| axis)
+        };
+        let gentlest = |i: &usize| Some((*i, best(*i, &chosen.oriented.axes[*i])?));
+        Ok(hot.par_iter().filter_map(gentlest).collect())
+    }
+
+    /// Caps with which the figures near structures come down to their bounds, mm/s; none where no figure is above its bound or no
+    /// cut can be slower. `speed_mm_s`: the speeds of these forces.
+    pub(super) fn eased(
+        &self,
+        chosen: &Chosen,
+        forces: &StructureForces,
+        bounds: &Bounds,
+        (speed_mm_s, caps_mm_s): (&[f64], &[f64]),
+    ) -> Option<Vec<f64>> {
+        let slower: Vec<f64> = (0..bounds.near_n.len()).map(|n| bounds.slower(forces, n)).collect();
+        let cap = |i: usize| {
+            let pushed = |n: &&NearStructure| {
+                let mut forces = chosen.forces[i].iter().chain(&chosen.within[i]);
+                forces.any(|force| force.force_n(speed_mm_s[i]).dot(&n.proximity.toward) > 0.0)
+            };
+            let near = self.close_by(i);
+            let times = near.iter().filter(|n| pushed(n)).map(|n| slower[n.structure]).fold(1.0, f64::min);
+            if times < 1.0 {
+                caps_mm_s[i].min((times * speed_mm_s[i]).max(chosen.slowest_mm_s(self.start.case, i)))
+            } else {
+                caps_mm_s[i]
+            }
+        };
+        let eased: Vec<f64> = (0..caps_mm_s.len()).map(cap).collect();
+        let is_slower = (0..eased.len()).any(|i| eased[i] < caps_mm_s[i].min(speed_mm_s[i]) * (1.0 - NEARLY));
+        is_slower.then_some(eased)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bonemill_planfile::toward::{StructureFigures, TowardSpan};
+
+    /// Cuts of lengths and pushes per speed, N per mm/s, at speeds; beside 8 s that do not push.
+    fn forces(cuts: &[[f64; 3]]) -> StructureForces {
+        let span = |(row, [mm, per_mm_s, speed]): (usize, &[f64; 3])| {
+            let force_n = per_mm_s * speed;
+            (TowardSpan { seconds: mm / speed, force_n, peak_n: force_n, row }, 3.0)
+        };
+        let mut spans: Vec<_> = cuts.iter().enumerate().map(span).collect();
+        spans.push((TowardSpan { seconds: 8.0, force_n: 0.0, peak_n: 0.0, row: 9 }, 3.0));
+        StructureForces {
+            mean_n: 1.0,
+            peak_n: 2.0,
+            structures: vec![StructureFigures::of(None, &spans, 2.5)],
+        }
+    }
+
+    #[test]
+    fn slower_by_what_is_asked_a_figure_is_at_its_bound() {
+        let at = |times: f64| forces(&[[2.0, 0.1, times], [4.0, 0.3, times]]);
+        let plan = at(1.0);
+        // bounds above which one figure is at a time: mean, mean with zeros, peak
+        for figure in 0..3 {
+            let bounds =
+                |n: usize| (JUDGED[n].1)(&plan.structures[0].near) * if n == figure { 0.8 } else { 9.0 };
+            let bounds = Bounds { mean_n: 1.0, peak_n: 2.0, near_n: vec![[0, 1, 2].map(bounds)] };
+            let times = bounds.slower(&plan, 0);
+            assert!(times < 1.0 && bounds.excess(&plan) > 0.2);
+            let reached = bounds.share(&at(times), 0);
+            assert!((reached - 1.0).abs() < 1e-12, "figure {figure}: {reached} at {times}");
+        }
+        let none = Bounds::of(&plan, &[]);
+        assert_eq!((none.slower(&plan, 0), none.excess(&plan)), (1.0, 0.0));
+    }
+
+    #[test]
+    fn a_control_lowers_a_bound_and_next_to_nothing_counts_as_a_millinewton() {
+        let (straight, plan) = (forces(&[[2.0, 0.1, 1.0]]), forces(&[[2.0, 1e-5, 1.0]]));
+        let control = |forces: &StructureForces| Reference {
+            raster: super::super::raster::Raster {
+                frame: bonemill_toolpath::path::RasterFrame::at_angle(0.0),
+                sense: bonemill_case::Sense::Both,
+            },
+            speed_mm_s: None,
+            total_time_s: 1.0,
+            forces: forces.clone(),
+        };
+        let bounds = Bounds::of(&straight, &[control(&plan)]);
+        assert_eq!(bounds.near_n, vec![[LEAST_N; 3]]);
+        assert!((bounds.excess(&straight) - (0.1f64 / LEAST_N).ln()).abs() < 1e-12);
+        assert!(bounds.keeps_mean(&straight) && !bounds.keeps_mean(&StructureForces { mean_n: 1.1, ..plan }));
+    }
+}
