@@ -159,8 +159,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
     },
     Experiment {
         name: "trials-felt",
-        about: "whole plans with the least force in their time beside straight shafts at constant speed: blocks, heads, a scan",
+        about: "whole plans beside straight shafts in the same time, by two arms: blocks, heads, a scan; what each lever gives",
         run: trials::felt,
+    },
+    Experiment {
+        name: "turning",
+        about: "what turning the shaft earns over the joints' accelerations, the tilt limit and the mount's lever",
+        run: trials::turning,
     },
     Experiment {
         name: "trials-sweep",

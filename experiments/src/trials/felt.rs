@@ -1,216 +1,282 @@
-//! Forces toward structures in complete plans, compared with each plan's controls: a straight shaft at constant speed in the
-//! same time, along lines in two directions.
+//! Whole plans beside what a user could do instead, driven by the same arm in the same time: the two controls (straight shaft, constant
+//! speed, lines along and across) and the straight shaft with the least force.
 //!
-//! Changes are computed for each body against the mean of its two controls, then averaged; the worst body is also given. The
-//! number of figures above the better of the two controls is counted, for every structure of the body.
-//!
-//! For comparison, each plan also has the forces with the best axis of each waypoint alone along the same path: the axis with
-//! the least force toward the nearest structure, as if the shaft could turn at once, with the least force in the plan's time. No
-//! sequence of axes has a smaller push at any waypoint. Its mean over F_v > 0 may still be above the plan's, because it is a
-//! mean over fewer waypoints.
+//! Figures are those that the plan states at the speeds that are driven: toward each structure of the highest priority while the burr's
+//! surface is within 2 mm of it, and in any direction. Changes are computed for each body and then averaged; the worst body is also given.
 
 use bonemill_imaging::phantom::{BlockParams, NerveSide, PhantomKind, block, phantom};
 use bonemill_planner::Progress;
-use bonemill_planner::case::{Case, CostSpec, Registration, SpeedMode};
-use bonemill_planner::cost::SeveralStructures;
-use bonemill_planner::path::MoveKind;
-use bonemill_planner::pipeline::{Choices, JUDGED, Plan, Prepared, StructureForces, plan, with_prepared};
+use bonemill_planner::case::{Case, OrientationMode, Registration, Sense, SpeedMode};
+use bonemill_planner::pipeline::{JUDGED, Plan, StructureForces, plan};
 
 use super::percent;
 use crate::body::{self, Body};
 use crate::{ExperimentError, Size, Table};
 
-const COLUMNS: [&str; 5] =
-    ["mean toward, F_v > 0", "mean toward, zeros in", "peak toward", "peak |F|", "mean |F|"];
-/// No change is computed where the control's force is below this, N.
-const LEAST_N: f64 = 0.01;
-/// Largest number of heads.
+pub(super) const COLUMNS: [&str; 5] =
+    ["mean toward, F_v > 0", "mean toward, zeros in", "peak toward", "mean |F|", "peak |F|"];
+/// Beside controls no change is computed where their force is below the first of these, N, beside the straight shaft below the second.
+const LEAST_N: [f64; 2] = [0.01, 0.001];
+/// A figure counts as above another from this share on.
+const SAME_SHARE: f64 = 0.02;
+/// Largest number of heads, and of bodies whose levers are taken apart.
 const MOST_HEADS: u64 = 4;
+const MOST_APART: u64 = 3;
+
+/// An arm, and how many angles it chooses.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum ArmKind {
+    BoneAttached,
+    Ur5e(u32),
+}
+
+impl ArmKind {
+    const ALL: [Self; 3] = [Self::BoneAttached, Self::Ur5e(1), Self::Ur5e(2)];
+
+    fn name(self) -> String {
+        match self {
+            Self::BoneAttached => "bone-attached, 1 angle".into(),
+            Self::Ur5e(1) => "UR5e, 1 angle".into(),
+            Self::Ur5e(angles) => format!("UR5e, {angles} angles"),
+        }
+    }
+
+    /// A case with this arm; a UR with the README's mount.
+    pub(super) fn put_into(self, case: &mut Case) {
+        if let Self::Ur5e(angles) = self {
+            case.orientation.angles = angles;
+            case.robot.model = "ur5e".into();
+            case.robot.base_from_ct = Registration::Assumed;
+            case.robot.flange_from_burr = Some(([0.0, -90.0, 155.0], [2.618, 0.0, 0.0]));
+        }
+    }
+}
 
 /// Figures in the order of [`COLUMNS`], of the force toward one structure, N.
 fn figures(forces: &StructureForces, structure: usize) -> [f64; 5] {
     let near = &forces.structures[structure].near;
     let [mean, zeros, peak] = JUDGED.map(|(_, figure)| figure(near));
-    [mean, zeros, peak, forces.peak_n, forces.mean_n]
+    [mean, zeros, peak, forces.mean_n, forces.peak_n]
 }
 
-/// Figures of a plan and its controls for one structure.
-struct Row {
+/// Figures of a plan and its references for one structure.
+pub(super) struct Row {
     body: String,
     structure: String,
     priority: u32,
     controls: Vec<[f64; 5]>,
+    straight: Option<[f64; 5]>,
     plan: [f64; 5],
-    /// Figures with every waypoint's best axis alone.
-    alone: [f64; 5],
+    /// Total time of the plan, and that of its faster control at the nominal speed, s; how long planning took, s.
+    total_s: f64,
     seconds: f64,
+    falls_short: bool,
 }
 
 impl Row {
-    /// Changes against the mean of the controls, %.
-    fn changes(&self) -> [Option<f64>; 5] {
+    /// Changes against the mean of the controls, and against the straight shaft, %.
+    pub(super) fn changes(&self) -> [[Option<f64>; 5]; 2] {
         let n = self.controls.len().max(1) as f64;
-        std::array::from_fn(|k| {
-            let control = self.controls.iter().map(|c| c[k]).sum::<f64>() / n;
-            (control >= LEAST_N).then(|| 100.0 * (self.plan[k] / control - 1.0))
-        })
+        let change = |k: usize, of: Option<f64>, least_n: f64| {
+            of.filter(|of| *of >= least_n).map(|of| 100.0 * (self.plan[k] / of - 1.0))
+        };
+        [
+            std::array::from_fn(|k| {
+                change(k, Some(self.controls.iter().map(|c| c[k]).sum::<f64>() / n), LEAST_N[0])
+            }),
+            std::array::from_fn(|k| change(k, self.straight.map(|s| s[k]), LEAST_N[1])),
+        ]
     }
 
-    /// Number of figures that are above the better control's.
-    fn worse(&self) -> usize {
+    /// Number of figures toward the structure that are above the better control's, and above the straight shaft's.
+    fn worse(&self) -> [usize; 2] {
         let better = |k: usize| self.controls.iter().map(|c| c[k]).fold(f64::INFINITY, f64::min);
-        (0..JUDGED.len()).filter(|k| self.plan[*k] > better(*k).max(LEAST_N) * (1.0 + 1e-6)).count()
+        let above = |of: &dyn Fn(usize) -> f64| {
+            let is_above = |k: &usize| self.plan[*k] > of(*k).max(LEAST_N[1]) * (1.0 + SAME_SHARE);
+            (0..JUDGED.len()).filter(is_above).count()
+        };
+        [above(&better), above(&|k| self.straight.map_or(f64::INFINITY, |s| s[k]))]
     }
 }
 
-/// The rows of a plan: one per structure near which the plan or a control has a force toward it.
-fn rows(name: &str, plan: &Plan, alone: &StructureForces) -> Vec<Row> {
+/// The rows of a plan: one per structure near which the plan or a reference has a force toward it.
+pub(super) fn rows(name: &str, plan: &Plan) -> Vec<Row> {
+    let compared = &plan.results.compared;
     let structures = plan.setup.case.structures.iter().enumerate();
     let row = |(n, s): (usize, &bonemill_planner::case::Structure)| Row {
         body: name.to_owned(),
         structure: s.name.clone(),
         priority: s.priority,
-        controls: plan.results.compared.controls.iter().map(|c| figures(&c.forces, n)).collect(),
-        plan: figures(&plan.results.compared.plan, n),
-        alone: figures(alone, n),
+        controls: compared.controls.iter().map(|c| figures(&c.forces, n)).collect(),
+        straight: compared.straight.as_ref().map(|s| figures(&s.forces, n)),
+        plan: figures(&compared.plan, n),
+        total_s: plan.moves.law.duration_s(),
         seconds: plan.seconds.iter().map(|(_, s)| s).sum(),
+        falls_short: !plan.shortfalls.is_empty(),
     };
     let is_near = |row: &Row| row.controls.iter().chain([&row.plan]).any(|f| f[2] > 0.0);
     structures.map(row).filter(is_near).collect()
 }
 
-/// The forces with the best axis of each waypoint alone, in the time that the plan takes for its cuts.
-fn alone(plan: &Plan, body: &Body) -> Result<StructureForces, ExperimentError> {
-    let planned = Choices::of(&plan.setup.case);
-    // the cost is only the push toward the nearest structure
-    let cost = CostSpec {
-        structures: SeveralStructures::Nearest,
-        kappa_per_mm: 0.0,
-        alpha_max: 1.0,
-        ..planned.cost
-    };
-    let nearest_only = Choices { cost, ..planned.clone() };
-    let cuts = plan.moves.waypoints.windows(2).filter(|pair| pair[1].kind == MoveKind::Cut);
-    let cutting_s =
-        cuts.map(|pair| pair[0].position.distance_mm(&pair[1].position) / pair[1].speed_mm_s).sum();
-    let forces = |prepared: &Prepared| {
-        let chosen = prepared.choose_alone(&nearest_only)?;
-        let speed_mm_s = prepared.speeds(&planned, &chosen, Some(cutting_s))?;
-        Ok(prepared.structure_forces(&chosen, &speed_mm_s))
-    };
-    Ok(with_prepared(&plan.setup.case, body.case_path(), &(), forces)?)
-}
-
-fn planned(name: &str, body: &Body, adjust: impl Fn(&mut Case)) -> Result<Vec<Row>, ExperimentError> {
+pub(super) fn planned(
+    name: &str,
+    body: &Body,
+    adjust: impl Fn(&mut Case),
+) -> Result<Vec<Row>, ExperimentError> {
     let mut case = body.case(false)?;
     case.speed.mode = SpeedMode::LeastForce;
     adjust(&mut case);
-    let plan = plan(&case, body.case_path(), &())?;
-    Ok(rows(name, &plan, &alone(&plan, body)?))
+    Ok(rows(name, &plan(&case, body.case_path(), &())?))
 }
 
-/// Runs blocks with the nerve in both planes, heads, and a scan if available.
-///
-/// # Errors
-/// When a body cannot be made or planned.
-pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
+/// Bodies of one kind, each with its name.
+type Kind = (String, Vec<(String, Body)>);
+
+fn bodies(size: Size) -> Result<Vec<Kind>, ExperimentError> {
     let sides = [
         (NerveSide::BesideTiltPlane, "block, nerve beside the tilt plane"),
         (NerveSide::InTiltPlane, "block, nerve in the tilt plane"),
     ];
-    let mut groups: Vec<(String, u32, Vec<Row>)> = Vec::new();
-    for angles in [1, 2] {
-        let one_or_two = |case: &mut Case| {
-            if angles == 2 {
-                // the bone-attached arm has one tilt angle; the place of a UR is assumed
-                case.orientation.angles = angles;
-                case.robot.model = "ur5e".into();
-                case.robot.base_from_ct = Registration::Assumed;
-                case.robot.flange_from_burr = Some(([0.0, 0.0, 180.0], [std::f64::consts::PI, 0.0, 0.0]));
-            }
-        };
-        for (nerve, name) in sides {
+    let mut groups = Vec::new();
+    for (nerve, name) in sides {
+        let params = BlockParams { nerve, ..BlockParams::paper() };
+        let body = |seed: u64| Ok((format!("{name}, seed {seed}"), Body::phantom(&block(&params, seed))?));
+        let bodies = (1..=size.seeds).map(body).collect::<Result<_, ExperimentError>>()?;
+        groups.push((name.to_owned(), bodies));
+    }
+    let head = |seed: u64| {
+        Ok((format!("temporal, seed {seed}"), Body::phantom(&phantom(PhantomKind::Temporal, seed))?))
+    };
+    let heads = (1..=size.seeds.min(MOST_HEADS)).map(head).collect::<Result<_, ExperimentError>>()?;
+    groups.push(("temporal".to_owned(), heads));
+    let scan = Body::case_file(&body::data().join("tbone_RT143/case.toml"));
+    groups.extend(scan.map(|scan| ("tbone_RT143".to_owned(), vec![("tbone_RT143".to_owned(), scan)])));
+    Ok(groups)
+}
+
+/// Runs blocks with the nerve in both planes, heads, and a scan if available, with both arms.
+///
+/// # Errors
+/// When a body cannot be made or planned.
+pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
+    let bodies = bodies(size)?;
+    let mut groups: Vec<(String, String, Vec<Row>)> = Vec::new();
+    for arm in ArmKind::ALL {
+        for (name, bodies) in &bodies {
+            progress.stage(name);
             let mut found = Vec::new();
-            for seed in 1..=size.seeds {
-                progress.stage("blocks");
-                let params = BlockParams { nerve, ..BlockParams::paper() };
-                let body = Body::phantom(&block(&params, seed))?;
-                found.extend(planned(&format!("{name}, seed {seed}"), &body, one_or_two)?);
+            for (name, body) in bodies {
+                found.extend(planned(name, body, |case| arm.put_into(case))?);
             }
-            groups.push((name.into(), angles, found));
-        }
-        let mut found = Vec::new();
-        for seed in 1..=size.seeds.min(MOST_HEADS) {
-            progress.stage("heads");
-            let body = Body::phantom(&phantom(PhantomKind::Temporal, seed))?;
-            found.extend(planned(&format!("temporal {seed}"), &body, one_or_two)?);
-        }
-        groups.push(("temporal".into(), angles, found));
-        if let Some(body) = Body::case_file(&body::data().join("tbone_RT143/case.toml")) {
-            progress.stage("scan");
-            groups.push(("tbone_RT143".into(), angles, planned("tbone_RT143", &body, one_or_two)?));
+            groups.push((name.clone(), arm.name(), found));
         }
     }
-    Ok(vec![summary(size, &groups), each(&groups)])
+    progress.stage("levers");
+    Ok(vec![summary(size, &groups), each(&groups), levers(size, &bodies)?])
+}
+
+/// Change in % of the rows, mean ± standard deviation / worst, against each kind of reference.
+pub(super) fn change_cells(rows: &[&Row]) -> Vec<String> {
+    let changes: Vec<_> = rows.iter().map(|r| r.changes()).collect();
+    let cell = |of: usize, k: usize| {
+        let worst = changes.iter().filter_map(|c| c[of][k]).max_by(f64::total_cmp);
+        let worst = worst.map_or("-".into(), |worst| format!("{worst:+.0}"));
+        format!("{} / {worst}", percent(changes.iter().map(|c| c[of][k])))
+    };
+    (0..COLUMNS.len()).map(|k| format!("{}; {}", cell(0, k), cell(1, k))).collect()
 }
 
 /// Summary of the forces toward structures of priority 1, by group.
-fn summary(size: Size, groups: &[(String, u32, Vec<Row>)]) -> Table {
+fn summary(size: Size, groups: &[(String, String, Vec<Row>)]) -> Table {
     let title = format!(
-        "Toward structures of priority 1, the burr's surface within 2 mm: change in % against the mean of two controls (straight \
-         shaft, constant speed, the same time; lines in two directions), mean ± standard deviation over the bodies / worst body; {} \
-         seeds. Controls below {LEAST_N} N are left out. Worse: figures above the better control's, toward priority 1 / toward any \
-         structure, of how many.",
-        size.seeds
+        "Toward structures of priority 1, the burr's surface within 2 mm, and in any direction: change in % against the mean of the \
+         two controls; against the straight shaft with the least force. All are driven by the same arm in the same time. Mean ± \
+         standard deviation over the bodies / worst body; {} seeds. References below {} and {} N are left out. Above: figures toward \
+         structures of priority 1 (of any) that are more than 2 % above the better control's, the straight shaft's, of how many.",
+        size.seeds, LEAST_N[0], LEAST_N[1]
     );
-    let head = ["body", "angles"].iter().chain(&COLUMNS).chain(&["worse"]).copied().collect::<Vec<_>>();
+    let head: Vec<&str> =
+        ["body", "arm"].into_iter().chain(COLUMNS).chain(["above", "planning [s]"]).collect();
     let mut table = Table::new("trials-felt", title, &head);
-    for (name, angles, rows) in groups {
+    for (name, arm, rows) in groups {
         let first: Vec<&Row> = rows.iter().filter(|r| r.priority == 1).collect();
-        let changes: Vec<_> = first.iter().map(|r| r.changes()).collect();
-        let figure = |k: usize| {
-            let worst = changes.iter().filter_map(|c| c[k]).max_by(f64::total_cmp);
-            let worst = worst.map_or("-".into(), |worst| format!("{worst:+.0}"));
-            format!("{} / {worst}", percent(changes.iter().map(|c| c[k])))
+        let above = |rows: &[&Row]| {
+            let worse = rows.iter().map(|r| r.worse()).fold([0; 2], |sum, w| [sum[0] + w[0], sum[1] + w[1]]);
+            format!("{}, {} of {}", worse[0], worse[1], rows.len() * JUDGED.len())
         };
-        let worse = |rows: &[&Row]| rows.iter().map(|r| r.worse()).sum::<usize>();
-        let all: Vec<&Row> = rows.iter().collect();
-        let counts = format!(
-            "{} of {} / {} of {}",
-            worse(&first),
-            first.len() * JUDGED.len(),
-            worse(&all),
-            all.len() * JUDGED.len()
-        );
-        let cells = (0..COLUMNS.len()).map(figure).chain([counts]);
-        table.push([name.clone(), angles.to_string()].into_iter().chain(cells).collect());
+        let counts = format!("{} ({})", above(&first), above(&rows.iter().collect::<Vec<_>>()));
+        let mean_s = first.iter().map(|r| r.seconds).sum::<f64>() / first.len().max(1) as f64;
+        let end = [counts, format!("{mean_s:.0}")];
+        table.push([name.clone(), arm.clone()].into_iter().chain(change_cells(&first)).chain(end).collect());
     }
     table
 }
 
 /// The figures of every body and structure, in newtons.
-fn each(groups: &[(String, u32, Vec<Row>)]) -> Table {
-    let head: Vec<String> = ["body", "angles", "structure"]
+fn each(groups: &[(String, String, Vec<Row>)]) -> Table {
+    let head: Vec<String> = ["body", "arm", "structure"]
         .map(str::to_owned)
         .into_iter()
         .chain(COLUMNS.iter().map(|c| format!("{c} [N]")))
-        .chain(["worse".into(), "planning [s]".into()])
+        .chain(["total time [s]".into(), "falls short".into(), "planning [s]".into()])
         .collect();
     let head: Vec<&str> = head.iter().map(String::as_str).collect();
-    let title = "Control along the plan's lines / control across / plan / each waypoint's best axis alone.";
+    let title = "Control along / control across / straight shaft with the least force / plan.";
     let mut table = Table::new("trials-felt-bodies", title, &head);
-    for (_, angles, rows) in groups {
+    for (_, arm, rows) in groups {
         for row in rows {
             let figure = |k: usize| {
-                let all = row.controls.iter().chain([&row.plan, &row.alone]);
-                all.map(|f| format!("{:.3}", f[k])).collect::<Vec<_>>().join(" / ")
+                let all = row.controls.iter().chain(&row.straight).chain([&row.plan]);
+                all.map(|f| format!("{:.4}", f[k])).collect::<Vec<_>>().join(" / ")
             };
-            let cells = (0..COLUMNS.len()).map(figure);
-            let end = [row.worse().to_string(), format!("{:.1}", row.seconds)];
-            let start =
-                [row.body.clone(), angles.to_string(), format!("{} ({})", row.structure, row.priority)];
-            table.push(start.into_iter().chain(cells).chain(end).collect());
+            let short = if row.falls_short { "yes" } else { "no" };
+            let end = [format!("{:.1}", row.total_s), short.into(), format!("{:.1}", row.seconds)];
+            let start = [row.body.clone(), arm.clone(), format!("{} ({})", row.structure, row.priority)];
+            table.push(start.into_iter().chain((0..COLUMNS.len()).map(figure)).chain(end).collect());
         }
     }
     table
+}
+
+/// What each lever gives alone, in the time of the default plan.
+fn levers(size: Size, bodies: &[Kind]) -> Result<Table, ExperimentError> {
+    let title = "Levers alone and together, bone-attached arm: change in % against the mean of the two controls; against the \
+                 straight shaft with the least force, mean ± standard deviation over the bodies / worst.";
+    let head: Vec<&str> = ["bodies", "lever"].into_iter().chain(COLUMNS).collect();
+    let mut table = Table::new("trials-felt-levers", title, &head);
+    let levers: [(&str, [bool; 3]); 4] = [
+        ("lines and their sense", [true, false, false]),
+        ("speeds", [false, true, false]),
+        ("tilt", [false, false, true]),
+        ("all", [true, true, true]),
+    ];
+    for (name, bodies) in bodies {
+        for (lever, [lines, speeds, tilts]) in levers {
+            let mut found = Vec::new();
+            for (name, body) in bodies.iter().take(size.seeds.min(MOST_APART) as usize) {
+                let adjust = |case: &mut Case| {
+                    case.path.sense = if lines { case.path.sense } else { Sense::Both };
+                    if !lines {
+                        case.path.raster_rad = Some(case.path.raster_rad.unwrap_or(0.0));
+                    }
+                    if !tilts {
+                        case.orientation.mode = OrientationMode::Fixed;
+                    }
+                    if !speeds {
+                        case.speed.mode = SpeedMode::Constant;
+                    }
+                };
+                let mut in_time = body.case(false)?;
+                in_time.speed.mode = SpeedMode::LeastForce;
+                let total_s = plan(&in_time, body.case_path(), &())?.moves.law.duration_s();
+                found.extend(planned(name, body, |case| {
+                    case.speed.total_time_s = Some(total_s);
+                    adjust(case);
+                })?);
+            }
+            let first: Vec<&Row> = found.iter().filter(|r| r.priority == 1).collect();
+            table.push([name.clone(), lever.into()].into_iter().chain(change_cells(&first)).collect());
+        }
+    }
+    Ok(table)
 }

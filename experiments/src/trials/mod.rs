@@ -8,6 +8,7 @@
 mod felt;
 mod figures;
 mod sweep;
+mod turning;
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -22,6 +23,7 @@ use crate::{ExperimentError, Size, Table};
 pub use felt::run as felt;
 use figures::{Sample, TrialFigures};
 pub use sweep::run as sweep;
+pub use turning::run as turning;
 
 /// D's reductions, in the order of [`TrialFigures::values`], %: trial 2 and trial 3 against trial 1; `None` where D gives none.
 const PAPER: [[Option<f64>; 7]; 2] = [

@@ -223,6 +223,13 @@ pub struct MaterialSpec {
     pub t0_mm: f64,
 }
 
+impl MaterialSpec {
+    /// Whether a burr that stands still feels a force, so that forces do not grow with the speed in proportion.
+    pub fn has_edge_forces(&self) -> bool {
+        self.k_edge_n_mm.iter().any(|k| *k != 0.0)
+    }
+}
+
 /// `[path]`: a lawnmower.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathSpec {

@@ -25,10 +25,9 @@ use super::arm_axes::REFUSED_MM;
 use super::axis_cost::{AxisObjective, CostField, LevelTimes};
 use super::in_time::Goal;
 use super::levels;
-use super::orient::{FreeAxes, Oriented, alone, orient};
+use super::orient::{FreeAxes, Oriented, orient};
 use super::path_forces::ForcedPath;
 use super::prepared::Prepared;
-use super::reference::StructureForces;
 
 /// Directions in which the choice of axes looks for bone, and how many make a sample. Forces are then summed over the nodes
 /// of D4; with 4096 directions by 8, Σ C Δs + λ ∫ (da/ds)² ds of a mastoidectomy comes out 0.007 % lower.
@@ -117,21 +116,6 @@ impl Prepared<'_> {
         Ok(self.choose_timed(choices, with_motion, &mut Stopwatch::new(&()))?.0)
     }
 
-    /// The axis that every waypoint would take if it were alone and the shaft could turn at once: no sequence has a lower cost.
-    ///
-    /// # Errors
-    /// As [`Self::choose`].
-    pub fn choose_alone(&self, choices: &Choices) -> Result<Chosen, PlanError> {
-        Ok(self.chosen_by(choices, alone, false, &mut Stopwatch::new(&()))?.0)
-    }
-
-    /// Forces toward the structures along chosen axes at given speeds, mm/s per waypoint.
-    pub fn structure_forces(&self, chosen: &Chosen, speed_mm_s: &[f64]) -> StructureForces {
-        let seconds: Vec<f64> = self.length_mm().iter().zip(speed_mm_s).map(|(mm, v)| mm / v).collect();
-        let moves = (self.length_mm(), &seconds[..], speed_mm_s);
-        StructureForces::at(self.start.case, moves, (&chosen.forces, &chosen.within), &self.near)
-    }
-
     /// [`Self::choose`] with the motion that leads through these axes. If the arm cannot follow them, the axis that it
     /// cannot reach is excluded and the axes are chosen again.
     pub(super) fn choose_with_motion(
@@ -217,17 +201,6 @@ impl Prepared<'_> {
         with_motion: bool,
         watch: &mut Stopwatch,
     ) -> Result<(Chosen, Option<ArmMotion>), PlanError> {
-        let goal = choices.goal.as_ref();
-        self.chosen_by(choices, |room, field| orient(choices.mode, room, field, goal), with_motion, watch)
-    }
-
-    fn chosen_by(
-        &self,
-        choices: &Choices,
-        orient: impl FnOnce(&FreeAxes, &CostField) -> Oriented + Send,
-        with_motion: bool,
-        watch: &mut Stopwatch,
-    ) -> Result<(Chosen, Option<ArmMotion>), PlanError> {
         let case = &choices.applied_to(self.start.case);
         let tool = tools::tool(&case.burr)?;
         let (material, measure) = tools::material(&case.material)?;
@@ -262,7 +235,8 @@ impl Prepared<'_> {
         };
         let kept: Vec<_> = (0..self.points().len()).map(|i| choices.kept.get(&i).copied()).collect();
         let room = self.free_axes(&kept);
-        let oriented = watch.run("orientation", || orient(&room, &field));
+        let oriented =
+            watch.run("orientation", || orient(choices.mode, &room, &field, choices.goal.as_ref()));
         let (reached, forced) = (&self.reached, self.forced());
         let motion = watch.run("inverse kinematics", || {
             with_motion.then(|| self.motion(case, &oriented.axes)).transpose()

@@ -1,5 +1,6 @@
 //! The main figures of a plan: mass, length, forces, times and distances, one number each.
 
+use bonemill_case::Case;
 use bonemill_cutter::MoveKind;
 use bonemill_planfile::toward::{StructureFigures, TowardSpan};
 use bonemill_planfile::{ForceToward, Waypoint};
@@ -22,15 +23,16 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// Of the waypoints, with the lengths of their moves, mm. `least`: per structure of the case the least distance of the burr's
-    /// centre, mm, and its waypoint.
+    /// Of the waypoints of a case's plan, with the lengths of their moves, mm. `least`: per structure of the case the least distance of the
+    /// burr's centre, mm, and its waypoint.
     pub fn of(
+        case: &Case,
         waypoints: &[Waypoint],
         forces: &[ForceToward],
         length_mm: &[f64],
         least: &[Option<(f64, usize)>],
-        radius_mm: f64,
     ) -> Self {
+        let radius_mm = case.burr.radius_mm;
         let mut found = Self {
             removed_mass_mg: waypoints.iter().map(|w| w.mass_mg).sum(),
             path_length_mm: length_mm.iter().sum(),
@@ -46,8 +48,10 @@ impl Figures {
                 *total += seconds;
             }
         }
-        let mean_shares: Vec<f64> =
-            (0..waypoints.len()).map(|n| mean_share(waypoints, length_mm, &seconds, n)).collect();
+        let share = |n: usize| {
+            if case.material.has_edge_forces() { 1.0 } else { mean_share(waypoints, length_mm, &seconds, n) }
+        };
+        let mean_shares: Vec<f64> = (0..waypoints.len()).map(share).collect();
         for (n, waypoint) in waypoints.iter().enumerate().filter(|(_, w)| w.mass_mg > 0.0) {
             found.mean_force_n += mean_shares[n] * waypoint.force_n.norm() * seconds[n];
             cutting_s += seconds[n];
@@ -74,8 +78,8 @@ impl Figures {
     }
 }
 
-/// The mean speed of the move to waypoint n over its greatest: the force grows with the speed, so this is also the mean force over that
-/// of the row.
+/// The mean speed of the move to waypoint n over its greatest: without edge forces the force is in proportion to the speed, so this is also
+/// the mean force over that of the row. With them the force at the greatest speed stands for the mean.
 fn mean_share(waypoints: &[Waypoint], length_mm: &[f64], seconds: &[f64], n: usize) -> f64 {
     let driven_mm = waypoints[n].driven_mm_s * seconds[n];
     if driven_mm > 0.0 { (length_mm[n] / driven_mm).min(1.0) } else { 0.0 }

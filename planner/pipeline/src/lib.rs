@@ -87,7 +87,7 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let moves = (attempt.waypoint_rows(), attempt.force_rows());
     let modelled = Modelled::of(&attempt)?;
     let least = nearest_structures::least_distances(&setup.scene, &path::centers(attempt.prepared.points()));
-    let figures = Figures::of(&moves.0, &moves.1, attempt.prepared.length_mm(), &least, case.burr.radius_mm);
+    let figures = Figures::of(case, &moves.0, &moves.1, attempt.prepared.length_mm(), &least);
     let (warnings, shortfalls) =
         (attempt.warnings(&setup, &modelled), attempt.shortfalls(&setup, &modelled)?);
     let planned_case = attempt.prepared.start.case.clone();

@@ -222,13 +222,6 @@ fn wishes(room: &FreeAxes, field: &CostField) -> Vec<greedy::BestAxis> {
         .collect()
 }
 
-/// The best axis of every waypoint by itself, without limits on turning: no sequence has a lower cost.
-pub fn alone(room: &FreeAxes, field: &CostField) -> Oriented {
-    let is_free = |i: usize, axis: &Unit<Vector3<f64>>| room.is_free(i, axis);
-    let in_set = |i: usize, n: usize| room.is_in_set(i, n);
-    Oriented::new(settle(room.directions, &wishes(room, field), in_set, is_free), room.family)
-}
-
 fn by_waypoint(room: &FreeAxes, field: &CostField) -> Oriented {
     let filtered = filtered(room, &wishes(room, field));
     Oriented { low_pass_held: filtered.held, ..Oriented::new(filtered.axes, room.family) }

@@ -229,8 +229,8 @@ impl StructureForces {
         Self::at(case, (length_mm, &driven.seconds(), &driven.driven_mm_s), forces, near)
     }
 
-    /// Of moves with their lengths, mm, times, s, and greatest speeds, mm/s: the mean is that at the mean speed of each move, the peak
-    /// that at the greatest.
+    /// Of moves with their lengths, mm, times, s, and greatest speeds, mm/s: the mean is that at the mean speed of each move, or with edge
+    /// forces at the greatest; the peak is that at the greatest.
     pub(super) fn at(
         case: &Case,
         (length_mm, seconds, speed_mm_s): (&[f64], &[f64], &[f64]),
@@ -245,7 +245,11 @@ impl StructureForces {
                 end.iter().chain(within).map(|force| force.force_n(speed_mm_s[row])).collect();
             peak_n = peaks.iter().map(|force| force.norm()).fold(peak_n, f64::max);
             let taken = if end.is_some() { seconds[row] } else { 0.0 };
-            let mean_mm_s = if taken > 0.0 { (length_mm[row] / taken).min(speed_mm_s[row]) } else { 0.0 };
+            let mean_mm_s = match taken > 0.0 {
+                true if case.material.has_edge_forces() => speed_mm_s[row],
+                true => (length_mm[row] / taken).min(speed_mm_s[row]),
+                false => 0.0,
+            };
             let mean = end.map_or(Vector3::zeros(), |force| force.force_n(mean_mm_s));
             cutting_s += taken;
             impulse += taken * mean.norm();

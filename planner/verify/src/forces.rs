@@ -168,8 +168,12 @@ pub fn took_s(plan: &StoredPlan, waypoint: usize) -> f64 {
     plan.waypoints[waypoint].time_s - before
 }
 
-/// The mean speed of the move to a waypoint over the greatest: as the mean force over that of the row.
+/// The mean speed of the move to a waypoint over the greatest: as the mean force over that of the row. 1 with edge forces, which do not grow
+/// with the speed.
 pub fn mean_share(plan: &StoredPlan, waypoint: usize) -> f64 {
+    if plan.record.case.material.has_edge_forces() {
+        return 1.0;
+    }
     let Some(before) = waypoint.checked_sub(1).and_then(|before| plan.waypoints.get(before)) else {
         return 0.0;
     };

@@ -137,7 +137,12 @@ pub const METRICS: &[Column] = &[
         "Least speed of the burr in the arm's slowest direction along the path; near 0 close to a singular pose.",
     ),
     Column::new("peak_force_n", "N", "", "Largest force on the burr over the waypoints."),
-    Column::new("mean_force_n", "N", "", "Mean over the time of the moves that remove material."),
+    Column::new(
+        "mean_force_n",
+        "N",
+        "",
+        "Mean over the time of the moves that remove material, each at its mean speed; with edge forces at its greatest.",
+    ),
     Column::new("seconds_by_kind.cut", "s", "", "Time spent cutting."),
     Column::new("seconds_by_kind.link", "s", "", "Time spent on links."),
     Column::new("seconds_by_kind.retract", "s", "", "Time spent on retracts."),
