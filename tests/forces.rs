@@ -98,3 +98,28 @@ fn air_gives_no_force_and_no_empty_cell() {
     }
     assert!(in_air > 5);
 }
+
+#[test]
+fn the_plans_figures_are_those_compared_with_edge_forces_or_without() {
+    for edges in ["", "[material]\nk_te = 0.5\nk_re = 0.2\n"] {
+        let place = with_plate().with_case("[approach]\n", &format!("{edges}\n[approach]\n"));
+        let ran = place.plan();
+        assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+        let record = StoredPlan::load(&place.path("plan")).unwrap().record;
+        let whole = ["mean_force_n", "peak_force_n"].map(|key| (vec![key], vec!["compared", "plan", key]));
+        let near =
+            ["mean_force_toward_n", "mean_force_toward_with_zeros_n", "peak_force_toward_n"].map(|key| {
+                (vec!["structures", "plate", "near", key], vec!["compared", "plan", "near", "plate", key])
+            });
+        for (path, compared) in whole.into_iter().chain(near) {
+            let [said, compared] = [path, compared].map(|path| figure(&record, &path));
+            assert!((said - compared).abs() < 1e-9 && said > 0.0, "{edges}: {said} and {compared}");
+        }
+        // verify finds the same figures in the rows
+        let verified = place.run(&["verify", "plan", "--all"]);
+        let rows =
+            verified.out.lines().filter(|line| line.contains("mean_force") && !line.contains("driven"));
+        let failed: Vec<_> = rows.filter(|line| line.starts_with("FAIL")).collect();
+        assert!(verified.out.contains("mean_force_n") && failed.is_empty(), "{failed:?}{}", verified.err);
+    }
+}

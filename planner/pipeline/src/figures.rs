@@ -48,12 +48,14 @@ impl Figures {
                 *total += seconds;
             }
         }
-        let share = |n: usize| {
-            if case.material.has_edge_forces() { 1.0 } else { mean_share(waypoints, length_mm, &seconds, n) }
+        let mean_shares: Vec<f64> =
+            (0..waypoints.len()).map(|n| mean_share(waypoints, length_mm, &seconds, n)).collect();
+        // edge forces do not grow with the speed: there the largest within a move stands for its mean
+        let mean_of = |n: usize, force_n: f64, peak_n: f64| {
+            if case.material.has_edge_forces() { peak_n } else { mean_shares[n] * force_n }
         };
-        let mean_shares: Vec<f64> = (0..waypoints.len()).map(share).collect();
         for (n, waypoint) in waypoints.iter().enumerate().filter(|(_, w)| w.mass_mg > 0.0) {
-            found.mean_force_n += mean_shares[n] * waypoint.force_n.norm() * seconds[n];
+            found.mean_force_n += mean_of(n, waypoint.force_n.norm(), waypoint.peak_force_n) * seconds[n];
             cutting_s += seconds[n];
         }
         found.peak_force_n = waypoints.iter().map(|w| w.peak_force_n).fold(0.0, f64::max);
@@ -68,7 +70,7 @@ impl Figures {
             let row = f.waypoint;
             // a move that is planned to remove nothing may cut a skin: its peak counts, its time does not
             let taken = if waypoints[row].mass_mg > 0.0 { seconds[row] } else { 0.0 };
-            let force_n = mean_shares[row] * f.force_toward_n;
+            let force_n = mean_of(row, f.force_toward_n, f.peak_toward_n);
             let span = TowardSpan { seconds: taken, force_n, peak_n: f.peak_toward_n, row };
             spans[f.structure].push((span, f.distance_mm));
         }
@@ -79,7 +81,7 @@ impl Figures {
 }
 
 /// The mean speed of the move to waypoint n over its greatest: without edge forces the force is in proportion to the speed, so this is also
-/// the mean force over that of the row. With them the force at the greatest speed stands for the mean.
+/// the mean force over that of the row.
 fn mean_share(waypoints: &[Waypoint], length_mm: &[f64], seconds: &[f64], n: usize) -> f64 {
     let driven_mm = waypoints[n].driven_mm_s * seconds[n];
     if driven_mm > 0.0 { (length_mm[n] / driven_mm).min(1.0) } else { 0.0 }

@@ -229,8 +229,8 @@ impl StructureForces {
         Self::at(case, (length_mm, &driven.seconds(), &driven.driven_mm_s), forces, near)
     }
 
-    /// Of moves with their lengths, mm, times, s, and greatest speeds, mm/s: the mean is that at the mean speed of each move, or with edge
-    /// forces at the greatest; the peak is that at the greatest.
+    /// Of moves with their lengths, mm, times, s, and greatest speeds, mm/s: the mean is that at the mean speed of each move, with edge
+    /// forces the largest within it; the peak is that at the greatest speed.
     pub(super) fn at(
         case: &Case,
         (length_mm, seconds, speed_mm_s): (&[f64], &[f64], &[f64]),
@@ -243,20 +243,21 @@ impl StructureForces {
             let within = within.get(row).map_or(&[][..], Vec::as_slice);
             let peaks: Vec<_> =
                 end.iter().chain(within).map(|force| force.force_n(speed_mm_s[row])).collect();
-            peak_n = peaks.iter().map(|force| force.norm()).fold(peak_n, f64::max);
+            let largest_n = peaks.iter().map(|force| force.norm()).fold(0.0, f64::max);
+            peak_n = peak_n.max(largest_n);
             let taken = if end.is_some() { seconds[row] } else { 0.0 };
-            let mean_mm_s = match taken > 0.0 {
-                true if case.material.has_edge_forces() => speed_mm_s[row],
-                true => (length_mm[row] / taken).min(speed_mm_s[row]),
-                false => 0.0,
-            };
+            let mean_mm_s = if taken > 0.0 { (length_mm[row] / taken).min(speed_mm_s[row]) } else { 0.0 };
             let mean = end.map_or(Vector3::zeros(), |force| force.force_n(mean_mm_s));
             cutting_s += taken;
-            impulse += taken * mean.norm();
+            // edge forces do not grow with the speed: there the largest within a move stands for its mean
+            let mean_of =
+                |mean_n: f64, peak_n: f64| if case.material.has_edge_forces() { peak_n } else { mean_n };
+            impulse += taken * mean_of(mean.norm(), largest_n);
             for n in near[row].iter().filter(|_| !peaks.is_empty()) {
                 let toward = |force: &Vector3<f64>| force.dot(&n.proximity.toward).max(0.0);
                 let peak_n = peaks.iter().map(toward).fold(0.0, f64::max);
-                let span = TowardSpan { seconds: taken, force_n: toward(&mean), peak_n, row };
+                let force_n = mean_of(toward(&mean), peak_n);
+                let span = TowardSpan { seconds: taken, force_n, peak_n, row };
                 spans[n.structure].push((span, n.proximity.distance_mm));
             }
         }

@@ -2,13 +2,13 @@
 
 use bonemill_geometry::{Ct, Point, cancel};
 use bonemill_imaging::DensityTable;
-use bonemill_planfile::{StoredPlan, Value};
+use bonemill_planfile::{StoredPlan, Value, Waypoint};
 use rayon::prelude::*;
 
 use super::anatomy::Anatomy;
 use super::carve::{NEVER, Removed};
 use super::check::{Check, Place};
-use super::forces::{mean_share, took_s};
+use super::forces::{mean_of_move, took_s};
 use super::lattice::{FineLattice, HAS_MASS, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
 use super::moves::Moves;
 use super::requirements::COVERAGE;
@@ -169,7 +169,8 @@ pub fn totals(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
     let mass: f64 = plan.waypoints.iter().map(|w| w.mass_mg).sum();
     // (force, time) of the moves that remove something
     let cuts = plan.waypoints.iter().enumerate().filter(|(_, w)| w.mass_mg > 0.0);
-    let cuts: Vec<_> = cuts.map(|(n, w)| (mean_share(plan, n) * w.force_n.norm(), took_s(plan, n))).collect();
+    let mean_n = |n: usize, w: &Waypoint| mean_of_move(plan, n, w.force_n.norm(), w.peak_force_n);
+    let cuts: Vec<_> = cuts.map(|(n, w)| (mean_n(n, w), took_s(plan, n))).collect();
     let cutting_s: f64 = cuts.iter().map(|(_, time_s)| time_s).sum();
     let sum_ns: f64 = cuts.iter().map(|(force_n, time_s)| force_n * time_s).sum();
     let peak_n = plan.waypoints.iter().map(|w| w.peak_force_n).fold(0.0, f64::max);

@@ -137,7 +137,10 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
         // (mean force toward it, time, waypoint) of every move that removes something
         let mut toward: Vec<(f64, f64, usize)> = within()
             .filter(|f| plan.waypoints.get(f.waypoint).is_some_and(|w| w.mass_mg > 0.0))
-            .map(|f| (mean_share(plan, f.waypoint) * f.force_toward_n, took_s(plan, f.waypoint), f.waypoint))
+            .map(|f| {
+                let mean_n = mean_of_move(plan, f.waypoint, f.force_toward_n, f.peak_toward_n);
+                (mean_n, took_s(plan, f.waypoint), f.waypoint)
+            })
             .collect();
         toward.sort_by(|a, b| a.0.total_cmp(&b.0));
         let first = toward.iter().position(|(force, ..)| *force > 0.0).unwrap_or(toward.len());
@@ -168,12 +171,14 @@ pub fn took_s(plan: &StoredPlan, waypoint: usize) -> f64 {
     plan.waypoints[waypoint].time_s - before
 }
 
-/// The mean speed of the move to a waypoint over the greatest: as the mean force over that of the row. 1 with edge forces, which do not grow
-/// with the speed.
-pub fn mean_share(plan: &StoredPlan, waypoint: usize) -> f64 {
-    if plan.record.case.material.has_edge_forces() {
-        return 1.0;
-    }
+/// The mean force of the move to a waypoint, given that of its row and the largest within the move, N. With edge forces, which do not grow
+/// with the speed, the largest stands for the mean.
+pub fn mean_of_move(plan: &StoredPlan, waypoint: usize, force_n: f64, peak_n: f64) -> f64 {
+    if plan.record.case.material.has_edge_forces() { peak_n } else { mean_share(plan, waypoint) * force_n }
+}
+
+/// The mean speed of the move to a waypoint over the greatest: as the mean force over that of the row.
+fn mean_share(plan: &StoredPlan, waypoint: usize) -> f64 {
     let Some(before) = waypoint.checked_sub(1).and_then(|before| plan.waypoints.get(before)) else {
         return 0.0;
     };

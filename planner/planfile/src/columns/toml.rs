@@ -141,7 +141,7 @@ pub const METRICS: &[Column] = &[
         "mean_force_n",
         "N",
         "",
-        "Mean over the time of the moves that remove material, each at its mean speed; with edge forces at its greatest.",
+        "Mean over the time of the moves that remove material, each at its mean speed; with edge forces the largest within each.",
     ),
     Column::new("seconds_by_kind.cut", "s", "", "Time spent cutting."),
     Column::new("seconds_by_kind.link", "s", "", "Time spent on links."),
