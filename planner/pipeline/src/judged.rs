@@ -7,6 +7,7 @@ use bonemill_setup::Setup;
 use bonemill_toolpath::space::TRAJECTORY_TOLERANCE_MM;
 
 use super::attempt::Attempt;
+use super::reference::StructureForces;
 use super::rest::{self, RestCause};
 use super::{BlockedTurn, Coverage, Modelled, PlanError, percent};
 
@@ -26,7 +27,7 @@ impl Attempt<'_> {
         found.extend(setup.registered.shortfalls(case));
         found.extend(rest::too_little(case, start.scene, start.space, coverage)?);
         found.extend(unreached(case, coverage, modelled.path.unjoined_passes));
-        found.extend(missed.map(time_missed));
+        found.extend(missed.map(|missed| time_missed(missed, &self.compared.plan)));
         found.extend(self.demand.caps_missed(case, &self.prepared, &self.chosen));
         found.extend(turns_missed(self.mode, &oriented.blocked_turns));
         found.extend(limits_missed(&modelled.speeds.limit_ratios));
@@ -78,9 +79,12 @@ fn unreached(case: &Case, coverage: &Coverage, unjoined_passes: usize) -> Option
 }
 
 /// A total time that cannot be met within the speed range.
-fn time_missed((asked_s, got_s): (f64, f64)) -> String {
+fn time_missed((asked_s, got_s): (f64, f64), forces: &StructureForces) -> String {
+    let end = if got_s > asked_s { "shortest" } else { "longest" };
     format!(
-        "speed.total_time_s = {asked_s} s cannot be met within the speed range: the nearest is {got_s:.1} s"
+        "speed.total_time_s = {asked_s} s cannot be met within the speed range and the caps on force: the {end} time is {got_s:.1} s, with a \
+         mean force of {:.2} N and a largest of {:.2} N",
+        forces.mean_n, forces.peak_n
     )
 }
 
