@@ -154,7 +154,8 @@ fn a_plan_takes_the_time_of_a_plain_one_and_is_nowhere_above_a_straight_shaft() 
         assert!(ours <= 1.02 * straight.max(1e-3), "{key}: {ours} {straight} N");
     }
     assert!(of("plan", "mean_force_n") <= of("straight", "mean_force_n") * 1.001);
-    assert!(of("plan", "peak_force_n") <= of("straight", "peak_force_n") * 1.02);
+    let peaks = ["plan", "straight", "control_1"].map(|who| of(who, "peak_force_n"));
+    assert!(peaks[0] <= peaks[1] * 1.02, "peaks {peaks:?}");
     assert!(of("plan", "peak_force_n") < of("control_1", "peak_force_n"));
 }
 

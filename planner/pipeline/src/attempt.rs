@@ -4,6 +4,8 @@
 //! that fit the time at the lowest levels, the arm's motion and its speeds. Near structures no figure may be above those of the
 //! references ([`super::bounds`]).
 
+use std::collections::BTreeMap;
+
 use bonemill_arm::Arm;
 use bonemill_armpath::{ArmMotion, Placed};
 use bonemill_case::{Case, ForceTerm, Objective, OrientationMode, Sense, SpeedMode};
@@ -37,8 +39,8 @@ const AGREES_SHARE: f64 = 0.02;
 /// Where turns keep nothing waiting, they count as this share of the time.
 const LEAST_WAITS_SHARE: f64 = 0.02;
 
-/// How often axes are chosen again with those kept that push least.
-const MOST_KEPT_ROUNDS: usize = 2;
+/// How often axes are chosen, with the time of turns corrected and with those kept that push least.
+const MOST_ROUNDS: usize = 4;
 /// How often the cuts near structures are slowed, and the least gain for which they are, as a logarithm of figures.
 const MOST_EASED: usize = 3;
 const GAINS: f64 = 0.01;
@@ -306,24 +308,30 @@ impl<'a> Start<'a> {
         watch: &mut Stopwatch,
     ) -> Result<(Choices, Chosen, ArmMotion), PlanError> {
         let mut choices = Choices { goal, ..Choices::of(self.case) };
-        let (mut chosen, mut motion) = prepared.choose_with_motion(&choices, watch)?;
-        if let Some(corrected) = self.corrected(prepared, &choices, &chosen, &motion)? {
-            choices.goal = Some(corrected);
-            (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
-        }
-        watch.run("forces", || prepared.look_within(&choices, &mut chosen, &motion))?;
-        for bounds in std::iter::repeat_n(bounds, MOST_KEPT_ROUNDS).flatten() {
-            let gentlest = watch.run("forces", || prepared.gentlest(&choices, &chosen, &motion, bounds))?;
+        let mut round = 1;
+        let (mut chosen, motion) = loop {
+            let (mut chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
+            watch.run("forces", || prepared.look_within(&choices, &mut chosen, &motion))?;
+            if round == MOST_ROUNDS {
+                break (chosen, motion);
+            }
+            let corrected = self.corrected(prepared, &choices, &chosen, &motion)?;
+            let kept = match bounds {
+                Some(bounds) => {
+                    watch.run("forces", || prepared.gentlest(&choices, &chosen, &motion, bounds))?
+                }
+                None => BTreeMap::new(),
+            };
             let before = choices.kept.len();
-            for (i, axis) in gentlest {
+            for (i, axis) in kept {
                 choices.kept.entry(i).or_insert(axis);
             }
-            if choices.kept.len() == before {
-                break;
+            if corrected.is_none() && choices.kept.len() == before {
+                break (chosen, motion);
             }
-            (chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
-            watch.run("forces", || prepared.look_within(&choices, &mut chosen, &motion))?;
-        }
+            choices.goal = corrected.or(choices.goal);
+            round += 1;
+        };
         if goal.is_some() {
             watch.run("forces", || prepared.look_finely(&choices, &mut chosen))?;
         }

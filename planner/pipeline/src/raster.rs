@@ -44,6 +44,8 @@ const COARSER: f64 = 4.0;
 const CLEARLY: f64 = 0.25;
 /// A candidate that leaves this share more of its length out of reach than the best is no candidate.
 const MORE_UNREACHED: f64 = 0.01;
+/// Nor is one whose largest force is above that of the best straight shaft by this share, where another keeps it.
+const MORE_FORCE: f64 = 0.05;
 /// Directions in which drafts look for bone, and how many make a sample.
 const SAMPLES: [usize; 2] = [1024, 4];
 
@@ -140,16 +142,21 @@ pub(super) fn chosen(
         return Ok(ChosenLines { plan: candidates[best_straight], straight: candidates[best_straight] });
     };
     let goal = Goal { levels: reference, most, seconds: total_s, caps_over_driven: 1.0, turn };
-    let tilted: Vec<Option<f64>> = made
+    let tilted: Vec<Option<StructureForces>> = made
         .par_iter()
         .map(|draft| {
             let Some(forces) = drafts.along_best(draft, &goal)? else { return Ok(None) };
-            Ok(Some(draft.judged(case, &forces, total_s, Some(reference))?.forces.score(case)))
+            Ok(Some(draft.judged(case, &forces, total_s, Some(reference))?.forces))
         })
         .collect::<Result<_, PlanError>>()?;
     let least_unreached = made.iter().map(Draft::unreached).fold(f64::INFINITY, f64::min);
-    let is_candidate = |n: usize| made[n].unreached() <= least_unreached + MORE_UNREACHED;
-    let scores = tilted.iter().enumerate().map(|(n, score)| score.filter(|_| is_candidate(n)));
+    let most_n = (1.0 + MORE_FORCE) * straight[best_straight].forces.peak_n;
+    let keeps_peak = |forces: &StructureForces| forces.peak_n <= most_n;
+    let does_any = tilted.iter().flatten().any(keeps_peak);
+    let scores = tilted.iter().zip(&made).map(|(forces, draft)| {
+        let forces = forces.as_ref().filter(|forces| !does_any || keeps_peak(forces))?;
+        (draft.unreached() <= least_unreached + MORE_UNREACHED).then(|| forces.score(case))
+    });
     Ok(ChosenLines { plan: candidates[first_clearly_best(scores)], straight: candidates[best_straight] })
 }
 
