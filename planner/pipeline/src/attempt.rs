@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 use bonemill_arm::Arm;
 use bonemill_armpath::{ArmMotion, Placed};
 use bonemill_case::{Case, ForceTerm, Objective, OrientationMode, Sense, SpeedMode};
+use bonemill_cutting::speed::Levels;
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_motion::resolve::Posture;
 use bonemill_scene::Scene;
@@ -34,13 +35,13 @@ use super::tilt;
 /// An attempt may leave this share more of what the burr can reach than the one before.
 const LEFT_SHARE: f64 = 0.005;
 
-/// The share by which predicted and driven times may differ before the time of turns is corrected.
+/// The share by which the driven time may be less than predicted before turns are made cheaper.
 const AGREES_SHARE: f64 = 0.02;
 /// Where turns keep nothing waiting, they count as this share of the time.
 const LEAST_WAITS_SHARE: f64 = 0.02;
 
 /// How often axes are chosen, with the time of turns corrected and with those kept that push least.
-const MOST_ROUNDS: usize = 4;
+const MOST_ROUNDS: usize = 3;
 /// How often the cuts near structures are slowed, and the least gain for which they are, as a logarithm of figures.
 const MOST_EASED: usize = 3;
 const GAINS: f64 = 0.01;
@@ -229,7 +230,8 @@ impl<'a> Start<'a> {
         })
     }
 
-    /// A goal with the time of turns corrected by what the arm drives; none where both agree.
+    /// A goal with the time of turns corrected by what the arm drives: turns are dearer where the arm needs more than the total time under
+    /// the reference's levels, and cheaper where it needs less than predicted; none elsewhere.
     fn corrected(
         &self,
         prepared: &Prepared,
@@ -243,15 +245,19 @@ impl<'a> Start<'a> {
         let mut by_levels = choices.clone();
         by_levels.speed.mode = SpeedMode::LeastForce;
         let demand = prepared.demand(&by_levels, chosen)?;
+        let input = demand.input(prepared, &by_levels, chosen);
         let joints = JointMotion::new(motion, self.arm)?;
-        let driven_s =
-            speeds::under_levels_s(&demand.input(prepared, &by_levels, chosen), &joints, &predicted.levels)?;
+        let driven_s = |levels: &Levels| speeds::under_levels_s(&input, &joints, levels);
         // as the straight shaft drives it
-        let expected_s = predicted.seconds / goal.caps_over_driven;
-        let more_s = (driven_s - expected_s) * goal.caps_over_driven;
-        if (driven_s / expected_s - 1.0).abs() <= AGREES_SHARE {
+        let (expected_s, total_s) =
+            (predicted.seconds / goal.caps_over_driven, goal.seconds / goal.caps_over_driven);
+        let found_s = driven_s(&predicted.levels)?;
+        let is_cheaper = found_s < expected_s * (1.0 - AGREES_SHARE);
+        let is_dearer = found_s > expected_s && driven_s(&goal.levels(1.0).levels)? > total_s;
+        if !is_cheaper && !is_dearer {
             return Ok(None);
         }
+        let more_s = (found_s - expected_s) * goal.caps_over_driven;
         let least_s = LEAST_WAITS_SHARE * predicted.seconds;
         let factor = goal.turn.factor
             * ((predicted.waits_s + more_s) / predicted.waits_s.max(least_s)).clamp(0.5, 2.5);

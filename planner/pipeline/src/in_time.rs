@@ -52,7 +52,7 @@ pub(super) struct UnderLevels {
 
 impl Goal {
     /// The reference's levels, times a factor.
-    fn levels(&self, factor: f64) -> AxisLevels {
+    pub fn levels(&self, factor: f64) -> AxisLevels {
         let Levels { toward, overall, speed_mm_s } = self.levels;
         let nothing = NOTHING_SHARE * self.most.overall;
         let toward = toward.max(LEAST_TOWARD * self.most.toward).max(nothing);
