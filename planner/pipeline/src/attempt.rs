@@ -35,6 +35,8 @@ use super::tilt;
 /// An attempt may leave this share more of what the burr can reach than the one before.
 const LEFT_SHARE: f64 = 0.005;
 
+/// The share by which the driven time may be above the total time under the reference's levels.
+const OVER_SHARE: f64 = 2e-3;
 /// The share by which the driven time may be less than predicted before turns are made cheaper.
 const AGREES_SHARE: f64 = 0.02;
 /// Where turns keep nothing waiting, they count as this share of the time.
@@ -230,17 +232,17 @@ impl<'a> Start<'a> {
         })
     }
 
-    /// A goal with the time of turns corrected by what the arm drives: turns are dearer where the arm needs more than the total time under
-    /// the reference's levels, and cheaper where it needs less than predicted; none elsewhere.
+    /// How long the arm needs under the reference's levels, s, and the goal with the time of turns corrected: turns are dearer where that is
+    /// more than the total time, and cheaper where the arm needs less than predicted under the levels that were found; none elsewhere.
     fn corrected(
         &self,
         prepared: &Prepared,
         choices: &Choices,
         chosen: &Chosen,
         motion: &ArmMotion,
-    ) -> Result<Option<Goal>, PlanError> {
+    ) -> Result<(f64, Option<Goal>), PlanError> {
         let (Some(goal), Some(predicted)) = (choices.goal, chosen.oriented.predicted) else {
-            return Ok(None);
+            return Ok((0.0, None));
         };
         let mut by_levels = choices.clone();
         by_levels.speed.mode = SpeedMode::LeastForce;
@@ -249,19 +251,20 @@ impl<'a> Start<'a> {
         let joints = JointMotion::new(motion, self.arm)?;
         let driven_s = |levels: &Levels| speeds::under_levels_s(&input, &joints, levels);
         // as the straight shaft drives it
-        let (expected_s, total_s) =
-            (predicted.seconds / goal.caps_over_driven, goal.seconds / goal.caps_over_driven);
-        let found_s = driven_s(&predicted.levels)?;
-        let is_cheaper = found_s < expected_s * (1.0 - AGREES_SHARE);
-        let is_dearer = found_s > expected_s && driven_s(&goal.levels(1.0).levels)? > total_s;
-        if !is_cheaper && !is_dearer {
-            return Ok(None);
+        let [expected_s, total_s] = [predicted.seconds, goal.seconds].map(|s| s / goal.caps_over_driven);
+        let reference_s = driven_s(&goal.levels(1.0).levels)?;
+        let more_s = if reference_s > total_s * (1.0 + OVER_SHARE) {
+            reference_s - total_s
+        } else {
+            (driven_s(&predicted.levels)? - expected_s).min(0.0)
+        };
+        if more_s > -AGREES_SHARE * expected_s && more_s <= 0.0 {
+            return Ok((reference_s, None));
         }
-        let more_s = (found_s - expected_s) * goal.caps_over_driven;
+        let waits_s = predicted.waits_s + more_s * goal.caps_over_driven;
         let least_s = LEAST_WAITS_SHARE * predicted.seconds;
-        let factor = goal.turn.factor
-            * ((predicted.waits_s + more_s) / predicted.waits_s.max(least_s)).clamp(0.5, 2.5);
-        Ok(Some(Goal { turn: TurnTime { factor, ..goal.turn }, ..goal }))
+        let factor = goal.turn.factor * (waits_s / predicted.waits_s.max(least_s)).clamp(0.5, 2.5);
+        Ok((reference_s, Some(Goal { turn: TurnTime { factor, ..goal.turn }, ..goal })))
     }
 
     /// Axes, motion and speeds for a path.
@@ -314,14 +317,12 @@ impl<'a> Start<'a> {
         watch: &mut Stopwatch,
     ) -> Result<(Choices, Chosen, ArmMotion), PlanError> {
         let mut choices = Choices { goal, ..Choices::of(self.case) };
-        let mut round = 1;
-        let (mut chosen, motion) = loop {
+        // of the rounds with the most kept axes, the one that needs the least time under the reference's levels
+        let mut best: Option<(usize, f64, Chosen, ArmMotion)> = None;
+        for _ in 0..MOST_ROUNDS {
             let (mut chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
             watch.run("forces", || prepared.look_within(&choices, &mut chosen, &motion))?;
-            if round == MOST_ROUNDS {
-                break (chosen, motion);
-            }
-            let corrected = self.corrected(prepared, &choices, &chosen, &motion)?;
+            let (needs_s, corrected) = self.corrected(prepared, &choices, &chosen, &motion)?;
             let kept = match bounds {
                 Some(bounds) => {
                     watch.run("forces", || prepared.gentlest(&choices, &chosen, &motion, bounds))?
@@ -332,11 +333,18 @@ impl<'a> Start<'a> {
             for (i, axis) in kept {
                 choices.kept.entry(i).or_insert(axis);
             }
+            if best.as_ref().is_none_or(|(kept, least_s, ..)| before > *kept || needs_s < *least_s) {
+                best = Some((before, needs_s, chosen, motion));
+            }
             if corrected.is_none() && choices.kept.len() == before {
-                break (chosen, motion);
+                break;
             }
             choices.goal = corrected.or(choices.goal);
-            round += 1;
+        }
+        // the loop runs at least once
+        let (mut chosen, motion) = match best {
+            Some((.., chosen, motion)) => (chosen, motion),
+            None => prepared.choose_with_motion(&choices, watch)?,
         };
         if goal.is_some() {
             watch.run("forces", || prepared.look_finely(&choices, &mut chosen))?;

@@ -24,7 +24,7 @@ use super::speeds::JointMotion;
 /// Places within a move at which the force is computed, as shares of its way, besides its end.
 const WITHIN: [f64; 2] = [0.02, 0.5];
 /// Between two such places it is computed in the middle where they differ by more than this share of the larger force ..
-const VARIES_SHARE: f64 = 0.1;
+const VARIES_SHARE: f64 = 0.05;
 /// .. and of the path's largest, as long as they are farther apart than this share of the way.
 const VARIES_LEAST: f64 = 0.01;
 const APART: f64 = 0.07;
