@@ -319,11 +319,12 @@ impl<'a> Start<'a> {
         let mut choices = Choices { goal, ..Choices::of(self.case) };
         // of the rounds with the most kept axes, the one that needs the least time under the reference's levels
         let mut best: Option<(usize, f64, Chosen, ArmMotion)> = None;
-        for _ in 0..MOST_ROUNDS {
+        for round in 1..=MOST_ROUNDS {
             let (mut chosen, motion) = prepared.choose_with_motion(&choices, watch)?;
             watch.run("forces", || prepared.look_within(&choices, &mut chosen, &motion))?;
             let (needs_s, corrected) = self.corrected(prepared, &choices, &chosen, &motion)?;
-            let kept = match bounds {
+            // after the last round nothing is chosen again
+            let kept = match bounds.filter(|_| round < MOST_ROUNDS) {
                 Some(bounds) => {
                     watch.run("forces", || prepared.gentlest(&choices, &chosen, &motion, bounds))?
                 }

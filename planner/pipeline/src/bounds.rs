@@ -32,7 +32,7 @@ const PLACES: [f64; 5] = [0.02, 0.25, 0.5, 0.75, 1.0];
 const NEARLY: f64 = 0.005;
 
 /// What a plan may not exceed, N.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct Bounds {
     /// Mean and largest force in any direction.
     mean_n: f64,
@@ -88,8 +88,8 @@ impl Bounds {
 
     /// The largest share of a bound on peaks that one force reaches.
     fn of_peaks(&self, force_n: &Vector3<f64>, near: &[&NearStructure]) -> f64 {
-        let [.., peak] = [0, 1, 2];
-        let toward = near.iter().map(|n| force_n.dot(&n.proximity.toward) / self.near_n[n.structure][peak]);
+        let bound_n = |n: &NearStructure| self.near_n[n.structure][JUDGED.len() - 1];
+        let toward = near.iter().map(|n| force_n.dot(&n.proximity.toward) / bound_n(n));
         toward.fold(force_n.norm() / self.peak_n.max(LEAST_N), f64::max)
     }
 }
@@ -117,10 +117,7 @@ impl Prepared<'_> {
         let near: Vec<_> = (0..self.near.len()).map(|i| self.close_by(i)).collect();
         let slowest = |i: usize| chosen.slowest_mm_s(case, i);
         let share = |i: usize, force: &EngagedForce| bounds.of_peaks(&force.force_n(slowest(i)), &near[i]);
-        let is_hot = |i: &usize| {
-            let mut forces = chosen.forces[*i].iter().chain(&chosen.within[*i]);
-            forces.any(|force| share(*i, force) > 1.0 + SAME_SHARE)
-        };
+        let is_hot = |i: &usize| chosen.forces_of(*i).any(|force| share(*i, force) > 1.0 + SAME_SHARE);
         let hot: Vec<usize> = (0..near.len()).filter(is_hot).collect();
         if hot.is_empty() {
             return Ok(BTreeMap::new());
@@ -167,8 +164,7 @@ impl Prepared<'_> {
         let slower: Vec<f64> = (0..bounds.near_n.len()).map(|n| bounds.slower(forces, n)).collect();
         let cap = |i: usize| {
             let pushed = |n: &&NearStructure| {
-                let mut forces = chosen.forces[i].iter().chain(&chosen.within[i]);
-                forces.any(|force| force.force_n(speed_mm_s[i]).dot(&n.proximity.toward) > 0.0)
+                chosen.forces_of(i).any(|force| force.force_n(speed_mm_s[i]).dot(&n.proximity.toward) > 0.0)
             };
             let near = self.close_by(i);
             let times = near.iter().filter(|n| pushed(n)).map(|n| slower[n.structure]).fold(1.0, f64::min);

@@ -100,6 +100,11 @@ pub struct Chosen {
 }
 
 impl Chosen {
+    /// The forces of move i: where it ends and within it.
+    pub(super) fn forces_of(&self, i: usize) -> impl Iterator<Item = &EngagedForce> {
+        self.forces[i].iter().chain(&self.within[i])
+    }
+
     /// The slowest that move i may be, mm/s.
     pub(super) fn slowest_mm_s(&self, case: &Case, i: usize) -> f64 {
         case.speed.min_mm_s * if self.kinds[i] == MoveKind::Cut { 1.0 } else { SLOWEST_LINK }

@@ -111,7 +111,7 @@ fn force_caps(case: &Case, prepared: &Prepared, chosen: &Chosen) -> Vec<f64> {
     let fastest = |i: usize| {
         let near: Vec<Proximity> = prepared.near[i].iter().map(|n| n.proximity).collect();
         let compliance = chosen.compliances.as_ref().map(|c| &c[i]);
-        let forces = chosen.forces[i].iter().chain(&chosen.within[i]);
+        let forces = chosen.forces_of(i);
         forces.map(|force| caps.fastest_mm_s(burr, force, &near, compliance)).fold(f64::INFINITY, f64::min)
     };
     (0..chosen.forces.len()).map(fastest).collect()

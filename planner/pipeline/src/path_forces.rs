@@ -28,7 +28,7 @@ const VARIES_SHARE: f64 = 0.05;
 /// .. and of the path's largest, as long as they are farther apart than this share of the way.
 const VARIES_LEAST: f64 = 0.01;
 const APART: f64 = 0.07;
-/// The same, from where a move comes back to a rounded corner and meets the skin there.
+/// Places around the one where a move comes back to a rounded corner and meets the skin there, as shares of its way.
 const AROUND_BACK: [f64; 4] = [-0.2, -0.06, 0.0, 0.06];
 /// Elements of the force sum where moves end, as stated.
 const FINE: [usize; 2] = tools::FORCE_ELEMENTS;
