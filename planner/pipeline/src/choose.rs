@@ -89,7 +89,7 @@ pub struct Chosen {
     pub kinds: Vec<MoveKind>,
     /// Force at any speed where the move ends, if it removes something.
     pub forces: Vec<Option<EngagedForce>>,
-    /// Forces at places within the move, where something is cut; none before [`Prepared::look_within`].
+    /// Forces at places within the move, where something is cut; none before `look_within`.
     pub within: Vec<Vec<EngagedForce>>,
     /// C with its parts, the force included everywhere.
     pub costs: Vec<Cost>,
