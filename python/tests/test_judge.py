@@ -196,8 +196,8 @@ def test_what_progress_raises_stops_it(planned: bonemill.Plan, judge: Any, at: s
 
 
 def measured(plan: bonemill.Plan, noise_n: float) -> dict[str, np.ndarray]:
-    """A log as a sensor would give it along the plan's path: the simulation's forces, with noise."""
-    w, r = plan.waypoints, bonemill.simulate(plan, rate_hz=20).rows[:600]
+    """A log as a sensor would give it along the plan's path: the simulation's forces at 100 Hz, with noise. Slower logs cut the path's corners."""
+    w, r = plan.waypoints, bonemill.simulate(plan, rate_hz=100).rows[:1000]
     log = {name: np.array(r[name]) for name in ("time_s", "x_mm", "y_mm", "z_mm")}
     log |= {name: np.interp(r["time_s"], w["time_s"], w[name]) for name in ("axis_x", "axis_y", "axis_z")}
     rng = np.random.default_rng(1)

@@ -21,8 +21,9 @@ use super::PlanError;
 use super::attempt::Start;
 use super::speeds::JointMotion;
 
-/// Places within a move at which the force is computed, as shares of its way, besides its end.
-const WITHIN: [f64; 2] = [0.02, 0.5];
+/// Places within a move at which the force is computed, as shares of its way, besides its end: the first and the last lie in the
+/// roundings of its corners, where the burr moves in a direction between those of two moves.
+const WITHIN: [f64; 3] = [0.02, 0.5, 0.98];
 /// Between two such places it is computed in the middle where they differ by more than this share of the larger force ..
 const VARIES_SHARE: f64 = 0.05;
 /// .. and of the path's largest, as long as they are farther apart than this share of the way.
