@@ -27,7 +27,7 @@ use super::in_time::Goal;
 use super::metrics::{self, Coverage};
 use super::move_limits::MoveLimits;
 use super::prepared::{Prepared, ShaftFreedom};
-use super::raster::{self, ChosenLines, Raster};
+use super::raster::{self, ChosenLines, LinesDraft, Raster};
 use super::reference::{Reference, ReferencePath, Straight, StructureForces};
 use super::speeds::{self, Aim, JointMotion, SpeedInput, Timing};
 use super::tilt;
@@ -70,6 +70,8 @@ pub(super) struct Attempt<'a> {
     pub timing: Timing,
     pub coverage: Coverage,
     pub compared: Compared,
+    /// What its lines were chosen from.
+    pub drafts: Vec<LinesDraft>,
     /// How its axes were chosen.
     pub mode: OrientationMode,
 }
@@ -139,6 +141,7 @@ impl<'a> Start<'a> {
         let mut attempt = self.attempt(prepared, &references, (&controls, straight), watch)?;
         let takes_s = attempt.timing.driven.law.duration_s();
         let is_same_time = |control: &Reference| (control.total_time_s - takes_s).abs() <= SAME_TIME_S;
+        attempt.drafts = lines.drafts;
         attempt.compared.controls = if controls.iter().all(is_same_time) {
             controls
         } else {
@@ -305,7 +308,8 @@ impl<'a> Start<'a> {
         timing.driven.law.rows(case.robot.rate_hz)?;
         let straight = straight.map(|straight| straight.reference);
         let compared = Compared { controls: Vec::new(), straight, plan };
-        Ok(Attempt { prepared, chosen, motion, demand, timing, coverage, compared, mode })
+        let drafts = Vec::new();
+        Ok(Attempt { prepared, chosen, motion, demand, timing, coverage, compared, drafts, mode })
     }
 
     /// Axes for a goal, and the motion through them; with the time of turns as the arm drives them, and within bounds as far as axes are of help.

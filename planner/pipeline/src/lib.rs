@@ -63,7 +63,7 @@ pub use orient::{BlockedTurn, Oriented};
 pub use percent::percent;
 pub use plan::{Plan, PlanResults, PlannedMoves, ShankAccess};
 pub use prepared::{Prepared, with_prepared};
-pub use raster::Raster;
+pub use raster::{LinesDraft, Raster};
 pub use reach::Dropped;
 pub use record::record;
 pub use reference::{Reference, StructureForces};

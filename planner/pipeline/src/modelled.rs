@@ -6,6 +6,7 @@ use bonemill_cutting::metrics::Moments;
 use bonemill_motion::timelaw::LimitRatios;
 
 use super::attempt::Attempt;
+use super::raster::LinesDraft;
 use super::{PlanError, SpeedLevels, half_turn, levels};
 
 /// What was modelled where.
@@ -13,6 +14,8 @@ use super::{PlanError, SpeedLevels, half_turn, levels};
 pub struct Modelled {
     /// The path.
     pub path: PathFacts,
+    /// The drafts that its lines were chosen from; none where the case leaves no choice.
+    pub drafts: Vec<LinesDraft>,
     /// The choice of axes.
     pub axes: AxisFacts,
     /// The arm along the path.
@@ -82,6 +85,7 @@ impl Modelled {
         let compliances = attempt.chosen.compliances.as_deref();
         Ok(Self {
             path: attempt.path_facts(),
+            drafts: attempt.drafts.clone(),
             axes: attempt.axis_facts(),
             arm: ArmFacts::along(attempt.prepared.start.arm, &attempt.motion, compliances, toward)?,
             speeds: attempt.speed_facts()?,

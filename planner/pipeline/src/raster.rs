@@ -100,10 +100,21 @@ fn candidates(case: &Case, frames: &[RasterFrame]) -> Vec<Raster> {
 }
 
 /// The lines that are chosen for the plan, and for a straight shaft.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct ChosenLines {
     pub plan: Raster,
     pub straight: Raster,
+    /// What they were chosen from; none where there was no choice.
+    pub drafts: Vec<LinesDraft>,
+}
+
+/// Lines as a draft judges them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinesDraft {
+    /// The lines.
+    pub raster: Raster,
+    /// The forces of the draft; none where no sequence of axes gets through.
+    pub forces: Option<StructureForces>,
 }
 
 /// Chooses the lines. `time_share`: total time over that of lines along the first frame at the nominal speed; `turn`: how long turns
@@ -120,7 +131,7 @@ pub(super) fn chosen(
     let case = start.case;
     let candidates = candidates(case, frames);
     if let [only] = candidates[..] {
-        return Ok(ChosenLines { plan: only, straight: only });
+        return Ok(ChosenLines { plan: only, straight: only, drafts: Vec::new() });
     }
     let chooses_axes =
         case.orientation.mode == OrientationMode::Optimal && case.cost.objective == Objective::Levels;
@@ -138,8 +149,14 @@ pub(super) fn chosen(
         .collect::<Result<_, _>>()?;
     let best_straight = first_clearly_best(straight.iter().map(|judged| Some(judged.forces.score(case))));
     let [reference, most] = straight[best_straight].levels;
+    let listed = |forces: Vec<Option<StructureForces>>| {
+        let drafts = candidates.iter().zip(forces);
+        drafts.map(|(raster, forces)| LinesDraft { raster: *raster, forces }).collect::<Vec<_>>()
+    };
     let Some(turn) = turn else {
-        return Ok(ChosenLines { plan: candidates[best_straight], straight: candidates[best_straight] });
+        let best = candidates[best_straight];
+        let drafts = listed(straight.into_iter().map(|judged| Some(judged.forces)).collect());
+        return Ok(ChosenLines { plan: best, straight: best, drafts });
     };
     let goal = Goal { levels: reference, most, seconds: total_s, caps_over_driven: 1.0, turn };
     let tilted: Vec<Option<StructureForces>> = made
@@ -157,7 +174,8 @@ pub(super) fn chosen(
         let forces = forces.as_ref().filter(|forces| !does_any || keeps_peak(forces))?;
         (draft.unreached() <= least_unreached + MORE_UNREACHED).then(|| forces.score(case))
     });
-    Ok(ChosenLines { plan: candidates[first_clearly_best(scores)], straight: candidates[best_straight] })
+    let plan = candidates[first_clearly_best(scores)];
+    Ok(ChosenLines { plan, straight: candidates[best_straight], drafts: listed(tilted) })
 }
 
 /// The first of scores that no other is clearly below.

@@ -2,7 +2,7 @@
 //! choices that the plan made.
 
 use bonemill_case::{ForceTerm, Objective, OrientationMode, Sense, SpeedMode};
-use bonemill_pipeline::{Compared, Plan, Reference, StructureForces, half_turn};
+use bonemill_pipeline::{Compared, LinesDraft, Plan, Raster, Reference, StructureForces, half_turn};
 use bonemill_planfile::toward::{NEAR_MM, TowardFigures};
 
 use super::escape;
@@ -26,7 +26,47 @@ pub fn section(plan: &Plan) -> String {
     let compared = &plan.results.compared;
     let table = if compared.named().next().is_none() { String::new() } else { table(plan, compared) };
     let choices: String = choices(plan).into_iter().map(|text| format!("<li>{text}</li>")).collect();
-    format!("{table}<ul class=\"choices\">{choices}</ul>")
+    format!("{table}<ul class=\"choices\">{choices}</ul>{}", drafts(plan))
+}
+
+/// What each structure would feel in the drafts that the lines were chosen from.
+fn drafts(plan: &Plan) -> String {
+    let structures = &plan.setup.case.structures;
+    let drafts: Vec<_> = plan.modelled.drafts.iter().filter_map(|d| Some((d, d.forces.as_ref()?))).collect();
+    let is_felt = |n: usize| drafts.iter().any(|(_, forces)| forces.structures[n].near.peak_n > 0.0);
+    let felt: Vec<usize> = (0..structures.len()).filter(|n| is_felt(*n)).collect();
+    if drafts.len() < 2 {
+        return String::new();
+    }
+    let heads: String = felt.iter().map(|n| format!("<th>{}</th>", escape(&structures[*n].name))).collect();
+    let row = |(draft, forces): &(&LinesDraft, &StructureForces)| {
+        let degrees = degrees(plan, &draft.raster);
+        let path = &plan.modelled.path;
+        let is_chosen = draft.raster.sense == path.sense && degrees == path.raster_rad.to_degrees();
+        let cells: String = felt
+            .iter()
+            .map(|n| forces.structures[*n].near)
+            .map(|near| format!("<td>{:.3} / {:.3}</td>", near.mean_n, near.peak_n))
+            .collect();
+        let chosen = if is_chosen { ", chosen" } else { "" };
+        format!(
+            "<tr><th>{degrees:.0}°, {}{chosen}</th>{cells}<td>{:.3} / {:.3}</td></tr>",
+            draft.raster.sense.words(),
+            forces.mean_n,
+            forces.peak_n
+        )
+    };
+    let rows: String = drafts.iter().map(row).collect();
+    format!(
+        "<div class=\"wide\"><table><thead><tr><th>draft: lines, passes</th>{heads}<th>whole force</th></tr></thead><tbody>{rows}</tbody></table></div>\
+         <p class=\"note\">Mean / peak [N] of coarse drafts in one and the same time, forces toward structures within {NEAR_MM} mm of them. The first draft stands \
+         unless the product of the figures of another, each by its importance, is lower by a fifth.</p>"
+    )
+}
+
+/// The angle of lines from work x as plans call it, degrees.
+fn degrees(plan: &Plan, raster: &Raster) -> f64 {
+    half_turn(raster.frame.angle_rad() + plan.setup.scene.turn_rad).to_degrees()
 }
 
 fn table(plan: &Plan, compared: &Compared) -> String {
@@ -58,7 +98,7 @@ fn table(plan: &Plan, compared: &Compared) -> String {
     rows.push_str(&row("whole force: mean".into(), forces.iter().map(|f| f.mean_n).collect()));
     rows.push_str(&row("whole force: peak".into(), forces.iter().map(|f| f.peak_n).collect()));
     let head = |reference: &&Reference| {
-        let degrees = half_turn(reference.raster.frame.angle_rad() + plan.setup.scene.turn_rad).to_degrees();
+        let degrees = degrees(plan, &reference.raster);
         let (how, seconds) = match reference.speed_mm_s {
             Some(speed) => (format!("at {speed:.2}&nbsp;mm/s"), reference.total_time_s),
             None => ("with the least force".to_owned(), reference.total_time_s),
