@@ -153,7 +153,7 @@ mod tests {
         };
         let all = fill(TEXT);
         let said = get(&all, "approach.direction").origin.to_string();
-        assert_eq!(said, "chosen: the direction in which the target sees the most air");
+        assert_eq!(said, "chosen: the direction along which burr and shank reach most of the target");
         assert!(matches!(get(&all, "path.raster_deg").origin, Origin::Chosen(_)));
         let all = fill(&format!("{TEXT}[path]\nraster_deg = 1\n[approach]\ndirection = [0, 0, 1]\n"));
         for key in ["approach.direction", "path.raster_deg"] {

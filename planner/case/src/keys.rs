@@ -254,7 +254,7 @@ table! {
             "least distance of the shank's surface from the structure", "D: the shank must not touch";
         HOLD_DISTANCE = "hold.distance_mm" Mm 0.0..8.0, Words(REQUIRED),
             "distance of the burr's surface from the structure, at least its clearance_mm; a streamed plan stops before the first move that comes nearer", "-";
-        DIRECTION = "approach.direction" One -1e6..1e6, Chosen("the direction in which the target sees the most air"),
+        DIRECTION = "approach.direction" One -1e6..1e6, Chosen("the direction along which burr and shank reach most of the target"),
             "ct, out of the bone; any length but zero", "the one used stands in plan.toml";
         RADIUS = "burr.radius_mm" Mm 0.2..10.0, Value(2.5), "radius (not diameter) of the ball", "assumed: 5 mm burr (docs/force-model.md 10)";
         FLUTES = "burr.flutes" One 1.0..64.0, Value(8.0), "identical flutes", "assumed (docs/force-model.md 10)";

@@ -77,7 +77,7 @@ pub struct Case {
     pub structures: Vec<Structure>,
     /// Where the arm holds for the user.
     pub holds: Vec<Hold>,
-    /// Approach direction in ct, unit, out of the bone; `None`: the direction in which the target sees the most air.
+    /// Approach direction in ct, unit, out of the bone; `None`: the direction along which burr and shank reach most of the target.
     pub approach: Option<Vector3<f64>>,
     /// What cuts.
     pub tool: ToolSpec,

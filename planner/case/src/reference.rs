@@ -25,7 +25,7 @@ not kept, and burr and shank may pass there, as they may in the air outside the 
 - `scan_edge_bone_mm2` is the area of the CT's outer voxel faces with HU at or above `density.bone_hu` whose middles lie
   within the burr's diameter of the target's voxels (and in the planning grid, which ends `burr.radius_mm` and
   `grid.margin_mm` beside the target): there bone probably goes on unseen. It is a warning.
-- A chosen approach does not leave the scan through bone or target.
+- For `approach.direction` the voxels of the scan's edge are taken to go on beyond it: a way out does not lead through bone there.
 ";
 
 /// The reference as Markdown.

@@ -10,6 +10,7 @@ use bonemill_case::{Case, ChannelSpec};
 use bonemill_geometry::Progress;
 use bonemill_motion::resolve::Posture;
 use bonemill_planfile::{ChannelRecord, ForceToward, PlungeRow, Waypoint};
+use bonemill_scene::ApproachSpec;
 use bonemill_setup::inputs::{self, CaseImages};
 use bonemill_setup::{ChannelFault, PlanError, Setup, Stopwatch, channel::scene_case, registration, tools};
 use nalgebra::Unit;
@@ -179,7 +180,9 @@ impl ChannelJob<'_> {
         let mut scene_case = scene_case(self.case, record);
         let target = scene_case.target.with_label(|_| Err(PlanError::from(ChannelFault::NoEntry)))?;
         scene_case.holds.clear();
-        let scene = watch.run("scene", || inputs::make_scene_of(&scene_case, target, self.images))?;
+        let approach = ApproachSpec::Fixed(-record.direction.into_inner());
+        let scene =
+            watch.run("scene", || inputs::make_scene_of(&scene_case, (target, approach), self.images))?;
         let registered = registration::registration(&self.case.robot, &scene)?;
         let mut warnings = self.images.warnings.clone();
         warnings.extend(scene.warnings.iter().cloned());

@@ -13,8 +13,8 @@ use super::crop::{Crop, extent};
 use super::edge::{self, ByFace, TargetOutside};
 use super::inside::Inside;
 use super::{
-    Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, Target, approach, hull, mask,
-    obstacles,
+    ApproachSpec, Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, Target, hull, mask,
+    obstacles, way_in,
 };
 
 /// Coarse voxel of what lies beyond the work grid, mm.
@@ -39,8 +39,8 @@ pub struct SceneSpec<'a> {
     pub bone_hu: f64,
     /// Where thin bone outside the target is no obstacle.
     pub sheets: Sheets,
-    /// Approach in ct, unit; `None`: chosen.
-    pub approach: Option<Vector3<f64>>,
+    /// The approach.
+    pub approach: ApproachSpec,
     /// Planning grid, mm.
     pub spacing_mm: f64,
     /// Memory that planning on the grid needs, and that is available.
@@ -83,10 +83,9 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     check_overlap(spec)?;
     check_labels(spec)?;
     let target = mask::target_extent(spec)?;
-    let approach = match spec.approach {
-        Some(direction) => direction,
-        None => choose_approach(spec, &target)?,
-    };
+    let structures = structure_fields(spec, &target)?;
+    let (approach, chosen) = way_in::approach(spec, &target, &structures)?;
+    warnings.extend(chosen.map(|chosen| chosen.text()));
     let Crop { grid, ct_from_work, turn_rad } = Crop::around(spec, &target, &approach)?;
     let (hu, mut density_g_cm3) = resample_hu_and_density(spec.ct, spec.table, &grid, &ct_from_work);
     cancel::poll();
@@ -111,7 +110,6 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let matter = Matter::new(spec, &grid, ct_from_work, inside)?;
     let obstacle_mm =
         distance_within(&class.map(|c| c.is(Class::OBSTACLE)), 2.0 * spec.tool.cutter_radius_mm)?;
-    let structures = structure_fields(spec, &target)?;
     cancel::poll();
     check_touching(spec, &target, &structures)?;
     let edge_bone_mm2 = edge::edge_bone(spec, &in_target, &ct_from_work)?;
@@ -174,39 +172,6 @@ fn check_labels(spec: &SceneSpec) -> Result<(), SceneError> {
         }
     }
     Ok(())
-}
-
-fn choose_approach(spec: &SceneSpec, target: &[Point<Ct>]) -> Result<Vector3<f64>, SceneError> {
-    let keep: Vec<u16> = spec.structures.iter().map(|(_, label)| *label).collect();
-    let label_at = |p| spec.labels.grid().nearest(p).map_or(0, |v| *spec.labels.get(v));
-    let hu_at = |p| spec.ct.grid().nearest(p).map(|v| f64::from(*spec.ct.get(v)));
-    let in_target = |p: Point<Ct>| match spec.target {
-        Target::Label(label) => label_at(p) == label,
-        _ => spec.target.contains(p),
-    };
-    let reach_mm = spec
-        .ct
-        .grid()
-        .dims()
-        .map(|d| d as f64)
-        .iter()
-        .zip(spec.ct.grid().spacing_mm().iter())
-        .map(|(d, s)| d * s)
-        .sum();
-    let is_bone = |p| hu_at(p).is_some_and(|hu| hu >= spec.bone_hu);
-    // a ray that leaves the scan from the target or from bone does not reach air: the bone is assumed to continue
-    let ends_in_bone = |p| {
-        let at_edge = spec.ct.grid().center(edge::nearest_in_scan(spec.ct.grid(), p));
-        hu_at(p).is_none() && (in_target(p) || in_target(at_edge) || is_bone(at_edge))
-    };
-    approach::most_air(
-        target,
-        spec.ct.grid().spacing_mm().min().max(spec.spacing_mm),
-        reach_mm,
-        |p| ends_in_bone(p) || (!in_target(p) && (is_bone(p) || keep.contains(&label_at(p)))),
-        |p| !in_target(p) && hu_at(p).is_none_or(|hu| hu <= spec.air_hu),
-    )
-    .ok_or(SceneError::NoApproach)
 }
 
 /// The label at each work voxel's centre.

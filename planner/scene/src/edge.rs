@@ -91,12 +91,6 @@ pub(super) fn beyond_face(ct: &Grid<Ct>, p: Point<Ct>) -> Option<usize> {
     farthest.map(|(_, face)| face)
 }
 
-/// The scan's voxel nearest to a place.
-pub(super) fn nearest_in_scan(ct: &Grid<Ct>, p: Point<Ct>) -> [usize; 3] {
-    let index = ct.continuous_index(p);
-    std::array::from_fn(|axis| index[axis].round().clamp(0.0, ct.dims()[axis] as f64 - 1.0) as usize)
-}
-
 /// Takes the voxels beyond the scan out of `mask`; their volume by face, mm³.
 pub(super) fn cut_off(
     ct: &Grid<Ct>,
@@ -198,7 +192,6 @@ mod tests {
         assert_eq!(beyond([-0.6, 2.0, 3.0]), Some(0));
         // two voxels of 0.5 mm are less than one of 2 mm
         assert_eq!(beyond([1.0, 7.5, 8.5]), Some(5));
-        assert_eq!(nearest_in_scan(&ct, ct.at([-3.0, 2.2, 99.0])), [0, 2, 7]);
     }
 
     #[test]

@@ -4,7 +4,6 @@
 //! kept; what the handpiece could meet there is a coarse, conservative map (`far`). The work frame's origin is the
 //! grid's first voxel centre, its z points out of the bone, so a milling layer is a slab of the grid.
 
-mod approach;
 mod build;
 mod crop;
 mod edge;
@@ -14,6 +13,7 @@ mod inside;
 mod mask;
 mod matter;
 mod obstacles;
+mod way_in;
 
 use bonemill_geometry::{Approach, Ct, Point, Rigid, Volume, Work, basis};
 use nalgebra::Vector3;
@@ -25,6 +25,7 @@ pub use edge::{ByFace, TargetOutside};
 pub use far::FarObstacles;
 pub use hull::{Rectangle, smallest_rectangle};
 pub use matter::Matter;
+pub use way_in::{ApproachSpec, ChosenWay, Way, WayInTool};
 
 use bonemill_imaging::StructureField;
 
@@ -190,9 +191,33 @@ pub enum SceneError {
         /// The spacing asked for, mm.
         spacing_mm: f64,
     },
-    /// The target sees no air in any direction.
-    #[error("the target sees no way out of the bone in any direction: give approach.direction")]
+    /// Burr and shank reach nothing along any direction.
+    #[error(
+        "burr and shank reach no place at the target along any direction: bone outside the target or structures are in the way; see \
+         shank, orientation.tilt_limit_deg and the target"
+    )]
     NoApproach,
+    /// The burr fits nowhere.
+    #[error(
+        "a burr of radius {radius_mm} mm finds no place at the target that is clear of bone outside it and keeps the clearances of the \
+         structures"
+    )]
+    NoRoom {
+        /// Its radius, mm.
+        radius_mm: f64,
+    },
+    /// The given approach leads nowhere.
+    #[error(
+        "approach.direction {} faces bone: along it burr and shank reach {:.0} % of the burr's places at the target, along {} {:.0} %; \
+         +x is the patient's right, +y anterior, +z superior, and the direction leads out of the bone",
+        way_in::words(&given.direction), 100.0 * given.reached, way_in::words(&best.direction), 100.0 * best.reached
+    )]
+    FacesBone {
+        /// The given direction.
+        given: Way,
+        /// The best one.
+        best: Way,
+    },
     /// A grid could not be made.
     #[error(transparent)]
     Grid(#[from] bonemill_geometry::GridError),

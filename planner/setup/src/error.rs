@@ -260,7 +260,8 @@ fn scene_key(error: &SceneError, case: &Case, folder: &Path) -> Option<String> {
             "target"
         }
         SceneError::TooLarge { .. } => "grid.spacing_mm",
-        SceneError::NoApproach => "approach.direction",
+        SceneError::NoApproach | SceneError::FacesBone { .. } => "approach.direction",
+        SceneError::NoRoom { .. } => "burr.radius_mm",
         SceneError::Image(error) => return image_key(error, case, folder),
         SceneError::Grid(_) | SceneError::Values(_) => return None,
     };

@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use bonemill_case::{Case, LabelRef, Target, nearest};
+use bonemill_case::{Case, LabelRef, OrientationMode, Target, nearest};
 use bonemill_geometry::Progress;
 use bonemill_imaging::{
     Image, LabelNames, Provenance, available_memory_mb, label_names_path, looks_like_hu, read_ct,
     read_label_names, read_labels,
 };
 use bonemill_planfile::{Input, StoredPlan};
-use bonemill_scene::{MemoryNeed, Scene, SceneSpec, ToolReach, build_scene};
+use bonemill_scene::{ApproachSpec, MemoryNeed, Scene, SceneSpec, ToolReach, WayInTool, build_scene};
 use rayon::prelude::*;
 
 use super::{PlanError, channel};
@@ -151,14 +151,32 @@ fn labels_differ(target: &Target<u16>, structures: &[(String, u16)]) -> Result<(
 /// # Errors
 /// [`PlanError::Scene`].
 pub fn make_scene(case: &Case, inputs: &CaseImages) -> Result<Scene, PlanError> {
-    make_scene_of(case, inputs.target.clone(), inputs)
+    let approach = match (case.job.channel(), case.approach) {
+        (Some(_), Some(direction)) => ApproachSpec::Fixed(direction),
+        _ => ApproachSpec::For { given: case.approach, tool: way_in_tool(case) },
+    };
+    make_scene_of(case, (inputs.target.clone(), approach), inputs)
 }
 
-/// The same with another target than the one that was read with the images.
+/// The tool as far as the way in depends on it.
+fn way_in_tool(case: &Case) -> WayInTool {
+    let straight = case.orientation.mode == OrientationMode::Fixed;
+    WayInTool {
+        shank_mm: case.shank.iter().map(|s| [s.length_mm, s.radius_mm]).collect(),
+        tilt_limit_rad: if straight { 0.0 } else { case.orientation.tilt_limit_rad },
+        clearances_mm: case.clearances_mm(),
+    }
+}
+
+/// The same with another target than the one that was read with the images, along an approach.
 ///
 /// # Errors
 /// [`PlanError::Scene`].
-pub fn make_scene_of(case: &Case, target: Target<u16>, inputs: &CaseImages) -> Result<Scene, PlanError> {
+pub fn make_scene_of(
+    case: &Case,
+    (target, approach): (Target<u16>, ApproachSpec),
+    inputs: &CaseImages,
+) -> Result<Scene, PlanError> {
     Ok(build_scene(&SceneSpec {
         ct: &inputs.ct.volume,
         labels: &inputs.labels.volume,
@@ -168,7 +186,7 @@ pub fn make_scene_of(case: &Case, target: Target<u16>, inputs: &CaseImages) -> R
         air_hu: case.density.air_hu,
         bone_hu: case.density.bone_hu,
         sheets: case.sheets,
-        approach: case.approach,
+        approach,
         spacing_mm: case.grid.spacing_mm,
         memory: MemoryNeed { bytes_per_voxel: BYTES_PER_VOXEL, available_mb: available_memory_mb() },
         margin_mm: case.grid.margin_mm,
@@ -196,5 +214,6 @@ pub fn scene_of(plan: &StoredPlan, progress: &dyn Progress) -> Result<Scene, Pla
     progress.stage("read images");
     let images = read_images(case, |path| plan.input_path(path))?;
     progress.stage("scene");
-    make_scene(case, &images)
+    let approach = ApproachSpec::Fixed(plan.record.frames.approach_direction);
+    make_scene_of(case, (images.target.clone(), approach), &images)
 }

@@ -5,7 +5,9 @@ use bonemill_imaging::DensityTable;
 use bonemill_planner::case::Sheets;
 use bonemill_planner::cutter::Ball;
 use bonemill_planner::path::{Lines, MillPath, PathSpacing, RasterFrame, lay_path};
-use bonemill_planner::scene::{MemoryNeed, Scene, SceneError, SceneSpec, Target, ToolReach, build_scene};
+use bonemill_planner::scene::{
+    ApproachSpec, MemoryNeed, Scene, SceneError, SceneSpec, Target, ToolReach, build_scene,
+};
 use bonemill_planner::space::BurrSpace;
 use bonemill_testkit::pocket::{DIMS, ORIGIN_MM, hu, label};
 #[allow(unused_imports, reason = "every test program uses its own part of it")]
@@ -47,7 +49,7 @@ pub fn scene_at(spacing_mm: f64, available_mb: Option<f64>) -> Result<Scene, Sce
         air_hu: -700.0,
         bone_hu: 200.0,
         sheets: Sheets::Keep,
-        approach: Some(Vector3::z()),
+        approach: ApproachSpec::Fixed(Vector3::z()),
         spacing_mm,
         memory: MemoryNeed { bytes_per_voxel: 100.0, available_mb },
         margin_mm: 3.0,

@@ -21,6 +21,8 @@ const BACK_OUT: usize = 40;
 const CUSPS_SHARE: f64 = 0.02;
 /// Number of failed searches for a way in from outside, after which only passes with nothing above them may begin the path.
 const MOST_VAIN_STARTS: usize = 20;
+/// Searches for a way between passes that may fail, so that a body of many holes ends; passes beyond are reported as unjoined.
+const MOST_VAIN_WAYS: usize = 300;
 /// Distance between the heights that are tried for a retract, mm.
 const RETRACT_STEP_MM: f64 = 0.5;
 
@@ -45,6 +47,7 @@ pub struct Builder<'a> {
     /// Positions where a path may begin, once they are computed.
     tops: Option<Vec<Point<Work>>>,
     vain_starts: usize,
+    vain_ways: usize,
     /// The pass, and the point of it, to which the burr is moving.
     heading: (u32, u32),
 }
@@ -68,6 +71,7 @@ impl<'a> Builder<'a> {
             unjoined: 0,
             tops: None,
             vain_starts: 0,
+            vain_ways: 0,
             heading: (0, 0),
         }
     }
@@ -170,7 +174,13 @@ impl<'a> Builder<'a> {
         if let Some(entry) = self.retract_to(pass) {
             return Some(entry);
         }
-        let way = self.find_way(from, first)?;
+        if self.vain_ways >= MOST_VAIN_WAYS {
+            return None;
+        }
+        let Some(way) = self.find_way(from, first) else {
+            self.vain_ways += 1;
+            return None;
+        };
         self.follow(&way, layer);
         Some(0)
     }

@@ -3,7 +3,7 @@
 use bonemill_case::Sheets;
 use bonemill_geometry::{Ct, Grid, Volume};
 use bonemill_imaging::DensityTable;
-use bonemill_scene::{MemoryNeed, Scene, SceneSpec, Target, ToolReach, build_scene};
+use bonemill_scene::{ApproachSpec, MemoryNeed, Scene, SceneSpec, Target, ToolReach, build_scene};
 use nalgebra::Vector3;
 
 use super::*;
@@ -40,7 +40,7 @@ fn scene(spacing_mm: f64) -> Scene {
         air_hu: -700.0,
         bone_hu: 200.0,
         sheets: Sheets::Keep,
-        approach: Some(Vector3::z()),
+        approach: ApproachSpec::Fixed(Vector3::z()),
         spacing_mm,
         memory: MemoryNeed { bytes_per_voxel: 70.0, available_mb: None },
         margin_mm: 1.0,

@@ -1,0 +1,457 @@
+//! The way in: how much of a target burr and shank reach along a direction, and the direction along which they reach most.
+//!
+//! On a coarse map of the scan, bone outside the target and structures are solid. Places of the burr's centre are sampled at the
+//! target, where the ball is clear of what is solid and keeps the structures' clearances. From each place a line leads out along
+//! each of [`DIRECTIONS`] directions; it is free where the shank's profile and, since the burr comes that way, the ball fit between solid
+//! voxels over the shank's whole length. Beyond the scan the voxels of its edge go on.
+//!
+//! A direction reaches a place if some line within the tilt limit of it is free. Directions are ranked by the mean over all places of the best such line,
+//! which counts less the more it is tilted and the deeper it begins: a way through soft tissue is open, but the shortest one is meant. Directions are laid
+//! out in the target's own inertia axes, so that a mirrored or turned scan gives the mirrored or turned approach.
+//!
+//! Cost: places × directions lines, each by sphere tracing in a distance field.
+
+use bonemill_geometry::{Ct, Grid, Point, Volume, cancel};
+use bonemill_imaging::distance_within;
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+use super::{SceneError, SceneSpec, SceneStructure};
+
+/// Directions on the sphere: 10° apart.
+const DIRECTIONS: usize = 420;
+/// Places of the burr from which lines lead out.
+const PLACES: usize = 400;
+/// Most voxels of the coarse map, and its finest and coarsest spacing, mm, of which the burr's radius in between is halved.
+const MOST_VOXELS: f64 = 6e6;
+const SPACING_MM: [f64; 2] = [0.4, 1.0];
+/// A coarse voxel is solid when this share of it is.
+const SOLID_SHARE: f64 = 0.25;
+/// A line stands for those within this angle of it, half of that between directions, rad: so much less room will do per mm.
+const SPREAD: f64 = 0.08;
+/// Longest step along a line, mm.
+const LONGEST_STEP_MM: f64 = 4.0;
+/// How deep below air a place must lie for its line to count e times less, mm: assumed.
+const DEEP_MM: f64 = 30.0;
+/// How much less a line at the tilt limit counts than a straight one.
+const TILTED_LESS: f64 = 0.5;
+/// A direction is the mean of those this near to the best one that rank nearly as high.
+const CONE_RAD: f64 = 0.5;
+const NEARLY: f64 = 0.9;
+/// Directions this far apart are ways of their own; how many others are told.
+const APART_RAD: f64 = 0.8;
+const MOST_OTHERS: usize = 2;
+/// A given direction is refused if it reaches less than the first share of places where another reaches at least the second.
+const FACES_BONE: [f64; 2] = [0.03, 0.5];
+
+/// The tool as far as the way in depends on it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WayInTool {
+    /// Lengths and radii of the shank's parts, from the burr outwards, mm.
+    pub shank_mm: Vec<[f64; 2]>,
+    /// Largest angle between shaft and approach, rad.
+    pub tilt_limit_rad: f64,
+    /// Clearance of the burr's surface from each structure, mm.
+    pub clearances_mm: Vec<f64>,
+}
+
+/// Where a scene's approach comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ApproachSpec {
+    /// This direction, whatever it reaches.
+    Fixed(Vector3<f64>),
+    /// The given direction, if it does not face bone; without one, that along which the tool reaches most.
+    For {
+        /// Unit, in ct.
+        given: Option<Vector3<f64>>,
+        /// The tool.
+        tool: WayInTool,
+    },
+}
+
+/// A direction out of the bone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Way {
+    /// Unit, in ct.
+    pub direction: Vector3<f64>,
+    /// Share of the burr's places at the target that burr and shank reach within the tilt limit of it.
+    pub reached: f64,
+}
+
+/// An approach that was chosen, and what else there was.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChosenWay {
+    /// The chosen direction.
+    pub best: Way,
+    /// The best of those far from it and from each other.
+    pub others: Vec<Way>,
+}
+
+/// What a coarse voxel holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Holds {
+    Air,
+    Tissue,
+    /// Bone outside the target, or a structure.
+    Solid,
+    Target,
+}
+
+/// Lines from places at the target.
+pub(super) struct WayIn {
+    holds: Volume<Holds, Ct>,
+    /// Distance to what is solid, mm; `None`: nothing is.
+    solid_mm: Option<Volume<f32, Ct>>,
+    places: Vec<Point<Ct>>,
+    /// Where the shank's parts begin, and the radius that must be free from there on, mm.
+    profile: Vec<[f64; 2]>,
+    length_mm: f64,
+    tilt_limit_rad: f64,
+    directions: Vec<Vector3<f64>>,
+}
+
+/// The approach of a scene, and how it was chosen if it was.
+///
+/// # Errors
+/// [`SceneError::NoRoom`], [`SceneError::NoApproach`] and [`SceneError::FacesBone`] where the tool reaches nothing.
+pub(super) fn approach(
+    spec: &SceneSpec,
+    target: &[Point<Ct>],
+    structures: &[SceneStructure],
+) -> Result<(Vector3<f64>, Option<ChosenWay>), SceneError> {
+    let (given, tool) = match &spec.approach {
+        ApproachSpec::Fixed(direction) => return Ok((*direction, None)),
+        ApproachSpec::For { given, tool } => (*given, tool),
+    };
+    let way_in = WayIn::new(spec, tool, target, structures)?;
+    match (given, way_in) {
+        (Some(direction), Some(way_in)) => way_in.check(direction).map(|()| (direction, None)),
+        (Some(direction), None) => Ok((direction, None)),
+        (None, Some(way_in)) => {
+            let chosen = way_in.best().ok_or(SceneError::NoApproach)?;
+            Ok((chosen.best.direction, Some(chosen)))
+        }
+        (None, None) => Err(SceneError::NoRoom { radius_mm: spec.tool.cutter_radius_mm }),
+    }
+}
+
+impl WayIn {
+    /// `None` where the burr finds no place at the target.
+    ///
+    /// # Errors
+    /// When a distance field cannot be computed.
+    pub fn new(
+        spec: &SceneSpec,
+        tool: &WayInTool,
+        target: &[Point<Ct>],
+        structures: &[SceneStructure],
+    ) -> Result<Option<Self>, SceneError> {
+        let radius_mm = spec.tool.cutter_radius_mm;
+        let length_mm = spec.tool.shank_length_mm;
+        let holds = coarse(spec, target, length_mm + spec.tool.shank_radius_mm)?;
+        cancel::poll();
+        let widest_mm = spec.tool.shank_radius_mm.max(radius_mm);
+        let solid_mm = distance_within(&holds.map(|h| *h == Holds::Solid), 2.0 * widest_mm)?;
+        let slack_mm = 0.5 * holds.grid().spacing_mm().max();
+        let from_target = distance_within(&holds.map(|h| *h == Holds::Target), radius_mm + slack_mm)?;
+        let Some(from_target) = from_target else { return Ok(None) };
+        let grid = holds.grid();
+        let is_place = |n: &usize| {
+            let clear_mm = solid_mm.as_ref().map_or(f64::INFINITY, |d| f64::from(d.data()[*n]));
+            let p = grid.center(grid.voxel(*n));
+            let keeps = |(structure, clearance_mm): (&SceneStructure, &f64)| {
+                !structure
+                    .field
+                    .as_ref()
+                    .is_some_and(|field| field.is_nearer_than(p, radius_mm + clearance_mm))
+            };
+            f64::from(from_target.data()[*n]) <= 0.5 * radius_mm
+                && clear_mm >= radius_mm - slack_mm
+                && structures.iter().zip(&tool.clearances_mm).all(keeps)
+        };
+        let found: Vec<usize> = (0..grid.len()).into_par_iter().filter(is_place).collect();
+        let places: Vec<_> = found
+            .iter()
+            .step_by(found.len().div_ceil(PLACES).max(1))
+            .map(|n| grid.center(grid.voxel(*n)))
+            .collect();
+        if places.is_empty() {
+            return Ok(None);
+        }
+        let mut from_mm = 0.0;
+        let mut profile = vec![[0.0, radius_mm]];
+        for [part_mm, part_radius_mm] in &tool.shank_mm {
+            // a part's front is flat: a ball of its radius fits behind it
+            profile.push([from_mm + 0.5 * part_radius_mm, part_radius_mm.max(radius_mm)]);
+            from_mm += part_mm;
+        }
+        let axes = inertia_axes(target);
+        let directions = sphere(DIRECTIONS).map(|d| axes * d).collect();
+        Ok(Some(Self {
+            holds,
+            solid_mm,
+            places,
+            profile,
+            length_mm,
+            tilt_limit_rad: tool.tilt_limit_rad,
+            directions,
+        }))
+    }
+
+    /// How far the line from a place along a direction passes through tissue and target, mm; none where the line is not free.
+    fn deep_mm(&self, from: Point<Ct>, direction: &Vector3<f64>) -> Option<f64> {
+        let grid = self.holds.grid();
+        let dims = grid.dims();
+        let least_mm = 0.5 * grid.spacing_mm().min();
+        let rounding_mm = 0.5 * grid.spacing_mm().max();
+        let (mut at_mm, mut deep_mm, mut part) = (0.0, 0.0, 0);
+        while at_mm < self.length_mm {
+            while self.profile.get(part + 1).is_some_and(|[from_mm, _]| at_mm >= *from_mm) {
+                part += 1;
+            }
+            let needs_mm = self.profile[part][1];
+            let slack_mm = rounding_mm + (SPREAD * at_mm).min(0.3 * needs_mm);
+            let index = grid.continuous_index(from + direction * at_mm);
+            // beyond the scan its edge goes on
+            let voxel = std::array::from_fn(|a| index[a].round().clamp(0.0, dims[a] as f64 - 1.0) as usize);
+            let is_inside = (0..3).all(|a| (-0.5..dims[a] as f64 - 0.5).contains(&index[a]));
+            let holds = *self.holds.get(voxel);
+            if holds == Holds::Solid || (!is_inside && holds == Holds::Target) {
+                return None;
+            }
+            let clear_mm = self.solid_mm.as_ref().map_or(f64::INFINITY, |d| f64::from(*d.get(voxel)));
+            if clear_mm < needs_mm - slack_mm {
+                return None;
+            }
+            // nothing on the way is nearer than this; the next part may be thicker
+            let ahead =
+                self.profile[part..].iter().take_while(|[from_mm, _]| *from_mm <= at_mm + LONGEST_STEP_MM);
+            let widest_mm = ahead.map(|[_, radius_mm]| *radius_mm).fold(0.0, f64::max);
+            let step_mm = (clear_mm - widest_mm).clamp(least_mm, LONGEST_STEP_MM);
+            if holds != Holds::Air {
+                deep_mm += step_mm;
+            }
+            at_mm += step_mm;
+        }
+        Some(deep_mm)
+    }
+
+    /// What a free line counts.
+    fn counts(deep_mm: Option<f64>) -> f64 {
+        deep_mm.map_or(0.0, |mm| (-mm / DEEP_MM).exp())
+    }
+
+    /// How much less a line counts that is tilted by an angle; 0 beyond the limit.
+    fn tilted(&self, angle_rad: f64) -> f64 {
+        if angle_rad > self.tilt_limit_rad + 1e-9 {
+            return 0.0;
+        }
+        1.0 - TILTED_LESS * angle_rad / self.tilt_limit_rad.max(1e-9)
+    }
+
+    /// How high a direction ranks and what it reaches; `lines`: per place, what the line along each of the set's directions counts.
+    fn ranked(&self, direction: Vector3<f64>, lines: &[Vec<f64>]) -> (f64, Way) {
+        let near: Vec<(usize, f64)> = (0..self.directions.len())
+            .map(|n| (n, self.tilted(angle(&self.directions[n], &direction))))
+            .filter(|(_, tilted)| *tilted > 0.0)
+            .collect();
+        let (mut rank, mut reached) = (0.0, 0usize);
+        for (place, lines) in self.places.iter().zip(lines) {
+            let best = near.iter().map(|(n, tilted)| tilted * lines[*n]).fold(0.0, f64::max);
+            let straight = Self::counts(self.deep_mm(*place, &direction));
+            rank += best.max(straight);
+            reached += usize::from(best.max(straight) > 0.0);
+        }
+        let count = self.places.len() as f64;
+        (rank / count, Way { direction, reached: reached as f64 / count })
+    }
+
+    /// What every line of the set counts, those of `wanted` only.
+    fn lines(&self, wanted: impl Fn(&Vector3<f64>) -> bool + Sync) -> Vec<Vec<f64>> {
+        let of_place = |place: &Point<Ct>| {
+            cancel::poll();
+            let line = |d: &Vector3<f64>| if wanted(d) { Self::counts(self.deep_mm(*place, d)) } else { 0.0 };
+            self.directions.iter().map(line).collect()
+        };
+        self.places.par_iter().map(of_place).collect()
+    }
+
+    /// The direction along which burr and shank reach most; `None` where they reach nothing along any.
+    pub fn best(&self) -> Option<ChosenWay> {
+        let lines = self.lines(|_| true);
+        let ranked: Vec<(f64, Way)> = self.directions.par_iter().map(|d| self.ranked(*d, &lines)).collect();
+        let mut order: Vec<usize> = (0..ranked.len()).collect();
+        order.sort_by(|a, b| ranked[*b].0.total_cmp(&ranked[*a].0));
+        let mut ways: Vec<(f64, Way)> = Vec::new();
+        for n in order {
+            let is_apart =
+                ways.iter().all(|(_, way)| angle(&way.direction, &ranked[n].1.direction) >= APART_RAD);
+            if ranked[n].0 > 0.0 && is_apart && ways.len() <= MOST_OTHERS {
+                ways.push(ranked[n]);
+            }
+        }
+        let (rank, first) = *ways.first()?;
+        // between the directions of the set
+        let weight = |(of, way): &(f64, Way)| {
+            let near = 1.0 - (angle(&way.direction, &first.direction) / CONE_RAD).powi(2);
+            near.max(0.0) * (of - NEARLY * rank).max(0.0)
+        };
+        let mean: Vector3<f64> = ranked.iter().map(|found| found.1.direction * weight(found)).sum();
+        let between = mean.try_normalize(1e-12).map(|direction| self.ranked(direction, &lines));
+        let best = between.filter(|found| found.0 >= rank).map_or(first, |found| found.1);
+        Some(ChosenWay { best, others: ways[1..].iter().map(|(_, way)| *way).collect() })
+    }
+
+    /// Refuses a direction along which hardly anything is reached where another reaches much.
+    ///
+    /// # Errors
+    /// [`SceneError::FacesBone`].
+    pub fn check(&self, direction: Vector3<f64>) -> Result<(), SceneError> {
+        let lines = self.lines(|d| angle(d, &direction) <= self.tilt_limit_rad);
+        let (_, given) = self.ranked(direction, &lines);
+        let [least, most] = FACES_BONE;
+        if given.reached >= least {
+            return Ok(());
+        }
+        match self.best() {
+            Some(ChosenWay { best, .. }) if best.reached >= most => {
+                Err(SceneError::FacesBone { given, best })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+impl ChosenWay {
+    /// That it was chosen, in words.
+    pub fn text(&self) -> String {
+        let percent = |way: &Way| format!("{:.0} %", 100.0 * way.reached);
+        let others: Vec<String> = self
+            .others
+            .iter()
+            .map(|way| format!("{} of them along {}", percent(way), words(&way.direction)))
+            .collect();
+        let others = if others.is_empty() { String::new() } else { format!("; {}", others.join(", ")) };
+        format!(
+            "approach.direction is not given: {} was chosen, along which burr and shank reach {} of the burr's places at the target{others}",
+            words(&self.best.direction),
+            percent(&self.best)
+        )
+    }
+}
+
+/// A direction in ct with two digits.
+pub(super) fn words(d: &Vector3<f64>) -> String {
+    // no minus before a zero
+    let [x, y, z] = [d.x, d.y, d.z].map(|c| (100.0 * c).round() / 100.0 + 0.0);
+    format!("({x:.2}, {y:.2}, {z:.2})")
+}
+
+fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    a.dot(b).clamp(-1.0, 1.0).acos()
+}
+
+/// The scan around the target as far as a line goes, coarsely, along the CT's own voxels.
+fn coarse(spec: &SceneSpec, target: &[Point<Ct>], reach_mm: f64) -> Result<Volume<Holds, Ct>, SceneError> {
+    let ct = spec.ct.grid();
+    let (dims, spacing) = (ct.dims(), ct.spacing_mm());
+    let indices = target.iter().map(|p| Vector3::from(ct.continuous_index(*p)));
+    let (lo, hi) = indices
+        .fold((Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)), |(lo, hi), p| {
+            (lo.inf(&p), hi.sup(&p))
+        });
+    let bound = |v: f64, a: usize| v.round().clamp(0.0, dims[a] as f64 - 1.0) as usize;
+    let first: [usize; 3] = std::array::from_fn(|a| bound(lo[a] - reach_mm / spacing[a], a));
+    let last: [usize; 3] = std::array::from_fn(|a| bound(hi[a] + reach_mm / spacing[a], a));
+    let [finest, coarsest] = SPACING_MM;
+    let mut wanted_mm = (0.5 * spec.tool.cutter_radius_mm).clamp(finest, coarsest);
+    let mut apart = [1; 3];
+    let mut size = [1; 3];
+    loop {
+        for a in 0..3 {
+            apart[a] = ((wanted_mm / spacing[a]).round() as usize).max(1);
+            size[a] = (last[a] - first[a] + 1).div_ceil(apart[a]);
+        }
+        if size.iter().map(|n| *n as f64).product::<f64>() <= MOST_VOXELS {
+            break;
+        }
+        wanted_mm *= 1.25;
+    }
+    // a coarse voxel stands at the middle of its voxels
+    let middle: [f64; 3] = std::array::from_fn(|a| first[a] as f64 + 0.5 * (apart[a] as f64 - 1.0));
+    let coarse_mm = Vector3::from_fn(|a, _| spacing[a] * apart[a] as f64);
+    let grid = Grid::<Ct>::new(size, coarse_mm, *ct.axes(), ct.at(middle).coords)?;
+    let keep = |label: u16| spec.structures.iter().any(|(_, structure)| *structure == label);
+    let label_at = |p| spec.labels.grid().nearest(p).map_or(0, |v| *spec.labels.get(v));
+    let holds = |n: usize| {
+        let at = grid.voxel(n);
+        let range = |a: usize| {
+            let from = first[a] + at[a] * apart[a];
+            from..(from + apart[a]).min(last[a] + 1)
+        };
+        let (mut count, mut solid, mut in_target, mut tissue) = (0usize, 0usize, 0usize, 0usize);
+        for k in range(2) {
+            for j in range(1) {
+                for i in range(0) {
+                    let hu = f64::from(*spec.ct.get([i, j, k]));
+                    count += 1;
+                    let p = ct.center([i, j, k]);
+                    let label = label_at(p);
+                    let is_target = match spec.target {
+                        super::Target::Label(target) => label == target,
+                        _ => spec.target.contains(p),
+                    };
+                    in_target += usize::from(is_target);
+                    solid += usize::from(!is_target && (hu >= spec.bone_hu || keep(label)));
+                    tissue += usize::from(hu > spec.air_hu);
+                }
+            }
+        }
+        let share = |n: usize| n as f64 / count.max(1) as f64;
+        match () {
+            () if share(solid) >= SOLID_SHARE => Holds::Solid,
+            () if share(in_target) >= 0.5 => Holds::Target,
+            () if share(tissue) >= 0.5 => Holds::Tissue,
+            () => Holds::Air,
+        }
+    };
+    let data = (0..grid.len()).into_par_iter().with_min_len(1 << 12).map(holds).collect();
+    Volume::new(grid, data).map_err(SceneError::Values)
+}
+
+/// Near-uniform unit directions (Fibonacci).
+fn sphere(n: usize) -> impl Iterator<Item = Vector3<f64>> {
+    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    (0..n).map(move |i| {
+        let z = 1.0 - (2 * i + 1) as f64 / n as f64;
+        let r = (1.0 - z * z).sqrt();
+        let (s, c) = (golden * i as f64).sin_cos();
+        Vector3::new(r * c, r * s, z)
+    })
+}
+
+/// Principal axes as columns, each turned to where the third moment is positive: they mirror with the points.
+fn inertia_axes(points: &[Point<Ct>]) -> Matrix3<f64> {
+    let n = points.len().max(1) as f64;
+    let mean = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n;
+    let covariance = points
+        .iter()
+        .map(|p| {
+            let d = p.coords - mean;
+            d * d.transpose()
+        })
+        .sum::<Matrix3<f64>>()
+        / n;
+    let eigen = covariance.symmetric_eigen();
+    let mut order = [0, 1, 2];
+    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+    let columns = order.map(|c| {
+        let axis: Vector3<f64> = eigen.eigenvectors.column(c).into_owned();
+        let skew: f64 = points.iter().map(|p| (p.coords - mean).dot(&axis).powi(3)).sum();
+        if skew < 0.0 { -axis } else { axis }
+    });
+    Matrix3::from_columns(&columns)
+}
+
+#[cfg(test)]
+mod tests;
