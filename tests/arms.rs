@@ -342,3 +342,56 @@ fn an_arm_that_stands_too_far_away_is_told_by_how_much() {
     ));
     place.falls_short_of_a_plan(&["cannot reach waypoint 0", "mm", "robot.base_from_ct"]);
 }
+
+#[test]
+fn a_target_beyond_every_posture_is_told_before_a_path_is_laid() {
+    for robot in [format!("model = \"ur5e\"\n{MOUNT}"), "model = \"bone-attached\"".into()] {
+        let place = with_robot(&format!(
+            "{robot}\nbase_from_ct = {{ rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [3000, 0, 0] }}"
+        ));
+        let ran = place.run(&["plan", "case.toml", "--out", "plan"]);
+        ran.failed(
+            1,
+            &[
+                &place.line_of("base_from_ct"),
+                "cannot reach the target",
+                "it reaches at most",
+                "robot.base_from_ct",
+            ],
+        );
+        // stages are told on stderr
+        assert!(
+            ran.err.contains("scene") && !ran.err.contains("free space") && !ran.err.contains("path\n"),
+            "{}",
+            ran.err
+        );
+    }
+}
+
+#[test]
+fn a_tool_that_no_arm_can_hold_is_refused_and_a_near_one_told() {
+    let with_mount = |mount: &str| with_robot(&format!("model = \"ur5e\"\nflange_from_burr = {{ {mount} }}"));
+    for (mount, why) in [
+        (
+            "translation_mm = [0, 0, 180], rpy_rad = [0, 0, 0]",
+            "points away from the flange, which lies 180.0 mm in front",
+        ),
+        (
+            "translation_mm = [0, 0, 0.18], rpy_rad = [3.141592653589793, 0, 0]",
+            "looks like metres, which would be 180 mm",
+        ),
+        (
+            "translation_mm = [0, 0, -180], rpy_rad = [0, 0, 0]",
+            "within the arm, 180.00 mm behind the flange's face",
+        ),
+    ] {
+        let place = with_mount(mount);
+        place.refuses(&[&place.line_of("flange_from_burr"), "robot.flange_from_burr", why]);
+    }
+    let plan = planned(&with_mount("translation_mm = [0, 0, 19], rpy_rad = [3.141592653589793, 0, 0]"));
+    assert!(
+        plan.record.warnings.iter().any(|w| w.contains("only 19.00 mm from the flange")),
+        "{:?}",
+        plan.record.warnings
+    );
+}

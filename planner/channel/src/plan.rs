@@ -184,9 +184,11 @@ impl ChannelJob<'_> {
         let scene =
             watch.run("scene", || inputs::make_scene_of(&scene_case, (target, approach), self.images))?;
         let registered = registration::registration(&self.case.robot, &scene)?;
+        reach::judge(&arm, &registered, &scene, self.tool.radius_mm)
+            .map_err(|error| registered.blame(self.case, error))?;
         let mut warnings = self.images.warnings.clone();
         warnings.extend(scene.warnings.iter().cloned());
-        warnings.extend(tools::arm_warning(self.case, &arm));
+        warnings.extend(tools::warnings(self.case, &arm));
         warnings.extend(registered.warnings(self.case));
         let placements = [self.images.ct.provenance.placement, self.images.labels.provenance.placement];
         Ok(Setup { case: self.case.clone(), inputs: vec![], placements, scene, arm, registered, warnings })

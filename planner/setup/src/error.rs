@@ -11,6 +11,7 @@ use thiserror::Error;
 
 use super::ChannelFault;
 use super::mesh_tool::MeshToolError;
+use super::mount::MountFault;
 use bonemill_case::{Case, LabelRef, Target};
 use bonemill_cutting::burr::ModelError;
 use bonemill_planfile::PlanFileError;
@@ -149,6 +150,20 @@ pub enum PlanError {
         /// What to write.
         example: &'static str,
     },
+    /// The arm cannot hold the tool as the case says.
+    #[error("robot.flange_from_burr: {0}")]
+    Mount(#[from] MountFault),
+    /// The arm stands too far from the target.
+    #[error(
+        "the arm cannot reach the target, which lies {nearest_mm:.0} mm and more from the arm's base: with this tool it reaches at most \
+         {reach_mm:.0} mm; move it (robot.base_from_ct, whose lengths are mm)"
+    )]
+    TooFar {
+        /// From the base to the target's nearest point, mm.
+        nearest_mm: f64,
+        /// The farthest that the burr can be from the base, mm.
+        reach_mm: f64,
+    },
     /// The cost uses the deflection, and the case gives no stiffness.
     #[error("cost.force = \"deflection\" needs robot.joint_stiffness: one value per joint, N/mm or N·mm/rad")]
     StiffnessMissing,
@@ -189,7 +204,13 @@ impl PlanError {
         match self {
             Self::Channel(fault) => fault.is_infeasible(),
             _ => {
-                matches!(self, Self::OutOfReach { .. } | Self::NoAccess { .. } | Self::BadRegistration { .. })
+                matches!(
+                    self,
+                    Self::OutOfReach { .. }
+                        | Self::TooFar { .. }
+                        | Self::NoAccess { .. }
+                        | Self::BadRegistration { .. }
+                )
             }
         }
     }
@@ -213,7 +234,8 @@ impl PlanError {
             Self::Registration(_) | Self::BadRegistration { .. } => "robot.base_from_ct",
             Self::FiducialsOutside { .. } => "robot.base_from_ct.fiducials.ct_mm",
             Self::NothingReachable { .. } => "target",
-            Self::OutOfReach { .. } => "robot.base_from_ct",
+            Self::Mount(_) => "robot.flange_from_burr",
+            Self::OutOfReach { .. } | Self::TooFar { .. } => "robot.base_from_ct",
             Self::Robot(RobotError::Calibration { .. }) => "robot.calibration",
             Self::Robot(
                 RobotError::ReadUrdf { .. } | RobotError::ParseUrdf { .. } | RobotError::Urdf { .. },

@@ -12,7 +12,7 @@ use bonemill_planfile::{Input, PlanFrames, PlanningGrid};
 use bonemill_scene::Scene;
 
 use super::registration::{Registered, fiducials_in_scan, registration};
-use super::{PlanError, Stopwatch, inputs, tools};
+use super::{PlanError, Stopwatch, inputs, reach, tools};
 
 /// A case with its scene, arm and registration.
 #[derive(Debug)]
@@ -45,9 +45,11 @@ impl Setup {
         let scene = watch.run("scene", || inputs::make_scene(case, &images))?;
         watch.tell_memory_mb(inputs::memory_mb(&scene, &images));
         let registered = registration(&case.robot, &scene)?;
+        reach::judge(&arm, &registered, &scene, case.burr.radius_mm)
+            .map_err(|error| registered.blame(case, error))?;
         let mut warnings = images.warnings;
         warnings.extend(scene.warnings.iter().cloned());
-        warnings.extend(tools::arm_warning(case, &arm));
+        warnings.extend(tools::warnings(case, &arm));
         warnings.extend(registered.warnings(case));
         let placements = [images.ct.provenance.placement, images.labels.provenance.placement];
         Ok(Self { case: case.clone(), inputs: files, placements, scene, arm, registered, warnings })

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use bonemill_arm::ur::{UrModel, has_ur_joints, read_ur};
-use bonemill_arm::{Arm, ToolMount, read_urdf};
-use bonemill_case::{self as case, Case, Registration};
+use bonemill_arm::{Arm, read_urdf};
+use bonemill_case::{self as case, Case, Registration, ToolSpec};
 use bonemill_cutter::ShankCylinder;
 use bonemill_cutting::burr::{
     AtPoints, Discretisation, ElementGrid, Feed, ForceKernel, Material, Measure, ModelError, Tool,
@@ -13,7 +13,7 @@ use bonemill_geometry::{Approach, Base, Ct, Rigid};
 use bonemill_scene::Scene;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::PlanError;
+use super::{PlanError, mount};
 
 /// Elements of the force sum where a force is stated: from tip to shaft, and about so many around.
 pub const FORCE_ELEMENTS: [usize; 2] = [64, 128];
@@ -59,7 +59,7 @@ const ASSUMED_PLACE: [f64; 2] = [0.55, 0.05];
 ///
 /// # Errors
 /// [`PlanError::Needed`] where a UR has no tool, [`PlanError::Unsupported`] where the bone-attached arm is given one,
-/// [`PlanError::Robot`] where a file cannot be used or limits do not fit.
+/// [`PlanError::Mount`] where the arm cannot hold the tool so, [`PlanError::Robot`] where a file cannot be used or limits do not fit.
 pub fn arm(case: &Case, folder: &Path) -> Result<Arm, PlanError> {
     let robot = &case.robot;
     let refused = |key, supported| Err(PlanError::Unsupported { key, value: "given".into(), supported });
@@ -98,17 +98,24 @@ pub fn arm(case: &Case, folder: &Path) -> Result<Arm, PlanError> {
         Some(jerk) => arm.with_jerk_limits(jerk)?,
         None => arm,
     };
-    Ok(match robot.flange_from_burr {
-        None => arm,
-        Some((translation_mm, [roll, pitch, yaw])) => {
-            let turn = Rotation3::from_euler_angles(roll, pitch, yaw);
-            arm.with_mount(ToolMount { flange_from_burr: Rigid::new(turn, translation_mm.into()) })
-        }
-    })
+    let Some(mount) = mount::mount(case) else { return Ok(arm) };
+    mount::judge(case, &arm, &mount)?;
+    Ok(arm.with_mount(mount))
 }
 
-/// What is to be known about the arm's accuracy.
-pub fn arm_warning(case: &Case, arm: &Arm) -> Option<String> {
+/// A burr of a larger radius than this is rare, mm: those of otologic drills have diameters of 0.5 to 7 mm.
+const LARGE_RADIUS_MM: f64 = 3.5;
+
+/// What is to be known of tool and arm: a radius that may be a diameter, a doubtful mount, and the arm's accuracy.
+pub fn warnings(case: &Case, arm: &Arm) -> Vec<String> {
+    let radius_mm = case.burr.radius_mm;
+    let large = (case.tool == ToolSpec::Burr && radius_mm > LARGE_RADIUS_MM).then(|| {
+        format!("burr.radius_mm = {radius_mm} is a radius, that of a burr of {} mm in diameter; few burrs are larger than {} mm", 2.0 * radius_mm, 2.0 * LARGE_RADIUS_MM)
+    });
+    [large, mount::warning(case), accuracy_warning(case, arm)].into_iter().flatten().collect()
+}
+
+fn accuracy_warning(case: &Case, arm: &Arm) -> Option<String> {
     let Some(model) = UrModel::by_name(&case.robot.model) else {
         return has_ur_joints(arm).then(|| {
             format!(
@@ -190,10 +197,23 @@ pub fn slot_mass_mg(case: &Case, step_mm: f64) -> f64 {
 mod tests {
     use super::*;
 
+    fn case(more: &str) -> Case {
+        let text = "structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n";
+        Case::parse(&format!("{text}{more}"), Path::new("case.toml")).unwrap()
+    }
+
+    #[test]
+    fn a_radius_that_may_be_a_diameter_is_told() {
+        let mut case = case("[burr]\nradius_mm = 3.6\n");
+        let told = |case: &Case| warnings(case, &Arm::bone_attached().unwrap());
+        assert!(told(&case)[0].contains("radius_mm = 3.6 is a radius, that of a burr of 7.2 mm in diameter"));
+        case.burr.radius_mm = 3.5;
+        assert_eq!(told(&case), Vec::<String>::new());
+    }
+
     #[test]
     fn lines_however_close_leave_a_force_to_measure_pushes_by() {
-        let text = "structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n";
-        let mut case = Case::parse(text, Path::new("case.toml")).unwrap();
+        let mut case = case("");
         let mut of = |layer_mm: f64, stepover_mm: f64| {
             (case.path.layer_mm, case.path.stepover_mm) = (layer_mm, stepover_mm);
             side_cut_n(&case).unwrap()

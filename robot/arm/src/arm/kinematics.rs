@@ -186,6 +186,15 @@ impl Arm {
         levers
     }
 
+    /// The farthest that the burr's centre can be from the base's origin, mm: Σ |O_i| + greatest |q| of the prismatic joints +
+    /// |flange_from_burr|, an upper bound. `None` for an arm that holds a block.
+    pub fn farthest_mm(&self) -> Option<f64> {
+        let links: f64 = self.segments.iter().map(|segment| segment.translation_mm.norm()).sum();
+        let slides = self.joints().iter().filter(|joint| joint.kind == JointKind::Prismatic);
+        let slid: f64 = slides.map(|joint| joint.lower.abs().max(joint.upper.abs())).sum();
+        Some(links + slid + self.mount().tool()?.flange_from_burr.translation_mm.norm())
+    }
+
     /// [`Arm::lever_mm`] with the chain from each joint through the base to a point at a distance from it, mm.
     fn lever_from_base_mm(&self, mut reach_mm: f64) -> Vec<f64> {
         let mut joints = self.joints().iter();

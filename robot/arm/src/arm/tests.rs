@@ -113,6 +113,18 @@ proptest! {
     }
 
     #[test]
+    fn the_burr_is_never_farther_than_the_chain_is_long(
+        q in prop::array::uniform6(-6.2f64..6.2), at in prop::array::uniform3(-200.0f64..200.0),
+    ) {
+        let mount = ToolMount { flange_from_burr: Rigid::new(Rotation3::identity(), at.into()) };
+        let arm = Arm::ur(crate::ur::UrModel::Ur5e, None).unwrap().with_mount(mount);
+        let burr = arm.burr(&q).unwrap().translation_mm;
+        prop_assert!(burr.norm() <= arm.farthest_mm().unwrap());
+        let far = arm.farthest_mm().unwrap() - Vector3::from(at).norm();
+        prop_assert!(far > 850.0 && far < 1400.0, "{} mm", far);
+    }
+
+    #[test]
     fn the_closed_form_brings_the_burr_there(
         p in prop::array::uniform3(-60.0f64..60.0), tilt in -1.2f64..1.2,
     ) {
