@@ -6,10 +6,12 @@
 //! work. The work may run on until its next poll, but its result is dropped, it holds no Python object, and it writes no file,
 //! because every file is written in a later stage.
 
+use std::cell::RefCell;
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use bonemill_geometry::JobPosition;
 use bonemill_geometry::cancel::{self, Cancel, Cancelled};
 use bonemill_planner::Progress;
 use pyo3::exceptions::PyRuntimeError;
@@ -20,28 +22,41 @@ const LOOK: Duration = Duration::from_millis(20);
 /// Longest wait for work that was told to stop.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// A progress report of the work.
+/// A progress report of the work: the stage that runs, and how much of the whole is done, in hundredths of a stage.
 struct Told {
     stage: String,
     done: usize,
     of: usize,
 }
 
+/// Steps of a stage.
+const PER_STAGE: usize = 100;
+
 /// Sends progress to the calling thread.
 struct Teller {
     to: Sender<Told>,
-    stage: std::cell::RefCell<String>,
+    stage: RefCell<String>,
+    position: RefCell<JobPosition>,
 }
 
 impl Progress for Teller {
+    fn expect(&self, stages: &[&'static str]) {
+        *self.position.borrow_mut() = JobPosition::expect(stages);
+    }
+
     fn stage(&self, name: &str) {
         name.clone_into(&mut self.stage.borrow_mut());
+        self.position.borrow_mut().begin(name);
         self.advance(0, 0);
     }
 
     fn advance(&self, done: usize, of: usize) {
         // each progress report is also a point at which the work can stop
         cancel::poll();
+        let mut position = self.position.borrow_mut();
+        position.advance(done, of);
+        let done = (PER_STAGE as f64 * position.stages_done()) as usize;
+        let of = position.stage().map_or(0, |(_, stages)| PER_STAGE * stages);
         // sending fails when the work is being stopped
         let _ = self.to.send(Told { stage: self.stage.borrow().clone(), done, of });
     }
@@ -69,7 +84,7 @@ pub fn run<T: Send + 'static>(
     let watched = cancel.clone();
     let worker = thread::spawn(move || {
         pool.install(|| {
-            let teller = Teller { to, stage: Default::default() };
+            let teller = Teller { to, stage: RefCell::default(), position: RefCell::default() };
             watched.run(|| work(&teller))
         })
     });

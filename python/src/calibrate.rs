@@ -8,6 +8,7 @@ use bonemill_planner::calibrate::{
 };
 use bonemill_planner::plan::{LogRow, Need, read_force_log};
 use bonemill_planner::simulate::{SimulationSetup, observe};
+use bonemill_planner::stages;
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 
@@ -47,6 +48,7 @@ pub fn calibrate(
     };
     let finished = Finished::new(plan, saved)?;
     let done: Result<CoefficientFit, NotDone> = apart::run(py, progress, None, move |progress| {
+        progress.expect(stages::CALIBRATE);
         let setup = SimulationSetup::read(&finished.read(Need::All)?, progress)?;
         progress.stage("mill along the log");
         let observations = observe(&setup, &rows)?;

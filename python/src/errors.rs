@@ -54,6 +54,8 @@ pub fn refused(refused: &Refused) -> PyErr {
         | RustPlanError::Registration(_)
         | RustPlanError::FiducialsOutside { .. }
         | RustPlanError::Unsupported { .. }
+        | RustPlanError::Needed { .. }
+        | RustPlanError::Mount(_)
         | RustPlanError::StiffnessMissing => CaseError::new_err(text),
         _ => PlanError::new_err(text),
     }

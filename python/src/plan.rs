@@ -10,8 +10,8 @@ use bonemill_planner::plan::{
     self as files, ForceToward, Input, Need, PlanFileError, PlanRecord, Replace, StagedDirectory, StoredPlan,
     Waypoint,
 };
-use bonemill_planner::save;
 use bonemill_planner::{Plan as RustPlan, Setup};
+use bonemill_planner::{save, stages};
 use bonemill_robot::timelaw::TimeLaw;
 use bonemill_robot::{Arm, JointKind, RobotError};
 use numpy::ndarray::Array2;
@@ -56,10 +56,12 @@ pub fn plan(
         let refuse = |error| Box::new(Refused::new(error, &case, &path));
         Ok(match case.job.channel() {
             Some(spec) => {
+                progress.expect(stages::CHANNEL);
                 let plan = channel::plan(&case, spec, &path, progress).map_err(refuse)?;
                 (channel::record(&plan, path.clone()), Body::Channel(Box::new(plan)))
             }
             None => {
+                progress.expect(stages::PLAN);
                 let plan = bonemill_planner::plan(&case, &path, progress).map_err(refuse)?;
                 (record(&plan, path.clone()), Body::Made(Box::new(plan)))
             }

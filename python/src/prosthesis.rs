@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use bonemill_planner::case::prosthesis::ProsthesisJob;
 use bonemill_planner::plan::{Replace, StagedDirectory};
 use bonemill_planner::prosthesis::{ProsthesisError, ProsthesisPlan as RustPlan, plan, save};
+use bonemill_planner::stages;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2};
 use pyo3::prelude::*;
@@ -31,6 +32,7 @@ pub fn prosthesis(
     let path = job.clone();
     let made = apart::run(py, progress, threads, move |progress| {
         let job = ProsthesisJob::parse(&text, &path)?;
+        progress.expect(stages::PROSTHESIS);
         plan(&job, &path, progress).map(Box::new)
     })?;
     let plan = made.map_err(|e: ProsthesisError| errors::prosthesis(&e))?;

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use bonemill_planner::case::Case;
 use bonemill_planner::plan::Need;
 use bonemill_planner::report::simulation::values as figures;
-use bonemill_planner::save;
 use bonemill_planner::simulate::{
     ModelName, NoSuchModel, Sampling, Simulation, SimulationRow, simulate as rust_simulate,
 };
+use bonemill_planner::{save, stages};
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -61,6 +61,10 @@ pub fn simulate<'py>(
     let finished = Finished::new(plan, saved)?;
     let done = apart::run(py, progress, None, move |progress| {
         let plan = finished.read(Need::All)?;
+        let is_channel = plan.record.case.job.channel().is_some();
+        let replayed = if is_channel { stages::SIMULATE_CHANNEL } else { stages::SIMULATE };
+        let written = if keep { &["write files"][..] } else { &[] };
+        progress.expect(&[replayed, written].concat());
         let simulated = rust_simulate(&plan, model, sampling, progress)?;
         if keep {
             progress.stage("write files");

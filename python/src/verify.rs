@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use bonemill_planner::plan::{Need, StoredPlan};
-use bonemill_planner::save;
 use bonemill_planner::uncertainty::{
     self as rust, ErrorModel, Risk, Sigmas, UncertaintyError, simulate_errors,
 };
 use bonemill_planner::verify::verify as rust_verify;
+use bonemill_planner::{save, stages};
 use pyo3::prelude::*;
 
 use crate::apart;
@@ -43,6 +43,11 @@ pub fn verify(
     let done = apart::run(py, progress, None, move |progress| {
         let plan = finished.read(Need::All)?;
         let model = samples.map(|n| model(&plan, n, errors)).transpose()?;
+        let is_channel = plan.record.case.job.channel().is_some();
+        let checked = if is_channel { stages::VERIFY_CHANNEL } else { stages::VERIFY };
+        let drawn_after = if model.is_some() { stages::DRAW_ERRORS } else { &[] };
+        let written = if keep { &["write verdict"][..] } else { &[] };
+        progress.expect(&[checked, drawn_after, written].concat());
         let verdict = rust_verify(&plan, progress)?;
         let drawn = model.map(|m| simulate_errors(&plan, &m, progress).map(|risk| (m, risk))).transpose()?;
         if keep {

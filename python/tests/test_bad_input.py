@@ -1,6 +1,9 @@
 """What comes in wrong is refused with the command's words, as an exception of ours; nothing is left behind."""
 
 import subprocess
+import sys
+import tomllib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -104,10 +107,13 @@ def test_images_that_the_planner_cannot_trust_are_refused(block: bonemill.Case, 
     with pytest.raises(bonemill.ImageError) as caught:
         bonemill.plan(block.with_images(ct=ct))
     assert says in str(caught.value)
+    # the temporary files are gone when the message is read
+    assert "the image ct in memory" in str(caught.value) and "/bonemill-" not in str(caught.value)
+    assert f"{block.path} as changed" in str(caught.value)
 
 
 def test_labels_that_are_none_are_refused(block: bonemill.Case) -> None:
-    with pytest.raises(bonemill.ImageError, match="no label"):
+    with pytest.raises(bonemill.ImageError, match="the image labels in memory.*no label"):
         bonemill.plan(block.with_images(labels=(np.full((9, 9, 9), 0.5), np.eye(4))))
     with pytest.raises(bonemill.ArrayError, match="ct, labels or both"):
         block.with_images()
@@ -124,6 +130,44 @@ def test_a_folder_with_something_else_is_not_replaced(planned: bonemill.Plan, tm
         bonemill.Plan.load(tmp_path)
     with pytest.raises(bonemill.PlanFileError, match="not empty"):
         bonemill.phantom("block", tmp_path)
+
+
+def test_what_is_no_plan_is_refused_and_a_folder_is_one(planned: bonemill.Plan, block: bonemill.Case, tmp_path: Path) -> None:
+    folder = planned.save(tmp_path / "plan")
+    jobs: list[Any] = [bonemill.verify, partial(bonemill.simulate, rate_hz=20)]
+    for job in jobs:
+        assert job(folder)[0] is not None and job(str(folder))[0] is not None
+        with pytest.raises(bonemill.ArrayError, match="plan is int: expected a Plan or a plan's folder"):
+            job(3)
+        with pytest.raises(bonemill.ArrayError, match=r"plan is Case.*bonemill.plan\(case\) makes one"):
+            job(block)
+        with pytest.raises(bonemill.PlanFileError, match="nowhere"):
+            job(tmp_path / "nowhere")
+    # each reads the folder's own bytes
+    found, same = (bonemill.simulate(plan, rate_hz=20).figures for plan in (folder, planned))
+    assert found == same
+    with pytest.raises(bonemill.PlanFileError, match="nowhere"):
+        bonemill.calibrate(tmp_path / "nowhere", tmp_path / "log.csv")
+    with pytest.raises(bonemill.PlanFileError, match="nowhere"):
+        bonemill.view(tmp_path / "nowhere", save=tmp_path / "a.rrd")
+
+
+def test_a_tool_that_no_arm_can_hold_is_the_cases_fault(block: bonemill.Case) -> None:
+    mount = {"robot.model": "ur5e", "robot.flange_from_burr": {"translation_mm": [0, 0, 180], "rpy_rad": [0, 0, 0]}}
+    with pytest.raises(bonemill.CaseError, match="the shank points away from the flange"):
+        bonemill.plan(block.with_values(mount))
+
+
+def test_every_extra_that_a_message_names_exists(monkeypatch: pytest.MonkeyPatch, planned: bonemill.Plan) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(bonemill.BonemillError, match=r"pip install rerun-sdk==0.36.3 \(the extra `view`\)"):
+        bonemill.view(planned)
+    root = Path(__file__).parents[1]
+    extras = tomllib.loads((root / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert "rerun-sdk==0.36.3" in extras["view"]
+    documents = (root.parent / "docs/own-ct.md").read_text() + (root / "README.md").read_text()
+    for extra in extras:
+        assert f"| `{extra}` |" in documents, extra
 
 
 def test_bad_options_are_refused(block: bonemill.Case, tmp_path: Path) -> None:

@@ -129,7 +129,7 @@ def test_errors_that_are_none_are_refused(planned: bonemill.Plan) -> None:
         ("boundary_mm", -0.1, "boundary sigma, mm = -0.1"),
         ("density_share", -1, "density"),
         ("k_share", "a", "k_share"),
-        ("keep", 1.0, "probability = 1: expected 0.5 to below 1"),
+        ("keep", 1.0, "keep = 1: expected 0.5 to below 1, the probability with which every structure must stay untouched"),
         ("draw_seed", -1, "draw_seed"),
         ("draw_seed", 1.5, "draw_seed"),
     ]:

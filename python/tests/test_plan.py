@@ -158,7 +158,12 @@ def test_progress_comes_in_order_and_in_this_thread(block: bonemill.Case) -> Non
         threads.add(threading.get_ident())
 
     bonemill.plan(block, progress=progress)
-    assert [stage for stage, done, _ in told if done == 0][:3] == ["read images", "scene", "free space"]
+    stages = [stage for stage, _, _ in told]
+    assert stages[:3] == ["read images", "scene", "free space"]
+    # how much of the whole is done, in hundredths of a stage: from nothing, never back, to the last stage
+    shares = [(done, of) for _, done, of in told]
+    assert shares[:3] == [(0, 1400), (100, 1400), (200, 1400)] and shares == sorted(shares)
+    assert shares[-1][0] >= 1300 and {of for _, of in shares} == {1400}
     assert threads == {threading.get_ident()}
 
 
@@ -402,6 +407,13 @@ def test_values_that_no_case_has_are_refused(block: bonemill.Case, values: dict[
     with pytest.raises(bonemill.CaseError) as refused:
         block.with_values(values)
     assert says in str(refused.value)
+    # nobody has the text with these values, so no line of it is told; after other changes neither
+    assert f"{block.path}:" not in str(refused.value)
+    with pytest.raises(bonemill.CaseError) as refused:
+        block.with_values({"burr.flutes": 6}).with_values(values)
+    assert says in str(refused.value) and "/bonemill-" not in str(refused.value)
+    if "path.step_mm" in values and isinstance(values["path.step_mm"], float):
+        assert str(refused.value).startswith(f"{block.path} with these values: ")
 
 
 def test_folders_are_compared_whatever_became_of_their_inputs(own_block: bonemill.Case, tmp_path: Path) -> None:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import _folders, _images, _native
-from ._errors import ArrayError, CaseError
+from ._errors import ArrayError, BonemillError, CaseError
 
 if TYPE_CHECKING:
     from tempfile import TemporaryDirectory
@@ -27,6 +29,7 @@ class Case:
     _text: str
     _path: Path
     _folder: TemporaryDirectory[str] | None
+    _origin: Path
 
     def __init__(self) -> None:
         raise TypeError("use Case.load(path)")
@@ -41,10 +44,12 @@ class Case:
         return cls._make(_read(Path(path)), Path(path), None)
 
     @classmethod
-    def _make(cls, text: str, path: Path, folder: TemporaryDirectory[str] | None) -> Case:
+    def _make(
+        cls, text: str, path: Path, folder: TemporaryDirectory[str] | None, origin: Path | None = None
+    ) -> Case:
         case = object.__new__(cls)
         case._native = _native.Case(text, path)
-        case._text, case._path, case._folder = text, path, folder
+        case._text, case._path, case._folder, case._origin = text, path, folder, origin or path
         return case
 
     def with_images(
@@ -109,9 +114,14 @@ class Case:
                 if not Path(folder.name, entry.name).exists():
                     shutil.copyfile(entry, Path(folder.name, entry.name))
         given = [(str(key), None if value is None else _toml(str(key), value)) for key, value in values.items()]
-        text = _native.with_values(self._text, self._path, given)
-        # checked before paths change, so that messages name this case
-        files = _native.Case(text, self._path).files()
+        try:
+            text = _native.with_values(self._text, self._path, given)
+            # checked before paths change, so that messages have the paths that were given
+            files = _native.Case(text, self._path).files()
+        except CaseError as error:
+            # nobody has the text whose lines these are
+            place = rf"(?m)^{re.escape(str(self._path))}(:\d+)?: "
+            raise CaseError(re.sub(place, lambda _: f"{self._origin} with these values: ", str(error))) from None
         away: list[tuple[str, str | None]] = [
             (key, json.dumps(os.path.abspath(self._path.parent / name), ensure_ascii=False))
             for key, name in files
@@ -120,7 +130,24 @@ class Case:
         home = Path(folder.name, "case.toml")
         text = _native.with_values(text, self._path, away)
         home.write_text(text, encoding="utf-8")
-        return Case._make(text, home, folder)
+        return Case._make(text, home, folder, self._origin)
+
+    @contextmanager
+    def _naming(self) -> Iterator[None]:
+        """What is refused is named as the caller knows it, not by this case's temporary files."""
+        try:
+            yield
+        except BonemillError as error:
+            if self._folder is None:
+                raise
+            raise type(error)(self._told(str(error))) from None
+
+    def _told(self, text: str) -> str:
+        """A message with the names that the caller knows in place of this case's temporary files."""
+        folder = "" if self._folder is None else re.escape(self._folder.name + os.sep)
+        text = re.sub(rf"{folder}case\.toml(:\d+)?", lambda _: f"{self._origin} as changed", text)
+        text = re.sub(rf"{folder}(ct|labels)\.nii", r"the image \1 in memory", text)
+        return re.sub(rf"{folder}labels\.json", "label_names", text)
 
     @property
     def path(self) -> Path:
@@ -156,7 +183,7 @@ class Case:
         if self._folder is None:
             return _restore, (self._text, os.path.abspath(self._path))
         files = {entry.name: entry.read_bytes() for entry in Path(self._folder.name).iterdir()}
-        return _restore_files, (self._text, files)
+        return _restore_files, (self._text, files, str(self._origin))
 
 
 def _toml(key: str, value: Any) -> str:
@@ -189,11 +216,11 @@ def _restore(text: str, path: str) -> Case:
     return Case._make(text, Path(path), None)
 
 
-def _restore_files(text: str, files: dict[str, bytes]) -> Case:
+def _restore_files(text: str, files: dict[str, bytes], origin: str) -> Case:
     folder = _folders.temporary()
     for name, content in files.items():
         Path(folder.name, name).write_bytes(content)
-    return Case._make(text, Path(folder.name, "case.toml"), folder)
+    return Case._make(text, Path(folder.name, "case.toml"), folder, Path(origin))
 
 
 def phantom(kind: str, out: str | os.PathLike[str], *, seed: int = 1) -> Case:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _arrays, _fields, _folders, _native
-from ._errors import ArrayError
-from ._plan import Plan, Progress, _fixed
+from ._errors import ArrayError, BonemillError
+from ._plan import Plan, Progress, _as_plan, _fixed
 
 LOG_COLUMNS = ("time_s", "x_mm", "y_mm", "z_mm", "axis_x", "axis_y", "axis_z", "fx_n", "fy_n", "fz_n")
 """Columns of a force log, ct frame: clock, burr centre, shaft from the burr to the handpiece, mean force on the burr."""
@@ -145,7 +145,7 @@ class Calibration(NamedTuple):
 
 
 def simulate(
-    plan: Plan,
+    plan: Plan | str | os.PathLike[str],
     *,
     model: str = "fluted",
     step_mm: float = 0.1,
@@ -158,7 +158,7 @@ def simulate(
     The numbers are those of ``bonemill simulate``.
 
     Args:
-        plan: the plan; its images must still be there and the same.
+        plan: the plan, or its folder; its images must still be there and the same.
         model: ``fluted`` (Dillon et al. 2016, blade by blade), ``lumped`` or ``lumped-as-printed`` (Yang and Chen).
         step_mm: how far the burr goes at most between two rows.
         rate_hz: so many rows a second instead.
@@ -172,13 +172,14 @@ def simulate(
     """
     step = _arrays.positive("step_mm", step_mm)
     rate = None if rate_hz is None else _arrays.positive("rate_hz", rate_hz)
+    plan = _as_plan(plan)
     with _on_disk(plan, save) as saved:
         columns, structures, figures = _native.simulate(plan._made, saved, model, step, rate, save, progress)
     return Simulation(_fixed(_arrays.table(columns, plan._names()[structures])), figures)
 
 
 def verify(
-    plan: Plan,
+    plan: Plan | str | os.PathLike[str],
     *,
     samples: int | None = None,
     errors: Errors | None = None,
@@ -190,7 +191,7 @@ def verify(
     The numbers are those of ``bonemill verify``.
 
     Args:
-        plan: the plan; its images must still be there and the same.
+        plan: the plan, or its folder; its images must still be there and the same.
         samples: also repeat the plan so often, 1 to 1000000, under drawn errors of registration, boundaries, density and
             coefficients: how likely it touches each structure, how far forces are off.
         errors: how large they are; with ``samples``.
@@ -208,6 +209,7 @@ def verify(
         raise ArrayError("errors are given without samples: expected how often to draw them")
     count = None if samples is None else _arrays.whole("samples", samples, 1, 1_000_000)
     sigmas, keep, seed = _errors_of(errors if errors is not None else {})
+    plan = _as_plan(plan)
     with _on_disk(plan, save) as saved:
         text, found = _native.verify(plan._made, saved, save, count, (sigmas, keep, seed), progress)
     verdict = tomllib.loads(text)
@@ -253,7 +255,7 @@ def _check(found: Mapping[str, Any]) -> Check:
 
 
 def calibrate(
-    plan: Plan,
+    plan: Plan | str | os.PathLike[str],
     log: str | os.PathLike[str] | NDArray[np.void] | Mapping[str, Any],
     *,
     coefficients: Sequence[str] = ("k_t", "k_r", "k_a"),
@@ -262,7 +264,7 @@ def calibrate(
     """Fits the force model's coefficients to measured forces, by milling the plan's bone along the log's poses.
 
     Args:
-        plan: says bone, burr and spindle; the log need not follow its path. Bone that was milled before the log's first
+        plan: the plan, or its folder; says bone, burr and spindle; the log need not follow its path. Bone that was milled before the log's first
             row must not matter: the log begins with the whole bone.
         log: a CSV file, or columns by name, shape (n,) each: `LOG_COLUMNS`. The clock rises; the force is the mean over
             the move that ends at the row.
@@ -274,6 +276,7 @@ def calibrate(
         ArrayError, ModelError, PlanFileError, ImageError, PlanError: a log, a key or a plan that is none.
     """
     rows = Path(log) if isinstance(log, (str, os.PathLike)) else _log(log)
+    plan = _as_plan(plan)
     with _on_disk(plan, False) as saved:
         found, residual_n, used = _native.calibrate(plan._made, saved, rows, list(coefficients), progress)
     return Calibration({key: Estimate(value, half, unit) for key, value, half, unit in found}, residual_n, used)
@@ -303,4 +306,10 @@ def _on_disk(plan: Plan, save: bool) -> Iterator[Path | None]:
     if save:
         raise ArrayError("save = True is for a plan with a folder: bonemill.Plan.load(plan.save(folder))")
     with _folders.temporary() as folder:
-        yield plan.save(Path(folder, "plan"))
+        home = plan.save(Path(folder, "plan"))
+        try:
+            with plan.case._naming():
+                yield home
+        except BonemillError as error:
+            # the folder is gone when the message is read
+            raise type(error)(str(error).replace(str(home), "the plan in memory")) from None

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from . import _arrays, _folders, _native
 from ._arm import Arm
 from ._case import Case
+from ._errors import ArrayError
 
 if TYPE_CHECKING:
     from tempfile import TemporaryDirectory
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
 _Kind = TypeVar("_Kind", bound=np.generic)
 
 Progress = Callable[[str, int, int], object]
-"""``progress(stage, done, of)``: a stage begins with 0, 0. What it raises stops the work."""
+"""``progress(stage, done, of)``: the stage that runs, and how much of the whole work is done, in hundredths of a stage; ``of`` is
+100 times the number of stages. `done` never falls; stages take different times. What it raises stops the work."""
 
 
 class Structure(NamedTuple):
@@ -250,6 +252,16 @@ class Plan:
         return _restore, (files, os.path.abspath(self._made.case_path()), inputs, self._pack)
 
 
+def _as_plan(plan: Plan | str | os.PathLike[str]) -> Plan:
+    """A plan, or the one in a folder."""
+    if isinstance(plan, Plan):
+        return plan
+    if isinstance(plan, (str, os.PathLike)):
+        return Plan.load(plan)
+    hint = "; bonemill.plan(case) makes one" if isinstance(plan, Case) else ""
+    raise ArrayError(f"plan is {type(plan).__name__}: expected a Plan or a plan's folder{hint}")
+
+
 def _restore(files: dict[str, bytes], case_path: str, inputs: str | None, pack: bool) -> Plan:
     folder = _folders.temporary()
     home = Path(folder.name, "plan")
@@ -298,4 +310,5 @@ def plan(
     asked = case if isinstance(case, Case) else Case.load(case)
     asked._unchanged()
     count = None if threads is None else _arrays.whole("threads", threads, 1, 1024)
-    return Plan._make(_native.plan(asked._native, progress, count), asked, pack=pack)
+    with asked._naming():
+        return Plan._make(_native.plan(asked._native, progress, count), asked, pack=pack)

@@ -11,28 +11,34 @@ import numpy as np
 from . import _native
 from ._errors import BonemillError
 from ._judge import _on_disk
-from ._plan import Plan, Progress
+from ._plan import Plan, Progress, _as_plan
 
 _TIME = "time"
 _SLICES = ("x_y", "x_z", "y_z")
 _TARGET, _BONE = (80, 255, 140), (226, 201, 160)
 
 
-def view(plan: Plan, *, save: str | os.PathLike[str] | None = None, progress: Progress | None = None) -> None:
+def view(
+    plan: Plan | str | os.PathLike[str],
+    *,
+    save: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+) -> None:
     """Opens the plan in the rerun viewer, or writes a file for it. Needs ``rerun-sdk`` (the extra ``view``).
 
     Args:
-        plan: the plan; without its images, target, structures and slices are not drawn, and the page ``about`` says so.
+        plan: the plan, or its folder; without its images, target, structures and slices are not drawn, and the page ``about`` says so.
         save: write this ``.rrd`` file instead of opening the viewer; its folder must exist.
         progress: told ``(stage, done, of)``.
 
     Raises:
         BonemillError: rerun-sdk is not installed, the file cannot be written, or the images cannot be read.
     """
+    plan = _as_plan(plan)
     try:
         import rerun as rr
     except ImportError as error:
-        raise BonemillError("view needs rerun-sdk: pip install 'bonemill[view]'") from error
+        raise BonemillError("view needs rerun-sdk: pip install rerun-sdk==0.36.3 (the extra `view`)") from error
     if save is not None and not Path(save).absolute().parent.is_dir():
         raise BonemillError(f"cannot write {save}: there is no folder {Path(save).absolute().parent}; make it first")
     with _on_disk(plan, False) as saved:
