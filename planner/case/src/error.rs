@@ -282,7 +282,7 @@ fn nearest_text(nearest: &Option<String>) -> String {
 }
 
 fn unit_text(unit: &Unit) -> String {
-    if *unit == Unit::One { String::new() } else { format!(" {unit}") }
+    if unit.is_none() { String::new() } else { format!(" {unit}") }
 }
 
 fn looks_like_text(looks_like: &Option<(&'static str, f64)>) -> String {

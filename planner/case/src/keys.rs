@@ -15,6 +15,8 @@ use crate::Sheets;
 pub enum Unit {
     /// Dimensionless or a count.
     One,
+    /// A part of a whole.
+    Share,
     /// Length.
     Mm,
     /// Speed.
@@ -64,7 +66,7 @@ pub enum Unit {
 impl fmt::Display for Unit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Unit::One => "1",
+            Unit::One | Unit::Share => "1",
             Unit::Mm => "mm",
             Unit::MmS => "mm/s",
             Unit::Deg => "degrees",
@@ -92,6 +94,16 @@ impl fmt::Display for Unit {
 }
 
 impl Unit {
+    /// Whether a number in it is written without a unit.
+    pub(super) fn is_none(self) -> bool {
+        matches!(self, Unit::One | Unit::Share)
+    }
+
+    /// The unit after "a number": nothing where there is none.
+    pub(super) fn after(self) -> String {
+        if self.is_none() { String::new() } else { format!(" in {self}") }
+    }
+
     /// Units in which the number may have been meant: (name, factor to ours).
     pub(super) fn lookalikes(self) -> &'static [(&'static str, f64)] {
         match self {
@@ -106,7 +118,9 @@ impl Unit {
             Unit::Um => &[("mm", 1e3), ("m", 1e6)],
             Unit::W => &[("mW", 1e-3), ("kW", 1e3)],
             Unit::Hz => &[("kHz", 1e3)],
-            Unit::One => &[("per cent", 1e-2)],
+            Unit::Rad => &[("degrees", std::f64::consts::PI / 180.0)],
+            Unit::Deg => &[("radians", 180.0 / std::f64::consts::PI)],
+            Unit::Share => &[("per cent", 1e-2)],
             _ => &[],
         }
     }
@@ -245,7 +259,7 @@ table! {
         FRUSTUM_TO = "target.frustum.to_mm" Mm -1e4..1e4, Words(REQUIRED), "centre of the second end, ct", "-";
         FRUSTUM_FROM_RADIUS = "target.frustum.from_radius_mm" Mm 0.0..200.0, Words(REQUIRED), "radius at the first end", "-";
         FRUSTUM_TO_RADIUS = "target.frustum.to_radius_mm" Mm 0.0..200.0, Words(REQUIRED), "radius at the second end", "-";
-        LEAST_SHARE = "target.least_share" One 0.0..1.0, Value(0.9),
+        LEAST_SHARE = "target.least_share" Share 0.0..1.0, Value(0.9),
             "least share of the target's mm³ to be removed, air cells included and what lies beyond the scan counted as not removed; below it the plan falls short", ASSUMED;
         CLEARANCE = "structure.clearance_mm" Mm 0.0..50.0, Value(1.0),
             "least distance of the burr's surface from the structure", "assumed (docs/force-model.md 10: r_v,min = r + 1 mm)";
@@ -290,18 +304,18 @@ table! {
         PECK = "path.peck_mm" Mm 0.1..300.0, Words(ABSENT), "with plunge: depth between two retractions out of the bone", "-";
         DWELL = "path.dwell_s" S 0.0..60.0, Words("0 with plunge or ream"), "with plunge or ream: how long the tool turns at the end", ASSUMED;
         STANDOFF = "path.standoff_mm" Mm 0.5..100.0, Words("5 with plunge or ream"), "with plunge or ream: how far before the bone the tip begins and ends", ASSUMED;
-        TOUCH_PROBABILITY = "path.touch_probability" One 1e-9..0.5, Words("0.01 with plunge or ream"), "with plunge or ream: largest probability with which the registration's error lets the tool touch a structure; above it the plan falls short", ASSUMED;
+        TOUCH_PROBABILITY = "path.touch_probability" Share 1e-9..0.5, Words("0.01 with plunge or ream"), "with plunge or ream: largest probability with which the registration's error lets the tool touch a structure; above it the plan falls short", ASSUMED;
         REGISTRATION_SIGMA = "path.registration_sigma_mm" Mm 0.0..10.0, Words("0.15 with plunge or ream"), "with plunge or ream: standard deviation of the registration's error along each axis, where robot.base_from_ct gives no fiducials to estimate it from",
             "assumed: the largest deviation of 12 robotically milled cochlear channels was 0.35 mm";
         KAPPA = "cost.kappa_per_mm" PerMm 0.0..100.0, Value(0.7), "decay of a structure's importance with distance, that of α₁ too", "assumed (docs/force-model.md 10): α₁ halves with each mm";
-        ALPHA_MAX = "cost.alpha_max" One 0.0..1.0, Words("0.8; 0.5 with preset = \"paper\""), "α₁ at the clearance", "docs/force-model.md 8, resolution 10: 0.5 as D prints it, 0.8 as D's text and trials ask";
+        ALPHA_MAX = "cost.alpha_max" Share 0.0..1.0, Words("0.8; 0.5 with preset = \"paper\""), "α₁ at the clearance", "docs/force-model.md 8, resolution 10: 0.5 as D prints it, 0.8 as D's text and trials ask";
         TILT_LIMIT = "orientation.tilt_limit_deg" Deg 0.0..90.0, Value(60.0), "largest angle from the approach while cutting", ASSUMED;
         MIN_SPEED = "speed.min_mm_s" MmS 0.01..1000.0, Value(0.5), "slowest cut", "assumed (docs/force-model.md 10)";
         MAX_SPEED = "speed.max_mm_s" MmS 0.01..1000.0, Value(4.0), "fastest cut", "assumed (docs/force-model.md 10)";
         NOMINAL_SPEED = "speed.nominal_mm_s" MmS 0.01..1000.0, Value(1.5), "speed of `constant`, and at which forces are compared", "D: 1.5 mm/s";
         LINK_SPEED = "speed.link_mm_s" MmS 0.01..1000.0, Value(10.0), "speed in free space", ASSUMED;
         TOTAL_TIME = "speed.total_time_s" S 0.1..1e6, Derived("with mode = \"least_force\": what a straight shaft takes with every cut at nominal_mm_s, driven by the same arm along lines in the better of two directions; else none"), "time of the whole plan, when it is to be met", "D III: trials of equal time";
-        FORCE_ROOM = "speed.force_room" One 0.0..10.0, Value(0.1), "with mode = \"least_force\": share by which the least level of |F| that fits the time may be exceeded, so that the level toward structures can be lower", "assumed";
+        FORCE_ROOM = "speed.force_room" Share 0.0..10.0, Value(0.1), "with mode = \"least_force\": share by which the least level of |F| that fits the time may be exceeded, so that the level toward structures can be lower", "assumed";
         ANGLES = "orientation.angles" One 1.0..2.0, Derived("1 for the bone-attached arm, 2 for others"), "tilt angles of the shaft: θ in one plane, or θ and φ", "D: four joints leave θ";
         FORCE_CAP = "speed.force_n" N 0.001..1000.0, Derived("with mode = \"force_limited\": 1.7; else none"), "largest predicted force on the burr", "D IV: peak 1.69 N of the third trial";
         TOWARD_CAP = "speed.force_toward_n" One 0.0..1000.0, Derived("with mode = \"force_limited\": [[2, 0.8], [6, 1.7]]; else none"),
@@ -315,7 +329,7 @@ table! {
         JERK = "robot.jerk_limits" JointJerk 1e-6..1e12, Derived("full acceleration within 0.02 s, marked assumed"), "per joint and s³", "-";
         RATE = "robot.rate_hz" Hz 1.0..10_000.0, Value(500.0), "sampling rate of the trajectory", "UR e-series controllers";
         ROTATION = "robot.base_from_ct.rotation" One -1.1..1.1, Words(REQUIRED), "R of p_base = R p_ct + t, by rows; or quaternion_wxyz, or rpy_rad", "-";
-        QUATERNION = "robot.base_from_ct.quaternion_wxyz" One -1.1..1.1, Words("instead of rotation"), "R as a unit quaternion", "-";
+        QUATERNION = "robot.base_from_ct.quaternion_wxyz" One -1e6..1e6, Words("instead of rotation"), "R as a unit quaternion", "-";
         RPY = "robot.base_from_ct.rpy_rad" Rad -10.0..10.0, Words("instead of rotation"), "R = Rz(yaw) Ry(pitch) Rx(roll), as in URDF", "-";
         TRANSLATION = "robot.base_from_ct.translation_mm" Mm -1e5..1e5, Words(REQUIRED), "t of p_base = R p_ct + t", "-";
         FIDUCIALS_CT = "robot.base_from_ct.fiducials.ct_mm" Mm -1e5..1e5, Words("instead of rotation"), "points in ct (RAS+; a point in LPS has x and y negated), inside the scan, at least three and not on a line; base_from_ct is fitted to them", "Arun et al. 1987";
@@ -406,7 +420,7 @@ pub(super) struct Entry {
 
 impl From<&Number> for Entry {
     fn from(n: &Number) -> Self {
-        let unit = if n.unit == Unit::One { String::new() } else { format!(" {}", n.unit) };
+        let unit = if n.unit.is_none() { String::new() } else { format!(" {}", n.unit) };
         let default = match n.default {
             Value(v) => v.to_string(),
             Words(words) | Derived(words) | Chosen(words) => words.into(),

@@ -152,7 +152,7 @@ impl<'t, 'i> Walk<'t, 'i> {
             (Some(v), _) | (None, Fallback::Value(v)) => v,
             (None, _) => {
                 if !self.has(name_of(of.path)) {
-                    self.missing(name_of(of.path), format!("a number in {}", of.unit));
+                    self.missing(name_of(of.path), format!("a number{}", of.unit.after()));
                 }
                 of.max
             }
@@ -194,7 +194,7 @@ impl<'t, 'i> Walk<'t, 'i> {
     pub(super) fn required_vector(&self, of: &Number) -> Vector3<f64> {
         let name = name_of(of.path);
         if !self.has(name) {
-            self.missing(name, format!("[x, y, z] in {}", of.unit));
+            self.missing(name, format!("[x, y, z]{}", of.unit.after()));
         }
         self.vector(of).unwrap_or_else(Vector3::zeros)
     }
@@ -235,7 +235,7 @@ impl<'t, 'i> Walk<'t, 'i> {
 
     fn numbers(&self, name: &str, key: String, value: &DeValue<'_>, of: &Number) -> Option<Vec<f64>> {
         let Some(array) = value.as_array() else {
-            self.wrong_type(name, key, value, format!("a list of numbers in {}", of.unit));
+            self.wrong_type(name, key, value, format!("a list of numbers{}", of.unit.after()));
             return None;
         };
         let each = array.iter().enumerate();
@@ -245,7 +245,7 @@ impl<'t, 'i> Walk<'t, 'i> {
     /// The value as a finite number in range, or a fault.
     fn checked(&self, name: &str, key: String, value: &DeValue<'_>, of: &Number) -> Option<f64> {
         let Some(found) = as_number(value) else {
-            self.wrong_type(name, key, value, format!("a number in {}", of.unit));
+            self.wrong_type(name, key, value, format!("a number{}", of.unit.after()));
             return None;
         };
         if !found.is_finite() {
@@ -254,7 +254,7 @@ impl<'t, 'i> Walk<'t, 'i> {
         }
         if !(of.min..=of.max).contains(&found) {
             let (min, max, unit) = (of.min, of.max, of.unit);
-            let fits = |&&(_, factor): &&(&str, f64)| found > 0.0 && (min..=max).contains(&(found * factor));
+            let fits = |&&(_, factor): &&(&str, f64)| (min..=max).contains(&(found * factor));
             let looks_like =
                 unit.lookalikes().iter().find(fits).map(|(name, factor)| (*name, found * factor));
             self.note(name, CaseFault::OutOfRange { key, found, min, max, unit, looks_like });
@@ -329,7 +329,7 @@ impl<'t, 'i> Walk<'t, 'i> {
             if asked.iter().any(|(known, _)| *known == name) {
                 continue;
             }
-            let same = asked.iter().find(|(known, unit)| *unit != Unit::One && same_quantity(name, known));
+            let same = asked.iter().find(|(known, unit)| !unit.is_none() && same_quantity(name, known));
             let fault = match same {
                 Some((known, unit)) => {
                     CaseFault::WrongUnit { key: self.key(name), expected: self.key(known), unit: *unit }
@@ -368,3 +368,6 @@ fn describe(value: &DeValue<'_>) -> String {
         DeValue::Table(_) => "a table".into(),
     }
 }
+
+#[cfg(test)]
+mod tests;

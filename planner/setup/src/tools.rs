@@ -106,13 +106,21 @@ pub fn arm(case: &Case, folder: &Path) -> Result<Arm, PlanError> {
 /// A burr of a larger radius than this is rare, mm: those of otologic drills have diameters of 0.5 to 7 mm.
 const LARGE_RADIUS_MM: f64 = 3.5;
 
-/// What is to be known of tool and arm: a radius that may be a diameter, a doubtful mount, and the arm's accuracy.
+/// What is to be known of tool and arm: a radius that may be a diameter, degrees that may be radians, a doubtful mount, and the
+/// arm's accuracy.
 pub fn warnings(case: &Case, arm: &Arm) -> Vec<String> {
     let radius_mm = case.burr.radius_mm;
     let large = (case.tool == ToolSpec::Burr && radius_mm > LARGE_RADIUS_MM).then(|| {
         format!("burr.radius_mm = {radius_mm} is a radius, that of a burr of {} mm in diameter; few burrs are larger than {} mm", 2.0 * radius_mm, 2.0 * LARGE_RADIUS_MM)
     });
-    [large, mount::warning(case), accuracy_warning(case, arm)].into_iter().flatten().collect()
+    let tilt_deg = case.orientation.tilt_limit_rad.to_degrees();
+    let small = (tilt_deg > 0.0 && tilt_deg <= std::f64::consts::FRAC_PI_2).then(|| {
+        format!(
+            "orientation.tilt_limit_deg = {tilt_deg:.3} is in degrees; it looks like radians, which would be {:.1} here",
+            tilt_deg.to_degrees()
+        )
+    });
+    [large, small, mount::warning(case), accuracy_warning(case, arm)].into_iter().flatten().collect()
 }
 
 fn accuracy_warning(case: &Case, arm: &Arm) -> Option<String> {
@@ -203,12 +211,17 @@ mod tests {
     }
 
     #[test]
-    fn a_radius_that_may_be_a_diameter_is_told() {
+    fn a_radius_that_may_be_a_diameter_and_degrees_that_may_be_radians_are_told() {
         let mut case = case("[burr]\nradius_mm = 3.6\n");
         let told = |case: &Case| warnings(case, &Arm::bone_attached().unwrap());
         assert!(told(&case)[0].contains("radius_mm = 3.6 is a radius, that of a burr of 7.2 mm in diameter"));
         case.burr.radius_mm = 3.5;
         assert_eq!(told(&case), Vec::<String>::new());
+        case.orientation.tilt_limit_rad = 0.785f64.to_radians();
+        assert!(
+            told(&case)[0]
+                .contains("tilt_limit_deg = 0.785 is in degrees; it looks like radians, which would be 45.0")
+        );
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use bonemill_geometry::{Ct, Point};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
-use super::{RigidError, UncertaintyError, not_negative, probability};
+use super::{RigidError, UncertaintyError, kept, not_negative};
 
 /// The clearance with which every plan that keeps it leaves the structure untouched with probability `keep`, mm.
 ///
@@ -25,7 +25,7 @@ pub fn clearance_mm(
     keep: f64,
 ) -> Result<f64, UncertaintyError> {
     let boundary = not_negative("boundary sigma, mm", boundary_sigma_mm)?;
-    let miss = 1.0 - probability(keep)?;
+    let miss = 1.0 - kept(keep)?;
     let rank = registration.rank();
     let worst = structure.into_iter().map(|p| registration.worst_sigma_mm(p)).fold(0.0, f64::max);
     let moves = rank > 0 && worst > 0.0;

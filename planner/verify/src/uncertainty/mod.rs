@@ -58,10 +58,11 @@ fn not_negative(what: &'static str, value: f64) -> Result<f64, UncertaintyError>
     Err(UncertaintyError::Value { what, value, expected: "a finite number, at least 0" })
 }
 
-/// Checks that a requested probability is in range.
-fn probability(value: f64) -> Result<f64, UncertaintyError> {
+/// Checks that the probability of touching nothing that is asked for is in range.
+fn kept(value: f64) -> Result<f64, UncertaintyError> {
     if (0.5..1.0).contains(&value) {
         return Ok(value);
     }
-    Err(UncertaintyError::Value { what: "probability", value, expected: "0.5 to below 1" })
+    let expected = "0.5 to below 1, the probability with which every structure must stay untouched";
+    Err(UncertaintyError::Value { what: "keep", value, expected })
 }

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::draws::Draws;
 use super::rigid_error::PatientShift;
-use super::{RigidError, Share, UncertaintyError, clearance_mm, not_negative, probability};
+use super::{RigidError, Share, UncertaintyError, clearance_mm, kept, not_negative};
 use crate::{Anatomy, Boxes};
 
 /// Distance between tested places of the burr, mm.
@@ -130,7 +130,7 @@ impl ErrorModel {
         not_negative("boundary sigma, mm", self.boundary_sigma_mm)?;
         not_negative("density's standard deviation", self.density_share)?;
         not_negative("coefficients' standard deviation", self.coefficient_share)?;
-        probability(self.keep)?;
+        kept(self.keep)?;
         if (1..=MOST_SAMPLES).contains(&self.samples) {
             return Ok(());
         }
