@@ -6,7 +6,7 @@ use bonemill_imaging::phantom::PhantomKind;
 use bonemill_planner::calibrate::Coefficient;
 use bonemill_planner::plan::{Need, PlanFileError, StoredPlan};
 use bonemill_planner::simulate::ModelName;
-use clap::{ArgGroup, Parser, Subcommand};
+use clap::{ArgGroup, CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Plans how a robot mills bone: path, burr angle, speed and joint trajectory from CT.
 ///
@@ -39,6 +39,14 @@ pub enum Talk {
 }
 
 impl Args {
+    /// The arguments of this process.
+    ///
+    /// # Errors
+    /// What clap has to say: a usage error, or the help or version that was asked for.
+    pub fn read() -> Result<Self, clap::Error> {
+        Self::from_arg_matches(&with_negative_numbers(Self::command()).try_get_matches()?)
+    }
+
     /// What the command prints; `--json` has precedence over `--quiet`.
     pub fn talk(&self) -> Talk {
         match (self.json, self.quiet) {
@@ -47,6 +55,15 @@ impl Args {
             (false, false) => Talk::People,
         }
     }
+}
+
+/// The command with options that take a number such as -5 as a value, to be refused by its range and not as an unknown option.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let of_value = |arg: clap::Arg| {
+        let takes_value = arg.get_action().takes_values();
+        if takes_value { arg.allow_negative_numbers(true) } else { arg }
+    };
+    command.mut_args(of_value).mut_subcommands(with_negative_numbers)
 }
 
 impl Command {
@@ -262,7 +279,7 @@ pub struct VerifyArgs {
     #[arg(long)]
     pub all: bool,
     /// Also evaluate the plan under N sets of random errors: how likely it touches each structure, and the spread of forces
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub samples: Option<u32>,
     #[command(flatten)]
     pub errors: ErrorArgs,
@@ -327,6 +344,9 @@ pub struct CompareArgs {
     /// Folder of the second plan
     #[arg(value_name = "B")]
     pub second: PathBuf,
+    /// Print every figure, not only those that matter most
+    #[arg(long)]
+    pub all: bool,
     /// Also write an HTML page
     #[arg(long, value_name = "PAGE.html")]
     pub out: Option<PathBuf>,
@@ -348,11 +368,10 @@ pub struct ReportArgs {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_arguments_are_consistent() {
-        Args::command().debug_assert();
+        with_negative_numbers(Args::command()).debug_assert();
     }
 
     #[test]

@@ -20,5 +20,5 @@ pub fn run(args: &CompareArgs) -> anyhow::Result<Outcome> {
         std::fs::write(out, page(&comparison, names, plans))
             .with_context(|| format!("cannot write {}", out.display()))?;
     }
-    Ok(Outcome::compared(&comparison, names, args.out.as_deref()))
+    Ok(Outcome::compared(&comparison, names, args.all, args.out.as_deref()))
 }

@@ -32,14 +32,16 @@ use std::process::ExitCode;
 use anyhow::Context;
 use bonemill_geometry::cancel::{Cancel, Cancelled};
 use bonemill_planner::pipeline::Refused;
-use clap::Parser;
 
-use args::{Args, Command};
+use args::{Args, Command, Talk};
 use console::Console;
 use outcome::Outcome;
 
 fn main() -> ExitCode {
-    let args = Args::parse();
+    let args = match Args::read() {
+        Ok(args) => args,
+        Err(said) => return outcome::tell_usage(&said, std::env::args_os().any(|arg| arg == "--json")),
+    };
     let console = Console::new(args.talk());
     let cancel = Cancel::new();
     let result = cancel.run(|| run(&args, &console, &cancel));
@@ -52,10 +54,13 @@ fn main() -> ExitCode {
         }
     };
     match result {
-        Ok(outcome) => {
-            outcome.tell(args.talk(), &console.seconds(), console.memory_mb_estimated());
-            outcome.exit_code()
-        }
+        Ok(outcome) => match outcome.tell(args.talk(), &console.seconds(), console.memory_mb_estimated()) {
+            Ok(()) => outcome.exit_code(),
+            Err(lost) => {
+                outcome::tell_error(&lost, false, Talk::People);
+                ExitCode::from(2)
+            }
+        },
         Err(error) => {
             let falls_short = error.downcast_ref::<Refused>().is_some_and(Refused::falls_short);
             outcome::tell_error(&error, falls_short, args.talk());

@@ -4,6 +4,7 @@ use std::io::{Write, stdout};
 use std::path::Path;
 use std::process::ExitCode;
 
+use anyhow::Context;
 use bonemill_planner::case::Case;
 use bonemill_planner::compare::{Comparison, Group, Pair};
 use bonemill_planner::plan::{ChannelRecord, PlanRecord, Value};
@@ -221,9 +222,13 @@ impl Outcome {
         outcome
     }
 
-    /// Two plans were compared; the page is in the file `out`.
-    pub fn compared(comparison: &Comparison, names: [&str; 2], out: Option<&Path>) -> Self {
-        let mut text = comparison.table(names);
+    /// Two plans were compared; the page is in the file `out`. The text has the figures that matter most, or all of them.
+    pub fn compared(comparison: &Comparison, names: [&str; 2], all: bool, out: Option<&Path>) -> Self {
+        let mut text = if all {
+            comparison.table(names)
+        } else {
+            comparison.summary(names) + "(--all prints every figure, of every structure)\n"
+        };
         text.extend(out.map(|path| format!("wrote {}\n", path.display())));
         let mut outcome = Self::new("compare", text);
         let texts = |rows: &[(String, Pair<String>)]| -> Map<_, _> {
@@ -278,18 +283,32 @@ impl Outcome {
         ExitCode::from(u8::from(!self.shortfalls.is_empty()))
     }
 
-    /// Prints the result. Shortfalls are printed on stderr even with `--quiet`. A closed pipe is not an error.
-    pub fn tell(&self, talk: Talk, seconds: &[(String, f64)], memory_mb_estimated: Option<f64>) {
-        self.print(talk, seconds, memory_mb_estimated);
+    /// Prints the result. Shortfalls are printed on stderr even with `--quiet`.
+    ///
+    /// # Errors
+    /// When standard output takes not all of it: a full disk, a closed pipe.
+    pub fn tell(
+        &self,
+        talk: Talk,
+        seconds: &[(String, f64)],
+        memory_mb_estimated: Option<f64>,
+    ) -> anyhow::Result<()> {
+        let printed = self.print(talk, seconds, memory_mb_estimated);
         let said = talk == Talk::People && self.object.get("command").is_some_and(|name| name == "verify");
         for reason in self.shortfalls.iter().filter(|_| !said) {
             eprintln!("fell short: {reason}");
         }
+        printed
     }
 
-    fn print(&self, talk: Talk, seconds: &[(String, f64)], memory_mb_estimated: Option<f64>) {
+    fn print(
+        &self,
+        talk: Talk,
+        seconds: &[(String, f64)],
+        memory_mb_estimated: Option<f64>,
+    ) -> anyhow::Result<()> {
         let text = match talk {
-            Talk::Quiet => return,
+            Talk::Quiet => return Ok(()),
             Talk::People => self.text.clone(),
             Talk::Machine => {
                 let mut object = self.object.clone();
@@ -302,8 +321,18 @@ impl Outcome {
                 format!("{}\n", serde_json::Value::from(object))
             }
         };
-        let _ = stdout().write_all(text.as_bytes());
+        print(&text)
     }
+}
+
+/// Prints a text on standard output, all of it.
+///
+/// # Errors
+/// When standard output does not take it.
+pub fn print(text: &str) -> anyhow::Result<()> {
+    let mut out = stdout().lock();
+    let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    written.context("cannot write to standard output")
 }
 
 /// Warnings, one per line.
@@ -363,9 +392,37 @@ pub fn tell_error(error: &anyhow::Error, falls_short: bool, talk: Talk) {
     if talk == Talk::Machine {
         let causes: Vec<String> = error.chain().skip(1).map(ToString::to_string).collect();
         let word = if falls_short { "fell_short" } else { "error" };
-        let object = json!({ "outcome": word, "error": error.to_string(), "causes": causes });
-        let _ = writeln!(stdout(), "{object}");
+        tell_object(&json!({ "outcome": word, "error": error.to_string(), "causes": causes }));
     }
+}
+
+/// Prints the object of an error; the exit code tells the error anyway.
+fn tell_object(object: &serde_json::Value) {
+    if let Err(lost) = print(&format!("{object}\n")) {
+        eprintln!("error: {lost}: {}", lost.root_cause());
+    }
+}
+
+/// Prints what clap has to say of arguments that are none, or the help or version that they ask for.
+pub fn tell_usage(said: &clap::Error, wants_json: bool) -> ExitCode {
+    if !said.use_stderr() {
+        let printed = print(&said.render().to_string());
+        return match printed {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(lost) => {
+                tell_error(&lost, false, Talk::People);
+                ExitCode::from(2)
+            }
+        };
+    }
+    // nothing is left to do where stderr is closed
+    let _ = said.print();
+    if wants_json {
+        let text = said.render().to_string();
+        let text = text.strip_prefix("error: ").unwrap_or(&text).trim_end();
+        tell_object(&json!({ "outcome": "error", "error": text, "causes": [] }));
+    }
+    ExitCode::from(2)
 }
 
 /// A planned channel for people.

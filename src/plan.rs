@@ -5,10 +5,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use bonemill_imaging::PHANTOM_CASE_FILE;
+use bonemill_imaging::phantom::PhantomKind;
 use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
 use bonemill_planner::pipeline::place;
 use bonemill_planner::plan::{Replace, StagedDirectory};
+use bonemill_planner::stages;
 
 use crate::args::PlanArgs;
 use crate::outcome::Outcome;
@@ -25,6 +27,7 @@ pub fn run(args: &PlanArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
         .map(|path| read_case(path).map(|case| (case, path.to_path_buf())))
         .transpose()?;
     let staged = StagedDirectory::create(&args.out, Replace::Plan)?;
+    progress.expect(&expected_stages(args.phantom, given.as_ref().map(|(case, _)| case)));
     let (case, case_path) = match given {
         Some(given) => given,
         None => make_phantom(args, &staged, progress)?,
@@ -35,6 +38,17 @@ pub fn run(args: &PlanArgs, progress: &dyn Progress) -> anyhow::Result<Outcome> 
     let record = planning::plan_into(&case, &case_path, pack, &staged, progress)?;
     let out = staged.commit()?;
     Ok(Outcome::planned(&out, &record))
+}
+
+/// The stages of planning a phantom or a case.
+fn expected_stages(phantom: Option<PhantomKind>, case: Option<&Case>) -> Vec<&'static str> {
+    let is_channel = match phantom {
+        Some(kind) => matches!(kind, PhantomKind::Tibia | PhantomKind::Glenoid),
+        None => case.is_some_and(|case| case.job.channel().is_some()),
+    };
+    let drawn = if phantom.is_some() { stages::PHANTOM } else { &[] };
+    let planned = if is_channel { stages::CHANNEL } else { stages::PLAN };
+    [drawn, planned, &["write files"]].concat()
 }
 
 fn read_case(path: &Path) -> anyhow::Result<Case> {

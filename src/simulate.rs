@@ -8,6 +8,7 @@ use bonemill_planner::calibrate::{Coefficient, CoefficientFit, calibrate};
 use bonemill_planner::plan::{Need, StoredPlan, read_force_log};
 use bonemill_planner::save;
 use bonemill_planner::simulate::{Sampling, SimulationSetup, observe, simulate};
+use bonemill_planner::stages;
 use serde_json::json;
 
 use crate::args::{SimulateArgs, Talk};
@@ -32,6 +33,9 @@ pub fn run(args: &SimulateArgs, progress: &dyn Progress, talk: Talk) -> anyhow::
             ),
         };
     }
+    let is_channel = plan.record.case.job.channel().is_some();
+    let replayed = if is_channel { stages::SIMULATE_CHANNEL } else { stages::SIMULATE };
+    progress.expect(&[&["read plan"], replayed, &["write files"]].concat());
     let sampling = match args.rate_hz {
         Some(rate_hz) => Sampling::Rate { rate_hz },
         None => Sampling::Step { step_mm: args.step_mm },
@@ -49,6 +53,7 @@ fn fit(
     coefficients: &[Coefficient],
     progress: &dyn Progress,
 ) -> anyhow::Result<Outcome> {
+    progress.expect(&[&["read plan"], stages::CALIBRATE].concat());
     let rows = read_force_log(log)?;
     let setup = SimulationSetup::read(plan, progress)?;
     progress.stage("mill along the log");

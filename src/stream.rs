@@ -48,10 +48,7 @@ pub fn run(
         let start = Instant::now();
         let answer = hand.answer(line.trim());
         took_us.push(start.elapsed().as_secs_f64() * 1e6);
-        // if the reader closed the pipe, the stream ends
-        if writeln!(out, "{answer}").and_then(|()| out.flush()).is_err() {
-            break;
-        }
+        writeln!(out, "{answer}").and_then(|()| out.flush()).context("cannot write to standard output")?;
     }
     drop(out);
     Ok(summary(&mut took_us, talk))

@@ -4,6 +4,7 @@ use anyhow::Context;
 use bonemill_planner::Progress;
 use bonemill_planner::plan::{Need, PlanFileError, StoredPlan, digests, is_prosthesis};
 use bonemill_planner::save;
+use bonemill_planner::stages;
 use bonemill_planner::uncertainty::{ErrorModel, Sigmas, UncertaintyError, simulate_errors};
 use bonemill_planner::verify::{Check, Place, Verification, verify};
 
@@ -27,6 +28,10 @@ pub fn run(args: &VerifyArgs, progress: &dyn Progress) -> anyhow::Result<Outcome
         Ok(plan) => {
             // invalid numbers are refused before the verification, which takes minutes
             let model = args.samples.map(|n| error_model(&plan, &args.errors, n)).transpose()?;
+            let is_channel = plan.record.case.job.channel().is_some();
+            let checked = if is_channel { stages::VERIFY_CHANNEL } else { stages::VERIFY };
+            let drawn_after = if model.is_some() { stages::DRAW_ERRORS } else { &[] };
+            progress.expect(&[&["read plan"], checked, drawn_after, &["write verdict"]].concat());
             let failed = || format!("the plan in {} cannot be verified", dir.display());
             let found = verify(&plan, progress).with_context(failed)?;
             warnings.clone_from(&plan.record.warnings);

@@ -241,6 +241,179 @@ fn wrong_arguments_exit_with_2() {
 }
 
 #[test]
+fn a_full_disk_or_a_closed_pipe_behind_standard_output_is_an_error() {
+    let place = Place::new();
+    let case = place.run(&["phantom", "--kind", "tibia", "--out", "tibia", "--quiet"]);
+    assert_eq!(case.code, 0, "{}", case.err);
+    assert_eq!(place.run(&["plan", "tibia/case.toml", "--out", "plan", "--quiet"]).code, 0);
+    let full = || std::fs::OpenOptions::new().write(true).open("/dev/full");
+    if full().is_err() {
+        eprintln!("SKIPPED: there is no /dev/full here");
+        return;
+    }
+    for args in [
+        &["keys"][..],
+        &["columns"],
+        &["--help"],
+        &["--version"],
+        &["compare", "plan", "plan"],
+        &["compare", "plan", "plan", "--json"],
+        &["verify", "plan"],
+        &["verify", "plan", "--json"],
+        &["plan", "tibia/case.toml", "--out", "plan", "--json"],
+        &["phantom", "--kind", "tibia", "--out", "other"],
+        &["plan", "nowhere.toml", "--out", "p", "--json"],
+        &["plan", "--json"],
+    ] {
+        // a pipe of which nobody reads the other end
+        let (reader, closed) = std::io::pipe().unwrap();
+        drop(reader);
+        for (out, says) in [
+            (full().unwrap().into(), "No space left"),
+            (Into::<std::process::Stdio>::into(closed), "Broken pipe"),
+        ] {
+            let mut command = Command::new(env!("CARGO_BIN_EXE_bonemill"));
+            let ran = command.args(args).current_dir(place.0.path()).stdout(out).output().unwrap();
+            let said = String::from_utf8(ran.stderr).unwrap();
+            assert_eq!(ran.status.code(), Some(2), "{args:?}: {said}");
+            assert!(
+                said.contains("error: cannot write to standard output") && said.contains(says),
+                "{args:?}: {said}"
+            );
+            let _ = fs::remove_dir_all(place.path("other"));
+        }
+    }
+    // what is to be written is written all the same, and silence has nothing to lose
+    assert!(place.path("plan/verification.toml").exists() || place.path("plan/plan.toml").exists());
+    let mut quiet = Command::new(env!("CARGO_BIN_EXE_bonemill"));
+    let quiet = quiet.args(["compare", "plan", "plan", "--quiet"]).current_dir(place.0.path());
+    assert_eq!(quiet.stdout(full().unwrap()).status().unwrap().code(), Some(0));
+}
+
+#[test]
+fn wrong_arguments_are_an_object_with_json() {
+    let place = Place::new();
+    for (args, says) in [
+        (&["plan", "--json"][..], "required arguments were not provided"),
+        (
+            &["--json", "phantom", "--kind", "skull", "--out", "p"],
+            "invalid value 'skull' for '--kind <KIND>'",
+        ),
+        (
+            &["verify", "p", "--json", "--samples", "-5"],
+            "invalid value '-5' for '--samples <N>': -5 is not in 1..=1000000",
+        ),
+        (&["nothing", "--json"], "unrecognized subcommand 'nothing'"),
+    ] {
+        let ran = place.run(args);
+        ran.refused(&[says]);
+        let object: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
+        assert_eq!(object["outcome"], "error");
+        let error = object["error"].as_str().unwrap();
+        assert!(error.contains(says) && !error.starts_with("error:"), "{error}");
+        assert_eq!(ran.out.lines().count(), 1);
+    }
+    // without it, and where help was asked for, there is none
+    assert_eq!(place.run(&["plan"]).out, "");
+    assert!(place.run(&["plan", "--help", "--json"]).out.starts_with("Plan a case"));
+}
+
+#[test]
+fn a_negative_number_is_a_value_and_not_an_option() {
+    let place = Place::new();
+    for (args, says) in [
+        (&["verify", "p", "--samples", "-5"][..], "-5 is not in 1..=1000000"),
+        (
+            &["phantom", "--kind", "block", "--out", "p", "--seed", "-1"],
+            "invalid value '-1' for '--seed <SEED>'",
+        ),
+        (&["plan", "c.toml", "--out", "p", "--threads", "-2"], "-2 is not in 1..=1024"),
+        (
+            &["stock", "add", "A", "--size-mm", "1", "2", "3", "--count", "-1"],
+            "invalid value '-1' for '--count <COUNT>'",
+        ),
+    ] {
+        let ran = place.run(args);
+        ran.refused(&[says]);
+        assert!(!ran.err.contains("tip:"), "{}", ran.err);
+    }
+}
+
+#[test]
+fn the_command_that_a_phantom_prints_runs_as_written() {
+    let place = Place::new();
+    for (out, folder) in [("tibia", "tibia"), ("a 'foam' block", "it")] {
+        let ran = place.run(&["phantom", "--kind", "tibia", "--out", out]);
+        let next = ran.out.trim_end().split_once("; next: bonemill ").unwrap().1;
+        let script = format!("'{}' {next}", env!("CARGO_BIN_EXE_bonemill"));
+        // from a folder of its own, as one would from a shell elsewhere
+        fs::create_dir(place.path(&format!("from-{folder}"))).unwrap();
+        let mut shell = Command::new("sh");
+        let ran =
+            shell.args(["-c", &script]).current_dir(place.path(&format!("from-{folder}"))).output().unwrap();
+        assert!(ran.status.success(), "{script}: {}", String::from_utf8_lossy(&ran.stderr));
+        assert!(place.path(&format!("{out}-plan/plan.toml")).exists(), "{script}");
+    }
+}
+
+#[test]
+fn the_folder_in_which_the_command_runs_is_not_replaced() {
+    let place = Place::new();
+    for args in [
+        &["phantom", "--kind", "block", "--out", "."][..],
+        &["plan", "--phantom", "tibia", "--out", "."],
+        &["plan", "--phantom", "tibia", "--out", "../"],
+        &["prosthesis", "--phantom", "prosthesis", "--out", "."],
+    ] {
+        place.run(args).refused(&["is the folder in which this runs, or holds it", "choose another folder"]);
+    }
+    assert!(place.names().is_empty());
+}
+
+/// The first time that each stage is told, in order.
+fn stages(said: &str) -> Vec<&str> {
+    let mut found: Vec<&str> = Vec::new();
+    let stages =
+        said.lines().filter(|line| !line.starts_with("takes about") && !line.starts_with("fell short"));
+    stages.for_each(|line| {
+        if !found.contains(&line) {
+            found.push(line)
+        }
+    });
+    found
+}
+
+#[test]
+fn the_stages_that_a_job_announces_are_those_that_run() {
+    use bonemill_planner::stages::{
+        CHANNEL, DRAW_ERRORS, PHANTOM, PLAN, SIMULATE, SIMULATE_CHANNEL, VERIFY, VERIFY_CHANNEL,
+    };
+    let place = Place::new();
+    assert_eq!(stages(&place.run(&["phantom", "--kind", "block", "--out", "block"]).err), PHANTOM);
+    let case = fs::read_to_string(place.path("block/case.toml")).unwrap();
+    // a coarse plan of a small part
+    let case = case
+        .replace("label = 20                       #", "ball = { center_mm = [0, 0, -2], radius_mm = 4 } #");
+    let case =
+        case.replace("step_mm = 0.25 ", "step_mm = 1.0 ").replace("spacing_mm = 0.25 ", "spacing_mm = 0.5 ");
+    fs::write(place.path("block/case.toml"), case).unwrap();
+    let ran = place.run(&["plan", "block/case.toml", "--out", "milled"]);
+    assert_eq!(stages(&ran.err), [PLAN, &["write files"]].concat(), "{}", ran.out);
+    let ran = place.run(&["plan", "--phantom", "tibia", "--out", "drilled"]);
+    assert_eq!(stages(&ran.err), [PHANTOM, CHANNEL, &["write files"]].concat());
+    for (plan, checked, replayed) in
+        [("milled", VERIFY, SIMULATE), ("drilled", VERIFY_CHANNEL, SIMULATE_CHANNEL)]
+    {
+        let ran = place.run(&["verify", plan, "--samples", "2"]);
+        let said: Vec<_> =
+            stages(&ran.err).into_iter().filter(|line| !line.starts_with("fell short")).collect();
+        assert_eq!(said, [&["read plan"], checked, DRAW_ERRORS, &["write verdict"]].concat());
+        let ran = place.run(&["simulate", plan, "--step-mm", "1"]);
+        assert_eq!(stages(&ran.err), [&["read plan"], replayed, &["write files"]].concat());
+    }
+}
+
+#[test]
 fn the_case_files_keys_are_printed() {
     let ran = Place::new().run(&["keys"]);
     assert_eq!(ran.code, 0);

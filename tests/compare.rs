@@ -67,7 +67,22 @@ fn two_plans_are_compared_by_their_own_files_alone() {
         assert!(page.contains(part), "{part} is not in {page}");
     }
     // the table for people; a plan compared with itself
-    let table = place.run(&["compare", "a", "a"]).out;
+    let short = place.run(&["compare", "a", "b"]).out;
+    let (figures, rest) = short.split_once("keys of the cases that differ").unwrap();
+    assert_eq!(figures.lines().count(), 1 + 12, "{short}");
+    for row in [
+        "target removed, %",
+        "bone removed outside the target, mm³",
+        "time, s",
+        "peak force, N",
+        "least distance of the burr's surface from nerve, mm",
+        "peak force toward nerve, N",
+        "largest distance between the paths, mm",
+    ] {
+        assert_eq!(figures.lines().filter(|line| line.starts_with(row)).count(), 1, "{row}: {short}");
+    }
+    assert!(rest.contains("structure.nerve.clearance_mm") && rest.contains("--all"), "{short}");
+    let table = place.run(&["compare", "a", "a", "--all"]).out;
     let hausdorff = table.lines().find(|line| line.contains("hausdorff_mm")).unwrap();
     assert!(hausdorff.ends_with(" 0") && !table.contains("keys of the cases that differ"), "{table}");
     place.run(&["compare", "a", "nowhere"]).refused(&["nowhere"]);

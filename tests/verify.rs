@@ -194,9 +194,16 @@ fn errors_that_make_no_sense_are_refused_and_no_verdict_is_written() {
     let place = upright();
     assert_eq!(place.plan().code, 0);
     for (samples, key, value, says) in [
-        ("0", "--keep", "0.9", "samples = 0: expected a whole number from 1 to 1000000"),
-        ("1000001", "--keep", "0.9", "samples = 1000001: expected"),
-        ("10", "--keep", "1", "probability = 1: expected 0.5 to below 1"),
+        ("0", "--keep", "0.9", "invalid value '0' for '--samples <N>': 0 is not in 1..=1000000"),
+        ("1000001", "--keep", "0.9", "1000001 is not in 1..=1000000"),
+        (
+            "10",
+            "--keep",
+            "1",
+            "keep = 1: expected 0.5 to below 1, the probability with which every structure must stay untouched",
+        ),
+        ("-5", "--keep", "0.9", "invalid value '-5' for '--samples <N>': -5 is not in 1..=1000000"),
+        ("10", "--keep", "-0.5", "keep = -0.5: expected 0.5 to below 1"),
         ("10", "--boundary-mm=-1", "--quiet", "boundary sigma, mm = -1"),
         ("10", "--registration-mm=-1", "--quiet", "standard deviation is negative"),
     ] {

@@ -24,6 +24,6 @@ mod volume;
 pub use frame::{Approach, Base, Block, Ct, Flange, Frame, Part, Point, Tool, Work};
 pub use grid::{Grid, GridError};
 pub use mesh::Mesh;
-pub use progress::Progress;
+pub use progress::{JobPosition, Progress};
 pub use rigid::{NotARotation, Rigid};
 pub use volume::{Volume, VolumeError, trilinear};

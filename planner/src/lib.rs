@@ -2,9 +2,11 @@
 //!
 //! This crate re-exports the planner's crates under one name. Data flows one way: [`case`] -> [`scene`] -> [`path`] with its
 //! [`removal`] times -> [`access`] -> [`engagement`] -> [`orientation`] -> forces ([`burr`]) -> [`speed`] -> joint trajectory -> files
-//! ([`plan`](mod@plan)). [`pipeline`] calls these stages in that order.
+//! ([`plan`](mod@plan)). [`pipeline`] calls these stages in that order, and [`stages`] lists those of every job.
 //!
 //! Units are mm, s, N, rad, g/cm³, mg. Library code prints nothing and does not panic on data.
+
+pub mod stages;
 
 pub use bonemill_case as case;
 pub use bonemill_catalogue as catalogue;

@@ -12,7 +12,9 @@ use bonemill_motion::resolve::Posture;
 use bonemill_planfile::{ChannelRecord, ForceToward, PlungeRow, Waypoint};
 use bonemill_scene::ApproachSpec;
 use bonemill_setup::inputs::{self, CaseImages};
-use bonemill_setup::{ChannelFault, PlanError, Setup, Stopwatch, channel::scene_case, registration, tools};
+use bonemill_setup::{
+    ChannelFault, PlanError, Setup, Stopwatch, channel::scene_case, reach, registration, tools,
+};
 use nalgebra::Unit;
 
 use crate::axis::ChannelAxis;

@@ -108,10 +108,14 @@ impl StagedDirectory {
     /// Begins to write `target`, which is not changed before the commit. Missing parent folders are made at the commit.
     ///
     /// # Errors
-    /// [`PlanFileError::Occupied`] when something else is there, [`PlanFileError::NoName`],
+    /// [`PlanFileError::Occupied`] when something else is there, [`PlanFileError::NoName`], [`PlanFileError::WorkingFolder`],
     /// [`PlanFileError::Io`] when the folder around it cannot be written.
     pub fn create(target: &Path, replace: Replace) -> Result<Self, PlanFileError> {
         let target = resolve(target)?;
+        // the new folder takes the place of the old one, which whoever works in it would be left in
+        if std::env::current_dir().is_ok_and(|here| here.starts_with(&target)) {
+            return Err(PlanFileError::WorkingFolder { path: target });
+        }
         put_back(&target)?;
         check_vacant(&target, replace)?;
         let home = existing_ancestor(&target);

@@ -35,6 +35,12 @@ pub enum PlanFileError {
         /// The path.
         path: PathBuf,
     },
+    /// The folder that would be replaced is the one in which this process runs, or holds it.
+    #[error("{} is the folder in which this runs, or holds it, and would be replaced: choose another folder, such as one in it", path.display())]
+    WorkingFolder {
+        /// The folder to write.
+        path: PathBuf,
+    },
     /// Something that is not a plan is where a plan should be written.
     #[error("{} exists and is not {expected}: {why}; remove it or choose another folder", path.display())]
     Occupied {

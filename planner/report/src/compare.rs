@@ -4,6 +4,7 @@
 //! one plan has is `None` for the other. The comparison does not say which plan is better.
 
 mod between;
+mod summary;
 
 pub use between::BetweenPlans;
 
@@ -44,6 +45,8 @@ pub struct Comparison {
     pub groups: Vec<Group>,
     /// Distances between the paths.
     pub between: BetweenPlans,
+    /// The structure of the first plan with the highest priority.
+    pub most_important: Option<String>,
 }
 
 impl Comparison {
@@ -54,10 +57,17 @@ impl Comparison {
             inputs: differing(plans.map(digests)),
             groups: groups(plans.map(figures)),
             between: BetweenPlans::of(plans),
+            most_important: plans[0]
+                .record
+                .case
+                .structures
+                .iter()
+                .min_by_key(|s| s.priority)
+                .map(|s| s.name.clone()),
         }
     }
 
-    /// The comparison as a table for a terminal.
+    /// Every figure as a table for a terminal.
     pub fn table(&self, names: [&str; 2]) -> String {
         let mut rows = vec![["".to_owned(), names[0].into(), names[1].into(), "second - first".into()]];
         let title = |text: &str| [text.to_owned(), String::new(), String::new(), String::new()];
@@ -74,25 +84,38 @@ impl Comparison {
         rows.extend(
             between.map(|(name, v)| [format!("  {name}"), "".into(), "".into(), Short(v).to_string()]),
         );
+        rows.extend(self.differing_rows());
+        lines(rows)
+    }
+
+    /// Keys of the cases and inputs that differ, as rows of a table.
+    fn differing_rows(&self) -> Vec<[String; 4]> {
+        let mut rows = Vec::new();
         for (name, differing) in
             [("keys of the cases that differ", &self.case), ("inputs that differ", &self.inputs)]
         {
-            rows.push(title(if differing.is_empty() { "" } else { name }));
+            if !differing.is_empty() {
+                rows.push([name.to_owned(), String::new(), String::new(), String::new()]);
+            }
             rows.extend(differing.iter().map(|(key, values)| {
                 let [a, b] =
                     values.each_ref().map(|v| v.as_deref().unwrap_or("-").chars().take(40).collect());
                 [format!("  {key}"), a, b, String::new()]
             }));
         }
-        rows.retain(|row| row.iter().any(|cell| !cell.is_empty()));
-        let width = |n: usize| rows.iter().map(|row| row[n].chars().count()).max().unwrap_or(0);
-        let widths = [0, 1, 2, 3].map(width);
-        let line = |[name, a, b, d]: &[String; 4]| {
-            let [w, wa, wb, wd] = widths;
-            format!("{name:<w$}  {a:>wa$}  {b:>wb$}  {d:>wd$}").trim_end().to_owned() + "\n"
-        };
-        rows.iter().map(line).collect()
+        rows
     }
+}
+
+/// The rows as lines, columns beneath one another.
+fn lines(rows: Vec<[String; 4]>) -> String {
+    let width = |n: usize| rows.iter().map(|row| row[n].chars().count()).max().unwrap_or(0);
+    let widths = [0, 1, 2, 3].map(width);
+    let line = |[name, a, b, d]: &[String; 4]| {
+        let [w, wa, wb, wd] = widths;
+        format!("{name:<w$}  {a:>wa$}  {b:>wb$}  {d:>wd$}").trim_end().to_owned() + "\n"
+    };
+    rows.iter().map(line).collect()
 }
 
 impl Figure {
