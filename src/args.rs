@@ -10,7 +10,7 @@ use clap::{ArgGroup, CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Plans how a robot mills bone: path, burr angle, speed and joint trajectory from CT.
 ///
-/// Exit code 0: done; 1: the plan fell short, with the reasons; 2: bad input; 130: stopped by a signal.
+/// Exit code 0: done; 1: the plan fell short, with the reasons; 2: bad input, or output that was lost; 130: stopped by a signal.
 #[derive(Debug, Parser)]
 #[command(version)]
 pub struct Args {

@@ -1,6 +1,6 @@
 //! The command `bonemill`: parses arguments, calls the library, writes files and prints a summary.
 //!
-//! Exit codes: 0 done, 1 the plan fell short (with the reasons), 2 bad input, 130 stopped by a signal. An error is printed once,
+//! Exit codes: 0 done, 1 the plan fell short (with the reasons), 2 bad input or lost output, 130 stopped by a signal. An error is printed once,
 //! on stderr, with its causes. With `--json`, stdout holds one JSON object and nothing else.
 
 #![expect(clippy::print_stderr, reason = "only the command speaks")]
