@@ -231,6 +231,28 @@ fn affines_that_disagree_are_refused_until_the_case_says_which_holds() {
     assert_eq!(place.plan().code, 0);
 }
 
+/// A body that was made larger without its pixdim, as a program that edits matrices only leaves it.
+#[test]
+fn voxel_sizes_that_contradict_pixdim_are_refused_until_the_case_chooses_the_sform() {
+    let larger = |b: &mut Vec<u8>| {
+        let size = 1.155 * body::SPACING_MM as f32;
+        (0..3).for_each(|a| put_singles(b, field::SROW + 20 * a, &[size]));
+    };
+    for (key, name) in [("ct", "ct.nii"), ("labels", "labels.nii")] {
+        let place = Place::healthy().with_bytes(name, larger);
+        place.refuses(&[
+            &place.line_of("[images]"),
+            &format!("images.{key}_affine"),
+            name,
+            "voxels of 0.5775 × 0.5775 × 0.5775 mm by the sform's columns, 0.5 × 0.5 × 0.5 mm by pixdim",
+        ]);
+    }
+    let chosen = "[images]\nct_affine = \"sform\"\nlabels_affine = \"sform\"";
+    let place = Place::healthy().with_bytes("ct.nii", larger).with_bytes("labels.nii", larger);
+    let ran = place.with_case("[images]", chosen).plan();
+    assert!(ran.code < 2, "{}{}", ran.out, ran.err);
+}
+
 #[test]
 fn images_of_different_places_are_refused_with_both_extents() {
     let place = Place::healthy().with_labels(|labels| labels.affine[0][3] += 1000.0);

@@ -345,7 +345,7 @@ table! {
         PRESET: bool = "preset" ["none" => false, "paper" => true],
             "`paper`: D's own choices as defaults: measure `dz`, alpha_max 0.5, mode `greedy`, speed smoothed by the plain moving average. Keys that stand in the file win", "D eq. 4, 8, II-D, II-H";
         CT_AFFINE: AffineChoice = "images.ct_affine" ["auto" => AffineChoice::Auto, "sform" => AffineChoice::Sform, "qform" => AffineChoice::Qform],
-            "which of the CT's affines holds; `auto`: sform, else qform, refused when they disagree by more than 0.1 voxel", "NIfTI-1";
+            "which of the CT's affines holds; `auto`: sform, else qform, refused when they disagree, or the sform's columns and pixdim, by more than 0.1 voxel at a corner", "NIfTI-1";
         LABELS_AFFINE: AffineChoice = "images.labels_affine" ["auto" => AffineChoice::Auto, "sform" => AffineChoice::Sform, "qform" => AffineChoice::Qform],
             "the same for the label map", "NIfTI-1";
         SHEETS: Sheets = "target.sheets" ["keep" => Sheets::Keep, "cut" => Sheets::Cut],

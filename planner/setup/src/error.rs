@@ -250,8 +250,12 @@ fn image_key(error: &ImageError, case: &Case, folder: &Path) -> Option<String> {
     let key = match error {
         ImageError::NotHounsfield { .. } => "images.ct",
         ImageError::Nifti { path, problem } => {
-            let is_choice =
-                matches!(problem, NiftiProblem::Disagreement { .. } | NiftiProblem::TransformUnset { .. });
+            let is_choice = matches!(
+                problem,
+                NiftiProblem::Disagreement { .. }
+                    | NiftiProblem::VoxelSizes { .. }
+                    | NiftiProblem::TransformUnset { .. }
+            );
             match (*path == folder.join(&case.images.ct), is_choice) {
                 (true, false) => "images.ct",
                 (true, true) => "images.ct_affine",

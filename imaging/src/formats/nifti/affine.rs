@@ -5,6 +5,9 @@
 //! [`DISAGREEMENT_LIMIT_VOXELS`] apart, one of them is wrong (often mirrored), and the case must say which one is right.
 //! A header with voxel sizes alone does not tell left from right and is refused.
 //!
+//! The lengths of the sform's columns and pixdim state the voxels' size twice. Where the two put a corner of the volume more
+//! than that far apart, one of them is wrong, whether or not a qform is set, and the case must choose the sform to keep it.
+//!
 //! A qform stores b, c, d of its quaternion in single precision and leaves out a = √(1 − b² − c² − d²). Close to a half
 //! turn the rounding of b, c, d alone changes a by up to 10⁻³, which moves a corner of a large scan by a third of a voxel.
 //! A difference from the sform that this rounding can explain is not counted as a disagreement.
@@ -151,8 +154,31 @@ pub(crate) fn grid_from_header(
         let limit = DISAGREEMENT_LIMIT_VOXELS;
         return Err(NiftiProblem::Disagreement { sform_code, qform_code, voxels, limit });
     }
+    if choice == AffineChoice::Auto {
+        check_sizes(header, &placement, dims, mm_per_unit)?;
+    }
     let grid = Grid::new(dims, spacing_mm, axes, placement.offset)?;
     Ok((grid, AffineReport { source, sform_code, qform_code, disagreement_voxels, shear_rad }))
+}
+
+/// Refuses voxel sizes that contradict pixdim: a qform's are pixdim itself, a sform's are the lengths of its columns.
+fn check_sizes(
+    header: &NiftiHeader,
+    placement: &Placement,
+    dims: [usize; 3],
+    mm_per_unit: f64,
+) -> Result<(), NiftiProblem> {
+    let pixdim_mm = Vector3::from_fn(|a, _| f64::from(header.pixdim[a + 1]) * mm_per_unit);
+    let affine_mm = placement.spacing_mm();
+    let scale = Matrix3::from_diagonal(&pixdim_mm.component_div(&affine_mm));
+    let by_pixdim = Placement { linear: placement.linear * scale, offset: placement.offset };
+    let voxels = placement.corner_distance_voxels(&by_pixdim, dims);
+    // a pixdim that is no size at all contradicts, too
+    if pixdim_mm.iter().all(|mm| *mm > 0.0) && voxels <= DISAGREEMENT_LIMIT_VOXELS {
+        return Ok(());
+    }
+    let limit = DISAGREEMENT_LIMIT_VOXELS;
+    Err(NiftiProblem::VoxelSizes { affine_mm: affine_mm.into(), pixdim_mm: pixdim_mm.into(), voxels, limit })
 }
 
 fn chosen(choice: AffineChoice, sform_code: i16, qform_code: i16) -> Result<AffineSource, NiftiProblem> {

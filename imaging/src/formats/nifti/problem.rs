@@ -212,13 +212,30 @@ pub enum NiftiProblem {
     /// sform and qform place the volume differently.
     #[error(
         "sform (code {sform_code}) and qform (code {qform_code}) differ by {voxels:.3} voxels at a corner, \
-         limit {limit}: say in the case which one holds"
+         limit {limit}: set images.ct_affine (of a label map images.labels_affine) to \"sform\" or \"qform\", whichever holds"
     )]
     Disagreement {
         /// `sform_code`.
         sform_code: i16,
         /// `qform_code`.
         qform_code: i16,
+        /// Largest distance between a corner's two positions, in units of the smallest voxel spacing.
+        voxels: f64,
+        /// The limit.
+        limit: f64,
+    },
+    /// The sform's columns and `pixdim` give the voxels different sizes.
+    #[error(
+        "voxels of {} mm by the sform's columns, {} mm by pixdim: {voxels:.3} voxels apart at the far corner, limit {limit}. Write the header anew from the original scan; or, if the sform is certainly right, set \
+         images.ct_affine (of a label map images.labels_affine) to \"sform\"",
+        size_text(affine_mm),
+        size_text(pixdim_mm)
+    )]
+    VoxelSizes {
+        /// Lengths of the sform's columns, mm.
+        affine_mm: [f64; 3],
+        /// `pixdim[1..=3]`, mm.
+        pixdim_mm: [f64; 3],
         /// Largest distance between a corner's two positions, in units of the smallest voxel spacing.
         voxels: f64,
         /// The limit.
@@ -249,6 +266,11 @@ pub enum NiftiProblem {
         /// How many.
         count: u64,
     },
+}
+
+/// In single precision, as the header stores it.
+fn size_text(mm: &[f64; 3]) -> String {
+    mm.map(|mm| (mm as f32).to_string()).join(" × ")
 }
 
 impl From<io::Error> for NiftiProblem {

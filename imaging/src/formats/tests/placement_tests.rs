@@ -56,6 +56,58 @@ fn a_turned_sform_disagrees_at_the_far_corner_only() {
     assert!(matches!(file.problem(), NiftiProblem::Disagreement { .. }));
 }
 
+/// With no qform, the lengths of the sform's columns are compared with pixdim.
+#[test]
+fn voxel_sizes_that_contradict_pixdim_are_refused_unless_the_case_chooses_the_sform() {
+    let with = |pixdim: [f32; 3], unit: u8| {
+        Changed::new(|b| {
+            put_i16(b, 252, 0);
+            b[123] = unit;
+            (0..3).for_each(|a| put_f32(b, 80 + 4 * a, pixdim[a]));
+            if unit == 3 {
+                (0..12).filter(|n| n % 4 < 3).for_each(|n| scale_f32(b, 280 + 4 * n, 1000.0));
+            }
+        })
+    };
+    // the far corner lies at index (4.5, 3.5, 2.5); 0.1 of the smallest voxel is 0.03 mm
+    for (pixdim, is_refused) in [
+        ([0.3, 0.5, 1.25], false),
+        ([0.306, 0.5, 1.25], false),
+        ([0.307, 0.5, 1.25], true),
+        ([0.3, 0.5, 1.2625], true),
+        ([0.3 / 1.155, 0.5 / 1.155, 1.25 / 1.155], true),
+        ([0.0, 0.5, 1.25], true),
+        ([-0.3, 0.5, 1.25], true),
+        ([f32::NAN, 0.5, 1.25], true),
+    ] {
+        let file = with(pixdim, 2);
+        let found = file.read(AUTO);
+        assert_eq!(matches!(found, Err(NiftiProblem::VoxelSizes { .. })), is_refused, "{pixdim:?} {found:?}");
+        assert!(is_refused || found.is_ok(), "{pixdim:?}");
+        assert_same_grid(
+            file.read(AffineChoice::Sform).unwrap().volume.grid(),
+            &grid([0.3, -0.2, 0.5], false),
+        );
+    }
+    let said = with([0.26, 0.5, 1.25], 2).problem().to_string();
+    for part in [
+        "0.3 × 0.5 × 1.25 mm by the sform",
+        "0.26 × 0.5 × 1.25 mm by pixdim",
+        "images.ct_affine",
+        "images.labels_affine",
+    ] {
+        assert!(said.contains(part), "{said}");
+    }
+    // both in µm
+    assert!(with([300.0, 500.0, 1250.0], 3).read(AUTO).is_ok());
+    assert!(matches!(with([0.3, 0.5, 1.25], 3).problem(), NiftiProblem::VoxelSizes { .. }));
+}
+
+fn scale_f32(bytes: &mut [u8], at: usize, by: f32) {
+    let stored = f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+    put_f32(bytes, at, stored * by);
+}
+
 #[test]
 fn impossible_transforms_are_refused() {
     use NiftiProblem as P;
@@ -85,7 +137,7 @@ fn impossible_transforms_are_refused() {
     sheared[(0, 2)] = 2e-3;
     assert!(matches!(with_columns(sheared).problem(), P::Shear { .. }));
     sheared[(0, 2)] = 5e-4;
-    let image = with_columns(sheared).read(AUTO).unwrap();
+    let image = with_columns(sheared).read(AffineChoice::Sform).unwrap();
     assert!((affine(&image).shear_rad - 5e-4).abs() < 1e-7);
     let axes = image.volume.grid().axes();
     assert!((axes.transpose() * axes - Matrix3::identity()).amax() < 1e-12);
