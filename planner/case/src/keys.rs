@@ -261,6 +261,8 @@ table! {
         FRUSTUM_TO_RADIUS = "target.frustum.to_radius_mm" Mm 0.0..200.0, Words(REQUIRED), "radius at the second end", "-";
         LEAST_SHARE = "target.least_share" Share 0.0..1.0, Value(0.9),
             "least share of the target's mm³ to be removed, air cells included and what lies beyond the scan counted as not removed; below it the plan falls short", ASSUMED;
+        REGION_MARGIN = "target.less.margin_mm" Mm 0.0..50.0, Value(0.0),
+            "by how much the label or shape is larger, here and in also: a label in every direction; a box by its sides, a ball by its radius, a frustum by its ends and radii", "-";
         CLEARANCE = "structure.clearance_mm" Mm 0.0..50.0, Value(1.0),
             "least distance of the burr's surface from the structure", "assumed (docs/force-model.md 10: r_v,min = r + 1 mm)";
         PRIORITY = "structure.priority" One 1.0..1e6, Derived("its place in the file"), "1 is the most important", "-";
@@ -373,9 +375,11 @@ table! {
         CT = "images.ct" "a path relative to the case file", REQUIRED, "the CT, NIfTI-1", "-";
         LABELS = "images.labels" "a path relative to the case file", REQUIRED, "the label map, NIfTI-1", "-";
         TARGET_LABEL = "target.label" "a number from 1 to 65535 or a name of labels.json", "exactly one of label, box, ball, frustum", "the bone to be removed", "-";
-        TARGET_BOX = "target.box" "a table { min_mm, max_mm }", "exactly one of label, box, ball, frustum", "bone and enclosed air in a box", "-";
+        TARGET_BOX = "target.box" "a table { min_mm, max_mm }", "exactly one of label, box, ball, frustum", "bone and enclosed air in a box, less every structure and its clearance_mm", "-";
         TARGET_BALL = "target.ball" "a table { center_mm, radius_mm }", "exactly one of label, box, ball, frustum", "the same in a ball", "-";
         TARGET_FRUSTUM = "target.frustum" "a table { from_mm, to_mm, from_radius_mm, to_radius_mm }", "exactly one of label, box, ball, frustum", "the same in a cone's frustum", "-";
+        TARGET_ALSO = "target.also" "a list of tables { label | box | ball | frustum, margin_mm }", ABSENT, "labels and shapes that belong to the target besides, less every structure and its clearance_mm", "-";
+        TARGET_LESS = "target.less" "a list of tables { label | box | ball | frustum, margin_mm }", ABSENT, "labels and shapes that are taken away from all that: bone there is kept", "-";
         STRUCTURE = "structure" "tables [[structure]], or `structure = []` when there is nothing to spare", REQUIRED, "what must not be touched", "-";
         STRUCTURE_NAME = "structure.name" "text without commas and quotes", REQUIRED, "name in results", "-";
         STRUCTURE_LABEL = "structure.label" "a number from 1 to 65535 or a name of labels.json", REQUIRED, "its label", "-";

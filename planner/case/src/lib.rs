@@ -52,7 +52,7 @@ pub use reference::reference;
 pub use several::SeveralStructures;
 pub use sheets::Sheets;
 pub use suggest::nearest;
-pub use target::Target;
+pub use target::{Target, TargetRegion};
 pub use tool::{EdgeMaterial, EdgeModel, MeshTool, Spindle, ToolSpec};
 pub use walker::{as_number, line_at};
 
@@ -69,6 +69,10 @@ pub struct Case {
     pub job: Job,
     /// The bone to be removed.
     pub target: Target,
+    /// What belongs to the target besides.
+    pub also: Vec<TargetRegion>,
+    /// What is taken away from it.
+    pub less: Vec<TargetRegion>,
     /// Whether thin bone outside the target is kept.
     pub sheets: Sheets,
     /// The least share of it that must be removed, 0..1.

@@ -8,7 +8,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::error::{CaseError, CaseFault, Located};
 use super::hold::read_holds;
-use super::keys::{self as k, Fallback, Number, Other};
+use super::keys::{self as k, Fallback, Number, Other, name_of};
 use super::parse_channel::read_channel;
 use super::parse_robot::read_robot;
 use super::parse_tool::{read_edge_material, read_tool};
@@ -17,7 +17,7 @@ use super::walker::{Log, Walk, as_number, line_at};
 use super::{
     Burr, Case, CostSpec, Density, DistanceCurve, Given, GridSpec, Images, Job, LabelRef, MaterialSpec,
     Measure, OrientationMode, OrientationSpec, PathSpec, Pattern, RegistrationSpec, ShankSegment, SpeedCaps,
-    SpeedSpec, Structure, Target,
+    SpeedSpec, Structure, Target, TargetRegion,
 };
 use crate::{EdgeMaterial, Sheets};
 
@@ -105,11 +105,11 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
     let (material, edge_material) = read_material(root.table("material"), paper);
     let robot = read_robot(root.table("robot"));
     let (path, job) = read_path(root.table("path"), burr.radius_mm, paper);
-    let (target, least_share) = match &job {
+    let (target, [also, less], least_share) = match &job {
         Job::Bone => read_target(root.table("target")),
         Job::Channel(_) => {
             refuse_bone_tables(&root);
-            (Target::Swept, 1.0)
+            (Target::Swept, [vec![], vec![]], 1.0)
         }
     };
     let case = Case {
@@ -122,6 +122,8 @@ fn read(log: &Log<'_>, table: &DeTable<'_>, path: &str) -> Case {
             _ => root.table("target").choice(&k::SHEETS, Sheets::Keep),
         },
         target,
+        also,
+        less,
         least_share,
         structures: read_structures(&root),
         holds: read_holds(&root),
@@ -209,9 +211,25 @@ pub(super) fn read_label(t: &Walk<'_, '_>, of: &Other) -> LabelRef {
     }
 }
 
-/// The target and the least share of it.
-fn read_target(t: Walk<'_, '_>) -> (Target, f64) {
+/// The target, what it takes in besides and what is taken away, and the least share of it.
+fn read_target(t: Walk<'_, '_>) -> (Target, [Vec<TargetRegion>; 2], f64) {
     let least_share = t.number(&k::LEAST_SHARE);
+    let regions = [&k::TARGET_ALSO, &k::TARGET_LESS].map(|of| read_regions(&t, of));
+    t.accept(&["sheets"]);
+    (read_place(t), regions, least_share)
+}
+
+fn read_regions(t: &Walk<'_, '_>, of: &Other) -> Vec<TargetRegion> {
+    let tables = if t.has(name_of(of.path)) { t.tables(of) } else { None };
+    let region = |t: Walk<'_, '_>| {
+        let margin_mm = t.number(&k::REGION_MARGIN);
+        TargetRegion { of: read_place(t), margin_mm }
+    };
+    tables.unwrap_or_default().into_iter().map(region).collect()
+}
+
+/// A label or a shape; the table's other keys were read before.
+fn read_place(t: Walk<'_, '_>) -> Target {
     let options = vec!["label", "box", "ball", "frustum"];
     let found: Vec<_> = options.iter().copied().filter(|o| t.has(o)).collect();
     let (label, r#box, ball, frustum) = (
@@ -239,17 +257,17 @@ fn read_target(t: Walk<'_, '_>) -> (Target, f64) {
         _ => {
             // the parts of a choice that is refused as a whole are not judged
             t.note("", CaseFault::ExactlyOne { table: t.path().into(), found, options });
-            t.accept(&["label", "sheets"]);
+            t.accept(&["label"]);
             t.finish();
-            return (Target::Label(LabelRef::Number(1)), least_share);
+            return Target::Label(LabelRef::Number(1));
         }
     };
     for part in [r#box, ball, frustum] {
         part.finish();
     }
-    t.accept(&["label", "sheets"]);
+    t.accept(&["label"]);
     t.finish();
-    (target, least_share)
+    target
 }
 
 fn read_structures(root: &Walk<'_, '_>) -> Vec<Structure> {

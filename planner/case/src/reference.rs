@@ -12,6 +12,16 @@ numbers that are not finite or outside the range, which is meant to catch slips 
 
 This page is generated from the table that the parser uses: `bonemill keys` prints it.
 
+## What the target is
+
+- `target.label` is every voxel of the label, as drawn; where it touches a structure the case is refused.
+- A box, a ball or a frustum is the bone in it and the air that bone encloses, less every structure and what lies nearer to
+  one than its `clearance_mm`. The same holds for what `target.also` adds; labels there count whatever their grey value.
+- `target.less` is taken away from all of that, from `target.label` too:
+  `less = [{ label = \"chorda\", margin_mm = 0.5 }, { ball = { center_mm = [1, 2, 3], radius_mm = 4 } }]`.
+- Volumes of the target are counted on the planning grid, where each voxel stands for the same volume: such that all voxels
+  of the label have their volume on the label map's own grid, and all in the shape its volume as a solid.
+
 ## What lies beyond the scan
 
 The scan is the union of the CT's voxel boxes. Beyond it nothing is known, and HU count as air's: bone that goes on there is
@@ -101,7 +111,7 @@ mod tests {
     use std::path::Path;
 
     /// A case with every key that can stand together.
-    const FULL: &str = "preset = \"none\"\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n[[structure]]\nname = \"s\"\nlabel = 2\n[[hold]]\nstructure = \"s\"\ndistance_mm = 2\n\
+    const FULL: &str = "preset = \"none\"\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\nalso = [{ label = 3 }]\nless = [{ label = 4 }]\n[[structure]]\nname = \"s\"\nlabel = 2\n[[hold]]\nstructure = \"s\"\ndistance_mm = 2\n\
         [approach]\ndirection = [0, 0, 1]\n[path]\nraster_deg = 10\n[speed]\ntotal_time_s = 100\nmode = \"force_limited\"\ndeflection_um = 20\npower_w = 5\n[robot]\ncalibration = \"arm.yaml\"\nbranch = \"elbow-up\"\n\
         joint_stiffness = [1, 1, 1, 1]\nvelocity_limits = [1, 1, 1, 1]\nacceleration_limits = [1, 1, 1, 1]\njerk_limits = [1, 1, 1, 1]\n\
         base_from_ct = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [0, 0, 0] }\n\
@@ -130,7 +140,8 @@ mod tests {
             assert!(documented.contains(&key.as_str()), "`{key}` is written but not documented");
         }
         // the other shapes of target and registration, and what is inside inline tables
-        let inside = ["target.b", "target.f", "robot.base_from_ct.", "robot.flange_from_burr."];
+        let inside =
+            ["target.b", "target.f", "target.less.", "robot.base_from_ct.", "robot.flange_from_burr."];
         // the other ways to say where a channel begins and ends and how fast it is, see parse_channel::tests
         let ways = ["path.entry_", "path.depth_mm", "path.contact_area_mm2", "path.feed_mm_s"];
         // and the tools that are no burr, see tool::tests

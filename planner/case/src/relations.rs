@@ -135,27 +135,38 @@ fn bounds(case: &Case) -> Vec<Bound> {
     bounds
 }
 
+/// The shapes of the target, of `also` and of `less`.
 fn judge_target(case: &Case, note: &dyn Fn(CaseFault, &str)) {
-    let above = |key: &'static str, found: f64, limit: f64, of: &'static str| {
-        let (relation, unit, is_default) = ("above", Unit::Mm, false);
-        note(CaseFault::Relation { key: key.into(), found, is_default, relation, limit, of, unit }, key);
+    judge_shape(&case.target, "target", note);
+    for (name, regions) in [("also", &case.also), ("less", &case.less)] {
+        for (n, region) in regions.iter().enumerate() {
+            judge_shape(&region.of, &format!("target.{name}[{n}]"), note);
+        }
+    }
+}
+
+fn judge_shape(shape: &Target, table: &str, note: &dyn Fn(CaseFault, &str)) {
+    let above = |name: &str, found: f64, limit: f64, of: &'static str| {
+        let (key, relation, unit, is_default) = (format!("{table}.{name}"), "above", Unit::Mm, false);
+        let at = key.clone();
+        note(CaseFault::Relation { key, found, is_default, relation, limit, of, unit }, &at);
     };
-    match &case.target {
+    match shape {
         Target::Box { min_mm, max_mm } => {
             for (low, high) in min_mm.iter().zip(max_mm.iter()) {
                 if high <= low {
-                    above("target.box.max_mm", *high, *low, "the same coordinate of target.box.min_mm");
+                    above("box.max_mm", *high, *low, "the same coordinate of min_mm");
                 }
             }
         }
         Target::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
             let length = (to_mm - from_mm).norm();
             if length < 1e-3 {
-                above("target.frustum.to_mm", length, 0.001, "the frustum's length from from_mm to to_mm");
+                above("frustum.to_mm", length, 0.001, "the frustum's length from from_mm to to_mm");
             }
             let widest = from_radius_mm.max(*to_radius_mm);
             if widest < 0.5 {
-                above("target.frustum.from_radius_mm", widest, 0.5, "the wider of the frustum's two radii");
+                above("frustum.from_radius_mm", widest, 0.5, "the wider of the frustum's two radii");
             }
         }
         Target::Label(_) | Target::Ball { .. } | Target::Swept => {}

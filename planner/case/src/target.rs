@@ -39,7 +39,63 @@ pub enum Target<L = LabelRef> {
     Swept,
 }
 
+/// A label or a shape, larger by a margin: what a target takes in besides, or what is taken away from it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TargetRegion<L = LabelRef> {
+    /// The label or shape.
+    pub of: Target<L>,
+    /// By how much it is larger, mm: a label in every direction, a shape as [`Target::grown`].
+    pub margin_mm: f64,
+}
+
+impl<L> TargetRegion<L> {
+    /// The same with its label called otherwise.
+    ///
+    /// # Errors
+    /// Those of `label`.
+    pub fn with_label<M, E>(&self, label: impl FnOnce(&L) -> Result<M, E>) -> Result<TargetRegion<M>, E> {
+        Ok(TargetRegion { of: self.of.with_label(label)?, margin_mm: self.margin_mm })
+    }
+}
+
+impl<L: Clone> Target<L> {
+    /// A shape with its faces moved outwards: a box's sides, a ball's radius, a frustum's ends and both its radii. A label
+    /// stays as it is.
+    pub fn grown(&self, by_mm: f64) -> Self {
+        match *self {
+            Self::Box { min_mm, max_mm } => {
+                let by = Vector3::repeat(by_mm);
+                Self::Box { min_mm: min_mm - by, max_mm: max_mm + by }
+            }
+            Self::Ball { center_mm, radius_mm } => Self::Ball { center_mm, radius_mm: radius_mm + by_mm },
+            Self::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
+                let along = (to_mm - from_mm).normalize() * by_mm;
+                Self::Frustum {
+                    from_mm: from_mm - along,
+                    to_mm: to_mm + along,
+                    from_radius_mm: from_radius_mm + by_mm,
+                    to_radius_mm: to_radius_mm + by_mm,
+                }
+            }
+            Self::Label(_) | Self::Swept => self.clone(),
+        }
+    }
+}
+
 impl<L> Target<L> {
+    /// Volume of a shape, mm³: a frustum's is π/3 · length · (R² + R r + r²). `None` for a label, whose voxels must be counted.
+    pub fn volume_mm3(&self) -> Option<f64> {
+        use std::f64::consts::PI;
+        match *self {
+            Self::Label(_) | Self::Swept => None,
+            Self::Box { min_mm, max_mm } => Some((max_mm - min_mm).product()),
+            Self::Ball { radius_mm: r, .. } => Some(4.0 / 3.0 * PI * r.powi(3)),
+            Self::Frustum { from_mm, to_mm, from_radius_mm: a, to_radius_mm: b } => {
+                Some(PI / 3.0 * (to_mm - from_mm).norm() * (a * a + a * b + b * b))
+            }
+        }
+    }
+
     /// The same with its label called otherwise.
     ///
     /// # Errors
@@ -143,6 +199,70 @@ mod tests {
                     assert!(!shape.contains(p) || p.coords.dot(&direction) <= reach + 1e-9);
                 }
             }
+        }
+    }
+
+    /// Counted on a grid of 0.05 mm; the error of a count is far below a layer of its surface.
+    #[test]
+    fn volumes_are_those_counted_and_a_margin_moves_faces_outwards() {
+        let h = 0.05;
+        for shape in shapes() {
+            let [lo, hi] =
+                shape.hull_points().iter().fold(
+                    [Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)],
+                    |[lo, hi], p| [lo.inf(&p.coords), hi.sup(&p.coords)],
+                );
+            let [nx, ny, nz] = [0, 1, 2].map(|a| ((hi[a] - lo[a]) / h).ceil() as usize);
+            let (mut count, grown) = (0usize, shape.grown(0.4));
+            for n in 0..nx * ny * nz {
+                let at = [n % nx, n / nx % ny, n / (nx * ny)].map(|v| (v as f64 + 0.5) * h);
+                let p = lo + Vector3::from(at);
+                let is_in = shape.contains(Point::from_coords(p));
+                count += usize::from(is_in);
+                let beside = Point::from_coords(p + Vector3::new(0.22, -0.21, 0.23));
+                assert!(!is_in || n % 101 != 0 || grown.contains(beside));
+            }
+            let volume = shape.volume_mm3().unwrap();
+            assert!((count as f64 * h.powi(3) / volume - 1.0).abs() < 5e-3, "{shape:?} {volume}");
+            assert!(grown.volume_mm3().unwrap() > volume);
+        }
+        assert_eq!(Target::Label(3u16).volume_mm3(), None);
+    }
+
+    #[test]
+    fn regions_are_read_written_and_refused_with_their_place() {
+        let parse = |target: &str| {
+            let text = format!("structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\n{target}\n");
+            crate::Case::parse(&text, std::path::Path::new("case.toml"))
+        };
+        let ball = "ball = { center_mm = [1, 2, 3], radius_mm = 4 }";
+        let text = format!(
+            "label = 7\nalso = [{{ {ball} }}]\nless = [{{ label = \"nerve\", margin_mm = 1.5 }}, {{ {ball} }}]"
+        );
+        let case = parse(&text).unwrap();
+        let TargetRegion { of: Target::Ball { radius_mm, .. }, margin_mm } = &case.also[0] else {
+            panic!("{case:?}")
+        };
+        assert_eq!((*radius_mm, *margin_mm, case.less.len()), (4.0, 0.0, 2));
+        let nerve = TargetRegion { of: Target::Label(LabelRef::Name("nerve".into())), margin_mm: 1.5 };
+        assert_eq!(case.less[0], nerve);
+        assert_eq!(crate::Case::parse(&case.to_toml(), std::path::Path::new("again.toml")).unwrap(), case);
+        for (target, parts) in [
+            ("label = 7\nless = [{ margin_mm = 1 }]", ["target.less[0]", "exactly one of"]),
+            ("label = 7\nalso = [{ label = 1, ball = 2 }]", ["target.also[0]", "exactly one of"]),
+            ("label = 7\nalso = 3", ["`target.also`", "a list of tables"]),
+            ("label = 7\nless = [{ label = 1, margin = 2 }]", ["target.less[0].margin", "margin_mm"]),
+            (
+                "label = 7\nless = [{ label = 1, margin_mm = -1 }]",
+                ["target.less[0].margin_mm", "expected 0 to 50"],
+            ),
+            (
+                "label = 7\nless = [{ box = { min_mm = [0, 0, 0], max_mm = [1, 0, 1] } }]",
+                ["case.toml:7: `target.less[0].box.max_mm`", "the same coordinate"],
+            ),
+        ] {
+            let said = parse(target).unwrap_err().to_string();
+            assert!(parts.iter().all(|part| said.contains(part)), "{said}");
         }
     }
 

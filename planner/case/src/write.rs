@@ -5,7 +5,7 @@ use std::fmt::Write;
 use nalgebra::Vector3;
 
 use super::keys as k;
-use super::{Case, Job, LabelRef, Registration, Target, write_channel};
+use super::{Case, Job, LabelRef, Registration, Target, TargetRegion, write_channel};
 
 impl Case {
     /// The case as a case file with every key.
@@ -60,7 +60,10 @@ impl Case {
         );
         let rules = [("least_share", float(self.least_share)), ("sheets", text(k::SHEETS.word(self.sheets)))];
         if let Some(target) = target(&self.target) {
-            out.table("target", &[&[target][..], &rules[..]].concat());
+            let regions = [("also", &self.also), ("less", &self.less)];
+            let regions =
+                regions.iter().filter(|(_, of)| !of.is_empty()).map(|(key, of)| (*key, list_of(of)));
+            out.table("target", &[&[target][..], &regions.collect::<Vec<_>>(), &rules[..]].concat());
         }
         for s in &self.structures {
             out.array_table(
@@ -262,6 +265,14 @@ pub(super) fn label(label: &LabelRef) -> String {
         LabelRef::Number(n) => n.to_string(),
         LabelRef::Name(name) => text(name),
     }
+}
+
+fn list_of(regions: &[TargetRegion]) -> String {
+    let table = |region: &TargetRegion| {
+        let (key, value) = target(&region.of)?;
+        Some(format!("{{ {key} = {value}, margin_mm = {} }}", float(region.margin_mm)))
+    };
+    format!("[{}]", regions.iter().filter_map(table).collect::<Vec<_>>().join(", "))
 }
 
 fn target(target: &Target) -> Option<(&'static str, String)> {

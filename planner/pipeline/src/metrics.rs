@@ -73,7 +73,7 @@ pub fn coverage(
     points: &[PathPoint],
     dropped: &[Dropped],
 ) -> Result<Coverage, ImageError> {
-    let voxel = scene.class.grid().voxel_mm3();
+    let (voxel, in_target) = (scene.class.grid().voxel_mm3(), scene.target_voxel_mm3);
     let mut found = Coverage {
         target: Volumes::default(),
         reachable: Volumes::default(),
@@ -95,7 +95,7 @@ pub fn coverage(
                 (removed && reachable, &mut found.removed_reachable),
             ] {
                 if counts {
-                    volumes.add(*class, voxel);
+                    volumes.add(*class, in_target);
                 }
             }
             continue;

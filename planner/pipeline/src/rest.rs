@@ -92,7 +92,7 @@ pub fn rest(
     counts.add(RestCause::ThinBone, by_thin.len());
     by_clearances(scene, space, &by_structures, &mut counts)?;
     by_radius(scene, &by_bone, &mut counts)?;
-    let voxel_mm3 = scene.class.grid().voxel_mm3();
+    let voxel_mm3 = scene.target_voxel_mm3;
     let mut rest: Vec<(RestCause, f64)> =
         counts.0.into_iter().map(|(cause, voxels)| (cause, voxels as f64 * voxel_mm3)).collect();
     if scene.outside.mm3.total() > 0.0 {
@@ -252,7 +252,7 @@ fn help(
         let changed = BurrSpace::new(scene, Ball { radius_mm }, clearances_mm)?;
         let more =
             changed.reachable().iter().zip(space.reachable()).filter(|(now, before)| **now && !**before);
-        let mm3 = more.count() as f64 * scene.class.grid().voxel_mm3();
+        let mm3 = more.count() as f64 * scene.target_voxel_mm3;
         Ok(format!("would let the burr reach {mm3:.1} mm³ more"))
     };
     let radius_mm = case.burr.radius_mm;

@@ -1,10 +1,13 @@
 //! Images to scene: approach, crop, resampling, classes, obstacles.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use bonemill_case::TargetRegion;
 use bonemill_geometry::{Ct, Frame, Grid, Point, Rigid, Volume, Work, cancel};
 use bonemill_imaging::{
-    DensityTable, Region, StructureField, distance_within, resample_hu_and_density, resample_nearest,
+    AffineChoice, DensityTable, Region, StructureField, distance_within, resample_hu_and_density,
+    resample_nearest,
 };
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -13,8 +16,8 @@ use super::crop::{Crop, extent};
 use super::edge::{self, ByFace, TargetOutside};
 use super::inside::Inside;
 use super::{
-    ApproachSpec, Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, Target, hull, mask,
-    obstacles, way_in,
+    ApproachSpec, Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, Target, hull, labels, mask,
+    obstacles, touching, way_in,
 };
 
 /// Coarse voxel of what lies beyond the work grid, mm.
@@ -27,10 +30,20 @@ pub struct SceneSpec<'a> {
     pub ct: &'a Volume<f32, Ct>,
     /// The label map, on its own grid.
     pub labels: &'a Volume<u16, Ct>,
+    /// Which transform of the label map the case chooses.
+    pub labels_affine: AffineChoice,
     /// What to remove.
     pub target: Target<u16>,
+    /// What to remove besides.
+    pub also: &'a [TargetRegion<u16>],
+    /// What to leave of all that.
+    pub less: &'a [TargetRegion<u16>],
+    /// Whether the target is what a channel's tool sweeps: it does not give way to structures.
+    pub is_swept: bool,
     /// What to keep: name, label.
     pub structures: &'a [(String, u16)],
+    /// Least distance of the burr's surface from each structure, mm.
+    pub clearances_mm: &'a [f64],
     /// HU to density.
     pub table: &'a DensityTable,
     /// At or below: air.
@@ -76,23 +89,29 @@ pub struct MemoryNeed {
 /// Builds the scene.
 ///
 /// # Errors
-/// [`SceneError`] for a target that is absent, empty, outside the scan or touching a structure, for a CT and a map that
-/// do not overlap, and for grids beyond memory.
+/// [`SceneError`] for a target that is absent, empty, outside the scan or touching a structure, for a map that does not overlap
+/// the CT or lies beside it, and for grids beyond memory.
 pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let mut warnings = Vec::new();
     check_overlap(spec)?;
     check_labels(spec)?;
-    let target = mask::target_extent(spec)?;
-    let structures = structure_fields(spec, &target)?;
+    warnings.extend(labels::displaced(spec)?);
+    warnings.extend(labels::implausible(spec));
+    let drawn = mask::target_extent(spec)?;
+    let target = drawn.points();
+    let region = structure_region(spec, &target);
+    let structures = structure_fields(spec, &region)?;
     let (approach, chosen) = way_in::approach(spec, &target, &structures)?;
     warnings.extend(chosen.map(|chosen| chosen.text()));
-    let Crop { grid, ct_from_work, turn_rad } = Crop::around(spec, &target, &approach)?;
+    let Crop { grid, ct_from_work, turn_rad } = Crop::around(spec, &drawn, &approach)?;
     let (hu, mut density_g_cm3) = resample_hu_and_density(spec.ct, spec.table, &grid, &ct_from_work);
     cancel::poll();
     let labels = work_labels(spec, &grid, &ct_from_work)?;
-    let inside = Inside::new(spec, &grid, &ct_from_work)?;
+    let inside = Inside::new(spec, &structures, &region, &grid, &ct_from_work)?;
+    touching::check(spec, &inside, &structures)?;
     let images = mask::WorkImages { hu, labels, ct_from_work };
-    let (in_target, outside) = mask::target_mask(spec, &target, &inside, &images)?;
+    let mask::TargetMask { mask: in_target, outside, voxel_mm3: target_voxel_mm3 } =
+        mask::target_mask(spec, &target, &inside, &images)?;
     let mask::WorkImages { hu, labels, .. } = images;
     let band_mm = [spec.ct.grid().diagonal_mm(), spec.labels.grid().diagonal_mm(), grid.diagonal_mm()]
         .into_iter()
@@ -101,8 +120,14 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let class = classify(spec, &hu, &labels, &in_target, band_mm)?;
     if !class.data().iter().any(|c| c.is(Class::MATERIAL)) {
         return Err(SceneError::EmptyTarget(format!(
-            "no voxel of it on the {} mm planning grid is above air_hu = {} HU",
-            spec.spacing_mm, spec.air_hu
+            "no voxel of it on the {} mm planning grid is above air_hu = {} HU{}",
+            spec.spacing_mm,
+            spec.air_hu,
+            if inside.gives_way() {
+                ", outside the structures, their clearances and target.less"
+            } else {
+                ""
+            }
         )));
     }
     cancel::poll();
@@ -110,8 +135,6 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let matter = Matter::new(spec, &grid, ct_from_work, inside)?;
     let obstacle_mm =
         distance_within(&class.map(|c| c.is(Class::OBSTACLE)), 2.0 * spec.tool.cutter_radius_mm)?;
-    cancel::poll();
-    check_touching(spec, &target, &structures)?;
     let edge_bone_mm2 = edge::edge_bone(spec, &in_target, &ct_from_work)?;
     warnings.extend(edge_warnings(spec, &target, &outside, &edge_bone_mm2));
     cancel::poll();
@@ -131,6 +154,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
         structures,
         far,
         band_mm,
+        target_voxel_mm3,
         target_center,
         target_hull_xy: hull::convex_hull(hull),
         outside,
@@ -163,8 +187,15 @@ fn check_labels(spec: &SceneSpec) -> Result<(), SceneError> {
         Target::Label(label) => Some(("the target".to_owned(), label)),
         _ => None,
     };
+    let regions = [("also", spec.also), ("less", spec.less)].into_iter().flat_map(|(list, regions)| {
+        let labels = regions.iter().enumerate().filter_map(|(n, region)| match region.of {
+            Target::Label(label) => Some((n, label)),
+            _ => None,
+        });
+        labels.map(move |(n, label)| (format!("target.{list}[{n}]"), label))
+    });
     let wanted = spec.structures.iter().map(|(name, label)| (format!("structure '{name}'"), *label));
-    for (what, label) in target.into_iter().chain(wanted) {
+    for (what, label) in target.into_iter().chain(regions).chain(wanted) {
         if !present[usize::from(label)] {
             let present =
                 (0..present.len()).filter(|l| present[*l]).map(|l| l.to_string()).collect::<Vec<_>>();
@@ -249,95 +280,20 @@ fn keep_mass(density_g_cm3: &mut Volume<f32, Work>, class: &Volume<Class, Work>)
     }
 }
 
-fn structure_fields(spec: &SceneSpec, target: &[Point<Ct>]) -> Result<Vec<SceneStructure>, SceneError> {
+/// Where distances to structures matter.
+fn structure_region(spec: &SceneSpec, target: &[Point<Ct>]) -> Region {
     let (lo, hi) = extent(target.iter().copied());
-    let region =
-        Region { min: Point::from_coords(lo), max: Point::from_coords(hi), reach_mm: spec.tool.influence_mm };
+    Region { min: Point::from_coords(lo), max: Point::from_coords(hi), reach_mm: spec.tool.influence_mm }
+}
+
+fn structure_fields(spec: &SceneSpec, region: &Region) -> Result<Vec<SceneStructure>, SceneError> {
     spec.structures
         .par_iter()
         .map(|(name, label)| {
-            let field = StructureField::new(spec.labels, *label, Some(&region))?;
+            let field = StructureField::new(spec.labels, *label, Some(region))?.map(Arc::new);
             Ok(SceneStructure { name: name.clone(), label: *label, field })
         })
         .collect()
-}
-
-/// No voxel of the target shares a face, an edge or a corner with a structure.
-fn check_touching(
-    spec: &SceneSpec,
-    target: &[Point<Ct>],
-    structures: &[SceneStructure],
-) -> Result<(), SceneError> {
-    let grid = spec.labels.grid();
-    let touching = |structure: &SceneStructure, p: Point<Ct>, voxel| SceneError::TargetTouches {
-        structure: structure.name.clone(),
-        x: p.x(),
-        y: p.y(),
-        z: p.z(),
-        voxel,
-    };
-    let label = match spec.target {
-        Target::Label(label) => label,
-        // a shape touches what lies inside it
-        _ => {
-            for structure in structures {
-                for (n, _) in spec.labels.data().iter().enumerate().filter(|(_, l)| **l == structure.label) {
-                    let voxel = grid.voxel(n);
-                    if spec.target.contains(grid.center(voxel)) {
-                        return Err(touching(structure, grid.center(voxel), voxel));
-                    }
-                }
-            }
-            return Ok(());
-        }
-    };
-    debug_assert!(!target.is_empty());
-    let mut is_structure = vec![false; 1 << 16];
-    structures.iter().for_each(|structure| is_structure[usize::from(structure.label)] = true);
-    if touching_voxel(spec.labels, label, |l| is_structure[usize::from(l)]).is_none() {
-        return Ok(());
-    }
-    // the first in the case's order is named
-    for structure in structures {
-        if let Some(voxel) = touching_voxel(spec.labels, label, |l| l == structure.label) {
-            return Err(touching(structure, grid.center(voxel), voxel));
-        }
-    }
-    Ok(())
-}
-
-/// A voxel of `label` among the 26 neighbours of one that `is_other`: of the first in the map's order that has one.
-fn touching_voxel(
-    labels: &Volume<u16, Ct>,
-    label: u16,
-    is_other: impl Fn(u16) -> bool + Sync,
-) -> Option<[usize; 3]> {
-    let [nx, ny, nz] = labels.grid().dims();
-    let row = |j: usize, k: usize| &labels.data()[nx * (j + ny * k)..][..nx];
-    let around = |v: usize, n: usize| v.saturating_sub(1)..(v + 2).min(n);
-    (0..nz).into_par_iter().find_map_first(|k| {
-        cancel::poll();
-        // whether the label is in one of the nine rows around, by place in the row
-        let mut near = vec![false; nx];
-        for j in 0..ny {
-            let rows = || around(k, nz).flat_map(|kk| around(j, ny).map(move |jj| [jj, kk]));
-            near.fill(false);
-            for [jj, kk] in rows().filter(|[jj, kk]| row(*jj, *kk).contains(&label)) {
-                near.iter_mut().zip(row(jj, kk)).for_each(|(near, l)| *near |= *l == label);
-            }
-            if !near.contains(&true) {
-                continue;
-            }
-            let is_beside = |i: &usize| is_other(row(j, k)[*i]) && near[around(*i, nx)].contains(&true);
-            if let Some(i) = (0..nx).find(is_beside) {
-                let at = |[jj, kk]: [usize; 2]| {
-                    around(i, nx).find(|ii| row(jj, kk)[*ii] == label).map(|ii| [ii, jj, kk])
-                };
-                return rows().find_map(at);
-            }
-        }
-        None
-    })
 }
 
 /// What is to be known about the scan's edge.

@@ -3,7 +3,8 @@
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Work, basis};
 use nalgebra::{Rotation3, Vector3};
 
-use super::{SceneError, SceneSpec, Target};
+use super::mask::Drawn;
+use super::{SceneError, SceneSpec};
 
 /// A voxel axis within this of the basis lies along it, rad.
 const ALIGNED_RAD: f64 = 1e-9;
@@ -28,23 +29,19 @@ impl Crop {
     ///
     /// # Errors
     /// [`SceneError::TooLarge`] beyond memory.
-    pub fn around(
-        spec: &SceneSpec,
-        target: &[Point<Ct>],
-        approach: &Vector3<f64>,
-    ) -> Result<Self, SceneError> {
+    pub fn around(spec: &SceneSpec, target: &Drawn, approach: &Vector3<f64>) -> Result<Self, SceneError> {
         let turn_rad = grid_turn(spec.ct.grid(), approach);
         let rotation = basis::from_z(approach) * Rotation3::from_axis_angle(&Vector3::z_axis(), turn_rad);
         // of a label's voxel boxes, seen along the work axes
-        let half = match spec.target {
-            Target::Label(_) => {
-                let grid = spec.labels.grid();
-                (rotation.inverse().matrix() * grid.axes()).abs() * grid.spacing_mm() * 0.5
-            }
-            _ => Vector3::zeros(),
-        };
-        let (lo, hi) = extent(target.iter().map(|p| Point::<Ct>::from_coords(rotation.inverse() * p.coords)));
-        let (lo, hi) = (lo - half, hi + half);
+        let labels = spec.labels.grid();
+        let half = (rotation.inverse().matrix() * labels.axes()).abs() * labels.spacing_mm() * 0.5;
+        let boxes = target.0.iter().flat_map(|part| {
+            let turned = part.points.iter().map(|p| Point::<Ct>::from_coords(rotation.inverse() * p.coords));
+            let (lo, hi) = extent(turned);
+            let around = part.label_margin_mm.map_or(Vector3::zeros(), |mm| half.add_scalar(mm));
+            [Point::<Ct>::from_coords(lo - around), Point::from_coords(hi + around)]
+        });
+        let (lo, hi) = extent(boxes);
         let h = spec.spacing_mm;
         // Voxels cover the target's extent and are centred on it: where they divide it, their faces are its faces; and a mirrored
         // or turned scan has the mirrored or turned grid. Rounding must not add a voxel in one copy of a scan.

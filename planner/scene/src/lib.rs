@@ -10,10 +10,16 @@ mod edge;
 mod far;
 mod hull;
 mod inside;
+mod labels;
 mod mask;
 mod matter;
 mod obstacles;
+#[cfg(test)]
+mod tests;
+mod touching;
 mod way_in;
+
+use std::sync::Arc;
 
 use bonemill_geometry::{Approach, Ct, Point, Rigid, Volume, Work, basis};
 use nalgebra::Vector3;
@@ -67,7 +73,7 @@ pub struct SceneStructure {
     /// Its label in the map.
     pub label: u16,
     /// Exact distance to its voxel boxes; `None` when no voxel of it lies in reach of the tool.
-    pub field: Option<StructureField>,
+    pub field: Option<Arc<StructureField>>,
 }
 
 /// Images, target and structures on the planning grid.
@@ -98,6 +104,9 @@ pub struct Scene {
     /// The largest voxel diagonal of CT, labels and work grid, mm: thinner bone within as much of the target
     /// is taken for partial volume.
     pub band_mm: f64,
+    /// What a voxel of the target stands for, mm³: all voxels in the label or shape, the volume that it has on its own grid or as
+    /// a solid. A count of centres alone is off by up to a voxel at every face.
+    pub target_voxel_mm3: f64,
     /// Centre of the target's voxels.
     pub target_center: Point<Work>,
     /// Convex hull of the target seen along the approach: corners (x, y) in work, mm, counter-clockwise.
@@ -133,6 +142,18 @@ pub enum SceneError {
         ct: String,
         /// Extent of the map.
         labels: String,
+    },
+    /// The label map lies beside the CT.
+    #[error(
+        "the label map has the CT's dimensions, but another spacing or origin: its corners lie up to {mm:.3} mm ({voxels:.1} \
+         voxels) beside the CT's, at most 1 voxel is accepted. Write the map anew on the CT's grid; if it does lie where its \
+         own header says, set images.labels_affine to \"sform\" or \"qform\""
+    )]
+    LabelsDisplaced {
+        /// The largest distance of corners, mm.
+        mm: f64,
+        /// The same in the CT's smallest voxel spacing.
+        voxels: f64,
     },
     /// The target holds nothing that can be removed.
     #[error("the target is empty: {0}")]

@@ -1,5 +1,6 @@
 //! Which voxels of the work grid are the target: those of its label, or bone and enclosed air in its shape, in the scan.
 
+use bonemill_case::TargetRegion;
 use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
 use rayon::prelude::*;
 
@@ -9,13 +10,46 @@ use super::edge::{ByFace, TargetOutside, beyond_face, cut_off};
 use super::inside::Inside;
 use super::{SceneError, SceneSpec, Target};
 
-/// Points that stand for the target's extent in ct: centres of label voxels, or a geometric shape's hull.
+/// The extents of what the case asks for and adds, in ct.
+pub(super) struct Drawn(pub Vec<DrawnPart>);
+
+/// The extent of a label or a shape.
+pub(super) struct DrawnPart {
+    /// Centres of label voxels, or a shape's hull with its margin.
+    pub points: Vec<Point<Ct>>,
+    /// A label's margin, mm, which lies around the voxels' boxes.
+    pub label_margin_mm: Option<f64>,
+}
+
+impl Drawn {
+    /// All points.
+    pub fn points(&self) -> Vec<Point<Ct>> {
+        self.0.iter().flat_map(|part| part.points.iter().copied()).collect()
+    }
+}
+
+/// What the target may take up at most.
 ///
 /// # Errors
-/// [`SceneError::TargetOutside`] when their box lies beside the CT's.
-pub(super) fn target_extent(spec: &SceneSpec) -> Result<Vec<Point<Ct>>, SceneError> {
-    let ct = extent(spec.ct.grid().corners());
-    let points = match spec.target {
+/// [`SceneError::TargetOutside`] when its box lies beside the CT's.
+pub(super) fn target_extent(spec: &SceneSpec) -> Result<Drawn, SceneError> {
+    let main = TargetRegion { of: spec.target.clone(), margin_mm: 0.0 };
+    let drawn = Drawn([&main].into_iter().chain(spec.also).map(|region| part_extent(spec, region)).collect());
+    let points = drawn.points();
+    if overlaps(extent(points.iter().copied()), extent(spec.ct.grid().corners())) {
+        return Ok(drawn);
+    }
+    // counted by points: only the order of the sides is said
+    let mut outside = ByFace::none(spec.ct.grid());
+    for face in points.iter().filter_map(|p| beyond_face(spec.ct.grid(), *p)) {
+        outside.amounts[face] += 1.0;
+    }
+    let text = format!("all of the target lies outside the CT, beyond its {} side", outside.text());
+    Err(too_much_outside(spec, &points, text))
+}
+
+fn part_extent(spec: &SceneSpec, region: &TargetRegion<u16>) -> DrawnPart {
+    let points = match region.of {
         Target::Label(label) => {
             let grid = spec.labels.grid();
             let [nx, ny, _] = grid.dims();
@@ -32,18 +66,10 @@ pub(super) fn target_extent(spec: &SceneSpec) -> Result<Vec<Point<Ct>>, SceneErr
                 })
                 .collect()
         }
-        _ => spec.target.hull_points(),
+        _ => region.of.grown(region.margin_mm).hull_points(),
     };
-    if overlaps(extent(points.iter().copied()), ct) {
-        return Ok(points);
-    }
-    // counted by points: only the order of the sides is said
-    let mut outside = ByFace::none(spec.ct.grid());
-    for face in points.iter().filter_map(|p| beyond_face(spec.ct.grid(), *p)) {
-        outside.amounts[face] += 1.0;
-    }
-    let text = format!("all of the target lies outside the CT, beyond its {} side", outside.text());
-    Err(too_much_outside(spec, &points, text))
+    let label_margin_mm = matches!(region.of, Target::Label(_)).then_some(region.margin_mm);
+    DrawnPart { points, label_margin_mm }
 }
 
 fn too_much_outside(spec: &SceneSpec, target: &[Point<Ct>], outside: String) -> SceneError {
@@ -62,6 +88,14 @@ pub(super) struct WorkImages {
     pub ct_from_work: Rigid<Ct, Work>,
 }
 
+/// The target on the planning grid.
+pub(super) struct TargetMask {
+    pub mask: Volume<bool, Work>,
+    pub outside: TargetOutside,
+    /// What a voxel stands for, mm³.
+    pub voxel_mm3: f64,
+}
+
 /// The target's voxels in the scan, and what of it lies beyond: of a label its voxels there, of a shape all that it
 /// holds there, for which of that is bone cannot be known.
 ///
@@ -72,7 +106,7 @@ pub(super) fn target_mask(
     target: &[Point<Ct>],
     inside: &Inside,
     images: &WorkImages,
-) -> Result<(Volume<bool, Work>, TargetOutside), SceneError> {
+) -> Result<TargetMask, SceneError> {
     let WorkImages { hu, labels, ct_from_work } = images;
     let grid = hu.grid();
     let place = |n: usize| {
@@ -85,18 +119,23 @@ pub(super) fn target_mask(
     };
     let within = (0..grid.len()).into_par_iter().with_min_len(1 << 12).map(is_within).collect();
     let mut mask = Volume::new(grid.clone(), within).map_err(SceneError::Values)?;
-    let mm3 = cut_off(spec.ct.grid(), &mut mask, ct_from_work);
+    let voxel_mm3 = inside.voxel_mm3(spec.labels, grid, |n| {
+        let (_, p_ct, label) = place(n);
+        (p_ct, label)
+    });
+    let mut mm3 = cut_off(spec.ct.grid(), &mut mask, ct_from_work);
+    mm3.amounts.iter_mut().for_each(|mm3| *mm3 *= voxel_mm3 / grid.voxel_mm3());
     mask.data_mut().par_iter_mut().enumerate().with_min_len(1 << 12).filter(|(_, is_in)| **is_in).for_each(
         |(n, is_in)| {
             let (p, p_ct, label) = place(n);
             *is_in = inside.holds(p, p_ct, f64::from(hu.data()[n]), label);
         },
     );
-    let inside_mm3 = mask.data().iter().filter(|is_in| **is_in).count() as f64 * grid.voxel_mm3();
+    let inside_mm3 = mask.data().iter().filter(|is_in| **is_in).count() as f64 * voxel_mm3;
     let share = if mm3.total() > 0.0 { mm3.total() / (mm3.total() + inside_mm3) } else { 0.0 };
     let outside = TargetOutside { mm3, share };
     if share > TargetOutside::MOST_SHARE {
         return Err(too_much_outside(spec, target, outside.text()));
     }
-    Ok((mask, outside))
+    Ok(TargetMask { mask, outside, voxel_mm3 })
 }

@@ -11,12 +11,13 @@
 //!
 //! Cost: places × directions lines, each by sphere tracing in a distance field.
 
+use bonemill_case::TargetRegion;
 use bonemill_geometry::{Ct, Grid, Point, Volume, cancel};
 use bonemill_imaging::distance_within;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-use super::{SceneError, SceneSpec, SceneStructure};
+use super::{SceneError, SceneSpec, SceneStructure, Target};
 
 /// Directions on the sphere: 10° apart.
 const DIRECTIONS: usize = 420;
@@ -51,8 +52,6 @@ pub struct WayInTool {
     pub shank_mm: Vec<[f64; 2]>,
     /// Largest angle between shaft and approach, rad.
     pub tilt_limit_rad: f64,
-    /// Clearance of the burr's surface from each structure, mm.
-    pub clearances_mm: Vec<f64>,
 }
 
 /// Where a scene's approach comes from.
@@ -167,7 +166,7 @@ impl WayIn {
             };
             f64::from(from_target.data()[*n]) <= 0.5 * radius_mm
                 && clear_mm >= radius_mm - slack_mm
-                && structures.iter().zip(&tool.clearances_mm).all(keeps)
+                && structures.iter().zip(spec.clearances_mm).all(keeps)
         };
         let found: Vec<usize> = (0..grid.len()).into_par_iter().filter(is_place).collect();
         let places: Vec<_> = found
@@ -383,6 +382,8 @@ fn coarse(spec: &SceneSpec, target: &[Point<Ct>], reach_mm: f64) -> Result<Volum
     let grid = Grid::<Ct>::new(size, coarse_mm, *ct.axes(), ct.at(middle).coords)?;
     let keep = |label: u16| spec.structures.iter().any(|(_, structure)| *structure == label);
     let label_at = |p| spec.labels.grid().nearest(p).map_or(0, |v| *spec.labels.get(v));
+    // labels without their margins
+    let main = TargetRegion { of: spec.target.clone(), margin_mm: 0.0 };
     let holds = |n: usize| {
         let at = grid.voxel(n);
         let range = |a: usize| {
@@ -397,10 +398,11 @@ fn coarse(spec: &SceneSpec, target: &[Point<Ct>], reach_mm: f64) -> Result<Volum
                     count += 1;
                     let p = ct.center([i, j, k]);
                     let label = label_at(p);
-                    let is_target = match spec.target {
-                        super::Target::Label(target) => label == target,
-                        _ => spec.target.contains(p),
+                    let holds = |region: &TargetRegion<u16>| match region.of {
+                        Target::Label(held) => label == held,
+                        _ => region.of.grown(region.margin_mm).contains(p),
                     };
+                    let is_target = std::iter::once(&main).chain(spec.also).any(holds) && !spec.less.iter().any(holds);
                     in_target += usize::from(is_target);
                     solid += usize::from(!is_target && (hu >= spec.bone_hu || keep(label)));
                     tissue += usize::from(hu > spec.air_hu);

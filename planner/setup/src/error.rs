@@ -273,6 +273,9 @@ fn image_key(error: &ImageError, case: &Case, folder: &Path) -> Option<String> {
 
 fn scene_key(error: &SceneError, case: &Case, folder: &Path) -> Option<String> {
     let key = match error {
+        SceneError::LabelAbsent { what, .. } if what.starts_with("target.") => {
+            return Some(format!("{what}.label"));
+        }
         SceneError::LabelAbsent { what, label, .. } => {
             // a label that the case names is known here by its number alone; the structure by its name
             let structure = case.structures.iter().position(|s| *what == format!("structure '{}'", s.name));
@@ -282,6 +285,7 @@ fn scene_key(error: &SceneError, case: &Case, folder: &Path) -> Option<String> {
                 .or(Some("target.label".into()));
         }
         SceneError::NoOverlap { .. } => "images.labels",
+        SceneError::LabelsDisplaced { .. } => "images.labels_affine",
         SceneError::EmptyTarget(_) | SceneError::TargetOutside { .. } | SceneError::TargetTouches { .. } => {
             "target"
         }
@@ -298,6 +302,11 @@ fn scene_key(error: &SceneError, case: &Case, folder: &Path) -> Option<String> {
 fn label_key(case: &Case, label: &LabelRef) -> Option<String> {
     if matches!(&case.target, Target::Label(target) if target == label) {
         return Some("target.label".into());
+    }
+    for (name, regions) in [("also", &case.also), ("less", &case.less)] {
+        if let Some(n) = regions.iter().position(|r| matches!(&r.of, Target::Label(of) if of == label)) {
+            return Some(format!("target.{name}[{n}].label"));
+        }
     }
     let n = case.structures.iter().position(|s| s.label == *label)?;
     Some(format!("structure[{n}].label"))

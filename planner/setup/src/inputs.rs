@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use bonemill_case::{Case, LabelRef, OrientationMode, Target, nearest};
+use bonemill_case::{Case, LabelRef, OrientationMode, Target, TargetRegion, nearest};
 use bonemill_geometry::Progress;
 use bonemill_imaging::{
     Image, LabelNames, Provenance, available_memory_mb, label_names_path, looks_like_hu, read_ct,
@@ -37,6 +37,10 @@ pub struct CaseImages {
     pub labels: Image<u16>,
     /// What is to be removed.
     pub target: Target<u16>,
+    /// What belongs to it besides.
+    pub also: Vec<TargetRegion<u16>>,
+    /// What is taken away from it.
+    pub less: Vec<TargetRegion<u16>>,
     /// Name and label of each structure, in the case's order.
     pub structures: Vec<(String, u16)>,
     /// What the user should know.
@@ -91,14 +95,19 @@ pub fn read_images(case: &Case, place: impl Fn(&Path) -> PathBuf + Sync) -> Resu
     let (ct, (labels, names)) = (ct?, labels?);
     let number = |key: String, label: &LabelRef| label_number(key, label, names.as_ref(), &labels_path);
     let target = case.target.with_label(|label| number("target.label".into(), label))?;
+    let regions = |list: &str, regions: &[TargetRegion]| -> Result<Vec<_>, PlanError> {
+        let each = regions.iter().enumerate();
+        each.map(|(n, r)| r.with_label(|label| number(format!("target.{list}[{n}].label"), label))).collect()
+    };
+    let (also, less) = (regions("also", &case.also)?, regions("less", &case.less)?);
     let structures = case
         .structures
         .iter()
         .map(|s| Ok((s.name.clone(), number(format!("structure '{}'", s.name), &s.label)?)))
         .collect::<Result<Vec<_>, PlanError>>()?;
-    labels_differ(&target, &structures)?;
+    labels_differ(&target, &also, &structures)?;
     let warnings = ct.warnings.iter().chain(&labels.warnings).map(ToString::to_string).collect();
-    Ok(CaseImages { ct, labels, target, structures, warnings })
+    Ok(CaseImages { ct, labels, target, also, less, structures, warnings })
 }
 
 /// The number of a label that the case names.
@@ -130,12 +139,18 @@ fn label_number(
     }
 }
 
-/// Refuses a label that two structures, or a structure and the target, have by number and by name.
-fn labels_differ(target: &Target<u16>, structures: &[(String, u16)]) -> Result<(), PlanError> {
-    let mut taken: Vec<(String, u16)> = match target {
-        Target::Label(number) => vec![("the target".into(), *number)],
-        _ => vec![],
-    };
+/// Refuses a label that two structures, or a structure and the target, have by number and by name. The target may well be
+/// less a structure, with a margin.
+fn labels_differ(
+    target: &Target<u16>,
+    also: &[TargetRegion<u16>],
+    structures: &[(String, u16)],
+) -> Result<(), PlanError> {
+    let also = also.iter().enumerate().map(|(n, region)| (format!("target.also[{n}]"), &region.of));
+    let drawn = [("the target".to_owned(), target)].into_iter().chain(also);
+    let mut taken: Vec<(String, u16)> = drawn
+        .filter_map(|(what, of)| if let Target::Label(number) = of { Some((what, *number)) } else { None })
+        .collect();
     for (place, (name, number)) in structures.iter().enumerate() {
         let (second, number) = (format!("structure '{name}'"), *number);
         if let Some((first, _)) = taken.iter().find(|(_, earlier)| *earlier == number) {
@@ -164,7 +179,6 @@ fn way_in_tool(case: &Case) -> WayInTool {
     WayInTool {
         shank_mm: case.shank.iter().map(|s| [s.length_mm, s.radius_mm]).collect(),
         tilt_limit_rad: if straight { 0.0 } else { case.orientation.tilt_limit_rad },
-        clearances_mm: case.clearances_mm(),
     }
 }
 
@@ -180,8 +194,13 @@ pub fn make_scene_of(
     Ok(build_scene(&SceneSpec {
         ct: &inputs.ct.volume,
         labels: &inputs.labels.volume,
+        labels_affine: case.images.labels_affine,
         target,
+        also: &inputs.also,
+        less: &inputs.less,
+        is_swept: case.job.channel().is_some(),
         structures: &inputs.structures,
+        clearances_mm: &case.clearances_mm(),
         table: &case.density.table,
         air_hu: case.density.air_hu,
         bone_hu: case.density.bone_hu,

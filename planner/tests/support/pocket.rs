@@ -1,7 +1,7 @@
 //! An L-shaped pocket in bone with a rod beside it, and the path that mills it.
 
 use bonemill_geometry::{Ct, Grid, Point, Volume};
-use bonemill_imaging::DensityTable;
+use bonemill_imaging::{AffineChoice, DensityTable};
 use bonemill_planner::case::Sheets;
 use bonemill_planner::cutter::Ball;
 use bonemill_planner::path::{Lines, MillPath, PathSpacing, RasterFrame, lay_path};
@@ -43,8 +43,13 @@ pub fn scene_at(spacing_mm: f64, available_mb: Option<f64>) -> Result<Scene, Sce
     build_scene(&SceneSpec {
         ct: &ct,
         labels: &labels,
+        labels_affine: AffineChoice::Auto,
         target: Target::Label(TARGET),
+        also: &[],
+        less: &[],
+        is_swept: false,
         structures: &[("rod".into(), ROD)],
+        clearances_mm: &[1.0],
         table: &table(),
         air_hu: -700.0,
         bone_hu: 200.0,

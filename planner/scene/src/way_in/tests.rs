@@ -6,7 +6,7 @@ use nalgebra::Rotation3;
 
 use super::super::{MemoryNeed, SceneSpec, Sheets, Target, ToolReach};
 use super::*;
-use bonemill_imaging::DensityTable;
+use bonemill_imaging::{AffineChoice, DensityTable};
 
 const TARGET: u16 = 9;
 
@@ -35,11 +35,16 @@ fn found(
     let target: Vec<_> =
         (0..grid.len()).filter(|n| is_target(at(*n))).map(|n| grid.center(grid.voxel(n))).collect();
     let tool =
-        WayInTool { shank_mm: vec![[15.0, 1.0], [40.0, 6.0]], tilt_limit_rad: 0.5, clearances_mm: vec![] };
+        WayInTool { shank_mm: vec![[15.0, 1.0], [40.0, 6.0]], tilt_limit_rad: 0.5 };
     let spec = SceneSpec {
         ct: &ct,
         labels: &labels,
+        labels_affine: AffineChoice::Auto,
         target: Target::Label(TARGET),
+        also: &[],
+        less: &[],
+        is_swept: false,
+        clearances_mm: &[],
         structures: &[],
         table: &DensityTable::new(&[-1000.0, 300.0, 2000.0], &[0.01, 1.145, 1.856]).unwrap(),
         air_hu: -700.0,

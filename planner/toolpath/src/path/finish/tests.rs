@@ -2,7 +2,7 @@
 
 use bonemill_case::Sheets;
 use bonemill_geometry::{Ct, Grid, Volume};
-use bonemill_imaging::DensityTable;
+use bonemill_imaging::{AffineChoice, DensityTable};
 use bonemill_scene::{ApproachSpec, MemoryNeed, Scene, SceneSpec, Target, ToolReach, build_scene};
 use nalgebra::Vector3;
 
@@ -34,8 +34,13 @@ fn scene(spacing_mm: f64) -> Scene {
     build_scene(&SceneSpec {
         ct: &ct,
         labels: &labels,
+        labels_affine: AffineChoice::Auto,
         target: Target::Label(TARGET),
+        also: &[],
+        less: &[],
+        is_swept: false,
         structures: &[],
+        clearances_mm: &[],
         table: &DensityTable::new(&[-1000.0, 300.0, 2000.0], &[0.01, 1.145, 1.856]).unwrap(),
         air_hu: -700.0,
         bone_hu: 200.0,
