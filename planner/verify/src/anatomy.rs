@@ -3,7 +3,7 @@
 //! The images are read again from the plan's inputs. Everything is a function of a point in ct; the planner's grid is not
 //! used.
 
-use bonemill_case::{LabelRef, Target};
+use bonemill_case::{LabelRef, Target, TargetRegion};
 use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
 use bonemill_imaging::{LabelNames, label_names_path, read_ct, read_label_names, read_labels};
 use bonemill_planfile::StoredPlan;
@@ -39,6 +39,15 @@ pub enum Aim {
     Shape(Target),
 }
 
+/// A label or a shape that belongs to the target besides, or is taken away from it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Region {
+    /// The label or shape.
+    pub aim: Aim,
+    /// By how much it is larger, mm.
+    pub margin_mm: f64,
+}
+
 /// Images, target and structures.
 #[derive(Debug)]
 pub struct Anatomy {
@@ -48,6 +57,10 @@ pub struct Anatomy {
     pub labels: Volume<u16, Ct>,
     /// What is to be removed.
     pub aim: Aim,
+    /// What is to be removed besides.
+    pub also: Vec<Region>,
+    /// What is taken away from all that.
+    pub less: Vec<Region>,
     /// What is to be kept, in the case's order.
     pub kept: Vec<Kept>,
 }
@@ -67,10 +80,16 @@ impl Anatomy {
         let names = read_label_names(plan.input_path(&label_names_path(&images.labels)))?;
         let (ct, labels) = (ct?.volume, labels?.volume);
         let number = |label: &LabelRef| number(label, names.as_ref());
-        let aim = match &case.target {
-            Target::Label(label) => Aim::Label(number(label)?),
-            shape => Aim::Shape(shape.clone()),
+        let aim = |target: &Target| -> Result<Aim, VerifyError> {
+            Ok(match target {
+                Target::Label(label) => Aim::Label(number(label)?),
+                shape => Aim::Shape(shape.clone()),
+            })
         };
+        let regions = |of: &[TargetRegion]| -> Result<Vec<Region>, VerifyError> {
+            of.iter().map(|r| Ok(Region { aim: aim(&r.of)?, margin_mm: r.margin_mm })).collect()
+        };
+        let (also, less, aim) = (regions(&case.also)?, regions(&case.less)?, aim(&case.target)?);
         let kept = case.structures.iter().map(|s| {
             Ok(Kept {
                 name: s.name.clone(),
@@ -80,7 +99,7 @@ impl Anatomy {
             })
         });
         let kept = kept.collect::<Result<_, VerifyError>>()?;
-        Ok(Self { ct, labels, aim, kept })
+        Ok(Self { ct, labels, aim, also, less, kept })
     }
 
     /// The number of a label that the case names, where it has one.
@@ -114,8 +133,17 @@ impl Anatomy {
 
     /// Corners, smallest and largest, of the target's box along work's axes, mm; `None` when the label has no voxel.
     pub fn aim_box(&self, grid_from_ct: &Rigid<Work, Ct>) -> Option<[Vector3<f64>; 2]> {
+        let main = self.box_of(&self.aim, 0.0, grid_from_ct)?;
         let mut found = BoxExtent::default();
-        match &self.aim {
+        let more = self.also.iter().filter_map(|r| self.box_of(&r.aim, r.margin_mm, grid_from_ct));
+        main.into_iter().chain(more.flatten()).for_each(|corner| found.hold(corner));
+        found.grown(&Vector3::zeros())
+    }
+
+    /// The box of a label's voxel boxes or of a shape, larger by a margin.
+    fn box_of(&self, aim: &Aim, margin_mm: f64, grid_from_ct: &Rigid<Work, Ct>) -> Option<[Vector3<f64>; 2]> {
+        let mut found = BoxExtent::default();
+        match aim {
             Aim::Label(label) => {
                 let grid = self.labels.grid();
                 for (n, _) in self.labels.data().iter().enumerate().filter(|(_, l)| *l == label) {
@@ -123,10 +151,10 @@ impl Anatomy {
                 }
                 let turn = grid_from_ct.rotation.matrix() * grid.axes();
                 let half = turn.abs() * grid.spacing_mm() * 0.5;
-                found.grown(&half)
+                found.grown(&half.add_scalar(margin_mm))
             }
             Aim::Shape(shape) => {
-                for (center, half) in parts(shape, grid_from_ct) {
+                for (center, half) in parts(&resized(shape, margin_mm), grid_from_ct) {
                     let center = (*grid_from_ct * Point::from_coords(center)).coords;
                     found.hold(center - half);
                     found.hold(center + half);

@@ -8,6 +8,7 @@ use super::VerifyError;
 use super::anatomy::{Anatomy, BoxExtent};
 use super::lattice::grid_over;
 use super::moves::Moves;
+use super::target::TargetRule;
 use super::voxels::Voxels;
 
 /// Largest number of points of the fine lattice: about 1.5 GB.
@@ -76,11 +77,11 @@ impl LatticeBounds<'_> {
 }
 
 /// The planner's voxels, and how far the target with the burr around it extends beyond them, mm.
-pub fn planned_voxels(plan: &StoredPlan, anatomy: &Anatomy) -> Result<(Voxels, f64), VerifyError> {
+pub fn planned_voxels(plan: &StoredPlan, target: &TargetRule<'_>) -> Result<(Voxels, f64), VerifyError> {
     let case = &plan.record.case;
     let (dims, h) = (plan.record.frames.grid.dims, case.grid.spacing_mm);
     let ct_from_grid = plan.record.frames.ct_from_grid();
-    let [lo, hi] = anatomy.aim_box(&ct_from_grid.inverse()).ok_or(VerifyError::NoTarget)?;
+    let [lo, hi] = target.anatomy().aim_box(&ct_from_grid.inverse()).ok_or(VerifyError::NoTarget)?;
     let size = Vector3::from(dims.map(|d| d as f64)) * h;
     // voxels extend half a spacing beyond their centres
     let below = Vector3::repeat(case.burr.radius_mm - 0.5 * h) - lo;
@@ -88,7 +89,7 @@ pub fn planned_voxels(plan: &StoredPlan, anatomy: &Anatomy) -> Result<(Voxels, f
     // because of rounding, the planner's grid may be smaller by this part of a voxel
     let beyond_mm = below.sup(&above).max() - GRID_ROUNDING * h;
     let grid = Grid::aligned(dims, h, Point::new(0.0, 0.0, 0.0))?;
-    Ok((Voxels::new(anatomy, &case.density, ct_from_grid, grid)?, beyond_mm.max(0.0)))
+    Ok((Voxels::new(target, &case.density, ct_from_grid, grid)?, beyond_mm.max(0.0)))
 }
 
 /// The box of CT and label map along work's axes.

@@ -106,7 +106,7 @@ pub fn counted(what: &str, said: Option<f64>, [least, most]: [f64; 2]) -> Check 
 fn coverage(voxels: &Voxels, swept: &Doubtful<Vec<bool>>, reachable: &Doubtful<Vec<bool>>) -> Check {
     let [_, removed] = voxels.volume_mm3(TARGET, &[swept, reachable]);
     let missed = (0..voxels.grid.len()).filter(|n| reachable.surely[*n] && !swept.possibly[*n]).count();
-    let whole = removed + missed as f64 * voxels.grid.voxel_mm3();
+    let whole = removed + missed as f64 * voxels.target_mm3[0];
     let share = if whole > 0.0 { removed / whole } else { 1.0 };
     Check::at_least(COVERAGE, share, ENOUGH, "of the reachable")
         .noting(format!("removed {removed:.1} of {whole:.1} mm³"))

@@ -11,7 +11,8 @@ use bonemill_geometry::{Ct, Grid, Point, Rigid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::anatomy::{Aim, Anatomy, shape_holds};
+use super::anatomy::Anatomy;
+use super::target::TargetRule;
 use super::voxels::{Doubtful, Voxels};
 use super::{VerifyError, edt};
 
@@ -66,14 +67,15 @@ impl FineLattice {
     /// # Errors
     /// [`VerifyError::Grid`] if the closing's grid cannot be made.
     pub fn new(
-        anatomy: &Anatomy,
+        target: &TargetRule<'_>,
         density: &Density,
         grid: Grid<Work>,
         voxels: &Voxels,
         rule: &Obstacle,
     ) -> Result<Self, VerifyError> {
         let ct_from_grid = &voxels.ct_from_grid;
-        let target = Inside::new(anatomy, density.bone_hu, ct_from_grid, &grid)?;
+        let anatomy = target.anatomy();
+        let target = Inside::new(target, density.bone_hu, ct_from_grid, &grid)?;
         let [nx, ny, _] = grid.dims();
         let mut class = vec![0u8; grid.len()];
         class.par_chunks_mut(nx).enumerate().for_each(|(row, class)| {
@@ -189,7 +191,7 @@ pub fn grid_over(
 /// Tells whether a point belongs to the target.
 #[derive(Debug)]
 pub struct Inside<'a> {
-    anatomy: &'a Anatomy,
+    target: &'a TargetRule<'a>,
     bone_hu: f64,
     /// For a shape, the bone and the air that it encloses.
     enclosed: Option<Closed>,
@@ -201,29 +203,21 @@ impl<'a> Inside<'a> {
     /// # Errors
     /// [`VerifyError::Grid`] if the closing's grid cannot be made.
     pub fn new(
-        anatomy: &'a Anatomy,
+        target: &'a TargetRule<'a>,
         bone_hu: f64,
         ct_from_grid: &Rigid<Ct, Work>,
         around: &Grid<Work>,
     ) -> Result<Self, VerifyError> {
-        let enclosed = match &anatomy.aim {
-            Aim::Label(_) => None,
-            Aim::Shape(_) => Some(Closed::new(anatomy, bone_hu, ct_from_grid, around)?),
-        };
-        Ok(Self { anatomy, bone_hu, enclosed })
+        let closed = || Closed::new(target.anatomy(), bone_hu, ct_from_grid, around);
+        let enclosed = if target.has_shape() { Some(closed()?) } else { None };
+        Ok(Self { target, bone_hu, enclosed })
     }
 
     /// Whether a point, given in both frames with its label and HU, belongs to the target.
     pub fn holds(&self, center: Point<Work>, p: Point<Ct>, label: u16, hu: f64) -> bool {
-        match &self.anatomy.aim {
-            Aim::Label(aim) => label == *aim && self.anatomy.is_in_scan(p),
-            Aim::Shape(shape) => {
-                shape_holds(shape, &p.coords)
-                    && self.anatomy.is_in_scan(p)
-                    && !self.anatomy.is_kept(label)
-                    && (hu >= self.bone_hu || self.enclosed.as_ref().is_some_and(|c| c.holds(center)))
-            }
-        }
+        let filled = hu >= self.bone_hu || self.enclosed.as_ref().is_some_and(|c| c.holds(center));
+        let found = self.target.holds(p, &|is| Doubtful::sure(is(label)), &Doubtful::sure(filled));
+        found.possibly && self.target.anatomy().is_in_scan(p)
     }
 }
 

@@ -46,6 +46,7 @@ mod requirements;
 mod rest;
 mod result;
 mod shaft;
+mod target;
 pub mod uncertainty;
 mod voxels;
 
@@ -59,6 +60,7 @@ use bonemill_geometry::Progress;
 use bonemill_planfile::{StoredPlan, digests, read_case_text};
 use motion::MotionLimits;
 use moves::{Executed, Moves};
+use target::TargetRule;
 
 /// A plan and what its checks look at.
 #[derive(Clone, Copy)]
@@ -67,6 +69,8 @@ pub(crate) struct Evidence<'a> {
     pub plan: &'a StoredPlan,
     /// Its images.
     pub anatomy: &'a Anatomy,
+    /// What is target.
+    pub target: &'a TargetRule<'a>,
     /// The structures' voxel boxes; `None` for one that the map lacks.
     pub boxes: &'a [Option<Boxes<'a>>],
     /// The moves between its waypoints.
@@ -128,7 +132,9 @@ pub fn verify(plan: &StoredPlan, progress: &dyn Progress) -> Result<Verification
     checks.extend(follow::follow(plan, &moves, &executed)?);
     checks.extend(follow::speeds(plan, &moves, &executed));
     checks.extend(links::links(plan, &executed)?);
-    let evidence = Evidence { plan, anatomy: &anatomy, boxes: &boxes, moves: &moves, executed: &executed };
+    let (anatomy, boxes, moves, executed) = (&anatomy, &boxes[..], &moves, &executed);
+    let target = &TargetRule::new(anatomy, boxes);
+    let evidence = Evidence { plan, anatomy, target, boxes, moves, executed };
     checks.extend(match case.job.channel() {
         Some(spec) => channel::checks(&evidence, spec, progress)?,
         None => milled::checks(&evidence, progress)?,

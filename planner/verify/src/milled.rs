@@ -21,7 +21,7 @@ const CLEARANCE_ROUNDING_MM: f64 = 1e-9;
 /// # Errors
 /// [`VerifyError`] for a target that the images lack.
 pub fn checks(evidence: &Evidence, progress: &dyn Progress) -> Result<Vec<Check>, VerifyError> {
-    let Evidence { plan, anatomy, boxes, moves, executed } = *evidence;
+    let Evidence { plan, anatomy, boxes, moves, executed, .. } = *evidence;
     progress.stage("check rows");
     let mut checks = columns::rows(plan, moves, executed);
     checks.extend(columns::structures(plan, &anatomy.kept, boxes));
@@ -58,7 +58,7 @@ fn clearances(evidence: &Evidence) -> Vec<Check> {
 
 /// Classifies the bone anew, removes it along the moves, and checks volumes, gouges, masses and the shank against it.
 fn bone(evidence: &Evidence, progress: &dyn Progress) -> Result<Vec<Check>, VerifyError> {
-    let Evidence { plan, anatomy, boxes, moves, executed } = *evidence;
+    let Evidence { plan, anatomy, target, boxes, moves, executed } = *evidence;
     progress.stage("classify bone");
     let case = &plan.record.case;
     let mut checks = Vec::new();
@@ -77,9 +77,9 @@ fn bone(evidence: &Evidence, progress: &dyn Progress) -> Result<Vec<Check>, Veri
         ""
     }));
     checks.push(Check::at_most("lattice spacing", grid.spacing_mm().x, spacing, "mm"));
-    let (voxels, beyond_mm) = planned_voxels(plan, anatomy)?;
+    let (voxels, beyond_mm) = planned_voxels(plan, target)?;
     let rule = Obstacle { band_mm, sheets: case.sheets };
-    let fine = FineLattice::new(anatomy, &case.density, grid, &voxels, &rule)?;
+    let fine = FineLattice::new(target, &case.density, grid, &voxels, &rule)?;
 
     progress.stage("count voxels");
     let pieces = carve::pieces(&moves.points);
@@ -113,7 +113,7 @@ fn bone(evidence: &Evidence, progress: &dyn Progress) -> Result<Vec<Check>, Veri
     let cylinders = shaft::cylinders(case);
     let poses = shaft::poses(plan, moves, executed);
     let standing = shaft::standing(&fine, &first);
-    let far = shaft::far_bone(anatomy, case, &fine, &grid_from_ct);
+    let far = shaft::far_bone(target, case, &fine, &grid_from_ct);
     checks.extend(shaft::against_bone(&poses, &cylinders, &standing, &far, ct_from_grid));
     drop((standing, far, first, fine));
     checks.extend(shank_clearances(evidence, &poses, &cylinders));

@@ -11,14 +11,14 @@ use bonemill_planfile::StoredPlan;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::anatomy::{Aim, Anatomy, shape_holds};
 use super::boxes::Boxes;
 use super::bricks::{Bricks, Cylinder};
 use super::carve::NEVER;
 use super::check::{Check, Place};
 use super::lattice::{FineLattice, MATERIAL, OBSTACLE};
 use super::moves::{Executed, Moves};
-use super::voxels::is_speck;
+use super::target::TargetRule;
+use super::voxels::{Doubtful, is_speck};
 
 /// Length of the part of the shank that is near the bone, mm from the burr's centre.
 const REACH_MM: f64 = 30.0;
@@ -106,19 +106,17 @@ pub fn standing(lattice: &FineLattice, first: &[u32]) -> [Bricks<Work>; 2] {
 /// Bone outside the target and outside the lattice, at the CT's voxels, without specks; if the case has sheets cut, only voxels
 /// that belong to a cube of 2×2×2 bone voxels.
 pub fn far_bone(
-    anatomy: &Anatomy,
+    target: &TargetRule<'_>,
     case: &Case,
     lattice: &FineLattice,
     grid_from_ct: &Rigid<Work, Ct>,
 ) -> Bricks<Ct> {
+    let anatomy = target.anatomy();
     let grid = anatomy.ct.grid();
     let [nx, ny, nz] = grid.dims();
     let is_bone: Vec<bool> =
         anatomy.ct.data().par_iter().map(|hu| f64::from(*hu) >= case.density.bone_hu).collect();
-    let is_target = |p: Point<Ct>| match &anatomy.aim {
-        Aim::Label(label) => anatomy.label(p) == *label,
-        Aim::Shape(shape) => shape_holds(shape, &p.coords),
-    };
+    let is_target = |p: Point<Ct>| target.drawn(p, &|is| Doubtful::sure(is(anatomy.label(p)))).possibly;
     // the corner of a full cube, looking back by 0 or 1 along each axis
     let thick = |i: usize, j: usize, k: usize| {
         (0..8usize).any(|c| {

@@ -5,13 +5,13 @@
 //! between two label voxels, on a shape's surface or on the burr's surface. Such a voxel is possibly, but not surely, inside. A
 //! correct figure lies between the two counts, which are nearly always equal.
 
-use bonemill_case::{Density, Sheets, Target};
+use bonemill_case::{Density, Sheets};
 use bonemill_geometry::{Ct, Frame, Grid, Point, Rigid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::anatomy::{Aim, Anatomy, resized, shape_holds};
 use super::lattice::{Closed, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
+use super::target::TargetRule;
 use super::{VerifyError, edt};
 
 /// Points closer than this to a surface may be on either side of it, mm.
@@ -37,11 +37,23 @@ pub struct Doubtful<T> {
 }
 
 impl Doubtful<bool> {
-    fn and(&self, other: &Self) -> Self {
+    /// Without doubt.
+    pub fn sure(is: bool) -> Self {
+        Self { surely: is, possibly: is }
+    }
+
+    /// Whether both hold.
+    pub fn and(&self, other: &Self) -> Self {
         Self { surely: self.surely && other.surely, possibly: self.possibly && other.possibly }
     }
 
-    fn not(&self) -> Self {
+    /// Whether one of them holds.
+    pub fn or(&self, other: &Self) -> Self {
+        Self { surely: self.surely || other.surely, possibly: self.possibly || other.possibly }
+    }
+
+    /// Whether it does not hold.
+    pub fn not(&self) -> Self {
         Self { surely: !self.possibly, possibly: !self.surely }
     }
 }
@@ -56,12 +68,9 @@ pub struct Voxels {
     /// Flags per voxel, x-fastest: [`TARGET`], [`MATERIAL`], [`TARGET_BONE`], [`OUTSIDE`], and [`SHEET`] for all bone
     /// outside the target.
     pub class: Doubtful<Vec<u8>>,
-}
-
-/// A shape, very slightly smaller and larger, with the closing of the bone around it.
-struct Doubted {
-    shape: Doubtful<Target>,
-    closed: Doubtful<Closed>,
+    /// The least and the largest volume that a voxel of the target stands for, mm³: the own volume of its labels and shapes,
+    /// divided by the number of voxels in them.
+    pub target_mm3: [f64; 2],
 }
 
 impl Voxels {
@@ -70,27 +79,23 @@ impl Voxels {
     /// # Errors
     /// [`VerifyError::Grid`] if the closing's grid cannot be made.
     pub fn new(
-        anatomy: &Anatomy,
+        target: &TargetRule<'_>,
         density: &Density,
         ct_from_grid: Rigid<Ct, Work>,
         grid: Grid<Work>,
     ) -> Result<Self, VerifyError> {
         let [nx, ny, _] = grid.dims();
-        let doubted = match &anatomy.aim {
-            Aim::Label(_) => None,
-            Aim::Shape(shape) => {
-                let closed = |bone_hu| Closed::new(anatomy, bone_hu, &ct_from_grid, &grid);
-                Some(Doubted {
-                    shape: Doubtful { surely: resized(shape, -DOUBT_MM), possibly: resized(shape, DOUBT_MM) },
-                    closed: Doubtful {
-                        surely: closed(density.bone_hu + DOUBT_HU)?,
-                        possibly: closed(density.bone_hu - DOUBT_HU)?,
-                    },
-                })
-            }
+        let anatomy = target.anatomy();
+        let closed = |bone_hu| Closed::new(anatomy, bone_hu, &ct_from_grid, &grid);
+        let closed = if target.has_shape() {
+            let (surely, possibly) =
+                (closed(density.bone_hu + DOUBT_HU)?, closed(density.bone_hu - DOUBT_HU)?);
+            Some(Doubtful { surely, possibly })
+        } else {
+            None
         };
         let middle = Vector3::from(grid.dims().map(|d| 0.5 * (d - 1) as f64)) * grid.spacing_mm().x;
-        let class_of = |voxel: [usize; 3]| -> (u8, u8) {
+        let class_of = |voxel: [usize; 3]| -> (u8, u8, [usize; 2]) {
             let center = grid.center(voxel);
             let outward = center + (center.coords - middle) * LABELS_OUTWARD;
             let hu = anatomy.hu(ct_from_grid * center);
@@ -100,17 +105,11 @@ impl Voxels {
                 })
             };
             let p = ct_from_grid * center;
-            let never = Doubtful { surely: false, possibly: false };
-            let (drawn, filled) = match (&anatomy.aim, &doubted) {
-                (Aim::Label(aim), _) => (labelled(&|label| label == *aim), never.not()),
-                (Aim::Shape(_), Some(doubted)) => {
-                    let kept = labelled(&|label| anatomy.is_kept(label));
-                    (doubted.drawn(&p.coords).and(&kept.not()), doubted.filled(center, hu, density.bone_hu))
-                }
-                (Aim::Shape(_), None) => (never.clone(), never),
-            };
             let in_scan = held(anatomy.ct.grid(), p, |v| v.is_some());
-            let (target, beyond) = (drawn.and(&filled).and(&in_scan), drawn.and(&in_scan.not()));
+            let filled = || filled(closed.as_ref(), center, hu, density.bone_hu);
+            let own = target.own_count(p, &labelled);
+            let beyond = target.drawn(p, &labelled).and(&in_scan.not());
+            let target = target.holds(p, &labelled, &filled()).and(&in_scan);
             let flags = |is_target: bool, is_beyond: bool, may_be_outside: bool, doubt_hu: f64| -> u8 {
                 let is_bone = hu >= density.bone_hu + doubt_hu;
                 let mut flags = if may_be_outside && is_bone { SHEET } else { 0 };
@@ -125,9 +124,10 @@ impl Voxels {
             (
                 flags(target.surely, beyond.surely, !target.possibly, DOUBT_HU),
                 flags(target.possibly, beyond.possibly, !target.surely, -DOUBT_HU),
+                own,
             )
         };
-        let rows: Vec<(u8, u8)> = (0..grid.len())
+        let rows: Vec<(u8, u8, [usize; 2])> = (0..grid.len())
             .into_par_iter()
             .with_min_len(nx)
             .map(|n| {
@@ -137,8 +137,13 @@ impl Voxels {
                 class_of(grid.voxel(n))
             })
             .collect();
-        let (surely, possibly) = rows.into_iter().unzip();
-        Ok(Self { grid, ct_from_grid, class: Doubtful { surely, possibly } })
+        let count = |doubt: usize| rows.iter().map(|(_, _, own)| own[doubt]).sum::<usize>();
+        let target_mm3 = match [count(1), count(0)] {
+            [_, 0] => [grid.voxel_mm3(); 2],
+            counts => counts.map(|count| target.own_mm3() / count as f64),
+        };
+        let (surely, possibly) = rows.into_iter().map(|(surely, possibly, _)| (surely, possibly)).unzip();
+        Ok(Self { grid, ct_from_grid, class: Doubtful { surely, possibly }, target_mm3 })
     }
 
     /// Spacing, mm.
@@ -146,17 +151,18 @@ impl Voxels {
         self.grid.spacing_mm().x
     }
 
-    /// The least and the largest volume of the voxels with `flag` that are in all of `sets`, mm³.
+    /// The least and the largest volume of the voxels with `flag` that are in all of `sets`, mm³; each voxel of the target stands
+    /// for [`Self::target_mm3`].
     pub fn volume_mm3(&self, flag: u8, sets: &[&Doubtful<Vec<bool>>]) -> [f64; 2] {
         let count = |class: &[u8], sets: Vec<&Vec<bool>>| {
             let is_in = |n: usize| class[n] & flag != 0 && sets.iter().all(|set| set[n]);
             (0..class.len()).into_par_iter().with_min_len(1 << 14).filter(|n| is_in(*n)).count()
         };
+        let [least_mm3, most_mm3] = if flag == SHEET { [self.grid.voxel_mm3(); 2] } else { self.target_mm3 };
         [
-            count(&self.class.surely, sets.iter().map(|set| &set.surely).collect()),
-            count(&self.class.possibly, sets.iter().map(|set| &set.possibly).collect()),
+            count(&self.class.surely, sets.iter().map(|set| &set.surely).collect()) as f64 * least_mm3,
+            count(&self.class.possibly, sets.iter().map(|set| &set.possibly).collect()) as f64 * most_mm3,
         ]
-        .map(|voxels| voxels as f64 * self.grid.voxel_mm3())
     }
 
     /// Obstacle bone. `bone` and `target` are flags of the voxels; `bone` marks bone outside the target ([`SHEET`]).
@@ -191,22 +197,13 @@ impl Voxels {
     }
 }
 
-impl Doubted {
-    /// Whether the shape contains a point.
-    fn drawn(&self, p: &Vector3<f64>) -> Doubtful<bool> {
-        Doubtful {
-            surely: shape_holds(&self.shape.surely, p),
-            possibly: shape_holds(&self.shape.possibly, p),
-        }
-    }
-
-    /// Whether a point is bone or enclosed by bone.
-    fn filled(&self, center: Point<Work>, hu: f64, bone_hu: f64) -> Doubtful<bool> {
-        let enclosed = |closed: &Closed| held(&closed.grid, center, |v| v.is_some_and(|v| closed.at(v)));
-        Doubtful {
-            surely: hu >= bone_hu + DOUBT_HU || enclosed(&self.closed.surely).surely,
-            possibly: hu >= bone_hu - DOUBT_HU || enclosed(&self.closed.possibly).possibly,
-        }
+/// Whether a point is bone or enclosed by bone; always, where there is no shape.
+fn filled(closed: Option<&Doubtful<Closed>>, center: Point<Work>, hu: f64, bone_hu: f64) -> Doubtful<bool> {
+    let Some(closed) = closed else { return Doubtful::sure(true) };
+    let enclosed = |closed: &Closed| held(&closed.grid, center, |v| v.is_some_and(|v| closed.at(v)));
+    Doubtful {
+        surely: hu >= bone_hu + DOUBT_HU || enclosed(&closed.surely).surely,
+        possibly: hu >= bone_hu - DOUBT_HU || enclosed(&closed.possibly).possibly,
     }
 }
 

@@ -6,6 +6,7 @@ use bonemill_geometry::{Ct, Grid, Point, Rigid, Work, trilinear};
 use super::super::VerifyError;
 use super::super::anatomy::{Anatomy, OUTSIDE_HU};
 use super::super::lattice::Inside;
+use super::super::target::TargetRule;
 
 /// What has mass: in the target all that is above `air_hu`, elsewhere bone. Soft tissue outside the target is retracted.
 #[derive(Debug)]
@@ -22,13 +23,13 @@ impl<'a> Bone<'a> {
     /// # Errors
     /// [`VerifyError::Grid`] if the grid of the enclosed air cannot be made.
     pub fn new(
-        anatomy: &'a Anatomy,
+        target: &'a TargetRule<'a>,
         density: &'a Density,
         ct_from_grid: Rigid<Ct, Work>,
         around: &Grid<Work>,
     ) -> Result<Self, VerifyError> {
-        let inside = Inside::new(anatomy, density.bone_hu, &ct_from_grid, around)?;
-        Ok(Self { anatomy, density, inside, ct_from_grid })
+        let inside = Inside::new(target, density.bone_hu, &ct_from_grid, around)?;
+        Ok(Self { anatomy: target.anatomy(), density, inside, ct_from_grid })
     }
 
     /// Density, g/cm³: HU are converted at the CT's voxels first, then interpolated. Beyond the scan is air.

@@ -93,12 +93,12 @@ impl Instant<'_> {
 impl<'a> DrivenForce<'a> {
     /// The force along a path.
     fn new(evidence: &Evidence, path: &'a DrivenPath) -> Result<Self, VerifyError> {
-        let Evidence { plan, anatomy, executed, .. } = *evidence;
+        let Evidence { plan, anatomy, target, executed, .. } = *evidence;
         let case = &plan.record.case;
         let ct_from_grid = plan.record.frames.ct_from_grid();
         let dims = plan.record.frames.grid.dims;
         let grid = Grid::aligned(dims, case.grid.spacing_mm, Point::new(0.0, 0.0, 0.0))?;
-        let bone = Bone::new(anatomy, &case.density, ct_from_grid, &grid)?;
+        let bone = Bone::new(target, &case.density, ct_from_grid, &grid)?;
         let burr = BurrSum::new(&case.burr, &case.material, NODES);
         let space = swept_box(path, scan_box(anatomy, &ct_from_grid.inverse()), case.burr.radius_mm);
         Ok(Self::along(path, &executed.axes, (&burr, &case.burr), space, |p| bone.density_g_cm3(p)))
