@@ -1,4 +1,5 @@
-//! Labels that are absent, misnamed or used twice are refused, and the error lists the existing labels.
+//! Labels that are absent, misnamed, used twice or beside the CT are refused or told; a target that gives way to structures, and
+//! what a case adds and takes away.
 
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
@@ -6,6 +7,9 @@ mod support;
 
 use std::fs;
 
+use serde_json::Value;
+
+use support::body;
 use support::place::Place;
 
 #[test]
@@ -66,4 +70,79 @@ fn a_label_that_two_have_is_refused_with_both() {
     let place = Place::healthy().with_case("label = 7", "label = \"pocket\"");
     fs::write(place.path("labels.json"), "{\"rod\": 7, \"pocket\": 20}").unwrap();
     place.refuses(&[&place.line_of("pocket"), "the target and structure 'nerve' are both label 20"]);
+}
+
+/// Plans and verifies: exit code of `plan`, its JSON, and the verification's failures.
+fn planned(place: &Place) -> (i32, Value, Vec<String>) {
+    let ran = place.run(&["plan", "case.toml", "--out", "plan", "--json"]);
+    assert!(ran.code < 2, "{}{}", ran.out, ran.err);
+    let json = serde_json::from_str(ran.out.lines().last().unwrap()).unwrap();
+    let checks = place.run(&["verify", "plan"]);
+    assert!(checks.code < 2, "{}{}", checks.out, checks.err);
+    (ran.code, json, checks.out.lines().filter(|l| l.contains("FAIL")).map(str::to_owned).collect())
+}
+
+#[test]
+fn labels_beside_the_ct_are_told_and_beyond_a_voxel_refused_until_the_case_chooses() {
+    let moved = |mm: f64| Place::healthy().with_labels(|labels| labels.affine[0][3] += mm);
+    let place = moved(1.0);
+    let said = ["images.labels_affine", "lie up to 1.000 mm (2.0 voxels) beside the CT's"];
+    place.refuses(&[&[&*place.line_of("[images]")], &said[..]].concat());
+    let chosen = place.with_case("[images]", "[images]\nlabels_affine = \"sform\"");
+    for (place, mm) in [(chosen, "1.000 mm"), (moved(0.25), "0.250 mm")] {
+        let (code, json, failed) = planned(&place);
+        assert!(code == 1 || failed.is_empty(), "{failed:?}");
+        let said = format!("lies up to {mm}");
+        assert!(json["warnings"].to_string().contains(&said), "{json}");
+        for file in ["plan.toml", "report.html"] {
+            assert!(fs::read_to_string(place.path("plan").join(file)).unwrap().contains(&said), "{file}");
+        }
+    }
+    // a nerve in the air above the block is planned, and told
+    let place = Place::healthy().with_labels(|labels| {
+        labels.fill([30..32, 24..36, 12..14], 0.0);
+        labels.fill([30..32, 24..36, 25..27], body::NERVE);
+    });
+    let (_, json, _) = planned(&place);
+    assert!(
+        json["warnings"].to_string().contains("100 % of structure 'nerve' lies outside the body"),
+        "{json}"
+    );
+}
+
+/// The nerve's voxels span 3.75..4.75 × 3.75..9.75 × 8.75..9.75 mm; the block ends at 13.75 mm.
+#[test]
+fn a_box_is_planned_less_the_structure_in_it_and_verified() {
+    let place =
+        Place::healthy().with_case("label = 20", "box = { min_mm = [-5, -2, 8], max_mm = [6, 8, 13.75] }");
+    let (_, json, failed) = planned(&place);
+    assert!(
+        failed.iter().all(|line| line.contains("plan meets its case") || line.contains("removed of")),
+        "{failed:?}"
+    );
+    let target_mm3 = json["metrics"]["target_mm3"].as_f64().unwrap();
+    // about 4.25 mm of the nerve's length and its rounded end lie in the box, with 1 mm around and 0.75 mm below it
+    let [box_mm3, nerve_mm3] = [11.0 * 10.0 * 5.75, 4.25 * (2.75 * 3.0 - 0.59) + 6.0];
+    assert!((target_mm3 - (box_mm3 - nerve_mm3)).abs() < 6.0, "{target_mm3} {box_mm3} {nerve_mm3}");
+}
+
+#[test]
+fn what_a_case_adds_and_takes_away_is_planned_and_verified_on_any_grid() {
+    let target = "label = 20\nalso = [{ label = 7, margin_mm = 1 }, { ball = { center_mm = [-7, -3, 12], radius_mm = 2 } }]";
+    let place = Place::healthy().with_case("label = 20", target);
+    place.refuses(&["target.also[0] and structure 'nerve' are both label 7"]);
+    let target = "label = 20\nless = [{ label = 7, margin_mm = 2.5 }]\nalso = [{ ball = { center_mm = [-3, 0, 12], radius_mm = 2 }, \
+                  margin_mm = 0.5 }]";
+    let place =
+        Place::healthy().with_case("label = 20", target).with_case("spacing_mm = 0.5", "spacing_mm = 0.41");
+    let (_, _, failed) = planned(&place);
+    assert!(
+        failed.iter().all(|line| line.contains("plan meets its case") || line.contains("removed of")),
+        "{failed:?}"
+    );
+    // a mask's volume is that of its voxels, not of those of another grid
+    let place = Place::healthy().with_case("spacing_mm = 0.5", "spacing_mm = 0.41");
+    let (code, json, failed) = planned(&place);
+    assert_eq!((code, failed), (0, vec![]));
+    assert!((json["metrics"]["target_mm3"].as_f64().unwrap() - 1743.0 / 8.0).abs() < 1e-9, "{json}");
 }

@@ -37,7 +37,7 @@ pub struct Region {
 }
 
 /// The distance to one labelled structure.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct StructureField {
     label: u16,
     grid: Grid<Ct>,
@@ -51,7 +51,7 @@ pub struct StructureField {
 }
 
 /// Distances at every [`COARSE_STEP`]th voxel centre of a window, mm.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Coarse {
     places: [Places; 3],
     distance_mm: Vec<f32>,

@@ -90,7 +90,9 @@ impl From<NotDone> for PyErr {
                 errors::PlanFileError::new_err(text)
             }
             NotDone::Simulate(SimulateError::Images(RustPlanError::Image(_) | RustPlanError::Scene(_)))
-            | NotDone::Verify(VerifyError::Image(_)) => errors::ImageError::new_err(text),
+            | NotDone::Verify(VerifyError::Image { .. } | VerifyError::LabelNames(_)) => {
+                errors::ImageError::new_err(text)
+            }
             NotDone::Simulate(SimulateError::Engine(EngineError::Model(_))) => {
                 errors::ModelError::new_err(text)
             }

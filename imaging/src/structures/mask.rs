@@ -13,7 +13,7 @@ use super::tree::Bounds;
 const LONGEST_BOX: usize = 8;
 
 /// Which voxels of a window have the label.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Mask {
     first: [usize; 3],
     dims: [usize; 3],

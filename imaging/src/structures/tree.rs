@@ -43,7 +43,7 @@ impl Bounds {
 }
 
 /// Boxes with their tree.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Tree {
     /// Node 0 is the root.
     nodes: Vec<Node>,

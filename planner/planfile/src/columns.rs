@@ -101,7 +101,8 @@ pub const DESCRIBED: &[Described] = &[
     },
     Described {
         title: "plan.toml [metrics]",
-        about: "Volumes are counts of voxels of the planning grid. A table of volumes has three keys: `all_mm3`, with air \
+        about: "Volumes are counts of voxels of the planning grid. Each voxel of the target stands for the same volume, such that all \
+                voxels in the label or shape have the volume that it has on its own grid or as a solid. A table of volumes has three keys: `all_mm3`, with air \
                 cells; `material_mm3`, above `density.air_hu`; `bone_mm3`, above `density.bone_hu`.",
         columns: toml::METRICS,
     },

@@ -1,6 +1,5 @@
 //! Images to scene: approach, crop, resampling, classes, obstacles.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use bonemill_case::TargetRegion;
@@ -290,7 +289,7 @@ fn structure_fields(spec: &SceneSpec, region: &Region) -> Result<Vec<SceneStruct
     spec.structures
         .par_iter()
         .map(|(name, label)| {
-            let field = StructureField::new(spec.labels, *label, Some(region))?.map(Arc::new);
+            let field = StructureField::new(spec.labels, *label, Some(region))?;
             Ok(SceneStructure { name: name.clone(), label: *label, field })
         })
         .collect()

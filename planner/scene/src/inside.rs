@@ -4,8 +4,6 @@
 //! way to the structures and their clearances; what is taken away is taken from everything. In a shape only bone and the air
 //! that it encloses are target.
 
-use std::sync::Arc;
-
 use bonemill_case::TargetRegion;
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work};
 use bonemill_imaging::{AIR_HU, ImageError, Region, StructureField, distance_within, resample_hu};
@@ -78,7 +76,7 @@ pub(super) struct Inside {
     /// Labels of the structures.
     kept: Vec<u16>,
     /// Structures with their clearances, mm.
-    near: Vec<(Arc<StructureField>, f64)>,
+    near: Vec<(StructureField, f64)>,
     bone_hu: f64,
     /// Where there is a shape: bone, closed, on a grid that reaches beyond the work grid.
     closed: Option<Volume<bool, Work>>,
@@ -105,7 +103,8 @@ impl Inside {
         }
         let less = spec.less.iter().map(part).collect::<Result<_, _>>()?;
         // what a channel's tool sweeps gives way to nothing
-        let clearances = if spec.is_swept { &[] } else { spec.clearances_mm };
+        let gives_way = !spec.is_swept && parts.iter().any(|part| part.gives_way);
+        let clearances = if gives_way { spec.clearances_mm } else { &[] };
         let near = structures.iter().zip(clearances);
         let near = near.filter_map(|(s, mm)| Some((s.field.clone()?, *mm))).collect();
         let has_shape = parts.iter().any(|part| !part.is_label());

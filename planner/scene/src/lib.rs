@@ -19,8 +19,6 @@ mod tests;
 mod touching;
 mod way_in;
 
-use std::sync::Arc;
-
 use bonemill_geometry::{Approach, Ct, Point, Rigid, Volume, Work, basis};
 use nalgebra::Vector3;
 use thiserror::Error;
@@ -73,7 +71,7 @@ pub struct SceneStructure {
     /// Its label in the map.
     pub label: u16,
     /// Exact distance to its voxel boxes; `None` when no voxel of it lies in reach of the tool.
-    pub field: Option<Arc<StructureField>>,
+    pub field: Option<StructureField>,
 }
 
 /// Images, target and structures on the planning grid.
@@ -176,7 +174,7 @@ pub enum SceneError {
     /// The target touches something that must be kept.
     #[error(
         "the target touches structure '{structure}' at ct ({x:.2}, {y:.2}, {z:.2}) mm, label voxel {voxel:?}: \
-         separate them in the label map, or choose a smaller target"
+         separate them in the label map, or take the structure with a margin away from the target (target.less)"
     )]
     TargetTouches {
         /// The structure.

@@ -5,11 +5,11 @@
 
 use bonemill_case::{LabelRef, Target, TargetRegion};
 use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
-use bonemill_imaging::{LabelNames, label_names_path, read_ct, read_label_names, read_labels};
+use bonemill_imaging::{LabelNames, label_names_path, read_label_names};
 use bonemill_planfile::StoredPlan;
 use nalgebra::Vector3;
 
-use super::VerifyError;
+use super::{VerifyError, images};
 
 /// HU beyond the scan.
 pub const OUTSIDE_HU: f64 = -1000.0;
@@ -72,13 +72,13 @@ impl Anatomy {
     /// [`VerifyError::Image`] when a file cannot be read or is refused, [`VerifyError::LabelName`] for a name without a number.
     pub fn read(plan: &StoredPlan) -> Result<Self, VerifyError> {
         let case = &plan.record.case;
-        let images = &case.images;
+        let named = &case.images;
         let (ct, labels) = rayon::join(
-            || read_ct(plan.input_path(&images.ct), images.ct_affine),
-            || read_labels(plan.input_path(&images.labels), images.labels_affine),
+            || images::ct(&plan.input_path(&named.ct), named.ct_affine),
+            || images::labels(&plan.input_path(&named.labels), named.labels_affine),
         );
-        let names = read_label_names(plan.input_path(&label_names_path(&images.labels)))?;
-        let (ct, labels) = (ct?.volume, labels?.volume);
+        let names = read_label_names(plan.input_path(&label_names_path(&named.labels)))?;
+        let (ct, labels) = (ct?, labels?);
         let number = |label: &LabelRef| number(label, names.as_ref());
         let aim = |target: &Target| -> Result<Aim, VerifyError> {
             Ok(match target {

@@ -6,7 +6,7 @@
 //! motion; and every figure that the plan states is computed again. Volumes are counted on the planner's own voxels, so that a correct figure needs no tolerance. A [`Check`]
 //! holds its value, its limit, the margin and the place of the worst value.
 //!
-//! Shared with the planner are frames and grids, the NIfTI reader, the arm's forward kinematics, and the reader of plan
+//! Shared with the planner are frames and grids, the arm's forward kinematics, and the reader of plan
 //! files. Not shared are path, space, access, orientation, removal, engagement, pipeline and time law; Cargo and a test of the
 //! source tree enforce this. Definitions are those of the plan format: closed label boxes, obstacle bone without specks and
 //! without sheets thinner than the band within the band of the target; soft tissue outside the target is free.
@@ -34,6 +34,7 @@ mod figures;
 mod follow;
 mod forces;
 mod gouge;
+mod images;
 mod lattice;
 mod links;
 mod milled;
@@ -53,7 +54,7 @@ mod voxels;
 pub(crate) use anatomy::{Anatomy, Kept};
 pub(crate) use boxes::Boxes;
 pub use check::{Check, LimitSide, Place, Short};
-pub use error::VerifyError;
+pub use error::{ReadProblem, VerifyError};
 pub use result::Verification;
 
 use bonemill_geometry::Progress;

@@ -63,7 +63,12 @@ pub const METRICS: &[Column] = &[
         "",
         "Target that the ball can reach under the clearances from the outside along the approach.",
     ),
-    Column::new("target_mm3", "mm³", "", "The whole target."),
+    Column::new(
+        "target_mm3",
+        "mm³",
+        "",
+        "The whole target: the volume of the label on its own grid or of the shape, without what is taken away or lies beyond the scan.",
+    ),
     Column::new("removed_material_mm3", "mm³", "", "The removed part above `density.air_hu`."),
     Column::new("removed_bone_mm3", "mm³", "", "The removed part above `density.bone_hu`."),
     Column::new("total_time_s", "s", "", "Duration from the first waypoint to the last."),

@@ -1,0 +1,251 @@
+//! Reads the plan's images again, NIfTI-1 in one file, plain or gzip, with code of its own: one wrong reader cannot fool both.
+//!
+//! Fields are taken at the byte offsets of `nifti1.h` (**Source:** NIfTI data format working group), and a file is refused unless
+//! header, voxels and transform are beyond doubt: the sform if its code is above 0, else the qform; a slope of 0 (or NaN, as some
+//! writers leave it) means no scaling. Not read: NIfTI-2, pairs of files, several volumes, colours.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+
+use bonemill_geometry::{Ct, Grid, Volume};
+use bonemill_imaging::AffineChoice;
+use flate2::bufread::MultiGzDecoder;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+use super::VerifyError;
+use super::error::ReadProblem;
+
+/// Header and extension flag, bytes: voxels start there or later.
+const HEADER_BYTES: usize = 352;
+/// Most bytes after the last voxel that may be padding, and most voxels.
+const PADDING_BYTES: usize = 4096;
+const MOST_VOXELS: u64 = 1 << 31;
+/// Largest difference of two statements about where a corner lies, in smallest voxels; of axes from a right angle, rad; and of
+/// b² + c² + d² by single precision.
+const SAME_VOXELS: f64 = 0.1;
+const SHEAR_RAD: f64 = 1e-3;
+const QUATERNION_ROUNDING: f64 = 5e-7;
+
+/// A CT's grey values. [`VerifyError::Image`] for a file that is not beyond doubt, and for values that are not finite.
+pub fn ct(path: &Path, choice: AffineChoice) -> Result<Volume<f32, Ct>, VerifyError> {
+    image(path, choice, "a finite number", |v| Some(v as f32).filter(|v| v.is_finite()))
+}
+
+/// A label map. [`VerifyError::Image`] for a file that is not beyond doubt, and for values that are no label.
+pub fn labels(path: &Path, choice: AffineChoice) -> Result<Volume<u16, Ct>, VerifyError> {
+    let label = |v: f64| {
+        let is_whole = |n: &f64| (v - n).abs() <= 1e-6 * n.max(1.0);
+        Some(v.round()).filter(|n| (0.0..=65535.0).contains(n) && is_whole(n)).map(|n| n as u16)
+    };
+    image(path, choice, "a whole number from 0 to 65535", label)
+}
+
+fn image<T>(
+    path: &Path,
+    choice: AffineChoice,
+    expected: &'static str,
+    convert: impl Fn(f64) -> Option<T>,
+) -> Result<Volume<T, Ct>, VerifyError> {
+    let read = || -> Result<_, ReadProblem> {
+        let mut file = BufReader::new(File::open(path)?);
+        let is_gzip = file.fill_buf()?.starts_with(&[0x1f, 0x8b]);
+        let bytes: &mut dyn Read = if is_gzip { &mut MultiGzDecoder::new(file) } else { &mut file };
+        let header = Header::read(bytes)?;
+        let grid = header.grid(choice)?;
+        let valid = |(voxel, value)| convert(value).ok_or(ReadProblem::Voxel { voxel, value, expected });
+        Ok(Volume::new(grid, header.voxels(bytes, valid)?)?)
+    };
+    read().map_err(|problem| VerifyError::Image { path: path.into(), problem })
+}
+
+/// The first bytes of a file, in its own byte order.
+struct Header {
+    bytes: [u8; HEADER_BYTES],
+    is_big: bool,
+    dims: [usize; 3],
+    mm: f64,
+}
+
+impl Header {
+    fn read(from: &mut dyn Read) -> Result<Self, ReadProblem> {
+        let mut bytes = [0; HEADER_BYTES];
+        from.read_exact(&mut bytes)?;
+        let is_big = bytes.starts_with(&348i32.to_be_bytes());
+        if !(is_big || bytes.starts_with(&348i32.to_le_bytes())) || bytes[344..348] != *b"n+1\0" {
+            return Err(ReadProblem::NotNifti);
+        }
+        let mut header = Self { bytes, is_big, dims: [1; 3], mm: 1.0 };
+        let dim: [u64; 8] = std::array::from_fn(|n| header.short(40 + 2 * n).max(0) as u64);
+        let used = dim.get(1..=dim[0] as usize).unwrap_or_default();
+        let (space, time) = used.split_at(used.len().min(3));
+        let voxels: u64 = space.iter().product();
+        if used.is_empty() || !(1..=MOST_VOXELS).contains(&voxels) || time.iter().any(|n| *n != 1) {
+            return Err(field("dim", voxels as f64, "one volume of at most 2^31 voxels"));
+        }
+        header.dims = std::array::from_fn(|a| space.get(a).map_or(1, |n| *n as usize));
+        header.mm = match bytes[123] & 7 {
+            0 | 2 => 1.0,
+            1 => 1e3,
+            3 => 1e-3,
+            code => return Err(field("xyzt_units", f64::from(code), "0 to 3 for lengths")),
+        };
+        Ok(header)
+    }
+
+    /// `N` bytes at an offset, the least significant first.
+    fn at<const N: usize>(&self, offset: usize) -> [u8; N] {
+        let mut found = std::array::from_fn(|n| self.bytes[offset + n]);
+        if self.is_big {
+            found.reverse();
+        }
+        found
+    }
+
+    fn short(&self, offset: usize) -> i16 {
+        i16::from_le_bytes(self.at(offset))
+    }
+
+    fn single(&self, offset: usize) -> f64 {
+        f64::from(f32::from_le_bytes(self.at(offset)))
+    }
+
+    /// What `valid` makes of every voxel's number and value after scaling, in the file's order.
+    fn voxels<T>(
+        &self,
+        from: &mut dyn Read,
+        valid: impl Fn((usize, f64)) -> Result<T, ReadProblem>,
+    ) -> Result<Vec<T>, ReadProblem> {
+        let (code, bitpix, offset) = (self.short(70), self.short(72), self.single(108));
+        let size = match code {
+            2 | 256 => 1,
+            4 | 512 => 2,
+            8 | 16 | 768 => 4,
+            64 | 1024 | 1280 => 8,
+            _ => return Err(field("datatype", f64::from(code), "a number of 8 to 64 bits")),
+        };
+        if usize::try_from(bitpix) != Ok(8 * size) {
+            return Err(field("bitpix", f64::from(bitpix), "that of datatype"));
+        }
+        if !(offset >= HEADER_BYTES as f64 && offset <= f64::from(1 << 24) && offset.fract() == 0.0) {
+            return Err(field("vox_offset", offset, "a whole number from 352"));
+        }
+        let [slope, intercept] = match [self.single(112), self.single(116)] {
+            [slope, _] if slope == 0.0 || slope.is_nan() => [1.0, 0.0],
+            [slope, intercept] if (slope + intercept).is_finite() => [slope, intercept],
+            [slope, _] => return Err(field("scl_slope", slope, "finite, as scl_inter")),
+        };
+        let (count, before) = (self.dims.iter().product::<usize>(), offset as usize - HEADER_BYTES);
+        let expected = before + count * size;
+        let mut bytes = Vec::new();
+        // to the end, where gzip's checksum is compared
+        from.take((expected + PADDING_BYTES + 1) as u64).read_to_end(&mut bytes)?;
+        if !(expected..=expected + PADDING_BYTES).contains(&bytes.len()) {
+            return Err(ReadProblem::Length { found: bytes.len(), expected });
+        }
+        let number = |voxel: &[u8]| {
+            let mut eight = [0; 8];
+            eight[..size].copy_from_slice(voxel);
+            if self.is_big {
+                eight[..size].reverse();
+            }
+            let [a, b, c, d, ..] = eight;
+            let stored = match code {
+                2 => f64::from(a),
+                256 => f64::from(a as i8),
+                4 => f64::from(i16::from_le_bytes([a, b])),
+                512 => f64::from(u16::from_le_bytes([a, b])),
+                8 => f64::from(i32::from_le_bytes([a, b, c, d])),
+                768 => f64::from(u32::from_le_bytes([a, b, c, d])),
+                16 => f64::from(f32::from_le_bytes([a, b, c, d])),
+                1024 => i64::from_le_bytes(eight) as f64,
+                1280 => u64::from_le_bytes(eight) as f64,
+                _ => f64::from_le_bytes(eight),
+            };
+            slope * stored + intercept
+        };
+        bytes[before..expected].chunks_exact(size).map(number).enumerate().map(valid).collect()
+    }
+
+    /// Where the voxels lie. With [`AffineChoice::Auto`] all that the header says about it must agree.
+    fn grid(&self, choice: AffineChoice) -> Result<Grid<Ct>, ReadProblem> {
+        let [has_qform, has_sform] = [252, 254].map(|at| self.short(at) > 0);
+        let is_auto = choice == AffineChoice::Auto;
+        let by_sform = choice == AffineChoice::Sform || is_auto && has_sform;
+        let (linear, offset) = match by_sform {
+            true if has_sform => self.sform(),
+            false if has_qform => self.qform()?,
+            _ => return Err(ReadProblem::Affine("its code is 0")),
+        };
+        let spacing = Vector3::from_fn(|a, _| linear.column(a).norm());
+        let unit = Matrix3::from_fn(|r, c| linear[(r, c)] / spacing[c]);
+        if !(offset.iter().all(|v| v.is_finite()) && spacing.iter().all(|mm| (1e-3..=20.0).contains(mm))) {
+            return Err(ReadProblem::Affine("values that are not finite, or voxels not of 0.001 to 20 mm"));
+        }
+        // the nearest orthonormal axes are U Vᵀ
+        let svd = (unit.determinant().abs() >= 1e-3).then(|| unit.svd(true, true));
+        let Some((u, v_t)) = svd.and_then(|svd| svd.u.zip(svd.v_t)) else {
+            return Err(ReadProblem::Affine("axes that do not span space"));
+        };
+        let axes = u * v_t;
+        let sized = |axes: Matrix3<f64>, mm: &Vector3<f64>| (axes * Matrix3::from_diagonal(mm), offset);
+        let off = [(0, 1), (0, 2), (1, 2)].map(|(a, b)| unit.column(a).dot(&unit.column(b)).abs());
+        let is_same = |other: &(Matrix3<f64>, Vector3<f64>), more_mm: f64| {
+            let far = |n: usize| Vector3::from_fn(|a, _| (n >> a & 1) as f64 * self.dims[a] as f64 - 0.5);
+            let off = |n: usize| ((linear - other.0) * far(n) + offset - other.1).norm();
+            (0..8).all(|n| off(n) <= SAME_VOXELS * spacing.min() + more_mm)
+        };
+        if off.iter().any(|c| c.asin() > SHEAR_RAD) || !is_same(&sized(axes, &spacing), 0.0) {
+            return Err(ReadProblem::Affine("axes that are not perpendicular"));
+        }
+        if is_auto {
+            let size = self.lengths(80);
+            if !(size.iter().all(|mm| *mm > 0.0) && is_same(&sized(unit, &size), 0.0)) {
+                return Err(ReadProblem::Affine("columns that contradict pixdim"));
+            }
+            if by_sform && has_qform {
+                // b, c, d are rounded, and a = √(1 − b² − c² − d²) with them; a turn by 2 da moves a corner
+                let turn = axes * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, axes.determinant()));
+                let real = (0.5 * Rotation3::from_matrix_unchecked(turn).angle()).cos();
+                let rounding = 4.0 * ((real * real + QUATERNION_ROUNDING).sqrt() - real);
+                let size_mm = Vector3::from(self.dims.map(|d| d as f64)).component_mul(&spacing);
+                if !is_same(&self.qform()?, rounding * size_mm.norm()) {
+                    return Err(ReadProblem::Affine("sform and qform disagree"));
+                }
+            }
+        }
+        Ok(Grid::new(self.dims, spacing, axes, offset)?)
+    }
+
+    /// Three lengths, mm.
+    fn lengths(&self, offset: usize) -> Vector3<f64> {
+        Vector3::from_fn(|a, _| self.single(offset + 4 * a) * self.mm)
+    }
+
+    fn sform(&self) -> (Matrix3<f64>, Vector3<f64>) {
+        let entry = |r: usize, c: usize| self.single(280 + 16 * r + 4 * c) * self.mm;
+        (Matrix3::from_fn(entry), Vector3::from_fn(|r, _| entry(r, 3)))
+    }
+
+    /// The rotation of the quaternion (a, b, c, d), 1 + 2a[v]ₓ + 2[v]ₓ²; the third axis is reversed for qfac below 0.
+    fn qform(&self) -> Result<(Matrix3<f64>, Vector3<f64>), ReadProblem> {
+        let [b, c, d] = [256, 260, 264].map(|at| self.single(at));
+        let square = b * b + c * c + d * d;
+        let (size, qfac) = (self.lengths(80), self.single(76));
+        if !(square <= 1.0 + 1e-5) || qfac.is_nan() || !size.iter().all(|mm| *mm > 0.0 && mm.is_finite()) {
+            return Err(ReadProblem::Affine("an impossible qform"));
+        }
+        let a = (1.0 - square).max(0.0).sqrt();
+        let cross = (Vector3::new(b, c, d) / square.max(1.0).sqrt()).cross_matrix();
+        let turn = Matrix3::identity() + cross * (2.0 * a) + cross * cross * 2.0;
+        let reversed = Vector3::new(1.0, 1.0, if qfac < 0.0 { -1.0 } else { 1.0 });
+        Ok((turn * Matrix3::from_diagonal(&size.component_mul(&reversed)), self.lengths(268)))
+    }
+}
+
+fn field(field: &'static str, value: f64, expected: &'static str) -> ReadProblem {
+    ReadProblem::Field { field, value, expected }
+}
+
+#[cfg(test)]
+mod tests;
