@@ -9,12 +9,12 @@ pub const ALL: &[Fault] = &[
     Fault {
         name: "a planning grid that leaves out a part of the target",
         plant: |p| p.record.frames.grid.dims[1] -= 12,
-        caught_by: &["planning grid around the target", "figures/target_mm3"],
+        caught_by: &["planning grid around the target", "figures/reachable.all_mm3"],
     },
     Fault {
         name: "a planning grid that lies otherwise",
         plant: |p| p.record.frames.grid.turn_rad += 0.05,
-        caught_by: &["figures/target_mm3"],
+        caught_by: &["figures/reachable.all_mm3"],
     },
     Fault {
         name: "a shorter time claimed",

@@ -232,7 +232,8 @@ impl Header {
         let [b, c, d] = [256, 260, 264].map(|at| self.single(at));
         let square = b * b + c * c + d * d;
         let (size, qfac) = (self.lengths(80), self.single(76));
-        if !(square <= 1.0 + 1e-5) || qfac.is_nan() || !size.iter().all(|mm| *mm > 0.0 && mm.is_finite()) {
+        let is_size = size.iter().all(|mm| *mm > 0.0 && mm.is_finite());
+        if !(is_size && square <= 1.0 + 1e-5 && !qfac.is_nan()) {
             return Err(ReadProblem::Affine("an impossible qform"));
         }
         let a = (1.0 - square).max(0.0).sqrt();
