@@ -11,8 +11,9 @@
 //! Every angle is an arc tangent of two lengths, a sum or difference of such, or half a turn from one. An arc cosine of a
 //! ratio is never used, because it is inaccurate near 0 and π.
 //!
-//! At singular poses the result is defined. Wrist (s₅ = 0): q₆ is free and given by the caller, and both wrists give the
-//! same joint vector. Elbow stretched or folded, or shoulder at its edge: the two branches coincide and both are given.
+//! At singular poses the result is defined. Wrist (s₅ = 0): q₆ is free as far as the elbow reaches p₄, which q₆ turns on a
+//! circle about p₅; it is the value nearest to the caller's, and both wrists give the same joint vector. Elbow stretched or
+//! folded, or shoulder at its edge: the two branches coincide and both are given.
 //!
 //! Invariants: no value is NaN; every joint vector reproduces the pose to 1e-9 mm and 1e-9 rad (tested on 10⁶ poses); each
 //! angle is in [−π, π], and the caller adds turns by 2π. Limits are not checked here.
@@ -28,8 +29,9 @@ use bonemill_geometry::{Base, Flange, Rigid};
 /// elbow are both singular, and half the error that a solution may have.
 const EDGE_MM: f64 = 5e-10;
 
-/// At |s₅| up to this value q₆ is free.
-const WRIST_SINGULAR: f64 = 1e-12;
+/// At |s₅| up to this value q₆ is free: taken as 0 it moves the flange by at most d₆ |s₅| < 5e-10 mm. Rounding makes |s₅| of a
+/// singular wrist as large where the shoulder is nearly singular, too.
+const WRIST_SINGULAR: f64 = 4e-12;
 
 /// The lengths of a UR arm's DH table, mm, with their signs (a₂ and a₃ are negative).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,7 +61,7 @@ pub struct UrSolutions {
     /// How far the flange must be moved before a branch reaches it, mm: the least of the ways that were tried. 0 where a
     /// branch reaches.
     pub short_mm: f64,
-    /// Whether q₆ was free, so that the caller's value was used.
+    /// Whether q₆ was free, so that the value nearest to the caller's was used.
     pub wrist_singular: bool,
 }
 
@@ -90,7 +92,8 @@ impl UrSolutions {
 }
 
 impl UrGeometry {
-    /// All joint vectors that bring the flange to a pose; `free_q6_rad` is q₆ where the pose leaves it free.
+    /// All joint vectors that bring the flange to a pose. Where the pose leaves q₆ free, it is the value nearest to
+    /// `free_q6_rad` at which the elbow reaches.
     pub fn inverse(&self, base_from_flange: &Rigid<Base, Flange>, free_q6_rad: f64) -> UrSolutions {
         let r = base_from_flange.rotation.matrix();
         let p = &base_from_flange.translation_mm;
@@ -113,21 +116,22 @@ impl UrGeometry {
             let s5 = length(cx, cy);
             let free = s5 <= WRIST_SINGULAR;
             found.wrist_singular |= free;
+            let (x6, y6, z6) = (in_plane(&x6), in_plane(&y6), in_plane(&z6));
+            let p5 = [along, p5[2] - self.d1_mm];
             let (s6, c6, q6) = if free {
-                let (s6, c6) = free_q6_rad.sin_cos();
-                (s6, c6, free_q6_rad)
+                let q6 = self.nearest_within_reach(free_q6_rad, &x6, &y6, &p5);
+                (q6.sin(), q6.cos(), q6)
             } else {
                 let (s6, c6) = (-cy / s5, cx / s5);
                 (s6, c6, s6.atan2(c6))
             };
             let s5 = if free { 0.0 } else { s5 };
-            let (x6, y6, z6) = (in_plane(&x6), in_plane(&y6), in_plane(&z6));
             // x₅ and y₅ = −z₄ of the wrist's frames, and then x₄
             let x5: [f64; 2] = std::array::from_fn(|k| c6 * x6[k] - s6 * y6[k]);
             let y5: [f64; 2] = std::array::from_fn(|k| s6 * x6[k] + c6 * y6[k]);
             let x4: [f64; 2] = std::array::from_fn(|k| c5 * x5[k] - s5 * z6[k]);
             let wrist = Wrist { y5, q234: x4[1].atan2(x4[0]), q5: s5.atan2(c5), q6 };
-            let plane = Plane { geometry: self, q1: s1.atan2(c1), p5: [along, p5[2] - self.d1_mm] };
+            let plane = Plane { geometry: self, q1: s1.atan2(c1), p5 };
             for (turned, wrist) in
                 [&wrist, &if free { wrist } else { wrist.turned() }].into_iter().enumerate()
             {
@@ -144,6 +148,34 @@ impl UrGeometry {
             }
         }
         found
+    }
+
+    /// The value of a free q₆ nearest to `q6_rad` at which the elbow reaches p₄ = p₅ + d₅ y₅; where none does, the value that
+    /// brings p₄ nearest to its reach. x₆, y₆ and p₅ are in the arm's plane.
+    ///
+    /// With y₅ at the angle ψ from p₅, |p₄|² = p₅² + d₅² + 2 p₅ d₅ cos ψ: the reach bounds |ψ| on both sides, and ψ changes by
+    /// as much as q₆.
+    fn nearest_within_reach(&self, q6_rad: f64, x6: &[f64; 2], y6: &[f64; 2], p5: &[f64; 2]) -> f64 {
+        let (s6, c6) = q6_rad.sin_cos();
+        let y5: [f64; 2] = std::array::from_fn(|k| s6 * x6[k] + c6 * y6[k]);
+        let psi = (p5[0] * y5[1] - p5[1] * y5[0]).atan2(p5[0] * y5[0] + p5[1] * y5[1]);
+        let squares = p5[0] * p5[0] + p5[1] * p5[1] + self.d5_mm * self.d5_mm;
+        let twice = 2.0 * length(p5[0], p5[1]) * self.d5_mm;
+        // |ψ| at which |p₄| is this long
+        let at = |mm: f64| ((mm * mm - squares) / twice).clamp(-1.0, 1.0).acos();
+        let [longest, shortest] = self.reach_mm().map(at);
+        let (least, most) = (longest.min(shortest), longest.max(shortest));
+        if !(least.is_finite() && most.is_finite()) {
+            return q6_rad;
+        }
+        let turn = psi.abs().clamp(least, most).copysign(psi) - psi;
+        // y₅ turns from y₆ to x₆ as q₆ grows
+        wrapped(q6_rad + turn * (y6[0] * x6[1] - y6[1] * x6[0]).signum())
+    }
+
+    /// The largest and the least distance between the second joint's axis and the fourth's, mm.
+    fn reach_mm(&self) -> [f64; 2] {
+        [(self.a2_mm + self.a3_mm).abs(), (self.a2_mm - self.a3_mm).abs()]
     }
 
     /// Height of the lowest link after the shoulder above the mounting plane, mm; links are lines from joint to joint. `q` must
@@ -208,7 +240,7 @@ impl Plane<'_> {
     fn elbows(&self, wrist: &Wrist) -> Result<Elbows, f64> {
         let g = self.geometry;
         let [x, y]: [f64; 2] = std::array::from_fn(|k| self.p5[k] + g.d5_mm * wrist.y5[k]);
-        let (longest, shortest) = ((g.a2_mm + g.a3_mm).abs(), (g.a2_mm - g.a3_mm).abs());
+        let [longest, shortest] = g.reach_mm();
         let length = length(x, y);
         let short_mm = (length - longest).max(shortest - length);
         if !short_mm.is_finite() || short_mm > EDGE_MM {

@@ -176,7 +176,7 @@ fn out_of_reach_says_by_how_much() {
 fn singular_poses_have_a_stated_answer() {
     for model in UrModel::ALL {
         let (arm, geometry) = (Arm::ur(model, None).unwrap(), model.geometry());
-        // wrist: q₆ is the caller's value
+        // wrist: q₆ is the caller's value, which the elbow reaches
         let q = [0.3, -1.2, 1.4, -0.7, 0.0, 0.9];
         let pose = arm.forward(&q).unwrap();
         let solutions = geometry.inverse(&pose, 0.9);
@@ -203,6 +203,40 @@ fn singular_poses_have_a_stated_answer() {
             let (mm, rad) = apart(&arm.forward(found).unwrap(), &pose);
             assert!(mm < 1e-9 && rad < 1e-9, "{mm} {rad}");
         }
+    }
+}
+
+/// At the exact wrist singularity q₆ is free as far as the elbow reaches.
+#[test]
+fn every_reachable_pose_with_a_singular_wrist_has_solutions_whatever_the_callers_q6() {
+    let mut stream = Stream(11);
+    for model in UrModel::ALL {
+        let (arm, geometry) = (Arm::ur(model, None).unwrap(), model.geometry());
+        let mut moved = 0;
+        for k in 0..4000 {
+            let mut q = stream.q();
+            q[4] = [0.0, PI][k % 2];
+            let pose = arm.forward(&q).unwrap();
+            let asked = [0.0, (stream.next() - 0.5) * TAU][k / 2 % 2];
+            let solutions = geometry.inverse(&pose, asked);
+            for (_, found) in solutions.iter() {
+                let (mm, rad) = apart(&arm.forward(found).unwrap(), &pose);
+                assert!(mm < 1e-9 && rad < 1e-9, "{q:?}: {mm} mm, {rad} rad");
+            }
+            assert!(!solutions.is_empty() && solutions.short_mm == 0.0, "{q:?} has no solution");
+            // a value that was moved is the nearest: a little nearer to the one asked for, the branch is gone
+            for (branch, found) in solutions.iter().filter(|(_, found)| found[4].sin().abs() < 1e-12) {
+                let away = wrapped(found[5] - asked);
+                if away.abs() > 1e-5 {
+                    moved += 1;
+                    let nearer = geometry.inverse(&pose, asked + away - 1e-6f64.copysign(away));
+                    let q6 = nearer.branches[branch].map(|q| wrapped(q[5] - found[5]).abs());
+                    assert!(q6.is_some_and(|off| off < 1e-9), "{q:?}: {q6:?}");
+                }
+            }
+            assert!(!arm.inverse(&arm.burr(&q).unwrap()).unwrap().q.is_empty(), "{q:?}");
+        }
+        assert!(moved > 100, "{model:?}: {moved}");
     }
 }
 
