@@ -5,6 +5,7 @@
 //! map errs by at most a voxel diagonal, towards "too near".
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
+use nalgebra::Vector3;
 
 use bonemill_imaging::{ImageError, distance_within};
 
@@ -21,8 +22,11 @@ pub struct FarObstacles {
 }
 
 impl FarObstacles {
-    /// From the coarse voxels that hold something.
-    pub(super) fn new(full: &Volume<bool, Work>, reach_mm: f64) -> Result<Self, ImageError> {
+    /// From the coarse voxels that hold something; answers are known up to `reach_mm` at least.
+    ///
+    /// # Errors
+    /// When the distance field cannot be made.
+    pub fn new(full: &Volume<bool, Work>, reach_mm: f64) -> Result<Self, ImageError> {
         // obstacle and query point may lie anywhere in their voxels
         let slack_mm = full.grid().diagonal_mm();
         // cut off where an answer is certainly more than `reach_mm`, however it is asked for
@@ -58,9 +62,32 @@ impl FarObstacles {
         self.distance_mm.as_ref().map(Volume::grid)
     }
 
-    /// How much nearer than the truth an answer may be, mm.
-    pub fn slack_mm(&self) -> f64 {
-        2.0 * self.slack_mm
+    /// Centres of the coarse voxels between two corners that hold something solid, which lies somewhere in the voxel.
+    pub fn full_between(
+        &self,
+        low: &Vector3<f64>,
+        high: &Vector3<f64>,
+    ) -> impl Iterator<Item = Point<Work>> + '_ {
+        let voxels = self.distance_mm.as_ref().map(|distance_mm| {
+            let (grid, dims) = (distance_mm.grid(), distance_mm.grid().dims());
+            let index = |p: &Vector3<f64>| (p - grid.origin().coords) * self.per_mm;
+            let (low, high) = (index(low), index(high));
+            let along = |a: usize| {
+                let last = high[a].floor().min(dims[a] as f64 - 1.0);
+                low[a].ceil().max(0.0) as usize..(last + 1.0).max(0.0) as usize
+            };
+            let [x, y, z] = [0, 1, 2].map(along);
+            let rows = z.flat_map(move |k| y.clone().map(move |j| [j, k]));
+            rows.flat_map(move |[j, k]| x.clone().map(move |i| [i, j, k]))
+                .filter(|voxel| *distance_mm.get(*voxel) == 0.0)
+                .map(|voxel| grid.center(voxel))
+        });
+        voxels.into_iter().flatten()
+    }
+
+    /// Half a coarse voxel's diagonal, mm: the farthest that the solid thing lies from its voxel's centre.
+    pub fn half_diagonal_mm(&self) -> f64 {
+        0.5 * self.slack_mm
     }
 
     /// The coarse grid's spacing, mm.

@@ -73,7 +73,6 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
             }
             self.view_brick(&near, (shaft, cylinder), &is_swept, &mut view);
         }
-        self.view_far(shaft, cylinder, &mut view);
         view
     }
 
@@ -204,22 +203,42 @@ impl<T: Copy + Into<f64> + Sync> Lattice<'_, T> {
         known.unwrap_or_else(|| self.held(cell)).kind
     }
 
-    /// Contact beyond the grid, if it is certain by the coarse map.
-    fn view_far(&self, shaft: &Shaft, cylinder: &ShankCylinder, view: &mut ShankView) {
+    /// Contact of a piece of a cylinder beyond the grid, if it is certain by the coarse map: a voxel that holds something solid
+    /// lies in the cylinder as a whole.
+    pub(super) fn view_far(
+        &self,
+        shaft: &Shaft,
+        piece: &ShankCylinder,
+        whole: &ShankCylinder,
+        view: &mut ShankView,
+    ) {
         let Some(far) = self.bone().far() else { return };
-        let step_mm = far.spacing_mm();
-        let count = ((cylinder.to_mm - cylinder.from_mm) / step_mm).ceil().clamp(0.0, 1e4) as usize;
-        for n in 0..=count {
-            let along_mm = (cylinder.from_mm + n as f64 * step_mm).min(cylinder.to_mm);
-            let at = Point::from_coords(shaft.center + shaft.axis.into_inner() * along_mm);
-            if self.bone().grid().nearest(at).is_some() {
-                continue;
-            }
-            let Some(at_least_mm) = far.at_least_mm(at) else { continue };
-            let clear_mm = at_least_mm - cylinder.radius_mm;
-            view.clear_mm = view.clear_mm.min(clear_mm.max(0.0));
-            let depth_mm = -(clear_mm + far.slack_mm());
-            if depth_mm > 0.0 && view.contact.is_none_or(|c| c.depth_mm < depth_mm) {
+        let on_axis = |along_mm: f64| shaft.center + shaft.axis.into_inner() * along_mm;
+        let is_beyond = |p: Point<Work>| self.bone().grid().nearest(p).is_none();
+        let count = ((piece.to_mm - piece.from_mm) / far.spacing_mm()).ceil().clamp(1.0, 1e4) as usize;
+        let places = (0..=count).map(|n| {
+            Point::from_coords(on_axis(
+                piece.from_mm + (piece.to_mm - piece.from_mm) * n as f64 / count as f64,
+            ))
+        });
+        let near_mm = places.filter(|p| is_beyond(*p)).filter_map(|p| far.at_least_mm(p));
+        let clear_mm = near_mm.fold(f64::INFINITY, f64::min) - piece.radius_mm;
+        view.clear_mm = view.clear_mm.min(clear_mm.max(0.0));
+        if clear_mm > 0.0 {
+            return;
+        }
+        let inside_mm = far.half_diagonal_mm();
+        let (from, to) = (on_axis(piece.from_mm), on_axis(piece.to_mm));
+        let aside = Vector3::repeat(piece.radius_mm);
+        for at in far.full_between(&(from.inf(&to) - aside), &(from.sup(&to) + aside)) {
+            let from_burr = at.coords - shaft.center;
+            let along_mm = from_burr.dot(&shaft.axis);
+            let across_mm = (from_burr - shaft.axis.into_inner() * along_mm).norm();
+            let depth_mm = piece.radius_mm - across_mm - inside_mm;
+            let is_in_piece = (piece.from_mm..=piece.to_mm).contains(&along_mm);
+            let is_in_whole = (whole.from_mm + inside_mm..=whole.to_mm - inside_mm).contains(&along_mm);
+            let is_deepest = depth_mm > 0.0 && view.contact.is_none_or(|c| c.depth_mm < depth_mm);
+            if is_in_piece && is_in_whole && is_deepest && is_beyond(at) {
                 view.contact = Some(ShankContact { at, depth_mm, along_mm, kind: Kind::Obstacle });
             }
         }

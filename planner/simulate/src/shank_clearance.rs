@@ -22,19 +22,29 @@ const SHANK_PIECE_MM: f64 = 5.0;
 /// Largest number of places along a step at which the shank is tested.
 const MOST_PLACES: f64 = 1000.0;
 
-/// The shank in pieces, and how far each may move before it can touch anything, mm.
+/// The shank in pieces.
 #[derive(Debug, Clone)]
 pub(super) struct ShankClearance {
-    pieces: Vec<(ShankCylinder, f64)>,
+    pieces: Vec<Piece>,
     /// The thinnest cylinder's radius, mm; `None` without a shank.
     thin_mm: Option<f64>,
     burr_mm: f64,
 }
 
+/// A piece of one of the shank's cylinders.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    cylinder: ShankCylinder,
+    /// The cylinder that it is a part of.
+    whole: ShankCylinder,
+    /// How far it may move before it can touch anything, mm.
+    clear_mm: f64,
+}
+
 impl ShankClearance {
     pub(super) fn new(shank: &[ShankCylinder], burr_mm: f64) -> Self {
         Self {
-            pieces: shank.iter().flat_map(pieces).map(|piece| (piece, 0.0)).collect(),
+            pieces: shank.iter().flat_map(pieces).collect(),
             thin_mm: shank.iter().map(|c| c.radius_mm).reduce(f64::min),
             burr_mm,
         }
@@ -53,10 +63,10 @@ impl ShankClearance {
         let way_mm = (to.center - from.center).norm();
         let mut moved_mm = 0f64;
         let mut close = Vec::new();
-        for (n, (piece, clear_mm)) in self.pieces.iter_mut().enumerate() {
-            let moves_mm = way_mm + piece.to_mm * turn;
-            *clear_mm -= moves_mm;
-            if *clear_mm <= 0.0 {
+        for (n, piece) in self.pieces.iter_mut().enumerate() {
+            let moves_mm = way_mm + piece.cylinder.to_mm * turn;
+            piece.clear_mm -= moves_mm;
+            if piece.clear_mm <= 0.0 {
                 close.push(n);
                 moved_mm = moved_mm.max(moves_mm);
             }
@@ -69,8 +79,8 @@ impl ShankClearance {
             let shaft = Shaft { center: center.coords, axis: Unit::try_new(axis, 1e-9).unwrap_or(to.axis) };
             let mut deepest: Option<ShankContact> = None;
             for &n in &close {
-                let view = self.view(lattice, trail, &shaft, &self.pieces[n].0);
-                self.pieces[n].1 = if view.contact.is_some() { 0.0 } else { view.clear_mm };
+                let view = self.view(lattice, trail, &shaft, &self.pieces[n]);
+                self.pieces[n].clear_mm = if view.contact.is_some() { 0.0 } else { view.clear_mm };
                 deepest = deepest
                     .into_iter()
                     .chain(view.contact)
@@ -78,7 +88,7 @@ impl ShankClearance {
             }
             if deepest.is_some() {
                 // the step is not made, so these clearances belong to another pose
-                close.iter().for_each(|&n| self.pieces[n].1 = 0.0);
+                close.iter().for_each(|&n| self.pieces[n].clear_mm = 0.0);
                 return deepest;
             }
         }
@@ -90,20 +100,26 @@ impl ShankClearance {
         lattice: &Lattice<'_, T>,
         trail: &Trail,
         shaft: &Shaft,
-        piece: &ShankCylinder,
+        piece: &Piece,
     ) -> ShankView {
         let r2 = self.burr_mm * self.burr_mm;
         let is_swept =
             |p: &Vector3<f64>| trail.pieces().any(|(a, b)| segment_distance_squared(p, &a, &b) <= r2);
-        let look_mm = LOOK_MM + LOOK_PER_MM * piece.to_mm;
-        lattice.view_shank(shaft, piece, look_mm, is_swept)
+        let look_mm = LOOK_MM + LOOK_PER_MM * piece.cylinder.to_mm;
+        let mut view = lattice.view_shank(shaft, &piece.cylinder, look_mm, is_swept);
+        lattice.view_far(shaft, &piece.cylinder, &piece.whole, &mut view);
+        view
     }
 }
 
 /// A cylinder in pieces of equal length.
-fn pieces(cylinder: &ShankCylinder) -> impl Iterator<Item = ShankCylinder> {
-    let ShankCylinder { from_mm, to_mm, radius_mm } = *cylinder;
+fn pieces(whole: &ShankCylinder) -> impl Iterator<Item = Piece> {
+    let whole = *whole;
+    let ShankCylinder { from_mm, to_mm, radius_mm } = whole;
     let count = ((to_mm - from_mm) / SHANK_PIECE_MM).ceil().max(1.0) as usize;
     let at = move |n: usize| from_mm + (to_mm - from_mm) * (n as f64 / count as f64);
-    (0..count).map(move |n| ShankCylinder { from_mm: at(n), to_mm: at(n + 1), radius_mm })
+    (0..count).map(move |n| {
+        let cylinder = ShankCylinder { from_mm: at(n), to_mm: at(n + 1), radius_mm };
+        Piece { cylinder, whole, clear_mm: 0.0 }
+    })
 }

@@ -1,6 +1,8 @@
 //! Contact of the shank: its place and depth, and that the step is then not made.
 
+use super::super::shank::ShankContact;
 use super::*;
+use bonemill_scene::FarObstacles;
 
 const NECK_MM: f64 = 1.1;
 
@@ -101,4 +103,52 @@ fn batches_are_stopped_where_single_steps_are() {
     assert_eq!(one, many);
     assert!(one.iter().filter(|c| **c).count() > 50);
     assert_eq!(single.pose(), batched.pose());
+}
+
+/// Solid coarse voxels beyond the grid, of 1 mm, where `holds` says so.
+fn far(holds: impl Fn(Vector3<f64>) -> bool) -> FarObstacles {
+    let grid = Grid::<Work>::aligned([17, 17, 61], 1.0, Point::new(-8.0, -8.0, 0.0)).unwrap();
+    let full = (0..grid.len()).map(|n| holds(grid.center(grid.voxel(n)).coords)).collect();
+    FarObstacles::new(&Volume::new(grid, full).unwrap(), 5.0).unwrap()
+}
+
+/// The contact of a shank whose handpiece, of radius 5, begins at z = 20, with a thing beyond the grid.
+fn met_far(holds: impl Fn(Vector3<f64>) -> bool) -> Option<ShankContact> {
+    let (bone, far) = (block(8.0, 0.5, |_| 0.0), far(holds));
+    let neck = ShankCylinder { from_mm: RADIUS_MM, to_mm: 20.0, radius_mm: NECK_MM };
+    let handpiece = ShankCylinder { from_mm: 20.0, to_mm: 50.0, radius_mm: 5.0 };
+    let spec = EngineSpec { shank: vec![neck, handpiece], ..spec() };
+    let model = burr(&spec);
+    let bone = Bone::new(&bone).unwrap().with_far(&far);
+    let mut engine = Engine::new(bone, spec, model, pose(0.0, 0.0, 0.0)).unwrap();
+    engine.step(to(engine.pose(), pose(0.0, 0.05, 0.0))).unwrap().contact
+}
+
+/// Bone in front of the handpiece is nearer to its axis' first point than its radius, but not in the cylinder.
+#[test]
+fn beyond_the_grid_the_handpieces_flat_front_is_no_ball() {
+    for z in [13.0, 16.0, 17.0, 19.0] {
+        let met = met_far(|p| p.z <= z && p.z > 11.0 && p.y > 2.0);
+        assert_eq!(met, None, "bone up to {z}");
+    }
+    // a voxel lies half a diagonal, 0.87, about its centre
+    assert_eq!(met_far(|p| p.z <= 20.0 && p.z > 11.0 && p.y > 2.0), None);
+    let met = met_far(|p| p.z <= 21.0 && p.z > 11.0 && p.y > 2.0).unwrap();
+    assert!((met.along_mm - 21.0).abs() < 1e-9 && met.at.y() >= 3.0, "{met:?}");
+}
+
+/// The shank is tested in pieces, and the map has gaps nowhere: every place inside is found, and none outside.
+#[test]
+fn a_single_full_voxel_beyond_the_grid_is_met_exactly_where_it_lies_in_the_shank() {
+    let inside_mm = 0.5 * 3f64.sqrt();
+    for along in 12..=55 {
+        for aside in 0..=7 {
+            let thing = Vector3::new(0.0, f64::from(aside), f64::from(along));
+            let radius_mm = if along < 20 { NECK_MM } else { 5.0 };
+            let from_end_mm = (thing.z - 20.0).abs().min((thing.z - 50.0).abs());
+            let is_inside =
+                thing.z < 50.0 && (thing.y - 0.05).abs() + inside_mm < radius_mm && from_end_mm >= inside_mm;
+            assert_eq!(met_far(|p| p == thing).is_some(), is_inside, "{thing:?}");
+        }
+    }
 }
