@@ -15,8 +15,9 @@ use crate::depths::of_contact_area_mm;
 use crate::front::ToolFront;
 use crate::outside::OutsideAir;
 use crate::registration_error::RegistrationError;
-use crate::risk::{KeptClearance, KeptStructure, RiskModel, least_margin_mm};
-use crate::safest::{EntryRegion, SafeChannel, SafestFound, SafestSearch};
+use crate::risk::{KeptClearance, KeptStructure, RiskModel, Sides};
+use crate::safest::{EntryRegion, SafeChannel, SafestFound, SafestSearch, best_first};
+use crate::swept::SweptTool;
 use crate::tool::ChannelTool;
 
 /// What clearances of the chosen channel may be told too small, mm.
@@ -65,9 +66,10 @@ pub fn find(
         })
         .collect();
     let error = RegistrationError::of_case(&case.robot, spec.registration_sigma_mm)?;
+    let swept = SweptTool::new(tool.cutter.solid()).map_err(ChannelFault::from)?;
     let risk = RiskModel {
         structures: &kept,
-        radius_mm: tool.radius_mm,
+        tool: &swept,
         standoff_mm: spec.standoff_mm,
         error,
         touch_probability: spec.touch_probability,
@@ -106,11 +108,9 @@ pub fn find(
         }
         ChannelDirection::ToTarget => (vec![to_target(spec, target)?], None),
     };
-    let judged = |axis: ChannelAxis| {
-        let kept = risk.assess(&axis, TOLERANCE_MM);
-        SafeChannel { axis, margin_mm: least_margin_mm(&kept), kept }
-    };
-    let channels: Vec<SafeChannel> = axes.into_iter().map(judged).collect();
+    let judged = |axis: ChannelAxis| SafeChannel::new(axis, risk.assess(&axis, TOLERANCE_MM, Sides::All));
+    // on all sides and exactly, another of them may be the best
+    let channels = best_first(axes.into_iter().map(judged).collect());
     through(case, channels.first())?;
     let is_open = matches!(spec.entry, Entry::Surface) && case.approach.is_none() && !outside.is_in_scan();
     let warning = (search.is_some() && is_open).then(|| UNKNOWN_OUTSIDE.into());

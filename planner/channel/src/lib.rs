@@ -26,7 +26,9 @@ mod save;
 pub mod section;
 pub mod strokes;
 pub mod surface;
+pub mod swept;
 pub mod tool;
+pub mod touching;
 mod volumes;
 
 pub use chosen::FoundChannels;

@@ -22,11 +22,38 @@ pub struct RegistrationError {
     rotation_rad2: Matrix3<f64>,
 }
 
+/// A small rigid motion of the patient.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SmallMotion {
+    translation_mm: Vector3<f64>,
+    rotation_rad: Vector3<f64>,
+    about: Vector3<f64>,
+}
+
+impl SmallMotion {
+    /// How far it moves a point, mm.
+    pub fn of_point(&self, p: Point<Ct>) -> Vector3<f64> {
+        self.translation_mm + self.of_direction(&(p.coords - self.about))
+    }
+
+    /// By how much it turns a vector.
+    pub fn of_direction(&self, v: &Vector3<f64>) -> Vector3<f64> {
+        self.rotation_rad.cross(v)
+    }
+}
+
 impl RegistrationError {
     /// The same standard deviation along every axis, everywhere, mm.
     pub fn uniform(sigma_mm: f64) -> Self {
         let rotation_rad2 = Matrix3::zeros();
         Self { translation_mm2: sigma_mm * sigma_mm, about: Vector3::zeros(), rotation_rad2 }
+    }
+
+    /// The same along every axis, and about every axis through a point.
+    #[cfg(test)]
+    pub fn of_rotation(sigma_mm: f64, about: Point<Ct>, sigma_rad: f64) -> Self {
+        let rotation_rad2 = Matrix3::identity() * sigma_rad * sigma_rad;
+        Self { translation_mm2: sigma_mm * sigma_mm, about: about.coords, rotation_rad2 }
     }
 
     /// Of a case's fiducials, else `sigma_mm` along every axis.
@@ -54,6 +81,24 @@ impl RegistrationError {
     pub fn sigma_mm(&self, at: Point<Ct>, along: &Vector3<f64>) -> f64 {
         let lever = (at.coords - self.about).cross(along);
         (self.translation_mm2 + lever.dot(&(self.rotation_rad2 * lever))).max(0.0).sqrt()
+    }
+
+    /// How many independent standard normal numbers make an error: translations, and rotations where there are any.
+    pub fn numbers(&self) -> usize {
+        if self.rotation_rad2.amax() > 0.0 { 6 } else { 3 }
+    }
+
+    /// The error of so many standard normal numbers: its translation, mm, and rotation, rad.
+    pub fn of_numbers(&self, numbers: &[f64]) -> SmallMotion {
+        let three = |from: usize| Vector3::from_fn(|n, _| numbers.get(from + n).copied().unwrap_or(0.0));
+        let eigen = self.rotation_rad2.symmetric_eigen();
+        let sigmas = eigen.eigenvalues.map(|v| v.max(0.0).sqrt());
+        let rotation_rad = eigen.eigenvectors * sigmas.component_mul(&three(3));
+        SmallMotion {
+            translation_mm: self.translation_mm2.sqrt() * three(0),
+            rotation_rad,
+            about: self.about,
+        }
     }
 
     /// The error along a unit direction that is exceeded with a probability above 0 and at most 0.5, mm.

@@ -1,18 +1,18 @@
 //! What a straight channel keeps of every structure, and how likely the registration's error lets the tool touch it.
 //!
-//! The tool on its way is taken as a capsule: its largest radius around the line from the deepest place of its tip out of the
-//! bone. So the clearance that is told is never above the true one, which ends at the tip's point. With the clearance c
-//! at the nearest place and the error's standard deviation σ there, toward the structure, the probability of touching is
-//! P = Φ(−c/σ): that the patient is off toward the tool by more than c. Where a structure surrounds the channel, P is for its
-//! nearest side only; the verification draws whole motions instead.
+//! The clearance c is that of the tool's swept solid ([`crate::swept`]). While channels are searched, the probability of touching is that of a
+//! flat wall at the nearest place: P = Φ(−c/σ), with σ the error's standard deviation there toward the structure. Channels that were
+//! found are judged on all sides ([`crate::touching`]): a structure around the tool is touched more often than a wall. What is missing or left
+//! is then that of the wall that is touched as often.
 
 use bonemill_imaging::StructureField;
 use nalgebra::Vector3;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use crate::axis::ChannelAxis;
-use crate::clearance::{Line, nearest_place};
 use crate::registration_error::RegistrationError;
+use crate::swept::{SweptPose, SweptTool};
+use crate::touching::touch_probability;
 
 /// A structure that a channel must keep clear of.
 #[derive(Debug, Clone, Copy)]
@@ -28,7 +28,7 @@ pub struct KeptStructure<'a> {
 /// What a channel keeps of one structure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KeptClearance {
-    /// From the tool's surface, mm; negative where the tool would cut the structure.
+    /// From the surface of what the tool sweeps, mm; negative where the tool would cut the structure.
     pub clearance_mm: f64,
     /// Depth of the tip's way at which the structure is nearest, mm; negative before the entry.
     pub depth_mm: f64,
@@ -50,8 +50,8 @@ pub struct KeptClearance {
 pub struct RiskModel<'a> {
     /// In the case's order.
     pub structures: &'a [KeptStructure<'a>],
-    /// Largest radius of the tool that goes into the bone, mm.
-    pub radius_mm: f64,
+    /// What goes into the bone.
+    pub tool: &'a SweptTool,
     /// How far before the entry the tool begins, mm.
     pub standoff_mm: f64,
     /// The registration's error.
@@ -60,11 +60,21 @@ pub struct RiskModel<'a> {
     pub touch_probability: f64,
 }
 
+/// Which sides of the tool a probability of touching is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sides {
+    /// That of the nearest place, as if the structure was a flat wall there.
+    Nearest,
+    /// All.
+    All,
+}
+
 impl RiskModel<'_> {
     /// What a channel keeps of each structure; `None` for one that the map lacks. Clearances are told at most `tolerance_mm` too
     /// small.
-    pub fn assess(&self, axis: &ChannelAxis, tolerance_mm: f64) -> Vec<Option<KeptClearance>> {
-        self.structures.iter().map(|structure| self.of_structure(structure, axis, tolerance_mm)).collect()
+    pub fn assess(&self, axis: &ChannelAxis, tolerance_mm: f64, sides: Sides) -> Vec<Option<KeptClearance>> {
+        let of = |structure| self.of_structure(structure, axis, tolerance_mm, sides);
+        self.structures.iter().map(of).collect()
     }
 
     fn of_structure(
@@ -72,30 +82,39 @@ impl RiskModel<'_> {
         structure: &KeptStructure<'_>,
         axis: &ChannelAxis,
         tolerance_mm: f64,
+        sides: Sides,
     ) -> Option<KeptClearance> {
-        let length_mm = axis.depth_mm + self.standoff_mm;
-        let line = Line { from: axis.end(), along: &axis.out, length_mm };
-        let place = nearest_place(structure.field?, &line, tolerance_mm);
-        let depth_mm = axis.depth_mm - place.along_mm;
-        let clearance_mm = place.distance_mm - self.radius_mm;
-        let at = axis.at(depth_mm);
-        let sigma_mm = self.error.sigma_mm(at, &place.toward);
-        let exceeded_mm = self.error.exceeded_mm(at, &place.toward, self.touch_probability);
-        let needed_mm = structure.clearance_mm.max(exceeded_mm);
+        let field = structure.field?;
+        let pose = SweptPose { end: axis.end(), out: axis.out, way_mm: axis.depth_mm + self.standoff_mm };
+        let found = self.tool.clearance(field, &pose, tolerance_mm);
+        let clearance_mm = found.at_least_mm;
+        let sigma_mm = self.error.sigma_mm(found.at, &found.toward);
+        let wall = of_wall(clearance_mm, sigma_mm);
+        let touched = match sides {
+            Sides::Nearest => wall,
+            Sides::All => {
+                touch_probability(self.tool, field, &pose, &self.error, clearance_mm).unwrap_or(wall)
+            }
+        };
+        // how far away a wall is that is touched as often
+        let as_far_mm =
+            if touched == wall { clearance_mm } else { -sigma_mm * Normal::standard().inverse_cdf(touched) };
+        let exceeded_mm = self.error.exceeded_mm(found.at, &found.toward, self.touch_probability);
+        let needed_mm = structure.clearance_mm.max(exceeded_mm + clearance_mm - as_far_mm);
         Some(KeptClearance {
             clearance_mm,
-            depth_mm,
-            toward: place.toward,
+            depth_mm: axis.depth_mm - found.height_mm.max(0.0),
+            toward: found.toward,
             sigma_mm,
-            touch_probability: touch_probability(clearance_mm, sigma_mm),
+            touch_probability: touched,
             needed_mm,
             weighted_margin_mm: weighted_mm(clearance_mm - needed_mm, structure.priority),
         })
     }
 }
 
-/// Φ(−c/σ); without an error 0 or 1.
-pub fn touch_probability(clearance_mm: f64, sigma_mm: f64) -> f64 {
+/// Φ(−c/σ), with which a flat wall is touched; without an error 0 or 1.
+fn of_wall(clearance_mm: f64, sigma_mm: f64) -> f64 {
     if sigma_mm > 0.0 {
         Normal::standard().cdf(-clearance_mm / sigma_mm)
     } else {
@@ -108,16 +127,23 @@ fn weighted_mm(margin_mm: f64, priority: u32) -> f64 {
     if margin_mm < 0.0 { margin_mm / weight } else { margin_mm * weight }
 }
 
-/// The least weighted margin over all structures, mm; infinite where there is none.
-pub fn least_margin_mm(kept: &[Option<KeptClearance>]) -> f64 {
-    kept.iter().flatten().map(|kept| kept.weighted_margin_mm).fold(f64::INFINITY, f64::min)
+/// The weighted margins of all structures, mm, the least first.
+pub fn margins_mm(kept: &[Option<KeptClearance>]) -> Vec<f64> {
+    let mut margins_mm: Vec<f64> = kept.iter().flatten().map(|kept| kept.weighted_margin_mm).collect();
+    margins_mm.sort_by(f64::total_cmp);
+    margins_mm
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bonemill_cutter::SolidOfRevolution;
     use bonemill_geometry::{Ct, Grid, Point, Volume};
     use nalgebra::Unit;
+
+    fn flat(radius_mm: f64) -> SweptTool {
+        SweptTool::new(&SolidOfRevolution::new(&[[0.0, radius_mm], [4.0, radius_mm]]).unwrap()).unwrap()
+    }
 
     #[test]
     fn a_wall_beside_a_channel_is_touched_as_often_as_a_normal_number_exceeds_the_gap() {
@@ -130,9 +156,10 @@ mod tests {
         }
         let field = StructureField::new(&labels, 3, None).unwrap().unwrap();
         let structures = [KeptStructure { field: Some(&field), clearance_mm: 0.3, priority: 4 }];
+        let tool = flat(1.0);
         let model = RiskModel {
             structures: &structures,
-            radius_mm: 1.0,
+            tool: &tool,
             standoff_mm: 2.0,
             error: RegistrationError::uniform(0.2),
             touch_probability: 0.01,
@@ -140,7 +167,7 @@ mod tests {
         // the wall is at x = 9.75: 0.5 mm from the tool's surface
         let out = Unit::new_unchecked(Vector3::z());
         let axis = ChannelAxis { entry: Point::new(8.25, 0.0, 15.0), out, depth_mm: 10.0 };
-        let kept = model.assess(&axis, 1e-4)[0].unwrap();
+        let kept = model.assess(&axis, 1e-4, Sides::Nearest)[0].unwrap();
         assert!((kept.clearance_mm - 0.5).abs() < 2e-4, "{}", kept.clearance_mm);
         assert!((kept.toward - Vector3::x()).norm() < 1e-9);
         // Φ(−2.5) = 0.00621, Φ⁻¹(0.99) = 2.32635
@@ -149,6 +176,10 @@ mod tests {
         // a shortfall counts more where the structure is more important, a margin less
         assert_eq!([weighted_mm(-0.4, 1), weighted_mm(-0.4, 4)], [-0.4, -0.2]);
         assert_eq!([weighted_mm(0.4, 1), weighted_mm(0.4, 4)], [0.4, 0.8]);
-        assert_eq!([touch_probability(0.1, 0.0), touch_probability(-0.1, 0.0)], [0.0, 1.0]);
+        assert_eq!([of_wall(0.1, 0.0), of_wall(-0.1, 0.0)], [0.0, 1.0]);
+        // a wall on one side is no more on all sides
+        let all = model.assess(&axis, 1e-4, Sides::All)[0].unwrap();
+        assert!((all.touch_probability / kept.touch_probability - 1.0).abs() < 0.05, "{all:?}");
+        assert!((all.weighted_margin_mm - kept.weighted_margin_mm).abs() < 0.01);
     }
 }

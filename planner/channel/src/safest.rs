@@ -1,12 +1,18 @@
-//! The safest straight channel to a target: the direction with the largest weighted margin, and the next best ones.
+//! The safest straight channel to a target: the direction whose weighted margins are the largest, and the next best ones.
 //!
 //! Every direction is a channel that begins where the line from the target leaves the bone for good. That must lie in the entry's
 //! region, in the cone about the approach, and on a way that is free for the tool and reaches the air outside the patient
-//! ([`crate::outside`]): a line that ends in an air cell is no channel. Its worth is the least weighted margin over all structures ([`crate::risk`]). That is continuous in the direction
-//! but has several local maxima, one for each gap between structures. So directions are first sampled over the
-//! sphere, `SPACING_RAD` apart; the best of them that are [`APART_RAD`] from each other are then moved to their local maximum
-//! by halving steps. The first channel is the best of these; each further one, a runner-up, is the best that stays
-//! [`APART_RAD`] from all before it, in another gap or beside the first in the same.
+//! ([`crate::outside`]): a line that ends in an air cell is no channel.
+//!
+//! Of two channels the one with the larger least weighted margin over all structures ([`crate::risk`]) is better; where these are
+//! within [`TIE_MM`], the one with the larger next margin, and so on: a structure beside the target limits every direction alike,
+//! and then the others decide. Of channels that tie in all margins the shortest is the best.
+//!
+//! Margins are continuous in the direction but have several local maxima, one for each gap between structures. So directions are
+//! first sampled over the sphere, `SPACING_RAD` apart; the best of them that are [`APART_RAD`] from each other are then moved to the
+//! local maximum of their least margin by halving steps, and the best of these to that of its next margins. The first channel is
+//! this one; each further one, a runner-up, is the best that stays [`APART_RAD`] from all before it, in another gap or beside the
+//! first in the same.
 
 use bonemill_geometry::{Ct, Point, Volume, basis, cancel};
 use nalgebra::{Unit, Vector3};
@@ -15,7 +21,7 @@ use rayon::prelude::*;
 use crate::axis::ChannelAxis;
 use crate::clearance::Line;
 use crate::outside::OutsideAir;
-use crate::risk::{KeptClearance, RiskModel, least_margin_mm};
+use crate::risk::{KeptClearance, RiskModel, Sides, margins_mm};
 use crate::surface::leaves_bone_mm;
 
 /// Angle between neighbouring samples, rad.
@@ -31,6 +37,10 @@ const STEPS_RAD: [f64; 2] = [0.5 * SPACING_RAD, 2e-4];
 /// A step of moving that gains less than this does not count, mm, so that a plateau ends the search; the clearances' own tolerance
 /// is larger.
 const LEAST_GAIN_MM: f64 = 1e-3;
+/// Margins that differ by less tie, mm: more than the clearances' own tolerance.
+pub const TIE_MM: f64 = 0.01;
+/// The same for samples, whose clearances are told less exactly.
+const SAMPLED_TIE_MM: f64 = 0.1;
 /// Lines beside the channel's along which the way to the entry must be free.
 const AROUND: u32 = 12;
 /// What clearances may be told too small while sampling and while moving, mm.
@@ -74,8 +84,25 @@ pub struct SafeChannel {
     pub axis: ChannelAxis,
     /// Per structure, in the case's order; `None` for one that the map lacks.
     pub kept: Vec<Option<KeptClearance>>,
+    /// Their weighted margins, mm, the least first.
+    pub margins_mm: Vec<f64>,
+}
+
+impl SafeChannel {
+    /// A channel and what it keeps.
+    pub fn new(axis: ChannelAxis, kept: Vec<Option<KeptClearance>>) -> Self {
+        Self { axis, margins_mm: margins_mm(&kept), kept }
+    }
+
     /// The least weighted margin over the structures, mm; infinite where there is none.
-    pub margin_mm: f64,
+    pub fn margin_mm(&self) -> f64 {
+        self.of_rank_mm(0)
+    }
+
+    /// The margin of the structure that is the `rank`-th nearest to its limit, mm.
+    fn of_rank_mm(&self, rank: usize) -> f64 {
+        self.margins_mm.get(rank).copied().unwrap_or(f64::INFINITY)
+    }
 }
 
 /// What is searched.
@@ -123,20 +150,20 @@ impl SafestSearch<'_> {
                 self.sample(&on_sphere(n, count))
             })
             .collect();
-        let mut starts: Vec<SafeChannel> = sampled.iter().filter_map(Sampled::channel).cloned().collect();
-        sort(&mut starts);
+        let starts: Vec<&SafeChannel> = sampled.iter().filter_map(Sampled::channel).collect();
         let mut channels: Vec<SafeChannel> = Vec::new();
         while channels.len() < MOST_CHANNELS {
-            let possible = starts.iter().filter(|start| is_apart(&start.axis, &channels));
+            let possible = starts.iter().copied().filter(|start| is_apart(&start.axis, &channels));
             let tried: Vec<SafeChannel> = apart(possible, STARTS[usize::from(!channels.is_empty())])
                 .par_iter()
-                .map(|start| self.refined(start, &channels))
+                .map(|start| self.refined(start, &channels, 0))
                 .collect();
-            let best = tried.into_iter().max_by(worse_to_better);
-            let Some(best) = best else { break };
+            let Some(best) = best_of(tried.iter(), TIE_MM) else { break };
+            let ranks = self.risk.structures.len();
+            let best = (1..ranks).fold(best.clone(), |best, rank| self.refined(&best, &channels, rank));
             channels.push(best);
         }
-        sort(&mut channels);
+        let channels = best_first(channels);
         SafestFound {
             channels,
             sampled: count,
@@ -176,7 +203,7 @@ impl SafestSearch<'_> {
     /// Whether no bone stands beside the line where the tool waits before the entry, and beyond.
     fn is_free_before(&self, axis: &ChannelAxis) -> bool {
         let grid = self.ct.grid();
-        let RiskModel { radius_mm, standoff_mm, .. } = self.risk;
+        let (radius_mm, standoff_mm) = (self.risk.tool.radius_mm(), self.risk.standoff_mm);
         // a little more than the radius: the tool's front is judged on a grid of its own
         let aside = radius_mm + 0.5 * grid.diagonal_mm();
         let turn = basis::from_z(&axis.out);
@@ -191,16 +218,15 @@ impl SafestSearch<'_> {
     }
 
     fn judged(&self, axis: ChannelAxis, tolerance_mm: f64) -> SafeChannel {
-        let kept = self.risk.assess(&axis, tolerance_mm);
-        let margin_mm = least_margin_mm(&kept);
-        SafeChannel { axis, kept, margin_mm }
+        SafeChannel::new(axis, self.risk.assess(&axis, tolerance_mm, Sides::Nearest))
     }
 
-    /// The local maximum next to a channel among those that stay apart from `others`, by steps around it that are halved where none
-    /// is better.
-    fn refined(&self, from: &SafeChannel, others: &[SafeChannel]) -> SafeChannel {
+    /// The local maximum of the margin of a rank next to a channel among those that stay apart from `others` and lose nothing of
+    /// the lesser margins, by steps around it that are halved where none is better.
+    fn refined(&self, from: &SafeChannel, others: &[SafeChannel], rank: usize) -> SafeChannel {
         let [first, last] = STEPS_RAD;
         let mut best = self.judged(from.axis, TOLERANCES_MM[1]);
+        let kept_mm: Vec<f64> = best.margins_mm.iter().take(rank).map(|mm| mm - TIE_MM).collect();
         let mut step = first;
         while step > last {
             cancel::poll();
@@ -212,10 +238,12 @@ impl SafestSearch<'_> {
                 let fits = axis.depth_mm <= self.longest_mm && is_apart(&axis, others);
                 fits.then(|| self.judged(axis, TOLERANCES_MM[1]))
             };
+            let margin_mm = |channel: &SafeChannel| channel.of_rank_mm(rank);
             let better = (0..8)
                 .filter_map(beside)
-                .filter(|channel| channel.margin_mm > best.margin_mm + LEAST_GAIN_MM)
-                .max_by(|a, b| a.margin_mm.total_cmp(&b.margin_mm));
+                .filter(|channel| kept_mm.iter().zip(&channel.margins_mm).all(|(kept, mm)| mm >= kept))
+                .filter(|channel| margin_mm(channel) > margin_mm(&best) + LEAST_GAIN_MM)
+                .max_by(|a, b| margin_mm(a).total_cmp(&margin_mm(b)));
             match better {
                 Some(better) => best = better,
                 None => step *= 0.5,
@@ -243,14 +271,26 @@ impl Sampled {
     }
 }
 
-/// The smaller margin first; of equals the longer one.
-fn worse_to_better(a: &SafeChannel, b: &SafeChannel) -> std::cmp::Ordering {
-    a.margin_mm.total_cmp(&b.margin_mm).then(b.axis.depth_mm.total_cmp(&a.axis.depth_mm))
+/// The best channel: of those whose least margin is within `tie_mm` of the largest the ones whose next margin is, and so on;
+/// of those left the shortest, then the first.
+fn best_of<'c>(channels: impl Iterator<Item = &'c SafeChannel>, tie_mm: f64) -> Option<&'c SafeChannel> {
+    let mut left: Vec<&SafeChannel> = channels.collect();
+    let ranks = left.iter().map(|channel| channel.margins_mm.len()).max().unwrap_or(0);
+    for rank in 0..ranks {
+        let most_mm = left.iter().map(|channel| channel.of_rank_mm(rank)).fold(f64::NEG_INFINITY, f64::max);
+        left.retain(|channel| channel.of_rank_mm(rank) >= most_mm - tie_mm);
+    }
+    left.into_iter().min_by(|a, b| a.axis.depth_mm.total_cmp(&b.axis.depth_mm))
 }
 
-/// Best first.
-fn sort(channels: &mut [SafeChannel]) {
-    channels.sort_by(|a, b| worse_to_better(b, a));
+/// The channels in order, the best of those left each time.
+pub fn best_first(mut channels: Vec<SafeChannel>) -> Vec<SafeChannel> {
+    let mut sorted = Vec::with_capacity(channels.len());
+    while let Some(best) = best_of(channels.iter(), TIE_MM).cloned() {
+        channels.retain(|channel| channel.axis != best.axis);
+        sorted.push(best);
+    }
+    sorted
 }
 
 /// Whether a channel is [`APART_RAD`] from all others.
@@ -258,16 +298,14 @@ fn is_apart(axis: &ChannelAxis, others: &[SafeChannel]) -> bool {
     others.iter().all(|other| other.axis.out.dot(&axis.out) < APART_RAD.cos())
 }
 
-/// The first channels that are apart from all before them, at most so many.
+/// The best of sampled channels that are apart from each other, at most so many.
 fn apart<'c>(channels: impl Iterator<Item = &'c SafeChannel>, most: usize) -> Vec<SafeChannel> {
+    let mut left: Vec<&SafeChannel> = channels.collect();
     let mut chosen: Vec<SafeChannel> = Vec::new();
-    for channel in channels {
-        if chosen.len() == most {
-            break;
-        }
-        if is_apart(&channel.axis, &chosen) {
-            chosen.push(channel.clone());
-        }
+    while chosen.len() < most {
+        let Some(best) = best_of(left.iter().copied(), SAMPLED_TIE_MM) else { break };
+        chosen.push(best.clone());
+        left.retain(|channel| is_apart(&channel.axis, &chosen));
     }
     chosen
 }
@@ -286,6 +324,8 @@ mod tests {
     use super::*;
     use crate::registration_error::RegistrationError;
     use crate::risk::KeptStructure;
+    use crate::swept::SweptTool;
+    use bonemill_cutter::SolidOfRevolution;
     use bonemill_geometry::Grid;
     use bonemill_imaging::StructureField;
 
@@ -322,9 +362,11 @@ mod tests {
         let (ct, labels) = scene(gap_x);
         let field = StructureField::new(&labels, 1, None).unwrap().unwrap();
         let structures = [KeptStructure { field: Some(&field), clearance_mm: 0.2, priority: 1 }];
+        let tool = SolidOfRevolution::new(&[[0.0, 0.0], [0.5, 0.8], [9.0, 0.8]]).unwrap();
+        let tool = SweptTool::new(&tool).unwrap();
         let risk = RiskModel {
             structures: &structures,
-            radius_mm: 0.8,
+            tool: &tool,
             standoff_mm: 3.0,
             error: RegistrationError::uniform(0.1),
             touch_probability: 0.01,
@@ -351,7 +393,7 @@ mod tests {
             // voxels' faces end the gap at gap_x ± 1.75; the line crosses z 4.75 to 6.25, widest in the middle at 5.5
             let x = best.axis.out.x / best.axis.out.z * 5.5;
             assert!((x - gap_x).abs() < 0.12, "gap at {gap_x}: {x}");
-            assert!(found.channels.windows(2).all(|w| w[0].margin_mm >= w[1].margin_mm));
+            assert!(found.channels.windows(2).all(|w| w[0].margin_mm() >= w[1].margin_mm() - TIE_MM));
             // the gap's own margin: of a fine fan, the direction that stays farthest from the walls' edges
             let fan = (0..400).map(|n| f64::from(n) * 0.01 - 2.0 + gap_x);
             let distance = |x: f64| {
@@ -364,7 +406,7 @@ mod tests {
                     .fold(9.0, f64::min)
             };
             let most = fan.map(distance).fold(0.0, f64::max) - 0.8 - 0.1 * 2.326;
-            assert!((best.margin_mm - most).abs() < 0.03, "{} {most}", best.margin_mm);
+            assert!((best.margin_mm() - most).abs() < 0.03, "{} {most}", best.margin_mm());
         }
     }
 
@@ -386,8 +428,9 @@ mod tests {
             for (n, channel) in channels.iter().enumerate() {
                 assert!(is_apart(&channel.axis, &channels[..n]));
                 let others = fan.iter().filter(|other| is_apart(&other.axis, &channels[..n]));
-                let most = others.map(|other| other.margin_mm).fold(f64::NEG_INFINITY, f64::max);
-                assert!(channel.margin_mm > most - 0.03, "channel {n} keeps {} of {most}", channel.margin_mm);
+                let most = others.map(|other| other.margin_mm()).fold(f64::NEG_INFINITY, f64::max);
+                let margin_mm = channel.margin_mm();
+                assert!(margin_mm > most - 0.03, "channel {n} keeps {margin_mm} of {most}");
             }
         });
     }
@@ -405,6 +448,53 @@ mod tests {
         assert!(all.in_region < all.sampled / 2 && all.channels.iter().all(|c| c.axis.out.z > 0.0));
         let none = found_in(0.0, EntryRegion::Surface, Some((-Vector3::z(), 0.5)));
         assert!(none.channels.is_empty() && none.in_region == 0);
+    }
+
+    /// A structure below the target limits every direction alike; a wall on one side then decides.
+    #[test]
+    fn where_the_worst_margin_ties_the_next_one_decides() {
+        let (ct, mut labels) = scene(0.0);
+        for n in 0..labels.data().len() {
+            let p = labels.grid().center(labels.grid().voxel(n));
+            labels.data_mut()[n] = match p {
+                _ if p.z() < -0.9 => 1,
+                _ if p.x() > 1.9 && p.z() > 3.0 && p.z() < 7.0 => 2,
+                _ => 0,
+            };
+        }
+        let fields = [1, 2].map(|label| StructureField::new(&labels, label, None).unwrap().unwrap());
+        let structures = fields.each_ref().map(|field| KeptStructure {
+            field: Some(field),
+            clearance_mm: 0.2,
+            priority: 1,
+        });
+        let tool = SolidOfRevolution::new(&[[0.0, 0.0], [1.6, 0.8], [9.0, 0.8]]).unwrap();
+        let outside = OutsideAir::of(&ct, -700.0);
+        let search = SafestSearch {
+            ct: &ct,
+            bone_hu: 0.0,
+            target: Point::new(0.0, 0.0, 0.0),
+            region: EntryRegion::Surface,
+            outside: &outside,
+            cone: Some((Vector3::z(), 0.35)),
+            longest_mm: 20.0,
+            risk: RiskModel {
+                structures: &structures,
+                tool: &SweptTool::new(&tool).unwrap(),
+                standoff_mm: 3.0,
+                error: RegistrationError::uniform(0.1),
+                touch_probability: 0.05,
+            },
+        };
+        let best = &search.run().channels[0];
+        // the floor is 0.75 below the tip of a sharp drill, however it leans within the cone: the shortest way, along z, comes to
+        // 0.95 of the wall, and the cone's edge away from it to 1.8 or more
+        let [floor, wall] = [0, 1].map(|n| best.kept[n].unwrap().clearance_mm);
+        assert!((floor - 0.75).abs() < 0.01, "{floor}");
+        let straight = search.judged(search.axis(&Vector3::z_axis()).unwrap(), TOLERANCES_MM[1]);
+        assert!((straight.margin_mm() - best.margin_mm()).abs() < TIE_MM);
+        assert!(straight.axis.depth_mm < best.axis.depth_mm);
+        assert!(wall > straight.kept[1].unwrap().clearance_mm + 0.8, "{wall}");
     }
 
     #[test]

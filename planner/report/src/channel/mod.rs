@@ -157,7 +157,7 @@ fn runners_up(plan: &ChannelPlan) -> String {
             d.y,
             d.z,
             channel.axis.depth_mm,
-            channel.margin_mm
+            channel.margin_mm()
         )
     };
     let rows: String = plan.found.channels.iter().enumerate().map(row).collect();
