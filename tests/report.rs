@@ -38,7 +38,10 @@ fn every_value_says_whether_the_case_gave_it_by_presence() {
     for key in ["material.k_t", "path.stepover_mm", "robot.jerk_limits"] {
         assert!(from(key).starts_with("derived: "), "{key}: {}", from(key));
     }
-    assert_eq!(from("approach.direction"), "chosen: the direction along which burr and shank reach most of the target");
+    assert_eq!(
+        from("approach.direction"),
+        "chosen: the direction along which burr and shank reach most of the target"
+    );
     assert!(from("path.raster_deg").starts_with("chosen: "), "{}", from("path.raster_deg"));
     assert!(from("robot.base_from_ct").contains("assumed"), "{}", from("robot.base_from_ct"));
     let plan = fs::read_to_string(place.path("plan/plan.toml")).unwrap();

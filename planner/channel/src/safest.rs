@@ -311,7 +311,7 @@ fn apart<'c>(channels: impl Iterator<Item = &'c SafeChannel>, most: usize) -> Ve
 }
 
 /// Point `n` of `count` that are spread evenly over the sphere (a spiral with the golden angle).
-fn on_sphere(n: usize, count: usize) -> Unit<Vector3<f64>> {
+pub(crate) fn on_sphere(n: usize, count: usize) -> Unit<Vector3<f64>> {
     let golden_rad = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     let z = 1.0 - (2 * n + 1) as f64 / count as f64;
     let (sin, cos) = (golden_rad * n as f64).sin_cos();

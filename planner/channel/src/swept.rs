@@ -238,14 +238,18 @@ impl Search<'_> {
             return None;
         }
         let p = self.pose.end + self.ct_from_tool * middle_mm;
-        if self.field.bounds(p).0 - reach_mm >= self.best_mm {
+        if self.field.bounds(p).0 - reach_mm >= self.best_mm - self.tolerance_mm {
             return None;
         }
         let (distance_mm, at) = self.field.nearest(p);
         let (radius, height) = self.place_of(at);
         self.take_if_nearer(solid.signed_distance_at_mm(radius, height), at);
         let at_least_mm = (distance_mm - reach_mm).max(0.0);
-        (at_least_mm < self.best_mm).then_some(FrontBox { at_least_mm, middle_mm, halvings })
+        (at_least_mm < self.best_mm - self.tolerance_mm).then_some(FrontBox {
+            at_least_mm,
+            middle_mm,
+            halvings,
+        })
     }
 
     /// The direction in which the distance from the solid grows at a place.

@@ -19,10 +19,12 @@ use rayon::prelude::*;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
 use crate::registration_error::{RegistrationError, SmallMotion};
+use crate::safest::on_sphere;
 use crate::swept::{SweptPose, SweptTool};
 
-/// Directions of the mean, in pairs of opposite ones.
-const PAIRS: u32 = 600;
+/// Directions of the mean for a translation; with a rotation more.
+const DIRECTIONS: u32 = 600;
+const DIRECTIONS_6D: u32 = 2000;
 /// A structure that is touched less often than this, whatever its shape, is not searched.
 const RARE: f64 = 1e-10;
 /// Directions are followed to where χ² is larger than at the nearest touch by this: what lies beyond is e⁻¹¹ as likely.
@@ -30,7 +32,10 @@ const BEYOND: f64 = 22.0;
 /// Steps along a direction at most.
 const MOST_STEPS: u32 = 40;
 /// A touch is found to this share of the error along its direction.
-const EXACT: f64 = 2e-3;
+const EXACT: f64 = 5e-3;
+/// Clearances on the way are searched to these shares of themselves and of the error: the point of the structure that has the
+/// clearance is found much closer than that.
+const SEARCHED: [f64; 2] = [0.1, 0.04];
 
 /// The probability of touching a structure that the tool keeps clear of by `clearance_mm`; `None` where it is cut without an
 /// error, where there is no error, and where it is certainly touched less often than 1e-10.
@@ -89,40 +94,46 @@ impl Move {
         farthest: f64,
     ) -> Option<f64> {
         let exact_mm = EXACT * self.speed_mm;
-        let mut size = clearance_mm / self.speed_mm;
-        for _ in 0..MOST_STEPS {
-            if size > farthest {
-                return None;
-            }
+        let gap_mm = |size: f64, within_mm: f64| {
             let moved = SweptPose {
                 end: pose.end + self.motion.of_point(pose.end) * size,
                 out: Unit::new_normalize(pose.out.as_ref() + self.motion.of_direction(&pose.out) * size),
                 way_mm: pose.way_mm,
             };
-            let gap_mm = tool.clearance(field, &moved, 10.0 * exact_mm).at_most_mm;
-            if gap_mm <= exact_mm {
+            tool.clearance(field, &moved, within_mm).at_most_mm
+        };
+        let (mut size, mut gap) = (0.0, clearance_mm);
+        for _ in 0..MOST_STEPS {
+            if gap <= exact_mm {
                 break;
             }
-            size += gap_mm / self.speed_mm;
+            size += gap / self.speed_mm;
+            if size > farthest {
+                return None;
+            }
+            gap = gap_mm(size, (SEARCHED[0] * gap).max(SEARCHED[1] * self.speed_mm));
         }
         Some(size)
     }
 }
 
-/// Directions in a space of so many dimensions, evenly spread, each with its opposite.
+/// Directions in a space of 3 or more dimensions, evenly spread.
 fn directions(dimensions: usize) -> Vec<Vec<f64>> {
+    if dimensions == 3 {
+        let count = DIRECTIONS as usize;
+        return (0..count).map(|n| on_sphere(n, count).iter().copied().collect()).collect();
+    }
     // the root of x^(n+1) = x + 1 gives the most even spread in n dimensions
     let ratio = (0..32).fold(1.5f64, |x, _| (1.0 + x).powf(1.0 / (dimensions as f64 + 1.0)));
     let normal = Normal::standard();
     let one = |k: u32| {
-        let share =
-            |j: usize| (0.5 + f64::from(k) * ratio.powi(-(j as i32 + 1))).fract().clamp(1e-9, 1.0 - 1e-9);
-        let numbers: Vec<f64> = (0..dimensions).map(|j| normal.inverse_cdf(share(j))).collect();
+        let share = |j: usize| (0.5 + f64::from(k) * ratio.powi(-(j as i32 + 1))).fract();
+        let numbers = (0..dimensions).map(|j| normal.inverse_cdf(share(j).clamp(1e-9, 1.0 - 1e-9)));
+        let numbers: Vec<f64> = numbers.collect();
         let length = numbers.iter().map(|v| v * v).sum::<f64>().sqrt();
-        let unit = move |sign: f64| numbers.iter().map(|v| sign * v / length).collect::<Vec<f64>>();
-        [unit(1.0), unit(-1.0)]
+        numbers.into_iter().map(|v| v / length).collect()
     };
-    (1..=PAIRS * if dimensions > 3 { 3 } else { 1 }).flat_map(one).collect()
+    (1..=DIRECTIONS_6D).map(one).collect()
 }
 
 #[cfg(test)]

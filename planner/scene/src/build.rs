@@ -15,8 +15,8 @@ use super::crop::{Crop, extent};
 use super::edge::{self, ByFace, TargetOutside};
 use super::inside::Inside;
 use super::{
-    ApproachSpec, Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, Target, hull, labels, mask,
-    obstacles, touching, way_in,
+    ApproachSpec, Class, FarObstacles, Matter, Scene, SceneError, SceneStructure, Sheets, Target, hull,
+    labels, mask, obstacles, touching, way_in,
 };
 
 /// Coarse voxel of what lies beyond the work grid, mm.

@@ -402,7 +402,8 @@ fn coarse(spec: &SceneSpec, target: &[Point<Ct>], reach_mm: f64) -> Result<Volum
                         Target::Label(held) => label == held,
                         _ => region.of.grown(region.margin_mm).contains(p),
                     };
-                    let is_target = std::iter::once(&main).chain(spec.also).any(holds) && !spec.less.iter().any(holds);
+                    let is_target =
+                        std::iter::once(&main).chain(spec.also).any(holds) && !spec.less.iter().any(holds);
                     in_target += usize::from(is_target);
                     solid += usize::from(!is_target && (hu >= spec.bone_hu || keep(label)));
                     tissue += usize::from(hu > spec.air_hu);

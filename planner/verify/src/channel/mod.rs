@@ -6,23 +6,29 @@
 //! its pilot hole.
 
 mod asked;
+mod cover;
 mod sweep;
 
 use bonemill_case::{Case, ChannelSpec, Registration};
-use bonemill_geometry::{Ct, Point, Progress};
+use bonemill_geometry::{Ct, Point, Progress, Work, cancel};
 use bonemill_planfile::{ChannelRecord, StoredPlan, Value};
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
-use self::sweep::OwnSolid;
+pub use self::cover::{Cover, ToolPlace};
+pub use self::sweep::OwnSolid;
 use super::anatomy::Anatomy;
 use super::boxes::Boxes;
 use super::check::{Check, Place};
 use super::moves::{MoveClass, Moves};
 use super::uncertainty::{ErrorModel, RigidError, UncertaintyError, simulate_errors};
-use super::{Evidence, VerifyError, clearance};
+use super::{Evidence, VerifyError};
 
 /// What a written clearance may differ from the one found here, mm: both searches tell at most 1e-3 mm too little.
 const CLEARANCE_TOLERANCE_MM: f64 = 2.5e-3;
+/// Share of the tool's radius by which the planner may tell a clearance too small where a flat front faces a flat wall.
+const FLAT_SHARE: f64 = 0.03;
+/// Between two tested rows of the trajectory the tool may come nearer by this, mm.
+const ROW_SLACK_MM: f64 = 0.02;
 /// Rounding of lengths in the files, mm, of directions and of speeds.
 const ROUNDING: f64 = 1e-6;
 /// Draws of the registration's error, and their seed.
@@ -50,38 +56,76 @@ pub fn checks(
     checks.push(Check::at_most("tool of the case", off_mm, ROUNDING, "mm").of("radius"));
     checks.extend(asked::rows(plan, spec, &channel, moves));
     checks.extend(asked::channel(plan, spec, &channel, anatomy, &solid));
-    checks.extend(clearances(evidence, &solid));
+    checks.extend(clearances(evidence, &channel, &solid));
     checks.extend(holder(&plan.record.case, &channel, anatomy, boxes, &solid));
     checks.extend(sweep::volumes(plan, &channel, anatomy, &solid));
     checks.extend(touched(plan, spec, progress)?);
     Ok(checks)
 }
 
-/// The tool against every structure: along the waypoints and along the trajectory. Its body lies on the line that its tip takes.
-fn clearances(evidence: &Evidence, solid: &OwnSolid) -> Vec<Check> {
-    let Evidence { plan, moves, executed, .. } = *evidence;
-    let radius = solid.radius_mm();
+/// The tool's solid against every structure: on its way along the channel, and along the trajectory.
+fn clearances(evidence: &Evidence, channel: &ChannelRecord, solid: &OwnSolid) -> Vec<Check> {
+    let Evidence { plan, moves, .. } = *evidence;
+    let Some(cover) = Cover::new(solid) else {
+        return vec![Check::none_wrong("tool of the case", 1).of("a solid")];
+    };
     let ct_from_grid = plan.record.frames.ct_from_grid();
+    let depth = |p: &Vector3<f64>| {
+        (ct_from_grid * Point::<Work>::from_coords(*p) - channel.entry).dot(&channel.direction)
+    };
+    let first_mm = moves.points.iter().map(depth).fold(f64::INFINITY, f64::min);
+    let deepest =
+        (0..moves.points.len()).max_by(|a, b| depth(&moves.points[*a]).total_cmp(&depth(&moves.points[*b])));
+    let tool = ToolPlace { tip: channel.end(), out: -channel.direction.into_inner() };
     evidence.of_structures(|kept, boxes| {
         let limit = kept.clearance_mm - CLEARANCE_TOLERANCE_MM;
         let mut checks = Vec::new();
-        if let Some(n) = clearance::nearest_along(boxes, &ct_from_grid, &moves.points) {
-            let found = n.distance_mm - radius;
+        if let Some(n) = deepest {
+            let found = cover.exact_mm(boxes, &tool, channel.depth_mm - first_mm);
             let check = Check::at_least("clearance of moves", found, limit, "mm").of(kept.name.clone());
-            checks.push(check.at(Place::Waypoint(n.at)));
+            checks.push(check.at(Place::Waypoint(n)));
             let said = written(plan, &kept.name, "clearance_mm").unwrap_or(f64::NAN);
-            let off =
-                Check::at_most("clearance as written", (found - said).abs(), CLEARANCE_TOLERANCE_MM, "mm");
+            // a flat front before a flat wall is told a little nearer
+            let below_mm = (found - said - FLAT_SHARE * solid.radius_mm()).max(said - found);
+            let off = Check::at_most("clearance as written", below_mm, CLEARANCE_TOLERANCE_MM, "mm");
             checks.push(off.of(kept.name.clone()));
         }
-        if let Some(n) = clearance::nearest_along(boxes, &ct_from_grid, &executed.points) {
+        if let Some((found, row)) = along_trajectory(evidence, &cover, boxes) {
             // the trajectory may leave the line by what a plan's trajectory may
             let limit = limit - 0.05;
-            let check = Check::at_least("clearance of the arm's tool", n.distance_mm - radius, limit, "mm");
-            checks.push(check.of(kept.name.clone()).at(evidence.instant(n.at)));
+            let check = Check::at_least("clearance of the arm's tool", found, limit, "mm");
+            checks.push(check.of(kept.name.clone()).at(evidence.instant(row)));
         }
         checks
     })
+}
+
+/// The least distance of the tool's solid from a structure along the trajectory, mm, at most [`ROW_SLACK_MM`] too small, and its
+/// row. Rows since which the tool has moved too little to come nearer are passed over.
+fn along_trajectory(evidence: &Evidence, cover: &Cover, boxes: &Boxes<'_>) -> Option<(f64, usize)> {
+    let Evidence { plan, executed, .. } = *evidence;
+    let ct_from_grid = plan.record.frames.ct_from_grid();
+    let balls = cover.balls(0.0);
+    let reach_mm = balls.iter().map(|ball| ball.at.norm() + ball.radius_mm).fold(0.0, f64::max);
+    let mut best: Option<(f64, usize)> = None;
+    let (mut known_mm, mut at) = (f64::NEG_INFINITY, 0);
+    for row in 0..executed.len() {
+        cancel::poll();
+        let moved_mm = (executed.points[row] - executed.points[at]).norm()
+            + (executed.axes[row] - executed.axes[at]).norm() * reach_mm;
+        let least_mm = best.map_or(f64::INFINITY, |best| best.0);
+        if known_mm - moved_mm >= least_mm - ROW_SLACK_MM {
+            continue;
+        }
+        let tip = ct_from_grid * Point::<Work>::from_coords(executed.points[row]);
+        let tool = ToolPlace { tip, out: ct_from_grid.rotate(&executed.axes[row]) };
+        let gap = |ball: &cover::CoverBall| boxes.distance_mm(tool.place(&ball.at)) - ball.radius_mm;
+        (known_mm, at) = (balls.iter().map(gap).fold(f64::INFINITY, f64::min), row);
+        if known_mm < least_mm {
+            best = Some((known_mm, row));
+        }
+    }
+    best.map(|(mm, row)| (mm - ROW_SLACK_MM, row))
 }
 
 /// A number that the plan writes of a structure.

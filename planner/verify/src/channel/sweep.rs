@@ -26,7 +26,7 @@ pub enum OwnSolid {
     /// Lips at the distance w from the axis, of slope cot ε, from R_c on; flat inside.
     Drill { web_mm: f64, inner_mm: f64, cot: f64, radius_mm: f64, top_mm: f64 },
     /// An arc of radius R about a point at the distance w from the axis; flat inside, with a guide below.
-    Reamer { arc_mm: f64, offset_mm: f64, rim_mm: f64, top_mm: f64 },
+    Reamer { arc_mm: f64, offset_mm: f64, rim_mm: f64, top_mm: f64, guide_mm: [f64; 2] },
     /// The lowest point of a spinning mesh at or beyond each of equally spaced radii from 0 on.
     Mesh { front_mm: Vec<f64>, radius_mm: f64, top_mm: f64 },
     /// No solid.
@@ -55,6 +55,7 @@ impl OwnSolid {
                     offset_mm: s.offset_mm,
                     rim_mm: s.rim_radius_mm,
                     top_mm,
+                    guide_mm: [s.nipple_radius_mm, s.nipple_length_mm],
                 }
             }
             ToolSpec::Mesh(mesh, _) => Self::of_mesh(mesh, &place(&mesh.stl))?,
@@ -110,8 +111,16 @@ impl OwnSolid {
         }
     }
 
+    /// Radius and length of a guide in front, mm; 0 without.
+    pub fn guide_mm(&self) -> [f64; 2] {
+        match *self {
+            Self::Reamer { guide_mm, .. } => guide_mm,
+            _ => [0.0; 2],
+        }
+    }
+
     /// Height of the front at a radius, mm; `None` beyond the tool.
-    fn front_mm(&self, radius: f64) -> Option<f64> {
+    pub fn front_mm(&self, radius: f64) -> Option<f64> {
         match self {
             &Self::Drill { web_mm, inner_mm, cot, radius_mm, .. } => (radius <= radius_mm).then(|| {
                 let along = |r: f64| (r * r - web_mm * web_mm).max(0.0).sqrt();

@@ -1,8 +1,9 @@
 //! Monte-Carlo simulation of errors of a finished plan: how often it touches each structure, and the spread of its forces.
 //!
 //! Each sample moves the patient rigidly, moves each structure's boundary, and scales K and density. The burr follows its
-//! waypoints; the distance to a structure is exact at places at most [`STEP_MM`] apart. Places are tested in the order of
-//! their planned distance, until no other place can be nearer, so a sample takes a few hundred distance queries.
+//! waypoints as a ball at places at most [`STEP_MM`] apart, whose distance to a structure is exact; the tool of a channel is the balls
+//! that fill what it sweeps ([`Cover`]). Balls are tested in the order of their planned distance, until no other can be nearer, so
+//! a sample takes a few hundred distance queries.
 
 use bonemill_geometry::Progress;
 use bonemill_geometry::{Ct, Point, cancel};
@@ -11,8 +12,9 @@ use rayon::prelude::*;
 
 use super::draws::Draws;
 use super::rigid_error::PatientShift;
-use super::{RigidError, Share, UncertaintyError, clearance_mm, kept, not_negative};
-use crate::{Anatomy, Boxes};
+use super::{RigidError, Share, UncertaintyError, clearance_mm, kept, not_negative, probability};
+use crate::channel::{Cover, OwnSolid, ToolPlace};
+use crate::{Anatomy, Boxes, VerifyError};
 
 /// Distance between tested places of the burr, mm.
 const STEP_MM: f64 = 0.1;
@@ -151,22 +153,21 @@ pub fn simulate_errors(
     model.check()?;
     progress.stage("draw errors");
     let anatomy = Anatomy::read(plan)?;
-    let places = places(plan);
-    let radius = plan.record.cutter_radius_mm();
+    let balls = balls(plan)?;
     let structures = anatomy
         .kept
         .iter()
         .enumerate()
         .filter_map(|(n, kept)| Some((n, kept, Boxes::new(&anatomy.labels, kept.label)?)))
         .map(|(n, kept, boxes)| {
-            let near = SampledDistances::new(&places, &boxes, &model.registration);
+            let near = SampledDistances::new(&balls, &boxes, &model.registration);
             let distance_mm = |sample: u64| {
                 cancel::poll();
                 let mut draws = Draws::of_sample(model.seed, sample);
                 let motion = model.registration.draw(&mut draws);
                 // every structure has its own boundary offset: the n-th number after the motion
                 let offset = (0..=n).map(|_| draws.normal()).last().unwrap_or(0.0);
-                near.least_mm(&boxes, &motion) - radius - model.boundary_sigma_mm * offset
+                near.least_mm(&boxes, &motion) - model.boundary_sigma_mm * offset
             };
             let mut kept_mm: Vec<f64> = Vec::with_capacity(model.samples);
             while kept_mm.len() < model.samples {
@@ -179,7 +180,7 @@ pub fn simulate_errors(
             let clearance = clearance_mm(
                 &model.registration,
                 model.boundary_sigma_mm,
-                near_surface(&boxes, &places, radius),
+                near_surface(&boxes, &balls),
                 model.keep,
             )?;
             Ok(StructureRisk {
@@ -193,61 +194,85 @@ pub fn simulate_errors(
     Ok(Risk { structures, forces: forces(plan, model) })
 }
 
-/// Positions of the burr's centre along the moves; of a channel, whose strokes repeat one line, along that line once.
-fn places(plan: &StoredPlan) -> Vec<Point<Ct>> {
-    let mut corners: Vec<_> = plan.waypoints.iter().map(|w| w.position).collect();
-    if let Some(channel) = plan.record.channel() {
-        corners.truncate(1);
-        corners.push(channel.end());
+/// What the cutter sweeps, as balls: centres, ct, and radii, mm. Of a channel, whose strokes repeat one line, the tool's solid along that
+/// line once.
+fn balls(plan: &StoredPlan) -> Result<Vec<(Point<Ct>, f64)>, VerifyError> {
+    if let (Some(channel), Some(first)) = (plan.record.channel(), plan.waypoints.first()) {
+        let solid = OwnSolid::new(&plan.record.case.tool, |file| plan.input_path(file))?;
+        let tool = ToolPlace { tip: channel.end(), out: -channel.direction.into_inner() };
+        let way_mm = (channel.end() - first.position).dot(&channel.direction);
+        if let Some(cover) = Cover::new(&solid) {
+            let balls = cover.balls(way_mm);
+            return Ok(balls.iter().map(|ball| (tool.place(&ball.at), ball.radius_mm)).collect());
+        }
     }
+    let radius_mm = plan.record.cutter_radius_mm();
+    let corners: Vec<_> = plan.waypoints.iter().map(|w| w.position).collect();
     let mut places: Vec<_> = corners.first().copied().into_iter().collect();
     for pair in corners.windows(2) {
         let way = pair[1] - pair[0];
         let parts = (way.norm() / STEP_MM).ceil().clamp(1.0, 1e5);
         places.extend((1..=parts as usize).map(|n| pair[0] + way * (n as f64 / parts)));
     }
-    places
+    Ok(places.into_iter().map(|p| (p, radius_mm)).collect())
 }
 
-/// The structure's points nearest to the burr where it comes near; their displacements determine the clearance.
-fn near_surface(boxes: &Boxes<'_>, places: &[Point<Ct>], radius_mm: f64) -> Vec<Point<Ct>> {
+/// The structure's points nearest to the cutter where it comes near; their displacements determine the clearance.
+fn near_surface(boxes: &Boxes<'_>, balls: &[(Point<Ct>, f64)]) -> Vec<Point<Ct>> {
     const FACING_MM: f64 = 10.0;
-    let every = places.len().div_ceil(2000).max(1);
-    let facing = |p: &Point<Ct>| {
+    let every = balls.len().div_ceil(2000).max(1);
+    let facing = |(p, radius_mm): &(Point<Ct>, f64)| {
         let (d, q) = boxes.nearest(*p);
         (d - radius_mm < FACING_MM).then_some(q)
     };
-    places.par_iter().step_by(every).filter_map(facing).collect()
+    balls.par_iter().step_by(every).filter_map(facing).collect()
 }
 
-/// Positions in the order of their planned distance to one structure.
+/// A ball of the cutter.
+struct SampledBall {
+    /// Its planned distance from one structure, mm.
+    planned_mm: f64,
+    center: Point<Ct>,
+    radius_mm: f64,
+}
+
+/// Balls in the order of their planned distance to one structure.
 struct SampledDistances {
-    /// Distance and position, ascending.
-    places: Vec<(f64, Point<Ct>)>,
-    /// Largest distance of a position from the centre of rotation, mm.
+    balls: Vec<SampledBall>,
+    /// Largest distance of a centre from the centre of rotation, mm.
     reach_mm: f64,
 }
 
 impl SampledDistances {
-    fn new(places: &[Point<Ct>], boxes: &Boxes<'_>, registration: &RigidError) -> Self {
-        let mut places: Vec<_> = places.par_iter().map(|p| (boxes.distance_mm(*p), *p)).collect();
-        places.sort_by(|a, b| a.0.total_cmp(&b.0));
+    fn new(balls: &[(Point<Ct>, f64)], boxes: &Boxes<'_>, registration: &RigidError) -> Self {
+        let ball = |&(center, radius_mm): &(Point<Ct>, f64)| SampledBall {
+            planned_mm: boxes.distance_mm(center) - radius_mm,
+            center,
+            radius_mm,
+        };
+        let mut balls: Vec<_> = balls.par_iter().map(ball).collect();
+        balls.sort_by(|a, b| a.planned_mm.total_cmp(&b.planned_mm));
         let about = *registration.draw(&mut Draws::of_sample(0, 0)).about();
-        let reach_mm = places.iter().map(|(_, p)| (p.coords - about).norm()).fold(0.0, f64::max);
-        Self { places, reach_mm }
+        let reach_mm = balls.iter().map(|ball| (ball.center.coords - about).norm()).fold(0.0, f64::max);
+        Self { balls, reach_mm }
     }
 
-    /// Least distance of the burr's centre under a motion, mm.
+    /// Least distance of the cutter's surface under a motion, mm.
     fn least_mm(&self, boxes: &Boxes<'_>, motion: &PatientShift) -> f64 {
         let most = motion.most_mm(self.reach_mm);
         let mut least = f64::INFINITY;
-        for (planned, p) in &self.places {
-            if planned - most >= least {
+        for SampledBall { planned_mm, center, radius_mm } in &self.balls {
+            if planned_mm - most >= least {
                 break;
             }
-            let moved = motion.in_images(*p);
-            if planned - moved.distance_mm(p) < least {
-                least = least.min(boxes.distance_mm(moved));
+            let moved = motion.in_images(*center);
+            if planned_mm - moved.distance_mm(center) >= least {
+                continue;
+            }
+            // nothing is looked for that is farther than the nearest so far
+            let at_most_mm = (least + radius_mm).max(0.0);
+            if let Some((distance_mm, _)) = boxes.nearest_within(moved, at_most_mm) {
+                least = least.min(distance_mm - radius_mm);
             }
         }
         least
