@@ -72,7 +72,7 @@ fn files(plan: &StoredPlan, args: &ExportArgs) -> anyhow::Result<Vec<(&'static s
     ensure!(!args.rapid || args.format == ExportFormat::Gcode, "--rapid is for G-code only");
     Ok(match args.format {
         ExportFormat::Ros => {
-            let rows = rows(plan, args.rate_hz, ROS_RATE_HZ, Between::Cubic)?;
+            let rows = rows(plan, args.rate_hz, ROS_RATE_HZ, &[Between::Straight, Between::Cubic])?;
             let (mut json, mut yaml) = (Vec::new(), Vec::new());
             write_ros_json(&mut json, &rows)?;
             write_ros_yaml(&mut yaml, &rows)?;
@@ -83,7 +83,7 @@ fn files(plan: &StoredPlan, args: &ExportArgs) -> anyhow::Result<Vec<(&'static s
                 plan.arm.kind() == ArmKind::Ur,
                 "the plan is for robot.model = \"{model}\"; URScript runs on ur3e, ur5e and ur10e only"
             );
-            let rows = rows(plan, args.rate_hz, SCRIPT_RATE_HZ, Between::Straight)?;
+            let rows = rows(plan, args.rate_hz, SCRIPT_RATE_HZ, &[Between::Straight])?;
             let mount =
                 plan.arm.mount().tool().context("URScript is written for a tool on the flange only")?;
             let mut options = UrScript::with_mount(mount);
@@ -105,12 +105,13 @@ fn files(plan: &StoredPlan, args: &ExportArgs) -> anyhow::Result<Vec<(&'static s
     })
 }
 
-/// The trajectory's rows at about the requested rate, or as few as keep the burr close enough to the trajectory.
+/// The trajectory's rows at about the requested rate, or as few as keep the burr close enough to the trajectory, whichever way a
+/// controller interpolates.
 fn rows(
     plan: &StoredPlan,
     asked_hz: Option<f64>,
     least_hz: f64,
-    between: Between,
+    between: &[Between],
 ) -> anyhow::Result<ExportRows<'_>> {
     let sampled_hz = plan.record.case.robot.rate_hz;
     let rate_hz = asked_hz.unwrap_or(least_hz.min(sampled_hz));
@@ -122,7 +123,9 @@ fn rows(
     let mut stride = (sampled_hz / rate_hz).round().max(1.0) as usize;
     loop {
         let rows = ExportRows::new(plan.arm.joints(), &t.time_s, &t.q, &t.qd, stride)?;
-        let (off_mm, row) = rows.deviation_mm(&plan.arm, between)?;
+        let found = between.iter().map(|between| rows.deviation_mm(&plan.arm, *between));
+        let found = found.collect::<Result<Vec<_>, _>>()?;
+        let (off_mm, row) = found.into_iter().fold((0.0, 0), |a, b| if b.0 > a.0 { b } else { a });
         if off_mm <= LEFT_OUT_MM {
             return Ok(rows);
         }

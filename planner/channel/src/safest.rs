@@ -10,8 +10,7 @@
 //!
 //! Margins are continuous in the direction but have several local maxima, one for each gap between structures. So directions are
 //! first sampled over the sphere, `SPACING_RAD` apart; the best of them that are [`APART_RAD`] from each other are then moved to the
-//! local maximum of their least margin by halving steps, and the best of these to that of its next margins. The first channel is
-//! this one; each further one, a runner-up, is the best that stays [`APART_RAD`] from all before it, in another gap or beside the
+//! local maximum of their least margin by halving steps, and the first channel, the best of these, to that of its next margins; each further one, a runner-up, is the best that stays [`APART_RAD`] from all before it, in another gap or beside the
 //! first in the same.
 
 use bonemill_geometry::{Ct, Point, Volume, basis, cancel};
@@ -159,7 +158,8 @@ impl SafestSearch<'_> {
                 .map(|start| self.refined(start, &channels, 0))
                 .collect();
             let Some(best) = best_of(tried.iter(), TIE_MM) else { break };
-            let ranks = self.risk.structures.len();
+            // the next margins of a runner-up are not moved: that decides little and takes as long
+            let ranks = if channels.is_empty() { self.risk.structures.len() } else { 1 };
             let best = (1..ranks).fold(best.clone(), |best, rank| self.refined(&best, &channels, rank));
             channels.push(best);
         }

@@ -219,9 +219,15 @@ impl Search<'_> {
         let SweptTool { rim_mm, full_mm, .. } = *self.tool;
         let mut z = rim_mm;
         loop {
-            let (distance_mm, at) = self.field.nearest(self.pose.end + self.pose.out.as_ref() * z);
-            let (radius, height) = self.place_of(at);
-            self.take_if_nearer(self.tool.solid.signed_distance_at_mm(radius, height), at);
+            let p = self.pose.end + self.pose.out.as_ref() * z;
+            let nearest_mm = self.best_mm + self.tool.radius_mm();
+            let mut distance_mm = self.field.bounds(p).0;
+            if distance_mm < nearest_mm {
+                let (found_mm, at) = self.field.nearest(p);
+                distance_mm = found_mm;
+                let (radius, height) = self.place_of(at);
+                self.take_if_nearer(self.tool.solid.signed_distance_at_mm(radius, height), at);
+            }
             let more_mm = distance_mm - self.tool.radius_mm() - self.best_mm + self.tolerance_mm;
             if more_mm < 0.5 * self.tolerance_mm || z >= full_mm {
                 return z >= full_mm && more_mm >= 0.0;

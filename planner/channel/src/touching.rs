@@ -23,8 +23,8 @@ use crate::safest::on_sphere;
 use crate::swept::{SweptPose, SweptTool};
 
 /// Directions of the mean for a translation; with a rotation more.
-const DIRECTIONS: u32 = 600;
-const DIRECTIONS_6D: u32 = 2000;
+const DIRECTIONS: u32 = 400;
+const DIRECTIONS_6D: u32 = 1200;
 /// A structure that is touched less often than this, whatever its shape, is not searched.
 const RARE: f64 = 1e-10;
 /// Directions are followed to where χ² is larger than at the nearest touch by this: what lies beyond is e⁻¹¹ as likely.

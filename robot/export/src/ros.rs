@@ -1,6 +1,7 @@
 //! `trajectory_msgs/JointTrajectory`, as JSON and as the YAML that `ros2 topic pub` reads, in m and rad.
 //!
-//! Every point has positions and velocities, so that a controller interpolates with cubics. Times are from the start, in
+//! Every point has positions and velocities, so that a controller may interpolate with cubics; the command writes enough points for a
+//! controller that joins them by straight lines in the joints, too. Times are from the start, in
 //! whole seconds and nanoseconds. The header is empty, because a controller takes a time stamp of 0 as "now".
 
 use std::fmt::Write as _;

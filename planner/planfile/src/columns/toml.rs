@@ -394,7 +394,12 @@ pub const MODELLED: &[Column] = &[
         "",
         "The sense in which passes are cut: `path.sense`, or the choice of `auto`.",
     ),
-    Column::new("layers", "1", "", "Milling layers."),
+    Column::new(
+        "layers",
+        "1",
+        "",
+        "Milling layers; in `waypoints.csv` and `compare` the finishing passes count as one more.",
+    ),
     Column::new("compliance", "1", "", "Whether the arm's deflection was computed."),
     Column::new("ct_affine", "text", "", "The affine of the CT's file that was used."),
     Column::new("labels_affine", "text", "", "The affine of the labels' file that was used."),

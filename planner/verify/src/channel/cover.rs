@@ -2,7 +2,7 @@
 //!
 //! In the tool's frame at the deepest place, z to the handpiece, the solid is everything from the front outwards. Each ball lies in
 //! it: the least distance of a structure from a ball is never below that from the solid, and above it by at most
-//! [`COARSE_SHARE`] of the tool's radius. [`Cover::exact_mm`] follows the nearest pair of points from there.
+//! a fiftieth of the tool's radius. [`Cover::exact_mm`] follows the nearest pair of points from there.
 
 use bonemill_geometry::{Ct, Point};
 use nalgebra::{Unit, Vector3};
@@ -10,14 +10,12 @@ use nalgebra::{Unit, Vector3};
 use super::super::boxes::Boxes;
 use super::sweep::OwnSolid;
 
-/// Share of the tool's radius that the balls leave uncovered at most.
-pub const COARSE_SHARE: f64 = 0.01;
 /// Balls on the axis are this far apart, mm, or a tenth of the tool's radius.
 const AXIS_STEP_MM: f64 = 0.1;
 /// Places of the front's profile.
 const PROFILE: usize = 240;
 /// Distance between neighbouring balls of the front, and their radius, as shares of the tool's radius.
-const SPACING: f64 = 1.0 / 14.0;
+const SPACING: f64 = 0.1;
 const BALL: f64 = 0.2;
 /// The same at the rim.
 const RIM_SPACING: f64 = SPACING / 3.0;
@@ -229,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn the_balls_lie_in_the_solid_and_leave_a_hundredth_of_its_radius() {
+    fn the_balls_lie_in_the_solid_and_leave_a_fiftieth_of_its_radius() {
         let cover = Cover::new(&drill()).unwrap();
         let balls = cover.balls(5.0);
         for ball in &balls {
@@ -247,7 +245,7 @@ mod tests {
                 worst = worst.max(over_mm);
             }
         }
-        assert!(worst < COARSE_SHARE * 0.9, "{worst}");
+        assert!(worst < 0.02 * 0.9, "{worst}");
     }
 
     #[test]

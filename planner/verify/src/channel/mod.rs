@@ -29,6 +29,8 @@ const CLEARANCE_TOLERANCE_MM: f64 = 2.5e-3;
 const FLAT_SHARE: f64 = 0.03;
 /// Between two tested rows of the trajectory the tool may come nearer by this, mm.
 const ROW_SLACK_MM: f64 = 0.02;
+/// How far beyond the nearest row so far a row's distance is searched, mm: rows after a far one are passed over.
+const LOOK_MM: f64 = 2.0;
 /// Rounding of lengths in the files, mm, of directions and of speeds.
 const ROUNDING: f64 = 1e-6;
 /// Draws of the registration's error, and their seed.
@@ -119,8 +121,13 @@ fn along_trajectory(evidence: &Evidence, cover: &Cover, boxes: &Boxes<'_>) -> Op
         }
         let tip = ct_from_grid * Point::<Work>::from_coords(executed.points[row]);
         let tool = ToolPlace { tip, out: ct_from_grid.rotate(&executed.axes[row]) };
-        let gap = |ball: &cover::CoverBall| boxes.distance_mm(tool.place(&ball.at)) - ball.radius_mm;
-        (known_mm, at) = (balls.iter().map(gap).fold(f64::INFINITY, f64::min), row);
+        // nothing is looked for that is farther than the nearest so far by more than this
+        let farthest_mm = least_mm + LOOK_MM;
+        let gap = |gap_mm: f64, ball: &cover::CoverBall| {
+            let found = boxes.nearest_within(tool.place(&ball.at), (gap_mm + ball.radius_mm).max(0.0));
+            found.map_or(gap_mm, |(distance_mm, _)| gap_mm.min(distance_mm - ball.radius_mm))
+        };
+        (known_mm, at) = (balls.iter().fold(farthest_mm, gap), row);
         if known_mm < least_mm {
             best = Some((known_mm, row));
         }
