@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::draws::Draws;
 use super::rigid_error::PatientShift;
-use super::{RigidError, Share, UncertaintyError, clearance_mm, kept, not_negative, probability};
+use super::{RigidError, Share, UncertaintyError, clearance_mm, kept, not_negative};
 use crate::channel::{Cover, OwnSolid, ToolPlace};
 use crate::{Anatomy, Boxes, VerifyError};
 
