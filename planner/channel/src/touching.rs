@@ -24,7 +24,7 @@ use crate::swept::{SweptPose, SweptTool};
 
 /// Directions of the mean for a translation; with a rotation more.
 const DIRECTIONS: u32 = 400;
-const DIRECTIONS_6D: u32 = 1200;
+const DIRECTIONS_6D: u32 = 2000;
 /// A structure that is touched less often than this, whatever its shape, is not searched.
 const RARE: f64 = 1e-10;
 /// Directions are followed to where χ² is larger than at the nearest touch by this: what lies beyond is e⁻¹¹ as likely.
