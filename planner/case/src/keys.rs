@@ -349,7 +349,7 @@ table! {
         CT_AFFINE: AffineChoice = "images.ct_affine" ["auto" => AffineChoice::Auto, "sform" => AffineChoice::Sform, "qform" => AffineChoice::Qform],
             "which of the CT's affines holds; `auto`: sform, else qform, refused when they disagree, or the sform's columns and pixdim, by more than 0.1 voxel at a corner", "NIfTI-1";
         LABELS_AFFINE: AffineChoice = "images.labels_affine" ["auto" => AffineChoice::Auto, "sform" => AffineChoice::Sform, "qform" => AffineChoice::Qform],
-            "the same for the label map", "NIfTI-1";
+            "the same for the label map; with `auto` a map of the CT's dimensions that lies more than a voxel beside the CT is refused", "NIfTI-1";
         SHEETS: Sheets = "target.sheets" ["keep" => Sheets::Keep, "cut" => Sheets::Cut],
             "bone outside the target that is thinner than the band (the largest voxel diagonal of CT, labels and planning grid): kept unless it lies within the band of the target, where it is taken for partial volume; or cut wherever the ball meets it. Pieces under 2×2×2 voxels are cut either way", ASSUMED;
         MEASURE: Measure = "material.measure" ["db" => Measure::Db, "dz" => Measure::Dz],
