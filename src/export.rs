@@ -107,12 +107,12 @@ fn files(plan: &StoredPlan, args: &ExportArgs) -> anyhow::Result<Vec<(&'static s
 
 /// The trajectory's rows at about the requested rate, or as few as keep the burr close enough to the trajectory, whichever way a
 /// controller interpolates.
-fn rows(
-    plan: &StoredPlan,
+fn rows<'a>(
+    plan: &'a StoredPlan,
     asked_hz: Option<f64>,
     least_hz: f64,
     between: &[Between],
-) -> anyhow::Result<ExportRows<'_>> {
+) -> anyhow::Result<ExportRows<'a>> {
     let sampled_hz = plan.record.case.robot.rate_hz;
     let rate_hz = asked_hz.unwrap_or(least_hz.min(sampled_hz));
     ensure!(
