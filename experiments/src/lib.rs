@@ -232,6 +232,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         about: "random bodies planned and verified, 25 a seed; one that fails is made as simple as it can be",
         run: hard_cases::run_random,
     },
+    Experiment {
+        name: "agree",
+        about: "random bodies under random keys: plan, verify, simulate and a twin of the case must agree, 25 a seed",
+        run: hard_cases::run_agree,
+    },
 ];
 
 /// Runs `work` on one thread, so that the time does not depend on the number of cores.

@@ -4,6 +4,7 @@
 //! and verified as a user would do. The expected result is a plan that passes every check, a plan or an answer that states why
 //! it falls short, or a refusal that states what is wrong. A panic counts as a failure.
 
+mod agree;
 mod list;
 mod list_tools;
 mod random;
@@ -13,6 +14,7 @@ mod scene;
 use bonemill_planner::Progress;
 use rayon::prelude::*;
 
+pub use agree::{RandomCase, agree, run as run_agree};
 pub use list::scenes;
 pub use random::{RandomBody, random_scenes};
 pub use run::{End, run as run_scene};

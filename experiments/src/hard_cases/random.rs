@@ -33,18 +33,22 @@ pub struct RandomBody {
     pub voxel: [u8; 3],
 }
 
+/// Numbers below a bound, drawn from a seed: splitmix64 (Steele et al. 2014).
+pub(super) fn draws(seed: u64) -> impl FnMut(u64) -> u8 {
+    let mut state = seed.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    move |n| {
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) % n) as u8
+    }
+}
+
 impl RandomBody {
     /// The body with this number.
     pub fn draw(number: u64) -> Self {
-        let mut state = number.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        // splitmix64 (Steele et al. 2014)
-        let mut below = |n: u64| -> u8 {
-            state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-            let mut z = state;
-            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            ((z ^ (z >> 31)) % n) as u8
-        };
+        let mut below = draws(number);
         Self {
             pocket: [4 + below(6), 4 + below(6), 3 + below(6)],
             nerve: [below(6), below(8)],
@@ -72,7 +76,7 @@ impl RandomBody {
     };
 
     /// Bodies of which one number each is simpler.
-    fn simpler(self) -> Vec<Self> {
+    pub(super) fn simpler(self) -> Vec<Self> {
         let p = Self::PLAIN;
         let all = [
             Self { turn: p.turn, ..self },

@@ -72,11 +72,16 @@ impl fmt::Display for End {
 
 /// Runs a scene in a temporary folder.
 pub fn run(scene: &Scene) -> End {
+    run_judged(scene, |_| Vec::new())
+}
+
+/// The same with another judge, who says what is wrong with a plan beside what verify finds.
+pub(super) fn run_judged(scene: &Scene, mut judge: impl FnMut(&StoredPlan) -> Vec<String>) -> End {
     let folder = match tempfile::tempdir() {
         Ok(folder) => folder,
         Err(error) => return End::Broken(format!("no folder: {error}")),
     };
-    catch_unwind(AssertUnwindSafe(|| run_in(scene, folder.path()))).unwrap_or_else(|panic| {
+    catch_unwind(AssertUnwindSafe(|| run_in(scene, folder.path(), &mut judge))).unwrap_or_else(|panic| {
         let said = panic.downcast_ref::<String>().cloned();
         let said = said.or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()));
         End::Broken(format!("a panic: {}", said.unwrap_or_default()))
@@ -84,13 +89,13 @@ pub fn run(scene: &Scene) -> End {
 }
 
 /// Ignores progress.
-struct Unseen;
-impl Progress for Unseen {
+pub(super) struct Quiet;
+impl Progress for Quiet {
     fn stage(&self, _: &str) {}
     fn advance(&self, _: usize, _: usize) {}
 }
 
-fn run_in(scene: &Scene, folder: &Path) -> End {
+fn run_in(scene: &Scene, folder: &Path, judge: &mut dyn FnMut(&StoredPlan) -> Vec<String>) -> End {
     let case_path = folder.join("case.toml");
     let text = scene.case();
     let written = || -> Told<()> {
@@ -107,7 +112,7 @@ fn run_in(scene: &Scene, folder: &Path) -> End {
         Ok(case) => case,
         Err(error) => return End::Refused(error.to_string()),
     };
-    let plan = match bonemill_planner::plan(&case, &case_path, &Unseen) {
+    let plan = match bonemill_planner::plan(&case, &case_path, &Quiet) {
         Ok(plan) => plan,
         Err(error) if error.is_infeasible() => return End::FallsShort(error.to_string()),
         Err(error) => return End::Refused(error.to_string()),
@@ -122,16 +127,19 @@ fn run_in(scene: &Scene, folder: &Path) -> End {
         Ok(stored) => stored,
         Err(error) => return End::Broken(format!("the plan does not come back from its files: {error}")),
     };
-    match verify(&stored, &Unseen) {
+    match verify(&stored, &Quiet) {
         Err(error) => End::Broken(format!("the plan cannot be verified: {error}")),
         Ok(found) => {
             let shortfalls = &stored.record.shortfalls;
+            let judged = judge(&stored);
             // if the plan states that it falls short, only the other failed checks count
             let failed: Vec<_> =
                 if shortfalls.is_empty() { found.failed().collect() } else { found.wrong().collect() };
             if !failed.is_empty() {
                 let said: Vec<String> = failed.iter().map(ToString::to_string).collect();
                 End::Faulty(failed.iter().map(|check| check.name).collect(), said.join("; "))
+            } else if !judged.is_empty() {
+                End::Faulty(vec!["judged"], judged.join("; "))
             } else if shortfalls.is_empty() {
                 End::Verified
             } else {

@@ -1,0 +1,233 @@
+//! Random bodies under random keys: plan, verify and simulate must agree, and so must a twin that is the same case written otherwise.
+//!
+//! A case is a random body and, for each of [`KEYS`], a choice, of which 0 leaves the key out. It is planned, read back, verified and
+//! simulated. Then a twin is planned: the same images stored backwards, or all priorities times three. Where two of these
+//! disagree, the case is made simpler as long as they still do.
+
+use bonemill_planner::Progress;
+use bonemill_planner::plan::StoredPlan;
+use bonemill_planner::simulate::{ModelName, Sampling, simulate};
+use rayon::prelude::*;
+
+use super::random::{RandomBody, draws, ended_well};
+use super::run::{End, Quiet, run_judged};
+use super::scene::Scene;
+use crate::{ExperimentError, Size, Table};
+
+/// A key's choices, each a line of the case and what takes its place.
+type Choices = &'static [(&'static str, &'static str)];
+
+/// Number of keys.
+const COUNT: usize = 9;
+
+/// What may stand in a case.
+const KEYS: [Choices; COUNT] = [
+    &[
+        ("[orientation]", "[orientation]\nmode = \"greedy\""),
+        ("[orientation]", "[orientation]\nmode = \"fixed\""),
+    ],
+    &[("[burr]", "[burr]\nturns = \"both_ways\""), ("[burr]", "[burr]\nspin = 1")],
+    &[
+        ("[path]", "[path]\nsense = \"both\""),
+        ("[path]", "[path]\nsense = \"climb\""),
+        ("[path]", "[path]\nsense = \"away\""),
+        ("[path]", "[path]\nraster_deg = 30"),
+    ],
+    &[
+        ("[speed]", "[speed]\nmode = \"constant\""),
+        ("[speed]", "[speed]\nmode = \"mass\""),
+        ("[speed]", "[speed]\nmode = \"force_limited\"\nforce_n = 0.4"),
+        ("[speed]", "[speed]\npower_w = 0.3"),
+        ("[speed]", "[speed]\ntotal_time_s = 40"),
+        ("[speed]", "[speed]\ntotal_time_s = 900"),
+    ],
+    &[("[grid]", "[cost]\nobjective = \"dillon\"\n\n[grid]")],
+    &[("[grid]", "[material]\nk_te = 0.5\nk_re = 0.2\n\n[grid]")],
+    &[(
+        "[robot]",
+        "[robot]\nmodel = \"ur5e\"\nflange_from_burr = { translation_mm = [0, -90, 155], rpy_rad = [2.618, 0, 0] }",
+    )],
+    &[("direction = [", "# direction = [")],
+    &[("[images]", "preset = \"paper\"\n[images]")],
+];
+
+/// A simulated peak may exceed the stated one by this share and this much, N: the simulation's lattice.
+const PEAK: [f64; 2] = [0.1, 0.1];
+/// Volumes agree to this share and this much, mm³: the simulation's cells.
+const VOLUME: [f64; 2] = [0.02, 2.0];
+/// The twins' volume and time agree to this share, their peaks to the second: rounding decides between nearly equal choices.
+const TWINS: [f64; 2] = [0.01, 0.1];
+
+/// A random case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RandomCase {
+    /// Its body.
+    pub body: RandomBody,
+    /// The choice for each key.
+    pub keys: [u8; COUNT],
+}
+
+/// What two plans of one case must have in common.
+#[derive(Debug, Clone, PartialEq)]
+struct Figures {
+    removed_mm3: f64,
+    total_time_s: f64,
+    peak_n: f64,
+}
+
+impl RandomCase {
+    /// The case with this number.
+    pub fn draw(number: u64) -> Self {
+        let mut below = draws(number ^ 0x5bd1_e995_0000_0000);
+        // half of the keys are left out
+        let keys = KEYS.map(|choices| below(2) * below(choices.len() as u64 + 1));
+        Self { body: RandomBody::draw(number), keys }
+    }
+
+    fn scene(self) -> Scene {
+        let chosen =
+            KEYS.iter().zip(self.keys).filter_map(|(choices, n)| choices.get(usize::from(n).checked_sub(1)?));
+        chosen.fold(self.body.scene(), |scene, (from, to)| scene.with(from, *to))
+    }
+
+    /// The same case written otherwise.
+    fn twin(self) -> Scene {
+        let scene = self.scene();
+        if self.body.nerve[0] > 0 && self.body.burr.is_multiple_of(2) {
+            return scene.with("name = \"nerve\"", "name = \"nerve\"\npriority = 3");
+        }
+        Scene { mirrored: [true, false, true], ..scene }
+    }
+
+    /// Where programs disagree; empty where they agree.
+    fn disagreements(self) -> Vec<String> {
+        let (end, figures) = judged(&self.scene());
+        if !ended_well(&end) {
+            return vec![end.to_string()];
+        }
+        let (twin_end, twin) = judged(&self.twin());
+        let mut said = Vec::new();
+        if twin_end.word() != end.word() {
+            said.push(format!("{end}; its twin {twin_end}"));
+        }
+        if let (Some(figures), Some(twin)) = (figures, twin) {
+            said.extend(figures.differ(&twin));
+        }
+        said
+    }
+
+    /// Cases that are simpler in one thing.
+    fn simpler(self) -> Vec<Self> {
+        let without = |n: usize| {
+            let mut case = self;
+            case.keys[n] = 0;
+            case
+        };
+        let with_body = |body: RandomBody| {
+            let mut case = self;
+            case.body = body;
+            case
+        };
+        let keys = (0..COUNT).filter(|n| self.keys[*n] > 0).map(without);
+        keys.chain(self.body.simpler().into_iter().map(with_body)).collect()
+    }
+}
+
+impl Figures {
+    fn differ(&self, twin: &Self) -> Vec<String> {
+        let [near, peaks] = TWINS;
+        let all = [
+            ("removed_mm3", self.removed_mm3, twin.removed_mm3, near),
+            ("total_time_s", self.total_time_s, twin.total_time_s, near),
+            ("peak_force_n", self.peak_n, twin.peak_n, peaks),
+        ];
+        let differs = |(_, a, b, share): &(&str, f64, f64, f64)| (a - b).abs() > share * a.max(*b) + 0.05;
+        all.iter()
+            .filter(|of| differs(of))
+            .map(|(name, a, b, _)| format!("{name} {a:.4}, of its twin {b:.4}"))
+            .collect()
+    }
+}
+
+/// How a scene ends, its simulation included, and the plan's figures where there is one.
+fn judged(scene: &Scene) -> (End, Option<Figures>) {
+    let mut figures = None;
+    let end = run_judged(scene, |plan| {
+        let metrics = &plan.record.metrics;
+        let peak_n = metrics.number("peak_force_n").unwrap_or(f64::NAN);
+        figures =
+            Some(Figures { removed_mm3: metrics.removed_mm3, total_time_s: metrics.total_time_s, peak_n });
+        simulated(plan, peak_n)
+    });
+    (end, figures)
+}
+
+/// Where a simulation of a plan disagrees with it.
+fn simulated(plan: &StoredPlan, peak_n: f64) -> Vec<String> {
+    let found = match simulate(plan, ModelName::Fluted, Sampling::Step { step_mm: 0.1 }, &Quiet) {
+        Ok(found) => found,
+        Err(error) => return vec![format!("simulate: {error}")],
+    };
+    let mut said = Vec::new();
+    if found.stopped > 0 && plan.record.shortfalls.is_empty() {
+        said.push(format!("simulate: the shank stops {} steps", found.stopped));
+    }
+    let [share, most_n] = PEAK;
+    let driven_n = found.peak_force_n();
+    if driven_n > peak_n * (1.0 + share) + most_n {
+        said.push(format!("simulate: peak {driven_n:.3} N, the plan states {peak_n:.3} N"));
+    }
+    let [share, most_mm3] = VOLUME;
+    let [_, material, bone, ..] = found.removed.volume_mm3;
+    let stated_mm3 = plan.record.metrics.removed_material_mm3;
+    if (material + bone - stated_mm3).abs() > share * stated_mm3 + most_mm3 {
+        said.push(format!(
+            "simulate: {:.2} mm³ of material, the plan states {stated_mm3:.2} mm³",
+            material + bone
+        ));
+    }
+    for (kept, of) in plan.record.case.structures.iter().zip(&found.structures) {
+        let clear_mm = of.least.map_or(f64::INFINITY, |(mm, _)| mm - plan.record.case.burr.radius_mm);
+        if clear_mm < kept.clearance_mm - 0.01 {
+            said.push(format!(
+                "simulate: {clear_mm:.3} mm from {}, asked for {} mm",
+                kept.name, kept.clearance_mm
+            ));
+        }
+    }
+    said
+}
+
+/// Runs cases, 25 for each seed of `size`.
+///
+/// # Errors
+/// None: every disagreement is a shortfall of the table.
+pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
+    progress.stage("agree");
+    Ok(vec![agree(0..25 * size.seeds, progress)])
+}
+
+/// Runs the cases of these numbers; each that disagrees is listed as simple as it can be.
+pub fn agree(numbers: std::ops::Range<u64>, progress: &dyn Progress) -> Table {
+    let title = format!(
+        "{} random cases: plan, verify and simulate, and the plan of a twin (images stored backwards, or priorities times three)",
+        numbers.end - numbers.start
+    );
+    let mut table = Table::new("agree", title, &["case", "disagrees", "as simple as"]);
+    let numbers: Vec<u64> = numbers.collect();
+    for (done, portion) in numbers.chunks(10).enumerate() {
+        let found: Vec<_> = portion.par_iter().map(|n| (*n, RandomCase::draw(*n).disagreements())).collect();
+        progress.advance(10 * done + portion.len(), numbers.len());
+        for (n, said) in found.into_iter().filter(|(_, said)| !said.is_empty()) {
+            let mut case = RandomCase::draw(n);
+            while let Some(simpler) = case.simpler().into_iter().find(|case| !case.disagreements().is_empty())
+            {
+                case = simpler;
+            }
+            let said = said.join("; ").replace('\n', "; ").replace('|', "/");
+            table.shortfalls.push(format!("case {n}: {said}; as simple as {case:?}"));
+            table.push(vec![n.to_string(), said, format!("{case:?}")]);
+        }
+    }
+    table
+}
