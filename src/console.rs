@@ -129,7 +129,10 @@ impl Progress for Console {
 
     fn memory_mb(&self, estimated: f64) {
         self.stages.borrow_mut().memory_mb = Some(estimated);
-        let text = format!("takes about {estimated:.0} MB of memory");
+        self.note(&format!("takes about {estimated:.0} MB of memory"));
+    }
+
+    fn note(&self, text: &str) {
         match &self.show {
             Show::Nothing => {}
             Show::Lines => eprintln!("{text}"),

@@ -151,9 +151,9 @@ fn gcode(plan: &StoredPlan, rapid: bool) -> anyhow::Result<Vec<u8>> {
         duration_s: *duration_s,
         cuts: plan.waypoints[*of].kind == MoveKind::Cut,
     });
-    let case = &plan.record.case;
-    let Spindle { rpm: spindle_rpm, spin } =
-        case.tool.spindle().unwrap_or(Spindle { rpm: case.burr.spindle_rpm, spin: case.burr.spin });
+    let burr = plan.record.burr();
+    let milling = Spindle { rpm: burr.spindle_rpm, spin: burr.spin };
+    let Spindle { rpm: spindle_rpm, spin } = plan.record.case.tool.spindle().unwrap_or(milling);
     let options = Gcode { spindle_rpm, clockwise: spin < 0, rapid };
     let mut text = Vec::new();
     write_gcode(&mut text, plan.arm.joints(), &options, moves)?;

@@ -25,6 +25,7 @@ pub fn plan_into(
     }
     let plan =
         bonemill_planner::plan(case, case_path, progress).map_err(|e| Refused::new(e, case, case_path))?;
+    plan.shortfalls.iter().for_each(|reason| progress.note(&format!("will fall short: {reason}")));
     progress.stage("write files");
     let packed = pack.then(|| plan::pack_inputs(&plan.setup.inputs, case_path, staged)).transpose()?;
     Ok(save::plan(&plan, packed.as_deref().unwrap_or(case_path), staged)?)

@@ -400,6 +400,9 @@ fn a_time_that_cannot_be_met_is_a_plan_with_its_reason() {
         assert_eq!(ran.code, 1, "{}{}", ran.out, ran.err);
         assert!(ran.err.contains("fell short: ") && ran.err.contains(near), "{}", ran.err);
         assert!(ran.err.contains("cannot be met"), "{}", ran.err);
+        let [said, written] =
+            ["will fall short: speed.total_time_s", "write files"].map(|part| ran.err.find(part));
+        assert!(said.is_some() && said < written, "said before anything is written: {}", ran.err);
         let record = fs::read_to_string(place.path("plan/plan.toml")).unwrap();
         assert!(record.contains("cannot be met"), "the plan says so too");
     }

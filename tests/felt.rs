@@ -73,15 +73,25 @@ fn passes_that_push_away_push_less_toward_the_nerve() {
 #[test]
 fn a_burr_that_turns_both_ways_takes_the_gentler() {
     let peak = |spin: &str| {
-        let plan = planned(&still("sense = \"both\"").with_case("spin = -1", spin));
+        let place = still("sense = \"both\"").with_case("spin = -1", spin);
+        let plan = planned(&place);
         let near = figure(&plan.record, &["structures", "nerve", "near", "mean_force_toward_with_zeros_n"]);
-        (near, plan.record.case.burr.spin)
+        let verified = place.run(&["verify", "plan"]);
+        assert_eq!(verified.code, 0, "{spin}: {}{}", verified.out, verified.err);
+        (near, plan)
     };
     let (forward, _) = peak("spin = -1");
     let (reverse, _) = peak("spin = 1");
-    let (chosen, spin) = peak("spin = -1\nturns = \"both_ways\"");
     assert!((forward - reverse).abs() > 1e-3, "the two spins are alike: {forward} {reverse} N");
-    assert_eq!((chosen, spin), if forward < reverse { (forward, -1) } else { (reverse, 1) });
+    let gentler = if forward < reverse { (forward, -1) } else { (reverse, 1) };
+    // whichever way the case gives, the plan tells what it was given and what it chose
+    for given in [-1, 1] {
+        let (chosen, plan) = peak(&format!("spin = {given}\nturns = \"both_ways\""));
+        assert_eq!(
+            (chosen, plan.record.burr().spin, plan.record.case.burr.spin),
+            (gentler.0, gentler.1, given)
+        );
+    }
 }
 
 /// With a fixed shaft, one speed and lines to and fro, the plan equals its control, except for the coarser sum of the control's
@@ -112,9 +122,13 @@ fn is_worse_and_says_so(plan: &StoredPlan) -> [bool; 2] {
 #[test]
 fn a_plan_that_must_push_more_than_its_controls_says_so() {
     let found = ["climb", "conventional"].map(|sense| {
-        let plan = planned(&still(&format!("sense = \"{sense}\"")));
+        let place = still(&format!("sense = \"{sense}\""));
+        let plan = planned(&place);
         let [is_worse, is_said] = is_worse_and_says_so(&plan);
         assert_eq!(is_worse, is_said, "{sense}");
+        // the highest priority that there is counts, whatever its number
+        let second = planned(&place.with_case("label = 7\n", "label = 7\npriority = 2\n"));
+        assert_eq!(is_worse_and_says_so(&second)[1], is_said, "{sense}, priority 2");
         let mean_n = figure(&plan.record, &["structures", "nerve", "near", "mean_force_toward_with_zeros_n"]);
         (mean_n, is_said)
     });

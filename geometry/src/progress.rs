@@ -9,6 +9,8 @@ pub trait Progress {
     fn stage(&self, name: &str);
     /// `done` of `of` steps of the stage are done.
     fn advance(&self, done: usize, of: usize);
+    /// Something that the user should know before the work ends.
+    fn note(&self, _text: &str) {}
     /// The estimated peak memory of the work, MB; reported before it is allocated.
     fn memory_mb(&self, _estimated: f64) {}
 }

@@ -1,6 +1,8 @@
-//! Faults in the figures of a plan and in the grid on which they are counted.
+//! Faults in the figures of a plan, in the grid on which they are counted, and in what it says it chose.
 
+use bonemill_planner::case::Sense;
 use bonemill_planner::plan::Value;
+use bonemill_robot::ur::Branches;
 
 use super::faults::{Fault, scale_figure};
 
@@ -66,5 +68,27 @@ pub const ALL: &[Fault] = &[
         name: "a larger share of the target asked for than is removed",
         plant: |p| p.record.case.least_share = 1.0,
         caught_by: &["removed of the target", "case of the plan"],
+    },
+    Fault {
+        name: "choices that the case does not leave",
+        plant: |p| {
+            for (key, value) in &mut p.record.modelled {
+                match key.as_str() {
+                    "spin" => *value = Value::Integer(1),
+                    "raster_deg" => *value = Value::Number(17.0),
+                    "sense" => *value = Value::Text("climb".into()),
+                    _ => {}
+                }
+            }
+            p.record.case.path.raster_rad = Some(0.0);
+            p.record.case.path.sense = Sense::Both;
+            p.record.case.robot.branch = Branches::one(5);
+        },
+        caught_by: &[
+            "choices within the case/burr.spin",
+            "choices within the case/path.raster_deg",
+            "choices within the case/path.sense",
+            "choices within the case/robot.branch",
+        ],
     },
 ];

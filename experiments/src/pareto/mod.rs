@@ -1,7 +1,7 @@
-//! Trade-off between the force toward the structures of priority 1 and time or removed volume.
+//! Trade-off between the force toward the structures of the highest priority and time or removed volume.
 //!
 //! Every point is a complete plan of one body with one value changed: the total time, or the clearance of its structures of
-//! priority 1. The default is the plan of the body's unchanged case.
+//! the highest priority. The default is the plan of the body's unchanged case.
 
 pub(crate) mod picture;
 
@@ -27,7 +27,7 @@ struct Outcome {
     total_s: f64,
     removed_mm3: f64,
     target_mm3: f64,
-    /// Largest mean over the structures of priority 1, of the force toward a structure within its influence, zeros included, N.
+    /// Largest mean over the structures of the highest priority, of the force toward a structure within its influence, zeros included, N.
     mean_n: f64,
     peak_n: f64,
     peak_force_n: f64,
@@ -36,13 +36,9 @@ struct Outcome {
 
 impl Outcome {
     fn of(changed: String, plan: &Plan) -> Self {
-        let first = plan
-            .results
-            .figures
-            .structures
-            .iter()
-            .zip(&plan.setup.case.structures)
-            .filter(|(_, s)| s.priority == 1);
+        let case = &plan.setup.case;
+        let first = plan.results.figures.structures.iter().zip(&case.structures);
+        let first = first.filter(|(_, s)| Some(s.priority) == case.highest_priority());
         let (mut mean_n, mut peak_n) = (0f64, 0f64);
         for (found, _) in first {
             mean_n = mean_n.max(found.force.mean_with_zeros_n);
@@ -90,7 +86,8 @@ fn front(name: &str, body: &Body, progress: &dyn Progress) -> Result<Front, Expe
     let times = times.collect();
     let clearances = WIDER_MM.iter().filter_map(|wider_mm| {
         let mut case = case.clone();
-        for structure in case.structures.iter_mut().filter(|s| s.priority == 1) {
+        let first = case.highest_priority();
+        for structure in case.structures.iter_mut().filter(|s| Some(s.priority) == first) {
             structure.clearance_mm += wider_mm;
             if structure.clearance_mm < NARROWEST_MM {
                 return None;
@@ -120,7 +117,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
 }
 
 fn table(fronts: &[Front]) -> Table {
-    let title = "Force toward structures of priority 1 wherever they are within their influence, against the total time and the \
+    let title = "Force toward structures of the highest priority wherever they are within their influence, against the total time and the \
                  volume removed. Each row is a whole plan of the case with one value changed; * falls short of its case.";
     let head = [
         "body",

@@ -64,6 +64,8 @@ pub(super) struct Row {
     body: String,
     structure: String,
     priority: u32,
+    /// Whether its case has no structure of a higher priority.
+    is_first: bool,
     controls: Vec<[f64; 5]>,
     straight: Option<[f64; 5]>,
     plan: [f64; 5],
@@ -107,6 +109,7 @@ pub(super) fn rows(name: &str, plan: &Plan) -> Vec<Row> {
         body: name.to_owned(),
         structure: s.name.clone(),
         priority: s.priority,
+        is_first: Some(s.priority) == plan.setup.case.highest_priority(),
         controls: compared.controls.iter().map(|c| figures(&c.forces, n)).collect(),
         straight: compared.straight.as_ref().map(|s| figures(&s.forces, n)),
         plan: figures(&compared.plan, n),
@@ -186,20 +189,20 @@ pub(super) fn change_cells(rows: &[&Row]) -> Vec<String> {
     (0..COLUMNS.len()).map(|k| format!("{}; {}", cell(0, k), cell(1, k))).collect()
 }
 
-/// Summary of the forces toward structures of priority 1, by group.
+/// Summary of the forces toward structures of the highest priority, by group.
 fn summary(size: Size, groups: &[(String, String, Vec<Row>)]) -> Table {
     let title = format!(
-        "Toward structures of priority 1, the burr's surface within 2 mm, and in any direction: change in % against the mean of the \
+        "Toward structures of the highest priority, the burr's surface within 2 mm, and in any direction: change in % against the mean of the \
          two controls; against the straight shaft with the least force. All are driven by the same arm in the same time. Mean ± \
          standard deviation over the bodies / worst body; {} seeds. References below {} and {} N are left out. Above: figures toward \
-         structures of priority 1 (of any) that are more than 2 % above the better control's, the straight shaft's, of how many.",
+         these structures (of any) that are more than 2 % above the better control's, the straight shaft's, of how many.",
         size.seeds, LEAST_N[0], LEAST_N[1]
     );
     let head: Vec<&str> =
         ["body", "arm"].into_iter().chain(COLUMNS).chain(["above", "planning [s]"]).collect();
     let mut table = Table::new("trials-felt", title, &head);
     for (name, arm, rows) in groups {
-        let first: Vec<&Row> = rows.iter().filter(|r| r.priority == 1).collect();
+        let first: Vec<&Row> = rows.iter().filter(|r| r.is_first).collect();
         let above = |rows: &[&Row]| {
             let worse = rows.iter().map(|r| r.worse()).fold([0; 2], |sum, w| [sum[0] + w[0], sum[1] + w[1]]);
             format!("{}, {} of {}", worse[0], worse[1], rows.len() * JUDGED.len())
@@ -281,7 +284,7 @@ fn levers(size: Size, bodies: &[Kind]) -> Result<Table, ExperimentError> {
             }
         }
         for (rows, (lever, _)) in found.iter().zip(LEVERS) {
-            let first: Vec<&Row> = rows.iter().filter(|r| r.priority == 1).collect();
+            let first: Vec<&Row> = rows.iter().filter(|r| r.is_first).collect();
             table.push([name.clone(), lever.into()].into_iter().chain(change_cells(&first)).collect());
         }
     }

@@ -372,6 +372,35 @@ pub struct SpeedCaps {
     pub acceleration_mm_s2: f64,
 }
 
+impl SpeedCaps {
+    /// The caps on force, deflection and power that are given, each as its key and figure.
+    pub fn words(&self) -> Vec<String> {
+        let toward = self.force_toward_n.as_ref().map(|curve| curve.points());
+        let one =
+            |key: &str, cap: Option<f64>, unit: &str| cap.map(|cap| format!("speed.{key} = {cap} {unit}"));
+        let toward = toward.map(|points| {
+            let points: Vec<String> = points.iter().map(|[mm, n]| format!("{n} N at {mm} mm")).collect();
+            format!("speed.force_toward_n = {}", points.join(", "))
+        });
+        [
+            one("force_n", self.force_n, "N"),
+            toward,
+            one("deflection_um", self.deflection_um, "µm"),
+            one("power_w", self.power_w, "W"),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+}
+
+impl Case {
+    /// The highest priority that a structure has, that of the lowest number; `None` without structures.
+    pub fn highest_priority(&self) -> Option<u32> {
+        self.structures.iter().map(|s| s.priority).min()
+    }
+}
+
 /// `[speed]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SpeedSpec {

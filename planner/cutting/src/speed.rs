@@ -14,7 +14,7 @@ mod levels;
 mod limited;
 
 pub use bonemill_case::DistanceCurve;
-pub use caps::{CappedBurr, ForceCaps};
+pub use caps::{Cap, CappedBurr, ForceCaps};
 pub use crossing::last_within;
 pub use cut_moves::{CutMoves, SLOWEST_LINK};
 pub use levels::{CutPushes, Levels, TimeLimit, least_along, least_levels};

@@ -394,7 +394,7 @@ impl Attempt<'_> {
     pub fn keeps_what(&self, other: &Self) -> bool {
         let misses = |of: &Self| {
             let caps = of.demand.caps_missed(of.prepared.start.case, &of.prepared, &of.chosen);
-            [of.timing.missed.is_some(), caps.is_some()]
+            [of.timing.missed.is_some(), !caps.is_empty()]
         };
         self.coverage.reached_share() >= other.coverage.reached_share() - LEFT_SHARE
             && self.chosen.oriented.blocked_turns.len() <= other.chosen.oriented.blocked_turns.len()

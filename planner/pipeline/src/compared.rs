@@ -47,7 +47,7 @@ impl StructureForces {
     /// Where these forces are above those of the better of some references: toward the structures of the case's highest priority, the
     /// worst first; with `nothing_n`, forces up to it count as none.
     fn worse_than(&self, case: &Case, references: &[&Self], nothing_n: f64) -> Vec<Worse> {
-        let first = case.structures.iter().map(|s| s.priority).min();
+        let first = case.highest_priority();
         let judged = case.structures.iter().enumerate().filter(|(_, s)| Some(s.priority) == first);
         let mut found = Vec::new();
         for (n, _) in judged {

@@ -1,6 +1,6 @@
 //! Why a plan falls short of its case, and what else the user should know of it.
 
-use bonemill_case::{Case, OrientationMode};
+use bonemill_case::Case;
 use bonemill_motion::timelaw::LimitRatios;
 use bonemill_scene::{Scene, TargetOutside};
 use bonemill_setup::Setup;
@@ -27,22 +27,29 @@ impl Attempt<'_> {
         found.extend(setup.registered.shortfalls(case));
         found.extend(rest::too_little(case, start.scene, start.space, coverage)?);
         found.extend(unreached(case, coverage, modelled.path.unjoined_passes));
-        found.extend(missed.map(|missed| time_missed(missed, &self.compared.plan)));
+        if let Some(missed) = missed {
+            found.push(time_missed(missed, &self.compared.plan, &self.why_not_in(missed)?));
+        }
         found.extend(self.demand.caps_missed(case, &self.prepared, &self.chosen));
-        found.extend(turns_missed(self.mode, &oriented.blocked_turns));
+        found.extend(turns_missed(&oriented.blocked_turns));
         found.extend(limits_missed(&modelled.speeds.limit_ratios));
         Ok(found)
     }
 
     /// What the user should know beside that.
-    pub(super) fn warnings(&self, setup: &Setup, modelled: &Modelled) -> Vec<String> {
+    ///
+    /// # Errors
+    /// When the arm's limits are not usable.
+    pub(super) fn warnings(&self, setup: &Setup, modelled: &Modelled) -> Result<Vec<String>, PlanError> {
         let case = self.prepared.start.case;
         let missed = self.timing.missed.filter(|_| case.speed.total_time_s.is_none());
         let mut found = setup.warnings.clone();
         found.extend(modelled.arm.lowest_link.and_then(|lowest| lowest.warning()));
-        found.extend(missed.map(nominal_time_missed));
+        if let Some(missed) = missed {
+            found.push(nominal_time_missed(missed, &self.why_not_in(missed)?));
+        }
         found.extend(self.compared.warning(case));
-        found
+        Ok(found)
     }
 }
 
@@ -78,30 +85,27 @@ fn unreached(case: &Case, coverage: &Coverage, unjoined_passes: usize) -> Option
     })
 }
 
-/// A total time that cannot be met within the speed range.
-fn time_missed((asked_s, got_s): (f64, f64), forces: &StructureForces) -> String {
+/// A total time that cannot be met, and why.
+fn time_missed((asked_s, got_s): (f64, f64), forces: &StructureForces, why: &str) -> String {
     let end = if got_s > asked_s { "shortest" } else { "longest" };
     format!(
-        "speed.total_time_s = {asked_s} s cannot be met within the speed range and the caps on force: the {end} time is {got_s:.1} s, with a \
-         mean force of {:.2} N and a largest of {:.2} N",
+        "speed.total_time_s = {asked_s} s cannot be met: the {end} time is {got_s:.1} s, with a mean force of {:.2} N and a largest of \
+         {:.2} N; {why}",
         forces.mean_n, forces.peak_n
     )
 }
 
 /// The same for a case without `speed.total_time_s`.
-fn nominal_time_missed((asked_s, got_s): (f64, f64)) -> String {
+fn nominal_time_missed((asked_s, got_s): (f64, f64), why: &str) -> String {
     format!(
         "the time with every cut at speed.nominal_mm_s, {asked_s:.1} s, cannot be met with the least force: the plan takes \
-         {got_s:.1} s (give speed.total_time_s for another time)"
+         {got_s:.1} s (give speed.total_time_s for another time); {why}"
     )
 }
 
-/// Turns on which the shank is not free. Only the optimal mode avoids them; in the other modes they are only counted.
-fn turns_missed(mode: OrientationMode, blocked: &[BlockedTurn]) -> Option<String> {
+/// Turns on which the shank is not free: in every mode the plan guarantees that there are none.
+fn turns_missed(blocked: &[BlockedTurn]) -> Option<String> {
     let worst = blocked.iter().max_by(|a, b| a.missing_mm.total_cmp(&b.missing_mm))?;
-    if mode != OrientationMode::Optimal {
-        return None;
-    }
     let missing = if worst.missing_mm.is_finite() {
         format!(
             "the room that it needs, {TRAJECTORY_TOLERANCE_MM} mm for the arm's tolerance included, is missed by up to {:.3} mm",

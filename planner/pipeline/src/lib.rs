@@ -37,6 +37,7 @@ mod sense;
 mod speeds;
 mod spin;
 mod tilt;
+mod time_reason;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -89,13 +90,12 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let least = nearest_structures::least_distances(&setup.scene, &path::centers(attempt.prepared.points()));
     let figures = Figures::of(case, &moves.0, &moves.1, attempt.prepared.length_mm(), &least);
     let (warnings, shortfalls) =
-        (attempt.warnings(&setup, &modelled), attempt.shortfalls(&setup, &modelled)?);
-    let planned_case = attempt.prepared.start.case.clone();
+        (attempt.warnings(&setup, &modelled)?, attempt.shortfalls(&setup, &modelled)?);
     let Attempt { prepared, chosen, timing, coverage, compared, .. } = attempt;
     let access = ShankAccess { allowed: chosen.oriented.allowed, dropped: prepared.reached.dropped.clone() };
     drop(prepared);
     Ok(Plan {
-        setup: Setup { case: planned_case, ..setup },
+        setup,
         moves: PlannedMoves { waypoints: moves.0, forces: moves.1, law: timing.driven.law },
         access,
         results: PlanResults { coverage, figures, compared },

@@ -31,12 +31,14 @@ pub struct PathFacts {
     pub waypoints: usize,
     /// Waypoints that cut something.
     pub cutting: usize,
-    /// Milling layers.
+    /// Milling layers, finishing passes as one more.
     pub layers: u32,
     /// Angle of the raster lines from work x as plans call it ([`bonemill_geometry::Approach`]), rad in (−π/2, π/2].
     pub raster_rad: f64,
     /// In which sense the passes are cut.
     pub sense: Sense,
+    /// How the burr turns: −1 forward, +1 reverse.
+    pub spin: i8,
     /// Places that the shank could not get to where they belonged, and that were milled at the end.
     pub put_off: usize,
     /// Passes that no link could join.
@@ -99,9 +101,10 @@ impl Attempt<'_> {
         PathFacts {
             waypoints: reached.path.points.len(),
             cutting: reached.moments.iter().filter(|m: &&Moments| m.mass_mg() > 0.0).count(),
-            layers: reached.path.layers,
+            layers: reached.path.points.iter().map(|point| point.layer + 1).max().unwrap_or(0),
             raster_rad: half_turn(raster.frame.angle_rad() + self.prepared.start.scene.turn_rad),
             sense: raster.sense,
+            spin: self.prepared.start.case.burr.spin,
             put_off: reached.put_off(),
             unjoined_passes: reached.path.unjoined,
         }

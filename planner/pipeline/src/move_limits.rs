@@ -1,10 +1,14 @@
 //! What limits the speed of each move: mass, cost, and caps on force.
 
+use std::collections::BTreeMap;
+
 use bonemill_case::Case;
+use bonemill_cutting::burr::EngagedForce;
 use bonemill_cutting::cost::Proximity;
 use bonemill_cutting::metrics::Moments;
-use bonemill_cutting::speed::{CappedBurr, CutPushes, ForceCaps};
+use bonemill_cutting::speed::{Cap, CappedBurr, CutPushes, ForceCaps};
 use bonemill_setup::tools;
+use nalgebra::Matrix3;
 
 use super::PlanError;
 use super::choose::{Choices, Chosen};
@@ -78,41 +82,135 @@ impl MoveLimits {
         }
     }
 
-    /// Cuts that break a cap even at the slowest speed allowed, in words.
-    pub(super) fn caps_missed(&self, case: &Case, prepared: &Prepared, chosen: &Chosen) -> Option<String> {
-        let caps = &self.force_cap_mm_s;
-        let missed: Vec<usize> =
-            (0..caps.len()).filter(|i| caps[*i] < chosen.slowest_mm_s(case, *i)).collect();
-        let worst = missed.iter().copied().min_by(|a, b| caps[*a].total_cmp(&caps[*b]))?;
-        let slowest = chosen.slowest_mm_s(case, worst);
-        let force = chosen.forces[worst].map(|f| f.force_n(slowest)).unwrap_or_default();
-        let toward_n = prepared.nearest(worst).map_or(0.0, |near| force.dot(&near.toward).max(0.0));
-        Some(format!(
-            "{} cuts break a cap on force, deflection or power even at speed.min_mm_s = {slowest} mm/s; the worst, waypoint \
-             {worst}, would need {:.3} mm/s (force there {:.2} N, toward the nearest structure {toward_n:.2} N)",
-            missed.len(),
-            caps[worst],
-            force.norm(),
-        ))
+    /// Cuts that break a cap even at the slowest speed allowed, in words for each cap.
+    pub(super) fn caps_missed(&self, case: &Case, prepared: &Prepared, chosen: &Chosen) -> Vec<String> {
+        let caps = Caps::new(case, prepared, chosen);
+        let mut broken: BTreeMap<&str, Broken> = BTreeMap::new();
+        for i in 0..self.force_cap_mm_s.len() {
+            let slowest_mm_s = chosen.slowest_mm_s(case, i);
+            if self.force_cap_mm_s[i] >= slowest_mm_s {
+                continue;
+            }
+            caps.for_each(i, |binding| {
+                if binding.fastest_mm_s >= slowest_mm_s {
+                    return;
+                }
+                let found =
+                    broken.entry(key(binding.cap)).or_insert(Broken { moves: 0, last: i, worst: i, binding });
+                if found.moves == 0 || found.last != i {
+                    (found.moves, found.last) = (found.moves + 1, i);
+                }
+                if binding.fastest_mm_s < found.binding.fastest_mm_s {
+                    (found.worst, found.binding) = (i, binding);
+                }
+            });
+        }
+        broken.iter().map(|(key, broken)| caps.words(key, broken)).collect()
+    }
+}
+
+/// Moves that break one cap, the worst of them, and its force.
+struct Broken {
+    moves: usize,
+    /// The last that was counted.
+    last: usize,
+    worst: usize,
+    binding: Binding,
+}
+
+/// A cap with the largest speed that keeps it, and the force that it bounds.
+#[derive(Clone, Copy)]
+struct Binding {
+    cap: Cap,
+    fastest_mm_s: f64,
+    force: EngagedForce,
+}
+
+/// The key of a cap in the case.
+fn key(cap: Cap) -> &'static str {
+    match cap {
+        Cap::Toward(_) => "speed.force_toward_n",
+        Cap::Total => "speed.force_n",
+        Cap::Deflection => "speed.deflection_um",
+        Cap::Power => "speed.power_w",
+    }
+}
+
+/// The caps of a case on the moves of a plan.
+struct Caps<'a> {
+    case: &'a Case,
+    prepared: &'a Prepared<'a>,
+    chosen: &'a Chosen,
+    caps: ForceCaps,
+    burr: CappedBurr,
+}
+
+impl<'a> Caps<'a> {
+    fn new(case: &'a Case, prepared: &'a Prepared<'a>, chosen: &'a Chosen) -> Self {
+        let given = &case.speed.caps;
+        let caps = ForceCaps {
+            toward_n: given.force_toward_n.clone(),
+            total_n: given.force_n,
+            deflection_mm: given.deflection_um.map(|um| um * 1e-3),
+            power_mw: given.power_w.map(|w| w * 1e3),
+        };
+        let burr = CappedBurr { radius_mm: case.burr.radius_mm, spindle_rpm: case.burr.spindle_rpm };
+        Self { case, prepared, chosen, caps, burr }
+    }
+
+    /// The structures near move i, and the arm's compliance there.
+    fn around(&self, i: usize) -> (Vec<Proximity>, Option<&Matrix3<f64>>) {
+        let near = self.prepared.near[i].iter().map(|n| n.proximity).collect();
+        (near, self.chosen.compliances.as_ref().map(|c| &c[i]))
+    }
+
+    /// Every cap on move i, for each of its forces.
+    fn for_each(&self, i: usize, mut take: impl FnMut(Binding)) {
+        let (near, compliance) = self.around(i);
+        for force in self.chosen.forces_of(i) {
+            self.caps.for_each(self.burr, force, &near, compliance, |cap, fastest_mm_s| {
+                take(Binding { cap, fastest_mm_s, force: *force });
+            });
+        }
+    }
+
+    /// A cap with its figure, and by how much the worst move breaks it.
+    fn words(&self, key: &str, Broken { moves, worst, binding, .. }: &Broken) -> String {
+        let slowest_mm_s = self.chosen.slowest_mm_s(self.case, *worst);
+        let (near, compliance) = self.around(*worst);
+        let around = (&near[..], compliance);
+        let taken = self.caps.taken(binding.cap, self.burr, &binding.force, around, slowest_mm_s);
+        let (factor, unit) = match binding.cap {
+            Cap::Toward(_) | Cap::Total => (1.0, "N"),
+            Cap::Deflection => (1e3, "µm"),
+            Cap::Power => (1e-3, "W"),
+        };
+        let [taken, most] = taken.unwrap_or_default().map(|of| factor * of);
+        let from = match binding.cap {
+            Cap::Toward(n) => {
+                let near = &self.prepared.near[*worst][n];
+                let name = self.case.structures.get(near.structure).map_or("", |s| s.name.as_str());
+                format!(", {:.2} mm from {name}", near.proximity.distance_mm - self.burr.radius_mm)
+            }
+            _ => String::new(),
+        };
+        let moves = if *moves == 1 { "1 move breaks".to_owned() } else { format!("{moves} moves break") };
+        format!(
+            "{moves} {key} even at the least speed; the worst, waypoint {worst}{from}, has {taken:.3} {unit} at {slowest_mm_s} mm/s instead of \
+             at most {most:.3} {unit}, and would need {:.3} mm/s (see speed.min_mm_s)",
+            binding.fastest_mm_s
+        )
     }
 }
 
 fn force_caps(case: &Case, prepared: &Prepared, chosen: &Chosen) -> Vec<f64> {
-    if !case.speed.mode.keeps_caps() {
-        return vec![f64::INFINITY; chosen.forces.len()];
-    }
-    let caps = ForceCaps {
-        toward_n: case.speed.caps.force_toward_n.clone(),
-        total_n: case.speed.caps.force_n,
-        deflection_mm: case.speed.caps.deflection_um.map(|um| um * 1e-3),
-        power_mw: case.speed.caps.power_w.map(|w| w * 1e3),
-    };
-    let burr = CappedBurr { radius_mm: case.burr.radius_mm, spindle_rpm: case.burr.spindle_rpm };
+    let caps = Caps::new(case, prepared, chosen);
     let fastest = |i: usize| {
-        let near: Vec<Proximity> = prepared.near[i].iter().map(|n| n.proximity).collect();
-        let compliance = chosen.compliances.as_ref().map(|c| &c[i]);
-        let forces = chosen.forces_of(i);
-        forces.map(|force| caps.fastest_mm_s(burr, force, &near, compliance)).fold(f64::INFINITY, f64::min)
+        let mut fastest = f64::INFINITY;
+        if case.speed.mode.keeps_caps() {
+            caps.for_each(i, |binding| fastest = fastest.min(binding.fastest_mm_s));
+        }
+        fastest
     };
     (0..chosen.forces.len()).map(fastest).collect()
 }

@@ -10,7 +10,7 @@ use super::{Compared, Coverage, Dropped, Figures, Modelled};
 /// A plan with all that its files and its report say.
 #[derive(Debug)]
 pub struct Plan {
-    /// What it was planned on; the case with what the planner chose in it.
+    /// What it was planned on; the case as it was given. What the planner chose is in `modelled`.
     pub setup: Setup,
     /// How burr and arm move.
     pub moves: PlannedMoves,

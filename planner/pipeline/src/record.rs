@@ -180,6 +180,7 @@ fn modelled(plan: &Plan) -> Vec<(String, Value)> {
         ("branch".into(), usize::from(arm.branch).into()),
         ("raster_deg".into(), path.raster_rad.to_degrees().into()),
         ("sense".into(), path.sense.word().into()),
+        ("spin".into(), Value::Integer(path.spin.into())),
         ("layers".into(), path.layers.into()),
         ("compliance".into(), plan.setup.case.robot.joint_stiffness.is_some().into()),
         ("ct_affine".into(), affine(0)),

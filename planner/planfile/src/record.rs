@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use bonemill_case::write::{list, rigid, text, vector};
-use bonemill_case::{Case, CaseError, as_number, line_at, rotation_from_matrix, syntax};
+use bonemill_case::{Burr, Case, CaseError, as_number, line_at, rotation_from_matrix, syntax};
 use bonemill_geometry::{Approach, Base, Ct, Rigid, Work};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use toml::de::{DeTable, DeValue};
@@ -174,6 +174,21 @@ impl PlanRecord {
             }
         }
         Ok(record)
+    }
+
+    /// A value of what was modelled, by its name.
+    pub fn modelled(&self, name: &str) -> Option<&Value> {
+        self.modelled.iter().find(|(key, _)| key == name).map(|(_, value)| value)
+    }
+
+    /// The burr as the plan turns it: the case's, with the spin that was chosen where the case leaves it open. Plans without a
+    /// statement of it turn as their case says.
+    pub fn burr(&self) -> Burr {
+        let spin = match self.modelled("spin") {
+            Some(Value::Integer(spin @ (-1 | 1))) => *spin as i8,
+            _ => self.case.burr.spin,
+        };
+        Burr { spin, ..self.case.burr }
     }
 
     /// The path of the case's file among the inputs.

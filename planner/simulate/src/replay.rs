@@ -177,7 +177,7 @@ impl SimulationSetup {
         let case = &plan.record.case;
         let scene = scene_of(plan, progress)?;
         let density_g_cm3 = solid_density(&scene, &case.density.table)?;
-        let tool = tools::tool(&case.burr)?;
+        let tool = tools::tool(&plan.record.burr())?;
         let (material, measure) = tools::material(&case.material)?;
         let spec = EngineSpec {
             disc: discretisation(&tool, measure)?,

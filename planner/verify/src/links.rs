@@ -29,11 +29,10 @@ pub fn links(plan: &StoredPlan, executed: &Executed) -> Result<Option<Check>, Ve
             lowest = (height_mm, row);
         }
     }
-    let stated = plan.record.modelled.iter().find(|(key, _)| key == "lowest_link_mm");
-    let stated_mm = stated.and_then(|(_, value)| match value {
-        Value::Number(mm) => Some(*mm),
+    let stated_mm = match plan.record.modelled("lowest_link_mm") {
+        Some(Value::Number(mm)) => Some(*mm),
         _ => None,
-    });
+    };
     let limit = stated_mm.filter(|mm| *mm < 0.0).map_or(0.0, |mm| mm - ROUNDED_MM);
     let (height_mm, row) = lowest;
     let at = Place::Instant { time_s: plan.trajectory.time_s[row], waypoint: executed.next[row] as usize };

@@ -7,8 +7,8 @@ use super::check::{Check, Place};
 use super::extents::{fine_grid, planned_voxels};
 use super::lattice::{FineLattice, Obstacle};
 use super::{
-    Boxes, Evidence, VerifyError, carve, clearance, columns, driven, edge, figures, forces, gouge, reach,
-    requirements, rest, shaft, voxels,
+    Boxes, Evidence, VerifyError, carve, clearance, columns, driven, edge, figures, forces, gouge,
+    provenance, reach, requirements, rest, shaft, voxels,
 };
 
 /// The shank's distance to a structure is computed up to this much beyond its clearance, mm.
@@ -23,7 +23,8 @@ const CLEARANCE_ROUNDING_MM: f64 = 1e-9;
 pub fn checks(evidence: &Evidence, progress: &dyn Progress) -> Result<Vec<Check>, VerifyError> {
     let Evidence { plan, anatomy, boxes, moves, executed, .. } = *evidence;
     progress.stage("check rows");
-    let mut checks = columns::rows(plan, moves, executed);
+    let mut checks = provenance::choices(plan);
+    checks.extend(columns::rows(plan, moves, executed));
     checks.extend(columns::structures(plan, &anatomy.kept, boxes));
     checks.extend(forces::forces(plan, &anatomy.kept, boxes));
     checks.extend(figures::totals(plan, moves));

@@ -1,17 +1,20 @@
 //! Checks that the plan belongs to its inputs: digests, the case in it, its frames and its arm.
 
+use std::f64::consts::PI;
 use std::path::Path;
 
 use bonemill_arm::ur::{UrModel, read_ur};
 use bonemill_arm::{Arm, read_urdf};
-use bonemill_case::{Case, Registration};
+use bonemill_case::{Case, Registration, Sense};
 use bonemill_geometry::{Base, Ct, Point, Rigid, basis};
-use bonemill_planfile::{Sha256, StoredPlan};
+use bonemill_planfile::{Sha256, StoredPlan, Value};
 use nalgebra::{Rotation3, Vector3};
 
 use super::VerifyError;
 use super::check::{Check, Place};
 
+/// Name of the checks of what a plan chose.
+const CHOICES: &str = "choices within the case";
 /// Rounding of frames that are written and read back.
 const ROUNDING: f64 = 1e-9;
 /// Largest possible improvement of a fit to fiducials, mm.
@@ -53,6 +56,40 @@ fn case(plan: &StoredPlan, text: &str) -> Check {
         }
         Err(error) => Check::none_wrong(NAME, 1).noting(format!("the case file is not valid: {error}")),
     }
+}
+
+/// Checks that what the plan says it chose is what its case gives, where that leaves no choice.
+pub fn choices(plan: &StoredPlan) -> Vec<Check> {
+    let (record, case) = (&plan.record, &plan.record.case);
+    let number = |name| match record.modelled(name) {
+        Some(Value::Number(v)) => Some(*v),
+        Some(Value::Integer(v)) => Some(*v as f64),
+        _ => None,
+    };
+    let spin = number("spin");
+    let is_turned = match spin {
+        Some(spin) => spin.abs() == 1.0 && (case.burr.turns_both_ways || spin == f64::from(case.burr.spin)),
+        // plans of earlier versions state the chosen spin in their case
+        None => true,
+    };
+    let is_along = case.path.raster_rad.is_none_or(|given_rad| {
+        let turns = number("raster_deg").map(|deg| (deg.to_radians() - given_rad) / PI);
+        turns.is_some_and(|turns| (turns - turns.round()).abs() < ROUNDING)
+    });
+    let is_in_sense = case.path.sense == Sense::Auto
+        || record.modelled("sense") == Some(&Value::Text(case.path.sense.word().into()));
+    let is_in_branch = case.robot.branch.is_none_or(|branches| {
+        let branch = number("branch").filter(|branch| (0.0..8.0).contains(branch));
+        branch.is_some_and(|branch| branches.contains(branch as u8))
+    });
+    let check = |key: &str, holds: bool| Check::none_wrong(CHOICES, usize::from(!holds)).of(key);
+    vec![
+        check("burr.spin", is_turned)
+            .noting(spin.map_or(String::new(), |spin| format!("the plan turns it {spin:+}"))),
+        check("path.raster_deg", is_along),
+        check("path.sense", is_in_sense),
+        check("robot.branch", is_in_branch),
+    ]
 }
 
 fn frames(plan: &StoredPlan) -> Vec<Check> {
@@ -157,7 +194,7 @@ fn arm(plan: &StoredPlan) -> Result<Check, VerifyError> {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use std::f64::consts::{FRAC_PI_2, PI};
+    use std::f64::consts::FRAC_PI_2;
 
     /// Angles at gimbal lock, beyond half a turn, and arbitrary ones.
     fn angle() -> impl Strategy<Value = f64> {

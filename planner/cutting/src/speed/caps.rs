@@ -44,6 +44,19 @@ pub struct CappedBurr {
     pub spindle_rpm: f64,
 }
 
+/// One of the caps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cap {
+    /// On the force toward the n-th of the structures nearby.
+    Toward(usize),
+    /// On the whole force.
+    Total,
+    /// On the deflection.
+    Deflection,
+    /// On the spindle's power.
+    Power,
+}
+
 impl ForceCaps {
     /// The largest speed that keeps every cap, mm/s; infinite where none binds, 0 where no speed does.
     ///
@@ -55,26 +68,62 @@ impl ForceCaps {
         near: &[Proximity],
         compliance: Option<&Matrix3<f64>>,
     ) -> f64 {
-        let (cut, edge) = (force.cut_n_per_mm_s, force.edge_n);
         let mut fastest = f64::INFINITY;
+        self.for_each(burr, force, near, compliance, |_, mm_s| fastest = fastest.min(mm_s));
+        fastest
+    }
+
+    /// Calls `take` with every cap and the largest speed that keeps it, mm/s.
+    pub fn for_each(
+        &self,
+        burr: CappedBurr,
+        force: &EngagedForce,
+        near: &[Proximity],
+        compliance: Option<&Matrix3<f64>>,
+        mut take: impl FnMut(Cap, f64),
+    ) {
+        let (cut, edge) = (force.cut_n_per_mm_s, force.edge_n);
         if let Some(limit) = &self.toward_n {
-            for p in near {
+            for (n, p) in near.iter().enumerate() {
                 let most = limit.at(p.distance_mm - burr.radius_mm);
-                fastest = fastest.min(linear(edge.dot(&p.toward), cut.dot(&p.toward), most));
+                take(Cap::Toward(n), linear(edge.dot(&p.toward), cut.dot(&p.toward), most));
             }
         }
         if let Some(most) = self.total_n {
-            fastest = fastest.min(within_ball(&edge, &cut, most));
+            take(Cap::Total, within_ball(&edge, &cut, most));
         }
         if let (Some(most), Some(c)) = (self.deflection_mm, compliance) {
-            fastest = fastest.min(within_ball(&(c * edge), &(c * cut), most));
+            take(Cap::Deflection, within_ball(&(c * edge), &(c * cut), most));
         }
         if let Some(most) = self.power_mw {
             let omega = 2.0 * PI * burr.spindle_rpm / 60.0;
             let (q_edge, q_cut) = (force.edge_torque_nmm, force.cut_torque_nmm_per_mm_s);
-            fastest = fastest.min(linear(omega * q_edge, omega * q_cut, most));
+            take(Cap::Power, linear(omega * q_edge, omega * q_cut, most));
         }
-        fastest
+    }
+
+    /// What a cap bounds, at a speed in mm/s, and the most that it allows: N, for the deflection mm, for the power mW.
+    pub fn taken(
+        &self,
+        cap: Cap,
+        burr: CappedBurr,
+        force: &EngagedForce,
+        (near, compliance): (&[Proximity], Option<&Matrix3<f64>>),
+        speed_mm_s: f64,
+    ) -> Option<[f64; 2]> {
+        let force_n = force.force_n(speed_mm_s);
+        Some(match cap {
+            Cap::Toward(n) => {
+                let p = near.get(n)?;
+                [force_n.dot(&p.toward).max(0.0), self.toward_n.as_ref()?.at(p.distance_mm - burr.radius_mm)]
+            }
+            Cap::Total => [force_n.norm(), self.total_n?],
+            Cap::Deflection => [(compliance? * force_n).norm(), self.deflection_mm?],
+            Cap::Power => {
+                let torque_nmm = force.edge_torque_nmm + speed_mm_s * force.cut_torque_nmm_per_mm_s;
+                [2.0 * PI * burr.spindle_rpm / 60.0 * torque_nmm, self.power_mw?]
+            }
+        })
     }
 }
 
@@ -150,6 +199,15 @@ mod tests {
                 prop_assert!(worst(v) < 1e-9 && worst(0.5 * v) < 1e-9);
             }
             prop_assert!(worst(v * (1.0 + 1e-6) + 1e-9) > -1e-9);
+            // each cap is used up at its own speed, and kept at the least of them
+            caps.for_each(BURR, &force, &near, Some(&c), |cap, own| {
+                let used = |v: f64| {
+                    let [taken, most] = caps.taken(cap, BURR, &force, (&near, Some(&c)), v).unwrap();
+                    (taken - most) / most.max(1e-6)
+                };
+                assert!(own >= v && (v == 0.0 || used(v) < 1e-6), "{cap:?}: {}", used(v));
+                assert!(own == 0.0 || own.is_infinite() || used(own).abs() < 1e-6, "{cap:?}: {}", used(own));
+            });
         }
     }
 

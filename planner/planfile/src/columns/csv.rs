@@ -5,7 +5,12 @@ use super::Column;
 /// The columns of `waypoints.csv`.
 pub const WAYPOINTS: [Column; 26] = [
     Column::new("index", "1", "", "The row's place, from 0."),
-    Column::new("layer", "1", "", "Milling layer, from 0 at the outside."),
+    Column::new(
+        "layer",
+        "1",
+        "",
+        "Milling layer, from 0 at the outside; finishing passes have the number after the last.",
+    ),
     Column::new(
         "kind",
         "text",

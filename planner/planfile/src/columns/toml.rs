@@ -395,10 +395,16 @@ pub const MODELLED: &[Column] = &[
         "The sense in which passes are cut: `path.sense`, or the choice of `auto`.",
     ),
     Column::new(
+        "spin",
+        "1",
+        "",
+        "How the burr turns: `burr.spin`, or the choice of `burr.turns = \"both_ways\"`.",
+    ),
+    Column::new(
         "layers",
         "1",
         "",
-        "Milling layers; in `waypoints.csv` and `compare` the finishing passes count as one more.",
+        "Milling layers, the finishing passes as one more, as in `waypoints.csv`.",
     ),
     Column::new("compliance", "1", "", "Whether the arm's deflection was computed."),
     Column::new("ct_affine", "text", "", "The affine of the CT's file that was used."),

@@ -135,7 +135,7 @@ fn choices(plan: &Plan) -> Vec<String> {
         format!("Passes are {}: {}.", m.path.sense.words(), by_drafts(case.path.sense != Sense::Auto));
     let spin = format!(
         "The burr turns {}: {}.",
-        if case.burr.spin < 0 { "forward (clockwise seen from the handpiece)" } else { "in reverse" },
+        if m.path.spin < 0 { "forward (clockwise seen from the handpiece)" } else { "in reverse" },
         if case.burr.turns_both_ways {
             "chosen by the forces toward structures in two complete plans"
         } else {

@@ -99,9 +99,10 @@ impl<'a> DrivenForce<'a> {
         let dims = plan.record.frames.grid.dims;
         let grid = Grid::aligned(dims, case.grid.spacing_mm, Point::new(0.0, 0.0, 0.0))?;
         let bone = Bone::new(target, &case.density, ct_from_grid, &grid)?;
-        let burr = BurrSum::new(&case.burr, &case.material, NODES);
+        let turning = plan.record.burr();
+        let burr = BurrSum::new(&turning, &case.material, NODES);
         let space = swept_box(path, scan_box(anatomy, &ct_from_grid.inverse()), case.burr.radius_mm);
-        Ok(Self::along(path, &executed.axes, (&burr, &case.burr), space, |p| bone.density_g_cm3(p)))
+        Ok(Self::along(path, &executed.axes, (&burr, &turning), space, |p| bone.density_g_cm3(p)))
     }
 
     /// The force along a path in bone of a density, g/cm³. `axes`: the shaft's at every row; `space`: a box beyond which is no bone.

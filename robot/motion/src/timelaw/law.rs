@@ -37,6 +37,10 @@ pub struct LimitRatios {
 /// Number of instants at which limits are checked in each piece, and again for every element of the path in it.
 const INSTANTS: usize = 6;
 
+/// Time between instants at which it is asked which joint is at a limit, s, and the most instants.
+const LOOK_S: f64 = 0.01;
+const MOST_LOOKS: f64 = 1e5;
+
 /// Number of intervals in each piece between instants at which the burr's speed is evaluated.
 const BURR_INSTANTS: usize = 4;
 
@@ -205,6 +209,29 @@ impl TimeLaw {
             jerk: greater(a.jerk, b.jerk),
         };
         self.pieces.par_iter().enumerate().map(instants).reduce(LimitRatios::default, worse)
+    }
+
+    /// The time for which each joint is the one that is nearest to a limit, s, by its velocity, acceleration and jerk; only while it
+    /// takes at least `share` of that limit. Sampled at equal distances of time.
+    pub fn seconds_at_limits(&self, limits: &PathLimits, share: f64) -> Vec<[f64; 3]> {
+        let mut seconds = vec![[0.0; 3]; self.dof()];
+        let period_s = (self.duration_s / MOST_LOOKS).max(LOOK_S);
+        let mut cursor = self.cursor(0.0);
+        for n in 0..(self.duration_s / period_s) as usize {
+            let (mut most, mut nearest) = (share, None);
+            cursor.visit((n as f64 + 0.5) * period_s, |j, [_, qd, qdd, qddd]| {
+                let used = [qd / limits.velocity[j], qdd / limits.acceleration[j], qddd / limits.jerk[j]];
+                for (of, ratio) in used.into_iter().enumerate() {
+                    if ratio.abs() >= most {
+                        (most, nearest) = (ratio.abs(), Some((j, of)));
+                    }
+                }
+            });
+            if let Some((j, of)) = nearest {
+                seconds[j][of] += period_s;
+            }
+        }
+        seconds
     }
 
     /// q, q̇, q̈ and q⃛ of every joint at x on an element, at ṡ, s̈, s⃛.

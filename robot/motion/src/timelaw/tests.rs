@@ -103,6 +103,19 @@ fn a_straight_move_is_the_smoothed_trapezoid() {
 }
 
 #[test]
+fn the_time_at_a_limit_is_told_by_joint_and_limit() {
+    // 10 mm of the first joint at 15 mm/s, then 6 rad of the last at 0.6 rad/s
+    let law = Case::new(vec![[0.0; 4], [10.0, 0.0, 0.0, 0.0], [10.0, 0.0, 0.0, 6.0]], 100.0).law();
+    let found = law.seconds_at_limits(&limits(), 0.95);
+    assert!((found[3][0] - 10.0).abs() < 0.3, "{found:?}");
+    assert!(found[0][0] > 0.3 && found[0][0] < 10.0 / 15.0, "{found:?}");
+    assert!(found[1..3].iter().flatten().all(|s| *s == 0.0), "{found:?}");
+    // slow enough for every joint
+    let slow = Case::new(vec![[0.0; 4], [10.0, 0.0, 0.0, 0.0]], 1.0).law();
+    assert!(slow.seconds_at_limits(&limits(), 0.95).concat()[0] == 0.0);
+}
+
+#[test]
 fn a_rotation_in_place_is_bound_by_its_joint() {
     let law = Case::new(vec![[0.0; 4], [0.0, 0.0, 0.0, 0.6]], 1.0).law();
     // 0.6 rad at 0.6 rad/s, to full speed in 0.1 s
