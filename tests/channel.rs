@@ -81,7 +81,7 @@ fn a_tibia_is_drilled_through_both_cortices_and_every_file_agrees() {
     let replayed: serde_json::Value =
         serde_json::from_str(&runs(&place, &["simulate", "plan", "--json"])).unwrap();
     let planned = number_of(&place, "removed_bone_mm3");
-    let removed = replayed["figures"]["removed"]["bone"]["mm3"].as_f64().unwrap();
+    let removed = replayed["figures"]["simulated_removed"]["bone"]["mm3"].as_f64().unwrap();
     assert!(
         (removed - planned).abs() < 2e-3 * planned,
         "{removed} mm³ in the replay, {planned} mm³ in the plan"

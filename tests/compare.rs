@@ -42,7 +42,10 @@ fn two_plans_are_compared_by_their_own_files_alone() {
         assert!(same(pair("volumes", "removed_mm3")[n], &metrics["removed_mm3"]));
         assert!(same(pair("times", "total_time_s")[n], &metrics["total_time_s"]));
         let nerve = &metrics["structures"]["nerve"];
-        assert!(same(pair("structure nerve", "least_distance_mm")[n], &nerve["least_distance_mm"]));
+        assert!(same(
+            pair("structure nerve", "least_surface_distance_mm")[n],
+            &nerve["least_surface_distance_mm"]
+        ));
         assert!(
             pair("structure nerve", "peak_force_toward_n")[n]
                 >= pair("structure nerve", "p75_force_toward_n")[n]
@@ -72,7 +75,7 @@ fn two_plans_are_compared_by_their_own_files_alone() {
     assert_eq!(figures.lines().count(), 1 + 12, "{short}");
     for row in [
         "target removed, %",
-        "bone removed outside the target, mm³",
+        "bone removed outside the target, by voxel centres, mm³",
         "time, s",
         "peak force, N",
         "least distance of the burr's surface from nerve, mm",

@@ -17,6 +17,9 @@ const BEHIND: usize = 17;
 /// By how much its first joint is off, rad.
 const OFF_RAD: f64 = 5e-4;
 
+/// What the run saw as the farthest off its path, between two entries, mm.
+const FARTHEST_MM: f64 = 4.321;
+
 /// CRC-32 (IEEE 802.3), bit by bit.
 fn crc32(text: &str) -> u32 {
     !text.bytes().fold(u32::MAX, |crc, byte| {
@@ -44,7 +47,8 @@ fn log(plan: &StoredPlan, rows: usize) -> String {
         actual[0] += OFF_RAD;
         let (time_s, commanded) = (0.5 + row as f64 * 0.002, cells(plan.trajectory.q_at(row)));
         let text = format!(
-            "R,{time_s:.6},run,{row}.0,1.0,{reached}.0,,,0.004,0.0015,{time_s:.6},1,2,1.0,3.0,0.0,4.0,{commanded},{}",
+            "R,{time_s:.6},run,{row}.0,1.0,{reached}.0,{:.5},,0.004,0.0015,{time_s:.6},1,2,1.0,3.0,0.0,4.0,{commanded},{}",
+            if row == 1000 { FARTHEST_MM } else { 0.01 },
             cells(&actual)
         );
         line(&mut log, &text);
@@ -70,7 +74,9 @@ fn a_run_is_set_beside_its_plan_and_no_other() {
     // the lever of the first joint is the burr's distance from the base's axis
     let burr = |row: usize| plan.arm.burr(plan.trajectory.q_at(row)).unwrap().translation_mm;
     let moved_mm = (0..1978).map(|row| OFF_RAD * burr(row).xy().norm()).fold(0.0, f64::max);
-    assert!(figure("off_mm", "max") <= moved_mm * 1.001 && figure("off_mm", "max") > 0.5 * moved_mm);
+    let off_mm = figure("off_at_entries_mm", "max");
+    assert!(off_mm <= moved_mm * 1.001 && off_mm > 0.5 * moved_mm, "{off_mm} mm");
+    assert_eq!(figures["farthest_off_mm"].as_f64(), Some(FARTHEST_MM));
     let way_mm = |from: usize, to: usize| (from..to).map(|n| (burr(n + 1) - burr(n)).norm()).sum::<f64>();
     let behind_mm = (BEHIND..1995).map(|row| way_mm(row - BEHIND, row)).fold(0.0, f64::max);
     let said_mm = figure("behind_mm", "max");
@@ -88,6 +94,14 @@ fn a_run_is_set_beside_its_plan_and_no_other() {
         figures["least_room_mm"].as_f64().unwrap() > 0.0 && found["events"].as_array().unwrap().len() == 2
     );
     let page = fs::read_to_string(place.path("run.html")).unwrap();
+    let last = plan.trajectory.len() - 1;
+    for card in [
+        format!("<b>{FARTHEST_MM:.3} mm</b><span>farthest of the tool from its path at any step"),
+        format!("<b>{off_mm:.3} mm</b><span>farthest of the tool from its path at the log's entries"),
+        format!("Reached row {} of {last}", 1995 - BEHIND),
+    ] {
+        assert!(page.contains(&card), "{card}");
+    }
     assert!(
         page.contains("Burr off its path") && page.contains("stopped by the user") && page.contains("[mrad]")
     );

@@ -109,7 +109,7 @@ fn removed_volume_is_the_plan_s() {
     let found: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
     let plan: toml::Table = fs::read_to_string(place.path("plan/plan.toml")).unwrap().parse().unwrap();
     let planned = plan["metrics"]["removed_material_mm3"].as_float().unwrap();
-    let removed = &found["figures"]["removed"];
+    let removed = &found["figures"]["simulated_removed"];
     let sum = |unit: &str, kinds: &[&str]| -> f64 {
         kinds.iter().map(|k| removed[*k][unit].as_f64().unwrap()).sum()
     };
@@ -126,7 +126,7 @@ fn removed_volume_is_the_plan_s() {
     // surface that is touched again within the error of interpolated depths
     let by_rate = |found: &serde_json::Value| {
         let mass: f64 = ["material", "bone", "obstacle"]
-            .map(|k| found["figures"]["removed"][k]["mg"].as_f64().unwrap())
+            .map(|k| found["figures"]["simulated_removed"][k]["mg"].as_f64().unwrap())
             .iter()
             .sum();
         (found["figures"]["removed_by_rate_mg"].as_f64().unwrap() / mass - 1.0).abs()

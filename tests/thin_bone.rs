@@ -86,8 +86,8 @@ fn thin_bone_beyond_the_band_is_kept_or_cut_as_the_case_says_and_its_cost_is_tol
     let depth_mm = deepest_in_sheet(&kept);
     assert!(depth_mm < 0.03, "{depth_mm} mm");
     assert!(deepest_in_sheet(&cut) > 0.5);
-    assert_eq!(metric(&keeping, "thin_bone_removed_mm3"), 0.0);
-    assert!(metric(&cutting, "thin_bone_removed_mm3") > 5.0);
+    assert_eq!(metric(&keeping, "thin_bone_by_voxels_mm3"), 0.0);
+    assert!(metric(&cutting, "thin_bone_by_voxels_mm3") > 5.0);
     let cost_mm3 = metric(&cutting, "reachable_mm3") - metric(&keeping, "reachable_mm3");
     assert!(cost_mm3 > 5.0, "{cost_mm3} mm³");
     let kept_by_thin_bone = |record: &toml::Table| {
@@ -180,7 +180,7 @@ impl Truth {
 fn thin_bone_that_the_burr_takes_has_mass_and_gives_force() {
     let place = with_wall();
     let (plan, record) = planned(&place);
-    assert!(metric(&record, "thin_bone_removed_mm3") > 0.5);
+    assert!(metric(&record, "thin_bone_by_voxels_mm3") > 0.5);
     let truth = Truth::of(&place);
 
     let masses_mg = truth.masses_mg(&plan);

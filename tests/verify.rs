@@ -268,6 +268,6 @@ fn a_structure_far_from_the_burr_needs_no_figures() {
         assert_eq!(failed(&verified(&plan)), BTreeSet::new());
         let record: toml::Table = fs::read_to_string(place.path("plan/plan.toml")).unwrap().parse().unwrap();
         let far = &record["metrics"]["structures"]["far"];
-        assert_eq!(far.get("least_distance_mm").is_some(), is_said, "{far}");
+        assert_eq!(far.get("least_surface_distance_mm").is_some(), is_said, "{far}");
     }
 }

@@ -32,7 +32,7 @@ fn goes_the_whole_way(place: &Place, plan: &[&str]) {
     for structure in record["case"]["structure"].as_array().unwrap() {
         let name = structure["name"].as_str().unwrap();
         // a structure that the label map lacks has no least clearance
-        if let Some(least) = planned["metrics"]["structures"][name]["least_clearance_mm"].as_f64() {
+        if let Some(least) = planned["metrics"]["structures"][name]["least_surface_distance_mm"].as_f64() {
             let kept = structure["clearance_mm"].as_float().unwrap();
             assert!(least >= kept, "{name}: {least} mm, {kept} mm to be kept");
         }
@@ -44,10 +44,10 @@ fn goes_the_whole_way(place: &Place, plan: &[&str]) {
     let simulated: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
     let figures = &simulated["figures"];
     assert_eq!(figures["stopped_steps"], 0);
-    assert_eq!(figures["removed"]["structure"]["mm3"].as_f64(), Some(0.0));
+    assert_eq!(figures["simulated_removed"]["structure"]["mm3"].as_f64(), Some(0.0));
     // the planner removes whole voxels, the simulation parts of them
-    let removed = figures["removed"]["bone"]["mm3"].as_f64().unwrap()
-        + figures["removed"]["material"]["mm3"].as_f64().unwrap();
+    let removed = figures["simulated_removed"]["bone"]["mm3"].as_f64().unwrap()
+        + figures["simulated_removed"]["material"]["mm3"].as_f64().unwrap();
     assert!((removed / metric("removed_material_mm3") - 1.0).abs() < 0.02, "{removed} mm³");
 }
 

@@ -48,7 +48,7 @@ def main() -> None:
     print(f"removed {m['removed_mm3']:.1f} of {m['reachable_mm3']:.1f} mm³ in {m['total_time_s']:.0f} s")
     print(f"peak force {m['peak_force_n']:.2f} N, mean while cutting {m['mean_force_n']:.2f} N")
     for name, found in m["structures"].items():
-        print(f"{name}: at least {found.get('least_distance_mm', np.nan):.2f} mm from the burr's centre")
+        print(f"{name}: at least {found.get('least_surface_distance_mm', np.nan):.2f} mm from the burr's surface")
 
 
 if __name__ == "__main__":

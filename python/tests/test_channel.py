@@ -27,7 +27,7 @@ def test_a_channel_is_planned_saved_verified_and_simulated(kind: str, tmp_path: 
     first, second = bonemill.simulate(plan), bonemill.simulate(stored)
     np.testing.assert_array_equal(first.rows["fz_n"], second.rows["fz_n"])
     assert first.rows["torque_nmm"].max() > 0.5
-    removed = first.figures["removed"]["bone"]["mm3"]
+    removed = first.figures["simulated_removed"]["bone"]["mm3"]
     assert removed == pytest.approx(plan.metrics["removed_bone_mm3"], rel=2e-3)
     assert bonemill.verify(stored).passed
 

@@ -48,12 +48,12 @@ def test_a_simulation_is_of_this_plan(planned: bonemill.Plan) -> None:
     found = bonemill.simulate(planned, rate_hz=20, progress=lambda stage, done, of: stages.append(stage))
     assert "simulate" in stages
     assert len(found.rows) == pytest.approx(20 * planned.metrics["total_time_s"], abs=2)
-    cut = found.figures["removed"]
+    cut = found.figures["simulated_removed"]
     assert cut["material"]["mm3"] + cut["bone"]["mm3"] == pytest.approx(planned.metrics["removed_material_mm3"], rel=0.02)
     assert cut["structure"]["mm3"] == 0
     lumped = bonemill.simulate(planned, rate_hz=20, model="lumped")
     assert (lumped.rows["mrr_mm3_s"] == found.rows["mrr_mm3_s"]).all()
-    assert lumped.figures["peak_force_n"] != found.figures["peak_force_n"]
+    assert lumped.figures["simulated_peak_force_n"] != found.figures["simulated_peak_force_n"]
 
 
 def test_a_verification_is_the_commands(twins: tuple[Path, Path], planned: bonemill.Plan, command: Path) -> None:

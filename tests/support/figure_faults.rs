@@ -34,10 +34,10 @@ pub const ALL: &[Fault] = &[
     Fault {
         name: "another volume of untargeted bone",
         plant: |p| {
-            let found = p.record.metrics.more.iter_mut().find(|(k, _)| k == "untargeted_bone_removed_mm3");
+            let found = p.record.metrics.more.iter_mut().find(|(k, _)| k == "untargeted_bone_by_voxels_mm3");
             found.unwrap().1 = Value::Number(1e3);
         },
-        caught_by: &["figures/untargeted_bone_removed_mm3"],
+        caught_by: &["figures/untargeted_bone_by_voxels_mm3"],
     },
     Fault {
         name: "a shorter path claimed",

@@ -68,8 +68,8 @@ pub const ALL: &[Fault] = &[
     },
     Fault {
         name: "a least distance overstated",
-        plant: |p| *structure_figure(p, &["nerve", "least_clearance_mm"]) = 1.5.into(),
-        caught_by: &["figures/structures.nerve.least_clearance_mm"],
+        plant: |p| *structure_figure(p, &["nerve", "least_surface_distance_mm"]) = 1.5.into(),
+        caught_by: &["figures/structures.nerve.least_surface_distance_mm"],
     },
     Fault {
         name: "the peak placed at another waypoint",

@@ -47,8 +47,6 @@ const MOST_ROUNDS: usize = 3;
 /// How often the cuts near structures are slowed, and the least gain for which they are, as a logarithm of figures.
 const MOST_EASED: usize = 3;
 const GAINS: f64 = 0.01;
-/// A control whose time is this near to the plan's takes the same time, s.
-const SAME_TIME_S: f64 = 0.05;
 
 /// What every attempt at a case starts from.
 #[derive(Debug, Clone, Copy)]
@@ -140,9 +138,8 @@ impl<'a> Start<'a> {
         let prepared = Prepared::new(self, &freedom, lines.plan, watch)?;
         let mut attempt = self.attempt(prepared, &references, (&controls, straight), watch)?;
         let takes_s = attempt.timing.driven.law.duration_s();
-        let is_same_time = |control: &Reference| (control.total_time_s - takes_s).abs() <= SAME_TIME_S;
         attempt.drafts = lines.drafts;
-        attempt.compared.controls = if controls.iter().all(is_same_time) {
+        attempt.compared.controls = if controls.iter().all(|control| control.takes(takes_s)) {
             controls
         } else {
             watch.run("references", || self.controls_in(&references, takes_s))?

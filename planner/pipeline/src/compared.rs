@@ -95,13 +95,20 @@ impl Compared {
         self.plan.worse_than(case, &controls, NOTHING_N)
     }
 
-    /// That a plan pushes more than its controls, in words.
-    pub fn warning(&self, case: &Case) -> Option<String> {
+    /// That a plan that takes `takes_s` pushes more than its controls, in words.
+    pub fn warning(&self, case: &Case, takes_s: f64) -> Option<String> {
         let each: Vec<String> = self.worse(case).iter().map(|w| w.text(case)).collect();
+        let times = if self.controls.iter().all(|control| control.takes(takes_s)) {
+            "the same time".to_owned()
+        } else {
+            let each: Vec<String> =
+                self.controls.iter().map(|c| format!("{:.1} s", c.total_time_s)).collect();
+            format!("{} (the plan takes {takes_s:.1} s)", each.join(" or "))
+        };
         (!each.is_empty()).then(|| {
             format!(
-                "near a structure of the highest priority the plan pushes more than a straight shaft at constant speed would in the \
-                 same time: {}; see the forces in the report, speed.total_time_s and path.raster_deg",
+                "near a structure of the highest priority the plan pushes more than a straight shaft at constant speed would in {times}: \
+                 {}; see the forces in the report, speed.total_time_s and path.raster_deg",
                 each.join(", ")
             )
         })

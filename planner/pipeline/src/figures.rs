@@ -5,6 +5,8 @@ use bonemill_cutter::MoveKind;
 use bonemill_planfile::toward::{StructureFigures, TowardSpan};
 use bonemill_planfile::{ForceToward, Waypoint};
 
+use super::reference::StructureForces;
+
 /// Sums and extremes over the waypoints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figures {
@@ -77,6 +79,12 @@ impl Figures {
         let of = |(least, spans): (&Option<_>, &Vec<_>)| StructureFigures::of(*least, spans, radius_mm);
         found.structures = least.iter().zip(&spans).map(of).collect();
         found
+    }
+
+    /// Its forces, as references have them.
+    pub(super) fn forces(&self) -> StructureForces {
+        let structures = self.structures.clone();
+        StructureForces { mean_n: self.mean_force_n, peak_n: self.peak_force_n, structures }
     }
 }
 

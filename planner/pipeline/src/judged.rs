@@ -48,7 +48,7 @@ impl Attempt<'_> {
         if let Some(missed) = missed {
             found.push(nominal_time_missed(missed, &self.why_not_in(missed)?));
         }
-        found.extend(self.compared.warning(case));
+        found.extend(self.compared.warning(case, self.timing.driven.law.duration_s()));
         Ok(found)
     }
 }

@@ -61,7 +61,7 @@ pub use levels::{Exceeded, SpeedLevels};
 pub use metrics::{Coverage, Volumes};
 pub use modelled::{AxisFacts, Modelled, PathFacts, SpeedFacts};
 pub use orient::{BlockedTurn, Oriented};
-pub use percent::percent;
+pub use percent::{percent, rounded_percent};
 pub use plan::{Plan, PlanResults, PlannedMoves, ShankAccess};
 pub use prepared::{Prepared, with_prepared};
 pub use raster::{LinesDraft, Raster};
@@ -84,11 +84,13 @@ pub fn plan(case: &Case, case_path: &Path, progress: &dyn Progress) -> Result<Pl
     let solid = watch.run("solid", || shank_obstacles(&setup.case, &setup.scene));
     let reversed = spin::reversed(&setup.case);
     let start = Start::new(&setup, &space, &solid);
-    let attempt = spin::better(&start, reversed.as_ref(), &setup.registered, &mut watch)?;
+    let mut attempt = spin::better(&start, reversed.as_ref(), &setup.registered, &mut watch)?;
     let moves = (attempt.waypoint_rows(), attempt.force_rows());
     let modelled = Modelled::of(&attempt)?;
     let least = nearest_structures::least_distances(&setup.scene, &path::centers(attempt.prepared.points()));
     let figures = Figures::of(case, &moves.0, &moves.1, attempt.prepared.length_mm(), &least);
+    // what stands beside the references is what the files state
+    attempt.compared.plan = figures.forces();
     let (warnings, shortfalls) =
         (attempt.warnings(&setup, &modelled)?, attempt.shortfalls(&setup, &modelled)?);
     let Attempt { prepared, chosen, timing, coverage, compared, .. } = attempt;

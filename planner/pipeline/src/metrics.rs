@@ -37,9 +37,9 @@ pub struct Coverage {
     /// What keeps the rest of the target, mm³ by cause, the largest first; together target + outside − removed.
     pub rest: Vec<(RestCause, f64)>,
     /// Bone outside the target whose voxel centres are removed, mm³.
-    pub untargeted_bone_removed_mm3: f64,
+    pub untargeted_bone_by_voxels_mm3: f64,
     /// The part of it that is specks and thin bone, mm³.
-    pub thin_bone_removed_mm3: f64,
+    pub thin_bone_by_voxels_mm3: f64,
     /// How far the centre of an obstacle voxel lies inside the swept ball at most, mm: the distance field's error between
     /// grid nodes, some hundredths of a voxel.
     pub deepest_in_obstacle_mm: f64,
@@ -81,8 +81,8 @@ pub fn coverage(
         removed_reachable: Volumes::default(),
         outside_mm3: scene.outside.mm3.total(),
         rest: rest(scene, space, removal, dropped)?,
-        untargeted_bone_removed_mm3: 0.0,
-        thin_bone_removed_mm3: 0.0,
+        untargeted_bone_by_voxels_mm3: 0.0,
+        thin_bone_by_voxels_mm3: 0.0,
         deepest_in_obstacle_mm: 0.0,
     };
     for (n, class) in scene.class.data().iter().enumerate() {
@@ -101,10 +101,10 @@ pub fn coverage(
             continue;
         }
         if removed && class.is(Class::SHEET | Class::OBSTACLE) {
-            found.untargeted_bone_removed_mm3 += voxel;
+            found.untargeted_bone_by_voxels_mm3 += voxel;
         }
         if removed && class.is(Class::SHEET) {
-            found.thin_bone_removed_mm3 += voxel;
+            found.thin_bone_by_voxels_mm3 += voxel;
         } else if removed && class.is(Class::OBSTACLE) {
             found.deepest_in_obstacle_mm =
                 found.deepest_in_obstacle_mm.max(depth_in_sweep(scene, space, points, n));

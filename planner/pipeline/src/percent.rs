@@ -6,9 +6,20 @@ pub fn percent(share: f64) -> String {
     format!("{:.1} %", (1e3 * share + 1e-9).floor() / 10.0)
 }
 
+/// A share in per cent with one decimal, rounded to the nearest: for shares that no limit is compared with.
+pub fn rounded_percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_share_that_no_limit_concerns_is_rounded_to_the_nearest() {
+        let told = [0.002_92, 0.000_8, 0.999_6, 0.0].map(rounded_percent);
+        assert_eq!(told, ["0.3 %", "0.1 %", "100.0 %", "0.0 %"]);
+    }
 
     #[test]
     fn a_share_is_never_rounded_up() {

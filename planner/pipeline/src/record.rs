@@ -36,8 +36,7 @@ fn metrics(plan: &Plan) -> Metrics {
         ])
     };
     let per_structure = case.structures.iter().zip(&figures.structures);
-    let per_structure =
-        per_structure.map(|(s, found)| (s.name.clone(), found.value(case.burr.radius_mm, "waypoint")));
+    let per_structure = per_structure.map(|(s, found)| (s.name.clone(), found.value("waypoint")));
     let mut more = vec![
         ("reached_share".into(), coverage.reached_share().into()),
         ("removed_share".into(), coverage.removed_share().into()),
@@ -53,8 +52,8 @@ fn metrics(plan: &Plan) -> Metrics {
         ),
         ("target_outside_mm3".into(), coverage.outside_mm3.into()),
         ("scan_edge_bone_mm2".into(), scene.edge_bone_mm2.total().into()),
-        ("untargeted_bone_removed_mm3".into(), coverage.untargeted_bone_removed_mm3.into()),
-        ("thin_bone_removed_mm3".into(), coverage.thin_bone_removed_mm3.into()),
+        ("untargeted_bone_by_voxels_mm3".into(), coverage.untargeted_bone_by_voxels_mm3.into()),
+        ("thin_bone_by_voxels_mm3".into(), coverage.thin_bone_by_voxels_mm3.into()),
         ("deepest_in_obstacle_mm".into(), coverage.deepest_in_obstacle_mm.into()),
         ("band_mm".into(), scene.band_mm.into()),
         ("removed_mass_mg".into(), figures.removed_mass_mg.into()),
@@ -135,7 +134,9 @@ fn compared(plan: &Plan) -> Vec<(String, Value)> {
         (name, Value::Table(entries))
     };
     let mut entries: Vec<_> = plan.results.compared.named().map(reference).collect();
-    entries.push(("plan".into(), Value::Table(forces(&plan.results.compared.plan))));
+    let mut of_plan = vec![("total_time_s".into(), plan.moves.law.duration_s().into())];
+    of_plan.extend(forces(&plan.results.compared.plan));
+    entries.push(("plan".into(), Value::Table(of_plan)));
     entries
 }
 

@@ -37,6 +37,9 @@ const SLOWEST_SHARE: f64 = 0.02;
 const TIME_TOLERANCE_S: f64 = 0.02;
 const EVALUATIONS: u32 = 25;
 
+/// A reference whose time is this near to the plan's takes the same time, s.
+const SAME_TIME_S: f64 = 0.05;
+
 /// A straight shaft along a path, followed by the arm.
 #[derive(Debug)]
 pub(super) struct ReferencePath {
@@ -70,6 +73,13 @@ pub struct Reference {
     pub total_time_s: f64,
     /// Its forces.
     pub forces: StructureForces,
+}
+
+impl Reference {
+    /// Whether it takes this time, s: not where its speeds cannot.
+    pub fn takes(&self, total_s: f64) -> bool {
+        (self.total_time_s - total_s).abs() <= SAME_TIME_S
+    }
 }
 
 /// The straight shaft with the least force.

@@ -78,6 +78,11 @@ pub const DESCRIBED: &[Described] = &[
         columns: &SIMULATION_ROWS,
     },
     Described {
+        title: "simulate --json, figures",
+        about: "A name that `plan.toml` has too has the same value there; what is simulated anew has a name of its own. Of a channel `bone` is all that is removed.",
+        columns: csv::SIMULATION_FIGURES,
+    },
+    Described {
         title: "access.csv",
         about: "One row per waypoint: the free directions of the shaft there.",
         columns: &ACCESS,

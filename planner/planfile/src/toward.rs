@@ -103,7 +103,7 @@ fn quantile_n(mut spans: Vec<TowardSpan>, q: f64) -> f64 {
 /// One structure's figures over a plan or a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct StructureFigures {
-    /// Least distance of the burr's centre over all rows, mm, and its row; `None` where the structure is far from all of them.
+    /// Least distance of the burr's surface over all rows, mm, and its row; `None` where the structure is far from all of them.
     pub least: Option<(f64, usize)>,
     /// Force toward the structure while the burr is within its influence.
     pub force: TowardFigures,
@@ -112,25 +112,24 @@ pub struct StructureFigures {
 }
 
 impl StructureFigures {
-    /// The figures of moves, each with the distance of the burr's centre, mm, for a burr of this radius.
+    /// The figures of moves, each with the distance of the burr's centre, mm, and of their least one, for a burr of this radius.
     pub fn of(least: Option<(f64, usize)>, spans: &[(TowardSpan, f64)], radius_mm: f64) -> Self {
         let within = |most_mm: f64| -> Vec<TowardSpan> {
             spans.iter().filter(|(_, mm)| mm - radius_mm <= most_mm).map(|(span, _)| *span).collect()
         };
         Self {
-            least,
+            least: least.map(|(center_mm, row)| (center_mm - radius_mm, row)),
             force: TowardFigures::of(&within(f64::INFINITY)),
             near: TowardFigures::of(&within(NEAR_MM)),
         }
     }
 
     /// Names and values for files; `row` is the word for a row.
-    pub fn value(&self, radius_mm: f64, row: &str) -> Value {
+    pub fn value(&self, row: &str) -> Value {
         let mut entries: Vec<(String, Value)> = Vec::new();
-        if let Some((distance_mm, at)) = self.least {
-            entries.push(("least_distance_mm".into(), distance_mm.into()));
-            entries.push(("least_clearance_mm".into(), (distance_mm - radius_mm).into()));
-            entries.push((format!("least_distance_{row}"), at.into()));
+        if let Some((surface_mm, at)) = self.least {
+            entries.push(("least_surface_distance_mm".into(), surface_mm.into()));
+            entries.push((format!("least_surface_distance_{row}"), at.into()));
         }
         entries.extend(self.force.entries(row));
         entries.push(("near".into(), Value::Table(self.near.entries(row))));
@@ -164,7 +163,7 @@ mod tests {
         let found = StructureFigures::of(Some((3.0, 2)), &moves, 2.5);
         assert_eq!((found.force.peak_n, found.force.peak_row), (0.5, Some(1)));
         assert_eq!((found.near.peak_n, found.near.peak_row, found.near.seconds), (0.2, Some(0), 2.0));
-        let Value::Table(entries) = found.value(2.5, "waypoint") else { panic!() };
+        let Value::Table(entries) = found.value("waypoint") else { panic!() };
         let names: Vec<&str> = entries.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names[..3], ["least_distance_mm", "least_clearance_mm", "least_distance_waypoint"]);
         assert!(names.contains(&"peak_force_toward_waypoint") && names.last() == Some(&"near"));

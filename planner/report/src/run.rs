@@ -1,7 +1,8 @@
 //! What was executed beside what was planned: a streamed run's log against its plan.
 //!
 //! The burr's path and the shaft's axis are computed from the logged joints and from the plan's rows by the arm's kinematics; what
-//! the run itself said of its deviation is not used. Distances are mm in base, times s since the log began.
+//! the run itself said of its deviation is only repeated: `farthest_off_mm`, over every step and not only those that are logged.
+//! Distances are mm in base, times s since the log began.
 //!
 //! Not here: whether the run may go on; what was removed ([`bonemill_simulate`] replays joints).
 
@@ -86,6 +87,8 @@ pub struct RunComparison {
     pub planned_s: f64,
     /// Time on the plan, s.
     pub executed_s: f64,
+    /// Farthest of the burr from its path at any step, as the run saw it, mm; none where the log does not say.
+    pub farthest_off_mm: Option<f64>,
     /// Smallest room with the structure's name, mm.
     pub least_room: Option<(f64, String)>,
 }
@@ -117,6 +120,7 @@ impl RunComparison {
             least_room: least.map(|(room_mm, row)| (room_mm, planned.structure_at(row))),
             planned_s: at_s(reached_row) - at_s(first.row),
             executed_s: last.time_s - first.time_s,
+            farthest_off_mm: log.farthest_off_mm(),
             events: log.events,
             steps,
             rows,
@@ -134,13 +138,14 @@ impl RunComparison {
             ("reached_row".into(), self.reached_row.into()),
             ("planned_s".into(), self.planned_s.into()),
             ("executed_s".into(), self.executed_s.into()),
-            ("off_mm".into(), spread(&|s| Some(s.off_mm))),
+            ("off_at_entries_mm".into(), spread(&|s| Some(s.off_mm))),
             ("behind_mm".into(), spread(&|s| Some(s.behind_mm))),
             ("axis_mrad".into(), spread(&|s| Some(1e3 * s.axis_rad))),
             ("late_ms".into(), spread(&|s| Some(1e3 * s.late_s))),
             ("state_age_ms".into(), spread(&|s| s.age_s.map(|age_s| 1e3 * age_s))),
             ("between_entries_ms".into(), self::spread(periods)),
         ];
+        figures.extend(self.farthest_off_mm.map(|mm| ("farthest_off_mm".into(), mm.into())));
         if let Some((room_mm, structure)) = &self.least_room {
             figures.push(("least_room_mm".into(), (*room_mm).into()));
             figures.push(("least_room_structure".into(), structure.as_str().into()));

@@ -52,7 +52,7 @@ pub fn volumes(
     let whole_mm3 =
         stated(plan, &["target", "all_mm3"]).zip(outside_mm3).map(|(target, outside)| target + outside);
     let mut checks = vec![
-        counted("untargeted_bone_removed_mm3", more(plan, "untargeted_bone_removed_mm3"), untargeted),
+        counted("untargeted_bone_by_voxels_mm3", more(plan, "untargeted_bone_by_voxels_mm3"), untargeted),
         share_said(plan, "reached_share", "removed_reachable", stated(plan, &["reachable", "all_mm3"])),
         share_said(plan, "removed_share", "removed", whole_mm3),
         counted("target_mm3", Some(m.target_mm3), target),
@@ -167,21 +167,28 @@ pub fn totals(plan: &StoredPlan, moves: &Moves) -> Vec<Check> {
     let length = moves.arc_mm.last().copied().unwrap_or(0.0);
     let end = moves.times_s.last().copied().unwrap_or(0.0);
     let mass: f64 = plan.waypoints.iter().map(|w| w.mass_mg).sum();
-    // (force, time) of the moves that remove something
+    vec![
+        said("total_time_s", Some(plan.record.metrics.total_time_s), end, 1e-6, "s"),
+        said("path_length_mm", more(plan, "path_length_mm"), length, 1e-3, "mm"),
+        said("removed_mass_mg", more(plan, "removed_mass_mg"), mass, 1e-6 * (1.0 + mass), "mg"),
+        said("peak_force_n", more(plan, "peak_force_n"), peak_n(plan), 1e-6, "N"),
+        said("mean_force_n", more(plan, "mean_force_n"), mean_n(plan), 1e-6, "N"),
+    ]
+}
+
+/// The largest force within any move, N.
+pub fn peak_n(plan: &StoredPlan) -> f64 {
+    plan.waypoints.iter().map(|w| w.peak_force_n).fold(0.0, f64::max)
+}
+
+/// The mean force over the time of the moves that remove something, N.
+pub fn mean_n(plan: &StoredPlan) -> f64 {
     let cuts = plan.waypoints.iter().enumerate().filter(|(_, w)| w.mass_mg > 0.0);
     let mean_n = |n: usize, w: &Waypoint| mean_of_move(plan, n, w.force_n.norm(), w.peak_force_n);
     let cuts: Vec<_> = cuts.map(|(n, w)| (mean_n(n, w), took_s(plan, n))).collect();
     let cutting_s: f64 = cuts.iter().map(|(_, time_s)| time_s).sum();
     let sum_ns: f64 = cuts.iter().map(|(force_n, time_s)| force_n * time_s).sum();
-    let peak_n = plan.waypoints.iter().map(|w| w.peak_force_n).fold(0.0, f64::max);
-    let mean_n = if cutting_s > 0.0 { sum_ns / cutting_s } else { 0.0 };
-    vec![
-        said("total_time_s", Some(plan.record.metrics.total_time_s), end, 1e-6, "s"),
-        said("path_length_mm", more(plan, "path_length_mm"), length, 1e-3, "mm"),
-        said("removed_mass_mg", more(plan, "removed_mass_mg"), mass, 1e-6 * (1.0 + mass), "mg"),
-        said("peak_force_n", more(plan, "peak_force_n"), peak_n, 1e-6, "N"),
-        said("mean_force_n", more(plan, "mean_force_n"), mean_n, 1e-6, "N"),
-    ]
+    if cutting_s > 0.0 { sum_ns / cutting_s } else { 0.0 }
 }
 
 /// A figure of the plan that is not one of the required ones.

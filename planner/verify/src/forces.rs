@@ -121,15 +121,15 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
     let case = &plan.record.case;
     let widest_mm =
         case.structures.iter().map(|s| s.clearance_mm.max(s.shank_clearance_mm)).fold(0.0, f64::max);
-    let leasts = ["least_distance_mm", "least_clearance_mm", "least_distance_waypoint"];
+    let [least, at_waypoint] = ["least_surface_distance_mm", "least_surface_distance_waypoint"];
     let is_far = |mm: &f64| {
-        *mm > 2.0 * radius_mm + widest_mm + FAR_MM && leasts.iter().all(|key| said(&[key]).is_none())
+        *mm > 2.0 * radius_mm + widest_mm + FAR_MM
+            && [least, at_waypoint].iter().all(|key| said(&[key]).is_none())
     };
     if let Some(least_mm) = distances_mm.iter().copied().reduce(f64::min).filter(|mm| !is_far(mm)) {
-        check(&["least_distance_mm"], [least_mm; 2]);
-        check(&["least_clearance_mm"], [least_mm - radius_mm; 2]);
-        let there = said(&["least_distance_waypoint"]).and_then(|index| distances_mm.get(index as usize));
-        check(&["least_distance_mm"], [there.copied().unwrap_or(f64::NAN); 2]);
+        check(&[least], [least_mm - radius_mm; 2]);
+        let there = said(&[at_waypoint]).and_then(|index| distances_mm.get(index as usize));
+        check(&[least], [there.map_or(f64::NAN, |mm| mm - radius_mm); 2]);
     }
     for (table, most_mm) in [(&[][..], f64::INFINITY), (&["near"][..], NEAR_MM)] {
         let within =

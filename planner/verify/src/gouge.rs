@@ -44,13 +44,15 @@ pub fn gouge(
         gouge("bone outside the target, by moves", by_moves)
             .at(by_moves.map(|f| Place::Waypoint(f.2 as usize)))
             .noting(format!(
-                "by points {} mm apart {:.2} mm³ of it in the sweep, all within the band unless this fails, and {:.2} mm³ of specks \
-                 and sheets; by voxel centres {spacing} mm apart the plan says {untargeted:.2} mm³ of both, {deepest:.3} mm deep",
-                 lattice.spacing_mm(),
-                volume(OBSTACLE),
+                "untargeted_bone_by_points_mm3 = {:.2}, counted at points {} mm apart: {:.2} mm³ of specks and sheets and {:.2} mm³ of \
+                 other bone, all within the band unless this fails; the plan's untargeted_bone_by_voxels_mm3 = {voxels:.2}, counted at \
+                 voxel centres {spacing} mm apart, {deepest:.3} mm deep",
+                volume(OBSTACLE | SHEET),
+                lattice.spacing_mm(),
                 volume(SHEET),
+                volume(OBSTACLE),
                 spacing = plan.record.case.grid.spacing_mm,
-                untargeted = said("untargeted_bone_removed_mm3"),
+                voxels = said("untargeted_bone_by_voxels_mm3"),
                 deepest = said("deepest_in_obstacle_mm"),
             )),
         gouge("bone outside the target, by the arm", by_arm).at(by_arm.map(|f| row_place(f.2))),

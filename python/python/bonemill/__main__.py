@@ -108,7 +108,7 @@ def _nothing_moved() -> int:
 
 def _tell(report: Report, log: str) -> int:
     print(
-        f"reached row {report.reached_row:.0f} of {report.rows} in {report.seconds:.1f} s; late: {report.late_targets} of {report.targets} "
+        f"reached row {report.reached_row:.0f} of {report.rows - 1} in {report.seconds:.1f} s; late: {report.late_targets} of {report.targets} "
         f"targets, at most {1e3 * report.latest_s:.1f} ms; burr at most {report.farthest_off_mm:.3f} mm off its path; log: {log}"
     )
     if report.reason is None:

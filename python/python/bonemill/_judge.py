@@ -26,8 +26,8 @@ class Simulation(NamedTuple):
     """The columns of ``simulation.csv`` by name, shape (n,), ct frame, read-only; a number is NaN and a text "" where
     its cell is empty."""
     figures: dict[str, Any]
-    """The figures of ``bonemill simulate --json``: ``peak_force_n`` and ``mean_force_n`` (while something is removed),
-    ``spindle_energy_j``, ``removed`` (``mm3`` and ``mg`` by kind), ``stopped_steps`` (in which the shank touched bone),
+    """The figures of ``bonemill simulate --json``: ``simulated_peak_force_n`` and ``simulated_mean_force_n`` (while something is
+    removed), ``spindle_energy_j``, ``simulated_removed`` (``mm3`` and ``mg`` by kind), ``stopped_steps`` (in which the shank touched bone),
     ``compliant`` (whether the arm yielded), …; names end in units."""
 
 

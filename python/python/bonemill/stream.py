@@ -75,13 +75,14 @@ class Report:
     """Whether the order to switch the spindle off was taken; if not, it may still turn."""
     reached_row: float
     rows: int
+    """Rows of the plan; the last is row ``rows - 1``."""
     seconds: float
     targets: int
     late_targets: int
     """Targets that were more than a period late."""
     latest_s: float
     farthest_off_mm: float
-    """Farthest of the burr from its path."""
+    """Farthest of the burr from its path at any step, on the way to its start too, mm."""
 
 
 class Operator(Protocol):

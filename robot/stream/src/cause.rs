@@ -217,7 +217,7 @@ pub struct Outcome {
     pub is_off: bool,
     /// The place reached by the arm, in rows.
     pub reached_row: f64,
-    /// Rows of the plan.
+    /// Rows of the plan, the last of which is row `rows` − 1.
     pub rows: usize,
     /// Time since the first target of the plan, s.
     pub seconds: f64,
@@ -227,7 +227,7 @@ pub struct Outcome {
     pub late_targets: u64,
     /// The latest, s.
     pub latest_s: f64,
-    /// Farthest of the burr from its path, mm.
+    /// Farthest of the burr from its path at any step, on the way to its start too, mm.
     pub farthest_off_mm: f64,
 }
 
@@ -235,7 +235,9 @@ impl fmt::Display for Outcome {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.cause {
             None => write!(f, "done: {} rows in {:.1} s", self.rows, self.seconds)?,
-            Some(cause) => write!(f, "row {:.0} of {}: {cause}", self.reached_row, self.rows)?,
+            Some(cause) => {
+                write!(f, "row {:.0} of {}: {cause}", self.reached_row, self.rows.saturating_sub(1))?
+            }
         }
         if !self.at_rest {
             f.write_str("\n  the arm was not seen at rest: it may still move")?;

@@ -31,6 +31,7 @@ pub struct LogWriter<W: Write> {
     began_s: Option<f64>,
     steps: u32,
     late_s: f64,
+    off_mm: Option<f64>,
     wake_s: Option<f64>,
     phase: &'static str,
 }
@@ -41,7 +42,8 @@ impl<W: Write> LogWriter<W> {
     /// # Errors
     /// What the writer says.
     pub fn new(out: W, digest: &str, rows: usize, period_s: f64) -> io::Result<Self> {
-        let mut log = Self { out, began_s: None, steps: 0, late_s: 0.0, wake_s: None, phase: "" };
+        let mut log =
+            Self { out, began_s: None, steps: 0, late_s: 0.0, off_mm: None, wake_s: None, phase: "" };
         log.line(&format!("{HEAD},{digest},{rows},{period_s:?}"))?;
         log.line(&format!("C,{COLUMNS}"))?;
         Ok(log)
@@ -65,13 +67,15 @@ impl<W: Write> LogWriter<W> {
     pub fn step(&mut self, session: &Session<'_>, seen: &Seen, step: &Step) -> io::Result<()> {
         let time_s = seen.now_s - *self.began_s.get_or_insert(seen.now_s);
         self.late_s = self.late_s.max(self.wake_s.map_or(0.0, |wake_s| seen.now_s - wake_s));
+        let off_mm = session.deviation().map(|d| d.off_mm);
+        self.off_mm = self.off_mm.into_iter().chain(off_mm).reduce(f64::max);
         self.wake_s = Some(step.wake_s);
         self.steps += 1;
         let phase = session.phase();
         let changed = phase != self.phase || step.outcome.is_some() || !step.events.is_empty();
         if changed || self.steps >= EVERY {
             self.row(session, seen, time_s, phase)?;
-            (self.steps, self.late_s, self.phase) = (0, 0.0, phase);
+            (self.steps, self.late_s, self.off_mm, self.phase) = (0, 0.0, None, phase);
         }
         for event in &step.events {
             self.line(&format!("E,{time_s:.6},{}", one_line(&event.to_string())))?;
@@ -91,7 +95,7 @@ impl<W: Write> LogWriter<W> {
         let age_s = session.age_s(seen.now_s);
         let deviation = session.deviation();
         number(&mut text, Some(session.reached_row()), 4);
-        number(&mut text, deviation.map(|d| d.off_mm), 5);
+        number(&mut text, self.off_mm, 5);
         number(&mut text, deviation.map(|d| d.axis_rad), 7);
         number(&mut text, age_s.is_finite().then_some(age_s), 5);
         number(&mut text, Some(self.late_s), 5);
@@ -140,7 +144,7 @@ pub struct LogRow {
     pub rate: f64,
     /// The arm's place on the plan, in rows.
     pub reached_row: f64,
-    /// Of the burr from its path, mm.
+    /// Farthest of the burr from its path since the row before, mm.
     pub off_mm: Option<f64>,
     /// Of the shaft from its planned axis, rad.
     pub axis_rad: Option<f64>,
@@ -192,6 +196,11 @@ impl Log {
             }
         }
         Ok(log)
+    }
+
+    /// Farthest of the burr from its path at any step of the run, mm, as [`Outcome`](crate::Outcome) says it; none before there was a state.
+    pub fn farthest_off_mm(&self) -> Option<f64> {
+        self.steps.iter().filter_map(|step| step.off_mm).reduce(f64::max)
     }
 
     /// The last place that was reached; [`StreamPlan::resume_row`](crate::StreamPlan::resume_row) says where to go on.

@@ -411,6 +411,9 @@ fn a_rehearsal_writes_a_log_that_survives_a_kill_and_says_where_to_go_on() {
         (plan.track.rows(), plan.period_s, plan.track.last_row())
     );
     assert!(read.events.iter().any(|(_, said)| said.starts_with("ended: done")));
+    // rows are of every fifth step, the farthest of all
+    let farthest_mm = read.farthest_off_mm().unwrap();
+    assert!((farthest_mm - outcome.farthest_off_mm).abs() <= 5e-6, "{farthest_mm} mm, {outcome:?}");
     assert!(read.clone().of_plan("d2").is_err());
     // killed at any byte: all whole lines are there
     let head = text.find('\n').unwrap();

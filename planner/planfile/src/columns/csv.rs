@@ -1,4 +1,4 @@
-//! The columns of the tables: waypoints, trajectory, simulation, access, dropped waypoints, forces.
+//! The columns of the tables: waypoints, trajectory, simulation with its figures, access, dropped waypoints, forces.
 
 use super::Column;
 
@@ -147,6 +147,53 @@ pub const SIMULATION_ROWS: [Column; 14] = [
         "",
         "Distance of the burr from its position by the joints alone; only with `robot.joint_stiffness`.",
     ),
+];
+
+/// The figures of `bonemill simulate --json`.
+pub const SIMULATION_FIGURES: &[Column] = &[
+    Column::new("poses", "1", "", "Number of simulated poses."),
+    Column::new(
+        "simulated_peak_force_n",
+        "N",
+        "",
+        "Largest force on the burr over the poses, mean over a turn. The plan's `peak_force_n` is that of its own model, at the greatest speed of each move.",
+    ),
+    Column::new(
+        "simulated_mean_force_n",
+        "N",
+        "",
+        "Mean over the time in which something is removed; the plan's is `mean_force_n`.",
+    ),
+    Column::new("spindle_energy_j", "J", "", "Energy that the spindle spends."),
+    Column::new(
+        "simulated_removed.KIND.mm3",
+        "mm³",
+        "",
+        "What is removed, counted in parts of voxels. KIND is `material`, target below bone; `bone`, target that is bone; `sheet`, specks and sheets beside the target; \
+         `obstacle`, other bone outside the target; or `structure`.",
+    ),
+    Column::new("simulated_removed.KIND.mg", "mg", "", "Its mass."),
+    Column::new(
+        "untargeted_bone_by_parts_mm3",
+        "mm³",
+        "",
+        "Bone outside the target that is removed, counted in parts of voxels: `sheet` and `obstacle` together.",
+    ),
+    Column::new(
+        "removed_by_rate_mg",
+        "mg",
+        "",
+        "All removed mass, summed from the burr's surface; its difference from `simulated_removed` is a measure of the step's error.",
+    ),
+    Column::new(
+        "simulated_structures.NAME.*",
+        "mm; N; s",
+        "",
+        "The figures of `structures.NAME` in `plan.toml`, over the simulated poses and with the simulated force; places are rows of `simulation.csv`.",
+    ),
+    Column::new("stopped_steps", "1", "", "Steps that the shank stopped because it touched bone."),
+    Column::new("cell_mm", "mm", "", "Side of a cell of the lattice that holds what is removed."),
+    Column::new("compliant", "1", "", "Whether the arm gave way."),
 ];
 
 /// The columns of `access.csv`.

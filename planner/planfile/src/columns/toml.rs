@@ -102,16 +102,17 @@ pub const METRICS: &[Column] = &[
         "Area of bone on the scan's outer faces within the burr's diameter of the target; the bone may continue beyond.",
     ),
     Column::new(
-        "untargeted_bone_removed_mm3",
+        "untargeted_bone_by_voxels_mm3",
         "mm³",
         "",
-        "Bone outside the target that is removed, by voxel centres of the planning grid.",
+        "Bone outside the target that is removed, counted in voxels of the planning grid whose centres the swept ball contains. The planner keeps it from these centres \
+         where it can, so parts of voxels add up to more: `verify` (`untargeted_bone_by_points_mm3`) and `simulate` (`untargeted_bone_by_parts_mm3`) measure those.",
     ),
     Column::new(
-        "thin_bone_removed_mm3",
+        "thin_bone_by_voxels_mm3",
         "mm³",
         "",
-        "The part of it in specks and in bone thinner than the band.",
+        "The part of it in specks and sheets, bone thinner than the band.",
     ),
     Column::new(
         "deepest_in_obstacle_mm",
@@ -152,14 +153,13 @@ pub const METRICS: &[Column] = &[
     Column::new("seconds_by_kind.link", "s", "", "Time spent on links."),
     Column::new("seconds_by_kind.retract", "s", "", "Time spent on retracts."),
     Column::new(
-        "structures.NAME.least_distance_mm",
+        "structures.NAME.least_surface_distance_mm",
         "mm",
         "",
-        "Smallest distance of the burr's centre from this structure; not said where it is more than the burr's diameter, the largest clearance and \
-         12 mm.",
+        "Smallest distance of the burr's surface from this structure over the waypoints; not said where it is more than the burr's radius, the \
+         largest clearance and 12 mm.",
     ),
-    Column::new("structures.NAME.least_clearance_mm", "mm", "", "The same from the burr's surface."),
-    Column::new("structures.NAME.least_distance_waypoint", "1", "", "The waypoint where that is."),
+    Column::new("structures.NAME.least_surface_distance_waypoint", "1", "", "The waypoint where that is."),
     Column::new(
         "structures.NAME.cutting_s",
         "s",
@@ -233,10 +233,10 @@ pub const METRICS: &[Column] = &[
         "compared.WHO.raster_deg",
         "°",
         "work",
-        "WHO is `control_1` or `control_2`: the target milled with the shaft along the approach and every cut at one speed, along lines along the target or across; `straight`: the same with the lines, the sense and the speeds of the least force; or `plan`. All are driven by the same arm in the plan's time, links, approach and retracts included. Here the angle of its lines.",
+        "WHO is `control_1` or `control_2`: the target milled with the shaft along the approach and every cut at one speed, along lines along the target or across; `straight`: the same with the lines, the sense and the speeds of the least force; or `plan`. All are driven by the same arm, links, approach and retracts included, in the plan's time or as near to it as their speeds come. Here the angle of its lines.",
     ),
     Column::new("compared.WHO.sense", "text", "", "The sense in which its passes are cut; not of `plan`."),
-    Column::new("compared.WHO.total_time_s", "s", "", "How long it takes; not of `plan`."),
+    Column::new("compared.WHO.total_time_s", "s", "", "How long it takes."),
     Column::new("compared.WHO.speed_mm_s", "mm/s", "", "Speed of a control's cuts."),
     Column::new(
         "compared.WHO.mean_force_n",
@@ -425,7 +425,12 @@ pub const VERIFICATION: &[Column] = &[
         "",
         "Of what, where there are several: a structure, a joint, a file.",
     ),
-    Column::new("check.note", "text", "", "A remark on the check, where there is one."),
+    Column::new(
+        "check.note",
+        "text",
+        "",
+        "A remark on the check, where there is one. That of \"bone outside the target, by moves\" has `untargeted_bone_by_points_mm3`: bone outside the target that is removed, counted at points half a voxel apart.",
+    ),
     Column::new("check.passed", "1", "", "Whether `value` keeps the limit."),
     Column::new("check.value", "`check.unit`", "", "The worst that was found."),
     Column::new("check.at_most", "`check.unit`", "", "The limit that `value` may not exceed."),

@@ -99,20 +99,26 @@ fn table(plan: &Plan, compared: &Compared) -> String {
     rows.push_str(&row("whole force: peak".into(), forces.iter().map(|f| f.peak_n).collect()));
     let head = |reference: &&Reference| {
         let degrees = degrees(plan, &reference.raster);
-        let (how, seconds) = match reference.speed_mm_s {
-            Some(speed) => (format!("at {speed:.2}&nbsp;mm/s"), reference.total_time_s),
-            None => ("with the least force".to_owned(), reference.total_time_s),
+        let how = match reference.speed_mm_s {
+            Some(speed) => format!("at {speed:.2}&nbsp;mm/s"),
+            None => "with the least force".to_owned(),
         };
+        let seconds = reference.total_time_s;
         format!("<th>straight shaft {how}, lines at {degrees:.0}°, {seconds:.0}&nbsp;s</th>")
     };
     let heads: String = references.iter().map(head).collect();
+    let takes_s = plan.moves.law.duration_s();
+    let times = if references.iter().all(|reference| reference.takes(takes_s)) {
+        "in the plan's time"
+    } else {
+        "each in the time that stands above it, since their speeds do not all allow the plan's time"
+    };
     format!(
-        "<div class=\"wide\"><table><thead><tr><th>force [N]</th>{heads}<th>this plan, {:.0}&nbsp;s</th><th>change from the lowest</th></tr></thead>\
+        "<div class=\"wide\"><table><thead><tr><th>force [N]</th>{heads}<th>this plan, {takes_s:.0}&nbsp;s</th><th>change from the lowest</th></tr></thead>\
          <tbody>{rows}</tbody></table></div><p class=\"note\">Forces are those at the greatest speed that the arm drives within each move. Forces toward a structure count while the \
          burr's surface is within {NEAR_MM} mm of it: over the time in which \
-         they point toward it, or, with zeros, over all of that time. The straight shafts mill the same target along the approach, driven by the same arm in the plan's time, \
-         links, approach and retracts included; their shank is not tested for collisions.</p>",
-        plan.moves.law.duration_s()
+         they point toward it, or, with zeros, over all of that time. The straight shafts mill the same target along the approach, driven by the same arm {times}, \
+         links, approach and retracts included; their shank is not tested for collisions.</p>"
     )
 }
 

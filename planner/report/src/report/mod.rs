@@ -21,7 +21,7 @@ use std::fmt::Write;
 use bonemill_arm::Joint;
 use bonemill_arm::ur::branch_name;
 use bonemill_geometry::Rigid;
-pub use bonemill_pipeline::percent;
+pub use bonemill_pipeline::{percent, rounded_percent};
 use chart::{Level, Series, chart};
 use peak::Peak;
 
@@ -29,7 +29,6 @@ use crate::show::{CUT_COLOUR, LINK_COLOUR, STRUCTURE_COLOURS, TARGET_COLOUR, css
 use bonemill_case::{Case, OrientationMode, Registration, Sheets, Structure};
 use bonemill_pipeline::{Plan, Volumes, dropped_by_reason};
 pub(crate) use bonemill_planfile::page::escape;
-use bonemill_planfile::toward::StructureFigures;
 use bonemill_planfile::{ReportPart, Waypoint};
 use bonemill_toolpath::orientation::OpenAround;
 
@@ -53,9 +52,8 @@ pub fn html(plan: &Plan) -> String {
     page.push_str("<h2>Structures</h2>");
     page.push_str(&structures::structure_table(
         &plan.setup.case,
-        plan.setup.case.burr.radius_mm,
         &plan.results.figures.structures,
-        "at waypoint",
+        ["", "at waypoint"],
         |row| peak::short_place(&plan.moves.waypoints, row),
     ));
     if !plan.setup.case.structures.is_empty() {
@@ -69,21 +67,17 @@ pub fn html(plan: &Plan) -> String {
 }
 
 fn cards(plan: &Plan) -> String {
-    let total_s = plan.moves.law.duration_s();
-    let surface_mm = |found: &StructureFigures| Some(found.least?.0 - plan.setup.case.burr.radius_mm);
+    // rounded once, as it stands elsewhere
+    let total_s = plan.moves.law.duration_s().round();
     let kept = plan.results.figures.structures.iter().zip(&plan.setup.case.structures);
-    let [closest, tightest] =
-        closest_and_tightest(kept.filter_map(|(found, s)| Some((surface_mm(found)?, s))));
+    let [closest, tightest] = closest_and_tightest(kept.filter_map(|(found, s)| Some((found.least?.0, s))));
     let peak_toward = plan.results.figures.structures.iter().zip(&plan.setup.case.structures);
     let peak_toward = peak_toward.max_by(|a, b| a.0.force.peak_n.total_cmp(&b.0.force.peak_n));
     let plain = |label, value| (label, value, String::new());
     let mut cards = vec![
         plain("removed of what the burr can reach", percent(plan.results.coverage.reached_share())),
         plain("removed of the target", percent(plan.results.coverage.removed_share())),
-        plain(
-            "total time",
-            format!("{:.0} min {:02.0} s", (total_s / 60.0).floor(), (total_s % 60.0).floor()),
-        ),
+        plain("total time", format!("{:.0} min {:02.0} s", (total_s / 60.0).floor(), total_s % 60.0)),
         (
             "peak force",
             format!("{:.2} N", plan.results.figures.peak_force_n),
@@ -243,21 +237,26 @@ fn coverage(plan: &Plan) -> String {
         .iter()
         .map(|(cause, v)| {
             let why = escape(&cause.text(&plan.setup.case));
-            format!("<tr><th>{why}</th><td>{v:.1}</td><td>{}</td></tr>", percent(share(*v, whole_mm3)))
+            format!(
+                "<tr><th>{why}</th><td>{v:.1}</td><td>{}</td></tr>",
+                rounded_percent(share(*v, whole_mm3))
+            )
         })
         .collect();
     format!(
         "<div class=\"wide\"><table><thead><tr><th></th><th>all [mm³]</th><th>above air [mm³]</th><th>bone [mm³]</th><th>of the target</th></tr></thead><tbody>{}{}{}</tbody></table>\
          <table><thead><tr><th>Why the rest of the target stays</th><th>[mm³]</th><th>of the target</th></tr></thead><tbody>{kept}</tbody></table></div>\
-         <p>Untargeted bone removed: {:.1} mm³ by voxel centres of the planning grid, {:.1} mm³ of it specks and bone thinner than the band \
-         of {:.2} mm{}. Other bone outside the target: no voxel centre is deeper than {:.3} mm inside the swept ball. <code>verify</code> \
-         counts these voxels again and also tests points half as far apart; a simulation counts parts of voxels.</p>\
+         <p class=\"note\">Shares of what is reachable and removed are cut, so that none looks like more than it is; the others are rounded.</p>\
+         <p>Bone removed outside the target, by voxel centres: {:.1} mm³, {:.1} mm³ of it specks and sheets, bone thinner than the band \
+         of {:.2} mm{}. Of other bone no voxel centre is deeper than {:.3} mm inside the swept ball. The planner keeps the ball from these \
+         centres, so parts of voxels add up to more: <code>verify</code> counts points half as far apart, a simulation parts of voxels, and each names \
+         its figure so.</p>\
          <p>Bone on the scan's edge within the burr's diameter of the target: {:.1} mm². Everything beyond the scan is unknown and counts as air.</p>",
         row("target", &c.target),
         row("reachable by the ball under the clearances", &c.reachable),
         row("removed", &c.removed),
-        c.untargeted_bone_removed_mm3,
-        c.thin_bone_removed_mm3,
+        c.untargeted_bone_by_voxels_mm3,
+        c.thin_bone_by_voxels_mm3,
         plan.setup.scene.band_mm,
         match plan.setup.case.sheets {
             Sheets::Keep => " within the band of the target (partial volume)",

@@ -20,7 +20,7 @@ pub fn page(run: &RunComparison, name: &str) -> String {
     page += &cards(run);
     page += "<h2>Over the run</h2>";
     page += &charts(run);
-    page += "<h2>Figures</h2><p class=\"note\">Off: of the tool from its planned path. Behind: along the path, from the newest \
+    page += "<h2>Figures</h2><p class=\"note\">Off: of the tool from its planned path, at the log's entries by the arm's joints, and the farthest at any step as the run saw it. Behind: along the path, from the newest \
              target. Late: a step of the program after its time. Room: between burr and nearest structure as planned, less what the burr \
              was off.</p>";
     let rows: String = run.figures().iter().map(|(name, value)| row(name, value)).collect();
@@ -57,13 +57,25 @@ fn verdict(run: &RunComparison) -> String {
 fn cards(run: &RunComparison) -> String {
     let largest = |value: &dyn Fn(&Executed) -> f64| run.steps.iter().map(value).fold(0.0, f64::max);
     let mut cards = vec![
-        ("farthest of the tool from its path".to_owned(), format!("{:.3} mm", largest(&|s| s.off_mm))),
+        (
+            "farthest of the tool from its path at the log's entries, by its joints".to_owned(),
+            format!("{:.3} mm", largest(&|s| s.off_mm)),
+        ),
         ("farthest behind its target, along the path".into(), format!("{:.3} mm", largest(&|s| s.behind_mm))),
         ("largest turn of the shaft".into(), format!("{:.2} mrad", largest(&|s| 1e3 * s.axis_rad))),
         ("executed".into(), format!("{:.1} s", run.executed_s)),
         ("planned for as far".into(), format!("{:.1} s", run.planned_s)),
         ("latest step of the program".into(), format!("{:.1} ms", largest(&|s| 1e3 * s.late_s))),
     ];
+    if let Some(mm) = run.farthest_off_mm {
+        cards.insert(
+            0,
+            (
+                "farthest of the tool from its path at any step, as the run saw it".to_owned(),
+                format!("{mm:.3} mm"),
+            ),
+        );
+    }
     if let Some((room_mm, structure)) = &run.least_room {
         cards.push((format!("least room, to {}", escape(structure)), format!("{room_mm:.2} mm")));
     }

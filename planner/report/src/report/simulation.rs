@@ -52,7 +52,7 @@ pub fn section(simulation: &Simulation, case: &Case) -> String {
         .map(|(name, value)| format!("<tr><th>{}</th><td>{value}</td></tr>", escape(&name)))
         .collect();
     let _ = write!(out, "<div class=\"wide\"><table><tbody>{rows}</tbody></table></div>");
-    out.push_str(&structure_table(case, simulation.radius_mm, &simulation.structures, "at time", |row| {
+    out.push_str(&structure_table(case, &simulation.structures, ["simulated ", "at time"], |row| {
         format!("{:.2}\u{a0}s", simulation.rows[row].time_s)
     }));
     out
@@ -88,9 +88,9 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
     let (tool, is_channel) = (case.tool.word(), case.job.channel().is_some());
     let mut out = vec![
         ("poses".to_owned(), simulation.rows.len().to_string()),
-        ("peak force (mean over a turn)".into(), format!("{:.2} N", simulation.peak_force_n())),
+        ("simulated peak force (mean over a turn)".into(), format!("{:.2} N", simulation.peak_force_n())),
         ("largest force within a turn".into(), format!("{:.2} N", largest(&|row| row.peak_n))),
-        ("mean force while cutting".into(), format!("{:.2} N", simulation.mean_force_n())),
+        ("simulated mean force while cutting".into(), format!("{:.2} N", simulation.mean_force_n())),
         ("peak torque".into(), format!("{:.2} N mm", largest(&|row| row.torque_nmm))),
         ("peak spindle power".into(), format!("{:.2} W", largest(&|row| row.power_w))),
         ("spindle energy".into(), format!("{:.1} J", simulation.energy_j())),
@@ -100,15 +100,21 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
             (simulation.removed.volume_mm3[kind as usize], simulation.removed.mass_mg[kind as usize]);
         if volume > 0.0 {
             let what = match kind {
-                Kind::Sheet => "removed thin bone beside the target",
+                Kind::Sheet => "removed specks and sheets beside the target",
                 Kind::Material => "removed target below the threshold of bone",
                 Kind::Bone if is_channel => "removed bone",
                 Kind::Bone => "removed bone of the target",
-                Kind::Obstacle => "removed bone outside the target (parts of voxels)",
+                Kind::Obstacle => "removed bone outside the target but specks and sheets",
                 Kind::Structure => "removed from structures",
             };
             out.push((what.into(), format!("{volume:.1} mm³, {mass:.0} mg")));
         }
+    }
+    if !is_channel {
+        out.push((
+            "removed bone outside the target, by parts of voxels".into(),
+            format!("{:.1} mm³", untargeted_by_parts_mm3(simulation)),
+        ));
     }
     let by_rate = simulation.removed_by_rate.total_mg();
     if simulation.removed.total_mg() > 0.0 {
@@ -125,7 +131,7 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
     for (structure, found) in case.structures.iter().zip(&simulation.structures) {
         if let Some(row) = found.force.peak_row {
             let (peak_n, time_s) = (found.force.peak_n, simulation.rows[row].time_s);
-            let name = format!("peak force toward {}", structure.name);
+            let name = format!("simulated peak force toward {}", structure.name);
             out.push((
                 name,
                 format!("{peak_n:.3} N at {time_s:.2} s; {:.3} N within 2 mm of it", found.near.peak_n),
@@ -141,26 +147,36 @@ pub fn figures(simulation: &Simulation, case: &Case) -> Vec<(String, String)> {
     out
 }
 
-/// Names and values of a simulation's figures, for machines; names end in units.
+/// Bone outside the target that a simulation removes, specks and sheets included, mm³.
+fn untargeted_by_parts_mm3(simulation: &Simulation) -> f64 {
+    [Kind::Obstacle, Kind::Sheet].map(|kind| simulation.removed.volume_mm3[kind as usize]).iter().sum()
+}
+
+/// Names and values of a simulation's figures, for machines; names end in units. A name that a plan's figures have too has the same value:
+/// what is simulated anew has a name of its own.
 pub fn values(simulation: &Simulation, case: &Case) -> Vec<(String, Value)> {
     let structures = case.structures.iter().zip(&simulation.structures);
-    let structures = structures.map(|(s, found)| (s.name.clone(), found.value(simulation.radius_mm, "row")));
+    let structures = structures.map(|(s, found)| (s.name.clone(), found.value("row")));
     let removed = Kind::ALL.into_iter().map(|kind| {
         let (mm3, mg) =
             (simulation.removed.volume_mm3[kind as usize], simulation.removed.mass_mg[kind as usize]);
         let amount = vec![("mm3".into(), mm3.into()), ("mg".into(), mg.into())];
         (kind.word().to_owned(), Value::Table(amount))
     });
-    vec![
+    let mut found = vec![
         ("poses".into(), simulation.rows.len().into()),
-        ("peak_force_n".into(), simulation.peak_force_n().into()),
-        ("mean_force_n".into(), simulation.mean_force_n().into()),
+        ("simulated_peak_force_n".into(), simulation.peak_force_n().into()),
+        ("simulated_mean_force_n".into(), simulation.mean_force_n().into()),
         ("spindle_energy_j".into(), simulation.energy_j().into()),
-        ("removed".into(), Value::Table(removed.collect())),
+        ("simulated_removed".into(), Value::Table(removed.collect())),
         ("removed_by_rate_mg".into(), simulation.removed_by_rate.total_mg().into()),
-        ("structures".into(), Value::Table(structures.collect())),
+        ("simulated_structures".into(), Value::Table(structures.collect())),
         ("stopped_steps".into(), simulation.stopped.into()),
         ("cell_mm".into(), simulation.cell_mm.into()),
         ("compliant".into(), simulation.compliant.into()),
-    ]
+    ];
+    if case.job.channel().is_none() {
+        found.push(("untargeted_bone_by_parts_mm3".into(), untargeted_by_parts_mm3(simulation).into()));
+    }
+    found
 }

@@ -7,13 +7,12 @@ use bonemill_planfile::toward::{NEAR_MM, StructureFigures, TowardFigures};
 
 use super::escape;
 
-/// The table of a plan's or a simulation's structures; `place` describes a row's place in
-/// words, under the heading `at`. Distances are told from a tool of this radius.
+/// The table of a plan's or a simulation's structures. `kind` stands before what the figures are, `place` describes a row's place in
+/// words, under the heading `at`.
 pub fn structure_table(
     case: &Case,
-    radius_mm: f64,
     found: &[StructureFigures],
-    at: &str,
+    [kind, at]: [&str; 2],
     place: impl Fn(usize) -> String,
 ) -> String {
     let rows: String = case
@@ -21,8 +20,8 @@ pub fn structure_table(
         .iter()
         .zip(found)
         .map(|(structure, found)| {
-            let least = found.least.map_or("<td>–</td><td></td>".into(), |(distance_mm, row)| {
-                format!("<td>{:.2}</td><td>{}</td>", distance_mm - radius_mm, place(row))
+            let least = found.least.map_or("<td>–</td><td></td>".into(), |(surface_mm, row)| {
+                format!("<td>{surface_mm:.2}</td><td>{}</td>", place(row))
             });
             format!(
                 "<tr><th>{}</th><td>{:.2}</td>{least}{}{}</tr>",
@@ -34,13 +33,13 @@ pub fn structure_table(
         })
         .collect();
     let mut table = "<div class=\"wide\"><table class=\"structures\"><thead><tr><th rowspan=\"2\"></th><th rowspan=\"2\">clearance [mm]</th>\
-         <th colspan=\"2\">least distance of the "
+         <th colspan=\"2\">"
         .to_owned();
     let tool = case.tool.word();
-    let _ = write!(table, "{tool}'s surface</th>");
+    let _ = write!(table, "{kind}least distance of the {tool}'s surface</th>");
     let _ = write!(
         table,
-        "<th colspan=\"4\">force toward it [N] while the {tool} is within {NEAR_MM} mm</th><th colspan=\"4\">force toward it [N] everywhere</th></tr>\
+        "<th colspan=\"4\">{kind}force toward it [N] while the {tool}'s surface is within {NEAR_MM} mm</th><th colspan=\"4\">{kind}force toward it [N] everywhere</th></tr>\
          <tr><th>[mm]</th><th>{at}</th>{0}{0}</tr></thead><tbody>{rows}</tbody></table></div>",
         format_args!("<th>mean</th><th>75th pct.</th><th>peak</th><th>{at}</th>")
     );

@@ -14,6 +14,7 @@ use super::draws::Draws;
 use super::rigid_error::PatientShift;
 use super::{RigidError, Share, UncertaintyError, clearance_mm, kept, not_negative};
 use crate::channel::{Cover, OwnSolid, ToolPlace};
+use crate::figures::{mean_n, peak_n};
 use crate::{Anatomy, Boxes, VerifyError};
 
 /// Distance between tested places of the burr, mm.
@@ -77,7 +78,7 @@ impl StructureRisk {
 pub struct ForceSpread {
     /// Name of the force.
     pub name: String,
-    /// The planned value, N.
+    /// The planned value, N: `peak_force_n`, `mean_force_n` or a structure's `peak_force_toward_n`.
     pub planned_n: f64,
     /// The 5 %, 50 % and 95 % quantiles over the samples, N.
     pub spread_n: [f64; 3],
@@ -295,14 +296,9 @@ fn forces(plan: &StoredPlan, model: &ErrorModel) -> Vec<ForceSpread> {
         let mut all: Vec<f64> = scales.iter().map(|s| s * planned_n).collect();
         ForceSpread { name, planned_n, spread_n: quantiles(&mut all) }
     };
-    let rows = &plan.waypoints;
-    let norms = || rows.iter().filter(|w| w.mass_mg > 0.0).map(|w| w.force_n.norm());
-    let mut found = vec![
-        spread("peak".into(), norms().fold(0.0, f64::max)),
-        spread("mean of waypoints".into(), norms().sum::<f64>() / norms().count().max(1) as f64),
-    ];
+    let mut found = vec![spread("peak".into(), peak_n(plan)), spread("mean".into(), mean_n(plan))];
     for (n, structure) in plan.record.case.structures.iter().enumerate() {
-        let toward = plan.forces.iter().filter(|f| f.structure == n).map(|f| f.force_toward_n);
+        let toward = plan.forces.iter().filter(|f| f.structure == n).map(|f| f.peak_toward_n);
         found.push(spread(format!("peak toward {}", structure.name), toward.fold(0.0, f64::max)));
     }
     found
