@@ -132,7 +132,7 @@ fn the_report_and_the_command_say_what_the_columns_mean() {
     assert!(report.contains("docs/columns.md") && report.contains("bonemill columns"));
     for part in [
         "Distance from the burr's centre to it; 0 inside.",
-        "driven by the same arm in the plan's time",
+        "or as near to it as their speeds come",
         "z along the approach",
         "rad; mm for a prismatic joint",
     ] {

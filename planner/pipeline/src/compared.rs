@@ -126,3 +126,33 @@ impl Worse {
         self.plan_n / self.reference_n.max(nothing_n)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::raster::Raster;
+    use super::*;
+    use bonemill_case::Sense;
+    use bonemill_planfile::toward::TowardSpan;
+    use bonemill_toolpath::path::RasterFrame;
+
+    #[test]
+    fn a_control_that_takes_another_time_is_told_with_it() {
+        let forces = |force_n: f64| {
+            let span = TowardSpan { seconds: 1.0, force_n, peak_n: force_n, row: 0 };
+            let structures = vec![StructureFigures::of(None, &[(span, 3.0)], 2.5)];
+            StructureForces { mean_n: force_n, peak_n: force_n, structures }
+        };
+        let raster = Raster { frame: RasterFrame::at_angle(0.0), sense: Sense::Both };
+        let control = Reference { raster, speed_mm_s: Some(1.0), total_time_s: 1834.0, forces: forces(0.1) };
+        let compared = Compared { controls: vec![control], straight: None, plan: forces(0.2) };
+        let text = "[images]\nct = \"c\"\nlabels = \"l\"\n[target]\nlabel = 1\n[[structure]]\nname = \"nerve\"\nlabel = 2\n";
+        let case = Case::parse(text, std::path::Path::new("case.toml")).unwrap();
+        let told = |takes_s| compared.warning(&case, takes_s).unwrap();
+        assert!(
+            told(1834.02).contains("would in the same time: mean toward nerve 0.200 N"),
+            "{}",
+            told(1834.02)
+        );
+        assert!(told(2333.0).contains("would in 1834.0 s (the plan takes 2333.0 s): "), "{}", told(2333.0));
+    }
+}

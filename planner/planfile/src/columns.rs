@@ -154,7 +154,7 @@ const INTRODUCTION: &str = "\
 # The files of a plan
 
 Every column and key with its unit, frame and meaning. Lengths are mm, forces N, angles rad; names end in their unit. Distances
-are measured from the burr's centre unless stated otherwise; subtract the burr's radius for distances from its surface. The keys of `[case]` are
+in the tables (`distance_mm`) are measured from the burr's centre; subtract its radius for those from its surface, which names with `surface` state. The keys of `[case]` are
 those of the [case file](case.md).
 
 This page is generated from the table that the writers use: `bonemill columns` prints it.

@@ -429,7 +429,7 @@ pub const VERIFICATION: &[Column] = &[
         "check.note",
         "text",
         "",
-        "A remark on the check, where there is one. That of \"bone outside the target, by moves\" has `untargeted_bone_by_points_mm3`: bone outside the target that is removed, counted at points half a voxel apart.",
+        "A remark on the check, where there is one. That of \"bone outside the target, by moves\" has `untargeted_bone_by_points_mm3`: bone outside the target that is removed, counted at the points of its finer lattice.",
     ),
     Column::new("check.passed", "1", "", "Whether `value` keeps the limit."),
     Column::new("check.value", "`check.unit`", "", "The worst that was found."),

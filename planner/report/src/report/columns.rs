@@ -10,8 +10,8 @@ pub fn section() -> String {
     let files: String = DESCRIBED.iter().map(file).collect();
     format!(
         "<h2>The files of this plan</h2><p>Unit, frame and meaning of every column in the files beside this page. The same text is in \
-         docs/columns.md of bonemill and printed by <code>bonemill columns</code>. Distances are from the burr's centre unless stated \
-         otherwise.</p><details><summary>frames</summary><table class=\"words\"><tbody>{frames}</tbody></table></details>{files}"
+         docs/columns.md of bonemill and printed by <code>bonemill columns</code>. Distances in the tables (<code>distance_mm</code>) are from the burr's \
+         centre, names with <code>surface</code> are from its surface.</p><details><summary>frames</summary><table class=\"words\"><tbody>{frames}</tbody></table></details>{files}"
     )
 }
 
