@@ -59,7 +59,7 @@ pub fn touch_probability(
     let farthest = (nearest2 + BEYOND).sqrt();
     let touched = |m: &Move| {
         cancel::poll();
-        let touch = m.first_touch(tool, field, pose, clearance_mm, farthest);
+        let touch = m.first_touch((tool, field), pose, clearance_mm, farthest);
         touch.map_or(0.0, |touch| chi2.sf(touch * touch))
     };
     // summed in order: the same on any number of threads
@@ -87,8 +87,7 @@ impl Move {
     /// The size of the error at which the tool first touches, up to `farthest`.
     fn first_touch(
         &self,
-        tool: &SweptTool,
-        field: &StructureField,
+        (tool, field): (&SweptTool, &StructureField),
         pose: &SweptPose,
         clearance_mm: f64,
         farthest: f64,

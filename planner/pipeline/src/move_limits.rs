@@ -168,7 +168,7 @@ impl<'a> Caps<'a> {
     fn for_each(&self, i: usize, mut take: impl FnMut(Binding)) {
         let (near, compliance) = self.around(i);
         for force in self.chosen.forces_of(i) {
-            self.caps.for_each(self.burr, force, &near, compliance, |cap, fastest_mm_s| {
+            self.caps.for_each(self.burr, force, (&near, compliance), |cap, fastest_mm_s| {
                 take(Binding { cap, fastest_mm_s, force: *force });
             });
         }
@@ -179,7 +179,7 @@ impl<'a> Caps<'a> {
         let slowest_mm_s = self.chosen.slowest_mm_s(self.case, *worst);
         let (near, compliance) = self.around(*worst);
         let around = (&near[..], compliance);
-        let taken = self.caps.taken(binding.cap, self.burr, &binding.force, around, slowest_mm_s);
+        let taken = self.caps.taken((binding.cap, slowest_mm_s), self.burr, &binding.force, around);
         let (factor, unit) = match binding.cap {
             Cap::Toward(_) | Cap::Total => (1.0, "N"),
             Cap::Deflection => (1e3, "µm"),

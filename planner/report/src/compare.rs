@@ -225,10 +225,8 @@ fn path(plan: &StoredPlan) -> Vec<(String, f64)> {
         moves.map(|pair| pair[0].position.distance_mm(&pair[1].position)).sum()
     };
     let layers = plan.waypoints.iter().map(|w| w.layer + 1).max().unwrap_or(0);
-    let mut rows = vec![
-        ("waypoints".to_owned(), plan.waypoints.len() as f64),
-        ("layers".into(), f64::from(layers)),
-    ];
+    let mut rows =
+        vec![("waypoints".to_owned(), plan.waypoints.len() as f64), ("layers".into(), f64::from(layers))];
     rows.extend(MoveKind::ALL.map(|kind| (format!("{}_length_mm", kind.word()), length_mm(kind))));
     rows
 }

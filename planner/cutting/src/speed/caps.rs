@@ -69,7 +69,7 @@ impl ForceCaps {
         compliance: Option<&Matrix3<f64>>,
     ) -> f64 {
         let mut fastest = f64::INFINITY;
-        self.for_each(burr, force, near, compliance, |_, mm_s| fastest = fastest.min(mm_s));
+        self.for_each(burr, force, (near, compliance), |_, mm_s| fastest = fastest.min(mm_s));
         fastest
     }
 
@@ -78,8 +78,7 @@ impl ForceCaps {
         &self,
         burr: CappedBurr,
         force: &EngagedForce,
-        near: &[Proximity],
-        compliance: Option<&Matrix3<f64>>,
+        (near, compliance): (&[Proximity], Option<&Matrix3<f64>>),
         mut take: impl FnMut(Cap, f64),
     ) {
         let (cut, edge) = (force.cut_n_per_mm_s, force.edge_n);
@@ -105,11 +104,10 @@ impl ForceCaps {
     /// What a cap bounds, at a speed in mm/s, and the most that it allows: N, for the deflection mm, for the power mW.
     pub fn taken(
         &self,
-        cap: Cap,
+        (cap, speed_mm_s): (Cap, f64),
         burr: CappedBurr,
         force: &EngagedForce,
         (near, compliance): (&[Proximity], Option<&Matrix3<f64>>),
-        speed_mm_s: f64,
     ) -> Option<[f64; 2]> {
         let force_n = force.force_n(speed_mm_s);
         Some(match cap {
@@ -200,9 +198,9 @@ mod tests {
             }
             prop_assert!(worst(v * (1.0 + 1e-6) + 1e-9) > -1e-9);
             // each cap is used up at its own speed, and kept at the least of them
-            caps.for_each(BURR, &force, &near, Some(&c), |cap, own| {
+            caps.for_each(BURR, &force, (&near, Some(&c)), |cap, own| {
                 let used = |v: f64| {
-                    let [taken, most] = caps.taken(cap, BURR, &force, (&near, Some(&c)), v).unwrap();
+                    let [taken, most] = caps.taken((cap, v), BURR, &force, (&near, Some(&c))).unwrap();
                     (taken - most) / most.max(1e-6)
                 };
                 assert!(own >= v && (v == 0.0 || used(v) < 1e-6), "{cap:?}: {}", used(v));
