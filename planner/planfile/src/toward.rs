@@ -165,8 +165,8 @@ mod tests {
         assert_eq!((found.near.peak_n, found.near.peak_row, found.near.seconds), (0.2, Some(0), 2.0));
         let Value::Table(entries) = found.value("waypoint") else { panic!() };
         let names: Vec<&str> = entries.iter().map(|(name, _)| name.as_str()).collect();
-        assert_eq!(names[..3], ["least_distance_mm", "least_clearance_mm", "least_distance_waypoint"]);
+        assert_eq!(names[..2], ["least_surface_distance_mm", "least_surface_distance_waypoint"]);
+        assert_eq!(entries[0].1, Value::Number(0.5));
         assert!(names.contains(&"peak_force_toward_waypoint") && names.last() == Some(&"near"));
-        assert_eq!(entries[1].1, Value::Number(0.5));
     }
 }
