@@ -347,14 +347,18 @@ fn a_target_deep_in_the_bone_is_refused() {
 #[test]
 fn an_approach_out_of_the_wrong_side_is_refused() {
     let place = Place::healthy().with_case("direction = [0.0, 0.0, 1.0]", "direction = [0, 0, -1]");
-    place.refuses(&[&place.line_of("[target]"), NOTHING_REACHABLE, "approach.direction"]);
+    place.refuses(&[
+        &place.line_of("direction"),
+        "approach.direction (0.00, 0.00, -1.00) faces bone",
+        " 0 % of",
+    ]);
 }
 
 #[test]
 fn a_target_without_any_way_out_is_refused_when_the_approach_is_to_be_chosen() {
     let place =
         with_target([10..26, 12..26, 4..12]).with_case("[approach]\ndirection = [0.0, 0.0, 1.0]\n", "");
-    place.refuses(&["case.toml: `approach.direction`", "no way out of the bone in any direction"]);
+    place.refuses(&["case.toml: `approach.direction`", "reach no place at the target along any direction"]);
 }
 
 #[test]
@@ -383,7 +387,7 @@ fn a_patient_out_of_the_arms_reach_falls_short() {
     let place = Place::healthy().with_case("rate_hz = 100", far);
     place.falls_short_of_a_plan(&[
         &place.line_of("base_from_ct"),
-        "the arm cannot reach waypoint",
+        "the arm cannot reach the target",
         "robot.base_from_ct",
     ]);
     let ran = place.run(&["plan", "case.toml", "--out", "plan", "--json"]);
@@ -418,7 +422,7 @@ fn an_output_that_is_not_a_plan_is_never_touched() {
     fs::write(place.path("file"), "text").unwrap();
     place.refuses_into("mine", &["mine", "exists and is not a plan", "choose another folder"]);
     place.refuses_into("file", &["file", "exists and is not a plan", "it is not a folder"]);
-    place.refuses_into(".", &["exists and is not a plan"]); // the case's own folder
+    place.refuses_into(".", &["the folder in which this runs"]); // the case's own folder
     // a plan's folder with a foreign file in it
     assert_eq!(place.plan().code, 0);
     fs::write(place.path("plan/notes.txt"), "text").unwrap();
