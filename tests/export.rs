@@ -43,13 +43,13 @@ fn from_segment(p: &nalgebra::Vector3<f64>, ends: &[nalgebra::Vector3<f64>]) -> 
 fn ros_and_urscript_hold_the_trajectory() {
     let place = Place::healthy().with_case("rate_hz = 100", UR);
     let plan = planned(&place);
-    let json = exported(&place, &["--format", "ros", "--rate", "100"], "plan.trajectory.json");
+    let json = exported(&place, &["--format", "ros", "--rate", "250"], "plan.trajectory.json");
     let read: serde_json::Value = serde_json::from_str(&json).unwrap();
     let points = read["points"].as_array().unwrap();
-    assert_eq!(points.len(), (plan.trajectory.len() - 1).div_ceil(5) + 1);
+    assert_eq!(points.len(), (plan.trajectory.len() - 1).div_ceil(2) + 1);
     assert_eq!(read["joint_names"][2], "elbow_joint");
     for (n, point) in points.iter().enumerate() {
-        let at = row(&plan, n, 5);
+        let at = row(&plan, n, 2);
         let stamp = &point["time_from_start"];
         let time_s = stamp["sec"].as_f64().unwrap() + 1e-9 * stamp["nanosec"].as_f64().unwrap();
         assert!((time_s - plan.trajectory.time_s[at]).abs() < 2e-9);

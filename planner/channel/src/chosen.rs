@@ -111,7 +111,6 @@ pub fn find(
     let judged = |axis: ChannelAxis| SafeChannel::new(axis, risk.assess(&axis, TOLERANCE_MM, Sides::All));
     // on all sides and exactly, another of them may be the best
     let channels = best_first(axes.into_iter().map(judged).collect());
-    through(case, channels.first())?;
     let is_open = matches!(spec.entry, Entry::Surface) && case.approach.is_none() && !outside.is_in_scan();
     let warning = (search.is_some() && is_open).then(|| UNKNOWN_OUTSIDE.into());
     Ok(FoundChannels { channels, search, error, warning })
@@ -166,8 +165,8 @@ fn region<'a>(
 }
 
 /// Refuses a channel that cuts a structure.
-fn through(case: &Case, channel: Option<&SafeChannel>) -> Result<(), PlanError> {
-    let kept = channel.into_iter().flat_map(|channel| channel.kept.iter().zip(&case.structures));
+pub(super) fn through(case: &Case, channel: &SafeChannel) -> Result<(), PlanError> {
+    let kept = channel.kept.iter().zip(&case.structures);
     let cut = kept.filter_map(|(kept, structure)| Some((kept.as_ref()?, structure)));
     let cut = cut.filter(|(kept, _): &(&KeptClearance, _)| kept.clearance_mm < 0.0);
     match cut.min_by(|a, b| a.0.clearance_mm.total_cmp(&b.0.clearance_mm)) {

@@ -19,7 +19,7 @@ use nalgebra::Unit;
 
 use crate::axis::ChannelAxis;
 use crate::bone::{BoneField, ToolPose};
-use crate::chosen::{FoundChannels, find};
+use crate::chosen::{FoundChannels, find, through};
 use crate::depths::first_contact_mm;
 use crate::forces::{self, Felt};
 use crate::front::ToolFront;
@@ -143,6 +143,7 @@ impl ChannelJob<'_> {
     fn gone_through(&self, channel: &SafeChannel, watch: &mut Stopwatch) -> Result<Taken, PlanError> {
         let axis = &channel.axis;
         let contact_depth_mm = self.contact_mm(axis)?;
+        through(self.case, channel)?;
         let record = ChannelRecord {
             entry: axis.entry,
             direction: Unit::new_unchecked(-axis.out.into_inner()),
