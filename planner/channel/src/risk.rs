@@ -1,6 +1,6 @@
 //! What a straight channel keeps of every structure, and how likely the registration's error lets the tool touch it.
 //!
-//! The clearance c is that of the tool's swept solid ([`crate::swept`]). While channels are searched, the probability of touching is that of a
+//! The clearance c is that of the tool's swept solid (`swept.rs`). While channels are searched, the probability of touching is that of a
 //! flat wall at the nearest place: P = Φ(−c/σ), with σ the error's standard deviation there toward the structure. Channels that were
 //! found are judged on all sides ([`crate::touching`]): a structure around the tool is touched more often than a wall. What is missing or left
 //! is then that of the wall that is touched as often.
