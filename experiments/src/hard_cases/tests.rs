@@ -77,9 +77,3 @@ fn shrinking_leaves_what_it_takes_to_fail() {
         assert_eq!((small.burr, small.cells), (body.burr, body.cells));
     }
 }
-
-#[test]
-fn plan_verify_simulate_and_a_twin_agree() {
-    let table = agree(0..10, &super::run::Quiet);
-    assert!(table.shortfalls.is_empty(), "{:#?}", table.shortfalls);
-}
