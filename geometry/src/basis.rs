@@ -1,6 +1,6 @@
 //! An orthonormal basis from its z axis, without branches at the poles.
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation3, Unit, Vector3};
 
 /// R = [x y z] with z the given unit vector.
 ///
@@ -15,6 +15,15 @@ pub fn from_z(z: &Vector3<f64>) -> Rotation3<f64> {
     let x = Vector3::new(1.0 + s * z.x * z.x * q, s * b, -s * z.x);
     let y = Vector3::new(b, s + z.y * z.y * q, -z.y);
     Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_columns(&[x, y, *z]))
+}
+
+/// Point `n` of `count` that are spread evenly over the sphere: a spiral with the golden angle.
+pub fn on_sphere(n: usize, count: usize) -> Unit<Vector3<f64>> {
+    let golden_rad = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    let z = 1.0 - (2 * n + 1) as f64 / count as f64;
+    let (sin, cos) = (golden_rad * n as f64).sin_cos();
+    let across = (1.0 - z * z).sqrt();
+    Unit::new_normalize(Vector3::new(across * cos, across * sin, z))
 }
 
 /// The shaft's axis at the angles θ and φ: a(θ, φ) = Rx(θ) Ry(φ) e_z = (sin φ, −sin θ cos φ, cos θ cos φ).

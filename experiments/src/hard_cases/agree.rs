@@ -60,11 +60,11 @@ const TWINS: [f64; 2] = [0.01, 0.1];
 
 /// A random case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct RandomCase {
+struct RandomCase {
     /// Its body.
-    pub body: RandomBody,
+    body: RandomBody,
     /// The choice for each key.
-    pub keys: [u8; COUNT],
+    keys: [u8; COUNT],
 }
 
 /// What two plans of one case must have in common.
@@ -77,7 +77,7 @@ struct Figures {
 
 impl RandomCase {
     /// The case with this number.
-    pub fn draw(number: u64) -> Self {
+    fn draw(number: u64) -> Self {
         let mut below = draws(number ^ 0x5bd1_e995_0000_0000);
         // half of the keys are left out
         let keys = KEYS.map(|choices| below(2) * below(choices.len() as u64 + 1));
@@ -208,7 +208,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
 }
 
 /// Runs the cases of these numbers; each that disagrees is listed as simple as it can be.
-pub fn agree(numbers: std::ops::Range<u64>, progress: &dyn Progress) -> Table {
+fn agree(numbers: std::ops::Range<u64>, progress: &dyn Progress) -> Table {
     let title = format!(
         "{} random cases: plan, verify and simulate, and the plan of a twin (images stored backwards, or priorities times three)",
         numbers.end - numbers.start

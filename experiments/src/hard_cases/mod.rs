@@ -14,7 +14,7 @@ mod scene;
 use bonemill_planner::Progress;
 use rayon::prelude::*;
 
-pub use agree::{RandomCase, agree, run as run_agree};
+pub use agree::run as run_agree;
 pub use list::scenes;
 pub use random::{RandomBody, random_scenes};
 pub use run::{End, run as run_scene};

@@ -13,6 +13,7 @@
 //! local maximum of their least margin by halving steps, and the first channel, the best of these, to that of its next margins; each further one, a runner-up, is the best that stays [`APART_RAD`] from all before it, in another gap or beside the
 //! first in the same.
 
+use bonemill_geometry::basis::on_sphere;
 use bonemill_geometry::{Ct, Point, Volume, basis, cancel};
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
@@ -308,15 +309,6 @@ fn apart<'c>(channels: impl Iterator<Item = &'c SafeChannel>, most: usize) -> Ve
         left.retain(|channel| is_apart(&channel.axis, &chosen));
     }
     chosen
-}
-
-/// Point `n` of `count` that are spread evenly over the sphere (a spiral with the golden angle).
-pub(crate) fn on_sphere(n: usize, count: usize) -> Unit<Vector3<f64>> {
-    let golden_rad = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-    let z = 1.0 - (2 * n + 1) as f64 / count as f64;
-    let (sin, cos) = (golden_rad * n as f64).sin_cos();
-    let across = (1.0 - z * z).sqrt();
-    Unit::new_normalize(Vector3::new(across * cos, across * sin, z))
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@
 //!
 //! **Source:** directional simulation, Bjerager 1988; the directions are a fixed low-discrepancy sequence.
 
+use bonemill_geometry::basis::{self, on_sphere};
 use bonemill_geometry::cancel;
 use bonemill_imaging::StructureField;
 use nalgebra::Unit;
@@ -19,7 +20,6 @@ use rayon::prelude::*;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
 use crate::registration_error::{RegistrationError, SmallMotion};
-use crate::safest::on_sphere;
 use crate::swept::{SweptPose, SweptTool};
 
 /// Directions of the mean for a translation; with a rotation more.
@@ -79,7 +79,7 @@ impl Move {
         // the speed of a point is convex: along the axis it is largest at an end
         let at_ends = tool.heights_mm(pose).map(|z| motion.of_point(pose.end + pose.out.as_ref() * z).norm());
         let turned = |v: &nalgebra::Vector3<f64>| motion.of_direction(v).norm();
-        let across = bonemill_geometry::basis::from_z(&pose.out);
+        let across = basis::from_z(&pose.out);
         let [x, y] = [0, 1].map(|n| turned(&across.matrix().column(n).into_owned()));
         Self { motion, speed_mm: at_ends[0].max(at_ends[1]) + x.hypot(y) * tool.radius_mm() }
     }

@@ -100,7 +100,7 @@ pub fn build_scene(spec: &SceneSpec) -> Result<Scene, SceneError> {
     let target = drawn.points();
     let region = structure_region(spec, &target);
     let structures = structure_fields(spec, &region)?;
-    let (approach, chosen) = way_in::approach(spec, &target, &structures)?;
+    let (approach, chosen) = way_in::approach(spec, (&target, &region), &structures)?;
     warnings.extend(chosen.map(|chosen| chosen.text()));
     let Crop { grid, ct_from_work, turn_rad } = Crop::around(spec, &drawn, &approach)?;
     let (hu, mut density_g_cm3) = resample_hu_and_density(spec.ct, spec.table, &grid, &ct_from_work);
@@ -280,7 +280,7 @@ fn keep_mass(density_g_cm3: &mut Volume<f32, Work>, class: &Volume<Class, Work>)
 }
 
 /// Where distances to structures matter.
-fn structure_region(spec: &SceneSpec, target: &[Point<Ct>]) -> Region {
+pub(super) fn structure_region(spec: &SceneSpec, target: &[Point<Ct>]) -> Region {
     let (lo, hi) = extent(target.iter().copied());
     Region { min: Point::from_coords(lo), max: Point::from_coords(hi), reach_mm: spec.tool.influence_mm }
 }

@@ -19,7 +19,7 @@ const FINEST_CLOSING_MM: f64 = 0.25;
 
 /// A label or a shape, as large as its margin makes it.
 #[derive(Debug)]
-struct Part {
+pub(super) struct Part {
     of: Target<u16>,
     /// Of a label with a margin: the distance to it, and the margin, mm.
     around: Option<(StructureField, f64)>,
@@ -28,7 +28,11 @@ struct Part {
 }
 
 impl Part {
-    fn new(region: &TargetRegion<u16>, spec: &SceneSpec, around: &Region) -> Result<Self, ImageError> {
+    /// Of a region of the case, for places near `around`.
+    ///
+    /// # Errors
+    /// When a distance field cannot be computed.
+    pub fn new(region: &TargetRegion<u16>, spec: &SceneSpec, around: &Region) -> Result<Self, ImageError> {
         let field = match region.of {
             Target::Label(label) if region.margin_mm > 0.0 => {
                 let near = Region { reach_mm: region.margin_mm, ..*around };
@@ -44,8 +48,9 @@ impl Part {
         matches!(self.of, Target::Label(_))
     }
 
+    /// Whether it holds a place of this label.
     #[inline]
-    fn holds(&self, p_ct: Point<Ct>, label: u16) -> bool {
+    pub fn holds(&self, p_ct: Point<Ct>, label: u16) -> bool {
         match self.of {
             Target::Label(of) => {
                 label == of || self.around.as_ref().is_some_and(|(field, mm)| field.is_nearer_than(p_ct, *mm))

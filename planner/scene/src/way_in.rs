@@ -12,12 +12,13 @@
 //! Cost: places × directions lines, each by sphere tracing in a distance field.
 
 use bonemill_case::TargetRegion;
-use bonemill_geometry::{Ct, Grid, Point, Volume, cancel};
-use bonemill_imaging::distance_within;
+use bonemill_geometry::{Ct, Grid, Point, Volume, basis, cancel};
+use bonemill_imaging::{Region, distance_within};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-use super::{SceneError, SceneSpec, SceneStructure, Target};
+use super::inside::Part;
+use super::{SceneError, SceneSpec, SceneStructure};
 
 /// Directions on the sphere: 10° apart.
 const DIRECTIONS: usize = 420;
@@ -109,13 +110,13 @@ pub(super) struct WayIn {
     directions: Vec<Vector3<f64>>,
 }
 
-/// The approach of a scene, and how it was chosen if it was.
+/// The approach of a scene, and how it was chosen if it was. `target`: its points, and the region around them.
 ///
 /// # Errors
 /// [`SceneError::NoRoom`], [`SceneError::NoApproach`] and [`SceneError::FacesBone`] where the tool reaches nothing.
 pub(super) fn approach(
     spec: &SceneSpec,
-    target: &[Point<Ct>],
+    target: (&[Point<Ct>], &Region),
     structures: &[SceneStructure],
 ) -> Result<(Vector3<f64>, Option<ChosenWay>), SceneError> {
     let (given, tool) = match &spec.approach {
@@ -142,12 +143,12 @@ impl WayIn {
     pub fn new(
         spec: &SceneSpec,
         tool: &WayInTool,
-        target: &[Point<Ct>],
+        (target, around): (&[Point<Ct>], &Region),
         structures: &[SceneStructure],
     ) -> Result<Option<Self>, SceneError> {
         let radius_mm = spec.tool.cutter_radius_mm;
         let length_mm = spec.tool.shank_length_mm;
-        let holds = coarse(spec, target, length_mm + spec.tool.shank_radius_mm)?;
+        let holds = coarse(spec, (target, around), length_mm + spec.tool.shank_radius_mm)?;
         cancel::poll();
         let widest_mm = spec.tool.shank_radius_mm.max(radius_mm);
         let solid_mm = distance_within(&holds.map(|h| *h == Holds::Solid), 2.0 * widest_mm)?;
@@ -185,7 +186,8 @@ impl WayIn {
             from_mm += part_mm;
         }
         let axes = inertia_axes(target);
-        let directions = sphere(DIRECTIONS).map(|d| axes * d).collect();
+        let directions =
+            (0..DIRECTIONS).map(|n| axes * basis::on_sphere(n, DIRECTIONS).into_inner()).collect();
         Ok(Some(Self {
             holds,
             solid_mm,
@@ -351,10 +353,14 @@ fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
 }
 
 /// The scan around the target as far as a line goes, coarsely, along the CT's own voxels.
-fn coarse(spec: &SceneSpec, target: &[Point<Ct>], reach_mm: f64) -> Result<Volume<Holds, Ct>, SceneError> {
+fn coarse(
+    spec: &SceneSpec,
+    (drawn, around): (&[Point<Ct>], &Region),
+    reach_mm: f64,
+) -> Result<Volume<Holds, Ct>, SceneError> {
     let ct = spec.ct.grid();
     let (dims, spacing) = (ct.dims(), ct.spacing_mm());
-    let indices = target.iter().map(|p| Vector3::from(ct.continuous_index(*p)));
+    let indices = drawn.iter().map(|p| Vector3::from(ct.continuous_index(*p)));
     let (lo, hi) = indices
         .fold((Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)), |(lo, hi), p| {
             (lo.inf(&p), hi.sup(&p))
@@ -382,8 +388,10 @@ fn coarse(spec: &SceneSpec, target: &[Point<Ct>], reach_mm: f64) -> Result<Volum
     let grid = Grid::<Ct>::new(size, coarse_mm, *ct.axes(), ct.at(middle).coords)?;
     let keep = |label: u16| spec.structures.iter().any(|(_, structure)| *structure == label);
     let label_at = |p| spec.labels.grid().nearest(p).map_or(0, |v| *spec.labels.get(v));
-    // labels without their margins
+    let part = |region: &TargetRegion<u16>| Part::new(region, spec, around);
     let main = TargetRegion { of: spec.target.clone(), margin_mm: 0.0 };
+    let target = std::iter::once(&main).chain(spec.also).map(part).collect::<Result<Vec<_>, _>>()?;
+    let less = spec.less.iter().map(part).collect::<Result<Vec<_>, _>>()?;
     let holds = |n: usize| {
         let at = grid.voxel(n);
         let range = |a: usize| {
@@ -398,12 +406,8 @@ fn coarse(spec: &SceneSpec, target: &[Point<Ct>], reach_mm: f64) -> Result<Volum
                     count += 1;
                     let p = ct.center([i, j, k]);
                     let label = label_at(p);
-                    let holds = |region: &TargetRegion<u16>| match region.of {
-                        Target::Label(held) => label == held,
-                        _ => region.of.grown(region.margin_mm).contains(p),
-                    };
-                    let is_target =
-                        std::iter::once(&main).chain(spec.also).any(holds) && !spec.less.iter().any(holds);
+                    let is_held = |part: &Part| part.holds(p, label);
+                    let is_target = target.iter().any(is_held) && !less.iter().any(is_held);
                     in_target += usize::from(is_target);
                     solid += usize::from(!is_target && (hu >= spec.bone_hu || keep(label)));
                     tissue += usize::from(hu > spec.air_hu);
@@ -420,17 +424,6 @@ fn coarse(spec: &SceneSpec, target: &[Point<Ct>], reach_mm: f64) -> Result<Volum
     };
     let data = (0..grid.len()).into_par_iter().with_min_len(1 << 12).map(holds).collect();
     Volume::new(grid, data).map_err(SceneError::Values)
-}
-
-/// Near-uniform unit directions (Fibonacci).
-fn sphere(n: usize) -> impl Iterator<Item = Vector3<f64>> {
-    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-    (0..n).map(move |i| {
-        let z = 1.0 - (2 * i + 1) as f64 / n as f64;
-        let r = (1.0 - z * z).sqrt();
-        let (s, c) = (golden * i as f64).sin_cos();
-        Vector3::new(r * c, r * s, z)
-    })
 }
 
 /// Principal axes as columns, each turned to where the third moment is positive: they mirror with the points.

@@ -4,6 +4,7 @@
 
 use nalgebra::Rotation3;
 
+use super::super::build::structure_region;
 use super::super::{MemoryNeed, SceneSpec, Sheets, Target, ToolReach};
 use super::*;
 use bonemill_imaging::{AffineChoice, DensityTable};
@@ -60,7 +61,8 @@ fn found(
             influence_mm: 5.0,
         },
     };
-    let (direction, chosen) = approach(&spec, &target, &[])?;
+    let region = structure_region(&spec, &target);
+    let (direction, chosen) = approach(&spec, (&target, &region), &[])?;
     Ok(chosen.unwrap_or(ChosenWay { best: Way { direction, reached: f64::NAN }, others: vec![] }))
 }
 
