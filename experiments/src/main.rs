@@ -32,6 +32,12 @@ impl Progress for Stages {
     }
 
     fn advance(&self, _: usize, _: usize) {}
+
+    fn note(&self, text: &str) {
+        if !self.is_quiet {
+            eprintln!("{text}");
+        }
+    }
 }
 
 fn main() -> ExitCode {

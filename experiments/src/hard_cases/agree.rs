@@ -198,7 +198,7 @@ fn simulated(plan: &StoredPlan, peak_n: f64) -> Vec<String> {
     said
 }
 
-/// Runs cases, 25 for each seed of `size`.
+/// Runs cases, 25 for each seed of `size`, each told where it ends in a disagreement.
 ///
 /// # Errors
 /// None: every disagreement is a shortfall of the table.
@@ -214,20 +214,26 @@ fn agree(numbers: std::ops::Range<u64>, progress: &dyn Progress) -> Table {
         numbers.end - numbers.start
     );
     let mut table = Table::new("agree", title, &["case", "disagrees", "as simple as"]);
-    let numbers: Vec<u64> = numbers.collect();
-    for (done, portion) in numbers.chunks(10).enumerate() {
-        let found: Vec<_> = portion.par_iter().map(|n| (*n, RandomCase::draw(*n).disagreements())).collect();
-        progress.advance(10 * done + portion.len(), numbers.len());
-        for (n, said) in found.into_iter().filter(|(_, said)| !said.is_empty()) {
-            let mut case = RandomCase::draw(n);
-            while let Some(simpler) = case.simpler().into_iter().find(|case| !case.disagreements().is_empty())
-            {
-                case = simpler;
-            }
-            let said = said.join("; ").replace('\n', "; ").replace('|', "/");
-            table.shortfalls.push(format!("case {n}: {said}; as simple as {case:?}"));
-            table.push(vec![n.to_string(), said, format!("{case:?}")]);
-        }
+    let rows: Vec<_> = numbers.into_par_iter().filter_map(|number| row(number, progress)).collect();
+    for [case, said, simple] in rows {
+        table.shortfalls.push(format!("case {case}: {said}; as simple as {simple}"));
+        table.push(vec![case, said, simple]);
     }
     table
+}
+
+/// A case that disagrees, what about, and the case as simple as it can be.
+fn row(number: u64, progress: &dyn Progress) -> Option<[String; 3]> {
+    let drawn = RandomCase::draw(number);
+    let said = drawn.disagreements().join("; ").replace('\n', "; ").replace('|', "/");
+    if said.is_empty() {
+        return None;
+    }
+    progress.note(&format!("case {number}: {said}; {drawn:?}"));
+    let mut simplest = drawn;
+    // the loop ends, because every step sets a number to its simplest value
+    while let Some(simpler) = simplest.simpler().into_iter().find(|case| !case.disagreements().is_empty()) {
+        simplest = simpler;
+    }
+    Some([number.to_string(), said, format!("{simplest:?}")])
 }
