@@ -98,7 +98,7 @@ fn a_cap_that_no_speed_keeps_is_named_with_its_figure() {
     for part in [
         " moves break speed.force_n even at the least speed; the worst, waypoint ",
         " moves break speed.power_w even at the least speed; the worst, waypoint ",
-        " W at 0.5 mm/s instead of at most 0.001 W, and would need 0.000 mm/s",
+        " W at 0.5 mm/s instead of at most 0.001 W, and would need ",
         " N at 0.5 mm/s instead of at most 0.010 N, and would need ",
     ] {
         assert!(ran.err.contains(part), "{part}: {}", ran.err);

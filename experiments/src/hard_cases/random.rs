@@ -103,8 +103,16 @@ impl RandomBody {
         let scene = scene
             .with("radius_mm = 1.5", format!("radius_mm = {:?}", f64::from(self.burr) * 0.1))
             .with("[speed]", format!("[orientation]\ntilt_limit_deg = {}\n\n[speed]", self.tilt_deg));
-        let clearance = format!("clearance_mm = {:?}", f64::from(self.clearance) * 0.1);
-        if self.nerve[0] == 0 { scene.without_nerve() } else { scene.with("clearance_mm = 0.8", clearance) }
+        if self.nerve[0] == 0 {
+            scene.without_nerve()
+        } else {
+            scene.with("clearance_mm = 0.8", self.nerve_clearance())
+        }
+    }
+
+    /// The nerve's clearance, a line of the case.
+    pub(super) fn nerve_clearance(self) -> String {
+        format!("clearance_mm = {:?}", f64::from(self.clearance) * 0.1)
     }
 
     /// HU at a place.
@@ -141,7 +149,14 @@ impl RandomBody {
 }
 
 /// Why a random body may be refused.
-const REASONS: [&str; 3] = ["can reach no voxel", "touches structure", "empty"];
+const REASONS: [&str; 6] = [
+    "can reach no voxel",
+    "finds no place",
+    "faces bone",
+    "touches structure",
+    "empty",
+    "caps are kept with",
+];
 
 /// Whether a result is acceptable.
 pub(super) fn ended_well(end: &End) -> bool {

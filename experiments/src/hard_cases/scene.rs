@@ -71,6 +71,8 @@ pub struct Scene {
     pub turn_rad: [f64; 3],
     /// Storage axes that run backwards.
     pub mirrored: [bool; 3],
+    /// Where the body's origin lies in ct, mm.
+    pub origin_mm: [f64; 3],
     /// Lines of the case that are replaced: (old, new).
     pub edits: Vec<(&'static str, String)>,
 }
@@ -174,6 +176,7 @@ impl Scene {
             label_grid: None,
             turn_rad: [0.0; 3],
             mirrored: [false; 3],
+            origin_mm: [0.0; 3],
             edits: Vec::new(),
         }
     }
@@ -237,10 +240,17 @@ impl Scene {
         let middle = V::new(0.0, 0.0, -0.25 * self.half_mm[2]) + V::from(shift_mm);
         let half = V::from_fn(|a, _| 0.5 * (dims[a] as f64 - 1.0) * spacing_mm[a]);
         let axes = turn.matrix() * flip;
-        let origin = turn * middle - axes * half;
+        let origin = V::from(self.origin_mm) + turn * middle - axes * half;
         let grid = Grid::<Ct>::new(dims, V::from(spacing_mm), axes, origin)?;
-        let data =
-            (0..grid.len()).map(|n| value(&(turn.inverse() * grid.center(grid.voxel(n)).coords))).collect();
+        // body coordinates without rounding by turn and storage order: the same body however it is stored
+        let at = |voxel: [usize; 3]| {
+            middle
+                + V::from_fn(|a, _| {
+                    let from_middle = voxel[a] as f64 - 0.5 * (dims[a] as f64 - 1.0);
+                    from_middle * spacing_mm[a] * flip[(a, a)]
+                })
+        };
+        let data = (0..grid.len()).map(|n| value(&at(grid.voxel(n)))).collect();
         // as many values as voxels, by construction
         Ok(Volume::new(grid.clone(), data).unwrap_or_else(|_| unreachable!("one value a voxel")))
     }

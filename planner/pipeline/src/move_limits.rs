@@ -194,11 +194,16 @@ impl<'a> Caps<'a> {
             }
             _ => String::new(),
         };
+        let needs = match binding.fastest_mm_s {
+            v if v >= 0.01 => format!("would need {v:.3} mm/s"),
+            v if v > 0.0 => format!("would need {v:.1e} mm/s"),
+            // the edges' own force does not fall with the speed
+            _ => "no speed keeps it".to_owned(),
+        };
         let moves = if *moves == 1 { "1 move breaks".to_owned() } else { format!("{moves} moves break") };
         format!(
             "{moves} {key} even at the least speed; the worst, waypoint {worst}{from}, has {taken:.3} {unit} at {slowest_mm_s} mm/s instead of \
-             at most {most:.3} {unit}, and would need {:.3} mm/s (see speed.min_mm_s)",
-            binding.fastest_mm_s
+             at most {most:.3} {unit}, and {needs} (see speed.min_mm_s)"
         )
     }
 }
