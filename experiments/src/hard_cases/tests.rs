@@ -41,6 +41,12 @@ fn random_bodies_are_planned_and_verified_or_say_why_not() {
 }
 
 #[test]
+fn programs_agree_on_random_cases_and_on_their_twins() {
+    let found = super::agree::agree(0..10, &());
+    assert!(found.shortfalls.is_empty(), "{}", found.shortfalls.join("\n"));
+}
+
+#[test]
 fn names_are_distinct_and_edits_find_their_lines() {
     let scenes = scenes();
     let mut names: Vec<_> = scenes.iter().map(|s| s.name).collect();
