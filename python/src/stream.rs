@@ -6,6 +6,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::thread;
@@ -16,7 +17,7 @@ use bonemill_robot::stream::bound::{self, Failure};
 use bonemill_robot::stream::simulated::rehearse::rehearse;
 use bonemill_robot::stream::{
     ArmLink, ArmState, Aside, Cause, Clock, Event, Identity, LinkFault, Log, LogWriter, Operator, Order,
-    Outcome, Question, Session, Settings, StreamPlan as CorePlan, drive,
+    Outcome, Question, Session, Settings, SpindleEnd, StreamPlan as CorePlan, Timing, drive,
 };
 use nalgebra::Vector3;
 use pyo3::prelude::*;
@@ -39,14 +40,14 @@ pub struct StreamPlan {
 /// What failed; the burr's largest travel along its path, mm, and the row; the same beside its path.
 type WorstTravel = (&'static str, (f64, usize), (f64, usize));
 
-/// What a run came to: why it ended (none: done), at rest, off, reached row, rows, s, targets, late targets, latest s, farthest mm.
+/// What a run came to: why it ended (none: done), at rest, spindle off, reached row, rows, s, targets, late targets, latest s, farthest mm.
 type Ended = (Option<String>, bool, bool, f64, usize, f64, u64, u64, f64, f64);
 
 #[pymethods]
 impl StreamPlan {
     /// Reads and checks the plan in a folder.
     #[staticmethod]
-    #[pyo3(signature = (dir, *, slow, unverified, payload_kg, serial, run_up_s))]
+    #[pyo3(signature = (dir, *, slow, unverified, payload_kg, serial, run_up_s, lookahead_s, gain))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python function")]
     fn load(
         py: Python<'_>,
@@ -56,8 +57,12 @@ impl StreamPlan {
         payload_kg: Option<f64>,
         serial: Option<String>,
         run_up_s: f64,
+        lookahead_s: f64,
+        gain: f64,
     ) -> PyResult<Self> {
-        let settings = Settings { slow, unverified, payload_kg, serial, run_up_s, ..Settings::default() };
+        let timing = Timing::of_servo(lookahead_s, gain).map_err(|e| refused(&e))?;
+        let settings =
+            Settings { slow, unverified, payload_kg, serial, run_up_s, timing, ..Settings::default() };
         let read = move |_: &dyn bonemill_planner::Progress| -> PyResult<Self> {
             let stored = StoredPlan::load_with(&dir, None, Need::Unchanged).map_err(|e| errors::file(&e))?;
             let plan = CorePlan::new(stream_input(&stored).map_err(|e| errors::file(&e))?, settings)
@@ -70,6 +75,11 @@ impl StreamPlan {
     /// Refuses an arm that no controller here moves.
     fn for_a_ur(&self) -> PyResult<()> {
         self.plan.for_a_ur().map_err(|e| refused(&e))
+    }
+
+    /// Why no run of the plan is begun, whatever arm is there, in words.
+    fn refusal(&self, py: Python<'_>) -> Option<String> {
+        py.detach(|| self.plan.ready().err())
     }
 
     /// Rows of the trajectory.
@@ -117,7 +127,9 @@ impl StreamPlan {
             .map_err(|e| StreamError::new_err(format!("cannot read {}: {e}", log.display())))?;
         let read = Log::read(&text).and_then(|log| log.of_plan(&self.plan.digest));
         let read = read.map_err(|e| StreamError::new_err(format!("{}: {}", log.display(), words(&e))))?;
-        Ok(self.plan.resume_row(read.last_row()))
+        let row =
+            read.last_row().map_err(|e| StreamError::new_err(format!("{}: {}", log.display(), words(&e))))?;
+        Ok(self.plan.resume_row(row))
     }
 
     /// Runs it from a row over a link, and writes its log.
@@ -131,10 +143,11 @@ impl StreamPlan {
         log: Option<PathBuf>,
     ) -> PyResult<Ended> {
         self.for_a_ur()?;
-        let mut log = log.map(|path| self.log(&path, Aside::new)).transpose()?;
+        let path = log;
+        let mut log = path.as_ref().map(|path| self.log(path, Aside::new)).transpose()?;
         let mut clock = PcClock { py, began: Instant::now() };
         let mut link = PyLink { py, link, began: clock.began, failed: None };
-        let watched = FileWatch::new(&self.dir)?;
+        let watched = FileWatch::new(&self.dir, path)?;
         let mut operator = PyOperator { py, operator, watched, stopped: false, failed: None };
         let mut session = Session::new(&self.plan, start_row, clock.now_s());
         let outcome = drive(&mut session, &mut link, &mut clock, &mut operator, log.as_mut());
@@ -190,10 +203,11 @@ fn worst(plan: &CorePlan, failure: Failure) -> (&'static str, (f64, usize), (f64
 }
 
 fn ended(outcome: &Outcome) -> Ended {
+    let is_off = outcome.spindle == SpindleEnd::Off;
     (
-        (outcome.cause.is_some() || !outcome.at_rest || !outcome.is_off).then(|| outcome.to_string()),
+        (outcome.cause.is_some() || !outcome.at_rest || !is_off).then(|| outcome.to_string()),
         outcome.at_rest,
-        outcome.is_off,
+        is_off,
         outcome.reached_row,
         outcome.rows,
         outcome.seconds,
@@ -224,11 +238,12 @@ impl Clock for PcClock<'_> {
 }
 
 /// What `link.state()` gives: age of its receipt, s; controller's clock, s; joints, rad; tool's place, mm, and turn, rad; force, N;
-/// safety mode; runtime state; speed fraction; payload, kg.
-type StateTuple = (f64, f64, [f64; 6], ([f64; 3], [f64; 3]), Option<[f64; 3]>, i32, u32, f64, f64);
+/// safety mode; runtime state; speed fraction; payload, kg; robot mode, whether in freedrive, whether the spindle's output is on.
+type StateTuple =
+    (f64, f64, [f64; 6], ([f64; 3], [f64; 3]), Option<[f64; 3]>, i32, u32, f64, f64, (i32, bool, bool));
 
-/// A link in Python: `state() -> tuple | None`, `fault() -> str | None`, `order(word, values)`, `identity() -> (model, serial) | None`,
-/// `waiting() -> int`, `spindle_is_off() -> bool`. What it raises is the link's fault.
+/// A link in Python: `state() -> tuple | None`, `fault() -> str | None`, `order(word, values)`,
+/// `identity() -> (model, serial, in local control) | None`, `waiting() -> int`. What it raises is the link's fault.
 struct PyLink<'py> {
     py: Python<'py>,
     link: Py<PyAny>,
@@ -248,7 +263,10 @@ impl PyLink<'_> {
             "target" => LinkFault::NotTaken("a target"),
             "stop" => LinkFault::NotTaken("the stop"),
             "spindle" => LinkFault::NotTaken("the spindle's output"),
-            _ => LinkFault::Closed(said),
+            _ => match said.strip_prefix("start: ") {
+                Some(why) => LinkFault::NotStarted(why.to_owned()),
+                None => LinkFault::Closed(said),
+            },
         };
         self.failed.get_or_insert(fault);
     }
@@ -263,16 +281,21 @@ impl ArmLink for PyLink<'_> {
             None
         });
         let now_s = self.began.elapsed().as_secs_f64();
-        state.map(|(age_s, controller_s, q, tool_pose, force_n, mode, runtime, fraction, kg)| ArmState {
-            received_s: now_s - age_s,
-            controller_s,
-            q,
-            tool_pose,
-            force_n: force_n.map(Vector3::from),
-            safety_mode: mode,
-            runtime_state: runtime,
-            speed_fraction: fraction,
-            payload_kg: kg,
+        state.map(|(age_s, controller_s, q, tool_pose, force_n, safety, runtime, fraction, kg, more)| {
+            ArmState {
+                received_s: now_s - age_s,
+                controller_s,
+                q,
+                tool_pose,
+                force_n: force_n.map(Vector3::from),
+                safety_mode: safety,
+                robot_mode: more.0,
+                freedrive: more.1,
+                spindle_on: more.2,
+                runtime_state: runtime,
+                speed_fraction: fraction,
+                payload_kg: kg,
+            }
         })
     }
 
@@ -301,20 +324,14 @@ impl ArmLink for PyLink<'_> {
 
     fn identity(&self) -> Option<Identity> {
         let found = self.link.call_method0(self.py, "identity").ok()?;
-        let (model, serial) = found.extract::<Option<(String, String)>>(self.py).ok()??;
-        Some(Identity { model, serial })
+        let (model, serial, is_local) = found.extract::<Option<(String, String, bool)>>(self.py).ok()??;
+        Some(Identity { model, serial, is_local })
     }
 
     /// A link that does not tell has lost an answer: as many as never pass.
     fn waiting(&self) -> usize {
         let found = self.link.call_method0(self.py, "waiting").and_then(|n| n.extract(self.py));
         found.unwrap_or(usize::MAX)
-    }
-
-    /// A link that does not tell is none that has it off.
-    fn spindle_is_off(&self) -> bool {
-        let found = self.link.call_method0(self.py, "spindle_is_off");
-        found.and_then(|off| off.extract(self.py)).unwrap_or(false)
     }
 }
 
@@ -338,7 +355,10 @@ impl PyOperator<'_> {
 
 impl Operator for PyOperator<'_> {
     fn tell(&mut self, event: &Event) {
-        self.call("tell", event.to_string());
+        // gaps stand in the log, and are told together now and then
+        if !matches!(event, Event::Gap { .. }) {
+            self.call("tell", event.to_string());
+        }
     }
 
     fn ask(&mut self, question: &Question) {
@@ -361,7 +381,7 @@ impl Operator for PyOperator<'_> {
         let heard = self.py.check_signals();
         let heard = heard.and_then(|()| self.operator.call_method0(self.py, "interrupted")?.extract(self.py));
         let cause = match heard {
-            Ok(false) if self.failed.is_none() => self.watched.changed().map(Cause::PlanChanged),
+            Ok(false) if self.failed.is_none() => self.watched.changed(),
             Ok(_) => Some(Cause::Interrupted),
             Err(error) => {
                 self.failed.get_or_insert(error);
@@ -373,24 +393,34 @@ impl Operator for PyOperator<'_> {
     }
 }
 
-/// The plan's files as they were when the run began, looked at now and then by a thread of its own: a disk may not answer.
+/// The plan's files as they were when the run began, and the log's name, looked at now and then by a thread of its own: a disk may not answer.
 struct FileWatch {
-    changed: Receiver<String>,
+    changed: Receiver<Cause>,
     /// The thread ends when it is dropped.
     _wanted: Sender<()>,
 }
 
 impl FileWatch {
-    fn new(dir: &Path) -> PyResult<Self> {
+    fn new(dir: &Path, log: Option<PathBuf>) -> PyResult<Self> {
         let names = ["plan.toml", "trajectory.csv", "waypoints.csv", "forces.csv", "robot.urdf"];
         let files = names.map(|name| dir.join(name)).map(|path| (path.clone(), stamp(&path)));
+        let log = log.map(|path| (path.clone(), file_of(&path)));
+        let changed_now = move || {
+            if let Some((path, _)) = files.iter().find(|(path, before)| stamp(path) != *before) {
+                return Some(Cause::PlanChanged(path.display().to_string()));
+            }
+            let (path, _) = log.as_ref().filter(|(path, before)| file_of(path) != *before)?;
+            let gone =
+                "its file or folder was renamed or deleted under way; without it no run goes on from here";
+            Some(Cause::Log(format!("{} is gone: {gone}", path.display())))
+        };
         let (found, changed) = mpsc::channel();
         let (wanted, is_wanted) = mpsc::channel::<()>();
         thread::Builder::new().name("files".to_owned()).spawn(move || {
             while is_wanted.recv_timeout(LOOK_AT_FILES) == Err(RecvTimeoutError::Timeout) {
-                if let Some((path, _)) = files.iter().find(|(path, before)| stamp(path) != *before) {
+                if let Some(cause) = changed_now() {
                     // nobody listens once the run is over
-                    let _ = found.send(path.display().to_string());
+                    let _ = found.send(cause);
                     return;
                 }
             }
@@ -398,10 +428,16 @@ impl FileWatch {
         Ok(Self { changed, _wanted: wanted })
     }
 
-    /// The first file that was seen to be another.
-    fn changed(&self) -> Option<String> {
+    /// The first that was seen to be another.
+    fn changed(&self) -> Option<Cause> {
         self.changed.try_recv().ok()
     }
+}
+
+/// Which file a name stands for: device and number.
+fn file_of(path: &Path) -> Option<(u64, u64)> {
+    let found = std::fs::metadata(path).ok()?;
+    Some((found.dev(), found.ino()))
 }
 
 fn stamp(path: &Path) -> Option<(u64, SystemTime)> {

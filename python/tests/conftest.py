@@ -78,3 +78,11 @@ def ur_pocket(block: bonemill.Case) -> bonemill.Plan:
     text = text.replace("least_share = 0.8", "least_share = 0.5").replace('mode = "least_force"', 'mode = "constant"')
     text = text.replace("nominal_mm_s = 1.5", "nominal_mm_s = 4.0").replace("stepover_mm = 1.667", "stepover_mm = 1.2")
     return bonemill.plan(for_ur5e(block, text, "case_pocket.toml"))
+
+
+@pytest.fixture(scope="session")
+def judged(ur_pocket: bonemill.Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The pocket's folder with a passed verification; not to be written to."""
+    folder = ur_pocket.save(tmp_path_factory.mktemp("streamed") / "plan", pack=True)
+    assert bonemill.verify(bonemill.Plan.load(folder), save=True).passed
+    return folder

@@ -130,6 +130,8 @@ class Outcome:
     rest_s: float = 0.0
     """From the fault until the burr rested."""
     code: int | None = None
+    spindle_on: bool = False
+    """What the output was after the end."""
     exit_s: float = 0.0
     """From the fault until the process had ended."""
     how: str = ""
@@ -190,6 +192,7 @@ LOCAL: dict[str, Local] = {
     "SIGINT": _signal(signal.SIGINT),
     "SIGTERM": _signal(signal.SIGTERM),
     "SIGHUP": _signal(signal.SIGHUP),
+    "Ctrl-Z": _signal(signal.SIGTSTP),
     "SIGKILL": _signal(signal.SIGKILL),
     "SIGSTOP for 3 s": _paused,
     "wall clock jumps": _signal(signal.SIGUSR1),
@@ -197,6 +200,7 @@ LOCAL: dict[str, Local] = {
     "plan changed under way": _plan_changed,
     "two clients": _second_client,
     "disk full": lambda run: None,
+    "log's folder renamed": lambda run: run.log.parent.rename(run.log.parent.with_name("renamed")),
 }
 """Faults on the user's own machine."""
 START = {f"start {mm:g} mm off": mm for mm in (0.1, 0.5, 1.6, 5.0)}
@@ -229,7 +233,8 @@ class Run:
             self.folder = work / "plan"
             shutil.copytree(piece.folder, self.folder, dirs_exist_ok=True)
         self.double = Double(next(addresses), self._start_q())
-        self.log = work / "run.log"
+        self.log = work / "logs" / "run.log"
+        self.log.parent.mkdir(exist_ok=True)
         self.asked_s: float | None = None
 
     def _start_q(self) -> Floats:
@@ -354,6 +359,7 @@ class Run:
         out = self.outcome
         record, fault_s = self.double.call("rest")
         out.said = self.words("run")
+        out.spindle_on = bool(self.double.get("digital_outputs"))
         text = (self.work / "run.out").read_text(errors="replace")
         out.bound = "; ".join(re.findall(r"[^\n]*bound[^\n]*", text)[:2])
         if not len(record) or out.row < 0:

@@ -60,6 +60,11 @@ class RTDEReceiveInterface:
     def getTargetSpeedFraction(self): return 1.0
     def getSpeedScalingCombined(self): return 1.0
     def getPayload(self): return 1.0
+    def getRobotMode(self): return 7
+    def getRobotStatus(self): return 1
+    def getActualDigitalOutputBits(self):
+        notes = os.environ["CLIENT_NOTES"]
+        return int(os.path.exists(notes) and open(notes).read().rpartition("spindle ")[2][:1] == "1")
     def isConnected(self): return True
 """
 
@@ -95,6 +100,12 @@ def watched(link: UrLink, until: Callable[[], bool], seconds: float = 10.0) -> N
         time.sleep(0.002)
 
 
+def is_on(link: UrLink) -> bool:
+    """Whether the spindle's output is seen on."""
+    state = link.state()
+    return state is not None and state[9][2]
+
+
 def test_what_the_client_prints_is_no_answer_and_no_state(begin: Begin, notes: Path) -> None:
     link = begin("prints")
     try:
@@ -103,8 +114,10 @@ def test_what_the_client_prints_is_no_answer_and_no_state(begin: Begin, notes: P
             link.order(what, values)
         assert link.waiting() > 0
         watched(link, lambda: link.waiting() == 0)
-        _, _, q, (place_mm, _), force_n, safety_mode, *_ = link.state() or ()
+        watched(link, lambda: is_on(link))
+        _, _, q, (place_mm, _), force_n, safety_mode, *_, more = link.state() or ()
         assert (list(q), place_mm, list(force_n), safety_mode) == ([0.5] * 6, [100.0, 200.0, 300.0], [0.0, 0.0, 1.5], 1)
+        assert more == (7, False, True)
     finally:
         link.close()
     said = notes.read_text().split(",")
@@ -130,11 +143,11 @@ def test_the_spindle_is_switched_off_whatever_the_stop_does(begin: Begin, notes:
         watched(link, lambda: link.waiting() == 0)
         link.order("spindle", [1.0])
         watched(link, lambda: link.waiting() == 0)
-        assert not link.spindle_is_off()
+        watched(link, lambda: is_on(link))
         link.order("stop", [])
         link.order("spindle", [0.0])
         began = time.monotonic()
-        watched(link, link.spindle_is_off)
+        watched(link, lambda: not is_on(link))
         assert time.monotonic() - began < 1.0 and link.state() is not None
         if kind == "stop fails":
             watched(link, lambda: link.fault() is not None)

@@ -1,6 +1,5 @@
 """Streaming: the real ``ur_rtde`` client against a controller's protocol double on loopback, and what is refused."""
 
-import itertools
 import os
 import signal
 import subprocess
@@ -12,48 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from addresses import addresses
 from fault_run import prefer
+from streaming import STALL, Yes, ready
 from ur_arm import SERVO_STOP, SET_WATCHDOG, STOP_SCRIPT, burr_mm, tool_pose
 from ur_double import Double
 
 import bonemill
 from bonemill.stream import Report, Settings, Streaming, UrLink
-
-addresses = (f"127.0.0.{n}" for n in itertools.count(40))
-STALL = "ms old"
-"""A busy machine stalls, which stops a run like any other fault; it is resumed."""
-
-
-class Yes:
-    """Says yes to everything and remembers what it was told."""
-
-    def __init__(self) -> None:
-        self.told: list[str] = []
-        self.asked: list[str] = []
-        self._open = False
-
-    def tell(self, text: str) -> None:
-        self.told.append(text)
-
-    def ask(self, text: str) -> None:
-        self.asked.append(text)
-        self._open = True
-
-    def answer(self) -> bool | None:
-        was, self._open = self._open, False
-        return True if was else None
-
-
-@pytest.fixture(scope="module")
-def judged(ur_pocket: bonemill.Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small verified plan for a UR5e; not to be written to."""
-    folder = ur_pocket.save(tmp_path_factory.mktemp("streamed") / "plan", pack=True)
-    assert bonemill.verify(bonemill.Plan.load(folder), save=True).passed
-    return folder
-
-
-def ready(folder: Path, **how: Any) -> Streaming:
-    return Streaming(folder, **({"slow": True, "payload_kg": 1.0, "run_up_s": 0.1} | how))
 
 
 def test_a_whole_plan_is_streamed_in_order_and_resumed_where_the_machine_stalls(judged: Path, tmp_path: Path) -> None:
@@ -89,33 +54,15 @@ def test_a_whole_plan_is_streamed_in_order_and_resumed_where_the_machine_stalls(
 
 
 @pytest.mark.parametrize(
-    ("change", "value", "says"),
-    [
-        ("speed_fraction", 0.5, "slider is at 50 %"),
-        ("safety_mode", 3, "safety mode is 3 (protective stop)"),
-        ("values", {"payload": 2.0}, "carries 2.00 kg on its flange, expected 1.00 kg"),
-        ("values", {"actual_TCP_pose": [0.0] * 6}, "Set the tool centre point"),
-    ],
-)
-def test_an_arm_that_is_not_ready_is_not_moved(judged: Path, change: str, value: Any, says: str) -> None:
-    pytest.importorskip("rtde_control")
-    streaming = ready(judged)
-    with Double(next(addresses), streaming.joints(0.0)) as double:
-        double.set(change, value)
-        report = streaming.run(UrLink(double.host, streaming.period_s, Settings()), Yes())
-        assert report.reason is not None and says in report.reason
-        assert double.get("sent") == [] and double.get("commands") == []
-
-
-@pytest.mark.parametrize(
     ("names", "says"),
     [
-        (("UR10", "20225000000"), "moves a UR10, the plan is for a ur5e"),
-        (("UR5", "20225000001"), "serial number 20225000001, expected 20225000000"),
-        (("", ""), "did not say its model and serial number"),
+        (("UR10", "20225000000", False), "moves a UR10, the plan is for a ur5e"),
+        (("UR5", "20225000001", False), "serial number 20225000001, expected 20225000000"),
+        (("", "", False), "did not say its model and serial number"),
+        (("UR5", "20225000000", True), "local control"),
     ],
 )
-def test_another_arm_is_not_moved(judged: Path, names: tuple[str, str], says: str) -> None:
+def test_another_arm_is_not_moved(judged: Path, names: tuple[str, str, bool], says: str) -> None:
     streaming = ready(judged, serial="20225000000")
     arm = Imagined(streaming.joints(0.0))
     arm.names = names
@@ -136,7 +83,7 @@ class Imagined:
     def __init__(self, q: list[float], at: int = 10**9, damage: Any = None) -> None:
         self.q, self.at, self.damage = list(q), at, damage
         self.orders: list[str] = []
-        self.names = ("UR5", "20225000000")
+        self.names = ("UR5", "20225000000", False)
         self.answers, self.closed, self.began, self.state_2 = 0, False, time.monotonic(), 1
 
     def state(self) -> Any:
@@ -145,7 +92,9 @@ class Imagined:
             raise self.damage
         now = time.monotonic()
         pose = tool_pose(np.array(self.q))
-        state = [0.0, now - self.began, self.q, ([1e3 * v for v in pose[:3]], pose[3:]), None, 1, self.state_2, 1.0, 1.0]
+        on = self.orders.count("spindle") % 2 == 1
+        place = ([1e3 * v for v in pose[:3]], pose[3:])
+        state = [0.0, now - self.began, self.q, place, None, 1, self.state_2, 1.0, 1.0, (7, False, on)]
         if self.answers > self.at:
             place, value = self.damage
             state[place] = value
@@ -160,10 +109,7 @@ class Imagined:
     def fault(self) -> str | None:
         return None
 
-    def spindle_is_off(self) -> bool:
-        return self.orders.count("spindle") % 2 == 0
-
-    def identity(self) -> tuple[str, str]:
+    def identity(self) -> tuple[str, str, bool]:
         return self.names
 
     def waiting(self) -> int:
@@ -265,9 +211,17 @@ def test_the_command_line_says_what_is_wrong(planned: bonemill.Plan, judged: Pat
     assert done.returncode == 2 and "no registration" in done.stderr
     assert run("stream", tmp_path, "--host", "h").returncode == 2
     assert run("stream", saved).returncode == 2
+    refused = run("stream", judged, "--rehearse")
+    assert refused.returncode == 2 and "--rehearse needs --payload-kg" in refused.stderr
     assert run("stream", saved, "--host", "h", "--gain", "1").returncode == 2
-    done = run("stream", judged, "--host", "192.0.2.1", "--dry-run")
+    # what a run refuses, a dry run says; it needs no controller
+    done = run("stream", judged, "--dry-run", "--payload-kg", "1", "--slow")
     assert done.returncode == 0 and "bound after any failure" in done.stdout, done.stderr
+    done = run("stream", judged, "--dry-run", "--slow")
+    assert done.returncode == 2 and "needs --payload-kg" in done.stderr
+    slowed = "slowed where the bound is larger" in run("stream", judged, "--dry-run", "--payload-kg", "1", "--slow").stdout
+    done = run("stream", judged, "--dry-run", "--payload-kg", "1")
+    assert done.returncode == (2 if slowed else 0) and ("stream with --slow" in done.stderr) == slowed, done.stderr
     assert run("stream", judged, "--host", "h", "--resume", os.devnull).returncode == 2
     assert run("--version").stdout.strip() == bonemill.__version__
 
@@ -300,16 +254,27 @@ def test_a_terminal_that_is_halted_or_says_half_a_word_is_not_waited_for() -> No
         assert console.stdin and console.stdout and console.stderr
         try:
             # nobody has read a line of it yet, and a pipe holds a fraction of them: a question that nobody sees has no answer
-            console.stdin.write(b"ye")
+            # typed before the question: no answer to it
+            console.stdin.write(b"n\nye")
             console.stdin.flush()
             assert console.stdout.readline() == b"told {None}\n"
             lines = [console.stderr.readline() for _ in range(20_001)]
             assert lines[:20_000] == [f"line {n}\n".encode() for n in range(20_000)] and lines[-1].startswith(b"Is the way free?")
             time.sleep(0.2)
             assert console.poll() is None, "half a word was taken for an answer"
-            console.stdin.write(b"s\ny\n")
+            console.stdin.write(b"y")
             console.stdin.flush()
-            assert [console.stdout.readline() for _ in range(2)] == [b"True True\n", b"True\n"]
+            time.sleep(0.2)
+            assert console.poll() is None, "half a line was taken for an answer"
+            # the second line is there before the second question
+            console.stdin.write(b"es\ny\n")
+            console.stdin.flush()
+            assert console.stdout.readline() == b"True True\n" and console.stderr.readline().startswith(b"Go on?")
+            time.sleep(0.2)
+            assert console.poll() is None, "what was typed earlier answered"
+            console.stdin.write(b"no\n")
+            console.stdin.flush()
+            assert console.stdout.readline() == b"False\n"
         finally:
             console.kill()
 

@@ -38,7 +38,7 @@ def said(folder: Path, *more: str) -> tuple[int, str]:
 def test_a_verified_plan_passes_and_names_its_files(judged: Path) -> None:
     files = bonemill.verified(judged)
     assert {"plan.toml", "waypoints.csv", "forces.csv", "trajectory.csv", "robot.urdf", "access.csv"} <= set(files)
-    code, err = said(judged)
+    code, err = said(judged, "--slow", "--payload-kg", "1")
     assert code == 0, err
 
 

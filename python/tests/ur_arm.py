@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 SERVOJ, SERVO_STOP, SET_WATCHDOG, GET_TCP_OFFSET, STOP_SCRIPT = 11, 16, 35, 40, 255
-STOPPED, PLAYING = 1, 2
+STOPPED, PLAYING, PAUSED = 1, 2, 4
 NORMAL, PROTECTIVE, EMERGENCY = 1, 3, 7
-RUNNING, POWER_OFF = 7, 3
+RUNNING, IDLE, POWER_OFF = 7, 5, 3
 
 LAG_S = 0.034
 """How far servoj is behind a ramp at lookahead 0.03 s and gain 2000 (measured by users of real arms)."""
+GAIN_S = 8.0
+"""What a gain adds to that lag, times the gain; assumed."""
 MOST_ACCELERATION = 40.0
 """rad/s², the largest that servoj's interface names."""
 STOP_DECELERATION = 10.0
@@ -87,6 +89,14 @@ class Arm:
         self.runtime_state = STOPPED
         self.ready = 0
         self.digital_outputs = 0
+        self.outputs_stuck = False
+        """Outputs do not switch."""
+        self.freedrive = False
+        self.lag_s = LAG_S
+        self.least_period_s = 0.002
+        """The controller's own, whatever a client asks for."""
+        self.dashboard: dict[bytes, bytes] = {}
+        """Answers before all else."""
         self.values: dict[str, Any] = {}
         """Outputs by their RTDE name, before all else."""
         self._stopping = 0.0
@@ -112,6 +122,7 @@ class Arm:
         self.commands.append(number)
         if number == SERVOJ:
             self.sent.append(doubles[:6])
+            self.lag_s = doubles[9] + GAIN_S / doubles[10]
             if self.runtime_state == PLAYING and not self.stuck:
                 self.target, self._stopping = np.array(doubles[:6]) + self.offset, 0.0
             return
@@ -143,6 +154,11 @@ class Arm:
         self.robot_mode = POWER_OFF if mode == EMERGENCY else RUNNING
         self.end_program()
 
+    def switch(self, mask: int, values: int) -> None:
+        """Standard outputs of a mask."""
+        if not self.outputs_stuck:
+            self.digital_outputs = self.digital_outputs & ~mask | values & mask
+
     def brake(self, deceleration: float) -> None:
         self._stopping = deceleration
 
@@ -162,10 +178,15 @@ class Arm:
             self.true_q += share * self.qd * dt
             self.qd *= share
             return
-        w = 2.0 / LAG_S
+        w = 2.0 / self.lag_s
         pull = w * w * (self.target - self.true_q) - 2.0 * w * self.qd
         self.qd += np.clip(pull, -MOST_ACCELERATION, MOST_ACCELERATION) * dt
         self.true_q += self.qd * dt
+
+    def clock_s(self) -> float:
+        """Its clock; a slow controller's goes on by its whole periods."""
+        period_s = self.least_period_s
+        return self._clock_s // period_s * period_s if period_s > 0.002 else self._clock_s
 
     def value(self, name: str) -> Any:
         """An RTDE output; 0 for what is not modelled."""
@@ -183,10 +204,10 @@ class Arm:
             "target_speed_fraction": self.speed_fraction,
             "speed_scaling": 1.0,
             "output_int_register_0": self.ready,
-            "robot_status_bits": 1 | (self.runtime_state == PLAYING) << 1,
+            "robot_status_bits": 1 | (self.runtime_state == PLAYING) << 1 | self.freedrive << 2,
             "safety_status_bits": bits.get(self.safety_mode, 0),
             "actual_digital_output_bits": self.digital_outputs,
-            "timestamp": self._clock_s,
+            "timestamp": self.clock_s(),
             "payload": 1.0,
         }
         return tool_pose(self.true_q) if name == "actual_TCP_pose" else known.get(name)

@@ -129,6 +129,12 @@ class Controller:
             if connection.role in roles:
                 connection.cut()
 
+    def hang_up(self, *roles: str) -> None:
+        """Ends connections in order, with a FIN."""
+        for connection in self.connections:
+            if connection.role in roles:
+                connection.close()
+
     def run(self, pipe: Any) -> None:
         """Serves until the pipe says None."""
         due_s = time.monotonic()
@@ -254,7 +260,7 @@ class Controller:
                 if connection.role == "script":
                     self.arm.start_program()
                 elif connection.role == "dashboard":
-                    answer = DASHBOARD.get(message.strip(), b"done") + b"\n"
+                    answer = (DASHBOARD | self.arm.dashboard).get(message.strip(), b"done") + b"\n"
                     connection.outbound.put(now_s, answer, data=False)
                 else:
                     self._rtde(connection, message[2], message[3:], now_s)
@@ -269,14 +275,14 @@ class Controller:
             answer(struct.pack(">4I", 5, 13, 0, 1))
         elif kind == OUTPUTS:
             names = body[8:].decode().strip("\0").split(",")
-            connection.period_s, connection.outputs = 1.0 / struct.unpack(">d", body[:8])[0], names
+            connection.period_s, connection.outputs = max(1.0 / struct.unpack(">d", body[:8])[0], self.arm.least_period_s), names
             connection.code = ">B" + "".join(SIZES[type_of(n)] for n in names)
             answer(b"\x01" + ",".join(map(type_of, names)).encode())
         elif kind == INPUTS:
             names = [n for n in body.decode().strip("\0").split(",") if n]
             connection.recipes[len(connection.recipes) + 1] = names
             if connection.role == "receive":
-                connection.role = "control" if names[0].startswith("input_int_register") else "io"
+                connection.role = "control" if names[0] == "input_int_register_0" else "io"
                 connection.into(self.weather[connection.role])
             answer(bytes([len(connection.recipes)]) + ",".join(map(type_of, names)).encode())
         elif kind in (START, PAUSE):
@@ -301,7 +307,7 @@ class Controller:
                 self.arm.values |= {f"output_double_register_{n}": v for n, v in enumerate(offset)}
         elif "standard_digital_output_mask" in values:
             mask = values["standard_digital_output_mask"]
-            self.arm.digital_outputs = self.arm.digital_outputs & ~mask | values["standard_digital_output"] & mask
+            self.arm.switch(mask, values["standard_digital_output"])
 
 
 def _frame(kind: int, body: bytes) -> bytes:

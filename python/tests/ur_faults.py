@@ -47,6 +47,17 @@ def _restarted(controller: Any) -> None:
     controller.later(2.0, controller.listen)
 
 
+def _closed(controller: Any) -> None:
+    """The controller closes every connection and takes none; its program ends, its outputs stay."""
+    controller.arm.end_program()
+    controller.deafen()
+    controller.hang_up(*ALL)
+
+
+def _output(changes: dict[str, Any]) -> Fault:
+    return lambda controller: [setattr(controller.arm, name, value) for name, value in changes.items()]
+
+
 def _slider(fraction: float) -> Fault:
     return lambda controller: setattr(controller.arm, "speed_fraction", fraction)
 
@@ -97,6 +108,10 @@ FAULTS: dict[str, Fault] = {
     "slider 10 %": _slider(0.1),
     "slider 50 %": _slider(0.5),
     "arm ignores, then follows": _ignores(0.3),
+    "controller closed": _closed,
+    "spindle's connection closed": lambda controller: controller.hang_up("io"),
+    "spindle's output goes off": _output({"digital_outputs": 0}),
+    "spindle's output stays": _output({"outputs_stuck": True}),
     OFFSET: _offset,
 }
 
@@ -109,6 +124,7 @@ def cured(controller: Any) -> None:
     arm.end_program()
     arm.safety_mode, arm.robot_mode, arm.speed_fraction, arm.stuck = NORMAL, 7, 1.0, False
     arm.offset, controller.frozen = np.zeros(6), None
+    arm.outputs_stuck, arm.digital_outputs = False, 0
     controller.cut(*ALL)
     if not controller.listeners:
         controller.listen()

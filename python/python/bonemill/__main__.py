@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from . import BonemillError, StreamError, __version__
@@ -26,7 +27,7 @@ def _parser() -> argparse.ArgumentParser:
     streaming = commands.add_parser("stream", help="move a UR arm along a plan's trajectory")
     streaming.add_argument("plan", metavar="PLAN", help="folder of a plan for a UR arm, with a registration")
     streaming.add_argument("--host", metavar="H", help="the controller's address")
-    streaming.add_argument("--dry-run", action="store_true", help="check the plan; connect to nothing, move nothing")
+    streaming.add_argument("--dry-run", action="store_true", help="check the plan, and say what a run would refuse; connect to nothing, move nothing")
     streaming.add_argument("--rehearse", action="store_true", help="run on a simulated arm, faster than real time")
     streaming.add_argument("--payload-kg", type=float, metavar="KG", help="mass on the flange that the controller must know")
     streaming.add_argument("--serial", metavar="N", help="serial number that the arm must have")
@@ -55,8 +56,10 @@ def main(arguments: list[str] | None = None) -> int:
     _prepare()
     parser = _parser()
     asked = parser.parse_args(arguments)
-    if asked.host is None and not asked.rehearse:
+    if asked.host is None and not asked.rehearse and not asked.dry_run:
         parser.error("--host is needed")
+    if asked.payload_kg is None and asked.rehearse:
+        parser.error("--rehearse needs --payload-kg, as the run will: no controller is there that says it")
     if asked.rehearse and asked.resume is not None:
         parser.error("--rehearse begins at the plan's start: it does not go with --resume")
     try:
@@ -68,6 +71,7 @@ def main(arguments: list[str] | None = None) -> int:
             payload_kg=asked.payload_kg,
             serial=asked.serial,
             run_up_s=asked.run_up_s,
+            settings=settings,
         )
         if not asked.rehearse:
             streaming.for_a_ur()
@@ -83,6 +87,12 @@ def main(arguments: list[str] | None = None) -> int:
         print("\n".join(streaming.bound_lines()), flush=True)
     except KeyboardInterrupt:
         return _nothing_moved()
+    refused = streaming.refusal()
+    if asked.dry_run and asked.payload_kg is None:
+        refused = refused or "the mass on the flange is not stated: a run needs --payload-kg"
+    if refused is not None:
+        print(f"error: no run is begun: {refused}", file=sys.stderr)
+        return 2
     if asked.dry_run:
         return 0
     log = asked.log or f"{Path(asked.plan).resolve().name}-{time.strftime('%Y%m%d-%H%M%S')}.run"
@@ -90,8 +100,9 @@ def main(arguments: list[str] | None = None) -> int:
         if asked.rehearse:
             report = streaming.rehearse(log=log)
         else:
-            link = UrLink(asked.host, streaming.period_s, settings)
-            report = streaming.run(link, Console(yes=asked.yes), start_row=start_row, log=log)
+            console = Console(yes=asked.yes)
+            tell_lateness(console.tell, streaming.period_s)
+            report = streaming.run(UrLink(asked.host, streaming.period_s, settings), console, start_row=start_row, log=log)
     except StreamError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -106,7 +117,30 @@ def _nothing_moved() -> int:
     return 130
 
 
+def tell_lateness(tell: Callable[[str], None], period_s: float) -> None:
+    """Measures how late this PC wakes up, and tells it where a run would suffer."""
+    late_s = []
+    due_s = time.monotonic()
+    for _ in range(int(_MEASURED_S / period_s)):
+        due_s += period_s
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        late_s.append(time.monotonic() - due_s)
+        due_s = max(due_s, time.monotonic() - period_s)
+    if max(late_s) > _LATE_S:
+        tell(
+            f"warning: this PC woke up to {1e3 * max(late_s):.0f} ms late in {_MEASURED_S:g} s; a run stops where the arm's state is 20 ms old: "
+            "see docs/realtime.md"
+        )
+
+
+_MEASURED_S = 1.0
+_LATE_S = 0.01
+"""Half of the age at which a state stops a run."""
+
+
 def _tell(report: Report, log: str) -> int:
+    if not Path(log).exists():
+        log += " (gone: renamed or deleted under way)"
     print(
         f"reached row {report.reached_row:.0f} of {report.rows - 1} in {report.seconds:.1f} s; late: {report.late_targets} of {report.targets} "
         f"targets, at most {1e3 * report.latest_s:.1f} ms; burr at most {report.farthest_off_mm:.3f} mm off its path; log: {log}"

@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+import array
+import fcntl
 import os
 import queue
 import select
 import termios
 import threading
 import time
+from contextlib import suppress
+
+
+def drop_typed() -> None:
+    """What was typed, or stood in a pipe or file, before a question is no answer to it."""
+    # closed, or such that holds nothing
+    with suppress(OSError, termios.error):
+        if os.isatty(0):
+            termios.tcflush(0, termios.TCIFLUSH)
+            return
+        count = array.array("i", [0])
+        fcntl.ioctl(0, termios.FIONREAD, count)
+        while count[0] > 0 and (piece := os.read(0, count[0])):
+            count[0] -= len(piece)
 
 
 class Screen:
@@ -82,19 +98,22 @@ class Console:
         if self._yes:
             self._asked = False
             return True
-        if not self._seen and os.isatty(0):
-            # what was typed before the question stood there is no answer to it
-            termios.tcflush(0, termios.TCIFLUSH)
+        if not self._seen:
+            drop_typed()
             self._typed = b""
         self._seen = True
         if b"\n" not in self._typed:
             if not select.select([0], [], [], 0.0)[0]:
                 return None
-            piece = os.read(0, 1 << 10)
+            try:
+                piece = os.read(0, 1 << 10)
+            except OSError:
+                # the terminal is another job's: nobody can answer
+                piece = b""
             # the whole line, or all that there will be
             self._typed += piece or b"\n"
             if b"\n" not in self._typed:
                 return None
-        line, _, self._typed = self._typed.partition(b"\n")
+        line = self._typed.partition(b"\n")[0]
         self._asked = False
         return line.strip().lower() in (b"y", b"yes")

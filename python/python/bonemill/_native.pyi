@@ -31,7 +31,18 @@ class Arm:
 
 class StreamPlan:
     @staticmethod
-    def load(dir: Path, *, slow: bool, unverified: bool, payload_kg: float | None, serial: str | None, run_up_s: float) -> StreamPlan: ...
+    def load(
+        dir: Path,
+        *,
+        slow: bool,
+        unverified: bool,
+        payload_kg: float | None,
+        serial: str | None,
+        run_up_s: float,
+        lookahead_s: float,
+        gain: float,
+    ) -> StreamPlan: ...
+    def refusal(self) -> str | None: ...
     def for_a_ur(self) -> None: ...
     def rows(self) -> int: ...
     def period_s(self) -> float: ...

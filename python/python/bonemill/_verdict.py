@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from . import _native
+from ._console import drop_typed
 from ._errors import PlanFileError, StreamError
 
 RISKED = """\
@@ -46,6 +47,7 @@ def require_verified(
     if not unverified:
         raise StreamError(f"the plan is not verified\n  because: {reason}")
     print(RISKED.format(reason=reason), file=sys.stderr)
+    drop_typed()
     try:
         answer = ask(f'Type "{SENTENCE}" to go on: ')
     except EOFError:

@@ -37,6 +37,9 @@ _WORDS = {number: word for word, number in _ORDERS.items()}
 _ENDS_S = 1.0
 """The control process gets so long to end its program; then it is killed, and the controller's watchdog stops the arm."""
 _DASHBOARD_S = 3.0
+_DASHBOARD_PERIOD_S = 0.2
+_TEACHES = 1 << 2
+"""The status bit of a pressed freedrive button."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ class Report:
     at_rest: bool
     """Whether the arm was seen at rest; if not, it may still move."""
     is_off: bool
-    """Whether the order to switch the spindle off was taken; if not, it may still turn."""
+    """Whether the spindle's output was seen off, or was never switched on; if not, it may still turn."""
     reached_row: float
     rows: int
     """Rows of the plan; the last is row ``rows - 1``."""
@@ -100,9 +103,8 @@ class Link(Protocol):
     def state(self) -> tuple[Any, ...] | None: ...
     def fault(self) -> str | None: ...
     def order(self, what: str, values: list[float]) -> None: ...
-    def identity(self) -> tuple[str, str] | None: ...
+    def identity(self) -> tuple[str, str, bool] | None: ...
     def waiting(self) -> int: ...
-    def spindle_is_off(self) -> bool: ...
     def close(self) -> None: ...
 
 
@@ -167,11 +169,16 @@ class _Child:
             messages, self.failed = [], self.failed or str(error)
         for message in messages:
             what, status, why = control.ANSWER.unpack(message)
+            said = why.rstrip(b"\0").decode(errors="replace")
+            if what == control.CONNECTION:
+                self.failed = self.failed or said
+                continue
             self.waiting -= 1
             if status == 1 and what != control.END:
                 self.failed = self.failed or ("watchdog" if what == control.START else _WORDS[what])
-            if status == 2:
-                said = why.rstrip(b"\0").decode(errors="replace")
+            if status == 2 and what == control.START:
+                self.failed = self.failed or f"start: {said}"
+            elif status == 2:
                 self.failed = self.failed or f"the client could not hand on the order to {_WORDS[what]} ({said})"
         return self.failed
 
@@ -199,28 +206,33 @@ class UrLink:
 
     def __init__(self, host: str, period_s: float, settings: Settings) -> None:
         self._state: tuple[float, ...] | None = None
-        self._identity: tuple[str, str] | None = None
-        self._spindle_ordered = 0.0
+        self._identity: tuple[str, str, bool] | None = None
+        self._spindle_bit = 1 << settings.spindle_output
+        self._closed = threading.Event()
         self._receive = _Child("receive", host, 1.0 / period_s)
         self._arm = _Child("control", "arm", host, period_s, settings.lookahead_s, settings.gain, settings.watchdog_hz)
         self._spindle = _Child("control", "spindle", host, settings.spindle_output)
         threading.Thread(target=self._ask_dashboard, args=(host,), daemon=True).start()
 
     def _ask_dashboard(self, host: str) -> None:
-        """Model and serial number, as far as the controller has a dashboard."""
-        answers = []
+        """Model and serial number, as far as the controller has a dashboard; and whether it is in local control, again and again."""
         try:
             with socket.create_connection((host, 29999), _DASHBOARD_S) as dashboard:
                 dashboard.settimeout(_DASHBOARD_S)
                 lines = dashboard.makefile("rw", newline="\n")
                 lines.readline()
-                for question in ("get robot model", "get serial number"):
-                    lines.write(question + "\n")
-                    lines.flush()
-                    answers.append(lines.readline().strip())
+                while not self._closed.is_set():
+                    answers = []
+                    for question in ("get robot model", "get serial number", "is in remote control"):
+                        lines.write(question + "\n")
+                        lines.flush()
+                        answers.append(lines.readline().strip())
+                    # an older controller does not know the last question
+                    self._identity = (answers[0], answers[1], answers[2] == "false")
+                    self._closed.wait(_DASHBOARD_PERIOD_S)
         except OSError:
             pass
-        self._identity = (answers[0], answers[1]) if len(answers) == 2 else ("", "")
+        self._identity = self._identity or ("", "", False)
 
     def state(self) -> tuple[Any, ...] | None:
         if (messages := self._receive.read(receive.STATE.size)):
@@ -228,11 +240,13 @@ class UrLink:
         if self._state is None:
             return None
         received, clock_s, *values = self._state
-        q, pose, force, modes = values[:6], values[6:12], values[12:18], values[18:]
+        q, pose, force, modes = values[:6], values[6:12], values[12:18], values[18:22]
+        robot_mode, status, outputs = values[22:]
+        more = (robot_mode, bool(status & _TEACHES), bool(outputs & self._spindle_bit))
         place_mm = [1e3 * v for v in pose[:3]]
         # an arm without a sensor says zeros, and so does a sensor that has failed
         measured = force[:3] if any(force) else None
-        return (time.monotonic() - received, clock_s, q, (place_mm, pose[3:]), measured, *modes)
+        return (time.monotonic() - received, clock_s, q, (place_mm, pose[3:]), measured, *modes, more)
 
     def fault(self) -> str | None:
         """What is wrong with an order or its process. Both processes are listened to, whatever one of them says."""
@@ -240,9 +254,7 @@ class UrLink:
         return arm or spindle
 
     def order(self, what: str, values: list[float]) -> None:
-        if what == "spindle":
-            self._spindle_ordered = values[0]
-        else:
+        if what != "spindle":
             self._arm.order(what, values)
         if what in ("start", "spindle", "end"):
             self._spindle.order(what, values)
@@ -251,14 +263,12 @@ class UrLink:
         """Orders that no process has answered."""
         return self._arm.waiting + self._spindle.waiting
 
-    def spindle_is_off(self) -> bool:
-        return self._spindle_ordered == 0.0 and self._spindle.waiting == 0 and self._spindle.failed is None
-
-    def identity(self) -> tuple[str, str] | None:
+    def identity(self) -> tuple[str, str, bool] | None:
         return self._identity
 
     def close(self) -> None:
         """Lets go of the arm; all processes have ended when it comes back. Once more does nothing."""
+        self._closed.set()
         self._spindle.hang_up()
         self._arm.hang_up()
         self._spindle.end(_ENDS_S)
@@ -280,20 +290,23 @@ class _Heard:
 
 @contextmanager
 def _signals(heard: _Heard) -> Iterator[None]:
-    """Ctrl-C, SIGTERM and SIGHUP stop the arm in order: they are noted, and raise nothing in the middle of a call."""
+    """Ctrl-C, SIGTERM, SIGHUP and Ctrl-Z stop the arm in order: they are noted, and raise nothing in the middle of a call. A run that was
+    suspended could not switch its spindle off, so a background job that reads the terminal gets no input instead."""
 
     def note(number: int, frame: FrameType | None) -> None:
         heard.signals.append(number)
         # answers whatever the run is waiting for; a handler may not use buffered files
         with suppress(OSError):
-            SCREEN.show(f"{signal.Signals(number).name}: the arm is being stopped")
+            why = " instead of the run being suspended, which would leave the spindle on" if number == signal.SIGTSTP else ""
+            SCREEN.show(f"{signal.Signals(number).name}: the arm is being stopped{why}")
 
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     SCREEN.begin()
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
     before = {number: signal.signal(number, note) for number in numbers}
+    before |= {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGTTIN, signal.SIGTTOU)}
     try:
         yield
     finally:
@@ -320,9 +333,19 @@ class Streaming:
         payload_kg: float | None = None,
         serial: str | None = None,
         run_up_s: float = 3.0,
+        settings: Settings | None = None,
     ) -> None:
+        self.settings = settings or Settings()
+        """How the arm follows: its lag is in the bound."""
         self._native = _native.StreamPlan.load(
-            Path(plan), slow=slow, unverified=unverified, payload_kg=payload_kg, serial=serial, run_up_s=run_up_s
+            Path(plan),
+            slow=slow,
+            unverified=unverified,
+            payload_kg=payload_kg,
+            serial=serial,
+            run_up_s=run_up_s,
+            lookahead_s=self.settings.lookahead_s,
+            gain=self.settings.gain,
         )
         self.rows = self._native.rows()
         self.period_s = self._native.period_s()
@@ -334,6 +357,10 @@ class Streaming:
             StreamError: with the kinds of the plan's joints.
         """
         self._native.for_a_ur()
+
+    def refusal(self) -> str | None:
+        """Why no run of it is begun, whatever arm is there."""
+        return self._native.refusal()
 
     @property
     def duration_s(self) -> float:
@@ -411,7 +438,6 @@ def stream(
     Raises:
         StreamError: what of the plan is refused. Why a run was stopped stands in the report.
     """
-    chosen = settings or Settings()
-    streaming = Streaming(plan, slow=slow, unverified=unverified, payload_kg=payload_kg, serial=serial)
+    streaming = Streaming(plan, slow=slow, unverified=unverified, payload_kg=payload_kg, serial=serial, settings=settings)
     streaming.for_a_ur()
-    return streaming.run(link(host, streaming.period_s, chosen), operator or Console(), start_row=start_row, log=log)
+    return streaming.run(link(host, streaming.period_s, streaming.settings), operator or Console(), start_row=start_row, log=log)

@@ -49,7 +49,7 @@ impl Approach {
         }
         let outward = end.rotation * Vector3::z();
         // as near as a stopped run leaves it: it came from there
-        let touches = length_mm <= plan.travel(row as usize).along_mm;
+        let touches = length_mm <= plan.left_mm(row);
         let aside_rad = if touches { 0.0 } else { way_mm.angle(&outward) };
         if aside_rad > settings.approach_cone_rad {
             return Err(format!(

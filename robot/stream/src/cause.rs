@@ -64,6 +64,8 @@ pub enum Cause {
         /// How long, s.
         waited_s: f64,
     },
+    /// The spindle's output is not as it was ordered.
+    Spindle(&'static str),
     /// The log cannot be written.
     Log(String),
     /// The plan's files changed under way.
@@ -127,6 +129,7 @@ impl fmt::Display for Cause {
                 write!(f, "joint {joint} is {off:.2} {unit} from what it was told, at most {most:.2} {unit}")
             }
             Self::NoAnswer { what, waited_s } => write!(f, "no answer within {waited_s:.1} s: {what}"),
+            Self::Spindle(what) => f.write_str(what),
             Self::Log(why) => write!(f, "the log cannot be written: {why}"),
             Self::PlanChanged(why) => write!(f, "the plan was changed under way: {why}"),
         }
@@ -147,6 +150,15 @@ pub enum Event {
         /// How long, s.
         gap_s: f64,
     },
+    /// How far it is, told now and then.
+    Progress {
+        /// The newest target's place, in rows.
+        row: f64,
+        /// The plan's last row.
+        last_row: f64,
+        /// Gaps since it was told last, and the longest, s.
+        gaps: (u32, f64),
+    },
     /// It goes back a little and waits.
     Hold(String),
     /// It is being stopped for this cause.
@@ -163,6 +175,17 @@ impl fmt::Display for Event {
             }
             Self::Gap { gap_s } => {
                 write!(f, "no target was sent for {:.0} ms: timed anew from there", 1e3 * gap_s)
+            }
+            Self::Progress { row, last_row, gaps: (count, longest_s) } => {
+                write!(f, "row {row:.0} of {last_row:.0}")?;
+                if *count > 0 {
+                    let ms = 1e3 * longest_s;
+                    write!(
+                        f,
+                        "; {count} times no target was sent for up to {ms:.0} ms (this PC is busy: docs/realtime.md)"
+                    )?;
+                }
+                Ok(())
             }
             Self::Hold(why) => write!(f, "hold: {why}"),
             Self::Stopping(cause) => write!(f, "stopping: {cause}"),
@@ -193,15 +216,45 @@ pub enum Question {
 impl fmt::Display for Question {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Approach { arm: Identity { model, serial }, from_mm, to_mm, length_mm, duration_s } => {
+            Self::Approach { arm: Identity { model, serial, .. }, from_mm, to_mm, length_mm, duration_s } => {
                 write!(
                     f,
-                    "The tool of the {model} {serial} moves straight by {length_mm:.1} mm in {duration_s:.1} s, spindle off, from ({:.1}, {:.1}, {:.1}) to \
+                    "The tool of the {model} {serial} moves straight by {length_mm:.1} mm in {duration_s:.1} s, spindle off as its output says, from ({:.1}, {:.1}, {:.1}) to \
                  ({:.1}, {:.1}, {:.1}) mm in the arm's base. Is the way free?",
                     from_mm[0], from_mm[1], from_mm[2], to_mm[0], to_mm[1], to_mm[2]
                 )
             }
-            Self::GoOn(why) => write!(f, "Held: {why}. Go on?"),
+            Self::GoOn(why) => write!(f, "Held, the spindle's output is seen off: {why}. Go on?"),
+        }
+    }
+}
+
+/// What was seen of the spindle's output at the end of a run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SpindleEnd {
+    /// Off by a state that was made after the order; or it was never switched on.
+    Off,
+    /// On by the newest state.
+    On,
+    /// It was switched on, and no state says that it is off.
+    Unseen {
+        /// Age of the newest state, s.
+        age_s: f64,
+    },
+}
+
+impl fmt::Display for SpindleEnd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Off => f.write_str("the spindle's output is seen off"),
+            Self::On => {
+                f.write_str("the spindle's output is seen ON: it turns; switch it off by its own switch")
+            }
+            Self::Unseen { age_s } => write!(
+                f,
+                "the spindle's output was not seen off: the controller's last state is {age_s:.1} s old; it may still turn: switch it off by its \
+                 own switch"
+            ),
         }
     }
 }
@@ -213,8 +266,8 @@ pub struct Outcome {
     pub cause: Option<Cause>,
     /// Whether the arm was seen at rest; if not, it may still move.
     pub at_rest: bool,
-    /// Whether the order to switch the spindle off was taken; if not, it may still turn.
-    pub is_off: bool,
+    /// What was seen of the spindle's output.
+    pub spindle: SpindleEnd,
     /// The place reached by the arm, in rows.
     pub reached_row: f64,
     /// Rows of the plan, the last of which is row `rows` − 1.
@@ -242,8 +295,8 @@ impl fmt::Display for Outcome {
         if !self.at_rest {
             f.write_str("\n  the arm was not seen at rest: it may still move")?;
         }
-        if !self.is_off {
-            f.write_str("\n  the spindle was not seen to be switched off: it may still turn")?;
+        if self.spindle != SpindleEnd::Off {
+            write!(f, "\n  {}", self.spindle)?;
         }
         Ok(())
     }

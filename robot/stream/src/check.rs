@@ -7,9 +7,11 @@ use bonemill_arm::ur::UrModel;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::bound::{Tube, tube};
-use crate::link::{ArmState, Identity, PLAYING, SAFETY_NORMAL};
+use crate::link::{ArmState, Identity, PLAYING, ROBOT_RUNNING, SAFETY_NORMAL, STOPPED};
 use crate::plan::{Standing, StreamPlan};
+use crate::settings::Timing;
 use crate::tube::BLOCK;
+use crate::watch::Watch;
 
 /// How far the controller's tool pose may be from the plan's, mm. Assumed: a tenth of a common clearance.
 const TOOL_MM: f64 = 0.1;
@@ -20,18 +22,41 @@ const PAYLOAD_KG: f64 = 0.05;
 /// Speed fraction above which the slider counts as being at 100 %.
 pub(crate) const FULL_SPEED: f64 = 0.999;
 
-/// The first thing that does not hold.
+/// How much longer than the plan's period a controller's may be.
+const PERIODS: f64 = 1.5;
+/// Of so many states one comes a period after the one before, however busy this PC is.
+pub(crate) const RATE_STATES: u32 = 100;
+
+/// The first of the start conditions that does not hold. They are looked at when the controller has answered, again when the user has
+/// confirmed, and, but for [`idle`], once more when the program that follows targets runs.
 ///
 /// # Errors
 /// It, in words.
-pub fn ready(plan: &StreamPlan, state: &ArmState, identity: &Identity) -> Result<(), String> {
-    if let (Standing::Unverified(why), false) = (&plan.standing, plan.settings().unverified) {
-        return Err(format!("the plan is not verified: {why}; verify it, or say --unverified"));
-    }
-    speeds(plan)?;
+pub fn ready(plan: &StreamPlan, watch: &Watch, identity: &Identity) -> Result<(), String> {
+    idle(state(watch)?)?;
+    still_ready(plan, watch, identity)
+}
+
+/// All that must hold before the first motion but that no program runs.
+///
+/// # Errors
+/// The first that does not, in words.
+pub fn still_ready(plan: &StreamPlan, watch: &Watch, identity: &Identity) -> Result<(), String> {
+    plan_ready(plan)?;
+    let state = state(watch)?;
     which_arm(plan, identity)?;
+    if identity.is_local {
+        return Err("the controller is in local control: set remote control on the pendant".into());
+    }
     if state.safety_mode != SAFETY_NORMAL {
         return Err(crate::Cause::SafetyMode(state.safety_mode).to_string());
+    }
+    arm_on(state)?;
+    rate(plan, watch)?;
+    if state.spindle_on {
+        return Err(
+            "the spindle's output is on: switch it off, the arm first moves with the spindle off".into()
+        );
     }
     if !(state.speed_fraction >= FULL_SPEED) {
         return Err(format!(
@@ -39,17 +64,82 @@ pub fn ready(plan: &StreamPlan, state: &ArmState, identity: &Identity) -> Result
             100.0 * state.speed_fraction
         ));
     }
-    idle(state)?;
     payload(plan, state)?;
     tool(plan, state)
 }
 
-/// No other program moves the arm.
-fn idle(state: &ArmState) -> Result<(), String> {
-    if state.runtime_state == PLAYING {
-        return Err("a program already runs on the controller: stop it, and let other clients go".into());
+/// What of the plan alone no run is begun with.
+///
+/// # Errors
+/// The first, in words.
+pub fn plan_ready(plan: &StreamPlan) -> Result<(), String> {
+    if let (Standing::Unverified(why), false) = (&plan.standing, plan.settings().unverified) {
+        return Err(format!("the plan is not verified: {why}; verify it, or say --unverified"));
     }
-    Ok(())
+    speeds(plan)
+}
+
+fn state(watch: &Watch) -> Result<&ArmState, String> {
+    if let Some(nonsense) = watch.nonsense() {
+        return Err(nonsense.to_string());
+    }
+    watch.newest().ok_or_else(|| "the controller said nothing yet".into())
+}
+
+/// No other program is on the controller, running or paused: starting this one would end it.
+fn idle(state: &ArmState) -> Result<(), String> {
+    let what = match state.runtime_state {
+        STOPPED => return Ok(()),
+        PLAYING => "a program already runs".to_owned(),
+        3 | 4 => "a program is paused".to_owned(),
+        other => format!("a program is in runtime state {other}, expected 1 (stopped),"),
+    };
+    Err(format!("{what} on the controller: stop it, and let other clients go"))
+}
+
+/// The arm is on, its brakes are open, and nobody moves it by hand.
+fn arm_on(state: &ArmState) -> Result<(), String> {
+    if state.freedrive {
+        return Err("the arm is in freedrive: let go of the button on the pendant".into());
+    }
+    let name = match state.robot_mode {
+        ROBOT_RUNNING => return Ok(()),
+        -1 => "no controller",
+        0 => "disconnected",
+        1 => "safety to be confirmed",
+        2 => "booting",
+        3 => "power off",
+        4 => "power on",
+        5 => "idle: the brakes are closed",
+        6 => "backdrive: moved by hand",
+        8 => "updating",
+        _ => "unknown",
+    };
+    let mode = state.robot_mode;
+    Err(format!(
+        "the arm's robot mode is {mode} ({name}): expected 7 (running): start the arm on the pendant"
+    ))
+}
+
+/// The controller takes targets as often as the plan has rows.
+fn rate(plan: &StreamPlan, watch: &Watch) -> Result<(), String> {
+    let (step_s, _) = watch.step_s();
+    if step_s <= PERIODS * plan.period_s {
+        return Ok(());
+    }
+    Err(format!(
+        "the controller says its state every {:.1} ms ({:.0} Hz), the plan has a row every {:.1} ms: plan with robot.rate_hz = {:.0}",
+        1e3 * step_s,
+        1.0 / step_s,
+        1e3 * plan.period_s,
+        1.0 / step_s
+    ))
+}
+
+/// Whether the controller's rate is known: a state came in time, or enough have come late.
+pub(crate) fn rate_is_known(plan: &StreamPlan, watch: &Watch) -> bool {
+    let (step_s, states) = watch.step_s();
+    step_s <= PERIODS * plan.period_s || states >= RATE_STATES
 }
 
 /// The bound is no larger than the clearance left, or the user wants to be slowed down, and that is enough.
@@ -65,8 +155,14 @@ fn speeds(plan: &StreamPlan) -> Result<(), String> {
     let Some((row, tube)) = tubes.max_by(|a, b| missing_mm(a).total_cmp(&missing_mm(b))) else {
         return Ok(());
     };
-    let advice =
-        if rate > 0.0 { "stream with --slow" } else { "no speed is slow enough: plan with more clearance" };
+    let is_later = plan.settings().timing.lag_s > Timing::ASSUMED.lag_s;
+    let advice = if rate > 0.0 {
+        "stream with --slow"
+    } else if is_later {
+        "no speed is slow enough: follow more closely with a smaller --lookahead-s or a larger --gain, or plan with more clearance"
+    } else {
+        "no speed is slow enough: plan with more clearance"
+    };
     Err(format!(
         "near row {row} ({:.1} s) a stop or a failure could bring the tool {:.2} mm off its path, with {:.2} mm left to the nearest \
          structure: {advice}",
@@ -78,7 +174,7 @@ fn speeds(plan: &StreamPlan) -> Result<(), String> {
 
 /// The plan's model, and the serial number that the user states.
 fn which_arm(plan: &StreamPlan, identity: &Identity) -> Result<(), String> {
-    let Identity { model, serial } = identity;
+    let Identity { model, serial, .. } = identity;
     if model.is_empty() || serial.is_empty() {
         return Err(
             "the controller did not say its model and serial number: its dashboard (port 29999) must answer"

@@ -32,9 +32,9 @@ pub fn drive<W: Write>(
         let (state, fault) = (link.state(), link.fault());
         let stop = operator.stop().or_else(|| broken_log.clone());
         let identity = link.identity();
-        let (waiting, spindle_is_off, answer) = (link.waiting(), link.spindle_is_off(), operator.answer());
+        let (waiting, answer) = (link.waiting(), operator.answer());
         let now_s = clock.now_s();
-        let seen = Seen { now_s, state, identity, fault, waiting, spindle_is_off, answer, stop };
+        let seen = Seen { now_s, state, identity, fault, waiting, answer, stop };
         let step = session.step(&seen);
         if let Some(order) = &step.order {
             link.order(order);

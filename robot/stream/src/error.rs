@@ -96,6 +96,9 @@ pub enum StreamError {
         /// What should.
         expected: String,
     },
+    /// A log whose run did not come to its first step.
+    #[error("the log holds no step of a run: the run stopped before it began; begin anew, without --resume")]
+    NoStep,
     /// A log of another plan.
     #[error("the log is of another plan (SHA-256 {found}, expected {expected})")]
     OtherPlan {

@@ -32,10 +32,13 @@ mod track;
 mod tube;
 mod watch;
 
-pub use cause::{Cause, Event, Outcome, Question};
+pub use cause::{Cause, Event, Outcome, Question, SpindleEnd};
 pub use drive::{Operator, drive};
 pub use error::StreamError;
-pub use link::{ArmLink, ArmState, Clock, Identity, Joints, LinkFault, Order, PLAYING, SAFETY_NORMAL};
+pub use link::{
+    ArmLink, ArmState, Clock, Identity, Joints, LinkFault, Order, PLAYING, ROBOT_RUNNING, SAFETY_NORMAL,
+    STOPPED,
+};
 pub use log::{Aside, Log, LogWriter};
 pub use plan::{Hold, Near, Standing, StreamInput, StreamPlan, StructureKept, WaypointNear};
 pub use session::{Seen, Session, Step};

@@ -19,6 +19,10 @@ pub(crate) fn padded(q: &[f64]) -> Option<Joints> {
 
 /// Safety mode NORMAL of a UR controller.
 pub const SAFETY_NORMAL: i32 = 1;
+/// Robot mode RUNNING of a UR controller: the arm is on and its brakes are open.
+pub const ROBOT_RUNNING: i32 = 7;
+/// Runtime state STOPPED of a UR controller: no program runs or is paused.
+pub const STOPPED: u32 = 1;
 /// Runtime state PLAYING of a UR controller: a program runs.
 pub const PLAYING: u32 = 2;
 
@@ -37,8 +41,14 @@ pub struct ArmState {
     pub force_n: Option<Vector3<f64>>,
     /// [`SAFETY_NORMAL`], or what stopped the arm.
     pub safety_mode: i32,
-    /// [`PLAYING`] while a program runs on the controller.
+    /// [`ROBOT_RUNNING`], or why the arm cannot move.
+    pub robot_mode: i32,
+    /// Whether somebody moves the arm by hand: the button on the pendant is pressed.
+    pub freedrive: bool,
+    /// [`PLAYING`] while a program runs on the controller, [`STOPPED`] where none does.
     pub runtime_state: u32,
+    /// Whether the output that switches the spindle is on, as the controller itself sees it.
+    pub spindle_on: bool,
     /// Share of full speed that the controller runs at, slider and scaling together, 0 to 1.
     pub speed_fraction: f64,
     /// Mass that the controller carries on its flange, kg.
@@ -52,6 +62,8 @@ pub struct Identity {
     pub model: String,
     /// The arm's serial number; empty where it does not say.
     pub serial: String,
+    /// Whether the controller says that its pendant alone may start programs (local control).
+    pub is_local: bool,
 }
 
 /// What the arm is told.
@@ -81,6 +93,9 @@ pub enum LinkFault {
     /// The controller did not acknowledge the watchdog.
     #[error("the controller did not take the watchdog")]
     Watchdog,
+    /// The client could not start its program on the controller.
+    #[error("the program that follows targets did not start on the controller: {0}")]
+    NotStarted(String),
 }
 
 /// An arm that takes joint positions.
@@ -101,9 +116,6 @@ pub trait ArmLink {
     fn waiting(&self) -> usize {
         0
     }
-
-    /// Whether the spindle was never switched on, or the last order to switch it off was taken.
-    fn spindle_is_off(&self) -> bool;
 }
 
 /// Time on the PC: monotonic, from any zero.

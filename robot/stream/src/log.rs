@@ -204,8 +204,11 @@ impl Log {
     }
 
     /// The last place that was reached; [`StreamPlan::resume_row`](crate::StreamPlan::resume_row) says where to go on.
-    pub fn last_row(&self) -> f64 {
-        self.steps.last().map_or(0.0, |step| step.reached_row)
+    ///
+    /// # Errors
+    /// [`StreamError::NoStep`] of a log with its head only.
+    pub fn last_row(&self) -> Result<f64, StreamError> {
+        self.steps.last().map(|step| step.reached_row).ok_or(StreamError::NoStep)
     }
 
     /// This log if it is of the plan with this digest.

@@ -174,6 +174,14 @@ impl StreamPlan {
         if is_ur { Ok(()) } else { Err(not_ur(joints)) }
     }
 
+    /// What of the plan alone refuses a run before anything is connected, in words.
+    ///
+    /// # Errors
+    /// A plan that is not verified, or too fast for the room that it has.
+    pub fn ready(&self) -> Result<(), String> {
+        crate::check::plan_ready(self)
+    }
+
     /// How it is streamed.
     pub fn settings(&self) -> &Settings {
         &self.settings
@@ -205,6 +213,17 @@ impl StreamPlan {
             row = (row - 1.0).max(0.0);
         }
         row
+    }
+
+    /// How far from a place where it goes on a stopped run may have left the burr, mm: the way back from the place that was seen last, and
+    /// what the burr went on after that.
+    pub(crate) fn left_mm(&self, row: f64) -> f64 {
+        let start_mm = self.track.burr_at(row);
+        let step_mm = (self.track.burr_at(row + 1.0) - start_mm).norm();
+        let back_mm = |n: usize| (self.track.burr_at(n as f64) - start_mm).norm();
+        let seen_last =
+            (row as usize..self.track.rows()).take_while(|n| back_mm(*n) <= self.tolerance_mm(*n) + step_mm);
+        seen_last.map(|n| back_mm(n) + self.travel(n).along_mm).fold(0.0, f64::max)
     }
 
     /// What the burr can travel after a failure in a row, at the worst and at the speed that is allowed there.

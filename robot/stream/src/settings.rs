@@ -24,6 +24,12 @@ pub struct Timing {
     pub clock_drift: f64,
 }
 
+/// servoJ's lookahead, s, and gain with which the lag was measured: the quickest that it takes.
+const LOOKAHEAD_S: f64 = 0.03;
+const GAIN: f64 = 2000.0;
+/// What servoJ is late by, times its gain, s: 4 ms of the 34 that were measured at a gain of 2000. Assumed.
+const GAIN_S: f64 = 8.0;
+
 impl Timing {
     /// The assumptions above.
     pub const ASSUMED: Self = Self {
@@ -34,6 +40,24 @@ impl Timing {
         stop_rad_s2: 5.0,
         clock_drift: 2e-4,
     };
+
+    /// The same with other values of servoJ than those that were measured: it is later by what it looks further ahead, and by
+    /// `GAIN_S`·(1/gain − 1/2000). Assumed: only one pair of values was measured.
+    ///
+    /// # Errors
+    /// [`StreamError::Setting`] for a value that the controller does not take.
+    pub fn of_servo(lookahead_s: f64, gain: f64) -> Result<Self, StreamError> {
+        for (name, value, low, high) in
+            [("lookahead_s", lookahead_s, LOOKAHEAD_S, 0.2), ("gain", gain, 100.0, GAIN)]
+        {
+            if !(low..=high).contains(&value) {
+                return Err(StreamError::Setting { name, value, low, high });
+            }
+        }
+        let later_s = lookahead_s - LOOKAHEAD_S + GAIN_S * (1.0 / gain - 1.0 / GAIN);
+        let assumed = Self::ASSUMED;
+        Ok(Self { lag_s: assumed.lag_s + later_s, follow_s: assumed.follow_s + 0.5 * later_s, ..assumed })
+    }
 
     /// Least slowing a of each joint of an arm in any stop, rad/s², or mm/s² where it slides: there its acceleration limit.
     pub fn stops(&self, arm: &Arm) -> Joints {

@@ -17,12 +17,14 @@ use crate::tube::BLOCK;
 const RESTART_S: f64 = 1.0;
 
 /// The newest state and its age.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Watch {
     newest: Option<ArmState>,
     /// Least of PC's clock minus controller's clock, s, and when that was brought up to date.
     offset: Option<(f64, f64)>,
     restarted: bool,
+    /// Least time between two states on the controller's clock, s, and how many there were.
+    step_s: (f64, u32),
     /// Whether a state has ever had a force.
     felt: bool,
 }
@@ -38,6 +40,12 @@ pub struct Deviation {
     pub axis_rad: f64,
 }
 
+impl Default for Watch {
+    fn default() -> Self {
+        Self { newest: None, offset: None, restarted: false, step_s: (f64::INFINITY, 0), felt: false }
+    }
+}
+
 impl Watch {
     /// Takes a state; whether it is a new one.
     pub fn observe(&mut self, state: &ArmState, clock_drift: f64) -> bool {
@@ -49,6 +57,8 @@ impl Watch {
             if !(state.controller_s > newest.controller_s) {
                 return false;
             }
+            let step_s = state.controller_s - newest.controller_s;
+            self.step_s = (self.step_s.0.min(step_s), self.step_s.1.saturating_add(1));
         }
         self.offset = Some(match self.offset {
             None => (apart_s, state.received_s),
@@ -65,6 +75,11 @@ impl Watch {
     /// The newest state.
     pub fn newest(&self) -> Option<&ArmState> {
         self.newest.as_ref()
+    }
+
+    /// Least time between two states on the controller's clock, s, and of how many.
+    pub fn step_s(&self) -> (f64, u32) {
+        self.step_s
     }
 
     /// How old the newest state is, s; infinite where there is none.

@@ -9,8 +9,8 @@ use bonemill_stream::approach::Approach;
 use bonemill_stream::simulated::rehearse::rehearse;
 use bonemill_stream::{
     ArmLink, ArmState, Cause, Clock, Event, Hold, Identity, Joints, LinkFault, Log, LogWriter, Operator,
-    Order, Outcome, PLAYING, Question, SAFETY_NORMAL, Session, Settings, Standing, StreamError, StreamPlan,
-    drive,
+    Order, Outcome, PLAYING, Question, ROBOT_RUNNING, SAFETY_NORMAL, STOPPED, Session, Settings, SpindleEnd,
+    Standing, StreamError, StreamPlan, Timing, drive,
 };
 use common::{PERIOD_S, settings, values};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -64,6 +64,9 @@ struct Obedient {
     force_n: fn(usize) -> Option<Vector3<f64>>,
     /// From so many orders on, its client takes no more.
     deaf_after: usize,
+    /// What else changes in its state, by the time, s.
+    changes: fn(&mut ArmState, f64),
+    is_local: bool,
 }
 
 impl Obedient {
@@ -77,11 +80,23 @@ impl Obedient {
             tool_pose: (tool.translation_mm.into(), turn.into()),
             force_n: None,
             safety_mode: SAFETY_NORMAL,
-            runtime_state: 1,
+            robot_mode: ROBOT_RUNNING,
+            freedrive: false,
+            spindle_on: false,
+            runtime_state: STOPPED,
             speed_fraction: 1.0,
             payload_kg: 1.0,
         };
-        Self { now_s: 0.0, state, orders: vec![], stall: None, force_n: |_| None, deaf_after: usize::MAX }
+        Self {
+            now_s: 0.0,
+            state,
+            orders: vec![],
+            stall: None,
+            force_n: |_| None,
+            deaf_after: usize::MAX,
+            changes: |_, _| (),
+            is_local: false,
+        }
     }
 
     fn targets(&self) -> Vec<Joints> {
@@ -108,7 +123,9 @@ impl ArmLink for End<'_, '_> {
         let (now_s, sent) = (arm.now_s, arm.orders.len());
         let force_n = (arm.force_n)(sent);
         arm.state = ArmState { received_s: now_s, controller_s: 50.0 + now_s, force_n, ..arm.state };
-        Some(arm.state)
+        let (mut said, change) = (arm.state, arm.changes);
+        change(&mut said, now_s);
+        Some(said)
     }
 
     fn fault(&mut self) -> Option<LinkFault> {
@@ -122,26 +139,18 @@ impl ArmLink for End<'_, '_> {
         match order {
             Order::Start => arm.state.runtime_state = PLAYING,
             Order::Target(q) => arm.state.q = *q,
+            Order::Spindle(on) if arm.orders.len() <= arm.deaf_after => arm.state.spindle_on = *on,
             _ => {}
         }
     }
 
     fn identity(&self) -> Option<Identity> {
-        Some(Identity { model: "UR5".into(), serial: "1".into() })
+        Some(Identity { model: "UR5".into(), serial: "1".into(), is_local: self.0.borrow().is_local })
     }
 
     fn waiting(&self) -> usize {
         let arm = self.0.borrow();
         arm.orders.len().saturating_sub(arm.deaf_after)
-    }
-
-    fn spindle_is_off(&self) -> bool {
-        let arm = self.0.borrow();
-        let taken = arm.orders.iter().take(arm.deaf_after).rev();
-        let last = taken
-            .filter_map(|(_, order)| if let Order::Spindle(on) = order { Some(*on) } else { None })
-            .next();
-        last != Some(true)
     }
 }
 
@@ -220,8 +229,8 @@ fn orders_do_not_pile_up_before_a_client_that_takes_none() {
     arm.deaf_after = 400;
     let outcome = arm.run(&plan, &mut User::default());
     let expected = Cause::Link(LinkFault::NotTaken("its orders in time"));
-    assert_eq!((&outcome.cause, outcome.is_off), (&Some(expected), false));
-    assert!(outcome.to_string().contains("spindle was not seen to be switched off"), "{outcome}");
+    assert_eq!((&outcome.cause, outcome.spindle), (&Some(expected), SpindleEnd::On));
+    assert!(outcome.to_string().contains("output is seen ON: it turns"), "{outcome}");
     let after: Vec<_> = arm.orders[400..].iter().map(|(_, order)| *order).collect();
     assert!(
         matches!(after[..], [.., Order::Target(_), Order::Stop, Order::Spindle(false), Order::End]),
@@ -301,7 +310,10 @@ fn a_force_sensor_that_falls_silent_stops_the_arm_along_its_path() {
     arm.force_n = |sent| (sent < 300).then(|| Vector3::new(3.0, 0.0, 0.0));
     let outcome = arm.run(&plan, &mut User::default());
     assert_eq!(outcome.cause, Some(Cause::SensorLost));
-    assert!(outcome.at_rest && outcome.is_off && outcome.farthest_off_mm < 0.01, "{outcome}");
+    assert!(
+        outcome.at_rest && outcome.spindle == SpindleEnd::Off && outcome.farthest_off_mm < 0.01,
+        "{outcome}"
+    );
     let targets = arm.targets().len();
     assert!((300..500).contains(&targets), "slowed down over targets, not stopped between two: {targets}");
 }
@@ -330,7 +342,12 @@ fn the_way_begins_where_the_arm_is_and_not_where_the_user_was_asked() {
 fn an_arm_that_is_not_ready_is_not_moved() {
     let plan = plan();
     type Change = (fn(&mut ArmState), &'static str);
-    let changes: [Change; 6] = [
+    let changes: [Change; 11] = [
+        (|s| s.runtime_state = 4, "a program is paused on the controller"),
+        (|s| s.robot_mode = 3, "robot mode is 3 (power off): expected 7"),
+        (|s| s.robot_mode = 5, "brakes are closed"),
+        (|s| s.freedrive = true, "freedrive"),
+        (|s| s.spindle_on = true, "the spindle's output is on"),
         (|s| s.safety_mode = 3, "protective stop"),
         (|s| s.speed_fraction = 0.5, "slider is at 50 %"),
         (|s| s.payload_kg = 0.0, "0.00 kg on its flange, expected 1.00 kg"),
@@ -407,7 +424,7 @@ fn a_rehearsal_writes_a_log_that_survives_a_kill_and_says_where_to_go_on() {
     let text = String::from_utf8(bytes).unwrap();
     let read = Log::read(&text).unwrap().of_plan("d1").unwrap();
     assert_eq!(
-        (read.rows, read.period_s, read.last_row()),
+        (read.rows, read.period_s, read.last_row().unwrap()),
         (plan.track.rows(), plan.period_s, plan.track.last_row())
     );
     assert!(read.events.iter().any(|(_, said)| said.starts_with("ended: done")));
@@ -454,4 +471,155 @@ fn an_arm_that_slides_is_rehearsed_within_its_bound_and_not_streamed_to() {
     );
     let refused = plan.for_a_ur().unwrap_err().to_string();
     assert!(refused.contains("prismatic, prismatic, prismatic, revolute"), "{refused}");
+}
+
+#[test]
+fn what_no_longer_holds_when_the_user_says_yes_starts_nothing() {
+    let plan = plan();
+    type Change = (fn(&mut ArmState), &'static str);
+    let changes: [Change; 5] = [
+        (|s| s.runtime_state = PLAYING, "a program already runs"),
+        (|s| s.payload_kg = 2.0, "2.00 kg on its flange, expected 1.00 kg"),
+        (|s| s.tool_pose.0[2] += 1.5, "Set the tool centre point"),
+        (|s| s.robot_mode = 3, "power off"),
+        (|s| s.spindle_on = true, "the spindle's output is on"),
+    ];
+    for (change, says) in changes {
+        let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+        let mut session = Session::new(&plan, 0.0, 0.0);
+        let mut orders = Vec::new();
+        let outcome = (0..2000).find_map(|n| {
+            let now_s = f64::from(n) * PERIOD_S;
+            arm.state.received_s = now_s;
+            arm.state.controller_s = 50.0 + now_s;
+            if n == 1000 {
+                change(&mut arm.state);
+            }
+            let identity = Some(Identity { model: "UR5".into(), serial: "1".into(), is_local: false });
+            // the answer comes a second after the question, and after the change
+            let answer = (n == 1001).then_some(true);
+            let state = Some(arm.state);
+            let step =
+                session.step(&bonemill_stream::Seen { now_s, state, identity, answer, ..Default::default() });
+            orders.extend(step.order);
+            step.outcome
+        });
+        let said = outcome.unwrap().to_string();
+        assert!(said.contains(says), "{said}");
+        assert_eq!(orders, [Order::End], "{says}");
+    }
+}
+
+#[test]
+fn a_controller_in_local_control_or_at_another_rate_is_told_in_its_own_words() {
+    let plan = plan();
+    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+    arm.is_local = true;
+    let said = arm.run(&plan, &mut User::default()).to_string();
+    assert!(said.contains("local control"), "{said}");
+    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+    // a new state every 8 ms
+    arm.changes = |state, now_s| state.controller_s = 50.0 + (now_s / 0.008).floor() * 0.008;
+    let said = arm.run(&plan, &mut User::default()).to_string();
+    assert!(said.contains("every 8.0 ms (125 Hz)") && said.contains("robot.rate_hz = 125"), "{said}");
+    assert!(arm.targets().is_empty());
+}
+
+#[test]
+fn nothing_is_fed_before_the_spindle_is_seen_on_nor_after_it_is_seen_off() {
+    let plan = plan();
+    let run = |changes: fn(&mut ArmState, f64)| {
+        let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+        arm.changes = changes;
+        let outcome = arm.run(&plan, &mut User::default());
+        (outcome, arm)
+    };
+    // it does not switch
+    let (outcome, arm) = run(|state, _| state.spindle_on = false);
+    assert!(outcome.to_string().contains("was switched on and is not seen on"), "{outcome}");
+    assert_eq!((outcome.spindle, outcome.targets), (SpindleEnd::Off, 0));
+    let first = plan.track.q()[0];
+    assert!(arm.targets().iter().all(|q| *q == first), "no row was sent");
+    // it goes off by itself
+    let (outcome, _) = run(|state, now_s| state.spindle_on &= now_s < 1.0);
+    assert!(outcome.to_string().contains("went off, not by this program"), "{outcome}");
+    assert!(outcome.targets > 100 && outcome.seconds < 1.0, "{outcome:?}");
+    // it switches late: the run-up counts from then
+    let (outcome, arm) = run(|state, now_s| state.spindle_on &= now_s > 0.5);
+    assert_eq!(outcome.cause, None);
+    let fed = arm.orders.iter().find(|(_, order)| matches!(order, Order::Target(q) if *q != first)).unwrap();
+    assert!(fed.0 >= 0.5 + plan.settings().run_up_s, "fed at {} s", fed.0);
+    // it stays on
+    let (outcome, _) = run(|state, now_s| state.spindle_on |= now_s > 1.5);
+    assert_eq!((outcome.cause.is_none(), outcome.spindle), (true, SpindleEnd::On), "{outcome}");
+}
+
+#[test]
+fn a_spindle_that_was_never_on_is_not_said_to_turn_and_one_that_nobody_sees_is() {
+    let plan = plan();
+    let said = Obedient::at(&plan, plan.track.q()[0]).run(&plan, &mut User::who_says(&[false])).to_string();
+    assert!(!said.contains("spindle"), "{said}");
+    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+    // no new state after a while
+    arm.changes = |state, now_s| state.controller_s = 50.0 + now_s.min(1.0);
+    let outcome = arm.run(&plan, &mut User::default());
+    assert!(matches!(outcome.spindle, SpindleEnd::Unseen { age_s } if age_s > 0.2), "{outcome:?}");
+    assert!(outcome.to_string().contains("output was not seen off"), "{outcome}");
+}
+
+#[test]
+fn the_question_of_a_hold_comes_once_the_spindle_is_seen_off() {
+    let mut values = values(2.0, 3.0, 8.0);
+    values.holds = vec![Hold { row: 600, why: "2 mm from nerve".into() }];
+    let plan = values.plan(settings());
+    let mut user = User::default();
+    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+    // the output does not go off
+    arm.changes = |state, now_s| state.spindle_on |= now_s > 1.0;
+    let outcome = arm.run(&plan, &mut user);
+    assert!(outcome.to_string().contains("was switched off and is still seen on"), "{outcome}");
+    assert_eq!((user.asked, outcome.spindle), (1, SpindleEnd::On));
+}
+
+#[test]
+fn the_bound_is_of_the_given_lookahead_and_gain_and_what_cannot_run_is_refused() {
+    let values = values(2.0, 6.0, 8.0);
+    let with = |timing| values.plan(Settings { timing, ..settings() });
+    let quick = with(Timing::ASSUMED);
+    let late = with(Timing::of_servo(0.2, 100.0).unwrap());
+    assert_eq!(Timing::of_servo(0.03, 2000.0).unwrap(), Timing::ASSUMED);
+    for row in [300, 500, 700] {
+        let (a, b) = (quick.travel(row), late.travel(row));
+        assert!(b.along_mm > a.along_mm && b.off_mm > 2.0 * a.off_mm, "row {row}: {a:?}, {b:?}");
+    }
+    assert!(quick.ready().is_ok());
+    assert!(late.ready().unwrap_err().contains("a smaller --lookahead-s or a larger --gain"));
+    assert!((late.settings().timing.lag_s - 0.296).abs() < 1e-9);
+    assert!(Timing::of_servo(0.2, 99.0).is_err() && Timing::of_servo(f64::NAN, 300.0).is_err());
+}
+
+#[test]
+fn a_log_with_its_head_only_says_that_nothing_was_begun() {
+    let mut bytes = Vec::new();
+    LogWriter::new(&mut bytes, "d1", 10, 0.002).unwrap();
+    let read = Log::read(std::str::from_utf8(&bytes).unwrap()).unwrap();
+    assert!(matches!(read.last_row(), Err(StreamError::NoStep)));
+}
+
+#[test]
+fn a_run_goes_on_from_as_far_as_a_failure_may_have_left_the_burr() {
+    // back along the path, and beside the shaft's way out
+    let plan = values(2.0, 6.0, 8.0).plan(settings());
+    for seen in [300.0, 500.0, 700.0] {
+        let row = plan.resume_row(seen);
+        let (start_mm, most_mm) = (plan.track.burr_at(seen), plan.travel(seen as usize).along_mm);
+        let rests = (seen as usize..plan.track.rows())
+            .take_while(|n| (plan.track.burr_at(*n as f64) - start_mm).norm() <= 0.99 * most_mm)
+            .last()
+            .unwrap();
+        let away_mm = (plan.track.burr_at(rests as f64) - plan.track.burr_at(row)).norm();
+        assert!(away_mm > plan.travel(row as usize).along_mm, "{away_mm} mm");
+        let way = Approach::new(&plan, &plan.track.joints(rests as f64), row);
+        assert!(way.is_ok(), "{away_mm} mm: {way:?}");
+    }
 }

@@ -8,14 +8,17 @@ process alone; whoever started it kills it, and the controller's watchdog stops 
 
 import contextlib
 import os
+import select
 import struct
 import sys
+from typing import Any
 
 ORDER = struct.Struct("<i6d")
 """What, and six values."""
 ANSWER = struct.Struct("<ii200s")
 """What it answers; 0 taken, 1 not taken, 2 failed; why, as UTF-8."""
-START, TARGET, STOP, SPINDLE, END = range(1, 6)
+CONNECTION, START, TARGET, STOP, SPINDLE, END = range(6)
+"""What is ordered; `CONNECTION` is no order: it is answered when the controller closes the connection."""
 STOP_RAD_S2 = 10.0
 """Slowing of servoStop."""
 
@@ -24,6 +27,7 @@ class Arm:
     """The client's interface for motion, made when the first order asks for it."""
 
     at_the_end = (STOP, END)
+    connection: int | None = None
 
     def __init__(self, host: str, period_s: str, lookahead_s: str, gain: str, watchdog_hz: str) -> None:
         self.host, self.period_s = host, float(period_s)
@@ -50,18 +54,54 @@ class Spindle:
     """The client's interface for outputs, made when the first order asks for it."""
 
     at_the_end = (SPINDLE,)
+    connection: int | None = None
+    """The socket: the client does not notice that the controller has closed it, and its orders then count as taken."""
 
     def __init__(self, host: str, output: str) -> None:
         self.host, self.output = host, int(output)
+        self.kept: list[Any] = []
 
     def obey(self, what: int, values: tuple[float, ...]) -> bool:
         if what == START:
-            import rtde_io
-
-            self.client = rtde_io.RTDEIOInterface(self.host)
+            self.connect()
         if what == SPINDLE:
+            if self.connection is None and values[0] < 0.5:
+                # closed by the controller: off goes by a new one
+                self.connect()
             return bool(self.client.setStandardDigitalOut(self.output, values[0] > 0.5))
         return True
+
+    def connect(self) -> None:
+        import rtde_io
+
+        before = sockets()
+        # the destructor of one whose connection is closed ends the process
+        self.kept.append(rtde_io.RTDEIOInterface(self.host))
+        self.client = self.kept[-1]
+        self.connection = max(sockets() - before, default=None)
+
+
+def sockets() -> set[int]:
+    """The numbers of this process's sockets."""
+    found = set()
+    for name in os.listdir("/proc/self/fd"):
+        with contextlib.suppress(OSError):
+            if os.readlink(f"/proc/self/fd/{name}").startswith("socket:"):
+                found.add(int(name))
+    return found
+
+
+def wait(controlled: Arm | Spindle) -> bool:
+    """Waits for an order; False: the controller has closed the connection."""
+    looked_at = select.poll()
+    looked_at.register(0, select.POLLIN)
+    if controlled.connection is not None:
+        looked_at.register(controlled.connection, select.POLLRDHUP)
+    ready = dict(looked_at.poll())
+    if controlled.connection in ready:
+        controlled.connection = None
+        return False
+    return True
 
 
 def main(controlled: Arm | Spindle) -> None:
@@ -70,6 +110,9 @@ def main(controlled: Arm | Spindle) -> None:
     os.dup2(2, 1)
     data = b""
     while True:
+        if not wait(controlled):
+            os.write(answers, ANSWER.pack(CONNECTION, 2, b"the controller closed the spindle's connection"))
+            continue
         piece = os.read(0, 1 << 16)
         if not piece:
             if hasattr(controlled, "client"):

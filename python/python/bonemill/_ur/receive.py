@@ -10,10 +10,10 @@ import struct
 import sys
 import time
 
-STATE = struct.Struct("<2d6d6d6dii2d")
+STATE = struct.Struct("<2d6d6d6dii2diIQ")
 """time.monotonic() of receipt; controller's clock; joints; tool centre point; force on it; safety mode; runtime state; speed
-fraction, slider and scaling together; payload, kg."""
-VARIABLES = ["timestamp", "actual_q", "actual_TCP_pose", "actual_TCP_force", "safety_mode", "runtime_state", "target_speed_fraction", "speed_scaling", "payload", "robot_status_bits", "safety_status_bits", "robot_mode"]  # fmt: skip
+fraction, slider and scaling together; payload, kg; robot mode; status bits; digital outputs, a bit each."""
+VARIABLES = ["timestamp", "actual_q", "actual_TCP_pose", "actual_TCP_force", "safety_mode", "runtime_state", "target_speed_fraction", "speed_scaling", "payload", "robot_status_bits", "safety_status_bits", "robot_mode", "actual_digital_output_bits"]  # fmt: skip
 QUIET_S = 1.0
 """Without a new state for so long, the connection is looked at."""
 
@@ -33,7 +33,9 @@ def main(host: str, rate_hz: float) -> str:
             last, heard = clock_s, now
             fraction = min(arm.getTargetSpeedFraction(), arm.getSpeedScalingCombined())
             modes = (arm.getSafetyMode(), arm.getRuntimeState())
-            state = (now, clock_s, *arm.getActualQ(), *arm.getActualTCPPose(), *arm.getActualTCPForce(), *modes, fraction, arm.getPayload())
+            place = (*arm.getActualQ(), *arm.getActualTCPPose(), *arm.getActualTCPForce())
+            more = (arm.getRobotMode(), arm.getRobotStatus(), arm.getActualDigitalOutputBits())
+            state = (now, clock_s, *place, *modes, fraction, arm.getPayload(), *more)
             try:
                 os.write(states, STATE.pack(*state))
             except BlockingIOError:

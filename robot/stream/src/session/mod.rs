@@ -36,8 +36,6 @@ pub struct Seen {
     pub fault: Option<LinkFault>,
     /// Orders that its client has not taken yet.
     pub waiting: usize,
-    /// Whether the spindle is off, as far as its client knows.
-    pub spindle_is_off: bool,
     /// The user's answer to the last question, once given.
     pub answer: Option<bool>,
     /// Why somebody outside wants it to stop: the user, the log, a changed plan.
@@ -71,9 +69,7 @@ enum Phase {
         since_s: f64,
     },
     Approaching(Box<Approach>),
-    RunUp {
-        until_s: f64,
-    },
+    RunUp,
     Running,
     Holding(Holding),
     /// Slowing down along the path.
@@ -120,8 +116,48 @@ impl OrderBacklog {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum HoldPart {
     Back,
-    Waiting,
-    RunUp { until_s: f64 },
+    /// With the spindle off; asked once that is seen.
+    Waiting {
+        asked: bool,
+    },
+    RunUp,
+}
+
+/// The spindle's output: what was ordered last and when, s; since when the controller's states agree, s; whether it may be on.
+#[derive(Debug)]
+struct Spindle {
+    ordered: bool,
+    ordered_s: f64,
+    agrees_s: Option<f64>,
+    may_turn: bool,
+}
+
+/// How long the controller's states may take to agree with an order to the spindle, s.
+const SPINDLE_S: f64 = 1.0;
+
+impl Spindle {
+    /// Takes a new state.
+    fn observe(&mut self, on: bool, now_s: f64) {
+        if on == self.ordered {
+            self.agrees_s.get_or_insert(now_s);
+        }
+        self.may_turn = on || self.ordered;
+    }
+
+    /// What is wrong where the newest state has it on or off.
+    fn trouble(&self, on: bool, now_s: f64) -> Option<Cause> {
+        let wrong = match (self.ordered, self.agrees_s.is_some()) {
+            _ if on == self.ordered => return None,
+            (_, false) if now_s - self.ordered_s <= SPINDLE_S => return None,
+            (true, true) => {
+                "the spindle's output went off, not by this program: a burr that stands still is not fed"
+            }
+            (false, true) => "the spindle's output went on, not by this program",
+            (true, false) => "the spindle's output was switched on and is not seen on: nothing is fed",
+            (false, false) => "the spindle's output was switched off and is still seen on",
+        };
+        Some(Cause::Spindle(wrong))
+    }
 }
 
 /// A run of a plan.
@@ -144,6 +180,10 @@ pub struct Session<'a> {
     targets: u64,
     late: (u64, f64),
     farthest_mm: f64,
+    spindle: Spindle,
+    /// Gaps since the user was told of them, and the longest, s; and when, s.
+    gaps: (u32, f64),
+    told_s: f64,
     commanded: Option<Joints>,
     backlog: OrderBacklog,
     /// The user's answer until it is used: it may come with an order before it.
@@ -175,6 +215,9 @@ impl<'a> Session<'a> {
             targets: 0,
             late: (0, 0.0),
             farthest_mm: 0.0,
+            spindle: Spindle { ordered: false, ordered_s: now_s, agrees_s: None, may_turn: false },
+            gaps: (0, 0.0),
+            told_s: now_s,
             commanded: None,
             backlog: OrderBacklog { is_long: false, in_all_s: 0.0, seen_s: now_s },
             answer: None,
@@ -218,7 +261,7 @@ impl<'a> Session<'a> {
             Phase::Confirming(_) => "confirm",
             Phase::Starting { .. } => "start",
             Phase::Approaching(_) => "approach",
-            Phase::RunUp { .. } => "run_up",
+            Phase::RunUp => "run_up",
             Phase::Running => "run",
             Phase::Holding(_) => "hold",
             Phase::Braking => "brake",
@@ -235,6 +278,9 @@ impl<'a> Session<'a> {
             Some(state) => self.watch.observe(state, self.plan.settings().timing.clock_drift),
             None => false,
         };
+        if let Some(state) = seen.state.filter(|_| fresh) {
+            self.spindle.observe(state.spindle_on, now_s);
+        }
         self.answer = seen.answer.or(self.answer);
         self.backlog.observe(seen.waiting > self.most_waiting(), now_s);
         if let Some((cause, at_once)) = self.trouble(seen) {
@@ -272,6 +318,10 @@ impl<'a> Session<'a> {
             if let Some(cause) = self.off_track() {
                 return Some((cause, true));
             }
+            let on = self.watch.newest().is_some_and(|state| state.spindle_on);
+            if let Some(cause) = self.spindle.trouble(on, seen.now_s) {
+                return Some((cause, true));
+            }
         }
         let lost = || self.watch.sensor_lost().filter(|_| moving);
         let stop = seen.stop.clone().or_else(lost).filter(|_| self.cause.is_none());
@@ -299,7 +349,7 @@ impl<'a> Session<'a> {
     /// Whether targets are being sent.
     fn moves(&self) -> bool {
         use Phase::{Approaching, Braking, Holding, RunUp, Running, Settling};
-        matches!(self.phase, Approaching(_) | RunUp { .. } | Running | Holding(_) | Braking | Settling { .. })
+        matches!(self.phase, Approaching(_) | RunUp | Running | Holding(_) | Braking | Settling { .. })
             && self.commanded.is_some()
     }
 
@@ -346,9 +396,23 @@ impl<'a> Session<'a> {
     fn end(&mut self, now_s: f64) {
         self.queue.clear();
         if self.commanded.is_some() {
-            self.queue.extend([Order::Stop, Order::Spindle(false)]);
+            self.queue.push_back(Order::Stop);
+            self.switch_spindle(false, now_s);
         }
         self.phase = Phase::Ending(Ending { since_s: now_s, since_rest_s: now_s, rest_q: None });
+    }
+
+    fn switch_spindle(&mut self, on: bool, now_s: f64) {
+        self.queue.push_back(Order::Spindle(on));
+        if on != self.spindle.ordered {
+            let may_turn = on || self.spindle.may_turn;
+            self.spindle = Spindle { ordered: on, ordered_s: now_s, agrees_s: None, may_turn };
+        }
+    }
+
+    /// Whether the spindle was seen on for as long as it needs to run up.
+    fn has_run_up(&self, now_s: f64) -> bool {
+        self.spindle.agrees_s.is_some_and(|since_s| now_s >= since_s + self.plan.settings().run_up_s)
     }
 
     fn proceed(&mut self, seen: &Seen, fresh: bool, step: &mut Step) {
@@ -358,11 +422,11 @@ impl<'a> Session<'a> {
             Phase::Confirming(approach) => self.confirm(seen, approach, step),
             Phase::Starting { approach, since_s } => self.start(seen, approach, since_s, step),
             Phase::Approaching(approach) => self.approach(now_s, approach, step),
-            Phase::RunUp { until_s } => {
-                self.phase = Phase::RunUp { until_s };
-                self.weigh(fresh);
+            Phase::RunUp => {
+                self.phase = Phase::RunUp;
+                self.weigh(fresh && self.spindle.agrees_s.is_some());
                 self.send(now_s, 0.0, step);
-                if now_s >= until_s {
+                if self.has_run_up(now_s) {
                     self.begin(now_s, step);
                 }
             }

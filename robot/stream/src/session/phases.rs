@@ -1,12 +1,13 @@
 //! What is done in each phase of a run: from the first answer to the arm at rest.
 
 use crate::approach::Approach;
-use crate::cause::{Cause, Event, Outcome, Question};
+use crate::cause::{Cause, Event, Outcome, Question, SpindleEnd};
 use crate::check::{self, FULL_SPEED};
 use crate::follower::Follower;
 use crate::link::{ArmState, Identity, Joints, Order};
 use crate::plan::{StreamPlan, ramp_per_s};
 use crate::track::Track;
+use crate::watch::Watch;
 
 use super::{Ending, HoldPart, Holding, Phase, Seen, Session, Step};
 
@@ -19,6 +20,8 @@ const REST_S: f64 = 0.03;
 const REST_RAD: f64 = 3e-5;
 /// How far a joint may have moved since the user confirmed the way, rad: the noise of an arm that stands, 0.2 mm at the tool.
 const MOVED_RAD: f64 = 2e-4;
+/// How often the user is told how far it is, s.
+const PROGRESS_S: f64 = 10.0;
 /// New states in a row with too much force before it counts.
 const FORCE_STATES: u32 = 25;
 
@@ -26,16 +29,18 @@ impl Session<'_> {
     pub(super) fn connect(&mut self, seen: &Seen, since_s: f64, step: &mut Step) {
         self.phase = Phase::Connecting { since_s };
         let waited_s = seen.now_s - since_s;
-        let (Some(state), Some(identity)) = (self.watch.newest().copied(), &seen.identity) else {
+        let is_known = self.watch.nonsense().is_some() || check::rate_is_known(self.plan, &self.watch);
+        let (Some(state), Some(identity), true) = (self.watch.newest().copied(), &seen.identity, is_known)
+        else {
             if waited_s > self.plan.settings().patience_s {
                 let what = "the controller's state and identity";
                 self.stop(Cause::NoAnswer { what, waited_s }, true, seen.now_s, step);
             }
             return;
         };
-        let ready = self.watch.nonsense().map_or(Ok(()), |c| Err(c.to_string()));
-        let ready = ready.and_then(|()| check::ready(self.plan, &state, identity));
-        match ready.and_then(|()| Approach::new(self.plan, &state.q, self.follower.row())) {
+        match check::ready(self.plan, &self.watch, identity)
+            .and_then(|()| Approach::new(self.plan, &state.q, self.follower.row()))
+        {
             Err(why) => self.stop(Cause::NotReady(why), true, seen.now_s, step),
             Ok(approach) => {
                 step.question = Some(question(self.plan, &approach, identity.clone()));
@@ -45,15 +50,37 @@ impl Session<'_> {
     }
 
     pub(super) fn confirm(&mut self, seen: &Seen, approach: Box<Approach>, step: &mut Step) {
-        match self.answer.take() {
+        let settings = self.plan.settings();
+        let age_s = self.watch.age_s(seen.now_s);
+        match self.answer {
             None => self.phase = Phase::Confirming(approach),
-            Some(false) => self.stop(Cause::Declined, true, seen.now_s, step),
-            Some(true) => {
-                step.order = Some(Order::Start);
-                step.events.push(Event::Stage("start"));
-                self.phase = Phase::Starting { approach, since_s: seen.now_s };
+            Some(true) if !(age_s <= settings.patience_s) => {
+                self.stop(Cause::Stale { age_s }, true, seen.now_s, step);
             }
+            // until a state is as new as one that a target may be sent on
+            Some(true) if !(age_s <= settings.timing.state_age_s) => self.phase = Phase::Confirming(approach),
+            Some(false) => self.stop(Cause::Declined, true, seen.now_s, step),
+            // what held when the user was asked may hold no more
+            Some(true) => match self.ready_again(seen, check::ready) {
+                Err(cause) => self.stop(cause, true, seen.now_s, step),
+                Ok(()) => {
+                    self.answer = None;
+                    step.order = Some(Order::Start);
+                    step.events.push(Event::Stage("start"));
+                    self.phase = Phase::Starting { approach, since_s: seen.now_s };
+                }
+            },
         }
+    }
+
+    /// The start conditions once more.
+    fn ready_again(
+        &self,
+        seen: &Seen,
+        conditions: impl Fn(&StreamPlan, &Watch, &Identity) -> Result<(), String>,
+    ) -> Result<(), Cause> {
+        let identity = seen.identity.clone().unwrap_or_default();
+        conditions(self.plan, &self.watch, &identity).map_err(Cause::NotReady)
     }
 
     pub(super) fn start(&mut self, seen: &Seen, approach: Box<Approach>, since_s: f64, step: &mut Step) {
@@ -62,7 +89,10 @@ impl Session<'_> {
         let fresh = self.watch.age_s(now_s) <= self.plan.settings().timing.state_age_s;
         // the client's answer says that the watchdog was taken
         if seen.waiting == 0 && self.watch.stopped_itself().is_none() && fresh {
-            return self.enter(now_s, *approach, step);
+            return match self.ready_again(seen, check::still_ready) {
+                Err(cause) => self.stop(cause, true, now_s, step),
+                Ok(()) => self.enter(now_s, *approach, step),
+            };
         }
         if waited_s > self.plan.settings().patience_s {
             let what = "that the program on the controller runs under its watchdog, with a fresh state";
@@ -107,9 +137,9 @@ impl Session<'_> {
         let (plan, backlog_s) = (self.plan, self.plan.settings().timing.backlog_s());
         let end = plan.track.last_row();
         self.follower = Follower::new(plan.period_s, plan.ramp_per_s, backlog_s, end, approach.row);
-        self.queue.push_back(Order::Spindle(true));
+        self.switch_spindle(true, now_s);
         step.events.push(Event::Stage("spindle"));
-        self.phase = Phase::RunUp { until_s: now_s + plan.settings().run_up_s };
+        self.phase = Phase::RunUp;
     }
 
     pub(super) fn begin(&mut self, now_s: f64, step: &mut Step) {
@@ -125,6 +155,11 @@ impl Session<'_> {
     pub(super) fn run(&mut self, now_s: f64, fresh: bool, step: &mut Step) {
         self.phase = Phase::Running;
         let row = self.follower.row();
+        if now_s >= self.told_s + PROGRESS_S {
+            self.told_s = now_s;
+            let gaps = std::mem::take(&mut self.gaps);
+            step.events.push(Event::Progress { row, last_row: self.plan.track.last_row(), gaps });
+        }
         if row >= self.plan.track.last_row() {
             let lag_s = self.plan.settings().timing.backlog_s();
             self.phase = Phase::Settling { until_s: now_s + lag_s + SETTLE_S };
@@ -176,15 +211,20 @@ impl Session<'_> {
                 if goes {
                     wanted = -0.5 * self.wanted_rate(step);
                 } else if self.follower.rate() == 0.0 {
-                    step.question = Some(Question::GoOn(why.clone()));
-                    self.queue.push_back(Order::Spindle(false));
-                    part = HoldPart::Waiting;
+                    self.switch_spindle(false, now_s);
+                    part = HoldPart::Waiting { asked: false };
                 }
             }
-            HoldPart::Waiting => match self.answer.take() {
+            HoldPart::Waiting { asked: false } => {
+                if self.spindle.agrees_s.is_some() {
+                    step.question = Some(Question::GoOn(why.clone()));
+                    part = HoldPart::Waiting { asked: true };
+                }
+            }
+            HoldPart::Waiting { asked: true } => match self.answer.take() {
                 Some(true) => {
-                    self.queue.push_back(Order::Spindle(true));
-                    part = HoldPart::RunUp { until_s: now_s + self.plan.settings().run_up_s };
+                    self.switch_spindle(true, now_s);
+                    part = HoldPart::RunUp;
                 }
                 Some(false) => {
                     self.send(now_s, 0.0, step);
@@ -192,8 +232,8 @@ impl Session<'_> {
                 }
                 None => {}
             },
-            HoldPart::RunUp { until_s } => {
-                if now_s >= until_s {
+            HoldPart::RunUp => {
+                if self.has_run_up(now_s) {
                     step.events.push(Event::Stage("run"));
                     self.excess_states = 0;
                     self.phase = Phase::Running;
@@ -253,6 +293,7 @@ impl Session<'_> {
             self.late.1 = self.late.1.max(late_s);
         }
         if let Some(gap_s) = self.follower.advance(now_s, wanted, self.told_fraction) {
+            self.gaps = (self.gaps.0 + 1, self.gaps.1.max(gap_s));
             step.events.push(Event::Gap { gap_s });
         }
         let q = track.joints(self.follower.row());
@@ -275,19 +316,30 @@ impl Session<'_> {
         };
         let never_moved = self.commanded.is_none();
         let at_rest = never_moved || (rest_q.is_some() && now_s - since_rest_s >= REST_S);
-        let is_off = seen.spindle_is_off;
-        if (at_rest && is_off) || now_s - since_s >= REST_PATIENCE_S {
+        let spindle = self.spindle_end(now_s);
+        if (at_rest && spindle == SpindleEnd::Off) || now_s - since_s >= REST_PATIENCE_S {
             step.order = Some(Order::End);
-            step.outcome = Some(self.outcome(now_s, at_rest, is_off));
+            step.outcome = Some(self.outcome(now_s, at_rest, spindle));
         }
         self.phase = Phase::Ending(Ending { since_s, since_rest_s, rest_q });
     }
 
-    fn outcome(&self, now_s: f64, at_rest: bool, is_off: bool) -> Outcome {
+    /// What is known of the spindle's output.
+    fn spindle_end(&self, now_s: f64) -> SpindleEnd {
+        let age_s = self.watch.age_s(now_s);
+        let is_fresh = age_s <= self.plan.settings().timing.state_age_s;
+        match self.watch.newest().filter(|_| is_fresh).map(|state| state.spindle_on) {
+            Some(true) => SpindleEnd::On,
+            _ if self.spindle.may_turn => SpindleEnd::Unseen { age_s },
+            _ => SpindleEnd::Off,
+        }
+    }
+
+    fn outcome(&self, now_s: f64, at_rest: bool, spindle: SpindleEnd) -> Outcome {
         Outcome {
             cause: self.cause.clone(),
             at_rest,
-            is_off,
+            spindle,
             reached_row: self.reached_row,
             rows: self.plan.track.rows(),
             seconds: self.began_s.map_or(0.0, |began_s| now_s - began_s),

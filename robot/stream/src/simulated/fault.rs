@@ -82,6 +82,10 @@ pub enum Fault {
     DiskFull,
     /// The plan's files are changed.
     PlanChanged,
+    /// The spindle's output does not switch.
+    SpindleStays,
+    /// The spindle's output goes off by itself.
+    SpindleDrops,
 }
 
 impl Fault {
@@ -131,6 +135,8 @@ impl Fault {
         ("SIGINT, SIGTERM, SIGHUP", Fault::Interrupted),
         ("disk full", Fault::DiskFull),
         ("plan changed under way", Fault::PlanChanged),
+        ("spindle's output does not switch", Fault::SpindleStays),
+        ("spindle's output goes off", Fault::SpindleDrops),
     ];
 
     /// Whether it has no single moment from which the stop follows: travel is then counted from the last state that was used.
@@ -151,6 +157,6 @@ impl Fault {
 
     /// Whether it is there from the start.
     pub fn is_standing(self) -> bool {
-        matches!(self, Self::WrongStart(_) | Self::Offset(_))
+        matches!(self, Self::WrongStart(_) | Self::Offset(_) | Self::SpindleStays)
     }
 }

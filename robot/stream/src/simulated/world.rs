@@ -13,7 +13,10 @@ use nalgebra::UnitQuaternion;
 
 use super::buffer::Buffer;
 use super::fault::{Draws, Fault};
-use crate::link::{ArmLink, ArmState, Clock, Identity, Joints, LinkFault, Order, PLAYING, SAFETY_NORMAL};
+use crate::link::{
+    ArmLink, ArmState, Clock, Identity, Joints, LinkFault, Order, PLAYING, ROBOT_RUNNING, SAFETY_NORMAL,
+    STOPPED,
+};
 use crate::plan::StreamPlan;
 use crate::settings::Timing;
 
@@ -21,8 +24,6 @@ use crate::settings::Timing;
 const TICK_S: f64 = 0.002;
 /// The controller stops its program when no order came for this long, s.
 const WATCHDOG_S: f64 = 0.1;
-/// Runtime state of a controller whose program has stopped.
-const STOPPED: u32 = 1;
 /// How long a controller takes to start again, s.
 const RESTART_S: f64 = 0.6;
 
@@ -107,7 +108,7 @@ impl World {
         let serial = plan.settings().serial.clone().unwrap_or_else(|| "simulated".to_owned());
         Self {
             draws,
-            identity: Identity { model: plan.model.clone(), serial },
+            identity: Identity { model: plan.model.clone(), serial, is_local: false },
             timing,
             now_s: 0.0,
             ticks: 0,
@@ -130,7 +131,7 @@ impl World {
             states: VecDeque::new(),
             newest: None,
             tool_pose: (tool.translation_mm.into(), turn.into()),
-            payload_kg: 1.0,
+            payload_kg: plan.settings().payload_kg.unwrap_or_default(),
             fault,
             onset_s,
             struck: false,
@@ -139,9 +140,6 @@ impl World {
             trace: None,
         }
     }
-
-    /// The mass that the simulated controller carries, kg.
-    pub const PAYLOAD_KG: f64 = 1.0;
 
     /// True time, s.
     pub fn now_s(&self) -> f64 {
@@ -238,6 +236,7 @@ impl World {
                 self.halt();
             }
             Fault::Slider(fraction) => self.fraction = fraction,
+            Fault::SpindleDrops => self.spindle_on = false,
             Fault::ClockJump(by_s) => self.pc_ahead_s += by_s,
             Fault::Held(for_s) => self.client.busy_until_s = self.now_s + for_s,
             Fault::Slow(takes_s) => self.client.takes_s = takes_s,
@@ -285,6 +284,7 @@ impl World {
                 None => self.slow(),
             },
             Order::End => self.halt(),
+            Order::Spindle(_) if self.fault == Fault::SpindleStays => {}
             Order::Spindle(on) => self.spindle_on = on,
             _ => {}
         }
@@ -377,6 +377,9 @@ impl World {
             tool_pose: self.tool_pose,
             force_n: None,
             safety_mode: self.safety_mode,
+            robot_mode: ROBOT_RUNNING,
+            freedrive: false,
+            spindle_on: self.spindle_on,
             runtime_state: if self.running { PLAYING } else { STOPPED },
             speed_fraction: self.fraction,
             payload_kg: self.payload_kg,
@@ -443,10 +446,6 @@ impl ArmLink for WorldLink {
     fn waiting(&self) -> usize {
         let world = self.0.borrow();
         world.client.orders.len() + usize::from(world.now_s < world.client.busy_until_s)
-    }
-
-    fn spindle_is_off(&self) -> bool {
-        !self.0.borrow().spindle_on
     }
 }
 
