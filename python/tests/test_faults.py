@@ -12,8 +12,6 @@ import pytest
 from fault_run import Outcome, Piece, Run, prefer
 from ur_faults import OFFSET
 
-import bonemill
-
 pytest.importorskip("rtde_control")
 
 FLAGS = ["--yes", "--slow", "--payload-kg", "1", "--run-up-s", "0.1", "--log", "LOG"]
@@ -22,12 +20,10 @@ TRIES = 4
 
 
 @pytest.fixture(scope="module")
-def piece(ur_pocket: bonemill.Plan, tmp_path_factory: pytest.TempPathFactory) -> Piece:
+def piece(judged: Path) -> Piece:
     prefer()
     Run.resume_s = 1.5
-    folder = ur_pocket.save(tmp_path_factory.mktemp("streamed") / "plan", pack=True)
-    assert bonemill.verify(bonemill.Plan.load(folder), save=True).passed
-    return Piece.load(folder)
+    return Piece.load(judged)
 
 
 def ran(piece: Piece, fault: str, work: Path) -> Outcome:
@@ -59,6 +55,20 @@ def test_the_burr_stays_within_the_printed_bound(piece: Piece, fault: str, says:
     assert (outcome.own_mm > 0.0) == (fault == OFFSET) and (fault != OFFSET or outcome.rest_s < 1.0), outcome
     assert outcome.how == "stopped" and outcome.code == 1, outcome
     assert re.search(says, outcome.said), outcome.said
+
+
+def test_ctrl_z_stops_the_arm_and_the_spindle_like_ctrl_c(piece: Piece, tmp_path: Path) -> None:
+    outcome = ran(piece, "Ctrl-Z", tmp_path)
+    assert outcome.how == "stopped" and outcome.code == 130 and not outcome.spindle_on, outcome
+    assert outcome.within, outcome
+    said = "".join(path.read_text() for path in tmp_path.rglob("run.out"))
+    assert "SIGTSTP: the arm is being stopped instead of the run being suspended" in said
+
+
+def test_a_log_whose_folder_is_gone_is_told_when_it_happens(piece: Piece, tmp_path: Path) -> None:
+    outcome = ran(piece, "log's folder renamed", tmp_path)
+    assert outcome.how == "stopped" and outcome.code == 1 and outcome.exit_s < 2.0, outcome
+    assert "run.log is gone" in outcome.said and "renamed or deleted" in outcome.said and not outcome.spindle_on, outcome
 
 
 def answer_s(run: Run) -> float | None:

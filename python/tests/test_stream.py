@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from addresses import addresses
 from fault_run import prefer
-from streaming import STALL, Yes, ready
+from streaming import STALL, TRIES, Yes, ready
 from ur_arm import SERVO_STOP, SET_WATCHDOG, STOP_SCRIPT, burr_mm, tool_pose
 from ur_double import Double
 
@@ -153,6 +153,39 @@ def test_a_log_is_never_written_over_and_is_of_one_plan(judged: Path, tmp_path: 
     log.write_text(text.replace(text.split(",")[2], "0" * 64, 1))
     with pytest.raises(bonemill.StreamError, match="line 1 of the log"):
         streaming.resume_row(log)
+
+
+def test_a_log_without_a_step_is_not_gone_on_from(judged: Path, tmp_path: Path) -> None:
+    streaming = ready(judged)
+    log = tmp_path / "a.run"
+    streaming.run(Imagined(streaming.joints(0.0), 60, RuntimeError("gone")), Yes(), log=log)
+    head = "".join(line for line in log.read_text().splitlines(keepends=True) if not line.startswith(("R,", "E,")))
+    log.write_text(head)
+    with pytest.raises(bonemill.StreamError, match=r"a\.run: the log holds no step of a run"):
+        streaming.resume_row(log)
+
+
+def test_the_bound_is_of_the_given_lookahead_and_gain(judged: Path) -> None:
+    pytest.importorskip("rtde_control")
+    prefer()
+
+    def off_mm(streaming: Streaming) -> float:
+        return float(streaming.bound_lines()[0].split(" mm off it")[0].rpartition(", ")[2])
+
+    late = ready(judged, settings=Settings(lookahead_s=0.05, gain=1000.0))
+    assert off_mm(late) > 1.1 * off_mm(ready(judged)) and late.refusal() is None
+    refusal = ready(judged, settings=Settings(lookahead_s=0.2, gain=100.0)).refusal()
+    assert refusal is not None and "smaller --lookahead-s or a larger --gain" in refusal
+    # an arm that is as late comes to the end: the run expects it there
+    for _ in range(TRIES):
+        with Double(next(addresses), late.joints(0.0)) as double:
+            report = late.run(UrLink(double.host, late.period_s, late.settings), Yes())
+            lag_s = double.get("lag_s")
+        assert lag_s == pytest.approx(0.058)
+        if report.reason is None:
+            return
+        assert STALL in report.reason or "program on the controller" in report.reason, report
+    pytest.fail("no run came to its end")
 
 
 def test_a_rehearsal_is_faster_than_the_run_and_its_log_is_one(judged: Path, tmp_path: Path) -> None:

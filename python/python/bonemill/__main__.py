@@ -133,7 +133,7 @@ def tell_lateness(tell: Callable[[str], None], period_s: float) -> None:
         )
 
 
-_MEASURED_S = 1.0
+_MEASURED_S = 0.5
 _LATE_S = 0.01
 """Half of the age at which a state stops a run."""
 

@@ -205,7 +205,7 @@ class UrLink:
     """An e-Series arm through ``ur_rtde``."""
 
     def __init__(self, host: str, period_s: float, settings: Settings) -> None:
-        self._state: tuple[float, ...] | None = None
+        self._state: tuple[Any, ...] | None = None
         self._identity: tuple[str, str, bool] | None = None
         self._spindle_bit = 1 << settings.spindle_output
         self._closed = threading.Event()
