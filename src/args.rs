@@ -257,6 +257,9 @@ pub struct ExportArgs {
     /// gcode: write links as G0; only for a machine that drives G0 along a straight line
     #[arg(long)]
     pub rapid: bool,
+    /// Export a plan without a passed verification or a registration; names and heads of the files say so
+    #[arg(long)]
+    pub unverified: bool,
 }
 
 #[derive(Debug, clap::Args)]

@@ -6,25 +6,27 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail, ensure};
 use bonemill_planner::case::Spindle;
 use bonemill_planner::path::MoveKind;
-use bonemill_planner::plan::{Need, StoredPlan, is_prosthesis, least_gaps};
+use bonemill_planner::plan::{HoldPoint, Need, StoredPlan, hold_points, is_prosthesis, least_gaps, verified};
 use bonemill_planner::prosthesis::JobRecord;
 use bonemill_planner::space::TRAJECTORY_TOLERANCE_MM;
-use bonemill_robot::ArmKind;
 use bonemill_robot::export::{
-    Between, Block, ExportRows, Gcode, GcodeMove, Tolerance, UrScript, is_cartesian, straight_blocks,
-    write_gcode, write_ros_json, write_ros_yaml, write_urscript,
+    Between, Block, ExportRows, Gcode, GcodeMove, ScriptHold, ScriptNotes, Tolerance, UrScript, is_cartesian,
+    straight_blocks, write_gcode, write_ros_json, write_ros_yaml, write_urscript,
 };
+use bonemill_robot::{ArmKind, JointKind};
 
 use crate::args::{ExportArgs, ExportFormat};
 use crate::outcome::Outcome;
 
 /// Least number of rows per second of a ROS trajectory; the controller interpolates with cubics.
-const ROS_RATE_HZ: f64 = 50.0;
+const ROS_RATE_HZ: f64 = 10.0;
 /// Least number of steps per second of a URScript program, straight in joint space. Short programs load faster.
 const SCRIPT_RATE_HZ: f64 = 25.0;
 /// Largest distance of the burr from the plan's trajectory because of rows that are left out, mm: a fifth of the trajectory's
 /// own tolerance.
 const LEFT_OUT_MM: f64 = 0.2 * TRAJECTORY_TOLERANCE_MM;
+/// How far a script goes back along the path to wait at a hold, mm, as in streaming.
+const RETREAT_MM: f64 = 2.0;
 /// Largest deviation of the shaft's axis because of G-code's straight blocks, rad: 0.03 mm at the end of a shank of 60 mm.
 const LEFT_OUT_RAD: f64 = 5e-4;
 
@@ -35,15 +37,20 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<Outcome> {
     let plan = args.folder.load(Need::Unchanged)?;
     let name =
         plan.dir.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
-    let name = name.unwrap_or_else(|| "plan".into());
+    let mut name = name.unwrap_or_else(|| "plan".into());
+    let why_not = not_to_be_moved(&plan);
+    if let Some(why) = &why_not {
+        ensure!(args.unverified, "{why}; or say --unverified: the files then say so");
+        name.push_str(".unverified");
+    }
     // all files are made in memory first, so that nothing is created if one fails
-    let files = files(&plan, args)?;
+    let files = files(&plan, args, why_not.as_deref())?;
     fs::create_dir_all(&args.out).with_context(|| format!("cannot create {}", args.out.display()))?;
     let mut written = Vec::new();
     for (extension, bytes) in files {
         let path = args.out.join(format!("{name}.{extension}"));
         write_to(&path, &bytes)?;
-        written.push(path.display().to_string());
+        written.push(format!("{} ({:.1} MB)", path.display(), 1e-6 * bytes.len() as f64));
     }
     Ok(Outcome::written("export", &args.out, &written.join(", ")).warning(&plan.record.warnings))
 }
@@ -66,16 +73,73 @@ fn prosthesis(args: &ExportArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::written("export", &args.out, &path.display().to_string()).warning(&record.warnings))
 }
 
+/// Why streaming would not move an arm along the plan's files as they are.
+fn not_to_be_moved(plan: &StoredPlan) -> Option<String> {
+    if let Err(why) = verified(&plan.dir) {
+        return Some(format!("the plan is not verified: {why}; verify it"));
+    }
+    let assumed = plan.record.frames.registration_assumed;
+    assumed.then(|| {
+        "the case has no registration, so where the arm stands was assumed: give robot.base_from_ct and plan again"
+            .to_owned()
+    })
+}
+
+/// Lines that say what must hold for the exported motion.
+fn notes(plan: &StoredPlan, why_not: Option<&str>) -> Vec<String> {
+    let robot = &plan.record.case.robot;
+    let kinematics = if robot.calibration.is_some() { "its own calibration" } else { "nominal kinematics" };
+    let joints: Vec<String> = plan
+        .arm
+        .joints()
+        .iter()
+        .zip(plan.trajectory.q_at(0))
+        .map(|(joint, q)| {
+            let slides = joint.kind == JointKind::Prismatic;
+            format!("{} {q:.4} {}", joint.name, if slides { "mm" } else { "rad" })
+        })
+        .collect();
+    let mut lines: Vec<String> = why_not
+        .into_iter()
+        .map(|why| format!("NOT TO BE MOVED NEAR A PATIENT: {}", why.replace('\n', " ")))
+        .collect();
+    lines.push(format!(
+        "For the arm {} with {kinematics}, its tool mounted as the plan has it, and the payload set.",
+        robot.model
+    ));
+    lines.push(format!("It begins at rest at {}: the arm must stand there.", joints.join(", ")));
+    lines
+}
+
+/// A format that cannot wait for the user does not drop a hold.
+fn without_holds(plan: &StoredPlan, format: &str) -> anyhow::Result<()> {
+    let case = &plan.record.case;
+    let Some(hold) = hold_points(plan).into_iter().next() else { return Ok(()) };
+    bail!(
+        "the case holds {} mm from {} ([[hold]]), and {format} cannot go back and wait for the user there: stream the plan, export URScript for \
+         a UR, or plan without the hold",
+        hold.distance_mm,
+        case.structures[hold.structure].name
+    )
+}
+
 /// The files to write, by extension.
-fn files(plan: &StoredPlan, args: &ExportArgs) -> anyhow::Result<Vec<(&'static str, Vec<u8>)>> {
+fn files(
+    plan: &StoredPlan,
+    args: &ExportArgs,
+    why_not: Option<&str>,
+) -> anyhow::Result<Vec<(&'static str, Vec<u8>)>> {
+    let mut notes = notes(plan, why_not);
     let model = &plan.record.case.robot.model;
     ensure!(!args.rapid || args.format == ExportFormat::Gcode, "--rapid is for G-code only");
     Ok(match args.format {
         ExportFormat::Ros => {
+            without_holds(plan, "a ROS trajectory")?;
+            notes.push("It does not switch the spindle.".into());
             let rows = rows(plan, args.rate_hz, ROS_RATE_HZ, &[Between::Straight, Between::Cubic])?;
             let (mut json, mut yaml) = (Vec::new(), Vec::new());
             write_ros_json(&mut json, &rows)?;
-            write_ros_yaml(&mut yaml, &rows)?;
+            write_ros_yaml(&mut yaml, &rows, &notes)?;
             vec![("trajectory.json", json), ("trajectory.yaml", yaml)]
         }
         ExportFormat::Urscript => {
@@ -89,8 +153,11 @@ fn files(plan: &StoredPlan, args: &ExportArgs) -> anyhow::Result<Vec<(&'static s
             let mut options = UrScript::with_mount(mount);
             options.calibrated = plan.record.case.robot.calibration.is_some();
             let aside_mm = aside_mm(plan, &rows)?;
+            notes.push(late(plan, &rows)?);
+            let (holds, start_pose) = (holds(plan, &rows)?, start_pose(plan)?);
+            let notes = ScriptNotes { lines: &notes, start_pose, holds: &holds };
             let mut script = Vec::new();
-            write_urscript(&mut script, &rows, &options, &aside_mm)?;
+            write_urscript(&mut script, &rows, &options, &aside_mm, notes)?;
             vec![("script", script)]
         }
         ExportFormat::Gcode => {
@@ -100,9 +167,45 @@ fn files(plan: &StoredPlan, args: &ExportArgs) -> anyhow::Result<Vec<(&'static s
                  one rotary one behind them. Other formats: ros, and urscript for a UR"
             );
             ensure!(args.rate_hz.is_none(), "--rate has no meaning for G-code, which has one block per move");
-            vec![("ngc", gcode(plan, args.rapid)?)]
+            without_holds(plan, "G-code")?;
+            vec![("ngc", gcode(plan, args.rapid, &notes)?)]
         }
     })
+}
+
+/// How far beside its path the burr is by servoj's lag alone, in words.
+fn late(plan: &StoredPlan, rows: &ExportRows<'_>) -> anyhow::Result<String> {
+    let mut found = Vec::new();
+    for lag_s in [0.034, 0.1, 0.2] {
+        found.push(format!("{:.2} mm with {lag_s} s", rows.late_mm(&plan.arm, lag_s)?));
+    }
+    Ok(format!(
+        "servoj follows late (lookahead 0.1 s, gain 300; streaming uses 0.03 s and 2000, of which 0.034 s were measured): the burr leaves its path \
+         by {}.",
+        found.join(", ")
+    ))
+}
+
+/// Where a script goes back and waits.
+fn holds(plan: &StoredPlan, rows: &ExportRows<'_>) -> anyhow::Result<Vec<ScriptHold>> {
+    let name = |structure: usize| &plan.record.case.structures[structure].name;
+    let hold = |hold: HoldPoint| {
+        let row = rows.at_or_before(hold.row).min(rows.count().saturating_sub(2));
+        let back_row = rows.back_from(row, RETREAT_MM, &plan.arm)?;
+        Ok(ScriptHold {
+            row,
+            back_row,
+            why: format!("{} mm from {}", hold.distance_mm, name(hold.structure)),
+        })
+    };
+    hold_points(plan).into_iter().map(hold).collect()
+}
+
+/// Where the plan has the tool at the first row, in base: m, and the rotation vector, rad.
+fn start_pose(plan: &StoredPlan) -> anyhow::Result<[f64; 6]> {
+    let tool = plan.arm.burr(plan.trajectory.q_at(0))?;
+    let (p, turn) = (tool.translation_mm * 1e-3, tool.rotation.scaled_axis());
+    Ok([p.x, p.y, p.z, turn.x, turn.y, turn.z])
 }
 
 /// The trajectory's rows at about the requested rate, or as few as keep the burr close enough to the trajectory, whichever way a
@@ -120,27 +223,26 @@ fn rows<'a>(
         "--rate {rate_hz} Hz: expected above 0 and at most the trajectory's {sampled_hz} Hz"
     );
     let t = &plan.trajectory;
-    let mut stride = (sampled_hz / rate_hz).round().max(1.0) as usize;
-    loop {
-        let rows = ExportRows::new(plan.arm.joints(), &t.time_s, &t.q, &t.qd, stride)?;
-        let found = between.iter().map(|between| rows.deviation_mm(&plan.arm, *between));
-        let found = found.collect::<Result<Vec<_>, _>>()?;
-        let (off_mm, row) = found.into_iter().fold((0.0, 0), |a, b| if b.0 > a.0 { b } else { a });
-        if off_mm <= LEFT_OUT_MM {
-            return Ok(rows);
-        }
-        ensure!(
-            asked_hz.is_none(),
-            "--rate {rate_hz} Hz: between rows {row} and {} the tool would be {off_mm:.4} mm aside of the planned \
-             trajectory; expected at most {LEFT_OUT_MM:.3} mm: take a higher rate, or none to have one chosen",
-            row + 1
-        );
-        stride = stride.div_ceil(2);
+    if asked_hz.is_none() {
+        let all = ExportRows::new(plan.arm.joints(), &t.time_s, &t.q, &t.qd, 1)?;
+        return Ok(all.thinned(&plan.arm, between, LEFT_OUT_MM, 1.0 / rate_hz)?);
     }
+    let stride = (sampled_hz / rate_hz).round().max(1.0) as usize;
+    let rows = ExportRows::new(plan.arm.joints(), &t.time_s, &t.q, &t.qd, stride)?;
+    let found = between.iter().map(|between| rows.deviation_mm(&plan.arm, *between));
+    let found = found.collect::<Result<Vec<_>, _>>()?;
+    let (off_mm, row) = found.into_iter().fold((0.0, 0), |a, b| if b.0 > a.0 { b } else { a });
+    ensure!(
+        off_mm <= LEFT_OUT_MM,
+        "--rate {rate_hz} Hz: between rows {row} and {} the tool would be {off_mm:.4} mm aside of the planned \
+         trajectory; expected at most {LEFT_OUT_MM:.3} mm: take a higher rate, or none to have as few rows as will do",
+        row + 1
+    );
+    Ok(rows)
 }
 
 /// The trajectory as straight blocks; links are rapids if `rapid`.
-fn gcode(plan: &StoredPlan, rapid: bool) -> anyhow::Result<Vec<u8>> {
+fn gcode(plan: &StoredPlan, rapid: bool, notes: &[String]) -> anyhow::Result<Vec<u8>> {
     let t = &plan.trajectory;
     let rows = ExportRows::new(plan.arm.joints(), &t.time_s, &t.q, &t.qd, 1)?;
     let ends_s: Vec<f64> = plan.waypoints.iter().map(|waypoint| waypoint.time_s).collect();
@@ -155,7 +257,9 @@ fn gcode(plan: &StoredPlan, rapid: bool) -> anyhow::Result<Vec<u8>> {
     let milling = Spindle { rpm: burr.spindle_rpm, spin: burr.spin };
     let Spindle { rpm: spindle_rpm, spin } = plan.record.case.tool.spindle().unwrap_or(milling);
     let options = Gcode { spindle_rpm, clockwise: spin < 0, rapid };
-    let mut text = Vec::new();
+    // no bracket or line may end a comment early
+    let plain = |note: &String| format!("({})\n", note.replace(['(', ')'], "").replace('\n', " "));
+    let mut text: Vec<u8> = notes.iter().map(plain).collect::<String>().into_bytes();
     write_gcode(&mut text, plan.arm.joints(), &options, moves)?;
     Ok(text)
 }

@@ -21,7 +21,7 @@ fn planned(place: &Place) -> StoredPlan {
 
 #[track_caller]
 fn exported(place: &Place, args: &[&str], file: &str) -> String {
-    let ran = place.run(&[&["export", "plan", "--out", "out"], args].concat());
+    let ran = place.run(&[&["export", "plan", "--out", "out", "--unverified"], args].concat());
     assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
     assert!(ran.out.contains(file), "{}", ran.out);
     fs::read_to_string(place.path("out").join(file)).unwrap()
@@ -43,7 +43,7 @@ fn from_segment(p: &nalgebra::Vector3<f64>, ends: &[nalgebra::Vector3<f64>]) -> 
 fn ros_and_urscript_hold_the_trajectory() {
     let place = Place::healthy().with_case("rate_hz = 100", UR);
     let plan = planned(&place);
-    let json = exported(&place, &["--format", "ros", "--rate", "250"], "plan.trajectory.json");
+    let json = exported(&place, &["--format", "ros", "--rate", "250"], "plan.unverified.trajectory.json");
     let read: serde_json::Value = serde_json::from_str(&json).unwrap();
     let points = read["points"].as_array().unwrap();
     assert_eq!(points.len(), (plan.trajectory.len() - 1).div_ceil(2) + 1);
@@ -62,23 +62,30 @@ fn ros_and_urscript_hold_the_trajectory() {
         }
     }
     assert!(
-        fs::read_to_string(place.path("out/plan.trajectory.yaml")).unwrap().contains("- \"elbow_joint\"")
+        fs::read_to_string(place.path("out/plan.unverified.trajectory.yaml"))
+            .unwrap()
+            .contains("- \"elbow_joint\"")
     );
 
-    let script = exported(&place, &["--format", "urscript"], "plan.script");
+    let script = exported(&place, &["--format", "urscript"], "plan.unverified.script");
     assert!(script.contains("nominal kinematics"));
     let mut time_s = 0.0;
     let steps: Vec<&str> = script.lines().filter(|line| line.starts_with("  step(")).collect();
-    // as many rows as are needed to stay on the trajectory: at least 25 per second
-    let first_s: f64 = steps[0].trim_end_matches(')').rsplit_once(", ").unwrap().1.parse().unwrap();
-    let stride = (first_s * 500.0).round() as usize;
-    assert!((1..=20).contains(&stride), "{first_s} s");
-    assert_eq!(steps.len(), (plan.trajectory.len() - 1).div_ceil(stride));
+    // as few rows as are needed to stay on the trajectory, at least 25 per second
+    let mut rows = vec![0];
+    for step in &steps {
+        let dt_s: f64 = step.trim_end_matches(')').rsplit_once(", ").unwrap().1.parse().unwrap();
+        rows.push(rows[rows.len() - 1] + (dt_s * 500.0).round() as usize);
+    }
+    assert_eq!(rows[rows.len() - 1], plan.trajectory.len() - 1);
+    assert!(rows.windows(2).all(|pair| (1..=20).contains(&(pair[1] - pair[0]))));
+    let spans: std::collections::BTreeSet<usize> = rows.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    assert!(spans.len() > 2, "rows are left out where they may be: {spans:?}");
     // between rows, straight in joint space, the burr deviates from the trajectory by no more than is stated
     let burr = |q: &[f64]| plan.arm.burr(q).unwrap().translation_mm;
     let places: Vec<_> = (0..plan.trajectory.len()).map(|k| burr(plan.trajectory.q_at(k))).collect();
     for n in 0..steps.len() {
-        let (from, to) = (row(&plan, n, stride), row(&plan, n + 1, stride));
+        let (from, to) = (rows[n], rows[n + 1]);
         for k in from..=to {
             let u = (k - from) as f64 / (to - from) as f64;
             let (a, b) = (plan.trajectory.q_at(from), plan.trajectory.q_at(to));
@@ -90,13 +97,17 @@ fn ros_and_urscript_hold_the_trajectory() {
     }
     for rate in ["1", "0.001"] {
         place
-            .run(&["export", "plan", "--format", "urscript", "--rate", rate])
+            .run(&["export", "plan", "--unverified", "--format", "urscript", "--rate", rate])
             .refused(&["mm aside", "higher rate"]);
     }
-    place.run(&["export", "plan", "--format", "ros", "--rate", "0.01"]).refused(&["mm aside"]);
-    place.run(&["export", "plan", "--format", "ros", "--rapid"]).refused(&["--rapid", "G-code"]);
+    place
+        .run(&["export", "plan", "--unverified", "--format", "ros", "--rate", "0.01"])
+        .refused(&["mm aside"]);
+    place
+        .run(&["export", "plan", "--unverified", "--format", "ros", "--rapid"])
+        .refused(&["--rapid", "G-code"]);
     for (n, line) in steps.iter().enumerate() {
-        let at = row(&plan, n + 1, stride);
+        let at = rows[n + 1];
         let (list, dt) = line.trim_start_matches("  step([").trim_end_matches(')').split_once("], ").unwrap();
         time_s += dt.parse::<f64>().unwrap();
         assert!((time_s - plan.trajectory.time_s[at]).abs() < 1e-6);
@@ -117,23 +128,81 @@ fn ros_and_urscript_hold_the_trajectory() {
     assert!(at.iter().all(|mm| *mm <= 0.5) && at.contains(&0.5));
     for force in &plan.forces {
         let time_s = plan.waypoints[force.waypoint].time_s;
-        let step = (0..at.len()).find(|n| plan.trajectory.time_s[row(&plan, n + 1, stride)] >= time_s);
+        let step = (0..at.len()).find(|n| plan.trajectory.time_s[rows[n + 1]] >= time_s);
         let room_mm = force.distance_mm - radius_mm;
         assert!(step.is_none_or(|n| at[n] <= 0.25 * room_mm), "waypoint {}: {room_mm} mm", force.waypoint);
     }
     // a refused export leaves no files
     let refused = |args: &[&str], says: &[&str]| {
         let before = place.files();
-        place.run(&[&["export", "plan", "--out", "a/b"], args].concat()).refused(says);
+        place.run(&[&["export", "plan", "--unverified", "--out", "a/b"], args].concat()).refused(says);
         assert!(before == place.files());
     };
     refused(&["--format", "gcode"], &["robot.model = \"ur5e\"", "three linear axes", "urscript"]);
-    let ran = place.run(&["export", "plan", "--format", "gcode"]);
+    let ran = place.run(&["export", "plan", "--unverified", "--format", "gcode"]);
     assert!(!ran.err.contains("because"), "{}", ran.err);
     refused(&["--format", "urscript", "--rate", "1"], &["mm aside"]);
     refused(&["--format", "ros", "--rapid"], &["--rapid"]);
-    place.run(&["export", "plan", "--format", "ros", "--rate", "1000"]).refused(&["--rate", "500"]);
+    place
+        .run(&["export", "plan", "--unverified", "--format", "ros", "--rate", "1000"])
+        .refused(&["--rate", "500"]);
     place.run(&["export", "nowhere", "--format", "ros"]).refused(&["plan.toml"]);
+}
+
+#[test]
+fn what_streaming_would_not_move_is_exported_by_request_only_and_says_so() {
+    let place = Place::healthy().with_case("rate_hz = 100", UR);
+    planned(&place);
+    for format in ["ros", "urscript"] {
+        place.run(&["export", "plan", "--format", format]).refused(&[
+            "the plan is not verified",
+            "run `bonemill verify`",
+            "--unverified",
+        ]);
+    }
+    let yaml = exported(&place, &["--format", "ros"], "plan.unverified.trajectory.yaml");
+    let script = exported(&place, &["--format", "urscript"], "plan.unverified.script");
+    for text in [&yaml, &script] {
+        assert!(
+            text.contains("# NOT TO BE MOVED NEAR A PATIENT: the plan is not verified"),
+            "{}",
+            &text[..600]
+        );
+        assert!(
+            text.contains("# It begins at rest at shoulder_pan_joint") && text.contains("For the arm ur5e")
+        );
+    }
+    assert!(script.contains("servoj follows late") && script.contains(" mm with 0.2 s"));
+    // as few points as will do, and their size
+    let ran = place.run(&["export", "plan", "--unverified", "--out", "out", "--format", "ros"]);
+    assert!(ran.out.contains("trajectory.json (") && ran.out.contains(" MB)"), "{}", ran.out);
+    let points = yaml.matches("time_from_start").count();
+    let every = exported(&place, &["--format", "ros", "--rate", "500"], "plan.unverified.trajectory.yaml");
+    assert!(3 * points < every.matches("time_from_start").count(), "{points} points");
+    // a joint at 100 rad/s
+    let path = place.path("plan/trajectory.csv");
+    let mut lines: Vec<String> = fs::read_to_string(&path).unwrap().lines().map(str::to_owned).collect();
+    let mut cells: Vec<String> = lines[200].split(',').map(str::to_owned).collect();
+    cells[3] = format!("{}", cells[3].parse::<f64>().unwrap() + 0.2);
+    lines[200] = cells.join(",");
+    fs::write(&path, lines.join("\n") + "\n").unwrap();
+    for format in ["ros", "urscript"] {
+        place.run(&["export", "plan", "--unverified", "--format", format]).refused(&[]);
+    }
+}
+
+#[test]
+fn a_hold_is_in_the_script_and_refused_where_a_format_cannot_wait() {
+    let hold = "\n[[hold]]\nstructure = \"nerve\"\ndistance_mm = 3.0\n";
+    let place = Place::healthy().with_case("rate_hz = 100", UR);
+    let text = fs::read_to_string(place.path("case.toml")).unwrap();
+    fs::write(place.path("case.toml"), text + hold).unwrap();
+    planned(&place);
+    let script = exported(&place, &["--format", "urscript"], "plan.unverified.script");
+    assert_eq!(script.matches("\n  hold(\"3 mm from nerve\")\n").count(), 1);
+    place
+        .run(&["export", "plan", "--unverified", "--format", "ros"])
+        .refused(&["3 mm from nerve", "cannot go back and wait"]);
 }
 
 /// Joint positions on the straight line between two joint vectors.
@@ -145,7 +214,7 @@ fn between(from: &[f64], to: &[f64], share: f64) -> Vec<f64> {
 fn g_code_keeps_to_the_trajectory_and_to_every_axis_limit() {
     let place = Place::healthy().with_case("rate_hz = 100", "rate_hz = 500");
     let plan = planned(&place);
-    let text = exported(&place, &["--format", "gcode"], "plan.ngc");
+    let text = exported(&place, &["--format", "gcode"], "plan.unverified.ngc");
     let trajectory = &plan.trajectory;
     let burr = |q: &[f64]| plan.arm.burr(q).unwrap();
     let (mut at, mut path) = ([0.0f64; 4], Vec::new());
@@ -204,7 +273,7 @@ fn g_code_keeps_to_the_trajectory_and_to_every_axis_limit() {
     assert!((seconds / planned_s - 1.0).abs() < 1e-3, "{seconds} s of {planned_s}");
     assert!(text.contains(" M3\n") && text.lines().filter(|line| line.starts_with("G0 ")).count() == 1);
     // links as rapids where the machine drives them straight; its blocks end where they did
-    let rapid = exported(&place, &["--format", "gcode", "--rapid"], "plan.ngc");
+    let rapid = exported(&place, &["--format", "gcode", "--rapid"], "plan.unverified.ngc");
     assert!(rapid.lines().filter(|line| line.starts_with("G0 ")).count() > 1);
     let ends = |text: &str| -> Vec<String> {
         let blocks = text.lines().filter(|line| line.starts_with("G0 ") || line.starts_with("G1 "));
@@ -212,10 +281,10 @@ fn g_code_keeps_to_the_trajectory_and_to_every_axis_limit() {
     };
     assert_eq!(ends(&text), ends(&rapid));
     place
-        .run(&["export", "plan", "--format", "urscript"])
+        .run(&["export", "plan", "--unverified", "--format", "urscript"])
         .refused(&["bone-attached", "ur3e, ur5e and ur10e"]);
     // with the other sense of rotation
     let place = Place::healthy().with_case("spin = -1", "spin = 1");
     planned(&place);
-    assert!(exported(&place, &["--format", "gcode"], "plan.ngc").contains(" M4\n"));
+    assert!(exported(&place, &["--format", "gcode"], "plan.unverified.ngc").contains(" M4\n"));
 }

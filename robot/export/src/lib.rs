@@ -16,4 +16,4 @@ pub use csv::write_trajectory_csv;
 pub use gcode::{Gcode, GcodeMove, is_cartesian, write_gcode};
 pub use ros::{write_ros_json, write_ros_yaml};
 pub use rows::{Between, ExportRows};
-pub use urscript::{UrScript, write_urscript};
+pub use urscript::{ScriptHold, ScriptNotes, UrScript, write_urscript};

@@ -18,8 +18,9 @@ const DECIMALS: u32 = 9;
 /// Writes one JSON object.
 ///
 /// # Errors
-/// [`RobotError::Write`] when the writer fails.
+/// [`RobotError::Value`] where a step is faster than its joint's limit, [`RobotError::Write`] when the writer fails.
 pub fn write_ros_json(out: &mut impl Write, rows: &ExportRows<'_>) -> Result<(), RobotError> {
+    rows.check_speeds()?;
     let names: Vec<String> = rows.joints().iter().map(|joint| quoted(&joint.name)).collect();
     let head = format!(
         "{{\"header\": {{\"stamp\": {{\"sec\": 0, \"nanosec\": 0}}, \"frame_id\": \"\"}},\n\"joint_names\": [{}],\n\"points\": [\n",
@@ -35,14 +36,21 @@ pub fn write_ros_json(out: &mut impl Write, rows: &ExportRows<'_>) -> Result<(),
     })
 }
 
-/// Writes one YAML document: `ros2 topic pub -1 --yaml-file FILE /TOPIC trajectory_msgs/msg/JointTrajectory`.
+/// Writes one YAML document, with notes as comments before it: `ros2 topic pub -1 --yaml-file FILE /TOPIC trajectory_msgs/msg/JointTrajectory`.
 ///
 /// # Errors
-/// [`RobotError::Write`] when the writer fails.
-pub fn write_ros_yaml(out: &mut impl Write, rows: &ExportRows<'_>) -> Result<(), RobotError> {
+/// [`RobotError::Value`] where a step is faster than its joint's limit, [`RobotError::Write`] when the writer fails.
+pub fn write_ros_yaml(
+    out: &mut impl Write,
+    rows: &ExportRows<'_>,
+    notes: &[String],
+) -> Result<(), RobotError> {
+    rows.check_speeds()?;
+    let notes: String = notes.iter().map(|note| format!("# {note}\n")).collect();
     let names: String = rows.joints().iter().map(|joint| format!("- {}\n", quoted(&joint.name))).collect();
-    let head =
-        format!("header:\n  stamp: {{sec: 0, nanosec: 0}}\n  frame_id: \"\"\njoint_names:\n{names}points:\n");
+    let head = format!(
+        "{notes}header:\n  stamp: {{sec: 0, nanosec: 0}}\n  frame_id: \"\"\njoint_names:\n{names}points:\n"
+    );
     write_points(out, rows, &head, "", |text, n, _| {
         let (q, qd, sec, nanosec) = point(rows, n);
         let _ = writeln!(

@@ -1,5 +1,5 @@
-//! The exported rows of a motion: every n-th row of a sampled trajectory, and always its last. Also computes how far the
-//! burr leaves its path because of the rows that are left out.
+//! The exported rows of a motion: every n-th row of a sampled trajectory, or as few as keep the burr near it, and always its first and last.
+//! Also computes how far the burr leaves its path because of the rows that are left out, or because an arm follows late.
 
 use bonemill_geometry::{Base, Point};
 use rayon::prelude::*;
@@ -17,13 +17,14 @@ pub enum Between {
 }
 
 /// Some rows of a sampled trajectory, with the joints.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct ExportRows<'a> {
     joints: &'a [Joint],
     time_s: &'a [f64],
     q: &'a [f64],
     qd: &'a [f64],
-    stride: usize,
+    /// Places of the exported rows among the sampled ones, rising.
+    kept: Vec<usize>,
 }
 
 impl<'a> ExportRows<'a> {
@@ -48,7 +49,49 @@ impl<'a> ExportRows<'a> {
                 return Err(RobotError::Length { what, got, expected });
             }
         }
-        Ok(Self { joints, time_s, q, qd, stride: stride.max(1) })
+        let last = time_s.len() - 1;
+        let kept = (0..last).step_by(stride.max(1)).chain([last]).collect();
+        Ok(Self { joints, time_s, q, qd, kept })
+    }
+
+    /// As few of the rows as leave the burr within `most_mm` of its sampled path, however a controller interpolates, none longer after the
+    /// one before than `most_s`, which is above 0.
+    ///
+    /// # Errors
+    /// [`RobotError::Length`] for an arm with another number of joints.
+    pub fn thinned(
+        mut self,
+        arm: &Arm,
+        between: &[Between],
+        most_mm: f64,
+        most_s: f64,
+    ) -> Result<Self, RobotError> {
+        let dof = self.joints.len();
+        let places: Result<Vec<_>, _> = self.q.par_chunks_exact(dof).map(|q| burr(arm, q)).collect();
+        let (places, last) = (places?, self.time_s.len() - 1);
+        let mut kept = vec![0];
+        let (mut from, mut span) = (0, 1);
+        while from < last {
+            // as far as twice the span before, then half of that until the burr stays near
+            span = (2 * span).min(last - from);
+            while span > 1 {
+                let is_short = self.time_s[from + span] - self.time_s[from] <= most_s * (1.0 + 1e-9);
+                let off = |between: &Between| self.span_mm(arm, &places, (from, from + span), *between);
+                if is_short
+                    && between
+                        .iter()
+                        .map(off)
+                        .try_fold(true, |near, off| Ok::<_, RobotError>(near && off? <= most_mm))?
+                {
+                    break;
+                }
+                span = span.div_ceil(2);
+            }
+            from += span;
+            kept.push(from);
+        }
+        self.kept = kept;
+        Ok(self)
     }
 
     /// The joints.
@@ -58,7 +101,26 @@ impl<'a> ExportRows<'a> {
 
     /// Number of rows that are exported.
     pub fn count(&self) -> usize {
-        (self.time_s.len() - 1).div_ceil(self.stride) + 1
+        self.kept.len()
+    }
+
+    /// The last exported row that is no later than a sampled one.
+    pub fn at_or_before(&self, sampled: usize) -> usize {
+        self.kept.partition_point(|kept| *kept <= sampled).saturating_sub(1)
+    }
+
+    /// The last exported row before `n` from which the burr's way to it is at least so long, mm; the first where none is.
+    ///
+    /// # Errors
+    /// [`RobotError::Length`] for an arm with another number of joints.
+    pub fn back_from(&self, n: usize, way_mm: f64, arm: &Arm) -> Result<usize, RobotError> {
+        let (mut at, mut gone_mm) = (n, 0.0);
+        while at > 0 && gone_mm < way_mm {
+            let (here, before) = (burr(arm, self.row(at).1)?, burr(arm, self.row(at - 1).1)?);
+            gone_mm += (here - before).norm();
+            at -= 1;
+        }
+        Ok(at)
     }
 
     /// Clock of every exported row, s.
@@ -68,7 +130,7 @@ impl<'a> ExportRows<'a> {
 
     /// Time, positions and velocities of an exported row.
     pub(super) fn row(&self, n: usize) -> (f64, &'a [f64], &'a [f64]) {
-        let at = (n * self.stride).min(self.time_s.len() - 1);
+        let at = self.kept[n];
         let dof = self.joints.len();
         (self.time_s[at], &self.q[at * dof..(at + 1) * dof], &self.qd[at * dof..(at + 1) * dof])
     }
@@ -92,27 +154,11 @@ impl<'a> ExportRows<'a> {
     /// # Errors
     /// [`RobotError::Length`] for an arm with another number of joints.
     pub fn deviation_mm(&self, arm: &Arm, between: Between) -> Result<(f64, usize), RobotError> {
-        let dof = self.joints.len();
+        let places: Result<Vec<_>, _> =
+            self.q.par_chunks_exact(self.joints.len()).map(|q| burr(arm, q)).collect();
+        let places = places?;
         let step = |n: usize| -> Result<(f64, usize), RobotError> {
-            let ((t0, q0, qd0), (t1, q1, qd1)) = (self.row(n), self.row(n + 1));
-            let span_s = t1 - t0;
-            let first = n * self.stride;
-            let last = (first + self.stride).min(self.time_s.len() - 1);
-            let sampled = self.q[first * dof..(last + 1) * dof].chunks_exact(dof);
-            let places = sampled.map(|q| burr(arm, q)).collect::<Result<Vec<_>, _>>()?;
-            let mut q = vec![0.0; dof];
-            let mut worst_mm = 0f64;
-            for (around, time_s) in places.windows(3).zip(&self.time_s[first + 1..]) {
-                let u = (time_s - t0) / span_s;
-                for (j, q) in q.iter_mut().enumerate() {
-                    *q = match between {
-                        Between::Straight => q0[j] + u * (q1[j] - q0[j]),
-                        Between::Cubic => cubic([q0[j], q1[j]], [qd0[j] * span_s, qd1[j] * span_s], u),
-                    };
-                }
-                worst_mm = worst_mm.max(aside(around, &burr(arm, &q)?));
-            }
-            Ok((worst_mm, n))
+            Ok((self.span_mm(arm, &places, (self.kept[n], self.kept[n + 1]), between)?, n))
         };
         // of equal values the first, so that the result does not depend on threads
         let worse =
@@ -120,11 +166,97 @@ impl<'a> ExportRows<'a> {
         (0..self.count() - 1).into_par_iter().map(step).try_reduce(|| (0.0, 0), |a, b| Ok(worse(a, b)))
     }
 
+    /// How far the burr leaves its sampled places between two sampled rows when those between are left out, mm.
+    fn span_mm(
+        &self,
+        arm: &Arm,
+        places: &[Point<Base>],
+        (first, last): (usize, usize),
+        between: Between,
+    ) -> Result<f64, RobotError> {
+        let dof = self.joints.len();
+        let of = |values: &'a [f64], row: usize| &values[row * dof..(row + 1) * dof];
+        let (q0, q1, qd0, qd1) = (of(self.q, first), of(self.q, last), of(self.qd, first), of(self.qd, last));
+        let (t0, span_s) = (self.time_s[first], self.time_s[last] - self.time_s[first]);
+        let mut q = vec![0.0; dof];
+        let mut worst_mm = 0f64;
+        for (around, time_s) in places[first..=last].windows(3).zip(&self.time_s[first + 1..]) {
+            let u = (time_s - t0) / span_s;
+            for (j, q) in q.iter_mut().enumerate() {
+                *q = match between {
+                    Between::Straight => q0[j] + u * (q1[j] - q0[j]),
+                    Between::Cubic => cubic([q0[j], q1[j]], [qd0[j] * span_s, qd1[j] * span_s], u),
+                };
+            }
+            worst_mm = worst_mm.max(aside(around, &burr(arm, &q)?));
+        }
+        Ok(worst_mm)
+    }
+
+    /// How far the burr leaves its path when an arm follows so late, mm: by two equal first-order lags, each half of it.
+    ///
+    /// # Errors
+    /// [`RobotError::Length`] for an arm with another number of joints.
+    pub fn late_mm(&self, arm: &Arm, lag_s: f64) -> Result<f64, RobotError> {
+        let dof = self.joints.len();
+        let places: Result<Vec<_>, _> = self.q.par_chunks_exact(dof).map(|q| burr(arm, q)).collect();
+        let places = places?;
+        let mut followed = [self.q[..dof].to_vec(), self.q[..dof].to_vec()];
+        let mut worst_mm = 0f64;
+        let mut first = 0;
+        for (n, q) in self.q.chunks_exact(dof).enumerate().skip(1) {
+            let share = 1.0 - (-(self.time_s[n] - self.time_s[n - 1]) / (0.5 * lag_s)).exp();
+            for (j, q) in q.iter().enumerate() {
+                followed[0][j] += share * (q - followed[0][j]);
+                followed[1][j] += share * (followed[0][j] - followed[1][j]);
+            }
+            while self.time_s[first] < self.time_s[n] - LATE_LAGS * lag_s {
+                first += 1;
+            }
+            if n.is_multiple_of(LATE_EVERY) {
+                let there = burr(arm, &followed[1])?;
+                let off = places[first..=n].windows(2).map(|ends| from_segment_mm(ends, &there));
+                worst_mm = worst_mm.max(off.fold(f64::INFINITY, f64::min));
+            }
+        }
+        Ok(worst_mm)
+    }
+
+    /// That no step exceeds a joint's speed limit.
+    ///
+    /// # Errors
+    /// [`RobotError::Value`] with the first that does.
+    pub fn check_speeds(&self) -> Result<(), RobotError> {
+        for n in 1..self.count() {
+            let ((t0, from, _), (t1, to, _)) = (self.row(n - 1), self.row(n));
+            for (joint, (a, b)) in self.joints.iter().zip(from.iter().zip(to)) {
+                let speed = (b - a).abs() / (t1 - t0);
+                if !speed.is_finite() || speed > joint.velocity_limit * (1.0 + 1e-6) {
+                    let unit = if joint.kind == JointKind::Prismatic { "mm/s" } else { "rad/s" };
+                    let (what, expected) = ("joint speed in step", "at most the joint's limit");
+                    return Err(RobotError::Value { what, index: n, value: speed, unit, expected });
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Joint values in SI: m for prismatic joints, rad for revolute ones.
     pub(super) fn si(&self, values: &[f64]) -> Vec<f64> {
         let per = |joint: &Joint| if joint.kind == JointKind::Prismatic { 1e-3 } else { 1.0 };
         self.joints.iter().zip(values).map(|(joint, value)| value * per(joint)).collect()
     }
+}
+
+/// How many lags back an arm that follows late is looked for on its path, and at every how manieth row.
+const LATE_LAGS: f64 = 6.0;
+const LATE_EVERY: usize = 5;
+
+/// Distance of a point from the segment between two places, mm.
+fn from_segment_mm(ends: &[Point<Base>], there: &Point<Base>) -> f64 {
+    let (way, off) = (ends[1] - ends[0], *there - ends[0]);
+    let share = if way.norm_squared() > 0.0 { off.dot(&way) / way.norm_squared() } else { 0.0 };
+    (off - way * share.clamp(0.0, 1.0)).norm()
 }
 
 fn burr(arm: &Arm, q: &[f64]) -> Result<Point<Base>, RobotError> {
@@ -175,5 +307,48 @@ mod tests {
             assert!(cubic < 1.1 * most && cubic > 0.5 * most, "{cubic} for {most}");
         }
         assert_eq!(off(1, Between::Straight), 0.0);
+    }
+
+    #[test]
+    fn as_few_rows_are_kept_as_leave_the_burr_where_it_was() {
+        let arm = Arm::bone_attached().unwrap();
+        let (time_s, q, qd) = circle();
+        let all = ExportRows::new(arm.joints(), &time_s, &q, &qd, 1).unwrap();
+        let thinned = all.clone().thinned(&arm, &[Between::Straight], 0.005, 1.0).unwrap();
+        let off_mm = thinned.deviation_mm(&arm, Between::Straight).unwrap().0;
+        // a chord of 0.09 rad leaves the circle by 0.005 mm; spans are doubled and halved
+        assert!(off_mm <= 0.005 && (45..=180).contains(&thinned.count()), "{off_mm} mm, {}", thinned.count());
+        let short = all.clone().thinned(&arm, &[Between::Straight], 0.005, 0.02).unwrap();
+        assert!(short.count() >= 200 && short.times_s().last() == all.times_s().last());
+        assert_eq!((short.at_or_before(0), short.at_or_before(2000)), (0, short.count() - 1));
+        // 2 mm back are 0.4 rad
+        let back = short.back_from(short.count() - 1, 2.0, &arm).unwrap();
+        let way_s = time_s[2000] - short.times_s().nth(back).unwrap();
+        assert!((0.4..0.43).contains(&way_s), "{way_s}");
+    }
+
+    #[test]
+    fn an_arm_that_is_late_cuts_the_corner_of_a_circle() {
+        let arm = Arm::bone_attached().unwrap();
+        let (time_s, q, qd) = circle();
+        let rows = ExportRows::new(arm.joints(), &time_s, &q, &qd, 1).unwrap();
+        // two lags of τ at ω: the radius is divided by 1 + ω²τ²
+        for lag_s in [0.1, 0.2] {
+            let inside_mm = 5.0 * (1.0 - 1.0 / (1.0 + (0.5f64 * lag_s).powi(2)));
+            let late_mm = rows.late_mm(&arm, lag_s).unwrap();
+            assert!((late_mm / inside_mm - 1.0).abs() < 0.05, "{late_mm} for {inside_mm}");
+        }
+    }
+
+    #[test]
+    fn a_step_that_is_too_fast_for_a_joint_is_refused() {
+        let arm = Arm::bone_attached().unwrap();
+        let (time_s, mut q, qd) = circle();
+        let rows = ExportRows::new(arm.joints(), &time_s, &q, &qd, 1).unwrap();
+        assert!(rows.check_speeds().is_ok());
+        q[4 * 1000 + 3] += 0.2;
+        let rows = ExportRows::new(arm.joints(), &time_s, &q, &qd, 1).unwrap();
+        let refused = rows.check_speeds().unwrap_err().to_string();
+        assert!(refused.contains("joint speed in step") && refused.contains("1000"), "{refused}");
     }
 }

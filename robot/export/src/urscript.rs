@@ -43,6 +43,34 @@ impl UrScript {
     }
 }
 
+/// What is written besides the motion.
+#[derive(Debug, Clone, Copy)]
+pub struct ScriptNotes<'a> {
+    /// Comments at its head, a line each: what must hold.
+    pub lines: &'a [String],
+    /// Where the plan has the tool at the first row, in base: m, and the rotation vector, rad. The controller's own must agree.
+    pub start_pose: [f64; 6],
+    /// By row.
+    pub holds: &'a [ScriptHold],
+}
+
+/// A place where the arm goes back, switches the spindle off and waits for the user.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScriptHold {
+    /// The exported row at which it stops.
+    pub row: usize,
+    /// The exported row to which it goes back along its path.
+    pub back_row: usize,
+    /// What the user reads.
+    pub why: String,
+}
+
+/// Farthest of a joint from the first row that the program moves it by itself, rad. Assumed.
+const START_RAD: f64 = 0.35;
+/// How far the controller's tool may be from the plan's at the first row, mm and rad, as in streaming.
+const TOOL_MM: f64 = 0.1;
+const TOOL_RAD: f64 = 2e-3;
+
 /// Largest lag of the arm on its path, s: several times the 34 ms that users measured for `servoj`. Assumed.
 const LATE_S: f64 = 0.2;
 /// Number of past places of the path that the program keeps.
@@ -66,6 +94,7 @@ pub fn write_urscript(
     rows: &ExportRows<'_>,
     options: &UrScript,
     aside_mm: &[f64],
+    notes: ScriptNotes<'_>,
 ) -> Result<(), RobotError> {
     if aside_mm.len() != rows.count() {
         let (what, got, expected) = ("limits beside the path", aside_mm.len(), rows.count());
@@ -82,41 +111,31 @@ pub fn write_urscript(
         let (what, unit, expected) = ("joint of a UR program", "(prismatic)", "a revolute joint");
         return Err(RobotError::Value { what, index, value: index as f64, unit, expected });
     }
-    check_steps(rows)?;
+    rows.check_speeds()?;
     let limits_mm = limits_mm(rows, aside_mm)?;
     let failed =
         |rows_written: usize| move |source| RobotError::Write { rows_written: rows_written as u64, source };
     let (_, start, _) = rows.row(0);
     let step_s = if rows.count() > 1 { rows.row(1).0 } else { LATE_S };
-    out.write_all(head(options, &list(start), step_s).as_bytes()).map_err(failed(0))?;
+    out.write_all(head(options, &notes, &list(start), step_s).as_bytes()).map_err(failed(0))?;
     let (mut before_s, mut before_mm) = (0.0, f64::NAN);
-    for (n, limit_mm) in limits_mm.into_iter().enumerate().skip(1) {
+    for (n, &limit_mm) in limits_mm.iter().enumerate().skip(1) {
         let (time_s, q, _) = rows.row(n);
         let mut line = String::new();
+        for hold in notes.holds.iter().filter(|hold| hold.row + 1 == n) {
+            let narrow = limits_mm[hold.back_row..=n].iter().copied().fold(limit_mm, f64::min);
+            line += &hold_lines(rows, hold, narrow);
+            before_mm = f64::NAN;
+        }
         if limit_mm != before_mm {
             before_mm = limit_mm;
-            line = format!("  allow({before_mm:.2})\n");
+            line += &format!("  allow({before_mm:.2})\n");
         }
         line += &format!("  step({}, {:.9})\n", list(q), time_s - before_s);
         out.write_all(line.as_bytes()).map_err(failed(n))?;
         before_s = time_s;
     }
     out.write_all(b"  safe_stop(\"done\")\nend\nbonemill()\n").map_err(failed(rows.count()))
-}
-
-/// Checks that no step exceeds a joint's speed limit.
-fn check_steps(rows: &ExportRows<'_>) -> Result<(), RobotError> {
-    for n in 1..rows.count() {
-        let ((t0, from, _), (t1, to, _)) = (rows.row(n - 1), rows.row(n));
-        for (joint, (a, b)) in rows.joints().iter().zip(from.iter().zip(to)) {
-            let speed = (b - a).abs() / (t1 - t0);
-            if !speed.is_finite() || speed > joint.velocity_limit * (1.0 + 1e-6) {
-                let (what, unit, expected) = ("joint speed in step", "rad/s", "at most the joint's limit");
-                return Err(RobotError::Value { what, index: n, value: speed, unit, expected });
-            }
-        }
-    }
-    Ok(())
 }
 
 /// What the program compares with at each row: the smallest limit from [`LATE_S`] before the row before it, rounded down.
@@ -137,7 +156,22 @@ fn limits_mm(rows: &ExportRows<'_>, aside_mm: &[f64]) -> Result<Vec<f64>, RobotE
     Ok((0..rows.count()).map(least).collect())
 }
 
-fn head(options: &UrScript, start: &str, step_s: f64) -> String {
+/// Stops, goes back along the path at half the speed, waits with the spindle off, and comes again.
+fn hold_lines(rows: &ExportRows<'_>, hold: &ScriptHold, allowed_mm: f64) -> String {
+    let step = |n: usize, from: usize| {
+        let ((t0, ..), (t1, q, _)) = (rows.row(from), rows.row(n));
+        format!("  step({}, {:.9})\n", list(q), 2.0 * (t1 - t0).abs())
+    };
+    let mut text = format!("  allow({allowed_mm:.2})\n  stopj(2.0)\n");
+    text.extend((hold.back_row..hold.row).rev().map(|n| step(n, n + 1)));
+    text += &format!("  hold(\"{}\")\n", hold.why.replace(['"', '\n'], "'"));
+    text.extend((hold.back_row + 1..=hold.row).map(|n| step(n, n - 1)));
+    text
+}
+
+fn head(options: &UrScript, notes: &ScriptNotes<'_>, start: &str, step_s: f64) -> String {
+    let planned = list(&notes.start_pose);
+    let lines: String = notes.lines.iter().map(|line| format!("  # {line}\n")).collect();
     let tool = &options.mount.flange_from_burr;
     let turn = tool.rotation.scaled_axis();
     let p = tool.translation_mm * 1e-3;
@@ -158,7 +192,7 @@ fn head(options: &UrScript, start: &str, step_s: f64) -> String {
   # The program stops where the burr's centre is farther beside the path of the last {LATE_S:?} s than the last allow(mm) says:
   # a share of the room that structures leave at that place. Being late on the path by less than that is no fault: servoj
   # follows late. Both places are the controller's own forward kinematics.
-  global reason = \"\"
+{lines}  global reason = \"\"
   # where the plan had the burr's centre, oldest first, m
   global path_x = {zeros}
   global path_y = {zeros}
@@ -245,8 +279,32 @@ fn head(options: &UrScript, start: &str, step_s: f64) -> String {
     servoj(q, t=dt, lookahead_time=0.1, gain=300)
     remember(q)
   end
+  def hold(why):
+    stopj(2.0)
+    set_standard_digital_out({spindle_output}, False)
+    popup(str_cat(\"The spindle is off. Go on? Held: \", why), title=\"bonemill\", blocking=True)
+    set_standard_digital_out({spindle_output}, True)
+    sleep({run_up_s:?})
+  end
   set_tcp(p{tcp})
   set_standard_digital_out({spindle_output}, False)
+  local apart = pose_trans(pose_inv(p{planned}), get_forward_kin({start}))
+  if 1000.0 * sqrt(apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2]) > {TOOL_MM}:
+    safe_stop(\"the tool would not be where the plan has it: another arm, another calibration or another tool\")
+  end
+  if sqrt(apart[3] * apart[3] + apart[4] * apart[4] + apart[5] * apart[5]) > {TOOL_RAD}:
+    safe_stop(\"the tool would be turned against the plan: another arm, another calibration or another tool\")
+  end
+  local here = get_actual_joint_positions()
+  local start = {start}
+  local joint = 0
+  while joint < 6:
+    if here[joint] - start[joint] > {START_RAD} or start[joint] - here[joint] > {START_RAD}:
+      safe_stop(\"a joint is more than {START_RAD} rad from where the cut begins: bring the arm there by the pendant\")
+    end
+    joint = joint + 1
+  end
+  popup(str_cat(\"The mass on the flange is right? As the controller has it, kg: \", get_target_payload()), title=\"bonemill\", blocking=True)
   popup(\"The arm moves to the start of the cut. Is the way free?\", title=\"bonemill\", blocking=True)
   movej({start}, a=0.5, v=0.2)
   local place = 0
@@ -270,7 +328,7 @@ mod tests {
     use bonemill_geometry::Rigid;
     use nalgebra::{Rotation3, Vector3};
 
-    fn written_past(speed_rad_s: f64, narrow_mm: f64) -> Result<String, RobotError> {
+    fn written_past(speed_rad_s: f64, narrow_mm: f64, holds: bool) -> Result<String, RobotError> {
         let arm = Arm::ur(UrModel::Ur5e, None).unwrap();
         let time_s: Vec<f64> = (0..=500).map(|k| f64::from(k) * 0.002).collect();
         let q: Vec<f64> =
@@ -282,12 +340,16 @@ mod tests {
         let mut out = Vec::new();
         // half a second of room, then a narrow place
         let aside_mm: Vec<f64> = (0..rows.count()).map(|n| if n < 13 { 0.5 } else { narrow_mm }).collect();
-        write_urscript(&mut out, &rows, &UrScript::with_mount(mount), &aside_mm)?;
+        let hold = ScriptHold { row: 12, back_row: 10, why: "2 mm from \"nerve\"".into() };
+        let holds = if holds { vec![hold] } else { vec![] };
+        let lines = ["NOT VERIFIED: a reason".to_owned()];
+        let notes = ScriptNotes { lines: &lines, start_pose: [0.1, 0.2, 0.3, 0.0, 3.0, 0.0], holds: &holds };
+        write_urscript(&mut out, &rows, &UrScript::with_mount(mount), &aside_mm, notes)?;
         Ok(String::from_utf8(out).unwrap())
     }
 
     fn written(speed_rad_s: f64) -> Result<String, RobotError> {
-        written_past(speed_rad_s, 0.23)
+        written_past(speed_rad_s, 0.23, false)
     }
 
     /// The numbers of a `[..]` list.
@@ -319,15 +381,53 @@ mod tests {
 
     #[test]
     fn blocks_are_closed_and_the_spindle_is_off_first_and_last() {
-        let text = written(0.2).unwrap();
+        let text = written_past(0.2, 0.23, true).unwrap();
         let words = |line: &str| line.trim_start().split([' ', '(']).next().unwrap_or("").to_owned();
         let opened = text.lines().filter(|line| ["def", "if", "while"].contains(&&words(line)[..])).count();
         let closed = text.lines().filter(|line| words(line) == "end").count();
         assert_eq!(opened, closed);
         let place = |what: &str| text.find(what).unwrap();
-        assert!(place("set_standard_digital_out(0, False)\n  popup") < place("movej("));
-        assert!(place("movej(") < place("set_standard_digital_out(0, True)"));
+        assert!(place("set_tcp(") < place("\n  set_standard_digital_out(0, False)\n  local"));
+        assert!(place("\n  set_standard_digital_out(0, False)\n  local") < place("movej("));
+        assert!(place("movej(") < place("\n  set_standard_digital_out(0, True)"));
         assert!(text.trim_end().ends_with("safe_stop(\"done\")\nend\nbonemill()"));
+    }
+
+    #[test]
+    fn what_must_hold_is_said_and_tested_before_the_arm_moves() {
+        let text = written(0.2).unwrap();
+        let place = |what: &str| text.find(what).unwrap_or_else(|| panic!("{what}"));
+        let moves = place("\n  movej(");
+        assert!(place("# NOT VERIFIED: a reason") < place("global reason"));
+        for test in [
+            "pose_trans(pose_inv(p[0.1, 0.2, 0.3, 0.0, 3.0, 0.0]), get_forward_kin([0.3, -1.2, 1.4, -0.7, -1.5, 0.0]))",
+            "> 0.1:",
+            "> 0.002:",
+            "get_actual_joint_positions()",
+            "get_target_payload()",
+        ] {
+            assert!(place(test) < moves, "{test}");
+        }
+    }
+
+    #[test]
+    fn a_hold_goes_back_waits_with_the_spindle_off_and_comes_again() {
+        let text = written_past(0.2, 0.23, true).unwrap();
+        let (before, after) = text.split_once("\n  hold(\"2 mm from 'nerve'\")\n").unwrap();
+        let lines = |text: &str| text.lines().map(str::to_owned).collect::<Vec<_>>();
+        let (before, after) = (lines(before), lines(after));
+        let joint = |line: &str| numbers(line)[2];
+        // up to row 12, back over 11 to 10, and over 11 to 12 again, at half the speed
+        let rows: Vec<f64> = before[before.len() - 2..].iter().chain(&after[..2]).map(|l| joint(l)).collect();
+        let expected = [11.0, 10.0, 11.0, 12.0].map(|row| 1.4 + 0.2 * 0.04 * row);
+        assert!(rows.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-8), "{rows:?}");
+        assert!(after[..2].iter().all(|line| line.ends_with("0.080000000)")), "{:?}", &after[..2]);
+        assert_eq!(before[before.len() - 3], "  stopj(2.0)");
+        let def = text.split_once("  def hold(why):").unwrap().1;
+        let off = def.find("set_standard_digital_out(0, False)").unwrap();
+        assert!(
+            off < def.find("popup(").unwrap() && def.find("popup(").unwrap() < def.find("(0, True)").unwrap()
+        );
     }
 
     #[test]
@@ -338,7 +438,13 @@ mod tests {
         let rows = ExportRows::new(bone.joints(), &[0.0], &[0.0; 4], &[0.0; 4], 1).unwrap();
         let options = UrScript::with_mount(ToolMount::default());
         assert!(matches!(
-            write_urscript(&mut Vec::new(), &rows, &options, &[0.5]),
+            write_urscript(
+                &mut Vec::new(),
+                &rows,
+                &options,
+                &[0.5],
+                ScriptNotes { lines: &[], start_pose: [0.0; 6], holds: &[] }
+            ),
             Err(RobotError::Length { expected: 6, .. })
         ));
     }
@@ -360,7 +466,7 @@ mod tests {
         assert_eq!(text.matches("\n  allow(").count(), 2);
         assert!(text.contains("if aside_mm() > most_aside_mm:"));
         for too_narrow in [0.09, 0.0, -1.0, f64::NAN] {
-            let refused = written_past(0.2, too_narrow).unwrap_err().to_string();
+            let refused = written_past(0.2, too_narrow, false).unwrap_err().to_string();
             assert!(refused.contains("limit beside the path, row[13]"), "{refused}");
         }
     }

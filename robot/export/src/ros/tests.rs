@@ -60,7 +60,7 @@ fn json_and_yaml_read_back_equal() {
         let rows = ExportRows::new(&joints, &time_s, &q, &qd, stride).unwrap();
         let (mut json, mut yaml) = (Vec::new(), Vec::new());
         write_ros_json(&mut json, &rows).unwrap();
-        write_ros_yaml(&mut yaml, &rows).unwrap();
+        write_ros_yaml(&mut yaml, &rows, &["what must hold: [1] \"a\"".to_owned()]).unwrap();
         // JSON is also YAML; the command's tests check with a JSON parser that it is JSON
         check(std::str::from_utf8(&json).unwrap(), stride);
         check(std::str::from_utf8(&yaml).unwrap(), stride);
