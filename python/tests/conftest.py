@@ -71,18 +71,32 @@ def ur_planned(block: bonemill.Case) -> bonemill.Plan:
     return bonemill.plan(for_ur5e(block, block.text, "case_ur5e.toml"))
 
 
-@pytest.fixture(scope="session")
-def ur_pocket(block: bonemill.Case) -> bonemill.Plan:
-    """A shallow pocket for the same arm, milled in some ten seconds: for what runs in real time."""
+def pocket(block: bonemill.Case) -> str:
+    """A case of a shallow pocket, milled in some ten seconds."""
     text = block.text.replace("[-1.0, -4.0, -4.0], max_mm = [7.0, 4.0, 0.0]", "[0.0, -2.5, -1.2], max_mm = [6.0, 2.5, 0.0]")
     text = text.replace("least_share = 0.8", "least_share = 0.5").replace('mode = "least_force"', 'mode = "constant"')
     text = text.replace("nominal_mm_s = 1.5", "nominal_mm_s = 4.0").replace("stepover_mm = 1.667", "stepover_mm = 1.2")
-    return bonemill.plan(for_ur5e(block, text, "case_pocket.toml"))
+    return text
+
+
+@pytest.fixture(scope="session")
+def ur_pocket(block: bonemill.Case) -> bonemill.Plan:
+    """A shallow pocket for the same arm: for what runs in real time."""
+    return bonemill.plan(for_ur5e(block, pocket(block), "case_pocket.toml"))
 
 
 @pytest.fixture(scope="session")
 def judged(ur_pocket: bonemill.Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The pocket's folder with a passed verification; not to be written to."""
     folder = ur_pocket.save(tmp_path_factory.mktemp("streamed") / "plan", pack=True)
+    assert bonemill.verify(bonemill.Plan.load(folder), save=True).passed
+    return folder
+
+
+@pytest.fixture(scope="session")
+def held(block: bonemill.Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same with a hold in its last layer."""
+    text = pocket(block) + '\n[[hold]]\nstructure = "facial_nerve"\ndistance_mm = 7.8\n'
+    folder = bonemill.plan(for_ur5e(block, text, "case_held.toml")).save(tmp_path_factory.mktemp("held") / "plan", pack=True)
     assert bonemill.verify(bonemill.Plan.load(folder), save=True).passed
     return folder

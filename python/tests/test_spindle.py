@@ -66,3 +66,37 @@ def test_a_spindle_that_was_never_on_is_not_said_to_turn(judged: Path) -> None:
         user = Yes(lambda: double.set("runtime_state", 2))
         report = run_with(streaming, double, user)
     assert report.reason is not None and "spindle" not in report.reason and report.is_off, report
+
+
+class Watching(Yes):
+    """Notes at each question what the output was."""
+
+    def __init__(self, double: Double) -> None:
+        super().__init__()
+        self.double, self.outputs = double, list[int]()
+
+    def ask(self, text: str) -> None:
+        super().ask(text)
+        self.outputs.append(self.double.get("digital_outputs"))
+
+
+@pytest.mark.parametrize("switches", [True, False])
+def test_a_hold_is_asked_about_once_the_spindle_is_seen_off(held: Path, switches: bool) -> None:
+    prefer()
+    streaming = ready(held)
+    for _ in range(TRIES):
+        with Double(next(addresses), streaming.joints(0.0)) as double:
+            if not switches:
+                double.call("arrange", "spindle's output stays", ROW)
+            user = Watching(double)
+            report = run_with(streaming, double, user)
+            sent = double.get("sent")
+        if report.reason is None or "spindle" in report.reason:
+            break
+        assert STALL in report.reason or "program on the controller" in report.reason, report
+    assert len(sent) > ROW and user.outputs[0] == 0
+    if switches:
+        assert report.reason is None and user.outputs == [0, 0] and "Held, the spindle's output is seen off" in user.asked[1]
+    else:
+        assert len(user.asked) == 1 and not report.is_off
+        assert report.reason is not None and "was switched off and is still seen on" in report.reason and "seen ON: it turns" in report.reason, report

@@ -3,172 +3,19 @@
 #![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
 
 mod common;
+#[path = "common/obedient.rs"]
+mod obedient;
 
 use bonemill_arm::Arm;
 use bonemill_stream::approach::Approach;
 use bonemill_stream::simulated::rehearse::rehearse;
 use bonemill_stream::{
-    ArmLink, ArmState, Cause, Clock, Event, Hold, Identity, Joints, LinkFault, Log, LogWriter, Operator,
-    Order, Outcome, PLAYING, Question, ROBOT_RUNNING, SAFETY_NORMAL, STOPPED, Session, Settings, SpindleEnd,
-    Standing, StreamError, StreamPlan, Timing, drive,
+    Cause, Hold, Joints, LinkFault, Log, LogWriter, Order, Settings, SpindleEnd, Standing, StreamError,
+    StreamPlan, Timing,
 };
 use common::{PERIOD_S, settings, values};
-use nalgebra::{UnitQuaternion, Vector3};
-
-/// Answers as told, and remembers what it heard.
-#[derive(Default)]
-struct User {
-    says: Vec<bool>,
-    asked: usize,
-    heard: Vec<String>,
-    pending: bool,
-}
-
-impl User {
-    fn who_says(says: &[bool]) -> Self {
-        Self { says: says.to_vec(), ..Self::default() }
-    }
-}
-
-impl Operator for User {
-    fn tell(&mut self, event: &Event) {
-        self.heard.push(event.to_string());
-    }
-
-    fn ask(&mut self, question: &Question) {
-        self.heard.push(question.to_string());
-        self.pending = true;
-    }
-
-    fn answer(&mut self) -> Option<bool> {
-        if !std::mem::take(&mut self.pending) {
-            return None;
-        }
-        self.asked += 1;
-        Some(self.says.get(self.asked - 1).copied().unwrap_or(true))
-    }
-
-    fn stop(&mut self) -> Option<Cause> {
-        None
-    }
-}
-
-/// An arm that is where it was told to be, with a clock of its own; it keeps every order.
-struct Obedient {
-    now_s: f64,
-    state: ArmState,
-    orders: Vec<(f64, Order)>,
-    /// Rows after which the loop is held up for so many s, once.
-    stall: Option<(usize, f64)>,
-    /// What its sensor says after so many orders.
-    force_n: fn(usize) -> Option<Vector3<f64>>,
-    /// From so many orders on, its client takes no more.
-    deaf_after: usize,
-    /// What else changes in its state, by the time, s.
-    changes: fn(&mut ArmState, f64),
-    is_local: bool,
-}
-
-impl Obedient {
-    fn at(plan: &StreamPlan, q: Joints) -> Self {
-        let tool = plan.arm.tool_at(&q);
-        let turn = UnitQuaternion::from_rotation_matrix(&tool.rotation).scaled_axis();
-        let state = ArmState {
-            received_s: 0.0,
-            controller_s: 50.0,
-            q,
-            tool_pose: (tool.translation_mm.into(), turn.into()),
-            force_n: None,
-            safety_mode: SAFETY_NORMAL,
-            robot_mode: ROBOT_RUNNING,
-            freedrive: false,
-            spindle_on: false,
-            runtime_state: STOPPED,
-            speed_fraction: 1.0,
-            payload_kg: 1.0,
-        };
-        Self {
-            now_s: 0.0,
-            state,
-            orders: vec![],
-            stall: None,
-            force_n: |_| None,
-            deaf_after: usize::MAX,
-            changes: |_, _| (),
-            is_local: false,
-        }
-    }
-
-    fn targets(&self) -> Vec<Joints> {
-        let target = |(_, order): &(f64, Order)| match order {
-            Order::Target(q) => Some(*q),
-            _ => None,
-        };
-        self.orders.iter().filter_map(target).collect()
-    }
-
-    fn run(&mut self, plan: &StreamPlan, user: &mut User) -> Outcome {
-        let mut session = Session::new(plan, 0.0, 0.0);
-        let shared = std::cell::RefCell::new(self);
-        drive(&mut session, &mut End(&shared), &mut End(&shared), user, None::<&mut LogWriter<Vec<u8>>>)
-    }
-}
-
-/// Both ends of an obedient arm.
-struct End<'a, 'b>(&'a std::cell::RefCell<&'b mut Obedient>);
-
-impl ArmLink for End<'_, '_> {
-    fn state(&mut self) -> Option<ArmState> {
-        let mut arm = self.0.borrow_mut();
-        let (now_s, sent) = (arm.now_s, arm.orders.len());
-        let force_n = (arm.force_n)(sent);
-        arm.state = ArmState { received_s: now_s, controller_s: 50.0 + now_s, force_n, ..arm.state };
-        let (mut said, change) = (arm.state, arm.changes);
-        change(&mut said, now_s);
-        Some(said)
-    }
-
-    fn fault(&mut self) -> Option<LinkFault> {
-        None
-    }
-
-    fn order(&mut self, order: &Order) {
-        let mut arm = self.0.borrow_mut();
-        let now_s = arm.now_s;
-        arm.orders.push((now_s, *order));
-        match order {
-            Order::Start => arm.state.runtime_state = PLAYING,
-            Order::Target(q) => arm.state.q = *q,
-            Order::Spindle(on) if arm.orders.len() <= arm.deaf_after => arm.state.spindle_on = *on,
-            _ => {}
-        }
-    }
-
-    fn identity(&self) -> Option<Identity> {
-        Some(Identity { model: "UR5".into(), serial: "1".into(), is_local: self.0.borrow().is_local })
-    }
-
-    fn waiting(&self) -> usize {
-        let arm = self.0.borrow();
-        arm.orders.len().saturating_sub(arm.deaf_after)
-    }
-}
-
-impl Clock for End<'_, '_> {
-    fn now_s(&mut self) -> f64 {
-        self.0.borrow().now_s
-    }
-
-    fn sleep_until_s(&mut self, wake_s: f64) {
-        let mut arm = self.0.borrow_mut();
-        let sent = arm.orders.len();
-        arm.now_s = wake_s.max(arm.now_s);
-        if let Some((_, for_s)) = arm.stall.filter(|(after, _)| sent == *after) {
-            arm.now_s += for_s;
-            arm.stall = None;
-        }
-    }
-}
+use nalgebra::Vector3;
+use obedient::{Obedient, User};
 
 fn plan() -> StreamPlan {
     values(1.0, 3.0, 8.0).plan(settings())
@@ -237,16 +84,6 @@ fn orders_do_not_pile_up_before_a_client_that_takes_none() {
         "{after:?}"
     );
     assert!(after.len() <= 7, "{} orders wait", after.len());
-}
-
-#[test]
-fn an_arm_that_another_program_moves_is_left_alone() {
-    let plan = plan();
-    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
-    arm.state.runtime_state = PLAYING;
-    let outcome = arm.run(&plan, &mut User::default());
-    assert!(outcome.to_string().contains("a program already runs on the controller"), "{outcome}");
-    assert!(arm.orders.iter().all(|(_, order)| *order == Order::End), "{:?}", arm.orders);
 }
 
 #[test]
@@ -336,36 +173,6 @@ fn the_way_begins_where_the_arm_is_and_not_where_the_user_was_asked() {
         }
     }
     assert_eq!(begun.track.burr_at(0.0), plan.arm.tool_at(&now).translation_mm);
-}
-
-#[test]
-fn an_arm_that_is_not_ready_is_not_moved() {
-    let plan = plan();
-    type Change = (fn(&mut ArmState), &'static str);
-    let changes: [Change; 11] = [
-        (|s| s.runtime_state = 4, "a program is paused on the controller"),
-        (|s| s.robot_mode = 3, "robot mode is 3 (power off): expected 7"),
-        (|s| s.robot_mode = 5, "brakes are closed"),
-        (|s| s.freedrive = true, "freedrive"),
-        (|s| s.spindle_on = true, "the spindle's output is on"),
-        (|s| s.safety_mode = 3, "protective stop"),
-        (|s| s.speed_fraction = 0.5, "slider is at 50 %"),
-        (|s| s.payload_kg = 0.0, "0.00 kg on its flange, expected 1.00 kg"),
-        (|s| s.tool_pose.0[2] += 1.5, "1.50 mm"),
-        (|s| s.tool_pose.1[0] += 0.05, "mrad apart"),
-        (|s| s.q[0] = f64::NAN, "joints"),
-    ];
-    for (change, says) in changes {
-        let mut arm = Obedient::at(&plan, plan.track.q()[0]);
-        change(&mut arm.state);
-        let outcome = arm.run(&plan, &mut User::default());
-        let said = outcome.cause.unwrap().to_string();
-        assert!(said.contains(says), "{said}");
-        assert_eq!(arm.orders.iter().map(|(_, o)| *o).collect::<Vec<_>>(), [Order::End], "{says}");
-    }
-    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
-    assert_eq!(arm.run(&plan, &mut User::who_says(&[false])).cause, Some(Cause::Declined));
-    assert!(arm.targets().is_empty());
 }
 
 #[test]
@@ -471,114 +278,6 @@ fn an_arm_that_slides_is_rehearsed_within_its_bound_and_not_streamed_to() {
     );
     let refused = plan.for_a_ur().unwrap_err().to_string();
     assert!(refused.contains("prismatic, prismatic, prismatic, revolute"), "{refused}");
-}
-
-#[test]
-fn what_no_longer_holds_when_the_user_says_yes_starts_nothing() {
-    let plan = plan();
-    type Change = (fn(&mut ArmState), &'static str);
-    let changes: [Change; 5] = [
-        (|s| s.runtime_state = PLAYING, "a program already runs"),
-        (|s| s.payload_kg = 2.0, "2.00 kg on its flange, expected 1.00 kg"),
-        (|s| s.tool_pose.0[2] += 1.5, "Set the tool centre point"),
-        (|s| s.robot_mode = 3, "power off"),
-        (|s| s.spindle_on = true, "the spindle's output is on"),
-    ];
-    for (change, says) in changes {
-        let mut arm = Obedient::at(&plan, plan.track.q()[0]);
-        let mut session = Session::new(&plan, 0.0, 0.0);
-        let mut orders = Vec::new();
-        let outcome = (0..2000).find_map(|n| {
-            let now_s = f64::from(n) * PERIOD_S;
-            arm.state.received_s = now_s;
-            arm.state.controller_s = 50.0 + now_s;
-            if n == 1000 {
-                change(&mut arm.state);
-            }
-            let identity = Some(Identity { model: "UR5".into(), serial: "1".into(), is_local: false });
-            // the answer comes a second after the question, and after the change
-            let answer = (n == 1001).then_some(true);
-            let state = Some(arm.state);
-            let step =
-                session.step(&bonemill_stream::Seen { now_s, state, identity, answer, ..Default::default() });
-            orders.extend(step.order);
-            step.outcome
-        });
-        let said = outcome.unwrap().to_string();
-        assert!(said.contains(says), "{said}");
-        assert_eq!(orders, [Order::End], "{says}");
-    }
-}
-
-#[test]
-fn a_controller_in_local_control_or_at_another_rate_is_told_in_its_own_words() {
-    let plan = plan();
-    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
-    arm.is_local = true;
-    let said = arm.run(&plan, &mut User::default()).to_string();
-    assert!(said.contains("local control"), "{said}");
-    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
-    // a new state every 8 ms
-    arm.changes = |state, now_s| state.controller_s = 50.0 + (now_s / 0.008).floor() * 0.008;
-    let said = arm.run(&plan, &mut User::default()).to_string();
-    assert!(said.contains("every 8.0 ms (125 Hz)") && said.contains("robot.rate_hz = 125"), "{said}");
-    assert!(arm.targets().is_empty());
-}
-
-#[test]
-fn nothing_is_fed_before_the_spindle_is_seen_on_nor_after_it_is_seen_off() {
-    let plan = plan();
-    let run = |changes: fn(&mut ArmState, f64)| {
-        let mut arm = Obedient::at(&plan, plan.track.q()[0]);
-        arm.changes = changes;
-        let outcome = arm.run(&plan, &mut User::default());
-        (outcome, arm)
-    };
-    // it does not switch
-    let (outcome, arm) = run(|state, _| state.spindle_on = false);
-    assert!(outcome.to_string().contains("was switched on and is not seen on"), "{outcome}");
-    assert_eq!((outcome.spindle, outcome.targets), (SpindleEnd::Off, 0));
-    let first = plan.track.q()[0];
-    assert!(arm.targets().iter().all(|q| *q == first), "no row was sent");
-    // it goes off by itself
-    let (outcome, _) = run(|state, now_s| state.spindle_on &= now_s < 1.0);
-    assert!(outcome.to_string().contains("went off, not by this program"), "{outcome}");
-    assert!(outcome.targets > 100 && outcome.seconds < 1.0, "{outcome:?}");
-    // it switches late: the run-up counts from then
-    let (outcome, arm) = run(|state, now_s| state.spindle_on &= now_s > 0.5);
-    assert_eq!(outcome.cause, None);
-    let fed = arm.orders.iter().find(|(_, order)| matches!(order, Order::Target(q) if *q != first)).unwrap();
-    assert!(fed.0 >= 0.5 + plan.settings().run_up_s, "fed at {} s", fed.0);
-    // it stays on
-    let (outcome, _) = run(|state, now_s| state.spindle_on |= now_s > 1.5);
-    assert_eq!((outcome.cause.is_none(), outcome.spindle), (true, SpindleEnd::On), "{outcome}");
-}
-
-#[test]
-fn a_spindle_that_was_never_on_is_not_said_to_turn_and_one_that_nobody_sees_is() {
-    let plan = plan();
-    let said = Obedient::at(&plan, plan.track.q()[0]).run(&plan, &mut User::who_says(&[false])).to_string();
-    assert!(!said.contains("spindle"), "{said}");
-    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
-    // no new state after a while
-    arm.changes = |state, now_s| state.controller_s = 50.0 + now_s.min(1.0);
-    let outcome = arm.run(&plan, &mut User::default());
-    assert!(matches!(outcome.spindle, SpindleEnd::Unseen { age_s } if age_s > 0.2), "{outcome:?}");
-    assert!(outcome.to_string().contains("output was not seen off"), "{outcome}");
-}
-
-#[test]
-fn the_question_of_a_hold_comes_once_the_spindle_is_seen_off() {
-    let mut values = values(2.0, 3.0, 8.0);
-    values.holds = vec![Hold { row: 600, why: "2 mm from nerve".into() }];
-    let plan = values.plan(settings());
-    let mut user = User::default();
-    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
-    // the output does not go off
-    arm.changes = |state, now_s| state.spindle_on |= now_s > 1.0;
-    let outcome = arm.run(&plan, &mut user);
-    assert!(outcome.to_string().contains("was switched off and is still seen on"), "{outcome}");
-    assert_eq!((user.asked, outcome.spindle), (1, SpindleEnd::On));
 }
 
 #[test]
