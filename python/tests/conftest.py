@@ -95,8 +95,9 @@ def judged(ur_pocket: bonemill.Plan, tmp_path_factory: pytest.TempPathFactory) -
 
 @pytest.fixture(scope="session")
 def held(block: bonemill.Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same with a hold in its last layer."""
-    text = pocket(block) + '\n[[hold]]\nstructure = "facial_nerve"\ndistance_mm = 7.8\n'
+    """A deeper one, with a hold some seconds after its start."""
+    text = pocket(block).replace("[0.0, -2.5, -1.2], max_mm = [6.0, 2.5, 0.0]", "[1.5, -2.6, -5.6], max_mm = [7.5, 2.6, 0.0]")
+    text += '\n[[hold]]\nstructure = "facial_nerve"\ndistance_mm = 8.0\n'
     folder = bonemill.plan(for_ur5e(block, text, "case_held.toml")).save(tmp_path_factory.mktemp("held") / "plan", pack=True)
     assert bonemill.verify(bonemill.Plan.load(folder), save=True).passed
     return folder
