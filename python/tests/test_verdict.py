@@ -1,6 +1,8 @@
 """Streaming only what was verified: altered, failed and stale plans are refused, each with its reason."""
 
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -100,3 +102,10 @@ def test_unverified_tells_the_risk_and_asks(own: Path, capsys: pytest.CaptureFix
             require_verified(own, unverified=True, ask=lambda _, refusal=refusal: refusal)
     with pytest.raises(bonemill.StreamError, match="trajectory.csv"):
         require_verified(own)
+
+
+def test_a_sentence_that_was_typed_before_it_was_asked_for_confirms_nothing(own: Path) -> None:
+    (own / "verification.toml").unlink()
+    call = [sys.executable, "-m", "bonemill", "stream", str(own), "--dry-run", "--unverified", "--slow", "--payload-kg", "1"]
+    done = subprocess.run(call, input=SENTENCE + "\n", capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 2 and "not confirmed" in done.stderr, done.stderr
