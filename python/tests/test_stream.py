@@ -18,6 +18,7 @@ from ur_arm import SERVO_STOP, SET_WATCHDOG, STOP_SCRIPT, burr_mm, tool_pose
 from ur_double import Double
 
 import bonemill
+from bonemill.__main__ import tell_lateness
 from bonemill.stream import Report, Settings, Streaming, UrLink
 
 
@@ -338,3 +339,25 @@ def test_a_rehearsal_hears_ctrl_c(judged: Path, tmp_path: Path) -> None:
         rehearsal.send_signal(signal.SIGINT)
         _, said = rehearsal.communicate(timeout=10)
     assert rehearsal.returncode == 130 and "stopped by the user" in said, said
+
+
+class Clock:
+    """A PC's clock that is a little late each time, and very late once."""
+
+    def __init__(self, late_s: float) -> None:
+        self.now_s, self.sleeps, self.late_s = 0.0, 0, late_s
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.sleeps += 1
+        self.now_s += seconds + (self.late_s if self.sleeps == 100 else 1e-4)
+
+
+@pytest.mark.parametrize(("late_s", "said"), [(0.015, "up to 15 ms late"), (0.005, "")])
+def test_a_pc_that_wakes_up_late_is_told_before_the_start(late_s: float, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bonemill.__main__.time", Clock(late_s))
+    told: list[str] = []
+    tell_lateness(told.append, 0.002)
+    assert (len(told) == 1 and said in told[0] and "docs/realtime.md" in told[0]) if said else not told, told

@@ -322,3 +322,15 @@ fn a_run_goes_on_from_as_far_as_a_failure_may_have_left_the_burr() {
         assert!(way.is_ok(), "{away_mm} mm: {way:?}");
     }
 }
+
+#[test]
+fn progress_and_gaps_are_told_together_now_and_then() {
+    let plan = values(11.0, 1.0, 8.0).plan(settings());
+    let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+    arm.stall = Some((900, 0.0095));
+    let mut user = User::default();
+    assert_eq!(arm.run(&plan, &mut user).cause, None);
+    let told: Vec<_> = user.heard.iter().filter(|said| said.starts_with("row ")).collect();
+    assert_eq!(told.len(), 1, "{:?}", user.heard);
+    assert!(told[0].contains(" of 5500; 1 times no target was sent for up to 12 ms"), "{told:?}");
+}
