@@ -116,8 +116,7 @@ pub fn write_urscript(
     let failed =
         |rows_written: usize| move |source| RobotError::Write { rows_written: rows_written as u64, source };
     let (_, start, _) = rows.row(0);
-    let step_s = if rows.count() > 1 { rows.row(1).0 } else { LATE_S };
-    out.write_all(head(options, &notes, &list(start), step_s).as_bytes()).map_err(failed(0))?;
+    out.write_all(head(options, &notes, &list(start)).as_bytes()).map_err(failed(0))?;
     let (mut before_s, mut before_mm) = (0.0, f64::NAN);
     for (n, &limit_mm) in limits_mm.iter().enumerate().skip(1) {
         let (time_s, q, _) = rows.row(n);
@@ -169,7 +168,7 @@ fn hold_lines(rows: &ExportRows<'_>, hold: &ScriptHold, allowed_mm: f64) -> Stri
     text
 }
 
-fn head(options: &UrScript, notes: &ScriptNotes<'_>, start: &str, step_s: f64) -> String {
+fn head(options: &UrScript, notes: &ScriptNotes<'_>, start: &str) -> String {
     let planned = list(&notes.start_pose);
     let lines: String = notes.lines.iter().map(|line| format!("  # {line}\n")).collect();
     let tool = &options.mount.flange_from_burr;
@@ -182,8 +181,8 @@ fn head(options: &UrScript, notes: &ScriptNotes<'_>, start: &str, step_s: f64) -
     } else {
         "nominal kinematics, 1-2 mm off the real arm"
     };
-    // number of steps between two places that are kept
-    let every = (LATE_S / (step_s * (REMEMBERED - 1) as f64)).ceil().max(1.0);
+    // least time between two places that are kept: steps last differently long
+    let kept_s = LATE_S / (REMEMBERED - 1) as f64;
     let zeros = list(&[0.0; REMEMBERED]);
     format!(
         "def bonemill():
@@ -197,7 +196,7 @@ fn head(options: &UrScript, notes: &ScriptNotes<'_>, start: &str, step_s: f64) -
   global path_x = {zeros}
   global path_y = {zeros}
   global path_z = {zeros}
-  global steps = 0
+  global since_s = 0.0
   global most_aside_mm = 0.0
   def allow(mm):
     most_aside_mm = mm
@@ -218,11 +217,11 @@ fn head(options: &UrScript, notes: &ScriptNotes<'_>, start: &str, step_s: f64) -
     path_y[k] = burr[1]
     path_z[k] = burr[2]
   end
-  def remember(q):
+  def remember(q, dt):
     local k = 1
-    steps = steps + 1
-    if steps >= {every:.0}:
-      steps = 0
+    since_s = since_s + dt
+    if since_s >= {kept_s:.4}:
+      since_s = 0.0
       while k < {REMEMBERED}:
         path_x[k - 1] = path_x[k]
         path_y[k - 1] = path_y[k]
@@ -277,7 +276,7 @@ fn head(options: &UrScript, notes: &ScriptNotes<'_>, start: &str, step_s: f64) -
       safe_stop(\"the tool is farther beside its path than the structures allow here\")
     end
     servoj(q, t=dt, lookahead_time=0.1, gain=300)
-    remember(q)
+    remember(q, dt)
   end
   def hold(why):
     stopj(2.0)
@@ -391,6 +390,16 @@ mod tests {
         assert!(place("\n  set_standard_digital_out(0, False)\n  local") < place("movej("));
         assert!(place("movej(") < place("\n  set_standard_digital_out(0, True)"));
         assert!(text.trim_end().ends_with("safe_stop(\"done\")\nend\nbonemill()"));
+    }
+
+    #[test]
+    fn what_is_remembered_of_the_path_lasts_as_long_as_the_arm_may_be_late() {
+        let text = written(0.2).unwrap();
+        let (_, rest) = text.split_once("if since_s >= ").unwrap();
+        let kept_s: f64 = rest.split_once(':').unwrap().0.parse().unwrap();
+        // whatever the steps' durations, the places lie at least so far apart in time
+        assert!(kept_s * (REMEMBERED - 1) as f64 >= LATE_S - 1e-3, "{kept_s} s");
+        assert!(text.contains("since_s = since_s + dt") && text.contains("    remember(q, dt)\n"));
     }
 
     #[test]
