@@ -40,6 +40,10 @@ const TILTED_LESS: f64 = 0.5;
 /// A direction is the mean of those this near to the best one that rank nearly as high.
 const CONE_RAD: f64 = 0.5;
 const NEARLY: f64 = 0.9;
+/// How often the mean is taken anew around the last, until it moves by less than this; it must rank as high as the best but for rounding.
+const MOST_SHIFTS: usize = 12;
+const SHIFTED_RAD: f64 = 0.02;
+const AS_HIGH: f64 = 0.99;
 /// Directions this far apart are ways of their own; how many others are told.
 const APART_RAD: f64 = 0.8;
 const MOST_OTHERS: usize = 2;
@@ -53,6 +57,8 @@ pub struct WayInTool {
     pub shank_mm: Vec<[f64; 2]>,
     /// Largest angle between shaft and approach, rad.
     pub tilt_limit_rad: f64,
+    /// Whether the shaft tilts about the x of the approach's basis only.
+    pub in_plane: bool,
 }
 
 /// Where a scene's approach comes from.
@@ -107,6 +113,7 @@ pub(super) struct WayIn {
     profile: Vec<[f64; 2]>,
     length_mm: f64,
     tilt_limit_rad: f64,
+    in_plane: bool,
     directions: Vec<Vector3<f64>>,
 }
 
@@ -195,6 +202,7 @@ impl WayIn {
             profile,
             length_mm,
             tilt_limit_rad: tool.tilt_limit_rad,
+            in_plane: tool.in_plane,
             directions,
         }))
     }
@@ -252,7 +260,10 @@ impl WayIn {
 
     /// How high a direction ranks and what it reaches; `lines`: per place, what the line along each of the set's directions counts.
     fn ranked(&self, direction: Vector3<f64>, lines: &[Vec<f64>]) -> (f64, Way) {
+        let hinge = basis::from_z(&direction).matrix().column(0).into_owned();
+        let is_taken = |line: &Vector3<f64>| !self.in_plane || line.dot(&hinge).abs() <= SPREAD;
         let near: Vec<(usize, f64)> = (0..self.directions.len())
+            .filter(|n| is_taken(&self.directions[*n]))
             .map(|n| (n, self.tilted(angle(&self.directions[n], &direction))))
             .filter(|(_, tilted)| *tilted > 0.0)
             .collect();
@@ -292,14 +303,25 @@ impl WayIn {
             }
         }
         let (rank, first) = *ways.first()?;
-        // between the directions of the set
-        let weight = |(of, way): &(f64, Way)| {
-            let near = 1.0 - (angle(&way.direction, &first.direction) / CONE_RAD).powi(2);
-            near.max(0.0) * (of - NEARLY * rank).max(0.0)
-        };
-        let mean: Vector3<f64> = ranked.iter().map(|found| found.1.direction * weight(found)).sum();
-        let between = mean.try_normalize(1e-12).map(|direction| self.ranked(direction, &lines));
-        let best = between.filter(|found| found.0 >= rank).map_or(first, |found| found.1);
+        // the middle of the directions that rank nearly as high: of many open ways the one with most room to its sides
+        let mut best = first;
+        for _ in 0..MOST_SHIFTS {
+            let weight = |(of, way): &(f64, Way)| {
+                let near = 1.0 - (angle(&way.direction, &best.direction) / CONE_RAD).powi(2);
+                near.max(0.0) * (of - NEARLY * rank).max(0.0)
+            };
+            let mean: Vector3<f64> = ranked.iter().map(|found| found.1.direction * weight(found)).sum();
+            let Some(direction) = mean.try_normalize(1e-12) else { break };
+            let (shifted_rank, shifted) = self.ranked(direction, &lines);
+            if shifted_rank < AS_HIGH * rank {
+                break;
+            }
+            let by_rad = angle(&shifted.direction, &best.direction);
+            best = shifted;
+            if by_rad <= SHIFTED_RAD {
+                break;
+            }
+        }
         Some(ChosenWay { best, others: ways[1..].iter().map(|(_, way)| *way).collect() })
     }
 

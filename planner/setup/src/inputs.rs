@@ -179,6 +179,9 @@ fn way_in_tool(case: &Case) -> WayInTool {
     WayInTool {
         shank_mm: case.shank.iter().map(|s| [s.length_mm, s.radius_mm]).collect(),
         tilt_limit_rad: if straight { 0.0 } else { case.orientation.tilt_limit_rad },
+        // a given place of the arm gives the plane another direction
+        in_plane: case.orientation.angles == 1
+            && case.robot.base_from_ct == bonemill_case::Registration::Assumed,
     }
 }
 

@@ -22,6 +22,8 @@ const MOST_OUTSIDE: f64 = 0.005;
 const SUM_SHARE: f64 = 1e-9;
 /// Largest relative difference of masses on two lattices.
 const MASS_SHARE: f64 = 0.03;
+/// The same of the layers at its surface: flat faces along a grid are rounded to one side.
+const LAYER_SHARE: f64 = 0.05;
 /// Masses are compared over runs of waypoints that remove this share of all mass.
 const RUN_SHARE: f64 = 0.02;
 const RUN_MASS_SHARE: f64 = 0.2;
@@ -252,15 +254,12 @@ pub fn masses(
             run = (0.0, 0.0);
         }
     }
-    // for a very small removed volume most points are surface points; the tolerance is half of its own layer and half of the
-    // planner's, which is twice as thick, but at most half of the volume
+    // points of the surface are counted or not as a whole: by this lattice, and by the planner's, whose layer is twice as thick
     let taken = |n: usize| lattice.is(n, HAS_MASS) && first[n] != NEVER;
-    let share = if total < few {
-        let layer = layer(lattice.grid.dims(), &taken) as f64 / lattice.count(&taken).max(1) as f64;
-        ((1.5 * layer).min(0.5) * total / few).max(MASS_SHARE)
-    } else {
-        MASS_SHARE
-    };
+    let layers = 3.0 * layer(lattice.grid.dims(), &taken) as f64 / lattice.count(&taken).max(1) as f64;
+    // half of both for a very small volume, in which they do not average out; at most half of the volume
+    let small = if total < few { (0.5 * layers).min(0.5) * total / few } else { 0.0 };
+    let share = small.max(LAYER_SHARE * layers).max(MASS_SHARE);
     vec![
         Check::at_most("mass", of(total.max(least), said, total), share, "of it")
             .of("in all")

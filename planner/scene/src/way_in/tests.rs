@@ -35,7 +35,7 @@ fn found(
     let (ct, labels) = (ct.unwrap(), Volume::new(grid.clone(), labels).unwrap());
     let target: Vec<_> =
         (0..grid.len()).filter(|n| is_target(at(*n))).map(|n| grid.center(grid.voxel(n))).collect();
-    let tool = WayInTool { shank_mm: vec![[15.0, 1.0], [40.0, 6.0]], tilt_limit_rad: 0.5 };
+    let tool = WayInTool { shank_mm: vec![[15.0, 1.0], [40.0, 6.0]], tilt_limit_rad: 0.5, in_plane: false };
     let spec = SceneSpec {
         ct: &ct,
         labels: &labels,
