@@ -69,7 +69,8 @@ pub fn places(
     found
 }
 
-fn neighbours(raster: &Raster, cell: usize) -> impl Iterator<Item = usize> {
+/// The four cells beside one, those on the raster.
+pub(crate) fn neighbours(raster: &Raster, cell: usize) -> impl Iterator<Item = usize> {
     let [nu, nv] = raster.dims;
     let (i, j) = (cell % nu, cell / nu);
     let beside = [(i > 0).then(|| cell - 1), (i + 1 < nu).then(|| cell + 1)];

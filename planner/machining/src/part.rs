@@ -1,12 +1,14 @@
 //! What both sides share: the part over a raster, its outlines, the strip around it and the tab.
 //!
 //! Everything is kept as seen from the front; [`Part::seen`] turns a map for the back. Three bodies must not be cut: the part, always; the strip,
-//! until the contour; the tab, ever.
+//! until the contour; the tab, ever. What the contour would cut off from the grip is milled away like the channel around the part, so that it does not come
+//! loose under the cutter ([`Part::loose`]).
 
 use nalgebra::Vector3;
 
 use crate::envelope::Envelope;
 use crate::job::Job;
+use crate::leftover::neighbours;
 use crate::moves::Facing;
 use crate::raster::{NONE, Raster};
 use crate::reach::THROUGH_MM;
@@ -23,7 +25,14 @@ pub(crate) struct Part {
     nearest: Nearest,
     /// Distance to the outer outline, mm, below 0 inside; holes count as inside.
     pub outside_mm: Vec<f64>,
+    /// Cells of the block that the contour would cut off from the grip.
+    pub loose: Vec<bool>,
+    /// Distance to part and loose cells, mm, below 0 inside the part's outer outline.
+    pub milled_mm: Vec<f64>,
 }
+
+/// A frame beside the channel that is thinner than this holds nothing, mm. Assumed.
+const HOLDS_MM: f64 = 0.5;
 
 impl Part {
     pub fn with(raster: Raster, envelope: Envelope, silhouette: Silhouette, job: &Job) -> Self {
@@ -35,7 +44,9 @@ impl Part {
         let open = reached_from_the_edge(&raster, |cell| !envelope.holds(cell));
         outside_mm.iter_mut().zip(&open).filter(|(_, open)| !**open).for_each(|(d, _)| *d = -*d);
         let tab = strip.tab(cutting_force_n(job), job.process.strip_mm);
-        Self { raster, envelope, silhouette, strip, tab, nearest, outside_mm }
+        let loose = loose(&raster, &outside_mm, job);
+        let milled_mm = milled_mm(&raster, &outside_mm, &loose, job);
+        Self { raster, envelope, silhouette, strip, tab, nearest, outside_mm, loose, milled_mm }
     }
 
     pub fn seen<T: Copy>(&self, map: &[T], facing: Facing) -> Vec<T> {
@@ -105,22 +116,63 @@ impl Part {
     }
 }
 
+/// Cells of the block, seen from the front, that no frame beside the channel connects to the grip.
+fn loose(raster: &Raster, outside_mm: &[f64], job: &Job) -> Vec<bool> {
+    let block = &job.block;
+    let grip_v = -(block.low_mm.z + block.grip_mm);
+    let in_block = |cell: usize| {
+        let [u, v] = raster.centre_of(cell);
+        (block.low_mm.x..=block.high_mm.x).contains(&u) && (-block.high_mm.z..=-block.low_mm.z).contains(&v)
+    };
+    // a cell that the channel's edge passes through counts as beside it
+    let channel_mm = job.tool.diameter_mm() - raster.pitch_mm;
+    let beside: Vec<bool> = (0..raster.len()).map(|c| in_block(c) && outside_mm[c] > channel_mm).collect();
+    let holds = |cell: usize| beside[cell] && outside_mm[cell] > channel_mm + raster.pitch_mm + HOLDS_MM;
+    // below the raster the block goes on to the grip
+    let lowest = raster.centre(0, raster.dims[1] - 1)[1];
+    let is_grip = |cell: usize| raster.centre_of(cell)[1] >= grip_v.min(lowest);
+    let grip = (0..raster.len()).filter(|cell| is_grip(*cell));
+    let mut held = connected(raster, grip.collect(), holds);
+    // the frame's own edges
+    for _ in 0..(HOLDS_MM / raster.pitch_mm).ceil() as usize + 1 {
+        let before = held.clone();
+        let near = |cell: usize| beside[cell] && neighbours(raster, cell).any(|next| before[next]);
+        (0..raster.len()).filter(|cell| near(*cell)).for_each(|cell| held[cell] = true);
+    }
+    (0..raster.len()).map(|cell| beside[cell] && !held[cell]).collect()
+}
+
+/// Distance to the part or to what is loose, whichever is nearer; loose cells count only as far as the cutter stays off the grip.
+fn milled_mm(raster: &Raster, outside_mm: &[f64], loose: &[bool], job: &Job) -> Vec<f64> {
+    let points: Vec<[f64; 2]> =
+        (0..raster.len()).filter(|cell| loose[*cell]).map(|cell| raster.centre_of(cell)).collect();
+    if points.is_empty() {
+        return outside_mm.to_vec();
+    }
+    let lowest_v = -(job.block.low_mm.z + job.block.grip_mm + job.tool.radius_mm + THROUGH_MM);
+    let loose_mm = Nearest::of(raster, &points).distance_mm;
+    let nearer = |cell: usize| {
+        let is_off_grip = raster.centre_of(cell)[1] <= lowest_v;
+        if is_off_grip { outside_mm[cell].min(loose_mm[cell]) } else { outside_mm[cell] }
+    };
+    (0..raster.len()).map(nearer).collect()
+}
+
 /// Cells that are connected to the raster's edge through cells that are `open`.
 fn reached_from_the_edge(raster: &Raster, open: impl Fn(usize) -> bool) -> Vec<bool> {
     let [nu, nv] = raster.dims;
-    let mut reached = vec![false; raster.len()];
     let on_edge =
         |cell: usize| cell.is_multiple_of(nu) || cell % nu == nu - 1 || cell < nu || cell >= nu * (nv - 1);
-    let mut stack: Vec<usize> = (0..raster.len()).filter(|c| on_edge(*c)).collect();
-    while let Some(cell) = stack.pop() {
-        if !open(cell) || std::mem::replace(&mut reached[cell], true) {
-            continue;
+    connected(raster, (0..raster.len()).filter(|c| on_edge(*c)).collect(), open)
+}
+
+/// Cells that are connected to some cells through cells that are `open`, these included.
+fn connected(raster: &Raster, mut from: Vec<usize>, open: impl Fn(usize) -> bool) -> Vec<bool> {
+    let mut reached = vec![false; raster.len()];
+    while let Some(cell) = from.pop() {
+        if open(cell) && !std::mem::replace(&mut reached[cell], true) {
+            from.extend(neighbours(raster, cell));
         }
-        let (i, j) = (cell % nu, cell / nu);
-        stack.extend((i > 0).then(|| cell - 1));
-        stack.extend((i + 1 < nu).then(|| cell + 1));
-        stack.extend((j > 0).then(|| cell - nu));
-        stack.extend((j + 1 < nv).then(|| cell + nu));
     }
     reached
 }

@@ -230,9 +230,18 @@ impl Part {
         lies_within(front, job)?;
         let by_step = (CELL_IN_STEPS * job.process.finishing_step_mm).clamp(CELL_MM[0], CELL_MM[1]);
         let pitch = (job.tool.diameter_mm() / CELLS_ACROSS).min(by_step);
-        let raster = Raster::over(low - reach, high + reach, v_mm + reach, pitch)?;
-        let envelope = Envelope::of(&raster, front);
-        Ok(Self::with(raster, envelope, silhouette, job))
+        let over = |[low, high, v_mm]: [f64; 3]| {
+            let raster = Raster::over(low - reach, high + reach, v_mm + reach, pitch)?;
+            let envelope = Envelope::of(&raster, front);
+            Ok(Self::with(raster, envelope, silhouette.clone(), job))
+        };
+        let part = over([low, high, v_mm])?;
+        if !part.loose.contains(&true) {
+            return Ok(part);
+        }
+        // what is milled beside the part lies on the raster too
+        let block = &job.block;
+        over([low.min(block.low_mm.x), high.max(block.high_mm.x), v_mm.max(block.high_mm.z)])
     }
 }
 

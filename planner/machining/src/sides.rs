@@ -12,7 +12,7 @@ use crate::pass::{Pass, refined};
 use crate::passes::{Passes, Sliver};
 use crate::raster::NONE;
 use crate::rings::{Field, iso_loops};
-use crate::silhouette::{Loop, area_mm2};
+use crate::silhouette::Loop;
 
 /// Stock that roughing leaves on the part, mm.
 pub(crate) const ALLOWANCE_MM: f64 = 0.1;
@@ -86,8 +86,8 @@ impl<'a> Sight<'a> {
             *tip = (*tip + ALLOWANCE_MM).max(*strip).max(self.deepest_mm);
         }
         let beside = job.tool.radius_mm + ALLOWANCE_MM;
-        let domain = self.domain(part, beside);
-        let loops = self.loops(part, &domain, beside, &raster.filled(STEP_SHARE * job.widest_mm()));
+        let domain = self.domain(part, &part.milled_mm, beside);
+        let loops = self.loops(part, &domain, &part.milled_mm, beside, &raster.filled(STEP_SHARE * job.widest_mm()));
         let top = passes.stock.centres.top.iter().copied().fold(NONE, f64::max);
         let lowest =
             tip.iter().zip(&domain).filter(|(_, inside)| **inside).map(|(w, _)| *w).fold(top, f64::min);
@@ -129,7 +129,7 @@ impl<'a> Sight<'a> {
         self.surface(part, passes, &floor, &part.around(self.beside_mm(), self.facing));
     }
 
-    /// Cuts the strip along the outline, but not the tab.
+    /// Cuts the strip along the outline, but not the tab; before that, from the outside inwards, what of it carries loose stock.
     pub fn contour(&self, part: &Part, passes: &mut Passes<'_>) {
         let (raster, job) = (&part.raster, self.job);
         let floor = part.rim_floor(self.facing, job.tool.corner_radius_mm);
@@ -138,14 +138,27 @@ impl<'a> Sight<'a> {
             let lowest = raster.highest_around(&floor, p).max(raster.highest_around(&tab, p));
             lowest.max(self.drop.height_mm(p)).max(self.deepest_mm)
         };
-        for outline in &part.around(self.beside_mm(), self.facing) {
-            // around holes there is no strip
-            if area_mm2(outline) > 0.0 {
-                continue;
+        let outside_mm = part.seen(&part.outside_mm, self.facing);
+        // around holes there is no strip
+        let is_in_hole = |p: [f64; 2]| raster.cell(p).is_some_and(|cell| outside_mm[cell] < 0.0);
+        let around = |passes: &mut Passes<'_>, beside_mm: f64| {
+            for outline in &part.around(beside_mm, self.facing) {
+                if !outline.first().is_some_and(|p| is_in_hole(*p)) {
+                    let pass = Pass::along(outline, 1.5 * raster.pitch_mm, height);
+                    passes.cut(&self.sensed(refined(pass, height)), &height, Kind::Contour);
+                }
             }
-            let pass = self.sensed(refined(Pass::along(outline, 1.5 * raster.pitch_mm, height), height));
-            passes.cut(&pass, &height, Kind::Contour);
+        };
+        let loose = part.loose.iter().zip(&part.outside_mm).filter(|(loose, _)| **loose);
+        let farthest_mm = loose.map(|(_, outside_mm)| outside_mm + raster.pitch_mm).fold(0.0, f64::max);
+        let step_mm = STEP_SHARE * job.widest_mm();
+        let rings = ((farthest_mm - job.tool.radius_mm - self.beside_mm()) / step_mm).ceil().max(0.0) as usize;
+        let all = std::mem::replace(&mut passes.counts, part.seen(&part.loose, self.facing));
+        for ring in (1..=rings).rev() {
+            around(passes, self.beside_mm() + ring as f64 * step_mm);
         }
+        passes.counts = all;
+        around(passes, self.beside_mm());
     }
 
     /// Finishes what the strip had covered.
@@ -174,14 +187,22 @@ impl<'a> Sight<'a> {
         self.tip.iter().zip(floor).map(|(a, b)| a.max(*b)).collect()
     }
 
-    /// Where the axis may be: within `distance_mm` of the part's outer outline or inside it.
-    pub fn domain(&self, part: &Part, distance_mm: f64) -> Vec<bool> {
-        let map: Vec<bool> = part.outside_mm.iter().map(|d| *d <= distance_mm).collect();
+    /// Where the axis may be: within `distance_mm` of what `outside_mm` is the distance from.
+    pub fn domain(&self, part: &Part, outside_mm: &[f64], distance_mm: f64) -> Vec<bool> {
+        let map: Vec<bool> = outside_mm.iter().map(|d| *d <= distance_mm).collect();
         part.seen(&map, self.facing)
     }
 
-    pub fn loops(&self, part: &Part, domain: &[bool], beside_mm: f64, step_mm: &[f64]) -> Vec<Loop> {
-        let inward: Vec<f64> = part.outside_mm.iter().map(|d| beside_mm - d).collect();
+    /// Rings through a domain, from its edge at `beside_mm` on the map of distances inwards.
+    pub fn loops(
+        &self,
+        part: &Part,
+        domain: &[bool],
+        outside_mm: &[f64],
+        beside_mm: f64,
+        step_mm: &[f64],
+    ) -> Vec<Loop> {
+        let inward: Vec<f64> = outside_mm.iter().map(|d| beside_mm - d).collect();
         let field = Field::march(&part.raster, domain, &part.seen(&inward, self.facing), step_mm);
         field.loops().into_iter().map(|(_, outline)| outline).collect()
     }

@@ -94,7 +94,7 @@ impl Sight<'_> {
         let height = |p: [f64; 2]| self.drop.height_mm(p).max(raster.highest_around(floor, p));
         let reach = Reach {
             raster,
-            domain: self.domain(part, self.beside_mm()),
+            domain: self.domain(part, &part.outside_mm, self.beside_mm()),
             tip: self.tip_above(floor),
             height: &height,
         };
@@ -153,7 +153,7 @@ impl Sight<'_> {
 
     /// Rings of the given steps.
     fn rings(&self, part: &Part, reach: &Reach<'_>, steps_mm: &[f64]) -> Vec<Loop> {
-        let mut rings = self.loops(part, &reach.domain, self.beside_mm(), steps_mm);
+        let mut rings = self.loops(part, &reach.domain, &part.outside_mm, self.beside_mm(), steps_mm);
         // around a peak, the rings outside cover what is within the cutter's radius
         rings.retain(|ring| length_mm(ring) > self.job.tool.radius_mm);
         rings

@@ -34,7 +34,7 @@ impl Sight<'_> {
         let (raster, job) = (&part.raster, self.job);
         passes.bounded = false;
         let beside = job.tool.radius_mm + ALLOWANCE_MM;
-        let domain = self.domain(part, beside);
+        let domain = self.domain(part, &part.milled_mm, beside);
         let height = |p: [f64; 2]| {
             let inside = raster.cell(p).is_some_and(|cell| domain[cell]);
             let tip =

@@ -30,6 +30,7 @@ fn is_clean(proof: &Proof, job: &Job) {
     );
     assert!(proof.collisions.is_empty(), "{:?}", proof.collisions.first());
     assert!(proof.too_wide.is_empty(), "{:?} for {}", proof.too_wide.first(), job.widest_mm());
+    assert!(proof.loose.is_empty(), "{:?}", proof.loose.first());
 }
 
 /// A coarse tool and step, so that the test is quick.
@@ -71,6 +72,53 @@ fn drawn(outline: &[[f64; 2]], length_mm: f64) -> Mesh<Block> {
         triangles.push([k, count + next, count + k]);
     }
     Mesh { vertices, triangles }
+}
+
+/// Quadrilaterals between an outer and an inner line of points in (x, z), drawn along y; both run clockwise seen from +y.
+fn bent(outer: &[[f64; 2]], inner: &[[f64; 2]], thickness_mm: f64) -> Mesh<Block> {
+    let count = outer.len() as u32;
+    let at = |y: f64| outer.iter().chain(inner).map(move |[x, z]| Point::new(*x, y, *z));
+    let vertices = at(-0.5 * thickness_mm).chain(at(0.5 * thickness_mm)).collect();
+    let mut triangles = Vec::new();
+    // four corners, counter-clockwise seen from outside
+    let mut add = |[a, b, c, d]: [u32; 4]| triangles.extend([[a, b, c], [a, c, d]]);
+    let (inside, upper) = (count, 2 * count);
+    for k in 0..count - 1 {
+        let [a, b, c, d] = [k, k + 1, inside + k + 1, inside + k];
+        add([a, b, c, d]);
+        add([d, c, b, a].map(|n| n + upper));
+        add([a, a + upper, b + upper, b]);
+        add([c, c + upper, d + upper, d]);
+    }
+    let last = count - 1;
+    add([0, inside, inside + upper, upper]);
+    add([last, last + upper, inside + last + upper, inside + last]);
+    Mesh { vertices, triangles }
+}
+
+#[test]
+fn no_piece_of_the_block_comes_loose() {
+    let mill = Tool { radius_mm: 1.5, ..flat() };
+    // the channel opens through the block's ends or leaves a frame: the stock above the part is cut off in the first two
+    let part = drawn(&[[-2.0, -5.0], [2.0, -5.0], [2.0, 5.0], [-2.0, 5.0]], 12.0);
+    for (gap_mm, is_loose) in [(0.0, true), (2.9, true), (5.0, false)] {
+        let mut job = quick(&part, mill.clone());
+        job.block.low_mm.x = -6.0 - gap_mm;
+        job.block.high_mm.x = 6.0 + gap_mm;
+        let (planned, proof, _) = proven(&part, &job);
+        is_clean(&proof, &job);
+        assert!(proof.thickest_uncut_mm <= job.process.finishing_step_mm, "{}", proof.thickest_uncut_mm);
+        let above = |m: &&Move| m.kind == Kind::Rough && m.tip_mm.z > 5.0 + 2.0 * 1.5;
+        assert_eq!(planned.moves.iter().any(|m| above(&m)), is_loose, "{gap_mm}");
+    }
+    // the channel closes the mouth of a C: its core is cut off
+    let outer = [[2.0, 10.0], [10.0, 10.0], [10.0, -10.0], [-10.0, -10.0], [-10.0, 10.0], [-2.0, 10.0]];
+    let inner = [[2.0, 7.0], [7.0, 7.0], [7.0, -7.0], [-7.0, -7.0], [-7.0, 7.0], [-2.0, 7.0]];
+    let part = bent(&outer, &inner, 4.0);
+    assert!((part.volume_mm3() - 4.0 * (400.0 - 196.0 - 12.0)).abs() < 1e-9, "{}", part.volume_mm3());
+    let job = quick(&part, mill);
+    let (_, proof, _) = proven(&part, &job);
+    is_clean(&proof, &job);
 }
 
 #[test]

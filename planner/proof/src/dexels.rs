@@ -1,7 +1,8 @@
 //! The motions in their order on columns of stock: what meets stock that must not, and how wide the cutter engages.
 //!
 //! Both sides cut along y, so what is left over a cell of (x, z) is one interval of y: a dexel. The cutter is stamped along each motion at half a
-//! cell. A rapid motion that would take stock, a holder in stock and a turn of the block under the tip are collisions.
+//! cell. A rapid motion that would take stock, a holder in stock and a turn of the block under the tip are collisions. What a motion cuts off from the grip
+//! is told by [`crate::hold`].
 //!
 //! *Width of cut*: how much of the cutter's width, across the motion, takes more than the entries' depth, over the last 3 cells of travel since the
 //! last bend. It is counted in strips one cell wide along the motion, so that slivers at both edges of a channel count by their own width and not by
@@ -11,6 +12,7 @@
 use nalgebra::Vector3;
 
 use crate::gcode::{Facing, Motion};
+use crate::hold::{Hold, LoosePiece, OVERLAP_MM, Window};
 use crate::{ProofError, ProofJob};
 
 /// Cells across the cutter's radius, and most cells.
@@ -67,6 +69,8 @@ pub struct Replay {
     pub widest_mm: f64,
     /// Motions whose cut is wider than allowed by more than a quarter of a cell.
     pub too_wide: Vec<WideCut>,
+    /// Pieces that came loose.
+    pub loose: Vec<LoosePiece>,
     /// Side of a cell, mm; those that judge a width near the allowed one have a quarter of it.
     pub column_mm: f64,
 }
@@ -77,7 +81,9 @@ pub struct Replay {
 /// [`ProofError::Value`] where the block has too many columns.
 pub fn replay(motions: &[Motion], job: &ProofJob) -> Result<Replay, ProofError> {
     let mut stock = Columns::of(job)?;
-    let mut found = Replay { collisions: vec![], widest_mm: 0.0, too_wide: vec![], column_mm: stock.cell };
+    let mut hold = Hold::of(&stock, job.grip_mm);
+    let mut found =
+        Replay { collisions: vec![], widest_mm: 0.0, too_wide: vec![], loose: vec![], column_mm: stock.cell };
     let mut width = Width::default();
     let farthest = |axis: usize| job.low_mm[axis].abs().max(job.high_mm[axis].abs());
     let swing = farthest(1).hypot(farthest(2));
@@ -94,6 +100,9 @@ pub fn replay(motions: &[Motion], job: &ProofJob) -> Result<Replay, ProofError> 
             found.collisions.push(Collision { struck: Struck::Holder, line: motion.line, depth_mm });
         }
         let met = stock.drive(motion, job, &mut width);
+        if std::mem::take(&mut stock.parted) {
+            found.loose.extend(hold.lost(&stock, &stock.touched(motion, job.radius_mm), motion.line));
+        }
         if motion.rapid && met > TOUCH_MM {
             found.collisions.push(Collision {
                 struck: Struck::RapidCutter,
@@ -169,12 +178,19 @@ impl Width {
 }
 
 /// Intervals of y over cells of (x, z).
-struct Columns {
-    cell: f64,
-    origin: [f64; 2],
-    dims: [usize; 2],
-    low: Vec<f64>,
-    high: Vec<f64>,
+pub(crate) struct Columns {
+    /// Side of a cell, mm.
+    pub cell: f64,
+    /// x and z of the first cell's centre, mm.
+    pub origin: [f64; 2],
+    /// Cells along x and z.
+    pub dims: [usize; 2],
+    /// Lower end of the stock over each cell, mm.
+    pub low: Vec<f64>,
+    /// Upper end, mm; no more than the lower one where there is none.
+    pub high: Vec<f64>,
+    /// Whether neighbouring cells ceased to hold each other since this was last taken.
+    parted: bool,
 }
 
 impl Columns {
@@ -197,7 +213,7 @@ impl Columns {
         let dims = [x, z].map(|(low, high)| ((high - low) / cell).ceil().max(0.0) as usize);
         let count = dims[0] * dims[1];
         let (low, high) = (vec![job.low_mm.y; count], vec![job.high_mm.y; count]);
-        Self { cell, origin: [x.0 + 0.5 * cell, z.0 + 0.5 * cell], dims, low, high }
+        Self { cell, origin: [x.0 + 0.5 * cell, z.0 + 0.5 * cell], dims, low, high, parted: false }
     }
 
     /// Cells along an axis whose centres lie in `low..=high`.
@@ -206,6 +222,14 @@ impl Columns {
         let last =
             (((high - self.origin[axis]) / self.cell).floor() + 1.0).clamp(0.0, self.dims[axis] as f64);
         first.min(last) as usize..last as usize
+    }
+
+    /// The cells that a tool may reach on a motion.
+    fn touched(&self, motion: &Motion, radius_mm: f64) -> Window {
+        let turn = if motion.facing == Facing::Front { -1.0 } else { 1.0 };
+        let (a, b) = (motion.from_mm, motion.to_mm);
+        [(0, a.x, b.x), (1, turn * a.y, turn * b.y)]
+            .map(|(axis, a, b)| self.span(axis, a.min(b) - radius_mm, a.max(b) + radius_mm))
     }
 
     /// Stock over a cell as the facing side sees it: its surface there and the far one.
@@ -301,13 +325,22 @@ impl Columns {
                     let across = dv * direction[0] - du * direction[1];
                     deep |= 1 << ((across + r) / self.cell + TIE) as u32;
                 }
+                let [low, high] = [self.low[cell], self.high[cell]];
                 match motion.facing {
                     Facing::Front => self.high[cell] = surface.max(far),
                     Facing::Back => self.low[cell] = -surface.max(far),
                 }
+                self.parted |= self.parts(cell, [low, high]);
             }
         }
         (thickest, deep)
+    }
+
+    /// Whether a cell that had stock between two heights no longer holds a neighbour that it held.
+    fn parts(&self, cell: usize, [low, high]: [f64; 2]) -> bool {
+        let held = |beside: usize| self.high[beside].min(high) - self.low[beside].max(low) > OVERLAP_MM;
+        let block = self.dims.map(|n| 0..n);
+        self.beside(cell, &block).into_iter().flatten().any(|n| held(n) && !self.hold(cell, n))
     }
 
     /// How deep the holder is in stock anywhere on a motion, mm.
@@ -329,10 +362,7 @@ impl Columns {
 
     /// The highest stock within the rectangle around a motion and a distance from it, mm.
     fn highest_near(&self, motion: &Motion, radius: f64) -> f64 {
-        let turn = if motion.facing == Facing::Front { -1.0 } else { 1.0 };
-        let (a, b) = (motion.from_mm, motion.to_mm);
-        let rows = self.span(1, (turn * a.y).min(turn * b.y) - radius, (turn * a.y).max(turn * b.y) + radius);
-        let columns = self.span(0, a.x.min(b.x) - radius, a.x.max(b.x) + radius);
+        let [columns, rows] = self.touched(motion, radius);
         let mut highest = f64::NEG_INFINITY;
         for k in rows {
             for i in columns.clone() {

@@ -7,6 +7,7 @@
 //!    the stock that is left on it, below 0 how deep it was cut into.
 //! 3. [`dexels`] replays the motions in their order on columns of stock: rapid moves and the holder against what is still there, and how wide
 //!    the cutter engages.
+//! 4. [`hold`] follows what stays connected to the grip: nothing but swarf may come loose before the program's end.
 //!
 //! Machine: X along the rotary axis A, Z along the spindle, zero on the rotary axis. At A = 0 a point (x, y, z) of the block's frame is at (x, −z, y),
 //! at A = 180° at (x, z, −y). Not here: other angles, arcs, cutter compensation; they are refused with their line.
@@ -18,6 +19,7 @@ pub mod deviation;
 pub mod dexels;
 mod error;
 pub mod gcode;
+pub mod hold;
 
 use bonemill_geometry::{Block, Mesh};
 use nalgebra::Vector3;
@@ -26,6 +28,7 @@ pub use deviation::{Sample, UncutPlace};
 pub use dexels::{Collision, Struck, WideCut};
 pub use error::ProofError;
 pub use gcode::{Motion, Program};
+pub use hold::LoosePiece;
 
 /// What the program is judged with, in plain numbers.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,6 +37,8 @@ pub struct ProofJob {
     pub low_mm: Vector3<f64>,
     /// Highest corner, mm.
     pub high_mm: Vector3<f64>,
+    /// Height of the gripped zone above the lowest z, mm.
+    pub grip_mm: f64,
     /// The cutter's radius, mm.
     pub radius_mm: f64,
     /// Radius of its corner: 0 flat, the cutter's radius for a ball, mm.
@@ -71,6 +76,8 @@ pub struct Proof {
     pub widest_mm: f64,
     /// Motions whose cut is wider than allowed by more than a quarter of a column.
     pub too_wide: Vec<WideCut>,
+    /// Pieces larger than swarf that lose their hold, in the program's order.
+    pub loose: Vec<LoosePiece>,
     /// Side of a column of stock in the replay, mm.
     pub column_mm: f64,
     /// Number of motions.
@@ -97,6 +104,7 @@ pub fn prove(program: &str, part: &Mesh<Block>, job: &ProofJob) -> Result<Proof,
         collisions: replay.collisions,
         widest_mm: replay.widest_mm,
         too_wide: replay.too_wide,
+        loose: replay.loose,
         column_mm: replay.column_mm,
         motions: program.motions.len(),
         samples,
@@ -104,6 +112,11 @@ pub fn prove(program: &str, part: &Mesh<Block>, job: &ProofJob) -> Result<Proof,
 }
 
 impl Proof {
+    /// Volume of all pieces larger than swarf that lose their hold, mm³.
+    pub fn loose_mm3(&self) -> f64 {
+        self.loose.iter().fold(0.0, |sum, piece| sum + piece.volume_mm3)
+    }
+
     /// Places where more than `above_mm` of stock is left on the part, outside the boxes in which it shall stay.
     pub fn uncut(&self, above_mm: f64, job: &ProofJob) -> Vec<UncutPlace> {
         let outside: Vec<&Sample> = self.samples.iter().filter(|s| !job.keeps(&s.at_mm)).collect();
@@ -132,6 +145,7 @@ impl ProofJob {
             ("block size along x", size.x, 0.1, 1000.0),
             ("block size along y", size.y, 0.1, 1000.0),
             ("block size along z", size.z, 0.1, 1000.0),
+            ("grip", self.grip_mm, 0.0, size.z),
             ("cutter radius", self.radius_mm, 0.05, 50.0),
             ("corner radius", self.corner_radius_mm, 0.0, self.radius_mm),
             ("tool length", self.length_mm, 0.1, 500.0),

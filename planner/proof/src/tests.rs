@@ -12,6 +12,7 @@ fn job() -> ProofJob {
     ProofJob {
         low_mm: Vector3::new(-10.0, -5.0, -10.0),
         high_mm: Vector3::new(10.0, 5.0, 10.0),
+        grip_mm: 2.0,
         radius_mm: 1.5,
         corner_radius_mm: 0.0,
         length_mm: 12.0,
@@ -166,6 +167,28 @@ fn rapid_moves_holder_and_turns_are_seen_in_the_stock() {
     assert_eq!(struck("G0 X0 Y0\nG1 Z1 F100\nG0 Z30\n", &short)[0], (Struck::Holder, 6));
     assert_eq!(struck("G0 Z8\nG0 A180\n", &job())[0], (Struck::Turn, 6));
     assert_eq!(struck("G0 A180\nG0 A0\n", &job()), []);
+}
+
+#[test]
+fn what_a_cut_frees_of_the_grip_comes_loose_with_its_volume() {
+    let far = part([-9.0, -4.0, -9.0], [-8.0, -3.0, -8.0]);
+    let loose = |body: &str| prove(&format!("{HEAD}{body}M5\nM30\n"), &far, &job()).unwrap().loose;
+    // a slot right through the block along x: the upper part of 20 × 10 × 6.5 mm is off; machine's Y = −z
+    let slot = |y: f64, depth: f64| format!("G0 X-12 Y{y}\nG1 Z{depth} F300\nG1 X12\nG0 Z30\n");
+    let [piece] = loose(&slot(-2.0, -5.1)).try_into().unwrap();
+    assert_eq!(piece.line, 7);
+    assert!((piece.volume_mm3 - 1300.0).abs() < 30.0, "{piece:?}");
+    assert!((piece.at_mm - Vector3::new(0.0, 0.0, 6.75)).norm() < 0.1, "{piece:?}");
+    // a membrane holds it, and so does a bridge at the slot's end
+    assert_eq!(loose(&slot(-2.0, -4.9)), []);
+    assert_eq!(loose("G0 X-12 Y-2\nG1 Z-5.1 F300\nG1 X7\nG0 Z30\n"), []);
+    // cut half way from either side, it is off with the second cut
+    let back = "G0 A180\nG0 X-12 Y2\nG1 Z-0.5 F300\nG1 X12\nG0 Z30\nG0 A0\n";
+    let [piece] = loose(&(slot(-2.0, 0.0) + back)).try_into().unwrap();
+    assert_eq!(piece.line, 12);
+    // of a frame all round, what is milled away is no piece
+    assert_eq!(loose(&(-9..=-2).rev().map(|y| slot(f64::from(y), -5.1)).collect::<String>()).len(), 1);
+    assert_eq!(loose(&(-9..=-2).map(|y| slot(f64::from(y), -5.1)).collect::<String>()), []);
 }
 
 #[test]

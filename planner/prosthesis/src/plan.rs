@@ -303,6 +303,7 @@ impl ProsthesisPlan {
             ("thickest_uncut_mm".into(), proof.thickest_uncut_mm.into()),
             ("uncut_mm3".into(), proof.uncut_mm3.into()),
             ("collisions".into(), proof.collisions.len().into()),
+            ("loose_mm3".into(), proof.loose_mm3().into()),
             ("widest_cut_mm".into(), proof.widest_mm.into()),
             ("cuts_too_wide".into(), proof.too_wide.len().into()),
         ]);
@@ -350,6 +351,18 @@ pub(crate) fn shortfalls(proof: &Proof, job: &ProofJob, finishing_step_mm: f64) 
         found.push(format!(
             "{count} motions meet the stock with what must not, the first in line {line} by {depth_mm:.3} mm ({:?})",
             first.struck
+        ));
+    }
+    if let Some(first) = proof.loose.first() {
+        let (p, volume_mm3) = (first.at_mm, proof.loose_mm3());
+        found.push(format!(
+            "{} pieces of {volume_mm3:.1} mm³ come loose before the end, the first in line {} with {:.1} mm³ at ({:.1}, {:.1}, {:.1}) mm",
+            proof.loose.len(),
+            first.line,
+            first.volume_mm3,
+            p.x,
+            p.y,
+            p.z
         ));
     }
     if let Some(first) = proof.too_wide.first() {

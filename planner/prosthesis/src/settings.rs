@@ -52,6 +52,7 @@ pub(crate) fn proof(job: &ProsthesisJob, block: &Block, tab: [Vector3<f64>; 2]) 
     ProofJob {
         low_mm: block.low_mm,
         high_mm: block.high_mm,
+        grip_mm: block.grip_mm,
         radius_mm: t.diameter_mm / 2.0,
         corner_radius_mm: t.corner_radius_mm,
         length_mm: t.length_mm,

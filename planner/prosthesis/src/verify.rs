@@ -206,6 +206,7 @@ fn other_figures(record: &JobRecord, proof: &Proof) -> Vec<String> {
     let found = [
         ("deepest_gouge_mm", proof.deepest_gouge_mm),
         ("thickest_uncut_mm", proof.thickest_uncut_mm),
+        ("loose_mm3", proof.loose_mm3()),
         ("widest_cut_mm", proof.widest_mm),
         ("collisions", proof.collisions.len() as f64),
         ("cuts_too_wide", proof.too_wide.len() as f64),

@@ -122,6 +122,7 @@ pub fn proof_job(job: &Job, kept: Vec<[Vector3<f64>; 2]>) -> ProofJob {
     ProofJob {
         low_mm: job.block.low_mm,
         high_mm: job.block.high_mm,
+        grip_mm: job.block.grip_mm,
         radius_mm: job.tool.radius_mm,
         corner_radius_mm: job.tool.corner_radius_mm,
         length_mm: job.tool.length_mm,
