@@ -76,6 +76,22 @@ impl Facets {
         Place { facet: self.numbers[facet], at_mm: self.corners(facet)[0].into() }
     }
 
+    /// Drops the vertices that no facet has: they have no place in the part's size.
+    pub(crate) fn drop_unused_vertices(&mut self) {
+        let mut is_used = vec![false; self.vertices.len()];
+        self.triangles.iter().flatten().for_each(|v| is_used[*v as usize] = true);
+        let mut count = 0;
+        let number: Vec<u32> = (is_used.iter())
+            .map(|used| {
+                count += u32::from(*used);
+                count.wrapping_sub(1)
+            })
+            .collect();
+        let mut used = is_used.iter();
+        self.vertices.retain(|_| used.next().is_some_and(|used| *used));
+        self.triangles.iter_mut().flatten().for_each(|v| *v = number[*v as usize]);
+    }
+
     /// Keeps the facets for which `keep` holds; how many were dropped.
     pub(crate) fn retain(&mut self, keep: impl Fn(usize) -> bool) -> usize {
         let before = self.triangles.len();

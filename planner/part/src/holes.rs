@@ -67,8 +67,21 @@ fn loops(facets: &Facets, edges: &Edges) -> Vec<Hole> {
             h = following(edges, h);
         }
         vertices.reverse();
-        loops.push(Hole { vertices, beside: first / 3 });
+        loops.extend(simple(vertices).into_iter().map(|vertices| Hole { vertices, beside: first / 3 }));
     }
+    loops
+}
+
+/// A loop cut where it comes to a vertex again: holes that meet at a vertex are holes of their own.
+fn simple(around: Vec<u32>) -> Vec<Vec<u32>> {
+    let (mut loops, mut way) = (Vec::new(), Vec::<u32>::new());
+    for vertex in around {
+        if let Some(n) = way.iter().position(|v| *v == vertex) {
+            loops.push(way.split_off(n));
+        }
+        way.push(vertex);
+    }
+    loops.push(way);
     loops
 }
 

@@ -31,6 +31,7 @@ pub mod phantom;
 mod pieces;
 mod pinches;
 mod ply;
+mod polygon;
 mod read;
 mod solid;
 mod stl;

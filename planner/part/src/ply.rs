@@ -1,10 +1,10 @@
-//! PLY to facets: ASCII and binary of either byte order; polygons become fans of triangles.
+//! PLY to facets: ASCII and binary of either byte order; polygons are cut into triangles.
 
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{DefaultElement, ElementDef, Header, PropertyAccess, PropertyAccessResult};
 
 use super::read::MeshFormat;
-use super::{Facets, MOST_FACETS, PartError};
+use super::{Facets, MOST_FACETS, PartError, polygon};
 
 #[derive(Debug, Default)]
 struct Vertex([f64; 3]);
@@ -80,7 +80,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Facets, PartError> {
         }
     }
     let vertices: Vec<[f64; 3]> = vertices.into_iter().map(|v| v.0).collect();
-    let triangles = fans(&polygons, vertices.len())?;
+    let triangles = triangles(&polygons, &vertices)?;
     Ok(Facets::new(vertices, triangles))
 }
 
@@ -114,15 +114,16 @@ fn check(header: &Header, bytes: usize) -> Result<(), PartError> {
     Ok(())
 }
 
-/// Polygons as fans of triangles around their first vertex.
-fn fans(polygons: &[Polygon], vertices: usize) -> Result<Vec<[u32; 3]>, PartError> {
+/// Polygons cut into triangles.
+fn triangles(polygons: &[Polygon], vertices: &[[f64; 3]]) -> Result<Vec<[u32; 3]>, PartError> {
     let mut triangles = Vec::with_capacity(polygons.len());
     for (facet, polygon) in polygons.iter().enumerate() {
-        if let Some(&vertex) = polygon.0.iter().find(|&&v| v >= vertices as u64) {
-            return Err(PartError::NoSuchVertex { facet, vertex, count: vertices });
+        if let Some(&vertex) = polygon.0.iter().find(|&&v| v >= vertices.len() as u64) {
+            return Err(PartError::NoSuchVertex { facet, vertex, count: vertices.len() });
         }
-        let [first, rest @ ..] = polygon.0.as_slice() else { continue };
-        triangles.extend(rest.windows(2).map(|pair| [*first as u32, pair[0] as u32, pair[1] as u32]));
+        let corners: Vec<_> = polygon.0.iter().map(|&v| vertices[v as usize].into()).collect();
+        let cut = polygon::triangles(&corners);
+        triangles.extend(cut.into_iter().map(|t| t.map(|n| polygon.0[n] as u32)));
         if triangles.len() > MOST_FACETS {
             return Err(PartError::TooManyFacets { found: triangles.len(), most: MOST_FACETS });
         }

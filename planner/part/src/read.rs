@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use super::polygon::triangulated_obj;
 use super::{Facets, MOST_FACETS, PartError, ply};
 
 /// Bytes of a binary STL before the facets: header and count.
@@ -75,12 +76,21 @@ pub fn parse_facets(bytes: &[u8], format: MeshFormat) -> Result<Facets, PartErro
     check_size(bytes.len())?;
     let facets = match format {
         MeshFormat::Stl => {
-            check_stl_count(bytes)?;
-            joined(mesh_loader::stl::from_slice(bytes), format)?
+            let text = stl_text(bytes);
+            match &text {
+                Some(text) => joined(mesh_loader::stl::from_slice(text.as_bytes()), format)?,
+                None => {
+                    check_stl_count(bytes)?;
+                    // whatever the header says, it is a binary one
+                    let mut binary = bytes.to_vec();
+                    binary.iter_mut().take(STL_HEADER_BYTES - 4).for_each(|byte| *byte = 0);
+                    joined(mesh_loader::stl::from_slice(&binary), format)?
+                }
+            }
         }
         // materials are of no use, so no other file is opened
         MeshFormat::Obj => joined(
-            mesh_loader::obj::from_slice(bytes, None, |_| {
+            mesh_loader::obj::from_slice(triangulated_obj(&plain_text(bytes)).as_bytes(), None, |_| {
                 Err::<Vec<u8>, _>(std::io::ErrorKind::Unsupported.into())
             }),
             format,
@@ -124,18 +134,43 @@ fn joined(scene: std::io::Result<mesh_loader::Scene>, format: MeshFormat) -> Res
 fn check_stl_count(bytes: &[u8]) -> Result<(), PartError> {
     let count =
         bytes.get(80..STL_HEADER_BYTES).and_then(|b| <[u8; 4]>::try_from(b).ok()).map(u32::from_le_bytes);
-    let Some(announced) = count.filter(|_| !looks_like_text(bytes)) else { return Ok(()) };
+    let Some(announced) = count else { return Ok(()) };
     let found = (bytes.len() - STL_HEADER_BYTES) / STL_FACET_BYTES;
     if found == announced as usize { Ok(()) } else { Err(PartError::Count { announced, found }) }
 }
 
-/// Whether an STL file is ASCII: it begins with `solid` and goes on with words, not with a binary header's count.
-fn looks_like_text(bytes: &[u8]) -> bool {
-    let start = bytes.trim_ascii_start();
-    let has_facets = start.get(..1024.min(start.len())).is_some_and(|head| {
-        head.windows(5).any(|w| w == b"facet") || head.windows(8).any(|w| w == b"endsolid")
-    });
-    start.starts_with(b"solid") && has_facets
+/// An ASCII STL as its reader takes it: in UTF-8 and small letters, with a name; `None` for a binary one.
+///
+/// What is as long as its count of facets says is binary, whatever its header says.
+fn stl_text(bytes: &[u8]) -> Option<String> {
+    let count =
+        bytes.get(80..STL_HEADER_BYTES).and_then(|b| <[u8; 4]>::try_from(b).ok()).map(u32::from_le_bytes);
+    let is_binary =
+        count.is_some_and(|count| bytes.len() == STL_HEADER_BYTES + STL_FACET_BYTES * count as usize);
+    if is_binary {
+        return None;
+    }
+    let text = plain_text(bytes).to_ascii_lowercase();
+    let rest = text.trim_start().strip_prefix("solid")?;
+    // the name, which may be missing or be any words, ends where the first facet begins or the solid ends
+    let start = rest.find("facet").into_iter().chain(rest.find("endsolid")).min()?;
+    let named = &rest[..start];
+    let start = if named.contains('\n') { start } else { rest.find('\n').map_or(start, |n| n + 1) };
+    Some(format!("solid part\n{}", &rest[start..]))
+}
+
+/// Text in UTF-8 or, behind its mark, in UTF-16; without the mark.
+fn plain_text(bytes: &[u8]) -> String {
+    let wide = |pairs: &[u8], unit: fn([u8; 2]) -> u16| {
+        let units: Vec<u16> = pairs.chunks_exact(2).map(|pair| unit([pair[0], pair[1]])).collect();
+        String::from_utf16_lossy(&units)
+    };
+    match bytes {
+        [0xEF, 0xBB, 0xBF, text @ ..] => String::from_utf8_lossy(text).into_owned(),
+        [0xFF, 0xFE, pairs @ ..] => wide(pairs, u16::from_le_bytes),
+        [0xFE, 0xFF, pairs @ ..] => wide(pairs, u16::from_be_bytes),
+        text => String::from_utf8_lossy(text).into_owned(),
+    }
 }
 
 #[cfg(test)]

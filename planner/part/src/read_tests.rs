@@ -46,7 +46,18 @@ fn volume(bytes: &[u8], format: MeshFormat) -> f64 {
 
 #[test]
 fn every_format_gives_the_same_solid() {
+    let wide = |mark: u16, unit: fn(u16) -> [u8; 2]| -> Vec<u8> {
+        std::iter::once(mark).chain(ascii().encode_utf16()).flat_map(unit).collect()
+    };
     for (bytes, format) in [
+        (ascii().replacen("solid tetrahedron", "solid", 1).into_bytes(), MeshFormat::Stl),
+        (ascii().replacen("solid tetrahedron", "solid a facet of mine", 1).into_bytes(), MeshFormat::Stl),
+        (ascii().to_uppercase().into_bytes(), MeshFormat::Stl),
+        (format!("\u{feff}{}", ascii()).into_bytes(), MeshFormat::Stl),
+        (wide(0xFEFF, u16::to_le_bytes), MeshFormat::Stl),
+        (wide(0xFEFF, u16::to_be_bytes), MeshFormat::Stl),
+        (binary("solid made by hand, facet normal and all"), MeshFormat::Stl),
+        (format!("\u{feff}{OBJ}").into_bytes(), MeshFormat::Obj),
         (ascii().into_bytes(), MeshFormat::Stl),
         (binary("made by hand"), MeshFormat::Stl),
         // many programs begin a binary file like a text

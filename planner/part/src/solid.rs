@@ -62,6 +62,7 @@ impl Solid {
             changes.push(Change::PinchesOpened { vertices: doubled });
         }
         let shallow_crossings = shallow_crossings(&facets, CROSSING_TOLERANCE_MM)?;
+        facets.drop_unused_vertices();
         let mesh = Mesh {
             vertices: facets.vertices.into_iter().map(Point::from_coords).collect(),
             triangles: facets.triangles,

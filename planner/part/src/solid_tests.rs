@@ -1,6 +1,10 @@
 //! The repair of facets to a closed solid, and the refusal of what cannot be repaired without doubt.
 
+use nalgebra::Vector3;
+
 use super::*;
+use crate::phantom::Operculum;
+use crate::{MeshFormat, parse_facets};
 
 /// A box from the origin, each face a grid of `n` × `n` squares of `side` mm, as an unindexed file would give it.
 fn cube(n: u32, side: f64, at: [f64; 3]) -> Facets {
@@ -204,4 +208,60 @@ fn facets_that_lie_over_each_other_everywhere_end_soon() {
         facets.numbers.push(k);
     }
     assert!(solid(facets).is_err());
+}
+
+#[test]
+fn debris_leaves_no_vertex_and_no_size_behind() {
+    let mut mesh = Operculum::drawn(1).mesh(2000);
+    let (size_mm, count) = (mesh_size_mm(&mesh.vertices), mesh.vertices.len());
+    // a speck of 0.01 mm, 50 mm away
+    let first = count as u32;
+    mesh.vertices.extend(
+        [[50.0, 0.0, 0.0], [50.01, 0.0, 0.0], [50.0, 0.01, 0.0], [50.0, 0.0, 0.01]]
+            .map(|[x, y, z]| Point::new(x, y, z)),
+    );
+    mesh.triangles
+        .extend([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]].map(|t: [u32; 3]| t.map(|n| first + n)));
+    let facets = parse_facets(&crate::stl_bytes(&mesh), MeshFormat::Stl).unwrap();
+    let solid = Solid::from_facets(facets, Some(LengthUnit::Mm), &RepairLimits::default()).unwrap();
+    assert!(
+        matches!(solid.changes[..], [Change::DebrisDropped { pieces: 1, facets: 4, .. }]),
+        "{:?}",
+        solid.changes
+    );
+    assert_eq!(solid.mesh.vertices.len(), count);
+    assert!((mesh_size_mm(&solid.mesh.vertices) - size_mm).amax() < 1e-4);
+}
+
+fn mesh_size_mm(vertices: &[Point<Part>]) -> Vector3<f64> {
+    let (low, high) = vertices.iter().fold((vertices[0].coords, vertices[0].coords), |(low, high), v| {
+        (low.inf(&v.coords), high.sup(&v.coords))
+    });
+    high - low
+}
+
+#[test]
+fn holes_that_meet_at_a_vertex_are_each_filled() {
+    let whole = Operculum::drawn(1).mesh(2000);
+    // two facets at one vertex that share no edge
+    let vertex = whole.triangles[500][0];
+    let around: Vec<usize> =
+        (0..whole.triangles.len()).filter(|f| whole.triangles[*f].contains(&vertex)).collect();
+    let shares_edge =
+        |a: usize, b: usize| whole.triangles[a].iter().filter(|v| whole.triangles[b].contains(v)).count() > 1;
+    let other = around.iter().find(|f| **f != around[0] && !shares_edge(around[0], **f)).unwrap();
+    let mut torn = whole.clone();
+    let mut number = 0..;
+    torn.triangles.retain(|_| {
+        let n = number.next().unwrap();
+        n != around[0] && n != *other
+    });
+    let facets = parse_facets(&crate::stl_bytes(&torn), MeshFormat::Stl).unwrap();
+    let solid = Solid::from_facets(facets, Some(LengthUnit::Mm), &RepairLimits::default()).unwrap();
+    assert!(
+        matches!(solid.changes[..], [Change::HolesFilled { holes: 2, facets: 2, .. }]),
+        "{:?}",
+        solid.changes
+    );
+    assert!((solid.mesh.volume_mm3() - whole.volume_mm3()).abs() < 1e-3);
 }

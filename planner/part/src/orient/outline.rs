@@ -122,6 +122,7 @@ impl Silhouette {
 
     /// The outline on `plane` of the part turned by `rotation`.
     pub(crate) fn outline(&self, rotation: &Rotation3<f64>, plane: Plane) -> Outline {
+        bonemill_geometry::cancel::poll();
         let [u, v] = plane.axes().map(|axis| rotation.matrix().row(axis).transpose());
         let flat = |n: &u32| [u.dot(&self.vertices[*n as usize]), v.dot(&self.vertices[*n as usize])];
         let loops = chained(self.border(&u.cross(&v)));
