@@ -189,6 +189,12 @@ pub enum StockCommand {
         #[arg(long, default_value_t = 1)]
         count: u32,
     },
+    /// Take a kind out of the catalogue with all of its blocks; to correct its sides, remove and add it
+    Remove {
+        /// The kind's number
+        #[arg(value_name = "ID")]
+        id: String,
+    },
     /// List every kind, its sides and how many are left
     List,
     /// Take one block out

@@ -14,6 +14,10 @@ pub fn run(args: &StockArgs) -> anyhow::Result<Outcome> {
             stock.add(id, [*a, *b, *c], *count)?;
             stock.list()?
         }
+        StockCommand::Remove { id } => {
+            Catalogue::open(path)?.remove(id)?;
+            Catalogue::open(path)?.list()?
+        }
         StockCommand::List => Catalogue::open(path)?.list()?,
         StockCommand::Take { id } => vec![Catalogue::open(path)?.take(id)?],
         StockCommand::Return { id } => vec![Catalogue::open(path)?.put_back(id)?],

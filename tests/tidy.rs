@@ -254,6 +254,7 @@ fn file_access(source: &Source) -> Vec<String> {
         "imaging/src/names",
         "robot/arm/src/arm/reader",
         "robot/export/",
+        "planner/catalogue/src/",
         "planner/part/src/read",
         "planner/planfile/",
         "planner/verify/src/images",

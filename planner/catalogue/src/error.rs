@@ -1,6 +1,6 @@
 //! What can go wrong with a catalogue of blocks.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
@@ -67,7 +67,53 @@ pub enum CatalogueError {
         /// The block.
         id: String,
     },
+    /// The file that says whose a block is cannot be made or locked.
+    #[error("{}: it cannot be made or locked", path.display())]
+    Lease {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Another program holds the catalogue.
+    #[error("the catalogue {} has been locked by another program for {} s: try again when that has ended", path.display(), crate::WAIT.as_secs())]
+    Locked {
+        /// The catalogue.
+        path: PathBuf,
+    },
     /// The database refused.
-    #[error("the catalogue cannot be read or changed")]
-    Database(#[from] rusqlite::Error),
+    #[error("the catalogue {} cannot be read or changed", path.display())]
+    Database {
+        /// The catalogue.
+        path: PathBuf,
+        /// Why.
+        source: rusqlite::Error,
+    },
+}
+
+impl CatalogueError {
+    /// What a refusal of the database at a path means.
+    pub(crate) fn of_database(path: &Path, source: rusqlite::Error) -> Self {
+        use rusqlite::ErrorCode::{DatabaseBusy, DatabaseLocked, NotADatabase};
+        let path = path.to_path_buf();
+        match source.sqlite_error_code() {
+            Some(NotADatabase) => Self::Foreign { path },
+            Some(DatabaseBusy | DatabaseLocked) => Self::Locked { path },
+            _ => Self::Database { path, source },
+        }
+    }
+
+    /// The same with the catalogue's path, where a change met the database itself.
+    pub(crate) fn at(self, path: &Path) -> Self {
+        match self {
+            Self::Database { source, .. } => Self::of_database(path, source),
+            other => other,
+        }
+    }
+}
+
+impl From<rusqlite::Error> for CatalogueError {
+    fn from(source: rusqlite::Error) -> Self {
+        Self::Database { path: PathBuf::new(), source }
+    }
 }

@@ -2,7 +2,8 @@
 //!
 //! Every change is one transaction that takes the database's write lock first, so that of two stations that want the last block
 //! one gets it and the other is told that there is none ([`CatalogueError::NoneLeft`]). A station waits for the lock for at most
-//! [`WAIT`]. Sizes are mm. Not here: what a part needs around it.
+//! [`WAIT`]. Reading takes no lock. A block that a plan needs is leased ([`Lease`]): it goes back however the program ends, unless the plan is kept.
+//! Sizes are mm. Not here: what a part needs around it.
 //!
 //! ```
 //! use bonemill_catalogue::{Catalogue, smallest};
@@ -17,14 +18,16 @@
 
 mod error;
 mod fit;
+mod lease;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, params};
 
 pub use error::CatalogueError;
 pub use fit::{Mounted, smallest};
+pub use lease::Lease;
 
 /// How long a station waits for another one's change.
 pub const WAIT: Duration = Duration::from_secs(10);
@@ -50,6 +53,7 @@ pub struct StockBlock {
 #[derive(Debug)]
 pub struct Catalogue {
     database: Connection,
+    path: PathBuf,
 }
 
 impl Catalogue {
@@ -62,46 +66,53 @@ impl Catalogue {
         if !path.exists() {
             return Err(CatalogueError::Missing { path: path.into() });
         }
-        Self::prepared(Connection::open(path)?, path)
+        let refuse = |source| CatalogueError::of_database(path, source);
+        let database = Connection::open(path).map_err(refuse)?;
+        database.busy_timeout(WAIT).map_err(refuse)?;
+        let pragma = |name: &str| database.pragma_query_value(None, name, |row| row.get::<_, i32>(0));
+        if (pragma("application_id").map_err(refuse)?, pragma("user_version").map_err(refuse)?)
+            != (APPLICATION_ID, VERSION)
+        {
+            return Err(CatalogueError::Foreign { path: path.into() });
+        }
+        Ok(Self { database, path: path.into() })
     }
 
-    /// Opens a catalogue, or begins an empty one.
+    /// Opens a catalogue, or begins an empty one where there is no file.
     ///
     /// # Errors
     /// As [`Self::open`], but for a file that does not exist.
     pub fn open_or_create(path: &Path) -> Result<Self, CatalogueError> {
-        Self::prepared(Connection::open(path)?, path)
+        if !path.exists() {
+            // made whole beside its place: no other station sees half of it
+            let mut name = path.as_os_str().to_owned();
+            name.push(format!(".new-{}", std::process::id()));
+            let new = PathBuf::from(name);
+            let refuse = |source| CatalogueError::of_database(path, source);
+            let made = Connection::open(&new).and_then(|database| create(&database));
+            // one that another station made meanwhile stays
+            let linked = made.map(|()| std::fs::hard_link(&new, path));
+            let _ = std::fs::remove_file(&new);
+            match linked.map_err(refuse)? {
+                Err(source) if source.kind() != std::io::ErrorKind::AlreadyExists => {
+                    return Err(CatalogueError::Lease { path: path.into(), source });
+                }
+                _ => {}
+            }
+        }
+        Self::open(path)
     }
 
-    /// An empty catalogue that lasts as long as the value.
+    /// An empty catalogue that lasts as long as the value; nothing can be leased from it.
     ///
     /// # Errors
     /// [`CatalogueError::Database`].
     pub fn in_memory() -> Result<Self, CatalogueError> {
-        Self::prepared(Connection::open_in_memory()?, Path::new(":memory:"))
-    }
-
-    fn prepared(mut database: Connection, path: &Path) -> Result<Self, CatalogueError> {
-        database.busy_timeout(WAIT)?;
-        let foreign = || CatalogueError::Foreign { path: path.into() };
-        let transaction =
-            database.transaction_with_behavior(TransactionBehavior::Immediate).map_err(|e| {
-                if e.sqlite_error_code() == Some(rusqlite::ErrorCode::NotADatabase) {
-                    foreign()
-                } else {
-                    e.into()
-                }
-            })?;
-        let pragma = |name: &str| transaction.pragma_query_value(None, name, |row| row.get::<_, i32>(0));
-        let tables: i32 =
-            transaction.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0))?;
-        match (pragma("application_id")?, pragma("user_version")?) {
-            (APPLICATION_ID, VERSION) => {}
-            (0, 0) if tables == 0 => create(&transaction)?,
-            _ => return Err(foreign()),
-        }
-        transaction.commit()?;
-        Ok(Self { database })
+        let path = PathBuf::from(":memory:");
+        let refuse = |source| CatalogueError::of_database(&path, source);
+        let database = Connection::open_in_memory().map_err(refuse)?;
+        create(&database).map_err(refuse)?;
+        Ok(Self { database, path })
     }
 
     /// Adds blocks of a kind; the sizes of a kind that is there already must be the same.
@@ -112,18 +123,19 @@ impl Catalogue {
         check(id, size_mm)?;
         self.change(|t| {
             let before = block(t, id)?;
-            if let Some(before) = before.as_ref().filter(|b| b.size_mm != size_mm) {
+            // a block is turned as it is needed: the order of its sides says nothing
+            if let Some(before) = before.as_ref().filter(|b| sorted(b.size_mm) != sorted(size_mm)) {
                 return Err(CatalogueError::OtherSize {
                     id: id.into(),
                     size_mm: before.size_mm,
                     given_mm: size_mm,
                 });
             }
+            let [a, b, c] = before.as_ref().map_or(size_mm, |b| b.size_mm);
             let total = before.map_or(0, |b| b.count).saturating_add(count);
             if total > MOST_BLOCKS {
                 return Err(CatalogueError::Count { id: id.into(), count: total, most: MOST_BLOCKS });
             }
-            let [a, b, c] = size_mm;
             t.execute(
                 "INSERT OR REPLACE INTO block VALUES (?1, ?2, ?3, ?4, ?5)",
                 params![id, a, b, c, total],
@@ -132,15 +144,24 @@ impl Catalogue {
         })
     }
 
-    /// Every kind of block, by number.
+    /// Takes a kind out of the catalogue, with all of its blocks: to correct one, remove and add it.
+    ///
+    /// # Errors
+    /// [`CatalogueError::Unknown`].
+    pub fn remove(&mut self, id: &str) -> Result<StockBlock, CatalogueError> {
+        self.change(|t| {
+            let there = block(t, id)?.ok_or_else(|| CatalogueError::Unknown { id: id.into() })?;
+            t.execute("DELETE FROM block WHERE id = ?1", [id])?;
+            Ok(there)
+        })
+    }
+
+    /// Every kind of block, by number. A block whose lease has ended without its program's word is counted once the next change is made.
     ///
     /// # Errors
     /// [`CatalogueError::Database`].
     pub fn list(&self) -> Result<Vec<StockBlock>, CatalogueError> {
-        let mut statement =
-            self.database.prepare("SELECT id, a_mm, b_mm, c_mm, count FROM block ORDER BY id")?;
-        let rows = statement.query_map([], read)?;
-        Ok(rows.collect::<Result<_, _>>()?)
+        kinds(&self.database).map_err(|source| CatalogueError::of_database(&self.path, source))
     }
 
     /// Takes one block of a kind.
@@ -151,19 +172,27 @@ impl Catalogue {
         self.change(|t| take(t, id))
     }
 
-    /// Takes the smallest block that holds a box of these sides along x, y and z; choice and taking are one step. `None`: none does.
+    /// Leases the smallest block that holds a box of these sides along x, y and z; choice and taking are one step. `None`: none does.
+    ///
+    /// `replaces`: the kind of the block that goes back if this lease is kept; it may be that block itself.
     ///
     /// # Errors
-    /// [`CatalogueError::Database`].
-    pub fn take_smallest(&mut self, needed_mm: [f64; 3]) -> Result<Option<Mounted>, CatalogueError> {
+    /// [`CatalogueError::Database`], [`CatalogueError::Lease`].
+    pub fn lease_smallest(
+        &mut self,
+        needed_mm: [f64; 3],
+        replaces: Option<&str>,
+    ) -> Result<Option<Lease>, CatalogueError> {
+        let path = self.path.clone();
         self.change(|t| {
-            let mut statement = t.prepare("SELECT id, a_mm, b_mm, c_mm, count FROM block ORDER BY id")?;
-            let blocks: Vec<StockBlock> = statement.query_map([], read)?.collect::<Result<_, _>>()?;
+            let mut blocks = kinds(t)?;
+            blocks
+                .iter_mut()
+                .filter(|block| Some(block.id.as_str()) == replaces)
+                .for_each(|block| block.count = block.count.saturating_add(1));
+            let replaces = replaces.filter(|id| blocks.iter().any(|block| block.id == *id));
             let found = smallest(&blocks, needed_mm);
-            if let Some(mounted) = &found {
-                take(t, &mounted.id)?;
-            }
-            Ok(found)
+            found.map(|mounted| Lease::begin(t, &path, mounted, replaces)).transpose()
         })
     }
 
@@ -173,7 +202,7 @@ impl Catalogue {
     /// [`CatalogueError::Unknown`].
     pub fn put_back(&mut self, id: &str) -> Result<StockBlock, CatalogueError> {
         self.change(|t| {
-            t.execute("UPDATE block SET count = count + 1 WHERE id = ?1", [id])?;
+            put_back(t, id)?;
             block(t, id)?.ok_or_else(|| CatalogueError::Unknown { id: id.into() })
         })
     }
@@ -183,20 +212,44 @@ impl Catalogue {
         &mut self,
         work: impl FnOnce(&Transaction<'_>) -> Result<T, CatalogueError>,
     ) -> Result<T, CatalogueError> {
-        let transaction = self.database.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        let done = work(&transaction)?;
-        transaction.commit()?;
-        Ok(done)
+        let path = self.path.clone();
+        let changed = || -> Result<T, CatalogueError> {
+            let t = self.database.transaction_with_behavior(TransactionBehavior::Immediate)?;
+            t.execute_batch(LEASES)?;
+            lease::sweep(&t, &path)?;
+            let done = work(&t)?;
+            t.commit()?;
+            Ok(done)
+        };
+        changed().map_err(|error| error.at(&self.path))
     }
 }
 
-fn create(transaction: &Transaction<'_>) -> Result<(), CatalogueError> {
-    transaction.execute_batch(
+/// Blocks that plans hold; a block of none is one that a plan held before.
+const LEASES: &str =
+    "CREATE TABLE IF NOT EXISTS lease (id INTEGER PRIMARY KEY AUTOINCREMENT, block TEXT) STRICT;";
+
+fn create(database: &Connection) -> rusqlite::Result<()> {
+    database.execute_batch(
         "CREATE TABLE block (id TEXT PRIMARY KEY, a_mm REAL NOT NULL CHECK (a_mm > 0), b_mm REAL NOT NULL CHECK (b_mm > 0), \
          c_mm REAL NOT NULL CHECK (c_mm > 0), count INTEGER NOT NULL CHECK (count >= 0)) STRICT;",
     )?;
-    transaction.pragma_update(None, "application_id", APPLICATION_ID)?;
-    transaction.pragma_update(None, "user_version", VERSION)?;
+    database.pragma_update(None, "application_id", APPLICATION_ID)?;
+    database.pragma_update(None, "user_version", VERSION)
+}
+
+fn kinds(database: &Connection) -> rusqlite::Result<Vec<StockBlock>> {
+    let mut statement = database.prepare("SELECT id, a_mm, b_mm, c_mm, count FROM block ORDER BY id")?;
+    statement.query_map([], read)?.collect()
+}
+
+fn sorted(mut size_mm: [f64; 3]) -> [f64; 3] {
+    size_mm.sort_by(f64::total_cmp);
+    size_mm
+}
+
+fn put_back(transaction: &Transaction<'_>, id: &str) -> Result<(), CatalogueError> {
+    transaction.execute("UPDATE block SET count = count + 1 WHERE id = ?1", [id])?;
     Ok(())
 }
 

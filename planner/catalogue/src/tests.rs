@@ -36,6 +36,79 @@ fn what_makes_no_sense_is_refused() {
     assert!(text(stock.add("a,b", [60.0, 25.0, 50.0], 1)).contains("no block's number"));
     assert!(text(stock.add("B1", [60.0, 25.0, 55.0], u32::MAX)).contains("at most 1000000"));
     assert_eq!(stock.list().unwrap().len(), 1);
+    // sides in another order are the same block; a wrong one is removed and added
+    stock.add("B1", [25.0, 55.0, 60.0], 1).unwrap();
+    assert_eq!(
+        stock.list().unwrap()[0],
+        StockBlock { id: "B1".into(), size_mm: [60.0, 25.0, 55.0], count: 2 }
+    );
+    assert_eq!(stock.remove("B1").unwrap().count, 2);
+    assert_eq!(text(stock.remove("B1")), "the catalogue has no block B1");
+    stock.add("B1", [60.0, 25.0, 50.0], 1).unwrap();
+}
+
+#[test]
+fn a_lease_ends_however_its_holder_does() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("stock.sqlite");
+    let mut stock = Catalogue::open_or_create(&path).unwrap();
+    stock.add("B1", [60.0, 25.0, 55.0], 1).unwrap();
+    stock.add("B2", [80.0, 30.0, 70.0], 1).unwrap();
+    let counts =
+        || Catalogue::open(&path).unwrap().list().unwrap().iter().map(|b| b.count).collect::<Vec<_>>();
+    let files = || std::fs::read_dir(dir.path()).unwrap().count();
+    let needed_mm = [50.0, 20.0, 50.0];
+    let lease = stock.lease_smallest(needed_mm, None).unwrap().unwrap();
+    assert_eq!((lease.mounted.id.as_str(), counts()), ("B1", vec![0, 1]));
+    // held: the next one gets the other block
+    let other = stock.lease_smallest(needed_mm, None).unwrap().unwrap();
+    assert_eq!((other.mounted.id.as_str(), counts()), ("B2", vec![0, 0]));
+    drop(other);
+    assert_eq!(counts(), [0, 1]);
+    lease.keep().unwrap();
+    assert_eq!((counts(), files()), (vec![0, 1], 1));
+    // the plan that is replaced holds its block: it may have it again, or give it back for another
+    let again = stock.lease_smallest(needed_mm, Some("B1")).unwrap().unwrap();
+    assert_eq!((again.mounted.id.as_str(), counts()), ("B1", vec![0, 1]));
+    again.keep().unwrap();
+    assert_eq!(counts(), [0, 1]);
+    drop(stock.lease_smallest(needed_mm, Some("B1")).unwrap());
+    assert_eq!(counts(), [0, 1]);
+    let larger = stock.lease_smallest([70.0, 20.0, 50.0], Some("B1")).unwrap().unwrap();
+    assert_eq!((larger.mounted.id.as_str(), counts()), ("B2", vec![0, 0]));
+    larger.keep().unwrap();
+    assert_eq!(counts(), [1, 0]);
+    // a holder that was killed: its row is there, its lock is not
+    stock
+        .change(|t| {
+            Ok(t.execute_batch(
+                "UPDATE block SET count = 0 WHERE id = 'B1'; INSERT INTO lease (block) VALUES ('B1')",
+            )?)
+        })
+        .unwrap();
+    assert_eq!(counts(), [0, 0]);
+    stock.put_back("B2").unwrap();
+    assert_eq!((counts(), files()), (vec![1, 1], 1));
+}
+
+#[test]
+fn a_catalogue_is_listed_while_another_station_changes_it_and_a_corrupted_one_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("stock.sqlite");
+    let mut stock = Catalogue::open_or_create(&path).unwrap();
+    stock.add("B1", [60.0, 25.0, 55.0], 1).unwrap();
+    stock
+        .change(|_| {
+            assert_eq!(Catalogue::open(&path).unwrap().list().unwrap().len(), 1);
+            Ok(())
+        })
+        .unwrap();
+    drop(stock);
+    let mut bytes = std::fs::read(&path).unwrap();
+    bytes[4096..].fill(0xAA);
+    std::fs::write(&path, bytes).unwrap();
+    let said = text(Catalogue::open(&path).unwrap().list());
+    assert!(said.contains("stock.sqlite cannot be read or changed"), "{said}");
 }
 
 #[test]
@@ -47,6 +120,13 @@ fn a_file_of_somebody_else_is_left_alone() {
     let before = std::fs::read(&path).unwrap();
     assert!(text(Catalogue::open_or_create(&path)).contains("is no catalogue of blocks"));
     assert_eq!(std::fs::read(&path).unwrap(), before);
+    // nor is one that lost its bytes a new one
+    let empty = dir.path().join("empty.sqlite");
+    std::fs::write(&empty, "").unwrap();
+    for opened in [Catalogue::open(&empty), Catalogue::open_or_create(&empty)] {
+        assert!(text(opened).contains("empty.sqlite is no catalogue of blocks"));
+    }
+    assert_eq!(std::fs::read(&empty).unwrap(), b"");
     let other = dir.path().join("other.sqlite");
     rusqlite::Connection::open(&other).unwrap().execute_batch("CREATE TABLE mine (x)").unwrap();
     assert!(text(Catalogue::open_or_create(&other)).contains("is no catalogue of blocks"));
@@ -80,7 +160,11 @@ fn of_many_stations_that_want_the_last_blocks_each_gets_its_own() {
             if n.is_multiple_of(2) {
                 stock.take("B1").is_ok()
             } else {
-                stock.take_smallest([1.0; 3]).unwrap().is_some()
+                stock
+                    .lease_smallest([1.0; 3], None)
+                    .unwrap()
+                    .map(Lease::keep)
+                    .is_some_and(|kept| kept.is_ok())
             }
         })
     };
