@@ -13,6 +13,7 @@
 //! **Source:** Chuang, Chen & Yau 2002, "A reverse engineering approach to generating interference-free tool paths in three-axis machining from scanned data of
 //! physical models", contacts of a generalized radial cutter.
 
+use bonemill_geometry::cancel;
 use nalgebra::Vector3;
 
 use crate::Tool;
@@ -130,6 +131,7 @@ impl DropCutter {
 
     /// The lowest place of the tip with its axis at (u, v), mm; `NONE` where the part is not under the tool.
     pub fn height_mm(&self, at: [f64; 2]) -> f64 {
+        cancel::poll();
         let rows = self.span(1, at[1] - self.radius_mm, at[1] + self.radius_mm);
         let columns = self.span(0, at[0] - self.radius_mm, at[0] + self.radius_mm);
         let buckets = || {

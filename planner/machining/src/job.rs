@@ -3,6 +3,10 @@
 use nalgebra::Vector3;
 
 use crate::MachiningError;
+use crate::moves::Facing;
+
+/// Rounding between degrees and radians, rad.
+const SAME_RAD: f64 = 1e-9;
 
 /// The block in its own frame: x along the rotary axis, y across the part's thickness, z the third side.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,6 +129,18 @@ impl Job {
     /// Feed of cutting moves, mm/min: the process's, at most the machine's.
     pub fn feed_mm_min(&self) -> f64 {
         self.process.feed_mm_min(&self.tool).min(self.machine.max_feed_mm_min)
+    }
+
+    /// Angle of the rotary axis for a side: 0 for the front, half a turn either way for the back, as the axis reaches it, rad.
+    pub fn a_rad(&self, facing: Facing) -> f64 {
+        use std::f64::consts::PI;
+        let [low, high] = self.machine.rotary_range_rad;
+        let reaches = |a_rad: f64| (low - SAME_RAD..=high + SAME_RAD).contains(&a_rad);
+        match facing {
+            Facing::Front => 0.0,
+            Facing::Back if !reaches(PI) && reaches(-PI) => -PI,
+            Facing::Back => PI,
+        }
     }
 
     /// Widest ordinary cut, mm.

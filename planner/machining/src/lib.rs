@@ -39,7 +39,7 @@ mod zigzag;
 pub use error::MachiningError;
 pub use job::{Block, HolderSegment, Job, Machine, Process, Tool};
 pub use moves::{Facing, Kind, Move, Side};
-pub use plan::{Machining, Warning, plan, plan_zigzag};
+pub use plan::{Machining, Warning, assess, plan, plan_zigzag};
 pub use reach::shift_to_reach_mm;
 pub use zigzag::ZigZag;
 

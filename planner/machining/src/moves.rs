@@ -101,11 +101,6 @@ impl Facing {
         if a_rad.abs() < 1.0 { Self::Front } else { Self::Back }
     }
 
-    /// The rotary axis, rad.
-    pub fn a_rad(self) -> f64 {
-        if self == Self::Front { 0.0 } else { std::f64::consts::PI }
-    }
-
     /// (u, v, w) of a point of the block's frame, mm.
     pub fn from_block(self, p: &Vector3<f64>) -> Vector3<f64> {
         let s = self.sign();

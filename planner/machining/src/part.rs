@@ -8,12 +8,12 @@ use nalgebra::Vector3;
 
 use crate::envelope::Envelope;
 use crate::job::Job;
-use crate::leftover::neighbours;
+use crate::leftover::{self, Leftover, Reason, neighbours};
 use crate::moves::Facing;
 use crate::raster::{NONE, Raster};
 use crate::reach::THROUGH_MM;
 use crate::silhouette::{Loop, Nearest, Silhouette, area_mm2, sampled};
-use crate::strip::{Strip, Tab, cutting_force_n};
+use crate::strip::{Strip, Tab, outline_force_n};
 
 /// The part over a raster, with the strip around it; seen from the front.
 pub(crate) struct Part {
@@ -43,7 +43,7 @@ impl Part {
         let mut outside_mm = Nearest::of(&raster, &outer).distance_mm;
         let open = reached_from_the_edge(&raster, |cell| !envelope.holds(cell));
         outside_mm.iter_mut().zip(&open).filter(|(_, open)| !**open).for_each(|(d, _)| *d = -*d);
-        let tab = strip.tab(cutting_force_n(job), job.process.strip_mm);
+        let tab = strip.tab(outline_force_n(job), job.process.strip_mm);
         let loose = loose(&raster, &outside_mm, job);
         let milled_mm = milled_mm(&raster, &outside_mm, &loose, job);
         Self { raster, envelope, silhouette, strip, tab, nearest, outside_mm, loose, milled_mm }
@@ -100,6 +100,33 @@ impl Part {
         ]
     }
 
+    /// Stock beside the part's outlines that no place of the axis reaches: in corners and slots that are narrower than the cutter.
+    pub fn corners(&self, job: &Job) -> Vec<Leftover> {
+        let (raster, radius_mm) = (&self.raster, job.tool.radius_mm);
+        let is_free = |cell: usize| !self.envelope.holds(cell) && self.nearest.distance_mm[cell] >= radius_mm;
+        let is_edge = |cell: &usize| is_free(*cell) && neighbours(raster, *cell).any(|next| !is_free(next));
+        // from the cell's centre toward the outline, to where the cutter touches it
+        let touching = |cell: usize| {
+            let (at, outline) =
+                (raster.centre_of(cell), self.strip.points[self.nearest.point[cell] as usize]);
+            let share = 1.0 - radius_mm / self.nearest.distance_mm[cell];
+            [0, 1].map(|n| at[n] + share * (outline[n] - at[n]))
+        };
+        let edge: Vec<[f64; 2]> = (0..raster.len()).filter(is_edge).map(touching).collect();
+        let reached = Nearest::of(raster, &edge);
+        let beyond_mm = radius_mm + 0.25 * raster.pitch_mm;
+        let rim = |cell: usize| self.strip.rims.get(self.nearest.point[cell] as usize).copied();
+        let is_left = |cell: usize| {
+            !self.envelope.holds(cell) && !is_free(cell) && reached.distance_mm[cell] > beyond_mm
+        };
+        let left: Vec<Option<[f64; 2]>> =
+            (0..raster.len()).map(|cell| rim(cell).filter(|_| is_left(cell))).collect();
+        let thickness: Vec<f64> = left.iter().map(|rim| rim.map_or(0.0, |[low, high]| high - low)).collect();
+        let middle: Vec<f64> =
+            left.iter().map(|rim| rim.map_or(0.0, |[low, high]| 0.5 * (low + high))).collect();
+        leftover::places(raster, &thickness, &middle, Facing::Front, Reason::Narrow)
+    }
+
     /// Where contour and finishing of the rim end below, as the side sees it, mm: the other side of the strip or of the rim, whichever is lower, and a
     /// little more, carried from the outline over the raster.
     pub fn rim_floor(&self, facing: Facing, corner_mm: f64) -> Vec<f64> {
@@ -133,13 +160,28 @@ fn loose(raster: &Raster, outside_mm: &[f64], job: &Job) -> Vec<bool> {
     let is_grip = |cell: usize| raster.centre_of(cell)[1] >= grip_v.min(lowest);
     let grip = (0..raster.len()).filter(|cell| is_grip(*cell));
     let mut held = connected(raster, grip.collect(), holds);
-    // the frame's own edges
-    for _ in 0..(HOLDS_MM / raster.pitch_mm).ceil() as usize + 1 {
+    // the frame's own edges, from cell to cell beside it: farther than straight on
+    let rounds = std::f64::consts::SQRT_2 * (HOLDS_MM / raster.pitch_mm + 2.0);
+    for _ in 0..rounds.ceil() as usize {
         let before = held.clone();
         let near = |cell: usize| beside[cell] && neighbours(raster, cell).any(|next| before[next]);
         (0..raster.len()).filter(|cell| near(*cell)).for_each(|cell| held[cell] = true);
     }
-    (0..raster.len()).map(|cell| beside[cell] && !held[cell]).collect()
+    // what is left hangs on nothing, or holds more than itself: else it is a sharp corner of the frame
+    let rest = |cell: usize| beside[cell] && !held[cell];
+    let (mut loose, mut seen) = (vec![false; raster.len()], vec![false; raster.len()]);
+    for cell in 0..raster.len() {
+        if rest(cell) && !seen[cell] {
+            let piece = connected(raster, vec![cell], rest);
+            let cells: Vec<usize> = (0..raster.len()).filter(|cell| piece[*cell]).collect();
+            let hangs = cells.iter().any(|cell| neighbours(raster, *cell).any(|next| held[next]));
+            let is_loose = !hangs || cells.iter().any(|cell| holds(*cell));
+            for cell in cells {
+                (seen[cell], loose[cell]) = (true, is_loose);
+            }
+        }
+    }
+    loose
 }
 
 /// Distance to the part or to what is loose, whichever is nearer; loose cells count only as far as the cutter stays off the grip.
@@ -152,8 +194,15 @@ fn milled_mm(raster: &Raster, outside_mm: &[f64], loose: &[bool], job: &Job) -> 
     let lowest_v = -(job.block.low_mm.z + job.block.grip_mm + job.tool.radius_mm + THROUGH_MM);
     let loose_mm = Nearest::of(raster, &points).distance_mm;
     let nearer = |cell: usize| {
-        let is_off_grip = raster.centre_of(cell)[1] <= lowest_v;
-        if is_off_grip { outside_mm[cell].min(loose_mm[cell]) } else { outside_mm[cell] }
+        let (outside, loose) = (outside_mm[cell], loose_mm[cell]);
+        if raster.centre_of(cell)[1] > lowest_v {
+            outside
+        } else if outside + loose <= job.tool.diameter_mm() + 2.0 * raster.pitch_mm {
+            // between the two nothing stands: it is inside
+            outside.min(loose) - job.tool.radius_mm
+        } else {
+            outside.min(loose)
+        }
     };
     (0..raster.len()).map(nearer).collect()
 }

@@ -6,6 +6,7 @@
 //!
 //! Invariant: the tip is never below the height that the pass gives. Coordinates are whole micrometres, heights rounded up.
 
+use bonemill_geometry::cancel;
 use rayon::prelude::*;
 
 use crate::Job;
@@ -13,8 +14,6 @@ use crate::moves::{Facing, Kind, Move, Side};
 use crate::pass::{Height, Pass, rounded, simplified};
 use crate::stock::{Place, Stock, steps};
 
-/// Height of short links above the stock, and of the last approach, mm.
-const GAP_MM: f64 = 0.2;
 /// Share of the entries' depth that is used, so that heights between cells stay below it.
 const ENTRY_SHARE: f64 = 0.95;
 /// Lengths of slants between passes, in diameters, the best first.
@@ -118,6 +117,7 @@ impl<'a> Passes<'a> {
         let entry = self.entry_mm();
         let mut needed = self.needed(pass);
         for _ in 0..MOST_STEPS {
+            cancel::poll();
             let driven = self.driven(pass, &needed);
             let wide = |n: usize| driven[n] && self.is_wide(pass, n);
             let wide: Vec<bool> = (0..driven.len()).into_par_iter().with_min_len(SHARED).map(wide).collect();
@@ -285,6 +285,7 @@ impl<'a> Passes<'a> {
     }
 
     fn cut_line(&mut self, kind: Kind, to: Place) {
+        cancel::poll();
         let to = rounded(to);
         if let Some(from) = self.at {
             self.stock.cut_line(from, to);
@@ -293,21 +294,18 @@ impl<'a> Passes<'a> {
         self.cutting = true;
     }
 
-    /// Up, across and down to a little above a place.
+    /// Up, across and down to the height of repositioning above the stock at a place.
     fn link(&mut self, to: Place) {
-        let approach = [to[0], to[1], to[2].max(self.stock.free_mm([to[0], to[1]])) + GAP_MM];
+        let clearance_mm = self.job.process.clearance_mm;
+        let approach = [to[0], to[1], to[2].max(self.stock.free_mm([to[0], to[1]])) + clearance_mm];
         let Some(from) = self.at.filter(|_| !self.moves.is_empty()) else {
             self.go(Kind::Link, self.at.unwrap_or([to[0], to[1], self.safe_mm()]));
             self.go(Kind::Link, [to[0], to[1], self.safe_mm()]);
             self.go(Kind::Link, approach);
             return;
         };
-        let distance = (to[0] - from[0]).hypot(to[1] - from[1]);
         let free = self.stock.free_along_mm([from[0], from[1]], [to[0], to[1]]);
-        let short = distance < 4.0 * self.job.tool.diameter_mm();
-        let gap =
-            if short { GAP_MM.min(self.job.process.clearance_mm) } else { self.job.process.clearance_mm };
-        let height = (free + gap).max(from[2]).max(to[2] + gap);
+        let height = free.max(to[2]).max(from[2] - clearance_mm) + clearance_mm;
         self.go(Kind::Retract, [from[0], from[1], height]);
         self.go(Kind::Link, [to[0], to[1], height]);
         self.go(Kind::Link, approach);
@@ -326,7 +324,7 @@ impl<'a> Passes<'a> {
             side: self.side,
             kind,
             tip_mm,
-            a_rad: self.facing.a_rad(),
+            a_rad: self.job.a_rad(self.facing),
             feed_mm_min,
             time_s: 0.0,
         });

@@ -86,11 +86,6 @@ pub enum Warning {
         /// The finishing step that would about meet it with all else the same, mm; `None` where roughing alone takes longer.
         finishing_step_mm: Option<f64>,
     },
-    /// The tab or the strip is weaker than twice the cutting force.
-    Strip {
-        /// Shear force that the tab bears, over the cutting force.
-        factor: f64,
-    },
 }
 
 impl std::fmt::Display for Warning {
@@ -118,12 +113,6 @@ impl std::fmt::Display for Warning {
                     write!(f, "; process.finishing_step_mm = {step:.2} would about meet it")?;
                 }
                 Ok(())
-            }
-            Self::Strip { factor } => {
-                write!(
-                    f,
-                    "the tab that holds the part at the end bears {factor:.1} times the cutting force, expected at least 2"
-                )
             }
         }
     }
@@ -172,16 +161,42 @@ fn plan_sides(
     });
     laid.lay(Facing::Front, Side::C, stock.turned(), |passes| a.rim(&part, passes));
 
+    assessed(&part, [&a, &b], laid.moves, job)
+}
+
+/// What is to be known of moves that were laid before: as [`plan`] tells it, but of these moves.
+///
+/// # Errors
+/// As [`plan`].
+pub fn assess(part: &Mesh<BlockFrame>, moves: Vec<Move>, job: &Job) -> Result<Machining, MachiningError> {
+    job.checked()?;
+    let [front, back] = [facets(part, Facing::Front)?, facets(part, Facing::Back)?];
+    let part = Part::new(&front, job)?;
+    let sides = [(&front, Facing::Front), (&back, Facing::Back)]
+        .map(|(facets, facing)| Sight::new(&part, job, facets, facing));
+    assessed(&part, [&sides[0], &sides[1]], moves, job)
+}
+
+fn assessed(
+    part: &Part,
+    sides: [&Sight<'_>; 2],
+    mut moves: Vec<Move>,
+    job: &Job,
+) -> Result<Machining, MachiningError> {
     let hidden = &part.envelope.hidden_mm;
     let mut left = leftover::places(&part.raster, hidden, &part.envelope.top, Facing::Front, Reason::Hidden);
-    left.extend(
-        [&a, &b].into_iter().flat_map(|side| [side.too_narrow(&part), side.too_deep(&part)]).flatten(),
-    );
-    let mut moves = laid.moves;
+    left.extend(part.corners(job));
+    left.extend(sides.into_iter().flat_map(|side| [side.too_narrow(part), side.too_deep(part)]).flatten());
     let times = times(&mut moves, job)?;
-    let strip = part.strip.strength(job);
-    let warnings = warnings(&moves, &times, &strip, job);
-    Ok(Machining { moves, left, strip, tab_box: part.tab_box(job), times, warnings })
+    let warnings = warnings(&moves, &times, job);
+    Ok(Machining {
+        moves,
+        left,
+        strip: part.strip.strength(job),
+        tab_box: part.tab_box(job),
+        times,
+        warnings,
+    })
 }
 
 /// Moves so far, and where the tip is in the machine's axes.
@@ -283,7 +298,7 @@ fn lies_within(front: &[Facet], job: &Job) -> Result<(), MachiningError> {
     Ok(())
 }
 
-fn warnings(moves: &[Move], times: &Times, strip: &StripStrength, job: &Job) -> Vec<Warning> {
+fn warnings(moves: &[Move], times: &Times, job: &Job) -> Vec<Warning> {
     let mut warnings = Vec::new();
     for (n, axis) in ['X', 'Y', 'Z'].into_iter().enumerate() {
         let at = |m: &Move| Facing::of(m.a_rad).from_block(&m.tip_mm)[n];
@@ -304,9 +319,6 @@ fn warnings(moves: &[Move], times: &Times, strip: &StripStrength, job: &Job) -> 
         warnings.push(Warning::Feed { wanted_mm_min, most_mm_min: job.machine.max_feed_mm_min });
     }
     warnings.extend(too_long(moves, times, job));
-    if strip.tab_factor < 2.0 {
-        warnings.push(Warning::Strip { factor: strip.tab_factor });
-    }
     warnings
 }
 

@@ -3,6 +3,7 @@
 //! The raster is symmetric in v, so that cell (i, j) seen from the front is cell (i, n − 1 − j) seen from the back. A map holds a height w a
 //! cell, at its centre; `NONE` stands where there is nothing.
 
+use bonemill_geometry::cancel;
 use rayon::prelude::*;
 
 use crate::{MachiningError, Tool};
@@ -140,6 +141,7 @@ impl Raster {
         let nu = self.dims[0];
         let mut out = vec![start; self.len()];
         out.par_chunks_mut(nu).enumerate().for_each(|(j, row)| {
+            cancel::poll();
             for &(du, dv, f) in &footprint.cells {
                 let Some(from) = j.checked_add_signed(dv).filter(|r| *r < self.dims[1]) else { continue };
                 let source = &map[from * nu..(from + 1) * nu];

@@ -11,6 +11,8 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use bonemill_geometry::cancel;
+
 use crate::raster::Raster;
 use crate::silhouette::Loop;
 
@@ -39,6 +41,7 @@ impl Field {
         }
         let mut done = vec![false; raster.len()];
         while let Some(Reverse((_, cell))) = heap.pop() {
+            cancel::poll();
             let cell = cell as usize;
             if std::mem::replace(&mut done[cell], true) {
                 continue;

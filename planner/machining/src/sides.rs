@@ -87,7 +87,8 @@ impl<'a> Sight<'a> {
         }
         let beside = job.tool.radius_mm + ALLOWANCE_MM;
         let domain = self.domain(part, &part.milled_mm, beside);
-        let loops = self.loops(part, &domain, &part.milled_mm, beside, &raster.filled(STEP_SHARE * job.widest_mm()));
+        let loops =
+            self.loops(part, &domain, &part.milled_mm, beside, &raster.filled(STEP_SHARE * job.widest_mm()));
         let top = passes.stock.centres.top.iter().copied().fold(NONE, f64::max);
         let lowest =
             tip.iter().zip(&domain).filter(|(_, inside)| **inside).map(|(w, _)| *w).fold(top, f64::min);
@@ -152,7 +153,8 @@ impl<'a> Sight<'a> {
         let loose = part.loose.iter().zip(&part.outside_mm).filter(|(loose, _)| **loose);
         let farthest_mm = loose.map(|(_, outside_mm)| outside_mm + raster.pitch_mm).fold(0.0, f64::max);
         let step_mm = STEP_SHARE * job.widest_mm();
-        let rings = ((farthest_mm - job.tool.radius_mm - self.beside_mm()) / step_mm).ceil().max(0.0) as usize;
+        let rings =
+            ((farthest_mm - job.tool.radius_mm - self.beside_mm()) / step_mm).ceil().max(0.0) as usize;
         let all = std::mem::replace(&mut passes.counts, part.seen(&part.loose, self.facing));
         for ring in (1..=rings).rev() {
             around(passes, self.beside_mm() + ring as f64 * step_mm);

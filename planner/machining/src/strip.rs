@@ -22,8 +22,12 @@ const EVEN_MM: f64 = 2.0;
 
 /// Specific cutting force that the strip's strength is stated for, N/mm²; assumed: upper end for plastics.
 pub const FORCE_N_MM2: f64 = 150.0;
-/// Shear strength that it is stated for, N/mm²; assumed: PMMA, half of a tensile strength of 60 N/mm².
-pub const SHEAR_N_MM2: f64 = 30.0;
+/// Tensile strength that it is stated for, N/mm²; assumed: PMMA.
+pub const TENSILE_N_MM2: f64 = 60.0;
+/// Shear strength that it is stated for, N/mm²; assumed: half of the tensile strength.
+pub const SHEAR_N_MM2: f64 = 0.5 * TENSILE_N_MM2;
+/// Least share of the cutting force that the tab bears.
+pub const LEAST_FACTOR: f64 = 2.0;
 
 /// Points along the outlines, and the strip's heights there, seen from the front.
 #[derive(Debug, Clone)]
@@ -38,7 +42,7 @@ pub struct Strip {
     pub length_mm: f64,
 }
 
-/// What the strip bears. Assumed: 150 N/mm² specific cutting force, 30 N/mm² shear strength.
+/// What strip and tab bear in the plane that the cutter moves in; a force along the cutter is small beside it for a cutting side and is not counted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StripStrength {
     /// Thickness, mm.
@@ -47,12 +51,10 @@ pub struct StripStrength {
     pub length_mm: f64,
     /// Length of the tab that stays, mm.
     pub tab_mm: f64,
-    /// Greatest cutting force: specific force × feed per tooth × depth of cut, N.
-    pub force_n: f64,
-    /// Shear force that the whole strip bears, over the cutting force.
-    pub strip_factor: f64,
-    /// The same for the tab.
-    pub tab_factor: f64,
+    /// Force that the whole strip bears in shear, N.
+    pub strip_bears_n: f64,
+    /// Force on the part that the tab bears in shear and, with the lever to the farthest place of the outline, in bending, N.
+    pub tab_bears_n: f64,
 }
 
 impl Strip {
@@ -96,27 +98,29 @@ impl Strip {
         if back { raster.turned(&map) } else { map }
     }
 
-    /// The tab: the part of an outline nearest the grip, and its length, mm.
+    /// The tab: the part of an outline nearest the grip. It bears [`LEAST_FACTOR`] times the force, if a tenth of the outline is long enough for that.
     pub fn tab(&self, force_n: f64, thickness_mm: f64) -> Tab {
         let at = self.points.iter().copied().max_by(|a, b| a[1].total_cmp(&b[1])).unwrap_or([0.0; 2]);
-        // twice the force in shear, at least 3 mm, at most a tenth of the outline
-        let length_mm = (2.0 * force_n / (SHEAR_N_MM2 * thickness_mm)).max(3.0).min(0.1 * self.length_mm);
-        Tab { at, length_mm }
+        let lever_mm = self.points.iter().map(|p| (p[0] - at[0]).hypot(p[1] - at[1])).fold(0.0, f64::max);
+        let mut tab = Tab { at, length_mm: 1.0, lever_mm };
+        let bears = tab.bears_n(thickness_mm);
+        let [shear, bending] = bears.map(|one_mm_bears_n| LEAST_FACTOR * force_n / one_mm_bears_n);
+        // at least 3 mm; assumed
+        tab.length_mm = shear.max(bending.sqrt()).max(3.0).min(0.1 * self.length_mm);
+        tab
     }
 
     /// What it bears.
     pub fn strength(&self, job: &crate::Job) -> StripStrength {
-        let force_n = cutting_force_n(job);
         let thickness_mm = job.process.strip_mm;
-        let tab_mm = self.tab(force_n, thickness_mm).length_mm;
-        let factor = |length: f64| length * thickness_mm * SHEAR_N_MM2 / force_n;
+        let tab = self.tab(outline_force_n(job), thickness_mm);
+        let [shear_n, bending_n] = tab.bears_n(thickness_mm);
         StripStrength {
             thickness_mm,
             length_mm: self.length_mm,
-            tab_mm,
-            force_n,
-            strip_factor: factor(self.length_mm),
-            tab_factor: factor(tab_mm),
+            tab_mm: tab.length_mm,
+            strip_bears_n: self.length_mm * thickness_mm * SHEAR_N_MM2,
+            tab_bears_n: shear_n.min(bending_n),
         }
     }
 }
@@ -128,11 +132,31 @@ pub struct Tab {
     pub at: [f64; 2],
     /// Its length, mm.
     pub length_mm: f64,
+    /// From its middle to the farthest place of the outline, mm.
+    pub lever_mm: f64,
 }
 
-/// Greatest cutting force that the strip must bear, N.
-pub fn cutting_force_n(job: &crate::Job) -> f64 {
-    FORCE_N_MM2 * job.process.feed_per_tooth_mm * job.level_mm()
+impl Tab {
+    /// What it bears in shear, τ L t, and in bending by a force at the lever, σ t L² / (6 r), N.
+    ///
+    /// **Source:** a rectangular beam's section modulus, Young & Budynas 2002, Roark's Formulas for Stress and Strain, section 8.1.
+    fn bears_n(&self, thickness_mm: f64) -> [f64; 2] {
+        let (t, length_mm) = (thickness_mm, self.length_mm);
+        let lever_mm = self.lever_mm.max(f64::MIN_POSITIVE);
+        [SHEAR_N_MM2 * length_mm * t, TENSILE_N_MM2 * t * length_mm * length_mm / (6.0 * lever_mm)]
+    }
+}
+
+/// Force of a cut whose chip is as deep as `chip_mm` along the feed, N.
+pub fn cutting_force_n(job: &crate::Job, chip_mm: f64) -> f64 {
+    let teeth_min = f64::from(job.tool.flutes) * job.process.spindle_rpm;
+    FORCE_N_MM2 * job.feed_mm_min() / teeth_min * chip_mm
+}
+
+/// Force that is expected while the outline is cut: as deep as a level or the strip, all teeth of one side at once, N.
+pub fn outline_force_n(job: &crate::Job) -> f64 {
+    let teeth = f64::from(job.tool.flutes.div_ceil(2));
+    cutting_force_n(job, teeth * job.level_mm().max(job.process.strip_mm))
 }
 
 /// Heights of the part near its outline.

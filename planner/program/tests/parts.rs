@@ -6,8 +6,10 @@ mod common;
 
 use bonemill_geometry::{Block, Mesh, Point};
 use bonemill_machining::leftover::Reason;
+use bonemill_machining::strip::cutting_force_n;
 use bonemill_machining::time::times;
 use bonemill_machining::{Facing, Job, Kind, Machining, MachiningError, Move, Side, Tool, plan};
+use bonemill_program::{Dialect, OUTLINE, write};
 use bonemill_proof::{Proof, prove};
 use common::{Shell, flat, job, proof_job};
 use nalgebra::Vector3;
@@ -15,7 +17,7 @@ use nalgebra::Vector3;
 /// Plans, writes, reads back and judges.
 fn proven(part: &Mesh<Block>, job: &Job) -> (Machining, Proof, bonemill_proof::ProofJob) {
     let planned = plan(part, job).unwrap();
-    let text = bonemill_program::write(&planned.moves, job.process.spindle_rpm);
+    let text = write(&planned.moves, job, Dialect::LinuxCnc, &[]);
     let proof_job = proof_job(job, vec![planned.tab_box]);
     let proof = prove(&text, part, &proof_job).unwrap();
     (planned, proof, proof_job)
@@ -31,6 +33,13 @@ fn is_clean(proof: &Proof, job: &Job) {
     assert!(proof.collisions.is_empty(), "{:?}", proof.collisions.first());
     assert!(proof.too_wide.is_empty(), "{:?} for {}", proof.too_wide.first(), job.widest_mm());
     assert!(proof.loose.is_empty(), "{:?}", proof.loose.first());
+}
+
+/// Greatest force of the cuts from the outline on, N.
+fn outline_force_n(planned: &Machining, proof: &Proof, job: &Job) -> f64 {
+    let text = write(&planned.moves, job, Dialect::LinuxCnc, &[]);
+    let line = text.lines().position(|line| line == OUTLINE).unwrap();
+    cutting_force_n(job, proof.chip_mm(line))
 }
 
 /// A coarse tool and step, so that the test is quick.
@@ -52,7 +61,9 @@ fn a_bevelled_shell_is_made_to_the_finishing_step() {
         is_clean(&proof, &job);
         assert!(proof.thickest_uncut_mm <= job.process.finishing_step_mm, "{}", proof.thickest_uncut_mm);
         assert!(planned.times.limited_s >= planned.times.constant_s * 0.9);
-        assert!(planned.strip.tab_factor >= 2.0);
+        // the tab bears twice the force of the outline's cuts
+        let outline_n = outline_force_n(&planned, &proof, &job);
+        assert!(planned.strip.tab_bears_n >= 2.0 * outline_n, "{:?} for {outline_n} N", planned.strip);
     }
 }
 
@@ -80,8 +91,8 @@ fn bent(outer: &[[f64; 2]], inner: &[[f64; 2]], thickness_mm: f64) -> Mesh<Block
     let at = |y: f64| outer.iter().chain(inner).map(move |[x, z]| Point::new(*x, y, *z));
     let vertices = at(-0.5 * thickness_mm).chain(at(0.5 * thickness_mm)).collect();
     let mut triangles = Vec::new();
-    // four corners, counter-clockwise seen from outside
-    let mut add = |[a, b, c, d]: [u32; 4]| triangles.extend([[a, b, c], [a, c, d]]);
+    // four corners, clockwise seen from outside
+    let mut add = |[a, b, c, d]: [u32; 4]| triangles.extend([[a, c, b], [a, d, c]]);
     let (inside, upper) = (count, 2 * count);
     for k in 0..count - 1 {
         let [a, b, c, d] = [k, k + 1, inside + k + 1, inside + k];
@@ -106,6 +117,7 @@ fn no_piece_of_the_block_comes_loose() {
         job.block.low_mm.x = -6.0 - gap_mm;
         job.block.high_mm.x = 6.0 + gap_mm;
         let (planned, proof, _) = proven(&part, &job);
+        assert!(proof.too_wide.is_empty(), "{gap_mm}: {:?}", proof.too_wide);
         is_clean(&proof, &job);
         assert!(proof.thickest_uncut_mm <= job.process.finishing_step_mm, "{}", proof.thickest_uncut_mm);
         let above = |m: &&Move| m.kind == Kind::Rough && m.tip_mm.z > 5.0 + 2.0 * 1.5;
@@ -119,6 +131,67 @@ fn no_piece_of_the_block_comes_loose() {
     let job = quick(&part, mill);
     let (_, proof, _) = proven(&part, &job);
     is_clean(&proof, &job);
+}
+
+#[test]
+fn a_corner_that_the_cutter_is_too_wide_for_is_told_with_its_volume() {
+    // an L: its inner corner of 90° keeps (1 − π/4) R² of the plate's thickness
+    let outer = [[-8.0, 8.0], [-8.0, -8.0], [8.0, -8.0]];
+    let inner = [[-2.0, 8.0], [-2.0, -2.0], [8.0, -2.0]];
+    let part = bent(&inner, &outer, 4.0);
+    let mut job = quick(&part, Tool { radius_mm: 3.0, ..flat() });
+    job.block.grip_mm = 4.0;
+    let (planned, proof, proof_job) = proven(&part, &job);
+    is_clean(&proof, &job);
+    let expected_mm3 = (1.0 - 0.25 * std::f64::consts::PI) * 9.0 * 4.0;
+    let [left] = planned.left[..] else { panic!("{:?}", planned.left) };
+    assert_eq!(left.reason, Reason::Narrow);
+    assert!((left.volume_mm3 - expected_mm3).abs() < 0.3 * expected_mm3, "{left:?} for {expected_mm3}");
+    // it is where the proof finds it
+    let places = proof.uncut(0.2, &proof_job);
+    assert!(!places.is_empty() && places.iter().all(|p| (p.at_mm - left.at_mm).norm() < 3.0), "{places:?}");
+}
+
+#[test]
+fn side_b_is_turned_to_the_way_that_the_rotary_axis_reaches() {
+    let part = plate_with_hole(6.0);
+    let mut job = quick(&part, flat());
+    for (range_deg, a_deg) in [([-360.0, 360.0], "A180"), ([-200.0, 10.0], "A-180"), ([-180.0, 0.0], "A-180")]
+    {
+        job.machine.rotary_range_rad = range_deg.map(f64::to_radians);
+        let planned = plan(&part, &job).unwrap();
+        assert_eq!(planned.warnings, [], "{range_deg:?}");
+        let text = write(&planned.moves, &job, Dialect::LinuxCnc, &[]);
+        assert!(text.contains(&format!("G0 {a_deg}.000\n")), "{range_deg:?}");
+        let proof = prove(&text, &part, &proof_job(&job, vec![planned.tab_box])).unwrap();
+        is_clean(&proof, &job);
+    }
+}
+
+#[test]
+fn a_program_that_falls_short_stops_at_its_first_line_in_every_dialect() {
+    let part = plate_with_hole(6.0);
+    let job = quick(&part, flat());
+    let moves = plan(&part, &job).unwrap().moves;
+    let reason = ["stock of 9.1 mm³ stays at (1, 2) mm".to_owned(), "more".to_owned()];
+    for (dialect, head, dwell, end) in [
+        (Dialect::LinuxCnc, "", "G4 P3\n", "M30\n"),
+        (Dialect::Fanuc, "%\nO0001\n", "G4 P3000\n", "M30\n%\n"),
+        (Dialect::Haas, "%\nO00001\n", "G4 P3000\n", "M30\n%\n"),
+    ] {
+        let [good, short] = [&[][..], &reason].map(|reasons| write(&moves, &job, dialect, reasons));
+        let first = short.strip_prefix(head).unwrap().lines().next().unwrap();
+        assert_eq!(first, "M0 (DO NOT RUN: stock of 9.1 mm3 stays at [1, 2] mm; 1 more reasons)");
+        // no other line is another
+        let others = good.lines().zip(short.lines()).filter(|(a, b)| a != b).count();
+        assert_eq!((others, good.lines().count()), (1, short.lines().count()));
+        assert!(good.contains(dwell) && good.ends_with(end) && good.is_ascii(), "{dialect:?}");
+        // the safety line and Z come before anything else moves
+        let words: Vec<&str> = good.lines().filter(|line| line.starts_with(['G', 'M', 'T', 'S'])).collect();
+        assert_eq!(words[..4], ["G17 G21 G40 G49 G80 G90 G94 G54", "G53 G0 Z0.000", "T1 M6", "G0 A0.000"]);
+        let read = bonemill_proof::gcode::read(&good).unwrap();
+        assert_eq!(read.motions, bonemill_proof::gcode::read(&short).unwrap().motions);
+    }
 }
 
 #[test]
@@ -340,7 +413,8 @@ fn a_program_reads_back_as_the_moves() {
         Shell { outer_mm: 40.0, inner_mm: 36.0, outline_mm: 5.0, bevel_mm: 0.5, thickness_mm: 3.0, rings: 8 };
     let part = shell.mesh();
     let moves = plan(&part, &quick(&part, flat())).unwrap().moves;
-    let program = bonemill_proof::gcode::read(&bonemill_program::write(&moves, 8500.0)).unwrap();
+    let program =
+        bonemill_proof::gcode::read(&write(&moves, &quick(&part, flat()), Dialect::LinuxCnc, &[])).unwrap();
     let ends: Vec<Vector3<f64>> = program.motions.iter().filter(|m| !m.turns).map(|m| m.to_mm).collect();
     let places = moves.iter().map(|m| bonemill_machining::Facing::of(m.a_rad).from_block(&m.tip_mm));
     let mut places: Vec<Vector3<f64>> = places.collect();

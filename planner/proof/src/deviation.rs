@@ -3,7 +3,7 @@
 //! deviation(p) = min over motions of the signed distance from p to what the cutter sweeps. Above 0 it is the thickness of the stock left on p, below 0 how deep
 //! the cutter went into the part there. Nothing is rastered but the part's surface, into points at a given distance.
 
-use bonemill_geometry::{Block, Mesh};
+use bonemill_geometry::{Block, Mesh, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -91,6 +91,7 @@ pub fn measure(samples: &mut [Sample], motions: &[Motion], job: &ProofJob) {
     };
     let (near, far) = (swept(NEAR_MM), swept(FARTHEST_MM));
     samples.par_iter_mut().for_each(|sample| {
+        cancel::poll();
         // the air around the block counts as removed
         let beyond = (0..3).map(|n| (sample.at_mm[n] - job.low_mm[n]).min(job.high_mm[n] - sample.at_mm[n]));
         let nearest = beyond.fold(FARTHEST_MM, f64::min).max(0.0);

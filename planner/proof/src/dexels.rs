@@ -9,8 +9,12 @@
 //! the channel's. A stretch of the width may so be given up to two cells too much; a width that is by at most 4 cells more than allowed is measured again
 //! on cells a quarter as wide. Plunges, steeper than 45°, are entries and have none.
 
+use std::collections::VecDeque;
+
+use bonemill_geometry::cancel;
 use nalgebra::Vector3;
 
+use crate::chip::{Chip, RecentTeeth, Teeth};
 use crate::gcode::{Facing, Motion};
 use crate::hold::{Hold, LoosePiece, OVERLAP_MM, Window};
 use crate::{ProofError, ProofJob};
@@ -36,6 +40,8 @@ pub enum Struck {
     Holder,
     /// The block while it turns.
     Turn,
+    /// A rapid motion below its height above the stock.
+    Clearance,
 }
 
 /// A motion in which something met the stock.
@@ -71,6 +77,8 @@ pub struct Replay {
     pub too_wide: Vec<WideCut>,
     /// Pieces that came loose.
     pub loose: Vec<LoosePiece>,
+    /// Of every cutting motion that cut anything.
+    pub chips: Vec<Chip>,
     /// Side of a cell, mm; those that judge a width near the allowed one have a quarter of it.
     pub column_mm: f64,
 }
@@ -82,12 +90,19 @@ pub struct Replay {
 pub fn replay(motions: &[Motion], job: &ProofJob) -> Result<Replay, ProofError> {
     let mut stock = Columns::of(job)?;
     let mut hold = Hold::of(&stock, job.grip_mm);
-    let mut found =
-        Replay { collisions: vec![], widest_mm: 0.0, too_wide: vec![], loose: vec![], column_mm: stock.cell };
+    let mut found = Replay {
+        collisions: vec![],
+        widest_mm: 0.0,
+        too_wide: vec![],
+        loose: vec![],
+        chips: vec![],
+        column_mm: stock.cell,
+    };
     let mut width = Width::default();
     let farthest = |axis: usize| job.low_mm[axis].abs().max(job.high_mm[axis].abs());
     let swing = farthest(1).hypot(farthest(2));
     for (n, motion) in motions.iter().enumerate() {
+        cancel::poll();
         if motion.turns {
             let depth_mm = swing - motion.from_mm.z.min(motion.to_mm.z);
             if depth_mm > 0.0 {
@@ -99,7 +114,11 @@ pub fn replay(motions: &[Motion], job: &ProofJob) -> Result<Replay, ProofError> 
         if depth_mm > TOUCH_MM {
             found.collisions.push(Collision { struck: Struck::Holder, line: motion.line, depth_mm });
         }
+        let low_mm = stock.low_mm(motion, job);
         let met = stock.drive(motion, job, &mut width);
+        if stock.chip_mm > 0.0 {
+            found.chips.push(Chip { line: motion.line, depth_mm: stock.chip_mm });
+        }
         if std::mem::take(&mut stock.parted) {
             found.loose.extend(hold.lost(&stock, &stock.touched(motion, job.radius_mm), motion.line));
         }
@@ -108,6 +127,12 @@ pub fn replay(motions: &[Motion], job: &ProofJob) -> Result<Replay, ProofError> 
                 struck: Struck::RapidCutter,
                 line: motion.line,
                 depth_mm: met,
+            });
+        } else if low_mm > TOUCH_MM {
+            found.collisions.push(Collision {
+                struck: Struck::Clearance,
+                line: motion.line,
+                depth_mm: low_mm,
             });
         }
         let mut width_mm = width.widest_mm;
@@ -151,7 +176,7 @@ fn finer_width_mm(motions: &[Motion], job: &ProofJob, cell: f64) -> f64 {
 /// Strips along the motion that were cut deep, a bit each, over the last stamps.
 #[derive(Debug, Default)]
 struct Width {
-    recent: std::collections::VecDeque<u128>,
+    recent: VecDeque<u128>,
     direction: [f64; 2],
     widest_mm: f64,
 }
@@ -191,6 +216,8 @@ pub(crate) struct Columns {
     pub high: Vec<f64>,
     /// Whether neighbouring cells ceased to hold each other since this was last taken.
     parted: bool,
+    /// Of the last motion, see [`Chip`], mm.
+    chip_mm: f64,
 }
 
 impl Columns {
@@ -213,7 +240,15 @@ impl Columns {
         let dims = [x, z].map(|(low, high)| ((high - low) / cell).ceil().max(0.0) as usize);
         let count = dims[0] * dims[1];
         let (low, high) = (vec![job.low_mm.y; count], vec![job.high_mm.y; count]);
-        Self { cell, origin: [x.0 + 0.5 * cell, z.0 + 0.5 * cell], dims, low, high, parted: false }
+        Self {
+            cell,
+            origin: [x.0 + 0.5 * cell, z.0 + 0.5 * cell],
+            dims,
+            low,
+            high,
+            parted: false,
+            chip_mm: 0.0,
+        }
     }
 
     /// Cells along an axis whose centres lie in `low..=high`.
@@ -248,9 +283,11 @@ impl Columns {
         let direction = if across > 0.0 { [along.x / across, along.y / across] } else { [0.0; 2] };
         let mut thickest = 0.0_f64;
         width.widest_mm = 0.0;
+        self.chip_mm = 0.0;
         width.turn(direction);
         let counts = across > along.z.abs() && !motion.rapid;
         let met = self.meeting(motion, count, job.radius_mm);
+        let mut recent = RecentTeeth::default();
         // stamps beside the columns take nothing: as many as the width remembers stand for all
         let beside = |stamps: usize, width: &mut Width, cell: f64| {
             (0..stamps.min(REMEMBERED)).filter(|_| counts).for_each(|_| width.add(0, cell));
@@ -258,7 +295,11 @@ impl Columns {
         beside(met.start - 1, width, self.cell);
         for n in met.clone() {
             let tip = motion.from_mm + along * (n as f64 / count as f64);
-            let (taken, deep) = self.stamp(&tip, motion, direction, job);
+            let mut teeth = Teeth::default();
+            let (taken, deep) = self.stamp(&tip, motion, direction, job, &mut teeth);
+            if !motion.rapid {
+                self.chip_mm = self.chip_mm.max(recent.add(teeth, REMEMBERED, job.flutes));
+            }
             thickest = thickest.max(taken);
             if counts {
                 width.add(deep, self.cell);
@@ -294,13 +335,14 @@ impl Columns {
         first..(last + 1).max(first)
     }
 
-    /// Takes what is above the cutter; gives the thickest, and the strips from which it was thicker than an entry.
+    /// Takes what is above the cutter; gives the thickest, the strips from which it was thicker than an entry and, by angle, the depth × cos of each tooth.
     fn stamp(
         &mut self,
         tip: &Vector3<f64>,
         motion: &Motion,
         direction: [f64; 2],
         job: &ProofJob,
+        teeth: &mut Teeth,
     ) -> (f64, u128) {
         let r = job.radius_mm;
         // rows of cells run along z: the machine's Y, or its reverse
@@ -320,6 +362,7 @@ impl Columns {
                     continue;
                 }
                 thickest = thickest.max(taken);
+                teeth.take([du, dv], taken * (du * direction[0] + dv * direction[1]) / r);
                 if taken > job.entry_mm {
                     // a cell is at least a 48th of the radius: fewer than 98 strips
                     let across = dv * direction[0] - du * direction[1];
@@ -334,6 +377,35 @@ impl Columns {
             }
         }
         (thickest, deep)
+    }
+
+    /// By how much a rapid motion that does not rise is lower than its height above the stock under the cutter, mm.
+    fn low_mm(&self, motion: &Motion, job: &ProofJob) -> f64 {
+        let (from, to) = (motion.from_mm, motion.to_mm);
+        let rises = (to - from).xy().norm() == 0.0 && to.z >= from.z;
+        if !motion.rapid || rises {
+            return 0.0;
+        }
+        let along = to - from;
+        let count = (along.xy().norm() / self.cell).ceil().max(1.0) as usize;
+        let turn = if motion.facing == Facing::Front { -1.0 } else { 1.0 };
+        let mut low_mm = 0.0_f64;
+        for n in self.meeting(motion, count, job.radius_mm) {
+            let tip = from + along * (n as f64 / count as f64);
+            let (r, z) = (job.radius_mm, turn * tip.y);
+            for k in self.span(1, z - r, z + r) {
+                let dv = self.origin[1] + k as f64 * self.cell - z;
+                let half = (r * r - dv * dv).max(0.0).sqrt();
+                for i in self.span(0, tip.x - half, tip.x + half) {
+                    let (near, far) = self.seen(i + self.dims[0] * k, motion.facing);
+                    if near > far {
+                        let du = self.origin[0] + i as f64 * self.cell - tip.x;
+                        low_mm = low_mm.max(near + job.clearance_mm - tip.z - profile_mm(du.hypot(dv), job));
+                    }
+                }
+            }
+        }
+        low_mm
     }
 
     /// Whether a cell that had stock between two heights no longer holds a neighbour that it held.

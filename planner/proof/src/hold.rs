@@ -48,7 +48,8 @@ impl Hold {
 
     /// Pieces larger than swarf that came loose in the motion of a line; the window holds every column that it touched.
     pub fn lost(&mut self, stock: &Columns, touched: &Window, line: usize) -> Vec<LoosePiece> {
-        let around = [0, 1].map(|n| touched[n].start.saturating_sub(1)..(touched[n].end + 1).min(stock.dims[n]));
+        let around =
+            [0, 1].map(|n| touched[n].start.saturating_sub(1)..(touched[n].end + 1).min(stock.dims[n]));
         let nx = stock.dims[0];
         let there: Vec<usize> = around[1]
             .clone()
@@ -57,7 +58,8 @@ impl Hold {
             .collect();
         let Some(&first) = there.first() else { return vec![] };
         // columns that hold each other here are held as the others are, unless the grip itself was cut
-        if around[1].start >= self.grip_rows && self.follow(stock, vec![first], &around).len() == there.len() {
+        if around[1].start >= self.grip_rows && self.follow(stock, vec![first], &around).len() == there.len()
+        {
             return vec![];
         }
         let block = stock.dims.map(|n| 0..n);
@@ -70,7 +72,8 @@ impl Hold {
             if self.is_held(stock, cell) {
                 let piece = self.follow(stock, vec![cell], &block);
                 piece.iter().for_each(|cell| self.held[*cell] = false);
-                found.extend(Some(measured(stock, &piece, line)).filter(|piece| piece.volume_mm3 > SWARF_MM3));
+                found
+                    .extend(Some(measured(stock, &piece, line)).filter(|piece| piece.volume_mm3 > SWARF_MM3));
             }
         }
         found
@@ -88,7 +91,10 @@ impl Hold {
         while let Some(&cell) = found.get(next) {
             next += 1;
             for beside in stock.beside(cell, window).into_iter().flatten() {
-                if self.reached[beside] != self.search && self.is_held(stock, beside) && stock.hold(cell, beside) {
+                if self.reached[beside] != self.search
+                    && self.is_held(stock, beside)
+                    && stock.hold(cell, beside)
+                {
                     self.reached[beside] = self.search;
                     found.push(beside);
                 }
@@ -124,7 +130,8 @@ fn measured(stock: &Columns, piece: &[usize], line: usize) -> LoosePiece {
         let (low, high) = (stock.low[cell], stock.high[cell]);
         let volume = (high - low) * stock.cell * stock.cell;
         let at = |axis: usize, n: usize| stock.origin[axis] + n as f64 * stock.cell;
-        let middle = Vector3::new(at(0, cell % stock.dims[0]), 0.5 * (low + high), at(1, cell / stock.dims[0]));
+        let middle =
+            Vector3::new(at(0, cell % stock.dims[0]), 0.5 * (low + high), at(1, cell / stock.dims[0]));
         (volume_mm3, moment) = (volume_mm3 + volume, moment + volume * middle);
     }
     LoosePiece { line, volume_mm3, at_mm: moment / volume_mm3 }

@@ -14,6 +14,7 @@
 
 #![warn(missing_docs)]
 
+pub mod chip;
 mod cutter;
 pub mod deviation;
 pub mod dexels;
@@ -24,6 +25,7 @@ pub mod hold;
 use bonemill_geometry::{Block, Mesh};
 use nalgebra::Vector3;
 
+pub use chip::Chip;
 pub use deviation::{Sample, UncutPlace};
 pub use dexels::{Collision, Struck, WideCut};
 pub use error::ProofError;
@@ -51,6 +53,10 @@ pub struct ProofJob {
     pub widest_mm: f64,
     /// Cuts no deeper than this may be as wide as the cutter, mm.
     pub entry_mm: f64,
+    /// Height of rapid motions above the stock under the cutter, mm; those straight up need none.
+    pub clearance_mm: f64,
+    /// Teeth of the cutter.
+    pub flutes: u32,
     /// Distance of the points on the part, mm.
     pub sample_mm: f64,
     /// Boxes of the block's frame in which stock shall stay (the tab): lowest and highest corner, mm.
@@ -78,6 +84,8 @@ pub struct Proof {
     pub too_wide: Vec<WideCut>,
     /// Pieces larger than swarf that lose their hold, in the program's order.
     pub loose: Vec<LoosePiece>,
+    /// The thickest chip of every cutting motion.
+    pub chips: Vec<Chip>,
     /// Side of a column of stock in the replay, mm.
     pub column_mm: f64,
     /// Number of motions.
@@ -105,6 +113,7 @@ pub fn prove(program: &str, part: &Mesh<Block>, job: &ProofJob) -> Result<Proof,
         widest_mm: replay.widest_mm,
         too_wide: replay.too_wide,
         loose: replay.loose,
+        chips: replay.chips,
         column_mm: replay.column_mm,
         motions: program.motions.len(),
         samples,
@@ -112,6 +121,12 @@ pub fn prove(program: &str, part: &Mesh<Block>, job: &ProofJob) -> Result<Proof,
 }
 
 impl Proof {
+    /// The deepest chip of the cuts after a line, see [`Chip`], mm.
+    pub fn chip_mm(&self, after_line: usize) -> f64 {
+        let after = self.chips.iter().filter(|chip| chip.line > after_line);
+        after.fold(0.0, |most, chip| most.max(chip.depth_mm))
+    }
+
     /// Volume of all pieces larger than swarf that lose their hold, mm³.
     pub fn loose_mm3(&self) -> f64 {
         self.loose.iter().fold(0.0, |sum, piece| sum + piece.volume_mm3)
@@ -150,6 +165,8 @@ impl ProofJob {
             ("corner radius", self.corner_radius_mm, 0.0, self.radius_mm),
             ("tool length", self.length_mm, 0.1, 500.0),
             ("entry depth", self.entry_mm, 0.0, 1000.0),
+            ("clearance", self.clearance_mm, 0.0, 1000.0),
+            ("flutes", f64::from(self.flutes), 1.0, 20.0),
             ("distance of points", self.sample_mm, 0.02, 10.0),
         ];
         let bad = numbers.into_iter().find(|(_, value, low, high)| !(low..=high).contains(&value));

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use crate::gcode::{self, Facing};
 use crate::{ProofError, ProofJob, Struck, prove};
 
-const HEAD: &str = "G21 G90 G94\nG0 Z30\nG0 X0 Y0 A0\nS8000 M3\n";
+const HEAD: &str = "G21 G90 G94\nG53 G0 Z0\nG0 X0 Y0 A0\nG0 Z30 S8000 M3\n";
 
 fn job() -> ProofJob {
     ProofJob {
@@ -19,6 +19,8 @@ fn job() -> ProofJob {
         holder_mm: vec![[20.0, 6.0]],
         widest_mm: 1.8,
         entry_mm: 1.0,
+        clearance_mm: 0.2,
+        flutes: 1,
         sample_mm: 0.25,
         kept: vec![],
     }
@@ -192,25 +194,98 @@ fn what_a_cut_frees_of_the_grip_comes_loose_with_its_volume() {
 }
 
 #[test]
+fn a_rapid_motion_keeps_its_height_above_the_stock_unless_it_rises() {
+    let far = part([-9.0, -4.0, -9.0], [-8.0, -3.0, -8.0]);
+    let low = |body: &str| {
+        let proof =
+            prove(&format!("{HEAD}{body}M5\nM30\n"), &far, &ProofJob { clearance_mm: 3.0, ..job() }).unwrap();
+        proof.collisions.iter().map(|c| (c.struck, c.line, c.depth_mm)).collect::<Vec<_>>()
+    };
+    // the block's top is at 5 mm
+    assert_eq!(low("G0 X4 Y4 Z8\nG0 Z30\n"), []);
+    let [(Struck::Clearance, 5, short_mm)] = low("G0 X4 Y4 Z7.5\nG0 Z30\n")[..] else { panic!() };
+    assert!((short_mm - 0.5).abs() < 1e-9, "{short_mm}");
+    assert_eq!(low("G0 Z7.5\nG0 X20\nG0 Z30\n").len(), 2);
+    // beside the block, up from a cut, and over what was cut
+    assert_eq!(low("G0 X-20\nG0 Z-2\nG0 Z30\n"), []);
+    assert_eq!(low("G1 Z3 F100\nG0 Z30\nG0 Z6\nG0 Z30\n"), []);
+}
+
+#[test]
+fn the_chip_is_the_depth_at_the_front_of_the_cutter_and_less_at_its_side() {
+    let far = part([-9.0, -4.0, -9.0], [-8.0, -3.0, -8.0]);
+    let chip_mm = |body: &str, flutes: u32| {
+        let proof = prove(&format!("{HEAD}{body}M5\nM30\n"), &far, &ProofJob { flutes, ..job() }).unwrap();
+        proof.chip_mm(0)
+    };
+    // a slot of 2 mm: the whole chip is 2 mm deep where the tooth goes along the feed; a second tooth is opposite, a fourth at the side
+    let slot = "G0 X-12 Y0\nG1 Z3 F300\nG1 X12\nG0 Z30\n";
+    for (flutes, expected) in [(1, 2.0), (2, 2.0), (4, 2.0 * 2f64.sqrt()), (8, 2.0 * (1.0 + 2f64.sqrt()))] {
+        let found = chip_mm(slot, flutes);
+        assert!((found - expected).abs() < 0.1 * expected, "{flutes}: {found} for {expected}");
+    }
+    // a row w wide beside it: sin φ = 2 √(w/D (1 − w/D)) at its edge
+    for width_mm in [0.3, 0.75] {
+        // the width is known to a column
+        let expected = |width_mm: f64| 4.0 * (width_mm / 3.0 * (1.0 - width_mm / 3.0)).sqrt();
+        let beside = format!("G0 X-12 Y{width_mm}\nG1 Z3 F300\nG1 X12\nG0 Z30\n");
+        let both = prove(&format!("{HEAD}{slot}{beside}M5\nM30\n"), &far, &job()).unwrap();
+        let found = both.chip_mm(9);
+        let [least, most] = [-1.0, 1.0].map(|by| expected(width_mm + by * both.column_mm));
+        assert!((least..most).contains(&found), "{width_mm}: {found} for {least} to {most}");
+    }
+}
+
+#[test]
 fn what_is_no_program_of_this_machine_is_refused_with_its_line() {
     let refused = |text: &str| match gcode::read(text) {
         Err(ProofError::Line { line, what }) => (line, what),
         other => panic!("{other:?}"),
     };
-    assert_eq!(refused("G21 G90\nG2 X1 Y1 I1 J0\n").0, 2);
-    assert_eq!(
-        refused("G21 G90\nG0 X0 Y0 Z5 A0\nG1 X1 F10\nM30\n"),
-        (3, "a cut with the spindle off or without a feed".into())
-    );
+    let start = "G21 G90\nG53 G0 Z0\nG0 X0 Y0 A0\nG0 Z5\n";
+    for (body, line, said) in [
+        ("G1 X1 I1\n", 5, "I1 is not understood"),
+        ("G2 X1\n", 5, "G2 is not understood"),
+        ("G1.04 X1\n", 5, "G1.04 is not understood"),
+        ("M3.5\n", 5, "M3.5 is not understood"),
+        ("G1 X1 F10\nM30\n", 5, "a cut with the spindle off or without a feed"),
+        ("M3\n", 5, "the spindle starts without a speed"),
+        ("G0 A30\n", 5, "A is 30°"),
+        ("G0 X0 (open\n", 5, "a comment is not closed"),
+        ("M30\nG0 X0\n", 6, "the program goes on after its end"),
+        ("G0 X1\n", 5, "the program has no end"),
+        ("G0 X1e\n", 5, "a number was expected after e"),
+        ("G0 X1 X2\n", 5, "X stands twice"),
+        ("G0 G1 X1\n", 5, "G0 and G1 in one line"),
+        ("G4 X3\n", 5, "G4 stands with P alone"),
+        ("G0 X1 P3\n", 5, "P3 is not understood"),
+        ("T1 M6\nT2 M6\n", 6, "T2 would change the cutter"),
+        ("T1 M6\nM6\n", 6, "the cutter is changed"),
+        ("S100 M3\nT1 M6\n", 6, "the cutter is changed with the spindle on"),
+        ("M6\n", 5, "M6 without a T"),
+        ("S100 M3\nM30\n", 6, "the program ends with the spindle on"),
+        ("G53 G0 Z-5\n", 5, "G53 is understood as G53 G0 Z0 only"),
+        ("G53 G0 X0\n", 5, "G53 is understood as G53 G0 Z0 only"),
+        ("G53 G0 Z0\nG0 X1 Z3\n", 6, "Z comes down from the machine's top together"),
+    ] {
+        let (at, what) = refused(&format!("{start}{body}"));
+        assert!(at == line && what.contains(said), "{body}: line {at}: {what}");
+    }
     assert_eq!(refused("G20\n").0, 1);
     assert_eq!(refused("G0 X0\n"), (1, "a motion before G21 and G90".into()));
-    assert_eq!(refused("G21 G90\nG0 X0 Y0 Z5 A30\n").0, 2);
-    assert_eq!(refused("G21 G90\nG0 X0 (open\n").0, 2);
-    assert_eq!(refused("G21 G90\nM30\nG0 X0\n"), (3, "the program goes on after its end".into()));
-    assert_eq!(refused("G21 G90\nG0 X0 Y0 Z0 A0\n").0, 2);
-    assert_eq!(refused("G0 X1e\n").0, 1);
+    // where the axes stand at first is unknown
+    for first in ["G0 Z-30", "G0 X0 Y0 Z5 A0", "G0 A0"] {
+        let (line, what) = refused(&format!("G21 G90\n{first}\n"));
+        assert!(line == 2 && what.contains("a motion before X, Y, Z and A have a place"), "{line}: {what}");
+    }
+    assert_eq!(
+        refused("G21 G90\nG53 G0 Z0\nG0 X0 A0\nG0 Z5\n"),
+        (4, "Z comes down before X, Y and A have a place".into())
+    );
     // a turn without end is no front
-    assert_eq!(refused(&format!("G21 G90\nG0 X0 Y0 Z5 A{}\n", "9".repeat(400))).0, 2);
+    assert_eq!(refused(&format!("{start}G0 A{}\n", "9".repeat(400))).0, 5);
+    let whole = "%\nO0001\nG17 G21 G40 G49 G80 G90 G94 G54\nT1 M6\nG53 G0 Z0.000\nS100 M3\nG4 P3\nG0 X0 Y0 A0\nG0 Z5\nM0 (look)\nM5\nM30\n%\n";
+    assert_eq!(gcode::read(whole).unwrap().motions.len(), 1);
 }
 
 #[test]

@@ -129,6 +129,8 @@ pub fn proof_job(job: &Job, kept: Vec<[Vector3<f64>; 2]>) -> ProofJob {
         holder_mm: job.tool.holder.iter().map(|h| [h.length_mm, h.radius_mm]).collect(),
         widest_mm: job.widest_mm(),
         entry_mm: job.entry_mm(),
+        clearance_mm: job.process.clearance_mm,
+        flutes: job.tool.flutes,
         sample_mm: 0.2,
         kept,
     }
