@@ -8,7 +8,7 @@ use bonemill_planner::Progress;
 use bonemill_planner::case::prosthesis::ProsthesisJob;
 use bonemill_planner::part::phantom::Operculum;
 use bonemill_planner::plan::{Replace, StagedDirectory, replace};
-use bonemill_planner::prosthesis::{phantom, plan, save, verify};
+use bonemill_planner::prosthesis::{JobRecord, phantom, plan, save, verify};
 use bonemill_planner::stages;
 
 use crate::args::ProsthesisArgs;
@@ -29,11 +29,14 @@ pub fn run(args: &ProsthesisArgs, progress: &dyn Progress) -> anyhow::Result<Out
     };
     let part = job_path.parent().unwrap_or(Path::new("")).join(&job.part.file);
     staged.relative(&part).with_context(|| format!("{}: `part.stl` is no file", job_path.display()))?;
-    let plan = plan(&job, &job_path, progress)?;
+    // what stands in the folder is replaced, and its block with it
+    let before = JobRecord::read(&args.out).ok();
+    let replaces = before.as_ref().and_then(|before| before.holds(&args.out, &job, &job_path));
+    let plan = plan(&job, &job_path, replaces, progress)?;
     progress.stage("write files");
     let record = save(&plan, &job_path, &staged)?;
     let out = staged.commit()?;
-    plan.keep_block();
+    plan.keep_block()?;
     Ok(Outcome::made(&out, &record))
 }
 

@@ -133,6 +133,119 @@ fn a_job_becomes_a_folder_that_verifies_and_takes_its_block() {
     assert!(!folder.path().join("other").exists());
 }
 
+/// A folder with a box of 12 × 4 × 10 mm as an STL file and a job that mills it quickly, with one block in a catalogue.
+fn box_folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let corner =
+        |n: usize| [(n & 1) * 12, (n >> 1 & 1) * 4, (n >> 2) * 10].map(|mm| mm.to_string()).join(" ");
+    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let facet = |[a, b, c]: [usize; 3]| {
+        let corners = [a, b, c].map(|n| format!("vertex {}\n", corner(n))).concat();
+        format!("facet normal 0 0 0\nouter loop\n{corners}endloop\nendfacet\n")
+    };
+    let facets: String =
+        faces.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).map(facet).collect();
+    fs::write(folder.path().join("box.stl"), format!("solid box\n{facets}endsolid box\n")).unwrap();
+    let job = "[part]\nstl = \"box.stl\"\nunit = \"mm\"\n[orient]\nmode = \"none\"\n[stock]\ncatalogue = \"stock.sqlite\"\n\
+        [tool]\ndiameter_mm = 3\n[process]\nfinishing_step_mm = 0.3\n[machine]\nmax_time_min = 60\n";
+    fs::write(folder.path().join("job.toml"), job).unwrap();
+    let added = bonemill(folder.path(), "stock add B1 --size-mm 24 10 42 --count 1");
+    assert!(added.status.success(), "{}", said(&added));
+    folder
+}
+
+#[test]
+fn no_figure_and_no_word_can_be_another() {
+    let folder = box_folder();
+    let made = bonemill(folder.path(), "prosthesis job.toml --out out");
+    assert_eq!(made.status.code(), Some(0), "{}", said(&made));
+    let verified = bonemill(folder.path(), "verify out --all");
+    assert_eq!(verified.status.code(), Some(0), "{}", said(&verified));
+    let out = folder.path().join("out");
+    let refused = |name: &str, text: &str, expected: &str| {
+        let before = fs::read(out.join(name)).unwrap();
+        assert!(before != text.as_bytes(), "{name}: {expected}");
+        fs::write(out.join(name), text).unwrap();
+        let verified = bonemill(folder.path(), "verify out");
+        assert!([Some(1), Some(2)].contains(&verified.status.code()), "{expected}: {}", said(&verified));
+        assert!(said(&verified).contains(expected), "{expected}: {}", said(&verified));
+        fs::write(out.join(name), before).unwrap();
+    };
+    let job = fs::read_to_string(out.join("job.toml")).unwrap();
+    let figure = |name: &str, value: &str| {
+        let line = |line: &str| match line.starts_with(&format!("{name} = ")) {
+            true => format!("{name} = {value}\n"),
+            false => format!("{line}\n"),
+        };
+        job.lines().map(line).collect::<String>()
+    };
+    for (name, value, expected) in [
+        ("total_time_s", "60.0", "`total_time_s` is 60.0, but"),
+        ("tab_strength_over_force", "900.0", "`tab_strength_over_force` is 900.0, but"),
+        ("volume_mm3", "1.0", "`volume_mm3` is 1.0, but 480.0 is found"),
+        ("uncut_mm3", "0.0", "`uncut_mm3` is 0.0, but"),
+        ("tab_low_mm", "[-90.0, -90.0, -90.0]", "`block.tab_low_mm` is"),
+        ("side_load", "0.7", "the digest in the last line is another"),
+    ] {
+        refused("job.toml", &figure(name, value), expected);
+    }
+    let program = fs::read_to_string(out.join("program.nc")).unwrap();
+    let plunges = "G0 Z40\nG0 X0 Y8\nG1 Z-6 F300\nG0 Z40\nM5\nM30\n";
+    for (text, expected) in [
+        (program.replace("G4 P3\n", "G4 P999999\n"), "\"G4 P999999\" instead of \"G4 P3\""),
+        (program.replacen("(side B)", "T2 M6", 1), "T2 would change the cutter"),
+        (program.replacen("G53 G0 Z0.000", "G0 Z-30", 1), "a motion before X, Y, Z and A have a place"),
+        (program.replace("M5\n", ""), "the program ends with the spindle on"),
+        (
+            program.replace("G53 G0 Z0.000\nM5\nG0 X0.000 Y0.000\nG0 A0.000\nM30\n", plunges),
+            "nothing else: program.nc line",
+        ),
+        (program.replacen(" F", " F9", 1), " instead of "),
+    ] {
+        refused("program.nc", &text, expected);
+    }
+}
+
+#[test]
+fn a_block_belongs_to_one_folder_and_comes_back_from_a_plan_that_was_stopped() {
+    let folder = box_folder();
+    let left = |expected: &str| {
+        let listed = said(&bonemill(folder.path(), "stock list"));
+        assert!(listed.contains(expected), "{listed}");
+    };
+    // replanned into the same folder, the plan has its own block again
+    for _ in 0..2 {
+        let made = bonemill(folder.path(), "prosthesis job.toml --out out");
+        assert_eq!(made.status.code(), Some(0), "{}", said(&made));
+        left("B1: 24 × 10 × 42 mm, 0 left");
+    }
+    bonemill(folder.path(), "stock return B1");
+    #[cfg(unix)]
+    for (signal, code) in [("INT", Some(130)), ("TERM", Some(130)), ("HUP", Some(130)), ("KILL", None)] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_bonemill"));
+        let arguments = ["prosthesis", "job.toml", "--out", "other"];
+        let stderr = std::process::Stdio::piped();
+        let mut running = command.current_dir(folder.path()).args(arguments).stderr(stderr).spawn().unwrap();
+        let mut told = std::io::BufReader::new(running.stderr.take().unwrap());
+        let mut line = String::new();
+        while !line.contains("plan toolpath") {
+            line.clear();
+            assert!(std::io::BufRead::read_line(&mut told, &mut line).unwrap() > 0, "{signal}: it ended");
+        }
+        left("0 left");
+        let id = running.id().to_string();
+        assert!(Command::new("kill").args([&format!("-{signal}"), &id]).status().unwrap().success());
+        std::io::copy(&mut told, &mut std::io::sink()).unwrap();
+        assert_eq!(running.wait().unwrap().code(), code, "{signal}");
+        assert!(!folder.path().join("other").exists());
+        // what a killed program held is put back by the next change
+        let taken = bonemill(folder.path(), "stock take B1");
+        assert_eq!(taken.status.code(), Some(0), "{signal}: {}", said(&taken));
+        bonemill(folder.path(), "stock return B1");
+        left("1 left");
+    }
+}
+
 #[test]
 fn a_part_is_moved_in_a_thick_block_where_the_cutter_reaches_more_from_there() {
     let folder = tempfile::tempdir().unwrap();

@@ -9,6 +9,7 @@ use bonemill_planner::catalogue::{Catalogue, CatalogueError};
 use bonemill_planner::machining::{self, Machining, ZigZag};
 use bonemill_planner::part::orient::Laid;
 use bonemill_planner::part::phantom::Operculum;
+use bonemill_planner::program::{Dialect, write};
 use bonemill_planner::proof::{Proof, prove};
 use bonemill_planner::prosthesis::{
     Placing, ProsthesisError, ProsthesisPlan, Trial, most_uncut_mm, phantom, plan,
@@ -124,7 +125,7 @@ impl Tables {
         }
         job.stock.source = BlockSource::Catalogue(stock.clone());
         let clock = Clock::default();
-        match plan(&job, &job_path, &clock) {
+        match plan(&job, &job_path, None, &clock) {
             Ok(plan) => {
                 self.program(name, &plan, &clock.seconds());
                 self.orientation(name, &job, &plan);
@@ -187,7 +188,7 @@ impl Tables {
     ) -> Result<(), ExperimentError> {
         let trial = Trial::new(job, &plan.solid, &plan.placing.chosen);
         let judged = |machining: &Machining| -> Result<Proof, ExperimentError> {
-            let program = bonemill_planner::program::write(&machining.moves, job.process.spindle_rpm);
+            let program = write(&machining.moves, &trial.machining, Dialect::LinuxCnc, &[]);
             let proof = prove(&program, &trial.part, &trial.proof_job(job, machining));
             Ok(proof.map_err(ProsthesisError::from)?)
         };

@@ -33,7 +33,7 @@ pub fn prosthesis(
     let made = apart::run(py, progress, threads, move |progress| {
         let job = ProsthesisJob::parse(&text, &path)?;
         progress.expect(stages::PROSTHESIS);
-        plan(&job, &path, progress).map(Box::new)
+        plan(&job, &path, None, progress).map(Box::new)
     })?;
     let plan = made.map_err(|e: ProsthesisError| errors::prosthesis(&e))?;
     Ok(ProsthesisPlan { plan, job_path: job })
@@ -107,7 +107,7 @@ impl ProsthesisPlan {
         let staged = StagedDirectory::create(&out, Replace::Prosthesis).map_err(|e| errors::file(&e))?;
         save(&self.plan, &self.job_path, &staged).map_err(|e| errors::prosthesis(&e))?;
         let out = staged.commit().map_err(|e| errors::file(&e))?;
-        self.plan.keep_block();
+        self.plan.keep_block().map_err(|e| errors::prosthesis(&e))?;
         Ok(out)
     }
 }

@@ -15,6 +15,11 @@ use super::PlanFileError;
 pub struct Sha256([u8; 32]);
 
 impl Sha256 {
+    /// The digest of some text.
+    pub fn of_text(text: &str) -> Self {
+        Self(sha2::Sha256::digest(text).into())
+    }
+
     /// The digest of a file's bytes, for files of any size.
     ///
     /// # Errors

@@ -1,43 +1,39 @@
 //! The block that a part is milled from: chosen, taken from stock, and where the part lies in it.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use bonemill_case::prosthesis::{BlockSource, ProsthesisJob};
-use bonemill_catalogue::{Catalogue, CatalogueError, Mounted, StockBlock, smallest};
+use bonemill_catalogue::{Catalogue, CatalogueError, Lease, Mounted, StockBlock, smallest};
 use bonemill_machining::Block;
 use nalgebra::Vector3;
 
 use crate::{ProsthesisError, settings};
 
-/// A block, taken from its catalogue if there is one; it goes back when dropped, unless kept.
+/// A block; one from a catalogue goes back when dropped, unless kept.
 #[derive(Debug)]
 pub struct TakenBlock {
     /// Which one, and how it is mounted.
     pub mounted: Mounted,
-    /// The catalogue to which it goes back.
     catalogue: Option<PathBuf>,
-    is_kept: AtomicBool,
+    /// Until the block is kept.
+    lease: Mutex<Option<Lease>>,
 }
 
 impl TakenBlock {
     /// The block is used: it does not go back.
-    pub fn keep(&self) {
-        self.is_kept.store(true, Ordering::Relaxed);
+    ///
+    /// # Errors
+    /// [`ProsthesisError::Catalogue`].
+    pub fn keep(&self) -> Result<(), ProsthesisError> {
+        let lease = self.lease.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let Some((lease, path)) = lease.zip(self.catalogue.clone()) else { return Ok(()) };
+        lease.keep().map_err(|source| ProsthesisError::Catalogue { path, source })
     }
 
     /// Whether it was taken from a catalogue.
     pub fn is_from_catalogue(&self) -> bool {
         self.catalogue.is_some()
-    }
-}
-
-impl Drop for TakenBlock {
-    fn drop(&mut self) {
-        if let Some(path) = self.catalogue.as_ref().filter(|_| !self.is_kept.load(Ordering::Relaxed)) {
-            // a catalogue that cannot be reached any more is looked after by people
-            let _ = Catalogue::open(path).and_then(|mut stock| stock.put_back(&self.mounted.id));
-        }
     }
 }
 
@@ -47,37 +43,44 @@ pub(crate) fn needed_mm(job: &ProsthesisJob, size_mm: &Vector3<f64>) -> [f64; 3]
     [size_mm.x + 2.0 * x, size_mm.y + 2.0 * y, size_mm.z + 2.0 * z + job.stock.grip_mm]
 }
 
-/// Takes the smallest block that will do.
+/// Takes the smallest block that will do; `replaces`: the block of the plan that this one replaces, which is out of the catalogue.
 pub(crate) fn take(
     job: &ProsthesisJob,
     folder: &Path,
     size_mm: &Vector3<f64>,
+    replaces: Option<&str>,
 ) -> Result<TakenBlock, ProsthesisError> {
     let needed_mm = needed_mm(job, size_mm);
-    let (mounted, there, catalogue) = match &job.stock.source {
+    let (taken, there) = match &job.stock.source {
         BlockSource::Blocks(blocks) => {
             let there: Vec<StockBlock> = blocks.iter().map(settings::stock_block).collect();
-            (smallest(&there, needed_mm), there, None)
+            let mounted = smallest(&there, needed_mm);
+            (mounted.map(|mounted| TakenBlock { mounted, catalogue: None, lease: Mutex::default() }), there)
         }
         BlockSource::Catalogue(path) => {
             let path = folder.join(path);
-            let (mounted, there) = from_catalogue(&path, needed_mm)
+            let (lease, there) = from_catalogue(&path, needed_mm, replaces)
                 .map_err(|source| ProsthesisError::Catalogue { path: path.clone(), source })?;
-            (mounted, there, Some(path))
+            let taken = |lease: Lease| TakenBlock {
+                mounted: lease.mounted.clone(),
+                catalogue: Some(path),
+                lease: Mutex::new(Some(lease)),
+            };
+            (lease.map(taken), there)
         }
     };
     let there = || there.iter().filter(|b| b.count > 0).map(|b| (b.id.clone(), b.size_mm)).collect();
-    let mounted = mounted.ok_or_else(|| ProsthesisError::NoBlock { needed_mm, there: there() })?;
-    Ok(TakenBlock { mounted, catalogue, is_kept: AtomicBool::new(false) })
+    taken.ok_or_else(|| ProsthesisError::NoBlock { needed_mm, there: there() })
 }
 
 fn from_catalogue(
     path: &Path,
     needed_mm: [f64; 3],
-) -> Result<(Option<Mounted>, Vec<StockBlock>), CatalogueError> {
+    replaces: Option<&str>,
+) -> Result<(Option<Lease>, Vec<StockBlock>), CatalogueError> {
     let mut stock = Catalogue::open(path)?;
-    let mounted = stock.take_smallest(needed_mm)?;
-    Ok((mounted, stock.list()?))
+    let lease = stock.lease_smallest(needed_mm, replaces)?;
+    Ok((lease, stock.list()?))
 }
 
 /// Where the block lies about a part of this size around the origin: in the middle along x and y; along z the part has its gap above, the rest is below.

@@ -12,6 +12,7 @@
 
 mod block;
 mod error;
+mod figures;
 pub mod phantom;
 mod picture;
 mod placing;

@@ -1,11 +1,12 @@
 //! `job.toml`: the resolved job, what it was made from, how the part lies in which block, and the figures.
 //!
-//! The job's own tables stand first, so that the file is a job again; all else is below `[result]`.
+//! The job's own tables stand first, so that the file is a job again; all else is below `[result]`. Its last line is a digest of all lines above it: what no
+//! other file can tell, such as a side load that was raised later, is told by that.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use bonemill_case::prosthesis::ProsthesisJob;
+use bonemill_case::prosthesis::{BlockSource, ProsthesisJob};
 use bonemill_case::write::{list, rigid, text, vector};
 use bonemill_case::{as_number, rotation_from_matrix};
 use bonemill_geometry::{Block as BlockFrame, Part, Rigid};
@@ -42,7 +43,12 @@ pub struct JobRecord {
     pub warnings: Vec<String>,
     /// Why the plan falls short.
     pub shortfalls: Vec<String>,
+    /// Whether the file was written like this: its digest is that of its lines.
+    pub is_as_written: bool,
 }
+
+/// What stands before the digest in the last line.
+const DIGEST: &str = "\n[result.file]\nsha256 = ";
 
 impl JobRecord {
     /// The file's text.
@@ -76,6 +82,8 @@ impl JobRecord {
         for (name, value) in &self.metrics {
             let _ = writeln!(out, "{name} = {}", value.to_toml(name)?);
         }
+        let digest = Sha256::of_text(&out);
+        let _ = writeln!(out, "{DIGEST}\"{digest}\"");
         Ok(out)
     }
 
@@ -92,7 +100,10 @@ impl JobRecord {
         let result = table.get_ref().get("result").and_then(|v| v.get_ref().as_table());
         let result =
             result.ok_or_else(|| fault("no [result]; expected the file of a finished prosthesis".into()))?;
-        read(result, job)
+        let is_as_written = text.rsplit_once(DIGEST).is_some_and(|(above, digest)| {
+            digest.trim().trim_matches('"').parse() == Ok(Sha256::of_text(above))
+        });
+        read(result, job, is_as_written)
             .map_err(|key| fault(format!("`result.{key}` is missing or not what is written there")))
     }
 
@@ -105,6 +116,18 @@ impl JobRecord {
         }
     }
 
+    /// The block that the plan in `dir` took out of a catalogue and keeps, where that is the catalogue of `job`, whose file is `job_path`.
+    pub fn holds(&self, dir: &Path, job: &ProsthesisJob, job_path: &Path) -> Option<&str> {
+        let (BlockSource::Catalogue(own), BlockSource::Catalogue(other)) =
+            (&self.job.stock.source, &job.stock.source)
+        else {
+            return None;
+        };
+        let folder = job_path.parent().unwrap_or(Path::new(""));
+        let [own, other] = [dir.join(own), folder.join(other)].map(|path| path.canonicalize().ok());
+        (own.is_some() && own == other && self.shortfalls.is_empty()).then_some(self.block_id.as_str())
+    }
+
     /// The part's file, seen from the folder.
     pub fn part_path(&self, dir: &Path) -> PathBuf {
         dir.join(&self.job.part.file)
@@ -112,7 +135,7 @@ impl JobRecord {
 }
 
 /// The record of a `[result]`; `Err` names the key.
-fn read(result: &DeTable<'_>, job: ProsthesisJob) -> Result<JobRecord, &'static str> {
+fn read(result: &DeTable<'_>, job: ProsthesisJob, is_as_written: bool) -> Result<JobRecord, &'static str> {
     let table = |name: &'static str| result.get(name).and_then(|v| v.get_ref().as_table()).ok_or(name);
     let string = |table: &DeTable<'_>, name: &'static str| {
         table.get(name).and_then(|v| v.get_ref().as_str()).map(str::to_owned).ok_or(name)
@@ -146,6 +169,7 @@ fn read(result: &DeTable<'_>, job: ProsthesisJob) -> Result<JobRecord, &'static 
         metrics: Value::entries_of(table("metrics")?).ok_or("metrics")?,
         warnings: texts("warnings")?,
         shortfalls: texts("shortfalls")?,
+        is_as_written,
     })
 }
 
@@ -189,6 +213,7 @@ mod tests {
             metrics: vec![("facets".into(), 20_i64.into()), ("total_time_s".into(), 61.25.into())],
             warnings: vec!["the mesh was repaired".into()],
             shortfalls: Vec::new(),
+            is_as_written: true,
         }
     }
 
@@ -203,6 +228,22 @@ mod tests {
         assert_eq!(JobRecord { block_from_part: record().block_from_part, ..again }, record());
         assert_eq!(ProsthesisJob::parse(&text, Path::new("job.toml")).unwrap(), record().job);
         assert_eq!(bonemill_planfile::is_prosthesis(dir.path()), Ok(()));
+    }
+
+    #[test]
+    fn a_figure_that_was_changed_by_hand_is_seen() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = record().to_toml().unwrap();
+        for (from, to) in [
+            ("side_load = 0.6", "side_load = 0.7"),
+            ("61.25", "61.5"),
+            ("B \\\"1", "B \\\"2"),
+            ("sha256 = \"", "sha256 = \"0"),
+        ] {
+            assert!(text.contains(from), "{from}");
+            std::fs::write(dir.path().join(FILE_NAME), text.replacen(from, to, 1)).unwrap();
+            assert!(!JobRecord::read(dir.path()).unwrap().is_as_written, "{from}");
+        }
     }
 
     #[test]

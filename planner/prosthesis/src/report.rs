@@ -6,7 +6,8 @@ use std::fmt::Write;
 
 use bonemill_case::explained_job;
 use bonemill_case::prosthesis::MachineKind;
-use bonemill_machining::strip::{FORCE_N_MM2, SHEAR_N_MM2, StripStrength};
+use bonemill_machining::Facing;
+use bonemill_machining::strip::{FORCE_N_MM2, SHEAR_N_MM2, StripStrength, TENSILE_N_MM2};
 use bonemill_part::orient::Laid;
 use bonemill_planfile::page::{escape, opening, parameters, verdict};
 use bonemill_planfile::{ReportPart, Value};
@@ -24,7 +25,7 @@ pub(crate) fn html(plan: &ProsthesisPlan, record: &JobRecord) -> String {
     page += &ReportPart::Verification.marks().concat();
     page += "<h2>The part in its block</h2>";
     page += &pictures::part_in_block(plan);
-    page += &strip(&plan.machining.strip);
+    page += &strip(&plan.machining.strip, record);
     page += "<h2>Orientation</h2>";
     page += &orientation(plan);
     page += "<h2>Toolpath</h2>";
@@ -66,7 +67,7 @@ fn cards(plan: &ProsthesisPlan) -> String {
 /// Which block to mount, how, and what to run.
 fn instructions(plan: &ProsthesisPlan, record: &JobRecord) -> String {
     let [x, y, z] = plan.taken.mounted.size_mm;
-    let (low, high, tool) = (&record.block.low_mm, &record.block.high_mm, &record.job.tool);
+    let (tool, place) = (&record.job.tool, where_it_stands(record));
     let from = match (plan.taken.is_from_catalogue(), plan.shortfalls.is_empty()) {
         (false, _) => "",
         (true, true) => " It was taken out of the catalogue.",
@@ -84,24 +85,39 @@ fn instructions(plan: &ProsthesisPlan, record: &JobRecord) -> String {
         "<h2>What to do</h2><ol class=\"steps\">\
          <li>Take block <b>{}</b>, {x} × {y} × {z} mm.{from}</li>\
          <li>{mount}</li>\
-         <li>The grip may cover {:.1} mm at the block's lower end in z. Seen from the program's zero the block reaches from x = {:.2} to {:.2}, y = {:.2} to \
-         {:.2} and z = {:.2} to {:.2} mm.</li>\
+         <li>{place}</li>\
          <li>Put in the cutter: diameter {} mm, corner radius {} mm, flutes: {}, {} mm from the tip to the holder.</li>\
          <li>{run}</li>\
-         <li>Break the part off its last tab of {:.1} mm and take off the burrs.</li></ol>",
+         <li>Break the part off its last tab of {:.1} mm and take off the burrs.</li></ol>{}",
         escape(&plan.taken.mounted.id),
-        record.block.grip_mm,
+        tool.diameter_mm,
+        tool.corner_radius_mm,
+        tool.flutes,
+        tool.length_mm,
+        plan.machining.strip.tab_mm,
+        pictures::set_up(plan),
+    )
+}
+
+/// Where block and grip stand at A = 0, in the machine's axes and the block's.
+fn where_it_stands(record: &JobRecord) -> String {
+    let block = &record.block;
+    let (a, b) = (Facing::Front.from_block(&block.low_mm), Facing::Front.from_block(&block.high_mm));
+    let (low, high) = (a.inf(&b), a.sup(&b));
+    format!(
+        "Seen from the program's zero, at A = 0, the block stands from X = {:.2} to {:.2}, Y = {:.2} to {:.2} and Z = {:.2} to {:.2} mm, and the grip may cover it from \
+         Y = {:.2} to {:.2} mm. The report, <code>toolpath.csv</code> and <code>job.toml</code> give places in the block's frame: its x is X, its y is Z and its z is \
+         −Y at A = 0, so the grip is at the block's lower end in z, from {:.2} to {:.2} mm.",
         low.x,
         high.x,
         low.y,
         high.y,
         low.z,
         high.z,
-        tool.diameter_mm,
-        tool.corner_radius_mm,
-        tool.flutes,
-        tool.length_mm,
-        plan.machining.strip.tab_mm,
+        high.y - block.grip_mm,
+        high.y,
+        block.low_mm.z,
+        block.low_mm.z + block.grip_mm,
     )
 }
 
@@ -125,17 +141,20 @@ fn by_arm(robot: &RobotMotion) -> (String, String) {
 }
 
 /// What holds the part until the end, and what that rests on.
-fn strip(strip: &StripStrength) -> String {
+fn strip(strip: &StripStrength, record: &JobRecord) -> String {
+    let number = |name: &str| record.number(name).unwrap_or(0.0);
     format!(
-        "<p>Until the outline is cut, a strip {:.2} mm thick and {:.0} mm long holds the part; then a tab of it, {:.1} mm long. They bear {:.0} and {:.1} times the \
-         greatest cutting force of {:.1} N, if the stock shears at {SHEAR_N_MM2:.0} N/mm² and is cut at {FORCE_N_MM2:.0} N/mm² (both assumed, for PMMA): other \
-         materials bear other forces.</p>",
+        "<p>Until the outline is cut, a strip {:.2} mm thick and {:.0} mm long holds the part: it bears {:.0} N in shear, the greatest cutting force of the program is \
+         {:.1} N. Then a tab of it holds the part, {:.1} mm long: it bears {:.1} N in shear and, by a force at the farthest place of the outline, in bending; the greatest \
+         cutting force from the outline on is {:.1} N. Assumed, for PMMA: a shear strength of {SHEAR_N_MM2:.0} N/mm², a tensile strength of {TENSILE_N_MM2:.0} N/mm², \
+         a specific cutting force of {FORCE_N_MM2:.0} N/mm²; other materials bear other forces. Forces along the cutter are not counted.</p>",
         strip.thickness_mm,
         strip.length_mm,
+        strip.strip_bears_n,
+        number("cutting_force_n"),
         strip.tab_mm,
-        strip.strip_factor,
-        strip.tab_factor,
-        strip.force_n
+        strip.tab_bears_n,
+        number("outline_force_n"),
     )
 }
 

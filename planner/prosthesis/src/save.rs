@@ -64,5 +64,6 @@ fn record_of(
         metrics: plan.metrics.clone(),
         warnings: plan.warnings.clone(),
         shortfalls: plan.shortfalls.clone(),
+        is_as_written: true,
     })
 }

@@ -1,8 +1,9 @@
 //! The job's numbers as the stages take them.
 
-use bonemill_case::prosthesis::{BlockSpec, CutSense, ProsthesisJob};
+use bonemill_case::prosthesis::{BlockSpec, CutSense, GCode, ProsthesisJob};
 use bonemill_catalogue::StockBlock;
 use bonemill_machining::{Block, HolderSegment, Job, Machine, Process, Tool};
+use bonemill_program::Dialect;
 use bonemill_proof::ProofJob;
 use nalgebra::Vector3;
 
@@ -45,6 +46,15 @@ pub(crate) fn machining(job: &ProsthesisJob, block: Block) -> Job {
     }
 }
 
+/// Whose G-code the program is written in.
+pub(crate) fn dialect(job: &ProsthesisJob) -> Dialect {
+    match job.machine.dialect {
+        GCode::LinuxCnc => Dialect::LinuxCnc,
+        GCode::Fanuc => Dialect::Fanuc,
+        GCode::Haas => Dialect::Haas,
+    }
+}
+
 /// The job for the proof, in plain numbers; `tab`: the box in which stock shall stay.
 pub(crate) fn proof(job: &ProsthesisJob, block: &Block, tab: [Vector3<f64>; 2]) -> ProofJob {
     let (t, p) = (&job.tool, &job.process);
@@ -59,6 +69,8 @@ pub(crate) fn proof(job: &ProsthesisJob, block: &Block, tab: [Vector3<f64>; 2]) 
         holder_mm: t.holder_mm.clone(),
         widest_mm: p.side_load * t.diameter_mm,
         entry_mm: level_mm * p.side_load.min(1.0),
+        clearance_mm: p.clearance_mm,
+        flutes: t.flutes,
         sample_mm: SAMPLE_MM,
         kept: vec![tab],
     }

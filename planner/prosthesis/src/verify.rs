@@ -1,38 +1,40 @@
 //! A second opinion on the folder of a prosthesis: by the program that stands in it, not by the moves that were planned.
 //!
 //! The program is read back and cut out of the block by [`bonemill_proof`], which shares nothing with what planned and wrote it; the part is
-//! read again from its own file and laid as `job.toml` says.
+//! read again from its own file and laid as `job.toml` says. Everything that `job.toml` tells is told again of these files and compared; `program.nc` is written
+//! again from `toolpath.csv` and compared line by line, so that no word of either can be another.
 
 use std::fmt::Write;
 use std::path::Path;
 
-use bonemill_arm::ur::UrModel;
-use bonemill_case::prosthesis::MachineKind;
+use bonemill_case::prosthesis::{MachineKind, OrientMode};
 use bonemill_case::write::text;
 use bonemill_geometry::{Block, Mesh, Progress};
-use bonemill_machining::{Block as Stock, Move};
+use bonemill_machining::{Block as Stock, Facing, MachiningError, Move};
+use bonemill_part::orient::{Laid, Silhouette, published};
 use bonemill_part::{RepairLimits, Solid, read_facets};
-use bonemill_planfile::{PlanFileError, Sha256};
-use bonemill_proof::gcode::{self, Facing, Program};
+use bonemill_planfile::{PlanFileError, Sha256, Value};
+use bonemill_proof::gcode::{self, Program};
 use bonemill_proof::{Proof, ProofJob};
 use nalgebra::Vector3;
 
-use crate::plan::shortfalls;
+use crate::figures::{self, Milled, Told};
+use crate::plan::laid_part;
 use crate::record::FILE_NAME;
 use crate::save::{PART, PROGRAM, TOOLPATH, TRAJECTORY};
-use crate::{JobRecord, ProsthesisError, robot, settings, toolpath_csv};
+use crate::{JobRecord, ProsthesisError, RobotMotion, block, robot, settings, toolpath_csv};
 
 /// How far part.stl may be from the part in its own file, mm: rounding to single precision at 100 mm.
 const SAME_MM: f64 = 1e-4;
-/// How far a figure may be from the proof's.
+/// How far a figure may be from what follows from the files, as a share of it: another processor's last digits.
 const SAME_FIGURE: f64 = 1e-6;
 /// How far a feed, mm/min, or a spindle speed, 1/min, may be from the job's: decimals of the program.
 const SAME_SPEED: f64 = 0.51;
 /// How far a number of trajectory.csv may be from the motion's: another processor's last digits, s and rad.
 const SAME_MOTION: f64 = 1e-6;
 const TRAJECTORY_FOLLOWS: &str = "trajectory.csv is the arm's motion along toolpath.csv";
-/// Decimals of the program and of toolpath.csv, mm.
-const ROUNDING_MM: f64 = 1e-3;
+/// How far a time of toolpath.csv may be from the moves', s: its decimals.
+const SAME_TIME_S: f64 = 1e-3;
 
 /// One thing that was checked.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,32 +94,60 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
     progress.stage("read files");
     let record = JobRecord::read(dir)?;
     let (part, program) = (read_part(&dir.join(PART))?, read_text(&dir.join(PROGRAM))?);
+    let (toolpath, trajectory_path) = (read_text(&dir.join(TOOLPATH))?, dir.join(TRAJECTORY));
     let job = settings::proof(&record.job, &record.block, record.tab_mm);
     let mut checks = vec![input_unchanged(&record, dir)?];
-    if checks.iter().all(|check| check.faults.is_empty()) {
-        checks.push(same_part(&record, dir, &part)?);
-    }
+    let own = if checks[0].faults.is_empty() {
+        let unit = record.job.part.unit.and_then(|word| word.parse().ok());
+        let own = read_solid(&record.part_path(dir), unit)?;
+        checks.push(same_part(&record, &own, &part));
+        Some(own)
+    } else {
+        None
+    };
     checks.push(inside_block(&record.block, &part));
     progress.stage("prove program");
     let proof = bonemill_proof::prove(&program, &part, &job)?;
-    checks.extend(proved(&record, &proof, &job));
-    progress.stage("compare toolpath");
-    let toolpath = read_text(&dir.join(TOOLPATH))?;
     let read = gcode::read(&program)?;
-    let moves = same_moves(&toolpath, &read, &record);
-    let is_same = moves.faults.is_empty();
-    checks.extend([moves, speeds_of_the_job(&read, &record)]);
+    progress.stage("compare toolpath");
+    let rows = moves_of(&toolpath);
+    let moves = rows.as_ref().map(Vec::as_slice).unwrap_or_default();
+    let robot = match record.job.machine.kind {
+        MachineKind::Ur(model) => {
+            let motion = robot::motion(model, record.job.machine.on_flange, &record.block, moves);
+            Some(motion.map_err(|source| failed(&record, source))?)
+        }
+        MachineKind::FiveAxis => None,
+    };
+    let told = match &own {
+        Some(solid) if rows.is_ok() => Some(told(
+            &record,
+            solid,
+            &Cut { moves, program: &program, proof: &proof, job: &job },
+            robot.as_ref(),
+        )?),
+        _ => None,
+    };
+    // without the part's own file, by the program alone
+    let faults = told.as_ref().map_or_else(
+        || figures::by_proof(&proof, &job, record.job.process.finishing_step_mm),
+        |told| told.told.shortfalls.clone(),
+    );
+    checks.push(Check { name: "the program makes the part as the job asks for", faults });
+    if let Some(told) = &told {
+        checks.push(same_record(&record, told));
+    }
+    let shortfalls = told.as_ref().map_or(&record.shortfalls, |told| &told.told.shortfalls);
+    checks.push(same_program(rows.as_deref(), &program, &record, shortfalls));
+    checks.push(speeds_of_the_job(&read, &record));
     let mut files = vec![FILE_NAME, PART, TOOLPATH, PROGRAM];
-    if let MachineKind::Ur(model) = record.job.machine.kind {
-        let path = dir.join(TRAJECTORY);
-        if !path.exists() {
+    if let Some(robot) = &robot {
+        if trajectory_path.exists() {
+            files.push(TRAJECTORY);
+            checks.push(same_trajectory(robot, &read_text(&trajectory_path)?));
+        } else {
             let faults = vec!["there is none: the arm cannot follow the tool path".into()];
             checks.push(Check { name: TRAJECTORY_FOLLOWS, faults });
-        } else {
-            files.push(TRAJECTORY);
-            if is_same {
-                checks.push(same_trajectory(model, &read_text(&path)?, &toolpath, &record)?);
-            }
         }
     }
     let digest = |name: &str| Ok::<_, PlanFileError>((name.to_owned(), Sha256::of_file(&dir.join(name))?));
@@ -128,6 +158,68 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
         thickest_uncut_mm: proof.thickest_uncut_mm,
         widest_mm: proof.widest_mm,
         files: files.collect::<Result<_, _>>()?,
+    })
+}
+
+fn failed(record: &JobRecord, source: MachiningError) -> ProsthesisError {
+    ProsthesisError::Machining { block: record.block_id.clone(), source: Box::new(source) }
+}
+
+/// What cuts: the moves, the program and what the proof says of it.
+struct Cut<'a> {
+    moves: &'a [Move],
+    program: &'a str,
+    proof: &'a Proof,
+    job: &'a ProofJob,
+}
+
+/// What follows from the folder's files.
+struct Follows {
+    told: Told,
+    /// The box around the tab, mm.
+    tab_mm: [Vector3<f64>; 2],
+    /// Where the block would lie around the part.
+    block: Stock,
+}
+
+/// What `job.toml` should tell of the files.
+fn told(
+    record: &JobRecord,
+    solid: &Solid,
+    cut: &Cut<'_>,
+    robot: Option<&Result<RobotMotion, String>>,
+) -> Result<Follows, ProsthesisError> {
+    let machining_job = settings::machining(&record.job, record.block);
+    let part = laid_part(solid, &record.block_from_part);
+    let machining = bonemill_machining::assess(&part, cut.moves.to_vec(), &machining_job)
+        .map_err(|source| failed(record, source))?;
+    let silhouette = Silhouette::of(&solid.mesh);
+    let runs = match record.job.orient {
+        OrientMode::AsGiven => Vec::new(),
+        OrientMode::LeastResidual | OrientMode::LeastTime => published(&solid.mesh, &silhouette),
+    };
+    let chosen = Laid::turned(&solid.mesh, &silhouette, &record.block_from_part.rotation);
+    let size_mm = record.block.high_mm - record.block.low_mm;
+    let mounted = bonemill_catalogue::Mounted { id: record.block_id.clone(), size_mm: size_mm.into() };
+    let told = Milled {
+        job: &record.job,
+        solid,
+        given: &Laid::as_given(&solid.mesh, &silhouette),
+        runs: &runs,
+        chosen: &chosen,
+        block: &record.block,
+        machining_job: &machining_job,
+        machining: &machining,
+        outline_line: figures::outline_line(cut.program),
+        proof_job: cut.job,
+        proof: cut.proof,
+        robot,
+    }
+    .told();
+    Ok(Follows {
+        told,
+        tab_mm: machining.tab_box,
+        block: block::around(&record.job, &mounted, &chosen.size_mm),
     })
 }
 
@@ -155,9 +247,8 @@ fn input_unchanged(record: &JobRecord, dir: &Path) -> Result<Check, ProsthesisEr
 }
 
 /// part.stl is the part of its own file, laid as stated.
-fn same_part(record: &JobRecord, dir: &Path, part: &Mesh<Block>) -> Result<Check, ProsthesisError> {
-    let unit = record.job.part.unit.and_then(|word| word.parse().ok());
-    let own = read_solid(&record.part_path(dir), unit)?.mesh.transformed(&record.block_from_part);
+fn same_part(record: &JobRecord, own: &Solid, part: &Mesh<Block>) -> Check {
+    let own = own.mesh.transformed(&record.block_from_part);
     let mut faults = Vec::new();
     if own.triangles.len() != part.triangles.len() {
         faults.push(format!("{} facets instead of {}", part.triangles.len(), own.triangles.len()));
@@ -179,7 +270,7 @@ fn same_part(record: &JobRecord, dir: &Path, part: &Mesh<Block>) -> Result<Check
         let at = off.map(|c| c as f64 * SAME_MM);
         faults.push(format!("part.stl has a vertex at {at:?} mm that the part as laid has not"));
     }
-    Ok(Check { name: "part.stl is the part as laid", faults })
+    Check { name: "part.stl is the part as laid", faults }
 }
 
 fn inside_block(block: &Stock, part: &Mesh<Block>) -> Check {
@@ -193,78 +284,134 @@ fn inside_block(block: &Stock, part: &Mesh<Block>) -> Check {
     Check { name: "the part lies in the block above the grip", faults: faults.into_iter().collect() }
 }
 
-fn proved(record: &JobRecord, proof: &Proof, job: &ProofJob) -> Vec<Check> {
-    let faults = shortfalls(proof, job, record.job.process.finishing_step_mm);
-    vec![
-        Check { name: "the program makes the part without gouges, collisions and cuts too wide", faults },
-        Check { name: "job.toml has the proof's figures", faults: other_figures(record, proof) },
-    ]
-}
-
-/// Figures of the record that the proof does not find.
-fn other_figures(record: &JobRecord, proof: &Proof) -> Vec<String> {
-    let found = [
-        ("deepest_gouge_mm", proof.deepest_gouge_mm),
-        ("thickest_uncut_mm", proof.thickest_uncut_mm),
-        ("loose_mm3", proof.loose_mm3()),
-        ("widest_cut_mm", proof.widest_mm),
-        ("collisions", proof.collisions.len() as f64),
-        ("cuts_too_wide", proof.too_wide.len() as f64),
-    ];
-    let stated = |name: &str| record.number(name);
-    let other =
-        found.iter().filter(|(name, is)| !stated(name).is_some_and(|s| (s - is).abs() <= SAME_FIGURE));
-    let told = other.map(|(name, is)| match stated(name) {
-        Some(stated) => format!("`{name}` is {stated}, but the proof finds {is}"),
-        None => format!("`{name}` is missing, the proof finds {is}"),
-    });
-    told.collect()
-}
-
-/// Where a motion ends in the machine's axes, and whether it is G0.
-type End = (Facing, Vector3<f64>, bool);
-
-/// toolpath.csv tells the program's moves.
-fn same_moves(table: &str, program: &Program, record: &JobRecord) -> Check {
-    let name = "toolpath.csv tells the program's moves";
-    let mut rows = table.lines();
-    let header = toolpath_csv::header();
-    if rows.next() != Some(header.as_str()) {
-        return Check { name, faults: vec![format!("expected the header {header:?}")] };
-    }
+/// `job.toml` tells what follows from the files, and is as it was written.
+fn same_record(record: &JobRecord, found: &Follows) -> Check {
     let mut faults = Vec::new();
-    let feed_of_job = settings::machining(&record.job, record.block).feed_mm_min();
-    let mut ends = program.motions.iter().map(|m| (m.facing, m.to_mm, m.rapid));
-    let mut count = 0;
-    let mut at = None;
-    for (line, row) in rows.enumerate() {
-        let line = line + 2;
-        let index = line - 2;
-        let Some(Move { kind, tip_mm, a_rad, feed_mm_min, .. }) = toolpath_csv::read_row(row, index) else {
-            faults
-                .push(format!("line {line}: expected index {index}, a side, a kind of move and six numbers"));
-            break;
-        };
-        let wanted = if kind.cuts() { feed_of_job } else { record.job.machine.rapid_mm_min };
-        if is_other(feed_mm_min, wanted) {
-            faults.push(format!("line {line}: {feed_mm_min} mm/min instead of {wanted:.1} mm/min"));
+    let of =
+        |list: &[(String, Value)], name: &str| list.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone());
+    for (name, is) in &found.told.metrics {
+        match of(&record.metrics, name) {
+            Some(stated) if is_same(&stated, is) => {}
+            Some(stated) => {
+                faults.push(format!("`{name}` is {}, but {} is found", shown(&stated), shown(is)))
+            }
+            None => faults.push(format!("`{name}` is missing, {} is found", shown(is))),
         }
-        let facing = if a_rad.abs() < 1.0 { Facing::Front } else { Facing::Back };
-        let to = (facing, facing.machine(&tip_mm), !kind.cuts());
-        let near = |a: &End| a.0 == to.0 && (a.1 - to.1).amax() <= ROUNDING_MM;
-        // a program says nothing where the tip stays
-        if !at.as_ref().is_some_and(near) && !ends.any(|end| near(&end) && end.2 == to.2) {
-            faults.push(format!(
-                "line {line}: ({}, {}, {}) mm is no end of a motion of the program, in order",
-                tip_mm.x, tip_mm.y, tip_mm.z
-            ));
-            break;
-        }
-        at = Some(to);
-        count = index + 1;
     }
-    if faults.is_empty() && record.number("moves") != Some(count as f64) {
-        faults.push(format!("{count} moves instead of {}", record.number("moves").unwrap_or(f64::NAN)));
+    let more = record.metrics.iter().filter(|(name, _)| of(&found.told.metrics, name).is_none());
+    faults.extend(more.map(|(name, _)| format!("`{name}` is no figure of such a job")));
+    for (what, stated, is) in [
+        ("warnings", &record.warnings, &found.told.warnings),
+        ("shortfalls", &record.shortfalls, &found.told.shortfalls),
+    ] {
+        if let Some(n) = (0..stated.len().max(is.len())).find(|n| stated.get(*n) != is.get(*n)) {
+            let [stated, is] = [stated, is].map(|list| list.get(n).map_or("nothing", String::as_str));
+            faults.push(format!("`{what}[{n}]` is {stated:?}, but {is:?} is found"));
+        }
+    }
+    let block = &record.block;
+    let off_mm = |a: &Vector3<f64>, b: &Vector3<f64>| (a - b).amax() > SAME_MM;
+    for (key, stated, is) in [
+        ("tab_low_mm", record.tab_mm[0], found.tab_mm[0]),
+        ("tab_high_mm", record.tab_mm[1], found.tab_mm[1]),
+        ("low_mm", block.low_mm, found.block.low_mm),
+        ("high_mm", block.high_mm, found.block.high_mm),
+    ] {
+        if off_mm(&stated, &is) {
+            faults.push(format!(
+                "`block.{key}` is {:?}, but {:?} is found",
+                stated.as_slice(),
+                is.as_slice()
+            ));
+        }
+    }
+    if block.grip_mm != record.job.stock.grip_mm {
+        let grip_mm = record.job.stock.grip_mm;
+        faults.push(format!("`block.grip_mm` is {}, but `stock.grip_mm` is {grip_mm}", block.grip_mm));
+    }
+    if !record.is_as_written {
+        faults.push("a line is not as it was written: the digest in the last line is another".into());
+    }
+    Check { name: "job.toml tells what follows from the files", faults }
+}
+
+fn is_same(a: &Value, b: &Value) -> bool {
+    let number = |value: &Value| match value {
+        Value::Number(number) => Some(*number),
+        Value::Integer(count) => Some(*count as f64),
+        _ => None,
+    };
+    match (a, b) {
+        (Value::List(a), Value::List(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| is_same(a, b)),
+        _ => number(a).zip(number(b)).is_some_and(|(a, b)| (a - b).abs() <= SAME_FIGURE * b.abs().max(1.0)),
+    }
+}
+
+fn shown(value: &Value) -> String {
+    value.to_toml("").unwrap_or_default()
+}
+
+/// The rows of toolpath.csv; `Err` tells what is wrong with the first that is no move.
+fn moves_of(table: &str) -> Result<Vec<Move>, String> {
+    let header = toolpath_csv::header();
+    if table.lines().next() != Some(header.as_str()) {
+        return Err(format!("line 1: expected the header {header:?}"));
+    }
+    let rows = table.lines().skip(1).enumerate();
+    rows.map(|(index, row)| {
+        let wrong =
+            || format!("line {}: expected index {index}, a side, a kind of move and six numbers", index + 2);
+        toolpath_csv::read_row(row, index).ok_or_else(wrong)
+    })
+    .collect()
+}
+
+/// program.nc is what toolpath.csv's moves are written as, line by line, and the table's own speeds and times are those of its moves.
+fn same_program(
+    rows: Result<&[Move], &String>,
+    program: &str,
+    record: &JobRecord,
+    shortfalls: &[String],
+) -> Check {
+    let name = "program.nc drives the moves of toolpath.csv, and nothing else";
+    let moves = match rows {
+        Ok(moves) => moves,
+        Err(wrong) => return Check { name, faults: vec![format!("toolpath.csv {wrong}")] },
+    };
+    let job = settings::machining(&record.job, record.block);
+    let mut faults = Vec::new();
+    let own = bonemill_program::write(moves, &job, settings::dialect(&record.job), shortfalls);
+    let (lines, own_lines) = (|| program.lines(), || own.lines());
+    let count = lines().count().max(own_lines().count());
+    let other = (0..count)
+        .zip(lines().map(Some).chain(std::iter::repeat(None)))
+        .zip(own_lines().map(Some).chain(std::iter::repeat(None)));
+    if let Some(((n, is), wanted)) = other.into_iter().find(|((_, is), wanted)| is != wanted) {
+        let [is, wanted] = [is, wanted].map(|line| line.map_or("nothing".into(), |line| format!("{line:?}")));
+        faults.push(format!("program.nc line {}: {is} instead of {wanted}", n + 1));
+    }
+    let mut timed = moves.to_vec();
+    if bonemill_machining::time::times(&mut timed, &job).is_err() {
+        faults.push("toolpath.csv: the machine's axes cannot be driven along the moves".into());
+    }
+    for (index, (row, timed)) in moves.iter().zip(&timed).enumerate() {
+        let line = index + 2;
+        let wanted = if row.kind.cuts() { job.feed_mm_min() } else { job.machine.rapid_mm_min };
+        let a_rad = job.a_rad(Facing::of(row.a_rad));
+        if row.feed_mm_min != wanted {
+            faults.push(format!(
+                "toolpath.csv line {line}: {} mm/min instead of {wanted} mm/min",
+                row.feed_mm_min
+            ));
+        } else if row.a_rad != a_rad {
+            faults.push(format!("toolpath.csv line {line}: {} rad instead of {a_rad} rad", row.a_rad));
+        } else if (row.time_s - timed.time_s).abs() > SAME_TIME_S {
+            faults
+                .push(format!("toolpath.csv line {line}: {} s instead of {:.3} s", row.time_s, timed.time_s));
+        } else {
+            continue;
+        }
+        break;
     }
     Check { name, faults }
 }
@@ -275,7 +422,7 @@ fn is_other(speed: f64, wanted: f64) -> bool {
     off.is_nan() || off > SAME_SPEED
 }
 
-/// The program's feeds, spindle speed and span are the job's and the machine's, and its time is what there is.
+/// The program's feeds, spindle speed and span are the job's and the machine's.
 fn speeds_of_the_job(program: &Program, record: &JobRecord) -> Check {
     let (job, machine) = (settings::machining(&record.job, record.block), &record.job.machine);
     let mut faults = Vec::new();
@@ -291,7 +438,8 @@ fn speeds_of_the_job(program: &Program, record: &JobRecord) -> Check {
     // an arm has its own reach and its own time
     if machine.kind == MachineKind::FiveAxis {
         for (n, axis) in ["X", "Y", "Z"].into_iter().enumerate() {
-            let at = || program.motions.iter().map(|m| m.to_mm[n]);
+            // where the machine's top is, the program does not say
+            let at = || program.motions.iter().map(|m| m.to_mm[n]).filter(|mm| *mm < gcode::TOP_MM);
             let span_mm = at().fold(f64::NEG_INFINITY, f64::max) - at().fold(f64::INFINITY, f64::min);
             if span_mm > machine.travel_mm[n] {
                 faults.push(format!(
@@ -307,34 +455,15 @@ fn speeds_of_the_job(program: &Program, record: &JobRecord) -> Check {
             faults.push(format!("line {line}: A{a_deg} where the machine reaches {low_deg}° to {high_deg}°"));
         }
     }
-    let time = if machine.kind == MachineKind::FiveAxis { "total_time_s" } else { "robot_time_s" };
-    let takes_min = record.number(time).map(|time_s| time_s / 60.0);
-    match (machine.max_time_min, takes_min) {
-        (Some(_), None) => faults.push(format!("`{time}` is missing")),
-        (Some(most), Some(takes)) if takes > most => {
-            faults.push(format!("it takes {takes:.1} min, but there are {most:.1} min"));
-        }
-        _ => {}
-    }
     Check { name: "the program keeps the job's speeds and the machine's limits", faults }
 }
 
-/// trajectory.csv is the arm's motion along toolpath.csv, in the stated time.
-fn same_trajectory(
-    model: UrModel,
-    trajectory: &str,
-    toolpath: &str,
-    record: &JobRecord,
-) -> Result<Check, ProsthesisError> {
+/// trajectory.csv is the arm's motion along toolpath.csv.
+fn same_trajectory(robot: &Result<RobotMotion, String>, trajectory: &str) -> Check {
     let name = TRAJECTORY_FOLLOWS;
-    let rows = toolpath.lines().skip(1).enumerate();
-    let moves: Vec<Move> = rows.filter_map(|(n, row)| toolpath_csv::read_row(row, n)).collect();
-    let failed =
-        |source| ProsthesisError::Machining { block: record.block_id.clone(), source: Box::new(source) };
-    let found = robot::motion(model, record.job.machine.on_flange, &record.block, &moves).map_err(failed)?;
-    let motion = match found {
+    let motion = match robot {
         Ok(motion) => motion,
-        Err(reason) => return Ok(Check { name, faults: vec![reason] }),
+        Err(reason) => return Check { name, faults: vec![reason.clone()] },
     };
     let own = String::from_utf8_lossy(&motion.csv);
     let mut faults = Vec::new();
@@ -344,10 +473,7 @@ fn same_trajectory(
     } else if own.lines().count() != trajectory.lines().count() {
         faults.push(format!("{} lines instead of {}", trajectory.lines().count(), own.lines().count()));
     }
-    if !record.number("robot_time_s").is_some_and(|s| (s - motion.duration_s).abs() <= SAME_MOTION * s) {
-        faults.push(format!("`robot_time_s` is not the motion's {:.1} s", motion.duration_s));
-    }
-    Ok(Check { name, faults })
+    Check { name, faults }
 }
 
 /// Whether two rows have the same words, numbers to [`SAME_MOTION`].

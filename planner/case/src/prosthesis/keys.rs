@@ -2,7 +2,7 @@
 
 use bonemill_arm::ur::UrModel;
 
-use super::{CutSense, CutterKind, MachineKind, OnFlange, OrientMode};
+use super::{CutSense, CutterKind, GCode, MachineKind, OnFlange, OrientMode};
 use crate::keys::Fallback::{Derived, Value, Words};
 use crate::keys::{Choice, Entry, Number, Other, Unit};
 
@@ -50,6 +50,8 @@ table! {
             "sense of cut beside the stock", ASSUMED;
         MACHINE: MachineKind = "machine.kind" ["five-axis" => MachineKind::FiveAxis, "ur3e" => MachineKind::Ur(UrModel::Ur3e), "ur5e" => MachineKind::Ur(UrModel::Ur5e), "ur10e" => MachineKind::Ur(UrModel::Ur10e)],
             "what moves the cutter against the part: a milling machine with a rotary axis, or an arm, which gets trajectory.csv too", "C section 5";
+        DIALECT: GCode = "machine.dialect" ["linuxcnc" => GCode::LinuxCnc, "fanuc" => GCode::Fanuc, "haas" => GCode::Haas],
+            "whose G-code program.nc is: the unit of a dwell, the program's number", ASSUMED;
         ON_FLANGE: OnFlange = "machine.on_flange" ["spindle" => OnFlange::Spindle, "part" => OnFlange::Part],
             "what an arm holds: the spindle, while a table turns the block between the sides; or the part in its block, which it turns itself under a spindle that stands still", ASSUMED;
         ROTARY: () = "machine.rotary" ["A" => ()], "the rotary axis that turns the block between sides A and B: about the machine's X", "C 4.3";

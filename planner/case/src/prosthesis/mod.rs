@@ -161,11 +161,24 @@ pub enum OnFlange {
     Part,
 }
 
+/// Whose G-code a program is written in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GCode {
+    /// LinuxCNC.
+    LinuxCnc,
+    /// Fanuc.
+    Fanuc,
+    /// Haas.
+    Haas,
+}
+
 /// `[machine]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MachineSpec {
     /// Kind.
     pub kind: MachineKind,
+    /// Whose G-code its program is written in.
+    pub dialect: GCode,
     /// What it holds, if it is an arm; [`OnFlange::Spindle`] for a milling machine.
     pub on_flange: OnFlange,
     /// Travel of the machine's X, Y and Z, mm.

@@ -6,8 +6,8 @@ use toml::de::DeTable;
 
 use super::keys as k;
 use super::{
-    BlockSource, BlockSpec, CutSense, CutterKind, CutterSpec, MachineKind, MachineSpec, OnFlange, OrientMode,
-    PartSpec, ProcessSpec, ProsthesisJob, StockSpec,
+    BlockSource, BlockSpec, CutSense, CutterKind, CutterSpec, GCode, MachineKind, MachineSpec, OnFlange,
+    OrientMode, PartSpec, ProcessSpec, ProsthesisJob, StockSpec,
 };
 use crate::error::{CaseError, CaseFault};
 use crate::keys::Unit;
@@ -177,6 +177,7 @@ fn read_machine(walk: Walk<'_, '_>) -> MachineSpec {
     }
     let machine = MachineSpec {
         kind,
+        dialect: walk.choice(&k::DIALECT, GCode::LinuxCnc),
         on_flange,
         travel_mm: walk.exactly::<3>(&k::TRAVEL).unwrap_or(DEFAULT_TRAVEL_MM),
         rotary_range_rad: [low, high].map(f64::to_radians),

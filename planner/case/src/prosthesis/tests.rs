@@ -30,7 +30,7 @@ fn a_resolved_job_reads_back_equal() {
     let full = "[part]\nstl = \"a/b.ply\"\nunit = \"inch\"\n[orient]\nmode = \"least_time\"\n\
         [stock]\nblocks = [{ id = \"B1\", size_mm = [60, 25, 55], count = 4 }]\ngap_mm = { x = 6, y = 1.5, z = 9 }\ngrip_mm = 12\n\
         [tool]\nkind = \"bull\"\ndiameter_mm = 4\ncorner_radius_mm = 0.5\nholder = [[10, 5], [20, 12]]\n\
-        [process]\nstrip_mm = 1.1\nsense = \"conventional\"\n[machine]\nkind = \"ur5e\"\non_flange = \"part\"\nrotary_deg_s = 33.3\nmax_time_min = 45\n";
+        [process]\nstrip_mm = 1.1\nsense = \"conventional\"\n[machine]\nkind = \"ur5e\"\ndialect = \"haas\"\non_flange = \"part\"\nrotary_deg_s = 33.3\nmax_time_min = 45\n";
     let with_catalogue =
         "[part]\nstl = \"a.stl\"\n[stock]\ncatalogue = \"stock.sqlite\"\n[tool]\nkind = \"ball\"\n";
     for text in [LEAST, full, with_catalogue] {

@@ -76,6 +76,7 @@ impl ProsthesisJob {
         let m = &self.machine;
         let mut lines = vec![
             ("kind", text(k::MACHINE.word(m.kind))),
+            ("dialect", text(k::DIALECT.word(m.dialect))),
             ("on_flange", text(k::ON_FLANGE.word(m.on_flange))),
             ("rotary", text("A")),
             ("travel_mm", list(&m.travel_mm)),

@@ -26,7 +26,7 @@ pub const TOOLPATH: [Column; 9] = [
 ];
 
 /// The figures of `job.toml`.
-const METRICS: [Column; 26] = [
+const METRICS: [Column; 28] = [
     Column::new("facets", "1", "", "Facets of the part's mesh after repair."),
     Column::new("volume_mm3", "mm³", "", "Volume of the part."),
     Column::new("size_mm", "mm", "block", "The part's bounding box along x, y and z, as it is machined."),
@@ -46,7 +46,12 @@ const METRICS: [Column; 26] = [
     Column::new("total_time_s", "s", "", "Machining time with the machine's acceleration and jerk."),
     Column::new("cutting_time_s", "s", "", "What of the constant-speed time is spent at feed."),
     Column::new("strip_mm", "mm", "", "Thickness of the strip that holds the part."),
-    Column::new("cutting_force_n", "N", "", "Greatest cutting force that the strip is compared with."),
+    Column::new(
+        "cutting_force_n",
+        "N",
+        "",
+        "Greatest cutting force of the program, by the proof's depth of chips.",
+    ),
     Column::new(
         "strip_strength_over_force",
         "1",
@@ -54,7 +59,18 @@ const METRICS: [Column; 26] = [
         "Shear force that the strip bears over the cutting force.",
     ),
     Column::new("tab_mm", "mm", "", "Length of the tab that stays at the end."),
-    Column::new("tab_strength_over_force", "1", "", "Shear force that the tab bears over the cutting force."),
+    Column::new(
+        "outline_force_n",
+        "N",
+        "",
+        "The same from the outline on, while the strip is cut and the tab holds.",
+    ),
+    Column::new(
+        "tab_strength_over_force",
+        "1",
+        "",
+        "Force that the tab bears in shear and in bending over the outline's cutting force.",
+    ),
     Column::new(
         "left_mm3",
         "mm³",
@@ -74,6 +90,12 @@ const METRICS: [Column; 26] = [
         "1",
         "",
         "Motions in which something meets the stock that must not, by the proof.",
+    ),
+    Column::new(
+        "loose_mm3",
+        "mm³",
+        "",
+        "Pieces larger than swarf that lose their hold before the end, by the proof.",
     ),
     Column::new("widest_cut_mm", "mm", "", "Widest cut deeper than an entry, by the proof."),
     Column::new("cuts_too_wide", "1", "", "Cuts wider than the side load allows, by the proof."),

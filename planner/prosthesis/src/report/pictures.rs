@@ -4,6 +4,8 @@ use std::fmt::Write;
 
 use bonemill_machining::{Kind, Move, Side};
 
+use nalgebra::Vector3;
+
 use crate::ProsthesisPlan;
 use crate::picture::{Colour, Picture, View};
 
@@ -12,7 +14,12 @@ const EDGE: Colour = [90, 100, 110];
 const ROUGH: Colour = [70, 130, 200];
 const FINISH: Colour = [46, 160, 90];
 const CONTOUR: Colour = [200, 60, 60];
+const GRIP: Colour = [150, 120, 60];
 const REPOSITION: Colour = [190, 190, 190];
+
+/// Distance of the lines that hatch the grip, and half of the cross at the zero, mm.
+const HATCH_MM: f64 = 2.0;
+const ZERO_MM: f64 = 4.0;
 
 /// Deviation at which the colours end, mm: below in blue, above in red.
 const COLOUR_RANGE_MM: [f64; 2] = [-0.02, 0.1];
@@ -37,6 +44,26 @@ pub(super) fn part_in_block(plan: &ProsthesisPlan) -> String {
         picture.figure(caption)
     });
     format!("<div class=\"figures\">{}</div>", figures.collect::<String>())
+}
+
+/// What the machinist sees at A = 0, along the spindle: the block, its grip and the program's zero.
+pub(super) fn set_up(plan: &ProsthesisPlan) -> String {
+    let (low, high) = (plan.block.low_mm, plan.block.high_mm);
+    let mut picture = Picture::of_box(View::side_a(), &low, &high);
+    picture.frame(&low, &high, EDGE);
+    // the grip hatched, the zero a cross, both on the side that faces the spindle
+    let on_top = |x: f64, z: f64| Vector3::new(x, high.y, z);
+    let grip_mm = plan.block.grip_mm;
+    let hatches = ((high.x - low.x) / HATCH_MM) as usize;
+    for n in 0..=hatches {
+        let x = low.x + n as f64 * HATCH_MM;
+        picture.line(&on_top(x, low.z), &on_top(x, low.z + grip_mm), GRIP);
+    }
+    picture.line(&on_top(low.x, low.z + grip_mm), &on_top(high.x, low.z + grip_mm), GRIP);
+    picture.line(&on_top(-ZERO_MM, 0.0), &on_top(ZERO_MM, 0.0), CONTOUR);
+    picture.line(&on_top(0.0, -ZERO_MM), &on_top(0.0, ZERO_MM), CONTOUR);
+    let caption = "Set-up at A = 0, seen along the spindle: X to the right, Y up; the cross is X0 Y0, on the rotary axis; the grip is hatched";
+    format!("<div class=\"figures\">{}</div>", picture.figure(caption))
 }
 
 /// The moves of each side.
