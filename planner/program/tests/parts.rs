@@ -123,11 +123,20 @@ fn no_piece_of_the_block_comes_loose() {
         let above = |m: &&Move| m.kind == Kind::Rough && m.tip_mm.z > 5.0 + 2.0 * 1.5;
         assert_eq!(planned.moves.iter().any(|m| above(&m)), is_loose, "{gap_mm}");
     }
-    // the channel closes the mouth of a C: its core is cut off
-    let outer = [[2.0, 10.0], [10.0, 10.0], [10.0, -10.0], [-10.0, -10.0], [-10.0, 10.0], [-2.0, 10.0]];
-    let inner = [[2.0, 7.0], [7.0, 7.0], [7.0, -7.0], [-7.0, -7.0], [-7.0, 7.0], [-2.0, 7.0]];
-    let part = bent(&outer, &inner, 4.0);
-    assert!((part.volume_mm3() - 4.0 * (400.0 - 196.0 - 12.0)).abs() < 1e-9, "{}", part.volume_mm3());
+    // the channel closes the mouth of a C: its core is cut off. Its corners are rounder than the cutter
+    let around = |radius_mm: f64| {
+        let corner = move |n: u32| {
+            let direction = |degrees: u32| f64::from(degrees).to_radians().sin_cos();
+            let (x, z) = direction(90 * n + 45);
+            let arc = (0..=6).map(move |k| direction(90 * n + 15 * k));
+            arc.map(move |(u, w)| [4.0 * x.signum() + radius_mm * u, 4.0 * z.signum() + radius_mm * w])
+        };
+        let mouth = |x: f64| [[x, 4.0 + radius_mm]];
+        [&mouth(2.0)[..], &(0..4).flat_map(corner).collect::<Vec<_>>(), &mouth(-2.0)].concat()
+    };
+    let part = bent(&around(6.0), &around(3.0), 4.0);
+    let area_mm2 = 32.0 * (6.0 - 3.0) + 12.0 * 15f64.to_radians().sin() * (36.0 - 9.0) - 4.0 * 3.0;
+    assert!((part.volume_mm3() - 4.0 * area_mm2).abs() < 1e-9, "{}", part.volume_mm3());
     let job = quick(&part, mill);
     let (_, proof, _) = proven(&part, &job);
     is_clean(&proof, &job);
