@@ -87,8 +87,12 @@ impl<'a> Sight<'a> {
         }
         let beside = job.tool.radius_mm + ALLOWANCE_MM;
         let domain = self.domain(part, &part.milled_mm, beside);
-        let loops =
-            self.loops(part, &domain, &part.milled_mm, beside, &raster.filled(STEP_SHARE * job.widest_mm()));
+        let loops = self.loops(
+            part,
+            &domain,
+            (&part.milled_mm, beside),
+            &raster.filled(STEP_SHARE * job.widest_mm()),
+        );
         let top = passes.stock.centres.top.iter().copied().fold(NONE, f64::max);
         let lowest =
             tip.iter().zip(&domain).filter(|(_, inside)| **inside).map(|(w, _)| *w).fold(top, f64::min);
@@ -200,8 +204,7 @@ impl<'a> Sight<'a> {
         &self,
         part: &Part,
         domain: &[bool],
-        outside_mm: &[f64],
-        beside_mm: f64,
+        (outside_mm, beside_mm): (&[f64], f64),
         step_mm: &[f64],
     ) -> Vec<Loop> {
         let inward: Vec<f64> = outside_mm.iter().map(|d| beside_mm - d).collect();

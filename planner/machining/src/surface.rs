@@ -153,7 +153,7 @@ impl Sight<'_> {
 
     /// Rings of the given steps.
     fn rings(&self, part: &Part, reach: &Reach<'_>, steps_mm: &[f64]) -> Vec<Loop> {
-        let mut rings = self.loops(part, &reach.domain, &part.outside_mm, self.beside_mm(), steps_mm);
+        let mut rings = self.loops(part, &reach.domain, (&part.outside_mm, self.beside_mm()), steps_mm);
         // around a peak, the rings outside cover what is within the cutter's radius
         rings.retain(|ring| length_mm(ring) > self.job.tool.radius_mm);
         rings
