@@ -295,8 +295,7 @@ impl Columns {
         beside(met.start - 1, width, self.cell);
         for n in met.clone() {
             let tip = motion.from_mm + along * (n as f64 / count as f64);
-            let mut teeth = Teeth::default();
-            let (taken, deep) = self.stamp(&tip, motion, direction, job, &mut teeth);
+            let (taken, deep, teeth) = self.stamp(&tip, motion, direction, job);
             if !motion.rapid {
                 self.chip_mm = self.chip_mm.max(recent.add(teeth, REMEMBERED, job.flutes));
             }
@@ -342,9 +341,9 @@ impl Columns {
         motion: &Motion,
         direction: [f64; 2],
         job: &ProofJob,
-        teeth: &mut Teeth,
-    ) -> (f64, u128) {
+    ) -> (f64, u128, Teeth) {
         let r = job.radius_mm;
+        let mut teeth = Teeth::default();
         // rows of cells run along z: the machine's Y, or its reverse
         let turn = if motion.facing == Facing::Front { -1.0 } else { 1.0 };
         let z = turn * tip.y;
@@ -376,7 +375,7 @@ impl Columns {
                 self.parted |= self.parts(cell, [low, high]);
             }
         }
-        (thickest, deep)
+        (thickest, deep, teeth)
     }
 
     /// By how much a rapid motion that does not rise is lower than its height above the stock under the cutter, mm.

@@ -213,7 +213,7 @@ impl Machine {
             {
                 Err("G53 is understood as G53 G0 Z0 only: Z to the machine's top".into())
             }
-            Asks::Top => self.to_the_top(line),
+            Asks::Top => self.retract_to_top(line),
             Asks::Motion if moves => self.motion(target, a_deg, line),
             Asks::Motion => Ok(None),
         }?;
@@ -259,7 +259,7 @@ impl Machine {
     }
 
     /// Up to the machine's top, from wherever the tip is.
-    fn to_the_top(&mut self, line: usize) -> Result<Option<Motion>, String> {
+    fn retract_to_top(&mut self, line: usize) -> Result<Option<Motion>, String> {
         if self.rapid != Some(true) {
             return Err("G53 with G0 was expected".into());
         }
@@ -311,7 +311,7 @@ impl Machine {
         let before = (self.at, self.a_deg);
         (self.at, self.a_deg) = (target, a_deg);
         if self.retracted {
-            return self.from_the_top(before, line);
+            return self.leave_top(before, line);
         }
         let ([Some(x), Some(y), Some(z)], Some(a_before)) = before else {
             return Err(
@@ -333,7 +333,7 @@ impl Machine {
     }
 
     /// A motion with Z at the machine's top: across, or down alone.
-    fn from_the_top(
+    fn leave_top(
         &mut self,
         (at, a_before): ([Option<f64>; 3], Option<f64>),
         line: usize,
