@@ -149,8 +149,9 @@ impl RandomBody {
 }
 
 /// Why a random body may be refused.
-const REASONS: [&str; 6] = [
+const REASONS: [&str; 7] = [
     "can reach no voxel",
+    "reach no place",
     "finds no place",
     "faces bone",
     "touches structure",
