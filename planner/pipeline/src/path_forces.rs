@@ -130,10 +130,7 @@ impl ForcedPath<'_> {
                 let weight = |density| material.weight(density);
                 let (feed, mut bone) =
                     swept.bone_within((i as u32, share), kernel.sample_radius_mm(), weight)?;
-                // the shaft turns within the move
-                let from = &axes[i.saturating_sub(1)];
-                let axis = Unit::new_normalize(from.lerp(&axes[i], share));
-                Some(kernel.engaged_force(&axis, &feed_of(case, &feed), &mut bone))
+                Some(kernel.engaged_force(&axes[i], &feed_of(case, &feed), &mut bone))
             };
             let mut found: Vec<EngagedForce> = around_back(&swept, i).into_iter().filter_map(at).collect();
             if let Some(end) = &ends[i] {

@@ -25,7 +25,7 @@ use bonemill_stock::sweep::segment_distance_squared;
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
-use self::times::{LastTimes, last_times};
+use self::times::{CellTimes, LastTimes, cell_times};
 use crate::path::PathPoint;
 
 /// Side of a cell of the run index, mm.
@@ -46,7 +46,7 @@ pub struct RoundedCorner {
 #[derive(Debug)]
 pub struct SweptPath<'a> {
     scene: &'a Scene,
-    last_of: Vec<u32>,
+    times: Vec<CellTimes>,
     last_times: LastTimes,
     /// The driven path: the waypoints, with three points in the place of one at a rounded corner.
     vertices: Vec<Vector3<f64>>,
@@ -96,11 +96,11 @@ impl<'a> SweptPath<'a> {
         let grid = scene.class.grid();
         let cells =
             [0, 1, 2].map(|a| (grid.dims()[a] as f64 * grid.spacing_mm()[a] / CELL_MM).ceil() as usize + 1);
-        let last_of = last_times(&scene.class, removal.time());
+        let times = cell_times(&scene.class, removal.time());
         let mut path = Self {
             scene,
-            last_times: LastTimes::new(&last_of, grid, TILE_REACH * radius_mm),
-            last_of,
+            last_times: LastTimes::new(&times, grid, TILE_REACH * radius_mm),
+            times,
             comes_back: comes_back(points, corners),
             vertices,
             end_of,
@@ -348,11 +348,11 @@ impl<W: Fn(f64) -> f64> BoneAround for BoneAt<'_, W> {
     fn weight(&mut self, normal: &Vector3<f64>, patch: &Patch) -> f64 {
         let p = self.center + normal * self.sample_radius_mm;
         let Some(cell) = self.path.cell(&p) else { return 0.0 };
-        if self.knows_times && self.path.last_of[cell] < self.index {
+        let CellTimes { first, last } = self.path.times[cell];
+        if self.knows_times && last < self.index {
             return 0.0;
         }
-        // earlier runs may cross a cell none of whose voxels they remove: the walls of a slot, seen from within the next move
-        let share = self.share_left(&p, |g| patch.sides_mm(g));
+        let share = if first >= self.index { 1.0 } else { self.share_left(&p, |g| patch.sides_mm(g)) };
         if share > 0.0 {
             share * (self.weight_of)(self.path.scene.matter.density_g_cm3(Point::from_coords(p)))
         } else {

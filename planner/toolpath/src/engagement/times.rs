@@ -2,28 +2,38 @@
 
 use bonemill_geometry::{Grid, Volume, Work, cancel};
 use bonemill_scene::Class;
+use bonemill_stock::removal::NEVER;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::neighbours::joined;
 
-/// The latest removal time of the eight voxels around each cell's points, at its first voxel. If neither they nor the voxels beside
-/// them have mass, the time is before every move.
-pub(super) fn last_times(class: &Volume<Class, Work>, time: &[u32]) -> Vec<u32> {
+/// Removal times of the eight voxels around a point. If neither they nor the voxels beside them have mass, the time is before
+/// every move.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CellTimes {
+    pub(super) first: u32,
+    pub(super) last: u32,
+}
+
+/// [`CellTimes`] of every cell, at its first voxel.
+pub(super) fn cell_times(class: &Volume<Class, Work>, time: &[u32]) -> Vec<CellTimes> {
     let [nx, ny, nz] = class.grid().dims();
     // there may be bone between voxel centres
     let has_mass: Vec<u8> = class.data().iter().map(|class| class.0 & Class::HAS_MASS).collect();
     let near_mass = joined(&has_mass, class.grid().dims(), |a, b| a | b);
     let slab = nx * ny;
     let steps = [0, 1, nx, nx + 1, slab, slab + 1, slab + nx, slab + nx + 1];
-    let mut times = vec![0; time.len()];
+    let mut times = vec![CellTimes { first: 0, last: 0 }; time.len()];
     times.par_chunks_mut(slab).enumerate().take(nz.saturating_sub(1)).for_each(|(k, cells)| {
         cancel::poll();
         for j in 0..ny.saturating_sub(1) {
             for i in 0..nx.saturating_sub(1) {
                 let voxels = steps.map(|step| k * slab + j * nx + i + step);
                 if voxels.iter().any(|v| near_mass[*v] != 0) {
-                    cells[j * nx + i] = voxels.iter().map(|v| time[*v]).fold(0, u32::max);
+                    let ends = voxels.iter().map(|v| time[*v]);
+                    cells[j * nx + i] =
+                        CellTimes { first: ends.clone().fold(NEVER, u32::min), last: ends.fold(0, u32::max) };
                 }
             }
         }
@@ -31,7 +41,7 @@ pub(super) fn last_times(class: &Volume<Class, Work>, time: &[u32]) -> Vec<u32> 
     times
 }
 
-/// The latest of [`last_times`] in each block of cells and the blocks around it.
+/// The latest of [`CellTimes`] in each block of cells and the blocks around it.
 #[derive(Debug)]
 pub(super) struct LastTimes {
     dims: [usize; 3],
@@ -46,7 +56,7 @@ impl LastTimes {
     const SIDE: usize = 2;
 
     /// The latest times of a grid's cells, for queries of up to `reach_mm` around a point.
-    pub(super) fn new(times: &[u32], grid: &Grid<Work>, reach_mm: f64) -> Self {
+    pub(super) fn new(times: &[CellTimes], grid: &Grid<Work>, reach_mm: f64) -> Self {
         let ([nx, ny, nz], spacing_mm) = (grid.dims(), grid.spacing_mm().x);
         let block_mm = Self::SIDE as f64 * spacing_mm;
         let blocks = (reach_mm / block_mm).ceil().max(1.0) as usize;
@@ -58,9 +68,9 @@ impl LastTimes {
             for k in block * Self::SIDE..((block + 1) * Self::SIDE).min(nz) {
                 for j in 0..ny {
                     let blocks = &mut slab[bx * (j / Self::SIDE)..][..bx];
-                    for (i, time) in times[nx * (j + ny * k)..][..nx].iter().enumerate() {
+                    for (i, times) in times[nx * (j + ny * k)..][..nx].iter().enumerate() {
                         let latest = &mut blocks[i / Self::SIDE];
-                        *latest = (*time).max(*latest);
+                        *latest = times.last.max(*latest);
                     }
                 }
             }
