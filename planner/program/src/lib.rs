@@ -29,7 +29,7 @@
 //! use bonemill_program::{Dialect, write};
 //! let to = |kind, y| Move { side: Side::A, kind, tip_mm: [1.0, y, -3.0].into(), a_rad: 0.0, feed_mm_min: 340.0, time_s: 0.0 };
 //! let text = write(&[to(Kind::Link, 12.0), to(Kind::Rough, 2.5)], &job, Dialect::Haas, &[]);
-//! assert!(text.contains("G53 G0 Z0.000\nG0 A0.000\n") && text.contains("G0 X1.000 Y3.000\nG0 Z12.000\nG1 Z2.500 F340.00\n"));
+//! assert!(text.contains("G53 G0 Z0.000\nT1 M6\nG0 A0.000\n") && text.contains("G0 X1.000 Y3.000\nG0 Z12.000\nG1 Z2.500 F340.00\n"));
 //! assert!(text.contains("G4 P3000\n") && text.contains("(block at A0: X -20.000 to 20.000, Y -20.000 to 30.000, Z -8.000 to 8.000)"));
 //! ```
 
@@ -150,9 +150,7 @@ impl Text {
             }
         }
         let (block, tool) = (&job.block, &job.tool);
-        let a = Facing::Front.from_block(&block.low_mm);
-        let b = Facing::Front.from_block(&block.high_mm);
-        let (low, high) = (a.inf(&b), a.sup(&b));
+        let [low, high] = block.at_a0_mm();
         self.line(
             "(zero: X0 Y0 Z0 with the cutter's tip on the rotary axis A, X along it, Z along the spindle)",
         );
