@@ -13,6 +13,7 @@ use bonemill_robot::export::{
     Between, Block, ExportRows, Gcode, GcodeMove, ScriptHold, ScriptNotes, Tolerance, UrScript, is_cartesian,
     straight_blocks, write_gcode, write_ros_json, write_ros_yaml, write_urscript,
 };
+use bonemill_robot::stream::Settings;
 use bonemill_robot::{ArmKind, JointKind};
 
 use crate::args::{ExportArgs, ExportFormat};
@@ -25,8 +26,6 @@ const SCRIPT_RATE_HZ: f64 = 25.0;
 /// Largest distance of the burr from the plan's trajectory because of rows that are left out, mm: a fifth of the trajectory's
 /// own tolerance.
 const LEFT_OUT_MM: f64 = 0.2 * TRAJECTORY_TOLERANCE_MM;
-/// How far a script goes back along the path to wait at a hold, mm, as in streaming.
-const RETREAT_MM: f64 = 2.0;
 /// Largest deviation of the shaft's axis because of G-code's straight blocks, rad: 0.03 mm at the end of a shank of 60 mm.
 const LEFT_OUT_RAD: f64 = 5e-4;
 
@@ -175,10 +174,10 @@ fn files(
 
 /// How far beside its path the burr is by servoj's lag alone, in words.
 fn late(plan: &StoredPlan, rows: &ExportRows<'_>) -> anyhow::Result<String> {
-    let mut found = Vec::new();
-    for lag_s in [0.034, 0.1, 0.2] {
-        found.push(format!("{:.2} mm with {lag_s} s", rows.late_mm(&plan.arm, lag_s)?));
-    }
+    let lags_s = [0.034, 0.1, 0.2];
+    let late_mm = rows.late_mm(&plan.arm, lags_s)?;
+    let found: Vec<_> =
+        late_mm.iter().zip(lags_s).map(|(mm, lag_s)| format!("{mm:.2} mm with {lag_s} s")).collect();
     Ok(format!(
         "servoj follows late (lookahead 0.1 s, gain 300; streaming uses 0.03 s and 2000, of which 0.034 s were measured): the burr leaves its path \
          by {}.",
@@ -189,9 +188,11 @@ fn late(plan: &StoredPlan, rows: &ExportRows<'_>) -> anyhow::Result<String> {
 /// Where a script goes back and waits.
 fn holds(plan: &StoredPlan, rows: &ExportRows<'_>) -> anyhow::Result<Vec<ScriptHold>> {
     let name = |structure: usize| &plan.record.case.structures[structure].name;
+    // as in streaming
+    let retreat_mm = Settings::default().retreat_mm;
     let hold = |hold: HoldPoint| {
         let row = rows.at_or_before(hold.row).min(rows.count().saturating_sub(2));
-        let back_row = rows.back_from(row, RETREAT_MM, &plan.arm)?;
+        let back_row = rows.back_from(row, retreat_mm, &plan.arm)?;
         Ok(ScriptHold {
             row,
             back_row,

@@ -125,10 +125,9 @@ impl StreamPlan {
     fn resume_row(&self, log: PathBuf) -> PyResult<f64> {
         let text = std::fs::read_to_string(&log)
             .map_err(|e| StreamError::new_err(format!("cannot read {}: {e}", log.display())))?;
-        let read = Log::read(&text).and_then(|log| log.of_plan(&self.plan.digest));
-        let read = read.map_err(|e| StreamError::new_err(format!("{}: {}", log.display(), words(&e))))?;
         let row =
-            read.last_row().map_err(|e| StreamError::new_err(format!("{}: {}", log.display(), words(&e))))?;
+            Log::read(&text).and_then(|log| log.of_plan(&self.plan.digest)).and_then(|log| log.last_row());
+        let row = row.map_err(|e| StreamError::new_err(format!("{}: {}", log.display(), words(&e))))?;
         Ok(self.plan.resume_row(row))
     }
 

@@ -19,6 +19,14 @@ pub struct Block {
     pub grip_mm: f64,
 }
 
+impl Block {
+    /// Lowest and highest corner in the machine's axes at A = 0, mm. The grip lies there at the greatest Y.
+    pub fn at_a0_mm(&self) -> [Vector3<f64>; 2] {
+        let [a, b] = [&self.low_mm, &self.high_mm].map(|corner| Facing::Front.from_block(corner));
+        [a.inf(&b), a.sup(&b)]
+    }
+}
+
 /// A piece of the holder: a cylinder above the pieces before it, the first above the tool's length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HolderSegment {

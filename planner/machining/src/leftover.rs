@@ -47,18 +47,13 @@ pub fn places(
     let mut seen = vec![false; raster.len()];
     let mut found = Vec::new();
     for start in 0..raster.len() {
-        let mut stack = vec![start];
         let (mut volume_mm3, mut deepest_mm, mut moment) = (0.0, 0.0_f64, Vector3::zeros());
-        while let Some(cell) = stack.pop() {
-            if thickness_mm[cell] <= LEAST_MM || std::mem::replace(&mut seen[cell], true) {
-                continue;
-            }
+        for cell in raster.connected(vec![start], &mut seen, |cell| thickness_mm[cell] > LEAST_MM) {
             let volume = thickness_mm[cell] * raster.pitch_mm * raster.pitch_mm;
             let [u, v] = raster.centre_of(cell);
             volume_mm3 += volume;
             deepest_mm = deepest_mm.max(thickness_mm[cell]);
             moment += volume * Vector3::new(u, v, height_mm[cell]);
-            stack.extend(neighbours(raster, cell));
         }
         if volume_mm3 > LEAST_MM3 {
             let at_mm = facing.to_block(&(moment / volume_mm3));
@@ -67,13 +62,4 @@ pub fn places(
     }
     found.sort_by(|a, b| b.volume_mm3.total_cmp(&a.volume_mm3));
     found
-}
-
-/// The four cells beside one, those on the raster.
-pub(crate) fn neighbours(raster: &Raster, cell: usize) -> impl Iterator<Item = usize> {
-    let [nu, nv] = raster.dims;
-    let (i, j) = (cell % nu, cell / nu);
-    let beside = [(i > 0).then(|| cell - 1), (i + 1 < nu).then(|| cell + 1)];
-    let along = [(j > 0).then(|| cell - nu), (j + 1 < nv).then(|| cell + nu)];
-    beside.into_iter().chain(along).flatten()
 }

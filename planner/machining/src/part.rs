@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 
 use crate::envelope::Envelope;
 use crate::job::Job;
-use crate::leftover::{self, Leftover, Reason, neighbours};
+use crate::leftover::{self, Leftover, Reason};
 use crate::moves::Facing;
 use crate::raster::{NONE, Raster};
 use crate::reach::THROUGH_MM;
@@ -104,7 +104,9 @@ impl Part {
     pub fn corners(&self, job: &Job) -> Vec<Leftover> {
         let (raster, radius_mm) = (&self.raster, job.tool.radius_mm);
         let is_free = |cell: usize| !self.envelope.holds(cell) && self.nearest.distance_mm[cell] >= radius_mm;
-        let is_edge = |cell: &usize| is_free(*cell) && neighbours(raster, *cell).any(|next| !is_free(next));
+        let is_edge = |cell: &usize| {
+            is_free(*cell) && raster.neighbours(*cell).into_iter().flatten().any(|next| !is_free(next))
+        };
         // from the cell's centre toward the outline, to where the cutter touches it
         let touching = |cell: usize| {
             let (at, outline) =
@@ -159,12 +161,15 @@ fn loose(raster: &Raster, outside_mm: &[f64], job: &Job) -> Vec<bool> {
     let lowest = raster.centre(0, raster.dims[1] - 1)[1];
     let is_grip = |cell: usize| raster.centre_of(cell)[1] >= grip_v.min(lowest);
     let grip = (0..raster.len()).filter(|cell| is_grip(*cell));
-    let mut held = connected(raster, grip.collect(), holds);
+    let mut held = vec![false; raster.len()];
+    raster.connected(grip.collect(), &mut held, holds);
+    let is_beside =
+        |cell: usize, map: &[bool]| raster.neighbours(cell).into_iter().flatten().any(|next| map[next]);
     // the frame's own edges, from cell to cell beside it: farther than straight on
     let rounds = std::f64::consts::SQRT_2 * (HOLDS_MM / raster.pitch_mm + 2.0);
     for _ in 0..rounds.ceil() as usize {
         let before = held.clone();
-        let near = |cell: usize| beside[cell] && neighbours(raster, cell).any(|next| before[next]);
+        let near = |cell: usize| beside[cell] && is_beside(cell, &before);
         (0..raster.len()).filter(|cell| near(*cell)).for_each(|cell| held[cell] = true);
     }
     // what is left hangs on nothing, or holds more than itself: else it is a sharp corner of the frame
@@ -172,13 +177,10 @@ fn loose(raster: &Raster, outside_mm: &[f64], job: &Job) -> Vec<bool> {
     let (mut loose, mut seen) = (vec![false; raster.len()], vec![false; raster.len()]);
     for cell in 0..raster.len() {
         if rest(cell) && !seen[cell] {
-            let piece = connected(raster, vec![cell], rest);
-            let cells: Vec<usize> = (0..raster.len()).filter(|cell| piece[*cell]).collect();
-            let hangs = cells.iter().any(|cell| neighbours(raster, *cell).any(|next| held[next]));
-            let is_loose = !hangs || cells.iter().any(|cell| holds(*cell));
-            for cell in cells {
-                (seen[cell], loose[cell]) = (true, is_loose);
-            }
+            let piece = raster.connected(vec![cell], &mut seen, rest);
+            let hangs = piece.iter().any(|cell| is_beside(*cell, &held));
+            let is_loose = !hangs || piece.iter().any(|cell| holds(*cell));
+            piece.into_iter().for_each(|cell| loose[cell] = is_loose);
         }
     }
     loose
@@ -212,16 +214,7 @@ fn reached_from_the_edge(raster: &Raster, open: impl Fn(usize) -> bool) -> Vec<b
     let [nu, nv] = raster.dims;
     let on_edge =
         |cell: usize| cell.is_multiple_of(nu) || cell % nu == nu - 1 || cell < nu || cell >= nu * (nv - 1);
-    connected(raster, (0..raster.len()).filter(|c| on_edge(*c)).collect(), open)
-}
-
-/// Cells that are connected to some cells through cells that are `open`, these included.
-fn connected(raster: &Raster, mut from: Vec<usize>, open: impl Fn(usize) -> bool) -> Vec<bool> {
     let mut reached = vec![false; raster.len()];
-    while let Some(cell) = from.pop() {
-        if open(cell) && !std::mem::replace(&mut reached[cell], true) {
-            from.extend(neighbours(raster, cell));
-        }
-    }
+    raster.connected((0..raster.len()).filter(|c| on_edge(*c)).collect(), &mut reached, open);
     reached
 }

@@ -82,6 +82,35 @@ impl Raster {
         inside.then(|| i as usize + self.dims[0] * j as usize)
     }
 
+    /// The cells beside one: left, right, below, above; `None` beyond the raster.
+    pub fn neighbours(&self, cell: usize) -> [Option<usize>; 4] {
+        let [nu, nv] = self.dims;
+        let (i, j) = (cell % nu, cell / nu);
+        [
+            (i > 0).then(|| cell - 1),
+            (i + 1 < nu).then(|| cell + 1),
+            (j > 0).then(|| cell - nu),
+            (j + 1 < nv).then(|| cell + nu),
+        ]
+    }
+
+    /// Cells that are connected to those of `from` through cells that are `open`, these included, but for those that were `seen`; then they all are.
+    pub fn connected(
+        &self,
+        mut from: Vec<usize>,
+        seen: &mut [bool],
+        open: impl Fn(usize) -> bool,
+    ) -> Vec<usize> {
+        let mut found = Vec::new();
+        while let Some(cell) = from.pop() {
+            if open(cell) && !std::mem::replace(&mut seen[cell], true) {
+                found.push(cell);
+                from.extend(self.neighbours(cell).into_iter().flatten());
+            }
+        }
+        found
+    }
+
     /// Columns or rows whose centres lie within `low..=high` mm, cut to the raster.
     pub fn span(&self, axis: usize, low_mm: f64, high_mm: f64) -> std::ops::Range<usize> {
         let low = self.at(axis, low_mm).ceil().max(0.0);

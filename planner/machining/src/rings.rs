@@ -46,7 +46,7 @@ impl Field {
             if std::mem::replace(&mut done[cell], true) {
                 continue;
             }
-            for next in field.neighbours(cell).into_iter().flatten() {
+            for next in raster.neighbours(cell).into_iter().flatten() {
                 if field.t[next] >= 0.0 && !done[next] {
                     let t = field.arrival(next, raster.pitch_mm / step_mm[next]);
                     if t < field.t[next] {
@@ -60,20 +60,9 @@ impl Field {
         field
     }
 
-    fn neighbours(&self, cell: usize) -> [Option<usize>; 4] {
-        let [nu, nv] = self.raster.dims;
-        let (i, j) = (cell % nu, cell / nu);
-        [
-            (i > 0).then(|| cell - 1),
-            (i + 1 < nu).then(|| cell + 1),
-            (j > 0).then(|| cell - nu),
-            (j + 1 < nv).then(|| cell + nu),
-        ]
-    }
-
     /// The T at which the front arrives, from the lesser neighbours along u and v: (T − a)² + (T − b)² = f².
     fn arrival(&self, cell: usize, f: f64) -> f64 {
-        let [left, right, below, above] = self.neighbours(cell);
+        let [left, right, below, above] = self.raster.neighbours(cell);
         let lesser = |one: Option<usize>, other: Option<usize>| {
             let value = |n: Option<usize>| {
                 n.map_or(f64::INFINITY, |n| if self.t[n] < 0.0 { f64::INFINITY } else { self.t[n] })
@@ -111,18 +100,8 @@ impl Field {
             if seen[start] || self.t[start] <= half || self.t[start] > next {
                 continue;
             }
-            let (mut island, mut stack, mut peak) = (Vec::new(), vec![start], half);
-            seen[start] = true;
-            while let Some(cell) = stack.pop() {
-                peak = f64::max(peak, self.t[cell]);
-                island.push(cell);
-                for n in self.neighbours(cell).into_iter().flatten() {
-                    if !seen[n] && self.t[n] > half {
-                        seen[n] = true;
-                        stack.push(n);
-                    }
-                }
-            }
+            let island = self.raster.connected(vec![start], &mut seen, |cell| self.t[cell] > half);
+            let peak = island.iter().map(|cell| self.t[*cell]).fold(half, f64::max);
             if peak < next && island.len() > 1 {
                 any = true;
                 island.iter().for_each(|cell| kept[*cell] = self.t[*cell]);

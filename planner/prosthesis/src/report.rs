@@ -6,7 +6,6 @@ use std::fmt::Write;
 
 use bonemill_case::explained_job;
 use bonemill_case::prosthesis::MachineKind;
-use bonemill_machining::Facing;
 use bonemill_machining::strip::{FORCE_N_MM2, SHEAR_N_MM2, StripStrength, TENSILE_N_MM2};
 use bonemill_part::orient::Laid;
 use bonemill_planfile::page::{escape, opening, parameters, verdict};
@@ -102,8 +101,7 @@ fn instructions(plan: &ProsthesisPlan, record: &JobRecord) -> String {
 /// Where block and grip stand at A = 0, in the machine's axes and the block's.
 fn where_it_stands(record: &JobRecord) -> String {
     let block = &record.block;
-    let (a, b) = (Facing::Front.from_block(&block.low_mm), Facing::Front.from_block(&block.high_mm));
-    let (low, high) = (a.inf(&b), a.sup(&b));
+    let [low, high] = block.at_a0_mm();
     format!(
         "Seen from the program's zero, at A = 0, the block stands from X = {:.2} to {:.2}, Y = {:.2} to {:.2} and Z = {:.2} to {:.2} mm, and the grip may cover it from \
          Y = {:.2} to {:.2} mm. The report, <code>toolpath.csv</code> and <code>job.toml</code> give places in the block's frame: its x is X, its y is Z and its z is \

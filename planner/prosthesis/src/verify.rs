@@ -304,7 +304,7 @@ fn same_record(record: &JobRecord, found: &Follows) -> Check {
         ("warnings", &record.warnings, &found.told.warnings),
         ("shortfalls", &record.shortfalls, &found.told.shortfalls),
     ] {
-        if let Some(n) = (0..stated.len().max(is.len())).find(|n| stated.get(*n) != is.get(*n)) {
+        if let Some(n) = first_other(stated, is) {
             let [stated, is] = [stated, is].map(|list| list.get(n).map_or("nothing", String::as_str));
             faults.push(format!("`{what}[{n}]` is {stated:?}, but {is:?} is found"));
         }
@@ -333,6 +333,11 @@ fn same_record(record: &JobRecord, found: &Follows) -> Check {
         faults.push("a line is not as it was written: the digest in the last line is another".into());
     }
     Check { name: "job.toml tells what follows from the files", faults }
+}
+
+/// The first place at which two lists differ.
+fn first_other<T: PartialEq>(a: &[T], b: &[T]) -> Option<usize> {
+    (0..a.len().max(b.len())).find(|n| a.get(*n) != b.get(*n))
 }
 
 fn is_same(a: &Value, b: &Value) -> bool {
@@ -381,13 +386,10 @@ fn same_program(
     let job = settings::machining(&record.job, record.block);
     let mut faults = Vec::new();
     let own = bonemill_program::write(moves, &job, settings::dialect(&record.job), shortfalls);
-    let (lines, own_lines) = (|| program.lines(), || own.lines());
-    let count = lines().count().max(own_lines().count());
-    let other = (0..count)
-        .zip(lines().map(Some).chain(std::iter::repeat(None)))
-        .zip(own_lines().map(Some).chain(std::iter::repeat(None)));
-    if let Some(((n, is), wanted)) = other.into_iter().find(|((_, is), wanted)| is != wanted) {
-        let [is, wanted] = [is, wanted].map(|line| line.map_or("nothing".into(), |line| format!("{line:?}")));
+    let [lines, own] = [program, &own].map(|text| text.lines().collect::<Vec<_>>());
+    if let Some(n) = first_other(&lines, &own) {
+        let [is, wanted] =
+            [lines, own].map(|lines| lines.get(n).map_or("nothing".into(), |line| format!("{line:?}")));
         faults.push(format!("program.nc line {}: {is} instead of {wanted}", n + 1));
     }
     let mut timed = moves.to_vec();

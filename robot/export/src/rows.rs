@@ -66,9 +66,7 @@ impl<'a> ExportRows<'a> {
         most_mm: f64,
         most_s: f64,
     ) -> Result<Self, RobotError> {
-        let dof = self.joints.len();
-        let places: Result<Vec<_>, _> = self.q.par_chunks_exact(dof).map(|q| burr(arm, q)).collect();
-        let (places, last) = (places?, self.time_s.len() - 1);
+        let (places, last) = (self.places(arm)?, self.time_s.len() - 1);
         let mut kept = vec![0];
         let (mut from, mut span) = (0, 1);
         while from < last {
@@ -154,9 +152,7 @@ impl<'a> ExportRows<'a> {
     /// # Errors
     /// [`RobotError::Length`] for an arm with another number of joints.
     pub fn deviation_mm(&self, arm: &Arm, between: Between) -> Result<(f64, usize), RobotError> {
-        let places: Result<Vec<_>, _> =
-            self.q.par_chunks_exact(self.joints.len()).map(|q| burr(arm, q)).collect();
-        let places = places?;
+        let places = self.places(arm)?;
         let step = |n: usize| -> Result<(f64, usize), RobotError> {
             Ok((self.span_mm(arm, &places, (self.kept[n], self.kept[n + 1]), between)?, n))
         };
@@ -164,6 +160,11 @@ impl<'a> ExportRows<'a> {
         let worse =
             |a: (f64, usize), b: (f64, usize)| if b.0 > a.0 || (b.0 == a.0 && b.1 < a.1) { b } else { a };
         (0..self.count() - 1).into_par_iter().map(step).try_reduce(|| (0.0, 0), |a, b| Ok(worse(a, b)))
+    }
+
+    /// Where the burr is at every sampled row.
+    fn places(&self, arm: &Arm) -> Result<Vec<Point<Base>>, RobotError> {
+        self.q.par_chunks_exact(self.joints.len()).map(|q| burr(arm, q)).collect()
     }
 
     /// How far the burr leaves its sampled places between two sampled rows when those between are left out, mm.
@@ -193,14 +194,21 @@ impl<'a> ExportRows<'a> {
         Ok(worst_mm)
     }
 
-    /// How far the burr leaves its path when an arm follows so late, mm: by two equal first-order lags, each half of it.
+    /// How far the burr leaves its path when an arm follows so late, mm, for each lag: by two equal first-order lags, each half of it.
     ///
     /// # Errors
     /// [`RobotError::Length`] for an arm with another number of joints.
-    pub fn late_mm(&self, arm: &Arm, lag_s: f64) -> Result<f64, RobotError> {
+    pub fn late_mm<const N: usize>(&self, arm: &Arm, lags_s: [f64; N]) -> Result<[f64; N], RobotError> {
+        let places = self.places(arm)?;
+        let mut found = [0.0; N];
+        for (found, lag_s) in found.iter_mut().zip(lags_s) {
+            *found = self.late_by_mm(arm, &places, lag_s)?;
+        }
+        Ok(found)
+    }
+
+    fn late_by_mm(&self, arm: &Arm, places: &[Point<Base>], lag_s: f64) -> Result<f64, RobotError> {
         let dof = self.joints.len();
-        let places: Result<Vec<_>, _> = self.q.par_chunks_exact(dof).map(|q| burr(arm, q)).collect();
-        let places = places?;
         let mut followed = [self.q[..dof].to_vec(), self.q[..dof].to_vec()];
         let mut worst_mm = 0f64;
         let mut first = 0;
@@ -333,9 +341,9 @@ mod tests {
         let (time_s, q, qd) = circle();
         let rows = ExportRows::new(arm.joints(), &time_s, &q, &qd, 1).unwrap();
         // two lags of τ at ω: the radius is divided by 1 + ω²τ²
-        for lag_s in [0.1, 0.2] {
+        let lags_s = [0.1, 0.2];
+        for (lag_s, late_mm) in lags_s.into_iter().zip(rows.late_mm(&arm, lags_s).unwrap()) {
             let inside_mm = 5.0 * (1.0 - 1.0 / (1.0 + (0.5f64 * lag_s).powi(2)));
-            let late_mm = rows.late_mm(&arm, lag_s).unwrap();
             assert!((late_mm / inside_mm - 1.0).abs() < 0.05, "{late_mm} for {inside_mm}");
         }
     }
