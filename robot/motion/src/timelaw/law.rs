@@ -42,7 +42,7 @@ const LOOK_S: f64 = 0.01;
 const MOST_LOOKS: f64 = 1e5;
 
 /// Number of intervals in each piece between instants at which the burr's speed is evaluated.
-const BURR_INSTANTS: usize = 4;
+const BURR_INSTANTS: usize = 16;
 
 /// A motion along a prepared path: at rest at both ends, within all limits at every instant between.
 ///
@@ -115,6 +115,8 @@ impl TimeLaw {
     /// sampled on the halves of the corners.
     fn greatest_burr_speed_mm_s(&self, i: usize) -> f64 {
         let (from_mm, to_mm) = (self.geometry.s_mm[i], self.geometry.s_mm[i + 1]);
+        let half_mm = &self.geometry.half_blend_mm;
+        let straight_mm = [from_mm + half_mm[i], to_mm - half_mm[i + 1]];
         let first = self.pieces.partition_point(|piece| piece.s_mm <= from_mm).saturating_sub(1);
         let mut greatest = 0f64;
         for (k, piece) in self.pieces.iter().enumerate().skip(first) {
@@ -135,6 +137,12 @@ impl TimeLaw {
                 .for_each(|n| meet(enters_s + (leaves_s - enters_s) * n as f64 / BURR_INSTANTS as f64));
             if is_inside {
                 meet(turns_s);
+            }
+            // where the corners end the burr's way per s is greatest
+            for place_mm in straight_mm {
+                if piece.s_mm < place_mm && piece.at(leaves_s)[0] > place_mm {
+                    meet(passed_after_s(piece, place_mm, leaves_s));
+                }
             }
         }
         greatest

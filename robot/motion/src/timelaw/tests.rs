@@ -74,6 +74,23 @@ proptest! {
     }
 }
 
+#[test]
+fn the_greatest_speed_of_a_short_move_between_two_corners_is_not_missed() {
+    // corners that meet: only for an instant does the burr move along the polyline
+    let q = [[0.0, 0.0], [0.25, 0.0], [0.25, 0.12], [0.12, 0.0], [0.12, 0.17], [0.4, 0.2], [0.4, 0.0]];
+    for scale in [0.6, 0.8, 1.0, 1.3, 1.7] {
+        let case = Case::new(q.map(|[x, y]| [scale * x, scale * y, 0.0, 0.0]).to_vec(), 12.0);
+        let law = case.law();
+        let (stated, times) = (law.burr_speeds_mm_s(), law.waypoint_times_s());
+        for k in 1..q.len() {
+            let at = |n: u32| times[k - 1] + (times[k] - times[k - 1]) * f64::from(n) / 1000.0;
+            let speed = |n: u32| linear_mm(&law.sample(at(n)).qd);
+            let found = (0..=1000).map(speed).fold(0.0, f64::max);
+            assert!((stated[k] / found - 1.0).abs() < 2e-3, "move {k} × {scale}: {} for {found}", stated[k]);
+        }
+    }
+}
+
 /// The shortest of the windows' laws for a straight move of the first joint.
 fn by_hand(length_mm: f64, cap_mm_s: f64) -> f64 {
     let of = |share: f64| {
