@@ -117,7 +117,10 @@ impl Prepared<'_> {
         let near: Vec<_> = (0..self.near.len()).map(|i| self.close_by(i)).collect();
         let slowest = |i: usize| chosen.slowest_mm_s(case, i);
         let share = |i: usize, force: &EngagedForce| bounds.of_peaks(&force.force_n(slowest(i)), &near[i]);
-        let is_hot = |i: &usize| chosen.forces_of(*i).any(|force| share(*i, force) > 1.0 + SAME_SHARE);
+        let exceeds = |i: usize| chosen.forces_of(i).any(|force| share(i, force) > 1.0 + SAME_SHARE);
+        // the shaft turns during a move: both axes make its forces
+        let exceeds: Vec<bool> = (0..near.len()).map(exceeds).collect();
+        let is_hot = |i: &usize| exceeds[*i] || exceeds.get(i + 1).is_some_and(|next| *next);
         let hot: Vec<usize> = (0..near.len()).filter(is_hot).collect();
         if hot.is_empty() {
             return Ok(BTreeMap::new());
@@ -130,19 +133,29 @@ impl Prepared<'_> {
         let axes = self.directions.axes();
         // the free axis at waypoint i that keeps the bounds, or misses them least, and is nearest to `wanted`
         let best = |i: usize, wanted: &Unit<Vector3<f64>>| {
-            let gathered = |place: f64| {
+            let gathered = |(of, place): (usize, f64)| {
                 let weight = |density| material.weight(density);
                 let (feed, mut bone) =
-                    swept.bone_within((i as u32, place), kernel.tool().radius_mm(), weight)?;
+                    swept.bone_within((of as u32, place), kernel.tool().radius_mm(), weight)?;
                 let mut samples = EngagedSamples::default();
-                kernel.gather(&mut samples, &Feed::new(&feed, slowest(i), rpm), &mut bone);
-                Some(samples)
+                kernel.gather(&mut samples, &Feed::new(&feed, slowest(of), rpm), &mut bone);
+                Some((of, samples))
             };
-            let places = around_back(&swept, i).into_iter().chain(PLACES);
-            let gathered: Vec<EngagedSamples> = places.filter_map(gathered).collect();
+            // its axis counts in the second half of the move to it and in the first of the one from it
+            let [to, from] = [i, i + 1].map(|of| {
+                let on_path = of < near.len();
+                let places = on_path.then(|| around_back(&swept, of).into_iter().chain(PLACES));
+                places
+                    .into_iter()
+                    .flatten()
+                    .filter(move |place| (*place >= 0.5) == (of == i))
+                    .map(move |place| (of, place))
+            });
+            let gathered: Vec<_> = to.chain(from).filter_map(gathered).collect();
             let share = |axis: &Unit<Vector3<f64>>| {
-                let forces = gathered.iter().map(|samples| kernel.force_for_axis(samples, axis, rpm));
-                forces.map(|force| share(i, &force)).fold(0.0, f64::max)
+                let forces =
+                    gathered.iter().map(|(of, samples)| (*of, kernel.force_for_axis(samples, axis, rpm)));
+                forces.map(|(of, force)| share(of, &force)).fold(0.0, f64::max)
             };
             let free = self.reached.free.iter(i);
             let all = free.map(|n| (share(&axes[n]).max(1.0), angle_between(&axes[n], wanted), axes[n]));

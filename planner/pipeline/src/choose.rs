@@ -10,7 +10,6 @@ use bonemill_case::{Case, CostSpec, ForceTerm, MaterialSpec, OrientationMode, Sp
 use bonemill_cutter::Ball;
 use bonemill_cutting::burr::{EngagedForce, OrientationKernel};
 use bonemill_cutting::cost::{Cost, CostModel, Ranked, Terms};
-use bonemill_cutting::speed::SLOWEST_LINK;
 use bonemill_motion::resolve::{Posture, Stiffness};
 use bonemill_setup::nearest_structures::NearStructure;
 use bonemill_setup::{Stopwatch, tools};
@@ -28,6 +27,7 @@ use super::levels;
 use super::orient::{FreeAxes, Oriented, orient};
 use super::path_forces::ForcedPath;
 use super::prepared::Prepared;
+use super::speeds;
 
 /// Directions in which the choice of axes looks for bone, and how many make a sample. Forces are then summed over the nodes
 /// of D4; with 4096 directions by 8, Σ C Δs + λ ∫ (da/ds)² ds of a mastoidectomy comes out 0.007 % lower.
@@ -107,7 +107,7 @@ impl Chosen {
 
     /// The slowest that move i may be, mm/s.
     pub(super) fn slowest_mm_s(&self, case: &Case, i: usize) -> f64 {
-        case.speed.min_mm_s * if self.kinds[i] == MoveKind::Cut { 1.0 } else { SLOWEST_LINK }
+        speeds::slowest_mm_s(&case.speed, self.kinds[i], self.forces[i].is_some())
     }
 }
 

@@ -20,6 +20,7 @@ use super::speeds::{self, Aim, SpeedInput};
 #[derive(Debug, Clone)]
 pub struct MoveLimits {
     mass_mg: Vec<f64>,
+    slowest_mm_s: Vec<f64>,
     cost: Vec<f64>,
     /// Fastest speed under the case's caps, mm/s; infinite where none binds.
     pub(super) force_cap_mm_s: Vec<f64>,
@@ -36,6 +37,7 @@ impl Prepared<'_> {
         };
         Ok(MoveLimits {
             mass_mg: self.reached.moments.iter().map(Moments::mass_mg).collect(),
+            slowest_mm_s: (0..chosen.kinds.len()).map(|i| chosen.slowest_mm_s(case, i)).collect(),
             cost: chosen.costs.iter().map(|c| c.cost).collect(),
             force_cap_mm_s: force_caps(case, self, chosen),
             pushes,
@@ -69,6 +71,7 @@ impl MoveLimits {
             kinds: &chosen.kinds,
             length_mm: prepared.length_mm(),
             mass_mg: &self.mass_mg,
+            slowest_mm_s: &self.slowest_mm_s,
             cost: &self.cost,
             force_cap_mm_s: &self.force_cap_mm_s,
             pushes: &self.pushes,
@@ -87,7 +90,7 @@ impl MoveLimits {
         let caps = Caps::new(case, prepared, chosen);
         let mut broken: BTreeMap<&str, Broken> = BTreeMap::new();
         for i in 0..self.force_cap_mm_s.len() {
-            let slowest_mm_s = chosen.slowest_mm_s(case, i);
+            let slowest_mm_s = self.slowest_mm_s[i];
             if self.force_cap_mm_s[i] >= slowest_mm_s {
                 continue;
             }

@@ -260,11 +260,13 @@ fn optimal(room: &FreeAxes, field: &CostField, goal: Option<&Goal>) -> Oriented 
             let UnderLevels { levels, cost, found, seconds: [seconds, waits_s] } =
                 least_levels(room, field, &times, goal, (coarser, kept));
             let value = |i: usize, samples: &EngagedSamples, axis: &Unit<_>, compliance: Option<&_>| {
-                if !field.cuts(i) {
-                    return (1.0 / times.link_mm_s) as f32;
-                }
-                let push = field.axis_push(&times, i, axis, &field.push(samples, axis, compliance));
-                (push.cost(&levels, times.range_mm_s) + room.leaves_kept(i, axis)) as f32
+                let own = if field.cuts(i) {
+                    let push = field.axis_push(&times, i, axis, &field.push(samples, axis, compliance));
+                    push.cost(&levels, times.range_mm_s)
+                } else {
+                    1.0 / times.link_mm_s
+                };
+                (own + room.leaves_kept(i, axis)) as f32
             };
             let turns = goal.limits(room.turns, 1.0);
             let predicted = Predicted { levels: levels.levels, seconds, waits_s };

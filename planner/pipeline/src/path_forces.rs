@@ -130,13 +130,16 @@ impl ForcedPath<'_> {
                 let weight = |density| material.weight(density);
                 let (feed, mut bone) =
                     swept.bone_within((i as u32, share), kernel.sample_radius_mm(), weight)?;
-                Some(kernel.engaged_force(&axes[i], &feed_of(case, &feed), &mut bone))
+                // the shaft turns during the move
+                let axis = Unit::new_normalize(axes[i.saturating_sub(1)].lerp(&axes[i], share));
+                Some(kernel.engaged_force(&axis, &feed_of(case, &feed), &mut bone))
             };
             let mut found: Vec<EngagedForce> = around_back(&swept, i).into_iter().filter_map(at).collect();
             if let Some(end) = &ends[i] {
                 let first = WITHIN.iter().filter_map(|share| Some((*share, at(*share)?)));
                 let places: Vec<_> = first.chain([(1.0, *end)]).collect();
                 found.extend(places[..places.len() - 1].iter().map(|(_, force)| *force));
+                found.extend(Some(1.0).filter(|_| swept.is_rounded(i)).and_then(at));
                 // pairs whose forces may differ too much
                 let mut pairs: Vec<_> = places.windows(2).map(|pair| [pair[0], pair[1]]).collect();
                 while let Some([from, to]) = pairs.pop() {

@@ -334,7 +334,7 @@ impl Draft {
             |force: &Option<EngagedForce>| if force.is_some() { MoveKind::Cut } else { MoveKind::Link };
         let kinds: Vec<MoveKind> = forces.iter().map(kind).collect();
         let pushes = levels::pushes(case, &self.near, (forces, &[]), None)?;
-        let moves = PushedMoves::new(case, &kinds, &self.length_mm, &pushes);
+        let moves = PushedMoves::new(case, (&kinds, &pushes), &self.length_mm, &pushes);
         let aim = Aim { total_s: None, reference, most_overall: None };
         let cutting_s = (total_s - self.links_s(case, forces)).max(1e-3);
         let found = speeds::caps(&moves.input(), Some(cutting_s), &aim)?;

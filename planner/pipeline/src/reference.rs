@@ -213,7 +213,7 @@ impl ReferencePath {
             (&self.forces.ends, &self.forces.within),
             compliances.as_deref(),
         )?;
-        let moves = PushedMoves::new(case, &self.kinds, &self.length_mm, &pushes);
+        let moves = PushedMoves::new(case, (&self.kinds, &self.forces.ends), &self.length_mm, &pushes);
         let aim = Aim { total_s: Some(total_s), reference: None, most_overall };
         let timing = speeds::timing(&moves.input(), &joints, &aim)?;
         let reached = levels::reached(&pushes, &timing.driven.driven_mm_s);

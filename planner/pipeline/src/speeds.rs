@@ -5,7 +5,8 @@ use bonemill_armpath::{ArmMotion, path_limits};
 use bonemill_case::{Case, SpeedMode, SpeedSpec};
 use bonemill_cutter::MoveKind;
 use bonemill_cutting::speed::{
-    CutMoves, CutPushes, Levels, Smoothing, SpeedModel, TimeLimit, last_within, least_along, least_levels,
+    CutMoves, CutPushes, Levels, SLOWEST_SKIN, Smoothing, SpeedModel, TimeLimit, last_within, least_along,
+    least_levels,
 };
 use bonemill_motion::resolve::DensePath;
 use bonemill_motion::timelaw::{JointPath, PreparedPath, TimeLaw};
@@ -32,6 +33,8 @@ pub struct SpeedInput<'a> {
     pub length_mm: &'a [f64],
     /// Mass ahead, mg.
     pub mass_mg: &'a [f64],
+    /// Slowest that it may be, mm/s.
+    pub slowest_mm_s: &'a [f64],
     /// Cost C.
     pub cost: &'a [f64],
     /// Fastest speed that the case's caps on force, deflection and power allow, mm/s; infinite where none binds.
@@ -58,17 +61,19 @@ pub struct PushedMoves<'a> {
     spec: SpeedSpec,
     smoothing: Smoothing,
     none: Vec<f64>,
+    slowest_mm_s: Vec<f64>,
     uncapped_mm_s: Vec<f64>,
 }
 
 impl<'a> PushedMoves<'a> {
-    /// Of moves of a case.
-    pub fn new(
+    /// Of moves of a case; `ends`: what those have that are to remove something.
+    pub fn new<T>(
         case: &Case,
-        kinds: &'a [MoveKind],
+        (kinds, ends): (&'a [MoveKind], &[Option<T>]),
         length_mm: &'a [f64],
         pushes: &'a [Option<CutPushes>],
     ) -> Self {
+        let moves = kinds.iter().zip(ends);
         Self {
             kinds,
             length_mm,
@@ -77,6 +82,7 @@ impl<'a> PushedMoves<'a> {
             spec: SpeedSpec { mode: SpeedMode::LeastForce, ..case.speed.clone() },
             smoothing: smoothing(case),
             none: vec![0.0; kinds.len()],
+            slowest_mm_s: moves.map(|(kind, end)| slowest_mm_s(&case.speed, *kind, end.is_some())).collect(),
             uncapped_mm_s: vec![f64::INFINITY; kinds.len()],
         }
     }
@@ -87,6 +93,7 @@ impl<'a> PushedMoves<'a> {
             kinds: self.kinds,
             length_mm: self.length_mm,
             mass_mg: &self.none,
+            slowest_mm_s: &self.slowest_mm_s,
             cost: &self.none,
             force_cap_mm_s: &self.uncapped_mm_s,
             pushes: self.pushes,
@@ -96,6 +103,11 @@ impl<'a> PushedMoves<'a> {
             smoothing: self.smoothing,
         }
     }
+}
+
+/// The slowest that a move may be, mm/s: one that is to remove nothing is slow only where it cuts the skin that a rounded corner left.
+pub(super) fn slowest_mm_s(spec: &SpeedSpec, kind: MoveKind, removes: bool) -> f64 {
+    spec.min_mm_s * if kind == MoveKind::Cut && removes { 1.0 } else { SLOWEST_SKIN }
 }
 
 /// The time and the levels that speeds aim at.
@@ -271,7 +283,8 @@ impl<'a> Cuts<'a> {
             length_mm: cuts().map(|i| input.length_mm[i]).collect(),
             moves: CutMoves {
                 length_mm: input.length_mm,
-                range_mm_s: [spec.min_mm_s, spec.max_mm_s],
+                slowest_mm_s: input.slowest_mm_s,
+                max_mm_s: spec.max_mm_s,
                 link_mm_s: spec.link_mm_s,
                 acceleration_mm_s2: spec.caps.acceleration_mm_s2,
                 is_cut,
@@ -325,7 +338,7 @@ impl<'a> Cuts<'a> {
         duration_s: impl Fn(&[f64]) -> Result<f64, PlanError>,
     ) -> Result<SpeedCaps, PlanError> {
         let pushes = self.input.pushes.iter().flatten();
-        let mut top = Levels::above_all(pushes, self.moves.range_mm_s);
+        let mut top = Levels::above_all(pushes, [self.spec.min_mm_s, self.spec.max_mm_s]);
         top.overall = aim.most_overall.map_or(top.overall, |most| top.overall.min(most));
         let caps = |levels: &Levels| -> Result<Vec<f64>, PlanError> {
             Ok(self.moves.profile(|i| self.cap_under(levels, i))?.move_mm_s)
@@ -439,7 +452,7 @@ impl<'a> Cuts<'a> {
     /// Caps that the arm does not reach, lowered to hardly more than what it drives; a cut's within the range of speeds.
     fn lowered(&self, caps_mm_s: &[f64], driven_mm_s: &[f64]) -> Vec<f64> {
         let lower = |i: usize| {
-            let least = if self.moves.is_cut[i] { self.spec.min_mm_s } else { 0.0 };
+            let least = if self.moves.is_cut[i] { self.moves.slowest_mm_s[i] } else { 0.0 };
             let driven = driven_mm_s[i];
             if driven > 0.0 { caps_mm_s[i].min((CAP_OVER_DRIVEN * driven).max(least)) } else { caps_mm_s[i] }
         };

@@ -52,6 +52,8 @@ pub struct SweptPath<'a> {
     vertices: Vec<Vector3<f64>>,
     /// The vertex at which the move to each waypoint ends.
     end_of: Vec<u32>,
+    /// Whether it ends in a rounded corner.
+    is_rounded: Vec<bool>,
     /// Where the move to each waypoint comes back to an earlier rounded corner, as a share of its way.
     comes_back: Vec<Option<f64>>,
     radius_mm: f64,
@@ -78,11 +80,13 @@ impl<'a> SweptPath<'a> {
     ) -> Self {
         let Ball { radius_mm } = ball;
         let (mut vertices, mut end_of) = (Vec::with_capacity(points.len()), Vec::with_capacity(points.len()));
+        let mut is_rounded = vec![false; points.len()];
         let mut rounded = corners.iter().peekable();
         for (i, point) in points.iter().enumerate() {
             let corner = rounded.next_if(|corner| corner.waypoint == i);
             match corner {
                 Some(RoundedCorner { at: [before, middle, behind], .. }) => {
+                    is_rounded[i] = true;
                     end_of.push(vertices.len() as u32 + 1);
                     vertices.extend([before.coords, middle.coords, behind.coords]);
                 }
@@ -104,6 +108,7 @@ impl<'a> SweptPath<'a> {
             comes_back: comes_back(points, corners),
             vertices,
             end_of,
+            is_rounded,
             radius_mm,
             dims: grid.dims(),
             per_mm: 1.0 / grid.spacing_mm().x,
@@ -186,8 +191,13 @@ impl<'a> SweptPath<'a> {
         self.bone_around(center, (index, before), sample_radius_mm, weight_of)
     }
 
+    /// Whether the arm rounds the corner where the move to waypoint `index` ends.
+    pub fn is_rounded(&self, index: usize) -> bool {
+        self.is_rounded[index]
+    }
+
     /// The same at a share, 0 to 1, of the way of the move to waypoint `index`, and the direction in which the burr moves there; `None`
-    /// where it does not move.
+    /// where it does not move. In the middle of a rounded corner, at 1, that is between those before and behind it.
     pub fn bone_within<W: Fn(f64) -> f64>(
         &self,
         (index, share): (u32, f64),
@@ -201,8 +211,12 @@ impl<'a> SweptPath<'a> {
             let (from, to) = (self.vertices[n as usize - 1], self.vertices[n as usize]);
             let piece_mm = length(n);
             if left_mm <= piece_mm || n == last {
-                let direction = Unit::try_new(to - from, 1e-9)?;
+                let mut direction = Unit::try_new(to - from, 1e-9)?;
                 let center = from + direction.into_inner() * left_mm.min(piece_mm);
+                if share >= 1.0 && self.is_rounded[index as usize] {
+                    let behind = Unit::try_new(self.vertices[n as usize + 1] - to, 1e-9)?;
+                    direction = Unit::try_new(direction.into_inner() + behind.into_inner(), 1e-9)?;
+                }
                 return Some((
                     direction,
                     self.bone_around(center, (index, Some(n - 1)), sample_radius_mm, weight_of),

@@ -69,6 +69,8 @@ pub fn rows(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check>
     let speed = |kind, low: f64, high: f64| {
         Worst::of(all().filter(|(n, _)| moves.kinds[*n] == kind).map(|(n, w)| {
             let v = w.speed_mm_s;
+            // what is to remove nothing may be slow for the skin that it meets
+            let low = if w.mass_mg > 0.0 { low } else { 0.0 };
             (n, if v.is_finite() { (low - v).max(v - high).max(0.0) } else { f64::INFINITY })
         }))
     };

@@ -12,8 +12,9 @@ const EVALUATIONS: u32 = 60;
 /// How exactly that time is met, as a share of it.
 const TIME_SHARE: f64 = 1e-9;
 
-/// A link may go this many times as slowly as the slowest cut: it is slow only where it cuts the skin that a rounded corner left.
-pub const SLOWEST_LINK: f64 = 0.1;
+/// A move that is to remove nothing may go this many times as slowly as the slowest cut: it is slow only where it cuts the skin that a
+/// rounded corner left.
+pub const SLOWEST_SKIN: f64 = 0.1;
 
 /// Moves in order, links included; one entry per move in each list.
 #[derive(Debug, Clone)]
@@ -22,8 +23,10 @@ pub struct CutMoves<'a> {
     pub is_cut: Vec<bool>,
     /// Its length, mm.
     pub length_mm: &'a [f64],
-    /// Slowest and fastest cut, mm/s.
-    pub range_mm_s: [f64; 2],
+    /// Slowest that it may be, mm/s.
+    pub slowest_mm_s: &'a [f64],
+    /// Fastest cut, mm/s.
+    pub max_mm_s: f64,
     /// Speed of all other moves, mm/s.
     pub link_mm_s: f64,
     /// Largest acceleration along the path, mm/s².
@@ -31,20 +34,18 @@ pub struct CutMoves<'a> {
 }
 
 impl CutMoves<'_> {
-    /// The fastest profile with move i at most `cap_mm_s(i)`, which counts as the nearest speed of the range; a link that nothing caps
-    /// goes at its own speed, any other at [`SLOWEST_LINK`] of the slowest cut's or faster.
+    /// The fastest profile with move i at most `cap_mm_s(i)`, which counts as the nearest speed that the move may have; a link that nothing
+    /// caps goes at its own.
     ///
     /// # Errors
     /// As [`fastest_profile`].
     pub fn profile(&self, cap_mm_s: impl Fn(usize) -> f64) -> Result<LimitedProfile, ModelError> {
-        let [min_mm_s, max_mm_s] = self.range_mm_s;
         let cap = |(i, is_cut): (usize, &bool)| {
-            let [least_mm_s, most_mm_s] =
-                if *is_cut { [min_mm_s, max_mm_s] } else { [SLOWEST_LINK * min_mm_s, self.link_mm_s] };
-            cap_mm_s(i).min(most_mm_s).max(least_mm_s.min(most_mm_s))
+            let most_mm_s = if *is_cut { self.max_mm_s } else { self.link_mm_s };
+            cap_mm_s(i).min(most_mm_s).max(self.slowest_mm_s[i].min(most_mm_s))
         };
         let caps: Vec<f64> = self.is_cut.iter().enumerate().map(cap).collect();
-        let least_mm_s = (SLOWEST_LINK * min_mm_s).min(self.link_mm_s);
+        let least_mm_s = self.slowest_mm_s.iter().copied().fold(self.link_mm_s, f64::min);
         fastest_profile(&caps, self.length_mm, least_mm_s, self.acceleration_mm_s2)
     }
 
@@ -92,7 +93,8 @@ mod tests {
         let moves = CutMoves {
             is_cut: vec![false, true, false, true, true],
             length_mm: &length_mm,
-            range_mm_s: [0.5, 4.0],
+            slowest_mm_s: &[0.05, 0.5, 0.05, 0.5, 0.5],
+            max_mm_s: 4.0,
             link_mm_s: 10.0,
             acceleration_mm_s2: 20.0,
         };
@@ -108,7 +110,7 @@ mod tests {
         assert!(fastest.move_mm_s[2] <= 10.0);
         // a link that cuts a skin may be slower than the slowest cut
         let slow = moves.profile(|i| if i == 2 { 0.02 } else { cap(0.0, i) }).unwrap();
-        assert_eq!([slow.place_mm_s[1], slow.place_mm_s[2]], [SLOWEST_LINK * 0.5; 2]);
+        assert_eq!([slow.place_mm_s[1], slow.place_mm_s[2]], [0.05; 2]);
         for asked_s in [3.2, 5.0, 7.9] {
             let (slowness, profile) = moves.in_time(1.0, cap, asked_s).unwrap();
             let took_s = moves.cutting_s(&profile);

@@ -28,7 +28,8 @@ impl Path {
         let moves = CutMoves {
             is_cut: vec![true; self.pushes.len()],
             length_mm: &self.length_mm,
-            range_mm_s: RANGE_MM_S,
+            slowest_mm_s: &vec![RANGE_MM_S[0]; self.pushes.len()],
+            max_mm_s: RANGE_MM_S[1],
             link_mm_s: 10.0,
             acceleration_mm_s2: self.acceleration_mm_s2,
         };
