@@ -237,6 +237,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         about: "random bodies under random keys: plan, verify, simulate and a twin of the case must agree, 25 a seed",
         run: hard_cases::run_agree,
     },
+    Experiment {
+        name: "agree-prostheses",
+        about: "random parts, tools and blocks: plan, proof and verify must agree, and every change of the folder be found, 25 a seed",
+        run: prostheses::agree::run,
+    },
 ];
 
 /// Runs `work` on one thread, so that the time does not depend on the number of cores.

@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 pub use agree::run as run_agree;
 pub use list::scenes;
+pub(crate) use random::draws;
 pub use random::{RandomBody, random_scenes};
 pub use run::{End, run as run_scene};
 pub use scene::{Expect, Scene};

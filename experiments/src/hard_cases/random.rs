@@ -34,7 +34,7 @@ pub struct RandomBody {
 }
 
 /// Numbers below a bound, drawn from a seed: splitmix64 (Steele et al. 2014).
-pub(super) fn draws(seed: u64) -> impl FnMut(u64) -> u8 {
+pub(crate) fn draws(seed: u64) -> impl FnMut(u64) -> u8 {
     let mut state = seed.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     move |n| {
         state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);

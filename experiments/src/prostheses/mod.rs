@@ -1,6 +1,8 @@
 //! Drawn prostheses and the published reference, from STL to a proven program: residual areas, machining times beside those of Castelli et
 //! al. 2020, Tables 2 and 3, deviation of the machined surface, seconds of computation, and the published zig-zag on the same part.
 
+pub mod agree;
+
 use std::time::Instant;
 
 use bonemill_planner::Progress;
