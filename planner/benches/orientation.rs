@@ -6,7 +6,7 @@ use std::hint::black_box;
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
 use bonemill_planner::burr::{AtPoints, EngagedSamples, Feed, Material, Measure, OrientationKernel, Tool};
-use bonemill_planner::cost::{CostModel, Proximity};
+use bonemill_planner::cost::{CostModel, Proximity, Ranked, SeveralStructures};
 use bonemill_planner::metrics::Moments;
 use bonemill_planner::orientation::sequence::{BestSequence, Forbidden, Problem, best_sequence};
 use bonemill_planner::orientation::{Directions, FreeSets, TiltFamily, TurnLimits, TurnPrice};
@@ -115,7 +115,8 @@ fn cost(c: &mut Criterion) {
     let center = Point::new(0.03, -0.02, 0.01);
     let feed = Unit::new_normalize(Vector3::new(1.0, 0.1, 0.0));
     let model = CostModel::new(0.7, 0.8).expect("a model");
-    let near = Proximity::new(Vector3::new(0.5, -4.0, -1.0), 3.5).expect("a structure");
+    let proximity = Proximity::new(Vector3::new(0.5, -4.0, -1.0), 3.5).expect("a structure");
+    let terms = model.terms(&[Ranked { proximity, priority: 1 }], SeveralStructures::Nearest);
     let mut moments = Moments::new(2.5);
     moments.add(0.3, &Vector3::new(1.8, -0.4, -1.6));
     moments.add(0.2, &Vector3::new(2.0, 0.3, -1.2));
@@ -135,7 +136,7 @@ fn cost(c: &mut Criterion) {
             b.iter(|| {
                 let cost = |axis: &Unit<Vector3<f64>>| {
                     let force = kernel.force_for_axis(&engaged, axis, RPM).force_n(1.5);
-                    model.cost(&force, Some(&near), moments.inertia_normalised(axis), moments.mass_mg()).cost
+                    terms.cost(&force, moments.inertia_normalised(axis), moments.mass_mg()).cost
                 };
                 axes.iter().map(cost).sum::<f64>()
             })

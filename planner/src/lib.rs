@@ -12,7 +12,7 @@ pub use bonemill_case as case;
 pub use bonemill_catalogue as catalogue;
 pub use bonemill_channel as channel;
 pub use bonemill_cutter::{self as cutter, ball};
-pub use bonemill_cutting::{burr, calibrate, cost, edge, metrics, mrr, speed};
+pub use bonemill_cutting::{burr, calibrate, cost, edge, metrics, speed};
 pub use bonemill_geometry::Progress;
 pub use bonemill_machining as machining;
 pub use bonemill_part as part;

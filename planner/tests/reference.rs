@@ -3,16 +3,20 @@
 
 mod support;
 
-use bonemill_geometry::{Grid, Point, Work};
+use bonemill_arm::arm::compliance_mm_per_n;
+use bonemill_geometry::{Grid, Point, Volume, Work};
 use bonemill_planner::ball::ball_box_volume;
 use bonemill_planner::burr::{
-    AtPoints, BurrForce, Discretisation, ElementGrid, Feed, ForceKernel, Material, burr_force,
+    AtPoints, BurrForce, Discretisation, ElementGrid, Feed, ForceKernel, Material, Tool, burr_force,
 };
-use bonemill_planner::cost::{CostModel, Proximity, compliance_mm_per_n};
+use bonemill_planner::cost::{CostModel, Proximity, Ranked, SeveralStructures};
+use bonemill_planner::cutter::Ball;
+use bonemill_planner::engagement::mass_increments;
 use bonemill_planner::metrics::engagement_metrics;
-use bonemill_planner::mrr::{LumpedCoefficients, Removal, split, swept_volume_mm3};
+use bonemill_planner::path::{MoveKind, PathPoint};
+use bonemill_planner::simulate::{Engagement, ForceModel, Lumped, LumpedForm};
 use bonemill_planner::speed::{Smoothing, SpeedModel, SpeedProfile};
-use nalgebra::{Dyn, Matrix3, OMatrix, U3, Unit, Vector3};
+use nalgebra::{Matrix3, Matrix3xX, Unit, Vector3};
 use serde_json::Value;
 use support::{Case, cases, number, numbers, three, vector};
 
@@ -233,12 +237,12 @@ fn costs_agree_to_1e_11() {
             if let Some(rows) = input.get("J") {
                 let columns = rows[0].as_array().unwrap().len();
                 let entry = |r: usize, c: usize| number(&rows[r][c]);
-                let jacobian = OMatrix::<f64, U3, Dyn>::from_fn(columns, entry);
-                push = compliance_mm_per_n(&jacobian, &numbers(&input["k"])).unwrap() * push;
+                push = compliance_mm_per_n(&Matrix3xX::from_fn(columns, entry), &numbers(&input["k"])) * push;
             }
             let to_nearest = vector(&input["u"]) * number(&input["rv"]);
-            let near = Proximity::new(to_nearest, number(&p["rv_min"])).unwrap();
-            let found = model.cost(&push, Some(&near), number(&input["In"]), number(&input["m"]));
+            let proximity = Proximity::new(to_nearest, number(&p["rv_min"])).unwrap();
+            let terms = model.terms(&[Ranked { proximity, priority: 1 }], SeveralStructures::Nearest);
+            let found = terms.cost(&push, number(&input["In"]), number(&input["m"]));
             let values = [
                 ("C", found.cost),
                 ("Fv", found.toward),
@@ -280,64 +284,52 @@ fn speeds_agree_to_1e_11() {
     }
 }
 
+/// F_t = K_t MRR/f and F_r = K_r F_t, by the model that simulates; the swept volume by the masses that a plan counts.
 #[test]
 fn removal_rates_agree() {
     for case in cases("m03") {
         let (inputs, expected) = (&case.json["inputs"], &case.json["expected"]);
         let (i, e) = (&inputs["force"], &expected["force"]);
-        let removal = Removal::new(number(&i["VR"]), number(&i["T"]), number(&i["f"])).unwrap();
-        let force = LumpedCoefficients { k_t_n_mm2: number(&i["Kt"]), k_r: number(&i["Kr"]) }.force(&removal);
-        close("mrr", "mrr", &[removal.rate_mm3_s()], &e["mrr"], 1e-13, 1.0);
-        close("mrr", "Ft", &[force.tangential_n], &e["Ft"], 1e-13, 1.0);
-        close("mrr", "Fr", &[force.radial_n], &e["Fr"], 1e-13, 1.0);
-
-        let (i, e) = (&inputs["calibrate"], &expected["calibrate"]);
-        let removal = Removal::new(number(&i["VR"]), number(&i["T"]), number(&i["f"])).unwrap();
-        let (measured, radial) = (vector(&i["F"]), Unit::new_normalize(vector(&i["d"])));
-        let parts = split(&measured, &radial);
-        let k = LumpedCoefficients::calibrate(&measured, &radial, &removal).unwrap();
-        close("calibrate", "Ft", &[parts.tangential_n], &e["Ft"], 1e-13, 1.0);
-        close("calibrate", "Fr", &[parts.radial_n], &e["Fr"], 1e-13, 1.0);
-        close("calibrate", "Kt", &[k.k_t_n_mm2], &e["Kt"], 1e-13, 220.0);
-        close("calibrate", "Kr", &[k.k_r], &e["Kr"], 1e-13, 1.0);
+        let (rate, feed_mm_s) = (number(&i["VR"]) / number(&i["T"]), number(&i["f"]));
+        close("mrr", "mrr", &[rate], &e["mrr"], 1e-13, 1.0);
+        let met = Engagement {
+            tool_axes: Matrix3::identity(),
+            feed: Vector3::x_axis(),
+            speed_mm_s: feed_mm_s,
+            spindle_rpm: 60_000.0,
+            cut: Vec::new(),
+            edge: Vec::new(),
+            toward_bone_mm2: Vector3::x(),
+            mrr_mm2: rate / feed_mm_s,
+            weighted_mrr_mm2: rate / feed_mm_s,
+            contact_area_mm2: 1.0,
+            by_kind_per_mm: Default::default(),
+        };
+        let form = LumpedForm::AsPrinted { k_t_n_mm2: number(&i["Kt"]), k_r: number(&i["Kr"]) };
+        let force_n = Lumped::new(Tool::new(1.0, 2, -1).unwrap(), form).unwrap().force(&met).force_n;
+        close("mrr", "Ft", &[force_n.yz().norm()], &e["Ft"], 1e-13, 1.0);
+        close("mrr", "Fr", &[-force_n.x], &e["Fr"], 1e-13, 1.0);
 
         let i = &inputs["swept"];
         let f = &i["field"];
         let dims = three(&f["shape"]).map(|d| d as usize);
-        let grid = Grid::<Work>::new(dims, vector(&f["spacing"]), Matrix3::identity(), vector(&f["origin"]))
-            .unwrap();
-        let at = |key: &str| Point::from_coords(vector(&i[key]));
-        let swept =
-            swept_volume_mm3(&grid, at("c0"), at("c1"), number(&i["r"]), number(&i["max_step"])).unwrap();
-        close("mrr", "swept_VR", &[swept], &expected["swept_VR"], 1e-11, 1.0);
-    }
-}
-
-/// Yang and Chen's Table 1: aluminium, a ball end mill of 6 mm with two teeth, step-over and depth of 0.1 mm, at four feeds.
-///
-/// With d along z, K_t is the force across it per 0.01 mm² of cross-section. It grows by half over the feeds, where a lumped
-/// K_t would be constant. So each feed is calibrated alone, and each calibration reproduces its own forces.
-#[test]
-fn measured_forces_of_yang_and_chen_are_calibrated_and_given_back() {
-    let measured = [
-        (0.1, [2.0103, 0.8967, 0.7849], 220.1222, 0.356_575),
-        (0.2, [2.2274, 1.1029, 1.1326], 248.5498, 0.455_683),
-        (0.5, [2.3736, 1.4637, 0.8746], 278.8619, 0.313_632),
-        (1.0, [3.1328, 1.3029, 1.1927], 339.2932, 0.351_525),
-    ];
-    let d = Vector3::z_axis();
-    let mut before = 0.0;
-    for (feed_mm_s, force_n, k_t, k_r) in measured {
-        let removal = Removal::new(0.1 * 0.1 * feed_mm_s, 1.0, feed_mm_s).unwrap();
-        let force_n = Vector3::from(force_n);
-        let k = LumpedCoefficients::calibrate(&force_n, &d, &removal).unwrap();
-        assert!((k.k_t_n_mm2 - k_t).abs() < 1e-3, "{feed_mm_s} mm/s: K_t {}", k.k_t_n_mm2);
-        assert!((k.k_r - k_r).abs() < 1e-5, "{feed_mm_s} mm/s: K_r {}", k.k_r);
-        let given = k.force(&removal);
-        assert!((given.tangential_n - force_n.xy().norm()).abs() < 1e-12);
-        assert!((given.radial_n - force_n.z).abs() < 1e-12);
-        assert!(k.k_t_n_mm2 > before);
-        before = k.k_t_n_mm2;
+        let grid =
+            Grid::<Work>::new(dims, vector(&f["spacing"]), Matrix3::identity(), Vector3::zeros()).unwrap();
+        let solid = Volume::new(grid.clone(), vec![1f32; grid.len()]).unwrap();
+        // a plan's grid begins at zero
+        let [from, to] = ["c0", "c1"].map(|key| vector(&i[key]) - vector(&f["origin"]));
+        let steps = ((to - from).norm() / number(&i["max_step"])).ceil() as usize;
+        let place = |n: usize| PathPoint {
+            position: Point::from_coords(from + (to - from) * (n as f64 / steps as f64)),
+            kind: MoveKind::Cut,
+            layer: 0,
+            leads_to: (0, 0),
+        };
+        let points: Vec<PathPoint> = (0..=steps).map(place).collect();
+        let moments = mass_increments(&solid, &points, Ball { radius_mm: number(&i["r"]) });
+        // of density 1 mg/mm³; the first ball was there before
+        let swept_mm3: f64 = moments[1..].iter().map(|m| m.mass_mg()).sum();
+        close("mrr", "swept_VR", &[swept_mm3], &expected["swept_VR"], 1e-9, 1.0);
     }
 }
 

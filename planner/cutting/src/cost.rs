@@ -14,14 +14,11 @@ mod several;
 pub use bonemill_case::SeveralStructures;
 pub use several::{Ranked, Terms};
 
-use nalgebra::{Dyn, Matrix3, OMatrix, U3, Unit, Vector3};
+use nalgebra::{Unit, Vector3};
 
 use crate::burr::ModelError;
 use crate::burr::checked;
 use crate::importance::Importance;
-
-/// A force below this is none, N (and a deflection, mm): its direction is rounding.
-const NOTHING: f64 = 1e-12;
 
 /// The weights of the cost.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,29 +67,6 @@ impl CostModel {
     pub fn alpha_1(&self, distance_mm: f64, least_mm: f64) -> f64 {
         self.alpha_max * self.importance.nearness(distance_mm, least_mm)
     }
-
-    /// The cost of a `push` on the burr, a force (N) by equation (6) or a deflection (mm) by (12), with no structure near if
-    /// `near` is `None`, for I_n and the mass m that is cut.
-    ///
-    /// **Source:** Dillon et al. 2016, equations (5), (6), (9), (11), (12).
-    pub fn cost(
-        &self,
-        push: &Vector3<f64>,
-        near: Option<&Proximity>,
-        inertia_normalised: f64,
-        mass_mg: f64,
-    ) -> Cost {
-        let alpha_1 = near.map_or(0.0, |n| self.alpha_1(n.distance_mm, n.least_mm));
-        let cuts = mass_mg > 0.0;
-        if !cuts {
-            return Cost { alpha_1, toward: 0.0, fraction: 0.0, cost: 0.0 };
-        }
-        let magnitude = push.norm();
-        let toward = near.map_or(0.0, |n| push.dot(&n.toward).max(0.0));
-        let fraction = if magnitude < NOTHING { 0.0 } else { toward / magnitude };
-        let cost = alpha_1 * fraction + (1.0 - alpha_1) * (1.0 - inertia_normalised);
-        Cost { alpha_1, toward, fraction, cost }
-    }
 }
 
 impl Proximity {
@@ -106,31 +80,6 @@ impl Proximity {
         let toward = crate::burr::direction("from burr to nearest structure, mm", to_nearest_mm)?;
         Ok(Self { toward, distance_mm: to_nearest_mm.norm(), least_mm })
     }
-}
-
-/// Compliance at the burr's centre, mm/N: C = J χ⁻¹ Jᵀ.
-///
-/// `jacobian` is 3×m, translational, at the burr's centre: mm/mm for prismatic joints, mm/rad for revolute ones;
-/// `stiffness` holds χ's diagonal, N/mm and N mm/rad. Valid while links are rigid next to joints.
-///
-/// # Errors
-/// [`ModelError::Length`] when there are not m stiffnesses, [`ModelError::OutOfRange`] when one is not positive.
-///
-/// **Source:** Dillon et al. 2016, equation (10).
-pub fn compliance_mm_per_n(
-    jacobian: &OMatrix<f64, U3, Dyn>,
-    stiffness: &[f64],
-) -> Result<Matrix3<f64>, ModelError> {
-    let joints = jacobian.ncols();
-    if stiffness.len() != joints {
-        return Err(ModelError::Length { name: "joint stiffness", expected: joints, found: stiffness.len() });
-    }
-    let mut compliance = Matrix3::zeros();
-    for (column, &k) in jacobian.column_iter().zip(stiffness) {
-        checked("joint stiffness, N/mm or N mm/rad", k, |k| k > 0.0, "positive")?;
-        compliance += column * column.transpose() / k;
-    }
-    Ok(compliance)
 }
 
 #[cfg(test)]
@@ -151,13 +100,13 @@ mod tests {
         ) {
             prop_assume!(to.norm() > 1e-3 && force.norm() > 1e-3);
             let model = CostModel::new(0.7, 0.8).unwrap();
-            let near = Proximity::new(to * 10.0, 3.5).unwrap();
-            let a = model.cost(&force, Some(&near), i_n, 1.0);
-            let b = model.cost(&(force * scale), Some(&near), i_n, 1.0);
+            let near = Ranked { proximity: Proximity::new(to * 10.0, 3.5).unwrap(), priority: 1 };
+            let terms = model.terms(&[near], SeveralStructures::Nearest);
+            let [a, b] = [force, force * scale].map(|force| terms.cost(&force, i_n, 1.0));
             prop_assert!((0.0..=1.0).contains(&a.cost) && (0.0..=1.0).contains(&a.fraction));
             prop_assert!((a.cost - b.cost).abs() < 1e-14);
             // toward and away: one of them is 0
-            let back = model.cost(&-force, Some(&near), i_n, 1.0);
+            let back = terms.cost(&-force, i_n, 1.0);
             prop_assert_eq!(a.toward * back.toward, 0.0);
         }
 
@@ -166,23 +115,6 @@ mod tests {
             let model = CostModel::new(0.7, 0.8).unwrap();
             prop_assert!(model.alpha_1(d + 0.1, 3.0) <= model.alpha_1(d, 3.0) && model.alpha_1(d, 3.0) <= 0.8);
         }
-
-        /// A spring's energy: F·Δp ≥ 0 for every force, whatever the arm.
-        #[test]
-        fn compliance_yields_to_the_force(force in vector(), columns in prop::collection::vec(vector(), 1..8)) {
-            let j = OMatrix::<f64, U3, Dyn>::from_columns(&columns);
-            let k: Vec<f64> = (0..columns.len()).map(|i| 10.0 + i as f64).collect();
-            let c = compliance_mm_per_n(&j, &k).unwrap();
-            prop_assert!(force.dot(&(c * force)) >= -1e-15);
-            prop_assert!((c - c.transpose()).amax() < 1e-15);
-        }
-    }
-
-    #[test]
-    fn nothing_near_leaves_the_efficiency() {
-        let model = CostModel::new(0.7, 0.8).unwrap();
-        let c = model.cost(&Vector3::x(), None, 0.75, 1.0);
-        assert_eq!(c, Cost { alpha_1: 0.0, toward: 0.0, fraction: 0.0, cost: 0.25 });
     }
 
     #[test]
@@ -191,11 +123,5 @@ mod tests {
         assert!(CostModel::new(f64::NAN, 0.5).is_err());
         assert!(matches!(Proximity::new(Vector3::zeros(), 3.0), Err(ModelError::Vector { .. })));
         assert!(Proximity::new(Vector3::x(), 0.0).is_err());
-        let j = OMatrix::<f64, U3, Dyn>::from_columns(&[Vector3::x(), Vector3::y()]);
-        assert!(matches!(
-            compliance_mm_per_n(&j, &[1.0]),
-            Err(ModelError::Length { expected: 2, found: 1, .. })
-        ));
-        assert!(compliance_mm_per_n(&j, &[1.0, 0.0]).is_err());
     }
 }

@@ -6,7 +6,6 @@ use std::str::FromStr;
 
 use bonemill_case::Case;
 use bonemill_cutting::burr::ModelError;
-use bonemill_cutting::mrr::LumpedCoefficients;
 
 use super::{EngineSpec, FlutedBurr, ForceModel, Lumped, LumpedForm};
 
@@ -57,9 +56,9 @@ impl ModelName {
             }
             Self::LumpedAsPrinted => {
                 let tooth_mm_s = 2.0 * PI * spec.spindle_rpm / 60.0 * tool.radius_mm();
-                let nominal = case.speed.nominal_mm_s;
-                let k = LumpedCoefficients::from_cutting_energy(positive()?, k_r / k_t, nominal, tooth_mm_s)?;
-                Box::new(Lumped::new(tool, LumpedForm::AsPrinted(k))?)
+                // K f/V_c at the nominal speed
+                let k_t_n_mm2 = positive()? * case.speed.nominal_mm_s / tooth_mm_s;
+                Box::new(Lumped::new(tool, LumpedForm::AsPrinted { k_t_n_mm2, k_r: k_r / k_t })?)
             }
         })
     }

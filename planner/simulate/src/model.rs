@@ -8,7 +8,6 @@ use std::f64::consts::PI;
 use bonemill_cutting::burr::checked;
 use bonemill_cutting::burr::sums::DirectionSums;
 use bonemill_cutting::burr::{Material, ModelError, Tool};
-use bonemill_cutting::mrr::LumpedCoefficients;
 use nalgebra::Vector3;
 
 use super::engagement::Engagement;
@@ -98,7 +97,12 @@ pub fn force_per_coefficient(met: &Engagement, tool: &Tool) -> [Vector3<f64>; 6]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LumpedForm {
     /// F_t = K_t MRR/f with a fixed K_t for all feeds and spindle speeds: equation (3) as printed.
-    AsPrinted(LumpedCoefficients),
+    AsPrinted {
+        /// K_t, N per mm² of engaged cross-section.
+        k_t_n_mm2: f64,
+        /// F_r/F_t.
+        k_r: f64,
+    },
     /// F_t = K MRR/V_c with the specific cutting energy K and V_c the speed of the teeth at the equator; F_r = K_r F_t. The
     /// spindle's power is then K MRR.
     CuttingEnergy {
@@ -129,8 +133,9 @@ impl Lumped {
     /// [`ModelError::OutOfRange`] unless the coefficients are finite and not negative.
     pub fn new(tool: Tool, form: LumpedForm) -> Result<Self, ModelError> {
         let (k, k_r) = match form {
-            LumpedForm::AsPrinted(k) => (k.k_t_n_mm2, k.k_r),
-            LumpedForm::CuttingEnergy { k_n_mm2, k_r } => (k_n_mm2, k_r),
+            LumpedForm::AsPrinted { k_t_n_mm2: k, k_r } | LumpedForm::CuttingEnergy { k_n_mm2: k, k_r } => {
+                (k, k_r)
+            }
         };
         checked("lumped K, N/mm²", k, |k| k >= 0.0, "0 or more")?;
         checked("lumped K_r = F_r/F_t", k_r, |k| k >= 0.0, "0 or more")?;
@@ -146,10 +151,10 @@ impl ForceModel for Lumped {
         let (sigma, r) = (self.tool.spin(), self.tool.radius_mm());
         let omega = 2.0 * PI * met.spindle_rpm / 60.0;
         let (tangential_n, radial_n) = match self.form {
-            LumpedForm::AsPrinted(k) => {
+            LumpedForm::AsPrinted { k_t_n_mm2, k_r } => {
                 // MRR/f: the engaged cross-section
-                let tangential = k.k_t_n_mm2 * met.weighted_mrr_mm2;
-                (tangential, k.k_r * tangential)
+                let tangential = k_t_n_mm2 * met.weighted_mrr_mm2;
+                (tangential, k_r * tangential)
             }
             LumpedForm::CuttingEnergy { k_n_mm2, k_r } => {
                 let tangential = k_n_mm2 * met.weighted_mrr_mm3_s() / (omega * r);

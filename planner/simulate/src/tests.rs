@@ -130,8 +130,7 @@ fn the_lumped_models_know_the_same_removal() {
     let bone = uniform(6.0, 0.25);
     let tool = spec().tool;
     let energy = LumpedForm::CuttingEnergy { k_n_mm2: 100.0, k_r: 0.6 };
-    let printed =
-        LumpedForm::AsPrinted(bonemill_cutting::mrr::LumpedCoefficients { k_t_n_mm2: 0.4, k_r: 0.6 });
+    let printed = LumpedForm::AsPrinted { k_t_n_mm2: 0.4, k_r: 0.6 };
     let area = PI * RADIUS_MM.powi(2);
     for (form, tangential) in
         [(energy, 100.0 * 1.5 * area / (2.0 * PI * RPM / 60.0 * RADIUS_MM)), (printed, 0.4 * area)]

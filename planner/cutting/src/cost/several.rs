@@ -14,7 +14,10 @@
 use bonemill_case::SeveralStructures;
 use nalgebra::{Unit, Vector3};
 
-use super::{Cost, CostModel, NOTHING, Proximity};
+use super::{Cost, CostModel, Proximity};
+
+/// A force below this is none, N (and a deflection, mm): its direction is rounding.
+const NOTHING: f64 = 1e-12;
 
 /// A structure near a waypoint: where it is, and how much it matters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,9 +110,13 @@ impl CostModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cost::compliance_mm_per_n;
-    use nalgebra::{Dyn, OMatrix, U3};
+    use nalgebra::Matrix3;
     use proptest::prelude::*;
+
+    /// J χ⁻¹ Jᵀ of the columns of J and their stiffnesses.
+    fn compliance(columns: &[(Vector3<f64>, f64)]) -> Matrix3<f64> {
+        columns.iter().map(|(column, stiffness)| column * column.transpose() / *stiffness).sum()
+    }
 
     fn ranked(to: Vector3<f64>, priority: u32) -> Ranked {
         Ranked { proximity: Proximity::new(to, 3.5).unwrap(), priority }
@@ -146,14 +153,15 @@ mod tests {
         fn one_structure_is_equation_6(
             to in prop::array::uniform3(-6.0f64..6.0), force in prop::array::uniform3(-1.0f64..1.0), i_n in 0.0f64..1.0,
         ) {
-            prop_assume!(Vector3::from(to).norm() > 1.0);
+            let (to, force) = (Vector3::from(to), Vector3::from(force));
+            prop_assume!(to.norm() > 1.0);
             let model = CostModel::new(0.7, 0.8).unwrap();
-            let one = ranked(to.into(), 3);
-            let expected = model.cost(&Vector3::from(force), Some(&one.proximity), i_n, 1.0);
+            let toward = force.dot(&to.normalize()).max(0.0);
+            let alpha_1 = model.alpha_1(to.norm(), 3.5);
+            let expected = alpha_1 * toward / force.norm().max(1e-12) + (1.0 - alpha_1) * (1.0 - i_n);
             for rule in RULES {
-                let found = model.terms(&[one], rule).cost(&Vector3::from(force), i_n, 1.0);
-                prop_assert!((found.cost - expected.cost).abs() < 1e-14);
-                prop_assert!((found.toward - expected.toward).abs() < 1e-14);
+                let found = model.terms(&[ranked(to, 3)], rule).cost(&force, i_n, 1.0);
+                prop_assert!((found.cost - expected).abs() < 1e-13 && (found.toward - toward).abs() < 1e-14);
             }
         }
     }
@@ -197,9 +205,7 @@ mod tests {
     /// A force along x with a little z: with a soft third joint the burr moves along z, and that is what counts (D12).
     #[test]
     fn one_soft_joint_decides_where_the_burr_gives_way() {
-        let columns = [Vector3::x(), Vector3::y(), Vector3::z()];
-        let jacobian = OMatrix::<f64, U3, Dyn>::from_columns(&columns);
-        let compliance = compliance_mm_per_n(&jacobian, &[1e3, 1e3, 1.0]).unwrap();
+        let compliance = compliance(&[(Vector3::x(), 1e3), (Vector3::y(), 1e3), (Vector3::z(), 1.0)]);
         let model = CostModel::new(0.7, 1.0).unwrap();
         let force = Vector3::new(1.0, 0.0, 0.1);
         let cost = |to: Vector3<f64>, push: Vector3<f64>| {
@@ -213,8 +219,7 @@ mod tests {
     #[test]
     fn a_singular_pose_is_rigid_in_its_lost_direction() {
         let columns = [Vector3::x() * 40.0, Vector3::x() * 25.0, Vector3::y() * 30.0, Vector3::zeros()];
-        let jacobian = OMatrix::<f64, U3, Dyn>::from_columns(&columns);
-        let compliance = compliance_mm_per_n(&jacobian, &[1e5, 1e5, 1e5, 1e5]).unwrap();
+        let compliance = compliance(&columns.map(|column| (column, 1e5)));
         let model = CostModel::new(0.7, 0.8).unwrap();
         let terms = model.terms(&[ranked(Vector3::z() * 4.0, 1)], SeveralStructures::Nearest);
         let lost = terms.cost(&(compliance * Vector3::z()), 0.6, 1.0);

@@ -9,6 +9,14 @@ use nalgebra::{Matrix3, Matrix3xX, Matrix6xX, Rotation3, Unit, Vector3};
 use super::{Arm, ArmKind, JointKind, Mount, check_positive};
 use crate::error::RobotError;
 
+/// J χ⁻¹ Jᵀ of a burr's Jacobian, 3 × dof, and the joints' stiffness, shape (dof).
+///
+/// **Source:** Dillon et al. 2016, eq. (10).
+pub fn compliance_mm_per_n(jacobian: &Matrix3xX<f64>, stiffness: &[f64]) -> Matrix3<f64> {
+    let columns = jacobian.column_iter().zip(stiffness);
+    columns.map(|(column, chi)| column * column.transpose() / *chi).sum()
+}
+
 /// The axis of a moving joint at one joint vector, in base.
 struct JointAxis {
     kind: JointKind,
@@ -98,9 +106,7 @@ impl Arm {
     /// **Source:** Dillon et al. 2016, eq. (10).
     pub fn compliance(&self, q: &[f64], stiffness: &[f64]) -> Result<Matrix3<f64>, RobotError> {
         check_positive("joint_stiffness", stiffness, self.dof(), "N/mm or N·mm/rad")?;
-        let jacobian = self.burr_jacobian(q)?;
-        let columns = jacobian.column_iter().zip(stiffness);
-        Ok(columns.map(|(column, chi)| column * column.transpose() / *chi).sum())
+        Ok(compliance_mm_per_n(&self.burr_jacobian(q)?, stiffness))
     }
 
     /// Jacobian of the tool's pose in the work frame, at the burr's centre, for a joint vector that was checked, shape

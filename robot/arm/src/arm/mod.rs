@@ -18,6 +18,7 @@ mod urdf;
 
 pub use inverse::{AxisPose, Solutions};
 pub use joint::{Joint, JointExcess, JointKind};
+pub use kinematics::compliance_mm_per_n;
 pub use mount::{BlockMount, Mount, ToolMount};
 pub(crate) use reader::read_text;
 pub use reader::{load, read_urdf};

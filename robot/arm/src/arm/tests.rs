@@ -216,6 +216,22 @@ fn compliance_is_the_springs_seen_at_the_burr() {
     assert!(arm.compliance(&q, &[100.0, 200.0, 400.0, 0.0]).is_err());
 }
 
+proptest! {
+    /// What the burr yields under a force is the sum of what each joint's spring yields: Δq = χ⁻¹ Jᵀ F, Δp = J Δq.
+    #[test]
+    fn compliance_is_what_the_joints_springs_yield(
+        q in prop::array::uniform5(-0.1f64..0.1), k in prop::array::uniform5(10.0f64..1e5),
+        force in prop::array::uniform3(-1.0f64..1.0),
+    ) {
+        let (arm, force) = (oblique(), Vector3::from(force));
+        let (jacobian, c) = (arm.burr_jacobian(&q).unwrap(), arm.compliance(&q, &k).unwrap());
+        let torque = jacobian.tr_mul(&force);
+        let yields = &jacobian * nalgebra::DVector::from_fn(5, |j, _| torque[j] / k[j]);
+        prop_assert!((c * force - yields.clone()).norm() <= 1e-12 * yields.norm().max(1.0));
+        prop_assert!(force.dot(&yields) >= 0.0 && (c - c.transpose()).amax() <= 1e-15 * c.amax());
+    }
+}
+
 #[test]
 fn limits_of_the_case_tighten_velocities_and_set_accelerations() {
     let arm = Arm::bone_attached().unwrap();
