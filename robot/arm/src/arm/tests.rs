@@ -227,7 +227,7 @@ proptest! {
         let (jacobian, c) = (arm.burr_jacobian(&q).unwrap(), arm.compliance(&q, &k).unwrap());
         let torque = jacobian.tr_mul(&force);
         let yields = &jacobian * nalgebra::DVector::from_fn(5, |j, _| torque[j] / k[j]);
-        prop_assert!((c * force - yields.clone()).norm() <= 1e-12 * yields.norm().max(1.0));
+        prop_assert!((c * force - yields).norm() <= 1e-12 * yields.norm().max(1.0));
         prop_assert!(force.dot(&yields) >= 0.0 && (c - c.transpose()).amax() <= 1e-15 * c.amax());
     }
 }
