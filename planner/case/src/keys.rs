@@ -369,7 +369,7 @@ table! {
         ORIENTATION: OrientationMode = "orientation.mode" ["optimal" => OrientationMode::Optimal, "greedy" => OrientationMode::Greedy, "fixed" => OrientationMode::Fixed],
             "dynamic programming over the sequence; each waypoint alone, then a low-pass; along the approach. `greedy` with preset = \"paper\"", "assumed; greedy: D II-D";
         SPEED_MODE: SpeedMode = "speed.mode" ["least_force" => SpeedMode::LeastForce, "mass" => SpeedMode::Mass, "constant" => SpeedMode::Constant, "force_limited" => SpeedMode::ForceLimited],
-            "in the given time the least force toward structures, weighted by nearness (kappa_per_mm) and 1/√priority, then the least force; D13, inverse to the mass ahead; nominal_mm_s; fastest under force caps. `mass` with preset = \"paper\"", "forces toward structures, see docs/results.md; mass: D eq. 13";
+            "in the given time the least force toward structures, weighted by nearness (kappa_per_mm) and 1/√rank (priority over the smallest), then the least force; D13, inverse to the mass ahead; nominal_mm_s; fastest under force caps. `mass` with preset = \"paper\"", "forces toward structures, see docs/results.md; mass: D eq. 13";
     }
     others {
         CT = "images.ct" "a path relative to the case file", REQUIRED, "the CT, NIfTI-1", "-";

@@ -399,6 +399,13 @@ impl Case {
     pub fn highest_priority(&self) -> Option<u32> {
         self.structures.iter().map(|s| s.priority).min()
     }
+
+    /// The priority of a structure over the highest: 1 for the most important, larger for others, infinite for one that the case does not
+    /// have.
+    pub fn rank(&self, structure: usize) -> f64 {
+        let ranked = self.structures.get(structure).zip(self.highest_priority());
+        ranked.map_or(f64::INFINITY, |(s, highest)| f64::from(s.priority) / f64::from(highest))
+    }
 }
 
 /// `[speed]`.

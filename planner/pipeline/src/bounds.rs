@@ -55,9 +55,9 @@ impl Bounds {
         Self { mean_n: straight.mean_n, peak_n: straight.peak_n, near_n }
     }
 
-    /// Whether the mean of the whole force is within its bound.
-    pub fn keeps_mean(&self, forces: &StructureForces) -> bool {
-        forces.mean_n <= self.mean_n
+    /// Whether mean and peak of the whole force are within their bounds.
+    pub fn keeps_whole(&self, forces: &StructureForces) -> bool {
+        forces.mean_n <= self.mean_n && forces.peak_n <= self.peak_n * (1.0 + SAME_SHARE)
     }
 
     /// The largest share of a structure's bounds that forces reach.
@@ -246,6 +246,10 @@ mod tests {
         let bounds = Bounds::of(&straight, &[control(&plan)]);
         assert_eq!(bounds.near_n, vec![[LEAST_N; 3]]);
         assert!((bounds.excess(&straight) - (0.1f64 / LEAST_N).ln()).abs() < 1e-12);
-        assert!(bounds.keeps_mean(&straight) && !bounds.keeps_mean(&StructureForces { mean_n: 1.1, ..plan }));
+        assert!(
+            bounds.keeps_whole(&straight)
+                && !bounds.keeps_whole(&StructureForces { mean_n: 1.1, ..plan.clone() })
+        );
+        assert!(!bounds.keeps_whole(&StructureForces { peak_n: 2.1, ..plan }));
     }
 }

@@ -1,6 +1,6 @@
 //! A plan beside its references in the same time: where it pushes more than a simpler plan would.
 
-use bonemill_case::{Case, Structure};
+use bonemill_case::Case;
 use bonemill_planfile::toward::{StructureFigures, TowardFigures};
 
 use super::reference::{Reference, StructureForces};
@@ -65,13 +65,13 @@ impl StructureForces {
     }
 
     /// One number to compare drafts of one case by: the mean logarithm of the judged figures toward each structure, over the root of its
-    /// priority as in the law of importance, and the logarithm of the mean force. So drafts rank by products of forces.
+    /// rank as in the law of importance, and the logarithm of the mean force. So drafts rank by products of forces.
     pub(super) fn score(&self, case: &Case) -> f64 {
-        let of = |(found, structure): (&StructureFigures, &Structure)| {
+        let of = |(n, found): (usize, &StructureFigures)| {
             let logarithms = JUDGED.iter().map(|(_, figure)| figure(&found.near).max(NOTHING_N).ln());
-            logarithms.sum::<f64>() / JUDGED.len() as f64 / f64::from(structure.priority).sqrt()
+            logarithms.sum::<f64>() / JUDGED.len() as f64 / case.rank(n).sqrt()
         };
-        let toward: f64 = self.structures.iter().zip(&case.structures).map(of).sum();
+        let toward: f64 = self.structures.iter().enumerate().map(of).sum();
         toward + self.mean_n.max(NOTHING_N).ln()
     }
 }

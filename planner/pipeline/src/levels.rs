@@ -52,8 +52,7 @@ pub(super) fn importance(case: &Case) -> Result<Importance, ModelError> {
 
 /// Weight of a push toward a structure of a case.
 pub(super) fn weight(importance: &Importance, case: &Case, n: &NearStructure) -> f64 {
-    let priority = case.structures.get(n.structure).map_or(u32::MAX, |s| s.priority);
-    importance.weight(&n.proximity, priority)
+    importance.weight(&n.proximity, case.rank(n.structure))
 }
 
 /// The weights of the structures near each waypoint, with the directions to them.

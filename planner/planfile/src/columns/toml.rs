@@ -310,7 +310,7 @@ pub const METRICS: &[Column] = &[
         "speed_levels.toward_n",
         "N",
         "",
-        "With `speed.mode = \"least_force\"`: largest force toward a structure of the cuts faster than `min_mm_s`, times exp(-`kappa_per_mm` · mm beyond the clearance)/√priority.",
+        "With `speed.mode = \"least_force\"`: largest force toward a structure of the cuts faster than `min_mm_s`, times exp(-`kappa_per_mm` · mm beyond the clearance)/√rank, the rank being the priority over the smallest of the case.",
     ),
     Column::new("speed_levels.overall_n", "N", "", "Largest force on the burr of the same cuts."),
     Column::new(
