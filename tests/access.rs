@@ -1,13 +1,9 @@
 //! The plan lists the free range of the shaft at every waypoint, and every waypoint that the shank cannot reach.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 
-use support::body::{AIR_FROM, NERVE, TARGET};
-use support::place::Place;
+use crate::support::body::{AIR_FROM, NERVE, TARGET};
+use crate::support::place::Place;
 
 /// The rows of a plan's table as cells, without its header.
 fn rows(place: &Place, file: &str) -> Vec<Vec<String>> {

@@ -1,17 +1,13 @@
 //! Plans for every kind of arm: the burr follows the waypoints, limits hold, and what an arm cannot do is reported.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 use std::ops::Range;
 
+use crate::support::place::Place;
 use bonemill_planner::plan::{StoredPlan, Value};
 use bonemill_robot::Arm;
 use bonemill_robot::ur::UrModel;
 use nalgebra::Vector3;
-use support::place::Place;
 
 /// A handpiece bent by 30° on the flange.
 const MOUNT: &str =

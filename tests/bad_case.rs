@@ -1,12 +1,8 @@
 //! The command with bad case files: exit code 2, the line, the key and what was expected, and nothing written.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 
-use support::place::Place;
+use crate::support::place::Place;
 
 #[test]
 fn a_case_that_is_no_text_is_refused() {

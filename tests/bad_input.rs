@@ -1,14 +1,6 @@
 //! The command with bad images, targets and outputs: exit code 2 with what is wrong, where, and what was expected, and nothing
 //! written. A valid case that cannot be fulfilled ends with exit code 1 and the reasons.
 
-#![allow(
-    clippy::unwrap_used,
-    clippy::type_complexity,
-    reason = "a test's helper fails by panicking; tables of cases"
-)]
-
-mod support;
-
 use std::fs;
 use std::io::Write;
 use std::path::Path;
@@ -17,9 +9,9 @@ use std::process::Command;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
-use support::body::{self, AIR_FROM, NERVE, TARGET};
-use support::image::{Image, Stored, field, put, put_shorts, put_singles};
-use support::place::Place;
+use crate::support::body::{self, AIR_FROM, NERVE, TARGET};
+use crate::support::image::{Image, Stored, field, put, put_shorts, put_singles};
+use crate::support::place::Place;
 
 fn gzip(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
@@ -458,7 +450,7 @@ fn a_folder_that_cannot_be_written_is_refused() {
         // not even root can make a folder there
         place.refuses_into("/proc/sys/plan", &["cannot write into /proc/sys", "because: "]);
     } else {
-        eprintln!("SKIPPED: there is no /proc");
+        bonemill_testkit::skipped("there is no /proc");
     }
     fs::write(place.path("file"), "text").unwrap();
     place.refuses_into("file/plan", &["file"]);
@@ -476,7 +468,7 @@ fn a_full_disk_leaves_nothing() {
             .arg(&disk)
             .output();
         if !mount.is_ok_and(|o| o.status.success()) {
-            eprintln!("SKIPPED: a small disk cannot be mounted here");
+            bonemill_testkit::skipped("a small disk cannot be mounted here");
             return;
         }
         let ran = place.run(&["plan", "case.toml", "--out", "disk/plan"]);

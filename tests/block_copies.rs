@@ -1,20 +1,12 @@
 //! A copy of the foam block in turned or mirrored coordinates, with the registration turned too, gets the same plan.
 
-#![allow(
-    clippy::unwrap_used,
-    clippy::print_stderr,
-    reason = "a test's helper fails by panicking and says what it measured"
-)]
-
-mod support;
-
 use std::fs;
 
+use crate::support::place::Place;
 use bonemill_geometry::{Ct, Grid, Volume};
 use bonemill_imaging::phantom::{Phantom, PhantomKind, phantom};
 use bonemill_imaging::write_phantom;
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
-use support::place::Place;
 
 /// A voxel of the block's images, mm.
 const VOXEL_MM: f64 = 0.5;

@@ -1,16 +1,12 @@
 //! Channels end to end: a tibia drilled and a glenoid reamed by the command, simulated and verified, and plans that are wrong.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 use std::path::Path;
 
+use crate::support::place::Place;
 use bonemill_planner::case::Case;
 use bonemill_planner::channel::tool::ChannelTool;
 use bonemill_planner::edge::{CoefficientModel, PlungeFitting, PlungeRow, Regression};
-use support::place::Place;
 
 /// A table of numbers by column.
 struct Table {

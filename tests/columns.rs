@@ -1,14 +1,10 @@
 //! Every column and key of a plan's files is described, in the reference and in the report.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::collections::BTreeSet;
 use std::fs;
 
+use crate::support::place::Place;
 use bonemill_planner::plan::columns::DESCRIBED;
-use support::place::Place;
 
 /// The names that are described for a file or a table in it.
 fn described(title: &str) -> Vec<&'static str> {

@@ -1,12 +1,8 @@
 //! Compares two plans of one patient, also when their inputs are missing.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 
-use support::place::Place;
+use crate::support::place::Place;
 
 #[test]
 fn two_plans_are_compared_by_their_own_files_alone() {

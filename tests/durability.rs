@@ -3,22 +3,14 @@
 //! Processes are killed at moments spread over their whole run. `BONEMILL_KILLS` sets how often each command is killed
 //! (16 by default; a release is tested with 200).
 
-#![allow(
-    clippy::unwrap_used,
-    clippy::print_stderr,
-    reason = "a test's helper fails by panicking and says what it skips"
-)]
-
-mod support;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use support::body;
-use support::place::Place;
+use crate::support::body;
+use crate::support::place::Place;
 
 type Files = BTreeMap<PathBuf, Vec<u8>>;
 
@@ -192,7 +184,7 @@ fn on_a_small_disk<T>(dir: &Path, size: &str, work: impl FnOnce() -> T) -> Optio
     fs::create_dir(dir).unwrap();
     let mount = |args: &[&str]| Command::new("mount").args(args).arg(dir).output();
     if !mount(&["-t", "tmpfs", "-o", &format!("size={size}"), "none"]).is_ok_and(|o| o.status.success()) {
-        eprintln!("SKIPPED: a small disk cannot be mounted here");
+        bonemill_testkit::skipped("a small disk cannot be mounted here");
         return None;
     }
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));

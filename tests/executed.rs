@@ -1,14 +1,10 @@
 //! `bonemill report`: a run's log beside its plan, with errors that are known because the log is made here.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fmt::Write;
 use std::fs;
 
+use crate::support::place::Place;
 use bonemill_planner::plan::{Sha256, StoredPlan};
-use support::place::Place;
 
 const UR: &str = "rate_hz = 500\nmodel = \"ur5e\"\n\
                   flange_from_burr = { translation_mm = [0, 0, 180], rpy_rad = [3.141592653589793, 0, 0] }";

@@ -1,13 +1,9 @@
 //! Every exported format is read back and compared with the plan's own files.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 
+use crate::support::place::Place;
 use bonemill_planner::plan::StoredPlan;
-use support::place::Place;
 
 const UR: &str = "rate_hz = 500\nmodel = \"ur5e\"\n\
                   flange_from_burr = { translation_mm = [0, 0, 180], rpy_rad = [3.141592653589793, 0, 0] }";

@@ -1,14 +1,10 @@
 //! Forces toward structures: the choices that change them, and the comparison with a straight shaft at constant speed.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 
+use crate::support::figures::figure;
+use crate::support::{body, place::Place};
 use bonemill_planner::plan::StoredPlan;
-use support::figures::figure;
-use support::{body, place::Place};
 
 /// A case in which nothing is chosen: straight shaft, one speed, lines along work x.
 const STILL: &str = "[orientation]\nmode = \"fixed\"\n\n[speed]\nmode = \"constant\"\n";

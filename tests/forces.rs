@@ -1,15 +1,11 @@
 //! Forces toward several structures: each has its own direction, distance and figures.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 
+use crate::support::figures::figure;
+use crate::support::{body, place::Place};
 use bonemill_planner::plan::StoredPlan;
 use nalgebra::Vector3;
-use support::figures::figure;
-use support::{body, place::Place};
 
 /// A structure under the whole pocket, so near and with such a clearance that it has the least margin nearly everywhere.
 const PLATE: &str =

@@ -1,16 +1,12 @@
 //! Labels that are absent, misnamed, used twice or beside the CT are refused or told; a target that gives way to structures, and
 //! what a case adds and takes away.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 
 use serde_json::Value;
 
-use support::body;
-use support::place::Place;
+use crate::support::body;
+use crate::support::place::Place;
 
 #[test]
 fn a_label_that_is_not_in_the_map_is_refused_with_those_that_are() {

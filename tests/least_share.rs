@@ -1,16 +1,12 @@
 //! A plan that removes too little of its target falls short. It states the causes for the rest in mm³ that add up, and what would
 //! help; `verify` counts the share itself.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 
 use serde_json::Value;
 
-use support::body::{AIR_FROM, NERVE, TARGET};
-use support::place::Place;
+use crate::support::body::{AIR_FROM, NERVE, TARGET};
+use crate::support::place::Place;
 
 /// Plans the case, which must fall short; returns its JSON and its shortfalls.
 fn short(place: &Place) -> (Value, String) {

@@ -1,17 +1,13 @@
 //! A number that is given in several places is the same in all: the command's text, its JSON, plan.toml, the report, verify.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::collections::BTreeMap;
 use std::fs;
 
+use crate::support::body::NERVE;
+use crate::support::place::Place;
 use bonemill_planner::plan::columns::DESCRIBED;
 use bonemill_planner::report::percent;
 use serde_json::Value;
-use support::body::NERVE;
-use support::place::Place;
 
 /// Whether a value of plan.toml equals that of the JSON object, up to the rounding of reading JSON.
 fn is_same(toml: &toml::Value, json: &Value) -> bool {

@@ -1,7 +1,5 @@
 //! `bonemill prosthesis`, `stock` and `verify` of the folder: from a job and a catalogue to files; and what is refused.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};

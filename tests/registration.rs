@@ -1,15 +1,11 @@
 //! Registrations from fiducials: a good one is used, a bad one is refused or makes the plan fall short with advice, and an
 //! assumed one gives a warning everywhere.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 
+use crate::support::place::{Place, Ran};
 use bonemill_planner::plan::{StoredPlan, Value};
 use nalgebra::Vector3;
-use support::place::{Place, Ran};
 
 /// Fiducials in the patient's scan, ct, mm.
 const CT_MM: [[f64; 3]; 5] =

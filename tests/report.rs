@@ -1,12 +1,8 @@
 //! The report lists the case's values and the origin of each.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 
-use support::place::Place;
+use crate::support::place::Place;
 
 /// The cells of a key's row in the report's table of parameters: value, meaning, from.
 #[track_caller]

@@ -1,13 +1,9 @@
 //! A plan must not depend on the run, the number of threads, the storage of the images, or the orientation of the patient.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 
-use support::body;
-use support::place::Place;
+use crate::support::body;
+use crate::support::place::Place;
 
 /// A voxel of the planning grid, mm.
 const VOXEL_MM: f64 = 0.5;

@@ -1,18 +1,14 @@
 //! A scan that ends too early: the part of the target beyond it counts neither as target nor as removed, and bone at the scan's
 //! edge beside the target is reported.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 use std::ops::Range;
 
 use serde_json::Value;
 
-use support::body::{self, DIMS, TARGET};
-use support::image::Stored;
-use support::place::{Place, Ran};
+use crate::support::body::{self, DIMS, TARGET};
+use crate::support::image::Stored;
+use crate::support::place::{Place, Ran};
 
 /// The healthy patient in a scan of only these voxels along i and j, with complete labels.
 fn scanned(is: Range<usize>, js: Range<usize>) -> Place {

@@ -1,11 +1,7 @@
 //! A plan that misses a guarantee or a figure of its case says so, with the figure and the reason, and `verify` agrees.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
+use crate::support::place::{Place, Ran};
 use bonemill_planner::plan::{StoredPlan, Value};
-use support::place::{Place, Ran};
 
 /// The healthy patient with keys at the top of some tables.
 fn with(tables: &[(&str, &str)]) -> Place {

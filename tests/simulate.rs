@@ -1,14 +1,10 @@
 //! `bonemill simulate`: a plan's table and report, poses from standard input, a force log, and refused input.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 use std::io::Write;
 use std::process::{Command, Stdio};
 
-use support::place::{Place, Ran};
+use crate::support::place::{Place, Ran};
 
 const HEADER: &str = "time_s,x_mm,y_mm,z_mm,fx_n,fy_n,fz_n,torque_nmm,power_w,mrr_mm3_s,\
                       force_toward_n,structure,distance_mm,deflection_um";

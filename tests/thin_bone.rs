@@ -1,10 +1,6 @@
 //! Thin bone outside the target: it is kept beyond the band; within the band it may be removed and gives force. Compared with the
 //! images point by point, without a planning grid.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 use std::ops::Range;
 
@@ -15,8 +11,8 @@ use bonemill_planner::path::MoveKind;
 use bonemill_planner::plan::{StoredPlan, Waypoint};
 use nalgebra::Vector3;
 
-use support::body::{AIR_FROM, AIR_HU, ORIGIN_MM, SPACING_MM, TARGET};
-use support::place::Place;
+use crate::support::body::{AIR_FROM, AIR_HU, ORIGIN_MM, SPACING_MM, TARGET};
+use crate::support::place::Place;
 
 const RADIUS_MM: f64 = 1.5;
 const NECK_MM: f64 = 0.6;

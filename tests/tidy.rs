@@ -2,8 +2,6 @@
 //!
 //! Every rule is a function from a file's path and text to complaints, and each is also tested with a file that breaks it.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
 use std::fs;
 use std::path::Path;
 

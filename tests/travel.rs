@@ -1,12 +1,8 @@
 //! Plans that were moved: what each command can do without the plan's inputs, and how the inputs are given.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::fs;
 
-use support::place::Place;
+use crate::support::place::Place;
 
 /// A patient whose plan passes every check, because the shaft stays upright.
 fn upright() -> Place {

@@ -3,10 +3,6 @@
 //! A fault should be visible to one check only. Where positions change, the trajectory is computed again, so that it follows the
 //! wrong path exactly.
 
-#![allow(clippy::unwrap_used, reason = "a test's helper fails by panicking")]
-
-mod support;
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::sync::OnceLock;
@@ -16,11 +12,11 @@ use bonemill_planner::plan::StoredPlan;
 use bonemill_planner::verify::{Check, Verification, verify};
 use bonemill_testkit::pocket;
 
-use support::body;
-use support::faults::{self, Fault};
-use support::image::Image;
-use support::place::Place;
-use support::{figure_faults, force_faults};
+use crate::support::body;
+use crate::support::faults::{self, Fault};
+use crate::support::image::Image;
+use crate::support::place::Place;
+use crate::support::{figure_faults, force_faults};
 
 struct Quiet;
 impl Progress for Quiet {

@@ -3,18 +3,10 @@
 //! Real scans are searched in `BONEMILL_DATA`, or beside the workspace in `../shared/data`. If one is missing, the test prints
 //! this and uses the others.
 
-#![allow(
-    clippy::unwrap_used,
-    clippy::print_stderr,
-    reason = "a test's helper fails by panicking and says what it skips"
-)]
-
-mod support;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use support::place::Place;
+use crate::support::place::Place;
 
 /// Least removed share of the reachable part.
 const ENOUGH: f64 = 0.99;
@@ -57,7 +49,7 @@ fn scan(name: &str, case: Option<&Path>) -> Option<Place> {
     let data = std::env::var_os("BONEMILL_DATA").map_or_else(|| root.join("../shared/data"), PathBuf::from);
     let folder = data.join(name);
     if !folder.is_dir() {
-        eprintln!("SKIPPED: {} is absent (set BONEMILL_DATA)", folder.display());
+        bonemill_testkit::skipped(format!("{} is absent (set BONEMILL_DATA)", folder.display()));
         return None;
     }
     let place = Place::empty();

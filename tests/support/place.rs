@@ -4,14 +4,19 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::sync::OnceLock;
 
 use super::body;
 use super::image::{Image, Stored};
+
+/// Files with their bytes, and folders, by path.
+pub type Files = BTreeMap<PathBuf, Option<Vec<u8>>>;
 
 /// A temporary folder in which the command runs.
 pub struct Place(tempfile::TempDir);
 
 /// The result of a run of the command.
+#[derive(Clone)]
 pub struct Ran {
     /// Exit code.
     pub code: i32,
@@ -101,9 +106,22 @@ impl Place {
         Ran { code: status.code().unwrap(), out: text(stdout), err: text(stderr) }
     }
 
-    /// Plans the case into `plan`.
+    /// Plans the case into `plan`. What the healthy patient's plan holds is computed once and copied.
     pub fn plan(&self) -> Ran {
-        self.run(&["plan", "case.toml", "--out", "plan"])
+        static HEALTHY: OnceLock<(Ran, Files)> = OnceLock::new();
+        let plan = |place: &Self| place.run(&["plan", "case.toml", "--out", "plan"]);
+        if self.files() != Self::healthy().files() {
+            return plan(self);
+        }
+        let (ran, files) = HEALTHY.get_or_init(|| {
+            let place = Self::healthy();
+            (plan(&place), place.files_of("plan"))
+        });
+        fs::create_dir(self.path("plan")).unwrap();
+        for (name, bytes) in files {
+            fs::write(self.path("plan").join(name), bytes.as_ref().unwrap()).unwrap();
+        }
+        ran.clone()
     }
 
     /// Checks that planning is refused as bad input with these words, and that the folder does not change.
@@ -130,30 +148,35 @@ impl Place {
     }
 
     #[track_caller]
-    fn unchanged(&self, before: &BTreeMap<PathBuf, Option<Vec<u8>>>) {
+    fn unchanged(&self, before: &Files) {
         let after = self.files();
-        let names = |files: &BTreeMap<PathBuf, _>| files.keys().cloned().collect::<Vec<_>>();
+        let names = |files: &Files| files.keys().cloned().collect::<Vec<_>>();
         assert_eq!(names(before), names(&after), "what stands in the folder");
         assert!(*before == after, "a file was changed");
     }
 
     /// Every file and folder with its bytes, including hidden ones.
-    pub fn files(&self) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
-        let mut found = BTreeMap::new();
-        collect(self.0.path(), &mut found);
+    pub fn files(&self) -> Files {
+        self.files_of(".")
+    }
+
+    /// The same of a folder in it, by their paths there.
+    fn files_of(&self, name: &str) -> Files {
+        let (mut found, root) = (BTreeMap::new(), self.path(name));
+        collect(&root, &root, &mut found);
         found
     }
 }
 
-fn collect(dir: &Path, found: &mut BTreeMap<PathBuf, Option<Vec<u8>>>) {
+fn collect(root: &Path, dir: &Path, found: &mut Files) {
     for entry in fs::read_dir(dir).unwrap() {
         let path = entry.unwrap().path();
+        let name = path.strip_prefix(root).unwrap().to_owned();
         if path.is_dir() {
-            collect(&path, found);
-            found.insert(path, None);
+            collect(root, &path, found);
+            found.insert(name, None);
         } else {
-            let bytes = fs::read(&path).unwrap();
-            found.insert(path, Some(bytes));
+            found.insert(name, Some(fs::read(&path).unwrap()));
         }
     }
 }

@@ -135,14 +135,10 @@ impl ForcedPath<'_> {
                 Some(kernel.engaged_force(&axis, &feed_of(case, &feed), &mut bone))
             };
             let mut found: Vec<EngagedForce> = around_back(&swept, i).into_iter().filter_map(at).collect();
-            // in its rounded corners a move may cut that is planned to cut nothing
-            if i > 0 && ends[i].is_none() && swept.is_rounded(i - 1) {
-                found.extend(at(WITHIN[0]));
-            }
-            if swept.is_rounded(i) {
-                found.extend(at(1.0));
-            }
             if let Some(end) = &ends[i] {
+                if swept.is_rounded(i) {
+                    found.extend(at(1.0));
+                }
                 let first = WITHIN.iter().filter_map(|share| Some((*share, at(*share)?)));
                 let places: Vec<_> = first.chain([(1.0, *end)]).collect();
                 found.extend(places[..places.len() - 1].iter().map(|(_, force)| *force));

@@ -1,0 +1,40 @@
+//! The command and the pipelines as a user meets them, one file for each subject: one program, so that it is linked once.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::type_complexity,
+    reason = "a test's helper fails by panicking"
+)]
+
+mod support;
+
+mod access;
+mod arms;
+mod bad_case;
+mod bad_input;
+mod block_copies;
+mod channel;
+mod columns;
+mod command;
+mod compare;
+mod durability;
+mod executed;
+mod export;
+mod felt;
+mod forces;
+mod labels;
+mod least_share;
+mod numbers;
+mod prosthesis;
+mod registration;
+mod report;
+mod same_plan;
+mod scan_edge;
+mod shortfalls;
+mod simulate;
+mod thin_bone;
+mod tidy;
+mod travel;
+mod verify;
+mod whole_way;
