@@ -222,25 +222,61 @@ fn crate_directions(source: &Source) -> Vec<String> {
         .collect()
 }
 
-/// No crate has more than a fifth of the lines.
-#[test]
-fn no_crate_holds_more_than_a_fifth_of_the_code() {
-    let folders: Vec<&str> = LAYERS.iter().flat_map(|layer| layer.iter()).copied().collect();
-    let mut lines = vec![0; folders.len()];
+/// Non-test lines of every crate, by folder.
+fn lines_of_crates() -> Vec<(&'static str, usize)> {
+    let mut crates: Vec<_> =
+        LAYERS.iter().flat_map(|layer| layer.iter()).map(|folder| (*folder, 0)).collect();
     for source in sources().iter().filter(|s| s.is_rust() && !s.is_test()) {
-        let holds = |folder: &&str| {
+        let holds = |(folder, _): &&mut (&str, usize)| {
             let prefix = if folder.is_empty() { "src/".to_owned() } else { format!("{folder}/src/") };
             source.path.starts_with(&prefix)
         };
-        if let Some(n) = folders.iter().position(holds) {
-            lines[n] += source.code().count();
+        if let Some((_, lines)) = crates.iter_mut().find(holds) {
+            *lines += source.code().count();
         }
     }
-    let all: usize = lines.iter().sum();
+    crates
+}
+
+/// No crate has more than a fifth of the lines.
+#[test]
+fn no_crate_holds_more_than_a_fifth_of_the_code() {
+    let crates = lines_of_crates();
+    let all: usize = crates.iter().map(|(_, lines)| lines).sum();
     assert!(all > 10_000, "the tree was not found: {all} lines");
-    for (folder, lines) in folders.iter().zip(&lines) {
+    for (folder, lines) in crates {
         assert!(5 * lines <= all, "{folder} holds {lines} of {all} lines");
     }
+}
+
+/// The table of crates names the dependencies of each, and its lines to a tenth or 100.
+#[test]
+fn the_architecture_s_table_is_true() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let text = fs::read_to_string(root.join("ARCHITECTURE.md")).unwrap();
+    let mut wrong = Vec::new();
+    for (folder, lines) in lines_of_crates().into_iter().filter(|(folder, _)| *folder != "fuzz") {
+        let name = if folder.is_empty() { "bonemill" } else { folder };
+        let row = text.lines().find(|line| line.starts_with(&format!("| {name} |"))).unwrap_or(name);
+        let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+        let told: f64 = cells.get(3).and_then(|cell| cell.replace(',', "").parse().ok()).unwrap_or(-1.0);
+        let manifest = fs::read_to_string(root.join(folder).join("Cargo.toml")).unwrap();
+        let manifest: toml::Table = manifest.parse().unwrap();
+        let of_manifest = manifest["dependencies"].as_table().unwrap();
+        let mut needs: Vec<&str> =
+            of_manifest.keys().filter_map(|key| key.strip_prefix("bonemill-")).collect();
+        needs.sort_unstable();
+        let needs = match folder {
+            "planner" | "robot" => format!("all in {folder}/"),
+            _ if needs.is_empty() => "-".into(),
+            _ => needs.join(", "),
+        };
+        let off = (told - lines as f64).abs();
+        if off > (0.1 * lines as f64).max(100.0) || cells.get(4) != Some(&needs.as_str()) {
+            wrong.push(format!("{name}: {lines} lines, depends on {needs}; the table: {row}"));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 fn file_access(source: &Source) -> Vec<String> {

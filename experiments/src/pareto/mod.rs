@@ -37,10 +37,9 @@ struct Outcome {
 impl Outcome {
     fn of(changed: String, plan: &Plan) -> Self {
         let case = &plan.setup.case;
-        let first = plan.results.figures.structures.iter().zip(&case.structures);
-        let first = first.filter(|(_, s)| Some(s.priority) == case.highest_priority());
+        let first = plan.results.figures.structures.iter().enumerate().filter(|(n, _)| case.rank(*n) <= 1.0);
         let (mut mean_n, mut peak_n) = (0f64, 0f64);
-        for (found, _) in first {
+        for (_, found) in first {
             mean_n = mean_n.max(found.force.mean_with_zeros_n);
             peak_n = peak_n.max(found.force.peak_n);
         }
@@ -86,8 +85,9 @@ fn front(name: &str, body: &Body, progress: &dyn Progress) -> Result<Front, Expe
     let times = times.collect();
     let clearances = WIDER_MM.iter().filter_map(|wider_mm| {
         let mut case = case.clone();
-        let first = case.highest_priority();
-        for structure in case.structures.iter_mut().filter(|s| Some(s.priority) == first) {
+        let first: Vec<usize> = (0..case.structures.len()).filter(|n| case.rank(*n) <= 1.0).collect();
+        for n in first {
+            let structure = &mut case.structures[n];
             structure.clearance_mm += wider_mm;
             if structure.clearance_mm < NARROWEST_MM {
                 return None;

@@ -109,7 +109,7 @@ pub(super) fn rows(name: &str, plan: &Plan) -> Vec<Row> {
         body: name.to_owned(),
         structure: s.name.clone(),
         priority: s.priority,
-        is_first: Some(s.priority) == plan.setup.case.highest_priority(),
+        is_first: plan.setup.case.rank(n) <= 1.0,
         controls: compared.controls.iter().map(|c| figures(&c.forces, n)).collect(),
         straight: compared.straight.as_ref().map(|s| figures(&s.forces, n)),
         plan: figures(&compared.plan, n),

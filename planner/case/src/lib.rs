@@ -395,16 +395,11 @@ impl SpeedCaps {
 }
 
 impl Case {
-    /// The highest priority that a structure has, that of the lowest number; `None` without structures.
-    pub fn highest_priority(&self) -> Option<u32> {
-        self.structures.iter().map(|s| s.priority).min()
-    }
-
-    /// The priority of a structure over the highest: 1 for the most important, larger for others, infinite for one that the case does not
-    /// have.
+    /// The priority of a structure over the smallest: 1 for the most important, infinite for one that the case does not have.
     pub fn rank(&self, structure: usize) -> f64 {
-        let ranked = self.structures.get(structure).zip(self.highest_priority());
-        ranked.map_or(f64::INFINITY, |(s, highest)| f64::from(s.priority) / f64::from(highest))
+        let smallest = self.structures.iter().map(|s| s.priority).min();
+        let highest = smallest.map_or(1.0, f64::from);
+        self.structures.get(structure).map_or(f64::INFINITY, |s| f64::from(s.priority) / highest)
     }
 }
 

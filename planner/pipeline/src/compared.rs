@@ -47,10 +47,8 @@ impl StructureForces {
     /// Where these forces are above those of the better of some references: toward the structures of the case's highest priority, the
     /// worst first; with `nothing_n`, forces up to it count as none.
     fn worse_than(&self, case: &Case, references: &[&Self], nothing_n: f64) -> Vec<Worse> {
-        let first = case.highest_priority();
-        let judged = case.structures.iter().enumerate().filter(|(_, s)| Some(s.priority) == first);
         let mut found = Vec::new();
-        for (n, _) in judged {
+        for n in (0..case.structures.len()).filter(|n| case.rank(*n) <= 1.0) {
             for (figure, value) in JUDGED {
                 let of = |forces: &Self| forces.structures.get(n).map_or(0.0, |s| value(&s.near));
                 let better = references.iter().map(|r| of(r)).min_by(f64::total_cmp);
