@@ -115,7 +115,9 @@ impl Place {
         }
         let (ran, files) = HEALTHY.get_or_init(|| {
             let place = Self::healthy();
-            (plan(&place), place.files_of("plan"))
+            let ran = plan(&place);
+            assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+            (ran, place.files_of("plan"))
         });
         fs::create_dir(self.path("plan")).unwrap();
         for (name, bytes) in files {

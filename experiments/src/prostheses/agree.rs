@@ -1,6 +1,7 @@
 //! Random parts, tools and blocks: plan, program, proof, verification and report must agree, and a word or a figure that is changed in the
 //! folder must be found.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use bonemill_planner::Progress;
@@ -185,9 +186,17 @@ impl RandomJob {
         Ok(End::Passed(found))
     }
 
-    /// Where programs disagree, if they do, else how it ends.
+    /// How it ends; an error or a panic is a disagreement.
     fn end(self) -> End {
-        self.judged().unwrap_or_else(|error| End::Disagrees(format!("{error}")))
+        match catch_unwind(AssertUnwindSafe(|| self.judged())) {
+            Ok(Ok(end)) => end,
+            Ok(Err(error)) => End::Disagrees(error.to_string()),
+            Err(panic) => {
+                let said = panic.downcast_ref::<String>().cloned();
+                let said = said.or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()));
+                End::Disagrees(format!("a panic: {}", said.unwrap_or_default()))
+            }
+        }
     }
 
     /// Jobs that are simpler in one thing.
@@ -236,24 +245,34 @@ fn changed(text: &str, seed: u64) -> (String, String) {
 /// None: every disagreement is a shortfall of the table.
 pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, ExperimentError> {
     progress.stage("agree");
-    Ok(vec![agree(0..25 * size.seeds, progress)])
+    Ok(vec![agree(0..25 * size.seeds, progress).0])
 }
 
 /// Number of jobs after which disagreements are told.
 const PORTION: u64 = 10;
 
+/// How many jobs ended how.
+#[derive(Debug, Default)]
+struct Ends {
+    passed: usize,
+    changes: usize,
+    short: usize,
+    refused: Vec<String>,
+}
+
 /// Runs the jobs of these numbers; each that disagrees is listed as simple as it can be.
-fn agree(numbers: std::ops::Range<u64>, progress: &dyn Progress) -> Table {
-    let mut rows = Vec::new();
-    let (mut passed, mut short, mut changes, mut refused) = (0, 0, 0, Vec::new());
+fn agree(numbers: std::ops::Range<u64>, progress: &dyn Progress) -> (Table, Ends) {
+    let (mut rows, mut ends) = (Vec::new(), Ends::default());
     for first in numbers.clone().step_by(PORTION as usize) {
         let portion = first..(first + PORTION).min(numbers.end);
-        let ends: Vec<_> = portion.into_par_iter().map(|n| (n, RandomJob::draw(n).end())).collect();
-        for (number, end) in ends {
+        let found: Vec<_> = portion.into_par_iter().map(|n| (n, RandomJob::draw(n).end())).collect();
+        for (number, end) in found {
             match end {
-                End::Passed(found) => (passed, changes) = (passed + 1, changes + found),
-                End::Short => short += 1,
-                End::Refused(why) => refused.push(format!("{number}: {why}")),
+                End::Passed(changes) => {
+                    (ends.passed, ends.changes) = (ends.passed + 1, ends.changes + changes)
+                }
+                End::Short => ends.short += 1,
+                End::Refused(why) => ends.refused.push(format!("{number}: {why}")),
                 End::Disagrees(said) => {
                     let simple = simplest(RandomJob::draw(number));
                     progress.note(&format!("job {number}: {said}; as simple as {simple}"));
@@ -262,6 +281,7 @@ fn agree(numbers: std::ops::Range<u64>, progress: &dyn Progress) -> Table {
             }
         }
     }
+    let Ends { passed, changes, short, refused } = &ends;
     let title = format!(
         "{} random prostheses: plan, program, proof and verify agree, and changes of the folder are found. {passed} passed with {changes} changes found, {short} fell short \
          and verify says the same, {} refused ({}).",
@@ -275,7 +295,7 @@ fn agree(numbers: std::ops::Range<u64>, progress: &dyn Progress) -> Table {
         table.shortfalls.push(format!("job {job}: {said}; as simple as {simple}"));
         table.push(vec![job, said, simple]);
     }
-    table
+    (table, ends)
 }
 
 /// The simplest job that still disagrees.
@@ -294,7 +314,8 @@ mod tests {
 
     #[test]
     fn programs_agree_on_random_prostheses_and_every_change_is_found() {
-        let found = agree(0..10, &());
+        let (found, ends) = agree(0..10, &());
         assert!(found.shortfalls.is_empty(), "{}", found.shortfalls.join("\n"));
+        assert!(ends.passed >= 5 && ends.changes == 4 * ends.passed && ends.refused.is_empty(), "{ends:?}");
     }
 }

@@ -59,10 +59,11 @@ pub fn find(
     let kept: Vec<KeptStructure<'_>> = fields
         .iter()
         .zip(&case.structures)
-        .map(|(field, of)| KeptStructure {
+        .enumerate()
+        .map(|(n, (field, of))| KeptStructure {
             field: field.as_ref(),
             clearance_mm: of.clearance_mm,
-            priority: of.priority,
+            rank: case.rank(n),
         })
         .collect();
     let error = RegistrationError::of_case(&case.robot, spec.registration_sigma_mm)?;

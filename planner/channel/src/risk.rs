@@ -21,8 +21,8 @@ pub struct KeptStructure<'a> {
     pub field: Option<&'a StructureField>,
     /// Least clearance, mm.
     pub clearance_mm: f64,
-    /// 1 is the most important.
-    pub priority: u32,
+    /// Its priority over the smallest of the case: 1 is the most important.
+    pub rank: f64,
 }
 
 /// What a channel keeps of one structure.
@@ -40,7 +40,7 @@ pub struct KeptClearance {
     pub touch_probability: f64,
     /// What is asked for, mm: the larger of the case's clearance and that at which the probability is the largest allowed one.
     pub needed_mm: f64,
-    /// What is kept beyond that, times √priority, mm. What is missing is negative and divided by it: of two structures that cannot both
+    /// What is kept beyond that, times √rank, mm. What is missing is negative and divided by it: of two structures that cannot both
     /// be kept, the more important one comes first.
     pub weighted_margin_mm: f64,
 }
@@ -108,7 +108,7 @@ impl RiskModel<'_> {
             sigma_mm,
             touch_probability: touched,
             needed_mm,
-            weighted_margin_mm: weighted_mm(clearance_mm - needed_mm, structure.priority),
+            weighted_margin_mm: weighted_mm(clearance_mm - needed_mm, structure.rank),
         })
     }
 }
@@ -122,8 +122,8 @@ fn of_wall(clearance_mm: f64, sigma_mm: f64) -> f64 {
     }
 }
 
-fn weighted_mm(margin_mm: f64, priority: u32) -> f64 {
-    let weight = f64::from(priority).sqrt();
+fn weighted_mm(margin_mm: f64, rank: f64) -> f64 {
+    let weight = rank.sqrt();
     if margin_mm < 0.0 { margin_mm / weight } else { margin_mm * weight }
 }
 
@@ -155,7 +155,7 @@ mod tests {
             }
         }
         let field = StructureField::new(&labels, 3, None).unwrap().unwrap();
-        let structures = [KeptStructure { field: Some(&field), clearance_mm: 0.3, priority: 4 }];
+        let structures = [KeptStructure { field: Some(&field), clearance_mm: 0.3, rank: 4.0 }];
         let tool = flat(1.0);
         let model = RiskModel {
             structures: &structures,
@@ -174,8 +174,8 @@ mod tests {
         assert!((kept.touch_probability - 0.00621).abs() < 1e-5, "{}", kept.touch_probability);
         assert!((kept.weighted_margin_mm - 2.0 * (0.5 - 0.2 * 2.326_35)).abs() < 5e-4);
         // a shortfall counts more where the structure is more important, a margin less
-        assert_eq!([weighted_mm(-0.4, 1), weighted_mm(-0.4, 4)], [-0.4, -0.2]);
-        assert_eq!([weighted_mm(0.4, 1), weighted_mm(0.4, 4)], [0.4, 0.8]);
+        assert_eq!([weighted_mm(-0.4, 1.0), weighted_mm(-0.4, 4.0)], [-0.4, -0.2]);
+        assert_eq!([weighted_mm(0.4, 1.0), weighted_mm(0.4, 4.0)], [0.4, 0.8]);
         assert_eq!([of_wall(0.1, 0.0), of_wall(-0.1, 0.0)], [0.0, 1.0]);
         // a wall on one side is no more on all sides
         let all = model.assess(&axis, 1e-4, Sides::All)[0].unwrap();

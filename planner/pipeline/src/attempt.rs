@@ -377,7 +377,10 @@ impl<'a> Start<'a> {
             let Some(eased) = prepared.eased(chosen, &forces, bounds, speeds) else { break };
             let (slower, found) = timed(&SpeedInput { force_cap_mm_s: &eased, ..*input })?;
             let is_gain = bounds.excess(&found) < bounds.excess(&forces) - GAINS;
-            if !is_gain || !bounds.keeps_whole(&found) || slower.missed.is_some() && timing.missed.is_none() {
+            if !is_gain
+                || !bounds.keeps_whole(&found, &forces)
+                || slower.missed.is_some() && timing.missed.is_none()
+            {
                 break;
             }
             (timing, forces, caps_mm_s) = (slower, found, eased);

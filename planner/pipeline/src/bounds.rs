@@ -55,9 +55,10 @@ impl Bounds {
         Self { mean_n: straight.mean_n, peak_n: straight.peak_n, near_n }
     }
 
-    /// Whether mean and peak of the whole force are within their bounds.
-    pub fn keeps_whole(&self, forces: &StructureForces) -> bool {
-        forces.mean_n <= self.mean_n && forces.peak_n <= self.peak_n * (1.0 + SAME_SHARE)
+    /// Whether mean and peak of the whole force are within their bounds, or not above those before.
+    pub fn keeps_whole(&self, forces: &StructureForces, before: &StructureForces) -> bool {
+        let most_n = [self.mean_n.max(before.mean_n), (self.peak_n * (1.0 + SAME_SHARE)).max(before.peak_n)];
+        forces.mean_n <= most_n[0] && forces.peak_n <= most_n[1]
     }
 
     /// The largest share of a structure's bounds that forces reach.
@@ -246,10 +247,10 @@ mod tests {
         let bounds = Bounds::of(&straight, &[control(&plan)]);
         assert_eq!(bounds.near_n, vec![[LEAST_N; 3]]);
         assert!((bounds.excess(&straight) - (0.1f64 / LEAST_N).ln()).abs() < 1e-12);
-        assert!(
-            bounds.keeps_whole(&straight)
-                && !bounds.keeps_whole(&StructureForces { mean_n: 1.1, ..plan.clone() })
-        );
-        assert!(!bounds.keeps_whole(&StructureForces { peak_n: 2.1, ..plan }));
+        let with = |mean_n: f64, peak_n: f64| StructureForces { mean_n, peak_n, ..straight.clone() };
+        let keeps = |forces: &StructureForces| bounds.keeps_whole(forces, &with(1.0, 2.0));
+        assert!(keeps(&with(1.0, 2.03)) && !keeps(&with(1.1, 2.0)) && !keeps(&with(1.0, 2.1)));
+        // what was there before is no reason
+        assert!(bounds.keeps_whole(&with(1.1, 2.1), &with(1.1, 2.1)));
     }
 }

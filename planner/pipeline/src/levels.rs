@@ -162,7 +162,7 @@ impl SpeedLevels {
         let (unit, factor) = if self.is_deflection { ("µm", 1e3) } else { ("N", 1.0) };
         let value = |level: f64| format!("{:.3} {unit}", factor * level);
         let kept = format!(
-            "at most {} toward a structure (weighted by nearness and priority) and {} in all",
+            "at most {} toward a structure (weighted by nearness and rank) and {} in all",
             value(self.toward),
             value(self.overall)
         );
@@ -170,7 +170,7 @@ impl SpeedLevels {
         let to = worst.structure.and_then(|n| case.structures.get(n));
         let to = to.map_or(String::new(), |structure| format!(" toward {}", structure.name));
         format!(
-            "{kept}, except in {} at speed.min_mm_s; the worst, waypoint {}, is {}{to} beyond",
+            "{kept}, except in {} at the least speed; the worst, waypoint {}, is {}{to} beyond",
             if self.exceeded == 1 { "1 cut".to_owned() } else { format!("{} cuts", self.exceeded) },
             worst.waypoint,
             value(worst.by),

@@ -2,7 +2,8 @@
 //!
 //! A row of a plan states the force where its move ends. Engagement changes within a move too, and a move may cut the skin that a
 //! rounded corner left, so forces are also computed at places within every move, those that plan to cut nothing included. Levels and
-//! caps hold at all of them.
+//! caps hold at all of them. Not looked at: the half of a corner's rounding that belongs to a move which is planned to cut nothing. A cap holds
+//! for a whole move, and a link would be slow over its length for some hundredths of a millimetre; `verify` finds what pushes there.
 
 use bonemill_armpath::ArmMotion;
 use bonemill_case::Case;

@@ -446,7 +446,12 @@ impl<'a> Cuts<'a> {
     /// Cap of a cut as a share of that under the case's caps on force, mm/s.
     fn share_of_cap(&self, slowness: f64, i: usize) -> f64 {
         let cap_mm_s = self.input.force_cap_mm_s[i];
-        if self.moves.is_cut[i] { (1.0 - slowness) * cap_mm_s.min(self.spec.max_mm_s) } else { cap_mm_s }
+        if !self.moves.is_cut[i] {
+            return cap_mm_s;
+        }
+        // a cut is slower than the slowest only where something pushes
+        let share_mm_s = (1.0 - slowness) * cap_mm_s.min(self.spec.max_mm_s);
+        share_mm_s.max(self.spec.min_mm_s.min(cap_mm_s))
     }
 
     /// Caps that the arm does not reach, lowered to hardly more than what it drives; a cut's within the range of speeds.

@@ -34,7 +34,7 @@ const SAME_SPEED: f64 = 0.51;
 const SAME_MOTION: f64 = 1e-6;
 const TRAJECTORY_FOLLOWS: &str = "trajectory.csv is the arm's motion along toolpath.csv";
 /// How far a time of toolpath.csv may be from the moves', s: its decimals.
-const SAME_TIME_S: f64 = 1e-3;
+const SAME_TIME_S: f64 = 6e-4;
 
 /// One thing that was checked.
 #[derive(Debug, Clone, PartialEq)]

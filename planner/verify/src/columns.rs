@@ -20,6 +20,8 @@ pub(super) const ROUNDING: f64 = 1e-6;
 const NO_FORCE_ALPHA: f64 = 1e-3;
 /// A structure farther from the burr's surface than its clearance plus this is in no cost, unless it is the nearest, mm.
 pub(super) const INFLUENCE_MM: f64 = 8.0;
+/// What is to remove nothing may be slower than the slowest cut by this share where it meets a skin.
+const SKIN_SHARE: f64 = 0.1;
 /// Among structures with α of at least this share of the largest, the first in priority counts.
 const CLOSE_SHARE: f64 = 0.5;
 /// Largest distance by which the trajectory may cut a corner, mm.
@@ -69,8 +71,7 @@ pub fn rows(plan: &StoredPlan, moves: &Moves, executed: &Executed) -> Vec<Check>
     let speed = |kind, low: f64, high: f64| {
         Worst::of(all().filter(|(n, _)| moves.kinds[*n] == kind).map(|(n, w)| {
             let v = w.speed_mm_s;
-            // what is to remove nothing may be slow for the skin that it meets
-            let low = if w.mass_mg > 0.0 { low } else { 0.0 };
+            let low = if w.mass_mg > 0.0 { low } else { SKIN_SHARE * low };
             (n, if v.is_finite() { (low - v).max(v - high).max(0.0) } else { f64::INFINITY })
         }))
     };

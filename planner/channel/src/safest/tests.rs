@@ -39,7 +39,7 @@ fn searched<R>(
 ) -> R {
     let (ct, labels) = scene(gap_x);
     let field = StructureField::new(&labels, 1, None).unwrap().unwrap();
-    let structures = [KeptStructure { field: Some(&field), clearance_mm: 0.2, priority: 1 }];
+    let structures = [KeptStructure { field: Some(&field), clearance_mm: 0.2, rank: 1.0 }];
     let tool = SolidOfRevolution::new(&[[0.0, 0.0], [0.5, 0.8], [9.0, 0.8]]).unwrap();
     let tool = SweptTool::new(&tool).unwrap();
     let risk = RiskModel {
@@ -141,7 +141,7 @@ fn where_the_worst_margin_ties_the_next_one_decides() {
     }
     let fields = [1, 2].map(|label| StructureField::new(&labels, label, None).unwrap().unwrap());
     let structures =
-        fields.each_ref().map(|field| KeptStructure { field: Some(field), clearance_mm: 0.2, priority: 1 });
+        fields.each_ref().map(|field| KeptStructure { field: Some(field), clearance_mm: 0.2, rank: 1.0 });
     let tool = SolidOfRevolution::new(&[[0.0, 0.0], [1.6, 0.8], [9.0, 0.8]]).unwrap();
     let outside = OutsideAir::of(&ct, -700.0);
     let search = SafestSearch {

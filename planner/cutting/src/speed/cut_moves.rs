@@ -40,13 +40,17 @@ impl CutMoves<'_> {
     /// # Errors
     /// As [`fastest_profile`].
     pub fn profile(&self, cap_mm_s: impl Fn(usize) -> f64) -> Result<LimitedProfile, ModelError> {
-        let cap = |(i, is_cut): (usize, &bool)| {
-            let most_mm_s = if *is_cut { self.max_mm_s } else { self.link_mm_s };
-            cap_mm_s(i).min(most_mm_s).max(self.slowest_mm_s[i].min(most_mm_s))
-        };
-        let caps: Vec<f64> = self.is_cut.iter().enumerate().map(cap).collect();
+        let most = |i: usize| if self.is_cut[i] { self.max_mm_s } else { self.link_mm_s };
+        let least = |i: usize| self.slowest_mm_s[i].min(most(i));
+        let moves = 0..self.is_cut.len();
+        let caps: Vec<f64> = moves.map(|i| cap_mm_s(i).min(most(i)).max(least(i))).collect();
         let least_mm_s = self.slowest_mm_s.iter().copied().fold(self.link_mm_s, f64::min);
-        fastest_profile(&caps, self.length_mm, least_mm_s, self.acceleration_mm_s2)
+        let mut profile = fastest_profile(&caps, self.length_mm, least_mm_s, self.acceleration_mm_s2)?;
+        // between slower moves too: the arm has limits of its own
+        for (i, speed) in profile.move_mm_s.iter_mut().enumerate() {
+            *speed = speed.max(least(i));
+        }
+        Ok(profile)
     }
 
     /// Time of the cuts at their largest speeds: Σ Δs/v, s.
@@ -111,6 +115,13 @@ mod tests {
         // a link that cuts a skin may be slower than the slowest cut
         let slow = moves.profile(|i| if i == 2 { 0.02 } else { cap(0.0, i) }).unwrap();
         assert_eq!([slow.place_mm_s[1], slow.place_mm_s[2]], [0.05; 2]);
+        // and a cut between two of them is as fast as cuts must be
+        let between = CutMoves { is_cut: vec![false, false, true, false, false], ..moves.clone() };
+        let between = CutMoves { slowest_mm_s: &[0.05, 0.05, 0.5, 0.05, 0.05], ..between };
+        assert_eq!(
+            between.profile(|i| if i == 2 { 4.0 } else { 0.02 }).unwrap().move_mm_s,
+            [0.05, 0.05, 0.5, 0.05, 0.05]
+        );
         for asked_s in [3.2, 5.0, 7.9] {
             let (slowness, profile) = moves.in_time(1.0, cap, asked_s).unwrap();
             let took_s = moves.cutting_s(&profile);

@@ -18,7 +18,7 @@ pub const METRICS: &[Column] = &[
     Column::new("kept.NAME.at_depth_mm", "mm", "", "Depth along the channel where that is; negative before the entry."),
     Column::new("kept.NAME.sigma_mm", "mm", "", "Standard deviation of the registration's error there, toward the structure."),
     Column::new("kept.NAME.touch_probability", "1", "", "Probability that the registration's error lets the tool touch it, on any side."),
-    Column::new("kept.NAME.weighted_margin_mm", "mm", "", "Clearance beyond what is needed, times √priority; a structure on several sides needs more than a wall."),
+    Column::new("kept.NAME.weighted_margin_mm", "mm", "", "Clearance beyond what is needed, times √rank, the rank being the priority over the smallest of the case; a structure on several sides needs more than a wall."),
     Column::new("kept.NAME.holder_clearance_mm", "mm", "", "Distance of the holder from the structure at the deepest pose."),
     Column::new("channels.direction", "1", "ct", "Of each channel that was found, best first: into the bone, unit."),
     Column::new("channels.entry_mm", "mm", "ct", "Its entry."),

@@ -324,7 +324,7 @@ pub const METRICS: &[Column] = &[
         "speed_levels.exceeded_cuts",
         "1",
         "",
-        "Number of cuts at `min_mm_s` whose force exceeds these levels.",
+        "Number of cuts at their least speed whose force exceeds these levels.",
     ),
     Column::new("speed_levels.worst_waypoint", "1", "", "The waypoint that exceeds a level most."),
     Column::new("speed_levels.worst_excess_n", "N", "", "By how much it exceeds the level."),

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Matrix3xX, Matrix6xX, Rotation3, Unit, Vector3};
 use super::{Arm, ArmKind, JointKind, Mount, check_positive};
 use crate::error::RobotError;
 
-/// J χ⁻¹ Jᵀ of a burr's Jacobian, 3 × dof, and the joints' stiffness, shape (dof).
+/// J χ⁻¹ Jᵀ of a burr's Jacobian, 3 × dof, and the joints' stiffness, shape (dof), above 0.
 ///
 /// **Source:** Dillon et al. 2016, eq. (10).
 pub fn compliance_mm_per_n(jacobian: &Matrix3xX<f64>, stiffness: &[f64]) -> Matrix3<f64> {
