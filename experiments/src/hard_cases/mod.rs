@@ -18,6 +18,7 @@ pub use agree::run as run_agree;
 pub use list::scenes;
 pub(crate) use random::draws;
 pub use random::{RandomBody, random_scenes};
+pub(crate) use run::or_panic;
 pub use run::{End, run as run_scene};
 pub use scene::{Expect, Scene};
 

@@ -81,10 +81,15 @@ pub(super) fn run_judged(scene: &Scene, mut judge: impl FnMut(&StoredPlan) -> Ve
         Ok(folder) => folder,
         Err(error) => return End::Broken(format!("no folder: {error}")),
     };
-    catch_unwind(AssertUnwindSafe(|| run_in(scene, folder.path(), &mut judge))).unwrap_or_else(|panic| {
+    or_panic(|| run_in(scene, folder.path(), &mut judge)).unwrap_or_else(End::Broken)
+}
+
+/// What `run` returns, or the panic in which it ends, in words.
+pub(crate) fn or_panic<T>(run: impl FnOnce() -> T) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(run)).map_err(|panic| {
         let said = panic.downcast_ref::<String>().cloned();
         let said = said.or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()));
-        End::Broken(format!("a panic: {}", said.unwrap_or_default()))
+        format!("a panic: {}", said.unwrap_or_default())
     })
 }
 

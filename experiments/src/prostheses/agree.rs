@@ -1,7 +1,6 @@
 //! Random parts, tools and blocks: plan, program, proof, verification and report must agree, and a word or a figure that is changed in the
 //! folder must be found.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use bonemill_planner::Progress;
@@ -11,7 +10,7 @@ use bonemill_planner::plan::{Replace, StagedDirectory};
 use bonemill_planner::prosthesis::{phantom, plan, save, verify};
 use rayon::prelude::*;
 
-use crate::hard_cases::draws;
+use crate::hard_cases::{draws, or_panic};
 use crate::{ExperimentError, Size, Table};
 
 /// A key's choices, each a line of the job and what takes its place.
@@ -188,15 +187,8 @@ impl RandomJob {
 
     /// How it ends; an error or a panic is a disagreement.
     fn end(self) -> End {
-        match catch_unwind(AssertUnwindSafe(|| self.judged())) {
-            Ok(Ok(end)) => end,
-            Ok(Err(error)) => End::Disagrees(error.to_string()),
-            Err(panic) => {
-                let said = panic.downcast_ref::<String>().cloned();
-                let said = said.or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()));
-                End::Disagrees(format!("a panic: {}", said.unwrap_or_default()))
-            }
-        }
+        let ended = or_panic(|| self.judged().map_err(|error| error.to_string()));
+        ended.flatten().unwrap_or_else(End::Disagrees)
     }
 
     /// Jobs that are simpler in one thing.
