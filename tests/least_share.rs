@@ -104,7 +104,7 @@ fn a_target_walled_in_by_other_bone_blames_that_bone_and_not_the_path() {
 #[test]
 fn a_slit_too_narrow_for_the_burr_blames_its_radius() {
     // 2 mm wide: a burr of 1.5 mm radius does not fit in, one of 0.75 mm does
-    let place = with_targets(&[[4..8, 4..36, 16..AIR_FROM], [20..32, 10..24, 16..AIR_FROM]]);
+    let place = with_targets(&[[4..8, 4..36, 16..AIR_FROM], [20..30, 10..20, 16..AIR_FROM]]);
     let (json, said) = short(&place);
     assert!(said.contains("mm³ by the burr's radius (corners, narrow places)"), "{said}");
     assert!(said.contains("burr.radius_mm 1.5 -> 0.75 would let the burr reach"), "{said}");

@@ -266,7 +266,7 @@ const CASE: &str = "\
 /// Small valid inputs of a target.
 pub fn seeds(target: &str) -> Vec<Vec<u8>> {
     let header = "index,layer,kind,time_s,x_mm,y_mm,z_mm,axis_x,axis_y,axis_z,theta_rad,phi_rad,speed_mm_s,driven_mm_s,mass_mg,inertia,\
-                  fx_n,fy_n,fz_n,peak_force_n,force_toward_n,structure,distance_mm,alpha1,cost,deflection_toward_um";
+                  fx_n,fy_n,fz_n,peak_force_n,mean_force_n,force_toward_n,structure,distance_mm,alpha1,cost,deflection_toward_um";
     match target {
         "nifti" => images(),
         "labels_json" => vec![

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 type Column = (&'static str, fn(&Waypoint) -> Option<f64>);
 
 /// The columns that hold numbers, in the file's order.
-const COLUMNS: [Column; 22] = [
+const COLUMNS: [Column; 23] = [
     ("time_s", |w| Some(w.time_s)),
     ("x_mm", |w| Some(w.position.x())),
     ("y_mm", |w| Some(w.position.y())),
@@ -27,6 +27,7 @@ const COLUMNS: [Column; 22] = [
     ("fy_n", |w| Some(w.force_n.y)),
     ("fz_n", |w| Some(w.force_n.z)),
     ("peak_force_n", |w| Some(w.peak_force_n)),
+    ("mean_force_n", |w| Some(w.mean_force_n)),
     ("force_toward_n", |w| w.force_toward_n),
     ("distance_mm", |w| w.distance_mm),
     ("alpha1", |w| w.alpha1),
@@ -61,13 +62,14 @@ pub fn codes<'py>(py: Python<'py>, rows: &[Waypoint]) -> Codes<'py> {
 type ForceColumn = (&'static str, fn(&ForceToward) -> Option<f64>);
 
 /// The columns of `forces.csv` that hold quantities, in its order.
-const FORCE_COLUMNS: [ForceColumn; 7] = [
+const FORCE_COLUMNS: [ForceColumn; 8] = [
     ("distance_mm", |f| Some(f.distance_mm)),
     ("toward_x", |f| Some(f.toward.x)),
     ("toward_y", |f| Some(f.toward.y)),
     ("toward_z", |f| Some(f.toward.z)),
     ("force_toward_n", |f| Some(f.force_toward_n)),
     ("peak_toward_n", |f| Some(f.peak_toward_n)),
+    ("mean_toward_n", |f| Some(f.mean_toward_n)),
     ("deflection_toward_um", |f| f.deflection_toward_um),
 ];
 

@@ -5,9 +5,9 @@
 
 use bonemill_case::Case;
 use bonemill_geometry::basis;
+use bonemill_planfile::toward::INFLUENCE_MM;
 use bonemill_planfile::{ForceToward, PlungeRow, Waypoint};
 use bonemill_scene::Scene;
-use bonemill_setup::nearest_structures::INFLUENCE_MM;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
@@ -112,6 +112,7 @@ impl Gone<'_> {
             inertia: None,
             force_n,
             peak_force_n: force_n.norm(),
+            mean_force_n: force_n.norm(),
             force_toward_n: first.map(|near| toward(&near.place.toward)),
             structure: first.map(|near| near.structure),
             distance_mm: first.map(|near| near.place.distance_mm),
@@ -128,6 +129,7 @@ impl Gone<'_> {
                 toward: place.toward,
                 force_toward_n: toward(&place.toward),
                 peak_toward_n: toward(&place.toward),
+                mean_toward_n: toward(&place.toward),
                 deflection_toward_um: deflected(&place.toward),
             })
             .collect();

@@ -210,7 +210,7 @@ mod tests {
         StructureForces {
             mean_n: 1.0,
             peak_n: 2.0,
-            structures: vec![StructureFigures::of(None, &spans, 2.5)],
+            structures: vec![StructureFigures::of(None, &spans, [2.5, 1.0])],
         }
     }
 

@@ -25,7 +25,7 @@ use super::axis_cost::{AxisObjective, CostField, LevelTimes};
 use super::in_time::Goal;
 use super::levels;
 use super::orient::{FreeAxes, Oriented, orient};
-use super::path_forces::ForcedPath;
+use super::path_forces::{ForceWithin, ForcedPath};
 use super::prepared::Prepared;
 use super::speeds;
 
@@ -89,8 +89,8 @@ pub struct Chosen {
     pub kinds: Vec<MoveKind>,
     /// Force at any speed where the move ends, if it removes something.
     pub forces: Vec<Option<EngagedForce>>,
-    /// Forces at places within the move, where something is cut; none before `look_within`.
-    pub within: Vec<Vec<EngagedForce>>,
+    /// Forces at places within the move; none before `look_within`.
+    pub within: Vec<Vec<ForceWithin>>,
     /// C with its parts, the force included everywhere.
     pub costs: Vec<Cost>,
     /// mm/N in work, when the stiffness is known.
@@ -102,7 +102,7 @@ pub struct Chosen {
 impl Chosen {
     /// The forces of move i: where it ends and within it.
     pub(super) fn forces_of(&self, i: usize) -> impl Iterator<Item = &EngagedForce> {
-        self.forces[i].iter().chain(&self.within[i])
+        self.forces[i].iter().chain(self.within[i].iter().map(|place| &place.force))
     }
 
     /// The slowest that move i may be, mm/s.

@@ -137,7 +137,7 @@ mod tests {
     fn a_control_that_takes_another_time_is_told_with_it() {
         let forces = |force_n: f64| {
             let span = TowardSpan { seconds: 1.0, force_n, peak_n: force_n, row: 0 };
-            let structures = vec![StructureFigures::of(None, &[(span, 3.0)], 2.5)];
+            let structures = vec![StructureFigures::of(None, &[(span, 3.0)], [2.5, 1.0])];
             StructureForces { mean_n: force_n, peak_n: force_n, structures }
         };
         let raster = Raster { frame: RasterFrame::at_angle(0.0), sense: Sense::Both };

@@ -34,7 +34,6 @@ impl Figures {
         length_mm: &[f64],
         least: &[Option<(f64, usize)>],
     ) -> Self {
-        let radius_mm = case.burr.radius_mm;
         let mut found = Self {
             removed_mass_mg: waypoints.iter().map(|w| w.mass_mg).sum(),
             path_length_mm: length_mm.iter().sum(),
@@ -50,14 +49,8 @@ impl Figures {
                 *total += seconds;
             }
         }
-        let mean_shares: Vec<f64> =
-            (0..waypoints.len()).map(|n| mean_share(waypoints, length_mm, &seconds, n)).collect();
-        // edge forces do not grow with the speed: there the largest within a move stands for its mean
-        let mean_of = |n: usize, force_n: f64, peak_n: f64| {
-            if case.material.has_edge_forces() { peak_n } else { mean_shares[n] * force_n }
-        };
         for (n, waypoint) in waypoints.iter().enumerate().filter(|(_, w)| w.mass_mg > 0.0) {
-            found.mean_force_n += mean_of(n, waypoint.force_n.norm(), waypoint.peak_force_n) * seconds[n];
+            found.mean_force_n += waypoint.mean_force_n * seconds[n];
             cutting_s += seconds[n];
         }
         found.peak_force_n = waypoints.iter().map(|w| w.peak_force_n).fold(0.0, f64::max);
@@ -72,12 +65,12 @@ impl Figures {
             let row = f.waypoint;
             // a move that is planned to remove nothing may cut a skin: its peak counts, its time does not
             let taken = if waypoints[row].mass_mg > 0.0 { seconds[row] } else { 0.0 };
-            let force_n = mean_of(row, f.force_toward_n, f.peak_toward_n);
-            let span = TowardSpan { seconds: taken, force_n, peak_n: f.peak_toward_n, row };
+            let span = TowardSpan { seconds: taken, force_n: f.mean_toward_n, peak_n: f.peak_toward_n, row };
             spans[f.structure].push((span, f.distance_mm));
         }
-        let of = |(least, spans): (&Option<_>, &Vec<_>)| StructureFigures::of(*least, spans, radius_mm);
-        found.structures = least.iter().zip(&spans).map(of).collect();
+        let sizes_mm = |n: usize| [case.burr.radius_mm, case.structures[n].clearance_mm];
+        let of = |n: usize| StructureFigures::of(least[n], &spans[n], sizes_mm(n));
+        found.structures = (0..least.len()).map(of).collect();
         found
     }
 
@@ -86,13 +79,6 @@ impl Figures {
         let structures = self.structures.clone();
         StructureForces { mean_n: self.mean_force_n, peak_n: self.peak_force_n, structures }
     }
-}
-
-/// The mean speed of the move to waypoint n over its greatest: without edge forces the force is in proportion to the speed, so this is also
-/// the mean force over that of the row.
-fn mean_share(waypoints: &[Waypoint], length_mm: &[f64], seconds: &[f64], n: usize) -> f64 {
-    let driven_mm = waypoints[n].driven_mm_s * seconds[n];
-    if driven_mm > 0.0 { (length_mm[n] / driven_mm).min(1.0) } else { 0.0 }
 }
 
 /// How long the move to each waypoint takes, s.

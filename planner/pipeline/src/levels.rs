@@ -12,6 +12,7 @@ use nalgebra::Matrix3;
 
 use super::axis_cost::Weighted;
 use super::choose::Chosen;
+use super::path_forces::ForceWithin;
 
 /// Beyond a level by more than this share of it is no rounding.
 const ROUNDING: f64 = 1e-6;
@@ -72,14 +73,15 @@ pub(super) fn weighted(case: &Case, near: &[Vec<NearStructure>]) -> Result<Vec<V
 pub(super) fn pushes(
     case: &Case,
     near: &[Vec<NearStructure>],
-    (ends, within): (&[Option<EngagedForce>], &[Vec<EngagedForce>]),
+    (ends, within): (&[Option<EngagedForce>], &[Vec<ForceWithin>]),
     compliances: Option<&[Matrix3<f64>]>,
 ) -> Result<Vec<Option<CutPushes>>, ModelError> {
     let weighted = weighted(case, near)?;
     let compliances = compliances.filter(|_| case.cost.force == ForceTerm::Deflection);
     let of = |(i, toward): (usize, Vec<_>)| {
         let compliance = compliances.and_then(|c| c.get(i));
-        let mut forces = ends[i].iter().chain(within.get(i).into_iter().flatten()).peekable();
+        let mut forces =
+            ends[i].iter().chain(within.get(i).into_iter().flatten().map(|place| &place.force)).peekable();
         forces.peek().is_some().then(|| CutPushes::new(forces, compliance, &toward))
     };
     Ok(weighted.into_iter().enumerate().map(of).collect())
@@ -92,7 +94,7 @@ pub(super) fn pushes(
 pub(super) fn pushes_of_mode(
     case: &Case,
     near: &[Vec<NearStructure>],
-    forces: (&[Option<EngagedForce>], &[Vec<EngagedForce>]),
+    forces: (&[Option<EngagedForce>], &[Vec<ForceWithin>]),
     compliances: Option<&[Matrix3<f64>]>,
 ) -> Result<Vec<Option<CutPushes>>, ModelError> {
     if case.speed.mode != SpeedMode::LeastForce {

@@ -53,8 +53,39 @@ pub(super) struct ForcedPath<'a> {
 pub(super) struct MoveForces {
     /// Where it ends, if it is planned to remove something.
     pub ends: Vec<Option<EngagedForce>>,
-    /// At places within it, where something is cut.
-    pub within: Vec<Vec<EngagedForce>>,
+    /// At places within it.
+    pub within: Vec<Vec<ForceWithin>>,
+}
+
+/// The force at a place within a move.
+#[derive(Debug, Clone, Copy)]
+pub struct ForceWithin {
+    pub(super) force: EngagedForce,
+    /// Share of the move's way that it stands for in means; the force where the move ends stands for the rest.
+    share: f64,
+}
+
+/// The mean over a move that is driven at a mean speed, mm/s, of what is asked of the force.
+pub(super) fn mean_of_move(
+    end: &EngagedForce,
+    within: &[ForceWithin],
+    mean_mm_s: f64,
+    of: impl Fn(&Vector3<f64>) -> f64,
+) -> f64 {
+    let at = |force: &EngagedForce| of(&force.force_n(mean_mm_s));
+    let rest = 1.0 - within.iter().map(|place| place.share).sum::<f64>();
+    let places = within.iter().filter(|place| place.share > 0.0);
+    places.fold(rest * at(end), |sum, place| sum + place.share * at(&place.force))
+}
+
+/// Forces along a move, by the shares of its way at which they are, the last at its end: all but the last, each with the share of the way
+/// that is nearest to it.
+fn shared(mut places: Vec<(f64, EngagedForce)>) -> Vec<ForceWithin> {
+    places.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let between = places.windows(2).map(|pair| 0.5 * (pair[0].0 + pair[1].0));
+    let starts = std::iter::once(0.0).chain(between.clone());
+    let shares = places.iter().zip(starts.zip(between));
+    shares.map(|(place, (from, to))| ForceWithin { force: place.1, share: to - from }).collect()
 }
 
 /// The corners that an arm rounds along its motion, in the path's order.
@@ -121,7 +152,7 @@ impl ForcedPath<'_> {
         axes: &[Unit<Vector3<f64>>],
         motion: &ArmMotion,
         ends: &[Option<EngagedForce>],
-    ) -> Result<Vec<Vec<EngagedForce>>, PlanError> {
+    ) -> Result<Vec<Vec<ForceWithin>>, PlanError> {
         let (kernel, material) = kernel(case, COARSE)?;
         let swept = self.rounded((start, case), motion)?;
         let pushes = |force: &EngagedForce| force.force_n(case.speed.nominal_mm_s);
@@ -135,14 +166,14 @@ impl ForcedPath<'_> {
                 let axis = Unit::new_normalize(axes[i.saturating_sub(1)].lerp(&axes[i], share));
                 Some(kernel.engaged_force(&axis, &feed_of(case, &feed), &mut bone))
             };
-            let mut found: Vec<EngagedForce> = around_back(&swept, i).into_iter().filter_map(at).collect();
+            let skins = around_back(&swept, i).into_iter().filter_map(at);
+            let corner = ends[i].filter(|_| swept.is_rounded(i)).and_then(|_| at(1.0));
+            let cuts = |force: &EngagedForce| force.mrr_mm2 > 0.0;
+            let mut found: Vec<ForceWithin> =
+                skins.chain(corner).filter(cuts).map(|force| ForceWithin { force, share: 0.0 }).collect();
             if let Some(end) = &ends[i] {
-                if swept.is_rounded(i) {
-                    found.extend(at(1.0));
-                }
                 let first = WITHIN.iter().filter_map(|share| Some((*share, at(*share)?)));
-                let places: Vec<_> = first.chain([(1.0, *end)]).collect();
-                found.extend(places[..places.len() - 1].iter().map(|(_, force)| *force));
+                let mut places: Vec<_> = first.chain([(1.0, *end)]).collect();
                 // pairs whose forces may differ too much
                 let mut pairs: Vec<_> = places.windows(2).map(|pair| [pair[0], pair[1]]).collect();
                 while let Some([from, to]) = pairs.pop() {
@@ -153,12 +184,12 @@ impl ForcedPath<'_> {
                     }
                     let middle = 0.5 * (from.0 + to.0);
                     if let Some(force) = at(middle) {
-                        found.push(force);
+                        places.push((middle, force));
                         pairs.extend([[from, (middle, force)], [(middle, force), to]]);
                     }
                 }
+                found.extend(shared(places));
             }
-            found.retain(|force| force.mrr_mm2 > 0.0);
             found
         };
         Ok((0..self.points.len()).into_par_iter().map(of_move).collect())
@@ -174,4 +205,27 @@ fn kernel(case: &Case, elements: [usize; 2]) -> Result<(ForceKernel, Material), 
 
 fn feed_of(case: &Case, direction: &Unit<Vector3<f64>>) -> Feed {
     Feed::new(direction, case.speed.nominal_mm_s, case.burr.spindle_rpm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_over_a_move_is_that_of_a_force_that_grows_along_it() {
+        // per mm/s along x, and an edge force along y
+        let at = |share: f64| EngagedForce {
+            cut_n_per_mm_s: Vector3::x() * (0.2 + share),
+            edge_n: Vector3::y() * 0.3,
+            mrr_mm2: 1.0,
+            ..EngagedForce::ZERO
+        };
+        let within = shared([0.5, 0.1, 0.9, 1.0].map(|share| (share, at(share))).into());
+        assert_eq!(within.len(), 3);
+        let mean = |of: fn(&Vector3<f64>) -> f64| mean_of_move(&at(1.0), &within, 2.0, of);
+        // exact but for the first tenth, which counts as its end
+        assert!((mean(|force| force.x) - 2.0 * (0.7 + 0.005)).abs() < 1e-12);
+        assert!((mean(|force| force.y) - 0.3).abs() < 1e-12);
+        assert_eq!(mean_of_move(&at(1.0), &[], 2.0, |force| force.x), 2.4);
+    }
 }

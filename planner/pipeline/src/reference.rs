@@ -12,7 +12,7 @@
 //! **Source:** Dillon et al. 2016, section III: trial 1, and trial 3 at equal time.
 
 use bonemill_armpath::{ArmMotion, Compliance};
-use bonemill_case::{Case, ForceTerm};
+use bonemill_case::{Case, ForceTerm, Structure};
 use bonemill_cutter::Ball;
 use bonemill_cutting::burr::EngagedForce;
 use bonemill_cutting::speed::{Levels, last_within};
@@ -25,7 +25,7 @@ use nalgebra::Vector3;
 use super::PlanError;
 use super::attempt::Start;
 use super::levels;
-use super::path_forces::{ForcedPath, MoveForces};
+use super::path_forces::{ForceWithin, ForcedPath, MoveForces, mean_of_move};
 use super::prepared::{feeds, spacing};
 use super::raster::Raster;
 use super::reach::lengths;
@@ -176,7 +176,7 @@ impl ReferencePath {
         case: &Case,
         driven: &Driven,
         speed_mm_s: Option<f64>,
-        within: &[Vec<EngagedForce>],
+        within: &[Vec<ForceWithin>],
     ) -> Reference {
         Reference {
             raster: self.raster,
@@ -233,49 +233,49 @@ impl StructureForces {
         case: &Case,
         length_mm: &[f64],
         driven: &Driven,
-        forces: (&[Option<EngagedForce>], &[Vec<EngagedForce>]),
+        forces: (&[Option<EngagedForce>], &[Vec<ForceWithin>]),
         near: &[Vec<NearStructure>],
     ) -> Self {
         Self::at(case, (length_mm, &driven.seconds(), &driven.driven_mm_s), forces, near)
     }
 
-    /// Of moves with their lengths, mm, times, s, and greatest speeds, mm/s: the mean is that at the mean speed of each move, with edge
-    /// forces the largest within it; the peak is that at the greatest speed.
+    /// Of moves with their lengths, mm, times, s, and greatest speeds, mm/s: the mean is that at the mean speed of each move, the
+    /// peak that at the greatest.
     pub(super) fn at(
         case: &Case,
         (length_mm, seconds, speed_mm_s): (&[f64], &[f64], &[f64]),
-        (ends, within): (&[Option<EngagedForce>], &[Vec<EngagedForce>]),
+        (ends, within): (&[Option<EngagedForce>], &[Vec<ForceWithin>]),
         near: &[Vec<NearStructure>],
     ) -> Self {
         let mut spans = vec![Vec::new(); case.structures.len()];
         let (mut cutting_s, mut impulse, mut peak_n) = (0.0, 0.0, 0f64);
         for (row, end) in ends.iter().enumerate() {
             let within = within.get(row).map_or(&[][..], Vec::as_slice);
-            let peaks: Vec<_> =
-                end.iter().chain(within).map(|force| force.force_n(speed_mm_s[row])).collect();
+            let forces = end.iter().chain(within.iter().map(|place| &place.force));
+            let peaks: Vec<_> = forces.map(|force| force.force_n(speed_mm_s[row])).collect();
             let largest_n = peaks.iter().map(|force| force.norm()).fold(0.0, f64::max);
             peak_n = peak_n.max(largest_n);
             let taken = if end.is_some() { seconds[row] } else { 0.0 };
             let mean_mm_s = if taken > 0.0 { (length_mm[row] / taken).min(speed_mm_s[row]) } else { 0.0 };
-            let mean = end.map_or(Vector3::zeros(), |force| force.force_n(mean_mm_s));
+            let mean_of = |of: &dyn Fn(&Vector3<f64>) -> f64| {
+                end.as_ref().map_or(0.0, |end| mean_of_move(end, within, mean_mm_s, of))
+            };
             cutting_s += taken;
-            // edge forces do not grow with the speed: there the largest within a move stands for its mean
-            let mean_of =
-                |mean_n: f64, peak_n: f64| if case.material.has_edge_forces() { peak_n } else { mean_n };
-            impulse += taken * mean_of(mean.norm(), largest_n);
+            impulse += taken * mean_of(&Vector3::norm);
             for n in near[row].iter().filter(|_| !peaks.is_empty()) {
                 let toward = |force: &Vector3<f64>| force.dot(&n.proximity.toward).max(0.0);
                 let peak_n = peaks.iter().map(toward).fold(0.0, f64::max);
-                let force_n = mean_of(toward(&mean), peak_n);
-                let span = TowardSpan { seconds: taken, force_n, peak_n, row };
+                let span = TowardSpan { seconds: taken, force_n: mean_of(&toward), peak_n, row };
                 spans[n.structure].push((span, n.proximity.distance_mm));
             }
         }
-        let radius_mm = case.burr.radius_mm;
+        let of = |(structure, spans): (&Structure, &Vec<_>)| {
+            StructureFigures::of(None, spans, [case.burr.radius_mm, structure.clearance_mm])
+        };
         Self {
             mean_n: if cutting_s > 0.0 { impulse / cutting_s } else { 0.0 },
             peak_n,
-            structures: spans.iter().map(|s| StructureFigures::of(None, s, radius_mm)).collect(),
+            structures: case.structures.iter().zip(&spans).map(of).collect(),
         }
     }
 }

@@ -6,6 +6,7 @@ use bonemill_setup::nearest_structures::NearStructure;
 use nalgebra::Vector3;
 
 use super::attempt::Attempt;
+use super::path_forces::mean_of_move;
 use super::push::Push;
 
 impl Attempt<'_> {
@@ -38,6 +39,7 @@ impl Attempt<'_> {
             inertia: cuts.then(|| moments.inertia_normalised(axis_work)),
             force_n: scene.ct_from_work.rotate(&push.force_n),
             peak_force_n: self.peaks(i).map(|force| force.norm()).fold(push.force_n.norm(), f64::max),
+            mean_force_n: self.mean(i, Vector3::norm),
             force_toward_n: toward.map(|t| t.force_n),
             structure: nearest.map(|n| n.structure),
             distance_mm: nearest.map(|n| n.proximity.distance_mm),
@@ -72,6 +74,7 @@ impl Attempt<'_> {
                 .peaks(waypoint)
                 .map(|force| force.dot(&near.proximity.toward))
                 .fold(toward.force_n, f64::max),
+            mean_toward_n: self.mean(waypoint, |force| force.dot(&near.proximity.toward).max(0.0)),
             deflection_toward_um: toward.deflection_um,
         }
     }
@@ -79,7 +82,16 @@ impl Attempt<'_> {
     /// Forces at places within the move to waypoint i at the greatest speed that is driven, work, N.
     fn peaks(&self, i: usize) -> impl Iterator<Item = Vector3<f64>> {
         let speed = self.timing.driven.driven_mm_s[i];
-        self.chosen.within[i].iter().map(move |force| force.force_n(speed))
+        self.chosen.within[i].iter().map(move |place| place.force.force_n(speed))
+    }
+
+    /// The mean over the move to waypoint i of what is asked of the force, work.
+    fn mean(&self, i: usize, of: impl Fn(&Vector3<f64>) -> f64) -> f64 {
+        let driven = &self.timing.driven;
+        let took_s = driven.times_s[i] - i.checked_sub(1).map_or(0.0, |before| driven.times_s[before]);
+        let mean_mm_s = (self.prepared.length_mm()[i] / took_s).min(driven.driven_mm_s[i]);
+        let end = self.chosen.forces[i].filter(|_| took_s > 0.0);
+        end.map_or(0.0, |end| mean_of_move(&end, &self.chosen.within[i], mean_mm_s, of))
     }
 
     /// What pushes the burr at waypoint i.

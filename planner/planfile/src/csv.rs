@@ -12,7 +12,7 @@ use super::columns::{WAYPOINTS, names};
 use super::{PlanFileError, Waypoint};
 
 /// The columns, in order.
-const COLUMNS: [&str; 26] = names(&WAYPOINTS);
+const COLUMNS: [&str; 27] = names(&WAYPOINTS);
 
 /// Writes `waypoints.csv` and syncs it to disk.
 ///
@@ -54,6 +54,7 @@ fn push_row(
         Some(w.force_n.y),
         Some(w.force_n.z),
         Some(w.peak_force_n),
+        Some(w.mean_force_n),
         w.force_toward_n,
     ];
     let after = [w.distance_mm, w.alpha1, w.cost, w.deflection_toward_um];
@@ -104,12 +105,13 @@ fn read_row(row: &Row<'_>, index: usize, structures: &[Structure]) -> Result<Way
         inertia: row.optional(15)?,
         force_n: row.vector(16)?,
         peak_force_n: row.number(19)?,
-        force_toward_n: row.optional(20)?,
-        structure: if row.text(21).is_empty() { None } else { Some(row.structure(21, structures)?) },
-        distance_mm: row.optional(22)?,
-        alpha1: row.optional(23)?,
-        cost: row.optional(24)?,
-        deflection_toward_um: row.optional(25)?,
+        mean_force_n: row.number(20)?,
+        force_toward_n: row.optional(21)?,
+        structure: if row.text(22).is_empty() { None } else { Some(row.structure(22, structures)?) },
+        distance_mm: row.optional(23)?,
+        alpha1: row.optional(24)?,
+        cost: row.optional(25)?,
+        deflection_toward_um: row.optional(26)?,
     })
 }
 

@@ -39,6 +39,7 @@ fn waypoint() -> impl Strategy<Value = Waypoint> {
         inertia,
         force_n,
         peak_force_n: n[2],
+        mean_force_n: n[3],
         force_toward_n: toward,
         structure,
         distance_mm: more[0],
@@ -64,6 +65,7 @@ fn some_waypoints(n: usize) -> Vec<Waypoint> {
             inertia: Some(0.75),
             force_n: Vector3::new(0.1, 0.2, 0.3),
             peak_force_n: 0.5,
+            mean_force_n: 0.25,
             force_toward_n: None,
             structure: Some(1),
             distance_mm: Some(4.5),
@@ -107,9 +109,9 @@ fn the_text_is_as_specified() {
     assert_eq!(
         text,
         "index,layer,kind,time_s,x_mm,y_mm,z_mm,axis_x,axis_y,axis_z,theta_rad,phi_rad,speed_mm_s,driven_mm_s,mass_mg,inertia,\
-         fx_n,fy_n,fz_n,peak_force_n,force_toward_n,structure,distance_mm,alpha1,cost,deflection_toward_um\n\
-         0,0,cut,0.0,0.0,-2.0,1e-7,0.0,0.0,1.0,0.0,0.0,1.5,1.25,0.6666666666666666,0.75,0.1,0.2,0.3,0.5,,sinus and dura,4.5,,,\n\
-         1,0,cut,0.3333333333333333,0.1,-2.0,1e-7,0.0,0.0,1.0,0.0,0.0,1.5,1.25,0.6666666666666666,0.75,0.1,0.2,0.3,0.5,,\
+         fx_n,fy_n,fz_n,peak_force_n,mean_force_n,force_toward_n,structure,distance_mm,alpha1,cost,deflection_toward_um\n\
+         0,0,cut,0.0,0.0,-2.0,1e-7,0.0,0.0,1.0,0.0,0.0,1.5,1.25,0.6666666666666666,0.75,0.1,0.2,0.3,0.5,0.25,,sinus and dura,4.5,,,\n\
+         1,0,cut,0.3333333333333333,0.1,-2.0,1e-7,0.0,0.0,1.0,0.0,0.0,1.5,1.25,0.6666666666666666,0.75,0.1,0.2,0.3,0.5,0.25,,\
          sinus and dura,4.5,,,\n"
     );
 }
@@ -143,7 +145,7 @@ fn damage_is_named_by_line_and_column() {
     damage("0.3333333333333333", "7.0", &[":4:", "`time_s`", "at least 7 s"]);
     damage("1e-7,0.0,0.0,1.0", "1e-7,0.0,0.0,1.1", &[":2:", "`axis_x`", "unit axis"]);
     damage("sinus and dura", "sinus", &[":2:", "`structure`", "structure of the case"]);
-    damage(",4.5,", ",", &[":2:", "25 cells", "26"]);
+    damage(",4.5,", ",", &[":2:", "26 cells", "27"]);
     damage("0.1,0.2,0.3", "0.1,,0.3", &[":2:", "`fy_n`"]);
     damage("index,layer", "index,level", &[":1:", "header"]);
     std::fs::write(&path, "").unwrap();

@@ -18,7 +18,7 @@ use super::columns::{FORCES_ROWS, names};
 pub const FORCES: &str = "forces.csv";
 
 /// The columns, in order.
-const COLUMNS: [&str; 9] = names(&FORCES_ROWS);
+const COLUMNS: [&str; 10] = names(&FORCES_ROWS);
 
 /// One row of `forces.csv`, in ct.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,6 +35,8 @@ pub struct ForceToward {
     pub force_toward_n: f64,
     /// Largest component along it within the move as the arm drives it, N; at least `force_toward_n`.
     pub peak_toward_n: f64,
+    /// Mean of the component max(0, F·u) over the time of the move, N; 0 where it is planned to remove nothing.
+    pub mean_toward_n: f64,
     /// The deflection's component along it, not negative, µm; `None` without a stiffness.
     pub deflection_toward_um: Option<f64>,
 }
@@ -54,9 +56,9 @@ pub fn write_forces(
         // writing to a Vec cannot fail
         let _ = write!(out, "{index},{name}");
         let u = row.toward;
-        let numbers = [row.distance_mm, u.x, u.y, u.z, row.force_toward_n, row.peak_toward_n];
-        let numbers = numbers.map(Some).into_iter();
-        for (value, column) in numbers.chain([row.deflection_toward_um]).zip(&COLUMNS[2..]) {
+        let forces = [row.force_toward_n, row.peak_toward_n, row.mean_toward_n];
+        let numbers = [row.distance_mm, u.x, u.y, u.z].into_iter().chain(forces);
+        for (value, column) in numbers.map(Some).chain([row.deflection_toward_um]).zip(&COLUMNS[2..]) {
             out.push(b',');
             push_number(out, value, || format!("`{column}` toward {name} at waypoint {index}"))?;
         }
@@ -99,7 +101,8 @@ fn read_row(row: &Row<'_>, structures: &[Structure]) -> Result<ForceToward, Plan
         toward: row.unit(3, "direction")?,
         force_toward_n: not_negative(6)?,
         peak_toward_n: not_negative(7)?,
-        deflection_toward_um: row.optional(8)?,
+        mean_toward_n: not_negative(8)?,
+        deflection_toward_um: row.optional(9)?,
     })
 }
 

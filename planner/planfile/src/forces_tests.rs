@@ -24,6 +24,7 @@ fn rows() -> Vec<ForceToward> {
         toward: Vector3::new(1.0, 2.0, -3.0).normalize(),
         force_toward_n,
         peak_toward_n: 1.5 * force_toward_n,
+        mean_toward_n: 0.75 * force_toward_n,
         deflection_toward_um,
     };
     vec![row(0, 1, 0.0, None), row(2, 0, 1.0 / 7.0, Some(0.25)), row(2, 1, 1e-9, Some(0.0))]
@@ -62,7 +63,7 @@ fn damage_is_named_by_line_and_column() {
         ("0.1428571428", "-0.1428571428", "forces.csv:3: column `force_toward_n`"),
         ("0.1428571428", "inf", "forces.csv:3: column `force_toward_n`"),
         ("0.267261241", "0.367261241", "forces.csv:2: column `toward_x`"),
-        (",0.25\n", "\n", "forces.csv:3: found 8 cells, expected 9"),
+        (",0.25\n", "\n", "forces.csv:3: found 9 cells, expected 10"),
     ] {
         assert!(sound.contains(from), "{from}");
         fs::write(&path, sound.replacen(from, to, 1)).unwrap();

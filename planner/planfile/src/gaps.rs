@@ -5,10 +5,8 @@
 //! Distances are those of `forces.csv`; a structure without a row at a waypoint is beyond its influence there, and counts as at
 //! its edge.
 
+use super::toward::INFLUENCE_MM;
 use super::{ForceToward, StoredPlan, Waypoint};
-
-/// How far beyond its clearance a structure has rows in `forces.csv`, from the burr's surface, mm.
-const INFLUENCE_MM: f64 = 8.0;
 
 /// The room between the burr's surface and the nearest structure during a move.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -108,6 +106,7 @@ mod tests {
             inertia: None,
             force_n: Vector3::zeros(),
             peak_force_n: 0.0,
+            mean_force_n: 0.0,
             force_toward_n: None,
             structure: None,
             distance_mm: None,

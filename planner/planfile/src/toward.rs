@@ -12,6 +12,10 @@ use crate::Value;
 /// **Source:** Dillon et al. 2016, the radius of interest of its trials.
 pub const NEAR_MM: f64 = 2.0;
 
+/// A structure is within its influence where the burr's surface is nearer to it than its clearance and this, mm. Beyond, α_1 is below
+/// 0.004 with the default κ.
+pub const INFLUENCE_MM: f64 = 8.0;
+
 /// One move that removes material within the influence of a structure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TowardSpan {
@@ -112,14 +116,19 @@ pub struct StructureFigures {
 }
 
 impl StructureFigures {
-    /// The figures of moves, each with the distance of the burr's centre, mm, and of their least one, for a burr of this radius.
-    pub fn of(least: Option<(f64, usize)>, spans: &[(TowardSpan, f64)], radius_mm: f64) -> Self {
+    /// The figures of moves, each with the distance of the burr's centre, mm, and of their least one, for a burr of this radius and the
+    /// structure's clearance.
+    pub fn of(
+        least: Option<(f64, usize)>,
+        spans: &[(TowardSpan, f64)],
+        [radius_mm, clearance_mm]: [f64; 2],
+    ) -> Self {
         let within = |most_mm: f64| -> Vec<TowardSpan> {
             spans.iter().filter(|(_, mm)| mm - radius_mm <= most_mm).map(|(span, _)| *span).collect()
         };
         Self {
             least: least.map(|(center_mm, row)| (center_mm - radius_mm, row)),
-            force: TowardFigures::of(&within(f64::INFINITY)),
+            force: TowardFigures::of(&within(clearance_mm + INFLUENCE_MM)),
             near: TowardFigures::of(&within(NEAR_MM)),
         }
     }
@@ -159,9 +168,11 @@ mod tests {
 
     #[test]
     fn near_is_judged_by_the_burrs_surface() {
-        let moves = [(span(1.0, 0.2, 0), 4.5), (span(1.0, 0.5, 1), 4.51), (span(1.0, 0.1, 2), 3.0)];
-        let found = StructureFigures::of(Some((3.0, 2)), &moves, 2.5);
-        assert_eq!((found.force.peak_n, found.force.peak_row), (0.5, Some(1)));
+        let mut moves = vec![(span(1.0, 0.2, 0), 4.5), (span(1.0, 0.5, 1), 4.51), (span(1.0, 0.1, 2), 3.0)];
+        // beyond its influence
+        moves.push((span(1.0, 0.9, 3), 11.51));
+        let found = StructureFigures::of(Some((3.0, 2)), &moves, [2.5, 1.0]);
+        assert_eq!((found.force.peak_n, found.force.peak_row, found.force.seconds), (0.5, Some(1), 3.0));
         assert_eq!((found.near.peak_n, found.near.peak_row, found.near.seconds), (0.2, Some(0), 2.0));
         let Value::Table(entries) = found.value("waypoint") else { panic!() };
         let names: Vec<&str> = entries.iter().map(|(name, _)| name.as_str()).collect();

@@ -34,6 +34,8 @@ pub struct Waypoint {
     pub force_n: Vector3<f64>,
     /// Largest force within the move as the arm drives it, at the driven speed, N; at least that of `force_n`.
     pub peak_force_n: f64,
+    /// Mean magnitude of the force over the time of the move, N; 0 where it is planned to remove nothing.
+    pub mean_force_n: f64,
     /// Component of the force toward the nearest structure, N, not negative; 0 in air.
     pub force_toward_n: Option<f64>,
     /// Index in the case of the structure with the smallest distance less clearance.

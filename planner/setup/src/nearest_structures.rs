@@ -9,10 +9,7 @@ use rayon::prelude::*;
 use bonemill_case::Case;
 use bonemill_cutting::burr::ModelError;
 use bonemill_cutting::cost::Proximity;
-
-/// A structure is within its influence where the burr's surface is nearer to it than its clearance and this, mm. Beyond, α_1 is below
-/// 0.004 with the default κ.
-pub const INFLUENCE_MM: f64 = 8.0;
+use bonemill_planfile::toward::INFLUENCE_MM;
 
 /// The nearest structure of a waypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -236,7 +236,10 @@ impl Replay<'_> {
             };
             pairs.filter_map(span).collect()
         };
-        let figures = |n: usize| StructureFigures::of(of(n), &spans(n), self.tool.radius_mm);
+        let figures = |n: usize| {
+            let clearance_mm = self.plan.record.case.structures[n].clearance_mm;
+            StructureFigures::of(of(n), &spans(n), [self.tool.radius_mm, clearance_mm])
+        };
         (0..self.scene.structures.len()).map(figures).collect()
     }
 

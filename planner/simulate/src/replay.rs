@@ -431,5 +431,6 @@ fn structure_figures(
         }
     }
     let radius_mm = setup.spec.tool.radius_mm();
-    least.iter().zip(&spans).map(|(least, spans)| StructureFigures::of(*least, spans, radius_mm)).collect()
+    let of = |n: usize| StructureFigures::of(least[n], &spans[n], [radius_mm, setup.clearances_mm[n]]);
+    (0..least.len()).map(of).collect()
 }

@@ -2,13 +2,13 @@
 
 use bonemill_geometry::{Ct, Point, cancel};
 use bonemill_imaging::DensityTable;
-use bonemill_planfile::{StoredPlan, Value, Waypoint};
+use bonemill_planfile::{StoredPlan, Value};
 use rayon::prelude::*;
 
 use super::anatomy::Anatomy;
 use super::carve::{NEVER, Removed};
 use super::check::{Check, Place};
-use super::forces::{mean_of_move, took_s};
+use super::forces::took_s;
 use super::lattice::{FineLattice, HAS_MASS, MATERIAL, OUTSIDE, SHEET, TARGET, TARGET_BONE};
 use super::moves::Moves;
 use super::requirements::COVERAGE;
@@ -186,8 +186,7 @@ pub fn peak_n(plan: &StoredPlan) -> f64 {
 /// The mean force over the time of the moves that remove something, N.
 pub fn mean_n(plan: &StoredPlan) -> f64 {
     let cuts = plan.waypoints.iter().enumerate().filter(|(_, w)| w.mass_mg > 0.0);
-    let mean_n = |n: usize, w: &Waypoint| mean_of_move(plan, n, w.force_n.norm(), w.peak_force_n);
-    let cuts: Vec<_> = cuts.map(|(n, w)| (mean_n(n, w), took_s(plan, n))).collect();
+    let cuts: Vec<_> = cuts.map(|(n, w)| (w.mean_force_n, took_s(plan, n))).collect();
     let cutting_s: f64 = cuts.iter().map(|(_, time_s)| time_s).sum();
     let sum_ns: f64 = cuts.iter().map(|(force_n, time_s)| force_n * time_s).sum();
     if cutting_s > 0.0 { sum_ns / cutting_s } else { 0.0 }

@@ -31,6 +31,7 @@ struct Off {
     direction: f64,
     force_n: f64,
     peak_n: f64,
+    mean_n: f64,
 }
 
 /// Checks every row, whether a row is missing or superfluous, and the figures of each structure.
@@ -52,6 +53,7 @@ pub fn forces(plan: &StoredPlan, kept: &[Kept], boxes: &[Option<Boxes<'_>>]) -> 
         worst(|off| off.direction, "toward", "mm"),
         worst(|off| off.force_n, "force_toward_n", "N"),
         worst(|off| off.peak_n, "peak_toward_n", "N"),
+        worst(|off| off.mean_n, "mean_toward_n", "N"),
     ];
     checks.extend(distances.iter().enumerate().flat_map(|(n, mm)| figures(plan, n, mm)));
     checks
@@ -60,7 +62,7 @@ pub fn forces(plan: &StoredPlan, kept: &[Kept], boxes: &[Option<Boxes<'_>>]) -> 
 fn row_again(row: &ForceToward, plan: &StoredPlan, boxes: Option<&Boxes<'_>>) -> Off {
     let (Some(boxes), Some(waypoint)) = (boxes, plan.waypoints.get(row.waypoint)) else {
         let none = f64::INFINITY;
-        return Off { distance_mm: none, direction: none, force_n: none, peak_n: none };
+        return Off { distance_mm: none, direction: none, force_n: none, peak_n: none, mean_n: none };
     };
     let end = waypoint.position + row.toward * row.distance_mm;
     Off {
@@ -70,6 +72,11 @@ fn row_again(row: &ForceToward, plan: &StoredPlan, boxes: Option<&Boxes<'_>>) ->
         // between the component where the move ends and the whole force within the move
         peak_n: (row.force_toward_n - row.peak_toward_n)
             .max(row.peak_toward_n - waypoint.peak_force_n)
+            .max(0.0),
+        // at most the largest within the move, and the mean of the whole force
+        mean_n: (row.mean_toward_n - row.peak_toward_n)
+            .max(row.mean_toward_n - waypoint.mean_force_n)
+            .max(waypoint.mean_force_n - waypoint.peak_force_n)
             .max(0.0),
     }
 }
@@ -131,16 +138,13 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
         let there = said(&[at_waypoint]).and_then(|index| distances_mm.get(index as usize));
         check(&[least], [there.map_or(f64::NAN, |mm| mm - radius_mm); 2]);
     }
-    for (table, most_mm) in [(&[][..], f64::INFINITY), (&["near"][..], NEAR_MM)] {
+    for (table, most_mm) in [(&[][..], structure.clearance_mm + INFLUENCE_MM), (&["near"][..], NEAR_MM)] {
         let within =
             || plan.forces.iter().filter(|f| f.structure == n && f.distance_mm - radius_mm <= most_mm);
         // (mean force toward it, time, waypoint) of every move that removes something
         let mut toward: Vec<(f64, f64, usize)> = within()
             .filter(|f| plan.waypoints.get(f.waypoint).is_some_and(|w| w.mass_mg > 0.0))
-            .map(|f| {
-                let mean_n = mean_of_move(plan, f.waypoint, f.force_toward_n, f.peak_toward_n);
-                (mean_n, took_s(plan, f.waypoint), f.waypoint)
-            })
+            .map(|f| (f.mean_toward_n, took_s(plan, f.waypoint), f.waypoint))
             .collect();
         toward.sort_by(|a, b| a.0.total_cmp(&b.0));
         let first = toward.iter().position(|(force, ..)| *force > 0.0).unwrap_or(toward.len());
@@ -169,22 +173,6 @@ fn figures(plan: &StoredPlan, n: usize, distances_mm: &[f64]) -> Vec<Check> {
 pub fn took_s(plan: &StoredPlan, waypoint: usize) -> f64 {
     let before = waypoint.checked_sub(1).map_or(0.0, |before| plan.waypoints[before].time_s);
     plan.waypoints[waypoint].time_s - before
-}
-
-/// The mean force of the move to a waypoint, given that of its row and the largest within the move, N. With edge forces, which do not grow
-/// with the speed, the largest stands for the mean.
-pub fn mean_of_move(plan: &StoredPlan, waypoint: usize, force_n: f64, peak_n: f64) -> f64 {
-    if plan.record.case.material.has_edge_forces() { peak_n } else { mean_share(plan, waypoint) * force_n }
-}
-
-/// The mean speed of the move to a waypoint over the greatest: as the mean force over that of the row.
-fn mean_share(plan: &StoredPlan, waypoint: usize) -> f64 {
-    let Some(before) = waypoint.checked_sub(1).and_then(|before| plan.waypoints.get(before)) else {
-        return 0.0;
-    };
-    let row = &plan.waypoints[waypoint];
-    let driven_mm = row.driven_mm_s * took_s(plan, waypoint);
-    if driven_mm > 0.0 { (row.position.distance_mm(&before.position) / driven_mm).min(1.0) } else { 0.0 }
 }
 
 /// Mean of forces weighted by their times.

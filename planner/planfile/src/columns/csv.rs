@@ -3,7 +3,7 @@
 use super::Column;
 
 /// The columns of `waypoints.csv`.
-pub const WAYPOINTS: [Column; 26] = [
+pub const WAYPOINTS: [Column; 27] = [
     Column::new("index", "1", "", "The row's place, from 0."),
     Column::new(
         "layer",
@@ -70,6 +70,13 @@ pub const WAYPOINTS: [Column; 26] = [
         "",
         "Largest force within the move as the arm drives it, at `driven_mm_s`: at places between the waypoints too, and where the move cuts \
          the skin that a rounded corner left. No less than the force itself.",
+    ),
+    Column::new(
+        "mean_force_n",
+        "N",
+        "",
+        "Mean of the force's magnitude over the time of the move, from the places within it; 0 where it is planned to remove nothing. In a \
+         channel the force of the row.",
     ),
     Column::new(
         "force_toward_n",
@@ -226,7 +233,7 @@ pub const DROPPED: [Column; 4] = [
 ];
 
 /// The columns of `forces.csv`.
-pub const FORCES_ROWS: [Column; 9] = [
+pub const FORCES_ROWS: [Column; 10] = [
     Column::new("index", "1", "", "The waypoint."),
     Column::new(
         "structure",
@@ -249,6 +256,13 @@ pub const FORCES_ROWS: [Column; 9] = [
         "N",
         "",
         "Largest component toward the structure within the move as the arm drives it, at `driven_mm_s`; no less than `force_toward_n`.",
+    ),
+    Column::new(
+        "mean_toward_n",
+        "N",
+        "",
+        "Mean of the component toward the structure over the time of the move, 0 while it points away; 0 where the move is planned to \
+         remove nothing.",
     ),
     Column::new(
         "deflection_toward_um",

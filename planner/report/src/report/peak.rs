@@ -97,6 +97,7 @@ mod tests {
             inertia: None,
             force_n: Vector3::x() * *force_n,
             peak_force_n: *force_n,
+            mean_force_n: *force_n,
             force_toward_n: None,
             structure: None,
             distance_mm: None,

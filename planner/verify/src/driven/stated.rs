@@ -1,8 +1,7 @@
 //! Compares the driven force with the forces that the plan states: their peaks and their means by time.
 //!
 //! A peak is stated of every move; the driven one must not be larger, wherever it occurs: between waypoints, in a corner, in a
-//! link. A mean is stated of the moves that remove something, each with the force at its waypoint, its mean speed and its time; engagement may fall
-//! within a move, so a driven mean may be smaller.
+//! link. A mean is stated of the moves that remove something, each with its time; the driven one must not be larger.
 
 use bonemill_planfile::StoredPlan;
 use nalgebra::Vector3;
