@@ -19,6 +19,7 @@ mod grid;
 mod mesh;
 mod progress;
 mod rigid;
+mod target;
 mod volume;
 
 pub use frame::{Approach, Base, Block, Ct, Flange, Frame, Part, Point, Tool, Work};
@@ -26,4 +27,5 @@ pub use grid::{Grid, GridError};
 pub use mesh::Mesh;
 pub use progress::{JobPosition, Progress};
 pub use rigid::{NotARotation, Rigid};
+pub use target::{Sheets, Target, TargetRegion};
 pub use volume::{Volume, VolumeError, trilinear};

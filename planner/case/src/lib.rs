@@ -4,7 +4,6 @@
 //! again. The file's keys, defaults and their sources are those of the case file's documentation. Reading files is not
 //! done here.
 
-mod curve;
 mod edit;
 mod error;
 mod explain;
@@ -20,10 +19,7 @@ mod parse_tool;
 pub mod prosthesis;
 mod reference;
 mod relations;
-mod several;
-mod sheets;
 mod suggest;
-mod target;
 #[cfg(test)]
 mod tests;
 mod tool;
@@ -38,7 +34,10 @@ use bonemill_arm::ur::{Branches, UrModel};
 use bonemill_imaging::{AffineChoice, DensityTable};
 use nalgebra::{Rotation3, Vector3};
 
-pub use curve::DistanceCurve;
+pub use bonemill_cutting::burr::Measure;
+pub use bonemill_cutting::cost::SeveralStructures;
+pub use bonemill_cutting::speed::DistanceCurve;
+pub use bonemill_geometry::Sheets;
 pub use edit::with_values;
 pub use error::{CaseError, CaseFault, Located};
 pub use explain::{Origin, Parameter, explained, explained_job};
@@ -49,10 +48,7 @@ pub use keys::Unit;
 pub use parse::syntax;
 pub use parse_robot::rotation_from_matrix;
 pub use reference::reference;
-pub use several::SeveralStructures;
-pub use sheets::Sheets;
 pub use suggest::nearest;
-pub use target::{Target, TargetRegion};
 pub use tool::{EdgeMaterial, EdgeModel, MeshTool, Spindle, ToolSpec};
 pub use walker::{as_number, line_at};
 
@@ -201,14 +197,11 @@ pub struct ShankSegment {
     pub radius_mm: f64,
 }
 
-/// Length element of the force sum.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Measure {
-    /// Its arc length: K_t is then the specific cutting energy exactly.
-    Db,
-    /// Its height, as Dillon prints it; underrates the tip by sin κ.
-    Dz,
-}
+/// What is to be removed, a label by its name or number.
+pub type Target<L = LabelRef> = bonemill_geometry::Target<L>;
+
+/// A region that is added to the target or taken away from it.
+pub type TargetRegion<L = LabelRef> = bonemill_geometry::TargetRegion<L>;
 
 /// `[material]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -225,13 +218,6 @@ pub struct MaterialSpec {
     pub measure: Measure,
     /// Chip thickness at which the edge term saturates, mm; 0: at once.
     pub t0_mm: f64,
-}
-
-impl MaterialSpec {
-    /// Whether a burr that stands still feels a force, so that forces do not grow with the speed in proportion.
-    pub fn has_edge_forces(&self) -> bool {
-        self.k_edge_n_mm.iter().any(|k| *k != 0.0)
-    }
 }
 
 /// `[path]`: a lawnmower.

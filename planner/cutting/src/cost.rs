@@ -11,8 +11,7 @@
 
 mod several;
 
-pub use bonemill_case::SeveralStructures;
-pub use several::{Ranked, Terms};
+pub use several::{Ranked, SeveralStructures, Terms};
 
 use nalgebra::{Unit, Vector3};
 

@@ -9,13 +9,14 @@
 
 mod caps;
 mod crossing;
+mod curve;
 mod cut_moves;
 mod levels;
 mod limited;
 
-pub use bonemill_case::DistanceCurve;
 pub use caps::{Cap, CappedBurr, ForceCaps};
 pub use crossing::last_within;
+pub use curve::DistanceCurve;
 pub use cut_moves::{CutMoves, SLOWEST_SKIN};
 pub use levels::{CutPushes, Levels, TimeLimit, least_along, least_levels};
 pub use limited::{LimitedProfile, fastest_profile};

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use bonemill_case::TargetRegion;
+use bonemill_geometry::TargetRegion;
 use bonemill_geometry::{Ct, Frame, Grid, Point, Rigid, Volume, Work, cancel};
 use bonemill_imaging::{
     AffineChoice, DensityTable, Region, StructureField, distance_within, resample_hu_and_density,

@@ -4,7 +4,7 @@
 //! way to the structures and their clearances; what is taken away is taken from everything. In a shape only bone and the air
 //! that it encloses are target.
 
-use bonemill_case::TargetRegion;
+use bonemill_geometry::TargetRegion;
 use bonemill_geometry::{Ct, Grid, Point, Rigid, Volume, Work};
 use bonemill_imaging::{AIR_HU, ImageError, Region, StructureField, distance_within, resample_hu};
 use nalgebra::Vector3;

@@ -23,7 +23,7 @@ use bonemill_geometry::{Approach, Ct, Point, Rigid, Volume, Work, basis};
 use nalgebra::Vector3;
 use thiserror::Error;
 
-pub use bonemill_case::{Sheets, Target};
+pub use bonemill_geometry::{Sheets, Target};
 pub use build::{MemoryNeed, SceneSpec, ToolReach, build_scene};
 pub use edge::{ByFace, TargetOutside};
 pub use far::FarObstacles;

@@ -1,6 +1,6 @@
 //! Which voxels of the work grid are the target: those of its label, or bone and enclosed air in its shape, in the scan.
 
-use bonemill_case::TargetRegion;
+use bonemill_geometry::TargetRegion;
 use bonemill_geometry::{Ct, Point, Rigid, Volume, Work};
 use rayon::prelude::*;
 

@@ -8,7 +8,7 @@
 //! Thick is what a ball of the band's diameter fits into and what lies within the band of such a place, so that nothing
 //! thick loses its corners.
 
-use bonemill_case::Sheets;
+use bonemill_geometry::Sheets;
 use bonemill_geometry::{Volume, Work};
 use bonemill_imaging::{ImageError, distance_within};
 

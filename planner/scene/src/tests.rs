@@ -1,6 +1,6 @@
 //! Scenes of a block of bone under air, with a rod to be kept and labels that are drawn wrong.
 
-use bonemill_case::TargetRegion;
+use bonemill_geometry::TargetRegion;
 use bonemill_geometry::{Ct, Grid, Point, Volume};
 use bonemill_imaging::{AffineChoice, DensityTable};
 use nalgebra::{Matrix3, Vector3};

@@ -11,7 +11,7 @@
 //!
 //! Cost: places × directions lines, each by sphere tracing in a distance field.
 
-use bonemill_case::TargetRegion;
+use bonemill_geometry::TargetRegion;
 use bonemill_geometry::{Ct, Grid, Point, Volume, basis, cancel};
 use bonemill_imaging::{Region, distance_within};
 use nalgebra::{Matrix3, Vector3};

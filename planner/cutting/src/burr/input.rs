@@ -2,11 +2,19 @@
 
 use std::f64::consts::PI;
 
-pub use bonemill_case::Measure;
 use bonemill_geometry::{Frame, Point, basis};
 use nalgebra::{Rotation3, Unit, Vector3};
 
 use super::error::{ModelError, checked};
+
+/// Length element of the force sum.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Measure {
+    /// Its arc length: K_t is then the specific cutting energy exactly.
+    Db,
+    /// Its height, as Dillon prints it; underrates the tip by sin κ.
+    Dz,
+}
 
 /// A spherical burr with identical blades.
 #[derive(Debug, Clone, PartialEq)]

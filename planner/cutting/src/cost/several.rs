@@ -11,10 +11,20 @@
 //! Σ α_s ≤ 1 always: where several weights add up to more they are scaled down together, so that C stays within 0 to 1, as
 //! equation (13) needs. With one structure all three ways are equation (6).
 
-use bonemill_case::SeveralStructures;
 use nalgebra::{Unit, Vector3};
 
 use super::{Cost, CostModel, Proximity};
+
+/// Which structures the cost looks at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SeveralStructures {
+    /// The one with the smallest distance less clearance.
+    Nearest,
+    /// Of those whose α is at least half of the largest, the one with the highest priority (1 is the highest).
+    Priority,
+    /// All of them, each by its own α.
+    Sum,
+}
 
 /// A force below this is none, N (and a deflection, mm): its direction is rounding.
 const NOTHING: f64 = 1e-12;

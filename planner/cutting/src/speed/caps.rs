@@ -17,7 +17,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Vector3};
 
-use bonemill_case::DistanceCurve;
+use super::DistanceCurve;
 
 use crate::burr::EngagedForce;
 use crate::cost::Proximity;

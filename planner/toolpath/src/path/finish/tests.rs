@@ -1,6 +1,6 @@
 //! Gains compared with brute force, and their cost on a finer grid.
 
-use bonemill_case::Sheets;
+use bonemill_geometry::Sheets;
 use bonemill_geometry::{Ct, Grid, Volume};
 use bonemill_imaging::{AffineChoice, DensityTable};
 use bonemill_scene::{ApproachSpec, MemoryNeed, Scene, SceneSpec, Target, ToolReach, build_scene};

@@ -1,13 +1,12 @@
-//! What is to be removed: a label of the map, or a shape in the CT's millimetres.
+//! What is to be removed: a label of the map, or a shape in the CT's millimetres; and how thin bone beside it is treated.
 
-use bonemill_geometry::{Ct, Point};
 use nalgebra::Vector3;
 
-use super::LabelRef;
+use super::{Ct, Point, basis};
 
-/// What is to be removed. Lengths mm, in ct. `L`: how a label is called, by the case ([`LabelRef`]) or by its number.
+/// What is to be removed. Lengths mm, in ct. `L`: how a label is called, by a name or by its number.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Target<L = LabelRef> {
+pub enum Target<L> {
     /// Every voxel of this label.
     Label(L),
     /// Bone and enclosed air in an axis-aligned box.
@@ -39,9 +38,18 @@ pub enum Target<L = LabelRef> {
     Swept,
 }
 
+/// Where bone thinner than the band, outside the target, is no obstacle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sheets {
+    /// Within the band of the target only.
+    Keep,
+    /// Anywhere.
+    Cut,
+}
+
 /// A label or a shape, larger by a margin: what a target takes in besides, or what is taken away from it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct TargetRegion<L = LabelRef> {
+pub struct TargetRegion<L> {
     /// The label or shape.
     pub of: Target<L>,
     /// By how much it is larger, mm: a label in every direction, a shape as [`Target::grown`].
@@ -151,7 +159,7 @@ impl<L> Target<L> {
             }
             Self::Frustum { from_mm, to_mm, from_radius_mm, to_radius_mm } => {
                 // an octagon around each end circle: circumscribed, so its hull holds the disc
-                let basis = bonemill_geometry::basis::from_z(&(to_mm - from_mm).normalize());
+                let basis = basis::from_z(&(to_mm - from_mm).normalize());
                 let ring = |center: Vector3<f64>, radius: f64| {
                     (0..8).map(move |n| {
                         let angle = f64::from(n) * std::f64::consts::FRAC_PI_4;
