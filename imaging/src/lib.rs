@@ -28,6 +28,7 @@
 //! # }
 //! ```
 
+pub mod part;
 mod density;
 mod distance;
 mod error;

@@ -6,25 +6,26 @@
 //!
 //! Units are mm, s, N, rad, g/cm³, mg. Library code prints nothing and does not panic on data.
 
+pub mod pages;
 pub mod stages;
 
 pub use bonemill_case as case;
-pub use bonemill_catalogue as catalogue;
+pub use bonemill_prosthesis::catalogue;
 pub use bonemill_channel as channel;
-pub use bonemill_cutter::{self as cutter, ball};
+pub use bonemill_cutting::cutter::{self as cutter, ball};
 pub use bonemill_cutting::{burr, calibrate, cost, edge, metrics, speed};
 pub use bonemill_geometry::Progress;
-pub use bonemill_machining as machining;
-pub use bonemill_part as part;
+pub use bonemill_prosthesis::machining;
+pub use bonemill_imaging::part;
 pub use bonemill_pipeline::{self as pipeline, Plan, plan};
 pub use bonemill_planfile::{self as plan, toward};
-pub use bonemill_program as program;
-pub use bonemill_proof as proof;
+pub use bonemill_prosthesis::program;
+pub use bonemill_verify::proof;
 pub use bonemill_prosthesis as prosthesis;
-pub use bonemill_report::{compare, report, run, save, show};
-pub use bonemill_scene as scene;
+pub use pages::{compare, report, run, save, show};
+pub use bonemill_toolpath::scene;
 pub use bonemill_setup::{PlanError, Setup, mesh_tool};
 pub use bonemill_simulate as simulate;
-pub use bonemill_stock::{removal, runs, sweep, voxels};
+pub use bonemill_cutting::stock::{removal, runs, sweep, voxels};
 pub use bonemill_toolpath::{access, engagement, orientation, path, space};
 pub use bonemill_verify::{self as verify, uncertainty};

@@ -29,10 +29,12 @@
 //! # Ok::<(), bonemill_robot::RobotError>(())
 //! ```
 
+pub mod export;
+pub mod resolve;
+pub mod stream;
+pub mod timelaw;
+
 pub use bonemill_arm::{
     Arm, ArmKind, CalibrationFault, Joint, JointExcess, JointKind, RobotError, ToolMount, UrdfFault, arm,
     read_urdf, registration, ur,
 };
-pub use bonemill_export as export;
-pub use bonemill_motion::{resolve, timelaw};
-pub use bonemill_stream as stream;

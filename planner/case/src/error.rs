@@ -6,7 +6,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use bonemill_cutter::CutterError;
+use bonemill_cutting::cutter::CutterError;
 use bonemill_geometry::NotARotation;
 use bonemill_imaging::ImageError;
 use thiserror::Error;

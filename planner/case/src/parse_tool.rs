@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use bonemill_cutter::{GlenoidReamerSpec, TwistDrillSpec};
+use bonemill_cutting::cutter::{GlenoidReamerSpec, TwistDrillSpec};
 use nalgebra::Vector3;
 
 use super::error::CaseFault;

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use bonemill_cutter::{CutterError, GlenoidReamer, GlenoidReamerSpec, TwistDrill, TwistDrillSpec};
+use bonemill_cutting::cutter::{CutterError, GlenoidReamer, GlenoidReamerSpec, TwistDrill, TwistDrillSpec};
 use nalgebra::Vector3;
 
 use crate::keys::tool as k;

@@ -5,7 +5,7 @@
 //! goes deeper than any before has the force of its elements, weighted by (ρ/ρ_ref)^p; every other move is in air. Elements that have
 //! not entered the bone yet, or have left it, feel nothing: entry and breakthrough show element by element.
 
-use bonemill_cutter::MoveKind;
+use bonemill_cutting::cutter::MoveKind;
 use bonemill_cutting::edge::{CutterForce, EdgeLoads};
 use bonemill_setup::{ChannelFault, PlanError};
 use nalgebra::Vector3;

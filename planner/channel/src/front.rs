@@ -6,7 +6,7 @@
 
 use std::f64::consts::TAU;
 
-use bonemill_cutter::SolidOfRevolution;
+use bonemill_cutting::cutter::SolidOfRevolution;
 use nalgebra::Vector3;
 
 use crate::bone::{BoneField, ToolPose};

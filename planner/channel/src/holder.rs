@@ -8,7 +8,7 @@ use bonemill_imaging::StructureField;
 use nalgebra::{Unit, Vector3};
 
 use crate::clearance::{Line, nearest_place};
-use bonemill_cutter::ShankCylinder;
+use bonemill_cutting::cutter::ShankCylinder;
 
 /// What clearances may be told too small, mm.
 const TOLERANCE_MM: f64 = 0.01;

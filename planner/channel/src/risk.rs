@@ -137,7 +137,7 @@ pub fn margins_mm(kept: &[Option<KeptClearance>]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bonemill_cutter::SolidOfRevolution;
+    use bonemill_cutting::cutter::SolidOfRevolution;
     use bonemill_geometry::{Ct, Grid, Point, Volume};
     use nalgebra::Unit;
 

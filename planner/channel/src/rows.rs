@@ -7,7 +7,7 @@ use bonemill_case::Case;
 use bonemill_geometry::basis;
 use bonemill_planfile::toward::INFLUENCE_MM;
 use bonemill_planfile::{ForceToward, PlungeRow, Waypoint};
-use bonemill_scene::Scene;
+use bonemill_toolpath::scene::Scene;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 

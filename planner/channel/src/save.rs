@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use bonemill_arm::ArmKind;
 use bonemill_arm::ur::branch_name;
-use bonemill_armpath::write_trajectory;
-use bonemill_cutter::MoveKind;
+use bonemill_setup::armpath::write_trajectory;
+use bonemill_cutting::cutter::MoveKind;
 use bonemill_planfile::{
     Metrics, PLUNGE, PlanContents, PlanFileError, PlanRecord, StagedDirectory, Value, plunge_text,
 };

@@ -4,7 +4,7 @@
 //! back. With pecks it is drawn out to before the bone after each, and comes back to just before where it was. A move that
 //! removes bone is a cut. A dwell is the last hundredth of a millimetre, passed so slowly that it takes that long.
 
-use bonemill_cutter::MoveKind;
+use bonemill_cutting::cutter::MoveKind;
 
 /// The feed begins this far before the bone, and after a peck this far before where the tip was, mm; assumed.
 pub const LEAD_MM: f64 = 0.5;

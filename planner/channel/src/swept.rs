@@ -13,7 +13,7 @@
 
 use std::collections::BinaryHeap;
 
-use bonemill_cutter::{CutterError, SolidOfRevolution};
+use bonemill_cutting::cutter::{CutterError, SolidOfRevolution};
 use bonemill_geometry::{Ct, Point, basis, cancel};
 use bonemill_imaging::StructureField;
 use nalgebra::{Rotation3, Unit, Vector3};

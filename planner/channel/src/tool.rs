@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use bonemill_case::{Case, EdgeModel, ToolSpec};
-use bonemill_cutter::{Cutter, GlenoidReamer, ShankCylinder, TwistDrill};
+use bonemill_cutting::cutter::{Cutter, GlenoidReamer, ShankCylinder, TwistDrill};
 use bonemill_cutting::edge::CoefficientModel;
 
 use bonemill_setup::{ChannelFault, PlanError, mesh_tool::mesh_cutter, tools::shank_from};

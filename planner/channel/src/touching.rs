@@ -138,7 +138,7 @@ fn directions(dimensions: usize) -> Vec<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bonemill_cutter::SolidOfRevolution;
+    use bonemill_cutting::cutter::SolidOfRevolution;
     use bonemill_geometry::{Ct, Grid, Point, Volume};
     use nalgebra::Vector3;
 

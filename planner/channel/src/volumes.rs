@@ -44,7 +44,7 @@ pub fn swept(front: &ToolFront, bone: &BoneField<'_>, end: &ToolPose, way_mm: f6
 mod tests {
     use super::*;
     use bonemill_case::Case;
-    use bonemill_cutter::SolidOfRevolution;
+    use bonemill_cutting::cutter::SolidOfRevolution;
     use bonemill_geometry::{Ct, Grid, Point, Volume};
     use nalgebra::{Rotation3, Vector3};
 

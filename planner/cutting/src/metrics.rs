@@ -18,7 +18,7 @@
 use bonemill_geometry::{Frame, Point, Volume};
 use nalgebra::{Matrix3, Unit, Vector3};
 
-use bonemill_cutter::ball::BallVolumes;
+use crate::cutter::ball::BallVolumes;
 
 /// Dillon's quantities at one place for one axis. With no mass, I_n is 1 and everything else 0.
 #[derive(Debug, Clone, Copy, PartialEq)]

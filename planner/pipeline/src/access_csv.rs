@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 
 use bonemill_planfile::columns::{ACCESS, DROPPED, names};
-use bonemill_scene::Scene;
+use bonemill_toolpath::scene::Scene;
 use bonemill_toolpath::orientation::{OpenAround, Permissible};
 
 use crate::Dropped;

@@ -1,7 +1,7 @@
 //! Which shaft axes the arm can take where, known before axes are chosen.
 //!
 //! The arm's inverse is evaluated on a coarse lattice of places over all that the burr reaches, for a set of directions each, posture by
-//! posture ([`bonemill_motion::resolve::postures`]), since a path is followed in one. Between lattice places an axis counts as
+//! posture ([`bonemill_robot::resolve::postures`]), since a path is followed in one. Between lattice places an axis counts as
 //! one that the arm takes where it takes all places and directions around it: at the edge of what the arm can do up to a
 //! step is lost, and nothing is promised that the neighbours do not have. The path itself is followed afterwards; where the
 //! arm cannot follow it all the same, that axis is refused there ([`ArmAxes::refuse`]) and axes are chosen anew.
@@ -9,13 +9,13 @@
 //! An arm that takes nothing at all is not judged here: following the path says by how much it is out of reach.
 
 use bonemill_geometry::{Point, Work};
-use bonemill_motion::resolve::postures::{Reached, reached};
+use bonemill_robot::resolve::postures::{Reached, reached};
 use bonemill_toolpath::orientation::Directions;
 use bonemill_toolpath::orientation::directions::angle_between;
 use bonemill_toolpath::space::BurrSpace;
 use nalgebra::{Unit, Vector3};
 
-use bonemill_armpath::Placed;
+use bonemill_setup::armpath::Placed;
 
 /// Lattice places are this far apart at most, mm.
 const STEP_MM: f64 = 10.0;

@@ -10,7 +10,7 @@
 
 use std::collections::BTreeMap;
 
-use bonemill_armpath::ArmMotion;
+use bonemill_setup::armpath::ArmMotion;
 use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, OrientationKernel};
 use bonemill_planfile::toward::NEAR_MM;
 use bonemill_setup::nearest_structures::NearStructure;

@@ -1,7 +1,7 @@
 //! The main figures of a plan: mass, length, forces, times and distances, one number each.
 
 use bonemill_case::Case;
-use bonemill_cutter::MoveKind;
+use bonemill_cutting::cutter::MoveKind;
 use bonemill_planfile::toward::{StructureFigures, TowardSpan};
 use bonemill_planfile::{ForceToward, Waypoint};
 

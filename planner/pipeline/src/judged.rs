@@ -1,8 +1,8 @@
 //! Why a plan falls short of its case, and what else the user should know of it.
 
 use bonemill_case::Case;
-use bonemill_motion::timelaw::LimitRatios;
-use bonemill_scene::{Scene, TargetOutside};
+use bonemill_robot::timelaw::LimitRatios;
+use bonemill_toolpath::scene::{Scene, TargetOutside};
 use bonemill_setup::Setup;
 use bonemill_toolpath::space::TRAJECTORY_TOLERANCE_MM;
 

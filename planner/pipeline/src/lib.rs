@@ -44,9 +44,9 @@ use std::path::Path;
 
 use attempt::{Attempt, Start};
 use bonemill_case::Case;
-use bonemill_cutter::Ball;
+use bonemill_cutting::cutter::Ball;
 use bonemill_geometry::Progress;
-use bonemill_scene::Scene;
+use bonemill_toolpath::scene::Scene;
 use bonemill_setup::{Setup, Stopwatch, nearest_structures};
 use bonemill_toolpath::access::ShankObstacles;
 use bonemill_toolpath::path;

@@ -1,6 +1,6 @@
 //! A plan in memory: its setup, how burr and arm move, and the results.
 
-use bonemill_motion::timelaw::TimeLaw;
+use bonemill_robot::timelaw::TimeLaw;
 use bonemill_planfile::{ForceToward, Waypoint};
 use bonemill_setup::Setup;
 use bonemill_toolpath::orientation::Permissible;

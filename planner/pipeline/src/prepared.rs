@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use bonemill_case::{Case, OrientationMode, PathSpec};
-use bonemill_cutter::ShankCylinder;
+use bonemill_cutting::cutter::ShankCylinder;
 use bonemill_cutting::cost::Proximity;
 use bonemill_geometry::Progress;
-use bonemill_scene::Scene;
+use bonemill_toolpath::scene::Scene;
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::{Setup, Stopwatch, tools};
 use bonemill_toolpath::orientation::{Directions, TiltFamily, TurnLimits, TurnPrice};

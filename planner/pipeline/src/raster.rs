@@ -12,11 +12,11 @@
 //! and the joints' accelerations do not count.
 
 use bonemill_case::{Case, Objective, OrientationMode, Sense};
-use bonemill_cutter::Ball;
+use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, Material, OrientationKernel};
 use bonemill_cutting::metrics::Moments;
 use bonemill_cutting::speed::Levels;
-use bonemill_scene::{Class, Scene};
+use bonemill_toolpath::scene::{Class, Scene};
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::tools;
 use bonemill_toolpath::access::Access;

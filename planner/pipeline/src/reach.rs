@@ -9,10 +9,10 @@
 
 use std::collections::HashSet;
 
-use bonemill_cutter::Ball;
+use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::metrics::Moments;
 use bonemill_geometry::{Point, Work};
-use bonemill_scene::Scene;
+use bonemill_toolpath::scene::Scene;
 use bonemill_setup::Unreached;
 use bonemill_toolpath::access::{Access, Blocked, EighthTimes, ShankCylinder, ShankObstacles, Turn};
 use bonemill_toolpath::engagement::mass_increments;

@@ -9,10 +9,10 @@
 //! without any clearance; for the bone around it otherwise. What lies beyond the scan counts as that.
 
 use bonemill_case::Case;
-use bonemill_cutter::Ball;
+use bonemill_cutting::cutter::Ball;
 use bonemill_imaging::{ImageError, distance_within};
-use bonemill_scene::{Class, Scene};
-use bonemill_stock::removal::RemovalTime;
+use bonemill_toolpath::scene::{Class, Scene};
+use bonemill_cutting::stock::removal::RemovalTime;
 use bonemill_toolpath::space::BurrSpace;
 use rayon::prelude::*;
 

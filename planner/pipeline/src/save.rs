@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use bonemill_armpath::write_trajectory;
+use bonemill_setup::armpath::write_trajectory;
 use bonemill_planfile::{NOTES, PlanContents, PlanFileError, PlanRecord, StagedDirectory};
 
 use crate::access_csv::{access_csv, dropped_csv};

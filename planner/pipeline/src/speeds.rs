@@ -1,15 +1,15 @@
 //! Speed caps per move by the case's mode, and the motion under them.
 
 use bonemill_arm::Arm;
-use bonemill_armpath::{ArmMotion, path_limits};
+use bonemill_setup::armpath::{ArmMotion, path_limits};
 use bonemill_case::{Case, SpeedMode, SpeedSpec};
-use bonemill_cutter::MoveKind;
+use bonemill_cutting::cutter::MoveKind;
 use bonemill_cutting::speed::{
     CutMoves, CutPushes, Levels, SLOWEST_SKIN, Smoothing, SpeedModel, TimeLimit, last_within, least_along,
     least_levels,
 };
-use bonemill_motion::resolve::DensePath;
-use bonemill_motion::timelaw::{JointPath, PreparedPath, TimeLaw};
+use bonemill_robot::resolve::DensePath;
+use bonemill_robot::timelaw::{JointPath, PreparedPath, TimeLaw};
 
 use super::PlanError;
 use super::in_time::NOTHING_SHARE;

@@ -2,7 +2,7 @@
 
 use bonemill_arm::{Arm, ArmKind};
 use bonemill_geometry::{Base, Rigid, Work};
-use bonemill_scene::Scene;
+use bonemill_toolpath::scene::Scene;
 use bonemill_toolpath::orientation::{TiltFamily, TurnTime};
 use nalgebra::{Unit, Vector3, Vector6};
 

@@ -1,8 +1,8 @@
 //! Why a plan cannot take the time that it should: the range of speeds, the joints' limits or the caps, the first that suffices.
 
-use bonemill_armpath::path_limits;
+use bonemill_setup::armpath::path_limits;
 use bonemill_case::SpeedMode;
-use bonemill_cutter::MoveKind;
+use bonemill_cutting::cutter::MoveKind;
 
 use super::PlanError;
 use super::attempt::Attempt;
@@ -10,7 +10,7 @@ use super::speeds::JointMotion;
 
 /// A joint that takes this share of a limit counts as at it: smoothing keeps motions below.
 const AT_LIMIT: f64 = 0.7;
-/// The limits by name, in the order of [`bonemill_motion::timelaw::TimeLaw::seconds_at_limits`].
+/// The limits by name, in the order of [`bonemill_robot::timelaw::TimeLaw::seconds_at_limits`].
 const LIMITS: [&str; 3] = ["velocity", "acceleration", "jerk"];
 
 impl Attempt<'_> {

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use bonemill_case::Structure;
-use bonemill_cutter::MoveKind;
+use bonemill_cutting::cutter::MoveKind;
 use bonemill_geometry::Point;
 
 use super::cells::{Row, push_number, read_rows, structure_name, write_rows};

@@ -86,7 +86,7 @@ impl<'a> Nearness<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bonemill_cutter::MoveKind;
+    use bonemill_cutting::cutter::MoveKind;
     use bonemill_geometry::Point;
     use nalgebra::Vector3;
     use proptest::prelude::*;

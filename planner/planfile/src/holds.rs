@@ -5,7 +5,7 @@
 //! Not here: how far the burr is drawn back. The burr is wider than its neck, so that the way along the shaft is free only as far
 //! as it was milled; the way back along the rows is free, since the burr came by it.
 
-use bonemill_cutter::MoveKind;
+use bonemill_cutting::cutter::MoveKind;
 use nalgebra::Vector3;
 
 use super::StoredPlan;

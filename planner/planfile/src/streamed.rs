@@ -1,7 +1,7 @@
 //! A stored plan's values as streaming takes them: joints, the room to structures at each waypoint, forces and hold points in the
 //! arm's base.
 
-use bonemill_stream::{Hold, Near, Standing, StreamInput, StructureKept, WaypointNear};
+use bonemill_robot::stream::{Hold, Near, Standing, StreamInput, StructureKept, WaypointNear};
 
 use super::{PlanFileError, Sha256, StoredPlan, hold_points, verified};
 

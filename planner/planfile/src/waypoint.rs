@@ -3,7 +3,7 @@
 use bonemill_geometry::{Ct, Point};
 use nalgebra::Vector3;
 
-use bonemill_cutter::MoveKind;
+use bonemill_cutting::cutter::MoveKind;
 
 /// One row of `waypoints.csv`, in ct; the waypoint's index is the row's number. `None` is an empty cell.
 #[derive(Debug, Clone, PartialEq)]

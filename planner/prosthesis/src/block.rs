@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use bonemill_case::prosthesis::{BlockSource, ProsthesisJob};
-use bonemill_catalogue::{Catalogue, CatalogueError, Lease, Mounted, StockBlock, smallest};
-use bonemill_machining::Block;
+use crate::catalogue::{Catalogue, CatalogueError, Lease, Mounted, StockBlock, smallest};
+use crate::machining::Block;
 use nalgebra::Vector3;
 
 use crate::{ProsthesisError, settings};

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use bonemill_case::CaseError;
-use bonemill_catalogue::CatalogueError;
-use bonemill_machining::MachiningError;
-use bonemill_part::PartError;
+use crate::catalogue::CatalogueError;
+use crate::machining::MachiningError;
+use bonemill_imaging::part::PartError;
 use bonemill_planfile::PlanFileError;
-use bonemill_proof::ProofError;
+use bonemill_verify::proof::ProofError;
 use thiserror::Error;
 
 /// Planning or judging a prosthesis failed.

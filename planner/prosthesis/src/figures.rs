@@ -4,14 +4,14 @@
 //! what follows from the files.
 
 use bonemill_case::prosthesis::{MachineKind, ProsthesisJob};
-use bonemill_machining::leftover::{Leftover, Reason};
-use bonemill_machining::strip::{LEAST_FACTOR, cutting_force_n};
-use bonemill_machining::{Block, Job, Machining, Tool, Warning};
-use bonemill_part::Solid;
-use bonemill_part::orient::{Laid, Run};
+use crate::machining::leftover::{Leftover, Reason};
+use crate::machining::strip::{LEAST_FACTOR, cutting_force_n};
+use crate::machining::{Block, Job, Machining, Tool, Warning};
+use bonemill_imaging::part::Solid;
+use bonemill_imaging::part::orient::{Laid, Run};
 use bonemill_planfile::Value;
-use bonemill_proof::deviation::FARTHEST_MM;
-use bonemill_proof::{Proof, ProofJob};
+use bonemill_verify::proof::deviation::FARTHEST_MM;
+use bonemill_verify::proof::{Proof, ProofJob};
 
 use crate::plan::most_uncut_mm;
 use crate::{MOST_GOUGE_MM, RobotMotion};
@@ -51,7 +51,7 @@ pub(crate) struct Milled<'a> {
 
 /// Line of a program above the outline's cuts, from 1; its last line where it has none.
 pub(crate) fn outline_line(program: &str) -> usize {
-    let line = program.lines().position(|line| line == bonemill_program::OUTLINE);
+    let line = program.lines().position(|line| line == crate::program::OUTLINE);
     line.map_or(program.lines().count(), |n| n + 1)
 }
 
@@ -75,7 +75,7 @@ impl Milled<'_> {
         let mut warnings: Vec<String> =
             self.solid.changes.iter().map(|change| format!("the mesh was repaired: {change}")).collect();
         if self.solid.shallow_crossings > 0 {
-            let (pairs, tolerance_mm) = (self.solid.shallow_crossings, bonemill_part::CROSSING_TOLERANCE_MM);
+            let (pairs, tolerance_mm) = (self.solid.shallow_crossings, bonemill_imaging::part::CROSSING_TOLERANCE_MM);
             warnings.push(format!("{pairs} pairs of facets touch or cross by at most {tolerance_mm} mm"));
         }
         let feeds = self.machining.warnings.iter().filter(|w| matches!(w, Warning::Feed { .. }));

@@ -8,8 +8,11 @@
 //! planned is the one in part.stl, bit for bit; a block that was taken from a catalogue goes back unless the plan was kept; nothing
 //! in the files depends on when, where or on how many threads they were made.
 //!
-//! Not here: how a part is read and laid ([`bonemill_part`]), milled ([`bonemill_machining`]) or proved ([`bonemill_proof`]).
+//! Not here: how a part is read and laid ([`bonemill_imaging::part`]), milled ([`bonemill_prosthesis::machining`]) or proved ([`bonemill_verify::proof`]).
 
+pub mod catalogue;
+pub mod program;
+pub mod machining;
 mod block;
 mod error;
 mod figures;
@@ -35,4 +38,4 @@ pub use robot::RobotMotion;
 pub use save::save;
 
 /// Deepest cut into the part that a plan may have, mm.
-pub const MOST_GOUGE_MM: f64 = bonemill_machining::GOUGE_TOLERANCE_MM;
+pub const MOST_GOUGE_MM: f64 = crate::machining::GOUGE_TOLERANCE_MM;

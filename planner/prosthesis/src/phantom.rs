@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use bonemill_part::phantom::Operculum;
-use bonemill_part::stl_bytes;
+use bonemill_imaging::part::phantom::Operculum;
+use bonemill_imaging::part::stl_bytes;
 use bonemill_planfile::PlanFileError;
 
 /// Facets of a drawn part: edges of about 0.4 mm.

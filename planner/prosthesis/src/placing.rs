@@ -2,7 +2,7 @@
 
 use bonemill_case::prosthesis::OrientMode;
 use bonemill_geometry::{Mesh, Part};
-use bonemill_part::orient::{Laid, Run, Silhouette, least_residual, published};
+use bonemill_imaging::part::orient::{Laid, Run, Silhouette, least_residual, published};
 
 /// The part's orientations.
 #[derive(Debug, Clone, PartialEq)]

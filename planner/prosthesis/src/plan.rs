@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use bonemill_case::prosthesis::{MachineKind, ProsthesisJob};
-use bonemill_catalogue::Mounted;
+use crate::catalogue::Mounted;
 use bonemill_geometry::{Block as BlockFrame, Mesh, Part, Progress, Rigid};
-use bonemill_machining::{Block, Job, Machining, MachiningError};
-use bonemill_part::orient::Laid;
-use bonemill_part::{RepairLimits, Solid, read_facets, rounded};
+use crate::machining::{Block, Job, Machining, MachiningError};
+use bonemill_imaging::part::orient::Laid;
+use bonemill_imaging::part::{RepairLimits, Solid, read_facets, rounded};
 use bonemill_planfile::{Sha256, Value};
-use bonemill_proof::{Proof, ProofJob};
+use bonemill_verify::proof::{Proof, ProofJob};
 
 use crate::block::{self, TakenBlock};
 use crate::{Placing, ProsthesisError, RobotMotion, figures, robot, settings};
@@ -80,7 +80,7 @@ pub fn plan(
     if milled.proof.thickest_uncut_mm > job.process.finishing_step_mm {
         let mut moved = placing.chosen.clone();
         let shift_mm =
-            bonemill_machining::shift_to_reach_mm(&milled.part, &machining_job, job.stock.gap_mm[1]);
+            crate::machining::shift_to_reach_mm(&milled.part, &machining_job, job.stock.gap_mm[1]);
         moved.block_from_part.translation_mm.y += shift_mm;
         // the better of the two by what the proof finds
         if shift_mm != 0.0
@@ -115,7 +115,7 @@ pub fn plan(
     };
     let (told, left) = (told_of.told(), told_of.left().to_vec());
     // the reason takes the place of the first line's words: all other lines stay where they are
-    let program = bonemill_program::write(
+    let program = crate::program::write(
         &milled.machining.moves,
         &machining_job,
         settings::dialect(job),
@@ -168,12 +168,12 @@ impl Mill<'_> {
         let Self { job, machining_job, progress, .. } = *self;
         progress.stage("plan toolpath");
         let part = laid_part(self.solid, &laid.block_from_part);
-        let machining = bonemill_machining::plan(&part, machining_job).map_err(|e| self.failed(e))?;
+        let machining = crate::machining::plan(&part, machining_job).map_err(|e| self.failed(e))?;
         progress.stage("write program");
-        let program = bonemill_program::write(&machining.moves, machining_job, settings::dialect(job), &[]);
+        let program = crate::program::write(&machining.moves, machining_job, settings::dialect(job), &[]);
         progress.stage("prove program");
         let proof_job = settings::proof(job, &machining_job.block, machining.tab_box);
-        let proof = bonemill_proof::prove(&program, &part, &proof_job)?;
+        let proof = bonemill_verify::proof::prove(&program, &part, &proof_job)?;
         Ok(Milled { block_from_part: laid.block_from_part, part, machining, program, proof_job, proof })
     }
 
@@ -203,7 +203,7 @@ pub(crate) fn laid_part(solid: &Solid, block_from_part: &Rigid<BlockFrame, Part>
 /// How long an orientation takes to machine in a block cut to size, s; `None` where it cannot be machined.
 fn time_s(job: &ProsthesisJob, solid: &Solid, laid: &Laid) -> Option<f64> {
     let trial = Trial::new(job, solid, laid);
-    Some(bonemill_machining::plan(&trial.part, &trial.machining).ok()?.times.limited_s)
+    Some(crate::machining::plan(&trial.part, &trial.machining).ok()?.times.limited_s)
 }
 
 /// A part in an orientation, in a block that is cut to what it needs: for comparisons, whatever is in stock.

@@ -10,7 +10,7 @@ use bonemill_case::prosthesis::{BlockSource, ProsthesisJob};
 use bonemill_case::write::{list, rigid, text, vector};
 use bonemill_case::{as_number, rotation_from_matrix};
 use bonemill_geometry::{Block as BlockFrame, Part, Rigid};
-use bonemill_machining::Block;
+use crate::machining::Block;
 use bonemill_planfile::{PROSTHESIS_HEADER, PlanFileError, Sha256, Value};
 use nalgebra::{Matrix3, Vector3};
 use toml::de::{DeTable, DeValue};

@@ -9,10 +9,10 @@
 use bonemill_arm::arm::{Arm, BlockMount, ToolMount};
 use bonemill_arm::ur::UrModel;
 use bonemill_case::prosthesis::OnFlange;
-use bonemill_export::write_trajectory_csv;
+use bonemill_robot::export::write_trajectory_csv;
 use bonemill_geometry::Rigid;
-use bonemill_machining::trajectory::{ArmMotion, block_on_flange, spindle_on_flange};
-use bonemill_machining::{Block, MachiningError, Move};
+use crate::machining::trajectory::{ArmMotion, block_on_flange, spindle_on_flange};
+use crate::machining::{Block, MachiningError, Move};
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// Rows of trajectory.csv a second; a controller interpolates between them.
@@ -125,7 +125,7 @@ fn csv(arm: &Arm, motion: &ArmMotion) -> Result<Vec<u8>, MachiningError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bonemill_machining::{Facing, Kind, Side};
+    use crate::machining::{Facing, Kind, Side};
 
     /// The largest block where a job names none, with the part in its upper half.
     fn block() -> Block {

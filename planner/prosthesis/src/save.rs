@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use bonemill_part::stl_bytes;
+use bonemill_imaging::part::stl_bytes;
 use bonemill_planfile::{PlanFileError, REPORT, StagedDirectory};
 
 use crate::{JobRecord, ProsthesisError, ProsthesisPlan, record, report, toolpath_csv};

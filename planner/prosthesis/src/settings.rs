@@ -1,10 +1,10 @@
 //! The job's numbers as the stages take them.
 
 use bonemill_case::prosthesis::{BlockSpec, CutSense, GCode, ProsthesisJob};
-use bonemill_catalogue::StockBlock;
-use bonemill_machining::{Block, HolderSegment, Job, Machine, Process, Tool};
-use bonemill_program::Dialect;
-use bonemill_proof::ProofJob;
+use crate::catalogue::StockBlock;
+use crate::machining::{Block, HolderSegment, Job, Machine, Process, Tool};
+use crate::program::Dialect;
+use bonemill_verify::proof::ProofJob;
 use nalgebra::Vector3;
 
 /// Distance of the points on the part at which the program is judged, mm.

@@ -5,9 +5,9 @@
 
 use std::path::Path;
 
-use bonemill_cutter::{ShankCylinder, SolidOfRevolution};
+use bonemill_cutting::cutter::{ShankCylinder, SolidOfRevolution};
 use bonemill_geometry::{Block, Mesh, Progress};
-use bonemill_machining::{Facing, Move};
+use crate::machining::{Facing, Move};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::picture::Colour;
@@ -53,7 +53,7 @@ impl ShownProsthesis {
         let moves = moves(&dir.join(TOOLPATH))?;
         progress.stage("prove program");
         let job = settings::proof(&record.job, &record.block, record.tab_mm);
-        let proof = bonemill_proof::prove(&read_text(&dir.join(PROGRAM))?, &part, &job)?;
+        let proof = bonemill_verify::proof::prove(&read_text(&dir.join(PROGRAM))?, &part, &job)?;
         // the proof's last samples are the mesh's vertices
         let first = proof.samples.len().saturating_sub(part.vertices.len());
         let colours = proof.samples[first..].iter().map(|sample| scale(sample.deviation_mm)).collect();

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use bonemill_machining::{Kind, Move, Side};
+use crate::machining::{Kind, Move, Side};
 use bonemill_planfile::columns::{names, prosthesis::TOOLPATH};
 use nalgebra::Vector3;
 

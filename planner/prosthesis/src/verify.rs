@@ -1,6 +1,6 @@
 //! A second opinion on the folder of a prosthesis: by the program that stands in it, not by the moves that were planned.
 //!
-//! The program is read back and cut out of the block by [`bonemill_proof`], which shares nothing with what planned and wrote it; the part is
+//! The program is read back and cut out of the block by [`bonemill_verify::proof`], which shares nothing with what planned and wrote it; the part is
 //! read again from its own file and laid as `job.toml` says. Everything that `job.toml` tells is told again of these files and compared; `program.nc` is written
 //! again from `toolpath.csv` and compared line by line, so that no word of either can be another.
 
@@ -10,12 +10,12 @@ use std::path::Path;
 use bonemill_case::prosthesis::{MachineKind, OrientMode};
 use bonemill_case::write::text;
 use bonemill_geometry::{Block, Mesh, Progress};
-use bonemill_machining::{Block as Stock, Facing, MachiningError, Move};
-use bonemill_part::orient::{Laid, Silhouette, published};
-use bonemill_part::{RepairLimits, Solid, read_facets};
+use crate::machining::{Block as Stock, Facing, MachiningError, Move};
+use bonemill_imaging::part::orient::{Laid, Silhouette, published};
+use bonemill_imaging::part::{RepairLimits, Solid, read_facets};
 use bonemill_planfile::{PlanFileError, Sha256, Value};
-use bonemill_proof::gcode::{self, Program};
-use bonemill_proof::{Proof, ProofJob};
+use bonemill_verify::proof::gcode::{self, Program};
+use bonemill_verify::proof::{Proof, ProofJob};
 use nalgebra::Vector3;
 
 use crate::figures::{self, Milled, Told};
@@ -107,7 +107,7 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
     };
     checks.push(inside_block(&record.block, &part));
     progress.stage("prove program");
-    let proof = bonemill_proof::prove(&program, &part, &job)?;
+    let proof = bonemill_verify::proof::prove(&program, &part, &job)?;
     let read = gcode::read(&program)?;
     progress.stage("compare toolpath");
     let rows = moves_of(&toolpath);
@@ -191,7 +191,7 @@ fn told(
 ) -> Result<Follows, ProsthesisError> {
     let machining_job = settings::machining(&record.job, record.block);
     let part = laid_part(solid, &record.block_from_part);
-    let machining = bonemill_machining::assess(&part, cut.moves.to_vec(), &machining_job)
+    let machining = crate::machining::assess(&part, cut.moves.to_vec(), &machining_job)
         .map_err(|source| failed(record, source))?;
     let silhouette = Silhouette::of(&solid.mesh);
     let runs = match record.job.orient {
@@ -200,7 +200,7 @@ fn told(
     };
     let chosen = Laid::turned(&solid.mesh, &silhouette, &record.block_from_part.rotation);
     let size_mm = record.block.high_mm - record.block.low_mm;
-    let mounted = bonemill_catalogue::Mounted { id: record.block_id.clone(), size_mm: size_mm.into() };
+    let mounted = crate::catalogue::Mounted { id: record.block_id.clone(), size_mm: size_mm.into() };
     let told = Milled {
         job: &record.job,
         solid,
@@ -228,11 +228,11 @@ pub(crate) fn read_text(path: &Path) -> Result<String, PlanFileError> {
 }
 
 pub(crate) fn read_part(path: &Path) -> Result<Mesh<Block>, ProsthesisError> {
-    let solid = read_solid(path, Some(bonemill_part::LengthUnit::Mm))?;
+    let solid = read_solid(path, Some(bonemill_imaging::part::LengthUnit::Mm))?;
     Ok(solid.mesh.transformed(&bonemill_geometry::Rigid::identity()))
 }
 
-fn read_solid(path: &Path, unit: Option<bonemill_part::LengthUnit>) -> Result<Solid, ProsthesisError> {
+fn read_solid(path: &Path, unit: Option<bonemill_imaging::part::LengthUnit>) -> Result<Solid, ProsthesisError> {
     let solid =
         read_facets(path).and_then(|facets| Solid::from_facets(facets, unit, &RepairLimits::default()));
     solid.map_err(|source| ProsthesisError::Part { path: path.into(), source })
@@ -385,7 +385,7 @@ fn same_program(
     };
     let job = settings::machining(&record.job, record.block);
     let mut faults = Vec::new();
-    let own = bonemill_program::write(moves, &job, settings::dialect(&record.job), shortfalls);
+    let own = crate::program::write(moves, &job, settings::dialect(&record.job), shortfalls);
     let [lines, own] = [program, &own].map(|text| text.lines().collect::<Vec<_>>());
     if let Some(n) = first_other(&lines, &own) {
         let [is, wanted] =
@@ -393,7 +393,7 @@ fn same_program(
         faults.push(format!("program.nc line {}: {is} instead of {wanted}", n + 1));
     }
     let mut timed = moves.to_vec();
-    if bonemill_machining::time::times(&mut timed, &job).is_err() {
+    if crate::machining::time::times(&mut timed, &job).is_err() {
         faults.push("toolpath.csv: the machine's axes cannot be driven along the moves".into());
     }
     for (index, (row, timed)) in moves.iter().zip(&timed).enumerate() {

@@ -1,6 +1,6 @@
 //! Why a case's straight channel cannot be planned.
 
-use bonemill_cutter::CutterError;
+use bonemill_cutting::cutter::CutterError;
 use thiserror::Error;
 
 /// Why there is no channel.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use bonemill_arm::RobotError;
 use bonemill_arm::registration::RegistrationFault;
 use bonemill_imaging::{ImageError, NiftiProblem};
-use bonemill_scene::SceneError;
+use bonemill_toolpath::scene::SceneError;
 use nalgebra::{Unit, Vector3};
 use thiserror::Error;
 

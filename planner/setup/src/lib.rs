@@ -1,5 +1,6 @@
 //! A case and its images as a machinist's setup: cutter, material, shank, arm, scene, and where the patient is.
 
+pub mod armpath;
 pub mod channel;
 mod channel_fault;
 mod error;

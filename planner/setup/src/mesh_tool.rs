@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use bonemill_case::MeshTool;
-use bonemill_cutter::{CutterError, EdgeSource, MeshCutter, MeshCutterSpec};
+use bonemill_cutting::cutter::{CutterError, EdgeSource, MeshCutter, MeshCutterSpec};
 use bonemill_geometry::{Mesh, Part};
-use bonemill_part::{LengthUnit, PartError, RepairLimits, Solid, read_facets};
+use bonemill_imaging::part::{LengthUnit, PartError, RepairLimits, Solid, read_facets};
 use bonemill_planfile::read_cutting_edges;
 use thiserror::Error;
 

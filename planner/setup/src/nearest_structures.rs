@@ -2,7 +2,7 @@
 
 use bonemill_geometry::{Ct, Point, Work, cancel};
 use bonemill_imaging::StructureField;
-use bonemill_scene::{Scene, SceneStructure};
+use bonemill_toolpath::scene::{Scene, SceneStructure};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 

@@ -4,7 +4,7 @@
 
 use bonemill_arm::Arm;
 use bonemill_geometry::{Point, Work};
-use bonemill_scene::{Class, Scene};
+use bonemill_toolpath::scene::{Class, Scene};
 
 use super::PlanError;
 use super::registration::Registered;

@@ -3,7 +3,7 @@
 use bonemill_arm::registration::{Fitted, fit};
 use bonemill_case::{Case, Registration, RobotSpec};
 use bonemill_geometry::{Base, Ct, Grid, Point, Rigid};
-use bonemill_scene::Scene;
+use bonemill_toolpath::scene::Scene;
 use nalgebra::Vector3;
 
 use super::{PlanError, tools};

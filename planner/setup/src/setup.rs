@@ -9,7 +9,7 @@ use bonemill_case::{Case, Registration};
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_imaging::Placement;
 use bonemill_planfile::{Input, PlanFrames, PlanningGrid};
-use bonemill_scene::Scene;
+use bonemill_toolpath::scene::Scene;
 
 use super::registration::{Registered, fiducials_in_scan, registration};
 use super::{PlanError, Stopwatch, inputs, reach, tools};

@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use bonemill_geometry::{Grid, Point, Volume, Work};
-use bonemill_scene::{Class, FarObstacles};
+use bonemill_toolpath::scene::{Class, FarObstacles};
 use nalgebra::{Matrix3, Vector3};
 
 use super::EngineError;

@@ -3,7 +3,7 @@
 use bonemill_arm::{Arm, RobotError};
 use bonemill_geometry::{Base, Point, Rigid, Tool, Work, cancel};
 use bonemill_planfile::Trajectory;
-use bonemill_stock::sweep::segment_distance_squared;
+use bonemill_cutting::stock::sweep::segment_distance_squared;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 

@@ -9,7 +9,7 @@ use bonemill_geometry::Progress;
 use bonemill_geometry::{Ct, Point, Rigid, Work};
 use bonemill_planfile::StoredPlan;
 use bonemill_planfile::toward::{StructureFigures, TowardSpan};
-use bonemill_scene::{Scene, SceneStructure};
+use bonemill_toolpath::scene::{Scene, SceneStructure};
 use bonemill_setup::inputs::scene_of;
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::{PlanError, tools};

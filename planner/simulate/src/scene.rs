@@ -3,7 +3,7 @@
 
 use bonemill_geometry::{Volume, VolumeError, Work};
 use bonemill_imaging::DensityTable;
-use bonemill_scene::{Class, Scene};
+use bonemill_toolpath::scene::{Class, Scene};
 
 use super::{Bone, EngineError};
 

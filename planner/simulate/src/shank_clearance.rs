@@ -4,8 +4,8 @@
 //! Bone is only removed, so a clearance stays valid until that part of the shank has moved as far; most steps need no test.
 //! The stored clearances only decide whether a part is tested again, so they may be dropped at any time.
 
-use bonemill_cutter::ShankCylinder;
-use bonemill_stock::sweep::segment_distance_squared;
+use bonemill_cutting::cutter::ShankCylinder;
+use bonemill_cutting::stock::sweep::segment_distance_squared;
 use nalgebra::{Unit, Vector3};
 
 use super::engine::Pose;

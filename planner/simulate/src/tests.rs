@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use bonemill_cutter::ShankCylinder;
+use bonemill_cutting::cutter::ShankCylinder;
 use bonemill_cutting::burr::{Discretisation, ElementGrid, Material, Measure, Tool};
 use bonemill_geometry::{Grid, Point, Volume, Work};
 use nalgebra::Vector3;
@@ -263,7 +263,7 @@ proptest! {
             let cell = [n % nx, n / nx % ny, n / (nx * ny)];
             let p = lattice.point(Vector3::from(cell.map(|c| c as f64))).coords;
             let nearest = corners.windows(2).map(|pair| {
-                bonemill_stock::sweep::segment_distance_squared(&p, &pair[0].into(), &pair[1].into()).sqrt()
+                bonemill_cutting::stock::sweep::segment_distance_squared(&p, &pair[0].into(), &pair[1].into()).sqrt()
             });
             let expected = (nearest.fold(f64::INFINITY, f64::min) - 1.1) / s;
             let found = f64::from(lattice.depth_of(cell));

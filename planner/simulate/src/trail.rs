@@ -8,7 +8,7 @@
 //! hand at a thousand steps per second stays a few capsules. A straight path is stored exactly, however it is divided.
 
 use bonemill_geometry::{Point, Work};
-use bonemill_stock::sweep::segment_distance_squared;
+use bonemill_cutting::stock::sweep::segment_distance_squared;
 use nalgebra::Vector3;
 
 use super::carve::Piece;

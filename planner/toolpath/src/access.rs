@@ -32,11 +32,11 @@ pub use self::eighth_times::EighthTimes;
 pub use self::solid::ShankObstacles;
 pub use self::turn::Turn;
 
-pub use bonemill_cutter::ShankCylinder;
+pub use bonemill_cutting::cutter::ShankCylinder;
 use bonemill_geometry::{Point, Work, basis, cancel};
-use bonemill_motion::timelaw::CornerTolerance;
-use bonemill_scene::Scene;
-use bonemill_stock::voxels::voxels_apart;
+use bonemill_robot::timelaw::CornerTolerance;
+use crate::scene::Scene;
+use bonemill_cutting::stock::voxels::voxels_apart;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -44,7 +44,7 @@ use self::eighths::Eighths;
 use self::field::{Bounds, SOLID, TimeField};
 use self::front::Front;
 use self::march::Marched;
-use bonemill_motion::timelaw::TRAJECTORY_TOLERANCE_MM;
+use bonemill_robot::timelaw::TRAJECTORY_TOLERANCE_MM;
 
 /// What blocks the shank.
 #[derive(Debug, Clone, Copy, PartialEq)]

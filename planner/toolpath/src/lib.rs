@@ -3,6 +3,7 @@
 //! Data flows [`space`] -> [`path`] with its removal times -> [`access`] of the shank and [`engagement`] of the burr ->
 //! [`orientation`], the choice among free directions.
 
+pub mod scene;
 pub mod access;
 pub mod engagement;
 mod neighbours;

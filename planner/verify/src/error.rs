@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use bonemill_arm::RobotError;
 use bonemill_geometry::{GridError, VolumeError};
 use bonemill_imaging::ImageError;
-use bonemill_part::PartError;
+use bonemill_imaging::part::PartError;
 use thiserror::Error;
 
 use bonemill_planfile::PlanFileError;

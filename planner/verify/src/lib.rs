@@ -17,6 +17,7 @@
 //!
 //! Invariants: checks are independent of each other; equal plans give equal bytes on any number of threads.
 
+pub mod proof;
 mod anatomy;
 mod boxes;
 mod bricks;

@@ -4,7 +4,7 @@ use super::*;
 use crate::registration_error::RegistrationError;
 use crate::risk::KeptStructure;
 use crate::swept::SweptTool;
-use bonemill_cutter::SolidOfRevolution;
+use bonemill_cutting::cutter::SolidOfRevolution;
 use bonemill_geometry::Grid;
 use bonemill_imaging::StructureField;
 

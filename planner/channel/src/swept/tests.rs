@@ -1,6 +1,6 @@
 //! Clearances of swept solids against every point of a structure asked one by one.
 
-use bonemill_cutter::{Cutter, TwistDrill, TwistDrillSpec};
+use bonemill_cutting::cutter::{Cutter, TwistDrill, TwistDrillSpec};
 use bonemill_geometry::{Grid, Volume};
 
 use super::*;

@@ -15,7 +15,7 @@
 
 use std::f64::consts::PI;
 
-use bonemill_cutter::EdgeElement;
+use crate::cutter::EdgeElement;
 
 use super::uncut_area_mm2;
 use crate::burr::{ModelError, checked};

@@ -1,6 +1,6 @@
 //! One element: from its angles to the force per chip area, in the tool's frame.
 
-use bonemill_cutter::EdgeElement;
+use crate::cutter::EdgeElement;
 use nalgebra::Vector3;
 
 /// A_u = f δ cos μ/N_c, mm²: what an element cuts, perpendicular to its velocity. δ is its radial width.

@@ -8,7 +8,7 @@
 //! which a linear one needs a single one. Intervals are the linearised 95 % ones. A log that cannot tell the coefficients apart is
 //! refused.
 
-use bonemill_cutter::{Cutter, CutterError, EdgeElement, EdgeKind};
+use crate::cutter::{Cutter, CutterError, EdgeElement, EdgeKind};
 use nalgebra::{DMatrix, DVector};
 
 use super::{CoefficientModel, Cut, force_directions, uncut_area_mm2};

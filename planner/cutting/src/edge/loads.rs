@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use bonemill_cutter::{CuttingEdges, EdgeKind};
+use crate::cutter::{CuttingEdges, EdgeKind};
 use bonemill_geometry::{Point, Tool};
 use nalgebra::{Rotation3, Vector3};
 
@@ -65,7 +65,7 @@ pub struct EdgeLoads {
 impl EdgeLoads {
     /// The loads of `edges`, whose angles are those at the same feed, mm a revolution, or at a feed of 0 where μ is to be left out.
     pub fn new(edges: &CuttingEdges, feed_mm_rev: f64, spindle_rpm: f64, model: &CoefficientModel) -> Self {
-        let load = |element: &bonemill_cutter::EdgeElement| {
+        let load = |element: &crate::cutter::EdgeElement| {
             let area = uncut_area_mm2(element, feed_mm_rev);
             let k = model.at(&Cut::of(element, feed_mm_rev, spindle_rpm));
             let [normal, friction] = force_directions(element);

@@ -19,7 +19,7 @@
 //! **Source:** Faieghi et al., (1) to (7), corrected as docs/force-model.md 9 explains.
 //!
 //! ```
-//! use bonemill_cutter::{Cutter, TwistDrill, TwistDrillSpec};
+//! use bonemill_cutting::cutter::{Cutter, TwistDrill, TwistDrillSpec};
 //! use bonemill_cutting::edge::{CoefficientModel, EdgeLoads};
 //! let spec = TwistDrillSpec { radius_mm: 1.25, point_deg: 59.0, helix_deg: 20.0, chisel_deg: 116.0, web_mm: 0.15, lips: 2, flute_mm: 30.0 };
 //! let drill = TwistDrill::new(spec)?;

@@ -1,6 +1,6 @@
 //! Forces against the reference cases and closed limits.
 
-use bonemill_cutter::{Cutter, GlenoidReamer, GlenoidReamerSpec, TwistDrill, TwistDrillSpec};
+use crate::cutter::{Cutter, GlenoidReamer, GlenoidReamerSpec, TwistDrill, TwistDrillSpec};
 use proptest::prelude::*;
 use serde_json::Value;
 
@@ -38,7 +38,7 @@ fn model(case: &Value) -> CoefficientModel {
 
 #[test]
 fn the_drill_cases_agree_to_1e_10() {
-    use bonemill_cutter::EdgeKind::{Chisel, Lip};
+    use crate::cutter::EdgeKind::{Chisel, Lip};
     for text in [D01, D02] {
         let case: Value = serde_json::from_str(text).unwrap();
         let (drill, f) = (drill(&case), number(&case, "f"));
@@ -79,7 +79,7 @@ fn the_angles_along_a_lip_are_those_of_the_cases() {
             let (a, b) = (&edges.elements[n - 1], &edges.elements[n + 1]);
             let share = (r - a.radius_mm) / (b.radius_mm - a.radius_mm);
             let angles =
-                |e: &bonemill_cutter::EdgeElement| [e.mu_rad, e.lambda_rad, e.tau_rad, e.gamma_n_rad];
+                |e: &crate::cutter::EdgeElement| [e.mu_rad, e.lambda_rad, e.tau_rad, e.gamma_n_rad];
             for (m, (a, b)) in angles(a).into_iter().zip(angles(b)).enumerate() {
                 let expected = row[m + 1].as_f64().unwrap();
                 assert!((a + share * (b - a) - expected).abs() < 1e-8, "{r} {m}");
@@ -262,7 +262,7 @@ proptest! {
             let [n, t] = force_directions(element);
             prop_assert!(n.dot(&t).abs() < 1e-14 && (n.norm() - 1.0).abs() < 1e-14 && (t.norm() - 1.0).abs() < 1e-14);
             // both resist the turn of a lip
-            prop_assert!(element.kind == bonemill_cutter::EdgeKind::Chisel || n.y < 0.0);
+            prop_assert!(element.kind == crate::cutter::EdgeKind::Chisel || n.y < 0.0);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use bonemill_machining::{Kind, Move, Side};
+use crate::machining::{Kind, Move, Side};
 
 use nalgebra::Vector3;
 

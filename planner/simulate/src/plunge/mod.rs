@@ -19,7 +19,7 @@ mod tests;
 
 use std::f64::consts::TAU;
 
-use bonemill_cutter::SolidOfRevolution;
+use bonemill_cutting::cutter::SolidOfRevolution;
 use bonemill_cutting::edge::{CutterForce, EdgeLoads};
 use bonemill_geometry::{Point, Volume, Work};
 use nalgebra::{Rotation3, Vector3};

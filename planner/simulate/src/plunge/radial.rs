@@ -1,6 +1,6 @@
 //! Signed distances of a solid of revolution in its half-plane, on a fine grid, so that a lattice takes it out quickly.
 
-use bonemill_cutter::SolidOfRevolution;
+use bonemill_cutting::cutter::SolidOfRevolution;
 
 /// Points of the table along a cell.
 const PER_CELL: f64 = 8.0;

@@ -1,6 +1,6 @@
 //! Plunges against the sum over all elements, half-spaces, second holes and swept volumes.
 
-use bonemill_cutter::{Cutter, TwistDrill, TwistDrillSpec};
+use bonemill_cutting::cutter::{Cutter, TwistDrill, TwistDrillSpec};
 use bonemill_cutting::edge::CoefficientModel;
 use bonemill_geometry::Grid;
 

@@ -247,7 +247,7 @@ fn what_is_no_bone_is_refused() {
     );
     assert!(Bone::new(&Volume::filled(flat.unwrap(), 1f32)).is_err());
     let bone = uniform(4.0, 0.25);
-    let other = uniform(4.0, 0.5).map(|_| bonemill_scene::Class(1));
+    let other = uniform(4.0, 0.5).map(|_| bonemill_toolpath::scene::Class(1));
     assert!(matches!(Bone::new(&bone).unwrap().with_classes(&other), Err(EngineError::Classes { .. })));
     let tiny = Lattice::new(Bone::new(&bone).unwrap(), 1e-3, 1000.0);
     assert!(matches!(tiny, Err(EngineError::TooFine { .. })), "{:?}", tiny.map(|l| l.spacing_mm()));

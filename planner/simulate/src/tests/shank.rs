@@ -2,7 +2,7 @@
 
 use super::super::shank::ShankContact;
 use super::*;
-use bonemill_scene::FarObstacles;
+use bonemill_toolpath::scene::FarObstacles;
 
 const NECK_MM: f64 = 1.1;
 

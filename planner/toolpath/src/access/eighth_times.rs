@@ -3,11 +3,11 @@
 //! A voxel whose centre is removed may keep a corner, for a few moves or for good, and the shank may meet this corner. An
 //! eighth counts as removed when its own centre is.
 
-use bonemill_cutter::Ball;
-use bonemill_stock::removal::NEVER;
-use bonemill_stock::runs::{straight_runs, take_runs};
-use bonemill_stock::sweep::Rows;
-use bonemill_stock::voxels::VoxelSet;
+use bonemill_cutting::cutter::Ball;
+use bonemill_cutting::stock::removal::NEVER;
+use bonemill_cutting::stock::runs::{straight_runs, take_runs};
+use bonemill_cutting::stock::sweep::Rows;
+use bonemill_cutting::stock::voxels::VoxelSet;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 

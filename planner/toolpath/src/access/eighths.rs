@@ -4,7 +4,7 @@ use std::ops::{ControlFlow, Range};
 
 use bonemill_geometry::Point;
 use bonemill_geometry::Work;
-use bonemill_stock::sweep::Rows;
+use bonemill_cutting::stock::sweep::Rows;
 
 use super::eighth_times::EighthTimes;
 use super::field::{self, TimeField};

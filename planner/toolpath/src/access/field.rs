@@ -1,7 +1,7 @@
 //! Removal times on a grid: dilated, pooled into blocks, and looked up at points.
 
 use bonemill_geometry::{Grid, Work, cancel};
-use bonemill_stock::removal::NEVER;
+use bonemill_cutting::stock::removal::NEVER;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 

@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use bonemill_geometry::{Grid, Point, Work, cancel};
-use bonemill_scene::{Class, Scene};
+use crate::scene::{Class, Scene};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 

@@ -1,12 +1,12 @@
 //! The mass that each move removes, from voxels: the exact increment ρ·max(0, V − V already removed) of partial volumes,
 //! whose sum over the path is the mass removed (docs/force-model.md 8, row 3). Drafts use whole voxels.
 
-use bonemill_cutter::Ball;
-use bonemill_cutter::ball::BallVolumes;
+use bonemill_cutting::cutter::Ball;
+use bonemill_cutting::cutter::ball::BallVolumes;
 use bonemill_cutting::metrics::Moments;
 use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
-use bonemill_stock::removal::{NEVER, RemovalTime};
-use bonemill_stock::voxels::VoxelSet;
+use bonemill_cutting::stock::removal::{NEVER, RemovalTime};
+use bonemill_cutting::stock::voxels::VoxelSet;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 

@@ -1,8 +1,8 @@
 //! Removal times of the voxels around a point, and of all voxels near it.
 
 use bonemill_geometry::{Grid, Volume, Work, cancel};
-use bonemill_scene::Class;
-use bonemill_stock::removal::NEVER;
+use crate::scene::Class;
+use bonemill_cutting::stock::removal::NEVER;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 

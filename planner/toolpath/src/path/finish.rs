@@ -8,7 +8,7 @@
 //! ball's rows, only where its bound could be the largest; the choice is the same as if all gains were known.
 
 use bonemill_geometry::{Point, Work};
-use bonemill_stock::voxels::{VoxelSet, voxels_apart};
+use bonemill_cutting::stock::voxels::{VoxelSet, voxels_apart};
 use rayon::prelude::*;
 
 use super::ball_rows::BallRows;

@@ -16,14 +16,14 @@ mod raster;
 mod rough;
 mod search;
 
-pub use bonemill_cutter::MoveKind;
+pub use bonemill_cutting::cutter::MoveKind;
 pub use builder::Builder;
 pub use raster::{Lines, RasterFrame, SenseRule};
 
 use std::collections::HashSet;
 
 use bonemill_geometry::{Point, Work};
-use bonemill_stock::removal::RemovalTime;
+use bonemill_cutting::stock::removal::RemovalTime;
 
 use crate::space::BurrSpace;
 

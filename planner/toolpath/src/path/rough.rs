@@ -1,7 +1,7 @@
 //! Roughing: serpentine lines, layer by layer.
 
 use bonemill_geometry::{Point, Work};
-use bonemill_scene::Class;
+use crate::scene::Class;
 
 use super::{Builder, Lines, Pass, RasterFrame};
 

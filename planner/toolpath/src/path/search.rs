@@ -7,7 +7,7 @@ use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 use bonemill_geometry::{Point, Work};
-use bonemill_stock::voxels::{VoxelSet, voxels_apart};
+use bonemill_cutting::stock::voxels::{VoxelSet, voxels_apart};
 
 use super::Builder;
 use crate::space::BurrSpace;

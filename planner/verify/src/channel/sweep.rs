@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use bonemill_case::{MeshTool, ToolSpec};
-use bonemill_part::read_facets;
+use bonemill_imaging::part::read_facets;
 use bonemill_planfile::{ChannelRecord, StoredPlan};
 use nalgebra::Vector3;
 

@@ -3,7 +3,7 @@
 use bonemill_geometry::Sheets;
 use bonemill_geometry::{Ct, Grid, Volume};
 use bonemill_imaging::{AffineChoice, DensityTable};
-use bonemill_scene::{ApproachSpec, MemoryNeed, Scene, SceneSpec, Target, ToolReach, build_scene};
+use crate::scene::{ApproachSpec, MemoryNeed, Scene, SceneSpec, Target, ToolReach, build_scene};
 use nalgebra::Vector3;
 
 use super::*;
@@ -11,7 +11,7 @@ use crate::path::{PathSpacing, RasterFrame, rough::rough};
 use crate::space::BurrSpace;
 
 const RADIUS_MM: f64 = 1.0;
-const BALL: bonemill_cutter::Ball = bonemill_cutter::Ball { radius_mm: RADIUS_MM };
+const BALL: bonemill_cutting::cutter::Ball = bonemill_cutting::cutter::Ball { radius_mm: RADIUS_MM };
 const TARGET: u16 = 20;
 const SPACING: PathSpacing = PathSpacing { layer_mm: 1.0, stepover_mm: 0.7, step_mm: 0.25 };
 

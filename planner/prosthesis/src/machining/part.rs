@@ -1,0 +1,220 @@
+//! What both sides share: the part over a raster, its outlines, the strip around it and the tab.
+//!
+//! Everything is kept as seen from the front; [`Part::seen`] turns a map for the back. Three bodies must not be cut: the part, always; the strip,
+//! until the contour; the tab, ever. What the contour would cut off from the grip is milled away like the channel around the part, so that it does not come
+//! loose under the cutter ([`Part::loose`]).
+
+use nalgebra::Vector3;
+
+use crate::machining::envelope::Envelope;
+use crate::machining::job::Job;
+use crate::machining::leftover::{self, Leftover, Reason};
+use crate::machining::moves::Facing;
+use crate::machining::raster::{NONE, Raster};
+use crate::machining::reach::THROUGH_MM;
+use crate::machining::silhouette::{Loop, Nearest, Silhouette, area_mm2, sampled};
+use crate::machining::strip::{Strip, Tab, outline_force_n};
+
+/// The part over a raster, with the strip around it; seen from the front.
+pub(crate) struct Part {
+    pub raster: Raster,
+    pub envelope: Envelope,
+    pub silhouette: Silhouette,
+    pub strip: Strip,
+    tab: Tab,
+    nearest: Nearest,
+    /// Distance to the outer outline, mm, below 0 inside; holes count as inside.
+    pub outside_mm: Vec<f64>,
+    /// Cells of the block that the contour would cut off from the grip.
+    pub loose: Vec<bool>,
+    /// Distance to part and loose cells, mm, below 0 inside the part's outer outline.
+    pub milled_mm: Vec<f64>,
+}
+
+/// A frame beside the channel that is thinner than this holds nothing, mm. Assumed.
+const HOLDS_MM: f64 = 0.5;
+
+impl Part {
+    pub fn with(raster: Raster, envelope: Envelope, silhouette: Silhouette, job: &Job) -> Self {
+        let strip = Strip::along(&raster, &envelope, &silhouette, job.process.strip_mm);
+        let nearest = Nearest::of(&raster, &strip.points);
+        let outer = silhouette.loops().filter(|l| area_mm2(l) > 0.0);
+        let outer: Vec<[f64; 2]> = outer.flat_map(|l| sampled(l, 0.5 * raster.pitch_mm)).collect();
+        let mut outside_mm = Nearest::of(&raster, &outer).distance_mm;
+        let open = reached_from_the_edge(&raster, |cell| !envelope.holds(cell));
+        outside_mm.iter_mut().zip(&open).filter(|(_, open)| !**open).for_each(|(d, _)| *d = -*d);
+        let tab = strip.tab(outline_force_n(job), job.process.strip_mm);
+        let loose = loose(&raster, &outside_mm, job);
+        let milled_mm = milled_mm(&raster, &outside_mm, &loose, job);
+        Self { raster, envelope, silhouette, strip, tab, nearest, outside_mm, loose, milled_mm }
+    }
+
+    pub fn seen<T: Copy>(&self, map: &[T], facing: Facing) -> Vec<T> {
+        if facing == Facing::Front { map.to_vec() } else { self.raster.turned(map) }
+    }
+
+    /// The outermost cells of the part and all beside it, as the side sees them: of their slope a raster says too little.
+    pub fn outermost(&self, facing: Facing) -> Vec<bool> {
+        let map: Vec<bool> = self.outside_mm.iter().map(|d| *d > -1.5 * self.raster.pitch_mm).collect();
+        self.seen(&map, facing)
+    }
+
+    /// Outlines at a distance: clockwise as the side sees them, those in holes counter-clockwise, so that the part is on the right.
+    pub fn around(&self, distance_mm: f64, facing: Facing) -> Vec<Loop> {
+        let mut loops = self.silhouette.offset(distance_mm);
+        for outline in &mut loops {
+            match facing {
+                Facing::Front => outline.reverse(),
+                Facing::Back => outline.iter_mut().for_each(|p| p[1] = -p[1]),
+            }
+        }
+        loops
+    }
+
+    /// The strip, or the tab alone, as a body that the side must not cut.
+    pub fn strip_body(&self, facing: Facing, tab_only: bool) -> Vec<f64> {
+        let mut body = self.strip.body(&self.raster, &self.envelope, &self.nearest, facing == Facing::Back);
+        if tab_only {
+            let tab =
+                self.seen(&(0..self.raster.len()).map(|cell| self.is_tab(cell)).collect::<Vec<_>>(), facing);
+            body.iter_mut().zip(tab).filter(|(_, tab)| !tab).for_each(|(w, _)| *w = NONE);
+        }
+        body
+    }
+
+    fn is_tab(&self, cell: usize) -> bool {
+        let [u, v] = self.raster.centre_of(cell);
+        v > 0.0
+            && (u - self.tab.at[0]).abs() < 0.5 * self.tab.length_mm
+            && v > self.tab.at[1] - 0.5 * self.tab.length_mm
+    }
+
+    /// The box around the tab and what the cutter leaves beside it, block's frame, mm.
+    pub fn tab_box(&self, job: &Job) -> [Vector3<f64>; 2] {
+        let beside = 0.5 * self.tab.length_mm + job.tool.diameter_mm();
+        let (low, high) = (job.block.low_mm, job.block.high_mm);
+        let z = -self.tab.at[1];
+        [
+            Vector3::new(self.tab.at[0] - beside, low.y, z - beside),
+            Vector3::new(self.tab.at[0] + beside, high.y, z + 0.5 * self.tab.length_mm + job.tool.radius_mm),
+        ]
+    }
+
+    /// Stock beside the part's outlines that no place of the axis reaches: in corners and slots that are narrower than the cutter.
+    pub fn corners(&self, job: &Job) -> Vec<Leftover> {
+        let (raster, radius_mm) = (&self.raster, job.tool.radius_mm);
+        let is_free = |cell: usize| !self.envelope.holds(cell) && self.nearest.distance_mm[cell] >= radius_mm;
+        let is_edge = |cell: &usize| {
+            is_free(*cell) && raster.neighbours(*cell).into_iter().flatten().any(|next| !is_free(next))
+        };
+        // from the cell's centre toward the outline, to where the cutter touches it
+        let touching = |cell: usize| {
+            let (at, outline) =
+                (raster.centre_of(cell), self.strip.points[self.nearest.point[cell] as usize]);
+            let share = 1.0 - radius_mm / self.nearest.distance_mm[cell];
+            [0, 1].map(|n| at[n] + share * (outline[n] - at[n]))
+        };
+        let edge: Vec<[f64; 2]> = (0..raster.len()).filter(is_edge).map(touching).collect();
+        let reached = Nearest::of(raster, &edge);
+        let beyond_mm = radius_mm + 0.25 * raster.pitch_mm;
+        let rim = |cell: usize| self.strip.rims.get(self.nearest.point[cell] as usize).copied();
+        let is_left = |cell: usize| {
+            !self.envelope.holds(cell) && !is_free(cell) && reached.distance_mm[cell] > beyond_mm
+        };
+        let left: Vec<Option<[f64; 2]>> =
+            (0..raster.len()).map(|cell| rim(cell).filter(|_| is_left(cell))).collect();
+        let thickness: Vec<f64> = left.iter().map(|rim| rim.map_or(0.0, |[low, high]| high - low)).collect();
+        let middle: Vec<f64> =
+            left.iter().map(|rim| rim.map_or(0.0, |[low, high]| 0.5 * (low + high))).collect();
+        leftover::places(raster, &thickness, &middle, Facing::Front, Reason::Narrow)
+    }
+
+    /// Where contour and finishing of the rim end below, as the side sees it, mm: the other side of the strip or of the rim, whichever is lower, and a
+    /// little more, carried from the outline over the raster.
+    pub fn rim_floor(&self, facing: Facing, corner_mm: f64) -> Vec<f64> {
+        let ends = [&self.strip.heights, &self.strip.rims];
+        let floor = |cell: usize| {
+            let at = self.nearest.point[cell] as usize;
+            let far = ends.iter().filter_map(|ends| ends.get(at)).map(|[low, high]| match facing {
+                Facing::Front => *low,
+                Facing::Back => -high,
+            });
+            far.fold(f64::INFINITY, f64::min) - THROUGH_MM - 2.0 * corner_mm
+        };
+        self.seen(&(0..self.raster.len()).map(floor).collect::<Vec<_>>(), facing)
+    }
+}
+
+/// Cells of the block, seen from the front, that no frame beside the channel connects to the grip.
+fn loose(raster: &Raster, outside_mm: &[f64], job: &Job) -> Vec<bool> {
+    let block = &job.block;
+    let grip_v = -(block.low_mm.z + block.grip_mm);
+    let in_block = |cell: usize| {
+        let [u, v] = raster.centre_of(cell);
+        (block.low_mm.x..=block.high_mm.x).contains(&u) && (-block.high_mm.z..=-block.low_mm.z).contains(&v)
+    };
+    // a cell that the channel's edge passes through counts as beside it
+    let channel_mm = job.tool.diameter_mm() - raster.pitch_mm;
+    let beside: Vec<bool> = (0..raster.len()).map(|c| in_block(c) && outside_mm[c] > channel_mm).collect();
+    let holds = |cell: usize| beside[cell] && outside_mm[cell] > channel_mm + raster.pitch_mm + HOLDS_MM;
+    // below the raster the block goes on to the grip
+    let lowest = raster.centre(0, raster.dims[1] - 1)[1];
+    let is_grip = |cell: usize| raster.centre_of(cell)[1] >= grip_v.min(lowest);
+    let grip = (0..raster.len()).filter(|cell| is_grip(*cell));
+    let mut held = vec![false; raster.len()];
+    raster.connected(grip.collect(), &mut held, holds);
+    let is_beside =
+        |cell: usize, map: &[bool]| raster.neighbours(cell).into_iter().flatten().any(|next| map[next]);
+    // the frame's own edges, from cell to cell beside it: farther than straight on
+    let rounds = std::f64::consts::SQRT_2 * (HOLDS_MM / raster.pitch_mm + 2.0);
+    for _ in 0..rounds.ceil() as usize {
+        let before = held.clone();
+        let near = |cell: usize| beside[cell] && is_beside(cell, &before);
+        (0..raster.len()).filter(|cell| near(*cell)).for_each(|cell| held[cell] = true);
+    }
+    // what is left hangs on nothing, or holds more than itself: else it is a sharp corner of the frame
+    let rest = |cell: usize| beside[cell] && !held[cell];
+    let (mut loose, mut seen) = (vec![false; raster.len()], vec![false; raster.len()]);
+    for cell in 0..raster.len() {
+        if rest(cell) && !seen[cell] {
+            let piece = raster.connected(vec![cell], &mut seen, rest);
+            let hangs = piece.iter().any(|cell| is_beside(*cell, &held));
+            let is_loose = !hangs || piece.iter().any(|cell| holds(*cell));
+            piece.into_iter().for_each(|cell| loose[cell] = is_loose);
+        }
+    }
+    loose
+}
+
+/// Distance to the part or to what is loose, whichever is nearer; loose cells count only as far as the cutter stays off the grip.
+fn milled_mm(raster: &Raster, outside_mm: &[f64], loose: &[bool], job: &Job) -> Vec<f64> {
+    let points: Vec<[f64; 2]> =
+        (0..raster.len()).filter(|cell| loose[*cell]).map(|cell| raster.centre_of(cell)).collect();
+    if points.is_empty() {
+        return outside_mm.to_vec();
+    }
+    let lowest_v = -(job.block.low_mm.z + job.block.grip_mm + job.tool.radius_mm + THROUGH_MM);
+    let loose_mm = Nearest::of(raster, &points).distance_mm;
+    let nearer = |cell: usize| {
+        let (outside, loose) = (outside_mm[cell], loose_mm[cell]);
+        if raster.centre_of(cell)[1] > lowest_v {
+            outside
+        } else if outside + loose <= job.tool.diameter_mm() + 2.0 * raster.pitch_mm {
+            // between the two nothing stands: it is inside
+            outside.min(loose) - job.tool.radius_mm
+        } else {
+            outside.min(loose)
+        }
+    };
+    (0..raster.len()).map(nearer).collect()
+}
+
+/// Cells that are connected to the raster's edge through cells that are `open`.
+fn reached_from_the_edge(raster: &Raster, open: impl Fn(usize) -> bool) -> Vec<bool> {
+    let [nu, nv] = raster.dims;
+    let on_edge =
+        |cell: usize| cell.is_multiple_of(nu) || cell % nu == nu - 1 || cell < nu || cell >= nu * (nv - 1);
+    let mut reached = vec![false; raster.len()];
+    raster.connected((0..raster.len()).filter(|c| on_edge(*c)).collect(), &mut reached, open);
+    reached
+}
