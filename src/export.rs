@@ -7,8 +7,8 @@ use anyhow::{Context, bail, ensure};
 use bonemill_planner::case::Spindle;
 use bonemill_planner::path::MoveKind;
 use bonemill_planner::plan::{HoldPoint, Need, StoredPlan, hold_points, is_prosthesis, least_gaps, verified};
-use bonemill_planner::prosthesis::JobRecord;
 use bonemill_planner::space::TRAJECTORY_TOLERANCE_MM;
+use bonemill_prosthesis::JobRecord;
 use bonemill_robot::export::{
     Between, Block, ExportRows, Gcode, GcodeMove, ScriptHold, ScriptNotes, Tolerance, UrScript, is_cartesian,
     straight_blocks, write_gcode, write_ros_json, write_ros_yaml, write_urscript,

@@ -8,14 +8,14 @@ use anyhow::Context;
 use bonemill_planner::case::Case;
 use bonemill_planner::compare::{Comparison, Group, Pair};
 use bonemill_planner::plan::{ChannelRecord, PlanRecord, Value};
-use bonemill_planner::prosthesis::JobRecord;
-use bonemill_planner::prosthesis::verify::Verdict;
 use bonemill_planner::report::percent;
 use bonemill_planner::report::simulation::{figures, values};
 use bonemill_planner::run::RunComparison;
 use bonemill_planner::simulate::Simulation;
 use bonemill_planner::uncertainty::{ErrorModel, Risk};
 use bonemill_planner::verify::{Check, Short, Verification};
+use bonemill_prosthesis::JobRecord;
+use bonemill_prosthesis::verify::Verdict;
 use serde_json::{Map, json};
 
 use crate::args::Talk;

@@ -8,8 +8,7 @@ use bonemill_planner::Progress;
 use bonemill_planner::case::prosthesis::ProsthesisJob;
 use bonemill_planner::part::phantom::Operculum;
 use bonemill_planner::plan::{Replace, StagedDirectory, replace};
-use bonemill_planner::prosthesis::{JobRecord, phantom, plan, save, verify};
-use bonemill_planner::stages;
+use bonemill_prosthesis::{JobRecord, phantom, plan, save, verify};
 
 use crate::args::ProsthesisArgs;
 use crate::outcome::Outcome;
@@ -22,7 +21,7 @@ pub fn run(args: &ProsthesisArgs, progress: &dyn Progress) -> anyhow::Result<Out
     let given = args.job.as_deref().map(|path| Ok::<_, anyhow::Error>((read_job(path)?, path.to_path_buf())));
     let given = given.transpose()?;
     let staged = StagedDirectory::create(&args.out, Replace::Prosthesis)?;
-    progress.expect(&[stages::PROSTHESIS, &["write files"]].concat());
+    progress.expect(&[bonemill_prosthesis::STAGES, &["write files"]].concat());
     let (job, job_path) = match given {
         Some(given) => given,
         None => draw(args.seed, &staged)?,
@@ -55,7 +54,7 @@ fn draw(seed: u64, staged: &StagedDirectory) -> anyhow::Result<(ProsthesisJob, P
 
 /// `bonemill verify` of such a folder.
 pub fn verify_folder(dir: &Path, all: bool, progress: &dyn Progress) -> anyhow::Result<Outcome> {
-    progress.expect(stages::VERIFY_PROSTHESIS);
+    progress.expect(bonemill_prosthesis::VERIFY_STAGES);
     let failed = || format!("the prosthesis in {} cannot be verified", dir.display());
     let verdict = verify::verify(dir, progress).with_context(failed)?;
     replace(dir, "verification.toml", verdict.to_toml().as_bytes())?;

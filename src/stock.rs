@@ -1,6 +1,6 @@
 //! `bonemill stock`: the blocks that prostheses are milled from.
 
-use bonemill_planner::catalogue::{Catalogue, StockBlock};
+use bonemill_prosthesis::catalogue::{Catalogue, StockBlock};
 
 use crate::args::{StockArgs, StockCommand};
 use crate::outcome::Outcome;

@@ -450,7 +450,7 @@ fn a_folder_that_cannot_be_written_is_refused() {
         // not even root can make a folder there
         place.refuses_into("/proc/sys/plan", &["cannot write into /proc/sys", "because: "]);
     } else {
-        bonemill_testkit::skipped("there is no /proc");
+        bonemill_geometry::testkit::skipped("there is no /proc");
     }
     fs::write(place.path("file"), "text").unwrap();
     place.refuses_into("file/plan", &["file"]);
@@ -468,7 +468,7 @@ fn a_full_disk_leaves_nothing() {
             .arg(&disk)
             .output();
         if !mount.is_ok_and(|o| o.status.success()) {
-            bonemill_testkit::skipped("a small disk cannot be mounted here");
+            bonemill_geometry::testkit::skipped("a small disk cannot be mounted here");
             return;
         }
         let ran = place.run(&["plan", "case.toml", "--out", "disk/plan"]);

@@ -196,7 +196,7 @@ fn a_full_disk_is_bad_input_and_leaves_nothing() {
     fs::create_dir(&disk).unwrap();
     let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", "size=64k", "none"]).arg(&disk).output();
     if !mounted.is_ok_and(|o| o.status.success()) {
-        bonemill_testkit::skipped("a small disk cannot be mounted here");
+        bonemill_geometry::testkit::skipped("a small disk cannot be mounted here");
         return;
     }
     let phantom = place.run(&["phantom", "--kind", "block", "--out", "disk/block", "--quiet"]);
@@ -211,7 +211,7 @@ fn a_full_disk_is_bad_input_and_leaves_nothing() {
 #[test]
 fn a_folder_that_cannot_be_written_is_bad_input() {
     if !Path::new("/proc/sys").exists() {
-        bonemill_testkit::skipped("there is no /proc here");
+        bonemill_geometry::testkit::skipped("there is no /proc here");
         return;
     }
     // not even root can make a folder there
@@ -246,7 +246,7 @@ fn a_full_disk_or_a_closed_pipe_behind_standard_output_is_an_error() {
     assert_eq!(place.run(&["plan", "tibia/case.toml", "--out", "plan", "--quiet"]).code, 0);
     let full = || std::fs::OpenOptions::new().write(true).open("/dev/full");
     if full().is_err() {
-        bonemill_testkit::skipped("there is no /dev/full here");
+        bonemill_geometry::testkit::skipped("there is no /dev/full here");
         return;
     }
     for args in [

@@ -184,7 +184,7 @@ fn on_a_small_disk<T>(dir: &Path, size: &str, work: impl FnOnce() -> T) -> Optio
     fs::create_dir(dir).unwrap();
     let mount = |args: &[&str]| Command::new("mount").args(args).arg(dir).output();
     if !mount(&["-t", "tmpfs", "-o", &format!("size={size}"), "none"]).is_ok_and(|o| o.status.success()) {
-        bonemill_testkit::skipped("a small disk cannot be mounted here");
+        bonemill_geometry::testkit::skipped("a small disk cannot be mounted here");
         return None;
     }
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));

@@ -7,8 +7,8 @@ use std::process::{Command, Output};
 use bonemill_geometry::Point;
 use bonemill_planner::part::phantom::Operculum;
 use bonemill_planner::plan::columns::prosthesis::DESCRIBED;
-use bonemill_planner::prosthesis::phantom;
-use bonemill_planner::prosthesis::show::{ShownProsthesis, turn};
+use bonemill_prosthesis::phantom;
+use bonemill_prosthesis::show::{ShownProsthesis, turn};
 use nalgebra::Vector3;
 
 fn bonemill(folder: &Path, arguments: &str) -> Output {

@@ -59,13 +59,13 @@ const RULES: &[(&str, Rule, Snippet, Snippet)] = &[
         "crates know only those below them",
         crate_directions,
         ("robot/arm/Cargo.toml", "[dependencies]\nbonemill-geometry.workspace = true\n"),
-        ("imaging/Cargo.toml", "[dev-dependencies]\nbonemill-scene.workspace = true\n"),
+        ("imaging/Cargo.toml", "[dev-dependencies]\nbonemill-toolpath.workspace = true\n"),
     ),
     (
         "the verification shares nothing with what it checks",
         crate_directions,
         ("planner/verify/Cargo.toml", "[dependencies]\nbonemill-planfile.workspace = true\n"),
-        ("planner/verify/Cargo.toml", "[dependencies]\nbonemill-stock.workspace = true\n"),
+        ("planner/verify/Cargo.toml", "[dependencies]\nbonemill-cutting.workspace = true\n"),
     ),
     (
         "the verification reads images itself",
@@ -167,36 +167,23 @@ fn every_rule_can_fail_and_can_hold() {
 
 /// The workspace's crates in layers; each may depend on crates of earlier layers. The first name is the crate's folder.
 const LAYERS: &[&[&str]] = &[
-    &["geometry", "planner/testkit"],
-    &["imaging", "planner/catalogue", "planner/cutter", "planner/part", "planner/proof", "robot/arm"],
-    &["planner/case", "robot/motion", "robot/stream"],
-    &["robot/export", "planner/machining"],
-    &["planner/scene", "planner/stock", "planner/cutting", "planner/planfile", "planner/program"],
-    &["planner/prosthesis", "planner/setup", "planner/toolpath"],
-    &["planner/armpath"],
-    &["planner/pipeline", "planner/channel"],
-    &["planner/simulate", "planner/verify"],
-    &["planner/report"],
-    &["planner", "robot"],
+    &["geometry"],
+    &["imaging", "robot/arm"],
+    &["planner/cutting", "robot"],
+    &["planner/case", "planner/toolpath"],
+    &["planner/planfile"],
+    &["planner/setup", "planner/verify"],
+    &["planner/channel", "planner/pipeline"],
+    &["planner/simulate"],
+    &["planner"],
+    &["prosthesis"],
     &["experiments"],
     &["", "python", "fuzz"],
 ];
 
 /// Crates of earlier layers on which `verify` must not depend, because it shares nothing with the code that it checks.
-const APART: (&str, &[&str]) = (
-    "planner/verify",
-    &[
-        "planner/scene",
-        "planner/stock",
-        "planner/cutting",
-        "planner/setup",
-        "planner/toolpath",
-        "planner/armpath",
-        "planner/pipeline",
-        "planner/channel",
-        "robot/motion",
-    ],
-);
+const APART: (&str, &[&str]) =
+    ("planner/verify", &["planner/cutting", "planner/toolpath", "planner/setup", "robot"]);
 
 /// The crate's name in manifests.
 fn crate_name(folder: &str) -> String {
@@ -266,11 +253,7 @@ fn the_architecture_s_table_is_true() {
         let mut needs: Vec<&str> =
             of_manifest.keys().filter_map(|key| key.strip_prefix("bonemill-")).collect();
         needs.sort_unstable();
-        let needs = match folder {
-            "planner" | "robot" => format!("all in {folder}/"),
-            _ if needs.is_empty() => "-".into(),
-            _ => needs.join(", "),
-        };
+        let needs = if needs.is_empty() { "-".into() } else { needs.join(", ") };
         let off = (told - lines as f64).abs();
         if off > (0.1 * lines as f64).max(100.0) || cells.get(4) != Some(&needs.as_str()) {
             wrong.push(format!("{name}: {lines} lines, depends on {needs}; the table: {row}"));
@@ -287,16 +270,16 @@ fn file_access(source: &Source) -> Vec<String> {
         "imaging/src/write",
         "imaging/src/names",
         "robot/arm/src/arm/reader",
-        "robot/export/",
-        "planner/catalogue/src/",
-        "planner/part/src/read",
+        "robot/src/export/",
+        "prosthesis/src/catalogue/",
+        "imaging/src/part/read",
         "planner/planfile/",
         "planner/verify/src/images",
         "planner/pipeline/src/save.rs",
-        "planner/prosthesis/src/phantom.rs",
-        "planner/prosthesis/src/record.rs",
-        "planner/prosthesis/src/save.rs",
-        "planner/prosthesis/src/verify.rs",
+        "prosthesis/src/phantom.rs",
+        "prosthesis/src/record.rs",
+        "prosthesis/src/save.rs",
+        "prosthesis/src/verify.rs",
         "planner/pipeline/src/refused.rs",
         "experiments/",
         "python/",
@@ -388,7 +371,8 @@ fn machine_paths(source: &Source) -> Vec<String> {
 
 fn metres(source: &Source) -> Vec<String> {
     // the places where URDF, ROS and UR data enter or leave
-    let outside = source.starts_with_any(&["robot/arm/src/arm/urdf", "robot/arm/src/ur", "robot/export/"]);
+    let outside =
+        source.starts_with_any(&["robot/arm/src/arm/urdf", "robot/arm/src/ur", "robot/src/export/"]);
     // this file compares the keys' units with the units that people write
     if outside || !source.is_library() || source.path == "planner/case/src/suggest.rs" {
         return vec![];

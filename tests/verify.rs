@@ -7,10 +7,10 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::sync::OnceLock;
 
+use bonemill_geometry::testkit::pocket;
 use bonemill_planner::Progress;
 use bonemill_planner::plan::StoredPlan;
 use bonemill_planner::verify::{Check, Verification, verify};
-use bonemill_testkit::pocket;
 
 use crate::support::body;
 use crate::support::faults::{self, Fault};

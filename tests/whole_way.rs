@@ -49,7 +49,7 @@ fn scan(name: &str, case: Option<&Path>) -> Option<Place> {
     let data = std::env::var_os("BONEMILL_DATA").map_or_else(|| root.join("../shared/data"), PathBuf::from);
     let folder = data.join(name);
     if !folder.is_dir() {
-        bonemill_testkit::skipped(format!("{} is absent (set BONEMILL_DATA)", folder.display()));
+        bonemill_geometry::testkit::skipped(format!("{} is absent (set BONEMILL_DATA)", folder.display()));
         return None;
     }
     let place = Place::empty();

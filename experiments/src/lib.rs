@@ -95,10 +95,10 @@ pub enum ExperimentError {
     Grid(#[from] bonemill_geometry::GridError),
     /// A prosthesis cannot be planned.
     #[error(transparent)]
-    Prosthesis(#[from] bonemill_planner::prosthesis::ProsthesisError),
+    Prosthesis(#[from] bonemill_prosthesis::ProsthesisError),
     /// A part's toolpath cannot be laid.
     #[error(transparent)]
-    Machining(#[from] bonemill_planner::machining::MachiningError),
+    Machining(#[from] bonemill_prosthesis::machining::MachiningError),
     /// The simulation's engine refused its input.
     #[error(transparent)]
     Engine(#[from] bonemill_planner::simulate::EngineError),

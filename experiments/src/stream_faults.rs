@@ -6,7 +6,8 @@
 use std::time::Instant;
 
 use bonemill_planner::Progress;
-use bonemill_planner::plan::{Need, StoredPlan, stream_input};
+use bonemill_planner::plan::{Need, StoredPlan};
+use bonemill_planner::stream_input;
 use bonemill_robot::stream::bound::{self, Failure};
 use bonemill_robot::stream::simulated::fault::{Draws, Fault};
 use bonemill_robot::stream::simulated::swept::Swept;

@@ -20,6 +20,8 @@ mod mesh;
 mod progress;
 mod rigid;
 mod target;
+#[doc(hidden)]
+pub mod testkit;
 mod volume;
 
 pub use frame::{Approach, Base, Block, Ct, Flange, Frame, Part, Point, Tool, Work};

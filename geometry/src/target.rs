@@ -238,43 +238,6 @@ mod tests {
     }
 
     #[test]
-    fn regions_are_read_written_and_refused_with_their_place() {
-        let parse = |target: &str| {
-            let text = format!("structure = []\n[images]\nct = \"c\"\nlabels = \"l\"\n[target]\n{target}\n");
-            crate::Case::parse(&text, std::path::Path::new("case.toml"))
-        };
-        let ball = "ball = { center_mm = [1, 2, 3], radius_mm = 4 }";
-        let text = format!(
-            "label = 7\nalso = [{{ {ball} }}]\nless = [{{ label = \"nerve\", margin_mm = 1.5 }}, {{ {ball} }}]"
-        );
-        let case = parse(&text).unwrap();
-        let TargetRegion { of: Target::Ball { radius_mm, .. }, margin_mm } = &case.also[0] else {
-            panic!("{case:?}")
-        };
-        assert_eq!((*radius_mm, *margin_mm, case.less.len()), (4.0, 0.0, 2));
-        let nerve = TargetRegion { of: Target::Label(LabelRef::Name("nerve".into())), margin_mm: 1.5 };
-        assert_eq!(case.less[0], nerve);
-        assert_eq!(crate::Case::parse(&case.to_toml(), std::path::Path::new("again.toml")).unwrap(), case);
-        for (target, parts) in [
-            ("label = 7\nless = [{ margin_mm = 1 }]", ["target.less[0]", "exactly one of"]),
-            ("label = 7\nalso = [{ label = 1, ball = 2 }]", ["target.also[0]", "exactly one of"]),
-            ("label = 7\nalso = 3", ["`target.also`", "a list of tables"]),
-            ("label = 7\nless = [{ label = 1, margin = 2 }]", ["target.less[0].margin", "margin_mm"]),
-            (
-                "label = 7\nless = [{ label = 1, margin_mm = -1 }]",
-                ["target.less[0].margin_mm", "expected 0 to 50"],
-            ),
-            (
-                "label = 7\nless = [{ box = { min_mm = [0, 0, 0], max_mm = [1, 0, 1] } }]",
-                ["case.toml:7: `target.less[0].box.max_mm`", "the same coordinate"],
-            ),
-        ] {
-            let said = parse(target).unwrap_err().to_string();
-            assert!(parts.iter().all(|part| said.contains(part)), "{said}");
-        }
-    }
-
-    #[test]
     fn a_frustum_narrows_and_ends_flat() {
         let [_, _, frustum] = shapes();
         let axis = (Vector3::new(8.0, -4.0, 3.0)).normalize();

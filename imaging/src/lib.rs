@@ -28,7 +28,6 @@
 //! # }
 //! ```
 
-pub mod part;
 mod density;
 mod distance;
 mod error;
@@ -36,6 +35,7 @@ mod formats;
 mod hounsfield;
 mod memory;
 mod names;
+pub mod part;
 pub mod phantom;
 mod resample;
 mod structures;

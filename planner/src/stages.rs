@@ -23,9 +23,6 @@ pub const PLAN: &[&str] = &[
 ];
 /// [`crate::channel::plan`].
 pub const CHANNEL: &[&str] = &["read images", "channel", "scene", "joints"];
-/// [`crate::prosthesis::plan`].
-pub const PROSTHESIS: &[&str] =
-    &["read part", "lay part", "take block", "plan toolpath", "write program", "prove program", "move arm"];
 /// [`crate::verify::verify`] of a milled target.
 pub const VERIFY: &[&str] = &[
     "read images",
@@ -40,8 +37,6 @@ pub const VERIFY: &[&str] = &[
 ];
 /// [`crate::verify::verify`] of a channel.
 pub const VERIFY_CHANNEL: &[&str] = &["read images", "check motion", "check the channel"];
-/// [`crate::prosthesis::verify::verify`].
-pub const VERIFY_PROSTHESIS: &[&str] = &["read files", "prove program", "compare toolpath"];
 /// [`crate::uncertainty::simulate_errors`].
 pub const DRAW_ERRORS: &[&str] = &["draw errors"];
 /// [`crate::simulate::simulate`] of a milled target.

@@ -97,8 +97,8 @@ pub fn volume(error: &VolumeError) -> PyErr {
 }
 
 /// A prosthesis that could not be planned: its job, its part, its block or its files.
-pub fn prosthesis(error: &bonemill_planner::prosthesis::ProsthesisError) -> PyErr {
-    use bonemill_planner::prosthesis::ProsthesisError;
+pub fn prosthesis(error: &bonemill_prosthesis::ProsthesisError) -> PyErr {
+    use bonemill_prosthesis::ProsthesisError;
     match error {
         ProsthesisError::Job(_) => CaseError::new_err(words(error)),
         ProsthesisError::Files(_) | ProsthesisError::Folder { .. } => PlanFileError::new_err(words(error)),

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use bonemill_planner::case::prosthesis::ProsthesisJob;
 use bonemill_planner::plan::{Replace, StagedDirectory};
-use bonemill_planner::prosthesis::{ProsthesisError, ProsthesisPlan as RustPlan, plan, save};
 use bonemill_planner::stages;
+use bonemill_prosthesis::{ProsthesisError, ProsthesisPlan as RustPlan, plan, save};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2};
 use pyo3::prelude::*;
@@ -32,7 +32,7 @@ pub fn prosthesis(
     let path = job.clone();
     let made = apart::run(py, progress, threads, move |progress| {
         let job = ProsthesisJob::parse(&text, &path)?;
-        progress.expect(stages::PROSTHESIS);
+        progress.expect(bonemill_prosthesis::STAGES);
         plan(&job, &path, None, progress).map(Box::new)
     })?;
     let plan = made.map_err(|e: ProsthesisError| errors::prosthesis(&e))?;

@@ -12,7 +12,8 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
-use bonemill_planner::plan::{Need, StoredPlan, stream_input};
+use bonemill_planner::plan::{Need, StoredPlan};
+use bonemill_planner::stream_input;
 use bonemill_robot::stream::bound::{self, Failure};
 use bonemill_robot::stream::simulated::rehearse::rehearse;
 use bonemill_robot::stream::{

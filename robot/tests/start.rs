@@ -6,7 +6,9 @@ mod common;
 #[path = "common/obedient.rs"]
 mod obedient;
 
-use bonemill_robot::stream::{ArmState, Cause, Hold, Identity, Order, PLAYING, Session, SpindleEnd, StreamPlan};
+use bonemill_robot::stream::{
+    ArmState, Cause, Hold, Identity, Order, PLAYING, Session, SpindleEnd, StreamPlan,
+};
 use common::{PERIOD_S, settings, values};
 use obedient::{Obedient, User};
 
@@ -80,8 +82,13 @@ fn what_no_longer_holds_when_the_user_says_yes_starts_nothing() {
             // the answer comes a second after the question, and after the change
             let answer = (n == 1001).then_some(true);
             let state = Some(arm.state);
-            let step =
-                session.step(&bonemill_robot::stream::Seen { now_s, state, identity, answer, ..Default::default() });
+            let step = session.step(&bonemill_robot::stream::Seen {
+                now_s,
+                state,
+                identity,
+                answer,
+                ..Default::default()
+            });
             orders.extend(step.order);
             step.outcome
         });

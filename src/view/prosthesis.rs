@@ -1,9 +1,9 @@
 //! A finished prosthesis in the viewer: the part coloured by deviation, its block, the toolpath by side and kind, the cutter over time.
 
 use bonemill_planner::Progress;
-use bonemill_planner::machining::{Kind, Move, Side};
-use bonemill_planner::prosthesis::show::{ShownProsthesis, turn};
 use bonemill_planner::show::Surface;
+use bonemill_prosthesis::machining::{Kind, Move, Side};
+use bonemill_prosthesis::show::{ShownProsthesis, turn};
 use nalgebra::Vector3;
 use rerun::blueprint::components::PlayState;
 use rerun::blueprint::{

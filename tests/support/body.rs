@@ -1,15 +1,15 @@
 //! The patient: the testkit's pocket in bone, as images and a case file.
 
 #[allow(unused_imports, reason = "every test program uses its own part of it")]
-pub use bonemill_testkit::pocket::{AIR_FROM, AIR_HU, DIMS, ORIGIN_MM, SPACING_MM};
-use bonemill_testkit::pocket::{hu, label};
+pub use bonemill_geometry::testkit::pocket::{AIR_FROM, AIR_HU, DIMS, ORIGIN_MM, SPACING_MM};
+use bonemill_geometry::testkit::pocket::{hu, label};
 
 use super::image::Image;
 
 /// The target's label.
-pub const TARGET: f32 = bonemill_testkit::pocket::TARGET as f32;
+pub const TARGET: f32 = bonemill_geometry::testkit::pocket::TARGET as f32;
 /// The nerve's label.
-pub const NERVE: f32 = bonemill_testkit::pocket::ROD as f32;
+pub const NERVE: f32 = bonemill_geometry::testkit::pocket::ROD as f32;
 
 /// Grey values.
 pub fn ct() -> Image {

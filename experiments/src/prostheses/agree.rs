@@ -7,7 +7,7 @@ use bonemill_planner::Progress;
 use bonemill_planner::case::prosthesis::ProsthesisJob;
 use bonemill_planner::part::phantom::Operculum;
 use bonemill_planner::plan::{Replace, StagedDirectory};
-use bonemill_planner::prosthesis::{phantom, plan, save, verify};
+use bonemill_prosthesis::{phantom, plan, save, verify};
 use rayon::prelude::*;
 
 use crate::hard_cases::{draws, or_panic};
@@ -139,7 +139,7 @@ impl RandomJob {
             }
             shape.thickness_mm = 4.0;
             phantom::write(folder.path(), &shape, 1200)
-                .map_err(bonemill_planner::prosthesis::ProsthesisError::from)?;
+                .map_err(bonemill_prosthesis::ProsthesisError::from)?;
             let drawn = folder.path().join("implant.stl");
             std::fs::rename(drawn, folder.path().join("part.stl")).map_err(ExperimentError::Folder)?;
         } else {

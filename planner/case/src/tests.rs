@@ -433,7 +433,7 @@ fn the_shared_mastoidectomy_case_parses() {
     let data = std::env::var_os("BONEMILL_DATA").map_or_else(|| root.join("../shared/data"), Into::into);
     let file = data.join("tbone_RT143/case.toml");
     let Ok(text) = std::fs::read_to_string(&file) else {
-        bonemill_testkit::skipped(format!("{} is not there", file.display()));
+        bonemill_geometry::testkit::skipped(format!("{} is not there", file.display()));
         return;
     };
     let case = Case::parse(&text, &file).unwrap();

@@ -1,7 +1,7 @@
 //! The joints along a channel: joint vectors at its waypoints and the time law through them.
 
-use bonemill_setup::armpath::{ArmMotion, Placed, path_limits};
 use bonemill_robot::timelaw::{JointPath, LimitRatios, PreparedPath, TimeLaw};
+use bonemill_setup::armpath::{ArmMotion, Placed, path_limits};
 use bonemill_setup::{PlanError, Setup};
 use nalgebra::Unit;
 

@@ -5,16 +5,16 @@
 
 use std::path::Path;
 
-use bonemill_setup::armpath::{ArmFacts, Compliance, Placed};
 use bonemill_case::{Case, ChannelSpec};
 use bonemill_geometry::Progress;
-use bonemill_robot::resolve::Posture;
 use bonemill_planfile::{ChannelRecord, ForceToward, PlungeRow, Waypoint};
-use bonemill_toolpath::scene::ApproachSpec;
+use bonemill_robot::resolve::Posture;
+use bonemill_setup::armpath::{ArmFacts, Compliance, Placed};
 use bonemill_setup::inputs::{self, CaseImages};
 use bonemill_setup::{
     ChannelFault, PlanError, Setup, Stopwatch, channel::scene_case, reach, registration, tools,
 };
+use bonemill_toolpath::scene::ApproachSpec;
 use nalgebra::Unit;
 
 use crate::axis::ChannelAxis;

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use bonemill_arm::ArmKind;
 use bonemill_arm::ur::branch_name;
-use bonemill_setup::armpath::write_trajectory;
 use bonemill_cutting::cutter::MoveKind;
 use bonemill_planfile::{
     Metrics, PLUNGE, PlanContents, PlanFileError, PlanRecord, StagedDirectory, Value, plunge_text,
 };
+use bonemill_setup::armpath::write_trajectory;
 
 use crate::plan::ChannelPlan;
 use crate::risk::KeptClearance;

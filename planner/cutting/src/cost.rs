@@ -91,7 +91,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(bonemill_testkit::fixed(256))]
+        #![proptest_config(bonemill_geometry::fixed!(256))]
 
         #[test]
         fn cost_is_between_0_and_1_and_ignores_the_force_s_size(

@@ -6,12 +6,12 @@
 //!
 //! **Sources:** Dillon et al. 2016 (D1 to D13), Faieghi et al. (edge); docs/force-model.md.
 
-pub mod stock;
-pub mod cutter;
 pub mod burr;
 pub mod calibrate;
 pub mod cost;
+pub mod cutter;
 pub mod edge;
 pub mod importance;
 pub mod metrics;
 pub mod speed;
+pub mod stock;

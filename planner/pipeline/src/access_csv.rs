@@ -5,8 +5,8 @@
 use std::fmt::Write as _;
 
 use bonemill_planfile::columns::{ACCESS, DROPPED, names};
-use bonemill_toolpath::scene::Scene;
 use bonemill_toolpath::orientation::{OpenAround, Permissible};
+use bonemill_toolpath::scene::Scene;
 
 use crate::Dropped;
 

@@ -7,16 +7,16 @@
 use std::collections::BTreeMap;
 
 use bonemill_arm::Arm;
-use bonemill_setup::armpath::{ArmMotion, Placed};
 use bonemill_case::{Case, ForceTerm, Objective, OrientationMode, Sense, SpeedMode};
 use bonemill_cutting::speed::Levels;
 use bonemill_geometry::{Base, Rigid, Work};
 use bonemill_robot::resolve::Posture;
-use bonemill_toolpath::scene::Scene;
+use bonemill_setup::armpath::{ArmMotion, Placed};
 use bonemill_setup::{Setup, Stopwatch};
 use bonemill_toolpath::access::ShankObstacles;
 use bonemill_toolpath::orientation::TurnTime;
 use bonemill_toolpath::path::RasterFrame;
+use bonemill_toolpath::scene::Scene;
 use bonemill_toolpath::space::BurrSpace;
 
 use super::PlanError;

@@ -10,9 +10,9 @@
 
 use std::collections::BTreeMap;
 
-use bonemill_setup::armpath::ArmMotion;
 use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, OrientationKernel};
 use bonemill_planfile::toward::NEAR_MM;
+use bonemill_setup::armpath::ArmMotion;
 use bonemill_setup::nearest_structures::NearStructure;
 use bonemill_setup::tools;
 use bonemill_toolpath::orientation::directions::angle_between;

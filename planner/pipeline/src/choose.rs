@@ -5,12 +5,12 @@
 
 use std::collections::BTreeMap;
 
-use bonemill_setup::armpath::{ArmMotion, Compliance, Placed};
 use bonemill_case::{Case, CostSpec, ForceTerm, MaterialSpec, OrientationMode, SpeedSpec};
-use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::burr::{EngagedForce, OrientationKernel};
 use bonemill_cutting::cost::{Cost, CostModel, Ranked, Terms};
+use bonemill_cutting::cutter::Ball;
 use bonemill_robot::resolve::{Posture, Stiffness};
+use bonemill_setup::armpath::{ArmMotion, Compliance, Placed};
 use bonemill_setup::nearest_structures::NearStructure;
 use bonemill_setup::{Stopwatch, tools};
 use bonemill_toolpath::engagement::SweptPath;

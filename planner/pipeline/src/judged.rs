@@ -2,8 +2,8 @@
 
 use bonemill_case::Case;
 use bonemill_robot::timelaw::LimitRatios;
-use bonemill_toolpath::scene::{Scene, TargetOutside};
 use bonemill_setup::Setup;
+use bonemill_toolpath::scene::{Scene, TargetOutside};
 use bonemill_toolpath::space::TRAJECTORY_TOLERANCE_MM;
 
 use super::attempt::Attempt;

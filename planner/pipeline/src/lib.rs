@@ -46,10 +46,10 @@ use attempt::{Attempt, Start};
 use bonemill_case::Case;
 use bonemill_cutting::cutter::Ball;
 use bonemill_geometry::Progress;
-use bonemill_toolpath::scene::Scene;
 use bonemill_setup::{Setup, Stopwatch, nearest_structures};
 use bonemill_toolpath::access::ShankObstacles;
 use bonemill_toolpath::path;
+use bonemill_toolpath::scene::Scene;
 use bonemill_toolpath::space::BurrSpace;
 
 pub use bonemill_setup::PlanError;

@@ -1,10 +1,10 @@
 //! Volumes: what is to be removed, what can be, what is, and why the rest stays.
 
-use bonemill_imaging::ImageError;
-use bonemill_toolpath::scene::{Class, Scene};
 use bonemill_cutting::stock::removal::RemovalTime;
 use bonemill_cutting::stock::sweep::segment_distance_squared;
+use bonemill_imaging::ImageError;
 use bonemill_toolpath::path::PathPoint;
+use bonemill_toolpath::scene::{Class, Scene};
 use bonemill_toolpath::space::BurrSpace;
 
 use super::reach::Dropped;

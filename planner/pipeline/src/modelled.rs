@@ -1,9 +1,9 @@
 //! What was modelled where, and what each approximation cost in error: the path, the axes, the arm and the speeds.
 
-use bonemill_setup::armpath::{ArmFacts, path_limits};
 use bonemill_case::{OrientationMode, Sense};
 use bonemill_cutting::metrics::Moments;
 use bonemill_robot::timelaw::LimitRatios;
+use bonemill_setup::armpath::{ArmFacts, path_limits};
 
 use super::attempt::Attempt;
 use super::raster::LinesDraft;

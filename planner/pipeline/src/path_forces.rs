@@ -5,16 +5,16 @@
 //! caps hold at all of them. Not looked at: the half of a corner's rounding that belongs to a move which is planned to cut nothing. A cap holds
 //! for a whole move, and a link would be slow over its length for some hundredths of a millimetre; `verify` finds what pushes there.
 
-use bonemill_setup::armpath::ArmMotion;
 use bonemill_case::Case;
-use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::burr::{EngagedForce, Feed, ForceKernel, Material};
-use bonemill_geometry::{Base, Point, Rigid, Tool};
-use bonemill_toolpath::scene::Scene;
-use bonemill_setup::tools;
+use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::stock::removal::RemovalTime;
+use bonemill_geometry::{Base, Point, Rigid, Tool};
+use bonemill_setup::armpath::ArmMotion;
+use bonemill_setup::tools;
 use bonemill_toolpath::engagement::{RoundedCorner, SweptPath};
 use bonemill_toolpath::path::PathPoint;
+use bonemill_toolpath::scene::Scene;
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 

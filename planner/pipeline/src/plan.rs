@@ -1,7 +1,7 @@
 //! A plan in memory: its setup, how burr and arm move, and the results.
 
-use bonemill_robot::timelaw::TimeLaw;
 use bonemill_planfile::{ForceToward, Waypoint};
+use bonemill_robot::timelaw::TimeLaw;
 use bonemill_setup::Setup;
 use bonemill_toolpath::orientation::Permissible;
 

@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use bonemill_case::{Case, OrientationMode, PathSpec};
-use bonemill_cutting::cutter::ShankCylinder;
 use bonemill_cutting::cost::Proximity;
+use bonemill_cutting::cutter::ShankCylinder;
 use bonemill_geometry::Progress;
-use bonemill_toolpath::scene::Scene;
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::{Setup, Stopwatch, tools};
 use bonemill_toolpath::orientation::{Directions, TiltFamily, TurnLimits, TurnPrice};
 use bonemill_toolpath::path::{self, PathPoint, PathSpacing};
+use bonemill_toolpath::scene::Scene;
 use nalgebra::{Unit, Vector3};
 
 use super::arm_axes::ArmAxes;

@@ -12,17 +12,17 @@
 //! and the joints' accelerations do not count.
 
 use bonemill_case::{Case, Objective, OrientationMode, Sense};
-use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::burr::{EngagedForce, EngagedSamples, Feed, Material, OrientationKernel};
+use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::metrics::Moments;
 use bonemill_cutting::speed::Levels;
-use bonemill_toolpath::scene::{Class, Scene};
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::tools;
 use bonemill_toolpath::access::Access;
 use bonemill_toolpath::engagement::{SweptPath, mass_increments_by_voxels};
 use bonemill_toolpath::orientation::{FreeSets, TurnTime};
 use bonemill_toolpath::path::{self, Builder, Lines, MillPath, MoveKind, PathSpacing, RasterFrame, lay_path};
+use bonemill_toolpath::scene::{Class, Scene};
 use bonemill_toolpath::space::BurrSpace;
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;

@@ -12,7 +12,6 @@ use std::collections::HashSet;
 use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::metrics::Moments;
 use bonemill_geometry::{Point, Work};
-use bonemill_toolpath::scene::Scene;
 use bonemill_setup::Unreached;
 use bonemill_toolpath::access::{Access, Blocked, EighthTimes, ShankCylinder, ShankObstacles, Turn};
 use bonemill_toolpath::engagement::mass_increments;
@@ -23,6 +22,7 @@ use bonemill_toolpath::path::{
     MillPath, MoveKind, Pass, PathPoint, PathSpacing, STEP_ROUNDING, enter_from_above, join_passes,
     put_off_points,
 };
+use bonemill_toolpath::scene::Scene;
 use bonemill_toolpath::space::BurrSpace;
 use nalgebra::{Unit, Vector3};
 

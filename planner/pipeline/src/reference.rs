@@ -11,12 +11,12 @@
 //!
 //! **Source:** Dillon et al. 2016, section III: trial 1, and trial 3 at equal time.
 
-use bonemill_setup::armpath::{ArmMotion, Compliance};
 use bonemill_case::{Case, ForceTerm, Structure};
-use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::burr::EngagedForce;
+use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::speed::{Levels, last_within};
 use bonemill_planfile::toward::{NEAR_MM, StructureFigures, TowardSpan};
+use bonemill_setup::armpath::{ArmMotion, Compliance};
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_toolpath::engagement::mass_increments;
 use bonemill_toolpath::path::{self, MoveKind};

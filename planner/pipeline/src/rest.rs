@@ -10,9 +10,9 @@
 
 use bonemill_case::Case;
 use bonemill_cutting::cutter::Ball;
+use bonemill_cutting::stock::removal::RemovalTime;
 use bonemill_imaging::{ImageError, distance_within};
 use bonemill_toolpath::scene::{Class, Scene};
-use bonemill_cutting::stock::removal::RemovalTime;
 use bonemill_toolpath::space::BurrSpace;
 use rayon::prelude::*;
 

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use bonemill_setup::armpath::write_trajectory;
 use bonemill_planfile::{NOTES, PlanContents, PlanFileError, PlanRecord, StagedDirectory};
+use bonemill_setup::armpath::write_trajectory;
 
 use crate::access_csv::{access_csv, dropped_csv};
 use crate::{Plan, record};

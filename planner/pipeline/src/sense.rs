@@ -10,10 +10,10 @@ use bonemill_cutting::burr::{AtPoints, EngagedSamples, Feed, Material, Orientati
 use bonemill_cutting::importance::Importance;
 use bonemill_geometry::{Point, Work};
 use bonemill_planfile::toward::NEAR_MM;
-use bonemill_toolpath::scene::Scene;
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_setup::tools;
 use bonemill_toolpath::path::Builder;
+use bonemill_toolpath::scene::Scene;
 use nalgebra::{Unit, Vector3};
 
 use super::{PlanError, levels};

@@ -1,7 +1,6 @@
 //! Speed caps per move by the case's mode, and the motion under them.
 
 use bonemill_arm::Arm;
-use bonemill_setup::armpath::{ArmMotion, path_limits};
 use bonemill_case::{Case, SpeedMode, SpeedSpec};
 use bonemill_cutting::cutter::MoveKind;
 use bonemill_cutting::speed::{
@@ -10,6 +9,7 @@ use bonemill_cutting::speed::{
 };
 use bonemill_robot::resolve::DensePath;
 use bonemill_robot::timelaw::{JointPath, PreparedPath, TimeLaw};
+use bonemill_setup::armpath::{ArmMotion, path_limits};
 
 use super::PlanError;
 use super::in_time::NOTHING_SHARE;

@@ -2,8 +2,8 @@
 
 use bonemill_arm::{Arm, ArmKind};
 use bonemill_geometry::{Base, Rigid, Work};
-use bonemill_toolpath::scene::Scene;
 use bonemill_toolpath::orientation::{TiltFamily, TurnTime};
+use bonemill_toolpath::scene::Scene;
 use nalgebra::{Unit, Vector3, Vector6};
 
 /// How fast an arm that can point anywhere turns the shaft while it cuts, rad/s: as the bone-attached arm does. Assumed.

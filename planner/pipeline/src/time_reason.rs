@@ -1,8 +1,8 @@
 //! Why a plan cannot take the time that it should: the range of speeds, the joints' limits or the caps, the first that suffices.
 
-use bonemill_setup::armpath::path_limits;
 use bonemill_case::SpeedMode;
 use bonemill_cutting::cutter::MoveKind;
+use bonemill_setup::armpath::path_limits;
 
 use super::PlanError;
 use super::attempt::Attempt;

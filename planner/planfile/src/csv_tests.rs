@@ -173,7 +173,7 @@ fn what_no_file_can_hold_is_not_written() {
 fn a_full_disk_is_an_error() {
     let full = Path::new("/dev/full");
     if !full.exists() {
-        bonemill_testkit::skipped("there is no /dev/full here");
+        bonemill_geometry::testkit::skipped("there is no /dev/full here");
         return;
     }
     let e = write_waypoints(full, &some_waypoints(10), &structures()).unwrap_err();

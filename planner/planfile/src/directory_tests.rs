@@ -139,7 +139,7 @@ fn a_link_to_a_plan_stays_a_link() {
     let (out, link) = (root.path().join("plan"), root.path().join("latest"));
     write_plan(root.path(), &out, "first").unwrap();
     if std::os::unix::fs::symlink(&out, &link).is_err() {
-        bonemill_testkit::skipped("this file system has no links");
+        bonemill_geometry::testkit::skipped("this file system has no links");
         return;
     }
     write_plan(root.path(), &link, "second").unwrap();
@@ -189,7 +189,7 @@ fn a_folder_that_cannot_be_written_is_an_error_and_changes_nothing() {
     // /proc is a folder in which not even root can make a folder
     let proc = Path::new("/proc/self");
     if !proc.exists() {
-        bonemill_testkit::skipped("there is no /proc here");
+        bonemill_geometry::testkit::skipped("there is no /proc here");
         return;
     }
     let e = StagedDirectory::create(&proc.join("plan"), Replace::Plan).unwrap_err();
@@ -203,7 +203,7 @@ fn a_full_disk_keeps_the_old_plan() {
     fs::create_dir(&disk).unwrap();
     let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", "size=64k", "none"]).arg(&disk).output();
     if !mounted.is_ok_and(|o| o.status.success()) {
-        bonemill_testkit::skipped("a small disk cannot be mounted here");
+        bonemill_geometry::testkit::skipped("a small disk cannot be mounted here");
         return;
     }
     let out = disk.join("plan");

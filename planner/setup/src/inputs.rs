@@ -9,7 +9,9 @@ use bonemill_imaging::{
     read_label_names, read_labels,
 };
 use bonemill_planfile::{Input, StoredPlan};
-use bonemill_toolpath::scene::{ApproachSpec, MemoryNeed, Scene, SceneSpec, ToolReach, WayInTool, build_scene};
+use bonemill_toolpath::scene::{
+    ApproachSpec, MemoryNeed, Scene, SceneSpec, ToolReach, WayInTool, build_scene,
+};
 use rayon::prelude::*;
 
 use super::{PlanError, channel};

@@ -5,10 +5,10 @@ use std::path::Path;
 use bonemill_arm::ur::{UrModel, has_ur_joints, read_ur};
 use bonemill_arm::{Arm, read_urdf};
 use bonemill_case::{self as case, Case, Registration, ToolSpec};
-use bonemill_cutting::cutter::ShankCylinder;
 use bonemill_cutting::burr::{
     AtPoints, Discretisation, ElementGrid, Feed, ForceKernel, Material, Measure, ModelError, Tool,
 };
+use bonemill_cutting::cutter::ShankCylinder;
 use bonemill_geometry::{Approach, Base, Ct, Rigid};
 use bonemill_toolpath::scene::Scene;
 use nalgebra::{Matrix3, Rotation3, Vector3};

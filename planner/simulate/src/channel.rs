@@ -16,10 +16,10 @@ use bonemill_cutting::edge::CutterForce;
 use bonemill_geometry::{Base, Ct, Point, Progress, Rigid, Tool, Volume, Work};
 use bonemill_planfile::StoredPlan;
 use bonemill_planfile::toward::{StructureFigures, TowardSpan};
-use bonemill_toolpath::scene::Scene;
 use bonemill_setup::channel::scene_case_of;
 use bonemill_setup::inputs::{make_scene, read_images};
 use bonemill_setup::{ChannelFault, PlanError};
+use bonemill_toolpath::scene::Scene;
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 

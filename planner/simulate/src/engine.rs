@@ -8,10 +8,10 @@
 //! of the trail, so they are computed in parallel. The division into batches is fixed, so results do not depend on the
 //! number of threads.
 
-use bonemill_cutting::cutter::ShankCylinder;
 use bonemill_cutting::burr::{Discretisation, Feed, Material, Tool, checked, direction};
-use bonemill_geometry::{Point, Work, cancel};
+use bonemill_cutting::cutter::ShankCylinder;
 use bonemill_cutting::stock::sweep::segment_distance_squared;
+use bonemill_geometry::{Point, Work, cancel};
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 

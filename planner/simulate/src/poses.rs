@@ -1,9 +1,9 @@
 //! Converts a plan's joint trajectory to burr poses that are close enough for a simulation.
 
 use bonemill_arm::{Arm, RobotError};
+use bonemill_cutting::stock::sweep::segment_distance_squared;
 use bonemill_geometry::{Base, Point, Rigid, Tool, Work, cancel};
 use bonemill_planfile::Trajectory;
-use bonemill_cutting::stock::sweep::segment_distance_squared;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 

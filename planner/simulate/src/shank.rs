@@ -7,8 +7,8 @@
 //! Beyond the lattice a coarse map of bone is used; there only certain contacts are reported.
 
 use bonemill_cutting::cutter::ShankCylinder;
-use bonemill_geometry::{Point, Work};
 use bonemill_cutting::stock::sweep::segment_distance_squared;
+use bonemill_geometry::{Point, Work};
 use nalgebra::{Unit, Vector3};
 
 use super::bone::Kind;

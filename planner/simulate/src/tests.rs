@@ -2,8 +2,8 @@
 
 use std::f64::consts::PI;
 
-use bonemill_cutting::cutter::ShankCylinder;
 use bonemill_cutting::burr::{Discretisation, ElementGrid, Material, Measure, Tool};
+use bonemill_cutting::cutter::ShankCylinder;
 use bonemill_geometry::{Grid, Point, Volume, Work};
 use nalgebra::Vector3;
 use proptest::prelude::*;
@@ -236,7 +236,7 @@ fn batches_agree_with_single_steps() {
 }
 
 proptest! {
-    #![proptest_config(bonemill_testkit::fixed(24))]
+    #![proptest_config(bonemill_geometry::fixed!(24))]
 
     /// The lattice's depths are those of the nearest capsule, for any order and division into pieces.
     #[test]

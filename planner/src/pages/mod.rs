@@ -7,3 +7,6 @@ pub mod report;
 pub mod run;
 pub mod save;
 pub mod show;
+mod streamed;
+
+pub use streamed::stream_input;

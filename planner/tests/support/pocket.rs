@@ -1,5 +1,8 @@
 //! An L-shaped pocket in bone with a rod beside it, and the path that mills it.
 
+use bonemill_geometry::testkit::pocket::{DIMS, ORIGIN_MM, hu, label};
+#[allow(unused_imports, reason = "every test program uses its own part of it")]
+pub use bonemill_geometry::testkit::pocket::{ROD, ROD_VOXELS, SPACING_MM, TARGET, is_inside as inside};
 use bonemill_geometry::{Ct, Grid, Point, Volume};
 use bonemill_imaging::{AffineChoice, DensityTable};
 use bonemill_planner::case::Sheets;
@@ -9,9 +12,6 @@ use bonemill_planner::scene::{
     ApproachSpec, MemoryNeed, Scene, SceneError, SceneSpec, Target, ToolReach, build_scene,
 };
 use bonemill_planner::space::BurrSpace;
-use bonemill_testkit::pocket::{DIMS, ORIGIN_MM, hu, label};
-#[allow(unused_imports, reason = "every test program uses its own part of it")]
-pub use bonemill_testkit::pocket::{ROD, ROD_VOXELS, SPACING_MM, TARGET, is_inside as inside};
 use nalgebra::Vector3;
 
 pub const RADIUS_MM: f64 = 1.5;

@@ -32,11 +32,11 @@ pub use self::eighth_times::EighthTimes;
 pub use self::solid::ShankObstacles;
 pub use self::turn::Turn;
 
+use crate::scene::Scene;
 pub use bonemill_cutting::cutter::ShankCylinder;
+use bonemill_cutting::stock::voxels::voxels_apart;
 use bonemill_geometry::{Point, Work, basis, cancel};
 use bonemill_robot::timelaw::CornerTolerance;
-use crate::scene::Scene;
-use bonemill_cutting::stock::voxels::voxels_apart;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 

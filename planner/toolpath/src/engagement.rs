@@ -15,13 +15,13 @@ mod times;
 
 pub use self::masses::{mass_increments, mass_increments_by_voxels};
 
-use bonemill_cutting::cutter::Ball;
-use bonemill_cutting::burr::{BoneAround, Patch, TILE_REACH};
-use bonemill_geometry::{Point, Work};
 use crate::scene::Scene;
+use bonemill_cutting::burr::{BoneAround, Patch, TILE_REACH};
+use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::stock::removal::RemovalTime;
 use bonemill_cutting::stock::runs::{Run, straight_runs};
 use bonemill_cutting::stock::sweep::segment_distance_squared;
+use bonemill_geometry::{Point, Work};
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 

@@ -3,10 +3,10 @@
 //! Data flows [`space`] -> [`path`] with its removal times -> [`access`] of the shank and [`engagement`] of the burr ->
 //! [`orientation`], the choice among free directions.
 
-pub mod scene;
 pub mod access;
 pub mod engagement;
 mod neighbours;
 pub mod orientation;
 pub mod path;
+pub mod scene;
 pub mod space;

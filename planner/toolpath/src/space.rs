@@ -5,11 +5,11 @@
 //! the field is convex towards each voxel, so the error is below h²·3/(8r), 0.02 mm at the default. Distances to structures
 //! are computed exactly wherever bounds do not decide. The trajectory's possible deviation from its waypoints is added.
 
+use crate::scene::{Class, Scene};
 use bonemill_cutting::cutter::Ball;
 use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
 use bonemill_imaging::{ImageError, StructureField, distance_within};
 pub use bonemill_robot::timelaw::TRAJECTORY_TOLERANCE_MM;
-use crate::scene::{Class, Scene};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 

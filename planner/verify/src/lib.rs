@@ -17,7 +17,6 @@
 //!
 //! Invariants: checks are independent of each other; equal plans give equal bytes on any number of threads.
 
-pub mod proof;
 mod anatomy;
 mod boxes;
 mod bricks;
@@ -41,6 +40,7 @@ mod links;
 mod milled;
 mod motion;
 mod moves;
+pub mod proof;
 mod provenance;
 mod reach;
 mod registration;

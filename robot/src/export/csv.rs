@@ -8,9 +8,9 @@
 
 use std::io::Write;
 
+use crate::timelaw::RowGrid;
 use bonemill_arm::RobotError;
 use bonemill_arm::arm::JointKind;
-use crate::timelaw::RowGrid;
 use rayon::prelude::*;
 
 use super::decimal::{push_fixed, push_units};

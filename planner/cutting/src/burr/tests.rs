@@ -57,7 +57,7 @@ fn near(a: &Vector3<f64>, b: &Vector3<f64>, tolerance: f64) -> bool {
 }
 
 proptest! {
-    #![proptest_config(bonemill_testkit::fixed(48))]
+    #![proptest_config(bonemill_geometry::fixed!(48))]
 
     #[test]
     fn cutting_is_linear_in_speed_period_and_coefficients(

@@ -136,7 +136,7 @@ mod tests {
         [SeveralStructures::Nearest, SeveralStructures::Priority, SeveralStructures::Sum];
 
     proptest! {
-        #![proptest_config(bonemill_testkit::fixed(256))]
+        #![proptest_config(bonemill_geometry::fixed!(256))]
 
         #[test]
         fn cost_stays_in_its_range_whatever_is_near(

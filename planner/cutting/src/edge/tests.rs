@@ -78,8 +78,7 @@ fn the_angles_along_a_lip_are_those_of_the_cases() {
             let edges = drill.edges(f, count as usize).unwrap();
             let (a, b) = (&edges.elements[n - 1], &edges.elements[n + 1]);
             let share = (r - a.radius_mm) / (b.radius_mm - a.radius_mm);
-            let angles =
-                |e: &crate::cutter::EdgeElement| [e.mu_rad, e.lambda_rad, e.tau_rad, e.gamma_n_rad];
+            let angles = |e: &crate::cutter::EdgeElement| [e.mu_rad, e.lambda_rad, e.tau_rad, e.gamma_n_rad];
             for (m, (a, b)) in angles(a).into_iter().zip(angles(b)).enumerate() {
                 let expected = row[m + 1].as_f64().unwrap();
                 assert!((a + share * (b - a) - expected).abs() < 1e-8, "{r} {m}");

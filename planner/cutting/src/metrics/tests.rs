@@ -24,7 +24,7 @@ fn pieces() -> impl Strategy<Value = Vec<[f64; 4]>> {
 }
 
 proptest! {
-    #![proptest_config(bonemill_testkit::fixed(256))]
+    #![proptest_config(bonemill_geometry::fixed!(256))]
 
     #[test]
     fn the_form_is_the_sum(pieces in pieces(), axis in prop::array::uniform3(-1.0f64..1.0)) {

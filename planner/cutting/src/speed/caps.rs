@@ -164,7 +164,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(bonemill_testkit::fixed(256))]
+        #![proptest_config(bonemill_geometry::fixed!(256))]
 
         /// At the speed found every cap holds, and a little faster one does not.
         #[test]

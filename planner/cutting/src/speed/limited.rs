@@ -86,7 +86,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(bonemill_testkit::fixed(48))]
+        #![proptest_config(bonemill_geometry::fixed!(48))]
 
         /// With whole bounds and gains the optimum is whole: every profile is tried.
         #[test]

@@ -19,7 +19,7 @@ fn paths() -> impl Strategy<Value = (Vec<f64>, Vec<f64>, Vec<f64>)> {
 }
 
 proptest! {
-    #![proptest_config(bonemill_testkit::fixed(256))]
+    #![proptest_config(bonemill_geometry::fixed!(256))]
 
     #[test]
     fn speeds_keep_their_range((m, c, _) in paths()) {

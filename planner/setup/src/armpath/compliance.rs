@@ -3,9 +3,9 @@
 //! Before the axes are chosen, the bone-attached arm's compliance depends on the tilt alone; another arm's is taken with the burr at
 //! the target's centre, a few mm of the arm's reach away from where it will be.
 
+use crate::PlanError;
 use bonemill_case::{Case, ForceTerm};
 use bonemill_geometry::{Point, Work};
-use crate::PlanError;
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 

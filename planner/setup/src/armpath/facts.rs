@@ -1,8 +1,8 @@
 //! Figures of the arm along a plan: its stiffness, its distance from singularities, and the lowest place of its links.
 
+use crate::PlanError;
 use bonemill_arm::Arm;
 use bonemill_robot::resolve::DensePath;
-use crate::PlanError;
 use nalgebra::{Matrix3, Unit, Vector3};
 use rayon::prelude::*;
 

@@ -2,10 +2,10 @@
 
 use std::io::{self, Write};
 
+use crate::PlanError;
 use bonemill_arm::{Arm, JointKind};
 use bonemill_robot::export::write_trajectory_csv;
 use bonemill_robot::timelaw::{CornerTolerance, PathLimits, TRAJECTORY_TOLERANCE_MM, TimeLaw};
-use crate::PlanError;
 
 /// The limits of an arm's time law: the corner tolerance leaves room for the arm's bow between waypoints.
 ///

@@ -3,13 +3,13 @@
 //! Points and unit axes come in work; which joint vectors the arm takes there is decided over the whole sequence
 //! ([`bonemill_robot::resolve`]). A waypoint out of reach is an error that names it.
 
+use crate::PlanError;
 use bonemill_arm::Arm;
 use bonemill_arm::arm::AxisPose;
 use bonemill_geometry::{Base, Point, Rigid, Work};
 use bonemill_robot::resolve::{
     DensePath, OutOfReach, PosePath, Posture, Resolved, RollFrame, Stiffness, resolve,
 };
-use crate::PlanError;
 use nalgebra::{Unit, Vector3};
 
 /// The arm where it stands.

@@ -7,7 +7,7 @@ use super::*;
 use crate::Piece;
 
 proptest! {
-    #![proptest_config(bonemill_testkit::fixed(300))]
+    #![proptest_config(bonemill_geometry::fixed!(300))]
     #[test]
     fn one_cell_says_what_the_eight_around_say(
         voxels in 9usize..23, radius_mm in 1.2f64..2.6, half in 0.05f64..0.9,

@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use bonemill_cutting::cutter::{Ball, MoveKind};
-use bonemill_planfile::StoredPlan;
 use bonemill_cutting::stock::removal::RemovalTime;
+use bonemill_planfile::StoredPlan;
 
 /// Distance between positions along a cut, mm.
 const STEP_MM: f64 = 0.25;

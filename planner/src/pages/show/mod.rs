@@ -137,8 +137,9 @@ fn structures(scene: &Scene) -> Volume<u8, Work> {
             return NOTHING;
         }
         let p = scene.ct_from_work * grid.center(grid.voxel(n));
-        let inside =
-            |s: &bonemill_toolpath::scene::SceneStructure| s.field.as_ref().is_some_and(|f| f.distance(p) <= 0.0);
+        let inside = |s: &bonemill_toolpath::scene::SceneStructure| {
+            s.field.as_ref().is_some_and(|f| f.distance(p) <= 0.0)
+        };
         let found = scene.structures.iter().zip(FIRST_STRUCTURE..).find(|(s, _)| inside(s));
         found.map_or(NOTHING, |(_, code)| code)
     };

@@ -3,10 +3,10 @@
 use bonemill_channel::registration_error::RegistrationError;
 use bonemill_channel::tool::ChannelTool;
 use bonemill_cutting::cutter::{Ball, ShankCylinder, SolidOfRevolution};
+use bonemill_cutting::stock::removal::{NEVER, RemovalTime};
 use bonemill_geometry::{Grid, Point, Work, basis};
 use bonemill_planfile::StoredPlan;
 use bonemill_setup::{ChannelFault, PlanError, tools};
-use bonemill_cutting::stock::removal::{NEVER, RemovalTime};
 use nalgebra::Vector3;
 
 use super::{Plane, Show, Surface};

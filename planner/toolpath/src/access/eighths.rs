@@ -2,9 +2,9 @@
 
 use std::ops::{ControlFlow, Range};
 
+use bonemill_cutting::stock::sweep::Rows;
 use bonemill_geometry::Point;
 use bonemill_geometry::Work;
-use bonemill_cutting::stock::sweep::Rows;
 
 use super::eighth_times::EighthTimes;
 use super::field::{self, TimeField};

@@ -1,7 +1,7 @@
 //! Removal times on a grid: dilated, pooled into blocks, and looked up at points.
 
-use bonemill_geometry::{Grid, Work, cancel};
 use bonemill_cutting::stock::removal::NEVER;
+use bonemill_geometry::{Grid, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -391,7 +391,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        #![proptest_config(bonemill_testkit::fixed(40))]
+        #![proptest_config(bonemill_geometry::fixed!(40))]
         /// Tested on grids of one tile and of several.
         #[test]
         fn the_ball_maximum_is_the_maximum_over_the_ball(

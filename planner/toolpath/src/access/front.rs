@@ -85,7 +85,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        #![proptest_config(bonemill_testkit::fixed(60))]
+        #![proptest_config(bonemill_geometry::fixed!(60))]
         #[test]
         fn its_balls_hold_it_and_groups_hold_their_balls(
             radius_mm in 0.9f64..9.0, from_mm in 0.0f64..40.0, length_mm in 0.1f64..10.0, ball_mm in 0.3f64..2.0,

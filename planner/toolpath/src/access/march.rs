@@ -139,7 +139,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        #![proptest_config(bonemill_testkit::fixed(2000))]
+        #![proptest_config(bonemill_geometry::fixed!(2000))]
         /// Samples almost on the face between two voxels may count for either.
         #[test]
         fn a_march_finds_what_looking_at_every_sample_finds(

@@ -6,8 +6,8 @@
 
 use std::ops::Range;
 
-use bonemill_geometry::{Grid, Point, Work, cancel};
 use crate::scene::{Class, Scene};
+use bonemill_geometry::{Grid, Point, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 

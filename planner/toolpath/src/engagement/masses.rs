@@ -4,9 +4,9 @@
 use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::cutter::ball::BallVolumes;
 use bonemill_cutting::metrics::Moments;
-use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
 use bonemill_cutting::stock::removal::{NEVER, RemovalTime};
 use bonemill_cutting::stock::voxels::VoxelSet;
+use bonemill_geometry::{Grid, Point, Volume, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 

@@ -1,8 +1,8 @@
 //! Removal times of the voxels around a point, and of all voxels near it.
 
-use bonemill_geometry::{Grid, Volume, Work, cancel};
 use crate::scene::Class;
 use bonemill_cutting::stock::removal::NEVER;
+use bonemill_geometry::{Grid, Volume, Work, cancel};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 

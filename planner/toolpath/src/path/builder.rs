@@ -1,10 +1,10 @@
 //! Builds a path: joins passes by links and keeps the removal-time field up to date.
 
-use bonemill_geometry::{Point, Work};
 use crate::scene::Class;
 use bonemill_cutting::stock::removal::RemovalTime;
 use bonemill_cutting::stock::sweep::Rows;
 use bonemill_cutting::stock::voxels::VoxelSet;
+use bonemill_geometry::{Point, Work};
 
 use super::search::LinkSearch;
 use super::{MillPath, MoveKind, Pass, PathPoint, PathSpacing, pieces};

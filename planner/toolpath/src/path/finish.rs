@@ -7,8 +7,8 @@
 //! Gains never grow, so an earlier gain is an upper bound of the present one. A gain is counted again, by the words of the
 //! ball's rows, only where its bound could be the largest; the choice is the same as if all gains were known.
 
-use bonemill_geometry::{Point, Work};
 use bonemill_cutting::stock::voxels::{VoxelSet, voxels_apart};
+use bonemill_geometry::{Point, Work};
 use rayon::prelude::*;
 
 use super::ball_rows::BallRows;

@@ -22,8 +22,8 @@ pub use raster::{Lines, RasterFrame, SenseRule};
 
 use std::collections::HashSet;
 
-use bonemill_geometry::{Point, Work};
 use bonemill_cutting::stock::removal::RemovalTime;
+use bonemill_geometry::{Point, Work};
 
 use crate::space::BurrSpace;
 

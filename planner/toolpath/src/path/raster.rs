@@ -1,7 +1,7 @@
 //! Direction and order of the lines in a layer, and the sense in which each is cut.
 
-use bonemill_geometry::{Point, Work};
 use crate::scene::{Rectangle, smallest_rectangle};
+use bonemill_geometry::{Point, Work};
 
 use super::Builder;
 

@@ -1,7 +1,7 @@
 //! Roughing: serpentine lines, layer by layer.
 
-use bonemill_geometry::{Point, Work};
 use crate::scene::Class;
+use bonemill_geometry::{Point, Work};
 
 use super::{Builder, Lines, Pass, RasterFrame};
 

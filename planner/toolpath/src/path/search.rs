@@ -6,8 +6,8 @@
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-use bonemill_geometry::{Point, Work};
 use bonemill_cutting::stock::voxels::{VoxelSet, voxels_apart};
+use bonemill_geometry::{Point, Work};
 
 use super::Builder;
 use crate::space::BurrSpace;

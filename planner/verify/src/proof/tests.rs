@@ -99,7 +99,8 @@ fn moves_of_a_hundred_metres_count_where_they_are_over_the_block() {
     };
     let (near, far) = (proved(20.0), proved(1e5));
     assert!((far.deepest_gouge_mm - 0.05).abs() < 1e-6, "{}", far.deepest_gouge_mm);
-    let deviations = |proof: &crate::proof::Proof| proof.samples.iter().map(|s| s.deviation_mm).collect::<Vec<_>>();
+    let deviations =
+        |proof: &crate::proof::Proof| proof.samples.iter().map(|s| s.deviation_mm).collect::<Vec<_>>();
     let apart =
         deviations(&near).iter().zip(deviations(&far)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(apart < 1e-6, "{apart}");

@@ -25,7 +25,7 @@ fn box_of(grid: &Grid<Work>, center: Point<Work>, n: usize) -> [[f64; 3]; 2] {
 }
 
 proptest! {
-    #![proptest_config(bonemill_testkit::fixed(2000))]
+    #![proptest_config(bonemill_geometry::fixed!(2000))]
 
     #[test]
     fn atan2_of_the_first_quadrant(y in 0f64..2.0, x in 0f64..2.0, ey in -30..1, ex in -30..1) {
@@ -64,7 +64,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(bonemill_testkit::fixed(60))]
+    #![proptest_config(bonemill_geometry::fixed!(60))]
 
     #[test]
     fn a_lattice_holds_the_whole_ball_and_each_voxel_its_box(

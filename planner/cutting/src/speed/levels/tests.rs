@@ -100,7 +100,7 @@ fn path(edge_n: f64) -> impl Strategy<Value = Path> {
 }
 
 proptest! {
-    #![proptest_config(bonemill_testkit::fixed(128))]
+    #![proptest_config(bonemill_geometry::fixed!(128))]
 
     /// Without room, no profile that keeps time and acceleration has a lower level overall, and with it none under the raised level has
     /// a lower one toward structures.

@@ -153,7 +153,7 @@ fn turns_that_fail_between_waypoints_are_taken_elsewhere_or_named() {
 }
 
 proptest! {
-    #![proptest_config(bonemill_testkit::fixed(128))]
+    #![proptest_config(bonemill_geometry::fixed!(128))]
 
     #[test]
     fn tangents_and_axes_are_inverse(x in -0.7f64..0.7, y in -0.7f64..0.7, u in -0.5f64..0.5, v in -0.5f64..0.5) {

@@ -71,7 +71,7 @@ fn brute_force(p: &Problem) -> Option<f64> {
 }
 
 proptest! {
-    #![proptest_config(bonemill_testkit::fixed(192))]
+    #![proptest_config(bonemill_geometry::fixed!(192))]
 
     /// Tested for up to 6 waypoints and up to 8 directions, with one angle and with two, with forbidden turns.
     #[test]

@@ -1,9 +1,9 @@
 //! Gains compared with brute force, and their cost on a finer grid.
 
+use crate::scene::{ApproachSpec, MemoryNeed, Scene, SceneSpec, Target, ToolReach, build_scene};
 use bonemill_geometry::Sheets;
 use bonemill_geometry::{Ct, Grid, Volume};
 use bonemill_imaging::{AffineChoice, DensityTable};
-use crate::scene::{ApproachSpec, MemoryNeed, Scene, SceneSpec, Target, ToolReach, build_scene};
 use nalgebra::Vector3;
 
 use super::*;

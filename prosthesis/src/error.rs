@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use bonemill_case::CaseError;
 use crate::catalogue::CatalogueError;
 use crate::machining::MachiningError;
+use bonemill_case::CaseError;
 use bonemill_imaging::part::PartError;
 use bonemill_planfile::PlanFileError;
 use bonemill_verify::proof::ProofError;

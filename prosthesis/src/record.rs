@@ -6,11 +6,11 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
+use crate::machining::Block;
 use bonemill_case::prosthesis::{BlockSource, ProsthesisJob};
 use bonemill_case::write::{list, rigid, text, vector};
 use bonemill_case::{as_number, rotation_from_matrix};
 use bonemill_geometry::{Block as BlockFrame, Part, Rigid};
-use crate::machining::Block;
 use bonemill_planfile::{PROSTHESIS_HEADER, PlanFileError, Sha256, Value};
 use nalgebra::{Matrix3, Vector3};
 use toml::de::{DeTable, DeValue};

@@ -4,10 +4,17 @@ pub mod pocket;
 
 use std::io::Write;
 
-/// A configuration with which property tests draw the same cases in every run.
-pub fn fixed(cases: u32) -> proptest::test_runner::Config {
-    let rng_seed = proptest::test_runner::RngSeed::Fixed(20_161_201);
-    proptest::test_runner::Config { cases, rng_seed, failure_persistence: None, ..Default::default() }
+/// A configuration of the crate proptest with which property tests draw the same cases in every run.
+#[macro_export]
+macro_rules! fixed {
+    ($cases:expr) => {
+        proptest::test_runner::Config {
+            cases: $cases,
+            rng_seed: proptest::test_runner::RngSeed::Fixed(20_161_201),
+            failure_persistence: None,
+            ..Default::default()
+        }
+    };
 }
 
 /// Says that a test is left out and why, past what the test runner holds back: `.ci/run` counts these lines.

@@ -7,10 +7,10 @@
 use std::fmt::Write;
 use std::path::Path;
 
+use crate::machining::{Block as Stock, Facing, MachiningError, Move};
 use bonemill_case::prosthesis::{MachineKind, OrientMode};
 use bonemill_case::write::text;
 use bonemill_geometry::{Block, Mesh, Progress};
-use crate::machining::{Block as Stock, Facing, MachiningError, Move};
 use bonemill_imaging::part::orient::{Laid, Silhouette, published};
 use bonemill_imaging::part::{RepairLimits, Solid, read_facets};
 use bonemill_planfile::{PlanFileError, Sha256, Value};
@@ -232,7 +232,10 @@ pub(crate) fn read_part(path: &Path) -> Result<Mesh<Block>, ProsthesisError> {
     Ok(solid.mesh.transformed(&bonemill_geometry::Rigid::identity()))
 }
 
-fn read_solid(path: &Path, unit: Option<bonemill_imaging::part::LengthUnit>) -> Result<Solid, ProsthesisError> {
+fn read_solid(
+    path: &Path,
+    unit: Option<bonemill_imaging::part::LengthUnit>,
+) -> Result<Solid, ProsthesisError> {
     let solid =
         read_facets(path).and_then(|facets| Solid::from_facets(facets, unit, &RepairLimits::default()));
     solid.map_err(|source| ProsthesisError::Part { path: path.into(), source })

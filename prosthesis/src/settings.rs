@@ -1,9 +1,9 @@
 //! The job's numbers as the stages take them.
 
-use bonemill_case::prosthesis::{BlockSpec, CutSense, GCode, ProsthesisJob};
 use crate::catalogue::StockBlock;
 use crate::machining::{Block, HolderSegment, Job, Machine, Process, Tool};
 use crate::program::Dialect;
+use bonemill_case::prosthesis::{BlockSpec, CutSense, GCode, ProsthesisJob};
 use bonemill_verify::proof::ProofJob;
 use nalgebra::Vector3;
 

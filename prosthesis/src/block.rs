@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use bonemill_case::prosthesis::{BlockSource, ProsthesisJob};
 use crate::catalogue::{Catalogue, CatalogueError, Lease, Mounted, StockBlock, smallest};
 use crate::machining::Block;
+use bonemill_case::prosthesis::{BlockSource, ProsthesisJob};
 use nalgebra::Vector3;
 
 use crate::{ProsthesisError, settings};

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use bonemill_case::prosthesis::{MachineKind, ProsthesisJob};
 use crate::catalogue::Mounted;
-use bonemill_geometry::{Block as BlockFrame, Mesh, Part, Progress, Rigid};
 use crate::machining::{Block, Job, Machining, MachiningError};
+use bonemill_case::prosthesis::{MachineKind, ProsthesisJob};
+use bonemill_geometry::{Block as BlockFrame, Mesh, Part, Progress, Rigid};
 use bonemill_imaging::part::orient::Laid;
 use bonemill_imaging::part::{RepairLimits, Solid, read_facets, rounded};
 use bonemill_planfile::{Sha256, Value};
@@ -79,8 +79,7 @@ pub fn plan(
     let mut milled = mill.at(&placing.chosen)?;
     if milled.proof.thickest_uncut_mm > job.process.finishing_step_mm {
         let mut moved = placing.chosen.clone();
-        let shift_mm =
-            crate::machining::shift_to_reach_mm(&milled.part, &machining_job, job.stock.gap_mm[1]);
+        let shift_mm = crate::machining::shift_to_reach_mm(&milled.part, &machining_job, job.stock.gap_mm[1]);
         moved.block_from_part.translation_mm.y += shift_mm;
         // the better of the two by what the proof finds
         if shift_mm != 0.0

@@ -3,10 +3,10 @@
 //! The plan tells it of what it made, the verification of what stands in the folder; both in the same words, so that nothing that is told there can differ from
 //! what follows from the files.
 
-use bonemill_case::prosthesis::{MachineKind, ProsthesisJob};
 use crate::machining::leftover::{Leftover, Reason};
 use crate::machining::strip::{LEAST_FACTOR, cutting_force_n};
 use crate::machining::{Block, Job, Machining, Tool, Warning};
+use bonemill_case::prosthesis::{MachineKind, ProsthesisJob};
 use bonemill_imaging::part::Solid;
 use bonemill_imaging::part::orient::{Laid, Run};
 use bonemill_planfile::Value;
@@ -75,7 +75,8 @@ impl Milled<'_> {
         let mut warnings: Vec<String> =
             self.solid.changes.iter().map(|change| format!("the mesh was repaired: {change}")).collect();
         if self.solid.shallow_crossings > 0 {
-            let (pairs, tolerance_mm) = (self.solid.shallow_crossings, bonemill_imaging::part::CROSSING_TOLERANCE_MM);
+            let (pairs, tolerance_mm) =
+                (self.solid.shallow_crossings, bonemill_imaging::part::CROSSING_TOLERANCE_MM);
             warnings.push(format!("{pairs} pairs of facets touch or cross by at most {tolerance_mm} mm"));
         }
         let feeds = self.machining.warnings.iter().filter(|w| matches!(w, Warning::Feed { .. }));

@@ -5,9 +5,9 @@
 
 use std::path::Path;
 
+use crate::machining::{Facing, Move};
 use bonemill_cutting::cutter::{ShankCylinder, SolidOfRevolution};
 use bonemill_geometry::{Block, Mesh, Progress};
-use crate::machining::{Facing, Move};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::picture::Colour;

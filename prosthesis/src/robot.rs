@@ -6,13 +6,13 @@
 //! the block's x, y and z along the flange's; the spindle stands upright before the arm, the cutter at its upper end. Collisions of the arm's links are not
 //! looked at.
 
+use crate::machining::trajectory::{ArmMotion, block_on_flange, spindle_on_flange};
+use crate::machining::{Block, MachiningError, Move};
 use bonemill_arm::arm::{Arm, BlockMount, ToolMount};
 use bonemill_arm::ur::UrModel;
 use bonemill_case::prosthesis::OnFlange;
-use bonemill_robot::export::write_trajectory_csv;
 use bonemill_geometry::Rigid;
-use crate::machining::trajectory::{ArmMotion, block_on_flange, spindle_on_flange};
-use crate::machining::{Block, MachiningError, Move};
+use bonemill_robot::export::write_trajectory_csv;
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// Rows of trajectory.csv a second; a controller interpolates between them.

@@ -50,8 +50,10 @@ fn an_arm_follows_the_moves_within_its_limits_or_says_where_it_cannot() {
     let motion = spindle_on_flange(&arm, &base_from_machine, &moves).unwrap().unwrap();
     within_limits(&arm, &motion.law);
     // the tip keeps to the polyline in the machine's axes, and its axis upright
-    let tips: Vec<Vector3<f64>> =
-        moves.iter().map(|m| bonemill_prosthesis::machining::Facing::of(m.a_rad).from_block(&m.tip_mm)).collect();
+    let tips: Vec<Vector3<f64>> = moves
+        .iter()
+        .map(|m| bonemill_prosthesis::machining::Facing::of(m.a_rad).from_block(&m.tip_mm))
+        .collect();
     for k in 0..60 {
         let tool = arm.tool_at(&motion.law.sample(motion.law.duration_s() * f64::from(k) / 59.0).q);
         let tip = tool.translation_mm - base_from_machine.translation.vector;

@@ -71,7 +71,9 @@ impl Envelope {
     pub fn heights(&self, raster: &Raster, facing: crate::machining::moves::Facing) -> Vec<f64> {
         match facing {
             crate::machining::moves::Facing::Front => self.top.clone(),
-            crate::machining::moves::Facing::Back => raster.turned(&self.bottom.iter().map(|w| -w).collect::<Vec<_>>()),
+            crate::machining::moves::Facing::Back => {
+                raster.turned(&self.bottom.iter().map(|w| -w).collect::<Vec<_>>())
+            }
         }
     }
 }

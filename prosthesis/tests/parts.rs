@@ -423,9 +423,11 @@ fn a_program_reads_back_as_the_moves() {
     let part = shell.mesh();
     let moves = plan(&part, &quick(&part, flat())).unwrap().moves;
     let program =
-        bonemill_verify::proof::gcode::read(&write(&moves, &quick(&part, flat()), Dialect::LinuxCnc, &[])).unwrap();
+        bonemill_verify::proof::gcode::read(&write(&moves, &quick(&part, flat()), Dialect::LinuxCnc, &[]))
+            .unwrap();
     let ends: Vec<Vector3<f64>> = program.motions.iter().filter(|m| !m.turns).map(|m| m.to_mm).collect();
-    let places = moves.iter().map(|m| bonemill_prosthesis::machining::Facing::of(m.a_rad).from_block(&m.tip_mm));
+    let places =
+        moves.iter().map(|m| bonemill_prosthesis::machining::Facing::of(m.a_rad).from_block(&m.tip_mm));
     let mut places: Vec<Vector3<f64>> = places.collect();
     places.dedup();
     let found = places.iter().skip(1).filter(|p| ends.iter().any(|e| (*e - **p).norm() < 1e-9)).count();

@@ -10,16 +10,16 @@
 //!
 //! Not here: how a part is read and laid ([`bonemill_imaging::part`]), milled ([`bonemill_prosthesis::machining`]) or proved ([`bonemill_verify::proof`]).
 
-pub mod catalogue;
-pub mod program;
-pub mod machining;
 mod block;
+pub mod catalogue;
 mod error;
 mod figures;
+pub mod machining;
 pub mod phantom;
 mod picture;
 mod placing;
 mod plan;
+pub mod program;
 mod record;
 mod report;
 mod robot;
@@ -39,3 +39,9 @@ pub use save::save;
 
 /// Deepest cut into the part that a plan may have, mm.
 pub const MOST_GOUGE_MM: f64 = crate::machining::GOUGE_TOLERANCE_MM;
+
+/// The stages of [`plan()`], by the names that [`Progress::stage`](bonemill_geometry::Progress::stage) is told.
+pub const STAGES: &[&str] =
+    &["read part", "lay part", "take block", "plan toolpath", "write program", "prove program", "move arm"];
+/// Those of [`verify::verify`].
+pub const VERIFY_STAGES: &[&str] = &["read files", "prove program", "compare toolpath"];

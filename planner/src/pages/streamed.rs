@@ -3,7 +3,7 @@
 
 use bonemill_robot::stream::{Hold, Near, Standing, StreamInput, StructureKept, WaypointNear};
 
-use super::{PlanFileError, Sha256, StoredPlan, hold_points, verified};
+use bonemill_planfile::{HoldPoint, PlanFileError, Sha256, StoredPlan, Waypoint, hold_points, verified};
 
 /// What streaming takes of a plan; whether its files are what a passed verification judged is looked up.
 ///
@@ -17,7 +17,7 @@ pub fn stream_input(stored: &StoredPlan) -> Result<StreamInput<'_>, PlanFileErro
     };
     let digest = Sha256::of_file(&stored.dir.join("trajectory.csv"))?;
     let name = |structure: usize| case.structures.get(structure).map_or("a structure", |s| &s.name);
-    let hold = |hold: super::HoldPoint| Hold {
+    let hold = |hold: HoldPoint| Hold {
         row: hold.row,
         why: format!("{} mm from {}", hold.distance_mm, name(hold.structure)),
     };
@@ -41,7 +41,7 @@ pub fn stream_input(stored: &StoredPlan) -> Result<StreamInput<'_>, PlanFileErro
 fn waypoints(stored: &StoredPlan) -> Vec<WaypointNear> {
     let base_from_ct = &stored.record.frames.base_from_ct;
     let radius_mm = stored.record.cutter_radius_mm();
-    let empty = |w: &super::Waypoint| WaypointNear { time_s: w.time_s, near: Vec::new() };
+    let empty = |w: &Waypoint| WaypointNear { time_s: w.time_s, near: Vec::new() };
     let mut waypoints: Vec<WaypointNear> = stored.waypoints.iter().map(empty).collect();
     for force in &stored.forces {
         if let Some(waypoint) = waypoints.get_mut(force.waypoint) {
