@@ -114,12 +114,7 @@ pub fn plan(
     };
     let (told, left) = (told_of.told(), told_of.left().to_vec());
     // the reason takes the place of the first line's words: all other lines stay where they are
-    let program = crate::program::write(
-        &milled.machining.moves,
-        &machining_job,
-        settings::dialect(job),
-        &told.shortfalls,
-    );
+    let program = crate::program::write(&milled.machining.moves, &machining_job, &told.shortfalls);
     let Milled { block_from_part, part, machining, proof_job, proof, .. } = milled;
     let machining = Machining { left, ..machining };
     Ok(ProsthesisPlan {
@@ -169,7 +164,7 @@ impl Mill<'_> {
         let part = laid_part(self.solid, &laid.block_from_part);
         let machining = crate::machining::plan(&part, machining_job).map_err(|e| self.failed(e))?;
         progress.stage("write program");
-        let program = crate::program::write(&machining.moves, machining_job, settings::dialect(job), &[]);
+        let program = crate::program::write(&machining.moves, machining_job, &[]);
         progress.stage("prove program");
         let proof_job = settings::proof(job, &machining_job.block, machining.tab_box);
         let proof = bonemill_verify::proof::prove(&program, &part, &proof_job)?;

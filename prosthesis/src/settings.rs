@@ -1,9 +1,8 @@
 //! The job's numbers as the stages take them.
 
 use crate::catalogue::StockBlock;
-use crate::machining::{Block, HolderSegment, Job, Machine, Process, Tool};
-use crate::program::Dialect;
-use bonemill_case::prosthesis::{BlockSpec, CutSense, GCode, ProsthesisJob};
+use crate::machining::{Block, HolderSegment, Job, Tool};
+use bonemill_case::prosthesis::{BlockSpec, ProsthesisJob};
 use bonemill_verify::proof::ProofJob;
 use nalgebra::Vector3;
 
@@ -12,7 +11,7 @@ const SAMPLE_MM: f64 = 0.25;
 
 /// The job for the toolpath.
 pub(crate) fn machining(job: &ProsthesisJob, block: Block) -> Job {
-    let (t, p, m) = (&job.tool, &job.process, &job.machine);
+    let t = &job.tool;
     let holder = t.holder_mm.iter().map(|&[length_mm, radius_mm]| HolderSegment { length_mm, radius_mm });
     Job {
         block,
@@ -23,35 +22,8 @@ pub(crate) fn machining(job: &ProsthesisJob, block: Block) -> Job {
             length_mm: t.length_mm,
             holder: holder.collect(),
         },
-        process: Process {
-            spindle_rpm: p.spindle_rpm,
-            feed_per_tooth_mm: p.feed_per_tooth_mm,
-            side_load: p.side_load,
-            depth_of_cut: p.depth_of_cut,
-            finishing_step_mm: p.finishing_step_mm,
-            strip_mm: p.strip_mm,
-            clearance_mm: p.clearance_mm,
-            climb: p.sense == CutSense::Climb,
-        },
-        machine: Machine {
-            travel_mm: m.travel_mm,
-            rotary_range_rad: m.rotary_range_rad,
-            max_feed_mm_min: m.max_feed_mm_min,
-            rapid_mm_min: m.rapid_mm_min,
-            rotary_rad_s: m.rotary_rad_s,
-            acceleration_mm_s2: m.acceleration_mm_s2,
-            jerk_mm_s3: m.jerk_mm_s3,
-            max_time_min: m.max_time_min,
-        },
-    }
-}
-
-/// Whose G-code the program is written in.
-pub(crate) fn dialect(job: &ProsthesisJob) -> Dialect {
-    match job.machine.dialect {
-        GCode::LinuxCnc => Dialect::LinuxCnc,
-        GCode::Fanuc => Dialect::Fanuc,
-        GCode::Haas => Dialect::Haas,
+        process: job.process,
+        machine: job.machine.clone(),
     }
 }
 

@@ -388,7 +388,7 @@ fn same_program(
     };
     let job = settings::machining(&record.job, record.block);
     let mut faults = Vec::new();
-    let own = crate::program::write(moves, &job, settings::dialect(&record.job), shortfalls);
+    let own = crate::program::write(moves, &job, shortfalls);
     let [lines, own] = [program, &own].map(|text| text.lines().collect::<Vec<_>>());
     if let Some(n) = first_other(&lines, &own) {
         let [is, wanted] =

@@ -4,12 +4,13 @@
 
 mod common;
 
+use bonemill_case::prosthesis::GCode;
 use bonemill_geometry::{Block, Mesh, Point};
 use bonemill_prosthesis::machining::leftover::Reason;
 use bonemill_prosthesis::machining::strip::cutting_force_n;
 use bonemill_prosthesis::machining::time::times;
 use bonemill_prosthesis::machining::{Facing, Job, Kind, Machining, MachiningError, Move, Side, Tool, plan};
-use bonemill_prosthesis::program::{Dialect, OUTLINE, write};
+use bonemill_prosthesis::program::{OUTLINE, write};
 use bonemill_verify::proof::{Proof, prove};
 use common::{Shell, flat, job, proof_job};
 use nalgebra::Vector3;
@@ -17,7 +18,7 @@ use nalgebra::Vector3;
 /// Plans, writes, reads back and judges.
 fn proven(part: &Mesh<Block>, job: &Job) -> (Machining, Proof, bonemill_verify::proof::ProofJob) {
     let planned = plan(part, job).unwrap();
-    let text = write(&planned.moves, job, Dialect::LinuxCnc, &[]);
+    let text = write(&planned.moves, job, &[]);
     let proof_job = proof_job(job, vec![planned.tab_box]);
     let proof = prove(&text, part, &proof_job).unwrap();
     (planned, proof, proof_job)
@@ -37,7 +38,7 @@ fn is_clean(proof: &Proof, job: &Job) {
 
 /// Greatest force of the cuts from the outline on, N.
 fn outline_force_n(planned: &Machining, proof: &Proof, job: &Job) -> f64 {
-    let text = write(&planned.moves, job, Dialect::LinuxCnc, &[]);
+    let text = write(&planned.moves, job, &[]);
     let line = text.lines().position(|line| line == OUTLINE).unwrap();
     cutting_force_n(job, proof.chip_mm(line))
 }
@@ -170,7 +171,7 @@ fn side_b_is_turned_to_the_way_that_the_rotary_axis_reaches() {
         job.machine.rotary_range_rad = range_deg.map(f64::to_radians);
         let planned = plan(&part, &job).unwrap();
         assert_eq!(planned.warnings, [], "{range_deg:?}");
-        let text = write(&planned.moves, &job, Dialect::LinuxCnc, &[]);
+        let text = write(&planned.moves, &job, &[]);
         assert!(text.contains(&format!("G0 {a_deg}.000\n")), "{range_deg:?}");
         let proof = prove(&text, &part, &proof_job(&job, vec![planned.tab_box])).unwrap();
         is_clean(&proof, &job);
@@ -180,15 +181,16 @@ fn side_b_is_turned_to_the_way_that_the_rotary_axis_reaches() {
 #[test]
 fn a_program_that_falls_short_stops_at_its_first_line_in_every_dialect() {
     let part = plate_with_hole(6.0);
-    let job = quick(&part, flat());
+    let mut job = quick(&part, flat());
     let moves = plan(&part, &job).unwrap().moves;
     let reason = ["stock of 9.1 mm³ stays at (1, 2) mm".to_owned(), "more".to_owned()];
     for (dialect, head, dwell, end) in [
-        (Dialect::LinuxCnc, "", "G4 P3\n", "M30\n"),
-        (Dialect::Fanuc, "%\nO0001\n", "G4 P3000\n", "M30\n%\n"),
-        (Dialect::Haas, "%\nO00001\n", "G4 P3000\n", "M30\n%\n"),
+        (GCode::LinuxCnc, "", "G4 P3\n", "M30\n"),
+        (GCode::Fanuc, "%\nO0001\n", "G4 P3000\n", "M30\n%\n"),
+        (GCode::Haas, "%\nO00001\n", "G4 P3000\n", "M30\n%\n"),
     ] {
-        let [good, short] = [&[][..], &reason].map(|reasons| write(&moves, &job, dialect, reasons));
+        job.machine.dialect = dialect;
+        let [good, short] = [&[][..], &reason].map(|reasons| write(&moves, &job, reasons));
         let first = short.strip_prefix(head).unwrap().lines().next().unwrap();
         assert_eq!(first, "M0 (DO NOT RUN: stock of 9.1 mm3 stays at [1, 2] mm; 1 more reasons)");
         // no other line is another
@@ -358,8 +360,8 @@ fn a_part_outside_its_block_or_in_the_grip_is_refused_with_the_place() {
     small.block.high_mm = Vector3::new(5.0, 10.0, 20.0);
     assert!(matches!(plan(&part, &small), Err(MachiningError::Outside { axis: 'x', .. })));
     let mut bad = job(&part, flat());
-    bad.process.side_load = f64::NAN;
-    assert!(matches!(plan(&part, &bad), Err(MachiningError::Value { what: "side load", .. })));
+    bad.block.grip_mm = f64::NAN;
+    assert!(matches!(plan(&part, &bad), Err(MachiningError::Value { what: "grip", .. })));
     let empty = Mesh { vertices: vec![], triangles: vec![] };
     assert!(matches!(plan(&empty, &job(&part, flat())), Err(MachiningError::Mesh { .. })));
 }
@@ -422,9 +424,7 @@ fn a_program_reads_back_as_the_moves() {
         Shell { outer_mm: 40.0, inner_mm: 36.0, outline_mm: 5.0, bevel_mm: 0.5, thickness_mm: 3.0, rings: 8 };
     let part = shell.mesh();
     let moves = plan(&part, &quick(&part, flat())).unwrap().moves;
-    let program =
-        bonemill_verify::proof::gcode::read(&write(&moves, &quick(&part, flat()), Dialect::LinuxCnc, &[]))
-            .unwrap();
+    let program = bonemill_verify::proof::gcode::read(&write(&moves, &quick(&part, flat()), &[])).unwrap();
     let ends: Vec<Vector3<f64>> = program.motions.iter().filter(|m| !m.turns).map(|m| m.to_mm).collect();
     let places =
         moves.iter().map(|m| bonemill_prosthesis::machining::Facing::of(m.a_rad).from_block(&m.tip_mm));

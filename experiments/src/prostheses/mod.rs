@@ -12,7 +12,7 @@ use bonemill_planner::part::phantom::Operculum;
 use bonemill_planner::proof::{Proof, prove};
 use bonemill_prosthesis::catalogue::{Catalogue, CatalogueError};
 use bonemill_prosthesis::machining::{self, Machining, ZigZag};
-use bonemill_prosthesis::program::{Dialect, write};
+use bonemill_prosthesis::program::write;
 use bonemill_prosthesis::{Placing, ProsthesisError, ProsthesisPlan, Trial, most_uncut_mm, phantom, plan};
 
 use crate::{ExperimentError, Size, Table};
@@ -188,7 +188,7 @@ impl Tables {
     ) -> Result<(), ExperimentError> {
         let trial = Trial::new(job, &plan.solid, &plan.placing.chosen);
         let judged = |machining: &Machining| -> Result<Proof, ExperimentError> {
-            let program = write(&machining.moves, &trial.machining, Dialect::LinuxCnc, &[]);
+            let program = write(&machining.moves, &trial.machining, &[]);
             let proof = prove(&program, &trial.part, &trial.proof_job(job, machining));
             Ok(proof.map_err(ProsthesisError::from)?)
         };

@@ -3,15 +3,15 @@
 use bonemill_imaging::phantom::{BlockParams, block};
 use bonemill_planner::Progress;
 use bonemill_planner::case::Case;
+use bonemill_robot::arm::bone_attached::ACCELERATION_LIMITS;
 
 use super::felt::{ArmKind, COLUMNS, change_cells, planned};
 use crate::body::Body;
 use crate::{ExperimentError, Size, Table};
 
-/// The bone-attached arm's accelerations, mm/s² and rad/s², that these are multiples of: as assumed.
-const ASSUMED: [f64; 4] = [100.0, 100.0, 100.0, 5.0];
 /// Full acceleration within 0.02 s.
 const JERK_PER_S: f64 = 50.0;
+/// Multiples of the bone-attached arm's.
 const ACCELERATIONS: [f64; 6] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 const TILTS_DEG: [f64; 4] = [15.0, 30.0, 45.0, 60.0];
 /// From the flange's axis to the burr, mm.
@@ -44,7 +44,7 @@ pub fn run(size: Size, progress: &dyn Progress) -> Result<Vec<Table>, Experiment
     };
     for times in ACCELERATIONS {
         row("accelerations, bone-attached arm", format!("×{times}"), &|case| {
-            let acceleration = ASSUMED.map(|a| times * a).to_vec();
+            let acceleration = ACCELERATION_LIMITS.map(|a| times * a).to_vec();
             case.robot.jerk_limits = Some(acceleration.iter().map(|a| JERK_PER_S * a).collect());
             case.robot.acceleration_limits = Some(acceleration);
         })?;

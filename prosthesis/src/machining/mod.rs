@@ -37,7 +37,7 @@ pub mod trajectory;
 mod zigzag;
 
 pub use error::MachiningError;
-pub use job::{Block, HolderSegment, Job, Machine, Process, Tool};
+pub use job::{Block, HolderSegment, Job, Tool};
 pub use moves::{Facing, Kind, Move, Side};
 pub use plan::{Machining, Warning, assess, plan, plan_zigzag};
 pub use reach::shift_to_reach_mm;

@@ -314,7 +314,7 @@ fn warnings(moves: &[Move], times: &Times, job: &Job) -> Vec<Warning> {
     if let Some(beyond) = moves.iter().find(|m| !reached(m)) {
         warnings.push(Warning::Rotary { angle_rad: beyond.a_rad, range_rad });
     }
-    let wanted_mm_min = job.process.feed_mm_min(&job.tool);
+    let wanted_mm_min = job.teeth_feed_mm_min();
     if wanted_mm_min > job.machine.max_feed_mm_min {
         warnings.push(Warning::Feed { wanted_mm_min, most_mm_min: job.machine.max_feed_mm_min });
     }

@@ -13,6 +13,7 @@ use crate::machining::passes::{Passes, Sliver};
 use crate::machining::raster::NONE;
 use crate::machining::rings::{Field, iso_loops};
 use crate::machining::silhouette::Loop;
+use bonemill_case::prosthesis::CutSense;
 
 /// Stock that roughing leaves on the part, mm.
 pub(crate) const ALLOWANCE_MM: f64 = 0.1;
@@ -219,7 +220,7 @@ impl<'a> Sight<'a> {
 
     /// In the sense of the case: passes are laid for climb.
     pub fn sensed(&self, pass: Pass) -> Pass {
-        if self.job.process.climb { pass } else { pass.reversed() }
+        if self.job.process.sense == CutSense::Climb { pass } else { pass.reversed() }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Twins of the kernels: brute force on small parts, and known answers.
 
+use bonemill_case::prosthesis::{CutSense, GCode, MachineKind, MachineSpec, OnFlange, ProcessSpec};
 use bonemill_geometry::{Block as BlockFrame, Mesh, Point};
 use nalgebra::Vector3;
 use proptest::prelude::*;
@@ -13,7 +14,7 @@ use crate::machining::reach::shift_to_reach_mm;
 use crate::machining::rings::{Field, iso_loops};
 use crate::machining::silhouette::{Nearest, Silhouette, area_mm2};
 use crate::machining::stock::Stock;
-use crate::machining::{Block, Facing, HolderSegment, Job, Kind, Machine, Process, Side, Tool};
+use crate::machining::{Block, Facing, HolderSegment, Job, Kind, Side, Tool};
 
 fn tool(radius_mm: f64, corner_radius_mm: f64) -> Tool {
     let holder = vec![HolderSegment { length_mm: 20.0, radius_mm: 8.0 }];
@@ -213,7 +214,7 @@ fn flat_job() -> Job {
     Job {
         block: Block { low_mm: Vector3::repeat(-8.0), high_mm: Vector3::repeat(8.0), grip_mm: 0.0 },
         tool: tool(1.5, 0.0),
-        process: Process {
+        process: ProcessSpec {
             spindle_rpm: 8500.0,
             feed_per_tooth_mm: 0.04,
             side_load: 0.6,
@@ -221,9 +222,12 @@ fn flat_job() -> Job {
             finishing_step_mm: 0.1,
             strip_mm: 1.0,
             clearance_mm: 3.0,
-            climb: true,
+            sense: CutSense::Climb,
         },
-        machine: Machine {
+        machine: MachineSpec {
+            kind: MachineKind::FiveAxis,
+            dialect: GCode::LinuxCnc,
+            on_flange: OnFlange::Spindle,
             travel_mm: [200.0; 3],
             rotary_range_rad: [-6.3, 6.3],
             max_feed_mm_min: 1500.0,

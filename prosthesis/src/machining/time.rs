@@ -9,7 +9,9 @@ use bonemill_robot::timelaw::{CornerTolerance, JointPath, PathLimits, PreparedPa
 use nalgebra::Vector3;
 
 use crate::machining::MachiningError;
-use crate::machining::job::{Job, Machine};
+use bonemill_case::prosthesis::MachineSpec;
+
+use crate::machining::job::Job;
 use crate::machining::moves::{Facing, Move};
 
 /// How far the axes may cut corners, mm: with the moves' own 0.005 mm below the tolerance for gouges.
@@ -46,7 +48,7 @@ pub fn times(moves: &mut [Move], job: &Job) -> Result<Times, MachiningError> {
 }
 
 /// Of a move by constant speeds, s.
-fn duration_s(from: &Move, to: &Move, machine: &Machine) -> f64 {
+fn duration_s(from: &Move, to: &Move, machine: &MachineSpec) -> f64 {
     let turn_s = (to.a_rad - from.a_rad).abs() / machine.rotary_rad_s;
     in_machine(from, to).norm() / to.feed_mm_min * 60.0 + turn_s
 }
@@ -57,7 +59,7 @@ fn in_machine(from: &Move, to: &Move) -> Vector3<f64> {
     at(to) - at(from)
 }
 
-fn limited_s(moves: &[Move], machine: &Machine) -> Result<f64, MachiningError> {
+fn limited_s(moves: &[Move], machine: &MachineSpec) -> Result<f64, MachiningError> {
     let Some(first) = moves.first() else { return Ok(0.0) };
     Ok(prepared(first, moves, machine)?.duration_s(&caps_mm_s(moves, 1.0))?)
 }
@@ -70,7 +72,7 @@ fn caps_mm_s(moves: &[Move], by: f64) -> Vec<f64> {
 
 /// The least factor of the feed, to a hundredth, with which the moves take no longer than `most_s` under the machine's accelerations; `None` where
 /// `most` is not enough.
-pub(crate) fn faster(moves: &[Move], machine: &Machine, most: f64, most_s: f64) -> Option<f64> {
+pub(crate) fn faster(moves: &[Move], machine: &MachineSpec, most: f64, most_s: f64) -> Option<f64> {
     let path = prepared(moves.first()?, moves, machine).ok()?;
     let meets = |by: f64| path.duration_s(&caps_mm_s(moves, by)).is_ok_and(|takes_s| takes_s <= most_s);
     let (mut low, mut high) = (1.0, most);
@@ -85,7 +87,7 @@ pub(crate) fn faster(moves: &[Move], machine: &Machine, most: f64, most_s: f64) 
 }
 
 /// The machine's axes along the moves.
-fn prepared(first: &Move, moves: &[Move], machine: &Machine) -> Result<PreparedPath, MachiningError> {
+fn prepared(first: &Move, moves: &[Move], machine: &MachineSpec) -> Result<PreparedPath, MachiningError> {
     let fastest = machine.rapid_mm_min.max(machine.max_feed_mm_min) / 60.0;
     let rotary = machine.rotary_rad_s;
     // the rotary axis reaches its speed within the same time as the linear ones

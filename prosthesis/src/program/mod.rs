@@ -13,27 +13,31 @@
 //! (P without a point in milliseconds; a number without a point is in the least increment).
 //!
 //! ```
-//! # use bonemill_prosthesis::machining::{Block, Job, Kind, Machine, Move, Process, Side, Tool};
+//! # use bonemill_case::prosthesis::{CutSense, GCode, MachineKind, MachineSpec, OnFlange, ProcessSpec};
+//! # use bonemill_prosthesis::machining::{Block, Job, Kind, Move, Side, Tool};
 //! # let job = Job {
 //! #     block: Block { low_mm: [-20.0, -8.0, -30.0].into(), high_mm: [20.0, 8.0, 20.0].into(), grip_mm: 10.0 },
 //! #     tool: Tool { radius_mm: 1.5, corner_radius_mm: 0.0, flutes: 1, length_mm: 20.0, holder: vec![] },
-//! #     process: Process {
+//! #     process: ProcessSpec {
 //! #         spindle_rpm: 8500.0, feed_per_tooth_mm: 0.04, side_load: 0.6, depth_of_cut: 0.7, finishing_step_mm: 0.1, strip_mm: 1.0,
-//! #         clearance_mm: 3.0, climb: true,
+//! #         clearance_mm: 3.0, sense: CutSense::Climb,
 //! #     },
-//! #     machine: Machine {
+//! #     machine: MachineSpec {
+//! #         kind: MachineKind::FiveAxis, dialect: GCode::Haas, on_flange: OnFlange::Spindle,
 //! #         travel_mm: [200.0; 3], rotary_range_rad: [-6.3, 6.3], max_feed_mm_min: 1500.0, rapid_mm_min: 1500.0, rotary_rad_s: 1.0,
 //! #         acceleration_mm_s2: 500.0, jerk_mm_s3: 5000.0, max_time_min: None,
 //! #     },
 //! # };
-//! use bonemill_prosthesis::program::{Dialect, write};
+//! use bonemill_prosthesis::program::write;
 //! let to = |kind, y| Move { side: Side::A, kind, tip_mm: [1.0, y, -3.0].into(), a_rad: 0.0, feed_mm_min: 340.0, time_s: 0.0 };
-//! let text = write(&[to(Kind::Link, 12.0), to(Kind::Rough, 2.5)], &job, Dialect::Haas, &[]);
+//! let text = write(&[to(Kind::Link, 12.0), to(Kind::Rough, 2.5)], &job, &[]);
 //! assert!(text.contains("G53 G0 Z0.000\nT1 M6\nG0 A0.000\n") && text.contains("G0 X1.000 Y3.000\nG0 Z12.000\nG1 Z2.500 F340.00\n"));
 //! assert!(text.contains("G4 P3000\n") && text.contains("(block at A0: X -20.000 to 20.000, Y -20.000 to 30.000, Z -8.000 to 8.000)"));
 //! ```
 
 use std::fmt::Write;
+
+use bonemill_case::prosthesis::GCode;
 
 use crate::machining::{Facing, Job, Move, Side};
 
@@ -44,23 +48,13 @@ const SPIN_UP_S: u32 = 3;
 /// Longest comment; LinuxCNC reads lines of up to 255 characters.
 const COMMENT: usize = 200;
 
-/// Whose G-code is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Dialect {
-    /// LinuxCNC: G4 P in seconds.
-    LinuxCnc,
-    /// Fanuc: G4 P in milliseconds, between `%`, with a program number of four digits.
-    Fanuc,
-    /// Haas: the same with five digits.
-    Haas,
-}
-
 /// The program of some moves. The first places the tip above the block; the program ends there too, the spindle off.
 ///
 /// `shortfalls` are why it must not be run: with any, it stops in its first line.
-pub fn write(moves: &[Move], job: &Job, dialect: Dialect, shortfalls: &[String]) -> String {
+pub fn write(moves: &[Move], job: &Job, shortfalls: &[String]) -> String {
+    let dialect = job.machine.dialect;
     let mut text = Text::default();
-    text.head(job, dialect, shortfalls);
+    text.head(job, shortfalls);
     let mut side = None;
     for step in moves {
         let a_deg = match Facing::of(step.a_rad) {
@@ -74,8 +68,8 @@ pub fn write(moves: &[Move], job: &Job, dialect: Dialect, shortfalls: &[String])
         if side.is_none() {
             text.line(&format!("S{:.0} M3", job.process.spindle_rpm));
             text.line(&match dialect {
-                Dialect::LinuxCnc => format!("G4 P{SPIN_UP_S}"),
-                Dialect::Fanuc | Dialect::Haas => format!("G4 P{}", 1000 * SPIN_UP_S),
+                GCode::LinuxCnc => format!("G4 P{SPIN_UP_S}"),
+                GCode::Fanuc | GCode::Haas => format!("G4 P{}", 1000 * SPIN_UP_S),
             });
         }
         if side != Some(step.side) {
@@ -85,7 +79,7 @@ pub fn write(moves: &[Move], job: &Job, dialect: Dialect, shortfalls: &[String])
         text.step(step);
     }
     text.home();
-    if dialect != Dialect::LinuxCnc {
+    if dialect != GCode::LinuxCnc {
         text.line("%");
     }
     text.out
@@ -135,11 +129,11 @@ impl Text {
     }
 
     /// What must hold before the first motion, and what is mounted.
-    fn head(&mut self, job: &Job, dialect: Dialect, shortfalls: &[String]) {
-        match dialect {
-            Dialect::LinuxCnc => {}
-            Dialect::Fanuc => self.line("%\nO0001"),
-            Dialect::Haas => self.line("%\nO00001"),
+    fn head(&mut self, job: &Job, shortfalls: &[String]) {
+        match job.machine.dialect {
+            GCode::LinuxCnc => {}
+            GCode::Fanuc => self.line("%\nO0001"),
+            GCode::Haas => self.line("%\nO00001"),
         }
         match shortfalls {
             [] => self.line("(bonemill: a part from a block, X Y Z in mm, A in degrees)"),

@@ -1,7 +1,8 @@
 //! Small parts as meshes, and the job that they are milled with.
 
+use bonemill_case::prosthesis::{CutSense, GCode, MachineKind, MachineSpec, OnFlange, ProcessSpec};
 use bonemill_geometry::{Block, Mesh, Point};
-use bonemill_prosthesis::machining::{Block as Stock, HolderSegment, Job, Machine, Process, Tool};
+use bonemill_prosthesis::machining::{Block as Stock, HolderSegment, Job, Tool};
 use bonemill_verify::proof::ProofJob;
 use nalgebra::Vector3;
 
@@ -85,7 +86,7 @@ pub fn job(part: &Mesh<Block>, tool: Tool) -> Job {
     Job {
         block: Stock { low_mm: low - gap - Vector3::new(0.0, 0.0, 4.0), high_mm: high + gap, grip_mm: 8.0 },
         tool,
-        process: Process {
+        process: ProcessSpec {
             spindle_rpm: 8500.0,
             feed_per_tooth_mm: 0.0381,
             side_load,
@@ -93,9 +94,12 @@ pub fn job(part: &Mesh<Block>, tool: Tool) -> Job {
             finishing_step_mm: 0.1,
             strip_mm,
             clearance_mm: 3.0,
-            climb: true,
+            sense: CutSense::Climb,
         },
-        machine: Machine {
+        machine: MachineSpec {
+            kind: MachineKind::FiveAxis,
+            dialect: GCode::LinuxCnc,
+            on_flange: OnFlange::Spindle,
             travel_mm: [300.0, 300.0, 300.0],
             rotary_range_rad: [-6.3, 6.3],
             max_feed_mm_min: 1524.0,

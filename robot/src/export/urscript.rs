@@ -13,6 +13,7 @@
 //! The controller's speed slider stretches the time of all steps equally. Speeds are checked here, so that no step exceeds
 //! a joint's limit.
 
+use crate::stream::{TOOL_MM, TOOL_RAD};
 use std::io::Write;
 
 use bonemill_arm::RobotError;
@@ -67,10 +68,6 @@ pub struct ScriptHold {
 
 /// Farthest of a joint from the first row that the program moves it by itself, rad. Assumed.
 const START_RAD: f64 = 0.35;
-/// How far the controller's tool may be from the plan's at the first row, mm and rad, as in streaming.
-const TOOL_MM: f64 = 0.1;
-const TOOL_RAD: f64 = 2e-3;
-
 /// Largest lag of the arm on its path, s: several times the 34 ms that users measured for `servoj`. Assumed.
 const LATE_S: f64 = 0.2;
 /// Number of past places of the path that the program keeps.

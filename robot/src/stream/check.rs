@@ -14,9 +14,9 @@ use crate::stream::tube::BLOCK;
 use crate::stream::watch::Watch;
 
 /// How far the controller's tool pose may be from the plan's, mm. Assumed: a tenth of a common clearance.
-const TOOL_MM: f64 = 0.1;
+pub(crate) const TOOL_MM: f64 = 0.1;
 /// How far it may be turned, rad. Assumed: 0.1 mm at 50 mm.
-const TOOL_RAD: f64 = 2e-3;
+pub(crate) const TOOL_RAD: f64 = 2e-3;
 /// How far the payloads may differ, kg. Assumed.
 const PAYLOAD_KG: f64 = 0.05;
 /// Speed fraction above which the slider counts as being at 100 %.

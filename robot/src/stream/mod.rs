@@ -32,6 +32,8 @@ mod track;
 mod tube;
 mod watch;
 
+pub(crate) use check::{TOOL_MM, TOOL_RAD};
+
 pub use cause::{Cause, Event, Outcome, Question, SpindleEnd};
 pub use drive::{Operator, drive};
 pub use error::StreamError;
