@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use bonemill_planner::case::prosthesis::ProsthesisJob;
 use bonemill_planner::plan::{Replace, StagedDirectory};
-use bonemill_planner::stages;
 use bonemill_prosthesis::{ProsthesisError, ProsthesisPlan as RustPlan, plan, save};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2};
