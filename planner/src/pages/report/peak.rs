@@ -1,27 +1,27 @@
-//! The largest force of a plan: its place and time, and whether it occurs at a single waypoint.
+//! The largest force of a plan: its place and time, and whether it occurs in a single move.
 
 use bonemill_planfile::Waypoint;
 
-/// A peak is at a single waypoint if the forces before and after it are below this share of its own.
+/// A peak is in a single move if the largest forces of those before and after are below this share of its own.
 const ALONE: f64 = 0.5;
 
-/// The waypoint with the largest force.
+/// The move with the largest force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Peak {
-    /// The waypoint.
+    /// The waypoint to which it goes.
     pub index: usize,
-    /// Its force, N.
+    /// Its largest force, N.
     pub force_n: f64,
-    /// Forces at the waypoints before and after, N.
+    /// The largest forces of the moves before and after, N.
     pub beside_n: [f64; 2],
-    /// Whether the burr comes from a move that removes nothing, and only this waypoint has so large a force.
+    /// Whether the burr comes from a move that removes nothing, and only this move has so large a force.
     pub single_entry: bool,
 }
 
 impl Peak {
-    /// The largest force, the first of equals, among the waypoints for which `counts` is true; `None` without a force.
+    /// The largest force, the first of equals, among the moves for which `counts` is true; `None` without a force.
     fn among(waypoints: &[Waypoint], counts: impl Fn(&Peak) -> bool) -> Option<Self> {
-        let force_n = |n: Option<usize>| n.and_then(|n| waypoints.get(n)).map_or(0.0, |w| w.force_n.norm());
+        let force_n = |n: Option<usize>| n.and_then(|n| waypoints.get(n)).map_or(0.0, |w| w.peak_force_n);
         let peak = |index: usize| {
             let beside_n = [index.checked_sub(1), index.checked_add(1)].map(force_n);
             let own_n = force_n(Some(index));
@@ -40,19 +40,22 @@ impl Peak {
 
     /// The report's sentences about it.
     pub fn sentence(&self, waypoints: &[Waypoint]) -> String {
-        let mut text =
-            format!("The largest force, {:.2} N, is at {}", self.force_n, place(waypoints, self.index));
+        let mut text = format!(
+            "The largest force, {:.2} N, is in the move to {}",
+            self.force_n,
+            place(waypoints, self.index)
+        );
         let [before, after] = self.beside_n;
         if !self.single_entry {
-            return text + &format!("; the waypoints before and after have {before:.2} and {after:.2} N.");
+            return text + &format!("; those before and after have up to {before:.2} and {after:.2} N.");
         }
         text += &format!(
-            ": a single waypoint at which the burr enters material again after a move through air (the waypoints before and after \
-             have {before:.2} and {after:.2} N)."
+            ": a single move with which the burr enters material again after one through air (those before and after \
+             have up to {before:.2} and {after:.2} N)."
         );
         if let Some(other) = Self::among(waypoints, |p| !p.single_entry) {
             text += &format!(
-                " Apart from single waypoints of re-entry the largest is {:.2} N at {}.",
+                " Apart from single moves of re-entry the largest is {:.2} N in the move to {}.",
                 other.force_n,
                 place(waypoints, other.index)
             );
@@ -95,7 +98,7 @@ mod tests {
             driven_mm_s: 1.0,
             mass_mg: *force_n,
             inertia: None,
-            force_n: Vector3::x() * *force_n,
+            force_n: Vector3::x() * 0.5 * *force_n,
             peak_force_n: *force_n,
             mean_force_n: *force_n,
             force_toward_n: None,
@@ -115,20 +118,25 @@ mod tests {
         assert_eq!((peak.index, peak.single_entry), (2, false));
         let text = peak.sentence(&path);
         assert!(
-            text.starts_with("The largest force, 1.50 N, is at waypoint 2 (2.0 s, layer 2, cut); "),
+            text.starts_with(
+                "The largest force, 1.50 N, is in the move to waypoint 2 (2.0 s, layer 2, cut); "
+            ),
             "{text}"
         );
         assert!(text.contains("1.00 and 1.20 N"), "{text}");
     }
 
     #[test]
-    fn a_single_waypoint_of_re_entry_is_said_to_be_one_and_the_next_largest_is_told() {
+    fn a_single_move_of_re_entry_is_said_to_be_one_and_the_next_largest_is_told() {
         let path = path(&[0.0, 1.0, 1.5, 1.2, 0.0, 4.0, 0.3, 0.0]);
         let peak = Peak::of(&path).unwrap();
         assert!(peak.index == 5 && peak.single_entry);
         let text = peak.sentence(&path);
-        assert!(text.contains("a single waypoint at which the burr enters material again"), "{text}");
-        assert!(text.ends_with("the largest is 1.50 N at waypoint 2 (2.0 s, layer 2, cut)."), "{text}");
+        assert!(text.contains("a single move with which the burr enters material again"), "{text}");
+        assert!(
+            text.ends_with("the largest is 1.50 N in the move to waypoint 2 (2.0 s, layer 2, cut)."),
+            "{text}"
+        );
         assert_eq!(Peak::of(&path[..1]), None);
     }
 }
