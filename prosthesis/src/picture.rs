@@ -10,6 +10,9 @@ use nalgebra::{Matrix3, Vector3};
 /// Width of a picture, pixels.
 const WIDTH: usize = 720;
 
+/// Height of the strip with the scale, pixels.
+const SCALE_STRIP: usize = 40;
+
 /// Red, green, blue.
 pub(crate) type Colour = [u8; 3];
 
@@ -152,15 +155,17 @@ impl Picture {
     /// As an SVG figure with a bar of 10 mm; `caption` is plain text.
     pub(crate) fn figure(&self, caption: &str) -> String {
         let (w, h) = (self.width, self.height);
-        let (x, y, bar) = (14.0, h as f64 - 14.0, 10.0 * self.scale);
+        // below the picture, so that it lies on none of its lines
+        let (whole, y, bar) = (h + SCALE_STRIP, h as f64 + 28.0, 10.0 * self.scale);
         format!(
-            "<figure><figcaption>{caption}</figcaption><svg class=\"drawn\" viewBox=\"0 0 {w} {h}\" role=\"img\" aria-label=\"{caption}\">\
+            "<figure><figcaption>{caption}</figcaption><svg class=\"drawn\" viewBox=\"0 0 {w} {whole}\" role=\"img\" aria-label=\"{caption}\">\
              <image width=\"{w}\" height=\"{h}\" href=\"data:image/png;base64,{}\"/>\
-             <rect x=\"{x}\" y=\"{:.1}\" width=\"{bar:.1}\" height=\"5\" fill=\"#222\"/>\
-             <text x=\"{x}\" y=\"{:.1}\" font-size=\"20\" fill=\"#222\">10 mm</text></svg></figure>",
+             <rect x=\"14\" y=\"{:.1}\" width=\"{bar:.1}\" height=\"5\" fill=\"#222\"/>\
+             <text x=\"{:.1}\" y=\"{:.1}\" font-size=\"20\" fill=\"#222\">10 mm</text></svg></figure>",
             base64::engine::general_purpose::STANDARD.encode(self.png()),
-            y - 5.0,
-            y - 10.0
+            y - 12.0,
+            bar + 24.0,
+            y - 2.0
         )
     }
 
