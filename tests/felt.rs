@@ -4,7 +4,7 @@ use std::fs;
 
 use crate::support::figures::figure;
 use crate::support::{body, place::Place};
-use bonemill_planner::plan::StoredPlan;
+use bonemill_planner::plan::{StoredPlan, Waypoint};
 
 /// A case in which nothing is chosen: straight shaft, one speed, lines along work x.
 const STILL: &str = "[orientation]\nmode = \"fixed\"\n\n[speed]\nmode = \"constant\"\n";
@@ -167,6 +167,21 @@ fn a_plan_takes_the_time_of_a_plain_one_and_is_nowhere_above_a_straight_shaft() 
     let peaks = ["plan", "straight", "control_1"].map(|who| of(who, "peak_force_n"));
     assert!(peaks[0] <= peaks[1] * 1.02, "peaks {peaks:?}");
     assert!(of("plan", "peak_force_n") < of("control_1", "peak_force_n"));
+}
+
+/// A cap on force slows what pushes, not the moves on the way.
+#[test]
+fn under_force_caps_what_cuts_nothing_does_not_crawl() {
+    let place = Place::healthy().with_case("[speed]\n", "[speed]\nmode = \"force_limited\"\nforce_n = 0.9\n");
+    // what it cannot keep is another matter
+    place.plan();
+    let plan = StoredPlan::load(&place.path("plan")).unwrap();
+    let least_mm_s = plan.record.case.speed.min_mm_s;
+    let is_idle = |w: &&Waypoint| w.mass_mg == 0.0 && w.peak_force_n == 0.0;
+    let idle: Vec<&Waypoint> = plan.waypoints.iter().skip(1).filter(is_idle).collect();
+    assert!(idle.len() > 20, "{} moves cut nothing", idle.len());
+    let slow = idle.iter().filter(|w| w.speed_mm_s < least_mm_s).count();
+    assert_eq!(slow, 0, "of {}", idle.len());
 }
 
 #[test]

@@ -46,7 +46,12 @@ pub const ALL: &[Fault] = &[
     Fault {
         name: "the largest force toward the nerve halved",
         plant: |p| largest_force(p).force_toward_n *= 0.5,
-        caught_by: &["forces.csv/force_toward_n", "figures/structures.nerve.mean_force_toward_n"],
+        caught_by: &["forces.csv/force_toward_n"],
+    },
+    Fault {
+        name: "a mean within a move halved",
+        plant: |p| largest_force(p).mean_toward_n *= 0.5,
+        caught_by: &["figures/structures.nerve.mean_force_toward_n"],
     },
     Fault {
         name: "the peak of the force toward the nerve halved",
@@ -70,6 +75,23 @@ pub const ALL: &[Fault] = &[
         name: "a least distance overstated",
         plant: |p| *structure_figure(p, &["nerve", "least_surface_distance_mm"]) = 1.5.into(),
         caught_by: &["figures/structures.nerve.least_surface_distance_mm"],
+    },
+    Fault {
+        name: "a cut that is said to remove nothing and is slower than a skin may ask for",
+        plant: |p| {
+            let row = largest_force(p).waypoint;
+            p.waypoints[row].mass_mg = 0.0;
+            p.waypoints[row].speed_mm_s = 0.09 * p.record.case.speed.min_mm_s;
+        },
+        caught_by: &["rows/caps of cuts lie in the range"],
+    },
+    Fault {
+        name: "a mean within a move above its peak",
+        plant: |p| {
+            let row = largest_force(p);
+            row.mean_toward_n = row.peak_toward_n + 0.01;
+        },
+        caught_by: &["forces.csv/mean_toward_n", "figures/structures.nerve.mean_force_toward_n"],
     },
     Fault {
         name: "the peak placed at another waypoint",

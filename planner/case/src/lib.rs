@@ -17,6 +17,7 @@ mod parse_channel;
 mod parse_robot;
 mod parse_tool;
 pub mod prosthesis;
+mod rank;
 mod reference;
 mod relations;
 mod suggest;
@@ -377,15 +378,6 @@ impl SpeedCaps {
         .into_iter()
         .flatten()
         .collect()
-    }
-}
-
-impl Case {
-    /// The priority of a structure over the smallest: 1 for the most important, infinite for one that the case does not have.
-    pub fn rank(&self, structure: usize) -> f64 {
-        let smallest = self.structures.iter().map(|s| s.priority).min();
-        let highest = smallest.map_or(1.0, f64::from);
-        self.structures.get(structure).map_or(f64::INFINITY, |s| f64::from(s.priority) / highest)
     }
 }
 
