@@ -78,6 +78,17 @@ pub(super) fn mean_of_move(
     places.fold(rest * at(end), |sum, place| sum + place.share * at(&place.force))
 }
 
+/// Forces of a move between which all of its forces lie: those at its greatest speed, mm/s, and, as far as edges push without a chip,
+/// those as it comes to rest. A component toward a structure may be larger there.
+pub(super) fn extremes_of_move<'a>(
+    end: Option<&'a EngagedForce>,
+    within: &'a [ForceWithin],
+    driven_mm_s: f64,
+) -> impl Iterator<Item = Vector3<f64>> + 'a {
+    let places = end.into_iter().chain(within.iter().map(|place| &place.force));
+    places.flat_map(move |force| [force.force_n(driven_mm_s), force.edge_n])
+}
+
 /// Forces along a move, by the shares of its way at which they are, the last at its end: all but the last, each with the share of the way
 /// that is nearest to it.
 fn shared(mut places: Vec<(f64, EngagedForce)>) -> Vec<ForceWithin> {

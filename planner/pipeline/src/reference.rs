@@ -25,7 +25,7 @@ use nalgebra::Vector3;
 use super::PlanError;
 use super::attempt::Start;
 use super::levels;
-use super::path_forces::{ForceWithin, ForcedPath, MoveForces, mean_of_move};
+use super::path_forces::{ForceWithin, ForcedPath, MoveForces, extremes_of_move, mean_of_move};
 use super::prepared::{feeds, spacing};
 use super::raster::Raster;
 use super::reach::lengths;
@@ -251,8 +251,7 @@ impl StructureForces {
         let (mut cutting_s, mut impulse, mut peak_n) = (0.0, 0.0, 0f64);
         for (row, end) in ends.iter().enumerate() {
             let within = within.get(row).map_or(&[][..], Vec::as_slice);
-            let forces = end.iter().chain(within.iter().map(|place| &place.force));
-            let peaks: Vec<_> = forces.map(|force| force.force_n(speed_mm_s[row])).collect();
+            let peaks: Vec<_> = extremes_of_move(end.as_ref(), within, speed_mm_s[row]).collect();
             let largest_n = peaks.iter().map(|force| force.norm()).fold(0.0, f64::max);
             peak_n = peak_n.max(largest_n);
             let taken = if end.is_some() { seconds[row] } else { 0.0 };

@@ -6,7 +6,7 @@ use bonemill_setup::nearest_structures::NearStructure;
 use nalgebra::Vector3;
 
 use super::attempt::Attempt;
-use super::path_forces::mean_of_move;
+use super::path_forces::{extremes_of_move, mean_of_move};
 use super::push::Push;
 
 impl Attempt<'_> {
@@ -79,10 +79,10 @@ impl Attempt<'_> {
         }
     }
 
-    /// Forces at places within the move to waypoint i at the greatest speed that is driven, work, N.
+    /// Forces that bound those of the move to waypoint i as it is driven, work, N.
     fn peaks(&self, i: usize) -> impl Iterator<Item = Vector3<f64>> {
-        let speed = self.timing.driven.driven_mm_s[i];
-        self.chosen.within[i].iter().map(move |place| place.force.force_n(speed))
+        let driven_mm_s = self.timing.driven.driven_mm_s[i];
+        extremes_of_move(self.chosen.forces[i].as_ref(), &self.chosen.within[i], driven_mm_s)
     }
 
     /// The mean over the move to waypoint i of what is asked of the force, work.
