@@ -8,7 +8,7 @@
 //! planned is the one in part.stl, bit for bit; a block that was taken from a catalogue goes back unless the plan was kept; nothing
 //! in the files depends on when, where or on how many threads they were made.
 //!
-//! Not here: how a part is read and laid ([`bonemill_imaging::part`]), milled ([`bonemill_prosthesis::machining`]) or proved ([`bonemill_verify::proof`]).
+//! Not here: how a part is read and laid ([`bonemill_imaging::part`]), milled ([`machining`]) or proved ([`bonemill_verify::proof`]).
 
 mod block;
 pub mod catalogue;
