@@ -360,8 +360,8 @@ fn a_part_outside_its_block_or_in_the_grip_is_refused_with_the_place() {
     small.block.high_mm = Vector3::new(5.0, 10.0, 20.0);
     assert!(matches!(plan(&part, &small), Err(MachiningError::Outside { axis: 'x', .. })));
     let mut bad = job(&part, flat());
-    bad.block.grip_mm = f64::NAN;
-    assert!(matches!(plan(&part, &bad), Err(MachiningError::Value { what: "grip", .. })));
+    bad.process.side_load = f64::NAN;
+    assert!(matches!(plan(&part, &bad), Err(MachiningError::Value { what: "side load", .. })));
     let empty = Mesh { vertices: vec![], triangles: vec![] };
     assert!(matches!(plan(&empty, &job(&part, flat())), Err(MachiningError::Mesh { .. })));
 }

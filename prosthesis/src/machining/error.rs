@@ -6,16 +6,16 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum MachiningError {
     /// A number is out of range.
-    #[error("{what} is {value} mm, expected {low} to {high}")]
+    #[error("{what} is {value} {unit}, expected {expected}")]
     Value {
         /// What the number is.
         what: &'static str,
-        /// The number, mm.
+        /// The number.
         value: f64,
-        /// The least that it may be, mm.
-        low: f64,
-        /// The most, mm.
-        high: f64,
+        /// Its unit.
+        unit: &'static str,
+        /// What was expected.
+        expected: &'static str,
     },
     /// The mesh has no triangle or a triangle names a vertex that is not there.
     #[error("the part's mesh is unusable at facet {facet}: {expected}")]

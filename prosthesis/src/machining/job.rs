@@ -1,4 +1,4 @@
-//! What a job consists of beside the part: block, tool, process and machine.
+//! What a job consists of beside the part: block, tool, process and machine, checked on entry so that inner code need not.
 
 use bonemill_case::prosthesis::{MachineSpec, ProcessSpec};
 use nalgebra::Vector3;
@@ -123,24 +123,55 @@ impl Job {
         self.level_mm() * self.process.side_load.min(1.0)
     }
 
-    /// The job, if its block is one; the other numbers are in the ranges of the job file.
+    /// The job, if every number is in range.
     ///
     /// # Errors
     /// [`MachiningError::Value`] that names the first number that is not.
     pub fn checked(&self) -> Result<(), MachiningError> {
+        let (t, p, m) = (&self.tool, &self.process, &self.machine);
         let size = self.block.high_mm - self.block.low_mm;
-        within("block size along x", size.x, 0.1..=1000.0)?;
-        within("block size along y", size.y, 0.1..=1000.0)?;
-        within("block size along z", size.z, 0.1..=1000.0)?;
-        within("grip", self.block.grip_mm, 0.0..=size.z)
+        within("block size along x", size.x, "mm", 0.1..=1000.0)?;
+        within("block size along y", size.y, "mm", 0.1..=1000.0)?;
+        within("block size along z", size.z, "mm", 0.1..=1000.0)?;
+        within("grip", self.block.grip_mm, "mm", 0.0..=size.z)?;
+        within("tool radius", t.radius_mm, "mm", 0.05..=50.0)?;
+        within("corner radius", t.corner_radius_mm, "mm", 0.0..=t.radius_mm)?;
+        within("tool length", t.length_mm, "mm", 0.1..=500.0)?;
+        within("flutes", f64::from(t.flutes), "", 1.0..=20.0)?;
+        for piece in &t.holder {
+            within("holder segment length", piece.length_mm, "mm", 0.0..=1000.0)?;
+            within("holder segment radius", piece.radius_mm, "mm", 0.0..=500.0)?;
+        }
+        within("spindle speed", p.spindle_rpm, "1/min", 1.0..=1e6)?;
+        within("feed per tooth", p.feed_per_tooth_mm, "mm", 1e-5..=10.0)?;
+        within("side load", p.side_load, "of the diameter", 0.05..=1.0)?;
+        within("depth of cut", p.depth_of_cut, "of the diameter", 0.02..=10.0)?;
+        within("finishing step", p.finishing_step_mm, "mm", 0.01..=5.0)?;
+        within("holding strip", p.strip_mm, "mm", 0.05..=50.0)?;
+        within("clearance", p.clearance_mm, "mm", 0.1..=100.0)?;
+        for travel in m.travel_mm {
+            within("travel", travel, "mm", 1.0..=1e5)?;
+        }
+        for angle in m.rotary_range_rad {
+            within("rotary range", angle, "rad", -100.0..=100.0)?;
+        }
+        within("fastest feed", m.max_feed_mm_min, "mm/min", 1.0..=1e6)?;
+        within("rapid speed", m.rapid_mm_min, "mm/min", 1.0..=1e6)?;
+        within("rotary speed", m.rotary_rad_s, "rad/s", 1e-3..=1e3)?;
+        within("acceleration", m.acceleration_mm_s2, "mm/s²", 1.0..=1e6)?;
+        within("jerk", m.jerk_mm_s3, "mm/s³", 1.0..=1e9)?;
+        m.max_time_min.map_or(Ok(()), |t| within("longest time", t, "min", 0.01..=1e5))
     }
 }
 
 fn within(
     what: &'static str,
     value: f64,
+    unit: &'static str,
     range: std::ops::RangeInclusive<f64>,
 ) -> Result<(), MachiningError> {
-    let [low, high] = [*range.start(), *range.end()];
-    if range.contains(&value) { Ok(()) } else { Err(MachiningError::Value { what, value, low, high }) }
+    if range.contains(&value) {
+        return Ok(());
+    }
+    Err(MachiningError::Value { what, value, unit, expected: "a number in the range of the documentation" })
 }
