@@ -5,6 +5,7 @@
 
 use base64::Engine;
 use bonemill_geometry::{Block, Mesh};
+use bonemill_planfile::page;
 use nalgebra::{Matrix3, Vector3};
 
 /// Width of a picture, pixels.
@@ -162,20 +163,11 @@ impl Picture {
              <image width=\"{w}\" height=\"{h}\" href=\"data:image/png;base64,{}\"/>\
              <rect x=\"14\" y=\"{:.1}\" width=\"{bar:.1}\" height=\"5\" fill=\"#222\"/>\
              <text x=\"{:.1}\" y=\"{:.1}\" font-size=\"20\" fill=\"#222\">10 mm</text></svg></figure>",
-            base64::engine::general_purpose::STANDARD.encode(self.png()),
+            base64::engine::general_purpose::STANDARD.encode(page::png(w, h, self.pixels.as_flattened())),
             y - 12.0,
             bar + 24.0,
             y - 2.0
         )
-    }
-
-    /// The picture as PNG; empty if it could not be encoded.
-    fn png(&self) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);
-        encoder.set_color(png::ColorType::Rgb);
-        let written = encoder.write_header().and_then(|mut w| w.write_image_data(self.pixels.as_flattened()));
-        if written.is_ok() { bytes } else { Vec::new() }
     }
 }
 

@@ -65,13 +65,16 @@ pub struct ForceWithin {
     share: f64,
 }
 
-/// The mean over a move that is driven at a mean speed, mm/s, of what is asked of the force.
+/// The mean over a move, of a length, mm, a time, s, and a greatest speed, mm/s, of what is asked of the force at its mean speed; 0 for a
+/// move that removes nothing where it ends.
 pub(super) fn mean_of_move(
-    end: &EngagedForce,
+    end: Option<&EngagedForce>,
     within: &[ForceWithin],
-    mean_mm_s: f64,
+    [length_mm, seconds, driven_mm_s]: [f64; 3],
     of: impl Fn(&Vector3<f64>) -> f64,
 ) -> f64 {
+    let Some(end) = end.filter(|_| seconds > 0.0) else { return 0.0 };
+    let mean_mm_s = (length_mm / seconds).min(driven_mm_s);
     let at = |force: &EngagedForce| of(&force.force_n(mean_mm_s));
     let rest = 1.0 - within.iter().map(|place| place.share).sum::<f64>();
     let places = within.iter().filter(|place| place.share > 0.0);
@@ -233,10 +236,10 @@ mod tests {
         };
         let within = shared([0.5, 0.1, 0.9, 1.0].map(|share| (share, at(share))).into());
         assert_eq!(within.len(), 3);
-        let mean = |of: fn(&Vector3<f64>) -> f64| mean_of_move(&at(1.0), &within, 2.0, of);
+        let mean = |of: fn(&Vector3<f64>) -> f64| mean_of_move(Some(&at(1.0)), &within, [2.0, 1.0, 2.0], of);
         // exact but for the first tenth, which counts as its end
         assert!((mean(|force| force.x) - 2.0 * (0.7 + 0.005)).abs() < 1e-12);
         assert!((mean(|force| force.y) - 0.3).abs() < 1e-12);
-        assert_eq!(mean_of_move(&at(1.0), &[], 2.0, |force| force.x), 2.4);
+        assert_eq!(mean_of_move(Some(&at(1.0)), &[], [2.0, 1.0, 2.0], |force| force.x), 2.4);
     }
 }

@@ -255,10 +255,8 @@ impl StructureForces {
             let largest_n = peaks.iter().map(|force| force.norm()).fold(0.0, f64::max);
             peak_n = peak_n.max(largest_n);
             let taken = if end.is_some() { seconds[row] } else { 0.0 };
-            let mean_mm_s = if taken > 0.0 { (length_mm[row] / taken).min(speed_mm_s[row]) } else { 0.0 };
-            let mean_of = |of: &dyn Fn(&Vector3<f64>) -> f64| {
-                end.as_ref().map_or(0.0, |end| mean_of_move(end, within, mean_mm_s, of))
-            };
+            let driven = [length_mm[row], taken, speed_mm_s[row]];
+            let mean_of = |of: &dyn Fn(&Vector3<f64>) -> f64| mean_of_move(end.as_ref(), within, driven, of);
             cutting_s += taken;
             impulse += taken * mean_of(&Vector3::norm);
             for n in near[row].iter().filter(|_| !peaks.is_empty()) {

@@ -38,7 +38,7 @@ impl Attempt<'_> {
             mass_mg: moments.mass_mg(),
             inertia: cuts.then(|| moments.inertia_normalised(axis_work)),
             force_n: scene.ct_from_work.rotate(&push.force_n),
-            peak_force_n: self.peaks(i).map(|force| force.norm()).fold(push.force_n.norm(), f64::max),
+            peak_force_n: self.peaks(i).map(|force| force.norm()).fold(0.0, f64::max),
             mean_force_n: self.mean(i, Vector3::norm),
             force_toward_n: toward.map(|t| t.force_n),
             structure: nearest.map(|n| n.structure),
@@ -73,7 +73,7 @@ impl Attempt<'_> {
             peak_toward_n: self
                 .peaks(waypoint)
                 .map(|force| force.dot(&near.proximity.toward))
-                .fold(toward.force_n, f64::max),
+                .fold(0.0, f64::max),
             mean_toward_n: self.mean(waypoint, |force| force.dot(&near.proximity.toward).max(0.0)),
             deflection_toward_um: toward.deflection_um,
         }
@@ -88,10 +88,9 @@ impl Attempt<'_> {
     /// The mean over the move to waypoint i of what is asked of the force, work.
     fn mean(&self, i: usize, of: impl Fn(&Vector3<f64>) -> f64) -> f64 {
         let driven = &self.timing.driven;
-        let took_s = driven.times_s[i] - i.checked_sub(1).map_or(0.0, |before| driven.times_s[before]);
-        let mean_mm_s = (self.prepared.length_mm()[i] / took_s).min(driven.driven_mm_s[i]);
-        let end = self.chosen.forces[i].filter(|_| took_s > 0.0);
-        end.map_or(0.0, |end| mean_of_move(&end, &self.chosen.within[i], mean_mm_s, of))
+        let seconds = driven.times_s[i] - i.checked_sub(1).map_or(0.0, |before| driven.times_s[before]);
+        let driven = [self.prepared.length_mm()[i], seconds, driven.driven_mm_s[i]];
+        mean_of_move(self.chosen.forces[i].as_ref(), &self.chosen.within[i], driven, of)
     }
 
     /// What pushes the burr at waypoint i.

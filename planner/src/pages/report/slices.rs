@@ -1,5 +1,6 @@
 //! The path over the CT in three planes through the target, as SVG with the image inlined as PNG.
 
+use bonemill_planfile::page;
 use std::fmt::Write;
 
 use base64::Engine;
@@ -168,16 +169,7 @@ fn png(scene: &Scene, plane: &Plane, cut: usize) -> Vec<u8> {
             });
         }
     }
-    let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    // writing to memory cannot fail for a buffer of the right size; if it did, only the picture would be missing
-    let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(&pixels));
-    if written.is_err() {
-        bytes.clear();
-    }
-    bytes
+    page::png(width, height, &pixels)
 }
 
 /// The structure that holds a point.
