@@ -180,9 +180,8 @@ impl Prepared<'_> {
     /// When the tool or the material is not usable.
     pub(super) fn look_finely(&self, choices: &Choices, chosen: &mut Chosen) -> Result<(), PlanError> {
         let case = &choices.applied_to(self.start.case);
-        let removes = |i: usize| self.reached.moments[i].mass_mg() > 0.0;
         let axes = &chosen.oriented.axes;
-        chosen.forces = self.forced().at_ends(case, axes, |_| true, removes)?;
+        self.forced().refine(case, axes, &mut chosen.forces, |_| true)?;
         let pushes = nominal_pushes(case, &chosen.forces, chosen.compliances.as_deref());
         chosen.costs = self.costs(&terms(case, &self.near)?, axes, &pushes);
         Ok(())
@@ -247,9 +246,14 @@ impl Prepared<'_> {
             with_motion.then(|| self.motion(case, &oriented.axes)).transpose()
         })?;
         let removes = |i: usize| reached.moments[i].mass_mg() > 0.0;
-        // axes for a goal are chosen several times: their forces are computed finely once they stand
-        let is_fine = |_| choices.goal.is_none();
-        let forces = watch.run("forces", || forced.at_ends(case, &oriented.axes, is_fine, removes))?;
+        let forces = watch.run("forces", || {
+            let mut forces = forced.at_ends(case, &oriented.axes, removes)?;
+            // axes for a goal are chosen several times: their forces are computed finely once they stand
+            if choices.goal.is_none() {
+                forced.refine(case, &oriented.axes, &mut forces, |_| true)?;
+            }
+            Ok::<_, PlanError>(forces)
+        })?;
         let compliances = motion.as_ref().map_or(Ok(None), |motion| compliance.along(&motion.resolved.q))?;
         let pushes = nominal_pushes(case, &forces, compliances.as_deref());
         let costs = self.costs(&terms, &oriented.axes, &pushes);

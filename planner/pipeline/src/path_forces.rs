@@ -6,7 +6,9 @@
 //! for a whole move, and a link would be slow over its length for some hundredths of a millimetre; `verify` finds what pushes there.
 
 use bonemill_case::Case;
-use bonemill_cutting::burr::{EngagedForce, Feed, ForceKernel, Material};
+use bonemill_cutting::burr::{
+    BoneAround, EngagedForce, EngagedSamples, Feed, ForceKernel, Material, OrientationKernel,
+};
 use bonemill_cutting::cutter::Ball;
 use bonemill_cutting::stock::removal::RemovalTime;
 use bonemill_geometry::{Base, Point, Rigid, Tool};
@@ -20,11 +22,16 @@ use rayon::prelude::*;
 
 use super::PlanError;
 use super::attempt::Start;
+use super::choose::{CHOICE_MERGED, CHOICE_SAMPLES};
 use super::speeds::JointMotion;
 
-/// Places within a move at which the force is computed, as shares of its way, besides its end: the first and the last lie in the
-/// roundings of its corners, where the burr moves in a direction between those of two moves.
-const WITHIN: [f64; 3] = [0.02, 0.5, 0.98];
+/// Places within a move at which the force is computed, as shares of its way, besides its end: its middle, and one in the rounding of each
+/// of its corners, where the burr moves in a direction between those of two moves. A move that goes straight on begins with the force at
+/// which the one before it ends.
+const MIDDLE: f64 = 0.5;
+const IN_CORNERS: [f64; 2] = [0.02, 0.98];
+/// Largest change of direction of a move that goes straight on, rad.
+const STRAIGHT_RAD: f64 = 1e-3;
 /// Between two such places it is computed in the middle where they differ by more than this share of the larger force ..
 const VARIES_SHARE: f64 = 0.05;
 /// .. and of the path's largest, as long as they are farther apart than this share of the way.
@@ -32,10 +39,6 @@ const VARIES_LEAST: f64 = 0.01;
 const APART: f64 = 0.07;
 /// Places around the one where a move comes back to a rounded corner and meets the skin there, as shares of its way.
 const AROUND_BACK: [f64; 4] = [-0.2, -0.06, 0.0, 0.06];
-/// Elements of the force sum where moves end, as stated.
-const FINE: [usize; 2] = tools::FORCE_ELEMENTS;
-/// The same within moves, while axes are still chosen, and far from structures along references.
-const COARSE: [usize; 2] = [32, 64];
 /// A corner by whose rounding the burr leaves the path less than this leaves no skin that counts, mm.
 const LEAST_CORNER_MM: f64 = 2e-3;
 
@@ -46,15 +49,6 @@ pub(super) struct ForcedPath<'a> {
     pub removal: &'a RemovalTime,
     pub points: &'a [PathPoint],
     pub feeds: &'a [Option<Unit<Vector3<f64>>>],
-}
-
-/// The forces of every move.
-#[derive(Debug)]
-pub(super) struct MoveForces {
-    /// Where it ends, if it is planned to remove something.
-    pub ends: Vec<Option<EngagedForce>>,
-    /// At places within it.
-    pub within: Vec<Vec<ForceWithin>>,
 }
 
 /// The force at a place within a move.
@@ -120,7 +114,7 @@ pub(super) fn around_back(swept: &SweptPath, i: usize) -> Vec<f64> {
 }
 
 impl ForcedPath<'_> {
-    /// Forces where moves end, of those that are planned to remove something: `removes(i)`; `is_fine(i)`: whether as finely as they are stated.
+    /// Forces where moves end, of those that are planned to remove something: `removes(i)`.
     ///
     /// # Errors
     /// When the tool or the material is not usable.
@@ -128,19 +122,47 @@ impl ForcedPath<'_> {
         &self,
         case: &Case,
         axes: &[Unit<Vector3<f64>>],
-        is_fine: impl Fn(usize) -> bool + Sync,
         removes: impl Fn(usize) -> bool + Sync,
     ) -> Result<Vec<Option<EngagedForce>>, PlanError> {
-        let [(fine, material), (coarse, _)] = [kernel(case, FINE)?, kernel(case, COARSE)?];
-        let ball = Ball { radius_mm: case.burr.radius_mm };
-        let swept = SweptPath::new(self.scene, self.removal, self.points, ball);
-        let force = |i: usize| {
+        let sampled = Sampled::new(case)?;
+        let swept = self.swept(case);
+        let force = |samples: &mut EngagedSamples, i: usize| {
             let feed = self.feeds[i].filter(|_| removes(i))?;
-            let kernel = if is_fine(i) { &fine } else { &coarse };
-            let mut bone = swept.bone_at(i as u32, kernel.sample_radius_mm(), |d| material.weight(d));
-            Some(kernel.engaged_force(&axes[i], &feed_of(case, &feed), &mut bone))
+            let weight = |density| sampled.material.weight(density);
+            let bone = swept.bone_at(i as u32, sampled.kernel.tool().radius_mm(), weight);
+            Some(sampled.force(samples, &axes[i], &feed_of(case, &feed), bone))
         };
-        Ok((0..self.points.len()).into_par_iter().map(force).collect())
+        Ok((0..self.points.len()).into_par_iter().map_init(EngagedSamples::default, force).collect())
+    }
+
+    /// Computes forces where moves end as finely as they are stated, where `is_stated(i)`.
+    ///
+    /// # Errors
+    /// When the tool or the material is not usable.
+    pub fn refine(
+        &self,
+        case: &Case,
+        axes: &[Unit<Vector3<f64>>],
+        ends: &mut [Option<EngagedForce>],
+        is_stated: impl Fn(usize) -> bool + Sync,
+    ) -> Result<(), PlanError> {
+        let tool = tools::tool(&case.burr)?;
+        let (material, measure) = tools::material(&case.material)?;
+        let fine = tools::discretisation(&tool, measure, tools::FORCE_ELEMENTS)?;
+        let kernel = ForceKernel::new(&tool, &material, &fine);
+        let swept = self.swept(case);
+        ends.par_iter_mut().enumerate().filter(|(i, _)| is_stated(*i)).for_each(|(i, end)| {
+            let (Some(force), Some(feed)) = (end, self.feeds[i]) else { return };
+            let weight = |density| material.weight(density);
+            let mut bone = swept.bone_at(i as u32, kernel.sample_radius_mm(), weight);
+            *force = kernel.engaged_force(&axes[i], &feed_of(case, &feed), &mut bone);
+        });
+        Ok(())
+    }
+
+    fn swept(&self, case: &Case) -> SweptPath<'_> {
+        let ball = Ball { radius_mm: case.burr.radius_mm };
+        SweptPath::new(self.scene, self.removal, self.points, ball)
     }
 
     /// The path as the arm drives it.
@@ -167,18 +189,19 @@ impl ForcedPath<'_> {
         motion: &ArmMotion,
         ends: &[Option<EngagedForce>],
     ) -> Result<Vec<Vec<ForceWithin>>, PlanError> {
-        let (kernel, material) = kernel(case, COARSE)?;
+        let sampled = Sampled::new(case)?;
         let swept = self.rounded((start, case), motion)?;
         let pushes = |force: &EngagedForce| force.force_n(case.speed.nominal_mm_s);
         let largest_n = ends.iter().flatten().map(|force| pushes(force).norm()).fold(0.0, f64::max);
         let of_move = |i: usize| {
             let at = |share: f64| {
-                let weight = |density| material.weight(density);
-                let (feed, mut bone) =
-                    swept.bone_within((i as u32, share), kernel.sample_radius_mm(), weight)?;
+                let weight = |density| sampled.material.weight(density);
+                let radius_mm = sampled.kernel.tool().radius_mm();
+                let (feed, bone) = swept.bone_within((i as u32, share), radius_mm, weight)?;
                 // the shaft turns during the move
                 let axis = Unit::new_normalize(axes[i.saturating_sub(1)].lerp(&axes[i], share));
-                Some(kernel.engaged_force(&axis, &feed_of(case, &feed), &mut bone))
+                let mut samples = EngagedSamples::default();
+                Some(sampled.force(&mut samples, &axis, &feed_of(case, &feed), bone))
             };
             let skins = around_back(&swept, i).into_iter().filter_map(at);
             let corner = ends[i].filter(|_| swept.is_rounded(i)).and_then(|_| at(1.0));
@@ -186,7 +209,12 @@ impl ForcedPath<'_> {
             let mut found: Vec<ForceWithin> =
                 skins.chain(corner).filter(cuts).map(|force| ForceWithin { force, share: 0.0 }).collect();
             if let Some(end) = &ends[i] {
-                let first = WITHIN.iter().filter_map(|share| Some((*share, at(*share)?)));
+                let found_at = |share: f64| Some((share, at(share)?));
+                let begins = self.goes_straight_on(i).filter(|_| !swept.is_rounded(i - 1));
+                let begins = begins.and_then(|before| Some((0.0, ends[before]?)));
+                let begins = begins.or_else(|| found_at(IN_CORNERS[0]));
+                let turns = Some(IN_CORNERS[1]).filter(|_| swept.is_rounded(i)).and_then(found_at);
+                let first = begins.into_iter().chain(found_at(MIDDLE)).chain(turns);
                 let mut places: Vec<_> = first.chain([(1.0, *end)]).collect();
                 // pairs whose forces may differ too much
                 let mut pairs: Vec<_> = places.windows(2).map(|pair| [pair[0], pair[1]]).collect();
@@ -208,13 +236,40 @@ impl ForcedPath<'_> {
         };
         Ok((0..self.points.len()).into_par_iter().map(of_move).collect())
     }
+
+    /// The move before move i, if i goes on in its direction.
+    fn goes_straight_on(&self, i: usize) -> Option<usize> {
+        let before = i.checked_sub(1)?;
+        let (from, to) = (self.feeds[before]?, self.feeds[i]?);
+        (from.angle(&to) < STRAIGHT_RAD).then_some(before)
+    }
 }
 
-fn kernel(case: &Case, elements: [usize; 2]) -> Result<(ForceKernel, Material), PlanError> {
-    let tool = tools::tool(&case.burr)?;
-    let (material, measure) = tools::material(&case.material)?;
-    let kernel = ForceKernel::new(&tool, &material, &tools::discretisation(&tool, measure, elements)?);
-    Ok((kernel, material))
+/// The force by the sampled directions from which axes are chosen: as exact as a sum over 32 × 64 elements, in half its time.
+struct Sampled {
+    kernel: OrientationKernel,
+    material: Material,
+}
+
+impl Sampled {
+    fn new(case: &Case) -> Result<Self, PlanError> {
+        let tool = tools::tool(&case.burr)?;
+        let (material, measure) = tools::material(&case.material)?;
+        let kernel = OrientationKernel::new(&tool, &material, measure, CHOICE_SAMPLES, CHOICE_MERGED);
+        Ok(Self { kernel, material })
+    }
+
+    fn force(
+        &self,
+        samples: &mut EngagedSamples,
+        axis: &Unit<Vector3<f64>>,
+        feed: &Feed,
+        mut bone: impl BoneAround,
+    ) -> EngagedForce {
+        samples.clear();
+        self.kernel.gather(samples, feed, &mut bone);
+        self.kernel.force_for_axis(samples, axis, feed.spindle_rpm)
+    }
 }
 
 fn feed_of(case: &Case, direction: &Unit<Vector3<f64>>) -> Feed {

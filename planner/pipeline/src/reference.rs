@@ -4,7 +4,8 @@
 //! arm and timed as the plan's is, links, approach and retracts included; only its shank is not checked, so it may collide, and is
 //! compared all the same. There are three:
 //!
-//! - two **controls**, the plan of a CNC machine: one speed for every cut, lines along and across;
+//! - two **controls**, the plan of a CNC machine: one speed for every cut, lines along and across. Their forces are those where moves end,
+//!   so their peaks are rather too low, never too high;
 //! - the **straight shaft with the least force**: the lines, the sense of cut and the speeds that levels of force choose for it.
 //!
 //! The default total time is that of the faster control at the nominal speed, so that lower forces take no longer than a plain plan.
@@ -19,13 +20,13 @@ use bonemill_planfile::toward::{NEAR_MM, StructureFigures, TowardSpan};
 use bonemill_setup::armpath::{ArmMotion, Compliance};
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_toolpath::engagement::mass_increments;
-use bonemill_toolpath::path::{self, MoveKind};
-use nalgebra::Vector3;
+use bonemill_toolpath::path::{self, MillPath, MoveKind};
+use nalgebra::{Unit, Vector3};
 
 use super::PlanError;
 use super::attempt::Start;
 use super::levels;
-use super::path_forces::{ForceWithin, ForcedPath, MoveForces, extremes_of_move, mean_of_move};
+use super::path_forces::{ForceWithin, ForcedPath, extremes_of_move, mean_of_move};
 use super::prepared::{feeds, spacing};
 use super::raster::Raster;
 use super::reach::lengths;
@@ -35,7 +36,7 @@ use super::speeds::{self, Aim, Driven, JointMotion, PushedMoves};
 const SLOWEST_SHARE: f64 = 0.02;
 /// How exactly a control takes the plan's time, s, and the most time laws computed for it.
 const TIME_TOLERANCE_S: f64 = 0.02;
-const EVALUATIONS: u32 = 25;
+const EVALUATIONS: u32 = 50;
 
 /// A reference whose time is this near to the plan's takes the same time, s.
 const SAME_TIME_S: f64 = 0.05;
@@ -44,9 +45,12 @@ const SAME_TIME_S: f64 = 0.05;
 #[derive(Debug)]
 pub(super) struct ReferencePath {
     pub raster: Raster,
+    path: MillPath,
+    feeds: Vec<Option<Unit<Vector3<f64>>>>,
     length_mm: Vec<f64>,
     kinds: Vec<MoveKind>,
-    forces: MoveForces,
+    /// Where moves end that remove something.
+    ends: Vec<Option<EngagedForce>>,
     near: Vec<Vec<NearStructure>>,
     pub motion: ArmMotion,
 }
@@ -109,22 +113,17 @@ impl ReferencePath {
         let axes = vec![Vector3::z_axis(); points.len()];
         let moments = mass_increments(&scene.density_g_cm3, points, Ball { radius_mm: case.burr.radius_mm });
         let cuts = |i: usize| moments[i].mass_mg() > 0.0;
-        let forced = ForcedPath { scene, removal: &path.removal, points, feeds: &feeds };
         let motion = match start.placed().motion(&centers, &axes, &length_mm, None) {
             Ok(motion) => motion,
             Err(PlanError::OutOfReach { .. }) => return Ok(None),
             Err(error) => return Err(error),
         };
-        // figures near structures are small
-        let is_near =
-            |i: usize| near[i].iter().any(|n| n.proximity.distance_mm - case.burr.radius_mm <= NEAR_MM);
-        let ends = forced.at_ends(case, &axes, is_near, cuts)?;
-        let within = forced.within((start, case), &axes, &motion, &ends)?;
-        let forces = MoveForces { ends, within };
+        let forced = ForcedPath { scene, removal: &path.removal, points, feeds: &feeds };
+        let ends = forced.at_ends(case, &axes, cuts)?;
         let is_cut = |i: usize| i > 0 && cuts(i) || points[i].kind == MoveKind::Cut;
         let kind = |i: usize| if is_cut(i) { MoveKind::Cut } else { points[i].kind };
         let kinds = (0..points.len()).map(kind).collect();
-        Ok(Some(Self { raster, length_mm, kinds, forces, near, motion }))
+        Ok(Some(Self { raster, path, feeds, length_mm, kinds, ends, near, motion }))
     }
 
     fn joints(&self, start: &Start) -> Result<JointMotion<'_>, PlanError> {
@@ -163,12 +162,7 @@ impl ReferencePath {
             last_within(bracket, total_s, TIME_TOLERANCE_S, EVALUATIONS, time_s)?
         };
         let driven = joints.driven(&self.constant(case, 1.0 / per_speed))?;
-        // links keep their speed, and what they graze is no cut
-        let of_cut = |(kind, forces): (&MoveKind, &Vec<_>)| {
-            if *kind == MoveKind::Cut { forces.clone() } else { Vec::new() }
-        };
-        let within: Vec<_> = self.kinds.iter().zip(&self.forces.within).map(of_cut).collect();
-        Ok(self.reference(case, &driven, Some(1.0 / per_speed), &within))
+        Ok(self.reference(case, &driven, Some(1.0 / per_speed), (&self.ends, &[])))
     }
 
     fn reference(
@@ -176,19 +170,13 @@ impl ReferencePath {
         case: &Case,
         driven: &Driven,
         speed_mm_s: Option<f64>,
-        within: &[Vec<ForceWithin>],
+        forces: (&[Option<EngagedForce>], &[Vec<ForceWithin>]),
     ) -> Reference {
         Reference {
             raster: self.raster,
             speed_mm_s,
             total_time_s: driven.law.duration_s(),
-            forces: StructureForces::of(
-                case,
-                &self.length_mm,
-                driven,
-                (&self.forces.ends, within),
-                &self.near,
-            ),
+            forces: StructureForces::of(case, &self.length_mm, driven, forces, &self.near),
         }
     }
 
@@ -203,6 +191,15 @@ impl ReferencePath {
         most_overall: Option<f64>,
     ) -> Result<Straight, PlanError> {
         let (case, joints) = (start.case, self.joints(start)?);
+        // figures near structures are small, and bound those of the plan
+        let is_near = |i: usize| {
+            self.near[i].iter().any(|n| n.proximity.distance_mm - case.burr.radius_mm <= NEAR_MM)
+        };
+        let (mut ends, axes) = (self.ends.clone(), vec![Vector3::z_axis(); self.ends.len()]);
+        let (removal, points) = (&self.path.removal, &self.path.points[..]);
+        let forced = ForcedPath { scene: start.scene, removal, points, feeds: &self.feeds };
+        forced.refine(case, &axes, &mut ends, is_near)?;
+        let within = forced.within((start, case), &axes, &self.motion, &ends)?;
         let compliances = match case.cost.force {
             ForceTerm::Deflection => Compliance::new(case, start.placed())?.along(&self.motion.resolved.q)?,
             ForceTerm::Cutting => None,
@@ -210,17 +207,17 @@ impl ReferencePath {
         let pushes = levels::pushes(
             case,
             &self.near,
-            (&self.forces.ends, &self.forces.within),
+            (&ends, &within),
             compliances.as_deref(),
         )?;
-        let moves = PushedMoves::new(case, (&self.kinds, &self.forces.ends), &self.length_mm, &pushes);
+        let moves = PushedMoves::new(case, (&self.kinds, &ends), &self.length_mm, &pushes);
         let aim = Aim { total_s: Some(total_s), reference: None, most_overall };
         let timing = speeds::timing(&moves.input(), &joints, &aim)?;
         let reached = levels::reached(&pushes, &timing.driven.driven_mm_s);
         let takes_s = timing.driven.law.duration_s();
         let at_caps_s: f64 = self.length_mm.iter().zip(&timing.under_levels_mm_s).map(|(mm, v)| mm / v).sum();
         Ok(Straight {
-            reference: self.reference(case, &timing.driven, None, &self.forces.within),
+            reference: self.reference(case, &timing.driven, None, (&ends, &within)),
             levels: [timing.levels.unwrap_or(reached), reached],
             caps_over_driven: at_caps_s / takes_s.max(f64::MIN_POSITIVE),
         })

@@ -18,7 +18,7 @@ use super::in_time::NOTHING_SHARE;
 /// finishing passes would otherwise set the speed of the whole plan.
 const AIR_SHARE: f64 = 0.02;
 /// Largest number of time laws computed to meet a total time on one way between speeds, besides those at its ends.
-const TIME_EVALUATIONS: u32 = 30;
+const TIME_EVALUATIONS: u32 = 60;
 /// How exactly a total time is met, s: from below, where it is not an end of the range.
 const TIME_TOLERANCE_S: f64 = 5e-3;
 /// A cap is at most this many times the speed that is driven.
@@ -303,7 +303,7 @@ impl<'a> Cuts<'a> {
     fn caps_in_total(
         &self,
         aim: &Aim,
-        duration_s: impl Fn(&[f64]) -> Result<f64, PlanError>,
+        duration_s: impl Fn(&[f64]) -> Result<f64, PlanError> + Sync,
     ) -> Result<SpeedCaps, PlanError> {
         if self.spec.mode == SpeedMode::LeastForce {
             let total_s =
@@ -335,7 +335,7 @@ impl<'a> Cuts<'a> {
         &self,
         aim: &Aim,
         limit: TimeLimit,
-        duration_s: impl Fn(&[f64]) -> Result<f64, PlanError>,
+        duration_s: impl Fn(&[f64]) -> Result<f64, PlanError> + Sync,
     ) -> Result<SpeedCaps, PlanError> {
         let pushes = self.input.pushes.iter().flatten();
         let mut top = Levels::above_all(pushes, [self.spec.min_mm_s, self.spec.max_mm_s]);
@@ -379,7 +379,7 @@ impl<'a> Cuts<'a> {
     fn cutting_for(
         &self,
         total_s: f64,
-        total: impl Fn(f64) -> Result<f64, PlanError>,
+        total: impl Fn(f64) -> Result<f64, PlanError> + Sync,
     ) -> Result<f64, PlanError> {
         let [fast, slow] = self.time_range_s()?;
         let at_fast = total(fast)?;

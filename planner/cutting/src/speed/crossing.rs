@@ -1,53 +1,58 @@
 //! The last parameter at which a time that never falls with the parameter keeps within a limit.
 //!
-//! The time may have kinks, flat parts and jumps; one evaluation may be a whole time law. ITP brackets as bisection does, and
-//! needs no more evaluations than it and one in the worst case, but tries the line through the bracket's ends first, moved a
-//! little toward the middle and kept so near to it that the bound holds:
+//! The time may have kinks, flat parts and jumps; one evaluation may be a whole time law. So two are made side by side: a little to either
+//! side of the place where the line through the bracket's ends meets the limit,
 //!
 //! ```text
-//! x_f = (f_b a − f_a b)/(f_b − f_a)      moved by δ = k₁ (b − a)² toward the middle m
-//! x   = the place nearest to it with |x − m| ≤ ε 2^(n − j) − (b − a)/2
+//! x = (f_b a − f_a b)/(f_b − f_a) ∓ δ        δ = k (b − a)²/(b₀ − a₀)
 //! ```
 //!
-//! **Source:** Oliveira and Takahashi 2021, ACM Transactions on Mathematical Software 47(1), with κ₂ = 2 and n₀ = 1.
+//! Where the time is smooth, the line is off by less than δ, and the next bracket is 2 δ long: brackets shrink quadratically, as with the
+//! shift of ITP (Oliveira and Takahashi 2021, ACM Transactions on Mathematical Software 47(1)), but from both ends at once. Where two
+//! evaluations leave more than a third of the bracket, the next two divide it in three.
 
-/// κ₁ times the first bracket's length. The paper's 0.2 suits curved functions; these are nearly straight.
-const TOWARD_MIDDLE: f64 = 0.02;
+/// k: the line through the ends of a bent function is off by an eighth of its bend.
+const BESIDE_LINE: f64 = 0.05;
 
 /// The parameter, within the bracket, at which the time is at most `total_s` and at least `total_s − tolerance_s`; where a jump
 /// or the number of evaluations leaves none, the largest that was found with a time of at most `total_s`.
 ///
 /// `bracket`: two parameters, ascending, each with its time, s; the first time is at most `total_s`, the second above it.
-/// `evaluations`: how often `time_s` is called at most, two or more.
+/// `evaluations`: how often `time_s` is called at most.
 ///
 /// # Errors
 /// Those of `time_s`.
-pub fn last_within<E>(
+pub fn last_within<E: Send>(
     bracket: [(f64, f64); 2],
     total_s: f64,
     tolerance_s: f64,
     evaluations: u32,
-    mut time_s: impl FnMut(f64) -> Result<f64, E>,
+    time_s: impl Fn(f64) -> Result<f64, E> + Sync,
 ) -> Result<f64, E> {
     let [(mut a, mut at_a), (mut b, mut at_b)] = bracket;
-    let whole = b - a;
-    // half the length of the last bracket, where bisection needs one evaluation less
-    let least_half = whole * 0.5f64.powi(evaluations.max(2) as i32);
-    for j in 0..evaluations {
-        if at_a >= total_s - tolerance_s {
+    let (whole, aim) = (b - a, total_s - 0.5 * tolerance_s);
+    let mut is_slow = false;
+    for _ in 0..evaluations / 2 {
+        let long = b - a;
+        let [x, y] = if is_slow {
+            [a + long / 3.0, b - long / 3.0]
+        } else {
+            let line = a + long * (aim - at_a) / (at_b - at_a);
+            let beside = BESIDE_LINE * long * long / whole;
+            [(line - beside).max(a), (line + beside).min(b)]
+        };
+        if at_a >= total_s - tolerance_s || x >= b || y <= a {
             break;
         }
-        let (middle, aim) = (0.5 * (a + b), total_s - 0.5 * tolerance_s);
-        let line = a + (b - a) * (aim - at_a) / (at_b - at_a);
-        let (to_middle, shift) = (middle - line, TOWARD_MIDDLE * (b - a).powi(2) / whole);
-        let tried = line + to_middle.signum() * shift.min(to_middle.abs());
-        let room = (least_half * 2f64.powi((evaluations - j) as i32) - 0.5 * (b - a)).max(0.0);
-        let x = middle + (tried - middle).clamp(-room, room);
-        if x <= a || x >= b {
-            break;
+        let (at_x, at_y) = rayon::join(|| time_s(x), || time_s(y));
+        for (x, at_x) in [(x, at_x?), (y, at_y?)] {
+            if at_x > total_s {
+                (b, at_b) = (x, at_x);
+                break;
+            }
+            (a, at_a) = (x, at_x);
         }
-        let at_x = time_s(x)?;
-        if at_x > total_s { (b, at_b) = (x, at_x) } else { (a, at_a) = (x, at_x) }
+        is_slow = b - a > long / 3.0;
     }
     Ok(a)
 }
@@ -56,16 +61,17 @@ pub fn last_within<E>(
 mod tests {
     use super::*;
     use std::convert::Infallible;
+    use std::sync::atomic::{AtomicU32, Ordering};
 
     /// The parameter found, and how often the time was evaluated.
-    fn found(time_s: impl Fn(f64) -> f64, total_s: f64, tolerance_s: f64, most: u32) -> (f64, u32) {
-        let mut calls = 0;
+    fn found(time_s: impl Fn(f64) -> f64 + Sync, total_s: f64, tolerance_s: f64, most: u32) -> (f64, u32) {
+        let calls = AtomicU32::new(0);
         let ends = [0.0, 3.0].map(|x| (x, time_s(x)));
         let x = last_within(ends, total_s, tolerance_s, most, |x| {
-            calls += 1;
+            calls.fetch_add(1, Ordering::Relaxed);
             Ok::<_, Infallible>(time_s(x))
         });
-        (x.unwrap_or(f64::NAN), calls)
+        (x.unwrap_or(f64::NAN), calls.into_inner())
     }
 
     #[test]
@@ -75,7 +81,7 @@ mod tests {
         let kinked = |x: f64| 300.0 + (10.0 * x).max(300.0 * x - 500.0);
         let steep = |x: f64| 300.0 + 1.0 / (3.001 - x);
         for (time, most_calls) in
-            [(&straight as &dyn Fn(f64) -> f64, 4), (&bent, 11), (&kinked, 19), (&steep, 30)]
+            [(&straight as &(dyn Fn(f64) -> f64 + Sync), 6), (&bent, 12), (&kinked, 14), (&steep, 36)]
         {
             for share in [0.01, 0.2, 0.5, 0.77, 0.999] {
                 let total_s = time(0.0) + share * (time(3.0) - time(0.0));
@@ -89,8 +95,8 @@ mod tests {
     #[test]
     fn a_jump_is_met_from_below_and_a_flat_part_at_its_end() {
         let jump = |x: f64| if x < 1.0 { x } else { x + 10.0 };
-        let (x, calls) = found(jump, 5.0, 1e-6, 38);
-        assert!(x < 1.0 && x > 1.0 - 1e-9 && calls <= 38, "{x} {calls}");
+        let (x, calls) = found(jump, 5.0, 1e-6, 50);
+        assert!(x < 1.0 && x > 1.0 - 1e-9 && calls <= 50, "{x} {calls}");
         let flat = |x: f64| if x < 2.0 { 1.0 } else { 1.0 + (x - 2.0) };
         let (x, calls) = found(flat, 1.0, 0.0, 60);
         assert!(x <= 2.0 + 1e-15 && calls <= 60, "{x} {calls}");

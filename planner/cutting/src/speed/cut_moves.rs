@@ -69,7 +69,7 @@ impl CutMoves<'_> {
     pub fn in_time(
         &self,
         slowest: f64,
-        cap_mm_s: impl Fn(f64, usize) -> f64,
+        cap_mm_s: impl Fn(f64, usize) -> f64 + Sync,
         cutting_s: f64,
     ) -> Result<(f64, LimitedProfile), ModelError> {
         let profile = |parameter: f64| self.profile(|i| cap_mm_s(parameter, i));

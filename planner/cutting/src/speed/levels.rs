@@ -147,16 +147,17 @@ pub struct TimeLimit {
 }
 
 /// The least levels on the way from `from` to lower levels that keep the time, or `from` where even those take longer.
-fn least_on_way<E>(
+fn least_on_way<E: Send>(
     [from, to]: [Levels; 2],
     limit: TimeLimit,
-    time_s: &mut impl FnMut(&Levels) -> Result<f64, E>,
+    time_s: &(impl Fn(&Levels) -> Result<f64, E> + Sync),
 ) -> Result<Levels, E> {
     let TimeLimit { total_s, tolerance_s, evaluations } = limit;
     if from == to {
         return Ok(from);
     }
-    let ends_s = [time_s(&from)?, time_s(&to)?];
+    let (shortest_s, longest_s) = rayon::join(|| time_s(&from), || time_s(&to));
+    let ends_s = [shortest_s?, longest_s?];
     if ends_s[0] >= total_s || ends_s[1] <= total_s {
         return Ok(if ends_s[1] <= total_s { to } else { from });
     }
@@ -169,21 +170,21 @@ fn least_on_way<E>(
 ///
 /// # Errors
 /// Those of `time_s`.
-pub fn least_levels<E>(
+pub fn least_levels<E: Send>(
     top: Levels,
     min_mm_s: f64,
     room: f64,
     limit: TimeLimit,
-    mut time_s: impl FnMut(&Levels) -> Result<f64, E>,
+    time_s: impl Fn(&Levels) -> Result<f64, E> + Sync,
 ) -> Result<Levels, E> {
-    let least = least_on_way([top, Levels { overall: 0.0, ..top }], limit, &mut time_s)?;
+    let least = least_on_way([top, Levels { overall: 0.0, ..top }], limit, &time_s)?;
     let with_room = Levels { overall: top.overall.min((1.0 + room) * least.overall), ..top };
     let spared = Levels { toward: 0.0, ..with_room };
-    let mut found = least_on_way([with_room, spared], limit, &mut time_s)?;
+    let mut found = least_on_way([with_room, spared], limit, &time_s)?;
     for slower in [Levels { overall: 0.0, ..spared }, Levels { overall: 0.0, speed_mm_s: min_mm_s, ..spared }]
     {
         if found.toward == 0.0 {
-            found = least_on_way([found, slower], limit, &mut time_s)?;
+            found = least_on_way([found, slower], limit, &time_s)?;
         }
     }
     Ok(found)
@@ -194,17 +195,17 @@ pub fn least_levels<E>(
 ///
 /// # Errors
 /// Those of `time_s`.
-pub fn least_along<E>(
+pub fn least_along<E: Send>(
     reference: Levels,
     top: Levels,
     nothing: f64,
     limit: TimeLimit,
-    mut time_s: impl FnMut(&Levels) -> Result<f64, E>,
+    time_s: impl Fn(&Levels) -> Result<f64, E> + Sync,
 ) -> Result<Levels, E> {
     let (toward, overall) = (reference.toward.max(nothing), reference.overall.max(nothing));
     let times = (top.toward / toward).max(top.overall / overall).max(1.0);
     let from = Levels { toward: times * toward, overall: times * overall, ..top };
-    least_on_way([from, Levels { toward: 0.0, overall: 0.0, ..top }], limit, &mut time_s)
+    least_on_way([from, Levels { toward: 0.0, overall: 0.0, ..top }], limit, &time_s)
 }
 
 #[cfg(test)]
