@@ -1,4 +1,5 @@
-//! What an axis costs at a waypoint: Dillon's equations (5) to (12).
+//! What an axis costs at a waypoint by Dillon's equations (5) to (12). Reported always; axes are chosen by it only with
+//! `cost.objective = "dillon"`, else by levels of force.
 //!
 //! ```text
 //! F_v = max(0, F·û_v)      α_1 = α_max exp(−κ max(0, r_v − r_v,min))      α_2 = 1 − α_1

@@ -38,7 +38,12 @@ impl Importance {
 
     /// w of a structure of a rank, 1 for the most important.
     pub fn weight(&self, near: &Proximity, rank: f64) -> f64 {
-        self.nearness(near.distance_mm, near.least_mm) / rank.sqrt()
+        Self::by_rank(self.nearness(near.distance_mm, near.least_mm), rank)
+    }
+
+    /// What counts as `value` for the most important structure, for one of a rank.
+    pub fn by_rank(value: f64, rank: f64) -> f64 {
+        value / rank.sqrt()
     }
 }
 

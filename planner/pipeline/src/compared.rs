@@ -1,6 +1,7 @@
 //! A plan beside its references in the same time: where it pushes more than a simpler plan would.
 
 use bonemill_case::Case;
+use bonemill_cutting::importance::Importance;
 use bonemill_planfile::toward::{StructureFigures, TowardFigures};
 
 use super::reference::{Reference, StructureForces};
@@ -62,12 +63,12 @@ impl StructureForces {
         found
     }
 
-    /// One number to compare drafts of one case by: the mean logarithm of the judged figures toward each structure, over the root of its
-    /// rank as in the law of importance, and the logarithm of the mean force. So drafts rank by products of forces.
+    /// One number to compare drafts of one case by: the mean logarithm of the judged figures toward each structure, by its rank
+    /// in the law of importance, and the logarithm of the mean force. So drafts rank by products of forces.
     pub(super) fn score(&self, case: &Case) -> f64 {
         let of = |(n, found): (usize, &StructureFigures)| {
             let logarithms = JUDGED.iter().map(|(_, figure)| figure(&found.near).max(NOTHING_N).ln());
-            logarithms.sum::<f64>() / JUDGED.len() as f64 / case.rank(n).sqrt()
+            Importance::by_rank(logarithms.sum::<f64>() / JUDGED.len() as f64, case.rank(n))
         };
         let toward: f64 = self.structures.iter().enumerate().map(of).sum();
         toward + self.mean_n.max(NOTHING_N).ln()

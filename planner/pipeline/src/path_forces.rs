@@ -27,7 +27,7 @@ use super::speeds::JointMotion;
 
 /// Places within a move at which the force is computed, as shares of its way, besides its end: its middle, and one in the rounding of each
 /// of its corners, where the burr moves in a direction between those of two moves. A move that goes straight on begins with the force at
-/// which the one before it ends.
+/// which the one before it ends, as exact as it is by then.
 const MIDDLE: f64 = 0.5;
 const IN_CORNERS: [f64; 2] = [0.02, 0.98];
 /// Largest change of direction of a move that goes straight on, rad.
@@ -266,7 +266,6 @@ impl Sampled {
         feed: &Feed,
         mut bone: impl BoneAround,
     ) -> EngagedForce {
-        samples.clear();
         self.kernel.gather(samples, feed, &mut bone);
         self.kernel.force_for_axis(samples, axis, feed.spindle_rpm)
     }

@@ -4,8 +4,7 @@
 //! arm and timed as the plan's is, links, approach and retracts included; only its shank is not checked, so it may collide, and is
 //! compared all the same. There are three:
 //!
-//! - two **controls**, the plan of a CNC machine: one speed for every cut, lines along and across. Their forces are those where moves end,
-//!   so their peaks are rather too low, never too high;
+//! - two **controls**, the plan of a CNC machine: one speed for every cut, lines along and across;
 //! - the **straight shaft with the least force**: the lines, the sense of cut and the speeds that levels of force choose for it.
 //!
 //! The default total time is that of the faster control at the nominal speed, so that lower forces take no longer than a plain plan.
@@ -20,8 +19,8 @@ use bonemill_planfile::toward::{NEAR_MM, StructureFigures, TowardSpan};
 use bonemill_setup::armpath::{ArmMotion, Compliance};
 use bonemill_setup::nearest_structures::{self, NearStructure};
 use bonemill_toolpath::engagement::mass_increments;
-use bonemill_toolpath::path::{self, MillPath, MoveKind};
-use nalgebra::{Unit, Vector3};
+use bonemill_toolpath::path::{self, MoveKind};
+use nalgebra::Vector3;
 
 use super::PlanError;
 use super::attempt::Start;
@@ -45,12 +44,11 @@ const SAME_TIME_S: f64 = 0.05;
 #[derive(Debug)]
 pub(super) struct ReferencePath {
     pub raster: Raster,
-    path: MillPath,
-    feeds: Vec<Option<Unit<Vector3<f64>>>>,
     length_mm: Vec<f64>,
     kinds: Vec<MoveKind>,
-    /// Where moves end that remove something.
+    /// Where moves end that remove something, and at places within moves.
     ends: Vec<Option<EngagedForce>>,
+    within: Vec<Vec<ForceWithin>>,
     near: Vec<Vec<NearStructure>>,
     pub motion: ArmMotion,
 }
@@ -119,11 +117,16 @@ impl ReferencePath {
             Err(error) => return Err(error),
         };
         let forced = ForcedPath { scene, removal: &path.removal, points, feeds: &feeds };
-        let ends = forced.at_ends(case, &axes, cuts)?;
+        let mut ends = forced.at_ends(case, &axes, cuts)?;
+        // figures near structures are small
+        let is_near =
+            |i: usize| near[i].iter().any(|n| n.proximity.distance_mm - case.burr.radius_mm <= NEAR_MM);
+        forced.refine(case, &axes, &mut ends, is_near)?;
+        let within = forced.within((start, case), &axes, &motion, &ends)?;
         let is_cut = |i: usize| i > 0 && cuts(i) || points[i].kind == MoveKind::Cut;
         let kind = |i: usize| if is_cut(i) { MoveKind::Cut } else { points[i].kind };
         let kinds = (0..points.len()).map(kind).collect();
-        Ok(Some(Self { raster, path, feeds, length_mm, kinds, ends, near, motion }))
+        Ok(Some(Self { raster, length_mm, kinds, ends, within, near, motion }))
     }
 
     fn joints(&self, start: &Start) -> Result<JointMotion<'_>, PlanError> {
@@ -162,7 +165,12 @@ impl ReferencePath {
             last_within(bracket, total_s, TIME_TOLERANCE_S, EVALUATIONS, time_s)?
         };
         let driven = joints.driven(&self.constant(case, 1.0 / per_speed))?;
-        Ok(self.reference(case, &driven, Some(1.0 / per_speed), (&self.ends, &[])))
+        // links keep their speed, and what they graze is no cut
+        let of_cut = |(kind, forces): (&MoveKind, &Vec<_>)| {
+            if *kind == MoveKind::Cut { forces.clone() } else { Vec::new() }
+        };
+        let within: Vec<_> = self.kinds.iter().zip(&self.within).map(of_cut).collect();
+        Ok(self.reference(case, &driven, Some(1.0 / per_speed), &within))
     }
 
     fn reference(
@@ -170,13 +178,13 @@ impl ReferencePath {
         case: &Case,
         driven: &Driven,
         speed_mm_s: Option<f64>,
-        forces: (&[Option<EngagedForce>], &[Vec<ForceWithin>]),
+        within: &[Vec<ForceWithin>],
     ) -> Reference {
         Reference {
             raster: self.raster,
             speed_mm_s,
             total_time_s: driven.law.duration_s(),
-            forces: StructureForces::of(case, &self.length_mm, driven, forces, &self.near),
+            forces: StructureForces::of(case, &self.length_mm, driven, (&self.ends, within), &self.near),
         }
     }
 
@@ -191,33 +199,19 @@ impl ReferencePath {
         most_overall: Option<f64>,
     ) -> Result<Straight, PlanError> {
         let (case, joints) = (start.case, self.joints(start)?);
-        // figures near structures are small, and bound those of the plan
-        let is_near = |i: usize| {
-            self.near[i].iter().any(|n| n.proximity.distance_mm - case.burr.radius_mm <= NEAR_MM)
-        };
-        let (mut ends, axes) = (self.ends.clone(), vec![Vector3::z_axis(); self.ends.len()]);
-        let (removal, points) = (&self.path.removal, &self.path.points[..]);
-        let forced = ForcedPath { scene: start.scene, removal, points, feeds: &self.feeds };
-        forced.refine(case, &axes, &mut ends, is_near)?;
-        let within = forced.within((start, case), &axes, &self.motion, &ends)?;
         let compliances = match case.cost.force {
             ForceTerm::Deflection => Compliance::new(case, start.placed())?.along(&self.motion.resolved.q)?,
             ForceTerm::Cutting => None,
         };
-        let pushes = levels::pushes(
-            case,
-            &self.near,
-            (&ends, &within),
-            compliances.as_deref(),
-        )?;
-        let moves = PushedMoves::new(case, (&self.kinds, &ends), &self.length_mm, &pushes);
+        let pushes = levels::pushes(case, &self.near, (&self.ends, &self.within), compliances.as_deref())?;
+        let moves = PushedMoves::new(case, (&self.kinds, &self.ends), &self.length_mm, &pushes);
         let aim = Aim { total_s: Some(total_s), reference: None, most_overall };
         let timing = speeds::timing(&moves.input(), &joints, &aim)?;
         let reached = levels::reached(&pushes, &timing.driven.driven_mm_s);
         let takes_s = timing.driven.law.duration_s();
         let at_caps_s: f64 = self.length_mm.iter().zip(&timing.under_levels_mm_s).map(|(mm, v)| mm / v).sum();
         Ok(Straight {
-            reference: self.reference(case, &timing.driven, None, (&ends, &within)),
+            reference: self.reference(case, &timing.driven, None, &self.within),
             levels: [timing.levels.unwrap_or(reached), reached],
             caps_over_driven: at_caps_s / takes_s.max(f64::MIN_POSITIVE),
         })

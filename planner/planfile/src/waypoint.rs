@@ -44,7 +44,7 @@ pub struct Waypoint {
     pub distance_mm: Option<f64>,
     /// Weight of the force in the cost (D8), 0..1.
     pub alpha1: Option<f64>,
-    /// The cost C (D5).
+    /// The cost C (D6).
     pub cost: Option<f64>,
     /// Deflection toward the structure, µm; 0 in air, `None` without a stiffness.
     pub deflection_toward_um: Option<f64>,

@@ -11,7 +11,7 @@
 //! - [`burr_force`]: the sum as it is written, with every derived output; the reference for the others;
 //! - [`ForceKernel`]: the same nodes, factored over rings; for the planner and the simulation;
 //! - [`OrientationKernel`]: another quadrature, whose samples do not depend on the shaft, so that one gathering of bone
-//!   serves every candidate axis of a waypoint.
+//!   serves every candidate axis of a waypoint; also for places within moves.
 //!
 //! Units: mm, s, N, rad, g/cm³, N/mm². Tool frame: origin at the burr's centre, z along the shaft to the handpiece, x and y by
 //! [`bonemill_geometry::basis::from_z`]; polar angle κ from the TIP. The force is the force ON the burr.

@@ -9,10 +9,12 @@
 //!
 //! Where the time is smooth, the line is off by less than δ, and the next bracket is 2 δ long: brackets shrink quadratically, as with the
 //! shift of ITP (Oliveira and Takahashi 2021, ACM Transactions on Mathematical Software 47(1)), but from both ends at once. Where two
-//! evaluations leave more than a third of the bracket, the next two divide it in three.
+//! evaluations leave more than a third of the bracket, the next two divide it in three: at a jump, four evaluations leave a third or less.
 
 /// k: the line through the ends of a bent function is off by an eighth of its bend.
 const BESIDE_LINE: f64 = 0.05;
+/// A little more than a third: rounding decides nothing.
+const SLOW_SHARE: f64 = 0.34;
 
 /// The parameter, within the bracket, at which the time is at most `total_s` and at least `total_s − tolerance_s`; where a jump
 /// or the number of evaluations leaves none, the largest that was found with a time of at most `total_s`.
@@ -41,7 +43,7 @@ pub fn last_within<E: Send>(
             let beside = BESIDE_LINE * long * long / whole;
             [(line - beside).max(a), (line + beside).min(b)]
         };
-        if at_a >= total_s - tolerance_s || x >= b || y <= a {
+        if at_a >= total_s - tolerance_s || x >= b || y <= a || x <= a && y >= b {
             break;
         }
         let (at_x, at_y) = rayon::join(|| time_s(x), || time_s(y));
@@ -52,7 +54,7 @@ pub fn last_within<E: Send>(
             }
             (a, at_a) = (x, at_x);
         }
-        is_slow = b - a > long / 3.0;
+        is_slow = b - a > SLOW_SHARE * long;
     }
     Ok(a)
 }
