@@ -42,8 +42,9 @@ const AGREES_SHARE: f64 = 0.02;
 /// Where turns keep nothing waiting, they count as this share of the time.
 const LEAST_WAITS_SHARE: f64 = 0.02;
 
-/// How often axes are chosen, with the time of turns corrected and with those kept that push least.
-const MOST_ROUNDS: usize = 3;
+/// How often axes are chosen at most, with the time of turns corrected and with those kept that push least: once or twice for most bodies; the most where
+/// the turns of a small one take far longer than predicted.
+const MOST_ROUNDS: usize = 5;
 /// How often the cuts near structures are slowed, and the least gain for which they are, as a logarithm of figures.
 const MOST_EASED: usize = 3;
 const GAINS: f64 = 0.01;

@@ -25,7 +25,7 @@ use super::axis_cost::{AxisObjective, CostField, LevelTimes};
 use super::in_time::Goal;
 use super::levels;
 use super::orient::{FreeAxes, Oriented, orient};
-use super::path_forces::{ForceWithin, ForcedPath};
+use super::path_forces::{ForceWithin, ForcedPath, begin_as_ended};
 use super::prepared::Prepared;
 use super::speeds;
 
@@ -182,6 +182,7 @@ impl Prepared<'_> {
         let case = &choices.applied_to(self.start.case);
         let axes = &chosen.oriented.axes;
         self.forced().refine(case, axes, &mut chosen.forces, |_| true)?;
+        begin_as_ended(&mut chosen.within, &chosen.forces);
         let pushes = nominal_pushes(case, &chosen.forces, chosen.compliances.as_deref());
         chosen.costs = self.costs(&terms(case, &self.near)?, axes, &pushes);
         Ok(())

@@ -27,7 +27,7 @@ use super::speeds::JointMotion;
 
 /// Places within a move at which the force is computed, as shares of its way, besides its end: its middle, and one in the rounding of each
 /// of its corners, where the burr moves in a direction between those of two moves. A move that goes straight on begins with the force at
-/// which the one before it ends, as exact as it is by then.
+/// which the one before it ends.
 const MIDDLE: f64 = 0.5;
 const IN_CORNERS: [f64; 2] = [0.02, 0.98];
 /// Largest change of direction of a move that goes straight on, rad.
@@ -55,6 +55,8 @@ pub(super) struct ForcedPath<'a> {
 #[derive(Debug, Clone, Copy)]
 pub struct ForceWithin {
     pub(super) force: EngagedForce,
+    /// Whether it is that where the move before ends.
+    begins: bool,
     /// Share of the move's way that it stands for in means; the force where the move ends stands for the rest.
     share: f64,
 }
@@ -93,7 +95,20 @@ fn shared(mut places: Vec<(f64, EngagedForce)>) -> Vec<ForceWithin> {
     let between = places.windows(2).map(|pair| 0.5 * (pair[0].0 + pair[1].0));
     let starts = std::iter::once(0.0).chain(between.clone());
     let shares = places.iter().zip(starts.zip(between));
-    shares.map(|(place, (from, to))| ForceWithin { force: place.1, share: to - from }).collect()
+    let within = |(place, (from, to)): (&(f64, EngagedForce), (f64, f64))| ForceWithin {
+        force: place.1,
+        begins: place.0 == 0.0,
+        share: to - from,
+    };
+    shares.map(within).collect()
+}
+
+/// Where a move begins with the force where the one before it ends, it is as exact as that.
+pub(super) fn begin_as_ended(within: &mut [Vec<ForceWithin>], ends: &[Option<EngagedForce>]) {
+    for (places, before) in within.iter_mut().skip(1).zip(ends) {
+        let begins = places.iter_mut().find(|place| place.begins);
+        begins.into_iter().zip(before).for_each(|(place, before)| place.force = *before);
+    }
 }
 
 /// The corners that an arm rounds along its motion, in the path's order.
@@ -206,8 +221,11 @@ impl ForcedPath<'_> {
             let skins = around_back(&swept, i).into_iter().filter_map(at);
             let corner = ends[i].filter(|_| swept.is_rounded(i)).and_then(|_| at(1.0));
             let cuts = |force: &EngagedForce| force.mrr_mm2 > 0.0;
-            let mut found: Vec<ForceWithin> =
-                skins.chain(corner).filter(cuts).map(|force| ForceWithin { force, share: 0.0 }).collect();
+            let mut found: Vec<ForceWithin> = skins
+                .chain(corner)
+                .filter(cuts)
+                .map(|force| ForceWithin { force, begins: false, share: 0.0 })
+                .collect();
             if let Some(end) = &ends[i] {
                 let found_at = |share: f64| Some((share, at(share)?));
                 let begins = self.goes_straight_on(i).filter(|_| !swept.is_rounded(i - 1));
