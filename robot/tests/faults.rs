@@ -45,8 +45,10 @@ fn ten_thousand_schedules_stay_within_the_printed_bound() {
         stopped[n] += usize::from(result.outcome.cause.is_some());
     }
     for ((name, fault), stopped) in Fault::ALL.iter().zip(stopped) {
-        let goes_on =
-            matches!(fault, Fault::None | Fault::DashboardCut | Fault::Duplicated | Fault::Slider(_));
+        // a state that is late for less than the arm keeps its last target for stops nothing
+        let is_bridged = *fault == Fault::StatesHeld(0.05);
+        let goes_on = is_bridged
+            || matches!(fault, Fault::None | Fault::DashboardCut | Fault::Duplicated | Fault::Slider(_));
         let must_stop = matches!(
             fault,
             Fault::ReceiveCut
@@ -55,7 +57,7 @@ fn ten_thousand_schedules_stay_within_the_printed_bound() {
                 | Fault::Frozen
                 | Fault::Dead
                 | Fault::SafetyStop(_)
-        );
+        ) || *fault == Fault::StatesHeld(0.2);
         assert!(!goes_on || stopped == 0, "{name}: {stopped} stopped");
         assert!(!must_stop || stopped > 150, "{name}: only {stopped} stopped");
     }
@@ -73,7 +75,7 @@ fn the_cause_comes_first() {
     let piece = &pieces()[0];
     let cause = |fault| piece.run(fault, 11, false).outcome.cause;
     assert_eq!(cause(Fault::SafetyStop(3)), Some(Cause::SafetyMode(3)));
-    assert!(matches!(cause(Fault::Frozen), Some(Cause::Stale { age_s }) if age_s < 0.03));
+    assert!(matches!(cause(Fault::Frozen), Some(Cause::Stale { age_s }) if age_s < 0.08));
     assert_eq!(cause(Fault::PendantStop), Some(Cause::ProgramStopped));
     assert_eq!(cause(Fault::Interrupted), Some(Cause::Interrupted));
     assert!(matches!(cause(Fault::WrongStart(5.0)), Some(Cause::NotReady(why)) if why.contains("5.00 mm")));

@@ -10,8 +10,8 @@ use bonemill_arm::Arm;
 use bonemill_robot::stream::approach::Approach;
 use bonemill_robot::stream::simulated::rehearse::rehearse;
 use bonemill_robot::stream::{
-    Cause, Hold, Joints, LinkFault, Log, LogWriter, Order, Settings, SpindleEnd, Standing, StreamError,
-    StreamPlan, Timing,
+    ArmState, Cause, Hold, Joints, LinkFault, Log, LogWriter, Order, Settings, SpindleEnd, Standing,
+    StreamError, StreamPlan, Timing,
 };
 use common::{PERIOD_S, settings, values};
 use nalgebra::Vector3;
@@ -59,6 +59,50 @@ fn what_was_missed_is_never_sent_at_once() {
             let fastest = stop_s * plan.settings().timing.stop_rad_s2 * PERIOD_S;
             assert!(most <= fastest * 1.001, "{stall_s}: a step of {most} rad, the plan's are {fastest}");
         }
+    }
+}
+
+#[test]
+fn while_states_are_late_the_arm_keeps_its_last_target() {
+    let plan = plan();
+    // the last state before 2 s comes again and again, as `changes` is no closure: once for 60 ms, once for 90 ms
+    let held: [fn(&mut ArmState, f64); 2] =
+        [|said, now_s| late(said, now_s, 0.06), |said, now_s| late(said, now_s, 0.09)];
+    for (changes, goes_on) in held.into_iter().zip([true, false]) {
+        let mut arm = Obedient::at(&plan, plan.track.q()[0]);
+        arm.changes = changes;
+        let mut user = User::default();
+        let outcome = arm.run(&plan, &mut user);
+        let targets = |from_s: f64, to_s: f64| {
+            let sent = arm.orders.iter().filter(move |(at_s, _)| (from_s..to_s).contains(at_s));
+            sent.filter(|(_, order)| matches!(order, Order::Target(_))).count()
+        };
+        let age_s = plan.settings().timing.state_age_s;
+        assert!(targets(LATE_S - 0.02, LATE_S) > 5 && targets(LATE_S, LATE_S + age_s) > 5);
+        assert_eq!(targets(LATE_S + age_s + PERIOD_S, LATE_S + 0.06), 0, "none on a late state");
+        if goes_on {
+            assert_eq!((outcome.cause, outcome.rows), (None, plan.track.rows()));
+            assert!(
+                user.heard.iter().any(|said| said.starts_with("no target was sent for")),
+                "{:?}",
+                user.heard
+            );
+        } else {
+            assert!(
+                matches!(outcome.cause, Some(Cause::Stale { age_s }) if (0.06..0.08).contains(&age_s)),
+                "{:?}",
+                outcome.cause
+            );
+        }
+    }
+}
+
+/// When states of [`Obedient`] begin to be late, s.
+const LATE_S: f64 = 1.2;
+
+fn late(said: &mut ArmState, now_s: f64, for_s: f64) {
+    if (LATE_S..LATE_S + for_s).contains(&now_s) {
+        said.controller_s = 50.0 + LATE_S;
     }
 }
 

@@ -128,14 +128,14 @@ def tell_lateness(tell: Callable[[str], None], period_s: float) -> None:
         due_s = max(due_s, time.monotonic() - period_s)
     if max(late_s) > _LATE_S:
         tell(
-            f"warning: this PC woke up to {1e3 * max(late_s):.0f} ms late in {_MEASURED_S:g} s; a run stops where the arm's state is 20 ms old: "
+            f"warning: this PC woke up to {1e3 * max(late_s):.0f} ms late in {_MEASURED_S:g} s; a run waits while the arm's state is 20 ms old, and stops after 50 ms of it: "
             "see docs/realtime.md"
         )
 
 
 _MEASURED_S = 0.5
 _LATE_S = 0.01
-"""Half of the age at which a state stops a run."""
+"""Half of the age at which a run waits for a newer state."""
 
 
 def _tell(report: Report, log: str) -> int:

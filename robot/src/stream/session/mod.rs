@@ -3,7 +3,8 @@
 //! connect → check → (user) → start → approach → spindle → run ⇄ hold → end. A [`Session`] touches no arm, clock or file, so the same
 //! code decides on hardware, in a rehearsal and in simulated time. No target is ever sent on a state that is too old, after a fault, or
 //! a second time within half a period, or while more orders wait for the arm's client than are sent in an order's assumed time on its way;
-//! every wait has a deadline.
+//! every wait has a deadline. While a state is late the arm keeps its last target, which is within the bound of a lost state: the run goes
+//! on where a new one comes in time.
 
 mod phases;
 
@@ -22,6 +23,11 @@ use crate::stream::watch::{Deviation, Watch};
 /// they do not is taken off again, so that a client that is always slow is stopped like one that hangs.
 const MOST_WAITING_S: f64 = 0.1;
 const FORGIVEN_SHARE: f64 = 0.1;
+/// How long the arm keeps its last target while states are late, s in all, forgiven like the above: half of the controller's watchdog, so
+/// that the stop that follows comes first.
+const MOST_LATE_S: f64 = 0.05;
+/// Age of a state from which on nothing is waited for, s: the controller's watchdog has stopped the arm by then.
+const MOST_AGE_S: f64 = 0.1;
 
 /// What a step is told.
 #[derive(Debug, Clone, Default)]
@@ -97,19 +103,23 @@ struct Ending {
     rest_q: Option<Joints>,
 }
 
-/// Orders before the arm's client: whether more wait than may, how long that was so in all, less what is forgiven, and when it was looked at, s.
+/// A trouble that may pass: whether it is there, how long it was in all, less what is forgiven, and when it was looked at, s.
 #[derive(Debug)]
-struct OrderBacklog {
-    is_long: bool,
+struct Passing {
+    is_there: bool,
     in_all_s: f64,
     seen_s: f64,
 }
 
-impl OrderBacklog {
-    fn observe(&mut self, is_long: bool, now_s: f64) {
+impl Passing {
+    fn none(now_s: f64) -> Self {
+        Self { is_there: false, in_all_s: 0.0, seen_s: now_s }
+    }
+
+    fn observe(&mut self, is_there: bool, now_s: f64) {
         let passed_s = (now_s - self.seen_s).max(0.0);
-        let change_s = if self.is_long { passed_s } else { -FORGIVEN_SHARE * passed_s };
-        *self = Self { is_long, in_all_s: (self.in_all_s + change_s).max(0.0), seen_s: now_s };
+        let change_s = if self.is_there { passed_s } else { -FORGIVEN_SHARE * passed_s };
+        *self = Self { is_there, in_all_s: (self.in_all_s + change_s).max(0.0), seen_s: now_s };
     }
 }
 
@@ -185,7 +195,10 @@ pub struct Session<'a> {
     gaps: (u32, f64),
     told_s: f64,
     commanded: Option<Joints>,
-    backlog: OrderBacklog,
+    /// More orders wait for the arm's client than may.
+    backlog: Passing,
+    /// The newest state is too old for a target.
+    late_state: Passing,
     /// The user's answer until it is used: it may come with an order before it.
     answer: Option<bool>,
 }
@@ -219,7 +232,8 @@ impl<'a> Session<'a> {
             gaps: (0, 0.0),
             told_s: now_s,
             commanded: None,
-            backlog: OrderBacklog { is_long: false, in_all_s: 0.0, seen_s: now_s },
+            backlog: Passing::none(now_s),
+            late_state: Passing::none(now_s),
             answer: None,
         }
     }
@@ -283,8 +297,14 @@ impl<'a> Session<'a> {
         }
         self.answer = seen.answer.or(self.answer);
         self.backlog.observe(seen.waiting > self.most_waiting(), now_s);
+        let is_late = !(self.watch.age_s(now_s) <= self.plan.settings().timing.state_age_s);
+        self.late_state.observe(is_late && self.moves(), now_s);
         if let Some((cause, at_once)) = self.trouble(seen) {
             self.stop(cause, at_once, now_s, &mut step);
+        }
+        if self.late_state.is_there && self.moves() {
+            // the arm keeps its last target
+            return step;
         }
         if let Some(order) = self.queue.pop_front() {
             step.order = Some(order);
@@ -310,11 +330,13 @@ impl<'a> Session<'a> {
         if moving && self.backlog.in_all_s > MOST_WAITING_S {
             return Some((Cause::Link(LinkFault::NotTaken("its orders in time")), true));
         }
-        if moving {
+        if moving && self.late_state.is_there {
             let age_s = self.watch.age_s(seen.now_s);
-            if !(age_s <= self.plan.settings().timing.state_age_s) {
+            if !(age_s <= MOST_AGE_S && self.late_state.in_all_s <= MOST_LATE_S) {
                 return Some((Cause::Stale { age_s }, true));
             }
+        } else if moving {
+            // a late state was judged when it was none
             if let Some(cause) = self.off_track() {
                 return Some((cause, true));
             }

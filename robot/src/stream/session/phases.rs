@@ -281,7 +281,7 @@ impl Session<'_> {
 
     /// The next target, at its time; none while too many orders wait: the gap is then timed anew like any other.
     fn send_on(&mut self, track: &Track, now_s: f64, wanted: f64, step: &mut Step) {
-        if self.backlog.is_long {
+        if self.backlog.is_there {
             return;
         }
         let period_s = self.plan.period_s;
@@ -312,10 +312,12 @@ impl Session<'_> {
         let still = |a: &Joints, b: &Joints| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= REST_RAD);
         let (since_rest_s, rest_q) = match (rest_q, q) {
             (Some(rest), Some(q)) if still(&rest, &q) => (since_rest_s, Some(rest)),
+            // a late state says nothing of now: the next one that is in time does
+            (Some(rest), None) => (since_rest_s, Some(rest)),
             (_, q) => (now_s, q),
         };
         let never_moved = self.commanded.is_none();
-        let at_rest = never_moved || (rest_q.is_some() && now_s - since_rest_s >= REST_S);
+        let at_rest = never_moved || (q.is_some() && now_s - since_rest_s >= REST_S);
         let spindle = self.spindle_end(now_s);
         if (at_rest && spindle == SpindleEnd::Off) || now_s - since_s >= REST_PATIENCE_S {
             step.order = Some(Order::End);

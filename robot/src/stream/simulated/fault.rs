@@ -50,6 +50,8 @@ pub enum Fault {
     Killed,
     /// All packets take longer.
     Delay(f64),
+    /// States of so long a time come at its end, at once; orders still arrive.
+    StatesHeld(f64),
     /// Every packet takes up to this longer.
     Jitter(f64),
     /// Packets come twice.
@@ -110,6 +112,8 @@ impl Fault {
         ("stall for ever (SIGKILL, SIGSTOP)", Fault::Killed),
         ("delay of 50 ms", Fault::Delay(0.05)),
         ("delay of 150 ms", Fault::Delay(0.15)),
+        ("states held up for 50 ms", Fault::StatesHeld(0.05)),
+        ("states held up for 0.2 s", Fault::StatesHeld(0.2)),
         ("jitter of 5 ms", Fault::Jitter(0.005)),
         ("jitter of 20 ms", Fault::Jitter(0.02)),
         ("duplicated packets", Fault::Duplicated),

@@ -385,6 +385,11 @@ impl World {
             payload_kg: self.payload_kg,
         });
         let mut arrives_s = self.now_s + self.way_s();
+        if let Fault::StatesHeld(for_s) = self.fault
+            && self.struck
+        {
+            arrives_s = arrives_s.max(self.onset_s + for_s);
+        }
         if self.struck && self.fault == Fault::Reordered {
             arrives_s += self.draws.between(0.0, 0.008);
         } else if let Some((before_s, _)) = self.states.back() {
