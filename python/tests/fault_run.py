@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from ur_arm import burr_mm
+from ur_arm import PAUSED, PLAYING, POWER_OFF, burr_mm
 from ur_double import Double
 from ur_faults import OFFSET, OFFSET_RAD
 
@@ -201,10 +201,26 @@ LOCAL: dict[str, Local] = {
     "two clients": _second_client,
     "disk full": lambda run: None,
     "log's folder renamed": lambda run: run.log.parent.rename(run.log.parent.with_name("renamed")),
+    "log's folder deleted": lambda run: shutil.rmtree(run.log.parent),
 }
 """Faults on the user's own machine."""
 START = {f"start {mm:g} mm off": mm for mm in (0.1, 0.5, 1.6, 5.0)}
 """The arm stands so far from the first row."""
+AT_START: dict[str, tuple[str, Any]] = {
+    "program paused at the start": ("runtime_state", PAUSED),
+    "arm off at the start": ("robot_mode", POWER_OFF),
+    "controller at 125 Hz": ("least_period_s", 0.008),
+}
+"""What a controller is when the client connects: nothing may move."""
+ASKED: dict[str, tuple[str, Any]] = {
+    "another program while asked": ("runtime_state", PLAYING),
+    "tool centre point changed while asked": ("values", {"actual_TCP_pose": [0.0] * 6}),
+    "payload changed while asked": ("values", {"payload": 2.0}),
+}
+"""What becomes of it while the user is asked, who says yes then: nothing may move."""
+TYPED = "answers typed ahead"
+"""Two lines of yes before the question: the client waits for an answer."""
+REFUSED = (*AT_START, *ASKED, TYPED)
 
 
 def prefer() -> None:
@@ -253,12 +269,12 @@ class Run:
         given = [a.replace("LOG", str(log)) for a in self.flags]
         return ["stream", str(self.folder), "--host", self.double.host, *given, *more]
 
-    def start(self, arguments: list[str], name: str) -> subprocess.Popen[bytes]:
+    def start(self, arguments: list[str], name: str, user: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
         most = 40_000 if self.fault == "disk full" and name == "run" else 0
         out = (self.work / f"{name}.out").open("wb")
         # a log that may not grow stands for a full disk
         call = [sys.executable, str(HERE / "fault_client.py"), str(most), *arguments]
-        return subprocess.Popen(call, stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL)
+        return subprocess.Popen(call, stdout=out, stderr=subprocess.STDOUT, stdin=user)
 
     def words(self, name: str) -> str:
         """The error that the user reads, else the last line."""
@@ -269,6 +285,8 @@ class Run:
 
     def go(self, first: int = 400, last: int = 2500) -> Outcome:
         """Runs it; the fault begins when between `first` and `last` rows have arrived."""
+        if self.fault in REFUSED:
+            return self._refused()
         row = int(self.dice.integers(first, last))
         at_controller = self.fault not in LOCAL and self.fault not in START
         if at_controller:
@@ -294,6 +312,33 @@ class Run:
         self._measure()
         if self.resumable:
             self._resume()
+        return self.outcome
+
+    def _refused(self) -> Outcome:
+        """A run with a user who is asked; what is wrong is so from the start, or from the question on."""
+        if self.fault in AT_START:
+            self.double.set(*AT_START[self.fault])
+        self.flags = [flag for flag in self.flags if flag != "--yes"]
+        self.process = self.start(self.arguments(self.log), "run", subprocess.PIPE)
+        assert self.process.stdin is not None
+        if self.fault == TYPED:
+            self.process.stdin.write(b"y\ny\n")
+            self.process.stdin.flush()
+        began = time.monotonic()
+        while self.process.poll() is None and time.monotonic() - began < START_S:
+            if "[y/N]" in (self.work / "run.out").read_text(errors="replace"):
+                break
+            time.sleep(0.01)
+        self.outcome.row = 0
+        self.double.call("mark")
+        if self.fault in ASKED and self.process.poll() is None:
+            self.double.set(*ASKED[self.fault])
+            # every client hears of it
+            time.sleep(float(self.dice.uniform(0.2, 0.8)))
+            self.process.stdin.write(b"y\n")
+            self.process.stdin.flush()
+        self._await_end()
+        self._measure()
         return self.outcome
 
     @property

@@ -15,10 +15,10 @@ from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 
-from fault_run import LOCAL, START, Outcome, Piece, Run, prefer
+from fault_run import LOCAL, REFUSED, START, Outcome, Piece, Run, prefer
 from ur_faults import FAULTS
 
-ALL = [*FAULTS, *START, *LOCAL]
+ALL = [*FAULTS, *START, *LOCAL, *REFUSED]
 
 
 def run_all(pieces: dict[str, Piece], faults: list[str], seeds: range, flags: list[str], out: Path) -> None:
