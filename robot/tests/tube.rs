@@ -90,3 +90,24 @@ fn a_straight_path_needs_no_more_than_an_arm_at_rest() {
     let beside_mm = tube(&standing, 100, 1.0).off_mm - standing.tolerance_mm(100);
     assert!(beside_mm < 0.1, "{beside_mm} mm");
 }
+
+#[test]
+fn the_widest_place_is_its_own_tubes_though_most_rows_share_a_wider_one() {
+    let blocks = 5;
+    for (most_mm_s, gap_mm, is_slowed) in [(4.0, 0.6, false), (10.0, 0.6, true), (3.0, 8.0, false)] {
+        let plan = values(3.0, most_mm_s, gap_mm).plan(settings());
+        assert_eq!(plan.rate.iter().any(|rate| *rate < 1.0), is_slowed, "{gap_mm}");
+        let rows = plan.track.rows();
+        let piece = plan.piece(0, rows);
+        let most = |of: &[f64]| of.iter().copied().fold(0.0, f64::max);
+        assert_eq!(most(&plan.off_mm), most(&piece.off_mm));
+        let shared = (0..rows).filter(|row| plan.off_mm[*row] != piece.off_mm[*row]).count();
+        assert!(shared > 0 && (0..rows).all(|row| plan.off_mm[row] <= most(&piece.off_mm)), "{shared}");
+        for row in (0..rows).step_by(blocks) {
+            let full = tube(&plan, row, 1.0);
+            // a row whose own tube fits is passed at full speed, unless a slower one is near
+            assert!(full.off_mm <= full.gap_mm || plan.rate[row] < 1.0, "row {row}: {full:?}");
+            assert!(piece.off_mm[row] <= full.gap_mm, "row {row}: {}", piece.off_mm[row]);
+        }
+    }
+}

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 
 use crate::stream::plan::StreamPlan;
 use crate::stream::settings::Timing;
-use crate::stream::tube::BLOCK;
+use crate::stream::tube::{BLOCK, wide_tube};
 pub use crate::stream::tube::{Tube, tube};
 
 /// A distance along and off the path.
@@ -110,9 +110,23 @@ fn way_mm(plan: &StreamPlan, row: usize, rate: f64, reaction_s: f64) -> f64 {
 /// Shares of the planned speed that are tried, from fast to slow.
 const RATES: [f64; 9] = [1.0, 0.85, 0.7, 0.55, 0.4, 0.3, 0.2, 0.1, 0.05];
 
-/// The share of its planned speed at which every row may be passed, and how far off its path the burr can be there, mm: no farther
-/// than the room there, while speed falls no faster than the ramp; 0 where no share is small enough.
-pub(crate) fn rates(plan: &StreamPlan) -> (Vec<f64>, Vec<f64>) {
+/// Blocks that share a first, wider tube: where it is narrow enough no other is needed.
+const WIDE: usize = 6;
+
+/// What every row may be passed at.
+pub(crate) struct Rates {
+    /// Share of the planned speed of each row: the burr is no farther off its path than the room there, and speed falls no faster than the
+    /// ramp; 0 where no share is small enough.
+    pub rate: Vec<f64>,
+    /// How far off its path the burr can be at most, of each row, mm. The greatest of all is its own tube's; others may be a wider tube's.
+    pub off_mm: Vec<f64>,
+    /// The share at which each block's tube is narrow enough.
+    pub of_tubes: Vec<f64>,
+}
+
+/// See [`Rates`]. A tube over many blocks costs little more than one over a single one; where it is within its room, and narrower than the
+/// widest place of the plan, the blocks' own are not computed.
+pub(crate) fn rates(plan: &StreamPlan) -> Rates {
     let rows = plan.track.rows();
     let allowed = |block: usize| {
         let tubes = RATES.iter().map(|rate| (*rate, tube(plan, block * BLOCK, *rate)));
@@ -126,7 +140,21 @@ pub(crate) fn rates(plan: &StreamPlan) -> (Vec<f64>, Vec<f64>) {
         }
         (rate, off_mm)
     };
-    let blocks: Vec<(f64, f64)> = (0..rows.div_ceil(BLOCK)).into_par_iter().map(allowed).collect();
+    let count = rows.div_ceil(BLOCK);
+    let wide = |n: usize| wide_tube(plan, WIDE * n * BLOCK, WIDE * BLOCK, 1.0);
+    let wide: Vec<Tube> = (0..count.div_ceil(WIDE)).into_par_iter().map(wide).collect();
+    let of = |n: usize| WIDE * n..(WIDE * (n + 1)).min(count);
+    let widest = (0..wide.len()).max_by(|a, b| wide[*a].off_mm.total_cmp(&wide[*b].off_mm)).unwrap_or(0);
+    let least_mm = of(widest).map(|block| allowed(block).1).fold(0.0, f64::max);
+    let own = |n: usize| {
+        let Tube { off_mm, gap_mm } = wide[n];
+        if off_mm <= gap_mm.min(least_mm) {
+            vec![(1.0, off_mm); of(n).len()]
+        } else {
+            of(n).map(allowed).collect()
+        }
+    };
+    let blocks: Vec<(f64, f64)> = (0..wide.len()).into_par_iter().flat_map_iter(own).collect();
     let mut rate = vec![1.0f64; rows];
     let backlog_rows = plan.settings().timing.backlog_s() / plan.period_s;
     for (block, (allowed, _)) in blocks.iter().enumerate().filter(|(_, (allowed, _))| *allowed < 1.0) {
@@ -136,7 +164,8 @@ pub(crate) fn rates(plan: &StreamPlan) -> (Vec<f64>, Vec<f64>) {
         rate[first..last].iter_mut().for_each(|rate| *rate = rate.min(*allowed));
     }
     slow_ahead(&mut rate, plan.ramp_per_s * plan.period_s);
-    (rate, (0..rows).map(|row| blocks[row / BLOCK].1).collect())
+    let off_mm = (0..rows).map(|row| blocks[row / BLOCK].1).collect();
+    Rates { rate, off_mm, of_tubes: blocks.into_iter().map(|(allowed, _)| allowed).collect() }
 }
 
 /// Lowers rates so that none falls faster than `ramp` a period: r² may fall by 2·ramp a row, since a row takes 1/r periods.

@@ -7,11 +7,12 @@
 use bonemill_arm::{Arm, Joint, JointKind};
 use nalgebra::Vector3;
 
-use crate::stream::bound::{self, Failure, Travel};
+use crate::stream::bound::{self, Failure, Rates, Travel};
 use crate::stream::error::StreamError;
 use crate::stream::link::{Joints, padded};
 use crate::stream::settings::Settings;
 use crate::stream::track::Track;
+use crate::stream::tube::BLOCK;
 
 /// What is known of a plan's files.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -110,12 +111,14 @@ pub struct StreamPlan {
     pub standing: Standing,
     /// SHA-256 of the trajectory, hexadecimal.
     pub digest: String,
-    /// How far off its path the burr can be while a row is the newest target, at that share, mm.
+    /// How far off its path the burr can be at most while a row is the newest target, at that share, mm; where it is farthest, by the row's own tube.
     pub off_mm: Vec<f64>,
     /// How fast the share of the planned speed may change, 1/s.
     pub ramp_per_s: f64,
     waypoints: Vec<WaypointNear>,
     settings: Settings,
+    /// The share at which the tube of each block of rows is narrow enough.
+    rate_of_tubes: Vec<f64>,
 }
 
 /// Farther than any structure that a force is told for, mm.
@@ -155,12 +158,14 @@ impl StreamPlan {
             standing: input.standing,
             digest: input.digest,
             off_mm: Vec::new(),
+            rate_of_tubes: Vec::new(),
             ramp_per_s: ramp_per_s(&track, period_s),
             waypoints: input.waypoints,
             settings,
             track,
         };
-        (plan.rate, plan.off_mm) = bound::rates(&plan);
+        let Rates { rate, off_mm, of_tubes } = bound::rates(&plan);
+        (plan.rate, plan.off_mm, plan.rate_of_tubes) = (rate, off_mm, of_tubes);
         Ok(plan)
     }
 
@@ -233,11 +238,19 @@ impl StreamPlan {
         Travel { along_mm: along.into_iter().fold(0.0, f64::max), off_mm: self.off_mm[row] }
     }
 
-    /// Some rows of it, for trials: with its clearances and speeds, without waypoints and hold points.
+    /// Some rows of it, for trials: with its clearances and speeds, and every row's own tube, without waypoints and hold points.
     pub fn piece(&self, from_row: usize, rows: usize) -> Self {
         let from = from_row.min(self.track.rows().saturating_sub(2));
         let to = (from + rows.max(2)).min(self.track.rows());
+        let own_mm = |row: usize| {
+            let block = row / BLOCK;
+            // where no share is small enough: of the smallest that was tried
+            let rate = self.rate_of_tubes.get(block).copied().filter(|rate| *rate > 0.0);
+            rate.map_or(self.off_mm[row], |rate| bound::tube(self, block * BLOCK, rate).off_mm)
+        };
         Self {
+            off_mm: (from..to).map(own_mm).collect(),
+            rate_of_tubes: Vec::new(),
             arm: self.arm.clone(),
             model: self.model.clone(),
             period_s: self.period_s,
@@ -248,7 +261,6 @@ impl StreamPlan {
             holds: Vec::new(),
             standing: self.standing.clone(),
             digest: self.digest.clone(),
-            off_mm: self.off_mm[from..to].to_vec(),
             ramp_per_s: self.ramp_per_s,
             waypoints: Vec::new(),
             settings: self.settings.clone(),

@@ -37,11 +37,16 @@ pub(crate) const BLOCK: usize = 5;
 /// The tube while the newest target is in one of `BLOCK` rows from a row on, and no row before was passed at more than the share `rate`
 /// of its planned speed (above 0), or at half of that going back.
 pub fn tube(plan: &StreamPlan, row: usize, rate: f64) -> Tube {
+    wide_tube(plan, row, BLOCK, rate)
+}
+
+/// The same while the newest target is in one of some `rows` from a row on.
+pub(crate) fn wide_tube(plan: &StreamPlan, row: usize, rows: usize, rate: f64) -> Tube {
     let (timing, track) = (plan.settings().timing, &plan.track);
     let end = track.rows() - 1;
     let rows_of = |seconds: f64| rate * seconds / plan.period_s;
     let first = (row as f64 - rows_of(timing.backlog_s())).max(0.0) as usize;
-    let last = (row + BLOCK).min(end);
+    let last = (row + rows).min(end);
     let fastest = track.fastest(first..=last, plan.period_s);
     let error_share = timing.joint_error_share(fastest.stop_s);
     // half of the longest stop's duration: from the path's speed, and from that of a joint on its way back to what it was told
@@ -120,7 +125,10 @@ impl Points {
             moved.map(move |(q, step)| std::array::from_fn(|j| q[j] + share * ahead * step[j]))
         };
         let q: Vec<Joints> = SHARES.into_iter().flat_map(moved).collect();
-        let burr_mm = q.iter().map(|q| plan.arm.tool_at(q).translation_mm).collect();
+        let at = |q: &Joints| plan.arm.tool_at(q).translation_mm;
+        let as_they_are = track.burr_mm()[rows].iter().copied();
+        let (back, ahead_q) = (&q[..steps.len()], &q[2 * steps.len()..]);
+        let burr_mm = back.iter().map(at).chain(as_they_are).chain(ahead_q.iter().map(at)).collect();
         let direction = minus(&targets[targets.len() - 1], &targets[0]);
         Self { steps, ahead, q, burr_mm, direction }
     }
