@@ -12,6 +12,7 @@ use bonemill_imaging::part::orient::{Laid, Run};
 use bonemill_planfile::Value;
 use bonemill_verify::proof::deviation::FARTHEST_MM;
 use bonemill_verify::proof::{Proof, ProofJob};
+use nalgebra::Vector3;
 
 use crate::plan::most_uncut_mm;
 use crate::{MOST_GOUGE_MM, RobotMotion};
@@ -101,7 +102,7 @@ impl Milled<'_> {
                 tool.length_mm, tool.diameter_mm, self.job.process.finishing_step_mm
             ));
         }
-        warnings.extend(self.left().iter().map(left));
+        warnings.extend(self.left().iter().map(|place| left(place, &self.machining_job.tool)));
         warnings
     }
 
@@ -123,7 +124,14 @@ impl Milled<'_> {
             let limits = self.machining.warnings.iter().filter(|w| !matches!(w, Warning::Feed { .. }));
             found.extend(limits.map(ToString::to_string));
         }
-        found.extend(by_proof(self.proof, self.proof_job, self.job.process.finishing_step_mm));
+        let why = |at_mm: &Vector3<f64>| {
+            let tool = &self.machining_job.tool;
+            let away_mm = |left: &&Leftover| (left.at_mm - at_mm).norm();
+            let nearest = self.left().iter().min_by(|a, b| away_mm(a).total_cmp(&away_mm(b)));
+            let near = nearest.filter(|left| away_mm(left) <= SAME_PLACE * tool.diameter_mm());
+            near.map(|left| reason(left.reason, tool))
+        };
+        found.extend(by_proof(self.proof, self.proof_job, self.job.process.finishing_step_mm, why));
         found
     }
 
@@ -188,24 +196,39 @@ fn bent_mm(tool: &Tool, force_n: f64) -> f64 {
     force_n * tool.length_mm.powi(3) / (3.0 * CARBIDE_N_MM2 * inertia_mm4)
 }
 
-fn left(left: &Leftover) -> String {
-    let (p, why) = (left.at_mm, reason(left.reason));
+fn left(left: &Leftover, tool: &Tool) -> String {
+    let (p, why) = (left.at_mm, reason(left.reason, tool));
     format!(
         "stock of {:.2} mm³, up to {:.2} mm thick, stays at ({:.1}, {:.1}, {:.1}) mm: {why}",
         left.volume_mm3, left.deepest_mm, p.x, p.y, p.z
     )
 }
 
-fn reason(reason: Reason) -> &'static str {
+fn reason(reason: Reason, tool: &Tool) -> String {
     match reason {
-        Reason::Hidden => "the part covers it on both sides",
-        Reason::Narrow => "the cutter is too wide for the place",
-        Reason::Deep => "the holder would meet the block",
+        Reason::Hidden => "the part covers it on both sides".into(),
+        Reason::Narrow => {
+            format!("the cutter of {} mm diameter is too wide for the place", tool.diameter_mm())
+        }
+        Reason::Corner => {
+            format!("an inner corner of the outline keeps the cutter's radius of {} mm", tool.radius_mm)
+        }
+        Reason::Deep => "the holder would meet the block".into(),
     }
 }
 
+/// How far a place that the proof finds may be from the stock that the planner says stays there, in diameters of the cutter.
+const SAME_PLACE: f64 = 1.0;
+
 /// Why a program falls short by what it leaves.
-pub(crate) fn by_proof(proof: &Proof, job: &ProofJob, finishing_step_mm: f64) -> Vec<String> {
+///
+/// `why` says why stock stays near a place, where that is known.
+pub(crate) fn by_proof(
+    proof: &Proof,
+    job: &ProofJob,
+    finishing_step_mm: f64,
+    why: impl Fn(&Vector3<f64>) -> Option<String>,
+) -> Vec<String> {
     let mut found = Vec::new();
     if proof.deepest_gouge_mm > MOST_GOUGE_MM {
         let p = proof.gouge_at_mm;
@@ -225,8 +248,9 @@ pub(crate) fn by_proof(proof: &Proof, job: &ProofJob, finishing_step_mm: f64) ->
             } else {
                 format!("{FARTHEST_MM} mm or more")
             };
+            let why = why(&p).map_or_else(String::new, |why| format!(": {why}"));
             found.push(format!(
-                "stock of {stock} is left on {:.2} mm² of the part at ({:.1}, {:.1}, {:.1}) mm; at most {most_mm:.3} mm",
+                "stock of {stock} is left on {:.2} mm² of the part at ({:.1}, {:.1}, {:.1}) mm; at most {most_mm:.3} mm{why}",
                 place.area_mm2, p.x, p.y, p.z
             ));
         }

@@ -33,7 +33,7 @@ pub use block::TakenBlock;
 pub use error::ProsthesisError;
 pub use placing::Placing;
 pub use plan::{ProsthesisPlan, Trial, most_uncut_mm, plan, read_part};
-pub use record::JobRecord;
+pub use record::{JobRecord, sealed};
 pub use robot::RobotMotion;
 pub use save::save;
 

@@ -1,7 +1,7 @@
 //! `job.toml`: the resolved job, what it was made from, how the part lies in which block, and the figures.
 //!
-//! The job's own tables stand first, so that the file is a job again; all else is below `[result]`. Its last line is a digest of all lines above it: what no
-//! other file can tell, such as a side load that was raised later, is told by that.
+//! The job's own tables stand first, so that the file is a job again; all else is below `[result]`. Its last line is a digest of all lines above it. What was
+//! asked for no file can tell again, such as a side load that was raised later: [`made_for`] stands in the program, too.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -50,6 +50,24 @@ pub struct JobRecord {
 /// What stands before the digest in the last line.
 const DIGEST: &str = "\n[result.file]\nsha256 = ";
 
+/// The file's text with its last line; any other such line is left out.
+pub fn sealed(text: &str) -> String {
+    let above = text.rsplit_once(DIGEST).map_or(text, |(above, _)| above);
+    format!("{above}{DIGEST}\"{}\"\n", Sha256::of_text(above))
+}
+
+/// What a program is made for: job and block by a digest of all that is asked for. The paths of files are left out: they depend on the folder, and the part has a
+/// digest of its own.
+pub(crate) fn made_for(job: &ProsthesisJob, block_id: &str, version: &str) -> String {
+    let mut job = job.clone();
+    job.part.file = PathBuf::new();
+    if let BlockSource::Catalogue(path) = &mut job.stock.source {
+        *path = PathBuf::new();
+    }
+    let digest = Sha256::of_text(&format!("{}\n{block_id}", job.to_toml()));
+    format!("bonemill {version}, job and block {digest}")
+}
+
 impl JobRecord {
     /// The file's text.
     ///
@@ -82,9 +100,12 @@ impl JobRecord {
         for (name, value) in &self.metrics {
             let _ = writeln!(out, "{name} = {}", value.to_toml(name)?);
         }
-        let digest = Sha256::of_text(&out);
-        let _ = writeln!(out, "{DIGEST}\"{digest}\"");
-        Ok(out)
+        Ok(sealed(&out))
+    }
+
+    /// What the program says that it was made for.
+    pub(crate) fn made_for(&self) -> String {
+        made_for(&self.job, &self.block_id, &self.version)
     }
 
     /// Reads `dir/job.toml`; its inputs are not looked at.

@@ -28,6 +28,8 @@ use crate::{JobRecord, ProsthesisError, RobotMotion, block, robot, settings, too
 const SAME_MM: f64 = 1e-4;
 /// How far a figure may be from what follows from the files, as a share of it: another processor's last digits.
 const SAME_FIGURE: f64 = 1e-6;
+/// A figure below this is compared as if it were so large: rounding of lengths of 100 mm.
+const SAME_NOUGHT: f64 = 1e-3;
 /// How far a feed, mm/min, or a spindle speed, 1/min, may be from the job's: decimals of the program.
 const SAME_SPEED: f64 = 0.51;
 /// How far a number of trajectory.csv may be from the motion's: another processor's last digits, s and rad.
@@ -130,7 +132,7 @@ pub fn verify(dir: &Path, progress: &dyn Progress) -> Result<Verdict, Prosthesis
     };
     // without the part's own file, by the program alone
     let faults = told.as_ref().map_or_else(
-        || figures::by_proof(&proof, &job, record.job.process.finishing_step_mm),
+        || figures::by_proof(&proof, &job, record.job.process.finishing_step_mm, |_| None),
         |told| told.told.shortfalls.clone(),
     );
     checks.push(Check { name: "the program makes the part as the job asks for", faults });
@@ -351,7 +353,9 @@ fn is_same(a: &Value, b: &Value) -> bool {
     };
     match (a, b) {
         (Value::List(a), Value::List(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| is_same(a, b)),
-        _ => number(a).zip(number(b)).is_some_and(|(a, b)| (a - b).abs() <= SAME_FIGURE * b.abs().max(1.0)),
+        _ => number(a)
+            .zip(number(b))
+            .is_some_and(|(a, b)| (a - b).abs() <= SAME_FIGURE * b.abs().max(SAME_NOUGHT)),
     }
 }
 
@@ -388,7 +392,7 @@ fn same_program(
     };
     let job = settings::machining(&record.job, record.block);
     let mut faults = Vec::new();
-    let own = crate::program::write(moves, &job, shortfalls);
+    let own = crate::program::write(moves, &job, &record.made_for(), shortfalls);
     let [lines, own] = [program, &own].map(|text| text.lines().collect::<Vec<_>>());
     if let Some(n) = first_other(&lines, &own) {
         let [is, wanted] =

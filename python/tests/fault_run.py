@@ -216,8 +216,9 @@ ASKED: dict[str, tuple[str, Any]] = {
     "another program while asked": ("runtime_state", PLAYING),
     "tool centre point changed while asked": ("values", {"actual_TCP_pose": [0.0] * 6}),
     "payload changed while asked": ("values", {"payload": 2.0}),
+    "spindle that does not switch": ("outputs_stuck", True),
 }
-"""What becomes of it while the user is asked, who says yes then: nothing may move."""
+"""What becomes of it while the user is asked, who says yes then: nothing may be fed."""
 TYPED = "answers typed ahead"
 """Two lines of yes before the question: the client waits for an answer."""
 REFUSED = (*AT_START, *ASKED, TYPED)

@@ -7,7 +7,7 @@ use bonemill_planner::Progress;
 use bonemill_planner::case::prosthesis::ProsthesisJob;
 use bonemill_planner::part::phantom::Operculum;
 use bonemill_planner::plan::{Replace, StagedDirectory};
-use bonemill_prosthesis::{phantom, plan, save, verify};
+use bonemill_prosthesis::{phantom, plan, save, sealed, verify};
 use rayon::prelude::*;
 
 use crate::hard_cases::{draws, or_panic};
@@ -174,7 +174,10 @@ impl RandomJob {
         for (n, name) in ["program.nc", "toolpath.csv", "job.toml", "program.nc"].into_iter().enumerate() {
             let path = out.join(name);
             let before = std::fs::read_to_string(&path).map_err(ExperimentError::Folder)?;
-            let (after, change) = changed(&before, self.number * 4 + n as u64);
+            let seed = self.number * 4 + n as u64;
+            // a figure of the job is changed by who also writes the digest anew
+            let (after, change) =
+                if name == "job.toml" { figure_changed(&before, seed) } else { changed(&before, seed) };
             std::fs::write(&path, after).map_err(ExperimentError::Folder)?;
             if verify::verify(&out, &()).is_ok_and(|verdict| verdict.passed()) {
                 return Ok(End::Disagrees(format!("{name}: {change} is not found")));
@@ -229,6 +232,54 @@ fn changed(text: &str, seed: u64) -> (String, String) {
         }
     };
     (other.join("\n") + "\n", said)
+}
+
+/// `job.toml` with one figure changed by a tenth, or by 1 where it counts, and its digest written anew; and what was done.
+fn figure_changed(text: &str, seed: u64) -> (String, String) {
+    let digest_line = text.lines().count() - 1;
+    let figures: Vec<(usize, std::ops::Range<usize>)> = text
+        .lines()
+        .take(digest_line)
+        .enumerate()
+        .filter(|(_, line)| !line.starts_with('#'))
+        .flat_map(|(n, line)| figures_of(line).into_iter().map(move |at| (n, at)))
+        .collect();
+    let mut below = draws(seed);
+    let drawn = (usize::from(below(256)) << 8) + usize::from(below(256));
+    let (changed_line, at) = &figures[drawn % figures.len()];
+    let mut said = String::new();
+    let change = |(n, line): (usize, &str)| {
+        let mut line = line.to_owned();
+        if n == *changed_line {
+            let figure = &line[at.clone()];
+            let other = match (figure.parse::<i64>(), figure.parse::<f64>()) {
+                (Ok(count), _) => (count + 1).to_string(),
+                (_, Ok(number)) if number != 0.0 => format!("{:?}", 1.1 * number),
+                _ => "1.0".into(),
+            };
+            said = format!("{other} for {figure} in {line:?}, with its digest");
+            line.replace_range(at.clone(), &other);
+        }
+        line + "\n"
+    };
+    let after: String = text.lines().enumerate().map(change).collect();
+    (sealed(&after), said)
+}
+
+/// Where numbers stand in a line: in keys, words and digests there are none.
+fn figures_of(line: &str) -> Vec<std::ops::Range<usize>> {
+    let mut found = Vec::new();
+    let is_word = |c: char| c.is_alphanumeric() || matches!(c, '_' | '.' | '-' | '+');
+    let mut from = 0;
+    while let Some(start) = line[from..].find(is_word).map(|n| from + n) {
+        let end = line[start..].find(|c| !is_word(c)).map_or(line.len(), |n| start + n);
+        let word = &line[start..end];
+        if word.parse::<f64>().is_ok_and(f64::is_finite) {
+            found.push(start..end);
+        }
+        from = end;
+    }
+    found
 }
 
 /// Runs jobs, 25 for each seed of `size`.
@@ -303,6 +354,20 @@ fn simplest(mut job: RandomJob) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_figure_is_changed_and_the_digest_holds_again() {
+        assert_eq!(figures_of("low_mm = [-6.5, 1e-3, x2, 4] # 2"), [10..14, 16..20, 26..27, 31..32]);
+        let text = sealed("a = 2.0\nb = 3\n");
+        for seed in 0..20 {
+            let (after, said) = figure_changed(&text, seed);
+            assert!(
+                after == sealed(&after) && ["2.2", "b = 4"].iter().any(|other| after.contains(other)),
+                "{said}"
+            );
+            assert_eq!(text.lines().count(), after.lines().count());
+        }
+    }
 
     #[test]
     fn programs_agree_on_random_prostheses_and_every_change_is_found() {

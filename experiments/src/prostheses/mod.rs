@@ -188,7 +188,7 @@ impl Tables {
     ) -> Result<(), ExperimentError> {
         let trial = Trial::new(job, &plan.solid, &plan.placing.chosen);
         let judged = |machining: &Machining| -> Result<Proof, ExperimentError> {
-            let program = write(&machining.moves, &trial.machining, &[]);
+            let program = write(&machining.moves, &trial.machining, "a test", &[]);
             let proof = prove(&program, &trial.part, &trial.proof_job(job, machining));
             Ok(proof.map_err(ProsthesisError::from)?)
         };

@@ -42,6 +42,21 @@ pub enum MachiningError {
     /// The axes or the arm cannot be driven so.
     #[error(transparent)]
     Motion(#[from] bonemill_arm::RobotError),
+    /// It would take hours to plan.
+    #[error(
+        "the cutter would go about {length_m:.0} m with `tool.diameter_mm` = {diameter_mm} and `process.finishing_step_mm` = {finishing_step_mm}, at most {most_m:.0} m \
+         can be planned for this part: take a wider cutter, a coarser step or a thinner block"
+    )]
+    TooMuch {
+        /// Length of the cuts, m.
+        length_m: f64,
+        /// What is possible, m.
+        most_m: f64,
+        /// Of the cutter, mm.
+        diameter_mm: f64,
+        /// Of finishing, mm.
+        finishing_step_mm: f64,
+    },
     /// The raster would take too much memory.
     #[error("the block is {size_mm:.0} mm wide, at most {most_mm:.0} mm can be planned")]
     TooLarge {

@@ -19,6 +19,8 @@ pub enum Reason {
     Hidden,
     /// The cutter is too wide for the place.
     Narrow,
+    /// An inner corner of an outline is sharper than the cutter is round.
+    Corner,
     /// The holder would meet the block.
     Deep,
 }

@@ -15,6 +15,7 @@
 //! **Source:** Castelli et al. 2020, section 4, for the sides, the strip and the order; where this departs from it, the module says so.
 
 pub mod dropcutter;
+mod effort;
 pub mod envelope;
 mod error;
 mod job;

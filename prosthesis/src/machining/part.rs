@@ -100,7 +100,7 @@ impl Part {
         ]
     }
 
-    /// Stock beside the part's outlines that no place of the axis reaches: in corners and slots that are narrower than the cutter.
+    /// Stock beside the part's outlines that no place of the axis reaches: in corners that are sharper than the cutter is round.
     pub fn corners(&self, job: &Job) -> Vec<Leftover> {
         let (raster, radius_mm) = (&self.raster, job.tool.radius_mm);
         let is_free = |cell: usize| !self.envelope.holds(cell) && self.nearest.distance_mm[cell] >= radius_mm;
@@ -116,17 +116,22 @@ impl Part {
         };
         let edge: Vec<[f64; 2]> = (0..raster.len()).filter(is_edge).map(touching).collect();
         let reached = Nearest::of(raster, &edge);
-        let beyond_mm = radius_mm + 0.25 * raster.pitch_mm;
+        // a place counts where it is clearly out of reach, and then as far as it is at all: along an outline the touching places are a cell apart
+        let [beyond_mm, clearly_mm] = [0.05, 0.25].map(|cells| radius_mm + cells * raster.pitch_mm);
         let rim = |cell: usize| self.strip.rims.get(self.nearest.point[cell] as usize).copied();
         let is_left = |cell: usize| {
             !self.envelope.holds(cell) && !is_free(cell) && reached.distance_mm[cell] > beyond_mm
         };
+        let mut seen = vec![false; raster.len()];
+        let clear =
+            (0..raster.len()).filter(|cell| is_left(*cell) && reached.distance_mm[*cell] > clearly_mm);
+        raster.connected(clear.collect(), &mut seen, is_left);
         let left: Vec<Option<[f64; 2]>> =
-            (0..raster.len()).map(|cell| rim(cell).filter(|_| is_left(cell))).collect();
+            (0..raster.len()).map(|cell| rim(cell).filter(|_| seen[cell])).collect();
         let thickness: Vec<f64> = left.iter().map(|rim| rim.map_or(0.0, |[low, high]| high - low)).collect();
         let middle: Vec<f64> =
             left.iter().map(|rim| rim.map_or(0.0, |[low, high]| 0.5 * (low + high))).collect();
-        leftover::places(raster, &thickness, &middle, Facing::Front, Reason::Narrow)
+        leftover::places(raster, &thickness, &middle, Facing::Front, Reason::Corner)
     }
 
     /// Where contour and finishing of the rim end below, as the side sees it, mm: the other side of the strip or of the rim, whichever is lower, and a

@@ -6,6 +6,7 @@
 use bonemill_geometry::{Block as BlockFrame, Mesh};
 
 use crate::machining::MachiningError;
+use crate::machining::effort;
 use crate::machining::envelope::{Envelope, Facet};
 use crate::machining::job::Job;
 use crate::machining::leftover::{self, Leftover, Reason};
@@ -149,6 +150,7 @@ fn plan_sides(
     let front = facets(part, Facing::Front)?;
     let back = facets(part, Facing::Back)?;
     let part = Part::new(&front, job)?;
+    effort::check(&part, job)?;
     let (a, b) = (Sight::new(&part, job, &front, Facing::Front), Sight::new(&part, job, &back, Facing::Back));
 
     let mut laid = Laid { job, moves: vec![], at: None };

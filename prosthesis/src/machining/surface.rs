@@ -259,7 +259,7 @@ impl Sight<'_> {
 /// How far rows may be apart that leave at most `step_mm` along the normal of a plane that rises by `along` along and by `across` across them, mm.
 ///
 /// A flat end leaves stairs of s sin θ along a contour line, a corner of radius r_c scallops that are cos θ √(8 e r_c) apart; the better of both counts.
-fn apart_mm(tool: &Tool, step_mm: f64, along: f64, across: f64) -> f64 {
+pub(crate) fn apart_mm(tool: &Tool, step_mm: f64, along: f64, across: f64) -> f64 {
     let flat = tool.radius_mm - tool.corner_radius_mm;
     let tangent = along.hypot(across);
     let cosine = 1.0 / (1.0 + tangent * tangent).sqrt();

@@ -30,7 +30,7 @@
 //! # };
 //! use bonemill_prosthesis::program::write;
 //! let to = |kind, y| Move { side: Side::A, kind, tip_mm: [1.0, y, -3.0].into(), a_rad: 0.0, feed_mm_min: 340.0, time_s: 0.0 };
-//! let text = write(&[to(Kind::Link, 12.0), to(Kind::Rough, 2.5)], &job, &[]);
+//! let text = write(&[to(Kind::Link, 12.0), to(Kind::Rough, 2.5)], &job, "a test", &[]);
 //! assert!(text.contains("G53 G0 Z0.000\nT1 M6\nG0 A0.000\n") && text.contains("G0 X1.000 Y3.000\nG0 Z12.000\nG1 Z2.500 F340.00\n"));
 //! assert!(text.contains("G4 P3000\n") && text.contains("(block at A0: X -20.000 to 20.000, Y -20.000 to 30.000, Z -8.000 to 8.000)"));
 //! ```
@@ -50,11 +50,11 @@ const COMMENT: usize = 200;
 
 /// The program of some moves. The first places the tip above the block; the program ends there too, the spindle off.
 ///
-/// `shortfalls` are why it must not be run: with any, it stops in its first line.
-pub fn write(moves: &[Move], job: &Job, shortfalls: &[String]) -> String {
+/// `made_for` says what it was made for, in a comment. `shortfalls` are why it must not be run: with any, it stops in its first line.
+pub fn write(moves: &[Move], job: &Job, made_for: &str, shortfalls: &[String]) -> String {
     let dialect = job.machine.dialect;
     let mut text = Text::default();
-    text.head(job, shortfalls);
+    text.head(job, made_for, shortfalls);
     let mut side = None;
     for step in moves {
         let a_deg = match Facing::of(step.a_rad) {
@@ -129,7 +129,7 @@ impl Text {
     }
 
     /// What must hold before the first motion, and what is mounted.
-    fn head(&mut self, job: &Job, shortfalls: &[String]) {
+    fn head(&mut self, job: &Job, made_for: &str, shortfalls: &[String]) {
         match job.machine.dialect {
             GCode::LinuxCnc => {}
             GCode::Fanuc => self.line("%\nO0001"),
@@ -160,6 +160,7 @@ impl Text {
             tool.flutes,
             tool.length_mm
         )));
+        self.line(&comment(made_for));
         self.line("G17 G21 G40 G49 G80 G90 G94 G54");
         self.line("G53 G0 Z0.000");
         self.line("T1 M6");

@@ -84,7 +84,12 @@ const METRICS: [Column; 28] = [
         "",
         "Thickest stock left on the part outside the tab, by the proof.",
     ),
-    Column::new("uncut_mm3", "mm³", "", "All stock left on the part outside the tab, by the proof."),
+    Column::new(
+        "uncut_mm3",
+        "mm³",
+        "",
+        "All stock left on the part outside the tab, by the proof: area times thickness, so that what stays in an inner corner counts for both walls.",
+    ),
     Column::new(
         "collisions",
         "1",
