@@ -15,6 +15,7 @@ use bonemill_geometry::cancel;
 use nalgebra::Vector3;
 
 use crate::proof::chip::{Chip, RecentTeeth, Teeth};
+use crate::proof::finer::{FINER, finer_width_mm};
 use crate::proof::gcode::{Facing, Motion};
 use crate::proof::hold::{Hold, LoosePiece, OVERLAP_MM, Window};
 use crate::proof::{ProofError, ProofJob};
@@ -22,10 +23,6 @@ use crate::proof::{ProofError, ProofJob};
 /// Cells across the cutter's radius, and most cells.
 const CELLS_ACROSS: f64 = 12.0;
 const MOST_CELLS: f64 = 4e6;
-/// Columns of the second measure across one of the first.
-const FINER: f64 = 4.0;
-/// How far they reach beyond what one motion needs, in radii of the cutter.
-const BEYOND: f64 = 3.0;
 /// Stamps over which a width is counted.
 const REMEMBERED: usize = 6;
 /// So that cells on the border of two strips count for one and the same side, in strips.
@@ -151,63 +148,12 @@ pub fn replay(motions: &[Motion], job: &ProofJob) -> Result<Replay, ProofError> 
     Ok(found)
 }
 
-/// Finer columns of a piece of the block, as the first motions of a program have cut them.
-struct Finer {
-    /// What they are of, x and z, mm.
-    window: [(f64, f64); 2],
-    stock: Columns,
-    width: Width,
-    /// Number of motions that have cut them.
-    done: usize,
-}
-
-/// Width of cut of the last of some motions, on finer columns around it that all motions before have cut, mm. `kept`: those of a motion before,
-/// which go on where they reach far enough: motions that are looked at twice come one after the other.
-fn finer_width_mm(motions: &[Motion], job: &ProofJob, cell: f64, kept: &mut Option<Finer>) -> f64 {
-    let Some(last) = motions.last() else { return 0.0 };
-    let bounds = |m: &Motion| {
-        let turn = if m.facing == Facing::Front { -1.0 } else { 1.0 };
-        let (a, b) = ([m.from_mm.x, turn * m.from_mm.y], [m.to_mm.x, turn * m.to_mm.y]);
-        [0, 1].map(|n| (a[n].min(b[n]), a[n].max(b[n])))
-    };
-    let block = [(job.low_mm.x, job.high_mm.x), (job.low_mm.z, job.high_mm.z)];
-    let around = |reach: f64| {
-        let window = bounds(last).map(|(low, high)| (low - reach, high + reach));
-        [0, 1].map(|n| (window[n].0.max(block[n].0), window[n].1.min(block[n].1)))
-    };
-    let reach = job.radius_mm + 3.0 * cell;
-    let needed = around(reach);
-    let reaches =
-        |found: &Finer| (0..2).all(|n| found.window[n].0 <= needed[n].0 && found.window[n].1 >= needed[n].1);
-    let new = || {
-        let window = around(reach + BEYOND * job.radius_mm);
-        let stock = Columns::over(job, window[0], window[1], cell / FINER);
-        Finer { window, stock, width: Width::default(), done: 0 }
-    };
-    let finer = match kept.take().filter(reaches) {
-        Some(found) => kept.insert(found),
-        None => kept.insert(new()),
-    };
-    let window = finer.window;
-    let is_near = |m: &&Motion| {
-        let bounds = bounds(m);
-        let r = job.radius_mm;
-        !m.turns && (0..2).all(|n| bounds[n].0 <= window[n].1 + r && bounds[n].1 >= window[n].0 - r)
-    };
-    // what is not near takes nothing there
-    let done = std::mem::replace(&mut finer.done, motions.len());
-    for motion in motions[done..].iter().filter(is_near) {
-        finer.stock.drive(motion, job, &mut finer.width);
-    }
-    finer.width.widest_mm
-}
-
 /// Strips along the motion that were cut deep, a bit each, over the last stamps.
 #[derive(Debug, Default)]
-struct Width {
+pub(crate) struct Width {
     recent: VecDeque<u128>,
     direction: [f64; 2],
-    widest_mm: f64,
+    pub widest_mm: f64,
 }
 
 impl Width {
@@ -265,7 +211,7 @@ impl Columns {
     }
 
     /// The block from the lower to the higher x and z, mm, uncut.
-    fn over(job: &ProofJob, x: (f64, f64), z: (f64, f64), cell: f64) -> Self {
+    pub fn over(job: &ProofJob, x: (f64, f64), z: (f64, f64), cell: f64) -> Self {
         let dims = [x, z].map(|(low, high)| ((high - low) / cell).ceil().max(0.0) as usize);
         let count = dims[0] * dims[1];
         let (low, high) = (vec![job.low_mm.y; count], vec![job.high_mm.y; count]);
@@ -305,7 +251,7 @@ impl Columns {
     }
 
     /// Stamps the cutter along a motion; gives the thickest stock that it took.
-    fn drive(&mut self, motion: &Motion, job: &ProofJob, width: &mut Width) -> f64 {
+    pub fn drive(&mut self, motion: &Motion, job: &ProofJob, width: &mut Width) -> f64 {
         let along = motion.to_mm - motion.from_mm;
         let across = along.xy().norm();
         let count = (across / (0.5 * self.cell)).ceil().max(1.0) as usize;

@@ -19,6 +19,7 @@ mod cutter;
 pub mod deviation;
 pub mod dexels;
 mod error;
+mod finer;
 pub mod gcode;
 pub mod hold;
 
