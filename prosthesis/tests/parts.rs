@@ -169,14 +169,14 @@ fn a_cutter_that_is_tiny_for_its_block_is_refused_with_what_would_do() {
     // 12 mm of block on either side of a plate of 12 mm
     (job.block.low_mm.y, job.block.high_mm.y) = (-12.0, 12.0);
     let refused = plan(&part, &job).unwrap_err();
-    let MachiningError::TooMuch { length_m, most_m, .. } = refused else { panic!("{refused}") };
+    let MachiningError::TooMuch { length_mm, most_mm, .. } = refused else { panic!("{refused}") };
     // 24 mm of a square of 12.4 mm, but for the plate, by 0.12 · 0.14 mm at most; rows on both sides
     let volume_mm3 = 24.0 * 12.4 * 12.4 - 108.0 * 4.0;
     assert!(
-        length_m > 1e-3 * volume_mm3 / (0.12 * 0.14) && length_m < 3e-3 * volume_mm3 / (0.12 * 0.14),
-        "{length_m}"
+        length_mm > volume_mm3 / (0.12 * 0.14) && length_mm < 3.0 * volume_mm3 / (0.12 * 0.14),
+        "{length_mm}"
     );
-    assert!(most_m < length_m);
+    assert!(most_mm < length_mm);
     let said = refused.to_string();
     assert!(said.contains("`tool.diameter_mm` = 0.2") && said.contains("wider cutter"), "{said}");
 }

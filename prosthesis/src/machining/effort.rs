@@ -37,8 +37,8 @@ pub(crate) fn check(part: &Part, job: &Job) -> Result<(), MachiningError> {
         return Ok(());
     }
     Err(MachiningError::TooMuch {
-        length_m: length_mm / 1e3,
-        most_m: most_mm / 1e3,
+        length_mm,
+        most_mm,
         diameter_mm: tool.diameter_mm(),
         finishing_step_mm: job.process.finishing_step_mm,
     })

@@ -44,14 +44,15 @@ pub enum MachiningError {
     Motion(#[from] bonemill_arm::RobotError),
     /// It would take hours to plan.
     #[error(
-        "the cutter would go about {length_m:.0} m with `tool.diameter_mm` = {diameter_mm} and `process.finishing_step_mm` = {finishing_step_mm}, at most {most_m:.0} m \
-         can be planned for this part: take a wider cutter, a coarser step or a thinner block"
+        "the cutter would go about {:.0} m with `tool.diameter_mm` = {diameter_mm} and `process.finishing_step_mm` = {finishing_step_mm}, at most {:.0} m \
+         can be planned for this part: take a wider cutter, a coarser step or a thinner block",
+        .length_mm / 1e3, .most_mm / 1e3
     )]
     TooMuch {
-        /// Length of the cuts, m.
-        length_m: f64,
-        /// What is possible, m.
-        most_m: f64,
+        /// Length of the cuts, mm.
+        length_mm: f64,
+        /// What is possible, mm.
+        most_mm: f64,
         /// Of the cutter, mm.
         diameter_mm: f64,
         /// Of finishing, mm.
